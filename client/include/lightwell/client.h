@@ -1,0 +1,82 @@
+/* client.h: liblightwell: live lightmaps from a lightwelld, for your own renderer.
+ *
+ *     struct lw_client *client;
+ *     struct lw_error err = {0};
+ *     if (lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1", .port = 7780}, &client, &err)) ...
+ *     while (lw_client_scene(client) == NULL) lw_client_poll(client, 100, &err);
+ *     every frame: lw_client_poll(client, 0, &err), then read atlases and transforms, draw albedo/pi * E + emission.
+ *
+ * Threads: one thread at a time per client; no threads of its own. */
+#ifndef LIGHTWELL_CLIENT_H
+#define LIGHTWELL_CLIENT_H
+
+#include "common/scene/scene.h"
+#include "common/tile/atlas.h"
+
+struct lw_client;
+
+struct lw_client_desc {
+    const char *host;
+    uint16_t port;
+    const char *name;    /* for the operator's log; NULL: "liblightwell" */
+    unsigned timeout_ms; /* for connect and for the server's answer; 0: 5000 */
+};
+
+/** Connects and says hello; returns once the server has welcomed us.
+ * Errors: LW_NO_HOST; LW_UNAVAILABLE naming the address ("is lightwelld running?"); LW_TIMED_OUT; LW_PROTOCOL for a
+ * peer that is no lightwelld or of another version. */
+LW_MUST_CHECK enum lw_status lw_client_create(const struct lw_client_desc *desc, struct lw_client **out_client,
+                                              struct lw_error *err);
+void lw_client_destroy(struct lw_client *client);
+
+/** Waits up to timeout_ms for something to arrive (0: just looks), then takes in all that is there (bounded per call).
+ * Errors: LW_CLOSED when the server ended the session (text says why), LW_PROTOCOL, LW_NO_MEMORY; after an error only
+ * lw_client_destroy() makes sense, but what was received stays readable. */
+LW_MUST_CHECK enum lw_status lw_client_poll(struct lw_client *client, unsigned timeout_ms, struct lw_error *err);
+
+/** For use with an event loop of your own: poll() it for reading, then call lw_client_poll(client, 0, ...). */
+int lw_client_descriptor(const struct lw_client *client);
+
+/** The scene, once its package has arrived; NULL before. Geometry, materials, lightmap UVs. Lives with the client. */
+const struct lw_scene *lw_client_scene(const struct lw_client *client);
+/** Fraction of the scene package that has arrived, 0..1. */
+float lw_client_package_progress(const struct lw_client *client);
+/** The tiles of the scene, for walking over atlases; NULL before the scene is there. */
+const struct lw_atlas_map *lw_client_atlas_map(const struct lw_client *client);
+
+/** Where an object is now. */
+const struct lw_affine *lw_client_object_to_world(const struct lw_client *client, uint32_t object);
+
+/** One level of one object's atlas. */
+struct lw_client_level {
+    uint32_t width, height;
+    const float *rgb; /* irradiance, W/m^2: width*height*3, row by row; zeros where nothing has arrived */
+};
+/** Errors: none; an object or level that is not there gives width 0. */
+struct lw_client_level lw_client_get_level(const struct lw_client *client, uint32_t object, uint32_t level);
+
+/** What is known of one tile. */
+struct lw_client_tile {
+    uint64_t version; /* 0: not here yet. Compare with the last one you uploaded to see whether it changed. */
+    uint32_t bounces; /* indirect bounces in it */
+    float error;      /* relative standard error */
+};
+struct lw_client_tile lw_client_get_tile(const struct lw_client *client, lw_tile_id tile);
+
+/** Counters and clocks. */
+struct lw_client_stats {
+    uint64_t frame;         /* newest frame heard of */
+    double time_s;          /* scene time of that frame */
+    uint64_t frames, tiles, bytes; /* received */
+    uint64_t rays_total;    /* the server's, as of that frame */
+    uint64_t connected_ns, package_ns, first_ns; /* lw_clock_ns() at: connect called, package complete, every object's
+                                                    coarsest level there; 0: not yet */
+    uint64_t light_age_ns;  /* how old the newest frame's light is now: its solve time plus the time since it arrived;
+                               the network's own delay is not in it */
+    uint32_t bounces;       /* that a complete tile has */
+    float target_error;     /* below which a tile counts as converged */
+    float sky[3];
+};
+void lw_client_get_stats(const struct lw_client *client, struct lw_client_stats *out_stats);
+
+#endif

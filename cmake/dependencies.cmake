@@ -1,0 +1,40 @@
+# Every third-party library, found once, as an imported target. All are Debian 12 packages: scripts/deps.sh.
+
+find_package(PkgConfig REQUIRED)
+find_package(Threads REQUIRED)
+find_package(OpenMP REQUIRED COMPONENTS C)
+find_package(embree 3.13 REQUIRED)
+
+pkg_check_modules(uv REQUIRED IMPORTED_TARGET libuv)
+pkg_check_modules(protobuf_c REQUIRED IMPORTED_TARGET libprotobuf-c)
+pkg_check_modules(zstd REQUIRED IMPORTED_TARGET libzstd)
+pkg_check_modules(xxhash REQUIRED IMPORTED_TARGET libxxhash)
+pkg_check_modules(openexr REQUIRED IMPORTED_TARGET OpenEXR)
+pkg_check_modules(png REQUIRED IMPORTED_TARGET libpng)
+pkg_check_modules(jansson REQUIRED IMPORTED_TARGET jansson)
+pkg_check_modules(sdl2 REQUIRED IMPORTED_TARGET sdl2)
+pkg_check_modules(cmocka REQUIRED IMPORTED_TARGET cmocka)
+find_program(PROTOC_C protoc-c REQUIRED)
+find_path(STB_INCLUDE_DIR stb_rect_pack.h PATH_SUFFIXES stb REQUIRED)
+
+# OpenEXR's pkg-config file names the C++ library too; we use the C core alone.
+find_library(OPENEXR_CORE_LIBRARY NAMES OpenEXRCore-3_1 OpenEXRCore REQUIRED)
+add_library(openexr_core INTERFACE)
+add_library(OpenEXR::Core ALIAS openexr_core)
+target_include_directories(openexr_core SYSTEM INTERFACE ${openexr_INCLUDE_DIRS})
+target_link_libraries(openexr_core INTERFACE ${OPENEXR_CORE_LIBRARY})
+
+add_library(stb INTERFACE)
+add_library(stb::stb ALIAS stb)
+target_include_directories(stb SYSTEM INTERFACE ${STB_INCLUDE_DIR})
+find_library(M_LIBRARY m)
+target_link_libraries(stb INTERFACE ${M_LIBRARY})
+
+add_library(uv::uv ALIAS PkgConfig::uv)
+add_library(protobuf_c::protobuf_c ALIAS PkgConfig::protobuf_c)
+add_library(zstd::zstd ALIAS PkgConfig::zstd)
+add_library(xxhash::xxhash ALIAS PkgConfig::xxhash)
+add_library(PNG::png ALIAS PkgConfig::png)
+add_library(jansson::jansson ALIAS PkgConfig::jansson)
+add_library(SDL2::sdl2 ALIAS PkgConfig::sdl2)
+add_library(cmocka::cmocka ALIAS PkgConfig::cmocka)

@@ -1,0 +1,78 @@
+# How the project builds its own targets: warnings, sanitizers, and one function per kind of target.
+
+option(LW_WERROR "Treat warnings as errors" OFF)
+set(LW_SANITIZE "" CACHE STRING "Sanitizers for all of our code, e.g. address,undefined or thread")
+option(LW_FUZZ "Build the fuzzers with libFuzzer (clang); otherwise they replay their corpus" OFF)
+option(LW_COVERAGE "Instrument for gcov" OFF)
+
+if(NOT CMAKE_BUILD_TYPE)
+  set(CMAKE_BUILD_TYPE Release)
+endif()
+
+add_library(lw_flags INTERFACE)
+target_compile_options(lw_flags INTERFACE
+  -Wall -Wextra -Wshadow -Wpointer-arith -Wstrict-prototypes -Wmissing-prototypes
+  -Wvla -Wundef -Wwrite-strings -Wdouble-promotion -Wformat=2
+  -fno-math-errno -ffp-contract=off -fno-strict-aliasing)
+target_compile_definitions(lw_flags INTERFACE _GNU_SOURCE LW_VERSION="${PROJECT_VERSION}")
+target_include_directories(lw_flags INTERFACE ${PROJECT_SOURCE_DIR})
+if(LW_WERROR)
+  target_compile_options(lw_flags INTERFACE -Werror)
+endif()
+if(LW_SANITIZE)
+  target_compile_options(lw_flags INTERFACE -fsanitize=${LW_SANITIZE} -fno-omit-frame-pointer -fno-sanitize-recover=all)
+  target_link_options(lw_flags INTERFACE -fsanitize=${LW_SANITIZE})
+endif()
+if(LW_FUZZ)
+  target_compile_options(lw_flags INTERFACE -fsanitize=fuzzer-no-link)
+endif()
+if(LW_COVERAGE)
+  target_compile_options(lw_flags INTERFACE --coverage)
+  target_link_options(lw_flags INTERFACE --coverage)
+endif()
+
+# lw_library(NAME SOURCES ... [PUBLIC libs] [PRIVATE libs]): one static library per folder.
+function(lw_library name)
+  cmake_parse_arguments(arg "" "" "SOURCES;PUBLIC;PRIVATE" ${ARGN})
+  add_library(${name} STATIC ${arg_SOURCES})
+  target_link_libraries(${name} PUBLIC lw_flags ${arg_PUBLIC} PRIVATE ${arg_PRIVATE})
+endfunction()
+
+# lw_program(NAME SOURCES ... LIBS ...)
+function(lw_program name)
+  cmake_parse_arguments(arg "" "" "SOURCES;LIBS" ${ARGN})
+  add_executable(${name} ${arg_SOURCES})
+  target_link_libraries(${name} PRIVATE lw_flags ${arg_LIBS})
+  install(TARGETS ${name})
+endfunction()
+
+# lw_test(LABEL NAME LIBS ... [TIMEOUT seconds] [WRAP symbols]): tests/LABEL/NAME.c with cmocka, one process,
+# a ctest entry with a time limit. WRAP names functions that the test replaces (__wrap_x, __real_x).
+function(lw_test label name)
+  cmake_parse_arguments(arg "" "TIMEOUT" "LIBS;WRAP" ${ARGN})
+  if(NOT arg_TIMEOUT)
+    set(arg_TIMEOUT 60)
+  endif()
+  add_executable(${name} ${name}.c)
+  target_link_libraries(${name} PRIVATE lw_flags lw_test_support ${arg_LIBS} cmocka::cmocka)
+  foreach(symbol IN LISTS arg_WRAP)
+    target_link_options(${name} PRIVATE -Wl,--wrap=${symbol})
+  endforeach()
+  add_test(NAME ${name} COMMAND ${name})
+  set_tests_properties(${name} PROPERTIES LABELS ${label} TIMEOUT ${arg_TIMEOUT})
+endfunction()
+
+# lw_fuzzer(NAME LIBS ...): tests/fuzz/NAME.c defines LLVMFuzzerTestOneInput. Without LW_FUZZ a plain driver
+# replays tests/fuzz/corpus/NAME in ctest.
+function(lw_fuzzer name)
+  cmake_parse_arguments(arg "" "" "LIBS" ${ARGN})
+  add_executable(${name} ${name}.c)
+  target_link_libraries(${name} PRIVATE lw_flags ${arg_LIBS})
+  if(LW_FUZZ)
+    target_link_options(${name} PRIVATE -fsanitize=fuzzer)
+  else()
+    target_sources(${name} PRIVATE ${PROJECT_SOURCE_DIR}/tests/fuzz/replay.c)
+  endif()
+  add_test(NAME ${name} COMMAND ${name} ${PROJECT_SOURCE_DIR}/tests/fuzz/corpus/${name})
+  set_tests_properties(${name} PROPERTIES LABELS unit TIMEOUT 60)
+endfunction()

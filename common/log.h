@@ -1,0 +1,20 @@
+/* log.h: talk to the person at the terminal, on stderr. Data goes to stdout and is not our business here.
+ * Threads: [any]; lines never interleave. */
+#ifndef LW_COMMON_LOG_H
+#define LW_COMMON_LOG_H
+
+#include "common/status.h"
+
+enum lw_log_level { LW_LOG_ERROR, LW_LOG_WARNING, LW_LOG_INFO, LW_LOG_DEBUG };
+
+/** Sets the program's name, which opens every line, and the most talkative level shown (default INFO).
+ * Call once, before other threads start. */
+void lw_log_init(const char *program, enum lw_log_level level);
+
+/** One line: "program: text" (errors and warnings say so). No final newline in format. */
+void lw_log(enum lw_log_level level, const char *format, ...) LW_PRINTF(2, 3);
+
+/** Logs an error and returns its exit code: `return lw_log_failure(&err);` ends a main(). */
+int lw_log_failure(const struct lw_error *err);
+
+#endif

@@ -1,0 +1,50 @@
+/* options.h: command lines, by table. One table gives parsing, range checks, --help and its errors.
+ * Threads: main() only. */
+#ifndef LW_COMMON_OPTIONS_H
+#define LW_COMMON_OPTIONS_H
+
+#include "common/status.h"
+
+#include <stdint.h>
+
+enum lw_option_kind {
+    LW_OPTION_FLAG,   /* bool: no argument */
+    LW_OPTION_STRING, /* const char *: points into argv */
+    LW_OPTION_INT,    /* int64_t within [min, max] */
+    LW_OPTION_REAL,   /* double within [min, max], finite; "inf" only if max is INFINITY */
+    LW_OPTION_RGB,    /* float[3]: "R,G,B", each within [min, max] */
+    LW_OPTION_CHOICE  /* int: index into the '|'-separated list in `argument`, e.g. "real|step" */
+};
+
+struct lw_option {
+    const char *name;     /* without dashes: "frame-rate" */
+    const char *argument; /* as shown in help: "HZ"; NULL for a flag */
+    const char *help;     /* one sentence; says the default */
+    enum lw_option_kind kind;
+    void *value; /* of the kind's type; holds the default before parsing */
+    double min, max;
+    bool *given; /* may be NULL: set when the option occurs */
+};
+
+struct lw_options {
+    const char *program;    /* "lightwelld" */
+    const char *synopsis;   /* "SCENE [OPTIONS]" */
+    const char *about;      /* a short paragraph: what it does, with an example */
+    const struct lw_option *table;
+    size_t count;
+    const char **positional; /* filled with pointers into argv */
+    size_t positional_min, positional_max;
+};
+
+/** Parses a command line. Options and positionals may mix; "--" ends options; --name=value and --name value both work.
+ * --help and --version print to stdout and set *out_done: the program then ends with exit code 0.
+ * Errors: LW_USAGE, naming the option and what it accepts.
+ * out_positional_count may be NULL. */
+LW_MUST_CHECK enum lw_status lw_options_parse(const struct lw_options *options, int argc, char **argv,
+                                              size_t *out_positional_count, bool *out_done, struct lw_error *err);
+
+/** Splits "HOST:PORT" or "[v6]:PORT". Errors: LW_USAGE naming the text. host_size includes the terminator. */
+LW_MUST_CHECK enum lw_status lw_options_address(const char *text, char *out_host, size_t host_size, uint16_t *out_port,
+                                                struct lw_error *err);
+
+#endif

@@ -1,0 +1,26 @@
+/* progress.h: what a stage of long work is doing, for whoever waits.
+ * On a terminal a bar that is redrawn; elsewhere plain lines, at most one in two seconds. A stage that ends within
+ * one second prints nothing, so that fast work stays quiet.
+ * Threads: one lw_progress belongs to one thread; lw_progress_step() may be called from [any]. */
+#ifndef LW_COMMON_PROGRESS_H
+#define LW_COMMON_PROGRESS_H
+
+#include <stdatomic.h>
+#include <stdint.h>
+
+struct lw_progress {
+    const char *stage; /* "unwrapping", "building the scene" */
+    uint64_t total;    /* steps in all; 0: unknown */
+    _Atomic uint64_t done;
+    uint64_t started_ns;
+    _Atomic uint64_t shown_ns; /* when a line was last shown; 0: never */
+};
+
+/** Starts a stage. stage must outlive p. */
+void lw_progress_init(struct lw_progress *p, const char *stage, uint64_t total);
+/** Adds steps and shows them when due. */
+void lw_progress_step(struct lw_progress *p, uint64_t steps);
+/** Ends the stage; if anything was shown, shows the time it took. */
+void lw_progress_finish(struct lw_progress *p);
+
+#endif

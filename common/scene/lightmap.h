@@ -1,0 +1,47 @@
+/* lightmap.h: gives every mesh its lightmap UVs and every atlas its size.
+ * Flow:    scene (imported or built in) -> [lightmap] -> package
+ * Threads: one call per scene; meshes are worked on in parallel inside.
+ *
+ * A chart is a connected piece of surface that is flat enough to project. Charts sit in rectangles whose corners are
+ * multiples of 4 texels, with LW_LIGHTMAP_GUTTER texels between the chart and its rectangle's edge, so that levels 0,
+ * 1 and 2 of the mip pyramid never mix two charts, bilinear lookups included. */
+#ifndef LW_COMMON_LIGHTMAP_H
+#define LW_COMMON_LIGHTMAP_H
+
+#include "common/scene/scene.h"
+
+#define LW_LIGHTMAP_BLOCK  4u /* texels; chart rectangles are aligned to it */
+#define LW_LIGHTMAP_GUTTER 2u /* texels */
+
+struct lw_lightmap_desc {
+    float texels_per_metre;     /* 0: chosen so that the scene has about texel_target covered texels */
+    uint32_t texel_target;      /* 0: LW_LIGHTMAP_TEXEL_TARGET */
+    uint32_t atlas_side_max;    /* texels; 0: 4096. A mesh that needs more gets a lower density. */
+    unsigned threads;           /* 0: all */
+};
+#define LW_LIGHTMAP_TEXEL_TARGET 400000u
+
+/** What became of one mesh. */
+struct lw_lightmap_report {
+    uint32_t mesh;
+    uint32_t atlas_width, atlas_height;
+    uint32_t chart_count;
+    uint32_t texels_covered;  /* texels whose square overlaps a chart, backs included */
+    float coverage;           /* texels_covered / (atlas_width * atlas_height) */
+    float stretch_rms, stretch_max; /* texture stretch (Sander et al. 2001), 1 = isometric up to scale */
+    float texels_per_metre;   /* reached */
+    bool from_file;           /* the file's second UV set was in [0,1], free of overlaps, and used */
+    bool capped;              /* atlas_side_max lowered its density */
+};
+
+/** Builds lightmap UVs for every mesh that an object uses: from UV set 1 where it is fit, else by unwrapping.
+ * Vertices on chart borders are duplicated, so the meshes' arrays are replaced.
+ * out_report   mesh_count entries, or NULL
+ * Errors: LW_NO_MEMORY; LW_BAD_DATA naming a mesh whose charts cannot fit atlas_side_max at any density. */
+LW_MUST_CHECK enum lw_status lw_lightmap_build(struct lw_scene *scene, const struct lw_lightmap_desc *desc,
+                                               struct lw_lightmap_report *out_report, struct lw_error *err);
+
+/** Counts texels that two different chart pieces both cover by area (0 for a correct layout). For tests. */
+uint64_t lw_lightmap_overlaps(const struct lw_mesh *mesh);
+
+#endif

@@ -1,0 +1,184 @@
+/* scene.h: what is lit: meshes, materials, textures, nodes, objects, lights, cameras, animation.
+ * Flow:    file -> importer -> [scene] -> lightmap UVs -> package -> daemon and clients
+ * Threads: immutable once built or read; then [any] may read.
+ * Space:   right-handed, +Y up, metres. Colours are linear sRGB. Winding is counter-clockwise seen from the front. */
+#ifndef LW_COMMON_SCENE_H
+#define LW_COMMON_SCENE_H
+
+#include "common/status.h"
+#include "common/vec.h"
+
+#include <stdint.h>
+
+#define LW_SCENE_NONE UINT32_MAX /* "no texture", "no parent" */
+
+/* Limits of a scene; package reader and importer refuse what is past them, by name. */
+#define LW_SCENE_MESHES_MAX    (1u << 20)
+#define LW_SCENE_OBJECTS_MAX   (1u << 20)
+#define LW_SCENE_NODES_MAX     (1u << 21)
+#define LW_SCENE_MATERIALS_MAX (1u << 16)
+#define LW_SCENE_TEXTURES_MAX  (1u << 14)
+#define LW_SCENE_TEXTURE_SIDE_MAX 16384u
+#define LW_SCENE_LIGHTS_MAX    (1u << 20)
+#define LW_SCENE_CAMERAS_MAX   (1u << 16)
+#define LW_SCENE_CHANNELS_MAX  (1u << 20)
+#define LW_SCENE_TRIANGLES_MAX (1u << 28) /* of all meshes together */
+#define LW_SCENE_ATLAS_SIDE_MAX 16384u    /* texels */
+
+struct lw_texture {
+    const char *name;
+    uint32_t width, height;
+    const uint8_t *rgba; /* width*height*4, row 0 first (glTF: v = 0), sRGB colour, linear alpha, not premultiplied */
+    uint8_t wrap_s, wrap_t; /* enum lw_wrap */
+};
+enum lw_wrap { LW_WRAP_REPEAT, LW_WRAP_CLAMP, LW_WRAP_MIRROR };
+
+/** A texture as a material uses it: uv' = transform (2x3, row-major) of (u, v, 1) from UV set `uv_set`. */
+struct lw_texture_use {
+    uint32_t texture; /* index, or LW_SCENE_NONE */
+    uint32_t uv_set;  /* 0 or 1 */
+    float transform[6];
+};
+
+enum lw_alpha_mode {
+    LW_ALPHA_OPAQUE,
+    LW_ALPHA_MASK, /* a surface where alpha >= alpha_cutoff, else nothing */
+    LW_ALPHA_BLEND /* lets the fraction 1 - alpha of light pass */
+};
+
+/** Diffuse reflection base_colour/pi, plus emission. A single-sided surface reflects and emits from its front. */
+struct lw_material {
+    const char *name;
+    float base_colour[4]; /* albedo and alpha; times texture and vertex colour */
+    struct lw_texture_use base_colour_texture;
+    float emission[3]; /* W/(m^2 sr): factor x strength; times texture */
+    struct lw_texture_use emission_texture;
+    float alpha_cutoff;
+    uint8_t alpha_mode; /* enum lw_alpha_mode */
+    uint8_t double_sided;
+};
+
+/** A triangle mesh in object space. Its lightmap UVs are shared by all objects that use it. */
+struct lw_mesh {
+    const char *name;
+    uint32_t vertex_count, triangle_count;
+    const struct lw_vec3 *position; /* m */
+    const struct lw_vec3 *normal;   /* unit shading normals */
+    const struct lw_vec2 *uv[2];    /* texture coordinates, or NULL for a set that is absent */
+    const struct lw_vec4 *colour;   /* vertex colour times alpha, linear; or NULL for white */
+    const uint32_t (*triangle)[3];  /* vertex indices */
+    const uint32_t *material;       /* per triangle */
+
+    /* Lightmap (common/scene/lightmap.h). Atlas coordinates are in texels: texel (i, j) has its centre at
+     * (i + 0.5, j + 0.5). A mesh with double-sided triangles keeps the light of their backs in a second copy of the
+     * chart layout, back_offset rows further down; back_offset = 0 if the mesh has no back. */
+    const struct lw_vec2 *lightmap_uv; /* per vertex; NULL before lw_lightmap_build() */
+    uint32_t atlas_width, atlas_height; /* texels, multiples of 4, backs included */
+    uint32_t back_offset;               /* rows, a multiple of 4 */
+};
+
+/** A place in the hierarchy. Parents come before their children. */
+struct lw_node {
+    const char *name;
+    uint32_t parent; /* index < own, or LW_SCENE_NONE */
+    /* local = matrix if has_matrix (then it cannot be animated), else T * R * S */
+    float translation[3];
+    float rotation[4]; /* unit quaternion x, y, z, w */
+    float scale[3];
+    struct lw_affine matrix;
+    uint8_t has_matrix;
+};
+
+/** One instance of a mesh, with an atlas of its own. */
+struct lw_object {
+    const char *name;
+    uint32_t mesh, node;
+};
+
+enum lw_light_kind {
+    LW_LIGHT_POINT,      /* W/sr per channel: E = I cos / d^2 */
+    LW_LIGHT_SPOT,       /* W/sr on the axis; falls off as clamp((cos a - cos o) / (cos i - cos o))^2 */
+    LW_LIGHT_DIRECTIONAL /* W/m^2 on a surface that faces it; shines along the node's -Z */
+};
+
+/** Punctual light. Emissive triangles are lights too, but live in their materials. */
+struct lw_light {
+    const char *name;
+    uint32_t node;
+    uint8_t kind; /* enum lw_light_kind */
+    float intensity[3]; /* colour x intensity */
+    float inner_cone, outer_cone; /* spot: half angles, radians */
+    float angular_diameter;       /* directional: radians; 0 is a point at infinity */
+};
+
+struct lw_camera {
+    const char *name;
+    uint32_t node; /* looks along -Z, up is +Y */
+    float fov_y;   /* radians */
+};
+
+enum lw_channel_path { LW_CHANNEL_TRANSLATION, LW_CHANNEL_ROTATION, LW_CHANNEL_SCALE };
+enum lw_interpolation { LW_INTERPOLATION_STEP, LW_INTERPOLATION_LINEAR, LW_INTERPOLATION_CUBIC };
+
+/** One animated property of a node. Values: 3 or 4 floats a key; CUBIC has in-tangent, value, out-tangent per key. */
+struct lw_channel {
+    uint32_t node;
+    uint8_t path, interpolation;
+    uint32_t key_count;
+    const float *time_s; /* strictly increasing, first >= 0 */
+    const float *value;
+};
+
+struct lw_scene {
+    const char *name;
+    struct lw_mesh *mesh;
+    struct lw_material *material;
+    struct lw_texture *texture;
+    struct lw_node *node;
+    struct lw_object *object;
+    struct lw_light *light;
+    struct lw_camera *camera;
+    struct lw_channel *channel;
+    uint32_t mesh_count, material_count, texture_count, node_count, object_count, light_count, camera_count,
+        channel_count;
+    float duration_s; /* of the animation, which loops; 0: none */
+    float sky[3];     /* W/(m^2 sr) from everywhere outside */
+    void *storage;    /* owns every array above; see lw_scene_destroy() */
+};
+
+/** An empty scene that allocates from itself. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_scene_create(struct lw_scene **out_scene);
+void lw_scene_destroy(struct lw_scene *scene);
+
+/** Zeroed memory that lives as long as the scene, 16-byte aligned; NULL when out of memory. For builders only. */
+void *lw_scene_alloc(struct lw_scene *scene, size_t count, size_t size);
+/** Copy of a string, owned by the scene; NULL becomes "". Returns NULL when out of memory. */
+const char *lw_scene_string(struct lw_scene *scene, const char *text);
+
+/** Checks everything that code behind this door relies on: counts, indices, order of nodes, finite numbers, unit
+ * quaternions, increasing key times, atlas sizes. The package reader calls it; importers call it before they write.
+ * Errors: LW_BAD_DATA naming the element and field. */
+LW_MUST_CHECK enum lw_status lw_scene_validate(const struct lw_scene *scene, struct lw_error *err);
+
+/** Whether anything shines: a light with intensity, an emissive triangle in an object, or sky. */
+bool lw_scene_has_light(const struct lw_scene *scene);
+
+/** Texture at (u, v) of a use, bilinear, wrapped, linear colour; white if there is no texture. [any] */
+struct lw_vec4 lw_scene_sample(const struct lw_scene *scene, const struct lw_texture_use *use, struct lw_vec2 uv);
+
+/** A point on a mesh: barycentrics u, v weigh the triangle's 2nd and 3rd vertex. */
+struct lw_surface {
+    struct lw_vec3 position, normal; /* object space, interpolated */
+    struct lw_vec3 geometric_normal; /* object space, unit, by winding */
+    struct lw_vec3 albedo;           /* base colour x texture x vertex colour, in [0, 1] */
+    float alpha;                     /* 1 for OPAQUE */
+    struct lw_vec3 emission;         /* W/(m^2 sr) */
+    struct lw_vec2 lightmap_uv;      /* texels; of the front */
+    const struct lw_material *material;
+};
+void lw_scene_surface(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle, float u, float v,
+                      struct lw_surface *out);
+/** Alpha alone, for visibility; 1 for OPAQUE. */
+float lw_scene_alpha(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle, float u, float v);
+
+#endif

@@ -1,0 +1,45 @@
+#include "common/status.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+#include <string.h>
+
+static const struct {
+    const char *text;
+    int exit_code;
+} statuses[LW_STATUS_COUNT] = {
+#define X(name, text, exit_code) [LW_##name] = {text, exit_code},
+    LW_STATUS_MAP(X)
+#undef X
+};
+
+const char *lw_status_text(enum lw_status status) {
+    return (unsigned)status < LW_STATUS_COUNT ? statuses[status].text : "unknown status";
+}
+
+int lw_status_exit_code(enum lw_status status) {
+    return (unsigned)status < LW_STATUS_COUNT ? statuses[status].exit_code : statuses[LW_INTERNAL].exit_code;
+}
+
+enum lw_status lw_status_fail(struct lw_error *err, enum lw_status status, const char *format, ...) {
+    if (err && err->status == LW_OK) {
+        va_list args;
+        va_start(args, format);
+        vsnprintf(err->text, sizeof err->text, format, args);
+        va_end(args);
+        err->status = status;
+    }
+    return status;
+}
+
+void lw_status_context(struct lw_error *err, const char *format, ...) {
+    if (!err || err->status == LW_OK) return;
+    char cause[LW_ERROR_TEXT_SIZE];
+    memcpy(cause, err->text, sizeof cause);
+    va_list args;
+    va_start(args, format);
+    int length = vsnprintf(err->text, sizeof err->text, format, args);
+    va_end(args);
+    if (length < 0 || (size_t)length >= sizeof err->text) return;
+    snprintf(err->text + length, sizeof err->text - (size_t)length, ": %s", cause);
+}

@@ -1,0 +1,65 @@
+/* trace.h: rays against the scene. The only user of Embree.
+ * Flow:    scene, pose -> [trace] -> hits for the solve, the view and the path tracer
+ * Threads: lw_trace_create/set_pose by one thread while nobody traces; closest and occluded [any] in between.
+ *
+ * Objects that never move are one flattened geometry set in one instance; each object that moves is an instance of its
+ * own, so that a new pose costs a top-level update only. */
+#ifndef LW_COMMON_TRACE_H
+#define LW_COMMON_TRACE_H
+
+#include "common/scene/pose.h"
+#include "common/scene/scene.h"
+
+#define LW_TRACE_WIDTH 16
+#define LW_TRACE_MISS  UINT32_MAX
+
+enum lw_trace_flags {
+    /* Light: backs of single-sided surfaces stop the ray (and are black); BLEND surfaces stop it with probability
+     * alpha, decided by a hash of ray and triangle, so that the same ray always meets the same answer. */
+    LW_TRACE_LIGHT = 0,
+    /* View: backs of single-sided surfaces are not there; every BLEND surface is a hit, for the caller to blend. */
+    LW_TRACE_VIEW = 1,
+    LW_TRACE_COHERENT = 2 /* the rays of this packet run (nearly) parallel */
+};
+
+/** Sixteen rays, structure of arrays. 64-byte aligned. dir need not be unit; t is in units of its length. */
+struct lw_ray16 {
+    _Alignas(64) float org_x[16];
+    float org_y[16], org_z[16];
+    float dir_x[16], dir_y[16], dir_z[16];
+    float t_near[16], t_far[16];
+};
+
+struct lw_hit16 {
+    _Alignas(64) float t[16];
+    float u[16], v[16];       /* barycentrics of the 2nd and 3rd vertex */
+    uint32_t object[16];      /* LW_TRACE_MISS: nothing hit, the other fields are undefined */
+    uint32_t triangle[16];    /* of the object's mesh */
+    uint8_t back[16];         /* 1: met from behind (by winding, mirroring accounted for) */
+};
+
+struct lw_trace;
+
+/** Builds the acceleration structure. scene must outlive it.
+ * Same scene and pose: same structure, whatever the machine's thread count.
+ * Errors: LW_NO_MEMORY; LW_INTERNAL with Embree's message. */
+LW_MUST_CHECK enum lw_status lw_trace_create(const struct lw_scene *scene, const struct lw_pose *pose,
+                                             struct lw_trace **out_trace, struct lw_error *err);
+void lw_trace_destroy(struct lw_trace *trace);
+
+/** Moves the objects that move. */
+LW_MUST_CHECK enum lw_status lw_trace_set_pose(struct lw_trace *trace, const struct lw_pose *pose,
+                                               struct lw_error *err);
+
+/** Closest hits of the rays whose bit is set in `active`; lanes that are not active become misses. */
+void lw_trace_closest16(const struct lw_trace *trace, unsigned flags, uint16_t active, const struct lw_ray16 *rays,
+                        struct lw_hit16 *out_hits);
+
+/** Bit i set: something lies between t_near and t_far of active ray i. */
+uint16_t lw_trace_occluded16(const struct lw_trace *trace, unsigned flags, uint16_t active,
+                             const struct lw_ray16 *rays);
+
+/** Bytes that Embree holds. [any] */
+size_t lw_trace_memory_bytes(const struct lw_trace *trace);
+
+#endif

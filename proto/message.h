@@ -1,0 +1,148 @@
+/* message.h: the protocol's messages as plain structs, and their bytes. The only user of generated protobuf code.
+ * Flow:    structs -> [framed bytes] -> link -> [structs]
+ * Threads: pure functions, [any].
+ *
+ * Encoding gives one whole framed message (header and body), so that its bytes can be shared among sessions.
+ * Decoding takes bytes from anyone: LW_PROTOCOL names message and field; numbers are finite, counts are within the
+ * limits below; pointers in a decoded struct point into the lw_message, which lw_message_finish() frees. */
+#ifndef LW_PROTO_MESSAGE_H
+#define LW_PROTO_MESSAGE_H
+
+#include "common/scene/package.h"
+#include "common/vec.h"
+#include "proto/frame.h"
+
+#define LW_MESSAGE_NAME_MAX        64u   /* bytes of a client's or server's name */
+#define LW_MESSAGE_TEXT_MAX        256u  /* bytes of a refusal's text */
+#define LW_MESSAGE_TRANSFORMS_MAX  8192u /* in one frame message; a frame with more sends several */
+#define LW_MESSAGE_LIGHTS_MAX      8192u
+#define LW_MESSAGE_INTEREST_MAX    4096u
+#define LW_MESSAGE_CHUNK_MAX       (1u << 18) /* bytes of package data */
+#define LW_MESSAGE_PAYLOAD_MAX     (1u << 18) /* bytes of a tile */
+
+struct lw_message_hello {
+    uint32_t version;  /* LW_WIRE_VERSION */
+    uint64_t features; /* bits; none defined in version 1 */
+    const char *name;  /* of the client program, for the operator's log */
+};
+
+struct lw_message_welcome {
+    uint32_t version;
+    uint64_t features, session;
+    const char *name; /* of the server program and its version */
+    struct lw_package_hash package_hash;
+    uint64_t package_size;            /* bytes of the package */
+    uint64_t package_compressed_size; /* bytes of its zstd form, which the chunks carry */
+    uint32_t bounces;                 /* indirect bounces that a complete tile has */
+    float target_error;               /* relative standard error below which a tile counts as converged */
+};
+
+/* Values are forever. */
+enum lw_refusal {
+    LW_REFUSAL_VERSION = 1,
+    LW_REFUSAL_FULL = 2,
+    LW_REFUSAL_PROTOCOL = 3, /* the peer's bytes make no sense */
+    LW_REFUSAL_SHUTDOWN = 4,
+    LW_REFUSAL_TIMEOUT = 5
+};
+
+struct lw_message_refusal {
+    enum lw_refusal code;
+    const char *text; /* one line for people */
+};
+
+struct lw_message_package_request {
+    uint64_t offset; /* into the compressed package; chunks follow from there to the end */
+};
+
+struct lw_message_package_chunk {
+    uint64_t offset;
+    const uint8_t *data;
+    size_t size;
+};
+
+struct lw_message_interest {
+    bool everything; /* coarse first; what a client has if it never says otherwise */
+    const struct lw_message_interest_tile {
+        uint32_t object, level, tile; /* tile: row * tiles_x + column within the level */
+    } *tile;
+    size_t tile_count;
+};
+
+struct lw_message_transform {
+    uint32_t object;
+    struct lw_affine object_to_world;
+};
+
+struct lw_message_light {
+    uint32_t light;
+    struct lw_vec3 position_ws, direction_ws, intensity;
+};
+
+struct lw_message_frame {
+    uint64_t frame;        /* from 1; grows */
+    double time_s;         /* of the scene */
+    uint64_t solve_ns;     /* from the moment simulated to the moment published */
+    uint64_t rays_total;   /* traced since the daemon started */
+    uint64_t tiles_solved; /* in this frame */
+    float sky[3];
+    const struct lw_message_transform *transform; /* those that changed since the frame before; all, in the first */
+    size_t transform_count;
+    const struct lw_message_light *light;
+    size_t light_count;
+};
+
+struct lw_message_tile {
+    uint32_t object, level, tile;
+    uint64_t version; /* the frame that encoded it; grows per tile */
+    uint32_t layer;   /* 0: direct and indirect together. Others are reserved. */
+    uint32_t codec;   /* LW_TILE_CODEC_* */
+    float scale;
+    uint32_t bounces; /* indirect bounces that it holds */
+    float error;      /* relative standard error of its mean luminance-weighted texels; >= 0 */
+    const uint8_t *payload;
+    size_t payload_size;
+};
+
+struct lw_message_ack {
+    uint64_t frame; /* newest frame shown */
+};
+
+struct lw_message_ping {
+    uint64_t token; /* comes back in the pong */
+};
+
+struct lw_message {
+    enum lw_message_type type;
+    union {
+        struct lw_message_hello hello;
+        struct lw_message_welcome welcome;
+        struct lw_message_refusal refusal;
+        struct lw_message_package_request package_request;
+        struct lw_message_package_chunk package_chunk;
+        struct lw_message_interest interest;
+        struct lw_message_frame frame;
+        struct lw_message_tile tile;
+        struct lw_message_ack ack;
+        struct lw_message_ping ping, pong;
+    };
+    void *storage; /* what decoding allocated */
+};
+
+/** Bytes of the framed message. */
+size_t lw_message_size(const struct lw_message *message);
+
+/** Writes the framed message. Errors: LW_INTERNAL if dst_capacity is under lw_message_size(); LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_message_encode(const struct lw_message *message, uint8_t *dst, size_t dst_capacity,
+                                               size_t *out_size);
+
+/** The same into malloc'ed memory. */
+LW_MUST_CHECK enum lw_status lw_message_encode_alloc(const struct lw_message *message, uint8_t **out_bytes,
+                                                     size_t *out_size);
+
+/** Decodes one body whose header was read. Errors: LW_PROTOCOL naming message and field; LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_message_decode(struct lw_frame_header header, const uint8_t *body,
+                                               struct lw_message *out_message, struct lw_error *err);
+void lw_message_finish(struct lw_message *message);
+
+#endif

@@ -1,0 +1,45 @@
+/* snapshot.h: the immutable outcome of one frame: what sessions send.
+ * Flow:    solver tiles -> publisher -> [snapshot] -> sessions
+ * Threads: built by the solver's thread; after that immutable and reference-counted, [any]. */
+#ifndef LW_PUBLISH_SNAPSHOT_H
+#define LW_PUBLISH_SNAPSHOT_H
+
+#include "common/tile/atlas.h"
+#include "proto/message.h"
+
+#include <stdatomic.h>
+
+/** Bytes of one framed message, encoded once and shared by all who send it. */
+struct lw_blob {
+    _Atomic uint32_t references;
+    size_t size;
+    uint8_t bytes[];
+};
+
+/** Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_blob_create(size_t size, struct lw_blob **out_blob);
+/** A blob that holds a framed message. */
+LW_MUST_CHECK enum lw_status lw_blob_from_message(const struct lw_message *message, struct lw_blob **out_blob);
+struct lw_blob *lw_blob_ref(struct lw_blob *blob); /* returns blob */
+void lw_blob_unref(struct lw_blob *blob);          /* NULL is fine */
+
+struct lw_snapshot_tile {
+    uint64_t version;     /* 0: never published */
+    struct lw_blob *blob; /* a LW_MESSAGE_TILE; NULL if version is 0 */
+};
+
+struct lw_snapshot {
+    _Atomic uint32_t references;
+    uint64_t frame;
+    double time_s;
+    struct lw_blob *frame_delta; /* LW_MESSAGE_FRAME with what moved since the frame before */
+    struct lw_blob *frame_full;  /* LW_MESSAGE_FRAME with every transform and light, for who joins or skipped frames */
+    uint64_t previous_frame;     /* the frame that frame_delta builds on */
+    uint32_t tile_count;
+    struct lw_snapshot_tile tile[]; /* by lw_tile_id */
+};
+
+struct lw_snapshot *lw_snapshot_ref(struct lw_snapshot *snapshot); /* returns snapshot */
+void lw_snapshot_unref(struct lw_snapshot *snapshot);              /* NULL is fine */
+
+#endif

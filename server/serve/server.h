@@ -1,0 +1,48 @@
+/* server.h: sessions over TCP on one libuv loop: hello, package, then tiles of the newest snapshot, coarse first.
+ * Flow:    snapshots -> [server: per session, what it lacks] -> writev -> link
+ * Threads: the loop owns all sessions [loop]; lw_server_publish() and lw_server_stop() are [any]: they hand over and
+ *          wake the loop, and never wait for it. */
+#ifndef LW_SERVE_SERVER_H
+#define LW_SERVE_SERVER_H
+
+#include "server/publish/snapshot.h"
+
+#define LW_SERVER_SESSIONS_MAX 10000u
+#define LW_SERVER_HELLO_TIMEOUT_S 10u   /* a peer that has not said hello by then is refused */
+#define LW_SERVER_QUEUE_MAX (256u << 10) /* bytes waiting per session before tiles are held back; the newest state
+                                            of a tile is chosen when there is room, so a slow reader skips versions */
+
+struct lw_server_desc {
+    const char *host; /* numeric or a name */
+    uint16_t port;    /* 0: the system picks one */
+    const struct lw_atlas_map *atlas_map; /* outlives the server */
+    const uint8_t *package;               /* outlives the server */
+    size_t package_size;
+    uint32_t bounces;    /* for the welcome */
+    float target_error;  /* for the welcome */
+};
+
+struct lw_server_stats {
+    uint64_t sessions_now, sessions_total, bytes_sent, tiles_sent, refused;
+};
+
+struct lw_server;
+
+/** Compresses the package, binds and listens; nothing is served before lw_server_run().
+ * Errors: LW_UNAVAILABLE naming the address in use and what to do; LW_NO_HOST; LW_OS; LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_server_create(const struct lw_server_desc *desc, struct lw_server **out_server,
+                                              struct lw_error *err);
+/** The port that it listens on. */
+uint16_t lw_server_port(const struct lw_server *server);
+/** Serves until lw_server_stop(). Call from one thread, which is the loop. */
+LW_MUST_CHECK enum lw_status lw_server_run(struct lw_server *server, struct lw_error *err);
+/** Hands over a snapshot: takes a reference of its own. Newer snapshots replace older ones not yet seen. [any] */
+void lw_server_publish(struct lw_server *server, struct lw_snapshot *snapshot);
+/** Asks the loop to refuse new sessions, say goodbye and return from lw_server_run(). [any], and from signal handlers
+ * by way of the loop's own SIGINT/SIGTERM watchers, which lw_server_run() installs. */
+void lw_server_stop(struct lw_server *server);
+/** A consistent copy. [any] */
+void lw_server_get_stats(const struct lw_server *server, struct lw_server_stats *out_stats);
+void lw_server_destroy(struct lw_server *server);
+
+#endif

@@ -1,0 +1,62 @@
+/* solver.h: the interface that every solver implements. A solver turns a scene and a pose into irradiance per texel.
+ * Flow:    scene, pose -> [solver: direct, (probes, cells) x bounces, accumulate] -> tiles of E -> publish
+ * Threads: one thread calls; the solver runs its own workers inside a call. */
+#ifndef LW_SOLVE_SOLVER_H
+#define LW_SOLVE_SOLVER_H
+
+#include "common/scene/pose.h"
+#include "common/tile/atlas.h"
+
+#define LW_SOLVER_BOUNCES_MAX 16u
+
+/** Zero means default, where zero makes no sense as a value. */
+struct lw_solver_desc {
+    const struct lw_scene *scene;     /* outlives the solver */
+    const struct lw_atlas_map *atlas_map; /* outlives the solver */
+    uint32_t bounces;                 /* indirect; 0 is direct light only */
+    float tracing_range_m;            /* > 0; INFINITY: no probes */
+    float cell_size_m;                /* 0: a quarter of the scene's longest side */
+    uint32_t direct_samples;          /* per texel and frame, on area lights and sky */
+    uint32_t indirect_samples;        /* per texel, bounce and frame */
+    float target_error;               /* relative standard error at which a tile rests */
+    unsigned threads;                 /* 0: all */
+    uint32_t seed;
+};
+
+/** What one frame cost. Times are wall time of the calling thread. */
+struct lw_solver_stats {
+    uint64_t rays_shadow, rays_bounce, rays_probe; /* of this frame */
+    uint64_t pose_ns, direct_ns, probe_ns, scatter_ns;
+    uint64_t texels_solved;
+    uint32_t tiles_solved, tiles_converged, tiles; /* level-0 tiles: of this frame; at rest; in all */
+};
+
+/** One level-0 tile as the solver holds it: planar, tile-contiguous. Valid until the next call on the solver. */
+struct lw_solver_tile {
+    const float *direct[3];   /* E of bounce 0, W/m^2 per channel; width*height each */
+    const float *indirect[3]; /* sum over bounces 1..N */
+    const uint8_t *covered;   /* 1: a texel with surface; others hold 0 */
+    uint32_t width, height;
+    uint32_t bounces;         /* indirect bounces that it holds */
+    float error;              /* relative standard error, estimated */
+    uint64_t solved_frame;    /* last frame that changed it; 0: never */
+};
+
+struct lw_solver {
+    const struct lw_solver_ops *ops;
+};
+
+struct lw_solver_ops {
+    const char *name;
+    /** Solves one frame at a pose. Tiles at rest cost nothing unless the pose changed.
+     * Same desc and sequence of poses: same bytes, at any thread count. Errors: LW_NO_MEMORY, LW_INTERNAL. */
+    enum lw_status (*frame)(struct lw_solver *solver, const struct lw_pose *pose, uint64_t frame,
+                            struct lw_solver_stats *out_stats, struct lw_error *err);
+    /** Reads a level-0 tile. */
+    void (*read_tile)(const struct lw_solver *solver, lw_tile_id tile, struct lw_solver_tile *out_tile);
+    /** Bytes held, rays' structure included. */
+    size_t (*memory_bytes)(const struct lw_solver *solver);
+    void (*destroy)(struct lw_solver *solver);
+};
+
+#endif

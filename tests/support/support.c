@@ -1,0 +1,53 @@
+#include "tests/support/support.h"
+
+#include <stdio.h>
+
+void lw_support_ok(enum lw_status status, const struct lw_error *err) {
+    if (status != LW_OK) fail_msg("%s: %s", lw_status_text(status), err ? err->text : "");
+}
+
+struct lw_scene *lw_support_squares(unsigned count, float side_m) {
+    struct lw_scene *scene;
+    lw_support_ok(lw_scene_create(&scene), NULL);
+    scene->name = lw_scene_string(scene, "squares");
+    struct lw_vec3 *position = lw_scene_alloc(scene, 4, sizeof *position), *normal = lw_scene_alloc(scene, 4, sizeof *normal);
+    struct lw_vec2 *uv = lw_scene_alloc(scene, 4, sizeof *uv);
+    uint32_t(*triangle)[3] = lw_scene_alloc(scene, 2, sizeof *triangle);
+    uint32_t *material = lw_scene_alloc(scene, 2, sizeof *material);
+    for (uint32_t i = 0; i < 4; i++) {
+        uv[i] = (struct lw_vec2){(float)(i & 1), (float)(i >> 1)};
+        position[i] = lw_vec3((uv[i].x - 0.5f) * side_m, 0, (uv[i].y - 0.5f) * side_m);
+        normal[i] = lw_vec3(0, 1, 0);
+    }
+    const uint32_t corners[2][3] = {{0, 2, 1}, {1, 2, 3}};
+    for (int t = 0; t < 2; t++)
+        for (int c = 0; c < 3; c++) triangle[t][c] = corners[t][c];
+    scene->mesh = lw_scene_alloc(scene, 1, sizeof *scene->mesh);
+    scene->mesh[0] = (struct lw_mesh){.name = "square", .vertex_count = 4, .triangle_count = 2, .position = position,
+                                      .normal = normal, .uv = {uv}, .triangle = triangle, .material = material};
+    scene->mesh_count = 1;
+    const float identity[6] = {1, 0, 0, 0, 1, 0};
+    scene->material = lw_scene_alloc(scene, 1, sizeof *scene->material);
+    scene->material[0] = (struct lw_material){.name = "grey", .base_colour = {0.5f, 0.5f, 0.5f, 1},
+                                              .base_colour_texture.texture = LW_SCENE_NONE,
+                                              .emission_texture.texture = LW_SCENE_NONE, .alpha_cutoff = 0.5f};
+    for (int i = 0; i < 6; i++)
+        scene->material[0].base_colour_texture.transform[i] = scene->material[0].emission_texture.transform[i] = identity[i];
+    scene->material_count = 1;
+    scene->node = lw_scene_alloc(scene, count + 1, sizeof *scene->node);
+    scene->object = lw_scene_alloc(scene, count, sizeof *scene->object);
+    for (uint32_t i = 0; i <= count; i++)
+        scene->node[i] = (struct lw_node){.name = "", .parent = LW_SCENE_NONE, .rotation = {0, 0, 0, 1}, .scale = {1, 1, 1},
+                                          .translation = {i < count ? 2 * side_m * (float)i : 0, i < count ? 0 : 2.0f, 0}};
+    for (uint32_t i = 0; i < count; i++) {
+        char name[32];
+        snprintf(name, sizeof name, "square %u", i);
+        scene->object[i] = (struct lw_object){.name = lw_scene_string(scene, name), .mesh = 0, .node = i};
+    }
+    scene->node_count = count + 1;
+    scene->object_count = count;
+    scene->light = lw_scene_alloc(scene, 1, sizeof *scene->light);
+    scene->light[0] = (struct lw_light){.name = "lamp", .node = count, .kind = LW_LIGHT_POINT, .intensity = {10, 10, 10}};
+    scene->light_count = 1;
+    return scene;
+}
