@@ -1,0 +1,361 @@
+#include "common/trace/trace.h"
+
+#include "common/random.h"
+
+#include <embree3/rtcore.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define STATIC_INSTANCE 0u /* instance id of the flattened static objects; an object that moves has its index + 1 */
+
+/* What a filter needs to know of the geometry that a ray has met. */
+struct geometry {
+    const struct lw_scene *scene;
+    const struct lw_mesh *mesh;
+    bool mirrored; /* vertices were flattened through a mirroring transform: winding is reversed */
+    bool has_alpha;
+};
+
+struct mover {
+    uint32_t object;
+    RTCScene scene;       /* the object alone, in object space */
+    RTCGeometry instance; /* in the top scene */
+    float facing[3][3];   /* sign(facing * Ng . dir) in world space tells front from back */
+};
+
+struct lw_trace {
+    const struct lw_scene *scene;
+    RTCDevice device;
+    RTCScene fixed; /* the static objects, in world space */
+    RTCScene top;   /* what rays are traced against; `fixed` itself if nothing moves */
+    struct geometry *geometry;
+    bool *mirrored; /* per object, for static ones */
+    uint32_t *mover_of_object;
+    struct mover *mover;
+    uint32_t mover_count;
+    _Atomic int64_t memory_bytes;
+};
+
+struct trace_context {
+    struct RTCIntersectContext rtc; /* first: filters get a pointer to it */
+    unsigned flags;
+};
+
+static bool count_memory(void *user, ssize_t bytes, bool post) {
+    (void)post;
+    struct lw_trace *trace = user;
+    trace->memory_bytes += bytes;
+    return true;
+}
+
+static const struct lw_material *material_of(const struct geometry *g, uint32_t triangle) {
+    return &g->scene->material[g->mesh->material[triangle]];
+}
+
+/* The same ray meets the same answer: the choice hangs on the ray's direction and the triangle alone. */
+static float blend_choice(float x, float y, float z, uint32_t triangle) {
+    uint32_t bits[3];
+    memcpy(bits, (float[3]){x, y, z}, sizeof bits);
+    return lw_random_unit(lw_random_hash4(bits[0], bits[1], bits[2], triangle));
+}
+
+/* Whether a surface point lets the ray pass: cut out by its mask, or transparent. */
+static bool passes_alpha(const struct geometry *g, unsigned flags, uint32_t triangle, float u, float v, float dir_x,
+                         float dir_y, float dir_z) {
+    const struct lw_material *material = material_of(g, triangle);
+    if (material->alpha_mode == LW_ALPHA_OPAQUE) return false;
+    if (material->alpha_mode == LW_ALPHA_BLEND && (flags & LW_TRACE_VIEW)) return false;
+    float alpha = lw_scene_alpha(g->scene, g->mesh, triangle, u, v);
+    if (material->alpha_mode == LW_ALPHA_MASK) return alpha < material->alpha_cutoff;
+    return blend_choice(dir_x, dir_y, dir_z, triangle) >= alpha;
+}
+
+/* Embree's packets of runtime width are rows of `n` floats or words each; its own accessors are for C++ only. */
+enum { RAY_DIR_X = 4, RAY_DIR_Y, RAY_DIR_Z };
+enum { HIT_NG_X, HIT_NG_Y, HIT_NG_Z, HIT_U, HIT_V, HIT_TRIANGLE };
+
+static float lane(const void *rows, unsigned row, unsigned n, unsigned i) {
+    return ((const float *)rows)[row * n + i];
+}
+static uint32_t lane_word(const void *rows, unsigned row, unsigned n, unsigned i) {
+    return ((const uint32_t *)rows)[row * n + i];
+}
+
+/* Called for hits on geometry with alpha (all rays) and, as the context's filter, for every hit of view rays.
+ * Ray and normal are both in the geometry's own space here, so their signs need no transform. */
+static void filter(const struct RTCFilterFunctionNArguments *args) {
+    const struct geometry *g = args->geometryUserPtr;
+    const struct trace_context *context = (const struct trace_context *)args->context;
+    const bool cull = context->flags & LW_TRACE_VIEW;
+    const unsigned n = args->N;
+    for (unsigned i = 0; i < n; i++) {
+        if (args->valid[i] != -1) continue;
+        uint32_t triangle = lane_word(args->hit, HIT_TRIANGLE, n, i);
+        float dx = lane(args->ray, RAY_DIR_X, n, i), dy = lane(args->ray, RAY_DIR_Y, n, i),
+              dz = lane(args->ray, RAY_DIR_Z, n, i);
+        if (cull && !material_of(g, triangle)->double_sided) {
+            float facing = dx * lane(args->hit, HIT_NG_X, n, i) + dy * lane(args->hit, HIT_NG_Y, n, i) +
+                           dz * lane(args->hit, HIT_NG_Z, n, i);
+            if ((facing > 0) != g->mirrored) {
+                args->valid[i] = 0;
+                continue;
+            }
+        }
+        if (g->has_alpha && passes_alpha(g, context->flags, triangle, lane(args->hit, HIT_U, n, i),
+                                         lane(args->hit, HIT_V, n, i), dx, dy, dz))
+            args->valid[i] = 0;
+    }
+}
+
+static void init_context(struct trace_context *context, unsigned flags) {
+    rtcInitIntersectContext(&context->rtc);
+    context->flags = flags;
+    if (flags & LW_TRACE_COHERENT) context->rtc.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+    if (flags & LW_TRACE_VIEW) context->rtc.filter = filter;
+}
+
+static bool mesh_has_alpha(const struct lw_scene *scene, const struct lw_mesh *mesh) {
+    for (uint32_t t = 0; t < mesh->triangle_count; t++)
+        if (scene->material[mesh->material[t]].alpha_mode != LW_ALPHA_OPAQUE) return true;
+    return false;
+}
+
+/* One object's triangles, its vertices moved through a transform. */
+static enum lw_status attach_object(struct lw_trace *trace, RTCScene into, uint32_t object,
+                                    const struct lw_affine *transform) {
+    const struct lw_mesh *mesh = &trace->scene->mesh[trace->scene->object[object].mesh];
+    RTCGeometry geometry = rtcNewGeometry(trace->device, RTC_GEOMETRY_TYPE_TRIANGLE);
+    if (!geometry) return LW_NO_MEMORY;
+    struct lw_vec3 *position = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
+                                                       sizeof *position, mesh->vertex_count);
+    uint32_t *triangle = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                                                 sizeof *mesh->triangle, mesh->triangle_count);
+    if (!position || !triangle) {
+        rtcReleaseGeometry(geometry);
+        return LW_NO_MEMORY;
+    }
+    for (uint32_t i = 0; i < mesh->vertex_count; i++) position[i] = lw_affine_point(transform, mesh->position[i]);
+    memcpy(triangle, mesh->triangle, (size_t)mesh->triangle_count * sizeof *mesh->triangle);
+
+    struct geometry *g = &trace->geometry[object];
+    *g = (struct geometry){.scene = trace->scene,
+                           .mesh = mesh,
+                           .mirrored = lw_affine_determinant(transform) < 0,
+                           .has_alpha = mesh_has_alpha(trace->scene, mesh)};
+    rtcSetGeometryUserData(geometry, g);
+    if (g->has_alpha) {
+        rtcSetGeometryIntersectFilterFunction(geometry, filter);
+        rtcSetGeometryOccludedFilterFunction(geometry, filter);
+    }
+    rtcCommitGeometry(geometry);
+    rtcAttachGeometryByID(into, geometry, object);
+    rtcReleaseGeometry(geometry);
+    return LW_OK;
+}
+
+static RTCScene new_scene(struct lw_trace *trace) {
+    RTCScene scene = rtcNewScene(trace->device);
+    /* Robust: rays through shared edges must not slip out of a closed room. */
+    if (scene) rtcSetSceneFlags(scene, RTC_SCENE_FLAG_ROBUST | RTC_SCENE_FLAG_CONTEXT_FILTER_FUNCTION);
+    return scene;
+}
+
+static void place_mover(struct mover *mover, const struct lw_affine *t) {
+    rtcSetGeometryTransform(mover->instance, 0, RTC_FORMAT_FLOAT3X4_ROW_MAJOR, t->m);
+    rtcCommitGeometry(mover->instance);
+    /* Ng . (M^-1 d) has the sign of (cofactors(M) Ng) . d times that of det M. */
+    struct lw_vec3 x = lw_vec3(t->m[0][0], t->m[1][0], t->m[2][0]), y = lw_vec3(t->m[0][1], t->m[1][1], t->m[2][1]),
+                   z = lw_vec3(t->m[0][2], t->m[1][2], t->m[2][2]);
+    float sign = lw_affine_determinant(t) < 0 ? -1.0f : 1.0f;
+    const struct lw_vec3 column[3] = {lw_vec3_cross(y, z), lw_vec3_cross(z, x), lw_vec3_cross(x, y)};
+    for (int j = 0; j < 3; j++) {
+        mover->facing[0][j] = sign * column[j].x;
+        mover->facing[1][j] = sign * column[j].y;
+        mover->facing[2][j] = sign * column[j].z;
+    }
+}
+
+static enum lw_status attach_mover(struct lw_trace *trace, struct mover *mover, const struct lw_pose *pose) {
+    mover->scene = new_scene(trace);
+    if (!mover->scene) return LW_NO_MEMORY;
+    enum lw_status status = attach_object(trace, mover->scene, mover->object, &LW_AFFINE_IDENTITY);
+    if (status != LW_OK) return status;
+    rtcCommitScene(mover->scene);
+    mover->instance = rtcNewGeometry(trace->device, RTC_GEOMETRY_TYPE_INSTANCE);
+    if (!mover->instance) return LW_NO_MEMORY;
+    rtcSetGeometryInstancedScene(mover->instance, mover->scene);
+    rtcSetGeometryTimeStepCount(mover->instance, 1);
+    place_mover(mover, &pose->object_to_world[mover->object]);
+    rtcAttachGeometryByID(trace->top, mover->instance, mover->object + 1);
+    return LW_OK;
+}
+
+static enum lw_status device_status(const struct lw_trace *trace, struct lw_error *err) {
+    enum RTCError code = rtcGetDeviceError(trace->device);
+    if (code == RTC_ERROR_NONE) return LW_OK;
+    if (code == RTC_ERROR_OUT_OF_MEMORY) return lw_status_fail(err, LW_NO_MEMORY, "building the rays' structure");
+    return lw_status_fail(err, LW_INTERNAL, "Embree reports error %d", (int)code);
+}
+
+static enum lw_status build(struct lw_trace *trace, const struct lw_pose *pose) {
+    const struct lw_scene *scene = trace->scene;
+    trace->fixed = new_scene(trace);
+    if (!trace->fixed) return LW_NO_MEMORY;
+    for (uint32_t object = 0; object < scene->object_count; object++) {
+        trace->mover_of_object[object] = UINT32_MAX;
+        if (lw_pose_object_moves(scene, object)) {
+            trace->mover_of_object[object] = trace->mover_count;
+            trace->mover[trace->mover_count++].object = object;
+            continue;
+        }
+        enum lw_status status = attach_object(trace, trace->fixed, object, &pose->object_to_world[object]);
+        if (status != LW_OK) return status;
+        trace->mirrored[object] = trace->geometry[object].mirrored;
+    }
+    rtcCommitScene(trace->fixed);
+    if (trace->mover_count == 0) {
+        trace->top = trace->fixed;
+        return LW_OK;
+    }
+
+    trace->top = new_scene(trace);
+    RTCGeometry world = rtcNewGeometry(trace->device, RTC_GEOMETRY_TYPE_INSTANCE);
+    if (!trace->top || !world) return LW_NO_MEMORY;
+    rtcSetGeometryInstancedScene(world, trace->fixed);
+    rtcCommitGeometry(world);
+    rtcAttachGeometryByID(trace->top, world, STATIC_INSTANCE);
+    rtcReleaseGeometry(world);
+    for (uint32_t i = 0; i < trace->mover_count; i++) {
+        enum lw_status status = attach_mover(trace, &trace->mover[i], pose);
+        if (status != LW_OK) return status;
+    }
+    rtcCommitScene(trace->top);
+    return LW_OK;
+}
+
+enum lw_status lw_trace_create(const struct lw_scene *scene, const struct lw_pose *pose, struct lw_trace **out_trace,
+                               struct lw_error *err) {
+    struct lw_trace *trace = calloc(1, sizeof *trace);
+    if (!trace) return lw_status_fail(err, LW_NO_MEMORY, "building the rays' structure");
+    trace->scene = scene;
+    const size_t count = scene->object_count ? scene->object_count : 1;
+    trace->geometry = calloc(count, sizeof *trace->geometry);
+    trace->mirrored = calloc(count, sizeof *trace->mirrored);
+    trace->mover_of_object = calloc(count, sizeof *trace->mover_of_object);
+    trace->mover = calloc(count, sizeof *trace->mover);
+    /* One build thread: a structure that does not depend on timing gives bytes that do not either. */
+    trace->device = rtcNewDevice("threads=1");
+    enum lw_status status = LW_NO_MEMORY;
+    if (!trace->geometry || !trace->mirrored || !trace->mover_of_object || !trace->mover || !trace->device) {
+        lw_status_fail(err, status, "building the rays' structure");
+        goto fail;
+    }
+    rtcSetDeviceMemoryMonitorFunction(trace->device, count_memory, trace);
+    status = build(trace, pose);
+    if (status != LW_OK) {
+        lw_status_fail(err, status, "building the rays' structure");
+        goto fail;
+    }
+    status = device_status(trace, err);
+    if (status != LW_OK) goto fail;
+    *out_trace = trace;
+    return LW_OK;
+fail:
+    lw_trace_destroy(trace);
+    return status;
+}
+
+void lw_trace_destroy(struct lw_trace *trace) {
+    if (!trace) return;
+    for (uint32_t i = 0; trace->mover && i < trace->mover_count; i++) {
+        if (trace->mover[i].instance) rtcReleaseGeometry(trace->mover[i].instance);
+        if (trace->mover[i].scene) rtcReleaseScene(trace->mover[i].scene);
+    }
+    if (trace->top && trace->top != trace->fixed) rtcReleaseScene(trace->top);
+    if (trace->fixed) rtcReleaseScene(trace->fixed);
+    if (trace->device) rtcReleaseDevice(trace->device);
+    free(trace->mover);
+    free(trace->mover_of_object);
+    free(trace->mirrored);
+    free(trace->geometry);
+    free(trace);
+}
+
+enum lw_status lw_trace_set_pose(struct lw_trace *trace, const struct lw_pose *pose, struct lw_error *err) {
+    if (trace->mover_count == 0) return LW_OK;
+    for (uint32_t i = 0; i < trace->mover_count; i++)
+        place_mover(&trace->mover[i], &pose->object_to_world[trace->mover[i].object]);
+    rtcCommitScene(trace->top);
+    return device_status(trace, err);
+}
+
+static void load_rays(struct RTCRay16 *dst, const struct lw_ray16 *src) {
+    memcpy(dst->org_x, src->org_x, sizeof dst->org_x);
+    memcpy(dst->org_y, src->org_y, sizeof dst->org_y);
+    memcpy(dst->org_z, src->org_z, sizeof dst->org_z);
+    memcpy(dst->dir_x, src->dir_x, sizeof dst->dir_x);
+    memcpy(dst->dir_y, src->dir_y, sizeof dst->dir_y);
+    memcpy(dst->dir_z, src->dir_z, sizeof dst->dir_z);
+    memcpy(dst->tnear, src->t_near, sizeof dst->tnear);
+    memcpy(dst->tfar, src->t_far, sizeof dst->tfar);
+    memset(dst->time, 0, sizeof dst->time);
+    memset(dst->mask, 0xff, sizeof dst->mask);
+    memset(dst->flags, 0, sizeof dst->flags);
+    memset(dst->id, 0, sizeof dst->id);
+}
+
+static void load_valid(int valid[16], uint16_t active) {
+    for (int i = 0; i < 16; i++) valid[i] = active >> i & 1 ? -1 : 0;
+}
+
+static bool met_from_behind(const struct lw_trace *trace, const struct RTCRayHit16 *rh, int i) {
+    float nx = rh->hit.Ng_x[i], ny = rh->hit.Ng_y[i], nz = rh->hit.Ng_z[i];
+    float dx = rh->ray.dir_x[i], dy = rh->ray.dir_y[i], dz = rh->ray.dir_z[i];
+    uint32_t object = rh->hit.geomID[i], mover = trace->mover_of_object[object];
+    if (mover == UINT32_MAX) return (nx * dx + ny * dy + nz * dz > 0) != trace->mirrored[object];
+    const float(*f)[3] = trace->mover[mover].facing;
+    return (f[0][0] * nx + f[0][1] * ny + f[0][2] * nz) * dx + (f[1][0] * nx + f[1][1] * ny + f[1][2] * nz) * dy +
+               (f[2][0] * nx + f[2][1] * ny + f[2][2] * nz) * dz >
+           0;
+}
+
+void lw_trace_closest16(const struct lw_trace *trace, unsigned flags, uint16_t active, const struct lw_ray16 *rays,
+                        struct lw_hit16 *out_hits) {
+    _Alignas(64) int valid[16];
+    _Alignas(64) struct RTCRayHit16 rh;
+    struct trace_context context;
+    load_valid(valid, active);
+    load_rays(&rh.ray, rays);
+    memset(rh.hit.geomID, 0xff, sizeof rh.hit.geomID);
+    memset(rh.hit.instID, 0xff, sizeof rh.hit.instID);
+    init_context(&context, flags);
+    rtcIntersect16(valid, trace->top, &context.rtc, &rh);
+
+    memcpy(out_hits->t, rh.ray.tfar, sizeof out_hits->t);
+    memcpy(out_hits->u, rh.hit.u, sizeof out_hits->u);
+    memcpy(out_hits->v, rh.hit.v, sizeof out_hits->v);
+    memcpy(out_hits->triangle, rh.hit.primID, sizeof out_hits->triangle);
+    memcpy(out_hits->object, rh.hit.geomID, sizeof out_hits->object); /* geometries are attached by object index */
+    for (int i = 0; i < 16; i++)
+        out_hits->back[i] = out_hits->object[i] != LW_TRACE_MISS && met_from_behind(trace, &rh, i);
+}
+
+uint16_t lw_trace_occluded16(const struct lw_trace *trace, unsigned flags, uint16_t active,
+                             const struct lw_ray16 *rays) {
+    _Alignas(64) int valid[16];
+    _Alignas(64) struct RTCRay16 ray;
+    struct trace_context context;
+    load_valid(valid, active);
+    load_rays(&ray, rays);
+    init_context(&context, flags);
+    rtcOccluded16(valid, trace->top, &context.rtc, &ray);
+    uint16_t occluded = 0;
+    for (int i = 0; i < 16; i++)
+        if (active >> i & 1 && ray.tfar[i] < 0) occluded |= (uint16_t)(1u << i);
+    return occluded;
+}
+
+size_t lw_trace_memory_bytes(const struct lw_trace *trace) {
+    int64_t bytes = trace->memory_bytes;
+    return bytes > 0 ? (size_t)bytes : 0;
+}
