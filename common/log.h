@@ -11,7 +11,11 @@ enum lw_log_level { LW_LOG_ERROR, LW_LOG_WARNING, LW_LOG_INFO, LW_LOG_DEBUG };
  * Call once, before other threads start. */
 void lw_log_init(const char *program, enum lw_log_level level);
 
-/** One line: "program: text" (errors and warnings say so). No final newline in format. */
+/** Whether lines of this level are shown. */
+bool lw_log_shows(enum lw_log_level level);
+
+/** One line: "program: text" (errors and warnings say so). No final newline in format;
+ * control characters in the text become '?'. */
 void lw_log(enum lw_log_level level, const char *format, ...) LW_PRINTF(2, 3);
 
 /** Logs an error and returns its exit code: `return lw_log_failure(&err);` ends a main(). */

@@ -17,34 +17,38 @@ enum lw_option_kind {
 };
 
 struct lw_option {
-    const char *name;     /* without dashes: "frame-rate" */
+    const char *name;     /* without dashes: "frame-rate"; one letter ("o") is written -o */
     const char *argument; /* as shown in help: "HZ"; NULL for a flag */
     const char *help;     /* one sentence; says the default */
     enum lw_option_kind kind;
-    void *value; /* of the kind's type; holds the default before parsing */
-    double min, max;
-    bool *given; /* may be NULL: set when the option occurs */
+    void *value;     /* of the kind's type; holds the default before parsing */
+    double min, max; /* numbers only: min < max; both may be infinite for REAL and RGB */
+    bool *given;     /* may be NULL: set when the option occurs */
 };
 
 struct lw_options {
-    const char *program;    /* "lightwelld" */
-    const char *synopsis;   /* "SCENE [OPTIONS]" */
-    const char *about;      /* a short paragraph: what it does, with an example */
+    const char *program;  /* "lightwelld" */
+    const char *synopsis; /* "SCENE [OPTIONS]" */
+    const char *about;    /* a short paragraph: what it does; newlines and the blanks after them stay */
     const struct lw_option *table;
     size_t count;
     const char **positional; /* filled with pointers into argv */
     size_t positional_min, positional_max;
 };
 
-/** Parses a command line. Options and positionals may mix; "--" ends options; --name=value and --name value both work.
+/** Parses a command line. Options and positionals may mix; "--" ends options; --name=value and --name value
+ * both work.
  * --help and --version print to stdout and set *out_done: the program then ends with exit code 0.
- * Errors: LW_USAGE, naming the option and what it accepts.
- * out_positional_count may be NULL. */
+ * Short names take -o VALUE and -oVALUE. Of an option given twice the last counts.
+ * Errors: LW_USAGE, naming the option and what it accepts; LW_IO where help cannot be written. Values and
+ * positionals met before the error are already set. out_positional_count may be NULL. */
 LW_MUST_CHECK enum lw_status lw_options_parse(const struct lw_options *options, int argc, char **argv,
-                                              size_t *out_positional_count, bool *out_done, struct lw_error *err);
+                                              size_t *out_positional_count, bool *out_done,
+                                              struct lw_error *err);
 
-/** Splits "HOST:PORT" or "[v6]:PORT". Errors: LW_USAGE naming the text. host_size includes the terminator. */
-LW_MUST_CHECK enum lw_status lw_options_address(const char *text, char *out_host, size_t host_size, uint16_t *out_port,
-                                                struct lw_error *err);
+/** Splits "HOST:PORT" or "[v6]:PORT" (brackets removed; port 0 is allowed). Errors: LW_USAGE naming the text.
+ * host_size includes the terminator. */
+LW_MUST_CHECK enum lw_status lw_options_address(const char *text, char *out_host, size_t host_size,
+                                                uint16_t *out_port, struct lw_error *err);
 
 #endif

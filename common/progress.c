@@ -1,0 +1,109 @@
+#include "common/progress.h"
+
+#include "common/clock.h"
+#include "common/log.h"
+
+#include <inttypes.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/ioctl.h>
+#include <unistd.h>
+
+#define SECOND_NS       1000000000u
+#define QUIET_NS        SECOND_NS        /* a stage shorter than this prints nothing */
+#define BAR_EVERY_NS    (SECOND_NS / 10) /* redrawing faster only costs terminal time */
+#define LINE_EVERY_NS   (2ull * SECOND_NS)
+#define BAR_CELLS_MAX   40u
+#define COLUMNS_UNKNOWN 80u
+
+static bool on_terminal(void) { return isatty(STDERR_FILENO); }
+
+static unsigned terminal_columns(void) {
+    struct winsize size;
+    return ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col ? size.ws_col : COLUMNS_UNKNOWN;
+}
+
+static void write_duration(char *out, size_t out_size, double seconds) {
+    if (seconds < 10)
+        snprintf(out, out_size, "%.1f s", seconds);
+    else if (seconds < 100)
+        snprintf(out, out_size, "%.0f s", seconds);
+    else if (seconds < 100 * 60)
+        snprintf(out, out_size, "%.0f min", seconds / 60);
+    else
+        snprintf(out, out_size, "%.1f h", seconds / 3600);
+}
+
+/* "43 %, 12 s left", or the count of steps and the time so far where the total is unknown. */
+static void write_state(char *out, size_t out_size, const struct lw_progress *p, uint64_t done,
+                        uint64_t elapsed_ns) {
+    char time[32];
+    double elapsed_s = (double)elapsed_ns / SECOND_NS;
+    if (!p->total) {
+        write_duration(time, sizeof time, elapsed_s);
+        snprintf(out, out_size, "%" PRIu64 " so far, %s", done, time);
+    } else if (!done) {
+        write_duration(time, sizeof time, elapsed_s);
+        snprintf(out, out_size, "0 %%, %s so far", time);
+    } else {
+        write_duration(time, sizeof time, elapsed_s * (double)(p->total - done) / (double)done);
+        snprintf(out, out_size, "%.0f %%, %s left", 100.0 * (double)done / (double)p->total, time);
+    }
+}
+
+static void show_bar(const struct lw_progress *p, uint64_t done, const char *state) {
+    unsigned columns = terminal_columns();
+    size_t text =
+        strlen(p->stage) + strlen(state) + sizeof "  [] "; /* the last column stays free: no line wrap */
+    unsigned cells = text < columns ? columns - (unsigned)text : 0;
+    if (cells > BAR_CELLS_MAX) cells = BAR_CELLS_MAX;
+    if (!p->total || cells < 4) {
+        fprintf(stderr, "\r\033[K%.*s", (int)columns - 1, p->stage);
+        if (text < columns) fprintf(stderr, "  %s", state);
+        return;
+    }
+    unsigned full = (unsigned)((double)cells * (double)done / (double)p->total);
+    char bar[BAR_CELLS_MAX + 1];
+    memset(bar, '#', full);
+    memset(bar + full, '.', cells - full);
+    bar[cells] = 0;
+    fprintf(stderr, "\r\033[K%s  [%s] %s", p->stage, bar, state);
+}
+
+void lw_progress_init(struct lw_progress *p, const char *stage, uint64_t total) {
+    p->stage = stage;
+    p->total = total;
+    p->started_ns = lw_clock_ns();
+    atomic_init(&p->done, 0);
+    atomic_init(&p->shown_ns, 0);
+}
+
+void lw_progress_step(struct lw_progress *p, uint64_t steps) {
+    uint64_t done = atomic_fetch_add_explicit(&p->done, steps, memory_order_relaxed) + steps;
+    uint64_t now = lw_clock_ns(), elapsed = now - p->started_ns;
+    if (elapsed < QUIET_NS || !lw_log_shows(LW_LOG_INFO)) return;
+    uint64_t shown = atomic_load_explicit(&p->shown_ns, memory_order_relaxed);
+    bool bar = on_terminal();
+    /* another thread may have read the clock later and shown since: then shown > now */
+    if (shown && (shown > now || now - shown < (bar ? BAR_EVERY_NS : LINE_EVERY_NS))) return;
+    /* of several threads that find it due, one shows */
+    if (!atomic_compare_exchange_strong_explicit(&p->shown_ns, &shown, now, memory_order_relaxed,
+                                                 memory_order_relaxed))
+        return;
+    if (p->total && done > p->total) done = p->total; /* more steps than announced: stay at 100 % */
+    char state[96];
+    write_state(state, sizeof state, p, done, elapsed);
+    if (bar)
+        show_bar(p, done, state);
+    else
+        lw_log(LW_LOG_INFO, "%s: %s", p->stage, state);
+}
+
+void lw_progress_finish(struct lw_progress *p) {
+    uint64_t elapsed = lw_clock_ns() - p->started_ns;
+    if (elapsed < QUIET_NS) return;
+    char time[32];
+    write_duration(time, sizeof time, (double)elapsed / SECOND_NS);
+    lw_log(LW_LOG_INFO, "%s: done in %s", p->stage, time); /* wipes the bar */
+}

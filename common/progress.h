@@ -1,6 +1,6 @@
 /* progress.h: what a stage of long work is doing, for whoever waits.
- * On a terminal a bar that is redrawn; elsewhere plain lines, at most one in two seconds. A stage that ends within
- * one second prints nothing, so that fast work stays quiet.
+ * On a terminal a bar that is redrawn; elsewhere plain lines, at most one in two seconds. A stage that ends
+ * within one second prints nothing, so that fast work stays quiet.
  * Threads: one lw_progress belongs to one thread; lw_progress_step() may be called from [any]. */
 #ifndef LW_COMMON_PROGRESS_H
 #define LW_COMMON_PROGRESS_H
@@ -20,7 +20,7 @@ struct lw_progress {
 void lw_progress_init(struct lw_progress *p, const char *stage, uint64_t total);
 /** Adds steps and shows them when due. */
 void lw_progress_step(struct lw_progress *p, uint64_t steps);
-/** Ends the stage; if anything was shown, shows the time it took. */
+/** Ends the stage; if it took over a second, shows how long. Call after the last step of every thread. */
 void lw_progress_finish(struct lw_progress *p);
 
 #endif

@@ -21,12 +21,18 @@ int lw_status_exit_code(enum lw_status status) {
     return (unsigned)status < LW_STATUS_COUNT ? statuses[status].exit_code : statuses[LW_INTERNAL].exit_code;
 }
 
+void lw_status_one_line(char *text) {
+    for (unsigned char *c = (unsigned char *)text; *c; c++)
+        if (*c < 0x20 || *c == 0x7f) *c = '?';
+}
+
 enum lw_status lw_status_fail(struct lw_error *err, enum lw_status status, const char *format, ...) {
     if (err && err->status == LW_OK) {
         va_list args;
         va_start(args, format);
         vsnprintf(err->text, sizeof err->text, format, args);
         va_end(args);
+        lw_status_one_line(err->text);
         err->status = status;
     }
     return status;
@@ -34,12 +40,14 @@ enum lw_status lw_status_fail(struct lw_error *err, enum lw_status status, const
 
 void lw_status_context(struct lw_error *err, const char *format, ...) {
     if (!err || err->status == LW_OK) return;
-    char cause[LW_ERROR_TEXT_SIZE];
+    char cause[LW_ERROR_TEXT_SIZE], context[LW_ERROR_TEXT_SIZE];
     memcpy(cause, err->text, sizeof cause);
     va_list args;
     va_start(args, format);
-    int length = vsnprintf(err->text, sizeof err->text, format, args);
+    int length = vsnprintf(context, sizeof context, format, args);
     va_end(args);
-    if (length < 0 || (size_t)length >= sizeof err->text) return;
-    snprintf(err->text + length, sizeof err->text - (size_t)length, ": %s", cause);
+    int room = (int)(sizeof err->text - sizeof ": ") - (int)strlen(cause);
+    if (length < 0 || room <= 0) return;
+    lw_status_one_line(context);
+    snprintf(err->text, sizeof err->text, "%.*s: %s", room, context, cause);
 }

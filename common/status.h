@@ -27,10 +27,10 @@ enum lw_status {
 #define X(name, text, exit_code) LW_##name,
     LW_STATUS_MAP(X)
 #undef X
-    LW_STATUS_COUNT
+        LW_STATUS_COUNT
 };
 
-#define LW_MUST_CHECK __attribute__((warn_unused_result))
+#define LW_MUST_CHECK                  __attribute__((warn_unused_result))
 #define LW_PRINTF(format_index, first) __attribute__((format(printf, format_index, first)))
 
 #define LW_ERROR_TEXT_SIZE 512
@@ -47,11 +47,17 @@ const char *lw_status_text(enum lw_status status);
 /** The sysexits code that a program ends with on this status. [any] */
 int lw_status_exit_code(enum lw_status status);
 
+/** Makes text fit one line of a terminal: control characters, which a hostile name may hold, become '?'.
+ * [any] */
+void lw_status_one_line(char *text);
+
 /** Records a failure and returns its status, so that `return lw_status_fail(err, LW_IO, "...")` reads well.
  * err may be NULL. Does nothing to an err that already holds a cause. */
-enum lw_status lw_status_fail(struct lw_error *err, enum lw_status status, const char *format, ...) LW_PRINTF(3, 4);
+enum lw_status lw_status_fail(struct lw_error *err, enum lw_status status, const char *format, ...)
+    LW_PRINTF(3, 4);
 
-/** Puts "context: " in front of the text of an error that holds a cause; otherwise does nothing. */
+/** Puts "context: " in front of the text of an error that holds a cause; otherwise does nothing.
+ * Where both do not fit, the context is cut: the cause says more. */
 void lw_status_context(struct lw_error *err, const char *format, ...) LW_PRINTF(2, 3);
 
 #endif
