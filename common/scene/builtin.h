@@ -9,7 +9,8 @@
 
 /** Builds a scene by its full name ("builtin:cornell"), without lightmap UVs.
  * Errors: LW_NO_INPUT naming the scenes there are; LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_builtin_build(const char *name, struct lw_scene **out_scene, struct lw_error *err);
+LW_MUST_CHECK enum lw_status lw_builtin_build(const char *name, struct lw_scene **out_scene,
+                                              struct lw_error *err);
 
 /** Names with their one-line descriptions, for --help. Index from 0; NULL past the end. */
 const char *lw_builtin_name(unsigned index);

@@ -1,0 +1,94 @@
+/* builtin_mesh.h: a growing triangle mesh, for scenes that are computed instead of loaded.
+ * Everything is a patch: a grid of points that becomes smooth quads, split where it bends sharply. Columns are patches
+ * closed in one direction, mouldings are patches swept along frames.
+ * Failure: the first allocation that fails sets `failed`; from then on every call does nothing. Ask once, at the end.
+ * Threads: one builder, one thread. */
+#ifndef LW_COMMON_BUILTIN_MESH_H
+#define LW_COMMON_BUILTIN_MESH_H
+
+#include "common/scene/scene.h"
+
+enum lw_builtin_uv {
+    LW_BUILTIN_UV_SURFACE, /* metres along the patch's columns and rows */
+    LW_BUILTIN_UV_SPACE    /* metres along two axes of object space, picked by the normal */
+};
+
+struct lw_builtin_mesh {
+    /* state that the next part is built with; set freely */
+    struct lw_affine placement; /* of points given; may mirror, must not shear */
+    uint32_t material;
+    enum lw_builtin_uv uv_mode;
+    struct lw_vec2 uv_offset; /* metres */
+    float uv_repeat;          /* texture repeats per metre */
+    float crease_cos;         /* a fold whose normals' cosine is below this is an edge */
+
+    bool failed;
+    /* what has been built */
+    struct lw_vec3 *position, *normal;
+    struct lw_vec2 *uv;
+    uint32_t (*triangle)[3];
+    uint32_t *triangle_material;
+    uint32_t vertex_count, vertex_capacity, triangle_count, triangle_capacity;
+};
+
+void lw_builtin_mesh_init(struct lw_builtin_mesh *mesh);
+void lw_builtin_mesh_finish(struct lw_builtin_mesh *mesh);
+
+/** Places the next parts: scaled and turned by angle (radians) about +Y, then moved. Negative scale.x mirrors. */
+void lw_builtin_mesh_place(struct lw_builtin_mesh *mesh, struct lw_vec3 position, float angle,
+                           struct lw_vec3 scale);
+
+/** Adds one vertex, or one triangle counter-clockwise from its front, as given but for the placement. */
+uint32_t lw_builtin_mesh_vertex(struct lw_builtin_mesh *mesh, struct lw_vec3 position, struct lw_vec3 normal,
+                                struct lw_vec2 uv);
+void lw_builtin_mesh_triangle(struct lw_builtin_mesh *mesh, uint32_t a, uint32_t b, uint32_t c);
+
+enum {
+    LW_BUILTIN_CLOSED_COLUMNS = 1, /* the last column is the first again */
+    LW_BUILTIN_FLIPPED = 2         /* fronts face the other way */
+};
+
+/** Adds a grid of rows x columns points, points[row * columns + column]. Its front is where rows run up and columns
+ * run to the right. Quads that collapse to a line are left out; those that collapse to a triangle stay one. */
+void lw_builtin_mesh_patch(struct lw_builtin_mesh *mesh, const struct lw_vec3 *points, uint32_t rows,
+                           uint32_t columns, unsigned flags);
+
+/** Adds the parallelogram with corner `corner` and edges `right`, `up`; its front is where they appear so.
+ * It is cut into squares of about cell_m, or left whole with 0. */
+void lw_builtin_mesh_quad(struct lw_builtin_mesh *mesh, struct lw_vec3 corner, struct lw_vec3 right,
+                          struct lw_vec3 up, float cell_m);
+
+/** Faces of a box that lw_builtin_mesh_box() builds. */
+enum {
+    LW_BUILTIN_LEFT = 1,
+    LW_BUILTIN_RIGHT = 2,
+    LW_BUILTIN_BOTTOM = 4,
+    LW_BUILTIN_TOP = 8,
+    LW_BUILTIN_BACK = 16,
+    LW_BUILTIN_FRONT = 32, /* +Z */
+    LW_BUILTIN_SIDES = 51,
+    LW_BUILTIN_ALL = 63
+};
+void lw_builtin_mesh_box(struct lw_builtin_mesh *mesh, struct lw_vec3 low, struct lw_vec3 high,
+                         unsigned faces);
+
+/** Turns a profile about the Y axis. profile: (radius, height) in metres, from the bottom up for an outer surface. */
+void lw_builtin_mesh_revolve(struct lw_builtin_mesh *mesh, const struct lw_vec2 *profile, uint32_t count,
+                             uint32_t segments);
+
+/** Where a swept profile stands: point = origin + out * x + up * y. Longer vectors make mitres. */
+struct lw_builtin_frame {
+    struct lw_vec3 origin, out, up;
+};
+
+/** Sweeps a profile along frames; its front is outward where the profile runs up and the frames run to the right,
+ * seen from `out`. */
+void lw_builtin_mesh_sweep(struct lw_builtin_mesh *mesh, const struct lw_vec2 *profile, uint32_t count,
+                           const struct lw_builtin_frame *frames, uint32_t frame_count, unsigned flags);
+
+/** Sweeps a profile around a rectangle in the ground plane, |x| <= half_x and |z| <= half_z, at height y. The profile's
+ * x grows away from the rectangle's middle, or towards it if `inward`. */
+void lw_builtin_mesh_frame(struct lw_builtin_mesh *mesh, const struct lw_vec2 *profile, uint32_t count,
+                           float half_x, float half_z, float y, bool inward);
+
+#endif

@@ -1,0 +1,188 @@
+#include "common/scene/builtin_stage.h"
+
+#include <assert.h>
+#include <string.h>
+
+static void *keep(struct lw_builtin_stage *stage, size_t count, size_t size) {
+    void *memory = stage->failed ? NULL : lw_scene_alloc(stage->scene, count, size);
+    if (!memory) stage->failed = true;
+    return memory;
+}
+
+static const char *keep_string(struct lw_builtin_stage *stage, const char *text) {
+    const char *copy = stage->failed ? NULL : lw_scene_string(stage->scene, text);
+    if (!copy) stage->failed = true;
+    return copy;
+}
+
+enum lw_status lw_builtin_stage_init(struct lw_builtin_stage *stage, const char *name) {
+    *stage = (struct lw_builtin_stage){0};
+    if (lw_scene_create(&stage->scene) != LW_OK) return LW_NO_MEMORY;
+    struct lw_scene *scene = stage->scene;
+    scene->name = keep_string(stage, name);
+    scene->mesh = keep(stage, LW_BUILTIN_STAGE_MAX, sizeof *scene->mesh);
+    scene->material = keep(stage, LW_BUILTIN_STAGE_MAX, sizeof *scene->material);
+    scene->texture = keep(stage, LW_BUILTIN_STAGE_MAX, sizeof *scene->texture);
+    scene->node = keep(stage, LW_BUILTIN_STAGE_MAX, sizeof *scene->node);
+    scene->object = keep(stage, LW_BUILTIN_STAGE_MAX, sizeof *scene->object);
+    scene->light = keep(stage, LW_BUILTIN_STAGE_MAX, sizeof *scene->light);
+    scene->camera = keep(stage, LW_BUILTIN_STAGE_MAX, sizeof *scene->camera);
+    scene->channel = keep(stage, LW_BUILTIN_STAGE_MAX, sizeof *scene->channel);
+    if (!stage->failed) return LW_OK;
+    lw_scene_destroy(scene);
+    return LW_NO_MEMORY;
+}
+
+enum lw_status lw_builtin_stage_finish(struct lw_builtin_stage *stage, struct lw_scene **out_scene,
+                                       struct lw_error *err) {
+    enum lw_status status = stage->failed
+                                ? lw_status_fail(err, LW_NO_MEMORY, "out of memory while building a scene")
+                                : lw_scene_validate(stage->scene, err);
+    if (status == LW_OK)
+        *out_scene = stage->scene;
+    else
+        lw_scene_destroy(stage->scene);
+    stage->scene = NULL;
+    return status;
+}
+
+uint8_t *lw_builtin_stage_texture(struct lw_builtin_stage *stage, const char *name, uint32_t width,
+                                  uint32_t height, uint32_t *out_index) {
+    uint8_t *rgba = keep(stage, (size_t)width * height, 4);
+    const char *kept_name = keep_string(stage, name);
+    *out_index = LW_SCENE_NONE;
+    if (stage->failed) return NULL;
+    assert(stage->scene->texture_count < LW_BUILTIN_STAGE_MAX);
+    *out_index = stage->scene->texture_count++;
+    stage->scene->texture[*out_index] = (struct lw_texture){.name = kept_name,
+                                                            .width = width,
+                                                            .height = height,
+                                                            .rgba = rgba,
+                                                            .wrap_s = LW_WRAP_REPEAT,
+                                                            .wrap_t = LW_WRAP_REPEAT};
+    return rgba;
+}
+
+uint32_t lw_builtin_stage_material(struct lw_builtin_stage *stage, const char *name, struct lw_vec3 albedo,
+                                   uint32_t texture) {
+    const char *kept_name = keep_string(stage, name);
+    if (stage->failed) return 0;
+    assert(stage->scene->material_count < LW_BUILTIN_STAGE_MAX);
+    uint32_t index = stage->scene->material_count++;
+    stage->scene->material[index] =
+        (struct lw_material){.name = kept_name,
+                             .base_colour = {albedo.x, albedo.y, albedo.z, 1},
+                             .base_colour_texture = {.texture = texture, .transform = {1, 0, 0, 0, 1, 0}},
+                             .emission_texture = {.texture = LW_SCENE_NONE, .transform = {1, 0, 0, 0, 1, 0}},
+                             .alpha_cutoff = 0.5f,
+                             .alpha_mode = LW_ALPHA_OPAQUE};
+    return index;
+}
+
+uint32_t lw_builtin_stage_node(struct lw_builtin_stage *stage, const char *name, uint32_t parent,
+                               struct lw_vec3 translation) {
+    const char *kept_name = keep_string(stage, name);
+    if (stage->failed) return 0;
+    assert(stage->scene->node_count < LW_BUILTIN_STAGE_MAX);
+    uint32_t index = stage->scene->node_count++;
+    stage->scene->node[index] = (struct lw_node){.name = kept_name,
+                                                 .parent = parent,
+                                                 .translation = {translation.x, translation.y, translation.z},
+                                                 .rotation = {0, 0, 0, 1},
+                                                 .scale = {1, 1, 1},
+                                                 .matrix = LW_AFFINE_IDENTITY};
+    return index;
+}
+
+static void *keep_copy(struct lw_builtin_stage *stage, const void *from, size_t count, size_t size) {
+    void *to = keep(stage, count, size);
+    if (to) memcpy(to, from, count * size);
+    return to;
+}
+
+void lw_builtin_stage_object(struct lw_builtin_stage *stage, const char *name, struct lw_builtin_mesh *mesh,
+                             uint32_t node) {
+    stage->failed |= mesh->failed;
+    struct lw_mesh kept = {.name = keep_string(stage, name),
+                           .vertex_count = mesh->vertex_count,
+                           .triangle_count = mesh->triangle_count};
+    kept.position = keep_copy(stage, mesh->position, mesh->vertex_count, sizeof *mesh->position);
+    kept.normal = keep_copy(stage, mesh->normal, mesh->vertex_count, sizeof *mesh->normal);
+    kept.uv[0] = keep_copy(stage, mesh->uv, mesh->vertex_count, sizeof *mesh->uv);
+    kept.triangle = keep_copy(stage, mesh->triangle, mesh->triangle_count, sizeof *mesh->triangle);
+    kept.material =
+        keep_copy(stage, mesh->triangle_material, mesh->triangle_count, sizeof *mesh->triangle_material);
+    lw_builtin_mesh_finish(mesh);
+    lw_builtin_mesh_init(mesh);
+    if (stage->failed) return;
+    struct lw_scene *scene = stage->scene;
+    assert(scene->mesh_count < LW_BUILTIN_STAGE_MAX && scene->object_count < LW_BUILTIN_STAGE_MAX);
+    scene->object[scene->object_count++] =
+        (struct lw_object){.name = kept.name, .mesh = scene->mesh_count, .node = node};
+    scene->mesh[scene->mesh_count++] = kept;
+}
+
+/** Turns a node so that its -Z points along `forward`, with +Y as near to up as that leaves. */
+static void aim(struct lw_node *node, struct lw_vec3 forward) {
+    struct lw_vec3 z = lw_vec3_normalize(lw_vec3_scale(forward, -1));
+    struct lw_vec3 up = fabsf(z.y) > 0.999f ? lw_vec3(0, 0, 1) : lw_vec3(0, 1, 0);
+    struct lw_vec3 x = lw_vec3_normalize(lw_vec3_cross(up, z)), y = lw_vec3_cross(z, x);
+    /* columns x, y, z of a rotation to a quaternion, by its largest component (Shepperd 1978) */
+    float four[4] = {1 + x.x - y.y - z.z, 1 - x.x + y.y - z.z, 1 - x.x - y.y + z.z, 1 + x.x + y.y + z.z};
+    int largest = 3;
+    for (int i = 0; i < 3; i++)
+        if (four[i] > four[largest]) largest = i;
+    float q[4][4] = {{four[0], y.x + x.y, z.x + x.z, y.z - z.y},
+                     {y.x + x.y, four[1], z.y + y.z, z.x - x.z},
+                     {z.x + x.z, z.y + y.z, four[2], x.y - y.x},
+                     {y.z - z.y, z.x - x.z, x.y - y.x, four[3]}};
+    float *row = q[largest];
+    float length = sqrtf(row[0] * row[0] + row[1] * row[1] + row[2] * row[2] + row[3] * row[3]);
+    for (int i = 0; i < 4; i++) node->rotation[i] = row[i] / length;
+}
+
+void lw_builtin_stage_sun(struct lw_builtin_stage *stage, const char *name, struct lw_vec3 direction,
+                          struct lw_vec3 irradiance, float angular_diameter) {
+    uint32_t node = lw_builtin_stage_node(stage, name, LW_SCENE_NONE, lw_vec3(0, 0, 0));
+    if (stage->failed) return;
+    struct lw_scene *scene = stage->scene;
+    assert(scene->light_count < LW_BUILTIN_STAGE_MAX);
+    aim(&scene->node[node], direction);
+    scene->light[scene->light_count++] =
+        (struct lw_light){.name = scene->node[node].name,
+                          .node = node,
+                          .kind = LW_LIGHT_DIRECTIONAL,
+                          .intensity = {irradiance.x, irradiance.y, irradiance.z},
+                          .angular_diameter = angular_diameter};
+}
+
+void lw_builtin_stage_camera(struct lw_builtin_stage *stage, const char *name, struct lw_vec3 eye,
+                             struct lw_vec3 target, float fov_y_deg) {
+    uint32_t node = lw_builtin_stage_node(stage, name, LW_SCENE_NONE, eye);
+    if (stage->failed) return;
+    struct lw_scene *scene = stage->scene;
+    assert(scene->camera_count < LW_BUILTIN_STAGE_MAX);
+    aim(&scene->node[node], lw_vec3_sub(target, eye));
+    scene->camera[scene->camera_count++] =
+        (struct lw_camera){.name = scene->node[node].name, .node = node, .fov_y = fov_y_deg * LW_PI / 180.0f};
+}
+
+float *lw_builtin_stage_channel(struct lw_builtin_stage *stage, uint32_t node, enum lw_channel_path path,
+                                enum lw_interpolation interpolation, uint32_t key_count, float duration_s) {
+    size_t width =
+        (path == LW_CHANNEL_ROTATION ? 4u : 3u) * (interpolation == LW_INTERPOLATION_CUBIC ? 3u : 1u);
+    float *time_s = keep(stage, key_count, sizeof *time_s),
+          *value = keep(stage, key_count * width, sizeof *value);
+    if (stage->failed) return NULL;
+    for (uint32_t i = 0; i < key_count; i++) time_s[i] = duration_s * (float)i / (float)(key_count - 1);
+    struct lw_scene *scene = stage->scene;
+    assert(scene->channel_count < LW_BUILTIN_STAGE_MAX);
+    scene->channel[scene->channel_count++] = (struct lw_channel){.node = node,
+                                                                 .path = (uint8_t)path,
+                                                                 .interpolation = (uint8_t)interpolation,
+                                                                 .key_count = key_count,
+                                                                 .time_s = time_s,
+                                                                 .value = value};
+    if (duration_s > scene->duration_s) scene->duration_s = duration_s;
+    return value;
+}
