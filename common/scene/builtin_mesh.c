@@ -142,7 +142,7 @@ static struct lw_vec3 smooth_normal(const struct patch *p, uint32_t row, uint32_
     uint32_t other_row = row == quad_row ? row - 1 : row; /* wraps to a huge number at the rim */
     uint32_t other_column = column == quad_column ? column - 1 : column;
     if (seam) other_column = quad_column == 0 ? quads - 1 : 0;
-    bool rows_join = other_row + 1 < p->rows && !p->row_edge[row];
+    bool rows_join = other_row < p->rows - 1 && !p->row_edge[row];
     bool columns_join = other_column < quads && !p->col_edge[seam ? 0 : column];
     if (rows_join) sum = lw_vec3_add(sum, *face_at(p, other_row, quad_column));
     if (columns_join) sum = lw_vec3_add(sum, *face_at(p, quad_row, other_column));
