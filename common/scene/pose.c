@@ -1,0 +1,201 @@
+#include "common/scene/pose.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+/* A node's place relative to its parent, animated. */
+struct lw_pose_local {
+    float translation[3], rotation[4], scale[3];
+};
+
+enum lw_status lw_pose_init(struct lw_pose *pose, const struct lw_scene *scene) {
+    memset(pose, 0, sizeof *pose);
+    /* calloc of 0 elements may be NULL: one more of each keeps NULL for "out of memory" */
+    pose->object_to_world = calloc((size_t)scene->object_count + 1, sizeof *pose->object_to_world);
+    pose->light = calloc((size_t)scene->light_count + 1, sizeof *pose->light);
+    pose->node_to_world = calloc((size_t)scene->node_count + 1, sizeof *pose->node_to_world);
+    pose->local = calloc((size_t)scene->node_count + 1, sizeof *pose->local);
+    if (!pose->object_to_world || !pose->light || !pose->node_to_world || !pose->local) {
+        lw_pose_finish(pose);
+        return LW_NO_MEMORY;
+    }
+    lw_pose_evaluate(pose, scene, 0);
+    return LW_OK;
+}
+
+void lw_pose_finish(struct lw_pose *pose) {
+    free(pose->local);
+    free(pose->node_to_world);
+    free(pose->light);
+    free(pose->object_to_world);
+    memset(pose, 0, sizeof *pose);
+}
+
+static double wrap_time(double time_s, double duration_s) {
+    if (!(duration_s > 0) || !isfinite(time_s)) return 0;
+    double wrapped = fmod(time_s, duration_s);
+    if (wrapped < 0) wrapped += duration_s;
+    return wrapped < duration_s ? wrapped : 0; /* a tiny negative time rounds up to the duration */
+}
+
+static void normalize_quaternion(float q[4]) {
+    float length = sqrtf(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+    if (length > 1e-12f)
+        for (int i = 0; i < 4; i++) q[i] /= length;
+    else
+        q[0] = q[1] = q[2] = 0, q[3] = 1; /* a cubic curve may pass through 0, which is no rotation */
+}
+
+/* The last key at or before the time; the first key if there is none. */
+static uint32_t find_key(const struct lw_channel *channel, double time_s) {
+    uint32_t low = 0, high = channel->key_count;
+    while (high - low > 1) {
+        uint32_t middle = low + (high - low) / 2;
+        if ((double)channel->time_s[middle] <= time_s)
+            low = middle;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+static void slerp(const float a[4], const float b[4], float t, float out[4]) {
+    float dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3];
+    float sign = dot < 0 ? -1.0f : 1.0f; /* q and -q are one rotation: take the one that is nearer */
+    float weight_a = 1 - t, weight_b = t;
+    dot = fminf(dot * sign, 1);
+    if (dot <
+        0.9995f) { /* nearer than 1.8 degrees, sin(angle) loses digits and a chord is as good as an arc */
+        float angle = acosf(dot);
+        weight_a = sinf((1 - t) * angle) / sinf(angle);
+        weight_b = sinf(t * angle) / sinf(angle);
+    }
+    for (int i = 0; i < 4; i++) out[i] = weight_a * a[i] + sign * weight_b * b[i];
+}
+
+/* glTF 2.0, appendix C.5: Hermite spline with tangents per second. Keys hold in-tangent, value, out-tangent. */
+static void hermite(const float *key, const float *next, unsigned width, float t, float interval_s,
+                    float *out) {
+    float t2 = t * t, t3 = t2 * t;
+    float value = 2 * t3 - 3 * t2 + 1, tangent = interval_s * (t3 - 2 * t2 + t);
+    float next_value = 3 * t2 - 2 * t3, next_tangent = interval_s * (t3 - t2);
+    for (unsigned i = 0; i < width; i++)
+        out[i] = value * key[width + i] + tangent * key[2 * width + i] + next_value * next[width + i] +
+                 next_tangent * next[i];
+}
+
+static void evaluate_channel(const struct lw_channel *channel, double time_s, float *out) {
+    unsigned width = channel->path == LW_CHANNEL_ROTATION ? 4 : 3;
+    bool cubic = channel->interpolation == LW_INTERPOLATION_CUBIC;
+    size_t stride = cubic ? 3 * width : width;
+    uint32_t k = find_key(channel, time_s);
+    const float *key = channel->value + k * stride, *next = key + stride;
+    double start_s = (double)channel->time_s[k];
+    if (time_s <= start_s || k + 1 == channel->key_count || channel->interpolation == LW_INTERPOLATION_STEP) {
+        memcpy(out, cubic ? key + width : key, width * sizeof *out);
+    } else {
+        double interval_s = (double)channel->time_s[k + 1] - start_s;
+        float t = (float)((time_s - start_s) / interval_s);
+        if (cubic)
+            hermite(key, next, width, t, (float)interval_s, out);
+        else if (width == 4)
+            slerp(key, next, t, out);
+        else
+            for (unsigned i = 0; i < width; i++) out[i] = (1 - t) * key[i] + t * next[i];
+    }
+    if (width == 4) normalize_quaternion(out);
+}
+
+static struct lw_affine compose(const struct lw_pose_local *local) {
+    const float *q = local->rotation, *s = local->scale, *p = local->translation;
+    float x = q[0], y = q[1], z = q[2], w = q[3];
+    return (struct lw_affine){{
+        {(1 - 2 * (y * y + z * z)) * s[0], 2 * (x * y - z * w) * s[1], 2 * (x * z + y * w) * s[2], p[0]},
+        {2 * (x * y + z * w) * s[0], (1 - 2 * (x * x + z * z)) * s[1], 2 * (y * z - x * w) * s[2], p[1]},
+        {2 * (x * z - y * w) * s[0], 2 * (y * z + x * w) * s[1], (1 - 2 * (x * x + y * y)) * s[2], p[2]},
+    }};
+}
+
+static void evaluate_nodes(struct lw_pose *pose, const struct lw_scene *scene) {
+    for (uint32_t i = 0; i < scene->node_count; i++) {
+        const struct lw_node *node = &scene->node[i];
+        struct lw_pose_local *local = &pose->local[i];
+        memcpy(local->translation, node->translation, sizeof local->translation);
+        memcpy(local->rotation, node->rotation, sizeof local->rotation);
+        memcpy(local->scale, node->scale, sizeof local->scale);
+        normalize_quaternion(local->rotation);
+    }
+    for (uint32_t i = 0; i < scene->channel_count; i++) {
+        const struct lw_channel *channel = &scene->channel[i];
+        struct lw_pose_local *local = &pose->local[channel->node];
+        switch ((enum lw_channel_path)channel->path) {
+        case LW_CHANNEL_TRANSLATION:
+            evaluate_channel(channel, pose->time_s, local->translation);
+            break;
+        case LW_CHANNEL_ROTATION:
+            evaluate_channel(channel, pose->time_s, local->rotation);
+            break;
+        case LW_CHANNEL_SCALE:
+            evaluate_channel(channel, pose->time_s, local->scale);
+            break;
+        }
+    }
+    for (uint32_t i = 0; i < scene->node_count; i++) {
+        const struct lw_node *node = &scene->node[i];
+        struct lw_affine local = node->has_matrix ? node->matrix : compose(&pose->local[i]);
+        pose->node_to_world[i] = node->parent == LW_SCENE_NONE
+                                     ? local
+                                     : lw_affine_multiply(&pose->node_to_world[node->parent], &local);
+    }
+}
+
+void lw_pose_evaluate(struct lw_pose *pose, const struct lw_scene *scene, double time_s) {
+    pose->time_s = wrap_time(time_s, (double)scene->duration_s);
+    evaluate_nodes(pose, scene);
+    for (uint32_t i = 0; i < scene->object_count; i++)
+        pose->object_to_world[i] = pose->node_to_world[scene->object[i].node];
+    for (uint32_t i = 0; i < scene->light_count; i++) {
+        const struct lw_light *light = &scene->light[i];
+        const struct lw_affine *to_world = &pose->node_to_world[light->node];
+        pose->light[i] = (struct lw_light_state){
+            .position_ws = lw_affine_point(to_world, lw_vec3(0, 0, 0)),
+            .direction_ws = lw_vec3_normalize(lw_affine_vector(to_world, lw_vec3(0, 0, -1))),
+            .intensity = lw_vec3(light->intensity[0], light->intensity[1], light->intensity[2])};
+    }
+}
+
+static bool node_moves(const struct lw_scene *scene, uint32_t node) {
+    if (scene->channel_count == 0) return false;
+    for (; node != LW_SCENE_NONE; node = scene->node[node].parent)
+        for (uint32_t i = 0; i < scene->channel_count; i++)
+            if (scene->channel[i].node == node) return true;
+    return false;
+}
+
+bool lw_pose_object_moves(const struct lw_scene *scene, uint32_t object) {
+    return node_moves(scene, scene->object[object].node);
+}
+
+bool lw_pose_light_moves(const struct lw_scene *scene, uint32_t light) {
+    return node_moves(scene, scene->light[light].node);
+}
+
+bool lw_pose_bounds(const struct lw_pose *pose, const struct lw_scene *scene, struct lw_vec3 *out_min,
+                    struct lw_vec3 *out_max) {
+    struct lw_vec3 low = lw_vec3(INFINITY, INFINITY, INFINITY),
+                   high = lw_vec3(-INFINITY, -INFINITY, -INFINITY);
+    bool any = false;
+    for (uint32_t i = 0; i < scene->object_count; i++) {
+        const struct lw_mesh *mesh = &scene->mesh[scene->object[i].mesh];
+        for (uint32_t j = 0; j < mesh->vertex_count; j++) {
+            struct lw_vec3 p = lw_affine_point(&pose->object_to_world[i], mesh->position[j]);
+            low = lw_vec3(fminf(low.x, p.x), fminf(low.y, p.y), fminf(low.z, p.z));
+            high = lw_vec3(fmaxf(high.x, p.x), fmaxf(high.y, p.y), fmaxf(high.z, p.z));
+            any = true;
+        }
+    }
+    if (!any) return false;
+    *out_min = low;
+    *out_max = high;
+    return true;
+}

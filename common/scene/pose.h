@@ -13,11 +13,14 @@ struct lw_light_state {
     struct lw_vec3 intensity;
 };
 
+struct lw_pose_local;
+
 struct lw_pose {
-    double time_s;
+    double time_s;                     /* wrapped */
     struct lw_affine *object_to_world; /* one per object */
     struct lw_light_state *light;      /* one per light */
     struct lw_affine *node_to_world;   /* one per node */
+    struct lw_pose_local *local;       /* one per node; scratch of lw_pose_evaluate() */
 };
 
 /** Allocates for a scene and evaluates time 0. Errors: LW_NO_MEMORY. */

@@ -1,0 +1,108 @@
+#include "common/scene/scene.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+/* A scene's arrays live as long as the scene, so they come from chunks that are freed together. Arrays larger than
+ * half a chunk get a chunk of their own: calloc takes those from the system already zeroed, without touching them. */
+#define CHUNK_SIZE 65536u
+#define ALIGNMENT  16u
+/* Vector loads of the last element of an array (Embree reads 16 bytes of a 12-byte vertex) stay inside the chunk. */
+#define READABLE_PAST_END 16u
+
+struct chunk {
+    struct chunk *next;
+    size_t used, capacity; /* bytes behind this header */
+};
+#define CHUNK_HEADER ((sizeof(struct chunk) + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT)
+
+struct storage {
+    struct chunk *small; /* small arrays are cut from the first of these */
+    struct chunk *large; /* one array each */
+};
+
+/* What create() allocates in one piece. */
+struct whole {
+    struct lw_scene scene;
+    struct storage storage;
+};
+
+enum lw_status lw_scene_create(struct lw_scene **out_scene) {
+    struct whole *whole = calloc(1, sizeof *whole);
+    if (!whole) return LW_NO_MEMORY;
+    whole->scene.storage = &whole->storage;
+    whole->scene.name = "";
+    *out_scene = &whole->scene;
+    return LW_OK;
+}
+
+static void free_chunks(struct chunk *chunk) {
+    while (chunk) {
+        struct chunk *next = chunk->next;
+        free(chunk);
+        chunk = next;
+    }
+}
+
+void lw_scene_destroy(struct lw_scene *scene) {
+    if (!scene) return;
+    struct storage *storage = scene->storage;
+    free_chunks(storage->small);
+    free_chunks(storage->large);
+    free(scene); /* it is the first member of its struct whole */
+}
+
+static struct chunk *create_chunk(size_t capacity) {
+    if (capacity > SIZE_MAX - CHUNK_HEADER - READABLE_PAST_END) return NULL;
+    struct chunk *chunk = calloc(1, CHUNK_HEADER + capacity + READABLE_PAST_END);
+    if (chunk) chunk->capacity = capacity;
+    return chunk;
+}
+
+/* A chunk with room for `bytes`, linked into the storage. */
+static struct chunk *find_room(struct storage *storage, size_t bytes) {
+    struct chunk **list = bytes > CHUNK_SIZE / 2 ? &storage->large : &storage->small;
+    if (list == &storage->small && *list && (*list)->capacity - (*list)->used >= bytes) return *list;
+    struct chunk *chunk = create_chunk(list == &storage->small ? CHUNK_SIZE : bytes);
+    if (!chunk) return NULL;
+    chunk->next = *list;
+    *list = chunk;
+    return chunk;
+}
+
+void *lw_scene_alloc(struct lw_scene *scene, size_t count, size_t size) {
+    size_t bytes;
+    if (__builtin_mul_overflow(count, size, &bytes) || bytes > SIZE_MAX - ALIGNMENT) return NULL;
+    if (bytes == 0) bytes = 1; /* an empty array has an address too: NULL means out of memory */
+    bytes = (bytes + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT;
+    struct chunk *chunk = find_room(scene->storage, bytes);
+    if (!chunk) return NULL;
+    void *memory = (char *)chunk + CHUNK_HEADER + chunk->used;
+    chunk->used += bytes;
+    return memory;
+}
+
+const char *lw_scene_string(struct lw_scene *scene, const char *text) {
+    if (!text || !*text) return "";
+    size_t size = strlen(text) + 1;
+    char *copy = lw_scene_alloc(scene, size, 1);
+    if (copy) memcpy(copy, text, size);
+    return copy;
+}
+
+static bool any_positive(const float rgb[3]) { return rgb[0] > 0 || rgb[1] > 0 || rgb[2] > 0; }
+
+static bool mesh_emits(const struct lw_scene *scene, const struct lw_mesh *mesh) {
+    for (uint32_t t = 0; t < mesh->triangle_count; t++)
+        if (any_positive(scene->material[mesh->material[t]].emission)) return true;
+    return false;
+}
+
+bool lw_scene_has_light(const struct lw_scene *scene) {
+    if (any_positive(scene->sky)) return true;
+    for (uint32_t i = 0; i < scene->light_count; i++)
+        if (any_positive(scene->light[i].intensity)) return true;
+    for (uint32_t i = 0; i < scene->object_count; i++)
+        if (mesh_emits(scene, &scene->mesh[scene->object[i].mesh])) return true;
+    return false;
+}

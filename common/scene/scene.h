@@ -13,22 +13,28 @@
 #define LW_SCENE_NONE UINT32_MAX /* "no texture", "no parent" */
 
 /* Limits of a scene; package reader and importer refuse what is past them, by name. */
-#define LW_SCENE_MESHES_MAX    (1u << 20)
-#define LW_SCENE_OBJECTS_MAX   (1u << 20)
-#define LW_SCENE_NODES_MAX     (1u << 21)
-#define LW_SCENE_MATERIALS_MAX (1u << 16)
-#define LW_SCENE_TEXTURES_MAX  (1u << 14)
+#define LW_SCENE_MESHES_MAX       (1u << 20)
+#define LW_SCENE_OBJECTS_MAX      (1u << 20)
+#define LW_SCENE_NODES_MAX        (1u << 21)
+#define LW_SCENE_MATERIALS_MAX    (1u << 16)
+#define LW_SCENE_TEXTURES_MAX     (1u << 14)
 #define LW_SCENE_TEXTURE_SIDE_MAX 16384u
-#define LW_SCENE_LIGHTS_MAX    (1u << 20)
-#define LW_SCENE_CAMERAS_MAX   (1u << 16)
-#define LW_SCENE_CHANNELS_MAX  (1u << 20)
-#define LW_SCENE_TRIANGLES_MAX (1u << 28) /* of all meshes together */
-#define LW_SCENE_ATLAS_SIDE_MAX 16384u    /* texels */
+#define LW_SCENE_LIGHTS_MAX       (1u << 20)
+#define LW_SCENE_CAMERAS_MAX      (1u << 16)
+#define LW_SCENE_CHANNELS_MAX     (1u << 20)
+#define LW_SCENE_TRIANGLES_MAX    (1u << 28) /* of all meshes together; of all objects together */
+#define LW_SCENE_VERTICES_MAX     (1u << 28) /* likewise */
+#define LW_SCENE_TEXELS_MAX       (1u << 28) /* of the atlases of all objects together */
+#define LW_SCENE_ATLAS_SIDE_MAX   16384u     /* texels */
+#define LW_SCENE_COORDINATE_MAX   1e9f       /* m; positions, transforms and key values, either sign */
+#define LW_SCENE_RADIANCE_MAX     1e12f /* emission, intensity and sky, in their units; other factors too */
+#define LW_SCENE_DURATION_MAX     1e9f  /* s */
 
 struct lw_texture {
     const char *name;
     uint32_t width, height;
-    const uint8_t *rgba; /* width*height*4, row 0 first (glTF: v = 0), sRGB colour, linear alpha, not premultiplied */
+    const uint8_t
+        *rgba; /* width*height*4, row 0 first (glTF: v = 0), sRGB colour, linear alpha, not premultiplied */
     uint8_t wrap_s, wrap_t; /* enum lw_wrap */
 };
 enum lw_wrap { LW_WRAP_REPEAT, LW_WRAP_CLAMP, LW_WRAP_MIRROR };
@@ -72,7 +78,7 @@ struct lw_mesh {
     /* Lightmap (common/scene/lightmap.h). Atlas coordinates are in texels: texel (i, j) has its centre at
      * (i + 0.5, j + 0.5). A mesh with double-sided triangles keeps the light of their backs in a second copy of the
      * chart layout, back_offset rows further down; back_offset = 0 if the mesh has no back. */
-    const struct lw_vec2 *lightmap_uv; /* per vertex; NULL before lw_lightmap_build() */
+    const struct lw_vec2 *lightmap_uv;  /* per vertex; NULL before lw_lightmap_build() */
     uint32_t atlas_width, atlas_height; /* texels, multiples of 4, backs included */
     uint32_t back_offset;               /* rows, a multiple of 4 */
 };
@@ -105,8 +111,8 @@ enum lw_light_kind {
 struct lw_light {
     const char *name;
     uint32_t node;
-    uint8_t kind; /* enum lw_light_kind */
-    float intensity[3]; /* colour x intensity */
+    uint8_t kind;                 /* enum lw_light_kind */
+    float intensity[3];           /* colour x intensity */
     float inner_cone, outer_cone; /* spot: half angles, radians */
     float angular_diameter;       /* directional: radians; 0 is a point at infinity */
 };
@@ -150,35 +156,39 @@ struct lw_scene {
 LW_MUST_CHECK enum lw_status lw_scene_create(struct lw_scene **out_scene);
 void lw_scene_destroy(struct lw_scene *scene);
 
-/** Zeroed memory that lives as long as the scene, 16-byte aligned; NULL when out of memory. For builders only. */
+/** Zeroed memory that lives as long as the scene, 16-byte aligned and readable for 16 bytes past its end (vector loads
+ * of the last vertex); NULL when out of memory, never for count 0. For builders only. */
 void *lw_scene_alloc(struct lw_scene *scene, size_t count, size_t size);
 /** Copy of a string, owned by the scene; NULL becomes "". Returns NULL when out of memory. */
 const char *lw_scene_string(struct lw_scene *scene, const char *text);
 
 /** Checks everything that code behind this door relies on: counts, indices, order of nodes, finite numbers, unit
- * quaternions, increasing key times, atlas sizes. The package reader calls it; importers call it before they write.
- * Errors: LW_BAD_DATA naming the element and field. */
+ * quaternions and normals (within 1 %), increasing key times, atlas sizes, names (UTF-8, never NULL), no empty mesh.
+ * The package reader calls it; importers call it before they write.
+ * Errors: LW_BAD_DATA naming the element and field; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_scene_validate(const struct lw_scene *scene, struct lw_error *err);
 
 /** Whether anything shines: a light with intensity, an emissive triangle in an object, or sky. */
 bool lw_scene_has_light(const struct lw_scene *scene);
 
 /** Texture at (u, v) of a use, bilinear, wrapped, linear colour; white if there is no texture. [any] */
-struct lw_vec4 lw_scene_sample(const struct lw_scene *scene, const struct lw_texture_use *use, struct lw_vec2 uv);
+struct lw_vec4 lw_scene_sample(const struct lw_scene *scene, const struct lw_texture_use *use,
+                               struct lw_vec2 uv);
 
 /** A point on a mesh: barycentrics u, v weigh the triangle's 2nd and 3rd vertex. */
 struct lw_surface {
-    struct lw_vec3 position, normal; /* object space, interpolated */
+    struct lw_vec3 position, normal; /* object space, interpolated; the normal is unit */
     struct lw_vec3 geometric_normal; /* object space, unit, by winding */
     struct lw_vec3 albedo;           /* base colour x texture x vertex colour, in [0, 1] */
-    float alpha;                     /* 1 for OPAQUE */
+    float alpha;                     /* in [0, 1]: 1 for OPAQUE; 1 or 0 for MASK, by alpha_cutoff */
     struct lw_vec3 emission;         /* W/(m^2 sr) */
     struct lw_vec2 lightmap_uv;      /* texels; of the front */
     const struct lw_material *material;
 };
-void lw_scene_surface(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle, float u, float v,
-                      struct lw_surface *out);
-/** Alpha alone, for visibility; 1 for OPAQUE. */
-float lw_scene_alpha(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle, float u, float v);
+void lw_scene_surface(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle, float u,
+                      float v, struct lw_surface *out);
+/** Alpha alone, for visibility, as in struct lw_surface. */
+float lw_scene_alpha(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle, float u,
+                     float v);
 
 #endif

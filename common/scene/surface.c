@@ -1,0 +1,156 @@
+#include "common/colour.h"
+#include "common/scene/scene.h"
+
+/* Brings a texture coordinate into the wrap mode's period, so that the texel index fits an int whatever the file says.
+ * Finite inputs may still have overflowed in the UV transform; NaN and infinities end at 0. */
+static float reduce(float u, uint8_t wrap) {
+    switch ((enum lw_wrap)wrap) {
+    case LW_WRAP_REPEAT:
+        u -= floorf(u);
+        break;
+    case LW_WRAP_MIRROR:
+        u -= 2 * floorf(u / 2);
+        break;
+    case LW_WRAP_CLAMP:
+        u = fminf(fmaxf(u, 0), 1);
+        break;
+    }
+    return u >= 0 && u <= 2 ? u : 0;
+}
+
+/* Texel index of i, at most one texel outside the period. */
+static uint32_t wrap_index(int i, int side, uint8_t wrap) {
+    switch ((enum lw_wrap)wrap) {
+    case LW_WRAP_REPEAT:
+        i = i < 0 ? i + side : i >= side ? i - side : i;
+        break;
+    case LW_WRAP_MIRROR:
+        i = i < 0 ? i + 2 * side : i >= 2 * side ? i - 2 * side : i;
+        if (i >= side) i = 2 * side - 1 - i;
+        break;
+    case LW_WRAP_CLAMP:
+        i = i < 0 ? 0 : i >= side ? side - 1 : i;
+        break;
+    }
+    return (uint32_t)i;
+}
+
+static struct lw_vec4 texel(const struct lw_texture *texture, uint32_t x, uint32_t y) {
+    const uint8_t *p = texture->rgba + 4 * ((size_t)y * texture->width + x);
+    return (struct lw_vec4){lw_colour_from_srgb8(p[0]), lw_colour_from_srgb8(p[1]),
+                            lw_colour_from_srgb8(p[2]), (float)p[3] * (1.0f / 255.0f)};
+}
+
+static struct lw_vec4 mix(struct lw_vec4 a, struct lw_vec4 b, float t) {
+    float s = 1 - t;
+    return (struct lw_vec4){s * a.x + t * b.x, s * a.y + t * b.y, s * a.z + t * b.z, s * a.w + t * b.w};
+}
+
+struct lw_vec4 lw_scene_sample(const struct lw_scene *scene, const struct lw_texture_use *use,
+                               struct lw_vec2 uv) {
+    if (use->texture == LW_SCENE_NONE) return (struct lw_vec4){1, 1, 1, 1};
+    const struct lw_texture *texture = &scene->texture[use->texture];
+    const float *m = use->transform;
+    float u = reduce(m[0] * uv.x + m[1] * uv.y + m[2], texture->wrap_s);
+    float v = reduce(m[3] * uv.x + m[4] * uv.y + m[5], texture->wrap_t);
+    int width = (int)texture->width, height = (int)texture->height;
+    float x = u * (float)width - 0.5f, y = v * (float)height - 0.5f;
+    float x_floor = floorf(x), y_floor = floorf(y);
+    int i = (int)x_floor, j = (int)y_floor;
+    uint32_t x0 = wrap_index(i, width, texture->wrap_s), x1 = wrap_index(i + 1, width, texture->wrap_s);
+    uint32_t y0 = wrap_index(j, height, texture->wrap_t), y1 = wrap_index(j + 1, height, texture->wrap_t);
+    return mix(mix(texel(texture, x0, y0), texel(texture, x1, y0), x - x_floor),
+               mix(texel(texture, x0, y1), texel(texture, x1, y1), x - x_floor), y - y_floor);
+}
+
+/* Barycentric weights of a triangle's corners, with the corners. */
+struct corners {
+    uint32_t vertex[3];
+    float weight[3];
+};
+
+static struct corners find_corners(const struct lw_mesh *mesh, uint32_t triangle, float u, float v) {
+    const uint32_t *t = mesh->triangle[triangle];
+    return (struct corners){{t[0], t[1], t[2]}, {1 - u - v, u, v}};
+}
+
+static struct lw_vec2 interpolate2(const struct lw_vec2 *array, const struct corners *c) {
+    if (!array) return (struct lw_vec2){0, 0};
+    struct lw_vec2 a = array[c->vertex[0]], b = array[c->vertex[1]], d = array[c->vertex[2]];
+    const float *w = c->weight;
+    return (struct lw_vec2){w[0] * a.x + w[1] * b.x + w[2] * d.x, w[0] * a.y + w[1] * b.y + w[2] * d.y};
+}
+
+static struct lw_vec3 interpolate3(const struct lw_vec3 *array, const struct corners *c) {
+    struct lw_vec3 a = lw_vec3_scale(array[c->vertex[0]], c->weight[0]);
+    return lw_vec3_mad(lw_vec3_mad(a, array[c->vertex[1]], c->weight[1]), array[c->vertex[2]], c->weight[2]);
+}
+
+static struct lw_vec4 interpolate4(const struct lw_vec4 *array, const struct corners *c) {
+    if (!array) return (struct lw_vec4){1, 1, 1, 1};
+    struct lw_vec4 a = array[c->vertex[0]], b = array[c->vertex[1]], d = array[c->vertex[2]];
+    const float *w = c->weight;
+    return (struct lw_vec4){w[0] * a.x + w[1] * b.x + w[2] * d.x, w[0] * a.y + w[1] * b.y + w[2] * d.y,
+                            w[0] * a.z + w[1] * b.z + w[2] * d.z, w[0] * a.w + w[1] * b.w + w[2] * d.w};
+}
+
+static float clamp01(float x) { return fminf(fmaxf(x, 0), 1); }
+
+static float opacity(const struct lw_material *material, float alpha) {
+    switch ((enum lw_alpha_mode)material->alpha_mode) {
+    case LW_ALPHA_MASK:
+        return alpha >= material->alpha_cutoff ? 1 : 0;
+    case LW_ALPHA_BLEND:
+        return clamp01(alpha);
+    case LW_ALPHA_OPAQUE:
+        break;
+    }
+    return 1;
+}
+
+static struct lw_vec4 base_colour(const struct lw_scene *scene, const struct lw_mesh *mesh,
+                                  const struct lw_material *material, const struct corners *corners) {
+    const struct lw_texture_use *use = &material->base_colour_texture;
+    struct lw_vec4 t = lw_scene_sample(scene, use, interpolate2(mesh->uv[use->uv_set], corners));
+    struct lw_vec4 c = interpolate4(mesh->colour, corners);
+    const float *f = material->base_colour;
+    return (struct lw_vec4){f[0] * t.x * c.x, f[1] * t.y * c.y, f[2] * t.z * c.z, f[3] * t.w * c.w};
+}
+
+static struct lw_vec3 emission(const struct lw_scene *scene, const struct lw_mesh *mesh,
+                               const struct lw_material *material, const struct corners *corners) {
+    const float *e = material->emission;
+    if (e[0] == 0 && e[1] == 0 && e[2] == 0) return lw_vec3(0, 0, 0);
+    const struct lw_texture_use *use = &material->emission_texture;
+    struct lw_vec4 t = lw_scene_sample(scene, use, interpolate2(mesh->uv[use->uv_set], corners));
+    return lw_vec3(e[0] * t.x, e[1] * t.y, e[2] * t.z);
+}
+
+void lw_scene_surface(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle, float u,
+                      float v, struct lw_surface *out) {
+    const struct lw_material *material = &scene->material[mesh->material[triangle]];
+    struct corners corners = find_corners(mesh, triangle, u, v);
+    const uint32_t *vertex = corners.vertex;
+    struct lw_vec3 origin = mesh->position[vertex[0]];
+    struct lw_vec3 face = lw_vec3_cross(lw_vec3_sub(mesh->position[vertex[1]], origin),
+                                        lw_vec3_sub(mesh->position[vertex[2]], origin));
+    struct lw_vec3 normal = interpolate3(mesh->normal, &corners);
+    struct lw_vec4 colour = base_colour(scene, mesh, material, &corners);
+    out->position = interpolate3(mesh->position, &corners);
+    out->geometric_normal = lw_vec3_normalize(face);
+    /* Opposite corner normals can cancel: then the face knows better than rounding does. */
+    out->normal = lw_vec3_length(normal) > 1e-6f ? lw_vec3_normalize(normal) : out->geometric_normal;
+    out->albedo = lw_vec3(clamp01(colour.x), clamp01(colour.y), clamp01(colour.z));
+    out->alpha = opacity(material, colour.w);
+    out->emission = emission(scene, mesh, material, &corners);
+    out->lightmap_uv = interpolate2(mesh->lightmap_uv, &corners);
+    out->material = material;
+}
+
+float lw_scene_alpha(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle, float u,
+                     float v) {
+    const struct lw_material *material = &scene->material[mesh->material[triangle]];
+    if (material->alpha_mode == LW_ALPHA_OPAQUE) return 1;
+    struct corners corners = find_corners(mesh, triangle, u, v);
+    return opacity(material, base_colour(scene, mesh, material, &corners).w);
+}
