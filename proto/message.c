@@ -1,0 +1,627 @@
+#include "proto/message.h"
+
+#include "lightwell.pb-c.h"
+
+#include <assert.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* type, name, descriptor of the generated code */
+#define MESSAGE_MAP(X)                                                                                       \
+    X(HELLO, "HELLO", lightwell__wire__hello__descriptor)                                                    \
+    X(WELCOME, "WELCOME", lightwell__wire__welcome__descriptor)                                              \
+    X(REFUSAL, "REFUSAL", lightwell__wire__refusal__descriptor)                                              \
+    X(PACKAGE_REQUEST, "PACKAGE_REQUEST", lightwell__wire__package_request__descriptor)                      \
+    X(PACKAGE_CHUNK, "PACKAGE_CHUNK", lightwell__wire__package_chunk__descriptor)                            \
+    X(INTEREST, "INTEREST", lightwell__wire__interest__descriptor)                                           \
+    X(FRAME, "FRAME", lightwell__wire__frame__descriptor)                                                    \
+    X(TILE, "TILE", lightwell__wire__tile__descriptor)                                                       \
+    X(ACK, "ACK", lightwell__wire__ack__descriptor)                                                          \
+    X(PING, "PING", lightwell__wire__ping__descriptor)                                                       \
+    X(PONG, "PONG", lightwell__wire__ping__descriptor)
+
+#define TRANSFORM_FLOATS 12u
+#define VECTOR_FLOATS    3u
+#define LIGHT_FLOATS     (3u * VECTOR_FLOATS) /* position, direction, intensity */
+
+const char *lw_message_name(uint16_t type) {
+    switch (type) {
+#define X(tag, name, descriptor)                                                                             \
+    case LW_MESSAGE_##tag:                                                                                   \
+        return name;
+        MESSAGE_MAP(X)
+#undef X
+    default:
+        return NULL;
+    }
+}
+
+/* ---- validation ---- */
+
+static enum lw_status invalid(struct lw_error *err, const char *field, const char *must) {
+    return lw_status_fail(err, LW_PROTOCOL, "%s %s", field, must);
+}
+
+/* Length of the UTF-8 character at s (Unicode 15, table 3-7); 0 if it is malformed or a control character. */
+static size_t utf8_length(const unsigned char *s) {
+    if (s[0] < 0x80) return s[0] >= 0x20 && s[0] != 0x7f;
+    size_t length = s[0] >= 0xf0 ? 4 : s[0] >= 0xe0 ? 3 : 2;
+    if (s[0] < 0xc2 || s[0] > 0xf4) return 0;
+    for (size_t i = 1; i < length; i++)
+        if ((s[i] & 0xc0) != 0x80) return 0;   /* also stops at the final zero */
+    if (s[0] == 0xc2 && s[1] < 0xa0) return 0; /* C1 controls move a terminal's cursor */
+    if ((s[0] == 0xe0 && s[1] < 0xa0) || (s[0] == 0xed && s[1] > 0x9f)) return 0;
+    if ((s[0] == 0xf0 && s[1] < 0x90) || (s[0] == 0xf4 && s[1] > 0x8f)) return 0;
+    return length;
+}
+
+static enum lw_status check_text(const char *text, size_t size_max, const char *field, struct lw_error *err) {
+    if (!text) return LW_OK;
+    if (strnlen(text, size_max + 1) > size_max)
+        return lw_status_fail(err, LW_PROTOCOL, "%s is over %zu bytes", field, size_max);
+    for (const unsigned char *s = (const unsigned char *)text; *s;) {
+        size_t length = utf8_length(s);
+        if (!length) return invalid(err, field, "is not UTF-8 without control characters");
+        s += length;
+    }
+    return LW_OK;
+}
+
+static bool all_finite(const float *value, size_t count) {
+    for (size_t i = 0; i < count; i++)
+        if (!isfinite(value[i])) return false;
+    return true;
+}
+
+static enum lw_status check_welcome(const struct lw_message_welcome *w, struct lw_error *err) {
+    if (w->package_size < 1 || w->package_size > LW_PACKAGE_SIZE_MAX)
+        return invalid(err, "package_size", "is 0 or over 4 GiB");
+    if (w->package_compressed_size < 1 || w->package_compressed_size > LW_MESSAGE_COMPRESSED_MAX)
+        return invalid(err, "package_compressed_size", "is 0 or over the limit");
+    if (w->bounces > LW_MESSAGE_BOUNCES_MAX) return invalid(err, "bounces", "is over 64");
+    if (!isfinite(w->target_error) || w->target_error < 0)
+        return invalid(err, "target_error", "is not a finite number >= 0");
+    return check_text(w->name, LW_MESSAGE_NAME_MAX, "name", err);
+}
+
+static enum lw_status check_refusal(const struct lw_message_refusal *r, struct lw_error *err) {
+    if ((unsigned)r->code < 1 || (unsigned)r->code > LW_MESSAGE_REFUSAL_MAX)
+        return invalid(err, "code", "is not in 1..65535");
+    return check_text(r->text, LW_MESSAGE_TEXT_MAX, "text", err);
+}
+
+static enum lw_status check_chunk(const struct lw_message_package_chunk *c, struct lw_error *err) {
+    if (c->size < 1 || c->size > LW_MESSAGE_CHUNK_MAX) return invalid(err, "data", "is not 1..262144 bytes");
+    if (c->offset > LW_MESSAGE_COMPRESSED_MAX - c->size) return invalid(err, "offset", "is past the limit");
+    return LW_OK;
+}
+
+static enum lw_status check_interest(const struct lw_message_interest *i, struct lw_error *err) {
+    if (i->tile_count > LW_MESSAGE_INTEREST_MAX) return invalid(err, "tile", "has over 4096 entries");
+    if (i->everything && i->tile_count)
+        return invalid(err, "tile", "is not empty though everything is wanted");
+    return LW_OK;
+}
+
+static enum lw_status check_frame(const struct lw_message_frame *f, struct lw_error *err) {
+    if (f->frame < 1) return invalid(err, "frame", "is 0");
+    if (!isfinite(f->time_s)) return invalid(err, "time_s", "is not finite");
+    for (int c = 0; c < 3; c++)
+        if (!isfinite(f->sky[c]) || f->sky[c] < 0) return invalid(err, "sky", "is not finite and >= 0");
+    if (f->transform_count > LW_MESSAGE_TRANSFORMS_MAX)
+        return invalid(err, "transform_object", "has over 8192 entries");
+    if (f->light_count > LW_MESSAGE_LIGHTS_MAX) return invalid(err, "light", "has over 8192 entries");
+    for (size_t i = 0; i < f->transform_count; i++)
+        if (!all_finite(&f->transform[i].object_to_world.m[0][0], TRANSFORM_FLOATS))
+            return invalid(err, "transform", "is not finite");
+    for (size_t i = 0; i < f->light_count; i++) {
+        const struct lw_message_light *l = &f->light[i];
+        if (!lw_vec3_is_finite(l->position_ws)) return invalid(err, "light_position", "is not finite");
+        if (!lw_vec3_is_finite(l->direction_ws)) return invalid(err, "light_direction", "is not finite");
+        if (!lw_vec3_is_finite(l->intensity)) return invalid(err, "light_intensity", "is not finite");
+    }
+    return LW_OK;
+}
+
+static enum lw_status check_tile(const struct lw_message_tile *t, struct lw_error *err) {
+    if (t->version < 1) return invalid(err, "version", "is 0");
+    if (!isfinite(t->scale) || t->scale <= 0) return invalid(err, "scale", "is not a finite number > 0");
+    if (t->bounces > LW_MESSAGE_BOUNCES_MAX) return invalid(err, "bounces", "is over 64");
+    if (!isfinite(t->error) || t->error < 0) return invalid(err, "error", "is not a finite number >= 0");
+    if (t->payload_size < 1 || t->payload_size > LW_MESSAGE_PAYLOAD_MAX)
+        return invalid(err, "payload", "is not 1..262144 bytes");
+    return LW_OK;
+}
+
+static enum lw_status check_values(const struct lw_message *m, struct lw_error *err) {
+    switch (m->type) {
+    case LW_MESSAGE_HELLO:
+        return check_text(m->hello.name, LW_MESSAGE_NAME_MAX, "name", err);
+    case LW_MESSAGE_WELCOME:
+        return check_welcome(&m->welcome, err);
+    case LW_MESSAGE_REFUSAL:
+        return check_refusal(&m->refusal, err);
+    case LW_MESSAGE_PACKAGE_REQUEST:
+        if (m->package_request.offset > LW_MESSAGE_COMPRESSED_MAX)
+            return invalid(err, "offset", "is past the limit");
+        return LW_OK;
+    case LW_MESSAGE_PACKAGE_CHUNK:
+        return check_chunk(&m->package_chunk, err);
+    case LW_MESSAGE_INTEREST:
+        return check_interest(&m->interest, err);
+    case LW_MESSAGE_FRAME:
+        return check_frame(&m->frame, err);
+    case LW_MESSAGE_TILE:
+        return check_tile(&m->tile, err);
+    case LW_MESSAGE_ACK:
+    case LW_MESSAGE_PING:
+    case LW_MESSAGE_PONG:
+        return LW_OK;
+    }
+    return lw_status_fail(err, LW_PROTOCOL, "type %u is unknown", (unsigned)m->type);
+}
+
+enum lw_status lw_message_validate(const struct lw_message *message, struct lw_error *err) {
+    enum lw_status status = check_values(message, err);
+    const char *name = lw_message_name((uint16_t)message->type);
+    if (status != LW_OK) lw_status_context(err, "message %s", name ? name : "of unknown type");
+    return status;
+}
+
+/* ---- encoding ---- */
+
+union wire {
+    ProtobufCMessage base;
+    Lightwell__Wire__Hello hello;
+    Lightwell__Wire__Welcome welcome;
+    Lightwell__Wire__Refusal refusal;
+    Lightwell__Wire__PackageRequest package_request;
+    Lightwell__Wire__PackageChunk package_chunk;
+    Lightwell__Wire__Interest interest;
+    Lightwell__Wire__Frame frame;
+    Lightwell__Wire__Tile tile;
+    Lightwell__Wire__Ack ack;
+    Lightwell__Wire__Ping ping;
+};
+
+static const ProtobufCMessageDescriptor *descriptor_of(unsigned type) {
+    switch (type) {
+#define X(tag, name, descriptor)                                                                             \
+    case LW_MESSAGE_##tag:                                                                                   \
+        return &descriptor;
+        MESSAGE_MAP(X)
+#undef X
+    default:
+        return NULL;
+    }
+}
+
+/* protobuf-c's structs are not const, but packing only reads. */
+static char *text_of(const char *text) { return (char *)(text ? text : ""); }
+
+/* Everything but the lists that differ in layout. */
+static void fill_scalars(union wire *wire, const struct lw_message *m) {
+    protobuf_c_message_init(descriptor_of(m->type), wire);
+    switch (m->type) {
+    case LW_MESSAGE_HELLO:
+        wire->hello.version = m->hello.version;
+        wire->hello.features = m->hello.features;
+        wire->hello.name = text_of(m->hello.name);
+        break;
+    case LW_MESSAGE_WELCOME:
+        wire->welcome.version = m->welcome.version;
+        wire->welcome.features = m->welcome.features;
+        wire->welcome.session = m->welcome.session;
+        wire->welcome.name = text_of(m->welcome.name);
+        wire->welcome.package_hash = (ProtobufCBinaryData){sizeof m->welcome.package_hash.bytes,
+                                                           (uint8_t *)m->welcome.package_hash.bytes};
+        wire->welcome.package_size = m->welcome.package_size;
+        wire->welcome.package_compressed_size = m->welcome.package_compressed_size;
+        wire->welcome.bounces = m->welcome.bounces;
+        wire->welcome.target_error = m->welcome.target_error;
+        break;
+    case LW_MESSAGE_REFUSAL:
+        wire->refusal.code = (uint32_t)m->refusal.code;
+        wire->refusal.text = text_of(m->refusal.text);
+        break;
+    case LW_MESSAGE_PACKAGE_REQUEST:
+        wire->package_request.offset = m->package_request.offset;
+        break;
+    case LW_MESSAGE_PACKAGE_CHUNK:
+        wire->package_chunk.offset = m->package_chunk.offset;
+        wire->package_chunk.data =
+            (ProtobufCBinaryData){m->package_chunk.size, (uint8_t *)m->package_chunk.data};
+        break;
+    case LW_MESSAGE_INTEREST:
+        wire->interest.everything = m->interest.everything;
+        break;
+    case LW_MESSAGE_FRAME:
+        wire->frame.frame = m->frame.frame;
+        wire->frame.time_s = m->frame.time_s;
+        wire->frame.solve_ns = m->frame.solve_ns;
+        wire->frame.rays_total = m->frame.rays_total;
+        wire->frame.tiles_solved = m->frame.tiles_solved;
+        wire->frame.n_sky = 3;
+        wire->frame.sky = (float *)m->frame.sky;
+        break;
+    case LW_MESSAGE_TILE:
+        wire->tile.object = m->tile.object;
+        wire->tile.level = m->tile.level;
+        wire->tile.tile = m->tile.tile;
+        wire->tile.version = m->tile.version;
+        wire->tile.layer = m->tile.layer;
+        wire->tile.codec = m->tile.codec;
+        wire->tile.scale = m->tile.scale;
+        wire->tile.bounces = m->tile.bounces;
+        wire->tile.error = m->tile.error;
+        wire->tile.payload = (ProtobufCBinaryData){m->tile.payload_size, (uint8_t *)m->tile.payload};
+        break;
+    case LW_MESSAGE_ACK:
+        wire->ack.frame = m->ack.frame;
+        break;
+    case LW_MESSAGE_PING:
+    case LW_MESSAGE_PONG:
+        wire->ping.token = m->ping.token;
+        break; /* one layout for both */
+    }
+}
+
+/* The lists of INTEREST and FRAME in memory: words of 4 bytes, as on the wire. */
+static size_t list_words(const struct lw_message *m) {
+    if (m->type == LW_MESSAGE_INTEREST) return 3 * m->interest.tile_count;
+    if (m->type == LW_MESSAGE_FRAME)
+        return (1 + TRANSFORM_FLOATS) * m->frame.transform_count + (1 + LIGHT_FLOATS) * m->frame.light_count;
+    return 0;
+}
+
+/* words: list_words() of them; they back the lists of wire. */
+static void fill_lists(union wire *wire, const struct lw_message *m, void *words) {
+    if (m->type == LW_MESSAGE_INTEREST) {
+        size_t count = m->interest.tile_count;
+        uint32_t *object = words, *level = object + count, *tile = level + count;
+        for (size_t i = 0; i < count; i++) {
+            object[i] = m->interest.tile[i].object;
+            level[i] = m->interest.tile[i].level;
+            tile[i] = m->interest.tile[i].tile;
+        }
+        wire->interest.n_object = wire->interest.n_level = wire->interest.n_tile = count;
+        wire->interest.object = object;
+        wire->interest.level = level;
+        wire->interest.tile = tile;
+    }
+    if (m->type == LW_MESSAGE_FRAME) {
+        size_t transforms = m->frame.transform_count, lights = m->frame.light_count;
+        uint32_t *object = words, *light = object + transforms;
+        float *transform = (float *)(light + lights), *position = transform + TRANSFORM_FLOATS * transforms,
+              *direction = position + VECTOR_FLOATS * lights, *intensity = direction + VECTOR_FLOATS * lights;
+        for (size_t i = 0; i < transforms; i++) {
+            object[i] = m->frame.transform[i].object;
+            memcpy(transform + TRANSFORM_FLOATS * i, m->frame.transform[i].object_to_world.m,
+                   TRANSFORM_FLOATS * sizeof *transform);
+        }
+        for (size_t i = 0; i < lights; i++) {
+            const struct lw_message_light *l = &m->frame.light[i];
+            light[i] = l->light;
+            memcpy(position + VECTOR_FLOATS * i, &l->position_ws, VECTOR_FLOATS * sizeof *position);
+            memcpy(direction + VECTOR_FLOATS * i, &l->direction_ws, VECTOR_FLOATS * sizeof *direction);
+            memcpy(intensity + VECTOR_FLOATS * i, &l->intensity, VECTOR_FLOATS * sizeof *intensity);
+        }
+        wire->frame.n_transform_object = transforms;
+        wire->frame.transform_object = object;
+        wire->frame.n_transform = TRANSFORM_FLOATS * transforms;
+        wire->frame.transform = transform;
+        wire->frame.n_light = lights;
+        wire->frame.light = light;
+        wire->frame.n_light_position = wire->frame.n_light_direction = wire->frame.n_light_intensity =
+            VECTOR_FLOATS * lights;
+        wire->frame.light_position = position;
+        wire->frame.light_direction = direction;
+        wire->frame.light_intensity = intensity;
+    }
+}
+
+/* Bytes on the wire of a packed list of 4-byte words whose field number is under 16: tag, length, data. */
+static size_t packed_size(size_t words) {
+    if (!words) return 0;
+    size_t bytes = 4 * words, length_bytes = 1;
+    for (size_t v = bytes; v >= 0x80; v >>= 7) length_bytes++;
+    return 1 + length_bytes + bytes;
+}
+
+static size_t lists_size(const struct lw_message *m) {
+    if (m->type == LW_MESSAGE_INTEREST) return 3 * packed_size(m->interest.tile_count);
+    if (m->type == LW_MESSAGE_FRAME)
+        return packed_size(m->frame.transform_count) +
+               packed_size(TRANSFORM_FLOATS * m->frame.transform_count) + packed_size(m->frame.light_count) +
+               3 * packed_size(VECTOR_FLOATS * m->frame.light_count);
+    return 0;
+}
+
+size_t lw_message_size(const struct lw_message *message) {
+    union wire wire;
+    fill_scalars(&wire, message);
+    return LW_FRAME_HEADER_SIZE + protobuf_c_message_get_packed_size(&wire.base) + lists_size(message);
+}
+
+static uint32_t body_max(unsigned type) {
+    switch (type) {
+    case LW_MESSAGE_HELLO:
+    case LW_MESSAGE_PACKAGE_REQUEST:
+    case LW_MESSAGE_INTEREST:
+    case LW_MESSAGE_ACK:
+    case LW_MESSAGE_PING:
+    case LW_MESSAGE_PONG:
+        return LW_FRAME_CLIENT_BODY_MAX;
+    default:
+        return LW_FRAME_BODY_MAX;
+    }
+}
+
+enum lw_status lw_message_encode(const struct lw_message *message, uint8_t *dst, size_t dst_capacity,
+                                 size_t *out_size) {
+    if (lw_message_validate(message, NULL) != LW_OK) return LW_INTERNAL;
+    size_t size = lw_message_size(message), words = list_words(message);
+    if (dst_capacity < size || size - LW_FRAME_HEADER_SIZE > body_max(message->type)) return LW_INTERNAL;
+    void *lists = NULL;
+    if (words && !(lists = malloc(words * 4))) return LW_NO_MEMORY;
+    union wire wire;
+    fill_scalars(&wire, message);
+    if (lists) fill_lists(&wire, message, lists);
+    size_t body_size = protobuf_c_message_pack(&wire.base, dst + LW_FRAME_HEADER_SIZE);
+    free(lists);
+    assert(body_size == size - LW_FRAME_HEADER_SIZE);
+    lw_frame_write_header(
+        dst, (struct lw_frame_header){.body_size = (uint32_t)body_size, .type = (uint16_t)message->type});
+    *out_size = size;
+    return LW_OK;
+}
+
+enum lw_status lw_message_encode_alloc(const struct lw_message *message, uint8_t **out_bytes,
+                                       size_t *out_size) {
+    size_t capacity = lw_message_size(message);
+    uint8_t *bytes = malloc(capacity);
+    if (!bytes) return LW_NO_MEMORY;
+    enum lw_status status = lw_message_encode(message, bytes, capacity, out_size);
+    if (status == LW_OK)
+        *out_bytes = bytes;
+    else
+        free(bytes);
+    return status;
+}
+
+/* ---- decoding ---- */
+
+struct storage {
+    ProtobufCMessage *proto;
+    void *list[2];
+};
+
+/* Tells a body without memory from one without sense: protobuf-c answers both with NULL. */
+static void *counted_alloc(void *out_of_memory, size_t size) {
+    void *memory = malloc(size ? size : 1);
+    if (!memory) *(bool *)out_of_memory = true;
+    return memory;
+}
+static void counted_free(void *out_of_memory, void *memory) {
+    (void)out_of_memory;
+    free(memory);
+}
+
+static bool skip_varint(const uint8_t *body, size_t size, size_t *at, uint64_t *out_value) {
+    uint64_t value = 0;
+    for (unsigned shift = 0; shift < 70 && *at < size; shift += 7) {
+        uint8_t byte = body[(*at)++];
+        if (shift < 64) value |= (uint64_t)(byte & 0x7f) << shift;
+        if (!(byte & 0x80)) {
+            *out_value = value;
+            return true;
+        }
+    }
+    return false;
+}
+
+/* Walks the fields before protobuf-c does: it keeps some 40 bytes for every field, so a body of two-byte fields would
+ * cost twenty times its size. */
+static enum lw_status check_fields(const uint8_t *body, size_t size, struct lw_error *err) {
+    uint64_t key, length;
+    size_t at = 0;
+    for (unsigned fields = 0; at < size; fields++) {
+        if (fields == LW_MESSAGE_FIELDS_MAX)
+            return lw_status_fail(err, LW_PROTOCOL, "has over %u fields", LW_MESSAGE_FIELDS_MAX);
+        if (!skip_varint(body, size, &at, &key)) goto cut_off;
+        switch (key & 7) {
+        case 0:
+            if (!skip_varint(body, size, &at, &length)) goto cut_off;
+            continue;
+        case 1:
+            length = 8;
+            break;
+        case 2:
+            if (!skip_varint(body, size, &at, &length)) goto cut_off;
+            break;
+        case 5:
+            length = 4;
+            break;
+        default:
+            return lw_status_fail(err, LW_PROTOCOL, "is no protobuf: wire type %u", (unsigned)(key & 7));
+        }
+        if (length > size - at) goto cut_off;
+        at += (size_t)length;
+    }
+    return LW_OK;
+cut_off:
+    return lw_status_fail(err, LW_PROTOCOL, "is no protobuf: cut off in byte %zu of %zu", at, size);
+}
+
+static enum lw_status read_welcome(const Lightwell__Wire__Welcome *w, struct lw_message *m,
+                                   struct lw_error *err) {
+    if (w->package_hash.len != sizeof m->welcome.package_hash.bytes)
+        return invalid(err, "package_hash", "is not 16 bytes");
+    m->welcome = (struct lw_message_welcome){.version = w->version,
+                                             .features = w->features,
+                                             .session = w->session,
+                                             .name = w->name,
+                                             .package_size = w->package_size,
+                                             .package_compressed_size = w->package_compressed_size,
+                                             .bounces = w->bounces,
+                                             .target_error = w->target_error};
+    memcpy(m->welcome.package_hash.bytes, w->package_hash.data, sizeof m->welcome.package_hash.bytes);
+    return LW_OK;
+}
+
+static enum lw_status read_interest(const Lightwell__Wire__Interest *w, struct lw_message *m,
+                                    struct storage *storage, struct lw_error *err) {
+    size_t count = w->n_object;
+    if (w->n_level != count || w->n_tile != count)
+        return invalid(err, "object, level and tile", "differ in length");
+    if (count > LW_MESSAGE_INTEREST_MAX) return invalid(err, "tile", "has over 4096 entries");
+    m->interest = (struct lw_message_interest){.everything = w->everything, .tile_count = count};
+    if (!count) return LW_OK;
+    struct lw_message_interest_tile *tile = storage->list[0] = malloc(count * sizeof *tile);
+    if (!tile) return LW_NO_MEMORY;
+    for (size_t i = 0; i < count; i++)
+        tile[i] = (struct lw_message_interest_tile){w->object[i], w->level[i], w->tile[i]};
+    m->interest.tile = tile;
+    return LW_OK;
+}
+
+static struct lw_vec3 vector_at(const float *list, size_t i) {
+    return lw_vec3(list[3 * i], list[3 * i + 1], list[3 * i + 2]);
+}
+
+static enum lw_status read_frame(const Lightwell__Wire__Frame *w, struct lw_message *m,
+                                 struct storage *storage, struct lw_error *err) {
+    size_t transforms = w->n_transform_object, lights = w->n_light;
+    if (w->n_sky != 3) return invalid(err, "sky", "is not 3 values");
+    if (transforms > LW_MESSAGE_TRANSFORMS_MAX)
+        return invalid(err, "transform_object", "has over 8192 entries");
+    if (w->n_transform != TRANSFORM_FLOATS * transforms)
+        return invalid(err, "transform", "is not 12 values for each of transform_object");
+    if (lights > LW_MESSAGE_LIGHTS_MAX) return invalid(err, "light", "has over 8192 entries");
+    if (w->n_light_position != VECTOR_FLOATS * lights || w->n_light_direction != VECTOR_FLOATS * lights ||
+        w->n_light_intensity != VECTOR_FLOATS * lights)
+        return invalid(err, "light_position, light_direction or light_intensity",
+                       "is not 3 values for each light");
+    m->frame = (struct lw_message_frame){.frame = w->frame,
+                                         .time_s = w->time_s,
+                                         .solve_ns = w->solve_ns,
+                                         .rays_total = w->rays_total,
+                                         .tiles_solved = w->tiles_solved,
+                                         .sky = {w->sky[0], w->sky[1], w->sky[2]},
+                                         .transform_count = transforms,
+                                         .light_count = lights};
+    if (transforms) {
+        struct lw_message_transform *transform = storage->list[0] = malloc(transforms * sizeof *transform);
+        if (!transform) return LW_NO_MEMORY;
+        for (size_t i = 0; i < transforms; i++) {
+            transform[i].object = w->transform_object[i];
+            memcpy(transform[i].object_to_world.m, w->transform + TRANSFORM_FLOATS * i,
+                   sizeof transform[i].object_to_world.m);
+        }
+        m->frame.transform = transform;
+    }
+    if (lights) {
+        struct lw_message_light *light = storage->list[1] = malloc(lights * sizeof *light);
+        if (!light) return LW_NO_MEMORY;
+        for (size_t i = 0; i < lights; i++)
+            light[i] =
+                (struct lw_message_light){w->light[i], vector_at(w->light_position, i),
+                                          vector_at(w->light_direction, i), vector_at(w->light_intensity, i)};
+        m->frame.light = light;
+    }
+    return LW_OK;
+}
+
+static void read_tile(const Lightwell__Wire__Tile *w, struct lw_message *m) {
+    m->tile = (struct lw_message_tile){.object = w->object,
+                                       .level = w->level,
+                                       .tile = w->tile,
+                                       .version = w->version,
+                                       .layer = w->layer,
+                                       .codec = w->codec,
+                                       .scale = w->scale,
+                                       .bounces = w->bounces,
+                                       .error = w->error,
+                                       .payload = w->payload.data,
+                                       .payload_size = w->payload.len};
+}
+
+static enum lw_status read_wire(const union wire *w, struct lw_message *m, struct storage *storage,
+                                struct lw_error *err) {
+    switch (m->type) {
+    case LW_MESSAGE_HELLO:
+        m->hello = (struct lw_message_hello){w->hello.version, w->hello.features, w->hello.name};
+        return LW_OK;
+    case LW_MESSAGE_WELCOME:
+        return read_welcome(&w->welcome, m, err);
+    case LW_MESSAGE_REFUSAL:
+        if (w->refusal.code > LW_MESSAGE_REFUSAL_MAX) return invalid(err, "code", "is not in 1..65535");
+        m->refusal = (struct lw_message_refusal){(enum lw_refusal)w->refusal.code, w->refusal.text};
+        return LW_OK;
+    case LW_MESSAGE_PACKAGE_REQUEST:
+        m->package_request.offset = w->package_request.offset;
+        return LW_OK;
+    case LW_MESSAGE_PACKAGE_CHUNK:
+        m->package_chunk = (struct lw_message_package_chunk){
+            w->package_chunk.offset, w->package_chunk.data.data, w->package_chunk.data.len};
+        return LW_OK;
+    case LW_MESSAGE_INTEREST:
+        return read_interest(&w->interest, m, storage, err);
+    case LW_MESSAGE_FRAME:
+        return read_frame(&w->frame, m, storage, err);
+    case LW_MESSAGE_TILE:
+        read_tile(&w->tile, m);
+        return LW_OK;
+    case LW_MESSAGE_ACK:
+        m->ack.frame = w->ack.frame;
+        return LW_OK;
+    case LW_MESSAGE_PING:
+    case LW_MESSAGE_PONG:
+        m->ping.token = w->ping.token;
+        return LW_OK; /* one layout for both */
+    }
+    return LW_INTERNAL;
+}
+
+static enum lw_status decode_body(struct lw_frame_header header, const uint8_t *body, struct lw_message *m,
+                                  struct lw_error *err) {
+    enum lw_status status = check_fields(body, header.body_size, err);
+    if (status != LW_OK) return status;
+    struct storage *storage = m->storage = calloc(1, sizeof *storage);
+    if (!storage) return LW_NO_MEMORY;
+    bool out_of_memory = false;
+    ProtobufCAllocator allocator = {counted_alloc, counted_free, &out_of_memory};
+    storage->proto =
+        protobuf_c_message_unpack(descriptor_of(header.type), &allocator, header.body_size, body);
+    if (!storage->proto && out_of_memory) return LW_NO_MEMORY;
+    if (!storage->proto)
+        return lw_status_fail(err, LW_PROTOCOL, "does not decode: a field has the wrong type");
+    status = read_wire((const union wire *)storage->proto, m, storage, err);
+    return status == LW_OK ? check_values(m, err) : status;
+}
+
+enum lw_status lw_message_decode(struct lw_frame_header header, const uint8_t *body,
+                                 struct lw_message *out_message, struct lw_error *err) {
+    const char *name = lw_message_name(header.type);
+    if (!name) return lw_status_fail(err, LW_PROTOCOL, "message type %u is unknown", (unsigned)header.type);
+    struct lw_message message = {.type = (enum lw_message_type)header.type};
+    enum lw_status status = decode_body(header, body, &message, err);
+    if (status != LW_OK) {
+        if (status == LW_NO_MEMORY) lw_status_fail(err, status, "out of memory");
+        lw_status_context(err, "message %s", name);
+        lw_message_finish(&message);
+        return status;
+    }
+    *out_message = message;
+    return LW_OK;
+}
+
+void lw_message_finish(struct lw_message *message) {
+    struct storage *storage = message->storage;
+    if (!storage) return;
+    if (storage->proto) protobuf_c_message_free_unpacked(storage->proto, NULL);
+    free(storage->list[0]);
+    free(storage->list[1]);
+    free(storage);
+    message->storage = NULL;
+}

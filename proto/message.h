@@ -12,13 +12,18 @@
 #include "common/vec.h"
 #include "proto/frame.h"
 
-#define LW_MESSAGE_NAME_MAX        64u   /* bytes of a client's or server's name */
-#define LW_MESSAGE_TEXT_MAX        256u  /* bytes of a refusal's text */
-#define LW_MESSAGE_TRANSFORMS_MAX  8192u /* in one frame message; a frame with more sends several */
-#define LW_MESSAGE_LIGHTS_MAX      8192u
-#define LW_MESSAGE_INTEREST_MAX    4096u
-#define LW_MESSAGE_CHUNK_MAX       (1u << 18) /* bytes of package data */
-#define LW_MESSAGE_PAYLOAD_MAX     (1u << 18) /* bytes of a tile */
+#define LW_MESSAGE_NAME_MAX       64u   /* bytes of a client's or server's name */
+#define LW_MESSAGE_TEXT_MAX       256u  /* bytes of a refusal's text */
+#define LW_MESSAGE_TRANSFORMS_MAX 8192u /* in one frame message; a frame with more sends several */
+#define LW_MESSAGE_LIGHTS_MAX     8192u
+#define LW_MESSAGE_INTEREST_MAX   4096u
+#define LW_MESSAGE_CHUNK_MAX      (1u << 18) /* bytes of package data */
+#define LW_MESSAGE_PAYLOAD_MAX    (1u << 18) /* bytes of a tile */
+#define LW_MESSAGE_BOUNCES_MAX    64u
+#define LW_MESSAGE_REFUSAL_MAX    65535u /* largest code; those not named below are refusals all the same */
+#define LW_MESSAGE_FIELDS_MAX     64u    /* protobuf fields of a body, a packed list counting as one */
+#define LW_MESSAGE_COMPRESSED_MAX                                                                            \
+    (LW_PACKAGE_SIZE_MAX + (LW_PACKAGE_SIZE_MAX >> 8)) /* zstd's bound for a package */
 
 struct lw_message_hello {
     uint32_t version;  /* LW_WIRE_VERSION */
@@ -65,7 +70,7 @@ struct lw_message_interest {
     bool everything; /* coarse first; what a client has if it never says otherwise */
     const struct lw_message_interest_tile {
         uint32_t object, level, tile; /* tile: row * tiles_x + column within the level */
-    } *tile;
+    } * tile;
     size_t tile_count;
 };
 
@@ -86,7 +91,8 @@ struct lw_message_frame {
     uint64_t rays_total;   /* traced since the daemon started */
     uint64_t tiles_solved; /* in this frame */
     float sky[3];
-    const struct lw_message_transform *transform; /* those that changed since the frame before; all, in the first */
+    const struct lw_message_transform
+        *transform; /* those that changed since the frame before; all, in the first */
     size_t transform_count;
     const struct lw_message_light *light;
     size_t light_count;
@@ -129,16 +135,23 @@ struct lw_message {
     void *storage; /* what decoding allocated */
 };
 
+/** The type's name as in wire_format.md, e.g. "TILE"; NULL for a type that this version does not know. */
+const char *lw_message_name(uint16_t type);
+
 /** Bytes of the framed message. */
 size_t lw_message_size(const struct lw_message *message);
 
-/** Writes the framed message. Errors: LW_INTERNAL if dst_capacity is under lw_message_size(); LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_message_encode(const struct lw_message *message, uint8_t *dst, size_t dst_capacity,
-                                               size_t *out_size);
+/** Writes the framed message. What decoding would refuse is not written.
+ * Errors: LW_INTERNAL if dst_capacity is under lw_message_size() or the message breaks a limit; LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_message_encode(const struct lw_message *message, uint8_t *dst,
+                                               size_t dst_capacity, size_t *out_size);
 
 /** The same into malloc'ed memory. */
 LW_MUST_CHECK enum lw_status lw_message_encode_alloc(const struct lw_message *message, uint8_t **out_bytes,
                                                      size_t *out_size);
+
+/** Checks what wire_format.md asks of a message's values. Errors: LW_PROTOCOL naming message and field. */
+LW_MUST_CHECK enum lw_status lw_message_validate(const struct lw_message *message, struct lw_error *err);
 
 /** Decodes one body whose header was read. Errors: LW_PROTOCOL naming message and field; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_message_decode(struct lw_frame_header header, const uint8_t *body,

@@ -1,0 +1,71 @@
+#include "server/publish/snapshot.h"
+
+#include <assert.h>
+#include <stdlib.h>
+
+enum lw_status lw_blob_create(size_t size, struct lw_blob **out_blob) {
+    if (size > SIZE_MAX - sizeof(struct lw_blob)) return LW_NO_MEMORY;
+    struct lw_blob *blob = malloc(sizeof *blob + size);
+    if (!blob) return LW_NO_MEMORY;
+    atomic_init(&blob->references, 1);
+    blob->size = size;
+    *out_blob = blob;
+    return LW_OK;
+}
+
+enum lw_status lw_blob_from_message(const struct lw_message *message, struct lw_blob **out_blob) {
+    struct lw_blob *blob;
+    enum lw_status status = lw_blob_create(lw_message_size(message), &blob);
+    if (status != LW_OK) return status;
+    status = lw_message_encode(message, blob->bytes, blob->size, &blob->size);
+    if (status == LW_OK)
+        *out_blob = blob;
+    else
+        lw_blob_unref(blob);
+    return status;
+}
+
+/* Taking a reference needs no order: who takes one holds one already. Dropping one releases what this thread did with
+ * the object; who drops the last acquires what all others did before it frees. */
+static void take(_Atomic uint32_t *references) {
+    uint32_t before = atomic_fetch_add_explicit(references, 1, memory_order_relaxed);
+    assert(before > 0 && before < UINT32_MAX);
+    (void)before;
+}
+
+static bool drop(_Atomic uint32_t *references) {
+    uint32_t before = atomic_fetch_sub_explicit(references, 1, memory_order_acq_rel);
+    assert(before > 0);
+    return before == 1;
+}
+
+struct lw_blob *lw_blob_ref(struct lw_blob *blob) {
+    take(&blob->references);
+    return blob;
+}
+
+void lw_blob_unref(struct lw_blob *blob) {
+    if (blob && drop(&blob->references)) free(blob);
+}
+
+enum lw_status lw_snapshot_create(uint32_t tile_count, struct lw_snapshot **out_snapshot) {
+    struct lw_snapshot *snapshot = calloc(1, sizeof *snapshot + tile_count * sizeof snapshot->tile[0]);
+    if (!snapshot) return LW_NO_MEMORY;
+    atomic_init(&snapshot->references, 1);
+    snapshot->tile_count = tile_count;
+    *out_snapshot = snapshot;
+    return LW_OK;
+}
+
+struct lw_snapshot *lw_snapshot_ref(struct lw_snapshot *snapshot) {
+    take(&snapshot->references);
+    return snapshot;
+}
+
+void lw_snapshot_unref(struct lw_snapshot *snapshot) {
+    if (!snapshot || !drop(&snapshot->references)) return;
+    lw_blob_unref(snapshot->frame_delta);
+    lw_blob_unref(snapshot->frame_full);
+    for (uint32_t i = 0; i < snapshot->tile_count; i++) lw_blob_unref(snapshot->tile[i].blob);
+    free(snapshot);
+}

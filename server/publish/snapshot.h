@@ -9,7 +9,7 @@
 
 #include <stdatomic.h>
 
-/** Bytes of one framed message, encoded once and shared by all who send it. */
+/** Bytes of whole framed messages, one or several in a row, encoded once and shared by all who send them. */
 struct lw_blob {
     _Atomic uint32_t references;
     size_t size;
@@ -19,7 +19,8 @@ struct lw_blob {
 /** Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_blob_create(size_t size, struct lw_blob **out_blob);
 /** A blob that holds a framed message. */
-LW_MUST_CHECK enum lw_status lw_blob_from_message(const struct lw_message *message, struct lw_blob **out_blob);
+LW_MUST_CHECK enum lw_status lw_blob_from_message(const struct lw_message *message,
+                                                  struct lw_blob **out_blob);
 struct lw_blob *lw_blob_ref(struct lw_blob *blob); /* returns blob */
 void lw_blob_unref(struct lw_blob *blob);          /* NULL is fine */
 
@@ -32,13 +33,18 @@ struct lw_snapshot {
     _Atomic uint32_t references;
     uint64_t frame;
     double time_s;
-    struct lw_blob *frame_delta; /* LW_MESSAGE_FRAME with what moved since the frame before */
-    struct lw_blob *frame_full;  /* LW_MESSAGE_FRAME with every transform and light, for who joins or skipped frames */
-    uint64_t previous_frame;     /* the frame that frame_delta builds on */
+    struct lw_blob
+        *frame_delta; /* LW_MESSAGE_FRAME with what moved since previous_frame; NULL: send frame_full */
+    struct lw_blob
+        *frame_full; /* LW_MESSAGE_FRAME with every transform and light, for who joins or skipped frames */
+    uint64_t previous_frame; /* the frame that frame_delta builds on */
     uint32_t tile_count;
     struct lw_snapshot_tile tile[]; /* by lw_tile_id */
 };
 
+/** An empty snapshot with one reference: frame 0, no frame messages, tiles of version 0. Who builds it fills it in before
+ * others see it; the references of the blobs put into it become its own. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_snapshot_create(uint32_t tile_count, struct lw_snapshot **out_snapshot);
 struct lw_snapshot *lw_snapshot_ref(struct lw_snapshot *snapshot); /* returns snapshot */
 void lw_snapshot_unref(struct lw_snapshot *snapshot);              /* NULL is fine */
 
