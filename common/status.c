@@ -44,10 +44,14 @@ void lw_status_context(struct lw_error *err, const char *format, ...) {
     memcpy(cause, err->text, sizeof cause);
     va_list args;
     va_start(args, format);
-    int length = vsnprintf(context, sizeof context, format, args);
+    vsnprintf(context, sizeof context, format, args);
     va_end(args);
-    int room = (int)(sizeof err->text - sizeof ": ") - (int)strlen(cause);
-    if (length < 0 || room <= 0) return;
     lw_status_one_line(context);
-    snprintf(err->text, sizeof err->text, "%.*s: %s", room, context, cause);
+    size_t cause_length = strlen(cause), length = strlen(context);
+    size_t room = sizeof err->text - sizeof ": " - cause_length;
+    if (cause_length + sizeof ": " >= sizeof err->text) return;
+    if (length > room) length = room;
+    memcpy(err->text, context, length);
+    memcpy(err->text + length, ": ", 2);
+    memcpy(err->text + length + 2, cause, cause_length + 1);
 }

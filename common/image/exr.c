@@ -1,0 +1,286 @@
+#include "common/image/image.h"
+
+#include "common/atomic_file.h"
+
+#include <OpenEXR/openexr.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+/* one pixel of ours: three floats side by side */
+#define PIXEL_BYTES   ((int32_t)(3 * sizeof(float)))
+#define CHANNEL_COUNT 3
+static const char *const channel_names[CHANNEL_COUNT] = {"R", "G", "B"};
+
+/* A file that claims more pixels than this (1.6 GB of floats) is taken for damage. */
+#define READ_PIXELS_MAX (1u << 27)
+
+/* What OpenEXR's callbacks need. */
+struct stream {
+    const char *path;
+    struct lw_atomic_file *file; /* NULL: reading */
+    struct lw_error *err;
+    enum lw_status status; /* a failure of our own callbacks */
+    char message[256];     /* OpenEXR's first complaint */
+};
+
+static void on_error(exr_const_context_t context, exr_result_t code, const char *message) {
+    (void)code;
+    void *user = NULL;
+    if (exr_get_user_data(context, &user) != EXR_ERR_SUCCESS || !user) return;
+    struct stream *stream = user;
+    if (!stream->message[0]) snprintf(stream->message, sizeof stream->message, "%s", message);
+}
+
+static int64_t on_write(exr_const_context_t context, void *user, const void *bytes, uint64_t size,
+                        uint64_t offset, exr_stream_error_func_ptr_t error_cb) {
+    (void)context;
+    (void)error_cb;
+    struct stream *stream = user;
+    if (stream->status) return -1; /* the disk is full: no more attempts */
+    stream->status = lw_atomic_file_write_at(stream->file, bytes, size, offset, stream->err);
+    return stream->status ? -1 : (int64_t)size;
+}
+
+/* Turns OpenEXR's result into ours; doing: "write", "read". */
+static enum lw_status check(struct stream *stream, exr_result_t result, enum lw_status status,
+                            const char *doing) {
+    if (stream->status) return stream->status;
+    if (result == EXR_ERR_SUCCESS) return LW_OK;
+    if (result == EXR_ERR_OUT_OF_MEMORY) status = LW_NO_MEMORY;
+    return stream->status =
+               lw_status_fail(stream->err, status, "%s: cannot %s the EXR: %s", stream->path, doing,
+                              stream->message[0] ? stream->message : exr_get_default_error_message(result));
+}
+
+/* ---- writing -------------------------------------------------------------------------------------------------- */
+
+static exr_result_t write_header(exr_context_t context, int part, uint32_t width, uint32_t height,
+                                 const char *units) {
+    exr_result_t result = exr_initialize_required_attr_simple(context, part, (int32_t)width, (int32_t)height,
+                                                              EXR_COMPRESSION_ZIP);
+    static const char *const alphabetical[CHANNEL_COUNT] = {"B", "G",
+                                                            "R"}; /* the order the format asks for */
+    for (int i = 0; i < CHANNEL_COUNT && !result; i++)
+        result = exr_add_channel(context, part, alphabetical[i], EXR_PIXEL_FLOAT,
+                                 EXR_PERCEPTUALLY_LOGARITHMIC, 1, 1);
+    /* Rec. 709 primaries and D65, which sRGB shares (IEC 61966-2-1, table 1) */
+    static const exr_attr_chromaticities_t rec709 = {0.64f, 0.33f, 0.30f,   0.60f,
+                                                     0.15f, 0.06f, 0.3127f, 0.3290f};
+    if (!result) result = exr_attr_set_chromaticities(context, part, "chromaticities", &rec709);
+    if (!result && units) result = exr_attr_set_string(context, part, "units", units);
+    if (!result) result = exr_write_header(context);
+    return result;
+}
+
+static int channel_of(const char *name) {
+    for (int i = 0; i < CHANNEL_COUNT; i++)
+        if (!strcmp(name, channel_names[i])) return i;
+    return -1;
+}
+
+static exr_result_t write_pixels(exr_context_t context, int part, const float *rgb, uint32_t width,
+                                 uint32_t height) {
+    int32_t lines = 1;
+    exr_result_t result = exr_get_scanlines_per_chunk(context, part, &lines);
+    exr_encode_pipeline_t pipeline = EXR_ENCODE_PIPELINE_INITIALIZER;
+    for (int32_t y = 0; y < (int32_t)height && !result; y += lines) {
+        exr_chunk_info_t chunk = {0};
+        result = exr_write_scanline_chunk_info(context, part, y, &chunk);
+        if (result) break;
+        result = y ? exr_encoding_update(context, part, &chunk, &pipeline)
+                   : exr_encoding_initialize(context, part, &chunk, &pipeline);
+        if (result) break;
+        for (int i = 0; i < pipeline.channel_count; i++) {
+            exr_coding_channel_info_t *channel = &pipeline.channels[i];
+            const float *from = rgb + (size_t)y * width * 3 + channel_of(channel->channel_name);
+            channel->encode_from_ptr = (const uint8_t *)from;
+            channel->user_data_type = EXR_PIXEL_FLOAT;
+            channel->user_bytes_per_element = sizeof(float);
+            channel->user_pixel_stride = PIXEL_BYTES;
+            channel->user_line_stride = (int32_t)width * PIXEL_BYTES;
+        }
+        if (!y) result = exr_encoding_choose_default_routines(context, part, &pipeline);
+        if (!result) result = exr_encoding_run(context, part, &pipeline);
+    }
+    exr_encoding_destroy(context, &pipeline);
+    return result;
+}
+
+enum lw_status lw_image_write_exr(const char *path, const float *rgb, uint32_t width, uint32_t height,
+                                  const char *units, struct lw_error *err) {
+    if (!width || !height || width > LW_IMAGE_SIDE_MAX || height > LW_IMAGE_SIDE_MAX)
+        return lw_status_fail(err, LW_USAGE, "%s: an image of %u x %u pixels; each side is from 1 to %u",
+                              path, width, height, LW_IMAGE_SIDE_MAX);
+    struct lw_atomic_file file;
+    enum lw_status status = lw_atomic_file_open(&file, path, err);
+    if (status) return status;
+
+    struct stream stream = {.path = path, .file = &file, .err = err};
+    exr_context_initializer_t initializer = EXR_DEFAULT_CONTEXT_INITIALIZER;
+    initializer.error_handler_fn = on_error;
+    initializer.user_data = &stream;
+    initializer.write_fn = on_write;
+    exr_context_t context = NULL;
+    exr_result_t result = exr_start_write(&context, path, EXR_WRITE_FILE_DIRECTLY, &initializer);
+    int part = 0;
+    if (!result) result = exr_add_part(context, NULL, EXR_STORAGE_SCANLINE, &part);
+    if (!result) result = write_header(context, part, width, height, units);
+    if (!result) result = write_pixels(context, part, rgb, width, height);
+    status = check(&stream, result, LW_IO, "write");
+    /* finishing writes the table of chunks: it can fail as well */
+    if (context) result = exr_finish(&context);
+    if (!status) status = check(&stream, result, LW_IO, "write");
+
+    if (status) {
+        lw_atomic_file_abandon(&file);
+        return status;
+    }
+    return lw_atomic_file_commit(&file, err);
+}
+
+/* ---- reading -------------------------------------------------------------------------------------------------- */
+
+struct reader {
+    struct stream *stream;
+    exr_context_t context;
+    exr_attr_box2i_t window;
+    uint32_t width, height;
+    float *rgb;
+    exr_decode_pipeline_t pipeline;
+    bool started; /* the pipeline holds something to destroy */
+};
+
+static enum lw_status refuse(struct reader *reader, const char *what) {
+    return lw_status_fail(reader->stream->err, LW_BAD_DATA, "%s: %s", reader->stream->path, what);
+}
+
+static enum lw_status check_channels(struct reader *reader) {
+    const exr_attr_chlist_t *channels = NULL;
+    exr_result_t result = exr_get_channels(reader->context, 0, &channels);
+    if (result) return check(reader->stream, result, LW_BAD_DATA, "read");
+    bool found[CHANNEL_COUNT] = {false};
+    for (int i = 0; i < channels->num_channels; i++) {
+        const exr_attr_chlist_entry_t *entry = &channels->entries[i];
+        int channel = channel_of(entry->name.str);
+        if (channel < 0) continue;
+        if (entry->pixel_type != EXR_PIXEL_FLOAT && entry->pixel_type != EXR_PIXEL_HALF)
+            return refuse(reader, "channels R, G, B must be half or float");
+        if (entry->x_sampling != 1 || entry->y_sampling != 1)
+            return refuse(reader, "subsampled channels are not supported");
+        found[channel] = true;
+    }
+    for (int i = 0; i < CHANNEL_COUNT; i++)
+        if (!found[i]) return refuse(reader, "the EXR has no channels R, G and B");
+    return LW_OK;
+}
+
+static enum lw_status read_size(struct reader *reader) {
+    exr_result_t result = exr_get_data_window(reader->context, 0, &reader->window);
+    if (result) return check(reader->stream, result, LW_BAD_DATA, "read");
+    int64_t width = (int64_t)reader->window.max.x - reader->window.min.x + 1,
+            height = (int64_t)reader->window.max.y - reader->window.min.y + 1;
+    if (width < 1 || height < 1 || width > LW_IMAGE_SIDE_MAX || height > LW_IMAGE_SIDE_MAX ||
+        (uint64_t)width * (uint64_t)height > READ_PIXELS_MAX)
+        return refuse(reader, "the EXR's size is out of range");
+    reader->width = (uint32_t)width;
+    reader->height = (uint32_t)height;
+    return LW_OK;
+}
+
+/* Decodes one chunk whose upper left pixel is (x, y) of our image. */
+static exr_result_t read_chunk(struct reader *reader, const exr_chunk_info_t *chunk, uint32_t x, uint32_t y) {
+    exr_decode_pipeline_t *pipeline = &reader->pipeline;
+    exr_result_t result = reader->started ? exr_decoding_update(reader->context, 0, chunk, pipeline)
+                                          : exr_decoding_initialize(reader->context, 0, chunk, pipeline);
+    if (result) return result;
+    bool first = !reader->started;
+    reader->started = true;
+    if (x >= reader->width || y >= reader->height || (uint32_t)chunk->width > reader->width - x ||
+        (uint32_t)chunk->height > reader->height - y)
+        return EXR_ERR_BAD_CHUNK_LEADER;
+    for (int i = 0; i < pipeline->channel_count; i++) {
+        exr_coding_channel_info_t *channel = &pipeline->channels[i];
+        int target = channel_of(channel->channel_name);
+        channel->decode_to_ptr =
+            target < 0 ? NULL
+                       : (uint8_t *)(reader->rgb + ((size_t)y * reader->width + x) * 3 + (size_t)target);
+        channel->user_data_type = EXR_PIXEL_FLOAT;
+        channel->user_bytes_per_element = sizeof(float);
+        channel->user_pixel_stride = PIXEL_BYTES;
+        channel->user_line_stride = (int32_t)reader->width * PIXEL_BYTES;
+    }
+    if (first) result = exr_decoding_choose_default_routines(reader->context, 0, pipeline);
+    return result ? result : exr_decoding_run(reader->context, 0, pipeline);
+}
+
+static exr_result_t read_scanlines(struct reader *reader) {
+    int32_t lines = 1;
+    exr_result_t result = exr_get_scanlines_per_chunk(reader->context, 0, &lines);
+    for (uint32_t y = 0; y < reader->height && !result; y += (uint32_t)lines) {
+        exr_chunk_info_t chunk = {0};
+        result = exr_read_scanline_chunk_info(reader->context, 0, reader->window.min.y + (int32_t)y, &chunk);
+        if (!result) result = read_chunk(reader, &chunk, 0, y);
+    }
+    return result;
+}
+
+static exr_result_t read_tiles(struct reader *reader) {
+    int32_t tile_width = 0, tile_height = 0;
+    exr_result_t result = exr_get_tile_sizes(reader->context, 0, 0, 0, &tile_width, &tile_height);
+    if (!result && (tile_width < 1 || tile_height < 1)) result = EXR_ERR_INVALID_ATTR;
+    for (uint32_t y = 0, row = 0; !result && y < reader->height; y += (uint32_t)tile_height, row++)
+        for (uint32_t x = 0, column = 0; !result && x < reader->width; x += (uint32_t)tile_width, column++) {
+            exr_chunk_info_t chunk = {0};
+            result = exr_read_tile_chunk_info(reader->context, 0, (int)column, (int)row, 0, 0, &chunk);
+            if (!result) result = read_chunk(reader, &chunk, x, y);
+        }
+    return result;
+}
+
+static enum lw_status read_pixels(struct reader *reader) {
+    exr_storage_t storage;
+    exr_result_t result = exr_get_storage(reader->context, 0, &storage);
+    if (result) return check(reader->stream, result, LW_BAD_DATA, "read");
+    if (storage != EXR_STORAGE_SCANLINE && storage != EXR_STORAGE_TILED)
+        return refuse(reader, "deep EXR files are not supported");
+    enum lw_status status = check_channels(reader);
+    if (!status) status = read_size(reader);
+    if (status) return status;
+    reader->rgb = malloc((size_t)reader->width * reader->height * (size_t)PIXEL_BYTES);
+    if (!reader->rgb)
+        return lw_status_fail(reader->stream->err, LW_NO_MEMORY, "%s: out of memory", reader->stream->path);
+    result = storage == EXR_STORAGE_TILED ? read_tiles(reader) : read_scanlines(reader);
+    return check(reader->stream, result, LW_BAD_DATA, "read");
+}
+
+enum lw_status lw_image_read_exr(const char *path, float **out_rgb, uint32_t *out_width, uint32_t *out_height,
+                                 struct lw_error *err) {
+    struct stat st;
+    if (stat(path, &st) || !S_ISREG(st.st_mode)) /* a pipe would block, a folder confuse */
+        return lw_status_fail(err, LW_NO_INPUT, "%s: no such file", path);
+    struct stream stream = {.path = path, .err = err};
+    struct reader reader = {.stream = &stream, .pipeline = EXR_DECODE_PIPELINE_INITIALIZER};
+    exr_context_initializer_t initializer = EXR_DEFAULT_CONTEXT_INITIALIZER;
+    initializer.error_handler_fn = on_error;
+    initializer.user_data = &stream;
+    initializer.max_image_width = initializer.max_image_height = LW_IMAGE_SIDE_MAX;
+    initializer.max_tile_width = initializer.max_tile_height = LW_IMAGE_SIDE_MAX;
+    initializer.flags =
+        EXR_CONTEXT_FLAG_DISABLE_CHUNK_RECONSTRUCTION; /* damage is told, not guessed around */
+    exr_result_t result = exr_start_read(&reader.context, path, &initializer);
+    enum lw_status status =
+        check(&stream, result, result == EXR_ERR_FILE_ACCESS ? LW_NO_INPUT : LW_BAD_DATA, "read");
+    if (!status) status = read_pixels(&reader);
+    if (reader.started) exr_decoding_destroy(reader.context, &reader.pipeline);
+    if (reader.context) exr_finish(&reader.context);
+    if (status) {
+        free(reader.rgb);
+        return status;
+    }
+    *out_rgb = reader.rgb;
+    *out_width = reader.width;
+    *out_height = reader.height;
+    return LW_OK;
+}

@@ -1,0 +1,110 @@
+#include "common/atomic_file.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#define NAME_ATTEMPTS 100u
+
+static enum lw_status fail(const struct lw_atomic_file *file, enum lw_status status, int error,
+                           struct lw_error *err) {
+    return lw_status_fail(err, status, "%s: %s", file->path, strerror(error));
+}
+
+static void release(struct lw_atomic_file *file) {
+    if (file->fd >= 0) close(file->fd);
+    free(file->temporary_path);
+    free(file->path);
+    *file = (struct lw_atomic_file){.fd = -1};
+}
+
+static int open_temporary(struct lw_atomic_file *file) {
+    static _Atomic unsigned serial; /* two threads may write the same path */
+    for (unsigned attempt = 0; attempt < NAME_ATTEMPTS; attempt++) {
+        char *name;
+        if (asprintf(&name, "%s.%ld-%u.tmp", file->path, (long)getpid(), atomic_fetch_add(&serial, 1)) < 0)
+            return ENOMEM;
+        /* O_EXCL: never through a link that somebody laid; 0666: the user's umask decides, unlike mkstemp */
+        file->fd = open(name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+        if (file->fd >= 0) {
+            file->temporary_path = name;
+            return 0;
+        }
+        int error = errno;
+        free(name);
+        if (error != EEXIST) return error;
+    }
+    return EEXIST;
+}
+
+enum lw_status lw_atomic_file_open(struct lw_atomic_file *file, const char *path, struct lw_error *err) {
+    *file = (struct lw_atomic_file){.fd = -1};
+    /* a link stays a link: write what it points to */
+    file->path = realpath(path, NULL);
+    if (!file->path) file->path = strdup(path);
+    if (!file->path) return lw_status_fail(err, LW_NO_MEMORY, "%s: out of memory", path);
+    int error = 0;
+    struct stat st;
+    bool exists = stat(file->path, &st) == 0;
+    if (exists && S_ISDIR(st.st_mode))
+        error = EISDIR;
+    else if (exists && !S_ISREG(st.st_mode)) {
+        file->fd = open(file->path, O_WRONLY | O_CLOEXEC);
+        if (file->fd < 0) error = errno;
+    } else
+        error = open_temporary(file);
+    if (!error) return LW_OK;
+    enum lw_status status = fail(file, error == ENOMEM ? LW_NO_MEMORY : LW_CANNOT_CREATE, error, err);
+    release(file);
+    return status;
+}
+
+enum lw_status lw_atomic_file_write(struct lw_atomic_file *file, const void *bytes, size_t size,
+                                    struct lw_error *err) {
+    const char *at = bytes;
+    while (size) {
+        ssize_t written = write(file->fd, at, size);
+        if (written < 0 && errno == EINTR) continue;
+        if (written < 0) return fail(file, LW_IO, errno, err);
+        at += written;
+        size -= (size_t)written;
+    }
+    return LW_OK;
+}
+
+enum lw_status lw_atomic_file_write_at(struct lw_atomic_file *file, const void *bytes, size_t size,
+                                       uint64_t offset_bytes, struct lw_error *err) {
+    const char *at = bytes;
+    while (size) {
+        ssize_t written = pwrite(file->fd, at, size, (off_t)offset_bytes);
+        if (written < 0 && errno == EINTR) continue;
+        if (written < 0) return fail(file, LW_IO, errno, err);
+        at += written;
+        offset_bytes += (uint64_t)written;
+        size -= (size_t)written;
+    }
+    return LW_OK;
+}
+
+enum lw_status lw_atomic_file_commit(struct lw_atomic_file *file, struct lw_error *err) {
+    int fd = file->fd;
+    file->fd = -1;
+    enum lw_status status = LW_OK;
+    if (close(fd)) /* network file systems tell of a full disk only here */
+        status = fail(file, LW_IO, errno, err);
+    else if (file->temporary_path && rename(file->temporary_path, file->path))
+        status = fail(file, LW_CANNOT_CREATE, errno, err);
+    if (status && file->temporary_path) unlink(file->temporary_path);
+    release(file);
+    return status;
+}
+
+void lw_atomic_file_abandon(struct lw_atomic_file *file) {
+    if (file->temporary_path) unlink(file->temporary_path);
+    release(file);
+}

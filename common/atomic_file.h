@@ -1,0 +1,38 @@
+/* atomic_file.h: output files that appear whole or not at all.
+ * Bytes go to a temporary name in the same folder; commit renames it over the old file. A device or a pipe (/dev/stdout,
+ * /dev/null) is written directly: it must not be replaced. Guards against our own failures, not against power loss.
+ * Threads: one lw_atomic_file belongs to one thread; different ones are independent, even for the same path. */
+#ifndef LW_COMMON_ATOMIC_FILE_H
+#define LW_COMMON_ATOMIC_FILE_H
+
+#include "common/status.h"
+
+#include <stdint.h>
+
+struct lw_atomic_file {
+    int fd;               /* -1: not open */
+    char *path;           /* where the file shall appear; links resolved */
+    char *temporary_path; /* NULL: written directly */
+};
+
+/** Errors: LW_CANNOT_CREATE naming the path; LW_NO_MEMORY. End with commit or abandon. */
+LW_MUST_CHECK enum lw_status lw_atomic_file_open(struct lw_atomic_file *file, const char *path,
+                                                 struct lw_error *err);
+
+/** Appends size bytes. Errors: LW_IO naming the path. */
+LW_MUST_CHECK enum lw_status lw_atomic_file_write(struct lw_atomic_file *file, const void *bytes, size_t size,
+                                                  struct lw_error *err);
+
+/** Writes size bytes at an offset; write() goes on where it was. Errors: LW_IO naming the path. */
+LW_MUST_CHECK enum lw_status lw_atomic_file_write_at(struct lw_atomic_file *file, const void *bytes,
+                                                     size_t size, uint64_t offset_bytes,
+                                                     struct lw_error *err);
+
+/** Makes the file appear under its name and ends `file`, also on failure; then nothing appears.
+ * Errors: LW_IO or LW_CANNOT_CREATE naming the path. */
+LW_MUST_CHECK enum lw_status lw_atomic_file_commit(struct lw_atomic_file *file, struct lw_error *err);
+
+/** Removes what was written and ends `file`; harmless after commit and on {.fd = -1}. */
+void lw_atomic_file_abandon(struct lw_atomic_file *file);
+
+#endif
