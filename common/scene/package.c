@@ -1,0 +1,624 @@
+#include "common/scene/package.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#include <xxhash.h>
+
+/* docs/scene_package.md is the format; this file follows it. Arrays are used where they lie in the reader's copy. */
+_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__,
+               "packages are little-endian, and so are their readers");
+
+#define MAGIC         "LWSCENE\n"
+#define MAGIC_SIZE    8u
+#define HEADER_SIZE   32u
+#define ENTRY_SIZE    24u /* of the section table */
+#define ALIGNMENT     16u
+#define ABSENT        UINT32_MAX /* first element of an array that is not there */
+#define NO_LIMIT      UINT32_MAX
+#define TEMPORARY_MAX 100u /* names tried before save() gives up */
+
+/* id - 1, name, bytes per element, most elements; the order is the file's */
+#define SECTION_MAP(X)                                                                                       \
+    X(SCENE, "scene", 24, 1)                                                                                 \
+    X(MESHES, "meshes", 64, LW_SCENE_MESHES_MAX)                                                             \
+    X(MATERIALS, "materials", 112, LW_SCENE_MATERIALS_MAX)                                                   \
+    X(TEXTURES, "textures", 28, LW_SCENE_TEXTURES_MAX)                                                       \
+    X(NODES, "nodes", 104, LW_SCENE_NODES_MAX)                                                               \
+    X(OBJECTS, "objects", 16, LW_SCENE_OBJECTS_MAX)                                                          \
+    X(LIGHTS, "lights", 40, LW_SCENE_LIGHTS_MAX)                                                             \
+    X(CAMERAS, "cameras", 16, LW_SCENE_CAMERAS_MAX)                                                          \
+    X(CHANNELS, "channels", 24, LW_SCENE_CHANNELS_MAX)                                                       \
+    X(STRINGS, "strings", 1, NO_LIMIT)                                                                       \
+    X(POSITIONS, "positions", 12, NO_LIMIT)                                                                  \
+    X(NORMALS, "normals", 12, NO_LIMIT)                                                                      \
+    X(UVS, "uvs", 8, NO_LIMIT)                                                                               \
+    X(COLOURS, "colours", 16, NO_LIMIT)                                                                      \
+    X(TRIANGLES, "triangles", 12, NO_LIMIT)                                                                  \
+    X(TRIANGLE_MATERIALS, "triangle materials", 4, NO_LIMIT)                                                 \
+    X(LIGHTMAP_UVS, "lightmap uvs", 8, NO_LIMIT)                                                             \
+    X(KEY_TIMES, "key times", 4, NO_LIMIT)                                                                   \
+    X(KEY_VALUES, "key values", 4, NO_LIMIT)                                                                 \
+    X(PIXELS, "pixels", 4, NO_LIMIT)
+
+enum section_id {
+#define X(id, name, size, limit) SECTION_##id,
+    SECTION_MAP(X)
+#undef X
+        SECTION_COUNT
+};
+
+static const struct {
+    const char *name;
+    uint32_t element_size, limit;
+} kinds[SECTION_COUNT] = {
+#define X(id, name, size, limit) {name, size, limit},
+    SECTION_MAP(X)
+#undef X
+};
+
+/* The arrays' C types are the file's elements. */
+_Static_assert(sizeof(struct lw_vec2) == 8 && sizeof(struct lw_vec3) == 12 && sizeof(struct lw_vec4) == 16,
+               "");
+
+/* One description of each record serves three purposes, so that writer and reader cannot disagree. */
+enum mode {
+    MEASURE, /* counts elements per section */
+    WRITE,
+    READ
+};
+
+struct section {
+    uint8_t *bytes;
+    uint64_t count;  /* elements */
+    uint64_t cursor; /* elements used so far: each array lies right behind the one before */
+};
+
+struct codec {
+    enum mode mode;
+    struct section section[SECTION_COUNT];
+    uint8_t *at; /* in the record */
+    enum section_id record_section;
+    uint32_t record;
+    enum lw_status status; /* of the first failure; later fields are then read as zero */
+    struct lw_error *err;
+};
+
+static void LW_PRINTF(2, 3) fail(struct codec *c, const char *format, ...) {
+    if (c->status) return;
+    char text[256];
+    va_list args;
+    va_start(args, format);
+    vsnprintf(text, sizeof text, format, args);
+    va_end(args);
+    c->status = lw_status_fail(c->err, LW_BAD_DATA, "section %s, record %u: %s",
+                               kinds[c->record_section].name, c->record, text);
+}
+
+/* Fields of 4 bytes: numbers and floats, `count` in a row. */
+static void words(struct codec *c, void *words, size_t count) {
+    size_t size = 4 * count;
+    if (c->mode == WRITE) memcpy(c->at, words, size);
+    if (c->mode == READ) memcpy(words, c->at, size);
+    if (c->mode != MEASURE) c->at += size;
+}
+
+/* A small number that takes a word in the file and a byte in memory. */
+static void choice(struct codec *c, uint8_t *value, uint32_t max, const char *field) {
+    uint32_t word = *value;
+    words(c, &word, 1);
+    if (c->mode != READ) return;
+    if (word > max)
+        fail(c, "%s is %u; the largest is %u", field, word, max);
+    else
+        *value = (uint8_t)word;
+}
+
+static void reserved(struct codec *c) {
+    uint32_t word = 0;
+    words(c, &word, 1);
+    if (word != 0) fail(c, "a reserved field is %u, not 0", word);
+}
+
+/* Takes `count` elements of a section; returns where they begin, or NULL. */
+static uint8_t *take(struct codec *c, enum section_id id, uint64_t count, uint32_t first, const char *field) {
+    struct section *section = &c->section[id];
+    if (c->mode == READ) {
+        if (first != section->cursor) {
+            fail(c, "%s starts at %u of %s; the next free element is %llu", field, first, kinds[id].name,
+                 (unsigned long long)section->cursor);
+            return NULL;
+        }
+        if (count > section->count - section->cursor) {
+            fail(c, "%s takes %llu %s from %u on; there are %llu", field, (unsigned long long)count,
+                 kinds[id].name, first, (unsigned long long)section->count);
+            return NULL;
+        }
+    }
+    uint8_t *start = section->bytes ? section->bytes + section->cursor * kinds[id].element_size : NULL;
+    section->cursor += count;
+    return start;
+}
+
+/* The array as the scene holds it, written or found; NULL if it is absent. */
+static const void *array(struct codec *c, enum section_id id, const void *elements, uint64_t count,
+                         const char *field) {
+    uint32_t first = elements ? (uint32_t)c->section[id].cursor : ABSENT;
+    words(c, &first, 1);
+    if (first == ABSENT || c->status) return NULL;
+    uint8_t *start = take(c, id, count, first, field);
+    if (c->mode == READ) return start;
+    if (c->mode == WRITE && count > 0) memcpy(start, elements, count * kinds[id].element_size);
+    return elements;
+}
+
+/* Strings end with a NUL that their length does not count, so that the reader can point at them. */
+static const char *string(struct codec *c, const char *text) {
+    uint64_t length = text ? strlen(text) : 0;
+    /* what does not fit 32 bits is measured all the same, and then exceeds the size limit */
+    uint32_t place[2] = {(uint32_t)c->section[SECTION_STRINGS].cursor, (uint32_t)length};
+    words(c, place, 2);
+    if (c->status) return text;
+    uint64_t size = (c->mode == READ ? place[1] : length) + 1;
+    uint8_t *start = take(c, SECTION_STRINGS, size, place[0], "name");
+    if (c->mode == WRITE) memcpy(start, text, size);
+    if (c->mode != READ || !start) return text;
+    if (memchr(start, 0, size) != start + place[1]) {
+        fail(c, "name of %u bytes does not end where its NUL is", place[1]);
+        return NULL;
+    }
+    return (const char *)start;
+}
+
+static void scene_record(struct codec *c, struct lw_scene *scene) {
+    scene->name = string(c, scene->name);
+    words(c, &scene->duration_s, 1);
+    words(c, scene->sky, 3);
+}
+
+static void mesh_record(struct codec *c, struct lw_mesh *mesh) {
+    mesh->name = string(c, mesh->name);
+    words(c, &mesh->vertex_count, 1);
+    words(c, &mesh->triangle_count, 1);
+    uint32_t vertices = mesh->vertex_count, triangles = mesh->triangle_count;
+    mesh->position = array(c, SECTION_POSITIONS, mesh->position, vertices, "positions");
+    mesh->normal = array(c, SECTION_NORMALS, mesh->normal, vertices, "normals");
+    mesh->uv[0] = array(c, SECTION_UVS, mesh->uv[0], vertices, "UV set 0");
+    mesh->uv[1] = array(c, SECTION_UVS, mesh->uv[1], vertices, "UV set 1");
+    mesh->colour = array(c, SECTION_COLOURS, mesh->colour, vertices, "colours");
+    mesh->triangle = array(c, SECTION_TRIANGLES, mesh->triangle, triangles, "triangles");
+    mesh->material = array(c, SECTION_TRIANGLE_MATERIALS, mesh->material, triangles, "triangle materials");
+    mesh->lightmap_uv = array(c, SECTION_LIGHTMAP_UVS, mesh->lightmap_uv, vertices, "lightmap UVs");
+    words(c, &mesh->atlas_width, 1);
+    words(c, &mesh->atlas_height, 1);
+    words(c, &mesh->back_offset, 1);
+    reserved(c);
+}
+
+static void texture_use(struct codec *c, struct lw_texture_use *use) {
+    words(c, &use->texture, 1);
+    words(c, &use->uv_set, 1);
+    words(c, use->transform, 6);
+}
+
+static void material_record(struct codec *c, struct lw_material *material) {
+    material->name = string(c, material->name);
+    words(c, material->base_colour, 4);
+    words(c, material->emission, 3);
+    words(c, &material->alpha_cutoff, 1);
+    texture_use(c, &material->base_colour_texture);
+    texture_use(c, &material->emission_texture);
+    choice(c, &material->alpha_mode, LW_ALPHA_BLEND, "alpha mode");
+    choice(c, &material->double_sided, 1, "double_sided");
+}
+
+static void texture_record(struct codec *c, struct lw_texture *texture) {
+    texture->name = string(c, texture->name);
+    words(c, &texture->width, 1);
+    words(c, &texture->height, 1);
+    texture->rgba =
+        array(c, SECTION_PIXELS, texture->rgba, (uint64_t)texture->width * texture->height, "pixels");
+    choice(c, &texture->wrap_s, LW_WRAP_MIRROR, "wrap_s");
+    choice(c, &texture->wrap_t, LW_WRAP_MIRROR, "wrap_t");
+}
+
+static void node_record(struct codec *c, struct lw_node *node) {
+    node->name = string(c, node->name);
+    words(c, &node->parent, 1);
+    choice(c, &node->has_matrix, 1, "has_matrix");
+    words(c, node->translation, 3);
+    words(c, node->rotation, 4);
+    words(c, node->scale, 3);
+    words(c, node->matrix.m, 12);
+}
+
+static void object_record(struct codec *c, struct lw_object *object) {
+    object->name = string(c, object->name);
+    words(c, &object->mesh, 1);
+    words(c, &object->node, 1);
+}
+
+static void light_record(struct codec *c, struct lw_light *light) {
+    light->name = string(c, light->name);
+    words(c, &light->node, 1);
+    choice(c, &light->kind, LW_LIGHT_DIRECTIONAL, "kind");
+    words(c, light->intensity, 3);
+    words(c, &light->inner_cone, 1);
+    words(c, &light->outer_cone, 1);
+    words(c, &light->angular_diameter, 1);
+}
+
+static void camera_record(struct codec *c, struct lw_camera *camera) {
+    camera->name = string(c, camera->name);
+    words(c, &camera->node, 1);
+    words(c, &camera->fov_y, 1);
+}
+
+static void channel_record(struct codec *c, struct lw_channel *channel) {
+    words(c, &channel->node, 1);
+    choice(c, &channel->path, LW_CHANNEL_SCALE, "path");
+    choice(c, &channel->interpolation, LW_INTERPOLATION_CUBIC, "interpolation");
+    words(c, &channel->key_count, 1);
+    uint64_t floats = channel->path == LW_CHANNEL_ROTATION ? 4 : 3;
+    if (channel->interpolation == LW_INTERPOLATION_CUBIC) floats *= 3;
+    channel->time_s = array(c, SECTION_KEY_TIMES, channel->time_s, channel->key_count, "times");
+    channel->value = array(c, SECTION_KEY_VALUES, channel->value, floats * channel->key_count, "values");
+}
+
+static void begin_record(struct codec *c, enum section_id id, uint32_t record) {
+    c->record_section = id;
+    c->record = record;
+    c->at = take(c, id, 1, (uint32_t)c->section[id].cursor, "record");
+}
+
+/* Only a reader may store into the scene: while it is written, others may read it. */
+#define RECORDS(c, id, elements, element_count, function)                                                    \
+    for (uint32_t i = 0; !(c)->status && i < (element_count); i++) {                                         \
+        typeof(*(elements)) element = (elements)[i];                                                         \
+        begin_record(c, SECTION_##id, i);                                                                    \
+        function(c, &element);                                                                               \
+        if ((c)->mode == READ) (elements)[i] = element;                                                      \
+    }
+
+static void all_records(struct codec *c, struct lw_scene *scene) {
+    begin_record(c, SECTION_SCENE, 0);
+    scene_record(c, scene);
+    RECORDS(c, MESHES, scene->mesh, scene->mesh_count, mesh_record)
+    RECORDS(c, MATERIALS, scene->material, scene->material_count, material_record)
+    RECORDS(c, TEXTURES, scene->texture, scene->texture_count, texture_record)
+    RECORDS(c, NODES, scene->node, scene->node_count, node_record)
+    RECORDS(c, OBJECTS, scene->object, scene->object_count, object_record)
+    RECORDS(c, LIGHTS, scene->light, scene->light_count, light_record)
+    RECORDS(c, CAMERAS, scene->camera, scene->camera_count, camera_record)
+    RECORDS(c, CHANNELS, scene->channel, scene->channel_count, channel_record)
+}
+
+static uint64_t align(uint64_t offset) { return (offset + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT; }
+
+/* Offset of each section, one behind the other; returns where the last one ends. */
+static uint64_t lay_out(const struct codec *c, uint64_t offset[SECTION_COUNT]) {
+    uint64_t end = HEADER_SIZE + SECTION_COUNT * ENTRY_SIZE;
+    for (int i = 0; i < SECTION_COUNT; i++) {
+        offset[i] = align(end);
+        end = offset[i] + c->section[i].count * kinds[i].element_size;
+    }
+    return end;
+}
+
+static void write_u32(uint8_t *p, uint32_t value) { memcpy(p, &value, sizeof value); }
+static void write_u64(uint8_t *p, uint64_t value) { memcpy(p, &value, sizeof value); }
+static uint32_t read_u32(const uint8_t *p) {
+    uint32_t value;
+    memcpy(&value, p, sizeof value);
+    return value;
+}
+static uint64_t read_u64(const uint8_t *p) {
+    uint64_t value;
+    memcpy(&value, p, sizeof value);
+    return value;
+}
+
+static void write_header(const struct codec *c, const uint64_t offset[SECTION_COUNT], uint8_t *bytes,
+                         uint64_t size) {
+    memcpy(bytes, MAGIC, MAGIC_SIZE);
+    write_u32(bytes + 8, LW_PACKAGE_VERSION);
+    write_u32(bytes + 12, SECTION_COUNT);
+    write_u64(bytes + 16, size);
+    for (uint32_t i = 0; i < SECTION_COUNT; i++) {
+        uint8_t *entry = bytes + HEADER_SIZE + i * ENTRY_SIZE;
+        write_u32(entry, i + 1);
+        write_u32(entry + 4, kinds[i].element_size);
+        write_u64(entry + 8, offset[i]);
+        write_u64(entry + 16, c->section[i].count);
+    }
+}
+
+enum lw_status lw_package_write(const struct lw_scene *scene, uint8_t **out_bytes, size_t *out_size,
+                                struct lw_error *err) {
+    enum lw_status status = lw_scene_validate(scene, err);
+    if (status) return status;
+    struct lw_scene copy = *scene; /* records of the original are only read */
+    struct codec c = {.mode = MEASURE, .err = err};
+    all_records(&c, &copy);
+    for (int i = 0; i < SECTION_COUNT; i++) {
+        c.section[i].count = c.section[i].cursor;
+        c.section[i].cursor = 0;
+    }
+    uint64_t offset[SECTION_COUNT], size = lay_out(&c, offset);
+    if (size > LW_PACKAGE_SIZE_MAX)
+        return lw_status_fail(err, LW_BAD_DATA, "the scene package would take %llu bytes; the limit is %llu",
+                              (unsigned long long)size, LW_PACKAGE_SIZE_MAX);
+    uint8_t *bytes = calloc(size, 1); /* reserved fields and padding are zero */
+    if (!bytes)
+        return lw_status_fail(err, LW_NO_MEMORY, "no memory for a scene package of %llu bytes",
+                              (unsigned long long)size);
+    write_header(&c, offset, bytes, size);
+    for (int i = 0; i < SECTION_COUNT; i++) c.section[i].bytes = bytes + offset[i];
+    c.mode = WRITE;
+    all_records(&c, &copy);
+    *out_bytes = bytes;
+    *out_size = size;
+    return LW_OK;
+}
+
+static enum lw_status check_header(const uint8_t *bytes, size_t size, struct lw_error *err) {
+    if (size < MAGIC_SIZE || memcmp(bytes, MAGIC, MAGIC_SIZE) != 0)
+        return lw_status_fail(err, LW_BAD_DATA, "not a scene package: it does not begin with LWSCENE");
+    if (size < HEADER_SIZE + SECTION_COUNT * ENTRY_SIZE)
+        return lw_status_fail(err, LW_BAD_DATA, "scene package is cut off after %zu bytes, in its header",
+                              size);
+    if (read_u32(bytes + 8) != LW_PACKAGE_VERSION)
+        return lw_status_fail(
+            err, LW_BAD_DATA,
+            "scene package has version %u; this program reads version %u: import the scene again",
+            read_u32(bytes + 8), LW_PACKAGE_VERSION);
+    if (read_u32(bytes + 12) != SECTION_COUNT)
+        return lw_status_fail(err, LW_BAD_DATA, "scene package has %u sections; version %u has %u",
+                              read_u32(bytes + 12), LW_PACKAGE_VERSION, SECTION_COUNT);
+    if (read_u64(bytes + 16) != size)
+        return lw_status_fail(err, LW_BAD_DATA, "scene package says it has %llu bytes, but there are %zu",
+                              (unsigned long long)read_u64(bytes + 16), size);
+    if (size > LW_PACKAGE_SIZE_MAX)
+        return lw_status_fail(err, LW_BAD_DATA, "scene package has %zu bytes; the limit is %llu", size,
+                              LW_PACKAGE_SIZE_MAX);
+    if (read_u64(bytes + 24) != 0)
+        return lw_status_fail(err, LW_BAD_DATA, "scene package: a reserved field of the header is not 0");
+    return LW_OK;
+}
+
+/* One entry of the table. Sections follow one another in order with nothing between them but zeros up to the next
+ * multiple of 16, so there is one right offset for each: that rules out overlaps, gaps, duplicates and omissions. */
+static enum lw_status read_entry(struct codec *c, uint32_t i, uint8_t *bytes, size_t size, uint64_t *end) {
+    const uint8_t *entry = bytes + HEADER_SIZE + i * ENTRY_SIZE;
+    const char *name = kinds[i].name;
+    uint64_t offset = read_u64(entry + 8), count = read_u64(entry + 16);
+    if (read_u32(entry) != i + 1)
+        return lw_status_fail(c->err, LW_BAD_DATA, "entry %u of the section table has id %u, not %u (%s)", i,
+                              read_u32(entry), i + 1, name);
+    if (read_u32(entry + 4) != kinds[i].element_size)
+        return lw_status_fail(c->err, LW_BAD_DATA, "section %s has elements of %u bytes, not %u", name,
+                              read_u32(entry + 4), kinds[i].element_size);
+    if (offset != align(*end) || offset > size)
+        return lw_status_fail(c->err, LW_BAD_DATA, "section %s starts at byte %llu, not %llu of %zu", name,
+                              (unsigned long long)offset, (unsigned long long)align(*end), size);
+    if (count > (size - offset) / kinds[i].element_size)
+        return lw_status_fail(c->err, LW_BAD_DATA, "section %s has %llu elements, more than the file holds",
+                              name, (unsigned long long)count);
+    if (count > kinds[i].limit)
+        return lw_status_fail(c->err, LW_BAD_DATA, "section %s has %llu elements; the limit is %u", name,
+                              (unsigned long long)count, kinds[i].limit);
+    for (uint64_t p = *end; p < offset; p++)
+        if (bytes[p] != 0)
+            return lw_status_fail(c->err, LW_BAD_DATA, "byte %llu before section %s is padding, but not 0",
+                                  (unsigned long long)p, name);
+    c->section[i].bytes = bytes + offset;
+    c->section[i].count = count;
+    *end = offset + count * kinds[i].element_size;
+    return LW_OK;
+}
+
+static enum lw_status read_table(struct codec *c, uint8_t *bytes, size_t size) {
+    uint64_t end = HEADER_SIZE + SECTION_COUNT * ENTRY_SIZE;
+    for (uint32_t i = 0; i < SECTION_COUNT; i++) {
+        enum lw_status status = read_entry(c, i, bytes, size, &end);
+        if (status) return status;
+    }
+    if (end != size)
+        return lw_status_fail(c->err, LW_BAD_DATA, "scene package ends at byte %llu, but there are %zu",
+                              (unsigned long long)end, size);
+    if (c->section[SECTION_SCENE].count != 1)
+        return lw_status_fail(c->err, LW_BAD_DATA, "section scene has %llu elements, not 1",
+                              (unsigned long long)c->section[SECTION_SCENE].count);
+    return LW_OK;
+}
+
+/* The records' counts are backed by bytes of the file by now, so what is allocated is at most a few times its size. */
+static bool allocate_records(struct lw_scene *scene, const struct codec *c) {
+#define ALLOCATE(id, elements, element_count)                                                                \
+    do {                                                                                                     \
+        element_count = (uint32_t)c->section[SECTION_##id].count;                                            \
+        elements = lw_scene_alloc(scene, element_count, sizeof *(elements));                                 \
+        if (!(elements)) return false;                                                                       \
+    } while (0)
+    ALLOCATE(MESHES, scene->mesh, scene->mesh_count);
+    ALLOCATE(MATERIALS, scene->material, scene->material_count);
+    ALLOCATE(TEXTURES, scene->texture, scene->texture_count);
+    ALLOCATE(NODES, scene->node, scene->node_count);
+    ALLOCATE(OBJECTS, scene->object, scene->object_count);
+    ALLOCATE(LIGHTS, scene->light, scene->light_count);
+    ALLOCATE(CAMERAS, scene->camera, scene->camera_count);
+    ALLOCATE(CHANNELS, scene->channel, scene->channel_count);
+#undef ALLOCATE
+    return true;
+}
+
+/* Turns bytes that the scene owns into the scene. */
+static enum lw_status read_in_place(struct lw_scene *scene, uint8_t *bytes, size_t size,
+                                    struct lw_error *err) {
+    struct codec c = {.mode = READ, .err = err};
+    enum lw_status status = read_table(&c, bytes, size);
+    if (status) return status;
+    if (!allocate_records(scene, &c))
+        return lw_status_fail(err, LW_NO_MEMORY, "no memory for the records of a scene package");
+    all_records(&c, scene);
+    if (c.status) return c.status;
+    for (int i = 0; i < SECTION_COUNT; i++)
+        if (c.section[i].cursor != c.section[i].count)
+            return lw_status_fail(err, LW_BAD_DATA, "section %s has %llu elements, but %llu are in use",
+                                  kinds[i].name, (unsigned long long)c.section[i].count,
+                                  (unsigned long long)c.section[i].cursor);
+    return lw_scene_validate(scene, err);
+}
+
+/* An empty scene with room for the package's bytes in its storage. */
+static enum lw_status create_holder(size_t size, struct lw_scene **out_scene, uint8_t **out_bytes,
+                                    struct lw_error *err) {
+    struct lw_scene *scene = NULL;
+    enum lw_status status = lw_scene_create(&scene);
+    uint8_t *bytes = status ? NULL : lw_scene_alloc(scene, size, 1);
+    if (!bytes) {
+        lw_scene_destroy(scene);
+        return lw_status_fail(err, LW_NO_MEMORY, "no memory for a scene package of %zu bytes", size);
+    }
+    *out_scene = scene;
+    *out_bytes = bytes;
+    return LW_OK;
+}
+
+enum lw_status lw_package_read(const uint8_t *bytes, size_t size, struct lw_scene **out_scene,
+                               struct lw_error *err) {
+    enum lw_status status = check_header(bytes, size, err);
+    if (status) return status;
+    struct lw_scene *scene;
+    uint8_t *copy;
+    status = create_holder(size, &scene, &copy, err);
+    if (status) return status;
+    memcpy(copy, bytes, size);
+    status = read_in_place(scene, copy, size, err);
+    if (status)
+        lw_scene_destroy(scene);
+    else
+        *out_scene = scene;
+    return status;
+}
+
+void lw_package_hash(const uint8_t *bytes, size_t size, struct lw_package_hash *out_hash) {
+    XXH128_canonical_t canonical;
+    XXH128_canonicalFromHash(&canonical, XXH3_128bits(bytes, size));
+    memcpy(out_hash->bytes, canonical.digest, sizeof out_hash->bytes);
+}
+
+static enum lw_status read_fully(int fd, uint8_t *bytes, size_t size, const char *path,
+                                 struct lw_error *err) {
+    for (size_t done = 0; done < size;) {
+        ssize_t n = read(fd, bytes + done, size - done);
+        if (n < 0 && errno == EINTR) continue;
+        if (n < 0) return lw_status_fail(err, LW_IO, "%s: cannot read: %s", path, strerror(errno));
+        if (n == 0) return lw_status_fail(err, LW_IO, "%s: became shorter while it was read", path);
+        done += (size_t)n;
+    }
+    return LW_OK;
+}
+
+static enum lw_status load_from(int fd, const char *path, struct lw_scene **out_scene, struct lw_error *err) {
+    struct stat st;
+    if (fstat(fd, &st) != 0) return lw_status_fail(err, LW_IO, "%s: %s", path, strerror(errno));
+    if (!S_ISREG(st.st_mode)) return lw_status_fail(err, LW_NO_INPUT, "%s: not a regular file", path);
+    uint64_t size = (uint64_t)st.st_size;
+    if (size > LW_PACKAGE_SIZE_MAX)
+        return lw_status_fail(err, LW_BAD_DATA, "%s: scene package has %llu bytes; the limit is %llu", path,
+                              (unsigned long long)size, LW_PACKAGE_SIZE_MAX);
+    struct lw_scene *scene;
+    uint8_t *bytes;
+    enum lw_status status = create_holder(size, &scene, &bytes, err);
+    if (status) return status;
+    status = read_fully(fd, bytes, size, path, err);
+    if (status) goto fail;
+    status = check_header(bytes, size, err);
+    if (!status) status = read_in_place(scene, bytes, size, err);
+    if (status) {
+        lw_status_context(err, "%s", path);
+        goto fail;
+    }
+    *out_scene = scene;
+    return LW_OK;
+fail:
+    lw_scene_destroy(scene);
+    return status;
+}
+
+enum lw_status lw_package_load(const char *path, struct lw_scene **out_scene, struct lw_error *err) {
+    int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK); /* nonblocking: a pipe must not hang us */
+    if (fd < 0) return lw_status_fail(err, LW_NO_INPUT, "%s: %s", path, strerror(errno));
+    enum lw_status status = load_from(fd, path, out_scene, err);
+    close(fd);
+    return status;
+}
+
+static enum lw_status write_fully(int fd, const uint8_t *bytes, size_t size, const char *path,
+                                  struct lw_error *err) {
+    for (size_t done = 0; done < size;) {
+        ssize_t n = write(fd, bytes + done, size - done);
+        if (n < 0 && errno == EINTR) continue;
+        if (n < 0) return lw_status_fail(err, LW_IO, "%s: cannot write: %s", path, strerror(errno));
+        done += (size_t)n;
+    }
+    if (fsync(fd) != 0) return lw_status_fail(err, LW_IO, "%s: cannot write: %s", path, strerror(errno));
+    return LW_OK;
+}
+
+/* A new file beside `path`, so that the rename stays within one file system. *out_name is malloc'ed. */
+static enum lw_status create_temporary(const char *path, char **out_name, int *out_fd, struct lw_error *err) {
+    int cause = EEXIST;
+    for (unsigned attempt = 0; attempt < TEMPORARY_MAX && cause == EEXIST; attempt++) {
+        char *name;
+        if (asprintf(&name, "%s.%ld-%u.tmp", path, (long)getpid(), attempt) < 0)
+            return lw_status_fail(err, LW_NO_MEMORY, "%s: no memory for its temporary name", path);
+        int fd = open(name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+        if (fd >= 0) {
+            *out_name = name;
+            *out_fd = fd;
+            return LW_OK;
+        }
+        cause = errno;
+        free(name);
+    }
+    return lw_status_fail(err, LW_CANNOT_CREATE, "%s: cannot create a file there: %s", path, strerror(cause));
+}
+
+static enum lw_status replace_file(const char *path, const uint8_t *bytes, size_t size,
+                                   struct lw_error *err) {
+    struct stat st;
+    if (stat(path, &st) == 0 &&
+        !S_ISREG(st.st_mode)) /* a rename would replace a device or fail on a folder */
+        return lw_status_fail(err, LW_CANNOT_CREATE, "%s: exists and is not a regular file", path);
+    char *temporary = NULL;
+    int fd = -1;
+    enum lw_status status = create_temporary(path, &temporary, &fd, err);
+    if (status) return status;
+    status = write_fully(fd, bytes, size, path, err);
+    if (close(fd) != 0 && !status) status = lw_status_fail(err, LW_IO, "%s: %s", path, strerror(errno));
+    if (!status && rename(temporary, path) != 0)
+        status = lw_status_fail(err, LW_CANNOT_CREATE, "%s: cannot replace it: %s", path, strerror(errno));
+    if (status) unlink(temporary);
+    free(temporary);
+    return status;
+}
+
+enum lw_status lw_package_save(const struct lw_scene *scene, const char *path, struct lw_error *err) {
+    uint8_t *bytes;
+    size_t size;
+    enum lw_status status = lw_package_write(scene, &bytes, &size, err);
+    if (status) {
+        lw_status_context(err, "%s", path);
+        return status;
+    }
+    status = replace_file(path, bytes, size, err);
+    free(bytes);
+    return status;
+}
