@@ -14,10 +14,10 @@
 #define LW_LIGHTMAP_GUTTER 2u /* texels */
 
 struct lw_lightmap_desc {
-    float texels_per_metre;     /* 0: chosen so that the scene has about texel_target covered texels */
-    uint32_t texel_target;      /* 0: LW_LIGHTMAP_TEXEL_TARGET */
-    uint32_t atlas_side_max;    /* texels; 0: 4096. A mesh that needs more gets a lower density. */
-    unsigned threads;           /* 0: all */
+    float texels_per_metre;  /* 0: chosen so that the scene has about texel_target covered texels */
+    uint32_t texel_target;   /* 0: LW_LIGHTMAP_TEXEL_TARGET */
+    uint32_t atlas_side_max; /* texels; 0: 4096. A mesh that needs more gets a lower density. */
+    unsigned threads;        /* 0: all */
 };
 #define LW_LIGHTMAP_TEXEL_TARGET 400000u
 
@@ -26,12 +26,12 @@ struct lw_lightmap_report {
     uint32_t mesh;
     uint32_t atlas_width, atlas_height;
     uint32_t chart_count;
-    uint32_t texels_covered;  /* texels whose square overlaps a chart, backs included */
-    float coverage;           /* texels_covered / (atlas_width * atlas_height) */
+    uint32_t texels_covered;        /* texels whose square overlaps a chart, backs included */
+    float coverage;                 /* texels_covered / (atlas_width * atlas_height) */
     float stretch_rms, stretch_max; /* texture stretch (Sander et al. 2001), 1 = isometric up to scale */
-    float texels_per_metre;   /* reached */
-    bool from_file;           /* the file's second UV set was in [0,1], free of overlaps, and used */
-    bool capped;              /* atlas_side_max lowered its density */
+    float texels_per_metre;         /* reached */
+    bool from_file;                 /* the file's second UV set was in [0,1], free of overlaps, and used */
+    bool capped;                    /* atlas_side_max lowered its density */
 };
 
 /** Builds lightmap UVs for every mesh that an object uses: from UV set 1 where it is fit, else by unwrapping.

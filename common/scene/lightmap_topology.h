@@ -1,0 +1,32 @@
+/* lightmap_topology.h: which triangles of a mesh touch, and how sharply.
+ * Flow:    mesh -> [topology] -> charts
+ * Threads: pure functions of a mesh; [any].
+ * Positions are welded by their bits, because files split vertices at seams of texture coordinates and normals. */
+#ifndef LW_COMMON_LIGHTMAP_TOPOLOGY_H
+#define LW_COMMON_LIGHTMAP_TOPOLOGY_H
+
+#include "common/scene/scene.h"
+
+/** Edge e of triangle t runs from corner e to corner (e + 1) % 3; its number is 3t + e. */
+struct lw_lightmap_topology {
+    const struct lw_mesh *mesh;
+    uint32_t triangle_count, weld_count;
+    uint32_t *weld; /* per vertex: number of its position */
+    uint32_t *
+        neighbour; /* per edge: the edge on the other side; LW_SCENE_NONE at borders and non-manifold edges */
+    float *bend;   /* per edge: angle between the two planes, radians */
+    uint8_t *hard; /* per edge: the shading breaks here */
+    float (*side)[3]; /* per triangle: lengths of its edges, in texels */
+    float *area;      /* per triangle, texels; 0 if it is too thin to have a plane */
+};
+
+/** scale  texels per unit of object space.  Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_lightmap_topology_init(struct lw_lightmap_topology *topology,
+                                                       const struct lw_mesh *mesh, double scale);
+void lw_lightmap_topology_finish(struct lw_lightmap_topology *topology);
+
+/** Numbers the distinct positions of a mesh, in order of first use. out_weld: vertex_count entries. */
+LW_MUST_CHECK enum lw_status lw_lightmap_topology_weld(const struct lw_mesh *mesh, uint32_t *out_weld,
+                                                       uint32_t *out_weld_count);
+
+#endif
