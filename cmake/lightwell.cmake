@@ -25,7 +25,11 @@ if(LW_SANITIZE)
   target_link_options(lw_flags INTERFACE -fsanitize=${LW_SANITIZE})
 endif()
 if(LW_FUZZ)
+  if(NOT CMAKE_C_COMPILER_ID MATCHES Clang)
+    message(FATAL_ERROR "LW_FUZZ needs clang (it brings libFuzzer): use the preset `fuzz`, or -DCMAKE_C_COMPILER=clang")
+  endif()
   target_compile_options(lw_flags INTERFACE -fsanitize=fuzzer-no-link)
+  target_link_options(lw_flags INTERFACE -fsanitize=fuzzer-no-link)
 endif()
 if(LW_COVERAGE)
   target_compile_options(lw_flags INTERFACE --coverage)
@@ -47,12 +51,33 @@ function(lw_program name)
   install(TARGETS ${name})
 endfunction()
 
-# lw_test(LABEL NAME LIBS ... [TIMEOUT seconds] [WRAP symbols]): tests/LABEL/NAME.c with cmocka, one process,
-# a ctest entry with a time limit. WRAP names functions that the test replaces (__wrap_x, __real_x).
+# What every test's process finds in its environment.
+function(lw_test_environment name)
+  if(LW_SANITIZE MATCHES "thread")
+    # libomp, Embree and TBB are not instrumented: archer (part of libomp) tells TSan of OpenMP's barriers, and memory
+    # that only those libraries touch is not looked at
+    set_property(TEST ${name} APPEND PROPERTY ENVIRONMENT
+      "TSAN_OPTIONS=ignore_noninstrumented_modules=1:suppressions=${PROJECT_SOURCE_DIR}/tests/tsan.supp")
+  endif()
+  if(LW_SANITIZE MATCHES "undefined")
+    set_property(TEST ${name} APPEND PROPERTY ENVIRONMENT "UBSAN_OPTIONS=print_stacktrace=1")
+  endif()
+endfunction()
+
+# lw_test(LABEL NAME LIBS ... [TIMEOUT seconds] [WRAP symbols] [THREADED]): tests/LABEL/NAME.c with cmocka, one process,
+# a ctest entry with a time limit. WRAP names functions that the test replaces (__wrap_x, __real_x). THREADED also runs
+# it under ThreadSanitizer (label `threaded`).
 function(lw_test label name)
-  cmake_parse_arguments(arg "" "TIMEOUT" "LIBS;WRAP" ${ARGN})
+  cmake_parse_arguments(arg "THREADED" "TIMEOUT" "LIBS;WRAP" ${ARGN})
   if(NOT arg_TIMEOUT)
     set(arg_TIMEOUT 60)
+  endif()
+  set(labels ${label})
+  if(arg_THREADED)
+    list(APPEND labels threaded)
+  endif()
+  if(LW_SANITIZE)
+    math(EXPR arg_TIMEOUT "4 * ${arg_TIMEOUT}") # instrumented code is slower
   endif()
   add_executable(${name} ${name}.c)
   target_link_libraries(${name} PRIVATE lw_flags lw_test_support ${arg_LIBS} cmocka::cmocka)
@@ -60,20 +85,25 @@ function(lw_test label name)
     target_link_options(${name} PRIVATE -Wl,--wrap=${symbol})
   endforeach()
   add_test(NAME ${name} COMMAND ${name})
-  set_tests_properties(${name} PROPERTIES LABELS ${label} TIMEOUT ${arg_TIMEOUT})
+  set_tests_properties(${name} PROPERTIES LABELS "${labels}" TIMEOUT ${arg_TIMEOUT})
+  lw_test_environment(${name})
 endfunction()
 
-# lw_fuzzer(NAME LIBS ...): tests/fuzz/NAME.c defines LLVMFuzzerTestOneInput. Without LW_FUZZ a plain driver
-# replays tests/fuzz/corpus/NAME in ctest.
+# lw_fuzzer(NAME LIBS ...): tests/fuzz/NAME.c defines LLVMFuzzerTestOneInput. In ctest its corpus,
+# tests/fuzz/corpus/NAME, is replayed: by libFuzzer with LW_FUZZ, otherwise by a plain driver.
 function(lw_fuzzer name)
   cmake_parse_arguments(arg "" "" "LIBS" ${ARGN})
+  set(corpus ${PROJECT_SOURCE_DIR}/tests/fuzz/corpus/${name})
   add_executable(${name} ${name}.c)
   target_link_libraries(${name} PRIVATE lw_flags ${arg_LIBS})
+  target_compile_options(${name} PRIVATE -Wno-missing-prototypes) # the entry point has no header
   if(LW_FUZZ)
     target_link_options(${name} PRIVATE -fsanitize=fuzzer)
+    add_test(NAME ${name} COMMAND ${name} -runs=0 ${corpus})
   else()
     target_sources(${name} PRIVATE ${PROJECT_SOURCE_DIR}/tests/fuzz/replay.c)
+    add_test(NAME ${name} COMMAND ${name} ${corpus})
   endif()
-  add_test(NAME ${name} COMMAND ${name} ${PROJECT_SOURCE_DIR}/tests/fuzz/corpus/${name})
-  set_tests_properties(${name} PROPERTIES LABELS unit TIMEOUT 60)
+  set_tests_properties(${name} PROPERTIES LABELS unit TIMEOUT 120)
+  lw_test_environment(${name})
 endfunction()

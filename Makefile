@@ -1,0 +1,37 @@
+# A thin face over CMake. `make help` lists what there is.
+.DEFAULT_GOAL := build
+.PHONY: help deps deps-all build run test test-long fuzz format lint clean
+
+help: ## this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+deps: ## install the Debian packages that a build and its tests need
+	@scripts/deps.sh
+
+deps-all:
+	@scripts/deps.sh --all
+
+build: ## build the programs (release) into build/release/bin
+	@scripts/build.sh release
+
+run: deps build ## light the built-in atrium; the server says what to do next
+	@exec build/release/bin/lightwelld builtin:atrium --animate
+
+test: deps build ## the fast tests: unit, golden, reference, integration
+	@ctest --test-dir build/release -L '^(unit|golden|reference|integration)$$' -j 2 \
+	  --no-tests=error --output-on-failure --timeout 120
+
+test-long: deps-all ## sanitizers, both compilers, long tests, a short run of each fuzzer
+	@scripts/check.sh gcc clang dev tsan long fuzz
+
+fuzz: deps-all ## run each fuzzer for FUZZ_SECONDS (default 60)
+	@FUZZ_SECONDS=$${FUZZ_SECONDS:-60} scripts/check.sh fuzz
+
+format: ## lay out the code by .clang-format
+	@git ls-files '*.c' '*.h' | xargs clang-format -i
+
+lint: ## check the arrows between folders, stems and layout
+	@scripts/lint.sh --format
+
+clean: ## remove all builds
+	@rm -rf build

@@ -1,0 +1,41 @@
+#!/bin/bash
+# Installs the Debian 12 packages that lightwell is built from. Does nothing, and needs no network, when all are there.
+# scripts/deps.sh          what a build and the fast tests need
+# scripts/deps.sh --all    and the sanitizers, fuzzers and formatters of the long tests
+set -euo pipefail
+
+packages=(
+    gcc libc6-dev cmake ninja-build pkg-config make git
+    libembree-dev libtbb-dev libuv1-dev
+    libprotobuf-c-dev protobuf-c-compiler protobuf-compiler
+    libzstd-dev libxxhash-dev libjansson-dev
+    libopenexr-dev libpng-dev libstb-dev libsdl2-dev
+    libcmocka-dev
+)
+long_packages=(clang libomp-14-dev libclang-rt-14-dev clang-format)
+if [ "${1:-}" = --all ]; then packages+=("${long_packages[@]}"); fi
+
+if ! command -v dpkg-query >/dev/null; then
+    echo "deps: this is no Debian system; please install what these Debian 12 packages hold: ${packages[*]}" >&2
+    exit 69
+fi
+
+missing=()
+for package in "${packages[@]}"; do
+    state=$(dpkg-query -W -f='${db:Status-Status}' "$package" 2>/dev/null || true)
+    [ "$state" = installed ] || missing+=("$package")
+done
+[ ${#missing[@]} -gt 0 ] || exit 0
+
+as_root=()
+if [ "$(id -u)" -ne 0 ]; then
+    if ! command -v sudo >/dev/null; then
+        echo "deps: missing packages; as root, run: apt-get install ${missing[*]}" >&2
+        exit 77
+    fi
+    as_root=(sudo)
+fi
+
+echo "deps: installing ${#missing[@]} Debian packages: ${missing[*]}" >&2
+"${as_root[@]}" apt-get update
+"${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends "${missing[@]}"

@@ -1,0 +1,34 @@
+#!/bin/bash
+# What compilers do not check: the arrows between folders, unique stems, and (--format) the layout of the code.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+failed=0
+
+complain() {
+    echo "lint: $1" >&2
+    failed=1
+}
+
+# forbid FOLDER PATTERN WHY: no file below FOLDER includes a path that matches PATTERN
+forbid() {
+    local hits
+    hits=$(grep -rnE --include='*.[ch]' "^ *# *include +[\"<]($2)" "$1" || true)
+    if [ -n "$hits" ]; then complain "$3:"$'\n'"$hits"; fi
+}
+
+forbid common '(proto|server|client)/' 'common knows nobody'
+forbid proto '(server|client)/' 'proto knows common alone'
+forbid server '(client|lightwell)/' 'the server does not know the client'
+forbid client 'server/' 'the client does not know the server'
+forbid server/solve 'server/(publish|serve)/|proto/|uv' 'solve knows no network'
+forbid server/publish 'server/serve/' 'publish knows no sessions'
+forbid server/serve '(embree|common/trace/)' 'serve traces no rays'
+for folder in common/image common/light common/scene common/tile proto server client tests; do forbid "$folder" 'embree' 'only common/trace uses Embree'; done
+
+twins=$(find common proto server client -name '*.c' -printf '%f\n' | sort | uniq -d)
+if [ -n "$twins" ]; then complain "a stem is the prefix of its functions, so it is unique; twice there is: $twins"; fi
+
+if [ "${1:-}" = --format ]; then
+    git ls-files '*.c' '*.h' | xargs clang-format --dry-run -Werror || failed=1
+fi
+exit $failed
