@@ -1,0 +1,256 @@
+#include "client/view/headless.h"
+
+#include "client/view/stage.h"
+#include "common/clock.h"
+#include "common/image/image.h"
+#include "common/log.h"
+#include "common/progress.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#define POLL_MS            50u
+#define CONNECT_TIMEOUT_MS 5000u
+
+struct headless {
+    const struct lw_view_options *options;
+    struct lw_client *client;
+    uint64_t started_ns, deadline_ns;
+    uint64_t welcomed_ns, waited_ns, compose_ns; /* moment, moment, duration */
+    struct lw_stage stage;
+    struct lw_compose_view view;
+    struct lw_compose_report report;
+    struct lw_client_stats stats; /* as of the picture */
+    float *rgb;
+};
+
+static double ms_between(uint64_t from_ns, uint64_t to_ns) {
+    return to_ns > from_ns ? (double)(to_ns - from_ns) * 1e-6 : 0.0;
+}
+
+static size_t pixel_count(const struct headless *h) { return (size_t)h->view.width * h->view.height; }
+
+static enum lw_status connect_to_server(struct headless *h, struct lw_error *err) {
+    unsigned limit_ms = CONNECT_TIMEOUT_MS;
+    if (h->options->timeout_s * 1e3 < limit_ms) limit_ms = (unsigned)(h->options->timeout_s * 1e3);
+    enum lw_status status = lw_client_create(&(struct lw_client_desc){.host = h->options->host,
+                                                                      .port = h->options->port,
+                                                                      .name = "lightwell-view --headless",
+                                                                      .timeout_ms = limit_ms},
+                                             &h->client, err);
+    h->welcomed_ns = lw_clock_ns();
+    return status;
+}
+
+/* A progress knows steps, we know how far we are. */
+static void show_progress(struct lw_progress *progress, uint64_t done) {
+    uint64_t so_far = atomic_load(&progress->done);
+    lw_progress_step(progress, done > so_far ? done - so_far : 0);
+}
+
+static enum lw_status receive_scene(struct headless *h, struct lw_error *err) {
+    struct lw_progress progress;
+    lw_progress_init(&progress, "receiving the scene", 1000);
+    while (lw_client_scene(h->client) == NULL) {
+        enum lw_status status = lw_client_poll(h->client, POLL_MS, err);
+        if (status != LW_OK) {
+            lw_status_context(err, "receiving the scene");
+            return status;
+        }
+        float fraction = lw_client_package_progress(h->client);
+        show_progress(&progress, (uint64_t)(fraction * 1000.0f));
+        if (lw_clock_ns() > h->deadline_ns && lw_client_scene(h->client) == NULL)
+            return lw_status_fail(err, LW_TIMED_OUT,
+                                  "the scene has not arrived within %g s: %.0f %% of it is there (--timeout)",
+                                  h->options->timeout_s, (double)fraction * 100.0);
+    }
+    lw_progress_finish(&progress);
+    return LW_OK;
+}
+
+static enum lw_status choose_camera(const struct lw_view_options *options, const struct lw_stage *stage,
+                                    struct lw_camera_view *out, struct lw_error *err) {
+    if (options->camera_given) {
+        *out = options->camera;
+        return LW_OK;
+    }
+    uint32_t camera = 0;
+    if (options->camera_name != NULL) {
+        enum lw_status status = lw_camera_find(stage->scene, options->camera_name, &camera, err);
+        if (status != LW_OK) return status;
+    }
+    if (camera < stage->scene->camera_count)
+        *out = lw_camera_of_scene(stage->scene, &stage->pose, camera);
+    else
+        *out = lw_camera_default(stage->scene, &stage->pose, stage->trace,
+                                 (float)options->width / (float)options->height);
+    return LW_OK;
+}
+
+static enum lw_status take_picture(struct headless *h, struct lw_error *err) {
+    /* A camera of the scene may be carried by its animation. */
+    enum lw_status status = choose_camera(h->options, &h->stage, &h->view.camera, err);
+    if (status != LW_OK) return status;
+    struct lw_compose_source source = lw_stage_source(&h->stage);
+    uint64_t start_ns = lw_clock_ns();
+    lw_compose_render(h->stage.compose, &source, &h->stage.pose, &h->view, h->rgb, &h->report);
+    h->compose_ns = lw_clock_ns() - start_ns;
+    lw_client_get_stats(h->client, &h->stats);
+    return LW_OK;
+}
+
+static bool serves_the_wait(const struct headless *h, const struct lw_compose_report *report) {
+    if (h->stats.first_ns == 0) return false;
+    switch (h->options->wait) {
+    case LW_VIEW_WAIT_FIRST:
+        return true;
+    case LW_VIEW_WAIT_COMPLETE:
+        return report->complete;
+    case LW_VIEW_WAIT_CONVERGED:
+        return report->converged;
+    case LW_VIEW_WAIT_SECONDS:
+        return ms_between(h->started_ns, lw_clock_ns()) >= h->options->wait_s * 1e3;
+    }
+    return false;
+}
+
+static uint32_t tiles_served(const struct headless *h, const struct lw_compose_report *r) {
+    uint32_t lacking = r->tiles_missing + r->tiles_unfinished;
+    if (h->options->wait == LW_VIEW_WAIT_CONVERGED && r->tiles_noisy > r->tiles_unfinished)
+        lacking = r->tiles_missing + r->tiles_noisy;
+    return r->tiles_needed > lacking ? r->tiles_needed - lacking : 0;
+}
+
+static enum lw_status fail_late(const struct headless *h, struct lw_error *err) {
+    const struct lw_compose_report *r = &h->report;
+    double limit_s = h->options->timeout_s;
+    if (h->stats.first_ns == 0)
+        return lw_status_fail(err, LW_TIMED_OUT,
+                              "no first light of every object within %g s: %" PRIu64
+                              " tiles have arrived (--timeout)",
+                              limit_s, h->stats.tiles);
+    if (r->tiles_missing + r->tiles_unfinished > 0)
+        return lw_status_fail(
+            err, LW_TIMED_OUT,
+            "the view is not complete after %g s: of %u tiles %u are not there, %u lack bounces "
+            "(--timeout)",
+            limit_s, r->tiles_needed, r->tiles_missing, r->tiles_unfinished);
+    return lw_status_fail(
+        err, LW_TIMED_OUT,
+        "the view has not converged after %g s: of %u tiles %u have an error above %g, the worst %g "
+        "(--timeout)",
+        limit_s, r->tiles_needed, r->tiles_noisy, (double)h->stats.target_error, (double)r->max_error);
+}
+
+/* Takes pictures until one serves the wait. What it needs is known from the picture itself, and may change with every
+ * object that moves; while nothing arrives that the last one needed, none is taken. */
+static enum lw_status wait_for_light(struct headless *h, struct lw_error *err) {
+    bool judged_by_tiles =
+        h->options->wait == LW_VIEW_WAIT_COMPLETE || h->options->wait == LW_VIEW_WAIT_CONVERGED;
+    struct lw_progress progress;
+    enum lw_status status = judged_by_tiles ? take_picture(h, err) : LW_OK;
+    lw_progress_init(&progress, "waiting for the light", judged_by_tiles ? h->report.tiles_needed : 0);
+    while (status == LW_OK) {
+        lw_client_get_stats(h->client, &h->stats);
+        struct lw_compose_source source = lw_stage_source(&h->stage);
+        struct lw_compose_report report;
+        lw_compose_check(h->stage.compose, &source, &report);
+        if (serves_the_wait(h, &report)) {
+            status = take_picture(h, err);
+            if (status != LW_OK || serves_the_wait(h, &h->report)) break;
+        } else {
+            h->report = report;
+        }
+        show_progress(&progress, judged_by_tiles ? tiles_served(h, &h->report) : h->stats.tiles);
+        if (lw_clock_ns() > h->deadline_ns) return fail_late(h, err);
+        bool moved;
+        status = lw_client_poll(h->client, POLL_MS, err);
+        if (status == LW_OK) status = lw_stage_follow(&h->stage, &moved, err);
+        if (status != LW_OK) lw_status_context(err, "waiting for the light");
+    }
+    h->waited_ns = lw_clock_ns();
+    if (status == LW_OK) lw_progress_finish(&progress);
+    return status;
+}
+
+static enum lw_status write_picture(const struct headless *h, struct lw_error *err) {
+    const struct lw_view_options *o = h->options;
+    if (o->format == LW_VIEW_NO_FILE) return LW_OK;
+    if (o->format == LW_VIEW_EXR)
+        return lw_image_write_exr(o->out, h->rgb, h->view.width, h->view.height, "W/(m^2 sr)", err);
+    uint8_t *srgb = malloc(pixel_count(h) * 3);
+    if (srgb == NULL) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the picture");
+    struct lw_tonemap tonemap;
+    lw_tonemap_init(&tonemap, o->curve,
+                    o->auto_exposure ? lw_tonemap_auto_stops(h->rgb, pixel_count(h)) : o->stops);
+    lw_tonemap_encode(&tonemap, h->rgb, pixel_count(h), 3, srgb);
+    enum lw_status status = lw_image_write_png(o->out, srgb, h->view.width, h->view.height, err);
+    free(srgb);
+    return status;
+}
+
+static void mean_colour(const struct headless *h, double out[3]) {
+    for (int c = 0; c < 3; c++) {
+        double sum = 0;
+        for (size_t i = 0; i < pixel_count(h); i++) sum += (double)h->rgb[3 * i + (size_t)c];
+        out[c] = sum / (double)pixel_count(h);
+    }
+}
+
+static enum lw_status print_report(const struct headless *h, struct lw_error *err) {
+    const struct lw_client_stats *s = &h->stats;
+    const struct lw_compose_report *r = &h->report;
+    uint64_t from_ns = s->connected_ns;
+    double mean[3];
+    mean_colour(h, mean);
+    printf("{\"connect_ms\": %.3f, \"package_ms\": %.3f, \"first_ms\": %.3f, \"complete_ms\": %.3f, "
+           "\"compose_ms\": %.3f, \"light_age_ms\": %.3f,\n",
+           ms_between(from_ns, h->welcomed_ns), ms_between(from_ns, s->package_ns),
+           ms_between(from_ns, s->first_ns), ms_between(from_ns, h->waited_ns), (double)h->compose_ns * 1e-6,
+           (double)s->light_age_ns * 1e-6);
+    printf(" \"frame\": %" PRIu64 ", \"time_s\": %.6f, \"frames\": %" PRIu64 ", \"tiles\": %" PRIu64
+           ", \"bytes\": %" PRIu64 ", \"rays_total\": %" PRIu64 ",\n",
+           s->frame, s->time_s, s->frames, s->tiles, s->bytes, s->rays_total);
+    printf(" \"tiles_used\": %u, \"tiles_missing\": %u, \"tiles_unfinished\": %u, \"tiles_noisy\": %u, "
+           "\"max_error\": %.6g, \"target_error\": %.6g, \"bounces\": %u, \"complete\": %s, \"converged\": "
+           "%s,\n",
+           r->tiles_needed, r->tiles_missing, r->tiles_unfinished, r->tiles_noisy, (double)r->max_error,
+           (double)s->target_error, s->bounces, r->complete ? "true" : "false",
+           r->converged ? "true" : "false");
+    printf(" \"width\": %u, \"height\": %u, \"mean_rgb\": [%.9g, %.9g, %.9g]}\n", h->view.width,
+           h->view.height, mean[0], mean[1], mean[2]);
+    if (fflush(stdout) != 0) return lw_status_fail(err, LW_IO, "cannot write the report to stdout");
+    return LW_OK;
+}
+
+enum lw_status lw_headless_run(const struct lw_view_options *options, struct lw_error *err) {
+    struct headless h = {.options = options, .view = {.width = options->width, .height = options->height}};
+    h.started_ns = lw_clock_ns();
+    double patience_s = options->timeout_s + (options->wait == LW_VIEW_WAIT_SECONDS ? options->wait_s : 0.0);
+    h.deadline_ns = h.started_ns + (uint64_t)(patience_s * 1e9);
+
+    h.rgb = malloc(pixel_count(&h) * 3 * sizeof *h.rgb); /* at most 3 GiB by the limit of --size */
+    if (h.rgb == NULL)
+        return lw_status_fail(err, LW_NO_MEMORY, "no memory for a picture of %ux%u pixels", h.view.width,
+                              h.view.height);
+    bool moved;
+    enum lw_status status = connect_to_server(&h, err);
+    if (status == LW_OK) status = receive_scene(&h, err);
+    if (status == LW_OK) status = lw_stage_init(&h.stage, h.client, options->threads, err);
+    if (status == LW_OK) status = lw_stage_follow(&h.stage, &moved, err);
+    if (status == LW_OK) status = choose_camera(options, &h.stage, &h.view.camera, err);
+    if (status == LW_OK) status = wait_for_light(&h, err);
+    if (status == LW_OK) status = write_picture(&h, err);
+    if (status == LW_OK && options->json) status = print_report(&h, err);
+    if (status == LW_OK && !options->json)
+        lw_log(LW_LOG_INFO, "%s: %ux%u, %u tiles, %s", options->out, h.view.width, h.view.height,
+               h.report.tiles_needed,
+               h.report.converged  ? "converged"
+               : h.report.complete ? "complete"
+                                   : "not yet complete");
+    lw_stage_finish(&h.stage);
+    lw_client_destroy(h.client);
+    free(h.rgb);
+    return status;
+}

@@ -1,1 +1,15 @@
-int main(void) { return 70; }
+#include "client/view/headless.h"
+#include "client/view/view_options.h"
+#include "client/view/window.h"
+#include "common/log.h"
+
+int main(int argc, char **argv) {
+    lw_log_init("lightwell-view", LW_LOG_INFO);
+    struct lw_view_options options;
+    struct lw_error err = {0};
+    bool done = false;
+    enum lw_status status = lw_view_options_parse(argc, argv, &options, &done, &err);
+    if (status == LW_OK && !done)
+        status = options.headless ? lw_headless_run(&options, &err) : lw_window_run(&options, &err);
+    return status == LW_OK ? 0 : lw_log_failure(&err);
+}

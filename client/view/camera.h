@@ -1,0 +1,46 @@
+/* camera.h: where the eye is, where it looks, and the rays through its pixels.
+ * Flow:    option text, scene camera or bounds -> [camera] -> rays for compose
+ * Threads: pure functions, [any]. */
+#ifndef LW_CLIENT_VIEW_CAMERA_H
+#define LW_CLIENT_VIEW_CAMERA_H
+
+#include "common/scene/pose.h"
+#include "common/scene/scene.h"
+#include "common/trace/trace.h"
+
+/** A pinhole camera in world space; right, up and forward are unit and orthogonal. */
+struct lw_camera_view {
+    struct lw_vec3 position, right, up, forward;
+    float fov_y; /* radians, in (0, pi) */
+};
+
+/** A camera at a place that looks at another, upright (+Y) unless it looks straight up or down. */
+struct lw_camera_view lw_camera_look_at(struct lw_vec3 position, struct lw_vec3 target, float fov_y);
+
+/** Reads "px,py,pz:tx,ty,tz:fov_y_deg", metres and degrees.
+ * Errors: LW_USAGE naming the part that is wrong. */
+LW_MUST_CHECK enum lw_status lw_camera_parse(const char *text, struct lw_camera_view *out_view,
+                                             struct lw_error *err);
+
+/** A camera of the scene, where the pose has it. */
+struct lw_camera_view lw_camera_of_scene(const struct lw_scene *scene, const struct lw_pose *pose,
+                                         uint32_t camera);
+
+/** Index of the scene's camera of that name.
+ * Errors: LW_USAGE, listing the names there are. */
+LW_MUST_CHECK enum lw_status lw_camera_find(const struct lw_scene *scene, const char *name,
+                                            uint32_t *out_camera, struct lw_error *err);
+
+/** A view for a scene that brings no camera: from eye height inside a scene that surrounds its own centre, along the
+ * longest free line of sight; otherwise from outside, with all of it in the picture.
+ * trace    of the same scene and pose
+ * aspect   width / height of the picture */
+struct lw_camera_view lw_camera_default(const struct lw_scene *scene, const struct lw_pose *pose,
+                                        const struct lw_trace *trace, float aspect);
+
+/** Direction of the ray through (x, y) in pixels from the upper left corner; the centre of the first pixel is
+ * (0.5, 0.5). Not unit: its component along `forward` is 1, so that a hit's t is its depth. */
+struct lw_vec3 lw_camera_direction(const struct lw_camera_view *view, float x, float y, uint32_t width,
+                                   uint32_t height);
+
+#endif

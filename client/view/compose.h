@@ -1,0 +1,74 @@
+/* compose.h: the picture: one primary ray per pixel, albedo/pi * irradiance + emission at what it meets.
+ * Flow:    replica (levels, tiles), trace, pose, camera -> [compose] -> linear radiance; which tiles the view needs
+ * Threads: one thread at a time per lw_compose; renders on several threads inside. Same inputs, same bytes, at any
+ *          number of them. */
+#ifndef LW_CLIENT_VIEW_COMPOSE_H
+#define LW_CLIENT_VIEW_COMPOSE_H
+
+#include "client/view/camera.h"
+#include "common/tile/atlas.h"
+#include "common/trace/trace.h"
+#include "lightwell/client.h"
+
+#define LW_COMPOSE_LAYERS_MAX 16u /* BLEND surfaces along one ray; the last one counts as opaque */
+/* Levels that keep charts apart (common/scene/lightmap.h); coarser ones stand in only until these arrive. */
+#define LW_COMPOSE_LEVEL_MAX 2u
+
+/** Where the light comes from. The pointers that `level` gives must stay good during a render. */
+struct lw_compose_source {
+    const void *context;
+    struct lw_client_level (*level)(const void *context, uint32_t object, uint32_t level);
+    struct lw_client_tile (*tile)(const void *context, lw_tile_id tile);
+    struct lw_vec3 sky; /* W/(m^2 sr): what a ray that meets nothing sees */
+    uint32_t bounces;   /* of a complete tile */
+    float target_error; /* of a converged one */
+};
+
+struct lw_compose_desc {
+    const struct lw_scene *scene;
+    const struct lw_atlas_map *map;
+    const struct lw_trace *trace; /* of the same scene; at the pose of each render */
+    unsigned threads;             /* 0: all */
+};
+
+struct lw_compose;
+
+/** What desc points to must outlive it. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_compose_create(const struct lw_compose_desc *desc,
+                                               struct lw_compose **out_compose, struct lw_error *err);
+void lw_compose_destroy(struct lw_compose *compose);
+
+struct lw_compose_view {
+    struct lw_camera_view camera;
+    uint32_t width, height;   /* pixels */
+    float offset_x, offset_y; /* where in the pixel its ray goes, from the centre; pixels */
+};
+
+/** How well the light that arrived serves a view. */
+struct lw_compose_report {
+    uint32_t tiles_needed;
+    uint32_t tiles_missing;    /* of those: not there at all */
+    uint32_t tiles_unfinished; /* there, with fewer bounces than a complete tile has */
+    uint32_t tiles_noisy;      /* there, with more error than the target */
+    float max_error;           /* of the needed tiles that are there */
+    bool complete;             /* nothing missing or unfinished */
+    bool converged;            /* and nothing noisy */
+};
+
+/** Renders a view.
+ *
+ * pose      object_to_world alone is read
+ * out_rgb   width * height * 3 floats, row 0 on top: W/(m^2 sr) per linear-sRGB channel, finite
+ * Errors    none: where light has not arrived, coarser light stands in, then the scene's average */
+void lw_compose_render(struct lw_compose *compose, const struct lw_compose_source *source,
+                       const struct lw_pose *pose, const struct lw_compose_view *view, float *out_rgb,
+                       struct lw_compose_report *out_report);
+
+/** Looks again at the tiles that the last render needed, without a ray. */
+void lw_compose_check(const struct lw_compose *compose, const struct lw_compose_source *source,
+                      struct lw_compose_report *out_report);
+
+/** One byte per tile id: whether the last render needed it, at the level that it needs. */
+const uint8_t *lw_compose_needed(const struct lw_compose *compose);
+
+#endif

@@ -1,0 +1,13 @@
+/* headless.h: one view, rendered to a file.
+ * Flow:    options -> client -> wait for the light -> compose -> tonemap -> file, report on stdout
+ * Threads: main() only. */
+#ifndef LW_CLIENT_VIEW_HEADLESS_H
+#define LW_CLIENT_VIEW_HEADLESS_H
+
+#include "client/view/view_options.h"
+
+/** Connects, waits as the options say, renders, writes.
+ * Errors: the client's; LW_TIMED_OUT saying what was missing; LW_USAGE for an unknown camera; the image writer's. */
+LW_MUST_CHECK enum lw_status lw_headless_run(const struct lw_view_options *options, struct lw_error *err);
+
+#endif

@@ -1,0 +1,76 @@
+#include "client/view/stage.h"
+
+#include <string.h>
+
+enum lw_status lw_stage_init(struct lw_stage *stage, struct lw_client *client, unsigned threads,
+                             struct lw_error *err) {
+    *stage = (struct lw_stage){.client = client, .scene = lw_client_scene(client)};
+    enum lw_status status = lw_pose_init(&stage->pose, stage->scene);
+    if (status != LW_OK) {
+        *stage = (struct lw_stage){0};
+        return lw_status_fail(err, status, "no memory for the scene's pose");
+    }
+    for (uint32_t o = 0; o < stage->scene->object_count && !stage->moves; o++)
+        stage->moves = lw_pose_object_moves(stage->scene, o);
+    status = lw_trace_create(stage->scene, &stage->pose, &stage->trace, err);
+    if (status != LW_OK) goto fail;
+    status = lw_compose_create(&(struct lw_compose_desc){.scene = stage->scene,
+                                                         .map = lw_client_atlas_map(client),
+                                                         .trace = stage->trace,
+                                                         .threads = threads},
+                               &stage->compose, err);
+    if (status != LW_OK) goto fail;
+    return LW_OK;
+fail:
+    lw_stage_finish(stage);
+    return status;
+}
+
+void lw_stage_finish(struct lw_stage *stage) {
+    lw_compose_destroy(stage->compose);
+    lw_trace_destroy(stage->trace);
+    if (stage->scene != NULL) lw_pose_finish(&stage->pose);
+    *stage = (struct lw_stage){0};
+}
+
+enum lw_status lw_stage_follow(struct lw_stage *stage, bool *out_moved, struct lw_error *err) {
+    struct lw_client_stats stats;
+    lw_client_get_stats(stage->client, &stats);
+    bool moved = false;
+    /* Cameras hang on nodes, which only the scene's own animation moves; objects are where the server says. */
+    struct lw_affine *object_to_world = stage->pose.object_to_world;
+    if (stage->moves) {
+        for (uint32_t o = 0; o < stage->scene->object_count && !moved; o++)
+            moved = memcmp(&object_to_world[o], lw_client_object_to_world(stage->client, o),
+                           sizeof object_to_world[o]) != 0;
+    }
+    if (stage->scene->duration_s > 0 && stage->pose.time_s != stats.time_s)
+        lw_pose_evaluate(&stage->pose, stage->scene, stats.time_s);
+    for (uint32_t o = 0; o < stage->scene->object_count; o++)
+        object_to_world[o] = *lw_client_object_to_world(stage->client, o);
+    if (moved) {
+        enum lw_status status = lw_trace_set_pose(stage->trace, &stage->pose, err);
+        if (status != LW_OK) return status;
+    }
+    *out_moved = moved;
+    return LW_OK;
+}
+
+static struct lw_client_level client_level(const void *context, uint32_t object, uint32_t level) {
+    return lw_client_get_level(context, object, level);
+}
+
+static struct lw_client_tile client_tile(const void *context, lw_tile_id tile) {
+    return lw_client_get_tile(context, tile);
+}
+
+struct lw_compose_source lw_stage_source(const struct lw_stage *stage) {
+    struct lw_client_stats stats;
+    lw_client_get_stats(stage->client, &stats);
+    return (struct lw_compose_source){.context = stage->client,
+                                      .level = client_level,
+                                      .tile = client_tile,
+                                      .sky = lw_vec3(stats.sky[0], stats.sky[1], stats.sky[2]),
+                                      .bounces = stats.bounces,
+                                      .target_error = stats.target_error};
+}

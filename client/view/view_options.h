@@ -1,0 +1,47 @@
+/* view_options.h: the command line of lightwell-view.
+ * Threads: main() only. */
+#ifndef LW_CLIENT_VIEW_VIEW_OPTIONS_H
+#define LW_CLIENT_VIEW_VIEW_OPTIONS_H
+
+#include "client/view/camera.h"
+#include "client/view/tonemap.h"
+#include "common/status.h"
+
+#include <stdint.h>
+
+#define LW_VIEW_SIDE_MAX 16384u /* pixels */
+
+enum lw_view_wait {
+    LW_VIEW_WAIT_FIRST,     /* every object's coarsest light is there */
+    LW_VIEW_WAIT_COMPLETE,  /* every tile that the view needs is there with all bounces */
+    LW_VIEW_WAIT_CONVERGED, /* and its error is below the server's target */
+    LW_VIEW_WAIT_SECONDS    /* so long after connecting, and the first light is there */
+};
+
+enum lw_view_format { LW_VIEW_NO_FILE, LW_VIEW_EXR, LW_VIEW_PNG };
+
+struct lw_view_options {
+    char host[256];
+    uint16_t port;
+    bool headless, json;
+    bool camera_given;
+    struct lw_camera_view camera; /* if camera_given */
+    const char *camera_name;      /* NULL: none; points into argv */
+    uint32_t width, height;
+    enum lw_view_wait wait;
+    double wait_s;   /* of LW_VIEW_WAIT_SECONDS */
+    const char *out; /* NULL: none; points into argv */
+    enum lw_view_format format;
+    enum lw_tonemap_curve curve;
+    bool auto_exposure;
+    float stops;      /* unless auto_exposure */
+    unsigned threads; /* 0: all */
+    double timeout_s;
+};
+
+/** Reads the command line. --help and --version print and set *out_done.
+ * Errors: LW_USAGE naming the option and what it accepts. */
+LW_MUST_CHECK enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_options *out_options,
+                                                   bool *out_done, struct lw_error *err);
+
+#endif

@@ -1,0 +1,533 @@
+#include "tests/support/support.h"
+
+#include "client/view/compose.h"
+
+#include "common/random.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define SIDE_M  4.0f
+#define BOUNCES 2u
+
+/* A scene with hand-made light: every texel and tile of every level is ours to fill. */
+struct world {
+    struct lw_scene *scene;
+    struct lw_pose pose;
+    struct lw_atlas_map map;
+    struct lw_trace *trace;
+    struct lw_compose *compose;
+    float **rgb; /* object * LW_ATLAS_LEVELS_MAX + level */
+    struct lw_client_tile *tile;
+    struct lw_compose_source source;
+};
+
+static struct lw_client_level world_level(const void *context, uint32_t object, uint32_t level) {
+    const struct world *w = context;
+    if (level >= w->map.atlas[object].level_count) return (struct lw_client_level){0};
+    const struct lw_atlas_level *l = &w->map.atlas[object].level[level];
+    return (struct lw_client_level){
+        .width = l->width, .height = l->height, .rgb = w->rgb[object * LW_ATLAS_LEVELS_MAX + level]};
+}
+
+static struct lw_client_tile world_tile(const void *context, lw_tile_id tile) {
+    return ((const struct world *)context)->tile[tile.v];
+}
+
+/* Squares of SIDE_M with an atlas of texels x texels, u along X and v along Z. Twice as many rows with backs. */
+static struct lw_scene *squares(unsigned count, uint32_t texels, bool double_sided) {
+    struct lw_scene *scene = lw_support_squares(count, SIDE_M);
+    struct lw_mesh *mesh = &scene->mesh[0];
+    struct lw_vec2 *uv = lw_scene_alloc(scene, 4, sizeof *uv);
+    for (int i = 0; i < 4; i++)
+        uv[i] = (struct lw_vec2){mesh->uv[0][i].x * (float)texels, mesh->uv[0][i].y * (float)texels};
+    mesh->lightmap_uv = uv;
+    mesh->atlas_width = texels;
+    mesh->atlas_height = double_sided ? 2 * texels : texels;
+    mesh->back_offset = double_sided ? texels : 0;
+    scene->material[0].double_sided = double_sided;
+    return scene;
+}
+
+static void stack(struct lw_scene *scene) { /* object i at height i, one above the other */
+    for (uint32_t i = 0; i < scene->object_count; i++) {
+        scene->node[i].translation[0] = 0;
+        scene->node[i].translation[1] = (float)i;
+    }
+}
+
+static void make_compose(struct world *w, unsigned threads) {
+    struct lw_error err = {0};
+    lw_compose_destroy(w->compose);
+    lw_support_ok(lw_compose_create(
+                      &(struct lw_compose_desc){
+                          .scene = w->scene, .map = &w->map, .trace = w->trace, .threads = threads},
+                      &w->compose, &err),
+                  &err);
+}
+
+static void world_init(struct world *w, struct lw_scene *scene) {
+    struct lw_error err = {0};
+    *w = (struct world){.scene = scene};
+    lw_support_ok(lw_pose_init(&w->pose, scene), NULL);
+    lw_support_ok(lw_atlas_map_init(&w->map, scene), NULL);
+    lw_support_ok(lw_trace_create(scene, &w->pose, &w->trace, &err), &err);
+    w->rgb = calloc((size_t)scene->object_count * LW_ATLAS_LEVELS_MAX, sizeof *w->rgb);
+    w->tile = calloc(w->map.tile_count, sizeof *w->tile);
+    assert_true(w->rgb && w->tile);
+    for (uint32_t o = 0; o < scene->object_count; o++)
+        for (uint32_t k = 0; k < w->map.atlas[o].level_count; k++) {
+            const struct lw_atlas_level *l = &w->map.atlas[o].level[k];
+            w->rgb[o * LW_ATLAS_LEVELS_MAX + k] = calloc((size_t)l->width * l->height * 3, sizeof(float));
+            assert_non_null(w->rgb[o * LW_ATLAS_LEVELS_MAX + k]);
+        }
+    for (uint32_t t = 0; t < w->map.tile_count; t++)
+        w->tile[t] = (struct lw_client_tile){.version = 1, .bounces = BOUNCES, .error = 0.01f};
+    w->source = (struct lw_compose_source){.context = w,
+                                           .level = world_level,
+                                           .tile = world_tile,
+                                           .sky = {0.25f, 0.5f, 1.0f},
+                                           .bounces = BOUNCES,
+                                           .target_error = 0.02f};
+    make_compose(w, 1);
+}
+
+static void world_finish(struct world *w) {
+    lw_compose_destroy(w->compose);
+    for (uint32_t i = 0; i < w->scene->object_count * LW_ATLAS_LEVELS_MAX; i++) free(w->rgb[i]);
+    free(w->rgb);
+    free(w->tile);
+    lw_trace_destroy(w->trace);
+    lw_atlas_map_finish(&w->map);
+    lw_pose_finish(&w->pose);
+    lw_scene_destroy(w->scene);
+}
+
+static void fill_level(struct world *w, uint32_t object, uint32_t k, float value) {
+    const struct lw_atlas_level *l = &w->map.atlas[object].level[k];
+    for (size_t i = 0; i < (size_t)l->width * l->height * 3; i++)
+        w->rgb[object * LW_ATLAS_LEVELS_MAX + k][i] = value;
+}
+
+/* Every level of an object holds its own constant: first, first + 1, ... */
+static void fill_by_level(struct world *w, uint32_t object, float first) {
+    for (uint32_t k = 0; k < w->map.atlas[object].level_count; k++)
+        fill_level(w, object, k, first + (float)k);
+}
+
+static void fill_constant(struct world *w, uint32_t object, float value) {
+    for (uint32_t k = 0; k < w->map.atlas[object].level_count; k++) fill_level(w, object, k, value);
+}
+
+enum { WIDTH = 37, HEIGHT = 22 }; /* no multiple of a packet or a screen tile */
+
+static struct lw_compose_view look(float from_x, float from_y, float from_z, float to_x, float to_y,
+                                   float to_z, float fov_deg) {
+    return (struct lw_compose_view){.camera =
+                                        lw_camera_look_at(lw_vec3(from_x, from_y, from_z),
+                                                          lw_vec3(to_x, to_y, to_z), fov_deg / 180 * LW_PI),
+                                    .width = WIDTH,
+                                    .height = HEIGHT};
+}
+
+/* From above on the middle of the first square; all rays meet it. */
+static struct lw_compose_view look_down(void) { return look(0, 1, 0, 0, 0, 0, 40); }
+
+static struct lw_compose_report render(struct world *w, const struct lw_compose_view *view, float *rgb) {
+    struct lw_compose_report report;
+    for (size_t i = 0; i < (size_t)view->width * view->height * 3; i++) rgb[i] = NAN;
+    lw_compose_render(w->compose, &w->source, &w->pose, view, rgb, &report);
+    for (size_t i = 0; i < (size_t)view->width * view->height * 3; i++)
+        assert_true(isfinite(rgb[i]) && rgb[i] >= 0);
+    return report;
+}
+
+static void assert_near(float value, float expected, float relative) {
+    if (!(fabsf(value - expected) <= relative * fabsf(expected)))
+        fail_msg("%.9g is not %.9g", (double)value, (double)expected);
+}
+
+static void assert_picture(const float *rgb, float expected) {
+    for (size_t i = 0; i < WIDTH * HEIGHT * 3; i++) assert_near(rgb[i], expected, 1e-6f);
+}
+
+static void test_constant(void **state) {
+    (void)state;
+    struct world w;
+    float rgb[WIDTH * HEIGHT * 3];
+    world_init(&w, squares(1, 64, false));
+    fill_constant(&w, 0, 3.0f);
+    struct lw_compose_view view = look_down();
+    struct lw_compose_report report = render(&w, &view, rgb);
+    assert_picture(rgb, 0.5f * 3.0f / LW_PI);
+    assert_true(report.complete && report.converged);
+    assert_int_equal(report.tiles_missing, 0);
+    world_finish(&w);
+}
+
+static void test_emission_and_albedo(void **state) {
+    (void)state;
+    struct world w;
+    float rgb[WIDTH * HEIGHT * 3];
+    struct lw_scene *scene = squares(1, 64, false);
+    for (int c = 0; c < 3; c++) {
+        scene->material[0].emission[c] = (float)(c + 1);
+        scene->material[0].base_colour[c] = 0.2f * (float)c;
+    }
+    world_init(&w, scene);
+    fill_constant(&w, 0, 3.0f);
+    struct lw_compose_view view = look_down();
+    render(&w, &view, rgb);
+    for (size_t i = 0; i < WIDTH * HEIGHT; i++)
+        for (int c = 0; c < 3; c++)
+            assert_near(rgb[3 * i + (size_t)c], 0.2f * (float)c * 3.0f / LW_PI + (float)(c + 1), 1e-6f);
+    world_finish(&w);
+}
+
+static void test_sky(void **state) {
+    (void)state;
+    struct world w;
+    float rgb[WIDTH * HEIGHT * 3];
+    world_init(&w, squares(1, 64, false));
+    struct lw_compose_view view = look(0, 1, 0, 0, 2, 0, 40);
+    struct lw_compose_report report = render(&w, &view, rgb);
+    for (size_t i = 0; i < WIDTH * HEIGHT; i++) {
+        assert_float_equal(rgb[3 * i], 0.25f, 0);
+        assert_float_equal(rgb[3 * i + 2], 1.0f, 0);
+    }
+    assert_int_equal(report.tiles_needed, 0);
+    world_finish(&w);
+}
+
+/* E = u, v and their sum in texels of level 0, written into the texel centres of every level: bilinear interpolation
+ * gives it back exactly, at whatever level it is read. */
+static void fill_ramps(struct world *w) {
+    for (uint32_t k = 0; k < w->map.atlas[0].level_count; k++) {
+        const struct lw_atlas_level *l = &w->map.atlas[0].level[k];
+        for (uint32_t y = 0; y < l->height; y++)
+            for (uint32_t x = 0; x < l->width; x++) {
+                float *e = w->rgb[k] + 3 * ((size_t)y * l->width + x);
+                e[0] = ((float)x + 0.5f) * (float)(1u << k);
+                e[1] = ((float)y + 0.5f) * (float)(1u << k);
+                e[2] = e[0] + e[1];
+            }
+    }
+}
+
+static void assert_ramps(const struct lw_compose_view *view, const float *rgb, float texels) {
+    for (uint32_t y = 0; y < HEIGHT; y++)
+        for (uint32_t x = 0; x < WIDTH; x++) {
+            struct lw_vec3 dir =
+                lw_camera_direction(&view->camera, (float)x + 0.5f, (float)y + 0.5f, WIDTH, HEIGHT);
+            struct lw_vec3 p = lw_vec3_mad(view->camera.position, dir, -view->camera.position.y / dir.y);
+            float u = (p.x / SIDE_M + 0.5f) * texels, v = (p.z / SIDE_M + 0.5f) * texels;
+            const float *pixel = rgb + 3 * ((size_t)y * WIDTH + x);
+            assert_near(pixel[0], 0.5f * u / LW_PI, 1e-4f);
+            assert_near(pixel[1], 0.5f * v / LW_PI, 1e-4f);
+            assert_near(pixel[2], 0.5f * (u + v) / LW_PI, 1e-4f);
+        }
+}
+
+static void test_ramps(void **state) {
+    (void)state;
+    const uint32_t texels[3] = {64, 256, 1024}; /* seen at level 0, 1 and 2 */
+    for (int i = 0; i < 3; i++) {
+        struct world w;
+        float rgb[WIDTH * HEIGHT * 3];
+        world_init(&w, squares(1, texels[i], false));
+        fill_ramps(&w);
+        struct lw_compose_view view = look(0.3f, 1, 0.1f, 0, 0, 0, 40);
+        render(&w, &view, rgb);
+        assert_ramps(&view, rgb, (float)texels[i]);
+        world_finish(&w);
+    }
+}
+
+/* Texels per pixel where the view's axis meets the square: depth x 2 tan(fov/2) / rows x texels per metre. */
+static void test_level_follows_the_footprint(void **state) {
+    (void)state;
+    struct world w;
+    world_init(&w, squares(1, 1024, false));
+    fill_by_level(&w, 0, 1);
+    float rgb[WIDTH * HEIGHT * 3];
+    const float pixel = 2 * tanf(20.0f / 180 * LW_PI) / HEIGHT, texels_per_m = 1024 / SIDE_M;
+    const struct {
+        float footprint, value;
+    } cases[] = {{0.5f, 1}, {1.9f, 1}, {2.1f, 2}, {3.9f, 2}, {4.1f, 3}, {7.9f, 3}, {8.1f, 3}, {40.0f, 3}};
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        struct lw_compose_view view = look(0, cases[i].footprint / (pixel * texels_per_m), 0, 0, 0, 0, 40);
+        render(&w, &view, rgb);
+        /* the middle pixel; its footprint is larger than the axis' by the cosine, far less than the margins here */
+        assert_near(rgb[3 * (HEIGHT / 2 * WIDTH + WIDTH / 2)], 0.5f * cases[i].value / LW_PI, 1e-6f);
+    }
+    world_finish(&w);
+    /* an object twice as large has half the texels per metre */
+    struct lw_scene *scene = squares(1, 1024, false);
+    for (int c = 0; c < 3; c++) scene->node[0].scale[c] = 2;
+    world_init(&w, scene);
+    fill_by_level(&w, 0, 1);
+    struct lw_compose_view view = look(0, 3.0f / (pixel * texels_per_m), 0, 0, 0, 0, 40);
+    render(&w, &view, rgb);
+    assert_near(rgb[3 * (HEIGHT / 2 * WIDTH + WIDTH / 2)], 0.5f * 1 / LW_PI, 1e-6f);
+    world_finish(&w);
+}
+
+static uint32_t tile_at(const struct world *w, uint32_t level, uint32_t x, uint32_t y) {
+    return lw_atlas_map_find(&w->map, 0, level, x, y).v;
+}
+
+static void test_missing_tile(void **state) {
+    (void)state;
+    struct world w;
+    float rgb[WIDTH * HEIGHT * 3];
+    world_init(&w, squares(1, 128, false)); /* 2 x 2 tiles at level 0 */
+    fill_by_level(&w, 0, 1);
+    w.tile[tile_at(&w, 0, 1, 0)].version = 0; /* x > 0, z < 0 */
+    struct lw_compose_view view = look(0, 0.5f, 0, 0, 0, 0, 40);
+    struct lw_compose_report report = render(&w, &view, rgb);
+    assert_int_equal(report.tiles_needed, 4);
+    assert_int_equal(report.tiles_missing, 1);
+    assert_false(report.complete || report.converged);
+    assert_true(lw_compose_needed(w.compose)[tile_at(&w, 0, 1, 0)]);
+    assert_false(lw_compose_needed(w.compose)[tile_at(&w, 1, 0, 0)]);
+    const float half_texel_m = 0.5f * SIDE_M / 128;
+    int coarse = 0, fine = 0;
+    for (uint32_t y = 0; y < HEIGHT; y++)
+        for (uint32_t x = 0; x < WIDTH; x++) {
+            struct lw_vec3 dir =
+                lw_camera_direction(&view.camera, (float)x + 0.5f, (float)y + 0.5f, WIDTH, HEIGHT);
+            struct lw_vec3 p = lw_vec3_mad(view.camera.position, dir, -view.camera.position.y / dir.y);
+            /* a lookup whose four texels touch the missing tile reads the level above as a whole */
+            bool touches = p.x >= -half_texel_m && p.z < half_texel_m;
+            assert_near(rgb[3 * ((size_t)y * WIDTH + x)], 0.5f * (touches ? 2.0f : 1.0f) / LW_PI, 1e-6f);
+            coarse += touches, fine += !touches;
+        }
+    assert_true(coarse > 50 && fine > 50);
+
+    w.tile[tile_at(&w, 1, 0, 0)].version = 0; /* then the next coarser one that is there */
+    w.tile[tile_at(&w, 2, 0, 0)].version = 0;
+    render(&w, &view, rgb);
+    assert_near(rgb[3 * (WIDTH - 1)], 0.5f * 4 / LW_PI, 1e-6f);
+    world_finish(&w);
+}
+
+static void test_nothing_there(void **state) {
+    (void)state;
+    struct world w;
+    float rgb[WIDTH * HEIGHT * 3];
+    world_init(&w, squares(2, 128, false));
+    fill_by_level(&w, 0, 1);
+    fill_constant(&w, 1, 7);
+    struct lw_compose_view view = look_down(); /* on object 0 */
+    for (uint32_t t = 0; t < w.map.atlas[0].tile_count; t++) w.tile[t].version = 0;
+    struct lw_compose_report report = render(&w, &view, rgb);
+    assert_picture(rgb, 0.5f * 7 / LW_PI); /* the average of what is there */
+    assert_int_equal(report.tiles_missing, report.tiles_needed);
+    for (uint32_t t = 0; t < w.map.tile_count; t++) w.tile[t].version = 0;
+    render(&w, &view, rgb);
+    for (size_t i = 0; i < WIDTH * HEIGHT * 3; i++) assert_true(rgb[i] > 0.01f); /* never black */
+
+    w.tile[tile_at(&w, 0, 0, 0)].version = 1; /* finer than needed serves too, where nothing coarser is */
+    w.tile[tile_at(&w, 0, 1, 0)].version = 1;
+    w.tile[tile_at(&w, 0, 0, 1)].version = 1;
+    w.tile[tile_at(&w, 0, 1, 1)].version = 1;
+    view = look(0, 2, 0, 0, 0, 0, 40);
+    render(&w, &view, rgb);
+    assert_near(rgb[3 * (HEIGHT / 2 * WIDTH + WIDTH / 2)], 0.5f * 1 / LW_PI, 1e-6f);
+    world_finish(&w);
+}
+
+static void test_garbage_texels(void **state) {
+    (void)state;
+    const float garbage[] = {NAN, INFINITY, -1.0f};
+    for (size_t i = 0; i < 3; i++) {
+        struct world w;
+        float rgb[WIDTH * HEIGHT * 3];
+        world_init(&w, squares(1, 64, false));
+        fill_by_level(&w, 0, 1);
+        fill_level(&w, 0, 0, garbage[i]);
+        struct lw_compose_view view = look_down();
+        render(&w, &view, rgb);
+        assert_picture(rgb, 0.5f * 2 / LW_PI); /* the level above */
+        fill_level(&w, 0, w.map.atlas[0].level_count - 1, garbage[i]);
+        for (uint32_t k = 0; k < w.map.atlas[0].level_count; k++) fill_level(&w, 0, k, garbage[i]);
+        render(&w, &view, rgb); /* asserts that all is finite */
+        world_finish(&w);
+    }
+}
+
+static void test_backs(void **state) {
+    (void)state;
+    struct world w;
+    float rgb[WIDTH * HEIGHT * 3];
+    world_init(&w, squares(1, 64, false));
+    fill_constant(&w, 0, 3);
+    struct lw_compose_view from_below = look(0, -1, 0, 0, 0, 0, 40);
+    render(&w, &from_below, rgb);
+    assert_float_equal(rgb[0], 0.25f, 0); /* the back of a single-sided surface is not there: sky */
+    world_finish(&w);
+
+    struct lw_scene *scene = squares(1, 64, true);
+    scene->material[0].emission[1] = 2;
+    world_init(&w, scene);
+    for (uint32_t k = 0; k < w.map.atlas[0].level_count; k++) {
+        const struct lw_atlas_level *l = &w.map.atlas[0].level[k];
+        for (size_t i = 0; i < (size_t)l->width * l->height * 3; i++)
+            w.rgb[k][i] = i / 3 / l->width < l->height / 2 ? 3.0f : 5.0f;
+    }
+    struct lw_compose_view from_above = look_down();
+    render(&w, &from_above, rgb);
+    for (size_t i = 0; i < WIDTH * HEIGHT; i++) {
+        assert_near(rgb[3 * i], 0.5f * 3 / LW_PI, 1e-6f);
+        assert_near(rgb[3 * i + 1], 0.5f * 3 / LW_PI + 2, 1e-6f);
+    }
+    render(&w, &from_below, rgb);
+    for (size_t i = 0; i < WIDTH * HEIGHT; i++) {
+        assert_near(rgb[3 * i], 0.5f * 5 / LW_PI, 1e-6f);
+        assert_near(rgb[3 * i + 1], 0.5f * 5 / LW_PI + 2, 1e-6f);
+    }
+    world_finish(&w);
+}
+
+static void test_blend(void **state) {
+    (void)state;
+    struct world w;
+    float rgb[WIDTH * HEIGHT * 3];
+    struct lw_scene *scene = squares(3, 64, false);
+    stack(scene);
+    scene->material[0].alpha_mode = LW_ALPHA_BLEND;
+    scene->material[0].base_colour[3] = 0.25f;
+    scene->material[0].emission[0] = 0.5f;
+    world_init(&w, scene);
+    for (uint32_t o = 0; o < 3; o++) fill_constant(&w, o, (float)(o + 1));
+    struct lw_compose_view view = look(0, 3, 0, 0, 0, 0, 20);
+    render(&w, &view, rgb);
+    for (int c = 0; c < 3; c++) {
+        float expected = 0, passes = 1, sky[3] = {0.25f, 0.5f, 1.0f};
+        for (int o = 2; o >= 0; o--, passes *= 0.75f)
+            expected += passes * 0.25f * (0.5f * (float)(o + 1) / LW_PI + (c == 0 ? 0.5f : 0));
+        expected += passes * sky[c];
+        for (size_t i = 0; i < WIDTH * HEIGHT; i++) assert_near(rgb[3 * i + (size_t)c], expected, 1e-5f);
+    }
+    world_finish(&w);
+}
+
+static void test_blend_is_bounded(void **state) {
+    (void)state;
+    struct world w;
+    float rgb[WIDTH * HEIGHT * 3];
+    struct lw_scene *scene = squares(LW_COMPOSE_LAYERS_MAX + 4, 64, false);
+    stack(scene);
+    scene->material[0].alpha_mode = LW_ALPHA_BLEND;
+    scene->material[0].base_colour[3] = 0.125f;
+    world_init(&w, scene);
+    for (uint32_t o = 0; o < scene->object_count; o++) fill_constant(&w, o, 2);
+    struct lw_compose_view view = look(0, 24, 0, 0, 0, 0, 4);
+    render(&w, &view, rgb);
+    /* the last layer takes all that is left: as if all were opaque */
+    for (size_t i = 0; i < WIDTH * HEIGHT * 3; i++) assert_near(rgb[i], 0.5f * 2 / LW_PI, 1e-5f);
+    world_finish(&w);
+}
+
+static void test_report(void **state) {
+    (void)state;
+    struct world w;
+    float rgb[WIDTH * HEIGHT * 3];
+    world_init(&w, squares(1, 128, false));
+    fill_constant(&w, 0, 1);
+    struct lw_compose_view view = look(0, 0.5f, 0, 0, 0, 0, 40);
+    w.tile[tile_at(&w, 1, 0, 0)].version = 0; /* not needed: does not count */
+    struct lw_compose_report report = render(&w, &view, rgb);
+    assert_true(report.complete && report.converged);
+    assert_float_equal(report.max_error, 0.01f, 0);
+    w.tile[tile_at(&w, 0, 1, 1)].error = 0.03f;
+    lw_compose_check(w.compose, &w.source, &report);
+    assert_true(report.complete && !report.converged);
+    assert_int_equal(report.tiles_noisy, 1);
+    assert_float_equal(report.max_error, 0.03f, 0);
+    w.tile[tile_at(&w, 0, 0, 1)].bounces = BOUNCES - 1;
+    lw_compose_check(w.compose, &w.source, &report);
+    assert_false(report.complete);
+    assert_int_equal(report.tiles_unfinished, 1);
+    world_finish(&w);
+}
+
+static void test_same_bytes_at_any_thread_count(void **state) {
+    (void)state;
+    struct world w;
+    struct lw_scene *scene = squares(5, 256, true);
+    stack(scene);
+    scene->material[0].alpha_mode = LW_ALPHA_BLEND;
+    scene->material[0].base_colour[3] = 0.5f;
+    world_init(&w, scene);
+    for (uint32_t i = 0; i < scene->object_count * LW_ATLAS_LEVELS_MAX; i++) {
+        uint32_t o = i / LW_ATLAS_LEVELS_MAX, k = i % LW_ATLAS_LEVELS_MAX;
+        if (k >= w.map.atlas[o].level_count) continue;
+        const struct lw_atlas_level *l = &w.map.atlas[o].level[k];
+        for (uint32_t j = 0; j < l->width * l->height * 3; j++)
+            w.rgb[i][j] = lw_random_unit(lw_random_hash2(i, j));
+    }
+    for (uint32_t t = 0; t < w.map.tile_count; t += 3) w.tile[t].version = 0;
+    struct lw_compose_view view = look(3, 5, 6, 0, 1, 0, 60);
+    view.width = 301, view.height = 203;
+    size_t size = (size_t)view.width * view.height * 3 * sizeof(float);
+    float *one = malloc(size), *more = malloc(size);
+    uint8_t *needed = malloc(w.map.tile_count);
+    assert_true(one && more && needed);
+    struct lw_compose_report report = render(&w, &view, one);
+    memcpy(needed, lw_compose_needed(w.compose), w.map.tile_count);
+    for (unsigned threads = 2; threads <= 5; threads++) {
+        make_compose(&w, threads);
+        struct lw_compose_report other = render(&w, &view, more);
+        assert_memory_equal(one, more, size);
+        assert_memory_equal(needed, lw_compose_needed(w.compose), w.map.tile_count);
+        assert_int_equal(report.tiles_missing, other.tiles_missing);
+    }
+    free(needed);
+    free(more);
+    free(one);
+    world_finish(&w);
+}
+
+/* Half a pixel's offset is the ray of a picture twice as large. */
+static void test_offset(void **state) {
+    (void)state;
+    struct world w;
+    float small[WIDTH * HEIGHT * 3], *large = malloc(sizeof small * 4);
+    assert_non_null(large);
+    world_init(&w, squares(1, 64, false));
+    fill_ramps(&w);
+    struct lw_compose_view view = look_down();
+    view.offset_x = -0.25f, view.offset_y = 0.25f;
+    render(&w, &view, small);
+    view.offset_x = view.offset_y = 0;
+    view.width *= 2, view.height *= 2;
+    render(&w, &view, large);
+    for (size_t y = 0; y < HEIGHT; y++)
+        for (size_t x = 0; x < WIDTH; x++)
+            assert_near(small[3 * (y * WIDTH + x)], large[3 * ((2 * y + 1) * 2 * WIDTH + 2 * x)], 1e-5f);
+    free(large);
+    world_finish(&w);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_constant),
+        cmocka_unit_test(test_emission_and_albedo),
+        cmocka_unit_test(test_sky),
+        cmocka_unit_test(test_ramps),
+        cmocka_unit_test(test_level_follows_the_footprint),
+        cmocka_unit_test(test_missing_tile),
+        cmocka_unit_test(test_nothing_there),
+        cmocka_unit_test(test_garbage_texels),
+        cmocka_unit_test(test_backs),
+        cmocka_unit_test(test_blend),
+        cmocka_unit_test(test_blend_is_bounded),
+        cmocka_unit_test(test_report),
+        cmocka_unit_test(test_same_bytes_at_any_thread_count),
+        cmocka_unit_test(test_offset),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,113 @@
+#include "tests/support/support.h"
+
+#include "client/view/view_options.h"
+
+#include <stdio.h>
+#include <string.h>
+
+static enum lw_status parse(const char *line, struct lw_view_options *out, struct lw_error *err) {
+    static char storage[512]; /* the options point into it */
+    char *argv[32] = {storage};
+    int argc = 0;
+    snprintf(storage, sizeof storage, "lightwell-view %s", line);
+    for (char *word = strtok(storage, " "); word; word = strtok(NULL, " ")) argv[argc++] = word;
+    bool done = false;
+    *err = (struct lw_error){0};
+    enum lw_status status = lw_view_options_parse(argc, argv, out, &done, err);
+    assert_false(done);
+    return status;
+}
+
+static void test_defaults(void **state) {
+    (void)state;
+    struct lw_view_options o;
+    struct lw_error err;
+    lw_support_ok(parse("", &o, &err), &err);
+    assert_string_equal(o.host, "127.0.0.1");
+    assert_int_equal(o.port, 7780);
+    assert_false(o.headless);
+    assert_int_equal(o.width, 1280);
+    assert_int_equal(o.height, 720);
+    assert_int_equal(o.curve, LW_TONEMAP_REINHARD);
+    assert_true(o.auto_exposure);
+}
+
+static void test_everything(void **state) {
+    (void)state;
+    struct lw_view_options o;
+    struct lw_error err;
+    lw_support_ok(parse("example.org:99 --headless --camera 0,0,0:1,0,0:60 --size 16384x1 --wait seconds:2.5 "
+                        "--out a.b/view.EXR --json --tonemap aces --exposure -1.5 --threads 2 --timeout 7",
+                        &o, &err),
+                  &err);
+    assert_string_equal(o.host, "example.org");
+    assert_int_equal(o.port, 99);
+    assert_true(o.headless && o.json && o.camera_given && !o.auto_exposure);
+    assert_int_equal(o.width, 16384);
+    assert_int_equal(o.height, 1);
+    assert_int_equal(o.wait, LW_VIEW_WAIT_SECONDS);
+    assert_float_equal(o.wait_s, 2.5, 0);
+    assert_int_equal(o.format, LW_VIEW_EXR);
+    assert_int_equal(o.curve, LW_TONEMAP_ACES);
+    assert_float_equal(o.stops, -1.5f, 0);
+    assert_int_equal(o.threads, 2);
+    assert_float_equal(o.timeout_s, 7, 0);
+    const char *waits[] = {"first", "complete", "converged"};
+    for (int i = 0; i < 3; i++) {
+        char line[64];
+        snprintf(line, sizeof line, "--headless --out x.png --wait %s", waits[i]);
+        lw_support_ok(parse(line, &o, &err), &err);
+        assert_int_equal(o.wait, i);
+        assert_int_equal(o.format, LW_VIEW_PNG);
+    }
+}
+
+static void test_errors_name_the_option(void **state) {
+    (void)state;
+    const struct {
+        const char *line, *named;
+    } cases[] = {
+        {"--headless --out view.jpg", "--out"},
+        {"--headless --out view", "--out"},
+        {"--headless", "--out"},
+        {"--headless --json --size 1280", "--size"},
+        {"--headless --json --size 0x5", "--size"},
+        {"--headless --json --size 5x0", "--size"},
+        {"--headless --json --size 16385x5", "--size"},
+        {"--headless --json --size 5x16385", "--size"},
+        {"--headless --json --size -5x5", "--size"},
+        {"--headless --json --size 5x5x5", "--size"},
+        {"--headless --json --size 99999999999999999999x5", "--size"},
+        {"--headless --json --wait soon", "--wait"},
+        {"--headless --json --wait seconds:", "--wait"},
+        {"--headless --json --wait seconds:-1", "--wait"},
+        {"--headless --json --wait seconds:nan", "--wait"},
+        {"--headless --json --exposure bright", "--exposure"},
+        {"--headless --json --exposure 61", "--exposure"},
+        {"--headless --json --tonemap filmic", "--tonemap"},
+        {"--headless --json --timeout 0", "--timeout"},
+        {"--headless --json --threads -1", "--threads"},
+        {"--headless --json --camera 1,2,3", "--camera"},
+        {"--headless --json --camera 0,0,0:1,0,0:60 --camera-name x", "--camera-name"},
+        {"--out view.png", "--out"},
+        {"--json", "--json"},
+        {"--wait first", "--wait"},
+        {"localhost:99999", "99999"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        struct lw_view_options o;
+        struct lw_error err;
+        if (parse(cases[i].line, &o, &err) != LW_USAGE) fail_msg("\"%s\" was accepted", cases[i].line);
+        if (strstr(err.text, cases[i].named) == NULL) fail_msg("\"%s\" gave \"%s\"", cases[i].line, err.text);
+        if (strchr(err.text, '\n') != NULL) fail_msg("\"%s\" gave more than a line", cases[i].line);
+    }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_defaults),
+        cmocka_unit_test(test_everything),
+        cmocka_unit_test(test_errors_name_the_option),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
