@@ -1,0 +1,204 @@
+#include "common/light/lights.h"
+
+#include "common/colour.h"
+
+#include <stdlib.h>
+
+static bool is_emissive(const struct lw_material *m) { return m->emission[0] > 0 || m->emission[1] > 0 || m->emission[2] > 0; }
+
+/* Mean emission of a triangle, from a regular set of points over it; exact where there is no texture. */
+static struct lw_vec3 mean_radiance(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle) {
+    const struct lw_material *material = &scene->material[mesh->material[triangle]];
+    const int side = material->emission_texture.texture == LW_SCENE_NONE ? 1 : 8;
+    struct lw_vec3 sum = {0};
+    int count = 0;
+    for (int i = 0; i < side; i++)
+        for (int j = 0; j < side - i; j++, count++) {
+            struct lw_surface surface;
+            lw_scene_surface(scene, mesh, triangle, ((float)i + 1.0f / 3) / (float)side, ((float)j + 1.0f / 3) / (float)side,
+                             &surface);
+            sum = lw_vec3_add(sum, surface.emission);
+        }
+    return lw_vec3_scale(sum, 1.0f / (float)count);
+}
+
+static uint32_t count_emitters(const struct lw_scene *scene) {
+    uint64_t count = 0;
+    for (uint32_t o = 0; o < scene->object_count; o++) {
+        const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
+        for (uint32_t t = 0; t < mesh->triangle_count; t++) count += is_emissive(&scene->material[mesh->material[t]]);
+    }
+    return count < UINT32_MAX ? (uint32_t)count : UINT32_MAX;
+}
+
+static void list_emitters(struct lw_lights *lights) {
+    const struct lw_scene *scene = lights->scene;
+    uint32_t n = 0;
+    for (uint32_t o = 0; o < scene->object_count; o++) {
+        const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
+        for (uint32_t t = 0; t < mesh->triangle_count; t++) {
+            const struct lw_material *material = &scene->material[mesh->material[t]];
+            if (!is_emissive(material)) continue;
+            lights->radiance[n] = mean_radiance(scene, mesh, t);
+            lights->emitter[n++] = (struct lw_emitter){.object = o, .triangle = t, .both_sides = material->double_sided};
+        }
+    }
+}
+
+enum lw_status lw_lights_init(struct lw_lights *lights, const struct lw_scene *scene, const struct lw_pose *pose) {
+    *lights = (struct lw_lights){.scene = scene, .emitter_count = count_emitters(scene)};
+    const size_t count = lights->emitter_count ? lights->emitter_count : 1;
+    lights->emitter = calloc(count, sizeof *lights->emitter);
+    lights->power_cdf = calloc(count, sizeof *lights->power_cdf);
+    lights->radiance = calloc(count, sizeof *lights->radiance);
+    if (!lights->emitter || !lights->power_cdf || !lights->radiance) {
+        lw_lights_finish(lights);
+        return LW_NO_MEMORY;
+    }
+    list_emitters(lights);
+    lw_lights_set_pose(lights, pose);
+    return LW_OK;
+}
+
+void lw_lights_finish(struct lw_lights *lights) {
+    free(lights->radiance);
+    free(lights->power_cdf);
+    free(lights->emitter);
+    *lights = (struct lw_lights){0};
+}
+
+static void place_emitter(struct lw_emitter *e, const struct lw_scene *scene, const struct lw_pose *pose,
+                          struct lw_vec3 radiance) {
+    const struct lw_mesh *mesh = &scene->mesh[scene->object[e->object].mesh];
+    const struct lw_affine *t = &pose->object_to_world[e->object];
+    const uint32_t *index = mesh->triangle[e->triangle];
+    e->corner = lw_affine_point(t, mesh->position[index[0]]);
+    e->edge_u = lw_vec3_sub(lw_affine_point(t, mesh->position[index[1]]), e->corner);
+    e->edge_v = lw_vec3_sub(lw_affine_point(t, mesh->position[index[2]]), e->corner);
+    struct lw_vec3 cross = lw_vec3_cross(e->edge_u, e->edge_v);
+    e->area_m2 = 0.5f * lw_vec3_length(cross);
+    e->normal = lw_vec3_scale(lw_vec3_normalize(cross), lw_affine_determinant(t) < 0 ? -1.0f : 1.0f);
+    e->power = lw_colour_luminance(radiance) * e->area_m2 * (e->both_sides ? 2.0f : 1.0f);
+    if (!isfinite(e->power)) e->power = 0;
+}
+
+/* Turns weights into a cumulative distribution in place; false if all are zero. */
+static bool accumulate(float *weight, uint32_t count) {
+    double sum = 0;
+    for (uint32_t i = 0; i < count; i++) sum += (double)weight[i];
+    if (!(sum > 0)) return false;
+    double running = 0;
+    uint32_t last = 0;
+    for (uint32_t i = 0; i < count; i++) {
+        if (weight[i] > 0) last = i;
+        running += (double)weight[i];
+        weight[i] = (float)(running / sum);
+    }
+    for (uint32_t i = last; i < count; i++) weight[i] = 1.0f;
+    return true;
+}
+
+void lw_lights_set_pose(struct lw_lights *lights, const struct lw_pose *pose) {
+    lights->punctual = pose->light;
+    for (uint32_t i = 0; i < lights->emitter_count; i++) {
+        place_emitter(&lights->emitter[i], lights->scene, pose, lights->radiance[i]);
+        lights->power_cdf[i] = lights->emitter[i].power;
+    }
+    if (!accumulate(lights->power_cdf, lights->emitter_count)) lights->emitter_count = 0;
+}
+
+/* How much an emitter may give to a sphere: power / distance^2, less where it faces away. The floor of a tenth keeps
+ * the choice safe where the estimate at the centre says little about the sphere's rim. */
+static float promise(const struct lw_emitter *e, struct lw_vec3 centre, float radius) {
+    struct lw_vec3 middle = lw_vec3_mad(lw_vec3_mad(e->corner, e->edge_u, 1.0f / 3), e->edge_v, 1.0f / 3);
+    struct lw_vec3 to_centre = lw_vec3_sub(centre, middle);
+    float distance2 = lw_vec3_dot(to_centre, to_centre);
+    float height = lw_vec3_dot(to_centre, e->normal);
+    if (!e->both_sides && height < -radius) return 0;
+    float cosine = fabsf(height) / sqrtf(distance2 + 1e-20f);
+    return e->power * (0.1f + (e->both_sides || height > 0 ? cosine : 0)) / (distance2 + radius * radius + e->area_m2);
+}
+
+bool lw_lights_local_cdf(const struct lw_lights *lights, struct lw_vec3 centre_ws, float radius_m, float *out_cdf) {
+    for (uint32_t i = 0; i < lights->emitter_count; i++)
+        out_cdf[i] = promise(&lights->emitter[i], centre_ws, radius_m);
+    return accumulate(out_cdf, lights->emitter_count);
+}
+
+static uint32_t choose(const float *cdf, uint32_t count, float pick) {
+    uint32_t low = 0, high = count - 1; /* first entry above pick */
+    while (low < high) {
+        uint32_t middle = (low + high) / 2;
+        if (cdf[middle] > pick) high = middle;
+        else low = middle + 1;
+    }
+    return low;
+}
+
+struct lw_light_sample lw_lights_sample_area(const struct lw_lights *lights, const float *cdf, float pick, float u,
+                                             float v, struct lw_vec3 point_ws) {
+    struct lw_light_sample sample = {.direction = {0, 0, 1}};
+    const uint32_t chosen = choose(cdf, lights->emitter_count, pick);
+    const struct lw_emitter *e = &lights->emitter[chosen];
+    const float probability = cdf[chosen] - (chosen ? cdf[chosen - 1] : 0.0f);
+
+    /* Uniform on the triangle. */
+    float root = sqrtf(u), b0 = 1.0f - root, b1 = v * root, b_u = b1, b_v = 1.0f - b0 - b1;
+    struct lw_vec3 to_light = lw_vec3_sub(lw_vec3_mad(lw_vec3_mad(e->corner, e->edge_u, b_u), e->edge_v, b_v), point_ws);
+    float distance2 = lw_vec3_dot(to_light, to_light);
+    if (!(distance2 > 0) || !(probability > 0)) return sample;
+    sample.distance_m = sqrtf(distance2);
+    sample.direction = lw_vec3_scale(to_light, 1.0f / sample.distance_m);
+    float cosine = -lw_vec3_dot(sample.direction, e->normal);
+    if (e->both_sides) cosine = fabsf(cosine);
+    if (!(cosine > 0)) return sample;
+
+    struct lw_vec3 radiance = lights->radiance[chosen];
+    const struct lw_mesh *mesh = &lights->scene->mesh[lights->scene->object[e->object].mesh];
+    if (lights->scene->material[mesh->material[e->triangle]].emission_texture.texture != LW_SCENE_NONE) {
+        struct lw_surface surface;
+        lw_scene_surface(lights->scene, mesh, e->triangle, b_u, b_v, &surface);
+        radiance = surface.emission;
+    }
+    /* E = L cos cos' / (d^2 pdf_area), pdf_area = probability / area */
+    sample.irradiance_normal = lw_vec3_scale(radiance, cosine * e->area_m2 / (distance2 * probability));
+    return sample;
+}
+
+static struct lw_light_sample sample_directional(const struct lw_light *light, const struct lw_light_state *state,
+                                                 float u, float v) {
+    struct lw_vec3 axis = lw_vec3_scale(state->direction_ws, -1.0f), t, b;
+    struct lw_light_sample sample = {.direction = axis, .distance_m = INFINITY, .irradiance_normal = state->intensity};
+    if (light->angular_diameter > 0) {
+        lw_vec3_frame(axis, &t, &b);
+        float radius = tanf(0.5f * light->angular_diameter) * sqrtf(u), angle = 2 * LW_PI * v;
+        sample.direction = lw_vec3_normalize(
+            lw_vec3_mad(lw_vec3_mad(axis, t, radius * cosf(angle)), b, radius * sinf(angle)));
+    }
+    return sample;
+}
+
+struct lw_light_sample lw_lights_sample_punctual(const struct lw_lights *lights, uint32_t light, float u, float v,
+                                                 struct lw_vec3 point_ws) {
+    const struct lw_light *l = &lights->scene->light[light];
+    const struct lw_light_state *state = &lights->punctual[light];
+    if (l->kind == LW_LIGHT_DIRECTIONAL) return sample_directional(l, state, u, v);
+
+    struct lw_light_sample sample = {.direction = {0, 0, 1}};
+    struct lw_vec3 to_light = lw_vec3_sub(state->position_ws, point_ws);
+    float distance2 = lw_vec3_dot(to_light, to_light);
+    if (!(distance2 > 1e-12f)) return sample;
+    sample.distance_m = sqrtf(distance2);
+    sample.direction = lw_vec3_scale(to_light, 1.0f / sample.distance_m);
+    float falloff = 1.0f / distance2;
+    if (l->kind == LW_LIGHT_SPOT) {
+        /* KHR_lights_punctual's recommended curve: clamp((cos a - cos o) / (cos i - cos o))^2 */
+        float cos_outer = cosf(l->outer_cone), cos_inner = cosf(l->inner_cone);
+        float cosine = -lw_vec3_dot(sample.direction, state->direction_ws);
+        float s = (cosine - cos_outer) / fmaxf(1e-4f, cos_inner - cos_outer);
+        s = s < 0 ? 0 : s > 1 ? 1 : s;
+        falloff *= s * s;
+    }
+    sample.irradiance_normal = lw_vec3_scale(state->intensity, falloff);
+    return sample;
+}

@@ -1,0 +1,298 @@
+#include "server/publish/publisher.h"
+
+#include "common/clock.h"
+#include "common/tile/tile_codec.h"
+#include "server/publish/levels.h"
+
+#include <omp.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* What was last sent of one tile. */
+struct sent_tile {
+    uint64_t version; /* 0: never */
+    float error;
+    float *rgb; /* width * height * 3; allocated with the tile's first version */
+    struct lw_blob *blob;
+};
+
+struct worker {
+    struct lw_tile_codec *codec;
+    uint8_t *payload; /* lw_tile_codec_bound() */
+    float rgb[LW_TILE_TEXELS_MAX * 3];
+    uint64_t tiles, bytes, saturated;
+    enum lw_status status;
+};
+
+struct lw_publisher {
+    struct lw_publisher_desc desc;
+    int threads;
+    struct lw_levels *levels; /* per object */
+    struct sent_tile *sent;   /* per tile id */
+    bool *changed;            /* per object: this frame solved one of its tiles */
+    struct worker *worker;    /* per thread */
+    struct lw_pose previous;  /* the last one published */
+    uint64_t previous_frame;
+    uint64_t saturated;
+};
+
+enum lw_status lw_publisher_create(const struct lw_publisher_desc *desc, struct lw_publisher **out_publisher) {
+    struct lw_publisher *p = calloc(1, sizeof *p);
+    if (!p) return LW_NO_MEMORY;
+    p->desc = *desc;
+    p->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
+    p->levels = calloc((size_t)desc->atlas_map->object_count + 1, sizeof *p->levels);
+    p->sent = calloc((size_t)desc->atlas_map->tile_count + 1, sizeof *p->sent);
+    p->changed = calloc((size_t)desc->atlas_map->object_count + 1, sizeof *p->changed);
+    p->worker = calloc((size_t)p->threads, sizeof *p->worker);
+    enum lw_status status = LW_NO_MEMORY;
+    if (!p->levels || !p->sent || !p->changed || !p->worker) goto fail;
+    if ((status = lw_pose_init(&p->previous, desc->scene)) != LW_OK) goto fail;
+    for (int i = 0; i < p->threads; i++) {
+        if ((status = lw_tile_codec_create(&p->worker[i].codec)) != LW_OK) goto fail;
+        status = LW_NO_MEMORY;
+        if (!(p->worker[i].payload = malloc(lw_tile_codec_bound()))) goto fail;
+    }
+    for (uint32_t o = 0; o < desc->atlas_map->object_count; o++)
+        if ((status = lw_levels_init(&p->levels[o], &desc->atlas_map->atlas[o])) != LW_OK) goto fail;
+    *out_publisher = p;
+    return LW_OK;
+fail:
+    lw_publisher_destroy(p);
+    return status;
+}
+
+void lw_publisher_destroy(struct lw_publisher *p) {
+    if (!p) return;
+    for (uint32_t o = 0; p->levels && o < p->desc.atlas_map->object_count; o++) lw_levels_finish(&p->levels[o]);
+    for (uint32_t t = 0; p->sent && t < p->desc.atlas_map->tile_count; t++) {
+        free(p->sent[t].rgb);
+        lw_blob_unref(p->sent[t].blob);
+    }
+    for (int i = 0; p->worker && i < p->threads; i++) {
+        lw_tile_codec_destroy(p->worker[i].codec);
+        free(p->worker[i].payload);
+    }
+    lw_pose_finish(&p->previous);
+    free(p->worker);
+    free(p->changed);
+    free(p->sent);
+    free(p->levels);
+    free(p);
+}
+
+/* Level-0 tiles come first in an object's ids. */
+static uint32_t level0_tiles(const struct lw_atlas *atlas) { return atlas->level[0].tiles_x * atlas->level[0].tiles_y; }
+
+/* Brings an object's pyramid up to date with the solver; false if the frame did not touch it. */
+static bool refresh_levels(struct lw_publisher *p, uint32_t object, uint64_t frame) {
+    const struct lw_atlas_map *map = p->desc.atlas_map;
+    const struct lw_solver *solver = p->desc.solver;
+    bool changed = false;
+    for (uint32_t t = 0; map->atlas[object].level_count && t < level0_tiles(&map->atlas[object]); t++) {
+        lw_tile_id id = {map->first_tile[object] + t};
+        struct lw_solver_tile tile;
+        solver->ops->read_tile(solver, id, &tile);
+        changed |= tile.solved_frame == frame || p->sent[id.v].version == 0;
+        lw_levels_load_tile(&p->levels[object], &map->place[id.v], &tile);
+    }
+    if (changed) lw_levels_build(&p->levels[object]);
+    return changed;
+}
+
+/* Error and bounces of a tile of any level: of the level-0 tiles below it, the worst. */
+static void quality(const struct lw_publisher *p, const struct lw_tile_place *place, float *out_error,
+                    uint32_t *out_bounces) {
+    const struct lw_atlas_map *map = p->desc.atlas_map;
+    const struct lw_atlas_level *fine = &map->atlas[place->object].level[0];
+    *out_error = 0;
+    *out_bounces = UINT32_MAX;
+    uint32_t x0 = place->x << place->level, y0 = place->y << place->level;
+    for (uint32_t y = y0; y < y0 + (1u << place->level) && y < fine->tiles_y; y++)
+        for (uint32_t x = x0; x < x0 + (1u << place->level) && x < fine->tiles_x; x++) {
+            struct lw_solver_tile tile;
+            p->desc.solver->ops->read_tile(p->desc.solver, lw_atlas_map_find(map, place->object, 0, x, y), &tile);
+            *out_error = fmaxf(*out_error, tile.error);
+            *out_bounces = tile.bounces < *out_bounces ? tile.bounces : *out_bounces;
+        }
+}
+
+/* Root mean square of the relative difference, with a floor of a hundredth of the tile's mean under the divisor. */
+static bool differs_visibly(const float *now, const float *then, size_t count) {
+    double mean = 0, sum = 0;
+    for (size_t i = 0; i < count; i++) mean += (double)now[i];
+    const float floor = (float)(0.01 * mean / (double)count) + 1e-12f;
+    for (size_t i = 0; i < count; i++) {
+        float relative = (now[i] - then[i]) / (then[i] + floor);
+        sum += (double)(relative * relative);
+    }
+    return sum > (double)count * (double)(LW_PUBLISHER_VISIBLE_CHANGE * LW_PUBLISHER_VISIBLE_CHANGE);
+}
+
+static enum lw_status send_tile(struct lw_publisher *p, struct worker *worker, lw_tile_id id, uint64_t frame,
+                                float error, uint32_t bounces) {
+    const struct lw_tile_place *place = &p->desc.atlas_map->place[id.v];
+    struct sent_tile *sent = &p->sent[id.v];
+    const size_t floats = (size_t)place->width * place->height * 3;
+    if (!sent->rgb && !(sent->rgb = malloc(floats * sizeof *sent->rgb))) return LW_NO_MEMORY;
+    size_t size;
+    float scale;
+    uint32_t saturated;
+    enum lw_status status = lw_tile_codec_encode(worker->codec, worker->rgb, place->width, place->height,
+                                                 worker->payload, lw_tile_codec_bound(), &size, &scale, &saturated);
+    if (status != LW_OK) return status;
+    const struct lw_atlas_level *level = &p->desc.atlas_map->atlas[place->object].level[place->level];
+    struct lw_blob *blob;
+    status = lw_blob_from_message(&(struct lw_message){.type = LW_MESSAGE_TILE,
+                                                       .tile = {.object = place->object,
+                                                                .level = place->level,
+                                                                .tile = place->y * level->tiles_x + place->x,
+                                                                .version = frame,
+                                                                .codec = LW_TILE_CODEC_HALF_ZSTD,
+                                                                .scale = scale,
+                                                                .bounces = bounces,
+                                                                .error = error,
+                                                                .payload = worker->payload,
+                                                                .payload_size = size}},
+                                  &blob);
+    if (status != LW_OK) return status;
+    memcpy(sent->rgb, worker->rgb, floats * sizeof *sent->rgb);
+    lw_blob_unref(sent->blob);
+    sent->blob = blob;
+    sent->version = frame;
+    sent->error = error;
+    worker->tiles++;
+    worker->bytes += blob->size;
+    worker->saturated += saturated;
+    return LW_OK;
+}
+
+static void consider_tile(struct lw_publisher *p, struct worker *worker, lw_tile_id id, uint64_t frame) {
+    const struct lw_tile_place *place = &p->desc.atlas_map->place[id.v];
+    const struct sent_tile *sent = &p->sent[id.v];
+    if (worker->status != LW_OK || !p->changed[place->object]) return;
+    float error;
+    uint32_t bounces;
+    quality(p, place, &error, &bounces);
+    lw_levels_store_tile(&p->levels[place->object], place, worker->rgb);
+    /* That a tile has reached the target is news too: clients wait for it. */
+    bool reached = error <= p->desc.target_error && sent->error > p->desc.target_error;
+    if (sent->version && !reached && !differs_visibly(worker->rgb, sent->rgb, (size_t)place->width * place->height * 3))
+        return;
+    worker->status = send_tile(p, worker, id, frame, error, bounces);
+}
+
+static void encode_tiles(struct lw_publisher *p, uint64_t frame) {
+#pragma omp parallel for schedule(dynamic, 4) num_threads(p->threads)
+    for (uint32_t id = 0; id < p->desc.atlas_map->tile_count; id++)
+        consider_tile(p, &p->worker[omp_get_thread_num()], (lw_tile_id){id}, frame);
+}
+
+/* The frame message: everything, or what moved since the pose before. */
+static enum lw_status make_frame_blob(const struct lw_publisher *p, const struct lw_pose *pose, bool everything,
+                                      struct lw_message_frame *frame, struct lw_blob **out_blob) {
+    const struct lw_scene *scene = p->desc.scene;
+    struct lw_message_transform *transform = calloc((size_t)scene->object_count + 1, sizeof *transform);
+    struct lw_message_light *light = calloc((size_t)scene->light_count + 1, sizeof *light);
+    enum lw_status status = LW_NO_MEMORY;
+    if (!transform || !light) goto done;
+    frame->transform_count = frame->light_count = 0;
+    for (uint32_t o = 0; o < scene->object_count; o++)
+        if (everything || memcmp(&pose->object_to_world[o], &p->previous.object_to_world[o], sizeof(struct lw_affine)))
+            transform[frame->transform_count++] =
+                (struct lw_message_transform){.object = o, .object_to_world = pose->object_to_world[o]};
+    for (uint32_t l = 0; l < scene->light_count; l++)
+        if (everything || memcmp(&pose->light[l], &p->previous.light[l], sizeof pose->light[l]))
+            light[frame->light_count++] = (struct lw_message_light){.light = l,
+                                                                    .position_ws = pose->light[l].position_ws,
+                                                                    .direction_ws = pose->light[l].direction_ws,
+                                                                    .intensity = pose->light[l].intensity};
+    frame->transform = transform;
+    frame->light = light;
+    status = lw_blob_from_message(&(struct lw_message){.type = LW_MESSAGE_FRAME, .frame = *frame}, out_blob);
+done:
+    free(light);
+    free(transform);
+    return status;
+}
+
+static enum lw_status make_snapshot(struct lw_publisher *p, const struct lw_pose *pose, struct lw_message_frame *frame,
+                                    struct lw_snapshot **out_snapshot) {
+    const uint32_t tile_count = p->desc.atlas_map->tile_count;
+    struct lw_snapshot *snapshot = calloc(1, sizeof *snapshot + (size_t)tile_count * sizeof snapshot->tile[0]);
+    if (!snapshot) return LW_NO_MEMORY;
+    snapshot->references = 1;
+    snapshot->frame = frame->frame;
+    snapshot->time_s = frame->time_s;
+    snapshot->previous_frame = p->previous_frame;
+    enum lw_status status = make_frame_blob(p, pose, true, frame, &snapshot->frame_full);
+    if (status == LW_OK) status = make_frame_blob(p, pose, false, frame, &snapshot->frame_delta);
+    if (status != LW_OK) {
+        lw_snapshot_unref(snapshot);
+        return status;
+    }
+    snapshot->tile_count = tile_count;
+    for (uint32_t t = 0; t < tile_count; t++)
+        if (p->sent[t].blob)
+            snapshot->tile[t] =
+                (struct lw_snapshot_tile){.version = p->sent[t].version, .blob = lw_blob_ref(p->sent[t].blob)};
+    *out_snapshot = snapshot;
+    return LW_OK;
+}
+
+static void remember_pose(struct lw_publisher *p, const struct lw_pose *pose) {
+    const struct lw_scene *scene = p->desc.scene;
+    memcpy(p->previous.object_to_world, pose->object_to_world, scene->object_count * sizeof *pose->object_to_world);
+    memcpy(p->previous.light, pose->light, scene->light_count * sizeof *pose->light);
+}
+
+enum lw_status lw_publisher_publish(struct lw_publisher *p, const struct lw_pose *pose, uint64_t frame,
+                                    uint64_t solve_ns, uint64_t rays_total, uint64_t tiles_solved,
+                                    struct lw_snapshot **out_snapshot, struct lw_publisher_stats *out_stats) {
+    struct lw_publisher_stats stats = {0};
+    uint64_t t0 = lw_clock_ns();
+#pragma omp parallel for schedule(dynamic, 1) num_threads(p->threads)
+    for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++)
+        p->changed[o] = tiles_solved > 0 && refresh_levels(p, o, frame);
+    uint64_t t1 = lw_clock_ns();
+    for (int i = 0; i < p->threads; i++) {
+        p->worker[i].status = LW_OK;
+        p->worker[i].tiles = p->worker[i].bytes = p->worker[i].saturated = 0;
+    }
+    encode_tiles(p, frame);
+    for (int i = 0; i < p->threads; i++) {
+        if (p->worker[i].status != LW_OK) return p->worker[i].status;
+        stats.tiles_encoded += p->worker[i].tiles;
+        stats.bytes_encoded += p->worker[i].bytes;
+        p->saturated += p->worker[i].saturated;
+    }
+    uint64_t t2 = lw_clock_ns();
+    stats.levels_ns = t1 - t0;
+    stats.encode_ns = t2 - t1;
+    stats.saturated = p->saturated;
+
+    struct lw_message_frame message = {.frame = frame,
+                                       .time_s = pose->time_s,
+                                       .solve_ns = solve_ns + (t2 - t0),
+                                       .rays_total = rays_total,
+                                       .tiles_solved = tiles_solved};
+    memcpy(message.sky, p->desc.scene->sky, sizeof message.sky);
+    enum lw_status status = make_snapshot(p, pose, &message, out_snapshot);
+    if (status != LW_OK) return status;
+    remember_pose(p, pose);
+    p->previous_frame = frame;
+    *out_stats = stats;
+    return LW_OK;
+}
+
+size_t lw_publisher_memory_bytes(const struct lw_publisher *p) {
+    size_t bytes = 0;
+    for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++)
+        for (uint32_t l = 0; l < p->levels[o].count; l++)
+            bytes += (size_t)p->levels[o].level[l].width * p->levels[o].level[l].height * 13;
+    for (uint32_t t = 0; t < p->desc.atlas_map->tile_count; t++)
+        if (p->sent[t].rgb)
+            bytes += (size_t)p->desc.atlas_map->place[t].width * p->desc.atlas_map->place[t].height * 12 +
+                     p->sent[t].blob->size;
+    return bytes;
+}

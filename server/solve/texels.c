@@ -1,0 +1,260 @@
+#include "server/solve/texels.h"
+
+#include <omp.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define TEXELS_MAX (1u << 30)
+#define ALBEDO_SIDE 4 /* the albedo of a texel is the mean of 4 x 4 points of it */
+
+/* While a mesh is rasterised: which triangle a texel takes, and where on it. */
+struct claim {
+    uint32_t triangle; /* LW_TEXEL_NONE: nobody */
+    float u, v;        /* barycentrics of the point nearest to the texel's centre */
+    float distance2;   /* from there to the centre, texels^2 */
+    bool back;
+};
+
+static struct lw_vec2 minus(struct lw_vec2 a, struct lw_vec2 b) { return (struct lw_vec2){a.x - b.x, a.y - b.y}; }
+static float dot2(struct lw_vec2 a, struct lw_vec2 b) { return a.x * b.x + a.y * b.y; }
+static float clamp01(float t) { return t < 0 ? 0 : t > 1 ? 1 : t; }
+
+/* Barycentrics (of corners 1 and 2) of the point of a triangle in the plane that is nearest to p; returns the squared
+ * distance. Inside by signs of the edge functions, else the nearest point of the three edges. */
+static float nearest_on_triangle(const struct lw_vec2 corner[3], struct lw_vec2 p, float *out_u, float *out_v) {
+    struct lw_vec2 e1 = minus(corner[1], corner[0]), e2 = minus(corner[2], corner[0]), d = minus(p, corner[0]);
+    float area = e1.x * e2.y - e1.y * e2.x;
+    if (area != 0) {
+        float u = (d.x * e2.y - d.y * e2.x) / area, v = (e1.x * d.y - e1.y * d.x) / area;
+        if (u >= 0 && v >= 0 && u + v <= 1) {
+            *out_u = u;
+            *out_v = v;
+            return 0;
+        }
+    }
+    float best = INFINITY;
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3;
+        struct lw_vec2 edge = minus(corner[j], corner[i]), to_p = minus(p, corner[i]);
+        float length2 = dot2(edge, edge), t = length2 > 0 ? clamp01(dot2(to_p, edge) / length2) : 0;
+        struct lw_vec2 gap = {to_p.x - t * edge.x, to_p.y - t * edge.y};
+        float distance2 = dot2(gap, gap);
+        if (distance2 >= best) continue;
+        best = distance2;
+        float weight[3] = {0};
+        weight[i] = 1 - t;
+        weight[j] = t;
+        *out_u = weight[1];
+        *out_v = weight[2];
+    }
+    return best;
+}
+
+static uint32_t floor_clamped(float x, uint32_t limit) { return x <= 0 ? 0 : x >= (float)limit ? limit : (uint32_t)x; }
+
+/* Lets a triangle claim the texels whose square it overlaps, unless another lies nearer to their centre. */
+static void claim_texels(struct claim *claim, const struct lw_mesh_texels *texels, const struct lw_mesh *mesh,
+                         uint32_t triangle, bool back) {
+    struct lw_vec2 corner[3];
+    for (int i = 0; i < 3; i++) {
+        corner[i] = mesh->lightmap_uv[mesh->triangle[triangle][i]];
+        if (back) corner[i].y += (float)mesh->back_offset;
+    }
+    float x_min = fminf(corner[0].x, fminf(corner[1].x, corner[2].x)),
+          x_max = fmaxf(corner[0].x, fmaxf(corner[1].x, corner[2].x)),
+          y_min = fminf(corner[0].y, fminf(corner[1].y, corner[2].y)),
+          y_max = fmaxf(corner[0].y, fmaxf(corner[1].y, corner[2].y));
+    uint32_t x0 = floor_clamped(x_min, texels->width - 1), x1 = floor_clamped(x_max, texels->width - 1);
+    uint32_t y0 = floor_clamped(y_min, texels->height - 1), y1 = floor_clamped(y_max, texels->height - 1);
+    for (uint32_t y = y0; y <= y1; y++)
+        for (uint32_t x = x0; x <= x1; x++) {
+            struct lw_vec2 centre = {(float)x + 0.5f, (float)y + 0.5f};
+            float u, v, distance2 = nearest_on_triangle(corner, centre, &u, &v);
+            float px = (1 - u - v) * corner[0].x + u * corner[1].x + v * corner[2].x,
+                  py = (1 - u - v) * corner[0].y + u * corner[1].y + v * corner[2].y;
+            if (fabsf(px - centre.x) > 0.5f || fabsf(py - centre.y) > 0.5f) continue;
+            struct claim *c = &claim[lw_texels_index(texels, x, y)];
+            if (c->triangle != LW_TEXEL_NONE && c->distance2 <= distance2) continue;
+            *c = (struct claim){.triangle = triangle, .u = u, .v = v, .distance2 = distance2, .back = back};
+        }
+}
+
+/* Mean albedo of the part of a texel's square that lies on the claiming triangle (points beyond it are moved to its
+ * rim), weighted by how much surface is there: cut-out parts do not count. */
+static struct lw_vec3 mean_albedo(const struct lw_scene *scene, const struct lw_mesh *mesh, const struct claim *c,
+                                  uint32_t x, uint32_t y) {
+    struct lw_vec2 corner[3];
+    for (int i = 0; i < 3; i++) {
+        corner[i] = mesh->lightmap_uv[mesh->triangle[c->triangle][i]];
+        if (c->back) corner[i].y += (float)mesh->back_offset;
+    }
+    const struct lw_material *material = &scene->material[mesh->material[c->triangle]];
+    struct lw_vec3 sum = {0}, plain = {0};
+    float weights = 0;
+    const int side = material->base_colour_texture.texture == LW_SCENE_NONE && !mesh->colour ? 1 : ALBEDO_SIDE;
+    for (int j = 0; j < side; j++)
+        for (int i = 0; i < side; i++) {
+            struct lw_vec2 p = {(float)x + ((float)i + 0.5f) / (float)side, (float)y + ((float)j + 0.5f) / (float)side};
+            float u, v;
+            nearest_on_triangle(corner, p, &u, &v);
+            struct lw_surface surface;
+            lw_scene_surface(scene, mesh, c->triangle, u, v, &surface);
+            float weight = material->alpha_mode == LW_ALPHA_OPAQUE ? 1
+                           : material->alpha_mode == LW_ALPHA_MASK ? (float)(surface.alpha >= material->alpha_cutoff)
+                                                                   : surface.alpha;
+            plain = lw_vec3_add(plain, surface.albedo);
+            sum = lw_vec3_mad(sum, surface.albedo, weight);
+            weights += weight;
+        }
+    return weights > 0 ? lw_vec3_scale(sum, 1 / weights) : lw_vec3_scale(plain, 1.0f / (float)(side * side));
+}
+
+static void store(float *const dst[3], uint32_t i, struct lw_vec3 v) {
+    dst[0][i] = v.x;
+    dst[1][i] = v.y;
+    dst[2][i] = v.z;
+}
+
+static void evaluate(struct lw_mesh_texels *texels, const struct lw_scene *scene, const struct lw_mesh *mesh,
+                     const struct claim *claim) {
+    for (uint32_t y = 0; y < texels->height; y++)
+        for (uint32_t x = 0; x < texels->width; x++) {
+            uint32_t i = lw_texels_index(texels, x, y);
+            const struct claim *c = &claim[i];
+            if (c->triangle == LW_TEXEL_NONE) continue;
+            struct lw_surface surface;
+            lw_scene_surface(scene, mesh, c->triangle, c->u, c->v, &surface);
+            struct lw_vec3 normal = surface.normal;
+            /* A shading normal that points into the surface would gather from inside. */
+            if (lw_vec3_dot(normal, surface.geometric_normal) <= 0.01f) normal = surface.geometric_normal;
+            float side = c->back ? -1.0f : 1.0f;
+            texels->covered[i] = 1;
+            store(texels->position, i, surface.position);
+            store(texels->normal, i, lw_vec3_scale(normal, side));
+            store(texels->geometric, i, lw_vec3_scale(surface.geometric_normal, side));
+            store(texels->albedo, i, mean_albedo(scene, mesh, c, x, y));
+        }
+}
+
+/* Uncovered texels that a rounded lookup may touch read from the nearest covered one within two texels. */
+static void find_sources(struct lw_mesh_texels *texels) {
+    for (uint32_t y = 0; y < texels->height; y++)
+        for (uint32_t x = 0; x < texels->width; x++) {
+            uint32_t i = lw_texels_index(texels, x, y), best = texels->covered[i] ? i : LW_TEXEL_NONE;
+            int best_distance2 = 9;
+            for (int dy = -2; dy <= 2 && best != i; dy++)
+                for (int dx = -2; dx <= 2; dx++) {
+                    int64_t nx = (int64_t)x + dx, ny = (int64_t)y + dy;
+                    if (nx < 0 || ny < 0 || nx >= texels->width || ny >= texels->height) continue;
+                    uint32_t neighbour = lw_texels_index(texels, (uint32_t)nx, (uint32_t)ny);
+                    if (!texels->covered[neighbour] || dx * dx + dy * dy >= best_distance2) continue;
+                    best = neighbour;
+                    best_distance2 = dx * dx + dy * dy;
+                }
+            texels->source[i] = best;
+        }
+}
+
+static uint16_t quarter_texels(float x) {
+    float q = x * 4.0f + 0.5f;
+    return q <= 0 ? 0 : q >= 65535.0f ? 65535 : (uint16_t)q;
+}
+
+static void list_triangles(struct lw_mesh_texels *texels, const struct lw_scene *scene, const struct lw_mesh *mesh) {
+    for (uint32_t t = 0; t < mesh->triangle_count; t++) {
+        struct lw_triangle_uv *record = &texels->triangle[t];
+        for (int i = 0; i < 3; i++) {
+            struct lw_vec2 uv = mesh->lightmap_uv[mesh->triangle[t][i]];
+            record->u[i] = quarter_texels(uv.x);
+            record->v[i] = quarter_texels(uv.y);
+        }
+        record->double_sided = mesh->back_offset && scene->material[mesh->material[t]].double_sided;
+    }
+}
+
+static bool allocate(struct lw_mesh_texels *texels, const struct lw_mesh *mesh) {
+    const size_t count = texels->texel_count;
+    bool ok = true;
+    for (int c = 0; c < 3; c++) {
+        ok &= (texels->position[c] = calloc(count, sizeof(float))) != NULL;
+        ok &= (texels->normal[c] = calloc(count, sizeof(float))) != NULL;
+        ok &= (texels->geometric[c] = calloc(count, sizeof(float))) != NULL;
+        ok &= (texels->albedo[c] = calloc(count, sizeof(float))) != NULL;
+    }
+    ok &= (texels->covered = calloc(count, 1)) != NULL;
+    ok &= (texels->source = calloc(count, sizeof *texels->source)) != NULL;
+    ok &= (texels->triangle = calloc(mesh->triangle_count + 1, sizeof *texels->triangle)) != NULL;
+    return ok;
+}
+
+static bool build_mesh(struct lw_mesh_texels *texels, const struct lw_scene *scene, const struct lw_mesh *mesh) {
+    struct claim *claim = malloc((size_t)texels->texel_count * sizeof *claim);
+    if (!claim || !allocate(texels, mesh)) {
+        free(claim);
+        return false;
+    }
+    for (uint32_t i = 0; i < texels->texel_count; i++) claim[i].triangle = LW_TEXEL_NONE;
+    for (uint32_t t = 0; t < mesh->triangle_count; t++) {
+        claim_texels(claim, texels, mesh, t, false);
+        if (mesh->back_offset && scene->material[mesh->material[t]].double_sided)
+            claim_texels(claim, texels, mesh, t, true);
+    }
+    evaluate(texels, scene, mesh, claim);
+    free(claim);
+    find_sources(texels);
+    list_triangles(texels, scene, mesh);
+    return true;
+}
+
+enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *scene, unsigned threads,
+                              struct lw_error *err) {
+    *texels = (struct lw_texels){.scene = scene};
+    texels->mesh = calloc(scene->mesh_count + 1, sizeof *texels->mesh);
+    texels->first = calloc(scene->object_count + 1, sizeof *texels->first);
+    bool ok = texels->mesh && texels->first;
+    uint64_t count = 0;
+    for (uint32_t o = 0; ok && o < scene->object_count; o++) {
+        const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
+        texels->mesh[scene->object[o].mesh] = (struct lw_mesh_texels){
+            .width = mesh->atlas_width,
+            .height = mesh->atlas_height,
+            .tiles_x = (mesh->atlas_width + LW_TILE_SIDE - 1) / LW_TILE_SIDE,
+            .texel_count = mesh->atlas_width * mesh->atlas_height,
+            .back_offset = mesh->back_offset};
+        texels->first[o] = (uint32_t)count;
+        count += (uint64_t)mesh->atlas_width * mesh->atlas_height;
+        if (count > TEXELS_MAX) {
+            lw_texels_finish(texels);
+            return lw_status_fail(err, LW_BAD_DATA, "the scene has over %u texels: lower --texels-per-metre", TEXELS_MAX);
+        }
+    }
+    texels->count = (uint32_t)count;
+
+    int failures = 0;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(threads ? (int)threads : omp_get_max_threads()) reduction(+ : failures)
+    for (uint32_t m = 0; m < scene->mesh_count; m++)
+        if (ok && texels->mesh[m].texel_count && !build_mesh(&texels->mesh[m], scene, &scene->mesh[m])) failures++;
+    if (!ok || failures) {
+        lw_texels_finish(texels);
+        return lw_status_fail(err, LW_NO_MEMORY, "%u texels", (unsigned)count);
+    }
+    return LW_OK;
+}
+
+void lw_texels_finish(struct lw_texels *texels) {
+    for (uint32_t m = 0; texels->mesh && m < texels->scene->mesh_count; m++) {
+        struct lw_mesh_texels *mesh = &texels->mesh[m];
+        for (int c = 0; c < 3; c++) {
+            free(mesh->position[c]);
+            free(mesh->normal[c]);
+            free(mesh->geometric[c]);
+            free(mesh->albedo[c]);
+        }
+        free(mesh->covered);
+        free(mesh->source);
+        free(mesh->triangle);
+    }
+    free(texels->first);
+    free(texels->mesh);
+    *texels = (struct lw_texels){0};
+}

@@ -1,0 +1,34 @@
+/* levels.h: the mip pyramid of one object's atlas: filtered by coverage, gutters filled by extrapolation.
+ * Threads: one lw_levels belongs to one worker at a time.
+ *
+ * A covered texel of level k + 1 is the mean of the covered texels among its four of level k. Texels next to covered
+ * ones are filled with the mean of their covered neighbours, so that bilinear lookups on a chart's rim read a
+ * continuation of that chart: charts lie in blocks of 4 x 4 texels with a gutter (common/scene/lightmap.h), so the
+ * neighbours are of the same chart on levels 0 to 2. Coarser levels are placeholders and are filled completely. */
+#ifndef LW_PUBLISH_LEVELS_H
+#define LW_PUBLISH_LEVELS_H
+
+#include "common/tile/atlas.h"
+#include "server/solve/solver.h"
+
+struct lw_levels {
+    uint32_t count;
+    struct lw_levels_image {
+        uint32_t width, height;
+        float *rgb;        /* 3 floats per texel, W/m^2 */
+        uint8_t *covered;  /* 0: nothing; 1: surface; 2 and more: filled, in the round given */
+    } level[LW_ATLAS_LEVELS_MAX];
+};
+
+/** Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_levels_init(struct lw_levels *levels, const struct lw_atlas *atlas);
+void lw_levels_finish(struct lw_levels *levels);
+
+/** Takes direct + indirect of one level-0 tile into level 0. */
+void lw_levels_load_tile(struct lw_levels *levels, const struct lw_tile_place *place, const struct lw_solver_tile *tile);
+/** After all tiles of the object: fills gutters and builds the coarser levels. */
+void lw_levels_build(struct lw_levels *levels);
+/** Copies one tile's texels: width * height * 3 floats. */
+void lw_levels_store_tile(const struct lw_levels *levels, const struct lw_tile_place *place, float *out_rgb);
+
+#endif

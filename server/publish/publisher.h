@@ -1,0 +1,45 @@
+/* publisher.h: turns what a frame changed into encoded tiles and an immutable snapshot.
+ * Flow:    solver tiles -> [levels, changed tiles, encoded once] -> snapshot -> sessions
+ * Threads: one thread calls (the solver's); workers inside. */
+#ifndef LW_PUBLISH_PUBLISHER_H
+#define LW_PUBLISH_PUBLISHER_H
+
+#include "server/publish/snapshot.h"
+#include "server/solve/solver.h"
+
+/* A tile is sent again when it has moved by this much (root mean square, relative) from what was last sent. Under one
+ * step of an 8-bit display at middle grey. */
+#define LW_PUBLISHER_VISIBLE_CHANGE 0.004f
+
+struct lw_publisher_desc {
+    const struct lw_scene *scene;         /* these three outlive the publisher */
+    const struct lw_atlas_map *atlas_map;
+    struct lw_solver *solver;
+    float target_error;
+    unsigned threads; /* 0: all */
+};
+
+struct lw_publisher_stats {
+    uint64_t tiles_encoded, bytes_encoded; /* of this frame */
+    uint64_t levels_ns, encode_ns;
+    uint64_t saturated; /* channels that did not fit the tile codec's range, so far */
+};
+
+struct lw_publisher;
+
+/** Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_publisher_create(const struct lw_publisher_desc *desc,
+                                                 struct lw_publisher **out_publisher);
+void lw_publisher_destroy(struct lw_publisher *publisher);
+
+/** Publishes a solved frame. rays_total: traced since the start. *out_snapshot: a new reference.
+ * Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_publisher_publish(struct lw_publisher *publisher, const struct lw_pose *pose,
+                                                  uint64_t frame, uint64_t solve_ns, uint64_t rays_total,
+                                                  uint64_t tiles_solved, struct lw_snapshot **out_snapshot,
+                                                  struct lw_publisher_stats *out_stats);
+
+/** Bytes held. */
+size_t lw_publisher_memory_bytes(const struct lw_publisher *publisher);
+
+#endif

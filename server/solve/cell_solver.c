@@ -1,0 +1,283 @@
+#include "server/solve/cell_solver.h"
+
+#include "common/clock.h"
+#include "server/solve/passes.h"
+
+#include <omp.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct cell_solver {
+    struct lw_solver base;
+    struct lw_solver_desc desc;
+    int threads;
+    struct lw_trace *trace;
+    struct lw_texels texels;
+    struct lw_cells cells;
+    struct lw_tiles tiles;
+    struct lw_lights lights;
+    struct lw_probes probes;
+    bool has_probes;
+    uint32_t *end;
+    float *cdf; /* per thread */
+    struct lw_pose pose; /* the last one solved */
+    uint32_t frames, frames_since_move;
+    bool ever_moved;
+};
+
+static bool same_pose(const struct lw_scene *scene, const struct lw_pose *a, const struct lw_pose *b) {
+    for (uint32_t i = 0; i < scene->object_count; i++)
+        if (memcmp(&a->object_to_world[i], &b->object_to_world[i], sizeof a->object_to_world[i])) return false;
+    for (uint32_t i = 0; i < scene->light_count; i++)
+        if (memcmp(&a->light[i], &b->light[i], sizeof a->light[i])) return false;
+    return true;
+}
+
+static void copy_pose(const struct lw_scene *scene, struct lw_pose *dst, const struct lw_pose *src) {
+    dst->time_s = src->time_s;
+    memcpy(dst->object_to_world, src->object_to_world, scene->object_count * sizeof *src->object_to_world);
+    memcpy(dst->light, src->light, scene->light_count * sizeof *src->light);
+    memcpy(dst->node_to_world, src->node_to_world, scene->node_count * sizeof *src->node_to_world);
+}
+
+static enum lw_status set_pose(struct cell_solver *s, const struct lw_pose *pose, struct lw_error *err) {
+    copy_pose(s->desc.scene, &s->pose, pose);
+    enum lw_status status = lw_trace_set_pose(s->trace, &s->pose, err);
+    if (status != LW_OK) return status;
+    lw_lights_set_pose(&s->lights, &s->pose);
+    lw_tiles_set_pose(&s->tiles, &s->cells, &s->pose);
+    return LW_OK;
+}
+
+/* How many frames the sums may remember. While things move: few. After a movement the memory grows by half a frame
+ * each frame, so that what it holds of the time before fades with the square of the time since. */
+static void choose_history(const struct cell_solver *s, struct lw_passes *passes) {
+    passes->history_direct_max = passes->history_indirect_max = UINT32_MAX;
+    if (!s->ever_moved) return;
+    uint32_t grown = s->frames_since_move / 2;
+    passes->history_direct_max = LW_CELL_SOLVER_HISTORY_DIRECT - 1 + grown;
+    passes->history_indirect_max = LW_CELL_SOLVER_HISTORY_INDIRECT - 1 + grown;
+}
+
+static void run_direct(struct cell_solver *s, const struct lw_passes *passes, struct lw_solver_stats *stats) {
+    uint64_t shadow = 0, bounce = 0;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shadow, bounce)
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        struct lw_solve_tile *tile = &s->tiles.tile[i];
+        if (tile->resting) continue;
+        struct lw_passes_count count = {0};
+        lw_passes_direct(passes, tile, s->cdf + (size_t)omp_get_thread_num() * (s->lights.emitter_count + 1), &count);
+        shadow += count.shadow;
+        bounce += count.bounce;
+    }
+    stats->rays_shadow += shadow;
+    stats->rays_bounce += bounce;
+}
+
+static void run_trace_ends(struct cell_solver *s, const struct lw_passes *passes, struct lw_solver_stats *stats) {
+    uint64_t bounce = 0;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : bounce)
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        if (s->tiles.tile[i].resting) continue;
+        struct lw_passes_count count = {0};
+        lw_passes_trace_ends(passes, &s->tiles.tile[i], &count);
+        bounce += count.bounce;
+    }
+    stats->rays_bounce += bounce;
+}
+
+static void run_radiate(struct cell_solver *s, const struct lw_passes *passes, uint32_t bounce) {
+#pragma omp parallel for schedule(static) num_threads(s->threads)
+    for (uint32_t i = 0; i < s->tiles.count; i++) lw_passes_radiate(passes, &s->tiles.tile[i], bounce);
+}
+
+static void run_gather(struct cell_solver *s, const struct lw_passes *passes, uint32_t bounce) {
+#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
+    for (uint32_t i = 0; i < s->tiles.count; i++)
+        if (!s->tiles.tile[i].resting) lw_passes_gather(passes, &s->tiles.tile[i], bounce);
+}
+
+static void run_finish(struct cell_solver *s, const struct lw_passes *passes, uint64_t frame) {
+#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        struct lw_solve_tile *tile = &s->tiles.tile[i];
+        if (tile->resting) continue;
+        lw_passes_finish_tile(passes, tile);
+        tile->solved_frame = frame;
+    }
+}
+
+/* Tiles whose error is low enough rest until something moves. */
+static void settle(struct cell_solver *s, struct lw_solver_stats *stats) {
+    const bool fading = s->ever_moved && s->frames_since_move < LW_CELL_SOLVER_FADE_FRAMES;
+    stats->tiles = s->tiles.count;
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        struct lw_solve_tile *tile = &s->tiles.tile[i];
+        if (!tile->resting) {
+            stats->tiles_solved++;
+            stats->texels_solved += tile->covered_count;
+            tile->resting = !fading && tile->frames >= LW_CELL_SOLVER_FRAMES_MIN && tile->error <= s->desc.target_error;
+        }
+        stats->tiles_converged += tile->resting;
+    }
+}
+
+static void wake(struct cell_solver *s) {
+    for (uint32_t i = 0; i < s->tiles.count; i++) s->tiles.tile[i].resting = s->tiles.tile[i].covered_count == 0;
+}
+
+static bool all_rest(const struct cell_solver *s) {
+    for (uint32_t i = 0; i < s->tiles.count; i++)
+        if (!s->tiles.tile[i].resting) return false;
+    return true;
+}
+
+static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose, uint64_t number,
+                            struct lw_solver_stats *out_stats, struct lw_error *err) {
+    struct cell_solver *s = (struct cell_solver *)solver;
+    struct lw_solver_stats stats = {0};
+    uint64_t t0 = lw_clock_ns();
+    if (same_pose(s->desc.scene, pose, &s->pose)) {
+        s->frames_since_move++;
+    } else {
+        enum lw_status status = set_pose(s, pose, err);
+        if (status != LW_OK) return status;
+        s->ever_moved = true;
+        s->frames_since_move = 0;
+        wake(s);
+    }
+    stats.pose_ns = lw_clock_ns() - t0;
+    if (all_rest(s)) {
+        stats.tiles = stats.tiles_converged = s->tiles.count;
+        *out_stats = stats;
+        return LW_OK;
+    }
+
+    struct lw_passes passes = {.scene = s->desc.scene,
+                               .pose = &s->pose,
+                               .trace = s->trace,
+                               .lights = &s->lights,
+                               .texels = &s->texels,
+                               .cells = &s->cells,
+                               .probes = s->has_probes ? &s->probes : NULL,
+                               .tiles = &s->tiles,
+                               .end = s->end,
+                               .direct_samples = s->desc.direct_samples,
+                               .indirect_samples = s->desc.indirect_samples,
+                               .seed = s->desc.seed,
+                               .tracing_range_m = s->desc.tracing_range_m};
+    choose_history(s, &passes);
+
+    uint64_t t1 = lw_clock_ns();
+    run_direct(s, &passes, &stats);
+    run_radiate(s, &passes, 0);
+    uint64_t t2 = lw_clock_ns();
+    stats.direct_ns = t2 - t1;
+    if (s->desc.bounces) run_trace_ends(s, &passes, &stats);
+    stats.scatter_ns = lw_clock_ns() - t2;
+    if (s->has_probes) {
+        uint64_t t = lw_clock_ns();
+        stats.rays_probe = lw_probes_gather(&s->probes, s->trace, &s->texels, s->desc.seed, s->frames, s->threads);
+        stats.probe_ns = lw_clock_ns() - t;
+    }
+    for (uint32_t bounce = 1; bounce <= s->desc.bounces; bounce++) {
+        uint64_t t = lw_clock_ns();
+        if (s->has_probes)
+            lw_probes_project(&s->probes, bounce - 1, s->tiles.radiance, s->desc.seed, s->frames,
+                              lw_passes_weight(s->frames, passes.history_indirect_max), s->threads);
+        uint64_t projected = lw_clock_ns();
+        run_gather(s, &passes, bounce);
+        if (bounce < s->desc.bounces) run_radiate(s, &passes, bounce);
+        stats.probe_ns += projected - t;
+        stats.scatter_ns += lw_clock_ns() - projected;
+    }
+    run_finish(s, &passes, number);
+    settle(s, &stats);
+    s->frames++;
+    *out_stats = stats;
+    return LW_OK;
+}
+
+static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_solver_tile *out_tile) {
+    const struct cell_solver *s = (const struct cell_solver *)solver;
+    const struct lw_solve_tile *tile = &s->tiles.tile[s->tiles.slot_of_id[id.v]];
+    *out_tile = (struct lw_solver_tile){.covered = s->tiles.covered + tile->first,
+                                        .width = tile->width,
+                                        .height = tile->height,
+                                        .bounces = s->desc.bounces,
+                                        .error = tile->covered_count ? tile->error : 0,
+                                        .solved_frame = tile->solved_frame};
+    for (int c = 0; c < 3; c++) {
+        out_tile->direct[c] = s->tiles.direct[c] + tile->first;
+        out_tile->indirect[c] = s->tiles.indirect[c] + tile->first;
+    }
+}
+
+static size_t memory_bytes(const struct lw_solver *solver) {
+    const struct cell_solver *s = (const struct cell_solver *)solver;
+    size_t per_texel = sizeof(float) * (3 + 3 + 3 * (size_t)s->desc.bounces + 4 + 3) + 1 +
+                       sizeof(uint32_t) * s->desc.indirect_samples;
+    size_t mesh_texels = 0;
+    for (uint32_t m = 0; m < s->desc.scene->mesh_count; m++) mesh_texels += s->texels.mesh[m].texel_count;
+    return per_texel * s->texels.count + mesh_texels * (12 * sizeof(float) + 1 + sizeof(uint32_t)) +
+           lw_trace_memory_bytes(s->trace);
+}
+
+static void destroy(struct lw_solver *solver) {
+    if (!solver) return;
+    struct cell_solver *s = (struct cell_solver *)solver;
+    lw_probes_finish(&s->probes);
+    lw_lights_finish(&s->lights);
+    lw_tiles_finish(&s->tiles);
+    if (s->texels.scene) lw_texels_finish(&s->texels);
+    lw_trace_destroy(s->trace);
+    lw_pose_finish(&s->pose);
+    free(s->cdf);
+    free(s->end);
+    free(s);
+}
+
+static const struct lw_solver_ops ops = {
+    .name = "cells", .frame = frame, .read_tile = read_tile, .memory_bytes = memory_bytes, .destroy = destroy};
+
+static enum lw_status build(struct cell_solver *s, const struct lw_pose *pose, struct lw_error *err) {
+    const struct lw_scene *scene = s->desc.scene;
+    enum lw_status status = lw_pose_init(&s->pose, scene);
+    if (status != LW_OK) return lw_status_fail(err, status, "poses");
+    copy_pose(scene, &s->pose, pose);
+    if ((status = lw_trace_create(scene, &s->pose, &s->trace, err)) != LW_OK) return status;
+    if ((status = lw_texels_init(&s->texels, scene, (unsigned)s->threads, err)) != LW_OK) return status;
+
+    struct lw_vec3 lo = {0}, hi = {0};
+    lw_pose_bounds(&s->pose, scene, &lo, &hi);
+    lw_cells_init(&s->cells, lo, hi, s->desc.cell_size_m);
+    if ((status = lw_tiles_init(&s->tiles, scene, s->desc.atlas_map, &s->texels, s->desc.bounces)) != LW_OK)
+        return lw_status_fail(err, status, "%u texels", s->texels.count);
+    if ((status = lw_lights_init(&s->lights, scene, &s->pose)) != LW_OK) return lw_status_fail(err, status, "lights");
+    lw_tiles_set_pose(&s->tiles, &s->cells, &s->pose);
+
+    s->has_probes = isfinite(s->desc.tracing_range_m) && s->desc.bounces > 0;
+    if (s->has_probes && (status = lw_probes_init(&s->probes, &s->cells, s->desc.bounces)) != LW_OK)
+        return lw_status_fail(err, status, "probes");
+    s->end = calloc((size_t)s->texels.count * s->desc.indirect_samples + 1, sizeof *s->end);
+    s->cdf = calloc((size_t)s->threads * (s->lights.emitter_count + 1), sizeof *s->cdf);
+    if (!s->end || !s->cdf) return lw_status_fail(err, LW_NO_MEMORY, "%u texels", s->texels.count);
+    return LW_OK;
+}
+
+enum lw_status lw_cell_solver_create(const struct lw_solver_desc *desc, const struct lw_pose *pose,
+                                     struct lw_solver **out_solver, struct lw_error *err) {
+    struct cell_solver *s = calloc(1, sizeof *s);
+    if (!s) return lw_status_fail(err, LW_NO_MEMORY, "solver");
+    s->base.ops = &ops;
+    s->desc = *desc;
+    s->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
+    if (!(s->desc.tracing_range_m > 0)) s->desc.tracing_range_m = INFINITY;
+    enum lw_status status = build(s, pose, err);
+    if (status != LW_OK) {
+        destroy(&s->base);
+        return status;
+    }
+    *out_solver = &s->base;
+    return LW_OK;
+}

@@ -1,0 +1,299 @@
+#include "server/solve/passes.h"
+
+#include "common/colour.h"
+#include "server/solve/sampling.h"
+#include "server/solve/transport.h"
+
+#define LANES LW_TRACE_WIDTH
+#define SETS  16u /* direction sets of the 4 x 4 pattern */
+/* Packets whose normals agree to this cosine run parallel enough for Embree's coherent traversal. */
+#define COHERENT_COSINE 0.95f
+
+/* Sixteen texels of one direction set, in world space. */
+struct packet {
+    uint32_t lane_texel[LANES]; /* within the tile */
+    uint16_t active;
+    bool coherent;
+    uint32_t block, set;
+    struct lw_vec3 origin[LANES]; /* lifted off the surface */
+    struct lw_vec3 normal[LANES];
+};
+
+/* Lifts a point off its surface by more than the rounding of its coordinates can move a hit. */
+static struct lw_vec3 lift(struct lw_vec3 p, struct lw_vec3 geometric) {
+    float largest = fmaxf(fabsf(p.x), fmaxf(fabsf(p.y), fabsf(p.z)));
+    return lw_vec3_mad(p, geometric, 1e-5f * largest + 1e-6f);
+}
+
+static struct lw_vec3 load(float *const src[3], uint32_t i) { return lw_vec3(src[0][i], src[1][i], src[2][i]); }
+
+/* Texels of set `set` in the block of 16 x 16 at (block_x, block_y): every fourth in both directions. */
+static bool load_packet(const struct lw_passes *p, const struct lw_solve_tile *tile, uint32_t block_x, uint32_t block_y,
+                        uint32_t set, struct packet *packet) {
+    const struct lw_affine *to_world = &p->pose->object_to_world[tile->object];
+    packet->active = 0;
+    packet->set = set;
+    /* Numbered over the whole atlas, so that no two blocks of an object share a sequence. */
+    packet->block = (tile->y * 4 + block_y) << 16 | (tile->x * 4 + block_x);
+    float agreement = 1;
+    struct lw_vec3 first_normal = {0};
+    for (uint32_t lane = 0; lane < LANES; lane++) {
+        uint32_t x = block_x * LW_TILE_BLOCK + lane % 4 * 4 + set % 4, y = block_y * LW_TILE_BLOCK + lane / 4 * 4 + set / 4;
+        uint32_t i = y * tile->width + x;
+        packet->lane_texel[lane] = 0;
+        if (x >= tile->width || y >= tile->height || !p->tiles->covered[tile->first + i]) continue;
+        const uint32_t local = tile->local + i;
+        packet->lane_texel[lane] = i;
+        packet->normal[lane] = lw_affine_normal(to_world, load(tile->mesh->normal, local));
+        struct lw_vec3 geometric = lw_affine_normal(to_world, load(tile->mesh->geometric, local));
+        packet->origin[lane] = lift(lw_affine_point(to_world, load(tile->mesh->position, local)), geometric);
+        if (!packet->active) first_normal = packet->normal[lane];
+        agreement = fminf(agreement, lw_vec3_dot(first_normal, packet->normal[lane]));
+        packet->active |= (uint16_t)(1u << lane);
+    }
+    packet->coherent = agreement > COHERENT_COSINE;
+    return packet->active != 0;
+}
+
+static void set_ray(struct lw_ray16 *rays, uint32_t lane, struct lw_vec3 origin, struct lw_vec3 direction, float t_far) {
+    rays->org_x[lane] = origin.x;
+    rays->org_y[lane] = origin.y;
+    rays->org_z[lane] = origin.z;
+    rays->dir_x[lane] = direction.x;
+    rays->dir_y[lane] = direction.y;
+    rays->dir_z[lane] = direction.z;
+    rays->t_near[lane] = 0;
+    rays->t_far[lane] = t_far;
+}
+
+static struct lw_vec3 to_frame(struct lw_vec3 normal, struct lw_vec3 local) {
+    struct lw_vec3 t, b;
+    lw_vec3_frame(normal, &t, &b);
+    return lw_vec3_mad(lw_vec3_mad(lw_vec3_scale(normal, local.z), t, local.x), b, local.y);
+}
+
+/* Light samples for the lanes of a packet: traces their shadow rays and adds what arrives. */
+struct shadow_batch {
+    struct lw_ray16 rays;
+    struct lw_vec3 arriving[LANES]; /* E if nothing is in the way */
+    uint16_t active;
+};
+
+static void add_sample(struct shadow_batch *batch, const struct packet *packet, uint32_t lane,
+                       const struct lw_light_sample *sample, float weight) {
+    float cosine = lw_vec3_dot(packet->normal[lane], sample->direction);
+    struct lw_vec3 e = lw_vec3_scale(sample->irradiance_normal, cosine * weight);
+    if (!(cosine > 0) || !(e.x + e.y + e.z > 0)) return;
+    batch->arriving[lane] = e;
+    /* Short of the lamp itself, which would be in its own way. */
+    set_ray(&batch->rays, lane, packet->origin[lane], sample->direction, sample->distance_m * 0.9999f);
+    batch->active |= (uint16_t)(1u << lane);
+}
+
+static void trace_batch(const struct lw_passes *p, const struct shadow_batch *batch, bool coherent,
+                        struct lw_vec3 sum[LANES], struct lw_passes_count *count) {
+    if (!batch->active) return;
+    uint16_t occluded =
+        lw_trace_occluded16(p->trace, coherent ? LW_TRACE_COHERENT : 0, batch->active, &batch->rays);
+    uint16_t lit = batch->active & (uint16_t)~occluded;
+    count->shadow += (uint64_t)__builtin_popcount(batch->active);
+    for (uint32_t lane = 0; lane < LANES; lane++)
+        if (lit >> lane & 1) sum[lane] = lw_vec3_add(sum[lane], batch->arriving[lane]);
+}
+
+static void light_by_punctual(const struct lw_passes *p, const struct lw_solve_tile *tile, const struct packet *packet,
+                              struct lw_vec3 sum[LANES], struct lw_passes_count *count) {
+    for (uint32_t l = 0; l < p->scene->light_count; l++) {
+        float point[2];
+        lw_sampling_point(lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_PUNCTUAL + l), tile->frames,
+                          packet->set, point);
+        struct shadow_batch batch = {.active = 0};
+        for (uint32_t lane = 0; lane < LANES; lane++) {
+            if (!(packet->active >> lane & 1)) continue;
+            struct lw_light_sample sample =
+                lw_lights_sample_punctual(p->lights, l, point[0], point[1], packet->origin[lane]);
+            add_sample(&batch, packet, lane, &sample, 1);
+        }
+        trace_batch(p, &batch, packet->coherent, sum, count);
+    }
+}
+
+static void light_by_emitters(const struct lw_passes *p, const struct lw_solve_tile *tile, const struct packet *packet,
+                              const float *cdf, struct lw_vec3 sum[LANES], struct lw_passes_count *count) {
+    uint32_t seed = lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_EMITTER);
+    uint32_t pick_seed = lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_EMITTER_PICK);
+    for (uint32_t s = 0; s < p->direct_samples; s++) {
+        float point[2], pick[2];
+        lw_sampling_point(seed, tile->frames * p->direct_samples + s, packet->set, point);
+        lw_sampling_point(pick_seed, tile->frames * p->direct_samples + s, packet->set, pick);
+        struct shadow_batch batch = {.active = 0};
+        for (uint32_t lane = 0; lane < LANES; lane++) {
+            if (!(packet->active >> lane & 1)) continue;
+            struct lw_light_sample sample =
+                lw_lights_sample_area(p->lights, cdf, pick[0], point[0], point[1], packet->origin[lane]);
+            add_sample(&batch, packet, lane, &sample, 1.0f / (float)p->direct_samples);
+        }
+        trace_batch(p, &batch, packet->coherent, sum, count);
+    }
+}
+
+static void light_by_sky(const struct lw_passes *p, const struct lw_solve_tile *tile, const struct packet *packet,
+                         struct lw_vec3 sum[LANES], struct lw_passes_count *count) {
+    const struct lw_vec3 sky = lw_vec3(p->scene->sky[0], p->scene->sky[1], p->scene->sky[2]);
+    if (!(sky.x + sky.y + sky.z > 0)) return;
+    uint32_t seed = lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_SKY);
+    for (uint32_t s = 0; s < p->direct_samples; s++) {
+        float point[2];
+        lw_sampling_point(seed, tile->frames * p->direct_samples + s, packet->set, point);
+        struct lw_vec3 local = lw_sampling_cosine(point);
+        struct shadow_batch batch = {.active = packet->active};
+        for (uint32_t lane = 0; lane < LANES; lane++) {
+            if (!(packet->active >> lane & 1)) continue;
+            set_ray(&batch.rays, lane, packet->origin[lane], to_frame(packet->normal[lane], local), INFINITY);
+            batch.arriving[lane] = lw_vec3_scale(sky, LW_PI / (float)p->direct_samples);
+        }
+        trace_batch(p, &batch, packet->coherent, sum, count);
+    }
+}
+
+static void blend(float *const dst[3], uint32_t texel, struct lw_vec3 value, float weight) {
+    dst[0][texel] += (value.x - dst[0][texel]) * weight;
+    dst[1][texel] += (value.y - dst[1][texel]) * weight;
+    dst[2][texel] += (value.z - dst[2][texel]) * weight;
+}
+
+void lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile, float *cdf, struct lw_passes_count *count) {
+    const float *tile_cdf = p->lights->power_cdf;
+    bool emitters = p->lights->emitter_count > 0;
+    if (emitters && p->lights->emitter_count <= LW_LIGHTS_LOCAL_MAX) {
+        emitters = lw_lights_local_cdf(p->lights, tile->centre_ws, tile->radius_m, cdf);
+        tile_cdf = cdf;
+    }
+    const float weight = lw_passes_weight(tile->history, p->history_direct_max);
+    for (uint32_t by = 0; by * LW_TILE_BLOCK < tile->height; by++)
+        for (uint32_t bx = 0; bx * LW_TILE_BLOCK < tile->width; bx++)
+            for (uint32_t set = 0; set < SETS; set++) {
+                struct packet packet;
+                struct lw_vec3 sum[LANES] = {0};
+                if (!load_packet(p, tile, bx, by, set, &packet)) continue;
+                light_by_punctual(p, tile, &packet, sum, count);
+                if (emitters) light_by_emitters(p, tile, &packet, tile_cdf, sum, count);
+                light_by_sky(p, tile, &packet, sum, count);
+                for (uint32_t lane = 0; lane < LANES; lane++) {
+                    if (!(packet.active >> lane & 1)) continue;
+                    uint32_t texel = tile->first + packet.lane_texel[lane];
+                    blend(p->tiles->direct, texel, sum[lane], weight);
+                    p->tiles->estimate[texel] = lw_colour_luminance(sum[lane]);
+                }
+            }
+}
+
+/* Where lane's ray ended. */
+static uint32_t end_of(const struct lw_passes *p, const struct lw_solve_tile *tile, const struct lw_ray16 *rays,
+                       const struct lw_hit16 *hits, uint32_t lane) {
+    if (hits->object[lane] != LW_TRACE_MISS)
+        return lw_texels_at(p->texels, hits->object[lane], hits->triangle[lane], hits->u[lane], hits->v[lane],
+                            hits->back[lane]);
+    if (!p->probes) return LW_END_NOTHING;
+    /* Distant-point projection (Vandersanden 2023, 3.6): the probe is asked for the point of the scene's box that the
+     * ray runs towards, not for the ray's own direction. */
+    struct lw_vec3 origin = lw_vec3(rays->org_x[lane], rays->org_y[lane], rays->org_z[lane]);
+    struct lw_vec3 direction = lw_vec3(rays->dir_x[lane], rays->dir_y[lane], rays->dir_z[lane]);
+    struct lw_vec3 distant = lw_cells_project(p->cells, origin, direction);
+    struct lw_vec3 towards = lw_vec3_sub(distant, lw_cells_centre(p->cells, tile->cell));
+    return lw_end_pack_probe(tile->cell, lw_vec3_normalize(towards));
+}
+
+void lw_passes_trace_ends(const struct lw_passes *p, const struct lw_solve_tile *tile, struct lw_passes_count *count) {
+    for (uint32_t by = 0; by * LW_TILE_BLOCK < tile->height; by++)
+        for (uint32_t bx = 0; bx * LW_TILE_BLOCK < tile->width; bx++)
+            for (uint32_t set = 0; set < SETS; set++) {
+                struct packet packet;
+                if (!load_packet(p, tile, bx, by, set, &packet)) continue;
+                uint32_t seed = lw_sampling_seed(p->seed, tile->object, packet.block, LW_SAMPLING_BOUNCE);
+                for (uint32_t s = 0; s < p->indirect_samples; s++) {
+                    float point[2];
+                    lw_sampling_point(seed, tile->frames * p->indirect_samples + s, set, point);
+                    struct lw_vec3 local = lw_sampling_cosine(point);
+                    struct lw_ray16 rays;
+                    struct lw_hit16 hits;
+                    for (uint32_t lane = 0; lane < LANES; lane++)
+                        if (packet.active >> lane & 1)
+                            set_ray(&rays, lane, packet.origin[lane], to_frame(packet.normal[lane], local),
+                                    p->tracing_range_m);
+                        else set_ray(&rays, lane, lw_vec3(0, 0, 0), lw_vec3(0, 0, 1), 0);
+                    lw_trace_closest16(p->trace, packet.coherent ? LW_TRACE_COHERENT : 0, packet.active, &rays, &hits);
+                    for (uint32_t lane = 0; lane < LANES; lane++)
+                        if (packet.active >> lane & 1)
+                            p->end[(size_t)(tile->first + packet.lane_texel[lane]) * p->indirect_samples + s] =
+                                end_of(p, tile, &rays, &hits, lane);
+                    count->bounce += (uint64_t)__builtin_popcount(packet.active);
+                }
+            }
+}
+
+static struct lw_vec3 radiance_at(const struct lw_passes *p, uint32_t end, uint32_t bounce) {
+    if (end == LW_END_NOTHING) return lw_vec3(0, 0, 0);
+    if (end & LW_END_PROBE) return lw_probes_radiance(p->probes, bounce - 1, lw_end_probe(end), lw_end_direction(end));
+    const float *l = p->tiles->radiance + (size_t)end * 4;
+    return lw_vec3(l[0], l[1], l[2]);
+}
+
+void lw_passes_gather(const struct lw_passes *p, const struct lw_solve_tile *tile, uint32_t bounce) {
+    const float weight = lw_passes_weight(tile->history, p->history_indirect_max);
+    const uint32_t n = p->indirect_samples;
+    for (uint32_t i = 0; i < tile->width * tile->height; i++) {
+        const uint32_t texel = tile->first + i;
+        if (!p->tiles->covered[texel]) continue;
+        const uint32_t *end = p->end + (size_t)texel * n;
+        struct lw_vec3 sum = {0};
+        for (uint32_t s = 0; s < n; s++) sum = lw_vec3_add(sum, radiance_at(p, end[s], bounce));
+        struct lw_vec3 e = lw_vec3_scale(sum, LW_PI / (float)n);
+        blend(p->tiles->order[bounce - 1], texel, e, weight);
+        p->tiles->estimate[texel] += lw_colour_luminance(e);
+    }
+}
+
+void lw_passes_radiate(const struct lw_passes *p, const struct lw_solve_tile *tile, uint32_t bounce) {
+    float *const *e = bounce == 0 ? p->tiles->direct : p->tiles->order[bounce - 1];
+    float *const *albedo = tile->mesh->albedo;
+    for (uint32_t i = 0; i < tile->width * tile->height; i++)
+        for (int c = 0; c < 3; c++)
+            p->tiles->radiance[(size_t)(tile->first + i) * 4 + (size_t)c] =
+                e[c][tile->first + i] * albedo[c][tile->local + i] * (1 / LW_PI);
+}
+
+/* Running mean and spread of the frames' estimates (Welford 1962), forgetting as the sums do. */
+static void note_estimate(struct lw_tiles *tiles, uint32_t texel, float weight) {
+    float x = tiles->estimate[texel], off = x - tiles->mean[texel];
+    tiles->mean[texel] += off * weight;
+    tiles->spread[texel] = (1 - weight) * (tiles->spread[texel] + weight * off * off);
+}
+
+void lw_passes_finish_tile(const struct lw_passes *p, struct lw_solve_tile *tile) {
+    struct lw_tiles *tiles = p->tiles;
+    const float weight = lw_passes_weight(tile->history, p->history_indirect_max);
+    double variance = 0, luminance = 0;
+    for (uint32_t i = 0; i < tile->width * tile->height; i++) {
+        const uint32_t texel = tile->first + i;
+        if (!tiles->covered[texel]) continue;
+        for (int c = 0; c < 3; c++) {
+            float sum = 0;
+            for (uint32_t k = 0; k < tiles->bounces; k++) sum += tiles->order[k][c][texel];
+            tiles->indirect[c][texel] = sum;
+        }
+        note_estimate(tiles, texel, weight);
+        variance += (double)tiles->spread[texel];
+        luminance += (double)tiles->mean[texel];
+    }
+    tile->frames++;
+    if (tile->history < UINT32_MAX) tile->history++;
+    /* spread is the variance of one estimate; the mean of h of them has 1/(h-1) of it (Bessel's correction in it). */
+    uint32_t remembered = tile->history < p->history_indirect_max ? tile->history : p->history_indirect_max;
+    tile->error = 1;
+    if (remembered >= 2 && tile->covered_count) {
+        double mean = luminance / tile->covered_count;
+        double mean_variance = variance / tile->covered_count / (remembered - 1);
+        tile->error = mean > 0 ? (float)fmin(1.0, sqrt(mean_variance) / mean) : 0;
+    }
+}

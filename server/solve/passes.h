@@ -1,0 +1,63 @@
+/* passes.h: the work of one frame on one tile: direct light, bounce rays, and the sums that follow from them.
+ * Flow:    texels, lights -> [direct] -> radiance -> [trace ends] -> [gather] x bounces -> [finish] -> tiles
+ * Threads: each call works on one tile; tiles are independent within a pass, passes are barriers apart. [any worker]
+ *
+ * Estimators (E: irradiance, N: samples; all means are unbiased):
+ *   punctual light    E += V E_normal cos                 one shadow ray each
+ *   emissive triangle E += (1/N) sum V L cos cos' A / (d^2 p)   p: probability of the triangle, A: its area
+ *   sky               E += (pi/N) sum V L                 cosine-weighted directions
+ *   bounce k          E_k += (pi/N) sum L_{k-1}(end)      cosine-weighted directions
+ * (Uniform directions would need (2 pi/N) sum L cos; the 1/(N pi) of Vandersanden 2023, algorithm 3, is neither.) */
+#ifndef LW_SOLVE_PASSES_H
+#define LW_SOLVE_PASSES_H
+
+#include "common/light/lights.h"
+#include "common/trace/trace.h"
+#include "server/solve/probes.h"
+#include "server/solve/tiles.h"
+
+/** What all passes of a frame read. */
+struct lw_passes {
+    const struct lw_scene *scene;
+    const struct lw_pose *pose;
+    const struct lw_trace *trace;
+    const struct lw_lights *lights;
+    const struct lw_texels *texels;
+    const struct lw_cells *cells;
+    const struct lw_probes *probes; /* NULL: the tracing range is infinite */
+    struct lw_tiles *tiles;
+    uint32_t *end;         /* indirect_samples words per texel of the global numbering (transport.h) */
+    uint32_t direct_samples, indirect_samples, seed;
+    float tracing_range_m;
+    uint32_t history_direct_max, history_indirect_max; /* frames; UINT32_MAX while nothing moves */
+};
+
+/** Rays shot for a tile. */
+struct lw_passes_count {
+    uint64_t shadow, bounce;
+};
+
+/** Direct light of every covered texel, blended into tiles->direct; sets tiles->estimate.
+ * cdf  scratch of lights->emitter_count floats */
+void lw_passes_direct(const struct lw_passes *passes, struct lw_solve_tile *tile, float *cdf,
+                      struct lw_passes_count *count);
+
+/** Traces the tile's bounce rays and notes where they ended. */
+void lw_passes_trace_ends(const struct lw_passes *passes, const struct lw_solve_tile *tile,
+                          struct lw_passes_count *count);
+
+/** Bounce order `bounce` (from 1) from tiles->radiance, which holds order bounce - 1 for the whole scene. */
+void lw_passes_gather(const struct lw_passes *passes, const struct lw_solve_tile *tile, uint32_t bounce);
+
+/** Sets tiles->radiance of a tile to what it sends out of bounce order `bounce` (0: direct): albedo / pi x E. */
+void lw_passes_radiate(const struct lw_passes *passes, const struct lw_solve_tile *tile, uint32_t bounce);
+
+/** After the last bounce: sums the orders, updates noise estimate and history. */
+void lw_passes_finish_tile(const struct lw_passes *passes, struct lw_solve_tile *tile);
+
+/** Weight with which the newest of `frames` estimates enters a mean that remembers at most `most` of them. */
+static inline float lw_passes_weight(uint32_t frames, uint32_t most) {
+    return 1.0f / (float)((frames < most ? frames : most) + 1u);
+}
+
+#endif

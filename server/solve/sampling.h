@@ -1,0 +1,37 @@
+/* sampling.h: the random numbers of the passes: which point of which sequence a ray takes.
+ * Texels of a 4 x 4 pattern belong to 16 direction sets; a packet holds 16 texels of one set, so its rays run nearly
+ * parallel. The 16 sets of a block of 16 x 16 texels together walk one scrambled (0,2)-sequence: what a filter or the
+ * eye averages over the pattern is stratified as a whole. The sequence goes on from frame to frame.
+ * Threads: pure functions, [any]. */
+#ifndef LW_SOLVE_SAMPLING_H
+#define LW_SOLVE_SAMPLING_H
+
+#include "common/random.h"
+#include "common/vec.h"
+
+/* What a number is for; a dimension pair each. */
+enum lw_sampling_use { LW_SAMPLING_BOUNCE = 1, LW_SAMPLING_SKY, LW_SAMPLING_EMITTER, LW_SAMPLING_EMITTER_PICK, LW_SAMPLING_PROBE, LW_SAMPLING_PUNCTUAL = 64 };
+
+/** Seed of one block's sequence for one use. block: any number that tells blocks of an object apart. */
+static inline uint32_t lw_sampling_seed(uint32_t seed, uint32_t object, uint32_t block, uint32_t use) {
+    return lw_random_hash4(seed, object, block, use);
+}
+
+/** Point of sample `sample` (counted over all frames) of direction set `set` (0..15). out: 2 floats in [0, 1). */
+static inline void lw_sampling_point(uint32_t block_seed, uint32_t sample, uint32_t set, float out[2]) {
+    lw_random_sobol2(sample * 16u + set, block_seed, out);
+}
+
+/** Cosine-weighted direction about +z: pdf = z / pi (Malley's method). */
+static inline struct lw_vec3 lw_sampling_cosine(const float point[2]) {
+    float radius = sqrtf(point[0]), angle = 2 * LW_PI * point[1];
+    return lw_vec3(radius * cosf(angle), radius * sinf(angle), sqrtf(fmaxf(0, 1 - point[0])));
+}
+
+/** Uniform direction on the sphere: pdf = 1 / 4 pi. */
+static inline struct lw_vec3 lw_sampling_sphere(const float point[2]) {
+    float z = 1 - 2 * point[0], radius = sqrtf(fmaxf(0, 1 - z * z)), angle = 2 * LW_PI * point[1];
+    return lw_vec3(radius * cosf(angle), radius * sinf(angle), z);
+}
+
+#endif
