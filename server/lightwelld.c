@@ -1,1 +1,327 @@
-int main(void) { return 70; }
+/* lightwelld.c: the daemon. Reads a scene, lights it frame by frame in one thread, serves it from another.
+ * Threads: main is the loop [loop]; one solver thread [solver] simulates, solves and publishes. They share the server's
+ *          hand-over and two flags, nothing else. */
+#include "common/clock.h"
+#include "common/log.h"
+#include "common/options.h"
+#include "common/scene/builtin.h"
+#include "common/scene/package.h"
+#include "server/import/import_spawn.h"
+#include "server/publish/publisher.h"
+#include "server/serve/server.h"
+#include "server/solve/cell_solver.h"
+
+#include <pthread.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#define DEFAULT_ADDRESS  "127.0.0.1:7780"
+#define TARGET_ERROR     0.02f
+#define SUN_DIAMETER_DEG 0.53 /* the real sun's, for directional lights whose file does not say */
+#define STEP_HZ          30   /* scene time advances by 1/30 s a frame under --clock step */
+
+enum clock_kind { CLOCK_REAL, CLOCK_STEP };
+
+struct settings {
+    const char *scene_path, *listen, *port_file;
+    int64_t bounces, atlas_max, direct_samples, indirect_samples, threads, seed, frames;
+    double tracing_range, cell_size, texels_per_metre, frame_rate, freeze_s, sun_angle_deg, error;
+    bool animate, freeze, sky_given, sun_angle_given, json;
+    int clock;
+    float sky[3];
+    char host[256];
+    uint16_t port;
+};
+
+struct daemon {
+    struct settings settings;
+    struct lw_scene *scene;
+    uint8_t *package;
+    size_t package_size;
+    struct lw_atlas_map atlas_map;
+    struct lw_pose pose;
+    struct lw_solver *solver;
+    struct lw_publisher *publisher;
+    struct lw_server *server;
+    pthread_t solver_thread;
+    _Atomic bool stopping;
+    struct lw_error solver_error; /* read after the thread is joined */
+    uint64_t started_ns, rays_total;
+};
+
+static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out_done, struct lw_error *err) {
+    const char *scene[1] = {NULL};
+    char about[1024];
+    int length = snprintf(about, sizeof about,
+                          "Lights a scene once per frame for all who look at it, and streams the light to them.\n"
+                          "SCENE is a glTF 2.0 file (.gltf, .glb), a scene package (.lwscene), or built in:");
+    for (unsigned i = 0; lw_builtin_name(i) && length > 0 && (size_t)length < sizeof about; i++)
+        length += snprintf(about + length, sizeof about - (size_t)length, "\n  %s  %s", lw_builtin_name(i),
+                           lw_builtin_about(i));
+    const struct lw_option table[] = {
+        {"listen", "HOST:PORT", "where to serve (default " DEFAULT_ADDRESS "; port 0 picks one)", LW_OPTION_STRING, &s->listen, 0, 0, NULL},
+        {"port-file", "FILE", "write the port there once it serves", LW_OPTION_STRING, &s->port_file, 0, 0, NULL},
+        {"bounces", "N", "indirect bounces (default 2)", LW_OPTION_INT, &s->bounces, 0, LW_SOLVER_BOUNCES_MAX, NULL},
+        {"tracing-range", "METRES", "bounce rays longer than this ask the probes; inf asks none (default inf)", LW_OPTION_REAL, &s->tracing_range, 1e-6, (double)INFINITY, NULL},
+        {"cell-size", "METRES", "side of a radiance cell (default: a quarter of the scene's longest side)", LW_OPTION_REAL, &s->cell_size, 1e-6, 1e9, NULL},
+        {"texels-per-metre", "D", "lightmap density (default: chosen for about 400,000 texels)", LW_OPTION_REAL, &s->texels_per_metre, 1e-6, 1e6, NULL},
+        {"atlas-max", "N", "longest side of an atlas, texels (default 4096)", LW_OPTION_INT, &s->atlas_max, 16, LW_SCENE_ATLAS_SIDE_MAX, NULL},
+        {"direct-samples", "N", "rays per texel and frame towards lamps and sky (default 1)", LW_OPTION_INT, &s->direct_samples, 1, 1024, NULL},
+        {"indirect-samples", "N", "bounce rays per texel and frame (default 2)", LW_OPTION_INT, &s->indirect_samples, 1, 1024, NULL},
+        {"frame-rate", "HZ", "frames a second at most (default 30)", LW_OPTION_REAL, &s->frame_rate, 0.01, 1000, NULL},
+        {"clock", "real|step", "real: scene time is wall time (default). step: 1/30 s of scene time per solved frame, repeatable", LW_OPTION_CHOICE, &s->clock, 0, 0, NULL},
+        {"threads", "N", "worker threads (default: all processors)", LW_OPTION_INT, &s->threads, 1, 1024, NULL},
+        {"seed", "N", "of all random numbers (default 1)", LW_OPTION_INT, &s->seed, 0, UINT32_MAX, NULL},
+        {"animate", NULL, "run the scene's animation (default if it has one)", LW_OPTION_FLAG, &s->animate, 0, 0, NULL},
+        {"freeze", "SECONDS", "hold the animation at this time", LW_OPTION_REAL, &s->freeze_s, 0, 1e9, &s->freeze},
+        {"sky", "R,G,B", "radiance of the sky, W/(m^2 sr), instead of the scene's", LW_OPTION_RGB, s->sky, 0, 1e9, &s->sky_given},
+        {"sun-angle", "DEG", "angular diameter of directional lights (default: the file's, else 0.53)", LW_OPTION_REAL, &s->sun_angle_deg, 0, 90, &s->sun_angle_given},
+        {"error", "E", "relative error at which a tile rests (default 0.02)", LW_OPTION_REAL, &s->error, 1e-6, 1, NULL},
+        {"frames", "N", "stop after this many frames (default: never)", LW_OPTION_INT, &s->frames, 1, 1e15, NULL},
+        {"json", NULL, "print one JSON object per frame to stdout", LW_OPTION_FLAG, &s->json, 0, 0, NULL},
+    };
+    const struct lw_options options = {.program = "lightwelld",
+                                       .synopsis = "SCENE [OPTIONS]",
+                                       .about = about,
+                                       .table = table,
+                                       .count = sizeof table / sizeof table[0],
+                                       .positional = scene,
+                                       .positional_min = 1,
+                                       .positional_max = 1};
+    enum lw_status status = lw_options_parse(&options, argc, argv, NULL, out_done, err);
+    if (status != LW_OK || *out_done) return status;
+    s->scene_path = scene[0];
+    if (s->animate && s->freeze) return lw_status_fail(err, LW_USAGE, "--animate and --freeze exclude each other");
+    status = lw_options_address(s->listen, s->host, sizeof s->host, &s->port, err);
+    if (status != LW_OK) lw_status_context(err, "--listen");
+    return status;
+}
+
+/* Overrides from the command line become part of the scene, and so of the package that clients get. */
+static void apply_overrides(struct lw_scene *scene, const struct settings *s) {
+    if (s->sky_given) memcpy(scene->sky, s->sky, sizeof scene->sky);
+    for (uint32_t i = 0; i < scene->light_count; i++) {
+        struct lw_light *light = &scene->light[i];
+        if (light->kind != LW_LIGHT_DIRECTIONAL) continue;
+        if (s->sun_angle_given || light->angular_diameter == 0)
+            light->angular_diameter = (float)(s->sun_angle_deg * (double)LW_PI / 180);
+    }
+}
+
+static enum lw_status read_scene(struct daemon *d, struct lw_error *err) {
+    const struct settings *s = &d->settings;
+    const struct lw_import_spawn_desc import = {.scene = s->scene_path,
+                                                .texels_per_metre = s->texels_per_metre,
+                                                .atlas_side_max = (uint32_t)s->atlas_max,
+                                                .threads = (unsigned)s->threads};
+    enum lw_status status = lw_import_spawn(&import, &d->scene, err);
+    if (status != LW_OK) return status;
+    apply_overrides(d->scene, s);
+    if (!lw_scene_has_light(d->scene))
+        return lw_status_fail(err, LW_BAD_DATA,
+                              "%s: nothing shines in it: no lamp, no emissive material, no sky; "
+                              "give it a sky with --sky R,G,B (for example --sky 1,1,1)",
+                              s->scene_path);
+    status = lw_package_write(d->scene, &d->package, &d->package_size, err);
+    if (status != LW_OK) return status;
+    if ((status = lw_atlas_map_init(&d->atlas_map, d->scene)) != LW_OK) return lw_status_fail(err, status, "tiles");
+    if ((status = lw_pose_init(&d->pose, d->scene)) != LW_OK) return lw_status_fail(err, status, "poses");
+    lw_pose_evaluate(&d->pose, d->scene, s->freeze ? s->freeze_s : 0);
+    return LW_OK;
+}
+
+static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
+    const struct settings *s = &d->settings;
+    enum lw_status status = lw_cell_solver_create(
+        &(struct lw_solver_desc){.scene = d->scene,
+                                 .atlas_map = &d->atlas_map,
+                                 .bounces = (uint32_t)s->bounces,
+                                 .tracing_range_m = (float)s->tracing_range,
+                                 .cell_size_m = (float)s->cell_size,
+                                 .direct_samples = (uint32_t)s->direct_samples,
+                                 .indirect_samples = (uint32_t)s->indirect_samples,
+                                 .target_error = (float)s->error,
+                                 .threads = (unsigned)s->threads,
+                                 .seed = (uint32_t)s->seed},
+        &d->pose, &d->solver, err);
+    if (status != LW_OK) return status;
+    status = lw_publisher_create(&(struct lw_publisher_desc){.scene = d->scene,
+                                                             .atlas_map = &d->atlas_map,
+                                                             .solver = d->solver,
+                                                             .target_error = (float)s->error,
+                                                             .threads = (unsigned)s->threads},
+                                 &d->publisher);
+    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "publisher");
+}
+
+static void print_frame(const struct daemon *d, uint64_t frame, uint64_t frame_ns, const struct lw_solver_stats *solve,
+                        const struct lw_publisher_stats *publish) {
+    struct lw_server_stats serve;
+    lw_server_get_stats(d->server, &serve);
+    printf("{\"frame\":%llu,\"time_s\":%.6f,\"frame_ms\":%.3f,\"pose_ms\":%.3f,\"direct_ms\":%.3f,\"probe_ms\":%.3f,"
+           "\"scatter_ms\":%.3f,\"levels_ms\":%.3f,\"encode_ms\":%.3f,\"rays_shadow\":%llu,\"rays_bounce\":%llu,"
+           "\"rays_probe\":%llu,\"rays_total\":%llu,\"texels_solved\":%llu,\"tiles_solved\":%u,\"tiles_converged\":%u,"
+           "\"tiles\":%u,\"tiles_encoded\":%llu,\"bytes_encoded\":%llu,\"saturated\":%llu,\"sessions\":%llu,"
+           "\"tiles_sent\":%llu,\"bytes_sent\":%llu}\n",
+           (unsigned long long)frame, d->pose.time_s, (double)frame_ns * 1e-6, (double)solve->pose_ns * 1e-6,
+           (double)solve->direct_ns * 1e-6, (double)solve->probe_ns * 1e-6, (double)solve->scatter_ns * 1e-6,
+           (double)publish->levels_ns * 1e-6, (double)publish->encode_ns * 1e-6,
+           (unsigned long long)solve->rays_shadow, (unsigned long long)solve->rays_bounce,
+           (unsigned long long)solve->rays_probe, (unsigned long long)d->rays_total,
+           (unsigned long long)solve->texels_solved, solve->tiles_solved, solve->tiles_converged, solve->tiles,
+           (unsigned long long)publish->tiles_encoded, (unsigned long long)publish->bytes_encoded,
+           (unsigned long long)publish->saturated, (unsigned long long)serve.sessions_now,
+           (unsigned long long)serve.tiles_sent, (unsigned long long)serve.bytes_sent);
+    fflush(stdout);
+}
+
+/* Scene time of a frame: what the wall says, or what the count says. */
+static double scene_time(const struct daemon *d, uint64_t frame) {
+    const struct settings *s = &d->settings;
+    if (s->freeze) return s->freeze_s;
+    if (s->clock == CLOCK_STEP) return (double)(frame - 1) / STEP_HZ;
+    return (double)(lw_clock_ns() - d->started_ns) * 1e-9;
+}
+
+/* Sleeps in short pieces, so that a stop is heard within a tenth of a second. */
+static void wait_until(const struct daemon *d, uint64_t deadline_ns) {
+    for (uint64_t now; !d->stopping && (now = lw_clock_ns()) < deadline_ns;) {
+        uint64_t rest = deadline_ns - now < 100000000u ? deadline_ns - now : 100000000u;
+        nanosleep(&(struct timespec){.tv_sec = 0, .tv_nsec = (long)rest}, NULL);
+    }
+}
+
+static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rested, struct lw_error *err) {
+    struct lw_solver_stats solve = {0};
+    struct lw_publisher_stats publish = {0};
+    struct lw_snapshot *snapshot;
+    uint64_t began = lw_clock_ns();
+    lw_pose_evaluate(&d->pose, d->scene, scene_time(d, frame));
+    enum lw_status status = d->solver->ops->frame(d->solver, &d->pose, frame, &solve, err);
+    if (status != LW_OK) return status;
+    d->rays_total += solve.rays_shadow + solve.rays_bounce + solve.rays_probe;
+    /* A frame in which nothing was solved changes nothing: no snapshot, no bytes. */
+    *out_rested = solve.tiles_solved == 0 && frame > 1;
+    if (!*out_rested) {
+        status = lw_publisher_publish(d->publisher, &d->pose, frame, lw_clock_ns() - began, d->rays_total,
+                                      solve.tiles_solved, &snapshot, &publish);
+        if (status != LW_OK) return lw_status_fail(err, status, "publishing frame %llu", (unsigned long long)frame);
+        lw_server_publish(d->server, snapshot);
+        lw_snapshot_unref(snapshot);
+    }
+    uint64_t frame_ns = lw_clock_ns() - began;
+    if (frame == 1)
+        lw_log(LW_LOG_INFO, "first light after %.1f s: %u texels in %u tiles, %.1f M rays, frame %.0f ms",
+               (double)(lw_clock_ns() - d->started_ns) * 1e-9, (unsigned)solve.texels_solved, solve.tiles,
+               (double)d->rays_total * 1e-6, (double)frame_ns * 1e-6);
+    if (d->settings.json) print_frame(d, frame, frame_ns, &solve, &publish);
+    return LW_OK;
+}
+
+static void *solve_forever(void *argument) {
+    struct daemon *d = argument;
+    const struct settings *s = &d->settings;
+    const uint64_t interval_ns = (uint64_t)(1e9 / s->frame_rate);
+    bool rested = false;
+    for (uint64_t frame = 1; !d->stopping && (!s->frames || frame <= (uint64_t)s->frames); frame++) {
+        uint64_t began = lw_clock_ns();
+        if (run_frame(d, frame, &rested, &d->solver_error) != LW_OK) break;
+        /* Under the step clock frames follow each other at once while there is work; at rest they keep the pace. */
+        if (s->clock == CLOCK_REAL || (rested && !s->frames)) wait_until(d, began + interval_ns);
+    }
+    lw_server_stop(d->server);
+    return NULL;
+}
+
+static enum lw_status write_port_file(const struct daemon *d, struct lw_error *err) {
+    const char *path = d->settings.port_file;
+    if (!path) return LW_OK;
+    char temporary[4096];
+    if ((size_t)snprintf(temporary, sizeof temporary, "%s.new", path) >= sizeof temporary)
+        return lw_status_fail(err, LW_CANNOT_CREATE, "--port-file: the path is too long");
+    FILE *file = fopen(temporary, "w");
+    if (!file) return lw_status_fail(err, LW_CANNOT_CREATE, "--port-file %s: %m", path);
+    bool ok = fprintf(file, "%u\n", lw_server_port(d->server)) > 0;
+    ok = fclose(file) == 0 && ok && rename(temporary, path) == 0;
+    if (ok) return LW_OK;
+    unlink(temporary);
+    return lw_status_fail(err, LW_IO, "--port-file %s: %m", path);
+}
+
+static enum lw_status serve(struct daemon *d, struct lw_error *err) {
+    const struct settings *s = &d->settings;
+    enum lw_status status = write_port_file(d, err);
+    if (status != LW_OK) return status;
+    lw_log(LW_LOG_INFO, "serving %s at %s:%u", s->scene_path, s->host, lw_server_port(d->server));
+    lw_log(LW_LOG_INFO, "look at it: lightwell-view %s:%u     stop it: Ctrl-C", s->host, lw_server_port(d->server));
+    if (pthread_create(&d->solver_thread, NULL, solve_forever, d) != 0)
+        return lw_status_fail(err, LW_OS, "cannot start the solver's thread");
+    status = lw_server_run(d->server, err);
+    d->stopping = true;
+    pthread_join(d->solver_thread, NULL);
+    if (status == LW_OK && d->solver_error.status != LW_OK) {
+        *err = d->solver_error;
+        status = err->status;
+    }
+    if (s->port_file) unlink(s->port_file);
+    return status;
+}
+
+static enum lw_status run(struct daemon *d, struct lw_error *err) {
+    const struct settings *s = &d->settings;
+    d->started_ns = lw_clock_ns();
+    enum lw_status status = read_scene(d, err);
+    if (status != LW_OK) return status;
+    /* The port before the long work: an address in use should be known at once. */
+    status = lw_server_create(&(struct lw_server_desc){.host = s->host,
+                                                       .port = s->port,
+                                                       .atlas_map = &d->atlas_map,
+                                                       .package = d->package,
+                                                       .package_size = d->package_size,
+                                                       .bounces = (uint32_t)s->bounces,
+                                                       .target_error = (float)s->error},
+                              &d->server, err);
+    if (status != LW_OK) return status;
+    if ((status = set_up_solver(d, err)) != LW_OK) return status;
+    lw_log(LW_LOG_INFO, "%s: %u objects, %u tiles; %.0f MB for the solve, package %.1f MB", s->scene_path,
+           d->scene->object_count, d->atlas_map.tile_count, (double)d->solver->ops->memory_bytes(d->solver) * 1e-6,
+           (double)d->package_size * 1e-6);
+    return serve(d, err);
+}
+
+static void finish(struct daemon *d) {
+    lw_server_destroy(d->server);
+    lw_publisher_destroy(d->publisher);
+    if (d->solver) d->solver->ops->destroy(d->solver);
+    lw_pose_finish(&d->pose);
+    lw_atlas_map_finish(&d->atlas_map);
+    free(d->package);
+    lw_scene_destroy(d->scene);
+}
+
+int main(int argc, char **argv) {
+    struct daemon d = {.settings = {.listen = DEFAULT_ADDRESS,
+                                    .bounces = 2,
+                                    .tracing_range = (double)INFINITY,
+                                    .direct_samples = 1,
+                                    .indirect_samples = 2,
+                                    .frame_rate = 30,
+                                    .seed = 1,
+                                    .error = (double)TARGET_ERROR,
+                                    .sun_angle_deg = SUN_DIAMETER_DEG}};
+    struct lw_error err = {0};
+    bool done = false;
+    lw_log_init("lightwelld", LW_LOG_INFO);
+    enum lw_status status = parse(&d.settings, argc, argv, &done, &err);
+    if (status == LW_OK && !done) {
+        status = run(&d, &err);
+        finish(&d);
+        if (status == LW_CLOSED) status = LW_OK; /* stopped by a signal while the scene was imported */
+        if (status == LW_OK) lw_log(LW_LOG_INFO, "stopped");
+    }
+    return status == LW_OK ? 0 : lw_log_failure(&err);
+}
