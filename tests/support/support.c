@@ -1,16 +1,91 @@
 #include "tests/support/support.h"
 
 #include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
 
 void lw_support_ok(enum lw_status status, const struct lw_error *err) {
     if (status != LW_OK) fail_msg("%s: %s", lw_status_text(status), err ? err->text : "");
+}
+
+void lw_support_fails(enum lw_status status, enum lw_status expected, const struct lw_error *err,
+                      const char *text) {
+    if (status != expected)
+        fail_msg("\"%s\" instead of \"%s\"; error: %s", lw_status_text(status), lw_status_text(expected),
+                 err->text);
+    if (!strstr(err->text, text)) fail_msg("error \"%s\" does not say \"%s\"", err->text, text);
+    assert_int_equal(err->status, expected);
+}
+
+/* The program's folder for files that it leaves behind, made at its first use. */
+static char temporary_folder[64];
+static pid_t temporary_owner;
+
+static void remove_folder(void) {
+    if (getpid() != temporary_owner) return; /* a forked child ends before its parent is done */
+    char command[128];
+    snprintf(command, sizeof command, "rm -rf '%s'", temporary_folder);
+    if (system(command) != 0) fprintf(stderr, "cannot remove %s\n", temporary_folder);
+}
+
+const char *lw_support_temporary(const char *name) {
+    static char paths[16][128];
+    static unsigned next;
+    if (!*temporary_folder) {
+        strcpy(temporary_folder, "/tmp/lightwell-test-XXXXXX");
+        assert_non_null(mkdtemp(temporary_folder));
+        temporary_owner = getpid();
+        assert_int_equal(atexit(remove_folder), 0);
+    }
+    char *path = paths[next++ % 16];
+    int length = snprintf(path, sizeof paths[0], "%s/%s", temporary_folder, name);
+    assert_true(length > 0 && (size_t)length < sizeof paths[0]);
+    return path;
+}
+
+const char *lw_support_source(const char *relative) {
+    static char path[4096];
+    int length = snprintf(path, sizeof path, "%s/%s", LW_SOURCE_DIR, relative);
+    assert_true(length > 0 && (size_t)length < sizeof path);
+    return path;
+}
+
+const char *lw_support_scene(const char *relative) {
+    static char path[4096];
+    const char *folder = getenv("LW_TEST_SCENES");
+    int length =
+        snprintf(path, sizeof path, "%s/%s", folder ? folder : LW_SOURCE_DIR "/../shared/scenes", relative);
+    assert_true(length > 0 && (size_t)length < sizeof path);
+    if (access(path, R_OK) != 0) {
+        print_message("skipped: no %s (set LW_TEST_SCENES)\n", path);
+        skip();
+    }
+    return path;
+}
+
+uint8_t *lw_support_read_file(const char *path, size_t *out_size) {
+    FILE *file = fopen(path, "rb");
+    if (!file) fail_msg("cannot open %s", path);
+    assert_int_equal(fseek(file, 0, SEEK_END), 0);
+    long size = ftell(file);
+    assert_true(size >= 0);
+    rewind(file);
+    uint8_t *bytes = malloc((size_t)size + 1);
+    assert_non_null(bytes);
+    assert_int_equal(fread(bytes, 1, (size_t)size, file), (size_t)size);
+    bytes[size] = 0;
+    fclose(file);
+    *out_size = (size_t)size;
+    return bytes;
 }
 
 struct lw_scene *lw_support_squares(unsigned count, float side_m) {
     struct lw_scene *scene;
     lw_support_ok(lw_scene_create(&scene), NULL);
     scene->name = lw_scene_string(scene, "squares");
-    struct lw_vec3 *position = lw_scene_alloc(scene, 4, sizeof *position), *normal = lw_scene_alloc(scene, 4, sizeof *normal);
+    struct lw_vec3 *position = lw_scene_alloc(scene, 4, sizeof *position),
+                   *normal = lw_scene_alloc(scene, 4, sizeof *normal);
     struct lw_vec2 *uv = lw_scene_alloc(scene, 4, sizeof *uv);
     uint32_t(*triangle)[3] = lw_scene_alloc(scene, 2, sizeof *triangle);
     uint32_t *material = lw_scene_alloc(scene, 2, sizeof *material);
@@ -23,22 +98,35 @@ struct lw_scene *lw_support_squares(unsigned count, float side_m) {
     for (int t = 0; t < 2; t++)
         for (int c = 0; c < 3; c++) triangle[t][c] = corners[t][c];
     scene->mesh = lw_scene_alloc(scene, 1, sizeof *scene->mesh);
-    scene->mesh[0] = (struct lw_mesh){.name = "square", .vertex_count = 4, .triangle_count = 2, .position = position,
-                                      .normal = normal, .uv = {uv}, .triangle = triangle, .material = material};
+    scene->mesh[0] = (struct lw_mesh){.name = "square",
+                                      .vertex_count = 4,
+                                      .triangle_count = 2,
+                                      .position = position,
+                                      .normal = normal,
+                                      .uv = {uv},
+                                      .triangle = triangle,
+                                      .material = material};
     scene->mesh_count = 1;
     const float identity[6] = {1, 0, 0, 0, 1, 0};
     scene->material = lw_scene_alloc(scene, 1, sizeof *scene->material);
-    scene->material[0] = (struct lw_material){.name = "grey", .base_colour = {0.5f, 0.5f, 0.5f, 1},
+    scene->material[0] = (struct lw_material){.name = "grey",
+                                              .base_colour = {0.5f, 0.5f, 0.5f, 1},
                                               .base_colour_texture.texture = LW_SCENE_NONE,
-                                              .emission_texture.texture = LW_SCENE_NONE, .alpha_cutoff = 0.5f};
+                                              .emission_texture.texture = LW_SCENE_NONE,
+                                              .alpha_cutoff = 0.5f};
     for (int i = 0; i < 6; i++)
-        scene->material[0].base_colour_texture.transform[i] = scene->material[0].emission_texture.transform[i] = identity[i];
+        scene->material[0].base_colour_texture.transform[i] =
+            scene->material[0].emission_texture.transform[i] = identity[i];
     scene->material_count = 1;
     scene->node = lw_scene_alloc(scene, count + 1, sizeof *scene->node);
     scene->object = lw_scene_alloc(scene, count, sizeof *scene->object);
     for (uint32_t i = 0; i <= count; i++)
-        scene->node[i] = (struct lw_node){.name = "", .parent = LW_SCENE_NONE, .rotation = {0, 0, 0, 1}, .scale = {1, 1, 1},
-                                          .translation = {i < count ? 2 * side_m * (float)i : 0, i < count ? 0 : 2.0f, 0}};
+        scene->node[i] =
+            (struct lw_node){.name = "",
+                             .parent = LW_SCENE_NONE,
+                             .rotation = {0, 0, 0, 1},
+                             .scale = {1, 1, 1},
+                             .translation = {i < count ? 2 * side_m * (float)i : 0, i < count ? 0 : 2.0f, 0}};
     for (uint32_t i = 0; i < count; i++) {
         char name[32];
         snprintf(name, sizeof name, "square %u", i);
@@ -47,7 +135,8 @@ struct lw_scene *lw_support_squares(unsigned count, float side_m) {
     scene->node_count = count + 1;
     scene->object_count = count;
     scene->light = lw_scene_alloc(scene, 1, sizeof *scene->light);
-    scene->light[0] = (struct lw_light){.name = "lamp", .node = count, .kind = LW_LIGHT_POINT, .intensity = {10, 10, 10}};
+    scene->light[0] =
+        (struct lw_light){.name = "lamp", .node = count, .kind = LW_LIGHT_POINT, .intensity = {10, 10, 10}};
     scene->light_count = 1;
     return scene;
 }

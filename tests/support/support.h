@@ -15,8 +15,30 @@
 /** Ends the test with the error's text unless status is LW_OK. */
 void lw_support_ok(enum lw_status status, const struct lw_error *err);
 
+/** Ends the test unless status is as expected and the error's text contains `text`. */
+void lw_support_fails(enum lw_status status, enum lw_status expected, const struct lw_error *err,
+                      const char *text);
+
 /** A scene of `count` objects, each a square of side_m metres facing +Y at height 0, 2*side_m apart along X, albedo
  * 0.5, with a point light of 10 W/sr at (0, 2, 0). No lightmap UVs. */
 struct lw_scene *lw_support_squares(unsigned count, float side_m);
+
+/** A small valid scene that has everything a scene can have: two meshes (one with every array, double-sided triangles
+ * and an atlas with backs), three textures, every alpha mode, wrap mode, kind of light, path and interpolation, a
+ * hierarchy with a mirroring matrix, names in several scripts. The same on every call. */
+struct lw_scene *lw_support_everything(void);
+
+/** Path of a file in a folder that the test program removes when it ends; valid until sixteen calls later. */
+const char *lw_support_temporary(const char *name);
+
+/** Path of a file of the repository, e.g. "docs/scene_package.md"; valid until the next call. */
+const char *lw_support_source(const char *relative);
+
+/** Path of a real test scene, e.g. "sponza/Sponza_lit.gltf", under $LW_TEST_SCENES or beside the repository; valid until
+ * the next call. Skips the calling test, saying so, where it is missing. */
+const char *lw_support_scene(const char *relative);
+
+/** Reads a whole file, or ends the test; the caller frees. A NUL follows the last byte. */
+uint8_t *lw_support_read_file(const char *path, size_t *out_size);
 
 #endif
