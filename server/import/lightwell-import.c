@@ -1,1 +1,338 @@
-int main(void) { return 70; }
+/* lightwell-import: turns a scene file into a scene package (.lwscene), with lightmap UVs.
+ * Flow:    .gltf, .glb or builtin:NAME -> scene -> lightmap UVs -> package */
+#include "common/clock.h"
+#include "common/log.h"
+#include "common/options.h"
+#include "common/progress.h"
+#include "common/scene/builtin.h"
+#include "common/scene/lightmap.h"
+#include "common/scene/package.h"
+#include "server/import/gltf.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <jansson.h>
+#include <pthread.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/prctl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#define PROGRAM       "lightwell-import"
+#define TICK_MS       100
+#define THREADS_MAX   1024
+#define DENSITY_MIN   1e-3 /* texels per metre */
+#define DENSITY_MAX   1e5
+#define ATLAS_MAX_MIN 64
+#define NAME_COLUMNS  28
+
+struct arguments {
+    const char *scene;
+    const char *output;
+    double texels_per_metre;
+    int64_t atlas_side_max, threads, failure_fd;
+    bool json, report;
+};
+
+/* ---- progress of stages that cannot say how far they are ---- */
+
+struct stage {
+    struct lw_progress progress;
+    pthread_mutex_t mutex;
+    pthread_cond_t changed;
+    bool ended, running;
+    pthread_t thread;
+};
+
+static void *tick(void *context) {
+    struct stage *stage = context;
+    pthread_mutex_lock(&stage->mutex);
+    while (!stage->ended) {
+        struct timespec until;
+        clock_gettime(CLOCK_REALTIME, &until);
+        until.tv_nsec += TICK_MS * 1000000;
+        until.tv_sec += until.tv_nsec / 1000000000;
+        until.tv_nsec %= 1000000000;
+        pthread_cond_timedwait(&stage->changed, &stage->mutex, &until);
+        if (!stage->ended) lw_progress_step(&stage->progress, 0);
+    }
+    pthread_mutex_unlock(&stage->mutex);
+    return NULL;
+}
+
+static void stage_begin(struct stage *stage, const char *name) {
+    *stage = (struct stage){.mutex = PTHREAD_MUTEX_INITIALIZER, .changed = PTHREAD_COND_INITIALIZER};
+    lw_progress_init(&stage->progress, name, 0);
+    stage->running = pthread_create(&stage->thread, NULL, tick, stage) == 0; /* without: silent, not wrong */
+}
+
+static void stage_end(struct stage *stage) {
+    pthread_mutex_lock(&stage->mutex);
+    stage->ended = true;
+    pthread_cond_signal(&stage->changed);
+    pthread_mutex_unlock(&stage->mutex);
+    if (stage->running) pthread_join(stage->thread, NULL);
+    lw_progress_finish(&stage->progress);
+}
+
+/* ---- command line ---- */
+
+static enum lw_status parse(int argc, char **argv, struct arguments *arguments, bool *out_done,
+                            struct lw_error *err) {
+    const struct lw_option table[] = {
+        {.name = "o",
+         .argument = "FILE",
+         .help = "Where to write the scene package. Required.",
+         .kind = LW_OPTION_STRING,
+         .value = &arguments->output},
+        {.name = "texels-per-metre",
+         .argument = "D",
+         .help = "Density of the lightmaps. Default: so that the scene has about 400,000 texels.",
+         .kind = LW_OPTION_REAL,
+         .value = &arguments->texels_per_metre,
+         .min = DENSITY_MIN,
+         .max = DENSITY_MAX},
+        {.name = "atlas-max",
+         .argument = "N",
+         .help = "Largest side of a lightmap in texels; an object that needs more gets fewer per metre. "
+                 "Default: 4096.",
+         .kind = LW_OPTION_INT,
+         .value = &arguments->atlas_side_max,
+         .min = ATLAS_MAX_MIN,
+         .max = LW_SCENE_ATLAS_SIDE_MAX},
+        {.name = "threads",
+         .argument = "N",
+         .help = "Threads to use. Default: 0, all.",
+         .kind = LW_OPTION_INT,
+         .value = &arguments->threads,
+         .min = 0,
+         .max = THREADS_MAX},
+        {.name = "report",
+         .help = "Show the table of lightmaps on stderr even where that is no terminal.",
+         .kind = LW_OPTION_FLAG,
+         .value = &arguments->report},
+        {.name = "json",
+         .help = "Write the report to stdout as JSON.",
+         .kind = LW_OPTION_FLAG,
+         .value = &arguments->json},
+        {.name = "failure-fd",
+         .argument = "N",
+         .help = "For programs that start this one: write the reason of a failure to this descriptor, not to "
+                 "stderr; "
+                 "end when they end.",
+         .kind = LW_OPTION_INT,
+         .value = &arguments->failure_fd,
+         .min = 3,
+         .max = 1 << 20},
+    };
+    const struct lw_options options = {
+        .program = PROGRAM,
+        .synopsis = "SCENE -o FILE.lwscene [OPTIONS]",
+        .about = "Turns a scene (glTF 2.0: .gltf or .glb; or builtin:cornell, builtin:atrium) into a "
+                 "self-contained scene "
+                 "package with lightmap coordinates, which lightwelld lights.\n"
+                 "Example: lightwell-import court.glb -o court.lwscene",
+        .table = table,
+        .count = sizeof table / sizeof *table,
+        .positional = &arguments->scene,
+        .positional_min = 1,
+        .positional_max = 1,
+    };
+    if (lw_options_parse(&options, argc, argv, NULL, out_done, err) || *out_done) return err->status;
+    if (!arguments->output)
+        return lw_status_fail(err, LW_USAGE, "-o FILE is missing: say where to write the scene package");
+    return LW_OK;
+}
+
+/* ---- stages ---- */
+
+static enum lw_status read_scene(const struct arguments *arguments, struct lw_scene **out_scene,
+                                 struct lw_error *err) {
+    struct stage stage;
+    bool builtin = strncmp(arguments->scene, LW_BUILTIN_PREFIX, strlen(LW_BUILTIN_PREFIX)) == 0;
+    stage_begin(&stage, builtin ? "building the scene" : "reading the scene");
+    enum lw_status status = builtin ? lw_builtin_build(arguments->scene, out_scene, err)
+                                    : lw_gltf_load(arguments->scene, out_scene, err);
+    stage_end(&stage);
+    return status;
+}
+
+static enum lw_status build_lightmaps(const struct arguments *arguments, struct lw_scene *scene,
+                                      struct lw_lightmap_report *report, struct lw_error *err) {
+    const struct lw_lightmap_desc desc = {.texels_per_metre = (float)arguments->texels_per_metre,
+                                          .atlas_side_max = (uint32_t)arguments->atlas_side_max,
+                                          .threads = (unsigned)arguments->threads};
+    enum lw_status status = lw_lightmap_build(scene, &desc, report, err);
+    if (status) lw_status_context(err, "%s", arguments->scene);
+    return status;
+}
+
+static enum lw_status write_package(const struct arguments *arguments, const struct lw_scene *scene,
+                                    struct lw_error *err) {
+    struct stage stage;
+    stage_begin(&stage, "writing the package");
+    enum lw_status status = lw_package_save(scene, arguments->output, err);
+    stage_end(&stage);
+    return status;
+}
+
+/* ---- report ---- */
+
+struct totals {
+    uint64_t triangles, texels, texels_covered;
+    double area;     /* m^2 */
+    double coverage; /* of the objects' atlases, weighted by area */
+    double stretch;  /* rms, weighted likewise */
+};
+
+static double mesh_area(const struct lw_mesh *mesh) {
+    double area = 0;
+    for (uint32_t t = 0; t < mesh->triangle_count; t++) {
+        struct lw_vec3 a = mesh->position[mesh->triangle[t][0]];
+        struct lw_vec3 ab = lw_vec3_sub(mesh->position[mesh->triangle[t][1]], a);
+        struct lw_vec3 ac = lw_vec3_sub(mesh->position[mesh->triangle[t][2]], a);
+        area += 0.5 * (double)lw_vec3_length(lw_vec3_cross(ab, ac));
+    }
+    return area;
+}
+
+/* Areas are those of the meshes: nodes may scale them. */
+static void sum_up(const struct lw_scene *scene, const struct lw_lightmap_report *report,
+                   struct totals *out) {
+    *out = (struct totals){0};
+    double squares = 0;
+    for (uint32_t i = 0; i < scene->object_count; i++) {
+        const struct lw_mesh *mesh = &scene->mesh[scene->object[i].mesh];
+        const struct lw_lightmap_report *r = &report[scene->object[i].mesh];
+        double area = mesh_area(mesh);
+        out->triangles += mesh->triangle_count;
+        out->texels += (uint64_t)r->atlas_width * r->atlas_height;
+        out->texels_covered += r->texels_covered;
+        out->area += area;
+        out->coverage += area * (double)r->coverage;
+        squares += area * (double)r->stretch_rms * (double)r->stretch_rms;
+    }
+    if (out->area <= 0) return;
+    out->coverage /= out->area;
+    out->stretch = sqrt(squares / out->area);
+}
+
+static void print_table(const struct lw_scene *scene, const struct lw_lightmap_report *report,
+                        const struct totals *totals) {
+    fprintf(stderr, "%-*s %10s %11s %8s %8s %8s %8s  %s\n", NAME_COLUMNS, "object", "triangles", "atlas",
+            "covered", "coverage", "stretch", "texels/m", "charts");
+    for (uint32_t i = 0; i < scene->object_count; i++) {
+        const struct lw_lightmap_report *r = &report[scene->object[i].mesh];
+        char name[NAME_COLUMNS + 1], atlas[32];
+        snprintf(name, sizeof name, "%s", scene->object[i].name);
+        for (char *c = name; *c; c++)
+            if ((unsigned char)*c < 0x20 || *c == 0x7f) *c = '?';
+        snprintf(atlas, sizeof atlas, "%ux%u", r->atlas_width, r->atlas_height);
+        fprintf(stderr, "%-*s %10u %11s %8u %8.2f %8.2f %8.2f  %u%s%s\n", NAME_COLUMNS, name,
+                scene->mesh[scene->object[i].mesh].triangle_count, atlas, r->texels_covered,
+                (double)r->coverage, (double)r->stretch_rms, (double)r->texels_per_metre, r->chart_count,
+                r->from_file ? ", from the file" : "", r->capped ? ", capped by --atlas-max" : "");
+    }
+    fprintf(stderr,
+            "%u objects, %llu triangles, %llu texels, %llu covered; by area: coverage %.2f, stretch %.2f\n",
+            scene->object_count, (unsigned long long)totals->triangles, (unsigned long long)totals->texels,
+            (unsigned long long)totals->texels_covered, totals->coverage, totals->stretch);
+}
+
+static json_t *object_json(const struct lw_scene *scene, uint32_t object,
+                           const struct lw_lightmap_report *report) {
+    const struct lw_lightmap_report *r = &report[scene->object[object].mesh];
+    return json_pack("{s:s, s:I, s:I, s:[I,I], s:I, s:I, s:f, s:f, s:f, s:f, s:b, s:b}", "name",
+                     scene->object[object].name, "mesh", (json_int_t)scene->object[object].mesh, "triangles",
+                     (json_int_t)scene->mesh[scene->object[object].mesh].triangle_count, "atlas",
+                     (json_int_t)r->atlas_width, (json_int_t)r->atlas_height, "charts",
+                     (json_int_t)r->chart_count, "texels_covered", (json_int_t)r->texels_covered, "coverage",
+                     (double)r->coverage, "stretch_rms", (double)r->stretch_rms, "stretch_max",
+                     (double)r->stretch_max, "texels_per_metre", (double)r->texels_per_metre, "from_file",
+                     (int)r->from_file, "capped", (int)r->capped);
+}
+
+static enum lw_status print_json(const struct arguments *arguments, const struct lw_scene *scene,
+                                 const struct lw_lightmap_report *report, const struct totals *totals,
+                                 double seconds, struct lw_error *err) {
+    json_t *objects = json_array();
+    for (uint32_t i = 0; objects && i < scene->object_count; i++)
+        json_array_append_new(objects, object_json(scene, i, report));
+    struct stat package = {0};
+    if (stat(arguments->output, &package) < 0) package.st_size = 0;
+    json_t *root =
+        json_pack("{s:s, s:s, s:I, s:f, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:f, s:f, s:f, s:o}", "scene",
+                  arguments->scene, "package", arguments->output, "package_bytes",
+                  (json_int_t)package.st_size, "seconds", seconds, "triangles", (json_int_t)totals->triangles,
+                  "materials", (json_int_t)scene->material_count, "textures",
+                  (json_int_t)scene->texture_count, "lights", (json_int_t)scene->light_count, "cameras",
+                  (json_int_t)scene->camera_count, "texels", (json_int_t)totals->texels, "texels_covered",
+                  (json_int_t)totals->texels_covered, "coverage", totals->coverage, "stretch",
+                  totals->stretch, "duration_s", (double)scene->duration_s, "objects", objects);
+    int failed = !root ? -1 : json_dumpf(root, stdout, JSON_INDENT(2) | JSON_REAL_PRECISION(6));
+    json_decref(root);
+    if (!failed) failed = printf("\n") < 0 || fflush(stdout) != 0;
+    if (failed) return lw_status_fail(err, root ? LW_IO : LW_NO_MEMORY, "cannot write the report to stdout");
+    return LW_OK;
+}
+
+static enum lw_status report_on(const struct arguments *arguments, const struct lw_scene *scene,
+                                const struct lw_lightmap_report *report, double seconds,
+                                struct lw_error *err) {
+    struct totals totals;
+    sum_up(scene, report, &totals);
+    if (arguments->report || (!arguments->json && isatty(STDERR_FILENO))) print_table(scene, report, &totals);
+    return arguments->json ? print_json(arguments, scene, report, &totals, seconds, err) : LW_OK;
+}
+
+/* ---- the program ---- */
+
+static enum lw_status run(const struct arguments *arguments, struct lw_error *err) {
+    uint64_t started_ns = lw_clock_ns();
+    struct lw_scene *scene = NULL;
+    struct lw_lightmap_report *report = NULL;
+    enum lw_status status = read_scene(arguments, &scene, err);
+    if (status) return status;
+    if (!lw_scene_has_light(scene))
+        lw_log(LW_LOG_WARNING, "%s: has no light; it stays black unless lightwelld gets --sky R,G,B",
+               arguments->scene);
+    report = calloc(scene->mesh_count + 1ul, sizeof *report);
+    if (!report) status = lw_status_fail(err, LW_NO_MEMORY, "%s: out of memory", arguments->scene);
+    if (!status) status = build_lightmaps(arguments, scene, report, err);
+    if (!status) status = write_package(arguments, scene, err);
+    if (!status)
+        status = report_on(arguments, scene, report, (double)(lw_clock_ns() - started_ns) * 1e-9, err);
+    free(report);
+    lw_scene_destroy(scene);
+    return status;
+}
+
+/* Hands the failure to the program that started us, which tells it once. */
+static int hand_over(const struct lw_error *err, int failure_fd) {
+    size_t size = strlen(err->text), done = 0;
+    while (done < size) {
+        ssize_t wrote = write(failure_fd, err->text + done, size - done);
+        if (wrote < 0 && errno == EINTR) continue;
+        if (wrote <= 0) return lw_log_failure(err); /* nobody listens */
+        done += (size_t)wrote;
+    }
+    return lw_status_exit_code(err->status);
+}
+
+int main(int argc, char **argv) {
+    struct lw_error err = {0};
+    struct arguments arguments = {0};
+    bool done = false;
+    lw_log_init(PROGRAM, LW_LOG_INFO);
+    enum lw_status status = parse(argc, argv, &arguments, &done, &err);
+    if (status == LW_OK && arguments.failure_fd) {
+        signal(SIGPIPE, SIG_IGN);
+        prctl(PR_SET_PDEATHSIG, SIGTERM);
+    }
+    if (status == LW_OK && !done) status = run(&arguments, &err);
+    if (status == LW_OK) return 0;
+    return arguments.failure_fd ? hand_over(&err, (int)arguments.failure_fd) : lw_log_failure(&err);
+}

@@ -1,0 +1,122 @@
+/* gltf_document.h: a glTF document with its buffers: container, JSON, URIs, buffer views, warnings.
+ * Threads: a document belongs to one thread.
+ * err is never NULL here. Errors start with the element ("bufferViews[3]: ..."); the caller adds the file's name. */
+#ifndef LW_IMPORT_GLTF_DOCUMENT_H
+#define LW_IMPORT_GLTF_DOCUMENT_H
+
+#include "server/import/gltf_json.h"
+
+#include <stdint.h>
+
+/* Bounds on what a file may ask of us. */
+#define LW_GLTF_FILE_SIZE_MAX    (4ull << 30)   /* bytes of a .glb or .gltf, and of one buffer */
+#define LW_GLTF_JSON_SIZE_MAX    (128ull << 20) /* bytes; nesting is bounded by jansson (2048) */
+#define LW_GLTF_BUFFERS_SIZE_MAX (8ull << 30)   /* bytes of all buffers together */
+#define LW_GLTF_URI_LENGTH_MAX   2048u          /* bytes of a URI that names a file */
+
+/* The lists of a document: name in C, name in JSON. */
+#define LW_GLTF_LIST_MAP(X)                                                                                  \
+    X(ACCESSORS, "accessors")                                                                                \
+    X(ANIMATIONS, "animations")                                                                              \
+    X(BUFFERS, "buffers")                                                                                    \
+    X(BUFFER_VIEWS, "bufferViews")                                                                           \
+    X(CAMERAS, "cameras")                                                                                    \
+    X(IMAGES, "images")                                                                                      \
+    X(LIGHTS, "extensions.KHR_lights_punctual.lights")                                                       \
+    X(MATERIALS, "materials")                                                                                \
+    X(MESHES, "meshes")                                                                                      \
+    X(NODES, "nodes")                                                                                        \
+    X(SAMPLERS, "samplers")                                                                                  \
+    X(SCENES, "scenes")                                                                                      \
+    X(TEXTURES, "textures")
+
+enum lw_gltf_list {
+#define X(name, key) LW_GLTF_##name,
+    LW_GLTF_LIST_MAP(X)
+#undef X
+        LW_GLTF_LIST_COUNT
+};
+
+/* What is left out, said once per file. */
+#define LW_GLTF_WARNING_MAP(X)                                                                               \
+    X(NORMAL_MAP, "normal maps are ignored")                                                                 \
+    X(SKIN, "skins are ignored: skinned meshes keep their rest pose")                                        \
+    X(MORPH, "morph targets are ignored")                                                                    \
+    X(POINTS, "points and lines are ignored: only triangles are lit")                                        \
+    X(ORTHOGRAPHIC, "orthographic cameras are ignored")                                                      \
+    X(LIGHT_RANGE, "the range of lights is ignored: light falls off with the square of distance")            \
+    X(UV_SET, "textures that use TEXCOORD_2 or higher are ignored")                                          \
+    X(UV_MISSING,                                                                                            \
+      "a material has a texture for which its primitive has no texture coordinates: (0, 0) is used")         \
+    X(BASE_COLOUR, "base colour factors above 1 are lowered to 1")                                           \
+    X(CHANNEL_WEIGHTS, "animated morph weights are ignored")                                                 \
+    X(CHANNEL_OTHER, "animation channels other than translation, rotation and scale are ignored")            \
+    X(CHANNEL_TWICE, "several animations move the same node: the first one counts")
+
+enum lw_gltf_warning {
+#define X(name, text) LW_GLTF_WARN_##name,
+    LW_GLTF_WARNING_MAP(X)
+#undef X
+        LW_GLTF_WARNING_COUNT
+};
+
+struct lw_gltf_bytes {
+    const uint8_t *data;
+    size_t size;
+};
+
+struct lw_gltf_buffer_view {
+    struct lw_gltf_bytes bytes;
+    size_t stride; /* bytes; 0: tightly packed */
+};
+
+struct lw_gltf_document {
+    const char *name; /* of the file, for messages */
+    char *folder;     /* NULL: the document may name no file */
+    json_t *root;
+    const json_t *list[LW_GLTF_LIST_COUNT]; /* arrays of objects, or NULL */
+    uint32_t count[LW_GLTF_LIST_COUNT];
+    struct lw_gltf_bytes binary;  /* BIN chunk of a .glb */
+    struct lw_gltf_bytes *buffer; /* one per buffer */
+    uint8_t **buffer_storage;     /* what of them we allocated */
+    struct lw_gltf_buffer_view *view;
+    bool quantized;  /* KHR_mesh_quantization is in use */
+    uint32_t warned; /* bit per enum lw_gltf_warning */
+};
+
+/** Opens a document in memory; `bytes` must outlive it. finish() also after failure. */
+LW_MUST_CHECK enum lw_status lw_gltf_document_init(struct lw_gltf_document *document, const char *name,
+                                                   const char *folder, struct lw_gltf_bytes bytes,
+                                                   struct lw_error *err);
+void lw_gltf_document_finish(struct lw_gltf_document *document);
+
+/** Element of a list; index < count[list]. */
+const json_t *lw_gltf_document_item(const struct lw_gltf_document *document, enum lw_gltf_list list,
+                                    uint32_t index);
+
+/** object[key] as an index into a list; *out untouched if absent. */
+LW_MUST_CHECK enum lw_status lw_gltf_document_index(const struct lw_gltf_document *document,
+                                                    const json_t *object, const char *key,
+                                                    enum lw_gltf_list list, uint32_t *out,
+                                                    struct lw_error *err);
+
+/** The bytes behind a URI: data: or a file in the document's folder. *out_storage is malloc'ed.
+ * size_min: a file that is shorter is an error; size_max: no more is read (files) or allowed (data).
+ * whole: a file longer than size_max is an error too. */
+LW_MUST_CHECK enum lw_status lw_gltf_document_fetch(const struct lw_gltf_document *document, const char *uri,
+                                                    uint64_t size_min, uint64_t size_max, bool whole,
+                                                    uint8_t **out_storage, size_t *out_size,
+                                                    struct lw_error *err);
+
+void lw_gltf_document_warn(struct lw_gltf_document *document, enum lw_gltf_warning warning);
+
+/** Reads a whole regular file, or its first size_max bytes if not `whole`. Errors: LW_NO_INPUT, LW_BAD_DATA, LW_IO,
+ * LW_NO_MEMORY; their text does not name the file. */
+LW_MUST_CHECK enum lw_status lw_gltf_document_read_file(const char *path, uint64_t size_max, bool whole,
+                                                        uint8_t **out_bytes, size_t *out_size,
+                                                        struct lw_error *err);
+
+/** Replaces control characters, which names and URIs in a file may hold, so that a message stays one line. */
+void lw_gltf_document_clean(char *text);
+
+#endif

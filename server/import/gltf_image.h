@@ -1,0 +1,19 @@
+/* gltf_image.h: decodes PNG and JPEG to 8-bit RGBA, within bounds that are checked before a texel is decoded.
+ * Threads: [any]. */
+#ifndef LW_IMPORT_GLTF_IMAGE_H
+#define LW_IMPORT_GLTF_IMAGE_H
+
+#include "common/scene/scene.h"
+
+#define LW_GLTF_IMAGE_SIZE_MAX (256u << 20) /* bytes of an encoded image */
+
+/** Size of an image from its header. Errors: LW_BAD_DATA (not PNG or JPEG, larger than LW_SCENE_TEXTURE_SIDE_MAX). */
+LW_MUST_CHECK enum lw_status lw_gltf_image_size(const uint8_t *bytes, size_t size, uint32_t *out_width,
+                                                uint32_t *out_height, struct lw_error *err);
+
+/** Decodes into out_rgba (width*height*4 bytes, sizes from lw_gltf_image_size()), row 0 on top.
+ * Errors: LW_BAD_DATA, LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_gltf_image_decode(const uint8_t *bytes, size_t size, uint32_t width,
+                                                  uint32_t height, uint8_t *out_rgba, struct lw_error *err);
+
+#endif

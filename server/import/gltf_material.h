@@ -1,0 +1,37 @@
+/* gltf_material.h: materials and the textures they use, converted on first use, each once.
+ * Threads: one set belongs to one document. */
+#ifndef LW_IMPORT_GLTF_MATERIAL_H
+#define LW_IMPORT_GLTF_MATERIAL_H
+
+#include "common/scene/scene.h"
+#include "server/import/gltf_document.h"
+
+#define LW_GLTF_TEXELS_MAX (1ull << 30) /* of all images together: 4 GiB decoded */
+
+struct lw_gltf_image_slot {
+    const uint8_t *rgba; /* in the scene; NULL: not decoded yet */
+    uint32_t width, height;
+};
+
+struct lw_gltf_materials {
+    struct lw_gltf_document *document;
+    struct lw_scene *scene;
+    uint32_t *
+        material_of; /* glTF material -> scene material, LW_SCENE_NONE before its first use; one more entry for
+                              the default material */
+    uint32_t *texture_of; /* glTF texture -> scene texture */
+    struct lw_gltf_image_slot *image;
+    uint64_t texel_count;
+};
+
+/** finish() also after failure. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_gltf_materials_init(struct lw_gltf_materials *materials,
+                                                    struct lw_gltf_document *document, struct lw_scene *scene,
+                                                    struct lw_error *err);
+void lw_gltf_materials_finish(struct lw_gltf_materials *materials);
+
+/** The scene's material for a glTF material, or for the default one if index is LW_SCENE_NONE. */
+LW_MUST_CHECK enum lw_status lw_gltf_materials_get(struct lw_gltf_materials *materials, uint32_t index,
+                                                   uint32_t *out_material, struct lw_error *err);
+
+#endif

@@ -1,0 +1,364 @@
+#include "server/import/gltf_mesh.h"
+
+#include "server/import/gltf_accessor.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+enum { MODE_TRIANGLES = 4, MODE_STRIP = 5, MODE_FAN = 6 };
+
+/* A primitive with its accessors open; count 0: absent. */
+struct primitive {
+    struct lw_gltf_accessor position, normal, uv[2], colour, indices;
+    uint32_t material; /* of the scene */
+    uint64_t mode;
+    uint32_t corner_count; /* indices, or vertices if there are none */
+};
+
+void lw_gltf_meshes_init(struct lw_gltf_meshes *meshes, struct lw_gltf_materials *materials) {
+    *meshes = (struct lw_gltf_meshes){.materials = materials};
+}
+
+void lw_gltf_meshes_finish(struct lw_gltf_meshes *meshes) {
+    free(meshes->kept);
+    free(meshes->material);
+    free(meshes->triangle);
+    free(meshes->vertex);
+    *meshes = (struct lw_gltf_meshes){0};
+}
+
+/* Makes room for `count` elements, keeping what is there. */
+static bool reserve(void **array, size_t *capacity, size_t count, size_t size) {
+    if (count <= *capacity) return true;
+    size_t grown = *capacity + *capacity / 2 > count ? *capacity + *capacity / 2 : count;
+    void *moved = reallocarray(*array, grown, size);
+    if (!moved) return false;
+    *array = moved;
+    *capacity = grown;
+    return true;
+}
+
+/* ---- opening a primitive ---- */
+
+static enum lw_status open_attribute(struct lw_gltf_meshes *meshes, const json_t *attributes, const char *key,
+                                     unsigned components_min, unsigned components_max, unsigned accept,
+                                     struct lw_gltf_accessor *out, struct lw_error *err) {
+    const struct lw_gltf_document *document = meshes->materials->document;
+    uint32_t index = LW_SCENE_NONE;
+    if (!lw_gltf_document_index(document, attributes, key, LW_GLTF_ACCESSORS, &index, err) &&
+        index != LW_SCENE_NONE &&
+        lw_gltf_accessor_open(document, index, components_min, components_max, accept, out, err))
+        lw_status_context(err, "%s", key);
+    return err->status;
+}
+
+static enum lw_status open_attributes(struct lw_gltf_meshes *meshes, const json_t *attributes,
+                                      struct primitive *p, struct lw_error *err) {
+    bool quantized = meshes->materials->document->quantized;
+    unsigned normalized = LW_GLTF_ACCEPT_FLOAT | LW_GLTF_ACCEPT_NORMALIZED_UNSIGNED;
+    if (lw_gltf_json_require(attributes, "POSITION", err) ||
+        open_attribute(meshes, attributes, "POSITION", 3, 3,
+                       quantized ? LW_GLTF_ACCEPT_ANY : LW_GLTF_ACCEPT_FLOAT, &p->position, err) ||
+        open_attribute(meshes, attributes, "NORMAL", 3, 3,
+                       quantized ? LW_GLTF_ACCEPT_FLOAT | LW_GLTF_ACCEPT_NORMALIZED_SIGNED
+                                 : LW_GLTF_ACCEPT_FLOAT,
+                       &p->normal, err) ||
+        open_attribute(meshes, attributes, "TEXCOORD_0", 2, 2, quantized ? LW_GLTF_ACCEPT_ANY : normalized,
+                       &p->uv[0], err) ||
+        open_attribute(meshes, attributes, "TEXCOORD_1", 2, 2, quantized ? LW_GLTF_ACCEPT_ANY : normalized,
+                       &p->uv[1], err) ||
+        open_attribute(meshes, attributes, "COLOR_0", 3, 4, normalized, &p->colour, err))
+        return err->status;
+    const struct lw_gltf_accessor *rest[] = {&p->normal, &p->uv[0], &p->uv[1], &p->colour};
+    for (int i = 0; i < 4; i++)
+        if (rest[i]->count && rest[i]->count != p->position.count)
+            return lw_status_fail(err, LW_BAD_DATA, "accessor %u has %u elements, POSITION has %u",
+                                  rest[i]->index, rest[i]->count, p->position.count);
+    return LW_OK;
+}
+
+static enum lw_status open_indices(const struct lw_gltf_document *document, const json_t *object,
+                                   struct primitive *p, struct lw_error *err) {
+    uint32_t index = LW_SCENE_NONE;
+    if (lw_gltf_document_index(document, object, "indices", LW_GLTF_ACCESSORS, &index, err))
+        return err->status;
+    p->corner_count = p->position.count;
+    if (index == LW_SCENE_NONE) return LW_OK;
+    if (lw_gltf_accessor_open(document, index, 1, 1, LW_GLTF_ACCEPT_INDEX, &p->indices, err)) {
+        lw_status_context(err, "indices");
+        return err->status;
+    }
+    p->corner_count = p->indices.count;
+    return LW_OK;
+}
+
+static void warn_about(struct lw_gltf_meshes *meshes, const json_t *object, const struct primitive *p) {
+    struct lw_gltf_document *document = meshes->materials->document;
+    const struct lw_material *material = &meshes->materials->scene->material[p->material];
+    const struct lw_texture_use *uses[] = {&material->base_colour_texture, &material->emission_texture};
+    for (int i = 0; i < 2; i++)
+        if (uses[i]->texture != LW_SCENE_NONE && !p->uv[uses[i]->uv_set].count)
+            lw_gltf_document_warn(document, LW_GLTF_WARN_UV_MISSING);
+    if (json_object_get(object, "targets")) lw_gltf_document_warn(document, LW_GLTF_WARN_MORPH);
+}
+
+static enum lw_status open_primitive(struct lw_gltf_meshes *meshes, const json_t *object, struct primitive *p,
+                                     struct lw_error *err) {
+    const struct lw_gltf_document *document = meshes->materials->document;
+    const json_t *attributes = NULL;
+    uint32_t material = LW_SCENE_NONE;
+    if (lw_gltf_json_require(object, "attributes", err) ||
+        lw_gltf_json_object(object, "attributes", &attributes, err) ||
+        lw_gltf_document_index(document, object, "material", LW_GLTF_MATERIALS, &material, err))
+        return err->status;
+    if (open_attributes(meshes, attributes, p, err)) {
+        lw_status_context(err, "attributes");
+        return err->status;
+    }
+    if (open_indices(document, object, p, err) ||
+        lw_gltf_materials_get(meshes->materials, material, &p->material, err))
+        return err->status;
+    warn_about(meshes, object, p);
+    return LW_OK;
+}
+
+/* ---- vertices ---- */
+
+static enum lw_status read_finite(const struct lw_gltf_accessor *accessor, const char *name, uint32_t i,
+                                  float out[4], struct lw_error *err) {
+    lw_gltf_accessor_read(accessor, i, out);
+    for (unsigned c = 0; c < accessor->components; c++)
+        if (!isfinite(out[c]))
+            return lw_status_fail(err, LW_BAD_DATA,
+                                  "attributes.%s: accessor %u: element %u is not a finite number", name,
+                                  accessor->index, i);
+    return LW_OK;
+}
+
+static enum lw_status read_position(const struct primitive *p, uint32_t i, struct lw_vec3 *out,
+                                    struct lw_error *err) {
+    float v[4];
+    if (read_finite(&p->position, "POSITION", i, v, err)) return err->status;
+    for (int c = 0; c < 3; c++)
+        if (fabsf(v[c]) > LW_SCENE_COORDINATE_MAX)
+            return lw_status_fail(err, LW_BAD_DATA,
+                                  "attributes.POSITION: accessor %u: element %u is farther than %g m",
+                                  p->position.index, i, (double)LW_SCENE_COORDINATE_MAX);
+    *out = lw_vec3(v[0], v[1], v[2]);
+    return LW_OK;
+}
+
+static float clamp_unit(float v) { return v < 0 ? 0 : v > 1 ? 1 : v; }
+
+static enum lw_status read_vertex(const struct primitive *p, uint32_t i, struct lw_gltf_vertex *out,
+                                  struct lw_error *err) {
+    static const char *const uv_name[2] = {"TEXCOORD_0", "TEXCOORD_1"};
+    float v[4] = {0};
+    *out = (struct lw_gltf_vertex){.colour = {1, 1, 1, 1}};
+    if (read_position(p, i, &out->position, err)) return err->status;
+    if (p->normal.count) {
+        if (read_finite(&p->normal, "NORMAL", i, v, err)) return err->status;
+        double length =
+            sqrt((double)v[0] * (double)v[0] + (double)v[1] * (double)v[1] + (double)v[2] * (double)v[2]);
+        if (length > 1e-20)
+            out->normal = lw_vec3((float)((double)v[0] / length), (float)((double)v[1] / length),
+                                  (float)((double)v[2] / length));
+    }
+    for (int set = 0; set < 2; set++) {
+        if (!p->uv[set].count) continue;
+        if (read_finite(&p->uv[set], uv_name[set], i, v, err)) return err->status;
+        out->uv[set] = (struct lw_vec2){v[0], v[1]};
+    }
+    if (p->colour.count) {
+        v[3] = 1;
+        if (read_finite(&p->colour, "COLOR_0", i, v, err)) return err->status;
+        out->colour =
+            (struct lw_vec4){clamp_unit(v[0]), clamp_unit(v[1]), clamp_unit(v[2]), clamp_unit(v[3])};
+    }
+    return LW_OK;
+}
+
+/* Adds vertex i of the primitive, or finds where it went. */
+static enum lw_status keep_vertex(struct lw_gltf_meshes *meshes, const struct primitive *p, uint32_t i,
+                                  bool alone, uint32_t *out, struct lw_error *err) {
+    struct lw_gltf_kept *kept = &meshes->kept[i];
+    if (!alone && kept->stamp == meshes->stamp) {
+        *out = kept->vertex;
+        return LW_OK;
+    }
+    if (!reserve((void **)&meshes->vertex, &meshes->vertex_capacity, meshes->vertex_count + 1ul,
+                 sizeof *meshes->vertex))
+        return lw_status_fail(err, LW_NO_MEMORY, "out of memory for vertices");
+    if (read_vertex(p, i, &meshes->vertex[meshes->vertex_count], err)) return err->status;
+    *kept = (struct lw_gltf_kept){meshes->stamp, meshes->vertex_count};
+    *out = meshes->vertex_count++;
+    return LW_OK;
+}
+
+/* ---- triangles ---- */
+
+/* Index into the list of corners: glTF 2.0, 3.7.2.1, which keeps the winding of strips and fans. */
+static uint32_t corner(uint64_t mode, uint32_t triangle, unsigned k) {
+    if (mode == MODE_STRIP) return triangle + (k == 0 ? 0 : k == 1 ? 1 + triangle % 2 : 2 - triangle % 2);
+    if (mode == MODE_FAN) return k == 2 ? 0 : triangle + k + 1;
+    return 3 * triangle + k;
+}
+
+/* Unit normal by winding, in double because a float's square of an area underflows for small triangles. False if the
+ * triangle has no area: its height is below 1e-7 of its longest edge, which is the rounding of its corners. */
+static bool face_normal(const struct lw_vec3 p[3], struct lw_vec3 *out) {
+    double a[3] = {(double)p[1].x - (double)p[0].x, (double)p[1].y - (double)p[0].y,
+                   (double)p[1].z - (double)p[0].z};
+    double b[3] = {(double)p[2].x - (double)p[0].x, (double)p[2].y - (double)p[0].y,
+                   (double)p[2].z - (double)p[0].z};
+    double c[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]};
+    double n[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+    double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    double longest =
+        fmax(fmax(a[0] * a[0] + a[1] * a[1] + a[2] * a[2], b[0] * b[0] + b[1] * b[1] + b[2] * b[2]),
+             c[0] * c[0] + c[1] * c[1] + c[2] * c[2]);
+    if (!(length > 1e-7 * longest)) return false;
+    *out = lw_vec3((float)(n[0] / length), (float)(n[1] / length), (float)(n[2] / length));
+    return true;
+}
+
+static enum lw_status add_triangle(struct lw_gltf_meshes *meshes, const struct primitive *p,
+                                   uint32_t triangle, struct lw_error *err) {
+    uint32_t index[3], vertex[3];
+    struct lw_vec3 position[3], normal;
+    for (unsigned k = 0; k < 3; k++) {
+        index[k] = corner(p->mode, triangle, k);
+        if (p->indices.count) index[k] = lw_gltf_accessor_integer(&p->indices, index[k]);
+        if (index[k] >= p->position.count)
+            return lw_status_fail(
+                err, LW_BAD_DATA,
+                "indices: accessor %u: triangle %u uses vertex %u, POSITION has %u vertices",
+                p->indices.index, triangle, index[k], p->position.count);
+        if (read_position(p, index[k], &position[k], err)) return err->status;
+    }
+    if (!face_normal(position, &normal)) {
+        meshes->degenerate_count++;
+        return LW_OK;
+    }
+    bool flat = !p->normal.count; /* then glTF asks for flat normals: vertices are split */
+    for (unsigned k = 0; k < 3; k++) {
+        if (keep_vertex(meshes, p, index[k], flat, &vertex[k], err)) return err->status;
+        struct lw_gltf_vertex *v = &meshes->vertex[vertex[k]];
+        if (lw_vec3_dot(v->normal, v->normal) == 0) v->normal = normal;
+    }
+    memcpy(meshes->triangle[meshes->triangle_count], vertex, sizeof vertex);
+    meshes->material[meshes->triangle_count++] = p->material;
+    return LW_OK;
+}
+
+static enum lw_status reserve_primitive(struct lw_gltf_meshes *meshes, const struct primitive *p,
+                                        uint32_t triangles, struct lw_error *err) {
+    size_t before = meshes->kept_capacity;
+    if (!reserve((void **)&meshes->kept, &meshes->kept_capacity, p->position.count, sizeof *meshes->kept) ||
+        !reserve((void **)&meshes->triangle, &meshes->triangle_capacity,
+                 (size_t)meshes->triangle_count + triangles, sizeof *meshes->triangle) ||
+        !reserve((void **)&meshes->material, &meshes->material_capacity,
+                 (size_t)meshes->triangle_count + triangles, sizeof *meshes->material))
+        return lw_status_fail(err, LW_NO_MEMORY, "out of memory for triangles");
+    /* stamps, instead of clearing the whole map for each primitive that shares a large buffer */
+    memset(meshes->kept + before, 0, (meshes->kept_capacity - before) * sizeof *meshes->kept);
+    meshes->stamp++;
+    return LW_OK;
+}
+
+static enum lw_status add_primitive(struct lw_gltf_meshes *meshes, const json_t *object,
+                                    struct lw_error *err) {
+    struct primitive p = {.mode = MODE_TRIANGLES};
+    if (lw_gltf_json_integer(object, "mode", 0, MODE_FAN, &p.mode, err)) return err->status;
+    if (p.mode < MODE_TRIANGLES) {
+        lw_gltf_document_warn(meshes->materials->document, LW_GLTF_WARN_POINTS);
+        return LW_OK;
+    }
+    if (open_primitive(meshes, object, &p, err)) return err->status;
+    if (p.corner_count < 3 || (p.mode == MODE_TRIANGLES && p.corner_count % 3))
+        return lw_status_fail(err, LW_BAD_DATA, "%u indices do not make whole triangles", p.corner_count);
+    uint32_t triangles = p.mode == MODE_TRIANGLES ? p.corner_count / 3 : p.corner_count - 2;
+    meshes->triangle_total += triangles;
+    if (meshes->triangle_total > LW_SCENE_TRIANGLES_MAX)
+        return lw_status_fail(err, LW_BAD_DATA, "the meshes together have more than %u triangles",
+                              LW_SCENE_TRIANGLES_MAX);
+    if (reserve_primitive(meshes, &p, triangles, err)) return err->status;
+    for (uint32_t t = 0; t < triangles; t++)
+        if (add_triangle(meshes, &p, t, err)) return err->status;
+    for (int set = 0; set < 2; set++) meshes->has_uv[set] |= p.uv[set].count > 0;
+    meshes->has_colour |= p.colour.count > 0;
+    return LW_OK;
+}
+
+/* ---- the mesh ---- */
+
+static enum lw_status copy_out(struct lw_gltf_meshes *meshes, const char *name, struct lw_mesh *out,
+                               struct lw_error *err) {
+    struct lw_scene *scene = meshes->materials->scene;
+    uint32_t vertices = meshes->vertex_count, triangles = meshes->triangle_count;
+    struct lw_vec3 *position = lw_scene_alloc(scene, vertices, sizeof *position);
+    struct lw_vec3 *normal = lw_scene_alloc(scene, vertices, sizeof *normal);
+    uint32_t(*triangle)[3] = lw_scene_alloc(scene, triangles, sizeof *triangle);
+    uint32_t *material = lw_scene_alloc(scene, triangles, sizeof *material);
+    struct lw_vec2 *uv[2] = {NULL, NULL};
+    struct lw_vec4 *colour = NULL;
+    const char *own_name = lw_scene_string(scene, name);
+    bool good = position && normal && triangle && material && own_name;
+    for (int set = 0; good && set < 2; set++)
+        if (meshes->has_uv[set]) good = (uv[set] = lw_scene_alloc(scene, vertices, sizeof *uv[set])) != NULL;
+    if (good && meshes->has_colour) good = (colour = lw_scene_alloc(scene, vertices, sizeof *colour)) != NULL;
+    if (!good) return lw_status_fail(err, LW_NO_MEMORY, "out of memory for %u vertices", vertices);
+
+    for (uint32_t i = 0; i < vertices; i++) {
+        const struct lw_gltf_vertex *v = &meshes->vertex[i];
+        position[i] = v->position;
+        normal[i] = v->normal;
+        if (uv[0]) uv[0][i] = v->uv[0];
+        if (uv[1]) uv[1][i] = v->uv[1];
+        if (colour) colour[i] = v->colour;
+    }
+    memcpy(triangle, meshes->triangle, triangles * sizeof *triangle);
+    memcpy(material, meshes->material, triangles * sizeof *material);
+    *out = (struct lw_mesh){.name = own_name,
+                            .vertex_count = vertices,
+                            .triangle_count = triangles,
+                            .position = position,
+                            .normal = normal,
+                            .uv = {uv[0], uv[1]},
+                            .colour = colour,
+                            .triangle = triangle,
+                            .material = material};
+    return LW_OK;
+}
+
+static enum lw_status convert(struct lw_gltf_meshes *meshes, const json_t *object, struct lw_mesh *out,
+                              struct lw_error *err) {
+    const json_t *primitives = NULL, *primitive;
+    const char *name = "";
+    size_t i;
+    meshes->vertex_count = meshes->triangle_count = 0;
+    meshes->has_uv[0] = meshes->has_uv[1] = meshes->has_colour = false;
+    if (lw_gltf_json_string(object, "name", &name, err) || lw_gltf_json_require(object, "primitives", err) ||
+        lw_gltf_json_array(object, "primitives", &primitives, err))
+        return err->status;
+    json_array_foreach(primitives, i, primitive) {
+        if (!json_is_object(primitive))
+            return lw_status_fail(err, LW_BAD_DATA, "primitives[%zu]: must be an object", i);
+        if (add_primitive(meshes, primitive, err)) {
+            lw_status_context(err, "primitives[%zu]", i);
+            return err->status;
+        }
+    }
+    if (meshes->triangle_count == 0) {
+        *out = (struct lw_mesh){0};
+        return LW_OK;
+    }
+    return copy_out(meshes, name, out, err);
+}
+
+enum lw_status lw_gltf_meshes_convert(struct lw_gltf_meshes *meshes, uint32_t index, struct lw_mesh *out,
+                                      struct lw_error *err) {
+    if (convert(meshes, lw_gltf_document_item(meshes->materials->document, LW_GLTF_MESHES, index), out, err))
+        lw_status_context(err, "meshes[%u]", index);
+    return err->status;
+}

@@ -1,0 +1,40 @@
+/* gltf_mesh.h: one glTF mesh, with all its primitives, becomes one mesh with a material per triangle.
+ * Only vertices that triangles use are kept, so that primitives may share one large buffer.
+ * Threads: a builder belongs to one thread; it keeps its memory from mesh to mesh. */
+#ifndef LW_IMPORT_GLTF_MESH_H
+#define LW_IMPORT_GLTF_MESH_H
+
+#include "server/import/gltf_material.h"
+
+struct lw_gltf_vertex {
+    struct lw_vec3 position, normal; /* normal (0, 0, 0): the file gave none of use */
+    struct lw_vec2 uv[2];
+    struct lw_vec4 colour;
+};
+
+struct lw_gltf_meshes {
+    struct lw_gltf_materials *materials;
+    struct lw_gltf_vertex *vertex; /* of the mesh being built */
+    uint32_t (*triangle)[3];
+    uint32_t *material;
+    uint32_t vertex_count, triangle_count;
+    size_t vertex_capacity, triangle_capacity, material_capacity;
+    bool has_uv[2], has_colour;
+    struct lw_gltf_kept {
+        uint32_t stamp, vertex;
+    } * kept; /* per vertex of an accessor: where it went, valid if stamp is that of the current primitive */
+    size_t kept_capacity;
+    uint32_t stamp;
+    uint64_t triangle_total;   /* of all meshes */
+    uint64_t degenerate_count; /* triangles dropped because they have no area */
+};
+
+void lw_gltf_meshes_init(struct lw_gltf_meshes *meshes, struct lw_gltf_materials *materials);
+void lw_gltf_meshes_finish(struct lw_gltf_meshes *meshes);
+
+/** Converts glTF mesh `index` into *out, whose triangle_count may be 0.
+ * Errors: LW_BAD_DATA that starts with "meshes[N]"; LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_gltf_meshes_convert(struct lw_gltf_meshes *meshes, uint32_t index,
+                                                    struct lw_mesh *out, struct lw_error *err);
+
+#endif

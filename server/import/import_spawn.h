@@ -1,0 +1,34 @@
+/* import_spawn.h: gets a scene without letting outside files into this process: lightwell-import reads them in a
+ * process of its own, and what it wrote is read back through the strict package reader.
+ * Flow:    SCENE -> [lightwell-import] -> temporary .lwscene -> scene
+ * Threads: one call at a time per process is meant, any thread; it waits for the importer. */
+#ifndef LW_IMPORT_SPAWN_H
+#define LW_IMPORT_SPAWN_H
+
+#include "common/scene/scene.h"
+
+#include <signal.h>
+#include <stdint.h>
+
+#define LW_IMPORT_SPAWN_MEMORY_MAX (16ull << 30) /* bytes of address space of the importer */
+
+struct lw_import_spawn_desc {
+    const char *scene;       /* a .lwscene, .gltf or .glb file, or "builtin:NAME" */
+    double texels_per_metre; /* 0: the importer's default */
+    uint32_t atlas_side_max; /* texels; 0: the importer's default */
+    unsigned threads;        /* 0: all */
+    uint64_t
+        memory_max; /* bytes; 0: LW_IMPORT_SPAWN_MEMORY_MAX. Not imposed in builds with AddressSanitizer. */
+    const char *program; /* NULL: lightwell-import beside this program, else in PATH */
+    const volatile sig_atomic_t
+        *cancel; /* may be NULL; becomes non-zero, e.g. in a signal handler: stop everything */
+};
+
+/** Loads a scene package directly, or has lightwell-import make one in a temporary folder that is gone afterwards.
+ * The importer's warnings and progress go to our stderr; its failure is returned, not shown, so that it is told once.
+ * Errors: the importer's own (LW_BAD_DATA, LW_NO_INPUT, LW_NO_MEMORY, ...); LW_CLOSED if it was cancelled, or stopped
+ * by SIGINT or SIGTERM; LW_OS if it cannot be started; LW_INTERNAL if it crashed. */
+LW_MUST_CHECK enum lw_status lw_import_spawn(const struct lw_import_spawn_desc *desc,
+                                             struct lw_scene **out_scene, struct lw_error *err);
+
+#endif
