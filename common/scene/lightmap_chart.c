@@ -1,5 +1,7 @@
 #include "common/scene/lightmap_chart.h"
 
+#include "common/scene/lightmap_heap.h"
+#include "common/scene/lightmap_merge.h"
 #include "common/scene/lightmap_plane.h"
 
 #include <stdlib.h>
@@ -13,46 +15,14 @@
  * around a column: the chart is cut open there. Nearer, the surface is curved both ways, and a cut would fray it. */
 #define CUT_DISTANCE 3.0f
 
-struct step {
-    float cost;
-    uint32_t edge; /* of a triangle in the chart; the step is over it */
-};
-
 struct grower {
     const struct lw_lightmap_topology *topology;
     struct lw_lightmap_charts *charts;
     struct lw_lightmap_plane *plane;
-    uint32_t *head, *head_chart; /* per welded position: its first point, if head_chart is the chart */
-    uint32_t *next;              /* per point: the same position, cut */
-    struct step *heap;
-    size_t heap_count;
+    uint32_t *head, *head_chart;  /* per welded position: its first point, if head_chart is the chart */
+    uint32_t *next;               /* per point: the same position, cut */
+    struct lw_lightmap_heap heap; /* of edges of the chart, to be unfolded over */
 };
-
-static bool before(struct step a, struct step b) {
-    return a.cost != b.cost ? a.cost < b.cost
-                            : a.edge < b.edge; /* a total order: the result has no chance in it */
-}
-
-static void push(struct grower *g, struct step step) {
-    size_t at = g->heap_count++;
-    while (at > 0 && before(step, g->heap[(at - 1) / 2])) {
-        g->heap[at] = g->heap[(at - 1) / 2];
-        at = (at - 1) / 2;
-    }
-    g->heap[at] = step;
-}
-
-static struct step pop(struct grower *g) {
-    struct step top = g->heap[0], last = g->heap[--g->heap_count];
-    size_t at = 0;
-    for (size_t child; (child = at * 2 + 1) < g->heap_count; at = child) {
-        if (child + 1 < g->heap_count && before(g->heap[child + 1], g->heap[child])) child++;
-        if (!before(g->heap[child], last)) break;
-        g->heap[at] = g->heap[child];
-    }
-    g->heap[at] = last;
-    return top;
-}
 
 static uint32_t weld_of(const struct grower *g, uint32_t t, uint32_t corner) {
     return g->topology->weld[g->topology->mesh->triangle[t][corner]];
@@ -94,7 +64,7 @@ static void push_edges(struct grower *g, uint32_t t) {
         uint32_t over = g->topology->neighbour[e];
         if (over == LW_SCENE_NONE || g->topology->hard[e] || g->charts->chart[over / 3] != LW_SCENE_NONE)
             continue;
-        push(g, (struct step){g->topology->bend[e], e});
+        lw_lightmap_heap_push(&g->heap, g->topology->bend[e], e);
     }
 }
 
@@ -173,9 +143,9 @@ static void grow_all(struct grower *g, const struct seed *seed, uint32_t seed_co
         if (g->charts->chart[seed[i].triangle] != LW_SCENE_NONE) continue;
         uint32_t chart = g->charts->chart_count++;
         lw_lightmap_plane_clear(g->plane);
-        g->heap_count = 0;
+        g->heap.count = 0;
         plant(g, seed[i].triangle, chart);
-        while (g->heap_count) unfold(g, pop(g).edge, chart);
+        while (g->heap.count) unfold(g, lw_lightmap_heap_pop(&g->heap), chart);
     }
 }
 
@@ -187,8 +157,8 @@ static enum lw_status grow(const struct lw_lightmap_topology *topology, struct l
     g.head = malloc((welds + 1) * sizeof *g.head);
     g.head_chart = malloc((welds + 1) * sizeof *g.head_chart);
     g.next = malloc((triangles * 3 + 1) * sizeof *g.next);
-    g.heap = malloc((triangles * 3 + 1) * sizeof *g.heap);
-    bool ready = seed && g.head && g.head_chart && g.next && g.heap;
+    g.heap.step = malloc((triangles * 3 + 1) * sizeof *g.heap.step);
+    bool ready = seed && g.head && g.head_chart && g.next && g.heap.step;
     if (ready) {
         memset(g.head_chart, 0xff, welds * sizeof *g.head_chart);
         uint32_t count = 0;
@@ -197,7 +167,7 @@ static enum lw_status grow(const struct lw_lightmap_topology *topology, struct l
         qsort(seed, count, sizeof *seed, compare_seeds);
         grow_all(&g, seed, count);
     }
-    free(g.heap);
+    free(g.heap.step);
     free(g.next);
     free(g.head_chart);
     free(g.head);
@@ -255,6 +225,7 @@ enum lw_status lw_lightmap_chart_build(struct lw_lightmap_charts *charts, const 
         memset(charts->chart, 0xff, triangles * sizeof *charts->chart);
         status = grow(&topology, charts, plane);
     }
+    if (status == LW_OK) status = lw_lightmap_merge(charts, &topology, plane);
 
     if (status == LW_OK) status = collapse(&topology, charts);
     lw_lightmap_plane_destroy(plane);
