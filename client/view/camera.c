@@ -31,18 +31,16 @@ static enum lw_status parse_numbers(const char **text, const char *part, int cou
         char *end;
         double value = strtod(at, &end);
         if (end == at || !isfinite(value) || fabs(value) > 1e9)
-            return lw_status_fail(err, LW_USAGE,
-                                  "camera %s: expected %s at \"%s\" (px,py,pz:tx,ty,tz:fov_y_deg)", part,
-                                  count == 1 ? "a number" : "three numbers", at);
+            return lw_status_fail(err, LW_USAGE, "%s: expected %s at \"%s\" (px,py,pz:tx,ty,tz:fov_y_deg)",
+                                  part, count == 1 ? "a number" : "three numbers", at);
         out[i] = (float)value;
         char expected = i + 1 < count ? ',' : after;
         if (*end != expected) {
             if (expected == '\0')
-                return lw_status_fail(
-                    err, LW_USAGE, "camera %s: \"%s\" is too much (px,py,pz:tx,ty,tz:fov_y_deg)", part, end);
-            return lw_status_fail(err, LW_USAGE,
-                                  "camera %s: expected '%c' at \"%s\" (px,py,pz:tx,ty,tz:fov_y_deg)", part,
-                                  expected, end);
+                return lw_status_fail(err, LW_USAGE, "%s: \"%s\" is too much (px,py,pz:tx,ty,tz:fov_y_deg)",
+                                      part, end);
+            return lw_status_fail(err, LW_USAGE, "%s: expected '%c' at \"%s\" (px,py,pz:tx,ty,tz:fov_y_deg)",
+                                  part, expected, end);
         }
         at = end + (expected != '\0');
     }
@@ -57,13 +55,12 @@ enum lw_status lw_camera_parse(const char *text, struct lw_camera_view *out_view
     if (status == LW_OK) status = parse_numbers(&text, "field of view", 1, '\0', &fov_deg, err);
     if (status != LW_OK) return status;
     if (!(fov_deg >= 1.0f && fov_deg <= 179.0f))
-        return lw_status_fail(err, LW_USAGE, "camera field of view: %g is not within 1..179 degrees",
+        return lw_status_fail(err, LW_USAGE, "field of view: %g is not within 1..179 degrees",
                               (double)fov_deg);
     struct lw_vec3 from = lw_vec3(position[0], position[1], position[2]);
     struct lw_vec3 to = lw_vec3(target[0], target[1], target[2]);
     if (!(lw_vec3_length(lw_vec3_sub(to, from)) > 1e-6f))
-        return lw_status_fail(err, LW_USAGE,
-                              "camera target: is where the camera is; it must be another point");
+        return lw_status_fail(err, LW_USAGE, "target: is where the camera is; it must be another point");
     *out_view = lw_camera_look_at(from, to, fov_deg / 180.0f * LW_PI);
     return LW_OK;
 }

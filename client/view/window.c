@@ -1,5 +1,507 @@
 #include "client/view/window.h"
+
+#include "client/view/flight.h"
+#include "client/view/font.h"
+#include "client/view/pace.h"
+#include "client/view/picture.h"
+#include "client/view/seeker.h"
+#include "client/view/stage.h"
+#include "common/clock.h"
+#include "common/log.h"
+
+#include <SDL.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define CLIENT_NAME       "lightwell-view"
+#define CONNECT_MS        5000u
+#define IDLE_WAIT_MS      8
+#define REST_AFTER_NS     200000000u /* without motion: then the picture sharpens */
+#define FIGURES_EVERY_NS  500000000u
+#define RADIANS_PER_PIXEL 0.0025f
+#define FAST              4.0f
+#define STEP_S_MAX        0.1f /* a hitch must not throw the camera across the room */
+
+#define PANEL_WIDTH  460
+#define PANEL_HEIGHT 116
+#define PANEL_LINES  4
+#define TEXT_SCALE   2
+#define TEXT_COLOUR  0xfff2f2f2u /* ARGB, as the rest */
+#define HINT_COLOUR  0xffffc860u
+#define PANEL_COLOUR 0xa0101418u
+#define BAR_COLOUR   0xff5aa0e0u
+
+/* What the overlay says; taken twice a second so that it can be read. */
+struct figures {
+    uint64_t since_ns, bytes;
+    unsigned pictures;
+    double pictures_per_s, kbit_per_s;
+};
+
+struct window {
+    const struct lw_view_options *options;
+    SDL_Window *handle;
+    SDL_Renderer *renderer;
+    SDL_Texture *screen; /* as large as the window; a smaller picture fills its corner */
+    SDL_Texture *panel;
+    uint32_t width, height;
+    char address[280];
+
+    struct lw_client *client; /* whose light is shown; may have lost its server */
+    bool lost;
+    struct lw_stage stage;
+    bool staged;
+    struct lw_client *incoming; /* connected, its scene or first light not there yet */
+    struct lw_seeker *seeker;
+
+    struct lw_flight flight;
+    struct lw_camera_view start;
+    uint32_t next_camera;
+    bool captured, hide_figures, quit;
+
+    struct lw_picture picture;
+    struct lw_pace pace;
+    bool stale; /* the picture is not of what is there now */
+    uint64_t moved_ns, stepped_ns;
+    uint64_t seen_tiles, seen_frame;
+    struct figures figures;
+};
+
+/* ---- the server ---- */
+
+static void drop_incoming(struct window *w) {
+    lw_client_destroy(w->incoming);
+    w->incoming = NULL;
+}
+
+static void seek_again(struct window *w, const struct lw_error *err) {
+    lw_log(LW_LOG_WARNING, "%s: %s; looking for it again", w->address, err->text);
+    lw_seeker_start(w->seeker);
+}
+
+static void go_to_camera(struct window *w, uint32_t camera) {
+    struct lw_camera_view view = lw_camera_of_scene(w->stage.scene, &w->stage.pose, camera);
+    lw_flight_take(&w->flight, &view);
+    w->next_camera = (camera + 1) % w->stage.scene->camera_count;
+    w->stale = true;
+    w->moved_ns = lw_clock_ns();
+}
+
+static enum lw_status choose_start(struct window *w, struct lw_error *err) {
+    const struct lw_scene *scene = w->stage.scene;
+    uint32_t camera = 0;
+    if (w->options->camera_name != NULL) {
+        enum lw_status status = lw_camera_find(scene, w->options->camera_name, &camera, err);
+        if (status != LW_OK) return status;
+    }
+    if (w->options->camera_given)
+        w->start = w->options->camera;
+    else if (camera < scene->camera_count)
+        w->start = lw_camera_of_scene(scene, &w->stage.pose, camera);
+    else
+        w->start =
+            lw_camera_default(scene, &w->stage.pose, w->stage.trace, (float)w->width / (float)w->height);
+    w->next_camera = scene->camera_count > 1 ? camera + 1 : 0;
+    struct lw_vec3 low, high;
+    w->flight.speed = 2.0f;
+    if (lw_pose_bounds(&w->stage.pose, scene, &low, &high))
+        w->flight.speed = fmaxf(lw_vec3_length(lw_vec3_sub(high, low)) / 10.0f, 0.05f);
+    lw_flight_take(&w->flight, &w->start);
+    return LW_OK;
+}
+
+/* Shows the incoming client in place of what is shown. */
+static enum lw_status stage_incoming(struct window *w, struct lw_error *err) {
+    bool first = !w->staged, moved;
+    struct lw_stage stage;
+    enum lw_status status = lw_stage_init(&stage, w->incoming, w->options->threads, err);
+    if (status != LW_OK) return status;
+    status = lw_stage_follow(&stage, &moved, err);
+    if (status != LW_OK) {
+        lw_stage_finish(&stage);
+        return status;
+    }
+    lw_stage_finish(&w->stage);
+    lw_client_destroy(w->client);
+    w->stage = stage;
+    w->client = w->incoming;
+    w->incoming = NULL;
+    w->lost = false;
+    w->staged = w->stale = true;
+    w->seen_tiles = w->seen_frame = w->figures.bytes = 0;
+    lw_seeker_reset(w->seeker);
+    if (!first) lw_log(LW_LOG_INFO, "%s: connected again", w->address);
+    return first ? choose_start(w, err) : LW_OK;
+}
+
+static bool is_ready(const struct window *w, struct lw_client *client) {
+    struct lw_client_stats stats;
+    lw_client_get_stats(client, &stats);
+    /* The old light is better than none: it stays until the first of the new server's is there. */
+    return lw_client_scene(client) != NULL && (!w->staged || stats.first_ns != 0);
+}
+
+static void show_message(struct window *w, const char *text, float fraction);
+
+static enum lw_status serve_incoming(struct window *w, struct lw_error *err) {
+    if (w->incoming == NULL) w->incoming = lw_seeker_take(w->seeker);
+    if (w->incoming == NULL) return LW_OK;
+    struct lw_error lost = {0};
+    if (lw_client_poll(w->incoming, 0, &lost) != LW_OK) {
+        drop_incoming(w);
+        seek_again(w, &lost);
+        return LW_OK;
+    }
+    if (!is_ready(w, w->incoming)) return LW_OK;
+    if (!w->staged) show_message(w, "building the scene", 1);
+    return stage_incoming(w, err);
+}
+
+static enum lw_status serve_shown(struct window *w, struct lw_error *err) {
+    if (!w->staged) return LW_OK;
+    struct lw_error lost = {0};
+    if (!w->lost && lw_client_poll(w->client, 0, &lost) != LW_OK) {
+        w->lost = true;
+        seek_again(w, &lost);
+    }
+    struct lw_client_stats stats;
+    lw_client_get_stats(w->client, &stats);
+    if (stats.tiles != w->seen_tiles) w->stale = true;
+    if (stats.frame == w->seen_frame && stats.tiles == w->seen_tiles) return LW_OK;
+    w->seen_tiles = stats.tiles;
+    w->seen_frame = stats.frame;
+    bool moved;
+    enum lw_status status = lw_stage_follow(&w->stage, &moved, err);
+    if (status == LW_OK && moved) {
+        w->moved_ns = lw_clock_ns();
+        w->stale = true;
+    }
+    return status;
+}
+
+/* ---- the user ---- */
+
+static void capture(struct window *w, bool on) {
+    w->captured = on;
+    SDL_SetRelativeMouseMode(on ? SDL_TRUE : SDL_FALSE);
+}
+
+static void press(struct window *w, SDL_Keycode key) {
+    if (key == SDLK_ESCAPE) {
+        if (w->captured)
+            capture(w, false);
+        else
+            w->quit = true;
+    }
+    if (key == SDLK_F1) w->hide_figures = !w->hide_figures;
+    if (!w->staged) return;
+    uint32_t cameras = w->stage.scene->camera_count;
+    if (key == SDLK_c && cameras > 0) go_to_camera(w, w->next_camera);
+    if (key >= SDLK_1 && key <= SDLK_9 && (uint32_t)(key - SDLK_1) < cameras)
+        go_to_camera(w, (uint32_t)(key - SDLK_1));
+    if (key == SDLK_0) {
+        lw_flight_take(&w->flight, &w->start);
+        w->stale = true;
+        w->moved_ns = lw_clock_ns();
+    }
+}
+
+static enum lw_status resize(struct window *w, struct lw_error *err) {
+    int width, height;
+    if (SDL_GetRendererOutputSize(w->renderer, &width, &height) != 0 || width < 1 || height < 1) return LW_OK;
+    if (width > (int)LW_VIEW_SIDE_MAX) width = (int)LW_VIEW_SIDE_MAX;
+    if (height > (int)LW_VIEW_SIDE_MAX) height = (int)LW_VIEW_SIDE_MAX;
+    if (w->screen != NULL && (uint32_t)width == w->width && (uint32_t)height == w->height) return LW_OK;
+    enum lw_status status = lw_picture_resize(&w->picture, (uint32_t)width, (uint32_t)height, err);
+    if (status != LW_OK) return status;
+    if (w->screen != NULL) SDL_DestroyTexture(w->screen);
+    w->screen =
+        SDL_CreateTexture(w->renderer, SDL_PIXELFORMAT_RGBA32, SDL_TEXTUREACCESS_STREAMING, width, height);
+    if (w->screen == NULL)
+        return lw_status_fail(err, LW_OS, "cannot make a texture of %dx%d pixels: %s", width, height,
+                              SDL_GetError());
+    SDL_SetTextureScaleMode(w->screen, SDL_ScaleModeLinear);
+    w->width = (uint32_t)width;
+    w->height = (uint32_t)height;
+    w->stale = true;
+    return LW_OK;
+}
+
+static enum lw_status take_events(struct window *w, int wait_ms, struct lw_error *err) {
+    SDL_Event event;
+    bool resized = false;
+    for (int some = wait_ms > 0 ? SDL_WaitEventTimeout(&event, wait_ms) : SDL_PollEvent(&event); some;
+         some = SDL_PollEvent(&event)) {
+        switch (event.type) {
+        case SDL_QUIT:
+            w->quit = true;
+            break;
+        case SDL_KEYDOWN:
+            if (!event.key.repeat) press(w, event.key.keysym.sym);
+            break;
+        case SDL_MOUSEBUTTONDOWN:
+            capture(w, true);
+            break;
+        case SDL_MOUSEMOTION:
+            if (!w->captured || !w->staged) break;
+            lw_flight_turn(&w->flight, RADIANS_PER_PIXEL * (float)event.motion.xrel,
+                           -RADIANS_PER_PIXEL * (float)event.motion.yrel);
+            w->moved_ns = lw_clock_ns();
+            w->stale = true;
+            break;
+        case SDL_MOUSEWHEEL:
+            w->flight.speed *= exp2f(0.25f * (float)event.wheel.y);
+            break;
+        case SDL_WINDOWEVENT:
+            if (event.window.event == SDL_WINDOWEVENT_FOCUS_LOST) capture(w, false);
+            resized |= event.window.event == SDL_WINDOWEVENT_SIZE_CHANGED;
+            break;
+        default:
+            break;
+        }
+    }
+    return resized ? resize(w, err) : LW_OK;
+}
+
+static float axis(const Uint8 *keys, SDL_Scancode positive, SDL_Scancode negative) {
+    return (float)keys[positive] - (float)keys[negative];
+}
+
+static void fly(struct window *w, float seconds) {
+    const Uint8 *keys = SDL_GetKeyboardState(NULL);
+    float right = axis(keys, SDL_SCANCODE_D, SDL_SCANCODE_A), up = axis(keys, SDL_SCANCODE_E, SDL_SCANCODE_Q),
+          forward = axis(keys, SDL_SCANCODE_W, SDL_SCANCODE_S);
+    if (!w->staged || (right == 0 && up == 0 && forward == 0)) return;
+    if (keys[SDL_SCANCODE_LSHIFT] || keys[SDL_SCANCODE_RSHIFT]) seconds *= FAST;
+    lw_flight_move(&w->flight, right, up, forward, seconds);
+    w->moved_ns = lw_clock_ns();
+    w->stale = true;
+}
+
+/* ---- the screen ---- */
+
+static void fill(const struct lw_font_canvas *canvas, int x, int y, int width, int height, uint32_t colour) {
+    for (int j = y; j < y + height && j < canvas->height; j++)
+        for (int i = x; i < x + width && i < canvas->width; i++)
+            canvas->pixel[(size_t)j * canvas->stride + (size_t)i] = colour;
+}
+
+/* Draws lines of text, and a bar below them unless its fraction is negative, on a panel at (x, y) of the window. */
+static void show_panel(struct window *w, int x, int y, const char *const *line, int count, float fraction,
+                       uint32_t colour) {
+    static const int margin = 10, pitch = TEXT_SCALE * (LW_FONT_HEIGHT + 4);
+    int width = fraction >= 0 ? PANEL_WIDTH - 2 * margin : 0;
+    for (int i = 0; i < count; i++) {
+        int needed = lw_font_width(line[i], TEXT_SCALE);
+        if (needed > width) width = needed;
+    }
+    if (width > PANEL_WIDTH - 2 * margin) width = PANEL_WIDTH - 2 * margin;
+    int height = count * pitch + (fraction >= 0 ? pitch : 0);
+    SDL_Rect part = {0, 0, width + 2 * margin, height + 2 * margin - 4};
+    void *pixels;
+    int pitch_bytes;
+    if (SDL_LockTexture(w->panel, &part, &pixels, &pitch_bytes) != 0) return;
+    struct lw_font_canvas canvas = {
+        .pixel = pixels, .width = part.w, .height = part.h, .stride = (size_t)pitch_bytes / sizeof(uint32_t)};
+    fill(&canvas, 0, 0, part.w, part.h, PANEL_COLOUR);
+    for (int i = 0; i < count; i++)
+        lw_font_draw(&canvas, margin, margin + i * pitch, TEXT_SCALE, colour, line[i]);
+    if (fraction >= 0) {
+        int top = margin + count * pitch, full = (int)((float)width * fminf(fraction, 1));
+        fill(&canvas, margin, top, width, pitch / 2, 0xff303840u);
+        fill(&canvas, margin, top, full, pitch / 2, BAR_COLOUR);
+    }
+    SDL_UnlockTexture(w->panel);
+    if (x < 0) x = ((int)w->width - part.w) / 2;
+    if (y < 0) y = ((int)w->height - part.h) / 2;
+    SDL_RenderCopy(w->renderer, w->panel, &part, &(SDL_Rect){x, y, part.w, part.h});
+}
+
+static void clear_screen(struct window *w) {
+    SDL_SetRenderDrawColor(w->renderer, 40, 46, 54, 255);
+    SDL_RenderClear(w->renderer);
+}
+
+static void show_message(struct window *w, const char *text, float fraction) {
+    clear_screen(w);
+    show_panel(w, -1, -1, (const char *const[]){text}, 1, fraction, TEXT_COLOUR);
+    SDL_RenderPresent(w->renderer);
+}
+
+static void show_waiting(struct window *w) {
+    char text[64];
+    if (w->incoming == NULL) {
+        snprintf(text, sizeof text, "looking for %.40s", w->address);
+        show_message(w, text, -1);
+        return;
+    }
+    float fraction = lw_client_package_progress(w->incoming);
+    snprintf(text, sizeof text, "receiving the scene %.0f %%", (double)fraction * 100.0);
+    show_message(w, text, fraction);
+}
+
+static void take_figures(struct window *w, const struct lw_client_stats *stats, uint64_t now_ns) {
+    struct figures *f = &w->figures;
+    if (now_ns - f->since_ns < FIGURES_EVERY_NS) return;
+    double seconds = (double)(now_ns - f->since_ns) * 1e-9;
+    f->pictures_per_s = f->pictures / seconds;
+    f->kbit_per_s =
+        stats->bytes >= f->bytes && f->bytes > 0 ? (double)(stats->bytes - f->bytes) * 8e-3 / seconds : 0;
+    f->bytes = stats->bytes;
+    f->pictures = 0;
+    f->since_ns = now_ns;
+}
+
+static void write_state(const struct window *w, const struct lw_client_stats *stats, char *out,
+                        size_t out_size) {
+    const struct lw_compose_report *r = &w->picture.report;
+    if (w->lost) {
+        double pause_s = lw_seeker_pause_s(w->seeker);
+        if (w->incoming != NULL)
+            snprintf(out, out_size, "server is back: receiving");
+        else if (pause_s > 0)
+            snprintf(out, out_size, "server gone: trying in %.0f s", ceil(pause_s));
+        else
+            snprintf(out, out_size, "server gone: trying now");
+    } else if (stats->first_ns == 0) {
+        snprintf(out, out_size, "waiting for the first light");
+    } else if (!r->complete) {
+        snprintf(out, out_size, "%u of %u tiles to come", r->tiles_missing + r->tiles_unfinished,
+                 r->tiles_needed);
+    } else {
+        snprintf(out, out_size, r->converged ? "converged" : "complete, error %.1f %%",
+                 (double)r->max_error * 100.0);
+    }
+}
+
+static void show_figures(struct window *w) {
+    struct lw_client_stats stats;
+    lw_client_get_stats(w->client, &stats);
+    take_figures(w, &stats, lw_clock_ns());
+    char line[PANEL_LINES][64];
+    snprintf(line[0], sizeof line[0], "%3.0f frames/s  %ux%u", w->figures.pictures_per_s, w->picture.width,
+             w->picture.height);
+    snprintf(line[1], sizeof line[1], "%.0f kbit/s", w->figures.kbit_per_s);
+    snprintf(line[2], sizeof line[2], "light %.0f ms old", (double)stats.light_age_ns * 1e-6);
+    write_state(w, &stats, line[3], sizeof line[3]);
+    bool hint = w->lost || stats.first_ns == 0;
+    if (!w->hide_figures)
+        show_panel(w, 12, 12, (const char *const[]){line[0], line[1], line[2], line[3]}, PANEL_LINES, -1,
+                   hint ? HINT_COLOUR : TEXT_COLOUR);
+    else if (hint)
+        show_panel(w, 12, 12, (const char *const[]){line[3]}, 1, -1, HINT_COLOUR);
+}
+
+/* Renders if there is something new or something to sharpen; returns whether it did. */
+static bool renew_picture(struct window *w, float seconds) {
+    uint64_t start_ns = lw_clock_ns();
+    bool at_rest = start_ns - w->moved_ns > REST_AFTER_NS;
+    uint32_t width = w->width, height = w->height;
+    if (!at_rest) lw_pace_size(&w->pace, w->width, w->height, &width, &height);
+    bool sharpen = w->picture.width != width || w->picture.height != height ||
+                   (at_rest && w->picture.samples < LW_PICTURE_SAMPLES_MAX);
+    bool render = w->stale || sharpen;
+    if (render) {
+        struct lw_camera_view camera = lw_flight_view(&w->flight);
+        lw_picture_render(&w->picture, &w->stage, &camera, width, height, w->stale);
+        w->stale = false;
+        w->figures.pictures++;
+    }
+    if (!lw_picture_adapt(&w->picture, seconds) && !render) return false;
+    lw_picture_develop(&w->picture);
+    SDL_Rect part = {0, 0, (int)w->picture.width, (int)w->picture.height};
+    SDL_UpdateTexture(w->screen, &part, w->picture.rgba, (int)(w->picture.width * sizeof *w->picture.rgba));
+    if (render) lw_pace_note(&w->pace, (uint64_t)width * height, lw_clock_ns() - start_ns);
+    return true;
+}
+
+static void show_picture(struct window *w) {
+    SDL_Rect part = {0, 0, (int)w->picture.width, (int)w->picture.height};
+    SDL_RenderCopy(w->renderer, w->screen, &part, NULL);
+    show_figures(w);
+    SDL_RenderPresent(w->renderer);
+}
+
+/* ---- the whole ---- */
+
+static enum lw_status open_window(struct window *w, struct lw_error *err) {
+    char title[320];
+    snprintf(title, sizeof title, "lightwell %s", w->address);
+    w->handle =
+        SDL_CreateWindow(title, SDL_WINDOWPOS_UNDEFINED, SDL_WINDOWPOS_UNDEFINED, (int)w->options->width,
+                         (int)w->options->height, SDL_WINDOW_RESIZABLE | SDL_WINDOW_ALLOW_HIGHDPI);
+    if (w->handle == NULL)
+        return lw_status_fail(err, LW_UNAVAILABLE, "no window: %s; use --headless", SDL_GetError());
+    w->renderer = SDL_CreateRenderer(w->handle, -1, SDL_RENDERER_PRESENTVSYNC);
+    if (w->renderer == NULL) w->renderer = SDL_CreateRenderer(w->handle, -1, SDL_RENDERER_SOFTWARE);
+    if (w->renderer != NULL)
+        w->panel = SDL_CreateTexture(w->renderer, SDL_PIXELFORMAT_ARGB8888, SDL_TEXTUREACCESS_STREAMING,
+                                     PANEL_WIDTH, PANEL_HEIGHT);
+    if (w->panel == NULL)
+        return lw_status_fail(err, LW_UNAVAILABLE, "cannot draw in a window: %s; use --headless",
+                              SDL_GetError());
+    SDL_SetTextureBlendMode(w->panel, SDL_BLENDMODE_BLEND);
+    return resize(w, err);
+}
+
+static enum lw_status connect_first(struct window *w, struct lw_error *err) {
+    const struct lw_view_options *o = w->options;
+    snprintf(w->address, sizeof w->address, strchr(o->host, ':') ? "[%s]:%u" : "%s:%u", o->host, o->port);
+    enum lw_status status = lw_seeker_create(o->host, o->port, CLIENT_NAME, &w->seeker, err);
+    if (status != LW_OK) return status;
+    return lw_client_create(
+        &(struct lw_client_desc){
+            .host = o->host, .port = o->port, .name = CLIENT_NAME, .timeout_ms = CONNECT_MS},
+        &w->incoming, err);
+}
+
+static enum lw_status run_loop(struct window *w, struct lw_error *err) {
+    bool busy = true;
+    w->stepped_ns = w->figures.since_ns = lw_clock_ns();
+    while (!w->quit) {
+        enum lw_status status = take_events(w, busy ? 0 : IDLE_WAIT_MS, err);
+        uint64_t now_ns = lw_clock_ns();
+        float seconds = fminf((float)(now_ns - w->stepped_ns) * 1e-9f, STEP_S_MAX);
+        w->stepped_ns = now_ns;
+        fly(w, seconds);
+        if (status == LW_OK) status = serve_shown(w, err);
+        if (status == LW_OK) status = serve_incoming(w, err);
+        if (status != LW_OK) return status;
+        if (!w->staged) {
+            show_waiting(w);
+            busy = false;
+            continue;
+        }
+        busy = renew_picture(w, seconds);
+        if (busy || now_ns - w->figures.since_ns >= FIGURES_EVERY_NS) show_picture(w);
+    }
+    return LW_OK;
+}
+
+/* Asked for before SDL is: without a display it takes a driver that shows nothing to nobody. */
+static bool has_display(void) {
+    return getenv("DISPLAY") != NULL || getenv("WAYLAND_DISPLAY") != NULL ||
+           getenv("SDL_VIDEODRIVER") != NULL;
+}
+
 enum lw_status lw_window_run(const struct lw_view_options *options, struct lw_error *err) {
-    (void)options;
-    return lw_status_fail(err, LW_UNAVAILABLE, "no display: use --headless");
+    if (SDL_Init(SDL_INIT_VIDEO) != 0)
+        return lw_status_fail(err, LW_UNAVAILABLE, "no display: use --headless");
+    struct window w = {.options = options};
+    lw_picture_init(&w.picture, options->curve, options->auto_exposure, options->stops, options->threads);
+    enum lw_status status = connect_first(&w, err);
+    if (status == LW_OK) status = open_window(&w, err);
+    if (status == LW_OK) status = run_loop(&w, err);
+    lw_stage_finish(&w.stage);
+    lw_client_destroy(w.client);
+    lw_client_destroy(w.incoming);
+    lw_seeker_destroy(w.seeker);
+    lw_picture_finish(&w.picture);
+    if (w.panel != NULL) SDL_DestroyTexture(w.panel);
+    if (w.screen != NULL) SDL_DestroyTexture(w.screen);
+    if (w.renderer != NULL) SDL_DestroyRenderer(w.renderer);
+    if (w.handle != NULL) SDL_DestroyWindow(w.handle);
+    SDL_Quit();
+    return status;
 }

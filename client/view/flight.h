@@ -1,0 +1,27 @@
+/* flight.h: a camera that flies by keys and mouse, always upright.
+ * Flow:    SDL events -> [flight] -> camera view
+ * Threads: pure functions, [any]. */
+#ifndef LW_CLIENT_VIEW_FLIGHT_H
+#define LW_CLIENT_VIEW_FLIGHT_H
+
+#include "client/view/camera.h"
+
+struct lw_flight {
+    struct lw_vec3 position;
+    float yaw, pitch; /* radians; 0, 0 looks along -Z; yaw turns to the right, pitch up */
+    float fov_y;
+    float speed; /* m/s */
+};
+
+/** Goes where a view is and looks where it looks; a tilted view is set upright. Keeps the speed. */
+void lw_flight_take(struct lw_flight *flight, const struct lw_camera_view *view);
+
+struct lw_camera_view lw_flight_view(const struct lw_flight *flight);
+
+/** Turns by radians. The pitch stops just short of straight up and down. */
+void lw_flight_turn(struct lw_flight *flight, float right, float up);
+
+/** Moves for some seconds: right and forward as one looks, up as the world has it; each -1..1, times the speed. */
+void lw_flight_move(struct lw_flight *flight, float right, float up, float forward, float seconds);
+
+#endif

@@ -1,0 +1,46 @@
+/* picture.h: the pixels of the window: rendered small while things move, sharpened while they rest, exposed smoothly.
+ * Flow:    stage, camera -> compose -> [picture] -> RGBA for the screen
+ * Threads: one thread at a time; works on several inside. */
+#ifndef LW_CLIENT_VIEW_PICTURE_H
+#define LW_CLIENT_VIEW_PICTURE_H
+
+#include "client/view/stage.h"
+#include "client/view/tonemap.h"
+
+#define LW_PICTURE_SAMPLES_MAX 16u /* rays per pixel of a picture at rest */
+
+struct lw_picture {
+    uint32_t width_max, height_max;
+    uint32_t width, height; /* of what is in it now; 0: nothing */
+    unsigned samples;       /* in it */
+    float *sum;             /* of the samples */
+    float *sample;
+    uint32_t *rgba; /* bytes R, G, B, 255; width * height */
+    struct lw_compose_report report;
+    struct lw_tonemap tonemap;
+    bool auto_exposure;
+    float stops, stops_wanted;
+    bool stops_known;
+    unsigned threads; /* 0: all */
+};
+
+void lw_picture_init(struct lw_picture *picture, enum lw_tonemap_curve curve, bool auto_exposure, float stops,
+                     unsigned threads);
+void lw_picture_finish(struct lw_picture *picture);
+
+/** Makes room for a window's pixels; what was in the picture is gone. Errors: LW_NO_MEMORY; the picture then stays. */
+LW_MUST_CHECK enum lw_status lw_picture_resize(struct lw_picture *picture, uint32_t width, uint32_t height,
+                                               struct lw_error *err);
+
+/** Renders one more sample of each pixel, or the first if the view, the light or the size is another.
+ * fresh   something changed: start again */
+void lw_picture_render(struct lw_picture *picture, struct lw_stage *stage,
+                       const struct lw_camera_view *camera, uint32_t width, uint32_t height, bool fresh);
+
+/** Lets the eye adapt for some seconds. Returns whether the exposure still changes visibly. */
+bool lw_picture_adapt(struct lw_picture *picture, float seconds);
+
+/** Fills rgba from the samples. */
+void lw_picture_develop(struct lw_picture *picture);
+
+#endif

@@ -1,0 +1,95 @@
+#include "client/view/seeker.h"
+
+#include "common/clock.h"
+
+#include <pthread.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#define CONNECT_TIMEOUT_MS 3000u
+
+struct lw_seeker {
+    char host[256];
+    const char *name;
+    uint16_t port;
+    bool seeking, under_way;
+    double pause_s;
+    uint64_t next_ns;
+    pthread_t thread;
+    _Atomic bool done;        /* the thread's last act */
+    struct lw_client *client; /* the thread's until it is done */
+};
+
+static void *attempt(void *argument) {
+    struct lw_seeker *seeker = argument;
+    struct lw_error err = {0};
+    struct lw_client *client = NULL;
+    if (lw_client_create(&(struct lw_client_desc){.host = seeker->host,
+                                                  .port = seeker->port,
+                                                  .name = seeker->name,
+                                                  .timeout_ms = CONNECT_TIMEOUT_MS},
+                         &client, &err) == LW_OK)
+        seeker->client = client;
+    atomic_store_explicit(&seeker->done, true, memory_order_release);
+    return NULL;
+}
+
+enum lw_status lw_seeker_create(const char *host, uint16_t port, const char *name,
+                                struct lw_seeker **out_seeker, struct lw_error *err) {
+    struct lw_seeker *seeker = calloc(1, sizeof *seeker);
+    if (seeker == NULL) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the connection");
+    snprintf(seeker->host, sizeof seeker->host, "%s", host);
+    seeker->port = port;
+    seeker->name = name;
+    lw_seeker_reset(seeker);
+    *out_seeker = seeker;
+    return LW_OK;
+}
+
+void lw_seeker_destroy(struct lw_seeker *seeker) {
+    if (seeker == NULL) return;
+    if (seeker->under_way) pthread_join(seeker->thread, NULL);
+    lw_client_destroy(seeker->client);
+    free(seeker);
+}
+
+static void wait_for_the_next(struct lw_seeker *seeker) {
+    seeker->next_ns = lw_clock_ns() + (uint64_t)(seeker->pause_s * 1e9);
+    seeker->pause_s *= 2;
+    if (seeker->pause_s > LW_SEEKER_PAUSE_MAX_S) seeker->pause_s = LW_SEEKER_PAUSE_MAX_S;
+}
+
+void lw_seeker_start(struct lw_seeker *seeker) {
+    if (seeker->seeking) return;
+    seeker->seeking = true;
+    wait_for_the_next(seeker);
+}
+
+struct lw_client *lw_seeker_take(struct lw_seeker *seeker) {
+    if (!seeker->seeking) return NULL;
+    if (!seeker->under_way) {
+        if (lw_clock_ns() < seeker->next_ns) return NULL;
+        atomic_store(&seeker->done, false);
+        seeker->under_way = pthread_create(&seeker->thread, NULL, attempt, seeker) == 0;
+        if (!seeker->under_way) wait_for_the_next(seeker);
+        return NULL;
+    }
+    if (!atomic_load_explicit(&seeker->done, memory_order_acquire)) return NULL;
+    pthread_join(seeker->thread, NULL);
+    seeker->under_way = false;
+    struct lw_client *client = seeker->client;
+    seeker->client = NULL;
+    if (client != NULL)
+        seeker->seeking = false;
+    else
+        wait_for_the_next(seeker);
+    return client;
+}
+
+double lw_seeker_pause_s(const struct lw_seeker *seeker) {
+    uint64_t now_ns = lw_clock_ns();
+    return seeker->under_way || now_ns >= seeker->next_ns ? 0.0 : (double)(seeker->next_ns - now_ns) * 1e-9;
+}
+
+void lw_seeker_reset(struct lw_seeker *seeker) { seeker->pause_s = LW_SEEKER_FIRST_PAUSE_S; }
