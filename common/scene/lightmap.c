@@ -219,7 +219,7 @@ static enum lw_status unwrap(const struct drive *drive, struct job *job, double 
     double most = (double)drive->side_max / sqrt(job->area_os > 0 ? job->area_os : 1);
     job->charts_scale = scale < most ? scale : most;
     enum lw_status status = lw_lightmap_chart_build(&job->charts, job->mesh, job->charts_scale);
-    if (status == LW_OK) status = lw_lightmap_pack_init(&job->layout, &job->charts);
+    if (status == LW_OK) status = lw_lightmap_pack_init(&job->layout, &job->charts, job->mesh);
     job->unwrapped = status == LW_OK;
     return status;
 }

@@ -2,9 +2,12 @@
  * Flow:    scene (imported or built in) -> [lightmap] -> package
  * Threads: one call per scene; meshes are worked on in parallel inside.
  *
- * A chart is a connected piece of surface that is flat enough to project. Charts sit in rectangles whose corners are
- * multiples of 4 texels, with LW_LIGHTMAP_GUTTER texels between the chart and its rectangle's edge, so that levels 0,
- * 1 and 2 of the mip pyramid never mix two charts, bilinear lookups included. */
+ * A chart is a connected piece of surface, unfolded with bounded stretch. Charts own blocks: no block of 4x4 texels is
+ * touched by two charts, and a chart stays LW_LIGHTMAP_GUTTER texels away from every block that is not its own, so that
+ * levels 0, 1 and 2 of the mip pyramid never mix two charts, bilinear lookups included. Exception: neighbouring slivers,
+ * charts no wider than 6 texels, share a rectangle of blocks with one free texel between them: level 0 keeps them apart,
+ * levels 1 and 2 mix them. A file's own UV set is free of overlaps, but gives no such promise about blocks.
+ */
 #ifndef LW_COMMON_LIGHTMAP_H
 #define LW_COMMON_LIGHTMAP_H
 

@@ -1,6 +1,8 @@
 #include "common/scene/lightmap_pack.h"
 
 #include "common/scene/lightmap.h"
+#include "common/scene/lightmap_mosaic.h"
+#include "common/scene/lightmap_sliver.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -21,7 +23,39 @@
 /* Past this many rectangles the skyline's quadratic search takes too long; rows of like height do as well then. */
 #define SKYLINE_MAX 12000
 
-static const float WIDTHS[] = {0.62f, 0.75f, 0.87f, 1.0f, 1.15f, 1.33f, 1.6f}; /* of the square's side */
+/* Positions that the mosaic may look at, charts times blocks; beyond, the skyline's result has to do. */
+#define MOSAIC_MAX 4e8
+
+static const float SKYLINE_WIDTHS[] = {0.62f, 0.75f, 0.87f, 1.0f,
+                                       1.15f, 1.33f, 1.6f}; /* of the square's side */
+static const float MOSAIC_WIDTHS[] = {0.8f, 1.0f, 1.25f};
+
+/* What is packed: a chart, or a rectangle of slivers. */
+struct item {
+    uint32_t first, count; /* in member */
+    struct lw_lightmap_stone stone;
+};
+
+/* One try at a layout: all charts lying, or all standing. */
+struct packer {
+    const struct lw_lightmap_layout *layout;
+    float scale;
+    uint32_t width_max, height_max; /* blocks */
+    struct lw_lightmap_slot *slot;  /* relative to their items */
+    uint32_t *member;               /* charts by item */
+    struct item *item;
+    struct lw_lightmap_stone **stone; /* in the mosaic's order */
+    uint32_t item_count;
+    stbrp_rect *rect;
+    stbrp_node *node;
+    struct place *best; /* per item, in blocks */
+    uint32_t best_width, best_height;
+    bool found;
+};
+
+struct place {
+    uint32_t x, y;
+};
 
 static float snapped(float texels) {
     float block = (float)LW_LIGHTMAP_BLOCK, below = floorf(texels / block) * block;
@@ -43,23 +77,163 @@ static void fit_axis(float size, float scale, uint32_t *out_rectangle, float *ou
 static void fit(struct lw_lightmap_slot *slot, float scale) {
     fit_axis(slot->box.size.x, scale, &slot->width, &slot->scale.x, &slot->origin.x);
     fit_axis(slot->box.size.y, scale, &slot->height, &slot->scale.y, &slot->origin.y);
+    slot->x = slot->y = 0;
+    slot->gutter = LW_LIGHTMAP_GUTTER;
 }
 
-struct packer {
-    struct lw_lightmap_layout *layout;
-    stbrp_rect *rect, *best; /* in blocks */
-    stbrp_node *node;
-    uint32_t width_max, height_max; /* blocks */
-    uint32_t best_width, best_height;
-    bool best_turned, found;
+static float clamp(float x, float low, float high) { return fminf(fmaxf(x, low), high); }
+
+struct lw_vec2 lw_lightmap_pack_place(const struct lw_lightmap_slot *slot, struct lw_vec2 point) {
+    struct lw_vec2 local = lw_lightmap_shape_local(&slot->box, point);
+    return (struct lw_vec2){clamp(slot->origin.x + slot->scale.x * local.x, (float)(slot->x + slot->gutter),
+                                  (float)(slot->x + slot->width - slot->gutter)),
+                            clamp(slot->origin.y + slot->scale.y * local.y, (float)(slot->y + slot->gutter),
+                                  (float)(slot->y + slot->height - slot->gutter))};
+}
+
+/* Bits [from, to) of a row. */
+static void set_bits(uint64_t *row, uint32_t from, uint32_t to) {
+    for (uint32_t x = from; x < to; x++) row[x / 64] |= (uint64_t)1 << x % 64;
+}
+
+/* Width of a triangle between two heights; false if it has no part there. */
+static bool extent(const struct lw_vec2 c[3], float low, float high, float *out_from, float *out_to) {
+    float from = INFINITY, to = -INFINITY;
+    for (int k = 0; k < 3; k++) {
+        struct lw_vec2 p = c[k], q = c[(k + 1) % 3];
+        if (p.y >= low && p.y <= high) from = fminf(from, p.x), to = fmaxf(to, p.x);
+        for (int side = 0; side < 2; side++) {
+            float y = side ? high : low;
+            if ((p.y < y) == (q.y < y)) continue;
+            float x = p.x + (q.x - p.x) * ((y - p.y) / (q.y - p.y));
+            from = fminf(from, x), to = fmaxf(to, x);
+        }
+    }
+    *out_from = from, *out_to = to;
+    return from <= to;
+}
+
+/* Marks the blocks that a triangle touches, its gutter included. */
+static void mark_blocks(struct lw_lightmap_stone *stone, const struct lw_vec2 c[3]) {
+    /* a chart ends exactly where its gutter begins; rounding must not push it over */
+    float block = (float)LW_LIGHTMAP_BLOCK, reach = (float)LW_LIGHTMAP_GUTTER - 1e-3f;
+    float low = fminf(c[0].y, fminf(c[1].y, c[2].y)) - reach,
+          high = fmaxf(c[0].y, fmaxf(c[1].y, c[2].y)) + reach;
+    uint32_t end = (uint32_t)ceilf(high / block);
+    for (uint32_t y = low > 0 ? (uint32_t)(low / block) : 0; y < end && y < stone->height; y++) {
+        float from, to;
+        if (!extent(c, (float)y * block - reach, (float)(y + 1) * block + reach, &from, &to)) continue;
+        uint32_t left = from > reach ? (uint32_t)((from - reach) / block) : 0;
+        uint32_t right = (uint32_t)ceilf((to + reach) / block);
+        set_bits(stone->row + (size_t)y * lw_lightmap_mosaic_words(stone->width), left,
+                 right < stone->width ? right : stone->width);
+    }
+}
+
+/* The blocks of an item: those its chart touches, or all of a rectangle of slivers. */
+static enum lw_status shape(struct packer *p, struct item *item) {
+    struct lw_lightmap_stone *stone = &item->stone;
+    uint32_t words = lw_lightmap_mosaic_words(stone->width);
+    stone->row = calloc((size_t)stone->height * words, sizeof *stone->row);
+    if (!stone->row) return LW_NO_MEMORY;
+    if (item->count > 1) {
+        for (uint32_t y = 0; y < stone->height; y++)
+            set_bits(stone->row + (size_t)y * words, 0, stone->width);
+        return LW_OK;
+    }
+    uint32_t chart = p->member[item->first];
+    const struct lw_lightmap_charts *charts = p->layout->charts;
+    for (uint32_t i = p->layout->start[chart]; i < p->layout->start[chart + 1]; i++) {
+        struct lw_vec2 c[3];
+        for (int k = 0; k < 3; k++)
+            c[k] = lw_lightmap_pack_place(&p->slot[chart],
+                                          charts->point[charts->corner[p->layout->order[i]][k]]);
+        mark_blocks(stone, c);
+    }
+    return LW_OK;
+}
+
+static bool is_sliver(const struct packer *p, uint32_t chart) {
+    const struct lw_vec2 size = p->slot[chart].box.size;
+    return fminf(size.x, size.y) * p->scale <= LW_LIGHTMAP_SLIVER_WIDTH;
+}
+
+static uint32_t blocks_of(uint32_t texels) { return (texels + LW_LIGHTMAP_BLOCK - 1) / LW_LIGHTMAP_BLOCK; }
+
+static void add_chart(struct packer *p, uint32_t first) {
+    struct lw_lightmap_slot *slot = &p->slot[p->member[first]];
+    fit(slot, p->scale);
+    p->item[p->item_count++] =
+        (struct item){.first = first,
+                      .count = 1,
+                      .stone = {.width = blocks_of(slot->width), .height = blocks_of(slot->height)}};
+}
+
+static enum lw_status add_slivers(struct packer *p, uint32_t first, uint32_t count) {
+    uint32_t width, height;
+    enum lw_status status =
+        lw_lightmap_sliver_fit(p->slot, p->member + first, count, p->scale, &width, &height);
+    if (status != LW_OK) return status;
+    for (uint32_t i = first; i < first + count; i++) { /* into the rectangle's gutter */
+        struct lw_lightmap_slot *slot = &p->slot[p->member[i]];
+        slot->x += LW_LIGHTMAP_GUTTER, slot->origin.x += (float)LW_LIGHTMAP_GUTTER;
+        slot->y += LW_LIGHTMAP_GUTTER, slot->origin.y += (float)LW_LIGHTMAP_GUTTER;
+    }
+    p->item[p->item_count++] = (struct item){.first = first,
+                                             .count = count,
+                                             .stone = {.width = blocks_of(width + 2 * LW_LIGHTMAP_GUTTER),
+                                                       .height = blocks_of(height + 2 * LW_LIGHTMAP_GUTTER)}};
+    return LW_OK;
+}
+
+struct near {
+    uint64_t place_in_space;
+    uint32_t chart;
 };
 
-static void load(struct packer *p, bool turned) {
-    for (uint32_t i = 0; i < p->layout->chart_count; i++) {
-        const struct lw_lightmap_slot *slot = &p->layout->slot[i];
-        int w = (int)(slot->width / LW_LIGHTMAP_BLOCK), h = (int)(slot->height / LW_LIGHTMAP_BLOCK);
-        p->rect[i] = (stbrp_rect){.id = (int)i, .w = turned ? h : w, .h = turned ? w : h};
+static int compare_near(const void *left, const void *right) {
+    const struct near *a = left, *b = right;
+    if (a->place_in_space != b->place_in_space) return a->place_in_space < b->place_in_space ? -1 : 1;
+    return a->chart < b->chart ? -1 : a->chart > b->chart;
+}
+
+/* Charts of their own first, then slivers in groups. */
+static enum lw_status make_items(struct packer *p) {
+    uint32_t count = p->layout->chart_count, charts = 0, slivers = 0;
+    struct near *near = malloc(((size_t)count + 1) * sizeof *near);
+    if (!near) return LW_NO_MEMORY;
+    p->item_count = 0;
+    for (uint32_t c = 0; c < count; c++) {
+        if (is_sliver(p, c)) {
+            near[slivers++] = (struct near){p->slot[c].place_in_space, c};
+        } else {
+            p->member[charts] = c;
+            add_chart(p, charts++);
+        }
     }
+    qsort(near, slivers, sizeof *near, compare_near);
+    for (uint32_t i = 0; i < slivers; i++) p->member[charts + i] = near[i].chart;
+    free(near);
+    enum lw_status status = LW_OK;
+    for (uint32_t i = charts; i < count && status == LW_OK;) {
+        uint32_t n = lw_lightmap_sliver_group(p->slot, p->member + i, count - i, p->scale);
+        if (n == 1)
+            add_chart(p, i);
+        else
+            status = add_slivers(p, i, n);
+        i += n;
+    }
+    for (uint32_t i = 0; i < p->item_count && status == LW_OK; i++) status = shape(p, &p->item[i]);
+    return status;
+}
+
+static bool is_better(const struct packer *p, uint32_t width, uint32_t height) {
+    return !p->found || (uint64_t)width * height < (uint64_t)p->best_width * p->best_height;
+}
+
+static void keep(struct packer *p, uint32_t width, uint32_t height) {
+    p->best_width = width, p->best_height = height;
+    p->found = true;
 }
 
 static int by_height(const void *left, const void *right) {
@@ -70,9 +244,9 @@ static int by_height(const void *left, const void *right) {
 }
 
 static bool pack_rows(struct packer *p, uint32_t width) {
-    uint32_t count = p->layout->chart_count, x = 0, y = 0, row = 0;
-    qsort(p->rect, count, sizeof *p->rect, by_height);
-    for (uint32_t i = 0; i < count; i++) {
+    uint32_t x = 0, y = 0, row = 0;
+    qsort(p->rect, p->item_count, sizeof *p->rect, by_height);
+    for (uint32_t i = 0; i < p->item_count; i++) {
         stbrp_rect *r = &p->rect[i];
         if (x + (uint32_t)r->w > width) y += row, x = 0, row = 0;
         if (!row) row = (uint32_t)r->h;
@@ -83,117 +257,172 @@ static bool pack_rows(struct packer *p, uint32_t width) {
     return true;
 }
 
-static void try_width(struct packer *p, uint32_t width, bool turned, int heuristic) {
-    uint32_t count = p->layout->chart_count;
-    load(p, turned);
-    if (count > SKYLINE_MAX) {
+static void try_skyline(struct packer *p, uint32_t width, int heuristic) {
+    for (uint32_t i = 0; i < p->item_count; i++)
+        p->rect[i] =
+            (stbrp_rect){.id = (int)i, .w = (int)p->item[i].stone.width, .h = (int)p->item[i].stone.height};
+    if (p->item_count > SKYLINE_MAX) {
         if (!pack_rows(p, width)) return;
     } else {
         stbrp_context context;
         stbrp_init_target(&context, (int)width, (int)p->height_max, p->node, (int)p->width_max);
         stbrp_setup_heuristic(&context, heuristic);
-        if (!stbrp_pack_rects(&context, p->rect, (int)count)) return;
+        if (!stbrp_pack_rects(&context, p->rect, (int)p->item_count)) return;
     }
-    uint32_t used_width = 0, used_height = 0;
-    for (uint32_t i = 0; i < count; i++) {
-        uint32_t right = (uint32_t)(p->rect[i].x + p->rect[i].w),
-                 top = (uint32_t)(p->rect[i].y + p->rect[i].h);
-        if (right > used_width) used_width = right;
-        if (top > used_height) used_height = top;
+    uint32_t right = 0, top = 0;
+    for (uint32_t i = 0; i < p->item_count; i++) {
+        const stbrp_rect *r = &p->rect[i];
+        if ((uint32_t)(r->x + r->w) > right) right = (uint32_t)(r->x + r->w);
+        if ((uint32_t)(r->y + r->h) > top) top = (uint32_t)(r->y + r->h);
     }
-    if (p->found && (uint64_t)used_width * used_height >= (uint64_t)p->best_width * p->best_height) return;
-    memcpy(p->best, p->rect, count * sizeof *p->rect);
-    p->best_width = used_width, p->best_height = used_height;
-    p->best_turned = turned, p->found = true;
+    if (!is_better(p, right, top)) return;
+    for (uint32_t i = 0; i < p->item_count; i++)
+        p->best[p->rect[i].id] = (struct place){(uint32_t)p->rect[i].x, (uint32_t)p->rect[i].y};
+    keep(p, right, top);
 }
 
-static void search(struct packer *p) {
+static uint32_t width_between(const struct packer *p, double wanted, uint32_t least) {
+    if (wanted < (double)least) wanted = (double)least;
+    return wanted > (double)p->width_max ? p->width_max : (uint32_t)wanted;
+}
+
+static void search_skyline(struct packer *p) {
     uint64_t area = 0;
-    uint32_t longest = 1;
-    for (uint32_t i = 0; i < p->layout->chart_count; i++) {
-        const struct lw_lightmap_slot *slot = &p->layout->slot[i];
-        area += (uint64_t)(slot->width / LW_LIGHTMAP_BLOCK) * (slot->height / LW_LIGHTMAP_BLOCK);
-        uint32_t side = (slot->width > slot->height ? slot->width : slot->height) / LW_LIGHTMAP_BLOCK;
-        if (side > longest) longest = side;
+    uint32_t widest = 1;
+    for (uint32_t i = 0; i < p->item_count; i++) {
+        area += (uint64_t)p->item[i].stone.width * p->item[i].stone.height;
+        if (p->item[i].stone.width > widest) widest = p->item[i].stone.width;
     }
-    if (area > (uint64_t)p->width_max * p->height_max) return;
     double side = ceil(sqrt((double)area));
-    int heuristics = p->layout->chart_count > SKYLINE_MAX / 4 ? 1 : 2;
-    /* the side of the square, wider and narrower ones, the longest chart's, and the widest there may be */
-    int widths = (int)(sizeof WIDTHS / sizeof *WIDTHS);
-    for (int turned = 0; turned < 2; turned++)
-        for (int i = 0; i < widths + 2; i++) {
-            double wanted = i < widths ? side * (double)WIDTHS[i] : (double)longest;
-            if (i == widths + 1) {
-                if (p->found) break; /* the last resort */
-                wanted = (double)p->width_max;
-            }
-            uint32_t width = wanted < 2 ? 2 : wanted > (double)p->width_max ? p->width_max : (uint32_t)wanted;
-            for (int h = 0; h < heuristics; h++)
-                try_width(p, width, turned,
-                          h ? STBRP_HEURISTIC_Skyline_BF_sortHeight : STBRP_HEURISTIC_Skyline_BL_sortHeight);
+    bool both = p->item_count <= SKYLINE_MAX / 4;
+    for (size_t i = 0; i < sizeof SKYLINE_WIDTHS / sizeof *SKYLINE_WIDTHS; i++) {
+        uint32_t width = width_between(p, side * (double)SKYLINE_WIDTHS[i], widest);
+        try_skyline(p, width, STBRP_HEURISTIC_Skyline_BL_sortHeight);
+        if (both) try_skyline(p, width, STBRP_HEURISTIC_Skyline_BF_sortHeight);
+    }
+    if (!p->found) try_skyline(p, p->width_max, STBRP_HEURISTIC_Skyline_BL_sortHeight);
+}
+
+static int by_size(const void *left, const void *right) {
+    const struct lw_lightmap_stone *a = *(struct lw_lightmap_stone *const *)left,
+                                   *b = *(struct lw_lightmap_stone *const *)right;
+    uint32_t sa = a->width + a->height, sb = b->width + b->height;
+    if (sa != sb) return sa > sb ? -1 : 1;
+    if (a->height != b->height) return a->height > b->height ? -1 : 1;
+    return a < b ? -1 : a > b; /* in order of number: they lie in one array */
+}
+
+static enum lw_status search_mosaic(struct packer *p) {
+    uint64_t area = 0;
+    uint32_t widest = 1;
+    for (uint32_t i = 0; i < p->item_count; i++) {
+        const struct lw_lightmap_stone *s = p->stone[i] = &p->item[i].stone;
+        for (size_t k = 0; k < (size_t)s->height * lw_lightmap_mosaic_words(s->width); k++)
+            area += (uint64_t)__builtin_popcountll(s->row[k]);
+        if (s->width > widest) widest = s->width;
+    }
+    if ((double)p->item_count * (double)area > MOSAIC_MAX) return LW_OK;
+    qsort(p->stone, p->item_count, sizeof *p->stone, by_size);
+    for (size_t i = 0; i < sizeof MOSAIC_WIDTHS / sizeof *MOSAIC_WIDTHS; i++) {
+        uint32_t width = width_between(p, sqrt((double)area) * (double)MOSAIC_WIDTHS[i], widest), right, top;
+        /* higher than the best so far is of no use */
+        uint64_t most = p->found ? (uint64_t)p->best_width * p->best_height / width + 1 : p->height_max;
+        bool fits;
+        enum lw_status status = lw_lightmap_mosaic_pack(p->stone, p->item_count, width,
+                                                        most < p->height_max ? (uint32_t)most : p->height_max,
+                                                        &right, &top, &fits);
+        if (status != LW_OK) return status;
+        if (!fits || !is_better(p, right, top)) continue;
+        for (uint32_t k = 0; k < p->item_count; k++)
+            p->best[k] = (struct place){p->item[k].stone.x, p->item[k].stone.y};
+        keep(p, right, top);
+    }
+    return LW_OK;
+}
+
+/* Moves the slots from their items to the atlas. */
+static void settle(struct packer *p) {
+    for (uint32_t i = 0; i < p->item_count; i++)
+        for (uint32_t k = p->item[i].first; k < p->item[i].first + p->item[i].count; k++) {
+            struct lw_lightmap_slot *slot = &p->slot[p->member[k]];
+            uint32_t x = p->best[i].x * LW_LIGHTMAP_BLOCK, y = p->best[i].y * LW_LIGHTMAP_BLOCK;
+            slot->x += x, slot->origin.x += (float)x;
+            slot->y += y, slot->origin.y += (float)y;
         }
 }
 
-static void settle(struct packer *p, float scale) {
-    for (uint32_t i = 0; i < p->layout->chart_count; i++) {
-        const stbrp_rect *r = &p->best[i];
-        struct lw_lightmap_slot *slot = &p->layout->slot[r->id];
-        if (p->best_turned) {
-            slot->box = lw_lightmap_shape_turned(&slot->box);
-            fit(slot, scale);
-        }
-        slot->x = (uint32_t)r->x * LW_LIGHTMAP_BLOCK;
-        slot->y = (uint32_t)r->y * LW_LIGHTMAP_BLOCK;
-        slot->origin.x += (float)slot->x;
-        slot->origin.y += (float)slot->y;
+static void packer_finish(struct packer *p) {
+    for (uint32_t i = 0; p->item && i < p->item_count; i++) free(p->item[i].stone.row);
+    free(p->slot);
+    free(p->member);
+    free(p->item);
+    free(p->stone);
+    free(p->rect);
+    free(p->node);
+    free(p->best);
+}
+
+static enum lw_status packer_run(struct packer *p, bool turned) {
+    size_t count = p->layout->chart_count;
+    p->slot = malloc(count * sizeof *p->slot);
+    p->member = malloc(count * sizeof *p->member);
+    p->item = calloc(count, sizeof *p->item);
+    p->stone = malloc(count * sizeof *p->stone);
+    p->rect = malloc(count * sizeof *p->rect);
+    p->node = malloc(((size_t)p->width_max + 1) * sizeof *p->node);
+    p->best = malloc(count * sizeof *p->best);
+    if (!p->slot || !p->member || !p->item || !p->stone || !p->rect || !p->node || !p->best)
+        return LW_NO_MEMORY;
+    for (uint32_t i = 0; i < count; i++) {
+        p->slot[i] = p->layout->slot[i];
+        if (turned) p->slot[i].box = lw_lightmap_shape_turned(&p->slot[i].box);
     }
-    p->layout->width = p->best_width * LW_LIGHTMAP_BLOCK;
-    p->layout->height = p->best_height * LW_LIGHTMAP_BLOCK;
+    enum lw_status status = make_items(p);
+    if (status == LW_OK) search_skyline(p);
+    if (status == LW_OK) status = search_mosaic(p);
+    if (status == LW_OK && p->found) settle(p);
+    return status;
+}
+
+/* A box may be too long for any atlas: that must be known before its texels overflow an integer. */
+static bool is_hopeless(const struct lw_lightmap_layout *layout, float scale, uint32_t width_max,
+                        uint32_t height_max) {
+    float most = (float)(width_max > height_max ? width_max : height_max), area = 0;
+    for (uint32_t i = 0; i < layout->chart_count; i++) {
+        struct lw_vec2 size = layout->slot[i].box.size;
+        if (!(fmaxf(size.x, size.y) * scale <= most)) return true;
+        area +=
+            size.x * scale * size.y * scale / 8; /* a mosaic may fill what boxes leave, but not eightfold */
+    }
+    return area > (float)width_max * (float)height_max;
 }
 
 enum lw_status lw_lightmap_pack(struct lw_lightmap_layout *layout, float scale, uint32_t width_max,
                                 uint32_t height_max, bool *out_fits) {
-    size_t count = layout->chart_count;
-    struct packer p = {.layout = layout,
-                       .width_max = width_max / LW_LIGHTMAP_BLOCK,
-                       .height_max = height_max / LW_LIGHTMAP_BLOCK};
-    if (!count) { /* nothing but triangles without area: they share one texel */
+    if (!layout->chart_count) { /* nothing but triangles without area: they share one texel */
         layout->width = layout->height = 2 * LW_LIGHTMAP_BLOCK;
         *out_fits = true;
         return LW_OK;
     }
-    /* a box may be too long for any atlas; it must not overflow the integers below */
-    for (uint32_t i = 0; i < count; i++) {
-        struct lw_vec2 size = layout->slot[i].box.size;
-        if (!(fmaxf(size.x, size.y) * scale <= (float)(width_max > height_max ? width_max : height_max))) {
-            *out_fits = false;
-            return LW_OK;
+    *out_fits = false;
+    if (is_hopeless(layout, scale, width_max, height_max)) return LW_OK;
+    enum lw_status status = LW_OK;
+    for (int turned = 0; turned < 2 && status == LW_OK; turned++) {
+        struct packer p = {.layout = layout,
+                           .scale = scale,
+                           .width_max = width_max / LW_LIGHTMAP_BLOCK,
+                           .height_max = height_max / LW_LIGHTMAP_BLOCK};
+        status = packer_run(&p, turned);
+        uint64_t area = (uint64_t)p.best_width * p.best_height * LW_LIGHTMAP_BLOCK * LW_LIGHTMAP_BLOCK;
+        if (status == LW_OK && p.found && (!*out_fits || area < (uint64_t)layout->width * layout->height)) {
+            memcpy(layout->slot, p.slot, layout->chart_count * sizeof *p.slot);
+            layout->width = p.best_width * LW_LIGHTMAP_BLOCK;
+            layout->height = p.best_height * LW_LIGHTMAP_BLOCK;
+            *out_fits = true;
         }
-        fit(&layout->slot[i], scale);
+        packer_finish(&p);
     }
-    p.rect = malloc(count * sizeof *p.rect);
-    p.best = malloc(count * sizeof *p.best);
-    p.node = malloc(((size_t)p.width_max + 1) * sizeof *p.node);
-    bool ready = p.rect && p.best && p.node;
-    if (ready) search(&p);
-    if (ready && p.found) settle(&p, scale);
-    free(p.node);
-    free(p.best);
-    free(p.rect);
-    if (ready) *out_fits = p.found;
-    return ready ? LW_OK : LW_NO_MEMORY;
-}
-
-static float clamp(float x, float low, float high) { return fminf(fmaxf(x, low), high); }
-
-struct lw_vec2 lw_lightmap_pack_place(const struct lw_lightmap_slot *slot, struct lw_vec2 point) {
-    struct lw_vec2 local = lw_lightmap_shape_local(&slot->box, point);
-    float gutter = (float)LW_LIGHTMAP_GUTTER;
-    return (struct lw_vec2){clamp(slot->origin.x + slot->scale.x * local.x, (float)slot->x + gutter,
-                                  (float)(slot->x + slot->width) - gutter),
-                            clamp(slot->origin.y + slot->scale.y * local.y, (float)slot->y + gutter,
-                                  (float)(slot->y + slot->height) - gutter)};
+    return status;
 }
 
 /* Points of one chart, gathered by its triangles; a point of several triangles comes several times. */
@@ -205,37 +434,75 @@ static uint32_t gather(const struct lw_lightmap_charts *charts, const uint32_t *
     return n;
 }
 
+static void sort_by_chart(const struct lw_lightmap_charts *charts, uint32_t *start, uint32_t *order) {
+    for (uint32_t t = 0; t < charts->triangle_count; t++)
+        if (charts->chart[t] != LW_SCENE_NONE) start[charts->chart[t] + 2]++;
+    for (uint32_t c = 0; c < charts->chart_count; c++) start[c + 2] += start[c + 1];
+    for (uint32_t t = 0; t < charts->triangle_count; t++)
+        if (charts->chart[t] != LW_SCENE_NONE) order[start[charts->chart[t] + 1]++] = t;
+}
+
+static uint64_t spread(uint32_t bits) { /* ten bits, each followed by two zeros */
+    uint64_t x = bits & 1023;
+    x = (x | x << 16) & 0x30000ff;
+    x = (x | x << 8) & 0x300f00f;
+    x = (x | x << 4) & 0x30c30c3;
+    return (x | x << 2) & 0x9249249;
+}
+
+/* Direction in six parts, then position along a Morton curve: neighbours in this order see the same light. */
+static uint64_t place_in_space(const struct lw_mesh *mesh, uint32_t t, struct lw_vec3 low,
+                               struct lw_vec3 size) {
+    const uint32_t *v = mesh->triangle[t];
+    struct lw_vec3 p = lw_vec3_sub(mesh->position[v[0]], low);
+    struct lw_vec3 n = mesh->normal[v[0]], a = lw_vec3(fabsf(n.x), fabsf(n.y), fabsf(n.z));
+    uint64_t direction = a.x >= a.y && a.x >= a.z ? (n.x < 0) : a.y >= a.z ? 2 + (n.y < 0) : 4 + (n.z < 0);
+    uint32_t x = size.x > 0 ? (uint32_t)(p.x / size.x * 1023) : 0,
+             y = size.y > 0 ? (uint32_t)(p.y / size.y * 1023) : 0,
+             z = size.z > 0 ? (uint32_t)(p.z / size.z * 1023) : 0;
+    return direction << 32 | spread(x) << 2 | spread(y) << 1 | spread(z);
+}
+
 enum lw_status lw_lightmap_pack_init(struct lw_lightmap_layout *layout,
-                                     const struct lw_lightmap_charts *charts) {
+                                     const struct lw_lightmap_charts *charts, const struct lw_mesh *mesh) {
     size_t triangles = charts->triangle_count, count = charts->chart_count;
     uint32_t *start = calloc(count + 2, sizeof *start), *order = malloc((triangles + 1) * sizeof *order);
     struct lw_vec2 *point = malloc((triangles * 3 + 1) * sizeof *point);
     struct lw_vec2 *hull = malloc((triangles * 3 + 2) * sizeof *hull);
     struct lw_lightmap_slot *slot = calloc(count + 1, sizeof *slot);
     bool ready = start && order && point && hull && slot;
-    if (ready) { /* sort the triangles by chart */
-        for (uint32_t t = 0; t < triangles; t++)
-            if (charts->chart[t] != LW_SCENE_NONE) start[charts->chart[t] + 2]++;
-        for (uint32_t c = 0; c < count; c++) start[c + 2] += start[c + 1];
-        for (uint32_t t = 0; t < triangles; t++)
-            if (charts->chart[t] != LW_SCENE_NONE) order[start[charts->chart[t] + 1]++] = t;
+    if (ready) {
+        sort_by_chart(charts, start, order);
+        struct lw_vec3 low = lw_vec3(INFINITY, INFINITY, INFINITY), high = lw_vec3_scale(low, -1);
+        for (uint32_t v = 0; v < mesh->vertex_count; v++) {
+            struct lw_vec3 q = mesh->position[v];
+            low = lw_vec3(fminf(low.x, q.x), fminf(low.y, q.y), fminf(low.z, q.z));
+            high = lw_vec3(fmaxf(high.x, q.x), fmaxf(high.y, q.y), fmaxf(high.z, q.z));
+        }
         for (uint32_t c = 0; c < count; c++) {
             uint32_t n = gather(charts, order + start[c], start[c + 1] - start[c], point);
             n = lw_lightmap_shape_hull(point, n, hull);
             slot[c].box = lw_lightmap_shape_box(hull, n, LW_LIGHTMAP_GUTTER * 2 + LW_LIGHTMAP_BLOCK / 2.0f);
+            slot[c].place_in_space = place_in_space(mesh, order[start[c]], low, lw_vec3_sub(high, low));
         }
-        *layout = (struct lw_lightmap_layout){.chart_count = charts->chart_count, .slot = slot};
+        *layout = (struct lw_lightmap_layout){.charts = charts,
+                                              .chart_count = charts->chart_count,
+                                              .slot = slot,
+                                              .start = start,
+                                              .order = order};
     } else {
         free(slot);
+        free(order);
+        free(start);
     }
     free(hull);
     free(point);
-    free(order);
-    free(start);
     return ready ? LW_OK : LW_NO_MEMORY;
 }
 
 void lw_lightmap_pack_finish(struct lw_lightmap_layout *layout) {
     free(layout->slot);
+    free(layout->start);
+    free(layout->order);
     *layout = (struct lw_lightmap_layout){0};
 }

@@ -1,4 +1,4 @@
-/* lightmap_pack.h: gives every chart its rectangle in the atlas.
+/* lightmap_pack.h: gives every chart its place in the atlas.
  * Flow:    charts -> [pack] -> lightmap UVs
  * Threads: one mesh at a time per thread; nothing is shared. */
 #ifndef LW_COMMON_LIGHTMAP_PACK_H
@@ -11,17 +11,23 @@
 struct lw_lightmap_slot {
     struct lw_lightmap_box box;
     struct lw_vec2 origin, scale;
-    uint32_t x, y, width, height; /* of its rectangle; multiples of LW_LIGHTMAP_BLOCK */
+    uint32_t x, y, width, height; /* rectangle around it, in texels; blocks, but for slivers */
+    uint32_t gutter;              /* inside the rectangle; none for slivers */
+    uint64_t place_in_space;      /* chart order by direction and position */
 };
 
 struct lw_lightmap_layout {
+    const struct lw_lightmap_charts *charts;
     uint32_t chart_count, width, height; /* texels; front only */
     struct lw_lightmap_slot *slot;       /* one per chart */
+    uint32_t *start, *order;             /* triangles by chart: order[start[c] .. start[c + 1]] */
 };
 
-/** Boxes of all charts; to be packed at any scale, as often as wanted. Errors: LW_NO_MEMORY. */
+/** Boxes of all charts; to be packed at any scale, as often as wanted. charts must outlive the layout.
+ * Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_lightmap_pack_init(struct lw_lightmap_layout *layout,
-                                                   const struct lw_lightmap_charts *charts);
+                                                   const struct lw_lightmap_charts *charts,
+                                                   const struct lw_mesh *mesh);
 void lw_lightmap_pack_finish(struct lw_lightmap_layout *layout);
 
 /** Packs the charts at `scale` times their own size into the smallest atlas found.

@@ -1,0 +1,27 @@
+/* lightmap_mosaic.h: packs shapes made of blocks, so that charts fill each other's holes and corners.
+ * Threads: pure functions on the caller's memory. */
+#ifndef LW_COMMON_LIGHTMAP_MOSAIC_H
+#define LW_COMMON_LIGHTMAP_MOSAIC_H
+
+#include "common/status.h"
+
+#include <stdint.h>
+
+/** A shape on a grid of blocks. */
+struct lw_lightmap_stone {
+    uint32_t width, height; /* blocks */
+    uint32_t x, y;          /* result */
+    uint64_t *row;          /* height rows of (width + 63) / 64 words; bit x % 64 of word x / 64 */
+};
+
+static inline uint32_t lw_lightmap_mosaic_words(uint32_t width) { return (width + 63) / 64; }
+
+/** Places shapes in the order given, each at the first free place in rows from below.
+ * out_width, out_height  what is used
+ * out_fits               false: height_max was not enough, or a shape is wider than width
+ * Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_lightmap_mosaic_pack(struct lw_lightmap_stone *const *stone, uint32_t count,
+                                                     uint32_t width, uint32_t height_max, uint32_t *out_width,
+                                                     uint32_t *out_height, bool *out_fits);
+
+#endif
