@@ -1,0 +1,261 @@
+#include "client/include/lightwell/client.h"
+
+#include "client/lib/download.h"
+#include "client/lib/link.h"
+#include "client/lib/replica.h"
+#include "common/clock.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define TIMEOUT_DEFAULT_MS 5000u
+#define POLL_BYTES_MAX     (8u << 20)
+#define POLL_NS_MAX        20000000u
+
+struct lw_client {
+    struct lw_link link;
+    bool welcomed;
+    struct lw_download download; /* until the replica is there */
+    struct lw_replica *replica;  /* NULL before the package is complete */
+    struct lw_client_stats stats;
+    uint64_t frame_acked, frame_ns, frame_solve_ns; /* frame_ns: when the newest frame arrived */
+};
+
+/* ---- what the server says ---- */
+
+static enum lw_status out_of_order(struct lw_error *err, enum lw_message_type type) {
+    return lw_status_fail(err, LW_PROTOCOL, "message %s: out of order", lw_message_name((uint16_t)type));
+}
+
+static enum lw_status handle_welcome(struct lw_client *c, const struct lw_message_welcome *welcome,
+                                     struct lw_error *err) {
+    if (c->welcomed) return out_of_order(err, LW_MESSAGE_WELCOME);
+    if (welcome->version != LW_WIRE_VERSION)
+        return lw_status_fail(err, LW_PROTOCOL,
+                              "it speaks version %u of the protocol, this client version %u",
+                              welcome->version, LW_WIRE_VERSION);
+    enum lw_status status = lw_download_init(&c->download, welcome);
+    if (status != LW_OK) return lw_status_fail(err, status, "out of memory");
+    c->welcomed = true;
+    c->stats.bounces = welcome->bounces;
+    c->stats.target_error = welcome->target_error;
+    return LW_OK;
+}
+
+static enum lw_status handle_refusal(const struct lw_client *c, const struct lw_message_refusal *refusal,
+                                     struct lw_error *err) {
+    const char *text = refusal->text && *refusal->text ? refusal->text : "it did not say why";
+    if (c->welcomed) return lw_status_fail(err, LW_CLOSED, "it ended the session: %s", text);
+    enum lw_status status = refusal->code == LW_REFUSAL_VERSION || refusal->code == LW_REFUSAL_PROTOCOL
+                                ? LW_PROTOCOL
+                                : LW_UNAVAILABLE;
+    return lw_status_fail(err, status, "it refused us: %s", text);
+}
+
+static enum lw_status handle_chunk(struct lw_client *c, const struct lw_message_package_chunk *chunk,
+                                   struct lw_error *err) {
+    if (!c->welcomed || c->replica) return out_of_order(err, LW_MESSAGE_PACKAGE_CHUNK);
+    enum lw_status status = lw_download_add(&c->download, chunk, err);
+    if (status != LW_OK || !lw_download_is_complete(&c->download)) return status;
+    status = lw_replica_create(c->download.bytes, c->download.size, &c->replica, err);
+    lw_download_finish(&c->download);
+    c->stats.package_ns = lw_clock_ns();
+    return status;
+}
+
+static enum lw_status handle_frame(struct lw_client *c, const struct lw_message_frame *frame,
+                                   struct lw_error *err) {
+    if (!c->replica) return out_of_order(err, LW_MESSAGE_FRAME);
+    if (frame->frame < c->stats.frame)
+        return lw_status_fail(err, LW_PROTOCOL, "message FRAME: number %llu after %llu",
+                              (unsigned long long)frame->frame, (unsigned long long)c->stats.frame);
+    enum lw_status status = lw_replica_take_frame(c->replica, frame, err);
+    if (status != LW_OK) return status;
+    if (frame->frame > c->stats.frame) c->stats.frames++; /* a large frame comes in several messages */
+    c->stats.frame = frame->frame;
+    c->stats.time_s = frame->time_s;
+    c->stats.rays_total = frame->rays_total;
+    memcpy(c->stats.sky, frame->sky, sizeof c->stats.sky);
+    c->frame_ns = lw_clock_ns();
+    c->frame_solve_ns = frame->solve_ns;
+    return LW_OK;
+}
+
+static enum lw_status handle_tile(struct lw_client *c, const struct lw_message_tile *tile,
+                                  struct lw_error *err) {
+    if (!c->replica) return out_of_order(err, LW_MESSAGE_TILE);
+    enum lw_status status = lw_replica_take_tile(c->replica, tile, err);
+    if (status != LW_OK) return status;
+    c->stats.tiles++;
+    if (!c->stats.first_ns && lw_replica_has_first(c->replica)) c->stats.first_ns = lw_clock_ns();
+    return LW_OK;
+}
+
+static enum lw_status handle_ping(struct lw_client *c, uint64_t token, struct lw_error *err) {
+    struct lw_message pong = {.type = LW_MESSAGE_PONG, .pong.token = token};
+    return lw_link_send(&c->link, &pong, err);
+}
+
+static enum lw_status handle_message(struct lw_client *c, const struct lw_message *m, struct lw_error *err) {
+    switch (m->type) {
+    case LW_MESSAGE_WELCOME:
+        return handle_welcome(c, &m->welcome, err);
+    case LW_MESSAGE_REFUSAL:
+        return handle_refusal(c, &m->refusal, err);
+    case LW_MESSAGE_PACKAGE_CHUNK:
+        return handle_chunk(c, &m->package_chunk, err);
+    case LW_MESSAGE_FRAME:
+        return handle_frame(c, &m->frame, err);
+    case LW_MESSAGE_TILE:
+        return handle_tile(c, &m->tile, err);
+    case LW_MESSAGE_PING:
+        return handle_ping(c, m->ping.token, err);
+    case LW_MESSAGE_PONG:
+        return LW_OK;
+    default:
+        return lw_status_fail(err, LW_PROTOCOL, "message %s: not one that a server sends",
+                              lw_message_name((uint16_t)m->type));
+    }
+}
+
+/* Handles the next whole message, if there is one. Types that we do not know are from a newer server: skipped. */
+static enum lw_status take_one(struct lw_client *c, bool *out_taken, struct lw_error *err) {
+    struct lw_frame_header header;
+    struct lw_message message;
+    const uint8_t *body;
+    enum lw_status status = lw_link_take(&c->link, &header, &body, err);
+    *out_taken = status == LW_OK && body;
+    if (!*out_taken || !lw_message_name(header.type)) return status;
+    status = lw_message_decode(header, body, &message, err);
+    if (status != LW_OK) return status;
+    status = handle_message(c, &message, err);
+    lw_message_finish(&message);
+    return status;
+}
+
+/* Reads and handles what is there, within the bounds of one call. */
+static enum lw_status take_all(struct lw_client *c, struct lw_error *err) {
+    uint64_t end_ns = lw_clock_ns() + POLL_NS_MAX, end_bytes = c->link.bytes_received + POLL_BYTES_MAX;
+    size_t size = 1;
+    struct lw_error link_err = {0};
+    enum lw_status link_status = LW_OK;
+    while (size && link_status == LW_OK) {
+        link_status = lw_link_receive(&c->link, &size, &link_err);
+        for (bool taken = true; taken;) { /* also after the link's end: a refusal may be the last message */
+            enum lw_status status = take_one(c, &taken, err);
+            if (status != LW_OK) {
+                lw_status_context(err, "%s", c->link.address);
+                return status;
+            }
+        }
+        c->stats.bytes = c->link.bytes_received;
+        if (c->link.bytes_received >= end_bytes || lw_clock_ns() >= end_ns) break;
+    }
+    return link_status == LW_OK ? LW_OK : lw_status_fail(err, link_status, "%s", link_err.text);
+}
+
+/* ---- create, poll, destroy ---- */
+
+static enum lw_status send_first(struct lw_client *c, const struct lw_message *message,
+                                 struct lw_error *err) {
+    enum lw_status status = lw_link_send(&c->link, message, err);
+    if (status == LW_OK && c->link.outbox_size > LW_LINK_OUTBOX_SIZE / 2)
+        return lw_status_fail(err, LW_CLOSED, "%s takes no data", c->link.address);
+    return status;
+}
+
+static enum lw_status shake_hands(struct lw_client *c, const char *name, unsigned timeout_ms,
+                                  struct lw_error *err) {
+    uint64_t deadline_ns = lw_clock_ns() + timeout_ms * 1000000ull;
+    struct lw_message hello = {.type = LW_MESSAGE_HELLO,
+                               .hello = {.version = LW_WIRE_VERSION, .name = name ? name : "liblightwell"}};
+    if (lw_message_validate(&hello, NULL) != LW_OK)
+        return lw_status_fail(err, LW_USAGE,
+                              "a client's name is at most %u bytes of UTF-8, without control characters",
+                              LW_MESSAGE_NAME_MAX);
+    enum lw_status status = send_first(c, &hello, err);
+    while (status == LW_OK && !c->welcomed) {
+        if (lw_clock_ns() >= deadline_ns)
+            return lw_status_fail(err, LW_TIMED_OUT, "%s does not answer: is it a lightwelld?",
+                                  c->link.address);
+        status = lw_link_wait(&c->link, deadline_ns, err);
+        if (status == LW_OK) status = take_all(c, err);
+    }
+    if (status == LW_OK) {
+        struct lw_message request = {.type = LW_MESSAGE_PACKAGE_REQUEST};
+        return send_first(c, &request, err);
+    }
+    if (status != LW_PROTOCOL && status != LW_CLOSED) return status;
+    lw_status_context(err, "no welcome from a lightwelld of this version");
+    return LW_PROTOCOL;
+}
+
+enum lw_status lw_client_create(const struct lw_client_desc *desc, struct lw_client **out_client,
+                                struct lw_error *err) {
+    unsigned timeout_ms = desc->timeout_ms ? desc->timeout_ms : TIMEOUT_DEFAULT_MS;
+    struct lw_client *c = calloc(1, sizeof *c);
+    if (!c) return lw_status_fail(err, LW_NO_MEMORY, "cannot create a client: out of memory");
+    c->stats.connected_ns = lw_clock_ns();
+    enum lw_status status = lw_link_connect(&c->link, desc->host, desc->port, timeout_ms, err);
+    if (status != LW_OK) {
+        free(c);
+        return status;
+    }
+    status = shake_hands(c, desc->name, timeout_ms, err);
+    if (status == LW_OK)
+        *out_client = c;
+    else
+        lw_client_destroy(c);
+    return status;
+}
+
+void lw_client_destroy(struct lw_client *c) {
+    if (!c) return;
+    lw_replica_destroy(c->replica);
+    lw_download_finish(&c->download);
+    lw_link_finish(&c->link);
+    free(c);
+}
+
+enum lw_status lw_client_poll(struct lw_client *c, unsigned timeout_ms, struct lw_error *err) {
+    enum lw_status status = lw_link_wait(&c->link, lw_clock_ns() + timeout_ms * 1000000ull, err);
+    if (status == LW_OK) status = take_all(c, err);
+    if (status != LW_OK || c->frame_acked == c->stats.frame) return status;
+    c->frame_acked = c->stats.frame;
+    struct lw_message ack = {.type = LW_MESSAGE_ACK, .ack.frame = c->stats.frame};
+    return lw_link_send(&c->link, &ack, err);
+}
+
+int lw_client_descriptor(const struct lw_client *c) { return c->link.socket; }
+
+/* ---- what is known ---- */
+
+const struct lw_scene *lw_client_scene(const struct lw_client *c) {
+    return c->replica ? lw_replica_scene(c->replica) : NULL;
+}
+
+float lw_client_package_progress(const struct lw_client *c) {
+    return c->replica ? 1.0f : (float)((double)c->download.received / (double)c->download.compressed_size);
+}
+
+const struct lw_atlas_map *lw_client_atlas_map(const struct lw_client *c) {
+    return c->replica ? lw_replica_atlas_map(c->replica) : NULL;
+}
+
+const struct lw_affine *lw_client_object_to_world(const struct lw_client *c, uint32_t object) {
+    return c->replica ? lw_replica_object_to_world(c->replica, object) : NULL;
+}
+
+struct lw_client_level lw_client_get_level(const struct lw_client *c, uint32_t object, uint32_t level) {
+    return c->replica ? lw_replica_get_level(c->replica, object, level) : (struct lw_client_level){0};
+}
+
+struct lw_client_tile lw_client_get_tile(const struct lw_client *c, lw_tile_id tile) {
+    return c->replica ? lw_replica_get_tile(c->replica, tile) : (struct lw_client_tile){0};
+}
+
+void lw_client_get_stats(const struct lw_client *c, struct lw_client_stats *out_stats) {
+    *out_stats = c->stats;
+    if (c->frame_ns) out_stats->light_age_ns = c->frame_solve_ns + (lw_clock_ns() - c->frame_ns);
+}

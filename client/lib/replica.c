@@ -1,0 +1,173 @@
+#include "client/lib/replica.h"
+
+#include "common/scene/pose.h"
+#include "common/tile/tile_codec.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define CHANNELS 3u
+
+struct lw_replica {
+    struct lw_scene *scene;
+    struct lw_atlas_map map;
+    struct lw_pose pose;
+    struct lw_tile_codec *codec;
+    bool has_map, has_pose;
+    float *texels;               /* all levels of all objects, one after another */
+    size_t *first_texel;         /* per object and level */
+    struct lw_client_tile *tile; /* by tile id */
+    uint32_t coarsest_missing;   /* tiles of coarsest levels that have not arrived */
+    float decoded[LW_TILE_TEXELS_MAX * CHANNELS];
+};
+
+static size_t *first_texel_of(const struct lw_replica *r, uint32_t object, uint32_t level) {
+    return &r->first_texel[(size_t)object * LW_ATLAS_LEVELS_MAX + level];
+}
+
+/* Objects are at most 2^20 and an atlas at most 2^28 texels with a third on top: 64 bits hold the sum. */
+static uint64_t place_levels(struct lw_replica *r) {
+    uint64_t texels = 0;
+    for (uint32_t o = 0; o < r->map.object_count; o++) {
+        const struct lw_atlas *atlas = &r->map.atlas[o];
+        for (uint32_t l = 0; l < atlas->level_count; l++) {
+            *first_texel_of(r, o, l) = (size_t)texels;
+            texels += (uint64_t)atlas->level[l].width * atlas->level[l].height;
+        }
+        if (!atlas->level_count) continue; /* a mesh without lightmap */
+        const struct lw_atlas_level *coarsest = &atlas->level[atlas->level_count - 1];
+        r->coarsest_missing += coarsest->tiles_x * coarsest->tiles_y;
+    }
+    return texels;
+}
+
+static enum lw_status make_room(struct lw_replica *r, struct lw_error *err) {
+    r->first_texel = calloc((size_t)r->map.object_count * LW_ATLAS_LEVELS_MAX + 1, sizeof *r->first_texel);
+    r->tile = calloc((size_t)r->map.tile_count + 1, sizeof *r->tile);
+    if (!r->first_texel || !r->tile) return LW_NO_MEMORY;
+    uint64_t texels = place_levels(r);
+    if (texels > LW_REPLICA_BYTES_MAX / (CHANNELS * sizeof(float)))
+        return lw_status_fail(err, LW_BAD_DATA,
+                              "scene package: atlases of %llu texels, over the limit of %llu GiB",
+                              (unsigned long long)texels, LW_REPLICA_BYTES_MAX >> 30);
+    r->texels = calloc((size_t)texels + 1, CHANNELS * sizeof(float));
+    return r->texels ? LW_OK : LW_NO_MEMORY;
+}
+
+enum lw_status lw_replica_create(const uint8_t *package, size_t size, struct lw_replica **out_replica,
+                                 struct lw_error *err) {
+    struct lw_replica *r = calloc(1, sizeof *r);
+    enum lw_status status = r ? lw_package_read(package, size, &r->scene, err) : LW_NO_MEMORY;
+    if (status == LW_OK) {
+        status = lw_atlas_map_init(&r->map, r->scene);
+        r->has_map = status == LW_OK;
+    }
+    if (status == LW_OK) {
+        status = lw_pose_init(&r->pose, r->scene);
+        r->has_pose = status == LW_OK;
+    }
+    if (status == LW_OK) status = lw_tile_codec_create(&r->codec);
+    if (status == LW_OK) status = make_room(r, err);
+    if (status == LW_OK) {
+        *out_replica = r;
+        return LW_OK;
+    }
+    lw_status_fail(err, status, "scene package: %s", lw_status_text(status));
+    lw_replica_destroy(r);
+    return status;
+}
+
+void lw_replica_destroy(struct lw_replica *r) {
+    if (!r) return;
+    free(r->texels);
+    free(r->tile);
+    free(r->first_texel);
+    lw_tile_codec_destroy(r->codec);
+    if (r->has_pose) lw_pose_finish(&r->pose);
+    if (r->has_map) lw_atlas_map_finish(&r->map);
+    if (r->scene) lw_scene_destroy(r->scene);
+    free(r);
+}
+
+enum lw_status lw_replica_take_frame(struct lw_replica *r, const struct lw_message_frame *frame,
+                                     struct lw_error *err) {
+    for (size_t i = 0; i < frame->transform_count; i++) {
+        uint32_t object = frame->transform[i].object;
+        if (object >= r->scene->object_count)
+            return lw_status_fail(err, LW_PROTOCOL, "message FRAME: transform_object %u of %u", object,
+                                  r->scene->object_count);
+        r->pose.object_to_world[object] = frame->transform[i].object_to_world;
+    }
+    for (size_t i = 0; i < frame->light_count; i++) {
+        const struct lw_message_light *light = &frame->light[i];
+        if (light->light >= r->scene->light_count)
+            return lw_status_fail(err, LW_PROTOCOL, "message FRAME: light %u of %u", light->light,
+                                  r->scene->light_count);
+        r->pose.light[light->light] =
+            (struct lw_light_state){light->position_ws, light->direction_ws, light->intensity};
+    }
+    return LW_OK;
+}
+
+/* The id of the tile that a message names, or {UINT32_MAX}. */
+static lw_tile_id find_tile(const struct lw_atlas_map *map, const struct lw_message_tile *t) {
+    const lw_tile_id none = {UINT32_MAX};
+    if (t->object >= map->object_count || t->level >= map->atlas[t->object].level_count) return none;
+    uint32_t tiles_x = map->atlas[t->object].level[t->level].tiles_x;
+    return lw_atlas_map_find(map, t->object, t->level, t->tile % tiles_x, t->tile / tiles_x);
+}
+
+static void copy_into_level(struct lw_replica *r, const struct lw_tile_place *place) {
+    size_t level_width = r->map.atlas[place->object].level[place->level].width;
+    size_t x = (size_t)place->x * LW_TILE_SIDE, y = (size_t)place->y * LW_TILE_SIDE;
+    float *level = r->texels + CHANNELS * *first_texel_of(r, place->object, place->level);
+    for (uint32_t row = 0; row < place->height; row++)
+        memcpy(level + CHANNELS * ((y + row) * level_width + x), r->decoded + CHANNELS * row * place->width,
+               CHANNELS * place->width * sizeof(float));
+}
+
+enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_message_tile *t,
+                                    struct lw_error *err) {
+    lw_tile_id id = find_tile(&r->map, t);
+    if (id.v == UINT32_MAX)
+        return lw_status_fail(err, LW_PROTOCOL, "message TILE: there is no object %u, level %u, tile %u",
+                              t->object, t->level, t->tile);
+    struct lw_client_tile *known = &r->tile[id.v];
+    if (t->layer != 0 || t->version <= known->version) return LW_OK;
+    if (t->codec != LW_TILE_CODEC_HALF_ZSTD)
+        return lw_status_fail(err, LW_PROTOCOL, "message TILE: codec %u is unknown", t->codec);
+    const struct lw_tile_place *place = &r->map.place[id.v];
+    enum lw_status status = lw_tile_codec_decode(r->codec, t->payload, t->payload_size, t->scale,
+                                                 place->width, place->height, r->decoded);
+    if (status == LW_NO_MEMORY) return lw_status_fail(err, status, "message TILE: out of memory");
+    if (status != LW_OK)
+        return lw_status_fail(err, LW_PROTOCOL,
+                              "message TILE: object %u, level %u, tile %u: the payload is damaged", t->object,
+                              t->level, t->tile);
+    copy_into_level(r, place);
+    if (!known->version && t->level == r->map.atlas[t->object].level_count - 1) r->coarsest_missing--;
+    *known = (struct lw_client_tile){.version = t->version, .bounces = t->bounces, .error = t->error};
+    return LW_OK;
+}
+
+bool lw_replica_has_first(const struct lw_replica *r) { return r->coarsest_missing == 0; }
+
+const struct lw_scene *lw_replica_scene(const struct lw_replica *r) { return r->scene; }
+
+const struct lw_atlas_map *lw_replica_atlas_map(const struct lw_replica *r) { return &r->map; }
+
+const struct lw_affine *lw_replica_object_to_world(const struct lw_replica *r, uint32_t object) {
+    return object < r->scene->object_count ? &r->pose.object_to_world[object] : NULL;
+}
+
+struct lw_client_level lw_replica_get_level(const struct lw_replica *r, uint32_t object, uint32_t level) {
+    if (object >= r->map.object_count || level >= r->map.atlas[object].level_count)
+        return (struct lw_client_level){0};
+    const struct lw_atlas_level *at = &r->map.atlas[object].level[level];
+    return (struct lw_client_level){at->width, at->height,
+                                    r->texels + CHANNELS * *first_texel_of(r, object, level)};
+}
+
+struct lw_client_tile lw_replica_get_tile(const struct lw_replica *r, lw_tile_id tile) {
+    return tile.v < r->map.tile_count ? r->tile[tile.v] : (struct lw_client_tile){0};
+}

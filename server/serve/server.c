@@ -1,0 +1,379 @@
+#include "server/serve/server.h"
+
+#include "common/clock.h"
+#include "common/log.h"
+#include "server/serve/session.h"
+
+#include <assert.h>
+#include <inttypes.h>
+#include <netdb.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <zstd.h>
+
+#define BACKLOG           1024
+#define TICK_MS           250u
+#define COMPRESSION_LEVEL 3
+#define ADDRESS_SIZE      300u
+
+struct lw_server {
+    uv_loop_t loop;
+    uv_tcp_t listener;
+    uv_async_t wake;
+    uv_timer_t tick; /* runs while there are connections: an idle server sleeps */
+    uv_signal_t interrupt, terminate;
+    bool stopping;
+    uint16_t port;
+    uint32_t sessions_max;
+    uint32_t *order;
+    struct lw_session_shared shared;
+
+    uv_mutex_t mutex;           /* guards what follows; held for an assignment only */
+    struct lw_snapshot *latest; /* handed over, not yet seen by the loop */
+    bool stop_requested;
+};
+
+/* ---- the compressed package ---- */
+
+static enum lw_status add_chunk(struct lw_session_shared *shared, uint32_t *capacity, const uint8_t *data,
+                                size_t size) {
+    if (shared->chunk_count == *capacity) {
+        uint32_t grown_capacity = *capacity ? *capacity * 2 : 64;
+        struct lw_blob **grown = realloc(shared->chunk, grown_capacity * sizeof(struct lw_blob *));
+        if (!grown) return LW_NO_MEMORY;
+        shared->chunk = grown;
+        *capacity = grown_capacity;
+    }
+    struct lw_message message = {
+        .type = LW_MESSAGE_PACKAGE_CHUNK,
+        .package_chunk = {(uint64_t)shared->chunk_count * LW_SESSION_CHUNK, data, size}};
+    enum lw_status status = lw_blob_from_message(&message, &shared->chunk[shared->chunk_count]);
+    if (status == LW_OK) {
+        shared->chunk_count++;
+        shared->welcome.package_compressed_size += size;
+    }
+    return status;
+}
+
+/* Straight into messages that all sessions share; the compressed whole never exists in one piece. */
+static enum lw_status compress_package(struct lw_session_shared *shared, const uint8_t *package,
+                                       size_t size) {
+    uint8_t *piece = malloc(LW_SESSION_CHUNK);
+    ZSTD_CCtx *zstd = ZSTD_createCCtx();
+    enum lw_status status = piece && zstd ? LW_OK : LW_NO_MEMORY;
+    uint32_t capacity = 0;
+    ZSTD_inBuffer in = {package, size, 0};
+    if (status == LW_OK &&
+        (ZSTD_isError(ZSTD_CCtx_setParameter(zstd, ZSTD_c_compressionLevel, COMPRESSION_LEVEL)) ||
+         ZSTD_isError(ZSTD_CCtx_setPledgedSrcSize(zstd, size))))
+        status = LW_INTERNAL;
+    for (size_t left = 1; status == LW_OK && left;) {
+        ZSTD_outBuffer out = {piece, LW_SESSION_CHUNK, 0};
+        do {
+            left = ZSTD_compressStream2(zstd, &out, &in, ZSTD_e_end);
+        } while (!ZSTD_isError(left) && left && out.pos < out.size);
+        status = ZSTD_isError(left) ? LW_NO_MEMORY : add_chunk(shared, &capacity, piece, out.pos);
+    }
+    ZSTD_freeCCtx(zstd);
+    free(piece);
+    return status;
+}
+
+/* ---- the order of tiles ---- */
+
+/* Levels count from fine to coarse and objects differ in their number of levels: what goes first is each object's
+ * coarsest level, then each one's next finer, down to level 0. */
+static enum lw_status make_order(const struct lw_atlas_map *map, uint32_t **out_order) {
+    uint32_t *order = malloc((map->tile_count ? map->tile_count : 1) * sizeof *order), filled = 0;
+    if (!order) return LW_NO_MEMORY;
+    for (uint32_t above = 0; above < LW_ATLAS_LEVELS_MAX; above++)
+        for (uint32_t o = 0; o < map->object_count; o++) {
+            const struct lw_atlas *atlas = &map->atlas[o];
+            if (above >= atlas->level_count) continue;
+            const struct lw_atlas_level *level = &atlas->level[atlas->level_count - 1 - above];
+            for (uint32_t t = 0; t < level->tiles_x * level->tiles_y; t++)
+                order[filled++] = map->first_tile[o] + level->first_tile + t;
+        }
+    assert(filled == map->tile_count);
+    *out_order = order;
+    return LW_OK;
+}
+
+/* ---- hand-over ---- */
+
+static uint32_t find_changed(const struct lw_snapshot *before, const struct lw_snapshot *after,
+                             const uint32_t *order, uint32_t *out_changed) {
+    uint32_t count = 0;
+    for (uint32_t i = 0; i < after->tile_count; i++)
+        if (after->tile[order[i]].version > (before ? before->tile[order[i]].version : 0))
+            out_changed[count++] = order[i];
+    return count;
+}
+
+static void adopt(struct lw_server *server, struct lw_snapshot *snapshot) {
+    struct lw_session_shared *shared = &server->shared;
+    assert(snapshot->tile_count == shared->atlas_map->tile_count);
+    shared->changed_count = find_changed(shared->snapshot, snapshot, server->order, shared->changed);
+    lw_snapshot_unref(shared->snapshot);
+    shared->snapshot = snapshot;
+    shared->generation++;
+    for (struct lw_session *s = shared->first, *next; s; s = next) {
+        next = lw_session_next(s); /* pumping may close it */
+        lw_session_pump(s);
+    }
+}
+
+/* ---- the end ---- */
+
+static void stop_when_empty(struct lw_server *server) {
+    if (server->stopping && !server->shared.first) uv_stop(&server->loop);
+}
+
+static void on_session_closed(void *context) {
+    struct lw_server *server = context;
+    if (!server->shared.first) uv_timer_stop(&server->tick);
+    stop_when_empty(server);
+}
+
+static void begin_stop(struct lw_server *server) {
+    if (server->stopping) return;
+    server->stopping = true;
+    /* without a watcher the next signal has its default effect: whoever cannot wait asks twice */
+    uv_signal_stop(&server->interrupt);
+    uv_signal_stop(&server->terminate);
+    uv_close((uv_handle_t *)&server->listener, NULL);
+    for (struct lw_session *s = server->shared.first, *next; s; s = next) {
+        next = lw_session_next(s);
+        lw_session_refuse(s, LW_REFUSAL_SHUTDOWN, "the server ends");
+    }
+    stop_when_empty(server);
+}
+
+static void on_signal(uv_signal_t *handle, int number) {
+    struct lw_server *server = handle->data;
+    lw_log(LW_LOG_INFO, "%s: stopping", number == SIGINT ? "interrupted" : "asked to end");
+    begin_stop(server);
+}
+
+static void on_wake(uv_async_t *handle) {
+    struct lw_server *server = handle->data;
+    uv_mutex_lock(&server->mutex);
+    struct lw_snapshot *snapshot = server->latest;
+    bool stop = server->stop_requested;
+    server->latest = NULL;
+    uv_mutex_unlock(&server->mutex);
+    if (snapshot) adopt(server, snapshot);
+    if (stop) begin_stop(server);
+}
+
+static void on_tick(uv_timer_t *handle) {
+    struct lw_server *server = handle->data;
+    uint64_t now_ns = lw_clock_ns();
+    for (struct lw_session *s = server->shared.first, *next; s; s = next) {
+        next = lw_session_next(s);
+        lw_session_tick(s, now_ns);
+    }
+}
+
+static void on_connection(uv_stream_t *listener, int result) {
+    struct lw_server *server = listener->data;
+    struct lw_session *session;
+    if (result < 0) {
+        lw_log(LW_LOG_WARNING, "cannot accept a connection: %s", uv_strerror(result));
+        return;
+    }
+    if (lw_session_accept(&server->shared, listener, &session) != LW_OK) {
+        lw_log(LW_LOG_WARNING, "cannot accept a connection: too many of them");
+        return;
+    }
+    if (!uv_is_active((uv_handle_t *)&server->tick)) uv_timer_start(&server->tick, on_tick, TICK_MS, TICK_MS);
+    if (server->shared.connection_count - server->shared.leaving_count > server->sessions_max)
+        lw_session_refuse(session, LW_REFUSAL_FULL, "the server has its %u sessions", server->sessions_max);
+}
+
+/* ---- create, run, destroy ---- */
+
+static void format_address(char *dst, const char *host, unsigned port) {
+    snprintf(dst, ADDRESS_SIZE, strchr(host, ':') ? "[%s]:%u" : "%s:%u", host, port);
+}
+
+static enum lw_status listen_failure(struct lw_error *err, const char *address, int result) {
+    switch (result) {
+    case UV_EADDRINUSE:
+        return lw_status_fail(
+            err, LW_UNAVAILABLE,
+            "%s is already in use: another lightwelld? choose another with --listen HOST:PORT", address);
+    case UV_EADDRNOTAVAIL:
+        return lw_status_fail(err, LW_UNAVAILABLE,
+                              "%s is not an address of this machine: choose another with --listen HOST:PORT",
+                              address);
+    case UV_EACCES:
+        return lw_status_fail(err, LW_UNAVAILABLE,
+                              "%s needs more rights: choose a port above 1023 with --listen HOST:PORT",
+                              address);
+    default:
+        return lw_status_fail(err, LW_OS, "%s: cannot listen: %s", address, uv_strerror(result));
+    }
+}
+
+static enum lw_status start_listening(struct lw_server *server, const char *host, uint16_t port,
+                                      struct lw_error *err) {
+    char address[ADDRESS_SIZE], service[8];
+    format_address(address, host, port);
+    snprintf(service, sizeof service, "%u", (unsigned)port);
+    struct addrinfo hints = {.ai_socktype = SOCK_STREAM, .ai_flags = AI_PASSIVE | AI_NUMERICSERV}, *found;
+    int result = getaddrinfo(host, service, &hints, &found);
+    if (result != 0)
+        return lw_status_fail(err, LW_NO_HOST, "%s: cannot find the address to listen on: %s", address,
+                              gai_strerror(result));
+    result = uv_tcp_bind(&server->listener, found->ai_addr, 0);
+    freeaddrinfo(found);
+    if (result == 0) result = uv_listen((uv_stream_t *)&server->listener, BACKLOG, on_connection);
+    struct sockaddr_storage bound = {0};
+    int length = sizeof bound;
+    if (result == 0) result = uv_tcp_getsockname(&server->listener, (struct sockaddr *)&bound, &length);
+    if (result < 0) return listen_failure(err, address, result);
+    server->port = ntohs(bound.ss_family == AF_INET6 ? ((struct sockaddr_in6 *)&bound)->sin6_port
+                                                     : ((struct sockaddr_in *)&bound)->sin_port);
+    return LW_OK;
+}
+
+static enum lw_status init_handles(struct lw_server *server, struct lw_error *err) {
+    int result = uv_loop_init(&server->loop);
+    if (result < 0) return lw_status_fail(err, LW_OS, "cannot start an event loop: %s", uv_strerror(result));
+    server->loop.data = server; /* says that there is a loop to close */
+    if ((result = uv_tcp_init(&server->loop, &server->listener)) < 0 ||
+        (result = uv_async_init(&server->loop, &server->wake, on_wake)) < 0 ||
+        (result = uv_timer_init(&server->loop, &server->tick)) < 0 ||
+        (result = uv_signal_init(&server->loop, &server->interrupt)) < 0 ||
+        (result = uv_signal_init(&server->loop, &server->terminate)) < 0)
+        return lw_status_fail(err, LW_OS, "cannot start an event loop: %s", uv_strerror(result));
+    server->listener.data = server->wake.data = server->tick.data = server;
+    server->interrupt.data = server->terminate.data = server;
+    return LW_OK;
+}
+
+static enum lw_status init_shared(struct lw_server *server, const struct lw_server_desc *desc) {
+    struct lw_session_shared *shared = &server->shared;
+    shared->atlas_map = desc->atlas_map;
+    shared->on_close = on_session_closed;
+    shared->server = server;
+    shared->hello_timeout_ns =
+        1000000ull * (desc->hello_timeout_ms ? desc->hello_timeout_ms : 1000 * LW_SERVER_HELLO_TIMEOUT_S);
+    shared->stall_timeout_ns =
+        1000000ull * (desc->stall_timeout_ms ? desc->stall_timeout_ms : 1000 * LW_SERVER_STALL_TIMEOUT_S);
+    shared->welcome = (struct lw_message_welcome){.version = LW_WIRE_VERSION,
+                                                  .name = "lightwelld " LW_VERSION,
+                                                  .package_size = desc->package_size,
+                                                  .bounces = desc->bounces,
+                                                  .target_error = desc->target_error};
+    lw_package_hash(desc->package, desc->package_size, &shared->welcome.package_hash);
+    uint32_t tiles = desc->atlas_map->tile_count;
+    shared->changed = malloc((tiles ? tiles : 1) * sizeof *shared->changed);
+    enum lw_status status = shared->changed ? make_order(desc->atlas_map, &server->order) : LW_NO_MEMORY;
+    shared->order = server->order;
+    return status == LW_OK ? compress_package(shared, desc->package, desc->package_size) : status;
+}
+
+/* Every session is a descriptor. Failing to get more of them is no failure: accept() will say so when they run out. */
+static void raise_descriptor_limit(void) {
+    struct rlimit limit;
+    if (getrlimit(RLIMIT_NOFILE, &limit) != 0 || limit.rlim_cur == limit.rlim_max) return;
+    limit.rlim_cur = limit.rlim_max;
+    (void)setrlimit(RLIMIT_NOFILE, &limit);
+}
+
+enum lw_status lw_server_create(const struct lw_server_desc *desc, struct lw_server **out_server,
+                                struct lw_error *err) {
+    assert(desc->package_size > 0);
+    struct lw_server *server = calloc(1, sizeof *server);
+    if (!server) goto no_memory;
+    if (uv_mutex_init(&server->mutex) < 0) {
+        free(server);
+        goto no_memory;
+    }
+    if (uv_mutex_init(&server->shared.stats_mutex) < 0) {
+        uv_mutex_destroy(&server->mutex);
+        free(server);
+        goto no_memory;
+    }
+    server->sessions_max = desc->sessions_max ? desc->sessions_max : LW_SERVER_SESSIONS_MAX;
+    raise_descriptor_limit();
+    enum lw_status status = init_handles(server, err);
+    if (status == LW_OK)
+        status = start_listening(server, desc->host ? desc->host : "127.0.0.1", desc->port, err);
+    if (status == LW_OK && (status = init_shared(server, desc)) != LW_OK)
+        lw_status_fail(err, status, "cannot prepare the scene package for clients: %s",
+                       lw_status_text(status));
+    if (status == LW_OK)
+        *out_server = server;
+    else
+        lw_server_destroy(server);
+    return status;
+no_memory:
+    return lw_status_fail(err, LW_NO_MEMORY, "cannot create the server: out of memory");
+}
+
+uint16_t lw_server_port(const struct lw_server *server) { return server->port; }
+
+enum lw_status lw_server_run(struct lw_server *server, struct lw_error *err) {
+    signal(SIGPIPE, SIG_IGN); /* libuv writes to closed sockets without asking for silence */
+    int result = uv_signal_start(&server->interrupt, on_signal, SIGINT);
+    if (result == 0) result = uv_signal_start(&server->terminate, on_signal, SIGTERM);
+    if (result < 0) return lw_status_fail(err, LW_OS, "cannot watch signals: %s", uv_strerror(result));
+    uv_run(&server->loop, UV_RUN_DEFAULT);
+    return LW_OK;
+}
+
+void lw_server_publish(struct lw_server *server, struct lw_snapshot *snapshot) {
+    lw_snapshot_ref(snapshot);
+    uv_mutex_lock(&server->mutex);
+    struct lw_snapshot *unseen = server->latest;
+    server->latest = snapshot;
+    uv_mutex_unlock(&server->mutex);
+    lw_snapshot_unref(unseen); /* freeing can take long: not under the lock */
+    uv_async_send(&server->wake);
+}
+
+void lw_server_stop(struct lw_server *server) {
+    uv_mutex_lock(&server->mutex);
+    server->stop_requested = true;
+    uv_mutex_unlock(&server->mutex);
+    uv_async_send(&server->wake);
+}
+
+void lw_server_get_stats(const struct lw_server *server, struct lw_server_stats *out_stats) {
+    uv_mutex_t *mutex = (uv_mutex_t *)&server->shared.stats_mutex; /* locking leaves the server as it was */
+    uv_mutex_lock(mutex);
+    *out_stats = server->shared.stats;
+    uv_mutex_unlock(mutex);
+}
+
+static void close_handle(uv_handle_t *handle, void *context) {
+    (void)context;
+    if (!uv_is_closing(handle)) uv_close(handle, NULL);
+}
+
+void lw_server_destroy(struct lw_server *server) {
+    if (!server) return;
+    struct lw_session_shared *shared = &server->shared;
+    if (server->loop.data) {
+        while (shared->first) lw_session_close(shared->first, "the server ends");
+        uv_walk(&server->loop, close_handle, NULL);
+        while (uv_run(&server->loop, UV_RUN_DEFAULT) != 0) {
+        }
+        uv_loop_close(&server->loop);
+    }
+    lw_snapshot_unref(server->latest);
+    lw_snapshot_unref(shared->snapshot);
+    for (uint32_t i = 0; i < shared->chunk_count; i++) lw_blob_unref(shared->chunk[i]);
+    free(shared->chunk);
+    free(shared->changed);
+    free(server->order);
+    uv_mutex_destroy(&shared->stats_mutex);
+    uv_mutex_destroy(&server->mutex);
+    free(server);
+}

@@ -7,21 +7,27 @@
 
 #include "server/publish/snapshot.h"
 
-#define LW_SERVER_SESSIONS_MAX 10000u
-#define LW_SERVER_HELLO_TIMEOUT_S 10u   /* a peer that has not said hello by then is refused */
-#define LW_SERVER_QUEUE_MAX (256u << 10) /* bytes waiting per session before tiles are held back; the newest state
+#define LW_SERVER_SESSIONS_MAX    10000u
+#define LW_SERVER_HELLO_TIMEOUT_S 10u /* a peer that has not said hello by then is refused */
+#define LW_SERVER_STALL_TIMEOUT_S 15u /* a peer that takes no byte for so long though bytes wait is closed */
+#define LW_SERVER_QUEUE_MAX                                                                                  \
+    (256u << 10) /* bytes waiting per session before tiles are held back; the newest state
                                             of a tile is chosen when there is room, so a slow reader skips versions */
 
 struct lw_server_desc {
-    const char *host; /* numeric or a name */
-    uint16_t port;    /* 0: the system picks one */
+    const char *host;                     /* numeric or a name */
+    uint16_t port;                        /* 0: the system picks one */
     const struct lw_atlas_map *atlas_map; /* outlives the server */
     const uint8_t *package;               /* outlives the server */
     size_t package_size;
-    uint32_t bounces;    /* for the welcome */
-    float target_error;  /* for the welcome */
+    uint32_t bounces;          /* for the welcome */
+    float target_error;        /* for the welcome */
+    uint32_t sessions_max;     /* 0: LW_SERVER_SESSIONS_MAX */
+    unsigned hello_timeout_ms; /* 0: LW_SERVER_HELLO_TIMEOUT_S */
+    unsigned stall_timeout_ms; /* 0: LW_SERVER_STALL_TIMEOUT_S */
 };
 
+/** Sessions are peers that were welcomed; refused counts the refusals sent. */
 struct lw_server_stats {
     uint64_t sessions_now, sessions_total, bytes_sent, tiles_sent, refused;
 };
@@ -30,11 +36,12 @@ struct lw_server;
 
 /** Compresses the package, binds and listens; nothing is served before lw_server_run().
  * Errors: LW_UNAVAILABLE naming the address in use and what to do; LW_NO_HOST; LW_OS; LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_server_create(const struct lw_server_desc *desc, struct lw_server **out_server,
-                                              struct lw_error *err);
+LW_MUST_CHECK enum lw_status lw_server_create(const struct lw_server_desc *desc,
+                                              struct lw_server **out_server, struct lw_error *err);
 /** The port that it listens on. */
 uint16_t lw_server_port(const struct lw_server *server);
-/** Serves until lw_server_stop(). Call from one thread, which is the loop. */
+/** Serves until lw_server_stop(), SIGINT or SIGTERM; a second signal has its default effect. SIGPIPE is ignored from here
+ * on, in the whole process. Call from one thread, once; that thread is the loop. Errors: LW_OS. */
 LW_MUST_CHECK enum lw_status lw_server_run(struct lw_server *server, struct lw_error *err);
 /** Hands over a snapshot: takes a reference of its own. Newer snapshots replace older ones not yet seen. [any] */
 void lw_server_publish(struct lw_server *server, struct lw_snapshot *snapshot);

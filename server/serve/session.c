@@ -1,0 +1,621 @@
+#include "server/serve/session.h"
+
+#include "common/clock.h"
+#include "common/log.h"
+
+#include <assert.h>
+#include <inttypes.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define BATCH_BLOBS      64u
+#define BATCH_BYTES      (LW_SERVER_QUEUE_MAX / 2) /* one more chunk or tile keeps within LW_SERVER_QUEUE_MAX */
+#define DIRECT_BATCHES   4u                        /* written at once before others get their turn */
+#define LINGER_NS        1000000000u               /* from a refusal to the close */
+#define KEEPALIVE_S      30u
+#define NOTSENT_LOWAT    (128 << 10) /* bytes; what the kernel holds cannot be replaced by a newer version */
+#define FULL_GRACE_COUNT 1024u       /* refused connections that may wait for their close */
+
+_Static_assert(BATCH_BYTES + LW_SESSION_CHUNK + 64 <= LW_SERVER_QUEUE_MAX, "a batch keeps within the queue");
+_Static_assert(LW_SESSION_CHUNK <= LW_MESSAGE_CHUNK_MAX, "a chunk is a legal message");
+
+enum state {
+    EXPECTS_HELLO,
+    WELCOMED,  /* may ask for the package */
+    STREAMING, /* package chunks, then frames and tiles */
+    LEAVING,   /* was refused: what it sends is dropped */
+    CLOSED     /* waits for libuv */
+};
+
+/* A write that libuv has not finished: it holds the blobs meanwhile. */
+struct pending_write {
+    uv_write_t request;
+    uint64_t bytes;
+    uint32_t blob_count;
+    struct lw_blob *blob[];
+};
+
+struct lw_session {
+    uv_tcp_t tcp;
+    uv_shutdown_t shutdown;
+    struct lw_session_shared *shared;
+    struct lw_session *previous, *next;
+    enum state state;
+    bool shutdown_sent, welcomed;
+    uint64_t number;
+    char address[64], name[LW_MESSAGE_NAME_MAX + 1];
+    uint64_t since_ns; /* connected; in LEAVING: refused */
+
+    uint8_t *input; /* the beginning of a message that is not whole yet */
+    size_t input_size, input_capacity;
+
+    struct lw_blob *control; /* welcome or refusal */
+    bool pong_due;
+    uint64_t pong_token;
+    struct lw_blob *partial_chunk; /* where a package request starts inside a chunk */
+    uint32_t next_chunk;
+    uint64_t frame_sent;
+    uint64_t *sent;       /* per tile: the version sent; NULL before STREAMING */
+    uint64_t *wanted;     /* bit per tile; NULL: everything */
+    uint64_t generation;  /* of the snapshot that the walk below goes over */
+    bool walks_changed;   /* over the changed tiles alone: it had all of the snapshot before */
+    uint32_t walk_left;   /* tiles still to look at */
+    uint32_t walk_cursor; /* in changed, or in order (there it goes round) */
+
+    struct pending_write *pending;
+    size_t queued_last; /* bytes that libuv held when progress was last looked at */
+    uint64_t progress_ns;
+};
+
+struct lw_session *lw_session_next(const struct lw_session *session) {
+    return session->next;
+}
+
+static void count(struct lw_session_shared *shared, uint64_t *counter, int64_t change) {
+    uv_mutex_lock(&shared->stats_mutex);
+    *counter += (uint64_t)change;
+    uv_mutex_unlock(&shared->stats_mutex);
+}
+
+/* ---- what to send next ---- */
+
+static struct lw_blob *next_pong(struct lw_session *s) {
+    if (!s->pong_due) return NULL;
+    s->pong_due = false;
+    struct lw_blob *blob = NULL;
+    struct lw_message message = {.type = LW_MESSAGE_PONG, .pong.token = s->pong_token};
+    return lw_blob_from_message(&message, &blob) == LW_OK ? blob : NULL; /* a client can do without */
+}
+
+static struct lw_blob *next_chunk(struct lw_session *s) {
+    struct lw_blob *blob = s->partial_chunk;
+    s->partial_chunk = NULL;
+    if (blob) return blob;
+    return s->next_chunk < s->shared->chunk_count ? lw_blob_ref(s->shared->chunk[s->next_chunk++]) : NULL;
+}
+
+static struct lw_blob *next_frame(struct lw_session *s) {
+    const struct lw_snapshot *snapshot = s->shared->snapshot;
+    if (s->frame_sent == snapshot->frame) return NULL;
+    bool builds_on = snapshot->frame_delta && s->frame_sent && s->frame_sent == snapshot->previous_frame;
+    struct lw_blob *blob = builds_on ? snapshot->frame_delta : snapshot->frame_full;
+    s->frame_sent = snapshot->frame;
+    return blob ? lw_blob_ref(blob) : NULL;
+}
+
+/* A session that had everything looks at what changed; any other goes once round all tiles from where it stands: a slow
+ * link gets its share of fine levels even if the coarse ones change every frame. */
+static void start_walk(struct lw_session *s) {
+    const struct lw_session_shared *shared = s->shared;
+    s->walks_changed = s->walk_left == 0 && s->generation + 1 == shared->generation;
+    if (s->walks_changed || s->walk_left == 0) s->walk_cursor = 0;
+    s->walk_left = s->walks_changed ? shared->changed_count : shared->atlas_map->tile_count;
+    s->generation = shared->generation;
+}
+
+static bool is_wanted(const struct lw_session *s, uint32_t tile) {
+    return !s->wanted || (s->wanted[tile / 64] >> (tile % 64) & 1);
+}
+
+static struct lw_blob *next_tile(struct lw_session *s) {
+    const struct lw_session_shared *shared = s->shared;
+    while (s->walk_left) {
+        if (!s->walks_changed && s->walk_cursor >= shared->atlas_map->tile_count) s->walk_cursor = 0;
+        uint32_t id = s->walks_changed ? shared->changed[s->walk_cursor] : shared->order[s->walk_cursor];
+        s->walk_cursor++;
+        s->walk_left--;
+        const struct lw_snapshot_tile *tile = &shared->snapshot->tile[id];
+        if (!tile->blob || tile->version <= s->sent[id] || !is_wanted(s, id)) continue;
+        s->sent[id] = tile->version;
+        return lw_blob_ref(tile->blob);
+    }
+    return NULL;
+}
+
+/* A reference to the next blob to send, or NULL if the session lacks nothing. */
+static struct lw_blob *next_blob(struct lw_session *s, bool *out_tile) {
+    *out_tile = false;
+    struct lw_blob *blob = s->control;
+    s->control = NULL;
+    if (blob || s->state == LEAVING) return blob;
+    if ((blob = next_pong(s)) || s->state != STREAMING) return blob;
+    if ((blob = next_chunk(s)) || !s->shared->snapshot) return blob;
+    if (s->generation != s->shared->generation) start_walk(s);
+    if ((blob = next_frame(s))) return blob;
+    *out_tile = true;
+    return next_tile(s);
+}
+
+/* ---- writing ---- */
+
+struct batch {
+    uint32_t blob_count, tile_count;
+    size_t bytes;
+    struct lw_blob *blob[BATCH_BLOBS];
+    uv_buf_t buffer[BATCH_BLOBS];
+};
+
+static void take_batch(struct lw_session *s, struct batch *batch) {
+    batch->blob_count = batch->tile_count = 0;
+    batch->bytes = 0;
+    while (batch->blob_count < BATCH_BLOBS && batch->bytes < BATCH_BYTES) {
+        bool tile;
+        struct lw_blob *blob = next_blob(s, &tile);
+        if (!blob) break;
+        batch->blob[batch->blob_count] = blob;
+        batch->buffer[batch->blob_count++] = uv_buf_init((char *)blob->bytes, (unsigned)blob->size);
+        batch->bytes += blob->size;
+        batch->tile_count += tile;
+    }
+}
+
+static void unref_all(struct lw_blob **blob, uint32_t blob_count) {
+    for (uint32_t i = 0; i < blob_count; i++) lw_blob_unref(blob[i]);
+}
+
+static void on_written(uv_write_t *request, int result) {
+    struct lw_session *s = request->data;
+    struct pending_write *pending = s->pending;
+    s->pending = NULL;
+    if (result == 0) count(s->shared, &s->shared->stats.bytes_sent, (int64_t)pending->bytes);
+    unref_all(pending->blob, pending->blob_count);
+    free(pending);
+    s->progress_ns = lw_clock_ns();
+    if (s->state == CLOSED) return;
+    if (result < 0)
+        lw_session_close(s, uv_strerror(result));
+    else
+        lw_session_pump(s);
+}
+
+/* Leaves the rest of a batch, from byte `written` on, to libuv. Takes over the batch's references. */
+static int queue_rest(struct lw_session *s, struct batch *batch, size_t written) {
+    uint32_t first = 0;
+    size_t rest = batch->bytes - written;
+    for (; written >= batch->buffer[first].len; first++) {
+        written -= batch->buffer[first].len;
+        lw_blob_unref(batch->blob[first]);
+    }
+    batch->buffer[first].base += written;
+    batch->buffer[first].len -= written;
+    uint32_t left = batch->blob_count - first;
+    struct pending_write *pending = malloc(sizeof *pending + left * sizeof(struct lw_blob *));
+    int result = UV_ENOMEM;
+    if (pending) {
+        pending->request.data = s;
+        pending->bytes = rest;
+        pending->blob_count = left;
+        memcpy(pending->blob, batch->blob + first, left * sizeof(struct lw_blob *));
+        result = uv_write(&pending->request, (uv_stream_t *)&s->tcp, batch->buffer + first, left, on_written);
+    }
+    if (result == 0) {
+        s->pending = pending;
+        s->progress_ns = lw_clock_ns();
+        s->queued_last = uv_stream_get_write_queue_size((uv_stream_t *)&s->tcp);
+    } else {
+        free(pending);
+        unref_all(batch->blob + first, left);
+    }
+    return result;
+}
+
+/* Returns 0 or libuv's error. */
+static int write_batch(struct lw_session *s, struct batch *batch, bool direct) {
+    int result = direct ? uv_try_write((uv_stream_t *)&s->tcp, batch->buffer, batch->blob_count) : UV_EAGAIN;
+    if (result < 0 && result != UV_EAGAIN) {
+        unref_all(batch->blob, batch->blob_count);
+        return result;
+    }
+    size_t written = result < 0 ? 0 : (size_t)result;
+    count(s->shared, &s->shared->stats.tiles_sent, batch->tile_count);
+    count(s->shared, &s->shared->stats.bytes_sent, (int64_t)written);
+    if (written < batch->bytes) return queue_rest(s, batch, written);
+    unref_all(batch->blob, batch->blob_count);
+    return 0;
+}
+
+static void on_shutdown(uv_shutdown_t *request, int result) {
+    (void)request; /* the peer's own close, or the time limit, ends the session */
+    (void)result;
+}
+
+void lw_session_pump(struct lw_session *s) {
+    for (unsigned round = 0; !s->pending && s->state != CLOSED; round++) {
+        struct batch batch;
+        take_batch(s, &batch);
+        if (!batch.blob_count) break;
+        int result = write_batch(s, &batch, round < DIRECT_BATCHES);
+        if (result < 0) lw_session_close(s, uv_strerror(result));
+    }
+    if (s->state == LEAVING && !s->pending && !s->shutdown_sent) {
+        s->shutdown_sent = true;
+        if (uv_shutdown(&s->shutdown, (uv_stream_t *)&s->tcp, on_shutdown) < 0)
+            lw_session_close(s, "link is gone");
+    }
+}
+
+/* ---- the end ---- */
+
+static void on_closed(uv_handle_t *handle) {
+    struct lw_session *s = handle->data;
+    struct lw_session_shared *shared = s->shared;
+    assert(!s->pending); /* libuv cancels writes before it calls back */
+    lw_blob_unref(s->control);
+    lw_blob_unref(s->partial_chunk);
+    free(s->input);
+    free(s->sent);
+    free(s->wanted);
+    free(s);
+    shared->on_close(shared->server);
+}
+
+static void unlink_session(struct lw_session *s) {
+    if (s->previous)
+        s->previous->next = s->next;
+    else
+        s->shared->first = s->next;
+    if (s->next) s->next->previous = s->previous;
+    s->shared->connection_count--;
+}
+
+/* No longer one of those who are served. */
+static void end_service(struct lw_session *s) {
+    if (s->welcomed) count(s->shared, &s->shared->stats.sessions_now, -1);
+    s->welcomed = false;
+}
+
+void lw_session_close(struct lw_session *s, const char *reason) {
+    if (s->state == CLOSED) return;
+    if (s->welcomed)
+        lw_log(LW_LOG_INFO, "session %" PRIu64 ": %s (%s) left: %s", s->number, s->address, s->name, reason);
+    end_service(s);
+    if (s->state == LEAVING) s->shared->leaving_count--;
+    s->state = CLOSED;
+    unlink_session(s);
+    uv_close((uv_handle_t *)&s->tcp, on_closed);
+}
+
+void lw_session_refuse(struct lw_session *s, enum lw_refusal code, const char *format, ...) {
+    if (s->state == LEAVING || s->state == CLOSED) return;
+    char text[LW_MESSAGE_TEXT_MAX + 1];
+    va_list args;
+    va_start(args, format);
+    vsnprintf(text, sizeof text, format, args);
+    va_end(args);
+    lw_log(LW_LOG_INFO, "session %" PRIu64 ": %s (%s) refused: %s", s->number, s->address, s->name, text);
+    end_service(s);
+    count(s->shared, &s->shared->stats.refused, 1);
+    s->state = LEAVING;
+    s->since_ns = lw_clock_ns();
+    s->shared->leaving_count++;
+    lw_blob_unref(s->control);
+    s->control = NULL;
+    struct lw_message message = {.type = LW_MESSAGE_REFUSAL, .refusal = {code, text}};
+    if (lw_blob_from_message(&message, &s->control) != LW_OK)
+        lw_session_close(s, "out of memory");
+    else
+        lw_session_pump(s);
+}
+
+/* ---- what the peer says ---- */
+
+static void handle_hello(struct lw_session *s, const struct lw_message_hello *hello) {
+    snprintf(s->name, sizeof s->name, "%s", hello->name && *hello->name ? hello->name : "nameless");
+    if (hello->version != LW_WIRE_VERSION) {
+        lw_session_refuse(s, LW_REFUSAL_VERSION, "this server speaks version %u of the protocol, not %u",
+                          LW_WIRE_VERSION, hello->version);
+        return;
+    }
+    struct lw_message message = {.type = LW_MESSAGE_WELCOME, .welcome = s->shared->welcome};
+    message.welcome.session = s->number;
+    if (lw_blob_from_message(&message, &s->control) != LW_OK) {
+        lw_session_close(s, "out of memory");
+        return;
+    }
+    s->state = WELCOMED;
+    s->welcomed = true;
+    count(s->shared, &s->shared->stats.sessions_total, 1);
+    count(s->shared, &s->shared->stats.sessions_now, 1);
+    lw_log(LW_LOG_INFO, "session %" PRIu64 ": %s (%s) joined", s->number, s->address, s->name);
+}
+
+/* A request from inside a chunk: the rest of that chunk becomes a message of its own. */
+static enum lw_status cut_chunk(struct lw_session *s, uint64_t offset) {
+    const struct lw_blob *whole = s->shared->chunk[offset / LW_SESSION_CHUNK];
+    struct lw_frame_header header;
+    struct lw_message message;
+    enum lw_status status = lw_frame_read_header(whole->bytes, LW_FRAME_BODY_MAX, &header, NULL);
+    if (status == LW_OK)
+        status = lw_message_decode(header, whole->bytes + LW_FRAME_HEADER_SIZE, &message, NULL);
+    if (status != LW_OK) return status;
+    struct lw_message_package_chunk *chunk = &message.package_chunk;
+    size_t skip = (size_t)(offset % LW_SESSION_CHUNK);
+    struct lw_message rest = {.type = LW_MESSAGE_PACKAGE_CHUNK,
+                              .package_chunk = {offset, chunk->data + skip, chunk->size - skip}};
+    status = lw_blob_from_message(&rest, &s->partial_chunk);
+    lw_message_finish(&message);
+    return status;
+}
+
+static void handle_package_request(struct lw_session *s, uint64_t offset) {
+    if (offset > s->shared->welcome.package_compressed_size) {
+        lw_session_refuse(s, LW_REFUSAL_PROTOCOL,
+                          "message PACKAGE_REQUEST: offset is past the package's end");
+        return;
+    }
+    s->sent = calloc(s->shared->atlas_map->tile_count, sizeof *s->sent);
+    bool inside = offset % LW_SESSION_CHUNK && offset < s->shared->welcome.package_compressed_size;
+    if (!s->sent || (inside && cut_chunk(s, offset) != LW_OK)) {
+        lw_session_close(s, "out of memory");
+        return;
+    }
+    s->next_chunk = (uint32_t)((offset + LW_SESSION_CHUNK - 1) / LW_SESSION_CHUNK);
+    s->state = STREAMING;
+}
+
+static bool find_tile(const struct lw_atlas_map *map, struct lw_message_interest_tile wanted,
+                      uint32_t *out_id) {
+    if (wanted.object >= map->object_count) return false;
+    const struct lw_atlas *atlas = &map->atlas[wanted.object];
+    if (wanted.level >= atlas->level_count) return false;
+    const struct lw_atlas_level *level = &atlas->level[wanted.level];
+    if (wanted.tile >= level->tiles_x * level->tiles_y) return false;
+    *out_id = map->first_tile[wanted.object] + level->first_tile + wanted.tile;
+    return true;
+}
+
+static void handle_interest(struct lw_session *s, const struct lw_message_interest *interest) {
+    const struct lw_atlas_map *map = s->shared->atlas_map;
+    uint64_t *wanted = NULL;
+    if (!interest->everything) {
+        wanted = calloc(map->tile_count / 64 + 1, sizeof *wanted);
+        if (!wanted) {
+            lw_session_close(s, "out of memory");
+            return;
+        }
+    }
+    for (size_t i = 0; i < interest->tile_count; i++) {
+        struct lw_message_interest_tile t = interest->tile[i];
+        uint32_t id;
+        if (!find_tile(map, t, &id)) {
+            free(wanted);
+            lw_session_refuse(s, LW_REFUSAL_PROTOCOL,
+                              "message INTEREST: there is no object %u, level %u, tile %u", t.object, t.level,
+                              t.tile);
+            return;
+        }
+        wanted[id / 64] |= 1ull << (id % 64);
+    }
+    free(s->wanted);
+    s->wanted = wanted;
+    s->walks_changed = false;
+    s->walk_cursor = 0;
+    s->walk_left =
+        s->generation ? map->tile_count : 0; /* before the first walk there is nothing to take up again */
+}
+
+static void handle_message(struct lw_session *s, const struct lw_message *m) {
+    bool in_order = m->type == LW_MESSAGE_HELLO             ? s->state == EXPECTS_HELLO
+                    : m->type == LW_MESSAGE_PACKAGE_REQUEST ? s->state == WELCOMED
+                                                            : s->state == WELCOMED || s->state == STREAMING;
+    if (!in_order) {
+        lw_session_refuse(s, LW_REFUSAL_PROTOCOL, "message %s: out of order",
+                          lw_message_name((uint16_t)m->type));
+        return;
+    }
+    switch (m->type) {
+    case LW_MESSAGE_HELLO:
+        handle_hello(s, &m->hello);
+        break;
+    case LW_MESSAGE_PACKAGE_REQUEST:
+        handle_package_request(s, m->package_request.offset);
+        break;
+    case LW_MESSAGE_INTEREST:
+        handle_interest(s, &m->interest);
+        break;
+    case LW_MESSAGE_PING:
+        s->pong_due = true;
+        s->pong_token = m->ping.token;
+        break;
+    case LW_MESSAGE_ACK:  /* for rate control, which does not exist yet */
+    case LW_MESSAGE_PONG: /* this server does not ping */
+        break;
+    default:
+        lw_session_refuse(s, LW_REFUSAL_PROTOCOL, "message %s: not one that a client sends",
+                          lw_message_name((uint16_t)m->type));
+    }
+}
+
+/* Takes one message off the front; returns its bytes, 0 if it is not whole yet or the session came to its end. */
+static size_t take_message(struct lw_session *s, const uint8_t *data, size_t size) {
+    struct lw_frame_header header;
+    struct lw_message message;
+    struct lw_error err = {0};
+    if (size < LW_FRAME_HEADER_SIZE) return 0;
+    enum lw_status status = lw_frame_read_header(data, LW_FRAME_CLIENT_BODY_MAX, &header, &err);
+    if (status == LW_OK && size - LW_FRAME_HEADER_SIZE < header.body_size) return 0;
+    if (status == LW_OK) status = lw_message_decode(header, data + LW_FRAME_HEADER_SIZE, &message, &err);
+    if (status == LW_NO_MEMORY) {
+        lw_session_close(s, "out of memory");
+        return 0;
+    }
+    if (status != LW_OK) {
+        lw_session_refuse(s, LW_REFUSAL_PROTOCOL, "%s", err.text);
+        return 0;
+    }
+    handle_message(s, &message);
+    lw_message_finish(&message);
+    return LW_FRAME_HEADER_SIZE + header.body_size;
+}
+
+/* Takes all whole messages off the front; returns their bytes. */
+static size_t take_messages(struct lw_session *s, const uint8_t *data, size_t size) {
+    size_t taken = 0, message;
+    while (s->state < LEAVING && (message = take_message(s, data + taken, size - taken))) taken += message;
+    return taken;
+}
+
+/* Doubling, so that a message that comes byte by byte is not copied as often. What is kept is less than one message. */
+static bool append_input(struct lw_session *s, const uint8_t *data, size_t size) {
+    size_t needed = s->input_size + size;
+    if (needed > s->input_capacity) {
+        size_t capacity = needed > 2 * s->input_capacity ? needed : 2 * s->input_capacity;
+        uint8_t *grown = realloc(s->input, capacity);
+        if (!grown) return false;
+        s->input = grown;
+        s->input_capacity = capacity;
+    }
+    memcpy(s->input + s->input_size, data, size);
+    s->input_size = needed;
+    return true;
+}
+
+static void receive(struct lw_session *s, const uint8_t *data, size_t size) {
+    bool whole = s->input_size == 0; /* most messages come in one piece and need no copy */
+    if (whole) {
+        size_t taken = take_messages(s, data, size);
+        data += taken;
+        size -= taken;
+    }
+    if (s->state >= LEAVING) return;
+    if (size && !append_input(s, data, size)) {
+        lw_session_close(s, "out of memory");
+        return;
+    }
+    if (!whole) {
+        size_t taken = take_messages(s, s->input, s->input_size);
+        s->input_size -= taken;
+        memmove(s->input, s->input + taken, s->input_size);
+    }
+    if (!s->input_size) {
+        free(s->input);
+        s->input = NULL;
+        s->input_capacity = 0;
+    }
+}
+
+static void on_alloc(uv_handle_t *handle, size_t suggested, uv_buf_t *out_buffer) {
+    struct lw_session *s = handle->data;
+    (void)suggested;
+    *out_buffer = uv_buf_init((char *)s->shared->read_buffer, sizeof s->shared->read_buffer);
+}
+
+static void on_read(uv_stream_t *stream, ssize_t size, const uv_buf_t *buffer) {
+    struct lw_session *s = stream->data;
+    if (size == UV_EOF) {
+        lw_session_close(s, "closed by the peer");
+    } else if (size < 0) {
+        lw_session_close(s, uv_strerror((int)size));
+    } else if (size > 0 && s->state < LEAVING) {
+        receive(s, (const uint8_t *)buffer->base, (size_t)size);
+        if (s->state < LEAVING) lw_session_pump(s);
+    }
+}
+
+/* ---- the beginning ---- */
+
+static void name_peer(struct lw_session *s) {
+    struct sockaddr_storage peer = {0};
+    int length = sizeof peer;
+    char host[48] = "?";
+    unsigned port = 0;
+    if (uv_tcp_getpeername(&s->tcp, (struct sockaddr *)&peer, &length) == 0) {
+        if (peer.ss_family == AF_INET6) {
+            uv_ip6_name((struct sockaddr_in6 *)&peer, host, sizeof host);
+            port = ntohs(((struct sockaddr_in6 *)&peer)->sin6_port);
+        } else {
+            uv_ip4_name((struct sockaddr_in *)&peer, host, sizeof host);
+            port = ntohs(((struct sockaddr_in *)&peer)->sin_port);
+        }
+    }
+    snprintf(s->address, sizeof s->address, peer.ss_family == AF_INET6 ? "[%s]:%u" : "%s:%u", host, port);
+}
+
+static void set_options(struct lw_session *s) {
+    int descriptor, low_water = NOTSENT_LOWAT;
+    /* none of these can fail on a connected socket in a way that matters */
+    (void)uv_tcp_nodelay(&s->tcp, 1);
+    (void)uv_tcp_keepalive(&s->tcp, 1, KEEPALIVE_S);
+    if (uv_fileno((uv_handle_t *)&s->tcp, &descriptor) == 0)
+        (void)setsockopt(descriptor, IPPROTO_TCP, TCP_NOTSENT_LOWAT, &low_water, sizeof low_water);
+}
+
+static void link_session(struct lw_session *s) {
+    struct lw_session_shared *shared = s->shared;
+    s->next = shared->first;
+    if (s->next) s->next->previous = s;
+    shared->first = s;
+    shared->connection_count++;
+}
+
+enum lw_status lw_session_accept(struct lw_session_shared *shared, uv_stream_t *listener,
+                                 struct lw_session **out_session) {
+    struct lw_session *s = calloc(1, sizeof *s);
+    if (!s) return LW_NO_MEMORY;
+    if (uv_tcp_init(listener->loop, &s->tcp) < 0) {
+        free(s);
+        return LW_OS;
+    }
+    s->tcp.data = s;
+    s->shared = shared;
+    s->number = ++shared->number;
+    s->since_ns = lw_clock_ns();
+    snprintf(s->name, sizeof s->name, "no hello yet");
+    link_session(s);
+    int result = uv_accept(listener, (uv_stream_t *)&s->tcp);
+    if (result == 0) {
+        name_peer(s);
+        set_options(s);
+        result = uv_read_start((uv_stream_t *)&s->tcp, on_alloc, on_read);
+    }
+    if (result < 0 || shared->leaving_count > FULL_GRACE_COUNT) {
+        lw_session_close(s, "could not be accepted");
+        return LW_OS;
+    }
+    *out_session = s;
+    return LW_OK;
+}
+
+static bool is_stalled(struct lw_session *s, uint64_t now_ns) {
+    if (!s->pending) return false;
+    size_t queued = uv_stream_get_write_queue_size((uv_stream_t *)&s->tcp);
+    if (queued != s->queued_last) {
+        s->queued_last = queued;
+        s->progress_ns = now_ns;
+    }
+    return now_ns > s->progress_ns && now_ns - s->progress_ns > s->shared->stall_timeout_ns;
+}
+
+void lw_session_tick(struct lw_session *s, uint64_t now_ns) {
+    uint64_t age_ns = now_ns > s->since_ns ? now_ns - s->since_ns : 0;
+    if (s->state == LEAVING && age_ns > LINGER_NS)
+        lw_session_close(s, "refused");
+    else if (s->state == EXPECTS_HELLO && age_ns > s->shared->hello_timeout_ns)
+        lw_session_refuse(s, LW_REFUSAL_TIMEOUT, "no hello in time");
+    else if (s->state != LEAVING && is_stalled(s, now_ns))
+        lw_session_close(s, "takes no data");
+}

@@ -1,0 +1,214 @@
+#include "client/lib/link.h"
+
+#include "common/clock.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <netdb.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <poll.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#define INPUT_START (256u << 10) /* bytes; grows to the largest message */
+#define SECOND_NS   1000000000ull
+
+/* Milliseconds until a deadline, rounded up so that waiting does not spin, and 0 once it has passed. */
+static int milliseconds_until(uint64_t deadline_ns) {
+    uint64_t now_ns = lw_clock_ns();
+    if (now_ns >= deadline_ns) return 0;
+    uint64_t ms = (deadline_ns - now_ns + 999999) / 1000000;
+    return ms > 1000000 ? 1000000 : (int)ms;
+}
+
+/* Waits for a connection under way. Returns errno's value. */
+static int finish_connect(int descriptor, uint64_t deadline_ns) {
+    struct pollfd wait = {.fd = descriptor, .events = POLLOUT};
+    int ready;
+    do {
+        ready = poll(&wait, 1, milliseconds_until(deadline_ns));
+    } while (ready < 0 && errno == EINTR);
+    if (ready < 0) return errno;
+    if (ready == 0) return ETIMEDOUT;
+    int result = 0;
+    socklen_t size = sizeof result;
+    return getsockopt(descriptor, SOL_SOCKET, SO_ERROR, &result, &size) == 0 ? result : errno;
+}
+
+/* Returns a connected, non-blocking socket, or -1 with errno. */
+static int connect_to(const struct addrinfo *address, uint64_t deadline_ns) {
+    int descriptor =
+        socket(address->ai_family, address->ai_socktype | SOCK_NONBLOCK | SOCK_CLOEXEC, address->ai_protocol);
+    if (descriptor < 0) return -1;
+    int failure = connect(descriptor, address->ai_addr, address->ai_addrlen) == 0 ? 0 : errno;
+    if (failure == EINPROGRESS) failure = finish_connect(descriptor, deadline_ns);
+    if (failure) {
+        close(descriptor);
+        errno = failure;
+        return -1;
+    }
+    int on = 1; /* these help, and cannot fail on a connected socket in a way that matters */
+    (void)setsockopt(descriptor, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+    (void)setsockopt(descriptor, SOL_SOCKET, SO_KEEPALIVE, &on, sizeof on);
+    return descriptor;
+}
+
+static enum lw_status connect_failure(struct lw_error *err, const char *address, int failure) {
+    switch (failure) {
+    case ETIMEDOUT:
+        return lw_status_fail(err, LW_TIMED_OUT, "%s does not answer", address);
+    case ECONNREFUSED:
+    case EHOSTUNREACH:
+    case ENETUNREACH:
+        return lw_status_fail(err, LW_UNAVAILABLE, "cannot connect to %s: %s: is lightwelld running?",
+                              address, strerror(failure));
+    default:
+        return lw_status_fail(err, LW_OS, "cannot connect to %s: %s", address, strerror(failure));
+    }
+}
+
+enum lw_status lw_link_connect(struct lw_link *link, const char *host, uint16_t port, unsigned timeout_ms,
+                               struct lw_error *err) {
+    uint64_t deadline_ns = lw_clock_ns() + timeout_ms * 1000000ull;
+    char service[8];
+    *link = (struct lw_link){.socket = -1};
+    snprintf(link->address, sizeof link->address, strchr(host, ':') ? "[%s]:%u" : "%s:%u", host,
+             (unsigned)port);
+    snprintf(service, sizeof service, "%u", (unsigned)port);
+    struct addrinfo hints = {.ai_socktype = SOCK_STREAM, .ai_flags = AI_NUMERICSERV}, *found;
+    int result = getaddrinfo(host, service, &hints, &found);
+    if (result != 0)
+        return lw_status_fail(err, LW_NO_HOST, "cannot find %s: %s", link->address,
+                              result == EAI_SYSTEM ? strerror(errno) : gai_strerror(result));
+    for (const struct addrinfo *a = found; a && link->socket < 0; a = a->ai_next)
+        link->socket = connect_to(a, deadline_ns);
+    int failure = errno;
+    freeaddrinfo(found);
+    if (link->socket < 0) return connect_failure(err, link->address, failure);
+    link->input = malloc(INPUT_START);
+    if (!link->input) {
+        lw_link_finish(link);
+        return lw_status_fail(err, LW_NO_MEMORY, "cannot connect to %s: out of memory", link->address);
+    }
+    link->input_capacity = INPUT_START;
+    link->heard_ns = link->pinged_ns = link->looked_ns = lw_clock_ns();
+    return LW_OK;
+}
+
+void lw_link_finish(struct lw_link *link) {
+    if (link->socket >= 0) close(link->socket);
+    free(link->input);
+    link->socket = -1;
+    link->input = NULL;
+}
+
+static enum lw_status closed(const struct lw_link *link, const char *why, struct lw_error *err) {
+    return lw_status_fail(err, LW_CLOSED, "%s closed the connection: %s", link->address, why);
+}
+
+static enum lw_status flush(struct lw_link *link, struct lw_error *err) {
+    while (link->outbox_size) {
+        ssize_t sent = send(link->socket, link->outbox, link->outbox_size, MSG_NOSIGNAL);
+        if (sent < 0 && errno == EINTR) continue;
+        if (sent < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) return LW_OK;
+        if (sent < 0) return closed(link, strerror(errno), err);
+        link->outbox_size -= (size_t)sent;
+        memmove(link->outbox, link->outbox + sent, link->outbox_size);
+    }
+    return LW_OK;
+}
+
+enum lw_status lw_link_send(struct lw_link *link, const struct lw_message *message, struct lw_error *err) {
+    size_t size;
+    enum lw_status status = flush(link, err);
+    if (status != LW_OK || lw_message_size(message) > sizeof link->outbox - link->outbox_size) return status;
+    status = lw_message_encode(message, link->outbox + link->outbox_size,
+                               sizeof link->outbox - link->outbox_size, &size);
+    if (status != LW_OK)
+        return lw_status_fail(err, status, "cannot write message %s: %s",
+                              lw_message_name((uint16_t)message->type), lw_status_text(status));
+    link->outbox_size += size;
+    return flush(link, err);
+}
+
+/* Pings when due; gives up on a server that says nothing although somebody listens. */
+static enum lw_status mind_silence(struct lw_link *link, uint64_t now_ns, struct lw_error *err) {
+    /* whoever did not look for a while cannot tell silence: the count begins anew */
+    if (now_ns - link->looked_ns > LW_LINK_PING_S * SECOND_NS) link->heard_ns = now_ns;
+    link->looked_ns = now_ns;
+    if (now_ns - link->heard_ns > LW_LINK_SILENCE_S * SECOND_NS)
+        return lw_status_fail(err, LW_TIMED_OUT, "%s has been silent for %u s", link->address,
+                              LW_LINK_SILENCE_S);
+    if (now_ns - link->pinged_ns < LW_LINK_PING_S * SECOND_NS) return LW_OK;
+    link->pinged_ns = now_ns;
+    struct lw_message ping = {.type = LW_MESSAGE_PING, .ping.token = now_ns};
+    return lw_link_send(link, &ping, err);
+}
+
+enum lw_status lw_link_wait(struct lw_link *link, uint64_t deadline_ns, struct lw_error *err) {
+    for (;;) {
+        uint64_t now_ns = lw_clock_ns(), ping_ns = link->pinged_ns + LW_LINK_PING_S * SECOND_NS;
+        struct pollfd wait = {.fd = link->socket, .events = POLLIN};
+        if (link->outbox_size) wait.events |= POLLOUT;
+        int ready = poll(&wait, 1, milliseconds_until(deadline_ns < ping_ns ? deadline_ns : ping_ns));
+        if (ready < 0 && errno != EINTR)
+            return lw_status_fail(err, LW_OS, "%s: cannot wait: %s", link->address, strerror(errno));
+        if (ready > 0 && wait.revents & ~POLLOUT) return LW_OK; /* also for errors: reading tells which */
+        if (ready > 0) {
+            enum lw_status status = flush(link, err);
+            if (status != LW_OK) return status;
+        }
+        now_ns = lw_clock_ns();
+        enum lw_status status = mind_silence(link, now_ns, err);
+        if (status != LW_OK || now_ns >= deadline_ns) return status;
+    }
+}
+
+/* Room for a whole message behind input_begin: what is declared is within the limit, checked in lw_link_take(). */
+static enum lw_status make_room(struct lw_link *link, size_t message_size, struct lw_error *err) {
+    memmove(link->input, link->input + link->input_begin, link->input_end - link->input_begin);
+    link->input_end -= link->input_begin;
+    link->input_begin = 0;
+    if (message_size <= link->input_capacity) return LW_OK;
+    uint8_t *grown = realloc(link->input, message_size);
+    if (!grown) return lw_status_fail(err, LW_NO_MEMORY, "%s: out of memory for a message", link->address);
+    link->input = grown;
+    link->input_capacity = message_size;
+    return LW_OK;
+}
+
+enum lw_status lw_link_receive(struct lw_link *link, size_t *out_size, struct lw_error *err) {
+    *out_size = 0;
+    if (link->input_begin == link->input_end) link->input_begin = link->input_end = 0;
+    ssize_t size;
+    do {
+        size = recv(link->socket, link->input + link->input_end, link->input_capacity - link->input_end, 0);
+    } while (size < 0 && errno == EINTR);
+    if (size < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) return LW_OK;
+    if (size < 0) return closed(link, strerror(errno), err);
+    if (size == 0) return closed(link, "it ended the session", err);
+    link->input_end += (size_t)size;
+    link->bytes_received += (uint64_t)size;
+    link->heard_ns = link->looked_ns = lw_clock_ns();
+    *out_size = (size_t)size;
+    return LW_OK;
+}
+
+enum lw_status lw_link_take(struct lw_link *link, struct lw_frame_header *out_header,
+                            const uint8_t **out_body, struct lw_error *err) {
+    const uint8_t *at = link->input + link->input_begin;
+    size_t size = link->input_end - link->input_begin;
+    *out_body = NULL;
+    if (size < LW_FRAME_HEADER_SIZE) return make_room(link, LW_FRAME_HEADER_SIZE, err);
+    enum lw_status status = lw_frame_read_header(at, LW_FRAME_BODY_MAX, out_header, err);
+    if (status != LW_OK) return status;
+    size_t message_size = LW_FRAME_HEADER_SIZE + (size_t)out_header->body_size;
+    if (size < message_size) return make_room(link, message_size, err);
+    link->input_begin += message_size;
+    *out_body = at + LW_FRAME_HEADER_SIZE;
+    return LW_OK;
+}

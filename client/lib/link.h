@@ -1,0 +1,48 @@
+/* link.h: the client's end of the TCP connection: framed messages in, framed messages out, silence noticed.
+ * Flow:    server -> socket -> [link] -> messages -> client
+ * Threads: one thread at a time. */
+#ifndef LIGHTWELL_LINK_H
+#define LIGHTWELL_LINK_H
+
+#include "proto/message.h"
+
+#define LW_LINK_ADDRESS_SIZE 300u
+#define LW_LINK_OUTBOX_SIZE  1024u /* bytes that the socket would not take; more than that is dropped */
+#define LW_LINK_PING_S       5u
+#define LW_LINK_SILENCE_S    15u
+
+struct lw_link {
+    int socket;
+    char address[LW_LINK_ADDRESS_SIZE]; /* HOST:PORT, for people */
+    uint8_t *input;                     /* bytes [begin, end) are not taken yet */
+    size_t input_begin, input_end, input_capacity;
+    uint8_t outbox[LW_LINK_OUTBOX_SIZE];
+    size_t outbox_size;
+    uint64_t bytes_received;
+    uint64_t heard_ns, pinged_ns, looked_ns;
+};
+
+/** Connects within a time limit. Errors: LW_NO_HOST, LW_UNAVAILABLE, LW_TIMED_OUT, LW_OS, LW_NO_MEMORY, each naming the
+ * address. lw_link_finish() is needed after success only. */
+LW_MUST_CHECK enum lw_status lw_link_connect(struct lw_link *link, const char *host, uint16_t port,
+                                             unsigned timeout_ms, struct lw_error *err);
+void lw_link_finish(struct lw_link *link);
+
+/** Sends, or keeps until there is room; when the outbox is full the message is dropped whole, so this is for messages
+ * that a later one makes up for. Errors: LW_CLOSED, LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_link_send(struct lw_link *link, const struct lw_message *message,
+                                          struct lw_error *err);
+
+/** Waits until there is something to read or the deadline (lw_clock_ns) has passed; pings meanwhile.
+ * Errors: LW_TIMED_OUT if the server has been silent for LW_LINK_SILENCE_S; LW_CLOSED, LW_OS. */
+LW_MUST_CHECK enum lw_status lw_link_wait(struct lw_link *link, uint64_t deadline_ns, struct lw_error *err);
+
+/** Reads once. *out_size is 0 if nothing was there. Errors: LW_CLOSED; what came before can still be taken. */
+LW_MUST_CHECK enum lw_status lw_link_receive(struct lw_link *link, size_t *out_size, struct lw_error *err);
+
+/** Takes the next whole message; *out_body is NULL if there is none, and valid until the next call on the link.
+ * Errors: LW_PROTOCOL, LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_link_take(struct lw_link *link, struct lw_frame_header *out_header,
+                                          const uint8_t **out_body, struct lw_error *err);
+
+#endif

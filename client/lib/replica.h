@@ -1,0 +1,39 @@
+/* replica.h: the client's copy of the lit scene: geometry, where things are, atlases as far as they arrived.
+ * Flow:    package, frame and tile messages -> [replica] -> renderer
+ * Threads: one thread at a time. */
+#ifndef LIGHTWELL_REPLICA_H
+#define LIGHTWELL_REPLICA_H
+
+#include "client/include/lightwell/client.h"
+#include "proto/message.h"
+
+#define LW_REPLICA_BYTES_MAX (8ull << 30) /* of atlases; a scene that needs more is refused */
+
+struct lw_replica;
+
+/** Reads the package and makes room for all levels of all atlases (pages come when tiles do).
+ * Errors: LW_BAD_DATA, LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_replica_create(const uint8_t *package, size_t size,
+                                               struct lw_replica **out_replica, struct lw_error *err);
+void lw_replica_destroy(struct lw_replica *replica);
+
+/** Takes over transforms and lights. Errors: LW_PROTOCOL for an object or light that the scene does not have. */
+LW_MUST_CHECK enum lw_status
+lw_replica_take_frame(struct lw_replica *replica, const struct lw_message_frame *frame, struct lw_error *err);
+
+/** Decodes a tile into its level, unless it is not newer than what is there or of a layer that we do not know.
+ * Errors: LW_PROTOCOL for a place, codec or payload that makes no sense. */
+LW_MUST_CHECK enum lw_status lw_replica_take_tile(struct lw_replica *replica,
+                                                  const struct lw_message_tile *tile, struct lw_error *err);
+
+/** Whether every object's coarsest level is there. */
+bool lw_replica_has_first(const struct lw_replica *replica);
+
+const struct lw_scene *lw_replica_scene(const struct lw_replica *replica);
+const struct lw_atlas_map *lw_replica_atlas_map(const struct lw_replica *replica);
+const struct lw_affine *lw_replica_object_to_world(const struct lw_replica *replica, uint32_t object);
+struct lw_client_level lw_replica_get_level(const struct lw_replica *replica, uint32_t object,
+                                            uint32_t level);
+struct lw_client_tile lw_replica_get_tile(const struct lw_replica *replica, lw_tile_id tile);
+
+#endif

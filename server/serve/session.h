@@ -1,0 +1,58 @@
+/* session.h: one connected peer: what it said, what it was sent, what it gets next.
+ * Flow:    link -> messages -> [session] -> what it lacks of the newest snapshot -> writev -> link
+ * Threads: everything here is [loop]. For server.c alone. */
+#ifndef LW_SERVE_SESSION_H
+#define LW_SERVE_SESSION_H
+
+#include "server/serve/server.h"
+
+#include <uv.h>
+
+struct lw_session;
+
+/** What all sessions of a server share. server.c owns it. */
+struct lw_session_shared {
+    const struct lw_atlas_map *atlas_map;
+    struct lw_message_welcome welcome; /* without the session's number */
+    struct lw_blob **chunk;            /* the compressed package, cut into LW_SESSION_CHUNK bytes */
+    uint32_t chunk_count;
+    const uint32_t *order;        /* tile ids: every object's coarsest level first */
+    struct lw_snapshot *snapshot; /* newest; NULL before the first */
+    uint64_t generation;          /* counts the snapshots that the loop has seen */
+    uint32_t *changed; /* tile ids, in order, that the newest snapshot changed against the one before */
+    uint32_t changed_count;
+    uint64_t hello_timeout_ns, stall_timeout_ns;
+
+    struct lw_session *first;  /* all connections */
+    uint32_t connection_count; /* in that list */
+    uint32_t leaving_count;    /* those that were refused and are about to close */
+    uint64_t number;           /* of the last session */
+    uv_mutex_t stats_mutex;
+    struct lw_server_stats stats;   /* guarded by stats_mutex */
+    void (*on_close)(void *server); /* a connection is gone */
+    void *server;
+    uint8_t read_buffer[64u << 10]; /* libuv hands a read over before it starts the next */
+};
+
+#define LW_SESSION_CHUNK (64u << 10) /* bytes of package data in a PACKAGE_CHUNK */
+
+/** Takes the next connection of a listener. Errors: LW_NO_MEMORY, LW_OS; then there is no session. */
+LW_MUST_CHECK enum lw_status lw_session_accept(struct lw_session_shared *shared, uv_stream_t *listener,
+                                               struct lw_session **out_session);
+
+/** Sends what the session lacks, as far as the link takes it. Call when a new snapshot is there. */
+void lw_session_pump(struct lw_session *session);
+
+/** Looks at the session's time limits. */
+void lw_session_tick(struct lw_session *session, uint64_t now_ns);
+
+/** Says goodbye as well as it can, then closes. */
+void lw_session_refuse(struct lw_session *session, enum lw_refusal code, const char *format, ...)
+    LW_PRINTF(3, 4);
+
+/** Closes at once; memory goes when libuv has let go of the handle. */
+void lw_session_close(struct lw_session *session, const char *reason);
+
+struct lw_session *lw_session_next(const struct lw_session *session);
+
+#endif
