@@ -10,6 +10,8 @@ static const struct {
 } scenes[] = {
     {LW_BUILTIN_PREFIX "cornell",
      "the Cornell box: two blocks between a red and a green wall, under one lamp", lw_builtin_cornell_build},
+    {LW_BUILTIN_PREFIX "atrium", "a sunlit two-storey court with cloth, plants and lamps; animated",
+     lw_builtin_atrium_build},
 };
 #define SCENE_COUNT (sizeof scenes / sizeof *scenes)
 

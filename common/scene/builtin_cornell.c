@@ -67,6 +67,6 @@ enum lw_status lw_builtin_cornell_build(struct lw_scene **out_scene, struct lw_e
 
     /* far back and narrow, as in the measured photograph */
     lw_builtin_stage_camera(&stage, "main", lw_vec3(0, HEIGHT / 2, z + 0.8f * SCALE),
-                            lw_vec3(0, HEIGHT / 2, 0), 39.3f);
+                            lw_vec3(0, HEIGHT / 2, 0), 38.0f);
     return lw_builtin_stage_finish(&stage, out_scene, err);
 }

@@ -152,7 +152,8 @@ static struct lw_vec3 smooth_normal(const struct patch *p, uint32_t row, uint32_
 
 static struct lw_vec2 texture_point(const struct lw_builtin_mesh *mesh, const struct patch *p, uint32_t row,
                                     uint32_t column, struct lw_vec3 normal) {
-    struct lw_vec2 m = {p->along[column], p->up[row]};
+    float unit = mesh->uv_mode == LW_BUILTIN_UV_FIT ? fmaxf(p->along[p->columns - 1], 1e-6f) : 1.0f;
+    struct lw_vec2 m = {p->along[column] / unit, p->up[row] / unit};
     if (mesh->uv_mode == LW_BUILTIN_UV_SPACE) {
         struct lw_vec3 at = lw_affine_point(&mesh->placement, point_at(p, row, column));
         struct lw_vec3 n = lw_affine_normal(&mesh->placement, normal);

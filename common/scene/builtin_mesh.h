@@ -10,6 +10,7 @@
 
 enum lw_builtin_uv {
     LW_BUILTIN_UV_SURFACE, /* metres along the patch's columns and rows */
+    LW_BUILTIN_UV_FIT,     /* 0 to 1 over the columns, rows in proportion: one picture across */
     LW_BUILTIN_UV_SPACE    /* metres along two axes of object space, picked by the normal */
 };
 
@@ -19,7 +20,7 @@ struct lw_builtin_mesh {
     uint32_t material;
     enum lw_builtin_uv uv_mode;
     struct lw_vec2 uv_offset; /* metres */
-    float uv_repeat;          /* texture repeats per metre */
+    float uv_repeat;          /* texture repeats per metre, or across a patch that is fitted */
     float crease_cos;         /* a fold whose normals' cosine is below this is an edge */
 
     bool failed;

@@ -6,5 +6,6 @@
 #include "common/scene/scene.h"
 
 LW_MUST_CHECK enum lw_status lw_builtin_cornell_build(struct lw_scene **out_scene, struct lw_error *err);
+LW_MUST_CHECK enum lw_status lw_builtin_atrium_build(struct lw_scene **out_scene, struct lw_error *err);
 
 #endif
