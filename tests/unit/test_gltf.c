@@ -1,0 +1,864 @@
+/* The glTF reader against files made here: a base scene that holds one of everything, and what becomes of it when one
+ * place in it is changed. */
+#include "tests/support/support.h"
+
+#include "common/log.h"
+#include "server/import/gltf.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* 2 x 1 texels: (255, 0, 0, 255), (0, 128, 255, 64) */
+#define PNG                                                                                                  \
+    "iVBORw0KGgoAAAANSUhEUgAAAAIAAAABCAYAAAD0In+KAAAAEUlEQVR4nGP4z8Dwn6HhvwMAELoDvkeWIKAAAAAASU"             \
+    "VORK5CYII="
+/* a header that says 40,000 texels wide */
+#define PNG_TOO_WIDE                                                                                         \
+    "iVBORw0KGgoAAAANSUhEUgAAnEAAAAABCAYAAAC9YMuEAAAACElEQVR4nAMAAAAAAUgGidIAAAAASUVORK5CYII="
+
+/* The binary part of the base scene: a square in the x-y plane, and a path of two keys. */
+struct base_data {
+    float position[4][3], normal[4][3], uv[4][2];
+    uint16_t index[6];
+    float time[2], value[2][3];
+};
+
+static const struct base_data base_data = {
+    .position = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 0}},
+    .normal = {{0, 0, 1}, {0, 0, 1}, {0, 0, 2}, {0, 0, 1}},
+    .uv = {{0, 1}, {1, 1}, {0, 0}, {1, 0}},
+    .index = {0, 1, 2, 2, 1, 3},
+    .time = {0, 2},
+    .value = {{0, 1, 0}, {0, 3, 0}},
+};
+
+/* ' stands for " */
+static const char base_json[] =
+    "{'asset':{'version':'2.0'},"
+    "'extensionsUsed':['KHR_lights_punctual','KHR_materials_emissive_strength','KHR_texture_transform'],"
+    "'extensions':{'KHR_lights_punctual':{'lights':[{'type':'spot','color':[1,0.5,0.25],'intensity':8,'spot':"
+    "{}}]}},"
+    "'scene':0,'scenes':[{'name':'base','nodes':[0,2]}],"
+    "'nodes':[{'name':'top','children':[1],'translation':[0,1,0]},{'mesh':0},"
+    "{'name':'lamp','camera':0,'extensions':{'KHR_lights_punctual':{'light':0}}}],"
+    "'cameras':[{'type':'perspective','perspective':{'yfov':0.75}}],"
+    "'meshes':[{'name':'square','primitives':[{'attributes':{'POSITION':0,'NORMAL':1,'TEXCOORD_0':2},'"
+    "indices':3,"
+    "'material':0}]}],"
+    "'materials':[{'name':'paint','pbrMetallicRoughness':{'baseColorFactor':[0.5,0.25,0.125,1],"
+    "'baseColorTexture':{'index':0}},'emissiveFactor':[1,0.5,0],"
+    "'extensions':{'KHR_materials_emissive_strength':{'emissiveStrength':4}},"
+    "'alphaMode':'MASK','alphaCutoff':0.25,'doubleSided':true}],"
+    "'textures':[{'source':0,'sampler':0}],'samplers':[{'wrapS':33071,'wrapT':33648}],"
+    "'images':[{'uri':'data:image/png;base64," PNG "'}],"
+    "'animations':[{'channels':[{'sampler':0,'target':{'node':0,'path':'translation'}}],"
+    "'samplers':[{'input':4,'output':5}]}],"
+    "'accessors':[{'bufferView':0,'componentType':5126,'count':4,'type':'VEC3'},"
+    "{'bufferView':1,'componentType':5126,'count':4,'type':'VEC3'},"
+    "{'bufferView':2,'componentType':5126,'count':4,'type':'VEC2'},"
+    "{'bufferView':3,'componentType':5123,'count':6,'type':'SCALAR'},"
+    "{'bufferView':4,'componentType':5126,'count':2,'type':'SCALAR'},"
+    "{'bufferView':5,'componentType':5126,'count':2,'type':'VEC3'}],"
+    "'bufferViews':[{'buffer':0,'byteLength':48},{'buffer':0,'byteOffset':48,'byteLength':48},"
+    "{'buffer':0,'byteOffset':96,'byteLength':32},{'buffer':0,'byteOffset':128,'byteLength':12},"
+    "{'buffer':0,'byteOffset':140,'byteLength':8},{'buffer':0,'byteOffset':148,'byteLength':24}],"
+    "'buffers':[{'byteLength':172}]}";
+
+struct change {
+    const char *old, *new;
+};
+
+static char *replace(char *text, const struct change *change) {
+    char *at = strstr(text, change->old);
+    if (!at) fail_msg("the base scene has no %s", change->old);
+    char *out = malloc(strlen(text) + strlen(change->new) + 1);
+    sprintf(out, "%.*s%s%s", (int)(at - text), text, change->new, at + strlen(change->old));
+    free(text);
+    return out;
+}
+
+static void put_word(uint8_t *at, size_t value) {
+    for (int i = 0; i < 4; i++) at[i] = (uint8_t)(value >> 8 * i);
+}
+
+/* A .glb of JSON and a binary chunk; the caller frees it. */
+static uint8_t *pack(const char *json, const void *data, size_t data_size, size_t *out_size) {
+    size_t json_size = (strlen(json) + 3) / 4 * 4, binary_size = (data_size + 3) / 4 * 4;
+    *out_size = 12 + 8 + json_size + 8 + binary_size;
+    uint8_t *bytes = calloc(*out_size, 1);
+    memcpy(bytes, "glTF", 4);
+    put_word(bytes + 4, 2);
+    put_word(bytes + 8, *out_size);
+    put_word(bytes + 12, json_size);
+    memcpy(bytes + 16, "JSON", 4);
+    memset(bytes + 20, ' ', json_size);
+    for (size_t i = 0; json[i]; i++) bytes[20 + i] = (uint8_t)(json[i] == '\'' ? '"' : json[i]);
+    put_word(bytes + 20 + json_size, binary_size);
+    memcpy(bytes + 24 + json_size, "BIN", 4);
+    memcpy(bytes + 28 + json_size, data, data_size);
+    return bytes;
+}
+
+static enum lw_status load_json(const char *json, const void *data, size_t size, struct lw_scene **out,
+                                struct lw_error *err) {
+    size_t packed_size;
+    uint8_t *packed = pack(json, data, size, &packed_size);
+    enum lw_status status = lw_gltf_load_memory(packed, packed_size, "base.glb", out, err);
+    free(packed);
+    return status;
+}
+
+static enum lw_status load_changed(const struct change *changes, size_t count, const void *data, size_t size,
+                                   struct lw_scene **out, struct lw_error *err) {
+    char *json = strdup(base_json);
+    for (size_t i = 0; i < count; i++) json = replace(json, &changes[i]);
+    enum lw_status status = load_json(json, data, size, out, err);
+    free(json);
+    return status;
+}
+
+/* The base scene with changes; it must load. */
+#define LOAD(scene, data, ...)                                                                               \
+    do {                                                                                                     \
+        const struct change changes_[] = {__VA_ARGS__};                                                      \
+        struct lw_error err_ = {0};                                                                          \
+        lw_support_ok(load_changed(changes_, sizeof changes_ / sizeof *changes_, &(data), sizeof(data),      \
+                                   &(scene), &err_),                                                         \
+                      &err_);                                                                                \
+    } while (0)
+
+/* The base scene with changes; it must be refused with a line that holds `text`. */
+#define REFUSE(text, data, ...)                                                                              \
+    do {                                                                                                     \
+        const struct change changes_[] = {__VA_ARGS__};                                                      \
+        expect_refusal(changes_, sizeof changes_ / sizeof *changes_, &(data), sizeof(data), text);           \
+    } while (0)
+
+static void expect_refusal(const struct change *changes, size_t count, const void *data, size_t size,
+                           const char *text) {
+    struct lw_scene *scene = NULL;
+    struct lw_error err = {0};
+    enum lw_status status = load_changed(changes, count, data, size, &scene, &err);
+    if (status != LW_BAD_DATA)
+        fail_msg("%s: status is \"%s\", text \"%s\"", text, lw_status_text(status), err.text);
+    assert_null(scene);
+    if (strncmp(err.text, "base.glb: ", 10) != 0 || !strstr(err.text, text))
+        fail_msg("\"%s\" does not hold \"%s\"", err.text, text);
+}
+
+static const struct change no_change = {"'asset'", "'asset'"};
+
+static void the_base_scene_arrives_whole(void **state) {
+    (void)state;
+    struct lw_scene *scene;
+    LOAD(scene, base_data, no_change);
+    assert_string_equal(scene->name, "base");
+    assert_int_equal(scene->mesh_count, 1);
+    assert_int_equal(scene->mesh[0].vertex_count, 4);
+    assert_int_equal(scene->mesh[0].triangle_count, 2);
+    assert_float_equal(scene->mesh[0].normal[2].z, 1, 1e-6); /* was 2 */
+    assert_non_null(scene->mesh[0].uv[0]);
+    assert_null(scene->mesh[0].uv[1]);
+    assert_null(scene->mesh[0].colour);
+
+    assert_int_equal(scene->node_count, 3);
+    assert_int_equal(scene->object_count, 1);
+    assert_string_equal(scene->object[0].name, "square"); /* its node has no name */
+    assert_int_equal(scene->node[scene->object[0].node].parent, 0);
+    assert_float_equal(scene->node[0].translation[1], 1, 0);
+
+    const struct lw_material *material = &scene->material[0];
+    assert_float_equal(material->base_colour[2], 0.125, 0);
+    assert_float_equal(material->emission[0], 4, 0);
+    assert_float_equal(material->emission[1], 2, 0);
+    assert_int_equal(material->alpha_mode, LW_ALPHA_MASK);
+    assert_float_equal(material->alpha_cutoff, 0.25, 0);
+    assert_true(material->double_sided);
+    assert_int_equal(material->base_colour_texture.texture, 0);
+    assert_int_equal(material->emission_texture.texture, LW_SCENE_NONE);
+    assert_int_equal(scene->texture_count, 1);
+    assert_int_equal(scene->texture[0].width, 2);
+    assert_int_equal(scene->texture[0].wrap_s, LW_WRAP_CLAMP);
+    assert_int_equal(scene->texture[0].wrap_t, LW_WRAP_MIRROR);
+    const uint8_t texels[8] = {255, 0, 0, 255, 0, 128, 255, 64};
+    assert_memory_equal(scene->texture[0].rgba, texels, sizeof texels);
+
+    assert_int_equal(scene->light_count, 1);
+    assert_int_equal(scene->light[0].kind, LW_LIGHT_SPOT);
+    assert_float_equal(scene->light[0].intensity[1], 4, 0);
+    assert_float_equal(scene->light[0].inner_cone, 0, 0);
+    assert_float_equal(scene->light[0].outer_cone, LW_PI / 4, 1e-6);
+    assert_int_equal(scene->camera_count, 1);
+    assert_string_equal(scene->camera[0].name, "lamp");
+    assert_float_equal(scene->camera[0].fov_y, 0.75, 0);
+
+    assert_int_equal(scene->channel_count, 1);
+    assert_int_equal(scene->channel[0].node, 0);
+    assert_int_equal(scene->channel[0].path, LW_CHANNEL_TRANSLATION);
+    assert_int_equal(scene->channel[0].interpolation, LW_INTERPOLATION_LINEAR);
+    assert_float_equal(scene->channel[0].value[4], 3, 0);
+    assert_float_equal(scene->duration_s, 2, 0);
+    lw_scene_destroy(scene);
+}
+
+/* ---- one wrong place each ---- */
+
+static const struct {
+    const char *old, *new, *text;
+} wrong_places[] = {
+    {"'version':'2.0'", "'version':'1.0'", "asset: is glTF 1.0"},
+    {"'version':'2.0'", "'version':'2.1','minVersion':'2.1'", "asset: is glTF 2.1"},
+    {"'version':'2.0'", "'version':2.0", "asset: version: must be a string"},
+    {"'asset':{'version':'2.0'}", "'asset':[]", "asset: must be an object"},
+    {"'asset'", "'Asset'", "asset: is required"},
+    {"'scene':0", "'extensionsRequired':['KHR_draco_mesh_compression']", "KHR_draco_mesh_compression"},
+    {"'scene':0", "'scene':1", "scene: must be an index into scenes"},
+    {"'scene':0", "'scene':0.0", "scene: must be an index"},
+    {"'scene':0", "'scene':-1", "scene: must be an index"},
+    {"'nodes':[0,2]", "'nodes':[0,2,0]", "scenes[0]: nodes: nodes[0] is listed twice"},
+    {"'nodes':[0,2]", "'nodes':[0,1]", "nodes[1] is a root of the scene and a child of nodes[0]"},
+    {"'nodes':[0,2]", "'nodes':[0,3]", "scenes[0]: nodes: [1] must be an index"},
+    {"'nodes':[0,2]", "'nodes':{}", "scenes[0]: nodes: must be an array"},
+    {"'children':[1]", "'children':[1,1]", "nodes[1]: has two parents"},
+    {"'children':[1]", "'children':[0]", "nodes[0]: is its own ancestor"},
+    {"'children':[1]", "'children':['1']", "nodes[0].children: [0] must be an index"},
+    {"'children':[1]", "'children':1", "nodes[0]: children: must be an array"},
+    {"{'mesh':0}", "{'mesh':0,'children':[0]}", "is its own ancestor"},
+    {"{'mesh':0}", "{'mesh':1}", "nodes[1]: mesh: must be an index into meshes"},
+    {"{'mesh':0}", "7", "nodes[1]: must be an object"},
+    {"'translation':[0,1,0]", "'translation':[0,1]", "nodes[0]: translation: must be an array of 3 numbers"},
+    {"'translation':[0,1,0]", "'rotation':[0,0,0,0]", "nodes[0]: rotation: must be a unit quaternion"},
+    {"'translation':[0,1,0]", "'translation':[0,1e300,0]", "nodes[0]: translation"},
+    {"'translation':[0,1,0]", "'matrix':[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]",
+     "has a matrix and cannot be animated"},
+    {"'translation':[0,1,0]", "'matrix':[1,0,0,1,0,1,0,0,0,0,1,0,0,0,0,1]", "matrix: its last row"},
+    {"'translation':[0,1,0]", "'scale':[1,1,1],'matrix':[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]",
+     "matrix: excludes"},
+    {"'type':'spot'", "'type':'area'", "lights[0]: type: must be point, spot or directional"},
+    {"'type':'spot'", "'typ':'spot'", "lights[0]: type: is required"},
+    {"'intensity':8", "'intensity':-8", "lights[0]: intensity: must be a number, at least 0"},
+    {"'intensity':8", "'intensity':'8'", "lights[0]: intensity: must be a number"},
+    {"'spot':{}", "'spot':{'outerConeAngle':1.6}",
+     "lights[0]: spot: outerConeAngle: must be a number from 0"},
+    {",'spot':{}", "", "lights[0]: spot: is required"},
+    {"'spot':{}", "'spot':{'innerConeAngle':0.8}", "innerConeAngle 0.8 must be less than"},
+    {"'color':[1,0.5,0.25]", "'color':[1,0.5]", "lights[0]: color: must be an array of 3 numbers"},
+    {"{'light':0}", "{'light':1}", "nodes[2]: light: must be an index"},
+    {"{'light':0}", "{}", "nodes[2]: light: is required"},
+    {"'lights':[", "'lights':[1,", "lights[0]: must be an object"},
+    {"'type':'perspective'", "'type':'fisheye'", "cameras[0]: type: must be perspective or orthographic"},
+    {"'yfov':0.75", "'yfov':0", "cameras[0]: perspective: yfov"},
+    {"'POSITION':0,", "", "meshes[0]: primitives[0]: attributes: POSITION: is required"},
+    {"'POSITION':0", "'POSITION':99", "attributes: POSITION: must be an index into accessors"},
+    {"'POSITION':0", "'POSITION':2", "POSITION: accessor 2: type VEC2 cannot be used here"},
+    {"'POSITION':0", "'POSITION':5", "has 4 elements, POSITION has 2"},
+    {"'NORMAL':1", "'NORMAL':[1]", "attributes: NORMAL: must be an index"},
+    {"'indices':3", "'indices':4", "indices: accessor 4: componentType 5126 cannot be used here"},
+    {"'indices':3", "'indices':0", "indices: accessor 0: type VEC3"},
+    {"'indices':3", "'mode':7", "primitives[0]: mode: must be an integer from 0 to 6"},
+    {"'indices':3", "'mode':4", "4 indices do not make whole triangles"},
+    {"'material':0", "'material':1", "primitives[0]: material: must be an index"},
+    {"'primitives':[{", "'primitives':[3,{", "meshes[0]: primitives[0]: must be an object"},
+    {"'primitives'", "'Primitives'", "meshes[0]: primitives: is required"},
+    {"[0.5,0.25,0.125,1]", "[0.5,0.25,0.125]", "materials[0]: pbrMetallicRoughness: baseColorFactor"},
+    {"[0.5,0.25,0.125,1]", "[-0.5,0.25,0.125,1]",
+     "baseColorFactor: must be an array of 4 numbers, at least 0"},
+    {"'emissiveFactor':[1,0.5,0]", "'emissiveFactor':1", "materials[0]: emissiveFactor"},
+    {"'emissiveStrength':4", "'emissiveStrength':-4", "materials[0]: emissiveStrength"},
+    {"'alphaMode':'MASK'", "'alphaMode':'ADD'", "materials[0]: alphaMode"},
+    {"'doubleSided':true", "'doubleSided':1", "doubleSided: must be true or false"},
+    {"'baseColorTexture':{'index':0}", "'baseColorTexture':{'index':1}", "baseColorTexture: index"},
+    {"'baseColorTexture':{'index':0}", "'baseColorTexture':{}", "baseColorTexture: index: is required"},
+    {"{'source':0,'sampler':0}", "{'sampler':0}", "textures[0]: source: is missing"},
+    {"{'source':0,'sampler':0}", "{'source':0,'sampler':9}", "textures[0]: sampler: must be an index"},
+    {"'wrapS':33071", "'wrapS':1", "samplers[0]: wrapS"},
+    {"'images':[{'uri':", "'images':[{'bufferView':0,'uri':",
+     "images[0]: must have either uri or bufferView"},
+    {"'uri':'data:image/png;base64," PNG "'", "'bufferView':0", "images[0]: is not a readable PNG or JPEG"},
+    {"data:image/png;base64," PNG, "data:image/png;base64," PNG_TOO_WIDE, "images[0]: uri"},
+    {"data:image/png;base64,", "data:image/png;base64,!", "is not base64"},
+    {"data:image/png;base64,", "data:image/png,", "must be data:TYPE;base64"},
+    {"data:image/png;base64," PNG, "http://host/a.png", "http://host/a.png"},
+    {"data:image/png;base64," PNG, "file:///etc/passwd", "only data: and relative paths"},
+    {"data:image/png;base64," PNG, "/etc/passwd", "leaves the folder"},
+    {"data:image/png;base64," PNG, "../a.png", "uri \"../a.png\": leaves the folder"},
+    {"data:image/png;base64," PNG, "a/%2e%2e/%2E./a.png", "leaves the folder"},
+    {"data:image/png;base64," PNG, "%2fetc/passwd", "leaves the folder"},
+    {"data:image/png;base64," PNG, "a%00.png", "wrong %-escape"},
+    {"data:image/png;base64," PNG, "a%4", "wrong %-escape"},
+    {"data:image/png;base64," PNG, "", "must have 1 to"},
+    {"data:image/png;base64," PNG, "a\\n\\u001b[31m.png", "a??[31m.png"},
+    {"'path':'translation'", "'path':'rotation'", "accessor 5: type VEC3 cannot be used here"},
+    {"'target':{'node':0,", "'target':{'node':3,", "animations[0]: channels[0]: node: must be an index"},
+    {"'channels':[", "'channels':[{'sampler':0,'target':{'node':0,'path':'translation'}},",
+     "is animated twice"},
+    {"'channels':[{'sampler':0", "'channels':[{'sampler':1", "sampler: 1 is not one of the animation's 1"},
+    {"'input':4", "'input':4,'interpolation':'SPLINE'", "interpolation: must be"},
+    {"'input':4", "'input':4,'interpolation':'CUBICSPLINE'", "output: accessor 5 has 2 elements for 2 keys"},
+    {"'input':4", "'input':5", "accessor 5: type VEC3"},
+    {"'count':4,", "'count':5,", "accessor 0: reaches past bufferView 0"},
+    {"'count':4,", "'count':0,", "accessor 0: count: must be an integer from 1"},
+    {"'count':4,", "'count':2147483649,", "accessor 0: count"},
+    {"'count':4,", "'count':99999999999999999999,", "too big"},
+    {"'count':4,", "'byteOffset':4,'count':4,", "accessor 0: reaches past bufferView 0"},
+    {"'count':4,", "'byteOffset':-4,'count':4,", "accessor 0: byteOffset"},
+    {"'count':4,", "'byteOffset':4294967295,'count':4,", "accessor 0: reaches past"},
+    {"'componentType':5126", "'componentType':5124", "accessor 0: componentType 5124"},
+    {"'componentType':5126", "'componentType':5123", "accessor 0: componentType 5123 cannot be used here"},
+    {"'componentType':5126", "'componentType':'FLOAT'", "accessor 0: componentType: must be an integer"},
+    {"'type':'VEC3'", "'type':'MAT4'", "accessor 0: type MAT4"},
+    {"{'bufferView':0,'componentType':5126,'count':4,", "{'componentType':5126,'count':1048577,",
+     "without bufferView has at most 1048576"},
+    {"{'buffer':0,'byteLength':48}", "{'buffer':0,'byteLength':48,'byteStride':8}",
+     "elements of 12 bytes overlap"},
+    {"{'buffer':0,'byteLength':48}", "{'buffer':0,'byteLength':48,'byteStride':13}", "multiple of 4"},
+    {"{'buffer':0,'byteLength':48}", "{'buffer':0,'byteLength':48,'byteStride':256}", "byteStride: must be"},
+    {"{'buffer':0,'byteLength':48}", "{'buffer':0,'byteLength':173}", "bufferViews[0]: reaches past the end"},
+    {"{'buffer':0,'byteLength':48}", "{'buffer':0,'byteOffset':173,'byteLength':1}", "reaches past the end"},
+    {"{'buffer':0,'byteLength':48}", "{'buffer':1,'byteLength':48}",
+     "bufferViews[0]: buffer: must be an index"},
+    {"{'buffer':0,'byteLength':48}", "{'byteLength':48}", "bufferViews[0]: buffer: is required"},
+    {"'byteLength':172", "'byteLength':173",
+     "buffers[0]: byteLength: 173 bytes are declared, the BIN chunk has 172"},
+    {"'byteLength':172", "'byteLength':0", "buffers[0]: byteLength: must be an integer from 1"},
+    {"'byteLength':172}", "'byteLength':172},{'byteLength':4}", "buffers[1]: uri: is missing"},
+    {"'byteLength':172", "'byteLength':172,'uri':'data:application/octet-stream;base64,AAAA'",
+     "has 3 bytes, 172 are declared"},
+    {"'byteLength':172", "'byteLength':172,'uri':'other.bin'", "a scene in memory can name no file"},
+    {"'asset':", "'asset':{},'asset':", "duplicate"},
+    {"'mesh':0", "'name':'no mesh'", "no triangles in its default scene"},
+    {"'indices':3", "'mode':1", "no triangles in its default scene"},
+};
+
+static void wrong_places_are_named(void **state) {
+    (void)state;
+    for (size_t i = 0; i < sizeof wrong_places / sizeof *wrong_places; i++) {
+        const struct change change = {wrong_places[i].old, wrong_places[i].new};
+        expect_refusal(&change, 1, &base_data, sizeof base_data, wrong_places[i].text);
+    }
+}
+
+static void not_numbers_are_named(void **state) {
+    (void)state;
+    struct base_data data = base_data;
+    data.position[3][1] = NAN;
+    REFUSE("meshes[0]: primitives[0]: attributes.POSITION: accessor 0: element 3 is not a finite number",
+           data, no_change);
+    data = base_data;
+    data.position[0][1] = INFINITY;
+    REFUSE("element 0 is not a finite number", data, no_change);
+    data = base_data;
+    data.position[1][0] = 2e9f;
+    REFUSE("element 1 is farther than 1e+09 m", data, no_change);
+    data = base_data;
+    data.normal[2][0] = NAN;
+    REFUSE("attributes.NORMAL: accessor 1: element 2", data, no_change);
+    data = base_data;
+    data.uv[1][1] = -INFINITY;
+    REFUSE("attributes.TEXCOORD_0: accessor 2: element 1", data, no_change);
+    data = base_data;
+    data.value[1][0] = NAN;
+    REFUSE("animations[0]: channels[0]: samplers[0]: output: accessor 5: element 1", data, no_change);
+    data = base_data;
+    data.time[1] = 0;
+    REFUSE("input: accessor 4: times must be", data, no_change);
+    data = base_data;
+    data.time[0] = -1;
+    REFUSE("input: accessor 4: times must be", data, no_change);
+    data = base_data;
+    data.index[4] = 4;
+    REFUSE("indices: accessor 3: triangle 1 uses vertex 4, POSITION has 4 vertices", data, no_change);
+}
+
+/* ---- accessors ---- */
+
+static void sparse_accessors_replace_elements(void **state) {
+    (void)state;
+    const struct {
+        struct base_data base;
+        uint16_t index[2];
+        float value[2][3];
+    } data = {base_data, {1, 3}, {{2, 0, 0}, {2, 2, 0}}};
+#define SPARSE_VIEWS                                                                                         \
+    {"'byteOffset':148,'byteLength':24}",                                                                    \
+     "'byteOffset':148,'byteLength':24},{'buffer':0,'byteOffset':172,'byteLength':4},"                       \
+     "{'buffer':0,'byteOffset':176,'byteLength':24}"},                                                       \
+    {                                                                                                        \
+        "'byteLength':172", "'byteLength':200"                                                               \
+    }
+#define SPARSE(index_view, count)                                                                            \
+    ",'sparse':{'count':" count ",'indices':{'bufferView':" index_view                                       \
+    ",'componentType':5123},'values':{'bufferView':7}}"
+    struct lw_scene *scene;
+    LOAD(scene, data, SPARSE_VIEWS, {"'count':4,'type':'VEC3'", "'count':4,'type':'VEC3'" SPARSE("6", "2")});
+    assert_float_equal(scene->mesh[0].position[1].x, 2, 0);
+    assert_float_equal(scene->mesh[0].position[2].y, 1, 0);
+    assert_float_equal(scene->mesh[0].position[3].y, 2, 0);
+    lw_scene_destroy(scene);
+
+    /* without a view the rest is zero: here two corners are left apart, and no triangle has an area */
+    REFUSE("no triangles", data, SPARSE_VIEWS,
+           {"{'bufferView':0,'componentType':5126,'count':4,'type':'VEC3'",
+            "{'componentType':5126,'count':4,'type':'VEC3'" SPARSE("6", "1")});
+    REFUSE("accessor 0: sparse: count: must be an integer from 1 to 4", data, SPARSE_VIEWS,
+           {"'count':4,'type':'VEC3'", "'count':4,'type':'VEC3'" SPARSE("6", "5")});
+    REFUSE("accessor 0: sparse: indices reaches past bufferView 6", data, SPARSE_VIEWS,
+           {"'count':4,'type':'VEC3'", "'count':4,'type':'VEC3'" SPARSE("6", "3")});
+    typeof(data) unordered = data, repeated = data, outside = data;
+    memcpy((void *)unordered.index, (const uint16_t[]){3, 1}, 4);
+    memcpy((void *)repeated.index, (const uint16_t[]){1, 1}, 4);
+    memcpy((void *)outside.index, (const uint16_t[]){1, 4}, 4);
+    const struct change sparse = {"'count':4,'type':'VEC3'", "'count':4,'type':'VEC3'" SPARSE("6", "2")};
+    REFUSE("strictly increasing, element 1 is not", unordered, SPARSE_VIEWS, sparse);
+    REFUSE("strictly increasing, element 1 is not", repeated, SPARSE_VIEWS, sparse);
+    REFUSE("indices: 4 is past the accessor's 4 elements", outside, SPARSE_VIEWS, sparse);
+}
+
+static void interleaved_accessors_are_read_with_their_stride(void **state) {
+    (void)state;
+    struct {
+        struct {
+            float position[3], normal[3];
+        } vertex[4];
+        float rest[(sizeof base_data - 96) / 4];
+    } data;
+    for (int i = 0; i < 4; i++) {
+        memcpy(data.vertex[i].position, base_data.position[i], 12);
+        memcpy(data.vertex[i].normal, base_data.normal[i], 12);
+    }
+    memcpy(data.rest, base_data.uv, sizeof data.rest);
+    struct lw_scene *scene;
+    LOAD(scene, data, {"{'buffer':0,'byteLength':48}", "{'buffer':0,'byteLength':96,'byteStride':24}"},
+         {"{'bufferView':1,", "{'bufferView':0,'byteOffset':12,"});
+    for (int i = 0; i < 4; i++) {
+        assert_memory_equal(&scene->mesh[0].position[i], base_data.position[i], 12);
+        assert_float_equal(scene->mesh[0].normal[i].z, 1, 1e-6);
+    }
+    lw_scene_destroy(scene);
+    REFUSE("accessor 1: reaches past bufferView 0", data,
+           {"{'buffer':0,'byteLength':48}", "{'buffer':0,'byteLength':95,'byteStride':24}"},
+           {"{'bufferView':1,", "{'bufferView':0,'byteOffset':12,"});
+}
+
+static void quantised_attributes_need_their_extension(void **state) {
+    (void)state;
+    struct {
+        int16_t position[4][4]; /* the fourth pads */
+        int8_t normal[4][4];
+        uint16_t uv[4][2];
+        uint16_t index[6];
+        float time[2], value[2][3];
+    } data = {.position = {{0, 0, 0}, {10, 0, 0}, {0, 10, 0}, {10, 10, 0}},
+              .normal = {{0, 0, 127}, {0, 0, 127}, {0, 0, 127}, {0, -128, 0}},
+              .uv = {{0, 65535}, {65535, 65535}, {0, 0}, {32768, 0}},
+              .index = {0, 1, 2, 2, 1, 3},
+              .time = {0, 2}};
+#define QUANTISED                                                                                            \
+    {"{'buffer':0,'byteLength':48},{'buffer':0,'byteOffset':48,'byteLength':48},"                            \
+     "{'buffer':0,'byteOffset':96,'byteLength':32},{'buffer':0,'byteOffset':128,'byteLength':12},"           \
+     "{'buffer':0,'byteOffset':140,'byteLength':8},{'buffer':0,'byteOffset':148,'byteLength':24}",           \
+     "{'buffer':0,'byteLength':32,'byteStride':8},{'buffer':0,'byteOffset':32,'byteLength':16,'byteStride':" \
+     "4},"                                                                                                   \
+     "{'buffer':0,'byteOffset':48,'byteLength':16},{'buffer':0,'byteOffset':64,'byteLength':12},"            \
+     "{'buffer':0,'byteOffset':76,'byteLength':8},{'buffer':0,'byteOffset':84,'byteLength':24}"},            \
+        {"'byteLength':172", "'byteLength':108"},                                                            \
+        {"{'bufferView':0,'componentType':5126", "{'bufferView':0,'componentType':5122"},                    \
+        {"{'bufferView':1,'componentType':5126", "{'bufferView':1,'normalized':true,'componentType':5120"},  \
+    {                                                                                                        \
+        "{'bufferView':2,'componentType':5126", "{'bufferView':2,'normalized':true,'componentType':5123"     \
+    }
+    struct lw_scene *scene;
+    LOAD(scene, data, QUANTISED, {"'scene':0", "'scene':0,'extensionsRequired':['KHR_mesh_quantization']"});
+    assert_float_equal(scene->mesh[0].position[3].y, 10, 0);
+    assert_float_equal(scene->mesh[0].normal[3].y, -1, 1e-6);
+    assert_float_equal(scene->mesh[0].uv[0][3].x, 32768.0 / 65535, 1e-6);
+    lw_scene_destroy(scene);
+    REFUSE("POSITION: accessor 0: componentType 5122 cannot be used here", data, QUANTISED);
+}
+
+static void colours_have_three_or_four_components(void **state) {
+    (void)state;
+    const struct {
+        struct base_data base;
+        uint8_t colour[4][4];
+    } data = {base_data, {{255, 0, 51, 102}, {255, 255, 255, 255}, {0, 0, 0, 0}, {255, 0, 0, 0}}};
+#define COLOUR(type, size)                                                                                   \
+    {"'count':2,'type':'VEC3'}", "'count':2,'type':'VEC3'},{'bufferView':6,'componentType':5121,'"           \
+                                 "normalized':true,'count':4,'type':'" type "'}"},                           \
+        {"'byteOffset':148,'byteLength':24}",                                                                \
+         "'byteOffset':148,'byteLength':24},{'buffer':0,'byteOffset':172,'byteLength':16" size "}"},         \
+        {"'byteLength':172", "'byteLength':188"}, {                                                          \
+        "'POSITION':0", "'POSITION':0,'COLOR_0':6"                                                           \
+    }
+    struct lw_scene *scene;
+    LOAD(scene, data, COLOUR("VEC4", ""));
+    assert_float_equal(scene->mesh[0].colour[0].z, 0.2, 1e-6);
+    assert_float_equal(scene->mesh[0].colour[0].w, 0.4, 1e-6);
+    lw_scene_destroy(scene);
+    LOAD(scene, data, COLOUR("VEC3", ",'byteStride':4"));
+    assert_float_equal(scene->mesh[0].colour[0].z, 0.2, 1e-6);
+    assert_float_equal(scene->mesh[0].colour[0].w, 1, 0);
+    lw_scene_destroy(scene);
+    REFUSE("COLOR_0: accessor 6: type VEC2", data, COLOUR("VEC2", ""));
+}
+
+/* ---- primitives ---- */
+
+static struct lw_vec3 face(const struct lw_mesh *mesh, uint32_t t) {
+    const uint32_t *v = mesh->triangle[t];
+    return lw_vec3_cross(lw_vec3_sub(mesh->position[v[1]], mesh->position[v[0]]),
+                         lw_vec3_sub(mesh->position[v[2]], mesh->position[v[0]]));
+}
+
+static void strips_and_fans_keep_their_winding(void **state) {
+    (void)state;
+    struct lw_scene *scene;
+    LOAD(scene, base_data, {"'indices':3", "'mode':5"});
+    assert_int_equal(scene->mesh[0].triangle_count, 2);
+    assert_int_equal(scene->mesh[0].vertex_count, 4);
+    for (uint32_t t = 0; t < 2; t++) assert_float_equal(face(&scene->mesh[0], t).z, 1, 0);
+    lw_scene_destroy(scene);
+
+    struct base_data data = base_data;
+    memcpy(data.position[2], base_data.position[3], 12); /* around the square */
+    memcpy(data.position[3], base_data.position[2], 12);
+    LOAD(scene, data, {"'indices':3", "'mode':6"});
+    assert_int_equal(scene->mesh[0].triangle_count, 2);
+    for (uint32_t t = 0; t < 2; t++) assert_float_equal(face(&scene->mesh[0], t).z, 1, 0);
+    lw_scene_destroy(scene);
+}
+
+static void missing_normals_are_flat(void **state) {
+    (void)state;
+    struct base_data data = base_data;
+    data.position[3][2] = 1; /* the second triangle rises */
+    struct lw_scene *scene;
+    LOAD(scene, data, {"'NORMAL':1,", ""});
+    const struct lw_mesh *mesh = &scene->mesh[0];
+    assert_int_equal(mesh->vertex_count, 6);
+    for (uint32_t t = 0; t < 2; t++) {
+        struct lw_vec3 n = lw_vec3_normalize(face(mesh, t));
+        for (int k = 0; k < 3; k++)
+            assert_float_equal(lw_vec3_dot(n, mesh->normal[mesh->triangle[t][k]]), 1, 1e-6);
+    }
+    assert_true(face(mesh, 1).x < 0);
+    lw_scene_destroy(scene);
+
+    data = base_data; /* a normal of no length gets its face's */
+    memset(data.normal, 0, sizeof data.normal);
+    LOAD(scene, data, no_change);
+    assert_int_equal(scene->mesh[0].vertex_count, 4);
+    assert_float_equal(scene->mesh[0].normal[3].z, 1, 1e-6);
+    lw_scene_destroy(scene);
+}
+
+static void triangles_without_area_are_left_out(void **state) {
+    (void)state;
+    struct base_data data = base_data;
+    memcpy(data.position[3], data.position[2], 12);
+    struct lw_scene *scene;
+    LOAD(scene, data, no_change);
+    assert_int_equal(scene->mesh[0].triangle_count, 1);
+    assert_int_equal(scene->mesh[0].vertex_count, 3); /* nobody uses the fourth */
+    lw_scene_destroy(scene);
+    data = base_data;
+    data.index[5] = 1;
+    LOAD(scene, data, no_change);
+    assert_int_equal(scene->mesh[0].triangle_count, 1);
+    lw_scene_destroy(scene);
+    /* small is not degenerate */
+    data = base_data;
+    for (int i = 0; i < 4; i++)
+        for (int c = 0; c < 3; c++) data.position[i][c] *= 1e-7f;
+    LOAD(scene, data, no_change);
+    assert_int_equal(scene->mesh[0].triangle_count, 2);
+    lw_scene_destroy(scene);
+}
+
+static void a_mesh_keeps_a_material_per_triangle(void **state) {
+    (void)state;
+    struct lw_scene *scene;
+    LOAD(scene, base_data,
+         {"'primitives':[", "'primitives':[{'attributes':{'POSITION':0},'indices':3},"
+                            "{'attributes':{'POSITION':0},'mode':0},"});
+    const struct lw_mesh *mesh = &scene->mesh[0];
+    assert_int_equal(scene->mesh_count, 1);
+    assert_int_equal(mesh->triangle_count, 4);
+    assert_int_equal(scene->material_count, 2);
+    assert_int_equal(mesh->material[0], mesh->material[1]);
+    assert_int_not_equal(mesh->material[1], mesh->material[2]);
+    const struct lw_material *plain = &scene->material[mesh->material[0]];
+    for (int c = 0; c < 4; c++) assert_float_equal(plain->base_colour[c], 1, 0);
+    assert_int_equal(plain->alpha_mode, LW_ALPHA_OPAQUE);
+    assert_false(plain->double_sided);
+    lw_scene_destroy(scene);
+}
+
+/* ---- nodes, textures, animation ---- */
+
+static void nodes_share_meshes_and_lights(void **state) {
+    (void)state;
+    struct lw_scene *scene;
+    LOAD(scene, base_data, {"'nodes':[0,2]", "'nodes':[0,2,3]"},
+         {"{'light':0}}}]", "{'light':0}}},{'mesh':0,'extensions':{'KHR_lights_punctual':{'light':0}}}]"});
+    assert_int_equal(scene->mesh_count, 1);
+    assert_int_equal(scene->object_count, 2);
+    assert_int_equal(scene->light_count, 2);
+    assert_int_not_equal(scene->light[0].node, scene->light[1].node);
+    assert_memory_equal(scene->light[0].intensity, scene->light[1].intensity,
+                        sizeof scene->light[0].intensity);
+    lw_scene_destroy(scene);
+}
+
+static void only_the_default_scene_counts(void **state) {
+    (void)state;
+    struct lw_scene *scene;
+    LOAD(scene, base_data, {"'scene':0,'scenes':[", "'scene':1,'scenes':[{'nodes':[2]},"});
+    assert_int_equal(scene->node_count, 3);
+    lw_scene_destroy(scene);
+    REFUSE("no triangles", base_data, {"'scene':0,'scenes':[", "'scenes':[{'nodes':[2]},"});
+    LOAD(scene, base_data, {"'scene':0,'scenes':[{'name':'base','nodes':[0,2]}],", ""});
+    assert_int_equal(scene->object_count, 1);
+    assert_int_equal(scene->light_count, 1);
+    lw_scene_destroy(scene);
+    LOAD(scene, base_data, {"'nodes':[0,2]", "'nodes':[0]"});
+    assert_int_equal(scene->light_count, 0);
+    assert_int_equal(scene->camera_count, 0);
+    lw_scene_destroy(scene);
+}
+
+static void a_matrix_is_column_major(void **state) {
+    (void)state;
+    struct lw_scene *scene;
+    LOAD(scene, base_data, {"{'mesh':0}", "{'mesh':0,'matrix':[1,2,3,0,4,5,6,0,7,8,10,0,11,12,13,1]}"});
+    const struct lw_node *node = &scene->node[scene->object[0].node];
+    assert_true(node->has_matrix);
+    assert_float_equal(node->matrix.m[0][1], 4, 0);
+    assert_float_equal(node->matrix.m[2][0], 3, 0);
+    assert_float_equal(node->matrix.m[1][3], 12, 0);
+    lw_scene_destroy(scene);
+}
+
+static void a_texture_transform_moves_its_coordinates(void **state) {
+    (void)state;
+    struct lw_scene *scene;
+    LOAD(scene, base_data,
+         {"'baseColorTexture':{'index':0}",
+          "'baseColorTexture':{'index':0,'extensions':{'KHR_texture_transform':"
+          "{'offset':[0.5,-0.25],'rotation':1.5707963,'scale':[2,3],'texCoord':1}}}"});
+    const struct lw_texture_use *use = &scene->material[0].base_colour_texture;
+    assert_int_equal(use->uv_set, 1);
+    /* a quarter turn: u' = 3 v + 0.5, v' = -2 u - 0.25 */
+    const float expected[6] = {0, 3, 0.5f, -2, 0, -0.25f};
+    for (int i = 0; i < 6; i++) assert_float_equal(use->transform[i], expected[i], 1e-6);
+    lw_scene_destroy(scene);
+    REFUSE("KHR_texture_transform: scale", base_data,
+           {"'baseColorTexture':{'index':0}",
+            "'baseColorTexture':{'index':0,'extensions':{'KHR_texture_transform':{'scale':2}}}"});
+}
+
+static void images_are_decoded_once(void **state) {
+    (void)state;
+    struct lw_scene *scene;
+    LOAD(scene, base_data,
+         {"'alphaMode'", "'emissiveTexture':{'index':1},'normalTexture':{'index':2},'alphaMode'"},
+         {"'textures':[", "'textures':[{'source':0},{'source':0,'sampler':0},{'source':1},"},
+         {"'images':[", "'images':[{'uri':'data:image/png;base64," PNG "'},{'uri':'../never/read.png'},"});
+    const struct lw_material *material = &scene->material[0];
+    assert_int_equal(scene->texture_count, 2); /* they differ in how they repeat */
+    assert_ptr_equal(scene->texture[0].rgba, scene->texture[1].rgba);
+    assert_int_not_equal(material->base_colour_texture.texture, material->emission_texture.texture);
+    lw_scene_destroy(scene);
+}
+
+static void rotations_are_normalised(void **state) {
+    (void)state;
+    struct {
+        struct base_data base;
+        int16_t rotation[2][4];
+    } data = {base_data, {{0, 0, 0, 32767}, {0, 23170, 0, 23170}}};
+    struct lw_scene *scene;
+    LOAD(scene, data, {"'path':'translation'", "'path':'rotation'"}, {"'output':5", "'output':6"},
+         {"'count':2,'type':'VEC3'}", "'count':2,'type':'VEC3'},{'bufferView':6,'componentType':5122,'"
+                                      "normalized':true,'count':2,'type':'VEC4'}"},
+         {"'byteOffset':148,'byteLength':24}",
+          "'byteOffset':148,'byteLength':24},{'buffer':0,'byteOffset':172,'byteLength':16}"},
+         {"'byteLength':172", "'byteLength':188"}, {"'input':4", "'input':4,'interpolation':'STEP'"});
+    const struct lw_channel *channel = &scene->channel[0];
+    assert_int_equal(channel->path, LW_CHANNEL_ROTATION);
+    assert_int_equal(channel->interpolation, LW_INTERPOLATION_STEP);
+    assert_float_equal(channel->value[5], sqrt(0.5), 1e-6);
+    assert_float_equal(channel->value[7], sqrt(0.5), 1e-6);
+    lw_scene_destroy(scene);
+}
+
+static void what_is_not_used_is_no_error(void **state) {
+    (void)state;
+    struct lw_scene *scene;
+    LOAD(scene, base_data, {"'KHR_texture_transform'", "'KHR_texture_transform','KHR_materials_clearcoat'"},
+         {"{'mesh':0}", "{'mesh':0,'skin':0,'weights':[1]}"}, {"'indices':3", "'indices':3,'targets':[{}]"},
+         {"'path':'translation'", "'path':'weights'"}, {"'type':'perspective'", "'type':'orthographic'"},
+         {"'intensity':8", "'intensity':8,'range':3"},
+         {"'baseColorTexture':{'index':0}", "'baseColorTexture':{'index':0,'texCoord':2}"},
+         {"[0.5,0.25,0.125,1]", "[1.5,0.25,0.125,1]"});
+    assert_int_equal(scene->channel_count, 0);
+    assert_int_equal(scene->camera_count, 0);
+    assert_float_equal(scene->material[0].base_colour[0], 1, 0);
+    assert_int_equal(scene->material[0].base_colour_texture.texture, LW_SCENE_NONE);
+    lw_scene_destroy(scene);
+}
+
+/* ---- size and shape ---- */
+
+/* Nodes 0..count-1 in a row, the last one with the mesh. children: format of what follows a node's number. */
+static char *nested(unsigned count, bool shared) {
+    size_t capacity = (size_t)count * 48 + sizeof base_json;
+    char *nodes = malloc(capacity), *at = nodes;
+    at += sprintf(at, "'nodes':[{'name':'top','children':[1]}");
+    for (unsigned i = 1; i + 1 < count; i++)
+        at += shared ? sprintf(at, ",{'children':[%u,%u]}", i + 1, i + 1)
+                     : sprintf(at, ",{'children':[%u]}", i + 1);
+    sprintf(at, ",{'mesh':0}],");
+    return nodes;
+}
+
+static enum lw_status load_nested(unsigned count, bool shared, struct lw_scene **out, struct lw_error *err) {
+    char *nodes = nested(count, shared);
+    const struct change changes[] = {
+        {"'nodes':[{'name':'top','children':[1],'translation':[0,1,0]},{'mesh':0},"
+         "{'name':'lamp','camera':0,'extensions':{'KHR_lights_punctual':{'light':0}}}],",
+         nodes},
+        {"'nodes':[0,2]", "'nodes':[0]"},
+    };
+    enum lw_status status = load_changed(changes, 2, &base_data, sizeof base_data, out, err);
+    free(nodes);
+    return status;
+}
+
+static void deep_hierarchies_load(void **state) {
+    (void)state;
+    struct lw_scene *scene;
+    struct lw_error err = {0};
+    lw_support_ok(load_nested(20000, false, &scene, &err), &err);
+    assert_int_equal(scene->node_count, 20000);
+    assert_int_equal(scene->node[19999].parent, 19998);
+    lw_scene_destroy(scene);
+}
+
+static void shared_children_are_refused(void **state) {
+    (void)state;
+    struct lw_scene *scene = NULL;
+    struct lw_error err = {0};
+    assert_int_equal(load_nested(42, true, &scene, &err), LW_BAD_DATA);
+    assert_non_null(strstr(err.text, "two parents"));
+}
+
+static void deep_json_is_refused(void **state) {
+    (void)state;
+    enum { DEPTH = 100000 };
+    uint8_t *text = malloc(DEPTH);
+    struct lw_scene *scene = NULL;
+    struct lw_error err = {0};
+    memset(text, '[', DEPTH);
+    assert_int_equal(lw_gltf_load_memory(text, DEPTH, "deep.gltf", &scene, &err), LW_BAD_DATA);
+    assert_non_null(strstr(err.text, "depth"));
+    free(text);
+}
+
+/* ---- the container ---- */
+
+static void expect_bytes_refused(const uint8_t *bytes, size_t size, const char *text) {
+    struct lw_scene *scene = NULL;
+    struct lw_error err = {0};
+    uint8_t *exact = malloc(size ? size : 1); /* so that a sanitizer sees a read past its end */
+    memcpy(exact, bytes, size);
+    enum lw_status status = lw_gltf_load_memory(exact, size, "x.glb", &scene, &err);
+    free(exact);
+    if (status != LW_BAD_DATA || !strstr(err.text, text))
+        fail_msg("\"%s\" does not hold \"%s\"", err.text, text);
+}
+
+static void broken_containers_are_refused(void **state) {
+    (void)state;
+    size_t size;
+    uint8_t *glb = pack("{'asset':{'version':'2.0'}}", "12345678", 8, &size);
+    size_t binary = 20 + 28; /* where the BIN chunk's header starts */
+    for (size_t cut = 4; cut < size; cut++) expect_bytes_refused(glb, cut, "truncated");
+    for (size_t cut = 0; cut < 4; cut++) expect_bytes_refused(glb, cut, "x.glb: ");
+
+    expect_bytes_refused(glb, size, "no triangles"); /* nothing wrong with the container itself */
+    put_word(glb + 4, 1);
+    expect_bytes_refused(glb, size, "is binary glTF 1");
+    put_word(glb + 4, 2);
+    put_word(glb + 8, size - 4);
+    expect_bytes_refused(glb, size, "something follows its end");
+    put_word(glb + 8, size);
+    put_word(glb + binary, 12);
+    expect_bytes_refused(glb, size, "chunk 1: its 12 bytes reach past the end");
+    put_word(glb + binary, 0xfffffffc);
+    expect_bytes_refused(glb, size, "chunk 1: its 4294967292 bytes reach past the end");
+    put_word(glb + binary, 7);
+    expect_bytes_refused(glb, size, "not a multiple of 4");
+    put_word(glb + binary, 4);
+    expect_bytes_refused(glb, size, "chunk 2: its header is truncated");
+    put_word(glb + binary, 8);
+    put_word(glb + 12, 28 + 16); /* the JSON chunk swallows the other one */
+    expect_bytes_refused(glb, size, "line 1");
+    put_word(glb + 12, 28 + 4); /* and here it ends inside the other's header */
+    expect_bytes_refused(glb, size, "reach past the end");
+    put_word(glb + 12, 28);
+    memcpy(glb + binary + 4, "JSON", 4);
+    expect_bytes_refused(glb, size, "the first chunk, and no other, must be JSON");
+    memcpy(glb + 16, "BIN", 4);
+    expect_bytes_refused(glb, size, "the first chunk, and no other, must be JSON");
+    free(glb);
+}
+
+/* Every prefix and every single wrong byte of a good file is read or refused: no crash, no leak. */
+static void damaged_files_are_read_or_refused(void **state) {
+    (void)state;
+    size_t size;
+    uint8_t *glb = pack(base_json, &base_data, sizeof base_data, &size);
+    for (size_t i = 0; i < size; i++) {
+        struct lw_scene *scene = NULL;
+        uint8_t good = glb[i];
+        glb[i] = (uint8_t)(good ^ (1 << i % 8));
+        struct lw_error err = {0};
+        enum lw_status status = lw_gltf_load_memory(glb, size, "x.glb", &scene, &err);
+        assert_true(status == LW_OK || (status == LW_BAD_DATA && err.text[0] && !scene));
+        lw_scene_destroy(scene);
+        glb[i] = good;
+    }
+    free(glb);
+}
+
+int main(void) {
+    lw_log_init("test_gltf", LW_LOG_ERROR);
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(the_base_scene_arrives_whole),
+        cmocka_unit_test(wrong_places_are_named),
+        cmocka_unit_test(not_numbers_are_named),
+        cmocka_unit_test(sparse_accessors_replace_elements),
+        cmocka_unit_test(interleaved_accessors_are_read_with_their_stride),
+        cmocka_unit_test(quantised_attributes_need_their_extension),
+        cmocka_unit_test(colours_have_three_or_four_components),
+        cmocka_unit_test(strips_and_fans_keep_their_winding),
+        cmocka_unit_test(missing_normals_are_flat),
+        cmocka_unit_test(triangles_without_area_are_left_out),
+        cmocka_unit_test(a_mesh_keeps_a_material_per_triangle),
+        cmocka_unit_test(nodes_share_meshes_and_lights),
+        cmocka_unit_test(only_the_default_scene_counts),
+        cmocka_unit_test(a_matrix_is_column_major),
+        cmocka_unit_test(a_texture_transform_moves_its_coordinates),
+        cmocka_unit_test(images_are_decoded_once),
+        cmocka_unit_test(rotations_are_normalised),
+        cmocka_unit_test(what_is_not_used_is_no_error),
+        cmocka_unit_test(deep_hierarchies_load),
+        cmocka_unit_test(shared_children_are_refused),
+        cmocka_unit_test(deep_json_is_refused),
+        cmocka_unit_test(broken_containers_are_refused),
+        cmocka_unit_test(damaged_files_are_read_or_refused),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
