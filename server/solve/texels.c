@@ -5,61 +5,91 @@
 #include <string.h>
 
 #define TEXELS_MAX (1u << 30)
+#define GRAZED_AREA 0.125f /* texels^2 */
 #define ALBEDO_SIDE 4 /* the albedo of a texel is the mean of 4 x 4 points of it */
 
 /* While a mesh is rasterised: which triangle a texel takes, and where on it. */
 struct claim {
     uint32_t triangle; /* LW_TEXEL_NONE: nobody */
-    float u, v;        /* barycentrics of the point nearest to the texel's centre */
-    float distance2;   /* from there to the centre, texels^2 */
+    float u, v;        /* barycentrics of the sample */
+    float area;        /* of the claiming triangle inside the texel, texels^2; 2 if it holds the centre */
+    float area_sum;    /* of all triangles inside the texel */
     bool back;
 };
 
 static struct lw_vec2 minus(struct lw_vec2 a, struct lw_vec2 b) { return (struct lw_vec2){a.x - b.x, a.y - b.y}; }
-static float dot2(struct lw_vec2 a, struct lw_vec2 b) { return a.x * b.x + a.y * b.y; }
-static float clamp01(float t) { return t < 0 ? 0 : t > 1 ? 1 : t; }
+static float cross2(struct lw_vec2 a, struct lw_vec2 b) { return a.x * b.y - a.y * b.x; }
 
-/* Barycentrics (of corners 1 and 2) of the point of a triangle in the plane that is nearest to p; returns the squared
- * distance. Inside by signs of the edge functions, else the nearest point of the three edges. */
-static float nearest_on_triangle(const struct lw_vec2 corner[3], struct lw_vec2 p, float *out_u, float *out_v) {
+/* Barycentrics (of corners 1 and 2) of a point in the plane; false for a triangle without area. */
+static bool barycentrics(const struct lw_vec2 corner[3], struct lw_vec2 p, float *out_u, float *out_v) {
     struct lw_vec2 e1 = minus(corner[1], corner[0]), e2 = minus(corner[2], corner[0]), d = minus(p, corner[0]);
-    float area = e1.x * e2.y - e1.y * e2.x;
-    if (area != 0) {
-        float u = (d.x * e2.y - d.y * e2.x) / area, v = (e1.x * d.y - e1.y * d.x) / area;
-        if (u >= 0 && v >= 0 && u + v <= 1) {
-            *out_u = u;
-            *out_v = v;
-            return 0;
+    float area = cross2(e1, e2);
+    if (area == 0) return false;
+    *out_u = cross2(d, e2) / area;
+    *out_v = cross2(e1, d) / area;
+    return true;
+}
+
+/* Moves barycentrics that rounding has put outside back onto the triangle. */
+static void clamp_barycentrics(float *u, float *v) {
+    *u = fmaxf(0, *u);
+    *v = fmaxf(0, *v);
+    float sum = *u + *v;
+    if (sum <= 1) return;
+    *u /= sum;
+    *v /= sum;
+}
+
+/* The part of a polygon with sign * (coordinate - limit) <= 0 (Sutherland and Hodgman 1974). */
+static int clip(const struct lw_vec2 *in, int count, bool along_y, float limit, float sign, struct lw_vec2 *out) {
+    int n = 0;
+    for (int i = 0; i < count; i++) {
+        struct lw_vec2 a = in[i], b = in[(i + 1) % count];
+        float da = sign * ((along_y ? a.y : a.x) - limit), db = sign * ((along_y ? b.y : b.x) - limit);
+        if (da <= 0) out[n++] = a;
+        if ((da < 0 && db > 0) || (da > 0 && db < 0)) {
+            float t = da / (da - db);
+            out[n++] = (struct lw_vec2){a.x + t * (b.x - a.x), a.y + t * (b.y - a.y)};
         }
     }
-    float best = INFINITY;
-    for (int i = 0; i < 3; i++) {
-        int j = (i + 1) % 3;
-        struct lw_vec2 edge = minus(corner[j], corner[i]), to_p = minus(p, corner[i]);
-        float length2 = dot2(edge, edge), t = length2 > 0 ? clamp01(dot2(to_p, edge) / length2) : 0;
-        struct lw_vec2 gap = {to_p.x - t * edge.x, to_p.y - t * edge.y};
-        float distance2 = dot2(gap, gap);
-        if (distance2 >= best) continue;
-        best = distance2;
-        float weight[3] = {0};
-        weight[i] = 1 - t;
-        weight[j] = t;
-        *out_u = weight[1];
-        *out_v = weight[2];
+    return n;
+}
+
+/* Area and centroid of a triangle inside the unit square at (x, y). */
+static float clip_to_texel(const struct lw_vec2 corner[3], float x, float y, struct lw_vec2 *out_centroid) {
+    struct lw_vec2 a[8], b[8];
+    int n = clip(corner, 3, false, x, -1, a);
+    n = clip(a, n, false, x + 1, 1, b);
+    n = clip(b, n, true, y, -1, a);
+    n = clip(a, n, true, y + 1, 1, b);
+    float doubled = 0, cx = 0, cy = 0;
+    for (int i = 2; i < n; i++) {
+        float part = fabsf(cross2(minus(b[i - 1], b[0]), minus(b[i], b[0])));
+        doubled += part;
+        cx += part * (b[0].x + b[i - 1].x + b[i].x);
+        cy += part * (b[0].y + b[i - 1].y + b[i].y);
     }
-    return best;
+    if (!(doubled > 0)) return 0;
+    *out_centroid = (struct lw_vec2){cx / (3 * doubled), cy / (3 * doubled)};
+    return 0.5f * doubled;
+}
+
+static void lightmap_corners(const struct lw_mesh *mesh, uint32_t triangle, bool back, struct lw_vec2 out_corner[3]) {
+    for (int i = 0; i < 3; i++) {
+        out_corner[i] = mesh->lightmap_uv[mesh->triangle[triangle][i]];
+        if (back) out_corner[i].y += (float)mesh->back_offset;
+    }
 }
 
 static uint32_t floor_clamped(float x, uint32_t limit) { return x <= 0 ? 0 : x >= (float)limit ? limit : (uint32_t)x; }
 
-/* Lets a triangle claim the texels whose square it overlaps, unless another lies nearer to their centre. */
+/* Lets a triangle claim the texels that it overlaps. Who holds a texel's centre gets it and is sampled there; where
+ * nobody does, the largest part gets it and is sampled at the part's middle: never on the chart's very edge, which may
+ * lie in the plane of the next wall. */
 static void claim_texels(struct claim *claim, const struct lw_mesh_texels *texels, const struct lw_mesh *mesh,
                          uint32_t triangle, bool back) {
     struct lw_vec2 corner[3];
-    for (int i = 0; i < 3; i++) {
-        corner[i] = mesh->lightmap_uv[mesh->triangle[triangle][i]];
-        if (back) corner[i].y += (float)mesh->back_offset;
-    }
+    lightmap_corners(mesh, triangle, back, corner);
     float x_min = fminf(corner[0].x, fminf(corner[1].x, corner[2].x)),
           x_max = fmaxf(corner[0].x, fmaxf(corner[1].x, corner[2].x)),
           y_min = fminf(corner[0].y, fminf(corner[1].y, corner[2].y)),
@@ -68,26 +98,43 @@ static void claim_texels(struct claim *claim, const struct lw_mesh_texels *texel
     uint32_t y0 = floor_clamped(y_min, texels->height - 1), y1 = floor_clamped(y_max, texels->height - 1);
     for (uint32_t y = y0; y <= y1; y++)
         for (uint32_t x = x0; x <= x1; x++) {
-            struct lw_vec2 centre = {(float)x + 0.5f, (float)y + 0.5f};
-            float u, v, distance2 = nearest_on_triangle(corner, centre, &u, &v);
-            float px = (1 - u - v) * corner[0].x + u * corner[1].x + v * corner[2].x,
-                  py = (1 - u - v) * corner[0].y + u * corner[1].y + v * corner[2].y;
-            if (fabsf(px - centre.x) > 0.5f || fabsf(py - centre.y) > 0.5f) continue;
+            struct lw_vec2 sample;
+            float u, v, area = clip_to_texel(corner, (float)x, (float)y, &sample);
+            if (!(area > 0)) continue;
             struct claim *c = &claim[lw_texels_index(texels, x, y)];
-            if (c->triangle != LW_TEXEL_NONE && c->distance2 <= distance2) continue;
-            *c = (struct claim){.triangle = triangle, .u = u, .v = v, .distance2 = distance2, .back = back};
+            c->area_sum += area;
+            struct lw_vec2 centre = {(float)x + 0.5f, (float)y + 0.5f};
+            if (!barycentrics(corner, centre, &u, &v)) continue;
+            if (u >= 0 && v >= 0 && u + v <= 1) area = 2;
+            else barycentrics(corner, sample, &u, &v);
+            if (c->triangle != LW_TEXEL_NONE && c->area >= area) continue;
+            clamp_barycentrics(&u, &v);
+            c->triangle = triangle;
+            c->u = u;
+            c->v = v;
+            c->area = area;
+            c->back = back;
         }
 }
 
-/* Mean albedo of the part of a texel's square that lies on the claiming triangle (points beyond it are moved to its
- * rim), weighted by how much surface is there: cut-out parts do not count. */
+/* Drops texels that a chart only grazes where a neighbour has more of it: their light is the neighbour's, continued. */
+static void drop_grazed(struct claim *claim, const struct lw_mesh_texels *texels) {
+    for (uint32_t y = 0; y < texels->height; y++)
+        for (uint32_t x = 0; x < texels->width; x++) {
+            struct claim *c = &claim[lw_texels_index(texels, x, y)];
+            if (c->triangle == LW_TEXEL_NONE || c->area > 1 || c->area_sum >= GRAZED_AREA) continue;
+            for (uint32_t j = y ? y - 1 : 0; j <= y + 1 && j < texels->height; j++)
+                for (uint32_t i = x ? x - 1 : 0; i <= x + 1 && i < texels->width; i++)
+                    if (claim[lw_texels_index(texels, i, j)].area_sum >= GRAZED_AREA) c->triangle = LW_TEXEL_NONE;
+        }
+}
+
+/* Mean albedo of the part of a texel's square that lies on the claiming triangle (points beyond it are moved onto
+ * it), weighted by how much surface is there: cut-out parts do not count. */
 static struct lw_vec3 mean_albedo(const struct lw_scene *scene, const struct lw_mesh *mesh, const struct claim *c,
                                   uint32_t x, uint32_t y) {
     struct lw_vec2 corner[3];
-    for (int i = 0; i < 3; i++) {
-        corner[i] = mesh->lightmap_uv[mesh->triangle[c->triangle][i]];
-        if (c->back) corner[i].y += (float)mesh->back_offset;
-    }
+    lightmap_corners(mesh, c->triangle, c->back, corner);
     const struct lw_material *material = &scene->material[mesh->material[c->triangle]];
     struct lw_vec3 sum = {0}, plain = {0};
     float weights = 0;
@@ -95,8 +142,9 @@ static struct lw_vec3 mean_albedo(const struct lw_scene *scene, const struct lw_
     for (int j = 0; j < side; j++)
         for (int i = 0; i < side; i++) {
             struct lw_vec2 p = {(float)x + ((float)i + 0.5f) / (float)side, (float)y + ((float)j + 0.5f) / (float)side};
-            float u, v;
-            nearest_on_triangle(corner, p, &u, &v);
+            float u = c->u, v = c->v;
+            barycentrics(corner, p, &u, &v);
+            clamp_barycentrics(&u, &v);
             struct lw_surface surface;
             lw_scene_surface(scene, mesh, c->triangle, u, v, &surface);
             float weight = material->alpha_mode == LW_ALPHA_OPAQUE ? 1
@@ -193,12 +241,13 @@ static bool build_mesh(struct lw_mesh_texels *texels, const struct lw_scene *sce
         free(claim);
         return false;
     }
-    for (uint32_t i = 0; i < texels->texel_count; i++) claim[i].triangle = LW_TEXEL_NONE;
+    for (uint32_t i = 0; i < texels->texel_count; i++) claim[i] = (struct claim){.triangle = LW_TEXEL_NONE};
     for (uint32_t t = 0; t < mesh->triangle_count; t++) {
         claim_texels(claim, texels, mesh, t, false);
         if (mesh->back_offset && scene->material[mesh->material[t]].double_sided)
             claim_texels(claim, texels, mesh, t, true);
     }
+    drop_grazed(claim, texels);
     evaluate(texels, scene, mesh, claim);
     free(claim);
     find_sources(texels);

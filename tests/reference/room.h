@@ -1,0 +1,68 @@
+/* room.h: scenes of squares with known answers, and their solution. */
+#ifndef LW_TESTS_ROOM_H
+#define LW_TESTS_ROOM_H
+
+#include "server/solve/cell_solver.h"
+#include "tests/support/support.h"
+
+#include <math.h>
+
+/** Fails unless |got - want| <= tolerance |want|, and says all three. */
+static inline void expect_near(double got, double want, double tolerance) {
+    if (!(fabs(got - want) <= tolerance * fabs(want)))
+        fail_msg("got %.6g, expected %.6g within %.2g %% (off by %.2g %%)", got, want, 100 * tolerance,
+                 100 * (got / want - 1));
+}
+
+#define ROOM_QUADS_MAX  16
+#define ROOM_LIGHTS_MAX 4
+
+/** A scene under construction: each quad is an object of its own with a material of its own, front by the right hand
+ * from edge_u to edge_v. */
+struct room {
+    struct room_quad {
+        struct lw_vec3 corner, edge_u, edge_v;
+        float albedo, emission; /* grey; W/(m^2 sr) */
+        bool double_sided;
+    } quad[ROOM_QUADS_MAX];
+    struct lw_light light[ROOM_LIGHTS_MAX];
+    struct lw_vec3 light_position[ROOM_LIGHTS_MAX]; /* punctual lights shine along -Y where they have a direction */
+    uint32_t quad_count, light_count;
+    float sky;
+    float texels_per_metre;
+};
+
+void room_quad(struct room *room, struct lw_vec3 corner, struct lw_vec3 edge_u, struct lw_vec3 edge_v, float albedo,
+               float emission);
+/** The six inner faces of a box from (0,0,0) to size. */
+void room_box(struct room *room, struct lw_vec3 size, float albedo, float emission);
+
+/** A room with everything that a solve needs. */
+struct room_solution {
+    struct lw_scene *scene;
+    struct lw_atlas_map map;
+    struct lw_pose pose;
+    struct lw_solver *solver;
+    struct lw_solver_stats stats; /* of the last frame */
+    uint64_t rays;                /* of all frames */
+};
+
+/** Builds and solves `frames` frames; scene, map and pose of the desc are filled in. */
+void room_solve(struct room_solution *solution, const struct room *room, struct lw_solver_desc desc, unsigned frames);
+/** The same for a ready scene, which it takes. */
+void room_solve_scene(struct room_solution *solution, struct lw_scene *scene, float texels_per_metre,
+                      struct lw_solver_desc desc, unsigned frames);
+void room_finish(struct room_solution *solution);
+
+/** Mean E over the surface of an object: red channel, direct and indirect. */
+struct room_mean {
+    double direct, indirect, total;
+    double texels; /* covered, by area */
+};
+struct room_mean room_object_mean(const struct room_solution *solution, uint32_t object);
+
+/** Calls back for every covered texel of an object. position: world space; area: how much of the texel is surface. */
+typedef void room_texel_fn(void *user, struct lw_vec3 position_ws, double area, double direct, double indirect);
+void room_each_texel(const struct room_solution *solution, uint32_t object, room_texel_fn *fn, void *user);
+
+#endif

@@ -1,0 +1,165 @@
+/* Indirect light against closed forms and against itself: the closed furnace, probes, threads, linearity, rest. */
+#include "tests/reference/room.h"
+
+#include "common/scene/builtin.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* In a closed room whose walls all emit Le and reflect rho, bounce k adds pi Le rho^k. */
+static void expect_furnace(float rho, uint32_t bounces, float range_m, double tolerance) {
+    struct room room = {.texels_per_metre = 12};
+    room_box(&room, lw_vec3(2, 2, 2), rho, 1.5f);
+    struct room_solution solution;
+    room_solve(&solution, &room,
+               (struct lw_solver_desc){.bounces = bounces, .tracing_range_m = range_m, .direct_samples = 4}, 64);
+    double want = 0, pi_le = 1.5 * acos(-1.0);
+    for (uint32_t k = 0; k <= bounces; k++) want += pi_le * pow((double)rho, k);
+    double mean = 0;
+    for (uint32_t o = 0; o < 6; o++) mean += room_object_mean(&solution, o).total / 6;
+    if (fabs(mean - want) > tolerance * want)
+        fail_msg("furnace rho %.2f, %u bounces, range %g: E %.5f, expected %.5f", (double)rho, bounces, (double)range_m,
+                 mean, want);
+    room_finish(&solution);
+}
+
+/* The direct term samples emitters by area: beside a corner its variance is large, and the mean over 6 x 24^2 texels
+ * of 256 samples has a heavy tail: runs of 64 to 256 frames scatter by 0.3 % (one sigma). */
+static void test_furnace(void **state) {
+    (void)state;
+    expect_furnace(0.5f, 0, INFINITY, 0.01);
+    expect_furnace(0.5f, 1, INFINITY, 0.01);
+    expect_furnace(0.5f, 3, INFINITY, 0.01);
+    expect_furnace(0.9f, 8, INFINITY, 0.01);
+}
+
+/* Radiance is the same from everywhere, so probes, which nine coefficients describe exactly here, change nothing. */
+static void test_furnace_with_probes(void **state) {
+    (void)state;
+    expect_furnace(0.5f, 3, 0.7f, 0.01);
+    expect_furnace(0.5f, 2, 1e-4f, 0.01); /* every ray asks a probe */
+}
+
+static struct room lit_box(void) {
+    struct room room = {.texels_per_metre = 10};
+    room_box(&room, lw_vec3(2, 2, 3), 0.6f, 0);
+    room_quad(&room, lw_vec3(0.7f, 1.99f, 0.7f), lw_vec3(0.6f, 0, 0), lw_vec3(0, 0, 0.6f), 0, 5);
+    return room;
+}
+
+static double total_over_room(const struct room_solution *solution) {
+    double sum = 0;
+    for (uint32_t o = 0; o < solution->scene->object_count; o++) {
+        struct room_mean mean = room_object_mean(solution, o);
+        sum += mean.total * mean.texels;
+    }
+    return sum;
+}
+
+static void copy_tiles(const struct room_solution *solution, float *dst) {
+    for (uint32_t id = 0; id < solution->map.tile_count; id++) {
+        if (solution->map.place[id].level) continue;
+        struct lw_solver_tile tile;
+        solution->solver->ops->read_tile(solution->solver, (lw_tile_id){id}, &tile);
+        for (int c = 0; c < 3; c++) {
+            memcpy(dst, tile.direct[c], tile.width * tile.height * sizeof *dst);
+            dst += tile.width * tile.height;
+            memcpy(dst, tile.indirect[c], tile.width * tile.height * sizeof *dst);
+            dst += tile.width * tile.height;
+        }
+    }
+}
+
+static void test_same_bytes_at_any_thread_count(void **state) {
+    (void)state;
+    struct room room = lit_box();
+    struct room_solution a, b;
+    struct lw_solver_desc desc = {.bounces = 2, .threads = 1, .tracing_range_m = 1.0f};
+    room_solve(&a, &room, desc, 5);
+    desc.threads = 3;
+    room_solve(&b, &room, desc, 5);
+    size_t floats = 0;
+    for (uint32_t id = 0; id < a.map.tile_count; id++)
+        if (a.map.place[id].level == 0) floats += (size_t)a.map.place[id].width * a.map.place[id].height * 6;
+    float *x = malloc(floats * sizeof *x), *y = malloc(floats * sizeof *y);
+    assert_non_null(x);
+    assert_non_null(y);
+    copy_tiles(&a, x);
+    copy_tiles(&b, y);
+    assert_memory_equal(x, y, floats * sizeof *x);
+    assert_true(a.rays == b.rays && a.rays > 0);
+    free(y);
+    free(x);
+    room_finish(&b);
+    room_finish(&a);
+}
+
+static void test_light_is_linear(void **state) {
+    (void)state;
+    double sum[3];
+    for (int i = 0; i < 3; i++) {
+        struct room room = lit_box();
+        if (i == 1) room.quad[6].emission = 0;
+        if (i != 0) {
+            room.light[0] = (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {4, 4, 4}};
+            room.light_position[0] = lw_vec3(1, 1, 2.2f);
+            room.light_count = 1;
+        }
+        struct room_solution solution;
+        room_solve(&solution, &room, (struct lw_solver_desc){.bounces = 2}, 48);
+        sum[i] = total_over_room(&solution);
+        room_finish(&solution);
+    }
+    /* lamp alone, point alone, both */
+    expect_near(sum[0] + sum[1], sum[2], 0.004);
+}
+
+static void test_converged_scene_rests(void **state) {
+    (void)state;
+    struct room room = lit_box();
+    struct room_solution solution;
+    room_solve(&solution, &room, (struct lw_solver_desc){.bounces = 1, .target_error = 0.1f}, 64);
+    assert_int_equal(solution.stats.tiles_converged, solution.stats.tiles);
+    assert_int_equal(solution.stats.tiles_solved, 0);
+    assert_int_equal(solution.stats.rays_shadow + solution.stats.rays_bounce, 0);
+    room_finish(&solution);
+}
+
+static void no_light_lost(void *user, struct lw_vec3 p, double area, double direct, double indirect) {
+    (void)area;
+    (void)p;
+    (void)user;
+    assert_true(isfinite(direct) && isfinite(indirect) && direct >= 0 && indirect >= 0);
+}
+
+/* A light in an empty room of black walls: what arrives is what was sent. */
+static void test_energy_of_a_point_light_arrives(void **state) {
+    (void)state;
+    struct room room = {.texels_per_metre = 24};
+    room_box(&room, lw_vec3(2, 2, 2), 0, 0);
+    room.light[0] = (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {1, 1, 1}};
+    room.light_position[0] = lw_vec3(0.8f, 1.1f, 0.9f);
+    room.light_count = 1;
+    struct room_solution solution;
+    room_solve(&solution, &room, (struct lw_solver_desc){.bounces = 2}, 1);
+    double watts = 0;
+    for (uint32_t o = 0; o < 6; o++) {
+        watts += room_object_mean(&solution, o).total * 4; /* m^2 */
+        room_each_texel(&solution, o, no_light_lost, NULL);
+    }
+    expect_near(watts, 4 * acos(-1.0), 0.003); /* the grid's rim: (1/48)^2 */
+    room_finish(&solution);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_furnace),
+        cmocka_unit_test(test_furnace_with_probes),
+        cmocka_unit_test(test_same_bytes_at_any_thread_count),
+        cmocka_unit_test(test_light_is_linear),
+        cmocka_unit_test(test_converged_scene_rests),
+        cmocka_unit_test(test_energy_of_a_point_light_arrives),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
