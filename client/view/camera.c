@@ -193,9 +193,12 @@ struct lw_camera_view lw_camera_default(const struct lw_scene *scene, const stru
     return lw_camera_look_at(lw_vec3_mad(centre, away, distance_m), centre, DEFAULT_FOV_Y);
 }
 
-struct lw_vec3 lw_camera_direction(const struct lw_camera_view *view, float x, float y, uint32_t width,
-                                   uint32_t height) {
-    float per_pixel = 2.0f * tanf(0.5f * view->fov_y) / (float)height;
-    float across = (x - 0.5f * (float)width) * per_pixel, along = (0.5f * (float)height - y) * per_pixel;
-    return lw_vec3_mad(lw_vec3_mad(view->forward, view->right, across), view->up, along);
+struct lw_camera_plane lw_camera_plane(const struct lw_camera_view *view, uint32_t width, uint32_t height) {
+    float pixel = 2.0f * tanf(0.5f * view->fov_y) / (float)height;
+    return (struct lw_camera_plane){.middle = view->forward,
+                                    .right = lw_vec3_scale(view->right, pixel),
+                                    .up = lw_vec3_scale(view->up, pixel),
+                                    .half_width = 0.5f * (float)width,
+                                    .half_height = 0.5f * (float)height,
+                                    .pixel = pixel};
 }

@@ -38,9 +38,19 @@ LW_MUST_CHECK enum lw_status lw_camera_find(const struct lw_scene *scene, const 
 struct lw_camera_view lw_camera_default(const struct lw_scene *scene, const struct lw_pose *pose,
                                         const struct lw_trace *trace, float aspect);
 
+/** The picture plane at depth 1: what a ray's direction takes, worked out once per picture. */
+struct lw_camera_plane {
+    struct lw_vec3 middle, right, up; /* of the picture; one pixel to the right; one pixel up */
+    float half_width, half_height;    /* pixels */
+    float pixel;                      /* side of a pixel */
+};
+struct lw_camera_plane lw_camera_plane(const struct lw_camera_view *view, uint32_t width, uint32_t height);
+
 /** Direction of the ray through (x, y) in pixels from the upper left corner; the centre of the first pixel is
  * (0.5, 0.5). Not unit: its component along `forward` is 1, so that a hit's t is its depth. */
-struct lw_vec3 lw_camera_direction(const struct lw_camera_view *view, float x, float y, uint32_t width,
-                                   uint32_t height);
+static inline struct lw_vec3 lw_camera_direction(const struct lw_camera_plane *plane, float x, float y) {
+    struct lw_vec3 across = lw_vec3_mad(plane->middle, plane->right, x - plane->half_width);
+    return lw_vec3_mad(across, plane->up, plane->half_height - y);
+}
 
 #endif

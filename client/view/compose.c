@@ -184,7 +184,7 @@ static void split(float texel, uint32_t size, uint32_t *out_0, uint32_t *out_1, 
 
 static struct footprint footprint_at(const struct level *level, unsigned k, struct lw_vec2 uv) {
     struct footprint f;
-    float scale = ldexpf(1.0f, -(int)k);
+    float scale = 1.0f / (float)(1u << k);
     split(uv.x * scale, level->width, &f.x0, &f.x1, &f.fx);
     split(uv.y * scale, level->height, &f.y0, &f.y1, &f.fy);
     return f;
@@ -305,15 +305,15 @@ static bool shade(struct lw_compose *compose, struct packet *p, const struct lw_
     return true;
 }
 
-static uint16_t aim(struct packet *p, const struct lw_compose_view *view, uint32_t x, uint32_t y) {
+static uint16_t aim(struct packet *p, const struct lw_compose_view *view, const struct lw_camera_plane *plane,
+                    uint32_t x, uint32_t y) {
     uint16_t active = 0;
-    p->pixel_size = 2.0f * tanf(0.5f * view->camera.fov_y) / (float)view->height;
+    p->pixel_size = plane->pixel;
     for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
         uint32_t px = x + i % BLOCK, py = y + i / BLOCK;
         if (px < view->width && py < view->height) active |= (uint16_t)(1u << i);
         struct lw_vec3 dir =
-            lw_camera_direction(&view->camera, (float)px + 0.5f + view->offset_x,
-                                (float)py + 0.5f + view->offset_y, view->width, view->height);
+            lw_camera_direction(plane, (float)px + 0.5f + view->offset_x, (float)py + 0.5f + view->offset_y);
         p->rays.org_x[i] = view->camera.position.x;
         p->rays.org_y[i] = view->camera.position.y;
         p->rays.org_z[i] = view->camera.position.z;
@@ -325,10 +325,10 @@ static uint16_t aim(struct packet *p, const struct lw_compose_view *view, uint32
     return active;
 }
 
-static void render_block(struct lw_compose *compose, const struct lw_compose_view *view, uint32_t x,
-                         uint32_t y, float *out_rgb) {
+static void render_block(struct lw_compose *compose, const struct lw_compose_view *view,
+                         const struct lw_camera_plane *plane, uint32_t x, uint32_t y, float *out_rgb) {
     struct packet p;
-    uint16_t active = aim(&p, view, x, y), going = active;
+    uint16_t active = aim(&p, view, plane, x, y), going = active;
     for (unsigned layer = 0; going && layer < LW_COMPOSE_LAYERS_MAX; layer++) {
         struct lw_hit16 hits;
         uint16_t go_on = 0;
@@ -349,6 +349,7 @@ void lw_compose_render(struct lw_compose *compose, const struct lw_compose_sourc
                        const struct lw_pose *pose, const struct lw_compose_view *view, float *out_rgb,
                        struct lw_compose_report *out_report) {
     begin(compose, source, pose);
+    const struct lw_camera_plane plane = lw_camera_plane(&view->camera, view->width, view->height);
     uint32_t columns = (view->width + SCREEN_TILE - 1) / SCREEN_TILE;
     uint32_t rows = (view->height + SCREEN_TILE - 1) / SCREEN_TILE;
 #pragma omp parallel for schedule(dynamic) num_threads(compose->threads)
@@ -356,7 +357,7 @@ void lw_compose_render(struct lw_compose *compose, const struct lw_compose_sourc
         uint32_t left = t % columns * SCREEN_TILE, top = t / columns * SCREEN_TILE;
         for (uint32_t y = top; y < top + SCREEN_TILE && y < view->height; y += BLOCK)
             for (uint32_t x = left; x < left + SCREEN_TILE && x < view->width; x += BLOCK)
-                render_block(compose, view, x, y, out_rgb);
+                render_block(compose, view, &plane, x, y, out_rgb);
     }
     lw_compose_check(compose, source, out_report);
 }

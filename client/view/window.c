@@ -486,7 +486,7 @@ static bool has_display(void) {
 }
 
 enum lw_status lw_window_run(const struct lw_view_options *options, struct lw_error *err) {
-    if (SDL_Init(SDL_INIT_VIDEO) != 0)
+    if (!has_display() || SDL_Init(SDL_INIT_VIDEO) != 0)
         return lw_status_fail(err, LW_UNAVAILABLE, "no display: use --headless");
     struct window w = {.options = options};
     lw_picture_init(&w.picture, options->curve, options->auto_exposure, options->stops, options->threads);

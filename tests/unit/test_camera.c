@@ -63,11 +63,12 @@ static void test_parse_names_the_part(void **state) {
 static void test_direction(void **state) {
     (void)state;
     struct lw_camera_view view = lw_camera_look_at(lw_vec3(0, 0, 0), lw_vec3(0, 0, -1), LW_PI / 2);
+    struct lw_camera_plane plane = lw_camera_plane(&view, 200, 100);
     /* 90 degrees: the picture's upper edge is at 45; twice as wide as high */
-    assert_vec(lw_camera_direction(&view, 100, 50, 200, 100), 0, 0, -1);
-    assert_vec(lw_camera_direction(&view, 100, 0, 200, 100), 0, 1, -1);
-    assert_vec(lw_camera_direction(&view, 0, 50, 200, 100), -2, 0, -1);
-    assert_vec(lw_camera_direction(&view, 200, 100, 200, 100), 2, -1, -1);
+    assert_vec(lw_camera_direction(&plane, 100, 50), 0, 0, -1);
+    assert_vec(lw_camera_direction(&plane, 100, 0), 0, 1, -1);
+    assert_vec(lw_camera_direction(&plane, 0, 50), -2, 0, -1);
+    assert_vec(lw_camera_direction(&plane, 200, 100), 2, -1, -1);
 }
 
 static struct lw_scene *scene_with_cameras(unsigned count) {

@@ -217,10 +217,10 @@ static void fill_ramps(struct world *w) {
 }
 
 static void assert_ramps(const struct lw_compose_view *view, const float *rgb, float texels) {
+    struct lw_camera_plane plane = lw_camera_plane(&view->camera, WIDTH, HEIGHT);
     for (uint32_t y = 0; y < HEIGHT; y++)
         for (uint32_t x = 0; x < WIDTH; x++) {
-            struct lw_vec3 dir =
-                lw_camera_direction(&view->camera, (float)x + 0.5f, (float)y + 0.5f, WIDTH, HEIGHT);
+            struct lw_vec3 dir = lw_camera_direction(&plane, (float)x + 0.5f, (float)y + 0.5f);
             struct lw_vec3 p = lw_vec3_mad(view->camera.position, dir, -view->camera.position.y / dir.y);
             float u = (p.x / SIDE_M + 0.5f) * texels, v = (p.z / SIDE_M + 0.5f) * texels;
             const float *pixel = rgb + 3 * ((size_t)y * WIDTH + x);
@@ -294,10 +294,10 @@ static void test_missing_tile(void **state) {
     assert_false(lw_compose_needed(w.compose)[tile_at(&w, 1, 0, 0)]);
     const float half_texel_m = 0.5f * SIDE_M / 128;
     int coarse = 0, fine = 0;
+    struct lw_camera_plane plane = lw_camera_plane(&view.camera, WIDTH, HEIGHT);
     for (uint32_t y = 0; y < HEIGHT; y++)
         for (uint32_t x = 0; x < WIDTH; x++) {
-            struct lw_vec3 dir =
-                lw_camera_direction(&view.camera, (float)x + 0.5f, (float)y + 0.5f, WIDTH, HEIGHT);
+            struct lw_vec3 dir = lw_camera_direction(&plane, (float)x + 0.5f, (float)y + 0.5f);
             struct lw_vec3 p = lw_vec3_mad(view.camera.position, dir, -view.camera.position.y / dir.y);
             /* a lookup whose four texels touch the missing tile reads the level above as a whole */
             bool touches = p.x >= -half_texel_m && p.z < half_texel_m;
