@@ -3,6 +3,7 @@
 #include "common/scene/lightmap_heap.h"
 #include "common/scene/lightmap_merge.h"
 #include "common/scene/lightmap_plane.h"
+#include "common/scene/lightmap_split.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -225,6 +226,7 @@ enum lw_status lw_lightmap_chart_build(struct lw_lightmap_charts *charts, const 
         memset(charts->chart, 0xff, triangles * sizeof *charts->chart);
         status = grow(&topology, charts, plane);
     }
+    if (status == LW_OK) status = lw_lightmap_split(charts, &topology);
     if (status == LW_OK) status = lw_lightmap_merge(charts, &topology, plane);
 
     if (status == LW_OK) status = collapse(&topology, charts);

@@ -1,14 +1,10 @@
 #include "common/scene/lightmap_merge.h"
 
-#include "common/scene/lightmap.h"
 #include "common/scene/lightmap_heap.h"
 #include "common/scene/lightmap_shape.h"
 
 #include <stdlib.h>
 #include <string.h>
-
-/* What a rectangle costs beyond its content, on a side: both gutters, and half a block lost to rounding. */
-#define MARGIN (2.0f * LW_LIGHTMAP_GUTTER + LW_LIGHTMAP_BLOCK / 2.0f)
 
 /* Light changes at a hard edge, and a bilinear lookup next to it sees a texel of the other side. A strip of a few
  * texels is all border either way, so only such pieces are laid across one. */
@@ -47,11 +43,6 @@ struct motion {
 
 static struct lw_vec2 moved(const struct motion *m, struct lw_vec2 p) {
     return (struct lw_vec2){m->cosine * p.x - m->sine * p.y + m->x, m->sine * p.x + m->cosine * p.y + m->y};
-}
-
-static float cost_of(struct lw_lightmap_box box) {
-    float block = (float)LW_LIGHTMAP_BLOCK / 2;
-    return (fmaxf(box.size.x, block) + MARGIN) * (fmaxf(box.size.y, block) + MARGIN);
 }
 
 static void corners_of(const struct merger *m, uint32_t t, struct lw_vec2 out[3]) {
@@ -148,8 +139,8 @@ static void try_edge(struct merger *m, uint32_t taker, uint32_t edge) {
     if (m->tries[chart]++ >= TRIES || !find_motion(m, edge, &motion)) return;
     uint32_t count;
     struct lw_vec2 *hull = joint_hull(m, chart, &motion, &count);
-    struct lw_lightmap_box box = lw_lightmap_shape_box(hull, count, MARGIN);
-    float cost = cost_of(box);
+    struct lw_lightmap_box box = lw_lightmap_shape_box(hull, count, LW_LIGHTMAP_SHAPE_MARGIN);
+    float cost = lw_lightmap_shape_cost(box);
     if (cost > m->cost[taker] + m->cost[chart] || !lands_free(m, chart, &motion)) return;
     take_in(m, taker, chart, &motion);
     memcpy(m->outline, hull, count * sizeof *hull);
@@ -203,9 +194,9 @@ static void find_hulls(struct merger *m) {
         for (uint32_t t = m->first[c]; t != LW_SCENE_NONE; t = m->next[t], n += 3)
             corners_of(m, t, m->scratch + n);
         uint32_t count = lw_lightmap_shape_hull(m->scratch, n, m->arena + used);
-        struct lw_lightmap_box box = lw_lightmap_shape_box(m->arena + used, count, MARGIN);
+        struct lw_lightmap_box box = lw_lightmap_shape_box(m->arena + used, count, LW_LIGHTMAP_SHAPE_MARGIN);
         m->hull[c] = (struct hull){used, count};
-        m->cost[c] = cost_of(box);
+        m->cost[c] = lw_lightmap_shape_cost(box);
         m->width[c] = box.size.y;
         used += count;
     }

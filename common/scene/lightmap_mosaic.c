@@ -6,6 +6,9 @@
  * for what was full then is full now. Only full rectangles are alike enough for that. */
 #define SIZES 17
 
+/* A chart ends exactly where its gutter begins; rounding must not push it over. */
+#define ROUNDING 1e-3f
+
 struct place {
     uint32_t x, y;
 };
@@ -15,6 +18,49 @@ struct mosaic {
     uint64_t *row;
     struct place resume[SIZES][SIZES];
 };
+
+/* Bits [from, to) of a row. */
+static void set_bits(uint64_t *row, uint32_t from, uint32_t to) {
+    for (uint32_t x = from; x < to; x++) row[x / 64] |= (uint64_t)1 << x % 64;
+}
+
+/* Width of a triangle between two heights; false if it has no part there. */
+static bool extent(const struct lw_vec2 c[3], float low, float high, float *out_from, float *out_to) {
+    float from = INFINITY, to = -INFINITY;
+    for (int k = 0; k < 3; k++) {
+        struct lw_vec2 p = c[k], q = c[(k + 1) % 3];
+        if (p.y >= low && p.y <= high) from = fminf(from, p.x), to = fmaxf(to, p.x);
+        for (int side = 0; side < 2; side++) {
+            float y = side ? high : low;
+            if ((p.y < y) == (q.y < y)) continue;
+            float x = p.x + (q.x - p.x) * ((y - p.y) / (q.y - p.y));
+            from = fminf(from, x), to = fmaxf(to, x);
+        }
+    }
+    *out_from = from, *out_to = to;
+    return from <= to;
+}
+
+void lw_lightmap_mosaic_mark(struct lw_lightmap_stone *stone, const struct lw_vec2 c[3], float cell,
+                             float reach) {
+    reach -= ROUNDING;
+    float low = fminf(c[0].y, fminf(c[1].y, c[2].y)) - reach,
+          high = fmaxf(c[0].y, fmaxf(c[1].y, c[2].y)) + reach;
+    uint32_t end = (uint32_t)ceilf(high / cell);
+    for (uint32_t y = low > 0 ? (uint32_t)(low / cell) : 0; y < end && y < stone->height; y++) {
+        float from, to;
+        if (!extent(c, (float)y * cell - reach, (float)(y + 1) * cell + reach, &from, &to)) continue;
+        uint32_t left = from > reach ? (uint32_t)((from - reach) / cell) : 0;
+        uint32_t right = to + reach > 0 ? (uint32_t)ceilf((to + reach) / cell) : 0;
+        set_bits(stone->row + (size_t)y * lw_lightmap_mosaic_words(stone->width), left,
+                 right < stone->width ? right : stone->width);
+    }
+}
+
+void lw_lightmap_mosaic_fill(struct lw_lightmap_stone *stone) {
+    for (uint32_t y = 0; y < stone->height; y++)
+        set_bits(stone->row + (size_t)y * lw_lightmap_mosaic_words(stone->width), 0, stone->width);
+}
 
 static bool is_free(const struct mosaic *m, const struct lw_lightmap_stone *s, uint32_t x, uint32_t y) {
     uint32_t words = lw_lightmap_mosaic_words(s->width), shift = x % 64;

@@ -91,45 +91,6 @@ struct lw_vec2 lw_lightmap_pack_place(const struct lw_lightmap_slot *slot, struc
                                   (float)(slot->y + slot->height - slot->gutter))};
 }
 
-/* Bits [from, to) of a row. */
-static void set_bits(uint64_t *row, uint32_t from, uint32_t to) {
-    for (uint32_t x = from; x < to; x++) row[x / 64] |= (uint64_t)1 << x % 64;
-}
-
-/* Width of a triangle between two heights; false if it has no part there. */
-static bool extent(const struct lw_vec2 c[3], float low, float high, float *out_from, float *out_to) {
-    float from = INFINITY, to = -INFINITY;
-    for (int k = 0; k < 3; k++) {
-        struct lw_vec2 p = c[k], q = c[(k + 1) % 3];
-        if (p.y >= low && p.y <= high) from = fminf(from, p.x), to = fmaxf(to, p.x);
-        for (int side = 0; side < 2; side++) {
-            float y = side ? high : low;
-            if ((p.y < y) == (q.y < y)) continue;
-            float x = p.x + (q.x - p.x) * ((y - p.y) / (q.y - p.y));
-            from = fminf(from, x), to = fmaxf(to, x);
-        }
-    }
-    *out_from = from, *out_to = to;
-    return from <= to;
-}
-
-/* Marks the blocks that a triangle touches, its gutter included. */
-static void mark_blocks(struct lw_lightmap_stone *stone, const struct lw_vec2 c[3]) {
-    /* a chart ends exactly where its gutter begins; rounding must not push it over */
-    float block = (float)LW_LIGHTMAP_BLOCK, reach = (float)LW_LIGHTMAP_GUTTER - 1e-3f;
-    float low = fminf(c[0].y, fminf(c[1].y, c[2].y)) - reach,
-          high = fmaxf(c[0].y, fmaxf(c[1].y, c[2].y)) + reach;
-    uint32_t end = (uint32_t)ceilf(high / block);
-    for (uint32_t y = low > 0 ? (uint32_t)(low / block) : 0; y < end && y < stone->height; y++) {
-        float from, to;
-        if (!extent(c, (float)y * block - reach, (float)(y + 1) * block + reach, &from, &to)) continue;
-        uint32_t left = from > reach ? (uint32_t)((from - reach) / block) : 0;
-        uint32_t right = (uint32_t)ceilf((to + reach) / block);
-        set_bits(stone->row + (size_t)y * lw_lightmap_mosaic_words(stone->width), left,
-                 right < stone->width ? right : stone->width);
-    }
-}
-
 /* The blocks of an item: those its chart touches, or all of a rectangle of slivers. */
 static enum lw_status shape(struct packer *p, struct item *item) {
     struct lw_lightmap_stone *stone = &item->stone;
@@ -137,8 +98,7 @@ static enum lw_status shape(struct packer *p, struct item *item) {
     stone->row = calloc((size_t)stone->height * words, sizeof *stone->row);
     if (!stone->row) return LW_NO_MEMORY;
     if (item->count > 1) {
-        for (uint32_t y = 0; y < stone->height; y++)
-            set_bits(stone->row + (size_t)y * words, 0, stone->width);
+        lw_lightmap_mosaic_fill(stone);
         return LW_OK;
     }
     uint32_t chart = p->member[item->first];
@@ -148,14 +108,9 @@ static enum lw_status shape(struct packer *p, struct item *item) {
         for (int k = 0; k < 3; k++)
             c[k] = lw_lightmap_pack_place(&p->slot[chart],
                                           charts->point[charts->corner[p->layout->order[i]][k]]);
-        mark_blocks(stone, c);
+        lw_lightmap_mosaic_mark(stone, c, (float)LW_LIGHTMAP_BLOCK, (float)LW_LIGHTMAP_GUTTER);
     }
     return LW_OK;
-}
-
-static bool is_sliver(const struct packer *p, uint32_t chart) {
-    const struct lw_vec2 size = p->slot[chart].box.size;
-    return fminf(size.x, size.y) * p->scale <= LW_LIGHTMAP_SLIVER_WIDTH;
 }
 
 static uint32_t blocks_of(uint32_t texels) { return (texels + LW_LIGHTMAP_BLOCK - 1) / LW_LIGHTMAP_BLOCK; }
@@ -172,7 +127,7 @@ static void add_chart(struct packer *p, uint32_t first) {
 static enum lw_status add_slivers(struct packer *p, uint32_t first, uint32_t count) {
     uint32_t width, height;
     enum lw_status status =
-        lw_lightmap_sliver_fit(p->slot, p->member + first, count, p->scale, &width, &height);
+        lw_lightmap_sliver_fit(p->layout, p->slot, p->member + first, count, p->scale, &width, &height);
     if (status != LW_OK) return status;
     for (uint32_t i = first; i < first + count; i++) { /* into the rectangle's gutter */
         struct lw_lightmap_slot *slot = &p->slot[p->member[i]];
@@ -204,7 +159,7 @@ static enum lw_status make_items(struct packer *p) {
     if (!near) return LW_NO_MEMORY;
     p->item_count = 0;
     for (uint32_t c = 0; c < count; c++) {
-        if (is_sliver(p, c)) {
+        if (lw_lightmap_sliver_is(&p->slot[c], p->scale)) {
             near[slivers++] = (struct near){p->slot[c].place_in_space, c};
         } else {
             p->member[charts] = c;
@@ -434,6 +389,12 @@ static uint32_t gather(const struct lw_lightmap_charts *charts, const uint32_t *
     return n;
 }
 
+static float area_of(const struct lw_lightmap_charts *charts, uint32_t t) {
+    const uint32_t *corner = charts->corner[t];
+    struct lw_vec2 a = charts->point[corner[0]], b = charts->point[corner[1]], c = charts->point[corner[2]];
+    return ((b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)) / 2;
+}
+
 static void sort_by_chart(const struct lw_lightmap_charts *charts, uint32_t *start, uint32_t *order) {
     for (uint32_t t = 0; t < charts->triangle_count; t++)
         if (charts->chart[t] != LW_SCENE_NONE) start[charts->chart[t] + 2]++;
@@ -482,7 +443,8 @@ enum lw_status lw_lightmap_pack_init(struct lw_lightmap_layout *layout,
         for (uint32_t c = 0; c < count; c++) {
             uint32_t n = gather(charts, order + start[c], start[c + 1] - start[c], point);
             n = lw_lightmap_shape_hull(point, n, hull);
-            slot[c].box = lw_lightmap_shape_box(hull, n, LW_LIGHTMAP_GUTTER * 2 + LW_LIGHTMAP_BLOCK / 2.0f);
+            slot[c].box = lw_lightmap_shape_box(hull, n, LW_LIGHTMAP_SHAPE_MARGIN);
+            for (uint32_t i = start[c]; i < start[c + 1]; i++) slot[c].area += area_of(charts, order[i]);
             slot[c].place_in_space = place_in_space(mesh, order[start[c]], low, lw_vec3_sub(high, low));
         }
         *layout = (struct lw_lightmap_layout){.charts = charts,

@@ -13,6 +13,7 @@ struct lw_lightmap_slot {
     struct lw_vec2 origin, scale;
     uint32_t x, y, width, height; /* rectangle around it, in texels; blocks, but for slivers */
     uint32_t gutter;              /* inside the rectangle; none for slivers */
+    float area;                   /* of the chart, in its own units */
     uint64_t place_in_space;      /* chart order by direction and position */
 };
 

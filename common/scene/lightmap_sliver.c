@@ -1,90 +1,136 @@
 #include "common/scene/lightmap_sliver.h"
 
+#include "common/scene/lightmap_mosaic.h"
+
 #include <math.h>
 #include <stdlib.h>
 
-/* Texels of one rectangle: its own gutters should cost little, and its slivers should be near each other. */
-#define GROUP_AREA 1024u
+/* A chart is a sliver if its narrower side has no more texels than this ... */
+#define WIDTH 6.0f
+/* ... or if it is a ring or an arc: of moderate size, and mostly holes. */
+#define SIDE 128.0f
+#define FILL 0.3f
 
-#define ROWS_TRIED 4
+/* Texels of one rectangle: its own gutters should cost little, and its slivers should be near each other. */
+#define GROUP_AREA 2048.0f
+
+static const float WIDTHS[] = {0.8f, 1.0f, 1.3f}; /* of the square's side */
+
+bool lw_lightmap_sliver_is(const struct lw_lightmap_slot *slot, float scale) {
+    float width = slot->box.size.x * scale, height = slot->box.size.y * scale;
+    if (fminf(width, height) <= WIDTH) return true;
+    return fmaxf(width, height) <= SIDE && slot->area * scale * scale < FILL * (width + 4) * (height + 4);
+}
 
 static uint32_t whole(float texels) { return texels > 1 ? (uint32_t)ceilf(texels - 1e-4f) : 1; }
 
 uint32_t lw_lightmap_sliver_group(const struct lw_lightmap_slot *slot, const uint32_t *member, uint32_t count,
                                   float scale) {
-    uint64_t area = 0, limit = GROUP_AREA;
+    float area = 0, limit = GROUP_AREA;
     uint32_t n = 0;
     for (; n < count && area < limit; n++) {
-        const struct lw_lightmap_box *box = &slot[member[n]].box;
-        uint64_t width = whole(box->size.x * scale) + LW_LIGHTMAP_SLIVER_GAP,
-                 height = whole(box->size.y * scale) + LW_LIGHTMAP_SLIVER_GAP;
-        area += width * height;
-        uint64_t longest = width > height ? width : height;
-        if (longest * 16 > limit) limit = longest * 16; /* long ones need company as well */
+        const struct lw_lightmap_slot *s = &slot[member[n]];
+        float width = s->box.size.x * scale + 2, height = s->box.size.y * scale + 2;
+        /* a ring of thickness t covers about t + 2 times its length, gap included */
+        area += fminf(width * height, s->area * scale * scale + 4 * (width + height));
+        limit = fmaxf(limit, 16 * fmaxf(width, height)); /* long ones need company as well */
     }
     return n;
 }
 
-struct order {
-    uint32_t width, height, slot;
-};
-
-static int compare_orders(const void *left, const void *right) {
-    const struct order *a = left, *b = right;
-    if (a->height != b->height) return a->height > b->height ? -1 : 1;
-    if (a->width != b->width) return a->width > b->width ? -1 : 1;
-    return a->slot < b->slot ? -1 : a->slot > b->slot;
-}
-
-/* Shelves no wider than width; places only if slot is given. Slivers of one rectangle are few and alike. */
-static uint32_t shelve(const struct order *order, uint32_t count, uint32_t width,
-                       struct lw_lightmap_slot *slot) {
-    uint32_t x = 0, y = 0, shelf = 0;
-    for (uint32_t i = 0; i < count; i++) {
-        if (x + order[i].width > width) y += shelf, x = 0, shelf = 0;
-        if (!shelf) shelf = order[i].height;
-        if (slot) slot[order[i].slot].x = x, slot[order[i].slot].y = y;
-        x += order[i].width;
+/* The texels that a sliver touches, and the gap: one texel to the right and above each. Two slivers whose shapes are
+ * disjoint then have a free texel between them on every side. */
+static void shape(const struct lw_lightmap_layout *layout, const struct lw_lightmap_slot *slot,
+                  uint32_t chart, struct lw_lightmap_stone *stone) {
+    const struct lw_lightmap_charts *charts = layout->charts;
+    for (uint32_t i = layout->start[chart]; i < layout->start[chart + 1]; i++) {
+        struct lw_vec2 c[3];
+        for (int k = 0; k < 3; k++)
+            c[k] = lw_lightmap_pack_place(slot, charts->point[charts->corner[layout->order[i]][k]]);
+        lw_lightmap_mosaic_mark(stone, c, 1, 0);
     }
-    return y + shelf;
+    uint32_t words = lw_lightmap_mosaic_words(stone->width);
+    for (uint32_t y = stone->height; y-- > 0;) {
+        uint64_t *row = stone->row + (size_t)y * words;
+        for (uint32_t k = 0; y > 0 && k < words; k++) row[k] |= *(row + k - words);
+        for (uint32_t k = words; k-- > 0;) row[k] |= row[k] << 1 | (k > 0 ? row[k - 1] >> 63 : 0);
+    }
 }
 
-static void settle(struct lw_lightmap_slot *slot, float scale) {
+static void scale_slot(struct lw_lightmap_slot *slot, float scale) {
     float width = slot->box.size.x * scale, height = slot->box.size.y * scale;
+    slot->x = slot->y = 0;
     slot->width = whole(width), slot->height = whole(height);
     slot->scale = (struct lw_vec2){scale, scale};
-    slot->origin.x = (float)slot->x + fmaxf(((float)slot->width - width) / 2, 0);
-    slot->origin.y = (float)slot->y + fmaxf(((float)slot->height - height) / 2, 0);
+    slot->origin.x = fmaxf(((float)slot->width - width) / 2, 0);
+    slot->origin.y = fmaxf(((float)slot->height - height) / 2, 0);
     slot->gutter = 0;
 }
 
-enum lw_status lw_lightmap_sliver_fit(struct lw_lightmap_slot *slot, const uint32_t *member, uint32_t count,
-                                      float scale, uint32_t *out_width, uint32_t *out_height) {
-    struct order *order = malloc(((size_t)count + 1) * sizeof *order);
-    if (!order) return LW_NO_MEMORY;
-    uint64_t area = 0;
-    uint32_t widest = 1;
+static int by_size(const void *left, const void *right) {
+    const struct lw_lightmap_stone *a = *(struct lw_lightmap_stone *const *)left,
+                                   *b = *(struct lw_lightmap_stone *const *)right;
+    uint32_t sa = a->width + a->height, sb = b->width + b->height;
+    if (sa != sb) return sa > sb ? -1 : 1;
+    if (a->height != b->height) return a->height > b->height ? -1 : 1;
+    return a < b ? -1 : a > b;
+}
+
+static enum lw_status search(struct lw_lightmap_stone **order, const struct lw_lightmap_stone *stone,
+                             struct lw_lightmap_slot *slot, const uint32_t *member, uint32_t count,
+                             uint32_t *out_width, uint32_t *out_height) {
+    uint64_t area = 0, best = UINT64_MAX;
+    uint32_t widest = 1, highest = 0;
     for (uint32_t i = 0; i < count; i++) {
-        const struct lw_lightmap_box *box = &slot[member[i]].box;
-        order[i] = (struct order){whole(box->size.x * scale) + LW_LIGHTMAP_SLIVER_GAP,
-                                  whole(box->size.y * scale) + LW_LIGHTMAP_SLIVER_GAP, member[i]};
-        area += (uint64_t)order[i].width * order[i].height;
-        if (order[i].width > widest) widest = order[i].width;
+        for (size_t k = 0; k < (size_t)stone[i].height * lw_lightmap_mosaic_words(stone[i].width); k++)
+            area += (uint64_t)__builtin_popcountll(stone[i].row[k]);
+        if (stone[i].width > widest) widest = stone[i].width;
+        highest += stone[i].height;
     }
-    qsort(order, count, sizeof *order, compare_orders);
-    uint32_t best_width = widest, best_height = 0;
-    uint64_t best = UINT64_MAX;
-    for (int i = 0; i < ROWS_TRIED; i++) {
-        uint32_t width = (uint32_t)(sqrt((double)area) * (0.9 + 0.3 * i));
-        if (width < widest) width = widest;
-        uint32_t height = shelve(order, count, width, NULL);
-        if ((uint64_t)width * height < best)
-            best = (uint64_t)width * height, best_width = width, best_height = height;
+    for (size_t i = 0; i < sizeof WIDTHS / sizeof *WIDTHS; i++) {
+        uint32_t width = (uint32_t)ceil(sqrt((double)area) * (double)WIDTHS[i]), right, top;
+        bool fits; /* always: highest is room enough for a column of all */
+        enum lw_status status = lw_lightmap_mosaic_pack(order, count, width > widest ? width : widest,
+                                                        highest, &right, &top, &fits);
+        if (status != LW_OK) return status;
+        /* blocks are what counts; the last gap is not needed */
+        uint64_t blocks = (uint64_t)((right + 6) / 4) * ((top + 6) / 4);
+        if (!fits || blocks >= best) continue;
+        best = blocks, *out_width = right - 1, *out_height = top - 1;
+        for (uint32_t k = 0; k < count; k++) slot[member[k]].x = stone[k].x, slot[member[k]].y = stone[k].y;
     }
-    shelve(order, count, best_width, slot);
-    for (uint32_t i = 0; i < count; i++) settle(&slot[member[i]], scale);
-    free(order);
-    *out_width = best_width - LW_LIGHTMAP_SLIVER_GAP; /* none is needed after the last */
-    *out_height = best_height - LW_LIGHTMAP_SLIVER_GAP;
     return LW_OK;
+}
+
+enum lw_status lw_lightmap_sliver_fit(const struct lw_lightmap_layout *layout, struct lw_lightmap_slot *slot,
+                                      const uint32_t *member, uint32_t count, float scale,
+                                      uint32_t *out_width, uint32_t *out_height) {
+    struct lw_lightmap_stone *stone = calloc((size_t)count + 1, sizeof *stone);
+    struct lw_lightmap_stone **order = calloc((size_t)count + 1, sizeof *order);
+    enum lw_status status = stone && order ? LW_OK : LW_NO_MEMORY;
+    for (uint32_t i = 0; i < count && status == LW_OK; i++) {
+        struct lw_lightmap_slot *s = &slot[member[i]];
+        scale_slot(s, scale);
+        stone[i].width = s->width + 1, stone[i].height = s->height + 1;
+        stone[i].row =
+            calloc((size_t)stone[i].height * lw_lightmap_mosaic_words(stone[i].width), sizeof(uint64_t));
+        order[i] = &stone[i];
+        if (stone[i].row)
+            shape(layout, s, member[i], &stone[i]);
+        else
+            status = LW_NO_MEMORY;
+    }
+    if (status == LW_OK) {
+        qsort(order, count, sizeof *order, by_size);
+        status = search(order, stone, slot, member, count, out_width, out_height);
+    }
+    for (uint32_t i = 0; i < count && status == LW_OK; i++) {
+        struct lw_lightmap_slot *s = &slot[member[i]];
+        s->origin.x += (float)s->x;
+        s->origin.y += (float)s->y;
+    }
+    for (uint32_t i = 0; stone && i < count; i++) free(stone[i].row);
+    free(order);
+    free(stone);
+    return status;
 }

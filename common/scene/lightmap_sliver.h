@@ -10,18 +10,19 @@
 
 #include "common/scene/lightmap_pack.h"
 
-#define LW_LIGHTMAP_SLIVER_WIDTH 6.0f /* texels; of the narrower side */
-#define LW_LIGHTMAP_SLIVER_GAP   1u   /* texels */
-
-/** Fits slivers into one rectangle: sets x, y, width, height, origin and scale of their slots, relative to the content
- * of the rectangle. slot: all slots; member: numbers of the slivers.
- * Errors: LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_lightmap_sliver_fit(struct lw_lightmap_slot *slot, const uint32_t *member,
-                                                    uint32_t count, float scale, uint32_t *out_width,
-                                                    uint32_t *out_height);
+/** Whether a chart would waste most of a rectangle of its own. */
+bool lw_lightmap_sliver_is(const struct lw_lightmap_slot *slot, float scale);
 
 /** How many of the slivers, in the order given, go into the next rectangle. */
 uint32_t lw_lightmap_sliver_group(const struct lw_lightmap_slot *slot, const uint32_t *member, uint32_t count,
                                   float scale);
+
+/** Fits slivers into one rectangle: sets x, y, width, height, origin and scale of their slots, relative to the content
+ * of the rectangle. slot: all slots; member: numbers of the slivers.
+ * Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_lightmap_sliver_fit(const struct lw_lightmap_layout *layout,
+                                                    struct lw_lightmap_slot *slot, const uint32_t *member,
+                                                    uint32_t count, float scale, uint32_t *out_width,
+                                                    uint32_t *out_height);
 
 #endif
