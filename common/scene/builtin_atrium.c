@@ -9,7 +9,7 @@
 /* A clear afternoon, scaled to W/m^2 per channel so that sunlit stone is some ten times as bright as shaded stone.
  * The sun stands behind the main camera's right shoulder: it reaches the left colonnade, the far end and half of the
  * floor, and leaves the right gallery to the light that they throw back. */
-static const struct lw_vec3 sun_direction = {0.45f, -1.05f, -0.60f};
+static const struct lw_vec3 sun_direction = {0.50f, -1.15f, -0.48f};
 static const struct lw_vec3 sun_irradiance = {104.0f, 90.0f, 69.0f};
 #define SUN_ANGULAR_DIAMETER 0.0093f
 static const float sky_radiance[3] = {2.1f, 3.1f, 4.6f};
@@ -190,7 +190,7 @@ static void build_vases(struct lw_builtin_stage *stage, struct lw_builtin_mesh *
 }
 
 static void hang_cloth(struct lw_builtin_mesh *mesh, float x, float side, float front, float phase) {
-    const struct lw_builtin_cloth cloth = {.width = 1.75f,
+    const struct lw_builtin_cloth cloth = {.width = 2.15f,
                                            .behind = 0.75f,
                                            .front = front,
                                            .clear = 0.60f,
@@ -204,16 +204,16 @@ static void hang_cloth(struct lw_builtin_mesh *mesh, float x, float side, float 
 static void build_cloths(struct lw_builtin_stage *stage, struct lw_builtin_mesh *mesh,
                          const struct palette *p) {
     fitted(mesh, p->red);
-    hang_cloth(mesh, -1.5f, -1, 3.1f, 0.3f);
-    hang_cloth(mesh, -4.5f, 1, 3.0f, 1.9f);
+    hang_cloth(mesh, -1.5f, -1, 3.5f, 0.3f);
+    hang_cloth(mesh, -4.5f, 1, 3.3f, 1.9f);
     finish(stage, mesh, "red cloth");
     fitted(mesh, p->blue);
-    hang_cloth(mesh, 4.5f, -1, 3.0f, 2.2f);
-    hang_cloth(mesh, 1.5f, 1, 3.1f, 4.1f);
+    hang_cloth(mesh, 4.5f, -1, 3.4f, 2.2f);
+    hang_cloth(mesh, 1.5f, 1, 3.5f, 4.1f);
     finish(stage, mesh, "blue cloth");
     fitted(mesh, p->green);
-    hang_cloth(mesh, -7.5f, -1, 3.0f, 5.1f);
-    hang_cloth(mesh, 7.5f, 1, 3.0f, 3.0f);
+    hang_cloth(mesh, -7.5f, -1, 3.4f, 5.1f);
+    hang_cloth(mesh, 7.5f, 1, 3.4f, 3.0f);
     finish(stage, mesh, "green cloth");
 }
 
@@ -349,10 +349,10 @@ enum lw_status lw_builtin_atrium_build(struct lw_scene **out_scene, struct lw_er
 
     lw_builtin_stage_sun(&stage, "sun", sun_direction, sun_irradiance, SUN_ANGULAR_DIAMETER);
     for (int i = 0; i < 3; i++) stage.scene->sky[i] = sky_radiance[i];
-    lw_builtin_stage_camera(&stage, "main", lw_vec3(-11.0f, 1.75f, 1.6f), lw_vec3(0, 3.0f, -0.4f), 62.0f);
+    lw_builtin_stage_camera(&stage, "main", lw_vec3(-11.2f, 1.75f, 1.5f), lw_vec3(0, 2.75f, 0.0f), 58.0f);
     lw_builtin_stage_camera(&stage, "gallery", lw_vec3(-13.2f, 6.6f, -5.0f), lw_vec3(2.0f, 2.2f, 2.2f),
                             60.0f);
     lw_builtin_stage_camera(&stage, "vase", lw_vec3(-7.3f, 1.25f, 3.6f), lw_vec3(-4.6f, 0.85f, 5.8f), 42.0f);
-    lw_builtin_stage_camera(&stage, "lamp", lw_vec3(-3.2f, 1.7f, 8.3f), lw_vec3(1.6f, 2.5f, 7.4f), 55.0f);
+    lw_builtin_stage_camera(&stage, "lamp", lw_vec3(-4.0f, 1.65f, 8.0f), lw_vec3(1.8f, 2.3f, 7.0f), 55.0f);
     return lw_builtin_stage_finish(&stage, out_scene, err);
 }

@@ -91,7 +91,7 @@ void lw_builtin_furnish_cloth(struct lw_builtin_mesh *mesh, const struct lw_buil
         float t = (cloth->behind + cloth->front) * (1.0f - (float)r / (float)(ROWS - 1));
         struct lw_vec2 at = drape(cloth, t);
         float hang = fmaxf(0, fabsf(t - cloth->behind) - 0.3f), fold = hang / (hang + 0.8f);
-        float gather = 1.0f - 0.16f * fold;
+        float gather = 1.0f - 0.22f * fold;
         for (uint32_t c = 0; c < COLUMNS; c++) {
             float s = 2.0f * (float)c / (float)(COLUMNS - 1) - 1.0f;
             float wave = sinf(9.5f * s + cloth->phase + 0.25f * hang) +
@@ -102,7 +102,7 @@ void lw_builtin_furnish_cloth(struct lw_builtin_mesh *mesh, const struct lw_buil
             points[r * COLUMNS + c] = lw_vec3(0.5f * cloth->width * gather * s + sway +
                                                   0.02f * fold * cosf(9.5f * s + cloth->phase),
                                               at.y + 0.03f * fold * cosf(3.0f * s + cloth->phase),
-                                              at.x + away * 0.062f * fold * (1.75f + wave));
+                                              at.x + away * 0.095f * fold * (1.75f + wave));
         }
     }
     float crease_cos = mesh->crease_cos;

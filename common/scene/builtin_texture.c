@@ -15,7 +15,7 @@ static float fraction(float x) { return x - floorf(x); }
 static float lattice(int x, int y, int period, uint32_t seed) {
     uint32_t px = (uint32_t)(((x % period) + period) % period),
              py = (uint32_t)(((y % period) + period) % period);
-    return lw_random_unit(lw_random_hash3(px, py, seed));
+    return lw_random_unit(lw_random_hash(px + 4099u * py + 0x9e3779b9u * seed)); /* periods stay below 4099 */
 }
 
 /** Value noise in [0, 1] that repeats after `period` cells. */
@@ -119,9 +119,9 @@ static struct lw_vec4 inlay(float u, float v) {
         line = fminf(line, fminf(fabsf(radius - 0.52f), fabsf(radius - 0.46f)));
         line = fminf(line, fminf(fabsf(radius - 0.16f), fabsf(radius - star) * 0.6f));
     }
-    stone = lw_vec3_scale(stone, 0.86f + 0.2f * fractal(u, v, 6, 6, 200));
-    struct lw_vec3 worn = veined(u, v, lw_vec3(0.85f, 0.80f, 0.72f), lw_vec3(0.5f, 0.45f, 0.4f), 230);
-    stone = blend(stone, lw_vec3_mul(stone, worn), 0.35f);
+    float clouds = fractal(u, v, 8, 4, 200);
+    float vein = fabsf(2.0f * noise(6.0f * u + 2.0f * clouds, 6.0f * v, 6, 210) - 1.0f);
+    stone = lw_vec3_scale(stone, (0.84f + 0.2f * clouds) * (0.88f + 0.12f * smooth(0.0f, 0.15f, vein)));
     return opaque(lw_vec3_scale(stone, 0.72f + 0.28f * smooth(0.001f, 0.006f, line)));
 }
 
@@ -148,7 +148,7 @@ static struct lw_vec4 tiles(float u, float v) {
     bool light = (tile.x + tile.y) & 1;
     struct lw_vec3 c = light ? blend(lw_vec3(0.80f, 0.66f, 0.50f), lw_vec3(0.84f, 0.73f, 0.58f), tint)
                              : blend(lw_vec3(0.66f, 0.37f, 0.25f), lw_vec3(0.73f, 0.45f, 0.31f), tint);
-    c = lw_vec3_scale(c, 0.86f + 0.2f * fractal(u, v, 8, 6, 37));
+    c = lw_vec3_scale(c, 0.86f + 0.2f * fractal(u, v, 8, 5, 37));
     return opaque(blend(lw_vec3(0.52f, 0.44f, 0.37f), c, smooth(0.003f, 0.008f, tile.edge)));
 }
 
@@ -190,10 +190,10 @@ static struct lw_vec4 cloth(float u, float v, struct lw_vec3 ground, struct lw_v
     return opaque(lw_vec3_scale(c, 0.90f + 0.06f * weave + 0.07f * fractal(u, v, 8, 4, 61)));
 }
 static struct lw_vec4 red_cloth(float u, float v) {
-    return cloth(u, v, lw_vec3(0.74f, 0.11f, 0.09f), lw_vec3(0.60f, 0.07f, 0.07f));
+    return cloth(u, v, lw_vec3(0.66f, 0.10f, 0.09f), lw_vec3(0.50f, 0.06f, 0.07f));
 }
 static struct lw_vec4 blue_cloth(float u, float v) {
-    return cloth(u, v, lw_vec3(0.12f, 0.27f, 0.66f), lw_vec3(0.09f, 0.19f, 0.52f));
+    return cloth(u, v, lw_vec3(0.11f, 0.25f, 0.60f), lw_vec3(0.08f, 0.17f, 0.45f));
 }
 static struct lw_vec4 green_cloth(float u, float v) {
     return cloth(u, v, lw_vec3(0.13f, 0.50f, 0.24f), lw_vec3(0.09f, 0.38f, 0.20f));
@@ -248,7 +248,7 @@ static struct lw_vec4 pottery(float u, float v) {
         paint = v < 0.96f;
     float wear = fractal(u, v, 8, 5, 91);
     struct lw_vec3 c = blend(clay, black, paint * smooth(0.16f, 0.28f, wear));
-    return opaque(lw_vec3_scale(c, 0.84f + 0.22f * fractal(u, v, 4, 6, 95)));
+    return opaque(lw_vec3_scale(c, 0.84f + 0.22f * fractal(u, v, 4, 4, 95)));
 }
 
 /* --- storing ---------------------------------------------------------------------------------------------------- */
