@@ -1,6 +1,7 @@
 #include "server/solve/cell_solver.h"
 
 #include "common/clock.h"
+#include "server/solve/burial.h"
 #include "server/solve/passes.h"
 
 #include <omp.h>
@@ -215,11 +216,11 @@ static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_s
 
 static size_t memory_bytes(const struct lw_solver *solver) {
     const struct cell_solver *s = (const struct cell_solver *)solver;
-    size_t per_texel = sizeof(float) * (3 + 3 + 3 * (size_t)s->desc.bounces + 4 + 3) + 1 +
+    size_t per_texel = sizeof(float) * (3 + 3 + 3 * (size_t)s->desc.bounces + 4 + 3) + 1 + sizeof(uint32_t) +
                        sizeof(uint32_t) * s->desc.indirect_samples;
     size_t mesh_texels = 0;
     for (uint32_t m = 0; m < s->desc.scene->mesh_count; m++) mesh_texels += s->texels.mesh[m].texel_count;
-    return per_texel * s->texels.count + mesh_texels * (12 * sizeof(float) + 1 + sizeof(uint32_t)) +
+    return per_texel * s->texels.count + mesh_texels * (12 * sizeof(float) + 1) +
            lw_trace_memory_bytes(s->trace);
 }
 
@@ -247,6 +248,7 @@ static enum lw_status build(struct cell_solver *s, const struct lw_pose *pose, s
     copy_pose(scene, &s->pose, pose);
     if ((status = lw_trace_create(scene, &s->pose, &s->trace, err)) != LW_OK) return status;
     if ((status = lw_texels_init(&s->texels, scene, (unsigned)s->threads, err)) != LW_OK) return status;
+    lw_burial_find(&s->texels, &s->pose, s->trace, s->threads);
 
     struct lw_vec3 lo = {0}, hi = {0};
     lw_pose_bounds(&s->pose, scene, &lo, &hi);

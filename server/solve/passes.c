@@ -19,12 +19,6 @@ struct packet {
     struct lw_vec3 normal[LANES];
 };
 
-/* Lifts a point off its surface by more than the rounding of its coordinates can move a hit. */
-static struct lw_vec3 lift(struct lw_vec3 p, struct lw_vec3 geometric) {
-    float largest = fmaxf(fabsf(p.x), fmaxf(fabsf(p.y), fabsf(p.z)));
-    return lw_vec3_mad(p, geometric, 1e-5f * largest + 1e-6f);
-}
-
 static struct lw_vec3 load(float *const src[3], uint32_t i) { return lw_vec3(src[0][i], src[1][i], src[2][i]); }
 
 /* Texels of set `set` in the block of 16 x 16 at (block_x, block_y): every fourth in both directions. */
@@ -46,7 +40,7 @@ static bool load_packet(const struct lw_passes *p, const struct lw_solve_tile *t
         packet->lane_texel[lane] = i;
         packet->normal[lane] = lw_affine_normal(to_world, load(tile->mesh->normal, local));
         struct lw_vec3 geometric = lw_affine_normal(to_world, load(tile->mesh->geometric, local));
-        packet->origin[lane] = lift(lw_affine_point(to_world, load(tile->mesh->position, local)), geometric);
+        packet->origin[lane] = lw_sampling_lift(lw_affine_point(to_world, load(tile->mesh->position, local)), geometric);
         if (!packet->active) first_normal = packet->normal[lane];
         agreement = fminf(agreement, lw_vec3_dot(first_normal, packet->normal[lane]));
         packet->active |= (uint16_t)(1u << lane);
@@ -64,12 +58,6 @@ static void set_ray(struct lw_ray16 *rays, uint32_t lane, struct lw_vec3 origin,
     rays->dir_z[lane] = direction.z;
     rays->t_near[lane] = 0;
     rays->t_far[lane] = t_far;
-}
-
-static struct lw_vec3 to_frame(struct lw_vec3 normal, struct lw_vec3 local) {
-    struct lw_vec3 t, b;
-    lw_vec3_frame(normal, &t, &b);
-    return lw_vec3_mad(lw_vec3_mad(lw_vec3_scale(normal, local.z), t, local.x), b, local.y);
 }
 
 /* Light samples for the lanes of a packet: traces their shadow rays and adds what arrives. */
@@ -149,7 +137,7 @@ static void light_by_sky(const struct lw_passes *p, const struct lw_solve_tile *
         struct shadow_batch batch = {.active = packet->active};
         for (uint32_t lane = 0; lane < LANES; lane++) {
             if (!(packet->active >> lane & 1)) continue;
-            set_ray(&batch.rays, lane, packet->origin[lane], to_frame(packet->normal[lane], local), INFINITY);
+            set_ray(&batch.rays, lane, packet->origin[lane], lw_sampling_to_frame(packet->normal[lane], local), INFINITY);
             batch.arriving[lane] = lw_vec3_scale(sky, LW_PI / (float)p->direct_samples);
         }
         trace_batch(p, &batch, packet->coherent, sum, count);
@@ -219,7 +207,7 @@ void lw_passes_trace_ends(const struct lw_passes *p, const struct lw_solve_tile 
                     struct lw_hit16 hits;
                     for (uint32_t lane = 0; lane < LANES; lane++)
                         if (packet.active >> lane & 1)
-                            set_ray(&rays, lane, packet.origin[lane], to_frame(packet.normal[lane], local),
+                            set_ray(&rays, lane, packet.origin[lane], lw_sampling_to_frame(packet.normal[lane], local),
                                     p->tracing_range_m);
                         else set_ray(&rays, lane, lw_vec3(0, 0, 0), lw_vec3(0, 0, 1), 0);
                     lw_trace_closest16(p->trace, packet.coherent ? LW_TRACE_COHERENT : 0, packet.active, &rays, &hits);

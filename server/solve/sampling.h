@@ -28,6 +28,19 @@ static inline struct lw_vec3 lw_sampling_cosine(const float point[2]) {
     return lw_vec3(radius * cosf(angle), radius * sinf(angle), sqrtf(fmaxf(0, 1 - point[0])));
 }
 
+/** A direction about +z, turned to be about a normal. */
+static inline struct lw_vec3 lw_sampling_to_frame(struct lw_vec3 normal, struct lw_vec3 local) {
+    struct lw_vec3 t, b;
+    lw_vec3_frame(normal, &t, &b);
+    return lw_vec3_mad(lw_vec3_mad(lw_vec3_scale(normal, local.z), t, local.x), b, local.y);
+}
+
+/** Lifts a point off its surface by more than the rounding of its coordinates can move a hit. */
+static inline struct lw_vec3 lw_sampling_lift(struct lw_vec3 p, struct lw_vec3 geometric) {
+    float largest = fmaxf(fabsf(p.x), fmaxf(fabsf(p.y), fabsf(p.z)));
+    return lw_vec3_mad(p, geometric, 1e-5f * largest + 1e-6f);
+}
+
 /** Uniform direction on the sphere: pdf = 1 / 4 pi. */
 static inline struct lw_vec3 lw_sampling_sphere(const float point[2]) {
     float z = 1 - 2 * point[0], radius = sqrtf(fmaxf(0, 1 - z * z)), angle = 2 * LW_PI * point[1];

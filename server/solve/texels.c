@@ -184,25 +184,6 @@ static void evaluate(struct lw_mesh_texels *texels, const struct lw_scene *scene
         }
 }
 
-/* Uncovered texels that a rounded lookup may touch read from the nearest covered one within two texels. */
-static void find_sources(struct lw_mesh_texels *texels) {
-    for (uint32_t y = 0; y < texels->height; y++)
-        for (uint32_t x = 0; x < texels->width; x++) {
-            uint32_t i = lw_texels_index(texels, x, y), best = texels->covered[i] ? i : LW_TEXEL_NONE;
-            int best_distance2 = 9;
-            for (int dy = -2; dy <= 2 && best != i; dy++)
-                for (int dx = -2; dx <= 2; dx++) {
-                    int64_t nx = (int64_t)x + dx, ny = (int64_t)y + dy;
-                    if (nx < 0 || ny < 0 || nx >= texels->width || ny >= texels->height) continue;
-                    uint32_t neighbour = lw_texels_index(texels, (uint32_t)nx, (uint32_t)ny);
-                    if (!texels->covered[neighbour] || dx * dx + dy * dy >= best_distance2) continue;
-                    best = neighbour;
-                    best_distance2 = dx * dx + dy * dy;
-                }
-            texels->source[i] = best;
-        }
-}
-
 static uint16_t quarter_texels(float x) {
     float q = x * 4.0f + 0.5f;
     return q <= 0 ? 0 : q >= 65535.0f ? 65535 : (uint16_t)q;
@@ -230,7 +211,6 @@ static bool allocate(struct lw_mesh_texels *texels, const struct lw_mesh *mesh) 
         ok &= (texels->albedo[c] = calloc(count, sizeof(float))) != NULL;
     }
     ok &= (texels->covered = calloc(count, 1)) != NULL;
-    ok &= (texels->source = calloc(count, sizeof *texels->source)) != NULL;
     ok &= (texels->triangle = calloc(mesh->triangle_count + 1, sizeof *texels->triangle)) != NULL;
     return ok;
 }
@@ -250,7 +230,6 @@ static bool build_mesh(struct lw_mesh_texels *texels, const struct lw_scene *sce
     drop_grazed(claim, texels);
     evaluate(texels, scene, mesh, claim);
     free(claim);
-    find_sources(texels);
     list_triangles(texels, scene, mesh);
     return true;
 }
@@ -283,11 +262,48 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
 #pragma omp parallel for schedule(dynamic, 1) num_threads(threads ? (int)threads : omp_get_max_threads()) reduction(+ : failures)
     for (uint32_t m = 0; m < scene->mesh_count; m++)
         if (ok && texels->mesh[m].texel_count && !build_mesh(&texels->mesh[m], scene, &scene->mesh[m])) failures++;
-    if (!ok || failures) {
+    texels->covered = malloc(count + 1);
+    texels->source = malloc((count + 1) * sizeof *texels->source);
+    if (!ok || failures || !texels->covered || !texels->source) {
         lw_texels_finish(texels);
         return lw_status_fail(err, LW_NO_MEMORY, "%u texels", (unsigned)count);
     }
+    for (uint32_t o = 0; o < scene->object_count; o++) {
+        const struct lw_mesh_texels *mesh = &texels->mesh[scene->object[o].mesh];
+        memcpy(texels->covered + texels->first[o], mesh->covered, mesh->texel_count);
+    }
+    lw_texels_link(texels, threads ? (int)threads : omp_get_max_threads());
     return LW_OK;
+}
+
+/* Texels that a rounded lookup may touch without being covered read from the nearest covered one within two texels. */
+static uint32_t nearest_covered(const struct lw_mesh_texels *mesh, const uint8_t *covered, uint32_t x, uint32_t y) {
+    uint32_t best = LW_TEXEL_NONE;
+    int best_distance2 = 9;
+    for (int dy = -2; dy <= 2; dy++)
+        for (int dx = -2; dx <= 2; dx++) {
+            int64_t nx = (int64_t)x + dx, ny = (int64_t)y + dy;
+            if (nx < 0 || ny < 0 || nx >= mesh->width || ny >= mesh->height) continue;
+            uint32_t neighbour = lw_texels_index(mesh, (uint32_t)nx, (uint32_t)ny);
+            if (!covered[neighbour] || dx * dx + dy * dy >= best_distance2) continue;
+            best = neighbour;
+            best_distance2 = dx * dx + dy * dy;
+        }
+    return best;
+}
+
+void lw_texels_link(struct lw_texels *texels, int threads) {
+#pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
+    for (uint32_t o = 0; o < texels->scene->object_count; o++) {
+        const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[o].mesh];
+        const uint32_t first = texels->first[o];
+        const uint8_t *covered = texels->covered + first;
+        for (uint32_t y = 0; y < mesh->height; y++)
+            for (uint32_t x = 0; x < mesh->width; x++) {
+                uint32_t i = lw_texels_index(mesh, x, y), source = covered[i] ? i : nearest_covered(mesh, covered, x, y);
+                texels->source[first + i] = source == LW_TEXEL_NONE ? LW_TEXEL_NONE : first + source;
+            }
+    }
 }
 
 void lw_texels_finish(struct lw_texels *texels) {
@@ -300,9 +316,10 @@ void lw_texels_finish(struct lw_texels *texels) {
             free(mesh->albedo[c]);
         }
         free(mesh->covered);
-        free(mesh->source);
         free(mesh->triangle);
     }
+    free(texels->source);
+    free(texels->covered);
     free(texels->first);
     free(texels->mesh);
     *texels = (struct lw_texels){0};

@@ -26,7 +26,6 @@ struct lw_mesh_texels {
     float *geometric[3]; /* normal of the triangle, object space, unit, on the side that this texel lights */
     float *albedo[3];    /* mean over the texel */
     uint8_t *covered;    /* 1: the texel's square overlaps a triangle */
-    uint32_t *source;    /* the covered texel that stands for this one: itself, the nearest within 2 texels, or NONE */
     struct lw_triangle_uv *triangle;
     uint32_t back_offset;
 };
@@ -36,12 +35,17 @@ struct lw_texels {
     struct lw_mesh_texels *mesh;      /* per mesh */
     uint32_t *first;                  /* per object: its first texel in the global numbering */
     uint32_t count;                   /* of the global numbering, all objects */
+    uint8_t *covered; /* per texel of the global numbering: has surface, and light can reach it (burial.h) */
+    uint32_t *source; /* per texel: the covered one that stands for it: itself, the nearest within 2 texels, or NONE */
 };
 
 /** Rasterises every mesh that an object uses. Errors: LW_NO_MEMORY; LW_BAD_DATA for more than 2^30 texels in all. */
 LW_MUST_CHECK enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *scene, unsigned threads,
                                             struct lw_error *err);
 void lw_texels_finish(struct lw_texels *texels);
+
+/** Sets every texel's source from what is covered now. */
+void lw_texels_link(struct lw_texels *texels, int threads);
 
 /** First texel of a level-0 tile within its mesh. */
 static inline uint32_t lw_texels_tile_start(const struct lw_mesh_texels *mesh, uint32_t tile_x, uint32_t tile_y) {
@@ -69,8 +73,7 @@ static inline uint32_t lw_texels_at(const struct lw_texels *texels, uint32_t obj
     uint32_t y = (uint32_t)(0.25f * (w * t->v[0] + u * t->v[1] + v * t->v[2])) + (back ? mesh->back_offset : 0);
     if (x >= mesh->width) x = mesh->width - 1;
     if (y >= mesh->height) y = mesh->height - 1;
-    uint32_t source = mesh->source[lw_texels_index(mesh, x, y)];
-    return source == LW_TEXEL_NONE ? LW_TEXEL_NONE : texels->first[object] + source;
+    return texels->source[texels->first[object] + lw_texels_index(mesh, x, y)];
 }
 
 #endif

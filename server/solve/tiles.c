@@ -14,7 +14,6 @@ static bool allocate_sums(struct lw_tiles *tiles) {
     ok &= (tiles->estimate = calloc(count, sizeof(float))) != NULL;
     ok &= (tiles->mean = calloc(count, sizeof(float))) != NULL;
     ok &= (tiles->spread = calloc(count, sizeof(float))) != NULL;
-    ok &= (tiles->covered = calloc(count, 1)) != NULL;
     return ok;
 }
 
@@ -23,11 +22,11 @@ static struct lw_vec3 texel_position(const struct lw_mesh_texels *mesh, uint32_t
 }
 
 /* The sphere around the box of a tile's texels. */
-static void bound_tile(struct lw_solve_tile *tile) {
+static void bound_tile(struct lw_solve_tile *tile, const uint8_t *covered) {
     const struct lw_mesh_texels *mesh = tile->mesh;
     struct lw_vec3 lo = lw_vec3(INFINITY, INFINITY, INFINITY), hi = lw_vec3(-INFINITY, -INFINITY, -INFINITY);
     for (uint32_t i = 0; i < tile->width * tile->height; i++) {
-        if (!mesh->covered[tile->local + i]) continue;
+        if (!covered[tile->first + i]) continue;
         struct lw_vec3 p = texel_position(mesh, tile->local + i);
         lo = lw_vec3(fminf(lo.x, p.x), fminf(lo.y, p.y), fminf(lo.z, p.z));
         hi = lw_vec3(fmaxf(hi.x, p.x), fmaxf(hi.y, p.y), fmaxf(hi.z, p.z));
@@ -40,7 +39,7 @@ static void bound_tile(struct lw_solve_tile *tile) {
 
 enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scene, const struct lw_atlas_map *map,
                              const struct lw_texels *texels, uint32_t bounces) {
-    *tiles = (struct lw_tiles){.bounces = bounces, .texel_count = texels->count};
+    *tiles = (struct lw_tiles){.bounces = bounces, .texel_count = texels->count, .covered = texels->covered};
     for (uint32_t id = 0; id < map->tile_count; id++) tiles->count += map->place[id].level == 0;
     tiles->tile = calloc((size_t)tiles->count + 1, sizeof *tiles->tile);
     tiles->slot_of_id = malloc(((size_t)map->tile_count + 1) * sizeof *tiles->slot_of_id);
@@ -65,10 +64,8 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
                                        .local = lw_texels_tile_start(mesh, place->x, place->y),
                                        .error = 1};
         tile->first = texels->first[place->object] + tile->local;
-        bound_tile(tile);
+        bound_tile(tile, texels->covered);
         tile->resting = tile->covered_count == 0;
-        for (uint32_t i = 0; i < tile->width * tile->height; i++)
-            tiles->covered[tile->first + i] = mesh->covered[tile->local + i];
     }
     return LW_OK;
 }
@@ -83,7 +80,6 @@ void lw_tiles_finish(struct lw_tiles *tiles) {
     free(tiles->estimate);
     free(tiles->mean);
     free(tiles->spread);
-    free(tiles->covered);
     free(tiles->slot_of_id);
     free(tiles->tile);
     *tiles = (struct lw_tiles){0};

@@ -36,7 +36,7 @@ struct lw_tiles {
     float *radiance;             /* 4 floats per texel: what it sends out of the order before, W/(m^2 sr) */
     float *estimate;             /* luminance of this frame's own estimate of E */
     float *mean, *spread;        /* of those estimates: running mean, sum of squared deviations */
-    uint8_t *covered;            /* per object's texel: has surface that light can reach */
+    const uint8_t *covered;      /* the texels' own */
 };
 
 /** Errors: LW_NO_MEMORY. */
