@@ -53,13 +53,12 @@ static enum lw_status load(struct lw_gltf_bytes bytes, const char *name, const c
     return LW_OK;
 }
 
-/* Ends a load: whatever names and URIs the file holds, the error is one line that starts with the file's name. */
+/* Ends a load: the error starts with the file's name. */
 static enum lw_status finish(enum lw_status status, const char *name, const struct lw_error *own,
                              struct lw_error *err) {
     if (status == LW_OK) return LW_OK;
     struct lw_error named = *own;
     lw_status_context(&named, "%s", name);
-    lw_gltf_document_clean(named.text);
     return lw_status_fail(err, named.status, "%s", named.text);
 }
 

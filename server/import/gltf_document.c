@@ -28,11 +28,6 @@ static const char *const supported_extensions[] = {
     "KHR_texture_transform",
 };
 
-void lw_gltf_document_clean(char *text) {
-    for (; *text; text++)
-        if ((unsigned char)*text < 0x20 || *text == 0x7f) *text = '?';
-}
-
 void lw_gltf_document_warn(struct lw_gltf_document *document, enum lw_gltf_warning warning) {
     if (document->warned & 1u << warning) return;
     document->warned |= 1u << warning;
@@ -326,10 +321,8 @@ static enum lw_status check_extensions(struct lw_gltf_document *document, struct
             return lw_status_fail(err, LW_BAD_DATA, "extensionsUsed[%zu]: must be a string", i);
         document->quantized |= strcmp(json_string_value(item), "KHR_mesh_quantization") == 0;
         if (is_supported(json_string_value(item))) continue;
-        char name[100];
-        snprintf(name, sizeof name, "%s", json_string_value(item));
-        lw_gltf_document_clean(name);
-        lw_log(LW_LOG_WARNING, "%s: the extension %s is ignored", document->name, name);
+        lw_log(LW_LOG_WARNING, "%s: the extension %.100s is ignored", document->name,
+               json_string_value(item));
     }
     return LW_OK;
 }

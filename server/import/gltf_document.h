@@ -116,7 +116,4 @@ LW_MUST_CHECK enum lw_status lw_gltf_document_read_file(const char *path, uint64
                                                         uint8_t **out_bytes, size_t *out_size,
                                                         struct lw_error *err);
 
-/** Replaces control characters, which names and URIs in a file may hold, so that a message stays one line. */
-void lw_gltf_document_clean(char *text);
-
 #endif

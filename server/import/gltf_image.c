@@ -1,37 +1,180 @@
 #include "server/import/gltf_image.h"
 
+#include <setjmp.h>
+#include <stdio.h> /* before jpeglib.h, which needs FILE */
 #include <stdlib.h>
 #include <string.h>
 
-#define STBI_NO_STDIO
-#include <stb_image.h>
+#include <jerror.h>
+#include <jpeglib.h>
+#include <png.h>
 
-enum lw_status lw_gltf_image_size(const uint8_t *bytes, size_t size, uint32_t *out_width,
-                                  uint32_t *out_height, struct lw_error *err) {
-    int width, height, channels;
-    if (size > LW_GLTF_IMAGE_SIZE_MAX)
-        return lw_status_fail(err, LW_BAD_DATA, "has %zu bytes; the limit is %u", size,
+/* A progressive JPEG of a few kilobytes may ask for thousands of passes over a large picture. */
+#define JPEG_SCANS_MAX 200
+
+/* One image on its way through a library that reports failure by a jump. What must survive the jump lives here. */
+struct decoder {
+    jmp_buf failed;
+    char reason[JMSG_LENGTH_MAX];
+    const uint8_t *bytes;
+    size_t size, done;
+    uint32_t width, height;
+    bool header_only;
+    uint8_t *rgba;
+    png_bytep *row;
+};
+
+/* ---- PNG ---- */
+
+static void png_fails(png_structp png, png_const_charp reason) {
+    struct decoder *decoder = png_get_error_ptr(png);
+    snprintf(decoder->reason, sizeof decoder->reason, "%s", reason);
+    longjmp(decoder->failed, 1);
+}
+
+static void png_warns(png_structp png, png_const_charp reason) { (void)png, (void)reason; }
+
+static void png_reads(png_structp png, png_bytep out, size_t size) {
+    struct decoder *decoder = png_get_io_ptr(png);
+    if (size > decoder->size - decoder->done) png_error(png, "it is truncated");
+    memcpy(out, decoder->bytes + decoder->done, size);
+    decoder->done += size;
+}
+
+static bool allocate(struct decoder *decoder) {
+    decoder->rgba = malloc((size_t)decoder->width * decoder->height * 4);
+    decoder->row = malloc(decoder->height * sizeof *decoder->row);
+    if (!decoder->rgba || !decoder->row) return false;
+    for (uint32_t y = 0; y < decoder->height; y++)
+        decoder->row[y] = decoder->rgba + (size_t)y * decoder->width * 4;
+    return true;
+}
+
+/* glTF 2.0, 3.8.4.1: gamma and colour space chunks are ignored, which is what libpng does unless told otherwise. */
+static void read_png(struct decoder *decoder, png_structp png, png_infop info) {
+    png_set_read_fn(png, decoder, png_reads);
+    png_set_user_limits(png, LW_SCENE_TEXTURE_SIDE_MAX, LW_SCENE_TEXTURE_SIDE_MAX);
+    png_read_info(png, info);
+    decoder->width = png_get_image_width(png, info);
+    decoder->height = png_get_image_height(png, info);
+    if (decoder->header_only) return;
+    png_set_expand(png); /* palettes, few bits, transparent colours */
+    png_set_scale_16(png);
+    png_set_gray_to_rgb(png);
+    png_set_add_alpha(png, 255, PNG_FILLER_AFTER);
+    png_set_interlace_handling(png);
+    png_read_update_info(png, info);
+    if (png_get_rowbytes(png, info) != (size_t)decoder->width * 4)
+        png_error(png, "its format is not supported");
+    if (!allocate(decoder)) png_error(png, "out of memory");
+    png_read_image(png, decoder->row);
+    png_read_end(png, NULL);
+}
+
+static bool run_png(struct decoder *decoder) {
+    png_structp png = png_create_read_struct(PNG_LIBPNG_VER_STRING, decoder, png_fails, png_warns);
+    png_infop info = png ? png_create_info_struct(png) : NULL;
+    if (!info) snprintf(decoder->reason, sizeof decoder->reason, "out of memory");
+    if (!info || setjmp(decoder->failed)) {
+        png_destroy_read_struct(&png, &info, NULL);
+        return false;
+    }
+    read_png(decoder, png, info);
+    png_destroy_read_struct(&png, &info, NULL);
+    return true;
+}
+
+/* ---- JPEG ---- */
+
+static void jpeg_fails(j_common_ptr jpeg) {
+    struct decoder *decoder = jpeg->client_data;
+    jpeg->err->format_message(jpeg, decoder->reason);
+    longjmp(decoder->failed, 1);
+}
+
+/* libjpeg goes on after corrupt data, in grey. Only junk between segments does no harm. */
+static void jpeg_warns(j_common_ptr jpeg, int level) {
+    if (level < 0 && jpeg->err->msg_code != JWRN_EXTRANEOUS_DATA) jpeg_fails(jpeg);
+}
+
+static void jpeg_progresses(j_common_ptr jpeg) {
+    struct decoder *decoder = jpeg->client_data;
+    if (((j_decompress_ptr)jpeg)->input_scan_number <= JPEG_SCANS_MAX) return;
+    snprintf(decoder->reason, sizeof decoder->reason, "it has more than %d scans", JPEG_SCANS_MAX);
+    longjmp(decoder->failed, 1);
+}
+
+static void read_jpeg(struct decoder *decoder, j_decompress_ptr jpeg) {
+    jpeg_mem_src(jpeg, decoder->bytes, decoder->size);
+    jpeg_read_header(jpeg, TRUE);
+    decoder->width = jpeg->image_width;
+    decoder->height = jpeg->image_height;
+    if (decoder->header_only) return;
+    jpeg->out_color_space = JCS_EXT_RGBA;
+    jpeg_start_decompress(jpeg);
+    if (!allocate(decoder)) ERREXIT1(jpeg, JERR_OUT_OF_MEMORY, 0);
+    while (jpeg->output_scanline < jpeg->output_height)
+        jpeg_read_scanlines(jpeg, &decoder->row[jpeg->output_scanline],
+                            jpeg->output_height - jpeg->output_scanline);
+    jpeg_finish_decompress(jpeg);
+}
+
+static bool run_jpeg(struct decoder *decoder) {
+    struct jpeg_decompress_struct jpeg = {.client_data = decoder};
+    struct jpeg_error_mgr errors;
+    struct jpeg_progress_mgr progress = {.progress_monitor = jpeg_progresses};
+    jpeg.err = jpeg_std_error(&errors);
+    errors.error_exit = jpeg_fails;
+    errors.emit_message = jpeg_warns;
+    if (setjmp(decoder->failed)) {
+        jpeg_destroy_decompress(&jpeg);
+        return false;
+    }
+    jpeg_create_decompress(&jpeg); /* keeps err and client_data */
+    jpeg.progress = &progress;
+    read_jpeg(decoder, &jpeg);
+    jpeg_destroy_decompress(&jpeg);
+    return true;
+}
+
+/* ---- both ---- */
+
+static enum lw_status run(struct decoder *decoder, struct lw_error *err) {
+    static const uint8_t jpeg_magic[3] = {0xff, 0xd8, 0xff};
+    if (decoder->size > LW_GLTF_IMAGE_SIZE_MAX)
+        return lw_status_fail(err, LW_BAD_DATA, "has %zu bytes; the limit is %u", decoder->size,
                               LW_GLTF_IMAGE_SIZE_MAX);
-    if (!stbi_info_from_memory(bytes, (int)size, &width, &height, &channels))
-        return lw_status_fail(err, LW_BAD_DATA,
-                              "is not a readable PNG or JPEG of at most %u x %u texels (%s)",
-                              LW_SCENE_TEXTURE_SIDE_MAX, LW_SCENE_TEXTURE_SIDE_MAX, stbi_failure_reason());
-    if (width < 1 || height < 1 || width > (int)LW_SCENE_TEXTURE_SIDE_MAX ||
-        height > (int)LW_SCENE_TEXTURE_SIDE_MAX)
-        return lw_status_fail(err, LW_BAD_DATA, "has %d x %d texels; the limit is %u x %u", width, height,
-                              LW_SCENE_TEXTURE_SIDE_MAX, LW_SCENE_TEXTURE_SIDE_MAX);
-    *out_width = (uint32_t)width;
-    *out_height = (uint32_t)height;
+    bool is_png = decoder->size >= 8 && png_sig_cmp(decoder->bytes, 0, 8) == 0;
+    bool is_jpeg = decoder->size >= 3 && memcmp(decoder->bytes, jpeg_magic, 3) == 0;
+    if (!is_png && !is_jpeg) return lw_status_fail(err, LW_BAD_DATA, "is neither PNG nor JPEG");
+    if (!(is_png ? run_png(decoder) : run_jpeg(decoder)))
+        return lw_status_fail(err, LW_BAD_DATA, "cannot be decoded: %s", decoder->reason);
     return LW_OK;
 }
 
-enum lw_status lw_gltf_image_decode(const uint8_t *bytes, size_t size, uint32_t width, uint32_t height,
-                                    uint8_t *out_rgba, struct lw_error *err) {
-    int got_width = 0, got_height = 0, channels;
-    uint8_t *rgba = stbi_load_from_memory(bytes, (int)size, &got_width, &got_height, &channels, 4);
-    if (!rgba) return lw_status_fail(err, LW_BAD_DATA, "cannot be decoded: %s", stbi_failure_reason());
-    bool same = (uint32_t)got_width == width && (uint32_t)got_height == height;
-    if (same) memcpy(out_rgba, rgba, (size_t)width * height * 4);
-    stbi_image_free(rgba);
-    return same ? LW_OK : lw_status_fail(err, LW_BAD_DATA, "its header contradicts its content");
+enum lw_status lw_gltf_image_size(const uint8_t *bytes, size_t size, uint32_t *out_width,
+                                  uint32_t *out_height, struct lw_error *err) {
+    struct decoder decoder = {.bytes = bytes, .size = size, .header_only = true};
+    enum lw_status status = run(&decoder, err);
+    if (status) return status;
+    if (decoder.width < 1 || decoder.height < 1 || decoder.width > LW_SCENE_TEXTURE_SIDE_MAX ||
+        decoder.height > LW_SCENE_TEXTURE_SIDE_MAX)
+        return lw_status_fail(err, LW_BAD_DATA, "has %u x %u texels; the limit is %u x %u", decoder.width,
+                              decoder.height, LW_SCENE_TEXTURE_SIDE_MAX, LW_SCENE_TEXTURE_SIDE_MAX);
+    *out_width = decoder.width;
+    *out_height = decoder.height;
+    return LW_OK;
+}
+
+enum lw_status lw_gltf_image_decode(const uint8_t *bytes, size_t size, uint8_t **out_rgba,
+                                    struct lw_error *err) {
+    struct decoder decoder = {.bytes = bytes, .size = size};
+    enum lw_status status = run(&decoder, err);
+    free(decoder.row);
+    if (status) {
+        free(decoder.rgba);
+        return status;
+    }
+    *out_rgba = decoder.rgba;
+    return LW_OK;
 }

@@ -1,4 +1,6 @@
 /* gltf_image.h: decodes PNG and JPEG to 8-bit RGBA, within bounds that are checked before a texel is decoded.
+ * libpng and libjpeg-turbo, because Debian mends them: stb_image's JPEG decoder of 2022 writes out of bounds by a
+ * Huffman table of more than 256 codes, which fuzzing found within seconds.
  * Threads: [any]. */
 #ifndef LW_IMPORT_GLTF_IMAGE_H
 #define LW_IMPORT_GLTF_IMAGE_H
@@ -11,9 +13,9 @@
 LW_MUST_CHECK enum lw_status lw_gltf_image_size(const uint8_t *bytes, size_t size, uint32_t *out_width,
                                                 uint32_t *out_height, struct lw_error *err);
 
-/** Decodes into out_rgba (width*height*4 bytes, sizes from lw_gltf_image_size()), row 0 on top.
- * Errors: LW_BAD_DATA, LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_gltf_image_decode(const uint8_t *bytes, size_t size, uint32_t width,
-                                                  uint32_t height, uint8_t *out_rgba, struct lw_error *err);
+/** Decodes an image whose size was found good. *out_rgba is malloc'ed: width*height*4 bytes, row 0 on top.
+ * Errors: LW_BAD_DATA; a picture that is cut short or corrupt is one. */
+LW_MUST_CHECK enum lw_status lw_gltf_image_decode(const uint8_t *bytes, size_t size, uint8_t **out_rgba,
+                                                  struct lw_error *err);
 
 #endif

@@ -45,12 +45,15 @@ static enum lw_status decode_image(struct lw_gltf_materials *materials, struct l
     if (materials->texel_count > LW_GLTF_TEXELS_MAX)
         return lw_status_fail(err, LW_BAD_DATA, "the images together have more than %llu texels",
                               (unsigned long long)LW_GLTF_TEXELS_MAX);
-    uint8_t *rgba = lw_scene_alloc(materials->scene, (size_t)slot->width * slot->height, 4);
+    uint8_t *decoded;
+    if (lw_gltf_image_decode(bytes.data, bytes.size, &decoded, err)) return err->status;
+    size_t texels = (size_t)slot->width * slot->height;
+    uint8_t *rgba = lw_scene_alloc(materials->scene, texels, 4);
+    if (rgba) memcpy(rgba, decoded, texels * 4);
+    free(decoded);
     if (!rgba)
         return lw_status_fail(err, LW_NO_MEMORY, "out of memory for %u x %u texels", slot->width,
                               slot->height);
-    if (lw_gltf_image_decode(bytes.data, bytes.size, slot->width, slot->height, rgba, err))
-        return err->status;
     slot->rgba = rgba;
     return LW_OK;
 }
@@ -156,9 +159,9 @@ static enum lw_status read_transform(const json_t *info, float transform[6], uin
     float offset[2] = {0, 0}, scale[2] = {1, 1}, rotation = 0;
     if (lw_gltf_json_extension(info, "KHR_texture_transform", &extension, err)) return err->status;
     if (!extension) return LW_OK;
-    if (lw_gltf_json_reals(extension, "offset", 2, -INFINITY, INFINITY, offset, err) ||
-        lw_gltf_json_reals(extension, "scale", 2, -INFINITY, INFINITY, scale, err) ||
-        lw_gltf_json_real(extension, "rotation", -INFINITY, INFINITY, &rotation, err) ||
+    if (lw_gltf_json_reals(extension, "offset", 2, -HUGE_VAL, HUGE_VAL, offset, err) ||
+        lw_gltf_json_reals(extension, "scale", 2, -HUGE_VAL, HUGE_VAL, scale, err) ||
+        lw_gltf_json_real(extension, "rotation", -HUGE_VAL, HUGE_VAL, &rotation, err) ||
         lw_gltf_json_integer(extension, "texCoord", 0, UINT32_MAX, uv_set, err)) {
         lw_status_context(err, "KHR_texture_transform");
         return err->status;
@@ -204,7 +207,7 @@ static enum lw_status read_base_colour(struct lw_gltf_materials *materials, cons
     const json_t *pbr = NULL;
     if (lw_gltf_json_object(object, "pbrMetallicRoughness", &pbr, err)) return err->status;
     if (!pbr) return LW_OK;
-    if (lw_gltf_json_reals(pbr, "baseColorFactor", 4, 0, INFINITY, out->base_colour, err) ||
+    if (lw_gltf_json_reals(pbr, "baseColorFactor", 4, 0, HUGE_VAL, out->base_colour, err) ||
         read_texture_use(materials, pbr, "baseColorTexture", &out->base_colour_texture, err)) {
         lw_status_context(err, "pbrMetallicRoughness");
         return err->status;
@@ -221,9 +224,9 @@ static enum lw_status read_emission(struct lw_gltf_materials *materials, const j
                                     struct lw_material *out, struct lw_error *err) {
     const json_t *extension = NULL;
     float strength = 1;
-    if (lw_gltf_json_reals(object, "emissiveFactor", 3, 0, INFINITY, out->emission, err) ||
+    if (lw_gltf_json_reals(object, "emissiveFactor", 3, 0, HUGE_VAL, out->emission, err) ||
         lw_gltf_json_extension(object, "KHR_materials_emissive_strength", &extension, err) ||
-        (extension && lw_gltf_json_real(extension, "emissiveStrength", 0, INFINITY, &strength, err)))
+        (extension && lw_gltf_json_real(extension, "emissiveStrength", 0, HUGE_VAL, &strength, err)))
         return err->status;
     for (int c = 0; c < 3; c++) {
         out->emission[c] *= strength;
@@ -239,7 +242,7 @@ static enum lw_status read_alpha(const json_t *object, struct lw_material *out, 
     const char *mode = "OPAQUE";
     bool double_sided = false;
     if (lw_gltf_json_string(object, "alphaMode", &mode, err) ||
-        lw_gltf_json_real(object, "alphaCutoff", 0, INFINITY, &out->alpha_cutoff, err) ||
+        lw_gltf_json_real(object, "alphaCutoff", 0, HUGE_VAL, &out->alpha_cutoff, err) ||
         lw_gltf_json_flag(object, "doubleSided", &double_sided, err))
         return err->status;
     out->double_sided = double_sided;

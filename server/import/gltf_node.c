@@ -139,7 +139,7 @@ static void queue_descendants(struct conversion *conversion) {
 
 static enum lw_status read_matrix(const json_t *object, struct lw_node *out, struct lw_error *err) {
     float m[16]; /* column-major */
-    if (lw_gltf_json_reals(object, "matrix", 16, -INFINITY, INFINITY, m, err)) return err->status;
+    if (lw_gltf_json_reals(object, "matrix", 16, -HUGE_VAL, HUGE_VAL, m, err)) return err->status;
     if (m[3] != 0 || m[7] != 0 || m[11] != 0 || m[15] != 1)
         return lw_status_fail(err, LW_BAD_DATA, "matrix: its last row must be 0, 0, 0, 1");
     if (json_object_get(object, "translation") || json_object_get(object, "rotation") ||
@@ -153,9 +153,9 @@ static enum lw_status read_matrix(const json_t *object, struct lw_node *out, str
 
 static enum lw_status read_place(const json_t *object, struct lw_node *out, struct lw_error *err) {
     if (json_object_get(object, "matrix")) return read_matrix(object, out, err);
-    if (lw_gltf_json_reals(object, "translation", 3, -INFINITY, INFINITY, out->translation, err) ||
+    if (lw_gltf_json_reals(object, "translation", 3, -HUGE_VAL, HUGE_VAL, out->translation, err) ||
         lw_gltf_json_reals(object, "rotation", 4, -1.001, 1.001, out->rotation, err) ||
-        lw_gltf_json_reals(object, "scale", 3, -INFINITY, INFINITY, out->scale, err))
+        lw_gltf_json_reals(object, "scale", 3, -HUGE_VAL, HUGE_VAL, out->scale, err))
         return err->status;
     double square = 0;
     for (int c = 0; c < 4; c++) square += (double)out->rotation[c] * (double)out->rotation[c];
@@ -224,8 +224,8 @@ static enum lw_status read_light(struct conversion *conversion, const json_t *ob
     float colour[3] = {1, 1, 1}, intensity = 1;
     if (lw_gltf_json_require(object, "type", err) || lw_gltf_json_string(object, "type", &type, err) ||
         lw_gltf_json_string(object, "name", &name, err) ||
-        lw_gltf_json_reals(object, "color", 3, 0, INFINITY, colour, err) ||
-        lw_gltf_json_real(object, "intensity", 0, INFINITY, &intensity, err))
+        lw_gltf_json_reals(object, "color", 3, 0, HUGE_VAL, colour, err) ||
+        lw_gltf_json_real(object, "intensity", 0, HUGE_VAL, &intensity, err))
         return err->status;
     if (strcmp(type, "point") == 0)
         out->kind = LW_LIGHT_POINT;

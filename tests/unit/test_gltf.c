@@ -275,7 +275,7 @@ static const struct {
     {"'wrapS':33071", "'wrapS':1", "samplers[0]: wrapS"},
     {"'images':[{'uri':", "'images':[{'bufferView':0,'uri':",
      "images[0]: must have either uri or bufferView"},
-    {"'uri':'data:image/png;base64," PNG "'", "'bufferView':0", "images[0]: is not a readable PNG or JPEG"},
+    {"'uri':'data:image/png;base64," PNG "'", "'bufferView':0", "images[0]: is neither PNG nor JPEG"},
     {"data:image/png;base64," PNG, "data:image/png;base64," PNG_TOO_WIDE, "images[0]: uri"},
     {"data:image/png;base64,", "data:image/png;base64,!", "is not base64"},
     {"data:image/png;base64,", "data:image/png,", "must be data:TYPE;base64"},
