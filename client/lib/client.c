@@ -134,22 +134,36 @@ static enum lw_status take_one(struct lw_client *c, bool *out_taken, struct lw_e
     return status;
 }
 
+/* Handles what has been read. Before the welcome it stops there: what follows belongs to lw_client_poll(). */
+static enum lw_status take_buffered(struct lw_client *c, bool *out_any, struct lw_error *err) {
+    const bool was_welcomed = c->welcomed;
+    *out_any = false;
+    for (bool taken = true; taken && c->welcomed == was_welcomed;) {
+        enum lw_status status = take_one(c, &taken, err);
+        if (status != LW_OK) {
+            lw_status_context(err, "%s", c->link.address);
+            return status;
+        }
+        *out_any |= taken;
+    }
+    return LW_OK;
+}
+
 /* Reads and handles what is there, within the bounds of one call. */
 static enum lw_status take_all(struct lw_client *c, struct lw_error *err) {
     uint64_t end_ns = lw_clock_ns() + POLL_NS_MAX, end_bytes = c->link.bytes_received + POLL_BYTES_MAX;
+    const bool was_welcomed = c->welcomed;
     size_t size = 1;
     struct lw_error link_err = {0};
     enum lw_status link_status = LW_OK;
     while (size && link_status == LW_OK) {
+        bool any;
         link_status = lw_link_receive(&c->link, &size, &link_err);
-        for (bool taken = true; taken;) { /* also after the link's end: a refusal may be the last message */
-            enum lw_status status = take_one(c, &taken, err);
-            if (status != LW_OK) {
-                lw_status_context(err, "%s", c->link.address);
-                return status;
-            }
-        }
+        /* also after the link's end: a refusal may be the last message */
+        enum lw_status status = take_buffered(c, &any, err);
         c->stats.bytes = c->link.bytes_received;
+        if (status != LW_OK) return status;
+        if (c->welcomed != was_welcomed) return LW_OK;
         if (c->link.bytes_received >= end_bytes || lw_clock_ns() >= end_ns) break;
     }
     return link_status == LW_OK ? LW_OK : lw_status_fail(err, link_status, "%s", link_err.text);
@@ -174,21 +188,24 @@ static enum lw_status shake_hands(struct lw_client *c, const char *name, unsigne
         return lw_status_fail(err, LW_USAGE,
                               "a client's name is at most %u bytes of UTF-8, without control characters",
                               LW_MESSAGE_NAME_MAX);
-    enum lw_status status = send_first(c, &hello, err);
+    struct lw_error cause = {0};
+    enum lw_status status = send_first(c, &hello, &cause);
     while (status == LW_OK && !c->welcomed) {
         if (lw_clock_ns() >= deadline_ns)
             return lw_status_fail(err, LW_TIMED_OUT, "%s does not answer: is it a lightwelld?",
                                   c->link.address);
-        status = lw_link_wait(&c->link, deadline_ns, err);
-        if (status == LW_OK) status = take_all(c, err);
+        status = lw_link_wait(&c->link, deadline_ns, &cause);
+        if (status == LW_OK) status = take_all(c, &cause);
     }
     if (status == LW_OK) {
         struct lw_message request = {.type = LW_MESSAGE_PACKAGE_REQUEST};
         return send_first(c, &request, err);
     }
-    if (status != LW_PROTOCOL && status != LW_CLOSED) return status;
-    lw_status_context(err, "no welcome from a lightwelld of this version");
-    return LW_PROTOCOL;
+    /* whoever hangs up before a welcome is no more a lightwelld than one who sends garbage */
+    if (status == LW_PROTOCOL || status == LW_CLOSED)
+        return lw_status_fail(err, LW_PROTOCOL, "no welcome from a lightwelld of this version: %s",
+                              cause.text);
+    return lw_status_fail(err, status, "%s", cause.text);
 }
 
 enum lw_status lw_client_create(const struct lw_client_desc *desc, struct lw_client **out_client,
@@ -219,7 +236,10 @@ void lw_client_destroy(struct lw_client *c) {
 }
 
 enum lw_status lw_client_poll(struct lw_client *c, unsigned timeout_ms, struct lw_error *err) {
-    enum lw_status status = lw_link_wait(&c->link, lw_clock_ns() + timeout_ms * 1000000ull, err);
+    bool any; /* what came along with the welcome */
+    enum lw_status status = take_buffered(c, &any, err);
+    if (status == LW_OK)
+        status = lw_link_wait(&c->link, any ? 0 : lw_clock_ns() + timeout_ms * 1000000ull, err);
     if (status == LW_OK) status = take_all(c, err);
     if (status != LW_OK || c->frame_acked == c->stats.frame) return status;
     c->frame_acked = c->stats.frame;

@@ -1,0 +1,238 @@
+#include "tests/support/support.h"
+
+#include "common/tile/tile_codec.h"
+#include "proto/message.h"
+
+#include <ctype.h>
+#include <dirent.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Bytes of protocol version 1 that must stay readable for ever, and bytes that must stay refused. Each file is one framed
+ * message; LW_GOLDEN_WRITE=1 writes the valid ones anew (then look at the difference: there should be none). */
+
+#define FOLDER "tests/golden/v1/"
+
+static const uint8_t tile_payload[] = {0x28, 0xb5, 0x2f, 0xfd, 0x20, 0x06, 0x31, 0,
+                                       0,    0,    0,    0,    0x3c, 0x38, 0x34};
+static const struct lw_message_interest_tile interest_tiles[] = {{0, 4, 0}, {17, 0, 35}};
+static const struct lw_message_transform transforms[] = {
+    {2, {{{1, 0, 0, 0.5f}, {0, 0, -1, 2}, {0, 1, 0, -3}}}}};
+static const struct lw_message_light lights[] = {{1, {0, 2, 0}, {0, -1, 0}, {10, 20, 30}}};
+
+static const struct golden {
+    const char *file;
+    struct lw_message message;
+} valid[] = {
+    {"hello.bin", {.type = LW_MESSAGE_HELLO, .hello = {.version = 1, .name = "stranger"}}},
+    {"welcome.bin",
+     {.type = LW_MESSAGE_WELCOME,
+      .welcome = {1,
+                  0,
+                  42,
+                  "lightwelld 0.1.0",
+                  {{0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 255}},
+                  1000000,
+                  300000,
+                  2,
+                  0.0625f}}},
+    {"refusal.bin",
+     {.type = LW_MESSAGE_REFUSAL, .refusal = {LW_REFUSAL_FULL, "the server has its 10000 sessions"}}},
+    {"refusal_unknown_code.bin", {.type = LW_MESSAGE_REFUSAL, .refusal = {(enum lw_refusal)65535, ""}}},
+    {"package_request.bin", {.type = LW_MESSAGE_PACKAGE_REQUEST, .package_request = {65536}}},
+    {"package_request_empty.bin", {.type = LW_MESSAGE_PACKAGE_REQUEST}},
+    {"package_chunk.bin",
+     {.type = LW_MESSAGE_PACKAGE_CHUNK, .package_chunk = {65536, tile_payload, sizeof tile_payload}}},
+    {"interest_everything.bin", {.type = LW_MESSAGE_INTEREST, .interest = {.everything = true}}},
+    {"interest_tiles.bin",
+     {.type = LW_MESSAGE_INTEREST, .interest = {.tile = interest_tiles, .tile_count = 2}}},
+    {"frame.bin",
+     {.type = LW_MESSAGE_FRAME,
+      .frame = {300, 12.5, 16000000, 123456789, 77, {0.25f, 0.5f, 1}, transforms, 1, lights, 1}}},
+    {"frame_at_rest.bin", {.type = LW_MESSAGE_FRAME, .frame = {.frame = 1}}},
+    {"tile.bin",
+     {.type = LW_MESSAGE_TILE,
+      .tile = {.object = 2,
+               .level = 3,
+               .version = 300,
+               .codec = LW_TILE_CODEC_HALF_ZSTD,
+               .scale = 4,
+               .bounces = 2,
+               .error = 0.125f,
+               .payload = tile_payload,
+               .payload_size = sizeof tile_payload}}},
+    {"ack.bin", {.type = LW_MESSAGE_ACK, .ack = {300}}},
+    {"ping.bin", {.type = LW_MESSAGE_PING, .ping = {0x0123456789abcdef}}},
+    {"pong.bin", {.type = LW_MESSAGE_PONG, .pong = {0x0123456789abcdef}}},
+};
+
+/* Written by hand, so that no encoder can refuse them: header and body in hex, and what the refusal says. */
+static const struct {
+    const char *file, *hex, *text;
+} invalid[] = {
+    {"invalid_header_too_long.bin", "01001000 0700 0000", "over the limit"},
+    {"invalid_header_flags.bin", "00000000 0a00 0100", "flags"},
+    {"invalid_type.bin", "00000000 0c00 0000", "unknown"},
+    {"invalid_protobuf.bin", "01000000 0900 0000 ff", "is no protobuf"},
+    {"invalid_wire_type.bin", "05000000 0900 0000 0d00000000", "wrong type"},
+    {"invalid_hello_name.bin", "05000000 0100 0000 1a031b5b4a", "name is not UTF-8"},
+    {"invalid_refusal_code.bin", "00000000 0300 0000", "code"},
+    {"invalid_chunk_empty.bin", "02000000 0500 0000 0801", "data"},
+    {"invalid_interest_lengths.bin", "06000000 0600 0000 120400000000", "differ in length"},
+    {"invalid_interest_both.bin", "14000000 0600 0000 0801 120400000000 1a0400000000 220400000000",
+     "everything"},
+    {"invalid_frame_sky.bin", "02000000 0700 0000 0801", "sky is not 3 values"},
+    {"invalid_frame_nan.bin", "10000000 0700 0000 0801 320c 0000c07f 00000000 00000000", "sky is not finite"},
+    {"invalid_frame_transform.bin", "16000000 0700 0000 0801 320c 00000000 00000000 00000000 3a04 00000000",
+     "12 values"},
+    {"invalid_tile_scale.bin", "06000000 0800 0000 2001 3001 5200", "scale"},
+    {"invalid_tile_payload.bin", "09000000 0800 0000 2001 3001 3d00008040", "payload"},
+};
+
+static size_t parse_hex(const char *hex, uint8_t *dst) {
+    size_t size = 0;
+    for (; *hex; hex++) {
+        if (isspace((unsigned char)*hex)) continue;
+        unsigned byte;
+        assert_int_equal(sscanf(hex, "%2x", &byte), 1);
+        dst[size++] = (uint8_t)byte;
+        hex++;
+    }
+    return size;
+}
+
+static const char *path_of(const char *file) {
+    static char relative[300];
+    snprintf(relative, sizeof relative, FOLDER "%s", file);
+    return lw_support_source(relative);
+}
+
+static void write_file(const char *file, const uint8_t *bytes, size_t size) {
+    FILE *f = fopen(path_of(file), "wb");
+    assert_non_null(f);
+    assert_int_equal(fwrite(bytes, 1, size, f), size);
+    assert_int_equal(fclose(f), 0);
+}
+
+static enum lw_status decode(const uint8_t *bytes, size_t size, struct lw_message *out,
+                             struct lw_error *err) {
+    struct lw_frame_header header;
+    assert_true(size >= LW_FRAME_HEADER_SIZE);
+    enum lw_status status = lw_frame_read_header(bytes, LW_FRAME_BODY_MAX, &header, err);
+    if (status != LW_OK) return status;
+    assert_int_equal(header.body_size, size - LW_FRAME_HEADER_SIZE);
+    return lw_message_decode(header, bytes + LW_FRAME_HEADER_SIZE, out, err);
+}
+
+static void test_valid(void **state) {
+    (void)state;
+    for (size_t i = 0; i < sizeof valid / sizeof *valid; i++) {
+        uint8_t *ours;
+        size_t our_size, size;
+        lw_support_ok(lw_message_encode_alloc(&valid[i].message, &ours, &our_size), NULL);
+        if (getenv("LW_GOLDEN_WRITE")) write_file(valid[i].file, ours, our_size);
+        uint8_t *bytes = lw_support_read_file(path_of(valid[i].file), &size), *again;
+        struct lw_message m;
+        struct lw_error err = {0};
+        lw_support_ok(decode(bytes, size, &m, &err), &err);
+        assert_int_equal(m.type, valid[i].message.type);
+        /* what the file says, in today's bytes, is what the message says in today's bytes */
+        lw_support_ok(lw_message_encode_alloc(&m, &again, &size), NULL);
+        assert_int_equal(size, our_size);
+        assert_memory_equal(again, ours, size);
+        lw_message_finish(&m);
+        free(again);
+        free(bytes);
+        free(ours);
+    }
+}
+
+static void test_invalid(void **state) {
+    (void)state;
+    for (size_t i = 0; i < sizeof invalid / sizeof *invalid; i++) {
+        uint8_t expected[200];
+        size_t expected_size = parse_hex(invalid[i].hex, expected), size;
+        if (getenv("LW_GOLDEN_WRITE")) write_file(invalid[i].file, expected, expected_size);
+        uint8_t *bytes = lw_support_read_file(path_of(invalid[i].file), &size);
+        assert_int_equal(size, expected_size);
+        assert_memory_equal(bytes, expected, size);
+        struct lw_message m;
+        struct lw_error err = {0};
+        lw_support_fails(decode(bytes, size, &m, &err), LW_PROTOCOL, &err, invalid[i].text);
+        free(bytes);
+    }
+}
+
+/* No file that nobody reads. */
+static void test_folder(void **state) {
+    (void)state;
+    DIR *folder = opendir(lw_support_source(FOLDER));
+    assert_non_null(folder);
+    size_t files = 0;
+    for (struct dirent *entry; (entry = readdir(folder));) files += entry->d_name[0] != '.';
+    closedir(folder);
+    assert_int_equal(files, sizeof valid / sizeof *valid + sizeof invalid / sizeof *invalid);
+}
+
+/* Reads the n-th hex listing of wire_format.md: hex digits up to the two spaces before the explanation. */
+static size_t read_example(const char *document, unsigned n, uint8_t *dst) {
+    const char *at = strstr(document, "## 6. Examples");
+    assert_non_null(at);
+    for (unsigned i = 0; i < 2 * n + 1; i++) { /* fences come in pairs */
+        at = strstr(at, "```\n");
+        assert_non_null(at);
+        at += 4;
+    }
+    size_t size = 0;
+    while (strncmp(at, "```", 3) != 0) {
+        /* after the bytes of a line comes a word that is not two hex digits */
+        for (const char *word = at; *word != '\n';) {
+            while (*word == ' ') word++;
+            size_t length = strcspn(word, " \n");
+            if (length != 2 || !isxdigit((unsigned char)word[0]) || !isxdigit((unsigned char)word[1])) break;
+            unsigned byte;
+            assert_int_equal(sscanf(word, "%2x", &byte), 1);
+            dst[size++] = (uint8_t)byte;
+            word += length;
+        }
+        at = strchr(at, '\n') + 1;
+    }
+    return size;
+}
+
+static void test_examples_of_the_document(void **state) {
+    (void)state;
+    static const char *const file[] = {"hello.bin", "tile.bin", "ack.bin"};
+    size_t size;
+    char *document = (char *)lw_support_read_file(lw_support_source("proto/wire_format.md"), &size);
+    for (unsigned i = 0; i < 3; i++) {
+        uint8_t expected[200];
+        size_t expected_size = read_example(document, i, expected);
+        uint8_t *bytes = lw_support_read_file(path_of(file[i]), &size);
+        assert_int_equal(size, expected_size);
+        assert_memory_equal(bytes, expected, size);
+        free(bytes);
+    }
+    free(document);
+}
+
+/* The example's tile says what the document says it does. */
+static void test_tile_payload(void **state) {
+    (void)state;
+    struct lw_tile_codec *codec;
+    float rgb[3];
+    lw_support_ok(lw_tile_codec_create(&codec), NULL);
+    lw_support_ok(lw_tile_codec_decode(codec, tile_payload, sizeof tile_payload, 4, 1, 1, rgb), NULL);
+    assert_true(rgb[0] == 4 && rgb[1] == 2 && rgb[2] == 1);
+    lw_tile_codec_destroy(codec);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_valid),        cmocka_unit_test(test_invalid),
+        cmocka_unit_test(test_folder),       cmocka_unit_test(test_examples_of_the_document),
+        cmocka_unit_test(test_tile_payload),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

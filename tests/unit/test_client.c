@@ -1,0 +1,627 @@
+#include "tests/support/support.h"
+
+#include "client/include/lightwell/client.h"
+#include "client/lib/link.h"
+#include "client/lib/replica.h"
+#include "common/clock.h"
+#include "common/tile/tile_codec.h"
+#include "server/serve/server.h"
+
+#include <arpa/inet.h>
+#include <netinet/in.h>
+#include <poll.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <unistd.h>
+#include <zstd.h>
+
+#define WAIT_NS 10000000000u
+#define SCALE   4.0f
+
+/* ---- a scene, its package and messages about it ---- */
+
+struct world {
+    struct lw_scene *scene;
+    struct lw_atlas_map map;
+    uint8_t *package, *compressed;
+    size_t package_size, compressed_size;
+    struct lw_tile_codec *codec;
+};
+
+static struct world make_world(void) {
+    struct world w = {.scene = lw_support_everything()};
+    struct lw_error err = {0};
+    lw_support_ok(lw_atlas_map_init(&w.map, w.scene), NULL);
+    assert_true(w.map.tile_count > 0);
+    lw_support_ok(lw_package_write(w.scene, &w.package, &w.package_size, &err), &err);
+    w.compressed = malloc(ZSTD_compressBound(w.package_size));
+    w.compressed_size =
+        ZSTD_compress(w.compressed, ZSTD_compressBound(w.package_size), w.package, w.package_size, 3);
+    assert_false(ZSTD_isError(w.compressed_size));
+    lw_support_ok(lw_tile_codec_create(&w.codec), NULL);
+    return w;
+}
+
+static void finish_world(struct world *w) {
+    lw_tile_codec_destroy(w->codec);
+    free(w->package);
+    free(w->compressed);
+    lw_atlas_map_finish(&w->map);
+    lw_scene_destroy(w->scene);
+}
+
+/* What texel (x, y) of a level holds in version `version`: exact in half floats over SCALE. */
+static float value_of(uint32_t object, uint32_t level, uint32_t x, uint32_t y, int channel,
+                      uint64_t version) {
+    return SCALE * (float)((object * 5 + level * 3 + x + 2 * y + (uint32_t)channel + version) % 64);
+}
+
+/* payload: lw_tile_codec_bound() bytes. */
+static struct lw_message tile_message(const struct world *w, uint32_t id, uint64_t version,
+                                      uint8_t *payload) {
+    static float rgb[LW_TILE_TEXELS_MAX * 3];
+    const struct lw_tile_place *p = &w->map.place[id];
+    for (uint32_t y = 0; y < p->height; y++)
+        for (uint32_t x = 0; x < p->width; x++)
+            for (int c = 0; c < 3; c++)
+                rgb[3 * (y * p->width + x) + (uint32_t)c] = value_of(
+                    p->object, p->level, p->x * LW_TILE_SIDE + x, p->y * LW_TILE_SIDE + y, c, version);
+    struct lw_message m = {.type = LW_MESSAGE_TILE,
+                           .tile = {.object = p->object,
+                                    .level = p->level,
+                                    .tile = p->y * w->map.atlas[p->object].level[p->level].tiles_x + p->x,
+                                    .version = version,
+                                    .codec = LW_TILE_CODEC_HALF_ZSTD,
+                                    .bounces = 2,
+                                    .error = 0.5f,
+                                    .payload = payload}};
+    uint32_t saturated;
+    lw_support_ok(lw_tile_codec_encode(w->codec, rgb, p->width, p->height, payload, lw_tile_codec_bound(),
+                                       &m.tile.payload_size, &m.tile.scale, &saturated),
+                  NULL);
+    return m;
+}
+
+static void expect_tile(const struct lw_client *client, const struct world *w, uint32_t id,
+                        uint64_t version) {
+    const struct lw_tile_place *p = &w->map.place[id];
+    struct lw_client_level level = lw_client_get_level(client, p->object, p->level);
+    assert_int_equal(level.width, w->map.atlas[p->object].level[p->level].width);
+    assert_int_equal(level.height, w->map.atlas[p->object].level[p->level].height);
+    for (uint32_t y = p->y * LW_TILE_SIDE; y < p->y * LW_TILE_SIDE + p->height; y++)
+        for (uint32_t x = p->x * LW_TILE_SIDE; x < p->x * LW_TILE_SIDE + p->width; x++)
+            for (int c = 0; c < 3; c++) {
+                float expected = version ? value_of(p->object, p->level, x, y, c, version) : 0;
+                assert_true(level.rgb[3 * (y * level.width + x) + (uint32_t)c] == expected);
+            }
+    assert_int_equal(lw_client_get_tile(client, (lw_tile_id){id}).version, version);
+}
+
+/* ---- against our own server ---- */
+
+static void *serve(void *server) {
+    lw_support_ok(lw_server_run(server, NULL), NULL);
+    return NULL;
+}
+
+static struct lw_snapshot *make_snapshot(const struct world *w, uint64_t frame) {
+    struct lw_snapshot *snapshot;
+    uint8_t *payload = malloc(lw_tile_codec_bound());
+    lw_support_ok(lw_snapshot_create(w->map.tile_count, &snapshot), NULL);
+    snapshot->frame = frame;
+    struct lw_message_transform moved = {.object = 1, .object_to_world = LW_AFFINE_IDENTITY};
+    moved.object_to_world.m[1][3] = (float)frame;
+    struct lw_message m = {.type = LW_MESSAGE_FRAME,
+                           .frame = {.frame = frame,
+                                     .time_s = 0.5 * (double)frame,
+                                     .solve_ns = 1000000,
+                                     .rays_total = 1000 * frame,
+                                     .sky = {1, 2, 3},
+                                     .transform = &moved,
+                                     .transform_count = 1}};
+    lw_support_ok(lw_blob_from_message(&m, &snapshot->frame_full), NULL);
+    for (uint32_t t = 0; t < w->map.tile_count; t++) {
+        m = tile_message(w, t, frame, payload);
+        snapshot->tile[t].version = frame;
+        lw_support_ok(lw_blob_from_message(&m, &snapshot->tile[t].blob), NULL);
+    }
+    free(payload);
+    return snapshot;
+}
+
+static void poll_until_tiles(struct lw_client *client, uint64_t tiles) {
+    struct lw_client_stats stats;
+    struct lw_error err = {0};
+    uint64_t end_ns = lw_clock_ns() + WAIT_NS;
+    do {
+        assert_true(lw_clock_ns() < end_ns);
+        lw_support_ok(lw_client_poll(client, 100, &err), &err);
+        lw_client_get_stats(client, &stats);
+    } while (stats.tiles < tiles);
+}
+
+static void test_session(void **state) {
+    (void)state;
+    struct world w = make_world();
+    struct lw_server *server;
+    struct lw_error err = {0};
+    pthread_t thread;
+    struct lw_server_desc desc = {.host = "127.0.0.1",
+                                  .atlas_map = &w.map,
+                                  .package = w.package,
+                                  .package_size = w.package_size,
+                                  .bounces = 3,
+                                  .target_error = 0.25f};
+    lw_support_ok(lw_server_create(&desc, &server, &err), &err);
+    assert_int_equal(pthread_create(&thread, NULL, serve, server), 0);
+
+    struct lw_client *client;
+    uint64_t before_ns = lw_clock_ns();
+    lw_support_ok(
+        lw_client_create(
+            &(struct lw_client_desc){.host = "127.0.0.1", .port = lw_server_port(server), .name = "test"},
+            &client, &err),
+        &err);
+    print_message("handshake on loopback: %.3f ms\n", 1e-6 * (double)(lw_clock_ns() - before_ns));
+    assert_true(lw_client_descriptor(client) >= 0);
+    while (!lw_client_scene(client)) lw_support_ok(lw_client_poll(client, 100, &err), &err);
+    assert_true(lw_client_package_progress(client) == 1);
+    assert_int_equal(lw_client_scene(client)->object_count, w.scene->object_count);
+    assert_int_equal(lw_client_atlas_map(client)->tile_count, w.map.tile_count);
+    assert_null(lw_client_object_to_world(client, w.scene->object_count));
+    for (uint32_t t = 0; t < w.map.tile_count; t++) expect_tile(client, &w, t, 0); /* zeros, not garbage */
+
+    for (uint64_t frame = 1; frame <= 3; frame += 2) {
+        struct lw_snapshot *snapshot = make_snapshot(&w, frame);
+        lw_server_publish(server, snapshot);
+        lw_snapshot_unref(snapshot);
+        poll_until_tiles(client, (frame + 1) / 2 * w.map.tile_count);
+        for (uint32_t t = 0; t < w.map.tile_count; t++) expect_tile(client, &w, t, frame);
+        assert_true(lw_client_object_to_world(client, 1)->m[1][3] == (float)frame);
+        struct lw_client_stats stats;
+        lw_client_get_stats(client, &stats);
+        assert_int_equal(stats.frame, frame);
+        assert_int_equal(stats.frames, (frame + 1) / 2);
+        assert_int_equal(stats.rays_total, 1000 * frame);
+        assert_int_equal(stats.bounces, 3);
+        assert_true(stats.target_error == 0.25f && stats.time_s == 0.5 * (double)frame && stats.sky[2] == 3);
+        assert_true(stats.light_age_ns >= 1000000 && stats.light_age_ns < WAIT_NS);
+        assert_true(before_ns <= stats.connected_ns && stats.connected_ns <= stats.package_ns &&
+                    stats.package_ns <= stats.first_ns);
+        assert_true(stats.bytes > w.compressed_size);
+    }
+    struct lw_client_tile tile = lw_client_get_tile(client, (lw_tile_id){0});
+    assert_true(tile.bounces == 2 && tile.error == 0.5f);
+    assert_int_equal(lw_client_get_tile(client, (lw_tile_id){w.map.tile_count}).version, 0);
+    assert_int_equal(lw_client_get_level(client, 0, LW_ATLAS_LEVELS_MAX).width, 0);
+    assert_int_equal(lw_client_get_level(client, w.scene->object_count, 0).width, 0);
+    lw_support_ok(lw_client_poll(client, 0, &err), &err); /* nothing there: returns at once */
+
+    lw_server_stop(server);
+    enum lw_status status = LW_OK;
+    while (status == LW_OK) status = lw_client_poll(client, 1000, &err);
+    lw_support_fails(status, LW_CLOSED, &err, "ended the session: the server ends");
+    expect_tile(client, &w, 0, 3); /* what was received stays readable */
+    lw_client_destroy(client);
+    lw_client_destroy(NULL);
+    assert_int_equal(pthread_join(thread, NULL), 0);
+    lw_server_destroy(server);
+    finish_world(&w);
+}
+
+/* ---- against a peer that reads from a script ---- */
+
+struct script {
+    uint8_t *bytes;
+    size_t size;
+    bool closes; /* after the last byte; otherwise it stays silent until the client goes */
+    int listener;
+    uint16_t port;
+    pthread_t thread;
+};
+
+static void say_bytes(struct script *s, const void *bytes, size_t size) {
+    s->bytes = realloc(s->bytes, s->size + size + 1);
+    assert_non_null(s->bytes);
+    memcpy(s->bytes + s->size, bytes, size);
+    s->size += size;
+}
+
+static void say(struct script *s, const struct lw_message *message) {
+    uint8_t *bytes;
+    size_t size;
+    lw_support_ok(lw_message_encode_alloc(message, &bytes, &size), NULL);
+    say_bytes(s, bytes, size);
+    free(bytes);
+}
+
+static struct lw_message welcome_of(const struct world *w) {
+    struct lw_message m = {.type = LW_MESSAGE_WELCOME,
+                           .welcome = {.version = 1,
+                                       .name = "script",
+                                       .package_size = w->package_size,
+                                       .package_compressed_size = w->compressed_size}};
+    lw_package_hash(w->package, w->package_size, &m.welcome.package_hash);
+    return m;
+}
+
+/* In pieces of seven bytes and then the rest, so that decompression starts and stops. */
+static void say_package(struct script *s, const struct world *w) {
+    for (size_t at = 0, piece = 7; at < w->compressed_size; at += piece) {
+        if (at > 70) piece = w->compressed_size - at;
+        if (piece > LW_MESSAGE_CHUNK_MAX) piece = LW_MESSAGE_CHUNK_MAX;
+        say(s, &(struct lw_message){.type = LW_MESSAGE_PACKAGE_CHUNK,
+                                    .package_chunk = {at, w->compressed + at, piece}});
+    }
+}
+
+static void *recite(void *context) {
+    struct script *s = context;
+    int peer = accept(s->listener, NULL, NULL);
+    for (size_t sent = 0; sent < s->size;) {
+        ssize_t n = send(peer, s->bytes + sent, s->size - sent, MSG_NOSIGNAL);
+        if (n < 0) break;
+        sent += (size_t)n;
+    }
+    uint8_t rest[4096];
+    if (s->closes) shutdown(peer, SHUT_WR);
+    while (recv(peer, rest, sizeof rest, 0) > 0) {
+    }
+    close(peer);
+    return NULL;
+}
+
+static void begin(struct script *s) {
+    struct sockaddr_in address = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    socklen_t size = sizeof address;
+    s->listener = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    assert_int_equal(bind(s->listener, (struct sockaddr *)&address, size), 0);
+    assert_int_equal(listen(s->listener, 1), 0);
+    assert_int_equal(getsockname(s->listener, (struct sockaddr *)&address, &size), 0);
+    s->port = ntohs(address.sin_port);
+    assert_int_equal(pthread_create(&s->thread, NULL, recite, s), 0);
+}
+
+static void end(struct script *s) {
+    assert_int_equal(pthread_join(s->thread, NULL), 0);
+    close(s->listener);
+    free(s->bytes);
+    *s = (struct script){0};
+}
+
+/* Plays the script to a client until it fails, as it must. *out_created says whether there was a welcome. */
+static void expect_failure(struct script *s, enum lw_status expected, const char *text, bool created) {
+    struct lw_client *client = NULL;
+    struct lw_error err = {0};
+    begin(s);
+    uint64_t end_ns = lw_clock_ns() + WAIT_NS;
+    enum lw_status status = lw_client_create(
+        &(struct lw_client_desc){.host = "127.0.0.1", .port = s->port, .timeout_ms = 400}, &client, &err);
+    assert_int_equal(client != NULL, created);
+    while (status == LW_OK) {
+        assert_true(lw_clock_ns() < end_ns);
+        status = lw_client_poll(client, 100, &err);
+    }
+    lw_support_fails(status, expected, &err, text);
+    assert_non_null(strstr(err.text, "127.0.0.1:"));
+    lw_client_destroy(client);
+    end(s);
+}
+
+static void test_no_server(void **state) {
+    (void)state;
+    struct lw_client *client = NULL;
+    struct lw_error err = {0};
+    struct script s = {0};
+    begin(&s);
+    uint16_t port = s.port;
+    struct sockaddr_in address = {
+        .sin_family = AF_INET, .sin_port = htons(port), .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    int once = socket(AF_INET, SOCK_STREAM, 0);
+    assert_int_equal(connect(once, (struct sockaddr *)&address, sizeof address), 0);
+    close(once);
+    end(&s); /* nobody listens there any more */
+    char name[64];
+    snprintf(name, sizeof name, "cannot connect to 127.0.0.1:%u: Connection refused: is lightwelld running?",
+             port);
+    lw_support_fails(
+        lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1", .port = port}, &client, &err),
+        LW_UNAVAILABLE, &err, name);
+    err = (struct lw_error){0};
+    lw_support_fails(
+        lw_client_create(&(struct lw_client_desc){.host = "no such host", .port = 1}, &client, &err),
+        LW_NO_HOST, &err, "no such host:1");
+    assert_null(client);
+}
+
+static void test_not_a_lightwelld(void **state) {
+    (void)state;
+    struct script s = {0};
+    say_bytes(&s, "SSH-2.0-OpenSSH_9.2p1\r\n", 23);
+    expect_failure(&s, LW_PROTOCOL, "no welcome from a lightwelld of this version", false);
+    expect_failure(&s, LW_TIMED_OUT, "does not answer: is it a lightwelld?", false); /* says nothing */
+    s.closes = true;
+    expect_failure(&s, LW_PROTOCOL, "closed the connection", false);
+    uint8_t cut[] = {200, 0, 0, 0, 2, 0, 0, 0, 1, 2, 3};
+    s.closes = true;
+    say_bytes(&s, cut, sizeof cut);
+    expect_failure(&s, LW_PROTOCOL, "closed the connection", false);
+    say(&s, &(struct lw_message){.type = LW_MESSAGE_HELLO, .hello.version = 1}); /* a client */
+    expect_failure(&s, LW_PROTOCOL, "message HELLO: not one that a server sends", false);
+}
+
+static void test_refused(void **state) {
+    (void)state;
+    struct script s = {0};
+    say(&s,
+        &(struct lw_message){.type = LW_MESSAGE_REFUSAL, .refusal = {LW_REFUSAL_VERSION, "speak version 2"}});
+    expect_failure(&s, LW_PROTOCOL, "it refused us: speak version 2", false);
+    say(&s,
+        &(struct lw_message){.type = LW_MESSAGE_REFUSAL, .refusal = {LW_REFUSAL_FULL, "come back later"}});
+    s.closes = true;
+    expect_failure(&s, LW_UNAVAILABLE, "it refused us: come back later", false);
+    say(&s, &(struct lw_message){.type = LW_MESSAGE_REFUSAL, .refusal = {(enum lw_refusal)999, ""}});
+    expect_failure(&s, LW_UNAVAILABLE, "it did not say why", false);
+    struct world w = make_world();
+    struct lw_message welcome = welcome_of(&w);
+    welcome.welcome.version = 2;
+    say(&s, &welcome);
+    expect_failure(&s, LW_PROTOCOL, "it speaks version 2 of the protocol", false);
+    finish_world(&w);
+}
+
+static void test_unknown_types_are_skipped(void **state) {
+    (void)state;
+    struct world w = make_world();
+    struct script s = {0};
+    const uint8_t future[] = {5, 0, 0, 0, 200, 1, 0, 0, 0xff, 0xff, 0xff, 0xff, 0xff};
+    struct lw_message welcome = welcome_of(&w);
+    say_bytes(&s, future, sizeof future);
+    say(&s, &welcome);
+    say_bytes(&s, future, sizeof future);
+    say(&s, &(struct lw_message){.type = LW_MESSAGE_PING, .ping.token = 1});
+    say_package(&s, &w);
+    say(&s, &(struct lw_message){.type = LW_MESSAGE_REFUSAL, .refusal = {LW_REFUSAL_SHUTDOWN, "good night"}});
+    expect_failure(&s, LW_CLOSED, "it ended the session: good night", true);
+    finish_world(&w);
+}
+
+static void test_damaged_package(void **state) {
+    (void)state;
+    struct world w = make_world();
+    struct script s = {0};
+    struct lw_message good = welcome_of(&w), m = good;
+    m.welcome.package_hash.bytes[15] ^= 1;
+    say(&s, &m);
+    say_package(&s, &w);
+    expect_failure(&s, LW_PROTOCOL, "hash", true);
+    m = good;
+    m.welcome.package_size--;
+    say(&s, &m);
+    say_package(&s, &w);
+    expect_failure(&s, LW_PROTOCOL, "scene package: ", true);
+    m = good;
+    m.welcome.package_size++;
+    say(&s, &m);
+    say_package(&s, &w);
+    expect_failure(&s, LW_PROTOCOL, "were promised", true);
+    m = good;
+    m.welcome.package_compressed_size--;
+    say(&s, &m);
+    say_package(&s, &w);
+    expect_failure(&s, LW_PROTOCOL, "scene package: ", true);
+    m = good;
+    m.welcome.package_compressed_size += 4;
+    say(&s, &m);
+    say_package(&s, &w);
+    say(&s, &(struct lw_message){.type = LW_MESSAGE_PACKAGE_CHUNK,
+                                 .package_chunk = {w.compressed_size, (const uint8_t *)"more", 4}});
+    expect_failure(&s, LW_PROTOCOL, "bytes after its end", true);
+    say(&s, &good);
+    say(&s,
+        &(struct lw_message){.type = LW_MESSAGE_PACKAGE_CHUNK, .package_chunk = {1, w.compressed + 1, 10}});
+    expect_failure(&s, LW_PROTOCOL, "chunk at 1 where 0 was expected", true);
+    say(&s, &good);
+    say(&s, &(struct lw_message){.type = LW_MESSAGE_PACKAGE_CHUNK,
+                                 .package_chunk = {0, (const uint8_t *)"zstd?", 5}});
+    expect_failure(&s, LW_PROTOCOL, "scene package: ", true);
+    /* a hash that fits bytes that are no package */
+    m = good;
+    uint8_t compressed[64];
+    m.welcome.package_size = 5;
+    m.welcome.package_compressed_size = ZSTD_compress(compressed, sizeof compressed, "scene", 5, 1);
+    lw_package_hash((const uint8_t *)"scene", 5, &m.welcome.package_hash);
+    say(&s, &m);
+    say(&s, &(struct lw_message){.type = LW_MESSAGE_PACKAGE_CHUNK,
+                                 .package_chunk = {0, compressed, m.welcome.package_compressed_size}});
+    expect_failure(&s, LW_BAD_DATA, "127.0.0.1", true);
+    finish_world(&w);
+}
+
+static void say_beginning(struct script *s, const struct world *w) {
+    struct lw_message welcome = welcome_of(w);
+    say(s, &welcome);
+    say_package(s, w);
+}
+
+static void test_messages_out_of_place(void **state) {
+    (void)state;
+    struct world w = make_world();
+    struct script s = {0};
+    uint8_t *payload = malloc(lw_tile_codec_bound());
+    struct lw_message tile = tile_message(&w, 0, 1, payload), m, welcome = welcome_of(&w);
+    struct lw_message frame = {.type = LW_MESSAGE_FRAME, .frame = {.frame = 5}};
+    say(&s, &welcome);
+    say(&s, &tile);
+    expect_failure(&s, LW_PROTOCOL, "message TILE: out of order", true);
+    say(&s, &welcome);
+    say(&s, &frame);
+    expect_failure(&s, LW_PROTOCOL, "message FRAME: out of order", true);
+    say(&s, &welcome);
+    say(&s, &welcome);
+    /* both may arrive while the client still waits for the first */
+    struct lw_client *client = NULL;
+    struct lw_error err = {0};
+    begin(&s);
+    enum lw_status status =
+        lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1", .port = s.port}, &client, &err);
+    while (status == LW_OK) status = lw_client_poll(client, 100, &err);
+    lw_support_fails(status, LW_PROTOCOL, &err, "message WELCOME: out of order");
+    lw_client_destroy(client);
+    end(&s);
+    const struct lw_message_interest_tile nowhere[] = {{w.scene->object_count, 0, 0},
+                                                       {0, w.map.atlas[0].level_count, 0},
+                                                       {0, w.map.atlas[0].level_count - 1, 1},
+                                                       {UINT32_MAX, UINT32_MAX, UINT32_MAX},
+                                                       {0, 0, UINT32_MAX}};
+    for (size_t i = 0; i < sizeof nowhere / sizeof *nowhere; i++) {
+        m = tile;
+        m.tile.object = nowhere[i].object;
+        m.tile.level = nowhere[i].level;
+        m.tile.tile = nowhere[i].tile;
+        say_beginning(&s, &w);
+        say(&s, &m);
+        expect_failure(&s, LW_PROTOCOL, "message TILE: there is no object", true);
+    }
+    m = tile;
+    m.tile.codec = 2;
+    say_beginning(&s, &w);
+    say(&s, &m);
+    expect_failure(&s, LW_PROTOCOL, "codec 2 is unknown", true);
+    m = tile;
+    m.tile.payload_size--;
+    say_beginning(&s, &w);
+    say(&s, &m);
+    expect_failure(&s, LW_PROTOCOL, "the payload is damaged", true);
+    struct lw_message_transform transform = {w.scene->object_count, LW_AFFINE_IDENTITY};
+    m = frame;
+    m.frame.transform = &transform;
+    m.frame.transform_count = 1;
+    say_beginning(&s, &w);
+    say(&s, &m);
+    expect_failure(&s, LW_PROTOCOL, "transform_object", true);
+    struct lw_message_light light = {.light = w.scene->light_count};
+    m = frame;
+    m.frame.light = &light;
+    m.frame.light_count = 1;
+    say_beginning(&s, &w);
+    say(&s, &m);
+    expect_failure(&s, LW_PROTOCOL, "message FRAME: light", true);
+    m = frame;
+    m.frame.frame = 4;
+    say_beginning(&s, &w);
+    say(&s, &frame);
+    say(&s, &m);
+    expect_failure(&s, LW_PROTOCOL, "number 4 after 5", true);
+    free(payload);
+    finish_world(&w);
+}
+
+/* ---- the replica by itself ---- */
+
+static void test_stale_tiles(void **state) {
+    (void)state;
+    struct world w = make_world();
+    struct lw_replica *replica;
+    struct lw_error err = {0};
+    uint8_t *payload = malloc(lw_tile_codec_bound());
+    lw_support_ok(lw_replica_create(w.package, w.package_size, &replica, &err), &err);
+    const struct lw_tile_place *p = &w.map.place[0];
+    static const struct {
+        uint64_t version, expected;
+        uint32_t layer;
+    } steps[] = {{5, 5, 0}, {5, 5, 0}, {4, 5, 0}, {9, 5, 1}, {6, 6, 0}};
+    for (size_t i = 0; i < sizeof steps / sizeof *steps; i++) {
+        struct lw_message m = tile_message(&w, 0, steps[i].version, payload);
+        m.tile.layer = steps[i].layer;
+        lw_support_ok(lw_replica_take_tile(replica, &m.tile, &err), &err);
+        assert_int_equal(lw_replica_get_tile(replica, (lw_tile_id){0}).version, steps[i].expected);
+        struct lw_client_level level = lw_replica_get_level(replica, p->object, p->level);
+        assert_true(level.rgb[0] == value_of(p->object, p->level, 0, 0, 0, steps[i].expected));
+    }
+    /* the first picture is there with the last coarsest level, whatever the order */
+    assert_false(lw_replica_has_first(replica));
+    for (uint32_t t = w.map.tile_count; t-- > 0;) {
+        const struct lw_tile_place *place = &w.map.place[t];
+        bool is_last = place->object == 0 && place->level == w.map.atlas[0].level_count - 1;
+        assert_false(lw_replica_has_first(replica));
+        struct lw_message m = tile_message(&w, t, 7, payload);
+        lw_support_ok(lw_replica_take_tile(replica, &m.tile, &err), &err);
+        if (is_last) break;
+    }
+    assert_true(lw_replica_has_first(replica));
+    lw_replica_destroy(replica);
+    lw_replica_destroy(NULL);
+    free(payload);
+    finish_world(&w);
+}
+
+/* ---- silence ---- */
+
+static void test_silence(void **state) {
+    (void)state;
+    struct script s = {0};
+    struct lw_link link;
+    struct lw_error err = {0};
+    begin(&s);
+    lw_support_ok(lw_link_connect(&link, "127.0.0.1", s.port, 1000, &err), &err);
+    uint64_t second = 1000000000, now_ns = lw_clock_ns();
+    link.heard_ns = now_ns - (LW_LINK_SILENCE_S - 1) * second;
+    link.looked_ns = now_ns;
+    lw_support_ok(lw_link_wait(&link, 0, &err), &err);
+    link.heard_ns = now_ns - (LW_LINK_SILENCE_S + 1) * second;
+    link.looked_ns =
+        now_ns - (LW_LINK_PING_S + 1) * second; /* nobody looked for a while: that is no silence */
+    lw_support_ok(lw_link_wait(&link, 0, &err), &err);
+    link.heard_ns = lw_clock_ns() - (LW_LINK_SILENCE_S + 1) * second;
+    char text[100];
+    snprintf(text, sizeof text, "127.0.0.1:%u has been silent for 15 s", (unsigned)s.port);
+    lw_support_fails(lw_link_wait(&link, 0, &err), LW_TIMED_OUT, &err, text);
+    lw_link_finish(&link);
+    end(&s);
+}
+
+static void test_ping(void **state) {
+    (void)state;
+    int listener = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    struct sockaddr_in address = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    socklen_t size = sizeof address;
+    assert_int_equal(bind(listener, (struct sockaddr *)&address, size), 0);
+    assert_int_equal(listen(listener, 1), 0);
+    assert_int_equal(getsockname(listener, (struct sockaddr *)&address, &size), 0);
+    struct lw_link link;
+    struct lw_error err = {0};
+    lw_support_ok(lw_link_connect(&link, "127.0.0.1", ntohs(address.sin_port), 1000, &err), &err);
+    int peer = accept(listener, NULL, NULL);
+    link.pinged_ns = lw_clock_ns() - LW_LINK_PING_S * 1000000000ull;
+    lw_support_ok(lw_link_wait(&link, 0, &err), &err);
+    uint8_t bytes[100];
+    ssize_t got = recv(peer, bytes, sizeof bytes, 0);
+    assert_true(got > 8);
+    assert_int_equal(bytes[4], LW_MESSAGE_PING);
+    struct pollfd wait = {.fd = peer, .events = POLLIN};
+    lw_support_ok(lw_link_wait(&link, 0, &err), &err);
+    assert_int_equal(poll(&wait, 1, 50), 0); /* one is enough for now */
+    close(peer);
+    close(listener);
+    lw_link_finish(&link);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_session),
+        cmocka_unit_test(test_no_server),
+        cmocka_unit_test(test_not_a_lightwelld),
+        cmocka_unit_test(test_refused),
+        cmocka_unit_test(test_unknown_types_are_skipped),
+        cmocka_unit_test(test_damaged_package),
+        cmocka_unit_test(test_messages_out_of_place),
+        cmocka_unit_test(test_stale_tiles),
+        cmocka_unit_test(test_silence),
+        cmocka_unit_test(test_ping),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,800 @@
+#include "tests/support/support.h"
+
+#include "common/clock.h"
+#include "server/serve/server.h"
+
+#include <arpa/inet.h>
+#include <errno.h>
+#include <netinet/in.h>
+#include <poll.h>
+#include <pthread.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/socket.h>
+#include <unistd.h>
+#include <zstd.h>
+
+/* A server in a thread of its own, raw sockets here. Snapshots are made by hand: the payloads only have to be bytes. */
+
+#define OBJECTS      3u
+#define WAIT_MS      10000
+#define PAYLOAD_SIZE 20000u
+#define PACKAGE_SIZE 300000u
+#define CLIENT_TOKEN 0x1122334455667788u
+
+struct fixture {
+    struct lw_scene *scene;
+    struct lw_atlas_map map;
+    uint8_t *package;
+    struct lw_server *server;
+    pthread_t thread;
+    enum lw_status result;
+};
+
+static void *serve(void *context) {
+    struct fixture *f = context;
+    f->result = lw_server_run(f->server, NULL);
+    return NULL;
+}
+
+static struct fixture *start(const struct lw_server_desc *extra) {
+    struct fixture *f = calloc(1, sizeof *f);
+    assert_non_null(f);
+    f->scene = lw_support_squares(OBJECTS, 1.0f);
+    f->scene->mesh[0].atlas_width =
+        200; /* levels 200x100, 100x50, 50x25, 25x13, 13x7: 8 + 2 + 1 + 1 + 1 tiles */
+    f->scene->mesh[0].atlas_height = 100;
+    lw_support_ok(lw_atlas_map_init(&f->map, f->scene), NULL);
+    assert_int_equal(f->map.tile_count, 13 * OBJECTS);
+    f->package = malloc(PACKAGE_SIZE);
+    assert_non_null(f->package);
+    uint32_t noise = 1; /* does not compress, so that there are several chunks */
+    for (uint32_t i = 0; i < PACKAGE_SIZE; i++)
+        f->package[i] = (uint8_t)((noise = noise * 1664525u + 1013904223u) >> 24);
+    struct lw_server_desc desc = *extra;
+    struct lw_error err = {0};
+    desc.host = "127.0.0.1";
+    desc.atlas_map = &f->map;
+    desc.package = f->package;
+    desc.package_size = PACKAGE_SIZE;
+    desc.bounces = 2;
+    desc.target_error = 0.05f;
+    lw_support_ok(lw_server_create(&desc, &f->server, &err), &err);
+    assert_int_equal(pthread_create(&f->thread, NULL, serve, f), 0);
+    return f;
+}
+
+static void join(struct fixture *f) {
+    assert_int_equal(pthread_join(f->thread, NULL), 0);
+    assert_int_equal(f->result, LW_OK);
+    lw_server_destroy(f->server);
+    f->server = NULL;
+}
+
+static void discard(struct fixture *f) {
+    lw_atlas_map_finish(&f->map);
+    lw_scene_destroy(f->scene);
+    free(f->package);
+    free(f);
+}
+
+static void end(struct fixture *f) {
+    lw_server_stop(f->server);
+    join(f);
+    discard(f);
+}
+
+static struct lw_server_stats stats_of(const struct fixture *f) {
+    struct lw_server_stats stats;
+    lw_server_get_stats(f->server, &stats);
+    return stats;
+}
+
+static void wait_for_sessions(const struct fixture *f, uint64_t sessions) {
+    for (uint64_t end_ns = lw_clock_ns() + WAIT_MS * 1000000ull; stats_of(f).sessions_now != sessions;
+         usleep(1000))
+        assert_true(lw_clock_ns() < end_ns);
+}
+
+/* ---- snapshots ---- */
+
+static struct lw_blob *blob_of(const struct lw_message *message) {
+    struct lw_blob *blob;
+    lw_support_ok(lw_blob_from_message(message, &blob), NULL);
+    return blob;
+}
+
+static struct lw_blob *frame_blob(uint64_t frame, double time_s) {
+    return blob_of(
+        &(struct lw_message){.type = LW_MESSAGE_FRAME, .frame = {.frame = frame, .time_s = time_s}});
+}
+
+/* All tiles of version `frame`. The full frame message has time 1, the delta time 2, to tell them apart. */
+static struct lw_snapshot *make_snapshot(const struct fixture *f, uint64_t frame, uint64_t previous) {
+    static const uint8_t payload[PAYLOAD_SIZE] = {1};
+    struct lw_snapshot *snapshot;
+    lw_support_ok(lw_snapshot_create(f->map.tile_count, &snapshot), NULL);
+    snapshot->frame = frame;
+    snapshot->previous_frame = previous;
+    snapshot->frame_full = frame_blob(frame, 1);
+    if (previous) snapshot->frame_delta = frame_blob(frame, 2);
+    for (uint32_t t = 0; t < f->map.tile_count; t++) {
+        const struct lw_tile_place *p = &f->map.place[t];
+        const struct lw_atlas_level *level = &f->map.atlas[p->object].level[p->level];
+        snapshot->tile[t].version = frame;
+        snapshot->tile[t].blob = blob_of(&(struct lw_message){.type = LW_MESSAGE_TILE,
+                                                              .tile = {.object = p->object,
+                                                                       .level = p->level,
+                                                                       .tile = p->y * level->tiles_x + p->x,
+                                                                       .version = frame,
+                                                                       .codec = 1,
+                                                                       .scale = 1,
+                                                                       .payload = payload,
+                                                                       .payload_size = sizeof payload}});
+    }
+    return snapshot;
+}
+
+static void publish(struct fixture *f, struct lw_snapshot *snapshot) {
+    lw_server_publish(f->server, snapshot);
+    lw_snapshot_unref(snapshot);
+}
+
+/* ---- a peer ---- */
+
+static int dial_with_buffer(const struct fixture *f, int receive_buffer) {
+    int s = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    assert_true(s >= 0);
+    if (receive_buffer)
+        assert_int_equal(setsockopt(s, SOL_SOCKET, SO_RCVBUF, &receive_buffer, sizeof receive_buffer), 0);
+    struct sockaddr_in address = {.sin_family = AF_INET,
+                                  .sin_port = htons(lw_server_port(f->server)),
+                                  .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    assert_int_equal(connect(s, (struct sockaddr *)&address, sizeof address), 0);
+    return s;
+}
+
+static int dial(const struct fixture *f) { return dial_with_buffer(f, 0); }
+
+static void put_bytes(int s, const void *bytes, size_t size) {
+    assert_int_equal(send(s, bytes, size, MSG_NOSIGNAL), (ssize_t)size);
+}
+
+static void put(int s, const struct lw_message *message) {
+    struct lw_blob *blob = blob_of(message);
+    put_bytes(s, blob->bytes, blob->size);
+    lw_blob_unref(blob);
+}
+
+/* Reads exactly size bytes; false at the end of the stream. */
+static bool get_bytes(int s, uint8_t *dst, size_t size) {
+    for (size_t got = 0; got < size;) {
+        struct pollfd wait = {.fd = s, .events = POLLIN};
+        assert_int_equal(poll(&wait, 1, WAIT_MS), 1);
+        ssize_t n = recv(s, dst + got, size - got, 0);
+        if (n == 0 || (n < 0 && errno == ECONNRESET)) return false;
+        assert_true(n > 0);
+        got += (size_t)n;
+    }
+    return true;
+}
+
+/* Reads the next message; false at the end of the stream. */
+static bool get(int s, struct lw_message *out) {
+    static uint8_t body[LW_FRAME_BODY_MAX];
+    uint8_t bytes[LW_FRAME_HEADER_SIZE];
+    struct lw_frame_header header;
+    struct lw_error err = {0};
+    if (!get_bytes(s, bytes, sizeof bytes)) return false;
+    lw_support_ok(lw_frame_read_header(bytes, LW_FRAME_BODY_MAX, &header, &err), &err);
+    if (!get_bytes(s, body, header.body_size)) return false;
+    lw_support_ok(lw_message_decode(header, body, out, &err), &err);
+    return true;
+}
+
+static void expect(int s, enum lw_message_type type, struct lw_message *out) {
+    assert_true(get(s, out));
+    assert_int_equal(out->type, type);
+}
+
+static void expect_refusal(int s, enum lw_refusal code) {
+    struct lw_message m;
+    while (get(s, &m)) {
+        if (m.type != LW_MESSAGE_REFUSAL) {
+            lw_message_finish(&m);
+            continue;
+        }
+        assert_int_equal(m.refusal.code, code);
+        assert_true(strlen(m.refusal.text) > 0);
+        lw_message_finish(&m);
+        uint8_t byte;
+        assert_false(get_bytes(s, &byte, 1)); /* then closed */
+        close(s);
+        return;
+    }
+    fail_msg("closed without a refusal");
+}
+
+static const struct lw_message hello = {.type = LW_MESSAGE_HELLO,
+                                        .hello = {.version = LW_WIRE_VERSION, .name = "test"}};
+
+static int dial_and_greet(const struct fixture *f) {
+    int s = dial(f);
+    struct lw_message m;
+    put(s, &hello);
+    expect(s, LW_MESSAGE_WELCOME, &m);
+    lw_message_finish(&m);
+    return s;
+}
+
+static void ask_for_package(int s, uint64_t offset) {
+    put(s, &(struct lw_message){.type = LW_MESSAGE_PACKAGE_REQUEST, .package_request.offset = offset});
+}
+
+static int dial_and_stream(const struct fixture *f) {
+    int s = dial(f);
+    struct lw_message m;
+    put(s, &hello);
+    expect(s, LW_MESSAGE_WELCOME, &m);
+    uint64_t end = m.welcome.package_compressed_size;
+    lw_message_finish(&m);
+    ask_for_package(s, end); /* as one who has the package */
+    return s;
+}
+
+static void expect_frame(int s, uint64_t frame, double time_s) {
+    struct lw_message m;
+    expect(s, LW_MESSAGE_FRAME, &m);
+    assert_int_equal(m.frame.frame, frame);
+    assert_true(m.frame.time_s == time_s);
+    lw_message_finish(&m);
+}
+
+static void expect_tiles(int s, uint32_t count, uint64_t version) {
+    for (uint32_t i = 0; i < count; i++) {
+        struct lw_message m;
+        expect(s, LW_MESSAGE_TILE, &m);
+        assert_int_equal(m.tile.version, version);
+        lw_message_finish(&m);
+    }
+}
+
+static void expect_silence(int s, int ms) {
+    struct pollfd wait = {.fd = s, .events = POLLIN};
+    assert_int_equal(poll(&wait, 1, ms), 0);
+}
+
+/* ---- joining ---- */
+
+static void test_join(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    publish(f, make_snapshot(f, 7, 0));
+    int s = dial(f);
+    struct lw_message m;
+    put(s, &hello);
+    expect(s, LW_MESSAGE_WELCOME, &m);
+    struct lw_message_welcome welcome = m.welcome;
+    assert_int_equal(welcome.version, LW_WIRE_VERSION);
+    assert_int_equal(welcome.bounces, 2);
+    assert_true(welcome.target_error == 0.05f);
+    assert_int_equal(welcome.package_size, PACKAGE_SIZE);
+    assert_string_equal(welcome.name, "lightwelld " LW_VERSION);
+    struct lw_package_hash hash;
+    lw_package_hash(f->package, PACKAGE_SIZE, &hash);
+    assert_memory_equal(welcome.package_hash.bytes, hash.bytes, sizeof hash.bytes);
+    lw_message_finish(&m);
+    expect_silence(s, 50); /* nothing before it is asked for */
+    ask_for_package(s, 0);
+    uint8_t *compressed = malloc(welcome.package_compressed_size), *package = malloc(PACKAGE_SIZE);
+    uint64_t at = 0;
+    while (at < welcome.package_compressed_size) {
+        expect(s, LW_MESSAGE_PACKAGE_CHUNK, &m);
+        assert_int_equal(m.package_chunk.offset, at);
+        memcpy(compressed + at, m.package_chunk.data, m.package_chunk.size);
+        at += m.package_chunk.size;
+        lw_message_finish(&m);
+    }
+    assert_int_equal(ZSTD_decompress(package, PACKAGE_SIZE, compressed, at), PACKAGE_SIZE);
+    assert_memory_equal(package, f->package, PACKAGE_SIZE);
+    free(compressed);
+    free(package);
+    expect_frame(s, 7, 1);
+    /* coarsest levels of all objects, then the next finer ones */
+    for (uint32_t i = 0; i < f->map.tile_count; i++) {
+        static const uint32_t level_of[13 * OBJECTS] = {4, 4, 4, 3, 3, 3, 2, 2, 2, 1, 1, 1, 1, 1, 1, 0};
+        expect(s, LW_MESSAGE_TILE, &m);
+        assert_int_equal(m.tile.level, level_of[i]);
+        if (level_of[i] > 1) assert_int_equal(m.tile.object, i % OBJECTS);
+        assert_int_equal(m.tile.version, 7);
+        lw_message_finish(&m);
+    }
+    expect_silence(s, 50);
+    close(s);
+    end(f);
+}
+
+static void test_package_from_offset(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    static uint8_t whole[PACKAGE_SIZE * 2], part[PACKAGE_SIZE * 2];
+    const uint64_t offset = 70001;
+    for (int pass = 0; pass < 2; pass++) {
+        int s = dial(f);
+        struct lw_message m;
+        put(s, &hello);
+        expect(s, LW_MESSAGE_WELCOME, &m);
+        uint64_t end_offset = m.welcome.package_compressed_size, at = pass ? offset : 0;
+        lw_message_finish(&m);
+        ask_for_package(s, at);
+        while (at < end_offset) {
+            expect(s, LW_MESSAGE_PACKAGE_CHUNK, &m);
+            assert_int_equal(m.package_chunk.offset, at);
+            memcpy((pass ? part : whole) + at, m.package_chunk.data, m.package_chunk.size);
+            at += m.package_chunk.size;
+            lw_message_finish(&m);
+        }
+        assert_int_equal(at, end_offset);
+        if (pass) assert_memory_equal(part + offset, whole + offset, end_offset - offset);
+        close(s);
+    }
+    end(f);
+}
+
+static void test_newer_snapshot(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    int s = dial_and_stream(f);
+    expect_silence(s, 50); /* nothing is published yet */
+    struct lw_snapshot *first = make_snapshot(f, 1, 0);
+    lw_server_publish(f->server, first);
+    expect_frame(s, 1, 1);
+    expect_tiles(s, f->map.tile_count, 1);
+    struct lw_snapshot *second = make_snapshot(f, 2, 1); /* one tile changes, the rest stay as they are */
+    for (uint32_t t = 0; t < f->map.tile_count; t++) {
+        if (t == 5) continue;
+        lw_blob_unref(second->tile[t].blob);
+        second->tile[t] = (struct lw_snapshot_tile){.version = 1, .blob = lw_blob_ref(first->tile[t].blob)};
+    }
+    lw_snapshot_unref(first);
+    publish(f, second);
+    expect_frame(s, 2, 2);
+    expect_tiles(s, 1, 2);
+    publish(f, make_snapshot(f, 5, 4)); /* builds on a frame that this session never had */
+    expect_frame(s, 5, 1);
+    expect_tiles(s, f->map.tile_count, 5);
+    expect_silence(s, 50);
+    close(s);
+    end(f);
+}
+
+static void test_interest(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    int s = dial_and_greet(f);
+    const struct lw_message_interest_tile wanted[] = {{1, 0, 7}, {2, 4, 0}};
+    put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST, .interest = {.tile = wanted, .tile_count = 2}});
+    ask_for_package(s, PACKAGE_SIZE);
+    publish(f, make_snapshot(f, 1, 0));
+    struct lw_message m;
+    do {
+        assert_true(get(s, &m));
+        lw_message_finish(&m);
+    } while (m.type != LW_MESSAGE_FRAME);
+    expect(s, LW_MESSAGE_TILE, &m);
+    assert_int_equal(m.tile.object, 2);
+    assert_int_equal(m.tile.level, 4);
+    lw_message_finish(&m);
+    expect(s, LW_MESSAGE_TILE, &m);
+    assert_int_equal(m.tile.object, 1);
+    assert_int_equal(m.tile.tile, 7);
+    lw_message_finish(&m);
+    expect_silence(s, 50);
+    put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST, .interest.everything = true});
+    expect_tiles(s, f->map.tile_count - 2, 1); /* what it has is not sent again */
+    put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST});
+    put(s, &(struct lw_message){.type = LW_MESSAGE_PING, .ping.token = CLIENT_TOKEN});
+    expect(s, LW_MESSAGE_PONG, &m);
+    assert_int_equal(m.pong.token, CLIENT_TOKEN);
+    lw_message_finish(&m);
+    publish(f, make_snapshot(f, 2, 1));
+    expect_frame(s, 2, 2);
+    expect_silence(s, 50); /* an empty list stops tiles */
+    const struct lw_message_interest_tile unknown = {1, 0, 8};
+    put(s,
+        &(struct lw_message){.type = LW_MESSAGE_INTEREST, .interest = {.tile = &unknown, .tile_count = 1}});
+    expect_refusal(s, LW_REFUSAL_PROTOCOL);
+    end(f);
+}
+
+/* ---- sharing and isolation ---- */
+
+static void test_blobs_are_shared(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    enum { SLOW = 4 };
+    int slow[SLOW];
+    for (int i = 0; i < SLOW; i++) slow[i] = dial_with_buffer(f, 4096);
+    for (int i = 0; i < SLOW; i++) {
+        put(slow[i], &hello);
+        ask_for_package(slow[i], PACKAGE_SIZE);
+    }
+    wait_for_sessions(f, SLOW);
+    struct lw_snapshot *snapshot = make_snapshot(f, 1, 0);
+    lw_server_publish(f->server, snapshot);
+    /* the links hold back, so the server holds references: to one blob, not to copies */
+    uint32_t most = 0;
+    for (uint64_t end_ns = lw_clock_ns() + WAIT_MS * 1000000ull; most < 1 + SLOW;) {
+        assert_true(lw_clock_ns() < end_ns);
+        most = 0;
+        for (uint32_t t = 0; t < snapshot->tile_count; t++) {
+            uint32_t references = snapshot->tile[t].blob->references;
+            if (references > most) most = references;
+        }
+        usleep(1000);
+    }
+    for (int i = 0; i < SLOW; i++) close(slow[i]);
+    wait_for_sessions(f, 0);
+    lw_server_stop(f->server);
+    join(f);
+    for (uint32_t t = 0; t < snapshot->tile_count; t++)
+        assert_int_equal(snapshot->tile[t].blob->references, 1);
+    assert_int_equal(snapshot->references, 1);
+    lw_snapshot_unref(snapshot);
+    discard(f);
+}
+
+static void test_slow_reader(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    int slow = dial_with_buffer(f, 4096);
+    put(slow, &hello);
+    ask_for_package(slow, PACKAGE_SIZE);
+    wait_for_sessions(f, 1);
+    int fast = dial_and_stream(f);
+    const uint64_t frames = 30;
+    for (uint64_t frame = 1; frame <= frames; frame++) {
+        publish(f, make_snapshot(f, frame, frame - 1));
+        uint64_t start_ns = lw_clock_ns();
+        expect_frame(fast, frame, frame == 1 ? 1 : 2);
+        expect_tiles(fast, f->map.tile_count, frame);
+        assert_true(lw_clock_ns() - start_ns < 5000000000u);
+    }
+    /* the slow one gets the newest in the end, and fewer tiles than there were: it skipped versions */
+    struct lw_message m;
+    uint64_t tiles = 0, newest[13 * OBJECTS] = {0};
+    for (uint32_t complete = 0; complete < f->map.tile_count;) {
+        assert_true(get(slow, &m));
+        if (m.type == LW_MESSAGE_TILE) {
+            uint32_t id = f->map.first_tile[m.tile.object] +
+                          f->map.atlas[m.tile.object].level[m.tile.level].first_tile + m.tile.tile;
+            assert_true(m.tile.version > newest[id]);
+            newest[id] = m.tile.version;
+            complete += newest[id] == frames;
+            tiles++;
+        }
+        lw_message_finish(&m);
+    }
+    assert_true(tiles < frames * f->map.tile_count / 2);
+    close(slow);
+    close(fast);
+    end(f);
+}
+
+static void test_stalled_reader_is_closed(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){.stall_timeout_ms = 600});
+    int slow = dial_with_buffer(f, 4096), idle = dial_and_stream(f);
+    put(slow, &hello);
+    ask_for_package(slow, PACKAGE_SIZE);
+    wait_for_sessions(f, 2);
+    publish(f, make_snapshot(f, 1, 0));
+    expect_frame(idle, 1, 1);
+    expect_tiles(idle, f->map.tile_count, 1);
+    uint8_t byte;
+    usleep(300000);
+    struct lw_server_stats before = stats_of(f);
+    assert_int_equal(before.sessions_now, 2);
+    wait_for_sessions(f, 1); /* one that has nothing to get is not stalled */
+    expect_silence(idle, 700);
+    assert_int_equal(stats_of(f).sessions_now, 1);
+    while (get_bytes(slow, &byte, 1)) {
+    }
+    close(slow);
+    close(idle);
+    end(f);
+}
+
+/* ---- peers that misbehave ---- */
+
+static void test_garbage(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    int good = dial_and_stream(f), s = dial(f);
+    put_bytes(s, "GET / HTTP/1.1\r\n\r\n", 18);
+    expect_refusal(s, LW_REFUSAL_PROTOCOL);
+    s = dial(f); /* a body one byte over the limit, found from the header alone */
+    uint8_t header[LW_FRAME_HEADER_SIZE];
+    lw_frame_write_header(header, (struct lw_frame_header){.body_size = LW_FRAME_CLIENT_BODY_MAX + 1,
+                                                           .type = LW_MESSAGE_HELLO});
+    put_bytes(s, header, sizeof header);
+    expect_refusal(s, LW_REFUSAL_PROTOCOL);
+    s = dial(f); /* flags of the future */
+    lw_frame_write_header(header, (struct lw_frame_header){.type = LW_MESSAGE_HELLO, .flags = 1});
+    put_bytes(s, header, sizeof header);
+    expect_refusal(s, LW_REFUSAL_PROTOCOL);
+    s = dial(f); /* a body that is no protobuf */
+    lw_frame_write_header(header, (struct lw_frame_header){.body_size = 2, .type = LW_MESSAGE_HELLO});
+    put_bytes(s, header, sizeof header);
+    put_bytes(s, "\xff\xff", 2);
+    expect_refusal(s, LW_REFUSAL_PROTOCOL);
+    s = dial_and_greet(f); /* a type that no version has */
+    lw_frame_write_header(header, (struct lw_frame_header){.type = 99});
+    put_bytes(s, header, sizeof header);
+    expect_refusal(s, LW_REFUSAL_PROTOCOL);
+    publish(f, make_snapshot(f, 1, 0));
+    expect_frame(good, 1, 1);
+    expect_tiles(good, f->map.tile_count, 1);
+    assert_int_equal(stats_of(f).refused, 5);
+    close(good);
+    end(f);
+}
+
+static void test_out_of_order(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    int s = dial(f);
+    put(s, &(struct lw_message){.type = LW_MESSAGE_PING});
+    expect_refusal(s, LW_REFUSAL_PROTOCOL);
+    s = dial(f);
+    ask_for_package(s, 0);
+    expect_refusal(s, LW_REFUSAL_PROTOCOL);
+    s = dial_and_greet(f);
+    put(s, &hello);
+    expect_refusal(s, LW_REFUSAL_PROTOCOL);
+    s = dial_and_stream(f);
+    ask_for_package(s, 0);
+    expect_refusal(s, LW_REFUSAL_PROTOCOL);
+    s = dial_and_greet(f); /* past the end by one */
+    ask_for_package(s, LW_MESSAGE_COMPRESSED_MAX);
+    expect_refusal(s, LW_REFUSAL_PROTOCOL);
+    s = dial_and_greet(f); /* what only a server says */
+    put(s, &(struct lw_message){.type = LW_MESSAGE_REFUSAL, .refusal = {LW_REFUSAL_FULL, "no"}});
+    expect_refusal(s, LW_REFUSAL_PROTOCOL);
+    end(f);
+}
+
+static void test_wrong_version(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    for (uint32_t version = 0; version < 3; version += 2) {
+        int s = dial(f);
+        put(s, &(struct lw_message){.type = LW_MESSAGE_HELLO, .hello.version = version});
+        expect_refusal(s, LW_REFUSAL_VERSION);
+    }
+    assert_int_equal(stats_of(f).sessions_total, 0);
+    end(f);
+}
+
+static void test_half_hello(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){.hello_timeout_ms = 500});
+    struct lw_blob *bytes = blob_of(&hello);
+    int s = dial(f), silent = dial(f);
+    for (size_t i = 0; i + 1 < bytes->size; i++) put_bytes(s, bytes->bytes + i, 1);
+    expect_refusal(s, LW_REFUSAL_TIMEOUT);
+    expect_refusal(silent, LW_REFUSAL_TIMEOUT);
+    s = dial(f); /* byte by byte, but in time */
+    for (size_t i = 0; i < bytes->size; i++) put_bytes(s, bytes->bytes + i, 1);
+    struct lw_message m;
+    expect(s, LW_MESSAGE_WELCOME, &m);
+    lw_message_finish(&m);
+    expect_silence(s, 1000); /* the limit is for the hello */
+    lw_blob_unref(bytes);
+    close(s);
+    end(f);
+}
+
+static void test_many_messages_in_pieces(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    int s = dial_and_greet(f);
+    static const struct lw_message_interest_tile wanted[LW_MESSAGE_INTEREST_MAX];
+    struct lw_blob *large = blob_of(&(struct lw_message){
+        .type = LW_MESSAGE_INTEREST, .interest = {.tile = wanted, .tile_count = LW_MESSAGE_INTEREST_MAX}});
+    struct lw_blob *ping = blob_of(&(struct lw_message){.type = LW_MESSAGE_PING, .ping.token = CLIENT_TOKEN});
+    /* two large ones and a ping, cut where no message ends */
+    size_t size = 2 * large->size + ping->size;
+    uint8_t *bytes = malloc(size);
+    memcpy(bytes, large->bytes, large->size);
+    memcpy(bytes + large->size, large->bytes, large->size);
+    memcpy(bytes + 2 * large->size, ping->bytes, ping->size);
+    for (size_t at = 0; at < size; at += 1013) {
+        put_bytes(s, bytes + at, at + 1013 < size ? 1013 : size - at);
+        usleep(100);
+    }
+    struct lw_message m;
+    expect(s, LW_MESSAGE_PONG, &m);
+    assert_int_equal(m.pong.token, CLIENT_TOKEN);
+    lw_message_finish(&m);
+    free(bytes);
+    lw_blob_unref(large);
+    lw_blob_unref(ping);
+    close(s);
+    end(f);
+}
+
+static void test_abrupt_close(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    const struct linger reset = {.l_onoff = 1};
+    for (uint64_t frame = 1; frame <= 20; frame++) {
+        int s = dial_with_buffer(f, 4096);
+        put(s, &hello);
+        ask_for_package(s, 0);
+        publish(f, make_snapshot(f, frame, frame - 1));
+        uint8_t some[100];
+        assert_true(get_bytes(s, some, sizeof some));
+        if (frame % 2) setsockopt(s, SOL_SOCKET, SO_LINGER, &reset, sizeof reset);
+        close(s);
+    }
+    wait_for_sessions(f, 0);
+    assert_int_equal(stats_of(f).sessions_total, 20);
+    end(f);
+}
+
+/* ---- many, full, stop ---- */
+
+static void test_many_connects(void **state) {
+    (void)state;
+    enum { MANY = 300 };
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    static int s[MANY];
+    publish(f, make_snapshot(f, 1, 0));
+    for (int i = 0; i < MANY; i++) s[i] = dial_and_greet(f);
+    assert_int_equal(stats_of(f).sessions_now, MANY);
+    for (int i = 0; i < MANY; i += 2) close(s[i]);
+    wait_for_sessions(f, MANY / 2);
+    for (int i = 1; i < MANY; i += 2) close(s[i]);
+    wait_for_sessions(f, 0);
+    assert_int_equal(stats_of(f).sessions_total, MANY);
+    end(f);
+}
+
+static void test_full(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){.sessions_max = 3});
+    int s[3];
+    for (int i = 0; i < 3; i++) s[i] = dial_and_greet(f);
+    expect_refusal(dial(f), LW_REFUSAL_FULL);
+    close(s[0]);
+    wait_for_sessions(f, 2);
+    s[0] = dial_and_greet(f); /* a place became free */
+    for (int i = 0; i < 3; i++) close(s[i]);
+    end(f);
+}
+
+static void test_stop_while_sending(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    int slow = dial_with_buffer(f, 4096), reading = dial_and_greet(f), silent = dial(f);
+    put(slow, &hello);
+    ask_for_package(slow, 0);
+    wait_for_sessions(f, 2);
+    publish(f, make_snapshot(f, 1, 0));
+    uint64_t start_ns = lw_clock_ns();
+    lw_server_stop(f->server);
+    expect_refusal(reading, LW_REFUSAL_SHUTDOWN);
+    expect_refusal(silent, LW_REFUSAL_SHUTDOWN);
+    join(f); /* does not wait for the one that does not read for long */
+    assert_true(lw_clock_ns() - start_ns < 5000000000u);
+    close(slow);
+    discard(f);
+}
+
+static void test_stop_before_and_without_run(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    lw_server_stop(f->server);
+    join(f);
+    struct lw_server_desc desc = {
+        .host = "localhost", .atlas_map = &f->map, .package = f->package, .package_size = PACKAGE_SIZE};
+    struct lw_error err = {0};
+    lw_support_ok(lw_server_create(&desc, &f->server, &err), &err);
+    publish(f, make_snapshot(f, 1, 0));
+    lw_server_stop(f->server);
+    lw_server_destroy(f->server);
+    lw_server_destroy(NULL);
+    discard(f);
+}
+
+static void test_signal(void **state) {
+    (void)state;
+    const int signals[] = {SIGINT, SIGTERM};
+    for (int i = 0; i < 2; i++) {
+        struct fixture *f = start(&(struct lw_server_desc){0});
+        int s = dial_and_greet(f); /* the loop runs, so it watches signals */
+        kill(getpid(), signals[i]);
+        expect_refusal(s, LW_REFUSAL_SHUTDOWN);
+        join(f);
+        discard(f);
+    }
+}
+
+static void test_address_errors(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    struct lw_server_desc desc = {.host = "127.0.0.1",
+                                  .port = lw_server_port(f->server),
+                                  .atlas_map = &f->map,
+                                  .package = f->package,
+                                  .package_size = PACKAGE_SIZE};
+    struct lw_server *second = NULL;
+    struct lw_error err = {0};
+    char expected[200];
+    assert_int_equal(lw_server_create(&desc, &second, &err), LW_UNAVAILABLE);
+    snprintf(expected, sizeof expected,
+             "127.0.0.1:%u is already in use: another lightwelld? choose another with --listen HOST:PORT",
+             (unsigned)desc.port);
+    assert_string_equal(err.text, expected);
+    err = (struct lw_error){0};
+    desc.host = "192.0.2.1"; /* for documentation: nobody's address */
+    assert_int_equal(lw_server_create(&desc, &second, &err), LW_UNAVAILABLE);
+    assert_non_null(strstr(err.text, "192.0.2.1"));
+    err = (struct lw_error){0};
+    desc.host = "no such host";
+    assert_int_equal(lw_server_create(&desc, &second, &err), LW_NO_HOST);
+    assert_non_null(strstr(err.text, "no such host"));
+    assert_null(second);
+    end(f);
+}
+
+/* A loop that spins would take all of the time that passes. */
+static void test_idle_takes_no_time(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    int s = dial_and_stream(f);
+    publish(f, make_snapshot(f, 1, 0));
+    expect_frame(s, 1, 1);
+    expect_tiles(s, f->map.tile_count, 1);
+    struct rusage before, after;
+    getrusage(RUSAGE_SELF, &before);
+    usleep(500000);
+    getrusage(RUSAGE_SELF, &after);
+    double used_s = (double)(after.ru_utime.tv_sec - before.ru_utime.tv_sec) +
+                    1e-6 * (double)(after.ru_utime.tv_usec - before.ru_utime.tv_usec) +
+                    (double)(after.ru_stime.tv_sec - before.ru_stime.tv_sec) +
+                    1e-6 * (double)(after.ru_stime.tv_usec - before.ru_stime.tv_usec);
+    assert_true(used_s < 0.1);
+    close(s);
+    end(f);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_join),
+        cmocka_unit_test(test_package_from_offset),
+        cmocka_unit_test(test_newer_snapshot),
+        cmocka_unit_test(test_interest),
+        cmocka_unit_test(test_blobs_are_shared),
+        cmocka_unit_test(test_slow_reader),
+        cmocka_unit_test(test_stalled_reader_is_closed),
+        cmocka_unit_test(test_garbage),
+        cmocka_unit_test(test_out_of_order),
+        cmocka_unit_test(test_wrong_version),
+        cmocka_unit_test(test_half_hello),
+        cmocka_unit_test(test_many_messages_in_pieces),
+        cmocka_unit_test(test_abrupt_close),
+        cmocka_unit_test(test_many_connects),
+        cmocka_unit_test(test_full),
+        cmocka_unit_test(test_stop_while_sending),
+        cmocka_unit_test(test_stop_before_and_without_run),
+        cmocka_unit_test(test_signal),
+        cmocka_unit_test(test_address_errors),
+        cmocka_unit_test(test_idle_takes_no_time),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
