@@ -1,0 +1,126 @@
+#include "tests/support/support.h"
+
+#include "common/atomic_file.h"
+
+#include <dirent.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+static char folder[] = "/tmp/lw-atomic-XXXXXX";
+static char path[sizeof folder + 16];
+
+static int make_folder(void **state) {
+    (void)state;
+    if (!mkdtemp(folder)) return -1;
+    snprintf(path, sizeof path, "%s/file", folder);
+    return 0;
+}
+
+static unsigned files_in_folder(void) {
+    unsigned count = 0;
+    DIR *dir = opendir(folder);
+    assert_non_null(dir);
+    for (struct dirent *entry; (entry = readdir(dir));) count += entry->d_name[0] != '.';
+    closedir(dir);
+    return count;
+}
+
+static int remove_folder(void **state) {
+    (void)state;
+    unlink(path);
+    return rmdir(folder); /* fails if anything was left behind */
+}
+
+static void assert_holds(const char *text) {
+    char found[64] = "";
+    FILE *file = fopen(path, "r");
+    assert_non_null(file);
+    found[fread(found, 1, sizeof found - 1, file)] = 0;
+    fclose(file);
+    assert_string_equal(found, text);
+}
+
+static void write_whole(const char *text) {
+    struct lw_atomic_file file;
+    struct lw_error err = {0};
+    lw_support_ok(lw_atomic_file_open(&file, path, &err), &err);
+    lw_support_ok(lw_atomic_file_write(&file, text, strlen(text), &err), &err);
+    lw_support_ok(lw_atomic_file_commit(&file, &err), &err);
+}
+
+static void a_file_appears_with_commit(void **state) {
+    (void)state;
+    struct lw_atomic_file file;
+    struct lw_error err = {0};
+    mode_t before = umask(027);
+    lw_support_ok(lw_atomic_file_open(&file, path, &err), &err);
+    umask(before);
+    lw_support_ok(lw_atomic_file_write(&file, "hello", 5, &err), &err);
+    lw_support_ok(lw_atomic_file_write(&file, " world", 6, &err), &err);
+    lw_support_ok(lw_atomic_file_write_at(&file, "J", 1, 0, &err), &err);
+    assert_int_equal(access(path, F_OK), -1);
+    lw_support_ok(lw_atomic_file_commit(&file, &err), &err);
+    assert_holds("Jello world");
+    struct stat st;
+    assert_int_equal(stat(path, &st), 0);
+    assert_int_equal(st.st_mode & 0777, 0640); /* the user's umask decided */
+    lw_atomic_file_abandon(&file);             /* harmless */
+    assert_holds("Jello world");
+}
+
+static void an_abandoned_file_leaves_the_old_one(void **state) {
+    (void)state;
+    write_whole("old");
+    struct lw_atomic_file file;
+    struct lw_error err = {0};
+    lw_support_ok(lw_atomic_file_open(&file, path, &err), &err);
+    lw_support_ok(lw_atomic_file_write(&file, "new", 3, &err), &err);
+    lw_atomic_file_abandon(&file);
+    lw_atomic_file_abandon(&file);
+    assert_holds("old");
+    assert_int_equal(files_in_folder(), 1);
+}
+
+static void two_writers_do_not_mix(void **state) {
+    (void)state;
+    struct lw_atomic_file a, b;
+    struct lw_error err = {0};
+    lw_support_ok(lw_atomic_file_open(&a, path, &err), &err);
+    lw_support_ok(lw_atomic_file_open(&b, path, &err), &err);
+    lw_support_ok(lw_atomic_file_write(&a, "aaaa", 4, &err), &err);
+    lw_support_ok(lw_atomic_file_write(&b, "bb", 2, &err), &err);
+    lw_support_ok(lw_atomic_file_commit(&a, &err), &err);
+    assert_holds("aaaa");
+    lw_support_ok(lw_atomic_file_commit(&b, &err), &err);
+    assert_holds("bb");
+    assert_int_equal(files_in_folder(), 1);
+}
+
+static void a_place_that_goes_away_is_told(void **state) {
+    (void)state;
+    char inner[sizeof path + 16], name[sizeof inner + 16];
+    snprintf(inner, sizeof inner, "%s/inner", folder);
+    snprintf(name, sizeof name, "%s/file", inner);
+    assert_int_equal(mkdir(inner, 0700), 0);
+    struct lw_atomic_file file;
+    struct lw_error err = {0};
+    lw_support_ok(lw_atomic_file_open(&file, name, &err), &err);
+    assert_int_equal(unlink(file.temporary_path), 0);
+    assert_int_equal(rmdir(inner), 0);
+    assert_int_equal(lw_atomic_file_commit(&file, &err), LW_CANNOT_CREATE);
+    assert_non_null(strstr(err.text, name));
+    assert_int_equal(file.fd, -1);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_file_appears_with_commit),
+        cmocka_unit_test(an_abandoned_file_leaves_the_old_one),
+        cmocka_unit_test(two_writers_do_not_mix),
+        cmocka_unit_test(a_place_that_goes_away_is_told),
+    };
+    return cmocka_run_group_tests(tests, make_folder, remove_folder);
+}
