@@ -1,0 +1,55 @@
+/* Whatever reads as a scene package must be written again as the very same bytes: the format has one way to say each
+ * thing. And nothing that is refused may crash, leak, or be refused without a reason. */
+#include "common/scene/package.h"
+#include "common/scene/pose.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size);
+
+static void require(bool condition, const char *what, const struct lw_error *err) {
+    if (condition) return;
+    fprintf(stderr, "fuzz_package: %s: %s\n", what, err->text);
+    abort();
+}
+
+/* Uses what a reader may rely on: every array through surfaces, every channel through poses. */
+static void use(const struct lw_scene *scene) {
+    (void)lw_scene_has_light(scene);
+    for (uint32_t i = 0; i < scene->mesh_count; i++) {
+        struct lw_surface surface;
+        for (uint32_t t = 0; t < scene->mesh[i].triangle_count; t++) {
+            lw_scene_surface(scene, &scene->mesh[i], t, 0.25f, 0.5f, &surface);
+            (void)lw_scene_alpha(scene, &scene->mesh[i], t, 1, 0);
+        }
+    }
+    struct lw_pose pose;
+    struct lw_vec3 low, high;
+    struct lw_error err = {0};
+    require(lw_pose_init(&pose, scene) == LW_OK, "no memory for a pose", &err);
+    lw_pose_evaluate(&pose, scene, 0.75 * (double)scene->duration_s);
+    (void)lw_pose_bounds(&pose, scene, &low, &high);
+    lw_pose_finish(&pose);
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
+    struct lw_scene *scene;
+    struct lw_error err = {0};
+    enum lw_status status = lw_package_read(bytes, size, &scene, &err);
+    if (status != LW_OK) {
+        require(status == LW_BAD_DATA && err.status == status && *err.text && !strchr(err.text, '\n'),
+                "refused without a one-line reason", &err);
+        return 0;
+    }
+    use(scene);
+    uint8_t *again;
+    size_t again_size;
+    require(lw_package_write(scene, &again, &again_size, &err) == LW_OK, "what was read cannot be written",
+            &err);
+    require(again_size == size && memcmp(again, bytes, size) == 0, "written again, it differs", &err);
+    free(again);
+    lw_scene_destroy(scene);
+    return 0;
+}
