@@ -19,8 +19,9 @@ static const float lamp_radiance[3] = {1500.0f, 820.0f, 330.0f};
 static const float lantern_radiance[3] = {1900.0f, 900.0f, 280.0f};
 
 struct palette {
-    uint32_t plaster, dado, ashlar, rib, marble, moulding, vault, inlay, meander, tiles, step, wood, roof,
-        water, soil, clay, pottery, glaze, red, blue, green, frond, leaf, brass, bronze, lamp, lantern;
+    uint32_t plaster, dado, upper_dado, ashlar, rib, marble, moulding, vault, inlay, meander, tiles, step,
+        wood, roof, water, soil, clay, pottery, glaze, red, blue, green, frond, leaf, brass, bronze, lamp,
+        lantern;
 };
 
 static uint32_t paint(struct lw_builtin_stage *stage, const char *name, float r, float g, float b,
@@ -47,6 +48,7 @@ static struct palette mix_palette(struct lw_builtin_stage *stage) {
     struct palette p = {
         .plaster = paint(stage, "plaster", 1.0f, 0.97f, 0.90f, plaster),
         .dado = paint(stage, "dado", 0.62f, 0.16f, 0.11f, plaster),
+        .upper_dado = paint(stage, "upper dado", 0.20f, 0.40f, 0.42f, plaster),
         .ashlar = paint(stage, "ashlar", 1, 1, 1, ashlar),
         .rib = paint(stage, "rib", 0.92f, 0.88f, 0.82f, ashlar),
         .marble = paint(stage, "marble", 1, 1, 1, marble),
@@ -132,7 +134,9 @@ static void build_house(struct lw_builtin_stage *stage, struct lw_builtin_mesh *
     in_space(mesh, p->plaster, 4.0f);
     lw_builtin_house_walls(mesh);
     in_space(mesh, p->dado, 3.0f);
-    lw_builtin_house_dado(mesh);
+    lw_builtin_house_dado(mesh, 0);
+    in_space(mesh, p->upper_dado, 3.0f);
+    lw_builtin_house_dado(mesh, LW_HOUSE_UPPER_FLOOR);
     in_space(mesh, p->rib, 1.8f);
     lw_builtin_house_pilasters(mesh);
     finish(stage, mesh, "walls");

@@ -2,12 +2,14 @@
 
 #define ARCH_RADIUS  1.15f
 #define ARCH_STEPS   32u
+#define IMPOST_HALF  0.37f /* what an arcade needs under its springing: half a bay less the arch's radius */
 #define MOULD_WIDTH  0.24f /* of an archivolt, from the arch's edge */
 #define VAULT_RISE   1.40f
 #define VAULT_STEPS  16u
 #define RIB_HALF     0.18f
 #define CEILING_Y    9.30f
 #define DADO_Y       1.15f
+#define PIECE_M      1.5f /* of the long sides */
 #define COUNT(array) ((uint32_t)(sizeof(array) / sizeof *(array)))
 
 static const struct lw_vec3 unscaled = {1, 1, 1};
@@ -57,13 +59,13 @@ void lw_builtin_house_column(struct lw_builtin_mesh *mesh, float height, float r
     n = round_to(p, n, (struct lw_vec2){1.22f * r, top + 0.80f * r}, 0.16f, 5);
     lw_builtin_mesh_revolve(mesh, p, n, 24);
 
-    float plinth = 1.36f * r, abacus = 1.26f * r;
+    float plinth = 1.36f * r, abacus = fmaxf(1.26f * r, IMPOST_HALF - 0.08f * r);
     lw_builtin_mesh_box(mesh, lw_vec3(-plinth, 0, -plinth), lw_vec3(plinth, 0.27f * r, plinth),
                         LW_BUILTIN_SIDES | LW_BUILTIN_TOP);
     const struct lw_vec2 slab[] = {{-0.5f * r, 0},         {0, 0},
                                    {0, 0.16f * r},         {0.08f * r, 0.24f * r},
                                    {0.08f * r, 0.36f * r}, {-0.3f * r, 0.36f * r}};
-    lw_builtin_mesh_frame(mesh, slab, COUNT(slab), abacus, abacus, top + 0.79f * r, false);
+    lw_builtin_mesh_frame(mesh, slab, COUNT(slab), abacus, abacus, top + 0.79f * r, false, 0);
 }
 
 void lw_builtin_house_columns(struct lw_builtin_mesh *mesh, float base_y, float height, float radius) {
@@ -151,11 +153,15 @@ static void add_arch(struct lw_builtin_mesh *mesh, const struct bay *bay) {
     /* the front starts under the archivolt */
     spandrel(mesh, bay->spring, depth, ARCH_RADIUS + MOULD_WIDTH - 0.03f, half - (bay->first ? depth : 0),
              half - (bay->last ? depth : 0), height, false);
-    if (bay->upper)
+    if (bay->upper) {
         spandrel(mesh, bay->spring, -depth, ARCH_RADIUS, half + (bay->first ? depth : 0),
                  half + (bay->last ? depth : 0), CEILING_Y + 0.05f - bay->spring, true);
-    else
+    } else {
         lunette_rim(mesh, bay->spring, -depth);
+        struct lw_vec3 left = lw_vec3(-depth, 0, 0), up = lw_vec3(0, VAULT_RISE + 0.05f, 0);
+        if (bay->first) lw_builtin_mesh_quad(mesh, lw_vec3(-half, bay->spring, -depth), left, up, 0);
+        if (bay->last) lw_builtin_mesh_quad(mesh, lw_vec3(half + depth, bay->spring, -depth), left, up, 0);
+    }
 
     struct lw_vec3 soffit[2 * (ARCH_STEPS + 1)];
     for (uint32_t i = 0; i <= ARCH_STEPS; i++) {
@@ -213,7 +219,7 @@ void lw_builtin_house_cornices(struct lw_builtin_mesh *mesh) {
     n = round_to(p, n, (struct lw_vec2){0.27f, 0.38f}, 0.2f, 4);
     p[n++] = (struct lw_vec2){0.27f, 0.40f};
     p[n++] = (struct lw_vec2){-0.12f, 0.40f};
-    lw_builtin_mesh_frame(mesh, p, n, half_x, half_z, LW_HOUSE_LOWER_TOP, true);
+    lw_builtin_mesh_frame(mesh, p, n, half_x, half_z, LW_HOUSE_LOWER_TOP, true, PIECE_M);
 
     n = 0;
     p[n++] = (struct lw_vec2){-0.02f, 0};
@@ -225,7 +231,7 @@ void lw_builtin_house_cornices(struct lw_builtin_mesh *mesh) {
     p[n++] = (struct lw_vec2){0.34f, 0.33f};
     n = round_to(p, n, (struct lw_vec2){0.44f, 0.43f}, 0.2f, 5);
     p[n++] = (struct lw_vec2){0.44f, 0.46f};
-    lw_builtin_mesh_frame(mesh, p, n, half_x, half_z, LW_HOUSE_UPPER_TOP, true);
+    lw_builtin_mesh_frame(mesh, p, n, half_x, half_z, LW_HOUSE_UPPER_TOP, true, PIECE_M);
 }
 
 /* --- ceilings --------------------------------------------------------------------------------------------------- */
@@ -308,7 +314,7 @@ void lw_builtin_house_ribs(struct lw_builtin_mesh *mesh) {
 /** A ring of floor or ceiling between the arcade and the wall; `from` is measured from the columns' axes. */
 static void gallery_ring(struct lw_builtin_mesh *mesh, float y, float from, float to, bool ceiling) {
     const struct lw_vec2 up[] = {{to, 0}, {from, 0}}, down[] = {{from, 0}, {to, 0}};
-    lw_builtin_mesh_frame(mesh, ceiling ? down : up, 2, LW_HOUSE_HALF_X, LW_HOUSE_HALF_Z, y, false);
+    lw_builtin_mesh_frame(mesh, ceiling ? down : up, 2, LW_HOUSE_HALF_X, LW_HOUSE_HALF_Z, y, false, PIECE_M);
 }
 
 void lw_builtin_house_timber(struct lw_builtin_mesh *mesh) {
@@ -333,17 +339,17 @@ void lw_builtin_house_timber(struct lw_builtin_mesh *mesh) {
 void lw_builtin_house_walls(struct lw_builtin_mesh *mesh) {
     float x = LW_HOUSE_HALF_X + LW_HOUSE_GALLERY, z = LW_HOUSE_HALF_Z + LW_HOUSE_GALLERY;
     const struct lw_vec2 lower[] = {{0, DADO_Y}, {0, LW_HOUSE_LOWER_TOP}};
-    const struct lw_vec2 upper[] = {{0, LW_HOUSE_UPPER_FLOOR - 0.05f}, {0, CEILING_Y + 0.05f}};
-    lw_builtin_mesh_frame(mesh, lower, 2, x, z, 0, true);
-    lw_builtin_mesh_frame(mesh, upper, 2, x, z, 0, true);
+    const struct lw_vec2 upper[] = {{0, LW_HOUSE_UPPER_FLOOR + DADO_Y}, {0, CEILING_Y + 0.05f}};
+    lw_builtin_mesh_frame(mesh, lower, 2, x, z, 0, true, PIECE_M);
+    lw_builtin_mesh_frame(mesh, upper, 2, x, z, 0, true, PIECE_M);
 }
 
-void lw_builtin_house_dado(struct lw_builtin_mesh *mesh) {
+void lw_builtin_house_dado(struct lw_builtin_mesh *mesh, float floor_y) {
     const struct lw_vec2 profile[] = {
         {0, -0.05f},     {0, DADO_Y - 0.08f}, {0.03f, DADO_Y - 0.07f}, {0.04f, DADO_Y - 0.03f},
         {0.02f, DADO_Y}, {-0.02f, DADO_Y}};
     lw_builtin_mesh_frame(mesh, profile, COUNT(profile), LW_HOUSE_HALF_X + LW_HOUSE_GALLERY,
-                          LW_HOUSE_HALF_Z + LW_HOUSE_GALLERY, 0, true);
+                          LW_HOUSE_HALF_Z + LW_HOUSE_GALLERY, floor_y, true, PIECE_M);
 }
 
 void lw_builtin_house_pilasters(struct lw_builtin_mesh *mesh) {
@@ -402,7 +408,7 @@ void lw_builtin_house_lower_floor(struct lw_builtin_mesh *mesh) {
 void lw_builtin_house_step(struct lw_builtin_mesh *mesh) {
     const struct lw_vec2 profile[] = {{0.30f, 0},       {-0.02f, 0}, {-0.04f, -0.02f},
                                       {-0.02f, -0.05f}, {0, -0.06f}, {0, LW_HOUSE_COURT_Y - 0.02f}};
-    lw_builtin_mesh_frame(mesh, profile, COUNT(profile), COURT_X, COURT_Z, 0, false);
+    lw_builtin_mesh_frame(mesh, profile, COUNT(profile), COURT_X, COURT_Z, 0, false, PIECE_M);
 }
 
 void lw_builtin_house_upper_floor(struct lw_builtin_mesh *mesh) {
@@ -412,7 +418,7 @@ void lw_builtin_house_upper_floor(struct lw_builtin_mesh *mesh) {
 void lw_builtin_house_roof(struct lw_builtin_mesh *mesh) {
     float inner_x = LW_HOUSE_HALF_X - 0.85f, inner_z = LW_HOUSE_HALF_Z - 0.85f;
     const struct lw_vec2 profile[] = {{4.45f, 1.20f}, {4.45f, 1.42f}, {0, 0.13f}, {0, 0}, {0.75f, 0.03f}};
-    lw_builtin_mesh_frame(mesh, profile, COUNT(profile), inner_x, inner_z, LW_HOUSE_EAVE, false);
+    lw_builtin_mesh_frame(mesh, profile, COUNT(profile), inner_x, inner_z, LW_HOUSE_EAVE, false, PIECE_M);
 }
 
 /* --- balustrade ------------------------------------------------------------------------------------------------- */
@@ -462,7 +468,8 @@ static void pedestals(struct lw_builtin_mesh *mesh) {
                 j != LW_HOUSE_BAYS_Z / 2)
                 continue;
             stand_at(mesh, LW_HOUSE_BAY * (float)i, 0, LW_HOUSE_BAY * (float)j, 0);
-            lw_builtin_mesh_frame(mesh, profile, COUNT(profile), 0.31f, 0.31f, LW_HOUSE_UPPER_FLOOR, false);
+            lw_builtin_mesh_frame(mesh, profile, COUNT(profile), 0.31f, 0.31f, LW_HOUSE_UPPER_FLOOR, false,
+                                  0);
         }
     mesh->placement = LW_AFFINE_IDENTITY;
 }

@@ -49,7 +49,7 @@ void lw_builtin_house_timber(struct lw_builtin_mesh *mesh);
 
 /** Walls of the galleries from the dado up; the dado; the pilasters. There is no outside: backs stop light. */
 void lw_builtin_house_walls(struct lw_builtin_mesh *mesh);
-void lw_builtin_house_dado(struct lw_builtin_mesh *mesh);
+void lw_builtin_house_dado(struct lw_builtin_mesh *mesh, float floor_y);
 void lw_builtin_house_pilasters(struct lw_builtin_mesh *mesh);
 
 void lw_builtin_house_court_floor(struct lw_builtin_mesh *mesh, float border);

@@ -302,16 +302,28 @@ void lw_builtin_mesh_sweep(struct lw_builtin_mesh *mesh, const struct lw_vec2 *p
 }
 
 void lw_builtin_mesh_frame(struct lw_builtin_mesh *mesh, const struct lw_vec2 *profile, uint32_t count,
-                           float half_x, float half_z, float y, bool inward) {
-    static const float corner[5][2] = {
-        {-1, 1}, {1, 1}, {1, -1}, {-1, -1}, {-1, 1}}; /* to the right, seen from outside */
-    struct lw_builtin_frame frames[5];
-    float side = inward ? -1.0f : 1.0f;
-    for (int i = 0; i < 5; i++)
-        frames[i] =
-            (struct lw_builtin_frame){.origin = lw_vec3(corner[i][0] * half_x, y, corner[i][1] * half_z),
-                                      .out = lw_vec3(side * corner[i][0], 0, side * corner[i][1]),
-                                      .up = lw_vec3(0, 1, 0)};
-    lw_builtin_mesh_sweep(mesh, profile, count, frames, 5,
+                           float half_x, float half_z, float y, bool inward, float piece_m) {
+    /* the corners, to the right seen from outside */
+    static const float corner[5][2] = {{-1, 1}, {1, 1}, {1, -1}, {-1, -1}, {-1, 1}};
+    float half[2] = {half_x, half_z};
+    uint32_t pieces[2] = {1, 1}, n = 0; /* along X, along Z */
+    for (int i = 0; i < 2 && piece_m > 0; i++) pieces[i] += (uint32_t)(2.0f * half[i] / piece_m);
+    struct lw_builtin_frame *frames = malloc((2u * (pieces[0] + pieces[1]) + 1) * sizeof *frames);
+    if (!frames) {
+        mesh->failed = true;
+        return;
+    }
+    for (int side = 0; side < 4; side++)
+        for (uint32_t k = 0; k < pieces[side % 2] + (side == 3); k++) {
+            float t = (float)k / (float)pieces[side % 2];
+            float x = corner[side][0] + (corner[side + 1][0] - corner[side][0]) * t;
+            float z = corner[side][1] + (corner[side + 1][1] - corner[side][1]) * t;
+            /* along a side the mitre turns with the position, so that all lines of the grid stay straight */
+            frames[n++] = (struct lw_builtin_frame){.origin = lw_vec3(x * half_x, y, z * half_z),
+                                                    .out = lw_vec3(inward ? -x : x, 0, inward ? -z : z),
+                                                    .up = lw_vec3(0, 1, 0)};
+        }
+    lw_builtin_mesh_sweep(mesh, profile, count, frames, n,
                           LW_BUILTIN_CLOSED_COLUMNS | (inward ? LW_BUILTIN_FLIPPED : 0u));
+    free(frames);
 }

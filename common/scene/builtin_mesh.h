@@ -88,8 +88,9 @@ void lw_builtin_mesh_sweep(struct lw_builtin_mesh *mesh, const struct lw_vec2 *p
                            const struct lw_builtin_frame *frames, uint32_t frame_count, unsigned flags);
 
 /** Sweeps a profile around a rectangle in the ground plane, |x| <= half_x and |z| <= half_z, at height y. The profile's
- * x grows away from the rectangle's middle, or towards it if `inward`. */
+ * x grows away from the rectangle's middle, or towards it if `inward`. Sides are cut into pieces of about piece_m, since
+ * a chart is made of whole triangles; 0 leaves them whole. */
 void lw_builtin_mesh_frame(struct lw_builtin_mesh *mesh, const struct lw_vec2 *profile, uint32_t count,
-                           float half_x, float half_z, float y, bool inward);
+                           float half_x, float half_z, float y, bool inward, float piece_m);
 
 #endif
