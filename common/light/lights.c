@@ -4,10 +4,13 @@
 
 #include <stdlib.h>
 
-static bool is_emissive(const struct lw_material *m) { return m->emission[0] > 0 || m->emission[1] > 0 || m->emission[2] > 0; }
+static bool is_emissive(const struct lw_material *m) {
+    return m->emission[0] > 0 || m->emission[1] > 0 || m->emission[2] > 0;
+}
 
 /* Mean emission of a triangle, from a regular set of points over it; exact where there is no texture. */
-static struct lw_vec3 mean_radiance(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle) {
+static struct lw_vec3 mean_radiance(const struct lw_scene *scene, const struct lw_mesh *mesh,
+                                    uint32_t triangle) {
     const struct lw_material *material = &scene->material[mesh->material[triangle]];
     const int side = material->emission_texture.texture == LW_SCENE_NONE ? 1 : 8;
     struct lw_vec3 sum = {0};
@@ -15,8 +18,8 @@ static struct lw_vec3 mean_radiance(const struct lw_scene *scene, const struct l
     for (int i = 0; i < side; i++)
         for (int j = 0; j < side - i; j++, count++) {
             struct lw_surface surface;
-            lw_scene_surface(scene, mesh, triangle, ((float)i + 1.0f / 3) / (float)side, ((float)j + 1.0f / 3) / (float)side,
-                             &surface);
+            lw_scene_surface(scene, mesh, triangle, ((float)i + 1.0f / 3) / (float)side,
+                             ((float)j + 1.0f / 3) / (float)side, &surface);
             sum = lw_vec3_add(sum, surface.emission);
         }
     return lw_vec3_scale(sum, 1.0f / (float)count);
@@ -26,7 +29,8 @@ static uint32_t count_emitters(const struct lw_scene *scene) {
     uint64_t count = 0;
     for (uint32_t o = 0; o < scene->object_count; o++) {
         const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
-        for (uint32_t t = 0; t < mesh->triangle_count; t++) count += is_emissive(&scene->material[mesh->material[t]]);
+        for (uint32_t t = 0; t < mesh->triangle_count; t++)
+            count += is_emissive(&scene->material[mesh->material[t]]);
     }
     return count < UINT32_MAX ? (uint32_t)count : UINT32_MAX;
 }
@@ -40,12 +44,14 @@ static void list_emitters(struct lw_lights *lights) {
             const struct lw_material *material = &scene->material[mesh->material[t]];
             if (!is_emissive(material)) continue;
             lights->radiance[n] = mean_radiance(scene, mesh, t);
-            lights->emitter[n++] = (struct lw_emitter){.object = o, .triangle = t, .both_sides = material->double_sided};
+            lights->emitter[n++] =
+                (struct lw_emitter){.object = o, .triangle = t, .both_sides = material->double_sided};
         }
     }
 }
 
-enum lw_status lw_lights_init(struct lw_lights *lights, const struct lw_scene *scene, const struct lw_pose *pose) {
+enum lw_status lw_lights_init(struct lw_lights *lights, const struct lw_scene *scene,
+                              const struct lw_pose *pose) {
     *lights = (struct lw_lights){.scene = scene, .emitter_count = count_emitters(scene)};
     const size_t count = lights->emitter_count ? lights->emitter_count : 1;
     lights->emitter = calloc(count, sizeof *lights->emitter);
@@ -116,10 +122,12 @@ static float promise(const struct lw_emitter *e, struct lw_vec3 centre, float ra
     float height = lw_vec3_dot(to_centre, e->normal);
     if (!e->both_sides && height < -radius) return 0;
     float cosine = fabsf(height) / sqrtf(distance2 + 1e-20f);
-    return e->power * (0.1f + (e->both_sides || height > 0 ? cosine : 0)) / (distance2 + radius * radius + e->area_m2);
+    return e->power * (0.1f + (e->both_sides || height > 0 ? cosine : 0)) /
+           (distance2 + radius * radius + e->area_m2);
 }
 
-bool lw_lights_local_cdf(const struct lw_lights *lights, struct lw_vec3 centre_ws, float radius_m, float *out_cdf) {
+bool lw_lights_local_cdf(const struct lw_lights *lights, struct lw_vec3 centre_ws, float radius_m,
+                         float *out_cdf) {
     for (uint32_t i = 0; i < lights->emitter_count; i++)
         out_cdf[i] = promise(&lights->emitter[i], centre_ws, radius_m);
     return accumulate(out_cdf, lights->emitter_count);
@@ -129,14 +137,16 @@ static uint32_t choose(const float *cdf, uint32_t count, float pick) {
     uint32_t low = 0, high = count - 1; /* first entry above pick */
     while (low < high) {
         uint32_t middle = (low + high) / 2;
-        if (cdf[middle] > pick) high = middle;
-        else low = middle + 1;
+        if (cdf[middle] > pick)
+            high = middle;
+        else
+            low = middle + 1;
     }
     return low;
 }
 
-struct lw_light_sample lw_lights_sample_area(const struct lw_lights *lights, const float *cdf, float pick, float u,
-                                             float v, struct lw_vec3 point_ws) {
+struct lw_light_sample lw_lights_sample_area(const struct lw_lights *lights, const float *cdf, float pick,
+                                             float u, float v, struct lw_vec3 point_ws) {
     struct lw_light_sample sample = {.direction = {0, 0, 1}};
     const uint32_t chosen = choose(cdf, lights->emitter_count, pick);
     const struct lw_emitter *e = &lights->emitter[chosen];
@@ -144,7 +154,8 @@ struct lw_light_sample lw_lights_sample_area(const struct lw_lights *lights, con
 
     /* Uniform on the triangle. */
     float root = sqrtf(u), b0 = 1.0f - root, b1 = v * root, b_u = b1, b_v = 1.0f - b0 - b1;
-    struct lw_vec3 to_light = lw_vec3_sub(lw_vec3_mad(lw_vec3_mad(e->corner, e->edge_u, b_u), e->edge_v, b_v), point_ws);
+    struct lw_vec3 to_light =
+        lw_vec3_sub(lw_vec3_mad(lw_vec3_mad(e->corner, e->edge_u, b_u), e->edge_v, b_v), point_ws);
     float distance2 = lw_vec3_dot(to_light, to_light);
     if (!(distance2 > 0) || !(probability > 0)) return sample;
     sample.distance_m = sqrtf(distance2);
@@ -165,10 +176,11 @@ struct lw_light_sample lw_lights_sample_area(const struct lw_lights *lights, con
     return sample;
 }
 
-static struct lw_light_sample sample_directional(const struct lw_light *light, const struct lw_light_state *state,
-                                                 float u, float v) {
+static struct lw_light_sample sample_directional(const struct lw_light *light,
+                                                 const struct lw_light_state *state, float u, float v) {
     struct lw_vec3 axis = lw_vec3_scale(state->direction_ws, -1.0f), t, b;
-    struct lw_light_sample sample = {.direction = axis, .distance_m = INFINITY, .irradiance_normal = state->intensity};
+    struct lw_light_sample sample = {
+        .direction = axis, .distance_m = INFINITY, .irradiance_normal = state->intensity};
     if (light->angular_diameter > 0) {
         lw_vec3_frame(axis, &t, &b);
         float radius = tanf(0.5f * light->angular_diameter) * sqrtf(u), angle = 2 * LW_PI * v;
@@ -178,8 +190,8 @@ static struct lw_light_sample sample_directional(const struct lw_light *light, c
     return sample;
 }
 
-struct lw_light_sample lw_lights_sample_punctual(const struct lw_lights *lights, uint32_t light, float u, float v,
-                                                 struct lw_vec3 point_ws) {
+struct lw_light_sample lw_lights_sample_punctual(const struct lw_lights *lights, uint32_t light, float u,
+                                                 float v, struct lw_vec3 point_ws) {
     const struct lw_light *l = &lights->scene->light[light];
     const struct lw_light_state *state = &lights->punctual[light];
     if (l->kind == LW_LIGHT_DIRECTIONAL) return sample_directional(l, state, u, v);

@@ -14,7 +14,8 @@ void lw_atlas_init(struct lw_atlas *atlas, uint32_t width, uint32_t height) {
                                          .tiles_y = tiles_across(h),
                                          .first_tile = atlas->tile_count};
         atlas->tile_count += level->tiles_x * level->tiles_y;
-        if ((w <= LW_ATLAS_COARSEST && h <= LW_ATLAS_COARSEST) || atlas->level_count == LW_ATLAS_LEVELS_MAX) return;
+        if ((w <= LW_ATLAS_COARSEST && h <= LW_ATLAS_COARSEST) || atlas->level_count == LW_ATLAS_LEVELS_MAX)
+            return;
         w = (w + 1) / 2;
         h = (h + 1) / 2;
     }
@@ -45,7 +46,8 @@ enum lw_status lw_atlas_map_init(struct lw_atlas_map *map, const struct lw_scene
     uint64_t tiles = 0;
     for (uint32_t i = 0; i < scene->object_count; i++) {
         const struct lw_mesh *mesh = &scene->mesh[scene->object[i].mesh];
-        if (mesh->atlas_width && mesh->atlas_height) lw_atlas_init(&map->atlas[i], mesh->atlas_width, mesh->atlas_height);
+        if (mesh->atlas_width && mesh->atlas_height)
+            lw_atlas_init(&map->atlas[i], mesh->atlas_width, mesh->atlas_height);
         map->first_tile[i] = (uint32_t)tiles;
         tiles += map->atlas[i].tile_count;
         if (tiles >= UINT32_MAX) goto fail;
@@ -53,7 +55,8 @@ enum lw_status lw_atlas_map_init(struct lw_atlas_map *map, const struct lw_scene
     map->tile_count = (uint32_t)tiles;
     map->place = calloc(tiles ? tiles : 1, sizeof *map->place);
     if (!map->place) goto fail;
-    for (uint32_t i = 0; i < map->object_count; i++) place_tiles(map->place + map->first_tile[i], &map->atlas[i], i);
+    for (uint32_t i = 0; i < map->object_count; i++)
+        place_tiles(map->place + map->first_tile[i], &map->atlas[i], i);
     return LW_OK;
 fail:
     lw_atlas_map_finish(map);
@@ -67,8 +70,10 @@ void lw_atlas_map_finish(struct lw_atlas_map *map) {
     *map = (struct lw_atlas_map){0};
 }
 
-lw_tile_id lw_atlas_map_find(const struct lw_atlas_map *map, uint32_t object, uint32_t level, uint32_t x, uint32_t y) {
-    if (object >= map->object_count || level >= map->atlas[object].level_count) return (lw_tile_id){UINT32_MAX};
+lw_tile_id lw_atlas_map_find(const struct lw_atlas_map *map, uint32_t object, uint32_t level, uint32_t x,
+                             uint32_t y) {
+    if (object >= map->object_count || level >= map->atlas[object].level_count)
+        return (lw_tile_id){UINT32_MAX};
     const struct lw_atlas_level *l = &map->atlas[object].level[level];
     if (x >= l->tiles_x || y >= l->tiles_y) return (lw_tile_id){UINT32_MAX};
     return (lw_tile_id){map->first_tile[object] + l->first_tile + y * l->tiles_x + x};

@@ -8,10 +8,10 @@
 
 #include "common/scene/scene.h"
 
-#define LW_TILE_SIDE       64u /* texels; the unit of change, of encoding and of interest */
-#define LW_TILE_BLOCK      16u /* texels; the unit of solving */
-#define LW_TILE_TEXELS_MAX (LW_TILE_SIDE * LW_TILE_SIDE)
-#define LW_ATLAS_COARSEST  16u /* texels */
+#define LW_TILE_SIDE        64u /* texels; the unit of change, of encoding and of interest */
+#define LW_TILE_BLOCK       16u /* texels; the unit of solving */
+#define LW_TILE_TEXELS_MAX  (LW_TILE_SIDE * LW_TILE_SIDE)
+#define LW_ATLAS_COARSEST   16u /* texels */
 #define LW_ATLAS_LEVELS_MAX 12u
 
 /** A tile of the whole scene: objects in order, levels from fine to coarse, rows, columns. */
@@ -20,9 +20,9 @@ typedef struct {
 } lw_tile_id;
 
 struct lw_atlas_level {
-    uint32_t width, height;    /* texels */
+    uint32_t width, height; /* texels */
     uint32_t tiles_x, tiles_y;
-    uint32_t first_tile;       /* within the object */
+    uint32_t first_tile; /* within the object */
 };
 
 struct lw_atlas {
@@ -39,8 +39,8 @@ struct lw_tile_place {
 /** The tiles of all objects of a scene. */
 struct lw_atlas_map {
     uint32_t object_count, tile_count;
-    struct lw_atlas *atlas;  /* per object */
-    uint32_t *first_tile;    /* per object */
+    struct lw_atlas *atlas;      /* per object */
+    uint32_t *first_tile;        /* per object */
     struct lw_tile_place *place; /* per tile id */
 };
 
@@ -51,6 +51,7 @@ LW_MUST_CHECK enum lw_status lw_atlas_map_init(struct lw_atlas_map *map, const s
 void lw_atlas_map_finish(struct lw_atlas_map *map);
 
 /** Id of a tile, or {UINT32_MAX} if there is no such place (safe for indices from outside). */
-lw_tile_id lw_atlas_map_find(const struct lw_atlas_map *map, uint32_t object, uint32_t level, uint32_t x, uint32_t y);
+lw_tile_id lw_atlas_map_find(const struct lw_atlas_map *map, uint32_t object, uint32_t level, uint32_t x,
+                             uint32_t y);
 
 #endif

@@ -5,10 +5,10 @@
 #include <string.h>
 #include <zstd.h>
 
-#define ZSTD_LEVEL     1 /* tiles are noise at first: higher levels cost time and gain under 2 % */
-#define PLANES_MAX     (LW_TILE_TEXELS_MAX * 3u)
-#define HALF_MAX       65504.0f
-#define HALF_LARGEST   0x7bffu
+#define ZSTD_LEVEL   1 /* tiles are noise at first: higher levels cost time and gain under 2 % */
+#define PLANES_MAX   (LW_TILE_TEXELS_MAX * 3u)
+#define HALF_MAX     65504.0f
+#define HALF_LARGEST 0x7bffu
 /* Values are scaled so that the largest lies in (2^14, 2^15]: inside half's range with a bit to spare, and with its
  * normal numbers reaching 29 powers of two below. */
 #define SCALED_EXPONENT 15
@@ -71,9 +71,9 @@ static float choose_scale(const float *rgb, size_t count) {
     return ldexpf(1.0f, exponent - SCALED_EXPONENT);
 }
 
-enum lw_status lw_tile_codec_encode(struct lw_tile_codec *codec, const float *rgb, uint32_t width, uint32_t height,
-                                    uint8_t *dst, size_t dst_capacity, size_t *out_size, float *out_scale,
-                                    uint32_t *out_saturated) {
+enum lw_status lw_tile_codec_encode(struct lw_tile_codec *codec, const float *rgb, uint32_t width,
+                                    uint32_t height, uint8_t *dst, size_t dst_capacity, size_t *out_size,
+                                    float *out_scale, uint32_t *out_saturated) {
     const size_t texels = (size_t)width * height, values = texels * 3;
     if (values > PLANES_MAX || values == 0 || dst_capacity < lw_tile_codec_bound()) return LW_INTERNAL;
     const float scale = choose_scale(rgb, values), inverse = 1.0f / scale;
@@ -82,14 +82,17 @@ enum lw_status lw_tile_codec_encode(struct lw_tile_codec *codec, const float *rg
         for (size_t c = 0; c < 3; c++) {
             float v = rgb[i * 3 + c] * inverse;
             bool fits = v >= 0 && v <= HALF_MAX; /* false for NaN */
-            codec->half[c * texels + i] = fits ? half_from_float(v) : v > HALF_MAX && isfinite(v) ? HALF_LARGEST : 0;
+            codec->half[c * texels + i] = fits                          ? half_from_float(v)
+                                          : v > HALF_MAX && isfinite(v) ? HALF_LARGEST
+                                                                        : 0;
             saturated += !fits;
         }
     for (size_t i = 0; i < values; i++) {
         codec->planes[i] = (uint8_t)codec->half[i];
         codec->planes[values + i] = (uint8_t)(codec->half[i] >> 8);
     }
-    size_t size = ZSTD_compressCCtx(codec->compress, dst, dst_capacity, codec->planes, values * 2, ZSTD_LEVEL);
+    size_t size =
+        ZSTD_compressCCtx(codec->compress, dst, dst_capacity, codec->planes, values * 2, ZSTD_LEVEL);
     if (ZSTD_isError(size)) return LW_NO_MEMORY;
     *out_size = size;
     *out_scale = scale;
@@ -97,8 +100,8 @@ enum lw_status lw_tile_codec_encode(struct lw_tile_codec *codec, const float *rg
     return LW_OK;
 }
 
-enum lw_status lw_tile_codec_decode(struct lw_tile_codec *codec, const uint8_t *src, size_t src_size, float scale,
-                                    uint32_t width, uint32_t height, float *rgb) {
+enum lw_status lw_tile_codec_decode(struct lw_tile_codec *codec, const uint8_t *src, size_t src_size,
+                                    float scale, uint32_t width, uint32_t height, float *rgb) {
     const size_t texels = (size_t)width * height, values = texels * 3;
     if (values > PLANES_MAX || values == 0) return LW_BAD_DATA;
     /* A scale this large would take half's range past float's. */

@@ -20,14 +20,16 @@ size_t lw_tile_codec_bound(void);
  * out_scale       the power of two that values were divided by
  * out_saturated   channels that were not finite or negative (stored as 0) or, never by choice of scale, too large
  * Errors: LW_NO_MEMORY, LW_INTERNAL if dst_capacity is under the bound. */
-LW_MUST_CHECK enum lw_status lw_tile_codec_encode(struct lw_tile_codec *codec, const float *rgb, uint32_t width,
-                                                  uint32_t height, uint8_t *dst, size_t dst_capacity,
-                                                  size_t *out_size, float *out_scale, uint32_t *out_saturated);
+LW_MUST_CHECK enum lw_status lw_tile_codec_encode(struct lw_tile_codec *codec, const float *rgb,
+                                                  uint32_t width, uint32_t height, uint8_t *dst,
+                                                  size_t dst_capacity, size_t *out_size, float *out_scale,
+                                                  uint32_t *out_saturated);
 
 /** Decodes into width*height*3 floats. Bytes may come from anyone: a payload that is truncated, oversized or of the
  * wrong tile gives LW_BAD_DATA and leaves `rgb` unspecified but within bounds; a scale that is not a positive finite
  * number gives LW_BAD_DATA. What decodes is always finite and >= 0. */
-LW_MUST_CHECK enum lw_status lw_tile_codec_decode(struct lw_tile_codec *codec, const uint8_t *src, size_t src_size,
-                                                  float scale, uint32_t width, uint32_t height, float *rgb);
+LW_MUST_CHECK enum lw_status lw_tile_codec_decode(struct lw_tile_codec *codec, const uint8_t *src,
+                                                  size_t src_size, float scale, uint32_t width,
+                                                  uint32_t height, float *rgb);
 
 #endif

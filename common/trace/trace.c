@@ -6,7 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define STATIC_INSTANCE 0u /* instance id of the flattened static objects; an object that moves has its index + 1 */
+#define STATIC_INSTANCE                                                                                      \
+    0u /* instance id of the flattened static objects; an object that moves has its index + 1 */
 
 /* What a filter needs to know of the geometry that a ray has met. */
 struct geometry {
@@ -60,8 +61,8 @@ static float blend_choice(float x, float y, float z, uint32_t triangle) {
 }
 
 /* Whether a surface point lets the ray pass: cut out by its mask, or transparent. */
-static bool passes_alpha(const struct geometry *g, unsigned flags, uint32_t triangle, float u, float v, float dir_x,
-                         float dir_y, float dir_z) {
+static bool passes_alpha(const struct geometry *g, unsigned flags, uint32_t triangle, float u, float v,
+                         float dir_x, float dir_y, float dir_z) {
     const struct lw_material *material = material_of(g, triangle);
     if (material->alpha_mode == LW_ALPHA_OPAQUE) return false;
     if (material->alpha_mode == LW_ALPHA_BLEND && (flags & LW_TRACE_VIEW)) return false;
@@ -134,7 +135,8 @@ static enum lw_status attach_object(struct lw_trace *trace, RTCScene into, uint3
         rtcReleaseGeometry(geometry);
         return LW_NO_MEMORY;
     }
-    for (uint32_t i = 0; i < mesh->vertex_count; i++) position[i] = lw_affine_point(transform, mesh->position[i]);
+    for (uint32_t i = 0; i < mesh->vertex_count; i++)
+        position[i] = lw_affine_point(transform, mesh->position[i]);
     memcpy(triangle, mesh->triangle, (size_t)mesh->triangle_count * sizeof *mesh->triangle);
 
     struct geometry *g = &trace->geometry[object];
@@ -164,7 +166,8 @@ static void place_mover(struct mover *mover, const struct lw_affine *t) {
     rtcSetGeometryTransform(mover->instance, 0, RTC_FORMAT_FLOAT3X4_ROW_MAJOR, t->m);
     rtcCommitGeometry(mover->instance);
     /* Ng . (M^-1 d) has the sign of (cofactors(M) Ng) . d times that of det M. */
-    struct lw_vec3 x = lw_vec3(t->m[0][0], t->m[1][0], t->m[2][0]), y = lw_vec3(t->m[0][1], t->m[1][1], t->m[2][1]),
+    struct lw_vec3 x = lw_vec3(t->m[0][0], t->m[1][0], t->m[2][0]),
+                   y = lw_vec3(t->m[0][1], t->m[1][1], t->m[2][1]),
                    z = lw_vec3(t->m[0][2], t->m[1][2], t->m[2][2]);
     float sign = lw_affine_determinant(t) < 0 ? -1.0f : 1.0f;
     const struct lw_vec3 column[3] = {lw_vec3_cross(y, z), lw_vec3_cross(z, x), lw_vec3_cross(x, y)};
@@ -193,7 +196,8 @@ static enum lw_status attach_mover(struct lw_trace *trace, struct mover *mover, 
 static enum lw_status device_status(const struct lw_trace *trace, struct lw_error *err) {
     enum RTCError code = rtcGetDeviceError(trace->device);
     if (code == RTC_ERROR_NONE) return LW_OK;
-    if (code == RTC_ERROR_OUT_OF_MEMORY) return lw_status_fail(err, LW_NO_MEMORY, "building the rays' structure");
+    if (code == RTC_ERROR_OUT_OF_MEMORY)
+        return lw_status_fail(err, LW_NO_MEMORY, "building the rays' structure");
     return lw_status_fail(err, LW_INTERNAL, "Embree reports error %d", (int)code);
 }
 
@@ -233,8 +237,8 @@ static enum lw_status build(struct lw_trace *trace, const struct lw_pose *pose) 
     return LW_OK;
 }
 
-enum lw_status lw_trace_create(const struct lw_scene *scene, const struct lw_pose *pose, struct lw_trace **out_trace,
-                               struct lw_error *err) {
+enum lw_status lw_trace_create(const struct lw_scene *scene, const struct lw_pose *pose,
+                               struct lw_trace **out_trace, struct lw_error *err) {
     struct lw_trace *trace = calloc(1, sizeof *trace);
     if (!trace) return lw_status_fail(err, LW_NO_MEMORY, "building the rays' structure");
     trace->scene = scene;
@@ -314,13 +318,14 @@ static bool met_from_behind(const struct lw_trace *trace, const struct RTCRayHit
     uint32_t object = rh->hit.geomID[i], mover = trace->mover_of_object[object];
     if (mover == UINT32_MAX) return (nx * dx + ny * dy + nz * dz > 0) != trace->mirrored[object];
     const float(*f)[3] = trace->mover[mover].facing;
-    return (f[0][0] * nx + f[0][1] * ny + f[0][2] * nz) * dx + (f[1][0] * nx + f[1][1] * ny + f[1][2] * nz) * dy +
+    return (f[0][0] * nx + f[0][1] * ny + f[0][2] * nz) * dx +
+               (f[1][0] * nx + f[1][1] * ny + f[1][2] * nz) * dy +
                (f[2][0] * nx + f[2][1] * ny + f[2][2] * nz) * dz >
            0;
 }
 
-void lw_trace_closest16(const struct lw_trace *trace, unsigned flags, uint16_t active, const struct lw_ray16 *rays,
-                        struct lw_hit16 *out_hits) {
+void lw_trace_closest16(const struct lw_trace *trace, unsigned flags, uint16_t active,
+                        const struct lw_ray16 *rays, struct lw_hit16 *out_hits) {
     _Alignas(64) int valid[16];
     _Alignas(64) struct RTCRayHit16 rh;
     struct trace_context context;
@@ -335,7 +340,8 @@ void lw_trace_closest16(const struct lw_trace *trace, unsigned flags, uint16_t a
     memcpy(out_hits->u, rh.hit.u, sizeof out_hits->u);
     memcpy(out_hits->v, rh.hit.v, sizeof out_hits->v);
     memcpy(out_hits->triangle, rh.hit.primID, sizeof out_hits->triangle);
-    memcpy(out_hits->object, rh.hit.geomID, sizeof out_hits->object); /* geometries are attached by object index */
+    memcpy(out_hits->object, rh.hit.geomID,
+           sizeof out_hits->object); /* geometries are attached by object index */
     for (int i = 0; i < 16; i++)
         out_hits->back[i] = out_hits->object[i] != LW_TRACE_MISS && met_from_behind(trace, &rh, i);
 }

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define RIM_ROUNDS        2u   /* texels beyond a chart that lookups on levels 0 to 2 may touch, with one to spare */
+#define RIM_ROUNDS        2u /* texels beyond a chart that lookups on levels 0 to 2 may touch, with one to spare */
 #define PLACEHOLDER_LEVEL 3u   /* from here on charts mix, and every texel is filled */
 #define ROUNDS_MAX        250u /* covered[] counts rounds in a byte */
 
@@ -70,7 +70,8 @@ static void fill(struct lw_levels_image *image, uint32_t rounds) {
         bool filled = false;
         for (uint32_t y = 0; y < image->height; y++)
             for (uint32_t x = 0; x < image->width; x++)
-                if (!image->covered[(size_t)y * image->width + x]) filled |= fill_texel(image, x, y, (uint8_t)(r + 2));
+                if (!image->covered[(size_t)y * image->width + x])
+                    filled |= fill_texel(image, x, y, (uint8_t)(r + 2));
         if (!filled) return;
     }
 }
@@ -107,6 +108,7 @@ void lw_levels_store_tile(const struct lw_levels *levels, const struct lw_tile_p
     const struct lw_levels_image *image = &levels->level[place->level];
     for (uint32_t y = 0; y < place->height; y++)
         memcpy(out_rgb + (size_t)y * place->width * 3,
-               image->rgb + ((size_t)(place->y * LW_TILE_SIDE + y) * image->width + place->x * LW_TILE_SIDE) * 3,
+               image->rgb +
+                   ((size_t)(place->y * LW_TILE_SIDE + y) * image->width + place->x * LW_TILE_SIDE) * 3,
                (size_t)place->width * 3 * sizeof *out_rgb);
 }

@@ -15,8 +15,8 @@ struct lw_levels {
     uint32_t count;
     struct lw_levels_image {
         uint32_t width, height;
-        float *rgb;        /* 3 floats per texel, W/m^2 */
-        uint8_t *covered;  /* 0: nothing; 1: surface; 2 and more: filled, in the round given */
+        float *rgb;       /* 3 floats per texel, W/m^2 */
+        uint8_t *covered; /* 0: nothing; 1: surface; 2 and more: filled, in the round given */
     } level[LW_ATLAS_LEVELS_MAX];
 };
 
@@ -25,7 +25,8 @@ LW_MUST_CHECK enum lw_status lw_levels_init(struct lw_levels *levels, const stru
 void lw_levels_finish(struct lw_levels *levels);
 
 /** Takes direct + indirect of one level-0 tile into level 0. */
-void lw_levels_load_tile(struct lw_levels *levels, const struct lw_tile_place *place, const struct lw_solver_tile *tile);
+void lw_levels_load_tile(struct lw_levels *levels, const struct lw_tile_place *place,
+                         const struct lw_solver_tile *tile);
 /** After all tiles of the object: fills gutters and builds the coarser levels. */
 void lw_levels_build(struct lw_levels *levels);
 /** Copies one tile's texels: width * height * 3 floats. */

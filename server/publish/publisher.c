@@ -36,7 +36,8 @@ struct lw_publisher {
     uint64_t saturated;
 };
 
-enum lw_status lw_publisher_create(const struct lw_publisher_desc *desc, struct lw_publisher **out_publisher) {
+enum lw_status lw_publisher_create(const struct lw_publisher_desc *desc,
+                                   struct lw_publisher **out_publisher) {
     struct lw_publisher *p = calloc(1, sizeof *p);
     if (!p) return LW_NO_MEMORY;
     p->desc = *desc;
@@ -64,7 +65,8 @@ fail:
 
 void lw_publisher_destroy(struct lw_publisher *p) {
     if (!p) return;
-    for (uint32_t o = 0; p->levels && o < p->desc.atlas_map->object_count; o++) lw_levels_finish(&p->levels[o]);
+    for (uint32_t o = 0; p->levels && o < p->desc.atlas_map->object_count; o++)
+        lw_levels_finish(&p->levels[o]);
     for (uint32_t t = 0; p->sent && t < p->desc.atlas_map->tile_count; t++) {
         free(p->sent[t].rgb);
         lw_blob_unref(p->sent[t].blob);
@@ -82,7 +84,9 @@ void lw_publisher_destroy(struct lw_publisher *p) {
 }
 
 /* Level-0 tiles come first in an object's ids. */
-static uint32_t level0_tiles(const struct lw_atlas *atlas) { return atlas->level[0].tiles_x * atlas->level[0].tiles_y; }
+static uint32_t level0_tiles(const struct lw_atlas *atlas) {
+    return atlas->level[0].tiles_x * atlas->level[0].tiles_y;
+}
 
 /* Brings an object's pyramid up to date with the solver; false if the frame did not touch it. */
 static bool refresh_levels(struct lw_publisher *p, uint32_t object, uint64_t frame) {
@@ -111,7 +115,8 @@ static void quality(const struct lw_publisher *p, const struct lw_tile_place *pl
     for (uint32_t y = y0; y < y0 + (1u << place->level) && y < fine->tiles_y; y++)
         for (uint32_t x = x0; x < x0 + (1u << place->level) && x < fine->tiles_x; x++) {
             struct lw_solver_tile tile;
-            p->desc.solver->ops->read_tile(p->desc.solver, lw_atlas_map_find(map, place->object, 0, x, y), &tile);
+            p->desc.solver->ops->read_tile(p->desc.solver, lw_atlas_map_find(map, place->object, 0, x, y),
+                                           &tile);
             *out_error = fmaxf(*out_error, tile.error);
             *out_bounces = tile.bounces < *out_bounces ? tile.bounces : *out_bounces;
         }
@@ -138,8 +143,9 @@ static enum lw_status send_tile(struct lw_publisher *p, struct worker *worker, l
     size_t size;
     float scale;
     uint32_t saturated;
-    enum lw_status status = lw_tile_codec_encode(worker->codec, worker->rgb, place->width, place->height,
-                                                 worker->payload, lw_tile_codec_bound(), &size, &scale, &saturated);
+    enum lw_status status =
+        lw_tile_codec_encode(worker->codec, worker->rgb, place->width, place->height, worker->payload,
+                             lw_tile_codec_bound(), &size, &scale, &saturated);
     if (status != LW_OK) return status;
     const struct lw_atlas_level *level = &p->desc.atlas_map->atlas[place->object].level[place->level];
     struct lw_blob *blob;
@@ -177,7 +183,8 @@ static void consider_tile(struct lw_publisher *p, struct worker *worker, lw_tile
     lw_levels_store_tile(&p->levels[place->object], place, worker->rgb);
     /* That a tile has reached the target is news too: clients wait for it. */
     bool reached = error <= p->desc.target_error && sent->error > p->desc.target_error;
-    if (sent->version && !reached && !differs_visibly(worker->rgb, sent->rgb, (size_t)place->width * place->height * 3))
+    if (sent->version && !reached &&
+        !differs_visibly(worker->rgb, sent->rgb, (size_t)place->width * place->height * 3))
         return;
     worker->status = send_tile(p, worker, id, frame, error, bounces);
 }
@@ -189,8 +196,9 @@ static void encode_tiles(struct lw_publisher *p, uint64_t frame) {
 }
 
 /* The frame message: everything, or what moved since the pose before. */
-static enum lw_status make_frame_blob(const struct lw_publisher *p, const struct lw_pose *pose, bool everything,
-                                      struct lw_message_frame *frame, struct lw_blob **out_blob) {
+static enum lw_status make_frame_blob(const struct lw_publisher *p, const struct lw_pose *pose,
+                                      bool everything, struct lw_message_frame *frame,
+                                      struct lw_blob **out_blob) {
     const struct lw_scene *scene = p->desc.scene;
     struct lw_message_transform *transform = calloc((size_t)scene->object_count + 1, sizeof *transform);
     struct lw_message_light *light = calloc((size_t)scene->light_count + 1, sizeof *light);
@@ -198,15 +206,17 @@ static enum lw_status make_frame_blob(const struct lw_publisher *p, const struct
     if (!transform || !light) goto done;
     frame->transform_count = frame->light_count = 0;
     for (uint32_t o = 0; o < scene->object_count; o++)
-        if (everything || memcmp(&pose->object_to_world[o], &p->previous.object_to_world[o], sizeof(struct lw_affine)))
+        if (everything ||
+            memcmp(&pose->object_to_world[o], &p->previous.object_to_world[o], sizeof(struct lw_affine)))
             transform[frame->transform_count++] =
                 (struct lw_message_transform){.object = o, .object_to_world = pose->object_to_world[o]};
     for (uint32_t l = 0; l < scene->light_count; l++)
         if (everything || memcmp(&pose->light[l], &p->previous.light[l], sizeof pose->light[l]))
-            light[frame->light_count++] = (struct lw_message_light){.light = l,
-                                                                    .position_ws = pose->light[l].position_ws,
-                                                                    .direction_ws = pose->light[l].direction_ws,
-                                                                    .intensity = pose->light[l].intensity};
+            light[frame->light_count++] =
+                (struct lw_message_light){.light = l,
+                                          .position_ws = pose->light[l].position_ws,
+                                          .direction_ws = pose->light[l].direction_ws,
+                                          .intensity = pose->light[l].intensity};
     frame->transform = transform;
     frame->light = light;
     status = lw_blob_from_message(&(struct lw_message){.type = LW_MESSAGE_FRAME, .frame = *frame}, out_blob);
@@ -216,10 +226,11 @@ done:
     return status;
 }
 
-static enum lw_status make_snapshot(struct lw_publisher *p, const struct lw_pose *pose, struct lw_message_frame *frame,
-                                    struct lw_snapshot **out_snapshot) {
+static enum lw_status make_snapshot(struct lw_publisher *p, const struct lw_pose *pose,
+                                    struct lw_message_frame *frame, struct lw_snapshot **out_snapshot) {
     const uint32_t tile_count = p->desc.atlas_map->tile_count;
-    struct lw_snapshot *snapshot = calloc(1, sizeof *snapshot + (size_t)tile_count * sizeof snapshot->tile[0]);
+    struct lw_snapshot *snapshot =
+        calloc(1, sizeof *snapshot + (size_t)tile_count * sizeof snapshot->tile[0]);
     if (!snapshot) return LW_NO_MEMORY;
     snapshot->references = 1;
     snapshot->frame = frame->frame;
@@ -234,15 +245,16 @@ static enum lw_status make_snapshot(struct lw_publisher *p, const struct lw_pose
     snapshot->tile_count = tile_count;
     for (uint32_t t = 0; t < tile_count; t++)
         if (p->sent[t].blob)
-            snapshot->tile[t] =
-                (struct lw_snapshot_tile){.version = p->sent[t].version, .blob = lw_blob_ref(p->sent[t].blob)};
+            snapshot->tile[t] = (struct lw_snapshot_tile){.version = p->sent[t].version,
+                                                          .blob = lw_blob_ref(p->sent[t].blob)};
     *out_snapshot = snapshot;
     return LW_OK;
 }
 
 static void remember_pose(struct lw_publisher *p, const struct lw_pose *pose) {
     const struct lw_scene *scene = p->desc.scene;
-    memcpy(p->previous.object_to_world, pose->object_to_world, scene->object_count * sizeof *pose->object_to_world);
+    memcpy(p->previous.object_to_world, pose->object_to_world,
+           scene->object_count * sizeof *pose->object_to_world);
     memcpy(p->previous.light, pose->light, scene->light_count * sizeof *pose->light);
 }
 

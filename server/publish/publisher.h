@@ -12,7 +12,7 @@
 #define LW_PUBLISHER_VISIBLE_CHANGE 0.004f
 
 struct lw_publisher_desc {
-    const struct lw_scene *scene;         /* these three outlive the publisher */
+    const struct lw_scene *scene; /* these three outlive the publisher */
     const struct lw_atlas_map *atlas_map;
     struct lw_solver *solver;
     float target_error;

@@ -8,12 +8,14 @@
 #define RAYS        8
 #define BURIED_RAYS 5
 
-static struct lw_vec3 load(float *const src[3], uint32_t i) { return lw_vec3(src[0][i], src[1][i], src[2][i]); }
+static struct lw_vec3 load(float *const src[3], uint32_t i) {
+    return lw_vec3(src[0][i], src[1][i], src[2][i]);
+}
 
 /* Sixteen texels in a row, one direction after the other. Returns the mask of the buried ones. */
 static uint16_t find_in_row(const struct lw_mesh_texels *mesh, const struct lw_affine *to_world,
-                            const struct lw_trace *trace, const bool *moves, const struct lw_scene *scene, uint32_t first,
-                            uint16_t active) {
+                            const struct lw_trace *trace, const bool *moves, const struct lw_scene *scene,
+                            uint32_t first, uint16_t active) {
     int backs[LW_TRACE_WIDTH] = {0};
     struct lw_ray16 rays;
     for (uint32_t r = 0; r < RAYS; r++) {
@@ -25,7 +27,8 @@ static uint16_t find_in_row(const struct lw_mesh_texels *mesh, const struct lw_a
             rays.t_far[lane] = INFINITY;
             if (!(active >> lane & 1)) continue;
             struct lw_vec3 normal = lw_affine_normal(to_world, load(mesh->geometric, first + lane));
-            struct lw_vec3 p = lw_sampling_lift(lw_affine_point(to_world, load(mesh->position, first + lane)), normal);
+            struct lw_vec3 p =
+                lw_sampling_lift(lw_affine_point(to_world, load(mesh->position, first + lane)), normal);
             struct lw_vec3 d = lw_sampling_to_frame(normal, local);
             rays.org_x[lane] = p.x;
             rays.org_y[lane] = p.y;
@@ -39,7 +42,8 @@ static uint16_t find_in_row(const struct lw_mesh_texels *mesh, const struct lw_a
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
             if (!(active >> lane & 1) || hits.object[lane] == LW_TRACE_MISS || !hits.back[lane]) continue;
             const struct lw_mesh *hit = &scene->mesh[scene->object[hits.object[lane]].mesh];
-            backs[lane] += !moves[hits.object[lane]] && !scene->material[hit->material[hits.triangle[lane]]].double_sided;
+            backs[lane] += !moves[hits.object[lane]] &&
+                           !scene->material[hit->material[hits.triangle[lane]]].double_sided;
         }
     }
     uint16_t buried = 0;
@@ -58,7 +62,8 @@ static uint64_t find_in_object(struct lw_texels *texels, uint32_t object, const 
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH && first + lane < mesh->texel_count; lane++)
             if (covered[first + lane]) active |= (uint16_t)(1u << lane);
         if (!active) continue;
-        uint16_t buried = find_in_row(mesh, &pose->object_to_world[object], trace, moves, texels->scene, first, active);
+        uint16_t buried =
+            find_in_row(mesh, &pose->object_to_world[object], trace, moves, texels->scene, first, active);
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
             if (buried >> lane & 1) covered[first + lane] = 0;
         count += (uint64_t)__builtin_popcount(buried);
@@ -66,7 +71,8 @@ static uint64_t find_in_object(struct lw_texels *texels, uint32_t object, const 
     return count;
 }
 
-uint64_t lw_burial_find(struct lw_texels *texels, const struct lw_pose *pose, const struct lw_trace *trace, int threads) {
+uint64_t lw_burial_find(struct lw_texels *texels, const struct lw_pose *pose, const struct lw_trace *trace,
+                        int threads) {
     const uint32_t objects = texels->scene->object_count;
     bool *moves = calloc((size_t)objects + 1, sizeof *moves);
     uint64_t count = 0;

@@ -13,6 +13,7 @@
 #include "server/solve/texels.h"
 
 /** Uncovers buried texels and links the sources anew. Returns how many there were. */
-uint64_t lw_burial_find(struct lw_texels *texels, const struct lw_pose *pose, const struct lw_trace *trace, int threads);
+uint64_t lw_burial_find(struct lw_texels *texels, const struct lw_pose *pose, const struct lw_trace *trace,
+                        int threads);
 
 #endif

@@ -20,7 +20,7 @@ struct cell_solver {
     struct lw_probes probes;
     bool has_probes;
     uint32_t *end;
-    float *cdf; /* per thread */
+    float *cdf;          /* per thread */
     struct lw_pose pose; /* the last one solved */
     uint32_t frames, frames_since_move;
     bool ever_moved;
@@ -28,7 +28,8 @@ struct cell_solver {
 
 static bool same_pose(const struct lw_scene *scene, const struct lw_pose *a, const struct lw_pose *b) {
     for (uint32_t i = 0; i < scene->object_count; i++)
-        if (memcmp(&a->object_to_world[i], &b->object_to_world[i], sizeof a->object_to_world[i])) return false;
+        if (memcmp(&a->object_to_world[i], &b->object_to_world[i], sizeof a->object_to_world[i]))
+            return false;
     for (uint32_t i = 0; i < scene->light_count; i++)
         if (memcmp(&a->light[i], &b->light[i], sizeof a->light[i])) return false;
     return true;
@@ -67,7 +68,8 @@ static void run_direct(struct cell_solver *s, const struct lw_passes *passes, st
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         if (tile->resting) continue;
         struct lw_passes_count count = {0};
-        lw_passes_direct(passes, tile, s->cdf + (size_t)omp_get_thread_num() * (s->lights.emitter_count + 1), &count);
+        lw_passes_direct(passes, tile, s->cdf + (size_t)omp_get_thread_num() * (s->lights.emitter_count + 1),
+                         &count);
         shadow += count.shadow;
         bounce += count.bounce;
     }
@@ -75,7 +77,8 @@ static void run_direct(struct cell_solver *s, const struct lw_passes *passes, st
     stats->rays_bounce += bounce;
 }
 
-static void run_trace_ends(struct cell_solver *s, const struct lw_passes *passes, struct lw_solver_stats *stats) {
+static void run_trace_ends(struct cell_solver *s, const struct lw_passes *passes,
+                           struct lw_solver_stats *stats) {
     uint64_t bounce = 0;
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : bounce)
     for (uint32_t i = 0; i < s->tiles.count; i++) {
@@ -117,14 +120,16 @@ static void settle(struct cell_solver *s, struct lw_solver_stats *stats) {
         if (!tile->resting) {
             stats->tiles_solved++;
             stats->texels_solved += tile->covered_count;
-            tile->resting = !fading && tile->frames >= LW_CELL_SOLVER_FRAMES_MIN && tile->error <= s->desc.target_error;
+            tile->resting =
+                !fading && tile->frames >= LW_CELL_SOLVER_FRAMES_MIN && tile->error <= s->desc.target_error;
         }
         stats->tiles_converged += tile->resting;
     }
 }
 
 static void wake(struct cell_solver *s) {
-    for (uint32_t i = 0; i < s->tiles.count; i++) s->tiles.tile[i].resting = s->tiles.tile[i].covered_count == 0;
+    for (uint32_t i = 0; i < s->tiles.count; i++)
+        s->tiles.tile[i].resting = s->tiles.tile[i].covered_count == 0;
 }
 
 static bool all_rest(const struct cell_solver *s) {
@@ -178,7 +183,8 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     stats.scatter_ns = lw_clock_ns() - t2;
     if (s->has_probes) {
         uint64_t t = lw_clock_ns();
-        stats.rays_probe = lw_probes_gather(&s->probes, s->trace, &s->texels, s->desc.seed, s->frames, s->threads);
+        stats.rays_probe =
+            lw_probes_gather(&s->probes, s->trace, &s->texels, s->desc.seed, s->frames, s->threads);
         stats.probe_ns = lw_clock_ns() - t;
     }
     for (uint32_t bounce = 1; bounce <= s->desc.bounces; bounce++) {
@@ -238,8 +244,11 @@ static void destroy(struct lw_solver *solver) {
     free(s);
 }
 
-static const struct lw_solver_ops ops = {
-    .name = "cells", .frame = frame, .read_tile = read_tile, .memory_bytes = memory_bytes, .destroy = destroy};
+static const struct lw_solver_ops ops = {.name = "cells",
+                                         .frame = frame,
+                                         .read_tile = read_tile,
+                                         .memory_bytes = memory_bytes,
+                                         .destroy = destroy};
 
 static enum lw_status build(struct cell_solver *s, const struct lw_pose *pose, struct lw_error *err) {
     const struct lw_scene *scene = s->desc.scene;
@@ -255,7 +264,8 @@ static enum lw_status build(struct cell_solver *s, const struct lw_pose *pose, s
     lw_cells_init(&s->cells, lo, hi, s->desc.cell_size_m);
     if ((status = lw_tiles_init(&s->tiles, scene, s->desc.atlas_map, &s->texels, s->desc.bounces)) != LW_OK)
         return lw_status_fail(err, status, "%u texels", s->texels.count);
-    if ((status = lw_lights_init(&s->lights, scene, &s->pose)) != LW_OK) return lw_status_fail(err, status, "lights");
+    if ((status = lw_lights_init(&s->lights, scene, &s->pose)) != LW_OK)
+        return lw_status_fail(err, status, "lights");
     lw_tiles_set_pose(&s->tiles, &s->cells, &s->pose);
 
     s->has_probes = isfinite(s->desc.tracing_range_m) && s->desc.bounces > 0;

@@ -17,7 +17,8 @@
 
 /** Builds texels, cells and the rays' structure.
  * Errors: LW_NO_MEMORY, LW_INTERNAL; LW_BAD_DATA for more texels than fit. */
-LW_MUST_CHECK enum lw_status lw_cell_solver_create(const struct lw_solver_desc *desc, const struct lw_pose *pose,
-                                                   struct lw_solver **out_solver, struct lw_error *err);
+LW_MUST_CHECK enum lw_status lw_cell_solver_create(const struct lw_solver_desc *desc,
+                                                   const struct lw_pose *pose, struct lw_solver **out_solver,
+                                                   struct lw_error *err);
 
 #endif

@@ -1,14 +1,16 @@
 #include "server/solve/cells.h"
 
 static uint32_t cells_along(float extent, float size) {
-    float n = ceilf(extent / size - 1e-4f);
+    float n = ceilf(extent / size - 0.01f); /* the margin alone makes no cell */
     return n < 1 ? 1 : n > (float)LW_CELLS_PER_AXIS_MAX ? LW_CELLS_PER_AXIS_MAX : (uint32_t)n;
 }
 
-void lw_cells_init(struct lw_cells *cells, struct lw_vec3 minimum_ws, struct lw_vec3 maximum_ws, float cell_size_m) {
+void lw_cells_init(struct lw_cells *cells, struct lw_vec3 minimum_ws, struct lw_vec3 maximum_ws,
+                   float cell_size_m) {
     struct lw_vec3 extent = lw_vec3_sub(maximum_ws, minimum_ws);
     float longest = fmaxf(extent.x, fmaxf(extent.y, extent.z));
-    float margin = fmaxf(longest * 1e-4f, 1e-6f); /* surfaces on the box's faces lie inside; flat scenes have volume */
+    float margin =
+        fmaxf(longest * 1e-4f, 1e-6f); /* surfaces on the box's faces lie inside; flat scenes have volume */
     cells->minimum_ws = lw_vec3_sub(minimum_ws, lw_vec3(margin, margin, margin));
     cells->maximum_ws = lw_vec3_add(maximum_ws, lw_vec3(margin, margin, margin));
     extent = lw_vec3_sub(cells->maximum_ws, cells->minimum_ws);
@@ -21,7 +23,9 @@ void lw_cells_init(struct lw_cells *cells, struct lw_vec3 minimum_ws, struct lw_
                             extent.z / (float)cells->count[2]);
 }
 
-uint32_t lw_cells_total(const struct lw_cells *cells) { return cells->count[0] * cells->count[1] * cells->count[2]; }
+uint32_t lw_cells_total(const struct lw_cells *cells) {
+    return cells->count[0] * cells->count[1] * cells->count[2];
+}
 
 static uint32_t slot(float position, float minimum, float size, uint32_t count) {
     float s = (position - minimum) / size;
@@ -38,8 +42,8 @@ uint32_t lw_cells_at(const struct lw_cells *cells, struct lw_vec3 p) {
 struct lw_vec3 lw_cells_centre(const struct lw_cells *cells, uint32_t cell) {
     uint32_t x = cell % cells->count[0], y = cell / cells->count[0] % cells->count[1],
              z = cell / (cells->count[0] * cells->count[1]);
-    return lw_vec3_add(cells->minimum_ws,
-                       lw_vec3_mul(cells->size_m, lw_vec3((float)x + 0.5f, (float)y + 0.5f, (float)z + 0.5f)));
+    return lw_vec3_add(cells->minimum_ws, lw_vec3_mul(cells->size_m, lw_vec3((float)x + 0.5f, (float)y + 0.5f,
+                                                                             (float)z + 0.5f)));
 }
 
 static float exit_distance(float position, float direction, float minimum, float maximum) {

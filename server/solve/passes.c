@@ -19,11 +19,13 @@ struct packet {
     struct lw_vec3 normal[LANES];
 };
 
-static struct lw_vec3 load(float *const src[3], uint32_t i) { return lw_vec3(src[0][i], src[1][i], src[2][i]); }
+static struct lw_vec3 load(float *const src[3], uint32_t i) {
+    return lw_vec3(src[0][i], src[1][i], src[2][i]);
+}
 
 /* Texels of set `set` in the block of 16 x 16 at (block_x, block_y): every fourth in both directions. */
-static bool load_packet(const struct lw_passes *p, const struct lw_solve_tile *tile, uint32_t block_x, uint32_t block_y,
-                        uint32_t set, struct packet *packet) {
+static bool load_packet(const struct lw_passes *p, const struct lw_solve_tile *tile, uint32_t block_x,
+                        uint32_t block_y, uint32_t set, struct packet *packet) {
     const struct lw_affine *to_world = &p->pose->object_to_world[tile->object];
     packet->active = 0;
     packet->set = set;
@@ -32,7 +34,8 @@ static bool load_packet(const struct lw_passes *p, const struct lw_solve_tile *t
     float agreement = 1;
     struct lw_vec3 first_normal = {0};
     for (uint32_t lane = 0; lane < LANES; lane++) {
-        uint32_t x = block_x * LW_TILE_BLOCK + lane % 4 * 4 + set % 4, y = block_y * LW_TILE_BLOCK + lane / 4 * 4 + set / 4;
+        uint32_t x = block_x * LW_TILE_BLOCK + lane % 4 * 4 + set % 4,
+                 y = block_y * LW_TILE_BLOCK + lane / 4 * 4 + set / 4;
         uint32_t i = y * tile->width + x;
         packet->lane_texel[lane] = 0;
         if (x >= tile->width || y >= tile->height || !p->tiles->covered[tile->first + i]) continue;
@@ -40,7 +43,8 @@ static bool load_packet(const struct lw_passes *p, const struct lw_solve_tile *t
         packet->lane_texel[lane] = i;
         packet->normal[lane] = lw_affine_normal(to_world, load(tile->mesh->normal, local));
         struct lw_vec3 geometric = lw_affine_normal(to_world, load(tile->mesh->geometric, local));
-        packet->origin[lane] = lw_sampling_lift(lw_affine_point(to_world, load(tile->mesh->position, local)), geometric);
+        packet->origin[lane] =
+            lw_sampling_lift(lw_affine_point(to_world, load(tile->mesh->position, local)), geometric);
         if (!packet->active) first_normal = packet->normal[lane];
         agreement = fminf(agreement, lw_vec3_dot(first_normal, packet->normal[lane]));
         packet->active |= (uint16_t)(1u << lane);
@@ -49,7 +53,8 @@ static bool load_packet(const struct lw_passes *p, const struct lw_solve_tile *t
     return packet->active != 0;
 }
 
-static void set_ray(struct lw_ray16 *rays, uint32_t lane, struct lw_vec3 origin, struct lw_vec3 direction, float t_far) {
+static void set_ray(struct lw_ray16 *rays, uint32_t lane, struct lw_vec3 origin, struct lw_vec3 direction,
+                    float t_far) {
     rays->org_x[lane] = origin.x;
     rays->org_y[lane] = origin.y;
     rays->org_z[lane] = origin.z;
@@ -89,12 +94,13 @@ static void trace_batch(const struct lw_passes *p, const struct shadow_batch *ba
         if (lit >> lane & 1) sum[lane] = lw_vec3_add(sum[lane], batch->arriving[lane]);
 }
 
-static void light_by_punctual(const struct lw_passes *p, const struct lw_solve_tile *tile, const struct packet *packet,
-                              struct lw_vec3 sum[LANES], struct lw_passes_count *count) {
+static void light_by_punctual(const struct lw_passes *p, const struct lw_solve_tile *tile,
+                              const struct packet *packet, struct lw_vec3 sum[LANES],
+                              struct lw_passes_count *count) {
     for (uint32_t l = 0; l < p->scene->light_count; l++) {
         float point[2];
-        lw_sampling_point(lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_PUNCTUAL + l), tile->frames,
-                          packet->set, point);
+        lw_sampling_point(lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_PUNCTUAL + l),
+                          tile->frames, packet->set, point);
         struct shadow_batch batch = {.active = 0};
         for (uint32_t lane = 0; lane < LANES; lane++) {
             if (!(packet->active >> lane & 1)) continue;
@@ -106,8 +112,9 @@ static void light_by_punctual(const struct lw_passes *p, const struct lw_solve_t
     }
 }
 
-static void light_by_emitters(const struct lw_passes *p, const struct lw_solve_tile *tile, const struct packet *packet,
-                              const float *cdf, struct lw_vec3 sum[LANES], struct lw_passes_count *count) {
+static void light_by_emitters(const struct lw_passes *p, const struct lw_solve_tile *tile,
+                              const struct packet *packet, const float *cdf, struct lw_vec3 sum[LANES],
+                              struct lw_passes_count *count) {
     uint32_t seed = lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_EMITTER);
     uint32_t pick_seed = lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_EMITTER_PICK);
     for (uint32_t s = 0; s < p->direct_samples; s++) {
@@ -125,8 +132,9 @@ static void light_by_emitters(const struct lw_passes *p, const struct lw_solve_t
     }
 }
 
-static void light_by_sky(const struct lw_passes *p, const struct lw_solve_tile *tile, const struct packet *packet,
-                         struct lw_vec3 sum[LANES], struct lw_passes_count *count) {
+static void light_by_sky(const struct lw_passes *p, const struct lw_solve_tile *tile,
+                         const struct packet *packet, struct lw_vec3 sum[LANES],
+                         struct lw_passes_count *count) {
     const struct lw_vec3 sky = lw_vec3(p->scene->sky[0], p->scene->sky[1], p->scene->sky[2]);
     if (!(sky.x + sky.y + sky.z > 0)) return;
     uint32_t seed = lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_SKY);
@@ -137,7 +145,8 @@ static void light_by_sky(const struct lw_passes *p, const struct lw_solve_tile *
         struct shadow_batch batch = {.active = packet->active};
         for (uint32_t lane = 0; lane < LANES; lane++) {
             if (!(packet->active >> lane & 1)) continue;
-            set_ray(&batch.rays, lane, packet->origin[lane], lw_sampling_to_frame(packet->normal[lane], local), INFINITY);
+            set_ray(&batch.rays, lane, packet->origin[lane],
+                    lw_sampling_to_frame(packet->normal[lane], local), INFINITY);
             batch.arriving[lane] = lw_vec3_scale(sky, LW_PI / (float)p->direct_samples);
         }
         trace_batch(p, &batch, packet->coherent, sum, count);
@@ -150,7 +159,8 @@ static void blend(float *const dst[3], uint32_t texel, struct lw_vec3 value, flo
     dst[2][texel] += (value.z - dst[2][texel]) * weight;
 }
 
-void lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile, float *cdf, struct lw_passes_count *count) {
+void lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile, float *cdf,
+                      struct lw_passes_count *count) {
     const float *tile_cdf = p->lights->power_cdf;
     bool emitters = p->lights->emitter_count > 0;
     if (emitters && p->lights->emitter_count <= LW_LIGHTS_LOCAL_MAX) {
@@ -177,8 +187,8 @@ void lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile, flo
 }
 
 /* Where lane's ray ended. */
-static uint32_t end_of(const struct lw_passes *p, const struct lw_solve_tile *tile, const struct lw_ray16 *rays,
-                       const struct lw_hit16 *hits, uint32_t lane) {
+static uint32_t end_of(const struct lw_passes *p, const struct lw_solve_tile *tile,
+                       const struct lw_ray16 *rays, const struct lw_hit16 *hits, uint32_t lane) {
     if (hits->object[lane] != LW_TRACE_MISS)
         return lw_texels_at(p->texels, hits->object[lane], hits->triangle[lane], hits->u[lane], hits->v[lane],
                             hits->back[lane]);
@@ -192,7 +202,8 @@ static uint32_t end_of(const struct lw_passes *p, const struct lw_solve_tile *ti
     return lw_end_pack_probe(tile->cell, lw_vec3_normalize(towards));
 }
 
-void lw_passes_trace_ends(const struct lw_passes *p, const struct lw_solve_tile *tile, struct lw_passes_count *count) {
+void lw_passes_trace_ends(const struct lw_passes *p, const struct lw_solve_tile *tile,
+                          struct lw_passes_count *count) {
     for (uint32_t by = 0; by * LW_TILE_BLOCK < tile->height; by++)
         for (uint32_t bx = 0; bx * LW_TILE_BLOCK < tile->width; bx++)
             for (uint32_t set = 0; set < SETS; set++) {
@@ -207,14 +218,16 @@ void lw_passes_trace_ends(const struct lw_passes *p, const struct lw_solve_tile 
                     struct lw_hit16 hits;
                     for (uint32_t lane = 0; lane < LANES; lane++)
                         if (packet.active >> lane & 1)
-                            set_ray(&rays, lane, packet.origin[lane], lw_sampling_to_frame(packet.normal[lane], local),
-                                    p->tracing_range_m);
-                        else set_ray(&rays, lane, lw_vec3(0, 0, 0), lw_vec3(0, 0, 1), 0);
-                    lw_trace_closest16(p->trace, packet.coherent ? LW_TRACE_COHERENT : 0, packet.active, &rays, &hits);
+                            set_ray(&rays, lane, packet.origin[lane],
+                                    lw_sampling_to_frame(packet.normal[lane], local), p->tracing_range_m);
+                        else
+                            set_ray(&rays, lane, lw_vec3(0, 0, 0), lw_vec3(0, 0, 1), 0);
+                    lw_trace_closest16(p->trace, packet.coherent ? LW_TRACE_COHERENT : 0, packet.active,
+                                       &rays, &hits);
                     for (uint32_t lane = 0; lane < LANES; lane++)
                         if (packet.active >> lane & 1)
-                            p->end[(size_t)(tile->first + packet.lane_texel[lane]) * p->indirect_samples + s] =
-                                end_of(p, tile, &rays, &hits, lane);
+                            p->end[(size_t)(tile->first + packet.lane_texel[lane]) * p->indirect_samples +
+                                   s] = end_of(p, tile, &rays, &hits, lane);
                     count->bounce += (uint64_t)__builtin_popcount(packet.active);
                 }
             }
@@ -222,7 +235,8 @@ void lw_passes_trace_ends(const struct lw_passes *p, const struct lw_solve_tile 
 
 static struct lw_vec3 radiance_at(const struct lw_passes *p, uint32_t end, uint32_t bounce) {
     if (end == LW_END_NOTHING) return lw_vec3(0, 0, 0);
-    if (end & LW_END_PROBE) return lw_probes_radiance(p->probes, bounce - 1, lw_end_probe(end), lw_end_direction(end));
+    if (end & LW_END_PROBE)
+        return lw_probes_radiance(p->probes, bounce - 1, lw_end_probe(end), lw_end_direction(end));
     const float *l = p->tiles->radiance + (size_t)end * 4;
     return lw_vec3(l[0], l[1], l[2]);
 }

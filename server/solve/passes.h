@@ -26,7 +26,7 @@ struct lw_passes {
     const struct lw_cells *cells;
     const struct lw_probes *probes; /* NULL: the tracing range is infinite */
     struct lw_tiles *tiles;
-    uint32_t *end;         /* indirect_samples words per texel of the global numbering (transport.h) */
+    uint32_t *end; /* indirect_samples words per texel of the global numbering (transport.h) */
     uint32_t direct_samples, indirect_samples, seed;
     float tracing_range_m;
     uint32_t history_direct_max, history_indirect_max; /* frames; UINT32_MAX while nothing moves */

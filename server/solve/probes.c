@@ -11,7 +11,8 @@
 enum lw_status lw_probes_init(struct lw_probes *probes, const struct lw_cells *cells, uint32_t bounces) {
     *probes = (struct lw_probes){.cells = cells, .count = lw_cells_total(cells), .bounces = bounces};
     probes->end = calloc((size_t)probes->count * LW_PROBES_RAYS, sizeof *probes->end);
-    probes->coefficient = calloc((size_t)bounces * probes->count * COEFFICIENTS * 3 + 1, sizeof *probes->coefficient);
+    probes->coefficient =
+        calloc((size_t)bounces * probes->count * COEFFICIENTS * 3 + 1, sizeof *probes->coefficient);
     if (!probes->end || !probes->coefficient) {
         lw_probes_finish(probes);
         return LW_NO_MEMORY;
@@ -41,12 +42,13 @@ static void basis(struct lw_vec3 d, float y[COEFFICIENTS]) {
 /* Direction of ray r of a probe in the frame `sample`. */
 static struct lw_vec3 ray_direction(uint32_t seed, uint32_t probe, uint32_t sample, uint32_t ray) {
     float point[2];
-    lw_random_sobol2(sample * LW_PROBES_RAYS + ray, lw_sampling_seed(seed, probe, 0, LW_SAMPLING_PROBE), point);
+    lw_random_sobol2(sample * LW_PROBES_RAYS + ray, lw_sampling_seed(seed, probe, 0, LW_SAMPLING_PROBE),
+                     point);
     return lw_sampling_sphere(point);
 }
 
-uint64_t lw_probes_gather(struct lw_probes *probes, const struct lw_trace *trace, const struct lw_texels *texels,
-                          uint32_t seed, uint32_t sample, int threads) {
+uint64_t lw_probes_gather(struct lw_probes *probes, const struct lw_trace *trace,
+                          const struct lw_texels *texels, uint32_t seed, uint32_t sample, int threads) {
 #pragma omp parallel for schedule(dynamic, 4) num_threads(threads)
     for (uint32_t p = 0; p < probes->count; p++) {
         struct lw_vec3 centre = lw_cells_centre(probes->cells, p);
@@ -67,9 +69,9 @@ uint64_t lw_probes_gather(struct lw_probes *probes, const struct lw_trace *trace
             lw_trace_closest16(trace, LW_TRACE_LIGHT, UINT16_MAX, &rays, &hits);
             for (uint32_t i = 0; i < LW_TRACE_WIDTH; i++)
                 probes->end[p * LW_PROBES_RAYS + first + i] =
-                    hits.object[i] == LW_TRACE_MISS
-                        ? LW_END_NOTHING
-                        : lw_texels_at(texels, hits.object[i], hits.triangle[i], hits.u[i], hits.v[i], hits.back[i]);
+                    hits.object[i] == LW_TRACE_MISS ? LW_END_NOTHING
+                                                    : lw_texels_at(texels, hits.object[i], hits.triangle[i],
+                                                                   hits.u[i], hits.v[i], hits.back[i]);
         }
     }
     return (uint64_t)probes->count * LW_PROBES_RAYS;
@@ -79,8 +81,8 @@ static float *coefficients(const struct lw_probes *probes, uint32_t bounce, uint
     return probes->coefficient + ((size_t)bounce * probes->count + probe) * COEFFICIENTS * 3;
 }
 
-void lw_probes_project(struct lw_probes *probes, uint32_t bounce, const float *radiance, uint32_t seed, uint32_t sample,
-                       float weight, int threads) {
+void lw_probes_project(struct lw_probes *probes, uint32_t bounce, const float *radiance, uint32_t seed,
+                       uint32_t sample, float weight, int threads) {
 #pragma omp parallel for schedule(static) num_threads(threads)
     for (uint32_t p = 0; p < probes->count; p++) {
         float sum[COEFFICIENTS * 3] = {0}, y[COEFFICIENTS];

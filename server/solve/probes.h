@@ -17,22 +17,23 @@
 struct lw_probes {
     const struct lw_cells *cells;
     uint32_t count, bounces;
-    uint32_t *end;      /* count * LW_PROBES_RAYS: the texel that each ray of this frame hit, or LW_END_NOTHING */
+    uint32_t *end; /* count * LW_PROBES_RAYS: the texel that each ray of this frame hit, or LW_END_NOTHING */
     float *coefficient; /* [bounce][probe][9][3]: what bounce order `bounce` looks like from the probe */
 };
 
 /** Errors: LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_probes_init(struct lw_probes *probes, const struct lw_cells *cells, uint32_t bounces);
+LW_MUST_CHECK enum lw_status lw_probes_init(struct lw_probes *probes, const struct lw_cells *cells,
+                                            uint32_t bounces);
 void lw_probes_finish(struct lw_probes *probes);
 
 /** Traces this frame's rays of every probe. sample: frames gathered since the sequence began. Returns rays traced. */
-uint64_t lw_probes_gather(struct lw_probes *probes, const struct lw_trace *trace, const struct lw_texels *texels,
-                          uint32_t seed, uint32_t sample, int threads);
+uint64_t lw_probes_gather(struct lw_probes *probes, const struct lw_trace *trace,
+                          const struct lw_texels *texels, uint32_t seed, uint32_t sample, int threads);
 
 /** Turns the radiance of bounce order `bounce` at the rays' ends into coefficients, blended into the history by
  * `weight` (1: replace). radiance: 4 floats per texel of the global numbering, W/(m^2 sr). */
-void lw_probes_project(struct lw_probes *probes, uint32_t bounce, const float *radiance, uint32_t seed, uint32_t sample,
-                       float weight, int threads);
+void lw_probes_project(struct lw_probes *probes, uint32_t bounce, const float *radiance, uint32_t seed,
+                       uint32_t sample, float weight, int threads);
 
 /** Radiance of bounce order `bounce` that reaches a probe from a direction; never negative. W/(m^2 sr) */
 struct lw_vec3 lw_probes_radiance(const struct lw_probes *probes, uint32_t bounce, uint32_t probe,

@@ -10,7 +10,14 @@
 #include "common/vec.h"
 
 /* What a number is for; a dimension pair each. */
-enum lw_sampling_use { LW_SAMPLING_BOUNCE = 1, LW_SAMPLING_SKY, LW_SAMPLING_EMITTER, LW_SAMPLING_EMITTER_PICK, LW_SAMPLING_PROBE, LW_SAMPLING_PUNCTUAL = 64 };
+enum lw_sampling_use {
+    LW_SAMPLING_BOUNCE = 1,
+    LW_SAMPLING_SKY,
+    LW_SAMPLING_EMITTER,
+    LW_SAMPLING_EMITTER_PICK,
+    LW_SAMPLING_PROBE,
+    LW_SAMPLING_PUNCTUAL = 64
+};
 
 /** Seed of one block's sequence for one use. block: any number that tells blocks of an object apart. */
 static inline uint32_t lw_sampling_seed(uint32_t seed, uint32_t object, uint32_t block, uint32_t use) {

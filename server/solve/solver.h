@@ -11,15 +11,15 @@
 
 /** Zero means default, where zero makes no sense as a value. */
 struct lw_solver_desc {
-    const struct lw_scene *scene;     /* outlives the solver */
+    const struct lw_scene *scene;         /* outlives the solver */
     const struct lw_atlas_map *atlas_map; /* outlives the solver */
-    uint32_t bounces;                 /* indirect; 0 is direct light only */
-    float tracing_range_m;            /* > 0; INFINITY: no probes */
-    float cell_size_m;                /* 0: a quarter of the scene's longest side */
-    uint32_t direct_samples;          /* per texel and frame, on area lights and sky */
-    uint32_t indirect_samples;        /* per texel, bounce and frame */
-    float target_error;               /* relative standard error at which a tile rests */
-    unsigned threads;                 /* 0: all */
+    uint32_t bounces;                     /* indirect; 0 is direct light only */
+    float tracing_range_m;                /* > 0; INFINITY: no probes */
+    float cell_size_m;                    /* 0: a quarter of the scene's longest side */
+    uint32_t direct_samples;              /* per texel and frame, on area lights and sky */
+    uint32_t indirect_samples;            /* per texel, bounce and frame */
+    float target_error;                   /* relative standard error at which a tile rests */
+    unsigned threads;                     /* 0: all */
     uint32_t seed;
 };
 
@@ -37,9 +37,9 @@ struct lw_solver_tile {
     const float *indirect[3]; /* sum over bounces 1..N */
     const uint8_t *covered;   /* 1: a texel with surface; others hold 0 */
     uint32_t width, height;
-    uint32_t bounces;         /* indirect bounces that it holds */
-    float error;              /* relative standard error, estimated */
-    uint64_t solved_frame;    /* last frame that changed it; 0: never */
+    uint32_t bounces;      /* indirect bounces that it holds */
+    float error;           /* relative standard error, estimated */
+    uint64_t solved_frame; /* last frame that changed it; 0: never */
 };
 
 struct lw_solver {

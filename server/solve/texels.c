@@ -4,9 +4,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define TEXELS_MAX (1u << 30)
+#define TEXELS_MAX  (1u << 30)
 #define GRAZED_AREA 0.125f /* texels^2 */
-#define ALBEDO_SIDE 4 /* the albedo of a texel is the mean of 4 x 4 points of it */
+#define ALBEDO_SIDE 4      /* the albedo of a texel is the mean of 4 x 4 points of it */
 
 /* While a mesh is rasterised: which triangle a texel takes, and where on it. */
 struct claim {
@@ -17,12 +17,15 @@ struct claim {
     bool back;
 };
 
-static struct lw_vec2 minus(struct lw_vec2 a, struct lw_vec2 b) { return (struct lw_vec2){a.x - b.x, a.y - b.y}; }
+static struct lw_vec2 minus(struct lw_vec2 a, struct lw_vec2 b) {
+    return (struct lw_vec2){a.x - b.x, a.y - b.y};
+}
 static float cross2(struct lw_vec2 a, struct lw_vec2 b) { return a.x * b.y - a.y * b.x; }
 
 /* Barycentrics (of corners 1 and 2) of a point in the plane; false for a triangle without area. */
 static bool barycentrics(const struct lw_vec2 corner[3], struct lw_vec2 p, float *out_u, float *out_v) {
-    struct lw_vec2 e1 = minus(corner[1], corner[0]), e2 = minus(corner[2], corner[0]), d = minus(p, corner[0]);
+    struct lw_vec2 e1 = minus(corner[1], corner[0]), e2 = minus(corner[2], corner[0]),
+                   d = minus(p, corner[0]);
     float area = cross2(e1, e2);
     if (area == 0) return false;
     *out_u = cross2(d, e2) / area;
@@ -41,7 +44,8 @@ static void clamp_barycentrics(float *u, float *v) {
 }
 
 /* The part of a polygon with sign * (coordinate - limit) <= 0 (Sutherland and Hodgman 1974). */
-static int clip(const struct lw_vec2 *in, int count, bool along_y, float limit, float sign, struct lw_vec2 *out) {
+static int clip(const struct lw_vec2 *in, int count, bool along_y, float limit, float sign,
+                struct lw_vec2 *out) {
     int n = 0;
     for (int i = 0; i < count; i++) {
         struct lw_vec2 a = in[i], b = in[(i + 1) % count];
@@ -74,14 +78,17 @@ static float clip_to_texel(const struct lw_vec2 corner[3], float x, float y, str
     return 0.5f * doubled;
 }
 
-static void lightmap_corners(const struct lw_mesh *mesh, uint32_t triangle, bool back, struct lw_vec2 out_corner[3]) {
+static void lightmap_corners(const struct lw_mesh *mesh, uint32_t triangle, bool back,
+                             struct lw_vec2 out_corner[3]) {
     for (int i = 0; i < 3; i++) {
         out_corner[i] = mesh->lightmap_uv[mesh->triangle[triangle][i]];
         if (back) out_corner[i].y += (float)mesh->back_offset;
     }
 }
 
-static uint32_t floor_clamped(float x, uint32_t limit) { return x <= 0 ? 0 : x >= (float)limit ? limit : (uint32_t)x; }
+static uint32_t floor_clamped(float x, uint32_t limit) {
+    return x <= 0 ? 0 : x >= (float)limit ? limit : (uint32_t)x;
+}
 
 /* Lets a triangle claim the texels that it overlaps. Who holds a texel's centre gets it and is sampled there; where
  * nobody does, the largest part gets it and is sampled at the part's middle: never on the chart's very edge, which may
@@ -105,8 +112,10 @@ static void claim_texels(struct claim *claim, const struct lw_mesh_texels *texel
             c->area_sum += area;
             struct lw_vec2 centre = {(float)x + 0.5f, (float)y + 0.5f};
             if (!barycentrics(corner, centre, &u, &v)) continue;
-            if (u >= 0 && v >= 0 && u + v <= 1) area = 2;
-            else barycentrics(corner, sample, &u, &v);
+            if (u >= 0 && v >= 0 && u + v <= 1)
+                area = 2;
+            else
+                barycentrics(corner, sample, &u, &v);
             if (c->triangle != LW_TEXEL_NONE && c->area >= area) continue;
             clamp_barycentrics(&u, &v);
             c->triangle = triangle;
@@ -125,31 +134,35 @@ static void drop_grazed(struct claim *claim, const struct lw_mesh_texels *texels
             if (c->triangle == LW_TEXEL_NONE || c->area > 1 || c->area_sum >= GRAZED_AREA) continue;
             for (uint32_t j = y ? y - 1 : 0; j <= y + 1 && j < texels->height; j++)
                 for (uint32_t i = x ? x - 1 : 0; i <= x + 1 && i < texels->width; i++)
-                    if (claim[lw_texels_index(texels, i, j)].area_sum >= GRAZED_AREA) c->triangle = LW_TEXEL_NONE;
+                    if (claim[lw_texels_index(texels, i, j)].area_sum >= GRAZED_AREA)
+                        c->triangle = LW_TEXEL_NONE;
         }
 }
 
 /* Mean albedo of the part of a texel's square that lies on the claiming triangle (points beyond it are moved onto
  * it), weighted by how much surface is there: cut-out parts do not count. */
-static struct lw_vec3 mean_albedo(const struct lw_scene *scene, const struct lw_mesh *mesh, const struct claim *c,
-                                  uint32_t x, uint32_t y) {
+static struct lw_vec3 mean_albedo(const struct lw_scene *scene, const struct lw_mesh *mesh,
+                                  const struct claim *c, uint32_t x, uint32_t y) {
     struct lw_vec2 corner[3];
     lightmap_corners(mesh, c->triangle, c->back, corner);
     const struct lw_material *material = &scene->material[mesh->material[c->triangle]];
     struct lw_vec3 sum = {0}, plain = {0};
     float weights = 0;
-    const int side = material->base_colour_texture.texture == LW_SCENE_NONE && !mesh->colour ? 1 : ALBEDO_SIDE;
+    const int side =
+        material->base_colour_texture.texture == LW_SCENE_NONE && !mesh->colour ? 1 : ALBEDO_SIDE;
     for (int j = 0; j < side; j++)
         for (int i = 0; i < side; i++) {
-            struct lw_vec2 p = {(float)x + ((float)i + 0.5f) / (float)side, (float)y + ((float)j + 0.5f) / (float)side};
+            struct lw_vec2 p = {(float)x + ((float)i + 0.5f) / (float)side,
+                                (float)y + ((float)j + 0.5f) / (float)side};
             float u = c->u, v = c->v;
             barycentrics(corner, p, &u, &v);
             clamp_barycentrics(&u, &v);
             struct lw_surface surface;
             lw_scene_surface(scene, mesh, c->triangle, u, v, &surface);
             float weight = material->alpha_mode == LW_ALPHA_OPAQUE ? 1
-                           : material->alpha_mode == LW_ALPHA_MASK ? (float)(surface.alpha >= material->alpha_cutoff)
-                                                                   : surface.alpha;
+                           : material->alpha_mode == LW_ALPHA_MASK
+                               ? (float)(surface.alpha >= material->alpha_cutoff)
+                               : surface.alpha;
             plain = lw_vec3_add(plain, surface.albedo);
             sum = lw_vec3_mad(sum, surface.albedo, weight);
             weights += weight;
@@ -189,7 +202,8 @@ static uint16_t quarter_texels(float x) {
     return q <= 0 ? 0 : q >= 65535.0f ? 65535 : (uint16_t)q;
 }
 
-static void list_triangles(struct lw_mesh_texels *texels, const struct lw_scene *scene, const struct lw_mesh *mesh) {
+static void list_triangles(struct lw_mesh_texels *texels, const struct lw_scene *scene,
+                           const struct lw_mesh *mesh) {
     for (uint32_t t = 0; t < mesh->triangle_count; t++) {
         struct lw_triangle_uv *record = &texels->triangle[t];
         for (int i = 0; i < 3; i++) {
@@ -215,7 +229,8 @@ static bool allocate(struct lw_mesh_texels *texels, const struct lw_mesh *mesh) 
     return ok;
 }
 
-static bool build_mesh(struct lw_mesh_texels *texels, const struct lw_scene *scene, const struct lw_mesh *mesh) {
+static bool build_mesh(struct lw_mesh_texels *texels, const struct lw_scene *scene,
+                       const struct lw_mesh *mesh) {
     struct claim *claim = malloc((size_t)texels->texel_count * sizeof *claim);
     if (!claim || !allocate(texels, mesh)) {
         free(claim);
@@ -243,17 +258,18 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
     uint64_t count = 0;
     for (uint32_t o = 0; ok && o < scene->object_count; o++) {
         const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
-        texels->mesh[scene->object[o].mesh] = (struct lw_mesh_texels){
-            .width = mesh->atlas_width,
-            .height = mesh->atlas_height,
-            .tiles_x = (mesh->atlas_width + LW_TILE_SIDE - 1) / LW_TILE_SIDE,
-            .texel_count = mesh->atlas_width * mesh->atlas_height,
-            .back_offset = mesh->back_offset};
+        texels->mesh[scene->object[o].mesh] =
+            (struct lw_mesh_texels){.width = mesh->atlas_width,
+                                    .height = mesh->atlas_height,
+                                    .tiles_x = (mesh->atlas_width + LW_TILE_SIDE - 1) / LW_TILE_SIDE,
+                                    .texel_count = mesh->atlas_width * mesh->atlas_height,
+                                    .back_offset = mesh->back_offset};
         texels->first[o] = (uint32_t)count;
         count += (uint64_t)mesh->atlas_width * mesh->atlas_height;
         if (count > TEXELS_MAX) {
             lw_texels_finish(texels);
-            return lw_status_fail(err, LW_BAD_DATA, "the scene has over %u texels: lower --texels-per-metre", TEXELS_MAX);
+            return lw_status_fail(err, LW_BAD_DATA, "the scene has over %u texels: lower --texels-per-metre",
+                                  TEXELS_MAX);
         }
     }
     texels->count = (uint32_t)count;
@@ -261,7 +277,8 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
     int failures = 0;
 #pragma omp parallel for schedule(dynamic, 1) num_threads(threads ? (int)threads : omp_get_max_threads()) reduction(+ : failures)
     for (uint32_t m = 0; m < scene->mesh_count; m++)
-        if (ok && texels->mesh[m].texel_count && !build_mesh(&texels->mesh[m], scene, &scene->mesh[m])) failures++;
+        if (ok && texels->mesh[m].texel_count && !build_mesh(&texels->mesh[m], scene, &scene->mesh[m]))
+            failures++;
     texels->covered = malloc(count + 1);
     texels->source = malloc((count + 1) * sizeof *texels->source);
     if (!ok || failures || !texels->covered || !texels->source) {
@@ -277,7 +294,8 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
 }
 
 /* Texels that a rounded lookup may touch without being covered read from the nearest covered one within two texels. */
-static uint32_t nearest_covered(const struct lw_mesh_texels *mesh, const uint8_t *covered, uint32_t x, uint32_t y) {
+static uint32_t nearest_covered(const struct lw_mesh_texels *mesh, const uint8_t *covered, uint32_t x,
+                                uint32_t y) {
     uint32_t best = LW_TEXEL_NONE;
     int best_distance2 = 9;
     for (int dy = -2; dy <= 2; dy++)
@@ -300,7 +318,8 @@ void lw_texels_link(struct lw_texels *texels, int threads) {
         const uint8_t *covered = texels->covered + first;
         for (uint32_t y = 0; y < mesh->height; y++)
             for (uint32_t x = 0; x < mesh->width; x++) {
-                uint32_t i = lw_texels_index(mesh, x, y), source = covered[i] ? i : nearest_covered(mesh, covered, x, y);
+                uint32_t i = lw_texels_index(mesh, x, y),
+                         source = covered[i] ? i : nearest_covered(mesh, covered, x, y);
                 texels->source[first + i] = source == LW_TEXEL_NONE ? LW_TEXEL_NONE : first + source;
             }
     }

@@ -32,23 +32,25 @@ struct lw_mesh_texels {
 
 struct lw_texels {
     const struct lw_scene *scene;
-    struct lw_mesh_texels *mesh;      /* per mesh */
-    uint32_t *first;                  /* per object: its first texel in the global numbering */
-    uint32_t count;                   /* of the global numbering, all objects */
+    struct lw_mesh_texels *mesh; /* per mesh */
+    uint32_t *first;             /* per object: its first texel in the global numbering */
+    uint32_t count;              /* of the global numbering, all objects */
     uint8_t *covered; /* per texel of the global numbering: has surface, and light can reach it (burial.h) */
-    uint32_t *source; /* per texel: the covered one that stands for it: itself, the nearest within 2 texels, or NONE */
+    uint32_t *
+        source; /* per texel: the covered one that stands for it: itself, the nearest within 2 texels, or NONE */
 };
 
 /** Rasterises every mesh that an object uses. Errors: LW_NO_MEMORY; LW_BAD_DATA for more than 2^30 texels in all. */
-LW_MUST_CHECK enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *scene, unsigned threads,
-                                            struct lw_error *err);
+LW_MUST_CHECK enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *scene,
+                                            unsigned threads, struct lw_error *err);
 void lw_texels_finish(struct lw_texels *texels);
 
 /** Sets every texel's source from what is covered now. */
 void lw_texels_link(struct lw_texels *texels, int threads);
 
 /** First texel of a level-0 tile within its mesh. */
-static inline uint32_t lw_texels_tile_start(const struct lw_mesh_texels *mesh, uint32_t tile_x, uint32_t tile_y) {
+static inline uint32_t lw_texels_tile_start(const struct lw_mesh_texels *mesh, uint32_t tile_x,
+                                            uint32_t tile_y) {
     uint32_t rows = mesh->height - tile_y * LW_TILE_SIDE;
     if (rows > LW_TILE_SIDE) rows = LW_TILE_SIDE;
     return tile_y * LW_TILE_SIDE * mesh->width + tile_x * LW_TILE_SIDE * rows;
@@ -56,21 +58,23 @@ static inline uint32_t lw_texels_tile_start(const struct lw_mesh_texels *mesh, u
 
 /** Index within the mesh of texel (x, y), both inside the atlas. */
 static inline uint32_t lw_texels_index(const struct lw_mesh_texels *mesh, uint32_t x, uint32_t y) {
-    uint32_t tile_x = x / LW_TILE_SIDE, tile_y = y / LW_TILE_SIDE, columns = mesh->width - tile_x * LW_TILE_SIDE;
+    uint32_t tile_x = x / LW_TILE_SIDE, tile_y = y / LW_TILE_SIDE,
+             columns = mesh->width - tile_x * LW_TILE_SIDE;
     if (columns > LW_TILE_SIDE) columns = LW_TILE_SIDE;
     return lw_texels_tile_start(mesh, tile_x, tile_y) + (y % LW_TILE_SIDE) * columns + x % LW_TILE_SIDE;
 }
 
 /** The texel (global index) that a hit lies in, or NONE: nothing to read there, or the back of a single-sided
  * surface. u, v: barycentrics of the triangle's 2nd and 3rd vertex. */
-static inline uint32_t lw_texels_at(const struct lw_texels *texels, uint32_t object, uint32_t triangle, float u, float v,
-                                    bool back) {
+static inline uint32_t lw_texels_at(const struct lw_texels *texels, uint32_t object, uint32_t triangle,
+                                    float u, float v, bool back) {
     const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[object].mesh];
     const struct lw_triangle_uv *t = &mesh->triangle[triangle];
     if (back && !t->double_sided) return LW_TEXEL_NONE;
     float w = 1.0f - u - v;
     uint32_t x = (uint32_t)(0.25f * (w * t->u[0] + u * t->u[1] + v * t->u[2]));
-    uint32_t y = (uint32_t)(0.25f * (w * t->v[0] + u * t->v[1] + v * t->v[2])) + (back ? mesh->back_offset : 0);
+    uint32_t y =
+        (uint32_t)(0.25f * (w * t->v[0] + u * t->v[1] + v * t->v[2])) + (back ? mesh->back_offset : 0);
     if (x >= mesh->width) x = mesh->width - 1;
     if (y >= mesh->height) y = mesh->height - 1;
     return texels->source[texels->first[object] + lw_texels_index(mesh, x, y)];

@@ -8,7 +8,8 @@ static bool allocate_sums(struct lw_tiles *tiles) {
     for (int c = 0; c < 3; c++) {
         ok &= (tiles->direct[c] = calloc(count, sizeof(float))) != NULL;
         ok &= (tiles->indirect[c] = calloc(count, sizeof(float))) != NULL;
-        for (uint32_t k = 0; k < tiles->bounces; k++) ok &= (tiles->order[k][c] = calloc(count, sizeof(float))) != NULL;
+        for (uint32_t k = 0; k < tiles->bounces; k++)
+            ok &= (tiles->order[k][c] = calloc(count, sizeof(float))) != NULL;
     }
     ok &= (tiles->radiance = calloc(count, 4 * sizeof(float))) != NULL;
     ok &= (tiles->estimate = calloc(count, sizeof(float))) != NULL;
@@ -37,8 +38,9 @@ static void bound_tile(struct lw_solve_tile *tile, const uint8_t *covered) {
     tile->radius_os = 0.5f * lw_vec3_length(lw_vec3_sub(hi, lo));
 }
 
-enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scene, const struct lw_atlas_map *map,
-                             const struct lw_texels *texels, uint32_t bounces) {
+enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scene,
+                             const struct lw_atlas_map *map, const struct lw_texels *texels,
+                             uint32_t bounces) {
     *tiles = (struct lw_tiles){.bounces = bounces, .texel_count = texels->count, .covered = texels->covered};
     for (uint32_t id = 0; id < map->tile_count; id++) tiles->count += map->place[id].level == 0;
     tiles->tile = calloc((size_t)tiles->count + 1, sizeof *tiles->tile);

@@ -4,39 +4,39 @@
 #ifndef LW_SOLVE_TILES_H
 #define LW_SOLVE_TILES_H
 
-#include "server/solve/solver.h"
 #include "server/solve/cells.h"
+#include "server/solve/solver.h"
 #include "server/solve/texels.h"
 
 struct lw_solve_tile {
     lw_tile_id id;
     uint32_t object, x, y, width, height; /* place in the object's level 0; tile column and row; texels */
     const struct lw_mesh_texels *mesh;
-    uint32_t local, first;     /* first texel within the mesh; within the global numbering */
+    uint32_t local, first; /* first texel within the mesh; within the global numbering */
     uint32_t cell;
-    struct lw_vec3 centre_ws;  /* of the sphere that holds all its texels, as the pose has it */
+    struct lw_vec3 centre_ws; /* of the sphere that holds all its texels, as the pose has it */
     float radius_m;
-    struct lw_vec3 centre_os;  /* the same in object space */
+    struct lw_vec3 centre_os; /* the same in object space */
     float radius_os;
     uint32_t covered_count;
-    uint32_t frames;           /* solved since the sequence began: where the random numbers go on */
-    uint32_t history;          /* frames that the sums stand for, capped while things move */
-    float error;               /* relative standard error of luminance */
+    uint32_t frames;  /* solved since the sequence began: where the random numbers go on */
+    uint32_t history; /* frames that the sums stand for, capped while things move */
+    float error;      /* relative standard error of luminance */
     bool resting;
     uint64_t solved_frame;
 };
 
 struct lw_tiles {
     uint32_t count, bounces, texel_count;
-    struct lw_solve_tile *tile;  /* in the order in which they are solved: by cell */
-    uint32_t *slot_of_id;        /* lw_tile_id -> index into tile, or UINT32_MAX for ids that are not level 0 */
-    float *direct[3];            /* E of bounce 0 per texel, W/m^2 */
-    float *indirect[3];          /* sum over bounces 1..N */
+    struct lw_solve_tile *tile; /* in the order in which they are solved: by cell */
+    uint32_t *slot_of_id; /* lw_tile_id -> index into tile, or UINT32_MAX for ids that are not level 0 */
+    float *direct[3];     /* E of bounce 0 per texel, W/m^2 */
+    float *indirect[3];   /* sum over bounces 1..N */
     float *order[LW_SOLVER_BOUNCES_MAX][3]; /* E of each bounce order 1..N alone (index 0: order 1) */
-    float *radiance;             /* 4 floats per texel: what it sends out of the order before, W/(m^2 sr) */
-    float *estimate;             /* luminance of this frame's own estimate of E */
-    float *mean, *spread;        /* of those estimates: running mean, sum of squared deviations */
-    const uint8_t *covered;      /* the texels' own */
+    float *radiance;        /* 4 floats per texel: what it sends out of the order before, W/(m^2 sr) */
+    float *estimate;        /* luminance of this frame's own estimate of E */
+    float *mean, *spread;   /* of those estimates: running mean, sum of squared deviations */
+    const uint8_t *covered; /* the texels' own */
 };
 
 /** Errors: LW_NO_MEMORY. */

@@ -25,7 +25,8 @@ static inline uint32_t lw_end_pack_probe(uint32_t probe, struct lw_vec3 d) {
         v = (1 - fabsf(u)) * copysignf(1, v);
         u = folded;
     }
-    uint32_t a = (uint32_t)((u * 0.5f + 0.5f) * 255.0f + 0.5f), b = (uint32_t)((v * 0.5f + 0.5f) * 255.0f + 0.5f);
+    uint32_t a = (uint32_t)((u * 0.5f + 0.5f) * 255.0f + 0.5f),
+             b = (uint32_t)((v * 0.5f + 0.5f) * 255.0f + 0.5f);
     uint32_t word = LW_END_PROBE | (probe & 0x7fffu) << 16 | (a & 255u) << 8 | (b & 255u);
     return word == LW_END_NOTHING ? word - 1 : word;
 }

@@ -6,14 +6,15 @@
 #include <math.h>
 #include <string.h>
 
-void room_quad(struct room *room, struct lw_vec3 corner, struct lw_vec3 edge_u, struct lw_vec3 edge_v, float albedo,
-               float emission) {
+void room_quad(struct room *room, struct lw_vec3 corner, struct lw_vec3 edge_u, struct lw_vec3 edge_v,
+               float albedo, float emission) {
     assert_true(room->quad_count < ROOM_QUADS_MAX);
     room->quad[room->quad_count++] = (struct room_quad){corner, edge_u, edge_v, albedo, emission, false};
 }
 
 void room_box(struct room *room, struct lw_vec3 s, float albedo, float emission) {
-    const struct lw_vec3 x = lw_vec3(s.x, 0, 0), y = lw_vec3(0, s.y, 0), z = lw_vec3(0, 0, s.z), o = lw_vec3(0, 0, 0);
+    const struct lw_vec3 x = lw_vec3(s.x, 0, 0), y = lw_vec3(0, s.y, 0), z = lw_vec3(0, 0, s.z),
+                         o = lw_vec3(0, 0, 0);
     room_quad(room, o, z, x, albedo, emission); /* floor, facing +Y */
     room_quad(room, y, x, z, albedo, emission); /* ceiling */
     room_quad(room, o, x, y, albedo, emission); /* z = 0, facing +Z */
@@ -23,7 +24,8 @@ void room_box(struct room *room, struct lw_vec3 s, float albedo, float emission)
 }
 
 static void add_quad(struct lw_scene *scene, uint32_t i, const struct room_quad *quad) {
-    struct lw_vec3 *position = lw_scene_alloc(scene, 4, sizeof *position), *normal = lw_scene_alloc(scene, 4, sizeof *normal);
+    struct lw_vec3 *position = lw_scene_alloc(scene, 4, sizeof *position),
+                   *normal = lw_scene_alloc(scene, 4, sizeof *normal);
     uint32_t(*triangle)[3] = lw_scene_alloc(scene, 2, sizeof *triangle);
     uint32_t *material = lw_scene_alloc(scene, 2, sizeof *material);
     assert_non_null(position);
@@ -37,14 +39,22 @@ static void add_quad(struct lw_scene *scene, uint32_t i, const struct room_quad 
     for (int v = 0; v < 4; v++) normal[v] = lw_vec3_normalize(lw_vec3_cross(quad->edge_u, quad->edge_v));
     memcpy(triangle, (const uint32_t[2][3]){{0, 1, 2}, {0, 2, 3}}, 2 * sizeof *triangle);
     material[0] = material[1] = i;
-    scene->mesh[i] = (struct lw_mesh){.name = "quad", .vertex_count = 4, .triangle_count = 2, .position = position,
-                                      .normal = normal, .triangle = triangle, .material = material};
+    scene->mesh[i] = (struct lw_mesh){.name = "quad",
+                                      .vertex_count = 4,
+                                      .triangle_count = 2,
+                                      .position = position,
+                                      .normal = normal,
+                                      .triangle = triangle,
+                                      .material = material};
     struct lw_material *m = &scene->material[i];
-    *m = (struct lw_material){.name = "grey", .alpha_cutoff = 0.5f, .double_sided = quad->double_sided,
-                              .base_colour = {quad->albedo, quad->albedo, quad->albedo, 1},
-                              .emission = {quad->emission, quad->emission, quad->emission},
-                              .base_colour_texture = {.texture = LW_SCENE_NONE, .transform = {1, 0, 0, 0, 1, 0}},
-                              .emission_texture = {.texture = LW_SCENE_NONE, .transform = {1, 0, 0, 0, 1, 0}}};
+    *m = (struct lw_material){
+        .name = "grey",
+        .alpha_cutoff = 0.5f,
+        .double_sided = quad->double_sided,
+        .base_colour = {quad->albedo, quad->albedo, quad->albedo, 1},
+        .emission = {quad->emission, quad->emission, quad->emission},
+        .base_colour_texture = {.texture = LW_SCENE_NONE, .transform = {1, 0, 0, 0, 1, 0}},
+        .emission_texture = {.texture = LW_SCENE_NONE, .transform = {1, 0, 0, 0, 1, 0}}};
     scene->object[i] = (struct lw_object){.name = "quad", .mesh = i, .node = i};
 }
 
@@ -61,7 +71,8 @@ static struct lw_scene *build_scene(const struct room *room) {
     scene->node = lw_scene_alloc(scene, scene->node_count, sizeof *scene->node);
     scene->light = lw_scene_alloc(scene, room->light_count + 1, sizeof *scene->light);
     for (uint32_t i = 0; i < scene->node_count; i++)
-        scene->node[i] = (struct lw_node){.name = "", .parent = LW_SCENE_NONE, .rotation = {0, 0, 0, 1}, .scale = {1, 1, 1}};
+        scene->node[i] = (struct lw_node){
+            .name = "", .parent = LW_SCENE_NONE, .rotation = {0, 0, 0, 1}, .scale = {1, 1, 1}};
     for (uint32_t i = 0; i < room->quad_count; i++) add_quad(scene, i, &room->quad[i]);
     for (uint32_t i = 0; i < room->light_count; i++) {
         struct lw_node *node = &scene->node[room->quad_count + i];
@@ -80,7 +91,9 @@ void room_solve_scene(struct room_solution *solution, struct lw_scene *scene, fl
                       struct lw_solver_desc desc, unsigned frames) {
     struct lw_error err = {0};
     *solution = (struct room_solution){.scene = scene};
-    lw_support_ok(lw_lightmap_build(scene, &(struct lw_lightmap_desc){.texels_per_metre = texels_per_metre}, NULL, &err), &err);
+    lw_support_ok(lw_lightmap_build(scene, &(struct lw_lightmap_desc){.texels_per_metre = texels_per_metre},
+                                    NULL, &err),
+                  &err);
     lw_support_ok(lw_atlas_map_init(&solution->map, scene), NULL);
     lw_support_ok(lw_pose_init(&solution->pose, scene), NULL);
     desc.scene = scene;
@@ -90,12 +103,15 @@ void room_solve_scene(struct room_solution *solution, struct lw_scene *scene, fl
     if (!desc.seed) desc.seed = 1;
     lw_support_ok(lw_cell_solver_create(&desc, &solution->pose, &solution->solver, &err), &err);
     for (unsigned f = 1; f <= frames; f++) {
-        lw_support_ok(solution->solver->ops->frame(solution->solver, &solution->pose, f, &solution->stats, &err), &err);
-        solution->rays += solution->stats.rays_shadow + solution->stats.rays_bounce + solution->stats.rays_probe;
+        lw_support_ok(
+            solution->solver->ops->frame(solution->solver, &solution->pose, f, &solution->stats, &err), &err);
+        solution->rays +=
+            solution->stats.rays_shadow + solution->stats.rays_bounce + solution->stats.rays_probe;
     }
 }
 
-void room_solve(struct room_solution *solution, const struct room *room, struct lw_solver_desc desc, unsigned frames) {
+void room_solve(struct room_solution *solution, const struct room *room, struct lw_solver_desc desc,
+                unsigned frames) {
     room_solve_scene(solution, build_scene(room), room->texels_per_metre, desc, frames);
 }
 
@@ -127,16 +143,18 @@ void room_each_texel(const struct room_solution *solution, uint32_t object, room
     const struct lw_atlas_level *level = &solution->map.atlas[object].level[0];
     for (uint32_t t = 0; t < level->tiles_x * level->tiles_y; t++) {
         struct lw_solver_tile tile;
-        solution->solver->ops->read_tile(solution->solver, (lw_tile_id){solution->map.first_tile[object] + t}, &tile);
+        solution->solver->ops->read_tile(solution->solver, (lw_tile_id){solution->map.first_tile[object] + t},
+                                         &tile);
         uint32_t start = lw_texels_tile_start(mesh, t % level->tiles_x, t / level->tiles_x);
         for (uint32_t i = 0; i < tile.width * tile.height; i++) {
             if (!tile.covered[i]) continue;
-            struct lw_vec3 p = lw_vec3(mesh->position[0][start + i], mesh->position[1][start + i], mesh->position[2][start + i]);
+            struct lw_vec3 p = lw_vec3(mesh->position[0][start + i], mesh->position[1][start + i],
+                                       mesh->position[2][start + i]);
             double area = covered_area(&solution->scene->mesh[solution->scene->object[object].mesh],
                                        t % level->tiles_x * LW_TILE_SIDE + i % tile.width,
                                        t / level->tiles_x * LW_TILE_SIDE + i / tile.width);
-            fn(user, lw_affine_point(&solution->pose.object_to_world[object], p), area, (double)tile.direct[0][i],
-               (double)tile.indirect[0][i]);
+            fn(user, lw_affine_point(&solution->pose.object_to_world[object], p), area,
+               (double)tile.direct[0][i], (double)tile.indirect[0][i]);
         }
     }
     lw_texels_finish(&texels);

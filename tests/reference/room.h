@@ -26,14 +26,15 @@ struct room {
         bool double_sided;
     } quad[ROOM_QUADS_MAX];
     struct lw_light light[ROOM_LIGHTS_MAX];
-    struct lw_vec3 light_position[ROOM_LIGHTS_MAX]; /* punctual lights shine along -Y where they have a direction */
+    struct lw_vec3
+        light_position[ROOM_LIGHTS_MAX]; /* punctual lights shine along -Y where they have a direction */
     uint32_t quad_count, light_count;
     float sky;
     float texels_per_metre;
 };
 
-void room_quad(struct room *room, struct lw_vec3 corner, struct lw_vec3 edge_u, struct lw_vec3 edge_v, float albedo,
-               float emission);
+void room_quad(struct room *room, struct lw_vec3 corner, struct lw_vec3 edge_u, struct lw_vec3 edge_v,
+               float albedo, float emission);
 /** The six inner faces of a box from (0,0,0) to size. */
 void room_box(struct room *room, struct lw_vec3 size, float albedo, float emission);
 
@@ -48,7 +49,8 @@ struct room_solution {
 };
 
 /** Builds and solves `frames` frames; scene, map and pose of the desc are filled in. */
-void room_solve(struct room_solution *solution, const struct room *room, struct lw_solver_desc desc, unsigned frames);
+void room_solve(struct room_solution *solution, const struct room *room, struct lw_solver_desc desc,
+                unsigned frames);
 /** The same for a ready scene, which it takes. */
 void room_solve_scene(struct room_solution *solution, struct lw_scene *scene, float texels_per_metre,
                       struct lw_solver_desc desc, unsigned frames);
@@ -62,7 +64,8 @@ struct room_mean {
 struct room_mean room_object_mean(const struct room_solution *solution, uint32_t object);
 
 /** Calls back for every covered texel of an object. position: world space; area: how much of the texel is surface. */
-typedef void room_texel_fn(void *user, struct lw_vec3 position_ws, double area, double direct, double indirect);
+typedef void room_texel_fn(void *user, struct lw_vec3 position_ws, double area, double direct,
+                           double indirect);
 void room_each_texel(const struct room_solution *solution, uint32_t object, room_texel_fn *fn, void *user);
 
 #endif

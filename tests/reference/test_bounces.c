@@ -13,14 +13,15 @@ static void expect_furnace(float rho, uint32_t bounces, float range_m, double to
     room_box(&room, lw_vec3(2, 2, 2), rho, 1.5f);
     struct room_solution solution;
     room_solve(&solution, &room,
-               (struct lw_solver_desc){.bounces = bounces, .tracing_range_m = range_m, .direct_samples = 4}, 64);
+               (struct lw_solver_desc){.bounces = bounces, .tracing_range_m = range_m, .direct_samples = 4},
+               64);
     double want = 0, pi_le = 1.5 * acos(-1.0);
     for (uint32_t k = 0; k <= bounces; k++) want += pi_le * pow((double)rho, k);
     double mean = 0;
     for (uint32_t o = 0; o < 6; o++) mean += room_object_mean(&solution, o).total / 6;
     if (fabs(mean - want) > tolerance * want)
-        fail_msg("furnace rho %.2f, %u bounces, range %g: E %.5f, expected %.5f", (double)rho, bounces, (double)range_m,
-                 mean, want);
+        fail_msg("furnace rho %.2f, %u bounces, range %g: E %.5f, expected %.5f", (double)rho, bounces,
+                 (double)range_m, mean, want);
     room_finish(&solution);
 }
 

@@ -23,15 +23,17 @@ static void expect_texel(void *user, struct lw_vec3 p, double area, double direc
     struct expectation *e = user;
     double want = e->value(p);
     if (fabs(direct - want) > e->tolerance * want + e->floor)
-        fail_msg("E at (%g, %g, %g) is %.6g, expected %.6g", (double)p.x, (double)p.y, (double)p.z, direct, want);
+        fail_msg("E at (%g, %g, %g) is %.6g, expected %.6g", (double)p.x, (double)p.y, (double)p.z, direct,
+                 want);
     assert_true(indirect == 0);
     e->count++;
 }
 
-static void expect_floor(const struct room *room, unsigned samples, unsigned frames, double (*value)(struct lw_vec3),
-                         double tolerance) {
+static void expect_floor(const struct room *room, unsigned samples, unsigned frames,
+                         double (*value)(struct lw_vec3), double tolerance) {
     struct room_solution solution;
-    struct expectation expectation = {.value = value, .tolerance = tolerance, .floor = 1e-5 * value(lw_vec3(0, 0, 0))};
+    struct expectation expectation = {
+        .value = value, .tolerance = tolerance, .floor = 1e-5 * value(lw_vec3(0, 0, 0))};
     room_solve(&solution, room, (struct lw_solver_desc){.direct_samples = samples}, frames);
     room_each_texel(&solution, 0, expect_texel, &expectation);
     assert_true(expectation.count >= 32 * 32);
@@ -61,8 +63,8 @@ static double spot_value(struct lw_vec3 p) {
 static void test_spot(void **state) {
     (void)state;
     struct room room = floor_room();
-    room.light[room.light_count] =
-        (struct lw_light){.kind = LW_LIGHT_SPOT, .intensity = {10, 10, 10}, .inner_cone = 0.2f, .outer_cone = 0.5f};
+    room.light[room.light_count] = (struct lw_light){
+        .kind = LW_LIGHT_SPOT, .intensity = {10, 10, 10}, .inner_cone = 0.2f, .outer_cone = 0.5f};
     room.light_position[room.light_count++] = lw_vec3(0, 1.5f, 0);
     expect_floor(&room, 1, 1, spot_value, 2e-4);
 }
@@ -75,8 +77,8 @@ static double sun_value(struct lw_vec3 p) {
 static void test_sun(void **state) {
     (void)state;
     struct room room = floor_room();
-    room.light[room.light_count++] =
-        (struct lw_light){.kind = LW_LIGHT_DIRECTIONAL, .intensity = {1000, 1000, 1000}, .angular_diameter = 0.0093f};
+    room.light[room.light_count++] = (struct lw_light){
+        .kind = LW_LIGHT_DIRECTIONAL, .intensity = {1000, 1000, 1000}, .angular_diameter = 0.0093f};
     /* The mean cosine over the sun's disc is 1 - 5e-6. */
     expect_floor(&room, 1, 4, sun_value, 2e-5);
 }
