@@ -9,6 +9,10 @@
 #define FILL_ENOUGH 0.5f
 #define SIDE_LEAST  24.0f /* texels */
 
+/* A row of arches gains nothing from one cut, and much from several: a chart as hollow as this is cut in any case.
+ * Where that was of no use, merging puts the pieces together again. */
+#define FILL_POOR 0.4f
+
 /* The pieces together must cost less than this share of the whole. */
 #define GAIN 0.7f
 
@@ -80,21 +84,21 @@ static float cut(struct splitter *s, struct segment segment, const struct lw_lig
     return cost;
 }
 
-static bool is_worth_a_try(const struct splitter *s, struct segment segment,
-                           const struct lw_lightmap_box *box) {
-    if (segment.end - segment.start < 2 || box->size.x < SIDE_LEAST) return false;
+static float fill_of(const struct splitter *s, struct segment segment, const struct lw_lightmap_box *box) {
     float area = 0;
     for (uint32_t i = segment.start; i < segment.end; i++) area += s->topology->area[s->order[i]];
-    return area < FILL_ENOUGH * lw_lightmap_shape_cost(*box);
+    return area / (box->size.x * box->size.y);
 }
 
 static void treat(struct splitter *s, struct segment segment) {
     uint32_t count = segment.end - segment.start;
     struct lw_lightmap_box box = box_of(s, s->order + segment.start, count);
-    if (is_worth_a_try(s, segment, &box)) {
+    float fill = fill_of(s, segment, &box);
+    if (count > 1 && box.size.x > SIDE_LEAST && fill < FILL_ENOUGH) {
         float cost[2] = {cut(s, segment, &box, 0), cut(s, segment, &box, 1)};
         int axis = cost[1] < cost[0];
-        if (cost[axis] < GAIN * lw_lightmap_shape_cost(box)) {
+        if ((fill < FILL_POOR && s->piece_count[axis] > 1) ||
+            cost[axis] < GAIN * lw_lightmap_shape_cost(box)) {
             memcpy(s->order + segment.start, s->flood[axis], count * sizeof *s->order);
             for (uint32_t i = 0, from = segment.start; i < s->piece_count[axis]; i++) {
                 s->work[s->work_count++] = (struct segment){from, segment.start + s->piece_end[axis][i]};
