@@ -1,5 +1,7 @@
 #include "common/scene/package.h"
 
+#include "common/atomic_file.h"
+
 #include <errno.h>
 #include <fcntl.h>
 #include <stdarg.h>
@@ -14,14 +16,13 @@
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__,
                "packages are little-endian, and so are their readers");
 
-#define MAGIC         "LWSCENE\n"
-#define MAGIC_SIZE    8u
-#define HEADER_SIZE   32u
-#define ENTRY_SIZE    24u /* of the section table */
-#define ALIGNMENT     16u
-#define ABSENT        UINT32_MAX /* first element of an array that is not there */
-#define NO_LIMIT      UINT32_MAX
-#define TEMPORARY_MAX 100u /* names tried before save() gives up */
+#define MAGIC       "LWSCENE\n"
+#define MAGIC_SIZE  8u
+#define HEADER_SIZE 32u
+#define ENTRY_SIZE  24u /* of the section table */
+#define ALIGNMENT   16u
+#define ABSENT      UINT32_MAX /* first element of an array that is not there */
+#define NO_LIMIT    UINT32_MAX
 
 /* id - 1, name, bytes per element, most elements; the order is the file's */
 #define SECTION_MAP(X)                                                                                       \
@@ -560,53 +561,13 @@ enum lw_status lw_package_load(const char *path, struct lw_scene **out_scene, st
     return status;
 }
 
-static enum lw_status write_fully(int fd, const uint8_t *bytes, size_t size, const char *path,
-                                  struct lw_error *err) {
-    for (size_t done = 0; done < size;) {
-        ssize_t n = write(fd, bytes + done, size - done);
-        if (n < 0 && errno == EINTR) continue;
-        if (n < 0) return lw_status_fail(err, LW_IO, "%s: cannot write: %s", path, strerror(errno));
-        done += (size_t)n;
-    }
-    if (fsync(fd) != 0) return lw_status_fail(err, LW_IO, "%s: cannot write: %s", path, strerror(errno));
-    return LW_OK;
-}
-
-/* A new file beside `path`, so that the rename stays within one file system. *out_name is malloc'ed. */
-static enum lw_status create_temporary(const char *path, char **out_name, int *out_fd, struct lw_error *err) {
-    int cause = EEXIST;
-    for (unsigned attempt = 0; attempt < TEMPORARY_MAX && cause == EEXIST; attempt++) {
-        char *name;
-        if (asprintf(&name, "%s.%ld-%u.tmp", path, (long)getpid(), attempt) < 0)
-            return lw_status_fail(err, LW_NO_MEMORY, "%s: no memory for its temporary name", path);
-        int fd = open(name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-        if (fd >= 0) {
-            *out_name = name;
-            *out_fd = fd;
-            return LW_OK;
-        }
-        cause = errno;
-        free(name);
-    }
-    return lw_status_fail(err, LW_CANNOT_CREATE, "%s: cannot create a file there: %s", path, strerror(cause));
-}
-
-static enum lw_status replace_file(const char *path, const uint8_t *bytes, size_t size,
-                                   struct lw_error *err) {
-    struct stat st;
-    if (stat(path, &st) == 0 &&
-        !S_ISREG(st.st_mode)) /* a rename would replace a device or fail on a folder */
-        return lw_status_fail(err, LW_CANNOT_CREATE, "%s: exists and is not a regular file", path);
-    char *temporary = NULL;
-    int fd = -1;
-    enum lw_status status = create_temporary(path, &temporary, &fd, err);
+static enum lw_status write_file(const char *path, const uint8_t *bytes, size_t size, struct lw_error *err) {
+    struct lw_atomic_file file;
+    enum lw_status status = lw_atomic_file_open(&file, path, err);
     if (status) return status;
-    status = write_fully(fd, bytes, size, path, err);
-    if (close(fd) != 0 && !status) status = lw_status_fail(err, LW_IO, "%s: %s", path, strerror(errno));
-    if (!status && rename(temporary, path) != 0)
-        status = lw_status_fail(err, LW_CANNOT_CREATE, "%s: cannot replace it: %s", path, strerror(errno));
-    if (status) unlink(temporary);
-    free(temporary);
+    status = lw_atomic_file_write(&file, bytes, size, err);
+    if (!status) return lw_atomic_file_commit(&file, err);
+    lw_atomic_file_abandon(&file);
     return status;
 }
 
@@ -618,7 +579,7 @@ enum lw_status lw_package_save(const struct lw_scene *scene, const char *path, s
         lw_status_context(err, "%s", path);
         return status;
     }
-    status = replace_file(path, bytes, size, err);
+    status = write_file(path, bytes, size, err);
     free(bytes);
     return status;
 }

@@ -33,8 +33,8 @@
 struct lw_texture {
     const char *name;
     uint32_t width, height;
-    const uint8_t
-        *rgba; /* width*height*4, row 0 first (glTF: v = 0), sRGB colour, linear alpha, not premultiplied */
+    /* width*height*4, row 0 first (glTF: v = 0), sRGB colour, linear alpha, not premultiplied */
+    const uint8_t *rgba;
     uint8_t wrap_s, wrap_t; /* enum lw_wrap */
 };
 enum lw_wrap { LW_WRAP_REPEAT, LW_WRAP_CLAMP, LW_WRAP_MIRROR };

@@ -612,11 +612,13 @@ static void files_that_cannot_be_are_named(void **state) {
     status = lw_package_load(pipe_path, &read, &err); /* and does not wait for a writer */
     lw_support_fails(status, LW_NO_INPUT, &err, "not a regular file");
     err = (struct lw_error){0};
-    status = lw_package_save(scene, pipe_path, &err);
-    lw_support_fails(status, LW_CANNOT_CREATE, &err, "exists and is not a regular file");
+    lw_support_ok(lw_package_save(scene, "/dev/null", &err), &err); /* and it stays a device */
+    struct stat null;
+    assert_int_equal(stat("/dev/null", &null), 0);
+    assert_true(S_ISCHR(null.st_mode));
     err = (struct lw_error){0};
     status = lw_package_save(scene, "/nonexistent/b.lwscene", &err);
-    lw_support_fails(status, LW_CANNOT_CREATE, &err, "/nonexistent/b.lwscene: ");
+    lw_support_fails(status, LW_CANNOT_CREATE, &err, "/nonexistent/b.lwscene");
     const char *text_path = lw_support_temporary("text.lwscene");
     FILE *text = fopen(text_path, "w");
     assert_non_null(text);
@@ -646,7 +648,7 @@ static void a_failed_save_leaves_the_old_file_and_nothing_else(void **state) {
     assert_int_equal(setrlimit(RLIMIT_FSIZE, &small), 0);
     enum lw_status status = lw_package_save(scene, path, &err);
     assert_int_equal(setrlimit(RLIMIT_FSIZE, &kept), 0);
-    lw_support_fails(status, LW_IO, &err, "scene.lwscene: cannot write");
+    lw_support_fails(status, LW_IO, &err, "scene.lwscene");
     assert_int_equal(count_files(folder), 1);
     err = (struct lw_error){0};
     lw_support_ok(lw_package_load(path, &read, &err), &err);
