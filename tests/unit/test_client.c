@@ -34,8 +34,14 @@ struct world {
 static struct world make_world(void) {
     struct world w = {.scene = lw_support_everything()};
     struct lw_error err = {0};
+    for (uint32_t i = 0; i < w.scene->mesh_count;
+         i++) /* several tiles across and down, the last ones cut off */
+        if (w.scene->mesh[i].atlas_width) {
+            w.scene->mesh[i].atlas_width = 200;
+            w.scene->mesh[i].atlas_height = 140;
+        }
     lw_support_ok(lw_atlas_map_init(&w.map, w.scene), NULL);
-    assert_true(w.map.tile_count > 0);
+    assert_true(w.map.tile_count > 12);
     lw_support_ok(lw_package_write(w.scene, &w.package, &w.package_size, &err), &err);
     w.compressed = malloc(ZSTD_compressBound(w.package_size));
     w.compressed_size =
@@ -389,6 +395,27 @@ static void test_unknown_types_are_skipped(void **state) {
     finish_world(&w);
 }
 
+static void test_what_comes_with_the_welcome(void **state) {
+    (void)state;
+    struct world w = make_world();
+    struct script s = {0};
+    struct lw_message welcome = welcome_of(&w);
+    say(&s, &welcome);
+    say_package(&s, &w);
+    begin(&s);
+    struct lw_client *client;
+    struct lw_error err = {0};
+    lw_support_ok(
+        lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1", .port = s.port}, &client, &err), &err);
+    usleep(100000); /* now all of it is read already, or waits in the socket */
+    uint64_t start_ns = lw_clock_ns();
+    while (!lw_client_scene(client)) lw_support_ok(lw_client_poll(client, 4000, &err), &err);
+    assert_true(lw_clock_ns() - start_ns < 2000000000u);
+    lw_client_destroy(client);
+    end(&s);
+    finish_world(&w);
+}
+
 static void test_damaged_package(void **state) {
     (void)state;
     struct world w = make_world();
@@ -617,6 +644,7 @@ int main(void) {
         cmocka_unit_test(test_not_a_lightwelld),
         cmocka_unit_test(test_refused),
         cmocka_unit_test(test_unknown_types_are_skipped),
+        cmocka_unit_test(test_what_comes_with_the_welcome),
         cmocka_unit_test(test_damaged_package),
         cmocka_unit_test(test_messages_out_of_place),
         cmocka_unit_test(test_stale_tiles),
