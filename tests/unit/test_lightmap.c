@@ -1,0 +1,483 @@
+#include "tests/support/support.h"
+
+#include "common/scene/builtin.h"
+#include "common/scene/lightmap.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+/* One mesh under construction, and the scene of its instances. */
+struct shape {
+    struct lw_vec3 position[8192], normal[8192];
+    struct lw_vec2 uv1[8192];
+    uint32_t triangle[8192][3], vertex_count, triangle_count;
+    bool has_uv1, double_sided;
+};
+
+static uint32_t vertex(struct shape *s, struct lw_vec3 p, struct lw_vec3 n) {
+    assert_true(s->vertex_count < 8192);
+    s->position[s->vertex_count] = p;
+    s->normal[s->vertex_count] = n;
+    return s->vertex_count++;
+}
+
+static void triangle(struct shape *s, uint32_t a, uint32_t b, uint32_t c) {
+    assert_true(s->triangle_count < 8192);
+    memcpy(s->triangle[s->triangle_count++], (uint32_t[3]){a, b, c}, 12);
+}
+
+/* A parallelogram from p along u and v, facing u x v. */
+static void quad(struct shape *s, struct lw_vec3 p, struct lw_vec3 u, struct lw_vec3 v) {
+    struct lw_vec3 n = lw_vec3_normalize(lw_vec3_cross(u, v));
+    uint32_t a = vertex(s, p, n), b = vertex(s, lw_vec3_add(p, u), n),
+             c = vertex(s, lw_vec3_add(lw_vec3_add(p, u), v), n), d = vertex(s, lw_vec3_add(p, v), n);
+    triangle(s, a, b, c);
+    triangle(s, a, c, d);
+}
+
+static void cube(struct shape *s, float side) {
+    struct lw_vec3 x = lw_vec3(side, 0, 0), y = lw_vec3(0, side, 0), z = lw_vec3(0, 0, side),
+                   o = lw_vec3(0, 0, 0);
+    quad(s, o, y, x), quad(s, o, x, z), quad(s, o, z, y);
+    quad(s, x, y, z), quad(s, y, z, x), quad(s, z, x, y);
+}
+
+typedef struct lw_vec3 surface(float u, float v);
+
+/* A smooth grid over a surface; normals by differences. */
+static void grid(struct shape *s, surface *at, unsigned columns, unsigned rows) {
+    uint32_t first = s->vertex_count;
+    const float step = 1e-3f;
+    for (unsigned j = 0; j <= rows; j++)
+        for (unsigned i = 0; i <= columns; i++) {
+            float u = (float)i / (float)columns, v = (float)j / (float)rows;
+            struct lw_vec3 du = lw_vec3_sub(at(u + step, v), at(u - step, v));
+            struct lw_vec3 dv = lw_vec3_sub(at(u, v + step), at(u, v - step));
+            vertex(s, at(u, v), lw_vec3_normalize(lw_vec3_cross(du, dv)));
+        }
+    for (unsigned j = 0; j < rows; j++)
+        for (unsigned i = 0; i < columns; i++) {
+            uint32_t a = first + j * (columns + 1) + i, b = a + 1, d = a + columns + 1, c = d + 1;
+            triangle(s, a, b, c);
+            triangle(s, a, c, d);
+        }
+}
+
+/* Radius 0.5 m, height 2 m. Whole turns are snapped, so that the seam's positions are the same bits. */
+static struct lw_vec3 round_at(float u, float radius) {
+    if (u == 1) u = 0;
+    return lw_vec3(radius * cosf(2 * LW_PI * u), radius * sinf(2 * LW_PI * u), 0);
+}
+static struct lw_vec3 cylinder(float u, float v) {
+    return lw_vec3_add(round_at(u, 0.5f), lw_vec3(0, 0, 2 * v));
+}
+static struct lw_vec3 sphere(float u, float v) {
+    float angle = LW_PI * (0.05f + 0.9f * v);
+    return lw_vec3_add(round_at(u, sinf(angle)), lw_vec3(0, 0, -cosf(angle)));
+}
+static struct lw_vec3 torus(float u, float v) {
+    float angle = v == 1 ? 0 : 2 * LW_PI * v;
+    return lw_vec3_add(round_at(u, 1 + 0.3f * cosf(angle)), lw_vec3(0, 0, 0.3f * sinf(angle)));
+}
+/* Three turns of a ramp: flat rings that would land on each other when laid flat. */
+static struct lw_vec3 ramp(float u, float v) {
+    float angle = 6 * LW_PI * u, radius = 1 + v;
+    return lw_vec3(radius * cosf(angle), radius * sinf(angle), u);
+}
+
+static struct lw_scene *scene_of(const struct shape *s, const float *scale, unsigned objects) {
+    struct lw_scene *scene;
+    lw_support_ok(lw_scene_create(&scene), NULL);
+    struct lw_mesh *mesh = scene->mesh = lw_scene_alloc(scene, 1, sizeof *mesh);
+    scene->material = lw_scene_alloc(scene, 1, sizeof *scene->material);
+    scene->node = lw_scene_alloc(scene, objects, sizeof *scene->node);
+    scene->object = lw_scene_alloc(scene, objects, sizeof *scene->object);
+    scene->mesh_count = scene->material_count = 1;
+    scene->node_count = scene->object_count = objects;
+    scene->material[0].double_sided = s->double_sided;
+    for (unsigned i = 0; i < objects; i++) {
+        scene->node[i].parent = LW_SCENE_NONE;
+        scene->node[i].rotation[3] = 1;
+        for (int k = 0; k < 3; k++) scene->node[i].scale[k] = scale ? scale[i] : 1;
+        scene->object[i].node = i;
+    }
+    void *position = lw_scene_alloc(scene, s->vertex_count, sizeof *s->position);
+    void *normal = lw_scene_alloc(scene, s->vertex_count, sizeof *s->normal);
+    void *uv = lw_scene_alloc(scene, s->vertex_count, sizeof *s->uv1);
+    void *triangles = lw_scene_alloc(scene, s->triangle_count, sizeof *s->triangle);
+    memcpy(position, s->position, s->vertex_count * sizeof *s->position);
+    memcpy(normal, s->normal, s->vertex_count * sizeof *s->normal);
+    memcpy(uv, s->uv1, s->vertex_count * sizeof *s->uv1);
+    memcpy(triangles, s->triangle, s->triangle_count * sizeof *s->triangle);
+    *mesh = (struct lw_mesh){.name = "shape",
+                             .vertex_count = s->vertex_count,
+                             .triangle_count = s->triangle_count,
+                             .position = position,
+                             .normal = normal,
+                             .triangle = triangles,
+                             .material = lw_scene_alloc(scene, s->triangle_count, sizeof(uint32_t))};
+    if (s->has_uv1) mesh->uv[1] = uv;
+    return scene;
+}
+
+static float area_uv(const struct lw_mesh *m, uint32_t t) {
+    struct lw_vec2 a = m->lightmap_uv[m->triangle[t][0]], b = m->lightmap_uv[m->triangle[t][1]],
+                   c = m->lightmap_uv[m->triangle[t][2]];
+    return ((b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)) / 2;
+}
+
+static float area_os(const struct lw_mesh *m, uint32_t t) {
+    struct lw_vec3 p = m->position[m->triangle[t][0]];
+    return lw_vec3_length(lw_vec3_cross(lw_vec3_sub(m->position[m->triangle[t][1]], p),
+                                        lw_vec3_sub(m->position[m->triangle[t][2]], p))) /
+           2;
+}
+
+/* Whether a triangle touches an open rectangle: by separating axes, independent of the code under test. */
+static bool touches(const struct lw_vec2 c[3], float x0, float y0, float x1, float y1) {
+    const float slack = 2e-3f;
+    x0 += slack, y0 += slack, x1 -= slack, y1 -= slack;
+    if (fminf(c[0].x, fminf(c[1].x, c[2].x)) >= x1 || fmaxf(c[0].x, fmaxf(c[1].x, c[2].x)) <= x0)
+        return false;
+    if (fminf(c[0].y, fminf(c[1].y, c[2].y)) >= y1 || fmaxf(c[0].y, fmaxf(c[1].y, c[2].y)) <= y0)
+        return false;
+    for (int e = 0; e < 3; e++) {
+        struct lw_vec2 p = c[e], q = c[(e + 1) % 3];
+        float nx = p.y - q.y, ny = q.x - p.x;
+        float most = nx * ((nx > 0 ? x1 : x0) - p.x) + ny * ((ny > 0 ? y1 : y0) - p.y);
+        if (most <= 0) return false;
+    }
+    return true;
+}
+
+static uint32_t root(uint32_t *parent, uint32_t i) {
+    while (parent[i] != i) i = parent[i];
+    return i;
+}
+
+/* Every block of 4x4 texels, with the gutter around what lies in it, belongs to one connected piece. Holds where no
+ * piece is a sliver and no chart was merged from several. */
+static void check_blocks(const struct lw_mesh *m) {
+    uint32_t *parent = malloc(m->vertex_count * sizeof *parent);
+    uint32_t width = m->atlas_width / 4, height = m->atlas_height / 4;
+    uint32_t *owner = malloc((size_t)width * height * sizeof *owner);
+    for (uint32_t v = 0; v < m->vertex_count; v++) parent[v] = v;
+    memset(owner, 0xff, (size_t)width * height * sizeof *owner);
+    for (uint32_t t = 0; t < m->triangle_count; t++)
+        for (int k = 1; k < 3; k++) parent[root(parent, m->triangle[t][k])] = root(parent, m->triangle[t][0]);
+    for (uint32_t v = 0; v < m->vertex_count; v++) /* vertices that differ in another attribute alone */
+        for (uint32_t w = 0; w < v; w++)
+            if (memcmp(&m->lightmap_uv[v], &m->lightmap_uv[w], sizeof *m->lightmap_uv) == 0)
+                parent[root(parent, v)] = root(parent, w);
+    for (uint32_t t = 0; t < m->triangle_count; t++) {
+        struct lw_vec2 c[3];
+        for (int k = 0; k < 3; k++) c[k] = m->lightmap_uv[m->triangle[t][k]];
+        for (uint32_t y = 0; y < height; y++)
+            for (uint32_t x = 0; x < width; x++) {
+                float g = (float)LW_LIGHTMAP_GUTTER, fx = 4 * (float)x, fy = 4 * (float)y;
+                if (!touches(c, fx - g, fy - g, fx + 4 + g, fy + 4 + g)) continue;
+                uint32_t *o = &owner[y * width + x], piece = root(parent, m->triangle[t][0]);
+                if (*o == UINT32_MAX) *o = piece;
+                assert_int_equal(*o, piece);
+            }
+    }
+    free(owner);
+    free(parent);
+}
+
+/* What holds for every layout of ours. */
+static void check_layout(const struct lw_mesh *m, const struct lw_lightmap_report *r, float ratio_max) {
+    assert_non_null(m->lightmap_uv);
+    assert_int_equal(m->atlas_width % 4, 0);
+    assert_int_equal(m->atlas_height % 4, 0);
+    assert_int_equal(m->back_offset % 4, 0);
+    uint32_t front = m->back_offset ? m->back_offset : m->atlas_height;
+    assert_int_equal(m->atlas_height, m->back_offset ? 2 * front : front);
+    float gutter = r->from_file ? 0 : (float)LW_LIGHTMAP_GUTTER;
+    for (uint32_t v = 0; v < m->vertex_count; v++) {
+        struct lw_vec2 uv = m->lightmap_uv[v];
+        assert_true(uv.x >= gutter && uv.x <= (float)m->atlas_width - gutter);
+        assert_true(uv.y >= gutter && uv.y <= (float)front - gutter);
+    }
+    for (uint32_t t = 0; t < m->triangle_count; t++) {
+        float os = area_os(m, t) * r->texels_per_metre * r->texels_per_metre, uv = area_uv(m, t);
+        if (os < 1e-3f) continue;
+        assert_true(uv > 0); /* never mirrored */
+        assert_true(uv < os * ratio_max && uv * ratio_max > os);
+    }
+    assert_int_equal(lw_lightmap_overlaps(m), 0);
+    assert_true(r->coverage > 0 && r->coverage <= 1);
+}
+
+static struct lw_lightmap_report build(struct lw_scene *scene, float density, uint32_t side_max) {
+    struct lw_lightmap_report r;
+    struct lw_error err = {0};
+    struct lw_lightmap_desc desc = {.texels_per_metre = density, .atlas_side_max = side_max, .threads = 1};
+    lw_support_ok(lw_lightmap_build(scene, &desc, &r, &err), &err);
+    return r;
+}
+
+/* Shared by all tests: one at a time is under construction. */
+static struct shape *fresh(void **state) {
+    struct shape *s = *state;
+    memset(s, 0, sizeof *s);
+    return s;
+}
+
+static void a_cube_is_six_squares(void **state) {
+    struct shape *s = fresh(state);
+    cube(s, 1);
+    struct lw_scene *scene = scene_of(s, NULL, 1);
+    struct lw_lightmap_report r = build(scene, 32, 0);
+    check_layout(scene->mesh, &r, 1.01f);
+    check_blocks(scene->mesh);
+    assert_int_equal(r.chart_count, 6);
+    assert_int_equal(r.texels_covered, 6 * 32 * 32);
+    assert_true(r.coverage > 0.6f);
+    assert_true(fabsf(r.stretch_rms - 1) < 1e-3f);
+    assert_int_equal(scene->mesh->vertex_count, 24);
+    lw_scene_destroy(scene);
+}
+
+static void a_column_is_one_chart(void **state) {
+    struct shape *s = fresh(state);
+    grid(s, cylinder, 48, 8);
+    struct lw_scene *scene = scene_of(s, NULL, 1);
+    struct lw_lightmap_report r = build(scene, 32, 0);
+    check_layout(scene->mesh, &r, 1.3f);
+    check_blocks(scene->mesh);
+    assert_int_equal(r.chart_count, 1);
+    assert_true(r.stretch_max < 1.1f);
+    assert_true(r.coverage > 0.85f);
+    assert_true(scene->mesh->vertex_count <=
+                50 * 9); /* split by one cut, and where the shape is split itself */
+    lw_scene_destroy(scene);
+}
+
+static void curved_shapes_stay_in_bounds(void **state) {
+    surface *const shapes[] = {sphere, torus, ramp};
+    for (int i = 0; i < 3; i++) {
+        struct shape *s = fresh(state);
+        grid(s, shapes[i], 48, shapes[i] == ramp ? 4 : 24);
+        struct lw_scene *scene = scene_of(s, NULL, 1);
+        struct lw_lightmap_report r = build(scene, 40, 0);
+        check_layout(scene->mesh, &r, 2.5f);
+        assert_true(r.stretch_max < 2.0f);
+        assert_true(r.coverage > 0.4f);
+        assert_true(r.chart_count > 1); /* none of them lies flat in one piece */
+        assert_true(r.chart_count < 60);
+        lw_scene_destroy(scene);
+    }
+}
+
+static void attributes_follow_their_vertices(void **state) {
+    struct shape *s = fresh(state);
+    cube(s, 2);
+    s->has_uv1 = true;
+    for (uint32_t v = 0; v < s->vertex_count; v++)
+        s->uv1[v] = (struct lw_vec2){5 + (float)v, 7}; /* not in [0, 1] */
+    struct lw_scene *scene = scene_of(s, NULL, 1);
+    struct lw_lightmap_report r = build(scene, 16, 0);
+    assert_false(r.from_file);
+    const struct lw_mesh *m = scene->mesh;
+    for (uint32_t t = 0; t < m->triangle_count; t++)
+        for (int k = 0; k < 3; k++) {
+            uint32_t now = m->triangle[t][k], was = s->triangle[t][k];
+            assert_memory_equal(&m->position[now], &s->position[was], 12);
+            assert_memory_equal(&m->normal[now], &s->normal[was], 12);
+            assert_memory_equal(&m->uv[1][now], &s->uv1[was], 8);
+        }
+    lw_scene_destroy(scene);
+}
+
+static void leaves_share_rectangles(void **state) {
+    struct shape *s = fresh(state);
+    for (int i = 0; i < 1000; i++) /* a tenth of a metre, apart from each other */
+        quad(s, lw_vec3((float)(i % 32), (float)(i / 32), 0), lw_vec3(0.1f, 0, 0), lw_vec3(0, 0.1f, 0));
+    struct lw_scene *scene = scene_of(s, NULL, 1);
+    struct lw_lightmap_report r = build(scene, 20, 0); /* two texels each */
+    check_layout(scene->mesh, &r, 1.01f);
+    assert_int_equal(r.texels_covered, 4000);
+    assert_true(r.coverage > 0.3f); /* a rectangle each: 4 of 64 */
+    lw_scene_destroy(scene);
+}
+
+static void backs_have_their_own_half(void **state) {
+    struct shape *s = fresh(state);
+    quad(s, lw_vec3(0, 0, 0), lw_vec3(1, 0, 0), lw_vec3(0, 1, 0));
+    s->double_sided = true;
+    struct lw_scene *scene = scene_of(s, NULL, 1);
+    struct lw_lightmap_report r = build(scene, 32, 0);
+    check_layout(scene->mesh, &r, 1.01f);
+    assert_int_equal(scene->mesh->back_offset, 36);
+    assert_int_equal(scene->mesh->atlas_height, 72);
+    assert_int_equal(r.texels_covered, 2 * 32 * 32);
+    lw_scene_destroy(scene);
+}
+
+static void the_largest_instance_decides(void **state) {
+    struct shape *s = fresh(state);
+    quad(s, lw_vec3(0, 0, 0), lw_vec3(1, 0, 0), lw_vec3(0, 1, 0));
+    struct lw_scene *scene = scene_of(s, (float[]){1, 3, 0.5f}, 3);
+    struct lw_lightmap_report r = build(scene, 16, 0);
+    assert_int_equal(r.texels_covered, 48 * 48);
+    assert_true(fabsf(r.texels_per_metre - 16) < 1e-3f);
+    lw_scene_destroy(scene);
+}
+
+static void use_uv1(struct shape *s, float shift) {
+    quad(s, lw_vec3(0, 0, 0), lw_vec3(1, 0, 0), lw_vec3(0, 1, 0));
+    quad(s, lw_vec3(3, 0, 0), lw_vec3(1, 0, 0), lw_vec3(0, 1, 0));
+    s->has_uv1 = true;
+    for (uint32_t v = 0; v < 8; v++)
+        s->uv1[v] = (struct lw_vec2){0.4f * s->position[v % 4].x + (v < 4 ? 0.05f : shift),
+                                     0.4f * s->position[v % 4].y + 0.3f};
+}
+
+static void good_uv1_is_used(void **state) {
+    struct shape *s = fresh(state);
+    use_uv1(s, 0.55f);
+    struct lw_scene *scene = scene_of(s, NULL, 1);
+    struct lw_lightmap_report r = build(scene, 32, 0);
+    assert_true(r.from_file);
+    check_layout(scene->mesh, &r, 1.1f);
+    assert_int_equal(scene->mesh->atlas_width, 80); /* 32 texels are 0.4 of it */
+    assert_int_equal(scene->mesh->vertex_count, 8);
+    lw_scene_destroy(scene);
+}
+
+static void bad_uv1_is_refused(void **state) {
+    const float shift[] = {0.3f, 0.605f, 0.455f}; /* overlap; outside; apart by less than a texel */
+    for (int i = 0; i < 3; i++) {
+        struct shape *s = fresh(state);
+        use_uv1(s, shift[i]);
+        struct lw_scene *scene = scene_of(s, NULL, 1);
+        struct lw_lightmap_report r = build(scene, 9, 0);
+        assert_false(r.from_file);
+        check_layout(scene->mesh, &r, 1.3f);
+        lw_scene_destroy(scene);
+    }
+}
+
+static void too_much_is_capped(void **state) {
+    struct shape *s = fresh(state);
+    cube(s, 1);
+    struct lw_scene *scene = scene_of(s, NULL, 1);
+    struct lw_lightmap_report r = build(scene, 1000, 256);
+    assert_true(r.capped);
+    assert_true(r.atlas_width <= 256 && r.atlas_height <= 256);
+    assert_true(r.texels_per_metre < 1000 && r.texels_per_metre > 60);
+    check_layout(scene->mesh, &r, 1.4f);
+    lw_scene_destroy(scene);
+}
+
+static void what_cannot_fit_is_named(void **state) {
+    struct shape *s = fresh(state);
+    for (int i = 0; i < 1000; i++) quad(s, lw_vec3((float)i * 3, 0, 0), lw_vec3(1, 0, 0), lw_vec3(0, 1, 0));
+    struct lw_scene *scene = scene_of(s, NULL, 1);
+    struct lw_error err = {0};
+    struct lw_lightmap_desc desc = {.texels_per_metre = 4, .atlas_side_max = 16, .threads = 1};
+    assert_int_equal(lw_lightmap_build(scene, &desc, NULL, &err), LW_BAD_DATA);
+    assert_non_null(strstr(err.text, "shape"));
+    assert_non_null(strstr(err.text, "1000 charts"));
+    assert_null(scene->mesh->lightmap_uv);
+    lw_scene_destroy(scene);
+}
+
+static void ugly_meshes_are_laid_out(void **state) {
+    struct shape *s = fresh(state);
+    cube(s, 1);
+    for (int i = 0; i < 4; i++) triangle(s, 0, 1, 2);                  /* duplicates: non-manifold */
+    triangle(s, 3, 3, 5);                                              /* no area */
+    quad(s, lw_vec3(9, 0, 0), lw_vec3(1, 0, 0), lw_vec3(1e-9f, 0, 0)); /* thinner than single precision */
+    struct lw_scene *scene = scene_of(s, NULL, 1);
+    struct lw_lightmap_report r = build(scene, 16, 0);
+    check_layout(scene->mesh, &r, 1.4f);
+    lw_scene_destroy(scene);
+
+    s = fresh(state); /* nothing but a point */
+    vertex(s, lw_vec3(1, 2, 3), lw_vec3(0, 1, 0));
+    triangle(s, 0, 0, 0);
+    scene = scene_of(s, NULL, 1);
+    r = build(scene, 0, 0);
+    assert_int_equal(r.atlas_width, 8);
+    assert_int_equal(lw_lightmap_overlaps(scene->mesh), 0);
+    lw_scene_destroy(scene);
+}
+
+static void any_size_of_scene_meets_the_target(void **state) {
+    const float scale[] = {1e-3f, 1, 1e5f};
+    for (int i = 0; i < 3; i++) {
+        struct shape *s = fresh(state);
+        cube(s, 1);
+        struct lw_scene *scene = scene_of(s, &scale[i], 1);
+        struct lw_lightmap_report r = build(scene, 0, 0);
+        assert_true(r.texels_covered > LW_LIGHTMAP_TEXEL_TARGET * 0.95f);
+        assert_true(r.texels_covered < LW_LIGHTMAP_TEXEL_TARGET * 1.05f);
+        lw_scene_destroy(scene);
+    }
+}
+
+static void threads_do_not_matter(void **state) {
+    (void)state;
+    struct lw_scene *scene[2];
+    for (unsigned i = 0; i < 2; i++) {
+        struct lw_error err = {0};
+        lw_support_ok(lw_builtin_build("builtin:cornell", &scene[i], &err), &err);
+        struct lw_lightmap_desc desc = {.threads = i ? 4 : 1};
+        lw_support_ok(lw_lightmap_build(scene[i], &desc, NULL, &err), &err);
+    }
+    for (uint32_t m = 0; m < scene[0]->mesh_count; m++) {
+        const struct lw_mesh *a = &scene[0]->mesh[m], *b = &scene[1]->mesh[m];
+        assert_int_equal(a->vertex_count, b->vertex_count);
+        assert_int_equal(a->atlas_width, b->atlas_width);
+        assert_memory_equal(a->lightmap_uv, b->lightmap_uv, a->vertex_count * sizeof *a->lightmap_uv);
+        assert_int_equal(lw_lightmap_overlaps(a), 0);
+    }
+    lw_scene_destroy(scene[0]);
+    lw_scene_destroy(scene[1]);
+}
+
+/* The measure that all other tests lean on must itself see an overlap. */
+static void overlaps_are_seen(void **state) {
+    struct shape *s = fresh(state);
+    quad(s, lw_vec3(0, 0, 0), lw_vec3(1, 0, 0), lw_vec3(0, 1, 0));
+    quad(s, lw_vec3(3, 0, 0), lw_vec3(1, 0, 0), lw_vec3(0, 1, 0));
+    struct lw_scene *scene = scene_of(s, NULL, 1);
+    struct lw_vec2 uv[8];
+    for (uint32_t v = 0; v < 8; v++)
+        uv[v] = (struct lw_vec2){4 * s->position[v % 4].x + (v < 4 ? 2 : 4.5f), 4 * s->position[v % 4].y + 2};
+    scene->mesh->lightmap_uv = uv;
+    scene->mesh->atlas_width = scene->mesh->atlas_height = 12;
+    assert_int_equal(lw_lightmap_overlaps(scene->mesh), 2 * 4); /* columns 4 and 5 */
+    for (uint32_t v = 4; v < 8; v++) uv[v].x += 1.5f;           /* side by side: no texel shared */
+    assert_int_equal(lw_lightmap_overlaps(scene->mesh), 0);
+    lw_scene_destroy(scene);
+}
+
+static int set_up(void **state) { return (*state = malloc(sizeof(struct shape))) ? 0 : -1; }
+static int tear_down(void **state) {
+    free(*state);
+    return 0;
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_cube_is_six_squares),
+        cmocka_unit_test(a_column_is_one_chart),
+        cmocka_unit_test(curved_shapes_stay_in_bounds),
+        cmocka_unit_test(attributes_follow_their_vertices),
+        cmocka_unit_test(leaves_share_rectangles),
+        cmocka_unit_test(backs_have_their_own_half),
+        cmocka_unit_test(the_largest_instance_decides),
+        cmocka_unit_test(good_uv1_is_used),
+        cmocka_unit_test(bad_uv1_is_refused),
+        cmocka_unit_test(too_much_is_capped),
+        cmocka_unit_test(what_cannot_fit_is_named),
+        cmocka_unit_test(ugly_meshes_are_laid_out),
+        cmocka_unit_test(any_size_of_scene_meets_the_target),
+        cmocka_unit_test(threads_do_not_matter),
+        cmocka_unit_test(overlaps_are_seen),
+    };
+    return cmocka_run_group_tests(tests, set_up, tear_down);
+}
