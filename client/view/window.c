@@ -76,7 +76,7 @@ static void drop_incoming(struct window *w) {
 }
 
 static void seek_again(struct window *w, const struct lw_error *err) {
-    lw_log(LW_LOG_WARNING, "%s: %s; looking for it again", w->address, err->text);
+    lw_log(LW_LOG_WARNING, "%s; looking for the server again", err->text);
     lw_seeker_start(w->seeker);
 }
 
