@@ -25,14 +25,15 @@ struct lw_client_desc {
 /** Connects and says hello; returns once the server has welcomed us.
  * Errors: LW_NO_HOST; LW_UNAVAILABLE naming the address ("is lightwelld running?"); LW_TIMED_OUT; LW_PROTOCOL for a
  * peer that is no lightwelld or of another version. */
-LW_MUST_CHECK enum lw_status lw_client_create(const struct lw_client_desc *desc, struct lw_client **out_client,
-                                              struct lw_error *err);
+LW_MUST_CHECK enum lw_status lw_client_create(const struct lw_client_desc *desc,
+                                              struct lw_client **out_client, struct lw_error *err);
 void lw_client_destroy(struct lw_client *client);
 
 /** Waits up to timeout_ms for something to arrive (0: just looks), then takes in all that is there (bounded per call).
  * Errors: LW_CLOSED when the server ended the session (text says why), LW_PROTOCOL, LW_NO_MEMORY; after an error only
  * lw_client_destroy() makes sense, but what was received stays readable. */
-LW_MUST_CHECK enum lw_status lw_client_poll(struct lw_client *client, unsigned timeout_ms, struct lw_error *err);
+LW_MUST_CHECK enum lw_status lw_client_poll(struct lw_client *client, unsigned timeout_ms,
+                                            struct lw_error *err);
 
 /** For use with an event loop of your own: poll() it for reading, then call lw_client_poll(client, 0, ...). */
 int lw_client_descriptor(const struct lw_client *client);
@@ -65,16 +66,18 @@ struct lw_client_tile lw_client_get_tile(const struct lw_client *client, lw_tile
 
 /** Counters and clocks. */
 struct lw_client_stats {
-    uint64_t frame;         /* newest frame heard of */
-    double time_s;          /* scene time of that frame */
+    uint64_t frame;                /* newest frame heard of */
+    double time_s;                 /* scene time of that frame */
     uint64_t frames, tiles, bytes; /* received */
-    uint64_t rays_total;    /* the server's, as of that frame */
-    uint64_t connected_ns, package_ns, first_ns; /* lw_clock_ns() at: connect called, package complete, every object's
+    uint64_t rays_total;           /* the server's, as of that frame */
+    uint64_t connected_ns, package_ns,
+        first_ns; /* lw_clock_ns() at: connect called, package complete, every object's
                                                     coarsest level there; 0: not yet */
-    uint64_t light_age_ns;  /* how old the newest frame's light is now: its solve time plus the time since it arrived;
+    uint64_t
+        light_age_ns; /* how old the newest frame's light is now: its solve time plus the time since it arrived;
                                the network's own delay is not in it */
-    uint32_t bounces;       /* that a complete tile has */
-    float target_error;     /* below which a tile counts as converged */
+    uint32_t bounces;   /* that a complete tile has */
+    float target_error; /* below which a tile counts as converged */
     float sky[3];
 };
 void lw_client_get_stats(const struct lw_client *client, struct lw_client_stats *out_stats);
