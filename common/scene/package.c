@@ -495,8 +495,8 @@ enum lw_status lw_package_read(const uint8_t *bytes, size_t size, struct lw_scen
                                struct lw_error *err) {
     enum lw_status status = check_header(bytes, size, err);
     if (status) return status;
-    struct lw_scene *scene;
-    uint8_t *copy;
+    struct lw_scene *scene = NULL;
+    uint8_t *copy = NULL;
     status = create_holder(size, &scene, &copy, err);
     if (status) return status;
     memcpy(copy, bytes, size);
@@ -534,8 +534,8 @@ static enum lw_status load_from(int fd, const char *path, struct lw_scene **out_
     if (size > LW_PACKAGE_SIZE_MAX)
         return lw_status_fail(err, LW_BAD_DATA, "%s: scene package has %llu bytes; the limit is %llu", path,
                               (unsigned long long)size, LW_PACKAGE_SIZE_MAX);
-    struct lw_scene *scene;
-    uint8_t *bytes;
+    struct lw_scene *scene = NULL;
+    uint8_t *bytes = NULL;
     enum lw_status status = create_holder(size, &scene, &bytes, err);
     if (status) return status;
     status = read_fully(fd, bytes, size, path, err);

@@ -84,7 +84,7 @@ static void rows_go_down_and_have_their_own_wrap_mode(void **state) {
 
 static void wild_coordinates_stay_inside(void **state) {
     (void)state;
-    static const float wild[] = {1e30f,     -1e30f, 3e38f,  -3e38f,      16777217,   -16777217, INFINITY,
+    static const float wild[] = {1e30f,     -1e30f, 3e38f,  -3e38f,      16777218,   -16777218, INFINITY,
                                  -INFINITY, NAN,    -1e-9f, 0.99999994f, 1.9999999f, -1e-38f};
     for (uint8_t wrap = LW_WRAP_REPEAT; wrap <= LW_WRAP_MIRROR; wrap++)
         for (size_t i = 0; i < sizeof wild / sizeof *wild; i++)
