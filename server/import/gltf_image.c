@@ -92,9 +92,12 @@ static void jpeg_fails(j_common_ptr jpeg) {
     longjmp(decoder->failed, 1);
 }
 
-/* libjpeg goes on after corrupt data, in grey. Only junk between segments does no harm. */
+/* libjpeg goes on after corrupt data, in grey. Its other warnings (junk between segments, an odd version) do no harm. */
 static void jpeg_warns(j_common_ptr jpeg, int level) {
-    if (level < 0 && jpeg->err->msg_code != JWRN_EXTRANEOUS_DATA) jpeg_fails(jpeg);
+    int code = jpeg->err->msg_code;
+    bool corrupt = code == JWRN_JPEG_EOF || code == JWRN_HIT_MARKER || code == JWRN_HUFF_BAD_CODE ||
+                   code == JWRN_MUST_RESYNC;
+    if (level < 0 && corrupt) jpeg_fails(jpeg);
 }
 
 static void jpeg_progresses(j_common_ptr jpeg) {

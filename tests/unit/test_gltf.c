@@ -474,6 +474,10 @@ static void quantised_attributes_need_their_extension(void **state) {
     assert_float_equal(scene->mesh[0].normal[3].y, -1, 1e-6);
     assert_float_equal(scene->mesh[0].uv[0][3].x, 32768.0 / 65535, 1e-6);
     lw_scene_destroy(scene);
+    LOAD(scene, data, QUANTISED, {"'scene':0", "'scene':0,'extensionsRequired':['KHR_mesh_quantization']"},
+         {"{'bufferView':0,", "{'bufferView':0,'normalized':true,"});
+    assert_float_equal(scene->mesh[0].position[3].y, 10.0 / 32767, 1e-9);
+    lw_scene_destroy(scene);
     REFUSE("POSITION: accessor 0: componentType 5122 cannot be used here", data, QUANTISED);
 }
 
@@ -663,7 +667,8 @@ static void images_are_decoded_once(void **state) {
     struct lw_scene *scene;
     LOAD(scene, base_data,
          {"'alphaMode'", "'emissiveTexture':{'index':1},'normalTexture':{'index':2},'alphaMode'"},
-         {"'textures':[", "'textures':[{'source':0},{'source':0,'sampler':0},{'source':1},"},
+         {"'textures':[", "'textures':[{'source':0,'sampler':1},{'source':0,'sampler':0},{'source':1},"},
+         {"'wrapT':33648}", "'wrapT':33648},{'wrapS':33071}"},
          {"'images':[", "'images':[{'uri':'data:image/png;base64," PNG "'},{'uri':'../never/read.png'},"});
     const struct lw_material *material = &scene->material[0];
     assert_int_equal(scene->texture_count, 2); /* they differ in how they repeat */
