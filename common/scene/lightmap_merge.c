@@ -10,6 +10,9 @@
  * texels is all border either way, so only such pieces are laid across one. */
 #define HARD_WIDTH 6.0f
 
+/* A chart longer than about the side of the atlas decides its shape alone, and the rest stays empty. */
+#define LENGTH_SHARE 0.8f
+
 /* Two charts may share many edges; laid over its longest ones, one either fits or it does not. */
 #define TRIES 3
 
@@ -24,10 +27,11 @@ struct merger {
     struct lw_lightmap_charts *charts;
     const struct lw_lightmap_topology *topology;
     struct lw_lightmap_plane *plane;
-    struct lw_lightmap_heap heap;  /* border edges of the chart that takes others in */
-    struct hull *hull;             /* per chart */
-    struct lw_vec2 *arena;         /* all hulls */
-    float *cost, *width, *area;    /* per chart */
+    struct lw_lightmap_heap heap;        /* border edges of the chart that takes others in */
+    struct hull *hull;                   /* per chart */
+    struct lw_vec2 *arena;               /* all hulls */
+    float length_most;                   /* of a merged chart */
+    float *cost, *width, *length, *area; /* per chart */
     uint32_t *first, *last, *next; /* triangles of a chart, as a list: per chart, per chart, per triangle */
     uint32_t *tried_by;            /* per chart: who tried it last */
     uint8_t *tries, *done;
@@ -141,11 +145,13 @@ static void try_edge(struct merger *m, uint32_t taker, uint32_t edge) {
     struct lw_vec2 *hull = joint_hull(m, chart, &motion, &count);
     struct lw_lightmap_box box = lw_lightmap_shape_box(hull, count, LW_LIGHTMAP_SHAPE_MARGIN);
     float cost = lw_lightmap_shape_cost(box);
+    if (box.size.x > m->length_most && box.size.x > m->length[taker] * 1.05f) return;
     if (cost > m->cost[taker] + m->cost[chart] || !lands_free(m, chart, &motion)) return;
     take_in(m, taker, chart, &motion);
     memcpy(m->outline, hull, count * sizeof *hull);
     m->outline_count = count;
     m->cost[taker] = cost;
+    m->length[taker] = box.size.x;
 }
 
 struct rank {
@@ -189,6 +195,7 @@ static void list_triangles(struct merger *m) {
 
 static void find_hulls(struct merger *m) {
     uint32_t used = 0;
+    float total = 0;
     for (uint32_t c = 0; c < m->charts->chart_count; c++) {
         uint32_t n = 0;
         for (uint32_t t = m->first[c]; t != LW_SCENE_NONE; t = m->next[t], n += 3)
@@ -198,8 +205,11 @@ static void find_hulls(struct merger *m) {
         m->hull[c] = (struct hull){used, count};
         m->cost[c] = lw_lightmap_shape_cost(box);
         m->width[c] = box.size.y;
+        m->length[c] = box.size.x;
+        total += m->cost[c];
         used += count;
     }
+    m->length_most = LENGTH_SHARE * sqrtf(total);
 }
 
 static void renumber(struct merger *m) {
@@ -222,6 +232,7 @@ enum lw_status lw_lightmap_merge(struct lw_lightmap_charts *charts,
     m.arena = malloc((corners + count + 1) * sizeof *m.arena);
     m.cost = malloc((count + 1) * sizeof *m.cost);
     m.width = malloc((count + 1) * sizeof *m.width);
+    m.length = malloc((count + 1) * sizeof *m.length);
     m.area = calloc(count + 1, sizeof *m.area);
     m.first = malloc((count + 1) * sizeof *m.first);
     m.last = malloc((count + 1) * sizeof *m.last);
@@ -232,8 +243,9 @@ enum lw_status lw_lightmap_merge(struct lw_lightmap_charts *charts,
     m.moved = malloc((corners + 1) * sizeof *m.moved);
     m.outline = malloc((corners + 2) * sizeof *m.outline);
     m.scratch = malloc((corners * 2 + 4) * sizeof *m.scratch);
-    bool ready = rank && m.heap.step && m.hull && m.arena && m.cost && m.width && m.area && m.first &&
-                 m.last && m.next && m.tried_by && m.tries && m.done && m.moved && m.outline && m.scratch;
+    bool ready = rank && m.heap.step && m.hull && m.arena && m.cost && m.width && m.length && m.area &&
+                 m.first && m.last && m.next && m.tried_by && m.tries && m.done && m.moved && m.outline &&
+                 m.scratch;
     if (ready) {
         memset(m.first, 0xff, (count + 1) * sizeof *m.first);
         memset(m.tried_by, 0xff, (count + 1) * sizeof *m.tried_by);
@@ -245,7 +257,8 @@ enum lw_status lw_lightmap_merge(struct lw_lightmap_charts *charts,
     }
     free(m.scratch), free(m.outline), free(m.moved), free(m.done), free(m.tries), free(m.tried_by),
         free(m.next);
-    free(m.last), free(m.first), free(m.area), free(m.width), free(m.cost), free(m.arena), free(m.hull);
+    free(m.last), free(m.first), free(m.area), free(m.length), free(m.width), free(m.cost), free(m.arena),
+        free(m.hull);
     free(m.heap.step), free(rank);
     return ready ? LW_OK : LW_NO_MEMORY;
 }
