@@ -353,10 +353,10 @@ enum lw_status lw_builtin_atrium_build(struct lw_scene **out_scene, struct lw_er
 
     lw_builtin_stage_sun(&stage, "sun", sun_direction, sun_irradiance, SUN_ANGULAR_DIAMETER);
     for (int i = 0; i < 3; i++) stage.scene->sky[i] = sky_radiance[i];
-    lw_builtin_stage_camera(&stage, "main", lw_vec3(-11.2f, 1.75f, 1.5f), lw_vec3(0, 2.75f, 0.0f), 58.0f);
-    lw_builtin_stage_camera(&stage, "gallery", lw_vec3(-13.2f, 6.6f, -5.0f), lw_vec3(2.0f, 2.2f, 2.2f),
-                            60.0f);
+    lw_builtin_stage_camera(&stage, "main", lw_vec3(-11.2f, 1.75f, 1.5f), lw_vec3(0, 2.6f, 0.1f), 58.0f);
+    lw_builtin_stage_camera(&stage, "gallery", lw_vec3(-11.25f, 7.0f, -4.75f), lw_vec3(1.0f, 2.6f, 1.1f),
+                            58.0f);
     lw_builtin_stage_camera(&stage, "vase", lw_vec3(-7.3f, 1.25f, 3.6f), lw_vec3(-4.6f, 0.85f, 5.8f), 42.0f);
-    lw_builtin_stage_camera(&stage, "lamp", lw_vec3(-4.0f, 1.65f, 8.0f), lw_vec3(1.8f, 2.3f, 7.0f), 55.0f);
+    lw_builtin_stage_camera(&stage, "lamp", lw_vec3(-4.0f, 1.65f, 7.9f), lw_vec3(1.8f, 2.35f, 6.9f), 55.0f);
     return lw_builtin_stage_finish(&stage, out_scene, err);
 }

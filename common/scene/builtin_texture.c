@@ -190,13 +190,13 @@ static struct lw_vec4 cloth(float u, float v, struct lw_vec3 ground, struct lw_v
     return opaque(lw_vec3_scale(c, 0.90f + 0.06f * weave + 0.07f * fractal(u, v, 8, 4, 61)));
 }
 static struct lw_vec4 red_cloth(float u, float v) {
-    return cloth(u, v, lw_vec3(0.66f, 0.10f, 0.09f), lw_vec3(0.50f, 0.06f, 0.07f));
+    return cloth(u, v, lw_vec3(0.66f, 0.16f, 0.13f), lw_vec3(0.48f, 0.09f, 0.09f));
 }
 static struct lw_vec4 blue_cloth(float u, float v) {
-    return cloth(u, v, lw_vec3(0.11f, 0.25f, 0.60f), lw_vec3(0.08f, 0.17f, 0.45f));
+    return cloth(u, v, lw_vec3(0.17f, 0.29f, 0.60f), lw_vec3(0.11f, 0.18f, 0.42f));
 }
 static struct lw_vec4 green_cloth(float u, float v) {
-    return cloth(u, v, lw_vec3(0.13f, 0.50f, 0.24f), lw_vec3(0.09f, 0.38f, 0.20f));
+    return cloth(u, v, lw_vec3(0.19f, 0.46f, 0.25f), lw_vec3(0.12f, 0.33f, 0.19f));
 }
 
 static struct lw_vec4 frond(float u, float v) {
