@@ -30,7 +30,8 @@ void lw_pose_finish(struct lw_pose *pose);
 /** Moves the pose to a time (s, wrapped into the animation's duration). */
 void lw_pose_evaluate(struct lw_pose *pose, const struct lw_scene *scene, double time_s);
 
-/** Whether an object (or a light) can ever move: it or an ancestor of its node has a channel. */
+/** Whether an object (or a light) can ever move: it or an ancestor of its node has a channel.
+ * Cost: channels times depth of the node; ask once per object, not per frame. */
 bool lw_pose_object_moves(const struct lw_scene *scene, uint32_t object);
 bool lw_pose_light_moves(const struct lw_scene *scene, uint32_t light);
 
