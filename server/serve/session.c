@@ -306,7 +306,8 @@ void lw_session_refuse(struct lw_session *s, enum lw_refusal code, const char *f
     va_start(args, format);
     vsnprintf(text, sizeof text, format, args);
     va_end(args);
-    lw_log(LW_LOG_INFO, "session %" PRIu64 ": %s (%s) refused: %s", s->number, s->address, s->name, text);
+    lw_log(LW_LOG_INFO, "session %" PRIu64 ": %s (%s) %s: %s", s->number, s->address, s->name,
+           s->welcomed ? "sent away" : "refused", text);
     end_service(s);
     count(s->shared, &s->shared->stats.refused, 1);
     s->state = LEAVING;

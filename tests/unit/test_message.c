@@ -8,6 +8,24 @@
 
 #define FAR 0x123456789abcdef0u
 
+/* ---- an allocator that fails when told to ---- */
+
+void *__real_malloc(size_t size);
+void *__real_calloc(size_t count, size_t size);
+void *__wrap_malloc(size_t size);
+void *__wrap_calloc(size_t count, size_t size);
+
+static int allocations_left = -1; /* then the next one fails; -1: none fails */
+
+static bool may_allocate(void) {
+    if (allocations_left == 0) return false;
+    if (allocations_left > 0) allocations_left--;
+    return true;
+}
+
+void *__wrap_malloc(size_t size) { return may_allocate() ? __real_malloc(size) : NULL; }
+void *__wrap_calloc(size_t count, size_t size) { return may_allocate() ? __real_calloc(count, size) : NULL; }
+
 /* ---- one good message of every type ---- */
 
 static const uint8_t bytes_of_data[] = {0, 1, 2, 3, 254, 255};
@@ -566,6 +584,45 @@ static void test_fields(void **state) {
     expect_decode(LW_MESSAGE_ACK, &b, "is no protobuf");
 }
 
+static void test_out_of_memory(void **state) {
+    (void)state;
+    for (size_t i = 0; i < SAMPLES; i++) {
+        uint8_t *bytes = NULL;
+        size_t size;
+        enum lw_status status = LW_NO_MEMORY;
+        int needed = 0;
+        for (; status != LW_OK; needed++) {
+            assert_true(needed < 100);
+            assert_null(bytes);
+            allocations_left = needed;
+            status = lw_message_encode_alloc(&samples[i], &bytes, &size);
+            allocations_left = -1;
+            assert_true(status == LW_OK || status == LW_NO_MEMORY);
+        }
+        assert_true(needed > 1);
+        status = LW_NO_MEMORY;
+        for (needed = 0; status != LW_OK; needed++) {
+            struct lw_message m = {.storage = NULL};
+            struct lw_error err = {0};
+            struct lw_frame_header header = {.body_size = (uint32_t)(size - LW_FRAME_HEADER_SIZE),
+                                             .type = (uint16_t)samples[i].type};
+            assert_true(needed < 100);
+            allocations_left = needed;
+            status = lw_message_decode(header, bytes + LW_FRAME_HEADER_SIZE, &m, &err);
+            allocations_left = -1;
+            if (status == LW_OK) {
+                expect_equal(&samples[i], &m);
+                lw_message_finish(&m);
+            } else {
+                lw_support_fails(status, LW_NO_MEMORY, &err, "out of memory");
+                assert_null(m.storage);
+            }
+        }
+        assert_true(needed > 1);
+        free(bytes);
+    }
+}
+
 static void test_unknown_type(void **state) {
     (void)state;
     const uint16_t types[] = {0, LW_MESSAGE_PONG + 1, UINT16_MAX};
@@ -592,6 +649,7 @@ int main(void) {
         cmocka_unit_test(test_interest),      cmocka_unit_test(test_frame_counts),
         cmocka_unit_test(test_frame_numbers), cmocka_unit_test(test_tile_numbers),
         cmocka_unit_test(test_fields),        cmocka_unit_test(test_unknown_type),
+        cmocka_unit_test(test_out_of_memory),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
