@@ -330,7 +330,7 @@ static void test_no_server(void **state) {
     assert_int_equal(connect(once, (struct sockaddr *)&address, sizeof address), 0);
     close(once);
     end(&s); /* nobody listens there any more */
-    char name[64];
+    char name[100];
     snprintf(name, sizeof name, "cannot connect to 127.0.0.1:%u: Connection refused: is lightwelld running?",
              port);
     lw_support_fails(
