@@ -487,7 +487,7 @@ static void test_slow_reader(void **state) {
 
 static void test_stalled_reader_is_closed(void **state) {
     (void)state;
-    struct fixture *f = start(&(struct lw_server_desc){.stall_timeout_ms = 600});
+    struct fixture *f = start(&(struct lw_server_desc){.stall_timeout_ms = 1500});
     int slow = dial_with_buffer(f, 4096), idle = dial_and_stream(f);
     put(slow, &hello);
     ask_for_package(slow, PACKAGE_SIZE);
@@ -500,7 +500,7 @@ static void test_stalled_reader_is_closed(void **state) {
     struct lw_server_stats before = stats_of(f);
     assert_int_equal(before.sessions_now, 2);
     wait_for_sessions(f, 1); /* one that has nothing to get is not stalled */
-    expect_silence(idle, 700);
+    expect_silence(idle, 1700);
     assert_int_equal(stats_of(f).sessions_now, 1);
     while (get_bytes(slow, &byte, 1)) {
     }
@@ -582,7 +582,7 @@ static void test_wrong_version(void **state) {
 
 static void test_half_hello(void **state) {
     (void)state;
-    struct fixture *f = start(&(struct lw_server_desc){.hello_timeout_ms = 500});
+    struct fixture *f = start(&(struct lw_server_desc){.hello_timeout_ms = 1000});
     struct lw_blob *bytes = blob_of(&hello);
     int s = dial(f), silent = dial(f);
     for (size_t i = 0; i + 1 < bytes->size; i++) put_bytes(s, bytes->bytes + i, 1);
@@ -593,7 +593,7 @@ static void test_half_hello(void **state) {
     struct lw_message m;
     expect(s, LW_MESSAGE_WELCOME, &m);
     lw_message_finish(&m);
-    expect_silence(s, 1000); /* the limit is for the hello */
+    expect_silence(s, 1500); /* the limit is for the hello */
     lw_blob_unref(bytes);
     close(s);
     end(f);
