@@ -5,7 +5,7 @@
  * A chart is a connected piece of surface, unfolded with bounded stretch. Charts own blocks: no block of 4x4 texels is
  * touched by two charts, and a chart stays LW_LIGHTMAP_GUTTER texels away from every block that is not its own, so that
  * levels 0, 1 and 2 of the mip pyramid never mix two charts, bilinear lookups included. Exception: neighbouring slivers,
- * charts no wider than 6 texels, share a rectangle of blocks with one free texel between them: level 0 keeps them apart,
+ * charts no wider than 8 texels and small hollow ones (rings, arcs), share a rectangle of blocks with one free texel between them: level 0 keeps them apart,
  * levels 1 and 2 mix them. A file's own UV set is free of overlaps, but gives no such promise about blocks.
  */
 #ifndef LW_COMMON_LIGHTMAP_H

@@ -3,8 +3,10 @@
 #include <stdlib.h>
 
 /* Small shapes come in great numbers and few sizes: the search for the next of a size starts where the last ended,
- * for what was full then is full now. Only full rectangles are alike enough for that. */
+ * for what was full then is full now. Of larger shapes only full rectangles are alike enough for that. */
 #define SIZES 17
+/* Up to this size holes are not worth a search, which would cost the square of a hundred thousand leaves. */
+#define TINY 5
 
 /* A chart ends exactly where its gutter begins; rounding must not push it over. */
 #define ROUNDING 1e-3f
@@ -97,7 +99,8 @@ static bool is_rectangle(const struct lw_lightmap_stone *s) {
 
 static bool place(struct mosaic *m, struct lw_lightmap_stone *s) {
     struct place start = {0, 0}, *resume = NULL;
-    if (s->width < SIZES && s->height < SIZES && is_rectangle(s)) {
+    if (s->width < SIZES && s->height < SIZES &&
+        ((s->width <= TINY && s->height <= TINY) || is_rectangle(s))) {
         resume = &m->resume[s->width][s->height];
         start = *resume;
     }

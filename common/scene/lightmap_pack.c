@@ -28,7 +28,7 @@
 
 static const float SKYLINE_WIDTHS[] = {0.62f, 0.75f, 0.87f, 1.0f,
                                        1.15f, 1.33f, 1.6f}; /* of the square's side */
-static const float MOSAIC_WIDTHS[] = {0.8f, 1.0f, 1.25f};
+static const float MOSAIC_WIDTHS[] = {0.7f, 0.85f, 1.0f, 1.1f, 1.2f, 1.35f};
 
 /* What is packed: a chart, or a rectangle of slivers. */
 struct item {

@@ -6,13 +6,13 @@
 #include <stdlib.h>
 
 /* A chart is a sliver if its narrower side has no more texels than this ... */
-#define WIDTH 6.0f
+#define WIDTH 8.0f
 /* ... or if it is a ring or an arc: of moderate size, and mostly holes. */
 #define SIDE 128.0f
-#define FILL 0.3f
+#define FILL 0.4f
 
-/* Texels of one rectangle: its own gutters should cost little, and its slivers should be near each other. */
-#define GROUP_AREA 2048.0f
+/* Texels of one rectangle. Large ones nest rings in rings: at 2048 Sponza covers 54 % instead of 59 %. */
+#define GROUP_AREA 16384.0f
 
 static const float WIDTHS[] = {0.8f, 1.0f, 1.3f}; /* of the square's side */
 
