@@ -167,7 +167,8 @@ static void check_blocks(const struct lw_mesh *m) {
         for (int k = 1; k < 3; k++) parent[root(parent, m->triangle[t][k])] = root(parent, m->triangle[t][0]);
     for (uint32_t v = 0; v < m->vertex_count; v++) /* vertices that differ in another attribute alone */
         for (uint32_t w = 0; w < v; w++)
-            if (memcmp(&m->lightmap_uv[v], &m->lightmap_uv[w], sizeof *m->lightmap_uv) == 0)
+            if (fabsf(m->lightmap_uv[v].x - m->lightmap_uv[w].x) < 0.1f &&
+                fabsf(m->lightmap_uv[v].y - m->lightmap_uv[w].y) < 0.1f)
                 parent[root(parent, v)] = root(parent, w);
     for (uint32_t t = 0; t < m->triangle_count; t++) {
         struct lw_vec2 c[3];
@@ -268,6 +269,28 @@ static void curved_shapes_stay_in_bounds(void **state) {
         assert_true(r.chart_count < 60);
         lw_scene_destroy(scene);
     }
+}
+
+/* L-shapes hold each other: the packer must keep gutters between blocks where rectangles overlap. */
+static void hooks_interlock(void **state) {
+    struct shape *s = fresh(state);
+    for (int i = 0; i < 9; i++) {
+        float z = 3 * (float)i, arm = 1.5f + 0.07f * (float)i;
+        quad(s, lw_vec3(0, 0, z), lw_vec3(arm, 0, 0), lw_vec3(0, 0.6f, 0));
+        quad(s, lw_vec3(0, 0.6f, z), lw_vec3(0.6f, 0, 0), lw_vec3(0, arm, 0));
+        quad(s, lw_vec3(0.6f, 0, z), lw_vec3(arm - 0.6f, 0, 0), lw_vec3(0, 0.6f, 0));
+        s->triangle_count -= 6; /* three quads' vertices, joined anew without T-junctions */
+        uint32_t v = s->vertex_count - 12;
+        triangle(s, v, v + 8, v + 11), triangle(s, v, v + 11, v + 3);
+        triangle(s, v + 8, v + 9, v + 10), triangle(s, v + 8, v + 10, v + 11);
+        triangle(s, v + 4, v + 5, v + 6), triangle(s, v + 4, v + 6, v + 7);
+    }
+    struct lw_scene *scene = scene_of(s, NULL, 1);
+    struct lw_lightmap_report r = build(scene, 40, 0);
+    check_layout(scene->mesh, &r, 1.3f);
+    check_blocks(scene->mesh);
+    assert_true(r.chart_count >= 9);
+    lw_scene_destroy(scene);
 }
 
 static void attributes_follow_their_vertices(void **state) {
@@ -466,6 +489,7 @@ int main(void) {
         cmocka_unit_test(a_cube_is_six_squares),
         cmocka_unit_test(a_column_is_one_chart),
         cmocka_unit_test(curved_shapes_stay_in_bounds),
+        cmocka_unit_test(hooks_interlock),
         cmocka_unit_test(attributes_follow_their_vertices),
         cmocka_unit_test(leaves_share_rectangles),
         cmocka_unit_test(backs_have_their_own_half),
