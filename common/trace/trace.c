@@ -108,10 +108,13 @@ static void filter(const struct RTCFilterFunctionNArguments *args) {
     }
 }
 
-static void init_context(struct trace_context *context, unsigned flags) {
+static void init_context(struct trace_context *context, const struct lw_trace *trace, unsigned flags) {
     rtcInitIntersectContext(&context->rtc);
     context->flags = flags;
-    if (flags & LW_TRACE_COHERENT) context->rtc.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+    /* Embree 3.13.5: rtcOccluded16 with the coherent flag does not return for some packets in a scene with instances
+     * (seen within the first frame of builtin:atrium; never in a scene without). */
+    if (flags & LW_TRACE_COHERENT && trace->mover_count == 0)
+        context->rtc.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
     if (flags & LW_TRACE_VIEW) context->rtc.filter = filter;
 }
 
@@ -333,7 +336,7 @@ void lw_trace_closest16(const struct lw_trace *trace, unsigned flags, uint16_t a
     load_rays(&rh.ray, rays);
     memset(rh.hit.geomID, 0xff, sizeof rh.hit.geomID);
     memset(rh.hit.instID, 0xff, sizeof rh.hit.instID);
-    init_context(&context, flags);
+    init_context(&context, trace, flags);
     rtcIntersect16(valid, trace->top, &context.rtc, &rh);
 
     memcpy(out_hits->t, rh.ray.tfar, sizeof out_hits->t);
@@ -353,7 +356,7 @@ uint16_t lw_trace_occluded16(const struct lw_trace *trace, unsigned flags, uint1
     struct trace_context context;
     load_valid(valid, active);
     load_rays(&ray, rays);
-    init_context(&context, flags);
+    init_context(&context, trace, flags);
     rtcOccluded16(valid, trace->top, &context.rtc, &ray);
     uint16_t occluded = 0;
     for (int i = 0; i < 16; i++)

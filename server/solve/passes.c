@@ -86,8 +86,7 @@ static void add_sample(struct shadow_batch *batch, const struct packet *packet, 
 static void trace_batch(const struct lw_passes *p, const struct shadow_batch *batch, bool coherent,
                         struct lw_vec3 sum[LANES], struct lw_passes_count *count) {
     if (!batch->active) return;
-    uint16_t occluded =
-        lw_trace_occluded16(p->trace, coherent ? LW_TRACE_COHERENT : 0, batch->active, &batch->rays);
+    uint16_t occluded = lw_trace_occluded16(p->trace, coherent ? LW_TRACE_COHERENT : 0, batch->active, &batch->rays);
     uint16_t lit = batch->active & (uint16_t)~occluded;
     count->shadow += (uint64_t)__builtin_popcount(batch->active);
     for (uint32_t lane = 0; lane < LANES; lane++)
