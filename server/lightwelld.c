@@ -56,32 +56,53 @@ struct daemon {
 static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out_done, struct lw_error *err) {
     const char *scene[1] = {NULL};
     char about[1024];
-    int length = snprintf(about, sizeof about,
-                          "Lights a scene once per frame for all who look at it, and streams the light to them.\n"
-                          "SCENE is a glTF 2.0 file (.gltf, .glb), a scene package (.lwscene), or built in:");
+    int length =
+        snprintf(about, sizeof about,
+                 "Lights a scene once per frame for all who look at it, and streams the light to them.\n"
+                 "SCENE is a glTF 2.0 file (.gltf, .glb), a scene package (.lwscene), or built in:");
     for (unsigned i = 0; lw_builtin_name(i) && length > 0 && (size_t)length < sizeof about; i++)
         length += snprintf(about + length, sizeof about - (size_t)length, "\n  %s  %s", lw_builtin_name(i),
                            lw_builtin_about(i));
     const struct lw_option table[] = {
-        {"listen", "HOST:PORT", "where to serve (default " DEFAULT_ADDRESS "; port 0 picks one)", LW_OPTION_STRING, &s->listen, 0, 0, NULL},
-        {"port-file", "FILE", "write the port there once it serves", LW_OPTION_STRING, &s->port_file, 0, 0, NULL},
-        {"bounces", "N", "indirect bounces (default 2)", LW_OPTION_INT, &s->bounces, 0, LW_SOLVER_BOUNCES_MAX, NULL},
-        {"tracing-range", "METRES", "bounce rays longer than this ask the probes; inf asks none (default inf)", LW_OPTION_REAL, &s->tracing_range, 1e-6, (double)INFINITY, NULL},
-        {"cell-size", "METRES", "side of a radiance cell (default: a quarter of the scene's longest side)", LW_OPTION_REAL, &s->cell_size, 1e-6, 1e9, NULL},
-        {"texels-per-metre", "D", "lightmap density (default: chosen for about 400,000 texels)", LW_OPTION_REAL, &s->texels_per_metre, 1e-6, 1e6, NULL},
-        {"atlas-max", "N", "longest side of an atlas, texels (default 4096)", LW_OPTION_INT, &s->atlas_max, 16, LW_SCENE_ATLAS_SIDE_MAX, NULL},
-        {"direct-samples", "N", "rays per texel and frame towards lamps and sky (default 1)", LW_OPTION_INT, &s->direct_samples, 1, 1024, NULL},
-        {"indirect-samples", "N", "bounce rays per texel and frame (default 2)", LW_OPTION_INT, &s->indirect_samples, 1, 1024, NULL},
-        {"frame-rate", "HZ", "frames a second at most (default 30)", LW_OPTION_REAL, &s->frame_rate, 0.01, 1000, NULL},
-        {"clock", "real|step", "real: scene time is wall time (default). step: 1/30 s of scene time per solved frame, repeatable", LW_OPTION_CHOICE, &s->clock, 0, 0, NULL},
-        {"threads", "N", "worker threads (default: all processors)", LW_OPTION_INT, &s->threads, 1, 1024, NULL},
+        {"listen", "HOST:PORT", "where to serve (default " DEFAULT_ADDRESS "; port 0 picks one)",
+         LW_OPTION_STRING, &s->listen, 0, 0, NULL},
+        {"port-file", "FILE", "write the port there once it serves", LW_OPTION_STRING, &s->port_file, 0, 0,
+         NULL},
+        {"bounces", "N", "indirect bounces (default 2)", LW_OPTION_INT, &s->bounces, 0, LW_SOLVER_BOUNCES_MAX,
+         NULL},
+        {"tracing-range", "METRES",
+         "bounce rays longer than this ask the probes; inf asks none (default inf)", LW_OPTION_REAL,
+         &s->tracing_range, 1e-6, (double)INFINITY, NULL},
+        {"cell-size", "METRES", "side of a radiance cell (default: a quarter of the scene's longest side)",
+         LW_OPTION_REAL, &s->cell_size, 1e-6, 1e9, NULL},
+        {"texels-per-metre", "D", "lightmap density (default: chosen for about 400,000 texels)",
+         LW_OPTION_REAL, &s->texels_per_metre, 1e-6, 1e6, NULL},
+        {"atlas-max", "N", "longest side of an atlas, texels (default 4096)", LW_OPTION_INT, &s->atlas_max,
+         16, LW_SCENE_ATLAS_SIDE_MAX, NULL},
+        {"direct-samples", "N", "rays per texel and frame towards lamps and sky (default 1)", LW_OPTION_INT,
+         &s->direct_samples, 1, 1024, NULL},
+        {"indirect-samples", "N", "bounce rays per texel and frame (default 2)", LW_OPTION_INT,
+         &s->indirect_samples, 1, 1024, NULL},
+        {"frame-rate", "HZ", "frames a second at most (default 30)", LW_OPTION_REAL, &s->frame_rate, 0.01,
+         1000, NULL},
+        {"clock", "real|step",
+         "real: scene time is wall time (default). step: 1/30 s of scene time per solved frame, repeatable",
+         LW_OPTION_CHOICE, &s->clock, 0, 0, NULL},
+        {"threads", "N", "worker threads (default: all processors)", LW_OPTION_INT, &s->threads, 1, 1024,
+         NULL},
         {"seed", "N", "of all random numbers (default 1)", LW_OPTION_INT, &s->seed, 0, UINT32_MAX, NULL},
-        {"animate", NULL, "run the scene's animation (default if it has one)", LW_OPTION_FLAG, &s->animate, 0, 0, NULL},
-        {"freeze", "SECONDS", "hold the animation at this time", LW_OPTION_REAL, &s->freeze_s, 0, 1e9, &s->freeze},
-        {"sky", "R,G,B", "radiance of the sky, W/(m^2 sr), instead of the scene's", LW_OPTION_RGB, s->sky, 0, 1e9, &s->sky_given},
-        {"sun-angle", "DEG", "angular diameter of directional lights (default: the file's, else 0.53)", LW_OPTION_REAL, &s->sun_angle_deg, 0, 90, &s->sun_angle_given},
-        {"error", "E", "relative error at which a tile rests (default 0.02)", LW_OPTION_REAL, &s->error, 1e-6, 1, NULL},
-        {"frames", "N", "stop after this many frames (default: never)", LW_OPTION_INT, &s->frames, 1, 1e15, NULL},
+        {"animate", NULL, "run the scene's animation (default if it has one)", LW_OPTION_FLAG, &s->animate, 0,
+         0, NULL},
+        {"freeze", "SECONDS", "hold the animation at this time", LW_OPTION_REAL, &s->freeze_s, 0, 1e9,
+         &s->freeze},
+        {"sky", "R,G,B", "radiance of the sky, W/(m^2 sr), instead of the scene's", LW_OPTION_RGB, s->sky, 0,
+         1e9, &s->sky_given},
+        {"sun-angle", "DEG", "angular diameter of directional lights (default: the file's, else 0.53)",
+         LW_OPTION_REAL, &s->sun_angle_deg, 0, 90, &s->sun_angle_given},
+        {"error", "E", "relative error at which a tile rests (default 0.02)", LW_OPTION_REAL, &s->error, 1e-6,
+         1, NULL},
+        {"frames", "N", "stop after this many frames (default: never)", LW_OPTION_INT, &s->frames, 1, 1e15,
+         NULL},
         {"json", NULL, "print one JSON object per frame to stdout", LW_OPTION_FLAG, &s->json, 0, 0, NULL},
     };
     const struct lw_options options = {.program = "lightwelld",
@@ -95,7 +116,8 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
     enum lw_status status = lw_options_parse(&options, argc, argv, NULL, out_done, err);
     if (status != LW_OK || *out_done) return status;
     s->scene_path = scene[0];
-    if (s->animate && s->freeze) return lw_status_fail(err, LW_USAGE, "--animate and --freeze exclude each other");
+    if (s->animate && s->freeze)
+        return lw_status_fail(err, LW_USAGE, "--animate and --freeze exclude each other");
     status = lw_options_address(s->listen, s->host, sizeof s->host, &s->port, err);
     if (status != LW_OK) lw_status_context(err, "--listen");
     return status;
@@ -128,7 +150,8 @@ static enum lw_status read_scene(struct daemon *d, struct lw_error *err) {
                               s->scene_path);
     status = lw_package_write(d->scene, &d->package, &d->package_size, err);
     if (status != LW_OK) return status;
-    if ((status = lw_atlas_map_init(&d->atlas_map, d->scene)) != LW_OK) return lw_status_fail(err, status, "tiles");
+    if ((status = lw_atlas_map_init(&d->atlas_map, d->scene)) != LW_OK)
+        return lw_status_fail(err, status, "tiles");
     if ((status = lw_pose_init(&d->pose, d->scene)) != LW_OK) return lw_status_fail(err, status, "poses");
     lw_pose_evaluate(&d->pose, d->scene, s->freeze ? s->freeze_s : 0);
     return LW_OK;
@@ -136,18 +159,19 @@ static enum lw_status read_scene(struct daemon *d, struct lw_error *err) {
 
 static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
-    enum lw_status status = lw_cell_solver_create(
-        &(struct lw_solver_desc){.scene = d->scene,
-                                 .atlas_map = &d->atlas_map,
-                                 .bounces = (uint32_t)s->bounces,
-                                 .tracing_range_m = (float)s->tracing_range,
-                                 .cell_size_m = (float)s->cell_size,
-                                 .direct_samples = (uint32_t)s->direct_samples,
-                                 .indirect_samples = (uint32_t)s->indirect_samples,
-                                 .target_error = (float)s->error,
-                                 .threads = (unsigned)s->threads,
-                                 .seed = (uint32_t)s->seed},
-        &d->pose, &d->solver, err);
+    enum lw_status status =
+        lw_cell_solver_create(&(struct lw_solver_desc){.scene = d->scene,
+                                                       .atlas_map = &d->atlas_map,
+                                                       .bounces = (uint32_t)s->bounces,
+                                                       .tracing_range_m = (float)s->tracing_range,
+                                                       .cell_size_m = (float)s->cell_size,
+                                                       .direct_samples = (uint32_t)s->direct_samples,
+                                                       .indirect_samples = (uint32_t)s->indirect_samples,
+                                                       .target_error = (float)s->error,
+                                                       .threads = (unsigned)s->threads,
+                                                       .seed = (uint32_t)s->seed,
+                                                       .cancel = &d->stopping},
+                              &d->pose, &d->solver, err);
     if (status != LW_OK) return status;
     status = lw_publisher_create(&(struct lw_publisher_desc){.scene = d->scene,
                                                              .atlas_map = &d->atlas_map,
@@ -158,24 +182,27 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "publisher");
 }
 
-static void print_frame(const struct daemon *d, uint64_t frame, uint64_t frame_ns, const struct lw_solver_stats *solve,
-                        const struct lw_publisher_stats *publish) {
+static void print_frame(const struct daemon *d, uint64_t frame, uint64_t frame_ns,
+                        const struct lw_solver_stats *solve, const struct lw_publisher_stats *publish) {
     struct lw_server_stats serve;
     lw_server_get_stats(d->server, &serve);
-    printf("{\"frame\":%llu,\"time_s\":%.6f,\"frame_ms\":%.3f,\"pose_ms\":%.3f,\"direct_ms\":%.3f,\"probe_ms\":%.3f,"
-           "\"scatter_ms\":%.3f,\"levels_ms\":%.3f,\"encode_ms\":%.3f,\"rays_shadow\":%llu,\"rays_bounce\":%llu,"
-           "\"rays_probe\":%llu,\"rays_total\":%llu,\"texels_solved\":%llu,\"tiles_solved\":%u,\"tiles_converged\":%u,"
-           "\"tiles\":%u,\"tiles_encoded\":%llu,\"bytes_encoded\":%llu,\"saturated\":%llu,\"sessions\":%llu,"
-           "\"tiles_sent\":%llu,\"bytes_sent\":%llu}\n",
-           (unsigned long long)frame, d->pose.time_s, (double)frame_ns * 1e-6, (double)solve->pose_ns * 1e-6,
-           (double)solve->direct_ns * 1e-6, (double)solve->probe_ns * 1e-6, (double)solve->scatter_ns * 1e-6,
-           (double)publish->levels_ns * 1e-6, (double)publish->encode_ns * 1e-6,
-           (unsigned long long)solve->rays_shadow, (unsigned long long)solve->rays_bounce,
-           (unsigned long long)solve->rays_probe, (unsigned long long)d->rays_total,
-           (unsigned long long)solve->texels_solved, solve->tiles_solved, solve->tiles_converged, solve->tiles,
-           (unsigned long long)publish->tiles_encoded, (unsigned long long)publish->bytes_encoded,
-           (unsigned long long)publish->saturated, (unsigned long long)serve.sessions_now,
-           (unsigned long long)serve.tiles_sent, (unsigned long long)serve.bytes_sent);
+    printf(
+        "{\"frame\":%llu,\"time_s\":%.6f,\"frame_ms\":%.3f,\"pose_ms\":%.3f,\"direct_ms\":%.3f,\"probe_ms\":%"
+        ".3f,"
+        "\"scatter_ms\":%.3f,\"levels_ms\":%.3f,\"encode_ms\":%.3f,\"rays_shadow\":%llu,\"rays_bounce\":%llu,"
+        "\"rays_probe\":%llu,\"rays_total\":%llu,\"texels_solved\":%llu,\"tiles_solved\":%u,\"tiles_"
+        "converged\":%u,"
+        "\"tiles\":%u,\"tiles_encoded\":%llu,\"bytes_encoded\":%llu,\"saturated\":%llu,\"sessions\":%llu,"
+        "\"tiles_sent\":%llu,\"bytes_sent\":%llu}\n",
+        (unsigned long long)frame, d->pose.time_s, (double)frame_ns * 1e-6, (double)solve->pose_ns * 1e-6,
+        (double)solve->direct_ns * 1e-6, (double)solve->probe_ns * 1e-6, (double)solve->scatter_ns * 1e-6,
+        (double)publish->levels_ns * 1e-6, (double)publish->encode_ns * 1e-6,
+        (unsigned long long)solve->rays_shadow, (unsigned long long)solve->rays_bounce,
+        (unsigned long long)solve->rays_probe, (unsigned long long)d->rays_total,
+        (unsigned long long)solve->texels_solved, solve->tiles_solved, solve->tiles_converged, solve->tiles,
+        (unsigned long long)publish->tiles_encoded, (unsigned long long)publish->bytes_encoded,
+        (unsigned long long)publish->saturated, (unsigned long long)serve.sessions_now,
+        (unsigned long long)serve.tiles_sent, (unsigned long long)serve.bytes_sent);
     fflush(stdout);
 }
 
@@ -209,7 +236,8 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
     if (!*out_rested) {
         status = lw_publisher_publish(d->publisher, &d->pose, frame, lw_clock_ns() - began, d->rays_total,
                                       solve.tiles_solved, &snapshot, &publish);
-        if (status != LW_OK) return lw_status_fail(err, status, "publishing frame %llu", (unsigned long long)frame);
+        if (status != LW_OK)
+            return lw_status_fail(err, status, "publishing frame %llu", (unsigned long long)frame);
         lw_server_publish(d->server, snapshot);
         lw_snapshot_unref(snapshot);
     }
@@ -229,7 +257,8 @@ static void *solve_forever(void *argument) {
     bool rested = false;
     for (uint64_t frame = 1; !d->stopping && (!s->frames || frame <= (uint64_t)s->frames); frame++) {
         uint64_t began = lw_clock_ns();
-        if (run_frame(d, frame, &rested, &d->solver_error) != LW_OK) break;
+        enum lw_status status = run_frame(d, frame, &rested, &d->solver_error);
+        if (status != LW_OK) break; /* LW_CLOSED, without an error: stopped in the middle of a frame */
         /* Under the step clock frames follow each other at once while there is work; at rest they keep the pace. */
         if (s->clock == CLOCK_REAL || (rested && !s->frames)) wait_until(d, began + interval_ns);
     }
@@ -257,7 +286,8 @@ static enum lw_status serve(struct daemon *d, struct lw_error *err) {
     enum lw_status status = write_port_file(d, err);
     if (status != LW_OK) return status;
     lw_log(LW_LOG_INFO, "serving %s at %s:%u", s->scene_path, s->host, lw_server_port(d->server));
-    lw_log(LW_LOG_INFO, "look at it: lightwell-view %s:%u     stop it: Ctrl-C", s->host, lw_server_port(d->server));
+    lw_log(LW_LOG_INFO, "look at it: lightwell-view %s:%u     stop it: Ctrl-C", s->host,
+           lw_server_port(d->server));
     if (pthread_create(&d->solver_thread, NULL, solve_forever, d) != 0)
         return lw_status_fail(err, LW_OS, "cannot start the solver's thread");
     status = lw_server_run(d->server, err);
@@ -288,8 +318,8 @@ static enum lw_status run(struct daemon *d, struct lw_error *err) {
     if (status != LW_OK) return status;
     if ((status = set_up_solver(d, err)) != LW_OK) return status;
     lw_log(LW_LOG_INFO, "%s: %u objects, %u tiles; %.0f MB for the solve, package %.1f MB", s->scene_path,
-           d->scene->object_count, d->atlas_map.tile_count, (double)d->solver->ops->memory_bytes(d->solver) * 1e-6,
-           (double)d->package_size * 1e-6);
+           d->scene->object_count, d->atlas_map.tile_count,
+           (double)d->solver->ops->memory_bytes(d->solver) * 1e-6, (double)d->package_size * 1e-6);
     return serve(d, err);
 }
 

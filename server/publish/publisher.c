@@ -195,34 +195,87 @@ static void encode_tiles(struct lw_publisher *p, uint64_t frame) {
         consider_tile(p, &p->worker[omp_get_thread_num()], (lw_tile_id){id}, frame);
 }
 
-/* The frame message: everything, or what moved since the pose before. */
-static enum lw_status make_frame_blob(const struct lw_publisher *p, const struct lw_pose *pose,
-                                      bool everything, struct lw_message_frame *frame,
-                                      struct lw_blob **out_blob) {
+/* What a frame says of the pose: all of it, or what moved since the one before. */
+struct pose_change {
+    struct lw_message_transform *transform;
+    struct lw_message_light *light;
+    size_t transform_count, light_count;
+};
+
+static void list_change(const struct lw_publisher *p, const struct lw_pose *pose, bool everything,
+                        struct pose_change *change) {
     const struct lw_scene *scene = p->desc.scene;
-    struct lw_message_transform *transform = calloc((size_t)scene->object_count + 1, sizeof *transform);
-    struct lw_message_light *light = calloc((size_t)scene->light_count + 1, sizeof *light);
-    enum lw_status status = LW_NO_MEMORY;
-    if (!transform || !light) goto done;
-    frame->transform_count = frame->light_count = 0;
+    change->transform_count = change->light_count = 0;
     for (uint32_t o = 0; o < scene->object_count; o++)
         if (everything ||
             memcmp(&pose->object_to_world[o], &p->previous.object_to_world[o], sizeof(struct lw_affine)))
-            transform[frame->transform_count++] =
+            change->transform[change->transform_count++] =
                 (struct lw_message_transform){.object = o, .object_to_world = pose->object_to_world[o]};
     for (uint32_t l = 0; l < scene->light_count; l++)
         if (everything || memcmp(&pose->light[l], &p->previous.light[l], sizeof pose->light[l]))
-            light[frame->light_count++] =
+            change->light[change->light_count++] =
                 (struct lw_message_light){.light = l,
                                           .position_ws = pose->light[l].position_ws,
                                           .direction_ws = pose->light[l].direction_ws,
                                           .intensity = pose->light[l].intensity};
-    frame->transform = transform;
-    frame->light = light;
-    status = lw_blob_from_message(&(struct lw_message){.type = LW_MESSAGE_FRAME, .frame = *frame}, out_blob);
-done:
-    free(light);
-    free(transform);
+}
+
+static size_t smaller(size_t a, size_t b) { return a < b ? a : b; }
+
+/* The part of a change that message number `part` carries; a frame with more than one message holds several. */
+static struct lw_message frame_part(const struct lw_message_frame *frame, const struct pose_change *change,
+                                    size_t part) {
+    struct lw_message message = {.type = LW_MESSAGE_FRAME, .frame = *frame};
+    size_t transforms = smaller(part * LW_MESSAGE_TRANSFORMS_MAX, change->transform_count);
+    size_t lights = smaller(part * LW_MESSAGE_LIGHTS_MAX, change->light_count);
+    message.frame.transform = change->transform + transforms;
+    message.frame.transform_count = smaller(change->transform_count - transforms, LW_MESSAGE_TRANSFORMS_MAX);
+    message.frame.light = change->light + lights;
+    message.frame.light_count = smaller(change->light_count - lights, LW_MESSAGE_LIGHTS_MAX);
+    return message;
+}
+
+static enum lw_status encode_change(const struct lw_message_frame *frame, const struct pose_change *change,
+                                    struct lw_blob **out_blob) {
+    size_t parts = 1, size = 0;
+    while (parts * LW_MESSAGE_TRANSFORMS_MAX < change->transform_count ||
+           parts * LW_MESSAGE_LIGHTS_MAX < change->light_count)
+        parts++;
+    for (size_t i = 0; i < parts; i++) {
+        struct lw_message message = frame_part(frame, change, i);
+        size += lw_message_size(&message);
+    }
+    struct lw_blob *blob;
+    enum lw_status status = lw_blob_create(size, &blob);
+    if (status != LW_OK) return status;
+    size_t at = 0;
+    for (size_t i = 0; i < parts; i++) {
+        struct lw_message message = frame_part(frame, change, i);
+        size_t written;
+        status = lw_message_encode(&message, blob->bytes + at, size - at, &written);
+        if (status != LW_OK) {
+            lw_blob_unref(blob);
+            return status;
+        }
+        at += written;
+    }
+    *out_blob = blob;
+    return LW_OK;
+}
+
+static enum lw_status make_frame_blob(const struct lw_publisher *p, const struct lw_pose *pose,
+                                      bool everything, const struct lw_message_frame *frame,
+                                      struct lw_blob **out_blob) {
+    struct pose_change change = {0};
+    change.transform = calloc((size_t)p->desc.scene->object_count + 1, sizeof *change.transform);
+    change.light = calloc((size_t)p->desc.scene->light_count + 1, sizeof *change.light);
+    enum lw_status status = LW_NO_MEMORY;
+    if (change.transform && change.light) {
+        list_change(p, pose, everything, &change);
+        status = encode_change(frame, &change, out_blob);
+    }
+    free(change.light);
+    free(change.transform);
     return status;
 }
 

@@ -51,6 +51,12 @@ static enum lw_status set_pose(struct cell_solver *s, const struct lw_pose *pose
     return LW_OK;
 }
 
+static bool cancelled(const struct cell_solver *s) { return s->desc.cancel && *s->desc.cancel; }
+
+static bool has_work(const struct cell_solver *s, const struct lw_solve_tile *tile) {
+    return !tile->resting && !cancelled(s);
+}
+
 /* How many frames the sums may remember. While things move: few. After a movement the memory grows by half a frame
  * each frame, so that what it holds of the time before fades with the square of the time since. */
 static void choose_history(const struct cell_solver *s, struct lw_passes *passes) {
@@ -66,7 +72,7 @@ static void run_direct(struct cell_solver *s, const struct lw_passes *passes, st
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shadow, bounce)
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
-        if (tile->resting) continue;
+        if (!has_work(s, tile)) continue;
         struct lw_passes_count count = {0};
         lw_passes_direct(passes, tile, s->cdf + (size_t)omp_get_thread_num() * (s->lights.emitter_count + 1),
                          &count);
@@ -82,7 +88,7 @@ static void run_trace_ends(struct cell_solver *s, const struct lw_passes *passes
     uint64_t bounce = 0;
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : bounce)
     for (uint32_t i = 0; i < s->tiles.count; i++) {
-        if (s->tiles.tile[i].resting) continue;
+        if (!has_work(s, &s->tiles.tile[i])) continue;
         struct lw_passes_count count = {0};
         lw_passes_trace_ends(passes, &s->tiles.tile[i], &count);
         bounce += count.bounce;
@@ -98,7 +104,7 @@ static void run_radiate(struct cell_solver *s, const struct lw_passes *passes, u
 static void run_gather(struct cell_solver *s, const struct lw_passes *passes, uint32_t bounce) {
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
     for (uint32_t i = 0; i < s->tiles.count; i++)
-        if (!s->tiles.tile[i].resting) lw_passes_gather(passes, &s->tiles.tile[i], bounce);
+        if (has_work(s, &s->tiles.tile[i])) lw_passes_gather(passes, &s->tiles.tile[i], bounce);
 }
 
 static void run_finish(struct cell_solver *s, const struct lw_passes *passes, uint64_t frame) {
@@ -198,6 +204,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
         stats.probe_ns += projected - t;
         stats.scatter_ns += lw_clock_ns() - projected;
     }
+    if (cancelled(s)) return LW_CLOSED;
     run_finish(s, &passes, number);
     settle(s, &stats);
     s->frames++;

@@ -7,6 +7,8 @@
 #include "common/scene/pose.h"
 #include "common/tile/atlas.h"
 
+#include <stdatomic.h>
+
 #define LW_SOLVER_BOUNCES_MAX 16u
 
 /** Zero means default, where zero makes no sense as a value. */
@@ -21,6 +23,7 @@ struct lw_solver_desc {
     float target_error;                   /* relative standard error at which a tile rests */
     unsigned threads;                     /* 0: all */
     uint32_t seed;
+    const _Atomic bool *cancel; /* may be NULL; once true, a frame under way ends within a tile */
 };
 
 /** What one frame cost. Times are wall time of the calling thread. */
@@ -49,7 +52,7 @@ struct lw_solver {
 struct lw_solver_ops {
     const char *name;
     /** Solves one frame at a pose. Tiles at rest cost nothing unless the pose changed.
-     * Same desc and sequence of poses: same bytes, at any thread count. Errors: LW_NO_MEMORY, LW_INTERNAL. */
+     * Same desc and sequence of poses: same bytes, at any thread count. Errors: LW_CLOSED if cancelled; LW_NO_MEMORY, LW_INTERNAL. */
     enum lw_status (*frame)(struct lw_solver *solver, const struct lw_pose *pose, uint64_t frame,
                             struct lw_solver_stats *out_stats, struct lw_error *err);
     /** Reads a level-0 tile. */
