@@ -282,20 +282,18 @@ static enum lw_status make_frame_blob(const struct lw_publisher *p, const struct
 static enum lw_status make_snapshot(struct lw_publisher *p, const struct lw_pose *pose,
                                     struct lw_message_frame *frame, struct lw_snapshot **out_snapshot) {
     const uint32_t tile_count = p->desc.atlas_map->tile_count;
-    struct lw_snapshot *snapshot =
-        calloc(1, sizeof *snapshot + (size_t)tile_count * sizeof snapshot->tile[0]);
-    if (!snapshot) return LW_NO_MEMORY;
-    snapshot->references = 1;
+    struct lw_snapshot *snapshot;
+    enum lw_status status = lw_snapshot_create(tile_count, &snapshot);
+    if (status != LW_OK) return status;
     snapshot->frame = frame->frame;
     snapshot->time_s = frame->time_s;
     snapshot->previous_frame = p->previous_frame;
-    enum lw_status status = make_frame_blob(p, pose, true, frame, &snapshot->frame_full);
+    status = make_frame_blob(p, pose, true, frame, &snapshot->frame_full);
     if (status == LW_OK) status = make_frame_blob(p, pose, false, frame, &snapshot->frame_delta);
     if (status != LW_OK) {
         lw_snapshot_unref(snapshot);
         return status;
     }
-    snapshot->tile_count = tile_count;
     for (uint32_t t = 0; t < tile_count; t++)
         if (p->sent[t].blob)
             snapshot->tile[t] = (struct lw_snapshot_tile){.version = p->sent[t].version,
