@@ -12,6 +12,7 @@
 #include "server/solve/cell_solver.h"
 
 #include <pthread.h>
+#include <signal.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -52,6 +53,22 @@ struct daemon {
     struct lw_error solver_error; /* read after the thread is joined */
     uint64_t started_ns, rays_total;
 };
+
+/* Signals before the loop watches for them: a handler can reach nothing but a global. */
+static volatile sig_atomic_t signalled;
+
+static void on_early_signal(int number) { signalled = number; }
+
+/* From the start until lw_server_run() takes over. As there, a second signal has its default effect. */
+static void watch_signals(void) {
+    struct sigaction action = {.sa_handler = on_early_signal, .sa_flags = (int)SA_RESETHAND};
+    sigemptyset(&action.sa_mask);
+    sigaction(SIGINT, &action, NULL);
+    sigaction(SIGTERM, &action, NULL);
+}
+
+/* The solver asks as well: that closes the gap between the last look at the flag and the loop's own watchers. */
+static bool should_stop(const struct daemon *d) { return d->stopping || signalled; }
 
 static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out_done, struct lw_error *err) {
     const char *scene[1] = {NULL};
@@ -139,7 +156,8 @@ static enum lw_status read_scene(struct daemon *d, struct lw_error *err) {
     const struct lw_import_spawn_desc import = {.scene = s->scene_path,
                                                 .texels_per_metre = s->texels_per_metre,
                                                 .atlas_side_max = (uint32_t)s->atlas_max,
-                                                .threads = (unsigned)s->threads};
+                                                .threads = (unsigned)s->threads,
+                                                .cancel = &signalled};
     enum lw_status status = lw_import_spawn(&import, &d->scene, err);
     if (status != LW_OK) return status;
     apply_overrides(d->scene, s);
@@ -216,7 +234,7 @@ static double scene_time(const struct daemon *d, uint64_t frame) {
 
 /* Sleeps in short pieces, so that a stop is heard within a tenth of a second. */
 static void wait_until(const struct daemon *d, uint64_t deadline_ns) {
-    for (uint64_t now; !d->stopping && (now = lw_clock_ns()) < deadline_ns;) {
+    for (uint64_t now; !should_stop(d) && (now = lw_clock_ns()) < deadline_ns;) {
         uint64_t rest = deadline_ns - now < 100000000u ? deadline_ns - now : 100000000u;
         nanosleep(&(struct timespec){.tv_sec = 0, .tv_nsec = (long)rest}, NULL);
     }
@@ -255,7 +273,7 @@ static void *solve_forever(void *argument) {
     const struct settings *s = &d->settings;
     const uint64_t interval_ns = (uint64_t)(1e9 / s->frame_rate);
     bool rested = false;
-    for (uint64_t frame = 1; !d->stopping && (!s->frames || frame <= (uint64_t)s->frames); frame++) {
+    for (uint64_t frame = 1; !should_stop(d) && (!s->frames || frame <= (uint64_t)s->frames); frame++) {
         uint64_t began = lw_clock_ns();
         enum lw_status status = run_frame(d, frame, &rested, &d->solver_error);
         if (status != LW_OK) break; /* LW_CLOSED, without an error: stopped in the middle of a frame */
@@ -288,8 +306,10 @@ static enum lw_status serve(struct daemon *d, struct lw_error *err) {
     lw_log(LW_LOG_INFO, "serving %s at %s:%u", s->scene_path, s->host, lw_server_port(d->server));
     lw_log(LW_LOG_INFO, "look at it: lightwell-view %s:%u     stop it: Ctrl-C", s->host,
            lw_server_port(d->server));
-    if (pthread_create(&d->solver_thread, NULL, solve_forever, d) != 0)
+    if (pthread_create(&d->solver_thread, NULL, solve_forever, d) != 0) {
+        if (s->port_file) unlink(s->port_file);
         return lw_status_fail(err, LW_OS, "cannot start the solver's thread");
+    }
     status = lw_server_run(d->server, err);
     d->stopping = true;
     pthread_join(d->solver_thread, NULL);
@@ -317,6 +337,7 @@ static enum lw_status run(struct daemon *d, struct lw_error *err) {
                               &d->server, err);
     if (status != LW_OK) return status;
     if ((status = set_up_solver(d, err)) != LW_OK) return status;
+    if (signalled) return lw_status_fail(err, LW_CLOSED, "%s: stopped before it was lit", s->scene_path);
     lw_log(LW_LOG_INFO, "%s: %u objects, %u tiles; %.0f MB for the solve, package %.1f MB", s->scene_path,
            d->scene->object_count, d->atlas_map.tile_count,
            (double)d->solver->ops->memory_bytes(d->solver) * 1e-6, (double)d->package_size * 1e-6);
@@ -348,9 +369,10 @@ int main(int argc, char **argv) {
     lw_log_init("lightwelld", LW_LOG_INFO);
     enum lw_status status = parse(&d.settings, argc, argv, &done, &err);
     if (status == LW_OK && !done) {
+        watch_signals();
         status = run(&d, &err);
         finish(&d);
-        if (status == LW_CLOSED) status = LW_OK; /* stopped by a signal while the scene was imported */
+        if (status == LW_CLOSED) status = LW_OK; /* stopped by a signal before it served */
         if (status == LW_OK) lw_log(LW_LOG_INFO, "stopped");
     }
     return status == LW_OK ? 0 : lw_log_failure(&err);
