@@ -1,0 +1,184 @@
+#include "tests/support/process.h"
+
+#include "common/clock.h"
+
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/prctl.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+#define WORDS_MAX     48
+#define PROCESSES_MAX 16
+#define SERVE_LIMIT_S 60
+#define FAILED_EXEC   127 /* as shells say it */
+
+static pid_t running[PROCESSES_MAX]; /* 0: free */
+
+void lw_process_sleep_ms(unsigned ms) {
+    nanosleep(&(struct timespec){.tv_sec = ms / 1000, .tv_nsec = (long)(ms % 1000) * 1000000}, NULL);
+}
+
+/* ---- starting ---- */
+
+static void make_temporary(void) {
+    if (mkdir(lw_support_temporary("tmp"), 0700) != 0 && errno != EEXIST) fail_msg("cannot make a folder");
+}
+
+static void find_program(char *path, size_t size, const char *program) {
+    char self[512];
+    ssize_t length = readlink("/proc/self/exe", self, sizeof self - 1);
+    assert_true(length > 0);
+    self[length] = '\0';
+    *strrchr(self, '/') = '\0';
+    assert_true((size_t)snprintf(path, size, "%s/%s", self, program) < size);
+}
+
+static void redirect(int descriptor, const char *path) {
+    int file = open(path, O_WRONLY | O_CREAT | O_TRUNC, 0600);
+    if (file < 0 || dup2(file, descriptor) < 0) _exit(FAILED_EXEC);
+    close(file);
+}
+
+/* In the child. The parent's death is ours: nothing is left running where a test is killed. */
+static void become(const struct lw_process *process, const char *path, char **argv, const char *temporary,
+                   pid_t parent) {
+    prctl(PR_SET_PDEATHSIG, SIGKILL);
+    if (getppid() != parent) _exit(FAILED_EXEC);
+    setenv("TMPDIR", temporary, 1);
+    unsetenv("DISPLAY");
+    unsetenv("WAYLAND_DISPLAY");
+    redirect(STDOUT_FILENO, process->out);
+    redirect(STDERR_FILENO, process->err);
+    execv(path, argv);
+    dprintf(STDERR_FILENO, "cannot start %s: %m\n", path);
+    _exit(FAILED_EXEC);
+}
+
+static pid_t *free_entry(void) {
+    for (int i = 0; i < PROCESSES_MAX; i++)
+        if (!running[i]) return &running[i];
+    fail_msg("more than %d processes", PROCESSES_MAX);
+    return NULL;
+}
+
+void lw_process_start(struct lw_process *process, const char *program, const char *arguments) {
+    static unsigned started;
+    char path[600], line[2048], name[32], *argv[WORDS_MAX] = {path};
+    *process = (struct lw_process){0};
+    make_temporary();
+    find_program(path, sizeof path, program);
+    snprintf(name, sizeof name, "process.%u.out", ++started);
+    snprintf(process->out, sizeof process->out, "%s", lw_support_temporary(name));
+    snprintf(name, sizeof name, "process.%u.err", started);
+    snprintf(process->err, sizeof process->err, "%s", lw_support_temporary(name));
+    assert_true((size_t)snprintf(line, sizeof line, "%s", arguments) < sizeof line);
+    int argc = 1;
+    for (char *word = strtok(line, " "); word; word = strtok(NULL, " ")) {
+        assert_true(argc < WORDS_MAX - 1);
+        argv[argc++] = word;
+    }
+    const char *temporary = lw_support_temporary("tmp");
+    pid_t parent = getpid(), *entry = free_entry();
+    process->pid = fork();
+    assert_true(process->pid >= 0);
+    if (process->pid == 0) become(process, path, argv, temporary, parent);
+    *entry = process->pid;
+}
+
+/* ---- ending ---- */
+
+static void forget(struct lw_process *process) {
+    for (int i = 0; i < PROCESSES_MAX; i++)
+        if (running[i] == process->pid) running[i] = 0;
+    process->pid = 0;
+}
+
+bool lw_process_runs(struct lw_process *process) {
+    siginfo_t info = {0};
+    return process->pid && waitid(P_PID, (id_t)process->pid, &info, WEXITED | WNOHANG | WNOWAIT) == 0 &&
+           info.si_pid == 0;
+}
+
+static void kill_and_reap(struct lw_process *process) {
+    kill(process->pid, SIGKILL);
+    waitpid(process->pid, NULL, 0);
+    forget(process);
+}
+
+int lw_process_finish(struct lw_process *process, unsigned limit_s) {
+    assert_true(process->pid > 0);
+    uint64_t deadline_ns = lw_clock_ns() + limit_s * 1000000000ull;
+    while (lw_process_runs(process)) {
+        if (lw_clock_ns() > deadline_ns) {
+            kill_and_reap(process);
+            fail_msg("did not end within %u s; it said: %s", limit_s, lw_process_err(process));
+        }
+        lw_process_sleep_ms(2);
+    }
+    int status;
+    assert_int_equal(waitpid(process->pid, &status, 0), process->pid);
+    forget(process);
+    return WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
+}
+
+int lw_process_stop(struct lw_process *process, int signal_number, unsigned limit_s) {
+    assert_true(process->pid > 0); /* signals to 0 would reach us all */
+    kill(process->pid, signal_number);
+    return lw_process_finish(process, limit_s);
+}
+
+void lw_process_kill_all(void) {
+    for (int i = 0; i < PROCESSES_MAX; i++)
+        if (running[i]) kill_and_reap(&(struct lw_process){.pid = running[i]});
+}
+
+/* ---- what it says and leaves ---- */
+
+static char *text_of(const char *path) {
+    size_t size;
+    return (char *)lw_support_read_file(path, &size);
+}
+
+char *lw_process_out(const struct lw_process *process) { return text_of(process->out); }
+
+char *lw_process_err(const struct lw_process *process) { return text_of(process->err); }
+
+void lw_process_left_nothing(void) {
+    DIR *folder = opendir(lw_support_temporary("tmp"));
+    assert_non_null(folder);
+    for (struct dirent *entry; (entry = readdir(folder));)
+        if (entry->d_name[0] != '.') fail_msg("$TMPDIR/%s was left behind", entry->d_name);
+    closedir(folder);
+}
+
+/* ---- serving ---- */
+
+void lw_process_serve(struct lw_process *process, const char *arguments) {
+    static unsigned served;
+    char line[2048], name[32], port_file[128];
+    snprintf(name, sizeof name, "port.%u", ++served);
+    snprintf(port_file, sizeof port_file, "%s", lw_support_temporary(name));
+    /* the last --listen counts */
+    assert_true((size_t)snprintf(line, sizeof line, "--listen 127.0.0.1:0 --port-file %s %s", port_file,
+                                 arguments) < sizeof line);
+    lw_process_start(process, "lightwelld", line);
+    snprintf(process->port_file, sizeof process->port_file, "%s", port_file);
+    uint64_t deadline_ns = lw_clock_ns() + SERVE_LIMIT_S * 1000000000ull;
+    while (access(port_file, R_OK) != 0) {
+        if (!lw_process_runs(process) || lw_clock_ns() > deadline_ns)
+            fail_msg("lightwelld %s does not serve: %s", line, lw_process_err(process));
+        lw_process_sleep_ms(2);
+    }
+    char *text = text_of(port_file); /* written whole, then renamed */
+    assert_non_null(strchr(text, '\n'));
+    process->port = (uint16_t)atoi(text);
+    free(text);
+}

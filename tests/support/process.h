@@ -1,0 +1,49 @@
+/* process.h: our programs as a test runs them: beside the test's own program, with a time limit, stopped by pid.
+ * Whatever a test leaves running is killed when its process ends, however that comes about. */
+#ifndef LW_TESTS_PROCESS_H
+#define LW_TESTS_PROCESS_H
+
+#include "tests/support/support.h"
+
+#include <stdbool.h>
+#include <sys/types.h>
+
+/** A program that was started. Its output goes to files of the test's own folder. */
+struct lw_process {
+    pid_t pid; /* 0: it ended and was waited for */
+    char out[128], err[128];
+    char port_file[128]; /* lw_process_serve() only */
+    uint16_t port;       /* lw_process_serve() only */
+};
+
+/** Starts a program of the build; `arguments` are words separated by blanks. It finds no display, and $TMPDIR is
+ * lw_support_temporary("tmp"), made if it is not there. Ends the test where it cannot be started. */
+void lw_process_start(struct lw_process *process, const char *program, const char *arguments);
+
+/** Starts lightwelld on a free port of 127.0.0.1, or on a --listen among the arguments, and waits until it serves. Ends the
+ * test where that takes more than a minute, or where the daemon ends instead. */
+void lw_process_serve(struct lw_process *process, const char *arguments);
+
+/** Whether it has not ended yet. */
+bool lw_process_runs(struct lw_process *process);
+
+/** Waits for its end and returns its exit code, or minus the number of the signal that ended it. Ends the test after limit_s. */
+int lw_process_finish(struct lw_process *process, unsigned limit_s);
+
+/** Sends a signal and finishes. */
+int lw_process_stop(struct lw_process *process, int signal_number, unsigned limit_s);
+
+/** Kills and forgets all that still run: for a teardown after a test that failed. */
+void lw_process_kill_all(void);
+
+/** What it has said so far on stdout, on stderr; the caller frees. */
+char *lw_process_out(const struct lw_process *process);
+char *lw_process_err(const struct lw_process *process);
+
+/** Ends the test unless nothing is left in the programs' $TMPDIR. */
+void lw_process_left_nothing(void);
+
+/** Sleeps. */
+void lw_process_sleep_ms(unsigned ms);
+
+#endif
