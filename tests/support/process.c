@@ -41,25 +41,28 @@ static void find_program(char *path, size_t size, const char *program) {
     assert_true((size_t)snprintf(path, size, "%s/%s", self, program) < size);
 }
 
-static void redirect(int descriptor, const char *path) {
-    int file = open(path, O_WRONLY | O_CREAT | O_TRUNC, 0600);
-    if (file < 0 || dup2(file, descriptor) < 0) _exit(FAILED_EXEC);
-    close(file);
-}
-
 /* In the child. The parent's death is ours: nothing is left running where a test is killed. */
-static void become(const struct lw_process *process, const char *path, char **argv, const char *temporary,
-                   pid_t parent) {
+static void become(const char *path, char **argv, const int outputs[2], const char *temporary, pid_t parent) {
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     if (getppid() != parent) _exit(FAILED_EXEC);
     setenv("TMPDIR", temporary, 1);
     unsetenv("DISPLAY");
     unsetenv("WAYLAND_DISPLAY");
-    redirect(STDOUT_FILENO, process->out);
-    redirect(STDERR_FILENO, process->err);
+    dup2(outputs[0], STDOUT_FILENO);
+    dup2(outputs[1], STDERR_FILENO);
     execv(path, argv);
     dprintf(STDERR_FILENO, "cannot start %s: %m\n", path);
     _exit(FAILED_EXEC);
+}
+
+static int create(char *dst, size_t size, const char *kind) {
+    static unsigned created;
+    char name[32];
+    snprintf(name, sizeof name, "process.%u.%s", ++created, kind);
+    snprintf(dst, size, "%s", lw_support_temporary(name));
+    int file = open(dst, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
+    if (file < 0) fail_msg("cannot create %s", dst);
+    return file;
 }
 
 static pid_t *free_entry(void) {
@@ -70,15 +73,10 @@ static pid_t *free_entry(void) {
 }
 
 void lw_process_start(struct lw_process *process, const char *program, const char *arguments) {
-    static unsigned started;
-    char path[600], line[2048], name[32], *argv[WORDS_MAX] = {path};
+    char path[600], line[2048], *argv[WORDS_MAX] = {path};
     *process = (struct lw_process){0};
     make_temporary();
     find_program(path, sizeof path, program);
-    snprintf(name, sizeof name, "process.%u.out", ++started);
-    snprintf(process->out, sizeof process->out, "%s", lw_support_temporary(name));
-    snprintf(name, sizeof name, "process.%u.err", started);
-    snprintf(process->err, sizeof process->err, "%s", lw_support_temporary(name));
     assert_true((size_t)snprintf(line, sizeof line, "%s", arguments) < sizeof line);
     int argc = 1;
     for (char *word = strtok(line, " "); word; word = strtok(NULL, " ")) {
@@ -86,10 +84,14 @@ void lw_process_start(struct lw_process *process, const char *program, const cha
         argv[argc++] = word;
     }
     const char *temporary = lw_support_temporary("tmp");
+    const int outputs[2] = {create(process->out, sizeof process->out, "out"),
+                            create(process->err, sizeof process->err, "err")};
     pid_t parent = getpid(), *entry = free_entry();
     process->pid = fork();
     assert_true(process->pid >= 0);
-    if (process->pid == 0) become(process, path, argv, temporary, parent);
+    if (process->pid == 0) become(path, argv, outputs, temporary, parent);
+    close(outputs[0]);
+    close(outputs[1]);
     *entry = process->pid;
 }
 

@@ -1,0 +1,846 @@
+/* The real lightwelld, with clients of liblightwell and peers that misbehave. */
+#include "tests/support/process.h"
+
+#include "client/include/lightwell/client.h"
+#include "common/clock.h"
+#include "common/log.h"
+#include "common/scene/pose.h"
+
+#include <arpa/inet.h>
+#include <dirent.h>
+#include <errno.h>
+#include <math.h>
+#include <netinet/in.h>
+#include <poll.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#define AUDIENCE_MAX  40
+#define LIMIT_S       60 /* for what takes a second on a quiet machine; those that must be quick say so */
+#define STOP_LIMIT_S  2  /* what a stop may take */
+#define CORNELL       "builtin:cornell --texels-per-metre 8 --clock step --json "
+#define RESTS         CORNELL "--error 0.3 "  /* comes to rest after a few dozen frames */
+#define NEVER_RESTS   CORNELL "--error 1e-6 " /* hundreds of frames a second, for ever */
+#define ATRIUM        "builtin:atrium --texels-per-metre 2 --clock step --json "
+#define SETTLED_LINES 10
+#define MEMORY_SLACK_KB                                                                                      \
+    8192 /* between two looks at the daemon's memory; what is queued for one peer has a bound below it */
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define SANITIZED 1
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
+#define SANITIZED 1
+#endif
+#endif
+#ifndef SANITIZED
+#define SANITIZED 0
+#endif
+
+/* ---- what the daemon prints ---- */
+
+static double number_of(const char *line, const char *key) {
+    char quoted[64];
+    snprintf(quoted, sizeof quoted, "\"%s\":", key);
+    const char *at = strstr(line, quoted);
+    if (!at) fail_msg("no %s in %.400s", quoted, line);
+    return atof(at + strlen(quoted));
+}
+
+/* The daemon's lines so far. The last one may be a half: it does not count. */
+struct report {
+    char *text;
+    unsigned lines;
+    const char **line;
+};
+
+static struct report read_report(const struct lw_process *daemon) {
+    struct report report = {.text = lw_process_out(daemon)};
+    unsigned capacity = 1;
+    for (const char *c = report.text; *c; c++) capacity += *c == '\n';
+    report.line = calloc(capacity, sizeof *report.line);
+    assert_non_null(report.line);
+    for (char *start = report.text, *end; (end = strchr(start, '\n')); start = end + 1) {
+        *end = '\0';
+        report.line[report.lines++] = start;
+    }
+    return report;
+}
+
+static void free_report(struct report *report) {
+    free(report->line);
+    free(report->text);
+}
+
+static double sum_of(const struct report *report, const char *key) {
+    double sum = 0;
+    for (unsigned i = 0; i < report->lines; i++) sum += number_of(report->line[i], key);
+    return sum;
+}
+
+static double last_of(const struct report *report, const char *key) {
+    assert_true(report->lines > 0);
+    return number_of(report->line[report->lines - 1], key);
+}
+
+/* ---- clients ---- */
+
+/* The clients of a test, of one daemon or of several in turn. What they have received outlives their daemon. */
+static struct {
+    struct lw_client *client[AUDIENCE_MAX];
+    bool closed[AUDIENCE_MAX];
+    unsigned count;
+} audience;
+
+static struct lw_client *join(const struct lw_process *daemon) {
+    struct lw_error err = {0};
+    assert_true(audience.count < AUDIENCE_MAX);
+    lw_support_ok(lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1",
+                                                            .port = daemon->port,
+                                                            .name = "test_daemon",
+                                                            .timeout_ms = LIMIT_S * 1000},
+                                   &audience.client[audience.count], &err),
+                  &err);
+    audience.closed[audience.count] = false;
+    return audience.client[audience.count++];
+}
+
+static struct lw_client_stats stats_of(const struct lw_client *client) {
+    struct lw_client_stats stats;
+    lw_client_get_stats(client, &stats);
+    return stats;
+}
+
+/* Takes in what has arrived for anyone, waiting a little for it. Returns how many clients still have their link. */
+static unsigned poll_all(void) {
+    struct pollfd ready[AUDIENCE_MAX];
+    unsigned open = 0;
+    for (unsigned i = 0; i < audience.count; i++) {
+        int descriptor = audience.closed[i] ? -1 : lw_client_descriptor(audience.client[i]);
+        ready[i] = (struct pollfd){.fd = descriptor, .events = POLLIN};
+    }
+    poll(ready, audience.count, 10);
+    for (unsigned i = 0; i < audience.count; i++) {
+        struct lw_error err = {0};
+        if (audience.closed[i]) continue;
+        enum lw_status status = lw_client_poll(audience.client[i], 0, &err);
+        if (status != LW_OK && status != LW_CLOSED) fail_msg("client %u: %s", i, err.text);
+        audience.closed[i] = status == LW_CLOSED;
+        open += status == LW_OK;
+    }
+    return open;
+}
+
+/* Every tile is there, with all bounces. */
+static bool is_complete(const struct lw_client *client) {
+    const struct lw_atlas_map *map = lw_client_atlas_map(client);
+    for (uint32_t i = 0; map && i < map->tile_count; i++) {
+        struct lw_client_tile tile = lw_client_get_tile(client, (lw_tile_id){i});
+        if (tile.version == 0 || tile.bounces < stats_of(client).bounces) return false;
+    }
+    return map != NULL;
+}
+
+static uint64_t limit_ns(void) { return lw_clock_ns() + LIMIT_S * 1000000000ull; }
+
+static void wait_complete(const struct lw_client *client) {
+    for (uint64_t deadline_ns = limit_ns(); !is_complete(client);) {
+        assert_true(poll_all() > 0);
+        if (lw_clock_ns() > deadline_ns) fail_msg("no complete light within %d s", LIMIT_S);
+    }
+}
+
+/* Whether the daemon's last lines say that nothing is solved any more and that all that was sent is `tiles`. */
+static bool is_settled(const struct lw_process *daemon, uint64_t tiles) {
+    struct report report = read_report(daemon);
+    bool settled = report.lines >= SETTLED_LINES;
+    for (unsigned i = 0; settled && i < SETTLED_LINES; i++) {
+        const char *line = report.line[report.lines - 1 - i];
+        settled = number_of(line, "tiles_solved") == 0 && number_of(line, "tiles_sent") == (double)tiles;
+    }
+    free_report(&report);
+    return settled;
+}
+
+/* Until the daemon rests and the clients from number `first` on, all that it has, have all that it sent. */
+static void settle(const struct lw_process *daemon, unsigned first) {
+    for (uint64_t deadline_ns = limit_ns();;) {
+        uint64_t tiles = 0;
+        for (unsigned i = first; i < audience.count; i++) {
+            assert_false(audience.closed[i]);
+            tiles += stats_of(audience.client[i]).tiles;
+        }
+        if (tiles && is_settled(daemon, tiles)) return;
+        if (lw_clock_ns() > deadline_ns) fail_msg("not at rest within %d s", LIMIT_S);
+        poll_all();
+    }
+}
+
+static bool same_tiles(const struct lw_client *a, const struct lw_client *b) {
+    const struct lw_atlas_map *map = lw_client_atlas_map(a);
+    assert_int_equal(map->tile_count, lw_client_atlas_map(b)->tile_count);
+    for (uint32_t i = 0; i < map->tile_count; i++) {
+        struct lw_client_tile of_a = lw_client_get_tile(a, (lw_tile_id){i}),
+                              of_b = lw_client_get_tile(b, (lw_tile_id){i});
+        if (of_a.version != of_b.version || of_a.bounces != of_b.bounces || of_a.error != of_b.error)
+            return false;
+    }
+    return true;
+}
+
+static bool same_light(const struct lw_client *a, const struct lw_client *b) {
+    const struct lw_atlas_map *map = lw_client_atlas_map(a);
+    for (uint32_t o = 0; o < map->object_count; o++)
+        for (uint32_t l = 0; l < map->atlas[o].level_count; l++) {
+            struct lw_client_level of_a = lw_client_get_level(a, o, l), of_b = lw_client_get_level(b, o, l);
+            assert_true(of_a.width > 0 && of_a.width == of_b.width && of_a.height == of_b.height);
+            if (memcmp(of_a.rgb, of_b.rgb, sizeof(float) * 3 * of_a.width * of_a.height) != 0) return false;
+        }
+    return true;
+}
+
+/* Sum of the green irradiance over all texels of the finest levels. */
+static double total_light(const struct lw_client *client) {
+    double sum = 0;
+    for (uint32_t o = 0; o < lw_client_atlas_map(client)->object_count; o++) {
+        struct lw_client_level level = lw_client_get_level(client, o, 0);
+        for (uint32_t i = 0; i < level.width * level.height; i++) sum += (double)level.rgb[3 * i + 1];
+    }
+    return sum;
+}
+
+static int end_all(void **state) {
+    (void)state;
+    while (audience.count) lw_client_destroy(audience.client[--audience.count]);
+    lw_process_kill_all();
+    return 0;
+}
+
+/* The clients listen meanwhile: the daemon gives those who do not a second to take its goodbye. */
+static void stop(struct lw_process *daemon) {
+    kill(daemon->pid, SIGTERM);
+    for (uint64_t deadline_ns = limit_ns(); lw_process_runs(daemon) && lw_clock_ns() < deadline_ns;)
+        poll_all();
+    int code = lw_process_finish(daemon, STOP_LIMIT_S);
+    if (code != 0) fail_msg("ended with %d: %s", code, lw_process_err(daemon));
+}
+
+/* ---- one solve for all ---- */
+
+struct total {
+    double rays, tiles_encoded;
+};
+
+static struct total run_forty_frames(unsigned clients) {
+    struct lw_process daemon;
+    unsigned first = audience.count;
+    /* samples that make it last: all clients are there from the first frames on */
+    lw_process_serve(&daemon, NEVER_RESTS "--frames 40 --direct-samples 32 --indirect-samples 64");
+    for (unsigned i = 0; i < clients; i++) join(&daemon);
+    for (uint64_t deadline_ns = limit_ns(); poll_all() > 0;) assert_true(lw_clock_ns() < deadline_ns);
+    assert_int_equal(lw_process_finish(&daemon, STOP_LIMIT_S), 0);
+    struct report report = read_report(&daemon);
+    assert_int_equal(report.lines, 40);
+    assert_int_equal(last_of(&report, "sessions"), clients);
+    for (unsigned i = first; i < audience.count; i++) assert_true(is_complete(audience.client[i]));
+    struct total total = {last_of(&report, "rays_total"), sum_of(&report, "tiles_encoded")};
+    free_report(&report);
+    return total;
+}
+
+static void one_solve_serves_all(void **state) {
+    (void)state;
+    struct total alone = run_forty_frames(1), together = run_forty_frames(32);
+    assert_true(alone.rays > 1e6 && alone.tiles_encoded > 40);
+    assert_true(alone.rays == together.rays);
+    assert_true(alone.tiles_encoded == together.tiles_encoded);
+}
+
+/* Runs until the scene rests and `clients` clients have it all; returns all rays traced. */
+static double run_to_rest(const char *arguments, unsigned clients) {
+    struct lw_process daemon;
+    unsigned first = audience.count;
+    lw_process_serve(&daemon, arguments);
+    for (unsigned i = 0; i < clients; i++) join(&daemon);
+    settle(&daemon, first);
+    struct report report = read_report(&daemon);
+    double rays = last_of(&report, "rays_total");
+    free_report(&report);
+    stop(&daemon);
+    return rays;
+}
+
+static void all_see_the_same(void **state) {
+    (void)state;
+    double alone = run_to_rest(RESTS, 1), together = run_to_rest(RESTS, 32);
+    assert_true(alone > 0 && alone == together);
+    for (unsigned i = 0; i < audience.count; i++) {
+        assert_true(is_complete(audience.client[i]));
+        assert_true(same_tiles(audience.client[0], audience.client[i]));
+        assert_true(same_light(audience.client[0], audience.client[i]));
+    }
+}
+
+static void threads_change_nothing_and_seeds_do(void **state) {
+    (void)state;
+    const char *common = RESTS "--tracing-range 1 --texels-per-metre 16 --seed 7 --threads ";
+    char one[512], two[512];
+    snprintf(one, sizeof one, "%s 1", common);
+    snprintf(two, sizeof two, "%s 2", common);
+    double rays_one = run_to_rest(one, 1), rays_two = run_to_rest(two, 1);
+    assert_true(rays_one == rays_two);
+    assert_true(same_tiles(audience.client[0], audience.client[1]));
+    assert_true(same_light(audience.client[0], audience.client[1]));
+    run_to_rest(RESTS "--tracing-range 1 --texels-per-metre 16 --seed 8", 1);
+    assert_false(same_light(audience.client[0], audience.client[2]));
+}
+
+/* ---- at rest ---- */
+
+static void rest_costs_nothing(void **state) {
+    (void)state;
+    struct lw_process daemon;
+    lw_process_serve(&daemon, RESTS "--frame-rate 60");
+    struct lw_client *early = join(&daemon);
+    settle(&daemon, 0);
+    struct lw_client_stats before = stats_of(early);
+    struct report report = read_report(&daemon);
+    unsigned lines = report.lines;
+    double rays = last_of(&report, "rays_total"), tiles = last_of(&report, "tiles_sent"),
+           bytes = last_of(&report, "bytes_sent");
+    free_report(&report);
+    for (uint64_t end_ns = lw_clock_ns() + 1000000000; lw_clock_ns() < end_ns;) poll_all();
+    report = read_report(&daemon);
+    assert_true(report.lines > lines + 10);  /* it goes on ... */
+    assert_true(report.lines < lines + 120); /* ... at the frame rate, not as fast as it can */
+    for (unsigned i = lines; i < report.lines; i++) {
+        assert_true(number_of(report.line[i], "rays_total") == rays);
+        assert_true(number_of(report.line[i], "tiles_sent") == tiles);
+        assert_true(number_of(report.line[i], "bytes_sent") == bytes);
+        assert_true(number_of(report.line[i], "tiles_encoded") == 0);
+    }
+    assert_true(stats_of(early).bytes == before.bytes);
+    free_report(&report);
+    /* who comes late gets the same */
+    struct lw_client *late = join(&daemon);
+    wait_complete(late);
+    settle(&daemon, 0);
+    assert_true(same_tiles(early, late) && same_light(early, late));
+    report = read_report(&daemon);
+    assert_true(last_of(&report, "rays_total") == rays);
+    free_report(&report);
+    stop(&daemon);
+}
+
+/* ---- peers that misbehave ---- */
+
+static const uint8_t hello[] = {12,   0, 0,   0,   1,   0,   0,   0,   8,   1,
+                                0x1a, 8, 's', 't', 'r', 'a', 'n', 'g', 'e', 'r'},
+                     package_request[] = {0, 0, 0, 0, 4, 0, 0, 0};
+enum { REFUSAL = 3, PACKAGE_CHUNK = 5, TILE = 8 };
+
+static int connect_raw(const struct lw_process *daemon) {
+    struct sockaddr_in address = {
+        .sin_family = AF_INET, .sin_port = htons(daemon->port), .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    int peer = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0), small = 4096;
+    assert_true(peer >= 0);
+    setsockopt(peer, SOL_SOCKET, SO_RCVBUF, &small, sizeof small);
+    setsockopt(peer, SOL_SOCKET, SO_RCVTIMEO, &(struct timeval){.tv_sec = LIMIT_S}, sizeof(struct timeval));
+    assert_int_equal(connect(peer, (struct sockaddr *)&address, sizeof address), 0);
+    return peer;
+}
+
+static void say(int peer, const uint8_t *bytes, size_t size) {
+    assert_int_equal(send(peer, bytes, size, MSG_NOSIGNAL), (ssize_t)size);
+}
+
+/* Says what a client says first. */
+static int connect_stranger(const struct lw_process *daemon) {
+    int peer = connect_raw(daemon);
+    say(peer, hello, sizeof hello);
+    say(peer, package_request, sizeof package_request);
+    return peer;
+}
+
+static bool hear(int peer, uint8_t *bytes, size_t size) {
+    for (size_t got = 0; got < size;) {
+        ssize_t more = recv(peer, bytes + got, size - got, 0);
+        if (more < 0) assert_int_equal(errno, ECONNRESET);
+        if (more <= 0) return false;
+        got += (size_t)more;
+    }
+    return true;
+}
+
+/* Reads up to a message of this type, and of its body the first two bytes. */
+static void hear_up_to(int peer, unsigned type, uint8_t out_start[2]) {
+    uint8_t header[8], rest;
+    for (;;) {
+        if (!hear(peer, header, sizeof header)) fail_msg("no message %u", type);
+        uint32_t size = header[0] | header[1] << 8 | header[2] << 16 | (uint32_t)header[3] << 24;
+        if (header[4] == type) break;
+        while (size--) assert_true(hear(peer, &rest, 1));
+    }
+    assert_true(hear(peer, out_start, 2));
+}
+
+static void reset(int peer) {
+    setsockopt(peer, SOL_SOCKET, SO_LINGER, &(struct linger){.l_onoff = 1}, sizeof(struct linger));
+    close(peer);
+}
+
+static void leave_amid(const struct lw_process *daemon, unsigned type) {
+    uint8_t start[2];
+    int peer = connect_stranger(daemon);
+    hear_up_to(peer, type, start);
+    reset(peer);
+}
+
+static void is_refused(const struct lw_process *daemon, const uint8_t *bytes, size_t size, unsigned code) {
+    uint8_t start[2];
+    int peer = connect_raw(daemon);
+    say(peer, bytes, size);
+    hear_up_to(peer, REFUSAL, start);
+    assert_int_equal(start[0], 8); /* field 1 */
+    assert_int_equal(start[1], code);
+    close(peer);
+}
+
+static void send_garbage(const struct lw_process *daemon) {
+    static uint8_t garbage[65536];
+    for (size_t i = 0; i < sizeof garbage; i++) garbage[i] = (uint8_t)(i * 2654435761u >> 13);
+    int peer = connect_raw(daemon);
+    if (send(peer, garbage, sizeof garbage, MSG_NOSIGNAL) < 0)
+        assert_true(errno == EPIPE || errno == ECONNRESET);
+    while (hear(peer, garbage, 1)) {
+    }
+    close(peer);
+}
+
+static long resident_kb(const struct lw_process *daemon) {
+    char path[64], line[256];
+    long kb = -1;
+    snprintf(path, sizeof path, "/proc/%d/status", (int)daemon->pid);
+    FILE *file = fopen(path, "r");
+    assert_non_null(file);
+    while (fgets(line, sizeof line, file)) (void)sscanf(line, "VmRSS: %ld", &kb);
+    fclose(file);
+    assert_true(kb > 0);
+    return kb;
+}
+
+static void misbehave_in_every_way(const struct lw_process *daemon) {
+    uint8_t other_version[sizeof hello];
+    memcpy(other_version, hello, sizeof hello);
+    other_version[9] = 2;
+    is_refused(daemon, other_version, sizeof other_version, 1);
+    is_refused(daemon, (const uint8_t *)"GET / HTTP/1.0\r\n\r\n", 18, 3);
+    is_refused(daemon, package_request, sizeof package_request, 3); /* before the hello */
+    leave_amid(daemon, PACKAGE_CHUNK);
+    leave_amid(daemon, TILE);
+    send_garbage(daemon);
+    reset(connect_raw(daemon));
+}
+
+static void misbehaving_peers_hurt_nobody(void **state) {
+    (void)state;
+    struct lw_process daemon;
+    lw_process_serve(&daemon, NEVER_RESTS);
+    struct lw_client *good = join(&daemon);
+    wait_complete(good);
+    int silent = connect_raw(&daemon), deaf = connect_stranger(&daemon);
+    say(silent, hello, 4); /* half a header, and then nothing */
+    for (int i = 0; i < 20; i++, poll_all()) misbehave_in_every_way(&daemon);
+    long before_kb = resident_kb(&daemon);
+    uint64_t frame = stats_of(good).frame, tiles = stats_of(good).tiles;
+    for (int i = 0; i < 100; i++, poll_all()) misbehave_in_every_way(&daemon);
+    for (uint64_t end_ns = lw_clock_ns() + 1000000000; lw_clock_ns() < end_ns;) poll_all();
+    long after_kb = resident_kb(&daemon);
+    /* all that time the deaf one took nothing and the others were served */
+    assert_true(lw_process_runs(&daemon));
+    assert_true(stats_of(good).frame > frame + 20 && stats_of(good).tiles > tiles + 20);
+    if (!SANITIZED && after_kb > before_kb + MEMORY_SLACK_KB)
+        fail_msg("%ld kB before, %ld kB after", before_kb, after_kb);
+    struct lw_client *late = join(&daemon);
+    wait_complete(late);
+    close(silent);
+    close(deaf);
+    stop(&daemon);
+}
+
+/* ---- the end ---- */
+
+static void stops_at(int signal_number, bool with_client, bool with_deaf_peer) {
+    struct lw_process daemon;
+    lw_process_serve(&daemon, NEVER_RESTS);
+    if (with_client) wait_complete(join(&daemon));
+    int deaf = with_deaf_peer ? connect_stranger(&daemon) : -1;
+    uint64_t asked_ns = lw_clock_ns();
+    kill(daemon.pid, signal_number);
+    while (with_client && poll_all() > 0)
+        assert_true(lw_clock_ns() - asked_ns < STOP_LIMIT_S * 1000000000ull);
+    /* who does not take the goodbye is waited for a second */
+    assert_int_equal(lw_process_finish(&daemon, with_deaf_peer ? 2 * STOP_LIMIT_S : STOP_LIMIT_S), 0);
+    assert_int_equal(access(daemon.port_file, F_OK), -1);
+    lw_process_left_nothing();
+    if (deaf >= 0) close(deaf);
+    end_all(NULL);
+}
+
+static void signals_stop_it_cleanly(void **state) {
+    (void)state;
+    stops_at(SIGTERM, true, false);
+    stops_at(SIGINT, true, false);
+    stops_at(SIGTERM, false, false);
+    stops_at(SIGINT, true, true);
+}
+
+/* A child of the process, or 0. */
+static pid_t child_of(pid_t parent) {
+    pid_t child = 0;
+    DIR *processes = opendir("/proc");
+    assert_non_null(processes);
+    for (struct dirent *entry; !child && (entry = readdir(processes));) {
+        char path[300], line[512] = "";
+        int its_parent = 0;
+        snprintf(path, sizeof path, "/proc/%s/stat", entry->d_name);
+        FILE *file = fopen(path, "r");
+        if (!file) continue;
+        const char *name_end = fgets(line, sizeof line, file) ? strrchr(line, ')') : NULL;
+        if (name_end && sscanf(name_end, ") %*c %d", &its_parent) == 1 && its_parent == parent)
+            child = atoi(entry->d_name);
+        fclose(file);
+    }
+    closedir(processes);
+    return child;
+}
+
+static void signals_stop_an_import(void **state) {
+    (void)state;
+    const int signals[] = {SIGTERM, SIGINT};
+    for (int i = 0; i < 2; i++) {
+        struct lw_process daemon;
+        char arguments[256], *port_file = strdup(lw_support_temporary("never"));
+        snprintf(arguments, sizeof arguments, "builtin:atrium --listen 127.0.0.1:0 --port-file %s",
+                 port_file);
+        lw_process_start(&daemon, "lightwelld", arguments);
+        pid_t importer = 0;
+        for (int tries = 0; !importer && tries < 1000; tries++) importer = child_of(daemon.pid);
+        assert_true(importer > 0);
+        lw_process_sleep_ms(i ? 0 : 100);
+        assert_int_equal(lw_process_stop(&daemon, signals[i], STOP_LIMIT_S), 0);
+        assert_true(kill(importer, 0) == -1 && errno == ESRCH);
+        lw_process_left_nothing();
+        assert_int_equal(access(port_file, F_OK), -1);
+        free(port_file);
+    }
+}
+
+/* At whatever moment of the start: no importer, no folder, no port file stays; and once it watches, it ends with 0. */
+static void a_signal_at_any_moment_leaves_nothing(void **state) {
+    (void)state;
+    unsigned ended_well = 0;
+    for (unsigned ms = 0; ms < 60; ms += 3) {
+        struct lw_process daemon;
+        char arguments[256], *port_file = strdup(lw_support_temporary("any"));
+        snprintf(arguments, sizeof arguments, RESTS "--listen 127.0.0.1:0 --port-file %s", port_file);
+        lw_process_start(&daemon, "lightwelld", arguments);
+        lw_process_sleep_ms(ms);
+        int code = lw_process_stop(&daemon, SIGTERM, STOP_LIMIT_S);
+        if (code != 0 && code != -SIGTERM) fail_msg("after %u ms: %d: %s", ms, code, lw_process_err(&daemon));
+        char *err = lw_process_err(&daemon);
+        if (code != 0 && *err) fail_msg("after %u ms: ended by the signal after \"%s\"", ms, err);
+        free(err);
+        ended_well += code == 0;
+        lw_process_left_nothing();
+        assert_int_equal(access(port_file, F_OK), -1);
+        free(port_file);
+    }
+    assert_true(ended_well >= 5);
+}
+
+static void restarts_on_its_port(void **state) {
+    (void)state;
+    struct lw_process daemon;
+    char arguments[256];
+    lw_process_serve(&daemon, RESTS);
+    wait_complete(join(&daemon));
+    uint16_t port = daemon.port;
+    snprintf(arguments, sizeof arguments, RESTS "--listen 127.0.0.1:%u", port);
+    for (int i = 0; i < 3; i++) {
+        stop(&daemon);
+        lw_process_serve(&daemon, arguments);
+        assert_int_equal(daemon.port, port);
+        wait_complete(join(&daemon));
+    }
+    stop(&daemon);
+}
+
+/* ---- bad input ---- */
+
+/* It must end with `code` and, last on stderr, one line that says both. */
+static void fails(const char *arguments, int code, const char *said, const char *said_too) {
+    struct lw_process daemon;
+    lw_process_start(&daemon, "lightwelld", arguments);
+    int got = lw_process_finish(&daemon, LIMIT_S);
+    char *err = lw_process_err(&daemon), *out = lw_process_out(&daemon);
+    char *line = strstr(err, "lightwelld: error: ");
+    if (got != code || !line || !strstr(line, said) || !strstr(line, said_too))
+        fail_msg("\"%s\" ended with %d: %s", arguments, got, err);
+    assert_string_equal(strchr(line, '\n'), "\n");
+    assert_string_equal(out, "");
+    lw_process_left_nothing();
+    free(out);
+    free(err);
+}
+
+static void a_port_in_use_is_named(void **state) {
+    (void)state;
+    struct lw_process daemon;
+    char arguments[256], address[32];
+    lw_process_serve(&daemon, RESTS);
+    snprintf(address, sizeof address, "127.0.0.1:%u", daemon.port);
+    snprintf(arguments, sizeof arguments, RESTS "--listen %s", address);
+    fails(arguments, 69, address, "--listen");
+    wait_complete(join(&daemon)); /* the first one does not mind */
+    stop(&daemon);
+}
+
+static void bad_options_are_named(void **state) {
+    (void)state;
+    static const struct {
+        const char *options, *said;
+    } bad[] = {
+        {"--bounces -1", "--bounces"},
+        {"--bounces 1000000", "--bounces"},
+        {"--bounces two", "--bounces"},
+        {"--tracing-range 0", "--tracing-range"},
+        {"--cell-size nan", "--cell-size"},
+        {"--texels-per-metre -3", "--texels-per-metre"},
+        {"--atlas-max 1", "--atlas-max"},
+        {"--direct-samples 0", "--direct-samples"},
+        {"--indirect-samples 0", "--indirect-samples"},
+        {"--frame-rate 0", "--frame-rate"},
+        {"--clock wall", "--clock"},
+        {"--threads 0", "--threads"},
+        {"--seed -1", "--seed"},
+        {"--freeze -1", "--freeze"},
+        {"--sky 1,1", "--sky"},
+        {"--sun-angle 91", "--sun-angle"},
+        {"--error 2", "--error"},
+        {"--frames 0", "--frames"},
+        {"--listen 127.0.0.1", "--listen"},
+        {"--listen 127.0.0.1:65536", "--listen"},
+        {"--animate --freeze 1", "--freeze"},
+        {"--no-such-option", "--no-such-option"},
+        {"--bounces", "--bounces"},
+        {"a-second-scene", "a-second-scene"},
+    };
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        char arguments[256];
+        snprintf(arguments, sizeof arguments, "builtin:cornell %s", bad[i].options);
+        fails(arguments, 64, bad[i].said, "");
+    }
+    fails("", 64, "SCENE", "");
+}
+
+static void bad_scenes_and_files_are_named(void **state) {
+    (void)state;
+    char arguments[512];
+    fails("builtin:nothing", 66, "builtin:nothing", "builtin:cornell");
+    fails("/nowhere/scene.glb", 66, "/nowhere/scene.glb", "");
+    fails("/nowhere/scene.lwscene", 66, "/nowhere/scene.lwscene", "");
+    const char *path = lw_support_temporary("broken.gltf");
+    FILE *file = fopen(path, "w");
+    assert_true(file && fputs("{\"asset\":{\"version\":\"2.0\"},", file) > 0 && fclose(file) == 0);
+    fails(path, 65, path, "");
+    fails(RESTS "--listen 127.0.0.1:0 --port-file /nowhere/port", 73, "--port-file", "/nowhere/port");
+    fails(RESTS "--listen no-such-host.invalid:7780", 68, "no-such-host.invalid", "");
+    snprintf(arguments, sizeof arguments, RESTS "--listen 127.0.0.1:0 --port-file %s",
+             lw_support_temporary("tmp"));
+    fails(arguments, 74, "--port-file", "directory");
+}
+
+static void a_scene_without_light_asks_for_a_sky(void **state) {
+    (void)state;
+    struct lw_process daemon;
+    char arguments[1024];
+    const char *path = lw_support_scene("sponza/Sponza.gltf");
+    snprintf(arguments, sizeof arguments, "%s --texels-per-metre 1", path);
+    fails(arguments, 65, path, "--sky");
+    snprintf(arguments, sizeof arguments, "%s --texels-per-metre 1 --clock step --error 0.5 --sky 1,1,1",
+             path);
+    lw_process_serve(&daemon, arguments);
+    struct lw_client *client = join(&daemon);
+    wait_complete(client);
+    assert_true(stats_of(client).sky[1] == 1 && total_light(client) > 0);
+    stop(&daemon);
+}
+
+static void make_package(const char *path) {
+    struct lw_process importer;
+    char arguments[512];
+    snprintf(arguments, sizeof arguments, "builtin:cornell --texels-per-metre 8 -o %s", path);
+    lw_process_start(&importer, "lightwell-import", arguments);
+    assert_int_equal(lw_process_finish(&importer, LIMIT_S), 0);
+}
+
+static void write_file(const char *path, const uint8_t *bytes, size_t size) {
+    FILE *file = fopen(path, "wb");
+    assert_true(file && fwrite(bytes, 1, size, file) == size && fclose(file) == 0);
+}
+
+/* A flipped bit is refused or, in a number that may be anything, lit: never worse. */
+static void damaged_packages_are_refused(void **state) {
+    (void)state;
+    char path[128], arguments[512];
+    size_t size;
+    snprintf(path, sizeof path, "%s", lw_support_temporary("damaged.lwscene"));
+    make_package(path);
+    uint8_t *bytes = lw_support_read_file(path, &size);
+    snprintf(arguments, sizeof arguments, "%s --listen 127.0.0.1:0 --clock step --frames 2", path);
+    for (size_t i = 0; i < 12; i += 4) { /* magic and version */
+        bytes[i] ^= 0x10;
+        write_file(path, bytes, size);
+        fails(arguments, 65, path, "");
+        bytes[i] ^= 0x10;
+    }
+    unsigned refused = 0;
+    for (size_t i = 12; i < size; i += size / 64) {
+        struct lw_process daemon;
+        bytes[i] ^= 0x40;
+        write_file(path, bytes, size);
+        lw_process_start(&daemon, "lightwelld", arguments);
+        int code = lw_process_finish(&daemon, LIMIT_S);
+        if (code != 0 && code != 65)
+            fail_msg("byte %zu flipped: ended with %d: %s", i, code, lw_process_err(&daemon));
+        refused += code == 65;
+        bytes[i] ^= 0x40;
+    }
+    assert_true(refused > 5);
+    write_file(path, bytes, size - 1);
+    fails(arguments, 65, path, "");
+    free(bytes);
+}
+
+/* ---- moving scenes ---- */
+
+/* The transforms that a client has are those of its scene at the time that it was told. */
+static void check_pose(const struct lw_client *client, struct lw_pose *pose) {
+    const struct lw_scene *scene = lw_client_scene(client);
+    lw_pose_evaluate(pose, scene, stats_of(client).time_s);
+    for (uint32_t o = 0; o < scene->object_count; o++)
+        assert_memory_equal(lw_client_object_to_world(client, o), &pose->object_to_world[o],
+                            sizeof(struct lw_affine));
+}
+
+/* Waits until a client has heard of `count` more frames; checks each that it sees. Returns how often something moved. */
+static unsigned watch_frames(const struct lw_client *client, unsigned count, double step_s, double start_s) {
+    struct lw_pose pose = {0};
+    struct lw_affine *before = NULL;
+    unsigned seen = 0, moved = 0;
+    uint64_t frame = 0;
+    for (uint64_t deadline_ns = limit_ns(); seen < count;) {
+        assert_int_equal(poll_all(), audience.count);
+        if (lw_clock_ns() > deadline_ns) fail_msg("%u frames within %d s", seen, LIMIT_S);
+        struct lw_client_stats stats = stats_of(client);
+        if (stats.frame == frame) continue;
+        frame = stats.frame;
+        seen++;
+        if (fabs(stats.time_s - start_s - (double)(frame - 1) * step_s) > 1e-9)
+            fail_msg("frame %llu at %f s", (unsigned long long)frame, stats.time_s);
+        const struct lw_scene *scene = lw_client_scene(client);
+        size_t size = scene->object_count * sizeof *before;
+        if (!before) {
+            lw_support_ok(lw_pose_init(&pose, scene), NULL);
+            assert_non_null(before = malloc(size));
+        } else {
+            moved += memcmp(before, lw_client_object_to_world(client, 0), size) != 0;
+        }
+        memcpy(before, lw_client_object_to_world(client, 0), size);
+        check_pose(client, &pose);
+    }
+    free(before);
+    lw_pose_finish(&pose);
+    return moved;
+}
+
+static void the_atrium_moves_frame_by_frame(void **state) {
+    (void)state;
+    struct lw_process daemon;
+    lw_process_serve(&daemon, ATRIUM);
+    struct lw_client *client = join(&daemon);
+    assert_int_equal(watch_frames(client, 20, 1.0 / 30, 0), 19);
+    wait_complete(client);
+    stop(&daemon);
+    struct report report = read_report(&daemon);
+    assert_true(report.lines >= 20);
+    for (unsigned i = 0; i < report.lines; i++) assert_true(number_of(report.line[i], "frame") == i + 1);
+    free_report(&report);
+}
+
+static void a_frozen_scene_holds_still(void **state) {
+    (void)state;
+    struct lw_process daemon;
+    lw_process_serve(&daemon, ATRIUM "--freeze 1.5");
+    struct lw_client *client = join(&daemon);
+    assert_int_equal(watch_frames(client, 10, 0, 1.5), 0);
+    stop(&daemon);
+}
+
+/* ---- ways to solve ---- */
+
+static double light_with(const char *options, unsigned bounces) {
+    struct lw_process daemon;
+    char arguments[256];
+    snprintf(arguments, sizeof arguments, CORNELL "--error 0.1 %s", options);
+    lw_process_serve(&daemon, arguments);
+    struct lw_client *client = join(&daemon);
+    settle(&daemon, audience.count - 1);
+    assert_true(is_complete(client));
+    assert_int_equal(stats_of(client).bounces, bounces);
+    stop(&daemon);
+    struct report report = read_report(&daemon);
+    bool asks_probes = strstr(options, "--tracing-range 1") != NULL, bounces_at_all = bounces > 0;
+    assert_int_equal(sum_of(&report, "rays_probe") > 0, asks_probes);
+    assert_int_equal(sum_of(&report, "rays_bounce") > 0, bounces_at_all);
+    free_report(&report);
+    return total_light(client);
+}
+
+static void every_way_to_solve_serves(void **state) {
+    (void)state;
+    double traced = light_with("--tracing-range inf", 2), probed = light_with("--tracing-range 1", 2),
+           direct = light_with("--bounces 0", 0), once = light_with("--bounces 1", 1);
+    assert_true(direct > 0 && direct < 0.9 * once && once < 0.98 * traced);
+    if (probed < 0.8 * traced || probed > 1.2 * traced)
+        fail_msg("%g with probes, %g without", probed, traced);
+}
+
+int main(void) {
+    lw_log_init("test_daemon", LW_LOG_WARNING);
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_teardown(one_solve_serves_all, end_all),
+        cmocka_unit_test_teardown(all_see_the_same, end_all),
+        cmocka_unit_test_teardown(threads_change_nothing_and_seeds_do, end_all),
+        cmocka_unit_test_teardown(rest_costs_nothing, end_all),
+        cmocka_unit_test_teardown(misbehaving_peers_hurt_nobody, end_all),
+        cmocka_unit_test_teardown(signals_stop_it_cleanly, end_all),
+        cmocka_unit_test_teardown(signals_stop_an_import, end_all),
+        cmocka_unit_test_teardown(a_signal_at_any_moment_leaves_nothing, end_all),
+        cmocka_unit_test_teardown(restarts_on_its_port, end_all),
+        cmocka_unit_test_teardown(a_port_in_use_is_named, end_all),
+        cmocka_unit_test_teardown(bad_options_are_named, end_all),
+        cmocka_unit_test_teardown(bad_scenes_and_files_are_named, end_all),
+        cmocka_unit_test_teardown(a_scene_without_light_asks_for_a_sky, end_all),
+        cmocka_unit_test_teardown(damaged_packages_are_refused, end_all),
+        cmocka_unit_test_teardown(the_atrium_moves_frame_by_frame, end_all),
+        cmocka_unit_test_teardown(a_frozen_scene_holds_still, end_all),
+        cmocka_unit_test_teardown(every_way_to_solve_serves, end_all),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
