@@ -235,7 +235,7 @@ void lw_client_destroy(struct lw_client *c) {
     free(c);
 }
 
-enum lw_status lw_client_poll(struct lw_client *c, unsigned timeout_ms, struct lw_error *err) {
+static enum lw_status wait_and_take(struct lw_client *c, unsigned timeout_ms, struct lw_error *err) {
     bool any; /* what came along with the welcome */
     enum lw_status status = take_buffered(c, &any, err);
     if (status == LW_OK)
@@ -245,6 +245,13 @@ enum lw_status lw_client_poll(struct lw_client *c, unsigned timeout_ms, struct l
     c->frame_acked = c->stats.frame;
     struct lw_message ack = {.type = LW_MESSAGE_ACK, .ack.frame = c->stats.frame};
     return lw_link_send(&c->link, &ack, err);
+}
+
+enum lw_status lw_client_poll(struct lw_client *c, unsigned timeout_ms, struct lw_error *err) {
+    enum lw_status status = wait_and_take(c, timeout_ms, err);
+    /* A server that said goodbye waits for our end of the link; the client may live on with what it has. */
+    if (status != LW_OK) lw_link_hang_up(&c->link);
+    return status;
 }
 
 int lw_client_descriptor(const struct lw_client *c) { return c->link.socket; }

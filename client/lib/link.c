@@ -106,6 +106,8 @@ void lw_link_finish(struct lw_link *link) {
     link->input = NULL;
 }
 
+void lw_link_hang_up(struct lw_link *link) { (void)shutdown(link->socket, SHUT_RDWR); }
+
 static enum lw_status closed(const struct lw_link *link, const char *why, struct lw_error *err) {
     return lw_status_fail(err, LW_CLOSED, "%s closed the connection: %s", link->address, why);
 }

@@ -27,6 +27,8 @@ struct lw_link {
 LW_MUST_CHECK enum lw_status lw_link_connect(struct lw_link *link, const char *host, uint16_t port,
                                              unsigned timeout_ms, struct lw_error *err);
 void lw_link_finish(struct lw_link *link);
+/** Ends the connection for both sides; the descriptor stays until lw_link_finish(). */
+void lw_link_hang_up(struct lw_link *link);
 
 /** Sends, or keeps until there is room; when the outbox is full the message is dropped whole, so this is for messages
  * that a later one makes up for. Errors: LW_CLOSED, LW_NO_MEMORY. */
