@@ -27,6 +27,7 @@
 #define NEVER_RESTS   CORNELL "--error 1e-6 " /* hundreds of frames a second, for ever */
 #define ATRIUM        "builtin:atrium --texels-per-metre 2 --clock step --json "
 #define SETTLED_LINES 10
+#define PONGS_BYTES   100 /* answers to pings that may come in between; the smallest tile is larger */
 #define MEMORY_SLACK_KB                                                                                      \
     8192 /* between two looks at the daemon's memory; what is queued for one peer has a bound below it */
 
@@ -238,8 +239,10 @@ struct total {
 static struct total run_forty_frames(unsigned clients) {
     struct lw_process daemon;
     unsigned first = audience.count;
-    /* samples that make it last: all clients are there from the first frames on */
-    lw_process_serve(&daemon, NEVER_RESTS "--frames 40 --direct-samples 32 --indirect-samples 64");
+    /* samples that make it last a second or two: all clients are there from the first frames on */
+    lw_process_serve(&daemon, SANITIZED ? NEVER_RESTS "--frames 40 --direct-samples 8 --indirect-samples 32"
+                                        : NEVER_RESTS
+                                  "--frames 40 --direct-samples 64 --indirect-samples 256");
     for (unsigned i = 0; i < clients; i++) join(&daemon);
     for (uint64_t deadline_ns = limit_ns(); poll_all() > 0;) assert_true(lw_clock_ns() < deadline_ns);
     assert_int_equal(lw_process_finish(&daemon, STOP_LIMIT_S), 0);
@@ -255,7 +258,7 @@ static struct total run_forty_frames(unsigned clients) {
 static void one_solve_serves_all(void **state) {
     (void)state;
     struct total alone = run_forty_frames(1), together = run_forty_frames(32);
-    assert_true(alone.rays > 1e6 && alone.tiles_encoded > 40);
+    assert_true(alone.rays > 1e5 && alone.tiles_encoded > 40);
     assert_true(alone.rays == together.rays);
     assert_true(alone.tiles_encoded == together.tiles_encoded);
 }
@@ -320,10 +323,10 @@ static void rest_costs_nothing(void **state) {
     for (unsigned i = lines; i < report.lines; i++) {
         assert_true(number_of(report.line[i], "rays_total") == rays);
         assert_true(number_of(report.line[i], "tiles_sent") == tiles);
-        assert_true(number_of(report.line[i], "bytes_sent") == bytes);
+        assert_true(number_of(report.line[i], "bytes_sent") < bytes + PONGS_BYTES);
         assert_true(number_of(report.line[i], "tiles_encoded") == 0);
     }
-    assert_true(stats_of(early).bytes == before.bytes);
+    assert_true(stats_of(early).bytes < before.bytes + PONGS_BYTES && stats_of(early).tiles == before.tiles);
     free_report(&report);
     /* who comes late gets the same */
     struct lw_client *late = join(&daemon);
