@@ -303,9 +303,11 @@ static enum lw_status serve(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
     enum lw_status status = write_port_file(d, err);
     if (status != LW_OK) return status;
-    lw_log(LW_LOG_INFO, "serving %s at %s:%u", s->scene_path, s->host, lw_server_port(d->server));
-    lw_log(LW_LOG_INFO, "look at it: lightwell-view %s:%u     stop it: Ctrl-C", s->host,
-           lw_server_port(d->server));
+    char address[sizeof s->host + 16];
+    snprintf(address, sizeof address, strchr(s->host, ':') ? "[%s]:%u" : "%s:%u", s->host,
+             lw_server_port(d->server));
+    lw_log(LW_LOG_INFO, "serving %s at %s", s->scene_path, address);
+    lw_log(LW_LOG_INFO, "look at it: lightwell-view %s     stop it: Ctrl-C", address);
     if (pthread_create(&d->solver_thread, NULL, solve_forever, d) != 0) {
         if (s->port_file) unlink(s->port_file);
         return lw_status_fail(err, LW_OS, "cannot start the solver's thread");
