@@ -97,10 +97,10 @@ static struct {
     unsigned count;
 } audience;
 
-static struct lw_client *join(const struct lw_process *daemon) {
+static struct lw_client *join_at(const char *host, const struct lw_process *daemon) {
     struct lw_error err = {0};
     assert_true(audience.count < AUDIENCE_MAX);
-    lw_support_ok(lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1",
+    lw_support_ok(lw_client_create(&(struct lw_client_desc){.host = host,
                                                             .port = daemon->port,
                                                             .name = "test_daemon",
                                                             .timeout_ms = LIMIT_S * 1000},
@@ -109,6 +109,8 @@ static struct lw_client *join(const struct lw_process *daemon) {
     audience.closed[audience.count] = false;
     return audience.client[audience.count++];
 }
+
+static struct lw_client *join(const struct lw_process *daemon) { return join_at("127.0.0.1", daemon); }
 
 static struct lw_client_stats stats_of(const struct lw_client *client) {
     struct lw_client_stats stats;
@@ -502,6 +504,18 @@ static void signals_stop_it_cleanly(void **state) {
     stops_at(SIGINT, true, true);
 }
 
+static void a_signal_ends_a_long_frame(void **state) {
+    (void)state;
+    struct lw_process daemon;
+    lw_process_serve(&daemon, NEVER_RESTS
+                     "--texels-per-metre 48 --direct-samples 1024 --indirect-samples 1024 --threads 2");
+    lw_process_sleep_ms(300);
+    assert_int_equal(lw_process_stop(&daemon, SIGTERM, STOP_LIMIT_S), 0);
+    char *out = lw_process_out(&daemon);
+    assert_string_equal(out, ""); /* the first frame was not done */
+    free(out);
+}
+
 /* A child of the process, or 0. */
 static pid_t child_of(pid_t parent) {
     pid_t child = 0;
@@ -581,6 +595,27 @@ static void restarts_on_its_port(void **state) {
         wait_complete(join(&daemon));
     }
     stop(&daemon);
+}
+
+static void serves_version_six_addresses(void **state) {
+    (void)state;
+    struct sockaddr_in6 any_port = {.sin6_family = AF_INET6, .sin6_addr = IN6ADDR_LOOPBACK_INIT};
+    int probe = socket(AF_INET6, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    bool there = probe >= 0 && bind(probe, (struct sockaddr *)&any_port, sizeof any_port) == 0;
+    if (probe >= 0) close(probe);
+    if (!there) {
+        print_message("skipped: no IPv6 on this machine\n");
+        skip();
+    }
+    struct lw_process daemon;
+    char command[64];
+    lw_process_serve(&daemon, RESTS "--listen [::1]:0");
+    wait_complete(join_at("::1", &daemon));
+    stop(&daemon);
+    snprintf(command, sizeof command, "lightwell-view [::1]:%u ", daemon.port);
+    char *err = lw_process_err(&daemon);
+    if (!strstr(err, command)) fail_msg("no \"%s\" in %s", command, err);
+    free(err);
 }
 
 /* ---- bad input ---- */
@@ -833,9 +868,11 @@ int main(void) {
         cmocka_unit_test_teardown(rest_costs_nothing, end_all),
         cmocka_unit_test_teardown(misbehaving_peers_hurt_nobody, end_all),
         cmocka_unit_test_teardown(signals_stop_it_cleanly, end_all),
+        cmocka_unit_test_teardown(a_signal_ends_a_long_frame, end_all),
         cmocka_unit_test_teardown(signals_stop_an_import, end_all),
         cmocka_unit_test_teardown(a_signal_at_any_moment_leaves_nothing, end_all),
         cmocka_unit_test_teardown(restarts_on_its_port, end_all),
+        cmocka_unit_test_teardown(serves_version_six_addresses, end_all),
         cmocka_unit_test_teardown(a_port_in_use_is_named, end_all),
         cmocka_unit_test_teardown(bad_options_are_named, end_all),
         cmocka_unit_test_teardown(bad_scenes_and_files_are_named, end_all),
