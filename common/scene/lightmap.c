@@ -483,14 +483,24 @@ enum lw_status lw_lightmap_build(struct lw_scene *scene, const struct lw_lightma
     return status;
 }
 
+static struct lw_lightmap_map finished(const struct lw_mesh *mesh) {
+    return (struct lw_lightmap_map){.mesh = mesh,
+                                    .triangle = mesh->triangle,
+                                    .uv = mesh->lightmap_uv,
+                                    .uv_count = mesh->vertex_count,
+                                    .width = mesh->atlas_width,
+                                    .height = mesh->back_offset ? mesh->back_offset : mesh->atlas_height};
+}
+
 uint64_t lw_lightmap_overlaps(const struct lw_mesh *mesh) {
-    struct lw_lightmap_map map = {.mesh = mesh,
-                                  .triangle = mesh->triangle,
-                                  .uv = mesh->lightmap_uv,
-                                  .uv_count = mesh->vertex_count,
-                                  .width = mesh->atlas_width,
-                                  .height = mesh->back_offset ? mesh->back_offset : mesh->atlas_height};
+    struct lw_lightmap_map map = finished(mesh);
     uint64_t count;
     /* without memory to look, nothing can be vouched for */
     return lw_lightmap_check_overlaps(&map, &count) == LW_OK ? count : UINT64_MAX;
+}
+
+uint64_t lw_lightmap_mixed(const struct lw_mesh *mesh) {
+    struct lw_lightmap_map map = finished(mesh);
+    uint64_t count;
+    return lw_lightmap_check_mixed(&map, &count) == LW_OK ? count : UINT64_MAX;
 }

@@ -5,8 +5,9 @@
  * A chart is a connected piece of surface, unfolded with bounded stretch. Charts own blocks: no block of 4x4 texels is
  * touched by two charts, and a chart stays LW_LIGHTMAP_GUTTER texels away from every block that is not its own, so that
  * levels 0, 1 and 2 of the mip pyramid never mix two charts, bilinear lookups included. Exception: neighbouring slivers,
- * charts no wider than 8 texels and small hollow ones (rings, arcs), share a rectangle of blocks with one free texel between them: level 0 keeps them apart,
- * levels 1 and 2 mix them. A file's own UV set is free of overlaps, but gives no such promise about blocks.
+ * charts no wider than 8 texels and small hollow ones (rings, arcs), share a rectangle of blocks: at level 0 no texel is
+ * read by two of them, levels 1 and 2 mix them. Parts of one chart that are far apart in space keep away from each other
+ * likewise. A file's own UV set is free of overlaps, but gives no such promise about blocks or lookups.
  */
 #ifndef LW_COMMON_LIGHTMAP_H
 #define LW_COMMON_LIGHTMAP_H
@@ -46,5 +47,9 @@ LW_MUST_CHECK enum lw_status lw_lightmap_build(struct lw_scene *scene, const str
 
 /** Counts texels that two different chart pieces both cover by area (0 for a correct layout). For tests. */
 uint64_t lw_lightmap_overlaps(const struct lw_mesh *mesh);
+
+/** Counts texels that bilinear lookups of two places read which lie more than four texels apart in space (0, or nearly,
+ * for a correct layout): light of one place would show at the other. For tests. */
+uint64_t lw_lightmap_mixed(const struct lw_mesh *mesh);
 
 #endif

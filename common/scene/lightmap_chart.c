@@ -1,5 +1,6 @@
 #include "common/scene/lightmap_chart.h"
 
+#include "common/scene/lightmap_apart.h"
 #include "common/scene/lightmap_heap.h"
 #include "common/scene/lightmap_merge.h"
 #include "common/scene/lightmap_plane.h"
@@ -20,6 +21,8 @@ struct grower {
     const struct lw_lightmap_topology *topology;
     struct lw_lightmap_charts *charts;
     struct lw_lightmap_plane *plane;
+    struct lw_lightmap_apart *apart;
+    enum lw_status status;
     uint32_t *head, *head_chart;  /* per welded position: its first point, if head_chart is the chart */
     uint32_t *next;               /* per point: the same position, cut */
     struct lw_lightmap_heap heap; /* of edges of the chart, to be unfolded over */
@@ -72,6 +75,9 @@ static void push_edges(struct grower *g, uint32_t t) {
 static void take(struct grower *g, uint32_t t, uint32_t chart, const struct lw_vec2 corner[3]) {
     g->charts->chart[t] = chart;
     lw_lightmap_plane_add(g->plane, corner);
+    struct lw_vec3 place[3];
+    lw_lightmap_topology_places(g->topology, t, place);
+    if (g->status == LW_OK) g->status = lw_lightmap_apart_add(g->apart, corner, place);
     push_edges(g, t);
 }
 
@@ -121,6 +127,9 @@ static void unfold(struct grower *g, uint32_t from, uint32_t chart) {
     corner[(e + 1) % 3] = g->charts->point[pb];
     corner[(e + 2) % 3] = c;
     if (lw_lightmap_plane_overlaps(g->plane, corner)) return;
+    struct lw_vec3 in_space[3];
+    lw_lightmap_topology_places(g->topology, t, in_space);
+    if (lw_lightmap_apart_mixes(g->apart, corner, in_space)) return;
     if (pc == LW_SCENE_NONE) pc = add_point(g, chart, weld_of(g, t, (e + 2) % 3), c);
     g->charts->corner[t][e] = pa;
     g->charts->corner[t][(e + 1) % 3] = pb;
@@ -140,20 +149,21 @@ static int compare_seeds(const void *left, const void *right) {
 }
 
 static void grow_all(struct grower *g, const struct seed *seed, uint32_t seed_count) {
-    for (uint32_t i = 0; i < seed_count; i++) {
+    for (uint32_t i = 0; i < seed_count && g->status == LW_OK; i++) {
         if (g->charts->chart[seed[i].triangle] != LW_SCENE_NONE) continue;
         uint32_t chart = g->charts->chart_count++;
         lw_lightmap_plane_clear(g->plane);
+        lw_lightmap_apart_clear(g->apart);
         g->heap.count = 0;
         plant(g, seed[i].triangle, chart);
-        while (g->heap.count) unfold(g, lw_lightmap_heap_pop(&g->heap), chart);
+        while (g->heap.count && g->status == LW_OK) unfold(g, lw_lightmap_heap_pop(&g->heap), chart);
     }
 }
 
 static enum lw_status grow(const struct lw_lightmap_topology *topology, struct lw_lightmap_charts *charts,
-                           struct lw_lightmap_plane *plane) {
+                           struct lw_lightmap_plane *plane, struct lw_lightmap_apart *apart) {
     size_t triangles = topology->triangle_count, welds = topology->weld_count;
-    struct grower g = {.topology = topology, .charts = charts, .plane = plane};
+    struct grower g = {.topology = topology, .charts = charts, .plane = plane, .apart = apart};
     struct seed *seed = malloc((triangles + 1) * sizeof *seed);
     g.head = malloc((welds + 1) * sizeof *g.head);
     g.head_chart = malloc((welds + 1) * sizeof *g.head_chart);
@@ -173,7 +183,7 @@ static enum lw_status grow(const struct lw_lightmap_topology *topology, struct l
     free(g.head_chart);
     free(g.head);
     free(seed);
-    return ready ? LW_OK : LW_NO_MEMORY;
+    return ready ? g.status : LW_NO_MEMORY;
 }
 
 /* Triangles without area still need a place: all three corners go to one point, that of a neighbour where there is
@@ -208,6 +218,7 @@ enum lw_status lw_lightmap_chart_build(struct lw_lightmap_charts *charts, const 
                                        double scale) {
     struct lw_lightmap_topology topology;
     struct lw_lightmap_plane *plane = NULL;
+    struct lw_lightmap_apart *apart = NULL;
     enum lw_status status = lw_lightmap_topology_init(&topology, mesh, scale);
     if (status != LW_OK) return status;
     size_t triangles = mesh->triangle_count;
@@ -221,15 +232,16 @@ enum lw_status lw_lightmap_chart_build(struct lw_lightmap_charts *charts, const 
         status = LW_NO_MEMORY;
     else
         status = lw_lightmap_plane_create(mesh->triangle_count, &plane);
+    if (status == LW_OK) status = lw_lightmap_apart_create(&apart);
     if (status == LW_OK) {
         memset(charts->corner, 0xff, triangles * sizeof *charts->corner);
         memset(charts->chart, 0xff, triangles * sizeof *charts->chart);
-        status = grow(&topology, charts, plane);
+        status = grow(&topology, charts, plane, apart);
     }
     if (status == LW_OK) status = lw_lightmap_split(charts, &topology);
-    if (status == LW_OK) status = lw_lightmap_merge(charts, &topology, plane);
-
+    if (status == LW_OK) status = lw_lightmap_merge(charts, &topology, plane, apart);
     if (status == LW_OK) status = collapse(&topology, charts);
+    lw_lightmap_apart_destroy(apart);
     lw_lightmap_plane_destroy(plane);
     lw_lightmap_topology_finish(&topology);
     if (status != LW_OK) lw_lightmap_chart_finish(charts);

@@ -16,6 +16,13 @@
  * their square. Pieces that go unjoined by it count as overlapping, which errs on the safe side. */
 #define SHEETS_MAX 64
 
+/* Places this far apart do not see the same light. Two points that read one texel are two texels apart on both axes at
+ * most, and the surface between them is shrunk to 0.7 at most. */
+#define FAR_TEXELS 4.0f
+
+/* Nearer than a texel, but for rounding: from there on a bilinear weight is zero. */
+#define READ_REACH 0.998f
+
 #define CORNERS_MAX 8 /* a triangle clipped by four lines has at most seven */
 
 struct polygon {
@@ -240,4 +247,118 @@ enum lw_status lw_lightmap_check_overlaps(const struct lw_lightmap_map *map, uin
     free(overlap.owner);
     free(piece);
     return status;
+}
+
+/* Places that read one texel: how far they reach along some directions. Width along any of them is at most the
+ * distance of the farthest two, so nothing is counted that should not be; along the best it is 0.9 of it at least. */
+#define DIRECTIONS 7
+static const float DIRECTION[DIRECTIONS][3] = {
+    {1, 0, 0},
+    {0, 1, 0},
+    {0, 0, 1},
+    {0.57735027f, 0.57735027f, 0.57735027f},
+    {-0.57735027f, 0.57735027f, 0.57735027f},
+    {0.57735027f, -0.57735027f, 0.57735027f},
+    {0.57735027f, 0.57735027f, -0.57735027f},
+};
+
+struct extents {
+    float low[DIRECTIONS], high[DIRECTIONS];
+};
+
+static void include(struct extents *extents, struct lw_vec3 p) {
+    for (int i = 0; i < DIRECTIONS; i++) {
+        const float *d = DIRECTION[i];
+        float along = d[0] * p.x + d[1] * p.y + d[2] * p.z;
+        extents->low[i] = fminf(extents->low[i], along);
+        extents->high[i] = fmaxf(extents->high[i], along);
+    }
+}
+
+/* The polygon's point that is nearest to p, which may lie inside. */
+static struct lw_vec2 nearest_point(const struct polygon *polygon, struct lw_vec2 p) {
+    struct lw_vec2 best = p;
+    float least = INFINITY;
+    bool left = true, right = true;
+    for (int i = 0; i < polygon->count; i++) {
+        struct lw_vec2 a = polygon->corner[i], b = polygon->corner[(i + 1) % polygon->count];
+        float dx = b.x - a.x, dy = b.y - a.y, squared = dx * dx + dy * dy;
+        float side = dx * (p.y - a.y) - dy * (p.x - a.x);
+        left = left && side >= 0, right = right && side <= 0;
+        float s = squared > 0 ? ((p.x - a.x) * dx + (p.y - a.y) * dy) / squared : 0;
+        s = fminf(fmaxf(s, 0), 1);
+        struct lw_vec2 q = {a.x + s * dx, a.y + s * dy};
+        float distance = hypotf(q.x - p.x, q.y - p.y);
+        if (distance < least) least = distance, best = q;
+    }
+    return left || right ? p : best;
+}
+
+/* Notes where a triangle lies for every texel whose centre it comes nearer to than a texel, both axes alike: those are
+ * the texels that bilinear lookups of its points read. */
+static void note_places(const struct lw_lightmap_map *map, uint32_t t, struct extents *extents) {
+    struct polygon whole = {.count = 3};
+    struct lw_vec3 p[3];
+    struct lw_vec2 low = {INFINITY, INFINITY}, high = {-INFINITY, -INFINITY};
+    for (int k = 0; k < 3; k++) {
+        struct lw_vec2 c = whole.corner[k] = map->uv[map->triangle[t][k]];
+        p[k] = map->mesh->position[map->mesh->triangle[t][k]];
+        low = (struct lw_vec2){fminf(low.x, c.x), fminf(low.y, c.y)};
+        high = (struct lw_vec2){fmaxf(high.x, c.x), fmaxf(high.y, c.y)};
+    }
+    struct lw_vec2 o = whole.corner[0];
+    float ux = whole.corner[1].x - o.x, uy = whole.corner[1].y - o.y, vx = whole.corner[2].x - o.x,
+          vy = whole.corner[2].y - o.y, det = ux * vy - uy * vx;
+    if (!(fabsf(det) > 1e-12f)) return;
+    for (uint32_t y = first_texel(low.y - 0.5f), y_end = last_texel(high.y + 0.5f, map->height); y < y_end;
+         y++) {
+        struct polygon above, row, right, cell;
+        clip(&whole, true, (float)y + 0.5f - READ_REACH, 1, &above);
+        clip(&above, true, (float)y + 0.5f + READ_REACH, -1, &row);
+        for (uint32_t x = first_texel(low.x - 0.5f), x_end = last_texel(high.x + 0.5f, map->width); x < x_end;
+             x++) {
+            clip(&row, false, (float)x + 0.5f - READ_REACH, 1, &right);
+            clip(&right, false, (float)x + 0.5f + READ_REACH, -1, &cell);
+            if (cell.count < 3 || !(area_of(&cell) > 0)) continue;
+            struct lw_vec2 at = nearest_point(&cell, (struct lw_vec2){(float)x + 0.5f, (float)y + 0.5f});
+            float u = ((at.x - o.x) * vy - (at.y - o.y) * vx) / det,
+                  v = (ux * (at.y - o.y) - uy * (at.x - o.x)) / det;
+            struct lw_vec3 along = lw_vec3_scale(lw_vec3_sub(p[1], p[0]), u);
+            include(&extents[(size_t)y * map->width + x],
+                    lw_vec3_add(p[0], lw_vec3_add(along, lw_vec3_scale(lw_vec3_sub(p[2], p[0]), v))));
+        }
+    }
+}
+
+/* Side of a texel, in the mesh's units: one for all. */
+static double texel_side(const struct lw_lightmap_map *map) {
+    double area_uv = 0, area_os = 0;
+    for (uint32_t t = 0; t < map->mesh->triangle_count; t++) {
+        const uint32_t *v = map->mesh->triangle[t], *w = map->triangle[t];
+        struct lw_vec3 p = map->mesh->position[v[0]];
+        struct lw_vec2 a = map->uv[w[0]], b = map->uv[w[1]], c = map->uv[w[2]];
+        area_os += (double)lw_vec3_length(lw_vec3_cross(lw_vec3_sub(map->mesh->position[v[1]], p),
+                                                        lw_vec3_sub(map->mesh->position[v[2]], p)));
+        area_uv += (double)fabsf((b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x));
+    }
+    return area_uv > 0 ? sqrt(area_os / area_uv) : 0;
+}
+
+enum lw_status lw_lightmap_check_mixed(const struct lw_lightmap_map *map, uint64_t *out_texels) {
+    size_t texels = (size_t)map->width * map->height;
+    struct extents *extents = malloc((texels + 1) * sizeof *extents);
+    if (!extents) return LW_NO_MEMORY;
+    for (size_t i = 0; i < texels; i++)
+        for (int k = 0; k < DIRECTIONS; k++) extents[i].low[k] = INFINITY, extents[i].high[k] = -INFINITY;
+    for (uint32_t t = 0; t < map->mesh->triangle_count; t++) note_places(map, t, extents);
+    float limit = FAR_TEXELS * (float)texel_side(map);
+    uint64_t count = 0;
+    for (size_t i = 0; i < texels; i++) {
+        bool far = false;
+        for (int k = 0; k < DIRECTIONS; k++) far = far || extents[i].high[k] - extents[i].low[k] > limit;
+        count += far;
+    }
+    free(extents);
+    *out_texels = count;
+    return LW_OK;
 }

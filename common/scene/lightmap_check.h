@@ -1,4 +1,4 @@
-/* lightmap_check.h: measures a finished layout: texels covered, stretch, overlaps.
+/* lightmap_check.h: measures a finished layout: texels covered, stretch, overlaps, texels of two places.
  * Flow:    lightmap UVs -> [check] -> report; also decides whether a file's own UVs may be used
  * Threads: pure functions, [any]. */
 #ifndef LW_COMMON_LIGHTMAP_CHECK_H
@@ -25,5 +25,8 @@ void lw_lightmap_check_stretch(const struct lw_lightmap_map *map, float *out_rms
 /** See lw_lightmap_overlaps(). Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_lightmap_check_overlaps(const struct lw_lightmap_map *map,
                                                         uint64_t *out_texels);
+
+/** See lw_lightmap_mixed(). Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_lightmap_check_mixed(const struct lw_lightmap_map *map, uint64_t *out_texels);
 
 #endif

@@ -27,6 +27,8 @@ struct merger {
     struct lw_lightmap_charts *charts;
     const struct lw_lightmap_topology *topology;
     struct lw_lightmap_plane *plane;
+    struct lw_lightmap_apart *apart;
+    enum lw_status status;
     struct lw_lightmap_heap heap;        /* border edges of the chart that takes others in */
     struct hull *hull;                   /* per chart */
     struct lw_vec2 *arena;               /* all hulls */
@@ -62,13 +64,21 @@ static void push_border(struct merger *m, uint32_t t) {
     }
 }
 
+static void add_triangle(struct merger *m, uint32_t t) {
+    struct lw_vec2 corner[3];
+    struct lw_vec3 place[3];
+    corners_of(m, t, corner);
+    lw_lightmap_topology_places(m->topology, t, place);
+    lw_lightmap_plane_add(m->plane, corner);
+    if (m->status == LW_OK) m->status = lw_lightmap_apart_add(m->apart, corner, place);
+}
+
 static void open_chart(struct merger *m, uint32_t chart) {
     lw_lightmap_plane_clear(m->plane);
+    lw_lightmap_apart_clear(m->apart);
     m->heap.count = 0;
     for (uint32_t t = m->first[chart]; t != LW_SCENE_NONE; t = m->next[t]) {
-        struct lw_vec2 corner[3];
-        corners_of(m, t, corner);
-        lw_lightmap_plane_add(m->plane, corner);
+        add_triangle(m, t);
         push_border(m, t);
     }
     m->outline_count = m->hull[chart].count;
@@ -110,6 +120,9 @@ static bool lands_free(const struct merger *m, uint32_t chart, const struct moti
         corners_of(m, t, corner);
         for (int k = 0; k < 3; k++) corner[k] = moved(motion, corner[k]);
         if (lw_lightmap_plane_overlaps(m->plane, corner)) return false;
+        struct lw_vec3 place[3];
+        lw_lightmap_topology_places(m->topology, t, place);
+        if (lw_lightmap_apart_mixes(m->apart, corner, place)) return false;
     }
     return true;
 }
@@ -123,9 +136,7 @@ static void take_in(struct merger *m, uint32_t taker, uint32_t chart, const stru
             m->moved[p] = taker;
             m->charts->point[p] = moved(motion, m->charts->point[p]);
         }
-        struct lw_vec2 corner[3];
-        corners_of(m, t, corner);
-        lw_lightmap_plane_add(m->plane, corner);
+        add_triangle(m, t);
     }
     for (uint32_t t = m->first[chart]; t != LW_SCENE_NONE; t = m->next[t]) push_border(m, t);
     m->next[m->last[taker]] = m->first[chart];
@@ -175,7 +186,7 @@ static void merge_all(struct merger *m, struct rank *rank) {
         if (m->done[taker]) continue;
         m->done[taker] = 1;
         open_chart(m, taker);
-        while (m->heap.count) try_edge(m, taker, lw_lightmap_heap_pop(&m->heap));
+        while (m->heap.count && m->status == LW_OK) try_edge(m, taker, lw_lightmap_heap_pop(&m->heap));
     }
 }
 
@@ -222,10 +233,10 @@ static void renumber(struct merger *m) {
 }
 
 enum lw_status lw_lightmap_merge(struct lw_lightmap_charts *charts,
-                                 const struct lw_lightmap_topology *topology,
-                                 struct lw_lightmap_plane *plane) {
+                                 const struct lw_lightmap_topology *topology, struct lw_lightmap_plane *plane,
+                                 struct lw_lightmap_apart *apart) {
     size_t triangles = charts->triangle_count, count = charts->chart_count, corners = triangles * 3;
-    struct merger m = {.charts = charts, .topology = topology, .plane = plane};
+    struct merger m = {.charts = charts, .topology = topology, .plane = plane, .apart = apart};
     struct rank *rank = malloc((count + 1) * sizeof *rank);
     m.heap.step = malloc((corners + 1) * sizeof *m.heap.step);
     m.hull = malloc((count + 1) * sizeof *m.hull);
@@ -260,5 +271,5 @@ enum lw_status lw_lightmap_merge(struct lw_lightmap_charts *charts,
     free(m.last), free(m.first), free(m.area), free(m.length), free(m.width), free(m.cost), free(m.arena),
         free(m.hull);
     free(m.heap.step), free(rank);
-    return ready ? LW_OK : LW_NO_MEMORY;
+    return ready ? m.status : LW_NO_MEMORY;
 }

@@ -4,6 +4,7 @@
 #ifndef LW_COMMON_LIGHTMAP_MERGE_H
 #define LW_COMMON_LIGHTMAP_MERGE_H
 
+#include "common/scene/lightmap_apart.h"
 #include "common/scene/lightmap_chart.h"
 #include "common/scene/lightmap_plane.h"
 
@@ -11,6 +12,7 @@
  * Charts that are gone are numbered away. plane: room for all triangles of the mesh. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_lightmap_merge(struct lw_lightmap_charts *charts,
                                                const struct lw_lightmap_topology *topology,
-                                               struct lw_lightmap_plane *plane);
+                                               struct lw_lightmap_plane *plane,
+                                               struct lw_lightmap_apart *apart);
 
 #endif

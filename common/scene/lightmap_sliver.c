@@ -38,8 +38,8 @@ uint32_t lw_lightmap_sliver_group(const struct lw_lightmap_slot *slot, const uin
     return n;
 }
 
-/* The texels that a sliver touches, and the gap: one texel to the right and above each. Two slivers whose shapes are
- * disjoint then have a free texel between them on every side. */
+/* The texels that bilinear lookups of a sliver read: those whose centre it comes nearer to than a texel. Slivers whose
+ * shapes are disjoint share none. */
 static void shape(const struct lw_lightmap_layout *layout, const struct lw_lightmap_slot *slot,
                   uint32_t chart, struct lw_lightmap_stone *stone) {
     const struct lw_lightmap_charts *charts = layout->charts;
@@ -47,23 +47,23 @@ static void shape(const struct lw_lightmap_layout *layout, const struct lw_light
         struct lw_vec2 c[3];
         for (int k = 0; k < 3; k++)
             c[k] = lw_lightmap_pack_place(slot, charts->point[charts->corner[layout->order[i]][k]]);
-        lw_lightmap_mosaic_mark(stone, c, 1, 0);
+        lw_lightmap_mosaic_mark(stone, c, 1, 0.5f);
     }
-    uint32_t words = lw_lightmap_mosaic_words(stone->width);
-    for (uint32_t y = stone->height; y-- > 0;) {
-        uint64_t *row = stone->row + (size_t)y * words;
-        for (uint32_t k = 0; y > 0 && k < words; k++) row[k] |= *(row + k - words);
-        for (uint32_t k = words; k-- > 0;) row[k] |= row[k] << 1 | (k > 0 ? row[k - 1] >> 63 : 0);
-    }
+}
+
+/* Where the content starts, that it may be read in the fewest texels (one more than it has), and touch the fewest. */
+static float start_of(float content, uint32_t texels) {
+    float rest = content - floorf(content);
+    return rest > 1e-3f && rest < 0.5f ? 1 + (0.5f - rest) / 2 : ((float)texels - content) / 2;
 }
 
 static void scale_slot(struct lw_lightmap_slot *slot, float scale) {
     float width = slot->box.size.x * scale, height = slot->box.size.y * scale;
     slot->x = slot->y = 0;
-    slot->width = whole(width), slot->height = whole(height);
+    slot->width = whole(width) + 1, slot->height = whole(height) + 1;
     slot->scale = (struct lw_vec2){scale, scale};
-    slot->origin.x = fmaxf(((float)slot->width - width) / 2, 0);
-    slot->origin.y = fmaxf(((float)slot->height - height) / 2, 0);
+    slot->origin.x = start_of(width, slot->width);
+    slot->origin.y = start_of(height, slot->height);
     slot->gutter = 0;
 }
 
@@ -93,10 +93,9 @@ static enum lw_status search(struct lw_lightmap_stone **order, const struct lw_l
         enum lw_status status = lw_lightmap_mosaic_pack(order, count, width > widest ? width : widest,
                                                         highest, &right, &top, &fits);
         if (status != LW_OK) return status;
-        /* blocks are what counts; the last gap is not needed */
-        uint64_t blocks = (uint64_t)((right + 6) / 4) * ((top + 6) / 4);
+        uint64_t blocks = (uint64_t)((right + 7) / 4) * ((top + 7) / 4); /* with both gutters, rounded up */
         if (!fits || blocks >= best) continue;
-        best = blocks, *out_width = right - 1, *out_height = top - 1;
+        best = blocks, *out_width = right, *out_height = top;
         for (uint32_t k = 0; k < count; k++) slot[member[k]].x = stone[k].x, slot[member[k]].y = stone[k].y;
     }
     return LW_OK;
@@ -111,7 +110,7 @@ enum lw_status lw_lightmap_sliver_fit(const struct lw_lightmap_layout *layout, s
     for (uint32_t i = 0; i < count && status == LW_OK; i++) {
         struct lw_lightmap_slot *s = &slot[member[i]];
         scale_slot(s, scale);
-        stone[i].width = s->width + 1, stone[i].height = s->height + 1;
+        stone[i].width = s->width, stone[i].height = s->height;
         stone[i].row =
             calloc((size_t)stone[i].height * lw_lightmap_mosaic_words(stone[i].width), sizeof(uint64_t));
         order[i] = &stone[i];

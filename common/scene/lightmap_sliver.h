@@ -3,8 +3,8 @@
  * Threads: pure functions, [any].
  *
  * A leaf of two texels would need a rectangle of 64. Slivers that lie near each other in space and face the same way
- * share one instead: at level 0 they keep one texel between them, so that no bilinear lookup reaches from one to the
- * next; at levels 1 and 2 they mix, among neighbours of a few texels. */
+ * share one instead: at level 0 no texel is read by bilinear lookups of two of them; at levels 1 and 2 they mix, among
+ * neighbours of a few texels. */
 #ifndef LW_COMMON_LIGHTMAP_SLIVER_H
 #define LW_COMMON_LIGHTMAP_SLIVER_H
 

@@ -136,6 +136,7 @@ enum lw_status lw_lightmap_topology_init(struct lw_lightmap_topology *topology, 
     struct edge *edge = malloc((edges + 1) * sizeof *edge);
     *topology = (struct lw_lightmap_topology){
         .mesh = mesh,
+        .scale = scale,
         .triangle_count = mesh->triangle_count,
         .weld = malloc(((size_t)mesh->vertex_count + 1) * sizeof *topology->weld),
         .neighbour = malloc((edges + 1) * sizeof *topology->neighbour),
@@ -164,6 +165,15 @@ fail:
     free(edge);
     lw_lightmap_topology_finish(topology);
     return LW_NO_MEMORY;
+}
+
+void lw_lightmap_topology_places(const struct lw_lightmap_topology *topology, uint32_t triangle,
+                                 struct lw_vec3 out_place[3]) {
+    for (int k = 0; k < 3; k++) {
+        struct lw_vec3 p = topology->mesh->position[topology->mesh->triangle[triangle][k]];
+        out_place[k] = lw_vec3((float)((double)p.x * topology->scale), (float)((double)p.y * topology->scale),
+                               (float)((double)p.z * topology->scale));
+    }
 }
 
 void lw_lightmap_topology_finish(struct lw_lightmap_topology *topology) {

@@ -10,6 +10,7 @@
 /** Edge e of triangle t runs from corner e to corner (e + 1) % 3; its number is 3t + e. */
 struct lw_lightmap_topology {
     const struct lw_mesh *mesh;
+    double scale; /* texels per unit */
     uint32_t triangle_count, weld_count;
     uint32_t *weld; /* per vertex: number of its position */
     uint32_t *
@@ -23,6 +24,9 @@ struct lw_lightmap_topology {
 /** scale  texels per unit of object space.  Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_lightmap_topology_init(struct lw_lightmap_topology *topology,
                                                        const struct lw_mesh *mesh, double scale);
+/** Where a triangle's corners are, in texels. */
+void lw_lightmap_topology_places(const struct lw_lightmap_topology *topology, uint32_t triangle,
+                                 struct lw_vec3 out_place[3]);
 void lw_lightmap_topology_finish(struct lw_lightmap_topology *topology);
 
 /** Numbers the distinct positions of a mesh, in order of first use. out_weld: vertex_count entries. */

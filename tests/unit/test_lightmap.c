@@ -320,8 +320,10 @@ static void leaves_share_rectangles(void **state) {
     struct lw_scene *scene = scene_of(s, NULL, 1);
     struct lw_lightmap_report r = build(scene, 20, 0); /* two texels each */
     check_layout(scene->mesh, &r, 1.01f);
-    assert_int_equal(r.texels_covered, 4000);
-    assert_true(r.coverage > 0.3f); /* a rectangle each: 4 of 64 */
+    /* read in three texels a side, the fewest that there are: from centre to centre to centre */
+    assert_int_equal(r.texels_covered, 9000);
+    assert_true(r.coverage > 0.8f); /* a rectangle each: 4 of 64 */
+    assert_int_equal(lw_lightmap_mixed(scene->mesh), 0);
     lw_scene_destroy(scene);
 }
 
@@ -478,6 +480,27 @@ static void overlaps_are_seen(void **state) {
     lw_scene_destroy(scene);
 }
 
+/* Two quads, a metre apart, in the atlas two texels apart, then less. */
+static void mixed_texels_are_seen(void **state) {
+    struct shape *s = fresh(state);
+    quad(s, lw_vec3(0, 0, 0), lw_vec3(1, 0, 0), lw_vec3(0, 1, 0));
+    quad(s, lw_vec3(3, 0, 0), lw_vec3(1, 0, 0), lw_vec3(0, 1, 0));
+    struct lw_scene *scene = scene_of(s, NULL, 1);
+    struct lw_vec2 uv[8];
+    for (uint32_t v = 0; v < 8; v++)
+        uv[v] =
+            (struct lw_vec2){4 * s->position[v % 4].x + (v < 4 ? 1.2f : 7.2f), 4 * s->position[v % 4].y + 2};
+    scene->mesh->lightmap_uv = uv;
+    scene->mesh->atlas_width = scene->mesh->atlas_height = 12;
+    assert_int_equal(lw_lightmap_mixed(scene->mesh), 0); /* texel lengths: 0.25; the gap is 8 of them */
+    for (uint32_t v = 4; v < 8; v++) uv[v].x -= 1;       /* one column is read by both, of six rows */
+    assert_int_equal(lw_lightmap_overlaps(scene->mesh), 0);
+    assert_int_equal(lw_lightmap_mixed(scene->mesh), 6);
+    for (uint32_t v = 4; v < 8; v++) uv[v].x -= 1; /* joined: two */
+    assert_int_equal(lw_lightmap_mixed(scene->mesh), 12);
+    lw_scene_destroy(scene);
+}
+
 static int set_up(void **state) { return (*state = malloc(sizeof(struct shape))) ? 0 : -1; }
 static int tear_down(void **state) {
     free(*state);
@@ -502,6 +525,7 @@ int main(void) {
         cmocka_unit_test(any_size_of_scene_meets_the_target),
         cmocka_unit_test(threads_do_not_matter),
         cmocka_unit_test(overlaps_are_seen),
+        cmocka_unit_test(mixed_texels_are_seen),
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);
 }
