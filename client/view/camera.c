@@ -175,12 +175,14 @@ struct lw_camera_view lw_camera_default(const struct lw_scene *scene, const stru
     struct lw_vec3 size = lw_vec3_sub(high, low), centre = lw_vec3_mad(low, size, 0.5f);
     float diagonal_m = fmaxf(lw_vec3_length(size), 1e-3f);
 
+    /* Files in centimetres make people of two storeys' height: the eye then goes by the scene, not by the metre. */
+    float eye_height_m = fmaxf(EYE_HEIGHT_M, 0.15f * size.y);
     /* The middle may be inside a column: try places around it. */
     struct lw_vec3 best = centre;
     float best_merit = 0;
     for (int i = 0; i < 25; i++) {
         struct lw_vec3 place = lw_vec3(low.x + size.x * (0.3f + 0.1f * (float)(i % 5)),
-                                       low.y + fminf(EYE_HEIGHT_M, 0.5f * size.y),
+                                       low.y + fminf(eye_height_m, 0.5f * size.y),
                                        low.z + size.z * (0.3f + 0.1f * (float)(i / 5)));
         float merit = interior_merit(trace, place, diagonal_m);
         if (merit > best_merit) best_merit = merit, best = place;
