@@ -67,15 +67,19 @@ static inline float lw_affine_determinant(const struct lw_affine *t) {
                    z = lw_vec3(t->m[0][2], t->m[1][2], t->m[2][2]);
     return lw_vec3_dot(lw_vec3_cross(x, y), z);
 }
-/** Transforms a normal (inverse transpose, by cofactors), keeping it outward under mirroring. Unit length. */
-static inline struct lw_vec3 lw_affine_normal(const struct lw_affine *t, struct lw_vec3 n) {
+/** Transforms a normal (inverse transpose, by cofactors), keeping it outward under mirroring. Its length is that of n
+ * times the growth of area of a surface that n stands on. */
+static inline struct lw_vec3 lw_affine_cofactor_normal(const struct lw_affine *t, struct lw_vec3 n) {
     struct lw_vec3 x = lw_vec3(t->m[0][0], t->m[1][0], t->m[2][0]), y = lw_vec3(t->m[0][1], t->m[1][1], t->m[2][1]),
                    z = lw_vec3(t->m[0][2], t->m[1][2], t->m[2][2]);
     struct lw_vec3 yz = lw_vec3_cross(y, z), zx = lw_vec3_cross(z, x), xy = lw_vec3_cross(x, y);
     float sign = lw_vec3_dot(yz, x) < 0 ? -1.0f : 1.0f;
-    return lw_vec3_normalize(lw_vec3(sign * (yz.x * n.x + zx.x * n.y + xy.x * n.z),
-                                     sign * (yz.y * n.x + zx.y * n.y + xy.y * n.z),
-                                     sign * (yz.z * n.x + zx.z * n.y + xy.z * n.z)));
+    return lw_vec3(sign * (yz.x * n.x + zx.x * n.y + xy.x * n.z), sign * (yz.y * n.x + zx.y * n.y + xy.y * n.z),
+                   sign * (yz.z * n.x + zx.z * n.y + xy.z * n.z));
+}
+/** The same, of unit length. */
+static inline struct lw_vec3 lw_affine_normal(const struct lw_affine *t, struct lw_vec3 n) {
+    return lw_vec3_normalize(lw_affine_cofactor_normal(t, n));
 }
 /** a after b: point(a*b, p) = point(a, point(b, p)). */
 static inline struct lw_affine lw_affine_multiply(const struct lw_affine *a, const struct lw_affine *b) {

@@ -24,7 +24,6 @@ struct level {
 struct object {
     const struct level *level;
     uint32_t level_count;
-    float metres_per_unit; /* of object space, in world space */
 };
 
 struct lw_compose {
@@ -74,8 +73,7 @@ static void lay_out_levels(struct lw_compose *compose) {
     struct level *level = compose->level;
     for (uint32_t o = 0; o < map->object_count; o++) {
         const struct lw_atlas *atlas = &map->atlas[o];
-        compose->object[o] =
-            (struct object){.level = level, .level_count = atlas->level_count, .metres_per_unit = 1};
+        compose->object[o] = (struct object){.level = level, .level_count = atlas->level_count};
         for (uint32_t k = 0; k < atlas->level_count; k++)
             *level++ = (struct level){.width = atlas->level[k].width,
                                       .height = atlas->level[k].height,
@@ -160,7 +158,6 @@ static void begin(struct lw_compose *compose, const struct lw_compose_source *so
             struct lw_client_level there = source->level(source->context, o, k);
             level->rgb = there.width == level->width && there.height == level->height ? there.rgb : NULL;
         }
-        compose->object[o].metres_per_unit = cbrtf(fabsf(lw_affine_determinant(&pose->object_to_world[o])));
     }
     memset(compose->needed, 0, map->tile_count);
     compose->pose = pose;
@@ -259,9 +256,11 @@ static float footprint_texels(const struct lw_compose *compose, uint32_t o, uint
     const struct lw_affine *to_world = &compose->pose->object_to_world[o];
     const float *density = compose->density[compose->scene->object[o].mesh];
     if (density == NULL) return 0;
-    struct lw_vec3 normal = lw_affine_normal(to_world, normal_os);
-    float cosine = fabsf(lw_vec3_dot(normal, dir)) / lw_vec3_length(dir);
-    float texels_per_m = density[triangle] / fmaxf(compose->object[o].metres_per_unit, 1e-20f);
+    struct lw_vec3 normal = lw_affine_cofactor_normal(to_world, normal_os);
+    float cosine = fabsf(lw_vec3_dot(lw_vec3_normalize(normal), dir)) / lw_vec3_length(dir);
+    /* m per unit of object space along this surface: a scale need not be the same along all axes */
+    float metres_per_unit = sqrtf(lw_vec3_length(normal));
+    float texels_per_m = density[triangle] / fmaxf(metres_per_unit, 1e-20f);
     return pixel_m * texels_per_m / sqrtf(fmaxf(cosine, COSINE_MIN));
 }
 

@@ -274,6 +274,25 @@ static void test_level_follows_the_footprint(void **state) {
     world_finish(&w);
 }
 
+/* A flat slab, whose scale across the surface says nothing about the surface. */
+static void test_level_ignores_the_scale_across_the_surface(void **state) {
+    (void)state;
+    const float pixel = 2 * tanf(20.0f / 180 * LW_PI) / HEIGHT, texels_per_m = 1024 / SIDE_M / 2;
+    const float across[] = {0.0001f, 1, 500};
+    for (size_t i = 0; i < sizeof across / sizeof across[0]; i++) {
+        struct world w;
+        float rgb[WIDTH * HEIGHT * 3];
+        struct lw_scene *scene = squares(1, 1024, false);
+        scene->node[0].scale[0] = 4, scene->node[0].scale[1] = across[i], scene->node[0].scale[2] = 1;
+        world_init(&w, scene);
+        fill_by_level(&w, 0, 1);
+        struct lw_compose_view view = look(0, 3.0f / (pixel * texels_per_m), 0, 0, 0, 0, 40);
+        render(&w, &view, rgb);
+        assert_near(rgb[3 * (HEIGHT / 2 * WIDTH + WIDTH / 2)], 0.5f * 2 / LW_PI, 1e-6f);
+        world_finish(&w);
+    }
+}
+
 static uint32_t tile_at(const struct world *w, uint32_t level, uint32_t x, uint32_t y) {
     return lw_atlas_map_find(&w->map, 0, level, x, y).v;
 }
@@ -519,6 +538,7 @@ int main(void) {
         cmocka_unit_test(test_sky),
         cmocka_unit_test(test_ramps),
         cmocka_unit_test(test_level_follows_the_footprint),
+        cmocka_unit_test(test_level_ignores_the_scale_across_the_surface),
         cmocka_unit_test(test_missing_tile),
         cmocka_unit_test(test_nothing_there),
         cmocka_unit_test(test_garbage_texels),

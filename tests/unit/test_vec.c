@@ -86,6 +86,10 @@ static void normals_stay_perpendicular_and_outward(void **state) {
         assert_near(lw_vec3_length(m), 1, 1e-5f);
         assert_near(lw_vec3_dot(m, lw_vec3_normalize(lw_affine_vector(&t, tangent))), 0, 1e-4f);
         assert_near(lw_vec3_dot(m, lw_vec3_normalize(lw_affine_vector(&t, bitangent))), 0, 1e-4f);
+        /* a unit square grows to this area */
+        float area =
+            lw_vec3_length(lw_vec3_cross(lw_affine_vector(&t, tangent), lw_affine_vector(&t, bitangent)));
+        assert_near(lw_vec3_length(lw_affine_cofactor_normal(&t, n)), area, 1e-4f * fmaxf(area, 1));
         /* n points from the surface to the outside, and so does its image */
         assert_true(lw_vec3_dot(m, lw_affine_vector(&t, n)) > 0);
     }
