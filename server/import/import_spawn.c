@@ -26,15 +26,15 @@
 #define POLL_MS        50            /* how soon a cancellation is seen */
 #define KILL_AFTER_NS  1000000000ull /* between SIGTERM and SIGKILL */
 
-#if defined(__SANITIZE_ADDRESS__)
-#define ADDRESS_SANITIZER 1
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define SHADOW_MEMORY 1
 #elif defined(__has_feature)
-#if __has_feature(address_sanitizer)
-#define ADDRESS_SANITIZER 1
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
+#define SHADOW_MEMORY 1
 #endif
 #endif
-#ifndef ADDRESS_SANITIZER
-#define ADDRESS_SANITIZER 0
+#ifndef SHADOW_MEMORY
+#define SHADOW_MEMORY 0
 #endif
 
 extern char **environ;
@@ -128,7 +128,7 @@ static void find_program(struct importer *importer) {
 static void limit_memory(const struct importer *importer) {
     uint64_t bytes = importer->desc->memory_max ? importer->desc->memory_max : LW_IMPORT_SPAWN_MEMORY_MAX;
     const struct rlimit limit = {bytes, bytes};
-    if (ADDRESS_SANITIZER) return; /* its shadow alone reserves terabytes */
+    if (SHADOW_MEMORY) return; /* a sanitizer's shadow alone reserves terabytes */
     if (prlimit(importer->pid, RLIMIT_AS, &limit, NULL) < 0 && errno != ESRCH)
         lw_log(LW_LOG_WARNING, "cannot limit the memory of %s: %s", PROGRAM_NAME, strerror(errno));
 }

@@ -17,8 +17,7 @@ struct lw_import_spawn_desc {
     double texels_per_metre; /* 0: the importer's default */
     uint32_t atlas_side_max; /* texels; 0: the importer's default */
     unsigned threads;        /* 0: all */
-    uint64_t
-        memory_max; /* bytes; 0: LW_IMPORT_SPAWN_MEMORY_MAX. Not imposed in builds with AddressSanitizer. */
+    uint64_t memory_max; /* bytes; 0: LW_IMPORT_SPAWN_MEMORY_MAX. Not imposed where a sanitizer needs more. */
     const char *program; /* NULL: lightwell-import beside this program, else in PATH */
     const volatile sig_atomic_t
         *cancel; /* may be NULL; becomes non-zero, e.g. in a signal handler: stop everything */

@@ -511,10 +511,10 @@ static void memory_is_bounded(void **state) {
     struct lw_scene *scene;
     struct surroundings s;
     struct lw_error err = {0};
-#if defined(__SANITIZE_ADDRESS__)
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
     skip(); /* the limit is not imposed in such builds */
 #elif defined(__has_feature)
-#if __has_feature(address_sanitizer)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
     skip();
 #endif
 #endif
