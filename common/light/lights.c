@@ -4,25 +4,45 @@
 
 #include <stdlib.h>
 
+#define HIDDEN_SHARE 0.02f /* of a textured emitter's full emission, in its choice */
+
 static bool is_emissive(const struct lw_material *m) {
     return m->emission[0] > 0 || m->emission[1] > 0 || m->emission[2] > 0;
 }
 
-/* Mean emission of a triangle, from a regular set of points over it; exact where there is no texture. */
+/* Whether a triangle shines the same all over. */
+static bool is_uniform(const struct lw_material *m) {
+    return m->emission_texture.texture == LW_SCENE_NONE && m->alpha_mode == LW_ALPHA_OPAQUE;
+}
+
+/* What a point of an emitter sends out: nothing where it is cut out, its share where it is transparent. */
+static struct lw_vec3 radiance_at(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle,
+                                  float u, float v) {
+    struct lw_surface surface;
+    lw_scene_surface(scene, mesh, triangle, u, v, &surface);
+    return lw_vec3_scale(surface.emission, surface.alpha);
+}
+
+/* Mean emission of a triangle, from a regular set of points over it; exact where it is uniform. */
 static struct lw_vec3 mean_radiance(const struct lw_scene *scene, const struct lw_mesh *mesh,
                                     uint32_t triangle) {
-    const struct lw_material *material = &scene->material[mesh->material[triangle]];
-    const int side = material->emission_texture.texture == LW_SCENE_NONE ? 1 : 8;
+    const int side = is_uniform(&scene->material[mesh->material[triangle]]) ? 1 : 8;
     struct lw_vec3 sum = {0};
     int count = 0;
     for (int i = 0; i < side; i++)
-        for (int j = 0; j < side - i; j++, count++) {
-            struct lw_surface surface;
-            lw_scene_surface(scene, mesh, triangle, ((float)i + 1.0f / 3) / (float)side,
-                             ((float)j + 1.0f / 3) / (float)side, &surface);
-            sum = lw_vec3_add(sum, surface.emission);
-        }
+        for (int j = 0; j < side - i; j++, count++)
+            sum = lw_vec3_add(sum, radiance_at(scene, mesh, triangle, ((float)i + 1.0f / 3) / (float)side,
+                                               ((float)j + 1.0f / 3) / (float)side));
     return lw_vec3_scale(sum, 1.0f / (float)count);
+}
+
+/* The luminance by which a triangle is chosen. Its texture may shine where no point of the mean has looked, so that it
+ * keeps a share of its full emission: a weight of 0 would be a bias, a wrong weight is only noise. */
+static float choice_luminance(const struct lw_material *m, struct lw_vec3 mean) {
+    float luminance = lw_colour_luminance(mean);
+    if (is_uniform(m)) return luminance;
+    return fmaxf(luminance,
+                 HIDDEN_SHARE * lw_colour_luminance(lw_vec3(m->emission[0], m->emission[1], m->emission[2])));
 }
 
 static uint32_t count_emitters(const struct lw_scene *scene) {
@@ -44,6 +64,7 @@ static void list_emitters(struct lw_lights *lights) {
             const struct lw_material *material = &scene->material[mesh->material[t]];
             if (!is_emissive(material)) continue;
             lights->radiance[n] = mean_radiance(scene, mesh, t);
+            lights->luminance[n] = choice_luminance(material, lights->radiance[n]);
             lights->emitter[n++] =
                 (struct lw_emitter){.object = o, .triangle = t, .both_sides = material->double_sided};
         }
@@ -57,7 +78,8 @@ enum lw_status lw_lights_init(struct lw_lights *lights, const struct lw_scene *s
     lights->emitter = calloc(count, sizeof *lights->emitter);
     lights->power_cdf = calloc(count, sizeof *lights->power_cdf);
     lights->radiance = calloc(count, sizeof *lights->radiance);
-    if (!lights->emitter || !lights->power_cdf || !lights->radiance) {
+    lights->luminance = calloc(count, sizeof *lights->luminance);
+    if (!lights->emitter || !lights->power_cdf || !lights->radiance || !lights->luminance) {
         lw_lights_finish(lights);
         return LW_NO_MEMORY;
     }
@@ -67,6 +89,7 @@ enum lw_status lw_lights_init(struct lw_lights *lights, const struct lw_scene *s
 }
 
 void lw_lights_finish(struct lw_lights *lights) {
+    free(lights->luminance);
     free(lights->radiance);
     free(lights->power_cdf);
     free(lights->emitter);
@@ -74,7 +97,7 @@ void lw_lights_finish(struct lw_lights *lights) {
 }
 
 static void place_emitter(struct lw_emitter *e, const struct lw_scene *scene, const struct lw_pose *pose,
-                          struct lw_vec3 radiance) {
+                          float luminance) {
     const struct lw_mesh *mesh = &scene->mesh[scene->object[e->object].mesh];
     const struct lw_affine *t = &pose->object_to_world[e->object];
     const uint32_t *index = mesh->triangle[e->triangle];
@@ -84,7 +107,7 @@ static void place_emitter(struct lw_emitter *e, const struct lw_scene *scene, co
     struct lw_vec3 cross = lw_vec3_cross(e->edge_u, e->edge_v);
     e->area_m2 = 0.5f * lw_vec3_length(cross);
     e->normal = lw_vec3_scale(lw_vec3_normalize(cross), lw_affine_determinant(t) < 0 ? -1.0f : 1.0f);
-    e->power = lw_colour_luminance(radiance) * e->area_m2 * (e->both_sides ? 2.0f : 1.0f);
+    e->power = luminance * e->area_m2 * (e->both_sides ? 2.0f : 1.0f);
     if (!isfinite(e->power)) e->power = 0;
 }
 
@@ -107,10 +130,10 @@ static bool accumulate(float *weight, uint32_t count) {
 void lw_lights_set_pose(struct lw_lights *lights, const struct lw_pose *pose) {
     lights->punctual = pose->light;
     for (uint32_t i = 0; i < lights->emitter_count; i++) {
-        place_emitter(&lights->emitter[i], lights->scene, pose, lights->radiance[i]);
+        place_emitter(&lights->emitter[i], lights->scene, pose, lights->luminance[i]);
         lights->power_cdf[i] = lights->emitter[i].power;
     }
-    if (!accumulate(lights->power_cdf, lights->emitter_count)) lights->emitter_count = 0;
+    lights->emitters_shine = accumulate(lights->power_cdf, lights->emitter_count);
 }
 
 /* How much an emitter may give to a sphere: power / distance^2, less where it faces away. The floor of a tenth keeps
@@ -166,11 +189,8 @@ struct lw_light_sample lw_lights_sample_area(const struct lw_lights *lights, con
 
     struct lw_vec3 radiance = lights->radiance[chosen];
     const struct lw_mesh *mesh = &lights->scene->mesh[lights->scene->object[e->object].mesh];
-    if (lights->scene->material[mesh->material[e->triangle]].emission_texture.texture != LW_SCENE_NONE) {
-        struct lw_surface surface;
-        lw_scene_surface(lights->scene, mesh, e->triangle, b_u, b_v, &surface);
-        radiance = surface.emission;
-    }
+    if (!is_uniform(&lights->scene->material[mesh->material[e->triangle]]))
+        radiance = radiance_at(lights->scene, mesh, e->triangle, b_u, b_v);
     /* E = L cos cos' / (d^2 pdf_area), pdf_area = probability / area */
     sample.irradiance_normal = lw_vec3_scale(radiance, cosine * e->area_m2 / (distance2 * probability));
     return sample;

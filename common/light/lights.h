@@ -15,7 +15,7 @@ struct lw_emitter {
     struct lw_vec3 corner, edge_u, edge_v; /* m */
     struct lw_vec3 normal;                 /* unit, the side that shines */
     float area_m2;
-    float power; /* luminance of its mean radiance x area: the weight by which it is chosen */
+    float power; /* by which it is chosen: luminance x area, W/sr */
     bool both_sides;
     uint32_t object, triangle;
 };
@@ -26,6 +26,8 @@ struct lw_lights {
     uint32_t emitter_count;
     float *power_cdf;                      /* emitter_count entries, last one 1 */
     struct lw_vec3 *radiance;              /* mean of each emitter, W/(m^2 sr) */
+    float *luminance;                      /* of each emitter, for the choice among them */
+    bool emitters_shine;                   /* at this pose: some emitter has power, and power_cdf is one */
     const struct lw_light_state *punctual; /* the pose's; scene->light_count */
 };
 

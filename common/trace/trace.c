@@ -13,6 +13,7 @@
 struct geometry {
     const struct lw_scene *scene;
     const struct lw_mesh *mesh;
+    uint32_t object;
     bool mirrored; /* vertices were flattened through a mirroring transform: winding is reversed */
     bool has_alpha;
 };
@@ -53,26 +54,8 @@ static const struct lw_material *material_of(const struct geometry *g, uint32_t 
     return &g->scene->material[g->mesh->material[triangle]];
 }
 
-/* The same ray meets the same answer: the choice hangs on the ray's direction and the triangle alone. */
-static float blend_choice(float x, float y, float z, uint32_t triangle) {
-    uint32_t bits[3];
-    memcpy(bits, (float[3]){x, y, z}, sizeof bits);
-    return lw_random_unit(lw_random_hash4(bits[0], bits[1], bits[2], triangle));
-}
-
-/* Whether a surface point lets the ray pass: cut out by its mask, or transparent. */
-static bool passes_alpha(const struct geometry *g, unsigned flags, uint32_t triangle, float u, float v,
-                         float dir_x, float dir_y, float dir_z) {
-    const struct lw_material *material = material_of(g, triangle);
-    if (material->alpha_mode == LW_ALPHA_OPAQUE) return false;
-    if (material->alpha_mode == LW_ALPHA_BLEND && (flags & LW_TRACE_VIEW)) return false;
-    float alpha = lw_scene_alpha(g->scene, g->mesh, triangle, u, v);
-    if (material->alpha_mode == LW_ALPHA_MASK) return alpha < material->alpha_cutoff;
-    return blend_choice(dir_x, dir_y, dir_z, triangle) >= alpha;
-}
-
 /* Embree's packets of runtime width are rows of `n` floats or words each; its own accessors are for C++ only. */
-enum { RAY_DIR_X = 4, RAY_DIR_Y, RAY_DIR_Z };
+enum { RAY_ORG_X, RAY_ORG_Y, RAY_ORG_Z, RAY_DIR_X = 4, RAY_DIR_Y, RAY_DIR_Z, RAY_SALT = 10 };
 enum { HIT_NG_X, HIT_NG_Y, HIT_NG_Z, HIT_U, HIT_V, HIT_TRIANGLE };
 
 static float lane(const void *rows, unsigned row, unsigned n, unsigned i) {
@@ -80,6 +63,29 @@ static float lane(const void *rows, unsigned row, unsigned n, unsigned i) {
 }
 static uint32_t lane_word(const void *rows, unsigned row, unsigned n, unsigned i) {
     return ((const uint32_t *)rows)[row * n + i];
+}
+
+/* A number in [0, 1) that hangs on ray, surface and salt alone: never on the other rays of the packet. */
+static float blend_choice(const struct geometry *g, const struct RTCRayN *rays, uint32_t triangle, unsigned n,
+                          unsigned i) {
+    uint32_t ray = 0;
+    for (unsigned row = RAY_ORG_X; row <= RAY_ORG_Z; row++) {
+        ray = lw_random_hash2(ray, lane_word(rays, row, n, i));
+        ray = lw_random_hash2(ray, lane_word(rays, row + RAY_DIR_X, n, i));
+    }
+    return lw_random_unit(lw_random_hash4(ray, triangle, g->object, lane_word(rays, RAY_SALT, n, i)));
+}
+
+/* Whether a surface point lets the ray pass: cut out by its mask, or transparent. */
+static bool passes_alpha(const struct geometry *g, unsigned flags,
+                         const struct RTCFilterFunctionNArguments *args, uint32_t triangle, unsigned i) {
+    const struct lw_material *material = material_of(g, triangle);
+    if (material->alpha_mode == LW_ALPHA_OPAQUE) return false;
+    if (material->alpha_mode == LW_ALPHA_BLEND && (flags & LW_TRACE_VIEW)) return false;
+    float alpha = lw_scene_alpha(g->scene, g->mesh, triangle, lane(args->hit, HIT_U, args->N, i),
+                                 lane(args->hit, HIT_V, args->N, i));
+    if (material->alpha_mode == LW_ALPHA_MASK) return alpha < material->alpha_cutoff;
+    return blend_choice(g, args->ray, triangle, args->N, i) >= alpha;
 }
 
 /* Called for hits on geometry with alpha (all rays) and, as the context's filter, for every hit of view rays.
@@ -102,9 +108,7 @@ static void filter(const struct RTCFilterFunctionNArguments *args) {
                 continue;
             }
         }
-        if (g->has_alpha && passes_alpha(g, context->flags, triangle, lane(args->hit, HIT_U, n, i),
-                                         lane(args->hit, HIT_V, n, i), dx, dy, dz))
-            args->valid[i] = 0;
+        if (g->has_alpha && passes_alpha(g, context->flags, args, triangle, i)) args->valid[i] = 0;
     }
 }
 
@@ -145,6 +149,7 @@ static enum lw_status attach_object(struct lw_trace *trace, RTCScene into, uint3
     struct geometry *g = &trace->geometry[object];
     *g = (struct geometry){.scene = trace->scene,
                            .mesh = mesh,
+                           .object = object,
                            .mirrored = lw_affine_determinant(transform) < 0,
                            .has_alpha = mesh_has_alpha(trace->scene, mesh)};
     rtcSetGeometryUserData(geometry, g);
@@ -210,7 +215,7 @@ static enum lw_status build(struct lw_trace *trace, const struct lw_pose *pose) 
     if (!trace->fixed) return LW_NO_MEMORY;
     for (uint32_t object = 0; object < scene->object_count; object++) {
         trace->mover_of_object[object] = UINT32_MAX;
-        if (lw_pose_object_moves(scene, object)) {
+        if (lw_pose_object_moves(pose, scene, object)) {
             trace->mover_of_object[object] = trace->mover_count;
             trace->mover[trace->mover_count++].object = object;
             continue;
@@ -308,7 +313,7 @@ static void load_rays(struct RTCRay16 *dst, const struct lw_ray16 *src) {
     memset(dst->time, 0, sizeof dst->time);
     memset(dst->mask, 0xff, sizeof dst->mask);
     memset(dst->flags, 0, sizeof dst->flags);
-    memset(dst->id, 0, sizeof dst->id);
+    for (int i = 0; i < 16; i++) dst->id[i] = src->salt;
 }
 
 static void load_valid(int valid[16], uint16_t active) {

@@ -15,7 +15,7 @@
 
 enum lw_trace_flags {
     /* Light: backs of single-sided surfaces stop the ray (and are black); BLEND surfaces stop it with probability
-     * alpha, decided by a hash of ray and triangle, so that the same ray always meets the same answer. */
+     * alpha, decided by a hash of ray, surface and the packet's salt. */
     LW_TRACE_LIGHT = 0,
     /* View: backs of single-sided surfaces are not there; every BLEND surface is a hit, for the caller to blend. */
     LW_TRACE_VIEW = 1,
@@ -28,14 +28,16 @@ struct lw_ray16 {
     float org_y[16], org_z[16];
     float dir_x[16], dir_y[16], dir_z[16];
     float t_near[16], t_far[16];
+    uint32_t
+        salt; /* number of the sample: the same ray with another salt meets another decision of BLEND surfaces */
 };
 
 struct lw_hit16 {
     _Alignas(64) float t[16];
-    float u[16], v[16];       /* barycentrics of the 2nd and 3rd vertex */
-    uint32_t object[16];      /* LW_TRACE_MISS: nothing hit, the other fields are undefined */
-    uint32_t triangle[16];    /* of the object's mesh */
-    uint8_t back[16];         /* 1: met from behind (by winding, mirroring accounted for) */
+    float u[16], v[16];    /* barycentrics of the 2nd and 3rd vertex */
+    uint32_t object[16];   /* LW_TRACE_MISS: nothing hit, the other fields are undefined */
+    uint32_t triangle[16]; /* of the object's mesh */
+    uint8_t back[16];      /* 1: met from behind (by winding, mirroring accounted for) */
 };
 
 struct lw_trace;
@@ -52,8 +54,8 @@ LW_MUST_CHECK enum lw_status lw_trace_set_pose(struct lw_trace *trace, const str
                                                struct lw_error *err);
 
 /** Closest hits of the rays whose bit is set in `active`; lanes that are not active become misses. */
-void lw_trace_closest16(const struct lw_trace *trace, unsigned flags, uint16_t active, const struct lw_ray16 *rays,
-                        struct lw_hit16 *out_hits);
+void lw_trace_closest16(const struct lw_trace *trace, unsigned flags, uint16_t active,
+                        const struct lw_ray16 *rays, struct lw_hit16 *out_hits);
 
 /** Bit i set: something lies between t_near and t_far of active ray i. */
 uint16_t lw_trace_occluded16(const struct lw_trace *trace, unsigned flags, uint16_t active,

@@ -2,7 +2,7 @@
  * Flow:    texels, rays' structure -> [burial] -> texels without them
  * Threads: one call before the first frame; workers inside.
  *
- * Such a texel sees the backs of what it lies in. Its darkness is nobody's to see, but would bleed into the lookups at
+ * Such a texel sees the backs of what it lies in, close by. Its darkness is nobody's to see, but would bleed into the lookups at
  * the rim of the contact; so it counts as uncovered, and is filled from its neighbours like a gutter. Only objects
  * that never move bury and are buried. */
 #ifndef LW_SOLVE_BURIAL_H

@@ -1,6 +1,7 @@
 #include "server/solve/cell_solver.h"
 
 #include "common/clock.h"
+#include "common/log.h"
 #include "server/solve/burial.h"
 #include "server/solve/passes.h"
 
@@ -264,7 +265,10 @@ static enum lw_status build(struct cell_solver *s, const struct lw_pose *pose, s
     copy_pose(scene, &s->pose, pose);
     if ((status = lw_trace_create(scene, &s->pose, &s->trace, err)) != LW_OK) return status;
     if ((status = lw_texels_init(&s->texels, scene, (unsigned)s->threads, err)) != LW_OK) return status;
-    lw_burial_find(&s->texels, &s->pose, s->trace, s->threads);
+    uint64_t buried = lw_burial_find(&s->texels, &s->pose, s->trace, s->threads);
+    if (buried)
+        lw_log(LW_LOG_INFO, "%llu of %u texels lie inside other objects and are left out",
+               (unsigned long long)buried, s->texels.count);
 
     struct lw_vec3 lo = {0}, hi = {0};
     lw_pose_bounds(&s->pose, scene, &lo, &hi);

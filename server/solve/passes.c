@@ -6,6 +6,8 @@
 
 #define LANES LW_TRACE_WIDTH
 #define SETS  16u /* direction sets of the 4 x 4 pattern */
+/* So many samples without light count as an error of 1; a full tile rests after some 25 frames at 0.02. */
+#define DARK_SAMPLES 2000.0
 /* Packets whose normals agree to this cosine run parallel enough for Embree's coherent traversal. */
 #define COHERENT_COSINE 0.95f
 
@@ -72,6 +74,11 @@ struct shadow_batch {
     uint16_t active;
 };
 
+static void start_batch(struct shadow_batch *batch, uint16_t active, uint32_t sample) {
+    batch->active = active;
+    batch->rays.salt = sample;
+}
+
 static void add_sample(struct shadow_batch *batch, const struct packet *packet, uint32_t lane,
                        const struct lw_light_sample *sample, float weight) {
     float cosine = lw_vec3_dot(packet->normal[lane], sample->direction);
@@ -86,7 +93,8 @@ static void add_sample(struct shadow_batch *batch, const struct packet *packet, 
 static void trace_batch(const struct lw_passes *p, const struct shadow_batch *batch, bool coherent,
                         struct lw_vec3 sum[LANES], struct lw_passes_count *count) {
     if (!batch->active) return;
-    uint16_t occluded = lw_trace_occluded16(p->trace, coherent ? LW_TRACE_COHERENT : 0, batch->active, &batch->rays);
+    uint16_t occluded =
+        lw_trace_occluded16(p->trace, coherent ? LW_TRACE_COHERENT : 0, batch->active, &batch->rays);
     uint16_t lit = batch->active & (uint16_t)~occluded;
     count->shadow += (uint64_t)__builtin_popcount(batch->active);
     for (uint32_t lane = 0; lane < LANES; lane++)
@@ -100,7 +108,8 @@ static void light_by_punctual(const struct lw_passes *p, const struct lw_solve_t
         float point[2];
         lw_sampling_point(lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_PUNCTUAL + l),
                           tile->frames, packet->set, point);
-        struct shadow_batch batch = {.active = 0};
+        struct shadow_batch batch;
+        start_batch(&batch, 0, tile->frames);
         for (uint32_t lane = 0; lane < LANES; lane++) {
             if (!(packet->active >> lane & 1)) continue;
             struct lw_light_sample sample =
@@ -120,7 +129,8 @@ static void light_by_emitters(const struct lw_passes *p, const struct lw_solve_t
         float point[2], pick[2];
         lw_sampling_point(seed, tile->frames * p->direct_samples + s, packet->set, point);
         lw_sampling_point(pick_seed, tile->frames * p->direct_samples + s, packet->set, pick);
-        struct shadow_batch batch = {.active = 0};
+        struct shadow_batch batch;
+        start_batch(&batch, 0, tile->frames * p->direct_samples + s);
         for (uint32_t lane = 0; lane < LANES; lane++) {
             if (!(packet->active >> lane & 1)) continue;
             struct lw_light_sample sample =
@@ -141,7 +151,8 @@ static void light_by_sky(const struct lw_passes *p, const struct lw_solve_tile *
         float point[2];
         lw_sampling_point(seed, tile->frames * p->direct_samples + s, packet->set, point);
         struct lw_vec3 local = lw_sampling_cosine(point);
-        struct shadow_batch batch = {.active = packet->active};
+        struct shadow_batch batch;
+        start_batch(&batch, packet->active, tile->frames * p->direct_samples + s);
         for (uint32_t lane = 0; lane < LANES; lane++) {
             if (!(packet->active >> lane & 1)) continue;
             set_ray(&batch.rays, lane, packet->origin[lane],
@@ -153,6 +164,8 @@ static void light_by_sky(const struct lw_passes *p, const struct lw_solve_tile *
 }
 
 static void blend(float *const dst[3], uint32_t texel, struct lw_vec3 value, float weight) {
+    /* One estimate beyond float's range would stay in the mean for good. */
+    if (!lw_vec3_is_finite(value)) return;
     dst[0][texel] += (value.x - dst[0][texel]) * weight;
     dst[1][texel] += (value.y - dst[1][texel]) * weight;
     dst[2][texel] += (value.z - dst[2][texel]) * weight;
@@ -161,7 +174,7 @@ static void blend(float *const dst[3], uint32_t texel, struct lw_vec3 value, flo
 void lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile, float *cdf,
                       struct lw_passes_count *count) {
     const float *tile_cdf = p->lights->power_cdf;
-    bool emitters = p->lights->emitter_count > 0;
+    bool emitters = p->lights->emitters_shine;
     if (emitters && p->lights->emitter_count <= LW_LIGHTS_LOCAL_MAX) {
         emitters = lw_lights_local_cdf(p->lights, tile->centre_ws, tile->radius_m, cdf);
         tile_cdf = cdf;
@@ -215,6 +228,7 @@ void lw_passes_trace_ends(const struct lw_passes *p, const struct lw_solve_tile 
                     struct lw_vec3 local = lw_sampling_cosine(point);
                     struct lw_ray16 rays;
                     struct lw_hit16 hits;
+                    rays.salt = tile->frames * p->indirect_samples + s;
                     for (uint32_t lane = 0; lane < LANES; lane++)
                         if (packet.active >> lane & 1)
                             set_ray(&rays, lane, packet.origin[lane],
@@ -271,6 +285,14 @@ static void note_estimate(struct lw_tiles *tiles, uint32_t texel, float weight) 
     tiles->spread[texel] = (1 - weight) * (tiles->spread[texel] + weight * off * off);
 }
 
+/* A tile that has seen no light yet: what light it may have missed falls with the samples that found none, as 1/N. A
+ * scene that casts no light on it at all is found dark as soon as one that hides its light behind a pinhole could be. */
+static float error_of_darkness(const struct lw_passes *p, const struct lw_solve_tile *tile) {
+    uint32_t per_frame = p->direct_samples > p->indirect_samples ? p->direct_samples : p->indirect_samples;
+    double samples = (double)tile->frames * per_frame * tile->covered_count;
+    return (float)fmin(1.0, DARK_SAMPLES / fmax(1, samples));
+}
+
 void lw_passes_finish_tile(const struct lw_passes *p, struct lw_solve_tile *tile) {
     struct lw_tiles *tiles = p->tiles;
     const float weight = lw_passes_weight(tile->history, p->history_indirect_max);
@@ -295,6 +317,6 @@ void lw_passes_finish_tile(const struct lw_passes *p, struct lw_solve_tile *tile
     if (remembered >= 2 && tile->covered_count) {
         double mean = luminance / tile->covered_count;
         double mean_variance = variance / tile->covered_count / (remembered - 1);
-        tile->error = mean > 0 ? (float)fmin(1.0, sqrt(mean_variance) / mean) : 0;
+        tile->error = mean > 0 ? (float)fmin(1.0, sqrt(mean_variance) / mean) : error_of_darkness(p, tile);
     }
 }

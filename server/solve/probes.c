@@ -55,6 +55,7 @@ uint64_t lw_probes_gather(struct lw_probes *probes, const struct lw_trace *trace
         for (uint32_t first = 0; first < LW_PROBES_RAYS; first += LW_TRACE_WIDTH) {
             struct lw_ray16 rays;
             struct lw_hit16 hits;
+            rays.salt = sample * LW_PROBES_RAYS + first;
             for (uint32_t i = 0; i < LW_TRACE_WIDTH; i++) {
                 struct lw_vec3 d = ray_direction(seed, p, sample, first + i);
                 rays.org_x[i] = centre.x;

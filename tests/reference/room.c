@@ -9,7 +9,8 @@
 void room_quad(struct room *room, struct lw_vec3 corner, struct lw_vec3 edge_u, struct lw_vec3 edge_v,
                float albedo, float emission) {
     assert_true(room->quad_count < ROOM_QUADS_MAX);
-    room->quad[room->quad_count++] = (struct room_quad){corner, edge_u, edge_v, albedo, emission, false};
+    room->quad[room->quad_count++] =
+        (struct room_quad){corner, edge_u, edge_v, albedo, emission, false, LW_ALPHA_OPAQUE, 1};
 }
 
 void room_box(struct room *room, struct lw_vec3 s, float albedo, float emission) {
@@ -51,7 +52,8 @@ static void add_quad(struct lw_scene *scene, uint32_t i, const struct room_quad 
         .name = "grey",
         .alpha_cutoff = 0.5f,
         .double_sided = quad->double_sided,
-        .base_colour = {quad->albedo, quad->albedo, quad->albedo, 1},
+        .alpha_mode = quad->alpha_mode,
+        .base_colour = {quad->albedo, quad->albedo, quad->albedo, quad->alpha},
         .emission = {quad->emission, quad->emission, quad->emission},
         .base_colour_texture = {.texture = LW_SCENE_NONE, .transform = {1, 0, 0, 0, 1, 0}},
         .emission_texture = {.texture = LW_SCENE_NONE, .transform = {1, 0, 0, 0, 1, 0}}};

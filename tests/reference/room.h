@@ -24,6 +24,8 @@ struct room {
         struct lw_vec3 corner, edge_u, edge_v;
         float albedo, emission; /* grey; W/(m^2 sr) */
         bool double_sided;
+        uint8_t alpha_mode; /* enum lw_alpha_mode */
+        float alpha;        /* for BLEND and MASK (cut off under 0.5) */
     } quad[ROOM_QUADS_MAX];
     struct lw_light light[ROOM_LIGHTS_MAX];
     struct lw_vec3
