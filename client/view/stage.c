@@ -11,7 +11,7 @@ enum lw_status lw_stage_init(struct lw_stage *stage, struct lw_client *client, u
         return lw_status_fail(err, status, "no memory for the scene's pose");
     }
     for (uint32_t o = 0; o < stage->scene->object_count && !stage->moves; o++)
-        stage->moves = lw_pose_object_moves(stage->scene, o);
+        stage->moves = lw_pose_object_moves(&stage->pose, stage->scene, o);
     status = lw_trace_create(stage->scene, &stage->pose, &stage->trace, err);
     if (status != LW_OK) goto fail;
     status = lw_compose_create(&(struct lw_compose_desc){.scene = stage->scene,

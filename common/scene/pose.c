@@ -8,6 +8,14 @@ struct lw_pose_local {
     float translation[3], rotation[4], scale[3];
 };
 
+static void find_movers(struct lw_pose *pose, const struct lw_scene *scene) {
+    for (uint32_t i = 0; i < scene->channel_count; i++) pose->node_moves[scene->channel[i].node] = true;
+    for (uint32_t i = 0; i < scene->node_count; i++) { /* parents come before their children */
+        uint32_t parent = scene->node[i].parent;
+        if (parent != LW_SCENE_NONE && pose->node_moves[parent]) pose->node_moves[i] = true;
+    }
+}
+
 enum lw_status lw_pose_init(struct lw_pose *pose, const struct lw_scene *scene) {
     memset(pose, 0, sizeof *pose);
     /* calloc of 0 elements may be NULL: one more of each keeps NULL for "out of memory" */
@@ -15,15 +23,18 @@ enum lw_status lw_pose_init(struct lw_pose *pose, const struct lw_scene *scene) 
     pose->light = calloc((size_t)scene->light_count + 1, sizeof *pose->light);
     pose->node_to_world = calloc((size_t)scene->node_count + 1, sizeof *pose->node_to_world);
     pose->local = calloc((size_t)scene->node_count + 1, sizeof *pose->local);
-    if (!pose->object_to_world || !pose->light || !pose->node_to_world || !pose->local) {
+    pose->node_moves = calloc((size_t)scene->node_count + 1, sizeof *pose->node_moves);
+    if (!pose->object_to_world || !pose->light || !pose->node_to_world || !pose->local || !pose->node_moves) {
         lw_pose_finish(pose);
         return LW_NO_MEMORY;
     }
+    find_movers(pose, scene);
     lw_pose_evaluate(pose, scene, 0);
     return LW_OK;
 }
 
 void lw_pose_finish(struct lw_pose *pose) {
+    free(pose->node_moves);
     free(pose->local);
     free(pose->node_to_world);
     free(pose->light);
@@ -164,20 +175,8 @@ void lw_pose_evaluate(struct lw_pose *pose, const struct lw_scene *scene, double
     }
 }
 
-static bool node_moves(const struct lw_scene *scene, uint32_t node) {
-    if (scene->channel_count == 0) return false;
-    for (; node != LW_SCENE_NONE; node = scene->node[node].parent)
-        for (uint32_t i = 0; i < scene->channel_count; i++)
-            if (scene->channel[i].node == node) return true;
-    return false;
-}
-
-bool lw_pose_object_moves(const struct lw_scene *scene, uint32_t object) {
-    return node_moves(scene, scene->object[object].node);
-}
-
-bool lw_pose_light_moves(const struct lw_scene *scene, uint32_t light) {
-    return node_moves(scene, scene->light[light].node);
+bool lw_pose_object_moves(const struct lw_pose *pose, const struct lw_scene *scene, uint32_t object) {
+    return pose->node_moves[scene->object[object].node];
 }
 
 bool lw_pose_bounds(const struct lw_pose *pose, const struct lw_scene *scene, struct lw_vec3 *out_min,

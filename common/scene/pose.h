@@ -21,6 +21,7 @@ struct lw_pose {
     struct lw_light_state *light;      /* one per light */
     struct lw_affine *node_to_world;   /* one per node */
     struct lw_pose_local *local;       /* one per node; scratch of lw_pose_evaluate() */
+    bool *node_moves;                  /* one per node: it or an ancestor has a channel */
 };
 
 /** Allocates for a scene and evaluates time 0. Errors: LW_NO_MEMORY. */
@@ -30,10 +31,8 @@ void lw_pose_finish(struct lw_pose *pose);
 /** Moves the pose to a time (s, wrapped into the animation's duration). */
 void lw_pose_evaluate(struct lw_pose *pose, const struct lw_scene *scene, double time_s);
 
-/** Whether an object (or a light) can ever move: it or an ancestor of its node has a channel.
- * Cost: channels times depth of the node; ask once per object, not per frame. */
-bool lw_pose_object_moves(const struct lw_scene *scene, uint32_t object);
-bool lw_pose_light_moves(const struct lw_scene *scene, uint32_t light);
+/** Whether an object can ever move: its node or an ancestor of it has a channel. */
+bool lw_pose_object_moves(const struct lw_pose *pose, const struct lw_scene *scene, uint32_t object);
 
 /** World-space bounds of all objects; false if there is no vertex. */
 bool lw_pose_bounds(const struct lw_pose *pose, const struct lw_scene *scene, struct lw_vec3 *out_min,

@@ -1,5 +1,6 @@
 #include "tests/support/support.h"
 
+#include "common/clock.h"
 #include "common/scene/pose.h"
 
 #include <string.h>
@@ -228,21 +229,66 @@ static void cubic_rotations_are_unit_and_scales_scale(void **state) {
     lw_scene_destroy(scene);
 }
 
+static bool moves(const struct lw_scene *scene, uint32_t object) {
+    struct lw_pose pose;
+    lw_support_ok(lw_pose_init(&pose, scene), NULL);
+    bool answer = lw_pose_object_moves(&pose, scene, object);
+    lw_pose_finish(&pose);
+    return answer;
+}
+
 static void what_moves_is_what_has_a_channel_above_it(void **state) {
     (void)state;
     static const float times[] = {0}, values[] = {0, 0, 0};
-    struct lw_scene *scene = lw_support_squares(3, 1);
+    struct lw_scene *scene = lw_support_squares(4, 1);
     struct lw_channel channel = {1, LW_CHANNEL_TRANSLATION, LW_INTERPOLATION_STEP, 1, times, values};
     scene->channel = &channel;
-    assert_false(lw_pose_object_moves(scene, 1)); /* the channel is not counted yet */
+    assert_false(moves(scene, 1)); /* the channel is not counted yet */
     scene->channel_count = 1;
     scene->node[2].parent = 1;
-    assert_false(lw_pose_object_moves(scene, 0));
-    assert_true(lw_pose_object_moves(scene, 1));
-    assert_true(lw_pose_object_moves(scene, 2));
-    assert_false(lw_pose_light_moves(scene, 0));
+    assert_false(moves(scene, 0));
+    assert_true(moves(scene, 1));
+    assert_true(moves(scene, 2));
+    assert_false(moves(scene, 3));
     scene->node[3].parent = 2;
-    assert_true(lw_pose_light_moves(scene, 0));
+    assert_true(moves(scene, 3));
+    lw_scene_destroy(scene);
+}
+
+/* A chain of nodes, each with its object, its lower half animated: a package of a few MB. */
+static void what_moves_is_found_fast(void **state) {
+    (void)state;
+    enum { COUNT = 20000 };
+    static const float times[] = {0}, values[] = {1, 1, 1};
+    static struct lw_node nodes[COUNT];
+    static struct lw_channel channels[COUNT];
+    for (uint32_t i = 0; i < COUNT; i++) {
+        nodes[i] = still;
+        nodes[i].parent = i > 0 ? i - 1 : LW_SCENE_NONE;
+        channels[i] = (struct lw_channel){COUNT / 2 + i / 2,
+                                          i % 2 ? LW_CHANNEL_TRANSLATION : LW_CHANNEL_SCALE,
+                                          LW_INTERPOLATION_STEP,
+                                          1,
+                                          times,
+                                          values};
+    }
+    struct lw_scene *scene = build(nodes, COUNT, channels, COUNT, 1);
+    struct lw_object *objects = lw_scene_alloc(scene, COUNT, sizeof *objects);
+    assert_non_null(objects);
+    for (uint32_t i = 0; i < COUNT; i++) {
+        objects[i] = scene->object[0];
+        objects[i].node = i;
+    }
+    scene->object = objects;
+    scene->object_count = COUNT;
+    struct lw_pose pose;
+    uint64_t start_ns = lw_clock_ns();
+    lw_support_ok(lw_pose_init(&pose, scene), NULL);
+    for (uint32_t i = 0; i < COUNT; i++)
+        assert_int_equal(lw_pose_object_moves(&pose, scene, i), i >= COUNT / 2);
+    /* looking at every channel for every node above every object would take minutes */
+    assert_true(lw_clock_ns() - start_ns < 2000000000);
+    lw_pose_finish(&pose);
     lw_scene_destroy(scene);
 }
 
@@ -275,6 +321,7 @@ int main(void) {
         cmocka_unit_test(in_tangents_and_out_tangents_are_told_apart),
         cmocka_unit_test(cubic_rotations_are_unit_and_scales_scale),
         cmocka_unit_test(what_moves_is_what_has_a_channel_above_it),
+        cmocka_unit_test(what_moves_is_found_fast),
         cmocka_unit_test(bounds_hold_all_objects),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
