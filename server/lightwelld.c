@@ -5,6 +5,7 @@
 #include "common/log.h"
 #include "common/options.h"
 #include "common/scene/builtin.h"
+#include "common/scene/lightmap.h"
 #include "common/scene/package.h"
 #include "server/import/import_spawn.h"
 #include "server/publish/publisher.h"
@@ -93,9 +94,9 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
         {"cell-size", "METRES", "side of a radiance cell (default: a quarter of the scene's longest side)",
          LW_OPTION_REAL, &s->cell_size, 1e-6, 1e9, NULL},
         {"texels-per-metre", "D", "lightmap density (default: chosen for about 400,000 texels)",
-         LW_OPTION_REAL, &s->texels_per_metre, 1e-6, 1e6, NULL},
+         LW_OPTION_REAL, &s->texels_per_metre, LW_LIGHTMAP_DENSITY_MIN, LW_LIGHTMAP_DENSITY_MAX, NULL},
         {"atlas-max", "N", "longest side of an atlas, texels (default 4096)", LW_OPTION_INT, &s->atlas_max,
-         16, LW_SCENE_ATLAS_SIDE_MAX, NULL},
+         LW_LIGHTMAP_SIDE_MIN, LW_SCENE_ATLAS_SIDE_MAX, NULL},
         {"direct-samples", "N", "rays per texel and frame towards lamps and sky (default 1)", LW_OPTION_INT,
          &s->direct_samples, 1, 1024, NULL},
         {"indirect-samples", "N", "bounce rays per texel and frame (default 2)", LW_OPTION_INT,
@@ -268,8 +269,7 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
     return LW_OK;
 }
 
-static void *solve_forever(void *argument) {
-    struct daemon *d = argument;
+static void solve_frames(struct daemon *d) {
     const struct settings *s = &d->settings;
     const uint64_t interval_ns = (uint64_t)(1e9 / s->frame_rate);
     bool rested = false;
@@ -279,6 +279,19 @@ static void *solve_forever(void *argument) {
         if (status != LW_OK) break; /* LW_CLOSED, without an error: stopped in the middle of a frame */
         /* Under the step clock frames follow each other at once while there is work; at rest they keep the pace. */
         if (s->clock == CLOCK_REAL || (rested && !s->frames)) wait_until(d, began + interval_ns);
+    }
+}
+
+/* Texels and rays' structure are built while clients already get the scene package. */
+static void *solve_in_thread(void *argument) {
+    struct daemon *d = argument;
+    if (set_up_solver(d, &d->solver_error) == LW_OK) {
+        lw_log(LW_LOG_INFO, "%s: %u objects, %u tiles; %.0f MB for the solve, package %.1f MB",
+               d->settings.scene_path, d->scene->object_count, d->atlas_map.tile_count,
+               (double)(d->solver->ops->memory_bytes(d->solver) + lw_publisher_memory_bytes(d->publisher)) *
+                   1e-6,
+               (double)d->package_size * 1e-6);
+        solve_frames(d);
     }
     lw_server_stop(d->server);
     return NULL;
@@ -308,7 +321,7 @@ static enum lw_status serve(struct daemon *d, struct lw_error *err) {
              lw_server_port(d->server));
     lw_log(LW_LOG_INFO, "serving %s at %s", s->scene_path, address);
     lw_log(LW_LOG_INFO, "look at it: lightwell-view %s     stop it: Ctrl-C", address);
-    if (pthread_create(&d->solver_thread, NULL, solve_forever, d) != 0) {
+    if (pthread_create(&d->solver_thread, NULL, solve_in_thread, d) != 0) {
         if (s->port_file) unlink(s->port_file);
         return lw_status_fail(err, LW_OS, "cannot start the solver's thread");
     }
@@ -338,11 +351,7 @@ static enum lw_status run(struct daemon *d, struct lw_error *err) {
                                                        .target_error = (float)s->error},
                               &d->server, err);
     if (status != LW_OK) return status;
-    if ((status = set_up_solver(d, err)) != LW_OK) return status;
     if (signalled) return lw_status_fail(err, LW_CLOSED, "%s: stopped before it was lit", s->scene_path);
-    lw_log(LW_LOG_INFO, "%s: %u objects, %u tiles; %.0f MB for the solve, package %.1f MB", s->scene_path,
-           d->scene->object_count, d->atlas_map.tile_count,
-           (double)d->solver->ops->memory_bytes(d->solver) * 1e-6, (double)d->package_size * 1e-6);
     return serve(d, err);
 }
 

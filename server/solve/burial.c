@@ -1,5 +1,6 @@
 #include "server/solve/burial.h"
 
+#include "common/progress.h"
 #include "server/solve/sampling.h"
 
 #include <stdlib.h>
@@ -84,9 +85,14 @@ uint64_t lw_burial_find(struct lw_texels *texels, const struct lw_pose *pose, co
     const float near_m = NEAR * fmaxf(size.x, fmaxf(size.y, size.z));
     if (!moves) return 0; /* a refinement: without it the light is right but for dark rims */
     for (uint32_t o = 0; o < objects; o++) moves[o] = lw_pose_object_moves(pose, texels->scene, o);
+    struct lw_progress progress;
+    lw_progress_init(&progress, "looking inside objects", objects);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(threads) reduction(+ : count)
-    for (uint32_t o = 0; o < objects; o++)
+    for (uint32_t o = 0; o < objects; o++) {
         if (!moves[o]) count += find_in_object(texels, o, pose, trace, moves, near_m);
+        lw_progress_step(&progress, 1);
+    }
+    lw_progress_finish(&progress);
     free(moves);
     if (count) lw_texels_link(texels, threads);
     return count;

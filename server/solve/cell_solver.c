@@ -2,6 +2,7 @@
 
 #include "common/clock.h"
 #include "common/log.h"
+#include "common/progress.h"
 #include "server/solve/burial.h"
 #include "server/solve/passes.h"
 
@@ -21,8 +22,9 @@ struct cell_solver {
     struct lw_probes probes;
     bool has_probes;
     uint32_t *end;
-    float *cdf;          /* per thread */
-    struct lw_pose pose; /* the last one solved */
+    float *cdf;                   /* per thread */
+    struct lw_pose pose;          /* the last one solved */
+    struct lw_progress *progress; /* of the first frame, which may be long; else NULL */
     uint32_t frames, frames_since_move;
     bool ever_moved;
 };
@@ -69,8 +71,8 @@ static void choose_history(const struct cell_solver *s, struct lw_passes *passes
 }
 
 static void run_direct(struct cell_solver *s, const struct lw_passes *passes, struct lw_solver_stats *stats) {
-    uint64_t shadow = 0, bounce = 0;
-#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shadow, bounce)
+    uint64_t shadow = 0;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shadow)
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         if (!has_work(s, tile)) continue;
@@ -78,10 +80,9 @@ static void run_direct(struct cell_solver *s, const struct lw_passes *passes, st
         lw_passes_direct(passes, tile, s->cdf + (size_t)omp_get_thread_num() * (s->lights.emitter_count + 1),
                          &count);
         shadow += count.shadow;
-        bounce += count.bounce;
+        if (s->progress) lw_progress_step(s->progress, 1);
     }
     stats->rays_shadow += shadow;
-    stats->rays_bounce += bounce;
 }
 
 static void run_trace_ends(struct cell_solver *s, const struct lw_passes *passes,
@@ -93,6 +94,7 @@ static void run_trace_ends(struct cell_solver *s, const struct lw_passes *passes
         struct lw_passes_count count = {0};
         lw_passes_trace_ends(passes, &s->tiles.tile[i], &count);
         bounce += count.bounce;
+        if (s->progress) lw_progress_step(s->progress, 1);
     }
     stats->rays_bounce += bounce;
 }
@@ -181,6 +183,11 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
                                .tracing_range_m = s->desc.tracing_range_m};
     choose_history(s, &passes);
 
+    struct lw_progress progress;
+    if (s->frames == 0) {
+        lw_progress_init(&progress, "lighting the first frame", s->tiles.count * (s->desc.bounces ? 2u : 1u));
+        s->progress = &progress;
+    }
     uint64_t t1 = lw_clock_ns();
     run_direct(s, &passes, &stats);
     run_radiate(s, &passes, 0);
@@ -188,6 +195,8 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     stats.direct_ns = t2 - t1;
     if (s->desc.bounces) run_trace_ends(s, &passes, &stats);
     stats.scatter_ns = lw_clock_ns() - t2;
+    if (s->progress) lw_progress_finish(s->progress);
+    s->progress = NULL;
     if (s->has_probes) {
         uint64_t t = lw_clock_ns();
         stats.rays_probe =

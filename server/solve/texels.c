@@ -1,5 +1,7 @@
 #include "server/solve/texels.h"
 
+#include "common/progress.h"
+
 #include <omp.h>
 #include <stdlib.h>
 #include <string.h>
@@ -275,10 +277,16 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
     texels->count = (uint32_t)count;
 
     int failures = 0;
-#pragma omp parallel for schedule(dynamic, 1) num_threads(threads ? (int)threads : omp_get_max_threads()) reduction(+ : failures)
-    for (uint32_t m = 0; m < scene->mesh_count; m++)
+    struct lw_progress progress;
+    lw_progress_init(&progress, "placing texels", count);
+#pragma omp parallel for schedule(dynamic, 1) num_threads(threads ? (int)threads : omp_get_max_threads())             \
+    reduction(+ : failures)
+    for (uint32_t m = 0; m < scene->mesh_count; m++) {
         if (ok && texels->mesh[m].texel_count && !build_mesh(&texels->mesh[m], scene, &scene->mesh[m]))
             failures++;
+        lw_progress_step(&progress, texels->mesh[m].texel_count);
+    }
+    lw_progress_finish(&progress);
     texels->covered = malloc(count + 1);
     texels->source = malloc((count + 1) * sizeof *texels->source);
     if (!ok || failures || !texels->covered || !texels->source) {
