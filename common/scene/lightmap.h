@@ -17,6 +17,11 @@
 #define LW_LIGHTMAP_BLOCK  4u /* texels; chart rectangles are aligned to it */
 #define LW_LIGHTMAP_GUTTER 2u /* texels */
 
+/* What may be asked for on a command line; scenes of any unit, from micrometres to kilometres, need the whole range. */
+#define LW_LIGHTMAP_DENSITY_MIN 1e-6 /* texels per metre */
+#define LW_LIGHTMAP_DENSITY_MAX 1e6
+#define LW_LIGHTMAP_SIDE_MIN    16u /* of atlas_side_max, texels */
+
 struct lw_lightmap_desc {
     float texels_per_metre;  /* 0: chosen so that the scene has about texel_target covered texels */
     uint32_t texel_target;   /* 0: LW_LIGHTMAP_TEXEL_TARGET */

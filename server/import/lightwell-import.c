@@ -21,13 +21,10 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define PROGRAM       "lightwell-import"
-#define TICK_MS       100
-#define THREADS_MAX   1024
-#define DENSITY_MIN   1e-3 /* texels per metre */
-#define DENSITY_MAX   1e5
-#define ATLAS_MAX_MIN 64
-#define NAME_COLUMNS  28
+#define PROGRAM      "lightwell-import"
+#define TICK_MS      100
+#define THREADS_MAX  1024
+#define NAME_COLUMNS 28
 
 struct arguments {
     const char *scene;
@@ -93,15 +90,15 @@ static enum lw_status parse(int argc, char **argv, struct arguments *arguments, 
          .help = "Density of the lightmaps. Default: so that the scene has about 400,000 texels.",
          .kind = LW_OPTION_REAL,
          .value = &arguments->texels_per_metre,
-         .min = DENSITY_MIN,
-         .max = DENSITY_MAX},
+         .min = LW_LIGHTMAP_DENSITY_MIN,
+         .max = LW_LIGHTMAP_DENSITY_MAX},
         {.name = "atlas-max",
          .argument = "N",
          .help = "Largest side of a lightmap in texels; an object that needs more gets fewer per metre. "
                  "Default: 4096.",
          .kind = LW_OPTION_INT,
          .value = &arguments->atlas_side_max,
-         .min = ATLAS_MAX_MIN,
+         .min = LW_LIGHTMAP_SIDE_MIN,
          .max = LW_SCENE_ATLAS_SIDE_MAX},
         {.name = "threads",
          .argument = "N",

@@ -3,6 +3,7 @@
 
 #include "common/clock.h"
 #include "common/log.h"
+#include "common/scene/lightmap.h"
 #include "common/scene/package.h"
 #include "common/scene/pose.h"
 #include "server/import/gltf.h"
@@ -399,6 +400,22 @@ static void density_reaches_the_importer(void **state) {
                         &s, &fine, &err),
                   &err);
     assert_true(fine->mesh[0].atlas_width > coarse->mesh[0].atlas_width);
+    lw_scene_destroy(fine);
+    lw_scene_destroy(coarse);
+
+    /* whatever the daemon takes, the importer takes */
+    const struct lw_import_spawn_desc least = {.scene = "builtin:cornell",
+                                               .texels_per_metre = LW_LIGHTMAP_DENSITY_MIN,
+                                               .atlas_side_max = LW_LIGHTMAP_SIDE_MIN},
+                                      most = {.scene = "builtin:cornell",
+                                              .texels_per_metre = LW_LIGHTMAP_DENSITY_MAX,
+                                              .atlas_side_max = LW_LIGHTMAP_SIDE_MIN};
+    lw_support_ok(spawn(&least, &s, &coarse, &err), &err);
+    lw_support_ok(spawn(&most, &s, &fine, &err), &err);
+    for (uint32_t m = 0; m < fine->mesh_count; m++) {
+        assert_true(fine->mesh[m].atlas_width <= LW_LIGHTMAP_SIDE_MIN);
+        assert_true(fine->mesh[m].atlas_width >= coarse->mesh[m].atlas_width);
+    }
     lw_scene_destroy(fine);
     lw_scene_destroy(coarse);
 }
