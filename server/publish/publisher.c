@@ -123,7 +123,7 @@ static void quality(const struct lw_publisher *p, const struct lw_tile_place *pl
 }
 
 /* Root mean square of the relative difference, with a floor of a hundredth of the tile's mean under the divisor. */
-static bool differs_visibly(const float *now, const float *then, size_t count) {
+static bool differs_visibly(const float *now, const float *then, size_t count, float threshold) {
     double mean = 0, sum = 0;
     for (size_t i = 0; i < count; i++) mean += (double)now[i];
     const float floor = (float)(0.01 * mean / (double)count) + 1e-12f;
@@ -131,7 +131,7 @@ static bool differs_visibly(const float *now, const float *then, size_t count) {
         float relative = (now[i] - then[i]) / (then[i] + floor);
         sum += (double)(relative * relative);
     }
-    return sum > (double)count * (double)(LW_PUBLISHER_VISIBLE_CHANGE * LW_PUBLISHER_VISIBLE_CHANGE);
+    return sum > (double)count * (double)(threshold * threshold);
 }
 
 static enum lw_status send_tile(struct lw_publisher *p, struct worker *worker, lw_tile_id id, uint64_t frame,
@@ -183,8 +183,9 @@ static void consider_tile(struct lw_publisher *p, struct worker *worker, lw_tile
     lw_levels_store_tile(&p->levels[place->object], place, worker->rgb);
     /* That a tile has reached the target is news too: clients wait for it. */
     bool reached = error <= p->desc.target_error && sent->error > p->desc.target_error;
+    float threshold = fmaxf(LW_PUBLISHER_VISIBLE_CHANGE, LW_PUBLISHER_NOISE_SHARE * error);
     if (sent->version && !reached &&
-        !differs_visibly(worker->rgb, sent->rgb, (size_t)place->width * place->height * 3))
+        !differs_visibly(worker->rgb, sent->rgb, (size_t)place->width * place->height * 3, threshold))
         return;
     worker->status = send_tile(p, worker, id, frame, error, bounces);
 }

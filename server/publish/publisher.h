@@ -7,9 +7,11 @@
 #include "server/publish/snapshot.h"
 #include "server/solve/solver.h"
 
-/* A tile is sent again when it has moved by this much (root mean square, relative) from what was last sent. Under one
+/* A tile is sent again when it has moved by this much (root mean square, relative) from what was last sent: under one
  * step of an 8-bit display at middle grey. */
 #define LW_PUBLISHER_VISIBLE_CHANGE 0.004f
+/* But bits are not spent on noise: what moves by less than this share of the tile's own error tells nothing. */
+#define LW_PUBLISHER_NOISE_SHARE 0.25f
 
 struct lw_publisher_desc {
     const struct lw_scene *scene; /* these three outlive the publisher */
