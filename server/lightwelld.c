@@ -1,6 +1,7 @@
 /* lightwelld.c: the daemon. Reads a scene, lights it frame by frame in one thread, serves it from another.
  * Threads: main is the loop [loop]; one solver thread [solver] simulates, solves and publishes. They share the server's
  *          hand-over and two flags, nothing else. */
+#include "common/atomic_file.h"
 #include "common/clock.h"
 #include "common/log.h"
 #include "common/options.h"
@@ -18,6 +19,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -298,18 +300,23 @@ static void *solve_in_thread(void *argument) {
 }
 
 static enum lw_status write_port_file(const struct daemon *d, struct lw_error *err) {
+    if (!d->settings.port_file) return LW_OK;
+    struct lw_atomic_file file;
+    char text[16];
+    int length = snprintf(text, sizeof text, "%u\n", lw_server_port(d->server));
+    enum lw_status status = lw_atomic_file_open(&file, d->settings.port_file, err);
+    if (status == LW_OK) status = lw_atomic_file_write(&file, text, (size_t)length, err);
+    if (status == LW_OK) status = lw_atomic_file_commit(&file, err);
+    lw_atomic_file_abandon(&file);
+    if (status != LW_OK) lw_status_context(err, "--port-file");
+    return status;
+}
+
+/* A pipe or a device was written to, but is not ours to remove. */
+static void remove_port_file(const struct daemon *d) {
     const char *path = d->settings.port_file;
-    if (!path) return LW_OK;
-    char temporary[4096];
-    if ((size_t)snprintf(temporary, sizeof temporary, "%s.new", path) >= sizeof temporary)
-        return lw_status_fail(err, LW_CANNOT_CREATE, "--port-file: the path is too long");
-    FILE *file = fopen(temporary, "w");
-    if (!file) return lw_status_fail(err, LW_CANNOT_CREATE, "--port-file %s: %m", path);
-    bool ok = fprintf(file, "%u\n", lw_server_port(d->server)) > 0;
-    ok = fclose(file) == 0 && ok && rename(temporary, path) == 0;
-    if (ok) return LW_OK;
-    unlink(temporary);
-    return lw_status_fail(err, LW_IO, "--port-file %s: %m", path);
+    struct stat st;
+    if (path && lstat(path, &st) == 0 && S_ISREG(st.st_mode)) unlink(path);
 }
 
 static enum lw_status serve(struct daemon *d, struct lw_error *err) {
@@ -322,7 +329,7 @@ static enum lw_status serve(struct daemon *d, struct lw_error *err) {
     lw_log(LW_LOG_INFO, "serving %s at %s", s->scene_path, address);
     lw_log(LW_LOG_INFO, "look at it: lightwell-view %s     stop it: Ctrl-C", address);
     if (pthread_create(&d->solver_thread, NULL, solve_in_thread, d) != 0) {
-        if (s->port_file) unlink(s->port_file);
+        remove_port_file(d);
         return lw_status_fail(err, LW_OS, "cannot start the solver's thread");
     }
     status = lw_server_run(d->server, err);
@@ -332,7 +339,7 @@ static enum lw_status serve(struct daemon *d, struct lw_error *err) {
         *err = d->solver_error;
         status = err->status;
     }
-    if (s->port_file) unlink(s->port_file);
+    remove_port_file(d);
     return status;
 }
 

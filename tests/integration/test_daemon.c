@@ -9,6 +9,7 @@
 #include <arpa/inet.h>
 #include <dirent.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <math.h>
 #include <netinet/in.h>
 #include <poll.h>
@@ -17,6 +18,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #define AUDIENCE_MAX  40
@@ -652,6 +654,27 @@ static void a_port_in_use_is_named(void **state) {
     stop(&daemon);
 }
 
+/* Who starts the daemon may wait for its port at a pipe. */
+static void a_port_file_may_be_a_pipe(void **state) {
+    (void)state;
+    struct lw_process daemon;
+    char arguments[256], text[16] = "", *path = strdup(lw_support_temporary("pipe"));
+    assert_int_equal(mkfifo(path, 0600), 0);
+    int reader = open(path, O_RDWR | O_CLOEXEC);
+    assert_true(reader >= 0);
+    snprintf(arguments, sizeof arguments, RESTS "--listen 127.0.0.1:0 --port-file %s", path);
+    lw_process_start(&daemon, "lightwelld", arguments);
+    struct pollfd said = {.fd = reader, .events = POLLIN};
+    assert_int_equal(poll(&said, 1, LIMIT_S * 1000), 1);
+    assert_true(read(reader, text, sizeof text - 1) > 1);
+    assert_true(atoi(text) > 0 && text[strlen(text) - 1] == '\n');
+    assert_int_equal(lw_process_stop(&daemon, SIGTERM, STOP_LIMIT_S), 0);
+    assert_int_equal(access(path, F_OK), 0);
+    unlink(path);
+    close(reader);
+    free(path);
+}
+
 static void bad_options_are_named(void **state) {
     (void)state;
     static const struct {
@@ -704,7 +727,7 @@ static void bad_scenes_and_files_are_named(void **state) {
     fails(RESTS "--listen no-such-host.invalid:7780", 68, "no-such-host.invalid", "");
     snprintf(arguments, sizeof arguments, RESTS "--listen 127.0.0.1:0 --port-file %s",
              lw_support_temporary("tmp"));
-    fails(arguments, 74, "--port-file", "directory");
+    fails(arguments, 73, "--port-file", "directory");
 }
 
 static void a_scene_without_light_asks_for_a_sky(void **state) {
@@ -878,6 +901,7 @@ int main(void) {
         cmocka_unit_test_teardown(restarts_on_its_port, end_all),
         cmocka_unit_test_teardown(serves_version_six_addresses, end_all),
         cmocka_unit_test_teardown(a_port_in_use_is_named, end_all),
+        cmocka_unit_test_teardown(a_port_file_may_be_a_pipe, end_all),
         cmocka_unit_test_teardown(bad_options_are_named, end_all),
         cmocka_unit_test_teardown(bad_scenes_and_files_are_named, end_all),
         cmocka_unit_test_teardown(a_scene_without_light_asks_for_a_sky, end_all),
