@@ -73,9 +73,10 @@ struct lw_client_stats {
     uint64_t connected_ns, package_ns,
         first_ns; /* lw_clock_ns() at: connect called, package complete, every object's
                                                     coarsest level there; 0: not yet */
-    uint64_t
-        light_age_ns; /* how old the newest frame's light is now: its solve time plus the time since it arrived;
-                               the network's own delay is not in it */
+    /* How old the newest frame's light is now: its solve time plus the time since it arrived; the network's own delay is
+     * not in it. It grows until the next frame, and a server whose light is at rest sends none: where nothing moves and
+     * every tile's error is at most target_error, the light is current at any age. */
+    uint64_t light_age_ns;
     uint32_t bounces;   /* that a complete tile has */
     float target_error; /* below which a tile counts as converged */
     float sky[3];
