@@ -14,6 +14,10 @@ _Static_assert(BLOCK *BLOCK == LW_TRACE_WIDTH, "a packet is one block of pixels"
 /* Seen at a grazing angle a pixel covers a long strip; past this its level would only blur. */
 #define COSINE_MIN 0.05f
 
+/* Tiles with more error than this are read at level 2, or at level 1: 16 and 4 times the samples. */
+#define COARSE_ERROR 0.25f
+#define MIDDLE_ERROR 0.1f
+
 /* One level of one object, with the pointers of this render. */
 struct level {
     const float *rgb; /* NULL: not there */
@@ -36,6 +40,7 @@ struct lw_compose {
     struct object *object;
     float **density; /* per mesh, per triangle: texels per unit of object space */
     uint8_t *here;   /* per tile */
+    uint8_t *calm;   /* per tile: the finest level at which its noise is bearable */
     uint8_t *needed; /* per tile; written by all threads, only ever with 1 */
 
     /* this render's */
@@ -99,8 +104,10 @@ enum lw_status lw_compose_create(const struct lw_compose_desc *desc, struct lw_c
     compose->object = calloc((size_t)map->object_count + 1, sizeof *compose->object);
     compose->density = calloc((size_t)desc->scene->mesh_count + 1, sizeof *compose->density);
     compose->here = calloc((size_t)map->tile_count + 1, 1);
+    compose->calm = calloc((size_t)map->tile_count + 1, 1);
     compose->needed = calloc((size_t)map->tile_count + 1, 1);
-    if (!compose->level || !compose->object || !compose->density || !compose->here || !compose->needed)
+    if (!compose->level || !compose->object || !compose->density || !compose->here || !compose->calm ||
+        !compose->needed)
         goto fail;
     if (!measure_densities(compose)) goto fail;
     lay_out_levels(compose);
@@ -114,6 +121,7 @@ fail:
 void lw_compose_destroy(struct lw_compose *compose) {
     if (compose == NULL) return;
     free(compose->needed);
+    free(compose->calm);
     free(compose->here);
     if (compose->density != NULL)
         for (uint32_t m = 0; m < compose->scene->mesh_count; m++) free(compose->density[m]);
@@ -150,8 +158,11 @@ static struct lw_vec3 average_irradiance(const struct lw_compose *compose) {
 static void begin(struct lw_compose *compose, const struct lw_compose_source *source,
                   const struct lw_pose *pose) {
     const struct lw_atlas_map *map = compose->map;
-    for (uint32_t t = 0; t < map->tile_count; t++)
-        compose->here[t] = source->tile(source->context, (lw_tile_id){t}).version != 0;
+    for (uint32_t t = 0; t < map->tile_count; t++) {
+        struct lw_client_tile tile = source->tile(source->context, (lw_tile_id){t});
+        compose->here[t] = tile.version != 0;
+        compose->calm[t] = tile.error > COARSE_ERROR ? 2 : tile.error > MIDDLE_ERROR ? 1 : 0;
+    }
     struct level *level = compose->level;
     for (uint32_t o = 0; o < map->object_count; o++) {
         for (uint32_t k = 0; k < compose->object[o].level_count; k++, level++) {
@@ -241,6 +252,13 @@ static struct lw_vec3 irradiance(struct lw_compose *compose, uint32_t o, struct 
     if (finest > LW_COMPOSE_LEVEL_MAX) finest = LW_COMPOSE_LEVEL_MAX;
     if (finest > coarsest) finest = coarsest;
     mark_needed(compose, &object->level[finest], finest, uv);
+
+    /* Fresh light is noise, but a texel of level 2 is the mean of 4 x 4: until the error has fallen, less is more. */
+    struct footprint f = footprint_at(&object->level[finest], finest, uv);
+    uint32_t tile[4];
+    footprint_tiles(&object->level[finest], &f, tile);
+    if (compose->calm[tile[0]] > finest)
+        finest = compose->calm[tile[0]] < coarsest ? compose->calm[tile[0]] : coarsest;
 
     struct lw_vec3 e;
     for (unsigned k = finest; k <= coarsest; k++)

@@ -332,6 +332,23 @@ static void test_missing_tile(void **state) {
     world_finish(&w);
 }
 
+static void test_noisy_tiles_are_read_coarser(void **state) {
+    (void)state;
+    struct world w;
+    float rgb[WIDTH * HEIGHT * 3];
+    world_init(&w, squares(1, 64, false));
+    fill_by_level(&w, 0, 1); /* level k holds k + 1 */
+    struct lw_compose_view view = look(0, 0.5f, 0, 0, 0, 0, 40);
+    const float error[] = {0.05f, 0.2f, 0.9f};
+    for (int k = 0; k < 3; k++) {
+        w.tile[tile_at(&w, 0, 0, 0)].error = error[k];
+        struct lw_compose_report report = render(&w, &view, rgb);
+        assert_near(rgb[0], 0.5f * (float)(1 + k) / LW_PI, 1e-6f);
+        assert_true(report.complete && report.tiles_needed == 1); /* what the view needs stays the fine one */
+    }
+    world_finish(&w);
+}
+
 static void test_nothing_there(void **state) {
     (void)state;
     struct world w;
@@ -540,6 +557,7 @@ int main(void) {
         cmocka_unit_test(test_level_follows_the_footprint),
         cmocka_unit_test(test_level_ignores_the_scale_across_the_surface),
         cmocka_unit_test(test_missing_tile),
+        cmocka_unit_test(test_noisy_tiles_are_read_coarser),
         cmocka_unit_test(test_nothing_there),
         cmocka_unit_test(test_garbage_texels),
         cmocka_unit_test(test_backs),
