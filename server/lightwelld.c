@@ -57,10 +57,15 @@ struct daemon {
     uint64_t started_ns, rays_total;
 };
 
-/* Signals before the loop watches for them: a handler can reach nothing but a global. */
+/* Signals before the loop watches for them: a handler can reach nothing but globals. The first is for the importer's
+ * wait, in this thread; the second for the solver's. */
 static volatile sig_atomic_t signalled;
+static _Atomic bool signalled_to_threads;
 
-static void on_early_signal(int number) { signalled = number; }
+static void on_early_signal(int number) {
+    signalled = number;
+    signalled_to_threads = true;
+}
 
 /* From the start until lw_server_run() takes over. As there, a second signal has its default effect. */
 static void watch_signals(void) {
@@ -71,7 +76,7 @@ static void watch_signals(void) {
 }
 
 /* The solver asks as well: that closes the gap between the last look at the flag and the loop's own watchers. */
-static bool should_stop(const struct daemon *d) { return d->stopping || signalled; }
+static bool should_stop(const struct daemon *d) { return d->stopping || signalled_to_threads; }
 
 static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out_done, struct lw_error *err) {
     const char *scene[1] = {NULL};
