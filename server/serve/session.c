@@ -177,6 +177,11 @@ static void unref_all(struct lw_blob **blob, uint32_t blob_count) {
     for (uint32_t i = 0; i < blob_count; i++) lw_blob_unref(blob[i]);
 }
 
+/* A client that leaves with light unread on its link resets it: nothing went wrong. */
+static const char *reason(int result) {
+    return result == UV_ECONNRESET || result == UV_EPIPE ? "closed by the peer" : uv_strerror(result);
+}
+
 static void on_written(uv_write_t *request, int result) {
     struct lw_session *s = request->data;
     struct pending_write *pending = s->pending;
@@ -187,7 +192,7 @@ static void on_written(uv_write_t *request, int result) {
     s->progress_ns = lw_clock_ns();
     if (s->state == CLOSED) return;
     if (result < 0)
-        lw_session_close(s, uv_strerror(result));
+        lw_session_close(s, reason(result));
     else
         lw_session_pump(s);
 }
@@ -249,7 +254,7 @@ void lw_session_pump(struct lw_session *s) {
         take_batch(s, &batch);
         if (!batch.blob_count) break;
         int result = write_batch(s, &batch, round < DIRECT_BATCHES);
-        if (result < 0) lw_session_close(s, uv_strerror(result));
+        if (result < 0) lw_session_close(s, reason(result));
     }
     if (s->state == LEAVING && !s->pending && !s->shutdown_sent) {
         s->shutdown_sent = true;
@@ -530,7 +535,7 @@ static void on_read(uv_stream_t *stream, ssize_t size, const uv_buf_t *buffer) {
     if (size == UV_EOF) {
         lw_session_close(s, "closed by the peer");
     } else if (size < 0) {
-        lw_session_close(s, uv_strerror((int)size));
+        lw_session_close(s, reason((int)size));
     } else if (size > 0 && s->state < LEAVING) {
         receive(s, (const uint8_t *)buffer->base, (size_t)size);
         if (s->state < LEAVING) lw_session_pump(s);
