@@ -232,13 +232,9 @@ static bool read_level(const struct lw_compose *compose, const struct level *lev
     return true;
 }
 
-static void mark_needed(struct lw_compose *compose, const struct level *level, unsigned k,
-                        struct lw_vec2 uv) {
-    struct footprint f = footprint_at(level, k, uv);
-    uint32_t tile[4];
-    footprint_tiles(level, &f, tile);
-    for (int i = 0; i < 4;
-         i++) /* all threads write the same value: the result does not depend on their order */
+static void mark_needed(struct lw_compose *compose, const uint32_t tile[4]) {
+    for (int i = 0; i < 4; i++)
+        /* all threads write the same value: the result does not depend on their order */
         if (!__atomic_load_n(&compose->needed[tile[i]], __ATOMIC_RELAXED))
             __atomic_store_n(&compose->needed[tile[i]], 1, __ATOMIC_RELAXED);
 }
@@ -251,12 +247,12 @@ static struct lw_vec3 irradiance(struct lw_compose *compose, uint32_t o, struct 
     unsigned finest = footprint_texels >= 2.0f ? (unsigned)ilogbf(fminf(footprint_texels, 1e6f)) : 0;
     if (finest > LW_COMPOSE_LEVEL_MAX) finest = LW_COMPOSE_LEVEL_MAX;
     if (finest > coarsest) finest = coarsest;
-    mark_needed(compose, &object->level[finest], finest, uv);
-
-    /* Fresh light is noise, but a texel of level 2 is the mean of 4 x 4: until the error has fallen, less is more. */
     struct footprint f = footprint_at(&object->level[finest], finest, uv);
     uint32_t tile[4];
     footprint_tiles(&object->level[finest], &f, tile);
+    mark_needed(compose, tile);
+
+    /* Fresh light is noise, but a texel of level 2 is the mean of 4 x 4: until the error has fallen, less is more. */
     if (compose->calm[tile[0]] > finest)
         finest = compose->calm[tile[0]] < coarsest ? compose->calm[tile[0]] : coarsest;
 

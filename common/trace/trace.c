@@ -31,7 +31,6 @@ struct lw_trace {
     RTCScene fixed; /* the static objects, in world space */
     RTCScene top;   /* what rays are traced against; `fixed` itself if nothing moves */
     struct geometry *geometry;
-    bool *mirrored; /* per object, for static ones */
     uint32_t *mover_of_object;
     struct mover *mover;
     uint32_t mover_count;
@@ -222,7 +221,6 @@ static enum lw_status build(struct lw_trace *trace, const struct lw_pose *pose) 
         }
         enum lw_status status = attach_object(trace, trace->fixed, object, &pose->object_to_world[object]);
         if (status != LW_OK) return status;
-        trace->mirrored[object] = trace->geometry[object].mirrored;
     }
     rtcCommitScene(trace->fixed);
     if (trace->mover_count == 0) {
@@ -252,13 +250,12 @@ enum lw_status lw_trace_create(const struct lw_scene *scene, const struct lw_pos
     trace->scene = scene;
     const size_t count = scene->object_count ? scene->object_count : 1;
     trace->geometry = calloc(count, sizeof *trace->geometry);
-    trace->mirrored = calloc(count, sizeof *trace->mirrored);
     trace->mover_of_object = calloc(count, sizeof *trace->mover_of_object);
     trace->mover = calloc(count, sizeof *trace->mover);
     /* One build thread: a structure that does not depend on timing gives bytes that do not either. */
     trace->device = rtcNewDevice("threads=1");
     enum lw_status status = LW_NO_MEMORY;
-    if (!trace->geometry || !trace->mirrored || !trace->mover_of_object || !trace->mover || !trace->device) {
+    if (!trace->geometry || !trace->mover_of_object || !trace->mover || !trace->device) {
         lw_status_fail(err, status, "building the rays' structure");
         goto fail;
     }
@@ -288,7 +285,6 @@ void lw_trace_destroy(struct lw_trace *trace) {
     if (trace->device) rtcReleaseDevice(trace->device);
     free(trace->mover);
     free(trace->mover_of_object);
-    free(trace->mirrored);
     free(trace->geometry);
     free(trace);
 }
@@ -324,7 +320,7 @@ static bool met_from_behind(const struct lw_trace *trace, const struct RTCRayHit
     float nx = rh->hit.Ng_x[i], ny = rh->hit.Ng_y[i], nz = rh->hit.Ng_z[i];
     float dx = rh->ray.dir_x[i], dy = rh->ray.dir_y[i], dz = rh->ray.dir_z[i];
     uint32_t object = rh->hit.geomID[i], mover = trace->mover_of_object[object];
-    if (mover == UINT32_MAX) return (nx * dx + ny * dy + nz * dz > 0) != trace->mirrored[object];
+    if (mover == UINT32_MAX) return (nx * dx + ny * dy + nz * dz > 0) != trace->geometry[object].mirrored;
     const float(*f)[3] = trace->mover[mover].facing;
     return (f[0][0] * nx + f[0][1] * ny + f[0][2] * nz) * dx +
                (f[1][0] * nx + f[1][1] * ny + f[1][2] * nz) * dy +

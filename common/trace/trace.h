@@ -32,6 +32,19 @@ struct lw_ray16 {
         salt; /* number of the sample: the same ray with another salt meets another decision of BLEND surfaces */
 };
 
+/** Puts one ray into a packet; it starts at t = 0. */
+static inline void lw_trace_set_ray(struct lw_ray16 *rays, uint32_t lane, struct lw_vec3 origin,
+                                    struct lw_vec3 direction, float t_far) {
+    rays->org_x[lane] = origin.x;
+    rays->org_y[lane] = origin.y;
+    rays->org_z[lane] = origin.z;
+    rays->dir_x[lane] = direction.x;
+    rays->dir_y[lane] = direction.y;
+    rays->dir_z[lane] = direction.z;
+    rays->t_near[lane] = 0;
+    rays->t_far[lane] = t_far;
+}
+
 struct lw_hit16 {
     _Alignas(64) float t[16];
     float u[16], v[16];    /* barycentrics of the 2nd and 3rd vertex */

@@ -92,16 +92,21 @@ static uint32_t level0_tiles(const struct lw_atlas *atlas) {
 static bool refresh_levels(struct lw_publisher *p, uint32_t object, uint64_t frame) {
     const struct lw_atlas_map *map = p->desc.atlas_map;
     const struct lw_solver *solver = p->desc.solver;
+    const uint32_t first = map->first_tile[object];
+    const uint32_t count = map->atlas[object].level_count ? level0_tiles(&map->atlas[object]) : 0;
+    struct lw_solver_tile tile;
     bool changed = false;
-    for (uint32_t t = 0; map->atlas[object].level_count && t < level0_tiles(&map->atlas[object]); t++) {
-        lw_tile_id id = {map->first_tile[object] + t};
-        struct lw_solver_tile tile;
-        solver->ops->read_tile(solver, id, &tile);
-        changed |= tile.solved_frame == frame || p->sent[id.v].version == 0;
-        lw_levels_load_tile(&p->levels[object], &map->place[id.v], &tile);
+    for (uint32_t id = first; id < first + count && !changed; id++) {
+        solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
+        changed = tile.solved_frame == frame || p->sent[id].version == 0;
     }
-    if (changed) lw_levels_build(&p->levels[object]);
-    return changed;
+    if (!changed) return false;
+    for (uint32_t id = first; id < first + count; id++) {
+        solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
+        lw_levels_load_tile(&p->levels[object], &map->place[id], &tile);
+    }
+    lw_levels_build(&p->levels[object]);
+    return true;
 }
 
 /* Error and bounces of a tile of any level: of the level-0 tiles below it, the worst. */

@@ -21,10 +21,6 @@ struct packet {
     struct lw_vec3 normal[LANES];
 };
 
-static struct lw_vec3 load(float *const src[3], uint32_t i) {
-    return lw_vec3(src[0][i], src[1][i], src[2][i]);
-}
-
 /* Texels of set `set` in the block of 16 x 16 at (block_x, block_y): every fourth in both directions. */
 static bool load_packet(const struct lw_passes *p, const struct lw_solve_tile *tile, uint32_t block_x,
                         uint32_t block_y, uint32_t set, struct packet *packet) {
@@ -43,28 +39,16 @@ static bool load_packet(const struct lw_passes *p, const struct lw_solve_tile *t
         if (x >= tile->width || y >= tile->height || !p->tiles->covered[tile->first + i]) continue;
         const uint32_t local = tile->local + i;
         packet->lane_texel[lane] = i;
-        packet->normal[lane] = lw_affine_normal(to_world, load(tile->mesh->normal, local));
-        struct lw_vec3 geometric = lw_affine_normal(to_world, load(tile->mesh->geometric, local));
-        packet->origin[lane] =
-            lw_sampling_lift(lw_affine_point(to_world, load(tile->mesh->position, local)), geometric);
+        packet->normal[lane] = lw_affine_normal(to_world, lw_texels_vector(tile->mesh->normal, local));
+        struct lw_vec3 geometric = lw_affine_normal(to_world, lw_texels_vector(tile->mesh->geometric, local));
+        packet->origin[lane] = lw_sampling_lift(
+            lw_affine_point(to_world, lw_texels_vector(tile->mesh->position, local)), geometric);
         if (!packet->active) first_normal = packet->normal[lane];
         agreement = fminf(agreement, lw_vec3_dot(first_normal, packet->normal[lane]));
         packet->active |= (uint16_t)(1u << lane);
     }
     packet->coherent = agreement > COHERENT_COSINE;
     return packet->active != 0;
-}
-
-static void set_ray(struct lw_ray16 *rays, uint32_t lane, struct lw_vec3 origin, struct lw_vec3 direction,
-                    float t_far) {
-    rays->org_x[lane] = origin.x;
-    rays->org_y[lane] = origin.y;
-    rays->org_z[lane] = origin.z;
-    rays->dir_x[lane] = direction.x;
-    rays->dir_y[lane] = direction.y;
-    rays->dir_z[lane] = direction.z;
-    rays->t_near[lane] = 0;
-    rays->t_far[lane] = t_far;
 }
 
 /* Light samples for the lanes of a packet: traces their shadow rays and adds what arrives. */
@@ -86,7 +70,8 @@ static void add_sample(struct shadow_batch *batch, const struct packet *packet, 
     if (!(cosine > 0) || !(e.x + e.y + e.z > 0)) return;
     batch->arriving[lane] = e;
     /* Short of the lamp itself, which would be in its own way. */
-    set_ray(&batch->rays, lane, packet->origin[lane], sample->direction, sample->distance_m * 0.9999f);
+    lw_trace_set_ray(&batch->rays, lane, packet->origin[lane], sample->direction,
+                     sample->distance_m * 0.9999f);
     batch->active |= (uint16_t)(1u << lane);
 }
 
@@ -155,8 +140,8 @@ static void light_by_sky(const struct lw_passes *p, const struct lw_solve_tile *
         start_batch(&batch, packet->active, tile->frames * p->direct_samples + s);
         for (uint32_t lane = 0; lane < LANES; lane++) {
             if (!(packet->active >> lane & 1)) continue;
-            set_ray(&batch.rays, lane, packet->origin[lane],
-                    lw_sampling_to_frame(packet->normal[lane], local), INFINITY);
+            lw_trace_set_ray(&batch.rays, lane, packet->origin[lane],
+                             lw_sampling_to_frame(packet->normal[lane], local), INFINITY);
             batch.arriving[lane] = lw_vec3_scale(sky, LW_PI / (float)p->direct_samples);
         }
         trace_batch(p, &batch, packet->coherent, sum, count);
@@ -231,10 +216,11 @@ void lw_passes_trace_ends(const struct lw_passes *p, const struct lw_solve_tile 
                     rays.salt = tile->frames * p->indirect_samples + s;
                     for (uint32_t lane = 0; lane < LANES; lane++)
                         if (packet.active >> lane & 1)
-                            set_ray(&rays, lane, packet.origin[lane],
-                                    lw_sampling_to_frame(packet.normal[lane], local), p->tracing_range_m);
+                            lw_trace_set_ray(&rays, lane, packet.origin[lane],
+                                             lw_sampling_to_frame(packet.normal[lane], local),
+                                             p->tracing_range_m);
                         else
-                            set_ray(&rays, lane, lw_vec3(0, 0, 0), lw_vec3(0, 0, 1), 0);
+                            lw_trace_set_ray(&rays, lane, lw_vec3(0, 0, 0), lw_vec3(0, 0, 1), 0);
                     lw_trace_closest16(p->trace, packet.coherent ? LW_TRACE_COHERENT : 0, packet.active,
                                        &rays, &hits);
                     for (uint32_t lane = 0; lane < LANES; lane++)

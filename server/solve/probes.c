@@ -56,17 +56,8 @@ uint64_t lw_probes_gather(struct lw_probes *probes, const struct lw_trace *trace
             struct lw_ray16 rays;
             struct lw_hit16 hits;
             rays.salt = sample * LW_PROBES_RAYS + first;
-            for (uint32_t i = 0; i < LW_TRACE_WIDTH; i++) {
-                struct lw_vec3 d = ray_direction(seed, p, sample, first + i);
-                rays.org_x[i] = centre.x;
-                rays.org_y[i] = centre.y;
-                rays.org_z[i] = centre.z;
-                rays.dir_x[i] = d.x;
-                rays.dir_y[i] = d.y;
-                rays.dir_z[i] = d.z;
-                rays.t_near[i] = 0;
-                rays.t_far[i] = INFINITY;
-            }
+            for (uint32_t i = 0; i < LW_TRACE_WIDTH; i++)
+                lw_trace_set_ray(&rays, i, centre, ray_direction(seed, p, sample, first + i), INFINITY);
             lw_trace_closest16(trace, LW_TRACE_LIGHT, UINT16_MAX, &rays, &hits);
             for (uint32_t i = 0; i < LW_TRACE_WIDTH; i++)
                 probes->end[p * LW_PROBES_RAYS + first + i] =

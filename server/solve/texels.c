@@ -263,7 +263,6 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
         texels->mesh[scene->object[o].mesh] =
             (struct lw_mesh_texels){.width = mesh->atlas_width,
                                     .height = mesh->atlas_height,
-                                    .tiles_x = (mesh->atlas_width + LW_TILE_SIDE - 1) / LW_TILE_SIDE,
                                     .texel_count = mesh->atlas_width * mesh->atlas_height,
                                     .back_offset = mesh->back_offset};
         texels->first[o] = (uint32_t)count;

@@ -20,7 +20,7 @@ struct lw_triangle_uv {
 
 /** Texels of one mesh; arrays of texel_count. */
 struct lw_mesh_texels {
-    uint32_t width, height, tiles_x, texel_count;
+    uint32_t width, height, texel_count;
     float *position[3];  /* object space, m; on the surface */
     float *normal[3];    /* shading normal, object space, unit */
     float *geometric[3]; /* normal of the triangle, object space, unit, on the side that this texel lights */
@@ -47,6 +47,11 @@ void lw_texels_finish(struct lw_texels *texels);
 
 /** Sets every texel's source from what is covered now. */
 void lw_texels_link(struct lw_texels *texels, int threads);
+
+/** One texel's entry of a planar array of vectors. */
+static inline struct lw_vec3 lw_texels_vector(float *const plane[3], uint32_t i) {
+    return lw_vec3(plane[0][i], plane[1][i], plane[2][i]);
+}
 
 /** First texel of a level-0 tile within its mesh. */
 static inline uint32_t lw_texels_tile_start(const struct lw_mesh_texels *mesh, uint32_t tile_x,

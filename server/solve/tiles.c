@@ -18,17 +18,13 @@ static bool allocate_sums(struct lw_tiles *tiles) {
     return ok;
 }
 
-static struct lw_vec3 texel_position(const struct lw_mesh_texels *mesh, uint32_t i) {
-    return lw_vec3(mesh->position[0][i], mesh->position[1][i], mesh->position[2][i]);
-}
-
 /* The sphere around the box of a tile's texels. */
 static void bound_tile(struct lw_solve_tile *tile, const uint8_t *covered) {
     const struct lw_mesh_texels *mesh = tile->mesh;
     struct lw_vec3 lo = lw_vec3(INFINITY, INFINITY, INFINITY), hi = lw_vec3(-INFINITY, -INFINITY, -INFINITY);
     for (uint32_t i = 0; i < tile->width * tile->height; i++) {
         if (!covered[tile->first + i]) continue;
-        struct lw_vec3 p = texel_position(mesh, tile->local + i);
+        struct lw_vec3 p = lw_texels_vector(mesh->position, tile->local + i);
         lo = lw_vec3(fminf(lo.x, p.x), fminf(lo.y, p.y), fminf(lo.z, p.z));
         hi = lw_vec3(fmaxf(hi.x, p.x), fmaxf(hi.y, p.y), fmaxf(hi.z, p.z));
         tile->covered_count++;
