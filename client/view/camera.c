@@ -114,15 +114,11 @@ static struct lw_vec3 lattice_direction(unsigned i, unsigned count) {
 static void free_distances(const struct lw_trace *trace, struct lw_vec3 from, const struct lw_vec3 *dir,
                            unsigned count, float *out) {
     for (unsigned first = 0; first < count; first += LW_TRACE_WIDTH) {
-        struct lw_ray16 rays;
+        struct lw_ray16 rays = {.salt = 0};
         struct lw_hit16 hits;
         unsigned lanes = count - first < LW_TRACE_WIDTH ? count - first : LW_TRACE_WIDTH;
-        for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
-            struct lw_vec3 d = dir[first + (i < lanes ? i : 0)];
-            rays.org_x[i] = from.x, rays.org_y[i] = from.y, rays.org_z[i] = from.z;
-            rays.dir_x[i] = d.x, rays.dir_y[i] = d.y, rays.dir_z[i] = d.z;
-            rays.t_near[i] = 0, rays.t_far[i] = INFINITY;
-        }
+        for (unsigned i = 0; i < LW_TRACE_WIDTH; i++)
+            lw_trace_set_ray(&rays, i, from, dir[first + (i < lanes ? i : 0)], INFINITY);
         lw_trace_closest16(trace, LW_TRACE_LIGHT, (uint16_t)((1u << lanes) - 1u), &rays, &hits);
         for (unsigned i = 0; i < lanes; i++)
             out[first + i] = hits.object[i] == LW_TRACE_MISS ? INFINITY : hits.t[i];
