@@ -327,11 +327,7 @@ static uint16_t aim(struct packet *p, const struct lw_compose_view *view, const 
         if (px < view->width && py < view->height) active |= (uint16_t)(1u << i);
         struct lw_vec3 dir =
             lw_camera_direction(plane, (float)px + 0.5f + view->offset_x, (float)py + 0.5f + view->offset_y);
-        p->rays.org_x[i] = view->camera.position.x;
-        p->rays.org_y[i] = view->camera.position.y;
-        p->rays.org_z[i] = view->camera.position.z;
-        p->rays.dir_x[i] = dir.x, p->rays.dir_y[i] = dir.y, p->rays.dir_z[i] = dir.z;
-        p->rays.t_near[i] = 0, p->rays.t_far[i] = INFINITY;
+        lw_trace_set_ray(&p->rays, i, view->camera.position, dir, INFINITY);
         p->radiance[i] = lw_vec3(0, 0, 0);
         p->transmittance[i] = 1;
     }
