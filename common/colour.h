@@ -7,7 +7,9 @@
 #include <stdint.h>
 
 /** Rec. 709 luminance of linear RGB. */
-static inline float lw_colour_luminance(struct lw_vec3 c) { return 0.2126f * c.x + 0.7152f * c.y + 0.0722f * c.z; }
+static inline float lw_colour_luminance(struct lw_vec3 c) {
+    return 0.2126f * c.x + 0.7152f * c.y + 0.0722f * c.z;
+}
 
 /** IEC 61966-2-1 decoding and encoding of one channel in [0, 1]. */
 static inline float lw_colour_from_srgb(float s) {

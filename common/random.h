@@ -13,8 +13,12 @@ static inline uint32_t lw_random_hash(uint32_t v) {
     uint32_t word = ((state >> ((state >> 28u) + 4u)) ^ state) * 277803737u;
     return (word >> 22u) ^ word;
 }
-static inline uint32_t lw_random_hash2(uint32_t a, uint32_t b) { return lw_random_hash(a ^ lw_random_hash(b)); }
-static inline uint32_t lw_random_hash3(uint32_t a, uint32_t b, uint32_t c) { return lw_random_hash2(a, lw_random_hash2(b, c)); }
+static inline uint32_t lw_random_hash2(uint32_t a, uint32_t b) {
+    return lw_random_hash(a ^ lw_random_hash(b));
+}
+static inline uint32_t lw_random_hash3(uint32_t a, uint32_t b, uint32_t c) {
+    return lw_random_hash2(a, lw_random_hash2(b, c));
+}
 static inline uint32_t lw_random_hash4(uint32_t a, uint32_t b, uint32_t c, uint32_t d) {
     return lw_random_hash2(a, lw_random_hash3(b, c, d));
 }
@@ -43,7 +47,8 @@ static inline uint32_t lw_random_owen(uint32_t x, uint32_t seed) {
 /** Point `index` of the (0,2)-sequence (Sobol's first two dimensions), Owen-scrambled and shuffled by seed.
  * Any 2^k aligned run of indices is stratified in both dimensions. out: 2 floats in [0, 1). */
 static inline void lw_random_sobol2(uint32_t index, uint32_t seed, float out[2]) {
-    index = lw_random_owen(index, lw_random_hash(seed)); /* shuffle: the order differs per seed, the set does not */
+    index = lw_random_owen(index,
+                           lw_random_hash(seed)); /* shuffle: the order differs per seed, the set does not */
     uint32_t x = lw_random_reverse_bits(index), y = 0;
     for (uint32_t i = index, v = 1u << 31; i; i >>= 1, v ^= v >> 1)
         if (i & 1u) y ^= v;

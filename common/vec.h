@@ -35,12 +35,16 @@ static inline struct lw_vec3 lw_vec3_sub(struct lw_vec3 a, struct lw_vec3 b) {
 static inline struct lw_vec3 lw_vec3_mul(struct lw_vec3 a, struct lw_vec3 b) {
     return lw_vec3(a.x * b.x, a.y * b.y, a.z * b.z);
 }
-static inline struct lw_vec3 lw_vec3_scale(struct lw_vec3 a, float s) { return lw_vec3(a.x * s, a.y * s, a.z * s); }
+static inline struct lw_vec3 lw_vec3_scale(struct lw_vec3 a, float s) {
+    return lw_vec3(a.x * s, a.y * s, a.z * s);
+}
 /** a + b * s */
 static inline struct lw_vec3 lw_vec3_mad(struct lw_vec3 a, struct lw_vec3 b, float s) {
     return lw_vec3(a.x + b.x * s, a.y + b.y * s, a.z + b.z * s);
 }
-static inline float lw_vec3_dot(struct lw_vec3 a, struct lw_vec3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+static inline float lw_vec3_dot(struct lw_vec3 a, struct lw_vec3 b) {
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
 static inline struct lw_vec3 lw_vec3_cross(struct lw_vec3 a, struct lw_vec3 b) {
     return lw_vec3(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x);
 }
@@ -50,7 +54,9 @@ static inline struct lw_vec3 lw_vec3_normalize(struct lw_vec3 a) {
     float length = lw_vec3_length(a);
     return length > 1e-30f ? lw_vec3_scale(a, 1.0f / length) : lw_vec3(0, 0, 1);
 }
-static inline bool lw_vec3_is_finite(struct lw_vec3 a) { return isfinite(a.x) && isfinite(a.y) && isfinite(a.z); }
+static inline bool lw_vec3_is_finite(struct lw_vec3 a) {
+    return isfinite(a.x) && isfinite(a.y) && isfinite(a.z);
+}
 
 static inline struct lw_vec3 lw_affine_point(const struct lw_affine *t, struct lw_vec3 p) {
     return lw_vec3(t->m[0][0] * p.x + t->m[0][1] * p.y + t->m[0][2] * p.z + t->m[0][3],
@@ -63,18 +69,21 @@ static inline struct lw_vec3 lw_affine_vector(const struct lw_affine *t, struct 
                    t->m[2][0] * v.x + t->m[2][1] * v.y + t->m[2][2] * v.z);
 }
 static inline float lw_affine_determinant(const struct lw_affine *t) {
-    struct lw_vec3 x = lw_vec3(t->m[0][0], t->m[1][0], t->m[2][0]), y = lw_vec3(t->m[0][1], t->m[1][1], t->m[2][1]),
+    struct lw_vec3 x = lw_vec3(t->m[0][0], t->m[1][0], t->m[2][0]),
+                   y = lw_vec3(t->m[0][1], t->m[1][1], t->m[2][1]),
                    z = lw_vec3(t->m[0][2], t->m[1][2], t->m[2][2]);
     return lw_vec3_dot(lw_vec3_cross(x, y), z);
 }
 /** Transforms a normal (inverse transpose, by cofactors), keeping it outward under mirroring. Its length is that of n
  * times the growth of area of a surface that n stands on. */
 static inline struct lw_vec3 lw_affine_cofactor_normal(const struct lw_affine *t, struct lw_vec3 n) {
-    struct lw_vec3 x = lw_vec3(t->m[0][0], t->m[1][0], t->m[2][0]), y = lw_vec3(t->m[0][1], t->m[1][1], t->m[2][1]),
+    struct lw_vec3 x = lw_vec3(t->m[0][0], t->m[1][0], t->m[2][0]),
+                   y = lw_vec3(t->m[0][1], t->m[1][1], t->m[2][1]),
                    z = lw_vec3(t->m[0][2], t->m[1][2], t->m[2][2]);
     struct lw_vec3 yz = lw_vec3_cross(y, z), zx = lw_vec3_cross(z, x), xy = lw_vec3_cross(x, y);
     float sign = lw_vec3_dot(yz, x) < 0 ? -1.0f : 1.0f;
-    return lw_vec3(sign * (yz.x * n.x + zx.x * n.y + xy.x * n.z), sign * (yz.y * n.x + zx.y * n.y + xy.y * n.z),
+    return lw_vec3(sign * (yz.x * n.x + zx.x * n.y + xy.x * n.z),
+                   sign * (yz.y * n.x + zx.y * n.y + xy.y * n.z),
                    sign * (yz.z * n.x + zx.z * n.y + xy.z * n.z));
 }
 /** The same, of unit length. */

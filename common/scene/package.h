@@ -7,7 +7,7 @@
 
 #include "common/scene/scene.h"
 
-#define LW_PACKAGE_VERSION 1u
+#define LW_PACKAGE_VERSION  1u
 #define LW_PACKAGE_SIZE_MAX (4ull << 30) /* bytes */
 
 /** Content address of a package: XXH3-128 of its bytes, big-endian. */
@@ -17,8 +17,8 @@ struct lw_package_hash {
 
 /** Writes a validated scene. *out_bytes is malloc'ed; the caller frees it.
  * Same scene, same bytes. Errors: LW_NO_MEMORY; LW_BAD_DATA if the scene breaks lw_scene_validate() or a limit. */
-LW_MUST_CHECK enum lw_status lw_package_write(const struct lw_scene *scene, uint8_t **out_bytes, size_t *out_size,
-                                              struct lw_error *err);
+LW_MUST_CHECK enum lw_status lw_package_write(const struct lw_scene *scene, uint8_t **out_bytes,
+                                              size_t *out_size, struct lw_error *err);
 
 /** Reads a package from outside: every offset, count, index and number is checked before use; never reads out of
  * bounds, never allocates by a length that the bytes do not back. The scene copies or keeps what it needs: `bytes` may
@@ -30,7 +30,9 @@ void lw_package_hash(const uint8_t *bytes, size_t size, struct lw_package_hash *
 
 /** The same from and to a file; writing goes through a temporary name and a rename.
  * Errors: also LW_NO_INPUT, LW_CANNOT_CREATE, LW_IO, each naming the path. */
-LW_MUST_CHECK enum lw_status lw_package_load(const char *path, struct lw_scene **out_scene, struct lw_error *err);
-LW_MUST_CHECK enum lw_status lw_package_save(const struct lw_scene *scene, const char *path, struct lw_error *err);
+LW_MUST_CHECK enum lw_status lw_package_load(const char *path, struct lw_scene **out_scene,
+                                             struct lw_error *err);
+LW_MUST_CHECK enum lw_status lw_package_save(const struct lw_scene *scene, const char *path,
+                                             struct lw_error *err);
 
 #endif
