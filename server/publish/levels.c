@@ -40,8 +40,7 @@ void lw_levels_load_tile(struct lw_levels *levels, const struct lw_tile_place *p
             size_t to = (size_t)(place->y * LW_TILE_SIDE + y) * image->width + place->x * LW_TILE_SIDE + x;
             image->covered[to] = tile->covered[from] != 0;
             for (int c = 0; c < 3; c++)
-                image->rgb[to * 3 + (size_t)c] =
-                    tile->covered[from] ? tile->direct[c][from] + tile->indirect[c][from] : 0;
+                image->rgb[to * 3 + (size_t)c] = tile->covered[from] ? tile->light[c][from] : 0;
         }
 }
 

@@ -24,7 +24,7 @@ struct lw_levels {
 LW_MUST_CHECK enum lw_status lw_levels_init(struct lw_levels *levels, const struct lw_atlas *atlas);
 void lw_levels_finish(struct lw_levels *levels);
 
-/** Takes direct + indirect of one level-0 tile into level 0. */
+/** Takes the light of one level-0 tile into level 0. */
 void lw_levels_load_tile(struct lw_levels *levels, const struct lw_tile_place *place,
                          const struct lw_solver_tile *tile);
 /** After all tiles of the object: fills gutters and builds the coarser levels. */

@@ -234,13 +234,14 @@ static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_s
     for (int c = 0; c < 3; c++) {
         out_tile->direct[c] = s->tiles.direct[c] + tile->first;
         out_tile->indirect[c] = s->tiles.indirect[c] + tile->first;
+        out_tile->light[c] = s->tiles.light[c] + tile->first;
     }
 }
 
 static size_t memory_bytes(const struct lw_solver *solver) {
     const struct cell_solver *s = (const struct cell_solver *)solver;
-    size_t per_texel = sizeof(float) * (3 + 3 + 3 * (size_t)s->desc.bounces + 4 + 3) + 1 + sizeof(uint32_t) +
-                       sizeof(uint32_t) * s->desc.indirect_samples;
+    size_t per_texel = sizeof(float) * (3 + 3 + 3 + 3 * (size_t)s->desc.bounces + 4 + 3) + 1 +
+                       sizeof(uint32_t) + sizeof(uint32_t) * s->desc.indirect_samples;
     size_t mesh_texels = 0;
     for (uint32_t m = 0; m < s->desc.scene->mesh_count; m++) mesh_texels += s->texels.mesh[m].texel_count;
     return per_texel * s->texels.count + mesh_texels * (12 * sizeof(float) + 1) +

@@ -38,6 +38,7 @@ struct lw_solver_stats {
 struct lw_solver_tile {
     const float *direct[3];   /* E of bounce 0, W/m^2 per channel; width*height each */
     const float *indirect[3]; /* sum over bounces 1..N */
+    const float *light[3];    /* what is shown: direct + indirect, filtered and welded as the desc says */
     const uint8_t *covered;   /* 1: a texel with surface; others hold 0 */
     uint32_t width, height;
     uint32_t bounces;      /* indirect bounces that it holds */

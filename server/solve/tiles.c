@@ -8,6 +8,7 @@ static bool allocate_sums(struct lw_tiles *tiles) {
     for (int c = 0; c < 3; c++) {
         ok &= (tiles->direct[c] = calloc(count, sizeof(float))) != NULL;
         ok &= (tiles->indirect[c] = calloc(count, sizeof(float))) != NULL;
+        ok &= (tiles->light[c] = calloc(count, sizeof(float))) != NULL;
         for (uint32_t k = 0; k < tiles->bounces; k++)
             ok &= (tiles->order[k][c] = calloc(count, sizeof(float))) != NULL;
     }
@@ -72,6 +73,7 @@ void lw_tiles_finish(struct lw_tiles *tiles) {
     for (int c = 0; c < 3; c++) {
         free(tiles->direct[c]);
         free(tiles->indirect[c]);
+        free(tiles->light[c]);
         for (uint32_t k = 0; k < LW_SOLVER_BOUNCES_MAX; k++) free(tiles->order[k][c]);
     }
     free(tiles->radiance);

@@ -32,6 +32,7 @@ struct lw_tiles {
     uint32_t *slot_of_id; /* lw_tile_id -> index into tile, or UINT32_MAX for ids that are not level 0 */
     float *direct[3];     /* E of bounce 0 per texel, W/m^2 */
     float *indirect[3];   /* sum over bounces 1..N */
+    float *light[3];      /* what is shown: direct + indirect, after the frame's finish; W/m^2 */
     float *order[LW_SOLVER_BOUNCES_MAX][3]; /* E of each bounce order 1..N alone (index 0: order 1) */
     float *radiance;        /* 4 floats per texel: what it sends out of the order before, W/(m^2 sr) */
     float *estimate;        /* luminance of this frame's own estimate of E */

@@ -6,7 +6,7 @@
 
 #define SIDE 64u
 
-static float plane[3][SIDE * SIDE], zero[SIDE * SIDE];
+static float plane[3][SIDE * SIDE];
 static uint8_t covered[SIDE * SIDE];
 static struct lw_tile_place place = {.width = SIDE, .height = SIDE};
 
@@ -15,10 +15,7 @@ static void load(struct lw_levels *levels) {
     lw_atlas_init(&atlas, SIDE, SIDE);
     lw_support_ok(lw_levels_init(levels, &atlas), NULL);
     struct lw_solver_tile tile = {.covered = covered, .width = SIDE, .height = SIDE};
-    for (int c = 0; c < 3; c++) {
-        tile.direct[c] = plane[c];
-        tile.indirect[c] = zero;
-    }
+    for (int c = 0; c < 3; c++) tile.light[c] = plane[c];
     lw_levels_load_tile(levels, &place, &tile);
     lw_levels_build(levels);
 }
