@@ -8,7 +8,7 @@
 #include "common/scene/builtin.h"
 #include "common/scene/lightmap.h"
 #include "common/scene/package.h"
-#include "server/import/import_spawn.h"
+#include "common/scene/scene_open.h"
 #include "server/publish/publisher.h"
 #include "server/serve/server.h"
 #include "server/solve/cell_solver.h"
@@ -23,20 +23,19 @@
 #include <time.h>
 #include <unistd.h>
 
-#define DEFAULT_ADDRESS  "127.0.0.1:7780"
-#define TARGET_ERROR     0.02f
-#define SUN_DIAMETER_DEG 0.53 /* the real sun's, for directional lights whose file does not say */
-#define STEP_HZ          30   /* scene time advances by 1/30 s a frame under --clock step */
+#define DEFAULT_ADDRESS "127.0.0.1:7780"
+#define TARGET_ERROR    0.02f
+#define STEP_HZ         30 /* scene time advances by 1/30 s a frame under --clock step */
 
 enum clock_kind { CLOCK_REAL, CLOCK_STEP };
 
 struct settings {
-    const char *scene_path, *listen, *port_file;
-    int64_t bounces, atlas_max, direct_samples, indirect_samples, threads, seed, frames;
-    double tracing_range, cell_size, texels_per_metre, frame_rate, freeze_s, sun_angle_deg, error;
-    bool animate, freeze, sky_given, sun_angle_given, json;
+    struct lw_scene_open scene;
+    const char *listen, *port_file;
+    int64_t bounces, direct_samples, indirect_samples, seed, frames;
+    double tracing_range, cell_size, frame_rate, freeze_s, error;
+    bool animate, freeze, json;
     int clock;
-    float sky[3];
     char host[256];
     uint16_t port;
 };
@@ -100,10 +99,6 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          &s->tracing_range, 1e-6, (double)INFINITY, NULL},
         {"cell-size", "METRES", "side of a radiance cell (default: a quarter of the scene's longest side)",
          LW_OPTION_REAL, &s->cell_size, 1e-6, 1e9, NULL},
-        {"texels-per-metre", "D", "lightmap density (default: chosen for about 400,000 texels)",
-         LW_OPTION_REAL, &s->texels_per_metre, LW_LIGHTMAP_DENSITY_MIN, LW_LIGHTMAP_DENSITY_MAX, NULL},
-        {"atlas-max", "N", "longest side of an atlas, texels (default 4096)", LW_OPTION_INT, &s->atlas_max,
-         LW_LIGHTMAP_SIDE_MIN, LW_SCENE_ATLAS_SIDE_MAX, NULL},
         {"direct-samples", "N", "rays per texel and frame towards lamps and sky (default 1)", LW_OPTION_INT,
          &s->direct_samples, 1, 1024, NULL},
         {"indirect-samples", "N", "bounce rays per texel and frame (default 2)", LW_OPTION_INT,
@@ -113,22 +108,17 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
         {"clock", "real|step",
          "real: scene time is wall time (default). step: 1/30 s of scene time per solved frame, repeatable",
          LW_OPTION_CHOICE, &s->clock, 0, 0, NULL},
-        {"threads", "N", "worker threads (default: all processors)", LW_OPTION_INT, &s->threads, 1, 1024,
-         NULL},
         {"seed", "N", "of all random numbers (default 1)", LW_OPTION_INT, &s->seed, 0, UINT32_MAX, NULL},
         {"animate", NULL, "run the scene's animation (default if it has one)", LW_OPTION_FLAG, &s->animate, 0,
          0, NULL},
         {"freeze", "SECONDS", "hold the animation at this time", LW_OPTION_REAL, &s->freeze_s, 0, 1e9,
          &s->freeze},
-        {"sky", "R,G,B", "radiance of the sky, W/(m^2 sr), instead of the scene's", LW_OPTION_RGB, s->sky, 0,
-         1e9, &s->sky_given},
-        {"sun-angle", "DEG", "angular diameter of directional lights (default: the file's, else 0.53)",
-         LW_OPTION_REAL, &s->sun_angle_deg, 0, 90, &s->sun_angle_given},
         {"error", "E", "relative error at which a tile rests (default 0.02)", LW_OPTION_REAL, &s->error, 1e-6,
          1, NULL},
         {"frames", "N", "stop after this many frames (default: never)", LW_OPTION_INT, &s->frames, 1, 1e15,
          NULL},
         {"json", NULL, "print one JSON object per frame to stdout", LW_OPTION_FLAG, &s->json, 0, 0, NULL},
+        LW_SCENE_OPEN_OPTIONS(&s->scene),
     };
     const struct lw_options options = {.program = "lightwelld",
                                        .synopsis = "SCENE [OPTIONS]",
@@ -140,7 +130,7 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
                                        .positional_max = 1};
     enum lw_status status = lw_options_parse(&options, argc, argv, NULL, out_done, err);
     if (status != LW_OK || *out_done) return status;
-    s->scene_path = scene[0];
+    s->scene.path = scene[0];
     if (s->animate && s->freeze)
         return lw_status_fail(err, LW_USAGE, "--animate and --freeze exclude each other");
     status = lw_options_address(s->listen, s->host, sizeof s->host, &s->port, err);
@@ -148,32 +138,10 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
     return status;
 }
 
-/* Overrides from the command line become part of the scene, and so of the package that clients get. */
-static void apply_overrides(struct lw_scene *scene, const struct settings *s) {
-    if (s->sky_given) memcpy(scene->sky, s->sky, sizeof scene->sky);
-    for (uint32_t i = 0; i < scene->light_count; i++) {
-        struct lw_light *light = &scene->light[i];
-        if (light->kind != LW_LIGHT_DIRECTIONAL) continue;
-        if (s->sun_angle_given || light->angular_diameter == 0)
-            light->angular_diameter = (float)(s->sun_angle_deg * (double)LW_PI / 180);
-    }
-}
-
 static enum lw_status read_scene(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
-    const struct lw_import_spawn_desc import = {.scene = s->scene_path,
-                                                .texels_per_metre = s->texels_per_metre,
-                                                .atlas_side_max = (uint32_t)s->atlas_max,
-                                                .threads = (unsigned)s->threads,
-                                                .cancel = &signalled};
-    enum lw_status status = lw_import_spawn(&import, &d->scene, err);
+    enum lw_status status = lw_scene_open(&s->scene, &d->scene, err);
     if (status != LW_OK) return status;
-    apply_overrides(d->scene, s);
-    if (!lw_scene_has_light(d->scene))
-        return lw_status_fail(err, LW_BAD_DATA,
-                              "%s: nothing shines in it: no lamp, no emissive material, no sky; "
-                              "give it a sky with --sky R,G,B (for example --sky 1,1,1)",
-                              s->scene_path);
     status = lw_package_write(d->scene, &d->package, &d->package_size, err);
     if (status != LW_OK) return status;
     if ((status = lw_atlas_map_init(&d->atlas_map, d->scene)) != LW_OK)
@@ -194,7 +162,7 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
                                                        .direct_samples = (uint32_t)s->direct_samples,
                                                        .indirect_samples = (uint32_t)s->indirect_samples,
                                                        .target_error = (float)s->error,
-                                                       .threads = (unsigned)s->threads,
+                                                       .threads = (unsigned)s->scene.threads,
                                                        .seed = (uint32_t)s->seed,
                                                        .cancel = &d->stopping},
                               &d->pose, &d->solver, err);
@@ -203,7 +171,7 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
                                                              .atlas_map = &d->atlas_map,
                                                              .solver = d->solver,
                                                              .target_error = (float)s->error,
-                                                             .threads = (unsigned)s->threads},
+                                                             .threads = (unsigned)s->scene.threads},
                                  &d->publisher);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "publisher");
 }
@@ -294,7 +262,7 @@ static void *solve_in_thread(void *argument) {
     struct daemon *d = argument;
     if (set_up_solver(d, &d->solver_error) == LW_OK) {
         lw_log(LW_LOG_INFO, "%s: %u objects, %u tiles; %.0f MB for the solve, package %.1f MB",
-               d->settings.scene_path, d->scene->object_count, d->atlas_map.tile_count,
+               d->settings.scene.path, d->scene->object_count, d->atlas_map.tile_count,
                (double)(d->solver->ops->memory_bytes(d->solver) + lw_publisher_memory_bytes(d->publisher)) *
                    1e-6,
                (double)d->package_size * 1e-6);
@@ -331,7 +299,7 @@ static enum lw_status serve(struct daemon *d, struct lw_error *err) {
     char address[sizeof s->host + 16];
     snprintf(address, sizeof address, strchr(s->host, ':') ? "[%s]:%u" : "%s:%u", s->host,
              lw_server_port(d->server));
-    lw_log(LW_LOG_INFO, "serving %s at %s", s->scene_path, address);
+    lw_log(LW_LOG_INFO, "serving %s at %s", s->scene.path, address);
     lw_log(LW_LOG_INFO, "look at it: lightwell-view %s     stop it: Ctrl-C", address);
     if (pthread_create(&d->solver_thread, NULL, solve_in_thread, d) != 0) {
         remove_port_file(d);
@@ -363,7 +331,7 @@ static enum lw_status run(struct daemon *d, struct lw_error *err) {
                                                        .target_error = (float)s->error},
                               &d->server, err);
     if (status != LW_OK) return status;
-    if (signalled) return lw_status_fail(err, LW_CLOSED, "%s: stopped before it was lit", s->scene_path);
+    if (signalled) return lw_status_fail(err, LW_CLOSED, "%s: stopped before it was lit", s->scene.path);
     return serve(d, err);
 }
 
@@ -378,15 +346,16 @@ static void finish(struct daemon *d) {
 }
 
 int main(int argc, char **argv) {
-    struct daemon d = {.settings = {.listen = DEFAULT_ADDRESS,
-                                    .bounces = 2,
-                                    .tracing_range = (double)INFINITY,
-                                    .direct_samples = 1,
-                                    .indirect_samples = 2,
-                                    .frame_rate = 30,
-                                    .seed = 1,
-                                    .error = (double)TARGET_ERROR,
-                                    .sun_angle_deg = SUN_DIAMETER_DEG}};
+    struct daemon d = {
+        .settings = {.listen = DEFAULT_ADDRESS,
+                     .bounces = 2,
+                     .tracing_range = (double)INFINITY,
+                     .direct_samples = 1,
+                     .indirect_samples = 2,
+                     .frame_rate = 30,
+                     .seed = 1,
+                     .error = (double)TARGET_ERROR,
+                     .scene = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG, .cancel = &signalled}}};
     struct lw_error err = {0};
     bool done = false;
     lw_log_init("lightwelld", LW_LOG_INFO);

@@ -3,11 +3,11 @@
 
 #include "common/clock.h"
 #include "common/log.h"
+#include "common/scene/import_spawn.h"
 #include "common/scene/lightmap.h"
 #include "common/scene/package.h"
 #include "common/scene/pose.h"
 #include "server/import/gltf.h"
-#include "server/import/import_spawn.h"
 
 #include <dirent.h>
 #include <errno.h>

@@ -1,4 +1,4 @@
-#include "server/import/import_spawn.h"
+#include "common/scene/import_spawn.h"
 
 #include "common/clock.h"
 #include "common/log.h"
