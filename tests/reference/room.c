@@ -6,11 +6,19 @@
 #include <math.h>
 #include <string.h>
 
+#define DISC_SEGMENTS 96u
+
 void room_quad(struct room *room, struct lw_vec3 corner, struct lw_vec3 edge_u, struct lw_vec3 edge_v,
                float albedo, float emission) {
     assert_true(room->quad_count < ROOM_QUADS_MAX);
     room->quad[room->quad_count++] =
-        (struct room_quad){corner, edge_u, edge_v, albedo, emission, false, LW_ALPHA_OPAQUE, 1};
+        (struct room_quad){corner, edge_u, edge_v, albedo, emission, false, LW_ALPHA_OPAQUE, 1, 0};
+}
+
+void room_disc(struct room *room, struct lw_vec3 centre, struct lw_vec3 radius_u, struct lw_vec3 radius_v,
+               float albedo, float emission) {
+    room_quad(room, centre, radius_u, radius_v, albedo, emission);
+    room->quad[room->quad_count - 1].segments = DISC_SEGMENTS;
 }
 
 void room_box(struct room *room, struct lw_vec3 s, float albedo, float emission) {
@@ -24,25 +32,46 @@ void room_box(struct room *room, struct lw_vec3 s, float albedo, float emission)
     room_quad(room, x, z, y, albedo, emission);
 }
 
+/* A quad's corners about its rim; a disc's centre, then its rim. */
+static void place_vertices(const struct room_quad *quad, struct lw_vec3 *out_position) {
+    if (!quad->segments) {
+        out_position[0] = quad->corner;
+        out_position[1] = lw_vec3_add(quad->corner, quad->edge_u);
+        out_position[2] = lw_vec3_add(out_position[1], quad->edge_v);
+        out_position[3] = lw_vec3_add(quad->corner, quad->edge_v);
+        return;
+    }
+    out_position[0] = quad->corner;
+    for (unsigned k = 0; k < quad->segments; k++) {
+        float angle = 2 * LW_PI * (float)k / (float)quad->segments;
+        out_position[1 + k] =
+            lw_vec3_mad(lw_vec3_mad(quad->corner, quad->edge_u, cosf(angle)), quad->edge_v, sinf(angle));
+    }
+}
+
 static void add_quad(struct lw_scene *scene, uint32_t i, const struct room_quad *quad) {
-    struct lw_vec3 *position = lw_scene_alloc(scene, 4, sizeof *position),
-                   *normal = lw_scene_alloc(scene, 4, sizeof *normal);
-    uint32_t(*triangle)[3] = lw_scene_alloc(scene, 2, sizeof *triangle);
-    uint32_t *material = lw_scene_alloc(scene, 2, sizeof *material);
+    const uint32_t vertices = quad->segments ? quad->segments + 1 : 4,
+                   triangles = quad->segments ? quad->segments : 2;
+    struct lw_vec3 *position = lw_scene_alloc(scene, vertices, sizeof *position),
+                   *normal = lw_scene_alloc(scene, vertices, sizeof *normal);
+    uint32_t(*triangle)[3] = lw_scene_alloc(scene, triangles, sizeof *triangle);
+    uint32_t *material = lw_scene_alloc(scene, triangles, sizeof *material);
     assert_non_null(position);
     assert_non_null(normal);
     assert_non_null(triangle);
     assert_non_null(material);
-    position[0] = quad->corner;
-    position[1] = lw_vec3_add(quad->corner, quad->edge_u);
-    position[2] = lw_vec3_add(position[1], quad->edge_v);
-    position[3] = lw_vec3_add(quad->corner, quad->edge_v);
-    for (int v = 0; v < 4; v++) normal[v] = lw_vec3_normalize(lw_vec3_cross(quad->edge_u, quad->edge_v));
-    memcpy(triangle, (const uint32_t[2][3]){{0, 1, 2}, {0, 2, 3}}, 2 * sizeof *triangle);
-    material[0] = material[1] = i;
+    place_vertices(quad, position);
+    for (uint32_t v = 0; v < vertices; v++)
+        normal[v] = lw_vec3_normalize(lw_vec3_cross(quad->edge_u, quad->edge_v));
+    for (uint32_t t = 0; t < triangles; t++) {
+        const uint32_t k = quad->segments;
+        const uint32_t corner[3] = {0, 1 + t, k ? 1 + (t + 1) % k : 2 + t};
+        memcpy(triangle[t], corner, sizeof corner);
+        material[t] = i;
+    }
     scene->mesh[i] = (struct lw_mesh){.name = "quad",
-                                      .vertex_count = 4,
-                                      .triangle_count = 2,
+                                      .vertex_count = vertices,
+                                      .triangle_count = triangles,
                                       .position = position,
                                       .normal = normal,
                                       .triangle = triangle,

@@ -26,6 +26,8 @@ struct room {
         bool double_sided;
         uint8_t alpha_mode; /* enum lw_alpha_mode */
         float alpha;        /* for BLEND and MASK (cut off under 0.5) */
+        unsigned
+            segments; /* 0: a quad; else a disc of so many triangles, the edges its radii, corner its centre */
     } quad[ROOM_QUADS_MAX];
     struct lw_light light[ROOM_LIGHTS_MAX];
     struct lw_vec3
@@ -36,6 +38,9 @@ struct room {
 };
 
 void room_quad(struct room *room, struct lw_vec3 corner, struct lw_vec3 edge_u, struct lw_vec3 edge_v,
+               float albedo, float emission);
+/** A disc about `centre`, with two perpendicular radii: front by the right hand from radius_u to radius_v. */
+void room_disc(struct room *room, struct lw_vec3 centre, struct lw_vec3 radius_u, struct lw_vec3 radius_v,
                float albedo, float emission);
 /** The six inner faces of a box from (0,0,0) to size. */
 void room_box(struct room *room, struct lw_vec3 size, float albedo, float emission);
