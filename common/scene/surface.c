@@ -147,6 +147,34 @@ void lw_scene_surface(const struct lw_scene *scene, const struct lw_mesh *mesh, 
     out->material = material;
 }
 
+/* Share in which a corner lifts, by the cosine of its normal with the face: see scene.h. */
+static float lifting(float cosine) {
+    const float none = 0.5f, full = 0.755f;
+    float s = clamp01((cosine - none) / (full - none));
+    return s * s * (3 - 2 * s);
+}
+
+struct lw_vec3 lw_scene_shadow_origin(const struct lw_mesh *mesh, uint32_t triangle, float u, float v,
+                                      bool back) {
+    struct corners corners = find_corners(mesh, triangle, u, v);
+    const uint32_t *vertex = corners.vertex;
+    const struct lw_vec3 first = mesh->position[vertex[0]];
+    const float side = back ? -1 : 1;
+    struct lw_vec3 face = lw_vec3_normalize(lw_vec3_cross(lw_vec3_sub(mesh->position[vertex[1]], first),
+                                                          lw_vec3_sub(mesh->position[vertex[2]], first)));
+    struct lw_vec3 p = interpolate3(mesh->position, &corners), origin = p;
+    for (int i = 0; i < 3; i++) {
+        struct lw_vec3 normal = mesh->normal[vertex[i]];
+        float cosine = lw_vec3_dot(normal, face);
+        /* Rounded normals of a flat face must not move it. */
+        if (cosine > 0.99999f) continue;
+        float height = side * lw_vec3_dot(lw_vec3_sub(mesh->position[vertex[i]], p), normal);
+        if (!(height > 0)) continue;
+        origin = lw_vec3_mad(origin, normal, side * corners.weight[i] * lifting(cosine) * height);
+    }
+    return origin;
+}
+
 float lw_scene_alpha(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle, float u,
                      float v) {
     const struct lw_material *material = &scene->material[mesh->material[triangle]];

@@ -45,6 +45,20 @@ static inline void lw_trace_set_ray(struct lw_ray16 *rays, uint32_t lane, struct
     rays->t_far[lane] = t_far;
 }
 
+/* How far from its surface a light ray starts, in units of the last place of the largest coordinate at hand. Points that
+ * are interpolated from a triangle and rays that start there miss that triangle, at any angle, from 3 on: measured for
+ * still and moving triangles of 1 mm to 1 km, up to 1 km off the origin; 2 lets 1 ray in 10^5 through, 1 one in 300. */
+#define LW_TRACE_LIFT (6.0f * 0x1p-23f)
+
+/** Lifts a point off its surface by more than rounding can move a hit.
+ * geometric   unit normal of the face, world space, on the side that is lit
+ * largest_m   the largest coordinate, either sign, of the point and of its triangle's corners, in world space and, times
+ *             the scale, in object space: what rounding errors grow with. Too large a value only lifts more. */
+static inline struct lw_vec3 lw_trace_lift(struct lw_vec3 point_ws, struct lw_vec3 geometric,
+                                           float largest_m) {
+    return lw_vec3_mad(point_ws, geometric, LW_TRACE_LIFT * largest_m + 1e-30f);
+}
+
 struct lw_hit16 {
     _Alignas(64) float t[16];
     float u[16], v[16];    /* barycentrics of the 2nd and 3rd vertex */

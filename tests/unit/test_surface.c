@@ -218,6 +218,60 @@ static void normals_that_cancel_give_way_to_the_face(void **state) {
     lw_scene_destroy(scene);
 }
 
+/* One triangle of a cylinder of radius 1 about Z, 0.4 rad wide, facing up: its outside, or for hollow = -1 its inside. */
+static void bend(struct lw_mesh *mesh, struct lw_vec3 position[3], struct lw_vec3 normal[3], float hollow) {
+    static const uint32_t triangle[1][3] = {{0, 1, 2}};
+    for (int i = 0; i < 3; i++) {
+        float angle = i == 1 ? 0.2f : -0.2f;
+        normal[i] = lw_vec3(hollow * sinf(angle), cosf(angle), 0);
+        position[i] = lw_vec3(sinf(angle), hollow * cosf(angle), i == 2 ? -0.5f : 0);
+    }
+    *mesh = (struct lw_mesh){.triangle = triangle, .position = position, .normal = normal};
+}
+
+static void light_starts_above_a_bulge(void **state) {
+    (void)state;
+    struct lw_mesh mesh;
+    struct lw_vec3 position[3], normal[3];
+    bend(&mesh, position, normal, 1);
+    struct lw_vec3 middle = lw_scene_shadow_origin(&mesh, 0, 0.5f, 0, false);
+    /* (v - p) . n of either end of the chord */
+    float height = sinf(0.2f) * sinf(0.2f);
+    assert_near(middle.x, 0);
+    assert_near(middle.y, cosf(0.2f) + height * cosf(0.2f));
+    /* a corner stays */
+    struct lw_vec3 corner = lw_scene_shadow_origin(&mesh, 0, 1, 0, false);
+    assert_near(corner.x, position[1].x);
+    assert_near(corner.y, position[1].y);
+    /* from within, the same surface is hollow, and a flat one does not lift at all */
+    middle = lw_scene_shadow_origin(&mesh, 0, 0.5f, 0, true);
+    assert_near(middle.y, cosf(0.2f));
+    for (int i = 0; i < 3; i++) normal[i] = lw_vec3(0, 1, 0);
+    middle = lw_scene_shadow_origin(&mesh, 0, 0.5f, 0, false);
+    assert_near(middle.y, cosf(0.2f));
+}
+
+static void backs_of_hollows_bulge(void **state) {
+    (void)state;
+    struct lw_mesh mesh;
+    struct lw_vec3 position[3], normal[3];
+    bend(&mesh, position, normal, -1);
+    struct lw_vec3 middle = lw_scene_shadow_origin(&mesh, 0, 0.5f, 0, false);
+    assert_near(middle.y, -cosf(0.2f));
+    middle = lw_scene_shadow_origin(&mesh, 0, 0.5f, 0, true);
+    assert_near(middle.y, -cosf(0.2f) - sinf(0.2f) * sinf(0.2f) * cosf(0.2f));
+}
+
+static void sharp_edges_do_not_lift(void **state) {
+    (void)state;
+    struct lw_mesh mesh;
+    struct lw_vec3 position[3], normal[3];
+    bend(&mesh, position, normal, 1);
+    for (int i = 0; i < 3; i++) normal[i] = lw_vec3_normalize(lw_vec3(position[i].x > 0 ? 2 : -2, 1, 0));
+    struct lw_vec3 middle = lw_scene_shadow_origin(&mesh, 0, 0.5f, 0, false);
+    assert_near(middle.y, cosf(0.2f));
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(texel_centres_give_texels),
@@ -230,6 +284,9 @@ int main(void) {
         cmocka_unit_test(lamps_shine_through_their_texture_and_blend),
         cmocka_unit_test(what_is_absent_is_neutral),
         cmocka_unit_test(albedo_and_alpha_stay_between_0_and_1),
+        cmocka_unit_test(light_starts_above_a_bulge),
+        cmocka_unit_test(backs_of_hollows_bulge),
+        cmocka_unit_test(sharp_edges_do_not_lift),
         cmocka_unit_test(each_alpha_mode_means_what_it_says),
         cmocka_unit_test(normals_that_cancel_give_way_to_the_face),
     };
