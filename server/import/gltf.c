@@ -1,6 +1,7 @@
 #include "server/import/gltf.h"
 
 #include "common/log.h"
+#include "server/import/file_read.h"
 #include "server/import/gltf_animation.h"
 #include "server/import/gltf_node.h"
 
@@ -12,9 +13,11 @@ static enum lw_status convert_parts(struct lw_gltf_document *document, struct lw
     if (lw_gltf_node_convert(document, meshes, scene, node_of, err) ||
         lw_gltf_animation_convert(document, node_of, scene, err))
         return err->status;
-    if (meshes->degenerate_count)
+    if (meshes->builder.degenerate_count)
         lw_log(LW_LOG_WARNING, "%s: %llu triangles without area are left out", document->name,
-               (unsigned long long)meshes->degenerate_count);
+               (unsigned long long)meshes->builder.degenerate_count);
+    lw_tally_warn(&meshes->materials->bright, document->name, "base colours above 1 are lowered to 1");
+    lw_tally_warn(&meshes->bright, document->name, "vertex colours above 1 are lowered to 1");
     if (scene->object_count == 0)
         return lw_status_fail(err, LW_BAD_DATA,
                               "has no triangles in its default scene: there is nothing to light");
@@ -82,7 +85,7 @@ enum lw_status lw_gltf_load(const char *path, struct lw_scene **out_scene, struc
     char *folder = folder_of(path);
     enum lw_status status = folder ? LW_OK : lw_status_fail(&own, LW_NO_MEMORY, "out of memory");
     if (status == LW_OK)
-        status = lw_gltf_document_read_file(path, LW_GLTF_FILE_SIZE_MAX, true, &storage, &bytes.size, &own);
+        status = lw_file_read(path, LW_GLTF_FILE_SIZE_MAX, true, &storage, &bytes.size, &own);
     bytes.data = storage;
     if (status == LW_OK) status = load(bytes, path, folder, out_scene, &own);
     free(storage);

@@ -1,6 +1,7 @@
 #include "server/import/gltf_document.h"
 
 #include "common/log.h"
+#include "server/import/file_read.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -35,45 +36,6 @@ void lw_gltf_document_warn(struct lw_gltf_document *document, enum lw_gltf_warni
 }
 
 /* ---- files and URIs ---- */
-
-static enum lw_status read_open_file(int file, uint64_t size_max, bool whole, uint8_t **out_bytes,
-                                     size_t *out_size, struct lw_error *err) {
-    struct stat info;
-    if (fstat(file, &info) < 0) return lw_status_fail(err, LW_IO, "%s", strerror(errno));
-    if (!S_ISREG(info.st_mode)) return lw_status_fail(err, LW_BAD_DATA, "is not a regular file");
-    uint64_t size = (uint64_t)info.st_size;
-    if (size > size_max && whole)
-        return lw_status_fail(err, LW_BAD_DATA, "has %llu bytes; the limit is %llu", (unsigned long long)size,
-                              (unsigned long long)size_max);
-    if (size > size_max) size = size_max;
-    uint8_t *bytes = malloc(size ? size : 1);
-    if (!bytes)
-        return lw_status_fail(err, LW_NO_MEMORY, "out of memory for %llu bytes", (unsigned long long)size);
-    uint64_t done = 0;
-    while (done < size) {
-        ssize_t got = read(file, bytes + done, size - done);
-        if (got < 0 && errno == EINTR) continue;
-        if (got <= 0) {
-            free(bytes);
-            return lw_status_fail(err, LW_IO, "%s",
-                                  got < 0 ? strerror(errno) : "became shorter while it was read");
-        }
-        done += (uint64_t)got;
-    }
-    *out_bytes = bytes;
-    *out_size = size;
-    return LW_OK;
-}
-
-enum lw_status lw_gltf_document_read_file(const char *path, uint64_t size_max, bool whole,
-                                          uint8_t **out_bytes, size_t *out_size, struct lw_error *err) {
-    /* O_NONBLOCK: a scene may name a FIFO, whose open() would wait forever */
-    int file = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
-    if (file < 0) return lw_status_fail(err, LW_NO_INPUT, "%s", strerror(errno));
-    enum lw_status status = read_open_file(file, size_max, whole, out_bytes, out_size, err);
-    close(file);
-    return status;
-}
 
 static int hex_digit(char c) {
     if (c >= '0' && c <= '9') return c - '0';
@@ -135,12 +97,11 @@ static enum lw_status fetch_file(const struct lw_gltf_document *document, const 
     char *path = malloc(strlen(document->folder) + 1 + length + 1);
     if (!path) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
     sprintf(path, "%s/%s", document->folder, decoded);
-    enum lw_status status = lw_gltf_document_read_file(path, size_max, whole, out_storage, out_size, err);
+    enum lw_status status = lw_file_read(path, size_max, whole, out_storage, out_size, err);
     free(path);
     if (status == LW_OK) return LW_OK;
     lw_status_context(err, "uri \"%.200s\"", uri);
-    /* the scene is there, a part of it is not: that is a broken scene */
-    if (err->status == LW_NO_INPUT || err->status == LW_IO) err->status = LW_BAD_DATA;
+    if (err->status != LW_NO_MEMORY) err->status = LW_NO_INPUT;
     return err->status;
 }
 
@@ -377,8 +338,12 @@ static enum lw_status open_buffer(struct lw_gltf_document *document, uint32_t in
         return LW_OK;
     }
     size_t got;
-    if (lw_gltf_document_fetch(document, uri, size, size, false, &document->buffer_storage[index], &got, err))
+    if (lw_gltf_document_fetch(document, uri, size, size, false, &document->buffer_storage[index], &got,
+                               err)) {
+        /* the scene is there, a part of it is not: that is a broken scene */
+        if (err->status == LW_NO_INPUT) err->status = LW_BAD_DATA;
         return err->status;
+    }
     document->buffer[index] = (struct lw_gltf_bytes){document->buffer_storage[index], size};
     return LW_OK;
 }

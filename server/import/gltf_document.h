@@ -48,7 +48,6 @@ enum lw_gltf_list {
     X(UV_SET, "textures that use TEXCOORD_2 or higher are ignored")                                          \
     X(UV_MISSING,                                                                                            \
       "a material has a texture for which its primitive has no texture coordinates: (0, 0) is used")         \
-    X(BASE_COLOUR, "base colour factors above 1 are lowered to 1")                                           \
     X(CHANNEL_WEIGHTS, "animated morph weights are ignored")                                                 \
     X(CHANNEL_OTHER, "animation channels other than translation, rotation and scale are ignored")            \
     X(CHANNEL_TWICE, "several animations move the same node: the first one counts")
@@ -102,18 +101,14 @@ LW_MUST_CHECK enum lw_status lw_gltf_document_index(const struct lw_gltf_documen
 
 /** The bytes behind a URI: data: or a file in the document's folder. *out_storage is malloc'ed.
  * size_min: a file that is shorter is an error; size_max: no more is read (files) or allowed (data).
- * whole: a file longer than size_max is an error too. */
+ * whole: a file longer than size_max is an error too.
+ * Errors: LW_BAD_DATA if the URI is wrong or leaves the folder, or too few bytes are there; LW_NO_INPUT if what it names
+ * cannot be read; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_gltf_document_fetch(const struct lw_gltf_document *document, const char *uri,
                                                     uint64_t size_min, uint64_t size_max, bool whole,
                                                     uint8_t **out_storage, size_t *out_size,
                                                     struct lw_error *err);
 
 void lw_gltf_document_warn(struct lw_gltf_document *document, enum lw_gltf_warning warning);
-
-/** Reads a whole regular file, or its first size_max bytes if not `whole`. Errors: LW_NO_INPUT, LW_BAD_DATA, LW_IO,
- * LW_NO_MEMORY; their text does not name the file. */
-LW_MUST_CHECK enum lw_status lw_gltf_document_read_file(const char *path, uint64_t size_max, bool whole,
-                                                        uint8_t **out_bytes, size_t *out_size,
-                                                        struct lw_error *err);
 
 #endif

@@ -1,7 +1,9 @@
 #include "server/import/gltf_material.h"
 
-#include "server/import/gltf_image.h"
+#include "common/log.h"
+#include "server/import/image_file.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -40,13 +42,14 @@ void lw_gltf_materials_finish(struct lw_gltf_materials *materials) {
 
 static enum lw_status decode_image(struct lw_gltf_materials *materials, struct lw_gltf_bytes bytes,
                                    struct lw_gltf_image_slot *slot, struct lw_error *err) {
-    if (lw_gltf_image_size(bytes.data, bytes.size, &slot->width, &slot->height, err)) return err->status;
-    materials->texel_count += (uint64_t)slot->width * slot->height;
-    if (materials->texel_count > LW_GLTF_TEXELS_MAX)
+    if (lw_image_file_size(bytes.data, bytes.size, &slot->width, &slot->height, err)) return err->status;
+    uint64_t texel_count = (uint64_t)slot->width * slot->height;
+    if (texel_count > LW_GLTF_TEXELS_MAX - materials->texel_count)
         return lw_status_fail(err, LW_BAD_DATA, "the images together have more than %llu texels",
                               (unsigned long long)LW_GLTF_TEXELS_MAX);
+    materials->texel_count += texel_count;
     uint8_t *decoded;
-    if (lw_gltf_image_decode(bytes.data, bytes.size, &decoded, err)) return err->status;
+    if (lw_image_file_decode(bytes.data, bytes.size, &decoded, err)) return err->status;
     size_t texels = (size_t)slot->width * slot->height;
     uint8_t *rgba = lw_scene_alloc(materials->scene, texels, 4);
     if (rgba) memcpy(rgba, decoded, texels * 4);
@@ -58,28 +61,44 @@ static enum lw_status decode_image(struct lw_gltf_materials *materials, struct l
     return LW_OK;
 }
 
+/* A picture that is not there or is none spoils one material, not the scene: it is told and something stands in.
+ * Wrong JSON and URIs that lead elsewhere are errors of the document. */
+static enum lw_status give_up_image(struct lw_gltf_materials *materials, uint32_t index,
+                                    struct lw_error *err) {
+    if (err->status != LW_BAD_DATA && err->status != LW_NO_INPUT) return err->status;
+    lw_log(LW_LOG_WARNING,
+           "%s: images[%u]: %s; a colour stands in (half the base colour factor, no emission)",
+           materials->document->name, index, err->text);
+    materials->image[index].unreadable = true;
+    *err = (struct lw_error){0};
+    return LW_OK;
+}
+
 static enum lw_status load_image(struct lw_gltf_materials *materials, uint32_t index, struct lw_error *err) {
     const struct lw_gltf_document *document = materials->document;
     struct lw_gltf_image_slot *slot = &materials->image[index];
     const json_t *object = lw_gltf_document_item(document, LW_GLTF_IMAGES, index);
     const char *uri = NULL;
     uint32_t view = LW_SCENE_NONE;
-    if (slot->rgba) return LW_OK;
+    if (slot->rgba || slot->unreadable) return LW_OK;
     if (lw_gltf_json_string(object, "uri", &uri, err) ||
         lw_gltf_document_index(document, object, "bufferView", LW_GLTF_BUFFER_VIEWS, &view, err))
         return err->status;
     if ((uri == NULL) == (view == LW_SCENE_NONE))
         return lw_status_fail(err, LW_BAD_DATA, "must have either uri or bufferView");
-    if (!uri) return decode_image(materials, document->view[view].bytes, slot, err);
+    if (!uri)
+        return decode_image(materials, document->view[view].bytes, slot, err)
+                   ? give_up_image(materials, index, err)
+                   : LW_OK;
 
     uint8_t *storage;
     size_t size;
-    if (lw_gltf_document_fetch(document, uri, 0, LW_GLTF_IMAGE_SIZE_MAX, true, &storage, &size, err))
-        return err->status;
+    if (lw_gltf_document_fetch(document, uri, 0, LW_IMAGE_FILE_SIZE_MAX, true, &storage, &size, err))
+        return err->status == LW_NO_INPUT ? give_up_image(materials, index, err) : err->status;
     if (decode_image(materials, (struct lw_gltf_bytes){storage, size}, slot, err))
         lw_status_context(err, "uri \"%.*s\"", strncasecmp(uri, "data:", 5) == 0 ? 40 : 200, uri);
     free(storage);
-    return err->status;
+    return err->status ? give_up_image(materials, index, err) : LW_OK;
 }
 
 /* ---- textures ---- */
@@ -113,6 +132,7 @@ static uint32_t find_texture(const struct lw_scene *scene, const struct lw_textu
     return LW_SCENE_NONE;
 }
 
+/* *out stays LW_SCENE_NONE if the picture is unreadable. */
 static enum lw_status convert_texture(struct lw_gltf_materials *materials, uint32_t index, uint32_t *out,
                                       struct lw_error *err) {
     const struct lw_gltf_document *document = materials->document;
@@ -135,6 +155,7 @@ static enum lw_status convert_texture(struct lw_gltf_materials *materials, uint3
         lw_status_context(err, "images[%u]", image);
         return err->status;
     }
+    if (materials->image[image].unreadable) return LW_OK;
     const char *name = "";
     const json_t *image_object = lw_gltf_document_item(document, LW_GLTF_IMAGES, image);
     if (lw_gltf_json_string(object, "name", &name, err)) return err->status;
@@ -172,11 +193,14 @@ static enum lw_status read_transform(const json_t *info, float transform[6], uin
     return LW_OK;
 }
 
+/* *out_unreadable: there should be a texture, but it cannot be read. */
 static enum lw_status read_texture_use(struct lw_gltf_materials *materials, const json_t *parent,
-                                       const char *key, struct lw_texture_use *use, struct lw_error *err) {
+                                       const char *key, struct lw_texture_use *use, bool *out_unreadable,
+                                       struct lw_error *err) {
     const json_t *info = NULL;
     uint32_t index = 0;
     uint64_t uv_set = 0;
+    *out_unreadable = false;
     if (lw_gltf_json_object(parent, key, &info, err)) return err->status;
     if (!info) return LW_OK;
     if (lw_gltf_json_require(info, "index", err) ||
@@ -195,6 +219,7 @@ static enum lw_status read_texture_use(struct lw_gltf_materials *materials, cons
         lw_status_context(err, "%s: textures[%u]", key, index);
         return err->status;
     }
+    *out_unreadable = materials->texture_of[index] == LW_SCENE_NONE;
     use->texture = materials->texture_of[index];
     use->uv_set = (uint32_t)uv_set;
     return LW_OK;
@@ -203,20 +228,22 @@ static enum lw_status read_texture_use(struct lw_gltf_materials *materials, cons
 /* ---- materials ---- */
 
 static enum lw_status read_base_colour(struct lw_gltf_materials *materials, const json_t *object,
-                                       struct lw_material *out, struct lw_error *err) {
+                                       struct lw_material *out, bool *out_bright, struct lw_error *err) {
     const json_t *pbr = NULL;
+    bool unreadable;
     if (lw_gltf_json_object(object, "pbrMetallicRoughness", &pbr, err)) return err->status;
     if (!pbr) return LW_OK;
     if (lw_gltf_json_reals(pbr, "baseColorFactor", 4, 0, HUGE_VAL, out->base_colour, err) ||
-        read_texture_use(materials, pbr, "baseColorTexture", &out->base_colour_texture, err)) {
+        read_texture_use(materials, pbr, "baseColorTexture", &out->base_colour_texture, &unreadable, err)) {
         lw_status_context(err, "pbrMetallicRoughness");
         return err->status;
     }
     for (int c = 0; c < 4; c++) {
         if (out->base_colour[c] <= 1) continue;
         out->base_colour[c] = 1; /* a surface that reflects more than it receives would never settle */
-        lw_gltf_document_warn(materials->document, LW_GLTF_WARN_BASE_COLOUR);
+        *out_bright = true;
     }
+    for (int c = 0; unreadable && c < 3; c++) out->base_colour[c] *= LW_GLTF_STAND_IN_ALBEDO;
     return LW_OK;
 }
 
@@ -224,6 +251,7 @@ static enum lw_status read_emission(struct lw_gltf_materials *materials, const j
                                     struct lw_material *out, struct lw_error *err) {
     const json_t *extension = NULL;
     float strength = 1;
+    bool unreadable;
     if (lw_gltf_json_reals(object, "emissiveFactor", 3, 0, HUGE_VAL, out->emission, err) ||
         lw_gltf_json_extension(object, "KHR_materials_emissive_strength", &extension, err) ||
         (extension && lw_gltf_json_real(extension, "emissiveStrength", 0, HUGE_VAL, &strength, err)))
@@ -235,7 +263,11 @@ static enum lw_status read_emission(struct lw_gltf_materials *materials, const j
     }
     /* an emission texture behind a zero factor is never seen: do not decode it */
     if (out->emission[0] + out->emission[1] + out->emission[2] <= 0) return LW_OK;
-    return read_texture_use(materials, object, "emissiveTexture", &out->emission_texture, err);
+    if (read_texture_use(materials, object, "emissiveTexture", &out->emission_texture, &unreadable, err))
+        return err->status;
+    /* most of such a texture is black: all of it alight would be worse than none */
+    if (unreadable) memset(out->emission, 0, sizeof out->emission);
+    return LW_OK;
 }
 
 static enum lw_status read_alpha(const json_t *object, struct lw_material *out, struct lw_error *err) {
@@ -258,7 +290,7 @@ static enum lw_status read_alpha(const json_t *object, struct lw_material *out, 
 }
 
 static enum lw_status convert_material(struct lw_gltf_materials *materials, const json_t *object,
-                                       struct lw_material *out, struct lw_error *err) {
+                                       struct lw_material *out, bool *out_bright, struct lw_error *err) {
     static const struct lw_texture_use no_texture = {.texture = LW_SCENE_NONE,
                                                      .transform = {1, 0, 0, 0, 1, 0}};
     const char *name = "";
@@ -269,8 +301,9 @@ static enum lw_status convert_material(struct lw_gltf_materials *materials, cons
     if (object) {
         const json_t *normal_map = NULL;
         if (lw_gltf_json_string(object, "name", &name, err) ||
-            read_base_colour(materials, object, out, err) || read_emission(materials, object, out, err) ||
-            read_alpha(object, out, err) || lw_gltf_json_object(object, "normalTexture", &normal_map, err))
+            read_base_colour(materials, object, out, out_bright, err) ||
+            read_emission(materials, object, out, err) || read_alpha(object, out, err) ||
+            lw_gltf_json_object(object, "normalTexture", &normal_map, err))
             return err->status;
         if (normal_map) lw_gltf_document_warn(materials->document, LW_GLTF_WARN_NORMAL_MAP);
     }
@@ -287,9 +320,15 @@ enum lw_status lw_gltf_materials_get(struct lw_gltf_materials *materials, uint32
                                    ? NULL
                                    : lw_gltf_document_item(materials->document, LW_GLTF_MATERIALS, index);
         struct lw_material *material = &materials->scene->material[materials->scene->material_count];
-        if (convert_material(materials, object, material, err)) {
+        bool bright = false;
+        if (convert_material(materials, object, material, &bright, err)) {
             lw_status_context(err, "materials[%u]", index);
             return err->status;
+        }
+        if (bright) {
+            char name[160];
+            snprintf(name, sizeof name, "materials[%u] %s", index, material->name);
+            lw_tally_add(&materials->bright, name);
         }
         *slot = materials->scene->material_count++;
     }

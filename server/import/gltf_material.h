@@ -5,12 +5,18 @@
 
 #include "common/scene/scene.h"
 #include "server/import/gltf_document.h"
+#include "server/import/tally.h"
 
 #define LW_GLTF_TEXELS_MAX (1ull << 30) /* of all images together: 4 GiB decoded */
+
+/* Albedo that stands for a texture that cannot be read, times the material's own colour: textures are mostly near a
+ * white factor, and a white room would be far too bright. */
+#define LW_GLTF_STAND_IN_ALBEDO 0.5f
 
 struct lw_gltf_image_slot {
     const uint8_t *rgba; /* in the scene; NULL: not decoded yet */
     uint32_t width, height;
+    bool unreadable;
 };
 
 struct lw_gltf_materials {
@@ -22,6 +28,7 @@ struct lw_gltf_materials {
     uint32_t *texture_of; /* glTF texture -> scene texture */
     struct lw_gltf_image_slot *image;
     uint64_t texel_count;
+    struct lw_tally bright; /* materials whose base colour is above 1 */
 };
 
 /** finish() also after failure. Errors: LW_NO_MEMORY. */

@@ -2,8 +2,13 @@
 
 #include "server/import/gltf_accessor.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+/* Vertex colours outside of this are wrong, not rounded. */
+#define COLOUR_MIN (-1e-3f)
+#define COLOUR_MAX 1.001f
 
 enum { MODE_TRIANGLES = 4, MODE_STRIP = 5, MODE_FAN = 6 };
 
@@ -17,25 +22,13 @@ struct primitive {
 
 void lw_gltf_meshes_init(struct lw_gltf_meshes *meshes, struct lw_gltf_materials *materials) {
     *meshes = (struct lw_gltf_meshes){.materials = materials};
+    lw_mesh_builder_init(&meshes->builder);
 }
 
 void lw_gltf_meshes_finish(struct lw_gltf_meshes *meshes) {
     free(meshes->kept);
-    free(meshes->material);
-    free(meshes->triangle);
-    free(meshes->vertex);
+    lw_mesh_builder_finish(&meshes->builder);
     *meshes = (struct lw_gltf_meshes){0};
-}
-
-/* Makes room for `count` elements, keeping what is there. */
-static bool reserve(void **array, size_t *capacity, size_t count, size_t size) {
-    if (count <= *capacity) return true;
-    size_t grown = *capacity + *capacity / 2 > count ? *capacity + *capacity / 2 : count;
-    void *moved = reallocarray(*array, grown, size);
-    if (!moved) return false;
-    *array = moved;
-    *capacity = grown;
-    return true;
 }
 
 /* ---- opening a primitive ---- */
@@ -150,11 +143,11 @@ static enum lw_status read_position(const struct primitive *p, uint32_t i, struc
 
 static float clamp_unit(float v) { return v < 0 ? 0 : v > 1 ? 1 : v; }
 
-static enum lw_status read_vertex(const struct primitive *p, uint32_t i, struct lw_gltf_vertex *out,
-                                  struct lw_error *err) {
+static enum lw_status read_vertex(struct lw_gltf_meshes *meshes, const struct primitive *p, uint32_t i,
+                                  struct lw_mesh_builder_vertex *out, struct lw_error *err) {
     static const char *const uv_name[2] = {"TEXCOORD_0", "TEXCOORD_1"};
     float v[4] = {0};
-    *out = (struct lw_gltf_vertex){.colour = {1, 1, 1, 1}};
+    *out = (struct lw_mesh_builder_vertex){.colour = {1, 1, 1, 1}};
     if (read_position(p, i, &out->position, err)) return err->status;
     if (p->normal.count) {
         if (read_finite(&p->normal, "NORMAL", i, v, err)) return err->status;
@@ -172,6 +165,11 @@ static enum lw_status read_vertex(const struct primitive *p, uint32_t i, struct 
     if (p->colour.count) {
         v[3] = 1;
         if (read_finite(&p->colour, "COLOR_0", i, v, err)) return err->status;
+        if (v[0] < COLOUR_MIN || v[1] < COLOUR_MIN || v[2] < COLOUR_MIN || v[3] < COLOUR_MIN)
+            return lw_status_fail(err, LW_BAD_DATA, "attributes.COLOR_0: accessor %u: element %u is negative",
+                                  p->colour.index, i);
+        if (v[0] > COLOUR_MAX || v[1] > COLOUR_MAX || v[2] > COLOUR_MAX || v[3] > COLOUR_MAX)
+            meshes->is_bright = true;
         out->colour =
             (struct lw_vec4){clamp_unit(v[0]), clamp_unit(v[1]), clamp_unit(v[2]), clamp_unit(v[3])};
     }
@@ -186,12 +184,12 @@ static enum lw_status keep_vertex(struct lw_gltf_meshes *meshes, const struct pr
         *out = kept->vertex;
         return LW_OK;
     }
-    if (!reserve((void **)&meshes->vertex, &meshes->vertex_capacity, meshes->vertex_count + 1ul,
-                 sizeof *meshes->vertex))
-        return lw_status_fail(err, LW_NO_MEMORY, "out of memory for vertices");
-    if (read_vertex(p, i, &meshes->vertex[meshes->vertex_count], err)) return err->status;
-    *kept = (struct lw_gltf_kept){meshes->stamp, meshes->vertex_count};
-    *out = meshes->vertex_count++;
+    struct lw_mesh_builder_vertex vertex;
+    if (read_vertex(meshes, p, i, &vertex, err) ||
+        lw_mesh_builder_vertex(&meshes->builder, &vertex, &kept->vertex, err))
+        return err->status;
+    kept->stamp = meshes->stamp;
+    *out = kept->vertex;
     return LW_OK;
 }
 
@@ -202,24 +200,6 @@ static uint32_t corner(uint64_t mode, uint32_t triangle, unsigned k) {
     if (mode == MODE_STRIP) return triangle + (k == 0 ? 0 : k == 1 ? 1 + triangle % 2 : 2 - triangle % 2);
     if (mode == MODE_FAN) return k == 2 ? 0 : triangle + k + 1;
     return 3 * triangle + k;
-}
-
-/* Unit normal by winding, in double because a float's square of an area underflows for small triangles. False if the
- * triangle has no area: its height is below 1e-7 of its longest edge, which is the rounding of its corners. */
-static bool face_normal(const struct lw_vec3 p[3], struct lw_vec3 *out) {
-    double a[3] = {(double)p[1].x - (double)p[0].x, (double)p[1].y - (double)p[0].y,
-                   (double)p[1].z - (double)p[0].z};
-    double b[3] = {(double)p[2].x - (double)p[0].x, (double)p[2].y - (double)p[0].y,
-                   (double)p[2].z - (double)p[0].z};
-    double c[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]};
-    double n[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-    double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-    double longest =
-        fmax(fmax(a[0] * a[0] + a[1] * a[1] + a[2] * a[2], b[0] * b[0] + b[1] * b[1] + b[2] * b[2]),
-             c[0] * c[0] + c[1] * c[1] + c[2] * c[2]);
-    if (!(length > 1e-7 * longest)) return false;
-    *out = lw_vec3((float)(n[0] / length), (float)(n[1] / length), (float)(n[2] / length));
-    return true;
 }
 
 static enum lw_status add_triangle(struct lw_gltf_meshes *meshes, const struct primitive *p,
@@ -236,30 +216,22 @@ static enum lw_status add_triangle(struct lw_gltf_meshes *meshes, const struct p
                 p->indices.index, triangle, index[k], p->position.count);
         if (read_position(p, index[k], &position[k], err)) return err->status;
     }
-    if (!face_normal(position, &normal)) {
-        meshes->degenerate_count++;
+    if (!lw_mesh_builder_normal(position, &normal)) {
+        meshes->builder.degenerate_count++;
         return LW_OK;
     }
     bool flat = !p->normal.count; /* then glTF asks for flat normals: vertices are split */
-    for (unsigned k = 0; k < 3; k++) {
+    for (unsigned k = 0; k < 3; k++)
         if (keep_vertex(meshes, p, index[k], flat, &vertex[k], err)) return err->status;
-        struct lw_gltf_vertex *v = &meshes->vertex[vertex[k]];
-        if (lw_vec3_dot(v->normal, v->normal) == 0) v->normal = normal;
-    }
-    memcpy(meshes->triangle[meshes->triangle_count], vertex, sizeof vertex);
-    meshes->material[meshes->triangle_count++] = p->material;
-    return LW_OK;
+    return lw_mesh_builder_triangle(&meshes->builder, vertex, p->material, normal, err);
 }
 
 static enum lw_status reserve_primitive(struct lw_gltf_meshes *meshes, const struct primitive *p,
-                                        uint32_t triangles, struct lw_error *err) {
+                                        struct lw_error *err) {
     size_t before = meshes->kept_capacity;
-    if (!reserve((void **)&meshes->kept, &meshes->kept_capacity, p->position.count, sizeof *meshes->kept) ||
-        !reserve((void **)&meshes->triangle, &meshes->triangle_capacity,
-                 (size_t)meshes->triangle_count + triangles, sizeof *meshes->triangle) ||
-        !reserve((void **)&meshes->material, &meshes->material_capacity,
-                 (size_t)meshes->triangle_count + triangles, sizeof *meshes->material))
-        return lw_status_fail(err, LW_NO_MEMORY, "out of memory for triangles");
+    if (!lw_mesh_builder_reserve((void **)&meshes->kept, &meshes->kept_capacity, p->position.count,
+                                 sizeof *meshes->kept))
+        return lw_status_fail(err, LW_NO_MEMORY, "out of memory for %u vertices", p->position.count);
     /* stamps, instead of clearing the whole map for each primitive that shares a large buffer */
     memset(meshes->kept + before, 0, (meshes->kept_capacity - before) * sizeof *meshes->kept);
     meshes->stamp++;
@@ -282,65 +254,26 @@ static enum lw_status add_primitive(struct lw_gltf_meshes *meshes, const json_t 
     if (meshes->triangle_total > LW_SCENE_TRIANGLES_MAX)
         return lw_status_fail(err, LW_BAD_DATA, "the meshes together have more than %u triangles",
                               LW_SCENE_TRIANGLES_MAX);
-    if (reserve_primitive(meshes, &p, triangles, err)) return err->status;
+    if (reserve_primitive(meshes, &p, err)) return err->status;
     for (uint32_t t = 0; t < triangles; t++)
         if (add_triangle(meshes, &p, t, err)) return err->status;
-    for (int set = 0; set < 2; set++) meshes->has_uv[set] |= p.uv[set].count > 0;
-    meshes->has_colour |= p.colour.count > 0;
+    for (int set = 0; set < 2; set++) meshes->builder.has_uv[set] |= p.uv[set].count > 0;
+    meshes->builder.has_colour |= p.colour.count > 0;
     return LW_OK;
 }
 
 /* ---- the mesh ---- */
-
-static enum lw_status copy_out(struct lw_gltf_meshes *meshes, const char *name, struct lw_mesh *out,
-                               struct lw_error *err) {
-    struct lw_scene *scene = meshes->materials->scene;
-    uint32_t vertices = meshes->vertex_count, triangles = meshes->triangle_count;
-    struct lw_vec3 *position = lw_scene_alloc(scene, vertices, sizeof *position);
-    struct lw_vec3 *normal = lw_scene_alloc(scene, vertices, sizeof *normal);
-    uint32_t(*triangle)[3] = lw_scene_alloc(scene, triangles, sizeof *triangle);
-    uint32_t *material = lw_scene_alloc(scene, triangles, sizeof *material);
-    struct lw_vec2 *uv[2] = {NULL, NULL};
-    struct lw_vec4 *colour = NULL;
-    const char *own_name = lw_scene_string(scene, name);
-    bool good = position && normal && triangle && material && own_name;
-    for (int set = 0; good && set < 2; set++)
-        if (meshes->has_uv[set]) good = (uv[set] = lw_scene_alloc(scene, vertices, sizeof *uv[set])) != NULL;
-    if (good && meshes->has_colour) good = (colour = lw_scene_alloc(scene, vertices, sizeof *colour)) != NULL;
-    if (!good) return lw_status_fail(err, LW_NO_MEMORY, "out of memory for %u vertices", vertices);
-
-    for (uint32_t i = 0; i < vertices; i++) {
-        const struct lw_gltf_vertex *v = &meshes->vertex[i];
-        position[i] = v->position;
-        normal[i] = v->normal;
-        if (uv[0]) uv[0][i] = v->uv[0];
-        if (uv[1]) uv[1][i] = v->uv[1];
-        if (colour) colour[i] = v->colour;
-    }
-    memcpy(triangle, meshes->triangle, triangles * sizeof *triangle);
-    memcpy(material, meshes->material, triangles * sizeof *material);
-    *out = (struct lw_mesh){.name = own_name,
-                            .vertex_count = vertices,
-                            .triangle_count = triangles,
-                            .position = position,
-                            .normal = normal,
-                            .uv = {uv[0], uv[1]},
-                            .colour = colour,
-                            .triangle = triangle,
-                            .material = material};
-    return LW_OK;
-}
 
 static enum lw_status convert(struct lw_gltf_meshes *meshes, const json_t *object, struct lw_mesh *out,
                               struct lw_error *err) {
     const json_t *primitives = NULL, *primitive;
     const char *name = "";
     size_t i;
-    meshes->vertex_count = meshes->triangle_count = 0;
-    meshes->has_uv[0] = meshes->has_uv[1] = meshes->has_colour = false;
+    lw_mesh_builder_begin(&meshes->builder);
     if (lw_gltf_json_string(object, "name", &name, err) || lw_gltf_json_require(object, "primitives", err) ||
         lw_gltf_json_array(object, "primitives", &primitives, err))
         return err->status;
+    meshes->is_bright = false;
     json_array_foreach(primitives, i, primitive) {
         if (!json_is_object(primitive))
             return lw_status_fail(err, LW_BAD_DATA, "primitives[%zu]: must be an object", i);
@@ -349,16 +282,21 @@ static enum lw_status convert(struct lw_gltf_meshes *meshes, const json_t *objec
             return err->status;
         }
     }
-    if (meshes->triangle_count == 0) {
+    if (meshes->builder.triangle_count == 0) {
         *out = (struct lw_mesh){0};
         return LW_OK;
     }
-    return copy_out(meshes, name, out, err);
+    return lw_mesh_builder_end(&meshes->builder, meshes->materials->scene, name, out, err);
 }
 
 enum lw_status lw_gltf_meshes_convert(struct lw_gltf_meshes *meshes, uint32_t index, struct lw_mesh *out,
                                       struct lw_error *err) {
     if (convert(meshes, lw_gltf_document_item(meshes->materials->document, LW_GLTF_MESHES, index), out, err))
         lw_status_context(err, "meshes[%u]", index);
+    if (meshes->is_bright) {
+        char name[160];
+        snprintf(name, sizeof name, "meshes[%u] %s", index, out->name ? out->name : "");
+        lw_tally_add(&meshes->bright, name);
+    }
     return err->status;
 }

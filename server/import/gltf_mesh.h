@@ -5,28 +5,19 @@
 #define LW_IMPORT_GLTF_MESH_H
 
 #include "server/import/gltf_material.h"
-
-struct lw_gltf_vertex {
-    struct lw_vec3 position, normal; /* normal (0, 0, 0): the file gave none of use */
-    struct lw_vec2 uv[2];
-    struct lw_vec4 colour;
-};
+#include "server/import/mesh_builder.h"
 
 struct lw_gltf_meshes {
     struct lw_gltf_materials *materials;
-    struct lw_gltf_vertex *vertex; /* of the mesh being built */
-    uint32_t (*triangle)[3];
-    uint32_t *material;
-    uint32_t vertex_count, triangle_count;
-    size_t vertex_capacity, triangle_capacity, material_capacity;
-    bool has_uv[2], has_colour;
+    struct lw_mesh_builder builder;
     struct lw_gltf_kept {
         uint32_t stamp, vertex;
     } * kept; /* per vertex of an accessor: where it went, valid if stamp is that of the current primitive */
     size_t kept_capacity;
     uint32_t stamp;
-    uint64_t triangle_total;   /* of all meshes */
-    uint64_t degenerate_count; /* triangles dropped because they have no area */
+    uint64_t triangle_total; /* of all meshes */
+    bool is_bright;          /* the mesh being built has vertex colours above 1 */
+    struct lw_tally bright;  /* meshes that have */
 };
 
 void lw_gltf_meshes_init(struct lw_gltf_meshes *meshes, struct lw_gltf_materials *materials);

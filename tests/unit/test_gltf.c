@@ -5,9 +5,11 @@
 #include "common/log.h"
 #include "server/import/gltf.h"
 
+#include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 /* 2 x 1 texels: (255, 0, 0, 255), (0, 128, 255, 64) */
 #define PNG                                                                                                  \
@@ -275,8 +277,6 @@ static const struct {
     {"'wrapS':33071", "'wrapS':1", "samplers[0]: wrapS"},
     {"'images':[{'uri':", "'images':[{'bufferView':0,'uri':",
      "images[0]: must have either uri or bufferView"},
-    {"'uri':'data:image/png;base64," PNG "'", "'bufferView':0", "images[0]: is neither PNG nor JPEG"},
-    {"data:image/png;base64," PNG, "data:image/png;base64," PNG_TOO_WIDE, "images[0]: uri"},
     {"data:image/png;base64,", "data:image/png;base64,!", "is not base64"},
     {"data:image/png;base64,", "data:image/png,", "must be data:TYPE;base64"},
     {"data:image/png;base64," PNG, "http://host/a.png", "http://host/a.png"},
@@ -677,6 +677,116 @@ static void images_are_decoded_once(void **state) {
     lw_scene_destroy(scene);
 }
 
+/* What is told while `changes` are loaded; the scene must load. */
+static struct lw_scene *load_and_listen(const struct change *changes, size_t count, const void *data,
+                                        size_t size, char *talk, size_t talk_size) {
+    struct lw_scene *scene;
+    struct lw_error err = {0};
+    fflush(stderr);
+    int saved = dup(STDERR_FILENO),
+        file = open(lw_support_temporary("talk"), O_RDWR | O_CREAT | O_TRUNC, 0600);
+    assert_true(saved >= 0 && file >= 0 && dup2(file, STDERR_FILENO) >= 0);
+    lw_log_init("test_gltf", LW_LOG_WARNING);
+    enum lw_status status = load_changed(changes, count, data, size, &scene, &err);
+    lw_log_init("test_gltf", LW_LOG_ERROR);
+    fflush(stderr);
+    dup2(saved, STDERR_FILENO);
+    ssize_t length = pread(file, talk, talk_size - 1, 0);
+    talk[length > 0 ? length : 0] = 0;
+    close(saved);
+    close(file);
+    lw_support_ok(status, &err);
+    return scene;
+}
+
+static unsigned count_lines(const char *text) {
+    unsigned lines = 0;
+    for (; *text; text++) lines += *text == '\n';
+    return lines;
+}
+
+/* Each way in which a picture fails gives one warning that names it, and a colour in its place. */
+static void unreadable_pictures_have_a_stand_in(void **state) {
+    (void)state;
+    static const struct {
+        struct change change;
+        const char *text;
+    } failures[] = {
+        {{"'uri':'data:image/png;base64," PNG "'", "'bufferView':0"}, "images[0]: is neither PNG nor JPEG"},
+        {{"data:image/png;base64," PNG, "data:image/png;base64," PNG_TOO_WIDE}, "Invalid IHDR data"},
+        {{"data:image/png;base64," PNG, "data:image/png;base64,iVBORw0KGgoAAAANSUhEUg"}, "it is truncated"},
+    };
+    char talk[4096];
+    for (size_t i = 0; i < sizeof failures / sizeof *failures; i++) {
+        const struct change changes[] = {failures[i].change,
+                                         {"'alphaMode'", "'emissiveTexture':{'index':0},'alphaMode'"}};
+        struct lw_scene *scene = load_and_listen(changes, 2, &base_data, sizeof base_data, talk, sizeof talk);
+        const struct lw_material *material = &scene->material[0];
+        if (!strstr(talk, failures[i].text) || count_lines(talk) != 1) fail_msg("talk is \"%s\"", talk);
+        assert_int_equal(scene->texture_count, 0);
+        assert_int_equal(material->base_colour_texture.texture, LW_SCENE_NONE);
+        assert_int_equal(material->emission_texture.texture, LW_SCENE_NONE);
+        assert_float_equal(material->base_colour[0], 0.25, 0); /* half of 0.5 */
+        assert_float_equal(material->base_colour[3], 1, 0);
+        assert_float_equal(material->emission[0], 0, 0);
+        lw_scene_destroy(scene);
+    }
+}
+
+static void emission_is_strength_times_texture(void **state) {
+    (void)state;
+    struct lw_scene *scene;
+    LOAD(scene, base_data, {"'alphaMode'", "'emissiveTexture':{'index':0},'alphaMode'"});
+    struct lw_surface surface;
+    /* the middle of the right texel, (0, 128, 255) in sRGB, at u = 0.75; factor (1, 0.5, 0) x 4 */
+    lw_scene_surface(scene, &scene->mesh[0], 0, 0.75f, 0, &surface);
+    assert_float_equal(surface.emission.x, 0, 1e-6);
+    assert_float_equal(surface.emission.y, 4 * 0.5f * powf((128 / 255.0f + 0.055f) / 1.055f, 2.4f), 1e-5);
+    assert_float_equal(surface.emission.z, 0, 1e-6);
+    lw_scene_destroy(scene);
+}
+
+static void albedo_above_one_is_lowered_and_told_once(void **state) {
+    (void)state;
+    char talk[4096];
+    const struct change bright[] = {{"[0.5,0.25,0.125,1]", "[1.5,0.25,7,1]"}};
+    struct lw_scene *scene = load_and_listen(bright, 1, &base_data, sizeof base_data, talk, sizeof talk);
+    assert_float_equal(scene->material[0].base_colour[0], 1, 0);
+    assert_float_equal(scene->material[0].base_colour[1], 0.25, 0);
+    assert_float_equal(scene->material[0].base_colour[2], 1, 0);
+    assert_int_equal(count_lines(talk), 1);
+    assert_non_null(strstr(talk, "base colours above 1 are lowered to 1: \"materials[0] paint\""));
+    lw_scene_destroy(scene);
+
+    const struct {
+        struct base_data base;
+        float colour[4][3];
+    } data = {base_data, {{2, 0.5f, 0}, {3, 1, 1}, {1, 1, 1}, {1, 1, 1}}};
+#define FLOAT_COLOUR                                                                                         \
+    {"'count':2,'type':'VEC3'}",                                                                             \
+     "'count':2,'type':'VEC3'},{'bufferView':6,'componentType':5126,'count':4,'type':'VEC3'}"},              \
+        {"'byteOffset':148,'byteLength':24}",                                                                \
+         "'byteOffset':148,'byteLength':24},{'buffer':0,'byteOffset':172,'byteLength':48}"},                 \
+        {"'byteLength':172", "'byteLength':220"}, {                                                          \
+        "'POSITION':0", "'POSITION':0,'COLOR_0':6"                                                           \
+    }
+    const struct change colours[] = {FLOAT_COLOUR};
+    scene = load_and_listen(colours, 4, &data, sizeof data, talk, sizeof talk);
+    assert_float_equal(scene->mesh[0].colour[0].x, 1, 0);
+    assert_float_equal(scene->mesh[0].colour[0].y, 0.5, 0);
+    assert_int_equal(count_lines(talk), 1);
+    assert_non_null(strstr(talk, "vertex colours above 1 are lowered to 1: \"meshes[0] square\""));
+    lw_scene_destroy(scene);
+
+    typeof(data) negative = data;
+    ((struct {
+        struct base_data base;
+        float colour[4][3];
+    } *)(void *)&negative)
+        ->colour[1][2] = -0.5f;
+    REFUSE("attributes.COLOR_0: accessor 6: element 1 is negative", negative, FLOAT_COLOUR);
+}
+
 static void rotations_are_normalised(void **state) {
     (void)state;
     struct {
@@ -857,6 +967,9 @@ int main(void) {
         cmocka_unit_test(a_matrix_is_column_major),
         cmocka_unit_test(a_texture_transform_moves_its_coordinates),
         cmocka_unit_test(images_are_decoded_once),
+        cmocka_unit_test(unreadable_pictures_have_a_stand_in),
+        cmocka_unit_test(emission_is_strength_times_texture),
+        cmocka_unit_test(albedo_above_one_is_lowered_and_told_once),
         cmocka_unit_test(rotations_are_normalised),
         cmocka_unit_test(what_is_not_used_is_no_error),
         cmocka_unit_test(deep_hierarchies_load),

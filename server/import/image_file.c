@@ -1,4 +1,4 @@
-#include "server/import/gltf_image.h"
+#include "server/import/image_file.h"
 
 #include <setjmp.h>
 #include <stdio.h> /* before jpeglib.h, which needs FILE */
@@ -144,9 +144,9 @@ static bool run_jpeg(struct decoder *decoder) {
 
 static enum lw_status run(struct decoder *decoder, struct lw_error *err) {
     static const uint8_t jpeg_magic[3] = {0xff, 0xd8, 0xff};
-    if (decoder->size > LW_GLTF_IMAGE_SIZE_MAX)
+    if (decoder->size > LW_IMAGE_FILE_SIZE_MAX)
         return lw_status_fail(err, LW_BAD_DATA, "has %zu bytes; the limit is %u", decoder->size,
-                              LW_GLTF_IMAGE_SIZE_MAX);
+                              LW_IMAGE_FILE_SIZE_MAX);
     bool is_png = decoder->size >= 8 && png_sig_cmp(decoder->bytes, 0, 8) == 0;
     bool is_jpeg = decoder->size >= 3 && memcmp(decoder->bytes, jpeg_magic, 3) == 0;
     if (!is_png && !is_jpeg) return lw_status_fail(err, LW_BAD_DATA, "is neither PNG nor JPEG");
@@ -155,7 +155,7 @@ static enum lw_status run(struct decoder *decoder, struct lw_error *err) {
     return LW_OK;
 }
 
-enum lw_status lw_gltf_image_size(const uint8_t *bytes, size_t size, uint32_t *out_width,
+enum lw_status lw_image_file_size(const uint8_t *bytes, size_t size, uint32_t *out_width,
                                   uint32_t *out_height, struct lw_error *err) {
     struct decoder decoder = {.bytes = bytes, .size = size, .header_only = true};
     enum lw_status status = run(&decoder, err);
@@ -169,7 +169,7 @@ enum lw_status lw_gltf_image_size(const uint8_t *bytes, size_t size, uint32_t *o
     return LW_OK;
 }
 
-enum lw_status lw_gltf_image_decode(const uint8_t *bytes, size_t size, uint8_t **out_rgba,
+enum lw_status lw_image_file_decode(const uint8_t *bytes, size_t size, uint8_t **out_rgba,
                                     struct lw_error *err) {
     struct decoder decoder = {.bytes = bytes, .size = size};
     enum lw_status status = run(&decoder, err);

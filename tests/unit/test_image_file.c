@@ -1,7 +1,7 @@
 /* Pictures made here by the libraries' own encoders, and what a damaged one gets. */
 #include "tests/support/support.h"
 
-#include "server/import/gltf_image.h"
+#include "server/import/image_file.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -80,10 +80,10 @@ static uint8_t *decode(const struct bytes *in, uint32_t width, uint32_t height) 
     struct lw_error err = {0};
     uint32_t got_width = 0, got_height = 0;
     uint8_t *rgba = NULL;
-    lw_support_ok(lw_gltf_image_size(in->data, in->size, &got_width, &got_height, &err), &err);
+    lw_support_ok(lw_image_file_size(in->data, in->size, &got_width, &got_height, &err), &err);
     assert_int_equal(got_width, width);
     assert_int_equal(got_height, height);
-    lw_support_ok(lw_gltf_image_decode(in->data, in->size, &rgba, &err), &err);
+    lw_support_ok(lw_image_file_decode(in->data, in->size, &rgba, &err), &err);
     return rgba;
 }
 
@@ -91,7 +91,7 @@ static void refuse(const uint8_t *data, size_t size, const char *text) {
     struct lw_error err = {0};
     uint8_t *rgba = NULL, *exact = malloc(size ? size : 1);
     memcpy(exact, data, size);
-    lw_support_fails(lw_gltf_image_decode(exact, size, &rgba, &err), LW_BAD_DATA, &err, text);
+    lw_support_fails(lw_image_file_decode(exact, size, &rgba, &err), LW_BAD_DATA, &err, text);
     assert_null(rgba);
     free(exact);
 }
@@ -188,7 +188,7 @@ static void oversized_pictures_are_refused_by_their_header(void **state) {
         struct lw_error err = {0};
         jpeg.data[at + 7] = (uint8_t)(side >> 8);
         jpeg.data[at + 8] = (uint8_t)side;
-        enum lw_status status = lw_gltf_image_size(jpeg.data, jpeg.size, &width, &height, &err);
+        enum lw_status status = lw_image_file_size(jpeg.data, jpeg.size, &width, &height, &err);
         if (side == limit)
             lw_support_ok(status, &err);
         else
