@@ -8,10 +8,18 @@
 #include <string.h>
 #include <sys/stat.h>
 
-/* one pixel of ours: three floats side by side */
-#define PIXEL_BYTES   ((int32_t)(3 * sizeof(float)))
-#define CHANNEL_COUNT 3
-static const char *const channel_names[CHANNEL_COUNT] = {"R", "G", "B"};
+#define CHANNELS_MAX 4
+#define ALPHA        3 /* its place among them */
+static const char *const channel_names[CHANNELS_MAX] = {"R", "G", "B", "A"};
+
+/* One pixel of ours: its channels' floats side by side. */
+static int32_t pixel_bytes(unsigned channels) { return (int32_t)(channels * sizeof(float)); }
+
+static int channel_of(const char *name, unsigned channels) {
+    for (unsigned i = 0; i < channels; i++)
+        if (!strcmp(name, channel_names[i])) return (int)i;
+    return -1;
+}
 
 /* A file that claims more pixels than this (1.6 GB of floats) is taken for damage. */
 #define READ_PIXELS_MAX (1u << 27)
@@ -56,36 +64,31 @@ static enum lw_status check(struct stream *stream, exr_result_t result, enum lw_
 
 /* ---- writing -------------------------------------------------------------------------------------------------- */
 
-static exr_result_t write_header(exr_context_t context, int part, uint32_t width, uint32_t height,
-                                 const char *units) {
-    exr_result_t result = exr_initialize_required_attr_simple(context, part, (int32_t)width, (int32_t)height,
-                                                              EXR_COMPRESSION_ZIP);
-    static const char *const alphabetical[CHANNEL_COUNT] = {"B", "G",
-                                                            "R"}; /* the order the format asks for */
-    for (int i = 0; i < CHANNEL_COUNT && !result; i++)
-        result = exr_add_channel(context, part, alphabetical[i], EXR_PIXEL_FLOAT,
-                                 EXR_PERCEPTUALLY_LOGARITHMIC, 1, 1);
+static exr_result_t write_header(exr_context_t context, int part, const struct lw_image_exr *image) {
+    exr_result_t result = exr_initialize_required_attr_simple(context, part, (int32_t)image->width,
+                                                              (int32_t)image->height, EXR_COMPRESSION_ZIP);
+    static const char *const alphabetical[CHANNELS_MAX] = {"A", "B", "G",
+                                                           "R"}; /* the order the format asks for */
+    const exr_pixel_type_t type = image->half ? EXR_PIXEL_HALF : EXR_PIXEL_FLOAT;
+    for (unsigned i = CHANNELS_MAX - image->channels; i < CHANNELS_MAX && !result; i++)
+        result = exr_add_channel(
+            context, part, alphabetical[i], type,
+            *alphabetical[i] == 'A' ? EXR_PERCEPTUALLY_LINEAR : EXR_PERCEPTUALLY_LOGARITHMIC, 1, 1);
     /* Rec. 709 primaries and D65, which sRGB shares (IEC 61966-2-1, table 1) */
     static const exr_attr_chromaticities_t rec709 = {0.64f, 0.33f, 0.30f,   0.60f,
                                                      0.15f, 0.06f, 0.3127f, 0.3290f};
     if (!result) result = exr_attr_set_chromaticities(context, part, "chromaticities", &rec709);
-    if (!result && units) result = exr_attr_set_string(context, part, "units", units);
+    for (size_t i = 0; i < image->attribute_count && !result; i++)
+        result = exr_attr_set_string(context, part, image->attribute[i].name, image->attribute[i].text);
     if (!result) result = exr_write_header(context);
     return result;
 }
 
-static int channel_of(const char *name) {
-    for (int i = 0; i < CHANNEL_COUNT; i++)
-        if (!strcmp(name, channel_names[i])) return i;
-    return -1;
-}
-
-static exr_result_t write_pixels(exr_context_t context, int part, const float *rgb, uint32_t width,
-                                 uint32_t height) {
+static exr_result_t write_pixels(exr_context_t context, int part, const struct lw_image_exr *image) {
     int32_t lines = 1;
     exr_result_t result = exr_get_scanlines_per_chunk(context, part, &lines);
     exr_encode_pipeline_t pipeline = EXR_ENCODE_PIPELINE_INITIALIZER;
-    for (int32_t y = 0; y < (int32_t)height && !result; y += lines) {
+    for (int32_t y = 0; y < (int32_t)image->height && !result; y += lines) {
         exr_chunk_info_t chunk = {0};
         result = exr_write_scanline_chunk_info(context, part, y, &chunk);
         if (result) break;
@@ -94,12 +97,13 @@ static exr_result_t write_pixels(exr_context_t context, int part, const float *r
         if (result) break;
         for (int i = 0; i < pipeline.channel_count; i++) {
             exr_coding_channel_info_t *channel = &pipeline.channels[i];
-            const float *from = rgb + (size_t)y * width * 3 + channel_of(channel->channel_name);
+            const float *from = image->pixel + (size_t)y * image->width * image->channels +
+                                channel_of(channel->channel_name, image->channels);
             channel->encode_from_ptr = (const uint8_t *)from;
             channel->user_data_type = EXR_PIXEL_FLOAT;
             channel->user_bytes_per_element = sizeof(float);
-            channel->user_pixel_stride = PIXEL_BYTES;
-            channel->user_line_stride = (int32_t)width * PIXEL_BYTES;
+            channel->user_pixel_stride = pixel_bytes(image->channels);
+            channel->user_line_stride = (int32_t)image->width * pixel_bytes(image->channels);
         }
         if (!y) result = exr_encoding_choose_default_routines(context, part, &pipeline);
         if (!result) result = exr_encoding_run(context, part, &pipeline);
@@ -110,9 +114,23 @@ static exr_result_t write_pixels(exr_context_t context, int part, const float *r
 
 enum lw_status lw_image_write_exr(const char *path, const float *rgb, uint32_t width, uint32_t height,
                                   const char *units, struct lw_error *err) {
-    if (!width || !height || width > LW_IMAGE_SIDE_MAX || height > LW_IMAGE_SIDE_MAX)
+    const struct lw_image_attribute attribute = {"units", units};
+    return lw_image_write_exr_with(path,
+                                   &(struct lw_image_exr){.pixel = rgb,
+                                                          .width = width,
+                                                          .height = height,
+                                                          .channels = 3,
+                                                          .attribute = &attribute,
+                                                          .attribute_count = units ? 1 : 0},
+                                   err);
+}
+
+enum lw_status lw_image_write_exr_with(const char *path, const struct lw_image_exr *image,
+                                       struct lw_error *err) {
+    if (!image->width || !image->height || image->width > LW_IMAGE_SIDE_MAX ||
+        image->height > LW_IMAGE_SIDE_MAX)
         return lw_status_fail(err, LW_USAGE, "%s: an image of %u x %u pixels; each side is from 1 to %u",
-                              path, width, height, LW_IMAGE_SIDE_MAX);
+                              path, image->width, image->height, LW_IMAGE_SIDE_MAX);
     struct lw_atomic_file file;
     enum lw_status status = lw_atomic_file_open(&file, path, err);
     if (status) return status;
@@ -126,8 +144,8 @@ enum lw_status lw_image_write_exr(const char *path, const float *rgb, uint32_t w
     exr_result_t result = exr_start_write(&context, path, EXR_WRITE_FILE_DIRECTLY, &initializer);
     int part = 0;
     if (!result) result = exr_add_part(context, NULL, EXR_STORAGE_SCANLINE, &part);
-    if (!result) result = write_header(context, part, width, height, units);
-    if (!result) result = write_pixels(context, part, rgb, width, height);
+    if (!result) result = write_header(context, part, image);
+    if (!result) result = write_pixels(context, part, image);
     status = check(&stream, result, LW_IO, "write");
     /* finishing writes the table of chunks: it can fail as well */
     if (context) result = exr_finish(&context);
@@ -147,7 +165,10 @@ struct reader {
     exr_context_t context;
     exr_attr_box2i_t window;
     uint32_t width, height;
-    float *rgb;
+    unsigned channels; /* 3: R, G, B; 4: A too, where the file has it */
+    float *pixel;
+    float *
+        alpha; /* A apart: OpenEXR 3.1.5 mixes up the channels of four halves that it turns into one run of floats */
     exr_decode_pipeline_t pipeline;
     bool started; /* the pipeline holds something to destroy */
 };
@@ -160,18 +181,18 @@ static enum lw_status check_channels(struct reader *reader) {
     const exr_attr_chlist_t *channels = NULL;
     exr_result_t result = exr_get_channels(reader->context, 0, &channels);
     if (result) return check(reader->stream, result, LW_BAD_DATA, "read");
-    bool found[CHANNEL_COUNT] = {false};
+    bool found[CHANNELS_MAX] = {false};
     for (int i = 0; i < channels->num_channels; i++) {
         const exr_attr_chlist_entry_t *entry = &channels->entries[i];
-        int channel = channel_of(entry->name.str);
+        int channel = channel_of(entry->name.str, reader->channels);
         if (channel < 0) continue;
         if (entry->pixel_type != EXR_PIXEL_FLOAT && entry->pixel_type != EXR_PIXEL_HALF)
-            return refuse(reader, "channels R, G, B must be half or float");
+            return refuse(reader, "channels R, G, B and A must be half or float");
         if (entry->x_sampling != 1 || entry->y_sampling != 1)
             return refuse(reader, "subsampled channels are not supported");
         found[channel] = true;
     }
-    for (int i = 0; i < CHANNEL_COUNT; i++)
+    for (int i = 0; i < 3; i++)
         if (!found[i]) return refuse(reader, "the EXR has no channels R, G and B");
     return LW_OK;
 }
@@ -202,14 +223,18 @@ static exr_result_t read_chunk(struct reader *reader, const exr_chunk_info_t *ch
         return EXR_ERR_BAD_CHUNK_LEADER;
     for (int i = 0; i < pipeline->channel_count; i++) {
         exr_coding_channel_info_t *channel = &pipeline->channels[i];
-        int target = channel_of(channel->channel_name);
-        channel->decode_to_ptr =
-            target < 0 ? NULL
-                       : (uint8_t *)(reader->rgb + ((size_t)y * reader->width + x) * 3 + (size_t)target);
+        const int target = channel_of(channel->channel_name, reader->channels);
+        const bool apart = target == ALPHA;
+        const size_t at = (size_t)y * reader->width + x;
+        channel->decode_to_ptr = NULL;
+        if (apart)
+            channel->decode_to_ptr = (uint8_t *)(reader->alpha + at);
+        else if (target >= 0)
+            channel->decode_to_ptr = (uint8_t *)(reader->pixel + at * reader->channels + (size_t)target);
         channel->user_data_type = EXR_PIXEL_FLOAT;
         channel->user_bytes_per_element = sizeof(float);
-        channel->user_pixel_stride = PIXEL_BYTES;
-        channel->user_line_stride = (int32_t)reader->width * PIXEL_BYTES;
+        channel->user_pixel_stride = pixel_bytes(apart ? 1 : reader->channels);
+        channel->user_line_stride = (int32_t)reader->width * pixel_bytes(apart ? 1 : reader->channels);
     }
     if (first) result = exr_decoding_choose_default_routines(reader->context, 0, pipeline);
     return result ? result : exr_decoding_run(reader->context, 0, pipeline);
@@ -248,20 +273,26 @@ static enum lw_status read_pixels(struct reader *reader) {
     enum lw_status status = check_channels(reader);
     if (!status) status = read_size(reader);
     if (status) return status;
-    reader->rgb = malloc((size_t)reader->width * reader->height * (size_t)PIXEL_BYTES);
-    if (!reader->rgb)
+    const size_t pixels = (size_t)reader->width * reader->height;
+    reader->pixel = malloc(pixels * (size_t)pixel_bytes(reader->channels));
+    if (reader->channels > ALPHA) reader->alpha = malloc(pixels * sizeof *reader->alpha);
+    if (!reader->pixel || (reader->channels > ALPHA && !reader->alpha))
         return lw_status_fail(reader->stream->err, LW_NO_MEMORY, "%s: out of memory", reader->stream->path);
+    for (size_t i = 0; reader->alpha && i < pixels; i++) reader->alpha[i] = 1; /* a file without A */
     result = storage == EXR_STORAGE_TILED ? read_tiles(reader) : read_scanlines(reader);
+    for (size_t i = 0; reader->alpha && i < pixels; i++)
+        reader->pixel[i * CHANNELS_MAX + ALPHA] = reader->alpha[i];
     return check(reader->stream, result, LW_BAD_DATA, "read");
 }
 
-enum lw_status lw_image_read_exr(const char *path, float **out_rgb, uint32_t *out_width, uint32_t *out_height,
-                                 struct lw_error *err) {
+static enum lw_status read_exr(const char *path, unsigned channels, float **out_pixel, uint32_t *out_width,
+                               uint32_t *out_height, struct lw_error *err) {
     struct stat st;
     if (stat(path, &st) || !S_ISREG(st.st_mode)) /* a pipe would block, a folder confuse */
         return lw_status_fail(err, LW_NO_INPUT, "%s: no such file", path);
     struct stream stream = {.path = path, .err = err};
-    struct reader reader = {.stream = &stream, .pipeline = EXR_DECODE_PIPELINE_INITIALIZER};
+    struct reader reader = {
+        .stream = &stream, .channels = channels, .pipeline = EXR_DECODE_PIPELINE_INITIALIZER};
     exr_context_initializer_t initializer = EXR_DEFAULT_CONTEXT_INITIALIZER;
     initializer.error_handler_fn = on_error;
     initializer.user_data = &stream;
@@ -275,12 +306,23 @@ enum lw_status lw_image_read_exr(const char *path, float **out_rgb, uint32_t *ou
     if (!status) status = read_pixels(&reader);
     if (reader.started) exr_decoding_destroy(reader.context, &reader.pipeline);
     if (reader.context) exr_finish(&reader.context);
+    free(reader.alpha);
     if (status) {
-        free(reader.rgb);
+        free(reader.pixel);
         return status;
     }
-    *out_rgb = reader.rgb;
+    *out_pixel = reader.pixel;
     *out_width = reader.width;
     *out_height = reader.height;
     return LW_OK;
+}
+
+enum lw_status lw_image_read_exr(const char *path, float **out_rgb, uint32_t *out_width, uint32_t *out_height,
+                                 struct lw_error *err) {
+    return read_exr(path, 3, out_rgb, out_width, out_height, err);
+}
+
+enum lw_status lw_image_read_exr_rgba(const char *path, float **out_rgba, uint32_t *out_width,
+                                      uint32_t *out_height, struct lw_error *err) {
+    return read_exr(path, 4, out_rgba, out_width, out_height, err);
 }

@@ -17,13 +17,41 @@
 LW_MUST_CHECK enum lw_status lw_image_write_exr(const char *path, const float *rgb, uint32_t width,
                                                 uint32_t height, const char *units, struct lw_error *err);
 
+/** A string attribute of an EXR's header. */
+struct lw_image_attribute {
+    const char *name, *text;
+};
+
+/** What an EXR holds. */
+struct lw_image_exr {
+    const float *pixel; /* width * height * channels, a pixel's channels side by side, linear, row 0 on top */
+    uint32_t width, height;
+    unsigned channels; /* 3: R, G, B; 4: and A, as it is (nothing is premultiplied) */
+    bool half;         /* 16-bit floats in the file: up to 65504, 11 bits of precision */
+    const struct lw_image_attribute *attribute;
+    size_t attribute_count;
+};
+
+/** The same with a choice of channels, of their type and of attributes. */
+LW_MUST_CHECK enum lw_status lw_image_write_exr_with(const char *path, const struct lw_image_exr *image,
+                                                     struct lw_error *err);
+
 /** Writes width x height 8-bit sRGB pixels, 3 bytes each. Errors as above. */
 LW_MUST_CHECK enum lw_status lw_image_write_png(const char *path, const uint8_t *srgb, uint32_t width,
                                                 uint32_t height, struct lw_error *err);
+
+/** Encodes 8-bit pixels of 3 (R, G, B) or 4 channels (and A) as a PNG in memory, without a word on colour: what the
+ * numbers mean is said elsewhere, as glTF asks. *out_png is malloc'ed. Errors: LW_NO_MEMORY, LW_USAGE, LW_INTERNAL. */
+LW_MUST_CHECK enum lw_status lw_image_encode_png(const uint8_t *pixel, uint32_t width, uint32_t height,
+                                                 unsigned channels, uint8_t **out_png, size_t *out_size,
+                                                 struct lw_error *err);
 
 /** Reads R, G, B of an EXR as floats (for tests and tools); *out_rgb is malloc'ed.
  * Errors: LW_NO_INPUT, LW_BAD_DATA, LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_image_read_exr(const char *path, float **out_rgb, uint32_t *out_width,
                                                uint32_t *out_height, struct lw_error *err);
+/** R, G, B and A; where the file has no A, it is 1. */
+LW_MUST_CHECK enum lw_status lw_image_read_exr_rgba(const char *path, float **out_rgba, uint32_t *out_width,
+                                                    uint32_t *out_height, struct lw_error *err);
 
 #endif

@@ -108,6 +108,65 @@ static void exr_header_says_what_it_holds(void **state) {
     exr_finish(&context);
 }
 
+static void string_attribute_is(exr_context_t context, const char *name, const char *text) {
+    int32_t length;
+    const char *found;
+    assert_int_equal(exr_attr_get_string(context, 0, name, &length, &found), EXR_ERR_SUCCESS);
+    assert_string_equal(found, text);
+}
+
+static void exr_maps_have_coverage_attributes_and_halves(void **state) {
+    (void)state;
+    enum { WIDTH = 7, HEIGHT = 19 };
+    static float rgba[WIDTH * HEIGHT * 4];
+    for (size_t i = 0; i < WIDTH * HEIGHT * 4; i++)
+        rgba[i] = i % 4 == 3 ? (float)(i / 4 % 2) : (float)(i % 1000); /* exact in a half */
+    rgba[0] = 65504;                                                   /* the largest */
+    const struct lw_image_attribute attribute[] = {{"units", "W/m^2"}, {"object", "\xe5\xba\x8a/\xc3\xa9"}};
+    struct lw_image_exr image = {.pixel = rgba,
+                                 .width = WIDTH,
+                                 .height = HEIGHT,
+                                 .channels = 4,
+                                 .attribute = attribute,
+                                 .attribute_count = 2};
+    for (int half = 0; half < 2; half++) {
+        struct lw_error err = {0};
+        image.half = half;
+        lw_support_ok(lw_image_write_exr_with(path, &image, &err), &err);
+        float *read;
+        uint32_t width, height;
+        lw_support_ok(lw_image_read_exr_rgba(path, &read, &width, &height, &err), &err);
+        assert_int_equal(width, WIDTH);
+        assert_int_equal(height, HEIGHT);
+        assert_memory_equal(read, rgba, sizeof rgba);
+        free(read);
+        exr_context_t context;
+        exr_context_initializer_t initializer = EXR_DEFAULT_CONTEXT_INITIALIZER;
+        initializer.flags = EXR_CONTEXT_FLAG_STRICT_HEADER;
+        assert_int_equal(exr_start_read(&context, path, &initializer), EXR_ERR_SUCCESS);
+        const exr_attr_chlist_t *channels;
+        assert_int_equal(exr_get_channels(context, 0, &channels), EXR_ERR_SUCCESS);
+        assert_int_equal(channels->num_channels, 4);
+        for (int i = 0; i < 4; i++) {
+            assert_int_equal(channels->entries[i].name.str[0], "ABGR"[i]);
+            assert_int_equal(channels->entries[i].pixel_type, half ? EXR_PIXEL_HALF : EXR_PIXEL_FLOAT);
+        }
+        string_attribute_is(context, "units", "W/m^2");
+        string_attribute_is(context, "object", "\xe5\xba\x8a/\xc3\xa9");
+        exr_finish(&context);
+    }
+    /* half rounds to nearest: 11 bits */
+    struct lw_error err = {0};
+    float *read, third[3] = {1.0f / 3, 1e-3f, 1234.5678f};
+    uint32_t width, height;
+    image = (struct lw_image_exr){.pixel = third, .width = 1, .height = 1, .channels = 3, .half = true};
+    lw_support_ok(lw_image_write_exr_with(path, &image, &err), &err);
+    lw_support_ok(lw_image_read_exr_rgba(path, &read, &width, &height, &err), &err);
+    for (int c = 0; c < 3; c++) assert_true(fabsf(read[c] / third[c] - 1) <= 0x1p-11f);
+    assert_true(read[3] == 1); /* no A in the file */
+    free(read);
+}
+
 /* ---- files of others: half floats, more channels, tiles, an origin elsewhere ---------------------------------- */
 
 struct foreign {
@@ -310,6 +369,29 @@ static void png_keeps_every_byte_and_says_srgb(void **state) {
     free(bytes);
 }
 
+static void png_in_memory_keeps_every_byte(void **state) {
+    (void)state;
+    enum { WIDTH = 301, HEIGHT = 77 };
+    static uint8_t pixels[WIDTH * HEIGHT * 4], read[sizeof pixels];
+    for (size_t i = 0; i < sizeof pixels; i++) pixels[i] = (uint8_t)lw_random_hash((uint32_t)i);
+    for (unsigned channels = 3; channels <= 4; channels++) {
+        struct lw_error err = {0};
+        uint8_t *png;
+        size_t size;
+        lw_support_ok(lw_image_encode_png(pixels, WIDTH, HEIGHT, channels, &png, &size, &err), &err);
+        png_image image = {.version = PNG_IMAGE_VERSION};
+        assert_true(png_image_begin_read_from_memory(&image, png, size));
+        assert_int_equal(image.width, WIDTH);
+        assert_int_equal(image.height, HEIGHT);
+        assert_int_equal(image.format, channels == 4 ? PNG_FORMAT_RGBA : PNG_FORMAT_RGB);
+        assert_true(png_image_finish_read(&image, NULL, read, 0, NULL));
+        assert_memory_equal(read, pixels, (size_t)WIDTH * HEIGHT * channels);
+        assert_null(memmem(png, size, "gAMA", 4));
+        free(png);
+        assert_int_equal(lw_image_encode_png(pixels, 0, HEIGHT, channels, &png, &size, &err), LW_USAGE);
+    }
+}
+
 /* ---- where it cannot be written ------------------------------------------------------------------------------- */
 
 static enum lw_status write_either(bool exr, const char *to, uint32_t width, uint32_t height,
@@ -399,6 +481,8 @@ int main(void) {
 #define T(name) cmocka_unit_test_teardown(name, empty_folder)
         T(exr_keeps_every_float),
         T(exr_header_says_what_it_holds),
+        T(exr_maps_have_coverage_attributes_and_halves),
+        T(png_in_memory_keeps_every_byte),
         T(exr_reads_halves_tiles_and_other_origins),
         T(exr_refuses_what_is_none),
         T(exr_survives_every_truncation_and_many_flips),
