@@ -4,6 +4,7 @@
 #include "common/log.h"
 #include "common/progress.h"
 #include "server/solve/burial.h"
+#include "server/solve/checkpoint.h"
 #include "server/solve/passes.h"
 
 #include <omp.h>
@@ -27,6 +28,11 @@ struct cell_solver {
     struct lw_progress *progress; /* of the first frame, which may be long; else NULL */
     uint32_t frames, frames_since_move;
     bool ever_moved;
+};
+
+/* Of the above, what a checkpoint keeps. */
+struct remembered {
+    uint32_t frames, frames_since_move, ever_moved;
 };
 
 static bool same_pose(const struct lw_scene *scene, const struct lw_pose *a, const struct lw_pose *b) {
@@ -120,6 +126,11 @@ static void run_finish(struct cell_solver *s, const struct lw_passes *passes, ui
     }
 }
 
+static bool settled(const struct cell_solver *s, const struct lw_solve_tile *tile) {
+    return (tile->frames >= LW_CELL_SOLVER_FRAMES_MIN && tile->error <= s->desc.target_error) ||
+           (s->desc.frames_max && tile->frames >= s->desc.frames_max);
+}
+
 /* Tiles whose error is low enough rest until something moves. */
 static void settle(struct cell_solver *s, struct lw_solver_stats *stats) {
     const bool fading = s->ever_moved && s->frames_since_move < LW_CELL_SOLVER_FADE_FRAMES;
@@ -129,8 +140,7 @@ static void settle(struct cell_solver *s, struct lw_solver_stats *stats) {
         if (!tile->resting) {
             stats->tiles_solved++;
             stats->texels_solved += tile->covered_count;
-            tile->resting =
-                !fading && tile->frames >= LW_CELL_SOLVER_FRAMES_MIN && tile->error <= s->desc.target_error;
+            tile->resting = !fading && settled(s, tile);
         }
         stats->tiles_converged += tile->resting;
     }
@@ -235,7 +245,47 @@ static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_s
         out_tile->direct[c] = s->tiles.direct[c] + tile->first;
         out_tile->indirect[c] = s->tiles.indirect[c] + tile->first;
         out_tile->light[c] = s->tiles.light[c] + tile->first;
+        out_tile->albedo[c] = tile->mesh->albedo[c] + tile->local;
     }
+}
+
+/* What a frame reads of those before it, beside the tiles. */
+#define PARTS_MAX 4
+static uint32_t list_parts(const struct cell_solver *s, struct remembered *remembered,
+                           struct lw_checkpoint_part out_part[PARTS_MAX]) {
+    uint32_t n = 0;
+    out_part[n++] = (struct lw_checkpoint_part){remembered, sizeof *remembered};
+    if (s->has_probes)
+        out_part[n++] =
+            (struct lw_checkpoint_part){s->probes.coefficient, (size_t)s->desc.bounces * s->probes.count * 9 *
+                                                                   3 * sizeof *s->probes.coefficient};
+    return n;
+}
+
+static enum lw_status save(const struct lw_solver *solver, const char *path, const uint8_t key[16],
+                           struct lw_error *err) {
+    const struct cell_solver *s = (const struct cell_solver *)solver;
+    struct remembered remembered = {s->frames, s->frames_since_move, s->ever_moved};
+    struct lw_checkpoint_part part[PARTS_MAX];
+    const uint32_t parts = list_parts(s, &remembered, part);
+    return lw_checkpoint_save(path, key, &s->tiles, part, parts, err);
+}
+
+static enum lw_status load(struct lw_solver *solver, const char *path, const uint8_t key[16],
+                           uint64_t *out_frames, struct lw_error *err) {
+    struct cell_solver *s = (struct cell_solver *)solver;
+    struct remembered remembered;
+    struct lw_checkpoint_part part[PARTS_MAX];
+    const uint32_t parts = list_parts(s, &remembered, part);
+    enum lw_status status = lw_checkpoint_load(path, key, &s->tiles, part, parts, err);
+    if (status != LW_OK) return status;
+    s->frames = remembered.frames;
+    s->frames_since_move = remembered.frames_since_move;
+    s->ever_moved = remembered.ever_moved != 0;
+    for (uint32_t i = 0; i < s->tiles.count; i++)
+        s->tiles.tile[i].resting = s->tiles.tile[i].covered_count == 0 || settled(s, &s->tiles.tile[i]);
+    *out_frames = s->frames;
+    return LW_OK;
 }
 
 static size_t memory_bytes(const struct lw_solver *solver) {
@@ -265,6 +315,8 @@ static void destroy(struct lw_solver *solver) {
 static const struct lw_solver_ops ops = {.name = "cells",
                                          .frame = frame,
                                          .read_tile = read_tile,
+                                         .save = save,
+                                         .load = load,
                                          .memory_bytes = memory_bytes,
                                          .destroy = destroy};
 

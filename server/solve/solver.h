@@ -20,7 +20,8 @@ struct lw_solver_desc {
     float cell_size_m;                    /* 0: a quarter of the scene's longest side */
     uint32_t direct_samples;              /* per texel and frame, on area lights and sky */
     uint32_t indirect_samples;            /* per texel, bounce and frame */
-    float target_error;                   /* relative standard error at which a tile rests */
+    float target_error;                   /* relative standard error at which a tile rests; < 0: at none */
+    uint32_t frames_max;                  /* frames after which a tile rests in any case; 0: no limit */
     unsigned threads;                     /* 0: all */
     uint32_t seed;
     const _Atomic bool *cancel; /* may be NULL; once true, a frame under way ends within a tile */
@@ -39,6 +40,7 @@ struct lw_solver_tile {
     const float *direct[3];   /* E of bounce 0, W/m^2 per channel; width*height each */
     const float *indirect[3]; /* sum over bounces 1..N */
     const float *light[3];    /* what is shown: direct + indirect, filtered and welded as the desc says */
+    const float *albedo[3];   /* mean over each texel; 0 where nothing is covered */
     const uint8_t *covered;   /* 1: a texel with surface; others hold 0 */
     uint32_t width, height;
     uint32_t bounces;      /* indirect bounces that it holds */
@@ -58,6 +60,15 @@ struct lw_solver_ops {
                             struct lw_solver_stats *out_stats, struct lw_error *err);
     /** Reads a level-0 tile. */
     void (*read_tile)(const struct lw_solver *solver, lw_tile_id tile, struct lw_solver_tile *out_tile);
+    /** Saves, between two frames, what the next one depends on. key: 16 bytes that name the scene, the pose and what of
+     * the desc decides a sample; target_error, frames_max and threads may be others when it is read.
+     * Errors: as lw_checkpoint_save(). */
+    enum lw_status (*save)(const struct lw_solver *solver, const char *path, const uint8_t key[16],
+                           struct lw_error *err);
+    /** Takes that into a new solver: frames then go on as if it had solved those before, bit for bit.
+     * *out_frames: how many those were. Errors: as lw_checkpoint_load(). */
+    enum lw_status (*load)(struct lw_solver *solver, const char *path, const uint8_t key[16],
+                           uint64_t *out_frames, struct lw_error *err);
     /** Bytes held, rays' structure included. */
     size_t (*memory_bytes)(const struct lw_solver *solver);
     void (*destroy)(struct lw_solver *solver);
