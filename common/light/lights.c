@@ -60,6 +60,7 @@ static void list_emitters(struct lw_lights *lights) {
     uint32_t n = 0;
     for (uint32_t o = 0; o < scene->object_count; o++) {
         const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
+        lights->first_emitter[o] = n;
         for (uint32_t t = 0; t < mesh->triangle_count; t++) {
             const struct lw_material *material = &scene->material[mesh->material[t]];
             if (!is_emissive(material)) continue;
@@ -68,6 +69,16 @@ static void list_emitters(struct lw_lights *lights) {
             lights->emitter[n++] =
                 (struct lw_emitter){.object = o, .triangle = t, .both_sides = material->double_sided};
         }
+    }
+    lights->first_emitter[scene->object_count] = n;
+}
+
+static void list_punctual(struct lw_lights *lights) {
+    for (uint32_t i = 0; i < lights->scene->light_count; i++) {
+        if (lights->scene->light[i].kind == LW_LIGHT_DIRECTIONAL)
+            lights->sun[lights->sun_count++] = i;
+        else
+            lights->near[lights->near_count++] = i;
     }
 }
 
@@ -79,16 +90,26 @@ enum lw_status lw_lights_init(struct lw_lights *lights, const struct lw_scene *s
     lights->power_cdf = calloc(count, sizeof *lights->power_cdf);
     lights->radiance = calloc(count, sizeof *lights->radiance);
     lights->luminance = calloc(count, sizeof *lights->luminance);
-    if (!lights->emitter || !lights->power_cdf || !lights->radiance || !lights->luminance) {
+    lights->first_emitter = calloc(scene->object_count + 1ul, sizeof *lights->first_emitter);
+    lights->near = calloc(scene->light_count + 1ul, sizeof *lights->near);
+    lights->sun = calloc(scene->light_count + 1ul, sizeof *lights->sun);
+    lights->many_cdf = calloc(count + scene->light_count, sizeof *lights->many_cdf);
+    if (!lights->emitter || !lights->power_cdf || !lights->radiance || !lights->luminance ||
+        !lights->first_emitter || !lights->near || !lights->sun || !lights->many_cdf) {
         lw_lights_finish(lights);
         return LW_NO_MEMORY;
     }
     list_emitters(lights);
+    list_punctual(lights);
     lw_lights_set_pose(lights, pose);
     return LW_OK;
 }
 
 void lw_lights_finish(struct lw_lights *lights) {
+    free(lights->many_cdf);
+    free(lights->sun);
+    free(lights->near);
+    free(lights->first_emitter);
     free(lights->luminance);
     free(lights->radiance);
     free(lights->power_cdf);
@@ -134,6 +155,11 @@ void lw_lights_set_pose(struct lw_lights *lights, const struct lw_pose *pose) {
         lights->power_cdf[i] = lights->emitter[i].power;
     }
     lights->emitters_shine = accumulate(lights->power_cdf, lights->emitter_count);
+    for (uint32_t i = 0; i < lights->emitter_count; i++) lights->many_cdf[i] = lights->emitter[i].power;
+    for (uint32_t i = 0; i < lights->near_count; i++)
+        lights->many_cdf[lights->emitter_count + i] =
+            lw_colour_luminance(lights->punctual[lights->near[i]].intensity);
+    lights->many_shine = accumulate(lights->many_cdf, lights->emitter_count + lights->near_count);
 }
 
 /* How much an emitter may give to a sphere: power / distance^2, less where it faces away. The floor of a tenth keeps
@@ -156,6 +182,16 @@ bool lw_lights_local_cdf(const struct lw_lights *lights, struct lw_vec3 centre_w
     return accumulate(out_cdf, lights->emitter_count);
 }
 
+static float probability_of(const float *cdf, uint32_t i) { return cdf[i] - (i ? cdf[i - 1] : 0.0f); }
+
+/* Density per solid angle of a direction towards a point chosen uniformly on an emitter: d^2 / (A cos').
+ * 0 where it shows a side that does not shine. */
+static float emitter_pdf(const struct lw_emitter *e, struct lw_vec3 direction, float distance_m) {
+    float cosine = -lw_vec3_dot(direction, e->normal);
+    if (e->both_sides) cosine = fabsf(cosine);
+    return cosine > 0 && e->area_m2 > 0 ? distance_m * distance_m / (e->area_m2 * cosine) : 0;
+}
+
 static uint32_t choose(const float *cdf, uint32_t count, float pick) {
     uint32_t low = 0, high = count - 1; /* first entry above pick */
     while (low < high) {
@@ -168,12 +204,11 @@ static uint32_t choose(const float *cdf, uint32_t count, float pick) {
     return low;
 }
 
-struct lw_light_sample lw_lights_sample_area(const struct lw_lights *lights, const float *cdf, float pick,
+/* A point on emitter i, chosen with a probability; pdf includes it. */
+static struct lw_light_sample sample_emitter(const struct lw_lights *lights, uint32_t i, float probability,
                                              float u, float v, struct lw_vec3 point_ws) {
     struct lw_light_sample sample = {.direction = {0, 0, 1}};
-    const uint32_t chosen = choose(cdf, lights->emitter_count, pick);
-    const struct lw_emitter *e = &lights->emitter[chosen];
-    const float probability = cdf[chosen] - (chosen ? cdf[chosen - 1] : 0.0f);
+    const struct lw_emitter *e = &lights->emitter[i];
 
     /* Uniform on the triangle. */
     float root = sqrtf(u), b0 = 1.0f - root, b1 = v * root, b_u = b1, b_v = 1.0f - b0 - b1;
@@ -183,17 +218,22 @@ struct lw_light_sample lw_lights_sample_area(const struct lw_lights *lights, con
     if (!(distance2 > 0) || !(probability > 0)) return sample;
     sample.distance_m = sqrtf(distance2);
     sample.direction = lw_vec3_scale(to_light, 1.0f / sample.distance_m);
-    float cosine = -lw_vec3_dot(sample.direction, e->normal);
-    if (e->both_sides) cosine = fabsf(cosine);
-    if (!(cosine > 0)) return sample;
+    float density = probability * emitter_pdf(e, sample.direction, sample.distance_m);
+    if (!(density > 0)) return sample;
 
-    struct lw_vec3 radiance = lights->radiance[chosen];
+    struct lw_vec3 radiance = lights->radiance[i];
     const struct lw_mesh *mesh = &lights->scene->mesh[lights->scene->object[e->object].mesh];
     if (!is_uniform(&lights->scene->material[mesh->material[e->triangle]]))
         radiance = radiance_at(lights->scene, mesh, e->triangle, b_u, b_v);
-    /* E = L cos cos' / (d^2 pdf_area), pdf_area = probability / area */
-    sample.irradiance_normal = lw_vec3_scale(radiance, cosine * e->area_m2 / (distance2 * probability));
+    sample.irradiance_normal = lw_vec3_scale(radiance, 1.0f / density);
+    sample.pdf = density;
     return sample;
+}
+
+struct lw_light_sample lw_lights_sample_area(const struct lw_lights *lights, const float *cdf, float pick,
+                                             float u, float v, struct lw_vec3 point_ws) {
+    const uint32_t chosen = choose(cdf, lights->emitter_count, pick);
+    return sample_emitter(lights, chosen, probability_of(cdf, chosen), u, v, point_ws);
 }
 
 static struct lw_light_sample sample_directional(const struct lw_light *light,
@@ -233,4 +273,175 @@ struct lw_light_sample lw_lights_sample_punctual(const struct lw_lights *lights,
     }
     sample.irradiance_normal = lw_vec3_scale(state->intensity, falloff);
     return sample;
+}
+
+/* ---- one sample of all lights ---- */
+
+/* Near lights (emitters, points, spots), suns and the sky: what each kind may give to a point. Whatever the estimates say,
+ * a kind that can give anything keeps a share, since they know nothing of what is in the way. */
+enum kind { NEAR, SUNS, SKY, KINDS };
+#define KIND_SHARE 0.15f
+
+struct choice {
+    float probability[KINDS];
+    /* cumulative over emitters, then points and spots; in `weight` where each was weighed */
+    const float *cdf;
+    float weight[LW_LIGHTS_EXACT_MAX];
+};
+
+/* What an emitter may give to a point of a surface: as promise(), but exact about who faces whom. */
+static float emitter_weight(const struct lw_emitter *e, struct lw_vec3 point, struct lw_vec3 normal) {
+    struct lw_vec3 a = lw_vec3_sub(e->corner, point);
+    float height = -lw_vec3_dot(a, e->normal), above = lw_vec3_dot(a, normal);
+    above = fmaxf(above, above + fmaxf(lw_vec3_dot(e->edge_u, normal), lw_vec3_dot(e->edge_v, normal)));
+    if (above <= 0 || (!e->both_sides && height <= 0)) return 0;
+    struct lw_vec3 middle = lw_vec3_mad(lw_vec3_mad(a, e->edge_u, 1.0f / 3), e->edge_v, 1.0f / 3);
+    float distance2 = lw_vec3_dot(middle, middle), distance = sqrtf(distance2 + 1e-20f);
+    float cosine = fmaxf(0, lw_vec3_dot(middle, normal) / distance);
+    return e->power * (0.1f + fabsf(height) / distance) * (0.1f + cosine) / (distance2 + e->area_m2);
+}
+
+static float near_weight(const struct lw_lights *lights, uint32_t i, struct lw_vec3 point,
+                         struct lw_vec3 normal) {
+    if (i < lights->emitter_count) return emitter_weight(&lights->emitter[i], point, normal);
+    struct lw_light_sample s =
+        lw_lights_sample_punctual(lights, lights->near[i - lights->emitter_count], 0, 0, point);
+    return lw_colour_luminance(s.irradiance_normal) * fmaxf(0, lw_vec3_dot(s.direction, normal));
+}
+
+static float sun_weight(const struct lw_lights *lights, uint32_t i, struct lw_vec3 normal) {
+    const struct lw_light *light = &lights->scene->light[lights->sun[i]];
+    const struct lw_light_state *state = &lights->punctual[lights->sun[i]];
+    /* its disc may stand above a horizon that its centre is below */
+    float cosine = -lw_vec3_dot(state->direction_ws, normal) + sinf(0.5f * light->angular_diameter);
+    return lw_colour_luminance(state->intensity) * fmaxf(0, cosine);
+}
+
+static struct lw_vec3 sky_radiance(const struct lw_lights *lights) {
+    return lw_vec3(lights->scene->sky[0], lights->scene->sky[1], lights->scene->sky[2]);
+}
+
+static void weigh(const struct lw_lights *lights, struct lw_vec3 point, struct lw_vec3 normal,
+                  struct choice *c) {
+    float e[KINDS] = {0}; /* W/m^2 */
+    const uint32_t count = lights->emitter_count + lights->near_count;
+    for (uint32_t i = 0; i < lights->sun_count; i++) e[SUNS] += sun_weight(lights, i, normal);
+    e[SKY] = LW_PI * lw_colour_luminance(sky_radiance(lights));
+    c->cdf = lights->many_cdf;
+    if (count <= LW_LIGHTS_EXACT_MAX) {
+        for (uint32_t i = 0; i < count; i++) {
+            c->weight[i] = near_weight(lights, i, point, normal);
+            e[NEAR] += c->weight[i];
+        }
+        c->cdf = c->weight;
+        if (!accumulate(c->weight, count)) e[NEAR] = 0;
+    } else if (lights->many_shine) {
+        e[NEAR] = fmaxf(e[SUNS] + e[SKY], 1);
+    }
+    float sum = 0, shares = 0;
+    for (int k = 0; k < KINDS; k++) {
+        if (!isfinite(e[k])) e[k] = 1e30f;
+        sum += e[k];
+        shares += e[k] > 0 ? KIND_SHARE : 0;
+    }
+    for (int k = 0; k < KINDS; k++)
+        c->probability[k] = e[k] > 0 ? KIND_SHARE + (1 - shares) * (e[k] / sum) : 0;
+}
+
+/* What is left of a choice's number: uniform in [0, 1) again. */
+static float rest_of(float pick, float low, float probability) {
+    return fminf((pick - low) / probability, 0x1.fffffep-1f);
+}
+
+static struct lw_light_sample sample_near(const struct lw_lights *lights, const struct choice *c, float pick,
+                                          float u, float v, struct lw_vec3 point) {
+    uint32_t i = choose(c->cdf, lights->emitter_count + lights->near_count, pick);
+    float probability = c->probability[NEAR] * probability_of(c->cdf, i);
+    if (i < lights->emitter_count) return sample_emitter(lights, i, probability, u, v, point);
+    struct lw_light_sample sample =
+        lw_lights_sample_punctual(lights, lights->near[i - lights->emitter_count], u, v, point);
+    sample.irradiance_normal = lw_vec3_scale(sample.irradiance_normal, 1 / probability);
+    return sample;
+}
+
+static struct lw_light_sample sample_sun(const struct lw_lights *lights, float probability, float pick,
+                                         float u, float v, struct lw_vec3 point, struct lw_vec3 normal) {
+    float sum = 0, running = 0, weight = 0;
+    uint32_t chosen = 0;
+    for (uint32_t i = 0; i < lights->sun_count; i++) sum += sun_weight(lights, i, normal);
+    for (uint32_t i = 0; i < lights->sun_count && running <= pick * sum; i++) {
+        float w = sun_weight(lights, i, normal);
+        if (!(w > 0)) continue;
+        running += w;
+        weight = w;
+        chosen = i;
+    }
+    struct lw_light_sample sample = lw_lights_sample_punctual(lights, lights->sun[chosen], u, v, point);
+    sample.irradiance_normal = lw_vec3_scale(sample.irradiance_normal, sum / (probability * weight));
+    return sample;
+}
+
+static struct lw_light_sample sample_sky(const struct lw_lights *lights, float probability, float u, float v,
+                                         struct lw_vec3 normal) {
+    struct lw_light_sample sample = {.distance_m = INFINITY};
+    struct lw_vec3 t, b;
+    float cosine = sqrtf(1 - u), radius = sqrtf(u), angle = 2 * LW_PI * v;
+    lw_vec3_frame(normal, &t, &b);
+    sample.direction = lw_vec3_mad(lw_vec3_mad(lw_vec3_scale(normal, cosine), t, radius * cosf(angle)), b,
+                                   radius * sinf(angle));
+    sample.pdf = probability * cosine / LW_PI;
+    sample.irradiance_normal = lw_vec3_scale(lw_scene_sky(lights->scene, sample.direction), 1 / sample.pdf);
+    return sample;
+}
+
+struct lw_light_sample lw_lights_sample(const struct lw_lights *lights, struct lw_vec3 point_ws,
+                                        struct lw_vec3 normal_ws, float pick, float u, float v) {
+    struct choice c;
+    weigh(lights, point_ws, normal_ws, &c);
+    const float *p = c.probability;
+    struct lw_light_sample sample = {.direction = {0, 0, 1}};
+    if (pick < p[NEAR])
+        sample = sample_near(lights, &c, rest_of(pick, 0, p[NEAR]), u, v, point_ws);
+    else if (pick < p[NEAR] + p[SUNS])
+        sample = sample_sun(lights, p[SUNS], rest_of(pick, p[NEAR], p[SUNS]), u, v, point_ws, normal_ws);
+    else if (p[SKY] > 0)
+        sample = sample_sky(lights, p[SKY], u, v, normal_ws);
+    if (lw_vec3_dot(sample.direction, normal_ws) > 0 && lw_vec3_is_finite(sample.irradiance_normal))
+        return sample;
+    sample.irradiance_normal = lw_vec3(0, 0, 0);
+    sample.pdf = 0;
+    return sample;
+}
+
+/* Index of a triangle among the emitters, or UINT32_MAX. */
+static uint32_t find_emitter(const struct lw_lights *lights, uint32_t object, uint32_t triangle) {
+    uint32_t low = lights->first_emitter[object], end = lights->first_emitter[object + 1], high = end;
+    while (low < high) {
+        uint32_t middle = low + (high - low) / 2;
+        if (lights->emitter[middle].triangle < triangle)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low < end && lights->emitter[low].triangle == triangle ? low : UINT32_MAX;
+}
+
+float lw_lights_pdf_emitter(const struct lw_lights *lights, struct lw_vec3 point_ws, struct lw_vec3 normal_ws,
+                            uint32_t object, uint32_t triangle, float u, float v, struct lw_vec3 direction,
+                            float distance_m) {
+    (void)u, (void)v; /* uniform on the triangle */
+    const uint32_t i = find_emitter(lights, object, triangle);
+    if (i == UINT32_MAX || !(lw_vec3_dot(direction, normal_ws) > 0)) return 0;
+    struct choice c;
+    weigh(lights, point_ws, normal_ws, &c);
+    if (!(c.probability[NEAR] > 0)) return 0;
+    return c.probability[NEAR] * probability_of(c.cdf, i) *
+           emitter_pdf(&lights->emitter[i], direction, distance_m);
+}
+
+float lw_lights_pdf_sky(const struct lw_lights *lights, struct lw_vec3 point_ws, struct lw_vec3 normal_ws,
+                        struct lw_vec3 direction) {
+    struct choice c;
+    weigh(lights, point_ws, normal_ws, &c);
+    return c.probability[SKY] * fmaxf(0, lw_vec3_dot(direction, normal_ws)) / LW_PI;
 }

@@ -1,7 +1,8 @@
 /* lights.h: what shines, as the solve and the path tracer sample it: emissive triangles and punctual lights.
  * Flow:    scene, pose -> [lights] -> samples towards a point
  * Threads: create and set_pose by one thread; sampling [any] in between.
- * After:   area sampling of triangles, p. 815 of Pharr, Jakob and Humphreys 2016; units in docs/architecture.md. */
+ * After:   area sampling of triangles, p. 815 of Pharr, Jakob and Humphreys 2016; multiple importance sampling, Veach and
+ *          Guibas 1995; units in docs/architecture.md. */
 #ifndef LW_COMMON_LIGHTS_H
 #define LW_COMMON_LIGHTS_H
 
@@ -9,6 +10,9 @@
 
 #define LW_LIGHTS_LOCAL_MAX                                                                                  \
     4096u /* emitters up to which a choice is made for each place; above, by power alone */
+
+#define LW_LIGHTS_EXACT_MAX                                                                                  \
+    32u /* emitters, points and spots up to which lw_lights_sample() weighs each of them for every point */
 
 /** One emissive triangle in world space. */
 struct lw_emitter {
@@ -29,6 +33,11 @@ struct lw_lights {
     float *luminance;                      /* of each emitter, for the choice among them */
     bool emitters_shine;                   /* at this pose: some emitter has power, and power_cdf is one */
     const struct lw_light_state *punctual; /* the pose's; scene->light_count */
+    uint32_t *first_emitter; /* per object, and one more: emitters are sorted by object, triangle */
+    uint32_t *near, *sun;    /* indices of points and spots; of directional lights */
+    uint32_t near_count, sun_count;
+    float *many_cdf; /* emitters, then points and spots, by power; only above LW_LIGHTS_EXACT_MAX */
+    bool many_shine; /* at this pose: many_cdf is one */
 };
 
 /** Errors: LW_NO_MEMORY. */
@@ -44,6 +53,9 @@ struct lw_light_sample {
     float distance_m;         /* INFINITY for directional lights */
     struct lw_vec3
         irradiance_normal; /* estimate of E on a surface that faces it: E = irradiance_normal x cos, W/m^2 */
+    /* Density of `direction`, 1/sr, the choice of the light included. 0 for what no ray can meet by chance, that is
+     * points, spots and suns, and where irradiance_normal is 0. */
+    float pdf;
 };
 
 /** Weights of choosing each emitter from within a sphere, as a cumulative distribution: bigger where power, nearness
@@ -57,6 +69,29 @@ bool lw_lights_local_cdf(const struct lw_lights *lights, struct lw_vec3 centre_w
  * irradiance_normal is 0 where the point sees the emitter's back. */
 struct lw_light_sample lw_lights_sample_area(const struct lw_lights *lights, const float *cdf, float pick,
                                              float u, float v, struct lw_vec3 point_ws);
+
+/** ONE sample of all lights together, for a surface at point_ws with unit normal normal_ws: `pick` chooses the light, by
+ * what it may give there, (u, v) the point on it; all in [0, 1). irradiance_normal x cos is an unbiased estimate of the
+ * whole direct E (before visibility), the probability of the choice is in it. Light from behind the normal's plane is left
+ * out. Where nothing can light the point, irradiance_normal is 0. */
+struct lw_light_sample lw_lights_sample(const struct lw_lights *lights, struct lw_vec3 point_ws,
+                                        struct lw_vec3 normal_ws, float pick, float u, float v);
+
+/** The density, 1/sr, with which lw_lights_sample() would have drawn `direction` by choosing the triangle that a ray from
+ * the point met: to weigh such a ray against it. (u, v) are the hit's barycentrics, distance_m that to the hit. 0 where the
+ * triangle does not shine, or not to this side.
+ * What the ray then sees is the surface's emission, not times alpha: it has met a BLEND emitter with probability alpha. */
+float lw_lights_pdf_emitter(const struct lw_lights *lights, struct lw_vec3 point_ws, struct lw_vec3 normal_ws,
+                            uint32_t object, uint32_t triangle, float u, float v, struct lw_vec3 direction,
+                            float distance_m);
+/** The same for a ray that left the scene. What it sees is lw_scene_sky(). */
+float lw_lights_pdf_sky(const struct lw_lights *lights, struct lw_vec3 point_ws, struct lw_vec3 normal_ws,
+                        struct lw_vec3 direction);
+
+/** Whether a hit surface shines to the side it was met on. */
+static inline bool lw_lights_shines(const struct lw_surface *surface, bool back) {
+    return !back || surface->material->double_sided;
+}
 
 /** A sample of one punctual light; (u, v) choose the point on a sun's disc. */
 struct lw_light_sample lw_lights_sample_punctual(const struct lw_lights *lights, uint32_t light, float u,

@@ -175,6 +175,9 @@ bool lw_scene_has_light(const struct lw_scene *scene);
 struct lw_vec4 lw_scene_sample(const struct lw_scene *scene, const struct lw_texture_use *use,
                                struct lw_vec2 uv);
 
+/** Radiance that arrives from outside the scene, W/(m^2 sr). direction: unit, where to; world space. [any] */
+struct lw_vec3 lw_scene_sky(const struct lw_scene *scene, struct lw_vec3 direction_ws);
+
 /** A point on a mesh: barycentrics u, v weigh the triangle's 2nd and 3rd vertex. */
 struct lw_surface {
     struct lw_vec3 position, normal; /* object space, interpolated; the normal is unit */

@@ -1,0 +1,293 @@
+/* One sample over all lights: unbiased, and its density is the one that the other technique is told. */
+#include "common/colour.h"
+#include "common/light/lights.h"
+#include "common/random.h"
+#include "tests/support/support.h"
+
+#include <math.h>
+#include <string.h>
+
+#define QUADS_MAX 64
+
+/* Quads that shine, each an object and a material of its own, facing along edge_u x edge_v. */
+struct stage {
+    struct lw_scene *scene;
+    struct lw_pose pose;
+    struct lw_lights lights;
+};
+
+static void add_quad(struct stage *s, struct lw_vec3 corner, struct lw_vec3 u, struct lw_vec3 v,
+                     float emission, bool double_sided) {
+    struct lw_scene *scene = s->scene;
+    const uint32_t i = scene->object_count;
+    assert_true(i < QUADS_MAX);
+    struct lw_vec3 *position = lw_scene_alloc(scene, 4, sizeof *position),
+                   *normal = lw_scene_alloc(scene, 4, sizeof *normal);
+    uint32_t(*triangle)[3] = lw_scene_alloc(scene, 2, sizeof *triangle);
+    uint32_t *material = lw_scene_alloc(scene, 2, sizeof *material);
+    position[0] = corner;
+    position[1] = lw_vec3_add(corner, u);
+    position[2] = lw_vec3_add(position[1], v);
+    position[3] = lw_vec3_add(corner, v);
+    for (int k = 0; k < 4; k++) normal[k] = lw_vec3_normalize(lw_vec3_cross(u, v));
+    memcpy(triangle, (uint32_t[2][3]){{0, 1, 2}, {0, 2, 3}}, sizeof(uint32_t[2][3]));
+    material[0] = material[1] = i;
+    scene->mesh[i] = (struct lw_mesh){.name = "quad",
+                                      .vertex_count = 4,
+                                      .triangle_count = 2,
+                                      .position = position,
+                                      .normal = normal,
+                                      .triangle = triangle,
+                                      .material = material};
+    scene->material[i] = (struct lw_material){
+        .name = "lamp",
+        .base_colour = {1, 1, 1, 1},
+        .emission = {emission, emission, emission},
+        .double_sided = double_sided,
+        .base_colour_texture = {.texture = LW_SCENE_NONE, .transform = {1, 0, 0, 0, 1, 0}},
+        .emission_texture = {.texture = LW_SCENE_NONE, .transform = {1, 0, 0, 0, 1, 0}}};
+    scene->object[i] = (struct lw_object){.name = "quad", .mesh = i, .node = 0};
+    scene->object_count = scene->mesh_count = scene->material_count = i + 1;
+}
+
+static void add_light(struct stage *s, struct lw_light light, struct lw_vec3 position) {
+    struct lw_scene *scene = s->scene;
+    struct lw_node *node = &scene->node[scene->node_count];
+    *node = (struct lw_node){.name = "",
+                             .parent = LW_SCENE_NONE,
+                             .rotation = {-sqrtf(0.5f), 0, 0, sqrtf(0.5f)}, /* -Z turned to -Y */
+                             .scale = {1, 1, 1},
+                             .translation = {position.x, position.y, position.z}};
+    light.name = "light";
+    light.node = scene->node_count++;
+    scene->light[scene->light_count++] = light;
+}
+
+static void begin(struct stage *s) {
+    *s = (struct stage){0};
+    lw_support_ok(lw_scene_create(&s->scene), NULL);
+    s->scene->name = "stage";
+    s->scene->mesh = lw_scene_alloc(s->scene, QUADS_MAX, sizeof *s->scene->mesh);
+    s->scene->material = lw_scene_alloc(s->scene, QUADS_MAX, sizeof *s->scene->material);
+    s->scene->object = lw_scene_alloc(s->scene, QUADS_MAX, sizeof *s->scene->object);
+    s->scene->node = lw_scene_alloc(s->scene, 2 * QUADS_MAX, sizeof *s->scene->node);
+    s->scene->light = lw_scene_alloc(s->scene, QUADS_MAX, sizeof *s->scene->light);
+    s->scene->node[0] =
+        (struct lw_node){.name = "", .parent = LW_SCENE_NONE, .rotation = {0, 0, 0, 1}, .scale = {1, 1, 1}};
+    s->scene->node_count = 1;
+}
+
+static void ready(struct stage *s) {
+    struct lw_error err = {0};
+    lw_support_ok(lw_scene_validate(s->scene, &err), &err);
+    lw_support_ok(lw_pose_init(&s->pose, s->scene), NULL);
+    lw_support_ok(lw_lights_init(&s->lights, s->scene, &s->pose), NULL);
+}
+
+static void end(struct stage *s) {
+    lw_lights_finish(&s->lights);
+    lw_pose_finish(&s->pose);
+    lw_scene_destroy(s->scene);
+}
+
+static const struct lw_vec3 origin = {0, 0, 0}, up = {0, 1, 0};
+
+/* Two lamps overhead, one of them shining both ways, one that turns its back, a point, a spot, two suns, a sky. */
+static void everything(struct stage *s, unsigned lamps) {
+    begin(s);
+    for (unsigned i = 0; i < lamps; i++) {
+        float x = 0.9f * (float)(i % 6) - 2.5f, z = 0.8f * (float)(i / 6) - 1.5f;
+        add_quad(s, lw_vec3(x, 1 + 0.2f * (float)(i % 3), z), lw_vec3(0.5f, 0, 0), lw_vec3(0, 0, 0.4f),
+                 1 + (float)(i % 4), i % 5 == 1);
+    }
+    add_quad(s, lw_vec3(0.3f, 0.1f, 0.2f), lw_vec3(0, 0, 0.3f), lw_vec3(0.3f, 0, 0), 40, false);
+    add_quad(s, lw_vec3(1, -0.5f, 0.5f), lw_vec3(0, 1, 0), lw_vec3(0, 0, -1), 2,
+             false); /* across the horizon */
+    add_light(s, (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {3, 3, 3}}, lw_vec3(1, 1, 1));
+    add_light(s,
+              (struct lw_light){
+                  .kind = LW_LIGHT_SPOT, .intensity = {5, 5, 5}, .inner_cone = 0.3f, .outer_cone = 0.9f},
+              lw_vec3(-0.3f, 1.2f, 0));
+    add_light(s, (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {9, 9, 9}}, lw_vec3(0, -1, 0));
+    for (int i = 1; i < 3; i++)
+        add_light(s,
+                  (struct lw_light){.kind = LW_LIGHT_DIRECTIONAL,
+                                    .intensity = {(float)i, (float)i, (float)i},
+                                    .angular_diameter = 0.01f},
+                  origin);
+    for (int c = 0; c < 3; c++) s->scene->sky[c] = 0.4f;
+    ready(s);
+}
+
+/* E at the origin, facing up, of a polygon above the horizon: Lambert's formula (L/2) sum of angle x (edge normal . n). */
+static double polygon_irradiance(double radiance, const struct lw_vec3 *p, unsigned count) {
+    double sum = 0;
+    for (unsigned i = 0; i < count; i++) {
+        struct lw_vec3 a = lw_vec3_normalize(p[i]), b = lw_vec3_normalize(p[(i + 1) % count]);
+        struct lw_vec3 axis = lw_vec3_cross(a, b);
+        double sine = (double)lw_vec3_length(axis);
+        if (!(sine > 0)) continue;
+        sum += atan2(sine, (double)lw_vec3_dot(a, b)) * (double)axis.y / sine;
+    }
+    return 0.5 * radiance * fabs(sum);
+}
+
+/* Of a quad: cut off at the horizon, 0 where the origin sees a side that does not shine. */
+static double quad_irradiance(const struct lw_scene *scene, uint32_t object) {
+    const struct lw_mesh *mesh = &scene->mesh[object];
+    const struct lw_material *m = &scene->material[object];
+    if (!m->double_sided && lw_vec3_dot(mesh->position[0], mesh->normal[0]) >= 0) return 0;
+    struct lw_vec3 cut[8];
+    unsigned count = 0;
+    for (unsigned i = 0; i < 4; i++) {
+        struct lw_vec3 a = mesh->position[i], b = mesh->position[(i + 1) % 4];
+        if (a.y >= 0) cut[count++] = a;
+        if ((a.y < 0) != (b.y < 0)) cut[count++] = lw_vec3_mad(a, lw_vec3_sub(b, a), a.y / (a.y - b.y));
+    }
+    return polygon_irradiance((double)m->emission[0], cut, count);
+}
+
+static double irradiance(const struct stage *s) {
+    const double pi = acos(-1.0);
+    double e = pi * (double)s->scene->sky[0];
+    for (uint32_t o = 0; o < s->scene->object_count; o++) e += quad_irradiance(s->scene, o);
+    for (uint32_t i = 0; i < s->scene->light_count; i++) {
+        const struct lw_light *l = &s->scene->light[i];
+        struct lw_vec3 p = s->pose.light[i].position_ws;
+        double d = (double)lw_vec3_length(p), cosine = (double)p.y / d, i0 = (double)l->intensity[0];
+        double f =
+            (cosine - cos((double)l->outer_cone)) /
+            (cos((double)l->inner_cone) - cos((double)l->outer_cone)); /* shines down: cos is the same */
+        f = f < 0 ? 0 : f > 1 ? 1 : f;
+        if (l->kind == LW_LIGHT_DIRECTIONAL) e += i0;
+        if (l->kind == LW_LIGHT_POINT && cosine > 0) e += i0 * cosine / (d * d);
+        if (l->kind == LW_LIGHT_SPOT && cosine > 0) e += i0 * cosine / (d * d) * f * f;
+    }
+    return e;
+}
+
+static struct lw_light_sample draw(const struct stage *s, uint32_t i) {
+    float a[2], b[2];
+    lw_random_sobol2(i, 7, a);
+    lw_random_sobol2(i, 99, b);
+    return lw_lights_sample(&s->lights, origin, up, a[0], b[0], b[1]);
+}
+
+/* Where a ray from the origin meets a triangle; false if it does not. */
+static bool meet(const struct lw_mesh *mesh, uint32_t t, struct lw_vec3 dir, float *out_distance,
+                 float *out_u, float *out_v) {
+    const uint32_t *k = mesh->triangle[t];
+    struct lw_vec3 a = mesh->position[k[0]], e1 = lw_vec3_sub(mesh->position[k[1]], a),
+                   e2 = lw_vec3_sub(mesh->position[k[2]], a), p = lw_vec3_cross(dir, e2);
+    float det = lw_vec3_dot(e1, p);
+    if (fabsf(det) < 1e-12f) return false;
+    struct lw_vec3 from = lw_vec3_scale(a, -1), q = lw_vec3_cross(from, e1);
+    *out_u = lw_vec3_dot(from, p) / det;
+    *out_v = lw_vec3_dot(dir, q) / det;
+    *out_distance = lw_vec3_dot(e2, q) / det;
+    return *out_u >= 0 && *out_v >= 0 && *out_u + *out_v <= 1 && *out_distance > 0;
+}
+
+/* What the other technique is told of a direction: the densities of all that lies along it. */
+static double density(const struct stage *s, struct lw_vec3 dir, float nearest, float farthest) {
+    double pdf = farthest < INFINITY ? 0 : (double)lw_lights_pdf_sky(&s->lights, origin, up, dir);
+    for (uint32_t o = 0; o < s->scene->object_count; o++)
+        for (uint32_t t = 0; t < 2; t++) {
+            float distance, u, v;
+            if (meet(&s->scene->mesh[o], t, dir, &distance, &u, &v) && distance >= nearest &&
+                distance <= farthest)
+                pdf += (double)lw_lights_pdf_emitter(&s->lights, origin, up, o, t, u, v, dir, distance);
+        }
+    return pdf;
+}
+
+static void expect_everything(unsigned lamps, double tolerance) {
+    struct stage s;
+    everything(&s, lamps);
+    enum { N = 1 << 18 };
+    double sum = 0, squares = 0, chance = 0;
+    for (uint32_t i = 0; i < N; i++) {
+        struct lw_light_sample sample = draw(&s, i);
+        double e = (double)(sample.irradiance_normal.x * fmaxf(0, lw_vec3_dot(sample.direction, up)));
+        assert_true(isfinite(e) && e >= 0);
+        sum += e;
+        squares += e * e;
+        /* the density of what was drawn is what the other technique is told of it */
+        if (sample.pdf > 0) {
+            chance += 1;
+            double told =
+                density(&s, sample.direction, 0.999f * sample.distance_m, 1.001f * sample.distance_m);
+            if (i % 64 == 0 && fabs(told / (double)sample.pdf - 1) > 0.01)
+                fail_msg("drawn with density %g, told %g", (double)sample.pdf, told);
+        }
+    }
+    double mean = sum / N, sigma = sqrt((squares / N - mean * mean) / N), want = irradiance(&s);
+    if (fabs(mean - want) > fmax(tolerance * want, 4 * sigma) || 4 * sigma > tolerance * want)
+        fail_msg("E %g, expected %g; sigma %g", mean, want, sigma);
+
+    /* all directions' densities together are the share of the samples that have one */
+    double total = 0, total2 = 0;
+    for (uint32_t i = 0; i < N; i++) {
+        float p[2];
+        lw_random_sobol2(i, 3, p);
+        float z = 1 - 2 * p[0], r = sqrtf(1 - z * z), angle = 2 * LW_PI * p[1];
+        double d = 4 * acos(-1.0) * density(&s, lw_vec3(r * cosf(angle), r * sinf(angle), z), 0, INFINITY);
+        total += d;
+        total2 += d * d;
+    }
+    sigma = sqrt((total2 / N - total / N * (total / N)) / N);
+    if (fabs(total - chance) / N > 4 * sigma || 4 * sigma > 0.03)
+        fail_msg("densities sum up to %g, samples to %g; sigma %g", total / N, chance / N, sigma);
+    end(&s);
+}
+
+static void test_few_lights(void **state) {
+    (void)state;
+    expect_everything(2, 0.02);
+}
+
+static void test_many_lights(void **state) {
+    (void)state;
+    expect_everything(30, 0.02);
+}
+
+/* A point that nothing can light gets samples of nothing, never NaN. */
+static void test_no_light(void **state) {
+    (void)state;
+    struct stage s;
+    begin(&s);
+    add_quad(&s, lw_vec3(-1, 1, -1), lw_vec3(0, 0, 2), lw_vec3(2, 0, 0), 1, false); /* its back */
+    add_light(&s, (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {1, 1, 1}}, lw_vec3(0, -1, 0));
+    add_light(&s, (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {1, 1, 1}}, origin);
+    ready(&s);
+    for (uint32_t i = 0; i < 64; i++) {
+        struct lw_light_sample sample = draw(&s, i);
+        assert_true(sample.irradiance_normal.x == 0 && sample.pdf == 0);
+        assert_true(lw_vec3_is_finite(sample.direction));
+    }
+    assert_true(lw_lights_pdf_emitter(&s.lights, origin, up, 0, 0, 0.2f, 0.2f, up, 1) == 0);
+    assert_true(lw_lights_pdf_sky(&s.lights, origin, up, up) == 0);
+    end(&s);
+}
+
+static void test_what_does_not_shine_has_no_density(void **state) {
+    (void)state;
+    struct stage s;
+    begin(&s);
+    add_quad(&s, lw_vec3(-1, 1, -1), lw_vec3(2, 0, 0), lw_vec3(0, 0, 2), 0, false);
+    add_quad(&s, lw_vec3(-1, 2, -1), lw_vec3(2, 0, 0), lw_vec3(0, 0, 2), 1, false);
+    ready(&s);
+    assert_true(lw_lights_pdf_emitter(&s.lights, origin, up, 0, 0, 0.2f, 0.2f, up, 1) == 0);
+    assert_true(lw_lights_pdf_emitter(&s.lights, origin, up, 1, 0, 0.2f, 0.2f, up, 2) > 0);
+    end(&s);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_few_lights),
+        cmocka_unit_test(test_many_lights),
+        cmocka_unit_test(test_no_light),
+        cmocka_unit_test(test_what_does_not_shine_has_no_density),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
