@@ -56,6 +56,8 @@ static void add_quad(struct lw_scene *scene, uint32_t i, const struct room_quad 
                    *normal = lw_scene_alloc(scene, vertices, sizeof *normal);
     uint32_t(*triangle)[3] = lw_scene_alloc(scene, triangles, sizeof *triangle);
     uint32_t *material = lw_scene_alloc(scene, triangles, sizeof *material);
+    struct lw_vec2 *uv = lw_scene_alloc(scene, vertices, sizeof *uv);
+    assert_non_null(uv);
     assert_non_null(position);
     assert_non_null(normal);
     assert_non_null(triangle);
@@ -63,6 +65,8 @@ static void add_quad(struct lw_scene *scene, uint32_t i, const struct room_quad 
     place_vertices(quad, position);
     for (uint32_t v = 0; v < vertices; v++)
         normal[v] = lw_vec3_normalize(lw_vec3_cross(quad->edge_u, quad->edge_v));
+    for (uint32_t v = 0; v < 4 && !quad->segments; v++)
+        uv[v] = (struct lw_vec2){v == 1 || v == 2 ? 1 : 0, v >= 2 ? 1 : 0};
     for (uint32_t t = 0; t < triangles; t++) {
         const uint32_t k = quad->segments;
         const uint32_t corner[3] = {0, 1 + t, k ? 1 + (t + 1) % k : 2 + t};
@@ -74,6 +78,7 @@ static void add_quad(struct lw_scene *scene, uint32_t i, const struct room_quad 
                                       .triangle_count = triangles,
                                       .position = position,
                                       .normal = normal,
+                                      .uv = {uv},
                                       .triangle = triangle,
                                       .material = material};
     struct lw_material *m = &scene->material[i];
@@ -89,7 +94,7 @@ static void add_quad(struct lw_scene *scene, uint32_t i, const struct room_quad 
     scene->object[i] = (struct lw_object){.name = "quad", .mesh = i, .node = i};
 }
 
-static struct lw_scene *build_scene(const struct room *room) {
+struct lw_scene *room_scene(const struct room *room) {
     struct lw_scene *scene;
     lw_support_ok(lw_scene_create(&scene), NULL);
     scene->name = "room";
@@ -118,15 +123,17 @@ static struct lw_scene *build_scene(const struct room *room) {
     return scene;
 }
 
-void room_solve_scene(struct room_solution *solution, struct lw_scene *scene, float texels_per_metre,
-                      struct lw_solver_desc desc, unsigned frames) {
+void room_solve_at(struct room_solution *solution, struct lw_scene *scene, float texels_per_metre,
+                   struct lw_solver_desc desc, double time_s, unsigned frames) {
     struct lw_error err = {0};
+    lw_support_ok(lw_scene_validate(scene, &err), &err);
     *solution = (struct room_solution){.scene = scene};
     lw_support_ok(lw_lightmap_build(scene, &(struct lw_lightmap_desc){.texels_per_metre = texels_per_metre},
                                     NULL, &err),
                   &err);
     lw_support_ok(lw_atlas_map_init(&solution->map, scene), NULL);
     lw_support_ok(lw_pose_init(&solution->pose, scene), NULL);
+    lw_pose_evaluate(&solution->pose, scene, time_s);
     desc.scene = scene;
     desc.atlas_map = &solution->map;
     if (!desc.direct_samples) desc.direct_samples = 1;
@@ -141,9 +148,14 @@ void room_solve_scene(struct room_solution *solution, struct lw_scene *scene, fl
     }
 }
 
+void room_solve_scene(struct room_solution *solution, struct lw_scene *scene, float texels_per_metre,
+                      struct lw_solver_desc desc, unsigned frames) {
+    room_solve_at(solution, scene, texels_per_metre, desc, 0, frames);
+}
+
 void room_solve(struct room_solution *solution, const struct room *room, struct lw_solver_desc desc,
                 unsigned frames) {
-    room_solve_scene(solution, build_scene(room), room->texels_per_metre, desc, frames);
+    room_solve_scene(solution, room_scene(room), room->texels_per_metre, desc, frames);
 }
 
 void room_finish(struct room_solution *solution) {

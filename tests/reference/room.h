@@ -58,7 +58,13 @@ struct room_solution {
 /** Builds and solves `frames` frames; scene, map and pose of the desc are filled in. */
 void room_solve(struct room_solution *solution, const struct room *room, struct lw_solver_desc desc,
                 unsigned frames);
-/** The same for a ready scene, which it takes. */
+/** The scene alone, for changes that a room cannot say: quad i is mesh, material, object and node i; its UV set 0 runs
+ * from (0, 0) at the corner to (1, 1). Light j hangs on node quad_count + j. */
+struct lw_scene *room_scene(const struct room *room);
+/** Solves a ready scene, which it takes, at a moment of its animation. */
+void room_solve_at(struct room_solution *solution, struct lw_scene *scene, float texels_per_metre,
+                   struct lw_solver_desc desc, double time_s, unsigned frames);
+/** The same at time 0. */
 void room_solve_scene(struct room_solution *solution, struct lw_scene *scene, float texels_per_metre,
                       struct lw_solver_desc desc, unsigned frames);
 void room_finish(struct room_solution *solution);
