@@ -239,6 +239,7 @@ static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_s
                                         .width = tile->width,
                                         .height = tile->height,
                                         .bounces = s->desc.bounces,
+                                        .frames = tile->frames,
                                         .error = tile->covered_count ? tile->error : 0,
                                         .solved_frame = tile->solved_frame};
     for (int c = 0; c < 3; c++) {

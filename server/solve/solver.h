@@ -44,6 +44,7 @@ struct lw_solver_tile {
     const uint8_t *covered;   /* 1: a texel with surface; others hold 0 */
     uint32_t width, height;
     uint32_t bounces;      /* indirect bounces that it holds */
+    uint32_t frames;       /* frames whose samples it has seen */
     float error;           /* relative standard error, estimated */
     uint64_t solved_frame; /* last frame that changed it; 0: never */
 };

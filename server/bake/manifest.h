@@ -1,0 +1,44 @@
+/* manifest.h: DIR/index.json: which map belongs to which object, and what its numbers mean.
+ * Threads: main() only. Format: docs/baking.md. */
+#ifndef LW_BAKE_MANIFEST_H
+#define LW_BAKE_MANIFEST_H
+
+#include "server/bake/bake.h"
+#include "server/bake/map.h"
+
+#include <jansson.h>
+
+#define LW_MANIFEST_FORMAT 1
+
+/** What holds for the whole bake. */
+struct lw_manifest_desc {
+    const struct lw_scene *scene;
+    const char *scene_path; /* as the user gave it */
+    const struct lw_convention *convention;
+    const struct lw_bake_result *result;
+    double time_s, tracing_range_m;
+    uint32_t samples, bounces, seed; /* samples 0: `error` was the aim */
+    float error;
+};
+
+struct lw_manifest {
+    json_t *root, *maps;
+};
+
+/** Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_manifest_init(struct lw_manifest *manifest,
+                                              const struct lw_manifest_desc *desc);
+void lw_manifest_finish(struct lw_manifest *manifest);
+
+/** Adds a map. file: its name in the folder. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_manifest_add(struct lw_manifest *manifest, const struct lw_scene *scene,
+                                             const struct lw_map *map, const char *file, bool half);
+
+/** Errors: LW_CANNOT_CREATE, LW_IO naming the path; LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_manifest_write(const struct lw_manifest *manifest, const char *path,
+                                               struct lw_error *err);
+
+/** A JSON string of text that may not be UTF-8 (paths): then what is not ASCII becomes '?'. NULL when out of memory. */
+json_t *lw_manifest_text(const char *text);
+
+#endif

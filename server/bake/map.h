@@ -1,0 +1,43 @@
+/* map.h: the lightmap of one object, as it goes to disk.
+ * Flow:    solver tiles -> [map: convention, gutters] -> EXR, PNG
+ * Threads: one lw_map belongs to one thread; the solver must not run meanwhile. */
+#ifndef LW_BAKE_MAP_H
+#define LW_BAKE_MAP_H
+
+#include "common/image/image.h"
+#include "server/bake/convention.h"
+#include "server/solve/solver.h"
+
+/* A map whose light 16-bit floats would change by more than this, in the mean, is written with 32 bits. */
+#define LW_MAP_HALF_LOSS_MAX 0.001
+
+struct lw_map {
+    uint32_t object;
+    uint32_t width, height;
+    uint32_t back_offset; /* rows from a texel to the one of its surface's back; 0: no backs */
+    float *rgba;          /* width * height * 4, row 0 on top (v = 0); A: 1 surface, 0 continued beyond it */
+    uint32_t covered;     /* texels with A = 1 */
+    uint32_t samples;     /* of each kind that every covered texel has got at least */
+    float error;          /* relative standard error: root mean square over the tiles, by covered texels */
+    float error_worst;    /* that of the noisiest tile */
+    float largest;        /* of all channels */
+    bool fits_half;       /* see LW_MAP_HALF_LOSS_MAX; also: nothing beyond 65504 */
+};
+
+/** Builds the map of an object from the solver's tiles. Errors: LW_NO_MEMORY; LW_INTERNAL: light that is not finite. */
+LW_MUST_CHECK enum lw_status lw_map_build(struct lw_map *map, const struct lw_scene *scene,
+                                          const struct lw_atlas_map *atlas_map,
+                                          const struct lw_solver *solver, uint32_t object,
+                                          const struct lw_convention *convention, struct lw_error *err);
+void lw_map_finish(struct lw_map *map);
+
+/** A map in 8 bits a channel: texel / 255 * scale is the light, linear. Largest values are cut off: 0.1 % of the surface
+ * at most is brighter than `scale`. Rounding is dithered, so that dark gradients do not turn into steps.
+ * *out_rgb is malloc'ed, width * height * 3. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_map_to_8_bit(const struct lw_map *map, uint8_t **out_rgb, float *out_scale);
+
+/** The largest relative change of the light by rounding to 16-bit floats, in the mean over `count` values; INFINITY where
+ * one does not fit. */
+double lw_map_half_loss(const float *value, size_t count);
+
+#endif

@@ -1,0 +1,485 @@
+/* lightwell-bake.c: the solver used offline: lightmaps as files, for any engine.
+ * Flow:    options -> scene -> solver -> frames until there is enough light -> EXRs, .glb, index.json
+ * Threads: main; the solver's own workers inside a frame. */
+#include "common/log.h"
+#include "common/options.h"
+#include "common/progress.h"
+#include "common/scene/builtin.h"
+#include "common/scene/lightmap.h"
+#include "common/scene/package.h"
+#include "common/scene/scene_open.h"
+#include "server/bake/bake.h"
+#include "server/bake/glb_scene.h"
+#include "server/bake/manifest.h"
+#include "server/bake/map_names.h"
+#include "server/solve/cell_solver.h"
+
+#include <errno.h>
+#include <libgen.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#define PROGRAM          "lightwell-bake"
+#define DEFAULT_ERROR    0.02
+#define DEFAULT_BOUNCES  4
+#define DEFAULT_INTERVAL 180
+#define STATE_NAME       ".lightwell-bake-state"
+#define MANIFEST_NAME    "index.json"
+#define NOISIEST_SHOWN   3
+
+struct settings {
+    struct lw_scene_open scene;
+    const char *output, *gltf_out;
+    int64_t samples, bounces, seed;
+    double error, time_s, limit_s, interval_s, tracing_range, cell_size;
+    bool samples_given, error_given, as_float, gltf_lights, restart;
+    int convention;
+};
+
+struct baker {
+    struct settings settings;
+    const struct lw_convention *convention;
+    struct lw_scene *scene;
+    struct lw_atlas_map atlas_map;
+    struct lw_pose pose;
+    struct lw_solver *solver;
+    struct lw_bake_desc bake;
+    struct lw_bake_result result;
+    struct lw_map_names names;
+    struct lw_manifest manifest;
+    struct lw_glb_scene glb;
+    char *state_path, *map_folder;
+    uint32_t maps_as_float;
+    struct noisy {
+        const char *object;
+        float error;
+    } noisiest[NOISIEST_SHOWN]; /* falling */
+};
+
+/* A handler can reach nothing but globals. */
+static volatile sig_atomic_t signalled;
+
+static void on_signal(int number) { signalled = number; }
+
+/* A second signal has its default effect: whoever is in a hurry gets out at once. */
+static void watch_signals(void) {
+    struct sigaction action = {.sa_handler = on_signal, .sa_flags = (int)SA_RESETHAND};
+    sigemptyset(&action.sa_mask);
+    sigaction(SIGINT, &action, NULL);
+    sigaction(SIGTERM, &action, NULL);
+}
+
+/* ---- options -------------------------------------------------------------------------------------------------- */
+
+static enum lw_status check(const struct settings *s, struct lw_error *err) {
+    if (!s->output) return lw_status_fail(err, LW_USAGE, "-o DIR is missing: say where the maps shall go");
+    if (s->samples_given && s->error_given)
+        return lw_status_fail(err, LW_USAGE, "--samples and --error exclude each other");
+    if (s->gltf_lights && !s->gltf_out)
+        return lw_status_fail(err, LW_USAGE, "--gltf-lights is for --gltf-out FILE.glb");
+    if (s->gltf_out) {
+        const size_t length = strlen(s->gltf_out);
+        if (length < 5 || strcasecmp(s->gltf_out + length - 4, ".glb") != 0)
+            return lw_status_fail(err, LW_USAGE, "--gltf-out %s: the name must end in .glb", s->gltf_out);
+    }
+    return LW_OK;
+}
+
+static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out_done, struct lw_error *err) {
+    const char *scene[1] = {NULL};
+    char about[2048];
+    int length =
+        snprintf(about, sizeof about,
+                 "Lights a scene and writes one OpenEXR lightmap per object, with an index.json that says "
+                 "which is whose.\n"
+                 "It ends when every texel has its samples (--samples) or every tile its error (--error). "
+                 "Ctrl-C ends it\n"
+                 "earlier with the light so far; the same command then goes on where it stopped.\n"
+                 "SCENE is anything that lightwell-import reads, a scene package (.lwscene), or built in:");
+    for (unsigned i = 0; lw_builtin_name(i) && length > 0 && (size_t)length < sizeof about; i++)
+        length += snprintf(about + length, sizeof about - (size_t)length, "\n  %s  %s", lw_builtin_name(i),
+                           lw_builtin_about(i));
+    if (length > 0 && (size_t)length < sizeof about)
+        snprintf(
+            about + length, sizeof about - (size_t)length,
+            "\nExample: lightwell-bake room.glb -o room-maps --convention three --gltf-out room-lit.glb\n"
+            "Exit codes are those of sysexits.h; 75 after Ctrl-C. How to load the maps: docs/baking.md");
+    const struct lw_option table[] = {
+        {"o", "DIR", "where the maps go; made if it is not there. Required", LW_OPTION_STRING, &s->output, 0,
+         0, NULL},
+        {"samples", "N", "rays per texel towards each kind of light, and bounce rays, instead of --error",
+         LW_OPTION_INT, &s->samples, 1, 1e6, &s->samples_given},
+        {"error", "E", "relative standard error that every tile of 64 x 64 texels gets under (default 0.02)",
+         LW_OPTION_REAL, &s->error, 1e-5, 1, &s->error_given},
+        {"bounces", "N", "indirect bounces (default 4)", LW_OPTION_INT, &s->bounces, 0, LW_SOLVER_BOUNCES_MAX,
+         NULL},
+        {"convention", LW_CONVENTION_CHOICES,
+         "what a texel means: irradiance E (default); radiosity: albedo x E; three: E; godot: E/pi; "
+         "babylon: albedo/pi x E",
+         LW_OPTION_CHOICE, &s->convention, 0, 0, NULL},
+        {"float", NULL, "32-bit EXRs (default: 16-bit, but where that would lose light)", LW_OPTION_FLAG,
+         &s->as_float, 0, 0, NULL},
+        {"gltf-out", "FILE.glb", "also write the scene with lightmap coordinates and maps on its materials",
+         LW_OPTION_STRING, &s->gltf_out, 0, 0, NULL},
+        {"gltf-lights", NULL, "keep the lamps in that file (default: left out, their light is in the maps)",
+         LW_OPTION_FLAG, &s->gltf_lights, 0, 0, NULL},
+        {"time", "SECONDS", "moment of the scene's animation (default 0)", LW_OPTION_REAL, &s->time_s, 0, 1e9,
+         NULL},
+        {"time-limit", "SECONDS", "stop lighting after this time, with what is there (default: none)",
+         LW_OPTION_REAL, &s->limit_s, 1e-3, 1e9, NULL},
+        {"checkpoint", "SECONDS", "save the state this often (default 180)", LW_OPTION_REAL, &s->interval_s,
+         0.1, 1e9, NULL},
+        {"restart", NULL, "do not go on with an unfinished bake in DIR; begin anew", LW_OPTION_FLAG,
+         &s->restart, 0, 0, NULL},
+        {"seed", "N", "of all random numbers (default 1)", LW_OPTION_INT, &s->seed, 0, UINT32_MAX, NULL},
+        {"tracing-range", "METRES",
+         "bounce rays longer than this ask the probes; inf asks none (default inf)", LW_OPTION_REAL,
+         &s->tracing_range, 1e-6, (double)INFINITY, NULL},
+        {"cell-size", "METRES", "side of a radiance cell (default: a quarter of the scene's longest side)",
+         LW_OPTION_REAL, &s->cell_size, 1e-6, 1e9, NULL},
+        LW_SCENE_OPEN_OPTIONS(&s->scene),
+    };
+    const struct lw_options options = {.program = PROGRAM,
+                                       .synopsis = "SCENE -o DIR [OPTIONS]",
+                                       .about = about,
+                                       .table = table,
+                                       .count = sizeof table / sizeof table[0],
+                                       .positional = scene,
+                                       .positional_min = 1,
+                                       .positional_max = 1};
+    enum lw_status status = lw_options_parse(&options, argc, argv, NULL, out_done, err);
+    if (status != LW_OK || *out_done) return status;
+    s->scene.path = scene[0];
+    return check(s, err);
+}
+
+/* ---- places --------------------------------------------------------------------------------------------------- */
+
+static char *join(const char *folder, const char *name) {
+    char *path = NULL;
+    return asprintf(&path, "%s/%s", folder, name) < 0 ? NULL : path;
+}
+
+static enum lw_status out_of_memory(struct lw_error *err) {
+    return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+}
+
+/* Before the long work: what cannot be written should be known at once. */
+static enum lw_status prepare_places(struct baker *b, struct lw_error *err) {
+    const struct settings *s = &b->settings;
+    struct stat st;
+    if (mkdir(s->output, 0777) != 0 && errno != EEXIST)
+        return lw_status_fail(err, LW_CANNOT_CREATE, "%s: %s", s->output, strerror(errno));
+    if (stat(s->output, &st) != 0 || !S_ISDIR(st.st_mode))
+        return lw_status_fail(err, LW_CANNOT_CREATE, "%s: is not a folder", s->output);
+    if (access(s->output, W_OK | X_OK) != 0)
+        return lw_status_fail(err, LW_CANNOT_CREATE, "%s: %s", s->output, strerror(errno));
+    if (!(b->state_path = join(s->output, STATE_NAME))) return out_of_memory(err);
+    if (!s->gltf_out) return LW_OK;
+    char *copy = strdup(s->gltf_out);
+    if (!copy) return out_of_memory(err);
+    enum lw_status status = LW_OK;
+    if (access(dirname(copy), W_OK | X_OK) != 0)
+        status = lw_status_fail(err, LW_CANNOT_CREATE, "%s: %s", s->gltf_out, strerror(errno));
+    free(copy);
+    return status;
+}
+
+/* "../maps/" from one existing folder to another; both absolute, links resolved. */
+static char *relative_folder(const char *from, const char *to) {
+    size_t i = 0, same = 0; /* bytes of whole components that both begin with */
+    for (; from[i] && from[i] == to[i]; i++)
+        if (from[i] == '/') same = i + 1;
+    if ((!from[i] || from[i] == '/') && (!to[i] || to[i] == '/')) same = i;
+    from += same;
+    to += same;
+    while (*from == '/') from++;
+    while (*to == '/') to++;
+    size_t ups = *from != 0;
+    for (const char *c = from; *c; c++) ups += *c == '/';
+    char *path = malloc(3 * ups + strlen(to) + 2), *end = path;
+    if (!path) return NULL;
+    while (ups--) end = stpcpy(end, "../");
+    end = stpcpy(end, to);
+    if (*to) strcpy(end, "/");
+    return path;
+}
+
+static char *maps_from_glb(const struct settings *s) {
+    char *copy = strdup(s->gltf_out);
+    char *from = copy ? realpath(dirname(copy), NULL) : NULL, *to = realpath(s->output, NULL);
+    char *path = from && to ? relative_folder(from, to) : NULL;
+    free(copy);
+    free(from);
+    free(to);
+    return path;
+}
+
+/* ---- scene and solver ----------------------------------------------------------------------------------------- */
+
+/* What decides a sample's value. What only says when to stop is left out: a bake that was stopped may aim higher. */
+static enum lw_status make_key(struct baker *b, struct lw_error *err) {
+    const struct settings *s = &b->settings;
+    uint8_t *package;
+    size_t size;
+    struct lw_package_hash hash;
+    enum lw_status status = lw_package_write(b->scene, &package, &size, err);
+    if (status != LW_OK) return status;
+    lw_package_hash(package, size, &hash);
+    free(package);
+    char text[512];
+    int length = 0;
+    for (size_t i = 0; i < sizeof hash.bytes; i++)
+        length += snprintf(text + length, sizeof text - (size_t)length, "%02x", hash.bytes[i]);
+    length += snprintf(text + length, sizeof text - (size_t)length,
+                       " " LW_VERSION " bounces %lld seed %lld range %a cell %a time %a",
+                       (long long)s->bounces, (long long)s->seed, s->tracing_range, s->cell_size, s->time_s);
+    lw_package_hash((const uint8_t *)text, (size_t)length, &hash);
+    memcpy(b->bake.key, hash.bytes, sizeof b->bake.key);
+    return LW_OK;
+}
+
+static enum lw_status read_scene(struct baker *b, struct lw_error *err) {
+    enum lw_status status = lw_scene_open(&b->settings.scene, &b->scene, err);
+    if (status != LW_OK) return status;
+    if ((status = make_key(b, err)) != LW_OK) return status;
+    if ((status = lw_atlas_map_init(&b->atlas_map, b->scene)) != LW_OK)
+        return lw_status_fail(err, status, "tiles");
+    if ((status = lw_pose_init(&b->pose, b->scene)) != LW_OK) return lw_status_fail(err, status, "poses");
+    lw_pose_evaluate(&b->pose, b->scene, b->settings.time_s);
+    if ((status = lw_map_names_init(&b->names, b->scene)) != LW_OK) return out_of_memory(err);
+    return LW_OK;
+}
+
+static enum lw_status set_up_solver(struct baker *b, struct lw_error *err) {
+    const struct settings *s = &b->settings;
+    enum lw_status status =
+        lw_cell_solver_create(&(struct lw_solver_desc){.scene = b->scene,
+                                                       .atlas_map = &b->atlas_map,
+                                                       .bounces = (uint32_t)s->bounces,
+                                                       .tracing_range_m = (float)s->tracing_range,
+                                                       .cell_size_m = (float)s->cell_size,
+                                                       .direct_samples = 1,
+                                                       .indirect_samples = 1,
+                                                       .target_error = s->samples ? -1 : (float)s->error,
+                                                       .frames_max = (uint32_t)s->samples,
+                                                       .threads = (unsigned)s->scene.threads,
+                                                       .seed = (uint32_t)s->seed},
+                              &b->pose, &b->solver, err);
+    if (status != LW_OK) return status;
+    b->bake.solver = b->solver;
+    b->bake.atlas_map = &b->atlas_map;
+    b->bake.pose = &b->pose;
+    b->bake.samples = (uint32_t)s->samples;
+    b->bake.error = (float)s->error;
+    b->bake.limit_s = s->limit_s;
+    b->bake.state_path = b->state_path;
+    b->bake.state_interval_s = s->interval_s;
+    b->bake.stop = &signalled;
+    return LW_OK;
+}
+
+static enum lw_status solve(struct baker *b, struct lw_error *err) {
+    uint64_t frames;
+    if (b->settings.restart) lw_bake_forget(&b->bake);
+    enum lw_status status = lw_bake_resume(&b->bake, &frames, err);
+    if (status != LW_OK) {
+        lw_status_context(err, "cannot go on with an unfinished bake (--restart begins anew)");
+        return status;
+    }
+    if (frames) lw_log(LW_LOG_INFO, "going on after %llu samples", (unsigned long long)frames);
+    return lw_bake_run(&b->bake, frames, &b->result, err);
+}
+
+/* ---- writing -------------------------------------------------------------------------------------------------- */
+
+static void note_noise(struct baker *b, const struct lw_map *map) {
+    struct noisy noisy = {b->scene->object[map->object].name, map->error_worst};
+    for (int i = 0; i < NOISIEST_SHOWN; i++) {
+        if (!(noisy.error > b->noisiest[i].error)) continue;
+        const struct noisy moved = b->noisiest[i];
+        b->noisiest[i] = noisy;
+        noisy = moved;
+    }
+}
+
+static enum lw_status write_exr(struct baker *b, const struct lw_map *map, bool half, struct lw_error *err) {
+    char samples[16], error[24], back[16], time[32];
+    snprintf(samples, sizeof samples, "%u", map->samples);
+    snprintf(error, sizeof error, "%.4g", (double)map->error);
+    snprintf(back, sizeof back, "%u", map->back_offset);
+    snprintf(time, sizeof time, "%.9g", b->settings.time_s);
+    const struct lw_image_attribute attribute[] = {{"units", b->convention->units},
+                                                   {"quantity", b->convention->quantity},
+                                                   {"convention", b->convention->name},
+                                                   {"software", "lightwell " LW_VERSION},
+                                                   {"object", b->scene->object[map->object].name},
+                                                   {"scene", b->settings.scene.path},
+                                                   {"sceneTime", time},
+                                                   {"samples", samples},
+                                                   {"error", error},
+                                                   {"backOffset", back}};
+    char *path = join(b->settings.output, b->names.file[map->object]);
+    if (!path) return out_of_memory(err);
+    enum lw_status status = lw_image_write_exr_with(
+        path,
+        &(struct lw_image_exr){.pixel = map->rgba,
+                               .width = map->width,
+                               .height = map->height,
+                               .channels = 4,
+                               .half = half,
+                               .attribute = attribute,
+                               .attribute_count = sizeof attribute / sizeof *attribute},
+        err);
+    free(path);
+    return status;
+}
+
+/* The map as MOZ_lightmap wants it, irradiance whatever the convention of the EXRs. */
+static enum lw_status add_to_glb(struct baker *b, const struct lw_map *map, struct lw_error *err) {
+    struct lw_map irradiance = {0};
+    uint8_t *rgb;
+    float scale;
+    enum lw_status status = lw_map_build(&irradiance, b->scene, &b->atlas_map, b->solver, map->object,
+                                         lw_convention_get(LW_CONVENTION_IRRADIANCE), err);
+    if (status != LW_OK) return status;
+    status = lw_map_to_8_bit(&irradiance, &rgb, &scale);
+    if (status == LW_OK) {
+        lw_glb_scene_add(&b->glb, map, b->names.file[map->object], rgb, scale);
+        free(rgb);
+    } else
+        lw_status_fail(err, status, "out of memory");
+    lw_map_finish(&irradiance);
+    return status;
+}
+
+static enum lw_status write_map(struct baker *b, uint32_t object, struct lw_error *err) {
+    struct lw_map map;
+    enum lw_status status =
+        lw_map_build(&map, b->scene, &b->atlas_map, b->solver, object, b->convention, err);
+    if (status != LW_OK) return status;
+    const bool half = map.fits_half && !b->settings.as_float;
+    b->maps_as_float += !map.fits_half;
+    note_noise(b, &map);
+    status = write_exr(b, &map, half, err);
+    if (status == LW_OK &&
+        lw_manifest_add(&b->manifest, b->scene, &map, b->names.file[object], half) != LW_OK)
+        status = out_of_memory(err);
+    if (status == LW_OK && b->settings.gltf_out) status = add_to_glb(b, &map, err);
+    lw_map_finish(&map);
+    return status;
+}
+
+static enum lw_status begin_index(struct baker *b, struct lw_error *err) {
+    const struct settings *s = &b->settings;
+    const struct lw_manifest_desc desc = {.scene = b->scene,
+                                          .scene_path = s->scene.path,
+                                          .convention = b->convention,
+                                          .result = &b->result,
+                                          .time_s = s->time_s,
+                                          .tracing_range_m = s->tracing_range,
+                                          .samples = (uint32_t)s->samples,
+                                          .bounces = (uint32_t)s->bounces,
+                                          .seed = (uint32_t)s->seed,
+                                          .error = (float)s->error};
+    if (lw_manifest_init(&b->manifest, &desc) != LW_OK) return out_of_memory(err);
+    if (!s->gltf_out) return LW_OK;
+    b->map_folder = maps_from_glb(s);
+    if (!b->map_folder) return lw_status_fail(err, LW_CANNOT_CREATE, "%s: %s", s->gltf_out, strerror(errno));
+    enum lw_status status =
+        lw_glb_scene_init(&b->glb, &(struct lw_glb_scene_desc){.scene = b->scene,
+                                                               .convention = b->convention,
+                                                               .map_folder = b->map_folder,
+                                                               .with_lights = s->gltf_lights});
+    return status == LW_OK ? LW_OK : out_of_memory(err);
+}
+
+static enum lw_status write_all(struct baker *b, struct lw_error *err) {
+    struct lw_progress progress;
+    enum lw_status status = begin_index(b, err);
+    lw_progress_init(&progress, "writing maps", b->scene->object_count);
+    for (uint32_t o = 0; status == LW_OK && o < b->scene->object_count; o++) {
+        status = write_map(b, o, err);
+        lw_progress_step(&progress, 1);
+    }
+    lw_progress_finish(&progress);
+    if (status == LW_OK && b->settings.gltf_out)
+        status = lw_glb_scene_write(&b->glb, b->settings.gltf_out, err);
+    if (status != LW_OK) return status;
+    char *path = join(b->settings.output, MANIFEST_NAME);
+    if (!path) return out_of_memory(err);
+    status = lw_manifest_write(&b->manifest, path, err);
+    free(path);
+    return status;
+}
+
+static void report(const struct baker *b) {
+    const struct lw_bake_result *r = &b->result;
+    const struct settings *s = &b->settings;
+    lw_log(LW_LOG_INFO, "%u maps in %s (%s, %s)%s%s; %.0f s, %.1f M rays", b->names.count, s->output,
+           b->convention->quantity, b->convention->units, s->gltf_out ? ", scene in " : "",
+           s->gltf_out ? s->gltf_out : "", r->seconds, (double)r->rays * 1e-6);
+    if (b->maps_as_float && !s->as_float)
+        lw_log(LW_LOG_INFO, "%u of them with 32 bits: 16 would lose light", b->maps_as_float);
+    if (!r->tiles_open) return;
+    lw_log(LW_LOG_WARNING, "not finished: %u of %u tiles are short of %s %g; the same command goes on",
+           r->tiles_open, r->tiles, s->samples ? "--samples" : "--error",
+           s->samples ? (double)s->samples : s->error);
+    for (int i = 0; i < NOISIEST_SHOWN && b->noisiest[i].error > 0; i++)
+        lw_log(LW_LOG_INFO, "  noisiest: %.100s, error %.3g", b->noisiest[i].object,
+               (double)b->noisiest[i].error);
+}
+
+/* ---- the program ---------------------------------------------------------------------------------------------- */
+
+static enum lw_status run(struct baker *b, struct lw_error *err) {
+    b->convention = lw_convention_get((enum lw_convention_kind)b->settings.convention);
+    enum lw_status status = prepare_places(b, err);
+    if (status == LW_OK) status = read_scene(b, err);
+    if (status == LW_OK) status = set_up_solver(b, err);
+    if (status == LW_OK && signalled)
+        status = lw_status_fail(err, LW_CLOSED, "%s: stopped before it was lit", b->settings.scene.path);
+    if (status == LW_OK) status = solve(b, err);
+    if (status == LW_OK) status = write_all(b, err);
+    if (status != LW_OK) return status;
+    if (!b->result.tiles_open) lw_bake_forget(&b->bake);
+    report(b);
+    return LW_OK;
+}
+
+static void finish(struct baker *b) {
+    if (b->glb.mesh) lw_glb_scene_finish(&b->glb);
+    lw_manifest_finish(&b->manifest);
+    lw_map_names_finish(&b->names);
+    if (b->solver) b->solver->ops->destroy(b->solver);
+    lw_pose_finish(&b->pose);
+    lw_atlas_map_finish(&b->atlas_map);
+    lw_scene_destroy(b->scene);
+    free(b->map_folder);
+    free(b->state_path);
+}
+
+int main(int argc, char **argv) {
+    struct baker b = {
+        .settings = {.error = DEFAULT_ERROR,
+                     .bounces = DEFAULT_BOUNCES,
+                     .seed = 1,
+                     .interval_s = DEFAULT_INTERVAL,
+                     .tracing_range = (double)INFINITY,
+                     .scene = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG, .cancel = &signalled}}};
+    struct lw_error err = {0};
+    bool done = false;
+    lw_log_init(PROGRAM, LW_LOG_INFO);
+    enum lw_status status = parse(&b.settings, argc, argv, &done, &err);
+    if (status == LW_OK && !done) {
+        watch_signals();
+        status = run(&b, &err);
+        finish(&b);
+    }
+    if (status != LW_OK)
+        return status == LW_CLOSED ? lw_status_exit_code(LW_TIMED_OUT) : lw_log_failure(&err);
+    return b.result.stopped ? lw_status_exit_code(LW_TIMED_OUT) : 0;
+}

@@ -1,0 +1,361 @@
+/* lightwell-bake as users run it: its maps against a closed form, through the coordinates in its .glb; stopping and going
+ * on; what it refuses. */
+#include "tests/support/process.h"
+
+#include "common/image/image.h"
+#include "common/scene/lightmap.h"
+#include "common/scene/package.h"
+#include "common/scene/pose.h"
+#include "server/import/gltf.h"
+
+#include <errno.h>
+#include <jansson.h>
+#include <math.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#define LIMIT_S 120
+
+static int tear_down(void **state) {
+    (void)state;
+    lw_process_kill_all();
+    return 0;
+}
+
+static int bake(const char *format, ...) __attribute__((format(printf, 1, 2)));
+static struct lw_process process;
+
+static int bake(const char *format, ...) {
+    char arguments[1024];
+    va_list list;
+    va_start(list, format);
+    vsnprintf(arguments, sizeof arguments, format, list);
+    va_end(list);
+    lw_process_start(&process, "lightwell-bake", arguments);
+    return lw_process_finish(&process, LIMIT_S);
+}
+
+static void bake_fails(int code, const char *text, const char *arguments) {
+    const int got = bake("%s", arguments);
+    char *said = lw_process_err(&process);
+    if (got != code || !strstr(said, text)) fail_msg("%s: code %d, said: %s", arguments, got, said);
+    const char *error = strstr(said, "error: ");
+    assert_non_null(error);
+    assert_ptr_equal(strchr(error, '\n') + 1, strchr(error, 0)); /* one line, the last */
+    free(said);
+}
+
+static char *in(const char *folder, const char *file) {
+    static char path[8][256];
+    static unsigned next;
+    char *out = path[next++ % 8];
+    snprintf(out, sizeof path[0], "%s/%s", folder, file);
+    return out;
+}
+
+static json_t *read_index(const char *folder) {
+    json_t *index = json_load_file(in(folder, "index.json"), 0, NULL);
+    assert_non_null(index);
+    return index;
+}
+
+/* ---- a closed form, through EXR and .glb ---------------------------------------------------------------------- */
+
+#define LAMP_X -0.4f
+#define LAMP_Y 1.5f
+#define LAMP_Z 0.7f
+
+/* Two squares of albedo 0.5 under a point light of 10 W/sr that stands over neither's middle, so that a map that is
+ * turned or mirrored shows. */
+static const char *save_squares(void) {
+    static char path[256];
+    struct lw_scene *scene = lw_support_squares(2, 1);
+    struct lw_error err = {0};
+    const float lamp[3] = {LAMP_X, LAMP_Y, LAMP_Z};
+    memcpy(scene->node[2].translation, lamp, sizeof lamp);
+    lw_support_ok(lw_lightmap_build(scene, &(struct lw_lightmap_desc){.texels_per_metre = 50}, NULL, &err),
+                  &err);
+    snprintf(path, sizeof path, "%s", lw_support_temporary("squares.lwscene"));
+    lw_support_ok(lw_package_save(scene, path, &err), &err);
+    lw_scene_destroy(scene);
+    return path;
+}
+
+static double irradiance_at(struct lw_vec3 p) {
+    const double x = (double)(LAMP_X - p.x), y = (double)(LAMP_Y - p.y), z = (double)(LAMP_Z - p.z);
+    const double d2 = x * x + y * y + z * z;
+    return 10 * (y / sqrt(d2)) / d2;
+}
+
+struct picture {
+    float *rgba;
+    uint32_t width, height;
+};
+
+/* As an engine's sampler does it: v = 0 is the upper edge of row 0. */
+static double sample(const struct picture *picture, float u, float v) {
+    const float x = u * (float)picture->width - 0.5f, y = v * (float)picture->height - 0.5f;
+    const int x0 = (int)floorf(x), y0 = (int)floorf(y);
+    double sum = 0;
+    for (int j = 0; j < 2; j++)
+        for (int i = 0; i < 2; i++) {
+            const int cx = x0 + i < 0 ? 0 : x0 + i, cy = y0 + j < 0 ? 0 : y0 + j;
+            const float wx = i ? x - (float)x0 : 1 - (x - (float)x0),
+                        wy = j ? y - (float)y0 : 1 - (y - (float)y0);
+            sum += (double)(wx * wy * picture->rgba[((size_t)cy * picture->width + (size_t)cx) * 4]);
+        }
+    return sum;
+}
+
+/* Points all over an object, their lightmap coordinates from the .glb, their light from the EXR. */
+static void check_object(const struct lw_scene *scene, const struct lw_pose *pose, uint32_t o,
+                         const char *exr, double factor) {
+    const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
+    struct picture picture;
+    struct lw_error err = {0};
+    lw_support_ok(lw_image_read_exr_rgba(exr, &picture.rgba, &picture.width, &picture.height, &err), &err);
+    assert_non_null(mesh->uv[1]);
+    for (uint32_t t = 0; t < mesh->triangle_count; t++)
+        for (int i = 1; i < 10; i++)
+            for (int j = 1; i + j < 10; j++) {
+                const float w[3] = {1 - 0.1f * (float)(i + j), 0.1f * (float)i, 0.1f * (float)j};
+                struct lw_vec3 p = {0};
+                float u = 0, v = 0;
+                for (int k = 0; k < 3; k++) {
+                    const uint32_t n = mesh->triangle[t][k];
+                    p = lw_vec3_mad(p, mesh->position[n], w[k]);
+                    u += mesh->uv[1][n].x * w[k];
+                    v += mesh->uv[1][n].y * w[k];
+                }
+                p = lw_affine_point(&pose->object_to_world[o], p);
+                const double want = irradiance_at(p) * factor, got = sample(&picture, u, v);
+                /* half a thousandth by 16 bits, the rest by bilinear interpolation over 2 cm and by texel centres */
+                if (!(fabs(got / want - 1) < 0.003))
+                    fail_msg("%s at (%g, %g): %g instead of %g", exr, (double)p.x, (double)p.z, got, want);
+            }
+    free(picture.rgba);
+}
+
+static void maps_hold_the_light_where_the_glb_says(void **state) {
+    (void)state;
+    static const struct {
+        const char *convention, *units;
+        double factor;
+    } cases[] = {{"irradiance", "W/m^2", 1},
+                 {"radiosity", "W/m^2", 0.5},
+                 {"three", "W/m^2", 1},
+                 {"godot", "W/(m^2 sr)", 1 / M_PI},
+                 {"babylon", "W/(m^2 sr)", 0.5 / M_PI}};
+    const char *squares = save_squares();
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        char out[256], glb[256];
+        snprintf(out, sizeof out, "%s", lw_support_temporary("squares"));
+        snprintf(glb, sizeof glb, "%s", lw_support_temporary("squares.glb"));
+        assert_int_equal(bake("%s -o %s --samples 1 --bounces 0 --threads 2 --convention %s --gltf-out %s %s",
+                              squares, out, cases[i].convention, glb, i % 2 ? "--float" : ""),
+                         0);
+        struct lw_scene *scene;
+        struct lw_pose pose;
+        struct lw_error err = {0};
+        lw_support_ok(lw_gltf_load(glb, &scene, &err), &err);
+        lw_support_ok(lw_pose_init(&pose, scene), NULL);
+        assert_int_equal(scene->object_count, 2);
+        check_object(scene, &pose, 0, in(out, "square_0.exr"), cases[i].factor);
+        check_object(scene, &pose, 1, in(out, "square_1.exr"), cases[i].factor);
+        lw_pose_finish(&pose);
+        lw_scene_destroy(scene);
+        json_t *index = read_index(out), *map = json_array_get(json_object_get(index, "maps"), 1);
+        assert_string_equal(json_string_value(json_object_get(index, "units")), cases[i].units);
+        assert_string_equal(json_string_value(json_object_get(index, "convention")), cases[i].convention);
+        assert_true(json_is_true(json_object_get(index, "complete")));
+        assert_string_equal(json_string_value(json_object_get(map, "name")), "square 1");
+        assert_string_equal(json_string_value(json_object_get(map, "file")), "square_1.exr");
+        assert_string_equal(json_string_value(json_object_get(map, "type")), i % 2 ? "float" : "half");
+        json_decref(index);
+    }
+}
+
+/* ---- stopping and going on ------------------------------------------------------------------------------------ */
+
+#define CORNELL "builtin:cornell --texels-per-metre 30 --threads 2 --bounces 2"
+static const char *const cornell_maps[] = {"floor.exr",      "ceiling.exr",    "back_wall.exr",
+                                           "left_wall.exr",  "right_wall.exr", "short_block.exr",
+                                           "tall_block.exr", "lamp.exr"};
+
+static void expect_same_maps(const char *a, const char *b) {
+    for (size_t i = 0; i < sizeof cornell_maps / sizeof *cornell_maps; i++) {
+        size_t size_a, size_b;
+        uint8_t *bytes_a = lw_support_read_file(in(a, cornell_maps[i]), &size_a),
+                *bytes_b = lw_support_read_file(in(b, cornell_maps[i]), &size_b);
+        assert_int_equal(size_a, size_b);
+        assert_memory_equal(bytes_a, bytes_b, size_a);
+        free(bytes_a);
+        free(bytes_b);
+    }
+}
+
+static void expect_finite(const char *folder) {
+    for (size_t i = 0; i < sizeof cornell_maps / sizeof *cornell_maps; i++) {
+        float *rgba;
+        uint32_t width, height;
+        struct lw_error err = {0};
+        lw_support_ok(lw_image_read_exr_rgba(in(folder, cornell_maps[i]), &rgba, &width, &height, &err),
+                      &err);
+        for (size_t p = 0; p < (size_t)width * height * 4; p++)
+            assert_true(isfinite(rgba[p]) && rgba[p] >= 0);
+        free(rgba);
+    }
+}
+
+/* Starts a bake and sends Ctrl-C once it has saved its state for the first time. */
+static void interrupt(const char *out, const char *more) {
+    char arguments[512];
+    snprintf(arguments, sizeof arguments, CORNELL " -o %s --checkpoint 0.1 %s", out, more);
+    lw_process_start(&process, "lightwell-bake", arguments);
+    for (int i = 0; i < LIMIT_S * 100 && access(in(out, ".lightwell-bake-state"), F_OK) != 0; i++)
+        lw_process_sleep_ms(10);
+    assert_int_equal(lw_process_stop(&process, SIGINT, LIMIT_S), 75);
+}
+
+static void resumed_is_uninterrupted(void **state) {
+    (void)state;
+    char whole[256], parts[256];
+    snprintf(whole, sizeof whole, "%s", lw_support_temporary("whole"));
+    snprintf(parts, sizeof parts, "%s", lw_support_temporary("parts"));
+    assert_int_equal(bake(CORNELL " -o %s --samples 160", whole), 0);
+    assert_int_not_equal(access(in(whole, ".lightwell-bake-state"), F_OK), 0);
+    expect_finite(whole);
+
+    interrupt(parts, "--samples 160");
+    char *said = lw_process_err(&process);
+    assert_non_null(strstr(said, "not finished"));
+    free(said);
+    json_t *index = read_index(parts); /* what is done is kept, and says that it is not all */
+    assert_true(json_is_false(json_object_get(index, "complete")));
+    const json_int_t frames = json_integer_value(json_object_get(index, "frames"));
+    assert_true(frames >= 1 && frames < 160);
+    json_decref(index);
+    expect_finite(parts);
+
+    assert_int_equal(bake(CORNELL " -o %s --samples 160", parts), 0);
+    said = lw_process_err(&process);
+    assert_non_null(strstr(said, "going on after"));
+    free(said);
+    expect_same_maps(whole, parts);
+    assert_int_not_equal(access(in(parts, ".lightwell-bake-state"), F_OK), 0);
+}
+
+static void an_unfinished_bake_is_not_mixed_with_another(void **state) {
+    (void)state;
+    char out[256], arguments[512];
+    snprintf(out, sizeof out, "%s", lw_support_temporary("mixed"));
+    interrupt(out, "--samples 100000");
+    snprintf(arguments, sizeof arguments, CORNELL " -o %s --samples 4 --seed 2", out);
+    bake_fails(65, "of another scene or of other options", arguments);
+    assert_int_equal(bake(CORNELL " -o %s --samples 4 --seed 2 --restart", out), 0);
+
+    interrupt(out, "--samples 100000");
+    char *state_path = in(out, ".lightwell-bake-state");
+    struct stat st;
+    assert_int_equal(stat(state_path, &st), 0);
+    assert_int_equal(truncate(state_path, st.st_size / 2), 0);
+    snprintf(arguments, sizeof arguments, CORNELL " -o %s --samples 4", out);
+    bake_fails(65, "cut short", arguments);
+}
+
+static void limits_end_a_bake_with_what_is_there(void **state) {
+    (void)state;
+    char out[256];
+    snprintf(out, sizeof out, "%s", lw_support_temporary("limited"));
+    assert_int_equal(bake(CORNELL " -o %s --error 0.0005 --time-limit 0.5", out), 0);
+    char *said = lw_process_err(&process);
+    assert_non_null(strstr(said, "short of --error 0.0005"));
+    assert_non_null(strstr(said, "noisiest: "));
+    free(said);
+    expect_finite(out);
+    /* an aim that is easier is reached from there */
+    assert_int_equal(bake(CORNELL " -o %s --error 0.5", out), 0);
+    json_t *index = read_index(out), *map;
+    size_t i;
+    assert_true(json_is_true(json_object_get(index, "complete")));
+    json_array_foreach(json_object_get(index, "maps"), i, map)
+        assert_true(json_number_value(json_object_get(map, "error_worst")) <= 0.5);
+    json_decref(index);
+}
+
+/* ---- refusals ------------------------------------------------------------------------------------------------- */
+
+static void wrong_use_is_refused(void **state) {
+    (void)state;
+    char arguments[512];
+    const char *squares = save_squares();
+    FILE *file = fopen(lw_support_temporary("a-file"), "w");
+    assert_non_null(file);
+    fclose(file);
+    bake_fails(64, "-o DIR", "builtin:cornell");
+    bake_fails(64, "--samples and --error", "builtin:cornell -o x --samples 4 --error 0.1");
+    bake_fails(64, "--convention", "builtin:cornell -o x --convention unity");
+    bake_fails(64, ".glb", "builtin:cornell -o x --gltf-out room.gltf");
+    bake_fails(64, "--gltf-lights", "builtin:cornell -o x --gltf-lights");
+    bake_fails(73, "/nowhere/maps", "builtin:cornell -o /nowhere/maps");
+    snprintf(arguments, sizeof arguments, "%s -o %s", squares, lw_support_temporary("a-file"));
+    bake_fails(73, "not a folder", arguments);
+    snprintf(arguments, sizeof arguments, "%s -o %s --gltf-out /nowhere/room.glb", squares,
+             lw_support_temporary("out"));
+    bake_fails(73, "/nowhere/room.glb", arguments);
+    snprintf(arguments, sizeof arguments, "/nowhere/room.gltf -o %s", lw_support_temporary("out"));
+    bake_fails(66, "/nowhere/room.gltf", arguments);
+}
+
+static void a_scene_without_light_is_refused(void **state) {
+    (void)state;
+    char arguments[512];
+    struct lw_scene *scene = lw_support_squares(1, 1);
+    struct lw_error err = {0};
+    scene->light_count = 0;
+    lw_support_ok(lw_lightmap_build(scene, &(struct lw_lightmap_desc){.texels_per_metre = 20}, NULL, &err),
+                  &err);
+    lw_support_ok(lw_package_save(scene, lw_support_temporary("dark.lwscene"), &err), &err);
+    lw_scene_destroy(scene);
+    snprintf(arguments, sizeof arguments, "%s -o %s", lw_support_temporary("dark.lwscene"),
+             lw_support_temporary("dark"));
+    bake_fails(65, "--sky", arguments);
+    assert_int_equal(bake("%s --samples 1 --sky 1,1,1", arguments), 0);
+}
+
+/* The state that cannot be saved is a warning; a map that cannot be written ends the bake, which keeps its state. */
+static void a_full_disk_is_told(void **state) {
+    (void)state;
+    char out[256], arguments[512];
+    const char *squares = save_squares();
+    snprintf(out, sizeof out, "%s", lw_support_temporary("full"));
+    assert_int_equal(mkdir(out, 0700), 0);
+    snprintf(arguments, sizeof arguments, "%s -o %s --samples 2", squares, out);
+    assert_int_equal(symlink("/dev/full", in(out, "square_1.exr")), 0);
+    bake_fails(74, "/dev/full", arguments);
+    assert_int_equal(access(in(out, ".lightwell-bake-state"), F_OK), 0);
+    assert_int_equal(unlink(in(out, "square_1.exr")), 0);
+    assert_int_equal(bake("%s", arguments), 0);
+    char *said = lw_process_err(&process);
+    assert_non_null(strstr(said, "going on after 2"));
+    free(said);
+}
+
+int main(void) {
+#define T(name) cmocka_unit_test_teardown(name, tear_down)
+    const struct CMUnitTest tests[] = {
+        T(maps_hold_the_light_where_the_glb_says),
+        T(resumed_is_uninterrupted),
+        T(an_unfinished_bake_is_not_mixed_with_another),
+        T(limits_end_a_bake_with_what_is_there),
+        T(wrong_use_is_refused),
+        T(a_scene_without_light_is_refused),
+        T(a_full_disk_is_told),
+    };
+#undef T
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
