@@ -6,9 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define STATIC_INSTANCE                                                                                      \
-    0u /* instance id of the flattened static objects; an object that moves has its index + 1 */
-
 /* What a filter needs to know of the geometry that a ray has met. */
 struct geometry {
     const struct lw_scene *scene;
@@ -21,15 +18,15 @@ struct geometry {
 struct mover {
     uint32_t object;
     RTCScene scene;       /* the object alone, in object space */
-    RTCGeometry instance; /* in the top scene */
+    RTCGeometry instance; /* in the moving scene */
     float facing[3][3];   /* sign(facing * Ng . dir) in world space tells front from back */
 };
 
 struct lw_trace {
     const struct lw_scene *scene;
     RTCDevice device;
-    RTCScene fixed; /* the static objects, in world space */
-    RTCScene top;   /* what rays are traced against; `fixed` itself if nothing moves */
+    RTCScene fixed;  /* the static objects, in world space */
+    RTCScene moving; /* an instance for each object that moves; NULL if none does */
     struct geometry *geometry;
     uint32_t *mover_of_object;
     struct mover *mover;
@@ -111,13 +108,10 @@ static void filter(const struct RTCFilterFunctionNArguments *args) {
     }
 }
 
-static void init_context(struct trace_context *context, const struct lw_trace *trace, unsigned flags) {
+static void init_context(struct trace_context *context, unsigned flags) {
     rtcInitIntersectContext(&context->rtc);
     context->flags = flags;
-    /* Embree 3.13.5: rtcOccluded16 with the coherent flag does not return for some packets in a scene with instances
-     * (seen within the first frame of builtin:atrium; never in a scene without). */
-    if (flags & LW_TRACE_COHERENT && trace->mover_count == 0)
-        context->rtc.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+    if (flags & LW_TRACE_COHERENT) context->rtc.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
     if (flags & LW_TRACE_VIEW) context->rtc.filter = filter;
 }
 
@@ -196,7 +190,7 @@ static enum lw_status attach_mover(struct lw_trace *trace, struct mover *mover, 
     rtcSetGeometryInstancedScene(mover->instance, mover->scene);
     rtcSetGeometryTimeStepCount(mover->instance, 1);
     place_mover(mover, &pose->object_to_world[mover->object]);
-    rtcAttachGeometryByID(trace->top, mover->instance, mover->object + 1);
+    rtcAttachGeometryByID(trace->moving, mover->instance, mover->object);
     return LW_OK;
 }
 
@@ -223,23 +217,14 @@ static enum lw_status build(struct lw_trace *trace, const struct lw_pose *pose) 
         if (status != LW_OK) return status;
     }
     rtcCommitScene(trace->fixed);
-    if (trace->mover_count == 0) {
-        trace->top = trace->fixed;
-        return LW_OK;
-    }
-
-    trace->top = new_scene(trace);
-    RTCGeometry world = rtcNewGeometry(trace->device, RTC_GEOMETRY_TYPE_INSTANCE);
-    if (!trace->top || !world) return LW_NO_MEMORY;
-    rtcSetGeometryInstancedScene(world, trace->fixed);
-    rtcCommitGeometry(world);
-    rtcAttachGeometryByID(trace->top, world, STATIC_INSTANCE);
-    rtcReleaseGeometry(world);
+    if (trace->mover_count == 0) return LW_OK;
+    trace->moving = new_scene(trace);
+    if (!trace->moving) return LW_NO_MEMORY;
     for (uint32_t i = 0; i < trace->mover_count; i++) {
         enum lw_status status = attach_mover(trace, &trace->mover[i], pose);
         if (status != LW_OK) return status;
     }
-    rtcCommitScene(trace->top);
+    rtcCommitScene(trace->moving);
     return LW_OK;
 }
 
@@ -280,7 +265,7 @@ void lw_trace_destroy(struct lw_trace *trace) {
         if (trace->mover[i].instance) rtcReleaseGeometry(trace->mover[i].instance);
         if (trace->mover[i].scene) rtcReleaseScene(trace->mover[i].scene);
     }
-    if (trace->top && trace->top != trace->fixed) rtcReleaseScene(trace->top);
+    if (trace->moving) rtcReleaseScene(trace->moving);
     if (trace->fixed) rtcReleaseScene(trace->fixed);
     if (trace->device) rtcReleaseDevice(trace->device);
     free(trace->mover);
@@ -293,7 +278,7 @@ enum lw_status lw_trace_set_pose(struct lw_trace *trace, const struct lw_pose *p
     if (trace->mover_count == 0) return LW_OK;
     for (uint32_t i = 0; i < trace->mover_count; i++)
         place_mover(&trace->mover[i], &pose->object_to_world[trace->mover[i].object]);
-    rtcCommitScene(trace->top);
+    rtcCommitScene(trace->moving);
     return device_status(trace, err);
 }
 
@@ -337,8 +322,12 @@ void lw_trace_closest16(const struct lw_trace *trace, unsigned flags, uint16_t a
     load_rays(&rh.ray, rays);
     memset(rh.hit.geomID, 0xff, sizeof rh.hit.geomID);
     memset(rh.hit.instID, 0xff, sizeof rh.hit.instID);
-    init_context(&context, trace, flags);
-    rtcIntersect16(valid, trace->top, &context.rtc, &rh);
+    init_context(&context, flags);
+    rtcIntersect16(valid, trace->fixed, &context.rtc, &rh);
+    if (trace->moving) {
+        init_context(&context, flags & ~(unsigned)LW_TRACE_COHERENT);
+        rtcIntersect16(valid, trace->moving, &context.rtc, &rh);
+    }
 
     memcpy(out_hits->t, rh.ray.tfar, sizeof out_hits->t);
     memcpy(out_hits->u, rh.hit.u, sizeof out_hits->u);
@@ -357,8 +346,15 @@ uint16_t lw_trace_occluded16(const struct lw_trace *trace, unsigned flags, uint1
     struct trace_context context;
     load_valid(valid, active);
     load_rays(&ray, rays);
-    init_context(&context, trace, flags);
-    rtcOccluded16(valid, trace->top, &context.rtc, &ray);
+    init_context(&context, flags);
+    rtcOccluded16(valid, trace->fixed, &context.rtc, &ray);
+    if (trace->moving) {
+        /* Without the coherent flag: in a scene with instances Embree 3.13.5's rtcOccluded16 with it does not return for
+         * some packets (its loop over the octants of directions finds no ray in one and stays there). */
+        init_context(&context, flags & ~(unsigned)LW_TRACE_COHERENT);
+        for (int i = 0; i < 16; i++) valid[i] = valid[i] && ray.tfar[i] >= 0 ? -1 : 0;
+        rtcOccluded16(valid, trace->moving, &context.rtc, &ray);
+    }
     uint16_t occluded = 0;
     for (int i = 0; i < 16; i++)
         if (active >> i & 1 && ray.tfar[i] < 0) occluded |= (uint16_t)(1u << i);

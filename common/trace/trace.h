@@ -2,8 +2,9 @@
  * Flow:    scene, pose -> [trace] -> hits for the solve, the view and the path tracer
  * Threads: lw_trace_create/set_pose by one thread while nobody traces; closest and occluded [any] in between.
  *
- * Objects that never move are one flattened geometry set in one instance; each object that moves is an instance of its
- * own, so that a new pose costs a top-level update only. */
+ * Objects that never move are one flattened set of geometry; each object that moves is an instance of its own in a second
+ * scene, so that a new pose costs an update of that alone. Rays go through the first, then the second: the many triangles
+ * that stay cost no change of space. */
 #ifndef LW_COMMON_TRACE_H
 #define LW_COMMON_TRACE_H
 
