@@ -9,7 +9,7 @@ packages=(
     libembree-dev libtbb-dev libuv1-dev
     libprotobuf-c-dev protobuf-c-compiler protobuf-compiler
     libzstd-dev libxxhash-dev libjansson-dev
-    libopenexr-dev libpng-dev libjpeg62-turbo-dev libstb-dev libsdl2-dev
+    libopenexr-dev libpng-dev libjpeg62-turbo-dev libassimp-dev libstb-dev libsdl2-dev
     libcmocka-dev
 )
 long_packages=(clang libomp-14-dev libclang-rt-14-dev clang-format)

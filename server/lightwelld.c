@@ -80,10 +80,11 @@ static bool should_stop(const struct daemon *d) { return d->stopping || signalle
 static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out_done, struct lw_error *err) {
     const char *scene[1] = {NULL};
     char about[1024];
-    int length =
-        snprintf(about, sizeof about,
-                 "Lights a scene once per frame for all who look at it, and streams the light to them.\n"
-                 "SCENE is a glTF 2.0 file (.gltf, .glb), a scene package (.lwscene), or built in:");
+    int length = snprintf(
+        about, sizeof about,
+        "Lights a scene once per frame for all who look at it, and streams the light to them.\n"
+        "SCENE is any file that lightwell-import reads (glTF, OBJ, PLY, FBX, Collada, STL), a scene package "
+        "(.lwscene), or built in:");
     for (unsigned i = 0; lw_builtin_name(i) && length > 0 && (size_t)length < sizeof about; i++)
         length += snprintf(about + length, sizeof about - (size_t)length, "\n  %s  %s", lw_builtin_name(i),
                            lw_builtin_about(i));

@@ -13,7 +13,7 @@
 #define LW_IMPORT_SPAWN_MEMORY_MAX (16ull << 30) /* bytes of address space of the importer */
 
 struct lw_import_spawn_desc {
-    const char *scene;       /* a .lwscene, .gltf or .glb file, or "builtin:NAME" */
+    const char *scene;       /* a .lwscene, any file that lightwell-import reads, or "builtin:NAME" */
     double texels_per_metre; /* 0: the importer's default */
     uint32_t atlas_side_max; /* texels; 0: the importer's default */
     unsigned threads;        /* 0: all */

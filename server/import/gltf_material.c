@@ -44,9 +44,9 @@ static enum lw_status decode_image(struct lw_gltf_materials *materials, struct l
                                    struct lw_gltf_image_slot *slot, struct lw_error *err) {
     if (lw_image_file_size(bytes.data, bytes.size, &slot->width, &slot->height, err)) return err->status;
     uint64_t texel_count = (uint64_t)slot->width * slot->height;
-    if (texel_count > LW_GLTF_TEXELS_MAX - materials->texel_count)
+    if (texel_count > LW_IMAGE_FILE_TEXELS_MAX - materials->texel_count)
         return lw_status_fail(err, LW_BAD_DATA, "the images together have more than %llu texels",
-                              (unsigned long long)LW_GLTF_TEXELS_MAX);
+                              (unsigned long long)LW_IMAGE_FILE_TEXELS_MAX);
     materials->texel_count += texel_count;
     uint8_t *decoded;
     if (lw_image_file_decode(bytes.data, bytes.size, &decoded, err)) return err->status;
@@ -243,7 +243,7 @@ static enum lw_status read_base_colour(struct lw_gltf_materials *materials, cons
         out->base_colour[c] = 1; /* a surface that reflects more than it receives would never settle */
         *out_bright = true;
     }
-    for (int c = 0; unreadable && c < 3; c++) out->base_colour[c] *= LW_GLTF_STAND_IN_ALBEDO;
+    for (int c = 0; unreadable && c < 3; c++) out->base_colour[c] *= LW_IMAGE_FILE_STAND_IN_ALBEDO;
     return LW_OK;
 }
 

@@ -7,12 +7,6 @@
 #include "server/import/gltf_document.h"
 #include "server/import/tally.h"
 
-#define LW_GLTF_TEXELS_MAX (1ull << 30) /* of all images together: 4 GiB decoded */
-
-/* Albedo that stands for a texture that cannot be read, times the material's own colour: textures are mostly near a
- * white factor, and a white room would be far too bright. */
-#define LW_GLTF_STAND_IN_ALBEDO 0.5f
-
 struct lw_gltf_image_slot {
     const uint8_t *rgba; /* in the scene; NULL: not decoded yet */
     uint32_t width, height;

@@ -7,7 +7,12 @@
 
 #include "common/scene/scene.h"
 
-#define LW_IMAGE_FILE_SIZE_MAX (256u << 20) /* bytes of an encoded image */
+#define LW_IMAGE_FILE_SIZE_MAX   (256u << 20) /* bytes of an encoded image */
+#define LW_IMAGE_FILE_TEXELS_MAX (1ull << 30) /* of all images of a scene together: 4 GiB decoded */
+
+/* Albedo that stands for a texture that cannot be read, times the material's own colour: that is mostly near white
+ * beside a texture, and a white room would be far too bright. */
+#define LW_IMAGE_FILE_STAND_IN_ALBEDO 0.5f
 
 /** Size of an image from its header. Errors: LW_BAD_DATA (not PNG or JPEG, larger than LW_SCENE_TEXTURE_SIDE_MAX). */
 LW_MUST_CHECK enum lw_status lw_image_file_size(const uint8_t *bytes, size_t size, uint32_t *out_width,

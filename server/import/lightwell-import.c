@@ -1,5 +1,5 @@
 /* lightwell-import: turns a scene file into a scene package (.lwscene), with lightmap UVs.
- * Flow:    .gltf, .glb or builtin:NAME -> scene -> lightmap UVs -> package */
+ * Flow:    a file in one of LW_SCENE_FORMAT_MAP, or builtin:NAME -> scene -> lightmap UVs -> package */
 #include "common/clock.h"
 #include "common/log.h"
 #include "common/options.h"
@@ -7,7 +7,10 @@
 #include "common/scene/builtin.h"
 #include "common/scene/lightmap.h"
 #include "common/scene/package.h"
+#include "server/import/foreign.h"
 #include "server/import/gltf.h"
+#include "server/import/new_root.h"
+#include "server/import/scene_format.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -25,11 +28,15 @@
 #define TICK_MS      100
 #define THREADS_MAX  1024
 #define NAME_COLUMNS 28
+#define SCALE_MIN    1e-6
+#define SCALE_MAX    1e6
 
 struct arguments {
     const char *scene;
     const char *output;
     double texels_per_metre;
+    double scale, read_seconds;
+    int sides; /* enum lw_foreign_sides */
     int64_t atlas_side_max, threads, failure_fd;
     bool json, report;
 };
@@ -100,6 +107,30 @@ static enum lw_status parse(int argc, char **argv, struct arguments *arguments, 
          .value = &arguments->atlas_side_max,
          .min = LW_LIGHTMAP_SIDE_MIN,
          .max = LW_SCENE_ATLAS_SIDE_MAX},
+        {.name = "scale",
+         .argument = "S",
+         .help = "Make every length S times as long, on top of the file's own unit: 0.01 for an OBJ in "
+                 "centimetres. Default: 1.",
+         .kind = LW_OPTION_REAL,
+         .value = &arguments->scale,
+         .min = SCALE_MIN,
+         .max = SCALE_MAX},
+        {.name = "sides",
+         .argument = "auto|one|two",
+         .help =
+             "Sides of surfaces in OBJ, PLY, FBX, Collada and STL, which mostly do not say. Default: auto, "
+             "one where a surface is closed or emits, else two.",
+         .kind = LW_OPTION_CHOICE,
+         .value = &arguments->sides},
+        {.name = "read-seconds",
+         .argument = "S",
+         .help = "Processor time that the reader of OBJ, PLY, FBX, Collada and STL may take before it is "
+                 "stopped. "
+                 "Default: 20 and 10 per MiB of the file.",
+         .kind = LW_OPTION_REAL,
+         .value = &arguments->read_seconds,
+         .min = 1,
+         .max = 1e6},
         {.name = "threads",
          .argument = "N",
          .help = "Threads to use. Default: 0, all.",
@@ -128,10 +159,11 @@ static enum lw_status parse(int argc, char **argv, struct arguments *arguments, 
     const struct lw_options options = {
         .program = PROGRAM,
         .synopsis = "SCENE -o FILE.lwscene [OPTIONS]",
-        .about = "Turns a scene (glTF 2.0: .gltf or .glb; or builtin:cornell, builtin:atrium) into a "
-                 "self-contained scene "
-                 "package with lightmap coordinates, which lightwelld lights.\n"
-                 "Example: lightwell-import court.glb -o court.lwscene",
+        .about =
+            "Turns a scene into a self-contained scene package with lightmap coordinates, which lightwelld "
+            "lights. SCENE is glTF 2.0, OBJ, PLY, FBX, Collada or STL (" LW_SCENE_FORMAT_ENDINGS
+            "), or builtin:cornell, builtin:atrium. What is kept of each: docs/importing.md.\n"
+            "Example: lightwell-import court.glb -o court.lwscene",
         .table = table,
         .count = sizeof table / sizeof *table,
         .positional = &arguments->scene,
@@ -146,15 +178,37 @@ static enum lw_status parse(int argc, char **argv, struct arguments *arguments, 
 
 /* ---- stages ---- */
 
+static enum lw_status read_file(const struct arguments *arguments, struct lw_scene **out_scene,
+                                struct lw_error *err) {
+    struct lw_foreign_desc foreign = {.path = arguments->scene,
+                                      .sides = (enum lw_foreign_sides)arguments->sides,
+                                      .read_seconds = arguments->read_seconds,
+                                      .failure_fd = (int)arguments->failure_fd};
+    enum lw_status status = lw_scene_format_of(arguments->scene, &foreign.format, err);
+    if (status) return status;
+    return foreign.format == LW_SCENE_FORMAT_GLTF ? lw_gltf_load(arguments->scene, out_scene, err)
+                                                  : lw_foreign_load(&foreign, out_scene, err);
+}
+
 static enum lw_status read_scene(const struct arguments *arguments, struct lw_scene **out_scene,
                                  struct lw_error *err) {
     struct stage stage;
+    struct lw_scene *scene;
     bool builtin = strncmp(arguments->scene, LW_BUILTIN_PREFIX, strlen(LW_BUILTIN_PREFIX)) == 0;
     stage_begin(&stage, builtin ? "building the scene" : "reading the scene");
-    enum lw_status status = builtin ? lw_builtin_build(arguments->scene, out_scene, err)
-                                    : lw_gltf_load(arguments->scene, out_scene, err);
+    enum lw_status status =
+        builtin ? lw_builtin_build(arguments->scene, &scene, err) : read_file(arguments, &scene, err);
     stage_end(&stage);
-    return status;
+    if (status) return status;
+    float s = (float)arguments->scale;
+    const struct lw_affine place = {{{s, 0, 0, 0}, {0, s, 0, 0}, {0, 0, s, 0}}};
+    if (s != 1 && lw_new_root_add(scene, "scale", &place, err)) {
+        lw_status_context(err, "%s", arguments->scene);
+        lw_scene_destroy(scene);
+        return err->status;
+    }
+    *out_scene = scene;
+    return LW_OK;
 }
 
 static enum lw_status build_lightmaps(const struct arguments *arguments, struct lw_scene *scene,
@@ -321,7 +375,7 @@ static int hand_over(const struct lw_error *err, int failure_fd) {
 
 int main(int argc, char **argv) {
     struct lw_error err = {0};
-    struct arguments arguments = {0};
+    struct arguments arguments = {.scale = 1};
     bool done = false;
     lw_log_init(PROGRAM, LW_LOG_INFO);
     enum lw_status status = parse(argc, argv, &arguments, &done, &err);

@@ -1,0 +1,114 @@
+#include "server/import/guard.h"
+
+#include <signal.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define SANITIZED 1
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
+#define SANITIZED 1
+#endif
+#endif
+#ifndef SANITIZED
+#define SANITIZED 0
+#endif
+
+#define STACK_SIZE 65536 /* of the handler: an overflow of the stack is one of the crashes */
+
+enum { CRASHED, ABORTED, OVERDUE, LINE_COUNT };
+static const int watched[] = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGXCPU};
+#define WATCHED_COUNT (sizeof watched / sizeof *watched)
+
+/* A signal handler has no argument of ours: the one place where the program keeps a global. Its lines are ready before
+ * anything can go wrong, because a handler may neither format nor allocate. */
+static struct {
+    char line[LINE_COUNT][LW_ERROR_TEXT_SIZE];
+    size_t length[LINE_COUNT];
+    int fd;
+    struct sigaction before[WATCHED_COUNT];
+    struct rlimit processor_before, memory_before;
+    stack_t stack_before;
+    _Alignas(16) char stack[STACK_SIZE];
+} guard;
+
+static void end(int number) {
+    int which = number == SIGXCPU ? OVERDUE : number == SIGABRT ? ABORTED : CRASHED;
+    ssize_t ignored = write(guard.fd, guard.line[which], guard.length[which]);
+    (void)ignored;
+    _exit(lw_status_exit_code(LW_BAD_DATA));
+}
+
+/* "court.fbx: the FBX reader WHAT", as a program's last line or as the text for the one that started it. */
+static void prepare(const struct lw_guard_desc *desc, int which, const char *what) {
+    bool to_person = desc->failure_fd == 0;
+    const char *clear =
+        to_person && isatty(STDERR_FILENO) ? "\r\033[K" : ""; /* a progress line may stand there */
+    char text[LW_ERROR_TEXT_SIZE - 64];
+    snprintf(text, sizeof text, "%.200s: %s %s", desc->scene, desc->reader, what);
+    lw_status_one_line(text);
+    snprintf(guard.line[which], sizeof guard.line[which], "%s%s%s%s", clear,
+             to_person ? "lightwell-import: error: " : "", text, to_person ? "\n" : "");
+    guard.length[which] = strlen(guard.line[which]);
+}
+
+static double processor_time_s(void) {
+    struct rusage usage;
+    getrusage(RUSAGE_SELF, &usage);
+    return (double)(usage.ru_utime.tv_sec + usage.ru_stime.tv_sec) +
+           1e-6 * (double)(usage.ru_utime.tv_usec + usage.ru_stime.tv_usec);
+}
+
+static uint64_t address_space_bytes(void) {
+    unsigned long long pages = 0;
+    FILE *file = fopen("/proc/self/statm", "r");
+    if (!file) return 0;
+    if (fscanf(file, "%llu", &pages) != 1) pages = 0;
+    fclose(file);
+    return pages * (uint64_t)sysconf(_SC_PAGESIZE);
+}
+
+/* Lowers the soft limit alone, so that leave() may raise it again. */
+static void limit(int resource, struct rlimit *before, rlim_t most) {
+    getrlimit(resource, before);
+    struct rlimit now = *before;
+    if (now.rlim_cur == RLIM_INFINITY || most < now.rlim_cur) now.rlim_cur = most;
+    setrlimit(resource, &now);
+}
+
+void lw_guard_enter(const struct lw_guard_desc *desc) {
+    guard.fd = desc->failure_fd ? desc->failure_fd : STDERR_FILENO;
+    char overdue[128];
+    snprintf(overdue, sizeof overdue,
+             "took more than %.0f s of processor time, so it was stopped; --read-seconds gives it more",
+             desc->processor_s);
+    prepare(desc, CRASHED, "crashed on it: the file is broken, or hits a bug there");
+    prepare(desc, ABORTED, "gave up on it: the file is broken, or needs too much memory");
+    prepare(desc, OVERDUE, overdue);
+    const stack_t stack = {.ss_sp = guard.stack, .ss_size = sizeof guard.stack};
+    sigaltstack(&stack, &guard.stack_before);
+    for (size_t i = 0; i < WATCHED_COUNT; i++) {
+        struct sigaction action = {.sa_handler = end, .sa_flags = SA_ONSTACK};
+        sigfillset(&action.sa_mask);
+        if (SANITIZED && watched[i] != SIGXCPU)
+            sigaction(watched[i], NULL, &guard.before[i]);
+        else
+            sigaction(watched[i], &action, &guard.before[i]);
+    }
+    getrlimit(RLIMIT_CPU, &guard.processor_before);
+    getrlimit(RLIMIT_AS, &guard.memory_before);
+    if (desc->processor_s > 0)
+        limit(RLIMIT_CPU, &guard.processor_before, (rlim_t)(processor_time_s() + desc->processor_s + 1));
+    if (desc->memory_bytes && !SANITIZED)
+        limit(RLIMIT_AS, &guard.memory_before, address_space_bytes() + desc->memory_bytes);
+}
+
+void lw_guard_leave(void) {
+    setrlimit(RLIMIT_AS, &guard.memory_before);
+    setrlimit(RLIMIT_CPU, &guard.processor_before);
+    for (size_t i = 0; i < WATCHED_COUNT; i++) sigaction(watched[i], &guard.before[i], NULL);
+    sigaltstack(&guard.stack_before, NULL);
+}
