@@ -190,6 +190,10 @@ struct lw_surface {
 };
 void lw_scene_surface(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle, float u,
                       float v, struct lw_surface *out);
+/** The two normals alone, as in struct lw_surface: returns the shading normal. */
+struct lw_vec3 lw_scene_normal(const struct lw_mesh *mesh, uint32_t triangle, float u, float v,
+                               struct lw_vec3 *out_geometric);
+
 /** Where light rays start on a smooth-shaded triangle, object space: above its flat face, on what the corners' normals say
  * the surface is, so that a coarse mesh does not shade itself along its edges (Hanika, Hacking the Shadow Terminator, in
  * Ray Tracing Gems II, 2021):

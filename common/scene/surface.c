@@ -126,20 +126,26 @@ static struct lw_vec3 emission(const struct lw_scene *scene, const struct lw_mes
     return lw_vec3(e[0] * t.x, e[1] * t.y, e[2] * t.z);
 }
 
-void lw_scene_surface(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle, float u,
-                      float v, struct lw_surface *out) {
-    const struct lw_material *material = &scene->material[mesh->material[triangle]];
+struct lw_vec3 lw_scene_normal(const struct lw_mesh *mesh, uint32_t triangle, float u, float v,
+                               struct lw_vec3 *out_geometric) {
     struct corners corners = find_corners(mesh, triangle, u, v);
     const uint32_t *vertex = corners.vertex;
     struct lw_vec3 origin = mesh->position[vertex[0]];
     struct lw_vec3 face = lw_vec3_cross(lw_vec3_sub(mesh->position[vertex[1]], origin),
                                         lw_vec3_sub(mesh->position[vertex[2]], origin));
     struct lw_vec3 normal = interpolate3(mesh->normal, &corners);
+    *out_geometric = lw_vec3_normalize(face);
+    /* Opposite corner normals can cancel: then the face knows better than rounding does. */
+    return lw_vec3_length(normal) > 1e-6f ? lw_vec3_normalize(normal) : *out_geometric;
+}
+
+void lw_scene_surface(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle, float u,
+                      float v, struct lw_surface *out) {
+    const struct lw_material *material = &scene->material[mesh->material[triangle]];
+    struct corners corners = find_corners(mesh, triangle, u, v);
     struct lw_vec4 colour = base_colour(scene, mesh, material, &corners);
     out->position = interpolate3(mesh->position, &corners);
-    out->geometric_normal = lw_vec3_normalize(face);
-    /* Opposite corner normals can cancel: then the face knows better than rounding does. */
-    out->normal = lw_vec3_length(normal) > 1e-6f ? lw_vec3_normalize(normal) : out->geometric_normal;
+    out->normal = lw_scene_normal(mesh, triangle, u, v, &out->geometric_normal);
     out->albedo = lw_vec3(clamp01(colour.x), clamp01(colour.y), clamp01(colour.z));
     out->alpha = opacity(material, colour.w);
     out->emission = emission(scene, mesh, material, &corners);

@@ -3,11 +3,17 @@
 #include "common/progress.h"
 #include "server/solve/sampling.h"
 
-/* A texel is buried when what it sees is backs, all but one ray of these, and near ones: a roof that is only modelled
+#include <string.h>
+
+/* A place is buried when what it sees is backs, all but one ray of these, and near ones: a roof that is only modelled
  * from outside shows its back to the floor below, but a lamp may hang in between. */
 #define RAYS        8
 #define BURIED_RAYS 7
 #define NEAR        0.1f /* of the scene's longest side */
+/* Closer to another surface than this many times the lift, a place may find itself on the surface's other side. */
+#define TOUCHING 8
+/* A texel whose surroundings are clear this many texel sizes around it is looked at no further. */
+#define CLEAR 2
 
 struct search {
     struct lw_texels *texels;
@@ -15,6 +21,43 @@ struct search {
     const struct lw_trace *trace;
     float near_m;
 };
+
+/* Sixteen texels in a row of one object. */
+struct row {
+    const struct lw_mesh_texels *mesh;
+    struct lw_footprint_frame frame;
+    uint32_t object, first;
+    uint8_t usable[LW_TRACE_WIDTH];
+    struct lw_footprint_lanes place; /* one place of each, in world space */
+    float lift[LW_TRACE_WIDTH];      /* m */
+};
+
+/* Unpacks place k of every texel that has one; returns their mask. */
+static uint16_t load_places(struct row *row, uint16_t wanted, uint32_t k) {
+    uint16_t active = 0;
+    row->place = (struct lw_footprint_lanes){0};
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+        if (!(wanted >> lane & 1) || !(row->usable[lane] >> k & 1)) continue;
+        const uint32_t texel = row->first + lane;
+        lw_footprint_load(&row->mesh->footprint, texel, k, lw_texels_vector(row->mesh->position, texel),
+                          &row->place, lane);
+        row->lift[lane] =
+            row->place.lift[lane] * row->frame.stretch + LW_TRACE_LIFT * row->frame.offset_m + 1e-30f;
+        active |= (uint16_t)(1u << lane);
+    }
+    lw_footprint_to_world(&row->frame, &row->place);
+    return active;
+}
+
+static struct lw_vec3 origin_of(const struct row *row, uint32_t lane) {
+    return lw_vec3(row->place.x[lane], row->place.y[lane], row->place.z[lane]);
+}
+static struct lw_vec3 face_of(const struct row *row, uint32_t lane) {
+    return lw_vec3(row->place.gx[lane], row->place.gy[lane], row->place.gz[lane]);
+}
+static float texel_size(const struct row *row, uint32_t lane) {
+    return 2 * row->mesh->footprint.reach[row->first + lane] * row->frame.stretch;
+}
 
 static bool buries(const struct search *s, const struct lw_hit16 *hits, uint32_t lane) {
     const uint32_t object = hits->object[lane];
@@ -25,47 +68,132 @@ static bool buries(const struct search *s, const struct lw_hit16 *hits, uint32_t
            !scene->material[mesh->material[hits->triangle[lane]]].double_sided;
 }
 
-/* Sixteen texels in a row, one direction after the other. Returns the mask of the buried ones. */
-static uint16_t find_in_row(const struct search *s, const struct lw_mesh_texels *mesh,
-                            const struct lw_affine *to_world, uint32_t first, uint16_t active) {
-    int backs[LW_TRACE_WIDTH] = {0};
+/* Shoots direction r of a cosine-weighted set from the loaded places. */
+static void look(const struct search *s, const struct row *row, uint16_t active, uint32_t r,
+                 struct lw_hit16 *out_hits) {
     struct lw_ray16 rays = {.salt = 0};
+    float point[2];
+    lw_random_sobol2(r, 0, point);
+    struct lw_vec3 local = lw_sampling_cosine(point);
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
+        if (active >> lane & 1)
+            lw_trace_set_ray(&rays, lane, origin_of(row, lane),
+                             lw_sampling_to_frame(face_of(row, lane), local), s->near_m);
+    lw_trace_closest16(s->trace, LW_TRACE_COHERENT, active, &rays, out_hits);
+}
+
+/* One ray from each place: enough to see that a texel stands free. Returns the mask of those that may not. */
+static uint16_t find_suspects(const struct search *s, struct row *row, uint16_t active) {
+    uint16_t suspects = 0;
     for (uint32_t r = 0; r < RAYS; r++) {
-        float point[2];
-        lw_random_sobol2(r, 0, point);
-        struct lw_vec3 local = lw_sampling_cosine(point);
-        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
-            if (!(active >> lane & 1)) continue;
-            struct lw_vec3 normal =
-                lw_affine_normal(to_world, lw_texels_vector(mesh->geometric, first + lane));
-            struct lw_vec3 p = lw_affine_point(to_world, lw_texels_vector(mesh->position, first + lane));
-            lw_trace_set_ray(&rays, lane, lw_sampling_lift(p, normal), lw_sampling_to_frame(normal, local),
-                             s->near_m);
-        }
+        const uint16_t loaded = load_places(row, active, r);
         struct lw_hit16 hits;
-        lw_trace_closest16(s->trace, LW_TRACE_COHERENT, active, &rays, &hits);
+        if (!loaded) continue;
+        look(s, row, loaded, r, &hits);
+        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
+            if (loaded >> lane & 1 &&
+                (buries(s, &hits, lane) ||
+                 (hits.object[lane] != LW_TRACE_MISS && hits.t[lane] < CLEAR * texel_size(row, lane))))
+                suspects |= (uint16_t)(1u << lane);
+    }
+    return suspects;
+}
+
+static uint16_t find_buried(const struct search *s, const struct row *row, uint16_t active) {
+    int backs[LW_TRACE_WIDTH] = {0};
+    for (uint32_t r = 0; r < RAYS; r++) {
+        struct lw_hit16 hits;
+        look(s, row, active, r, &hits);
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
             if (active >> lane & 1) backs[lane] += buries(s, &hits, lane);
     }
     uint16_t buried = 0;
     for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
-        if (active >> lane & 1 && backs[lane] >= BURIED_RAYS) buried |= (uint16_t)(1u << lane);
+        if (backs[lane] >= BURIED_RAYS) buried |= (uint16_t)(1u << lane);
     return buried;
 }
 
-static uint64_t find_in_object(const struct search *s, uint32_t object) {
-    const struct lw_mesh_texels *mesh = &s->texels->mesh[s->texels->scene->object[object].mesh];
-    uint8_t *covered = s->texels->covered + s->texels->first[object];
-    uint64_t count = 0;
-    for (uint32_t first = 0; first < mesh->texel_count; first += LW_TRACE_WIDTH) {
-        uint16_t active = 0;
-        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH && first + lane < mesh->texel_count; lane++)
-            if (covered[first + lane]) active |= (uint16_t)(1u << lane);
+/* Places that another surface runs through: short rays across them meet it. */
+static uint16_t find_touching(const struct search *s, const struct row *row, uint16_t active) {
+    uint16_t touching = 0;
+    for (int axis = 0; axis < 2; axis++) {
+        struct lw_ray16 rays = {.salt = 0};
+        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+            if (!(active >> lane & 1)) continue;
+            struct lw_vec3 t, b;
+            lw_vec3_frame(face_of(row, lane), &t, &b);
+            struct lw_vec3 half = lw_vec3_scale(axis ? b : t, TOUCHING * row->lift[lane]);
+            lw_trace_set_ray(&rays, lane, lw_vec3_sub(origin_of(row, lane), half), half, 2);
+        }
+        touching |= lw_trace_occluded16(s->trace, 0, active, &rays);
+    }
+    return touching;
+}
+
+/* Places that were raised off a bulge (lw_scene_shadow_origin) past something else: looking back down they meet it. */
+static uint16_t find_cut_off(const struct search *s, const struct row *row, uint16_t active) {
+    struct lw_ray16 rays = {.salt = 0};
+    struct lw_hit16 hits;
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
+        if (active >> lane & 1)
+            lw_trace_set_ray(&rays, lane, origin_of(row, lane), lw_vec3_scale(face_of(row, lane), -1),
+                             s->near_m);
+    lw_trace_closest16(s->trace, 0, active, &rays, &hits);
+    uint16_t cut_off = 0;
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
+        if (active >> lane & 1 && hits.object[lane] != LW_TRACE_MISS &&
+            hits.t[lane] > TOUCHING * row->lift[lane] &&
+            (hits.object[lane] != row->object || buries(s, &hits, lane)))
+            cut_off |= (uint16_t)(1u << lane);
+    return cut_off;
+}
+
+/* Takes the places that light cannot reach out of the row's masks. */
+static void examine(const struct search *s, struct row *row, uint16_t suspects) {
+    uint8_t out[LW_TRACE_WIDTH] = {0}, doubtful[LW_TRACE_WIDTH] = {0};
+    for (uint32_t k = 0; k < LW_FOOTPRINT_PLACES; k++) {
+        const uint16_t active = load_places(row, suspects, k);
         if (!active) continue;
-        uint16_t buried = find_in_row(s, mesh, &s->pose->object_to_world[object], first, active);
-        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
-            if (buried >> lane & 1) covered[first + lane] = 0;
-        count += (uint64_t)__builtin_popcount(buried);
+        const uint16_t buried = find_buried(s, row, active), open = active & (uint16_t)~buried;
+        uint16_t doubt = 0;
+        if (open) doubt = find_touching(s, row, open) | find_cut_off(s, row, open);
+        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+            out[lane] |= (uint8_t)((buried >> lane & 1u) << k);
+            doubtful[lane] |= (uint8_t)((doubt >> lane & 1u) << k);
+        }
+    }
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+        row->usable[lane] &= (uint8_t)~out[lane];
+        /* A doubtful place is better than none. */
+        if (row->usable[lane] & ~doubtful[lane]) row->usable[lane] &= (uint8_t)~doubtful[lane];
+    }
+}
+
+static uint64_t find_in_object(const struct search *s, uint32_t object) {
+    struct row row = {.mesh = &s->texels->mesh[s->texels->scene->object[object].mesh], .object = object};
+    lw_footprint_frame_init(&row.frame, &s->pose->object_to_world[object]);
+    uint8_t *covered = s->texels->covered + s->texels->first[object],
+            *usable = s->texels->usable + s->texels->first[object];
+    uint64_t count = 0;
+    for (row.first = 0; row.first < row.mesh->texel_count; row.first += LW_TRACE_WIDTH) {
+        uint16_t active = 0;
+        memset(row.usable, 0, sizeof row.usable);
+        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH && row.first + lane < row.mesh->texel_count; lane++) {
+            if (!covered[row.first + lane]) continue;
+            active |= (uint16_t)(1u << lane);
+            row.usable[lane] = usable[row.first + lane];
+        }
+        if (!active) continue;
+        const uint16_t suspects = find_suspects(s, &row, active);
+        if (!suspects) continue;
+        examine(s, &row, suspects);
+        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+            if (!(suspects >> lane & 1)) continue;
+            usable[row.first + lane] = row.usable[lane];
+            if (row.usable[lane]) continue;
+            covered[row.first + lane] = 0;
+            count++;
+        }
     }
     return count;
 }

@@ -1,10 +1,11 @@
-/* burial.h: finds texels that lie inside other objects: under a box that stands on the floor, behind a plinth.
+/* burial.h: finds what light cannot reach: places inside other objects, under a box that stands on the floor, behind a
+ * plinth, or on the very plane of a wall, where rays may start on its other side.
  * Flow:    texels, rays' structure -> [burial] -> texels without them
  * Threads: one call before the first frame; workers inside.
  *
- * Such a texel sees the backs of what it lies in, close by. Its darkness is nobody's to see, but would bleed into the lookups at
- * the rim of the contact; so it counts as uncovered, and is filled from its neighbours like a gutter. Only objects
- * that never move bury and are buried. */
+ * A buried place sees the backs of what it lies in, close by. Its darkness is nobody's to see, but would bleed into the
+ * lookups at the rim of the contact; so it is left out of its texel's footprint. A texel that has no place left counts as
+ * uncovered, and is filled from its neighbours like a gutter. Only objects that never move bury and are buried. */
 #ifndef LW_SOLVE_BURIAL_H
 #define LW_SOLVE_BURIAL_H
 
@@ -12,7 +13,7 @@
 #include "common/trace/trace.h"
 #include "server/solve/texels.h"
 
-/** Uncovers buried texels and links the sources anew. Returns how many there were. */
+/** Takes what is buried out of usable and covered and links the sources anew. Returns how many texels are gone. */
 uint64_t lw_burial_find(struct lw_texels *texels, const struct lw_pose *pose, const struct lw_trace *trace,
                         int threads);
 

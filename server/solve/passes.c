@@ -6,6 +6,8 @@
 
 #define LANES LW_TRACE_WIDTH
 #define SETS  16u /* direction sets of the 4 x 4 pattern */
+/* So many bounce rays in a row start at the same place of their texel: finding it costs as much as half a ray. */
+#define PLACE_SHARE 2u
 /* So many samples without light count as an error of 1; a full tile rests after some 25 frames at 0.02. */
 #define DARK_SAMPLES 2000.0
 /* Packets whose normals agree to this cosine run parallel enough for Embree's coherent traversal. */
@@ -17,38 +19,51 @@ struct packet {
     uint16_t active;
     bool coherent;
     uint32_t block, set;
-    struct lw_vec3 origin[LANES]; /* lifted off the surface */
+    struct lw_footprint_frame frame; /* of the tile's object */
+    struct lw_vec3 origin[LANES];    /* lifted off the surface */
     struct lw_vec3 normal[LANES];
 };
 
-/* Texels of set `set` in the block of 16 x 16 at (block_x, block_y): every fourth in both directions. */
+/* Texels of set `set` in the block of 16 x 16 at (block_x, block_y): every fourth in both directions. Needs a frame. */
 static bool load_packet(const struct lw_passes *p, const struct lw_solve_tile *tile, uint32_t block_x,
                         uint32_t block_y, uint32_t set, struct packet *packet) {
-    const struct lw_affine *to_world = &p->pose->object_to_world[tile->object];
     packet->active = 0;
     packet->set = set;
     /* Numbered over the whole atlas, so that no two blocks of an object share a sequence. */
     packet->block = (tile->y * 4 + block_y) << 16 | (tile->x * 4 + block_x);
-    float agreement = 1;
-    struct lw_vec3 first_normal = {0};
     for (uint32_t lane = 0; lane < LANES; lane++) {
         uint32_t x = block_x * LW_TILE_BLOCK + lane % 4 * 4 + set % 4,
                  y = block_y * LW_TILE_BLOCK + lane / 4 * 4 + set / 4;
         uint32_t i = y * tile->width + x;
         packet->lane_texel[lane] = 0;
         if (x >= tile->width || y >= tile->height || !p->tiles->covered[tile->first + i]) continue;
-        const uint32_t local = tile->local + i;
         packet->lane_texel[lane] = i;
-        packet->normal[lane] = lw_affine_normal(to_world, lw_texels_vector(tile->mesh->normal, local));
-        struct lw_vec3 geometric = lw_affine_normal(to_world, lw_texels_vector(tile->mesh->geometric, local));
-        packet->origin[lane] = lw_sampling_lift(
-            lw_affine_point(to_world, lw_texels_vector(tile->mesh->position, local)), geometric);
-        if (!packet->active) first_normal = packet->normal[lane];
-        agreement = fminf(agreement, lw_vec3_dot(first_normal, packet->normal[lane]));
         packet->active |= (uint16_t)(1u << lane);
     }
-    packet->coherent = agreement > COHERENT_COSINE;
     return packet->active != 0;
+}
+
+/* Moves a packet's rays to the places of its texels that sample number `sample` takes. */
+static void place_packet(const struct lw_passes *p, const struct lw_solve_tile *tile, struct packet *packet,
+                         uint32_t sample) {
+    const uint32_t turn = lw_random_hash4(p->seed ^ tile->object, packet->block, sample / LW_FOOTPRINT_PLACES,
+                                          LW_SAMPLING_FOOTPRINT << 8 | packet->set);
+    struct lw_footprint_lanes lanes;
+    for (uint32_t lane = 0; lane < LANES; lane++) {
+        const uint32_t i = packet->active >> lane & 1 ? packet->lane_texel[lane]
+                                                      : packet->lane_texel[__builtin_ctz(packet->active)];
+        const uint32_t place = lw_footprint_choose(p->texels->usable[tile->first + i], sample, turn);
+        lw_footprint_load(&tile->mesh->footprint, tile->local + i, place,
+                          lw_texels_vector(tile->mesh->position, tile->local + i), &lanes, lane);
+    }
+    lw_footprint_to_world(&packet->frame, &lanes);
+    float agreement = 1;
+    for (uint32_t lane = 0; lane < LANES; lane++) {
+        packet->origin[lane] = lw_vec3(lanes.x[lane], lanes.y[lane], lanes.z[lane]);
+        packet->normal[lane] = lw_vec3(lanes.nx[lane], lanes.ny[lane], lanes.nz[lane]);
+        agreement = fminf(agreement, lw_vec3_dot(packet->normal[0], packet->normal[lane]));
+    }
+    packet->coherent = agreement > COHERENT_COSINE;
 }
 
 /* Light samples for the lanes of a packet: traces their shadow rays and adds what arrives. */
@@ -106,11 +121,12 @@ static void light_by_punctual(const struct lw_passes *p, const struct lw_solve_t
 }
 
 static void light_by_emitters(const struct lw_passes *p, const struct lw_solve_tile *tile,
-                              const struct packet *packet, const float *cdf, struct lw_vec3 sum[LANES],
+                              struct packet *packet, const float *cdf, struct lw_vec3 sum[LANES],
                               struct lw_passes_count *count) {
     uint32_t seed = lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_EMITTER);
     uint32_t pick_seed = lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_EMITTER_PICK);
     for (uint32_t s = 0; s < p->direct_samples; s++) {
+        if (p->direct_samples > 1) place_packet(p, tile, packet, tile->frames * p->direct_samples + s);
         float point[2], pick[2];
         lw_sampling_point(seed, tile->frames * p->direct_samples + s, packet->set, point);
         lw_sampling_point(pick_seed, tile->frames * p->direct_samples + s, packet->set, pick);
@@ -126,13 +142,13 @@ static void light_by_emitters(const struct lw_passes *p, const struct lw_solve_t
     }
 }
 
-static void light_by_sky(const struct lw_passes *p, const struct lw_solve_tile *tile,
-                         const struct packet *packet, struct lw_vec3 sum[LANES],
-                         struct lw_passes_count *count) {
+static void light_by_sky(const struct lw_passes *p, const struct lw_solve_tile *tile, struct packet *packet,
+                         struct lw_vec3 sum[LANES], struct lw_passes_count *count) {
     const struct lw_vec3 sky = lw_vec3(p->scene->sky[0], p->scene->sky[1], p->scene->sky[2]);
     if (!(sky.x + sky.y + sky.z > 0)) return;
     uint32_t seed = lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_SKY);
     for (uint32_t s = 0; s < p->direct_samples; s++) {
+        if (p->direct_samples > 1) place_packet(p, tile, packet, tile->frames * p->direct_samples + s);
         float point[2];
         lw_sampling_point(seed, tile->frames * p->direct_samples + s, packet->set, point);
         struct lw_vec3 local = lw_sampling_cosine(point);
@@ -165,12 +181,14 @@ void lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile, flo
         tile_cdf = cdf;
     }
     const float weight = lw_passes_weight(tile->history, p->history_direct_max);
+    struct packet packet;
+    lw_footprint_frame_init(&packet.frame, &p->pose->object_to_world[tile->object]);
     for (uint32_t by = 0; by * LW_TILE_BLOCK < tile->height; by++)
         for (uint32_t bx = 0; bx * LW_TILE_BLOCK < tile->width; bx++)
             for (uint32_t set = 0; set < SETS; set++) {
-                struct packet packet;
                 struct lw_vec3 sum[LANES] = {0};
                 if (!load_packet(p, tile, bx, by, set, &packet)) continue;
+                place_packet(p, tile, &packet, tile->frames * p->direct_samples);
                 light_by_punctual(p, tile, &packet, sum, count);
                 if (emitters) light_by_emitters(p, tile, &packet, tile_cdf, sum, count);
                 light_by_sky(p, tile, &packet, sum, count);
@@ -201,14 +219,18 @@ static uint32_t end_of(const struct lw_passes *p, const struct lw_solve_tile *ti
 
 void lw_passes_trace_ends(const struct lw_passes *p, const struct lw_solve_tile *tile,
                           struct lw_passes_count *count) {
+    struct packet packet;
+    lw_footprint_frame_init(&packet.frame, &p->pose->object_to_world[tile->object]);
     for (uint32_t by = 0; by * LW_TILE_BLOCK < tile->height; by++)
         for (uint32_t bx = 0; bx * LW_TILE_BLOCK < tile->width; bx++)
             for (uint32_t set = 0; set < SETS; set++) {
-                struct packet packet;
                 if (!load_packet(p, tile, bx, by, set, &packet)) continue;
                 uint32_t seed = lw_sampling_seed(p->seed, tile->object, packet.block, LW_SAMPLING_BOUNCE);
                 for (uint32_t s = 0; s < p->indirect_samples; s++) {
                     float point[2];
+                    if (s % PLACE_SHARE == 0)
+                        place_packet(p, tile, &packet,
+                                     (tile->frames * p->indirect_samples + s) / PLACE_SHARE);
                     lw_sampling_point(seed, tile->frames * p->indirect_samples + s, set, point);
                     struct lw_vec3 local = lw_sampling_cosine(point);
                     struct lw_ray16 rays;

@@ -16,6 +16,7 @@ enum lw_sampling_use {
     LW_SAMPLING_EMITTER,
     LW_SAMPLING_EMITTER_PICK,
     LW_SAMPLING_PROBE,
+    LW_SAMPLING_FOOTPRINT, /* the order of a texel's places */
     LW_SAMPLING_PUNCTUAL = 64
 };
 
@@ -40,12 +41,6 @@ static inline struct lw_vec3 lw_sampling_to_frame(struct lw_vec3 normal, struct 
     struct lw_vec3 t, b;
     lw_vec3_frame(normal, &t, &b);
     return lw_vec3_mad(lw_vec3_mad(lw_vec3_scale(normal, local.z), t, local.x), b, local.y);
-}
-
-/** Lifts a point off its surface by more than the rounding of its coordinates can move a hit. */
-static inline struct lw_vec3 lw_sampling_lift(struct lw_vec3 p, struct lw_vec3 geometric) {
-    float largest = fmaxf(fabsf(p.x), fmaxf(fabsf(p.y), fabsf(p.z)));
-    return lw_vec3_mad(p, geometric, 1e-5f * largest + 1e-6f);
 }
 
 /** Uniform direction on the sphere: pdf = 1 / 4 pi. */

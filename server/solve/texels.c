@@ -17,7 +17,11 @@ struct claim {
     float area;        /* of the claiming triangle inside the texel, texels^2; 2 if it holds the centre */
     float area_sum;    /* of all triangles inside the texel */
     bool back;
+    uint32_t
+        spot[LW_FOOTPRINT_PLACES]; /* the triangle that holds each spot of the texel; SPOT_BACK: its back */
 };
+#define SPOT_BACK 0x80000000u
+_Static_assert(LW_SCENE_TRIANGLES_MAX <= SPOT_BACK, "a spot's word holds triangle and side");
 
 static struct lw_vec2 minus(struct lw_vec2 a, struct lw_vec2 b) {
     return (struct lw_vec2){a.x - b.x, a.y - b.y};
@@ -92,6 +96,19 @@ static uint32_t floor_clamped(float x, uint32_t limit) {
     return x <= 0 ? 0 : x >= (float)limit ? limit : (uint32_t)x;
 }
 
+/* Lets a triangle claim the spots of a texel that it holds; on the edge of two, the first has it. */
+static void claim_spots(struct claim *c, const struct lw_vec2 corner[3], uint32_t x, uint32_t y,
+                        uint32_t triangle, bool back) {
+    for (uint32_t k = 0; k < LW_FOOTPRINT_PLACES; k++) {
+        if (c->spot[k] != LW_TEXEL_NONE) continue;
+        struct lw_vec2 spot = lw_footprint_spot(k);
+        float u, v;
+        if (barycentrics(corner, (struct lw_vec2){(float)x + spot.x, (float)y + spot.y}, &u, &v) && u >= 0 &&
+            v >= 0 && u + v <= 1)
+            c->spot[k] = triangle | (back ? SPOT_BACK : 0);
+    }
+}
+
 /* Lets a triangle claim the texels that it overlaps. Who holds a texel's centre gets it and is sampled there; where
  * nobody does, the largest part gets it and is sampled at the part's middle: never on the chart's very edge, which may
  * lie in the plane of the next wall. */
@@ -112,6 +129,7 @@ static void claim_texels(struct claim *claim, const struct lw_mesh_texels *texel
             if (!(area > 0)) continue;
             struct claim *c = &claim[lw_texels_index(texels, x, y)];
             c->area_sum += area;
+            claim_spots(c, corner, x, y, triangle, back);
             struct lw_vec2 centre = {(float)x + 0.5f, (float)y + 0.5f};
             if (!barycentrics(corner, centre, &u, &v)) continue;
             if (u >= 0 && v >= 0 && u + v <= 1)
@@ -178,8 +196,63 @@ static void store(float *const dst[3], uint32_t i, struct lw_vec3 v) {
     dst[2][i] = v.z;
 }
 
-static void evaluate(struct lw_mesh_texels *texels, const struct lw_scene *scene, const struct lw_mesh *mesh,
+/* A point of a triangle as a place from which rays start. */
+static struct lw_footprint_point point_at(const struct lw_mesh *mesh, uint32_t triangle, float u, float v,
+                                          bool back) {
+    struct lw_vec3 face, normal = lw_scene_normal(mesh, triangle, u, v, &face);
+    /* A shading normal that points into the surface would gather from inside. */
+    if (lw_vec3_dot(normal, face) <= 0.01f) normal = face;
+    float side = back ? -1.0f : 1.0f;
+    return (struct lw_footprint_point){.origin = lw_scene_shadow_origin(mesh, triangle, u, v, back),
+                                       .normal = lw_vec3_scale(normal, side),
+                                       .geometric = lw_vec3_scale(face, side)};
+}
+
+static float largest_coordinate(const struct lw_mesh *mesh, uint32_t triangle) {
+    float largest = 0;
+    for (int i = 0; i < 3; i++) {
+        struct lw_vec3 p = mesh->position[mesh->triangle[triangle][i]];
+        largest = fmaxf(largest, fmaxf(fabsf(p.x), fmaxf(fabsf(p.y), fabsf(p.z))));
+    }
+    return largest;
+}
+
+static uint32_t place_count(const struct claim *c) {
+    if (c->triangle == LW_TEXEL_NONE) return 0;
+    uint32_t count = 0;
+    for (uint32_t k = 0; k < LW_FOOTPRINT_PLACES; k++) count += c->spot[k] != LW_TEXEL_NONE;
+    return count ? count : 1; /* too narrow to hold a spot: the texel's own sample */
+}
+
+static void place_footprint(struct lw_mesh_texels *texels, const struct lw_mesh *mesh, const struct claim *c,
+                            uint32_t x, uint32_t y) {
+    const uint32_t i = lw_texels_index(texels, x, y);
+    struct lw_footprint_point point[LW_FOOTPRINT_PLACES];
+    uint32_t count = 0;
+    float largest = largest_coordinate(mesh, c->triangle);
+    for (uint32_t k = 0; k < LW_FOOTPRINT_PLACES; k++) {
+        if (c->spot[k] == LW_TEXEL_NONE) continue;
+        const uint32_t triangle = c->spot[k] & ~SPOT_BACK;
+        const bool back = c->spot[k] & SPOT_BACK;
+        struct lw_vec2 corner[3], spot = lw_footprint_spot(k);
+        float u = 0, v = 0;
+        lightmap_corners(mesh, triangle, back, corner);
+        barycentrics(corner, (struct lw_vec2){(float)x + spot.x, (float)y + spot.y}, &u, &v);
+        clamp_barycentrics(&u, &v);
+        point[count++] = point_at(mesh, triangle, u, v, back);
+        largest = fmaxf(largest, largest_coordinate(mesh, triangle));
+    }
+    if (!count) point[count++] = point_at(mesh, c->triangle, c->u, c->v, c->back);
+    lw_footprint_pack(&texels->footprint, i, lw_texels_vector(texels->position, i), largest, point, count);
+}
+
+static bool evaluate(struct lw_mesh_texels *texels, const struct lw_scene *scene, const struct lw_mesh *mesh,
                      const struct claim *claim) {
+    struct lw_footprint *footprint = &texels->footprint;
+    for (uint32_t i = 0; i < texels->texel_count; i++)
+        footprint->first[i + 1] = footprint->first[i] + place_count(&claim[i]);
+    const size_t places = footprint->first[texels->texel_count];
+    if (!(footprint->place = malloc((places + 1) * sizeof *footprint->place))) return false;
     for (uint32_t y = 0; y < texels->height; y++)
         for (uint32_t x = 0; x < texels->width; x++) {
             uint32_t i = lw_texels_index(texels, x, y);
@@ -187,16 +260,15 @@ static void evaluate(struct lw_mesh_texels *texels, const struct lw_scene *scene
             if (c->triangle == LW_TEXEL_NONE) continue;
             struct lw_surface surface;
             lw_scene_surface(scene, mesh, c->triangle, c->u, c->v, &surface);
-            struct lw_vec3 normal = surface.normal;
-            /* A shading normal that points into the surface would gather from inside. */
-            if (lw_vec3_dot(normal, surface.geometric_normal) <= 0.01f) normal = surface.geometric_normal;
-            float side = c->back ? -1.0f : 1.0f;
+            struct lw_footprint_point point = point_at(mesh, c->triangle, c->u, c->v, c->back);
             texels->covered[i] = 1;
             store(texels->position, i, surface.position);
-            store(texels->normal, i, lw_vec3_scale(normal, side));
-            store(texels->geometric, i, lw_vec3_scale(surface.geometric_normal, side));
+            store(texels->normal, i, point.normal);
+            store(texels->geometric, i, point.geometric);
             store(texels->albedo, i, mean_albedo(scene, mesh, c, x, y));
+            place_footprint(texels, mesh, c, x, y);
         }
+    return true;
 }
 
 static uint16_t quarter_texels(float x) {
@@ -227,6 +299,9 @@ static bool allocate(struct lw_mesh_texels *texels, const struct lw_mesh *mesh) 
         ok &= (texels->albedo[c] = calloc(count, sizeof(float))) != NULL;
     }
     ok &= (texels->covered = calloc(count, 1)) != NULL;
+    ok &= (texels->footprint.first = calloc(count + 1, sizeof *texels->footprint.first)) != NULL;
+    ok &= (texels->footprint.reach = calloc(count, sizeof(float))) != NULL;
+    ok &= (texels->footprint.lift = calloc(count, sizeof(float))) != NULL;
     ok &= (texels->triangle = calloc(mesh->triangle_count + 1, sizeof *texels->triangle)) != NULL;
     return ok;
 }
@@ -238,17 +313,20 @@ static bool build_mesh(struct lw_mesh_texels *texels, const struct lw_scene *sce
         free(claim);
         return false;
     }
-    for (uint32_t i = 0; i < texels->texel_count; i++) claim[i] = (struct claim){.triangle = LW_TEXEL_NONE};
+    for (uint32_t i = 0; i < texels->texel_count; i++) {
+        claim[i] = (struct claim){.triangle = LW_TEXEL_NONE};
+        memset(claim[i].spot, 0xff, sizeof claim[i].spot); /* LW_TEXEL_NONE */
+    }
     for (uint32_t t = 0; t < mesh->triangle_count; t++) {
         claim_texels(claim, texels, mesh, t, false);
         if (mesh->back_offset && scene->material[mesh->material[t]].double_sided)
             claim_texels(claim, texels, mesh, t, true);
     }
     drop_grazed(claim, texels);
-    evaluate(texels, scene, mesh, claim);
+    const bool ok = evaluate(texels, scene, mesh, claim);
     free(claim);
     list_triangles(texels, scene, mesh);
-    return true;
+    return ok;
 }
 
 enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *scene, unsigned threads,
@@ -287,14 +365,18 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
     }
     lw_progress_finish(&progress);
     texels->covered = malloc(count + 1);
+    texels->usable = malloc(count + 1);
     texels->source = malloc((count + 1) * sizeof *texels->source);
-    if (!ok || failures || !texels->covered || !texels->source) {
+    if (!ok || failures || !texels->covered || !texels->usable || !texels->source) {
         lw_texels_finish(texels);
         return lw_status_fail(err, LW_NO_MEMORY, "%u texels", (unsigned)count);
     }
     for (uint32_t o = 0; o < scene->object_count; o++) {
         const struct lw_mesh_texels *mesh = &texels->mesh[scene->object[o].mesh];
         memcpy(texels->covered + texels->first[o], mesh->covered, mesh->texel_count);
+        for (uint32_t i = 0; i < mesh->texel_count; i++)
+            texels->usable[texels->first[o] + i] =
+                (uint8_t)((1u << (mesh->footprint.first[i + 1] - mesh->footprint.first[i])) - 1);
     }
     lw_texels_link(texels, threads ? (int)threads : omp_get_max_threads());
     return LW_OK;
@@ -342,10 +424,15 @@ void lw_texels_finish(struct lw_texels *texels) {
             free(mesh->albedo[c]);
         }
         free(mesh->covered);
+        free(mesh->footprint.first);
+        free(mesh->footprint.place);
+        free(mesh->footprint.reach);
+        free(mesh->footprint.lift);
         free(mesh->triangle);
     }
     free(texels->source);
     free(texels->covered);
+    free(texels->usable);
     free(texels->first);
     free(texels->mesh);
     *texels = (struct lw_texels){0};

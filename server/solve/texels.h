@@ -1,4 +1,4 @@
-/* texels.h: where the light is computed: position, normals and albedo of every texel of every atlas.
+/* texels.h: where the light is computed: position, normals, albedo and footprint of every texel of every atlas.
  * Flow:    scene with lightmap UVs -> [texels] -> passes; hit -> [texels] -> index of the texel that was hit
  * Threads: built once; then [any].
  *
@@ -9,6 +9,7 @@
 
 #include "common/scene/scene.h"
 #include "common/tile/atlas.h"
+#include "server/solve/footprint.h"
 
 #define LW_TEXEL_NONE UINT32_MAX
 
@@ -26,6 +27,7 @@ struct lw_mesh_texels {
     float *geometric[3]; /* normal of the triangle, object space, unit, on the side that this texel lights */
     float *albedo[3];    /* mean over the texel */
     uint8_t *covered;    /* 1: the texel's square overlaps a triangle */
+    struct lw_footprint footprint; /* where on the texel its rays start */
     struct lw_triangle_uv *triangle;
     uint32_t back_offset;
 };
@@ -36,6 +38,8 @@ struct lw_texels {
     uint32_t *first;             /* per object: its first texel in the global numbering */
     uint32_t count;              /* of the global numbering, all objects */
     uint8_t *covered; /* per texel of the global numbering: has surface, and light can reach it (burial.h) */
+    uint8_t *
+        usable; /* per texel of the global numbering: mask of its places that light can reach; 0: not covered */
     uint32_t *
         source; /* per texel: the covered one that stands for it: itself, the nearest within 2 texels, or NONE */
 };

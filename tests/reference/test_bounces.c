@@ -13,7 +13,7 @@ static void expect_furnace(float rho, uint32_t bounces, float range_m, double to
     room_box(&room, lw_vec3(2, 2, 2), rho, 1.5f);
     struct room_solution solution;
     room_solve(&solution, &room,
-               (struct lw_solver_desc){.bounces = bounces, .tracing_range_m = range_m, .direct_samples = 4},
+               (struct lw_solver_desc){.bounces = bounces, .tracing_range_m = range_m, .direct_samples = 16},
                64);
     double want = 0, pi_le = 1.5 * acos(-1.0);
     for (uint32_t k = 0; k <= bounces; k++) want += pi_le * pow((double)rho, k);

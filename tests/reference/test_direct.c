@@ -18,25 +18,35 @@ struct expectation {
     unsigned count;
 };
 
+/* The mean of a value over a texel of the floor, 1/16 m square. */
+static double texel_mean(double (*value)(struct lw_vec3), struct lw_vec3 centre) {
+    double sum = 0;
+    for (int i = 0; i < 16; i++)
+        for (int j = 0; j < 16; j++)
+            sum += value(
+                lw_vec3(centre.x + ((float)i - 7.5f) / 256, centre.y, centre.z + ((float)j - 7.5f) / 256));
+    return sum / 256;
+}
+
 static void expect_texel(void *user, struct lw_vec3 p, double area, double direct, double indirect) {
-    (void)area;
     struct expectation *e = user;
-    double want = e->value(p);
+    assert_true(indirect == 0);
+    if (area < 0.999) return;
+    double want = texel_mean(e->value, p);
     if (fabs(direct - want) > e->tolerance * want + e->floor)
         fail_msg("E at (%g, %g, %g) is %.6g, expected %.6g", (double)p.x, (double)p.y, (double)p.z, direct,
                  want);
-    assert_true(indirect == 0);
     e->count++;
 }
 
 static void expect_floor(const struct room *room, unsigned samples, unsigned frames,
-                         double (*value)(struct lw_vec3), double tolerance) {
+                         double (*value)(struct lw_vec3), double tolerance, double floor) {
     struct room_solution solution;
     struct expectation expectation = {
-        .value = value, .tolerance = tolerance, .floor = 1e-5 * value(lw_vec3(0, 0, 0))};
+        .value = value, .tolerance = tolerance, .floor = floor * value(lw_vec3(0, 0, 0))};
     room_solve(&solution, room, (struct lw_solver_desc){.direct_samples = samples}, frames);
     room_each_texel(&solution, 0, expect_texel, &expectation);
-    assert_true(expectation.count >= 32 * 32);
+    assert_true(expectation.count >= 31 * 31);
     room_finish(&solution);
 }
 
@@ -50,7 +60,7 @@ static void test_point(void **state) {
     struct room room = floor_room();
     room.light[room.light_count] = (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {10, 10, 10}};
     room.light_position[room.light_count++] = lw_vec3(0, 1.5f, 0);
-    expect_floor(&room, 1, 1, point_value, 1e-4);
+    expect_floor(&room, 1, 8, point_value, 1e-4, 1e-5);
 }
 
 static double spot_value(struct lw_vec3 p) {
@@ -66,7 +76,8 @@ static void test_spot(void **state) {
     room.light[room.light_count] = (struct lw_light){
         .kind = LW_LIGHT_SPOT, .intensity = {10, 10, 10}, .inner_cone = 0.2f, .outer_cone = 0.5f};
     room.light_position[room.light_count++] = lw_vec3(0, 1.5f, 0);
-    expect_floor(&room, 1, 1, spot_value, 2e-4);
+    /* eight places resolve the cone's rim, where its curve has a kink, to this */
+    expect_floor(&room, 1, 8, spot_value, 1e-3, 2e-3);
 }
 
 static double sun_value(struct lw_vec3 p) {
@@ -80,7 +91,7 @@ static void test_sun(void **state) {
     room.light[room.light_count++] = (struct lw_light){
         .kind = LW_LIGHT_DIRECTIONAL, .intensity = {1000, 1000, 1000}, .angular_diameter = 0.0093f};
     /* The mean cosine over the sun's disc is 1 - 5e-6. */
-    expect_floor(&room, 1, 4, sun_value, 2e-5);
+    expect_floor(&room, 1, 4, sun_value, 2e-5, 1e-5);
 }
 
 static double sky_value(struct lw_vec3 p) {
@@ -92,7 +103,7 @@ static void test_sky(void **state) {
     (void)state;
     struct room room = floor_room();
     room.sky = 2;
-    expect_floor(&room, 1, 1, sky_value, 1e-5); /* cosine-weighted: no variance */
+    expect_floor(&room, 1, 1, sky_value, 1e-5, 1e-5); /* cosine-weighted: no variance */
 }
 
 /* Mean E on `object` from the emissive quad 0, with its tolerance k sigma / sqrt(n) from the spread of frames. */
@@ -187,7 +198,7 @@ static void test_a_floor_under_a_one_sided_roof_is_lit(void **state) {
     room.light[0] = (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {10, 10, 10}};
     room.light_position[0] = lw_vec3(0, 1.5f, 0);
     room.light_count = 1;
-    expect_floor(&room, 1, 1, point_value, 1e-4);
+    expect_floor(&room, 1, 8, point_value, 1e-4, 1e-5);
 }
 
 static uint32_t covered_floor_texels(const struct room *room) {

@@ -196,7 +196,7 @@ static void test_sides_of_a_plate(void **state) {
     }
     room.light_count = 2;
     struct room_solution solution;
-    room_solve(&solution, &room, (struct lw_solver_desc){0}, 1);
+    room_solve(&solution, &room, (struct lw_solver_desc){0}, 8);
     const struct lw_mesh *mesh = &solution.scene->mesh[0];
     assert_true(mesh->back_offset > 0);
     double sum[2] = {0}, count[2] = {0};
@@ -228,7 +228,7 @@ static void expect_furnace_in(const struct lw_affine *matrix, float texels_per_m
     }
     struct room_solution solution;
     room_solve_scene(&solution, scene, texels_per_metre,
-                     (struct lw_solver_desc){.bounces = 1, .direct_samples = 4}, 64);
+                     (struct lw_solver_desc){.bounces = 1, .direct_samples = 24}, 64);
     double area = 0, mean = 0;
     for (uint32_t o = 0; o < 6; o++) {
         struct room_mean m = room_object_mean(&solution, o);

@@ -1,0 +1,92 @@
+#include "server/solve/footprint.h"
+
+/* An octahedral coordinate in [-1, 1] as an integer of 0..steps. */
+static float quantise(float x, float steps) { return floorf((x * 0.5f + 0.5f) * steps + 0.5f); }
+
+static struct lw_vec2 fold(struct lw_vec3 d) {
+    float norm = fabsf(d.x) + fabsf(d.y) + fabsf(d.z), u = d.x / norm, v = d.y / norm;
+    if (d.z >= 0) return (struct lw_vec2){u, v};
+    return (struct lw_vec2){(1 - fabsf(v)) * copysignf(1, u), (1 - fabsf(u)) * copysignf(1, v)};
+}
+
+static struct lw_footprint_place pack(const struct lw_footprint_point *point, struct lw_vec3 position,
+                                      float reach) {
+    struct lw_footprint_place place;
+    struct lw_vec2 n = fold(point->normal), g = fold(point->geometric);
+    place.normal[0] = (uint16_t)quantise(n.x, LW_FOOTPRINT_NORMAL_STEPS);
+    place.normal[1] = (uint16_t)quantise(n.y, LW_FOOTPRINT_NORMAL_STEPS);
+    place.geometric[0] = (uint8_t)quantise(g.x, LW_FOOTPRINT_GEOMETRIC_STEPS);
+    place.geometric[1] = (uint8_t)quantise(g.y, LW_FOOTPRINT_GEOMETRIC_STEPS);
+    struct lw_vec3 offset =
+        lw_vec3_scale(lw_vec3_sub(point->origin, position), reach > 0 ? 32767 / reach : 0);
+    place.offset[0] = (int16_t)lrintf(offset.x);
+    place.offset[1] = (int16_t)lrintf(offset.y);
+    place.offset[2] = (int16_t)lrintf(offset.z);
+    return place;
+}
+
+void lw_footprint_pack(struct lw_footprint *footprint, uint32_t texel, struct lw_vec3 position, float largest,
+                       const struct lw_footprint_point *point, uint32_t count) {
+    float reach = 0;
+    for (uint32_t k = 0; k < count; k++) {
+        struct lw_vec3 offset = lw_vec3_sub(point[k].origin, position);
+        reach = fmaxf(reach, fmaxf(fabsf(offset.x), fmaxf(fabsf(offset.y), fabsf(offset.z))));
+    }
+    /* so small an offset has no inverse, and so large a one is no mesh's */
+    if (!(reach > 1e-30f && reach < 1e30f)) reach = 0;
+    for (uint32_t k = 0; k < count; k++)
+        footprint->place[footprint->first[texel] + k] = pack(&point[k], position, reach);
+    footprint->reach[texel] = reach;
+    /* Each axis is rounded by half a step of reach / 32767: together by less than one. */
+    footprint->lift[texel] = LW_TRACE_LIFT * largest + reach / 32767;
+}
+
+void lw_footprint_frame_init(struct lw_footprint_frame *frame, const struct lw_affine *t) {
+    frame->to_world = *t;
+    for (int c = 0; c < 3; c++) {
+        const struct lw_vec3 axis = lw_vec3(c == 0, c == 1, c == 2), n = lw_affine_cofactor_normal(t, axis);
+        frame->normal[0][c] = n.x;
+        frame->normal[1][c] = n.y;
+        frame->normal[2][c] = n.z;
+    }
+    /* Brought to a size whose squares floats hold, whatever the scale. */
+    float size = 0;
+    for (int i = 0; i < 9; i++) size = fmaxf(size, fabsf(frame->normal[i / 3][i % 3]));
+    for (int i = 0; i < 9; i++)
+        frame->normal[i / 3][i % 3] = size > 0 ? frame->normal[i / 3][i % 3] / size : (float)(i % 4 == 0);
+    frame->stretch = frame->offset_m = 0;
+    for (int r = 0; r < 3; r++) {
+        frame->stretch = fmaxf(frame->stretch, fabsf(t->m[r][0]) + fabsf(t->m[r][1]) + fabsf(t->m[r][2]));
+        frame->offset_m = fmaxf(frame->offset_m, fabsf(t->m[r][3]));
+    }
+}
+
+/* Unfolds sixteen octahedral normals, turns them and makes them unit. */
+static void turn(const float m[3][3], float steps, float x[LW_TRACE_WIDTH], float y[LW_TRACE_WIDTH],
+                 float z[LW_TRACE_WIDTH]) {
+    const float scale = 2 / steps;
+    for (int i = 0; i < LW_TRACE_WIDTH; i++) {
+        float u = x[i] * scale - 1, v = y[i] * scale - 1;
+        float w = 1 - fabsf(u) - fabsf(v), over = fmaxf(0, -w);
+        u -= copysignf(over, u);
+        v -= copysignf(over, v);
+        float a = m[0][0] * u + m[0][1] * v + m[0][2] * w;
+        float b = m[1][0] * u + m[1][1] * v + m[1][2] * w;
+        float c = m[2][0] * u + m[2][1] * v + m[2][2] * w;
+        float inverse = 1.0f / sqrtf(a * a + b * b + c * c + 1e-37f);
+        x[i] = a * inverse, y[i] = b * inverse, z[i] = c * inverse;
+    }
+}
+
+void lw_footprint_to_world(const struct lw_footprint_frame *frame, struct lw_footprint_lanes *l) {
+    const float(*m)[4] = frame->to_world.m;
+    turn(frame->normal, LW_FOOTPRINT_NORMAL_STEPS, l->nx, l->ny, l->nz);
+    turn(frame->normal, LW_FOOTPRINT_GEOMETRIC_STEPS, l->gx, l->gy, l->gz);
+    const float base = LW_TRACE_LIFT * frame->offset_m + 1e-30f;
+    for (int i = 0; i < LW_TRACE_WIDTH; i++) {
+        float x = l->x[i], y = l->y[i], z = l->z[i], lift = l->lift[i] * frame->stretch + base;
+        l->x[i] = m[0][0] * x + m[0][1] * y + m[0][2] * z + m[0][3] + lift * l->gx[i];
+        l->y[i] = m[1][0] * x + m[1][1] * y + m[1][2] * z + m[1][3] + lift * l->gy[i];
+        l->z[i] = m[2][0] * x + m[2][1] * y + m[2][2] * z + m[2][3] + lift * l->gz[i];
+    }
+}
