@@ -1,8 +1,8 @@
 #include "client/view/headless.h"
 
+#include "client/view/export.h"
 #include "client/view/stage.h"
 #include "common/clock.h"
-#include "common/image/image.h"
 #include "common/log.h"
 #include "common/progress.h"
 
@@ -69,28 +69,10 @@ static enum lw_status receive_scene(struct headless *h, struct lw_error *err) {
     return LW_OK;
 }
 
-static enum lw_status choose_camera(const struct lw_view_options *options, const struct lw_stage *stage,
-                                    struct lw_camera_view *out, struct lw_error *err) {
-    if (options->camera_given) {
-        *out = options->camera;
-        return LW_OK;
-    }
-    uint32_t camera = 0;
-    if (options->camera_name != NULL) {
-        enum lw_status status = lw_camera_find(stage->scene, options->camera_name, &camera, err);
-        if (status != LW_OK) return status;
-    }
-    if (camera < stage->scene->camera_count)
-        *out = lw_camera_of_scene(stage->scene, &stage->pose, camera);
-    else
-        *out = lw_camera_default(stage->scene, &stage->pose, stage->trace,
-                                 (float)options->width / (float)options->height);
-    return LW_OK;
-}
-
 static enum lw_status take_picture(struct headless *h, struct lw_error *err) {
     /* A camera of the scene may be carried by its animation. */
-    enum lw_status status = choose_camera(h->options, &h->stage, &h->view.camera, err);
+    enum lw_status status = lw_view_options_camera(h->options, h->stage.scene, &h->stage.pose, h->stage.trace,
+                                                   &h->view.camera, err);
     if (status != LW_OK) return status;
     struct lw_compose_source source = lw_stage_source(&h->stage);
     uint64_t start_ns = lw_clock_ns();
@@ -174,36 +156,12 @@ static enum lw_status wait_for_light(struct headless *h, struct lw_error *err) {
     return status;
 }
 
-static enum lw_status write_picture(const struct headless *h, struct lw_error *err) {
-    const struct lw_view_options *o = h->options;
-    if (o->format == LW_VIEW_NO_FILE) return LW_OK;
-    if (o->format == LW_VIEW_EXR)
-        return lw_image_write_exr(o->out, h->rgb, h->view.width, h->view.height, "W/(m^2 sr)", err);
-    uint8_t *srgb = malloc(pixel_count(h) * 3);
-    if (srgb == NULL) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the picture");
-    struct lw_tonemap tonemap;
-    lw_tonemap_init(&tonemap, o->curve,
-                    o->auto_exposure ? lw_tonemap_auto_stops(h->rgb, pixel_count(h)) : o->stops);
-    lw_tonemap_encode(&tonemap, h->rgb, pixel_count(h), 3, srgb);
-    enum lw_status status = lw_image_write_png(o->out, srgb, h->view.width, h->view.height, err);
-    free(srgb);
-    return status;
-}
-
-static void mean_colour(const struct headless *h, double out[3]) {
-    for (int c = 0; c < 3; c++) {
-        double sum = 0;
-        for (size_t i = 0; i < pixel_count(h); i++) sum += (double)h->rgb[3 * i + (size_t)c];
-        out[c] = sum / (double)pixel_count(h);
-    }
-}
-
 static enum lw_status print_report(const struct headless *h, struct lw_error *err) {
     const struct lw_client_stats *s = &h->stats;
     const struct lw_compose_report *r = &h->report;
     uint64_t from_ns = s->connected_ns;
     double mean[3];
-    mean_colour(h, mean);
+    lw_export_mean(h->rgb, pixel_count(h), mean);
     printf("{\"connect_ms\": %.3f, \"package_ms\": %.3f, \"first_ms\": %.3f, \"complete_ms\": %.3f, "
            "\"compose_ms\": %.3f, \"light_age_ms\": %.3f,\n",
            ms_between(from_ns, h->welcomed_ns), ms_between(from_ns, s->package_ns),
@@ -239,9 +197,11 @@ enum lw_status lw_headless_run(const struct lw_view_options *options, struct lw_
     if (status == LW_OK) status = receive_scene(&h, err);
     if (status == LW_OK) status = lw_stage_init(&h.stage, h.client, options->threads, err);
     if (status == LW_OK) status = lw_stage_follow(&h.stage, &moved, err);
-    if (status == LW_OK) status = choose_camera(options, &h.stage, &h.view.camera, err);
+    if (status == LW_OK) /* an unknown camera is said before the wait */
+        status =
+            lw_view_options_camera(options, h.stage.scene, &h.stage.pose, h.stage.trace, &h.view.camera, err);
     if (status == LW_OK) status = wait_for_light(&h, err);
-    if (status == LW_OK) status = write_picture(&h, err);
+    if (status == LW_OK) status = lw_export_picture(options, h.rgb, err);
     if (status == LW_OK && options->json) status = print_report(&h, err);
     if (status == LW_OK && !options->json)
         lw_log(LW_LOG_INFO, "%s: %ux%u, %u tiles, %s", options->out, h.view.width, h.view.height,

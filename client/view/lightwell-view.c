@@ -1,4 +1,5 @@
 #include "client/view/headless.h"
+#include "client/view/path_command.h"
 #include "client/view/view_options.h"
 #include "client/view/window.h"
 #include "common/log.h"
@@ -10,6 +11,8 @@ int main(int argc, char **argv) {
     bool done = false;
     enum lw_status status = lw_view_options_parse(argc, argv, &options, &done, &err);
     if (status == LW_OK && !done)
-        status = options.headless ? lw_headless_run(&options, &err) : lw_window_run(&options, &err);
+        status = options.path.open.path ? lw_path_command_run(&options, &err)
+                 : options.headless     ? lw_headless_run(&options, &err)
+                                        : lw_window_run(&options, &err);
     return status == LW_OK ? 0 : lw_log_failure(&err);
 }

@@ -12,10 +12,23 @@
 /* What the table fills and nobody else sees. */
 struct raw {
     const char *address, *camera, *size, *wait, *exposure;
-    int64_t threads;
-    int curve;
-    bool size_given, wait_given, timeout_given;
+    int64_t samples, bounces, seed;
+    int curve, pixel;
+    bool samples_given;
 };
+
+/* Options of one of the three ways to run: in a window, --headless, --path-trace. The scene's, which are many, are those of
+ * --path-trace, like all that are not named here. */
+static const char *const of_every_way[] = {"camera",   "camera-name", "size",    "tonemap",
+                                           "exposure", "threads",     "version", NULL};
+static const char *const of_a_server[] = {"headless", "wait", "timeout", NULL};
+static const char *const of_files[] = {"out", "json", NULL}; /* --headless and --path-trace */
+
+static bool is_among(const char *name, const char *const *list) {
+    for (; *list; list++)
+        if (strcmp(name, *list) == 0) return true;
+    return false;
+}
 
 static enum lw_status parse_number(const char *option, const char *text, double min, double max, double *out,
                                    struct lw_error *err) {
@@ -77,24 +90,43 @@ static enum lw_status parse_out(struct lw_view_options *out, struct lw_error *er
     return LW_OK;
 }
 
+/* Refuses what the chosen way does not know. */
+static enum lw_status check_way(const struct lw_view_options *o, const struct lw_option *table, size_t count,
+                                struct lw_error *err) {
+    const bool path = o->path.open.path != NULL;
+    for (size_t i = 0; i < count; i++) {
+        const char *name = table[i].name;
+        if (!*table[i].given || is_among(name, of_every_way)) continue;
+        const bool served = is_among(name, of_a_server), file = is_among(name, of_files);
+        if (path && served)
+            return lw_status_fail(err, LW_USAGE, "--%s is of no use with --path-trace, which asks no server",
+                                  name);
+        if (!path && !served && !file)
+            return lw_status_fail(err, LW_USAGE, "--%s works with --path-trace only", name);
+        if (!path && !o->headless)
+            return lw_status_fail(err, LW_USAGE, "--%s works with --headless%s only", name,
+                                  file ? " and --path-trace" : "");
+    }
+    return LW_OK;
+}
+
 static enum lw_status check_together(const struct lw_view_options *o, const struct raw *raw,
                                      struct lw_error *err) {
+    const bool path = o->path.open.path != NULL;
     if (raw->camera != NULL && o->camera_name != NULL)
         return lw_status_fail(err, LW_USAGE, "--camera and --camera-name exclude each other");
-    if (o->headless && o->out == NULL && !o->json)
-        return lw_status_fail(err, LW_USAGE, "--headless needs --out FILE.exr or FILE.png (or --json alone)");
-    if (o->headless) return LW_OK;
-    const char *only = o->out               ? "out"
-                       : o->json            ? "json"
-                       : raw->wait_given    ? "wait"
-                       : raw->timeout_given ? "timeout"
-                                            : NULL;
-    if (only != NULL) return lw_status_fail(err, LW_USAGE, "--%s works with --headless only", only);
+    if (path && raw->address != NULL)
+        return lw_status_fail(err, LW_USAGE, "\"%.60s\" is of no use with --path-trace, which asks no server",
+                              raw->address);
+    if ((o->headless || path) && o->out == NULL && !o->json)
+        return lw_status_fail(err, LW_USAGE, "--%s needs --out FILE.exr or FILE.png (or --json alone)",
+                              path ? "path-trace" : "headless");
     return LW_OK;
 }
 
 static enum lw_status interpret(const struct raw *raw, struct lw_view_options *out, struct lw_error *err) {
-    enum lw_status status = lw_options_address(raw->address, out->host, sizeof out->host, &out->port, err);
+    const char *address = raw->address ? raw->address : DEFAULT_ADDRESS;
+    enum lw_status status = lw_options_address(address, out->host, sizeof out->host, &out->port, err);
     if (status == LW_OK && raw->camera != NULL) {
         status = lw_camera_parse(raw->camera, &out->camera, err);
         if (status != LW_OK) lw_status_context(err, "--camera");
@@ -110,16 +142,26 @@ static enum lw_status interpret(const struct raw *raw, struct lw_view_options *o
                               (double)LW_TONEMAP_STOPS_MAX, &stops, err);
         out->stops = (float)stops;
     }
-    out->threads = (unsigned)raw->threads;
+    out->threads = (unsigned)out->path.open.threads;
+    out->path.samples = (uint32_t)raw->samples;
+    if (out->path.error > 0 && !raw->samples_given) out->path.samples = LW_PATH_FILM_SAMPLES_MAX;
+    out->path.bounces = (uint32_t)raw->bounces;
+    out->path.seed = (uint32_t)raw->seed;
+    out->path.pixel = (enum lw_path_pixel)raw->pixel;
     out->curve = (enum lw_tonemap_curve)raw->curve;
     return status == LW_OK ? check_together(out, raw, err) : status;
 }
 
 enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_options *out_options,
                                      bool *out_done, struct lw_error *err) {
-    struct lw_view_options o = {.timeout_s = 120};
-    struct raw raw = {.address = DEFAULT_ADDRESS, .size = "1280x720", .wait = "complete", .exposure = "auto"};
-    const struct lw_option table[] = {
+    struct lw_view_options o = {.timeout_s = 120, .path.open.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG};
+    struct raw raw = {.size = "1280x720",
+                      .wait = "complete",
+                      .exposure = "auto",
+                      .samples = LW_VIEW_SPP,
+                      .bounces = 2,
+                      .seed = 1};
+    struct lw_option table[] = {
         {.name = "headless",
          .help = "Render one view without a window, and leave.",
          .kind = LW_OPTION_FLAG,
@@ -138,24 +180,21 @@ enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_optio
          .argument = "WxH",
          .help = "Pixels, each side from 1 to 16384 (default 1280x720).",
          .kind = LW_OPTION_STRING,
-         .value = &raw.size,
-         .given = &raw.size_given},
+         .value = &raw.size},
         {.name = "wait",
          .argument = "first|complete|converged|seconds:S",
          .help = "What to wait for: any light at all; every tile of the view with all bounces (default); "
                  "with an error "
                  "below the server's target; or so many seconds.",
          .kind = LW_OPTION_STRING,
-         .value = &raw.wait,
-         .given = &raw.wait_given},
+         .value = &raw.wait},
         {.name = "timeout",
          .argument = "SECONDS",
          .help = "Give up waiting (exit code 75) after so long (default 120).",
          .kind = LW_OPTION_REAL,
          .value = &o.timeout_s,
          .min = 0.1,
-         .max = SECONDS_MAX,
-         .given = &raw.timeout_given},
+         .max = SECONDS_MAX},
         {.name = "out",
          .argument = "FILE",
          .help = "FILE.exr: linear radiance, 32-bit float. FILE.png: tone mapped.",
@@ -175,30 +214,96 @@ enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_optio
          .help = "Exposure in stops, or by the picture (default auto).",
          .kind = LW_OPTION_STRING,
          .value = &raw.exposure},
-        {.name = "threads",
+        {.name = "path-trace",
+         .argument = "SCENE",
+         .help = "Path trace one view of a scene file, without a server, and leave; the rest is for it.",
+         .kind = LW_OPTION_STRING,
+         .value = &o.path.open.path},
+        {.name = "spp",
          .argument = "N",
-         .help = "Threads that render (default 0: all).",
+         .help = "Samples per pixel (default 64; with --error, at most so many).",
          .kind = LW_OPTION_INT,
-         .value = &raw.threads,
+         .value = &raw.samples,
+         .min = 1,
+         .max = LW_PATH_FILM_SAMPLES_MAX,
+         .given = &raw.samples_given},
+        {.name = "error",
+         .argument = "E",
+         .help = "Stop when the picture's estimated relative error, the root of relMSE, is down to this.",
+         .kind = LW_OPTION_REAL,
+         .value = &o.path.error,
+         .min = 1e-4,
+         .max = 1},
+        {.name = "bounces",
+         .argument = "N",
+         .help = "Indirect bounces, as of lightwelld (default 2).",
+         .kind = LW_OPTION_INT,
+         .value = &raw.bounces,
          .min = 0,
-         .max = 1024},
+         .max = LW_PATH_TRACE_BOUNCES_MAX},
+        {.name = "pixel",
+         .argument = LW_VIEW_PIXEL_CHOICES,
+         .help = "The mean over a pixel's square (default), or what its centre sees, as --headless shows it.",
+         .kind = LW_OPTION_CHOICE,
+         .value = &raw.pixel},
+        {.name = "time",
+         .argument = "SECONDS",
+         .help = "Moment of the scene's animation (default 0).",
+         .kind = LW_OPTION_REAL,
+         .value = &o.path.time_s,
+         .min = 0,
+         .max = 1e9},
+        {.name = "seed",
+         .argument = "N",
+         .help = "Of all random numbers (default 1).",
+         .kind = LW_OPTION_INT,
+         .value = &raw.seed,
+         .min = 0,
+         .max = UINT32_MAX},
+        LW_SCENE_OPEN_OPTIONS(&o.path.open),
     };
+    enum { COUNT = sizeof table / sizeof table[0] };
+    bool given[COUNT] = {false};
+    for (size_t i = 0; i < COUNT; i++)
+        if (table[i].given == NULL) table[i].given = &given[i];
     const struct lw_options options = {
         .program = "lightwell-view",
-        .synopsis = "[HOST:PORT] [OPTIONS]",
+        .synopsis = "[HOST:PORT | --path-trace SCENE] [OPTIONS]",
         .about =
             "Shows the scene that a lightwelld lights (default " DEFAULT_ADDRESS
             "), in a window: click, then fly "
             "with mouse, W A S D, Q and E; C for the next camera; F1 for the figures; Esc to leave. With "
-            "--headless it renders one view: lightwell-view --headless --camera-name main --out view.png",
+            "--headless it renders one view: lightwell-view --headless --camera-name main --out view.png\n"
+            "With --path-trace it works the light out by itself, slowly and exactly: "
+            "lightwell-view --path-trace SCENE --error 0.02 --out truth.exr",
         .table = table,
-        .count = sizeof table / sizeof table[0],
+        .count = COUNT,
         .positional = &raw.address,
         .positional_min = 0,
         .positional_max = 1};
     enum lw_status status = lw_options_parse(&options, argc, argv, NULL, out_done, err);
     if (status != LW_OK || *out_done) return status;
-    status = interpret(&raw, &o, err);
+    status = check_way(&o, table, COUNT, err);
+    if (status == LW_OK) status = interpret(&raw, &o, err);
     if (status == LW_OK) *out_options = o;
     return status;
+}
+
+enum lw_status lw_view_options_camera(const struct lw_view_options *options, const struct lw_scene *scene,
+                                      const struct lw_pose *pose, const struct lw_trace *trace,
+                                      struct lw_camera_view *out_camera, struct lw_error *err) {
+    if (options->camera_given) {
+        *out_camera = options->camera;
+        return LW_OK;
+    }
+    uint32_t camera = 0;
+    if (options->camera_name != NULL) {
+        enum lw_status status = lw_camera_find(scene, options->camera_name, &camera, err);
+        if (status != LW_OK) return status;
+    }
+    if (camera < scene->camera_count)
+        *out_camera = lw_camera_of_scene(scene, pose, camera);
+    else
+        *out_camera = lw_camera_default(scene, pose, trace, (float)options->width / (float)options->height);
+    return LW_OK;
 }

@@ -4,7 +4,9 @@
 #define LW_CLIENT_VIEW_VIEW_OPTIONS_H
 
 #include "client/view/camera.h"
+#include "client/view/path_trace.h"
 #include "client/view/tonemap.h"
+#include "common/scene/scene_open.h"
 #include "common/status.h"
 
 #include <stdint.h>
@@ -19,6 +21,20 @@ enum lw_view_wait {
 };
 
 enum lw_view_format { LW_VIEW_NO_FILE, LW_VIEW_EXR, LW_VIEW_PNG };
+
+/* How many samples a pixel takes by --path-trace where nobody says. */
+#define LW_VIEW_SPP           64
+#define LW_VIEW_PIXEL_CHOICES "box|centre" /* in the order of enum lw_path_pixel */
+
+/** What --path-trace takes. */
+struct lw_view_path {
+    struct lw_scene_open open; /* open.path is the scene; NULL: no path tracing */
+    uint32_t samples;          /* per pixel, at most */
+    double error;              /* relative, at which to stop; 0: none */
+    uint32_t bounces, seed;
+    enum lw_path_pixel pixel;
+    double time_s; /* of the scene's animation */
+};
 
 struct lw_view_options {
     char host[256];
@@ -37,11 +53,19 @@ struct lw_view_options {
     float stops;      /* unless auto_exposure */
     unsigned threads; /* 0: all */
     double timeout_s;
+    struct lw_view_path path;
 };
 
 /** Reads the command line. --help and --version print and set *out_done.
  * Errors: LW_USAGE naming the option and what it accepts. */
 LW_MUST_CHECK enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_options *out_options,
                                                    bool *out_done, struct lw_error *err);
+
+/** The camera that the options name, else the scene's first, else one that shows the scene.
+ * Errors: LW_USAGE for a name that the scene does not have. */
+LW_MUST_CHECK enum lw_status lw_view_options_camera(const struct lw_view_options *options,
+                                                    const struct lw_scene *scene, const struct lw_pose *pose,
+                                                    const struct lw_trace *trace,
+                                                    struct lw_camera_view *out_camera, struct lw_error *err);
 
 #endif

@@ -30,6 +30,38 @@ static void test_defaults(void **state) {
     assert_int_equal(o.height, 720);
     assert_int_equal(o.curve, LW_TONEMAP_REINHARD);
     assert_true(o.auto_exposure);
+    assert_null(o.path.open.path);
+}
+
+static void test_path_trace(void **state) {
+    (void)state;
+    struct lw_view_options o;
+    struct lw_error err;
+    lw_support_ok(parse("--path-trace room.glb --out a.png", &o, &err), &err);
+    assert_string_equal(o.path.open.path, "room.glb");
+    assert_int_equal(o.path.samples, LW_VIEW_SPP);
+    assert_true(o.path.error == 0);
+    assert_int_equal(o.path.bounces, 2);
+    assert_int_equal(o.path.seed, 1);
+    assert_int_equal(o.path.pixel, LW_PATH_PIXEL_BOX);
+    assert_float_equal(o.path.open.sun_angle_deg, LW_SCENE_OPEN_SUN_DIAMETER_DEG, 0);
+    lw_support_ok(parse("--path-trace room.glb --json --camera-name a --size 8x8 --spp 1048576 --error 0.01 "
+                        "--bounces 64 --time 2.5 --seed 4294967295 --pixel centre --sky 1,2,3 --sun-angle 0 "
+                        "--threads 3 --tonemap none --exposure 1",
+                        &o, &err),
+                  &err);
+    assert_int_equal(o.path.samples, 1048576);
+    assert_float_equal(o.path.error, 0.01, 0);
+    assert_int_equal(o.path.bounces, 64);
+    assert_float_equal(o.path.time_s, 2.5, 0);
+    assert_true(o.path.seed == UINT32_MAX);
+    assert_int_equal(o.path.pixel, LW_PATH_PIXEL_CENTRE);
+    assert_true(o.path.open.sky_given && o.path.open.sky[1] == 2);
+    assert_true(o.path.open.sun_angle_given && o.path.open.sun_angle_deg == 0);
+    assert_int_equal(o.threads, 3);
+    /* an error alone: as many samples as it takes */
+    lw_support_ok(parse("--path-trace room.glb --json --error 1", &o, &err), &err);
+    assert_int_equal(o.path.samples, LW_PATH_FILM_SAMPLES_MAX);
 }
 
 static void test_everything(void **state) {
@@ -93,6 +125,33 @@ static void test_errors_name_the_option(void **state) {
         {"--json", "--json"},
         {"--wait first", "--wait"},
         {"localhost:99999", "99999"},
+        {"--path-trace room.glb", "--out"},
+        {"--path-trace room.glb --json --spp 0", "--spp"},
+        {"--path-trace room.glb --json --spp 1048577", "--spp"},
+        {"--path-trace room.glb --json --error 0", "--error"},
+        {"--path-trace room.glb --json --error 2", "--error"},
+        {"--path-trace room.glb --json --bounces -1", "--bounces"},
+        {"--path-trace room.glb --json --bounces 65", "--bounces"},
+        {"--path-trace room.glb --json --time -1", "--time"},
+        {"--path-trace room.glb --json --seed -1", "--seed"},
+        {"--path-trace room.glb --json --seed 4294967296", "--seed"},
+        {"--path-trace room.glb --json --pixel corner", "--pixel"},
+        /* each way refuses what belongs to another */
+        {"--path-trace room.glb --json localhost", "localhost"},
+        {"--path-trace room.glb --json --headless", "--headless"},
+        {"--path-trace room.glb --json --wait first", "--wait"},
+        {"--path-trace room.glb --json --timeout 5", "--timeout"},
+        {"--headless --json --spp 4", "--spp"},
+        {"--headless --json --error 0.1", "--error"},
+        {"--headless --json --bounces 1", "--bounces"},
+        {"--headless --json --time 1", "--time"},
+        {"--headless --json --seed 1", "--seed"},
+        {"--headless --json --pixel box", "--pixel"},
+        {"--headless --json --sky 1,1,1", "--sky"},
+        {"--headless --json --sun-angle 1", "--sun-angle"},
+        {"--headless --json --texels-per-metre 8", "--texels-per-metre"},
+        {"--headless --json --atlas-max 64", "--atlas-max"},
+        {"--spp 4", "--spp"},
     };
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         struct lw_view_options o;
@@ -106,6 +165,7 @@ static void test_errors_name_the_option(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_defaults),
+        cmocka_unit_test(test_path_trace),
         cmocka_unit_test(test_everything),
         cmocka_unit_test(test_errors_name_the_option),
     };

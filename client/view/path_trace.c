@@ -1,0 +1,377 @@
+#include "client/view/path_trace.h"
+
+#include "client/view/path_order.h"
+#include "common/random.h"
+
+#include <omp.h>
+#include <stdlib.h>
+
+#define LANES   LW_TRACE_WIDTH
+#define TILE    64u /* pixels; the side of what a thread takes */
+#define PATTERN 4u  /* pixels; the side of the pattern of direction sets */
+#define SETS    (PATTERN * PATTERN)
+#define COLUMN  (TILE / PATTERN) /* paths of one set along a side of a tile */
+#define BUNDLE  (COLUMN * COLUMN)
+
+_Static_assert(BUNDLE <= LW_PATH_ORDER_MAX, "a bundle is put into order as a whole");
+
+/* What a pair of random numbers is for. */
+enum use { USE_PIXEL, USE_LAYER, USE_PICK, USE_LAMP, USE_BOUNCE, USE_COUNT };
+
+/* Where an object is. */
+struct place {
+    struct lw_affine to_world;
+    struct lw_affine to_normal; /* normals alone, of any length */
+    float growth, shift_m;      /* |world coordinate| <= growth |object coordinate| + shift_m */
+};
+
+struct lw_path_trace {
+    const struct lw_scene *scene;
+    const struct lw_trace *trace;
+    const struct lw_lights *lights;
+    struct place *place; /* per object */
+    int threads;
+};
+
+/* One render, as its bundles see it. */
+struct job {
+    const struct lw_path_trace *tracer;
+    const struct lw_path_view *view;
+    struct lw_camera_plane plane;
+    struct lw_path_film *film;
+};
+
+/* The paths of one direction set in one tile: every fourth pixel in both directions. They share all random numbers, so
+ * that from equal normals they bounce in parallel, and all look for the same lamp: packets of them run through the same
+ * boxes. That correlates the noise of pixels which are not neighbours, and does not change the error of any one. */
+struct bundle {
+    uint32_t seed, index; /* of the sequences that the paths share */
+    uint32_t salt;
+    unsigned going; /* paths that go on from a surface: order[0 .. going - 1] */
+    uint16_t order[BUNDLE + LANES];
+    struct path {
+        struct lw_vec3 origin;     /* on that surface, lifted off it */
+        struct lw_vec3 normal;     /* shading normal, on the side that the path came from */
+        struct lw_vec3 throughput; /* the surface's albedo included */
+        struct lw_vec3 radiance;   /* gathered so far */
+        uint32_t x, y;             /* pixel */
+    } path[BUNDLE];
+};
+
+enum lw_status lw_path_trace_create(const struct lw_path_trace_desc *desc, struct lw_path_trace **out_tracer,
+                                    struct lw_error *err) {
+    struct lw_path_trace *tracer = calloc(1, sizeof *tracer);
+    if (tracer == NULL) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the path tracer");
+    tracer->scene = desc->scene;
+    tracer->trace = desc->trace;
+    tracer->lights = desc->lights;
+    tracer->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
+    tracer->place = calloc((size_t)desc->scene->object_count + 1, sizeof *tracer->place);
+    if (tracer->place == NULL) {
+        lw_path_trace_destroy(tracer);
+        return lw_status_fail(err, LW_NO_MEMORY, "no memory for the path tracer");
+    }
+    lw_path_trace_set_pose(tracer, desc->pose);
+    *out_tracer = tracer;
+    return LW_OK;
+}
+
+void lw_path_trace_destroy(struct lw_path_trace *tracer) {
+    if (tracer == NULL) return;
+    free(tracer->place);
+    free(tracer);
+}
+
+static struct place place_of(const struct lw_affine *t) {
+    struct place place = {.to_world = *t};
+    for (int column = 0; column < 3; column++) {
+        struct lw_vec3 axis = lw_vec3(column == 0, column == 1, column == 2);
+        struct lw_vec3 n = lw_affine_cofactor_normal(t, axis);
+        place.to_normal.m[0][column] = n.x;
+        place.to_normal.m[1][column] = n.y;
+        place.to_normal.m[2][column] = n.z;
+    }
+    for (int row = 0; row < 3; row++) {
+        const float *m = t->m[row];
+        place.growth = fmaxf(place.growth, fabsf(m[0]) + fabsf(m[1]) + fabsf(m[2]));
+        place.shift_m = fmaxf(place.shift_m, fabsf(m[3]));
+    }
+    return place;
+}
+
+void lw_path_trace_set_pose(struct lw_path_trace *tracer, const struct lw_pose *pose) {
+    for (uint32_t o = 0; o < tracer->scene->object_count; o++)
+        tracer->place[o] = place_of(&pose->object_to_world[o]);
+}
+
+static void draw(const struct bundle *b, enum use use, uint32_t depth, float out[2]) {
+    lw_random_sobol2(b->index, lw_random_hash2(b->seed, depth * USE_COUNT + use), out);
+}
+
+static const struct lw_mesh *mesh_of(const struct job *job, uint32_t object) {
+    const struct lw_scene *scene = job->tracer->scene;
+    return &scene->mesh[scene->object[object].mesh];
+}
+
+static float largest_of(struct lw_vec3 v) { return fmaxf(fabsf(v.x), fmaxf(fabsf(v.y), fabsf(v.z))); }
+
+/* Puts path number `which` onto the surface that lane `i` has met, from where it goes on unless all light is swallowed. */
+static void arrive(const struct job *job, struct bundle *b, uint16_t which, const struct lw_hit16 *hits,
+                   unsigned i, const struct lw_surface *surface) {
+    struct path *path = &b->path[which];
+    path->throughput = lw_vec3_mul(path->throughput, surface->albedo);
+    if (!(path->throughput.x + path->throughput.y + path->throughput.z > 0)) return;
+
+    const struct place *place = &job->tracer->place[hits->object[i]];
+    const struct lw_mesh *mesh = mesh_of(job, hits->object[i]);
+    const uint32_t *vertex = mesh->triangle[hits->triangle[i]];
+    const bool back = hits->back[i];
+    const float side = back ? -1.0f : 1.0f;
+    struct lw_vec3 shading = surface->normal, face = surface->geometric_normal;
+    /* As in the solve: a shading normal that points into the surface would gather from inside. */
+    if (lw_vec3_dot(shading, face) <= 0.01f) shading = face;
+    path->normal = lw_vec3_scale(lw_vec3_normalize(lw_affine_vector(&place->to_normal, shading)), side);
+    face = lw_vec3_scale(lw_vec3_normalize(lw_affine_vector(&place->to_normal, face)), side);
+    float largest =
+        fmaxf(largest_of(mesh->position[vertex[0]]),
+              fmaxf(largest_of(mesh->position[vertex[1]]), largest_of(mesh->position[vertex[2]])));
+    struct lw_vec3 start = lw_scene_shadow_origin(mesh, hits->triangle[i], hits->u[i], hits->v[i], back);
+    path->origin = lw_trace_lift(lw_affine_point(&place->to_world, start), face,
+                                 place->growth * largest + place->shift_m);
+    b->order[b->going++] = which;
+}
+
+static void surface_at(const struct job *job, const struct lw_hit16 *hits, unsigned i,
+                       struct lw_surface *out) {
+    lw_scene_surface(job->tracer->scene, mesh_of(job, hits->object[i]), hits->triangle[i], hits->u[i],
+                     hits->v[i], out);
+}
+
+/* Rays from the eye. Of the BLEND surfaces along one of them the path chooses one, or what is behind them all, by how
+ * much each gives to what compose.h blends front to back. */
+static void look16(const struct job *job, struct bundle *b, uint16_t first, unsigned lanes,
+                   struct lw_path_count *count) {
+    const struct lw_path_view *view = job->view;
+    struct lw_ray16 rays = {.salt = b->salt};
+    float jitter[2], choice[2], transmittance[LANES];
+    draw(b, USE_PIXEL, 0, jitter);
+    draw(b, USE_LAYER, 0, choice);
+    if (view->pixel == LW_PATH_PIXEL_CENTRE) jitter[0] = jitter[1] = 0.5f;
+    for (unsigned i = 0; i < lanes; i++) {
+        struct path *path = &b->path[first + i];
+        struct lw_vec3 direction =
+            lw_camera_direction(&job->plane, (float)path->x + jitter[0], (float)path->y + jitter[1]);
+        lw_trace_set_ray(&rays, i, view->camera.position, direction, INFINITY);
+        path->radiance = lw_vec3(0, 0, 0);
+        path->throughput = lw_vec3(1, 1, 1);
+        transmittance[i] = 1;
+    }
+    uint16_t going = (uint16_t)((1u << lanes) - 1u);
+    count->paths += lanes;
+    for (unsigned layer = 1; going; layer++) {
+        struct lw_hit16 hits;
+        uint16_t go_on = 0;
+        lw_trace_closest16(job->tracer->trace, LW_TRACE_VIEW | LW_TRACE_COHERENT, going, &rays, &hits);
+        count->rays_primary += (unsigned)__builtin_popcount(going);
+        for (unsigned i = 0; i < lanes; i++) {
+            if (!(going >> i & 1u)) continue;
+            struct path *path = &b->path[first + i];
+            if (hits.object[i] == LW_TRACE_MISS) {
+                struct lw_vec3 direction = lw_vec3(rays.dir_x[i], rays.dir_y[i], rays.dir_z[i]);
+                path->radiance = lw_scene_sky(job->tracer->scene, lw_vec3_normalize(direction));
+                continue;
+            }
+            struct lw_surface surface;
+            surface_at(job, &hits, i, &surface);
+            transmittance[i] *= 1 - surface.alpha;
+            if (surface.material->alpha_mode == LW_ALPHA_BLEND && layer < LW_PATH_TRACE_LAYERS_MAX &&
+                choice[0] < transmittance[i]) {
+                /* Past the hit by more than its rounding, whatever packet it is traced in. */
+                rays.t_near[i] = hits.t[i] * (1.0f + 4e-6f) + 1e-7f;
+                go_on |= (uint16_t)(1u << i);
+                continue;
+            }
+            path->radiance = surface.emission;
+            arrive(job, b, (uint16_t)(first + i), &hits, i, &surface);
+        }
+        going = go_on;
+    }
+}
+
+/* Power heuristic (Veach 1997, 9.2.4): the weight of a sample that was drawn with density `own` where `other` could have
+ * drawn it too. */
+static float weight_of(float own, float other) {
+    float ratio = other / own;
+    return 1 / (1 + ratio * ratio);
+}
+
+static void light16(const struct job *job, struct bundle *b, const uint16_t *which, unsigned lanes,
+                    float pick, const float point[2], struct lw_path_count *count) {
+    struct lw_ray16 rays = {.salt = b->salt};
+    struct lw_vec3 arriving[LANES];
+    uint16_t active = 0;
+    for (unsigned i = 0; i < lanes; i++) {
+        struct path *path = &b->path[which[i]];
+        struct lw_light_sample sample =
+            lw_lights_sample(job->tracer->lights, path->origin, path->normal, pick, point[0], point[1]);
+        float cosine = lw_vec3_dot(path->normal, sample.direction), weight = 1 / LW_PI;
+        if (sample.pdf > 0 && job->view->method != LW_PATH_METHOD_LAMPS)
+            weight *= job->view->method == LW_PATH_METHOD_BOTH ? weight_of(sample.pdf, cosine / LW_PI) : 0;
+        arriving[i] = lw_vec3_scale(lw_vec3_mul(sample.irradiance_normal, path->throughput), cosine * weight);
+        if (!(arriving[i].x + arriving[i].y + arriving[i].z > 0)) continue;
+        /* Short of the lamp itself, which would be in its own way. */
+        lw_trace_set_ray(&rays, i, path->origin, sample.direction, sample.distance_m * 0.9999f);
+        active |= (uint16_t)(1u << i);
+    }
+    if (!active) return;
+    uint16_t occluded = lw_trace_occluded16(job->tracer->trace, LW_TRACE_COHERENT, active, &rays);
+    count->rays_shadow += (unsigned)__builtin_popcount(active);
+    for (unsigned i = 0; i < lanes; i++)
+        if ((active & ~occluded) >> i & 1u) {
+            struct lw_vec3 *radiance = &b->path[which[i]].radiance;
+            *radiance = lw_vec3_add(*radiance, arriving[i]);
+        }
+}
+
+/* What a bounce ray meets that shines by itself; rays towards lamps may have found it too. */
+static struct lw_vec3 shine(const struct job *job, const struct path *path, const struct lw_ray16 *rays,
+                            const struct lw_hit16 *hits, unsigned i, const struct lw_surface *surface) {
+    const enum lw_path_method method = job->view->method;
+    if (method == LW_PATH_METHOD_LAMPS) return lw_vec3(0, 0, 0);
+    const struct lw_lights *lights = job->tracer->lights;
+    const struct lw_vec3 direction = lw_vec3(rays->dir_x[i], rays->dir_y[i], rays->dir_z[i]);
+    struct lw_vec3 radiance = surface ? surface->emission : lw_scene_sky(job->tracer->scene, direction);
+    if (method == LW_PATH_METHOD_BOUNCE || !(radiance.x + radiance.y + radiance.z > 0)) return radiance;
+    float pdf = surface
+                    ? lw_lights_pdf_emitter(lights, path->origin, path->normal, hits->object[i],
+                                            hits->triangle[i], hits->u[i], hits->v[i], direction, hits->t[i])
+                    : lw_lights_pdf_sky(lights, path->origin, path->normal, direction);
+    float own = lw_vec3_dot(path->normal, direction) / LW_PI;
+    return lw_vec3_scale(radiance, weight_of(own, pdf));
+}
+
+static void bounce16(const struct job *job, struct bundle *b, const uint16_t *which, unsigned lanes,
+                     struct lw_vec3 local, unsigned flags, bool last, struct lw_path_count *count) {
+    const struct lw_scene *scene = job->tracer->scene;
+    struct lw_ray16 rays = {.salt = b->salt};
+    struct lw_hit16 hits;
+    uint16_t lane_path[LANES]; /* `which` is what arrive() writes over */
+    for (unsigned i = 0; i < lanes; i++) {
+        const struct path *path = &b->path[lane_path[i] = which[i]];
+        struct lw_vec3 t, s, direction;
+        lw_vec3_frame(path->normal, &t, &s);
+        direction = lw_vec3_mad(lw_vec3_mad(lw_vec3_scale(path->normal, local.z), t, local.x), s, local.y);
+        lw_trace_set_ray(&rays, i, path->origin, direction, INFINITY);
+    }
+    lw_trace_closest16(job->tracer->trace, flags, (uint16_t)((1u << lanes) - 1u), &rays, &hits);
+    count->rays_bounce += lanes;
+    for (unsigned i = 0; i < lanes; i++) {
+        struct path *path = &b->path[lane_path[i]];
+        struct lw_surface surface;
+        const bool miss = hits.object[i] == LW_TRACE_MISS;
+        if (!miss) {
+            const uint32_t *material = mesh_of(job, hits.object[i])->material;
+            const struct lw_material *m = &scene->material[material[hits.triangle[i]]];
+            if (hits.back[i] && !m->double_sided) continue; /* a black wall */
+            if (last && !(m->emission[0] + m->emission[1] + m->emission[2] > 0)) continue;
+            surface_at(job, &hits, i, &surface);
+        }
+        struct lw_vec3 seen = shine(job, path, &rays, &hits, i, miss ? NULL : &surface);
+        path->radiance = lw_vec3_add(path->radiance, lw_vec3_mul(seen, path->throughput));
+        if (!miss && !last) arrive(job, b, lane_path[i], &hits, i, &surface);
+    }
+}
+
+static struct lw_vec3 cosine_direction(const float point[2]) {
+    float radius = sqrtf(point[0]), angle = 2 * LW_PI * point[1];
+    return lw_vec3(radius * cosf(angle), radius * sinf(angle), sqrtf(fmaxf(0, 1 - point[0])));
+}
+
+static unsigned lanes_from(unsigned first, unsigned count) {
+    return count - first < LANES ? count - first : LANES;
+}
+
+static void put_into_order(struct bundle *b) {
+    struct lw_path_order_item item[BUNDLE];
+    for (unsigned i = 0; i < b->going; i++)
+        item[i] = (struct lw_path_order_item){b->path[b->order[i]].origin, b->path[b->order[i]].normal};
+    lw_path_order(item, b->going, b->order);
+}
+
+static void trace_bundle(const struct job *job, struct bundle *b, unsigned paths,
+                         struct lw_path_count *count) {
+    const enum lw_path_method method = job->view->method;
+    const bool ask_lamps = method != LW_PATH_METHOD_BOUNCE || job->tracer->scene->light_count > 0;
+    b->going = 0;
+    for (unsigned first = 0; first < paths; first += LANES)
+        look16(job, b, (uint16_t)first, lanes_from(first, paths), count);
+    for (uint32_t depth = 0; b->going; depth++) {
+        const bool last = depth == job->view->bounces;
+        const unsigned flags = depth == 0 ? LW_TRACE_COHERENT : 0;
+        const unsigned going = b->going;
+        float pick[2], lamp[2], bounce[2];
+        if (depth > 0) put_into_order(b);
+        draw(b, USE_PICK, depth, pick);
+        draw(b, USE_LAMP, depth, lamp);
+        draw(b, USE_BOUNCE, depth, bounce);
+        for (unsigned first = 0; ask_lamps && first < going; first += LANES)
+            light16(job, b, b->order + first, lanes_from(first, going), pick[0], lamp, count);
+        if (last && method == LW_PATH_METHOD_LAMPS) break;
+        b->going = 0;
+        for (unsigned first = 0; first < going; first += LANES)
+            bounce16(job, b, b->order + first, lanes_from(first, going), cosine_direction(bounce), flags,
+                     last, count);
+    }
+}
+
+static void trace_tile(const struct job *job, uint32_t left, uint32_t top, uint32_t samples,
+                       struct lw_path_count *count) {
+    const struct lw_path_film *film = job->film;
+    struct bundle b;
+    for (uint32_t set = 0; set < SETS; set++) {
+        unsigned paths = 0;
+        for (uint32_t i = 0; i < BUNDLE; i++) { /* in blocks of 4 x 4: each packet a square of pixels */
+            uint32_t block = i / 16, column = block % (COLUMN / 4) * 4 + i % 4,
+                     row = block / (COLUMN / 4) * 4 + i / 4 % 4;
+            uint32_t x = left + column * PATTERN + set % PATTERN, y = top + row * PATTERN + set / PATTERN;
+            if (x >= film->width || y >= film->height) continue;
+            b.path[paths].x = x;
+            b.path[paths++].y = y;
+        }
+        for (uint32_t s = film->samples; s < film->samples + samples; s++) {
+            b.seed = lw_random_hash4(job->view->seed, s & 1u, left + set % PATTERN, top + set / PATTERN);
+            b.index = s >> 1;
+            b.salt = s;
+            trace_bundle(job, &b, paths, count);
+            for (unsigned i = 0; i < paths; i++) {
+                const struct path *path = &b.path[i];
+                float *sum = film->half[s & 1u] + 3 * ((size_t)path->y * film->width + path->x);
+                if (!lw_vec3_is_finite(path->radiance)) continue;
+                sum[0] += path->radiance.x, sum[1] += path->radiance.y, sum[2] += path->radiance.z;
+            }
+        }
+    }
+}
+
+void lw_path_trace_render(const struct lw_path_trace *tracer, const struct lw_path_view *view,
+                          uint32_t samples, struct lw_path_film *film, struct lw_path_count *count) {
+    const struct job job = {.tracer = tracer,
+                            .view = view,
+                            .plane = lw_camera_plane(&view->camera, film->width, film->height),
+                            .film = film};
+    const uint32_t columns = (film->width + TILE - 1) / TILE, rows = (film->height + TILE - 1) / TILE;
+    uint64_t paths = 0, primary = 0, shadow = 0, bounce = 0;
+#pragma omp parallel for schedule(dynamic) num_threads(tracer->threads)                                      \
+    reduction(+ : paths, primary, shadow, bounce)
+    for (uint32_t t = 0; t < columns * rows; t++) {
+        struct lw_path_count c = {0};
+        trace_tile(&job, t % columns * TILE, t / columns * TILE, samples, &c);
+        paths += c.paths, primary += c.rays_primary, shadow += c.rays_shadow, bounce += c.rays_bounce;
+    }
+    film->samples += samples;
+    if (count == NULL) return;
+    count->paths += paths;
+    count->rays_primary += primary;
+    count->rays_shadow += shadow;
+    count->rays_bounce += bounce;
+}

@@ -1,0 +1,71 @@
+/* path_trace.h: the truth: light by tracing paths from the eye, with nothing cached between them.
+ * Flow:    scene, trace, lights, pose, camera -> [path_trace] -> path_film
+ * Threads: one thread at a time per lw_path_trace; works on several inside. Same seed, same bytes, at any number of them
+ *          and however the samples are spread over calls.
+ * After:   Veach 1997 (multiple importance sampling, power heuristic); Burley 2020 (Owen-scrambled Sobol by hashing).
+ *
+ * It shares scene, rays and lights with the solve and counts its light as the solve does: emission that is seen, direct
+ * light, and so many orders of indirect light. Everything is diffuse. */
+#ifndef LW_CLIENT_VIEW_PATH_TRACE_H
+#define LW_CLIENT_VIEW_PATH_TRACE_H
+
+#include "client/view/camera.h"
+#include "client/view/path_film.h"
+#include "common/light/lights.h"
+#include "common/trace/trace.h"
+
+#define LW_PATH_TRACE_BOUNCES_MAX 64u
+#define LW_PATH_TRACE_LAYERS_MAX                                                                             \
+    16u /* BLEND surfaces along one ray from the eye; the last one counts as opaque */
+
+enum lw_path_pixel {
+    LW_PATH_PIXEL_BOX,   /* a pixel is the mean over its square */
+    LW_PATH_PIXEL_CENTRE /* it is what its centre sees, as compose.h has it */
+};
+
+/** How light from surfaces and sky is found; all agree in the mean. */
+enum lw_path_method {
+    LW_PATH_METHOD_BOTH,  /* by lamps and by bounce rays, weighed by the power heuristic */
+    LW_PATH_METHOD_LAMPS, /* by rays towards lamps alone */
+    LW_PATH_METHOD_BOUNCE /* by bounce rays that happen to meet them; point, spot and directional lights by lamps */
+};
+
+struct lw_path_trace_desc {
+    const struct lw_scene *scene;
+    const struct lw_trace *trace; /* of the same scene, at the pose of each render */
+    const struct lw_lights *lights;
+    const struct lw_pose *pose;
+    unsigned threads; /* 0: all */
+};
+
+struct lw_path_trace;
+
+/** What desc points to must outlive it. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_path_trace_create(const struct lw_path_trace_desc *desc,
+                                                  struct lw_path_trace **out_tracer, struct lw_error *err);
+void lw_path_trace_destroy(struct lw_path_trace *tracer);
+
+/** Takes another pose, to which trace and lights have been set. */
+void lw_path_trace_set_pose(struct lw_path_trace *tracer, const struct lw_pose *pose);
+
+struct lw_path_view {
+    struct lw_camera_view camera;
+    uint32_t bounces; /* of indirect light; up to LW_PATH_TRACE_BOUNCES_MAX */
+    uint32_t seed;
+    enum lw_path_pixel pixel;
+    enum lw_path_method method;
+};
+
+struct lw_path_count {
+    uint64_t paths, rays_primary, rays_shadow, rays_bounce;
+};
+
+/** Adds `samples` paths to every pixel of a film.
+ *
+ * count   may be NULL; added to
+ * Errors  none; a sample that is not finite counts as black
+ * Cost    no allocation */
+void lw_path_trace_render(const struct lw_path_trace *tracer, const struct lw_path_view *view,
+                          uint32_t samples, struct lw_path_film *film, struct lw_path_count *count);
+
+#endif

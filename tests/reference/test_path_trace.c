@@ -1,0 +1,514 @@
+/* The path tracer against closed forms. Tolerances come from the spread over seeds: pixels of a picture share random
+ * numbers, pictures of different seeds do not. */
+#include "client/view/path_trace.h"
+#include "common/scene/builtin.h"
+#include "tests/reference/room.h"
+
+#include <string.h>
+
+#define SEEDS 16
+#define SIGMA 4.5  /* standard errors; of a thousand such comparisons none fails by chance */
+#define FLAT  1e-5 /* what float sums may be off by where nothing is random */
+
+/* A scene with everything that a render needs. */
+struct set {
+    struct lw_scene *scene;
+    struct lw_pose pose;
+    struct lw_trace *trace;
+    struct lw_lights lights;
+    struct lw_path_trace *tracer;
+};
+
+static void set_up(struct set *set, struct lw_scene *scene, unsigned threads) {
+    struct lw_error err = {0};
+    *set = (struct set){.scene = scene};
+    lw_support_ok(lw_pose_init(&set->pose, scene), NULL);
+    lw_support_ok(lw_trace_create(scene, &set->pose, &set->trace, &err), &err);
+    lw_support_ok(lw_lights_init(&set->lights, scene, &set->pose), NULL);
+    lw_support_ok(lw_path_trace_create(&(struct lw_path_trace_desc){.scene = scene,
+                                                                    .trace = set->trace,
+                                                                    .lights = &set->lights,
+                                                                    .pose = &set->pose,
+                                                                    .threads = threads},
+                                       &set->tracer, &err),
+                  &err);
+}
+
+static void tear_down(struct set *set) {
+    lw_path_trace_destroy(set->tracer);
+    lw_lights_finish(&set->lights);
+    lw_trace_destroy(set->trace);
+    lw_pose_finish(&set->pose);
+    lw_scene_destroy(set->scene);
+}
+
+static struct lw_path_film render(const struct set *set, const struct lw_path_view *view, uint32_t width,
+                                  uint32_t height, uint32_t samples) {
+    struct lw_path_film film;
+    struct lw_error err = {0};
+    lw_support_ok(lw_path_film_init(&film, width, height, &err), &err);
+    lw_path_trace_render(set->tracer, view, samples, &film, NULL);
+    return film;
+}
+
+struct mean {
+    double value, error; /* standard error */
+};
+
+/* Mean of the red channel of a square picture. */
+static struct mean mean_of(const struct set *set, struct lw_path_view view, uint32_t side, uint32_t samples) {
+    double sum = 0, squares = 0;
+    for (uint32_t seed = 1; seed <= SEEDS; seed++) {
+        view.seed = seed;
+        struct lw_path_film film = render(set, &view, side, side, samples);
+        double value = 0;
+        for (uint32_t i = 0; i < side * side; i++)
+            value += (double)film.half[0][3 * i] + (double)film.half[1][3 * i];
+        value /= side * side * samples;
+        sum += value, squares += value * value;
+        lw_path_film_finish(&film);
+    }
+    double mean = sum / SEEDS;
+    return (struct mean){mean, sqrt(fmax(0, squares / SEEDS - mean * mean) / (SEEDS - 1))};
+}
+
+static void expect_mean(struct mean got, double want) {
+    if (!(fabs(got.value - want) <= SIGMA * got.error + FLAT * fabs(want)))
+        fail_msg("got %.7g +- %.2g, expected %.7g", got.value, got.error, want);
+}
+
+static struct lw_path_view view_of(struct lw_vec3 from, struct lw_vec3 to, float fov_deg, uint32_t bounces) {
+    return (struct lw_path_view){.camera = lw_camera_look_at(from, to, fov_deg * LW_PI / 180),
+                                 .bounces = bounces};
+}
+
+/* ---- furnaces ---- */
+
+static void test_furnace_partial_sums(void **state) {
+    (void)state;
+    const double albedo[] = {0, 0.2, 0.5, 0.9};
+    const uint32_t bounces[] = {0, 1, 3, 12};
+    for (int a = 0; a < 4; a++) {
+        struct room room = {0};
+        struct set set;
+        room_box(&room, lw_vec3(2, 1, 3), (float)albedo[a], 1.5f);
+        set_up(&set, room_scene(&room), 2);
+        for (int b = 0; b < 4; b++) {
+            double want = 0;
+            for (uint32_t k = 0; k <= bounces[b] + 1; k++) want += 1.5 * pow((double)(float)albedo[a], k);
+            struct lw_path_view view =
+                view_of(lw_vec3(1, 0.5f, 1.5f), lw_vec3(0.3f, 0.1f, 0), 100, bounces[b]);
+            expect_mean(mean_of(&set, view, 16, 4), want);
+            /* Every ray meets the same light, whatever its direction: nothing is random. */
+            view.method = LW_PATH_METHOD_BOUNCE;
+            struct mean certain = mean_of(&set, view, 16, 2);
+            assert_true(certain.error <= FLAT * want);
+            expect_mean(certain, want);
+        }
+        tear_down(&set);
+    }
+}
+
+/* ---- lamps over a floor ---- */
+
+static struct room floor_room(void) {
+    struct room room = {0};
+    room_quad(&room, lw_vec3(-1, 0, -1), lw_vec3(0, 0, 2), lw_vec3(2, 0, 0), 0.5f, 0);
+    return room;
+}
+
+/* Straight down: pixel (x, y) of `side` sees ((x + 0.5) * 2 / side - 1) and z likewise, of a floor of 2 m x 2 m. */
+static struct lw_path_view floor_view(void) {
+    struct lw_path_view view = view_of(lw_vec3(0, 4, 0), lw_vec3(0, 0, 0), 0, 0);
+    view.camera.fov_y = 2 * atanf(0.25f);
+    view.pixel = LW_PATH_PIXEL_CENTRE;
+    return view;
+}
+
+/* Each pixel is albedo / pi E at its centre. */
+static void expect_floor(const struct room *room, double (*e)(double x, double z), double tolerance) {
+    enum { SIDE = 33 };
+    struct set set;
+    struct lw_path_view view = floor_view();
+    set_up(&set, room_scene(room), 2);
+    struct lw_path_film film = render(&set, &view, SIDE, SIDE, 4);
+    for (uint32_t i = 0; i < SIDE * SIDE; i++) {
+        /* `up` of a camera that looks down is +-Z, which mirrors nothing here: the lamps are on the axis. */
+        double x = (i % SIDE + 0.5) * 2 / SIDE - 1, z = (i / SIDE + 0.5) * 2 / SIDE - 1;
+        double want = 0.5 / acos(-1.0) * e(x, z),
+               got = ((double)film.half[0][3 * i] + (double)film.half[1][3 * i]) / 4;
+        if (!(fabs(got - want) <= tolerance * want + 1e-5 * e(0, 0)))
+            fail_msg("at (%.3f, %.3f): %.7g, expected %.7g", x, z, got, want);
+    }
+    lw_path_film_finish(&film);
+    tear_down(&set);
+}
+
+static double point_e(double x, double z) {
+    double d2 = x * x + z * z + 1.5 * 1.5;
+    return 10 * 1.5 / (d2 * sqrt(d2)); /* I cos / d^2 */
+}
+static double spot_e(double x, double z) {
+    double d2 = x * x + z * z + 1.5 * 1.5, cosine = 1.5 / sqrt(d2);
+    double s = (cosine - cos(0.5)) / (cos(0.2) - cos(0.5));
+    s = s < 0 ? 0 : s > 1 ? 1 : s;
+    return 10 * cosine / d2 * s * s;
+}
+static double sun_e(double x, double z) {
+    (void)x, (void)z;
+    return 1000;
+}
+static double sky_e(double x, double z) {
+    (void)x, (void)z;
+    return 2 * acos(-1.0);
+}
+
+static struct lw_light point_light(void) {
+    return (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {10, 10, 10}};
+}
+static struct lw_light spot_light(void) {
+    return (struct lw_light){
+        .kind = LW_LIGHT_SPOT, .intensity = {10, 10, 10}, .inner_cone = 0.2f, .outer_cone = 0.5f};
+}
+static struct lw_light sun_light(void) {
+    return (struct lw_light){
+        .kind = LW_LIGHT_DIRECTIONAL, .intensity = {1000, 1000, 1000}, .angular_diameter = 0.0093f};
+}
+
+static void add_light(struct room *room, struct lw_light light) {
+    room->light[room->light_count] = light;
+    room->light_position[room->light_count++] = lw_vec3(0, 1.5f, 0);
+}
+
+static void test_point(void **state) {
+    (void)state;
+    struct room room = floor_room();
+    add_light(&room, point_light());
+    expect_floor(&room, point_e, 1e-4);
+}
+
+static void test_spot(void **state) {
+    (void)state;
+    struct room room = floor_room();
+    add_light(&room, spot_light());
+    expect_floor(&room, spot_e, 2e-4);
+}
+
+static void test_sun(void **state) {
+    (void)state;
+    struct room room = floor_room();
+    add_light(&room, sun_light());
+    expect_floor(&room, sun_e, 3e-5); /* the mean cosine over the disc is 1 - 5e-6 */
+}
+
+static void test_sky(void **state) {
+    (void)state;
+    struct room room = floor_room();
+    room.sky = 2;
+    expect_floor(&room, sky_e, 1e-5);
+}
+
+static double mean_floor(const struct room *room, struct mean *out, uint32_t samples) {
+    struct set set;
+    set_up(&set, room_scene(room), 2);
+    struct lw_path_view view = floor_view();
+    view.pixel = LW_PATH_PIXEL_BOX;
+    *out = mean_of(&set, view, 24, samples);
+    tear_down(&set);
+    return out->value;
+}
+
+/* Light is linear, however the one that is asked is chosen. */
+static void test_all_lamps_together(void **state) {
+    (void)state;
+    double want = 0;
+    struct lw_light lamp[3] = {point_light(), spot_light(), sun_light()};
+    for (int c = 0; c < 3; c++) lamp[2].intensity[c] = 2;
+    struct room all = floor_room();
+    struct mean mean;
+    for (int i = 0; i < 3; i++) {
+        struct room one = floor_room();
+        add_light(&one, lamp[i]);
+        add_light(&all, lamp[i]);
+        want += mean_floor(&one, &mean, 16);
+    }
+    all.sky = 0.5f;
+    want += 0.5 * 0.5; /* albedo times its radiance */
+    mean_floor(&all, &mean, 64);
+    assert_true(mean.error < 0.01 * want);
+    expect_mean(mean, want);
+}
+
+/* A floor that a mirroring, shearing, stretching transform has put there is the same floor. */
+static void test_transforms(void **state) {
+    (void)state;
+    struct room room = floor_room();
+    room.quad[0].corner = lw_vec3(-1.5f, 0, -0.5f); /* x' = -2 x - 4 z - 6, y' = 3 y, z' = 2 z */
+    room.quad[0].edge_u = lw_vec3(-1, 0, 0);
+    room.quad[0].edge_v = lw_vec3(-2, 0, 1);
+    add_light(&room, point_light());
+    struct lw_scene *scene = room_scene(&room);
+    scene->node[0].has_matrix = true;
+    scene->node[0].matrix = (struct lw_affine){{{-2, 0, -4, -6}, {0, 3, 0, 0}, {0, 0, 2, 0}}};
+    struct set set;
+    set_up(&set, scene, 1);
+    struct lw_vec3 low, high;
+    assert_true(lw_pose_bounds(&set.pose, scene, &low, &high));
+    assert_float_equal(high.x - low.x, 2, 1e-6);
+    struct lw_path_view view = floor_view();
+    struct lw_path_film film = render(&set, &view, 1, 1, 2);
+    expect_near((double)film.half[0][0], 0.5 / acos(-1.0) * point_e(0, 0), 1e-4);
+    lw_path_film_finish(&film);
+    tear_down(&set);
+}
+
+/* ---- form factors ---- */
+
+static void test_parallel_squares(void **state) {
+    (void)state;
+    /* Unit squares at distance 1: F = 0.199825 (Howell, configuration factor C-11). The camera looks through the lamp's
+     * back, which is not there for it, at just the square below. */
+    struct room room = {0};
+    room_quad(&room, lw_vec3(0, 1, 0), lw_vec3(1, 0, 0), lw_vec3(0, 0, 1), 0, 3);
+    room_quad(&room, lw_vec3(0, 0, 0), lw_vec3(0, 0, 1), lw_vec3(1, 0, 0), 0.5f, 0);
+    struct set set;
+    set_up(&set, room_scene(&room), 2);
+    struct lw_path_view view = view_of(lw_vec3(0.5f, 4, 0.5f), lw_vec3(0.5f, 0, 0.5f), 0, 0);
+    view.camera.fov_y = 2 * atanf(0.125f);
+    for (int method = 0; method < 3; method++) {
+        view.method = (enum lw_path_method)method;
+        struct mean mean = mean_of(&set, view, 24, 64);
+        assert_true(mean.error < 0.01 * mean.value);
+        expect_mean(mean, 0.5 * 0.199825 * 3);
+    }
+    tear_down(&set);
+}
+
+static void test_perpendicular_squares(void **state) {
+    (void)state;
+    /* Unit squares with a common edge: F = 0.200044 (Howell, C-14); E is singular along the edge. */
+    struct room room = {0};
+    room_quad(&room, lw_vec3(0, 0, 0), lw_vec3(1, 0, 0), lw_vec3(0, 1, 0), 0, 3); /* facing +Z */
+    room_quad(&room, lw_vec3(0, 0, 0), lw_vec3(0, 0, 1), lw_vec3(1, 0, 0), 0.5f, 0);
+    struct set set;
+    set_up(&set, room_scene(&room), 2);
+    struct lw_path_view view = view_of(lw_vec3(0.5f, 40, 0.5f), lw_vec3(0.5f, 0, 0.5f), 0, 0);
+    view.camera.fov_y = 2 * atanf(0.0125f); /* from high above: the wall's edge hides nothing */
+    struct mean mean = mean_of(&set, view, 24, 64);
+    assert_true(mean.error < 0.01 * mean.value);
+    expect_mean(mean, 0.5 * 0.200044 * 3);
+    tear_down(&set);
+}
+
+/* ---- alpha and sides ---- */
+
+/* Looks along -Z from 5 m, the middle of a quad at each depth filling the view. */
+static void add_pane(struct room *room, float z, float emission, uint8_t alpha_mode, float alpha) {
+    room_quad(room, lw_vec3(-3.1f, -2.7f, z), lw_vec3(6, 0, 0), lw_vec3(0, 6, 0), 0, emission);
+    room->quad[room->quad_count - 1].alpha_mode = alpha_mode;
+    room->quad[room->quad_count - 1].alpha = alpha;
+}
+
+static void expect_seen(const struct room *room, double want, double tolerance) {
+    struct set set;
+    set_up(&set, room_scene(room), 1);
+    struct mean mean = mean_of(&set, view_of(lw_vec3(0, 0, 5), lw_vec3(0, 0, 0), 10, 0), 8, 64);
+    expect_mean(mean, want);
+    assert_true(mean.error <= tolerance * want);
+    tear_down(&set);
+}
+
+static void test_blend_is_seen_front_to_back(void **state) {
+    (void)state;
+    struct room room = {0};
+    add_pane(&room, 0, 1, LW_ALPHA_OPAQUE, 1);
+    add_pane(&room, 1, 8, LW_ALPHA_BLEND, 0.5f);
+    add_pane(&room, 2, 4, LW_ALPHA_BLEND, 0.25f);
+    add_pane(&room, 3, 100, LW_ALPHA_MASK, 0.25f); /* cut out under 0.5 */
+    expect_seen(&room, 0.25 * 4 + 0.75 * (0.5 * 8 + 0.5 * 1), 0.002);
+    /* behind the last layer that counts there is nothing */
+    struct room many = {0};
+    add_pane(&many, -9, 1000, LW_ALPHA_OPAQUE, 1);
+    for (unsigned i = 0; i < 15; i++) add_pane(&many, (float)i * 0.1f, 0, LW_ALPHA_BLEND, 0.0f);
+    expect_seen(&many, 1000, 1e-5);
+}
+
+static void test_backs_are_not_there_for_the_eye(void **state) {
+    (void)state;
+    struct room room = {.sky = 7};
+    room_quad(&room, lw_vec3(-3, -3, 0), lw_vec3(0, 6, 0), lw_vec3(6, 0, 0), 0.5f, 1); /* facing -Z */
+    expect_seen(&room, 7, 1e-5);
+    room.quad[0].double_sided = true; /* now it shines and reflects to both sides */
+    expect_seen(&room, 1 + 0.5 * 7, 1e-3);
+}
+
+static void test_backs_are_black_for_light(void **state) {
+    (void)state;
+    struct room room = floor_room();
+    room.sky = 1;
+    struct mean open, closed;
+    mean_floor(&room, &open, 4);
+    expect_mean(open, 0.5);
+    /* a roof that shows its back to the floor, wide enough to leave 1e-5 of the sky */
+    room_quad(&room, lw_vec3(-2000, 5, -2000), lw_vec3(0, 0, 4000), lw_vec3(4000, 0, 0), 0.9f, 5);
+    assert_true(mean_floor(&room, &closed, 16) < 0.001);
+}
+
+static void test_panes_pass_their_share(void **state) {
+    (void)state;
+    for (unsigned panes = 0; panes <= 2; panes++) {
+        struct room room = floor_room();
+        add_light(&room, sun_light());
+        for (unsigned i = 0; i < panes; i++) {
+            /* off centre: a ray through the edge that two triangles share may meet both */
+            room_quad(&room, lw_vec3(-40.3f, 0.5f + 0.2f * (float)i, -4.1f), lw_vec3(44, 0, 0),
+                      lw_vec3(0, 0, 8), 0, 0); /* facing down: not there for the eye */
+            room.quad[1 + i].alpha_mode = LW_ALPHA_BLEND;
+            room.quad[1 + i].alpha = 0.5f;
+        }
+        struct mean mean;
+        mean_floor(&room, &mean, 16);
+        expect_mean(mean, 0.5 / acos(-1.0) * 1000 * pow(0.5, panes));
+        assert_true(mean.error < 0.01 * mean.value);
+    }
+}
+
+static void test_a_transparent_lamp_shines_its_share(void **state) {
+    (void)state;
+    for (int method = 0; method < 3; method++) {
+        double whole = 0;
+        for (int i = 0; i < 3; i++) {
+            struct room room = {0};
+            room_quad(&room, lw_vec3(0, 1, 0), lw_vec3(1, 0, 0), lw_vec3(0, 0, 1), 0, 3);
+            room_quad(&room, lw_vec3(0, 0, 0), lw_vec3(0, 0, 1), lw_vec3(1, 0, 0), 0.5f, 0);
+            room.quad[0].alpha_mode = i == 1 ? LW_ALPHA_BLEND : i == 2 ? LW_ALPHA_MASK : LW_ALPHA_OPAQUE;
+            room.quad[0].alpha = 0.25f;
+            struct set set;
+            set_up(&set, room_scene(&room), 2);
+            struct lw_path_view view = view_of(lw_vec3(0.5f, 4, 0.5f), lw_vec3(0.5f, 0, 0.5f), 0, 0);
+            view.camera.fov_y = 2 * atanf(0.125f);
+            view.method = (enum lw_path_method)method;
+            struct mean mean = mean_of(&set, view, 24, 64);
+            if (i == 0) whole = mean.value;
+            if (i == 1) expect_near(mean.value, 0.25 * whole, 0.03); /* 3 sigma of either */
+            if (i == 2) assert_true(mean.value == 0);
+            tear_down(&set);
+        }
+    }
+}
+
+/* ---- the estimator ---- */
+
+static void test_methods_agree(void **state) {
+    (void)state;
+    struct lw_scene *scene;
+    struct lw_error err = {0};
+    lw_support_ok(lw_builtin_build("builtin:cornell", &scene, &err), &err);
+    scene->sky[0] = 0.1f; /* through the open front */
+    struct set set;
+    set_up(&set, scene, 2);
+    struct lw_path_view view = {.camera = lw_camera_of_scene(scene, &set.pose, 0), .bounces = 2};
+    struct mean mean[3];
+    for (int method = 0; method < 3; method++) {
+        view.method = (enum lw_path_method)method;
+        mean[method] = mean_of(&set, view, 32, method == LW_PATH_METHOD_BOUNCE ? 128 : 32);
+        assert_true(mean[method].error < 0.01 * mean[method].value);
+    }
+    for (int a = 0; a < 3; a++)
+        for (int b = 0; b < a; b++) {
+            double both = sqrt(mean[a].error * mean[a].error + mean[b].error * mean[b].error);
+            if (!(fabs(mean[a].value - mean[b].value) <= SIGMA * both))
+                fail_msg("method %d: %.6g +- %.2g, method %d: %.6g +- %.2g", a, mean[a].value, mean[a].error,
+                         b, mean[b].value, mean[b].error);
+        }
+    tear_down(&set);
+}
+
+static void test_same_bytes(void **state) {
+    (void)state;
+    struct lw_path_film film[3];
+    const size_t size = (size_t)150 * 70 * 3 * sizeof(float);
+    for (unsigned i = 0; i < 3; i++) {
+        struct lw_scene *scene;
+        struct lw_error err = {0};
+        lw_support_ok(lw_builtin_build("builtin:cornell", &scene, &err), &err);
+        struct set set;
+        set_up(&set, scene, i + 1);
+        struct lw_path_view view = {
+            .camera = lw_camera_of_scene(scene, &set.pose, 0), .bounces = 3, .seed = 5};
+        film[i] = render(&set, &view, 150, 70, i == 2 ? 1 : 7);
+        if (i == 2) lw_path_trace_render(set.tracer, &view, 6, &film[i], NULL); /* in two calls */
+        tear_down(&set);
+    }
+    for (int half = 0; half < 2; half++)
+        for (int i = 1; i < 3; i++) assert_memory_equal(film[0].half[half], film[i].half[half], size);
+    /* the halves are samples of the same, but not the same samples */
+    assert_memory_not_equal(film[0].half[0], film[0].half[1], size);
+    for (int i = 0; i < 3; i++) lw_path_film_finish(&film[i]);
+}
+
+/* Root of relMSE against a picture that is as good as the truth. */
+static double true_error(const struct lw_path_film *film, const struct lw_path_film *truth) {
+    const size_t count = (size_t)film->width * film->height * 3;
+    double square = 0, sum = 0;
+    for (size_t i = 0; i < count; i++) {
+        double t = ((double)truth->half[0][i] + (double)truth->half[1][i]) / truth->samples;
+        square += t * t;
+    }
+    square /= (double)count;
+    for (size_t i = 0; i < count; i++) {
+        double t = ((double)truth->half[0][i] + (double)truth->half[1][i]) / truth->samples;
+        double x = ((double)film->half[0][i] + (double)film->half[1][i]) / film->samples;
+        sum += (x - t) * (x - t) / (t * t + 0.01 * square);
+    }
+    return sqrt(sum / (double)count);
+}
+
+static void test_convergence(void **state) {
+    (void)state;
+    struct lw_scene *scene;
+    struct lw_error err = {0};
+    lw_support_ok(lw_builtin_build("builtin:cornell", &scene, &err), &err);
+    struct set set;
+    set_up(&set, scene, 2);
+    struct lw_path_view view = {.camera = lw_camera_of_scene(scene, &set.pose, 0), .bounces = 2, .seed = 9};
+    struct lw_path_film truth = render(&set, &view, 48, 48, 1024);
+    view.seed = 1;
+    double last = 0;
+    for (uint32_t n = 4; n <= 32; n *= 8) {
+        struct lw_path_film film = render(&set, &view, 48, 48, n);
+        double error = true_error(&film, &truth), estimate = lw_path_film_error(&film);
+        /* 48 x 48 pixels: the estimate of a variance is good to some 10 % */
+        expect_near(estimate, error, 0.25);
+        /* at least as the root of 8; low discrepancy makes it better, not past 8^0.75 */
+        if (last > 0 && !(last / error > 2.2 && last / error < 5))
+            fail_msg("%u samples: %.4g after %.4g", n, error, last);
+        last = error;
+        lw_path_film_finish(&film);
+    }
+    lw_path_film_finish(&truth);
+    tear_down(&set);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_furnace_partial_sums),
+        cmocka_unit_test(test_point),
+        cmocka_unit_test(test_spot),
+        cmocka_unit_test(test_sun),
+        cmocka_unit_test(test_sky),
+        cmocka_unit_test(test_all_lamps_together),
+        cmocka_unit_test(test_transforms),
+        cmocka_unit_test(test_parallel_squares),
+        cmocka_unit_test(test_perpendicular_squares),
+        cmocka_unit_test(test_blend_is_seen_front_to_back),
+        cmocka_unit_test(test_backs_are_not_there_for_the_eye),
+        cmocka_unit_test(test_backs_are_black_for_light),
+        cmocka_unit_test(test_panes_pass_their_share),
+        cmocka_unit_test(test_a_transparent_lamp_shines_its_share),
+        cmocka_unit_test(test_methods_agree),
+        cmocka_unit_test(test_same_bytes),
+        cmocka_unit_test(test_convergence),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
