@@ -1,5 +1,7 @@
 #include "client/view/compose.h"
 
+#include "common/scene/environment.h"
+
 #include <omp.h>
 #include <stdlib.h>
 #include <string.h>
@@ -291,7 +293,10 @@ static bool shade(struct lw_compose *compose, struct packet *p, const struct lw_
                   bool last) {
     struct lw_vec3 *radiance = &p->radiance[i];
     if (hits->object[i] == LW_TRACE_MISS) {
-        *radiance = lw_vec3_mad(*radiance, compose->sky, p->transmittance[i]);
+        struct lw_vec3 direction = lw_vec3(p->rays.dir_x[i], p->rays.dir_y[i], p->rays.dir_z[i]);
+        struct lw_vec3 outside =
+            lw_vec3_add(compose->sky, lw_environment_radiance(&compose->scene->environment, direction));
+        *radiance = lw_vec3_mad(*radiance, outside, p->transmittance[i]);
         return false;
     }
     uint32_t o = hits->object[i], triangle = hits->triangle[i];

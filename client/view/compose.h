@@ -19,7 +19,8 @@ struct lw_compose_source {
     const void *context;
     struct lw_client_level (*level)(const void *context, uint32_t object, uint32_t level);
     struct lw_client_tile (*tile)(const void *context, lw_tile_id tile);
-    struct lw_vec3 sky; /* W/(m^2 sr): what a ray that meets nothing sees */
+    struct lw_vec3
+        sky; /* W/(m^2 sr): what a ray that meets nothing sees, with the scene's environment on top */
     uint32_t bounces;   /* of a complete tile */
     float target_error; /* of a converged one */
 };

@@ -5,6 +5,10 @@
 #include <stdlib.h>
 
 #define HIDDEN_SHARE 0.02f /* of a textured emitter's full emission, in its choice */
+/* Bounds of bright_share where there is something bright at all. At most half: what is bright may be hidden from a surface,
+ * which then lives by the other half. */
+#define BRIGHT_SHARE_MIN 0.1f
+#define BRIGHT_SHARE_MAX 0.5f
 
 static bool is_emissive(const struct lw_material *m) {
     return m->emission[0] > 0 || m->emission[1] > 0 || m->emission[2] > 0;
@@ -82,6 +86,15 @@ static void list_punctual(struct lw_lights *lights) {
     }
 }
 
+static void weigh_sky(struct lw_lights *lights) {
+    const float *sky = lights->scene->sky;
+    lights->sky_luminance = lw_colour_luminance(lw_vec3(sky[0], sky[1], sky[2])) + lights->environment.mean;
+    lights->bright_share = 0;
+    if (lights->environment.excess > 0)
+        lights->bright_share = fminf(
+            fmaxf(lights->environment.excess / lights->sky_luminance, BRIGHT_SHARE_MIN), BRIGHT_SHARE_MAX);
+}
+
 enum lw_status lw_lights_init(struct lw_lights *lights, const struct lw_scene *scene,
                               const struct lw_pose *pose) {
     *lights = (struct lw_lights){.scene = scene, .emitter_count = count_emitters(scene)};
@@ -95,17 +108,20 @@ enum lw_status lw_lights_init(struct lw_lights *lights, const struct lw_scene *s
     lights->sun = calloc(scene->light_count + 1ul, sizeof *lights->sun);
     lights->many_cdf = calloc(count + scene->light_count, sizeof *lights->many_cdf);
     if (!lights->emitter || !lights->power_cdf || !lights->radiance || !lights->luminance ||
-        !lights->first_emitter || !lights->near || !lights->sun || !lights->many_cdf) {
+        !lights->first_emitter || !lights->near || !lights->sun || !lights->many_cdf ||
+        lw_environment_importance_init(&lights->environment, &scene->environment) != LW_OK) {
         lw_lights_finish(lights);
         return LW_NO_MEMORY;
     }
     list_emitters(lights);
     list_punctual(lights);
+    weigh_sky(lights);
     lw_lights_set_pose(lights, pose);
     return LW_OK;
 }
 
 void lw_lights_finish(struct lw_lights *lights) {
+    lw_environment_importance_finish(&lights->environment);
     free(lights->many_cdf);
     free(lights->sun);
     free(lights->near);
@@ -317,16 +333,12 @@ static float sun_weight(const struct lw_lights *lights, uint32_t i, struct lw_ve
     return lw_colour_luminance(state->intensity) * fmaxf(0, cosine);
 }
 
-static struct lw_vec3 sky_radiance(const struct lw_lights *lights) {
-    return lw_vec3(lights->scene->sky[0], lights->scene->sky[1], lights->scene->sky[2]);
-}
-
 static void weigh(const struct lw_lights *lights, struct lw_vec3 point, struct lw_vec3 normal,
                   struct choice *c) {
     float e[KINDS] = {0}; /* W/m^2 */
     const uint32_t count = lights->emitter_count + lights->near_count;
     for (uint32_t i = 0; i < lights->sun_count; i++) e[SUNS] += sun_weight(lights, i, normal);
-    e[SKY] = LW_PI * lw_colour_luminance(sky_radiance(lights));
+    e[SKY] = LW_PI * lights->sky_luminance;
     c->cdf = lights->many_cdf;
     if (count <= LW_LIGHTS_EXACT_MAX) {
         for (uint32_t i = 0; i < count; i++) {
@@ -381,16 +393,52 @@ static struct lw_light_sample sample_sun(const struct lw_lights *lights, float p
     return sample;
 }
 
+struct lw_sky_draw lw_lights_draw_sky(const struct lw_lights *lights, float u, float v) {
+    struct lw_sky_draw draw = {0};
+    if (u < lights->bright_share) {
+        draw.bright = true;
+        draw.direction = lw_environment_importance_draw(&lights->environment,
+                                                        rest_of(u, 0, lights->bright_share), v, &draw.pdf);
+        draw.radiance = lw_scene_sky(lights->scene, draw.direction);
+        return draw;
+    }
+    /* Malley's method: pdf = z / pi */
+    u = rest_of(u, lights->bright_share, 1 - lights->bright_share);
+    float radius = sqrtf(u), angle = 2 * LW_PI * v;
+    draw.direction = lw_vec3(radius * cosf(angle), radius * sinf(angle), sqrtf(1 - u));
+    return draw;
+}
+
+struct lw_light_sample lw_lights_place_sky(const struct lw_lights *lights, const struct lw_sky_draw *draw,
+                                           struct lw_vec3 normal_ws, float *out_cosine) {
+    struct lw_light_sample sample = {.distance_m = INFINITY, .direction = draw->direction};
+    struct lw_vec3 radiance = draw->radiance;
+    float bright_pdf = draw->pdf;
+    if (draw->bright) {
+        *out_cosine = lw_vec3_dot(draw->direction, normal_ws);
+    } else {
+        struct lw_vec3 t, b;
+        lw_vec3_frame(normal_ws, &t, &b);
+        sample.direction =
+            lw_vec3_mad(lw_vec3_mad(lw_vec3_scale(normal_ws, draw->direction.z), t, draw->direction.x), b,
+                        draw->direction.y);
+        *out_cosine = draw->direction.z;
+        radiance = lw_scene_sky(lights->scene, sample.direction);
+        bright_pdf = lw_environment_importance_pdf(&lights->environment, sample.direction);
+    }
+    if (!(*out_cosine > 0)) return sample;
+    sample.pdf = (1 - lights->bright_share) * *out_cosine * (1 / LW_PI) + lights->bright_share * bright_pdf;
+    sample.irradiance_normal = lw_vec3_scale(radiance, 1 / sample.pdf);
+    return sample;
+}
+
 static struct lw_light_sample sample_sky(const struct lw_lights *lights, float probability, float u, float v,
                                          struct lw_vec3 normal) {
-    struct lw_light_sample sample = {.distance_m = INFINITY};
-    struct lw_vec3 t, b;
-    float cosine = sqrtf(1 - u), radius = sqrtf(u), angle = 2 * LW_PI * v;
-    lw_vec3_frame(normal, &t, &b);
-    sample.direction = lw_vec3_mad(lw_vec3_mad(lw_vec3_scale(normal, cosine), t, radius * cosf(angle)), b,
-                                   radius * sinf(angle));
-    sample.pdf = probability * cosine / LW_PI;
-    sample.irradiance_normal = lw_vec3_scale(lw_scene_sky(lights->scene, sample.direction), 1 / sample.pdf);
+    float cosine;
+    struct lw_sky_draw draw = lw_lights_draw_sky(lights, u, v);
+    struct lw_light_sample sample = lw_lights_place_sky(lights, &draw, normal, &cosine);
+    sample.pdf *= probability;
+    sample.irradiance_normal = lw_vec3_scale(sample.irradiance_normal, 1 / probability);
     return sample;
 }
 
@@ -441,7 +489,12 @@ float lw_lights_pdf_emitter(const struct lw_lights *lights, struct lw_vec3 point
 
 float lw_lights_pdf_sky(const struct lw_lights *lights, struct lw_vec3 point_ws, struct lw_vec3 normal_ws,
                         struct lw_vec3 direction) {
+    const float cosine = lw_vec3_dot(direction, normal_ws);
+    if (!(cosine > 0)) return 0;
     struct choice c;
     weigh(lights, point_ws, normal_ws, &c);
-    return c.probability[SKY] * fmaxf(0, lw_vec3_dot(direction, normal_ws)) / LW_PI;
+    if (!(c.probability[SKY] > 0)) return 0;
+    return c.probability[SKY] *
+           ((1 - lights->bright_share) * cosine / LW_PI +
+            lights->bright_share * lw_environment_importance_pdf(&lights->environment, direction));
 }

@@ -6,6 +6,7 @@
 #ifndef LW_COMMON_LIGHTS_H
 #define LW_COMMON_LIGHTS_H
 
+#include "common/scene/environment.h"
 #include "common/scene/pose.h"
 
 #define LW_LIGHTS_LOCAL_MAX                                                                                  \
@@ -38,6 +39,9 @@ struct lw_lights {
     uint32_t near_count, sun_count;
     float *many_cdf; /* emitters, then points and spots, by power; only above LW_LIGHTS_EXACT_MAX */
     bool many_shine; /* at this pose: many_cdf is one */
+    struct lw_environment_importance environment;
+    float sky_luminance; /* mean of sky and environment over the sphere, W/(m^2 sr) */
+    float bright_share; /* of the sky's samples: those that go where the environment stands out of its mean */
 };
 
 /** Errors: LW_NO_MEMORY. */
@@ -87,6 +91,20 @@ float lw_lights_pdf_emitter(const struct lw_lights *lights, struct lw_vec3 point
 /** The same for a ray that left the scene. What it sees is lw_scene_sky(). */
 float lw_lights_pdf_sky(const struct lw_lights *lights, struct lw_vec3 point_ws, struct lw_vec3 normal_ws,
                         struct lw_vec3 direction);
+
+/** A sample of sky and environment that serves any number of surface points. Either it goes where the environment stands out,
+ * and has one direction for all, or it is cosine-weighted about each normal: the balance heuristic's mixture of both. */
+struct lw_sky_draw {
+    bool bright;
+    struct lw_vec3 direction; /* bright: in world space; else about +z */
+    struct lw_vec3 radiance;  /* bright only */
+    float pdf;                /* bright: density among the bright ones */
+};
+struct lw_sky_draw lw_lights_draw_sky(const struct lw_lights *lights, float u, float v);
+/** What the draw means for a surface. out_cosine: of its direction with the normal; not above 0: below the surface, and
+ * irradiance_normal is 0. Only where lights->sky_luminance > 0. */
+struct lw_light_sample lw_lights_place_sky(const struct lw_lights *lights, const struct lw_sky_draw *draw,
+                                           struct lw_vec3 normal_ws, float *out_cosine);
 
 /** Whether a hit surface shines to the side it was met on. */
 static inline bool lw_lights_shines(const struct lw_surface *surface, bool back) {

@@ -18,13 +18,11 @@
 #include <time.h>
 #include <unistd.h>
 
-#define PROGRAM_NAME   "lightwell-import"
-#define PACKAGE_NAME   "scene.lwscene"
-#define PACKAGE_SUFFIX ".lwscene"
-#define PACKAGE_MAGIC  "LWSCENE\n"   /* docs/scene_package.md */
-#define FAILURE_FD     3             /* where the importer writes its failure: its --failure-fd */
-#define POLL_MS        50            /* how soon a cancellation is seen */
-#define KILL_AFTER_NS  1000000000ull /* between SIGTERM and SIGKILL */
+#define PROGRAM_NAME  "lightwell-import"
+#define PACKAGE_NAME  "scene.lwscene"
+#define FAILURE_FD    3             /* where the importer writes its failure: its --failure-fd */
+#define POLL_MS       50            /* how soon a cancellation is seen */
+#define KILL_AFTER_NS 1000000000ull /* between SIGTERM and SIGKILL */
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 #define SHADOW_MEMORY 1
@@ -52,21 +50,6 @@ struct importer {
 };
 
 /* ---- packages ---- */
-
-static bool has_suffix(const char *text, const char *suffix) {
-    size_t length = strlen(text), suffix_length = strlen(suffix);
-    return length >= suffix_length && strcmp(text + length - suffix_length, suffix) == 0;
-}
-
-static bool is_package(const char *path) {
-    if (has_suffix(path, PACKAGE_SUFFIX)) return true;
-    char start[sizeof PACKAGE_MAGIC - 1];
-    int file = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
-    if (file < 0) return false;
-    ssize_t got = read(file, start, sizeof start);
-    close(file);
-    return got == (ssize_t)sizeof start && memcmp(start, PACKAGE_MAGIC, sizeof start) == 0;
-}
 
 static enum lw_status load_package(const struct lw_import_spawn_desc *desc, struct lw_scene **out_scene,
                                    struct lw_error *err) {
@@ -146,16 +129,20 @@ static int set_attributes(posix_spawnattr_t *attributes) {
 
 static enum lw_status start(struct importer *importer, struct lw_error *err) {
     const struct lw_import_spawn_desc *desc = importer->desc;
-    char density[64], side[32], threads[32], failure[32];
+    char density[64], side[32], threads[32], failure[32], environment[PATH_MAX + sizeof "--environment="];
     snprintf(density, sizeof density, "--texels-per-metre=%.9g", desc->texels_per_metre);
     snprintf(side, sizeof side, "--atlas-max=%u", desc->atlas_side_max);
     snprintf(threads, sizeof threads, "--threads=%u", desc->threads);
     snprintf(failure, sizeof failure, "--failure-fd=%d", FAILURE_FD);
+    if (desc->environment && strlen(desc->environment) >= PATH_MAX)
+        return lw_status_fail(err, LW_NO_INPUT, "%.200s...: the path is too long", desc->environment);
+    snprintf(environment, sizeof environment, "--environment=%s", desc->environment ? desc->environment : "");
     const char *arguments[12] = {importer->program, "-o", importer->package, failure};
     size_t count = 4;
     if (desc->texels_per_metre > 0) arguments[count++] = density;
     if (desc->atlas_side_max) arguments[count++] = side;
     if (desc->threads) arguments[count++] = threads;
+    if (desc->environment) arguments[count++] = environment;
     arguments[count++] = "--";
     arguments[count++] = desc->scene;
 
@@ -262,7 +249,7 @@ static enum lw_status finish(struct importer *importer, struct lw_error *err) {
 
 enum lw_status lw_import_spawn(const struct lw_import_spawn_desc *desc, struct lw_scene **out_scene,
                                struct lw_error *err) {
-    if (is_package(desc->scene)) return load_package(desc, out_scene, err);
+    if (lw_package_is(desc->scene) && !desc->environment) return load_package(desc, out_scene, err);
     struct importer importer = {.desc = desc, .failure_fd = -1};
     find_program(&importer);
     enum lw_status status = make_folder(&importer, err);

@@ -16,6 +16,7 @@
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__,
                "packages are little-endian, and so are their readers");
 
+#define SUFFIX      ".lwscene"
 #define MAGIC       "LWSCENE\n"
 #define MAGIC_SIZE  8u
 #define HEADER_SIZE 32u
@@ -45,7 +46,13 @@ _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__,
     X(LIGHTMAP_UVS, "lightmap uvs", 8, NO_LIMIT)                                                             \
     X(KEY_TIMES, "key times", 4, NO_LIMIT)                                                                   \
     X(KEY_VALUES, "key values", 4, NO_LIMIT)                                                                 \
-    X(PIXELS, "pixels", 4, NO_LIMIT)
+    X(PIXELS, "pixels", 4, NO_LIMIT)                                                                         \
+    X(ENVIRONMENTS, "environments", 12, 1)                                                                   \
+    X(ENVIRONMENT_TEXELS, "environment texels", 12, NO_LIMIT)
+
+/* Version 1 ends with the pixels. It stays what a scene without an environment is written as, so that there is one way to
+ * say it. */
+#define SECTION_COUNT_V1 20u
 
 enum section_id {
 #define X(id, name, size, limit) SECTION_##id,
@@ -82,6 +89,7 @@ struct section {
 
 struct codec {
     enum mode mode;
+    uint32_t section_count; /* of the package's version */
     struct section section[SECTION_COUNT];
     uint8_t *at; /* in the record */
     enum section_id record_section;
@@ -271,6 +279,14 @@ static void channel_record(struct codec *c, struct lw_channel *channel) {
     channel->value = array(c, SECTION_KEY_VALUES, channel->value, floats * channel->key_count, "values");
 }
 
+static void environment_record(struct codec *c, struct lw_environment *environment) {
+    words(c, &environment->width, 1);
+    words(c, &environment->height, 1);
+    environment->rgb = array(c, SECTION_ENVIRONMENT_TEXELS, environment->rgb,
+                             (uint64_t)environment->width * environment->height, "texels");
+    if (!environment->rgb) fail(c, "has no texels");
+}
+
 static void begin_record(struct codec *c, enum section_id id, uint32_t record) {
     c->record_section = id;
     c->record = record;
@@ -297,14 +313,21 @@ static void all_records(struct codec *c, struct lw_scene *scene) {
     RECORDS(c, LIGHTS, scene->light, scene->light_count, light_record)
     RECORDS(c, CAMERAS, scene->camera, scene->camera_count, camera_record)
     RECORDS(c, CHANNELS, scene->channel, scene->channel_count, channel_record)
+    RECORDS(c, ENVIRONMENTS, &scene->environment, c->section_count > SECTION_COUNT_V1 ? 1u : 0u,
+            environment_record)
+}
+
+/* How many sections a version has; 0: it is not known. */
+static uint32_t sections_of(uint32_t version) {
+    return version == 1 ? SECTION_COUNT_V1 : version == LW_PACKAGE_VERSION ? SECTION_COUNT : 0;
 }
 
 static uint64_t align(uint64_t offset) { return (offset + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT; }
 
 /* Offset of each section, one behind the other; returns where the last one ends. */
 static uint64_t lay_out(const struct codec *c, uint64_t offset[SECTION_COUNT]) {
-    uint64_t end = HEADER_SIZE + SECTION_COUNT * ENTRY_SIZE;
-    for (int i = 0; i < SECTION_COUNT; i++) {
+    uint64_t end = HEADER_SIZE + c->section_count * ENTRY_SIZE;
+    for (uint32_t i = 0; i < c->section_count; i++) {
         offset[i] = align(end);
         end = offset[i] + c->section[i].count * kinds[i].element_size;
     }
@@ -327,10 +350,10 @@ static uint64_t read_u64(const uint8_t *p) {
 static void write_header(const struct codec *c, const uint64_t offset[SECTION_COUNT], uint8_t *bytes,
                          uint64_t size) {
     memcpy(bytes, MAGIC, MAGIC_SIZE);
-    write_u32(bytes + 8, LW_PACKAGE_VERSION);
-    write_u32(bytes + 12, SECTION_COUNT);
+    write_u32(bytes + 8, c->section_count == SECTION_COUNT_V1 ? 1 : LW_PACKAGE_VERSION);
+    write_u32(bytes + 12, c->section_count);
     write_u64(bytes + 16, size);
-    for (uint32_t i = 0; i < SECTION_COUNT; i++) {
+    for (uint32_t i = 0; i < c->section_count; i++) {
         uint8_t *entry = bytes + HEADER_SIZE + i * ENTRY_SIZE;
         write_u32(entry, i + 1);
         write_u32(entry + 4, kinds[i].element_size);
@@ -344,9 +367,11 @@ enum lw_status lw_package_write(const struct lw_scene *scene, uint8_t **out_byte
     enum lw_status status = lw_scene_validate(scene, err);
     if (status) return status;
     struct lw_scene copy = *scene; /* records of the original are only read */
-    struct codec c = {.mode = MEASURE, .err = err};
+    struct codec c = {.mode = MEASURE,
+                      .err = err,
+                      .section_count = scene->environment.width ? SECTION_COUNT : SECTION_COUNT_V1};
     all_records(&c, &copy);
-    for (int i = 0; i < SECTION_COUNT; i++) {
+    for (uint32_t i = 0; i < c.section_count; i++) {
         c.section[i].count = c.section[i].cursor;
         c.section[i].cursor = 0;
     }
@@ -359,7 +384,7 @@ enum lw_status lw_package_write(const struct lw_scene *scene, uint8_t **out_byte
         return lw_status_fail(err, LW_NO_MEMORY, "no memory for a scene package of %llu bytes",
                               (unsigned long long)size);
     write_header(&c, offset, bytes, size);
-    for (int i = 0; i < SECTION_COUNT; i++) c.section[i].bytes = bytes + offset[i];
+    for (uint32_t i = 0; i < c.section_count; i++) c.section[i].bytes = bytes + offset[i];
     c.mode = WRITE;
     all_records(&c, &copy);
     *out_bytes = bytes;
@@ -370,17 +395,21 @@ enum lw_status lw_package_write(const struct lw_scene *scene, uint8_t **out_byte
 static enum lw_status check_header(const uint8_t *bytes, size_t size, struct lw_error *err) {
     if (size < MAGIC_SIZE || memcmp(bytes, MAGIC, MAGIC_SIZE) != 0)
         return lw_status_fail(err, LW_BAD_DATA, "not a scene package: it does not begin with LWSCENE");
-    if (size < HEADER_SIZE + SECTION_COUNT * ENTRY_SIZE)
+    if (size < HEADER_SIZE)
         return lw_status_fail(err, LW_BAD_DATA, "scene package is cut off after %zu bytes, in its header",
                               size);
-    if (read_u32(bytes + 8) != LW_PACKAGE_VERSION)
+    const uint32_t version = read_u32(bytes + 8), sections = sections_of(version);
+    if (!sections)
         return lw_status_fail(
             err, LW_BAD_DATA,
-            "scene package has version %u; this program reads version %u: import the scene again",
-            read_u32(bytes + 8), LW_PACKAGE_VERSION);
-    if (read_u32(bytes + 12) != SECTION_COUNT)
+            "scene package has version %u; this program reads versions 1 to %u: import the scene again",
+            version, LW_PACKAGE_VERSION);
+    if (size < HEADER_SIZE + sections * ENTRY_SIZE)
+        return lw_status_fail(err, LW_BAD_DATA, "scene package is cut off after %zu bytes, in its header",
+                              size);
+    if (read_u32(bytes + 12) != sections)
         return lw_status_fail(err, LW_BAD_DATA, "scene package has %u sections; version %u has %u",
-                              read_u32(bytes + 12), LW_PACKAGE_VERSION, SECTION_COUNT);
+                              read_u32(bytes + 12), version, sections);
     if (read_u64(bytes + 16) != size)
         return lw_status_fail(err, LW_BAD_DATA, "scene package says it has %llu bytes, but there are %zu",
                               (unsigned long long)read_u64(bytes + 16), size);
@@ -424,8 +453,8 @@ static enum lw_status read_entry(struct codec *c, uint32_t i, uint8_t *bytes, si
 }
 
 static enum lw_status read_table(struct codec *c, uint8_t *bytes, size_t size) {
-    uint64_t end = HEADER_SIZE + SECTION_COUNT * ENTRY_SIZE;
-    for (uint32_t i = 0; i < SECTION_COUNT; i++) {
+    uint64_t end = HEADER_SIZE + c->section_count * ENTRY_SIZE;
+    for (uint32_t i = 0; i < c->section_count; i++) {
         enum lw_status status = read_entry(c, i, bytes, size, &end);
         if (status) return status;
     }
@@ -435,6 +464,9 @@ static enum lw_status read_table(struct codec *c, uint8_t *bytes, size_t size) {
     if (c->section[SECTION_SCENE].count != 1)
         return lw_status_fail(c->err, LW_BAD_DATA, "section scene has %llu elements, not 1",
                               (unsigned long long)c->section[SECTION_SCENE].count);
+    if (c->section_count > SECTION_COUNT_V1 && c->section[SECTION_ENVIRONMENTS].count != 1)
+        return lw_status_fail(c->err, LW_BAD_DATA,
+                              "section environments has 0 elements, not 1: without one, the version is 1");
     return LW_OK;
 }
 
@@ -461,14 +493,14 @@ static bool allocate_records(struct lw_scene *scene, const struct codec *c) {
 /* Turns bytes that the scene owns into the scene. */
 static enum lw_status read_in_place(struct lw_scene *scene, uint8_t *bytes, size_t size,
                                     struct lw_error *err) {
-    struct codec c = {.mode = READ, .err = err};
+    struct codec c = {.mode = READ, .err = err, .section_count = sections_of(read_u32(bytes + 8))};
     enum lw_status status = read_table(&c, bytes, size);
     if (status) return status;
     if (!allocate_records(scene, &c))
         return lw_status_fail(err, LW_NO_MEMORY, "no memory for the records of a scene package");
     all_records(&c, scene);
     if (c.status) return c.status;
-    for (int i = 0; i < SECTION_COUNT; i++)
+    for (uint32_t i = 0; i < c.section_count; i++)
         if (c.section[i].cursor != c.section[i].count)
             return lw_status_fail(err, LW_BAD_DATA, "section %s has %llu elements, but %llu are in use",
                                   kinds[i].name, (unsigned long long)c.section[i].count,
@@ -551,6 +583,17 @@ static enum lw_status load_from(int fd, const char *path, struct lw_scene **out_
 fail:
     lw_scene_destroy(scene);
     return status;
+}
+
+bool lw_package_is(const char *path) {
+    const size_t length = strlen(path), suffix = strlen(SUFFIX);
+    if (length >= suffix && strcmp(path + length - suffix, SUFFIX) == 0) return true;
+    char start[MAGIC_SIZE];
+    int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    if (fd < 0) return false;
+    ssize_t got = read(fd, start, sizeof start);
+    close(fd);
+    return got == (ssize_t)sizeof start && memcmp(start, MAGIC, sizeof start) == 0;
 }
 
 enum lw_status lw_package_load(const char *path, struct lw_scene **out_scene, struct lw_error *err) {

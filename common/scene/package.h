@@ -7,7 +7,7 @@
 
 #include "common/scene/scene.h"
 
-#define LW_PACKAGE_VERSION  1u
+#define LW_PACKAGE_VERSION  2u /* the newest; scenes without an environment are written as version 1 */
 #define LW_PACKAGE_SIZE_MAX (4ull << 30) /* bytes */
 
 /** Content address of a package: XXH3-128 of its bytes, big-endian. */
@@ -25,6 +25,9 @@ LW_MUST_CHECK enum lw_status lw_package_write(const struct lw_scene *scene, uint
  * be freed afterwards. Errors: LW_BAD_DATA naming the section and field; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_package_read(const uint8_t *bytes, size_t size, struct lw_scene **out_scene,
                                              struct lw_error *err);
+
+/** Whether a path means a package: by its name, .lwscene, or by the file's first bytes. */
+bool lw_package_is(const char *path);
 
 void lw_package_hash(const uint8_t *bytes, size_t size, struct lw_package_hash *out_hash);
 

@@ -100,6 +100,9 @@ static bool mesh_emits(const struct lw_scene *scene, const struct lw_mesh *mesh)
 
 bool lw_scene_has_light(const struct lw_scene *scene) {
     if (any_positive(scene->sky)) return true;
+    const struct lw_environment *e = &scene->environment;
+    for (size_t i = 0; i < (size_t)e->width * e->height; i++)
+        if (any_positive(e->rgb + 3 * i)) return true;
     for (uint32_t i = 0; i < scene->light_count; i++)
         if (any_positive(scene->light[i].intensity)) return true;
     for (uint32_t i = 0; i < scene->object_count; i++)

@@ -13,22 +13,23 @@
 #define LW_SCENE_NONE UINT32_MAX /* "no texture", "no parent" */
 
 /* Limits of a scene; package reader and importer refuse what is past them, by name. */
-#define LW_SCENE_MESHES_MAX       (1u << 20)
-#define LW_SCENE_OBJECTS_MAX      (1u << 20)
-#define LW_SCENE_NODES_MAX        (1u << 21)
-#define LW_SCENE_MATERIALS_MAX    (1u << 16)
-#define LW_SCENE_TEXTURES_MAX     (1u << 14)
-#define LW_SCENE_TEXTURE_SIDE_MAX 16384u
-#define LW_SCENE_LIGHTS_MAX       (1u << 20)
-#define LW_SCENE_CAMERAS_MAX      (1u << 16)
-#define LW_SCENE_CHANNELS_MAX     (1u << 20)
-#define LW_SCENE_TRIANGLES_MAX    (1u << 28) /* of all meshes together; of all objects together */
-#define LW_SCENE_VERTICES_MAX     (1u << 28) /* likewise */
-#define LW_SCENE_TEXELS_MAX       (1u << 28) /* of the atlases of all objects together */
-#define LW_SCENE_ATLAS_SIDE_MAX   16384u     /* texels */
-#define LW_SCENE_COORDINATE_MAX   1e9f       /* m; positions, transforms and key values, either sign */
-#define LW_SCENE_RADIANCE_MAX     1e12f /* emission, intensity and sky, in their units; other factors too */
-#define LW_SCENE_DURATION_MAX     1e9f  /* s */
+#define LW_SCENE_MESHES_MAX           (1u << 20)
+#define LW_SCENE_OBJECTS_MAX          (1u << 20)
+#define LW_SCENE_NODES_MAX            (1u << 21)
+#define LW_SCENE_MATERIALS_MAX        (1u << 16)
+#define LW_SCENE_TEXTURES_MAX         (1u << 14)
+#define LW_SCENE_TEXTURE_SIDE_MAX     16384u
+#define LW_SCENE_LIGHTS_MAX           (1u << 20)
+#define LW_SCENE_CAMERAS_MAX          (1u << 16)
+#define LW_SCENE_CHANNELS_MAX         (1u << 20)
+#define LW_SCENE_TRIANGLES_MAX        (1u << 28) /* of all meshes together; of all objects together */
+#define LW_SCENE_VERTICES_MAX         (1u << 28) /* likewise */
+#define LW_SCENE_TEXELS_MAX           (1u << 28) /* of the atlases of all objects together */
+#define LW_SCENE_ATLAS_SIDE_MAX       16384u     /* texels */
+#define LW_SCENE_COORDINATE_MAX       1e9f       /* m; positions, transforms and key values, either sign */
+#define LW_SCENE_RADIANCE_MAX         1e12f /* emission, intensity and sky, in their units; other factors too */
+#define LW_SCENE_DURATION_MAX         1e9f  /* s */
+#define LW_SCENE_ENVIRONMENT_SIDE_MAX 4096u /* texels, either way */
 
 struct lw_texture {
     const char *name;
@@ -135,6 +136,14 @@ struct lw_channel {
     const float *value;
 };
 
+/** What lies outside, by direction: an equirectangular picture. Row 0 is up (+Y), the middle of the picture is +X:
+ * u = 0.5 + atan2(d.z, d.x) / 2 pi, v = acos(d.y) / pi, texel (i, j) has its centre at ((i + 0.5) / width,
+ * (j + 0.5) / height). common/scene/environment.h reads it. */
+struct lw_environment {
+    uint32_t width, height; /* texels; 0: there is none */
+    const float *rgb;       /* width * height * 3, row 0 first: W/(m^2 sr), linear */
+};
+
 struct lw_scene {
     const char *name;
     struct lw_mesh *mesh;
@@ -148,8 +157,9 @@ struct lw_scene {
     uint32_t mesh_count, material_count, texture_count, node_count, object_count, light_count, camera_count,
         channel_count;
     float duration_s; /* of the animation, which loops; 0: none */
-    float sky[3];     /* W/(m^2 sr) from everywhere outside */
-    void *storage;    /* owns every array above; see lw_scene_destroy() */
+    float sky[3];     /* W/(m^2 sr) from everywhere outside; the environment's comes on top */
+    struct lw_environment environment;
+    void *storage; /* owns every array above; see lw_scene_destroy() */
 };
 
 /** An empty scene that allocates from itself. Errors: LW_NO_MEMORY. */
@@ -168,14 +178,14 @@ const char *lw_scene_string(struct lw_scene *scene, const char *text);
  * Errors: LW_BAD_DATA naming the element and field; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_scene_validate(const struct lw_scene *scene, struct lw_error *err);
 
-/** Whether anything shines: a light with intensity, an emissive triangle in an object, or sky. */
+/** Whether anything shines: a light with intensity, an emissive triangle in an object, sky or environment. */
 bool lw_scene_has_light(const struct lw_scene *scene);
 
 /** Texture at (u, v) of a use, bilinear, wrapped, linear colour; white if there is no texture. [any] */
 struct lw_vec4 lw_scene_sample(const struct lw_scene *scene, const struct lw_texture_use *use,
                                struct lw_vec2 uv);
 
-/** Radiance that arrives from outside the scene, W/(m^2 sr). direction: unit, where to; world space. [any] */
+/** Radiance that arrives from outside the scene: sky and environment, W/(m^2 sr). direction_ws: unit, where one looks. */
 struct lw_vec3 lw_scene_sky(const struct lw_scene *scene, struct lw_vec3 direction_ws);
 
 /** A point on a mesh: barycentrics u, v weigh the triangle's 2nd and 3rd vertex. */

@@ -16,6 +16,7 @@ enum lw_status lw_scene_open(const struct lw_scene_open *open, struct lw_scene *
                              struct lw_error *err) {
     struct lw_scene *scene;
     const struct lw_import_spawn_desc import = {.scene = open->path,
+                                                .environment = open->environment,
                                                 .texels_per_metre = open->texels_per_metre,
                                                 .atlas_side_max = (uint32_t)open->atlas_side_max,
                                                 .threads = (unsigned)open->threads,
@@ -25,10 +26,11 @@ enum lw_status lw_scene_open(const struct lw_scene_open *open, struct lw_scene *
     override_lights(scene, open);
     if (!lw_scene_has_light(scene)) {
         lw_scene_destroy(scene);
-        return lw_status_fail(err, LW_BAD_DATA,
-                              "%s: nothing shines in it: no lamp, no emissive material, no sky; "
-                              "give it a sky with --sky R,G,B (for example --sky 1,1,1)",
-                              open->path);
+        return lw_status_fail(
+            err, LW_BAD_DATA,
+            "%s: nothing shines in it: no lamp, no emissive material, no sky, no environment; "
+            "give it a sky with --sky R,G,B (for example --sky 1,1,1)",
+            open->path);
     }
     *out_scene = scene;
     return LW_OK;

@@ -18,7 +18,8 @@ struct lw_scene_open {
     int64_t atlas_side_max;  /* texels; 0: the importer's default */
     int64_t threads;         /* 0: all */
     bool sky_given, sun_angle_given;
-    float sky[3]; /* W/(m^2 sr) */
+    float sky[3];            /* W/(m^2 sr) */
+    const char *environment; /* an equirectangular EXR, in place of the scene's; or NULL */
     double sun_angle_deg;
     const volatile sig_atomic_t *cancel; /* may be NULL */
 };
@@ -33,6 +34,8 @@ struct lw_scene_open {
     {"threads", "N", "worker threads (default: all processors)", LW_OPTION_INT, &(open)->threads, 1, 1024, NULL},\
     {"sky", "R,G,B", "radiance of the sky, W/(m^2 sr), instead of the scene's", LW_OPTION_RGB,                 \
      (open)->sky, 0, 1e9, &(open)->sky_given},                                                                 \
+    {"environment", "FILE.exr", "equirectangular radiance around the scene, W/(m^2 sr), on top of the sky",    \
+     LW_OPTION_STRING, &(open)->environment, 0, 0, NULL},                                                      \
     {"sun-angle", "DEG", "angular diameter of directional lights (default: the file's, else 0.53)",            \
      LW_OPTION_REAL, &(open)->sun_angle_deg, 0, 90, &(open)->sun_angle_given}
 /* clang-format on */

@@ -449,11 +449,24 @@ static enum lw_status check_rest_pose(const struct lw_scene *scene, struct lw_er
     return status;
 }
 
+static enum lw_status check_environment(const struct lw_environment *environment, struct lw_error *err) {
+    const struct element e = {err, "environment", LW_SCENE_NONE, NULL};
+    if (!environment->width && !environment->height && !environment->rgb) return LW_OK;
+    if (!environment->width || !environment->height || !environment->rgb ||
+        environment->width > LW_SCENE_ENVIRONMENT_SIDE_MAX ||
+        environment->height > LW_SCENE_ENVIRONMENT_SIDE_MAX)
+        return refuse(&e, "is %u x %u texels; each side is from 1 to %u", environment->width,
+                      environment->height, LW_SCENE_ENVIRONMENT_SIDE_MAX);
+    return check_range(&e, "radiance", environment->rgb, 3ul * environment->width * environment->height, 0,
+                       LW_SCENE_RADIANCE_MAX);
+}
+
 enum lw_status lw_scene_validate(const struct lw_scene *scene, struct lw_error *err) {
     struct element whole = {err, "scene", LW_SCENE_NONE, NULL};
     enum lw_status status = check_name(&whole, scene->name);
     if (!status) status = check_range(&whole, "duration_s", &scene->duration_s, 1, 0, LW_SCENE_DURATION_MAX);
     if (!status) status = check_range(&whole, "sky", scene->sky, 3, 0, LW_SCENE_RADIANCE_MAX);
+    if (!status) status = check_environment(&scene->environment, err);
     if (!status) status = check_counts(scene, err);
     if (!status) status = check_elements(scene, err);
     if (!status) status = check_channels_differ(scene, err);

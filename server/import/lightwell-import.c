@@ -7,6 +7,7 @@
 #include "common/scene/builtin.h"
 #include "common/scene/lightmap.h"
 #include "common/scene/package.h"
+#include "server/import/environment_file.h"
 #include "server/import/foreign.h"
 #include "server/import/gltf.h"
 #include "server/import/new_root.h"
@@ -34,6 +35,7 @@
 struct arguments {
     const char *scene;
     const char *output;
+    const char *environment;
     double texels_per_metre;
     double scale, read_seconds;
     int sides; /* enum lw_foreign_sides */
@@ -131,6 +133,11 @@ static enum lw_status parse(int argc, char **argv, struct arguments *arguments, 
          .value = &arguments->read_seconds,
          .min = 1,
          .max = 1e6},
+        {.name = "environment",
+         .argument = "FILE.exr",
+         .help = "Equirectangular radiance around the scene, W/(m^2 sr): row 0 is up, the middle +X.",
+         .kind = LW_OPTION_STRING,
+         .value = &arguments->environment},
         {.name = "threads",
          .argument = "N",
          .help = "Threads to use. Default: 0, all.",
@@ -196,8 +203,9 @@ static enum lw_status read_scene(const struct arguments *arguments, struct lw_sc
     struct lw_scene *scene;
     bool builtin = strncmp(arguments->scene, LW_BUILTIN_PREFIX, strlen(LW_BUILTIN_PREFIX)) == 0;
     stage_begin(&stage, builtin ? "building the scene" : "reading the scene");
-    enum lw_status status =
-        builtin ? lw_builtin_build(arguments->scene, &scene, err) : read_file(arguments, &scene, err);
+    enum lw_status status = builtin ? lw_builtin_build(arguments->scene, &scene, err)
+                            : lw_package_is(arguments->scene) ? lw_package_load(arguments->scene, &scene, err)
+                                                              : read_file(arguments, &scene, err);
     stage_end(&stage);
     if (status) return status;
     float s = (float)arguments->scale;
@@ -207,7 +215,21 @@ static enum lw_status read_scene(const struct arguments *arguments, struct lw_sc
         lw_scene_destroy(scene);
         return err->status;
     }
+    if (arguments->environment && lw_environment_file_load(scene, arguments->environment, err)) {
+        lw_scene_destroy(scene);
+        return err->status;
+    }
     *out_scene = scene;
+    return LW_OK;
+}
+
+/* A package that is read to be written again, with an environment, has its lightmaps. */
+static enum lw_status keep_lightmaps(const struct lw_scene *scene, struct lw_lightmap_report *report) {
+    for (uint32_t i = 0; i < scene->mesh_count; i++)
+        report[i] = (struct lw_lightmap_report){.mesh = i,
+                                                .atlas_width = scene->mesh[i].atlas_width,
+                                                .atlas_height = scene->mesh[i].atlas_height,
+                                                .from_file = true};
     return LW_OK;
 }
 
@@ -216,6 +238,7 @@ static enum lw_status build_lightmaps(const struct arguments *arguments, struct 
     const struct lw_lightmap_desc desc = {.texels_per_metre = (float)arguments->texels_per_metre,
                                           .atlas_side_max = (uint32_t)arguments->atlas_side_max,
                                           .threads = (unsigned)arguments->threads};
+    if (lw_package_is(arguments->scene)) return keep_lightmaps(scene, report);
     enum lw_status status = lw_lightmap_build(scene, &desc, report, err);
     if (status) lw_status_context(err, "%s", arguments->scene);
     return status;

@@ -78,9 +78,9 @@ static void start_batch(struct shadow_batch *batch, uint16_t active, uint32_t sa
     batch->rays.salt = sample;
 }
 
-static void add_sample(struct shadow_batch *batch, const struct packet *packet, uint32_t lane,
-                       const struct lw_light_sample *sample, float weight) {
-    float cosine = lw_vec3_dot(packet->normal[lane], sample->direction);
+/* cosine: of the sample's direction with the lane's normal */
+static void add_light(struct shadow_batch *batch, const struct packet *packet, uint32_t lane,
+                      const struct lw_light_sample *sample, float cosine, float weight) {
     struct lw_vec3 e = lw_vec3_scale(sample->irradiance_normal, cosine * weight);
     if (!(cosine > 0) || !(e.x + e.y + e.z > 0)) return;
     batch->arriving[lane] = e;
@@ -88,6 +88,11 @@ static void add_sample(struct shadow_batch *batch, const struct packet *packet, 
     lw_trace_set_ray(&batch->rays, lane, packet->origin[lane], sample->direction,
                      sample->distance_m * 0.9999f);
     batch->active |= (uint16_t)(1u << lane);
+}
+
+static void add_sample(struct shadow_batch *batch, const struct packet *packet, uint32_t lane,
+                       const struct lw_light_sample *sample, float weight) {
+    add_light(batch, packet, lane, sample, lw_vec3_dot(packet->normal[lane], sample->direction), weight);
 }
 
 static void trace_batch(const struct lw_passes *p, const struct shadow_batch *batch, bool coherent,
@@ -144,21 +149,21 @@ static void light_by_emitters(const struct lw_passes *p, const struct lw_solve_t
 
 static void light_by_sky(const struct lw_passes *p, const struct lw_solve_tile *tile, struct packet *packet,
                          struct lw_vec3 sum[LANES], struct lw_passes_count *count) {
-    const struct lw_vec3 sky = lw_vec3(p->scene->sky[0], p->scene->sky[1], p->scene->sky[2]);
-    if (!(sky.x + sky.y + sky.z > 0)) return;
+    if (!(p->lights->sky_luminance > 0)) return;
     uint32_t seed = lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_SKY);
     for (uint32_t s = 0; s < p->direct_samples; s++) {
         if (p->direct_samples > 1) place_packet(p, tile, packet, tile->frames * p->direct_samples + s);
         float point[2];
         lw_sampling_point(seed, tile->frames * p->direct_samples + s, packet->set, point);
-        struct lw_vec3 local = lw_sampling_cosine(point);
+        const struct lw_sky_draw draw = lw_lights_draw_sky(p->lights, point[0], point[1]);
         struct shadow_batch batch;
-        start_batch(&batch, packet->active, tile->frames * p->direct_samples + s);
+        start_batch(&batch, 0, tile->frames * p->direct_samples + s);
         for (uint32_t lane = 0; lane < LANES; lane++) {
             if (!(packet->active >> lane & 1)) continue;
-            lw_trace_set_ray(&batch.rays, lane, packet->origin[lane],
-                             lw_sampling_to_frame(packet->normal[lane], local), INFINITY);
-            batch.arriving[lane] = lw_vec3_scale(sky, LW_PI / (float)p->direct_samples);
+            float cosine;
+            struct lw_light_sample sample =
+                lw_lights_place_sky(p->lights, &draw, packet->normal[lane], &cosine);
+            add_light(&batch, packet, lane, &sample, cosine, 1.0f / (float)p->direct_samples);
         }
         trace_batch(p, &batch, packet->coherent, sum, count);
     }

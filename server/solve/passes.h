@@ -5,7 +5,8 @@
  * Estimators (E: irradiance, N: samples; all means are unbiased):
  *   punctual light    E += V E_normal cos                 one shadow ray each
  *   emissive triangle E += (1/N) sum V L cos cos' A / (d^2 p)   p: probability of the triangle, A: its area
- *   sky               E += (pi/N) sum V L                 cosine-weighted directions
+ *   sky, environment  E += (1/N) sum V L cos / p          p = (1 - a) cos/pi + a p_bright: cosine-weighted, and where the
+ *                                                         environment stands out; a constant sky has a = 0
  *   bounce k          E_k += (pi/N) sum L_{k-1}(end)      cosine-weighted directions
  * (Uniform directions would need (2 pi/N) sum L cos; the 1/(N pi) of Vandersanden 2023, algorithm 3, is neither.) */
 #ifndef LW_SOLVE_PASSES_H

@@ -25,6 +25,7 @@ static void use(const struct lw_scene *scene) {
             (void)lw_scene_alpha(scene, &scene->mesh[i], t, 1, 0);
         }
     }
+    (void)lw_scene_sky(scene, lw_vec3(0.6f, -0.8f, 0));
     struct lw_pose pose;
     struct lw_vec3 low, high;
     struct lw_error err = {0};

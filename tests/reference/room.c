@@ -120,6 +120,7 @@ struct lw_scene *room_scene(const struct room *room) {
         scene->light[i].node = room->quad_count + i;
     }
     for (int c = 0; c < 3; c++) scene->sky[c] = room->sky;
+    scene->environment = room->environment;
     return scene;
 }
 

@@ -34,6 +34,7 @@ struct room {
         light_position[ROOM_LIGHTS_MAX]; /* punctual lights shine along -Y where they have a direction */
     uint32_t quad_count, light_count;
     float sky;
+    struct lw_environment environment; /* its texels must outlive the solution */
     float texels_per_metre;
 };
 

@@ -106,6 +106,100 @@ static void test_sky(void **state) {
     expect_floor(&room, 1, 1, sky_value, 1e-5, 1e-5); /* cosine-weighted: no variance */
 }
 
+/* Environments over a floor that faces up. E = integral of L cos over the upper half. */
+enum { ENVIRONMENT_WIDTH = 64, ENVIRONMENT_HEIGHT = 32 };
+static float environment_texels[ENVIRONMENT_WIDTH * ENVIRONMENT_HEIGHT * 3];
+
+static struct room environment_room(float (*radiance)(int x, int y)) {
+    struct room room = floor_room();
+    for (int y = 0; y < ENVIRONMENT_HEIGHT; y++)
+        for (int x = 0; x < ENVIRONMENT_WIDTH; x++)
+            for (int c = 0; c < 3; c++)
+                environment_texels[3 * (y * ENVIRONMENT_WIDTH + x) + c] = radiance(x, y);
+    room.environment = (struct lw_environment){
+        .width = ENVIRONMENT_WIDTH, .height = ENVIRONMENT_HEIGHT, .rgb = environment_texels};
+    return room;
+}
+
+/* Every texel within 5 sigma of one, and the mean within 5 sigma of 1024 independent ones. */
+static void expect_environment(const struct room *room, unsigned samples, unsigned frames,
+                               double (*value)(struct lw_vec3), double sigma) {
+    struct room_solution solution;
+    struct expectation expectation = {.value = value, .tolerance = 5 * sigma};
+    room_solve(&solution, room, (struct lw_solver_desc){.direct_samples = samples}, frames);
+    room_each_texel(&solution, 0, expect_texel, &expectation);
+    assert_true(expectation.count >= 32 * 32);
+    expect_near(room_object_mean(&solution, 0).direct, value(lw_vec3(0, 0, 0)), 5 * sigma / 32);
+    room_finish(&solution);
+}
+
+static float even_radiance(int x, int y) {
+    (void)x, (void)y;
+    return 1.25f;
+}
+
+/* With 0.75 of sky it is the same as a sky of 2, and has no more noise. */
+static void test_even_environment(void **state) {
+    (void)state;
+    struct room room = environment_room(even_radiance);
+    room.sky = 0.75f;
+    expect_floor(&room, 1, 1, sky_value, 1e-5, 1e-5);
+}
+
+static float half_radiance(int x, int y) {
+    (void)y;
+    return x >= ENVIRONMENT_WIDTH / 4 && x < 3 * ENVIRONMENT_WIDTH / 4 ? 4.0f : 0.0f;
+}
+
+/* All that lies towards +X is white: half of pi L, 4 / 2 = 2. */
+static void test_half_an_environment(void **state) {
+    (void)state;
+    struct room room = environment_room(half_radiance);
+    /* 256 samples of on and off, about half each: sigma 1 / 16 */
+    expect_environment(&room, 4, 64, sky_value, 1.0 / 16);
+}
+
+static float gradient_radiance(int x, int y) {
+    (void)x;
+    return 6 * (1 - ((float)y + 0.5f) / ENVIRONMENT_HEIGHT);
+}
+
+static double gradient_value(struct lw_vec3 p) {
+    (void)p;
+    return 6 * acos(-1.0) * 0.75; /* 2 pi a integral (1 - t / pi) cos t sin t dt over 0..pi/2 = 3/4 pi a */
+}
+
+static void test_gradient_environment(void **state) {
+    (void)state;
+    struct room room = environment_room(gradient_radiance);
+    /* L cos / p has a spread of 0.15 about its mean */
+    expect_environment(&room, 4, 64, gradient_value, 0.15 / 16);
+}
+
+enum { SPOT_X = 11, SPOT_Y = 9 };
+static float spot_radiance(int x, int y) { return x == SPOT_X && y == SPOT_Y ? 1e6f : 0.01f; }
+
+/* What is read of one texel is a tent two texels wide: L times the integral of tent x cos sin, and the width of a column. */
+static double spot_environment_value(struct lw_vec3 p) {
+    (void)p;
+    const double pi = acos(-1.0), step = pi / ENVIRONMENT_HEIGHT;
+    double sum = 0;
+    enum { STEPS = 1000 };
+    for (int i = 0; i < STEPS; i++) {
+        double off = ((i + 0.5) / STEPS) * 2 - 1, theta = (SPOT_Y + 0.5 + off) * step;
+        sum += (1 - fabs(off)) * cos(theta) * sin(theta) * 2 * step / STEPS;
+    }
+    return 1e6 * sum * 2 * pi / ENVIRONMENT_WIDTH + 0.01 * pi;
+}
+
+/* A sun of 0.01 sr in the picture, a hundred million times brighter than the rest: half of the samples go there, and find
+ * E / p of about 2 E; so 64 of them have sigma 1 / 8. Cosine-weighted ones alone would find it in 2 of 1000, sigma 290 %. */
+static void test_bright_spot(void **state) {
+    (void)state;
+    struct room room = environment_room(spot_radiance);
+    expect_environment(&room, 1, 64, spot_environment_value, 1.0 / 8);
+}
+
 /* Mean E on `object` from the emissive quad 0, with its tolerance k sigma / sqrt(n) from the spread of frames. */
 static double mean_from_emitter(const struct room *room) {
     struct room_solution solution;
@@ -241,6 +335,10 @@ int main(void) {
         cmocka_unit_test(test_spot),
         cmocka_unit_test(test_sun),
         cmocka_unit_test(test_sky),
+        cmocka_unit_test(test_even_environment),
+        cmocka_unit_test(test_half_an_environment),
+        cmocka_unit_test(test_gradient_environment),
+        cmocka_unit_test(test_bright_spot),
         cmocka_unit_test(test_parallel_squares),
         cmocka_unit_test(test_perpendicular_squares),
         cmocka_unit_test(test_emitter_shines_forward_only),

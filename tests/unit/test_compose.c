@@ -201,6 +201,28 @@ static void test_sky(void **state) {
     world_finish(&w);
 }
 
+/* A ray that meets nothing sees sky and environment, whatever the length of its direction. */
+static void test_environment(void **state) {
+    (void)state;
+    struct world w;
+    float rgb[WIDTH * HEIGHT * 3];
+    world_init(&w, squares(1, 64, false));
+    const float texels[4 * 3] = {1, 10, 100, 2, 20, 200,
+                                 3, 30, 300, 4, 40, 400}; /* middles: -x-z, x-z, x+z, -x+z */
+    w.scene->environment = (struct lw_environment){.width = 4, .height = 1, .rgb = texels};
+    for (int side = -1; side < 2;
+         side += 2) { /* texel centres of columns 1 and 2 are at +-45 degrees from +X */
+        struct lw_compose_view view = look(0, 1, 0, 1, 1, (float)side, 2);
+        render(&w, &view, rgb);
+        const float *middle = rgb + 3 * (HEIGHT / 2 * WIDTH + WIDTH / 2);
+        float column = side < 0 ? 2 : 3;
+        assert_near(middle[0], 0.25f + column, 0.05f);
+        assert_near(middle[1], 0.5f + 10 * column, 0.5f);
+        assert_near(middle[2], 1.0f + 100 * column, 5);
+    }
+    world_finish(&w);
+}
+
 /* E = u, v and their sum in texels of level 0, written into the texel centres of every level: bilinear interpolation
  * gives it back exactly, at whatever level it is read. */
 static void fill_ramps(struct world *w) {
@@ -553,6 +575,7 @@ int main(void) {
         cmocka_unit_test(test_constant),
         cmocka_unit_test(test_emission_and_albedo),
         cmocka_unit_test(test_sky),
+        cmocka_unit_test(test_environment),
         cmocka_unit_test(test_ramps),
         cmocka_unit_test(test_level_follows_the_footprint),
         cmocka_unit_test(test_level_ignores_the_scale_across_the_surface),

@@ -467,7 +467,8 @@ static void fields_lie_where_the_document_says(void **state) {
 /* One lie each: the name of a place, and what is said about it. */
 #define LIE_MAP(X)                                                                                           \
     X("does not begin with LWSCENE", b[0] = 'l')                                                             \
-    X("has version 2; this program reads version 1", set_u32(b + 8, 2))                                      \
+    X("has version 3; this program reads versions 1 to 2", set_u32(b + 8, 3))                                \
+    X("has 20 sections; version 2 has 22", set_u32(b + 8, 2))                                                \
     X("has 21 sections; version 1 has 20", set_u32(b + 12, 21))                                              \
     X("says it has 12 bytes", set_u64(b + 16, 12))                                                           \
     X("reserved field of the header", b[24] = 1)                                                             \
@@ -605,6 +606,146 @@ static void counts_are_limited(void **state) {
         free(bytes);
         free(empty);
     }
+}
+
+/* Squares under a sky of 3 x 2 texels. */
+static struct lw_scene *build_outside(void) {
+    struct lw_scene *scene = lw_support_squares(1, 1);
+    float *rgb = lw_scene_alloc(scene, 18, sizeof *rgb);
+    assert_non_null(rgb);
+    for (unsigned i = 0; i < 18; i++) rgb[i] = 0.25f * (float)i;
+    scene->environment = (struct lw_environment){.width = 3, .height = 2, .rgb = rgb};
+    return scene;
+}
+
+static void an_environment_comes_back(void **state) {
+    (void)state;
+    struct lw_scene *scene = build_outside(), *read;
+    size_t size, again_size;
+    uint8_t *bytes = write_package(scene, &size);
+    assert_int_equal(bytes[8], 2);
+    assert_int_equal(bytes[12], 22);
+    /* record: width, height, first texel; then the texels */
+    const uint8_t *record = bytes + section_offset(bytes, 21), *texels = bytes + section_offset(bytes, 22);
+    const uint32_t words[3] = {3, 2, 0};
+    assert_memory_equal(record, words, sizeof words);
+    assert_memory_equal(texels, scene->environment.rgb, 18 * sizeof(float));
+    struct lw_error err = {0};
+    lw_support_ok(lw_package_read(bytes, size, &read, &err), &err);
+    assert_int_equal(read->environment.width, 3);
+    assert_int_equal(read->environment.height, 2);
+    assert_memory_equal(read->environment.rgb, scene->environment.rgb, 18 * sizeof(float));
+    uint8_t *again = write_package(read, &again_size);
+    assert_int_equal(again_size, size);
+    assert_memory_equal(again, bytes, size);
+    free(again);
+    lw_scene_destroy(read);
+    /* without one it is version 1, as ever */
+    scene->environment = (struct lw_environment){0};
+    uint8_t *plain = write_package(scene, &again_size);
+    assert_int_equal(plain[8], 1);
+    assert_int_equal(plain[12], 20);
+    free(plain);
+    free(bytes);
+    lw_scene_destroy(scene);
+}
+
+static void lies_about_an_environment_are_named(void **state) {
+    (void)state;
+    const float infinite = INFINITY, negative = -1, past = 1.1e12f;
+    for (unsigned lie = 0; lie < 9; lie++) {
+        struct lw_scene *scene = build_outside();
+        size_t size;
+        uint8_t *bytes = write_package(scene, &size);
+        lw_scene_destroy(scene);
+        uint8_t *record = bytes + section_offset(bytes, 21), *texels = bytes + section_offset(bytes, 22);
+        static const char *const messages[] = {
+            "section environments, record 0: has no texels",
+            "section environments, record 0: texels takes 12 environment texels",
+            "section environments, record 0: texels takes 18446744065119617025 environment texels",
+            "environment: is 0 x 2 texels; each side is from 1 to 4096",
+            "section environments, record 0: texels starts at 1",
+            "environment: radiance is inf; it must be within [0, 1e+12]",
+            "environment: radiance is -1; it must be within [0, 1e+12]",
+            "environment: radiance is 1.1e+12; it must be within [0, 1e+12]",
+            "section environments has 0 elements, not 1: without one, the version is 1",
+        };
+        switch (lie) {
+        case 0:
+            set_u32(record + 8, UINT32_MAX);
+            break;
+        case 1:
+            set_u32(record, 6);
+            break;
+        case 2:
+            set_u32(record, UINT32_MAX), set_u32(record + 4, UINT32_MAX);
+            break;
+        case 3: /* and nothing left over */
+            set_u32(record, 0);
+            set_u64(bytes + ENTRY(22) + 16, 0);
+            size -= 18 * sizeof(float);
+            set_u64(bytes + 16, size);
+            break;
+        case 4:
+            set_u32(record + 8, 1);
+            break;
+        case 5:
+            memcpy(texels + 8, &infinite, 4);
+            break;
+        case 6:
+            memcpy(texels + 8, &negative, 4);
+            break;
+        case 7:
+            memcpy(texels + 8, &past, 4);
+            break;
+        case 8:
+            set_u64(bytes + ENTRY(21) + 16, 0);
+            set_u64(bytes + ENTRY(22) + 8, section_offset(bytes, 21));
+            set_u64(bytes + ENTRY(22) + 16, 0);
+            size = section_offset(bytes, 21);
+            set_u64(bytes + 16, size);
+            break;
+        }
+        struct lw_error err = {0};
+        enum lw_status status = read_exactly(bytes, size, &err);
+        lw_support_fails(status, LW_BAD_DATA, &err, messages[lie]);
+        free(bytes);
+    }
+}
+
+static void an_environment_cut_off_or_flipped_is_refused_or_sound(void **state) {
+    (void)state;
+    struct lw_scene *scene = build_outside();
+    size_t size;
+    uint8_t *bytes = write_package(scene, &size);
+    lw_scene_destroy(scene);
+    for (size_t cut = 0; cut < size; cut++) assert_int_equal(read_exactly(bytes, cut, NULL), LW_BAD_DATA);
+    for (size_t bit = 0; bit < 8 * size; bit++) {
+        bytes[bit / 8] ^= (uint8_t)(1u << bit % 8);
+        enum lw_status status = read_exactly(bytes, size, NULL);
+        assert_true(status == LW_OK || status == LW_BAD_DATA);
+        bytes[bit / 8] ^= (uint8_t)(1u << bit % 8);
+    }
+    free(bytes);
+}
+
+/* The limit of a side, and one past it. */
+static void environments_are_limited(void **state) {
+    (void)state;
+    for (uint32_t past = 0; past < 2; past++)
+        for (int wide = 0; wide < 2; wide++) {
+            struct lw_scene *scene = lw_support_squares(1, 1);
+            uint32_t side = LW_SCENE_ENVIRONMENT_SIDE_MAX + past;
+            scene->environment = (struct lw_environment){
+                .width = wide ? side : 1, .height = wide ? 1 : side, .rgb = lw_scene_alloc(scene, side, 12)};
+            struct lw_error err = {0};
+            enum lw_status status = lw_scene_validate(scene, &err);
+            if (past)
+                lw_support_fails(status, LW_BAD_DATA, &err, "each side is from 1 to 4096");
+            else
+                lw_support_ok(status, &err);
+            lw_scene_destroy(scene);
+        }
 }
 
 static void failing_allocations_are_reported(void **state) {
@@ -759,6 +900,10 @@ int main(void) {
         cmocka_unit_test(what_nobody_uses_is_refused),
         cmocka_unit_test(a_package_without_a_scene_is_refused),
         cmocka_unit_test(counts_are_limited),
+        cmocka_unit_test(an_environment_comes_back),
+        cmocka_unit_test(lies_about_an_environment_are_named),
+        cmocka_unit_test(an_environment_cut_off_or_flipped_is_refused_or_sound),
+        cmocka_unit_test(environments_are_limited),
         cmocka_unit_test(failing_allocations_are_reported),
         cmocka_unit_test(files_keep_what_was_saved),
         cmocka_unit_test(files_that_cannot_be_are_named),
