@@ -20,6 +20,10 @@
 /* Steps of bisection for a mesh that does not fit: its density is within a percent of the best. */
 #define FIT_STEPS 7
 
+/* Where the density is chosen for a number of texels: the most of them that one object takes before the others have
+ * DENSITY_GAIN_MAX times the even density. */
+#define SHARE_MAX        0.5
+#define DENSITY_GAIN_MAX 16.0
 /* Halvings of the density before a mesh is given up: by then every chart has the smallest rectangle there is. */
 #define HALVINGS_MAX 64
 
@@ -29,6 +33,7 @@ struct job {
     uint32_t mesh_index, object_count;
     double metres_per_unit; /* of its largest object */
     double area_os;         /* square units */
+    double relative;        /* its density as a multiple of the scene's */
     bool has_back;
     uint8_t *back; /* per triangle; NULL without backs */
 
@@ -140,6 +145,7 @@ static enum lw_status find_jobs(struct drive *drive) {
         j->mesh = &scene->mesh[m];
         j->mesh_index = m;
         j->area_os = moments[m].area;
+        j->relative = 1;
         if (!(j->metres_per_unit > 0)) j->metres_per_unit = 1; /* flattened to nothing: any density will do */
         status = find_backs(scene, j);
     }
@@ -274,7 +280,7 @@ static enum lw_status place(struct job *job) {
 
 /* Lays one mesh out at a density. */
 static enum lw_status lay_out(const struct drive *drive, struct job *job, double texels_per_metre) {
-    double scale = texels_per_metre * job->metres_per_unit;
+    double scale = texels_per_metre * job->relative * job->metres_per_unit;
     free(job->uv);
     job->uv = NULL;
     enum lw_status status = try_file(drive, job, scale);
@@ -305,13 +311,22 @@ static enum lw_status lay_out_all(struct drive *drive, double texels_per_metre, 
     return LW_OK;
 }
 
-static double total(const struct drive *drive, bool texels) {
+/* Of one object, m^2; with its backs. */
+static double surface(const struct job *job) {
+    return job->area_os * job->metres_per_unit * job->metres_per_unit * (job->has_back ? 2 : 1);
+}
+
+static double total_surface(const struct drive *drive) {
     double sum = 0;
-    for (uint32_t i = 0; i < drive->job_count; i++) {
-        const struct job *job = &drive->job[i];
-        double area = job->area_os * job->metres_per_unit * job->metres_per_unit * (job->has_back ? 2 : 1);
-        sum += (texels ? (double)job->covered : area) * (double)job->object_count;
-    }
+    for (uint32_t i = 0; i < drive->job_count; i++)
+        sum += surface(&drive->job[i]) * (double)drive->job[i].object_count;
+    return sum;
+}
+
+static double total_texels(const struct drive *drive) {
+    double sum = 0;
+    for (uint32_t i = 0; i < drive->job_count; i++)
+        sum += (double)drive->job[i].covered * (double)drive->job[i].object_count;
     return sum;
 }
 
@@ -319,14 +334,48 @@ static double clamp_density(double density) {
     return density < (double)FLT_MIN ? (double)FLT_MIN : density > 1e9 ? 1e9 : density;
 }
 
-/* One density for the whole scene: the target's, found by laying out and counting. */
+/* Texels of all objects at a density, none with more than `most`. */
+static double estimate(const struct drive *drive, double density, double most) {
+    double sum = 0;
+    for (uint32_t i = 0; i < drive->job_count; i++)
+        sum += fmin(surface(&drive->job[i]) * density * density, most) * (double)drive->job[i].object_count;
+    return sum;
+}
+
+/* Densities relative to `even`, which would give every metre the same: where one object (the ground to the horizon) would
+ * take more than SHARE_MAX of the texels, it gets that share, and the others what it leaves, up to DENSITY_GAIN_MAX times
+ * the even density; what they cannot use goes back to it. */
+static void share_texels(struct drive *drive, double even, double target) {
+    double density = even * DENSITY_GAIN_MAX, most = SHARE_MAX * target;
+    const bool useful = estimate(drive, density, most) >= target;
+    double low = useful ? even : most, high = useful ? density : target;
+    for (int i = 0; i < 60; i++) {
+        double middle = 0.5 * (low + high);
+        double texels = useful ? estimate(drive, middle, most) : estimate(drive, density, middle);
+        if (texels < target)
+            low = middle;
+        else
+            high = middle;
+    }
+    if (useful)
+        density = high;
+    else
+        most = high;
+    for (uint32_t i = 0; i < drive->job_count; i++) {
+        double area = surface(&drive->job[i]);
+        drive->job[i].relative = (area > 0 ? fmin(density, sqrt(most / area)) : density) / even;
+    }
+}
+
+/* The density at which the scene has `target` texels, found by laying out and counting. */
 static enum lw_status lay_out_for_target(struct drive *drive, double target, struct lw_progress *progress,
                                          struct lw_error *err) {
-    double area = total(drive, false), density = clamp_density(area > 0 ? sqrt(target / area) : 1);
+    double area = total_surface(drive), density = clamp_density(area > 0 ? sqrt(target / area) : 1);
     enum lw_status status = LW_OK;
+    share_texels(drive, density, target);
     for (int round = 0; status == LW_OK; round++) {
         status = lay_out_all(drive, density, progress, err);
-        double texels = status == LW_OK ? total(drive, true) : 0;
+        double texels = status == LW_OK ? total_texels(drive) : 0;
         if (round + 1 == DENSITY_ROUNDS || !(texels > 0) || fabs(texels / target - 1) < 0.02) break;
         density = clamp_density(density * sqrt(target / texels));
     }

@@ -443,6 +443,30 @@ static void any_size_of_scene_meets_the_target(void **state) {
     }
 }
 
+/* A ground of 300 m and a plate of 10 m: even densities would leave the plate 450 of the 400,000 texels. */
+static void a_ground_does_not_starve_the_rest(void **state) {
+    struct shape *s = fresh(state);
+    quad(s, lw_vec3(0, 0, 0), lw_vec3(300, 0, 0), lw_vec3(0, 300, 0));
+    struct lw_scene *scene = scene_of(s, NULL, 2);
+    struct lw_mesh *mesh = lw_scene_alloc(scene, 2, sizeof *mesh);
+    struct lw_vec3 *small = lw_scene_alloc(scene, s->vertex_count, sizeof *small);
+    for (uint32_t v = 0; v < s->vertex_count; v++) small[v] = lw_vec3_scale(s->position[v], 1.0f / 30);
+    mesh[0] = mesh[1] = scene->mesh[0];
+    mesh[1].position = small;
+    scene->mesh = mesh;
+    scene->mesh_count = 2;
+    scene->object[1].mesh = 1;
+    struct lw_lightmap_report r[2];
+    struct lw_error err = {0};
+    lw_support_ok(lw_lightmap_build(scene, &(struct lw_lightmap_desc){0}, r, &err), &err);
+    assert_true(r[0].texels_covered + r[1].texels_covered > LW_LIGHTMAP_TEXEL_TARGET * 0.95f);
+    assert_true(r[0].texels_covered + r[1].texels_covered < LW_LIGHTMAP_TEXEL_TARGET * 1.05f);
+    /* The plate takes 16 times the even density of 2.1 per metre; the ground keeps what that leaves. */
+    assert_true(r[1].texels_per_metre > 30 && r[1].texels_per_metre < 36);
+    assert_true(r[0].texels_per_metre > 1.5f && r[0].texels_per_metre < 2.1f);
+    lw_scene_destroy(scene);
+}
+
 static void threads_do_not_matter(void **state) {
     (void)state;
     struct lw_scene *scene[2];
@@ -523,6 +547,7 @@ int main(void) {
         cmocka_unit_test(what_cannot_fit_is_named),
         cmocka_unit_test(ugly_meshes_are_laid_out),
         cmocka_unit_test(any_size_of_scene_meets_the_target),
+        cmocka_unit_test(a_ground_does_not_starve_the_rest),
         cmocka_unit_test(threads_do_not_matter),
         cmocka_unit_test(overlaps_are_seen),
         cmocka_unit_test(mixed_texels_are_seen),
