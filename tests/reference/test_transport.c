@@ -77,7 +77,7 @@ static void test_reciprocity(void **state) {
     for (int lit = 0; lit < 2; lit++) {
         struct room room = two_plates(lit);
         struct room_solution solution;
-        room_solve(&solution, &room, (struct lw_solver_desc){.bounces = 3, .direct_samples = 4}, 192);
+        room_solve(&solution, &room, (struct lw_solver_desc){.bounces = 3, .direct_samples = 4}, 128);
         struct room_mean mean = room_object_mean(&solution, lit == 0 ? 7 : 6);
         watts[lit] = mean.total * (lit == 0 ? 0.6 * 0.6 : 0.5);
         assert_true(mean.direct > 0 && mean.indirect > 0);
