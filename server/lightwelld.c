@@ -33,7 +33,8 @@ struct settings {
     struct lw_scene_open scene;
     const char *listen, *port_file;
     int64_t bounces, direct_samples, indirect_samples, seed, frames;
-    double tracing_range, cell_size, frame_rate, freeze_s, error;
+    int probe_form;
+    double tracing_range, cell_size, probe_spacing, frame_rate, freeze_s, error;
     bool animate, freeze, json;
     int clock;
     char host[256];
@@ -100,6 +101,11 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          &s->tracing_range, 1e-6, (double)INFINITY, NULL},
         {"cell-size", "METRES", "side of a radiance cell (default: a quarter of the scene's longest side)",
          LW_OPTION_REAL, &s->cell_size, 1e-6, 1e9, NULL},
+        {"probe-spacing", "METRES", "distance between probes (default: so that there are some 1,000)",
+         LW_OPTION_REAL, &s->probe_spacing, 1e-6, 1e9, NULL},
+        {"probe-form", "octahedral|sh",
+         "how probes keep what they see: maps of 16 x 16 directions (default), or nine spherical harmonics",
+         LW_OPTION_CHOICE, &s->probe_form, 0, 0, NULL},
         {"direct-samples", "N", "rays per texel and frame towards lamps and sky (default 1)", LW_OPTION_INT,
          &s->direct_samples, 1, 1024, NULL},
         {"indirect-samples", "N", "bounce rays per texel and frame (default 2)", LW_OPTION_INT,
@@ -160,6 +166,8 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
                                                        .bounces = (uint32_t)s->bounces,
                                                        .tracing_range_m = (float)s->tracing_range,
                                                        .cell_size_m = (float)s->cell_size,
+                                                       .probe_spacing_m = (float)s->probe_spacing,
+                                                       .probe_form = (enum lw_probe_form_kind)s->probe_form,
                                                        .direct_samples = (uint32_t)s->direct_samples,
                                                        .indirect_samples = (uint32_t)s->indirect_samples,
                                                        .target_error = (float)s->error,

@@ -51,12 +51,18 @@ static void copy_pose(const struct lw_scene *scene, struct lw_pose *dst, const s
     memcpy(dst->node_to_world, src->node_to_world, scene->node_count * sizeof *src->node_to_world);
 }
 
-static enum lw_status set_pose(struct cell_solver *s, const struct lw_pose *pose, struct lw_error *err) {
+static enum lw_status set_pose(struct cell_solver *s, const struct lw_pose *pose,
+                               struct lw_solver_stats *stats, struct lw_error *err) {
     copy_pose(s->desc.scene, &s->pose, pose);
     enum lw_status status = lw_trace_set_pose(s->trace, &s->pose, err);
     if (status != LW_OK) return status;
     lw_lights_set_pose(&s->lights, &s->pose);
     lw_tiles_set_pose(&s->tiles, &s->cells, &s->pose);
+    if (s->has_probes) {
+        uint64_t t = lw_clock_ns();
+        stats->rays_probe += lw_probes_place(&s->probes, &s->pose, s->trace, s->threads);
+        stats->probe_ns += lw_clock_ns() - t;
+    }
     return LW_OK;
 }
 
@@ -131,16 +137,20 @@ static bool settled(const struct cell_solver *s, const struct lw_solve_tile *til
            (s->desc.frames_max && tile->frames >= s->desc.frames_max);
 }
 
+/* While what is remembered of the time before a movement still shows. */
+static bool fading(const struct cell_solver *s) {
+    return s->ever_moved && s->frames_since_move < LW_CELL_SOLVER_FADE_FRAMES;
+}
+
 /* Tiles whose error is low enough rest until something moves. */
 static void settle(struct cell_solver *s, struct lw_solver_stats *stats) {
-    const bool fading = s->ever_moved && s->frames_since_move < LW_CELL_SOLVER_FADE_FRAMES;
     stats->tiles = s->tiles.count;
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         if (!tile->resting) {
             stats->tiles_solved++;
             stats->texels_solved += tile->covered_count;
-            tile->resting = !fading && settled(s, tile);
+            tile->resting = !fading(s) && settled(s, tile);
         }
         stats->tiles_converged += tile->resting;
     }
@@ -165,13 +175,13 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     if (same_pose(s->desc.scene, pose, &s->pose)) {
         s->frames_since_move++;
     } else {
-        enum lw_status status = set_pose(s, pose, err);
+        enum lw_status status = set_pose(s, pose, &stats, err);
         if (status != LW_OK) return status;
         s->ever_moved = true;
         s->frames_since_move = 0;
         wake(s);
     }
-    stats.pose_ns = lw_clock_ns() - t0;
+    stats.pose_ns = lw_clock_ns() - t0 - stats.probe_ns;
     if (all_rest(s)) {
         stats.tiles = stats.tiles_converged = s->tiles.count;
         *out_stats = stats;
@@ -209,15 +219,15 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     s->progress = NULL;
     if (s->has_probes) {
         uint64_t t = lw_clock_ns();
-        stats.rays_probe =
-            lw_probes_gather(&s->probes, s->trace, &s->texels, s->desc.seed, s->frames, s->threads);
-        stats.probe_ns = lw_clock_ns() - t;
+        stats.rays_probe +=
+            lw_probes_gather(&s->probes, s->trace, &s->texels, s->frames, fading(s), s->threads);
+        stats.probe_ns += lw_clock_ns() - t;
     }
     for (uint32_t bounce = 1; bounce <= s->desc.bounces; bounce++) {
         uint64_t t = lw_clock_ns();
         if (s->has_probes)
-            lw_probes_project(&s->probes, bounce - 1, s->tiles.radiance, s->desc.seed, s->frames,
-                              lw_passes_weight(s->frames, passes.history_indirect_max), s->threads);
+            lw_probes_project(&s->probes, bounce - 1, s->tiles.radiance, passes.history_indirect_max,
+                              s->threads);
         uint64_t projected = lw_clock_ns();
         run_gather(s, &passes, bounce);
         if (bounce < s->desc.bounces) run_radiate(s, &passes, bounce);
@@ -251,15 +261,12 @@ static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_s
 }
 
 /* What a frame reads of those before it, beside the tiles. */
-#define PARTS_MAX 4
+#define PARTS_MAX (1 + LW_PROBES_PARTS)
 static uint32_t list_parts(const struct cell_solver *s, struct remembered *remembered,
                            struct lw_checkpoint_part out_part[PARTS_MAX]) {
     uint32_t n = 0;
     out_part[n++] = (struct lw_checkpoint_part){remembered, sizeof *remembered};
-    if (s->has_probes)
-        out_part[n++] =
-            (struct lw_checkpoint_part){s->probes.coefficient, (size_t)s->desc.bounces * s->probes.count * 9 *
-                                                                   3 * sizeof *s->probes.coefficient};
+    if (s->has_probes) n += lw_probes_list_parts(&s->probes, out_part + n);
     return n;
 }
 
@@ -296,7 +303,7 @@ static size_t memory_bytes(const struct lw_solver *solver) {
     size_t mesh_texels = 0;
     for (uint32_t m = 0; m < s->desc.scene->mesh_count; m++) mesh_texels += s->texels.mesh[m].texel_count;
     return per_texel * s->texels.count + mesh_texels * (12 * sizeof(float) + 1) +
-           lw_trace_memory_bytes(s->trace);
+           (s->has_probes ? lw_probes_memory_bytes(&s->probes) : 0) + lw_trace_memory_bytes(s->trace);
 }
 
 static void destroy(struct lw_solver *solver) {
@@ -321,6 +328,23 @@ static const struct lw_solver_ops ops = {.name = "cells",
                                          .memory_bytes = memory_bytes,
                                          .destroy = destroy};
 
+static enum lw_status place_probes(struct cell_solver *s, struct lw_vec3 lo, struct lw_vec3 hi) {
+    enum lw_status status =
+        lw_probes_init(&s->probes, &(struct lw_probes_desc){.scene = s->desc.scene,
+                                                            .minimum_ws = lo,
+                                                            .maximum_ws = hi,
+                                                            .spacing_m = s->desc.probe_spacing_m,
+                                                            .bounces = s->desc.bounces,
+                                                            .seed = s->desc.seed,
+                                                            .form = s->desc.probe_form,
+                                                            .projection = s->desc.probe_projection});
+    if (status != LW_OK) return status;
+    lw_probes_place(&s->probes, &s->pose, s->trace, s->threads);
+    lw_log(LW_LOG_INFO, "%u probes, %s, %.2g m apart; %u of them dead inside objects", s->probes.count,
+           s->probes.form->name, (double)s->probes.grid.size_m.x, s->probes.count - s->probes.alive);
+    return LW_OK;
+}
+
 static enum lw_status build(struct cell_solver *s, const struct lw_pose *pose, struct lw_error *err) {
     const struct lw_scene *scene = s->desc.scene;
     enum lw_status status = lw_pose_init(&s->pose, scene);
@@ -343,7 +367,7 @@ static enum lw_status build(struct cell_solver *s, const struct lw_pose *pose, s
     lw_tiles_set_pose(&s->tiles, &s->cells, &s->pose);
 
     s->has_probes = isfinite(s->desc.tracing_range_m) && s->desc.bounces > 0;
-    if (s->has_probes && (status = lw_probes_init(&s->probes, &s->cells, s->desc.bounces)) != LW_OK)
+    if (s->has_probes && (status = place_probes(s, lo, hi)) != LW_OK)
         return lw_status_fail(err, status, "probes");
     s->end = calloc((size_t)s->texels.count * s->desc.indirect_samples + 1, sizeof *s->end);
     s->cdf = calloc((size_t)s->threads * (s->lights.emitter_count + 1), sizeof *s->cdf);

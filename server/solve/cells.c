@@ -46,6 +46,11 @@ struct lw_vec3 lw_cells_centre(const struct lw_cells *cells, uint32_t cell) {
                                                                              (float)z + 0.5f)));
 }
 
+bool lw_cells_contain(const struct lw_cells *cells, struct lw_vec3 p) {
+    return p.x >= cells->minimum_ws.x && p.y >= cells->minimum_ws.y && p.z >= cells->minimum_ws.z &&
+           p.x <= cells->maximum_ws.x && p.y <= cells->maximum_ws.y && p.z <= cells->maximum_ws.z;
+}
+
 static float exit_distance(float position, float direction, float minimum, float maximum) {
     if (direction > 0) return (maximum - position) / direction;
     if (direction < 0) return (minimum - position) / direction;

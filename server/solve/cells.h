@@ -24,6 +24,8 @@ uint32_t lw_cells_total(const struct lw_cells *cells);
 /** The cell that holds a point; the nearest one for a point outside. */
 uint32_t lw_cells_at(const struct lw_cells *cells, struct lw_vec3 point_ws);
 struct lw_vec3 lw_cells_centre(const struct lw_cells *cells, uint32_t cell);
+/** Whether a point lies in the box; NaN does not. */
+bool lw_cells_contain(const struct lw_cells *cells, struct lw_vec3 point_ws);
 /** Where a ray from a point inside leaves the scene's box (the point itself if it is outside). */
 struct lw_vec3 lw_cells_project(const struct lw_cells *cells, struct lw_vec3 point_ws,
                                 struct lw_vec3 direction);

@@ -206,20 +206,47 @@ void lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile, flo
             }
 }
 
-/* Where lane's ray ended. */
-static uint32_t end_of(const struct lw_passes *p, const struct lw_solve_tile *tile,
-                       const struct lw_ray16 *rays, const struct lw_hit16 *hits, uint32_t lane) {
-    if (hits->object[lane] != LW_TRACE_MISS)
-        return lw_texels_at(p->texels, hits->object[lane], hits->triangle[lane], hits->u[lane], hits->v[lane],
-                            hits->back[lane]);
-    if (!p->probes) return LW_END_NOTHING;
-    /* Distant-point projection (Vandersanden 2023, 3.6): the probe is asked for the point of the scene's box that the
-     * ray runs towards, not for the ray's own direction. */
-    struct lw_vec3 origin = lw_vec3(rays->org_x[lane], rays->org_y[lane], rays->org_z[lane]);
-    struct lw_vec3 direction = lw_vec3(rays->dir_x[lane], rays->dir_y[lane], rays->dir_z[lane]);
-    struct lw_vec3 distant = lw_cells_project(p->cells, origin, direction);
-    struct lw_vec3 towards = lw_vec3_sub(distant, lw_cells_centre(p->cells, tile->cell));
-    return lw_end_pack_probe(tile->cell, lw_vec3_normalize(towards));
+/* Where lane's ray ended, if it met something. */
+static uint32_t end_of(const struct lw_passes *p, const struct lw_hit16 *hits, uint32_t lane) {
+    if (hits->object[lane] == LW_TRACE_MISS) return LW_END_NOTHING;
+    return lw_texels_at(p->texels, hits->object[lane], hits->triangle[lane], hits->u[lane], hits->v[lane],
+                        hits->back[lane]);
+}
+
+/* Asks a probe about a ray that has run as far as the tracing range; false if none sees where it stands. random: a
+ * word of the ray's own. */
+static bool ask_probes(const struct lw_passes *p, const struct lw_ray16 *rays, uint32_t lane, uint32_t random,
+                       uint32_t *out_end) {
+    const struct lw_vec3 d = lw_vec3(rays->dir_x[lane], rays->dir_y[lane], rays->dir_z[lane]);
+    const struct lw_vec3 point =
+        lw_vec3_mad(lw_vec3(rays->org_x[lane], rays->org_y[lane], rays->org_z[lane]), d, rays->t_far[lane]);
+    /* Outside the box there is nothing but what has moved there: a ray that costs next to nothing. */
+    if (!lw_cells_contain(&p->probes->grid, point)) return false;
+    *out_end = lw_probes_ask(p->probes, point, d, random);
+    return *out_end != LW_PROBES_UNSEEN;
+}
+
+/* Ends of a packet's rays of finite range: what they hit, else what a probe knows, else what they hit further on. */
+static void find_ends(const struct lw_passes *p, const struct lw_solve_tile *tile,
+                      const struct packet *packet, struct lw_ray16 *rays, struct lw_hit16 *hits,
+                      uint32_t out_end[LANES], struct lw_passes_count *count) {
+    uint16_t unseen = 0;
+    for (uint32_t lane = 0; lane < LANES; lane++) {
+        if (!(packet->active >> lane & 1)) continue;
+        out_end[lane] = end_of(p, hits, lane);
+        if (hits->object[lane] != LW_TRACE_MISS || !p->probes) continue;
+        const uint32_t random = lw_random_hash3(p->seed, tile->first + packet->lane_texel[lane],
+                                                rays->salt ^ LW_SAMPLING_PROBE << 24);
+        if (ask_probes(p, rays, lane, random, &out_end[lane])) continue;
+        rays->t_near[lane] = rays->t_far[lane];
+        rays->t_far[lane] = INFINITY;
+        unseen |= (uint16_t)(1u << lane);
+    }
+    if (!unseen) return;
+    lw_trace_closest16(p->trace, packet->coherent ? LW_TRACE_COHERENT : 0, unseen, rays, hits);
+    for (uint32_t lane = 0; lane < LANES; lane++)
+        if (unseen >> lane & 1) out_end[lane] = end_of(p, hits, lane);
+    count->bounce += (uint64_t)__builtin_popcount(unseen);
 }
 
 void lw_passes_trace_ends(const struct lw_passes *p, const struct lw_solve_tile *tile,
@@ -250,10 +277,12 @@ void lw_passes_trace_ends(const struct lw_passes *p, const struct lw_solve_tile 
                             lw_trace_set_ray(&rays, lane, lw_vec3(0, 0, 0), lw_vec3(0, 0, 1), 0);
                     lw_trace_closest16(p->trace, packet.coherent ? LW_TRACE_COHERENT : 0, packet.active,
                                        &rays, &hits);
+                    uint32_t end[LANES];
+                    find_ends(p, tile, &packet, &rays, &hits, end, count);
                     for (uint32_t lane = 0; lane < LANES; lane++)
                         if (packet.active >> lane & 1)
                             p->end[(size_t)(tile->first + packet.lane_texel[lane]) * p->indirect_samples +
-                                   s] = end_of(p, tile, &rays, &hits, lane);
+                                   s] = end[lane];
                     count->bounce += (uint64_t)__builtin_popcount(packet.active);
                 }
             }

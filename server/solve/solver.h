@@ -11,6 +11,17 @@
 
 #define LW_SOLVER_BOUNCES_MAX 16u
 
+/** How a probe keeps what it sees (probe_form.h). */
+enum lw_probe_form_kind { LW_PROBE_FORM_OCTAHEDRAL = 0, LW_PROBE_FORM_SH };
+
+/** In which direction a probe is asked for what a ray beside it runs towards: that of the point where the ray will
+ * arrive. Where that is, is guessed: */
+enum lw_probe_projection {
+    LW_PROBE_PROJECTION_DEPTH = 0, /* by the distances that the probe sees */
+    LW_PROBE_PROJECTION_BOX,       /* at the scene's box: distant-point projection (Vandersanden 2023, 3.6) */
+    LW_PROBE_PROJECTION_STEP       /* one longest side of the scene ahead: the same, cheaper */
+};
+
 /** Zero means default, where zero makes no sense as a value. */
 struct lw_solver_desc {
     const struct lw_scene *scene;         /* outlives the solver */
@@ -18,11 +29,14 @@ struct lw_solver_desc {
     uint32_t bounces;                     /* indirect; 0 is direct light only */
     float tracing_range_m;                /* > 0; INFINITY: no probes */
     float cell_size_m;                    /* 0: a quarter of the scene's longest side */
-    uint32_t direct_samples;              /* per texel and frame, on area lights and sky */
-    uint32_t indirect_samples;            /* per texel, bounce and frame */
-    float target_error;                   /* relative standard error at which a tile rests; < 0: at none */
-    uint32_t frames_max;                  /* frames after which a tile rests in any case; 0: no limit */
-    unsigned threads;                     /* 0: all */
+    float probe_spacing_m;                /* 0: some 1,000 probes over the scene's box */
+    enum lw_probe_form_kind probe_form;
+    enum lw_probe_projection probe_projection;
+    uint32_t direct_samples;   /* per texel and frame, on area lights and sky */
+    uint32_t indirect_samples; /* per texel, bounce and frame */
+    float target_error;        /* relative standard error at which a tile rests; < 0: at none */
+    uint32_t frames_max;       /* frames after which a tile rests in any case; 0: no limit */
+    unsigned threads;          /* 0: all */
     uint32_t seed;
     const _Atomic bool *cancel; /* may be NULL; once true, a frame under way ends within a tile */
 };
