@@ -188,13 +188,10 @@ static enum lw_status load(const struct lw_foreign_desc *desc, struct lw_foreign
     if (status) return status;
     lw_guard_enter(&guard);
     status = read_file(&import, files, err);
-    lw_guard_leave();
+    lw_guard_lift(); /* pictures and lists of ours may take what they need */
     if (status == LW_OK) status = convert(&import, err);
-    if (import.ai) {
-        lw_guard_enter(&guard);
-        aiReleaseImport(import.ai);
-        lw_guard_leave();
-    }
+    if (import.ai) aiReleaseImport(import.ai);
+    lw_guard_leave();
     return status;
 }
 

@@ -13,8 +13,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* A diffuse colour this dark is that of a mirror or of glass, whose colour is the specular one. */
-#define BLACK 0.02f
+/* A diffuse colour this dark beside a specular one this bright is that of a mirror or of glass. Below: black rubber, with
+ * the highlight that exporters put on everything (0.2 in FBX, 0.4 in Collada, 0.5 in MTL files of some). */
+#define BLACK  0.02f
+#define BRIGHT 0.55f
 /* What Assimp puts where a file names no diffuse colour. */
 #define ASSIMP_GREY         0.6f
 #define ASSIMP_DEFAULT_NAME "DefaultMaterial"
@@ -362,6 +364,13 @@ static void colour_beside_texture(enum lw_scene_format format, float colour[3]) 
     for (int c = 0; c < 3; c++) colour[c] = 1;
 }
 
+/* A lamp is black because it is a lamp. */
+static bool emits(const struct aiMaterial *ai) {
+    struct aiColor4D colour = {0};
+    return aiGetMaterialColor(ai, AI_MATKEY_COLOR_EMISSIVE, &colour) == aiReturn_SUCCESS &&
+           (colour.r > 0 || colour.g > 0 || colour.b > 0);
+}
+
 static enum lw_status read_albedo(struct lw_foreign_materials *materials, const struct aiMaterial *ai,
                                   const struct reference *texture, float out[3], struct lw_error *err) {
     float specular[3] = {0};
@@ -374,9 +383,9 @@ static enum lw_status read_albedo(struct lw_foreign_materials *materials, const 
         colour_beside_texture(materials->import->desc->format, out);
         return LW_OK;
     }
-    if (brightest(out) > BLACK) return LW_OK;
+    if (brightest(out) > BLACK || emits(ai)) return LW_OK;
     if (read_colour(ai, AI_MATKEY_COLOR_SPECULAR, "specular", specular, &there, err)) return err->status;
-    if (brightest(specular) > brightest(out)) memcpy(out, specular, sizeof specular);
+    if (brightest(specular) >= BRIGHT) memcpy(out, specular, sizeof specular);
     return LW_OK;
 }
 

@@ -49,6 +49,7 @@ static enum lw_status check_mesh(struct lw_foreign_import *import, const struct 
             if (face->mIndices[k] >= mesh->mNumVertices)
                 return lw_status_fail(err, LW_BAD_DATA, "face %u uses vertex %u; it has %u vertices", f,
                                       face->mIndices[k], mesh->mNumVertices);
+        if (face->mNumIndices == 0) return lw_status_fail(err, LW_BAD_DATA, "face %u has no vertices", f);
         if (face->mNumIndices < 3) lw_foreign_import_warn(import, LW_FOREIGN_WARN_POINTS);
         *face_count += face->mNumIndices >= 3;
     }

@@ -139,7 +139,9 @@ static enum lw_status add_object(struct conversion *conversion, uint32_t node, s
     conversion->mesh_of_node[node] = mesh;
     if (mesh == LW_SCENE_NONE) return LW_OK;
     if (scene->object_count >= LW_SCENE_OBJECTS_MAX)
-        return lw_status_fail(err, LW_BAD_DATA, "has more than %u objects", LW_SCENE_OBJECTS_MAX);
+        return lw_status_fail(err, LW_BAD_DATA,
+                              "has more than %u objects: join what stands together into one mesh",
+                              LW_SCENE_OBJECTS_MAX);
     const char *name = *scene->node[node].name ? scene->node[node].name : scene->mesh[mesh].name;
     scene->object[scene->object_count++] = (struct lw_object){.name = name, .mesh = mesh, .node = node};
     return LW_OK;
@@ -280,7 +282,9 @@ static enum lw_status allocate(struct conversion *conversion, size_t count, stru
     struct lw_scene *scene = conversion->import->scene;
     size_t meshes = ai->mNumMeshes, lights = ai->mNumLights, cameras = ai->mNumCameras;
     if (count + lights + cameras > LW_SCENE_NODES_MAX)
-        return lw_status_fail(err, LW_BAD_DATA, "has more than %u nodes", LW_SCENE_NODES_MAX);
+        return lw_status_fail(err, LW_BAD_DATA,
+                              "has more than %u nodes: join what stands together into one mesh",
+                              LW_SCENE_NODES_MAX);
     /* a mesh is built anew for each list of a node that begins with it but is another */
     size_t built = count < LW_SCENE_MESHES_MAX ? count : LW_SCENE_MESHES_MAX;
     conversion->nodes->queue = malloc(count * sizeof *conversion->nodes->queue);

@@ -193,7 +193,9 @@ static enum lw_status add_object(struct conversion *conversion, const json_t *ob
     if (find_mesh(conversion, index, &mesh, err)) return err->status;
     if (mesh == MESH_EMPTY) return LW_OK;
     if (scene->object_count >= LW_SCENE_OBJECTS_MAX)
-        return lw_status_fail(err, LW_BAD_DATA, "has more than %u objects", LW_SCENE_OBJECTS_MAX);
+        return lw_status_fail(err, LW_BAD_DATA,
+                              "has more than %u objects: join what stands together into one mesh",
+                              LW_SCENE_OBJECTS_MAX);
     const char *name = *scene->node[node].name ? scene->node[node].name : scene->mesh[mesh].name;
     scene->object[scene->object_count++] = (struct lw_object){.name = name, .mesh = mesh, .node = node};
     return LW_OK;
@@ -352,8 +354,9 @@ static enum lw_status allocate(struct conversion *conversion, struct lw_error *e
     struct lw_scene *scene = conversion->scene;
     size_t node_count = document->count[LW_GLTF_NODES], mesh_count = document->count[LW_GLTF_MESHES];
     if (node_count > LW_SCENE_NODES_MAX)
-        return lw_status_fail(err, LW_BAD_DATA, "has %zu nodes; the limit is %u", node_count,
-                              LW_SCENE_NODES_MAX);
+        return lw_status_fail(err, LW_BAD_DATA,
+                              "has %zu nodes; the limit is %u: join what stands together into one mesh",
+                              node_count, LW_SCENE_NODES_MAX);
     if (mesh_count > LW_SCENE_MESHES_MAX)
         return lw_status_fail(err, LW_BAD_DATA, "has %zu meshes; the limit is %u", mesh_count,
                               LW_SCENE_MESHES_MAX);

@@ -106,9 +106,13 @@ void lw_guard_enter(const struct lw_guard_desc *desc) {
         limit(RLIMIT_AS, &guard.memory_before, address_space_bytes() + desc->memory_bytes);
 }
 
-void lw_guard_leave(void) {
+void lw_guard_lift(void) {
     setrlimit(RLIMIT_AS, &guard.memory_before);
     setrlimit(RLIMIT_CPU, &guard.processor_before);
+}
+
+void lw_guard_leave(void) {
+    lw_guard_lift();
     for (size_t i = 0; i < WATCHED_COUNT; i++) sigaction(watched[i], &guard.before[i], NULL);
     sigaltstack(&guard.stack_before, NULL);
 }

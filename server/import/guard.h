@@ -22,6 +22,8 @@ struct lw_guard_desc {
  * The limit on memory makes allocations fail, which the library reports in its own way.
  * Builds with a sanitizer keep their own signal handlers and have no limit on memory. */
 void lw_guard_enter(const struct lw_guard_desc *desc);
+/** Lifts the limits on time and memory. Crashes are still caught: what the library left behind may be broken. */
+void lw_guard_lift(void);
 /** Restores what enter() found. */
 void lw_guard_leave(void);
 

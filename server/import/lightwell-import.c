@@ -29,6 +29,7 @@
 #define TICK_MS      100
 #define THREADS_MAX  1024
 #define NAME_COLUMNS 28
+#define TABLE_ROWS   40 /* that a terminal gets unasked */
 #define SCALE_MIN    1e-6
 #define SCALE_MAX    1e6
 
@@ -294,11 +295,12 @@ static void sum_up(const struct lw_scene *scene, const struct lw_lightmap_report
     out->stretch = sqrt(squares / out->area);
 }
 
+/* rows  how many objects to show at most */
 static void print_table(const struct lw_scene *scene, const struct lw_lightmap_report *report,
-                        const struct totals *totals) {
+                        const struct totals *totals, uint32_t rows) {
     fprintf(stderr, "%-*s %10s %11s %8s %8s %8s %8s  %s\n", NAME_COLUMNS, "object", "triangles", "atlas",
             "covered", "coverage", "stretch", "texels/m", "charts");
-    for (uint32_t i = 0; i < scene->object_count; i++) {
+    for (uint32_t i = 0; i < scene->object_count && i < rows; i++) {
         const struct lw_lightmap_report *r = &report[scene->object[i].mesh];
         char name[NAME_COLUMNS + 1], atlas[32];
         snprintf(name, sizeof name, "%s", scene->object[i].name);
@@ -310,6 +312,8 @@ static void print_table(const struct lw_scene *scene, const struct lw_lightmap_r
                 (double)r->coverage, (double)r->stretch_rms, (double)r->texels_per_metre, r->chart_count,
                 r->from_file ? ", from the file" : "", r->capped ? ", capped by --atlas-max" : "");
     }
+    if (scene->object_count > rows)
+        fprintf(stderr, "... and %u more; --report shows all\n", scene->object_count - rows);
     fprintf(stderr,
             "%u objects, %llu triangles, %llu texels, %llu covered; by area: coverage %.2f, stretch %.2f\n",
             scene->object_count, (unsigned long long)totals->triangles, (unsigned long long)totals->texels,
@@ -329,6 +333,18 @@ static json_t *object_json(const struct lw_scene *scene, uint32_t object,
                      (int)r->from_file, "capped", (int)r->capped);
 }
 
+/* A path as JSON can hold it: file names may be any bytes, JSON is UTF-8. */
+static json_t *path_json(const char *path) {
+    json_t *text = json_string(path);
+    char *copy = text ? NULL : strdup(path);
+    if (!copy) return text;
+    for (char *c = copy; *c; c++)
+        if (*c & 0x80) *c = '?';
+    text = json_string(copy);
+    free(copy);
+    return text;
+}
+
 static enum lw_status print_json(const struct arguments *arguments, const struct lw_scene *scene,
                                  const struct lw_lightmap_report *report, const struct totals *totals,
                                  double seconds, struct lw_error *err) {
@@ -338,8 +354,8 @@ static enum lw_status print_json(const struct arguments *arguments, const struct
     struct stat package = {0};
     if (stat(arguments->output, &package) < 0) package.st_size = 0;
     json_t *root =
-        json_pack("{s:s, s:s, s:I, s:f, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:f, s:f, s:f, s:o}", "scene",
-                  arguments->scene, "package", arguments->output, "package_bytes",
+        json_pack("{s:o, s:o, s:I, s:f, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:f, s:f, s:f, s:o}", "scene",
+                  path_json(arguments->scene), "package", path_json(arguments->output), "package_bytes",
                   (json_int_t)package.st_size, "seconds", seconds, "triangles", (json_int_t)totals->triangles,
                   "materials", (json_int_t)scene->material_count, "textures",
                   (json_int_t)scene->texture_count, "lights", (json_int_t)scene->light_count, "cameras",
@@ -358,7 +374,10 @@ static enum lw_status report_on(const struct arguments *arguments, const struct 
                                 struct lw_error *err) {
     struct totals totals;
     sum_up(scene, report, &totals);
-    if (arguments->report || (!arguments->json && isatty(STDERR_FILENO))) print_table(scene, report, &totals);
+    if (arguments->report)
+        print_table(scene, report, &totals, UINT32_MAX);
+    else if (!arguments->json && isatty(STDERR_FILENO))
+        print_table(scene, report, &totals, TABLE_ROWS);
     return arguments->json ? print_json(arguments, scene, report, &totals, seconds, err) : LW_OK;
 }
 

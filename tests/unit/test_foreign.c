@@ -164,6 +164,8 @@ static void obj_materials_follow_their_rules(void **state) {
     write_picture("pic.png");
     write_text("rules.mtl", "newmtl paint\nKd 0.1 0.2 0.3\nKs 1 1 1\n"
                             "newmtl mirror\nKd 0 0 0\nKs 0.9 0.8 0.7\n"
+                            "newmtl rubber\nKd 0 0 0\nKs 0.5 0.5 0.5\n"
+                            "newmtl tube\nKd 0 0 0\nKs 0.9 0.9 0.9\nKe 5 5 5\n"
                             "newmtl lamp\nKd 0.5 0.5 0.5\nKe 17 12 4\n"
                             "newmtl glass\nKd 1 1 1\nd 0.25\n"
                             "newmtl turned\nKd 1 1 1\nTr 0.25\n"
@@ -173,8 +175,8 @@ static void obj_materials_follow_their_rules(void **state) {
                             "newmtl black\nKd 0 0 0\nmap_Kd pic.png\n"
                             "newmtl leaf\nKd 1 1 1\nmap_d pic.png\n"
                             "newmtl glow\nKd 0 0 0\nmap_Ke pic.png\n");
-    static const char *const names[] = {"paint",  "mirror", "lamp",  "glass", "turned", "gone",
-                                        "bright", "half",   "black", "leaf",  "glow"};
+    static const char *const names[] = {"paint", "rubber", "tube", "mirror", "lamp", "glass", "turned",
+                                        "gone",  "bright", "half", "black",  "leaf", "glow"};
     char text[4096] = "mtllib rules.mtl\n" SQUARE;
     for (size_t i = 0; i < sizeof names / sizeof *names; i++)
         sprintf(text + strlen(text), "o %s\nusemtl %s\n" FACE, names[i], names[i]);
@@ -186,6 +188,8 @@ static void obj_materials_follow_their_rules(void **state) {
     c = material_named(scene, "mirror")->base_colour;
     assert_float_equal(c[0], 0.9, 1e-6); /* where nothing is diffuse, the mirror's colour is */
     assert_float_equal(c[2], 0.7, 1e-6);
+    assert_float_equal(material_named(scene, "rubber")->base_colour[0], 0, 0);
+    assert_float_equal(material_named(scene, "tube")->base_colour[0], 0, 0);
     const struct lw_material *lamp = material_named(scene, "lamp");
     assert_float_equal(lamp->emission[0], 17, 0);
     assert_float_equal(lamp->emission[2], 4, 0);
@@ -398,9 +402,16 @@ static void ply_colours_are_those_of_a_screen(void **state) {
         if (mesh->position[i].x > 0)
             assert_float_equal(mesh->colour[i].y, 0.2158605, 1e-5); /* IEC 61966-2-1 */
     lw_scene_destroy(scene);
+    /* an OBJ can have them too; without a material they are all the colour there is */
+    scene = load_text("scan.obj", "v 0 0 0 1 1 1\nv 1 0 0 1 1 1\nv 1 1 0 1 1 1\nf 1 2 3\n");
+    assert_non_null(scene->mesh[0].colour);
+    assert_float_equal(scene->material[scene->mesh[0].material[0]].base_colour[0], 1, 0);
+    lw_scene_destroy(scene);
     refuse_text("out.ply", PLY_HEAD PLY_FACES "0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 4\n", "uses vertex 4");
     refuse_text("nan.ply", PLY_HEAD PLY_FACES "0 0 0\n1 nan 0\n1 1 0\n0 1 0\n4 0 1 2 3\n",
                 "is not a finite number");
+    refuse_text("nothing.ply", PLY_HEAD PLY_FACES "0 0 0\n1 0 0\n1 1 0\n0 1 0\n0\n",
+                "face 0 has no vertices");
     refuse_text("none.ply", PLY_HEAD PLY_FACES "0 0 0\n0 0 0\n0 0 0\n0 0 0\n4 0 1 2 3\n", "no triangles");
 }
 
@@ -437,7 +448,7 @@ static const char dae[] =
     "library_cameras>\n"
     "<library_lights>\n"
     "<light id=\"pt\" name=\"pt\"><technique_common><point><color>4 2 "
-    "1</color><quadratic_attenuation>0.0001</quadratic_attenuation></point></technique_common></light>\n"
+    "1</color><quadratic_attenuation>0.0002</quadratic_attenuation></point></technique_common></light>\n"
     "<light id=\"sun\" name=\"sun\"><technique_common><directional><color>3 3 "
     "3</color></directional></technique_common></light>\n"
     "<light id=\"spot\" name=\"spot\"><technique_common><spot><color>5 5 "
@@ -543,13 +554,13 @@ static void collada_arrives_in_metres_and_upright(void **state) {
     assert_int_equal(paint->alpha_mode, LW_ALPHA_OPAQUE);
     assert_int_not_equal(paint->base_colour_texture.texture, LW_SCENE_NONE);
 
-    /* 4 / (0.0001 d^2) with d in cm is 4 / d^2 with d in m */
+    /* 4 / (0.0002 d^2) with d in cm is 2 / d^2 with d in m */
     const struct lw_light *point = light_named(scene, "lp"), *sun = light_named(scene, "ls"),
                           *spot = light_named(scene, "lsp");
     assert_int_equal(scene->light_count, 3);
     assert_int_equal(point->kind, LW_LIGHT_POINT);
-    assert_float_equal(point->intensity[0], 4, 1e-4);
-    assert_float_equal(point->intensity[2], 1, 1e-4);
+    assert_float_equal(point->intensity[0], 2, 1e-4);
+    assert_float_equal(point->intensity[2], 0.5, 1e-4);
     assert_vec3(pose.light[point - scene->light].position_ws, 0, 3, 0);
     assert_int_equal(sun->kind, LW_LIGHT_DIRECTIONAL);
     assert_float_equal(sun->intensity[1], 3, 0);
