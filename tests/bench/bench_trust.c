@@ -1,0 +1,376 @@
+/* bench_trust: the solve against the path tracer, seen by the same camera, region by region.
+ *
+ *     bench_trust [OPTIONS] SCENE[@PX,PY,PZ:TX,TY,TZ:FOV | @CAMERA]...
+ *
+ * Solves each scene, composes the view from the lightmaps, traces the same view with paths, both through the centres of
+ * the pixels, and prints a table in Markdown: ratio of the means, the worst of 8 x 6 regions with its standard error, how
+ * many regions obey |ratio - 1| <= max(3 standard errors, 0.005), and relMSE = mean((x - t)^2 / (t^2 + eps)), eps = 1 %
+ * of the mean of t^2. The standard errors hold the noise of both sides: batches of the path tracer, two seeds of the
+ * solve. With -o DIR also the pictures: the solve on the left, the path tracer on the right. */
+#include "client/view/compose.h"
+#include "client/view/path_trace.h"
+#include "client/view/tonemap.h"
+#include "common/clock.h"
+#include "common/image/image.h"
+#include "common/log.h"
+#include "common/scene/scene_open.h"
+#include "server/publish/levels.h"
+#include "server/solve/cell_solver.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#define COLUMNS 8u
+#define ROWS    6u
+#define REGIONS (COLUMNS * ROWS)
+#define BATCHES 8u
+#define SEEDS   2u
+#define BOUND   0.005
+
+struct settings {
+    struct lw_scene_open open;
+    int64_t bounces, spp, frames, direct_samples, indirect_samples, width, height;
+    double range, time_s;
+    const char *folder;
+};
+
+struct scene {
+    const struct settings *settings;
+    const char *camera_text; /* NULL: the scene's first, or the default */
+    struct lw_scene *scene;
+    struct lw_atlas_map map;
+    struct lw_pose pose;
+    struct lw_trace *trace;
+    struct lw_lights lights;
+    struct lw_compose *compose;
+    struct lw_levels *levels; /* per object */
+    struct lw_compose_view view;
+    float *image[SEEDS], *truth; /* width * height * 3 */
+    double solve_s, trace_s, texels;
+    double truth_mean[BATCHES][REGIONS], image_mean[SEEDS][REGIONS];
+};
+
+/* ---- the solve ---- */
+
+static struct lw_client_level level(const void *context, uint32_t object, uint32_t k) {
+    const struct lw_levels_image *image = &((const struct scene *)context)->levels[object].level[k];
+    return (struct lw_client_level){.width = image->width, .height = image->height, .rgb = image->rgb};
+}
+
+static struct lw_client_tile tile(const void *context, lw_tile_id id) {
+    (void)context, (void)id;
+    return (struct lw_client_tile){.version = 1};
+}
+
+static void read_levels(struct scene *s, const struct lw_solver *solver) {
+    for (uint32_t o = 0; o < s->map.object_count; o++) {
+        if (!s->map.atlas[o].level_count) continue;
+        const uint32_t tiles = s->map.atlas[o].level[0].tiles_x * s->map.atlas[o].level[0].tiles_y;
+        for (uint32_t id = s->map.first_tile[o]; id < s->map.first_tile[o] + tiles; id++) {
+            struct lw_solver_tile solved;
+            solver->ops->read_tile(solver, (lw_tile_id){id}, &solved);
+            lw_levels_load_tile(&s->levels[o], &s->map.place[id], &solved);
+        }
+        lw_levels_build(&s->levels[o]);
+    }
+}
+
+static enum lw_status solve(struct scene *s, uint32_t seed, float *out_rgb, struct lw_error *err) {
+    const struct settings *settings = s->settings;
+    struct lw_solver *solver;
+    enum lw_status status = lw_cell_solver_create(
+        &(struct lw_solver_desc){.scene = s->scene,
+                                 .atlas_map = &s->map,
+                                 .bounces = (uint32_t)settings->bounces,
+                                 .tracing_range_m = (float)settings->range,
+                                 .direct_samples = (uint32_t)settings->direct_samples,
+                                 .indirect_samples = (uint32_t)settings->indirect_samples,
+                                 .target_error = 1e-9f,
+                                 .seed = seed},
+        &s->pose, &solver, err);
+    if (status != LW_OK) return status;
+    const uint64_t began = lw_clock_ns();
+    for (uint64_t frame = 1; status == LW_OK && frame <= (uint64_t)settings->frames; frame++) {
+        struct lw_solver_stats stats;
+        status = solver->ops->frame(solver, &s->pose, frame, &stats, err);
+        s->texels = (double)stats.texels_solved;
+    }
+    s->solve_s += (double)(lw_clock_ns() - began) * 1e-9;
+    if (status == LW_OK) {
+        struct lw_compose_report report;
+        const struct lw_compose_source source = {
+            .context = s,
+            .level = level,
+            .tile = tile,
+            .sky = lw_vec3(s->scene->sky[0], s->scene->sky[1], s->scene->sky[2]),
+            .bounces = (uint32_t)settings->bounces,
+            .target_error = 1};
+        read_levels(s, solver);
+        lw_compose_render(s->compose, &source, &s->pose, &s->view, out_rgb, &report);
+    }
+    solver->ops->destroy(solver);
+    return status;
+}
+
+/* ---- the path tracer, and regions ---- */
+
+static void means(const struct scene *s, const float *rgb, double out_mean[REGIONS]) {
+    memset(out_mean, 0, REGIONS * sizeof *out_mean);
+    for (uint32_t r = 0; r < REGIONS; r++) {
+        const uint32_t x0 = r % COLUMNS * s->view.width / COLUMNS,
+                       x1 = (r % COLUMNS + 1) * s->view.width / COLUMNS;
+        const uint32_t y0 = r / COLUMNS * s->view.height / ROWS,
+                       y1 = (r / COLUMNS + 1) * s->view.height / ROWS;
+        for (uint32_t y = y0; y < y1; y++)
+            for (uint32_t i = (y * s->view.width + x0) * 3; i < (y * s->view.width + x1) * 3; i++)
+                out_mean[r] += (double)rgb[i];
+        out_mean[r] /= fmax(1, (x1 - x0) * (y1 - y0) * 3.0);
+    }
+}
+
+static enum lw_status trace_paths(struct scene *s, struct lw_error *err) {
+    const size_t floats = (size_t)s->view.width * s->view.height * 3;
+    struct lw_path_trace *tracer;
+    struct lw_path_film film;
+    enum lw_status status = lw_path_trace_create(
+        &(struct lw_path_trace_desc){
+            .scene = s->scene, .trace = s->trace, .lights = &s->lights, .pose = &s->pose},
+        &tracer, err);
+    if (status != LW_OK) return status;
+    status = lw_path_film_init(&film, s->view.width, s->view.height, err);
+    float *batch = malloc(floats * sizeof *batch);
+    if (status == LW_OK && !batch) status = lw_status_fail(err, LW_NO_MEMORY, "pictures");
+    const uint64_t began = lw_clock_ns();
+    for (uint32_t b = 0; status == LW_OK && b < BATCHES; b++) {
+        const struct lw_path_view view = {.camera = s->view.camera,
+                                          .bounces = (uint32_t)s->settings->bounces,
+                                          .seed = 1000 + b,
+                                          .pixel = LW_PATH_PIXEL_CENTRE};
+        lw_path_film_clear(&film);
+        lw_path_trace_render(tracer, &view, (uint32_t)(s->settings->spp / BATCHES), &film, NULL);
+        lw_path_film_resolve(&film, batch);
+        means(s, batch, s->truth_mean[b]);
+        for (size_t i = 0; i < floats; i++) s->truth[i] += batch[i] / (float)BATCHES;
+    }
+    s->trace_s = (double)(lw_clock_ns() - began) * 1e-9;
+    free(batch);
+    lw_path_film_finish(&film);
+    lw_path_trace_destroy(tracer);
+    return status;
+}
+
+/* ---- report ---- */
+
+struct verdict {
+    double ratio, relative_mse, worst, worst_error;
+    uint32_t worst_region, regions, within;
+};
+
+static struct verdict judge(const struct scene *s) {
+    struct verdict v = {.worst = 1};
+    double image_sum = 0, truth_sum = 0, solve_variance = 0;
+    for (uint32_t r = 0; r < REGIONS;
+         r++) { /* of the solve's mean of two seeds, relative, pooled over regions */
+        double a = s->image_mean[0][r], b = s->image_mean[1][r];
+        if (a + b > 0) solve_variance += pow((a - b) / (a + b), 2) / REGIONS;
+    }
+    for (uint32_t r = 0; r < REGIONS; r++) {
+        double truth = 0, square = 0, image = (s->image_mean[0][r] + s->image_mean[1][r]) / 2;
+        for (uint32_t b = 0; b < BATCHES; b++) truth += s->truth_mean[b][r] / BATCHES;
+        for (uint32_t b = 0; b < BATCHES; b++) square += pow(s->truth_mean[b][r] - truth, 2);
+        image_sum += image;
+        truth_sum += truth;
+        if (!(truth > 0)) continue;
+        double error = sqrt(square / (BATCHES - 1) / BATCHES / (truth * truth) + solve_variance);
+        double ratio = image / truth;
+        v.regions++;
+        v.within += fabs(ratio - 1) <= fmax(3 * error, BOUND);
+        if (fabs(ratio - 1) > fabs(v.worst - 1)) {
+            v.worst = ratio;
+            v.worst_error = error;
+            v.worst_region = r;
+        }
+    }
+    v.ratio = image_sum / truth_sum;
+    const size_t floats = (size_t)s->view.width * s->view.height * 3;
+    double mean_square = 0;
+    for (size_t i = 0; i < floats; i++)
+        mean_square += (double)s->truth[i] * (double)s->truth[i] / (double)floats;
+    for (size_t i = 0; i < floats; i++) {
+        double x = (double)(s->image[0][i] + s->image[1][i]) / 2, t = (double)s->truth[i];
+        v.relative_mse += (x - t) * (x - t) / (t * t + 0.01 * mean_square) / (double)floats;
+    }
+    return v;
+}
+
+/* Both pictures with one exposure, side by side. */
+static enum lw_status write_pair(const struct scene *s, const char *stem, struct lw_error *err) {
+    const uint32_t w = s->view.width, h = s->view.height;
+    char path[4096];
+    enum lw_status status = LW_OK;
+    const char *const suffix[2] = {"solve", "truth"};
+    float *const half[2] = {s->image[0], s->truth};
+    for (int i = 0; status == LW_OK && i < 2; i++) {
+        snprintf(path, sizeof path, "%s/%s-%s.exr", s->settings->folder, stem, suffix[i]);
+        status = lw_image_write_exr(path, half[i], w, h, "W/(m^2 sr)", err);
+    }
+    if (status != LW_OK) return status;
+    struct lw_tonemap tonemap;
+    uint8_t *srgb = malloc((size_t)w * h * 6);
+    if (!srgb) return lw_status_fail(err, LW_NO_MEMORY, "pictures");
+    lw_tonemap_init(&tonemap, LW_TONEMAP_REINHARD, lw_tonemap_auto_stops(s->truth, (size_t)w * h));
+    for (uint32_t y = 0; y < h; y++)
+        for (uint32_t i = 0; i < 2; i++)
+            lw_tonemap_encode(&tonemap, half[i] + (size_t)y * w * 3, w, 3,
+                              srgb + ((size_t)y * 2 + i) * w * 3);
+    snprintf(path, sizeof path, "%s/%s.png", s->settings->folder, stem);
+    status = lw_image_write_png(path, srgb, 2 * w, h, err);
+    free(srgb);
+    return status;
+}
+
+static void print_row(const struct scene *s, const char *name, const struct verdict *v) {
+    double texels_per_metre = s->settings->open.texels_per_metre;
+    char density[32] = "default";
+    if (texels_per_metre > 0) snprintf(density, sizeof density, "%g", texels_per_metre);
+    printf("| %s | %s | %s | %.0f | %.4f | %.4f +- %.4f at %u,%u | %u of %u | %.5f | %.1f | %.1f |\n", name,
+           s->camera_text ? s->camera_text : "default", density, s->texels, v->ratio, v->worst,
+           v->worst_error, v->worst_region % COLUMNS, v->worst_region / COLUMNS, v->within, v->regions,
+           v->relative_mse, s->solve_s, s->trace_s);
+    fflush(stdout);
+}
+
+/* ---- one scene ---- */
+
+static enum lw_status choose_camera(struct scene *s, struct lw_error *err) {
+    uint32_t camera = 0;
+    if (s->camera_text && strchr(s->camera_text, ':'))
+        return lw_camera_parse(s->camera_text, &s->view.camera, err);
+    if (s->camera_text) {
+        enum lw_status status = lw_camera_find(s->scene, s->camera_text, &camera, err);
+        if (status != LW_OK) return status;
+    }
+    s->view.camera =
+        camera < s->scene->camera_count
+            ? lw_camera_of_scene(s->scene, &s->pose, camera)
+            : lw_camera_default(s->scene, &s->pose, s->trace, (float)s->view.width / (float)s->view.height);
+    return LW_OK;
+}
+
+static enum lw_status prepare(struct scene *s, const char *path, struct lw_error *err) {
+    struct lw_scene_open open = s->settings->open;
+    open.path = path;
+    enum lw_status status = lw_scene_open(&open, &s->scene, err);
+    if (status == LW_OK) status = lw_atlas_map_init(&s->map, s->scene);
+    if (status == LW_OK) status = lw_pose_init(&s->pose, s->scene);
+    if (status != LW_OK) return status;
+    lw_pose_evaluate(&s->pose, s->scene, s->settings->time_s);
+    if ((status = lw_trace_create(s->scene, &s->pose, &s->trace, err)) != LW_OK) return status;
+    if ((status = lw_lights_init(&s->lights, s->scene, &s->pose)) != LW_OK) return status;
+    status = lw_compose_create(
+        &(struct lw_compose_desc){.scene = s->scene, .map = &s->map, .trace = s->trace}, &s->compose, err);
+    const size_t floats = (size_t)s->view.width * s->view.height * 3;
+    for (uint32_t i = 0; i < SEEDS; i++) s->image[i] = calloc(floats, sizeof(float));
+    s->truth = calloc(floats, sizeof(float));
+    s->levels = calloc(s->map.object_count + 1u, sizeof *s->levels);
+    if (status == LW_OK && (!s->image[0] || !s->image[1] || !s->truth || !s->levels))
+        status = lw_status_fail(err, LW_NO_MEMORY, "pictures");
+    for (uint32_t o = 0; status == LW_OK && o < s->map.object_count; o++)
+        status = lw_levels_init(&s->levels[o], &s->map.atlas[o]);
+    return status == LW_OK ? choose_camera(s, err) : status;
+}
+
+static void finish(struct scene *s) {
+    for (uint32_t o = 0; s->levels && o < s->map.object_count; o++) lw_levels_finish(&s->levels[o]);
+    free(s->levels);
+    for (uint32_t i = 0; i < SEEDS; i++) free(s->image[i]);
+    free(s->truth);
+    lw_compose_destroy(s->compose);
+    lw_lights_finish(&s->lights);
+    lw_trace_destroy(s->trace);
+    lw_pose_finish(&s->pose);
+    lw_atlas_map_finish(&s->map);
+    lw_scene_destroy(s->scene);
+}
+
+static enum lw_status compare(const struct settings *settings, uint32_t number, const char *argument,
+                              struct lw_error *err) {
+    char path[4096], stem[64];
+    snprintf(path, sizeof path, "%s", argument);
+    char *at = strchr(path, '@');
+    if (at) *at++ = 0;
+    struct scene s = {.settings = settings,
+                      .camera_text = at,
+                      .view = {.width = (uint32_t)settings->width, .height = (uint32_t)settings->height}};
+    enum lw_status status = prepare(&s, path, err);
+    for (uint32_t i = 0; status == LW_OK && i < SEEDS; i++) {
+        status = solve(&s, 1 + i, s.image[i], err);
+        if (status == LW_OK) means(&s, s.image[i], s.image_mean[i]);
+    }
+    if (status == LW_OK) status = trace_paths(&s, err);
+    if (status == LW_OK) {
+        const struct verdict verdict = judge(&s);
+        const char *slash = strrchr(path, '/');
+        print_row(&s, slash ? slash + 1 : path, &verdict);
+        snprintf(stem, sizeof stem, "trust-%u", number);
+        if (settings->folder) status = write_pair(&s, stem, err);
+    }
+    finish(&s);
+    return status;
+}
+
+int main(int argc, char **argv) {
+    struct settings s = {.open = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG},
+                         .bounces = 2,
+                         .spp = 256,
+                         .frames = 128,
+                         .direct_samples = 2,
+                         .indirect_samples = 4,
+                         .width = 480,
+                         .height = 270,
+                         .range = (double)INFINITY};
+    const struct lw_option table[] = {
+        {"bounces", "N", "indirect bounces (default 2)", LW_OPTION_INT, &s.bounces, 0, LW_SOLVER_BOUNCES_MAX,
+         NULL},
+        {"spp", "N", "paths per pixel (default 256)", LW_OPTION_INT, &s.spp, 16, 1 << 20, NULL},
+        {"frames", "N", "frames of each solve (default 128)", LW_OPTION_INT, &s.frames, 1, 1 << 20, NULL},
+        {"direct-samples", "N", "per texel and frame (default 2)", LW_OPTION_INT, &s.direct_samples, 1, 1024,
+         NULL},
+        {"indirect-samples", "N", "per texel and frame (default 4)", LW_OPTION_INT, &s.indirect_samples, 1,
+         1024, NULL},
+        {"width", "N", "pixels (default 480)", LW_OPTION_INT, &s.width, 8, 16384, NULL},
+        {"height", "N", "pixels (default 270)", LW_OPTION_INT, &s.height, 6, 16384, NULL},
+        {"tracing-range", "METRES", "as lightwelld's (default inf)", LW_OPTION_REAL, &s.range, 1e-6,
+         (double)INFINITY, NULL},
+        {"time", "SECONDS", "of the scene's animation (default 0)", LW_OPTION_REAL, &s.time_s, 0, 1e9, NULL},
+        {"o", "DIR", "write the pictures there", LW_OPTION_STRING, &s.folder, 0, 0, NULL},
+        LW_SCENE_OPEN_OPTIONS(&s.open),
+    };
+    const char *scene[64];
+    size_t count = 0;
+    const struct lw_options options = {.program = "bench_trust",
+                                       .synopsis = "[OPTIONS] SCENE[@CAMERA]...",
+                                       .about = "Compares the solve with the path tracer, region by region.",
+                                       .table = table,
+                                       .count = sizeof table / sizeof table[0],
+                                       .positional = scene,
+                                       .positional_min = 1,
+                                       .positional_max = sizeof scene / sizeof scene[0]};
+    struct lw_error err = {0};
+    bool done = false;
+    lw_log_init("bench_trust", LW_LOG_WARNING);
+    enum lw_status status = lw_options_parse(&options, argc, argv, &count, &done, &err);
+    if (status == LW_OK && done) return 0;
+    if (status == LW_OK && s.folder)
+        mkdir(s.folder, 0777); /* a failure shows when the first picture is written */
+    if (status == LW_OK) {
+        puts("| scene | camera | texels/m | texels | ratio of means | worst region | regions within | relMSE "
+             "| solve s | "
+             "paths s |");
+        puts("|---|---|---|---|---|---|---|---|---|---|");
+    }
+    for (size_t i = 0; status == LW_OK && i < count; i++) status = compare(&s, (uint32_t)i, scene[i], &err);
+    return status == LW_OK ? 0 : lw_log_failure(&err);
+}
