@@ -1,8 +1,7 @@
 /* lights.h: what shines, as the solve and the path tracer sample it: emissive triangles and punctual lights.
  * Flow:    scene, pose -> [lights] -> samples towards a point
  * Threads: create and set_pose by one thread; sampling [any] in between.
- * After:   area sampling of triangles, p. 815 of Pharr, Jakob and Humphreys 2016; multiple importance sampling, Veach and
- *          Guibas 1995; units in docs/architecture.md. */
+ * After:   triangles by solid angle, Arvo 1995; multiple importance sampling, Veach and Guibas 1995; units in docs/architecture.md. */
 #ifndef LW_COMMON_LIGHTS_H
 #define LW_COMMON_LIGHTS_H
 
@@ -20,7 +19,8 @@ struct lw_emitter {
     struct lw_vec3 corner, edge_u, edge_v; /* m */
     struct lw_vec3 normal;                 /* unit, the side that shines */
     float area_m2;
-    float power; /* by which it is chosen: luminance x area, W/sr */
+    float near_m2; /* square of how far from its middle it is sampled by solid angle, not by area */
+    float power;   /* by which it is chosen: luminance x area, W/sr */
     bool both_sides;
     uint32_t object, triangle;
 };
