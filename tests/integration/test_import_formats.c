@@ -256,7 +256,7 @@ static void the_corpus_ends_in_a_scene_or_one_line(void **state) {
     (void)state;
     if (SANITIZED) skip();
     char folder[512];
-    snprintf(folder, sizeof folder, "%s", lw_support_source("tests/fuzz/corpus/foreign"));
+    snprintf(folder, sizeof folder, "%s", lw_support_source("tests/integration/broken_scenes"));
     DIR *list = opendir(folder);
     assert_non_null(list);
     unsigned whole = 0, refused = 0;
