@@ -114,9 +114,9 @@ enum lw_status lw_lights_init(struct lw_lights *lights, const struct lw_scene *s
     lights->first_emitter = calloc(scene->object_count + 1ul, sizeof *lights->first_emitter);
     lights->near = calloc(scene->light_count + 1ul, sizeof *lights->near);
     lights->sun = calloc(scene->light_count + 1ul, sizeof *lights->sun);
-    lights->many_cdf = calloc(count + scene->light_count, sizeof *lights->many_cdf);
+    lights->bounds = calloc(count + scene->light_count, sizeof *lights->bounds);
     if (!lights->emitter || !lights->power_cdf || !lights->radiance || !lights->luminance ||
-        !lights->first_emitter || !lights->near || !lights->sun || !lights->many_cdf ||
+        !lights->first_emitter || !lights->near || !lights->sun || !lights->bounds ||
         lw_environment_importance_init(&lights->environment, &scene->environment) != LW_OK) {
         lw_lights_finish(lights);
         return LW_NO_MEMORY;
@@ -125,12 +125,18 @@ enum lw_status lw_lights_init(struct lw_lights *lights, const struct lw_scene *s
     list_punctual(lights);
     weigh_sky(lights);
     lw_lights_set_pose(lights, pose);
+    const uint32_t near = lights->emitter_count + lights->near_count;
+    if (near > LW_LIGHTS_EXACT_MAX && lw_light_tree_init(&lights->tree, lights->bounds, near) != LW_OK) {
+        lw_lights_finish(lights);
+        return LW_NO_MEMORY;
+    }
     return LW_OK;
 }
 
 void lw_lights_finish(struct lw_lights *lights) {
     lw_environment_importance_finish(&lights->environment);
-    free(lights->many_cdf);
+    lw_light_tree_finish(&lights->tree);
+    free(lights->bounds);
     free(lights->sun);
     free(lights->near);
     free(lights->first_emitter);
@@ -175,6 +181,35 @@ static bool accumulate(float *weight, uint32_t count) {
     return true;
 }
 
+static struct lw_light_bounds bounds_of_emitter(const struct lw_emitter *e) {
+    struct lw_vec3 a = e->corner, b = lw_vec3_add(a, e->edge_u), c = lw_vec3_add(a, e->edge_v);
+    return (struct lw_light_bounds){
+        .low = lw_vec3(fminf(a.x, fminf(b.x, c.x)), fminf(a.y, fminf(b.y, c.y)), fminf(a.z, fminf(b.z, c.z))),
+        .high =
+            lw_vec3(fmaxf(a.x, fmaxf(b.x, c.x)), fmaxf(a.y, fmaxf(b.y, c.y)), fmaxf(a.z, fmaxf(b.z, c.z))),
+        .axis = e->normal,
+        .spread = e->both_sides ? LW_PI : 0,
+        .reach = 0.5f * LW_PI,
+        .power = e->power};
+}
+
+static void note_bounds(struct lw_lights *lights) {
+    for (uint32_t i = 0; i < lights->emitter_count; i++)
+        lights->bounds[i] = bounds_of_emitter(&lights->emitter[i]);
+    for (uint32_t i = 0; i < lights->near_count; i++) {
+        const struct lw_light *light = &lights->scene->light[lights->near[i]];
+        const struct lw_light_state *state = &lights->punctual[lights->near[i]];
+        const bool spot = light->kind == LW_LIGHT_SPOT;
+        lights->bounds[lights->emitter_count + i] =
+            (struct lw_light_bounds){.low = state->position_ws,
+                                     .high = state->position_ws,
+                                     .axis = spot ? state->direction_ws : lw_vec3(0, 0, 1),
+                                     .spread = spot ? 0 : LW_PI,
+                                     .reach = spot ? light->outer_cone : 0.5f * LW_PI,
+                                     .power = lw_colour_luminance(state->intensity)};
+    }
+}
+
 void lw_lights_set_pose(struct lw_lights *lights, const struct lw_pose *pose) {
     lights->punctual = pose->light;
     for (uint32_t i = 0; i < lights->emitter_count; i++) {
@@ -182,11 +217,8 @@ void lw_lights_set_pose(struct lw_lights *lights, const struct lw_pose *pose) {
         lights->power_cdf[i] = lights->emitter[i].power;
     }
     lights->emitters_shine = accumulate(lights->power_cdf, lights->emitter_count);
-    for (uint32_t i = 0; i < lights->emitter_count; i++) lights->many_cdf[i] = lights->emitter[i].power;
-    for (uint32_t i = 0; i < lights->near_count; i++)
-        lights->many_cdf[lights->emitter_count + i] =
-            lw_colour_luminance(lights->punctual[lights->near[i]].intensity);
-    lights->many_shine = accumulate(lights->many_cdf, lights->emitter_count + lights->near_count);
+    note_bounds(lights);
+    if (lights->tree.count) lw_light_tree_refit(&lights->tree, lights->bounds);
 }
 
 /* How much an emitter may give to a sphere: power / distance^2, less where it faces away. The floor of a tenth keeps
@@ -345,9 +377,8 @@ enum kind { NEAR, SUNS, SKY, KINDS };
 
 struct choice {
     float probability[KINDS];
-    /* cumulative over emitters, then points and spots; in `weight` where each was weighed */
-    const float *cdf;
-    float weight[LW_LIGHTS_EXACT_MAX];
+    /* cumulative over emitters, then points and spots, where they are few */
+    float cdf[LW_LIGHTS_EXACT_MAX];
 };
 
 /* What an emitter may give to a point of a surface: as promise(), but exact about who faces whom. */
@@ -384,16 +415,14 @@ static void weigh(const struct lw_lights *lights, struct lw_vec3 point, struct l
     const uint32_t count = lights->emitter_count + lights->near_count;
     for (uint32_t i = 0; i < lights->sun_count; i++) e[SUNS] += sun_weight(lights, i, normal);
     e[SKY] = LW_PI * lights->sky_luminance;
-    c->cdf = lights->many_cdf;
-    if (count <= LW_LIGHTS_EXACT_MAX) {
+    if (lights->tree.count) {
+        e[NEAR] = lw_light_tree_promise(&lights->tree, point, normal);
+    } else {
         for (uint32_t i = 0; i < count; i++) {
-            c->weight[i] = near_weight(lights, i, point, normal);
-            e[NEAR] += c->weight[i];
+            c->cdf[i] = near_weight(lights, i, point, normal);
+            e[NEAR] += c->cdf[i];
         }
-        c->cdf = c->weight;
-        if (!accumulate(c->weight, count)) e[NEAR] = 0;
-    } else if (lights->many_shine) {
-        e[NEAR] = fmaxf(e[SUNS] + e[SKY], 1);
+        if (!accumulate(c->cdf, count)) e[NEAR] = 0;
     }
     float sum = 0, shares = 0;
     for (int k = 0; k < KINDS; k++) {
@@ -410,15 +439,30 @@ static float rest_of(float pick, float low, float probability) {
     return fminf((pick - low) / probability, 0x1.fffffep-1f);
 }
 
-static struct lw_light_sample sample_near(const struct lw_lights *lights, const struct choice *c, float pick,
+static struct lw_light_sample sample_near(const struct lw_lights *lights, uint32_t i, float probability,
                                           float u, float v, struct lw_vec3 point) {
-    uint32_t i = choose(c->cdf, lights->emitter_count + lights->near_count, pick);
-    float probability = c->probability[NEAR] * probability_of(c->cdf, i);
     if (i < lights->emitter_count) return sample_emitter(lights, i, probability, u, v, point);
     struct lw_light_sample sample =
         lw_lights_sample_punctual(lights, lights->near[i - lights->emitter_count], u, v, point);
     sample.irradiance_normal = lw_vec3_scale(sample.irradiance_normal, 1 / probability);
     return sample;
+}
+
+/* What lies behind the surface, or is no number, counts as nothing. */
+static struct lw_light_sample keep_above(struct lw_light_sample sample, struct lw_vec3 normal) {
+    if (lw_vec3_dot(sample.direction, normal) > 0 && lw_vec3_is_finite(sample.irradiance_normal))
+        return sample;
+    sample.irradiance_normal = lw_vec3(0, 0, 0);
+    sample.pdf = 0;
+    return sample;
+}
+
+struct lw_light_sample lw_lights_sample_near(const struct lw_lights *lights, struct lw_vec3 point_ws,
+                                             struct lw_vec3 normal_ws, float pick, float u, float v) {
+    float probability;
+    uint32_t i = lw_light_tree_choose(&lights->tree, point_ws, normal_ws, pick, &probability);
+    if (i == UINT32_MAX) return (struct lw_light_sample){.direction = {0, 0, 1}};
+    return keep_above(sample_near(lights, i, probability, u, v, point_ws), normal_ws);
 }
 
 static struct lw_light_sample sample_sun(const struct lw_lights *lights, float probability, float pick,
@@ -493,17 +537,23 @@ struct lw_light_sample lw_lights_sample(const struct lw_lights *lights, struct l
     weigh(lights, point_ws, normal_ws, &c);
     const float *p = c.probability;
     struct lw_light_sample sample = {.direction = {0, 0, 1}};
-    if (pick < p[NEAR])
-        sample = sample_near(lights, &c, rest_of(pick, 0, p[NEAR]), u, v, point_ws);
-    else if (pick < p[NEAR] + p[SUNS])
+    if (pick < p[NEAR]) {
+        pick = rest_of(pick, 0, p[NEAR]);
+        float probability = 0;
+        uint32_t i = UINT32_MAX;
+        if (lights->tree.count) {
+            i = lw_light_tree_choose(&lights->tree, point_ws, normal_ws, pick, &probability);
+        } else {
+            i = choose(c.cdf, lights->emitter_count + lights->near_count, pick);
+            probability = probability_of(c.cdf, i);
+        }
+        if (i == UINT32_MAX) return sample;
+        sample = sample_near(lights, i, p[NEAR] * probability, u, v, point_ws);
+    } else if (pick < p[NEAR] + p[SUNS])
         sample = sample_sun(lights, p[SUNS], rest_of(pick, p[NEAR], p[SUNS]), u, v, point_ws, normal_ws);
     else if (p[SKY] > 0)
         sample = sample_sky(lights, p[SKY], u, v, normal_ws);
-    if (lw_vec3_dot(sample.direction, normal_ws) > 0 && lw_vec3_is_finite(sample.irradiance_normal))
-        return sample;
-    sample.irradiance_normal = lw_vec3(0, 0, 0);
-    sample.pdf = 0;
-    return sample;
+    return keep_above(sample, normal_ws);
 }
 
 /* Index of a triangle among the emitters, or UINT32_MAX. */
@@ -529,8 +579,9 @@ float lw_lights_pdf_emitter(const struct lw_lights *lights, struct lw_vec3 point
     weigh(lights, point_ws, normal_ws, &c);
     if (!(c.probability[NEAR] > 0)) return 0;
     const struct view view = view_emitter(&lights->emitter[i], point_ws);
-    return c.probability[NEAR] * probability_of(c.cdf, i) *
-           emitter_pdf(&lights->emitter[i], &view, direction, distance_m);
+    float probability = lights->tree.count ? lw_light_tree_probability(&lights->tree, point_ws, normal_ws, i)
+                                           : probability_of(c.cdf, i);
+    return c.probability[NEAR] * probability * emitter_pdf(&lights->emitter[i], &view, direction, distance_m);
 }
 
 float lw_lights_pdf_sky(const struct lw_lights *lights, struct lw_vec3 point_ws, struct lw_vec3 normal_ws,
