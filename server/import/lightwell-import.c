@@ -275,31 +275,24 @@ static double mesh_area(const struct lw_mesh *mesh) {
 }
 
 /* Areas are those of the meshes: nodes may scale them. */
-static enum lw_status sum_up(const struct lw_scene *scene, const struct lw_lightmap_report *report,
-                             struct totals *out, struct lw_error *err) {
+static void sum_up(const struct lw_scene *scene, const struct lw_lightmap_report *report,
+                   struct totals *out) {
     *out = (struct totals){0};
     double squares = 0;
-    uint32_t *uses =
-        calloc(scene->mesh_count + 1ul, sizeof *uses); /* a mesh of many instances is measured once */
-    if (!uses) return lw_status_fail(err, LW_NO_MEMORY, "out of memory for the report");
-    for (uint32_t i = 0; i < scene->object_count; i++) uses[scene->object[i].mesh]++;
-    for (uint32_t m = 0; m < scene->mesh_count; m++) {
-        const struct lw_mesh *mesh = &scene->mesh[m];
-        const struct lw_lightmap_report *r = &report[m];
-        double area = uses[m] ? uses[m] * mesh_area(mesh) : 0;
-        out->triangles += (uint64_t)uses[m] * mesh->triangle_count;
-        out->texels += (uint64_t)uses[m] * r->atlas_width * r->atlas_height;
-        out->texels_covered += (uint64_t)uses[m] * r->texels_covered;
+    for (uint32_t i = 0; i < scene->object_count; i++) {
+        const struct lw_mesh *mesh = &scene->mesh[scene->object[i].mesh];
+        const struct lw_lightmap_report *r = &report[scene->object[i].mesh];
+        double area = mesh_area(mesh);
+        out->triangles += mesh->triangle_count;
+        out->texels += (uint64_t)r->atlas_width * r->atlas_height;
+        out->texels_covered += r->texels_covered;
         out->area += area;
         out->coverage += area * (double)r->coverage;
         squares += area * (double)r->stretch_rms * (double)r->stretch_rms;
     }
-    free(uses);
-    if (out->area > 0) {
-        out->coverage /= out->area;
-        out->stretch = sqrt(squares / out->area);
-    }
-    return LW_OK;
+    if (out->area <= 0) return;
+    out->coverage /= out->area;
+    out->stretch = sqrt(squares / out->area);
 }
 
 /* rows  how many objects to show at most */
@@ -380,7 +373,7 @@ static enum lw_status report_on(const struct arguments *arguments, const struct 
                                 const struct lw_lightmap_report *report, double seconds,
                                 struct lw_error *err) {
     struct totals totals;
-    if (sum_up(scene, report, &totals, err)) return err->status;
+    sum_up(scene, report, &totals);
     if (arguments->report)
         print_table(scene, report, &totals, UINT32_MAX);
     else if (!arguments->json && isatty(STDERR_FILENO))
