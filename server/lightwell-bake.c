@@ -34,9 +34,9 @@ struct settings {
     struct lw_scene_open scene;
     const char *output, *gltf_out;
     int64_t samples, bounces, seed;
-    double error, time_s, limit_s, interval_s, tracing_range, cell_size;
-    bool samples_given, error_given, as_float, gltf_lights, restart;
-    int convention;
+    double error, time_s, limit_s, interval_s, tracing_range, cell_size, probe_spacing;
+    bool samples_given, error_given, as_float, gltf_lights, gltf_split_sides, restart;
+    int convention, probe_form;
 };
 
 struct baker {
@@ -78,8 +78,9 @@ static enum lw_status check(const struct settings *s, struct lw_error *err) {
     if (!s->output) return lw_status_fail(err, LW_USAGE, "-o DIR is missing: say where the maps shall go");
     if (s->samples_given && s->error_given)
         return lw_status_fail(err, LW_USAGE, "--samples and --error exclude each other");
-    if (s->gltf_lights && !s->gltf_out)
-        return lw_status_fail(err, LW_USAGE, "--gltf-lights is for --gltf-out FILE.glb");
+    if ((s->gltf_lights || s->gltf_split_sides) && !s->gltf_out)
+        return lw_status_fail(err, LW_USAGE, "--gltf-%s is for --gltf-out FILE.glb",
+                              s->gltf_lights ? "lights" : "split-sides");
     if (s->gltf_out) {
         const size_t length = strlen(s->gltf_out);
         if (length < 5 || strcasecmp(s->gltf_out + length - 4, ".glb") != 0)
@@ -96,7 +97,7 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
                  "Lights a scene and writes one OpenEXR lightmap per object, with an index.json that says "
                  "which is whose.\n"
                  "It ends when every texel has its samples (--samples) or every tile its error (--error). "
-                 "Ctrl-C ends it\n"
+                 "Ctrl-C ends it "
                  "earlier with the light so far; the same command then goes on where it stopped.\n"
                  "SCENE is anything that lightwell-import reads, a scene package (.lwscene), or built in:");
     for (unsigned i = 0; lw_builtin_name(i) && length > 0 && (size_t)length < sizeof about; i++)
@@ -126,6 +127,9 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          LW_OPTION_STRING, &s->gltf_out, 0, 0, NULL},
         {"gltf-lights", NULL, "keep the lamps in that file (default: left out, their light is in the maps)",
          LW_OPTION_FLAG, &s->gltf_lights, 0, 0, NULL},
+        {"gltf-split-sides", NULL,
+         "write double-sided triangles there once for each side, so that each shows its own light",
+         LW_OPTION_FLAG, &s->gltf_split_sides, 0, 0, NULL},
         {"time", "SECONDS", "moment of the scene's animation (default 0)", LW_OPTION_REAL, &s->time_s, 0, 1e9,
          NULL},
         {"time-limit", "SECONDS", "stop lighting after this time, with what is there (default: none)",
@@ -140,6 +144,11 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          &s->tracing_range, 1e-6, (double)INFINITY, NULL},
         {"cell-size", "METRES", "side of a radiance cell (default: a quarter of the scene's longest side)",
          LW_OPTION_REAL, &s->cell_size, 1e-6, 1e9, NULL},
+        {"probe-spacing", "METRES", "distance between probes (default: so that there are some 1,000)",
+         LW_OPTION_REAL, &s->probe_spacing, 1e-6, 1e9, NULL},
+        {"probe-form", "octahedral|sh",
+         "how probes keep what they see: maps of 16 x 16 directions (default), or nine spherical harmonics",
+         LW_OPTION_CHOICE, &s->probe_form, 0, 0, NULL},
         LW_SCENE_OPEN_OPTIONS(&s->scene),
     };
     const struct lw_options options = {.program = PROGRAM,
@@ -235,8 +244,9 @@ static enum lw_status make_key(struct baker *b, struct lw_error *err) {
     for (size_t i = 0; i < sizeof hash.bytes; i++)
         length += snprintf(text + length, sizeof text - (size_t)length, "%02x", hash.bytes[i]);
     length += snprintf(text + length, sizeof text - (size_t)length,
-                       " " LW_VERSION " bounces %lld seed %lld range %a cell %a time %a",
-                       (long long)s->bounces, (long long)s->seed, s->tracing_range, s->cell_size, s->time_s);
+                       " " LW_VERSION " bounces %lld seed %lld range %a cell %a probes %d %a time %a",
+                       (long long)s->bounces, (long long)s->seed, s->tracing_range, s->cell_size,
+                       s->probe_form, s->probe_spacing, s->time_s);
     lw_package_hash((const uint8_t *)text, (size_t)length, &hash);
     memcpy(b->bake.key, hash.bytes, sizeof b->bake.key);
     return LW_OK;
@@ -262,6 +272,8 @@ static enum lw_status set_up_solver(struct baker *b, struct lw_error *err) {
                                                        .bounces = (uint32_t)s->bounces,
                                                        .tracing_range_m = (float)s->tracing_range,
                                                        .cell_size_m = (float)s->cell_size,
+                                                       .probe_spacing_m = (float)s->probe_spacing,
+                                                       .probe_form = (enum lw_probe_form_kind)s->probe_form,
                                                        .direct_samples = 1,
                                                        .indirect_samples = 1,
                                                        .target_error = s->samples ? -1 : (float)s->error,
@@ -393,6 +405,7 @@ static enum lw_status begin_index(struct baker *b, struct lw_error *err) {
         lw_glb_scene_init(&b->glb, &(struct lw_glb_scene_desc){.scene = b->scene,
                                                                .convention = b->convention,
                                                                .map_folder = b->map_folder,
+                                                               .split_sides = s->gltf_split_sides,
                                                                .with_lights = s->gltf_lights});
     return status == LW_OK ? LW_OK : out_of_memory(err);
 }

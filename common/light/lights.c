@@ -1,10 +1,18 @@
 #include "common/light/lights.h"
 
 #include "common/colour.h"
+#include "common/light/spherical_triangle.h"
 
 #include <stdlib.h>
 
 #define HIDDEN_SHARE 0.02f /* of a textured emitter's full emission, in its choice */
+/* An emitter is sampled by solid angle within so many times its longest edge, squared, of its middle: farther away its points
+ * are much the same to the eye (1/d^2 differs by a factor of 5 at most, and mostly much less), and area costs a fifth of the time. */
+#define NEAR_EDGES2 3.0f
+/* And only between these, sr. Below, it is a sliver or edge on, and its corners as floats say too little; above, the point lies
+ * all but on it. */
+#define SOLID_ANGLE_MIN 3e-4f
+#define SOLID_ANGLE_MAX 6.28f
 /* Bounds of bright_share where there is something bright at all. At most half: what is bright may be hidden from a surface,
  * which then lives by the other half. */
 #define BRIGHT_SHARE_MIN 0.1f
@@ -106,9 +114,9 @@ enum lw_status lw_lights_init(struct lw_lights *lights, const struct lw_scene *s
     lights->first_emitter = calloc(scene->object_count + 1ul, sizeof *lights->first_emitter);
     lights->near = calloc(scene->light_count + 1ul, sizeof *lights->near);
     lights->sun = calloc(scene->light_count + 1ul, sizeof *lights->sun);
-    lights->many_cdf = calloc(count + scene->light_count, sizeof *lights->many_cdf);
+    lights->bounds = calloc(count + scene->light_count, sizeof *lights->bounds);
     if (!lights->emitter || !lights->power_cdf || !lights->radiance || !lights->luminance ||
-        !lights->first_emitter || !lights->near || !lights->sun || !lights->many_cdf ||
+        !lights->first_emitter || !lights->near || !lights->sun || !lights->bounds ||
         lw_environment_importance_init(&lights->environment, &scene->environment) != LW_OK) {
         lw_lights_finish(lights);
         return LW_NO_MEMORY;
@@ -117,12 +125,18 @@ enum lw_status lw_lights_init(struct lw_lights *lights, const struct lw_scene *s
     list_punctual(lights);
     weigh_sky(lights);
     lw_lights_set_pose(lights, pose);
+    const uint32_t near = lights->emitter_count + lights->near_count;
+    if (near > LW_LIGHTS_EXACT_MAX && lw_light_tree_init(&lights->tree, lights->bounds, near) != LW_OK) {
+        lw_lights_finish(lights);
+        return LW_NO_MEMORY;
+    }
     return LW_OK;
 }
 
 void lw_lights_finish(struct lw_lights *lights) {
     lw_environment_importance_finish(&lights->environment);
-    free(lights->many_cdf);
+    lw_light_tree_finish(&lights->tree);
+    free(lights->bounds);
     free(lights->sun);
     free(lights->near);
     free(lights->first_emitter);
@@ -143,6 +157,9 @@ static void place_emitter(struct lw_emitter *e, const struct lw_scene *scene, co
     e->edge_v = lw_vec3_sub(lw_affine_point(t, mesh->position[index[2]]), e->corner);
     struct lw_vec3 cross = lw_vec3_cross(e->edge_u, e->edge_v);
     e->area_m2 = 0.5f * lw_vec3_length(cross);
+    struct lw_vec3 third = lw_vec3_sub(e->edge_v, e->edge_u);
+    e->near_m2 = NEAR_EDGES2 * fmaxf(lw_vec3_dot(e->edge_u, e->edge_u),
+                                     fmaxf(lw_vec3_dot(e->edge_v, e->edge_v), lw_vec3_dot(third, third)));
     e->normal = lw_vec3_scale(lw_vec3_normalize(cross), lw_affine_determinant(t) < 0 ? -1.0f : 1.0f);
     e->power = luminance * e->area_m2 * (e->both_sides ? 2.0f : 1.0f);
     if (!isfinite(e->power)) e->power = 0;
@@ -164,6 +181,35 @@ static bool accumulate(float *weight, uint32_t count) {
     return true;
 }
 
+static struct lw_light_bounds bounds_of_emitter(const struct lw_emitter *e) {
+    struct lw_vec3 a = e->corner, b = lw_vec3_add(a, e->edge_u), c = lw_vec3_add(a, e->edge_v);
+    return (struct lw_light_bounds){
+        .low = lw_vec3(fminf(a.x, fminf(b.x, c.x)), fminf(a.y, fminf(b.y, c.y)), fminf(a.z, fminf(b.z, c.z))),
+        .high =
+            lw_vec3(fmaxf(a.x, fmaxf(b.x, c.x)), fmaxf(a.y, fmaxf(b.y, c.y)), fmaxf(a.z, fmaxf(b.z, c.z))),
+        .axis = e->normal,
+        .spread = e->both_sides ? LW_PI : 0,
+        .reach = 0.5f * LW_PI,
+        .power = e->power};
+}
+
+static void note_bounds(struct lw_lights *lights) {
+    for (uint32_t i = 0; i < lights->emitter_count; i++)
+        lights->bounds[i] = bounds_of_emitter(&lights->emitter[i]);
+    for (uint32_t i = 0; i < lights->near_count; i++) {
+        const struct lw_light *light = &lights->scene->light[lights->near[i]];
+        const struct lw_light_state *state = &lights->punctual[lights->near[i]];
+        const bool spot = light->kind == LW_LIGHT_SPOT;
+        lights->bounds[lights->emitter_count + i] =
+            (struct lw_light_bounds){.low = state->position_ws,
+                                     .high = state->position_ws,
+                                     .axis = spot ? state->direction_ws : lw_vec3(0, 0, 1),
+                                     .spread = spot ? 0 : LW_PI,
+                                     .reach = spot ? light->outer_cone : 0.5f * LW_PI,
+                                     .power = lw_colour_luminance(state->intensity)};
+    }
+}
+
 void lw_lights_set_pose(struct lw_lights *lights, const struct lw_pose *pose) {
     lights->punctual = pose->light;
     for (uint32_t i = 0; i < lights->emitter_count; i++) {
@@ -171,11 +217,8 @@ void lw_lights_set_pose(struct lw_lights *lights, const struct lw_pose *pose) {
         lights->power_cdf[i] = lights->emitter[i].power;
     }
     lights->emitters_shine = accumulate(lights->power_cdf, lights->emitter_count);
-    for (uint32_t i = 0; i < lights->emitter_count; i++) lights->many_cdf[i] = lights->emitter[i].power;
-    for (uint32_t i = 0; i < lights->near_count; i++)
-        lights->many_cdf[lights->emitter_count + i] =
-            lw_colour_luminance(lights->punctual[lights->near[i]].intensity);
-    lights->many_shine = accumulate(lights->many_cdf, lights->emitter_count + lights->near_count);
+    note_bounds(lights);
+    if (lights->tree.count) lw_light_tree_refit(&lights->tree, lights->bounds);
 }
 
 /* How much an emitter may give to a sphere: power / distance^2, less where it faces away. The floor of a tenth keeps
@@ -200,12 +243,47 @@ bool lw_lights_local_cdf(const struct lw_lights *lights, struct lw_vec3 centre_w
 
 static float probability_of(const float *cdf, uint32_t i) { return cdf[i] - (i ? cdf[i - 1] : 0.0f); }
 
-/* Density per solid angle of a direction towards a point chosen uniformly on an emitter: d^2 / (A cos').
- * 0 where it shows a side that does not shine. */
-static float emitter_pdf(const struct lw_emitter *e, struct lw_vec3 direction, float distance_m) {
+/* An emitter as a point sees it, and how a direction towards it is chosen: even over its solid angle, so that E / p is at
+ * most L times that, however near it is. Where it is far, even over its area. */
+struct view {
+    struct lw_vec3 corner; /* from the point */
+    bool by_area;
+    struct lw_spherical_triangle triangle; /* unless by area */
+};
+
+static struct view view_emitter(const struct lw_emitter *e, struct lw_vec3 point) {
+    struct view view = {.corner = lw_vec3_sub(e->corner, point), .by_area = true};
+    struct lw_vec3 middle = lw_vec3_mad(lw_vec3_mad(view.corner, e->edge_u, 1.0f / 3), e->edge_v, 1.0f / 3);
+    if (lw_vec3_dot(middle, middle) > e->near_m2) return view;
+    view.triangle = lw_spherical_triangle(view.corner, lw_vec3_add(view.corner, e->edge_u),
+                                          lw_vec3_add(view.corner, e->edge_v));
+    view.by_area = !(view.triangle.sr >= SOLID_ANGLE_MIN && view.triangle.sr <= SOLID_ANGLE_MAX);
+    return view;
+}
+
+/* Density per solid angle of a direction towards the emitter: 1 / sr, or d^2 / (A cos'). 0 where it shows a side that does
+ * not shine. */
+static float emitter_pdf(const struct lw_emitter *e, const struct view *view, struct lw_vec3 direction,
+                         float distance_m) {
     float cosine = -lw_vec3_dot(direction, e->normal);
     if (e->both_sides) cosine = fabsf(cosine);
-    return cosine > 0 && e->area_m2 > 0 ? distance_m * distance_m / (e->area_m2 * cosine) : 0;
+    if (!(cosine > 0) || !(e->area_m2 > 0)) return 0;
+    return !view->by_area ? 1 / view->triangle.sr : distance_m * distance_m / (e->area_m2 * cosine);
+}
+
+/* Barycentrics of the point that (u, v) choose. */
+static struct lw_vec2 sample_triangle(const struct lw_emitter *e, const struct view *view, float u, float v) {
+    if (view->by_area) {
+        float root = sqrtf(u);
+        return (struct lw_vec2){v * root, root * (1 - v)};
+    }
+    struct lw_vec3 d = lw_spherical_triangle_sample(&view->triangle, u, v);
+    /* where the ray meets the triangle (Moeller and Trumbore 1997) */
+    struct lw_vec3 p = lw_vec3_cross(d, e->edge_v), q = lw_vec3_cross(view->corner, e->edge_u);
+    float scale = lw_vec3_dot(e->edge_u, p);
+    float b_u = -lw_vec3_dot(view->corner, p) / scale, b_v = -lw_vec3_dot(d, q) / scale;
+    b_u = fminf(fmaxf(b_u, 0), 1); /* and of no number, 0 */
+    return (struct lw_vec2){b_u, fminf(fmaxf(b_v, 0), 1 - b_u)};
 }
 
 static uint32_t choose(const float *cdf, uint32_t count, float pick) {
@@ -226,21 +304,20 @@ static struct lw_light_sample sample_emitter(const struct lw_lights *lights, uin
     struct lw_light_sample sample = {.direction = {0, 0, 1}};
     const struct lw_emitter *e = &lights->emitter[i];
 
-    /* Uniform on the triangle. */
-    float root = sqrtf(u), b0 = 1.0f - root, b1 = v * root, b_u = b1, b_v = 1.0f - b0 - b1;
-    struct lw_vec3 to_light =
-        lw_vec3_sub(lw_vec3_mad(lw_vec3_mad(e->corner, e->edge_u, b_u), e->edge_v, b_v), point_ws);
+    const struct view view = view_emitter(e, point_ws);
+    const struct lw_vec2 b = sample_triangle(e, &view, u, v);
+    struct lw_vec3 to_light = lw_vec3_mad(lw_vec3_mad(view.corner, e->edge_u, b.x), e->edge_v, b.y);
     float distance2 = lw_vec3_dot(to_light, to_light);
     if (!(distance2 > 0) || !(probability > 0)) return sample;
     sample.distance_m = sqrtf(distance2);
     sample.direction = lw_vec3_scale(to_light, 1.0f / sample.distance_m);
-    float density = probability * emitter_pdf(e, sample.direction, sample.distance_m);
+    float density = probability * emitter_pdf(e, &view, sample.direction, sample.distance_m);
     if (!(density > 0)) return sample;
 
     struct lw_vec3 radiance = lights->radiance[i];
     const struct lw_mesh *mesh = &lights->scene->mesh[lights->scene->object[e->object].mesh];
     if (!is_uniform(&lights->scene->material[mesh->material[e->triangle]]))
-        radiance = radiance_at(lights->scene, mesh, e->triangle, b_u, b_v);
+        radiance = radiance_at(lights->scene, mesh, e->triangle, b.x, b.y);
     sample.irradiance_normal = lw_vec3_scale(radiance, 1.0f / density);
     sample.pdf = density;
     return sample;
@@ -300,9 +377,8 @@ enum kind { NEAR, SUNS, SKY, KINDS };
 
 struct choice {
     float probability[KINDS];
-    /* cumulative over emitters, then points and spots; in `weight` where each was weighed */
-    const float *cdf;
-    float weight[LW_LIGHTS_EXACT_MAX];
+    /* cumulative over emitters, then points and spots, where they are few */
+    float cdf[LW_LIGHTS_EXACT_MAX];
 };
 
 /* What an emitter may give to a point of a surface: as promise(), but exact about who faces whom. */
@@ -339,16 +415,14 @@ static void weigh(const struct lw_lights *lights, struct lw_vec3 point, struct l
     const uint32_t count = lights->emitter_count + lights->near_count;
     for (uint32_t i = 0; i < lights->sun_count; i++) e[SUNS] += sun_weight(lights, i, normal);
     e[SKY] = LW_PI * lights->sky_luminance;
-    c->cdf = lights->many_cdf;
-    if (count <= LW_LIGHTS_EXACT_MAX) {
+    if (lights->tree.count) {
+        e[NEAR] = lw_light_tree_promise(&lights->tree, point, normal);
+    } else {
         for (uint32_t i = 0; i < count; i++) {
-            c->weight[i] = near_weight(lights, i, point, normal);
-            e[NEAR] += c->weight[i];
+            c->cdf[i] = near_weight(lights, i, point, normal);
+            e[NEAR] += c->cdf[i];
         }
-        c->cdf = c->weight;
-        if (!accumulate(c->weight, count)) e[NEAR] = 0;
-    } else if (lights->many_shine) {
-        e[NEAR] = fmaxf(e[SUNS] + e[SKY], 1);
+        if (!accumulate(c->cdf, count)) e[NEAR] = 0;
     }
     float sum = 0, shares = 0;
     for (int k = 0; k < KINDS; k++) {
@@ -365,15 +439,30 @@ static float rest_of(float pick, float low, float probability) {
     return fminf((pick - low) / probability, 0x1.fffffep-1f);
 }
 
-static struct lw_light_sample sample_near(const struct lw_lights *lights, const struct choice *c, float pick,
+static struct lw_light_sample sample_near(const struct lw_lights *lights, uint32_t i, float probability,
                                           float u, float v, struct lw_vec3 point) {
-    uint32_t i = choose(c->cdf, lights->emitter_count + lights->near_count, pick);
-    float probability = c->probability[NEAR] * probability_of(c->cdf, i);
     if (i < lights->emitter_count) return sample_emitter(lights, i, probability, u, v, point);
     struct lw_light_sample sample =
         lw_lights_sample_punctual(lights, lights->near[i - lights->emitter_count], u, v, point);
     sample.irradiance_normal = lw_vec3_scale(sample.irradiance_normal, 1 / probability);
     return sample;
+}
+
+/* What lies behind the surface, or is no number, counts as nothing. */
+static struct lw_light_sample keep_above(struct lw_light_sample sample, struct lw_vec3 normal) {
+    if (lw_vec3_dot(sample.direction, normal) > 0 && lw_vec3_is_finite(sample.irradiance_normal))
+        return sample;
+    sample.irradiance_normal = lw_vec3(0, 0, 0);
+    sample.pdf = 0;
+    return sample;
+}
+
+struct lw_light_sample lw_lights_sample_near(const struct lw_lights *lights, struct lw_vec3 point_ws,
+                                             struct lw_vec3 normal_ws, float pick, float u, float v) {
+    float probability;
+    uint32_t i = lw_light_tree_choose(&lights->tree, point_ws, normal_ws, pick, &probability);
+    if (i == UINT32_MAX) return (struct lw_light_sample){.direction = {0, 0, 1}};
+    return keep_above(sample_near(lights, i, probability, u, v, point_ws), normal_ws);
 }
 
 static struct lw_light_sample sample_sun(const struct lw_lights *lights, float probability, float pick,
@@ -448,17 +537,23 @@ struct lw_light_sample lw_lights_sample(const struct lw_lights *lights, struct l
     weigh(lights, point_ws, normal_ws, &c);
     const float *p = c.probability;
     struct lw_light_sample sample = {.direction = {0, 0, 1}};
-    if (pick < p[NEAR])
-        sample = sample_near(lights, &c, rest_of(pick, 0, p[NEAR]), u, v, point_ws);
-    else if (pick < p[NEAR] + p[SUNS])
+    if (pick < p[NEAR]) {
+        pick = rest_of(pick, 0, p[NEAR]);
+        float probability = 0;
+        uint32_t i = UINT32_MAX;
+        if (lights->tree.count) {
+            i = lw_light_tree_choose(&lights->tree, point_ws, normal_ws, pick, &probability);
+        } else {
+            i = choose(c.cdf, lights->emitter_count + lights->near_count, pick);
+            probability = probability_of(c.cdf, i);
+        }
+        if (i == UINT32_MAX) return sample;
+        sample = sample_near(lights, i, p[NEAR] * probability, u, v, point_ws);
+    } else if (pick < p[NEAR] + p[SUNS])
         sample = sample_sun(lights, p[SUNS], rest_of(pick, p[NEAR], p[SUNS]), u, v, point_ws, normal_ws);
     else if (p[SKY] > 0)
         sample = sample_sky(lights, p[SKY], u, v, normal_ws);
-    if (lw_vec3_dot(sample.direction, normal_ws) > 0 && lw_vec3_is_finite(sample.irradiance_normal))
-        return sample;
-    sample.irradiance_normal = lw_vec3(0, 0, 0);
-    sample.pdf = 0;
-    return sample;
+    return keep_above(sample, normal_ws);
 }
 
 /* Index of a triangle among the emitters, or UINT32_MAX. */
@@ -477,14 +572,16 @@ static uint32_t find_emitter(const struct lw_lights *lights, uint32_t object, ui
 float lw_lights_pdf_emitter(const struct lw_lights *lights, struct lw_vec3 point_ws, struct lw_vec3 normal_ws,
                             uint32_t object, uint32_t triangle, float u, float v, struct lw_vec3 direction,
                             float distance_m) {
-    (void)u, (void)v; /* uniform on the triangle */
+    (void)u, (void)v; /* even over the triangle */
     const uint32_t i = find_emitter(lights, object, triangle);
     if (i == UINT32_MAX || !(lw_vec3_dot(direction, normal_ws) > 0)) return 0;
     struct choice c;
     weigh(lights, point_ws, normal_ws, &c);
     if (!(c.probability[NEAR] > 0)) return 0;
-    return c.probability[NEAR] * probability_of(c.cdf, i) *
-           emitter_pdf(&lights->emitter[i], direction, distance_m);
+    const struct view view = view_emitter(&lights->emitter[i], point_ws);
+    float probability = lights->tree.count ? lw_light_tree_probability(&lights->tree, point_ws, normal_ws, i)
+                                           : probability_of(c.cdf, i);
+    return c.probability[NEAR] * probability * emitter_pdf(&lights->emitter[i], &view, direction, distance_m);
 }
 
 float lw_lights_pdf_sky(const struct lw_lights *lights, struct lw_vec3 point_ws, struct lw_vec3 normal_ws,

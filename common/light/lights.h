@@ -1,11 +1,11 @@
 /* lights.h: what shines, as the solve and the path tracer sample it: emissive triangles and punctual lights.
  * Flow:    scene, pose -> [lights] -> samples towards a point
  * Threads: create and set_pose by one thread; sampling [any] in between.
- * After:   area sampling of triangles, p. 815 of Pharr, Jakob and Humphreys 2016; multiple importance sampling, Veach and
- *          Guibas 1995; units in docs/architecture.md. */
+ * After:   triangles by solid angle, Arvo 1995; multiple importance sampling, Veach and Guibas 1995; units in docs/architecture.md. */
 #ifndef LW_COMMON_LIGHTS_H
 #define LW_COMMON_LIGHTS_H
 
+#include "common/light/light_tree.h"
 #include "common/scene/environment.h"
 #include "common/scene/pose.h"
 
@@ -13,14 +13,16 @@
     4096u /* emitters up to which a choice is made for each place; above, by power alone */
 
 #define LW_LIGHTS_EXACT_MAX                                                                                  \
-    32u /* emitters, points and spots up to which lw_lights_sample() weighs each of them for every point */
+    32u /* emitters, points and spots up to which lw_lights_sample() weighs each of them for every
+           * point; above, a tree chooses, and the solve samples instead of asking each point and spot */
 
 /** One emissive triangle in world space. */
 struct lw_emitter {
     struct lw_vec3 corner, edge_u, edge_v; /* m */
     struct lw_vec3 normal;                 /* unit, the side that shines */
     float area_m2;
-    float power; /* by which it is chosen: luminance x area, W/sr */
+    float near_m2; /* square of how far from its middle it is sampled by solid angle, not by area */
+    float power;   /* by which it is chosen: luminance x area, W/sr */
     bool both_sides;
     uint32_t object, triangle;
 };
@@ -37,8 +39,9 @@ struct lw_lights {
     uint32_t *first_emitter; /* per object, and one more: emitters are sorted by object, triangle */
     uint32_t *near, *sun;    /* indices of points and spots; of directional lights */
     uint32_t near_count, sun_count;
-    float *many_cdf; /* emitters, then points and spots, by power; only above LW_LIGHTS_EXACT_MAX */
-    bool many_shine; /* at this pose: many_cdf is one */
+    struct lw_light_tree
+        tree; /* over emitters, then points and spots; count 0 up to LW_LIGHTS_EXACT_MAX of them */
+    struct lw_light_bounds *bounds;
     struct lw_environment_importance environment;
     float sky_luminance; /* mean of sky and environment over the sphere, W/(m^2 sr) */
     float bright_share; /* of the sky's samples: those that go where the environment stands out of its mean */
@@ -80,6 +83,10 @@ struct lw_light_sample lw_lights_sample_area(const struct lw_lights *lights, con
  * out. Where nothing can light the point, irradiance_normal is 0. */
 struct lw_light_sample lw_lights_sample(const struct lw_lights *lights, struct lw_vec3 point_ws,
                                         struct lw_vec3 normal_ws, float pick, float u, float v);
+
+/** The same of emitters, points and spots alone, where they are many (lights->tree.count > 0). */
+struct lw_light_sample lw_lights_sample_near(const struct lw_lights *lights, struct lw_vec3 point_ws,
+                                             struct lw_vec3 normal_ws, float pick, float u, float v);
 
 /** The density, 1/sr, with which lw_lights_sample() would have drawn `direction` by choosing the triangle that a ray from
  * the point met: to weigh such a ray against it. (u, v) are the hit's barycentrics, distance_m that to the hit. 0 where the

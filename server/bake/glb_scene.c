@@ -65,6 +65,7 @@ void lw_glb_scene_finish(struct lw_glb_scene *g) {
         free(g->mesh[m].attribute);
         free(g->mesh[m].material);
         free(g->mesh[m].indices);
+        free(g->mesh[m].back_indices);
     }
     for (uint32_t o = 0; g->object_extras && o < scene->object_count; o++) json_decref(g->object_extras[o]);
     free(g->object_extras);
@@ -164,20 +165,21 @@ static uint32_t add_vertices(struct lw_glb_scene *g, const void *values, uint32_
     return lw_glb_accessor(&g->glb, values, count, type, LW_GLB_FLOAT, LW_GLB_TARGET_VERTICES, with_bounds);
 }
 
-static uint32_t add_normals(struct lw_glb_scene *g, const struct lw_mesh *mesh) {
+static uint32_t add_normals(struct lw_glb_scene *g, const struct lw_mesh *mesh, float side) {
     struct lw_vec3 *normal = malloc((size_t)mesh->vertex_count * sizeof *normal);
     if (!normal) {
         out_of_memory(g);
         return LW_GLB_NONE;
     }
-    for (uint32_t i = 0; i < mesh->vertex_count; i++) normal[i] = lw_vec3_normalize(mesh->normal[i]);
+    for (uint32_t i = 0; i < mesh->vertex_count; i++)
+        normal[i] = lw_vec3_scale(lw_vec3_normalize(mesh->normal[i]), side);
     const uint32_t accessor = add_vertices(g, normal, mesh->vertex_count, "VEC3", false);
     free(normal);
     return accessor;
 }
 
 /* Texel coordinates over the size of the atlas: v = 0 is the upper edge of row 0, as in glTF. */
-static uint32_t add_lightmap_uv(struct lw_glb_scene *g, const struct lw_mesh *mesh) {
+static uint32_t add_lightmap_uv(struct lw_glb_scene *g, const struct lw_mesh *mesh, uint32_t rows_down) {
     struct lw_vec2 *uv = malloc((size_t)mesh->vertex_count * sizeof *uv);
     if (!uv) {
         out_of_memory(g);
@@ -185,7 +187,7 @@ static uint32_t add_lightmap_uv(struct lw_glb_scene *g, const struct lw_mesh *me
     }
     for (uint32_t i = 0; i < mesh->vertex_count; i++)
         uv[i] = (struct lw_vec2){mesh->lightmap_uv[i].x / (float)mesh->atlas_width,
-                                 mesh->lightmap_uv[i].y / (float)mesh->atlas_height};
+                                 (mesh->lightmap_uv[i].y + (float)rows_down) / (float)mesh->atlas_height};
     const uint32_t accessor = add_vertices(g, uv, mesh->vertex_count, "VEC2", false);
     free(uv);
     return accessor;
@@ -195,15 +197,26 @@ static void add_attributes(struct lw_glb_scene *g, const struct lw_mesh *mesh, s
     const uint32_t n = mesh->vertex_count;
     uint32_t *a = out->attribute;
     a[POSITION] = add_vertices(g, mesh->position, n, "VEC3", true);
-    a[NORMAL] = add_normals(g, mesh);
-    a[TEXCOORD_1] = add_lightmap_uv(g, mesh);
+    a[NORMAL] = add_normals(g, mesh, 1);
+    a[TEXCOORD_1] = add_lightmap_uv(g, mesh, 0);
     /* sets must begin with 0 and leave none out */
     a[TEXCOORD_0] = mesh->uv[0] ? add_vertices(g, mesh->uv[0], n, "VEC2", false) : a[TEXCOORD_1];
     if (uses_uv_set_1(g->desc.scene, mesh)) a[TEXCOORD_2] = add_vertices(g, mesh->uv[1], n, "VEC2", false);
     if (mesh->colour) a[COLOR_0] = add_vertices(g, mesh->colour, n, "VEC4", false);
+    out->back_normal = out->back_uv = LW_GLB_NONE;
+    if (!g->desc.split_sides || !mesh->back_offset) return;
+    out->back_normal = add_normals(g, mesh, -1);
+    out->back_uv = add_lightmap_uv(g, mesh, mesh->back_offset);
 }
 
-static uint32_t add_indices(struct lw_glb_scene *g, const struct lw_mesh *mesh, uint32_t material) {
+/* Whether a material's triangles on this mesh are written once for each side. */
+static bool splits(const struct lw_glb_scene *g, const struct lw_mesh *mesh,
+                   const struct lw_material *material) {
+    return g->desc.split_sides && mesh->back_offset && material->double_sided;
+}
+
+static uint32_t add_indices(struct lw_glb_scene *g, const struct lw_mesh *mesh, uint32_t material,
+                            bool back) {
     uint32_t *index = malloc((size_t)mesh->triangle_count * 3 * sizeof *index), count = 0;
     if (!index) {
         out_of_memory(g);
@@ -211,7 +224,7 @@ static uint32_t add_indices(struct lw_glb_scene *g, const struct lw_mesh *mesh, 
     }
     for (uint32_t t = 0; t < mesh->triangle_count; t++)
         if (mesh->material[t] == material)
-            for (int k = 0; k < 3; k++) index[count++] = mesh->triangle[t][k];
+            for (int k = 0; k < 3; k++) index[count++] = mesh->triangle[t][back ? 2 - k : k];
     /* 65535 itself restarts primitives */
     const bool small = mesh->vertex_count <= UINT16_MAX;
     for (uint32_t i = 0; small && i < count; i++) ((uint16_t *)index)[i] = (uint16_t)index[i];
@@ -231,7 +244,8 @@ static void add_primitives(struct lw_glb_scene *g, const struct lw_mesh *mesh, s
     }
     out->material = malloc(((size_t)materials + 1) * sizeof *out->material);
     out->indices = malloc(((size_t)materials + 1) * sizeof *out->indices);
-    if (!seen || !out->material || !out->indices) {
+    out->back_indices = malloc(((size_t)materials + 1) * sizeof *out->back_indices);
+    if (!seen || !out->material || !out->indices || !out->back_indices) {
         free(seen);
         out_of_memory(g);
         return;
@@ -241,7 +255,10 @@ static void add_primitives(struct lw_glb_scene *g, const struct lw_mesh *mesh, s
         if (!seen[material]) continue;
         seen[material] = 0;
         out->material[out->primitive_count] = material;
-        out->indices[out->primitive_count++] = add_indices(g, mesh, material);
+        out->indices[out->primitive_count] = add_indices(g, mesh, material, false);
+        out->back_indices[out->primitive_count++] = splits(g, mesh, &g->desc.scene->material[material])
+                                                        ? add_indices(g, mesh, material, true)
+                                                        : LW_GLB_NONE;
     }
     free(seen);
 }
@@ -332,13 +349,13 @@ static void set_emission(struct lw_glb_scene *g, json_t *out, json_t *extensions
         json_pack("{s:f}", "emissiveStrength", (double)strength));
 }
 
-static void set_alpha(json_t *out, const struct lw_material *material) {
+static void set_alpha(json_t *out, const struct lw_material *material, bool double_sided) {
     if (material->alpha_mode == LW_ALPHA_MASK) {
         set(out, "alphaMode", json_string("MASK"));
         set(out, "alphaCutoff", json_real((double)material->alpha_cutoff));
     } else if (material->alpha_mode == LW_ALPHA_BLEND)
         set(out, "alphaMode", json_string("BLEND"));
-    if (material->double_sided) set(out, "doubleSided", json_true());
+    if (double_sided) set(out, "doubleSided", json_true());
 }
 
 static uint32_t add_material(struct lw_glb_scene *g, const struct lw_material *material,
@@ -349,7 +366,7 @@ static uint32_t add_material(struct lw_glb_scene *g, const struct lw_material *m
     lw_glb_use_extension(&g->glb, "MOZ_lightmap");
     set_base_colour(g, out, material, mesh);
     set_emission(g, out, extensions, material, mesh);
-    set_alpha(out, material);
+    set_alpha(out, material, material->double_sided && !splits(g, mesh, material));
     set(out, "extensions", extensions);
     set(out, "extras", json_pack("{s:O}", "lightwell", extras));
     return lw_glb_add(&g->glb, "materials", out);
@@ -370,12 +387,18 @@ static json_t *make_extras(const struct lw_glb_scene *g, const struct lw_map *ma
     return extras;
 }
 
-static json_t *make_attributes(const struct lw_glb_mesh *mesh) {
+static json_t *make_primitive(const struct lw_glb_mesh *mesh, uint32_t primitive, uint32_t material,
+                              bool back) {
     json_t *attributes = json_object();
-    for (int i = 0; i < ATTRIBUTE_COUNT; i++)
-        if (mesh->attribute[i] != LW_GLB_NONE)
-            set(attributes, attribute_name[i], json_integer(mesh->attribute[i]));
-    return attributes;
+    for (int i = 0; i < ATTRIBUTE_COUNT; i++) {
+        uint32_t accessor = mesh->attribute[i];
+        if (back && i == NORMAL) accessor = mesh->back_normal;
+        if (back && i == TEXCOORD_1) accessor = mesh->back_uv;
+        if (accessor != LW_GLB_NONE) set(attributes, attribute_name[i], json_integer(accessor));
+    }
+    return json_pack("{s:o, s:I, s:I}", "attributes", attributes, "indices",
+                     (json_int_t)(back ? mesh->back_indices : mesh->indices)[primitive], "material",
+                     (json_int_t)material);
 }
 
 void lw_glb_scene_add(struct lw_glb_scene *g, const struct lw_map *map, const char *file,
@@ -390,9 +413,9 @@ void lw_glb_scene_add(struct lw_glb_scene *g, const struct lw_map *map, const ch
     for (uint32_t p = 0; p < written->primitive_count && g->glb.error.status == LW_OK; p++) {
         const uint32_t material =
             add_material(g, &scene->material[written->material[p]], mesh, lightmap, scale, extras);
-        json_array_append_new(primitives,
-                              json_pack("{s:o, s:I, s:I}", "attributes", make_attributes(written), "indices",
-                                        (json_int_t)written->indices[p], "material", (json_int_t)material));
+        json_array_append_new(primitives, make_primitive(written, p, material, false));
+        if (written->back_indices[p] != LW_GLB_NONE)
+            json_array_append_new(primitives, make_primitive(written, p, material, true));
     }
     g->object_mesh[map->object] =
         lw_glb_add(&g->glb, "meshes",

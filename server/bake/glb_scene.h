@@ -14,21 +14,26 @@ struct lw_glb_scene_desc {
     const struct lw_scene *scene;
     const struct lw_convention *convention; /* of the EXRs */
     const char *map_folder;                 /* of the EXRs, relative to the .glb: "" or "maps/" */
-    bool with_lights;                       /* keeps the punctual lights, whose light the maps hold already */
+    bool split_sides; /* double-sided triangles twice, single-sided, so that each side shows its own light */
+    bool with_lights; /* keeps the punctual lights, whose light the maps hold already */
+};
+
+/* A mesh of the scene in the file: what the objects that use it share. */
+struct lw_glb_mesh {
+    uint32_t *attribute;                         /* accessors; NULL: not written yet */
+    uint32_t back_normal, back_uv;               /* of split sides, what differs; or LW_GLB_NONE */
+    uint32_t *material, *indices, *back_indices; /* per primitive: the scene's material; accessors */
+    uint32_t primitive_count;
 };
 
 struct lw_glb_scene {
     struct lw_glb_scene_desc desc;
     struct lw_glb glb;
-    struct lw_glb_mesh {
-        uint32_t *attribute;          /* accessors; NULL: not written yet */
-        uint32_t *material, *indices; /* per primitive: the scene's material; accessor */
-        uint32_t primitive_count;
-    } * mesh;               /* per mesh of the scene */
-    uint32_t *texture;      /* per texture of the scene: the file's, or LW_GLB_NONE */
-    uint32_t *image;        /* per texture of the scene */
-    uint32_t *object_mesh;  /* per object: the file's mesh */
-    json_t **object_extras; /* per object */
+    struct lw_glb_mesh *mesh; /* per mesh of the scene */
+    uint32_t *texture;        /* per texture of the scene: the file's, or LW_GLB_NONE */
+    uint32_t *image;          /* per texture of the scene */
+    uint32_t *object_mesh;    /* per object: the file's mesh */
+    json_t **object_extras;   /* per object */
     uint32_t lightmap_sampler;
 };
 

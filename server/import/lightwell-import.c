@@ -275,24 +275,31 @@ static double mesh_area(const struct lw_mesh *mesh) {
 }
 
 /* Areas are those of the meshes: nodes may scale them. */
-static void sum_up(const struct lw_scene *scene, const struct lw_lightmap_report *report,
-                   struct totals *out) {
+static enum lw_status sum_up(const struct lw_scene *scene, const struct lw_lightmap_report *report,
+                             struct totals *out, struct lw_error *err) {
     *out = (struct totals){0};
     double squares = 0;
-    for (uint32_t i = 0; i < scene->object_count; i++) {
-        const struct lw_mesh *mesh = &scene->mesh[scene->object[i].mesh];
-        const struct lw_lightmap_report *r = &report[scene->object[i].mesh];
-        double area = mesh_area(mesh);
-        out->triangles += mesh->triangle_count;
-        out->texels += (uint64_t)r->atlas_width * r->atlas_height;
-        out->texels_covered += r->texels_covered;
+    uint32_t *uses =
+        calloc(scene->mesh_count + 1ul, sizeof *uses); /* a mesh of many instances is measured once */
+    if (!uses) return lw_status_fail(err, LW_NO_MEMORY, "out of memory for the report");
+    for (uint32_t i = 0; i < scene->object_count; i++) uses[scene->object[i].mesh]++;
+    for (uint32_t m = 0; m < scene->mesh_count; m++) {
+        const struct lw_mesh *mesh = &scene->mesh[m];
+        const struct lw_lightmap_report *r = &report[m];
+        double area = uses[m] ? uses[m] * mesh_area(mesh) : 0;
+        out->triangles += (uint64_t)uses[m] * mesh->triangle_count;
+        out->texels += (uint64_t)uses[m] * r->atlas_width * r->atlas_height;
+        out->texels_covered += (uint64_t)uses[m] * r->texels_covered;
         out->area += area;
         out->coverage += area * (double)r->coverage;
         squares += area * (double)r->stretch_rms * (double)r->stretch_rms;
     }
-    if (out->area <= 0) return;
-    out->coverage /= out->area;
-    out->stretch = sqrt(squares / out->area);
+    free(uses);
+    if (out->area > 0) {
+        out->coverage /= out->area;
+        out->stretch = sqrt(squares / out->area);
+    }
+    return LW_OK;
 }
 
 /* rows  how many objects to show at most */
@@ -373,7 +380,7 @@ static enum lw_status report_on(const struct arguments *arguments, const struct 
                                 const struct lw_lightmap_report *report, double seconds,
                                 struct lw_error *err) {
     struct totals totals;
-    sum_up(scene, report, &totals);
+    if (sum_up(scene, report, &totals, err)) return err->status;
     if (arguments->report)
         print_table(scene, report, &totals, UINT32_MAX);
     else if (!arguments->json && isatty(STDERR_FILENO))

@@ -106,10 +106,42 @@ static void trace_batch(const struct lw_passes *p, const struct shadow_batch *ba
         if (lit >> lane & 1) sum[lane] = lw_vec3_add(sum[lane], batch->arriving[lane]);
 }
 
+/* Whether points, spots and emitters are so many that a few of them stand for all. */
+static bool is_many(const struct lw_lights *lights) {
+    return lights->near_count > LW_LIGHTS_EXACT_MAX || lights->emitter_count > LW_LIGHTS_LOCAL_MAX;
+}
+
+/* So many samples stand for them, times direct_samples: one shadow ray each, whatever the number of lights. */
+#define MANY_SAMPLES 4u
+
+static void light_by_many(const struct lw_passes *p, const struct lw_solve_tile *tile, struct packet *packet,
+                          struct lw_vec3 sum[LANES], struct lw_passes_count *count) {
+    const uint32_t samples = MANY_SAMPLES * p->direct_samples;
+    uint32_t seed = lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_EMITTER);
+    uint32_t pick_seed = lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_EMITTER_PICK);
+    for (uint32_t s = 0; s < samples; s++) {
+        const uint32_t index = tile->frames * samples + s;
+        if (p->direct_samples > 1) place_packet(p, tile, packet, index / MANY_SAMPLES);
+        float point[2], pick[2];
+        lw_sampling_point(seed, index, packet->set, point);
+        lw_sampling_point(pick_seed, index, packet->set, pick);
+        struct shadow_batch batch;
+        start_batch(&batch, 0, index);
+        for (uint32_t lane = 0; lane < LANES; lane++) {
+            if (!(packet->active >> lane & 1)) continue;
+            struct lw_light_sample sample = lw_lights_sample_near(
+                p->lights, packet->origin[lane], packet->normal[lane], pick[0], point[0], point[1]);
+            add_sample(&batch, packet, lane, &sample, 1.0f / (float)samples);
+        }
+        trace_batch(p, &batch, false, sum, count);
+    }
+}
+
 static void light_by_punctual(const struct lw_passes *p, const struct lw_solve_tile *tile,
                               const struct packet *packet, struct lw_vec3 sum[LANES],
                               struct lw_passes_count *count) {
     for (uint32_t l = 0; l < p->scene->light_count; l++) {
+        if (is_many(p->lights) && p->scene->light[l].kind != LW_LIGHT_DIRECTIONAL) continue;
         float point[2];
         lw_sampling_point(lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_PUNCTUAL + l),
                           tile->frames, packet->set, point);
@@ -181,7 +213,9 @@ void lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile, flo
                       struct lw_passes_count *count) {
     const float *tile_cdf = p->lights->power_cdf;
     bool emitters = p->lights->emitters_shine;
-    if (emitters && p->lights->emitter_count <= LW_LIGHTS_LOCAL_MAX) {
+    const bool many = is_many(p->lights);
+    if (many) emitters = false;
+    if (emitters) {
         emitters = lw_lights_local_cdf(p->lights, tile->centre_ws, tile->radius_m, cdf);
         tile_cdf = cdf;
     }
@@ -195,6 +229,7 @@ void lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile, flo
                 if (!load_packet(p, tile, bx, by, set, &packet)) continue;
                 place_packet(p, tile, &packet, tile->frames * p->direct_samples);
                 light_by_punctual(p, tile, &packet, sum, count);
+                if (many) light_by_many(p, tile, &packet, sum, count);
                 if (emitters) light_by_emitters(p, tile, &packet, tile_cdf, sum, count);
                 light_by_sky(p, tile, &packet, sum, count);
                 for (uint32_t lane = 0; lane < LANES; lane++) {

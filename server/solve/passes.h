@@ -3,8 +3,10 @@
  * Threads: each call works on one tile; tiles are independent within a pass, passes are barriers apart. [any worker]
  *
  * Estimators (E: irradiance, N: samples; all means are unbiased):
- *   punctual light    E += V E_normal cos                 one shadow ray each
- *   emissive triangle E += (1/N) sum V L cos cos' A / (d^2 p)   p: probability of the triangle, A: its area
+ *   punctual light    E += V E_normal cos                 one shadow ray each; where points and spots are many, a few that
+ *                                                         a light tree chooses, with emitters, stand for all, over p
+ *   emissive triangle E += (1/N) sum V L cos / p          p: probability of the triangle times 1 / its solid angle; where
+ *                                                         it is far, times d^2 / (its area cos')
  *   sky, environment  E += (1/N) sum V L cos / p          p = (1 - a) cos/pi + a p_bright: cosine-weighted, and where the
  *                                                         environment stands out; a constant sky has a = 0
  *   bounce k          E_k += (pi/N) sum L_{k-1}(end)      cosine-weighted directions

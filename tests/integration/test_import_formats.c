@@ -10,6 +10,7 @@
 #include "server/import/foreign.h"
 #include "server/import/gltf.h"
 
+#include <dirent.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -250,6 +251,40 @@ static void what_hurts_the_reader_is_one_line(void **state) {
     expect_program("unknown.blend", "", 65, "is in no format that is read: .gltf, .glb, .obj");
 }
 
+/* Files that were broken at random, and those that were found to hurt: each is a scene or one line, never a signal. */
+static void the_corpus_ends_in_a_scene_or_one_line(void **state) {
+    (void)state;
+    if (SANITIZED) skip();
+    char folder[512];
+    snprintf(folder, sizeof folder, "%s", lw_support_source("tests/integration/broken_scenes"));
+    DIR *list = opendir(folder);
+    assert_non_null(list);
+    unsigned whole = 0, refused = 0;
+    for (struct dirent *entry; (entry = readdir(list));) {
+        char arguments[1400];
+        struct lw_process process;
+        if (entry->d_name[0] == '.') continue;
+        snprintf(arguments, sizeof arguments, "%s/%s -o %s --threads 1 --read-seconds 2 --texels-per-metre 4",
+                 folder, entry->d_name, lw_support_temporary("out.lwscene"));
+        lw_process_start(&process, "lightwell-import", arguments);
+        int ended = lw_process_finish(&process, 60);
+        char *said = lw_process_err(&process);
+        const char *error = strstr(said, "error: ");
+        if ((ended != 0 && ended != 65) || (ended == 0) != (error == NULL) ||
+            (error && strstr(error + 1, "error: ")))
+            fail_msg("%s: ends with %d: %s", entry->d_name, ended, said);
+        if (strncmp(entry->d_name, "whole", 5) == 0) {
+            if (ended != 0) fail_msg("%s: %s", entry->d_name, said);
+            whole++;
+        }
+        refused += ended == 65;
+        free(said);
+    }
+    closedir(list);
+    assert_int_equal(whole, 6);
+    assert_true(refused >= 20);
+}
+
 /* Who spawned the importer gets the same line as an error, and lives. */
 static void the_spawner_survives(void **state) {
     (void)state;
@@ -304,6 +339,7 @@ int main(void) {
         cmocka_unit_test(the_cornell_box_of_obj_arrives),
         cmocka_unit_test(a_scene_is_the_same_through_every_format),
         cmocka_unit_test_teardown(what_hurts_the_reader_is_one_line, clean_up),
+        cmocka_unit_test_teardown(the_corpus_ends_in_a_scene_or_one_line, clean_up),
         cmocka_unit_test_teardown(the_spawner_survives, clean_up),
         cmocka_unit_test_teardown(scale_and_sides_reach_the_package, clean_up),
     };

@@ -19,6 +19,8 @@ struct written {
     json_t *json;
 };
 
+static bool split_sides;
+
 static void write_scene(struct written *w, struct lw_scene *scene, bool with_lights) {
     const char *path = lw_support_temporary("scene.glb");
     struct lw_error err = {0};
@@ -30,6 +32,7 @@ static void write_scene(struct written *w, struct lw_scene *scene, bool with_lig
                       &g, &(struct lw_glb_scene_desc){.scene = scene,
                                                       .convention = lw_convention_get(LW_CONVENTION_GODOT),
                                                       .map_folder = "../maps/",
+                                                      .split_sides = split_sides,
                                                       .with_lights = with_lights}),
                   NULL);
     for (uint32_t o = 0; o < scene->object_count; o++) {
@@ -298,6 +301,45 @@ static void a_texture_without_coordinates_becomes_a_factor(void **state) {
     finish(&w);
 }
 
+/* ---- split sides ---------------------------------------------------------------------------------------------- */
+
+static void sides_are_split(void **state) {
+    (void)state;
+    struct written w;
+    split_sides = true;
+    write_scene(&w, lw_support_everything(), false);
+    split_sides = false;
+    /* mesh "full": a leaf, double-sided, one triangle; a lamp, single-sided, one triangle */
+    const struct lw_mesh *mesh = &w.scene->mesh[0];
+    json_t *primitives = down(at(w.json, "meshes", 0), "primitives");
+    assert_int_equal(json_array_size(primitives), 3);
+    json_t *front = json_array_get(primitives, 0), *back = json_array_get(primitives, 1);
+    assert_true(number(front, "material") == number(back, "material"));
+    assert_null(json_object_get(at(w.json, "materials", (size_t)number(front, "material")), "doubleSided"));
+    assert_true(number(front, "attributes/POSITION") == number(back, "attributes/POSITION"));
+    const float *front_uv =
+                    floats_of(&w, at(w.json, "accessors", (size_t)number(front, "attributes/TEXCOORD_1"))),
+                *back_uv =
+                    floats_of(&w, at(w.json, "accessors", (size_t)number(back, "attributes/TEXCOORD_1"))),
+                *front_normal =
+                    floats_of(&w, at(w.json, "accessors", (size_t)number(front, "attributes/NORMAL"))),
+                *back_normal =
+                    floats_of(&w, at(w.json, "accessors", (size_t)number(back, "attributes/NORMAL")));
+    assert_true(mesh->back_offset > 0);
+    for (uint32_t v = 0; v < mesh->vertex_count; v++) {
+        assert_true(back_uv[v * 2] == front_uv[v * 2]);
+        assert_true(fabsf((back_uv[v * 2 + 1] - front_uv[v * 2 + 1]) * (float)mesh->atlas_height -
+                          (float)mesh->back_offset) < 1e-3f);
+        for (uint32_t c = 0; c < 3; c++) assert_true(back_normal[v * 3 + c] == -front_normal[v * 3 + c]);
+    }
+    const uint16_t *a = (const uint16_t *)(const void *)floats_of(
+                       &w, at(w.json, "accessors", (size_t)number(front, "indices"))),
+                   *b = (const uint16_t *)(const void *)floats_of(
+                       &w, at(w.json, "accessors", (size_t)number(back, "indices")));
+    for (int k = 0; k < 3; k++) assert_int_equal(a[k], b[2 - k]);
+    finish(&w);
+}
+
 /* ---- what cannot be written ----------------------------------------------------------------------------------- */
 
 static void failures_name_the_file(void **state) {
@@ -326,6 +368,7 @@ int main(void) {
         cmocka_unit_test(emission_and_alpha_stay),
         cmocka_unit_test(textures_keep_pixels_and_wraps),
         cmocka_unit_test(a_texture_without_coordinates_becomes_a_factor),
+        cmocka_unit_test(sides_are_split),
         cmocka_unit_test(failures_name_the_file),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
