@@ -492,7 +492,10 @@ int main(int argc, char **argv) {
         status = run(&b, &err);
         finish(&b);
     }
-    if (status != LW_OK)
-        return status == LW_CLOSED ? lw_status_exit_code(LW_TIMED_OUT) : lw_log_failure(&err);
+    if (status == LW_CLOSED) {
+        lw_log(LW_LOG_INFO, "stopped before there was light; nothing is written");
+        return lw_status_exit_code(LW_TIMED_OUT);
+    }
+    if (status != LW_OK) return lw_log_failure(&err);
     return b.result.stopped ? lw_status_exit_code(LW_TIMED_OUT) : 0;
 }

@@ -269,6 +269,22 @@ static void an_unfinished_bake_is_not_mixed_with_another(void **state) {
     bake_fails(65, "cut short", arguments);
 }
 
+/* Before there is light, the signal ends it without a file. */
+static void stopped_early_it_writes_nothing(void **state) {
+    (void)state;
+    char out[256], arguments[512];
+    snprintf(out, sizeof out, "%s", lw_support_temporary("early"));
+    snprintf(arguments, sizeof arguments, "builtin:atrium --threads 1 -o %s", out);
+    lw_process_start(&process, "lightwell-bake", arguments);
+    while (access(out, F_OK) != 0) lw_process_sleep_ms(1); /* made after the handler is in place */
+    assert_int_equal(lw_process_stop(&process, SIGINT, LIMIT_S), 75);
+    char *said = lw_process_err(&process);
+    assert_non_null(strstr(said, "nothing is written"));
+    free(said);
+    assert_int_not_equal(access(in(out, "index.json"), F_OK), 0);
+    assert_int_equal(rmdir(out), 0); /* it is empty */
+}
+
 static void limits_end_a_bake_with_what_is_there(void **state) {
     (void)state;
     char out[256];
@@ -353,6 +369,7 @@ int main(void) {
         T(maps_hold_the_light_where_the_glb_says),
         T(resumed_is_uninterrupted),
         T(an_unfinished_bake_is_not_mixed_with_another),
+        T(stopped_early_it_writes_nothing),
         T(limits_end_a_bake_with_what_is_there),
         T(wrong_use_is_refused),
         T(a_scene_without_light_is_refused),
