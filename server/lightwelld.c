@@ -33,7 +33,7 @@ struct settings {
     struct lw_scene_open scene;
     const char *listen, *port_file;
     int64_t bounces, direct_samples, indirect_samples, seed, frames;
-    int probe_form;
+    int probe_form, denoise;
     double tracing_range, cell_size, probe_spacing, frame_rate, freeze_s, error;
     bool animate, freeze, json;
     int clock;
@@ -106,6 +106,8 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
         {"probe-form", "octahedral|sh",
          "how probes keep what they see: maps of 16 x 16 directions (default), or nine spherical harmonics",
          LW_OPTION_CHOICE, &s->probe_form, 0, 0, NULL},
+        {"denoise", "off|on", "filter the noise out of what is shown (default off)", LW_OPTION_CHOICE,
+         &s->denoise, 0, 0, NULL},
         {"direct-samples", "N", "rays per texel and frame towards lamps and sky (default 1)", LW_OPTION_INT,
          &s->direct_samples, 1, 1024, NULL},
         {"indirect-samples", "N", "bounce rays per texel and frame (default 2)", LW_OPTION_INT,
@@ -168,6 +170,7 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
                                                        .cell_size_m = (float)s->cell_size,
                                                        .probe_spacing_m = (float)s->probe_spacing,
                                                        .probe_form = (enum lw_probe_form_kind)s->probe_form,
+                                                       .denoise = s->denoise == 1,
                                                        .direct_samples = (uint32_t)s->direct_samples,
                                                        .indirect_samples = (uint32_t)s->indirect_samples,
                                                        .target_error = (float)s->error,
@@ -192,20 +195,22 @@ static void print_frame(const struct daemon *d, uint64_t frame, uint64_t frame_n
     printf(
         "{\"frame\":%llu,\"time_s\":%.6f,\"frame_ms\":%.3f,\"pose_ms\":%.3f,\"direct_ms\":%.3f,\"probe_ms\":%"
         ".3f,"
-        "\"scatter_ms\":%.3f,\"levels_ms\":%.3f,\"encode_ms\":%.3f,\"rays_shadow\":%llu,\"rays_bounce\":%llu,"
+        "\"scatter_ms\":%.3f,\"denoise_ms\":%.3f,\"levels_ms\":%.3f,\"encode_ms\":%.3f,\"rays_shadow\":%llu,"
+        "\"rays_bounce\":%llu,"
         "\"rays_probe\":%llu,\"rays_total\":%llu,\"texels_solved\":%llu,\"tiles_solved\":%u,\"tiles_"
         "converged\":%u,"
         "\"tiles\":%u,\"tiles_encoded\":%llu,\"bytes_encoded\":%llu,\"saturated\":%llu,\"sessions\":%llu,"
         "\"tiles_sent\":%llu,\"bytes_sent\":%llu}\n",
         (unsigned long long)frame, d->pose.time_s, (double)frame_ns * 1e-6, (double)solve->pose_ns * 1e-6,
         (double)solve->direct_ns * 1e-6, (double)solve->probe_ns * 1e-6, (double)solve->scatter_ns * 1e-6,
-        (double)publish->levels_ns * 1e-6, (double)publish->encode_ns * 1e-6,
-        (unsigned long long)solve->rays_shadow, (unsigned long long)solve->rays_bounce,
-        (unsigned long long)solve->rays_probe, (unsigned long long)d->rays_total,
-        (unsigned long long)solve->texels_solved, solve->tiles_solved, solve->tiles_converged, solve->tiles,
-        (unsigned long long)publish->tiles_encoded, (unsigned long long)publish->bytes_encoded,
-        (unsigned long long)publish->saturated, (unsigned long long)serve.sessions_now,
-        (unsigned long long)serve.tiles_sent, (unsigned long long)serve.bytes_sent);
+        (double)solve->denoise_ns * 1e-6, (double)publish->levels_ns * 1e-6,
+        (double)publish->encode_ns * 1e-6, (unsigned long long)solve->rays_shadow,
+        (unsigned long long)solve->rays_bounce, (unsigned long long)solve->rays_probe,
+        (unsigned long long)d->rays_total, (unsigned long long)solve->texels_solved, solve->tiles_solved,
+        solve->tiles_converged, solve->tiles, (unsigned long long)publish->tiles_encoded,
+        (unsigned long long)publish->bytes_encoded, (unsigned long long)publish->saturated,
+        (unsigned long long)serve.sessions_now, (unsigned long long)serve.tiles_sent,
+        (unsigned long long)serve.bytes_sent);
     fflush(stdout);
 }
 

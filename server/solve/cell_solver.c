@@ -5,6 +5,7 @@
 #include "common/progress.h"
 #include "server/solve/burial.h"
 #include "server/solve/checkpoint.h"
+#include "server/solve/denoise.h"
 #include "server/solve/passes.h"
 
 #include <omp.h>
@@ -22,6 +23,7 @@ struct cell_solver {
     struct lw_lights lights;
     struct lw_probes probes;
     bool has_probes;
+    struct lw_denoise denoise; /* empty unless the desc asks for it */
     uint32_t *end;
     float *cdf;                   /* per thread */
     struct lw_pose pose;          /* the last one solved */
@@ -236,6 +238,11 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     }
     if (cancelled(s)) return LW_CLOSED;
     run_finish(s, &passes, number);
+    if (s->desc.denoise) {
+        uint64_t t = lw_clock_ns();
+        lw_denoise_run(&s->denoise, number, passes.history_indirect_max, s->threads);
+        stats.denoise_ns = lw_clock_ns() - t;
+    }
     settle(s, &stats);
     s->frames++;
     *out_stats = stats;
@@ -299,7 +306,8 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
 static size_t memory_bytes(const struct lw_solver *solver) {
     const struct cell_solver *s = (const struct cell_solver *)solver;
     size_t per_texel = sizeof(float) * (3 + 3 + 3 + 3 * (size_t)s->desc.bounces + 4 + 3) + 1 +
-                       sizeof(uint32_t) + sizeof(uint32_t) * s->desc.indirect_samples;
+                       sizeof(uint32_t) + sizeof(uint32_t) * s->desc.indirect_samples +
+                       (s->desc.denoise ? 8 * sizeof(float) : 0);
     size_t mesh_texels = 0;
     for (uint32_t m = 0; m < s->desc.scene->mesh_count; m++) mesh_texels += s->texels.mesh[m].texel_count;
     return per_texel * s->texels.count + mesh_texels * (12 * sizeof(float) + 1) +
@@ -309,6 +317,7 @@ static size_t memory_bytes(const struct lw_solver *solver) {
 static void destroy(struct lw_solver *solver) {
     if (!solver) return;
     struct cell_solver *s = (struct cell_solver *)solver;
+    lw_denoise_finish(&s->denoise);
     lw_probes_finish(&s->probes);
     lw_lights_finish(&s->lights);
     lw_tiles_finish(&s->tiles);
@@ -369,6 +378,8 @@ static enum lw_status build(struct cell_solver *s, const struct lw_pose *pose, s
     s->has_probes = isfinite(s->desc.tracing_range_m) && s->desc.bounces > 0;
     if (s->has_probes && (status = place_probes(s, lo, hi)) != LW_OK)
         return lw_status_fail(err, status, "probes");
+    if (s->desc.denoise && (status = lw_denoise_init(&s->denoise, scene, &s->texels, &s->tiles)) != LW_OK)
+        return lw_status_fail(err, status, "%u texels", s->texels.count);
     s->end = calloc((size_t)s->texels.count * s->desc.indirect_samples + 1, sizeof *s->end);
     s->cdf = calloc((size_t)s->threads * (s->lights.emitter_count + 1), sizeof *s->cdf);
     if (!s->end || !s->cdf) return lw_status_fail(err, LW_NO_MEMORY, "%u texels", s->texels.count);

@@ -38,13 +38,14 @@ struct lw_solver_desc {
     uint32_t frames_max;       /* frames after which a tile rests in any case; 0: no limit */
     unsigned threads;          /* 0: all */
     uint32_t seed;
+    bool denoise;               /* filters what is shown (denoise.h); direct and indirect stay as they are */
     const _Atomic bool *cancel; /* may be NULL; once true, a frame under way ends within a tile */
 };
 
 /** What one frame cost. Times are wall time of the calling thread. */
 struct lw_solver_stats {
     uint64_t rays_shadow, rays_bounce, rays_probe; /* of this frame */
-    uint64_t pose_ns, direct_ns, probe_ns, scatter_ns;
+    uint64_t pose_ns, direct_ns, probe_ns, scatter_ns, denoise_ns;
     uint64_t texels_solved;
     uint32_t tiles_solved, tiles_converged, tiles; /* level-0 tiles: of this frame; at rest; in all */
 };

@@ -1,0 +1,159 @@
+/* The filter: it moves no energy, fades out with the noise, leaves edges alone, and is worth having. */
+#include "tests/reference/room.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+static struct room lit_box(void) {
+    struct room room = {.texels_per_metre = 12};
+    room_box(&room, lw_vec3(2, 2, 3), 0.6f, 0);
+    room_quad(&room, lw_vec3(0.7f, 1.99f, 0.7f), lw_vec3(0.6f, 0, 0), lw_vec3(0, 0, 0.6f), 0, 5);
+    return room;
+}
+
+static void solve(struct room_solution *solution, const struct room *room, uint32_t seed, unsigned frames,
+                  unsigned threads) {
+    room_solve(solution, room,
+               (struct lw_solver_desc){
+                   .bounces = 2, .indirect_samples = 2, .seed = seed, .denoise = true, .threads = threads},
+               frames);
+}
+
+/* Over all covered texels of an object, or of all (LW_SCENE_NONE): sums of what is shown and of what was solved, and the
+ * squared differences of the two. */
+struct sums {
+    double shown, solved, change2, solved2;
+};
+
+static struct sums sum_of(const struct room_solution *s, uint32_t object) {
+    struct sums sums = {0};
+    for (uint32_t id = 0; id < s->map.tile_count; id++) {
+        if (s->map.place[id].level || (object != LW_SCENE_NONE && s->map.place[id].object != object))
+            continue;
+        struct lw_solver_tile tile;
+        s->solver->ops->read_tile(s->solver, (lw_tile_id){id}, &tile);
+        for (uint32_t i = 0; i < tile.width * tile.height; i++) {
+            if (!tile.covered[i]) continue;
+            const double solved = (double)tile.direct[1][i] + (double)tile.indirect[1][i],
+                         shown = (double)tile.light[1][i];
+            assert_true(isfinite(shown) && shown >= 0);
+            sums.shown += shown;
+            sums.solved += solved;
+            sums.change2 += (shown - solved) * (shown - solved);
+            sums.solved2 += solved * solved;
+        }
+    }
+    return sums;
+}
+
+static void test_energy_stays_in_its_object(void **state) {
+    (void)state;
+    static const unsigned frames[] = {1, 3, 8};
+    for (int f = 0; f < 3; f++) {
+        struct room room = lit_box();
+        struct room_solution s;
+        solve(&s, &room, 1, frames[f], 2);
+        for (uint32_t o = 0; o < room.quad_count; o++) {
+            const struct sums sums = sum_of(&s, o);
+            assert_true(fabs(sums.shown - sums.solved) <= 1e-5 * sums.solved); /* the rounding of floats */
+        }
+        room_finish(&s);
+    }
+}
+
+/* As the noise falls, so does what the filter changes: to nothing in the end. */
+static void test_filter_fades_out(void **state) {
+    (void)state;
+    double before = 1;
+    static const unsigned frames[] = {4, 32, 200};
+    for (int f = 0; f < 3; f++) {
+        struct room room = lit_box();
+        struct room_solution s;
+        solve(&s, &room, 1, frames[f], 2);
+        const struct sums sums = sum_of(&s, LW_SCENE_NONE);
+        const double change = sqrt(sums.change2 / sums.solved2);
+        assert_true(change > 0 && change < 0.6 * before);
+        before = change;
+        room_finish(&s);
+    }
+    assert_true(before < 0.03);
+}
+
+/* Light without noise has nothing but edges: they stay to the bit. A lamp without extent gives the same sample each frame. */
+static void test_edges_without_noise_stay(void **state) {
+    (void)state;
+    struct room room = {.texels_per_metre = 20};
+    room_box(&room, lw_vec3(2, 2, 2), 0, 0);
+    room_quad(&room, lw_vec3(0.7f, 1, 0.7f), lw_vec3(0, 0, 0.6f), lw_vec3(0.6f, 0, 0), 0, 0);
+    room.light[0] = (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {4, 4, 4}};
+    room.light_position[0] = lw_vec3(1, 1.8f, 1);
+    room.light_count = 1;
+    struct room_solution s;
+    solve(&s, &room, 1, 64, 2);
+    const struct sums sums = sum_of(&s, LW_SCENE_NONE);
+    assert_true(sums.solved > 0 && sqrt(sums.change2 / sums.solved2) < 0.01);
+    room_finish(&s);
+}
+
+static double error_of(const struct room_solution *s, const struct room_solution *truth, bool shown) {
+    double error = 0, square = 0;
+    for (uint32_t id = 0; id < s->map.tile_count; id++) {
+        if (s->map.place[id].level) continue;
+        struct lw_solver_tile a, t;
+        s->solver->ops->read_tile(s->solver, (lw_tile_id){id}, &a);
+        truth->solver->ops->read_tile(truth->solver, (lw_tile_id){id}, &t);
+        for (uint32_t i = 0; i < a.width * a.height; i++) {
+            const double want = (double)t.direct[1][i] + (double)t.indirect[1][i],
+                         got = shown ? (double)a.light[1][i]
+                                     : (double)a.direct[1][i] + (double)a.indirect[1][i];
+            error += (got - want) * (got - want);
+            square += want * want;
+        }
+    }
+    return error / square;
+}
+
+static void test_error_falls(void **state) {
+    (void)state;
+    struct room room = lit_box();
+    struct room_solution truth, s;
+    solve(&truth, &room, 2, 200, 2);
+    static const unsigned frames[] = {1, 4, 16};
+    static const double limit[] = {0.5, 0.5, 0.6};
+    for (int f = 0; f < 3; f++) {
+        solve(&s, &room, 1, frames[f], 2);
+        const double before = error_of(&s, &truth, false), after = error_of(&s, &truth, true);
+        print_message("%u frames: relative squared error %.5f, filtered %.5f\n", frames[f], before, after);
+        if (!(after < limit[f] * before))
+            fail_msg("%u frames: relative squared error %.5f before, %.5f after", frames[f], before, after);
+        room_finish(&s);
+    }
+    room_finish(&truth);
+}
+
+static void test_same_bytes_at_any_thread_count(void **state) {
+    (void)state;
+    struct room room = lit_box();
+    struct room_solution a, b;
+    solve(&a, &room, 1, 3, 1);
+    solve(&b, &room, 1, 3, 3);
+    for (uint32_t id = 0; id < a.map.tile_count; id++) {
+        if (a.map.place[id].level) continue;
+        struct lw_solver_tile x, y;
+        a.solver->ops->read_tile(a.solver, (lw_tile_id){id}, &x);
+        b.solver->ops->read_tile(b.solver, (lw_tile_id){id}, &y);
+        for (int c = 0; c < 3; c++)
+            assert_memory_equal(x.light[c], y.light[c], x.width * x.height * sizeof(float));
+    }
+    room_finish(&b);
+    room_finish(&a);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_energy_stays_in_its_object),     cmocka_unit_test(test_filter_fades_out),
+        cmocka_unit_test(test_edges_without_noise_stay),       cmocka_unit_test(test_error_falls),
+        cmocka_unit_test(test_same_bytes_at_any_thread_count),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
