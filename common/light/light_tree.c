@@ -2,11 +2,13 @@
 
 #include <stdlib.h>
 
-/* Angles are rounded; what is this near to the edge of a cone counts as within. */
-#define SLACK 1e-3f
+/* Angles, rad, and cosines are rounded; what is this near to the edge of a cone counts as within. */
+#define SLACK        1e-3f
+#define COSINE_SLACK 2e-3f
 
 struct lw_light_node {
     struct lw_light_bounds bounds;
+    float cos_spread, sin_spread, cos_reach;
     uint32_t parent;
     uint32_t right; /* of an inner node; the left child is the next node */
     uint32_t light; /* of a leaf; UINT32_MAX: an inner node */
@@ -109,6 +111,9 @@ void lw_light_tree_refit(struct lw_light_tree *tree, const struct lw_light_bound
         struct lw_light_node *node = &tree->node[i];
         node->bounds = node->light != UINT32_MAX ? light[node->light]
                                                  : join(&node[1].bounds, &tree->node[node->right].bounds);
+        node->cos_spread = cosf(node->bounds.spread);
+        node->sin_spread = sinf(node->bounds.spread);
+        node->cos_reach = cosf(node->bounds.reach);
     }
 }
 
@@ -136,34 +141,46 @@ void lw_light_tree_finish(struct lw_light_tree *tree) {
     *tree = (struct lw_light_tree){0};
 }
 
+/* Cosine of max(0, a - b), for a and b within [0, pi]. */
+static float cos_of_rest(float cos_a, float sin_a, float cos_b, float sin_b) {
+    return cos_a >= cos_b ? 1 : cos_a * cos_b + sin_a * sin_b;
+}
+static float sine_of(float cosine) { return sqrtf(fmaxf(0, 1 - cosine * cosine)); }
+
 /* What a group may give: power x cos x cos' / d^2, with the angles that favour it most. 0 only where it gives nothing. */
-static float importance(const struct lw_light_bounds *b, struct lw_vec3 point, struct lw_vec3 normal) {
+static float importance(const struct lw_light_node *node, struct lw_vec3 point, struct lw_vec3 normal) {
+    const struct lw_light_bounds *b = &node->bounds;
     if (!(b->power > 0)) return 0;
     struct lw_vec3 to = lw_vec3_sub(lw_vec3_scale(lw_vec3_add(b->low, b->high), 0.5f), point);
     struct lw_vec3 half = lw_vec3_scale(lw_vec3_sub(b->high, b->low), 0.5f);
     float radius2 = lw_vec3_dot(half, half), distance2 = lw_vec3_dot(to, to);
     float floored = fmaxf(distance2, fmaxf(radius2, 1e-12f));
     if (distance2 <= radius2 * 1.0001f + 1e-12f) return b->power / floored; /* within: all directions */
-    float seen = asinf(fminf(sqrtf(radius2 / distance2), 1)) + SLACK;
+    /* the angle that the group's ball fills, seen from the point, is taken off both */
+    float sin_seen2 = radius2 / distance2, sin_seen = sqrtf(sin_seen2),
+          cos_seen = sqrtf(fmaxf(0, 1 - sin_seen2));
     struct lw_vec3 direction = lw_vec3_scale(to, 1 / sqrtf(distance2));
-    float at_point = fmaxf(0, angle(direction, normal) - seen);
-    float at_light = fmaxf(0, angle(lw_vec3_scale(direction, -1), b->axis) - b->spread - seen);
-    if (at_point >= 0.5f * LW_PI || at_light >= b->reach + SLACK) return 0;
+    float cosine = lw_vec3_dot(direction, normal);
+    float at_point = cos_of_rest(cosine, sine_of(cosine), cos_seen, sin_seen);
+    cosine = -lw_vec3_dot(direction, b->axis);
+    cosine = cos_of_rest(cosine, sine_of(cosine), node->cos_spread, node->sin_spread);
+    float at_light = cos_of_rest(cosine, sine_of(cosine), cos_seen, sin_seen);
+    if (at_point < -COSINE_SLACK || at_light < node->cos_reach - COSINE_SLACK) return 0;
     /* a cone narrower than a half space is a spot's: it does not dim by the cosine */
-    float facing = b->reach < 0.5f * LW_PI ? 1 : cosf(at_light);
-    return b->power * fmaxf(cosf(at_point), 1e-3f) * fmaxf(facing, 1e-3f) / floored;
+    float facing = b->reach < 0.5f * LW_PI ? 1 : at_light;
+    return b->power * fmaxf(at_point, 1e-3f) * fmaxf(facing, 1e-3f) / floored;
 }
 
 float lw_light_tree_promise(const struct lw_light_tree *tree, struct lw_vec3 point_ws,
                             struct lw_vec3 normal_ws) {
-    return importance(&tree->node[0].bounds, point_ws, normal_ws);
+    return importance(&tree->node[0], point_ws, normal_ws);
 }
 
 /* Probability of the left one of a node's children; below 0: neither can give anything. */
 static float probability_of_left(const struct lw_light_tree *tree, uint32_t index, struct lw_vec3 point,
                                  struct lw_vec3 normal) {
-    float left = importance(&tree->node[index + 1].bounds, point, normal);
-    float right = importance(&tree->node[tree->node[index].right].bounds, point, normal);
+    float left = importance(&tree->node[index + 1], point, normal);
+    float right = importance(&tree->node[tree->node[index].right], point, normal);
     return left + right > 0 ? left / (left + right) : -1;
 }
 
