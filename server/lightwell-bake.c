@@ -35,7 +35,7 @@ struct settings {
     const char *output, *gltf_out;
     int64_t samples, bounces, seed;
     double error, time_s, limit_s, interval_s, tracing_range, cell_size, probe_spacing;
-    bool samples_given, error_given, as_float, gltf_lights, gltf_split_sides, restart;
+    bool samples_given, error_given, as_float, gltf_lights, gltf_split_sides, denoise, restart;
     int convention, probe_form;
 };
 
@@ -117,6 +117,8 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          LW_OPTION_REAL, &s->error, 1e-5, 1, &s->error_given},
         {"bounces", "N", "indirect bounces (default 4)", LW_OPTION_INT, &s->bounces, 0, LW_SOLVER_BOUNCES_MAX,
          NULL},
+        {"denoise", NULL, "filter the noise out of the maps; keeps each object's mean (default: off)",
+         LW_OPTION_FLAG, &s->denoise, 0, 0, NULL},
         {"convention", LW_CONVENTION_CHOICES,
          "what a texel means: irradiance E (default); radiosity: albedo x E; three: E; godot: E/pi; "
          "babylon: albedo/pi x E",
@@ -243,10 +245,11 @@ static enum lw_status make_key(struct baker *b, struct lw_error *err) {
     int length = 0;
     for (size_t i = 0; i < sizeof hash.bytes; i++)
         length += snprintf(text + length, sizeof text - (size_t)length, "%02x", hash.bytes[i]);
-    length += snprintf(text + length, sizeof text - (size_t)length,
-                       " " LW_VERSION " bounces %lld seed %lld range %a cell %a probes %d %a time %a",
-                       (long long)s->bounces, (long long)s->seed, s->tracing_range, s->cell_size,
-                       s->probe_form, s->probe_spacing, s->time_s);
+    length +=
+        snprintf(text + length, sizeof text - (size_t)length,
+                 " " LW_VERSION " bounces %lld seed %lld range %a cell %a probes %d %a time %a denoise %d",
+                 (long long)s->bounces, (long long)s->seed, s->tracing_range, s->cell_size, s->probe_form,
+                 s->probe_spacing, s->time_s, s->denoise);
     lw_package_hash((const uint8_t *)text, (size_t)length, &hash);
     memcpy(b->bake.key, hash.bytes, sizeof b->bake.key);
     return LW_OK;
@@ -279,7 +282,8 @@ static enum lw_status set_up_solver(struct baker *b, struct lw_error *err) {
                                                        .target_error = s->samples ? -1 : (float)s->error,
                                                        .frames_max = (uint32_t)s->samples,
                                                        .threads = (unsigned)s->scene.threads,
-                                                       .seed = (uint32_t)s->seed},
+                                                       .seed = (uint32_t)s->seed,
+                                                       .denoise = s->denoise},
                               &b->pose, &b->solver, err);
     if (status != LW_OK) return status;
     b->bake.solver = b->solver;
@@ -395,6 +399,7 @@ static enum lw_status begin_index(struct baker *b, struct lw_error *err) {
                                           .tracing_range_m = s->tracing_range,
                                           .samples = (uint32_t)s->samples,
                                           .bounces = (uint32_t)s->bounces,
+                                          .denoised = s->denoise,
                                           .seed = (uint32_t)s->seed,
                                           .error = (float)s->error};
     if (lw_manifest_init(&b->manifest, &desc) != LW_OK) return out_of_memory(err);

@@ -23,16 +23,17 @@ enum lw_status lw_manifest_init(struct lw_manifest *manifest, const struct lw_ma
     json_t *range = isfinite(desc->tracing_range_m) ? json_real(desc->tracing_range_m) : json_null();
     manifest->maps = json_array();
     manifest->root = json_pack(
-        "{s:i, s:s, s:o, s:s, s:s, s:s, s:{s:s, s:i, s:s}, s:b, s:o, s:f, s:I, s:I, s:o, s:I, s:f, s:I, s:I, "
+        "{s:i, s:s, s:o, s:s, s:s, s:s, s:{s:s, s:i, s:s}, s:b, s:o, s:f, s:b, s:I, s:I, s:o, s:I, s:f, s:I, "
+        "s:I, "
         "s:o}",
         "format", LW_MANIFEST_FORMAT, "program", "lightwell " LW_VERSION, "scene",
         lw_manifest_text(desc->scene_path), "convention", desc->convention->name, "quantity",
         desc->convention->quantity, "units", desc->convention->units, "uv", "attribute", "TEXCOORD_1", "set",
         1, "origin", "top left: row 0 of a file is v = 0", "complete", (int)(result->tiles_open == 0), "aim",
-        aim, "time_s", desc->time_s, "bounces", (json_int_t)desc->bounces, "seed", (json_int_t)desc->seed,
-        "tracing_range_m", range, "frames", (json_int_t)result->frames, "seconds", result->seconds, "rays",
-        (json_int_t)result->rays, "tiles_open", (json_int_t)result->tiles_open, "maps",
-        json_incref(manifest->maps));
+        aim, "time_s", desc->time_s, "denoised", (int)desc->denoised, "bounces", (json_int_t)desc->bounces,
+        "seed", (json_int_t)desc->seed, "tracing_range_m", range, "frames", (json_int_t)result->frames,
+        "seconds", result->seconds, "rays", (json_int_t)result->rays, "tiles_open",
+        (json_int_t)result->tiles_open, "maps", json_incref(manifest->maps));
     if (manifest->root && manifest->maps) return LW_OK;
     lw_manifest_finish(manifest);
     return LW_NO_MEMORY;

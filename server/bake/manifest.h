@@ -19,6 +19,7 @@ struct lw_manifest_desc {
     double time_s, tracing_range_m;
     uint32_t samples, bounces, seed; /* samples 0: `error` was the aim */
     float error;
+    bool denoised;
 };
 
 struct lw_manifest {
