@@ -5,15 +5,12 @@
 #include <omp.h>
 #include <stdlib.h>
 
-#define LANES   LW_TRACE_WIDTH
-#define TILE    32u /* pixels; the side of what a thread takes */
-#define SQUARE  4u  /* pixels; the side of what a packet looks at */
-#define MOSAIC  2u  /* squares; the side of the pattern of bundles */
-#define BUNDLES (MOSAIC * MOSAIC)
-#define COLUMN  (TILE / (SQUARE * MOSAIC)) /* squares of one bundle along a side of a tile */
-#define BUNDLE  (COLUMN * COLUMN * LANES)
+#define LANES  LW_TRACE_WIDTH
+#define TILE   32u /* pixels; the side of what a thread takes */
+#define SQUARE 4u  /* pixels; the side of a bundle */
+#define BUNDLE (SQUARE * SQUARE)
 
-_Static_assert(SQUARE *SQUARE == LANES, "a packet is one square of pixels");
+_Static_assert(SQUARE *SQUARE == LANES, "a bundle starts as one packet");
 
 /* What a pair of random numbers is for. */
 enum use { USE_PIXEL, USE_LAYER, USE_PICK, USE_LAMP, USE_BOUNCE, USE_COUNT };
@@ -41,11 +38,9 @@ struct job {
     struct lw_path_film *film;
 };
 
-/* The paths of every other square of 4 x 4 pixels of a tile, in both directions. They share all random numbers: from equal
- * normals they bounce in parallel, and all look for the same lamp, so that packets of them run through the same boxes. That
- * correlates the noise of some pixels, and does not change the error of any one.
- *
- * Paths that end leave gaps, which the others close: order[] lists those that go on, and packets are cut from it.
+/* The paths of a square of 4 x 4 pixels. They share all random numbers: from equal normals they bounce in parallel, and all
+ * look for the same lamp, so that packets of them run through the same boxes. That correlates the noise of these pixels, and
+ * does not change the error of any one.
  *
  * Paths per CPU second, as multiples of the first line (one thread, 640 x 360, direct light and 2 bounces; Cornell 320 x 320,
  * 3 bounces; the coherent flag where it helps):                Cornell  atrium  Sponza
@@ -53,10 +48,11 @@ struct job {
  *   the same, 1,024 paths sorted by normal and place              0.96    1.05    0.98
  *   shared by every 4th pixel of 64 x 64, as sets in the solve    1.85    1.40    1.28
  *   shared by every 2nd pixel of 32 x 32                          1.90    1.73    1.58
- *   shared by every 2nd square of 32 x 32: this                   2.04    1.91    1.72
+ *   shared by every 2nd square of 32 x 32                         2.04    1.91    1.72
  *   the same, sorted by normal and place before each bounce       1.91    1.87    1.72
  *   shared by all of 32 x 32, sorted                              1.97    2.07    1.92
- * The last shows its tiles in noisy pictures; squares of 4 x 4 do less harm to the eye. */
+ *   shared by one square: this                                    1.92    1.73    1.71
+ * The wider numbers are shared, the less the noise of a region averages out over it. */
 struct bundle {
     uint32_t seed, index; /* of the sequences that the paths share */
     uint32_t salt;
@@ -335,20 +331,18 @@ static void trace_tile(const struct job *job, uint32_t left, uint32_t top, uint3
                        struct lw_path_count *count) {
     const struct lw_path_film *film = job->film;
     struct bundle b;
-    for (uint32_t bundle = 0; bundle < BUNDLES; bundle++) {
+    for (uint32_t square = 0; square < TILE / SQUARE * (TILE / SQUARE); square++) {
+        const uint32_t first_x = left + square % (TILE / SQUARE) * SQUARE,
+                       first_y = top + square / (TILE / SQUARE) * SQUARE;
         unsigned paths = 0;
         for (uint32_t i = 0; i < BUNDLE; i++) {
-            uint32_t square = i / LANES, in_square = i % LANES;
-            uint32_t column = square % COLUMN * MOSAIC + bundle % MOSAIC,
-                     row = square / COLUMN * MOSAIC + bundle / MOSAIC;
-            uint32_t x = left + column * SQUARE + in_square % SQUARE,
-                     y = top + row * SQUARE + in_square / SQUARE;
+            uint32_t x = first_x + i % SQUARE, y = first_y + i / SQUARE;
             if (x >= film->width || y >= film->height) continue;
             b.path[paths].x = x;
             b.path[paths++].y = y;
         }
         for (uint32_t s = film->samples; s < film->samples + samples; s++) {
-            b.seed = lw_random_hash4(job->view->seed, s & 1u, left + bundle % MOSAIC, top + bundle / MOSAIC);
+            b.seed = lw_random_hash4(job->view->seed, s & 1u, first_x, first_y);
             b.index = s >> 1;
             b.salt = s;
             trace_bundle(job, &b, paths, count);
