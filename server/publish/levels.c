@@ -38,9 +38,11 @@ void lw_levels_load_tile(struct lw_levels *levels, const struct lw_tile_place *p
         for (uint32_t x = 0; x < tile->width; x++) {
             size_t from = (size_t)y * tile->width + x;
             size_t to = (size_t)(place->y * LW_TILE_SIDE + y) * image->width + place->x * LW_TILE_SIDE + x;
-            image->covered[to] = tile->covered[from] != 0;
+            /* A gutter that the solver has filled counts as filled in the first round. */
+            const bool filled = tile->filled && tile->filled[from];
+            image->covered[to] = tile->covered[from] ? 1 : filled ? 2 : 0;
             for (int c = 0; c < 3; c++)
-                image->rgb[to * 3 + (size_t)c] = tile->covered[from] ? tile->light[c][from] : 0;
+                image->rgb[to * 3 + (size_t)c] = image->covered[to] ? tile->light[c][from] : 0;
         }
 }
 

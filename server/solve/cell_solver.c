@@ -7,6 +7,7 @@
 #include "server/solve/checkpoint.h"
 #include "server/solve/denoise.h"
 #include "server/solve/passes.h"
+#include "server/solve/seams.h"
 
 #include <omp.h>
 #include <stdlib.h>
@@ -20,6 +21,7 @@ struct cell_solver {
     struct lw_texels texels;
     struct lw_cells cells;
     struct lw_tiles tiles;
+    struct lw_seams seams;
     struct lw_lights lights;
     struct lw_probes probes;
     bool has_probes;
@@ -243,6 +245,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
         lw_denoise_run(&s->denoise, number, passes.history_indirect_max, s->threads);
         stats.denoise_ns = lw_clock_ns() - t;
     }
+    lw_seams_weld(&s->seams, &s->tiles, number, s->threads);
     settle(s, &stats);
     s->frames++;
     *out_stats = stats;
@@ -253,6 +256,7 @@ static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_s
     const struct cell_solver *s = (const struct cell_solver *)solver;
     const struct lw_solve_tile *tile = &s->tiles.tile[s->tiles.slot_of_id[id.v]];
     *out_tile = (struct lw_solver_tile){.covered = s->tiles.covered + tile->first,
+                                        .filled = s->seams.filled + tile->first,
                                         .width = tile->width,
                                         .height = tile->height,
                                         .bounces = s->desc.bounces,
@@ -268,11 +272,14 @@ static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_s
 }
 
 /* What a frame reads of those before it, beside the tiles. */
-#define PARTS_MAX (1 + LW_PROBES_PARTS)
+#define PARTS_MAX (2 + LW_PROBES_PARTS)
 static uint32_t list_parts(const struct cell_solver *s, struct remembered *remembered,
                            struct lw_checkpoint_part out_part[PARTS_MAX]) {
     uint32_t n = 0;
     out_part[n++] = (struct lw_checkpoint_part){remembered, sizeof *remembered};
+    if (s->seams.member_count)
+        out_part[n++] = (struct lw_checkpoint_part){s->seams.correction, (size_t)s->seams.member_count * 3 *
+                                                                             sizeof *s->seams.correction};
     if (s->has_probes) n += lw_probes_list_parts(&s->probes, out_part + n);
     return n;
 }
@@ -297,6 +304,7 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
     s->frames = remembered.frames;
     s->frames_since_move = remembered.frames_since_move;
     s->ever_moved = remembered.ever_moved != 0;
+    s->seams.fresh = true;
     for (uint32_t i = 0; i < s->tiles.count; i++)
         s->tiles.tile[i].resting = s->tiles.tile[i].covered_count == 0 || settled(s, &s->tiles.tile[i]);
     *out_frames = s->frames;
@@ -308,9 +316,15 @@ static size_t memory_bytes(const struct lw_solver *solver) {
     size_t per_texel = sizeof(float) * (3 + 3 + 3 + 3 * (size_t)s->desc.bounces + 4 + 3) + 1 +
                        sizeof(uint32_t) + sizeof(uint32_t) * s->desc.indirect_samples +
                        (s->desc.denoise ? 8 * sizeof(float) : 0);
-    size_t mesh_texels = 0;
-    for (uint32_t m = 0; m < s->desc.scene->mesh_count; m++) mesh_texels += s->texels.mesh[m].texel_count;
-    return per_texel * s->texels.count + mesh_texels * (12 * sizeof(float) + 1) +
+    size_t mesh_texels = 0, places = 0;
+    for (uint32_t m = 0; m < s->desc.scene->mesh_count; m++) {
+        const struct lw_mesh_texels *mesh = &s->texels.mesh[m];
+        mesh_texels += mesh->texel_count;
+        if (mesh->footprint.first) places += mesh->footprint.first[mesh->texel_count];
+    }
+    per_texel += 2; /* usable places; gutters filled */
+    return per_texel * s->texels.count + mesh_texels * (14 * sizeof(float) + sizeof(uint32_t) + 1) +
+           places * sizeof(struct lw_footprint_place) + lw_seams_memory_bytes(&s->seams) +
            (s->has_probes ? lw_probes_memory_bytes(&s->probes) : 0) + lw_trace_memory_bytes(s->trace);
 }
 
@@ -320,6 +334,7 @@ static void destroy(struct lw_solver *solver) {
     lw_denoise_finish(&s->denoise);
     lw_probes_finish(&s->probes);
     lw_lights_finish(&s->lights);
+    lw_seams_finish(&s->seams);
     lw_tiles_finish(&s->tiles);
     if (s->texels.scene) lw_texels_finish(&s->texels);
     lw_trace_destroy(s->trace);
@@ -371,6 +386,8 @@ static enum lw_status build(struct cell_solver *s, const struct lw_pose *pose, s
     lw_cells_init(&s->cells, lo, hi, s->desc.cell_size_m);
     if ((status = lw_tiles_init(&s->tiles, scene, s->desc.atlas_map, &s->texels, s->desc.bounces)) != LW_OK)
         return lw_status_fail(err, status, "%u texels", s->texels.count);
+    if ((status = lw_seams_init(&s->seams, scene, &s->pose, s->desc.atlas_map, &s->texels)) != LW_OK)
+        return lw_status_fail(err, status, "seams of %u texels", s->texels.count);
     if ((status = lw_lights_init(&s->lights, scene, &s->pose)) != LW_OK)
         return lw_status_fail(err, status, "lights");
     lw_tiles_set_pose(&s->tiles, &s->cells, &s->pose);

@@ -57,6 +57,7 @@ struct lw_solver_tile {
     const float *light[3];    /* what is shown: direct + indirect, filtered and welded as the desc says */
     const float *albedo[3];   /* mean over each texel; 0 where nothing is covered */
     const uint8_t *covered;   /* 1: a texel with surface; others hold 0 */
+    const uint8_t *filled;    /* 1: a gutter whose light continues a seam (seams.h); NULL: there are none */
     uint32_t width, height;
     uint32_t bounces;      /* indirect bounces that it holds */
     uint32_t frames;       /* frames whose samples it has seen */

@@ -129,9 +129,11 @@ void room_solve_at(struct room_solution *solution, struct lw_scene *scene, float
     struct lw_error err = {0};
     lw_support_ok(lw_scene_validate(scene, &err), &err);
     *solution = (struct room_solution){.scene = scene};
-    lw_support_ok(lw_lightmap_build(scene, &(struct lw_lightmap_desc){.texels_per_metre = texels_per_metre},
-                                    NULL, &err),
-                  &err);
+    if (!scene->mesh_count || !scene->mesh[0].lightmap_uv)
+        lw_support_ok(lw_lightmap_build(scene,
+                                        &(struct lw_lightmap_desc){.texels_per_metre = texels_per_metre},
+                                        NULL, &err),
+                      &err);
     lw_support_ok(lw_atlas_map_init(&solution->map, scene), NULL);
     lw_support_ok(lw_pose_init(&solution->pose, scene), NULL);
     lw_pose_evaluate(&solution->pose, scene, time_s);

@@ -56,6 +56,30 @@ static void test_mean_is_over_covered_texels(void **state) {
     lw_levels_finish(&levels);
 }
 
+/* A gutter that the solver has filled is read as it is, but is no part of coarser levels. */
+static void test_filled_gutters_are_kept(void **state) {
+    (void)state;
+    static uint8_t filled[SIDE * SIDE];
+    memset(covered, 0, sizeof covered);
+    memset(plane, 0, sizeof plane);
+    covered[0] = 1;
+    plane[0][0] = 4;
+    filled[1] = 1;
+    plane[0][1] = 10;
+    struct lw_levels levels;
+    struct lw_atlas atlas;
+    lw_atlas_init(&atlas, SIDE, SIDE);
+    lw_support_ok(lw_levels_init(&levels, &atlas), NULL);
+    struct lw_solver_tile tile = {.covered = covered, .filled = filled, .width = SIDE, .height = SIDE};
+    for (int c = 0; c < 3; c++) tile.light[c] = plane[c];
+    lw_levels_load_tile(&levels, &place, &tile);
+    lw_levels_build(&levels);
+    assert_true(red(&levels, 0, 1, 0) == 10);
+    assert_true(red(&levels, 0, 0, 1) == 4); /* filled here, from what is covered alone */
+    assert_true(red(&levels, 1, 0, 0) == 4);
+    lw_levels_finish(&levels);
+}
+
 static void test_coarsest_level_has_no_hole(void **state) {
     (void)state;
     memset(covered, 0, sizeof covered);
@@ -74,6 +98,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_charts_do_not_mix_up_to_level_two),
         cmocka_unit_test(test_mean_is_over_covered_texels),
+        cmocka_unit_test(test_filled_gutters_are_kept),
         cmocka_unit_test(test_coarsest_level_has_no_hole),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

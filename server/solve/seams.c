@@ -1,0 +1,486 @@
+#include "server/solve/seams.h"
+
+#include "server/solve/seam_edges.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+/* Points per texel of a seam's length, in the atlas where it is longer. */
+#define POINTS_PER_TEXEL 3.0f
+#define POINTS_MAX       4096.0f /* of one edge */
+/* How readily a gutter's texel moves, against a covered one's: nobody sees it but through the look-ups that are welded. */
+#define GUTTER_EASE 4.0f
+#define ITERATIONS  4
+/* Share of the last frame's correction that the next one starts from: what takes more than some frames to build up are
+ * rows that can hardly agree, and would bend the light along their seam for it. */
+#define MEMORY 1.0f
+/* Then plain sweeps keep covered texels between their own light over this and times this, and gutters positive. */
+#define BOUND        4.0f
+#define BOUND_SWEEPS 2
+#define KEEP_MOST    1.5 /* the mean of a component is restored by up to this factor */
+#define GUESSES      8u  /* texels that a gutter is extrapolated from */
+
+/* What two look-ups differ by, brought to length 1 in units in which all members move with the same ease. */
+struct lw_seams_row {
+    uint32_t member[8];
+    float weight[8];
+};
+struct lw_seams_member {
+    uint32_t texel; /* of the global numbering */
+    lw_tile_id tile;
+    float root_ease; /* square root of how readily it moves */
+};
+/* A gutter's value before it is welded: the sum of weight x light of covered members. */
+struct lw_seams_guess {
+    uint32_t count; /* 0: covered, it has a value of its own */
+    uint32_t member[GUESSES];
+    float weight[GUESSES];
+};
+
+/* While the seams are set up. */
+struct builder {
+    const struct lw_scene *scene;
+    const struct lw_atlas_map *map;
+    const struct lw_texels *texels;
+    uint32_t *member_of; /* per texel of the global numbering; LW_TEXEL_NONE: none yet */
+    uint32_t *parent;    /* per member: union-find */
+    uint32_t member_capacity, row_capacity;
+    struct lw_seams *seams;
+    bool failed;
+};
+
+static const struct lw_mesh_texels *mesh_of(const struct builder *b, uint32_t object) {
+    return &b->texels->mesh[b->scene->object[object].mesh];
+}
+
+static bool is_covered(const struct builder *b, uint32_t object, int64_t x, int64_t y) {
+    const struct lw_mesh_texels *mesh = mesh_of(b, object);
+    if (x < 0 || y < 0 || x >= mesh->width || y >= mesh->height) return false;
+    return b->texels->covered[b->texels->first[object] + lw_texels_index(mesh, (uint32_t)x, (uint32_t)y)];
+}
+
+static bool grow_members(struct builder *b) {
+    struct lw_seams *s = b->seams;
+    if (s->member_count < b->member_capacity) return true;
+    const size_t capacity = b->member_capacity ? 2 * (size_t)b->member_capacity : 1024;
+    struct lw_seams_member *member = realloc(s->member, capacity * sizeof *member);
+    if (member) s->member = member;
+    struct lw_seams_guess *guess = realloc(s->guess, capacity * sizeof *guess);
+    if (guess) s->guess = guess;
+    uint32_t *parent = realloc(b->parent, capacity * sizeof *parent);
+    if (parent) b->parent = parent;
+    if (!member || !guess || !parent) return false;
+    b->member_capacity = (uint32_t)capacity;
+    return true;
+}
+
+/* The member that stands for a texel; LW_TEXEL_NONE when out of memory. */
+static uint32_t member_at(struct builder *b, uint32_t object, uint32_t x, uint32_t y) {
+    const uint32_t texel = b->texels->first[object] + lw_texels_index(mesh_of(b, object), x, y);
+    if (b->member_of[texel] != LW_TEXEL_NONE) return b->member_of[texel];
+    if (!grow_members(b)) {
+        b->failed = true;
+        return LW_TEXEL_NONE;
+    }
+    const uint32_t m = b->seams->member_count++;
+    const bool covered = b->texels->covered[texel];
+    b->seams->member[m] = (struct lw_seams_member){
+        .texel = texel,
+        .tile = lw_atlas_map_find(b->map, object, 0, x / LW_TILE_SIDE, y / LW_TILE_SIDE),
+        .root_ease = covered ? 1 : sqrtf(GUTTER_EASE)};
+    b->seams->guess[m].count = 0;
+    b->parent[m] = m;
+    b->member_of[texel] = m;
+    return m;
+}
+
+static uint32_t root(uint32_t *parent, uint32_t m) {
+    while (parent[m] != m) m = parent[m] = parent[parent[m]];
+    return m;
+}
+
+/* The smaller index becomes the root: the outcome does not hang on the order of calls. */
+static void join(uint32_t *parent, uint32_t a, uint32_t b) {
+    a = root(parent, a), b = root(parent, b);
+    if (a < b)
+        parent[b] = a;
+    else
+        parent[a] = b;
+}
+
+/* Where a gutter's light is guessed from: covered texels up to two away, the nearer the more. */
+struct source {
+    uint32_t x, y;
+    float weight;
+};
+
+static uint32_t find_sources(const struct builder *b, uint32_t object, uint32_t x, uint32_t y,
+                             struct source out[GUESSES]) {
+    uint32_t count = 0;
+    float sum = 0;
+    for (int reach = 1; reach <= 2 && !count; reach++)
+        for (int dy = -reach; dy <= reach; dy++)
+            for (int dx = -reach; dx <= reach; dx++) {
+                if (abs(dx) < reach && abs(dy) < reach) continue;
+                if (count == GUESSES || !is_covered(b, object, (int64_t)x + dx, (int64_t)y + dy)) continue;
+                float weight = 1 / (float)(dx * dx + dy * dy);
+                out[count++] = (struct source){x + (uint32_t)dx, y + (uint32_t)dy, weight};
+                sum += weight;
+            }
+    for (uint32_t i = 0; i < count; i++) out[i].weight /= sum;
+    return count;
+}
+
+/* The texels that a bilinear look-up reads, as client/view/compose does it. */
+struct look_up {
+    uint32_t x[4], y[4];
+    float weight[4];
+};
+
+static void split(float at, uint32_t size, uint32_t out_index[2], float out_weight[2]) {
+    at = fminf(fmaxf(at - 0.5f, 0), (float)(size - 1));
+    out_index[0] = (uint32_t)at;
+    out_index[1] = out_index[0] + 1 < size ? out_index[0] + 1 : out_index[0];
+    out_weight[1] = at - (float)out_index[0];
+    out_weight[0] = 1 - out_weight[1];
+}
+
+/* False if a texel that matters has no light and none to guess it from: inside something, or no texel at all. */
+static bool look_up_at(const struct builder *b, uint32_t object, struct lw_vec2 at, struct look_up *out) {
+    const struct lw_mesh_texels *mesh = mesh_of(b, object);
+    uint32_t x[2], y[2];
+    float wx[2], wy[2];
+    split(at.x, mesh->width, x, wx);
+    split(at.y, mesh->height, y, wy);
+    for (int i = 0; i < 4; i++) {
+        out->x[i] = x[i & 1], out->y[i] = y[i >> 1];
+        out->weight[i] = wx[i & 1] * wy[i >> 1];
+        struct source source[GUESSES];
+        if (out->weight[i] > 0 && !is_covered(b, object, out->x[i], out->y[i]) &&
+            !find_sources(b, object, out->x[i], out->y[i], source))
+            return false;
+    }
+    return true;
+}
+
+static bool grow_rows(struct builder *b) {
+    struct lw_seams *s = b->seams;
+    if (s->row_count < b->row_capacity) return true;
+    const size_t capacity = b->row_capacity ? 2 * (size_t)b->row_capacity : 1024;
+    struct lw_seams_row *row = realloc(s->row, capacity * sizeof *row);
+    if (!row) return false;
+    s->row = row;
+    b->row_capacity = (uint32_t)capacity;
+    return true;
+}
+
+/* The member of a texel that a row reads; a gutter's brings those that it is guessed from. */
+static uint32_t row_member(struct builder *b, uint32_t object, uint32_t x, uint32_t y) {
+    const uint32_t m = member_at(b, object, x, y);
+    if (m == LW_TEXEL_NONE || is_covered(b, object, x, y) || b->seams->guess[m].count) return m;
+    struct source source[GUESSES];
+    const uint32_t count = find_sources(b, object, x, y, source);
+    for (uint32_t i = 0; i < count; i++) {
+        const uint32_t from = member_at(b, object, source[i].x, source[i].y);
+        if (from == LW_TEXEL_NONE) return from;
+        b->seams->guess[m].member[i] = from;
+        b->seams->guess[m].weight[i] = source[i].weight;
+        join(b->parent, m, from);
+    }
+    b->seams->guess[m].count = count;
+    return m;
+}
+
+static void add_row(struct builder *b, const struct lw_seam_edge *edge, const struct look_up look_up[2]) {
+    if (b->seams->row_count == LW_SEAMS_ROWS_MAX) {
+        b->seams->rows_left_out++;
+        return;
+    }
+    if (!grow_rows(b)) {
+        b->failed = true;
+        return;
+    }
+    struct lw_seams_row row;
+    for (int i = 0; i < 8; i++) {
+        const struct look_up *l = &look_up[i / 4];
+        const float weight = l->weight[i % 4];
+        /* what is not read repeats the first texel that is, at no weight */
+        row.weight[i] = i < 4 ? weight : -weight;
+        row.member[i] =
+            weight > 0 ? row_member(b, edge->object[i / 4], l->x[i % 4], l->y[i % 4]) : LW_TEXEL_NONE;
+    }
+    uint32_t first = LW_TEXEL_NONE;
+    for (int i = 0; i < 8 && first == LW_TEXEL_NONE; i++) first = row.member[i];
+    if (b->failed) return;
+    float length2 = 0;
+    for (int i = 0; i < 8; i++) {
+        if (row.member[i] == LW_TEXEL_NONE) row.member[i] = first;
+        join(b->parent, first, row.member[i]);
+        row.weight[i] *= b->seams->member[row.member[i]].root_ease;
+        length2 += row.weight[i] * row.weight[i];
+    }
+    for (int i = 0; i < 8; i++) row.weight[i] /= sqrtf(length2);
+    b->seams->row[b->seams->row_count++] = row;
+}
+
+static void add_edge(struct builder *b, const struct lw_seam_edge *edge) {
+    float length = 0;
+    for (int s = 0; s < 2; s++)
+        length = fmaxf(length, hypotf(edge->to[s].x - edge->from[s].x, edge->to[s].y - edge->from[s].y));
+    const int points = (int)fminf(ceilf(length * POINTS_PER_TEXEL), POINTS_MAX) + 1;
+    for (int i = 0; i < points && !b->failed; i++) {
+        const float t = points > 1 ? (float)i / (float)(points - 1) : 0.5f;
+        struct look_up look_up[2];
+        bool found = true;
+        for (int s = 0; s < 2 && found; s++) {
+            struct lw_vec2 at = {edge->from[s].x + t * (edge->to[s].x - edge->from[s].x),
+                                 edge->from[s].y + t * (edge->to[s].y - edge->from[s].y)};
+            found = look_up_at(b, edge->object[s], at, &look_up[s]);
+        }
+        if (found) add_row(b, edge, look_up);
+    }
+}
+
+/* Puts members and rows in the order of their components. */
+static bool sort_by_component(struct builder *b) {
+    struct lw_seams *s = b->seams;
+    uint32_t *component = malloc(((size_t)s->member_count + 1) * sizeof *component),
+             *moved = malloc(((size_t)s->member_count + 1) * sizeof *moved);
+    struct lw_seams_row *row = malloc(((size_t)s->row_count + 1) * sizeof *row);
+    struct lw_seams_member *member = malloc(((size_t)s->member_count + 1) * sizeof *member);
+    struct lw_seams_guess *guess = malloc(((size_t)s->member_count + 1) * sizeof *guess);
+    bool ok = component && moved && row && member && guess;
+    for (uint32_t m = 0; ok && m < s->member_count; m++) {
+        const uint32_t r = root(b->parent, m); /* never above m: its component has its number */
+        component[m] = r == m ? s->component_count++ : component[r];
+    }
+    ok = ok && (s->first_row = calloc((size_t)s->component_count + 2, sizeof *s->first_row)) &&
+         (s->first_member = calloc((size_t)s->component_count + 2, sizeof *s->first_member)) &&
+         (s->active = calloc((size_t)s->component_count + 1, 1));
+    if (ok) {
+        /* counting sort; while it runs, first_x[c + 1] is where component c's next goes */
+        for (uint32_t m = 0; m < s->member_count; m++)
+            if (component[m] + 2 <= s->component_count) s->first_member[component[m] + 2]++;
+        for (uint32_t r = 0; r < s->row_count; r++)
+            if (component[s->row[r].member[0]] + 2 <= s->component_count)
+                s->first_row[component[s->row[r].member[0]] + 2]++;
+        for (uint32_t c = 2; c <= s->component_count; c++) {
+            s->first_member[c] += s->first_member[c - 1];
+            s->first_row[c] += s->first_row[c - 1];
+        }
+        for (uint32_t m = 0; m < s->member_count; m++) moved[m] = s->first_member[component[m] + 1]++;
+        for (uint32_t m = 0; m < s->member_count; m++) {
+            member[moved[m]] = s->member[m];
+            guess[moved[m]] = s->guess[m];
+            for (uint32_t i = 0; i < s->guess[m].count; i++)
+                guess[moved[m]].member[i] = moved[s->guess[m].member[i]];
+        }
+        for (uint32_t r = 0; r < s->row_count; r++) {
+            struct lw_seams_row *to = &row[s->first_row[component[s->row[r].member[0]] + 1]++];
+            *to = s->row[r];
+            for (int i = 0; i < 8; i++) to->member[i] = moved[to->member[i]];
+        }
+        free(s->row);
+        free(s->member);
+        free(s->guess);
+        s->row = row, s->member = member, s->guess = guess;
+        row = NULL, member = NULL, guess = NULL;
+    }
+    free(component);
+    free(moved);
+    free(row);
+    free(member);
+    free(guess);
+    return ok;
+}
+
+static bool build(struct builder *b, const struct lw_seam_edges *edges) {
+    struct lw_seams *s = b->seams;
+    b->member_of = malloc(((size_t)b->texels->count + 1) * sizeof *b->member_of);
+    s->filled = calloc((size_t)b->texels->count + 1, 1);
+    if (!b->member_of || !s->filled) return false;
+    for (uint32_t t = 0; t < b->texels->count; t++) b->member_of[t] = LW_TEXEL_NONE;
+    for (size_t e = 0; e < edges->count && !b->failed; e++) add_edge(b, &edges->edge[e]);
+    if (b->failed || !sort_by_component(b)) return false;
+    for (uint32_t m = 0; m < s->member_count; m++)
+        s->filled[s->member[m].texel] = !b->texels->covered[s->member[m].texel];
+    s->light = calloc((size_t)s->member_count + 1, 3 * sizeof *s->light);
+    s->welded = calloc((size_t)s->member_count + 1, 3 * sizeof *s->welded);
+    s->correction = calloc((size_t)s->member_count + 1, 3 * sizeof *s->correction);
+    for (int i = 0; i < 3; i++)
+        s->scratch[i] = calloc((size_t)s->member_count + 1, 3 * sizeof *s->scratch[i]);
+    return s->light && s->welded && s->correction && s->scratch[0] && s->scratch[1] && s->scratch[2];
+}
+
+enum lw_status lw_seams_init(struct lw_seams *seams, const struct lw_scene *scene, const struct lw_pose *pose,
+                             const struct lw_atlas_map *map, const struct lw_texels *texels) {
+    *seams = (struct lw_seams){.fresh = true};
+    struct lw_seam_edges edges;
+    if (lw_seam_edges_find(scene, pose, &edges) != LW_OK) return LW_NO_MEMORY;
+    struct builder b = {.scene = scene, .map = map, .texels = texels, .seams = seams};
+    const bool ok = build(&b, &edges);
+    free(b.member_of);
+    free(b.parent);
+    lw_seam_edges_finish(&edges);
+    if (ok) return LW_OK;
+    lw_seams_finish(seams);
+    return LW_NO_MEMORY;
+}
+
+void lw_seams_finish(struct lw_seams *seams) {
+    free(seams->row);
+    free(seams->member);
+    free(seams->guess);
+    free(seams->first_row);
+    free(seams->first_member);
+    free(seams->active);
+    free(seams->light);
+    free(seams->welded);
+    free(seams->correction);
+    for (int i = 0; i < 3; i++) free(seams->scratch[i]);
+    free(seams->filled);
+    *seams = (struct lw_seams){0};
+}
+
+size_t lw_seams_memory_bytes(const struct lw_seams *s) {
+    return s->row_count * sizeof *s->row +
+           s->member_count * (sizeof *s->member + sizeof *s->guess + 6 * 3 * sizeof(float)) +
+           s->component_count * (2 * sizeof(uint32_t) + 1);
+}
+
+/* Takes the light of what the frame has solved; a tile at rest keeps what it had, before it was welded. */
+static void load(struct lw_seams *s, const struct lw_tiles *tiles, uint64_t frame, uint32_t component) {
+    bool active = false;
+    for (uint32_t m = s->first_member[component]; m < s->first_member[component + 1]; m++) {
+        const struct lw_seams_member *member = &s->member[m];
+        const bool solved = tiles->tile[tiles->slot_of_id[member->tile.v]].solved_frame == frame;
+        if (s->guess[m].count || !(solved || s->fresh)) continue;
+        for (uint32_t c = 0; c < 3; c++)
+            s->light[3 * m + c] = solved
+                                      ? tiles->light[c][member->texel]
+                                      : tiles->direct[c][member->texel] + tiles->indirect[c][member->texel];
+        active |= solved;
+    }
+    s->active[component] = active;
+}
+
+/* Gutters start as what their neighbours are. */
+static void guess_gutters(struct lw_seams *s, uint32_t first, uint32_t last) {
+    for (uint32_t m = first; m < last; m++) {
+        const struct lw_seams_guess *guess = &s->guess[m];
+        for (uint32_t c = 0; c < 3 && guess->count; c++) {
+            float sum = 0;
+            for (uint32_t i = 0; i < guess->count; i++)
+                sum += guess->weight[i] * s->light[3 * guess->member[i] + c];
+            s->light[3 * m + c] = sum;
+        }
+    }
+}
+
+/* Projects onto one row: moves its eight texels by the least that makes its two look-ups agree. */
+static void project(const struct lw_seams_row *row, float *x) {
+    float error[3] = {0};
+    for (int i = 0; i < 8; i++)
+        for (uint32_t c = 0; c < 3; c++) error[c] += row->weight[i] * x[3 * row->member[i] + c];
+    for (int i = 0; i < 8; i++)
+        for (uint32_t c = 0; c < 3; c++) x[3 * row->member[i] + c] -= row->weight[i] * error[c];
+}
+
+/* Forth and back over all rows of a component: a symmetric operator, so that conjugate gradients may use it. */
+static void sweep(const struct lw_seams *s, uint32_t component, float *x) {
+    const uint32_t begin = s->first_row[component], end = s->first_row[component + 1];
+    for (uint32_t r = begin; r < end; r++) project(&s->row[r], x);
+    for (uint32_t r = end; r-- > begin;) project(&s->row[r], x);
+}
+
+static void dot3(const float *a, const float *b, uint32_t first, uint32_t last, double out[3]) {
+    out[0] = out[1] = out[2] = 0;
+    for (uint32_t m = first; m < last; m++)
+        for (uint32_t c = 0; c < 3; c++) out[c] += (double)a[3 * m + c] * (double)b[3 * m + c];
+}
+
+/* Kaczmarz's sweeps, accelerated by conjugate gradients (Bjorck and Elfving 1979, "CGMN"): with S the sweep, solves
+ * x = S x from x = the light. Every step lies in the space of the rows, so the solution is the one nearest to the light. */
+static void relax(struct lw_seams *s, uint32_t component) {
+    const uint32_t first = s->first_member[component], last = s->first_member[component + 1];
+    const size_t start = 3 * (size_t)first, count = 3 * (size_t)(last - first);
+    float *x = s->welded, *r = s->scratch[0], *p = s->scratch[1], *q = s->scratch[2];
+    memcpy(r + start, x + start, count * sizeof *r);
+    sweep(s, component, r);
+    for (size_t i = start; i < start + count; i++) p[i] = r[i] -= x[i];
+    double rr[3], begun[3];
+    dot3(r, r, first, last, rr);
+    memcpy(begun, rr, sizeof begun);
+    for (int k = 0; k < ITERATIONS; k++) {
+        memcpy(q + start, p + start, count * sizeof *q);
+        sweep(s, component, q);
+        for (size_t i = start; i < start + count; i++) q[i] = p[i] - q[i];
+        double pq[3], next[3], alpha[3];
+        dot3(p, q, first, last, pq);
+        for (int c = 0; c < 3; c++) alpha[c] = pq[c] > 1e-9 * begun[c] ? rr[c] / pq[c] : 0;
+        for (size_t i = start; i < start + count; i++) {
+            x[i] += (float)alpha[i % 3] * p[i];
+            r[i] -= (float)alpha[i % 3] * q[i];
+        }
+        dot3(r, r, first, last, next);
+        for (size_t i = start; i < start + count; i++)
+            p[i] = rr[i % 3] > 0 ? r[i] + (float)(next[i % 3] / rr[i % 3]) * p[i] : 0;
+        memcpy(rr, next, sizeof rr);
+        if (rr[0] <= 1e-9 * begun[0] && rr[1] <= 1e-9 * begun[1] && rr[2] <= 1e-9 * begun[2]) break;
+    }
+}
+
+static void bound(struct lw_seams *s, uint32_t first, uint32_t last) {
+    for (uint32_t m = first; m < last; m++)
+        for (uint32_t c = 0; c < 3; c++) {
+            float *x = &s->welded[3 * m + c], light = s->light[3 * m + c];
+            *x = s->guess[m].count ? fmaxf(0, *x) : fminf(fmaxf(*x, light / BOUND), light * BOUND);
+        }
+}
+
+/* By what to scale a component so that the light of its covered texels keeps its sum: a row that holds, holds at any
+ * scale. (Both sides of a row move alike, but a share of it falls to gutters, which do not count.) */
+static void find_keep(const struct lw_seams *s, uint32_t first, uint32_t last, float out_keep[3]) {
+    double before[3] = {0}, after[3] = {0};
+    for (uint32_t m = first; m < last; m++)
+        for (uint32_t c = 0; c < 3 && !s->guess[m].count; c++) {
+            before[c] += (double)s->light[3 * m + c];
+            after[c] += (double)s->welded[3 * m + c];
+        }
+    for (int c = 0; c < 3; c++) {
+        const double keep = after[c] > 0 ? before[c] / after[c] : 1;
+        out_keep[c] = (float)fmin(fmax(keep, 1 / KEEP_MOST), KEEP_MOST);
+    }
+}
+
+static void weld_component(struct lw_seams *s, struct lw_tiles *tiles, uint32_t component) {
+    const uint32_t first = s->first_member[component], last = s->first_member[component + 1];
+    guess_gutters(s, first, last);
+    /* In units in which every member moves with the same ease; from where the last frame's correction leads. */
+    for (uint32_t m = first; m < last; m++)
+        for (uint32_t c = 0; c < 3; c++)
+            s->welded[3 * m + c] =
+                s->light[3 * m + c] / s->member[m].root_ease + MEMORY * s->correction[3 * m + c];
+    relax(s, component);
+    for (int k = 0; k < BOUND_SWEEPS; k++) {
+        if (k) sweep(s, component, s->welded);
+        bound(s, first, last);
+    }
+    float keep[3];
+    find_keep(s, first, last, keep);
+    for (uint32_t m = first; m < last; m++)
+        for (uint32_t c = 0; c < 3; c++) {
+            const float welded = s->welded[3 * m + c];
+            s->correction[3 * m + c] = welded - s->light[3 * m + c] / s->member[m].root_ease;
+            tiles->light[c][s->member[m].texel] = welded * s->member[m].root_ease * keep[c];
+        }
+}
+
+void lw_seams_weld(struct lw_seams *s, struct lw_tiles *tiles, uint64_t frame, int threads) {
+#pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
+    for (uint32_t c = 0; c < s->component_count; c++) {
+        load(s, tiles, frame, c);
+        if (s->active[c]) weld_component(s, tiles, c);
+    }
+    s->fresh = false;
+}
