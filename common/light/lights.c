@@ -1,5 +1,6 @@
 #include "common/light/lights.h"
 
+#include "common/cdf.h"
 #include "common/colour.h"
 #include "common/light/spherical_triangle.h"
 
@@ -241,8 +242,6 @@ bool lw_lights_local_cdf(const struct lw_lights *lights, struct lw_vec3 centre_w
     return accumulate(out_cdf, lights->emitter_count);
 }
 
-static float probability_of(const float *cdf, uint32_t i) { return cdf[i] - (i ? cdf[i - 1] : 0.0f); }
-
 /* An emitter as a point sees it, and how a direction towards it is chosen: even over its solid angle, so that E / p is at
  * most L times that, however near it is. Where it is far, even over its area. */
 struct view {
@@ -286,18 +285,6 @@ static struct lw_vec2 sample_triangle(const struct lw_emitter *e, const struct v
     return (struct lw_vec2){b_u, fminf(fmaxf(b_v, 0), 1 - b_u)};
 }
 
-static uint32_t choose(const float *cdf, uint32_t count, float pick) {
-    uint32_t low = 0, high = count - 1; /* first entry above pick */
-    while (low < high) {
-        uint32_t middle = (low + high) / 2;
-        if (cdf[middle] > pick)
-            high = middle;
-        else
-            low = middle + 1;
-    }
-    return low;
-}
-
 /* A point on emitter i, chosen with a probability; pdf includes it. */
 static struct lw_light_sample sample_emitter(const struct lw_lights *lights, uint32_t i, float probability,
                                              float u, float v, struct lw_vec3 point_ws) {
@@ -325,8 +312,8 @@ static struct lw_light_sample sample_emitter(const struct lw_lights *lights, uin
 
 struct lw_light_sample lw_lights_sample_area(const struct lw_lights *lights, const float *cdf, float pick,
                                              float u, float v, struct lw_vec3 point_ws) {
-    const uint32_t chosen = choose(cdf, lights->emitter_count, pick);
-    return sample_emitter(lights, chosen, probability_of(cdf, chosen), u, v, point_ws);
+    const uint32_t chosen = lw_cdf_choose(cdf, lights->emitter_count, pick);
+    return sample_emitter(lights, chosen, lw_cdf_probability(cdf, chosen), u, v, point_ws);
 }
 
 static struct lw_light_sample sample_directional(const struct lw_light *light,
@@ -544,8 +531,8 @@ struct lw_light_sample lw_lights_sample(const struct lw_lights *lights, struct l
         if (lights->tree.count) {
             i = lw_light_tree_choose(&lights->tree, point_ws, normal_ws, pick, &probability);
         } else {
-            i = choose(c.cdf, lights->emitter_count + lights->near_count, pick);
-            probability = probability_of(c.cdf, i);
+            i = lw_cdf_choose(c.cdf, lights->emitter_count + lights->near_count, pick);
+            probability = lw_cdf_probability(c.cdf, i);
         }
         if (i == UINT32_MAX) return sample;
         sample = sample_near(lights, i, p[NEAR] * probability, u, v, point_ws);
@@ -580,7 +567,7 @@ float lw_lights_pdf_emitter(const struct lw_lights *lights, struct lw_vec3 point
     if (!(c.probability[NEAR] > 0)) return 0;
     const struct view view = view_emitter(&lights->emitter[i], point_ws);
     float probability = lights->tree.count ? lw_light_tree_probability(&lights->tree, point_ws, normal_ws, i)
-                                           : probability_of(c.cdf, i);
+                                           : lw_cdf_probability(c.cdf, i);
     return c.probability[NEAR] * probability * emitter_pdf(&lights->emitter[i], &view, direction, distance_m);
 }
 

@@ -1,5 +1,6 @@
 #include "common/scene/environment.h"
 
+#include "common/cdf.h"
 #include "common/colour.h"
 
 #include <stdlib.h>
@@ -127,30 +128,19 @@ void lw_environment_importance_finish(struct lw_environment_importance *importan
     *importance = (struct lw_environment_importance){0};
 }
 
-/* First entry above pick; what is left of pick is uniform in [0, 1) again. */
-static uint32_t choose(const float *cdf, uint32_t count, float pick, float *out_rest) {
-    uint32_t low = 0, high = count - 1;
-    while (low < high) {
-        uint32_t middle = (low + high) / 2;
-        if (cdf[middle] > pick)
-            high = middle;
-        else
-            low = middle + 1;
-    }
-    float below = low ? cdf[low - 1] : 0;
-    *out_rest = fminf((pick - below) / (cdf[low] - below), 0x1.fffffep-1f);
-    return low;
+/* Where in its entry a pick lies: uniform in [0, 1) again. */
+static float rest_of(const float *cdf, uint32_t i, float pick) {
+    float below = i ? cdf[i - 1] : 0;
+    return fminf((pick - below) / (cdf[i] - below), 0x1.fffffep-1f);
 }
 
 /* A tent of width 2 about 0, by its inverse distribution. */
 static float tent(float u) { return u < 0.5f ? sqrtf(2 * u) - 1 : 1 - sqrtf(2 - 2 * u); }
 
-static float probability(const float *cdf, uint32_t i) { return cdf[i] - (i ? cdf[i - 1] : 0); }
-
 /* Probability of a texel. */
 static float texel_probability(const struct lw_environment_importance *importance, uint32_t x, uint32_t y) {
-    return probability(importance->row, y) *
-           probability(importance->column + (size_t)y * importance->width, x);
+    return lw_cdf_probability(importance->row, y) *
+           lw_cdf_probability(importance->column + (size_t)y * importance->width, x);
 }
 
 /* Density in the picture to density per solid angle: du dv = d omega / (2 pi^2 sin). */
@@ -168,9 +158,10 @@ static float density(const struct lw_environment_importance *importance, const s
 struct lw_vec3 lw_environment_importance_draw(const struct lw_environment_importance *importance, float u,
                                               float v, float *out_pdf) {
     const float width = (float)importance->width, height = (float)importance->height;
-    float in_row, in_column;
-    uint32_t y = choose(importance->row, importance->height, v, &in_row);
-    uint32_t x = choose(importance->column + (size_t)y * importance->width, importance->width, u, &in_column);
+    uint32_t y = lw_cdf_choose(importance->row, importance->height, v);
+    const float *column = importance->column + (size_t)y * importance->width;
+    uint32_t x = lw_cdf_choose(column, importance->width, u);
+    float in_row = rest_of(importance->row, y, v), in_column = rest_of(column, x, u);
     /* A tent about each texel, chosen by its probability, makes the bilinear density. What of the first row's reaches over
      * the pole is folded back, and makes the level part above its centres. */
     float across = (float)x + 0.5f + tent(in_column), down = fabsf((float)y + 0.5f + tent(in_row));

@@ -2,6 +2,7 @@
 
 #include "common/clock.h"
 #include "common/log.h"
+#include "common/sanitizer.h"
 #include "common/scene/package.h"
 
 #include <dirent.h>
@@ -23,17 +24,6 @@
 #define FAILURE_FD    3             /* where the importer writes its failure: its --failure-fd */
 #define POLL_MS       50            /* how soon a cancellation is seen */
 #define KILL_AFTER_NS 1000000000ull /* between SIGTERM and SIGKILL */
-
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define SHADOW_MEMORY 1
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
-#define SHADOW_MEMORY 1
-#endif
-#endif
-#ifndef SHADOW_MEMORY
-#define SHADOW_MEMORY 0
-#endif
 
 extern char **environ;
 
@@ -111,7 +101,7 @@ static void find_program(struct importer *importer) {
 static void limit_memory(const struct importer *importer) {
     uint64_t bytes = importer->desc->memory_max ? importer->desc->memory_max : LW_IMPORT_SPAWN_MEMORY_MAX;
     const struct rlimit limit = {bytes, bytes};
-    if (SHADOW_MEMORY) return; /* a sanitizer's shadow alone reserves terabytes */
+    if (LW_SANITIZER) return; /* a sanitizer's shadow alone reserves terabytes */
     if (prlimit(importer->pid, RLIMIT_AS, &limit, NULL) < 0 && errno != ESRCH)
         lw_log(LW_LOG_WARNING, "cannot limit the memory of %s: %s", PROGRAM_NAME, strerror(errno));
 }

@@ -1,21 +1,12 @@
 #include "server/import/guard.h"
 
+#include "common/sanitizer.h"
+
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/resource.h>
 #include <unistd.h>
-
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define SANITIZED 1
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
-#define SANITIZED 1
-#endif
-#endif
-#ifndef SANITIZED
-#define SANITIZED 0
-#endif
 
 #define STACK_SIZE 65536 /* of the handler: an overflow of the stack is one of the crashes */
 
@@ -93,7 +84,7 @@ void lw_guard_enter(const struct lw_guard_desc *desc) {
     for (size_t i = 0; i < WATCHED_COUNT; i++) {
         struct sigaction action = {.sa_handler = end, .sa_flags = SA_ONSTACK};
         sigfillset(&action.sa_mask);
-        if (SANITIZED && watched[i] != SIGXCPU)
+        if (LW_SANITIZER && watched[i] != SIGXCPU)
             sigaction(watched[i], NULL, &guard.before[i]);
         else
             sigaction(watched[i], &action, &guard.before[i]);
@@ -102,7 +93,7 @@ void lw_guard_enter(const struct lw_guard_desc *desc) {
     getrlimit(RLIMIT_AS, &guard.memory_before);
     if (desc->processor_s > 0)
         limit(RLIMIT_CPU, &guard.processor_before, (rlim_t)(processor_time_s() + desc->processor_s + 1));
-    if (desc->memory_bytes && !SANITIZED)
+    if (desc->memory_bytes && !LW_SANITIZER)
         limit(RLIMIT_AS, &guard.memory_before, address_space_bytes() + desc->memory_bytes);
 }
 

@@ -4,6 +4,7 @@
 #include "client/include/lightwell/client.h"
 #include "common/clock.h"
 #include "common/log.h"
+#include "common/sanitizer.h"
 #include "common/scene/pose.h"
 
 #include <arpa/inet.h>
@@ -34,17 +35,6 @@
 #define RESTS       CORNELL "--error 0.3 "  /* comes to rest after a few dozen frames */
 #define NEVER_RESTS CORNELL "--error 1e-6 " /* hundreds of frames a second, for ever */
 #define ATRIUM      "builtin:atrium --texels-per-metre 2 --clock step --json "
-
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define SANITIZED 1
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
-#define SANITIZED 1
-#endif
-#endif
-#ifndef SANITIZED
-#define SANITIZED 0
-#endif
 
 /* ---- what the daemon prints ---- */
 
@@ -246,9 +236,9 @@ static struct total run_forty_frames(unsigned clients) {
     struct lw_process daemon;
     unsigned first = audience.count;
     /* samples that make it last a second or two: all clients are there from the first frames on */
-    lw_process_serve(&daemon, SANITIZED ? NEVER_RESTS "--frames 40 --direct-samples 8 --indirect-samples 32"
-                                        : NEVER_RESTS
-                                  "--frames 40 --direct-samples 64 --indirect-samples 256");
+    lw_process_serve(&daemon, LW_SANITIZER
+                                  ? NEVER_RESTS "--frames 40 --direct-samples 8 --indirect-samples 32"
+                                  : NEVER_RESTS "--frames 40 --direct-samples 64 --indirect-samples 256");
     for (unsigned i = 0; i < clients; i++) join(&daemon);
     for (uint64_t deadline_ns = limit_ns(); poll_all() > 0;) assert_true(lw_clock_ns() < deadline_ns);
     assert_int_equal(lw_process_finish(&daemon, STOP_LIMIT_S), 0);
@@ -472,7 +462,7 @@ static void misbehaving_peers_hurt_nobody(void **state) {
     /* all that time the deaf one took nothing and the others were served */
     assert_true(lw_process_runs(&daemon));
     assert_true(stats_of(good).frame > frame + 20 && stats_of(good).tiles > tiles + 20);
-    if (!SANITIZED && after_kb > before_kb + MEMORY_SLACK_KB)
+    if (!LW_SANITIZER && after_kb > before_kb + MEMORY_SLACK_KB)
         fail_msg("%ld kB before, %ld kB after", before_kb, after_kb);
     struct lw_client *late = join(&daemon);
     wait_complete(late);
@@ -512,7 +502,7 @@ static void a_signal_ends_a_long_frame(void **state) {
     (void)state;
     struct lw_process daemon;
     /* a frame of seconds; it is left between tiles, so these must not be too slow either */
-    lw_process_serve(&daemon, SANITIZED
+    lw_process_serve(&daemon, LW_SANITIZER
                                   ? NEVER_RESTS "--texels-per-metre 48 --threads 2 --indirect-samples 128"
                                   : NEVER_RESTS "--texels-per-metre 48 --threads 2 --indirect-samples 1024");
     lw_process_sleep_ms(300);

@@ -3,6 +3,7 @@
 
 #include "common/clock.h"
 #include "common/log.h"
+#include "common/sanitizer.h"
 #include "common/scene/import_spawn.h"
 #include "common/scene/lightmap.h"
 #include "common/scene/package.h"
@@ -530,13 +531,7 @@ static void memory_is_bounded(void **state) {
     struct lw_scene *scene;
     struct surroundings s;
     struct lw_error err = {0};
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-    skip(); /* the limit is not imposed in such builds */
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
-    skip();
-#endif
-#endif
+    if (LW_SANITIZER) skip(); /* the limit is not imposed in such builds */
     const struct lw_import_spawn_desc desc = {
         .scene = "x.glb",
         .memory_max = 64 << 20,

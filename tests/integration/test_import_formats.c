@@ -4,6 +4,7 @@
 #include "tests/support/support.h"
 
 #include "common/log.h"
+#include "common/sanitizer.h"
 #include "common/scene/import_spawn.h"
 #include "common/scene/package.h"
 #include "common/scene/pose.h"
@@ -16,17 +17,6 @@
 #include <string.h>
 #include <sys/wait.h>
 #include <unistd.h>
-
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define SANITIZED 1
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
-#define SANITIZED 1
-#endif
-#endif
-#ifndef SANITIZED
-#define SANITIZED 0
-#endif
 
 static struct lw_scene *load(const char *path) {
     struct lw_foreign_desc desc = {.path = path};
@@ -236,7 +226,7 @@ static void expect_program(const char *scene, const char *options, int code, con
 
 static void what_hurts_the_reader_is_one_line(void **state) {
     (void)state;
-    if (SANITIZED) skip(); /* such builds keep their own handlers */
+    if (LW_SANITIZER) skip(); /* such builds keep their own handlers */
     write_cycle("cycle.dae");
     expect_program("cycle.dae", "", 65, "cycle.dae: Assimp, which reads Collada, crashed on it");
     write_polygon("polygon.obj", 100000);
@@ -254,7 +244,7 @@ static void what_hurts_the_reader_is_one_line(void **state) {
 /* Files that were broken at random, and those that were found to hurt: each is a scene or one line, never a signal. */
 static void the_corpus_ends_in_a_scene_or_one_line(void **state) {
     (void)state;
-    if (SANITIZED) skip();
+    if (LW_SANITIZER) skip();
     char folder[512];
     snprintf(folder, sizeof folder, "%s", lw_support_source("tests/integration/broken_scenes"));
     DIR *list = opendir(folder);
@@ -288,7 +278,7 @@ static void the_corpus_ends_in_a_scene_or_one_line(void **state) {
 /* Who spawned the importer gets the same line as an error, and lives. */
 static void the_spawner_survives(void **state) {
     (void)state;
-    if (SANITIZED) skip();
+    if (LW_SANITIZER) skip();
     struct lw_scene *scene = NULL;
     char path[512];
     write_cycle("cycle.dae");

@@ -4,6 +4,7 @@
 
 #include "common/image/image.h"
 #include "common/log.h"
+#include "common/sanitizer.h"
 #include "common/scene/pose.h"
 #include "server/import/foreign.h"
 #include "server/import/guard.h"
@@ -17,17 +18,6 @@
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
-
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define SANITIZED 1
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
-#define SANITIZED 1
-#endif
-#endif
-#ifndef SANITIZED
-#define SANITIZED 0
-#endif
 
 static void write_bytes(const char *name, const void *bytes, size_t size) {
     FILE *file = fopen(lw_support_temporary(name), "wb");
@@ -850,7 +840,7 @@ static void broken_files_are_refused_in_one_line(void **state) {
 /* Headers of two hundred bytes that claim 2^31 elements. */
 static void claims_do_not_cost_memory(void **state) {
     (void)state;
-    if (SANITIZED) skip(); /* such builds have no limit on memory */
+    if (LW_SANITIZER) skip(); /* such builds have no limit on memory */
     refuse_text("vertices.ply",
                 "ply\nformat binary_little_endian 1.0\nelement vertex 2147483647\nproperty float x\n"
                 "property float y\nproperty float z\nelement face 1\nproperty list uchar int "
@@ -943,7 +933,7 @@ static int run_guarded(void (*deed)(void), char *said, size_t said_size) {
 
 static void a_guarded_failure_is_one_line(void **state) {
     (void)state;
-    if (SANITIZED) skip(); /* such builds keep their own handlers */
+    if (LW_SANITIZER) skip(); /* such builds keep their own handlers */
     static const struct {
         void (*deed)(void);
         const char *said;
