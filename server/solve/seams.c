@@ -17,8 +17,9 @@
 /* Then plain sweeps keep covered texels between their own light over this and times this, and gutters positive. */
 #define BOUND        4.0f
 #define BOUND_SWEEPS 2
-#define KEEP_MOST    1.5 /* the mean of a component is restored by up to this factor */
-#define GUESSES      8u  /* texels that a gutter is extrapolated from */
+#define KEEP_MOST                                                                                            \
+    1.5 /* the mean of a component is restored by up to this factor; what needs more stays unwelded */
+#define GUESSES 8u /* texels that a gutter is extrapolated from */
 
 /* What two look-ups differ by, brought to length 1 in units in which all members move with the same ease. */
 struct lw_seams_row {
@@ -439,8 +440,9 @@ static void bound(struct lw_seams *s, uint32_t first, uint32_t last) {
 }
 
 /* By what to scale a component so that the light of its covered texels keeps its sum: a row that holds, holds at any
- * scale. (Both sides of a row move alike, but a share of it falls to gutters, which do not count.) */
-static void find_keep(const struct lw_seams *s, uint32_t first, uint32_t last, float out_keep[3]) {
+ * scale. (Both sides of a row move alike, but a share of it falls to gutters, which do not count.) False where that is
+ * far from 1: the rows then ask for something else than light that continues, and the light is worth more than they are. */
+static bool find_keep(const struct lw_seams *s, uint32_t first, uint32_t last, float out_keep[3]) {
     double before[3] = {0}, after[3] = {0};
     for (uint32_t m = first; m < last; m++)
         for (uint32_t c = 0; c < 3 && !s->guess[m].count; c++) {
@@ -449,8 +451,10 @@ static void find_keep(const struct lw_seams *s, uint32_t first, uint32_t last, f
         }
     for (int c = 0; c < 3; c++) {
         const double keep = after[c] > 0 ? before[c] / after[c] : 1;
-        out_keep[c] = (float)fmin(fmax(keep, 1 / KEEP_MOST), KEEP_MOST);
+        if (!(keep <= KEEP_MOST && keep >= 1 / KEEP_MOST)) return false;
+        out_keep[c] = (float)keep;
     }
+    return true;
 }
 
 static void weld_component(struct lw_seams *s, struct lw_tiles *tiles, uint32_t component) {
@@ -466,8 +470,11 @@ static void weld_component(struct lw_seams *s, struct lw_tiles *tiles, uint32_t 
         if (k) sweep(s, component, s->welded);
         bound(s, first, last);
     }
-    float keep[3];
-    find_keep(s, first, last, keep);
+    float keep[3] = {1, 1, 1};
+    if (!find_keep(s, first, last, keep))
+        for (uint32_t m = first; m < last; m++)
+            for (uint32_t c = 0; c < 3; c++)
+                s->welded[3 * m + c] = s->light[3 * m + c] / s->member[m].root_ease;
     for (uint32_t m = first; m < last; m++)
         for (uint32_t c = 0; c < 3; c++) {
             const float welded = s->welded[3 * m + c];

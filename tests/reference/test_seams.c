@@ -188,7 +188,7 @@ static void expect_welded(const char *name, struct lw_scene *scene, float densit
         /* Frames go on from each other's corrections: these few leave a rest, which more frames take away. */
         assert_true(a.mean < mean_most && a.mean < 0.3 * b.mean && a.p50 < 0.015);
     }
-    assert_true(fabs(change) < 0.005);
+    assert_true(fabs(change) < 0.001 && worst < 0.005);
     unload_levels(&before);
     unload_levels(&after);
     lw_seam_edges_finish(&edges);
@@ -219,7 +219,7 @@ static void test_sponza(void **state) {
     struct lw_error err = {0};
     struct lw_scene_open open = {.path = path, .sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG};
     lw_support_ok(lw_scene_open(&open, &scene, &err), &err);
-    expect_welded("Sponza", scene, 0, 16, 0.03, 10000);
+    expect_welded("Sponza", scene, 0, 16, 0.15, 10000);
 }
 
 int main(void) {
