@@ -441,7 +441,7 @@ static void bound(struct lw_seams *s, uint32_t first, uint32_t last) {
 
 /* By what to scale a component so that the light of its covered texels keeps its sum: a row that holds, holds at any
  * scale. (Both sides of a row move alike, but a share of it falls to gutters, which do not count.) False where that is
- * far from 1: the rows then ask for something else than light that continues, and the light is worth more than they are. */
+ * far from 1 (out_keep is then 1): the rows ask for something else than light that continues, and the light is worth more than they are. */
 static bool find_keep(const struct lw_seams *s, uint32_t first, uint32_t last, float out_keep[3]) {
     double before[3] = {0}, after[3] = {0};
     for (uint32_t m = first; m < last; m++)
@@ -451,7 +451,10 @@ static bool find_keep(const struct lw_seams *s, uint32_t first, uint32_t last, f
         }
     for (int c = 0; c < 3; c++) {
         const double keep = after[c] > 0 ? before[c] / after[c] : 1;
-        if (!(keep <= KEEP_MOST && keep >= 1 / KEEP_MOST)) return false;
+        if (!(keep <= KEEP_MOST && keep >= 1 / KEEP_MOST)) {
+            for (int k = 0; k < 3; k++) out_keep[k] = 1;
+            return false;
+        }
         out_keep[c] = (float)keep;
     }
     return true;
@@ -470,7 +473,7 @@ static void weld_component(struct lw_seams *s, struct lw_tiles *tiles, uint32_t 
         if (k) sweep(s, component, s->welded);
         bound(s, first, last);
     }
-    float keep[3] = {1, 1, 1};
+    float keep[3];
     if (!find_keep(s, first, last, keep))
         for (uint32_t m = first; m < last; m++)
             for (uint32_t c = 0; c < 3; c++)
