@@ -9,7 +9,8 @@
 
 #define DEPTH_SIDE     16u
 #define DEPTH_CELLS    ((DEPTH_SIDE + 2) * (DEPTH_SIDE + 2))
-#define DEPTH_CHANNELS 3u
+#define DEPTH_CHANNELS 5u
+#define DEPTH_MEANS    3u    /* the first channels; the others are extremes */
 #define DEPTH_RAYS     1024u /* four a cell */
 #define SURVEY_RAYS    128u
 /* A point that sees more backs of single-sided surfaces than this is inside something (Majercik et al. 2021). */
@@ -34,6 +35,15 @@
  * seen from the probe: about a cell of the map. More, and something stands between. */
 #define AIM_STEPS    3
 #define AIM_MISS_MAX 0.1f
+/* A probe does not answer for a ray that on its way there, looked at in so many places, ... */
+#define WAY_STEPS 8
+/* ... is farther off than the nearest that the probe sees in that cell by this share: it may have hit what hides it. */
+#define WAY_BEHIND_MAX 0.1f
+/* Nor from an edge, where the nearest and the farthest in the cells that a read blends differ by more than this factor:
+ * light beyond the edge would be handed to what is before it, and to the sky. Without the two, Sponza under its sun
+ * gets 3 % too much light at a range of a tenth of its length, its darkest places many times theirs; with this alone
+ * 0.4 %, with both 0.1 %. At a factor of 2 it is 0.7 %, for half as many answers again. */
+#define EDGE_MAX 1.5f
 
 static void lay_grid(struct lw_probes *probes) {
     struct lw_vec3 extent = lw_vec3_sub(probes->desc.maximum_ws, probes->desc.minimum_ws);
@@ -204,11 +214,15 @@ static uint64_t look_around(struct lw_probes *probes, const struct lw_trace *tra
             depth[cell * DEPTH_CHANNELS] += cut;
             depth[cell * DEPTH_CHANNELS + 1] += cut * cut;
             depth[cell * DEPTH_CHANNELS + 2] += t;
+            const float inverse = hits.object[i] == LW_TRACE_MISS ? 0 : 1 / fmaxf(t, 1e-6f);
+            float *range = depth + cell * DEPTH_CHANNELS + 3;
+            range[0] = weight[cell] > 1 ? fmaxf(range[0], inverse) : inverse;
+            range[1] = weight[cell] > 1 ? fminf(range[1], inverse) : inverse;
         }
     }
     /* A cell without a ray says that nothing is seen there. */
     for (uint32_t cell = 0; cell < DEPTH_CELLS; cell++)
-        for (uint32_t c = 0; c < DEPTH_CHANNELS && weight[cell] > 0; c++)
+        for (uint32_t c = 0; c < DEPTH_MEANS && weight[cell] > 0; c++)
             depth[cell * DEPTH_CHANNELS + c] /= weight[cell];
     lw_octahedral_wrap(depth, DEPTH_SIDE, DEPTH_CHANNELS);
     return DEPTH_RAYS;
@@ -354,6 +368,32 @@ static uint32_t pick(const struct lw_cells *grid, struct lw_vec3 point, uint32_t
     return index;
 }
 
+/* Whether a ray from start to towards, both as seen from the probe, runs in front of all that the probe sees. */
+static bool way_is_free(const float *depth, struct lw_vec3 start, struct lw_vec3 towards) {
+    const struct lw_vec3 way = lw_vec3_sub(towards, start);
+    for (int i = 1; i < WAY_STEPS; i++) {
+        const struct lw_vec3 at = lw_vec3_mad(start, way, (float)i / WAY_STEPS);
+        const float distance = lw_vec3_length(at);
+        if (!(distance > 0)) continue;
+        const float nearest = depth[(size_t)lw_octahedral_cell(DEPTH_SIDE, at) * DEPTH_CHANNELS + 3];
+        if (distance * nearest > 1 + WAY_BEHIND_MAX) return false;
+    }
+    return true;
+}
+
+/* Whether the four cells that a read blends hold more than one thing. */
+static bool at_edge(const float *depth, struct lw_vec3 towards) {
+    const struct lw_vec2 p = lw_octahedral_encode(towards);
+    const uint32_t x = (uint32_t)(p.x * DEPTH_SIDE + 0.5f), y = (uint32_t)(p.y * DEPTH_SIDE + 0.5f);
+    float nearest = 0, farthest = INFINITY;
+    for (uint32_t i = 0; i < 4; i++) {
+        const uint32_t cell = (y + i / 2) * (DEPTH_SIDE + 2) + x + i % 2;
+        nearest = fmaxf(nearest, depth[cell * DEPTH_CHANNELS + 3]);
+        farthest = fminf(farthest, depth[cell * DEPTH_CHANNELS + 4]);
+    }
+    return nearest > farthest * EDGE_MAX;
+}
+
 /* The direction in which a probe sees what the ray runs towards; false if it cannot know. */
 static bool aim(const struct lw_probes *probes, uint32_t p, struct lw_vec3 point, struct lw_vec3 direction,
                 struct lw_vec3 *out_towards) {
@@ -379,7 +419,9 @@ static bool aim(const struct lw_probes *probes, uint32_t p, struct lw_vec3 point
         if (i < AIM_STEPS) continue;
         *out_towards = towards;
         struct lw_vec3 off = lw_vec3_sub(seen, towards);
-        return lw_vec3_dot(off, off) <= AIM_MISS_MAX * AIM_MISS_MAX * depth[2] * depth[2];
+        if (!(lw_vec3_dot(off, off) <= AIM_MISS_MAX * AIM_MISS_MAX * depth[2] * depth[2])) return false;
+        if (!(lw_vec3_dot(towards, towards) > 0)) return true;
+        return !at_edge(depth_of(probes, p), towards) && way_is_free(depth_of(probes, p), start, towards);
     }
 }
 

@@ -55,8 +55,9 @@ struct lw_probes {
     struct lw_vec3 (*box_os)[2];  /* per mesh: bounds */
     struct lw_affine *placed_for; /* per object: where it was when the probes were placed */
     float *
-        depth; /* [probe][octahedral cell][3]: mean of distance and of its square, both cut off at depth_max_m; mean
-                   * distance to what is seen, or to the scene's box */
+        depth; /* [probe][octahedral cell][5]: mean of distance and of its square, both cut off at depth_max_m; mean
+                   * distance to what is seen, or to the scene's box; reciprocals of the least and of the greatest
+                   * distance, 0 for the sky */
     float depth_max_m;
     struct lw_probe_ray *ray; /* [probe][LW_PROBES_RAYS] */
     float *sum;               /* [bounce][probe][sum_floats]: running means */

@@ -269,6 +269,42 @@ static void test_visibility_ends_at_walls(void **state) {
     hall_finish(&hall);
 }
 
+/* Who answers sees what the ray hits: not the floor beyond a low wall that stands in the ray's way, which lies in the
+ * same direction. */
+static void test_who_answers_sees_the_end(void **state) {
+    (void)state;
+    struct hall hall; /* a wall across the hall, up to half its height */
+    hall_init(&hall, lw_vec3(-0.1f, -1.99f, -1.99f), lw_vec3(0.1f, 0, 1.99f));
+    struct lw_probes probes;
+    probes_init(&probes, &hall, 1);
+    uint32_t answered = 0, wrong = 0;
+    for (uint32_t i = 0; i < 16 * 1024; i += LW_TRACE_WIDTH) {
+        struct lw_ray16 rays = {.salt = 0};
+        struct lw_hit16 hits;
+        struct lw_vec3 from[LW_TRACE_WIDTH], d[LW_TRACE_WIDTH];
+        for (uint32_t r = 0; r < LW_TRACE_WIDTH; r++) {
+            float point[2];
+            lw_random_sobol2(i + r, 5, point);
+            from[r] = lw_vec3(-1.5f + 1.3f * point[0], -0.5f + 1.5f * point[1], 0.3f);
+            d[r] = direction(lw_random_hash(i + r) % DIRECTIONS);
+            lw_trace_set_ray(&rays, r, from[r], d[r], INFINITY);
+        }
+        lw_trace_closest16(hall.trace, LW_TRACE_LIGHT, UINT16_MAX, &rays, &hits);
+        for (uint32_t r = 0; r < LW_TRACE_WIDTH; r++) {
+            uint32_t end = lw_probes_ask(&probes, from[r], d[r], lw_random_hash(i + r));
+            if (end == LW_PROBES_UNSEEN) continue;
+            struct lw_vec3 hit = lw_vec3_mad(from[r], d[r], hits.t[r]);
+            struct lw_vec3 seen = lw_vec3_sub(hit, probes.probe[lw_end_probe(end)].position_ws);
+            answered++;
+            wrong += lw_vec3_dot(lw_vec3_normalize(seen), lw_end_direction(end)) < 0.92f; /* two cells */
+        }
+    }
+    assert_true(answered > 2000);
+    assert_true(wrong < answered / 200);
+    lw_probes_finish(&probes);
+    hall_finish(&hall);
+}
+
 static void test_probes_follow_what_moves(void **state) {
     (void)state;
     struct hall hall;
@@ -317,6 +353,7 @@ int main(void) {
         cmocka_unit_test(test_probes_leave_geometry),
         cmocka_unit_test(test_probes_with_nowhere_to_go_are_dead),
         cmocka_unit_test(test_visibility_ends_at_walls),
+        cmocka_unit_test(test_who_answers_sees_the_end),
         cmocka_unit_test(test_probes_follow_what_moves),
         cmocka_unit_test(test_many_probes_are_bounded),
     };
