@@ -282,8 +282,7 @@ static enum lw_status set_up_solver(struct baker *b, struct lw_error *err) {
                                                        .target_error = s->samples ? -1 : (float)s->error,
                                                        .frames_max = (uint32_t)s->samples,
                                                        .threads = (unsigned)s->scene.threads,
-                                                       .seed = (uint32_t)s->seed,
-                                                       .denoise = s->denoise},
+                                                       .seed = (uint32_t)s->seed},
                               &b->pose, &b->solver, err);
     if (status != LW_OK) return status;
     b->bake.solver = b->solver;
@@ -307,7 +306,9 @@ static enum lw_status solve(struct baker *b, struct lw_error *err) {
         return status;
     }
     if (frames) lw_log(LW_LOG_INFO, "going on after %llu samples", (unsigned long long)frames);
-    return lw_bake_run(&b->bake, frames, &b->result, err);
+    status = lw_bake_run(&b->bake, frames, &b->result, err);
+    if (status == LW_OK && b->settings.denoise) status = b->solver->ops->filter(b->solver, err);
+    return status;
 }
 
 /* ---- writing -------------------------------------------------------------------------------------------------- */

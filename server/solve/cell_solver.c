@@ -242,13 +242,39 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     run_finish(s, &passes, number);
     if (s->desc.denoise) {
         uint64_t t = lw_clock_ns();
-        lw_denoise_run(&s->denoise, number, passes.history_indirect_max, s->threads);
+        lw_denoise_run(&s->denoise, number, s->threads);
         stats.denoise_ns = lw_clock_ns() - t;
     }
     lw_seams_weld(&s->seams, &s->tiles, number, s->threads);
     settle(s, &stats);
     s->frames++;
     *out_stats = stats;
+    return LW_OK;
+}
+
+static enum lw_status set_up_denoise(struct cell_solver *s, struct lw_error *err) {
+    if (s->denoise.pair) return LW_OK;
+    enum lw_status status = lw_denoise_init(&s->denoise, s->desc.scene, &s->texels, &s->tiles, s->threads);
+    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "denoiser of %u texels", s->texels.count);
+}
+
+/* From the sums, whatever the frames have made of what is shown; and welded again. */
+static enum lw_status filter(struct lw_solver *solver, struct lw_error *err) {
+    struct cell_solver *s = (struct cell_solver *)solver;
+    enum lw_status status = set_up_denoise(s, err);
+    if (status != LW_OK) return status;
+    uint64_t last = 0;
+    for (uint32_t i = 0; i < s->tiles.count; i++)
+        last = s->tiles.tile[i].solved_frame > last ? s->tiles.tile[i].solved_frame : last;
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        struct lw_solve_tile *tile = &s->tiles.tile[i];
+        for (int c = 0; c < 3; c++)
+            for (uint32_t t = tile->first; t < tile->first + tile->width * tile->height; t++)
+                s->tiles.light[c][t] = s->tiles.direct[c][t] + s->tiles.indirect[c][t];
+        tile->solved_frame = last;
+    }
+    lw_denoise_run(&s->denoise, LW_DENOISE_ALL, s->threads);
+    lw_seams_weld(&s->seams, &s->tiles, last, s->threads);
     return LW_OK;
 }
 
@@ -314,8 +340,7 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
 static size_t memory_bytes(const struct lw_solver *solver) {
     const struct cell_solver *s = (const struct cell_solver *)solver;
     size_t per_texel = sizeof(float) * (3 + 3 + 3 + 3 * (size_t)s->desc.bounces + 4 + 3) + 1 +
-                       sizeof(uint32_t) + sizeof(uint32_t) * s->desc.indirect_samples +
-                       (s->desc.denoise ? 8 * sizeof(float) : 0);
+                       sizeof(uint32_t) + sizeof(uint32_t) * s->desc.indirect_samples;
     size_t mesh_texels = 0, places = 0;
     for (uint32_t m = 0; m < s->desc.scene->mesh_count; m++) {
         const struct lw_mesh_texels *mesh = &s->texels.mesh[m];
@@ -325,7 +350,8 @@ static size_t memory_bytes(const struct lw_solver *solver) {
     per_texel += 2; /* usable places; gutters filled */
     return per_texel * s->texels.count + mesh_texels * (14 * sizeof(float) + sizeof(uint32_t) + 1) +
            places * sizeof(struct lw_footprint_place) + lw_seams_memory_bytes(&s->seams) +
-           (s->has_probes ? lw_probes_memory_bytes(&s->probes) : 0) + lw_trace_memory_bytes(s->trace);
+           lw_denoise_memory_bytes(&s->denoise) + (s->has_probes ? lw_probes_memory_bytes(&s->probes) : 0) +
+           lw_trace_memory_bytes(s->trace);
 }
 
 static void destroy(struct lw_solver *solver) {
@@ -346,6 +372,7 @@ static void destroy(struct lw_solver *solver) {
 
 static const struct lw_solver_ops ops = {.name = "cells",
                                          .frame = frame,
+                                         .filter = filter,
                                          .read_tile = read_tile,
                                          .save = save,
                                          .load = load,
@@ -395,8 +422,7 @@ static enum lw_status build(struct cell_solver *s, const struct lw_pose *pose, s
     s->has_probes = isfinite(s->desc.tracing_range_m) && s->desc.bounces > 0;
     if (s->has_probes && (status = place_probes(s, lo, hi)) != LW_OK)
         return lw_status_fail(err, status, "probes");
-    if (s->desc.denoise && (status = lw_denoise_init(&s->denoise, scene, &s->texels, &s->tiles)) != LW_OK)
-        return lw_status_fail(err, status, "%u texels", s->texels.count);
+    if (s->desc.denoise && (status = set_up_denoise(s, err)) != LW_OK) return status;
     s->end = calloc((size_t)s->texels.count * s->desc.indirect_samples + 1, sizeof *s->end);
     s->cdf = calloc((size_t)s->threads * (s->lights.emitter_count + 1), sizeof *s->cdf);
     if (!s->end || !s->cdf) return lw_status_fail(err, LW_NO_MEMORY, "%u texels", s->texels.count);

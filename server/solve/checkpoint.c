@@ -195,7 +195,7 @@ static enum lw_status take_records(struct reader *reader, struct lw_tiles *tiles
             break;
         }
         tile->frames = r->frames;
-        tile->history = r->history;
+        tile->history = tile->remembered = r->history; /* less, had something moved; bakes do not */
         tile->error = r->error;
         tile->solved_frame = r->solved_frame;
     }

@@ -391,6 +391,7 @@ void lw_passes_finish_tile(const struct lw_passes *p, struct lw_solve_tile *tile
     if (tile->history < UINT32_MAX) tile->history++;
     /* spread is the variance of one estimate; the mean of h of them has 1/(h-1) of it (Bessel's correction in it). */
     uint32_t remembered = tile->history < p->history_indirect_max ? tile->history : p->history_indirect_max;
+    tile->remembered = remembered;
     tile->error = 1;
     if (remembered >= 2 && tile->covered_count) {
         double mean = luminance / tile->covered_count;

@@ -38,7 +38,8 @@ struct lw_solver_desc {
     uint32_t frames_max;       /* frames after which a tile rests in any case; 0: no limit */
     unsigned threads;          /* 0: all */
     uint32_t seed;
-    bool denoise;               /* filters what is shown (denoise.h); direct and indirect stay as they are */
+    bool
+        denoise; /* filters what is shown, in every frame (denoise.h); direct and indirect stay as they are */
     const _Atomic bool *cancel; /* may be NULL; once true, a frame under way ends within a tile */
 };
 
@@ -75,6 +76,9 @@ struct lw_solver_ops {
      * Same desc and sequence of poses: same bytes, at any thread count. Errors: LW_CLOSED if cancelled; LW_NO_MEMORY, LW_INTERNAL. */
     enum lw_status (*frame)(struct lw_solver *solver, const struct lw_pose *pose, uint64_t frame,
                             struct lw_solver_stats *out_stats, struct lw_error *err);
+    /** Filters the noise out of every tile's light, between two frames and whatever the desc says of it: for those who
+     * read once, at the end. The next frame begins from the sums as ever. Errors: LW_NO_MEMORY. */
+    enum lw_status (*filter)(struct lw_solver *solver, struct lw_error *err);
     /** Reads a level-0 tile. */
     void (*read_tile)(const struct lw_solver *solver, lw_tile_id tile, struct lw_solver_tile *out_tile);
     /** Saves, between two frames, what the next one depends on. key: 16 bytes that name the scene, the pose and what of

@@ -21,7 +21,9 @@ struct lw_solve_tile {
     uint32_t covered_count;
     uint32_t frames;  /* solved since the sequence began: where the random numbers go on */
     uint32_t history; /* frames that the sums stand for, capped while things move */
-    float error;      /* relative standard error of luminance */
+    uint32_t
+        remembered; /* of these, how many the last frame's memory held: what the variance is divided by */
+    float error;    /* relative standard error of luminance */
     bool resting;
     uint64_t solved_frame;
 };

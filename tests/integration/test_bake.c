@@ -251,6 +251,51 @@ static void resumed_is_uninterrupted(void **state) {
     assert_int_not_equal(access(in(parts, ".lightwell-bake-state"), F_OK), 0);
 }
 
+/* Of the covered texels of a map, green channel: mean; mean square of the difference to another bake of it. */
+static void compare_maps(const char *file, const char *folder, const char *other, double *out_mean,
+                         double *out_square) {
+    float *a, *b;
+    uint32_t width, height, width_b, height_b, count = 0;
+    struct lw_error err = {0};
+    lw_support_ok(lw_image_read_exr_rgba(in(folder, file), &a, &width, &height, &err), &err);
+    lw_support_ok(lw_image_read_exr_rgba(in(other, file), &b, &width_b, &height_b, &err), &err);
+    assert_true(width == width_b && height == height_b);
+    *out_mean = *out_square = 0;
+    for (size_t i = 0; i < (size_t)width * height * 4; i += 4) {
+        if (!(a[i + 3] > 0)) continue;
+        *out_mean += (double)a[i + 1];
+        *out_square += ((double)a[i + 1] - (double)b[i + 1]) * ((double)a[i + 1] - (double)b[i + 1]);
+        count++;
+    }
+    *out_mean /= count;
+    *out_square /= count;
+    free(b);
+    free(a);
+}
+
+static void denoise_takes_noise_and_leaves_light(void **state) {
+    (void)state;
+    char truth[256], noisy[256], filtered[256];
+    snprintf(truth, sizeof truth, "%s", lw_support_temporary("truth"));
+    snprintf(noisy, sizeof noisy, "%s", lw_support_temporary("noisy"));
+    snprintf(filtered, sizeof filtered, "%s", lw_support_temporary("filtered"));
+    assert_int_equal(bake(CORNELL " -o %s --samples 400 --seed 2", truth), 0);
+    assert_int_equal(bake(CORNELL " -o %s --samples 8", noisy), 0);
+    assert_int_equal(bake(CORNELL " -o %s --samples 8 --denoise", filtered), 0);
+    double before = 0, after = 0;
+    for (size_t i = 0; i < sizeof cornell_maps / sizeof *cornell_maps; i++) {
+        double mean_noisy, mean_filtered, square;
+        compare_maps(cornell_maps[i], noisy, truth, &mean_noisy, &square);
+        before += square;
+        compare_maps(cornell_maps[i], filtered, truth, &mean_filtered, &square);
+        after += square;
+        if (!(fabs(mean_filtered - mean_noisy) <= 0.005 * mean_noisy))
+            fail_msg("%s: mean %g, filtered %g", cornell_maps[i], mean_noisy, mean_filtered);
+    }
+    print_message("squared error %.5f, filtered %.5f\n", before, after);
+    assert_true(after < 0.6 * before);
+}
+
 static void an_unfinished_bake_is_not_mixed_with_another(void **state) {
     (void)state;
     char out[256], arguments[512];
@@ -368,6 +413,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         T(maps_hold_the_light_where_the_glb_says),
         T(resumed_is_uninterrupted),
+        T(denoise_takes_noise_and_leaves_light),
         T(an_unfinished_bake_is_not_mixed_with_another),
         T(stopped_early_it_writes_nothing),
         T(limits_end_a_bake_with_what_is_there),
