@@ -1,6 +1,7 @@
 #!/bin/bash
-# hybrid_bias.sh [SCENE...]: what finite tracing ranges cost in truth and save in time, as tables in Markdown:
-#     tests/bench/hybrid_bias.sh > docs/results/hybrid_bias.md
+# hybrid_bias.sh [SCENE...]: what finite tracing ranges cost in truth and save in time, as tables in Markdown. Writes
+# docs/results/hybrid_bias.md (LW_OUT names another file) anew, but for what is written there by hand, from the line
+# "## Reading it" on: that is kept, and wants to be read again.
 # Needs the release build. Default scenes: builtin:cornell builtin:atrium, and Sponza where LW_TEST_SCENES (default
 # ../shared/scenes) has it.
 set -euo pipefail
@@ -12,11 +13,15 @@ if [ $# -eq 0 ]; then
     if [ -e "$scenes/sponza/Sponza_lit.gltf" ]; then set -- "$@" "$scenes/sponza/Sponza_lit.gltf"; fi
 fi
 
-cat <<'TEXT'
+page=${LW_OUT:-$root/docs/results/hybrid_bias.md}
+new=$(mktemp "$page.XXXXXX")
+trap 'rm -f "$new"' EXIT
+{
+    cat <<'TEXT'
 # Tracing range: bias and cost
 
-Made by `tests/bench/hybrid_bias.sh`. A bounce ray that is longer than the tracing range asks a probe. Compared with the
-same solver at range `inf`, over the indirect light of all covered texels; range and spacing are shares of the scene's
+Made by `tests/bench/hybrid_bias.sh`, the last section by hand. A bounce ray that is longer than the tracing range asks a
+probe. Compared with the same solver at range `inf`, over the indirect light of all covered texels; range and spacing are shares of the scene's
 longest side. **mean ratio**: of all light. **relMSE**: mean((x−t)²/(t²+ε)), ε = 1 % of the mean of t², from two
 independent solves each, so that noise drops out and bias stays (it may come out slightly negative). **99 %**: the error that
 one block of 8 × 8 texels in a hundred exceeds, noise in it: compare with the row `inf`, which is the noise alone. **frame
@@ -25,10 +30,17 @@ last frame. Default spacing: some 1,000 probes. Densities are low, so that probe
 with the 400,000 texels of a default scene, and half of the frames are among the first eight of a probe, in which each of them
 gathers; later one in four does.
 TEXT
-for scene in "$@"; do
-    case $scene in # some 30,000 texels each: a table is 52 solves
-    builtin:cornell) density=36 ;;
-    *) density=2 ;;
-    esac
-    "$bin/bench_hybrid" --frames "${LW_FRAMES:-16}" --texels-per-metre "${LW_DENSITY:-$density}" "$scene"
-done
+    for scene in "$@"; do
+        case $scene in # some 30,000 texels each: a table is 52 solves
+        builtin:cornell) density=36 ;;
+        *) density=2 ;;
+        esac
+        "$bin/bench_hybrid" --frames "${LW_FRAMES:-16}" --texels-per-metre "${LW_DENSITY:-$density}" "$scene"
+    done
+    if [ -e "$page" ]; then
+        echo
+        sed -n '/^## Reading it/,$p' "$page"
+    fi
+} >"$new"
+chmod 644 "$new"
+mv "$new" "$page"
