@@ -1,0 +1,215 @@
+/* bench_denoise: the error of what is shown after equal times, with and without the filter. One table in Markdown per scene.
+ *
+ *     bench_denoise [--truth N] [--texels-per-metre D] SCENE...
+ *
+ * relMSE = mean((x-t)^2 / (t^2 + eps)) of luminance over all covered texels, eps = 1 % of the mean of t^2, t from a solve
+ * of N frames with another seed and no filter. Times are of the processor, with one worker, filter included: what others do
+ * on the machine does not count. "mean" is the largest change of an object's mean light by the filter. */
+#include "common/colour.h"
+#include "common/log.h"
+#include "common/options.h"
+#include "common/scene/scene_open.h"
+#include "server/solve/cell_solver.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+static const double moments_s[] = {0.25, 1, 4};
+#define MOMENTS (sizeof moments_s / sizeof *moments_s)
+
+struct job {
+    struct lw_scene *scene;
+    struct lw_atlas_map map;
+    struct lw_pose pose;
+    float *truth; /* luminance of the covered texels, in the order of tile ids */
+    size_t texels;
+    double eps;
+};
+
+struct moment {
+    double seconds, filter_ms, error, mean_change;
+    uint32_t frames;
+};
+
+static double cpu_s(void) {
+    struct timespec now;
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
+    return (double)now.tv_sec + (double)now.tv_nsec * 1e-9;
+}
+
+static enum lw_status create(const struct job *job, uint32_t seed, bool denoise,
+                             struct lw_solver **out_solver, struct lw_error *err) {
+    return lw_cell_solver_create(&(struct lw_solver_desc){.scene = job->scene,
+                                                          .atlas_map = &job->map,
+                                                          .bounces = 2,
+                                                          .direct_samples = 1,
+                                                          .indirect_samples = 1,
+                                                          .target_error = -1,
+                                                          .threads = 1,
+                                                          .seed = seed,
+                                                          .denoise = denoise},
+                                 &job->pose, out_solver, err);
+}
+
+static float luminance(const float *const plane[3], uint32_t i) {
+    return lw_colour_luminance(lw_vec3(plane[0][i], plane[1][i], plane[2][i]));
+}
+
+/* Without `out`, only counts. */
+static size_t read_light(const struct job *job, const struct lw_solver *solver, float *out) {
+    size_t n = 0;
+    for (uint32_t id = 0; id < job->map.tile_count; id++) {
+        if (job->map.place[id].level) continue;
+        struct lw_solver_tile tile;
+        solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
+        for (uint32_t i = 0; i < tile.width * tile.height; i++) {
+            if (!tile.covered[i]) continue;
+            if (out) out[n] = luminance(tile.light, i);
+            n++;
+        }
+    }
+    return n;
+}
+
+static double mean_change(const struct job *job, const struct lw_solver *solver) {
+    double worst = 0;
+    for (uint32_t o = 0; o < job->map.object_count; o++) {
+        double shown = 0, solved = 0;
+        for (uint32_t id = 0; id < job->map.tile_count; id++) {
+            if (job->map.place[id].level || job->map.place[id].object != o) continue;
+            struct lw_solver_tile tile;
+            solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
+            for (uint32_t i = 0; i < tile.width * tile.height; i++)
+                if (tile.covered[i]) {
+                    shown += (double)luminance(tile.light, i);
+                    solved += (double)luminance(tile.direct, i) + (double)luminance(tile.indirect, i);
+                }
+        }
+        if (solved > 0) worst = fmax(worst, fabs(shown / solved - 1));
+    }
+    return worst;
+}
+
+static enum lw_status solve_truth(struct job *job, uint32_t frames, struct lw_error *err) {
+    struct lw_solver *solver;
+    struct lw_solver_stats stats;
+    enum lw_status status = create(job, 7, false, &solver, err);
+    if (status != LW_OK) return status;
+    job->texels = read_light(job, solver, NULL);
+    for (uint32_t f = 1; status == LW_OK && f <= frames; f++)
+        status = solver->ops->frame(solver, &job->pose, f, &stats, err);
+    job->truth = malloc((job->texels + 1) * sizeof *job->truth);
+    if (status == LW_OK && !job->truth) status = lw_status_fail(err, LW_NO_MEMORY, "truth");
+    if (status == LW_OK) {
+        double square = 0;
+        read_light(job, solver, job->truth);
+        for (size_t i = 0; i < job->texels; i++) square += (double)job->truth[i] * (double)job->truth[i];
+        job->eps = 0.01 * square / (double)job->texels;
+    }
+    solver->ops->destroy(solver);
+    return status;
+}
+
+static enum lw_status measure(const struct job *job, bool denoise, struct moment out_moment[MOMENTS],
+                              struct lw_error *err) {
+    struct lw_solver *solver;
+    float *light = malloc((job->texels + 1) * sizeof *light);
+    if (!light) return lw_status_fail(err, LW_NO_MEMORY, "%zu texels", job->texels);
+    enum lw_status status = create(job, 1, denoise, &solver, err);
+    if (status != LW_OK) {
+        free(light);
+        return status;
+    }
+    double seconds = 0, filter_ms = 0;
+    uint32_t frames = 0;
+    for (size_t m = 0; m < MOMENTS && status == LW_OK; m++) {
+        while (status == LW_OK && seconds < moments_s[m]) {
+            struct lw_solver_stats stats;
+            const double began = cpu_s();
+            status = solver->ops->frame(solver, &job->pose, ++frames, &stats, err);
+            seconds += cpu_s() - began;
+            filter_ms += (double)stats.denoise_ns * 1e-6;
+        }
+        double error = 0;
+        read_light(job, solver, light);
+        for (size_t i = 0; i < job->texels; i++) {
+            const double t = (double)job->truth[i], off = (double)light[i] - t;
+            error += off * off / (t * t + job->eps);
+        }
+        out_moment[m] = (struct moment){.seconds = seconds,
+                                        .filter_ms = filter_ms / frames,
+                                        .error = error / (double)job->texels,
+                                        .mean_change = mean_change(job, solver),
+                                        .frames = frames};
+    }
+    solver->ops->destroy(solver);
+    free(light);
+    return status;
+}
+
+static void print_table(const struct job *job, const char *path, uint32_t truth, const struct moment *plain,
+                        const struct moment *filtered) {
+    const char *name = strrchr(path, '/');
+    printf("\n### %s\n\n%zu texels; truth: %u frames.\n\n"
+           "| seconds | frames | relMSE | frames, filtered | relMSE, filtered | ratio | filter ms (wall) | "
+           "frame ms | mean, "
+           "filtered | mean, welded alone |\n|---|---|---|---|---|---|---|---|---|---|\n",
+           name ? name + 1 : path, job->texels, truth);
+    for (size_t m = 0; m < MOMENTS; m++)
+        printf("| %.2f | %u | %.4f | %u | %.4f | %.2f | %.1f | %.1f | %.2g %% | %.2g %% |\n", moments_s[m],
+               plain[m].frames, plain[m].error, filtered[m].frames, filtered[m].error,
+               plain[m].error / filtered[m].error, filtered[m].filter_ms,
+               filtered[m].seconds * 1e3 / filtered[m].frames, 100 * filtered[m].mean_change,
+               100 * plain[m].mean_change);
+    fflush(stdout);
+}
+
+static enum lw_status run_scene(const struct lw_scene_open *open, uint32_t truth, struct lw_error *err) {
+    struct job job = {0};
+    struct moment plain[MOMENTS], filtered[MOMENTS];
+    enum lw_status status = lw_scene_open(open, &job.scene, err);
+    if (status != LW_OK) return status;
+    status = lw_atlas_map_init(&job.map, job.scene);
+    if (status == LW_OK) status = lw_pose_init(&job.pose, job.scene);
+    if (status == LW_OK) status = solve_truth(&job, truth, err);
+    if (status == LW_OK) status = measure(&job, false, plain, err);
+    if (status == LW_OK) status = measure(&job, true, filtered, err);
+    if (status == LW_OK) print_table(&job, open->path, truth, plain, filtered);
+    free(job.truth);
+    lw_pose_finish(&job.pose);
+    lw_atlas_map_finish(&job.map);
+    lw_scene_destroy(job.scene);
+    return status;
+}
+
+int main(int argc, char **argv) {
+    const char *scene[16] = {0};
+    size_t scenes = 0;
+    int64_t truth = 256;
+    bool done = false;
+    struct lw_scene_open open = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG};
+    const struct lw_option table[] = {{"truth", "N",
+                                       "frames of the solve that errors are measured against (default 256)",
+                                       LW_OPTION_INT, &truth, 2, 100000, NULL},
+                                      LW_SCENE_OPEN_OPTIONS(&open)};
+    const struct lw_options options = {.program = "bench_denoise",
+                                       .synopsis = "SCENE... [OPTIONS]",
+                                       .about =
+                                           "Error at equal times with and without the filter, as tables.",
+                                       .table = table,
+                                       .count = sizeof table / sizeof table[0],
+                                       .positional = scene,
+                                       .positional_min = 1,
+                                       .positional_max = sizeof scene / sizeof scene[0]};
+    struct lw_error err = {0};
+    lw_log_init("bench_denoise", LW_LOG_WARNING);
+    enum lw_status status = lw_options_parse(&options, argc, argv, &scenes, &done, &err);
+    for (size_t i = 0; status == LW_OK && !done && i < scenes; i++) {
+        open.path = scene[i];
+        status = run_scene(&open, (uint32_t)truth, &err);
+    }
+    return status == LW_OK ? 0 : lw_log_failure(&err);
+}
