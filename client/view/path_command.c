@@ -162,7 +162,7 @@ static enum lw_status deliver(const struct command *c, struct lw_error *err) {
 }
 
 enum lw_status lw_path_command_run(const struct lw_view_options *options, struct lw_error *err) {
-    struct command c = {.options = options, .error = INFINITY};
+    struct command c = {.options = options, .error = (double)INFINITY};
     catch_signals();
     enum lw_status status = set_up(&c, err);
     if (status == LW_OK) {

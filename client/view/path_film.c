@@ -37,7 +37,7 @@ void lw_path_film_resolve(const struct lw_path_film *film, float *out_rgb) {
 }
 
 double lw_path_film_error(const struct lw_path_film *film) {
-    if (film->samples < 2) return INFINITY;
+    if (film->samples < 2) return (double)INFINITY;
     /* The even half has the odd sample more. */
     const double scale[2] = {1.0 / ((film->samples + 1) / 2), 1.0 / (film->samples / 2)};
     const size_t count = value_count(film);

@@ -150,7 +150,7 @@ static void print_row(const struct job *job, const struct setting *setting, cons
         error += ((double)a->texel[i] - (double)t->texel[i]) * ((double)b->texel[i] - (double)u->texel[i]) /
                  (m * m + eps);
     }
-    double *off = malloc(job->blocks * sizeof *off), high = NAN;
+    double *off = malloc(job->blocks * sizeof *off), high = (double)NAN;
     size_t count = 0;
     for (size_t i = 0; off && i < job->blocks; i++) {
         double truth = (double)t->block[i] + (double)u->block[i];
