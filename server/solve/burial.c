@@ -148,6 +148,41 @@ static uint16_t find_cut_off(const struct search *s, const struct row *row, uint
     return cut_off;
 }
 
+/* Where another surface runs through a texel, such as a wall that stands on a floor, light on its far side is not for those
+ * who look at this one: keeps the places on the side that has more of them. Looked along a quarter of a texel above the
+ * surface, so that a bulge does not part itself. */
+static void keep_one_side(const struct search *s, struct row *row, uint16_t suspects) {
+    struct lw_vec3 first[LW_TRACE_WIDTH];
+    uint8_t beyond[LW_TRACE_WIDTH] = {0};
+    uint16_t begun = 0;
+    for (uint32_t k = 0; k < LW_FOOTPRINT_PLACES; k++) {
+        const uint16_t loaded = load_places(row, suspects, k), active = loaded & begun;
+        struct lw_ray16 rays = {.salt = 0};
+        struct lw_hit16 hits;
+        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+            if (!(loaded >> lane & 1)) continue;
+            struct lw_vec3 raised =
+                lw_vec3_mad(origin_of(row, lane), face_of(row, lane), 0.25f * texel_size(row, lane));
+            if (begun >> lane & 1)
+                lw_trace_set_ray(&rays, lane, first[lane], lw_vec3_sub(raised, first[lane]), 1);
+            else
+                first[lane] = raised;
+        }
+        begun |= loaded;
+        if (!active) continue;
+        lw_trace_closest16(s->trace, 0, active, &rays, &hits);
+        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
+            if (active >> lane & 1 && hits.object[lane] != LW_TRACE_MISS &&
+                !lw_pose_object_moves(s->pose, s->texels->scene, hits.object[lane]))
+                beyond[lane] |= (uint8_t)(1u << k);
+    }
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+        const uint8_t near = row->usable[lane] & (uint8_t)~beyond[lane];
+        if (!beyond[lane]) continue;
+        row->usable[lane] = __builtin_popcount(beyond[lane]) > __builtin_popcount(near) ? beyond[lane] : near;
+    }
+}
+
 /* Takes the places that light cannot reach out of the row's masks. */
 static void examine(const struct search *s, struct row *row, uint16_t suspects) {
     uint8_t out[LW_TRACE_WIDTH] = {0}, doubtful[LW_TRACE_WIDTH] = {0};
@@ -167,6 +202,7 @@ static void examine(const struct search *s, struct row *row, uint16_t suspects) 
         /* A doubtful place is better than none. */
         if (row->usable[lane] & ~doubtful[lane]) row->usable[lane] &= (uint8_t)~doubtful[lane];
     }
+    keep_one_side(s, row, suspects);
 }
 
 static uint64_t find_in_object(const struct search *s, uint32_t object) {

@@ -223,12 +223,43 @@ static void test_no_light_leaks_between_two_rooms(void **state) {
     }
 }
 
+static void count_mixed(void *user, struct lw_vec3 p, double area, double direct, double indirect) {
+    (void)p, (void)area, (void)indirect;
+    unsigned *count = user;
+    count[direct < 1 ? 0 : direct > 99 ? 1 : 2]++;
+}
+
+/* A wall through the middle of texels, with a roof on one side of it: the sun outside does not light the floor inside, nor
+ * the other way round; each texel belongs to the side that has more of it. */
+static void test_a_wall_parts_the_texels_under_it(void **state) {
+    (void)state;
+    for (int i = 0; i < 2; i++) {
+        const float x = i ? 0.15f : 0.1f; /* texels of 0.25 m begin at 0 */
+        struct room room = {.texels_per_metre = 4};
+        room_quad(&room, lw_vec3(-2, 0, -2), lw_vec3(0, 0, 4), lw_vec3(4, 0, 0), 0, 0);
+        room_quad(&room, lw_vec3(x, 0, -3), lw_vec3(0, 0, 6), lw_vec3(0, 1, 0), 0, 0);
+        room_quad(&room, lw_vec3(-3, 1, -3), lw_vec3(0, 0, 6), lw_vec3(3 + x, 0, 0), 0, 0);
+        room.quad[1].double_sided = room.quad[2].double_sided = true;
+        room.light[0] = (struct lw_light){.kind = LW_LIGHT_DIRECTIONAL, .intensity = {100, 100, 100}};
+        room.light_count = 1;
+        struct room_solution solution;
+        unsigned count[3] = {0};
+        room_solve(&solution, &room, (struct lw_solver_desc){0}, 16);
+        room_each_texel(&solution, 0, count_mixed, count);
+        assert_int_equal(count[2], 0);
+        assert_int_equal(count[0], 16 * (i ? 9 : 8));
+        assert_int_equal(count[1], 16 * (i ? 7 : 8));
+        room_finish(&solution);
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_texels_hold_the_lit_share_of_a_shadow_edge),
         cmocka_unit_test(test_samples_of_one_frame_spread_over_the_texel),
         cmocka_unit_test(test_a_coarse_sphere_shades_smoothly),
         cmocka_unit_test(test_no_light_leaks_between_two_rooms),
+        cmocka_unit_test(test_a_wall_parts_the_texels_under_it),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
