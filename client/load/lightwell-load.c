@@ -1,0 +1,23 @@
+/* lightwell-load.c: how much a server carries (a swarm of sessions), and from how many users on it pays (crossover). */
+#include "client/load/crossover.h"
+#include "client/load/load_options.h"
+#include "client/load/swarm.h"
+#include "common/log.h"
+
+#include <string.h>
+
+static int run_swarm(int argc, char **argv) {
+    struct lw_load_options options;
+    struct lw_error err = {0};
+    bool done = false, held = true;
+    enum lw_status status = lw_load_options_parse(argc, argv, &options, &done, &err);
+    if (status == LW_OK && !done) status = lw_swarm_run(&options, &held, &err);
+    if (status != LW_OK) return lw_log_failure(&err);
+    return held ? 0 : 1;
+}
+
+int main(int argc, char **argv) {
+    lw_log_init("lightwell-load", LW_LOG_INFO);
+    if (argc > 1 && strcmp(argv[1], "crossover") == 0) return lw_crossover_command(argc - 1, argv + 1);
+    return run_swarm(argc, argv);
+}

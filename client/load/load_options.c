@@ -1,0 +1,186 @@
+#include "client/load/load_options.h"
+
+#include "common/options.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define DEFAULT_ADDRESS  "127.0.0.1:7780"
+#define DEFAULT_RAMP_HZ  500
+#define SLOW_KBPS_MIN    1
+#define SLOW_KBPS_MAX    1e6
+#define MILLISECONDS_MAX 1e6
+
+/* What the table fills and nobody else sees. */
+struct raw {
+    const char *address, *reader;
+    int64_t users, odd_readers;
+    int path;
+    bool odd_readers_given;
+};
+
+static enum lw_status parse_reader(const char *text, struct lw_load_options *out, struct lw_error *err) {
+    if (strcmp(text, "fast") == 0) {
+        out->reader = LW_LOAD_FAST;
+    } else if (strcmp(text, "never") == 0) {
+        out->reader = LW_LOAD_NEVER;
+    } else if (strncmp(text, "slow:", 5) == 0) {
+        char *end;
+        double kbps = strtod(text + 5, &end);
+        if (end == text + 5 || *end != '\0' || !(kbps >= SLOW_KBPS_MIN && kbps <= SLOW_KBPS_MAX))
+            return lw_status_fail(
+                err, LW_USAGE,
+                "--reader slow: \"%.60s\" is not a number of kilobytes per second from %d to %.0f", text + 5,
+                SLOW_KBPS_MIN, SLOW_KBPS_MAX);
+        out->reader = LW_LOAD_SLOW;
+        out->slow_bytes_hz = kbps * 1000;
+    } else {
+        return lw_status_fail(err, LW_USAGE, "--reader: \"%.60s\" is none of fast, slow:KBPS, never", text);
+    }
+    return LW_OK;
+}
+
+static enum lw_status interpret(const struct raw *raw, struct lw_load_options *out, struct lw_error *err) {
+    const char *address = raw->address ? raw->address : DEFAULT_ADDRESS;
+    enum lw_status status = lw_options_address(address, out->host, sizeof out->host, &out->port, err);
+    if (status == LW_OK) status = parse_reader(raw->reader, out, err);
+    if (status != LW_OK) return status;
+    if (raw->odd_readers_given && out->reader == LW_LOAD_FAST)
+        return lw_status_fail(err, LW_USAGE, "--odd-readers works with --reader slow:KBPS or never only");
+    if (raw->odd_readers > raw->users)
+        return lw_status_fail(err, LW_USAGE, "--odd-readers: %lld of %lld users", (long long)raw->odd_readers,
+                              (long long)raw->users);
+    out->users = (uint32_t)raw->users;
+    out->path = (enum lw_load_path)raw->path;
+    out->odd_readers = out->reader == LW_LOAD_FAST ? 0
+                       : raw->odd_readers_given    ? (uint32_t)raw->odd_readers
+                                                   : out->users;
+    return LW_OK;
+}
+
+enum lw_status lw_load_options_parse(int argc, char **argv, struct lw_load_options *out_options,
+                                     bool *out_done, struct lw_error *err) {
+    struct lw_load_options o = {.seconds = 10,
+                                .ramp_hz = DEFAULT_RAMP_HZ,
+                                .seed = 1,
+                                .latency_max_ms = (double)INFINITY,
+                                .first_view_max_ms = (double)INFINITY};
+    struct raw raw = {.reader = "fast", .users = 100};
+    const struct lw_option table[] = {
+        {.name = "users",
+         .argument = "N",
+         .help = "Sessions at the same time (default 100).",
+         .kind = LW_OPTION_INT,
+         .value = &raw.users,
+         .min = 1,
+         .max = LW_LOAD_USERS_MAX},
+        {.name = "seconds",
+         .argument = "S",
+         .help = "Measured time, from the moment when the last user has begun to connect (default 10).",
+         .kind = LW_OPTION_REAL,
+         .value = &o.seconds,
+         .min = 0.1,
+         .max = 1e6},
+        {.name = "ramp",
+         .argument = "R",
+         .help = "Users that begin to connect per second (default 500).",
+         .kind = LW_OPTION_REAL,
+         .value = &o.ramp_hz,
+         .min = 0.1,
+         .max = 1e6},
+        {.name = "path",
+         .argument = "everything|walk|still|teleport",
+         .help =
+             "What a user asks for: every tile (default); what is seen on a walk; from one place; from one "
+             "place after another.",
+         .kind = LW_OPTION_CHOICE,
+         .value = &raw.path},
+        {.name = "reader",
+         .argument = "fast|slow:KBPS|never",
+         .help = "How a user reads: at once (default); so many kilobytes per second; or not at all after its "
+                 "first frame.",
+         .kind = LW_OPTION_STRING,
+         .value = &raw.reader},
+        {.name = "odd-readers",
+         .argument = "N",
+         .help = "How many users read so; the others read fast (default: all).",
+         .kind = LW_OPTION_INT,
+         .value = &raw.odd_readers,
+         .min = 1,
+         .max = LW_LOAD_USERS_MAX,
+         .given = &raw.odd_readers_given},
+        {.name = "churn",
+         .argument = "R",
+         .help = "Users that leave per second, every other one without a goodbye, each replaced at once "
+                 "(default 0).",
+         .kind = LW_OPTION_REAL,
+         .value = &o.churn_hz,
+         .min = 0,
+         .max = 1e5},
+        {.name = "download",
+         .help = "Every user downloads the scene package (default: one for all).",
+         .kind = LW_OPTION_FLAG,
+         .value = &o.download},
+        {.name = "decode-all",
+         .help = "Every user decodes every tile (default: equal bytes are decoded once).",
+         .kind = LW_OPTION_FLAG,
+         .value = &o.decode_all},
+        {.name = "seed",
+         .argument = "N",
+         .help = "Of all random choices (default 1).",
+         .kind = LW_OPTION_INT,
+         .value = &o.seed,
+         .min = 0,
+         .max = UINT32_MAX},
+        {.name = "max-latency-ms",
+         .argument = "MS",
+         .help = "Must hold: the update latency of 99 % of the tiles (default: any).",
+         .kind = LW_OPTION_REAL,
+         .value = &o.latency_max_ms,
+         .min = 0,
+         .max = MILLISECONDS_MAX},
+        {.name = "max-first-view-ms",
+         .argument = "MS",
+         .help = "Must hold: from connect to a complete view, for 99 % of the users (default: any).",
+         .kind = LW_OPTION_REAL,
+         .value = &o.first_view_max_ms,
+         .min = 0,
+         .max = MILLISECONDS_MAX},
+        {.name = "min-frames-per-s",
+         .argument = "F",
+         .help = "Must hold: frames per second that 99 % of the users get (default 0).",
+         .kind = LW_OPTION_REAL,
+         .value = &o.frames_min_hz,
+         .min = 0,
+         .max = 1e6},
+        {.name = "max-errors",
+         .argument = "N",
+         .help =
+             "Must hold: users refused or lost and messages that broke the protocol, together (default 0).",
+         .kind = LW_OPTION_INT,
+         .value = &o.errors_max,
+         .min = 0,
+         .max = 1e15},
+        {.name = "json", .help = "Report as one JSON object.", .kind = LW_OPTION_FLAG, .value = &o.json},
+    };
+    const struct lw_options options = {
+        .program = "lightwell-load",
+        .synopsis = "[HOST:PORT] [OPTIONS]",
+        .about =
+            "Loads a lightwelld (default " DEFAULT_ADDRESS
+            ") with many users at the same time, checks every byte that they get and reports how long "
+            "things took. Exit code 0: all that must hold did; 1: it did not, or the run was cut short.\n"
+            "lightwell-load crossover SCENE asks from how many users on one server is cheaper than a path "
+            "tracer for each: lightwell-load crossover --help",
+        .table = table,
+        .count = sizeof table / sizeof table[0],
+        .positional = &raw.address,
+        .positional_min = 0,
+        .positional_max = 1};
+    enum lw_status status = lw_options_parse(&options, argc, argv, NULL, out_done, err);
+    if (status != LW_OK || *out_done) return status;
+    status = interpret(&raw, &o, err);
+    if (status == LW_OK) *out_options = o;
+    return status;
+}
