@@ -28,7 +28,8 @@ enum lw_message_type {
     LW_MESSAGE_TILE = 8,            /* server -> client */
     LW_MESSAGE_ACK = 9,             /* client -> server */
     LW_MESSAGE_PING = 10,           /* either way */
-    LW_MESSAGE_PONG = 11
+    LW_MESSAGE_PONG = 11,
+    LW_MESSAGE_SETTLED = 12 /* server -> client: no tile of the last frame is left to send */
 };
 
 struct lw_frame_header {

@@ -18,7 +18,8 @@
     X(TILE, "TILE", lightwell__wire__tile__descriptor)                                                       \
     X(ACK, "ACK", lightwell__wire__ack__descriptor)                                                          \
     X(PING, "PING", lightwell__wire__ping__descriptor)                                                       \
-    X(PONG, "PONG", lightwell__wire__ping__descriptor)
+    X(PONG, "PONG", lightwell__wire__ping__descriptor)                                                       \
+    X(SETTLED, "SETTLED", lightwell__wire__settled__descriptor)
 
 #define TRANSFORM_FLOATS 12u
 #define VECTOR_FLOATS    3u
@@ -153,6 +154,8 @@ static enum lw_status check_values(const struct lw_message *m, struct lw_error *
         return check_frame(&m->frame, err);
     case LW_MESSAGE_TILE:
         return check_tile(&m->tile, err);
+    case LW_MESSAGE_SETTLED:
+        return m->settled.frame < 1 ? invalid(err, "frame", "is 0") : LW_OK;
     case LW_MESSAGE_ACK:
     case LW_MESSAGE_PING:
     case LW_MESSAGE_PONG:
@@ -182,6 +185,7 @@ union wire {
     Lightwell__Wire__Tile tile;
     Lightwell__Wire__Ack ack;
     Lightwell__Wire__Ping ping;
+    Lightwell__Wire__Settled settled;
 };
 
 static const ProtobufCMessageDescriptor *descriptor_of(unsigned type) {
@@ -241,6 +245,7 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
         wire->frame.solve_ns = m->frame.solve_ns;
         wire->frame.rays_total = m->frame.rays_total;
         wire->frame.tiles_solved = m->frame.tiles_solved;
+        wire->frame.server_cpu_ns = m->frame.server_cpu_ns;
         wire->frame.n_sky = 3;
         wire->frame.sky = (float *)m->frame.sky;
         break;
@@ -258,6 +263,9 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
         break;
     case LW_MESSAGE_ACK:
         wire->ack.frame = m->ack.frame;
+        break;
+    case LW_MESSAGE_SETTLED:
+        wire->settled.frame = m->settled.frame;
         break;
     case LW_MESSAGE_PING:
     case LW_MESSAGE_PONG:
@@ -507,6 +515,7 @@ static enum lw_status read_frame(const Lightwell__Wire__Frame *w, struct lw_mess
                                          .solve_ns = w->solve_ns,
                                          .rays_total = w->rays_total,
                                          .tiles_solved = w->tiles_solved,
+                                         .server_cpu_ns = w->server_cpu_ns,
                                          .sky = {w->sky[0], w->sky[1], w->sky[2]},
                                          .transform_count = transforms,
                                          .light_count = lights};
@@ -574,6 +583,9 @@ static enum lw_status read_wire(const union wire *w, struct lw_message *m, struc
         return LW_OK;
     case LW_MESSAGE_ACK:
         m->ack.frame = w->ack.frame;
+        return LW_OK;
+    case LW_MESSAGE_SETTLED:
+        m->settled.frame = w->settled.frame;
         return LW_OK;
     case LW_MESSAGE_PING:
     case LW_MESSAGE_PONG:

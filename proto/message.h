@@ -96,6 +96,7 @@ struct lw_message_frame {
     size_t transform_count;
     const struct lw_message_light *light;
     size_t light_count;
+    uint64_t server_cpu_ns; /* of the server's process since it started; 0: not told */
 };
 
 struct lw_message_tile {
@@ -112,6 +113,10 @@ struct lw_message_tile {
 
 struct lw_message_ack {
     uint64_t frame; /* newest frame shown */
+};
+
+struct lw_message_settled {
+    uint64_t frame; /* the last one sent, >= 1 */
 };
 
 struct lw_message_ping {
@@ -131,6 +136,7 @@ struct lw_message {
         struct lw_message_tile tile;
         struct lw_message_ack ack;
         struct lw_message_ping ping, pong;
+        struct lw_message_settled settled;
     };
     void *storage; /* what decoding allocated */
 };

@@ -13,6 +13,8 @@
 #include "server/serve/server.h"
 #include "server/solve/cell_solver.h"
 
+#include <errno.h>
+#include <poll.h>
 #include <pthread.h>
 #include <signal.h>
 #include <stdatomic.h>
@@ -27,7 +29,7 @@
 #define TARGET_ERROR    0.02f
 #define STEP_HZ         30 /* scene time advances by 1/30 s a frame under --clock step */
 
-enum clock_kind { CLOCK_REAL, CLOCK_STEP };
+enum clock_kind { CLOCK_REAL, CLOCK_STEP, CLOCK_MANUAL };
 
 struct settings {
     struct lw_scene_open scene;
@@ -55,6 +57,7 @@ struct daemon {
     _Atomic bool stopping;
     struct lw_error solver_error; /* read after the thread is joined */
     uint64_t started_ns, rays_total;
+    uint64_t published; /* the last frame that was */
 };
 
 /* Signals before the loop watches for them: a handler can reach nothing but globals. The first is for the importer's
@@ -114,8 +117,9 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          &s->indirect_samples, 1, 1024, NULL},
         {"frame-rate", "HZ", "frames a second at most (default 30)", LW_OPTION_REAL, &s->frame_rate, 0.01,
          1000, NULL},
-        {"clock", "real|step",
-         "real: scene time is wall time (default). step: 1/30 s of scene time per solved frame, repeatable",
+        {"clock", "real|step|manual",
+         "real: scene time is wall time (default). step: 1/30 s of scene time per solved frame, repeatable. "
+         "manual: the same, and a frame begins with each line on stdin, whose end stops the server",
          LW_OPTION_CHOICE, &s->clock, 0, 0, NULL},
         {"seed", "N", "of all random numbers (default 1)", LW_OPTION_INT, &s->seed, 0, UINT32_MAX, NULL},
         {"animate", NULL, "run the scene's animation (default if it has one)", LW_OPTION_FLAG, &s->animate, 0,
@@ -188,29 +192,45 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "publisher");
 }
 
-static void print_frame(const struct daemon *d, uint64_t frame, uint64_t frame_ns,
+struct frame_cost {
+    uint64_t wall_ns, solve_cpu_ns, publish_cpu_ns;
+};
+
+/* CPU time of everything but the loop: the solver's thread and its workers. */
+static uint64_t work_cpu_ns(const struct daemon *d) {
+    struct lw_server_stats serve;
+    lw_server_get_stats(d->server, &serve);
+    return lw_clock_process_cpu_ns() - serve.loop_cpu_ns;
+}
+
+static void print_frame(const struct daemon *d, uint64_t frame, const struct frame_cost *cost,
                         const struct lw_solver_stats *solve, const struct lw_publisher_stats *publish) {
     struct lw_server_stats serve;
     lw_server_get_stats(d->server, &serve);
     printf(
-        "{\"frame\":%llu,\"time_s\":%.6f,\"frame_ms\":%.3f,\"pose_ms\":%.3f,\"direct_ms\":%.3f,\"probe_ms\":%"
+        "{\"frame\":%llu,\"published\":%llu,\"time_s\":%.6f,\"frame_ms\":%.3f,\"pose_ms\":%.3f,\"direct_ms\":"
+        "%.3f,\"probe_ms\":%"
         ".3f,"
         "\"scatter_ms\":%.3f,\"denoise_ms\":%.3f,\"levels_ms\":%.3f,\"encode_ms\":%.3f,\"rays_shadow\":%llu,"
         "\"rays_bounce\":%llu,"
         "\"rays_probe\":%llu,\"rays_total\":%llu,\"texels_solved\":%llu,\"tiles_solved\":%u,\"tiles_"
         "converged\":%u,"
         "\"tiles\":%u,\"tiles_encoded\":%llu,\"bytes_encoded\":%llu,\"saturated\":%llu,\"sessions\":%llu,"
-        "\"tiles_sent\":%llu,\"bytes_sent\":%llu}\n",
-        (unsigned long long)frame, d->pose.time_s, (double)frame_ns * 1e-6, (double)solve->pose_ns * 1e-6,
-        (double)solve->direct_ns * 1e-6, (double)solve->probe_ns * 1e-6, (double)solve->scatter_ns * 1e-6,
-        (double)solve->denoise_ns * 1e-6, (double)publish->levels_ns * 1e-6,
-        (double)publish->encode_ns * 1e-6, (unsigned long long)solve->rays_shadow,
-        (unsigned long long)solve->rays_bounce, (unsigned long long)solve->rays_probe,
-        (unsigned long long)d->rays_total, (unsigned long long)solve->texels_solved, solve->tiles_solved,
-        solve->tiles_converged, solve->tiles, (unsigned long long)publish->tiles_encoded,
-        (unsigned long long)publish->bytes_encoded, (unsigned long long)publish->saturated,
-        (unsigned long long)serve.sessions_now, (unsigned long long)serve.tiles_sent,
-        (unsigned long long)serve.bytes_sent);
+        "\"tiles_sent\":%llu,\"bytes_sent\":%llu,\"solve_cpu_ms\":%.3f,\"publish_cpu_ms\":%.3f,\"loop_cpu_"
+        "ms\":%.3f,"
+        "\"cpu_ms\":%.3f}\n",
+        (unsigned long long)frame, (unsigned long long)d->published, d->pose.time_s,
+        (double)cost->wall_ns * 1e-6, (double)solve->pose_ns * 1e-6, (double)solve->direct_ns * 1e-6,
+        (double)solve->probe_ns * 1e-6, (double)solve->scatter_ns * 1e-6, (double)solve->denoise_ns * 1e-6,
+        (double)publish->levels_ns * 1e-6, (double)publish->encode_ns * 1e-6,
+        (unsigned long long)solve->rays_shadow, (unsigned long long)solve->rays_bounce,
+        (unsigned long long)solve->rays_probe, (unsigned long long)d->rays_total,
+        (unsigned long long)solve->texels_solved, solve->tiles_solved, solve->tiles_converged, solve->tiles,
+        (unsigned long long)publish->tiles_encoded, (unsigned long long)publish->bytes_encoded,
+        (unsigned long long)publish->saturated, (unsigned long long)serve.sessions_now,
+        (unsigned long long)serve.tiles_sent, (unsigned long long)serve.bytes_sent,
+        (double)cost->solve_cpu_ns * 1e-6, (double)cost->publish_cpu_ns * 1e-6,
+        (double)serve.loop_cpu_ns * 1e-6, (double)lw_clock_process_cpu_ns() * 1e-6);
     fflush(stdout);
 }
 
@@ -218,7 +238,7 @@ static void print_frame(const struct daemon *d, uint64_t frame, uint64_t frame_n
 static double scene_time(const struct daemon *d, uint64_t frame) {
     const struct settings *s = &d->settings;
     if (s->freeze) return s->freeze_s;
-    if (s->clock == CLOCK_STEP) return (double)(frame - 1) / STEP_HZ;
+    if (s->clock != CLOCK_REAL) return (double)(frame - 1) / STEP_HZ;
     return (double)(lw_clock_ns() - d->started_ns) * 1e-9;
 }
 
@@ -234,10 +254,13 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
     struct lw_solver_stats solve = {0};
     struct lw_publisher_stats publish = {0};
     struct lw_snapshot *snapshot;
-    uint64_t began = lw_clock_ns();
+    struct frame_cost cost = {0};
+    uint64_t began = lw_clock_ns(), cpu_began = work_cpu_ns(d);
     lw_pose_evaluate(&d->pose, d->scene, scene_time(d, frame));
     enum lw_status status = d->solver->ops->frame(d->solver, &d->pose, frame, &solve, err);
     if (status != LW_OK) return status;
+    uint64_t cpu_solved = work_cpu_ns(d);
+    cost.solve_cpu_ns = cpu_solved - cpu_began;
     d->rays_total += solve.rays_shadow + solve.rays_bounce + solve.rays_probe;
     /* A frame in which nothing was solved changes nothing: no snapshot, no bytes. */
     *out_rested = solve.tiles_solved == 0 && frame > 1;
@@ -248,14 +271,29 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
             return lw_status_fail(err, status, "publishing frame %llu", (unsigned long long)frame);
         lw_server_publish(d->server, snapshot);
         lw_snapshot_unref(snapshot);
+        d->published = frame;
+        cost.publish_cpu_ns = work_cpu_ns(d) - cpu_solved;
     }
-    uint64_t frame_ns = lw_clock_ns() - began;
+    cost.wall_ns = lw_clock_ns() - began;
     if (frame == 1)
         lw_log(LW_LOG_INFO, "first light after %.1f s: %u texels in %u tiles, %.1f M rays, frame %.0f ms",
                (double)(lw_clock_ns() - d->started_ns) * 1e-9, (unsigned)solve.texels_solved, solve.tiles,
-               (double)d->rays_total * 1e-6, (double)frame_ns * 1e-6);
-    if (d->settings.json) print_frame(d, frame, frame_ns, &solve, &publish);
+               (double)d->rays_total * 1e-6, (double)cost.wall_ns * 1e-6);
+    if (d->settings.json) print_frame(d, frame, &cost, &solve, &publish);
     return LW_OK;
+}
+
+/* Under the manual clock: whether another line came. Waits in short pieces, as wait_until(). */
+static bool await_line(const struct daemon *d) {
+    while (!should_stop(d)) {
+        struct pollfd input = {.fd = STDIN_FILENO, .events = POLLIN};
+        if (poll(&input, 1, 100) <= 0) continue;
+        char c;
+        ssize_t size = read(STDIN_FILENO, &c, 1);
+        if (size == 0 || (size < 0 && errno != EINTR)) return false;
+        if (size == 1 && c == '\n') return true;
+    }
+    return false;
 }
 
 static void solve_frames(struct daemon *d) {
@@ -263,11 +301,13 @@ static void solve_frames(struct daemon *d) {
     const uint64_t interval_ns = (uint64_t)(1e9 / s->frame_rate);
     bool rested = false;
     for (uint64_t frame = 1; !should_stop(d) && (!s->frames || frame <= (uint64_t)s->frames); frame++) {
+        if (s->clock == CLOCK_MANUAL && !await_line(d)) break;
         uint64_t began = lw_clock_ns();
         enum lw_status status = run_frame(d, frame, &rested, &d->solver_error);
         if (status != LW_OK) break; /* LW_CLOSED, without an error: stopped in the middle of a frame */
         /* Under the step clock frames follow each other at once while there is work; at rest they keep the pace. */
-        if (s->clock == CLOCK_REAL || (rested && !s->frames)) wait_until(d, began + interval_ns);
+        if (s->clock == CLOCK_REAL || (s->clock == CLOCK_STEP && rested && !s->frames))
+            wait_until(d, began + interval_ns);
     }
 }
 

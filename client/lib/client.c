@@ -76,6 +76,7 @@ static enum lw_status handle_frame(struct lw_client *c, const struct lw_message_
     c->stats.frame = frame->frame;
     c->stats.time_s = frame->time_s;
     c->stats.rays_total = frame->rays_total;
+    c->stats.server_cpu_ns = frame->server_cpu_ns;
     memcpy(c->stats.sky, frame->sky, sizeof c->stats.sky);
     c->frame_ns = lw_clock_ns();
     c->frame_solve_ns = frame->solve_ns;
@@ -85,10 +86,18 @@ static enum lw_status handle_frame(struct lw_client *c, const struct lw_message_
 static enum lw_status handle_tile(struct lw_client *c, const struct lw_message_tile *tile,
                                   struct lw_error *err) {
     if (!c->replica) return out_of_order(err, LW_MESSAGE_TILE);
+    uint64_t began = lw_clock_ns();
     enum lw_status status = lw_replica_take_tile(c->replica, tile, err);
+    c->stats.decode_ns += lw_clock_ns() - began;
     if (status != LW_OK) return status;
     c->stats.tiles++;
     if (!c->stats.first_ns && lw_replica_has_first(c->replica)) c->stats.first_ns = lw_clock_ns();
+    return LW_OK;
+}
+
+static enum lw_status handle_settled(struct lw_client *c, uint64_t frame, struct lw_error *err) {
+    if (!c->stats.frame || frame != c->stats.frame) return out_of_order(err, LW_MESSAGE_SETTLED);
+    c->stats.settled_frame = frame;
     return LW_OK;
 }
 
@@ -109,6 +118,8 @@ static enum lw_status handle_message(struct lw_client *c, const struct lw_messag
         return handle_frame(c, &m->frame, err);
     case LW_MESSAGE_TILE:
         return handle_tile(c, &m->tile, err);
+    case LW_MESSAGE_SETTLED:
+        return handle_settled(c, m->settled.frame, err);
     case LW_MESSAGE_PING:
         return handle_ping(c, m->ping.token, err);
     case LW_MESSAGE_PONG:

@@ -296,6 +296,10 @@ static enum lw_status make_snapshot(struct lw_publisher *p, const struct lw_pose
     snapshot->previous_frame = p->previous_frame;
     status = make_frame_blob(p, pose, true, frame, &snapshot->frame_full);
     if (status == LW_OK) status = make_frame_blob(p, pose, false, frame, &snapshot->frame_delta);
+    if (status == LW_OK)
+        status = lw_blob_from_message(
+            &(struct lw_message){.type = LW_MESSAGE_SETTLED, .settled.frame = frame->frame},
+            &snapshot->settled);
     if (status != LW_OK) {
         lw_snapshot_unref(snapshot);
         return status;
@@ -344,7 +348,8 @@ enum lw_status lw_publisher_publish(struct lw_publisher *p, const struct lw_pose
                                        .time_s = pose->time_s,
                                        .solve_ns = solve_ns + (t2 - t0),
                                        .rays_total = rays_total,
-                                       .tiles_solved = tiles_solved};
+                                       .tiles_solved = tiles_solved,
+                                       .server_cpu_ns = lw_clock_process_cpu_ns()};
     memcpy(message.sky, p->desc.scene->sky, sizeof message.sky);
     enum lw_status status = make_snapshot(p, pose, &message, out_snapshot);
     if (status != LW_OK) return status;

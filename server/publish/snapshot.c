@@ -66,6 +66,7 @@ void lw_snapshot_unref(struct lw_snapshot *snapshot) {
     if (!snapshot || !drop(&snapshot->references)) return;
     lw_blob_unref(snapshot->frame_delta);
     lw_blob_unref(snapshot->frame_full);
+    lw_blob_unref(snapshot->settled);
     for (uint32_t i = 0; i < snapshot->tile_count; i++) lw_blob_unref(snapshot->tile[i].blob);
     free(snapshot);
 }

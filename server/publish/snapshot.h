@@ -37,6 +37,7 @@ struct lw_snapshot {
         *frame_delta; /* LW_MESSAGE_FRAME with what moved since previous_frame; NULL: send frame_full */
     struct lw_blob
         *frame_full; /* LW_MESSAGE_FRAME with every transform and light, for who joins or skipped frames */
+    struct lw_blob *settled; /* LW_MESSAGE_SETTLED; NULL: sessions are not told */
     uint64_t previous_frame; /* the frame that frame_delta builds on */
     uint32_t tile_count;
     struct lw_snapshot_tile tile[]; /* by lw_tile_id */

@@ -34,6 +34,8 @@ struct lw_server {
     uv_mutex_t mutex;           /* guards what follows; held for an assignment only */
     struct lw_snapshot *latest; /* handed over, not yet seen by the loop */
     bool stop_requested;
+    bool runs;           /* the loop's thread is in lw_server_run() */
+    clockid_t cpu_clock; /* its CPU clock; valid while it runs */
 };
 
 /* ---- the compressed package ---- */
@@ -324,7 +326,13 @@ enum lw_status lw_server_run(struct lw_server *server, struct lw_error *err) {
     int result = uv_signal_start(&server->interrupt, on_signal, SIGINT);
     if (result == 0) result = uv_signal_start(&server->terminate, on_signal, SIGTERM);
     if (result < 0) return lw_status_fail(err, LW_OS, "cannot watch signals: %s", uv_strerror(result));
+    uv_mutex_lock(&server->mutex);
+    server->runs = pthread_getcpuclockid(pthread_self(), &server->cpu_clock) == 0;
+    uv_mutex_unlock(&server->mutex);
     uv_run(&server->loop, UV_RUN_DEFAULT);
+    uv_mutex_lock(&server->mutex);
+    server->runs = false;
+    uv_mutex_unlock(&server->mutex);
     return LW_OK;
 }
 
@@ -346,10 +354,14 @@ void lw_server_stop(struct lw_server *server) {
 }
 
 void lw_server_get_stats(const struct lw_server *server, struct lw_server_stats *out_stats) {
+    uv_mutex_t *own = (uv_mutex_t *)&server->mutex;
     uv_mutex_t *mutex = (uv_mutex_t *)&server->shared.stats_mutex; /* locking leaves the server as it was */
     uv_mutex_lock(mutex);
     *out_stats = server->shared.stats;
     uv_mutex_unlock(mutex);
+    uv_mutex_lock(own);
+    out_stats->loop_cpu_ns = server->runs ? lw_clock_read_ns(server->cpu_clock) : 0;
+    uv_mutex_unlock(own);
 }
 
 static void close_handle(uv_handle_t *handle, void *context) {

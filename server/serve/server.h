@@ -30,6 +30,7 @@ struct lw_server_desc {
 /** Sessions are peers that were welcomed; refused counts the refusals sent. */
 struct lw_server_stats {
     uint64_t sessions_now, sessions_total, bytes_sent, tiles_sent, refused;
+    uint64_t loop_cpu_ns; /* CPU time of the loop's thread; 0 before lw_server_run() */
 };
 
 struct lw_server;

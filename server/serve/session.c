@@ -59,6 +59,7 @@ struct lw_session {
     struct lw_blob *partial_chunk; /* where a package request starts inside a chunk */
     uint32_t next_chunk;
     uint64_t frame_sent;
+    bool settled_due;     /* of that frame */
     uint64_t *sent;       /* per tile: the version sent; NULL before STREAMING */
     uint64_t *wanted;     /* bit per tile; NULL: everything */
     uint64_t generation;  /* of the snapshot that the walk below goes over */
@@ -104,6 +105,7 @@ static struct lw_blob *next_frame(struct lw_session *s) {
     bool builds_on = snapshot->frame_delta && s->frame_sent && s->frame_sent == snapshot->previous_frame;
     struct lw_blob *blob = builds_on ? snapshot->frame_delta : snapshot->frame_full;
     s->frame_sent = snapshot->frame;
+    s->settled_due = true;
     return blob ? lw_blob_ref(blob) : NULL;
 }
 
@@ -136,6 +138,13 @@ static struct lw_blob *next_tile(struct lw_session *s) {
     return NULL;
 }
 
+/* Once no tile is left. */
+static struct lw_blob *next_settled(struct lw_session *s) {
+    if (!s->settled_due) return NULL;
+    s->settled_due = false;
+    return s->shared->snapshot->settled ? lw_blob_ref(s->shared->snapshot->settled) : NULL;
+}
+
 /* A reference to the next blob to send, or NULL if the session lacks nothing. */
 static struct lw_blob *next_blob(struct lw_session *s, bool *out_tile) {
     *out_tile = false;
@@ -146,8 +155,9 @@ static struct lw_blob *next_blob(struct lw_session *s, bool *out_tile) {
     if ((blob = next_chunk(s)) || !s->shared->snapshot) return blob;
     if (s->generation != s->shared->generation) start_walk(s);
     if ((blob = next_frame(s))) return blob;
-    *out_tile = true;
-    return next_tile(s);
+    blob = next_tile(s);
+    *out_tile = blob != NULL;
+    return blob ? blob : next_settled(s);
 }
 
 /* ---- writing ---- */
@@ -419,6 +429,7 @@ static void handle_interest(struct lw_session *s, const struct lw_message_intere
     free(s->wanted);
     s->wanted = wanted;
     s->walks_changed = false;
+    s->settled_due = s->frame_sent > 0;
     s->walk_cursor = 0;
     s->walk_left =
         s->generation ? map->tile_count : 0; /* before the first walk there is nothing to take up again */

@@ -62,6 +62,8 @@ static const struct golden {
                .error = 0.125f,
                .payload = tile_payload,
                .payload_size = sizeof tile_payload}}},
+    {"frame_cpu.bin", {.type = LW_MESSAGE_FRAME, .frame = {.frame = 2, .server_cpu_ns = 1500000000}}},
+    {"settled.bin", {.type = LW_MESSAGE_SETTLED, .settled = {300}}},
     {"ack.bin", {.type = LW_MESSAGE_ACK, .ack = {300}}},
     {"ping.bin", {.type = LW_MESSAGE_PING, .ping = {0x0123456789abcdef}}},
     {"pong.bin", {.type = LW_MESSAGE_PONG, .pong = {0x0123456789abcdef}}},
@@ -73,7 +75,7 @@ static const struct {
 } invalid[] = {
     {"invalid_header_too_long.bin", "01001000 0700 0000", "over the limit"},
     {"invalid_header_flags.bin", "00000000 0a00 0100", "flags"},
-    {"invalid_type.bin", "00000000 0c00 0000", "unknown"},
+    {"invalid_type.bin", "00000000 ff00 0000", "unknown"},
     {"invalid_protobuf.bin", "01000000 0900 0000 ff", "is no protobuf"},
     {"invalid_wire_type.bin", "05000000 0900 0000 0d00000000", "wrong type"},
     {"invalid_hello_name.bin", "05000000 0100 0000 1a031b5b4a", "name is not UTF-8"},
@@ -86,6 +88,7 @@ static const struct {
     {"invalid_frame_nan.bin", "10000000 0700 0000 0801 320c 0000c07f 00000000 00000000", "sky is not finite"},
     {"invalid_frame_transform.bin", "16000000 0700 0000 0801 320c 00000000 00000000 00000000 3a04 00000000",
      "12 values"},
+    {"invalid_settled.bin", "00000000 0c00 0000", "frame is 0"},
     {"invalid_tile_scale.bin", "06000000 0800 0000 2001 3001 5200", "scale"},
     {"invalid_tile_payload.bin", "09000000 0800 0000 2001 3001 3d00008040", "payload"},
 };
@@ -203,10 +206,10 @@ static size_t read_example(const char *document, unsigned n, uint8_t *dst) {
 
 static void test_examples_of_the_document(void **state) {
     (void)state;
-    static const char *const file[] = {"hello.bin", "tile.bin", "ack.bin"};
+    static const char *const file[] = {"hello.bin", "tile.bin", "settled.bin", "ack.bin"};
     size_t size;
     char *document = (char *)lw_support_read_file(lw_support_source("proto/wire_format.md"), &size);
-    for (unsigned i = 0; i < 3; i++) {
+    for (unsigned i = 0; i < sizeof file / sizeof *file; i++) {
         uint8_t expected[200];
         size_t expected_size = read_example(document, i, expected);
         uint8_t *bytes = lw_support_read_file(path_of(file[i]), &size);

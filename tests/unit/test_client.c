@@ -125,10 +125,13 @@ static struct lw_snapshot *make_snapshot(const struct world *w, uint64_t frame) 
                                      .time_s = 0.5 * (double)frame,
                                      .solve_ns = 1000000,
                                      .rays_total = 1000 * frame,
+                                     .server_cpu_ns = 7 * frame,
                                      .sky = {1, 2, 3},
                                      .transform = &moved,
                                      .transform_count = 1}};
     lw_support_ok(lw_blob_from_message(&m, &snapshot->frame_full), NULL);
+    m = (struct lw_message){.type = LW_MESSAGE_SETTLED, .settled.frame = frame};
+    lw_support_ok(lw_blob_from_message(&m, &snapshot->settled), NULL);
     for (uint32_t t = 0; t < w->map.tile_count; t++) {
         m = tile_message(w, t, frame, payload);
         snapshot->tile[t].version = frame;
@@ -188,10 +191,15 @@ static void test_session(void **state) {
         for (uint32_t t = 0; t < w.map.tile_count; t++) expect_tile(client, &w, t, frame);
         assert_true(lw_client_object_to_world(client, 1)->m[1][3] == (float)frame);
         struct lw_client_stats stats;
-        lw_client_get_stats(client, &stats);
+        do {
+            lw_support_ok(lw_client_poll(client, 100, &err), &err);
+            lw_client_get_stats(client, &stats);
+        } while (stats.settled_frame != frame); /* it comes behind the tiles */
         assert_int_equal(stats.frame, frame);
         assert_int_equal(stats.frames, (frame + 1) / 2);
         assert_int_equal(stats.rays_total, 1000 * frame);
+        assert_int_equal(stats.server_cpu_ns, 7 * frame);
+        assert_true(stats.decode_ns > 0);
         assert_int_equal(stats.bounces, 3);
         assert_true(stats.target_error == 0.25f && stats.time_s == 0.5 * (double)frame && stats.sky[2] == 3);
         assert_true(stats.light_age_ns >= 1000000 && stats.light_age_ns < WAIT_NS);
@@ -543,6 +551,14 @@ static void test_messages_out_of_place(void **state) {
     say(&s, &frame);
     say(&s, &m);
     expect_failure(&s, LW_PROTOCOL, "number 4 after 5", true);
+    m = (struct lw_message){.type = LW_MESSAGE_SETTLED, .settled.frame = 6};
+    say_beginning(&s, &w);
+    say(&s, &m);
+    expect_failure(&s, LW_PROTOCOL, "message SETTLED: out of order", true);
+    say_beginning(&s, &w);
+    say(&s, &frame);
+    say(&s, &m);
+    expect_failure(&s, LW_PROTOCOL, "message SETTLED: out of order", true);
     free(payload);
     finish_world(&w);
 }

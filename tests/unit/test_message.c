@@ -63,6 +63,8 @@ static const struct lw_message samples[] = {
     {.type = LW_MESSAGE_ACK, .ack = {UINT64_MAX}},
     {.type = LW_MESSAGE_PING, .ping = {FAR}},
     {.type = LW_MESSAGE_PONG, .pong = {0}},
+    {.type = LW_MESSAGE_FRAME, .frame = {.frame = 1, .server_cpu_ns = FAR}},
+    {.type = LW_MESSAGE_SETTLED, .settled = {FAR}},
 };
 #define SAMPLES (sizeof samples / sizeof *samples)
 
@@ -111,6 +113,7 @@ static void expect_equal(const struct lw_message *a, const struct lw_message *b)
         assert_int_equal(a->frame.solve_ns, b->frame.solve_ns);
         assert_int_equal(a->frame.rays_total, b->frame.rays_total);
         assert_int_equal(a->frame.tiles_solved, b->frame.tiles_solved);
+        assert_int_equal(a->frame.server_cpu_ns, b->frame.server_cpu_ns);
         assert_memory_equal(a->frame.sky, b->frame.sky, sizeof a->frame.sky);
         assert_int_equal(a->frame.transform_count, b->frame.transform_count);
         for (size_t i = 0; i < a->frame.transform_count; i++)
@@ -134,6 +137,9 @@ static void expect_equal(const struct lw_message *a, const struct lw_message *b)
         break;
     case LW_MESSAGE_ACK:
         assert_int_equal(a->ack.frame, b->ack.frame);
+        break;
+    case LW_MESSAGE_SETTLED:
+        assert_int_equal(a->settled.frame, b->settled.frame);
         break;
     case LW_MESSAGE_PING:
     case LW_MESSAGE_PONG:
@@ -625,7 +631,7 @@ static void test_out_of_memory(void **state) {
 
 static void test_unknown_type(void **state) {
     (void)state;
-    const uint16_t types[] = {0, LW_MESSAGE_PONG + 1, UINT16_MAX};
+    const uint16_t types[] = {0, LW_MESSAGE_SETTLED + 1, UINT16_MAX};
     for (int i = 0; i < 3; i++) {
         struct lw_message m;
         struct lw_error err = {0};

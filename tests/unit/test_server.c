@@ -372,6 +372,44 @@ static void test_newer_snapshot(void **state) {
     end(f);
 }
 
+static struct lw_snapshot *make_settling(const struct fixture *f, uint64_t frame, uint64_t previous) {
+    struct lw_snapshot *snapshot = make_snapshot(f, frame, previous);
+    snapshot->settled = blob_of(&(struct lw_message){.type = LW_MESSAGE_SETTLED, .settled.frame = frame});
+    return snapshot;
+}
+
+static void expect_settled(int s, uint64_t frame) {
+    struct lw_message m;
+    expect(s, LW_MESSAGE_SETTLED, &m);
+    assert_int_equal(m.settled.frame, frame);
+    lw_message_finish(&m);
+}
+
+/* Once per frame, after its last tile; again after an INTEREST. */
+static void test_settled(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    int s = dial_and_stream(f);
+    for (uint64_t frame = 1; frame <= 3; frame++) {
+        publish(f, make_settling(f, frame, frame - 1));
+        expect_frame(s, frame, frame == 1 ? 1 : 2);
+        expect_tiles(s, f->map.tile_count, frame);
+        expect_settled(s, frame);
+        expect_silence(s, 20);
+    }
+    put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST});
+    expect_settled(s, 3);
+    publish(f, make_settling(f, 4, 3));
+    expect_frame(s, 4, 2);
+    expect_settled(s, 4); /* nothing is wanted of it */
+    put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST, .interest.everything = true});
+    expect_tiles(s, f->map.tile_count, 4);
+    expect_settled(s, 4);
+    expect_silence(s, 20);
+    close(s);
+    end(f);
+}
+
 static void test_interest(void **state) {
     (void)state;
     struct fixture *f = start(&(struct lw_server_desc){0});
@@ -793,6 +831,7 @@ int main(void) {
         cmocka_unit_test(test_join),
         cmocka_unit_test(test_package_from_offset),
         cmocka_unit_test(test_newer_snapshot),
+        cmocka_unit_test(test_settled),
         cmocka_unit_test(test_interest),
         cmocka_unit_test(test_blobs_are_shared),
         cmocka_unit_test(test_slow_reader),

@@ -67,9 +67,12 @@ struct lw_client_tile lw_client_get_tile(const struct lw_client *client, lw_tile
 /** Counters and clocks. */
 struct lw_client_stats {
     uint64_t frame;                /* newest frame heard of */
+    uint64_t settled_frame;        /* newest frame of which all tiles have arrived */
     double time_s;                 /* scene time of that frame */
     uint64_t frames, tiles, bytes; /* received */
     uint64_t rays_total;           /* the server's, as of that frame */
+    uint64_t server_cpu_ns;        /* likewise: CPU time of its process since it started; 0: not told */
+    uint64_t decode_ns;            /* spent on decoding tiles */
     uint64_t connected_ns, package_ns,
         first_ns; /* lw_clock_ns() at: connect called, package complete, every object's
                                                     coarsest level there; 0: not yet */
