@@ -1,5 +1,6 @@
 #include "client/view/path_trace.h"
 
+#include "common/light/direction.h"
 #include "common/random.h"
 
 #include <omp.h>
@@ -136,9 +137,7 @@ static void arrive(const struct job *job, struct bundle *b, uint16_t which, cons
     const uint32_t *vertex = mesh->triangle[hits->triangle[i]];
     const bool back = hits->back[i];
     const float side = back ? -1.0f : 1.0f;
-    struct lw_vec3 shading = surface->normal, face = surface->geometric_normal;
-    /* As in the solve: a shading normal that points into the surface would gather from inside. */
-    if (lw_vec3_dot(shading, face) <= 0.01f) shading = face;
+    struct lw_vec3 face = surface->geometric_normal, shading = lw_scene_light_normal(surface->normal, face);
     path->normal = lw_vec3_scale(lw_vec3_normalize(lw_affine_vector(&place->to_normal, shading)), side);
     face = lw_vec3_scale(lw_vec3_normalize(lw_affine_vector(&place->to_normal, face)), side);
     float largest =
@@ -267,10 +266,7 @@ static void bounce16(const struct job *job, struct bundle *b, const uint16_t *wh
     uint16_t lane_path[LANES]; /* `which` is what arrive() writes over */
     for (unsigned i = 0; i < lanes; i++) {
         const struct path *path = &b->path[lane_path[i] = which[i]];
-        struct lw_vec3 t, s, direction;
-        lw_vec3_frame(path->normal, &t, &s);
-        direction = lw_vec3_mad(lw_vec3_mad(lw_vec3_scale(path->normal, local.z), t, local.x), s, local.y);
-        lw_trace_set_ray(&rays, i, path->origin, direction, INFINITY);
+        lw_trace_set_ray(&rays, i, path->origin, lw_direction_about(path->normal, local), INFINITY);
     }
     lw_trace_closest16(job->tracer->trace, flags, (uint16_t)((1u << lanes) - 1u), &rays, &hits);
     count->rays_bounce += lanes;
@@ -289,11 +285,6 @@ static void bounce16(const struct job *job, struct bundle *b, const uint16_t *wh
         path->radiance = lw_vec3_add(path->radiance, lw_vec3_mul(seen, path->throughput));
         if (!miss && !last) arrive(job, b, lane_path[i], &hits, i, &surface);
     }
-}
-
-static struct lw_vec3 cosine_direction(const float point[2]) {
-    float radius = sqrtf(point[0]), angle = 2 * LW_PI * point[1];
-    return lw_vec3(radius * cosf(angle), radius * sinf(angle), sqrtf(fmaxf(0, 1 - point[0])));
 }
 
 static unsigned lanes_from(unsigned first, unsigned count) {
@@ -322,7 +313,7 @@ static void trace_bundle(const struct job *job, struct bundle *b, unsigned paths
         if (last && (method == LW_PATH_METHOD_LAMPS || !rays_may_shine)) break;
         b->going = 0;
         for (unsigned first = 0; first < going; first += LANES)
-            bounce16(job, b, b->order + first, lanes_from(first, going), cosine_direction(bounce), flags,
+            bounce16(job, b, b->order + first, lanes_from(first, going), lw_direction_cosine(bounce), flags,
                      last, count);
     }
 }

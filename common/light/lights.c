@@ -2,6 +2,7 @@
 
 #include "common/cdf.h"
 #include "common/colour.h"
+#include "common/light/direction.h"
 #include "common/light/spherical_triangle.h"
 
 #include <stdlib.h>
@@ -478,10 +479,8 @@ struct lw_sky_draw lw_lights_draw_sky(const struct lw_lights *lights, float u, f
         draw.radiance = lw_scene_sky(lights->scene, draw.direction);
         return draw;
     }
-    /* Malley's method: pdf = z / pi */
-    u = rest_of(u, lights->bright_share, 1 - lights->bright_share);
-    float radius = sqrtf(u), angle = 2 * LW_PI * v;
-    draw.direction = lw_vec3(radius * cosf(angle), radius * sinf(angle), sqrtf(1 - u));
+    const float point[2] = {rest_of(u, lights->bright_share, 1 - lights->bright_share), v};
+    draw.direction = lw_direction_cosine(point);
     return draw;
 }
 
@@ -493,11 +492,7 @@ struct lw_light_sample lw_lights_place_sky(const struct lw_lights *lights, const
     if (draw->bright) {
         *out_cosine = lw_vec3_dot(draw->direction, normal_ws);
     } else {
-        struct lw_vec3 t, b;
-        lw_vec3_frame(normal_ws, &t, &b);
-        sample.direction =
-            lw_vec3_mad(lw_vec3_mad(lw_vec3_scale(normal_ws, draw->direction.z), t, draw->direction.x), b,
-                        draw->direction.y);
+        sample.direction = lw_direction_about(normal_ws, draw->direction);
         *out_cosine = draw->direction.z;
         radiance = lw_scene_sky(lights->scene, sample.direction);
         bright_pdf = lw_environment_importance_pdf(&lights->environment, sample.direction);

@@ -2,6 +2,7 @@
 
 #include "common/scene/lightmap.h"
 #include "common/scene/lightmap_topology.h"
+#include "common/union_find.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -175,19 +176,6 @@ static void claim(void *context, uint32_t triangle, size_t texel, float area) {
     if (o->sum[texel] > 1 + 10 * AREA_NOISE) o->twice[texel] = 1;
 }
 
-static uint32_t find(uint32_t *parent, uint32_t i) {
-    while (parent[i] != i) i = parent[i] = parent[parent[i]];
-    return i;
-}
-
-static void unite(uint32_t *parent, uint32_t a, uint32_t b) {
-    a = find(parent, a), b = find(parent, b);
-    if (a < b)
-        parent[b] = a;
-    else
-        parent[a] = b;
-}
-
 /* Pieces: triangles that share corners in the atlas, or meet in space and nearly in the atlas. Works on the corners,
  * three per triangle. */
 static enum lw_status find_pieces(const struct lw_lightmap_map *map, uint32_t *out_piece) {
@@ -202,7 +190,7 @@ static enum lw_status find_pieces(const struct lw_lightmap_map *map, uint32_t *o
         memset(head, 0xff, (size_t)mesh->vertex_count * sizeof *head);
         for (uint32_t c = 0; c < corners; c++) {
             parent[c] = c;
-            unite(parent, c, c / 3 * 3);
+            lw_union_find_join(parent, c, c / 3 * 3);
             /* the list holds one corner per distinct place in the atlas, so it stays short */
             uint32_t at = weld[mesh->triangle[c / 3][c % 3]], other = head[at];
             struct lw_vec2 a = map->uv[map->triangle[c / 3][c % 3]];
@@ -210,14 +198,14 @@ static enum lw_status find_pieces(const struct lw_lightmap_map *map, uint32_t *o
             for (int step = 0; other != LW_SCENE_NONE && step < SHEETS_MAX; other = next[other], step++) {
                 struct lw_vec2 b = map->uv[map->triangle[other / 3][other % 3]];
                 if (fabsf(a.x - b.x) > SEAM_TEXELS || fabsf(a.y - b.y) > SEAM_TEXELS) continue;
-                unite(parent, c, other);
+                lw_union_find_join(parent, c, other);
                 if (a.x == b.x && a.y == b.y) known = true;
             }
             if (known) continue;
             next[c] = head[at];
             head[at] = c;
         }
-        for (uint32_t t = 0; t < mesh->triangle_count; t++) out_piece[t] = find(parent, t * 3);
+        for (uint32_t t = 0; t < mesh->triangle_count; t++) out_piece[t] = lw_union_find_root(parent, t * 3);
     }
     free(head);
     free(next);

@@ -90,6 +90,17 @@ const char *lw_scene_string(struct lw_scene *scene, const char *text) {
     return copy;
 }
 
+enum lw_status lw_scene_add_object(struct lw_scene *scene, uint32_t mesh, uint32_t node,
+                                   struct lw_error *err) {
+    if (scene->object_count >= LW_SCENE_OBJECTS_MAX)
+        return lw_status_fail(err, LW_BAD_DATA,
+                              "has more than %u objects: join what stands together into one mesh",
+                              LW_SCENE_OBJECTS_MAX);
+    const char *name = *scene->node[node].name ? scene->node[node].name : scene->mesh[mesh].name;
+    scene->object[scene->object_count++] = (struct lw_object){.name = name, .mesh = mesh, .node = node};
+    return LW_OK;
+}
+
 static bool any_positive(const float rgb[3]) { return rgb[0] > 0 || rgb[1] > 0 || rgb[2] > 0; }
 
 static bool mesh_emits(const struct lw_scene *scene, const struct lw_mesh *mesh) {

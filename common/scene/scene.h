@@ -172,6 +172,11 @@ void *lw_scene_alloc(struct lw_scene *scene, size_t count, size_t size);
 /** Copy of a string, owned by the scene; NULL becomes "". Returns NULL when out of memory. */
 const char *lw_scene_string(struct lw_scene *scene, const char *text);
 
+/** Adds an object to an array with room for it, in the name of its node or else of its mesh. For builders only.
+ * Errors: LW_BAD_DATA past LW_SCENE_OBJECTS_MAX. */
+LW_MUST_CHECK enum lw_status lw_scene_add_object(struct lw_scene *scene, uint32_t mesh, uint32_t node,
+                                                 struct lw_error *err);
+
 /** Checks everything that code behind this door relies on: counts, indices, order of nodes, finite numbers, unit
  * quaternions and normals (within 1 %), increasing key times, atlas sizes, names (UTF-8, never NULL), no empty mesh.
  * The package reader calls it; importers call it before they write.
@@ -203,6 +208,12 @@ void lw_scene_surface(const struct lw_scene *scene, const struct lw_mesh *mesh, 
 /** The two normals alone, as in struct lw_surface: returns the shading normal. */
 struct lw_vec3 lw_scene_normal(const struct lw_mesh *mesh, uint32_t triangle, float u, float v,
                                struct lw_vec3 *out_geometric);
+
+/** The normal that light is gathered about: the shading normal, but for one that points into the surface, which would gather
+ * from inside. Both unit, object space. */
+static inline struct lw_vec3 lw_scene_light_normal(struct lw_vec3 shading, struct lw_vec3 geometric) {
+    return lw_vec3_dot(shading, geometric) <= 0.01f ? geometric : shading;
+}
 
 /** Where light rays start on a smooth-shaded triangle, object space: above its flat face, on what the corners' normals say
  * the surface is, so that a coarse mesh does not shade itself along its edges (Hanika, Hacking the Shadow Terminator, in

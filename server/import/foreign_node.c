@@ -138,13 +138,7 @@ static enum lw_status add_object(struct conversion *conversion, uint32_t node, s
     }
     conversion->mesh_of_node[node] = mesh;
     if (mesh == LW_SCENE_NONE) return LW_OK;
-    if (scene->object_count >= LW_SCENE_OBJECTS_MAX)
-        return lw_status_fail(err, LW_BAD_DATA,
-                              "has more than %u objects: join what stands together into one mesh",
-                              LW_SCENE_OBJECTS_MAX);
-    const char *name = *scene->node[node].name ? scene->node[node].name : scene->mesh[mesh].name;
-    scene->object[scene->object_count++] = (struct lw_object){.name = name, .mesh = mesh, .node = node};
-    return LW_OK;
+    return lw_scene_add_object(scene, mesh, node, err);
 }
 
 /* ---- lights and cameras ---- */

@@ -192,13 +192,7 @@ static enum lw_status add_object(struct conversion *conversion, const json_t *ob
     if (json_object_get(object, "skin")) lw_gltf_document_warn(conversion->document, LW_GLTF_WARN_SKIN);
     if (find_mesh(conversion, index, &mesh, err)) return err->status;
     if (mesh == MESH_EMPTY) return LW_OK;
-    if (scene->object_count >= LW_SCENE_OBJECTS_MAX)
-        return lw_status_fail(err, LW_BAD_DATA,
-                              "has more than %u objects: join what stands together into one mesh",
-                              LW_SCENE_OBJECTS_MAX);
-    const char *name = *scene->node[node].name ? scene->node[node].name : scene->mesh[mesh].name;
-    scene->object[scene->object_count++] = (struct lw_object){.name = name, .mesh = mesh, .node = node};
-    return LW_OK;
+    return lw_scene_add_object(scene, mesh, node, err);
 }
 
 static enum lw_status read_spot(const json_t *object, struct lw_light *out, struct lw_error *err) {

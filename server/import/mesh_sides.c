@@ -1,5 +1,7 @@
 #include "server/import/mesh_sides.h"
 
+#include "common/union_find.h"
+
 #include <stdlib.h>
 #include <string.h>
 
@@ -49,18 +51,12 @@ static void weld(struct surfaces *s, const struct lw_mesh_builder *builder) {
     }
 }
 
-static uint32_t root_of(struct surfaces *s, uint32_t point) {
-    while (s->parent[point] != point) point = s->parent[point] = s->parent[s->parent[point]];
-    return point;
-}
-
 static size_t collect_edges(struct surfaces *s, const struct lw_mesh_builder *builder) {
     size_t count = 0;
     for (uint32_t t = 0; t < builder->triangle_count; t++)
         for (int k = 0; k < 3; k++) {
             uint32_t a = s->point[builder->triangle[t][k]], b = s->point[builder->triangle[t][(k + 1) % 3]];
-            uint32_t root_a = root_of(s, a), root_b = root_of(s, b);
-            s->parent[root_a < root_b ? root_b : root_a] = root_a < root_b ? root_a : root_b;
+            lw_union_find_join(s->parent, a, b);
             s->edge[count++] = (struct edge){a < b ? a : b, a < b ? b : a, a < b ? 1 : -1};
         }
     return count;
@@ -73,7 +69,7 @@ static void mark_open(struct surfaces *s, size_t edge_count) {
         int64_t sum = 0;
         for (; i < edge_count && compare_edges(&s->edge[i], &s->edge[first]) == 0; i++)
             sum += s->edge[i].direction;
-        if (sum != 0) s->open[root_of(s, s->edge[first].low)] = 1;
+        if (sum != 0) s->open[lw_union_find_root(s->parent, s->edge[first].low)] = 1;
     }
 }
 
@@ -82,7 +78,7 @@ static void find(struct surfaces *s, const struct lw_mesh_builder *builder, uint
     for (uint32_t i = 0; i < builder->vertex_count; i++) s->parent[i] = i;
     mark_open(s, collect_edges(s, builder));
     for (uint32_t t = 0; t < builder->triangle_count; t++)
-        out_closed[t] = !s->open[root_of(s, s->point[builder->triangle[t][0]])];
+        out_closed[t] = !s->open[lw_union_find_root(s->parent, s->point[builder->triangle[t][0]])];
 }
 
 enum lw_status lw_mesh_sides_find(const struct lw_mesh_builder *builder, uint8_t *out_closed,

@@ -1,7 +1,8 @@
 #include "server/solve/burial.h"
 
+#include "common/light/direction.h"
 #include "common/progress.h"
-#include "server/solve/sampling.h"
+#include "common/random.h"
 
 #include <string.h>
 
@@ -74,11 +75,11 @@ static void look(const struct search *s, const struct row *row, uint16_t active,
     struct lw_ray16 rays = {.salt = 0};
     float point[2];
     lw_random_sobol2(r, 0, point);
-    struct lw_vec3 local = lw_sampling_cosine(point);
+    struct lw_vec3 local = lw_direction_cosine(point);
     for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
         if (active >> lane & 1)
-            lw_trace_set_ray(&rays, lane, origin_of(row, lane),
-                             lw_sampling_to_frame(face_of(row, lane), local), s->near_m);
+            lw_trace_set_ray(&rays, lane, origin_of(row, lane), lw_direction_about(face_of(row, lane), local),
+                             s->near_m);
     lw_trace_closest16(s->trace, LW_TRACE_COHERENT, active, &rays, out_hits);
 }
 

@@ -1,6 +1,7 @@
 #include "server/solve/passes.h"
 
 #include "common/colour.h"
+#include "common/light/direction.h"
 #include "server/solve/sampling.h"
 #include "server/solve/transport.h"
 
@@ -299,14 +300,14 @@ void lw_passes_trace_ends(const struct lw_passes *p, const struct lw_solve_tile 
                         place_packet(p, tile, &packet,
                                      (tile->frames * p->indirect_samples + s) / PLACE_SHARE);
                     lw_sampling_point(seed, tile->frames * p->indirect_samples + s, set, point);
-                    struct lw_vec3 local = lw_sampling_cosine(point);
+                    struct lw_vec3 local = lw_direction_cosine(point);
                     struct lw_ray16 rays;
                     struct lw_hit16 hits;
                     rays.salt = tile->frames * p->indirect_samples + s;
                     for (uint32_t lane = 0; lane < LANES; lane++)
                         if (packet.active >> lane & 1)
                             lw_trace_set_ray(&rays, lane, packet.origin[lane],
-                                             lw_sampling_to_frame(packet.normal[lane], local),
+                                             lw_direction_about(packet.normal[lane], local),
                                              p->tracing_range_m);
                         else
                             lw_trace_set_ray(&rays, lane, lw_vec3(0, 0, 0), lw_vec3(0, 0, 1), 0);

@@ -1,5 +1,6 @@
 #include "server/solve/probes.h"
 
+#include "common/light/direction.h"
 #include "server/solve/octahedral.h"
 #include "server/solve/sampling.h"
 #include "server/solve/transport.h"
@@ -130,7 +131,7 @@ static void set_rays(struct lw_ray16 *rays, struct lw_vec3 from, uint32_t seed, 
     for (uint32_t i = 0; i < LW_TRACE_WIDTH; i++) {
         float point[2];
         lw_random_sobol2(first + i, seed, point);
-        lw_trace_set_ray(rays, i, from, lw_sampling_sphere(point), INFINITY);
+        lw_trace_set_ray(rays, i, from, lw_direction_sphere(point), INFINITY);
     }
 }
 

@@ -7,7 +7,6 @@
 #define LW_SOLVE_SAMPLING_H
 
 #include "common/random.h"
-#include "common/vec.h"
 
 /* What a number is for; a dimension pair each. */
 enum lw_sampling_use {
@@ -28,25 +27,6 @@ static inline uint32_t lw_sampling_seed(uint32_t seed, uint32_t object, uint32_t
 /** Point of sample `sample` (counted over all frames) of direction set `set` (0..15). out: 2 floats in [0, 1). */
 static inline void lw_sampling_point(uint32_t block_seed, uint32_t sample, uint32_t set, float out[2]) {
     lw_random_sobol2(sample * 16u + set, block_seed, out);
-}
-
-/** Cosine-weighted direction about +z: pdf = z / pi (Malley's method). */
-static inline struct lw_vec3 lw_sampling_cosine(const float point[2]) {
-    float radius = sqrtf(point[0]), angle = 2 * LW_PI * point[1];
-    return lw_vec3(radius * cosf(angle), radius * sinf(angle), sqrtf(fmaxf(0, 1 - point[0])));
-}
-
-/** A direction about +z, turned to be about a normal. */
-static inline struct lw_vec3 lw_sampling_to_frame(struct lw_vec3 normal, struct lw_vec3 local) {
-    struct lw_vec3 t, b;
-    lw_vec3_frame(normal, &t, &b);
-    return lw_vec3_mad(lw_vec3_mad(lw_vec3_scale(normal, local.z), t, local.x), b, local.y);
-}
-
-/** Uniform direction on the sphere: pdf = 1 / 4 pi. */
-static inline struct lw_vec3 lw_sampling_sphere(const float point[2]) {
-    float z = 1 - 2 * point[0], radius = sqrtf(fmaxf(0, 1 - z * z)), angle = 2 * LW_PI * point[1];
-    return lw_vec3(radius * cosf(angle), radius * sinf(angle), z);
 }
 
 #endif

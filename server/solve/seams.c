@@ -1,5 +1,6 @@
 #include "server/solve/seams.h"
 
+#include "common/union_find.h"
 #include "server/solve/seam_edges.h"
 
 #include <stdlib.h>
@@ -11,9 +12,6 @@
 /* How readily a gutter's texel moves, against a covered one's: nobody sees it but through the look-ups that are welded. */
 #define GUTTER_EASE 4.0f
 #define ITERATIONS  4
-/* Share of the last frame's correction that the next one starts from: what takes more than some frames to build up are
- * rows that can hardly agree, and would bend the light along their seam for it. */
-#define MEMORY 1.0f
 /* Then plain sweeps keep covered texels between their own light over this and times this, and gutters positive. */
 #define BOUND        4.0f
 #define BOUND_SWEEPS 2
@@ -95,20 +93,6 @@ static uint32_t member_at(struct builder *b, uint32_t object, uint32_t x, uint32
     return m;
 }
 
-static uint32_t root(uint32_t *parent, uint32_t m) {
-    while (parent[m] != m) m = parent[m] = parent[parent[m]];
-    return m;
-}
-
-/* The smaller index becomes the root: the outcome does not hang on the order of calls. */
-static void join(uint32_t *parent, uint32_t a, uint32_t b) {
-    a = root(parent, a), b = root(parent, b);
-    if (a < b)
-        parent[b] = a;
-    else
-        parent[a] = b;
-}
-
 /* Where a gutter's light is guessed from: covered texels up to two away, the nearer the more. */
 struct source {
     uint32_t x, y;
@@ -186,7 +170,7 @@ static uint32_t row_member(struct builder *b, uint32_t object, uint32_t x, uint3
         if (from == LW_TEXEL_NONE) return from;
         b->seams->guess[m].member[i] = from;
         b->seams->guess[m].weight[i] = source[i].weight;
-        join(b->parent, m, from);
+        lw_union_find_join(b->parent, m, from);
     }
     b->seams->guess[m].count = count;
     return m;
@@ -216,7 +200,7 @@ static void add_row(struct builder *b, const struct lw_seam_edge *edge, const st
     float length2 = 0;
     for (int i = 0; i < 8; i++) {
         if (row.member[i] == LW_TEXEL_NONE) row.member[i] = first;
-        join(b->parent, first, row.member[i]);
+        lw_union_find_join(b->parent, first, row.member[i]);
         row.weight[i] *= b->seams->member[row.member[i]].root_ease;
         length2 += row.weight[i] * row.weight[i];
     }
@@ -252,7 +236,7 @@ static bool sort_by_component(struct builder *b) {
     struct lw_seams_guess *guess = malloc(((size_t)s->member_count + 1) * sizeof *guess);
     bool ok = component && moved && row && member && guess;
     for (uint32_t m = 0; ok && m < s->member_count; m++) {
-        const uint32_t r = root(b->parent, m); /* never above m: its component has its number */
+        const uint32_t r = lw_union_find_root(b->parent, m); /* never above m: its component has its number */
         component[m] = r == m ? s->component_count++ : component[r];
     }
     ok = ok && (s->first_row = calloc((size_t)s->component_count + 2, sizeof *s->first_row)) &&
@@ -466,8 +450,7 @@ static void weld_component(struct lw_seams *s, struct lw_tiles *tiles, uint32_t 
     /* In units in which every member moves with the same ease; from where the last frame's correction leads. */
     for (uint32_t m = first; m < last; m++)
         for (uint32_t c = 0; c < 3; c++)
-            s->welded[3 * m + c] =
-                s->light[3 * m + c] / s->member[m].root_ease + MEMORY * s->correction[3 * m + c];
+            s->welded[3 * m + c] = s->light[3 * m + c] / s->member[m].root_ease + s->correction[3 * m + c];
     relax(s, component);
     for (int k = 0; k < BOUND_SWEEPS; k++) {
         if (k) sweep(s, component, s->welded);

@@ -3,7 +3,7 @@
  * Threads: init by one; weld by one caller, workers inside; same bytes at any number of them.
  *
  * Charts sample a surface at places of their own, and what a bilinear look-up reads on a border is half gutter. So the
- * two sides of a seam read differently by what the light varies over half a texel. At points along each seam, some two a texel,
+ * two sides of a seam read differently by what the light varies over half a texel. At points along each seam, some three a texel,
  * we ask that both look-ups read the same: a row of a linear system over the texels that they touch. Of all corrections
  * that fulfil the rows the smallest is taken, in the least squares sense, a gutter's counting less than a covered texel's;
  * Kaczmarz's projections (1937), row by row, tend to it; conjugate gradients hasten them (Bjorck and Elfving 1979). A correction moves both sides by the same amount towards each

@@ -200,8 +200,7 @@ static void store(float *const dst[3], uint32_t i, struct lw_vec3 v) {
 static struct lw_footprint_point point_at(const struct lw_mesh *mesh, uint32_t triangle, float u, float v,
                                           bool back) {
     struct lw_vec3 face, normal = lw_scene_normal(mesh, triangle, u, v, &face);
-    /* A shading normal that points into the surface would gather from inside. */
-    if (lw_vec3_dot(normal, face) <= 0.01f) normal = face;
+    normal = lw_scene_light_normal(normal, face);
     float side = back ? -1.0f : 1.0f;
     return (struct lw_footprint_point){.origin = lw_scene_shadow_origin(mesh, triangle, u, v, back),
                                        .normal = lw_vec3_scale(normal, side),

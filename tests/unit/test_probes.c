@@ -1,6 +1,7 @@
 /* Octahedral maps, the forms of probes, and what probes know of their surroundings. */
 #include "tests/support/support.h"
 
+#include "common/light/direction.h"
 #include "common/trace/trace.h"
 #include "server/solve/octahedral.h"
 #include "server/solve/probes.h"
@@ -17,7 +18,7 @@ static struct lw_vec3 direction(uint32_t i) {
     if (i < 6) return lw_vec3(axes[i][0], axes[i][1], axes[i][2]);
     float point[2];
     lw_random_sobol2(i, 7, point);
-    return lw_sampling_sphere(point);
+    return lw_direction_sphere(point);
 }
 
 static void test_octahedral_round_trip(void **state) {
@@ -59,7 +60,7 @@ static void project(const struct lw_probe_form_ops *form, function_of_direction 
     for (uint32_t i = 0; i < rays; i++) {
         float point[2];
         lw_random_sobol2(i, 3, point);
-        struct lw_vec3 d = lw_sampling_sphere(point);
+        struct lw_vec3 d = lw_direction_sphere(point);
         form->add(sum, d, (const float[3]){fn(d), 2 * fn(d), 0});
     }
     for (uint32_t i = 0; i < form->sum_floats; i++) sum[i] /= (float)rays;
@@ -98,7 +99,7 @@ static void expect_lamp(enum lw_probe_form_kind kind, double most_gain) {
     for (uint32_t i = 6; i < 6 + 4096; i++) {
         float point[2];
         lw_random_sobol2(i, 7, point);
-        struct lw_vec3 value = form->read(map, lw_sampling_sphere(point));
+        struct lw_vec3 value = form->read(map, lw_direction_sphere(point));
         assert_true(value.x >= 0 && value.y >= 0);
         mean += (double)value.x / 4096;
         high = fmax(high, (double)value.x);
