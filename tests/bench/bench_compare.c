@@ -1,0 +1,62 @@
+/* bench_compare: one picture against another, region by region.
+ *
+ *     bench_compare PICTURE.exr TRUTH.exr
+ *
+ * Prints the ratio of the means (all channels), relMSE = mean((x - t)^2 / (t^2 + eps)), eps = 1 % of the mean of t^2,
+ * and the ratio in each of 8 x 6 regions. For pictures of other renderers (cycles.py) and of other options. */
+#include "common/image/image.h"
+#include "common/log.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+
+#define COLUMNS 8u
+#define ROWS    6u
+
+struct picture {
+    float *rgb;
+    uint32_t width, height;
+};
+
+static double region_mean(const struct picture *p, uint32_t column, uint32_t row) {
+    const uint32_t x0 = column * p->width / COLUMNS, x1 = (column + 1) * p->width / COLUMNS;
+    const uint32_t y0 = row * p->height / ROWS, y1 = (row + 1) * p->height / ROWS;
+    double sum = 0;
+    for (uint32_t y = y0; y < y1; y++)
+        for (size_t i = ((size_t)y * p->width + x0) * 3; i < ((size_t)y * p->width + x1) * 3; i++)
+            sum += (double)p->rgb[i];
+    return x1 > x0 && y1 > y0 ? sum / (3.0 * (x1 - x0) * (y1 - y0)) : 0;
+}
+
+static void report(const struct picture *x, const struct picture *t) {
+    const size_t floats = (size_t)x->width * x->height * 3;
+    double sum[2] = {0}, square = 0, error = 0;
+    for (size_t i = 0; i < floats; i++) {
+        sum[0] += (double)x->rgb[i];
+        sum[1] += (double)t->rgb[i];
+        square += (double)t->rgb[i] * (double)t->rgb[i] / (double)floats;
+    }
+    for (size_t i = 0; i < floats; i++) {
+        const double a = (double)x->rgb[i], b = (double)t->rgb[i];
+        error += (a - b) * (a - b) / (b * b + 0.01 * square) / (double)floats;
+    }
+    printf("ratio of means %.4f, relMSE %.5f; regions:\n", sum[0] / sum[1], error);
+    for (uint32_t r = 0; r < ROWS; r++)
+        for (uint32_t c = 0; c < COLUMNS; c++)
+            printf("%7.4f%s", region_mean(x, c, r) / region_mean(t, c, r), c + 1 < COLUMNS ? "" : "\n");
+}
+
+int main(int argc, char **argv) {
+    struct lw_error err = {0};
+    struct picture picture[2] = {0};
+    enum lw_status status = LW_OK;
+    lw_log_init("bench_compare", LW_LOG_WARNING);
+    if (argc != 3) status = lw_status_fail(&err, LW_USAGE, "bench_compare PICTURE.exr TRUTH.exr");
+    for (int i = 0; status == LW_OK && i < 2; i++)
+        status = lw_image_read_exr(argv[1 + i], &picture[i].rgb, &picture[i].width, &picture[i].height, &err);
+    if (status == LW_OK && (picture[0].width != picture[1].width || picture[0].height != picture[1].height))
+        status = lw_status_fail(&err, LW_BAD_DATA, "the pictures differ in size");
+    if (status == LW_OK) report(&picture[0], &picture[1]);
+    for (int i = 0; i < 2; i++) free(picture[i].rgb);
+    return status == LW_OK ? 0 : lw_log_failure(&err);
+}
