@@ -109,14 +109,6 @@ enum lw_status lw_replica_take_frame(struct lw_replica *r, const struct lw_messa
     return LW_OK;
 }
 
-/* The id of the tile that a message names, or {UINT32_MAX}. */
-static lw_tile_id find_tile(const struct lw_atlas_map *map, const struct lw_message_tile *t) {
-    const lw_tile_id none = {UINT32_MAX};
-    if (t->object >= map->object_count || t->level >= map->atlas[t->object].level_count) return none;
-    uint32_t tiles_x = map->atlas[t->object].level[t->level].tiles_x;
-    return lw_atlas_map_find(map, t->object, t->level, t->tile % tiles_x, t->tile / tiles_x);
-}
-
 static void copy_into_level(struct lw_replica *r, const struct lw_tile_place *place) {
     size_t level_width = r->map.atlas[place->object].level[place->level].width;
     size_t x = (size_t)place->x * LW_TILE_SIDE, y = (size_t)place->y * LW_TILE_SIDE;
@@ -128,7 +120,7 @@ static void copy_into_level(struct lw_replica *r, const struct lw_tile_place *pl
 
 enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_message_tile *t,
                                     struct lw_error *err) {
-    lw_tile_id id = find_tile(&r->map, t);
+    lw_tile_id id = lw_atlas_map_find_tile(&r->map, t->object, t->level, t->tile);
     if (id.v == UINT32_MAX)
         return lw_status_fail(err, LW_PROTOCOL, "message TILE: there is no object %u, level %u, tile %u",
                               t->object, t->level, t->tile);

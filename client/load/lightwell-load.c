@@ -4,14 +4,21 @@
 #include "client/load/swarm.h"
 #include "common/log.h"
 
+#include <stdlib.h>
 #include <string.h>
 
 static int run_swarm(int argc, char **argv) {
     struct lw_load_options options;
+    struct lw_load_report *report = NULL;
     struct lw_error err = {0};
     bool done = false, held = true;
     enum lw_status status = lw_load_options_parse(argc, argv, &options, &done, &err);
-    if (status == LW_OK && !done) status = lw_swarm_run(&options, &held, &err);
+    if (status == LW_OK && !done) status = lw_swarm_run(&options, &report, &err);
+    if (status == LW_OK && report) {
+        status = lw_load_report_print(&options, report, &err);
+        held = lw_load_report_check(&options, report);
+    }
+    free(report);
     if (status != LW_OK) return lw_log_failure(&err);
     return held ? 0 : 1;
 }

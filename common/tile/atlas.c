@@ -78,3 +78,11 @@ lw_tile_id lw_atlas_map_find(const struct lw_atlas_map *map, uint32_t object, ui
     if (x >= l->tiles_x || y >= l->tiles_y) return (lw_tile_id){UINT32_MAX};
     return (lw_tile_id){map->first_tile[object] + l->first_tile + y * l->tiles_x + x};
 }
+
+lw_tile_id lw_atlas_map_find_tile(const struct lw_atlas_map *map, uint32_t object, uint32_t level,
+                                  uint32_t tile) {
+    if (object >= map->object_count || level >= map->atlas[object].level_count)
+        return (lw_tile_id){UINT32_MAX};
+    uint32_t tiles_x = map->atlas[object].level[level].tiles_x;
+    return lw_atlas_map_find(map, object, level, tile % tiles_x, tile / tiles_x);
+}

@@ -53,5 +53,8 @@ void lw_atlas_map_finish(struct lw_atlas_map *map);
 /** Id of a tile, or {UINT32_MAX} if there is no such place (safe for indices from outside). */
 lw_tile_id lw_atlas_map_find(const struct lw_atlas_map *map, uint32_t object, uint32_t level, uint32_t x,
                              uint32_t y);
+/** The same for a tile named by its number within the level, row * tiles_x + column, as on the wire. */
+lw_tile_id lw_atlas_map_find_tile(const struct lw_atlas_map *map, uint32_t object, uint32_t level,
+                                  uint32_t tile);
 
 #endif

@@ -393,17 +393,6 @@ static void handle_package_request(struct lw_session *s, uint64_t offset) {
     s->state = STREAMING;
 }
 
-static bool find_tile(const struct lw_atlas_map *map, struct lw_message_interest_tile wanted,
-                      uint32_t *out_id) {
-    if (wanted.object >= map->object_count) return false;
-    const struct lw_atlas *atlas = &map->atlas[wanted.object];
-    if (wanted.level >= atlas->level_count) return false;
-    const struct lw_atlas_level *level = &atlas->level[wanted.level];
-    if (wanted.tile >= level->tiles_x * level->tiles_y) return false;
-    *out_id = map->first_tile[wanted.object] + level->first_tile + wanted.tile;
-    return true;
-}
-
 static void handle_interest(struct lw_session *s, const struct lw_message_interest *interest) {
     const struct lw_atlas_map *map = s->shared->atlas_map;
     uint64_t *wanted = NULL;
@@ -416,8 +405,8 @@ static void handle_interest(struct lw_session *s, const struct lw_message_intere
     }
     for (size_t i = 0; i < interest->tile_count; i++) {
         struct lw_message_interest_tile t = interest->tile[i];
-        uint32_t id;
-        if (!find_tile(map, t, &id)) {
+        uint32_t id = lw_atlas_map_find_tile(map, t.object, t.level, t.tile).v;
+        if (id == UINT32_MAX) {
             free(wanted);
             lw_session_refuse(s, LW_REFUSAL_PROTOCOL,
                               "message INTEREST: there is no object %u, level %u, tile %u", t.object, t.level,

@@ -1,0 +1,43 @@
+/* frame_clock.h: when anyone first heard of a frame: the zero of latencies, as near to its publication as a client comes.
+ * Flow:    FRAME of any session -> [frame_clock] -> age of a tile or frame when a session gets it
+ * Threads: one thread at a time. */
+#ifndef LW_CLIENT_LOAD_FRAME_CLOCK_H
+#define LW_CLIENT_LOAD_FRAME_CLOCK_H
+
+#include "common/status.h"
+
+#include <stdint.h>
+
+#define LW_FRAME_CLOCK_FRAMES 65536u /* remembered */
+
+struct lw_frame_clock_entry {
+    uint64_t frame;
+    uint64_t heard_ns;      /* lw_clock_ns() */
+    uint64_t solve_ns;      /* from the moment simulated to the moment published, as the server says */
+    uint64_t server_cpu_ns; /* of the server's process since it started, as it says; 0: it does not */
+};
+
+struct lw_frame_clock {
+    uint64_t count; /* heard of so far; entry i lies at i % LW_FRAME_CLOCK_FRAMES */
+    struct lw_frame_clock_entry *entry;
+};
+
+/** Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_frame_clock_init(struct lw_frame_clock *clock);
+void lw_frame_clock_finish(struct lw_frame_clock *clock);
+
+/** Somebody has got a FRAME. Returns whether it is newer than all before; only then it counts. */
+bool lw_frame_clock_hear(struct lw_frame_clock *clock, struct lw_frame_clock_entry heard);
+
+/** The i-th frame heard of, from 0; NULL if it was forgotten or is not there yet. */
+const struct lw_frame_clock_entry *lw_frame_clock_at(const struct lw_frame_clock *clock, uint64_t i);
+
+/** The newest frame heard of; 0: none. */
+uint64_t lw_frame_clock_newest(const struct lw_frame_clock *clock);
+
+/** The first frame heard of whose number is at least `frame`: a server may skip numbers on the wire, and what it published
+ * under a skipped one comes with the next. For a number that was forgotten, the oldest one known, so that ages are never
+ * overstated. NULL if no such frame was heard of. Valid until the next call of lw_frame_clock_hear(). */
+const struct lw_frame_clock_entry *lw_frame_clock_find(const struct lw_frame_clock *clock, uint64_t frame);
+
+#endif

@@ -1,0 +1,63 @@
+/* load_figures.h: what the sessions of a load test count and time while it runs.
+ * Flow:    sessions -> [load_figures] -> load_report
+ * Threads: the loop's. */
+#ifndef LW_CLIENT_LOAD_LOAD_FIGURES_H
+#define LW_CLIENT_LOAD_LOAD_FIGURES_H
+
+#include "client/load/histogram.h"
+
+#include <stdbool.h>
+
+/* What can go wrong: name in JSON, text for people. */
+#define LW_LOAD_FAULT_MAP(X)                                                                                 \
+    X(CONNECT, "connect", "could not connect")                                                               \
+    X(REFUSED, "refused", "were refused")                                                                    \
+    X(LOST, "lost", "lost the connection")                                                                   \
+    X(SILENCE, "silence", "heard nothing for 15 s")                                                          \
+    X(MESSAGE, "message", "got a message that does not decode")                                              \
+    X(ORDER, "order", "got a message out of order")                                                          \
+    X(FRAME, "frame", "got a frame number that went back")                                                   \
+    X(PACKAGE, "package", "got another scene package than the first user")                                   \
+    X(PLACE, "place", "got a message about what the scene does not have")                                    \
+    X(PAYLOAD, "payload", "got a tile that does not decode")                                                 \
+    X(VERSION, "version", "got a tile that was not newer than what they had")                                \
+    X(DIFFERENT, "different", "got other bytes than another user for the same version of a tile")            \
+    X(SYSTEM, "system", "ran out of memory or descriptors on our side")
+
+enum lw_load_fault {
+#define X(name, key, text) LW_LOAD_FAULT_##name,
+    LW_LOAD_FAULT_MAP(X)
+#undef X
+        LW_LOAD_FAULT_COUNT
+};
+
+/** Counts go on for the whole run; histograms of what happens in the steady state take only what falls into the measured
+ * time (`measuring`). Times are nanoseconds. */
+struct lw_load_figures {
+    bool measuring;
+    uint64_t asked;         /* sessions that began to connect */
+    uint64_t welcomed;      /* of them */
+    uint64_t refused, lost; /* that ended, though nobody here wanted it, before or after their welcome */
+    uint64_t left;          /* by churn */
+    uint64_t stopped;       /* never-readers that stopped reading */
+    uint64_t dropped;       /* of them: those that the server closed */
+    uint64_t fault[LW_LOAD_FAULT_COUNT];
+    char first_fault[LW_LOAD_FAULT_COUNT][160]; /* the first of each kind, in detail; "" if there was none */
+
+    uint64_t bytes, tiles, frames, settled; /* received */
+
+    struct lw_histogram connect;    /* from connect to WELCOME */
+    struct lw_histogram download;   /* from connect to the whole package, if every session downloads */
+    struct lw_histogram first_view; /* from connect to every tile that was asked for */
+    struct lw_histogram next_view;  /* from another INTEREST to the same */
+    struct lw_histogram drop;       /* from the last read of a never-reader until it found itself dropped */
+    struct lw_histogram
+        update;                /* measured: a tile's arrival after the first FRAME of its version to anyone */
+    struct lw_histogram frame; /* measured: a FRAME's arrival, likewise */
+    struct lw_histogram whole; /* measured: a SETTLED's arrival, likewise */
+    struct lw_histogram age; /* measured: of a tile's light at arrival: its frame's solve_ns and the update */
+    struct lw_histogram ping;     /* measured: PING to PONG */
+    struct lw_histogram rate_mhz; /* measured: frames per 1000 s, one value a session */
+};
+
+#endif

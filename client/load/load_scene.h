@@ -1,0 +1,33 @@
+/* load_scene.h: what all users of a load test share: the server's address, its scene package, the scene's tiles.
+ * Flow:    HOST:PORT -> one session that downloads the package -> [load_scene] -> all other sessions
+ * Threads: fetched by one thread; then immutable. */
+#ifndef LW_CLIENT_LOAD_LOAD_SCENE_H
+#define LW_CLIENT_LOAD_LOAD_SCENE_H
+
+#include "client/load/interest.h"
+#include "proto/message.h"
+
+#include <sys/socket.h>
+
+struct lw_load_scene {
+    struct sockaddr_storage address; /* that answered */
+    struct lw_package_hash hash;     /* of the package */
+    uint64_t package_size, compressed_size;
+    uint8_t *compressed; /* the package as it came; NULL if it was not to be kept */
+    uint32_t object_count, light_count;
+    struct lw_atlas_map map;
+    struct lw_interest *interest; /* NULL if it was not asked for */
+    uint64_t download_ns;         /* from connect to the whole package */
+};
+
+/** Connects, downloads the package, reads it, leaves.
+ * keep_compressed   keep the package's bytes, to compare what others get
+ * with_interest     work out where tiles are
+ * Errors: LW_NO_HOST; LW_UNAVAILABLE naming the address ("is lightwelld running?"); LW_TIMED_OUT; LW_PROTOCOL for a peer
+ * that is no lightwelld or sends what is none of its business; LW_CLOSED; LW_BAD_DATA; LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_load_scene_fetch(const char *host, uint16_t port, bool keep_compressed,
+                                                 bool with_interest, struct lw_load_scene *out_scene,
+                                                 struct lw_error *err);
+void lw_load_scene_finish(struct lw_load_scene *scene);
+
+#endif

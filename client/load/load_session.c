@@ -1,0 +1,686 @@
+#include "client/load/load_session.h"
+
+#include "common/clock.h"
+
+#include <assert.h>
+#include <errno.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define SECOND_NS 1000000000ull
+#define OUTBOX_MAX                                                                                           \
+    (64u << 10) /* bytes that may wait before messages are dropped that a later one makes up for */
+#define GOODBYE_NS     (2 * SECOND_NS) /* from our end of the link to closing without the server's */
+#define LOOK_NS        (SECOND_NS / 2) /* from one look around to the next */
+#define STAY_S         2.0             /* of a teleporting user in a place */
+#define ALLOWANCE_S    0.2             /* of a slow reader's rate: the most that it reads at once */
+#define RATE_MIN_SHARE 0.5 /* of the measured time, or a second: whoever was there for less has no rate */
+
+enum state {
+    CONNECTING,
+    GREETING, /* has said hello */
+    LOADING,  /* was welcomed; no FRAME yet */
+    STREAMING,
+    STOPPED, /* a never-reader after its first FRAME */
+    LEAVING, /* has said goodbye: what comes is dropped */
+    CLOSED   /* waits for libuv */
+};
+
+struct lw_load_session {
+    uv_tcp_t tcp;
+    uv_connect_t connecting;
+    uv_shutdown_t goodbye;
+    struct lw_load_shared *shared;
+    struct lw_load_session *previous, *next;
+    uint32_t number;
+    enum lw_load_reader reader;
+    bool counts; /* its times go into the figures: not those of a few odd readers among others */
+    enum state state;
+    uint64_t began_ns, welcomed_ns, heard_ns, pinged_ns;
+    uint64_t quiet_ns; /* STOPPED or LEAVING since */
+
+    uint8_t *input; /* the beginning of a message that is not whole yet */
+    size_t input_size, input_capacity;
+    double allowance; /* bytes that a slow reader may read now */
+    uint64_t allowed_ns;
+    bool paused;
+
+    uint64_t package_received;
+    uint64_t first_frame, frame, frame_acked, frames_measured;
+    uint64_t *known;  /* per tile: the version that it has; 0: none */
+    uint64_t *wanted; /* bit per tile; NULL: everything */
+    uint32_t missing; /* wanted tiles that it has no version of */
+    bool has_view;    /* it had every wanted tile at some time */
+    uint64_t view_since_ns, looked_ns;
+    struct lw_package_hash chosen; /* of the tiles in the last INTEREST */
+};
+
+/* What may be open at the same time as ours: no mistake of the other side. */
+static bool is_over(const struct lw_load_session *s) { return s->state >= LEAVING; }
+
+bool lw_load_session_is_streaming(const struct lw_load_session *s) { return s->state == STREAMING; }
+bool lw_load_session_is_live(const struct lw_load_session *s) { return s->state < LEAVING; }
+enum lw_load_reader lw_load_session_reader(const struct lw_load_session *s) { return s->reader; }
+struct lw_load_session *lw_load_session_next(const struct lw_load_session *s) {
+    return s->next;
+}
+
+/* ---- the end ---- */
+
+static void on_closed(uv_handle_t *handle) {
+    struct lw_load_session *s = handle->data;
+    s->shared->session_count--;
+    free(s->input);
+    free(s->known);
+    free(s->wanted);
+    free(s);
+}
+
+static void set_over(struct lw_load_session *s, enum state state) {
+    s->shared->live_count -= !is_over(s);
+    s->state = state;
+}
+
+static void unlink_session(struct lw_load_session *s) {
+    if (s->previous)
+        s->previous->next = s->next;
+    else
+        s->shared->first = s->next;
+    if (s->next) s->next->previous = s->previous;
+}
+
+static void link_session(struct lw_load_session *s) {
+    struct lw_load_shared *shared = s->shared;
+    s->next = shared->first;
+    if (s->next) s->next->previous = s;
+    shared->first = s;
+    shared->live_count++;
+    shared->session_count++;
+}
+
+/* reset: the peer learns of it at once, and loses what is on its way. */
+static void close_session(struct lw_load_session *s, bool reset) {
+    if (s->state == CLOSED) return;
+    set_over(s, CLOSED);
+    unlink_session(s);
+    if (!reset || uv_tcp_close_reset(&s->tcp, on_closed) < 0) uv_close((uv_handle_t *)&s->tcp, on_closed);
+}
+
+void lw_load_session_close(struct lw_load_session *s) { close_session(s, false); }
+
+void lw_load_session_conclude(struct lw_load_session *s, uint64_t now_ns) {
+    struct lw_load_figures *f = s->shared->figures;
+    if (!f->measuring || !s->counts || !s->welcomed_ns || is_over(s)) return;
+    uint64_t from_ns =
+        s->welcomed_ns > s->shared->measured_from_ns ? s->welcomed_ns : s->shared->measured_from_ns;
+    double there_s = now_ns > from_ns ? 1e-9 * (double)(now_ns - from_ns) : 0;
+    if (there_s < fmin(1, RATE_MIN_SHARE * s->shared->options->seconds)) return;
+    lw_histogram_add(&f->rate_mhz, (uint64_t)(1000 * (double)s->frames_measured / there_s + 0.5));
+}
+
+static void count_fault(struct lw_load_shared *shared, enum lw_load_fault fault, const char *format,
+                        va_list args) {
+    char *first = shared->figures->first_fault[fault];
+    if (shared->figures->fault[fault]++ == 0) {
+        vsnprintf(first, sizeof shared->figures->first_fault[fault], format, args);
+        lw_status_one_line(first);
+    }
+}
+
+LW_PRINTF(3, 4)
+static void note_fault(struct lw_load_shared *shared, enum lw_load_fault fault, const char *format, ...) {
+    va_list args;
+    va_start(args, format);
+    count_fault(shared, fault, format, args);
+    va_end(args);
+}
+
+/* Ends a session that did not want to end. */
+LW_PRINTF(3, 4)
+static void fail(struct lw_load_session *s, enum lw_load_fault fault, const char *format, ...) {
+    if (is_over(s)) return;
+    va_list args;
+    va_start(args, format);
+    count_fault(s->shared, fault, format, args);
+    va_end(args);
+    if (s->welcomed_ns)
+        s->shared->figures->lost++;
+    else
+        s->shared->figures->refused++;
+    lw_load_session_conclude(s, lw_clock_ns());
+    lw_load_session_close(s);
+}
+
+/* The link has broken. For a never-reader that is what it came for. */
+static void lose(struct lw_load_session *s, const char *why) {
+    if (s->state == STOPPED) {
+        s->shared->figures->dropped++;
+        lw_histogram_add(&s->shared->figures->drop, lw_clock_ns() - s->quiet_ns);
+        lw_load_session_close(s);
+    } else if (s->state == LEAVING) {
+        lw_load_session_close(s);
+    } else {
+        fail(s, s->welcomed_ns ? LW_LOAD_FAULT_LOST : LW_LOAD_FAULT_CONNECT, "%s", why);
+    }
+}
+
+/* ---- sending ---- */
+
+struct outgoing {
+    uv_write_t request;
+    uint8_t *bytes;
+};
+
+static void on_sent(uv_write_t *request, int result) {
+    struct outgoing *out = request->data;
+    struct lw_load_session *s = request->handle->data;
+    free(out->bytes);
+    free(out);
+    if (result < 0 && result != UV_ECANCELED) lose(s, uv_strerror(result));
+}
+
+/* Takes over `bytes`. */
+static int queue(struct lw_load_session *s, uint8_t *bytes, size_t sent, size_t size) {
+    struct outgoing *out = malloc(sizeof *out);
+    if (!out) {
+        free(bytes);
+        return UV_ENOMEM;
+    }
+    *out = (struct outgoing){.bytes = bytes};
+    out->request.data = out;
+    uv_buf_t rest = uv_buf_init((char *)bytes + sent, (unsigned)(size - sent));
+    int result = uv_write(&out->request, (uv_stream_t *)&s->tcp, &rest, 1, on_sent);
+    if (result < 0) {
+        free(bytes);
+        free(out);
+    }
+    return result;
+}
+
+static void send_message(struct lw_load_session *s, const struct lw_message *message) {
+    uint8_t *bytes;
+    size_t size;
+    if (is_over(s) || uv_stream_get_write_queue_size((uv_stream_t *)&s->tcp) > OUTBOX_MAX) return;
+    if (lw_message_encode_alloc(message, &bytes, &size) != LW_OK) {
+        fail(s, LW_LOAD_FAULT_SYSTEM, "out of memory for a message");
+        return;
+    }
+    uv_buf_t all = uv_buf_init((char *)bytes, (unsigned)size);
+    int result = uv_try_write((uv_stream_t *)&s->tcp, &all, 1);
+    size_t sent = result > 0 ? (size_t)result : 0;
+    if (result == UV_EAGAIN || (result >= 0 && sent < size)) {
+        result = queue(s, bytes, sent, size);
+    } else {
+        free(bytes);
+    }
+    if (result < 0) lose(s, uv_strerror(result));
+}
+
+static void ping(struct lw_load_session *s, uint64_t now_ns) {
+    s->pinged_ns = now_ns;
+    send_message(s, &(struct lw_message){.type = LW_MESSAGE_PING, .ping.token = now_ns});
+}
+
+/* ---- what it wants to see ---- */
+
+static struct lw_interest_eye eye_of(const struct lw_load_session *s, uint64_t now_ns) {
+    const struct lw_load_options *o = s->shared->options;
+    const struct lw_interest *interest = s->shared->scene->interest;
+    double since_s = 1e-9 * (double)(now_ns - s->began_ns);
+    uint32_t seed = (uint32_t)o->seed;
+    if (o->path == LW_LOAD_WALK) return lw_interest_walk(interest, seed, s->number, since_s);
+    uint32_t stay = o->path == LW_LOAD_TELEPORT ? (uint32_t)(since_s / STAY_S) : 0;
+    return lw_interest_place(interest, seed, s->number, stay);
+}
+
+static void complete_view(struct lw_load_session *s, uint64_t now_ns) {
+    struct lw_load_figures *f = s->shared->figures;
+    if (s->counts) lw_histogram_add(s->has_view ? &f->next_view : &f->first_view, now_ns - s->view_since_ns);
+    s->has_view = true;
+}
+
+/* Replaces what is wanted; the time until it is there counts from the request, or from one before it that was not met. */
+static void want(struct lw_load_session *s, uint32_t count, uint64_t now_ns) {
+    const struct lw_load_scene *scene = s->shared->scene;
+    bool had_all = s->missing == 0;
+    memset(s->wanted, 0, (scene->map.tile_count / 64 + 1) * sizeof *s->wanted);
+    s->missing = 0;
+    for (uint32_t i = 0; i < count; i++) {
+        uint32_t id = s->shared->chosen[i].v;
+        s->wanted[id / 64] |= 1ull << (id % 64);
+        s->missing += s->known[id] == 0;
+    }
+    if (s->has_view && had_all) s->view_since_ns = now_ns;
+    if (s->has_view && had_all && s->missing == 0) complete_view(s, now_ns);
+}
+
+/* Looks around, and says so if that shows other tiles than before. */
+static void look(struct lw_load_session *s, uint64_t now_ns) {
+    struct lw_load_shared *shared = s->shared;
+    const struct lw_atlas_map *map = &shared->scene->map;
+    struct lw_interest_eye eye = eye_of(s, now_ns);
+    struct lw_package_hash hash;
+    s->looked_ns = now_ns;
+    uint32_t count =
+        lw_interest_choose(shared->scene->interest, &eye, shared->chosen, LW_MESSAGE_INTEREST_MAX);
+    lw_package_hash((const uint8_t *)shared->chosen, count * sizeof *shared->chosen, &hash);
+    if (memcmp(hash.bytes, s->chosen.bytes, sizeof hash.bytes) == 0) return;
+    s->chosen = hash;
+    for (uint32_t i = 0; i < count; i++) {
+        const struct lw_tile_place *p = &map->place[shared->chosen[i].v];
+        shared->named[i] = (struct lw_message_interest_tile){
+            p->object, p->level, p->y * map->atlas[p->object].level[p->level].tiles_x + p->x};
+    }
+    want(s, count, now_ns);
+    send_message(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST,
+                                         .interest = {.tile = shared->named, .tile_count = count}});
+}
+
+/* ---- what the server says ---- */
+
+static void out_of_order(struct lw_load_session *s, enum lw_message_type type) {
+    fail(s, LW_LOAD_FAULT_ORDER, "message %s", lw_message_name((uint16_t)type));
+}
+
+static void handle_welcome(struct lw_load_session *s, const struct lw_message_welcome *welcome,
+                           uint64_t now_ns) {
+    const struct lw_load_scene *scene = s->shared->scene;
+    struct lw_load_figures *f = s->shared->figures;
+    if (s->state != GREETING) {
+        out_of_order(s, LW_MESSAGE_WELCOME);
+        return;
+    }
+    if (welcome->version != LW_WIRE_VERSION ||
+        memcmp(welcome->package_hash.bytes, scene->hash.bytes, sizeof scene->hash.bytes) != 0 ||
+        welcome->package_compressed_size != scene->compressed_size) {
+        fail(s, LW_LOAD_FAULT_PACKAGE, "its WELCOME names another package or version");
+        return;
+    }
+    f->welcomed++;
+    s->welcomed_ns = now_ns;
+    s->state = LOADING;
+    if (s->counts) lw_histogram_add(&f->connect, now_ns - s->began_ns);
+    if (s->wanted) look(s, now_ns);
+    s->package_received = s->shared->options->download ? 0 : scene->compressed_size;
+    send_message(s, &(struct lw_message){.type = LW_MESSAGE_PACKAGE_REQUEST,
+                                         .package_request.offset = s->package_received});
+}
+
+static void handle_chunk(struct lw_load_session *s, const struct lw_message_package_chunk *chunk,
+                         uint64_t now_ns) {
+    const struct lw_load_scene *scene = s->shared->scene;
+    uint64_t left = scene->compressed_size - s->package_received;
+    if (s->state != LOADING || chunk->offset != s->package_received || chunk->size > left) {
+        out_of_order(s, LW_MESSAGE_PACKAGE_CHUNK);
+        return;
+    }
+    if (memcmp(scene->compressed + chunk->offset, chunk->data, chunk->size) != 0) {
+        fail(s, LW_LOAD_FAULT_PACKAGE, "the chunk at %llu differs", (unsigned long long)chunk->offset);
+        return;
+    }
+    s->package_received += chunk->size;
+    if (s->counts && s->package_received == scene->compressed_size)
+        lw_histogram_add(&s->shared->figures->download, now_ns - s->began_ns);
+}
+
+static bool names_what_exists(const struct lw_load_scene *scene, const struct lw_message_frame *frame) {
+    for (size_t i = 0; i < frame->transform_count; i++)
+        if (frame->transform[i].object >= scene->object_count) return false;
+    for (size_t i = 0; i < frame->light_count; i++)
+        if (frame->light[i].light >= scene->light_count) return false;
+    return true;
+}
+
+/* A frame that this session has not heard of before; a large one comes in several messages. */
+static void begin_frame(struct lw_load_session *s, const struct lw_message_frame *frame, uint64_t now_ns) {
+    struct lw_load_shared *shared = s->shared;
+    struct lw_load_figures *f = shared->figures;
+    (void)lw_frame_clock_hear(
+        &shared->clock,
+        (struct lw_frame_clock_entry){frame->frame, now_ns, frame->solve_ns, frame->server_cpu_ns});
+    f->frames++;
+    s->frame = frame->frame;
+    if (s->state == LOADING) {
+        s->first_frame = frame->frame;
+        s->state = STREAMING;
+        if (s->missing == 0) complete_view(s, now_ns); /* a scene without tiles */
+    } else if (s->counts && f->measuring) {
+        lw_histogram_add(&f->frame, now_ns - lw_frame_clock_find(&shared->clock, frame->frame)->heard_ns);
+    }
+    s->frames_measured += f->measuring;
+    if (s->reader != LW_LOAD_NEVER) return;
+    uv_read_stop((uv_stream_t *)&s->tcp);
+    s->state = STOPPED;
+    s->quiet_ns = now_ns;
+    f->stopped++;
+}
+
+static void handle_frame(struct lw_load_session *s, const struct lw_message_frame *frame, uint64_t now_ns) {
+    const struct lw_load_scene *scene = s->shared->scene;
+    if (s->package_received < scene->compressed_size || (s->state != LOADING && s->state != STREAMING))
+        out_of_order(s, LW_MESSAGE_FRAME);
+    else if (frame->frame < s->frame)
+        fail(s, LW_LOAD_FAULT_FRAME, "%llu after %llu", (unsigned long long)frame->frame,
+             (unsigned long long)s->frame);
+    else if (!names_what_exists(scene, frame))
+        fail(s, LW_LOAD_FAULT_PLACE, "message FRAME");
+    else if (frame->frame > s->frame)
+        begin_frame(s, frame, now_ns);
+}
+
+/* A tile counts as an update if its version was published while this session listened. What it is sent of the time before
+ * belongs to its first view. Our server numbers a tile's versions by its frames; with one that does not, updates are
+ * measured from when the frame of that number was heard of, or not at all. */
+static void note_update(struct lw_load_session *s, uint64_t version, uint64_t now_ns) {
+    struct lw_load_figures *f = s->shared->figures;
+    if (!f->measuring || !s->counts || version <= s->first_frame) return;
+    const struct lw_frame_clock_entry *published = lw_frame_clock_find(&s->shared->clock, version);
+    if (!published) return;
+    lw_histogram_add(&f->update, now_ns - published->heard_ns);
+    lw_histogram_add(&f->age, now_ns - published->heard_ns + published->solve_ns);
+}
+
+static void note_arrival(struct lw_load_session *s, lw_tile_id id, uint64_t now_ns) {
+    bool is_wanted = !s->wanted || (s->wanted[id.v / 64] >> (id.v % 64) & 1);
+    if (is_wanted && --s->missing == 0) complete_view(s, now_ns);
+}
+
+/* Of a tile. The two that a client ignores do not end the session. */
+static void note_bad_tile(struct lw_load_session *s, const struct lw_message_tile *t,
+                          enum lw_tile_verdict verdict) {
+    char where[96];
+    snprintf(where, sizeof where, "object %u, level %u, tile %u, version %llu", t->object, t->level, t->tile,
+             (unsigned long long)t->version);
+    if (verdict == LW_TILE_NOWHERE) fail(s, LW_LOAD_FAULT_PLACE, "message TILE: %s", where);
+    if (verdict == LW_TILE_DAMAGED) fail(s, LW_LOAD_FAULT_PAYLOAD, "%s", where);
+    if (verdict == LW_TILE_BACKWARDS) note_fault(s->shared, LW_LOAD_FAULT_VERSION, "%s", where);
+    if (verdict == LW_TILE_DIFFERENT) note_fault(s->shared, LW_LOAD_FAULT_DIFFERENT, "%s", where);
+}
+
+static void handle_tile(struct lw_load_session *s, const struct lw_message_tile *tile, uint64_t now_ns) {
+    struct lw_tile_finding finding;
+    if (s->state != STREAMING) {
+        out_of_order(s, LW_MESSAGE_TILE);
+        return;
+    }
+    s->shared->figures->tiles++;
+    if (lw_tile_check_take(s->shared->check, tile, s->known, &finding) != LW_OK) {
+        fail(s, LW_LOAD_FAULT_SYSTEM, "out of memory for a tile");
+    } else if (finding.verdict == LW_TILE_GOOD) {
+        note_update(s, tile->version, now_ns);
+        if (!finding.before) note_arrival(s, finding.id, now_ns);
+    } else {
+        note_bad_tile(s, tile, finding.verdict);
+    }
+}
+
+static void handle_settled(struct lw_load_session *s, uint64_t frame, uint64_t now_ns) {
+    struct lw_load_figures *f = s->shared->figures;
+    if (s->state != STREAMING || frame != s->frame) {
+        out_of_order(s, LW_MESSAGE_SETTLED);
+        return;
+    }
+    f->settled++;
+    if (f->measuring && s->counts && frame > s->first_frame)
+        lw_histogram_add(&f->whole, now_ns - lw_frame_clock_find(&s->shared->clock, frame)->heard_ns);
+}
+
+static void handle_pong(struct lw_load_session *s, uint64_t token, uint64_t now_ns) {
+    if (token < s->began_ns || token > now_ns)
+        fail(s, LW_LOAD_FAULT_ORDER, "message PONG: nobody sent such a PING");
+    else if (s->counts && s->shared->figures->measuring)
+        lw_histogram_add(&s->shared->figures->ping, now_ns - token);
+}
+
+static void handle_message(struct lw_load_session *s, const struct lw_message *m, uint64_t now_ns) {
+    switch (m->type) {
+    case LW_MESSAGE_WELCOME:
+        handle_welcome(s, &m->welcome, now_ns);
+        break;
+    case LW_MESSAGE_REFUSAL:
+        fail(s, s->welcomed_ns ? LW_LOAD_FAULT_LOST : LW_LOAD_FAULT_REFUSED, "%s",
+             m->refusal.text && *m->refusal.text ? m->refusal.text : "the server did not say why");
+        break;
+    case LW_MESSAGE_PACKAGE_CHUNK:
+        handle_chunk(s, &m->package_chunk, now_ns);
+        break;
+    case LW_MESSAGE_FRAME:
+        handle_frame(s, &m->frame, now_ns);
+        break;
+    case LW_MESSAGE_TILE:
+        handle_tile(s, &m->tile, now_ns);
+        break;
+    case LW_MESSAGE_SETTLED:
+        handle_settled(s, m->settled.frame, now_ns);
+        break;
+    case LW_MESSAGE_PING:
+        send_message(s, &(struct lw_message){.type = LW_MESSAGE_PONG, .pong.token = m->ping.token});
+        break;
+    case LW_MESSAGE_PONG:
+        handle_pong(s, m->pong.token, now_ns);
+        break;
+    default:
+        fail(s, LW_LOAD_FAULT_MESSAGE, "message %s: not one that a server sends",
+             lw_message_name((uint16_t)m->type));
+    }
+}
+
+/* ---- reading ---- */
+
+/* Takes one message off the front; returns its bytes, or 0 if it is not whole yet or breaks the session. */
+static size_t take_message(struct lw_load_session *s, const uint8_t *data, size_t size, uint64_t now_ns) {
+    struct lw_frame_header header;
+    struct lw_message message;
+    struct lw_error err = {0};
+    if (size < LW_FRAME_HEADER_SIZE) return 0;
+    enum lw_status status = lw_frame_read_header(data, LW_FRAME_BODY_MAX, &header, &err);
+    if (status == LW_OK && size - LW_FRAME_HEADER_SIZE < header.body_size) return 0;
+    /* types that we do not know are from a newer server */
+    bool known = status == LW_OK && lw_message_name(header.type);
+    if (known) status = lw_message_decode(header, data + LW_FRAME_HEADER_SIZE, &message, &err);
+    if (status != LW_OK) {
+        fail(s, status == LW_NO_MEMORY ? LW_LOAD_FAULT_SYSTEM : LW_LOAD_FAULT_MESSAGE, "%s", err.text);
+        return 0;
+    }
+    if (known) {
+        handle_message(s, &message, now_ns);
+        lw_message_finish(&message);
+    }
+    return LW_FRAME_HEADER_SIZE + (size_t)header.body_size;
+}
+
+static size_t take_messages(struct lw_load_session *s, const uint8_t *data, size_t size, uint64_t now_ns) {
+    size_t taken = 0, message;
+    while (s->state < STOPPED && (message = take_message(s, data + taken, size - taken, now_ns)))
+        taken += message;
+    return taken;
+}
+
+static bool append_input(struct lw_load_session *s, const uint8_t *data, size_t size) {
+    size_t needed = s->input_size + size;
+    if (needed > s->input_capacity) {
+        size_t capacity = needed > 2 * s->input_capacity ? needed : 2 * s->input_capacity;
+        uint8_t *grown = realloc(s->input, capacity);
+        if (!grown) return false;
+        s->input = grown;
+        s->input_capacity = capacity;
+    }
+    memcpy(s->input + s->input_size, data, size);
+    s->input_size = needed;
+    return true;
+}
+
+static void drop_input(struct lw_load_session *s) {
+    free(s->input);
+    s->input = NULL;
+    s->input_size = s->input_capacity = 0;
+}
+
+static void receive(struct lw_load_session *s, const uint8_t *data, size_t size, uint64_t now_ns) {
+    bool whole = s->input_size == 0; /* most messages come in one piece and need no copy */
+    if (whole) {
+        size_t taken = take_messages(s, data, size, now_ns);
+        data += taken;
+        size -= taken;
+    }
+    if (s->state >= STOPPED) return;
+    if (size && !append_input(s, data, size)) {
+        fail(s, LW_LOAD_FAULT_SYSTEM, "out of memory for a message");
+        return;
+    }
+    if (!whole) {
+        size_t taken = take_messages(s, s->input, s->input_size, now_ns);
+        s->input_size -= taken;
+        memmove(s->input, s->input + taken, s->input_size);
+    }
+    if (!s->input_size) drop_input(s);
+}
+
+static void on_alloc(uv_handle_t *handle, size_t suggested, uv_buf_t *out_buffer) {
+    struct lw_load_session *s = handle->data;
+    size_t size = sizeof s->shared->read_buffer;
+    (void)suggested;
+    if (s->reader == LW_LOAD_SLOW && s->allowance < (double)size)
+        size = s->allowance < 1 ? 1 : (size_t)s->allowance;
+    *out_buffer = uv_buf_init((char *)s->shared->read_buffer, (unsigned)size);
+}
+
+static void acknowledge(struct lw_load_session *s) {
+    if (s->frame == s->frame_acked) return;
+    s->frame_acked = s->frame;
+    send_message(s, &(struct lw_message){.type = LW_MESSAGE_ACK, .ack.frame = s->frame});
+}
+
+static void on_read(uv_stream_t *stream, ssize_t size, const uv_buf_t *buffer) {
+    struct lw_load_session *s = stream->data;
+    if (size == UV_EOF) {
+        lose(s, "the server closed the connection");
+        return;
+    }
+    if (size < 0) {
+        lose(s, uv_strerror((int)size));
+        return;
+    }
+    if (size == 0 || is_over(s)) return;
+    uint64_t now_ns = lw_clock_ns();
+    s->heard_ns = now_ns;
+    s->shared->figures->bytes += (uint64_t)size;
+    receive(s, (const uint8_t *)buffer->base, (size_t)size, now_ns);
+    if (s->state == STREAMING) acknowledge(s);
+    s->allowance -= (double)size;
+    if (s->reader == LW_LOAD_SLOW && s->allowance < 1 && s->state < STOPPED) {
+        s->paused = true;
+        uv_read_stop(stream);
+    }
+}
+
+/* ---- the beginning ---- */
+
+static void on_connected(uv_connect_t *request, int result) {
+    struct lw_load_session *s = request->handle->data;
+    if (is_over(s)) return;
+    if (result == 0) result = uv_read_start((uv_stream_t *)&s->tcp, on_alloc, on_read);
+    if (result < 0) {
+        fail(s, LW_LOAD_FAULT_CONNECT, "%s", uv_strerror(result));
+        return;
+    }
+    (void)uv_tcp_nodelay(&s->tcp, 1);
+    s->state = GREETING;
+    s->heard_ns = lw_clock_ns();
+    send_message(s, &(struct lw_message){.type = LW_MESSAGE_HELLO,
+                                         .hello = {.version = LW_WIRE_VERSION, .name = "lightwell-load"}});
+}
+
+/* The kernel's buffers would read a few megabytes for someone who reads slowly. */
+static void keep_buffers_small(struct lw_load_session *s) {
+    int descriptor, size = LW_LOAD_SLOW_RECEIVE;
+    if (uv_fileno((uv_handle_t *)&s->tcp, &descriptor) == 0)
+        (void)setsockopt(descriptor, SOL_SOCKET, SO_RCVBUF, &size, sizeof size);
+}
+
+static enum lw_status allocate(struct lw_load_session *s) {
+    uint32_t tiles = s->shared->scene->map.tile_count;
+    s->known = calloc((size_t)tiles + 1, sizeof *s->known);
+    if (s->shared->options->path != LW_LOAD_EVERYTHING) s->wanted = calloc(tiles / 64 + 1, sizeof *s->wanted);
+    s->missing = tiles;
+    return s->known && (s->wanted || s->shared->options->path == LW_LOAD_EVERYTHING) ? LW_OK : LW_NO_MEMORY;
+}
+
+static enum lw_status cannot_start(struct lw_load_shared *shared, int result) {
+    note_fault(shared, LW_LOAD_FAULT_SYSTEM, "%s", uv_strerror(result));
+    shared->figures->refused++;
+    return result == UV_ENOMEM ? LW_NO_MEMORY : LW_OS;
+}
+
+enum lw_status lw_load_session_start(struct lw_load_shared *shared, uint32_t number,
+                                     enum lw_load_reader reader) {
+    const struct sockaddr *address = (const struct sockaddr *)&shared->scene->address;
+    shared->figures->asked++;
+    struct lw_load_session *s = calloc(1, sizeof *s);
+    int result = s ? uv_tcp_init_ex(shared->loop, &s->tcp, address->sa_family) : UV_ENOMEM;
+    if (result < 0) {
+        free(s);
+        return cannot_start(shared, result);
+    }
+    s->tcp.data = s;
+    s->shared = shared;
+    s->number = number;
+    s->reader = reader;
+    s->counts = reader == LW_LOAD_FAST || shared->options->odd_readers == shared->options->users;
+    s->began_ns = s->view_since_ns = s->allowed_ns = lw_clock_ns();
+    link_session(s);
+    if (reader != LW_LOAD_FAST) keep_buffers_small(s);
+    result =
+        allocate(s) == LW_OK ? uv_tcp_connect(&s->connecting, &s->tcp, address, on_connected) : UV_ENOMEM;
+    if (result == 0) return LW_OK;
+    lw_load_session_close(s);
+    return cannot_start(shared, result);
+}
+
+/* ---- time ---- */
+
+static void allow(struct lw_load_session *s, uint64_t now_ns) {
+    double rate = s->shared->options->slow_bytes_hz;
+    s->allowance =
+        fmin(s->allowance + rate * 1e-9 * (double)(now_ns - s->allowed_ns), fmax(rate * ALLOWANCE_S, 1));
+    s->allowed_ns = now_ns;
+    if (!s->paused || s->allowance < 1) return;
+    s->paused = false;
+    int result = uv_read_start((uv_stream_t *)&s->tcp, on_alloc, on_read);
+    if (result < 0) lose(s, uv_strerror(result));
+}
+
+void lw_load_session_tick(struct lw_load_session *s, uint64_t now_ns) {
+    if (s->state <= GREETING && now_ns > s->began_ns + LW_LOAD_CONNECT_TIMEOUT_S * SECOND_NS)
+        fail(s, LW_LOAD_FAULT_CONNECT, "no welcome within %u s", LW_LOAD_CONNECT_TIMEOUT_S);
+    if (s->state == LEAVING && now_ns > s->quiet_ns + GOODBYE_NS) lw_load_session_close(s);
+    if (s->state <= GREETING || is_over(s)) return;
+    if (s->reader == LW_LOAD_SLOW) allow(s, now_ns);
+    if (s->reader == LW_LOAD_FAST && now_ns > s->heard_ns + LW_LOAD_SILENCE_S * SECOND_NS)
+        fail(s, LW_LOAD_FAULT_SILENCE, "frame %llu was the last", (unsigned long long)s->frame);
+    if (now_ns >= s->pinged_ns + LW_LOAD_PING_S * SECOND_NS) ping(s, now_ns);
+    if (s->wanted && s->state == STREAMING && now_ns >= s->looked_ns + LOOK_NS) look(s, now_ns);
+}
+
+static void on_goodbye(uv_shutdown_t *request, int result) {
+    struct lw_load_session *s = request->handle->data;
+    if (result < 0 && result != UV_ECANCELED) lw_load_session_close(s);
+}
+
+void lw_load_session_leave(struct lw_load_session *s, bool graceful) {
+    uint64_t now_ns = lw_clock_ns();
+    if (is_over(s)) return;
+    s->shared->figures->left++;
+    lw_load_session_conclude(s, now_ns);
+    bool reads = s->state > CONNECTING && s->state != STOPPED && !s->paused;
+    if (graceful && reads && uv_shutdown(&s->goodbye, (uv_stream_t *)&s->tcp, on_goodbye) == 0) {
+        set_over(s, LEAVING);
+        s->quiet_ns = now_ns;
+        drop_input(s);
+    } else {
+        close_session(s, !graceful);
+    }
+}

@@ -1,0 +1,65 @@
+/* load_session.h: one user of a load test: a whole protocol client that checks what it gets and keeps none of it.
+ * Flow:    link -> messages -> [load_session] -> figures
+ * Threads: everything here is [loop]. */
+#ifndef LW_CLIENT_LOAD_LOAD_SESSION_H
+#define LW_CLIENT_LOAD_LOAD_SESSION_H
+
+#include "client/load/frame_clock.h"
+#include "client/load/load_figures.h"
+#include "client/load/load_options.h"
+#include "client/load/load_scene.h"
+#include "client/load/tile_check.h"
+
+#include <uv.h>
+
+#define LW_LOAD_CONNECT_TIMEOUT_S 10u /* until the WELCOME */
+#define LW_LOAD_SILENCE_S         15u
+#define LW_LOAD_PING_S            1u         /* oftener than a client must: this measures the link */
+#define LW_LOAD_SLOW_RECEIVE      (64 << 10) /* bytes of receive buffer of a slow or never-reader's socket */
+
+struct lw_load_session;
+
+/** What all sessions share. Zero-initialised, then filled in by the owner. */
+struct lw_load_shared {
+    uv_loop_t *loop;
+    const struct lw_load_options *options;
+    const struct lw_load_scene *scene;
+    struct lw_tile_check *check;
+    struct lw_frame_clock clock;
+    struct lw_load_figures *figures;
+    struct lw_load_session *first;   /* all whose end has not come, those included that have said goodbye */
+    uint32_t live_count;             /* of them: those that have not said goodbye */
+    uint32_t session_count;          /* whose handles are not closed yet */
+    uint64_t measured_from_ns;       /* while figures->measuring */
+    uint8_t read_buffer[256u << 10]; /* libuv hands a read over before it starts the next */
+    lw_tile_id chosen[LW_MESSAGE_INTEREST_MAX];
+    struct lw_message_interest_tile named[LW_MESSAGE_INTEREST_MAX];
+};
+
+/** Begins to connect.
+ * number   of the session: with the options' seed, what it does by chance
+ * Errors: LW_NO_MEMORY, LW_OS; counted as a fault, and there is no session. */
+LW_MUST_CHECK enum lw_status lw_load_session_start(struct lw_load_shared *shared, uint32_t number,
+                                                   enum lw_load_reader reader);
+
+/** Time limits, pings, a slow reader's next bytes, a walker's next step. Call some 20 times a second. The session may come
+ * to its end; its memory goes later, when libuv has let go of the handle. */
+void lw_load_session_tick(struct lw_load_session *session, uint64_t now_ns);
+
+/** Leaves: says goodbye and waits for the server's end, or resets the connection. */
+void lw_load_session_leave(struct lw_load_session *session, bool graceful);
+
+/** Ends the session's part in the measured time: its frame rate goes into the figures. */
+void lw_load_session_conclude(struct lw_load_session *session, uint64_t now_ns);
+
+/** Closes at once, without any count; for the end of the run. */
+void lw_load_session_close(struct lw_load_session *session);
+
+/** Whether it gets frames and reads them. */
+bool lw_load_session_is_streaming(const struct lw_load_session *session);
+/** Whether it has not said goodbye. */
+bool lw_load_session_is_live(const struct lw_load_session *session);
+enum lw_load_reader lw_load_session_reader(const struct lw_load_session *session);
+struct lw_load_session *lw_load_session_next(const struct lw_load_session *session);
+
+#endif

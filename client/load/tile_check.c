@@ -1,0 +1,114 @@
+#include "client/load/tile_check.h"
+
+#include "common/tile/tile_codec.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define CHANNELS 3u
+
+/* A version that was decoded. */
+struct seen {
+    uint64_t version; /* 0: none */
+    struct lw_package_hash hash;
+    float scale, error;
+    uint32_t bounces;
+};
+
+struct lw_tile_check {
+    const struct lw_atlas_map *map;
+    bool always;
+    uint64_t decoded_count;
+    struct lw_tile_codec *codec;
+    struct seen (*seen)[LW_TILE_CHECK_VERSIONS]; /* per tile */
+    float decoded[LW_TILE_TEXELS_MAX * CHANNELS];
+};
+
+enum lw_status lw_tile_check_create(const struct lw_atlas_map *map, bool always,
+                                    struct lw_tile_check **out_check) {
+    struct lw_tile_check *check = calloc(1, sizeof *check);
+    if (!check) return LW_NO_MEMORY;
+    check->map = map;
+    check->always = always;
+    check->seen = calloc((size_t)map->tile_count + 1, sizeof *check->seen);
+    enum lw_status status = check->seen ? lw_tile_codec_create(&check->codec) : LW_NO_MEMORY;
+    if (status == LW_OK)
+        *out_check = check;
+    else
+        lw_tile_check_destroy(check);
+    return status;
+}
+
+void lw_tile_check_destroy(struct lw_tile_check *check) {
+    if (!check) return;
+    lw_tile_codec_destroy(check->codec);
+    free(check->seen);
+    free(check);
+}
+
+static bool same(const struct seen *a, const struct seen *b) {
+    return memcmp(a->hash.bytes, b->hash.bytes, sizeof a->hash.bytes) == 0 && a->scale == b->scale &&
+           a->error == b->error && a->bounces == b->bounces;
+}
+
+static enum lw_status decode(struct lw_tile_check *check, const struct lw_message_tile *tile, lw_tile_id id,
+                             bool *out_decodes) {
+    const struct lw_tile_place *place = &check->map->place[id.v];
+    enum lw_status status = lw_tile_codec_decode(check->codec, tile->payload, tile->payload_size, tile->scale,
+                                                 place->width, place->height, check->decoded);
+    if (status == LW_NO_MEMORY) return status;
+    check->decoded_count++;
+    *out_decodes = status == LW_OK;
+    return LW_OK;
+}
+
+/* What was remembered of this version, or the slot of the oldest one, to be replaced: a version in flight to a slow session
+ * may be older than all that are remembered, and then takes nobody's place. */
+static struct seen *find_slot(struct seen slot[LW_TILE_CHECK_VERSIONS], uint64_t version) {
+    struct seen *oldest = &slot[0];
+    for (uint32_t i = 0; i < LW_TILE_CHECK_VERSIONS; i++) {
+        if (slot[i].version == version) return &slot[i];
+        if (slot[i].version < oldest->version) oldest = &slot[i];
+    }
+    return oldest->version < version ? oldest : NULL;
+}
+
+/* Decodes the tile unless its bytes were decoded before. */
+static enum lw_status judge(struct lw_tile_check *check, const struct lw_message_tile *t, lw_tile_id id,
+                            enum lw_tile_verdict *out_verdict) {
+    struct seen now = {.version = t->version, .scale = t->scale, .error = t->error, .bounces = t->bounces};
+    lw_package_hash(t->payload, t->payload_size, &now.hash);
+    struct seen *slot = find_slot(check->seen[id.v], t->version);
+    bool remembered = slot && slot->version == t->version, decodes = true;
+    enum lw_status status = remembered && !check->always ? LW_OK : decode(check, t, id, &decodes);
+    if (status != LW_OK) return status;
+    *out_verdict = !decodes                          ? LW_TILE_DAMAGED
+                   : remembered && !same(slot, &now) ? LW_TILE_DIFFERENT
+                                                     : LW_TILE_GOOD;
+    if (slot && *out_verdict == LW_TILE_GOOD) *slot = now;
+    return LW_OK;
+}
+
+enum lw_status lw_tile_check_take(struct lw_tile_check *check, const struct lw_message_tile *t,
+                                  uint64_t *known, struct lw_tile_finding *out_finding) {
+    struct lw_tile_finding f = {.verdict = LW_TILE_NOWHERE,
+                                .id = lw_atlas_map_find_tile(check->map, t->object, t->level, t->tile)};
+    enum lw_status status = LW_OK;
+    if (f.id.v != UINT32_MAX) {
+        f.before = known[f.id.v];
+        if (t->layer != 0)
+            f.verdict = LW_TILE_IGNORED;
+        else if (t->version <= f.before)
+            f.verdict = LW_TILE_BACKWARDS;
+        else if (t->codec != LW_TILE_CODEC_HALF_ZSTD)
+            f.verdict = LW_TILE_DAMAGED;
+        else
+            status = judge(check, t, f.id, &f.verdict);
+    }
+    if (status != LW_OK) return status;
+    if (f.verdict == LW_TILE_GOOD) known[f.id.v] = t->version;
+    *out_finding = f;
+    return LW_OK;
+}
+
+uint64_t lw_tile_check_decoded(const struct lw_tile_check *check) { return check->decoded_count; }

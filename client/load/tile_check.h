@@ -1,0 +1,48 @@
+/* tile_check.h: whether a tile is what a client may rely on: a place that exists, a version that grows, bytes that decode.
+ * Flow:    TILE of any session -> [tile_check] -> verdict
+ * Threads: one thread at a time.
+ *
+ * The server encodes a tile once for all, so the checker decodes it once: of each tile it remembers the last few versions
+ * by the hash of what it decoded. Bytes that differ under the same version are a fault, whichever session gets them. */
+#ifndef LW_CLIENT_LOAD_TILE_CHECK_H
+#define LW_CLIENT_LOAD_TILE_CHECK_H
+
+#include "common/tile/atlas.h"
+#include "proto/message.h"
+
+#define LW_TILE_CHECK_VERSIONS 4u /* remembered per tile: sessions are seldom further apart */
+
+enum lw_tile_verdict {
+    LW_TILE_GOOD,
+    LW_TILE_IGNORED,   /* of a layer that clients ignore */
+    LW_TILE_NOWHERE,   /* there is no such place in the scene */
+    LW_TILE_BACKWARDS, /* its version is not above the one that the session had: a client ignores it */
+    LW_TILE_DAMAGED,   /* codec unknown, or its payload does not decode */
+    LW_TILE_DIFFERENT  /* of a version that came with other bytes before */
+};
+
+struct lw_tile_finding {
+    enum lw_tile_verdict verdict;
+    lw_tile_id id;   /* where there is such a place, with any verdict but NOWHERE */
+    uint64_t before; /* the version that the session had; 0: none */
+};
+
+struct lw_tile_check;
+
+/** map     outlives the checker
+ * always  decode for every session, whatever is remembered
+ * Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_tile_check_create(const struct lw_atlas_map *map, bool always,
+                                                  struct lw_tile_check **out_check);
+void lw_tile_check_destroy(struct lw_tile_check *check);
+
+/** Judges a tile. known: the session's version of each tile of the map, 0 for none; updated if the verdict is GOOD.
+ * Errors: LW_NO_MEMORY; then there is no verdict. */
+LW_MUST_CHECK enum lw_status lw_tile_check_take(struct lw_tile_check *check,
+                                                const struct lw_message_tile *tile, uint64_t *known,
+                                                struct lw_tile_finding *out_finding);
+
+/** Tiles decoded so far. */
+uint64_t lw_tile_check_decoded(const struct lw_tile_check *check);
+
+#endif
