@@ -7,6 +7,7 @@
 #include "server/solve/checkpoint.h"
 #include "server/solve/denoise.h"
 #include "server/solve/passes.h"
+#include "server/solve/schedule.h"
 #include "server/solve/seams.h"
 
 #include <omp.h>
@@ -30,8 +31,10 @@ struct cell_solver {
     float *cdf;                   /* per thread */
     struct lw_pose pose;          /* the last one solved */
     struct lw_progress *progress; /* of the first frame, which may be long; else NULL */
+    struct lw_schedule schedule;
     uint32_t frames, frames_since_move;
-    bool ever_moved;
+    uint32_t moves; /* frames in which something had moved, so far */
+    bool pose_due;  /* the pose has changed since rays, lights and tiles were last placed */
 };
 
 /* Of the above, what a checkpoint keeps. */
@@ -55,9 +58,8 @@ static void copy_pose(const struct lw_scene *scene, struct lw_pose *dst, const s
     memcpy(dst->node_to_world, src->node_to_world, scene->node_count * sizeof *src->node_to_world);
 }
 
-static enum lw_status set_pose(struct cell_solver *s, const struct lw_pose *pose,
-                               struct lw_solver_stats *stats, struct lw_error *err) {
-    copy_pose(s->desc.scene, &s->pose, pose);
+/* Takes over s->pose. */
+static enum lw_status place(struct cell_solver *s, struct lw_solver_stats *stats, struct lw_error *err) {
     enum lw_status status = lw_trace_set_pose(s->trace, &s->pose, err);
     if (status != LW_OK) return status;
     lw_lights_set_pose(&s->lights, &s->pose);
@@ -67,23 +69,56 @@ static enum lw_status set_pose(struct cell_solver *s, const struct lw_pose *pose
         stats->rays_probe += lw_probes_place(&s->probes, &s->pose, s->trace, s->threads);
         stats->probe_ns += lw_clock_ns() - t;
     }
+    s->pose_due = false;
     return LW_OK;
 }
 
 static bool cancelled(const struct cell_solver *s) { return s->desc.cancel && *s->desc.cancel; }
 
 static bool has_work(const struct cell_solver *s, const struct lw_solve_tile *tile) {
-    return !tile->resting && !cancelled(s);
+    return tile->due && !cancelled(s);
 }
 
-/* How many frames the sums may remember. While things move: few. After a movement the memory grows by half a frame
- * each frame, so that what it holds of the time before fades with the square of the time since. */
-static void choose_history(const struct cell_solver *s, struct lw_passes *passes) {
-    passes->history_direct_max = passes->history_indirect_max = UINT32_MAX;
-    if (!s->ever_moved) return;
-    uint32_t grown = s->frames_since_move / 2;
-    passes->history_direct_max = LW_CELL_SOLVER_HISTORY_DIRECT - 1 + grown;
-    passes->history_indirect_max = LW_CELL_SOLVER_HISTORY_INDIRECT - 1 + grown;
+/* How many frames the sums may remember that many frames after a movement. While things move: few. After it the memory
+ * grows by half a frame each frame, so that what it holds of the time before fades with the square of the time since. */
+static uint32_t history_max(const struct cell_solver *s, uint32_t while_moving, uint32_t still) {
+    return s->moves ? while_moving - 1 + still / 2 : UINT32_MAX;
+}
+
+/* What is left of a tile's sums after a sleep, had it been solved all the time: after frames that moved, and then still
+ * ones, of which the first comes `still` frames after a movement. */
+static double kept(uint32_t while_moving, uint32_t moves, uint32_t still, uint32_t still_count) {
+    double share = pow(1 - 1.0 / while_moving, moves);
+    for (uint32_t k = still; k < still + still_count; k++) {
+        const double most = while_moving - 1 + k / 2;
+        share *= most / (most + 1);
+    }
+    return share;
+}
+
+/* With which weight this frame's estimates enter a tile's means. A tile that sat out some frames forgets for them too.
+ * One that slept for long forgets for those in which something moved; the still ones did not make its sums any older. It
+ * then begins a time of fading of its own, since what lights it may have slept as well. */
+static void weigh(const struct cell_solver *s, struct lw_solve_tile *tile) {
+    const uint32_t slept = s->schedule.tick - tile->solved_tick, moves = s->moves - tile->solved_moves;
+    const bool nap = slept <= LW_SCHEDULE_PERIOD_MAX;
+    const uint32_t still_count = nap ? (moves ? s->frames_since_move : slept) : (moves ? 0 : 1);
+    const uint32_t first_still = moves ? 1 : tile->still + 1;
+    float direct = 0;
+    if (s->moves && slept > 1) {
+        const double lost_direct = 1 - kept(LW_CELL_SOLVER_HISTORY_DIRECT, moves, first_still, still_count),
+                     lost_indirect =
+                         1 - kept(LW_CELL_SOLVER_HISTORY_INDIRECT, moves, first_still, still_count);
+        if (lost_indirect * (tile->history + 1.0) > 1) tile->history = (uint32_t)(1 / lost_indirect - 0.5);
+        direct = (float)lost_direct;
+    }
+    tile->still = first_still + still_count - 1;
+    tile->weight_direct = fmaxf(
+        direct, lw_passes_weight(tile->history, history_max(s, LW_CELL_SOLVER_HISTORY_DIRECT, tile->still)));
+    tile->history_max = history_max(s, LW_CELL_SOLVER_HISTORY_INDIRECT, tile->still);
+    tile->weight_indirect = lw_passes_weight(tile->history, tile->history_max);
+    tile->solved_moves = s->moves;
+    tile->solved_tick = s->schedule.tick;
 }
 
 static void run_direct(struct cell_solver *s, const struct lw_passes *passes, struct lw_solver_stats *stats) {
@@ -109,6 +144,7 @@ static void run_trace_ends(struct cell_solver *s, const struct lw_passes *passes
         if (!has_work(s, &s->tiles.tile[i])) continue;
         struct lw_passes_count count = {0};
         lw_passes_trace_ends(passes, &s->tiles.tile[i], &count);
+        lw_schedule_note_ends(&s->schedule, &s->tiles, &s->tiles.tile[i], s->end);
         bounce += count.bounce;
         if (s->progress) lw_progress_step(s->progress, 1);
     }
@@ -117,7 +153,8 @@ static void run_trace_ends(struct cell_solver *s, const struct lw_passes *passes
 
 static void run_radiate(struct cell_solver *s, const struct lw_passes *passes, uint32_t bounce) {
 #pragma omp parallel for schedule(static) num_threads(s->threads)
-    for (uint32_t i = 0; i < s->tiles.count; i++) lw_passes_radiate(passes, &s->tiles.tile[i], bounce);
+    for (uint32_t i = 0; i < s->tiles.count; i++)
+        if (has_work(s, &s->tiles.tile[i])) lw_passes_radiate(passes, &s->tiles.tile[i], bounce);
 }
 
 static void run_gather(struct cell_solver *s, const struct lw_passes *passes, uint32_t bounce) {
@@ -130,7 +167,7 @@ static void run_finish(struct cell_solver *s, const struct lw_passes *passes, ui
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
-        if (tile->resting) continue;
+        if (!tile->due) continue;
         lw_passes_finish_tile(passes, tile);
         tile->solved_frame = frame;
     }
@@ -142,8 +179,8 @@ static bool settled(const struct cell_solver *s, const struct lw_solve_tile *til
 }
 
 /* While what is remembered of the time before a movement still shows. */
-static bool fading(const struct cell_solver *s) {
-    return s->ever_moved && s->frames_since_move < LW_CELL_SOLVER_FADE_FRAMES;
+static bool fading(const struct cell_solver *s, uint32_t still) {
+    return s->moves && still < LW_CELL_SOLVER_FADE_FRAMES;
 }
 
 /* Tiles whose error is low enough rest until something moves. */
@@ -151,10 +188,10 @@ static void settle(struct cell_solver *s, struct lw_solver_stats *stats) {
     stats->tiles = s->tiles.count;
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
-        if (!tile->resting) {
+        if (tile->due) {
             stats->tiles_solved++;
             stats->texels_solved += tile->covered_count;
-            tile->resting = !fading(s) && settled(s, tile);
+            tile->resting = !fading(s, tile->still) && settled(s, tile);
         }
         stats->tiles_converged += tile->resting;
     }
@@ -165,10 +202,18 @@ static void wake(struct cell_solver *s) {
         s->tiles.tile[i].resting = s->tiles.tile[i].covered_count == 0;
 }
 
-static bool all_rest(const struct cell_solver *s) {
-    for (uint32_t i = 0; i < s->tiles.count; i++)
-        if (!s->tiles.tile[i].resting) return false;
-    return true;
+static void count_tiles(const struct cell_solver *s, struct lw_solver_stats *stats) {
+    stats->tiles = s->tiles.count;
+    for (uint32_t i = 0; i < s->tiles.count; i++) stats->tiles_converged += s->tiles.tile[i].resting;
+}
+
+/* Whether the frame has anything to solve. Where it has not, the pose waits, and with it the probes' rays. */
+static bool choose_tiles(struct cell_solver *s, struct lw_solver_stats *stats) {
+    struct lw_schedule_count count;
+    lw_schedule_choose(&s->schedule, &s->tiles, s->has_probes, &count);
+    stats->tiles_wanted = count.wanted;
+    stats->tiles_feeding = count.feeding;
+    return count.due > 0;
 }
 
 static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose, uint64_t number,
@@ -176,21 +221,25 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     struct cell_solver *s = (struct cell_solver *)solver;
     struct lw_solver_stats stats = {0};
     uint64_t t0 = lw_clock_ns();
-    if (same_pose(s->desc.scene, pose, &s->pose)) {
-        s->frames_since_move++;
-    } else {
-        enum lw_status status = set_pose(s, pose, &stats, err);
-        if (status != LW_OK) return status;
-        s->ever_moved = true;
+    stats.moved = !same_pose(s->desc.scene, pose, &s->pose);
+    s->frames_since_move++;
+    if (stats.moved) {
+        copy_pose(s->desc.scene, &s->pose, pose);
+        s->pose_due = true;
+        s->moves++;
         s->frames_since_move = 0;
         wake(s);
     }
-    stats.pose_ns = lw_clock_ns() - t0 - stats.probe_ns;
-    if (all_rest(s)) {
-        stats.tiles = stats.tiles_converged = s->tiles.count;
+    if (!choose_tiles(s, &stats)) {
+        count_tiles(s, &stats);
         *out_stats = stats;
         return LW_OK;
     }
+    enum lw_status status = s->pose_due ? place(s, &stats, err) : LW_OK;
+    if (status != LW_OK) return status;
+    stats.pose_ns = lw_clock_ns() - t0 - stats.probe_ns;
+    for (uint32_t i = 0; i < s->tiles.count; i++)
+        if (s->tiles.tile[i].due) weigh(s, &s->tiles.tile[i]);
 
     struct lw_passes passes = {.scene = s->desc.scene,
                                .pose = &s->pose,
@@ -205,7 +254,6 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
                                .indirect_samples = s->desc.indirect_samples,
                                .seed = s->desc.seed,
                                .tracing_range_m = s->desc.tracing_range_m};
-    choose_history(s, &passes);
 
     struct lw_progress progress;
     if (s->frames == 0) {
@@ -214,7 +262,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     }
     uint64_t t1 = lw_clock_ns();
     run_direct(s, &passes, &stats);
-    run_radiate(s, &passes, 0);
+    if (s->desc.bounces) run_radiate(s, &passes, 0);
     uint64_t t2 = lw_clock_ns();
     stats.direct_ns = t2 - t1;
     if (s->desc.bounces) run_trace_ends(s, &passes, &stats);
@@ -223,14 +271,15 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     s->progress = NULL;
     if (s->has_probes) {
         uint64_t t = lw_clock_ns();
-        stats.rays_probe +=
-            lw_probes_gather(&s->probes, s->trace, &s->texels, s->frames, fading(s), s->threads);
+        stats.rays_probe += lw_probes_gather(&s->probes, s->trace, &s->texels, s->frames,
+                                             fading(s, s->frames_since_move), s->threads);
         stats.probe_ns += lw_clock_ns() - t;
     }
     for (uint32_t bounce = 1; bounce <= s->desc.bounces; bounce++) {
         uint64_t t = lw_clock_ns();
         if (s->has_probes)
-            lw_probes_project(&s->probes, bounce - 1, s->tiles.radiance, passes.history_indirect_max,
+            lw_probes_project(&s->probes, bounce - 1, s->tiles.radiance[bounce - 1],
+                              history_max(s, LW_CELL_SOLVER_HISTORY_INDIRECT, s->frames_since_move),
                               s->threads);
         uint64_t projected = lw_clock_ns();
         run_gather(s, &passes, bounce);
@@ -250,6 +299,12 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     s->frames++;
     *out_stats = stats;
     return LW_OK;
+}
+
+static enum lw_status want(struct lw_solver *solver, const uint8_t *wanted, struct lw_error *err) {
+    struct cell_solver *s = (struct cell_solver *)solver;
+    enum lw_status status = lw_schedule_want(&s->schedule, &s->tiles, wanted);
+    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "schedule of %u texels", s->texels.count);
 }
 
 static enum lw_status set_up_denoise(struct cell_solver *s, struct lw_error *err) {
@@ -313,10 +368,17 @@ static uint32_t list_parts(const struct cell_solver *s, struct remembered *remem
 static enum lw_status save(const struct lw_solver *solver, const char *path, const uint8_t key[16],
                            struct lw_error *err) {
     const struct cell_solver *s = (const struct cell_solver *)solver;
-    struct remembered remembered = {s->frames, s->frames_since_move, s->ever_moved};
+    struct remembered remembered = {s->frames, s->frames_since_move, s->moves > 0};
     struct lw_checkpoint_part part[PARTS_MAX];
     const uint32_t parts = list_parts(s, &remembered, part);
     return lw_checkpoint_save(path, key, &s->tiles, part, parts, err);
+}
+
+/* What tiles send out is not in a checkpoint; those at rest are read before they are solved again. */
+static void radiate_all(struct cell_solver *s) {
+    const struct lw_passes passes = {.tiles = &s->tiles};
+    for (uint32_t bounce = 0; bounce < s->desc.bounces; bounce++)
+        for (uint32_t i = 0; i < s->tiles.count; i++) lw_passes_radiate(&passes, &s->tiles.tile[i], bounce);
 }
 
 static enum lw_status load(struct lw_solver *solver, const char *path, const uint8_t key[16],
@@ -329,17 +391,22 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
     if (status != LW_OK) return status;
     s->frames = remembered.frames;
     s->frames_since_move = remembered.frames_since_move;
-    s->ever_moved = remembered.ever_moved != 0;
+    s->moves = remembered.ever_moved;
     s->seams.fresh = true;
-    for (uint32_t i = 0; i < s->tiles.count; i++)
-        s->tiles.tile[i].resting = s->tiles.tile[i].covered_count == 0 || settled(s, &s->tiles.tile[i]);
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        struct lw_solve_tile *tile = &s->tiles.tile[i];
+        tile->resting = tile->covered_count == 0 || settled(s, tile);
+        tile->solved_moves = s->moves;
+        tile->still = s->frames_since_move;
+    }
+    radiate_all(s);
     *out_frames = s->frames;
     return LW_OK;
 }
 
 static size_t memory_bytes(const struct lw_solver *solver) {
     const struct cell_solver *s = (const struct cell_solver *)solver;
-    size_t per_texel = sizeof(float) * (3 + 3 + 3 + 3 * (size_t)s->desc.bounces + 4 + 3) + 1 +
+    size_t per_texel = sizeof(float) * (3 + 3 + 3 + (3 + 4) * (size_t)s->desc.bounces + 3) + 1 +
                        sizeof(uint32_t) + sizeof(uint32_t) * s->desc.indirect_samples;
     size_t mesh_texels = 0, places = 0;
     for (uint32_t m = 0; m < s->desc.scene->mesh_count; m++) {
@@ -350,8 +417,8 @@ static size_t memory_bytes(const struct lw_solver *solver) {
     per_texel += 2; /* usable places; gutters filled */
     return per_texel * s->texels.count + mesh_texels * (14 * sizeof(float) + sizeof(uint32_t) + 1) +
            places * sizeof(struct lw_footprint_place) + lw_seams_memory_bytes(&s->seams) +
-           lw_denoise_memory_bytes(&s->denoise) + (s->has_probes ? lw_probes_memory_bytes(&s->probes) : 0) +
-           lw_trace_memory_bytes(s->trace);
+           lw_denoise_memory_bytes(&s->denoise) + lw_schedule_memory_bytes(&s->schedule, &s->tiles) +
+           (s->has_probes ? lw_probes_memory_bytes(&s->probes) : 0) + lw_trace_memory_bytes(s->trace);
 }
 
 static void destroy(struct lw_solver *solver) {
@@ -361,6 +428,7 @@ static void destroy(struct lw_solver *solver) {
     lw_probes_finish(&s->probes);
     lw_lights_finish(&s->lights);
     lw_seams_finish(&s->seams);
+    lw_schedule_finish(&s->schedule);
     lw_tiles_finish(&s->tiles);
     if (s->texels.scene) lw_texels_finish(&s->texels);
     lw_trace_destroy(s->trace);
@@ -372,6 +440,7 @@ static void destroy(struct lw_solver *solver) {
 
 static const struct lw_solver_ops ops = {.name = "cells",
                                          .frame = frame,
+                                         .want = want,
                                          .filter = filter,
                                          .read_tile = read_tile,
                                          .save = save,
@@ -418,6 +487,7 @@ static enum lw_status build(struct cell_solver *s, const struct lw_pose *pose, s
     if ((status = lw_lights_init(&s->lights, scene, &s->pose)) != LW_OK)
         return lw_status_fail(err, status, "lights");
     lw_tiles_set_pose(&s->tiles, &s->cells, &s->pose);
+    lw_schedule_init(&s->schedule, s->desc.atlas_map->tile_count, s->desc.indirect_samples);
 
     s->has_probes = isfinite(s->desc.tracing_range_m) && s->desc.bounces > 0;
     if (s->has_probes && (status = place_probes(s, lo, hi)) != LW_OK)

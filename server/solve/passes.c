@@ -220,7 +220,6 @@ void lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile, flo
         emitters = lw_lights_local_cdf(p->lights, tile->centre_ws, tile->radius_m, cdf);
         tile_cdf = cdf;
     }
-    const float weight = lw_passes_weight(tile->history, p->history_direct_max);
     struct packet packet;
     lw_footprint_frame_init(&packet.frame, &p->pose->object_to_world[tile->object]);
     for (uint32_t by = 0; by * LW_TILE_BLOCK < tile->height; by++)
@@ -236,7 +235,7 @@ void lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile, flo
                 for (uint32_t lane = 0; lane < LANES; lane++) {
                     if (!(packet.active >> lane & 1)) continue;
                     uint32_t texel = tile->first + packet.lane_texel[lane];
-                    blend(p->tiles->direct, texel, sum[lane], weight);
+                    blend(p->tiles->direct, texel, sum[lane], tile->weight_direct);
                     p->tiles->estimate[texel] = lw_colour_luminance(sum[lane]);
                 }
             }
@@ -328,12 +327,11 @@ static struct lw_vec3 radiance_at(const struct lw_passes *p, uint32_t end, uint3
     if (end == LW_END_NOTHING) return lw_vec3(0, 0, 0);
     if (end & LW_END_PROBE)
         return lw_probes_radiance(p->probes, bounce - 1, lw_end_probe(end), lw_end_direction(end));
-    const float *l = p->tiles->radiance + (size_t)end * 4;
+    const float *l = p->tiles->radiance[bounce - 1] + (size_t)end * 4;
     return lw_vec3(l[0], l[1], l[2]);
 }
 
 void lw_passes_gather(const struct lw_passes *p, const struct lw_solve_tile *tile, uint32_t bounce) {
-    const float weight = lw_passes_weight(tile->history, p->history_indirect_max);
     const uint32_t n = p->indirect_samples;
     for (uint32_t i = 0; i < tile->width * tile->height; i++) {
         const uint32_t texel = tile->first + i;
@@ -342,7 +340,7 @@ void lw_passes_gather(const struct lw_passes *p, const struct lw_solve_tile *til
         struct lw_vec3 sum = {0};
         for (uint32_t s = 0; s < n; s++) sum = lw_vec3_add(sum, radiance_at(p, end[s], bounce));
         struct lw_vec3 e = lw_vec3_scale(sum, LW_PI / (float)n);
-        blend(p->tiles->order[bounce - 1], texel, e, weight);
+        blend(p->tiles->order[bounce - 1], texel, e, tile->weight_indirect);
         p->tiles->estimate[texel] += lw_colour_luminance(e);
     }
 }
@@ -352,7 +350,7 @@ void lw_passes_radiate(const struct lw_passes *p, const struct lw_solve_tile *ti
     float *const *albedo = tile->mesh->albedo;
     for (uint32_t i = 0; i < tile->width * tile->height; i++)
         for (int c = 0; c < 3; c++)
-            p->tiles->radiance[(size_t)(tile->first + i) * 4 + (size_t)c] =
+            p->tiles->radiance[bounce][(size_t)(tile->first + i) * 4 + (size_t)c] =
                 e[c][tile->first + i] * albedo[c][tile->local + i] * (1 / LW_PI);
 }
 
@@ -373,7 +371,6 @@ static float error_of_darkness(const struct lw_passes *p, const struct lw_solve_
 
 void lw_passes_finish_tile(const struct lw_passes *p, struct lw_solve_tile *tile) {
     struct lw_tiles *tiles = p->tiles;
-    const float weight = lw_passes_weight(tile->history, p->history_indirect_max);
     double variance = 0, luminance = 0;
     for (uint32_t i = 0; i < tile->width * tile->height; i++) {
         const uint32_t texel = tile->first + i;
@@ -384,14 +381,14 @@ void lw_passes_finish_tile(const struct lw_passes *p, struct lw_solve_tile *tile
             tiles->indirect[c][texel] = sum;
             tiles->light[c][texel] = tiles->direct[c][texel] + sum;
         }
-        note_estimate(tiles, texel, weight);
+        note_estimate(tiles, texel, tile->weight_indirect);
         variance += (double)tiles->spread[texel];
         luminance += (double)tiles->mean[texel];
     }
     tile->frames++;
     if (tile->history < UINT32_MAX) tile->history++;
     /* spread is the variance of one estimate; the mean of h of them has 1/(h-1) of it (Bessel's correction in it). */
-    uint32_t remembered = tile->history < p->history_indirect_max ? tile->history : p->history_indirect_max;
+    uint32_t remembered = tile->history < tile->history_max ? tile->history : tile->history_max;
     tile->remembered = remembered;
     tile->error = 1;
     if (remembered >= 2 && tile->covered_count) {

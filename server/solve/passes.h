@@ -32,7 +32,6 @@ struct lw_passes {
     uint32_t *end; /* indirect_samples words per texel of the global numbering (transport.h) */
     uint32_t direct_samples, indirect_samples, seed;
     float tracing_range_m;
-    uint32_t history_direct_max, history_indirect_max; /* frames; UINT32_MAX while nothing moves */
 };
 
 /** Rays shot for a tile. */
@@ -49,10 +48,10 @@ void lw_passes_direct(const struct lw_passes *passes, struct lw_solve_tile *tile
 void lw_passes_trace_ends(const struct lw_passes *passes, const struct lw_solve_tile *tile,
                           struct lw_passes_count *count);
 
-/** Bounce order `bounce` (from 1) from tiles->radiance, which holds order bounce - 1 for the whole scene. */
+/** Bounce order `bounce` (from 1) from tiles->radiance[bounce - 1] of the whole scene. */
 void lw_passes_gather(const struct lw_passes *passes, const struct lw_solve_tile *tile, uint32_t bounce);
 
-/** Sets tiles->radiance of a tile to what it sends out of bounce order `bounce` (0: direct): albedo / pi x E. */
+/** Sets tiles->radiance[bounce] of a tile to what it sends out of bounce order `bounce` (0: direct): albedo / pi x E. */
 void lw_passes_radiate(const struct lw_passes *passes, const struct lw_solve_tile *tile, uint32_t bounce);
 
 /** After the last bounce: sums the orders, updates noise estimate and history. */

@@ -49,6 +49,9 @@ struct lw_solver_stats {
     uint64_t pose_ns, direct_ns, probe_ns, scatter_ns, denoise_ns;
     uint64_t texels_solved;
     uint32_t tiles_solved, tiles_converged, tiles; /* level-0 tiles: of this frame; at rest; in all */
+    uint32_t tiles_wanted,
+        tiles_feeding; /* those with surface: looked at; solved for the light that they give */
+    bool moved;        /* the pose is another than in the frame before */
 };
 
 /** One level-0 tile as the solver holds it: planar, tile-contiguous. Valid until the next call on the solver. */
@@ -73,9 +76,14 @@ struct lw_solver {
 struct lw_solver_ops {
     const char *name;
     /** Solves one frame at a pose. Tiles at rest cost nothing unless the pose changed.
-     * Same desc and sequence of poses: same bytes, at any thread count. Errors: LW_CLOSED if cancelled; LW_NO_MEMORY, LW_INTERNAL. */
+     * Same desc, sequence of poses and of what is wanted: same bytes, at any thread count. Errors: LW_CLOSED if cancelled; LW_NO_MEMORY, LW_INTERNAL. */
     enum lw_status (*frame)(struct lw_solver *solver, const struct lw_pose *pose, uint64_t frame,
                             struct lw_solver_stats *out_stats, struct lw_error *err);
+    /** Says what is looked at; from the next frame on that alone is solved, with what lights it (schedule.h).
+     * wanted: per lw_tile_id, 0 or 1 + the finest level that is looked at; entries of level 0 are read, before it returns;
+     * NULL: everything, as in a new solver. What nobody looks at keeps its sums; when somebody does again they count as
+     * far as they are right: in full if nothing has moved since. Errors: LW_NO_MEMORY; nothing is changed then. */
+    enum lw_status (*want)(struct lw_solver *solver, const uint8_t *wanted, struct lw_error *err);
     /** Filters the noise out of every tile's light, between two frames and whatever the desc says of it: for those who
      * read once, at the end. The next frame begins from the sums as ever. Errors: LW_NO_MEMORY. */
     enum lw_status (*filter)(struct lw_solver *solver, struct lw_error *err);

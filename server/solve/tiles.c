@@ -12,7 +12,8 @@ static bool allocate_sums(struct lw_tiles *tiles) {
         for (uint32_t k = 0; k < tiles->bounces; k++)
             ok &= (tiles->order[k][c] = calloc(count, sizeof(float))) != NULL;
     }
-    ok &= (tiles->radiance = calloc(count, 4 * sizeof(float))) != NULL;
+    for (uint32_t k = 0; k < tiles->bounces; k++)
+        ok &= (tiles->radiance[k] = calloc(count, 4 * sizeof(float))) != NULL;
     ok &= (tiles->estimate = calloc(count, sizeof(float))) != NULL;
     ok &= (tiles->mean = calloc(count, sizeof(float))) != NULL;
     ok &= (tiles->spread = calloc(count, sizeof(float))) != NULL;
@@ -76,7 +77,7 @@ void lw_tiles_finish(struct lw_tiles *tiles) {
         free(tiles->light[c]);
         for (uint32_t k = 0; k < LW_SOLVER_BOUNCES_MAX; k++) free(tiles->order[k][c]);
     }
-    free(tiles->radiance);
+    for (uint32_t k = 0; k < LW_SOLVER_BOUNCES_MAX; k++) free(tiles->radiance[k]);
     free(tiles->estimate);
     free(tiles->mean);
     free(tiles->spread);

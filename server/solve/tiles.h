@@ -25,6 +25,13 @@ struct lw_solve_tile {
         remembered; /* of these, how many the last frame's memory held: what the variance is divided by */
     float error;    /* relative standard error of luminance */
     bool resting;
+    bool due;              /* the frame under way solves it (schedule.h) */
+    uint32_t solved_tick;  /* of the schedule, when it was last solved */
+    uint32_t solved_moves; /* frames in which something had moved by then */
+    uint32_t still;        /* frames since a movement, not counting those that it slept through */
+    float weight_direct, weight_indirect; /* with which this frame's estimates enter the means */
+    uint32_t
+        history_max; /* frames that indirect light may remember in this frame; UINT32_MAX if nothing ever moved */
     uint64_t solved_frame;
 };
 
@@ -36,7 +43,9 @@ struct lw_tiles {
     float *indirect[3];   /* sum over bounces 1..N */
     float *light[3];      /* what is shown: direct + indirect, after the frame's finish; W/m^2 */
     float *order[LW_SOLVER_BOUNCES_MAX][3]; /* E of each bounce order 1..N alone (index 0: order 1) */
-    float *radiance;        /* 4 floats per texel: what it sends out of the order before, W/(m^2 sr) */
+    /* What each texel sends out of bounce order 0..N-1, for the next one: 4 floats each, W/(m^2 sr). One plane per order,
+     * so that what a tile sends stays while it is not solved. */
+    float *radiance[LW_SOLVER_BOUNCES_MAX];
     float *estimate;        /* luminance of this frame's own estimate of E */
     float *mean, *spread;   /* of those estimates: running mean, sum of squared deviations */
     const uint8_t *covered; /* the texels' own */
