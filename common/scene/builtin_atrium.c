@@ -35,13 +35,9 @@ static void set_sheet(struct lw_builtin_stage *stage, uint32_t material, enum lw
     stage->scene->material[material].alpha_mode = (uint8_t)mode;
 }
 
-static void set_emission(struct lw_builtin_stage *stage, uint32_t material, const float radiance[3]) {
-    for (int i = 0; i < 3 && !stage->failed; i++) stage->scene->material[material].emission[i] = radiance[i];
-}
-
 static struct palette mix_palette(struct lw_builtin_stage *stage) {
     uint32_t texture[LW_BUILTIN_TEXTURE_COUNT];
-    for (unsigned i = 0; i < LW_BUILTIN_TEXTURE_COUNT; i++)
+    for (unsigned i = 0; i < LW_BUILTIN_TEXTURE_OF_CITY; i++)
         texture[i] = lw_builtin_texture_add(stage, (enum lw_builtin_texture_kind)i);
     const uint32_t none = LW_SCENE_NONE, plaster = texture[LW_BUILTIN_TEXTURE_PLASTER],
                    ashlar = texture[LW_BUILTIN_TEXTURE_ASHLAR], marble = texture[LW_BUILTIN_TEXTURE_MARBLE];
@@ -80,26 +76,19 @@ static struct palette mix_palette(struct lw_builtin_stage *stage) {
     set_sheet(stage, p.green, LW_ALPHA_OPAQUE);
     set_sheet(stage, p.frond, LW_ALPHA_MASK);
     set_sheet(stage, p.leaf, LW_ALPHA_MASK);
-    set_emission(stage, p.lamp, lamp_radiance);
-    set_emission(stage, p.lantern, lantern_radiance);
+    lw_builtin_stage_emission(stage, p.lamp, lamp_radiance);
+    lw_builtin_stage_emission(stage, p.lantern, lantern_radiance);
     return p;
 }
 
-/** What the mesh's next parts are made of; metres: of one repeat of the texture. */
-static void use(struct lw_builtin_mesh *mesh, uint32_t material, enum lw_builtin_uv mode, float metres) {
-    mesh->material = material;
-    mesh->uv_mode = mode;
-    mesh->uv_repeat = 1.0f / metres;
-    mesh->uv_offset = (struct lw_vec2){0, 0};
-}
 static void in_space(struct lw_builtin_mesh *mesh, uint32_t material, float metres) {
-    use(mesh, material, LW_BUILTIN_UV_SPACE, metres);
+    lw_builtin_mesh_use(mesh, material, LW_BUILTIN_UV_SPACE, metres);
 }
 static void along(struct lw_builtin_mesh *mesh, uint32_t material, float metres) {
-    use(mesh, material, LW_BUILTIN_UV_SURFACE, metres);
+    lw_builtin_mesh_use(mesh, material, LW_BUILTIN_UV_SURFACE, metres);
 }
 static void fitted(struct lw_builtin_mesh *mesh, uint32_t material) {
-    use(mesh, material, LW_BUILTIN_UV_FIT, 1.0f);
+    lw_builtin_mesh_use(mesh, material, LW_BUILTIN_UV_FIT, 1.0f);
 }
 
 static void place(struct lw_builtin_mesh *mesh, float x, float y, float z, float angle) {

@@ -48,7 +48,7 @@ enum lw_status lw_builtin_cornell_build(struct lw_scene **out_scene, struct lw_e
     uint32_t red = lw_builtin_stage_material(&stage, "red", lw_vec3(0.63f, 0.065f, 0.05f), LW_SCENE_NONE);
     uint32_t green = lw_builtin_stage_material(&stage, "green", lw_vec3(0.14f, 0.45f, 0.091f), LW_SCENE_NONE);
     uint32_t lamp = lw_builtin_stage_material(&stage, "lamp", lw_vec3(0.78f, 0.78f, 0.78f), LW_SCENE_NONE);
-    for (int i = 0; i < 3 && !stage.failed; i++) stage.scene->material[lamp].emission[i] = lamp_radiance[i];
+    lw_builtin_stage_emission(&stage, lamp, lamp_radiance);
 
     float x = WIDTH / 2, z = DEPTH / 2;
     struct lw_vec3 right = lw_vec3(WIDTH, 0, 0), up = lw_vec3(0, HEIGHT, 0), front = lw_vec3(0, 0, DEPTH),

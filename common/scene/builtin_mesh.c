@@ -19,6 +19,14 @@ void lw_builtin_mesh_finish(struct lw_builtin_mesh *mesh) {
     memset(mesh, 0, sizeof *mesh);
 }
 
+void lw_builtin_mesh_use(struct lw_builtin_mesh *mesh, uint32_t material, enum lw_builtin_uv mode,
+                         float metres) {
+    mesh->material = material;
+    mesh->uv_mode = mode;
+    mesh->uv_repeat = 1.0f / metres;
+    mesh->uv_offset = (struct lw_vec2){0, 0};
+}
+
 void lw_builtin_mesh_place(struct lw_builtin_mesh *mesh, struct lw_vec3 position, float angle,
                            struct lw_vec3 scale) {
     float c = cosf(angle), s = sinf(angle);
@@ -220,7 +228,8 @@ void lw_builtin_mesh_patch(struct lw_builtin_mesh *mesh, const struct lw_vec3 *p
         find_edges(&p, mesh->crease_cos);
         for (uint32_t r = 0; r + 1 < rows; r++)
             for (uint32_t c = 0; c + 1 < columns; c++) {
-                index_quad(mesh, &p, r, c);
+                index_quad(mesh, &p, r, c); /* of a hole too: no two adjoin, so its corners are all used */
+                if ((flags & LW_BUILTIN_HOLES) && (r & c & 1)) continue;
                 const uint32_t *i = &p.index[4 * (r * (columns - 1) + c)];
                 emit(mesh, &p, i[0], i[1], i[3]);
                 emit(mesh, &p, i[0], i[3], i[2]);

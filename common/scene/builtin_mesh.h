@@ -35,6 +35,10 @@ struct lw_builtin_mesh {
 void lw_builtin_mesh_init(struct lw_builtin_mesh *mesh);
 void lw_builtin_mesh_finish(struct lw_builtin_mesh *mesh);
 
+/** What the next parts are made of; metres: of one repeat of the texture, or of a fitted one's share of a patch. */
+void lw_builtin_mesh_use(struct lw_builtin_mesh *mesh, uint32_t material, enum lw_builtin_uv mode,
+                         float metres);
+
 /** Places the next parts: scaled and turned by angle (radians) about +Y, then moved. Negative scale.x mirrors. */
 void lw_builtin_mesh_place(struct lw_builtin_mesh *mesh, struct lw_vec3 position, float angle,
                            struct lw_vec3 scale);
@@ -46,7 +50,8 @@ void lw_builtin_mesh_triangle(struct lw_builtin_mesh *mesh, uint32_t a, uint32_t
 
 enum {
     LW_BUILTIN_CLOSED_COLUMNS = 1, /* the last column is the first again */
-    LW_BUILTIN_FLIPPED = 2         /* fronts face the other way */
+    LW_BUILTIN_FLIPPED = 2,        /* fronts face the other way */
+    LW_BUILTIN_HOLES = 4           /* quads of odd row and odd column are left out */
 };
 
 /** Adds a grid of rows x columns points, points[row * columns + column]. Its front is where rows run up and columns

@@ -1,6 +1,5 @@
 #include "common/scene/builtin_stage.h"
 
-#include <assert.h>
 #include <string.h>
 
 static void *keep(struct lw_builtin_stage *stage, size_t count, size_t size) {
@@ -15,21 +14,28 @@ static const char *keep_string(struct lw_builtin_stage *stage, const char *text)
     return copy;
 }
 
+/** One more element of the list that `list_pointer` points to the pointer of, or NULL when out of memory. The list doubles
+ * whenever its count is a power of two; the outgrown copies, less than what it ends up with, stay with the scene. */
+static void *append(struct lw_builtin_stage *stage, void *list_pointer, uint32_t *count, size_t size) {
+    if (stage->failed) return NULL;
+    void *list;
+    memcpy(&list, list_pointer, sizeof list);
+    if ((*count & (*count - 1)) == 0) {
+        void *grown = keep(stage, *count ? 2 * (size_t)*count : 1, size);
+        if (!grown) return NULL;
+        if (*count) memcpy(grown, list, *count * size);
+        memcpy(list_pointer, &grown, sizeof grown);
+        list = grown;
+    }
+    return (char *)list + (*count)++ * size;
+}
+
 enum lw_status lw_builtin_stage_init(struct lw_builtin_stage *stage, const char *name) {
     *stage = (struct lw_builtin_stage){0};
     if (lw_scene_create(&stage->scene) != LW_OK) return LW_NO_MEMORY;
-    struct lw_scene *scene = stage->scene;
-    scene->name = keep_string(stage, name);
-    scene->mesh = keep(stage, LW_BUILTIN_STAGE_MAX, sizeof *scene->mesh);
-    scene->material = keep(stage, LW_BUILTIN_STAGE_MAX, sizeof *scene->material);
-    scene->texture = keep(stage, LW_BUILTIN_STAGE_MAX, sizeof *scene->texture);
-    scene->node = keep(stage, LW_BUILTIN_STAGE_MAX, sizeof *scene->node);
-    scene->object = keep(stage, LW_BUILTIN_STAGE_MAX, sizeof *scene->object);
-    scene->light = keep(stage, LW_BUILTIN_STAGE_MAX, sizeof *scene->light);
-    scene->camera = keep(stage, LW_BUILTIN_STAGE_MAX, sizeof *scene->camera);
-    scene->channel = keep(stage, LW_BUILTIN_STAGE_MAX, sizeof *scene->channel);
+    stage->scene->name = keep_string(stage, name);
     if (!stage->failed) return LW_OK;
-    lw_scene_destroy(scene);
+    lw_scene_destroy(stage->scene);
     return LW_NO_MEMORY;
 }
 
@@ -51,47 +57,59 @@ uint8_t *lw_builtin_stage_texture(struct lw_builtin_stage *stage, const char *na
     uint8_t *rgba = keep(stage, (size_t)width * height, 4);
     const char *kept_name = keep_string(stage, name);
     *out_index = LW_SCENE_NONE;
-    if (stage->failed) return NULL;
-    assert(stage->scene->texture_count < LW_BUILTIN_STAGE_MAX);
-    *out_index = stage->scene->texture_count++;
-    stage->scene->texture[*out_index] = (struct lw_texture){.name = kept_name,
-                                                            .width = width,
-                                                            .height = height,
-                                                            .rgba = rgba,
-                                                            .wrap_s = LW_WRAP_REPEAT,
-                                                            .wrap_t = LW_WRAP_REPEAT};
+    struct lw_texture *texture =
+        append(stage, &stage->scene->texture, &stage->scene->texture_count, sizeof *texture);
+    if (!texture) return NULL;
+    *out_index = stage->scene->texture_count - 1;
+    *texture = (struct lw_texture){.name = kept_name,
+                                   .width = width,
+                                   .height = height,
+                                   .rgba = rgba,
+                                   .wrap_s = LW_WRAP_REPEAT,
+                                   .wrap_t = LW_WRAP_REPEAT};
     return rgba;
 }
 
 uint32_t lw_builtin_stage_material(struct lw_builtin_stage *stage, const char *name, struct lw_vec3 albedo,
                                    uint32_t texture) {
     const char *kept_name = keep_string(stage, name);
-    if (stage->failed) return 0;
-    assert(stage->scene->material_count < LW_BUILTIN_STAGE_MAX);
-    uint32_t index = stage->scene->material_count++;
-    stage->scene->material[index] =
+    struct lw_material *material =
+        append(stage, &stage->scene->material, &stage->scene->material_count, sizeof *material);
+    if (!material) return 0;
+    *material =
         (struct lw_material){.name = kept_name,
                              .base_colour = {albedo.x, albedo.y, albedo.z, 1},
                              .base_colour_texture = {.texture = texture, .transform = {1, 0, 0, 0, 1, 0}},
                              .emission_texture = {.texture = LW_SCENE_NONE, .transform = {1, 0, 0, 0, 1, 0}},
                              .alpha_cutoff = 0.5f,
                              .alpha_mode = LW_ALPHA_OPAQUE};
-    return index;
+    return stage->scene->material_count - 1;
+}
+
+void lw_builtin_stage_emission(struct lw_builtin_stage *stage, uint32_t material, const float radiance[3]) {
+    if (!stage->failed)
+        memcpy(stage->scene->material[material].emission, radiance,
+               sizeof stage->scene->material[material].emission);
 }
 
 uint32_t lw_builtin_stage_node(struct lw_builtin_stage *stage, const char *name, uint32_t parent,
                                struct lw_vec3 translation) {
     const char *kept_name = keep_string(stage, name);
-    if (stage->failed) return 0;
-    assert(stage->scene->node_count < LW_BUILTIN_STAGE_MAX);
-    uint32_t index = stage->scene->node_count++;
-    stage->scene->node[index] = (struct lw_node){.name = kept_name,
-                                                 .parent = parent,
-                                                 .translation = {translation.x, translation.y, translation.z},
-                                                 .rotation = {0, 0, 0, 1},
-                                                 .scale = {1, 1, 1},
-                                                 .matrix = LW_AFFINE_IDENTITY};
-    return index;
+    struct lw_node *node = append(stage, &stage->scene->node, &stage->scene->node_count, sizeof *node);
+    if (!node) return 0;
+    *node = (struct lw_node){.name = kept_name,
+                             .parent = parent,
+                             .translation = {translation.x, translation.y, translation.z},
+                             .rotation = {0, 0, 0, 1},
+                             .scale = {1, 1, 1},
+                             .matrix = LW_AFFINE_IDENTITY};
+    return stage->scene->node_count - 1;
+}
+
+void lw_builtin_stage_turn(struct lw_builtin_stage *stage, uint32_t node, float angle) {
+    if (stage->failed) return;
+    stage->scene->node[node].rotation[1] = sinf(0.5f * angle);
+    stage->scene->node[node].rotation[3] = cosf(0.5f * angle);
 }
 
 static void *keep_copy(struct lw_builtin_stage *stage, const void *from, size_t count, size_t size) {
@@ -100,8 +118,8 @@ static void *keep_copy(struct lw_builtin_stage *stage, const void *from, size_t 
     return to;
 }
 
-void lw_builtin_stage_object(struct lw_builtin_stage *stage, const char *name, struct lw_builtin_mesh *mesh,
-                             uint32_t node) {
+uint32_t lw_builtin_stage_mesh(struct lw_builtin_stage *stage, const char *name,
+                               struct lw_builtin_mesh *mesh) {
     stage->failed |= mesh->failed;
     struct lw_mesh kept = {.name = keep_string(stage, name),
                            .vertex_count = mesh->vertex_count,
@@ -114,12 +132,24 @@ void lw_builtin_stage_object(struct lw_builtin_stage *stage, const char *name, s
         keep_copy(stage, mesh->triangle_material, mesh->triangle_count, sizeof *mesh->triangle_material);
     lw_builtin_mesh_finish(mesh);
     lw_builtin_mesh_init(mesh);
-    if (stage->failed) return;
-    struct lw_scene *scene = stage->scene;
-    assert(scene->mesh_count < LW_BUILTIN_STAGE_MAX && scene->object_count < LW_BUILTIN_STAGE_MAX);
-    scene->object[scene->object_count++] =
-        (struct lw_object){.name = kept.name, .mesh = scene->mesh_count, .node = node};
-    scene->mesh[scene->mesh_count++] = kept;
+    struct lw_mesh *added = append(stage, &stage->scene->mesh, &stage->scene->mesh_count, sizeof *added);
+    if (!added) return 0;
+    *added = kept;
+    return stage->scene->mesh_count - 1;
+}
+
+void lw_builtin_stage_instance(struct lw_builtin_stage *stage, const char *name, uint32_t mesh,
+                               uint32_t node) {
+    const char *kept_name = keep_string(stage, name);
+    struct lw_object *object =
+        append(stage, &stage->scene->object, &stage->scene->object_count, sizeof *object);
+    if (object) *object = (struct lw_object){.name = kept_name, .mesh = mesh, .node = node};
+}
+
+void lw_builtin_stage_object(struct lw_builtin_stage *stage, const char *name, struct lw_builtin_mesh *mesh,
+                             uint32_t node) {
+    uint32_t index = lw_builtin_stage_mesh(stage, name, mesh);
+    lw_builtin_stage_instance(stage, name, index, node);
 }
 
 /** Turns a node so that its -Z points along `forward`, with +Y as near to up as that leaves. */
@@ -141,30 +171,60 @@ static void aim(struct lw_node *node, struct lw_vec3 forward) {
     for (int i = 0; i < 4; i++) node->rotation[i] = row[i] / length;
 }
 
-void lw_builtin_stage_sun(struct lw_builtin_stage *stage, const char *name, struct lw_vec3 direction,
-                          struct lw_vec3 irradiance, float angular_diameter) {
-    uint32_t node = lw_builtin_stage_node(stage, name, LW_SCENE_NONE, lw_vec3(0, 0, 0));
-    if (stage->failed) return;
-    struct lw_scene *scene = stage->scene;
-    assert(scene->light_count < LW_BUILTIN_STAGE_MAX);
-    aim(&scene->node[node], direction);
-    scene->light[scene->light_count++] =
-        (struct lw_light){.name = scene->node[node].name,
-                          .node = node,
-                          .kind = LW_LIGHT_DIRECTIONAL,
-                          .intensity = {irradiance.x, irradiance.y, irradiance.z},
-                          .angular_diameter = angular_diameter};
+/** A light at a node, by whose name it goes. */
+static void add_light(struct lw_builtin_stage *stage, uint32_t node, struct lw_light light) {
+    struct lw_light *added = append(stage, &stage->scene->light, &stage->scene->light_count, sizeof *added);
+    if (!added) return;
+    *added = light;
+    added->name = stage->scene->node[node].name;
+    added->node = node;
 }
 
-void lw_builtin_stage_camera(struct lw_builtin_stage *stage, const char *name, struct lw_vec3 eye,
-                             struct lw_vec3 target, float fov_y_deg) {
-    uint32_t node = lw_builtin_stage_node(stage, name, LW_SCENE_NONE, eye);
-    if (stage->failed) return;
-    struct lw_scene *scene = stage->scene;
-    assert(scene->camera_count < LW_BUILTIN_STAGE_MAX);
-    aim(&scene->node[node], lw_vec3_sub(target, eye));
-    scene->camera[scene->camera_count++] =
-        (struct lw_camera){.name = scene->node[node].name, .node = node, .fov_y = fov_y_deg * LW_PI / 180.0f};
+/** A node that looks somewhere. */
+static uint32_t aimed_node(struct lw_builtin_stage *stage, const char *name, uint32_t parent,
+                           struct lw_vec3 position, struct lw_vec3 forward) {
+    uint32_t node = lw_builtin_stage_node(stage, name, parent, position);
+    if (!stage->failed) aim(&stage->scene->node[node], forward);
+    return node;
+}
+
+void lw_builtin_stage_sun(struct lw_builtin_stage *stage, const char *name, struct lw_vec3 direction,
+                          struct lw_vec3 irradiance, float angular_diameter) {
+    uint32_t node = aimed_node(stage, name, LW_SCENE_NONE, lw_vec3(0, 0, 0), direction);
+    add_light(stage, node,
+              (struct lw_light){.kind = LW_LIGHT_DIRECTIONAL,
+                                .intensity = {irradiance.x, irradiance.y, irradiance.z},
+                                .angular_diameter = angular_diameter});
+}
+
+void lw_builtin_stage_point(struct lw_builtin_stage *stage, const char *name, uint32_t parent,
+                            struct lw_vec3 position, struct lw_vec3 intensity) {
+    uint32_t node = lw_builtin_stage_node(stage, name, parent, position);
+    add_light(
+        stage, node,
+        (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {intensity.x, intensity.y, intensity.z}});
+}
+
+void lw_builtin_stage_spot(struct lw_builtin_stage *stage, const char *name, uint32_t parent,
+                           struct lw_vec3 position, struct lw_vec3 direction, struct lw_vec3 intensity,
+                           float inner_cone, float outer_cone) {
+    uint32_t node = aimed_node(stage, name, parent, position, direction);
+    add_light(stage, node,
+              (struct lw_light){.kind = LW_LIGHT_SPOT,
+                                .intensity = {intensity.x, intensity.y, intensity.z},
+                                .inner_cone = inner_cone,
+                                .outer_cone = outer_cone});
+}
+
+uint32_t lw_builtin_stage_camera(struct lw_builtin_stage *stage, const char *name, struct lw_vec3 eye,
+                                 struct lw_vec3 target, float fov_y_deg) {
+    uint32_t node = aimed_node(stage, name, LW_SCENE_NONE, eye, lw_vec3_sub(target, eye));
+    struct lw_camera *camera =
+        append(stage, &stage->scene->camera, &stage->scene->camera_count, sizeof *camera);
+    if (camera)
+        *camera = (struct lw_camera){
+            .name = stage->scene->node[node].name, .node = node, .fov_y = fov_y_deg * LW_PI / 180.0f};
+    return node;
 }
 
 float *lw_builtin_stage_channel(struct lw_builtin_stage *stage, uint32_t node, enum lw_channel_path path,
@@ -173,16 +233,16 @@ float *lw_builtin_stage_channel(struct lw_builtin_stage *stage, uint32_t node, e
         (path == LW_CHANNEL_ROTATION ? 4u : 3u) * (interpolation == LW_INTERPOLATION_CUBIC ? 3u : 1u);
     float *time_s = keep(stage, key_count, sizeof *time_s),
           *value = keep(stage, key_count * width, sizeof *value);
-    if (stage->failed) return NULL;
+    struct lw_channel *channel =
+        append(stage, &stage->scene->channel, &stage->scene->channel_count, sizeof *channel);
+    if (!channel) return NULL;
     for (uint32_t i = 0; i < key_count; i++) time_s[i] = duration_s * (float)i / (float)(key_count - 1);
-    struct lw_scene *scene = stage->scene;
-    assert(scene->channel_count < LW_BUILTIN_STAGE_MAX);
-    scene->channel[scene->channel_count++] = (struct lw_channel){.node = node,
-                                                                 .path = (uint8_t)path,
-                                                                 .interpolation = (uint8_t)interpolation,
-                                                                 .key_count = key_count,
-                                                                 .time_s = time_s,
-                                                                 .value = value};
-    if (duration_s > scene->duration_s) scene->duration_s = duration_s;
+    *channel = (struct lw_channel){.node = node,
+                                   .path = (uint8_t)path,
+                                   .interpolation = (uint8_t)interpolation,
+                                   .key_count = key_count,
+                                   .time_s = time_s,
+                                   .value = value};
+    if (duration_s > stage->scene->duration_s) stage->scene->duration_s = duration_s;
     return value;
 }

@@ -7,9 +7,6 @@
 #include "common/scene/builtin_mesh.h"
 #include "common/scene/scene.h"
 
-/* Enough of each kind for a scene written by hand; going past it is a mistake in our code. */
-#define LW_BUILTIN_STAGE_MAX 64u
-
 struct lw_builtin_stage {
     struct lw_scene *scene;
     bool failed;
@@ -29,10 +26,21 @@ uint8_t *lw_builtin_stage_texture(struct lw_builtin_stage *stage, const char *na
 uint32_t lw_builtin_stage_material(struct lw_builtin_stage *stage, const char *name, struct lw_vec3 albedo,
                                    uint32_t texture);
 
+void lw_builtin_stage_emission(struct lw_builtin_stage *stage, uint32_t material, const float radiance[3]);
+
 uint32_t lw_builtin_stage_node(struct lw_builtin_stage *stage, const char *name, uint32_t parent,
                                struct lw_vec3 translation);
 
-/** Turns the mesh built so far into an object at a node, and empties the builder. */
+/** Turns a node by an angle (radians) about +Y. */
+void lw_builtin_stage_turn(struct lw_builtin_stage *stage, uint32_t node, float angle);
+
+/** Keeps the mesh built so far and empties the builder. Returns its index, for instances. */
+uint32_t lw_builtin_stage_mesh(struct lw_builtin_stage *stage, const char *name,
+                               struct lw_builtin_mesh *mesh);
+void lw_builtin_stage_instance(struct lw_builtin_stage *stage, const char *name, uint32_t mesh,
+                               uint32_t node);
+
+/** Both: turns the mesh built so far into an object at a node. */
 void lw_builtin_stage_object(struct lw_builtin_stage *stage, const char *name, struct lw_builtin_mesh *mesh,
                              uint32_t node);
 
@@ -41,8 +49,17 @@ void lw_builtin_stage_object(struct lw_builtin_stage *stage, const char *name, s
 void lw_builtin_stage_sun(struct lw_builtin_stage *stage, const char *name, struct lw_vec3 direction,
                           struct lw_vec3 irradiance, float angular_diameter);
 
-void lw_builtin_stage_camera(struct lw_builtin_stage *stage, const char *name, struct lw_vec3 eye,
-                             struct lw_vec3 target, float fov_y_deg);
+/** Point and spot lights, at a point of their parent's space; intensity: W/sr, of the spot on its axis; cones: half
+ * angles, radians. */
+void lw_builtin_stage_point(struct lw_builtin_stage *stage, const char *name, uint32_t parent,
+                            struct lw_vec3 position, struct lw_vec3 intensity);
+void lw_builtin_stage_spot(struct lw_builtin_stage *stage, const char *name, uint32_t parent,
+                           struct lw_vec3 position, struct lw_vec3 direction, struct lw_vec3 intensity,
+                           float inner_cone, float outer_cone);
+
+/** Returns its node, which may be moved. */
+uint32_t lw_builtin_stage_camera(struct lw_builtin_stage *stage, const char *name, struct lw_vec3 eye,
+                                 struct lw_vec3 target, float fov_y_deg);
 
 /** Room for a channel's values, 3 or 4 floats a key (CUBIC: three times that); the caller fills it. Keys are spread
  * evenly over duration_s, the first at 0. NULL when out of memory. */

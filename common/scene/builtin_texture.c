@@ -251,6 +251,61 @@ static struct lw_vec4 pottery(float u, float v) {
     return opaque(lw_vec3_scale(c, 0.84f + 0.22f * fractal(u, v, 4, 4, 95)));
 }
 
+/* --- the city's --------------------------------------------------------------------------------------------------- */
+
+static struct lw_vec4 setts(float u, float v) {
+    struct cell stone = brick(u, v, 12, 16, 0.5f);
+    float tint = lattice(stone.x, stone.y, 64, 501), grain = fractal(u, v, 32, 3, 503);
+    struct lw_vec3 c = blend(lw_vec3(0.42f, 0.41f, 0.40f), lw_vec3(0.58f, 0.55f, 0.51f), tint);
+    c = lw_vec3_scale(c, 0.85f + 0.2f * grain);
+    return opaque(blend(lw_vec3(0.29f, 0.27f, 0.25f), c, smooth(0.003f, 0.012f, stone.edge)));
+}
+
+static struct lw_vec4 paving(float u, float v) {
+    struct cell slab = brick(u, v, 3, 4, 0.5f);
+    float tint = lattice(slab.x, slab.y, 64, 511);
+    struct lw_vec3 c = blend(lw_vec3(0.62f, 0.60f, 0.56f), lw_vec3(0.72f, 0.69f, 0.63f), tint);
+    c = lw_vec3_scale(c, 0.86f + 0.18f * fractal(u, v, 16, 4, 513));
+    return opaque(blend(lw_vec3(0.42f, 0.40f, 0.37f), c, smooth(0.003f, 0.009f, slab.edge)));
+}
+
+static struct lw_vec4 bricks(float u, float v) {
+    struct cell one = brick(u, v, 4, 14, 0.5f);
+    float tint = lattice(one.x, one.y, 64, 521);
+    struct lw_vec3 c = blend(lw_vec3(0.58f, 0.31f, 0.24f), lw_vec3(0.72f, 0.44f, 0.33f), tint);
+    c = lw_vec3_scale(c, 0.88f + 0.16f * fractal(u, v, 32, 3, 523));
+    return opaque(blend(lw_vec3(0.74f, 0.69f, 0.62f), c, smooth(0.003f, 0.007f, one.edge)));
+}
+
+static struct lw_vec4 grass(float u, float v) {
+    float clump = fractal(u, v, 8, 4, 531), blade = noise(u * 64.0f, v * 64.0f, 64, 533);
+    struct lw_vec3 c = blend(lw_vec3(0.27f, 0.40f, 0.16f), lw_vec3(0.45f, 0.55f, 0.25f), clump);
+    return opaque(lw_vec3_scale(c, 0.8f + 0.3f * blade));
+}
+
+static struct lw_vec4 foliage(float u, float v) {
+    float leaves = noise(u * 48.0f, v * 48.0f, 48, 541), clump = fractal(u, v, 6, 3, 543);
+    struct lw_vec3 c =
+        blend(lw_vec3(0.17f, 0.32f, 0.12f), lw_vec3(0.42f, 0.56f, 0.22f), 0.6f * clump + 0.4f * leaves);
+    return opaque(lw_vec3_scale(c, 0.6f + 0.5f * smooth(0.15f, 0.6f, leaves)));
+}
+
+static struct lw_vec4 slate(float u, float v) {
+    struct cell one = brick(u, v, 6, 6, 0.5f);
+    float tint = lattice(one.x, one.y, 64, 551), lap = fraction(v * 6.0f);
+    struct lw_vec3 c = blend(lw_vec3(0.33f, 0.36f, 0.41f), lw_vec3(0.46f, 0.48f, 0.52f), tint);
+    c = lw_vec3_scale(c, (0.75f + 0.25f * smooth(0.0f, 0.15f, lap)) *
+                             (0.9f + 0.12f * fractal(u, v, 16, 3, 553)));
+    return opaque(lw_vec3_scale(c, 0.7f + 0.3f * smooth(0.002f, 0.008f, one.edge)));
+}
+
+static struct lw_vec4 stripes(float u, float v) {
+    (void)v;
+    float edge = fabsf(fraction(u * 2.0f) - 0.5f) * 2.0f;
+    return opaque(
+        blend(lw_vec3(0.88f, 0.85f, 0.78f), lw_vec3(0.70f, 0.22f, 0.18f), smooth(0.48f, 0.52f, edge)));
+}
+
 /* --- storing ---------------------------------------------------------------------------------------------------- */
 
 static uint8_t quantise(float x) { return (uint8_t)(clamp01(x) * 255.0f + 0.5f); }

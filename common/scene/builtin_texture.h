@@ -21,13 +21,22 @@
     X(GREEN_CLOTH, green_cloth, 512, 512)                                                                    \
     X(FROND, frond, 256, 1024)    /* root at v = 0; masked */                                                \
     X(LEAF, leaf, 256, 256)       /* root at v = 0; masked */                                                \
-    X(POTTERY, pottery, 512, 512) /* painted bands along u */
+    X(POTTERY, pottery, 512, 512) /* painted bands along u */                                                \
+    /* of the city alone */                                                                                  \
+    X(SETTS, setts, 256, 256)   /* 12 x 16 paving stones */                                                  \
+    X(PAVING, paving, 256, 256) /* 3 x 4 slabs */                                                            \
+    X(BRICK, bricks, 256, 256)  /* 4 x 14 bricks */                                                          \
+    X(GRASS, grass, 256, 256)                                                                                \
+    X(FOLIAGE, foliage, 256, 256)                                                                            \
+    X(SLATE, slate, 256, 256)    /* 6 x 6 slates */                                                          \
+    X(STRIPES, stripes, 128, 16) /* 2 pairs along u */
 
 enum lw_builtin_texture_kind {
 #define X(kind, name, width, height) LW_BUILTIN_TEXTURE_##kind,
     LW_BUILTIN_TEXTURE_MAP(X)
 #undef X
-        LW_BUILTIN_TEXTURE_COUNT
+        LW_BUILTIN_TEXTURE_COUNT,
+    LW_BUILTIN_TEXTURE_OF_CITY = LW_BUILTIN_TEXTURE_SETTS /* the first of them; all before are the atrium's */
 };
 
 /** Computes a texture into the stage and returns its index. */

@@ -35,6 +35,7 @@
 #define RESTS       CORNELL "--error 0.3 "  /* comes to rest after a few dozen frames */
 #define NEVER_RESTS CORNELL "--error 1e-6 " /* hundreds of frames a second, for ever */
 #define ATRIUM      "builtin:atrium --texels-per-metre 2 --clock step --json "
+#define CITY        "builtin:city:1 --texels-per-metre 0.3 --clock step --json "
 
 /* ---- what the daemon prints ---- */
 
@@ -707,6 +708,7 @@ static void bad_scenes_and_files_are_named(void **state) {
     (void)state;
     char arguments[512];
     fails("builtin:nothing", 66, "builtin:nothing", "builtin:cornell");
+    fails("builtin:city:0", 64, "builtin:city:0", "from 1 to 32");
     fails("/nowhere/scene.glb", 66, "/nowhere/scene.glb", "");
     fails("/nowhere/scene.lwscene", 66, "/nowhere/scene.lwscene", "");
     const char *path = lw_support_temporary("broken.gltf");
@@ -838,6 +840,18 @@ static void the_atrium_moves_frame_by_frame(void **state) {
     free_report(&report);
 }
 
+/* Hundreds of objects, thousands of emitters, two spots that drive. */
+static void the_city_moves_frame_by_frame(void **state) {
+    (void)state;
+    struct lw_process daemon;
+    lw_process_serve(&daemon, CITY);
+    struct lw_client *client = join(&daemon);
+    assert_int_equal(watch_frames(client, 5, 1.0 / 30, 0), 4);
+    wait_complete(client);
+    assert_true(total_light(client) > 0);
+    stop(&daemon);
+}
+
 static void a_frozen_scene_holds_still(void **state) {
     (void)state;
     struct lw_process daemon;
@@ -897,6 +911,7 @@ int main(void) {
         cmocka_unit_test_teardown(a_scene_without_light_asks_for_a_sky, end_all),
         cmocka_unit_test_teardown(damaged_packages_are_refused, end_all),
         cmocka_unit_test_teardown(the_atrium_moves_frame_by_frame, end_all),
+        cmocka_unit_test_teardown(the_city_moves_frame_by_frame, end_all),
         cmocka_unit_test_teardown(a_frozen_scene_holds_still, end_all),
         cmocka_unit_test_teardown(every_way_to_solve_serves, end_all),
     };

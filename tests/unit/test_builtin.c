@@ -3,6 +3,7 @@
 #include "common/scene/builtin.h"
 #include "common/scene/package.h"
 #include "common/scene/pose.h"
+#include "common/trace/trace.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -179,13 +180,187 @@ static void test_atrium_loop_is_smooth(void **state) {
     lw_pose_finish(&pose);
 }
 
+/* --- city --------------------------------------------------------------------------------------------------------- */
+
+static void test_city(void **state) {
+    (void)state;
+    struct lw_scene *scene = build("builtin:city:1");
+    check_scene(scene, 100000, 200000);
+    check_normals(scene);
+    check_albedo(scene);
+    static const char *const cameras[] = {"main", "square", "bird", "roofs", "walk"};
+    assert_int_equal(scene->camera_count, 5);
+    for (int i = 0; i < 5; i++) assert_string_equal(scene->camera[i].name, cameras[i]);
+    unsigned kinds[3] = {0};
+    for (uint32_t i = 0; i < scene->light_count; i++) kinds[scene->light[i].kind]++;
+    assert_int_equal(kinds[LW_LIGHT_DIRECTIONAL], 1);
+    assert_int_equal(kinds[LW_LIGHT_SPOT], 2);
+    lw_scene_destroy(scene);
+}
+
+/** Triangles that shine, of all objects. */
+static uint32_t count_emitters(const struct lw_scene *scene) {
+    uint32_t count = 0;
+    for (uint32_t o = 0; o < scene->object_count; o++) {
+        const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
+        for (uint32_t t = 0; t < mesh->triangle_count; t++)
+            count += scene->material[mesh->material[t]].emission[0] > 0;
+    }
+    return count;
+}
+
+static void test_city_grows_by_instances(void **state) {
+    (void)state;
+    struct lw_scene *town = build("builtin:city"), *largest = build("builtin:city:32");
+    check_scene(town, 3500000, 4500000);
+    check_scene(largest, 28u * 3500000u, LW_SCENE_TRIANGLES_MAX);
+    assert_int_equal(town->mesh_count, largest->mesh_count);
+    assert_true(count_emitters(town) > 5000);
+    uint64_t once = 0; /* what clients download */
+    for (uint32_t m = 0; m < town->mesh_count; m++) once += town->mesh[m].triangle_count;
+    assert_true(once < 500000);
+    lw_scene_destroy(town);
+    lw_scene_destroy(largest);
+}
+
+/** How far one can go from a point, m. */
+static float clearance(const struct lw_trace *trace, struct lw_vec3 from, struct lw_vec3 direction) {
+    struct lw_ray16 rays = {0};
+    struct lw_hit16 hits;
+    lw_trace_set_ray(&rays, 0, from, direction, 1e4f);
+    lw_trace_closest16(trace, LW_TRACE_LIGHT, 1, &rays, &hits);
+    return hits.object[0] == LW_TRACE_MISS ? 1e4f : hits.t[0];
+}
+
+/* Every quarter of a second the walker has pavement under the feet, nothing within a foot of the head, and nothing in the
+ * way to the next place; its speed is that of a person, and it ends where it began. */
+static void test_city_walk_is_free(void **state) {
+    (void)state;
+    struct lw_scene *scene = build("builtin:city:2");
+    struct lw_pose pose;
+    struct lw_trace *trace = NULL;
+    struct lw_error err = {0};
+    lw_support_ok(lw_pose_init(&pose, scene), NULL);
+    assert_true(scene->duration_s == 120.0f);
+    const uint32_t node = scene->camera[4].node;
+    struct lw_vec3 before = {0, 0, 0}, start = {0, 0, 0};
+    for (int step = 0; step <= 480; step++) {
+        /* the end of the loop is its start again: stop just short of it */
+        lw_pose_evaluate(&pose, scene, fmin(0.25 * step, 119.9999));
+        if (!trace) lw_support_ok(lw_trace_create(scene, &pose, &trace, &err), &err);
+        lw_support_ok(lw_trace_set_pose(trace, &pose, &err), &err);
+        const struct lw_vec3 eye = lw_affine_point(&pose.node_to_world[node], lw_vec3(0, 0, 0));
+        const float floor = clearance(trace, eye, lw_vec3(0, -1, 0));
+        if (floor < 1.6f || floor > 1.75f)
+            fail_msg("at %g s the floor is %g m below", 0.25 * step, (double)floor);
+        for (int i = 0; i < 12; i++) {
+            float angle = LW_PI * (float)i / 6.0f;
+            if (clearance(trace, eye, lw_vec3(sinf(angle), 0, cosf(angle))) < 0.3f)
+                fail_msg("at %g s something is within 0.3 m", 0.25 * step);
+        }
+        const struct lw_vec3 way = lw_vec3_sub(eye, before);
+        if (step == 0)
+            start = eye;
+        else {
+            const float length = lw_vec3_length(way);
+            assert_true(length < 0.25f * 2.5f);
+            assert_true(clearance(trace, before, lw_vec3_normalize(way)) > length);
+        }
+        before = eye;
+    }
+    assert_true(lw_vec3_length(lw_vec3_sub(before, start)) < 0.01f);
+    lw_trace_destroy(trace);
+    lw_pose_finish(&pose);
+    lw_scene_destroy(scene);
+}
+
+/* Car, tram and lantern go round their blocks without a jump and clear of all else, and nothing else moves. */
+static void test_city_traffic(void **state) {
+    (void)state;
+    struct lw_scene *scene = build("builtin:city:2");
+    struct lw_pose pose;
+    struct lw_trace *trace = NULL;
+    struct lw_error err = {0};
+    lw_support_ok(lw_pose_init(&pose, scene), NULL);
+    lw_support_ok(lw_trace_create(scene, &pose, &trace, &err), &err);
+    const struct {
+        const char *name;
+        float half_x, front, rear, height, speed_max;
+    } vehicle[] = {{"car", 0.9f, -2.2f, 2.2f, 0.6f, 9.0f},
+                   {"tram", 1.2f, -4.3f, 4.3f, 1.0f, 7.0f},
+                   {"lantern", 0.2f, -0.2f, 0.2f, 0, 2.5f}};
+    uint32_t movers = 0;
+    for (uint32_t o = 0; o < scene->object_count; o++) movers += lw_pose_object_moves(&pose, scene, o);
+    assert_int_equal(movers, 3);
+    for (int v = 0; v < 3; v++) {
+        const uint32_t object = find_object(scene, vehicle[v].name);
+        struct lw_vec3 before = {0, 0, 0};
+        for (int step = 0; step <= 1300; step++) { /* a second into the next round */
+            lw_pose_evaluate(&pose, scene, 0.1 * step);
+            lw_support_ok(lw_trace_set_pose(trace, &pose, &err), &err);
+            const struct lw_affine *at = &pose.object_to_world[object];
+            const struct lw_vec3 middle = lw_affine_point(at, lw_vec3(0, 0, 0));
+            if (step) assert_true(lw_vec3_length(lw_vec3_sub(middle, before)) < 0.1f * vehicle[v].speed_max);
+            before = middle;
+            /* along the outline, at bumpers' height */
+            const struct lw_vec3 corner[4] = {
+                lw_affine_point(at, lw_vec3(-vehicle[v].half_x, vehicle[v].height, vehicle[v].front)),
+                lw_affine_point(at, lw_vec3(vehicle[v].half_x, vehicle[v].height, vehicle[v].front)),
+                lw_affine_point(at, lw_vec3(vehicle[v].half_x, vehicle[v].height, vehicle[v].rear)),
+                lw_affine_point(at, lw_vec3(-vehicle[v].half_x, vehicle[v].height, vehicle[v].rear))};
+            for (int i = 0; i < 4; i++) {
+                const struct lw_vec3 side = lw_vec3_sub(corner[(i + 1) % 4], corner[i]);
+                if (clearance(trace, corner[i], lw_vec3_normalize(side)) < lw_vec3_length(side))
+                    fail_msg("%s touches something at %g s", vehicle[v].name, 0.1 * step);
+            }
+        }
+    }
+    lw_trace_destroy(trace);
+    lw_pose_finish(&pose);
+    lw_scene_destroy(scene);
+}
+
+static void test_arguments(void **state) {
+    (void)state;
+    static const struct {
+        const char *name, *said;
+    } bad[] = {{"builtin:city:0", "\"0\""},
+               {"builtin:city:33", "\"33\""},
+               {"builtin:city:", "\"\""},
+               {"builtin:city:two", "\"two\""},
+               {"builtin:city:2 ", "\"2 \""},
+               {"builtin:city:-1", "\"-1\""},
+               {"builtin:city:+1", "\"+1\""},
+               {"builtin:city:4294967297", "\"4294967297\""},
+               {"builtin:city:2:3", "\"2:3\""},
+               {"builtin:city:1e1", "\"1e1\""},
+               {"builtin:cornell:2", "no argument"},
+               {"builtin:atrium:", "no argument"}};
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        struct lw_scene *scene = NULL;
+        struct lw_error err = {0};
+        assert_int_equal(lw_builtin_build(bad[i].name, &scene, &err), LW_USAGE);
+        assert_null(scene);
+        if (!strstr(err.text, bad[i].said)) fail_msg("%s: %s", bad[i].name, err.text);
+        if (strstr(bad[i].name, "city")) assert_non_null(strstr(err.text, "from 1 to 32"));
+    }
+    char many[300] = "builtin:city:";
+    memset(many + strlen(many), '7', 280);
+    struct lw_scene *scene = NULL;
+    struct lw_error err = {0};
+    assert_int_equal(lw_builtin_build(many, &scene, &err), LW_USAGE);
+    assert_non_null(strstr(err.text, "from 1 to 32"));
+    assert_int_equal(lw_builtin_build("builtin:citycentre", &scene, &err), LW_NO_INPUT);
+}
+
 static void test_same_bytes_every_time(void **state) {
     (void)state;
-    for (unsigned i = 0; lw_builtin_name(i); i++) {
+    static const char *const names[] = {"builtin:cornell", "builtin:atrium", "builtin:city:3"};
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
         uint8_t *bytes[2];
         size_t size[2];
         for (int k = 0; k < 2; k++) {
-            struct lw_scene *scene = build(lw_builtin_name(i));
+            struct lw_scene *scene = build(names[i]);
             struct lw_error err = {0};
             lw_support_ok(lw_package_write(scene, &bytes[k], &size[k], &err), &err);
             lw_scene_destroy(scene);
@@ -237,7 +412,7 @@ static void test_out_of_memory(void **state) {
     assert_in_range(enough, 10, 1000);
     static const unsigned stops[] = {0, 4, 4000};
     for (size_t i = 0; i < sizeof stops / sizeof *stops; i++)
-        assert_true(fails_after("builtin:atrium", stops[i]));
+        assert_true(fails_after("builtin:atrium", stops[i]) && fails_after("builtin:city:1", stops[i]));
 }
 
 static void test_unknown_name_lists_the_names(void **state) {
@@ -265,6 +440,11 @@ int main(void) {
         cmocka_unit_test_prestate(test_atrium_has_what_it_promises, atrium),
         cmocka_unit_test_prestate(test_atrium_moves_lantern_and_rings_alone, atrium),
         cmocka_unit_test_prestate(test_atrium_loop_is_smooth, atrium),
+        cmocka_unit_test(test_city),
+        cmocka_unit_test(test_city_grows_by_instances),
+        cmocka_unit_test(test_city_walk_is_free),
+        cmocka_unit_test(test_city_traffic),
+        cmocka_unit_test(test_arguments),
         cmocka_unit_test(test_same_bytes_every_time),
         cmocka_unit_test(test_out_of_memory),
         cmocka_unit_test(test_unknown_name_lists_the_names),
