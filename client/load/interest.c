@@ -243,7 +243,10 @@ uint32_t lw_interest_choose(const struct lw_interest *in, const struct lw_intere
                             uint32_t capacity) {
     struct choice c = {.in = in, .eye = eye, .pixel = (float)PIXEL, .ids = ids, .capacity = capacity};
     choose_all(&c);
-    for (; c.count > capacity && c.pixel < PIXEL_MAX * (float)PIXEL; c.pixel *= 2) choose_all(&c);
+    while (c.count > capacity && c.pixel < PIXEL_MAX * (float)PIXEL) {
+        c.pixel *= 2;
+        choose_all(&c);
+    }
     return c.count < capacity ? c.count : capacity;
 }
 

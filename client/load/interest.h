@@ -2,7 +2,7 @@
  * Flow:    scene, tiles -> boxes in the world -> [interest: eye -> tiles] -> INTEREST
  * Threads: immutable once created; then [any].
  *
- * A user sees a tile whose box meets the cone of a 60 degree picture; what stands in front of it is not considered, so
+ * A user sees a tile if the ball around its box meets the cone around a 60 degree picture; what stands in front of it is not considered, so
  * a real renderer needs less. The level is the coarsest one whose texels are no larger than a pixel of a picture
  * 720 pixels high. The coarsest tiles of all objects are always among them, as something to fall back on. Objects are where
  * they are at time 0. */

@@ -115,23 +115,22 @@ static enum lw_status read_package(struct scout *s, bool with_interest, struct l
 
 enum lw_status lw_load_scene_fetch(const char *host, uint16_t port, bool keep_compressed, bool with_interest,
                                    struct lw_load_scene *out_scene, struct lw_error *err) {
-    struct lw_load_scene scene = {0};
-    struct scout scout = {.scene = &scene, .keep = keep_compressed};
+    struct lw_load_scene *scene = out_scene; /* in its place: the interest points to the map in it */
+    struct scout scout = {.scene = scene, .keep = keep_compressed};
+    *scene = (struct lw_load_scene){0};
     uint64_t began_ns = lw_clock_ns();
     enum lw_status status = lw_link_connect(&scout.link, host, port, TIMEOUT_MS, err);
     if (status != LW_OK) return status;
-    socklen_t size = sizeof scene.address;
+    socklen_t size = sizeof scene->address;
     struct lw_error cause = {0};
-    if (getpeername(scout.link.socket, (struct sockaddr *)&scene.address, &size) != 0)
+    if (getpeername(scout.link.socket, (struct sockaddr *)&scene->address, &size) != 0)
         status = lw_status_fail(&cause, LW_CLOSED, "it closed the connection at once");
     if (status == LW_OK) status = download(&scout, &cause);
-    scene.download_ns = lw_clock_ns() - began_ns;
+    scene->download_ns = lw_clock_ns() - began_ns;
     if (status == LW_OK) status = read_package(&scout, with_interest, &cause);
     lw_download_finish(&scout.download);
-    if (status == LW_OK) {
-        *out_scene = scene;
-    } else {
-        lw_load_scene_finish(&scene);
+    if (status != LW_OK) {
+        lw_load_scene_finish(scene);
         lw_status_fail(&cause, status, "%s", lw_status_text(status));
         bool named = strncmp(cause.text, scout.link.address, strlen(scout.link.address)) == 0;
         lw_status_fail(err, status, "%s%s%s", named ? "" : scout.link.address, named ? "" : ": ", cause.text);

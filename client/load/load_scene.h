@@ -23,6 +23,7 @@ struct lw_load_scene {
 /** Connects, downloads the package, reads it, leaves.
  * keep_compressed   keep the package's bytes, to compare what others get
  * with_interest     work out where tiles are
+ * out_scene         must not be moved afterwards; all zero on failure
  * Errors: LW_NO_HOST; LW_UNAVAILABLE naming the address ("is lightwelld running?"); LW_TIMED_OUT; LW_PROTOCOL for a peer
  * that is no lightwelld or sends what is none of its business; LW_CLOSED; LW_BAD_DATA; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_load_scene_fetch(const char *host, uint16_t port, bool keep_compressed,

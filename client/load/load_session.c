@@ -49,9 +49,11 @@ struct lw_load_session {
     bool paused;
 
     uint64_t package_received;
-    uint64_t first_frame, frame, frame_acked, frames_measured;
+    uint64_t first_frame, frame, frame_acked, frame_settled, frames_measured;
     uint64_t *known;  /* per tile: the version that it has; 0: none */
     uint64_t *wanted; /* bit per tile; NULL: everything */
+    uint64_t
+        *fresh; /* bit per tile that is wanted since it last arrived; NULL: none but what never arrived */
     uint32_t missing; /* wanted tiles that it has no version of */
     bool has_view;    /* it had every wanted tile at some time */
     uint64_t view_since_ns, looked_ns;
@@ -76,6 +78,7 @@ static void on_closed(uv_handle_t *handle) {
     free(s->input);
     free(s->known);
     free(s->wanted);
+    free(s->fresh);
     free(s);
 }
 
@@ -244,17 +247,18 @@ static void complete_view(struct lw_load_session *s, uint64_t now_ns) {
 
 /* Replaces what is wanted; the time until it is there counts from the request, or from one before it that was not met. */
 static void want(struct lw_load_session *s, uint32_t count, uint64_t now_ns) {
-    const struct lw_load_scene *scene = s->shared->scene;
-    bool had_all = s->missing == 0;
-    memset(s->wanted, 0, (scene->map.tile_count / 64 + 1) * sizeof *s->wanted);
+    const uint32_t words = s->shared->scene->map.tile_count / 64 + 1;
+    bool had_all = s->has_view && s->missing == 0;
+    for (uint32_t i = 0; i < words; i++) s->fresh[i] |= ~s->wanted[i];
+    memset(s->wanted, 0, words * sizeof *s->wanted);
     s->missing = 0;
     for (uint32_t i = 0; i < count; i++) {
         uint32_t id = s->shared->chosen[i].v;
         s->wanted[id / 64] |= 1ull << (id % 64);
         s->missing += s->known[id] == 0;
     }
-    if (s->has_view && had_all) s->view_since_ns = now_ns;
-    if (s->has_view && had_all && s->missing == 0) complete_view(s, now_ns);
+    if (had_all) s->view_since_ns = now_ns;
+    if (had_all && s->missing == 0) complete_view(s, now_ns);
 }
 
 /* Looks around, and says so if that shows other tiles than before. */
@@ -371,21 +375,27 @@ static void handle_frame(struct lw_load_session *s, const struct lw_message_fram
         begin_frame(s, frame, now_ns);
 }
 
-/* A tile counts as an update if its version was published while this session listened. What it is sent of the time before
- * belongs to its first view. Our server numbers a tile's versions by its frames; with one that does not, updates are
- * measured from when the frame of that number was heard of, or not at all. */
+/* What a user asked for is one thing and updates of what they have another: the first version after the asking may be of
+ * any age, those after it were published while somebody waited for them. Our server numbers a tile's versions by its
+ * frames; with one that does not, updates count from when the frame of that number was heard of, or not at all. */
 static void note_update(struct lw_load_session *s, uint64_t version, uint64_t now_ns) {
     struct lw_load_figures *f = s->shared->figures;
-    if (!f->measuring || !s->counts || version <= s->first_frame) return;
+    if (!f->measuring || !s->counts) return;
     const struct lw_frame_clock_entry *published = lw_frame_clock_find(&s->shared->clock, version);
     if (!published) return;
     lw_histogram_add(&f->update, now_ns - published->heard_ns);
     lw_histogram_add(&f->age, now_ns - published->heard_ns + published->solve_ns);
 }
 
-static void note_arrival(struct lw_load_session *s, lw_tile_id id, uint64_t now_ns) {
-    bool is_wanted = !s->wanted || (s->wanted[id.v / 64] >> (id.v % 64) & 1);
-    if (is_wanted && --s->missing == 0) complete_view(s, now_ns);
+static bool bit_of(const uint64_t *bits, lw_tile_id id) { return bits[id.v / 64] >> (id.v % 64) & 1; }
+
+static void note_good_tile(struct lw_load_session *s, const struct lw_tile_finding *finding, uint64_t version,
+                           uint64_t now_ns) {
+    const lw_tile_id id = finding->id;
+    if (finding->before && !(s->fresh && bit_of(s->fresh, id))) note_update(s, version, now_ns);
+    if (s->fresh) s->fresh[id.v / 64] &= ~(1ull << (id.v % 64));
+    bool is_wanted = !s->wanted || bit_of(s->wanted, id);
+    if (!finding->before && is_wanted && --s->missing == 0) complete_view(s, now_ns);
 }
 
 /* Of a tile. The two that a client ignores do not end the session. */
@@ -410,8 +420,7 @@ static void handle_tile(struct lw_load_session *s, const struct lw_message_tile 
     if (lw_tile_check_take(s->shared->check, tile, s->known, &finding) != LW_OK) {
         fail(s, LW_LOAD_FAULT_SYSTEM, "out of memory for a tile");
     } else if (finding.verdict == LW_TILE_GOOD) {
-        note_update(s, tile->version, now_ns);
-        if (!finding.before) note_arrival(s, finding.id, now_ns);
+        note_good_tile(s, &finding, tile->version, now_ns);
     } else {
         note_bad_tile(s, tile, finding.verdict);
     }
@@ -423,6 +432,8 @@ static void handle_settled(struct lw_load_session *s, uint64_t frame, uint64_t n
         out_of_order(s, LW_MESSAGE_SETTLED);
         return;
     }
+    if (frame == s->frame_settled) return; /* once more, after an INTEREST */
+    s->frame_settled = frame;
     f->settled++;
     if (f->measuring && s->counts && frame > s->first_frame)
         lw_histogram_add(&f->whole, now_ns - lw_frame_clock_find(&s->shared->clock, frame)->heard_ns);
@@ -602,11 +613,13 @@ static void keep_buffers_small(struct lw_load_session *s) {
 }
 
 static enum lw_status allocate(struct lw_load_session *s) {
-    uint32_t tiles = s->shared->scene->map.tile_count;
-    s->known = calloc((size_t)tiles + 1, sizeof *s->known);
-    if (s->shared->options->path != LW_LOAD_EVERYTHING) s->wanted = calloc(tiles / 64 + 1, sizeof *s->wanted);
+    const uint32_t tiles = s->shared->scene->map.tile_count;
     s->missing = tiles;
-    return s->known && (s->wanted || s->shared->options->path == LW_LOAD_EVERYTHING) ? LW_OK : LW_NO_MEMORY;
+    s->known = calloc((size_t)tiles + 1, sizeof *s->known);
+    if (s->shared->options->path == LW_LOAD_EVERYTHING) return s->known ? LW_OK : LW_NO_MEMORY;
+    s->wanted = calloc(tiles / 64 + 1, sizeof *s->wanted);
+    s->fresh = calloc(tiles / 64 + 1, sizeof *s->fresh);
+    return s->known && s->wanted && s->fresh ? LW_OK : LW_NO_MEMORY;
 }
 
 static enum lw_status cannot_start(struct lw_load_shared *shared, int result) {
