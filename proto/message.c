@@ -238,6 +238,7 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
         break;
     case LW_MESSAGE_INTEREST:
         wire->interest.everything = m->interest.everything;
+        wire->interest.stand_ins = m->interest.stand_ins;
         break;
     case LW_MESSAGE_FRAME:
         wire->frame.frame = m->frame.frame;
@@ -483,7 +484,8 @@ static enum lw_status read_interest(const Lightwell__Wire__Interest *w, struct l
     if (w->n_level != count || w->n_tile != count)
         return invalid(err, "object, level and tile", "differ in length");
     if (count > LW_MESSAGE_INTEREST_MAX) return invalid(err, "tile", "has over 4096 entries");
-    m->interest = (struct lw_message_interest){.everything = w->everything, .tile_count = count};
+    m->interest = (struct lw_message_interest){
+        .everything = w->everything, .stand_ins = w->stand_ins, .tile_count = count};
     if (!count) return LW_OK;
     struct lw_message_interest_tile *tile = storage->list[0] = malloc(count * sizeof *tile);
     if (!tile) return LW_NO_MEMORY;

@@ -68,6 +68,7 @@ struct lw_message_package_chunk {
 
 struct lw_message_interest {
     bool everything; /* coarse first; what a client has if it never says otherwise */
+    bool stand_ins;  /* also the coarser levels of these tiles, and of every object the coarsest */
     const struct lw_message_interest_tile {
         uint32_t object, level, tile; /* tile: row * tiles_x + column within the level */
     } * tile;

@@ -30,6 +30,7 @@
 #define STEP_HZ         30 /* scene time advances by 1/30 s a frame under --clock step */
 
 enum clock_kind { CLOCK_REAL, CLOCK_STEP, CLOCK_MANUAL };
+enum light_kind { LIGHT_WHOLE, LIGHT_SEEN };
 
 struct settings {
     struct lw_scene_open scene;
@@ -38,7 +39,7 @@ struct settings {
     int probe_form, denoise;
     double tracing_range, cell_size, probe_spacing, frame_rate, freeze_s, error;
     bool animate, freeze, json;
-    int clock;
+    int clock, light;
     char host[256];
     uint16_t port;
 };
@@ -58,6 +59,7 @@ struct daemon {
     struct lw_error solver_error; /* read after the thread is joined */
     uint64_t started_ns, rays_total;
     uint64_t published; /* the last frame that was */
+    bool moved;         /* something has, since then */
 };
 
 /* Signals before the loop watches for them: a handler can reach nothing but globals. The first is for the importer's
@@ -121,6 +123,11 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "real: scene time is wall time (default). step: 1/30 s of scene time per solved frame, repeatable. "
          "manual: the same, and a frame begins with each line on stdin, whose end stops the server",
          LW_OPTION_CHOICE, &s->clock, 0, 0, NULL},
+        {"light", "whole|seen",
+         "whole: all of the scene, always (default). seen: what clients look at, and what lights it; nothing "
+         "while "
+         "nobody looks",
+         LW_OPTION_CHOICE, &s->light, 0, 0, NULL},
         {"seed", "N", "of all random numbers (default 1)", LW_OPTION_INT, &s->seed, 0, UINT32_MAX, NULL},
         {"animate", NULL, "run the scene's animation (default if it has one)", LW_OPTION_FLAG, &s->animate, 0,
          0, NULL},
@@ -183,6 +190,13 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
                                                        .cancel = &d->stopping},
                               &d->pose, &d->solver, err);
     if (status != LW_OK) return status;
+    if (s->light == LIGHT_SEEN) { /* by nobody, to begin with */
+        uint8_t *nothing = calloc((size_t)d->atlas_map.tile_count + 1, 1);
+        if (!nothing) return lw_status_fail(err, LW_NO_MEMORY, "tiles");
+        status = d->solver->ops->want(d->solver, nothing, err);
+        free(nothing);
+        if (status != LW_OK) return status;
+    }
     status = lw_publisher_create(&(struct lw_publisher_desc){.scene = d->scene,
                                                              .atlas_map = &d->atlas_map,
                                                              .solver = d->solver,
@@ -215,7 +229,8 @@ static void print_frame(const struct daemon *d, uint64_t frame, const struct fra
         "\"rays_bounce\":%llu,"
         "\"rays_probe\":%llu,\"rays_total\":%llu,\"texels_solved\":%llu,\"tiles_solved\":%u,\"tiles_"
         "converged\":%u,"
-        "\"tiles\":%u,\"tiles_encoded\":%llu,\"bytes_encoded\":%llu,\"saturated\":%llu,\"sessions\":%llu,"
+        "\"tiles\":%u,\"tiles_wanted\":%u,\"tiles_feeding\":%u,\"tiles_encoded\":%llu,\"bytes_encoded\":%llu,"
+        "\"saturated\":%llu,\"sessions\":%llu,"
         "\"tiles_sent\":%llu,\"bytes_sent\":%llu,\"solve_cpu_ms\":%.3f,\"publish_cpu_ms\":%.3f,\"loop_cpu_"
         "ms\":%.3f,"
         "\"cpu_ms\":%.3f}\n",
@@ -226,11 +241,12 @@ static void print_frame(const struct daemon *d, uint64_t frame, const struct fra
         (unsigned long long)solve->rays_shadow, (unsigned long long)solve->rays_bounce,
         (unsigned long long)solve->rays_probe, (unsigned long long)d->rays_total,
         (unsigned long long)solve->texels_solved, solve->tiles_solved, solve->tiles_converged, solve->tiles,
-        (unsigned long long)publish->tiles_encoded, (unsigned long long)publish->bytes_encoded,
-        (unsigned long long)publish->saturated, (unsigned long long)serve.sessions_now,
-        (unsigned long long)serve.tiles_sent, (unsigned long long)serve.bytes_sent,
-        (double)cost->solve_cpu_ns * 1e-6, (double)cost->publish_cpu_ns * 1e-6,
-        (double)serve.loop_cpu_ns * 1e-6, (double)lw_clock_process_cpu_ns() * 1e-6);
+        solve->tiles_wanted, solve->tiles_feeding, (unsigned long long)publish->tiles_encoded,
+        (unsigned long long)publish->bytes_encoded, (unsigned long long)publish->saturated,
+        (unsigned long long)serve.sessions_now, (unsigned long long)serve.tiles_sent,
+        (unsigned long long)serve.bytes_sent, (double)cost->solve_cpu_ns * 1e-6,
+        (double)cost->publish_cpu_ns * 1e-6, (double)serve.loop_cpu_ns * 1e-6,
+        (double)lw_clock_process_cpu_ns() * 1e-6);
     fflush(stdout);
 }
 
@@ -250,6 +266,23 @@ static void wait_until(const struct daemon *d, uint64_t deadline_ns) {
     }
 }
 
+/* Tells the solver what clients look at, if that has changed. */
+static enum lw_status follow_clients(struct daemon *d, struct lw_error *err) {
+    struct lw_server_wanted wanted;
+    if (d->settings.light != LIGHT_SEEN || !lw_server_take_wanted(d->server, &wanted)) return LW_OK;
+    enum lw_status status = d->solver->ops->want(d->solver, wanted.levels, err);
+    free(wanted.levels);
+    return status;
+}
+
+/* Where things are is news for whoever is there, even if nothing of what they look at was solved. */
+static bool has_news(struct daemon *d, const struct lw_solver_stats *solve) {
+    struct lw_server_stats serve;
+    lw_server_get_stats(d->server, &serve);
+    d->moved |= solve->moved;
+    return solve->tiles_solved > 0 || (d->moved && serve.sessions_now > 0);
+}
+
 static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rested, struct lw_error *err) {
     struct lw_solver_stats solve = {0};
     struct lw_publisher_stats publish = {0};
@@ -257,13 +290,14 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
     struct frame_cost cost = {0};
     uint64_t began = lw_clock_ns(), cpu_began = work_cpu_ns(d);
     lw_pose_evaluate(&d->pose, d->scene, scene_time(d, frame));
-    enum lw_status status = d->solver->ops->frame(d->solver, &d->pose, frame, &solve, err);
+    enum lw_status status = follow_clients(d, err);
+    if (status == LW_OK) status = d->solver->ops->frame(d->solver, &d->pose, frame, &solve, err);
     if (status != LW_OK) return status;
     uint64_t cpu_solved = work_cpu_ns(d);
     cost.solve_cpu_ns = cpu_solved - cpu_began;
     d->rays_total += solve.rays_shadow + solve.rays_bounce + solve.rays_probe;
-    /* A frame in which nothing was solved changes nothing: no snapshot, no bytes. */
-    *out_rested = solve.tiles_solved == 0 && frame > 1;
+    /* A frame in which nothing was solved and nothing moved changes nothing: no snapshot, no bytes. */
+    *out_rested = !has_news(d, &solve) && frame > 1;
     if (!*out_rested) {
         status = lw_publisher_publish(d->publisher, &d->pose, frame, lw_clock_ns() - began, d->rays_total,
                                       solve.tiles_solved, &snapshot, &publish);
@@ -272,6 +306,7 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
         lw_server_publish(d->server, snapshot);
         lw_snapshot_unref(snapshot);
         d->published = frame;
+        d->moved = false;
         cost.publish_cpu_ns = work_cpu_ns(d) - cpu_solved;
     }
     cost.wall_ns = lw_clock_ns() - began;

@@ -23,7 +23,8 @@ struct lw_server {
     uv_loop_t loop;
     uv_tcp_t listener;
     uv_async_t wake;
-    uv_timer_t tick; /* runs while there are connections: an idle server sleeps */
+    uv_prepare_t prepare; /* before the loop waits */
+    uv_timer_t tick;      /* runs while there are connections: an idle server sleeps */
     uv_signal_t interrupt, terminate;
     bool stopping;
     uint16_t port;
@@ -31,9 +32,10 @@ struct lw_server {
     uint32_t *order;
     struct lw_session_shared shared;
 
-    uv_mutex_t mutex;           /* guards what follows; held for an assignment only */
-    struct lw_snapshot *latest; /* handed over, not yet seen by the loop */
-    bool stop_requested;
+    uv_mutex_t mutex;               /* guards what follows; held for an assignment only */
+    struct lw_snapshot *latest;     /* handed over, not yet seen by the loop */
+    struct lw_server_wanted wanted; /* handed over, not yet taken by the solver */
+    bool has_wanted, stop_requested;
     bool runs;           /* the loop's thread is in lw_server_run() */
     clockid_t cpu_clock; /* its CPU clock; valid while it runs */
 };
@@ -122,11 +124,51 @@ static void adopt(struct lw_server *server, struct lw_snapshot *snapshot) {
     lw_snapshot_unref(shared->snapshot);
     shared->snapshot = snapshot;
     shared->generation++;
+    shared->epoch++;
     for (struct lw_session *s = shared->first, *next; s; s = next) {
         next = lw_session_next(s); /* pumping may close it */
         lw_session_pump(s);
     }
 }
+
+static void free_wanted(struct lw_server_wanted *wanted) {
+    free(wanted->levels);
+    *wanted = (struct lw_server_wanted){0};
+}
+
+/* A list is made only once the solver has taken the last one: however often sessions change their minds, that is one for
+ * each frame. */
+static void hand_over_wanted(struct lw_server *server) {
+    struct lw_wanted *wanted = &server->shared.wanted;
+    if (!wanted->changed) return;
+    uv_mutex_lock(&server->mutex);
+    bool untaken = server->has_wanted;
+    uv_mutex_unlock(&server->mutex);
+    if (untaken) return; /* the taker wakes the loop */
+    struct lw_server_wanted list = {.everything = wanted->everything > 0};
+    if (!list.everything) {
+        if (!(list.levels = malloc((size_t)wanted->atlas_map->tile_count + 1))) return; /* later, perhaps */
+        lw_wanted_levels(wanted, list.levels);
+    }
+    wanted->changed = false;
+    uv_mutex_lock(&server->mutex);
+    server->wanted = list;
+    server->has_wanted = true;
+    uv_mutex_unlock(&server->mutex);
+}
+
+bool lw_server_take_wanted(struct lw_server *server, struct lw_server_wanted *out_wanted) {
+    uv_mutex_lock(&server->mutex);
+    bool news = server->has_wanted;
+    if (news) *out_wanted = server->wanted;
+    server->has_wanted = false;
+    server->wanted = (struct lw_server_wanted){0};
+    uv_mutex_unlock(&server->mutex);
+    if (news) uv_async_send(&server->wake); /* there may be more by now */
+    return news;
+}
+
+static void on_prepare(uv_prepare_t *handle) { hand_over_wanted(handle->data); }
 
 /* ---- the end ---- */
 
@@ -174,6 +216,7 @@ static void on_wake(uv_async_t *handle) {
 static void on_tick(uv_timer_t *handle) {
     struct lw_server *server = handle->data;
     uint64_t now_ns = lw_clock_ns();
+    server->shared.epoch++;
     for (struct lw_session *s = server->shared.first, *next; s; s = next) {
         next = lw_session_next(s);
         lw_session_tick(s, now_ns);
@@ -250,10 +293,11 @@ static enum lw_status init_handles(struct lw_server *server, struct lw_error *er
     if ((result = uv_tcp_init(&server->loop, &server->listener)) < 0 ||
         (result = uv_async_init(&server->loop, &server->wake, on_wake)) < 0 ||
         (result = uv_timer_init(&server->loop, &server->tick)) < 0 ||
+        (result = uv_prepare_init(&server->loop, &server->prepare)) < 0 ||
         (result = uv_signal_init(&server->loop, &server->interrupt)) < 0 ||
         (result = uv_signal_init(&server->loop, &server->terminate)) < 0)
         return lw_status_fail(err, LW_OS, "cannot start an event loop: %s", uv_strerror(result));
-    server->listener.data = server->wake.data = server->tick.data = server;
+    server->listener.data = server->wake.data = server->tick.data = server->prepare.data = server;
     server->interrupt.data = server->terminate.data = server;
     return LW_OK;
 }
@@ -261,6 +305,7 @@ static enum lw_status init_handles(struct lw_server *server, struct lw_error *er
 static enum lw_status init_shared(struct lw_server *server, const struct lw_server_desc *desc) {
     struct lw_session_shared *shared = &server->shared;
     shared->atlas_map = desc->atlas_map;
+    shared->epoch = 1;
     shared->on_close = on_session_closed;
     shared->server = server;
     shared->hello_timeout_ns =
@@ -276,6 +321,7 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     uint32_t tiles = desc->atlas_map->tile_count;
     shared->changed = malloc((tiles ? tiles : 1) * sizeof *shared->changed);
     enum lw_status status = shared->changed ? make_order(desc->atlas_map, &server->order) : LW_NO_MEMORY;
+    if (status == LW_OK) status = lw_wanted_init(&shared->wanted, desc->atlas_map);
     shared->order = server->order;
     return status == LW_OK ? compress_package(shared, desc->package, desc->package_size) : status;
 }
@@ -326,6 +372,7 @@ enum lw_status lw_server_run(struct lw_server *server, struct lw_error *err) {
     int result = uv_signal_start(&server->interrupt, on_signal, SIGINT);
     if (result == 0) result = uv_signal_start(&server->terminate, on_signal, SIGTERM);
     if (result < 0) return lw_status_fail(err, LW_OS, "cannot watch signals: %s", uv_strerror(result));
+    uv_prepare_start(&server->prepare, on_prepare);
     uv_mutex_lock(&server->mutex);
     server->runs = pthread_getcpuclockid(pthread_self(), &server->cpu_clock) == 0;
     uv_mutex_unlock(&server->mutex);
@@ -385,6 +432,8 @@ void lw_server_destroy(struct lw_server *server) {
     free(shared->chunk);
     free(shared->changed);
     free(server->order);
+    free_wanted(&server->wanted);
+    lw_wanted_finish(&shared->wanted);
     uv_mutex_destroy(&shared->stats_mutex);
     uv_mutex_destroy(&server->mutex);
     free(server);

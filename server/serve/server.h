@@ -1,7 +1,8 @@
 /* server.h: sessions over TCP on one libuv loop: hello, package, then tiles of the newest snapshot, coarse first.
  * Flow:    snapshots -> [server: per session, what it lacks] -> writev -> link
- * Threads: the loop owns all sessions [loop]; lw_server_publish() and lw_server_stop() are [any]: they hand over and
- *          wake the loop, and never wait for it. */
+ *          what each session wants -> [server] -> what any of them wants -> solver
+ * Threads: the loop owns all sessions [loop]; lw_server_publish(), lw_server_take_wanted() and lw_server_stop() are
+ *          [any]: they hand over and wake the loop, and never wait for it. */
 #ifndef LW_SERVE_SERVER_H
 #define LW_SERVE_SERVER_H
 
@@ -46,6 +47,14 @@ uint16_t lw_server_port(const struct lw_server *server);
 LW_MUST_CHECK enum lw_status lw_server_run(struct lw_server *server, struct lw_error *err);
 /** Hands over a snapshot: takes a reference of its own. Newer snapshots replace older ones not yet seen. [any] */
 void lw_server_publish(struct lw_server *server, struct lw_snapshot *snapshot);
+/** What all sessions together want. */
+struct lw_server_wanted {
+    bool everything; /* some session wants every tile; then there is no list */
+    uint8_t *levels; /* per lw_tile_id, as lw_wanted_levels() lists them; the taker's to free() */
+};
+/** Takes what sessions want if it is not what was last taken; before the first time, that is nothing. One taker, at its
+ * own pace: changes in between are put together. Returns whether there is news. [any] */
+bool lw_server_take_wanted(struct lw_server *server, struct lw_server_wanted *out_wanted);
 /** Asks the loop to refuse new sessions, say goodbye and return from lw_server_run(). [any], and from signal handlers
  * by way of the loop's own SIGINT/SIGTERM watchers, which lw_server_run() installs. */
 void lw_server_stop(struct lw_server *server);

@@ -39,6 +39,13 @@ struct pending_write {
     struct lw_blob *blob[];
 };
 
+/* What an INTEREST said. */
+struct interest {
+    bool everything, stand_ins;
+    uint32_t tile_count;
+    uint32_t *tile; /* lw_tile_id, each once */
+};
+
 struct lw_session {
     uv_tcp_t tcp;
     uv_shutdown_t shutdown;
@@ -59,13 +66,16 @@ struct lw_session {
     struct lw_blob *partial_chunk; /* where a package request starts inside a chunk */
     uint32_t next_chunk;
     uint64_t frame_sent;
-    bool settled_due;     /* of that frame */
-    uint64_t *sent;       /* per tile: the version sent; NULL before STREAMING */
-    uint64_t *wanted;     /* bit per tile; NULL: everything */
-    uint64_t generation;  /* of the snapshot that the walk below goes over */
-    bool walks_changed;   /* over the changed tiles alone: it had all of the snapshot before */
-    uint32_t walk_left;   /* tiles still to look at */
-    uint32_t walk_cursor; /* in changed, or in order (there it goes round) */
+    bool settled_due;                  /* of that frame */
+    uint64_t *sent;                    /* per tile: the version sent; NULL before STREAMING */
+    struct interest interest, waiting; /* what holds; what came since, if has_waiting */
+    bool has_waiting;
+    uint64_t interest_epoch; /* of the server, when interest was last taken up */
+    uint64_t *wanted;        /* bit per tile: to be sent; NULL: everything */
+    uint64_t generation;     /* of the snapshot that the walk below goes over */
+    bool walks_changed;      /* over the changed tiles alone: it had all of the snapshot before */
+    uint32_t walk_left;      /* tiles still to look at */
+    uint32_t walk_cursor;    /* in changed, or in order (there it goes round) */
 
     struct pending_write *pending;
     size_t queued_last; /* bytes that libuv held when progress was last looked at */
@@ -119,8 +129,13 @@ static void start_walk(struct lw_session *s) {
     s->generation = shared->generation;
 }
 
+static bool is_coarsest(const struct lw_atlas_map *map, uint32_t tile) {
+    return map->place[tile].level + 1 == map->atlas[map->place[tile].object].level_count;
+}
+
 static bool is_wanted(const struct lw_session *s, uint32_t tile) {
-    return !s->wanted || (s->wanted[tile / 64] >> (tile % 64) & 1);
+    return !s->wanted || (s->wanted[tile / 64] >> (tile % 64) & 1) ||
+           (s->interest.stand_ins && is_coarsest(s->shared->atlas_map, tile));
 }
 
 static struct lw_blob *next_tile(struct lw_session *s) {
@@ -158,6 +173,69 @@ static struct lw_blob *next_blob(struct lw_session *s, bool *out_tile) {
     blob = next_tile(s);
     *out_tile = blob != NULL;
     return blob ? blob : next_settled(s);
+}
+
+/* ---- interest ---- */
+
+/* Sets or clears a session's bits of listed tiles, and with stand-ins of the coarser ones that cover the same. */
+static void mark(struct lw_session *s, const struct interest *interest, bool on) {
+    const struct lw_atlas_map *map = s->shared->atlas_map;
+    for (uint32_t i = 0; i < interest->tile_count; i++) {
+        const struct lw_tile_place *place = &map->place[interest->tile[i]];
+        const uint32_t levels =
+            interest->stand_ins ? map->atlas[place->object].level_count : place->level + 1;
+        for (uint32_t l = place->level; l < levels; l++) {
+            const uint32_t up = l - place->level,
+                           id = lw_atlas_map_find(map, place->object, l, place->x >> up, place->y >> up).v;
+            if (on)
+                s->wanted[id / 64] |= 1ull << (id % 64);
+            else
+                s->wanted[id / 64] &= ~(1ull << (id % 64));
+        }
+    }
+}
+
+static void count_in(struct lw_session *s, const struct interest *interest) {
+    if (interest->everything)
+        lw_wanted_add_everything(&s->shared->wanted);
+    else
+        lw_wanted_add(&s->shared->wanted, interest->tile, interest->tile_count);
+}
+
+static void count_out(struct lw_session *s, const struct interest *interest) {
+    if (interest->everything)
+        lw_wanted_remove_everything(&s->shared->wanted);
+    else
+        lw_wanted_remove(&s->shared->wanted, interest->tile, interest->tile_count);
+}
+
+/* What has waited holds from now on. */
+static void take_up_interest(struct lw_session *s) {
+    const struct lw_atlas_map *map = s->shared->atlas_map;
+    struct interest before = s->interest;
+    if (s->wanted) mark(s, &before, false);
+    if (s->waiting.everything) {
+        free(s->wanted);
+        s->wanted = NULL;
+    } else if (!s->wanted && !(s->wanted = calloc(map->tile_count / 64 + 1, sizeof *s->wanted))) {
+        lw_session_close(s, "out of memory");
+        return;
+    }
+    s->interest = s->waiting;
+    s->waiting = (struct interest){0};
+    s->has_waiting = false;
+    s->interest_epoch = s->shared->epoch;
+    if (s->wanted) mark(s, &s->interest, true);
+    if (s->state == STREAMING) { /* in this order, so that what is still wanted never counts as unwanted */
+        count_in(s, &s->interest);
+        count_out(s, &before);
+    }
+    free(before.tile);
+    s->walks_changed = false;
+    s->settled_due = s->frame_sent > 0;
+    s->walk_cursor = 0;
+    s->walk_left =
+        s->generation ? map->tile_count : 0; /* before the first walk there is nothing to take up again */
 }
 
 /* ---- writing ---- */
@@ -259,6 +337,7 @@ static void on_shutdown(uv_shutdown_t *request, int result) {
 }
 
 void lw_session_pump(struct lw_session *s) {
+    if (s->has_waiting && s->interest_epoch != s->shared->epoch) take_up_interest(s);
     for (unsigned round = 0; !s->pending && s->state != CLOSED; round++) {
         struct batch batch;
         take_batch(s, &batch);
@@ -284,6 +363,8 @@ static void on_closed(uv_handle_t *handle) {
     free(s->input);
     free(s->sent);
     free(s->wanted);
+    free(s->interest.tile);
+    free(s->waiting.tile);
     free(s);
     shared->on_close(shared->server);
 }
@@ -299,6 +380,7 @@ static void unlink_session(struct lw_session *s) {
 
 /* No longer one of those who are served. */
 static void end_service(struct lw_session *s) {
+    if (s->state == STREAMING) count_out(s, &s->interest);
     if (s->welcomed) count(s->shared, &s->shared->stats.sessions_now, -1);
     s->welcomed = false;
 }
@@ -391,37 +473,42 @@ static void handle_package_request(struct lw_session *s, uint64_t offset) {
     }
     s->next_chunk = (uint32_t)((offset + LW_SESSION_CHUNK - 1) / LW_SESSION_CHUNK);
     s->state = STREAMING;
+    count_in(s, &s->interest);
 }
 
-static void handle_interest(struct lw_session *s, const struct lw_message_interest *interest) {
-    const struct lw_atlas_map *map = s->shared->atlas_map;
-    uint64_t *wanted = NULL;
-    if (!interest->everything) {
-        wanted = calloc(map->tile_count / 64 + 1, sizeof *wanted);
-        if (!wanted) {
-            lw_session_close(s, "out of memory");
-            return;
-        }
+static int by_id(const void *a, const void *b) {
+    const uint32_t x = *(const uint32_t *)a, y = *(const uint32_t *)b;
+    return (x > y) - (x < y);
+}
+
+/* Notes what a session wants. A peer may say so as often as it likes: the first one holds at once, later ones wait for the
+ * next snapshot or tick, the last of them alone. */
+static void handle_interest(struct lw_session *s, const struct lw_message_interest *said) {
+    struct interest interest = {.everything = said->everything, .stand_ins = said->stand_ins};
+    if (said->tile_count && !(interest.tile = malloc(said->tile_count * sizeof *interest.tile))) {
+        lw_session_close(s, "out of memory");
+        return;
     }
-    for (size_t i = 0; i < interest->tile_count; i++) {
-        struct lw_message_interest_tile t = interest->tile[i];
-        uint32_t id = lw_atlas_map_find_tile(map, t.object, t.level, t.tile).v;
+    for (size_t i = 0; i < said->tile_count; i++) {
+        struct lw_message_interest_tile t = said->tile[i];
+        uint32_t id = lw_atlas_map_find_tile(s->shared->atlas_map, t.object, t.level, t.tile).v;
         if (id == UINT32_MAX) {
-            free(wanted);
+            free(interest.tile);
             lw_session_refuse(s, LW_REFUSAL_PROTOCOL,
                               "message INTEREST: there is no object %u, level %u, tile %u", t.object, t.level,
                               t.tile);
             return;
         }
-        wanted[id / 64] |= 1ull << (id % 64);
+        interest.tile[i] = id;
     }
-    free(s->wanted);
-    s->wanted = wanted;
-    s->walks_changed = false;
-    s->settled_due = s->frame_sent > 0;
-    s->walk_cursor = 0;
-    s->walk_left =
-        s->generation ? map->tile_count : 0; /* before the first walk there is nothing to take up again */
+    if (said->tile_count) qsort(interest.tile, said->tile_count, sizeof *interest.tile, by_id);
+    for (size_t i = 0; i < said->tile_count; i++)
+        if (i == 0 || interest.tile[i] != interest.tile[i - 1])
+            interest.tile[interest.tile_count++] = interest.tile[i];
+    free(s->waiting.tile);
+    s->waiting = interest;
+    s->has_waiting = true;
+    if (s->interest_epoch != s->shared->epoch) take_up_interest(s);
 }
 
 static void handle_message(struct lw_session *s, const struct lw_message *m) {
@@ -588,6 +675,7 @@ enum lw_status lw_session_accept(struct lw_session_shared *shared, uv_stream_t *
     }
     s->tcp.data = s;
     s->shared = shared;
+    s->interest.everything = true;
     s->number = ++shared->number;
     s->since_ns = lw_clock_ns();
     snprintf(s->name, sizeof s->name, "no hello yet");
@@ -624,4 +712,6 @@ void lw_session_tick(struct lw_session *s, uint64_t now_ns) {
         lw_session_refuse(s, LW_REFUSAL_TIMEOUT, "no hello in time");
     else if (s->state != LEAVING && is_stalled(s, now_ns))
         lw_session_close(s, "takes no data");
+    else if (s->has_waiting)
+        lw_session_pump(s);
 }

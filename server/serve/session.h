@@ -5,6 +5,7 @@
 #define LW_SERVE_SESSION_H
 
 #include "server/serve/server.h"
+#include "server/serve/wanted.h"
 
 #include <uv.h>
 
@@ -16,7 +17,9 @@ struct lw_session_shared {
     struct lw_message_welcome welcome; /* without the session's number */
     struct lw_blob **chunk;            /* the compressed package, cut into LW_SESSION_CHUNK bytes */
     uint32_t chunk_count;
-    const uint32_t *order;        /* tile ids: every object's coarsest level first */
+    const uint32_t *order;   /* tile ids: every object's coarsest level first */
+    struct lw_wanted wanted; /* by all sessions that are streamed to */
+    uint64_t epoch; /* counts ticks and snapshots seen: in each, a session may change its mind once */
     struct lw_snapshot *snapshot; /* newest; NULL before the first */
     uint64_t generation;          /* counts the snapshots that the loop has seen */
     uint32_t *changed; /* tile ids, in order, that the newest snapshot changed against the one before */

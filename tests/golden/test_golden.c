@@ -16,6 +16,7 @@
 
 static const uint8_t tile_payload[] = {0x28, 0xb5, 0x2f, 0xfd, 0x20, 0x06, 0x31, 0,
                                        0,    0,    0,    0,    0x3c, 0x38, 0x34};
+static const struct lw_message_interest_tile seventeenth_objects[] = {{17, 0, 2}};
 static const struct lw_message_interest_tile interest_tiles[] = {{0, 4, 0}, {17, 0, 35}};
 static const struct lw_message_transform transforms[] = {
     {2, {{{1, 0, 0, 0.5f}, {0, 0, -1, 2}, {0, 1, 0, -3}}}}};
@@ -45,6 +46,9 @@ static const struct golden {
     {"package_chunk.bin",
      {.type = LW_MESSAGE_PACKAGE_CHUNK, .package_chunk = {65536, tile_payload, sizeof tile_payload}}},
     {"interest_everything.bin", {.type = LW_MESSAGE_INTEREST, .interest = {.everything = true}}},
+    {"interest_stand_ins.bin",
+     {.type = LW_MESSAGE_INTEREST,
+      .interest = {.stand_ins = true, .tile = seventeenth_objects, .tile_count = 1}}},
     {"interest_tiles.bin",
      {.type = LW_MESSAGE_INTEREST, .interest = {.tile = interest_tiles, .tile_count = 2}}},
     {"frame.bin",
@@ -206,7 +210,8 @@ static size_t read_example(const char *document, unsigned n, uint8_t *dst) {
 
 static void test_examples_of_the_document(void **state) {
     (void)state;
-    static const char *const file[] = {"hello.bin", "tile.bin", "settled.bin", "ack.bin"};
+    static const char *const file[] = {"hello.bin", "tile.bin", "settled.bin", "interest_stand_ins.bin",
+                                       "ack.bin"};
     size_t size;
     char *document = (char *)lw_support_read_file(lw_support_source("proto/wire_format.md"), &size);
     for (unsigned i = 0; i < sizeof file / sizeof *file; i++) {

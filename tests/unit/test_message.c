@@ -54,6 +54,8 @@ static const struct lw_message samples[] = {
     {.type = LW_MESSAGE_PACKAGE_REQUEST, .package_request = {LW_MESSAGE_COMPRESSED_MAX}},
     {.type = LW_MESSAGE_PACKAGE_CHUNK, .package_chunk = {77777, bytes_of_data, sizeof bytes_of_data}},
     {.type = LW_MESSAGE_INTEREST, .interest = {.everything = true}},
+    {.type = LW_MESSAGE_INTEREST, .interest = {.stand_ins = true, .tile = interest_tiles, .tile_count = 2}},
+    {.type = LW_MESSAGE_INTEREST, .interest = {.stand_ins = true}},
     {.type = LW_MESSAGE_INTEREST, .interest = {.tile = interest_tiles, .tile_count = 2}},
     {.type = LW_MESSAGE_INTEREST},
     {.type = LW_MESSAGE_FRAME, .frame = {FAR, 1e300, FAR, FAR, 5, {1, 2, FLT_MAX}, transforms, 2, lights, 2}},
@@ -103,6 +105,7 @@ static void expect_equal(const struct lw_message *a, const struct lw_message *b)
         break;
     case LW_MESSAGE_INTEREST:
         assert_int_equal(a->interest.everything, b->interest.everything);
+        assert_int_equal(a->interest.stand_ins, b->interest.stand_ins);
         assert_int_equal(a->interest.tile_count, b->interest.tile_count);
         for (size_t i = 0; i < a->interest.tile_count; i++)
             assert_memory_equal(&a->interest.tile[i], &b->interest.tile[i], sizeof a->interest.tile[i]);

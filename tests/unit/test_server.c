@@ -410,6 +410,108 @@ static void test_settled(void **state) {
     end(f);
 }
 
+/* Stand-ins: every object's coarsest level, and what covers the same as a listed tile on coarser ones. */
+static void test_stand_ins(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    int s = dial_and_greet(f);
+    const struct lw_message_interest_tile wanted[] = {{1, 0, 7}, {1, 0, 7}, {1, 1, 0}};
+    put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST,
+                                .interest = {.tile = wanted, .tile_count = 3, .stand_ins = true}});
+    ask_for_package(s, PACKAGE_SIZE);
+    publish(f, make_snapshot(f, 1, 0));
+    struct lw_message m;
+    do {
+        assert_true(get(s, &m));
+        lw_message_finish(&m);
+    } while (m.type != LW_MESSAGE_FRAME);
+    /* three coarsest; levels 3 and 2 of object 1; both tiles of its level 1; one of level 0 */
+    expect_tiles(s, 3 + 2 + 2 + 1, 1);
+    expect_silence(s, 50);
+    put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST, .interest = {.stand_ins = true}});
+    put(s, &(struct lw_message){.type = LW_MESSAGE_PING});
+    expect(s, LW_MESSAGE_PONG, &m); /* so it has been heard */
+    publish(f, make_snapshot(f, 2, 1));
+    expect_frame(s, 2, 2);
+    expect_tiles(s, 3, 2);
+    expect_silence(s, 50);
+    close(s);
+    end(f);
+}
+
+/* Waits for news of what is wanted, and expects so many level-0 tiles; UINT32_MAX: everything. */
+static void expect_wanted(const struct fixture *f, uint32_t tiles) {
+    struct lw_server_wanted wanted;
+    for (uint64_t end_ns = lw_clock_ns() + WAIT_MS * 1000000ull; !lw_server_take_wanted(f->server, &wanted);
+         usleep(1000))
+        assert_true(lw_clock_ns() < end_ns);
+    uint32_t count = 0;
+    for (uint32_t t = 0; !wanted.everything && t < f->map.tile_count; t++) count += wanted.levels[t] > 0;
+    assert_int_equal(wanted.everything ? UINT32_MAX : count, tiles);
+    free(wanted.levels);
+}
+
+static void want(int s, const struct lw_message_interest_tile *tile, size_t count) {
+    put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST,
+                                .interest = {.tile = tile, .tile_count = count, .stand_ins = true}});
+}
+
+static void test_union_of_interest(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    struct lw_server_wanted none;
+    const struct lw_message_interest_tile corner[] = {{1, 0, 7}}, half[] = {{1, 1, 1}, {0, 0, 0}};
+    assert_false(lw_server_take_wanted(f->server, &none));
+    int first = dial_and_greet(f), second = dial_and_greet(f), third = dial_and_greet(f);
+    want(first, corner, 1);
+    ask_for_package(first, PACKAGE_SIZE);
+    expect_wanted(f, 1);
+    want(second, half, 2);
+    ask_for_package(second, PACKAGE_SIZE);
+    expect_wanted(f, 5); /* the half of 4 holds the corner */
+    ask_for_package(third, PACKAGE_SIZE);
+    expect_wanted(f, UINT32_MAX);
+    close(third);
+    expect_wanted(f, 5);
+    close(second);
+    expect_wanted(f, 1);
+    want(first, NULL, 0);
+    expect_wanted(f, 0);
+    close(first);
+    end(f);
+}
+
+/* Who changes its mind a thousand times between two frames is heard once, with what it said last; nobody else waits. */
+static void test_flood_of_interest(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    int flood = dial_and_greet(f), good = dial_and_stream(f);
+    static struct lw_message_interest_tile tile[LW_MESSAGE_INTEREST_MAX];
+    for (uint32_t i = 0; i < LW_MESSAGE_INTEREST_MAX; i++)
+        tile[i] = (struct lw_message_interest_tile){i % OBJECTS, 0, i % 7};
+    ask_for_package(flood, PACKAGE_SIZE);
+    for (unsigned i = 0; i < 1000; i++) want(flood, tile, LW_MESSAGE_INTEREST_MAX - i);
+    want(flood, tile, 1);
+    publish(f, make_snapshot(f, 1, 0));
+    expect_frame(good, 1, 1);
+    expect_tiles(good, f->map.tile_count, 1);
+    close(good);
+    struct lw_server_wanted wanted = {0};
+    unsigned news = 0;
+    for (uint32_t count = 0; count != 1;) { /* everything, then as it comes, then one tile */
+        if (!lw_server_take_wanted(f->server, &wanted)) {
+            usleep(1000);
+            continue;
+        }
+        count = wanted.everything ? UINT32_MAX : 0;
+        for (uint32_t t = 0; !wanted.everything && t < f->map.tile_count; t++) count += wanted.levels[t] > 0;
+        free(wanted.levels);
+        assert_true(++news < 200);
+    }
+    close(flood);
+    end(f);
+}
+
 static void test_interest(void **state) {
     (void)state;
     struct fixture *f = start(&(struct lw_server_desc){0});
@@ -833,6 +935,9 @@ int main(void) {
         cmocka_unit_test(test_newer_snapshot),
         cmocka_unit_test(test_settled),
         cmocka_unit_test(test_interest),
+        cmocka_unit_test(test_stand_ins),
+        cmocka_unit_test(test_union_of_interest),
+        cmocka_unit_test(test_flood_of_interest),
         cmocka_unit_test(test_blobs_are_shared),
         cmocka_unit_test(test_slow_reader),
         cmocka_unit_test(test_stalled_reader_is_closed),
