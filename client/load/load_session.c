@@ -124,6 +124,7 @@ void lw_load_session_conclude(struct lw_load_session *s, uint64_t now_ns) {
     lw_histogram_add(&f->rate_mhz, (uint64_t)(1000 * (double)s->frames_measured / there_s + 0.5));
 }
 
+LW_PRINTF(3, 0)
 static void count_fault(struct lw_load_shared *shared, enum lw_load_fault fault, const char *format,
                         va_list args) {
     char *first = shared->figures->first_fault[fault];
