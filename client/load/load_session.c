@@ -280,8 +280,9 @@ static void look(struct lw_load_session *s, uint64_t now_ns) {
             p->object, p->level, p->y * map->atlas[p->object].level[p->level].tiles_x + p->x};
     }
     want(s, count, now_ns);
-    send_message(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST,
-                                         .interest = {.tile = shared->named, .tile_count = count}});
+    send_message(
+        s, &(struct lw_message){.type = LW_MESSAGE_INTEREST,
+                                .interest = {.stand_ins = true, .tile = shared->named, .tile_count = count}});
 }
 
 /* ---- what the server says ---- */
