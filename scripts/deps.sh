@@ -10,6 +10,7 @@ packages=(
     libprotobuf-c-dev protobuf-c-compiler protobuf-compiler
     libzstd-dev libxxhash-dev libjansson-dev
     libopenexr-dev libpng-dev libjpeg62-turbo-dev libassimp-dev libstb-dev libsdl2-dev
+    gnuplot-nox
     libcmocka-dev
 )
 long_packages=(clang libomp-14-dev libclang-rt-14-dev clang-format)

@@ -18,6 +18,9 @@ struct lw_client {
     bool welcomed;
     struct lw_download download; /* until the replica is there */
     struct lw_replica *replica;  /* NULL before the package is complete */
+    const struct lw_client *scene_of;
+    struct lw_package_hash package_hash;
+    uint64_t package_offset; /* from which we ask for the package */
     struct lw_client_stats stats;
     uint64_t frame_acked, frame_ns, frame_solve_ns; /* frame_ns: when the newest frame arrived */
 };
@@ -28,6 +31,10 @@ static enum lw_status out_of_order(struct lw_error *err, enum lw_message_type ty
     return lw_status_fail(err, LW_PROTOCOL, "message %s: out of order", lw_message_name((uint16_t)type));
 }
 
+static bool has_scene(const struct lw_client *c, const struct lw_package_hash *hash) {
+    return c && c->replica && memcmp(c->package_hash.bytes, hash->bytes, sizeof hash->bytes) == 0;
+}
+
 static enum lw_status handle_welcome(struct lw_client *c, const struct lw_message_welcome *welcome,
                                      struct lw_error *err) {
     if (c->welcomed) return out_of_order(err, LW_MESSAGE_WELCOME);
@@ -35,12 +42,17 @@ static enum lw_status handle_welcome(struct lw_client *c, const struct lw_messag
         return lw_status_fail(err, LW_PROTOCOL,
                               "it speaks version %u of the protocol, this client version %u",
                               welcome->version, LW_WIRE_VERSION);
-    enum lw_status status = lw_download_init(&c->download, welcome);
-    if (status != LW_OK) return lw_status_fail(err, status, "out of memory");
     c->welcomed = true;
     c->stats.bounces = welcome->bounces;
     c->stats.target_error = welcome->target_error;
-    return LW_OK;
+    c->package_hash = welcome->package_hash;
+    if (has_scene(c->scene_of, &welcome->package_hash)) {
+        c->package_offset = welcome->package_compressed_size; /* to its end: there is nothing to send */
+        c->stats.package_ns = lw_clock_ns();
+        return lw_replica_create_beside(c->scene_of->replica, &c->replica, err);
+    }
+    enum lw_status status = lw_download_init(&c->download, welcome);
+    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "out of memory");
 }
 
 static enum lw_status handle_refusal(const struct lw_client *c, const struct lw_message_refusal *refusal,
@@ -209,7 +221,8 @@ static enum lw_status shake_hands(struct lw_client *c, const char *name, unsigne
         if (status == LW_OK) status = take_all(c, &cause);
     }
     if (status == LW_OK) {
-        struct lw_message request = {.type = LW_MESSAGE_PACKAGE_REQUEST};
+        struct lw_message request = {.type = LW_MESSAGE_PACKAGE_REQUEST,
+                                     .package_request.offset = c->package_offset};
         return send_first(c, &request, err);
     }
     /* whoever hangs up before a welcome is no more a lightwelld than one who sends garbage */
@@ -225,6 +238,7 @@ enum lw_status lw_client_create(const struct lw_client_desc *desc, struct lw_cli
     struct lw_client *c = calloc(1, sizeof *c);
     if (!c) return lw_status_fail(err, LW_NO_MEMORY, "cannot create a client: out of memory");
     c->stats.connected_ns = lw_clock_ns();
+    c->scene_of = desc->scene_of;
     enum lw_status status = lw_link_connect(&c->link, desc->host, desc->port, timeout_ms, err);
     if (status != LW_OK) {
         free(c);

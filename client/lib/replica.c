@@ -9,6 +9,7 @@
 #define CHANNELS 3u
 
 struct lw_replica {
+    const struct lw_replica *beside; /* who owns scene and map; NULL: we do */
     struct lw_scene *scene;
     struct lw_atlas_map map;
     struct lw_pose pose;
@@ -54,14 +55,9 @@ static enum lw_status make_room(struct lw_replica *r, struct lw_error *err) {
     return r->texels ? LW_OK : LW_NO_MEMORY;
 }
 
-enum lw_status lw_replica_create(const uint8_t *package, size_t size, struct lw_replica **out_replica,
-                                 struct lw_error *err) {
-    struct lw_replica *r = calloc(1, sizeof *r);
-    enum lw_status status = r ? lw_package_read(package, size, &r->scene, err) : LW_NO_MEMORY;
-    if (status == LW_OK) {
-        status = lw_atlas_map_init(&r->map, r->scene);
-        r->has_map = status == LW_OK;
-    }
+/* The rest, once scene and map are there. Takes r over. */
+static enum lw_status complete(struct lw_replica *r, enum lw_status status, struct lw_replica **out_replica,
+                               struct lw_error *err) {
     if (status == LW_OK) {
         status = lw_pose_init(&r->pose, r->scene);
         r->has_pose = status == LW_OK;
@@ -77,6 +73,28 @@ enum lw_status lw_replica_create(const uint8_t *package, size_t size, struct lw_
     return status;
 }
 
+enum lw_status lw_replica_create(const uint8_t *package, size_t size, struct lw_replica **out_replica,
+                                 struct lw_error *err) {
+    struct lw_replica *r = calloc(1, sizeof *r);
+    enum lw_status status = r ? lw_package_read(package, size, &r->scene, err) : LW_NO_MEMORY;
+    if (status == LW_OK) {
+        status = lw_atlas_map_init(&r->map, r->scene);
+        r->has_map = status == LW_OK;
+    }
+    return complete(r, status, out_replica, err);
+}
+
+enum lw_status lw_replica_create_beside(const struct lw_replica *other, struct lw_replica **out_replica,
+                                        struct lw_error *err) {
+    struct lw_replica *r = calloc(1, sizeof *r);
+    if (r) {
+        r->beside = other;
+        r->scene = other->scene;
+        r->map = other->map;
+    }
+    return complete(r, r ? LW_OK : LW_NO_MEMORY, out_replica, err);
+}
+
 void lw_replica_destroy(struct lw_replica *r) {
     if (!r) return;
     free(r->texels);
@@ -85,7 +103,7 @@ void lw_replica_destroy(struct lw_replica *r) {
     lw_tile_codec_destroy(r->codec);
     if (r->has_pose) lw_pose_finish(&r->pose);
     if (r->has_map) lw_atlas_map_finish(&r->map);
-    if (r->scene) lw_scene_destroy(r->scene);
+    if (r->scene && !r->beside) lw_scene_destroy(r->scene);
     free(r);
 }
 

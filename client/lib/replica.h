@@ -15,6 +15,9 @@ struct lw_replica;
  * Errors: LW_BAD_DATA, LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_replica_create(const uint8_t *package, size_t size,
                                                struct lw_replica **out_replica, struct lw_error *err);
+/** A replica of the same scene, which `other` owns and must outlive it; no light in it yet. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_replica_create_beside(const struct lw_replica *other,
+                                                      struct lw_replica **out_replica, struct lw_error *err);
 void lw_replica_destroy(struct lw_replica *replica);
 
 /** Takes over transforms and lights. Errors: LW_PROTOCOL for an object or light that the scene does not have. */

@@ -1,11 +1,81 @@
 #include "client/load/crossover.h"
 
+#include "client/load/crossover_report.h"
 #include "common/log.h"
 
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+static volatile sig_atomic_t signalled;
+
+static void on_signal(int number) { signalled = number; }
+
+/* The first signal ends the measurement, the second the program. */
+static void watch_signals(void) {
+    struct sigaction action = {.sa_handler = on_signal, .sa_flags = (int)SA_RESETHAND};
+    sigemptyset(&action.sa_mask);
+    sigaction(SIGINT, &action, NULL);
+    sigaction(SIGTERM, &action, NULL);
+}
+
+/* OpenMP's idle threads spin for a while by default, which is CPU time that nobody used. Its library reads this when the
+ * program starts: so it is started once more. The server inherits it. */
+static void wait_passively(char **argv) {
+    if (getenv("OMP_WAIT_POLICY") || setenv("OMP_WAIT_POLICY", "passive", 1) != 0) return;
+    execv("/proc/self/exe", argv);
+    lw_log(LW_LOG_WARNING,
+           "idle threads spin: CPU times are too high (cannot start anew with OMP_WAIT_POLICY=passive)");
+}
+
+static void write_command(int argc, char **argv, char *out, size_t size) {
+    size_t length = (size_t)snprintf(out, size, "lightwell-load");
+    for (int i = 0; i < argc && length < size; i++) {
+        int more = snprintf(out + length, size - length, strchr(argv[i], ' ') ? " '%s'" : " %s", argv[i]);
+        length += more > 0 ? (size_t)more : 0;
+    }
+}
+
+static void print_result(const struct lw_crossover *x) {
+    printf("report: %s/report.md\n", x->options.folder);
+    if (x->shortfall) printf("no figures for counts of users: %s\n", x->shortfall);
+    if (!x->repeats_done) return;
+    printf("r(%u) = %.4g +- %.2g\n", x->count[0].users, x->first_ratio.mean, x->first_ratio.half);
+    if (x->options.user_counts < 2) return;
+    printf("m = %.4g +- %.2g\n", x->marginal.mean, x->marginal.half);
+    printf("crossover at %.4g +- %.2g users\n", x->crossover.mean, x->crossover.half);
+}
+
+static enum lw_status run(const struct lw_crossover_options *options, const char *command,
+                          struct lw_error *err) {
+    static struct lw_crossover crossover; /* some 100 kB: no place on the stack */
+    enum lw_status status = lw_crossover_report_prepare(options->folder, err);
+    if (status != LW_OK) return status;
+    watch_signals();
+    status = lw_crossover_measure(options, &signalled, &crossover, err);
+    if (crossover.side[LW_CROSSOVER_PATHS].point_count || status == LW_OK) {
+        struct lw_error report_err = {0};
+        enum lw_status written = lw_crossover_report_write(&crossover, command, &report_err);
+        if (status == LW_OK && written != LW_OK) *err = report_err;
+        if (status == LW_OK) status = written;
+    }
+    if (status == LW_OK) print_result(&crossover);
+    lw_crossover_finish(&crossover);
+    return status;
+}
+
 int lw_crossover_command(int argc, char **argv) {
-    (void)argc;
-    (void)argv;
+    struct lw_crossover_options options;
     struct lw_error err = {0};
-    lw_status_fail(&err, LW_USAGE, "crossover is not built yet");
-    return lw_log_failure(&err);
+    char command[2048];
+    bool done = false;
+    enum lw_status status = lw_crossover_options_parse(argc, argv, &options, &done, &err);
+    if (status == LW_OK && !done) {
+        wait_passively(argv - 1); /* argv[-1] is the program's own name: see crossover.h */
+        write_command(argc, argv, command, sizeof command);
+        status = run(&options, command, &err);
+    }
+    return status == LW_OK ? 0 : lw_log_failure(&err);
 }

@@ -2,6 +2,7 @@
 
 #include "common/clock.h"
 #include "common/log.h"
+#include "common/program_path.h"
 #include "common/sanitizer.h"
 #include "common/scene/package.h"
 
@@ -80,22 +81,10 @@ static void remove_folder(struct importer *importer) {
 /* ---- starting ---- */
 
 static void find_program(struct importer *importer) {
-    if (importer->desc->program) {
+    if (importer->desc->program)
         snprintf(importer->program, sizeof importer->program, "%s", importer->desc->program);
-        return;
-    }
-    char self[PATH_MAX];
-    ssize_t length = readlink("/proc/self/exe", self, sizeof self - 1);
-    self[length > 0 ? length : 0] = 0;
-    char *slash = strrchr(self, '/');
-    if (slash) {
-        *slash = 0;
-        int size = snprintf(importer->program, sizeof importer->program, "%s/%s", self, PROGRAM_NAME);
-        if (size > 0 && (size_t)size < sizeof importer->program && access(importer->program, X_OK) == 0)
-            return;
-    }
-    snprintf(importer->program, sizeof importer->program, "%s",
-             PROGRAM_NAME); /* posix_spawnp() looks in PATH */
+    else
+        lw_program_path(PROGRAM_NAME, importer->program, sizeof importer->program);
 }
 
 static void limit_memory(const struct importer *importer) {

@@ -20,6 +20,9 @@ struct lw_client_desc {
     uint16_t port;
     const char *name;    /* for the operator's log; NULL: "liblightwell" */
     unsigned timeout_ms; /* for connect and for the server's answer; 0: 5000 */
+    /* For a process with many sessions of one server: a client that has its scene and outlives this one. Its scene is
+     * shared instead of downloaded, if the server has the same; NULL: none. */
+    const struct lw_client *scene_of;
 };
 
 /** Connects and says hello; returns once the server has welcomed us.

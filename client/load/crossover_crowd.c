@@ -1,0 +1,196 @@
+#include "client/load/crossover_crowd.h"
+
+#include "common/log.h"
+
+#include <stdlib.h>
+
+#define SETTLE_FRAMES 2u /* after users joined, until all is as it was */
+#define COUNT_FRAMES  8u /* measured per count of users; the first one takes all frames */
+
+/* A user of a repeat: each begins with another one, so that no figure rests on one view. */
+static uint32_t user_of(const struct lw_crossover *x, uint32_t repeat, uint32_t user, uint32_t users) {
+    return (user + repeat) % (users > x->eyes ? users : x->eyes);
+}
+
+/* ---- the shared side ---- */
+
+/* One sequence with users who come in steps. */
+struct crowd {
+    uint32_t repeat, users;
+    uint64_t frame;   /* the last one */
+    double error_sum; /* of pictures that were judged */
+    uint32_t errors;
+};
+
+/* Who is shown in a frame: as many as can be, in turn. */
+static uint32_t choose_crowd(const struct lw_crossover *x, const struct crowd *crowd, uint32_t *out_shown) {
+    const uint32_t count = crowd->users < LW_CROSSOVER_SHOWN_MAX ? crowd->users : LW_CROSSOVER_SHOWN_MAX;
+    for (uint32_t k = 0; k < count; k++) {
+        uint64_t of_all = (uint64_t)k * crowd->users / count;
+        uint32_t turn = crowd->users > count ? (uint32_t)(crowd->frame % crowd->users) : 0;
+        out_shown[k] = user_of(x, crowd->repeat, (uint32_t)of_all + turn, crowd->users);
+    }
+    return count;
+}
+
+/* So many frames with the users that are there. *out_cost: per frame. */
+static enum lw_status measure_frames(struct lw_crossover_run *run, struct lw_contender *contender,
+                                     struct crowd *crowd, uint64_t frames, struct lw_cost *out_cost,
+                                     struct lw_error *err) {
+    enum lw_status status = LW_OK;
+    struct lw_cost sum = {0};
+    for (uint64_t i = 0; i < frames && status == LW_OK && !lw_crossover_run_stopped(run); i++) {
+        uint32_t shown[LW_CROSSOVER_SHOWN_MAX];
+        crowd->frame++;
+        uint32_t count = choose_crowd(run->x, crowd, shown);
+        status = contender->ops->step(contender, crowd->frame, shown, count, &sum, err);
+        int picture = lw_crossover_run_picture(run->x, crowd->frame);
+        if (status == LW_OK && picture >= 0)
+            status = lw_crossover_run_judge(run->x, contender, (uint32_t)picture, shown, count,
+                                            &crowd->error_sum, &crowd->errors, err);
+    }
+    *out_cost = (struct lw_cost){0};
+    lw_cost_add(out_cost, &sum, 1.0 / (double)frames);
+    return status;
+}
+
+/* In a still scene, what was spent at once is spread over all frames of the first count; later counts bear as much. */
+static void spread_start(const struct lw_crossover *x, bool first, struct lw_cost *start,
+                         struct lw_cost *cost) {
+    if (first) {
+        const double share = (double)x->warm_frames / (double)(x->warm_frames + x->frames);
+        struct lw_cost all = {0};
+        lw_cost_add(&all, start, share);
+        lw_cost_add(&all, cost, 1 - share);
+        *start = *cost = all;
+        return;
+    }
+    for (int s = 0; s < LW_STAGE_COUNT; s++)
+        if (!lw_stage_is_per_user((enum lw_stage)s)) cost->cpu_s[s] = start->cpu_s[s];
+}
+
+/* One more count of users; its cost as a frame's. */
+static enum lw_status measure_count(struct lw_crossover_run *run, struct lw_contender *contender,
+                                    struct crowd *crowd, uint32_t c, struct lw_cost *start,
+                                    struct lw_cost *out_cost, struct lw_error *err) {
+    struct lw_crossover *x = run->x;
+    crowd->users = x->count[c].users;
+    enum lw_status status = contender->ops->set_users(contender, crowd->users, err);
+    if (status == LW_OK)
+        status = measure_frames(run, contender, crowd, c == 0 ? x->warm_frames : SETTLE_FRAMES,
+                                c == 0 ? start : out_cost, err);
+    if (status == LW_OK)
+        status = measure_frames(run, contender, crowd, c == 0 ? x->frames : COUNT_FRAMES, out_cost, err);
+    if (status == LW_OK && x->options.motion == LW_SCENE_MOTION_STATIC)
+        spread_start(x, c == 0, start, out_cost);
+    return status;
+}
+
+static enum lw_status measure_shared(struct lw_crossover_run *run, uint32_t repeat, uint32_t seed,
+                                     struct lw_error *err) {
+    struct lw_crossover *x = run->x;
+    struct lw_contender *contender = x->side[LW_CROSSOVER_SHARED].contender;
+    struct crowd crowd = {.repeat = repeat};
+    struct lw_cost start = {0};
+    enum lw_status status =
+        contender->ops->start(contender, &x->chosen[LW_CROSSOVER_SHARED], false, seed, err);
+    for (uint32_t c = 0; c < x->options.user_counts && status == LW_OK; c++) {
+        struct lw_cost cost = {0};
+        status = measure_count(run, contender, &crowd, c, &start, &cost, err);
+        if (status != LW_OK || lw_crossover_run_stopped(run)) break;
+        x->count[c].cost_s[LW_CROSSOVER_SHARED][repeat] = lw_cost_total(&cost);
+        x->count[c].shared[repeat] = cost;
+        lw_log(LW_LOG_INFO, "shared cache, %u user%s: %.4g CPU s per frame", crowd.users,
+               crowd.users > 1 ? "s" : "", lw_cost_total(&cost));
+    }
+    contender->ops->stop(contender);
+    if (crowd.errors) x->shared_error[repeat] = crowd.error_sum / crowd.errors;
+    return status;
+}
+
+/* ---- path tracers ---- */
+
+static enum lw_status measure_paths(struct lw_crossover_run *run, enum lw_crossover_side_id s,
+                                    uint32_t repeat, uint32_t seed, struct lw_error *err) {
+    struct lw_crossover *x = run->x;
+    double per_eye_s[LW_CROSSOVER_EYES] = {0}, sum_s = 0;
+    enum lw_status status = lw_crossover_run_trace(run, x->side[s].contender, &x->chosen[s],
+                                                   repeat % LW_CROSSOVER_PICTURES, seed, per_eye_s, err);
+    if (status != LW_OK || lw_crossover_run_stopped(run)) return status;
+    for (uint32_t eye = 0; eye < x->eyes; eye++) sum_s += per_eye_s[eye];
+    for (uint32_t c = 0; c < x->options.user_counts; c++) {
+        const uint32_t users = x->count[c].users;
+        double cost_s =
+            users * sum_s / x->eyes; /* many are as the eyes in the mean; few are eyes themselves */
+        if (users < x->eyes) cost_s = 0;
+        for (uint32_t u = 0; users < x->eyes && u < users; u++)
+            cost_s += per_eye_s[user_of(x, repeat, u, users)];
+        x->count[c].cost_s[s][repeat] = cost_s;
+    }
+    lw_log(LW_LOG_INFO, "%s: %.4g CPU s per frame and user", x->side[s].name, sum_s / x->eyes);
+    return LW_OK;
+}
+
+/* ---- figures ---- */
+
+static void conclude(struct lw_crossover *x) {
+    const uint32_t repeats = x->repeats_done, counts = x->options.user_counts;
+    double ratio[LW_CROSSOVER_REPEATS_MAX], slope[LW_CROSSOVER_REPEATS_MAX], cross[LW_CROSSOVER_REPEATS_MAX];
+    for (uint32_t c = 0; c < counts; c++) {
+        struct lw_crossover_count *count = &x->count[c];
+        count->cost = (struct lw_cost){0};
+        for (uint32_t i = 0; i < repeats; i++) {
+            lw_cost_add(&count->cost, &count->shared[i], 1.0 / repeats);
+            ratio[i] = count->cost_s[LW_CROSSOVER_SHARED][i] / count->cost_s[LW_CROSSOVER_PATHS][i];
+        }
+        count->ratio = lw_crossover_figures_mean(ratio, repeats);
+    }
+    for (uint32_t i = 0; i < repeats; i++) {
+        uint32_t users[LW_CROSSOVER_COUNTS_MAX];
+        double cost_s[LW_CROSSOVER_COUNTS_MAX], fixed_s, slope_s;
+        for (uint32_t c = 0; c < counts; c++) {
+            users[c] = x->count[c].users;
+            cost_s[c] = x->count[c].cost_s[LW_CROSSOVER_SHARED][i];
+        }
+        /* the last count's path tracers are the mean over all eyes */
+        const double alone_s = x->count[counts - 1].cost_s[LW_CROSSOVER_PATHS][i] / users[counts - 1];
+        lw_crossover_figures_line(users, cost_s, counts, &fixed_s, &slope_s);
+        slope[i] = slope_s / alone_s;
+        cross[i] = lw_crossover_figures_cross(fixed_s, slope_s, alone_s);
+    }
+    x->count_done = counts;
+    x->first_ratio = x->count[0].ratio;
+    x->marginal = lw_crossover_figures_mean(slope, repeats);
+    x->crossover = lw_crossover_figures_mean(cross, repeats);
+}
+
+enum lw_status lw_crossover_crowd(struct lw_crossover_run *run, struct lw_error *err) {
+    struct lw_crossover *x = run->x;
+    for (int s = 0; s < LW_CROSSOVER_SIDES; s++) {
+        const int best = x->target[0].best[s];
+        if (best < 0) {
+            x->shortfall = s == LW_CROSSOVER_PATHS
+                               ? "the path tracer did not reach the error"
+                               : "the shared cache did not reach the error with any setting tried";
+            return LW_OK;
+        }
+        x->chosen[s] = x->side[s].point[best].setting;
+        if (x->side[s].traces) x->chosen_error[s] = x->side[s].point[best].error;
+    }
+    for (uint32_t c = 0; c < x->options.user_counts; c++) x->count[c].users = x->options.users[c];
+    enum lw_status status = LW_OK;
+    for (uint32_t i = 0; i < x->options.repeats && status == LW_OK; i++) {
+        const uint32_t seed = x->options.seed + 1 + i; /* not that by which the settings were chosen */
+        for (int s = 0; s < LW_CROSSOVER_SIDES && status == LW_OK; s++)
+            status = x->side[s].traces ? measure_paths(run, (enum lw_crossover_side_id)s, i, seed, err)
+                                       : measure_shared(run, i, seed, err);
+        if (status != LW_OK || lw_crossover_run_stopped(run)) break;
+        x->repeats_done = i + 1;
+    }
+    if (!x->repeats_done) return status;
+    if (!x->side[LW_CROSSOVER_SHARED].traces)
+        x->chosen_error[LW_CROSSOVER_SHARED] =
+            lw_crossover_figures_mean(x->shared_error, x->repeats_done).mean;
+    conclude(x);
+    return status;
+}

@@ -1,0 +1,12 @@
+/* crossover_crowd.h: what more and more users cost, at settings that were chosen.
+ * Threads: main() only. For crossover_*.c alone. */
+#ifndef LW_CLIENT_LOAD_CROSSOVER_CROWD_H
+#define LW_CLIENT_LOAD_CROSSOVER_CROWD_H
+
+#include "client/load/crossover_run.h"
+
+/** Measures all counts of users, as often as the options say, and draws the figures from it. Each repeat has other random
+ * numbers and begins with another user. A side that reached no setting leaves a shortfall. Errors: the sides'. */
+LW_MUST_CHECK enum lw_status lw_crossover_crowd(struct lw_crossover_run *run, struct lw_error *err);
+
+#endif

@@ -1,0 +1,154 @@
+#include "client/load/crossover_measure.h"
+
+#include "client/load/cache_contender.h"
+#include "client/load/crossover_crowd.h"
+#include "client/load/crossover_run.h"
+#include "client/load/crossover_search.h"
+#include "client/load/path_contender.h"
+#include "common/log.h"
+#include "common/progress.h"
+
+#include <math.h>
+
+#define WARM_S 1
+
+/* ---- before ---- */
+
+static enum lw_status set_views(struct lw_crossover *x, struct lw_error *err) {
+    const struct lw_crossover_options *o = &x->options;
+    struct lw_pose pose;
+    struct lw_trace *trace = NULL;
+    if (lw_pose_init(&pose, x->densities.scene) != LW_OK)
+        return lw_status_fail(err, LW_NO_MEMORY, "no memory for the scene's pose");
+    enum lw_status status = lw_trace_create(x->densities.scene, &pose, &trace, err);
+    if (status == LW_OK)
+        status = lw_views_create(&(struct lw_views_desc){.scene = x->densities.scene,
+                                                         .trace = trace,
+                                                         .kind = o->views,
+                                                         .users = o->users[o->user_counts - 1],
+                                                         .spread = (float)o->spread,
+                                                         .seed = o->seed,
+                                                         .aspect = (float)o->width / (float)o->height},
+                                 &x->views, err);
+    lw_trace_destroy(trace);
+    lw_pose_finish(&pose);
+    return status;
+}
+
+static void lay_out(struct lw_crossover *x) {
+    const uint32_t most = x->options.users[x->options.user_counts - 1];
+    x->warm_frames = WARM_S * LW_VIEWS_HZ;
+    x->frames = (uint64_t)fmax(LW_CROSSOVER_PICTURES, round(x->options.seconds * LW_VIEWS_HZ));
+    for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES; p++)
+        x->picture[p] = x->warm_frames + 1 + (2 * p + 1) * (x->frames - 1) / (2 * LW_CROSSOVER_PICTURES);
+    x->eyes = most < LW_CROSSOVER_EYES ? most : LW_CROSSOVER_EYES;
+    x->stride = lw_truth_stride(x->options.width, x->options.height);
+    x->lattice_width = x->options.width / x->stride;
+    x->lattice_height = x->options.height / x->stride;
+}
+
+static enum lw_status find_truths(struct lw_crossover_run *run, struct lw_error *err) {
+    struct lw_crossover *x = run->x;
+    struct lw_path_world world;
+    struct lw_progress progress;
+    enum lw_status status = lw_path_world_init(&world, x->densities.scene, x->options.bounces,
+                                               (unsigned)x->options.scene.threads, err);
+    if (status != LW_OK) return status;
+    lw_progress_init(&progress, "tracing the truth", LW_CROSSOVER_PICTURES * x->eyes);
+    for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES && status == LW_OK; p++) {
+        status = lw_path_world_set_time(&world, (double)(x->picture[p] - 1) / LW_VIEWS_HZ, err);
+        for (uint32_t eye = 0; eye < x->eyes && status == LW_OK && !lw_crossover_run_stopped(run); eye++) {
+            struct lw_camera_view camera = lw_views_at(x->views, eye, x->picture[p]);
+            /* another seed than any side's: the truth's noise must know nothing of theirs */
+            status = lw_truth_init(&x->truth[p][eye], &world, &camera, x->lattice_width, x->lattice_height,
+                                   x->options.truth_samples, ~x->options.seed, err);
+            lw_progress_step(&progress, 1);
+        }
+    }
+    lw_progress_finish(&progress);
+    lw_path_world_finish(&world);
+    return status;
+}
+
+static enum lw_status find_package(void *context, double density, const char **out_path,
+                                   struct lw_error *err) {
+    return lw_scene_densities_find(context, density, out_path, err);
+}
+
+static enum lw_status set_sides(struct lw_crossover_run *run, struct lw_error *err) {
+    struct lw_crossover *x = run->x;
+    const struct lw_crossover_options *o = &x->options;
+    const struct lw_path_contender_desc paths = {.scene = x->densities.scene,
+                                                 .views = x->views,
+                                                 .width = o->width,
+                                                 .height = o->height,
+                                                 .stride = x->stride,
+                                                 .bounces = o->bounces,
+                                                 .threads = (unsigned)o->scene.threads,
+                                                 .rests = run->still,
+                                                 .denoise = o->denoise};
+    const struct lw_cache_contender_desc cache = {.views = x->views,
+                                                  .width = o->width,
+                                                  .height = o->height,
+                                                  .stride = x->stride,
+                                                  .bounces = o->bounces,
+                                                  .threads = (unsigned)o->scene.threads,
+                                                  .denoise = o->denoise,
+                                                  .package = find_package,
+                                                  .context = &x->densities};
+    enum lw_status status = LW_OK;
+    for (int s = 0; s < LW_CROSSOVER_SIDES && status == LW_OK; s++) {
+        struct lw_crossover_side *side = &x->side[s];
+        side->traces = s == LW_CROSSOVER_PATHS || o->self_test;
+        side->name = side->traces ? "path tracer" : "shared cache";
+        status = side->traces ? lw_path_contender_create(&paths, &side->contender, err)
+                              : lw_cache_contender_create(&cache, &side->contender, err);
+    }
+    return status;
+}
+
+/* ---- the whole ---- */
+
+static enum lw_status measure(struct lw_crossover_run *run, struct lw_error *err) {
+    struct lw_crossover *x = run->x;
+    const struct lw_crossover_options *o = &x->options;
+    struct lw_scene_open open = o->scene;
+    open.cancel = run->cancel;
+    enum lw_status status = lw_scene_densities_init(&x->densities, &open, o->motion, err);
+    if (status == LW_OK) status = set_views(x, err);
+    if (status != LW_OK) return status;
+    lay_out(x);
+    run->still = o->motion == LW_SCENE_MOTION_STATIC && lw_views_rest(x->views);
+    lw_log(LW_LOG_INFO, "%s: %llu triangles, %s", o->scene.path, (unsigned long long)x->densities.triangles,
+           lw_views_about(x->views));
+    status = find_truths(run, err);
+    if (status == LW_OK && !lw_crossover_run_stopped(run)) status = set_sides(run, err);
+    if (status == LW_OK && !lw_crossover_run_stopped(run)) status = lw_crossover_search(run, err);
+    if (status == LW_OK && !lw_crossover_run_stopped(run)) status = lw_crossover_crowd(run, err);
+    return status;
+}
+
+enum lw_status lw_crossover_measure(const struct lw_crossover_options *options,
+                                    const volatile sig_atomic_t *cancel, struct lw_crossover *x,
+                                    struct lw_error *err) {
+    *x = (struct lw_crossover){.options = *options};
+    struct lw_crossover_run run = {.x = x, .cancel = cancel};
+    enum lw_status status = measure(&run, err);
+    if (lw_crossover_run_stopped(&run)) {
+        x->shortfall = "interrupted";
+        status = LW_OK; /* whatever the signal did to a side */
+    }
+    for (int s = 0; s < LW_CROSSOVER_SIDES; s++) {
+        if (x->side[s].contender) x->side[s].contender->ops->destroy(x->side[s].contender);
+        x->side[s].contender = NULL;
+    }
+    return status;
+}
+
+void lw_crossover_finish(struct lw_crossover *x) {
+    for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES; p++)
+        for (uint32_t eye = 0; eye < LW_CROSSOVER_EYES; eye++) lw_truth_finish(&x->truth[p][eye]);
+    lw_views_destroy(x->views);
+    lw_scene_densities_finish(&x->densities);
+    *x = (struct lw_crossover){0};
+}

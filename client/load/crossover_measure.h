@@ -1,0 +1,92 @@
+/* crossover_measure.h: the measurement behind lightwell-load crossover.
+ * Flow:    options -> scene, views, truths -> [both sides: settings tried, the cheapest chosen, users added] -> figures
+ * Threads: main() only.
+ *
+ * Time goes in frames of 1/30 s on both sides, whatever the machine manages; cost is CPU seconds per such frame. In a
+ * moving scene the first second is not measured: caches are warm and histories long, as in a world that runs on. In a still
+ * one everything is, from the first frame on: that is what the cache pays once and a path tracer for ever. */
+#ifndef LW_CLIENT_LOAD_CROSSOVER_MEASURE_H
+#define LW_CLIENT_LOAD_CROSSOVER_MEASURE_H
+
+#include "client/load/contender.h"
+#include "client/load/crossover_figures.h"
+#include "client/load/crossover_options.h"
+#include "client/load/scene_densities.h"
+#include "client/load/truth.h"
+
+#define LW_CROSSOVER_PICTURES    3u  /* frames that are compared with the truth */
+#define LW_CROSSOVER_EYES        4u  /* users who are, at most */
+#define LW_CROSSOVER_POINTS_MAX  64u /* settings tried per side */
+#define LW_CROSSOVER_TARGETS_MAX 4u
+#define LW_CROSSOVER_SHOWN_MAX                                                                               \
+    4u /* pictures per frame and side while users are added; more are scaled from those */
+#define LW_CROSSOVER_REST 0.02 /* error at which tiles rest, where nothing else is tried: lightwelld's own */
+
+enum lw_crossover_side_id { LW_CROSSOVER_PATHS, LW_CROSSOVER_SHARED, LW_CROSSOVER_SIDES };
+
+/** A setting that was tried. */
+struct lw_crossover_point {
+    struct lw_setting setting;
+    double error;        /* relMSE, mean over pictures and users */
+    struct lw_cost cost; /* per frame, for one user */
+};
+
+struct lw_crossover_side {
+    const char *name;
+    struct lw_contender *contender;
+    bool traces; /* a path tracer: cost is linear in samples and users */
+    struct lw_crossover_point point[LW_CROSSOVER_POINTS_MAX];
+    uint32_t point_count;
+    /* of a path tracer: CPU seconds per user and frame = fixed_s + samples * per_sample_s */
+    double fixed_s, per_sample_s;
+};
+
+/** An error to reach, and each side's cheapest setting that does; -1: none did. */
+struct lw_crossover_target {
+    double error;
+    int best[LW_CROSSOVER_SIDES]; /* index into point */
+};
+
+/** So many users, at the settings of the primary target. */
+struct lw_crossover_count {
+    uint32_t users;
+    double cost_s[LW_CROSSOVER_SIDES][LW_CROSSOVER_REPEATS_MAX];
+    struct lw_cost shared[LW_CROSSOVER_REPEATS_MAX]; /* by stage */
+    struct lw_cost cost;                             /* of the shared side, mean over repeats */
+    struct lw_crossover_figure ratio;                /* shared over paths */
+};
+
+struct lw_crossover {
+    struct lw_crossover_options options;
+    struct lw_scene_densities densities;
+    struct lw_views *views;
+    uint32_t stride, lattice_width, lattice_height;
+    uint64_t warm_frames, frames; /* not measured; measured */
+    uint64_t picture[LW_CROSSOVER_PICTURES];
+    uint32_t eyes;
+    struct lw_truth truth[LW_CROSSOVER_PICTURES][LW_CROSSOVER_EYES];
+    struct lw_crossover_side side[LW_CROSSOVER_SIDES];
+    struct lw_crossover_target target[LW_CROSSOVER_TARGETS_MAX]; /* the first is the primary */
+    uint32_t target_count;
+
+    struct lw_setting chosen[LW_CROSSOVER_SIDES];
+    double shared_error[LW_CROSSOVER_REPEATS_MAX]; /* with the first count of users */
+    double chosen_error
+        [LW_CROSSOVER_SIDES]; /* the path tracer's as it was chosen by; the cache's of the repeats */
+    struct lw_crossover_count count[LW_CROSSOVER_COUNTS_MAX];
+    uint32_t count_done, repeats_done;
+    struct lw_crossover_figure first_ratio; /* r(1), or of the first count */
+    struct lw_crossover_figure marginal;    /* m: one more user over one more path tracer */
+    struct lw_crossover_figure crossover;   /* users from which on sharing is cheaper; INFINITY: none */
+    const char *shortfall; /* why there are no figures for counts of users; NULL: there are */
+};
+
+/** Measures; what was measured stays readable after an interruption or an error.
+ * cancel: becomes non-zero when a signal asks to stop. Progress goes to stderr.
+ * Errors: the scene's; LW_BAD_DATA for a motion that it cannot make; a side's. Interruption is no error. */
+LW_MUST_CHECK enum lw_status lw_crossover_measure(const struct lw_crossover_options *options,
+                                                  const volatile sig_atomic_t *cancel,
+                                                  struct lw_crossover *out_crossover, struct lw_error *err);
+void lw_crossover_finish(struct lw_crossover *crossover);
+
+#endif

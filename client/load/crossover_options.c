@@ -1,0 +1,168 @@
+#include "client/load/crossover_options.h"
+
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define MOTIONS       "static|light|object|all"
+#define SIDE_MAX      8192u
+#define SAMPLES_MAX   65536u
+#define DEFAULT_USERS "1,2,4,8,16,32,64,128,256"
+
+const char *lw_crossover_motion_name(enum lw_scene_motion motion) {
+    static const char *const name[] = {"static", "light", "object", "all"};
+    return name[motion];
+}
+
+/* Reads a whole number and moves *text behind it. */
+static bool read_count(const char **text, uint64_t max, uint64_t *out) {
+    char *end;
+    if (**text < '0' || **text > '9') return false;
+    errno = 0;
+    unsigned long long value = strtoull(*text, &end, 10);
+    if (errno || value > max) return false;
+    *text = end;
+    *out = value;
+    return true;
+}
+
+static enum lw_status parse_users(const char *text, struct lw_crossover_options *o, struct lw_error *err) {
+    const char *at = text;
+    for (o->user_counts = 0;; at++) {
+        uint64_t users;
+        if (!read_count(&at, UINT32_MAX, &users) || (*at && *at != ','))
+            return lw_status_fail(err, LW_USAGE, "--users: \"%s\" is no list of counts such as 1,2,4", text);
+        if (users < 1 || users > LW_CROSSOVER_USERS_MAX)
+            return lw_status_fail(err, LW_USAGE, "--users: %llu is not within 1..%u",
+                                  (unsigned long long)users, LW_CROSSOVER_USERS_MAX);
+        if (o->user_counts == LW_CROSSOVER_COUNTS_MAX)
+            return lw_status_fail(err, LW_USAGE, "--users: over %u counts", LW_CROSSOVER_COUNTS_MAX);
+        if (o->user_counts && users <= o->users[o->user_counts - 1])
+            return lw_status_fail(err, LW_USAGE, "--users: the counts must grow");
+        o->users[o->user_counts++] = (uint32_t)users;
+        if (!*at) return LW_OK;
+    }
+}
+
+static enum lw_status parse_error(const char *text, struct lw_crossover_options *o, struct lw_error *err) {
+    static const char expected[] = "relmse:E with 0 < E <= 10, or match:SPP with 1..65536 paths per pixel";
+    if (strncmp(text, "relmse:", 7) == 0) {
+        char *end;
+        o->error = strtod(text + 7, &end);
+        if (end != text + 7 && !*end && o->error > 0 && o->error <= 10) return LW_OK;
+    } else if (strncmp(text, "match:", 6) == 0) {
+        const char *at = text + 6;
+        uint64_t samples;
+        if (read_count(&at, SAMPLES_MAX, &samples) && !*at && samples) {
+            o->match_samples = (uint32_t)samples;
+            o->error = 0;
+            return LW_OK;
+        }
+    }
+    return lw_status_fail(err, LW_USAGE, "--error: \"%s\" is not %s", text, expected);
+}
+
+static enum lw_status parse_size(const char *text, struct lw_crossover_options *o, struct lw_error *err) {
+    const char *at = text;
+    uint64_t width, height;
+    bool good =
+        read_count(&at, SIDE_MAX, &width) && *at++ == 'x' && read_count(&at, SIDE_MAX, &height) && !*at;
+    if (!good || width < 16 || height < 16)
+        return lw_status_fail(err, LW_USAGE, "--size: \"%s\" is no WxH with 16..%u pixels a side", text,
+                              SIDE_MAX);
+    o->width = (uint32_t)width;
+    o->height = (uint32_t)height;
+    return LW_OK;
+}
+
+/* "5:8+10": paths per pixel, direct and indirect samples per texel. */
+static enum lw_status parse_fixed(const char *text, struct lw_crossover_options *o, struct lw_error *err) {
+    const char *at = text;
+    uint64_t samples, direct, indirect;
+    bool good = read_count(&at, 1024, &samples) && *at++ == ':' && read_count(&at, 1024, &direct) &&
+                *at++ == '+' && read_count(&at, 1024, &indirect) && !*at && samples && direct && indirect;
+    if (!good)
+        return lw_status_fail(err, LW_USAGE, "--settings: \"%s\" is no SPP:DIRECT+INDIRECT such as 1:1+1",
+                              text);
+    o->fixed_samples = (uint32_t)samples;
+    o->fixed_direct = (uint32_t)direct;
+    o->fixed_indirect = (uint32_t)indirect;
+    return LW_OK;
+}
+
+enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_crossover_options *out_options,
+                                          bool *out_done, struct lw_error *err) {
+    struct lw_crossover_options o = {
+        .scene = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG}, .spread = 0.5, .seconds = 2};
+    const char *scene[1] = {NULL}, *users = DEFAULT_USERS, *error = "relmse:0.1", *size = "1280x720",
+               *fixed = NULL;
+    int motion = LW_SCENE_MOTION_LIGHT, views = LW_VIEWS_WALK;
+    int64_t bounces = 2, seed = 1, repeats = 3, truth = 256;
+    const struct lw_option table[] = {
+        {"users", "LIST", "user counts to measure, growing (default " DEFAULT_USERS ")", LW_OPTION_STRING,
+         &users, 0, 0, NULL},
+        {"motion", MOTIONS,
+         "what moves (default light). Where nothing of the scene's own animation belongs to it, a light or "
+         "an "
+         "object is set moving",
+         LW_OPTION_CHOICE, &motion, 0, 0, NULL},
+        {"views", "walk|centre",
+         "users walk through the scene (default), or stand all over it and look at its centre",
+         LW_OPTION_CHOICE, &views, 0, 0, NULL},
+        {"spread", "S", "how far apart users are: 0 all in one place, 1 all over the scene (default 0.5)",
+         LW_OPTION_REAL, &o.spread, 0, 1, NULL},
+        {"size", "WxH", "pixels of each view (default 1280x720)", LW_OPTION_STRING, &size, 0, 0, NULL},
+        {"error", "relmse:E|match:SPP",
+         "what both sides must reach: a mean relative square error (default relmse:0.1), or what the path "
+         "tracer "
+         "reaches with SPP paths per pixel",
+         LW_OPTION_STRING, &error, 0, 0, NULL},
+        {"settings", "SPP:D+I",
+         "no search: SPP paths per pixel against D direct and I indirect samples per texel, whatever their "
+         "error",
+         LW_OPTION_STRING, &fixed, 0, 0, NULL},
+        {"denoise", NULL,
+         "filter both sides: the path tracer over time and picture, the lightmap in its charts",
+         LW_OPTION_FLAG, &o.denoise, 0, 0, NULL},
+        {"seconds", "S", "of scene time that are measured, after one that is not (default 2)", LW_OPTION_REAL,
+         &o.seconds, 0.2, 600, NULL},
+        {"repeats", "N", "measurements of cost, each with other random numbers (default 3)", LW_OPTION_INT,
+         &repeats, 1, LW_CROSSOVER_REPEATS_MAX, NULL},
+        {"bounces", "N", "indirect bounces on both sides (default 2)", LW_OPTION_INT, &bounces, 0, 16, NULL},
+        {"truth-samples", "N", "paths per pixel of the truth (default 256)", LW_OPTION_INT, &truth, 2,
+         1 << 19, NULL},
+        {"seed", "N", "of all random numbers (default 1)", LW_OPTION_INT, &seed, 0, UINT32_MAX, NULL},
+        {"self-test", NULL, "a path tracer on both sides: r(1) must come out as 1", LW_OPTION_FLAG,
+         &o.self_test, 0, 0, NULL},
+        {"o", "DIR", "folder for report.md, crossover.csv, crossover.json and the plots", LW_OPTION_STRING,
+         &o.folder, 0, 0, NULL},
+        LW_SCENE_OPEN_OPTIONS(&o.scene),
+    };
+    const struct lw_options options = {.program = "lightwell-load crossover",
+                                       .synopsis = "SCENE -o DIR [OPTIONS]",
+                                       .about = "Measures from how many users on one shared lightwelld is "
+                                                "cheaper than a path tracer for each, at "
+                                                "equal error, in CPU time, with everything counted.",
+                                       .table = table,
+                                       .count = sizeof table / sizeof table[0],
+                                       .positional = scene,
+                                       .positional_min = 1,
+                                       .positional_max = 1};
+    enum lw_status status = lw_options_parse(&options, argc, argv, NULL, out_done, err);
+    if (status != LW_OK || *out_done) return status;
+    o.scene.path = scene[0];
+    o.motion = (enum lw_scene_motion)motion;
+    o.views = (enum lw_views_kind)views;
+    o.bounces = (uint32_t)bounces;
+    o.seed = (uint32_t)seed;
+    o.repeats = (uint32_t)repeats;
+    o.truth_samples = (uint32_t)truth + (uint32_t)(truth & 1); /* two halves */
+    if (!o.folder) return lw_status_fail(err, LW_USAGE, "-o DIR is missing: where the report goes");
+    status = parse_users(users, &o, err);
+    if (status == LW_OK) status = parse_error(error, &o, err);
+    if (status == LW_OK) status = parse_size(size, &o, err);
+    if (status == LW_OK && fixed) status = parse_fixed(fixed, &o, err);
+    if (status == LW_OK) *out_options = o;
+    return status;
+}

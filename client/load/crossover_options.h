@@ -1,0 +1,40 @@
+/* crossover_options.h: the command line of lightwell-load crossover.
+ * Threads: main() only. */
+#ifndef LW_CLIENT_LOAD_CROSSOVER_OPTIONS_H
+#define LW_CLIENT_LOAD_CROSSOVER_OPTIONS_H
+
+#include "client/load/views.h"
+#include "common/scene/scene_motion.h"
+#include "common/scene/scene_open.h"
+
+#define LW_CROSSOVER_USERS_MAX   4096u
+#define LW_CROSSOVER_COUNTS_MAX  32u /* user counts in one run */
+#define LW_CROSSOVER_REPEATS_MAX 20u
+
+struct lw_crossover_options {
+    struct lw_scene_open scene;
+    const char *folder;                                   /* -o */
+    uint32_t users[LW_CROSSOVER_COUNTS_MAX], user_counts; /* increasing */
+    enum lw_scene_motion motion;
+    enum lw_views_kind views;
+    double spread;
+    uint32_t width, height, bounces, seed, repeats, truth_samples;
+    double seconds;
+    /* What both sides must reach: a relMSE, or what the path tracer reaches with so many paths per pixel. */
+    double error; /* > 0; 0: match_samples */
+    uint32_t match_samples;
+    /* Instead of a search: these settings, whatever their error. 0 samples: search. */
+    uint32_t fixed_samples, fixed_direct, fixed_indirect;
+    bool denoise;   /* both sides filtered */
+    bool self_test; /* a path tracer on both sides */
+};
+
+/** Reads the command line; argv[0] is "crossover". --help and --version print and set *out_done.
+ * Errors: LW_USAGE naming the option and what it accepts. */
+LW_MUST_CHECK enum lw_status lw_crossover_options_parse(int argc, char **argv,
+                                                        struct lw_crossover_options *out_options,
+                                                        bool *out_done, struct lw_error *err);
+
+const char *lw_crossover_motion_name(enum lw_scene_motion motion);
+
+#endif

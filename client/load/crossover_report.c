@@ -1,0 +1,449 @@
+#include "client/load/crossover_report.h"
+
+#include "common/atomic_file.h"
+#include "common/log.h"
+
+#include <errno.h>
+#include <jansson.h>
+#include <math.h>
+#include <spawn.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <sys/utsname.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+extern char **environ;
+
+/* ---- files ---- */
+
+enum lw_status lw_crossover_report_prepare(const char *folder, struct lw_error *err) {
+    if (mkdir(folder, 0777) < 0 && errno != EEXIST)
+        return lw_status_fail(err, LW_CANNOT_CREATE, "%s: cannot make the folder: %s", folder,
+                              strerror(errno));
+    struct stat st;
+    if (stat(folder, &st) < 0 || !S_ISDIR(st.st_mode))
+        return lw_status_fail(err, LW_CANNOT_CREATE, "%s: is no folder", folder);
+    if (access(folder, W_OK | X_OK) < 0)
+        return lw_status_fail(err, LW_CANNOT_CREATE, "%s: cannot write there: %s", folder, strerror(errno));
+    return LW_OK;
+}
+
+static enum lw_status save(const char *folder, const char *name, const char *text, size_t size,
+                           struct lw_error *err) {
+    char path[4096];
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    struct lw_atomic_file file;
+    enum lw_status status = lw_atomic_file_open(&file, path, err);
+    if (status == LW_OK) status = lw_atomic_file_write(&file, text, size, err);
+    if (status == LW_OK) status = lw_atomic_file_commit(&file, err);
+    lw_atomic_file_abandon(&file);
+    return status;
+}
+
+/* Text that grows; written at once. */
+struct text {
+    char *bytes;
+    size_t size;
+    FILE *stream;
+};
+
+static bool begin(struct text *text) {
+    *text = (struct text){0};
+    text->stream = open_memstream(&text->bytes, &text->size);
+    return text->stream != NULL;
+}
+
+static enum lw_status end(struct text *text, const char *folder, const char *name, struct lw_error *err) {
+    bool good = fclose(text->stream) == 0;
+    enum lw_status status = good ? save(folder, name, text->bytes, text->size, err)
+                                 : lw_status_fail(err, LW_NO_MEMORY, "no memory for %s", name);
+    free(text->bytes);
+    return status;
+}
+
+/* ---- words ---- */
+
+static void describe_setting(const struct lw_crossover_side *side, const struct lw_setting *s, char *out,
+                             size_t size) {
+    if (side->traces)
+        snprintf(out, size, "%u paths per pixel", s->samples);
+    else
+        snprintf(out, size, "density ×%g, %u + %u samples, rest at %g", s->density, s->direct_samples,
+                 s->indirect_samples, s->rest_error);
+}
+
+static void print_figure(FILE *f, const struct lw_crossover_figure *figure) {
+    if (!isfinite(figure->mean))
+        fprintf(f, "none");
+    else if (figure->half > 0)
+        fprintf(f, "%.3g ± %.2g", figure->mean, figure->half);
+    else
+        fprintf(f, "%.3g", figure->mean);
+}
+
+static void read_processor(char *out, size_t size) {
+    char line[256];
+    FILE *f = fopen("/proc/cpuinfo", "re");
+    snprintf(out, size, "unknown processor");
+    while (f && fgets(line, sizeof line, f)) {
+        char *colon = strchr(line, ':');
+        if (strncmp(line, "model name", 10) != 0 || !colon) continue;
+        line[strcspn(line, "\n")] = 0;
+        snprintf(out, size, "%s", colon + 2);
+        break;
+    }
+    if (f) fclose(f);
+}
+
+static double mean_noise(const struct lw_crossover *x) {
+    double sum = 0;
+    for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES; p++)
+        for (uint32_t eye = 0; eye < x->eyes; eye++) sum += x->truth[p][eye].noise;
+    return sum / (LW_CROSSOVER_PICTURES * x->eyes);
+}
+
+/* The error that a path tracer has for the cost of a point of the shared side: along its own points, by logarithms. */
+static double paths_error_at(const struct lw_crossover_side *paths, double cost_s) {
+    const struct lw_crossover_point *below = NULL, *above = NULL;
+    for (uint32_t i = 0; i < paths->point_count; i++) {
+        const struct lw_crossover_point *p = &paths->point[i];
+        double c = lw_cost_total(&p->cost);
+        if (c <= cost_s && (!below || c > lw_cost_total(&below->cost))) below = p;
+        if (c > cost_s && (!above || c < lw_cost_total(&above->cost))) above = p;
+    }
+    if (!below || !above || below->error <= 0 || above->error <= 0) return (double)NAN;
+    double b = log(lw_cost_total(&below->cost)), a = log(lw_cost_total(&above->cost)),
+           t = (log(cost_s) - b) / (a - b);
+    return exp((1 - t) * log(below->error) + t * log(above->error));
+}
+
+/* ---- tables ---- */
+
+static enum lw_status write_users_csv(const struct lw_crossover *x, struct lw_error *err) {
+    struct text text;
+    if (!begin(&text)) return lw_status_fail(err, LW_NO_MEMORY, "no memory for crossover.csv");
+    fprintf(text.stream, "users,repeat,paths_cpu_s_per_frame,shared_cpu_s_per_frame,ratio");
+    for (int s = 0; s < LW_STAGE_COUNT; s++)
+        fprintf(text.stream, ",mean %s cpu_s", lw_stage_name((enum lw_stage)s));
+    fprintf(text.stream, ",mean bytes\n");
+    for (uint32_t c = 0; c < x->count_done; c++)
+        for (uint32_t i = 0; i < x->repeats_done; i++) {
+            const struct lw_crossover_count *count = &x->count[c];
+            double paths = count->cost_s[LW_CROSSOVER_PATHS][i],
+                   shared = count->cost_s[LW_CROSSOVER_SHARED][i];
+            fprintf(text.stream, "%u,%u,%.6g,%.6g,%.6g", count->users, i + 1, paths, shared, shared / paths);
+            for (int s = 0; s < LW_STAGE_COUNT; s++) fprintf(text.stream, ",%.6g", count->cost.cpu_s[s]);
+            fprintf(text.stream, ",%.6g\n", count->cost.bytes);
+        }
+    return end(&text, x->options.folder, "crossover.csv", err);
+}
+
+static enum lw_status write_points_csv(const struct lw_crossover *x, struct lw_error *err) {
+    struct text text;
+    if (!begin(&text)) return lw_status_fail(err, LW_NO_MEMORY, "no memory for settings.csv");
+    fprintf(text.stream,
+            "side,samples,density,direct_samples,indirect_samples,rest_error,relmse,cpu_s_per_frame\n");
+    for (int s = 0; s < LW_CROSSOVER_SIDES; s++)
+        for (uint32_t i = 0; i < x->side[s].point_count; i++) {
+            const struct lw_crossover_point *p = &x->side[s].point[i];
+            fprintf(text.stream, "%s,%u,%g,%u,%u,%g,%.6g,%.6g\n",
+                    s == LW_CROSSOVER_PATHS ? "paths" : "shared", p->setting.samples, p->setting.density,
+                    p->setting.direct_samples, p->setting.indirect_samples, p->setting.rest_error, p->error,
+                    lw_cost_total(&p->cost));
+        }
+    return end(&text, x->options.folder, "settings.csv", err);
+}
+
+static json_t *json_figure(const struct lw_crossover_figure *f) {
+    if (!isfinite(f->mean)) return json_null();
+    return json_pack("{s:f, s:f}", "mean", f->mean, "half_width_95", f->half);
+}
+
+static json_t *json_cost(const struct lw_cost *cost) {
+    json_t *object = json_object();
+    for (int s = 0; s < LW_STAGE_COUNT; s++)
+        json_object_set_new(object, lw_stage_name((enum lw_stage)s), json_real(cost->cpu_s[s]));
+    return object;
+}
+
+static json_t *json_setting(const struct lw_crossover_side *side, const struct lw_setting *s) {
+    if (side->traces) return json_pack("{s:i}", "samples", (int)s->samples);
+    return json_pack("{s:f, s:i, s:i, s:f}", "density", s->density, "direct_samples", (int)s->direct_samples,
+                     "indirect_samples", (int)s->indirect_samples, "rest_error", s->rest_error);
+}
+
+static json_t *json_side(const struct lw_crossover_side *side) {
+    json_t *points = json_array();
+    for (uint32_t i = 0; i < side->point_count; i++)
+        json_array_append_new(points, json_pack("{s:o, s:f, s:f}", "setting",
+                                                json_setting(side, &side->point[i].setting), "relmse",
+                                                side->point[i].error, "cpu_s_per_frame",
+                                                lw_cost_total(&side->point[i].cost)));
+    return json_pack("{s:s, s:o}", "name", side->name, "points", points);
+}
+
+static enum lw_status write_json(const struct lw_crossover *x, const char *command, struct lw_error *err) {
+    json_t *counts = json_array(), *targets = json_array();
+    for (uint32_t c = 0; c < x->count_done; c++) {
+        json_t *paths = json_array(), *shared = json_array();
+        for (uint32_t i = 0; i < x->repeats_done; i++) {
+            json_array_append_new(paths, json_real(x->count[c].cost_s[LW_CROSSOVER_PATHS][i]));
+            json_array_append_new(shared, json_real(x->count[c].cost_s[LW_CROSSOVER_SHARED][i]));
+        }
+        json_array_append_new(counts, json_pack("{s:i, s:o, s:o, s:o, s:o, s:f}", "users",
+                                                (int)x->count[c].users, "paths_cpu_s", paths, "shared_cpu_s",
+                                                shared, "ratio", json_figure(&x->count[c].ratio),
+                                                "shared_stages_cpu_s", json_cost(&x->count[c].cost),
+                                                "bytes_per_frame", x->count[c].cost.bytes));
+    }
+    for (uint32_t t = 0; t < x->target_count; t++)
+        json_array_append_new(targets, json_pack("{s:f, s:i, s:i}", "relmse", x->target[t].error,
+                                                 "paths_point", x->target[t].best[LW_CROSSOVER_PATHS],
+                                                 "shared_point", x->target[t].best[LW_CROSSOVER_SHARED]));
+    json_t *root = json_pack(
+        "{s:s, s:s, s:s, s:I, s:s, s:s, s:i, s:i, s:i, s:f, s:f, s:s?, s:o, s:o, s:o, s:o, s:o, s:o, s:o}",
+        "command", command, "scene", x->options.scene.path, "version", LW_VERSION, "triangles",
+        (json_int_t)x->densities.triangles, "motion", lw_crossover_motion_name(x->options.motion), "views",
+        x->views ? lw_views_about(x->views) : "", "width", (int)x->options.width, "height",
+        (int)x->options.height, "bounces", (int)x->options.bounces, "truth_noise",
+        x->eyes ? mean_noise(x) : 0.0, "texels_per_metre", x->densities.texels_per_metre, "shortfall",
+        x->shortfall, "targets", targets, "paths", json_side(&x->side[LW_CROSSOVER_PATHS]), "shared",
+        json_side(&x->side[LW_CROSSOVER_SHARED]), "users", counts, "ratio_first",
+        json_figure(&x->first_ratio), "marginal", json_figure(&x->marginal), "crossover_users",
+        json_figure(&x->crossover));
+    char *text =
+        root ? json_dumps(root, JSON_INDENT(1) | JSON_PRESERVE_ORDER | JSON_REAL_PRECISION(8)) : NULL;
+    enum lw_status status = text ? save(x->options.folder, "crossover.json", text, strlen(text), err)
+                                 : lw_status_fail(err, LW_NO_MEMORY, "no memory for crossover.json");
+    free(text);
+    json_decref(root);
+    return status;
+}
+
+/* ---- the report ---- */
+
+static void print_head(const struct lw_crossover *x, FILE *f, const char *command) {
+    char processor[200], day[32];
+    read_processor(processor, sizeof processor);
+    time_t now = time(NULL);
+    struct tm utc;
+    strftime(day, sizeof day, "%Y-%m-%d", gmtime_r(&now, &utc));
+    fprintf(f, "# Crossover: %s\n\n    %s\n\n", x->options.scene.path, command);
+    fprintf(f, "%s, %ld processors, %s, lightwell " LW_VERSION ".\n\n", processor,
+            sysconf(_SC_NPROCESSORS_ONLN), day);
+    fprintf(f, "%llu triangles, %.3g lightmap texels per metre at density ×1, %u indirect bounces. ",
+            (unsigned long long)x->densities.triangles, x->densities.texels_per_metre, x->options.bounces);
+    fprintf(f, "Motion: %s", lw_crossover_motion_name(x->options.motion));
+    if (x->densities.report.light)
+        fprintf(f, "; light \"%s\" was set moving, since none did", x->densities.report.light);
+    if (x->densities.report.object)
+        fprintf(f, "; object \"%s\" was set moving, since none did", x->densities.report.object);
+    fprintf(f, ". Views: %s, spread %g, %u × %u pixels.\n\n", x->views ? lw_views_about(x->views) : "none",
+            x->options.spread, x->options.width, x->options.height);
+    fprintf(f,
+            "Cost is CPU time per frame of 1/30 s, of all threads and processes of a side; error is relMSE "
+            "against paths "
+            "traced to convergence, at every %u. pixel of %u frames and %u users (the truth's own noise, "
+            "%.2g, is taken out: "
+            "`client/load/truth.h`). %s filter on either side.%s\n\n",
+            x->stride * x->stride, LW_CROSSOVER_PICTURES, x->eyes, mean_noise(x),
+            x->options.denoise ? "A" : "No",
+            x->options.motion == LW_SCENE_MOTION_STATIC
+                ? " Nothing moves in the scene: what the cache spends at the start is spread over all frames."
+                : " The first second is not measured.");
+}
+
+static void print_result(const struct lw_crossover *x, FILE *f) {
+    if (x->shortfall) fprintf(f, "**No figures for counts of users: %s.**\n\n", x->shortfall);
+    if (!x->repeats_done) return;
+    char setting[2][160];
+    for (int s = 0; s < LW_CROSSOVER_SIDES; s++)
+        describe_setting(&x->side[s], &x->chosen[s], setting[s], sizeof setting[s]);
+    fprintf(f, "## Result\n\n");
+    if (x->options.fixed_samples)
+        fprintf(f, "At given settings: ");
+    else
+        fprintf(f, "At relMSE %.3g: ", x->target[0].error);
+    fprintf(f, "%s (relMSE %.3g) against %s (relMSE %.3g).\n\n", setting[0], x->chosen_error[0], setting[1],
+            x->chosen_error[1]);
+    fprintf(f, "* one shared solve over path tracers, %u user%s: **r = ", x->count[0].users,
+            x->count[0].users > 1 ? "s" : "");
+    print_figure(f, &x->first_ratio);
+    fprintf(f, "**\n");
+    if (x->options.user_counts > 1) {
+        fprintf(f, "* one more user over one more path tracer: **m = ");
+        print_figure(f, &x->marginal);
+        fprintf(f, "**\n");
+        if (x->crossover.mean < 1)
+            fprintf(f, "* sharing is cheaper from the **first** user on (the lines cross at ");
+        else
+            fprintf(f, "* sharing is cheaper from more than **");
+        print_figure(f, &x->crossover);
+        fprintf(f, x->crossover.mean < 1 ? ")\n" : "** users on\n");
+    }
+    fprintf(f, "\nIntervals are of 95 %%, over %u repeats with random numbers of their own.\n\n",
+            x->repeats_done);
+    fprintf(f, "| users | path tracers, CPU s | shared, CPU s | ratio |\n|---|---|---|---|\n");
+    for (uint32_t c = 0; c < x->count_done; c++) {
+        double cost[LW_CROSSOVER_SIDES] = {0};
+        for (int s = 0; s < LW_CROSSOVER_SIDES; s++)
+            for (uint32_t i = 0; i < x->repeats_done; i++)
+                cost[s] += x->count[c].cost_s[s][i] / x->repeats_done;
+        fprintf(f, "| %u | %.3g | %.3g | ", x->count[c].users, cost[0], cost[1]);
+        print_figure(f, &x->count[c].ratio);
+        fprintf(f, " |\n");
+    }
+    fprintf(f, "\n![CPU time over users](cost.png)\n\n");
+}
+
+static void print_stages(const struct lw_crossover *x, FILE *f) {
+    if (!x->repeats_done || x->side[LW_CROSSOVER_SHARED].traces) return;
+    const struct lw_crossover_count *first = &x->count[0], *last = &x->count[x->count_done - 1];
+    fprintf(f,
+            "## Where the shared side's time goes\n\nCPU ms per frame.\n\n| stage | %u user%s | %u users "
+            "|\n|---|---|---|\n",
+            first->users, first->users > 1 ? "s" : "", last->users);
+    for (int s = 0; s < LW_STAGE_COUNT; s++)
+        if (first->cost.cpu_s[s] > 0 || last->cost.cpu_s[s] > 0)
+            fprintf(f, "| %s | %.3g | %.3g |\n", lw_stage_name((enum lw_stage)s), 1e3 * first->cost.cpu_s[s],
+                    1e3 * last->cost.cpu_s[s]);
+    fprintf(f, "\n%.3g Mbit/s per user at 30 frames a second; %.3g M rays per frame.\n\n",
+            8e-6 * LW_VIEWS_HZ * last->cost.bytes / last->users, 1e-6 * last->cost.rays);
+}
+
+static void print_targets(const struct lw_crossover *x, FILE *f) {
+    fprintf(f,
+            "## Error and cost\n\nThe cheapest setting of each side that reaches an error, for one user of "
+            "%u:\n\n",
+            x->eyes);
+    fprintf(f, "| relMSE | path tracer | CPU s | shared | CPU s | ratio |\n|---|---|---|---|---|---|\n");
+    for (uint32_t t = 0; t < x->target_count; t++) {
+        double cost[LW_CROSSOVER_SIDES] = {(double)NAN, (double)NAN};
+        fprintf(f, "| %.3g |", x->target[t].error);
+        for (int s = 0; s < LW_CROSSOVER_SIDES; s++) {
+            int best = x->target[t].best[s];
+            char setting[160] = "not reached";
+            if (best >= 0) {
+                describe_setting(&x->side[s], &x->side[s].point[best].setting, setting, sizeof setting);
+                cost[s] = lw_cost_total(&x->side[s].point[best].cost);
+            }
+            fprintf(f, " %s |", setting);
+            if (isfinite(cost[s]))
+                fprintf(f, " %.3g |", cost[s]);
+            else
+                fprintf(f, " – |");
+        }
+        if (isfinite(cost[0]) && isfinite(cost[1]))
+            fprintf(f, " %.3g |\n", cost[1] / cost[0]);
+        else
+            fprintf(f, " – |\n");
+    }
+    fprintf(f, "\n![Error over CPU time](error.png)\n\nAll settings that were tried. Beside the shared "
+               "side's: the error of a path "
+               "tracer for the same time, interpolated.\n\n| side | setting | relMSE | CPU s per frame | "
+               "path tracer at that "
+               "cost |\n|---|---|---|---|---|\n");
+    for (int s = 0; s < LW_CROSSOVER_SIDES; s++)
+        for (uint32_t i = 0; i < x->side[s].point_count; i++) {
+            const struct lw_crossover_point *p = &x->side[s].point[i];
+            char setting[160];
+            describe_setting(&x->side[s], &p->setting, setting, sizeof setting);
+            fprintf(f, "| %s | %s | %.4g | %.4g | ", x->side[s].name, setting, p->error,
+                    lw_cost_total(&p->cost));
+            double equal = s == LW_CROSSOVER_SHARED
+                               ? paths_error_at(&x->side[LW_CROSSOVER_PATHS], lw_cost_total(&p->cost))
+                               : (double)NAN;
+            if (isfinite(equal)) fprintf(f, "%.3g", equal);
+            fprintf(f, " |\n");
+        }
+    fprintf(f, "\n");
+}
+
+static void print_notes(const struct lw_crossover *x, FILE *f) {
+    fprintf(f,
+            "## What is counted\n\n"
+            "* Path tracers: posing the scene and tracing every pixel, once per user. They share nothing, so "
+            "that the cost of N "
+            "users is N times the mean of %u of them; cost is linear in samples and is measured at 1 and 4.\n"
+            "* Shared: the whole process of lightwelld (solve, encode, its network's thread), and of every "
+            "client what "
+            "receiving, decoding and composing a view takes. All clients are there; with over %u users the "
+            "views of %u "
+            "a frame, in turn, stand for all. Kernel time of the loopback is in send and receive.\n"
+            "* Neither: start-up, import, showing a picture.\n",
+            x->eyes, LW_CROSSOVER_SHOWN_MAX, LW_CROSSOVER_SHOWN_MAX);
+}
+
+static enum lw_status write_markdown(const struct lw_crossover *x, const char *command,
+                                     struct lw_error *err) {
+    struct text text;
+    if (!begin(&text)) return lw_status_fail(err, LW_NO_MEMORY, "no memory for report.md");
+    if (x->eyes) {
+        print_head(x, text.stream, command);
+        print_result(x, text.stream);
+        print_stages(x, text.stream);
+        print_targets(x, text.stream);
+        print_notes(x, text.stream);
+    }
+    return end(&text, x->options.folder, "report.md", err);
+}
+
+/* ---- plots ---- */
+
+static void plot_both(FILE *f, const char *name, const char *commands) {
+    fprintf(f,
+            "set terminal svg size 720,480 background 'white' font 'sans,14'\nset output '%s.svg'\n%s"
+            "set terminal pngcairo size 720,480 font 'sans,11'\nset output '%s.png'\nreplot\nunset output\n",
+            name, commands, name);
+}
+
+static enum lw_status write_plots(const struct lw_crossover *x, struct lw_error *err) {
+    struct text text;
+    if (!begin(&text)) return lw_status_fail(err, LW_NO_MEMORY, "no memory for crossover.gp");
+    fprintf(text.stream, "set datafile separator ','\nset logscale xy\nset grid\nset key top left\n");
+    if (x->repeats_done)
+        plot_both(text.stream, "cost",
+                  "set xlabel 'users'\nset ylabel 'CPU s per frame'\n"
+                  "plot 'crossover.csv' skip 1 using 1:3 with linespoints lw 2 title 'a path tracer each', "
+                  "'crossover.csv' skip 1 using 1:4 with linespoints lw 2 title 'shared'\n");
+    plot_both(
+        text.stream, "error",
+        "set xlabel 'CPU s per frame, one user'\nset ylabel 'relMSE'\nset key top right\n"
+        "plot 'settings.csv' skip 1 using (strcol(1) eq 'paths' ? $8 : NaN):7 with points pt 7 title 'path "
+        "tracer', "
+        "'settings.csv' skip 1 using (strcol(1) eq 'shared' ? $8 : NaN):7 with points pt 5 title 'shared'\n");
+    return end(&text, x->options.folder, "crossover.gp", err);
+}
+
+static void run_gnuplot(const char *folder) {
+    const char *const arguments[] = {"gnuplot", "crossover.gp", NULL};
+    posix_spawn_file_actions_t actions;
+    pid_t pid;
+    int result = 0;
+    posix_spawn_file_actions_init(&actions);
+    int failed = posix_spawn_file_actions_addchdir_np(&actions, folder);
+    if (!failed) failed = posix_spawnp(&pid, arguments[0], &actions, NULL, (char *const *)arguments, environ);
+    posix_spawn_file_actions_destroy(&actions);
+    if (!failed && waitpid(pid, &result, 0) < 0) failed = errno;
+    if (failed)
+        lw_log(LW_LOG_WARNING, "no plots: cannot run gnuplot: %s (crossover.gp in %s makes them)",
+               strerror(failed), folder);
+    else if (result != 0)
+        lw_log(LW_LOG_WARNING, "no plots: gnuplot failed (crossover.gp in %s)", folder);
+}
+
+enum lw_status lw_crossover_report_write(const struct lw_crossover *x, const char *command,
+                                         struct lw_error *err) {
+    enum lw_status status = write_users_csv(x, err);
+    if (status == LW_OK) status = write_points_csv(x, err);
+    if (status == LW_OK) status = write_json(x, command, err);
+    if (status == LW_OK) status = write_markdown(x, command, err);
+    if (status == LW_OK) status = write_plots(x, err);
+    if (status == LW_OK && x->side[LW_CROSSOVER_PATHS].point_count) run_gnuplot(x->options.folder);
+    return status;
+}

@@ -1,0 +1,135 @@
+#include "client/load/crossover_run.h"
+
+#include <stdlib.h>
+
+/* Costs are linear in samples: those of many are worked out from those of these. */
+#define FEW  1u
+#define MORE 4u
+
+bool lw_crossover_run_stopped(const struct lw_crossover_run *run) { return run->cancel && *run->cancel; }
+
+int lw_crossover_run_picture(const struct lw_crossover *x, uint64_t frame) {
+    for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES; p++)
+        if (x->picture[p] == frame) return (int)p;
+    return -1;
+}
+
+enum lw_status lw_crossover_run_judge(const struct lw_crossover *x, const struct lw_contender *contender,
+                                      uint32_t picture, const uint32_t *shown, uint32_t shown_count,
+                                      double *error_sum, uint32_t *errors, struct lw_error *err) {
+    float *lattice = malloc((size_t)x->lattice_width * x->lattice_height * 3 * sizeof *lattice);
+    if (!lattice) return lw_status_fail(err, LW_NO_MEMORY, "no memory for a picture");
+    for (uint32_t k = 0; k < shown_count; k++) {
+        if (shown[k] >= x->eyes) continue;
+        contender->ops->picture(contender, k, lattice);
+        *error_sum += lw_truth_error(&x->truth[picture][shown[k]], lattice);
+        ++*errors;
+    }
+    free(lattice);
+    return LW_OK;
+}
+
+/* ---- a sequence ---- */
+
+/* What one of `users` pays alone. */
+static struct lw_cost of_one(const struct lw_cost *cost, double users) {
+    struct lw_cost one = *cost;
+    for (int s = 0; s < LW_STAGE_COUNT; s++)
+        if (lw_stage_is_per_user((enum lw_stage)s)) one.cpu_s[s] /= users;
+    one.bytes /= users;
+    return one;
+}
+
+/* Who is shown: all in a picture's frame and where pictures build on each other, else one in turn. */
+static uint32_t choose_shown(const struct lw_crossover *x, const struct lw_contender *contender,
+                             uint64_t frame, bool measured, uint32_t *out_shown) {
+    for (uint32_t i = 0; i < x->eyes; i++) out_shown[i] = i;
+    if (contender->keeps || lw_crossover_run_picture(x, frame) >= 0) return x->eyes;
+    out_shown[0] = (uint32_t)(frame % x->eyes);
+    return measured ? 1 : 0;
+}
+
+static bool is_needed(const struct lw_crossover *x, const struct lw_contender *contender, uint64_t frame) {
+    if (contender->history == UINT32_MAX) return true;
+    for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES; p++)
+        if (frame <= x->picture[p] && x->picture[p] - frame <= contender->history) return true;
+    return false;
+}
+
+enum lw_status lw_crossover_run_sequence(struct lw_crossover_run *run, struct lw_contender *contender,
+                                         const struct lw_setting *setting, uint32_t seed,
+                                         struct lw_cost *out_cost, double *out_error, struct lw_error *err) {
+    const struct lw_crossover *x = run->x;
+    const bool from_start = x->options.motion == LW_SCENE_MOTION_STATIC;
+    struct lw_cost sum = {0};
+    double error_sum = 0, measured = 0;
+    uint32_t errors = 0;
+    enum lw_status status = contender->ops->start(contender, setting, out_cost == NULL, seed, err);
+    if (status == LW_OK) status = contender->ops->set_users(contender, x->eyes, err);
+    for (uint64_t frame = 1; status == LW_OK && frame <= x->warm_frames + x->frames; frame++) {
+        if (lw_crossover_run_stopped(run)) break;
+        if (!is_needed(x, contender, frame)) continue;
+        uint32_t shown[LW_CROSSOVER_EYES];
+        const bool counts = from_start || frame > x->warm_frames;
+        const uint32_t shown_count = choose_shown(x, contender, frame, counts, shown);
+        const int picture = lw_crossover_run_picture(x, frame);
+        struct lw_cost cost = {0};
+        status = contender->ops->step(contender, frame, shown, shown_count, &cost, err);
+        lw_cost_add(&sum, &cost, counts);
+        measured += counts;
+        if (status == LW_OK && picture >= 0)
+            status = lw_crossover_run_judge(x, contender, (uint32_t)picture, shown, shown_count, &error_sum,
+                                            &errors, err);
+    }
+    contender->ops->stop(contender);
+    if (status != LW_OK) return status;
+    if (out_cost) {
+        struct lw_cost per_frame = {0};
+        lw_cost_add(&per_frame, &sum, measured > 0 ? 1 / measured : 0);
+        *out_cost = of_one(&per_frame, x->eyes);
+    }
+    *out_error = errors ? error_sum / errors : 0;
+    return LW_OK;
+}
+
+/* ---- path tracers' cost ---- */
+
+static enum lw_status trace_each(struct lw_crossover_run *run, struct lw_contender *contender,
+                                 uint32_t samples, uint32_t picture, uint32_t seed, double *out_per_eye_s,
+                                 struct lw_error *err) {
+    const struct lw_crossover *x = run->x;
+    enum lw_status status =
+        contender->ops->start(contender, &(struct lw_setting){.samples = samples}, false, seed, err);
+    if (status == LW_OK) status = contender->ops->set_users(contender, 1, err);
+    for (uint32_t eye = 0; eye < x->eyes; eye++) {
+        struct lw_cost cost = {0};
+        if (status == LW_OK && !lw_crossover_run_stopped(run))
+            status = contender->ops->step(contender, x->picture[picture], &eye, 1, &cost, err);
+        out_per_eye_s[eye] = lw_cost_total(&cost);
+    }
+    contender->ops->stop(contender);
+    return status;
+}
+
+enum lw_status lw_crossover_run_trace(struct lw_crossover_run *run, struct lw_contender *contender,
+                                      const struct lw_setting *setting, uint32_t picture, uint32_t seed,
+                                      double out_per_eye_s[LW_CROSSOVER_EYES], struct lw_error *err) {
+    const struct lw_crossover *x = run->x;
+    if (contender->keeps) {
+        struct lw_cost cost;
+        double error;
+        enum lw_status status = lw_crossover_run_sequence(run, contender, setting, seed, &cost, &error, err);
+        for (uint32_t eye = 0; status == LW_OK && eye < x->eyes; eye++)
+            out_per_eye_s[eye] = lw_cost_total(&cost);
+        return status;
+    }
+    if (setting->samples <= MORE)
+        return trace_each(run, contender, setting->samples, picture, seed, out_per_eye_s, err);
+    double few_s[LW_CROSSOVER_EYES], more_s[LW_CROSSOVER_EYES];
+    enum lw_status status = trace_each(run, contender, FEW, picture, seed, few_s, err);
+    if (status == LW_OK) status = trace_each(run, contender, MORE, picture, seed, more_s, err);
+    for (uint32_t eye = 0; status == LW_OK && eye < x->eyes; eye++)
+        out_per_eye_s[eye] =
+            few_s[eye] + (more_s[eye] - few_s[eye]) / (MORE - FEW) * (setting->samples - FEW);
+    return status;
+}

@@ -1,0 +1,45 @@
+/* crossover_run.h: a measurement under way: one sequence of frames of a side, its cost and its error.
+ * Threads: main() only. For crossover_*.c alone. */
+#ifndef LW_CLIENT_LOAD_CROSSOVER_RUN_H
+#define LW_CLIENT_LOAD_CROSSOVER_RUN_H
+
+#include "client/load/crossover_measure.h"
+
+struct lw_crossover_run {
+    struct lw_crossover *x;
+    const volatile sig_atomic_t *cancel;
+    bool still; /* neither scene nor views move */
+};
+
+/** Whether a signal asked to stop. Loops then end early, with LW_OK; what they were to find is not there. */
+bool lw_crossover_run_stopped(const struct lw_crossover_run *run);
+
+/** Index of the picture that is compared with the truth in this frame; -1: none is. */
+int lw_crossover_run_picture(const struct lw_crossover *x, uint64_t frame);
+
+/** Sums up the errors of what `shown` saw in a picture's frame; those who are no eyes have no truth and are left out.
+ * *error_sum, *errors: added to. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_crossover_run_judge(const struct lw_crossover *x,
+                                                    const struct lw_contender *contender, uint32_t picture,
+                                                    const uint32_t *shown, uint32_t shown_count,
+                                                    double *error_sum, uint32_t *errors,
+                                                    struct lw_error *err);
+
+/** Goes through the frames once with all eyes.
+ * out_cost  per frame, for one user. NULL: pictures alone, as cheaply as the side can
+ * Errors    the side's */
+LW_MUST_CHECK enum lw_status lw_crossover_run_sequence(struct lw_crossover_run *run,
+                                                       struct lw_contender *contender,
+                                                       const struct lw_setting *setting, uint32_t seed,
+                                                       struct lw_cost *out_cost, double *out_error,
+                                                       struct lw_error *err);
+
+/** What each eye's path tracer spends on a frame, CPU seconds. frame_of: which picture's frame is traced; those that
+ * build on each other are all traced. Errors: the side's. */
+LW_MUST_CHECK enum lw_status lw_crossover_run_trace(struct lw_crossover_run *run,
+                                                    struct lw_contender *contender,
+                                                    const struct lw_setting *setting, uint32_t picture,
+                                                    uint32_t seed, double out_per_eye_s[LW_CROSSOVER_EYES],
+                                                    struct lw_error *err);
+
+#endif

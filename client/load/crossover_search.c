@@ -1,0 +1,214 @@
+#include "client/load/crossover_search.h"
+
+#include "common/log.h"
+
+#include <math.h>
+
+#define SAMPLES_MAX 4096u /* per pixel and frame, of the path tracer */
+#define GAIN_MIN    0.9   /* of the error before: what a rung must at least bring */
+#define PROBE       4u    /* samples of the second of two points on the line of a path tracer's cost */
+
+static const double curve[] = {0.5, 0.1, 0.02};
+static const double densities[] = {1, 0.5, 0.25, 2};
+static const uint32_t rungs[][2] = {{1, 1}, {1, 2}, {2, 4}, {4, 8}, {8, 16}, {16, 32}};
+static const double rests[] = {0.5, 0.25, 0.12, 0.06, 0.03, 0.015};
+#define COUNT(array) (sizeof(array) / sizeof *(array))
+
+/* The place for the next point; NULL: there are enough. */
+static struct lw_crossover_point *next_point(struct lw_crossover_side *side) {
+    return side->point_count < LW_CROSSOVER_POINTS_MAX ? &side->point[side->point_count] : NULL;
+}
+
+/* Cheapest point of a side that reaches an error; -1 if none does. */
+static int cheapest(const struct lw_crossover_side *side, double error) {
+    int best = -1;
+    for (uint32_t i = 0; i < side->point_count; i++)
+        if (side->point[i].error <= error &&
+            (best < 0 || lw_cost_total(&side->point[i].cost) < lw_cost_total(&side->point[best].cost)))
+            best = (int)i;
+    return best;
+}
+
+/* ---- a path tracer ---- */
+
+/* CPU time of a frame at full size = fixed_s + samples * per_sample_s, the mean over the eyes. */
+static enum lw_status measure_line(struct lw_crossover_run *run, struct lw_crossover_side *side,
+                                   struct lw_error *err) {
+    const struct lw_crossover *x = run->x;
+    static const uint32_t samples[2] = {1, PROBE};
+    double mean_s[2] = {0};
+    for (int i = 0; i < 2; i++) {
+        double per_eye_s[LW_CROSSOVER_EYES] = {0};
+        enum lw_status status =
+            lw_crossover_run_trace(run, side->contender, &(struct lw_setting){.samples = samples[i]},
+                                   LW_CROSSOVER_PICTURES / 2, x->options.seed, per_eye_s, err);
+        if (status != LW_OK) return status;
+        for (uint32_t eye = 0; eye < x->eyes; eye++) mean_s[i] += per_eye_s[eye] / x->eyes;
+    }
+    side->per_sample_s = (mean_s[1] - mean_s[0]) / (PROBE - 1);
+    side->fixed_s = fmax(0, mean_s[0] - side->per_sample_s);
+    return LW_OK;
+}
+
+/* The point of so many samples; it may be there already. *out_point: NULL if there is no more room, or at a stop. */
+static enum lw_status try_samples(struct lw_crossover_run *run, struct lw_crossover_side *side,
+                                  uint32_t samples, struct lw_crossover_point **out_point,
+                                  struct lw_error *err) {
+    *out_point = NULL;
+    for (uint32_t i = 0; i < side->point_count; i++)
+        if (side->point[i].setting.samples == samples) *out_point = &side->point[i];
+    struct lw_crossover_point *point = next_point(side);
+    if (*out_point || !point) return LW_OK;
+    const bool linear = !side->contender->keeps;
+    enum lw_status status = linear && !(side->per_sample_s > 0) ? measure_line(run, side, err) : LW_OK;
+    *point = (struct lw_crossover_point){.setting = {.samples = samples}};
+    if (status == LW_OK)
+        status = lw_crossover_run_sequence(run, side->contender, &point->setting, run->x->options.seed,
+                                           linear ? NULL : &point->cost, &point->error, err);
+    if (status != LW_OK || lw_crossover_run_stopped(run)) return status;
+    if (linear) point->cost.cpu_s[LW_STAGE_TRACE] = side->fixed_s + samples * side->per_sample_s;
+    lw_log(LW_LOG_INFO, "%s, %u path%s per pixel: relMSE %.4g, %.3g CPU s per frame", side->name, samples,
+           samples > 1 ? "s" : "", point->error, lw_cost_total(&point->cost));
+    side->point_count++;
+    *out_point = point;
+    return LW_OK;
+}
+
+static enum lw_status search_samples(struct lw_crossover_run *run, struct lw_crossover_side *side,
+                                     double error, struct lw_error *err) {
+    uint32_t low = 0, high = 1; /* low does not reach it, high does */
+    struct lw_crossover_point *point;
+    enum lw_status status = try_samples(run, side, high, &point, err);
+    while (status == LW_OK && point && point->error > error && high < SAMPLES_MAX) {
+        low = high;
+        high *= 2;
+        status = try_samples(run, side, high, &point, err);
+    }
+    /* the error of so few pictures is not known better than to an eighth */
+    while (status == LW_OK && point && high - low > 1 + low / 8) {
+        uint32_t middle = low + (high - low) / 2;
+        status = try_samples(run, side, middle, &point, err);
+        if (point) *(point->error <= error ? &high : &low) = middle;
+    }
+    return status;
+}
+
+/* ---- the cache ---- */
+
+static enum lw_status try_setting(struct lw_crossover_run *run, struct lw_crossover_side *side,
+                                  const struct lw_setting *setting, struct lw_crossover_point **out_point,
+                                  struct lw_error *err) {
+    struct lw_crossover_point *point = next_point(side);
+    *out_point = NULL;
+    if (!point) return LW_OK;
+    *point = (struct lw_crossover_point){.setting = *setting};
+    enum lw_status status = lw_crossover_run_sequence(run, side->contender, setting, run->x->options.seed,
+                                                      &point->cost, &point->error, err);
+    if (status != LW_OK || lw_crossover_run_stopped(run)) return status;
+    lw_log(LW_LOG_INFO,
+           "%s, density x%g, %u+%u samples, rest at %g: relMSE %.4g, %.3g CPU s per frame and user",
+           side->name, setting->density, setting->direct_samples, setting->indirect_samples,
+           setting->rest_error, point->error, lw_cost_total(&point->cost));
+    side->point_count++;
+    *out_point = point;
+    return LW_OK;
+}
+
+static struct lw_setting setting_at(bool still, double density, uint32_t rung) {
+    struct lw_setting setting = {
+        .density = density, .direct_samples = 1, .indirect_samples = 2, .rest_error = LW_CROSSOVER_REST};
+    if (still) {
+        setting.rest_error = rests[rung];
+    } else {
+        setting.direct_samples = rungs[rung][0];
+        setting.indirect_samples = rungs[rung][1];
+    }
+    return setting;
+}
+
+static enum lw_status climb(struct lw_crossover_run *run, struct lw_crossover_side *side, double density,
+                            double hardest, struct lw_error *err) {
+    const bool still = run->x->options.motion == LW_SCENE_MOTION_STATIC;
+    double last_error = (double)INFINITY;
+    for (uint32_t rung = 0; rung < (still ? COUNT(rests) : COUNT(rungs)); rung++) {
+        const struct lw_setting setting = setting_at(still, density, rung);
+        struct lw_crossover_point *point;
+        enum lw_status status = try_setting(run, side, &setting, &point, err);
+        if (status != LW_OK || !point) return status;
+        const int best = cheapest(side, hardest);
+        if (point->error <= hardest || point->error > GAIN_MIN * last_error) break;
+        if (best >= 0 && lw_cost_total(&point->cost) > lw_cost_total(&side->point[best].cost)) break;
+        last_error = point->error;
+    }
+    return LW_OK;
+}
+
+static enum lw_status search_densities(struct lw_crossover_run *run, struct lw_crossover_side *side,
+                                       double hardest, struct lw_error *err) {
+    enum lw_status status = LW_OK;
+    for (uint32_t d = 0; d < COUNT(densities) && status == LW_OK && !lw_crossover_run_stopped(run); d++)
+        if (densities[d] <= 1 || cheapest(side, hardest) < 0)
+            status = climb(run, side, densities[d], hardest, err);
+    return status;
+}
+
+/* ---- targets ---- */
+
+static void add_target(struct lw_crossover *x, double error) {
+    for (uint32_t t = 0; t < x->target_count; t++)
+        if (fabs(x->target[t].error - error) < 1e-12) return;
+    x->target[x->target_count++] = (struct lw_crossover_target){.error = error, .best = {-1, -1}};
+}
+
+/* The settings that were asked for are each side's only point, and the only target. */
+static enum lw_status take_given(struct lw_crossover_run *run, struct lw_error *err) {
+    struct lw_crossover *x = run->x;
+    const struct lw_crossover_options *o = &x->options;
+    enum lw_status status = LW_OK;
+    for (int s = 0; s < LW_CROSSOVER_SIDES && status == LW_OK; s++) {
+        struct lw_crossover_side *side = &x->side[s];
+        struct lw_crossover_point *point;
+        const struct lw_setting setting = {.density = 1,
+                                           .direct_samples = o->fixed_direct,
+                                           .indirect_samples = o->fixed_indirect,
+                                           .rest_error = LW_CROSSOVER_REST};
+        status = side->traces ? try_samples(run, side, o->fixed_samples, &point, err)
+                              : try_setting(run, side, &setting, &point, err);
+        if (status != LW_OK || !point) return status;
+        if (s == LW_CROSSOVER_PATHS) add_target(x, point->error);
+        x->target[0].best[s] = 0;
+    }
+    return status;
+}
+
+enum lw_status lw_crossover_search(struct lw_crossover_run *run, struct lw_error *err) {
+    struct lw_crossover *x = run->x;
+    if (x->options.fixed_samples) return take_given(run, err);
+    double error = x->options.error;
+    if (x->options.match_samples) {
+        struct lw_crossover_point *point;
+        enum lw_status status =
+            try_samples(run, &x->side[LW_CROSSOVER_PATHS], x->options.match_samples, &point, err);
+        if (status != LW_OK || !point) return status;
+        error = point->error;
+    }
+    double hardest = error;
+    add_target(x, error);
+    for (size_t i = 0; i < COUNT(curve); i++) {
+        add_target(x, curve[i]);
+        hardest = fmin(hardest, curve[i]);
+    }
+    enum lw_status status = LW_OK;
+    for (int s = 0; s < LW_CROSSOVER_SIDES; s++) {
+        struct lw_crossover_side *side = &x->side[s];
+        if (status == LW_OK && !side->traces) status = search_densities(run, side, hardest, err);
+        for (uint32_t t = 0; t < x->target_count; t++) {
+            if (status == LW_OK && side->traces && !lw_crossover_run_stopped(run))
+                status = search_samples(run, side, x->target[t].error, err);
+        }
+    }
+    for (uint32_t t = 0; t < x->target_count; t++)
+        for (int s = 0; s < LW_CROSSOVER_SIDES; s++)
+            x->target[t].best[s] = cheapest(&x->side[s], x->target[t].error);
+    return status;
+}

@@ -1,0 +1,15 @@
+/* crossover_search.h: the cheapest setting of each side that reaches an error.
+ * Threads: main() only. For crossover_*.c alone. */
+#ifndef LW_CLIENT_LOAD_CROSSOVER_SEARCH_H
+#define LW_CLIENT_LOAD_CROSSOVER_SEARCH_H
+
+#include "client/load/crossover_run.h"
+
+/** Tries settings and fills in points and targets. The path tracer's samples are doubled until they reach a target, then
+ * bisected to an eighth. The cache goes at each density up its rungs of samples (in a still scene: down those of the error
+ * at which tiles rest) until the hardest target is reached, more gains nothing, or it costs more than another density
+ * that reached it; densities finer than the default are tried where the default does not reach it.
+ * Errors: the sides'. */
+LW_MUST_CHECK enum lw_status lw_crossover_search(struct lw_crossover_run *run, struct lw_error *err);
+
+#endif

@@ -1,0 +1,41 @@
+/* truth.h: converged pictures of some frames and users, at some of their pixels, and how far others are off them.
+ * Flow:    scene, views -> [truth: paths] -> relMSE of a contender's pictures
+ * Threads: one thread at a time.
+ *
+ * The pixels are a lattice: every stride-th in either direction, in the middle of their stride x stride square. A picture
+ * of width / stride x height / stride pixels with the same field of view has its pixel centres there, if the stride is
+ * odd and divides both sides.
+ *
+ * A truth has two independent halves a and b, each a mean of as many paths. With t their mean,
+ *     relMSE = mean((x - a)(x - b) / (t^2 + 0.01 mean(t^2))) over pixels and channels
+ * has the expectation of mean((x - truth)^2 / ...): what noise is left in the truth adds none of its own. */
+#ifndef LW_CLIENT_LOAD_TRUTH_H
+#define LW_CLIENT_LOAD_TRUTH_H
+
+#include "client/load/path_world.h"
+#include "client/load/views.h"
+
+/** The largest odd stride up to 7 that divides both sides; 1 if there is none. */
+uint32_t lw_truth_stride(uint32_t width, uint32_t height);
+
+struct lw_truth {
+    uint32_t width, height; /* of the lattice */
+    float *half[2];         /* means; width * height * 3 */
+    double noise;           /* relMSE of the truth itself, estimated: what the halves' mean is off */
+};
+
+/** Traces a truth at the world's present moment. samples: even. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_truth_init(struct lw_truth *truth, const struct lw_path_world *world,
+                                           const struct lw_camera_view *camera, uint32_t width,
+                                           uint32_t height, uint32_t samples, uint32_t seed,
+                                           struct lw_error *err);
+/** A zeroed truth is fine. */
+void lw_truth_finish(struct lw_truth *truth);
+
+/** relMSE of a lattice picture; may be a little below 0 for one that is as good as the truth. */
+double lw_truth_error(const struct lw_truth *truth, const float *rgb);
+
+/** Takes the lattice out of a whole picture. */
+void lw_truth_pick(const float *rgb, uint32_t width, uint32_t height, uint32_t stride, float *out_lattice);
+
+#endif

@@ -1,0 +1,174 @@
+/* lightwell-load crossover with the real lightwelld, on the smallest scene and pictures. */
+#include "tests/support/process.h"
+
+#include <dirent.h>
+#include <math.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#define LIMIT_S 120
+#define SMALL                                                                                                \
+    "builtin:cornell --texels-per-metre 12 --size 80x45 --seconds 0.2 --truth-samples 16 --users 1,2,4 "     \
+    "--repeats 2 "
+
+static int run(const char *arguments, struct lw_process *process) {
+    char all[600];
+    snprintf(all, sizeof all, "crossover %s", arguments);
+    lw_process_start(process, "lightwell-load", all);
+    return lw_process_finish(process, LIMIT_S);
+}
+
+static char *read_text(const char *folder, const char *name) {
+    char path[300];
+    size_t size;
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    return (char *)lw_support_read_file(path, &size);
+}
+
+static double number_after(const char *text, const char *key) {
+    const char *at = strstr(text, key);
+    if (!at) fail_msg("no %s in %.200s", key, text);
+    return atof(at + strlen(key));
+}
+
+static int end_all(void **state) {
+    (void)state;
+    lw_process_kill_all();
+    return 0;
+}
+
+static void measures_and_reports(void **state) {
+    (void)state;
+    struct lw_process process;
+    char arguments[500];
+    const char *folder = lw_support_temporary("crossover");
+    snprintf(arguments, sizeof arguments, SMALL "-o %s", folder);
+    int code = run(arguments, &process);
+    char *said = lw_process_err(&process), *result = lw_process_out(&process);
+    if (code != 0) fail_msg("%s", said);
+    const double ratio = number_after(result, "r(1) = "), marginal = number_after(result, "m = ");
+    assert_true(ratio > 0 && isfinite(ratio) && marginal > 0 && isfinite(marginal));
+    free(result);
+    free(said);
+
+    char *report = read_text(folder, "report.md");
+    assert_non_null(strstr(report, "one shared solve over path tracers, 1 user"));
+    assert_non_null(strstr(report, "| solve |"));
+    assert_non_null(strstr(report, "| compose |"));
+    free(report);
+    char *csv = read_text(folder, "crossover.csv");
+    unsigned lines = 0;
+    for (const char *c = csv; *c; c++) lines += *c == '\n';
+    assert_int_equal(lines, 1 + 3 * 2);
+    free(csv);
+    char *json = read_text(folder, "crossover.json");
+    assert_non_null(strstr(json, "\"crossover_users\""));
+    free(json);
+    lw_process_left_nothing();
+}
+
+/* The harness against itself: with the same path tracer on both sides nobody wins. CPU time of so little work is noisy on a
+ * busy machine: the bound is wide, but what could go wrong (costs counted twice, users forgotten) is a factor of 2. */
+static void equals_are_equal(void **state) {
+    (void)state;
+    struct lw_process process;
+    char arguments[500];
+    snprintf(
+        arguments, sizeof arguments,
+        "builtin:cornell --texels-per-metre 12 --size 320x180 --seconds 0.2 --truth-samples 16 --users 1,2,4 "
+        "--repeats 4 --self-test -o %s",
+        lw_support_temporary("self"));
+    assert_int_equal(run(arguments, &process), 0);
+    char *result = lw_process_out(&process);
+    const double ratio = number_after(result, "r(1) = "), half = number_after(result, "+- ");
+    print_message("r(1) = %g +- %g\n", ratio, half);
+    free(result);
+    assert_true(fabs(ratio - 1) < fmax(half, 0.3));
+}
+
+static void settings_may_be_given_and_plots_missing(void **state) {
+    (void)state;
+    struct lw_process process;
+    char arguments[500];
+    const char *folder = lw_support_temporary("given");
+    snprintf(arguments, sizeof arguments, SMALL "--settings 2:1+1 --motion static --views centre -o %s",
+             folder);
+    const char *path = getenv("PATH");
+    char *kept = strdup(path ? path : "");
+    setenv("PATH", "/nowhere", 1); /* and no gnuplot */
+    int code = run(arguments, &process);
+    setenv("PATH", kept, 1);
+    free(kept);
+    char *said = lw_process_err(&process);
+    if (code != 0) fail_msg("%s", said);
+    assert_non_null(strstr(said, "no plots: cannot run gnuplot"));
+    free(said);
+    char *report = read_text(folder, "report.md");
+    assert_non_null(strstr(report, "At given settings: 2 paths per pixel"));
+    free(report);
+}
+
+static void an_interruption_keeps_what_is_there(void **state) {
+    (void)state;
+    struct lw_process process;
+    char arguments[600];
+    const char *folder = lw_support_temporary("interrupted");
+    snprintf(
+        arguments, sizeof arguments,
+        "crossover builtin:cornell --texels-per-metre 12 --size 80x45 --seconds 60 --truth-samples 16 -o %s",
+        folder);
+    lw_process_start(&process, "lightwell-load", arguments);
+    for (int i = 0;; i++) {
+        char *said = lw_process_err(&process);
+        bool begun = strstr(said, "shared cache") || strstr(said, "path tracer, 2 paths");
+        free(said);
+        if (begun) break;
+        if (i > LIMIT_S * 20) fail_msg("nothing was measured in %d s", LIMIT_S);
+        lw_process_sleep_ms(50);
+    }
+    assert_int_equal(lw_process_stop(&process, SIGINT, 30), 0);
+    char *report = read_text(folder, "report.md"), *csv = read_text(folder, "settings.csv");
+    assert_non_null(strstr(report, "interrupted"));
+    assert_non_null(strstr(csv, "paths,1,"));
+    free(csv);
+    free(report);
+    lw_process_left_nothing();
+}
+
+static void fails_with_one_line(void **state) {
+    (void)state;
+    struct lw_process process;
+    char arguments[500];
+    static const struct {
+        const char *scene, *folder, *text; /* folder: NULL is a good one */
+        int code;
+    } bad[] = {
+        {"builtin:cornell", "/proc/nowhere", "cannot make the folder", 73},
+        {"builtin:nothing", NULL, "builtin:nothing", 66},
+        {"builtin:cornell --users 0", NULL, "--users", 64},
+    };
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        snprintf(arguments, sizeof arguments, "%s -o %s", bad[i].scene,
+                 bad[i].folder ? bad[i].folder : lw_support_temporary("bad"));
+        assert_int_equal(run(arguments, &process), bad[i].code);
+        char *said = lw_process_err(&process);
+        assert_non_null(strstr(said, bad[i].text));
+        assert_null(strchr(strchr(said, '\n') + 1, '\n'));
+        free(said);
+    }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_teardown(measures_and_reports, end_all),
+        cmocka_unit_test_teardown(equals_are_equal, end_all),
+        cmocka_unit_test_teardown(settings_may_be_given_and_plots_missing, end_all),
+        cmocka_unit_test_teardown(an_interruption_keeps_what_is_there, end_all),
+        cmocka_unit_test_teardown(fails_with_one_line, end_all),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

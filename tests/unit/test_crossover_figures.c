@@ -1,0 +1,38 @@
+#include "tests/support/support.h"
+
+#include "client/load/crossover_figures.h"
+
+#include <math.h>
+
+static void means_and_intervals(void **state) {
+    (void)state;
+    const double value[] = {1, 2, 3, 4};
+    struct lw_crossover_figure f = lw_crossover_figures_mean(value, 4);
+    assert_true(fabs(f.mean - 2.5) < 1e-12);
+    /* s = sqrt(5/3), t(3) = 3.182: 3.182 * 1.29099 / 2 */
+    assert_true(fabs(f.half - 2.05397) < 1e-3);
+    f = lw_crossover_figures_mean(value, 1);
+    assert_true(f.mean == 1 && f.half == 0);
+    f = lw_crossover_figures_mean((const double[]){INFINITY, 1}, 2);
+    assert_true(isinf(f.mean) && f.half == 0);
+}
+
+static void lines_and_crossings(void **state) {
+    (void)state;
+    const uint32_t users[] = {1, 2, 8, 64};
+    double cost[4], fixed, slope;
+    for (int i = 0; i < 4; i++) cost[i] = 12 + 0.5 * users[i];
+    lw_crossover_figures_line(users, cost, 4, &fixed, &slope);
+    assert_true(fabs(fixed - 12) < 1e-9 && fabs(slope - 0.5) < 1e-9);
+    assert_true(fabs(lw_crossover_figures_cross(fixed, slope, 2) - 8) < 1e-9); /* 12 + 0.5 N = 2 N */
+    assert_true(isinf(lw_crossover_figures_cross(12, 2, 2)));
+    assert_true(lw_crossover_figures_cross(-1, 0.5, 2) == 0);
+    lw_crossover_figures_line(users, cost, 1, &fixed, &slope);
+    assert_true(fixed == cost[0] && slope == 0);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(means_and_intervals),
+                                       cmocka_unit_test(lines_and_crossings)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

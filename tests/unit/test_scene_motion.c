@@ -1,0 +1,192 @@
+#include "tests/support/support.h"
+
+#include "common/scene/builtin.h"
+#include "common/scene/pose.h"
+#include "common/scene/scene_motion.h"
+
+#include <string.h>
+
+static struct lw_scene *build(const char *name) {
+    struct lw_scene *scene;
+    struct lw_error err = {0};
+    lw_support_ok(lw_builtin_build(name, &scene, &err), &err);
+    return scene;
+}
+
+static struct lw_scene_motion_report set(struct lw_scene *scene, enum lw_scene_motion motion) {
+    struct lw_scene_motion_report report;
+    struct lw_error err = {0};
+    lw_support_ok(lw_scene_motion_set(scene, motion, &report, &err), &err);
+    lw_support_ok(lw_scene_validate(scene, &err), &err);
+    return report;
+}
+
+static bool shines(const struct lw_scene *scene, uint32_t object) {
+    const struct lw_mesh *mesh = &scene->mesh[scene->object[object].mesh];
+    for (uint32_t t = 0; t < mesh->triangle_count; t++)
+        for (int c = 0; c < 3; c++)
+            if (scene->material[mesh->material[t]].emission[c] > 0) return true;
+    return false;
+}
+
+/* How many objects without light, lamps and lights are elsewhere half a second on. */
+struct moved {
+    uint32_t objects, lamps, lights;
+};
+
+static struct moved moved_in(const struct lw_scene *scene) {
+    struct lw_pose before, after;
+    struct moved moved = {0};
+    lw_support_ok(lw_pose_init(&before, scene), NULL);
+    lw_support_ok(lw_pose_init(&after, scene), NULL);
+    lw_pose_evaluate(&after, scene, 0.5);
+    for (uint32_t o = 0; o < scene->object_count; o++)
+        if (memcmp(&before.object_to_world[o], &after.object_to_world[o], sizeof before.object_to_world[o]) !=
+            0)
+            *(shines(scene, o) ? &moved.lamps : &moved.objects) += 1;
+    for (uint32_t l = 0; l < scene->light_count; l++)
+        moved.lights += memcmp(&before.light[l], &after.light[l], sizeof before.light[l]) != 0;
+    lw_pose_finish(&after);
+    lw_pose_finish(&before);
+    return moved;
+}
+
+/* Three squares and a lamp; the second square moves, and the lamp with the third hanging on it. */
+static struct lw_scene *build_moving(void) {
+    static const float time_s[] = {0, 1}, value[] = {0, 0, 0, 1, 0, 0};
+    struct lw_scene *scene = lw_support_squares(3, 1);
+    const uint32_t lamp = scene->light[0].node;
+    scene->object[2].node = lamp;
+    scene->duration_s = 1;
+    scene->channel = lw_scene_alloc(scene, 2, sizeof *scene->channel);
+    scene->channel_count = 2;
+    const uint32_t mover[] = {scene->object[1].node, lamp};
+    for (int c = 0; c < 2; c++)
+        scene->channel[c] = (struct lw_channel){.node = mover[c],
+                                                .path = LW_CHANNEL_TRANSLATION,
+                                                .interpolation = LW_INTERPOLATION_LINEAR,
+                                                .key_count = 2,
+                                                .time_s = time_s,
+                                                .value = value};
+    return scene;
+}
+
+static void a_scene_keeps_what_belongs(void **state) {
+    (void)state;
+    static const struct {
+        enum lw_scene_motion motion;
+        uint32_t kept, lights, objects;
+    } cases[] = {{LW_SCENE_MOTION_STATIC, 0, 0, 0},
+                 {LW_SCENE_MOTION_LIGHT, 1, 1, 1}, /* what hangs on a lamp goes with it */
+                 {LW_SCENE_MOTION_OBJECT, 1, 0, 1},
+                 {LW_SCENE_MOTION_ALL, 2, 1, 2}};
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct lw_scene *scene = build_moving();
+        struct lw_scene_motion_report report = set(scene, cases[i].motion);
+        struct moved moved = moved_in(scene);
+        assert_null(report.light);
+        assert_null(report.object);
+        assert_int_equal(report.kept, cases[i].kept);
+        assert_int_equal(report.dropped, 2 - cases[i].kept);
+        assert_int_equal(moved.lights, cases[i].lights);
+        assert_int_equal(moved.objects, cases[i].objects);
+        lw_scene_destroy(scene);
+    }
+}
+
+static void a_still_scene_gets_one_mover(void **state) {
+    (void)state;
+    struct lw_scene *scene = build("builtin:cornell");
+    struct lw_scene_motion_report report = set(scene, LW_SCENE_MOTION_LIGHT);
+    struct moved moved = moved_in(scene);
+    assert_non_null(report.light);
+    assert_int_equal(moved.lamps, 1);
+    assert_int_equal(moved.objects, 0);
+    assert_true(scene->duration_s == 4);
+    lw_scene_destroy(scene);
+
+    scene = build("builtin:cornell");
+    report = set(scene, LW_SCENE_MOTION_ALL);
+    moved = moved_in(scene);
+    assert_non_null(report.light);
+    assert_non_null(report.object);
+    assert_int_equal(moved.lamps, 1);
+    assert_int_equal(moved.objects, 1);
+    lw_scene_destroy(scene);
+}
+
+/* The point light of the squares, under a turned and scaled matrix: its circle lies level in the world. */
+static void a_light_goes_round_level(void **state) {
+    (void)state;
+    struct lw_scene *scene = lw_support_squares(2, 5);
+    const uint32_t node = scene->light[0].node;
+    scene->node[node].has_matrix = 1;
+    scene->node[node].matrix = (struct lw_affine){{{0, -2, 0, 1}, {2, 0, 0, 3}, {0, 0, 2, -1}}};
+    set(scene, LW_SCENE_MOTION_LIGHT);
+    struct lw_pose pose;
+    lw_support_ok(lw_pose_init(&pose, scene), NULL);
+    struct lw_vec3 low, high;
+    assert_true(lw_pose_bounds(&pose, scene, &low, &high));
+    const float radius = 0.05f * (high.x - low.x);
+    for (int k = 0; k < 16; k++) {
+        lw_pose_evaluate(&pose, scene, 0.25 * k);
+        struct lw_vec3 at = lw_vec3_sub(pose.light[0].position_ws, lw_vec3(1, 3, -1));
+        assert_float_equal(at.y, 0, 1e-4f);
+        assert_float_equal(lw_vec3_length(at), radius, 1e-2f * radius);
+    }
+    lw_pose_finish(&pose);
+    lw_scene_destroy(scene);
+}
+
+/* About its own middle, so that it stays where it is. */
+static void an_object_turns_in_place(void **state) {
+    (void)state;
+    struct lw_scene *scene = build("builtin:cornell");
+    set(scene, LW_SCENE_MOTION_OBJECT);
+    struct lw_pose pose;
+    lw_support_ok(lw_pose_init(&pose, scene), NULL);
+    for (uint32_t o = 0; o < scene->object_count; o++) {
+        if (!lw_pose_object_moves(&pose, scene, o)) continue;
+        const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
+        struct lw_vec3 low = mesh->position[0], high = low;
+        for (uint32_t v = 1; v < mesh->vertex_count; v++) {
+            struct lw_vec3 p = mesh->position[v];
+            low = lw_vec3(fminf(low.x, p.x), fminf(low.y, p.y), fminf(low.z, p.z));
+            high = lw_vec3(fmaxf(high.x, p.x), fmaxf(high.y, p.y), fmaxf(high.z, p.z));
+        }
+        struct lw_vec3 middle = lw_vec3_scale(lw_vec3_add(low, high), 0.5f);
+        lw_pose_evaluate(&pose, scene, 0);
+        struct lw_vec3 first = lw_affine_point(&pose.object_to_world[o], middle);
+        for (int k = 1; k < 16; k++) {
+            lw_pose_evaluate(&pose, scene, 0.25 * k);
+            struct lw_vec3 at = lw_affine_point(&pose.object_to_world[o], middle);
+            assert_true(lw_vec3_length(lw_vec3_sub(at, first)) < 1e-4f);
+        }
+    }
+    lw_pose_finish(&pose);
+    lw_scene_destroy(scene);
+}
+
+static void a_scene_that_cannot_is_refused(void **state) {
+    (void)state;
+    struct lw_scene_motion_report report;
+    struct lw_error err = {0};
+    struct lw_scene *scene = lw_support_squares(1, 1); /* one object: it is the scene */
+    enum lw_status status = lw_scene_motion_set(scene, LW_SCENE_MOTION_OBJECT, &report, &err);
+    lw_support_fails(status, LW_BAD_DATA, &err, "none is small enough");
+    scene->light_count = 0;
+    scene->sky[0] = 1;
+    err = (struct lw_error){0};
+    status = lw_scene_motion_set(scene, LW_SCENE_MOTION_LIGHT, &report, &err);
+    lw_support_fails(status, LW_BAD_DATA, &err, "no light of it moves");
+    lw_scene_destroy(scene);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_scene_keeps_what_belongs),     cmocka_unit_test(a_still_scene_gets_one_mover),
+        cmocka_unit_test(a_light_goes_round_level),       cmocka_unit_test(an_object_turns_in_place),
+        cmocka_unit_test(a_scene_that_cannot_is_refused),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

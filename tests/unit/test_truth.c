@@ -1,0 +1,81 @@
+#include "tests/support/support.h"
+
+#include "client/load/truth.h"
+#include "common/random.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+enum { WIDTH = 256, HEIGHT = 128, VALUES = 3 * WIDTH * HEIGHT };
+
+static void strides(void **state) {
+    (void)state;
+    assert_int_equal(lw_truth_stride(1280, 720), 5);
+    assert_int_equal(lw_truth_stride(1920, 1080), 5);
+    assert_int_equal(lw_truth_stride(1344, 756), 7);
+    assert_int_equal(lw_truth_stride(1024, 768), 1);
+    assert_int_equal(lw_truth_stride(33, 63), 3);
+}
+
+static void the_lattice_is_in_the_middle_of_its_squares(void **state) {
+    (void)state;
+    float whole[3 * 9 * 6], lattice[3 * 3 * 2];
+    for (int i = 0; i < 9 * 6; i++) whole[3 * i] = whole[3 * i + 1] = whole[3 * i + 2] = (float)i;
+    lw_truth_pick(whole, 9, 6, 3, lattice);
+    static const float expected[] = {10, 13, 16, 37, 40, 43};
+    for (int i = 0; i < 6; i++)
+        assert_true(lattice[3 * i] == expected[i] && lattice[3 * i + 2] == expected[i]);
+}
+
+/* Uniform noise of variance 1. */
+static float noise(uint32_t seed, uint32_t i) {
+    return sqrtf(12) * (lw_random_unit(lw_random_hash2(seed, i)) - 0.5f);
+}
+
+static float signal_at(int i) { return 1 + (float)(i % 5); }
+
+/* A picture with noise of its own, judged by a truth that is as noisy: the error is the picture's alone. */
+static void the_truths_noise_is_taken_out(void **state) {
+    (void)state;
+    static float half[2][VALUES], picture[VALUES];
+    struct lw_truth truth = {.width = WIDTH, .height = HEIGHT, .half = {half[0], half[1]}};
+    const float sigma = 0.05f;
+    double square = 0;
+    for (int i = 0; i < VALUES; i++) square += (double)(signal_at(i) * signal_at(i)) / VALUES;
+    double expected = 0;
+    for (int i = 0; i < VALUES; i++) {
+        half[0][i] = signal_at(i) + sigma * noise(1, (uint32_t)i);
+        half[1][i] = signal_at(i) + sigma * noise(2, (uint32_t)i);
+        picture[i] = signal_at(i) + sigma * noise(3, (uint32_t)i);
+        expected +=
+            (double)(sigma * sigma) / ((double)(signal_at(i) * signal_at(i)) + 0.01 * square) / VALUES;
+    }
+    /* Deviation of the mean of products of two noises: relative 1/sqrt(n) times a few. */
+    assert_true(fabs(lw_truth_error(&truth, picture) / expected - 1) < 6 / sqrt(VALUES) + 3e-3);
+    for (int i = 0; i < VALUES; i++) picture[i] = signal_at(i);
+    assert_true(fabs(lw_truth_error(&truth, picture)) < 0.02 * expected);
+    for (int i = 0; i < VALUES; i++) picture[i] = 1.2f * signal_at(i);
+    double biased = 0;
+    for (int i = 0; i < VALUES; i++) {
+        double t2 = (double)(signal_at(i) * signal_at(i));
+        biased += 0.04 * t2 / (t2 + 0.01 * square) / VALUES;
+    }
+    assert_true(fabs(lw_truth_error(&truth, picture) / biased - 1) < 0.01);
+}
+
+static void black_is_no_error(void **state) {
+    (void)state;
+    float zero[2][3] = {{0}}, picture[3] = {0};
+    struct lw_truth truth = {.width = 1, .height = 1, .half = {zero[0], zero[1]}};
+    assert_true(lw_truth_error(&truth, picture) == 0);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(strides),
+        cmocka_unit_test(the_lattice_is_in_the_middle_of_its_squares),
+        cmocka_unit_test(the_truths_noise_is_taken_out),
+        cmocka_unit_test(black_is_no_error),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
