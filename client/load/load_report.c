@@ -137,7 +137,7 @@ static void print_faults(const struct lw_load_report *r) {
 }
 
 static void print_text(const struct lw_load_options *o, const struct lw_load_report *r) {
-    printf("%s:%u: %u users (%s, %s), %.3g s measured after %.3g s: %s\n", o->host, (unsigned)o->port,
+    printf("%s:%u: %u users (%s, %s), %.1f s measured after %.1f s: %s\n", o->host, (unsigned)o->port,
            o->users, path_text[o->path], reader_text[o->reader], r->measured_s, r->run_s - r->measured_s,
            end_text[r->end]);
     print_users(o, r);

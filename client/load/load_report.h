@@ -33,8 +33,7 @@ struct lw_load_report {
         download_ns;                        /* the first download, by which all others are checked */
     uint64_t bytes, tiles, frames, settled; /* measured, received */
     uint64_t frames_heard;                  /* measured, different ones */
-    double server_cpu_s,
-        server_wall_s;            /* between two frames of the measured time; wall 0: it does not tell */
+    double server_cpu_s, server_wall_s;     /* from a frame to a later one; wall 0: not known */
     double own_cpu_s, own_wait_s; /* measured; wait: ready to run but without a core; below 0: not known */
     uint64_t own_memory_bytes;    /* most that was resident */
     uint64_t tiles_decoded;       /* in the whole run; the others had the bytes of one of these */

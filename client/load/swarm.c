@@ -78,13 +78,16 @@ static void begin_measuring(struct swarm *s, uint64_t now_ns) {
     s->report->figures.measuring = true;
 }
 
-/* Between the first and the last frame heard of in the measured time: the server's CPU time comes with frames only. */
+/* The server's CPU time comes with frames only: from the last one before the measured time, if there was one, to the last one
+ * in it. */
 static void report_server(struct swarm *s) {
     const struct lw_frame_clock *clock = &s->shared.clock;
-    if (clock->count < s->from.heard + 2) return;
-    const struct lw_frame_clock_entry *first = lw_frame_clock_at(clock, s->from.heard),
-                                      *last = lw_frame_clock_at(clock, clock->count - 1);
-    if (!first || !first->server_cpu_ns || last->server_cpu_ns < first->server_cpu_ns) return;
+    if (clock->count < 2) return;
+    const struct lw_frame_clock_entry *first, *last;
+    first = lw_frame_clock_at(clock, s->from.heard ? s->from.heard - 1 : 0);
+    last = lw_frame_clock_at(clock, clock->count - 1);
+    if (!first || first == last || !first->server_cpu_ns || last->server_cpu_ns < first->server_cpu_ns)
+        return;
     s->report->server_cpu_s = 1e-9 * (double)(last->server_cpu_ns - first->server_cpu_ns);
     s->report->server_wall_s = 1e-9 * (double)(last->heard_ns - first->heard_ns);
 }
