@@ -26,11 +26,4 @@ LW_MUST_CHECK enum lw_status lw_cache_contender_create(const struct lw_cache_con
                                                        struct lw_contender **out_contender,
                                                        struct lw_error *err);
 
-/** What the last step's frame was in all, for the report. */
-struct lw_cache_frame {
-    uint32_t tiles_solved, tiles;
-    uint64_t texels_solved;
-};
-struct lw_cache_frame lw_cache_contender_frame(const struct lw_contender *contender);
-
 #endif

@@ -5,12 +5,15 @@
 #include "client/load/crossover_run.h"
 #include "client/load/crossover_search.h"
 #include "client/load/path_contender.h"
+#include "client/load/real_run.h"
 #include "common/log.h"
 #include "common/progress.h"
 
 #include <math.h>
 
-#define WARM_S 1
+#define WARM_S      1
+#define REAL_WARM_S 3 /* frames take longer than 1/30 s there */
+#define REAL_MORE_S 4
 
 /* ---- before ---- */
 
@@ -107,6 +110,64 @@ static enum lw_status set_sides(struct lw_crossover_run *run, struct lw_error *e
     return status;
 }
 
+/* ---- by the wall clock ---- */
+
+static enum lw_status judge_real(struct lw_crossover *x, const struct lw_real_run *real,
+                                 struct lw_error *err) {
+    struct lw_path_world world;
+    enum lw_status status = lw_path_world_init(&world, x->densities.scene, x->options.bounces,
+                                               (unsigned)x->options.scene.threads, err);
+    if (status != LW_OK) return status;
+    for (uint32_t p = 0; p < real->picture_count && status == LW_OK; p++) {
+        const struct lw_real_picture *picture = &real->picture[p];
+        const struct lw_camera_view camera = lw_views_at(x->views, picture->user, picture->view_frame);
+        struct lw_truth truth = {0};
+        status = lw_path_world_set_time(&world, picture->time_s, err);
+        if (status == LW_OK)
+            status = lw_truth_init(&truth, &world, &camera, x->lattice_width, x->lattice_height,
+                                   x->options.truth_samples, ~x->options.seed, err);
+        if (status == LW_OK) x->real.error += lw_truth_error(&truth, picture->lattice) / real->picture_count;
+        lw_truth_finish(&truth);
+    }
+    lw_path_world_finish(&world);
+    return status;
+}
+
+static enum lw_status run_by_the_clock(struct lw_crossover_run *run, struct lw_error *err) {
+    struct lw_crossover *x = run->x;
+    const struct lw_crossover_options *o = &x->options;
+    const struct lw_setting *setting = &x->chosen[LW_CROSSOVER_SHARED];
+    struct lw_real_run real;
+    const char *package;
+    enum lw_status status = lw_scene_densities_find(&x->densities, setting->density, &package, err);
+    if (status == LW_OK)
+        status = lw_real_run(&(struct lw_real_run_desc){.package = package,
+                                                        .views = x->views,
+                                                        .setting = *setting,
+                                                        .users = x->count[0].users,
+                                                        .width = o->width,
+                                                        .height = o->height,
+                                                        .stride = x->stride,
+                                                        .bounces = o->bounces,
+                                                        .seed = o->seed,
+                                                        .threads = (unsigned)o->scene.threads,
+                                                        .denoise = o->denoise,
+                                                        .warm_s = REAL_WARM_S,
+                                                        .seconds = o->seconds + REAL_MORE_S,
+                                                        .cancel = run->cancel},
+                             &real, err);
+    if (status != LW_OK) return status;
+    x->real = (struct lw_crossover_real){.users = x->count[0].users,
+                                         .frames_hz = real.frames_hz,
+                                         .views_hz = real.views_hz,
+                                         .server_cpu_s = real.server_cpu_s,
+                                         .light_age_s = real.light_age_s};
+    status = judge_real(x, &real, err);
+    x->real.done = status == LW_OK;
+    lw_real_run_finish(&real);
+    return status;
+}
+
 /* ---- the whole ---- */
 
 static enum lw_status measure(struct lw_crossover_run *run, struct lw_error *err) {
@@ -125,6 +186,8 @@ static enum lw_status measure(struct lw_crossover_run *run, struct lw_error *err
     if (status == LW_OK && !lw_crossover_run_stopped(run)) status = set_sides(run, err);
     if (status == LW_OK && !lw_crossover_run_stopped(run)) status = lw_crossover_search(run, err);
     if (status == LW_OK && !lw_crossover_run_stopped(run)) status = lw_crossover_crowd(run, err);
+    if (status == LW_OK && !lw_crossover_run_stopped(run) && x->repeats_done && !o->self_test)
+        status = run_by_the_clock(run, err);
     return status;
 }
 

@@ -56,6 +56,16 @@ struct lw_crossover_count {
     struct lw_crossover_figure ratio;                /* shared over paths */
 };
 
+/** The shared side once by the wall clock, at the settings of the primary target. */
+struct lw_crossover_real {
+    bool done;
+    uint32_t users;
+    double frames_hz, views_hz; /* solved; composed, of all users */
+    double server_cpu_s;        /* per second */
+    double light_age_s;
+    double error; /* relMSE against the truth of the moment at which a picture was ready */
+};
+
 struct lw_crossover {
     struct lw_crossover_options options;
     struct lw_scene_densities densities;
@@ -78,6 +88,7 @@ struct lw_crossover {
     struct lw_crossover_figure first_ratio; /* r(1), or of the first count */
     struct lw_crossover_figure marginal;    /* m: one more user over one more path tracer */
     struct lw_crossover_figure crossover;   /* users from which on sharing is cheaper; INFINITY: none */
+    struct lw_crossover_real real;
     const char *shortfall; /* why there are no figures for counts of users; NULL: there are */
 };
 

@@ -316,6 +316,19 @@ static void print_stages(const struct lw_crossover *x, FILE *f) {
             8e-6 * LW_VIEWS_HZ * last->cost.bytes / last->users, 1e-6 * last->cost.rays);
 }
 
+static void print_real(const struct lw_crossover *x, FILE *f) {
+    const struct lw_crossover_real *r = &x->real;
+    if (!r->done) return;
+    fprintf(f,
+            "## By the wall clock\n\nThe same with scene time as wall time, server and %u client%s on this "
+            "machine: %.3g "
+            "frames a second solved with %.3g CPU s per second, %.3g views a second composed, light %.0f ms "
+            "old, relMSE %.3g "
+            "against the truth of the moment at which a picture was ready.\n\n",
+            r->users, r->users > 1 ? "s" : "", r->frames_hz, r->server_cpu_s, r->views_hz,
+            1e3 * r->light_age_s, r->error);
+}
+
 static void print_targets(const struct lw_crossover *x, FILE *f) {
     fprintf(f,
             "## Error and cost\n\nThe cheapest setting of each side that reaches an error, for one user of "
@@ -387,6 +400,7 @@ static enum lw_status write_markdown(const struct lw_crossover *x, const char *c
         print_head(x, text.stream, command);
         print_result(x, text.stream);
         print_stages(x, text.stream);
+        print_real(x, text.stream);
         print_targets(x, text.stream);
         print_notes(x, text.stream);
     }

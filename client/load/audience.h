@@ -1,0 +1,43 @@
+/* audience.h: the users of one server in one process: a client each, and one scene, rays and composer for all.
+ * Flow:    server -> clients -> [audience] -> pictures
+ * Threads: one thread at a time; pictures are composed by several inside. */
+#ifndef LW_CLIENT_LOAD_AUDIENCE_H
+#define LW_CLIENT_LOAD_AUDIENCE_H
+
+#include "client/view/compose.h"
+
+struct lw_audience {
+    uint16_t port; /* of 127.0.0.1 */
+    uint32_t width, height;
+    unsigned threads;
+    struct lw_client **client;
+    uint32_t count, capacity;
+
+    /* of the first client's scene */
+    const struct lw_scene *scene;
+    struct lw_pose pose;
+    struct lw_trace *trace;
+    struct lw_compose *compose;
+};
+
+/** Nobody is there yet. Finish it in any case. */
+void lw_audience_init(struct lw_audience *audience, uint16_t port, uint32_t width, uint32_t height,
+                      unsigned threads);
+/** A zeroed one is fine. */
+void lw_audience_finish(struct lw_audience *audience);
+
+/** Lets clients join or leave until there are so many, and waits for the scene. Errors: lw_client_create()'s,
+ * lw_client_poll()'s; LW_TIMED_OUT; LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_audience_set_count(struct lw_audience *audience, uint32_t count,
+                                                   struct lw_error *err);
+
+struct lw_client_stats lw_audience_stats(const struct lw_audience *audience, uint32_t user);
+
+/** Moves objects to where the server says they are, by the first client. Errors: LW_NO_MEMORY, LW_INTERNAL. */
+LW_MUST_CHECK enum lw_status lw_audience_follow(struct lw_audience *audience, struct lw_error *err);
+
+/** Composes what a user sees of the light that he has. out_rgb: width * height * 3 floats. */
+void lw_audience_show(struct lw_audience *audience, uint32_t user, const struct lw_camera_view *camera,
+                      float *out_rgb);
+
+#endif
