@@ -209,12 +209,11 @@ static void choose(struct choice *c, lw_tile_id id) {
  * it is, so that nothing is left out on the way. */
 static void descend(struct choice *c, uint32_t object, uint32_t level, uint32_t x, uint32_t y) {
     lw_tile_id id = lw_atlas_map_find(c->in->map, object, level, x, y);
-    const struct lw_atlas *atlas = &c->in->map->atlas[object];
     if (id.v == UINT32_MAX || !is_seen(&c->in->tile[id.v], c->eye)) return;
     float texel_m = c->in->texel_m[object] * (float)(1u << level);
     bool fine = level == 0 || texel_m <= c->pixel * distance_to(&c->in->tile[id.v], c->eye->position);
     if (fine) {
-        if (level + 1 < atlas->level_count) choose(c, id); /* the coarsest ones are there already */
+        choose(c, id);
         return;
     }
     for (uint32_t i = 0; i < 4; i++) descend(c, object, level - 1, 2 * x + (i & 1), 2 * y + (i >> 1));
@@ -223,13 +222,6 @@ static void descend(struct choice *c, uint32_t object, uint32_t level, uint32_t 
 static void choose_all(struct choice *c) {
     const struct lw_atlas_map *map = c->in->map;
     c->count = 0;
-    for (uint32_t o = 0; o < map->object_count; o++) {
-        const struct lw_atlas *atlas = &map->atlas[o];
-        if (!atlas->level_count) continue;
-        const struct lw_atlas_level *coarsest = &atlas->level[atlas->level_count - 1];
-        for (uint32_t t = 0; t < coarsest->tiles_x * coarsest->tiles_y; t++)
-            choose(c, (lw_tile_id){map->first_tile[o] + coarsest->first_tile + t});
-    }
     for (uint32_t o = 0; o < map->object_count; o++) {
         const struct lw_atlas *atlas = &map->atlas[o];
         if (!atlas->level_count || !is_seen(&c->in->object[o], c->eye)) continue;

@@ -4,8 +4,8 @@
  *
  * A user sees a tile if the ball around its box meets the cone around a 60 degree picture; what stands in front of it is not considered, so
  * a real renderer needs less. The level is the coarsest one whose texels are no larger than a pixel of a picture
- * 720 pixels high. The coarsest tiles of all objects are always among them, as something to fall back on. Objects are where
- * they are at time 0. */
+ * 720 pixels high. What stands in for these tiles is not among them: INTEREST asks for it by its flag.
+ * Objects are where they are at time 0. */
 #ifndef LW_CLIENT_LOAD_INTEREST_H
 #define LW_CLIENT_LOAD_INTEREST_H
 

@@ -39,8 +39,24 @@ enum lw_status lw_builtin_stage_init(struct lw_builtin_stage *stage, const char 
     return LW_NO_MEMORY;
 }
 
+static void drop_unused_meshes(struct lw_builtin_stage *stage) {
+    struct lw_scene *scene = stage->scene;
+    uint32_t *now = keep(stage, (size_t)scene->mesh_count + 1, sizeof *now),
+             count = 0; /* first whether, then where */
+    if (!now) return;
+    for (uint32_t o = 0; o < scene->object_count; o++) now[scene->object[o].mesh] = 1;
+    for (uint32_t m = 0; m < scene->mesh_count; m++) {
+        if (!now[m]) continue;
+        scene->mesh[count] = scene->mesh[m];
+        now[m] = count++;
+    }
+    scene->mesh_count = count;
+    for (uint32_t o = 0; o < scene->object_count; o++) scene->object[o].mesh = now[scene->object[o].mesh];
+}
+
 enum lw_status lw_builtin_stage_finish(struct lw_builtin_stage *stage, struct lw_scene **out_scene,
                                        struct lw_error *err) {
+    if (!stage->failed) drop_unused_meshes(stage);
     enum lw_status status = stage->failed
                                 ? lw_status_fail(err, LW_NO_MEMORY, "out of memory while building a scene")
                                 : lw_scene_validate(stage->scene, err);

@@ -14,7 +14,7 @@ struct lw_builtin_stage {
 
 LW_MUST_CHECK enum lw_status lw_builtin_stage_init(struct lw_builtin_stage *stage, const char *name);
 
-/** Hands the scene over, validated; or destroys it and tells why not. */
+/** Hands the scene over, validated, without meshes that no object uses; or destroys it and tells why not. */
 LW_MUST_CHECK enum lw_status lw_builtin_stage_finish(struct lw_builtin_stage *stage,
                                                      struct lw_scene **out_scene, struct lw_error *err);
 

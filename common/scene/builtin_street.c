@@ -193,14 +193,14 @@ void lw_builtin_street_furniture(struct lw_builtin_mesh *mesh,
 
 /** A bough of leaves: a ball with bumps of leaves' clumps. */
 static void crown(struct lw_builtin_mesh *mesh, float radius, uint32_t seed) {
-    enum { ROWS = 11, COLUMNS = 17 };
+    enum { ROWS = 13, COLUMNS = 21 };
     struct lw_vec3 points[ROWS * COLUMNS];
     for (uint32_t r = 0; r < ROWS; r++)
         for (uint32_t c = 0; c < COLUMNS; c++) {
             uint32_t column = r == 0 || r == ROWS - 1 ? 0 : c % (COLUMNS - 1);
             float pitch = LW_PI * ((float)r / (ROWS - 1) - 0.5f),
                   turn = 2.0f * LW_PI * (float)column / (COLUMNS - 1);
-            float bump = 0.80f + 0.42f * lw_random_unit(lw_random_hash3(seed, r, column));
+            float bump = 0.84f + 0.30f * lw_random_unit(lw_random_hash3(seed, r, column));
             if (r == 0 || r == ROWS - 1) bump = 0.95f;
             points[r * COLUMNS + c] =
                 lw_vec3(radius * bump * cosf(pitch) * sinf(turn), 0.8f * radius * bump * sinf(pitch),

@@ -330,6 +330,15 @@ static double total_texels(const struct drive *drive) {
     return sum;
 }
 
+/* Without a number asked for. Every chart takes a few texels whatever the density: a scene of millions of triangles that
+ * is squeezed into the same few texels as a room has spent them all on slivers, at metres a texel. */
+static double default_target(const struct drive *drive) {
+    double triangles = 0;
+    for (uint32_t i = 0; i < drive->job_count; i++)
+        triangles += (double)drive->job[i].mesh->triangle_count * (double)drive->job[i].object_count;
+    return fmax((double)LW_LIGHTMAP_TEXEL_TARGET, 0.5 * triangles);
+}
+
 static double clamp_density(double density) {
     return density < (double)FLT_MIN ? (double)FLT_MIN : density > 1e9 ? 1e9 : density;
 }
@@ -523,8 +532,7 @@ enum lw_status lw_lightmap_build(struct lw_scene *scene, const struct lw_lightma
         status = lay_out_all(&drive, clamp_density((double)desc->texels_per_metre), &progress, err);
     else if (status == LW_OK)
         status = lay_out_for_target(
-            &drive, (double)(desc->texel_target ? desc->texel_target : LW_LIGHTMAP_TEXEL_TARGET), &progress,
-            err);
+            &drive, desc->texel_target ? (double)desc->texel_target : default_target(&drive), &progress, err);
     lw_progress_finish(&progress);
     if (status == LW_OK) status = commit(&drive, out_report, err);
     for (uint32_t i = 0; i < drive.job_count; i++) finish_job(&drive.job[i]);

@@ -26,7 +26,8 @@ struct lw_lightmap_desc {
     /* 0: chosen so that the scene has about texel_target covered texels; the same for all objects unless one of them, such
      * as a ground that reaches to the horizon, would take over half of these */
     float texels_per_metre;
-    uint32_t texel_target;   /* 0: LW_LIGHTMAP_TEXEL_TARGET */
+    uint32_t
+        texel_target; /* 0: LW_LIGHTMAP_TEXEL_TARGET, or half the triangles of all objects if that is more */
     uint32_t atlas_side_max; /* texels; 0: 4096. A mesh that needs more gets a lower density. */
     unsigned threads;        /* 0: all */
 };

@@ -27,8 +27,8 @@ struct lw_scene_open {
 /** The rows of an option table (common/options.h) that fill these settings; `open` is a struct lw_scene_open *. */
 /* clang-format off */
 #define LW_SCENE_OPEN_OPTIONS(open)                                                                            \
-    {"texels-per-metre", "D", "lightmap density (default: chosen for about 400,000 texels)", LW_OPTION_REAL,   \
-     &(open)->texels_per_metre, LW_LIGHTMAP_DENSITY_MIN, LW_LIGHTMAP_DENSITY_MAX, NULL},                       \
+    {"texels-per-metre", "D", "lightmap density (default: for 400,000 texels, or half as many as triangles)",  \
+     LW_OPTION_REAL, &(open)->texels_per_metre, LW_LIGHTMAP_DENSITY_MIN, LW_LIGHTMAP_DENSITY_MAX, NULL},       \
     {"atlas-max", "N", "longest side of an atlas, texels (default 4096)", LW_OPTION_INT,                       \
      &(open)->atlas_side_max, LW_LIGHTMAP_SIDE_MIN, LW_SCENE_ATLAS_SIDE_MAX, NULL},                            \
     {"threads", "N", "worker threads (default: all processors)", LW_OPTION_INT, &(open)->threads, 1, 1024, NULL},\

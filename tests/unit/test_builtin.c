@@ -195,6 +195,11 @@ static void test_city(void **state) {
     for (uint32_t i = 0; i < scene->light_count; i++) kinds[scene->light[i].kind]++;
     assert_int_equal(kinds[LW_LIGHT_DIRECTIONAL], 1);
     assert_int_equal(kinds[LW_LIGHT_SPOT], 2);
+    for (uint32_t m = 0; m < scene->mesh_count; m++) { /* no tower where none stands */
+        uint32_t uses = 0;
+        for (uint32_t o = 0; o < scene->object_count; o++) uses += scene->object[o].mesh == m;
+        assert_true(uses > 0);
+    }
     lw_scene_destroy(scene);
 }
 

@@ -443,6 +443,16 @@ static void any_size_of_scene_meets_the_target(void **state) {
     }
 }
 
+/* A grid of 3,200 triangles, 600 times: what a room needs would be a fifth of a texel for each. */
+static void many_triangles_get_texels(void **state) {
+    struct shape *s = fresh(state);
+    grid(s, cylinder, 40, 40);
+    struct lw_scene *scene = scene_of(s, NULL, 600);
+    struct lw_lightmap_report r = build(scene, 0, 0);
+    assert_in_range(r.texels_covered, (uint32_t)(1600 * 0.95), (uint32_t)(1600 * 1.05));
+    lw_scene_destroy(scene);
+}
+
 /* A ground of 300 m and a plate of 10 m: even densities would leave the plate 450 of the 400,000 texels. */
 static void a_ground_does_not_starve_the_rest(void **state) {
     struct shape *s = fresh(state);
@@ -547,6 +557,7 @@ int main(void) {
         cmocka_unit_test(what_cannot_fit_is_named),
         cmocka_unit_test(ugly_meshes_are_laid_out),
         cmocka_unit_test(any_size_of_scene_meets_the_target),
+        cmocka_unit_test(many_triangles_get_texels),
         cmocka_unit_test(a_ground_does_not_starve_the_rest),
         cmocka_unit_test(threads_do_not_matter),
         cmocka_unit_test(overlaps_are_seen),

@@ -107,12 +107,16 @@ static void say_welcome(struct fake *f, bool other_package) {
     say(f, &m);
 }
 
+/* In two chunks; the second one may be spoiled. */
 static void say_package(struct fake *f, uint8_t spoil) {
+    const size_t half = f->compressed_size / 2;
     uint8_t *copy = malloc(f->compressed_size);
     memcpy(copy, f->compressed, f->compressed_size);
-    copy[f->compressed_size / 2] ^= spoil;
-    say(f, &(struct lw_message){.type = LW_MESSAGE_PACKAGE_CHUNK,
-                                .package_chunk = {0, copy, f->compressed_size}});
+    copy[f->compressed_size - 1] ^= spoil;
+    for (int i = 0; i < 2; i++)
+        say(f, &(struct lw_message){.type = LW_MESSAGE_PACKAGE_CHUNK,
+                                    .package_chunk = {i ? half : 0, copy + (i ? half : 0),
+                                                      i ? f->compressed_size - half : half}});
     free(copy);
 }
 

@@ -1,0 +1,238 @@
+/* The real lightwell-load against the real lightwelld. */
+#include "tests/support/process.h"
+
+#include "common/sanitizer.h"
+
+#include <jansson.h>
+#include <math.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define LIMIT_S 60 /* for what takes a few seconds on a quiet machine */
+
+#define CORNELL     "builtin:cornell --texels-per-metre 8 --clock step "
+#define NEVER_RESTS CORNELL "--error 1e-6 --frame-rate 60 "
+
+static void serve(struct lw_process *daemon, const char *arguments) { lw_process_serve(daemon, arguments); }
+
+static void start_load(struct lw_process *load, const struct lw_process *daemon, const char *arguments) {
+    char all[256];
+    snprintf(all, sizeof all, "127.0.0.1:%u %s", (unsigned)daemon->port, arguments);
+    lw_process_start(load, "lightwell-load", all);
+}
+
+static json_t *report_of(const struct lw_process *load) {
+    char *text = lw_process_out(load), *complaints = lw_process_err(load);
+    json_error_t problem;
+    json_t *report = json_loads(text, 0, &problem);
+    if (!report) fail_msg("no report: %s in \"%s\"; it says \"%s\"", problem.text, text, complaints);
+    free(complaints);
+    free(text);
+    return report;
+}
+
+static double number(const json_t *report, const char *key) {
+    const json_t *value = json_object_get(report, key);
+    if (!json_is_number(value)) fail_msg("%s is no number", key);
+    return json_number_value(value);
+}
+
+static double time_of(const json_t *report, const char *key, const char *what) {
+    return number(json_object_get(report, key), what);
+}
+
+static void expect_no_errors(const json_t *report) {
+    const char *key;
+    json_t *value, *errors = json_object_get(report, "errors");
+    assert_int_equal(json_object_size(errors), 13);
+    json_object_foreach(errors, key, value) {
+        if (json_integer_value(value)) fail_msg("%d of error %s", (int)json_integer_value(value), key);
+    }
+}
+
+static void expect_end(const json_t *report, const char *end) {
+    assert_string_equal(json_string_value(json_object_get(report, "end")), end);
+}
+
+/* One run against a daemon of its own, to its end. */
+static json_t *load(const char *scene, const char *arguments, int exit_code) {
+    struct lw_process daemon, load;
+    serve(&daemon, scene);
+    start_load(&load, &daemon, arguments);
+    int code = lw_process_finish(&load, LIMIT_S);
+    char *complaints = lw_process_err(&load);
+    if (code != exit_code) fail_msg("exit code %d, not %d; it says: %s", code, exit_code, complaints);
+    free(complaints);
+    json_t *report = report_of(&load);
+    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
+    return report;
+}
+
+static void test_fifty_users(void **state) {
+    (void)state;
+    json_t *r = load(NEVER_RESTS,
+                     "--users 50 --seconds 3 --min-frames-per-s 0.01 --max-first-view-ms 60000 --json", 0);
+    expect_end(r, "time");
+    expect_no_errors(r);
+    assert_true(number(r, "welcomed") == 50 && number(r, "users_at_end") == 50);
+    assert_true(number(r, "measured_s") >= 3);
+    assert_true(time_of(r, "connect_ms", "count") == 50 && time_of(r, "first_view_ms", "count") == 50);
+    assert_true(time_of(r, "first_view_ms", "p50") > 0);
+    double frames = number(r, "frames_published");
+    assert_true(frames >= 2 && number(r, "frames") <= 50 * (frames + 1));
+    assert_true(number(r, "tiles") > 0 && number(r, "bytes") > 0);
+    assert_true(number(r, "server_cpu_s") > 0 && number(r, "server_wall_s") > 0 &&
+                number(r, "own_cpu_s") > 0);
+    /* what all got was encoded once, so that little of it was decoded */
+    assert_true(number(r, "tiles_decoded") < number(r, "tiles"));
+    json_decref(r);
+}
+
+static void test_paths(void **state) {
+    (void)state;
+    static const char *const paths[] = {"walk", "still", "teleport"};
+    for (int i = 0; i < 3; i++) {
+        char arguments[128];
+        snprintf(arguments, sizeof arguments, "--users 10 --seconds 3 --path %s --decode-all --json",
+                 paths[i]);
+        json_t *r = load(NEVER_RESTS, arguments, 0);
+        expect_no_errors(r);
+        assert_true(time_of(r, "first_view_ms", "count") == 10);
+        if (i == 2) assert_true(time_of(r, "next_view_ms", "count") > 0);
+        if (i == 1) assert_true(time_of(r, "next_view_ms", "count") == 0);
+        json_decref(r);
+    }
+}
+
+static void test_churn(void **state) {
+    (void)state;
+    json_t *r = load(NEVER_RESTS, "--users 20 --seconds 3 --churn 20 --download --json", 0);
+    expect_no_errors(r);
+    assert_true(number(r, "left") >= 50 && number(r, "left") <= 60);
+    assert_true(number(r, "asked") == 20 + number(r, "left"));
+    assert_true(time_of(r, "download_ms", "count") > 0);
+    json_decref(r);
+}
+
+/* A few slow readers among fast ones: nobody is lost, and the fast ones have their frames. */
+static void test_slow_readers(void **state) {
+    (void)state;
+    json_t *r = load(NEVER_RESTS, "--users 10 --odd-readers 3 --reader slow:50 --seconds 3 --json", 0);
+    expect_no_errors(r);
+    assert_true(time_of(r, "first_view_ms", "count") == 7);
+    assert_true(number(r, "frames_per_s_p1") > 0);
+    json_decref(r);
+    r = load(NEVER_RESTS, "--users 3 --reader slow:50 --seconds 4 --json", 0);
+    expect_no_errors(r);
+    /* what was read at once, before the clock began to tick, is one fifth of a second's worth */
+    assert_true(number(r, "bytes") <= 3 * 50e3 * (number(r, "measured_s") + 0.5));
+    assert_true(number(r, "bytes") > 0);
+    json_decref(r);
+}
+
+/* The server drops who does not read after 15 s; the others do not notice. */
+static void test_never_readers(void **state) {
+    (void)state;
+    json_t *r =
+        load(NEVER_RESTS,
+             "--users 10 --odd-readers 3 --reader never --seconds 22 --min-frames-per-s 0.01 --json", 0);
+    expect_end(r, "time");
+    expect_no_errors(r);
+    assert_true(number(r, "stopped") == 3 && number(r, "dropped") == 3);
+    assert_true(time_of(r, "drop_ms", "p50") >= 15000 && time_of(r, "drop_ms", "max") < 22500);
+    assert_true(number(r, "users_at_end") == 7);
+    json_decref(r);
+}
+
+static void test_server_killed(void **state) {
+    (void)state;
+    struct lw_process daemon, load;
+    serve(&daemon, NEVER_RESTS);
+    start_load(&load, &daemon, "--users 20 --seconds 50 --json");
+    lw_process_sleep_ms(2000);
+    assert_int_equal(lw_process_stop(&daemon, SIGKILL, LIMIT_S), -SIGKILL);
+    assert_int_equal(lw_process_finish(&load, 10), 1);
+    json_t *r = report_of(&load);
+    expect_end(r, "server_gone");
+    assert_true(number(r, "lost") == 20);
+    assert_true(number(r, "measured_s") > 0.5 && number(r, "measured_s") < 20 && number(r, "frames") > 0);
+    json_decref(r);
+    char *complaints = lw_process_err(&load);
+    assert_non_null(strstr(complaints, "the server is gone after"));
+    free(complaints);
+}
+
+static void test_interrupted(void **state) {
+    (void)state;
+    struct lw_process daemon, load;
+    serve(&daemon, NEVER_RESTS);
+    start_load(&load, &daemon, "--users 20 --seconds 50 --json");
+    lw_process_sleep_ms(2000);
+    assert_int_equal(lw_process_stop(&load, SIGINT, 10), 1);
+    json_t *r = report_of(&load);
+    expect_end(r, "interrupted");
+    assert_true(number(r, "welcomed") == 20 && number(r, "measured_s") > 0.5);
+    expect_no_errors(r);
+    json_decref(r);
+    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
+}
+
+static void expect_failure(const char *arguments, int exit_code, const char *text) {
+    struct lw_process load;
+    lw_process_start(&load, "lightwell-load", arguments);
+    assert_int_equal(lw_process_finish(&load, LIMIT_S), exit_code);
+    char *out = lw_process_out(&load), *complaints = lw_process_err(&load);
+    assert_string_equal(out, "");
+    if (!strstr(complaints, text) || strchr(complaints, '\n') != strrchr(complaints, '\n'))
+        fail_msg("no line with \"%s\" alone: %s", text, complaints);
+    free(out);
+    free(complaints);
+}
+
+static void test_bad_input(void **state) {
+    (void)state;
+    expect_failure("127.0.0.1:1 --users 3", 69, "is lightwelld running?");
+    expect_failure("127.0.0.1:1 --users 0", 64, "from 1 to 20000");
+    expect_failure("127.0.0.1:1 --users 1000000", 64, "from 1 to 20000");
+    expect_failure("nowhere.invalid:1", 68, "nowhere.invalid");
+}
+
+static void test_thresholds(void **state) {
+    (void)state;
+    struct lw_process daemon, load;
+    serve(&daemon, NEVER_RESTS);
+    start_load(&load, &daemon, "--users 5 --seconds 1 --min-frames-per-s 100000 --max-first-view-ms 0");
+    assert_int_equal(lw_process_finish(&load, LIMIT_S), 1);
+    char *complaints = lw_process_err(&load), *out = lw_process_out(&load);
+    assert_non_null(strstr(complaints, "--min-frames-per-s 100000 does not hold"));
+    assert_non_null(strstr(complaints, "--max-first-view-ms 0 does not hold"));
+    assert_null(strstr(complaints, "--max-errors"));
+    assert_non_null(strstr(out, "5 asked, 5 welcomed, 0 refused, 0 lost"));
+    assert_non_null(strstr(out, "errors       none"));
+    free(complaints);
+    free(out);
+    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
+}
+
+static int kill_all(void **state) {
+    (void)state;
+    lw_process_kill_all();
+    return 0;
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_teardown(test_fifty_users, kill_all),
+        cmocka_unit_test_teardown(test_paths, kill_all),
+        cmocka_unit_test_teardown(test_churn, kill_all),
+        cmocka_unit_test_teardown(test_slow_readers, kill_all),
+        cmocka_unit_test_teardown(test_never_readers, kill_all),
+        cmocka_unit_test_teardown(test_server_killed, kill_all),
+        cmocka_unit_test_teardown(test_interrupted, kill_all),
+        cmocka_unit_test_teardown(test_bad_input, kill_all),
+        cmocka_unit_test_teardown(test_thresholds, kill_all),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
