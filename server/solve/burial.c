@@ -100,17 +100,17 @@ static uint16_t find_suspects(const struct search *s, struct row *row, uint16_t 
     return suspects;
 }
 
+/* Most places stand free, and two rays say so: those that one ray too many leaves are asked no further. */
 static uint16_t find_buried(const struct search *s, const struct row *row, uint16_t active) {
-    int backs[LW_TRACE_WIDTH] = {0};
-    for (uint32_t r = 0; r < RAYS; r++) {
+    int free_rays[LW_TRACE_WIDTH] = {0};
+    uint16_t buried = active;
+    for (uint32_t r = 0; r < RAYS && buried; r++) {
         struct lw_hit16 hits;
-        look(s, row, active, r, &hits);
+        look(s, row, buried, r, &hits);
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
-            if (active >> lane & 1) backs[lane] += buries(s, &hits, lane);
+            if (buried >> lane & 1 && !buries(s, &hits, lane) && ++free_rays[lane] > RAYS - BURIED_RAYS)
+                buried &= (uint16_t) ~(1u << lane);
     }
-    uint16_t buried = 0;
-    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
-        if (backs[lane] >= BURIED_RAYS) buried |= (uint16_t)(1u << lane);
     return buried;
 }
 
