@@ -3,6 +3,7 @@
 #include "client/lib/download.h"
 #include "client/lib/link.h"
 #include "client/lib/replica.h"
+#include "client/lib/want.h"
 #include "common/clock.h"
 
 #include <stdio.h>
@@ -21,6 +22,7 @@ struct lw_client {
     const struct lw_client *scene_of;
     struct lw_package_hash package_hash;
     uint64_t package_offset; /* from which we ask for the package */
+    struct lw_want want;
     struct lw_client_stats stats;
     uint64_t frame_acked, frame_ns, frame_solve_ns; /* frame_ns: when the newest frame arrived */
 };
@@ -192,6 +194,45 @@ static enum lw_status take_all(struct lw_client *c, struct lw_error *err) {
     return link_status == LW_OK ? LW_OK : lw_status_fail(err, link_status, "%s", link_err.text);
 }
 
+/* ---- what we say ---- */
+
+_Static_assert(LW_CLIENT_WANT_MAX == LW_MESSAGE_INTEREST_MAX, "a list fits into a message");
+_Static_assert(LW_LINK_OUTBOX_SIZE > 12 * LW_MESSAGE_INTEREST_MAX + 64, "and the message into the outbox");
+
+/* Tells the server what is wanted, if that is news. While the link is busy it waits: the next one may say more. */
+static enum lw_status tell_want(struct lw_client *c, struct lw_error *err) {
+    const struct lw_want_list *now = &c->want.now;
+    const uint64_t now_ns = lw_clock_ns();
+    if (c->link.outbox_size || !lw_want_is_due(&c->want, now_ns)) return LW_OK;
+    struct lw_message_interest_tile *tile = malloc(((size_t)now->count + 1) * sizeof *tile);
+    if (!tile) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    for (uint32_t i = 0; i < now->count; i++) {
+        const struct lw_atlas_map *map = lw_replica_atlas_map(c->replica);
+        const struct lw_tile_place *place = &map->place[now->tile[i].v];
+        const uint32_t tiles_x = map->atlas[place->object].level[place->level].tiles_x;
+        tile[i] =
+            (struct lw_message_interest_tile){place->object, place->level, place->y * tiles_x + place->x};
+    }
+    struct lw_message message = {
+        .type = LW_MESSAGE_INTEREST,
+        .interest = {
+            .everything = now->everything, .stand_ins = true, .tile = tile, .tile_count = now->count}};
+    enum lw_status status = lw_link_send(&c->link, &message, err);
+    free(tile);
+    if (status == LW_OK && lw_want_tell(&c->want, now_ns) != LW_OK)
+        return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    return status;
+}
+
+enum lw_status lw_client_want(struct lw_client *c, const lw_tile_id *tile, size_t count) {
+    const uint32_t tiles = c->replica ? lw_replica_atlas_map(c->replica)->tile_count : 0;
+    for (size_t i = 0; i < count; i++)
+        if (tile[i].v >= tiles) return LW_USAGE;
+    return lw_want_set(&c->want, tile, count, LW_CLIENT_WANT_MAX);
+}
+
+void lw_client_want_everything(struct lw_client *c) { lw_want_set_everything(&c->want); }
+
 /* ---- create, poll, destroy ---- */
 
 static enum lw_status send_first(struct lw_client *c, const struct lw_message *message,
@@ -220,6 +261,7 @@ static enum lw_status shake_hands(struct lw_client *c, const char *name, unsigne
         status = lw_link_wait(&c->link, deadline_ns, &cause);
         if (status == LW_OK) status = take_all(c, &cause);
     }
+    if (status == LW_OK) status = tell_want(c, &cause); /* before tiles can come */
     if (status == LW_OK) {
         struct lw_message request = {.type = LW_MESSAGE_PACKAGE_REQUEST,
                                      .package_request.offset = c->package_offset};
@@ -239,6 +281,8 @@ enum lw_status lw_client_create(const struct lw_client_desc *desc, struct lw_cli
     if (!c) return lw_status_fail(err, LW_NO_MEMORY, "cannot create a client: out of memory");
     c->stats.connected_ns = lw_clock_ns();
     c->scene_of = desc->scene_of;
+    lw_want_init(&c->want);
+    c->want.now.everything = !desc->wants_nothing;
     enum lw_status status = lw_link_connect(&c->link, desc->host, desc->port, timeout_ms, err);
     if (status != LW_OK) {
         free(c);
@@ -257,12 +301,14 @@ void lw_client_destroy(struct lw_client *c) {
     lw_replica_destroy(c->replica);
     lw_download_finish(&c->download);
     lw_link_finish(&c->link);
+    lw_want_finish(&c->want);
     free(c);
 }
 
 static enum lw_status wait_and_take(struct lw_client *c, unsigned timeout_ms, struct lw_error *err) {
     bool any; /* what came along with the welcome */
     enum lw_status status = take_buffered(c, &any, err);
+    if (status == LW_OK) status = tell_want(c, err);
     if (status == LW_OK)
         status = lw_link_wait(&c->link, any ? 0 : lw_clock_ns() + timeout_ms * 1000000ull, err);
     if (status == LW_OK) status = take_all(c, err);

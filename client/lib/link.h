@@ -7,9 +7,11 @@
 #include "proto/message.h"
 
 #define LW_LINK_ADDRESS_SIZE 300u
-#define LW_LINK_OUTBOX_SIZE  1024u /* bytes that the socket would not take; more than that is dropped */
-#define LW_LINK_PING_S       5u
-#define LW_LINK_SILENCE_S    15u
+#define LW_LINK_OUTBOX_SIZE                                                                                  \
+    (50u                                                                                                     \
+     << 10) /* bytes that the socket would not take; more than that is dropped. The longest INTEREST fits */
+#define LW_LINK_PING_S    5u
+#define LW_LINK_SILENCE_S 15u
 
 struct lw_link {
     int socket;

@@ -20,6 +20,10 @@ _Static_assert(BLOCK *BLOCK == LW_TRACE_WIDTH, "a packet is one block of pixels"
 #define COARSE_ERROR 0.25f
 #define MIDDLE_ERROR 0.1f
 
+/* A survey sees so much more than the view, in each direction, and is so many pixels wide or high. */
+#define SURVEY_MARGIN 1.4f
+#define SURVEY_SIDE   128u
+
 /* One level of one object, with the pointers of this render. */
 struct level {
     const float *rgb; /* NULL: not there */
@@ -44,6 +48,8 @@ struct lw_compose {
     uint8_t *here;   /* per tile */
     uint8_t *calm;   /* per tile: the finest level at which its noise is bearable */
     uint8_t *needed; /* per tile; written by all threads, only ever with 1 */
+    uint8_t *around; /* the same, by the last survey */
+    float *survey;   /* its pixels, which nobody sees */
 
     /* this render's */
     const struct lw_pose *pose;
@@ -108,8 +114,10 @@ enum lw_status lw_compose_create(const struct lw_compose_desc *desc, struct lw_c
     compose->here = calloc((size_t)map->tile_count + 1, 1);
     compose->calm = calloc((size_t)map->tile_count + 1, 1);
     compose->needed = calloc((size_t)map->tile_count + 1, 1);
+    compose->around = calloc((size_t)map->tile_count + 1, 1);
+    compose->survey = calloc((size_t)SURVEY_SIDE * SURVEY_SIDE * 3, sizeof *compose->survey);
     if (!compose->level || !compose->object || !compose->density || !compose->here || !compose->calm ||
-        !compose->needed)
+        !compose->needed || !compose->around || !compose->survey)
         goto fail;
     if (!measure_densities(compose)) goto fail;
     lay_out_levels(compose);
@@ -128,6 +136,8 @@ void lw_compose_destroy(struct lw_compose *compose) {
     if (compose->density != NULL)
         for (uint32_t m = 0; m < compose->scene->mesh_count; m++) free(compose->density[m]);
     free(compose->density);
+    free(compose->around);
+    free(compose->survey);
     free(compose->object);
     free(compose->level);
     free(compose);
@@ -359,11 +369,8 @@ static void render_block(struct lw_compose *compose, const struct lw_compose_vie
     }
 }
 
-void lw_compose_render(struct lw_compose *compose, const struct lw_compose_source *source,
-                       const struct lw_pose *pose, const struct lw_compose_view *view, float *out_rgb,
-                       struct lw_compose_report *out_report) {
-    begin(compose, source, pose);
-    const struct lw_camera_plane plane = lw_camera_plane(&view->camera, view->width, view->height);
+static void render(struct lw_compose *compose, const struct lw_compose_view *view,
+                   const struct lw_camera_plane *plane, float *out_rgb) {
     uint32_t columns = (view->width + SCREEN_TILE - 1) / SCREEN_TILE;
     uint32_t rows = (view->height + SCREEN_TILE - 1) / SCREEN_TILE;
 #pragma omp parallel for schedule(dynamic) num_threads(compose->threads)
@@ -371,9 +378,40 @@ void lw_compose_render(struct lw_compose *compose, const struct lw_compose_sourc
         uint32_t left = t % columns * SCREEN_TILE, top = t / columns * SCREEN_TILE;
         for (uint32_t y = top; y < top + SCREEN_TILE && y < view->height; y += BLOCK)
             for (uint32_t x = left; x < left + SCREEN_TILE && x < view->width; x += BLOCK)
-                render_block(compose, view, &plane, x, y, out_rgb);
+                render_block(compose, view, plane, x, y, out_rgb);
     }
+}
+
+void lw_compose_render(struct lw_compose *compose, const struct lw_compose_source *source,
+                       const struct lw_pose *pose, const struct lw_compose_view *view, float *out_rgb,
+                       struct lw_compose_report *out_report) {
+    begin(compose, source, pose);
+    const struct lw_camera_plane plane = lw_camera_plane(&view->camera, view->width, view->height);
+    render(compose, view, &plane, out_rgb);
     lw_compose_check(compose, source, out_report);
+}
+
+static void swap_needed(struct lw_compose *compose) {
+    uint8_t *needed = compose->needed;
+    compose->needed = compose->around;
+    compose->around = needed;
+}
+
+/* A small picture of a wide view, whose pixels are taken to be as small as the view's own: they need the same levels. */
+void lw_compose_survey(struct lw_compose *compose, const struct lw_compose_source *source,
+                       const struct lw_pose *pose, const struct lw_compose_view *view) {
+    struct lw_compose_view wide = *view;
+    const float longest = (float)(view->width > view->height ? view->width : view->height),
+                scale = fminf(1, (float)SURVEY_SIDE / longest);
+    wide.width = (uint32_t)fmaxf(1, (float)view->width * scale);
+    wide.height = (uint32_t)fmaxf(1, (float)view->height * scale);
+    wide.camera.fov_y = 2 * atanf(SURVEY_MARGIN * tanf(0.5f * view->camera.fov_y));
+    struct lw_camera_plane plane = lw_camera_plane(&wide.camera, wide.width, wide.height);
+    plane.pixel = lw_camera_plane(&view->camera, view->width, view->height).pixel;
+    swap_needed(compose);
+    begin(compose, source, pose);
+    render(compose, &wide, &plane, compose->survey);
+    swap_needed(compose);
 }
 
 void lw_compose_check(const struct lw_compose *compose, const struct lw_compose_source *source,
@@ -397,3 +435,5 @@ void lw_compose_check(const struct lw_compose *compose, const struct lw_compose_
 }
 
 const uint8_t *lw_compose_needed(const struct lw_compose *compose) { return compose->needed; }
+
+const uint8_t *lw_compose_around(const struct lw_compose *compose) { return compose->around; }

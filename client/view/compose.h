@@ -65,11 +65,17 @@ void lw_compose_render(struct lw_compose *compose, const struct lw_compose_sourc
                        const struct lw_pose *pose, const struct lw_compose_view *view, float *out_rgb,
                        struct lw_compose_report *out_report);
 
+/** Finds the tiles that a view and what lies around it would need, with few rays; lw_compose_needed() stays as it is. */
+void lw_compose_survey(struct lw_compose *compose, const struct lw_compose_source *source,
+                       const struct lw_pose *pose, const struct lw_compose_view *view);
+
 /** Looks again at the tiles that the last render needed, without a ray. */
 void lw_compose_check(const struct lw_compose *compose, const struct lw_compose_source *source,
                       struct lw_compose_report *out_report);
 
 /** One byte per tile id: whether the last render needed it, at the level that it needs. */
 const uint8_t *lw_compose_needed(const struct lw_compose *compose);
+/** The same for the last survey. */
+const uint8_t *lw_compose_around(const struct lw_compose *compose);
 
 #endif

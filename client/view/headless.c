@@ -37,7 +37,8 @@ static enum lw_status connect_to_server(struct headless *h, struct lw_error *err
     enum lw_status status = lw_client_create(&(struct lw_client_desc){.host = h->options->host,
                                                                       .port = h->options->port,
                                                                       .name = "lightwell-view --headless",
-                                                                      .timeout_ms = limit_ms},
+                                                                      .timeout_ms = limit_ms,
+                                                                      .wants_nothing = true},
                                              &h->client, err);
     h->welcomed_ns = lw_clock_ns();
     return status;
@@ -69,6 +70,10 @@ static enum lw_status receive_scene(struct headless *h, struct lw_error *err) {
     return LW_OK;
 }
 
+static enum lw_status look(struct headless *h, struct lw_error *err) {
+    return lw_stage_look(&h->stage, &h->view.camera, h->view.width, h->view.height, err);
+}
+
 static enum lw_status take_picture(struct headless *h, struct lw_error *err) {
     /* A camera of the scene may be carried by its animation. */
     enum lw_status status = lw_view_options_camera(h->options, h->stage.scene, &h->stage.pose, h->stage.trace,
@@ -79,7 +84,7 @@ static enum lw_status take_picture(struct headless *h, struct lw_error *err) {
     lw_compose_render(h->stage.compose, &source, &h->stage.pose, &h->view, h->rgb, &h->report);
     h->compose_ns = lw_clock_ns() - start_ns;
     lw_client_get_stats(h->client, &h->stats);
-    return LW_OK;
+    return look(h, err);
 }
 
 static bool serves_the_wait(const struct headless *h, const struct lw_compose_report *report) {
@@ -131,7 +136,7 @@ static enum lw_status wait_for_light(struct headless *h, struct lw_error *err) {
     bool judged_by_tiles =
         h->options->wait == LW_VIEW_WAIT_COMPLETE || h->options->wait == LW_VIEW_WAIT_CONVERGED;
     struct lw_progress progress;
-    enum lw_status status = judged_by_tiles ? take_picture(h, err) : LW_OK;
+    enum lw_status status = take_picture(h, err); /* tells the server what it needs, too */
     lw_progress_init(&progress, "waiting for the light", judged_by_tiles ? h->report.tiles_needed : 0);
     while (status == LW_OK) {
         lw_client_get_stats(h->client, &h->stats);
@@ -149,6 +154,7 @@ static enum lw_status wait_for_light(struct headless *h, struct lw_error *err) {
         bool moved;
         status = lw_client_poll(h->client, POLL_MS, err);
         if (status == LW_OK) status = lw_stage_follow(&h->stage, &moved, err);
+        if (status == LW_OK) status = look(h, err);
         if (status != LW_OK) lw_status_context(err, "waiting for the light");
     }
     h->waited_ns = lw_clock_ns();

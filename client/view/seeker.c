@@ -28,7 +28,8 @@ static void *attempt(void *argument) {
     if (lw_client_create(&(struct lw_client_desc){.host = seeker->host,
                                                   .port = seeker->port,
                                                   .name = seeker->name,
-                                                  .timeout_ms = CONNECT_TIMEOUT_MS},
+                                                  .timeout_ms = CONNECT_TIMEOUT_MS,
+                                                  .wants_nothing = true},
                          &client, &err) == LW_OK)
         seeker->client = client;
     atomic_store_explicit(&seeker->done, true, memory_order_release);

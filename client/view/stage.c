@@ -1,6 +1,10 @@
 #include "client/view/stage.h"
 
+#include "common/clock.h"
+
 #include <string.h>
+
+#define LOOK_NS 100000000u /* from one look around to the next */
 
 enum lw_status lw_stage_init(struct lw_stage *stage, struct lw_client *client, unsigned threads,
                              struct lw_error *err) {
@@ -20,6 +24,11 @@ enum lw_status lw_stage_init(struct lw_stage *stage, struct lw_client *client, u
                                                          .threads = threads},
                                &stage->compose, err);
     if (status != LW_OK) goto fail;
+    status = lw_attention_init(&stage->attention, lw_client_atlas_map(client)->tile_count);
+    if (status != LW_OK) {
+        lw_status_fail(err, status, "no memory for the view");
+        goto fail;
+    }
     return LW_OK;
 fail:
     lw_stage_finish(stage);
@@ -27,6 +36,7 @@ fail:
 }
 
 void lw_stage_finish(struct lw_stage *stage) {
+    lw_attention_finish(&stage->attention);
     lw_compose_destroy(stage->compose);
     lw_trace_destroy(stage->trace);
     if (stage->scene != NULL) lw_pose_finish(&stage->pose);
@@ -54,6 +64,20 @@ enum lw_status lw_stage_follow(struct lw_stage *stage, bool *out_moved, struct l
     }
     *out_moved = moved;
     return LW_OK;
+}
+
+enum lw_status lw_stage_look(struct lw_stage *stage, const struct lw_camera_view *camera, uint32_t width,
+                             uint32_t height, struct lw_error *err) {
+    const uint64_t now_ns = lw_clock_ns();
+    if (now_ns - stage->looked_ns < LOOK_NS) return LW_OK;
+    stage->looked_ns = now_ns;
+    struct lw_compose_source source = lw_stage_source(stage);
+    lw_compose_survey(stage->compose, &source, &stage->pose,
+                      &(struct lw_compose_view){.camera = *camera, .width = width, .height = height});
+    struct lw_attention *a = &stage->attention;
+    lw_attention_list(a, lw_compose_needed(stage->compose), lw_compose_around(stage->compose), now_ns);
+    enum lw_status status = lw_client_want(stage->client, a->list, a->list_count);
+    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "no memory for what the view needs");
 }
 
 static struct lw_client_level client_level(const void *context, uint32_t object, uint32_t level) {

@@ -1,9 +1,10 @@
 /* stage.h: what a viewer needs around one client: the pose of what it received, the rays and the composer for it.
- * Flow:    client -> [stage] -> headless and window
+ * Flow:    client -> [stage] -> headless and window; what they look at -> [stage] -> client
  * Threads: one thread at a time. */
 #ifndef LW_CLIENT_VIEW_STAGE_H
 #define LW_CLIENT_VIEW_STAGE_H
 
+#include "client/view/attention.h"
 #include "client/view/compose.h"
 #include "lightwell/client.h"
 
@@ -14,6 +15,8 @@ struct lw_stage {
     struct lw_trace *trace;
     struct lw_compose *compose;
     bool moves; /* some object can */
+    struct lw_attention attention;
+    uint64_t looked_ns; /* when the client last heard what is looked at */
 };
 
 /** Builds a stage for a client whose scene is there. The client must outlive it. Zeroed on failure.
@@ -27,6 +30,11 @@ void lw_stage_finish(struct lw_stage *stage);
  * out_moved   whether an object went anywhere
  * Errors: LW_NO_MEMORY; LW_INTERNAL. */
 LW_MUST_CHECK enum lw_status lw_stage_follow(struct lw_stage *stage, bool *out_moved, struct lw_error *err);
+
+/** Tells the client what the picture rendered last needs, and what lies around it. Cheap enough for every picture: most
+ * calls do nothing. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_stage_look(struct lw_stage *stage, const struct lw_camera_view *camera,
+                                           uint32_t width, uint32_t height, struct lw_error *err);
 
 /** The light that the client has received so far; good until its next poll. */
 struct lw_compose_source lw_stage_source(const struct lw_stage *stage);

@@ -450,10 +450,12 @@ static enum lw_status connect_first(struct window *w, struct lw_error *err) {
     snprintf(w->address, sizeof w->address, strchr(o->host, ':') ? "[%s]:%u" : "%s:%u", o->host, o->port);
     enum lw_status status = lw_seeker_create(o->host, o->port, CLIENT_NAME, &w->seeker, err);
     if (status != LW_OK) return status;
-    return lw_client_create(
-        &(struct lw_client_desc){
-            .host = o->host, .port = o->port, .name = CLIENT_NAME, .timeout_ms = CONNECT_MS},
-        &w->incoming, err);
+    return lw_client_create(&(struct lw_client_desc){.host = o->host,
+                                                     .port = o->port,
+                                                     .name = CLIENT_NAME,
+                                                     .timeout_ms = CONNECT_MS,
+                                                     .wants_nothing = true},
+                            &w->incoming, err);
 }
 
 static enum lw_status run_loop(struct window *w, struct lw_error *err) {
@@ -474,6 +476,9 @@ static enum lw_status run_loop(struct window *w, struct lw_error *err) {
             continue;
         }
         busy = renew_picture(w, seconds);
+        struct lw_camera_view camera = lw_flight_view(&w->flight);
+        status = lw_stage_look(&w->stage, &camera, w->width, w->height, err);
+        if (status != LW_OK) return status;
         if (busy || now_ns - w->figures.since_ns >= FIGURES_EVERY_NS) show_picture(w);
     }
     return LW_OK;

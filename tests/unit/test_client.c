@@ -604,6 +604,78 @@ static void test_stale_tiles(void **state) {
 
 /* ---- silence ---- */
 
+/* Polls until the server has news of what is wanted; expects so many level-0 tiles. */
+static void expect_wanted(struct lw_server *server, struct lw_client *client, const struct world *w,
+                          bool everything, uint32_t tiles) {
+    struct lw_server_wanted wanted;
+    for (uint64_t end_ns = lw_clock_ns() + WAIT_NS; !lw_server_take_wanted(server, &wanted);) {
+        assert_true(lw_clock_ns() < end_ns);
+        lw_support_ok(lw_client_poll(client, 5, NULL), NULL);
+    }
+    uint32_t count = 0;
+    for (uint32_t t = 0; !wanted.everything && t < w->map.tile_count; t++) count += wanted.levels[t] > 0;
+    assert_int_equal(wanted.everything, everything);
+    assert_int_equal(count, tiles);
+    free(wanted.levels);
+}
+
+static void test_want(void **state) {
+    (void)state;
+    struct world w = make_world();
+    struct lw_server *server;
+    struct lw_client *client;
+    struct lw_error err = {0};
+    struct lw_server_desc desc = {
+        .host = "127.0.0.1", .atlas_map = &w.map, .package = w.package, .package_size = w.package_size};
+    lw_support_ok(lw_server_create(&desc, &server, &err), &err);
+    pthread_t thread;
+    assert_int_equal(pthread_create(&thread, NULL, serve, server), 0);
+    lw_support_ok(lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1",
+                                                            .port = lw_server_port(server),
+                                                            .wants_nothing = true},
+                                   &client, &err),
+                  &err);
+    const lw_tile_id tile[] = {{w.map.first_tile[0] + 1}, {w.map.first_tile[0]}, {w.map.first_tile[0] + 1}},
+                     none = {w.map.tile_count};
+    assert_int_equal(lw_client_want(client, tile, 1), LW_USAGE); /* there is no scene yet */
+    while (!lw_client_scene(client)) lw_support_ok(lw_client_poll(client, 100, &err), &err);
+    struct lw_server_wanted nothing;
+    assert_false(lw_server_take_wanted(server, &nothing)); /* not for a moment was everything wanted */
+    assert_int_equal(lw_client_want(client, &none, 1), LW_USAGE);
+    lw_support_ok(lw_client_want(client, tile, 3), NULL);
+    expect_wanted(server, client, &w, false, 2);
+    lw_client_want_everything(client);
+    expect_wanted(server, client, &w, true, 0);
+    lw_support_ok(lw_client_want(client, NULL, 0), NULL);
+    expect_wanted(server, client, &w, false, 0);
+    struct lw_snapshot *snapshot = make_snapshot(&w, 1);
+    lw_server_publish(server, snapshot);
+    lw_snapshot_unref(snapshot);
+    struct lw_client_stats stats = {0};
+    for (uint64_t end_ns = lw_clock_ns() + WAIT_NS; !stats.first_ns; lw_client_get_stats(client, &stats)) {
+        assert_true(lw_clock_ns() < end_ns);
+        lw_support_ok(lw_client_poll(client, 10, NULL), NULL);
+    }
+    uint32_t coarsest = 0;
+    for (uint32_t o = 0; o < w.map.object_count; o++)
+        coarsest += w.map.atlas[o].level_count > 0; /* 200 x 140: the coarsest level is one tile */
+    assert_int_equal(stats.tiles, coarsest);
+    lw_server_stop(server);
+    assert_int_equal(pthread_join(thread, NULL), 0);
+    lw_client_destroy(client);
+    lw_server_destroy(server);
+    finish_world(&w);
+}
+
+static void test_longest_want_fits_the_outbox(void **state) {
+    (void)state;
+    static const struct lw_message_interest_tile tile[LW_CLIENT_WANT_MAX];
+    const struct lw_message message = {
+        .type = LW_MESSAGE_INTEREST,
+        .interest = {.stand_ins = true, .tile = tile, .tile_count = LW_CLIENT_WANT_MAX}};
+    assert_true(lw_message_size(&message) <= LW_LINK_OUTBOX_SIZE);
+}
+
 static void test_silence(void **state) {
     (void)state;
     struct script s = {0};
@@ -664,6 +736,8 @@ int main(void) {
         cmocka_unit_test(test_damaged_package),
         cmocka_unit_test(test_messages_out_of_place),
         cmocka_unit_test(test_stale_tiles),
+        cmocka_unit_test(test_want),
+        cmocka_unit_test(test_longest_want_fits_the_outbox),
         cmocka_unit_test(test_silence),
         cmocka_unit_test(test_ping),
     };

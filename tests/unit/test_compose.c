@@ -319,6 +319,38 @@ static uint32_t tile_at(const struct world *w, uint32_t level, uint32_t x, uint3
     return lw_atlas_map_find(&w->map, 0, level, x, y).v;
 }
 
+/* What lies beside the picture is surveyed at the level that it would need in it; the picture's own needs stay. */
+static void test_survey(void **state) {
+    (void)state;
+    struct world w;
+    world_init(&w, squares(1, 2048, false)); /* tiles of 1/8 m, 1/4 m, 1/2 m */
+    fill_by_level(&w, 0, 1);
+    struct lw_compose_view view = look(0.6f, 1, 0.6f, 0.6f, 0, 0.6f, 50);
+    view.width = 512, view.height = 384;
+    float *rgb = malloc((size_t)view.width * view.height * 3 * sizeof *rgb);
+    uint8_t *needed = malloc(w.map.tile_count);
+    assert_true(rgb && needed);
+    render(&w, &view, rgb);
+    memcpy(needed, lw_compose_needed(w.compose), w.map.tile_count);
+    lw_compose_survey(w.compose, &w.source, &w.pose, &view);
+    const uint8_t *around = lw_compose_around(w.compose);
+    assert_memory_equal(needed, lw_compose_needed(w.compose), w.map.tile_count);
+    uint32_t inside = 0, outside = 0, finest = UINT32_MAX;
+    for (uint32_t t = 0; t < w.map.tile_count; t++)
+        if (needed[t] && w.map.place[t].level < finest) finest = w.map.place[t].level;
+    for (uint32_t t = 0; t < w.map.tile_count; t++) {
+        if (needed[t]) assert_true(around[t]);
+        if (!around[t]) continue;
+        assert_true(w.map.place[t].level <= finest + 1); /* a small picture alone would ask for two coarser */
+        inside += needed[t];
+        outside += !needed[t];
+    }
+    assert_true(outside > inside / 4 && outside < 2 * inside);
+    free(needed);
+    free(rgb);
+    world_finish(&w);
+}
+
 static void test_missing_tile(void **state) {
     (void)state;
     struct world w;
@@ -580,6 +612,7 @@ int main(void) {
         cmocka_unit_test(test_level_follows_the_footprint),
         cmocka_unit_test(test_level_ignores_the_scale_across_the_surface),
         cmocka_unit_test(test_missing_tile),
+        cmocka_unit_test(test_survey),
         cmocka_unit_test(test_noisy_tiles_are_read_coarser),
         cmocka_unit_test(test_nothing_there),
         cmocka_unit_test(test_garbage_texels),

@@ -1,0 +1,220 @@
+/* The real lightwelld under --light seen: it lights what its clients look at, and what lights that. */
+#include "tests/support/process.h"
+
+#include "client/include/lightwell/client.h"
+#include "common/clock.h"
+#include "common/log.h"
+
+#include <math.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define LIMIT_S 60
+
+/* Some hundred tiles that never rest, so that every frame tells what is solved. */
+#define SEEN "builtin:atrium --texels-per-metre 4 --clock step --error 1e-6 --json --light seen "
+
+static double number_of(const char *line, const char *key) {
+    char quoted[64];
+    snprintf(quoted, sizeof quoted, "\"%s\":", key);
+    const char *at = strstr(line, quoted);
+    if (!at) fail_msg("no %s in %.400s", quoted, line);
+    return atof(at + strlen(quoted));
+}
+
+/* What the newest whole line says of a key; fails if there is none within the limit. */
+static double newest(const struct lw_process *daemon, const char *key) {
+    for (uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull; lw_clock_ns() < end_ns;) {
+        char *text = lw_process_out(daemon), *end = strrchr(text, '\n');
+        if (end) {
+            *end = '\0';
+            char *start = strrchr(text, '\n');
+            double number = number_of(start ? start + 1 : text, key);
+            free(text);
+            return number;
+        }
+        free(text);
+        lw_process_sleep_ms(10);
+    }
+    fail_msg("no frame within %d s", LIMIT_S);
+    return 0;
+}
+
+#define CLIENTS_MAX 3
+static struct lw_client *client[CLIENTS_MAX];
+
+static int end_all(void **state) {
+    (void)state;
+    for (int i = 0; i < CLIENTS_MAX; i++) {
+        lw_client_destroy(client[i]);
+        client[i] = NULL;
+    }
+    lw_process_kill_all();
+    return 0;
+}
+
+static void poll_all(void) {
+    for (int i = 0; i < CLIENTS_MAX; i++) {
+        struct lw_error err = {0};
+        if (client[i]) lw_support_ok(lw_client_poll(client[i], 2, &err), &err);
+    }
+}
+
+static void join(struct lw_process *daemon, int i, bool wants_nothing) {
+    struct lw_error err = {0};
+    lw_support_ok(lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1",
+                                                            .port = daemon->port,
+                                                            .name = "test_seen",
+                                                            .timeout_ms = LIMIT_S * 1000,
+                                                            .wants_nothing = wants_nothing},
+                                   &client[i], &err),
+                  &err);
+    while (!lw_client_scene(client[i])) lw_support_ok(lw_client_poll(client[i], 100, &err), &err);
+}
+
+/* The finest tiles of one object. */
+static uint32_t look_at(int i, uint32_t object) {
+    const struct lw_atlas_map *map = lw_client_atlas_map(client[i]);
+    lw_tile_id tile[256];
+    uint32_t count = 0;
+    for (uint32_t t = 0; t < map->tile_count; t++)
+        if (map->place[t].object == object && map->place[t].level == 0 && count < 256)
+            tile[count++] = (lw_tile_id){t};
+    lw_support_ok(lw_client_want(client[i], tile, count), NULL);
+    return count;
+}
+
+/* Polls until the daemon says so, for a frame after this. */
+static void wait_for(const struct lw_process *daemon, const char *key, double low, double high) {
+    const double from = newest(daemon, "frame");
+    for (uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;;) {
+        poll_all();
+        const double number = newest(daemon, key);
+        if (newest(daemon, "frame") > from && number >= low && number <= high) return;
+        if (lw_clock_ns() > end_ns) fail_msg("%s is %g, not in %g..%g", key, number, low, high);
+    }
+}
+
+static double solved_over(const struct lw_process *daemon, unsigned frames) {
+    const double from = newest(daemon, "frame");
+    while (newest(daemon, "frame") < from + frames) poll_all();
+    char *text = lw_process_out(daemon);
+    double sum = 0;
+    unsigned counted = 0;
+    for (char *line = strtok(text, "\n"); line && counted < frames; line = strtok(NULL, "\n"))
+        if (number_of(line, "frame") > from) {
+            sum += number_of(line, "texels_solved");
+            counted++;
+        }
+    free(text);
+    return sum / counted;
+}
+
+/* The largest objects that hold several tiles: the first and the second. */
+static void find_objects(const struct lw_atlas_map *map, uint32_t out[2]) {
+    uint32_t most[2] = {0};
+    for (uint32_t o = 0; o < map->object_count; o++) {
+        const uint32_t tiles = map->atlas[o].level[0].tiles_x * map->atlas[o].level[0].tiles_y;
+        if (tiles > 20) continue; /* not one that is most of the scene */
+        const int place = tiles > most[0] ? 0 : tiles > most[1] ? 1 : 2;
+        if (place == 0) most[1] = most[0], out[1] = out[0];
+        if (place < 2) most[place] = tiles, out[place] = o;
+    }
+    assert_true(most[1] >= 1);
+}
+
+static void clients_come_and_go(void **state) {
+    (void)state;
+    struct lw_process daemon;
+    lw_process_serve(&daemon, SEEN "--animate");
+    /* nobody looks: everything has been lit once, then nothing is */
+    wait_for(&daemon, "tiles_solved", 0, 0);
+    const double rays = newest(&daemon, "rays_total");
+    assert_true(rays > 0);
+    const double frame = newest(&daemon, "frame");
+    while (newest(&daemon, "frame") < frame + 10) lw_process_sleep_ms(10);
+    assert_true(newest(&daemon, "rays_total") == rays);
+    /* one client, one wall */
+    join(&daemon, 0, true);
+    uint32_t object[2];
+    find_objects(lw_client_atlas_map(client[0]), object);
+    const double one = look_at(0, object[0]);
+    wait_for(&daemon, "tiles_wanted", 1, one);
+    const double first = solved_over(&daemon, 20);
+    assert_true(newest(&daemon, "tiles_feeding") > 0);
+    /* a second one elsewhere; both see theirs change */
+    join(&daemon, 1, true);
+    const double both = one + look_at(1, object[1]);
+    wait_for(&daemon, "tiles_wanted", newest(&daemon, "tiles_wanted") + 1, both);
+    const double second = solved_over(&daemon, 20);
+    /* somebody who wants everything */
+    join(&daemon, 2, false);
+    wait_for(&daemon, "tiles_feeding", 0, 0);
+    const double all = solved_over(&daemon, 5);
+    if (!(first < 0.7 * all && first < second && second < all))
+        fail_msg("texels per frame: one wall %g, two %g, all %g", first, second, all);
+    for (int i = 0; i < 2; i++) {
+        const lw_tile_id tile = {lw_client_atlas_map(client[i])->first_tile[object[i]]};
+        const uint64_t version = lw_client_get_tile(client[i], tile).version;
+        for (uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
+             lw_client_get_tile(client[i], tile).version == version;) {
+            assert_true(lw_clock_ns() < end_ns);
+            poll_all();
+        }
+        const lw_tile_id other = {lw_client_atlas_map(client[i])->first_tile[object[1 - i]]};
+        const struct lw_atlas *atlas = &lw_client_atlas_map(client[i])->atlas[object[1 - i]];
+        if (atlas->level_count > 1) assert_int_equal(lw_client_get_tile(client[i], other).version, 0);
+        assert_true(lw_client_get_tile(client[i], (lw_tile_id){other.v + atlas->tile_count - 1}).version > 0);
+    }
+    /* they leave one by one */
+    lw_client_destroy(client[2]);
+    client[2] = NULL;
+    wait_for(&daemon, "tiles_wanted", 1, both);
+    lw_client_destroy(client[1]);
+    client[1] = NULL;
+    wait_for(&daemon, "tiles_wanted", 1, one);
+    lw_client_destroy(client[0]);
+    client[0] = NULL;
+    wait_for(&daemon, "tiles_solved", 0, 0);
+    assert_int_equal(newest(&daemon, "tiles_wanted"), 0);
+    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
+}
+
+/* The most that any frame says of a key. */
+static double most(const struct lw_process *daemon, const char *key) {
+    char *text = lw_process_out(daemon), *end = strrchr(text, '\n');
+    double number = 0;
+    if (end) *end = '\0';
+    for (char *line = strtok(text, "\n"); end && line; line = strtok(NULL, "\n"))
+        number = fmax(number, number_of(line, key));
+    free(text);
+    return number;
+}
+
+static void a_viewer_asks_for_what_it_sees(void **state) {
+    (void)state;
+    struct lw_process daemon, viewer;
+    char arguments[512];
+    lw_process_serve(&daemon, SEEN "--freeze 0");
+    snprintf(
+        arguments, sizeof arguments,
+        "127.0.0.1:%u --headless --camera-name vase --size 160x90 --wait seconds:2 --out %s --timeout %d",
+        daemon.port, lw_support_temporary("seen.exr"), LIMIT_S);
+    lw_process_start(&viewer, "lightwell-view", arguments);
+    assert_int_equal(lw_process_finish(&viewer, LIMIT_S), 0);
+    wait_for(&daemon, "tiles_solved", 0, 0);
+    const double wanted = most(&daemon, "tiles_wanted"), tiles = most(&daemon, "tiles");
+    if (!(wanted > 0 && wanted < 0.8 * tiles)) fail_msg("%g of %g tiles", wanted, tiles);
+    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
+}
+
+int main(void) {
+    lw_log_init("test_seen", LW_LOG_WARNING);
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_teardown(clients_come_and_go, end_all),
+        cmocka_unit_test_teardown(a_viewer_asks_for_what_it_sees, end_all),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
