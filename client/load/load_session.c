@@ -672,8 +672,8 @@ void lw_load_session_tick(struct lw_load_session *s, uint64_t now_ns) {
     if (s->state <= GREETING && now_ns > s->began_ns + LW_LOAD_CONNECT_TIMEOUT_S * SECOND_NS)
         fail(s, LW_LOAD_FAULT_CONNECT, "no welcome within %u s", LW_LOAD_CONNECT_TIMEOUT_S);
     if (s->state == LEAVING && now_ns > s->quiet_ns + GOODBYE_NS) lw_load_session_close(s);
+    if (s->reader == LW_LOAD_SLOW && s->state > CONNECTING && !is_over(s)) allow(s, now_ns);
     if (s->state <= GREETING || is_over(s)) return;
-    if (s->reader == LW_LOAD_SLOW) allow(s, now_ns);
     if (s->reader == LW_LOAD_FAST && now_ns > s->heard_ns + LW_LOAD_SILENCE_S * SECOND_NS)
         fail(s, LW_LOAD_FAULT_SILENCE, "frame %llu was the last", (unsigned long long)s->frame);
     if (now_ns >= s->pinged_ns + LW_LOAD_PING_S * SECOND_NS) ping(s, now_ns);

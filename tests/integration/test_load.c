@@ -121,6 +121,7 @@ static void test_slow_readers(void **state) {
     (void)state;
     json_t *r = load(NEVER_RESTS, "--users 10 --odd-readers 3 --reader slow:50 --seconds 3 --json", 0);
     expect_no_errors(r);
+    assert_true(number(r, "welcomed") == 10 && number(r, "users_at_end") == 10);
     assert_true(time_of(r, "first_view_ms", "count") == 7);
     assert_true(number(r, "frames_per_s_p1") > 0);
     json_decref(r);
@@ -128,7 +129,8 @@ static void test_slow_readers(void **state) {
     expect_no_errors(r);
     /* what was read at once, before the clock began to tick, is one fifth of a second's worth */
     assert_true(number(r, "bytes") <= 3 * 50e3 * (number(r, "measured_s") + 0.5));
-    assert_true(number(r, "bytes") > 0);
+    assert_true(number(r, "bytes") > 3 * 50e3 * 0.2 * number(r, "measured_s"));
+    assert_true(number(r, "welcomed") == 3 && number(r, "users_at_end") == 3);
     json_decref(r);
 }
 
