@@ -318,24 +318,44 @@ static void trace_bundle(const struct job *job, struct bundle *b, unsigned paths
     }
 }
 
+/* The pixels of a bundle: first + step * (0..3), both ways. `members` bundles of one seed walk one sequence together. */
+struct layout {
+    uint32_t first_x, first_y, step;
+    uint32_t seed_x, seed_y;
+    uint32_t member, members;
+};
+
+/* Bundle n of a tile. */
+static struct layout lay_out(enum lw_path_pattern pattern, uint32_t left, uint32_t top, uint32_t n) {
+    if (pattern == LW_PATH_PATTERN_SQUARE) {
+        const uint32_t x = left + n % (TILE / SQUARE) * SQUARE, y = top + n / (TILE / SQUARE) * SQUARE;
+        return (struct layout){x, y, 1, x, y, 0, 1};
+    }
+    const uint32_t block = n / BUNDLE, x = left + block % 2 * BUNDLE, y = top + block / 2 * BUNDLE;
+    /* Along a Z-curve: aligned runs of 4 points of the sequence, which are stratified, are 2 x 2 neighbours. */
+    const uint32_t z = n % BUNDLE, i = (z & 1u) | (z >> 1 & 2u), j = (z >> 1 & 1u) | (z >> 2 & 2u);
+    return (struct layout){x + i, y + j, SQUARE, x, y, z, BUNDLE};
+}
+_Static_assert(TILE == 2 * BUNDLE, "a tile is 2 x 2 blocks of interleaved bundles");
+
 static void trace_tile(const struct job *job, uint32_t left, uint32_t top, uint32_t samples,
                        struct lw_path_count *count) {
     const struct lw_path_film *film = job->film;
     struct bundle b;
-    for (uint32_t square = 0; square < TILE / SQUARE * (TILE / SQUARE); square++) {
-        const uint32_t first_x = left + square % (TILE / SQUARE) * SQUARE,
-                       first_y = top + square / (TILE / SQUARE) * SQUARE;
+    for (uint32_t n = 0; n < TILE / SQUARE * (TILE / SQUARE); n++) {
+        const struct layout at = lay_out(job->view->pattern, left, top, n);
         unsigned paths = 0;
         for (uint32_t i = 0; i < BUNDLE; i++) {
-            uint32_t x = first_x + i % SQUARE, y = first_y + i / SQUARE;
+            uint32_t x = at.first_x + i % SQUARE * at.step, y = at.first_y + i / SQUARE * at.step;
             if (x >= film->width || y >= film->height) continue;
             b.path[paths].x = x;
             b.path[paths++].y = y;
         }
         for (uint32_t s = film->samples; s < film->samples + samples; s++) {
-            b.seed = lw_random_hash4(job->view->seed, s & 1u, first_x, first_y);
-            b.index = s >> 1;
-            b.salt = s;
+            const uint32_t sample = job->view->first_sample + s;
+            b.seed = lw_random_hash4(job->view->seed, sample & 1u, at.seed_x, at.seed_y);
+            b.index = (sample >> 1) * at.members + at.member;
+            b.salt = sample;
             trace_bundle(job, &b, paths, count);
             for (unsigned i = 0; i < paths; i++) {
                 const struct path *path = &b.path[i];

@@ -30,6 +30,14 @@ enum lw_path_method {
     LW_PATH_METHOD_BOUNCE /* by bounce rays that happen to meet them; point, spot and directional lights by lamps */
 };
 
+/** Which 16 pixels share random numbers, so that their rays run parallel. */
+enum lw_path_pattern {
+    LW_PATH_PATTERN_SQUARE, /* 4 x 4 neighbours: the fastest, for pictures of many samples */
+    /* Every 4th pixel of 16 x 16, in both directions. Neighbours differ, and 4 x 4 of them are stratified as a whole: what
+     * a filter averages over a few pixels is a better sample of their light (Keller and Heidrich 2001). */
+    LW_PATH_PATTERN_INTERLEAVED
+};
+
 struct lw_path_trace_desc {
     const struct lw_scene *scene;
     const struct lw_trace *trace; /* of the same scene, at the pose of each render */
@@ -52,8 +60,11 @@ struct lw_path_view {
     struct lw_camera_view camera;
     uint32_t bounces; /* of indirect light; up to LW_PATH_TRACE_BOUNCES_MAX */
     uint32_t seed;
+    uint32_t
+        first_sample; /* of the sequences: where an earlier picture of the same seed ended, samples go on */
     enum lw_path_pixel pixel;
     enum lw_path_method method;
+    enum lw_path_pattern pattern;
 };
 
 struct lw_path_count {

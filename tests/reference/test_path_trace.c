@@ -408,13 +408,14 @@ static void test_methods_agree(void **state) {
     struct set set;
     set_up(&set, scene, 2);
     struct lw_path_view view = {.camera = lw_camera_of_scene(scene, &set.pose, 0), .bounces = 2};
-    struct mean mean[3];
-    for (int method = 0; method < 3; method++) {
-        view.method = (enum lw_path_method)method;
+    struct mean mean[4];
+    for (int method = 0; method < 4; method++) {
+        view.method = method == 3 ? LW_PATH_METHOD_BOTH : (enum lw_path_method)method;
+        view.pattern = method == 3 ? LW_PATH_PATTERN_INTERLEAVED : LW_PATH_PATTERN_SQUARE;
         mean[method] = mean_of(&set, view, 32, method == LW_PATH_METHOD_BOUNCE ? 128 : 32);
         assert_true(mean[method].error < 0.01 * mean[method].value);
     }
-    for (int a = 0; a < 3; a++)
+    for (int a = 0; a < 4; a++)
         for (int b = 0; b < a; b++) {
             double both = sqrt(mean[a].error * mean[a].error + mean[b].error * mean[b].error);
             if (!(fabs(mean[a].value - mean[b].value) <= SIGMA * both))
@@ -424,8 +425,7 @@ static void test_methods_agree(void **state) {
     tear_down(&set);
 }
 
-static void test_same_bytes(void **state) {
-    (void)state;
+static void same_bytes(enum lw_path_pattern pattern) {
     struct lw_path_film film[3];
     const size_t size = (size_t)150 * 70 * 3 * sizeof(float);
     for (unsigned i = 0; i < 3; i++) {
@@ -435,7 +435,7 @@ static void test_same_bytes(void **state) {
         struct set set;
         set_up(&set, scene, i + 1);
         struct lw_path_view view = {
-            .camera = lw_camera_of_scene(scene, &set.pose, 0), .bounces = 3, .seed = 5};
+            .camera = lw_camera_of_scene(scene, &set.pose, 0), .bounces = 3, .seed = 5, .pattern = pattern};
         film[i] = render(&set, &view, 150, 70, i == 2 ? 1 : 7);
         if (i == 2) lw_path_trace_render(set.tracer, &view, 6, &film[i], NULL); /* in two calls */
         tear_down(&set);
@@ -445,6 +445,38 @@ static void test_same_bytes(void **state) {
     /* the halves are samples of the same, but not the same samples */
     assert_memory_not_equal(film[0].half[0], film[0].half[1], size);
     for (int i = 0; i < 3; i++) lw_path_film_finish(&film[i]);
+}
+
+static void test_same_bytes(void **state) {
+    (void)state;
+    same_bytes(LW_PATH_PATTERN_SQUARE);
+    same_bytes(LW_PATH_PATTERN_INTERLEAVED);
+}
+
+static void test_pictures_go_on_with_the_sequence(void **state) {
+    (void)state;
+    enum { SIDE = 40 };
+    for (int pattern = 0; pattern < 2; pattern++) {
+        struct lw_scene *scene;
+        struct lw_error err = {0};
+        lw_support_ok(lw_builtin_build("builtin:cornell", &scene, &err), &err);
+        struct set set;
+        set_up(&set, scene, 2);
+        struct lw_path_view view = {.camera = lw_camera_of_scene(scene, &set.pose, 0),
+                                    .bounces = 1,
+                                    .pattern = (enum lw_path_pattern)pattern};
+        struct lw_path_film all = render(&set, &view, SIDE, SIDE, 4),
+                            first = render(&set, &view, SIDE, SIDE, 2);
+        view.first_sample = 2;
+        struct lw_path_film second = render(&set, &view, SIDE, SIDE, 2);
+        for (int half = 0; half < 2; half++)
+            for (int i = 0; i < 3 * SIDE * SIDE; i++)
+                assert_true(all.half[half][i] == first.half[half][i] + second.half[half][i]);
+        lw_path_film_finish(&second);
+        lw_path_film_finish(&first);
+        lw_path_film_finish(&all);
+        tear_down(&set);
+    }
 }
 
 /* Root of relMSE against a picture that is as good as the truth. */
@@ -508,6 +540,7 @@ int main(void) {
         cmocka_unit_test(test_a_transparent_lamp_shines_its_share),
         cmocka_unit_test(test_methods_agree),
         cmocka_unit_test(test_same_bytes),
+        cmocka_unit_test(test_pictures_go_on_with_the_sequence),
         cmocka_unit_test(test_convergence),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
