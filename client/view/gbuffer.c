@@ -1,0 +1,213 @@
+#include "client/view/gbuffer.h"
+
+#include <omp.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define TILE       32u /* pixels; the side of what a thread takes */
+#define SQUARE     4u  /* pixels; the side of a packet */
+#define LAYERS_MAX 16u /* as compose.h and path_trace.h have it */
+#define PLANES     17u
+
+/* A share of light that no picture shows. */
+#define TRANSMITTANCE_MIN 1e-4f
+/* Sine of the angle under which a surface is seen; below, it counts as this, which keeps slopes finite. */
+#define SINE_MIN 1e-4f
+
+_Static_assert(SQUARE *SQUARE == LW_TRACE_WIDTH, "a packet is a square of pixels");
+_Static_assert(sizeof(struct lw_gbuffer_planes) == PLANES * sizeof(float *), "each plane gets its memory");
+
+static void place3(float *plane[3], float **at, size_t pixels) {
+    for (int c = 0; c < 3; c++, *at += pixels) plane[c] = *at;
+}
+
+static void place_planes(struct lw_gbuffer *g, size_t pixels) {
+    float *at = g->memory;
+    g->plane.depth = at, at += pixels;
+    g->plane.slope[0] = at, at += pixels;
+    g->plane.slope[1] = at, at += pixels;
+    g->plane.apart = at, at += pixels;
+    place3(g->plane.normal, &at, pixels);
+    place3(g->plane.albedo, &at, pixels);
+    place3(g->plane.emission, &at, pixels);
+    place3(g->plane.before, &at, pixels);
+}
+
+enum lw_status lw_gbuffer_init(struct lw_gbuffer *gbuffer, const struct lw_gbuffer_desc *desc,
+                               struct lw_error *err) {
+    struct lw_gbuffer g = {.width = desc->width,
+                           .height = desc->height,
+                           .scene = desc->scene,
+                           .trace = desc->trace,
+                           .threads = desc->threads ? (int)desc->threads : omp_get_max_threads()};
+    const size_t pixels = (size_t)g.width * g.height, objects = desc->scene->object_count;
+    g.plane.object = calloc(pixels, sizeof *g.plane.object);
+    g.memory = calloc(pixels * (PLANES - 1), sizeof *g.memory);
+    g.place = calloc(objects + 1, sizeof *g.place); /* one more: no objects is no failure */
+    g.light = calloc((size_t)desc->scene->light_count + 1, sizeof *g.light);
+    if (!g.plane.object || !g.memory || !g.place || !g.light) {
+        lw_gbuffer_finish(&g);
+        return lw_status_fail(err, LW_NO_MEMORY, "no memory for the first hits of %ux%u pixels", desc->width,
+                              desc->height);
+    }
+    place_planes(&g, pixels);
+    *gbuffer = g;
+    return LW_OK;
+}
+
+void lw_gbuffer_finish(struct lw_gbuffer *gbuffer) {
+    free(gbuffer->light);
+    free(gbuffer->place);
+    free(gbuffer->memory);
+    free(gbuffer->plane.object);
+    *gbuffer = (struct lw_gbuffer){0};
+}
+
+static bool is_same_light(const struct lw_light_state *a, const struct lw_light_state *b) {
+    return memcmp(a, b, sizeof *a) == 0;
+}
+
+/* Compares with the render before and remembers this one. */
+static void begin(struct lw_gbuffer *g, const struct lw_pose *pose, const struct lw_camera_view *camera) {
+    bool still = g->started && memcmp(camera, &g->camera, sizeof *camera) == 0;
+    for (uint32_t o = 0; o < g->scene->object_count; o++) {
+        struct lw_gbuffer_place *place = &g->place[o];
+        place->before = g->started ? place->now : pose->object_to_world[o];
+        place->now = pose->object_to_world[o];
+        place->moved = memcmp(&place->now, &place->before, sizeof place->now) != 0;
+        still &= !place->moved;
+    }
+    for (uint32_t l = 0; l < g->scene->light_count; l++) {
+        still &= is_same_light(&pose->light[l], &g->light[l]);
+        g->light[l] = pose->light[l];
+    }
+    g->camera = *camera;
+    g->still = still;
+    g->started = true;
+}
+
+/* What a pixel gathers on its way through the layers in front of it. */
+struct pixel {
+    struct lw_vec3 albedo, emission;
+    float transmittance;
+    float weight; /* of the layer below: how much of its own reflection reaches the eye */
+    uint32_t object;
+    float depth, slope[2], apart;
+    struct lw_vec3 normal, before;
+};
+
+static void store3(float *const plane[3], size_t at, struct lw_vec3 v) {
+    plane[0][at] = v.x, plane[1][at] = v.y, plane[2][at] = v.z;
+}
+
+static void store(const struct lw_gbuffer_planes *p, size_t at, const struct pixel *pixel) {
+    p->object[at] = pixel->object;
+    p->depth[at] = pixel->depth;
+    p->slope[0][at] = pixel->slope[0];
+    p->slope[1][at] = pixel->slope[1];
+    p->apart[at] = pixel->apart;
+    store3(p->normal, at, pixel->normal);
+    store3(p->albedo, at, pixel->albedo);
+    store3(p->emission, at, pixel->emission);
+    store3(p->before, at, pixel->before);
+}
+
+static const struct lw_mesh *mesh_of(const struct lw_gbuffer *g, uint32_t object) {
+    return &g->scene->mesh[g->scene->object[object].mesh];
+}
+
+/* Makes a surface the one that a pixel is about.
+ *
+ * A plane n . x = d (x from the eye) is seen along the ray `middle + right i - up j` at depth d / (n . ray): the inverse
+ * of depth is linear in the pixel. A point off by D in that inverse is d D z off the plane; a pixel there is z `pixel` wide. */
+static void take(const struct lw_gbuffer *g, const struct lw_camera_plane *plane, const struct lw_hit16 *hits,
+                 unsigned i, struct lw_vec3 direction, const struct lw_surface *surface,
+                 struct pixel *pixel) {
+    const struct lw_gbuffer_place *place = &g->place[hits->object[i]];
+    const float side = hits->back[i] ? -1.0f : 1.0f;
+    struct lw_vec3 shading = surface->normal, face = surface->geometric_normal;
+    if (lw_vec3_dot(shading, face) <= 0.01f) shading = face; /* as in the path tracer */
+    shading = lw_vec3_scale(lw_affine_normal(&place->now, shading), side);
+    face = lw_affine_normal(&place->now, face);
+
+    const float along = lw_vec3_dot(face, direction), length = lw_vec3_length(direction);
+    const float sine = copysignf(fmaxf(fabsf(along), SINE_MIN * length), along);
+    pixel->object = hits->object[i];
+    pixel->depth = 1 / hits->t[i];
+    pixel->slope[0] = lw_vec3_dot(face, plane->right) / sine * pixel->depth;
+    pixel->slope[1] = -lw_vec3_dot(face, plane->up) / sine * pixel->depth;
+    pixel->apart = fabsf(sine) * hits->t[i] / plane->pixel;
+    pixel->normal = shading;
+    struct lw_vec3 now = lw_vec3_mad(g->camera.position, direction, hits->t[i]);
+    pixel->before = place->moved ? lw_affine_point(&place->before, surface->position) : now;
+}
+
+/* Takes in one hit; true if the ray goes on behind it. */
+static bool meet(const struct lw_gbuffer *g, const struct lw_camera_plane *plane, const struct lw_ray16 *rays,
+                 const struct lw_hit16 *hits, unsigned i, bool last, struct pixel *pixel) {
+    struct lw_vec3 direction = lw_vec3(rays->dir_x[i], rays->dir_y[i], rays->dir_z[i]);
+    if (hits->object[i] == LW_TRACE_MISS) {
+        struct lw_vec3 sky = lw_scene_sky(g->scene, lw_vec3_normalize(direction));
+        pixel->emission = lw_vec3_mad(pixel->emission, sky, pixel->transmittance);
+        return false;
+    }
+    struct lw_surface surface;
+    lw_scene_surface(g->scene, mesh_of(g, hits->object[i]), hits->triangle[i], hits->u[i], hits->v[i],
+                     &surface);
+    const bool blend = surface.material->alpha_mode == LW_ALPHA_BLEND && !last;
+    const float share = pixel->transmittance * (blend ? surface.alpha : 1.0f);
+    pixel->albedo = lw_vec3_mad(pixel->albedo, surface.albedo, share);
+    pixel->emission = lw_vec3_mad(pixel->emission, surface.emission, share);
+    const float weight = share * fmaxf(surface.albedo.x, fmaxf(surface.albedo.y, surface.albedo.z));
+    if (weight > pixel->weight) {
+        pixel->weight = weight;
+        take(g, plane, hits, i, direction, &surface, pixel);
+    }
+    pixel->transmittance -= share;
+    return blend && pixel->transmittance > TRANSMITTANCE_MIN;
+}
+
+static void render_square(const struct lw_gbuffer *g, const struct lw_camera_plane *plane, uint32_t x,
+                          uint32_t y) {
+    struct lw_ray16 rays = {.salt = 0};
+    struct pixel pixel[LW_TRACE_WIDTH];
+    uint16_t active = 0;
+    for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
+        const uint32_t px = x + i % SQUARE, py = y + i / SQUARE;
+        if (px < g->width && py < g->height) active |= (uint16_t)(1u << i);
+        lw_trace_set_ray(&rays, i, g->camera.position,
+                         lw_camera_direction(plane, (float)px + 0.5f, (float)py + 0.5f), INFINITY);
+        pixel[i] = (struct pixel){.transmittance = 1, .object = LW_TRACE_MISS};
+    }
+    uint16_t going = active;
+    for (unsigned layer = 1; going; layer++) {
+        struct lw_hit16 hits;
+        uint16_t go_on = 0;
+        lw_trace_closest16(g->trace, LW_TRACE_VIEW | LW_TRACE_COHERENT, going, &rays, &hits);
+        for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
+            if (!(going >> i & 1u) || !meet(g, plane, &rays, &hits, i, layer == LAYERS_MAX, &pixel[i]))
+                continue;
+            /* Past the hit by more than its rounding, whatever packet it is traced in. */
+            rays.t_near[i] = hits.t[i] * (1.0f + 4e-6f) + 1e-7f;
+            go_on |= (uint16_t)(1u << i);
+        }
+        going = go_on;
+    }
+    for (unsigned i = 0; i < LW_TRACE_WIDTH; i++)
+        if (active >> i & 1u)
+            store(&g->plane, (size_t)(y + i / SQUARE) * g->width + x + i % SQUARE, &pixel[i]);
+}
+
+void lw_gbuffer_render(struct lw_gbuffer *gbuffer, const struct lw_pose *pose,
+                       const struct lw_camera_view *camera) {
+    begin(gbuffer, pose, camera);
+    const struct lw_camera_plane plane = lw_camera_plane(camera, gbuffer->width, gbuffer->height);
+    const uint32_t columns = (gbuffer->width + TILE - 1) / TILE, rows = (gbuffer->height + TILE - 1) / TILE;
+#pragma omp parallel for schedule(dynamic) num_threads(gbuffer->threads)
+    for (uint32_t t = 0; t < columns * rows; t++) {
+        const uint32_t left = t % columns * TILE, top = t / columns * TILE;
+        for (uint32_t y = top; y < top + TILE && y < gbuffer->height; y += SQUARE)
+            for (uint32_t x = left; x < left + TILE && x < gbuffer->width; x += SQUARE)
+                render_square(gbuffer, &plane, x, y);
+    }
+}

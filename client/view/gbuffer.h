@@ -1,0 +1,66 @@
+/* gbuffer.h: what the eye meets first, pixel by pixel: surfaces without their light.
+ * Flow:    scene, trace, pose, camera -> [gbuffer] -> svgf
+ * Threads: one thread at a time per lw_gbuffer; renders on several inside. Same inputs, same bytes, at any number.
+ *
+ * Rays go through the centres of pixels, as in compose.h and path_trace.h (LW_PATH_PIXEL_CENTRE), so that
+ *     radiance = albedo x E/pi + emission
+ * holds for the mean of the path tracer's samples. BLEND surfaces are blended front to back: albedo and emission are sums
+ * over all layers and the sky behind them, the rest belongs to the layer that weighs most. */
+#ifndef LW_CLIENT_VIEW_GBUFFER_H
+#define LW_CLIENT_VIEW_GBUFFER_H
+
+#include "client/view/camera.h"
+#include "common/trace/trace.h"
+
+/** Planes of width * height values each, row 0 on top. */
+struct lw_gbuffer_planes {
+    uint32_t *
+        object; /* LW_TRACE_MISS: nothing is met, or nothing that reflects; then only albedo and emission count */
+    float *depth; /* inverse, 1/m, along the camera's forward; 0 where nothing is met */
+    float *slope
+        [2]; /* of that inverse on the tangent plane, per pixel to the right and down: exact for flat surfaces */
+    float *
+        apart; /* how many pixels' breadth off the tangent plane a point is, per 1/m off its inverse depth; m */
+    float *normal[3]; /* unit shading normal, world space, on the side that is seen */
+    float *albedo[3];
+    float *emission[3]; /* W/(m^2 sr) */
+    float *before[3];   /* where the point was in the render before this one, world space, m */
+};
+
+struct lw_gbuffer {
+    uint32_t width, height;
+    struct lw_camera_view camera; /* of the last render */
+    bool still;                   /* nothing has changed since the render before: camera, objects, lights */
+    struct lw_gbuffer_planes plane;
+
+    /* inside */
+    const struct lw_scene *scene;
+    const struct lw_trace *trace;
+    int threads;
+    bool started;
+    struct lw_gbuffer_place {
+        struct lw_affine now, before;
+        bool moved;
+    } * place;                    /* per object */
+    struct lw_light_state *light; /* of the last render */
+    float *memory;                /* of the planes of floats */
+};
+
+struct lw_gbuffer_desc {
+    const struct lw_scene *scene;
+    const struct lw_trace *trace; /* of the same scene, at the pose of each render */
+    uint32_t width, height;       /* pixels */
+    unsigned threads;             /* 0: all */
+};
+
+/** What desc points to must outlive it. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_gbuffer_init(struct lw_gbuffer *gbuffer, const struct lw_gbuffer_desc *desc,
+                                             struct lw_error *err);
+/** A zeroed one is fine. */
+void lw_gbuffer_finish(struct lw_gbuffer *gbuffer);
+
+/** Fills the planes. `before` is by the pose of the previous call; in the first one, nothing has moved. */
+void lw_gbuffer_render(struct lw_gbuffer *gbuffer, const struct lw_pose *pose,
+                       const struct lw_camera_view *camera);
+
+#endif

@@ -1,0 +1,428 @@
+#include "client/view/svgf.h"
+
+#include "common/colour.h"
+
+#include <omp.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Frames that a pixel's history counts as, at most: while anything changes, and while nothing does. */
+#define HISTORY_MAX       32.0f
+#define HISTORY_STILL_MAX 4096.0f
+/* Histories shorter than this know their variance from the pixels around them; the first few frames overrate it. */
+#define HISTORY_SHORT      8.0f
+#define HISTORY_VERY_SHORT 4.0f
+
+#define LEVELS       5u
+#define SIGMA_LIGHT  4.0f   /* standard errors of luminance */
+#define SIGMA_PLANE  1.0f   /* pixels' breadth off the tangent plane, per pixel of the level's step */
+#define NORMAL_POWER 128.0f /* of the cosine between normals */
+#define ALBEDO_MIN   1e-3f  /* of a channel that tells light from reflection */
+
+/* A history serves where it is so near to where its point was: pixels' breadth off the tangent plane; cosine of normals. */
+#define PAST_APART_MAX  2.0f
+#define PAST_COSINE_MIN 0.9f
+
+#define CHUNK 256u /* pixels of a row whose sums stay in the first-level cache */
+
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__SANITIZE_ADDRESS__) &&                            \
+    !defined(__SANITIZE_THREAD__) && !defined(__clang__)
+/* The same operations in the same order on wider registers: no fused ones (-ffp-contract=off), so the same bytes. */
+#define WIDE __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
+#else
+#define WIDE
+#endif
+
+/* What a pixel hands on to the next frame. One cache line: it is read by where things were, not in order. */
+struct past {
+    _Alignas(64) float light[3];
+    float moment[2]; /* means of luminance and of its square */
+    float count;     /* frames behind those means; 0: none */
+    uint32_t object;
+    float depth, slope[2], apart;
+    float normal[3];
+    float unused[2];
+};
+_Static_assert(sizeof(struct past) == 64, "a cache line");
+
+/* Light: radiance without emission and albedo, that is E/pi, and the variance of its luminance. */
+struct light {
+    float *rgb[3], *variance;
+};
+
+struct lw_svgf {
+    uint32_t width, height;
+    int threads;
+    bool started;
+    struct lw_camera_view camera; /* of the frame before */
+    struct past *past, *next;
+    struct light light[2];
+    float *count;
+    float *memory;
+};
+
+enum lw_status lw_svgf_create(const struct lw_svgf_desc *desc, struct lw_svgf **out_svgf,
+                              struct lw_error *err) {
+    const size_t pixels = (size_t)desc->width * desc->height;
+    struct lw_svgf *svgf = calloc(1, sizeof *svgf);
+    if (svgf == NULL) goto fail;
+    svgf->width = desc->width;
+    svgf->height = desc->height;
+    svgf->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
+    svgf->past = aligned_alloc(64, (pixels + 1) * sizeof *svgf->past);
+    svgf->next = aligned_alloc(64, (pixels + 1) * sizeof *svgf->next);
+    svgf->memory = calloc(9 * pixels + 1, sizeof *svgf->memory);
+    if (!svgf->past || !svgf->next || !svgf->memory) goto fail;
+    float *at = svgf->memory;
+    for (int l = 0; l < 2; l++) {
+        for (int c = 0; c < 3; c++, at += pixels) svgf->light[l].rgb[c] = at;
+        svgf->light[l].variance = at, at += pixels;
+    }
+    svgf->count = at;
+    *out_svgf = svgf;
+    return LW_OK;
+fail:
+    lw_svgf_destroy(svgf);
+    return lw_status_fail(err, LW_NO_MEMORY, "no memory to denoise pictures of %ux%u pixels", desc->width,
+                          desc->height);
+}
+
+void lw_svgf_destroy(struct lw_svgf *svgf) {
+    if (svgf == NULL) return;
+    free(svgf->memory);
+    free(svgf->next);
+    free(svgf->past);
+    free(svgf);
+}
+
+void lw_svgf_reset(struct lw_svgf *svgf) { svgf->started = false; }
+
+/* One frame, as its rows see it. */
+struct job {
+    struct lw_svgf *svgf;
+    const struct lw_gbuffer *gbuffer;
+    const float *radiance;
+    struct lw_camera_view before; /* the camera of the frame before */
+    float pixels_per_slope;       /* of that camera: pixels per tangent of an angle */
+};
+
+static struct lw_vec3 load3(float *const plane[3], size_t at) {
+    return lw_vec3(plane[0][at], plane[1][at], plane[2][at]);
+}
+
+static float luminance_of(const float rgb[3]) { return lw_colour_luminance(lw_vec3(rgb[0], rgb[1], rgb[2])); }
+
+/* ---- over time ---- */
+
+/* What arrives at a pixel's surface, as far as its albedo tells. A channel that reflects nothing knows nothing: it is taken
+ * to be as bright as the others. Black in all channels: false. */
+static bool divide(const struct lw_gbuffer_planes *g, const float *radiance, size_t at, float out[3]) {
+    float sum = 0, known = 0;
+    for (int c = 0; c < 3; c++) {
+        const float albedo = g->albedo[c][at];
+        const float reflected = radiance[3 * at + (size_t)c] - g->emission[c][at];
+        out[c] = albedo >= ALBEDO_MIN ? reflected / albedo : 0;
+        if (!isfinite(out[c])) out[c] = 0;
+        if (albedo >= ALBEDO_MIN) sum += out[c], known += 1;
+    }
+    if (!(known > 0)) return false;
+    for (int c = 0; c < 3; c++)
+        if (!(g->albedo[c][at] >= ALBEDO_MIN)) out[c] = sum / known;
+    return true;
+}
+
+/* Where a point was in the picture before: pixels, and its inverse depth. */
+static bool find_before(const struct job *job, struct lw_vec3 point, float *out_x, float *out_y,
+                        float *out_depth) {
+    const struct lw_camera_view *c = &job->before;
+    struct lw_vec3 away = lw_vec3_sub(point, c->position);
+    const float z = lw_vec3_dot(away, c->forward);
+    if (!(z > 0)) return false;
+    const float scale = job->pixels_per_slope / z;
+    *out_x = 0.5f * (float)job->svgf->width + lw_vec3_dot(away, c->right) * scale - 0.5f;
+    *out_y = 0.5f * (float)job->svgf->height - lw_vec3_dot(away, c->up) * scale - 0.5f;
+    *out_depth = 1 / z;
+    return *out_x > -1 && *out_y > -1 && *out_x < (float)job->svgf->width &&
+           *out_y < (float)job->svgf->height;
+}
+
+static bool serves(const struct past *past, float dx, float dy, float depth, uint32_t object,
+                   struct lw_vec3 normal) {
+    if (past->object != object || !(past->count > 0)) return false;
+    const float off = depth - past->depth - past->slope[0] * dx - past->slope[1] * dy;
+    const float cosine = past->normal[0] * normal.x + past->normal[1] * normal.y + past->normal[2] * normal.z;
+    return fabsf(off) * past->apart <= PAST_APART_MAX && cosine >= PAST_COSINE_MIN;
+}
+
+static void add_past(struct past *sum, const struct past *past, float weight) {
+    for (int c = 0; c < 3; c++) sum->light[c] += weight * past->light[c];
+    for (int m = 0; m < 2; m++) sum->moment[m] += weight * past->moment[m];
+    sum->count += weight * past->count;
+}
+
+/* Reads the history of a pixel into the first fields of `out`; its count is 0 where there is none. */
+static void read_past(const struct job *job, size_t at, struct past *out) {
+    const struct lw_svgf *svgf = job->svgf;
+    const struct lw_gbuffer_planes *g = &job->gbuffer->plane;
+    float x, y, depth, weights = 0;
+    *out = (struct past){0};
+    if (!svgf->started || !find_before(job, load3(g->before, at), &x, &y, &depth)) return;
+    const struct lw_vec3 normal = load3(g->normal, at);
+    const int left = (int)floorf(x), top = (int)floorf(y);
+    const float fx = x - (float)left, fy = y - (float)top;
+    for (int i = 0; i < 4; i++) {
+        const int px = left + (i & 1), py = top + (i >> 1);
+        const float weight = ((i & 1) ? fx : 1 - fx) * ((i >> 1) ? fy : 1 - fy);
+        if (px < 0 || py < 0 || px >= (int)svgf->width || py >= (int)svgf->height || !(weight > 1e-3f))
+            continue;
+        const struct past *past = &svgf->past[(size_t)py * svgf->width + (size_t)px];
+        if (!serves(past, x - (float)px, y - (float)py, depth, g->object[at], normal)) continue;
+        add_past(out, past, weight);
+        weights += weight;
+    }
+    if (weights > 0.01f) {
+        const float scale = 1 / weights;
+        for (int c = 0; c < 3; c++) out->light[c] *= scale;
+        for (int m = 0; m < 2; m++) out->moment[m] *= scale;
+        out->count *= scale;
+    } else {
+        *out = (struct past){0};
+    }
+}
+
+static void remember_surface(const struct lw_gbuffer_planes *g, size_t at, struct past *out) {
+    out->object = g->object[at];
+    out->depth = g->depth[at];
+    out->slope[0] = g->slope[0][at], out->slope[1] = g->slope[1][at];
+    out->apart = g->apart[at];
+    for (int c = 0; c < 3; c++) out->normal[c] = g->normal[c][at];
+}
+
+static void accumulate_row(const struct job *job, uint32_t y) {
+    struct lw_svgf *svgf = job->svgf;
+    const struct lw_gbuffer_planes *g = &job->gbuffer->plane;
+    const struct light *light = &svgf->light[0];
+    const float longest = job->gbuffer->still ? HISTORY_STILL_MAX : HISTORY_MAX;
+    for (uint32_t x = 0; x < svgf->width; x++) {
+        const size_t at = (size_t)y * svgf->width + x;
+        struct past *next = &svgf->next[at];
+        float now[3];
+        if (g->object[at] == LW_TRACE_MISS || !divide(g, job->radiance, at, now)) {
+            *next = (struct past){.object = LW_TRACE_MISS};
+            for (int c = 0; c < 3; c++) light->rgb[c][at] = 0;
+            light->variance[at] = 0;
+            svgf->count[at] = 0;
+            continue;
+        }
+        read_past(job, at, next);
+        next->count = fminf(next->count, longest - 1) + 1;
+        const float share = 1 / next->count, luminance = luminance_of(now);
+        for (int c = 0; c < 3; c++) next->light[c] += share * (now[c] - next->light[c]);
+        next->moment[0] += share * (luminance - next->moment[0]);
+        next->moment[1] += share * (luminance * luminance - next->moment[1]);
+        remember_surface(g, at, next);
+        for (int c = 0; c < 3; c++) light->rgb[c][at] = next->light[c];
+        light->variance[at] = fmaxf(0, next->moment[1] - next->moment[0] * next->moment[0]) * share;
+        svgf->count[at] = next->count;
+    }
+}
+
+/* ---- variance of what has just come into view ---- */
+
+/* Weight of one pixel's light for another, in three parts that add up in the exponent: e^-x, cut off to reach 0 at 4. */
+static inline float falloff(float x) {
+    float w = fmaxf(0, 1 - 0.25f * x);
+    w *= w;
+    return w * w;
+}
+
+static void estimate_variance(const struct job *job, uint32_t x, uint32_t y) {
+    enum { RADIUS = 3 };
+    const struct lw_svgf *svgf = job->svgf;
+    const size_t at = (size_t)y * svgf->width + x;
+    const struct past *centre = &svgf->next[at];
+    float weights = 0, moment[2] = {0};
+    for (int dy = -RADIUS; dy <= RADIUS; dy++)
+        for (int dx = -RADIUS; dx <= RADIUS; dx++) {
+            const int px = (int)x + dx, py = (int)y + dy;
+            if (px < 0 || py < 0 || px >= (int)svgf->width || py >= (int)svgf->height) continue;
+            const struct past *past = &svgf->next[(size_t)py * svgf->width + (size_t)px];
+            if (past->object != centre->object) continue;
+            const float off =
+                past->depth - centre->depth - centre->slope[0] * (float)dx - centre->slope[1] * (float)dy;
+            const float cosine = past->normal[0] * centre->normal[0] + past->normal[1] * centre->normal[1] +
+                                 past->normal[2] * centre->normal[2];
+            const float weight =
+                falloff(fabsf(off) * centre->apart / (SIGMA_PLANE * RADIUS) + NORMAL_POWER * (1 - cosine));
+            weights += weight;
+            for (int m = 0; m < 2; m++) moment[m] += weight * past->moment[m];
+        }
+    if (!(weights > 0)) return;
+    const float mean = moment[0] / weights, variance = fmaxf(0, moment[1] / weights - mean * mean);
+    /* Few samples tell too little variance more often than too much: the shorter, the more is added. */
+    const float count = centre->count;
+    svgf->light[0].variance[at] = variance / count * fmaxf(1, HISTORY_VERY_SHORT / count);
+}
+
+static void estimate_row(const struct job *job, uint32_t y) {
+    const struct lw_svgf *svgf = job->svgf;
+    for (uint32_t x = 0; x < svgf->width; x++) {
+        const float count = svgf->count[(size_t)y * svgf->width + x];
+        if (count > 0 && count < HISTORY_SHORT) estimate_variance(job, x, y);
+    }
+}
+
+/* ---- over the picture ---- */
+
+/* The sums of a chunk of a row, and what each pixel of it knows by itself. */
+struct sums {
+    _Alignas(64) float weight[CHUNK], rgb[3][CHUNK], variance[CHUNK];
+    float luminance[CHUNK], sharpness[CHUNK]; /* 1 / (sigma standard deviations) */
+};
+
+/* A tap: the pixels `offset` further on, for `count` pixels from `at` on; `first` of the sums. */
+struct tap {
+    size_t at, from;
+    uint32_t first, count;
+    float dx, dy, kernel, plane; /* plane: 1 / (pixels' breadth off the plane) */
+};
+
+WIDE static void add_tap(const struct lw_gbuffer_planes *g, const struct light *in, const struct tap *tap,
+                         struct sums *restrict sums) {
+    const uint32_t *object_p = g->object + tap->at, *object_q = g->object + tap->from;
+    const float *depth_p = g->depth + tap->at, *depth_q = g->depth + tap->from;
+    const float *slope_x = g->slope[0] + tap->at, *slope_y = g->slope[1] + tap->at,
+                *apart = g->apart + tap->at;
+    const float *nx_p = g->normal[0] + tap->at, *ny_p = g->normal[1] + tap->at,
+                *nz_p = g->normal[2] + tap->at;
+    const float *nx_q = g->normal[0] + tap->from, *ny_q = g->normal[1] + tap->from,
+                *nz_q = g->normal[2] + tap->from;
+    const float *red = in->rgb[0] + tap->from, *green = in->rgb[1] + tap->from,
+                *blue = in->rgb[2] + tap->from;
+    const float *variance = in->variance + tap->from;
+    float *restrict sum_weight = sums->weight + tap->first, *restrict sum_variance =
+                                                                sums->variance + tap->first;
+    float *restrict sum_red = sums->rgb[0] + tap->first, *restrict sum_green = sums->rgb[1] + tap->first,
+                    *restrict sum_blue = sums->rgb[2] + tap->first;
+    const float *luminance = sums->luminance + tap->first, *sharpness = sums->sharpness + tap->first;
+    const float dx = tap->dx, dy = tap->dy, kernel = tap->kernel, plane = tap->plane;
+    for (uint32_t i = 0; i < tap->count; i++) {
+        const float off = depth_q[i] - depth_p[i] - slope_x[i] * dx - slope_y[i] * dy;
+        const float cosine = nx_p[i] * nx_q[i] + ny_p[i] * ny_q[i] + nz_p[i] * nz_q[i];
+        const float other = 0.2126f * red[i] + 0.7152f * green[i] + 0.0722f * blue[i];
+        float x = fabsf(off) * apart[i] * plane + NORMAL_POWER * (1 - cosine) +
+                  fabsf(other - luminance[i]) * sharpness[i];
+        float w = 1 - 0.25f * x;
+        w = w > 0 ? w : 0;
+        w *= w;
+        w *= w * kernel;
+        w = object_p[i] == object_q[i] ? w : 0;
+        sum_weight[i] += w;
+        sum_red[i] += w * red[i];
+        sum_green[i] += w * green[i];
+        sum_blue[i] += w * blue[i];
+        sum_variance[i] += w * w * variance[i];
+    }
+}
+
+static float variance_around(const struct lw_svgf *svgf, const float *variance, uint32_t x, uint32_t y) {
+    float sum = 0;
+    for (int dy = -1; dy <= 1; dy++)
+        for (int dx = -1; dx <= 1; dx++) {
+            int px = (int)x + dx, py = (int)y + dy;
+            px = px < 0 ? 0 : px >= (int)svgf->width ? (int)svgf->width - 1 : px;
+            py = py < 0 ? 0 : py >= (int)svgf->height ? (int)svgf->height - 1 : py;
+            sum += variance[(size_t)py * svgf->width + (size_t)px] * (dx ? 0.25f : 0.5f) * (dy ? 0.5f : 1.0f);
+        }
+    return 0.5f * sum;
+}
+
+static void filter_chunk(const struct job *job, const struct light *in, const struct light *out, uint32_t x,
+                         uint32_t y, int step) {
+    static const float kernel[5] = {1 / 16.0f, 1 / 4.0f, 3 / 8.0f, 1 / 4.0f, 1 / 16.0f};
+    const struct lw_svgf *svgf = job->svgf;
+    const int width = (int)svgf->width, height = (int)svgf->height;
+    const int count = width - (int)x < (int)CHUNK ? width - (int)x : (int)CHUNK;
+    const size_t at = (size_t)y * svgf->width + x;
+    struct sums sums;
+    memset(sums.weight, 0, sizeof sums.weight);
+    memset(sums.rgb, 0, sizeof sums.rgb);
+    memset(sums.variance, 0, sizeof sums.variance);
+    for (int i = 0; i < count; i++) {
+        const size_t p = at + (size_t)i;
+        sums.luminance[i] = 0.2126f * in->rgb[0][p] + 0.7152f * in->rgb[1][p] + 0.0722f * in->rgb[2][p];
+        sums.sharpness[i] =
+            1 / (SIGMA_LIGHT * sqrtf(variance_around(svgf, in->variance, x + (uint32_t)i, y)) + 1e-6f +
+                 1e-4f * fabsf(sums.luminance[i]));
+    }
+    for (int j = -2; j <= 2; j++) {
+        const int dy = j * step, row = (int)y + dy;
+        if (row < 0 || row >= height) continue;
+        for (int k = -2; k <= 2; k++) {
+            const int dx = k * step;
+            int first = 0, end = count;
+            if ((int)x + dx < 0) first = -((int)x + dx);
+            if ((int)x + end + dx > width) end = width - dx - (int)x;
+            if (first >= end) continue;
+            const struct tap tap = {.at = at + (size_t)first,
+                                    .from = (size_t)row * svgf->width + (size_t)((int)x + first + dx),
+                                    .first = (uint32_t)first,
+                                    .count = (uint32_t)(end - first),
+                                    .dx = (float)dx,
+                                    .dy = (float)dy,
+                                    .kernel = kernel[j + 2] * kernel[k + 2],
+                                    .plane = 1 / (SIGMA_PLANE * (float)step)};
+            add_tap(&job->gbuffer->plane, in, &tap, &sums);
+        }
+    }
+    for (int i = 0; i < count; i++) {
+        const float scale = 1 / fmaxf(sums.weight[i], 1e-30f);
+        for (int c = 0; c < 3; c++) out->rgb[c][at + (size_t)i] = sums.rgb[c][i] * scale;
+        out->variance[at + (size_t)i] = sums.variance[i] * scale * scale;
+    }
+}
+
+static void filter_row(const struct job *job, unsigned level, uint32_t y) {
+    struct lw_svgf *svgf = job->svgf;
+    for (uint32_t x = 0; x < svgf->width; x += CHUNK)
+        filter_chunk(job, &svgf->light[level & 1u], &svgf->light[~level & 1u], x, y, 1 << level);
+}
+
+static void deliver_row(const struct job *job, uint32_t y, float *out_rgb) {
+    const struct lw_svgf *svgf = job->svgf;
+    const struct lw_gbuffer_planes *g = &job->gbuffer->plane;
+    const struct light *light = &svgf->light[LEVELS & 1u];
+    for (size_t at = (size_t)y * svgf->width, end = at + svgf->width; at < end; at++)
+        for (int c = 0; c < 3; c++) {
+            const float rgb = light->rgb[c][at] * g->albedo[c][at] + g->emission[c][at];
+            out_rgb[3 * at + (size_t)c] = rgb > 0 ? rgb : 0;
+        }
+}
+
+void lw_svgf_filter(struct lw_svgf *svgf, const struct lw_gbuffer *gbuffer, const float *radiance,
+                    float *out_rgb) {
+    const struct lw_camera_view before = svgf->started ? svgf->camera : gbuffer->camera;
+    const struct job job = {.svgf = svgf,
+                            .gbuffer = gbuffer,
+                            .radiance = radiance,
+                            .before = before,
+                            .pixels_per_slope = 0.5f * (float)svgf->height / tanf(0.5f * before.fov_y)};
+#pragma omp parallel num_threads(svgf->threads)
+    {
+#pragma omp for schedule(dynamic, 8)
+        for (uint32_t y = 0; y < svgf->height; y++) accumulate_row(&job, y);
+#pragma omp for schedule(dynamic, 8)
+        for (uint32_t y = 0; y < svgf->height; y++) estimate_row(&job, y);
+        for (unsigned level = 0; level < LEVELS; level++) {
+#pragma omp for schedule(dynamic, 8)
+            for (uint32_t y = 0; y < svgf->height; y++) filter_row(&job, level, y);
+        }
+#pragma omp for schedule(dynamic, 8)
+        for (uint32_t y = 0; y < svgf->height; y++) deliver_row(&job, y, out_rgb);
+    }
+    struct past *past = svgf->past;
+    svgf->past = svgf->next;
+    svgf->next = past;
+    svgf->camera = gbuffer->camera;
+    svgf->started = true;
+}

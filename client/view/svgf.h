@@ -1,0 +1,34 @@
+/* svgf.h: takes the noise out of a path tracer's pictures as they come: over time, then over the picture.
+ * Flow:    gbuffer, radiance of a few samples per pixel -> [svgf] -> radiance
+ * Threads: one thread at a time per lw_svgf; works on several inside. Same inputs, same bytes, at any number.
+ * After:   Schied et al. 2017 (spatiotemporal variance-guided filtering); Dammertz et al. 2010 (edge-avoiding a-trous). */
+#ifndef LW_CLIENT_VIEW_SVGF_H
+#define LW_CLIENT_VIEW_SVGF_H
+
+#include "client/view/gbuffer.h"
+
+struct lw_svgf_desc {
+    uint32_t width, height; /* pixels */
+    unsigned threads;       /* 0: all */
+};
+
+struct lw_svgf;
+
+/** Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_svgf_create(const struct lw_svgf_desc *desc, struct lw_svgf **out_svgf,
+                                            struct lw_error *err);
+void lw_svgf_destroy(struct lw_svgf *svgf);
+
+/** Forgets all frames: the next one is the first. */
+void lw_svgf_reset(struct lw_svgf *svgf);
+
+/** Filters one frame. What the frame before left is found by gbuffer->plane.before and that frame's camera.
+ *
+ * gbuffer   of this frame, of the same size
+ * radiance  width * height * 3 floats, W/(m^2 sr), of paths through the centres of pixels; what is not finite counts as black
+ * out_rgb   as much; finite, not negative; may be `radiance`
+ * Cost      no allocation */
+void lw_svgf_filter(struct lw_svgf *svgf, const struct lw_gbuffer *gbuffer, const float *radiance,
+                    float *out_rgb);
+
+#endif

@@ -1,0 +1,295 @@
+/* bench_svgf: how near a path tracer of few samples comes to the truth with and without the denoiser, and what that costs.
+ *
+ *     bench_svgf [OPTIONS] SCENE[@PX,PY,PZ:TX,TY,TZ:FOV]...
+ *
+ * A camera moves and turns through each scene for --frames pictures while its animation runs; the last one is compared with
+ * a path trace of --truth samples. One table in Markdown per scene: relMSE = mean((x-t)^2 / (t^2 + eps)), eps = 1 % of the
+ * mean of t^2, less what the truth's own noise adds; CPU seconds per picture, and those of first hits and filter as shares
+ * of the path tracing. With -o DIR also the pictures: raw, filtered, truth. */
+#include "client/view/path_trace.h"
+#include "client/view/svgf.h"
+#include "client/view/tonemap.h"
+#include "common/image/image.h"
+#include "common/log.h"
+#include "common/scene/scene_open.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <time.h>
+
+struct settings {
+    struct lw_scene_open open;
+    int64_t bounces, truth, frames, width, height, spp_min, spp_max;
+    double move_m, turn_deg, step_s, start_s;
+    int pattern; /* enum lw_path_pattern */
+    const char *folder;
+};
+
+struct scene {
+    const struct settings *settings;
+    struct lw_scene *scene;
+    struct lw_pose pose;
+    struct lw_trace *trace;
+    struct lw_lights lights;
+    struct lw_path_trace *tracer;
+    struct lw_camera_view camera; /* of the first frame */
+    float *truth, *raw, *filtered;
+    double truth_error; /* relMSE */
+    double eps;
+};
+
+static double cpu_s(void) {
+    struct timespec now;
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
+    return (double)now.tv_sec + (double)now.tv_nsec * 1e-9;
+}
+
+static size_t value_count(const struct scene *s) {
+    return (size_t)s->settings->width * (size_t)s->settings->height * 3;
+}
+
+/* The camera of a frame: it goes on to its right and turns to its left. */
+static struct lw_camera_view camera_at(const struct scene *s, int64_t frame) {
+    const struct lw_camera_view *c = &s->camera;
+    const float m = (float)(s->settings->move_m * (double)frame),
+                a = (float)(s->settings->turn_deg * (double)frame) * LW_PI / 180;
+    struct lw_vec3 position = lw_vec3_mad(c->position, c->right, m);
+    struct lw_vec3 forward = lw_vec3_mad(lw_vec3_scale(c->forward, cosf(a)), c->right, -sinf(a));
+    return lw_camera_look_at(position, lw_vec3_add(position, forward), c->fov_y);
+}
+
+static enum lw_status go_to(struct scene *s, int64_t frame, struct lw_error *err) {
+    lw_pose_evaluate(&s->pose, s->scene, s->settings->start_s + s->settings->step_s * (double)frame);
+    enum lw_status status = lw_trace_set_pose(s->trace, &s->pose, err);
+    if (status != LW_OK) return status;
+    lw_lights_set_pose(&s->lights, &s->pose);
+    lw_path_trace_set_pose(s->tracer, &s->pose);
+    return LW_OK;
+}
+
+static struct lw_path_view view_at(const struct scene *s, int64_t frame) {
+    return (struct lw_path_view){.camera = camera_at(s, frame),
+                                 .bounces = (uint32_t)s->settings->bounces,
+                                 .seed = 1,
+                                 .pixel = LW_PATH_PIXEL_CENTRE};
+}
+
+static enum lw_status trace_truth(struct scene *s, struct lw_error *err) {
+    const int64_t last = s->settings->frames - 1;
+    struct lw_path_film film;
+    enum lw_status status = go_to(s, last, err);
+    if (status == LW_OK)
+        status = lw_path_film_init(&film, (uint32_t)s->settings->width, (uint32_t)s->settings->height, err);
+    if (status != LW_OK) return status;
+    struct lw_path_view view = view_at(s, last);
+    view.seed = 77;
+    lw_path_trace_render(s->tracer, &view, (uint32_t)s->settings->truth, &film, NULL);
+    lw_path_film_resolve(&film, s->truth);
+    s->truth_error = lw_path_film_error(&film) * lw_path_film_error(&film);
+    lw_path_film_finish(&film);
+    double square = 0;
+    for (size_t i = 0; i < value_count(s); i++) square += (double)s->truth[i] * (double)s->truth[i];
+    s->eps = 0.01 * square / (double)value_count(s);
+    return LW_OK;
+}
+
+static double error_of(const struct scene *s, const float *rgb) {
+    double sum = 0;
+    for (size_t i = 0; i < value_count(s); i++) {
+        const double t = (double)s->truth[i], off = (double)rgb[i] - t;
+        sum += off * off / (t * t + s->eps);
+    }
+    return sum / (double)value_count(s) - s->truth_error;
+}
+
+static enum lw_status write_picture(const struct scene *s, const char *name, const char *what, int64_t spp,
+                                    const float *rgb, struct lw_error *err) {
+    char path[512];
+    const struct settings *o = s->settings;
+    if (o->folder == NULL) return LW_OK;
+    const char *slash = strrchr(name, '/'), *base = slash ? slash + 1 : name;
+    snprintf(path, sizeof path, "%s/%.*s-%s-%d.png", o->folder, (int)strcspn(base, "@"), base, what,
+             (int)spp);
+    uint8_t *rgb8 = malloc(value_count(s));
+    if (rgb8 == NULL) return lw_status_fail(err, LW_NO_MEMORY, "%s", path);
+    const size_t pixels = value_count(s) / 3;
+    struct lw_tonemap tonemap;
+    lw_tonemap_init(&tonemap, LW_TONEMAP_REINHARD, lw_tonemap_auto_stops(s->truth, pixels));
+    lw_tonemap_encode(&tonemap, rgb, pixels, 3, rgb8);
+    enum lw_status status = lw_image_write_png(path, rgb8, (uint32_t)o->width, (uint32_t)o->height, err);
+    free(rgb8);
+    return status;
+}
+
+static enum lw_status measure(struct scene *s, const char *name, uint32_t spp, struct lw_error *err) {
+    const struct settings *o = s->settings;
+    struct lw_path_film film = {0};
+    struct lw_gbuffer gbuffer = {0};
+    struct lw_svgf *svgf = NULL;
+    double path_s = 0, hits_s = 0, filter_s = 0;
+    enum lw_status status = lw_path_film_init(&film, (uint32_t)o->width, (uint32_t)o->height, err);
+    if (status == LW_OK)
+        status = lw_gbuffer_init(&gbuffer,
+                                 &(struct lw_gbuffer_desc){.scene = s->scene,
+                                                           .trace = s->trace,
+                                                           .width = film.width,
+                                                           .height = film.height,
+                                                           .threads = (unsigned)o->open.threads},
+                                 err);
+    if (status == LW_OK)
+        status = lw_svgf_create(&(struct lw_svgf_desc){.width = film.width,
+                                                       .height = film.height,
+                                                       .threads = (unsigned)o->open.threads},
+                                &svgf, err);
+    for (int64_t f = 0; status == LW_OK && f < o->frames; f++) {
+        status = go_to(s, f, err);
+        if (status != LW_OK) break;
+        struct lw_path_view view = view_at(s, f);
+        view.first_sample = (uint32_t)f * spp;
+        view.pattern = (enum lw_path_pattern)o->pattern;
+        const double start = cpu_s();
+        lw_path_film_clear(&film);
+        lw_path_trace_render(s->tracer, &view, spp, &film, NULL);
+        lw_path_film_resolve(&film, s->raw);
+        const double traced = cpu_s();
+        lw_gbuffer_render(&gbuffer, &s->pose, &view.camera);
+        const double met = cpu_s();
+        lw_svgf_filter(svgf, &gbuffer, s->raw, s->filtered);
+        path_s += traced - start, hits_s += met - traced, filter_s += cpu_s() - met;
+    }
+    if (status == LW_OK) {
+        const double n = (double)o->frames, raw = error_of(s, s->raw), filtered = error_of(s, s->filtered);
+        printf("| %u | %.4g | %.4g | %.1f | %.3f | %.3f | %.3f | %.1f %% |\n", spp, raw, filtered,
+               raw / filtered, path_s / n, hits_s / n, filter_s / n, 100 * (hits_s + filter_s) / path_s);
+        fflush(stdout);
+        status = write_picture(s, name, "raw", spp, s->raw, err);
+    }
+    if (status == LW_OK) status = write_picture(s, name, "filtered", spp, s->filtered, err);
+    lw_svgf_destroy(svgf);
+    lw_gbuffer_finish(&gbuffer);
+    lw_path_film_finish(&film);
+    return status;
+}
+
+static enum lw_status set_up(struct scene *s, const char *name, struct lw_error *err) {
+    char path[1024];
+    const char *at = strchr(name, '@');
+    struct lw_scene_open open = s->settings->open;
+    snprintf(path, sizeof path, "%.*s", (int)(at ? at - name : (long)strlen(name)), name);
+    open.path = path;
+    enum lw_status status = lw_scene_open(&open, &s->scene, err);
+    if (status != LW_OK) return status;
+    status = lw_pose_init(&s->pose, s->scene);
+    if (status != LW_OK) return lw_status_fail(err, status, "no memory for the scene's pose");
+    status = lw_trace_create(s->scene, &s->pose, &s->trace, err);
+    if (status != LW_OK) return status;
+    status = lw_lights_init(&s->lights, s->scene, &s->pose);
+    if (status != LW_OK) return lw_status_fail(err, status, "no memory for the lights");
+    status = lw_path_trace_create(&(struct lw_path_trace_desc){.scene = s->scene,
+                                                               .trace = s->trace,
+                                                               .lights = &s->lights,
+                                                               .pose = &s->pose,
+                                                               .threads = (unsigned)open.threads},
+                                  &s->tracer, err);
+    if (status != LW_OK) return status;
+    const float aspect = (float)s->settings->width / (float)s->settings->height;
+    if (at)
+        status = lw_camera_parse(at + 1, &s->camera, err);
+    else if (s->scene->camera_count > 0)
+        s->camera = lw_camera_of_scene(s->scene, &s->pose, 0);
+    else
+        s->camera = lw_camera_default(s->scene, &s->pose, s->trace, aspect);
+    s->truth = malloc(value_count(s) * sizeof *s->truth);
+    s->raw = malloc(value_count(s) * sizeof *s->raw);
+    s->filtered = malloc(value_count(s) * sizeof *s->filtered);
+    if (!s->truth || !s->raw || !s->filtered)
+        return lw_status_fail(err, LW_NO_MEMORY, "no memory for pictures");
+    return status;
+}
+
+static void tear_down(struct scene *s) {
+    free(s->filtered);
+    free(s->raw);
+    free(s->truth);
+    lw_path_trace_destroy(s->tracer);
+    lw_lights_finish(&s->lights);
+    lw_trace_destroy(s->trace);
+    lw_pose_finish(&s->pose);
+    lw_scene_destroy(s->scene);
+}
+
+static enum lw_status run(const struct settings *settings, const char *name, struct lw_error *err) {
+    struct scene s = {.settings = settings};
+    enum lw_status status = set_up(&s, name, err);
+    if (status == LW_OK) status = trace_truth(&s, err);
+    if (status == LW_OK) {
+        printf("\n%s, %dx%d, %d frames; relMSE of the truth %.2g\n\n", name, (int)settings->width,
+               (int)settings->height, (int)settings->frames, s.truth_error);
+        printf("| spp | raw | filtered | ratio | paths, CPU s | hits | filter | share |\n");
+        printf("|---|---|---|---|---|---|---|---|\n");
+        status = write_picture(&s, name, "truth", settings->truth, s.truth, err);
+    }
+    for (int64_t spp = settings->spp_min; status == LW_OK && spp <= settings->spp_max; spp *= 2)
+        status = measure(&s, name, (uint32_t)spp, err);
+    tear_down(&s);
+    return status;
+}
+
+int main(int argc, char **argv) {
+    struct settings s = {.open = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG},
+                         .bounces = 2,
+                         .truth = 512,
+                         .frames = 16,
+                         .width = 320,
+                         .height = 180,
+                         .spp_min = 1,
+                         .spp_max = 8,
+                         .move_m = 0.02,
+                         .turn_deg = 0.5,
+                         .step_s = 1 / 30.0,
+                         .pattern = LW_PATH_PATTERN_INTERLEAVED};
+    const struct lw_option table[] = {
+        {"bounces", "N", "indirect bounces (default 2)", LW_OPTION_INT, &s.bounces, 0,
+         LW_PATH_TRACE_BOUNCES_MAX, NULL},
+        {"truth", "N", "samples of the truth (default 512)", LW_OPTION_INT, &s.truth, 2, 1 << 20, NULL},
+        {"frames", "N", "pictures on the way (default 16)", LW_OPTION_INT, &s.frames, 1, 1 << 20, NULL},
+        {"width", "N", "pixels (default 320)", LW_OPTION_INT, &s.width, 1, 16384, NULL},
+        {"height", "N", "pixels (default 180)", LW_OPTION_INT, &s.height, 1, 16384, NULL},
+        {"spp-min", "N", "fewest samples per pixel (default 1)", LW_OPTION_INT, &s.spp_min, 1, 1 << 16, NULL},
+        {"spp-max", "N", "most of them (default 8)", LW_OPTION_INT, &s.spp_max, 1, 1 << 16, NULL},
+        {"move", "METRES", "the camera's way per picture, to its right (default 0.02)", LW_OPTION_REAL,
+         &s.move_m, -1e6, 1e6, NULL},
+        {"turn", "DEG", "its turn per picture, to its left (default 0.5)", LW_OPTION_REAL, &s.turn_deg, -180,
+         180, NULL},
+        {"time", "SECONDS", "of the animation at the first picture (default 0)", LW_OPTION_REAL, &s.start_s,
+         0, 1e9, NULL},
+        {"step", "SECONDS", "of the animation from picture to picture (default 1/30)", LW_OPTION_REAL,
+         &s.step_s, 0, 1e9, NULL},
+        {"pattern", "square|interleaved", "pixels that share random numbers (default interleaved)",
+         LW_OPTION_CHOICE, &s.pattern, 0, 0, NULL},
+        {"o", "DIR", "write the pictures there", LW_OPTION_STRING, &s.folder, 0, 0, NULL},
+        LW_SCENE_OPEN_OPTIONS(&s.open),
+    };
+    const char *scene[64];
+    size_t count = 0;
+    const struct lw_options options = {.program = "bench_svgf",
+                                       .synopsis = "[OPTIONS] SCENE[@CAMERA]...",
+                                       .about =
+                                           "The error of few paths per pixel with and without the denoiser.",
+                                       .table = table,
+                                       .count = sizeof table / sizeof table[0],
+                                       .positional = scene,
+                                       .positional_min = 1,
+                                       .positional_max = sizeof scene / sizeof scene[0]};
+    struct lw_error err = {0};
+    bool done = false;
+    lw_log_init("bench_svgf", LW_LOG_WARNING);
+    enum lw_status status = lw_options_parse(&options, argc, argv, &count, &done, &err);
+    if (status == LW_OK && done) return 0;
+    if (status == LW_OK && s.folder)
+        mkdir(s.folder, 0777); /* a failure shows when the first picture is written */
+    for (size_t i = 0; status == LW_OK && i < count; i++) status = run(&s, scene[i], &err);
+    return status == LW_OK ? 0 : lw_log_failure(&err);
+}
