@@ -4,13 +4,21 @@
 #ifndef LW_CLIENT_LOAD_AUDIENCE_H
 #define LW_CLIENT_LOAD_AUDIENCE_H
 
+#include "client/view/attention.h"
 #include "client/view/compose.h"
+
+#define LW_AUDIENCE_LOOK_NS 100000000u /* between two times that a client hears what is looked at */
 
 struct lw_audience {
     uint16_t port; /* of 127.0.0.1 */
     uint32_t width, height;
     unsigned threads;
-    struct lw_client **client;
+    bool wants_everything; /* nobody says what he looks at */
+    struct lw_audience_user {
+        struct lw_client *client;
+        struct lw_attention attention;
+        uint64_t looked_ns; /* 0: never */
+    } * user;
     uint32_t count, capacity;
 
     /* of the first client's scene */
@@ -22,7 +30,7 @@ struct lw_audience {
 
 /** Nobody is there yet. Finish it in any case. */
 void lw_audience_init(struct lw_audience *audience, uint16_t port, uint32_t width, uint32_t height,
-                      unsigned threads);
+                      unsigned threads, bool wants_everything);
 /** A zeroed one is fine. */
 void lw_audience_finish(struct lw_audience *audience);
 
@@ -39,5 +47,10 @@ LW_MUST_CHECK enum lw_status lw_audience_follow(struct lw_audience *audience, st
 /** Composes what a user sees of the light that he has. out_rgb: width * height * 3 floats. */
 void lw_audience_show(struct lw_audience *audience, uint32_t user, const struct lw_camera_view *camera,
                       float *out_rgb);
+/** Tells a user's client what that view needs, if it is due; his next lw_client_poll() tells the server. now_ns: of
+ * whatever clock frames go by, > 0. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_audience_look(struct lw_audience *audience, uint32_t user,
+                                              const struct lw_camera_view *camera, uint64_t now_ns,
+                                              struct lw_error *err);
 
 #endif

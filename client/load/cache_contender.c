@@ -50,11 +50,12 @@ static enum lw_status start(struct lw_contender *contender, const struct lw_sett
                                                              .seed = seed,
                                                              .rest_error = setting->rest_error,
                                                              .threads = c->desc.threads,
-                                                             .denoise = c->desc.denoise},
+                                                             .denoise = c->desc.denoise,
+                                                             .seen = !setting->whole},
                               &c->daemon, err);
     if (status == LW_OK)
         lw_audience_init(&c->audience, lw_daemon_child_port(c->daemon), c->desc.width, c->desc.height,
-                         c->desc.threads);
+                         c->desc.threads, setting->whole);
     return status;
 }
 
@@ -68,7 +69,7 @@ static enum lw_status receive(struct cache_contender *c, struct lw_cost *cost, s
         const struct lw_client_stats before = lw_audience_stats(&c->audience, user);
         const uint64_t cpu_ns = lw_clock_thread_cpu_ns(), end_ns = lw_clock_ns() + FRAME_S * 1000000000ull;
         while (lw_audience_stats(&c->audience, user).settled_frame < c->report.published) {
-            enum lw_status status = lw_client_poll(c->audience.client[user], 100, err);
+            enum lw_status status = lw_client_poll(c->audience.user[user].client, 100, err);
             if (status != LW_OK) return status;
             if (lw_clock_ns() > end_ns)
                 return lw_status_fail(err, LW_TIMED_OUT, "a frame has not arrived in %u s", FRAME_S);
@@ -95,6 +96,20 @@ static enum lw_status need_pictures(struct cache_contender *c, uint32_t count, s
     return LW_OK;
 }
 
+static uint64_t scene_ns(uint64_t frame) { return frame * 1000000000ull / LW_VIEWS_HZ; }
+
+/* Those who came say what they look at. */
+static enum lw_status greet(struct cache_contender *c, uint64_t frame, struct lw_error *err) {
+    enum lw_status status = LW_OK;
+    for (uint32_t user = 0; user < c->audience.count && status == LW_OK; user++) {
+        if (c->audience.user[user].looked_ns) continue;
+        const struct lw_camera_view camera = lw_views_at(c->desc.views, user, frame);
+        status = lw_audience_look(&c->audience, user, &camera, scene_ns(frame), err);
+        if (status == LW_OK) status = lw_client_poll(c->audience.user[user].client, 0, err);
+    }
+    return status;
+}
+
 static enum lw_status show(struct cache_contender *c, uint64_t frame, const uint32_t *shown,
                            uint32_t shown_count, struct lw_cost *cost, struct lw_error *err) {
     const double users = c->audience.count;
@@ -103,7 +118,9 @@ static enum lw_status show(struct cache_contender *c, uint64_t frame, const uint
     uint64_t moved = lw_clock_process_cpu_ns();
     for (uint32_t i = 0; status == LW_OK && i < shown_count; i++) {
         struct lw_camera_view camera = lw_views_at(c->desc.views, shown[i], frame);
-        lw_audience_show(&c->audience, shown[i] % c->audience.count, &camera, c->rgb[i]);
+        const uint32_t user = shown[i] % c->audience.count;
+        lw_audience_show(&c->audience, user, &camera, c->rgb[i]);
+        status = lw_audience_look(&c->audience, user, &camera, scene_ns(frame), err);
     }
     uint64_t ended = lw_clock_process_cpu_ns();
     cost->cpu_s[LW_STAGE_COMPOSE] +=
@@ -115,7 +132,8 @@ static enum lw_status step(struct lw_contender *contender, uint64_t frame, const
                            uint32_t shown_count, struct lw_cost *cost, struct lw_error *err) {
     struct cache_contender *c = self(contender);
     const struct lw_daemon_report before = c->report;
-    enum lw_status status = lw_daemon_child_step(c->daemon, &c->report, err);
+    enum lw_status status = greet(c, frame, err);
+    if (status == LW_OK) status = lw_daemon_child_step(c->daemon, &c->report, err);
     if (status != LW_OK) return status;
     if (c->report.frame != frame)
         return lw_status_fail(err, LW_INTERNAL, "lightwelld is at frame %llu, we at %llu",

@@ -43,6 +43,7 @@ struct lw_setting {
     double density;   /* cache: lightmap texels per length, times the scene's default */
     uint32_t direct_samples, indirect_samples; /* cache: per texel and frame */
     double rest_error;                         /* cache: at which a tile rests */
+    bool whole; /* cache: all of the scene is lit, not what is looked at and what lights it */
 };
 
 struct lw_contender;

@@ -86,26 +86,47 @@ static enum lw_status measure_count(struct lw_crossover_run *run, struct lw_cont
     return status;
 }
 
-static enum lw_status measure_shared(struct lw_crossover_run *run, uint32_t repeat, uint32_t seed,
+static enum lw_status measure_counts(struct lw_crossover_run *run, struct crowd *crowd, uint32_t counts,
+                                     struct lw_cost *out_cost, struct lw_error *err) {
+    struct lw_contender *contender = run->x->side[LW_CROSSOVER_SHARED].contender;
+    struct lw_cost start = {0};
+    enum lw_status status = LW_OK;
+    for (uint32_t c = 0; c < counts && status == LW_OK && !lw_crossover_run_stopped(run); c++) {
+        out_cost[c] = (struct lw_cost){0};
+        status = measure_count(run, contender, crowd, c, &start, &out_cost[c], err);
+        if (status == LW_OK)
+            lw_log(LW_LOG_INFO, "shared cache, %u user%s: %.4g CPU s per frame", crowd->users,
+                   crowd->users > 1 ? "s" : "", lw_cost_total(&out_cost[c]));
+    }
+    return status;
+}
+
+/* All counts of users; whole: the first one alone, with all of the scene lit. */
+static enum lw_status measure_shared(struct lw_crossover_run *run, uint32_t repeat, uint32_t seed, bool whole,
                                      struct lw_error *err) {
     struct lw_crossover *x = run->x;
     struct lw_contender *contender = x->side[LW_CROSSOVER_SHARED].contender;
+    struct lw_setting setting = x->chosen[LW_CROSSOVER_SHARED];
+    struct lw_cost cost[LW_CROSSOVER_COUNTS_MAX];
     struct crowd crowd = {.repeat = repeat};
-    struct lw_cost start = {0};
-    enum lw_status status =
-        contender->ops->start(contender, &x->chosen[LW_CROSSOVER_SHARED], false, seed, err);
-    for (uint32_t c = 0; c < x->options.user_counts && status == LW_OK; c++) {
-        struct lw_cost cost = {0};
-        status = measure_count(run, contender, &crowd, c, &start, &cost, err);
-        if (status != LW_OK || lw_crossover_run_stopped(run)) break;
-        x->count[c].cost_s[LW_CROSSOVER_SHARED][repeat] = lw_cost_total(&cost);
-        x->count[c].shared[repeat] = cost;
-        lw_log(LW_LOG_INFO, "shared cache, %u user%s: %.4g CPU s per frame", crowd.users,
-               crowd.users > 1 ? "s" : "", lw_cost_total(&cost));
-    }
+    const uint32_t counts = whole ? 1 : x->options.user_counts;
+    setting.whole |= whole;
+    enum lw_status status = contender->ops->start(contender, &setting, false, seed, err);
+    if (status == LW_OK) status = measure_counts(run, &crowd, counts, cost, err);
     contender->ops->stop(contender);
-    if (crowd.errors) x->shared_error[repeat] = crowd.error_sum / crowd.errors;
-    return status;
+    if (status != LW_OK || lw_crossover_run_stopped(run)) return status;
+    const double error = crowd.errors ? crowd.error_sum / crowd.errors : 0;
+    if (whole) {
+        x->whole_cost_s[repeat] = lw_cost_total(&cost[0]);
+        x->whole_error = error;
+        return LW_OK;
+    }
+    x->shared_error[repeat] = error;
+    for (uint32_t c = 0; c < counts; c++) {
+        x->count[c].shared[repeat] = cost[c];
+        x->count[c].cost_s[LW_CROSSOVER_SHARED][repeat] = lw_cost_total(&cost[c]);
+    }
+    return LW_OK;
 }
 
 /* ---- path tracers ---- */
@@ -158,6 +179,9 @@ static void conclude(struct lw_crossover *x) {
         slope[i] = slope_s / alone_s;
         cross[i] = lw_crossover_figures_cross(fixed_s, slope_s, alone_s);
     }
+    for (uint32_t i = 0; i < repeats; i++)
+        ratio[i] = x->whole_cost_s[i] / x->count[0].cost_s[LW_CROSSOVER_PATHS][i];
+    x->whole_ratio = lw_crossover_figures_mean(ratio, repeats);
     x->count_done = counts;
     x->first_ratio = x->count[0].ratio;
     x->marginal = lw_crossover_figures_mean(slope, repeats);
@@ -181,9 +205,15 @@ enum lw_status lw_crossover_crowd(struct lw_crossover_run *run, struct lw_error 
     enum lw_status status = LW_OK;
     for (uint32_t i = 0; i < x->options.repeats && status == LW_OK; i++) {
         const uint32_t seed = x->options.seed + 1 + i; /* not that by which the settings were chosen */
-        for (int s = 0; s < LW_CROSSOVER_SIDES && status == LW_OK; s++)
-            status = x->side[s].traces ? measure_paths(run, (enum lw_crossover_side_id)s, i, seed, err)
-                                       : measure_shared(run, i, seed, err);
+        for (int s = 0; s < LW_CROSSOVER_SIDES && status == LW_OK && !lw_crossover_run_stopped(run); s++) {
+            if (x->side[s].traces) {
+                status = measure_paths(run, (enum lw_crossover_side_id)s, i, seed, err);
+                continue;
+            }
+            status = measure_shared(run, i, seed, false, err);
+            if (status == LW_OK && !x->chosen[s].whole && !lw_crossover_run_stopped(run))
+                status = measure_shared(run, i, seed, true, err);
+        }
         if (status != LW_OK || lw_crossover_run_stopped(run)) break;
         x->repeats_done = i + 1;
     }

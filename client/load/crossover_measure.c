@@ -44,7 +44,9 @@ static void lay_out(struct lw_crossover *x) {
     x->frames = (uint64_t)fmax(LW_CROSSOVER_PICTURES, round(x->options.seconds * LW_VIEWS_HZ));
     for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES; p++)
         x->picture[p] = x->warm_frames + 1 + (2 * p + 1) * (x->frames - 1) / (2 * LW_CROSSOVER_PICTURES);
-    x->eyes = most < LW_CROSSOVER_EYES ? most : LW_CROSSOVER_EYES;
+    /* a filtered picture takes all frames before it, at full size: fewer are looked at */
+    const uint32_t eyes = x->options.denoise ? LW_CROSSOVER_EYES / 2 : LW_CROSSOVER_EYES;
+    x->eyes = most < eyes ? most : eyes;
     x->stride = lw_truth_stride(x->options.width, x->options.height);
     x->lattice_width = x->options.width / x->stride;
     x->lattice_height = x->options.height / x->stride;

@@ -85,9 +85,12 @@ struct lw_crossover {
         [LW_CROSSOVER_SIDES]; /* the path tracer's as it was chosen by; the cache's of the repeats */
     struct lw_crossover_count count[LW_CROSSOVER_COUNTS_MAX];
     uint32_t count_done, repeats_done;
-    struct lw_crossover_figure first_ratio; /* r(1), or of the first count */
-    struct lw_crossover_figure marginal;    /* m: one more user over one more path tracer */
-    struct lw_crossover_figure crossover;   /* users from which on sharing is cheaper; INFINITY: none */
+    struct lw_crossover_figure first_ratio;        /* r(1), or of the first count */
+    double whole_cost_s[LW_CROSSOVER_REPEATS_MAX]; /* of the first count, with all of the scene lit */
+    struct lw_crossover_figure whole_ratio;        /* likewise */
+    double whole_error;
+    struct lw_crossover_figure marginal;  /* m: one more user over one more path tracer */
+    struct lw_crossover_figure crossover; /* users from which on sharing is cheaper; INFINITY: none */
     struct lw_crossover_real real;
     const char *shortfall; /* why there are no figures for counts of users; NULL: there are */
 };

@@ -97,7 +97,7 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
         .scene = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG}, .spread = 0.5, .seconds = 2};
     const char *scene[1] = {NULL}, *users = DEFAULT_USERS, *error = "relmse:0.1", *size = "1280x720",
                *fixed = NULL;
-    int motion = LW_SCENE_MOTION_LIGHT, views = LW_VIEWS_WALK;
+    int motion = LW_SCENE_MOTION_LIGHT, views = LW_VIEWS_WALK, light = 0;
     int64_t bounces = 2, seed = 1, repeats = 3, truth = 256;
     const struct lw_option table[] = {
         {"users", "LIST", "user counts to measure, growing (default " DEFAULT_USERS ")", LW_OPTION_STRING,
@@ -122,6 +122,11 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
          "no search: SPP paths per pixel against D direct and I indirect samples per texel, whatever their "
          "error",
          LW_OPTION_STRING, &fixed, 0, 0, NULL},
+        {"light", "seen|whole",
+         "seen: the server lights what users look at, and what lights it (default; with one look at the "
+         "whole beside "
+         "it). whole: all of the scene",
+         LW_OPTION_CHOICE, &light, 0, 0, NULL},
         {"denoise", NULL,
          "filter both sides: the path tracer over time and picture, the lightmap in its charts",
          LW_OPTION_FLAG, &o.denoise, 0, 0, NULL},
@@ -154,6 +159,7 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
     o.scene.path = scene[0];
     o.motion = (enum lw_scene_motion)motion;
     o.views = (enum lw_views_kind)views;
+    o.whole = light == 1;
     o.bounces = (uint32_t)bounces;
     o.seed = (uint32_t)seed;
     o.repeats = (uint32_t)repeats;

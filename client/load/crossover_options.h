@@ -27,6 +27,7 @@ struct lw_crossover_options {
     uint32_t fixed_samples, fixed_direct, fixed_indirect;
     bool denoise;   /* both sides filtered */
     bool self_test; /* a path tracer on both sides */
+    bool whole;     /* the cache lights all of the scene */
 };
 
 /** Reads the command line; argv[0] is "crossover". --help and --version print and set *out_done.

@@ -206,7 +206,8 @@ static enum lw_status write_json(const struct lw_crossover *x, const char *comma
                                                  "paths_point", x->target[t].best[LW_CROSSOVER_PATHS],
                                                  "shared_point", x->target[t].best[LW_CROSSOVER_SHARED]));
     json_t *root = json_pack(
-        "{s:s, s:s, s:s, s:I, s:s, s:s, s:i, s:i, s:i, s:f, s:f, s:s?, s:o, s:o, s:o, s:o, s:o, s:o, s:o}",
+        "{s:s, s:s, s:s, s:I, s:s, s:s, s:i, s:i, s:i, s:f, s:f, s:s?, s:o, s:o, s:o, s:o, s:o, s:o, s:o, "
+        "s:o}",
         "command", command, "scene", x->options.scene.path, "version", LW_VERSION, "triangles",
         (json_int_t)x->densities.triangles, "motion", lw_crossover_motion_name(x->options.motion), "views",
         x->views ? lw_views_about(x->views) : "", "width", (int)x->options.width, "height",
@@ -214,8 +215,8 @@ static enum lw_status write_json(const struct lw_crossover *x, const char *comma
         x->eyes ? mean_noise(x) : 0.0, "texels_per_metre", x->densities.texels_per_metre, "shortfall",
         x->shortfall, "targets", targets, "paths", json_side(&x->side[LW_CROSSOVER_PATHS]), "shared",
         json_side(&x->side[LW_CROSSOVER_SHARED]), "users", counts, "ratio_first",
-        json_figure(&x->first_ratio), "marginal", json_figure(&x->marginal), "crossover_users",
-        json_figure(&x->crossover));
+        json_figure(&x->first_ratio), "marginal", json_figure(&x->marginal), "ratio_first_whole_scene",
+        json_figure(&x->whole_ratio), "crossover_users", json_figure(&x->crossover));
     char *text =
         root ? json_dumps(root, JSON_INDENT(1) | JSON_PRESERVE_ORDER | JSON_REAL_PRECISION(8)) : NULL;
     enum lw_status status = text ? save(x->options.folder, "crossover.json", text, strlen(text), err)
@@ -285,6 +286,11 @@ static void print_result(const struct lw_crossover *x, FILE *f) {
             fprintf(f, "* sharing is cheaper from more than **");
         print_figure(f, &x->crossover);
         fprintf(f, x->crossover.mean < 1 ? ")\n" : "** users on\n");
+    }
+    if (x->whole_ratio.mean > 0) {
+        fprintf(f, "* with all of the scene lit instead of what is looked at and what lights it: r = ");
+        print_figure(f, &x->whole_ratio);
+        fprintf(f, " (relMSE %.3g)\n", x->whole_error);
     }
     fprintf(f, "\nIntervals are of 95 %%, over %u repeats with random numbers of their own.\n\n",
             x->repeats_done);

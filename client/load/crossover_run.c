@@ -42,11 +42,11 @@ static struct lw_cost of_one(const struct lw_cost *cost, double users) {
 
 /* Who is shown: all in a picture's frame and where pictures build on each other, else one in turn. */
 static uint32_t choose_shown(const struct lw_crossover *x, const struct lw_contender *contender,
-                             uint64_t frame, bool measured, uint32_t *out_shown) {
+                             uint64_t frame, uint32_t *out_shown) {
     for (uint32_t i = 0; i < x->eyes; i++) out_shown[i] = i;
     if (contender->keeps || lw_crossover_run_picture(x, frame) >= 0) return x->eyes;
     out_shown[0] = (uint32_t)(frame % x->eyes);
-    return measured ? 1 : 0;
+    return 1; /* also where nothing is measured: who is shown says what he looks at */
 }
 
 static bool is_needed(const struct lw_crossover *x, const struct lw_contender *contender, uint64_t frame) {
@@ -71,7 +71,7 @@ enum lw_status lw_crossover_run_sequence(struct lw_crossover_run *run, struct lw
         if (!is_needed(x, contender, frame)) continue;
         uint32_t shown[LW_CROSSOVER_EYES];
         const bool counts = from_start || frame > x->warm_frames;
-        const uint32_t shown_count = choose_shown(x, contender, frame, counts, shown);
+        const uint32_t shown_count = choose_shown(x, contender, frame, shown);
         const int picture = lw_crossover_run_picture(x, frame);
         struct lw_cost cost = {0};
         status = contender->ops->step(contender, frame, shown, shown_count, &cost, err);
@@ -98,16 +98,20 @@ static enum lw_status trace_each(struct lw_crossover_run *run, struct lw_contend
                                  uint32_t samples, uint32_t picture, uint32_t seed, double *out_per_eye_s,
                                  struct lw_error *err) {
     const struct lw_crossover *x = run->x;
-    enum lw_status status =
-        contender->ops->start(contender, &(struct lw_setting){.samples = samples}, false, seed, err);
-    if (status == LW_OK) status = contender->ops->set_users(contender, 1, err);
-    for (uint32_t eye = 0; eye < x->eyes; eye++) {
+    /* where a frame's cost depends on the one before, the last of two is measured */
+    const uint64_t before = contender->keeps ? 1 : 0;
+    enum lw_status status = LW_OK;
+    for (uint32_t eye = 0; eye < x->eyes && status == LW_OK && !lw_crossover_run_stopped(run); eye++) {
         struct lw_cost cost = {0};
-        if (status == LW_OK && !lw_crossover_run_stopped(run))
-            status = contender->ops->step(contender, x->picture[picture], &eye, 1, &cost, err);
+        status = contender->ops->start(contender, &(struct lw_setting){.samples = samples}, false, seed, err);
+        if (status == LW_OK) status = contender->ops->set_users(contender, 1, err);
+        for (uint64_t back = before + 1; back-- > 0 && status == LW_OK;) {
+            cost = (struct lw_cost){0};
+            status = contender->ops->step(contender, x->picture[picture] - back, &eye, 1, &cost, err);
+        }
+        contender->ops->stop(contender);
         out_per_eye_s[eye] = lw_cost_total(&cost);
     }
-    contender->ops->stop(contender);
     return status;
 }
 
@@ -115,7 +119,7 @@ enum lw_status lw_crossover_run_trace(struct lw_crossover_run *run, struct lw_co
                                       const struct lw_setting *setting, uint32_t picture, uint32_t seed,
                                       double out_per_eye_s[LW_CROSSOVER_EYES], struct lw_error *err) {
     const struct lw_crossover *x = run->x;
-    if (contender->keeps) {
+    if (contender->history == UINT32_MAX) { /* what a frame costs depends on all before */
         struct lw_cost cost;
         double error;
         enum lw_status status = lw_crossover_run_sequence(run, contender, setting, seed, &cost, &error, err);

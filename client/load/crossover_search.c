@@ -59,7 +59,7 @@ static enum lw_status try_samples(struct lw_crossover_run *run, struct lw_crosso
         if (side->point[i].setting.samples == samples) *out_point = &side->point[i];
     struct lw_crossover_point *point = next_point(side);
     if (*out_point || !point) return LW_OK;
-    const bool linear = !side->contender->keeps;
+    const bool linear = side->contender->history < UINT32_MAX;
     enum lw_status status = linear && !(side->per_sample_s > 0) ? measure_line(run, side, err) : LW_OK;
     *point = (struct lw_crossover_point){.setting = {.samples = samples}};
     if (status == LW_OK)
@@ -114,10 +114,13 @@ static enum lw_status try_setting(struct lw_crossover_run *run, struct lw_crosso
     return LW_OK;
 }
 
-static struct lw_setting setting_at(bool still, double density, uint32_t rung) {
-    struct lw_setting setting = {
-        .density = density, .direct_samples = 1, .indirect_samples = 2, .rest_error = LW_CROSSOVER_REST};
-    if (still) {
+static struct lw_setting setting_at(const struct lw_crossover *x, double density, uint32_t rung) {
+    struct lw_setting setting = {.density = density,
+                                 .direct_samples = 1,
+                                 .indirect_samples = 2,
+                                 .rest_error = LW_CROSSOVER_REST,
+                                 .whole = x->options.whole};
+    if (x->options.motion == LW_SCENE_MOTION_STATIC) {
         setting.rest_error = rests[rung];
     } else {
         setting.direct_samples = rungs[rung][0];
@@ -131,7 +134,7 @@ static enum lw_status climb(struct lw_crossover_run *run, struct lw_crossover_si
     const bool still = run->x->options.motion == LW_SCENE_MOTION_STATIC;
     double last_error = (double)INFINITY;
     for (uint32_t rung = 0; rung < (still ? COUNT(rests) : COUNT(rungs)); rung++) {
-        const struct lw_setting setting = setting_at(still, density, rung);
+        const struct lw_setting setting = setting_at(run->x, density, rung);
         struct lw_crossover_point *point;
         enum lw_status status = try_setting(run, side, &setting, &point, err);
         if (status != LW_OK || !point) return status;
@@ -171,7 +174,8 @@ static enum lw_status take_given(struct lw_crossover_run *run, struct lw_error *
         const struct lw_setting setting = {.density = 1,
                                            .direct_samples = o->fixed_direct,
                                            .indirect_samples = o->fixed_indirect,
-                                           .rest_error = LW_CROSSOVER_REST};
+                                           .rest_error = LW_CROSSOVER_REST,
+                                           .whole = o->whole};
         status = side->traces ? try_samples(run, side, o->fixed_samples, &point, err)
                               : try_setting(run, side, &setting, &point, err);
         if (status != LW_OK || !point) return status;

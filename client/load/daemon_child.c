@@ -67,6 +67,8 @@ static enum lw_status spawn(struct lw_daemon_child *c, const struct lw_daemon_ch
                                  c->port_file,
                                  "--clock",
                                  desc->real_clock ? "real" : "manual",
+                                 "--light",
+                                 desc->seen ? "seen" : "whole",
                                  "--denoise",
                                  desc->denoise ? "on" : "off",
                                  "--bounces",
@@ -79,7 +81,7 @@ static enum lw_status spawn(struct lw_daemon_child *c, const struct lw_daemon_ch
                                  text[3],
                                  "--error",
                                  text[4]};
-    size_t count = 20;
+    size_t count = 22;
     if (!desc->real_clock)
         arguments[count++] = "--json"; /* reports wait to be read: for those who step alone */
     if (desc->threads) arguments[count++] = "--threads", arguments[count++] = text[5];

@@ -14,6 +14,7 @@ struct lw_daemon_child_desc {
     double rest_error;
     unsigned threads; /* 0: all */
     bool denoise;
+    bool seen;       /* light what is looked at, instead of the whole scene */
     bool real_clock; /* frames follow the wall clock instead of lw_daemon_child_step() */
 };
 

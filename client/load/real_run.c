@@ -23,7 +23,7 @@ struct real_run {
 static enum lw_status poll_all(struct real_run *r, struct lw_error *err) {
     if (r->desc->cancel && *r->desc->cancel) return lw_status_fail(err, LW_CLOSED, "interrupted");
     for (uint32_t user = 0; user < r->audience.count; user++) {
-        enum lw_status status = lw_client_poll(r->audience.client[user], 0, err);
+        enum lw_status status = lw_client_poll(r->audience.user[user].client, 0, err);
         if (status != LW_OK) return status;
     }
     return LW_OK;
@@ -33,7 +33,7 @@ static enum lw_status await_first_light(struct real_run *r, struct lw_error *err
     const uint64_t end_ns = lw_clock_ns() + FIRST_LIGHT_S * 1000000000ull;
     for (uint32_t user = 0; user < r->audience.count;) {
         enum lw_status status = poll_all(r, err);
-        if (status == LW_OK) status = lw_client_poll(r->audience.client[user], 10, err);
+        if (status == LW_OK) status = lw_client_poll(r->audience.user[user].client, 10, err);
         if (status != LW_OK) return status;
         if (lw_audience_stats(&r->audience, user).settled_frame) user++;
         if (lw_clock_ns() > end_ns)
@@ -57,6 +57,8 @@ static enum lw_status see(struct real_run *r, uint32_t user, struct lw_real_pict
     const uint64_t frame = 1 + (uint64_t)fmax(0, floor(now_s(r, user) * LW_VIEWS_HZ));
     const struct lw_camera_view camera = lw_views_at(r->desc->views, user, frame);
     lw_audience_show(&r->audience, user, &camera, r->rgb);
+    status = lw_audience_look(&r->audience, user, &camera, lw_clock_ns(), err);
+    if (status != LW_OK) return status;
     r->views++;
     const double age_s = 1e-9 * (double)lw_audience_stats(&r->audience, user).light_age_ns;
     r->age_sum_s += age_s;
@@ -126,11 +128,12 @@ enum lw_status lw_real_run(const struct lw_real_run_desc *desc, struct lw_real_r
                                        .rest_error = desc->setting.rest_error,
                                        .threads = desc->threads,
                                        .denoise = desc->denoise,
+                                       .seen = !desc->setting.whole,
                                        .real_clock = true},
         &r.daemon, err);
     if (status == LW_OK) {
         lw_audience_init(&r.audience, lw_daemon_child_port(r.daemon), desc->width, desc->height,
-                         desc->threads);
+                         desc->threads, desc->setting.whole);
         status = lw_audience_set_count(&r.audience, desc->users, err);
     }
     if (status == LW_OK) status = warm(&r, err);
