@@ -35,9 +35,10 @@ enum lw_status lw_path_world_set_time(struct lw_path_world *world, double time_s
     return LW_OK;
 }
 
-void lw_path_world_render(const struct lw_path_world *world, const struct lw_camera_view *camera,
-                          uint32_t samples, uint32_t seed, struct lw_path_film *film) {
-    const struct lw_path_view view = {
-        .camera = *camera, .bounces = world->bounces, .seed = seed, .pixel = LW_PATH_PIXEL_CENTRE};
-    lw_path_trace_render(world->tracer, &view, samples, film, NULL);
+void lw_path_world_render(const struct lw_path_world *world, const struct lw_path_view *view,
+                          uint32_t samples, struct lw_path_film *film) {
+    struct lw_path_view centred = *view;
+    centred.bounces = world->bounces;
+    centred.pixel = LW_PATH_PIXEL_CENTRE;
+    lw_path_trace_render(world->tracer, &centred, samples, film, NULL);
 }

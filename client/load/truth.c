@@ -31,7 +31,7 @@ enum lw_status lw_truth_init(struct lw_truth *truth, const struct lw_path_world 
     struct lw_path_film film;
     enum lw_status status = lw_path_film_init(&film, width, height, err);
     if (status != LW_OK) return status;
-    lw_path_world_render(world, camera, samples, seed, &film);
+    lw_path_world_render(world, &(struct lw_path_view){.camera = *camera, .seed = seed}, samples, &film);
     *truth = (struct lw_truth){.width = width, .height = height, .half = {film.half[0], film.half[1]}};
     const float scale = 2.0f / (float)samples;
     for (size_t i = 0; i < value_count(truth); i++) truth->half[0][i] *= scale, truth->half[1][i] *= scale;

@@ -112,6 +112,26 @@ static void settings_may_be_given_and_plots_missing(void **state) {
     free(report);
 }
 
+static void both_sides_may_be_filtered(void **state) {
+    (void)state;
+    struct lw_process process;
+    char arguments[500];
+    const char *folder = lw_support_temporary("filtered");
+    snprintf(arguments, sizeof arguments, SMALL "--denoise --settings 1:1+1 -o %s", folder);
+    int code = run(arguments, &process);
+    char *said = lw_process_err(&process);
+    if (code != 0) fail_msg("%s", said);
+    free(said);
+    /* one path per pixel is off by 0.1 and more here; filtered, by a tenth of that at most */
+    char *csv = read_text(folder, "settings.csv");
+    const char *paths = strstr(csv, "\npaths,1,");
+    assert_non_null(paths);
+    double error = -1;
+    assert_int_equal(sscanf(paths, "\npaths,1,%*[^,],%*[^,],%*[^,],%*[^,],%lf", &error), 1);
+    assert_true(error >= 0 && error < 0.02);
+    free(csv);
+}
+
 static void an_interruption_keeps_what_is_there(void **state) {
     (void)state;
     struct lw_process process;
@@ -167,6 +187,7 @@ int main(void) {
         cmocka_unit_test_teardown(measures_and_reports, end_all),
         cmocka_unit_test_teardown(equals_are_equal, end_all),
         cmocka_unit_test_teardown(settings_may_be_given_and_plots_missing, end_all),
+        cmocka_unit_test_teardown(both_sides_may_be_filtered, end_all),
         cmocka_unit_test_teardown(an_interruption_keeps_what_is_there, end_all),
         cmocka_unit_test_teardown(fails_with_one_line, end_all),
     };
