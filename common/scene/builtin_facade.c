@@ -191,6 +191,7 @@ static void door(struct lw_builtin_mesh *mesh, const struct lw_builtin_facade_pa
     box(mesh, x + w, 0, 0, x + w + 0.22f, leaf_top - 0.11f, 0.12f, NO_BACK);
     box(mesh, x - 0.30f, h + 0.11f, 0, x + w + 0.30f, h + 0.27f, 0.28f, NO_BACK);
     box(mesh, x - 0.2f, 0, -REVEAL_M, x + w + 0.2f, 0.12f, 0.34f, NO_BACK);
+    box(mesh, x, leaf_top - 0.11f, z, x + w, leaf_top, 0, LW_BUILTIN_BOTTOM); /* under the fanlight */
     lw_builtin_facade_use(mesh, paints->door);
     /* jambs of the leaf: the opening is cut in full, the surround above ends at the fanlight */
     lw_builtin_mesh_quad(mesh, lw_vec3(x, 0, 0), lw_vec3(0, 0, z), lw_vec3(0, leaf_top, 0), 0);
