@@ -124,9 +124,8 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "manual: the same, and a frame begins with each line on stdin, whose end stops the server",
          LW_OPTION_CHOICE, &s->clock, 0, 0, NULL},
         {"light", "whole|seen",
-         "whole: all of the scene, always (default). seen: what clients look at, and what lights it; nothing "
-         "while "
-         "nobody looks",
+         "seen: what clients look at and what lights it, nothing while nobody looks (default). whole: all of "
+         "it",
          LW_OPTION_CHOICE, &s->light, 0, 0, NULL},
         {"seed", "N", "of all random numbers (default 1)", LW_OPTION_INT, &s->seed, 0, UINT32_MAX, NULL},
         {"animate", NULL, "run the scene's animation (default if it has one)", LW_OPTION_FLAG, &s->animate, 0,
@@ -442,6 +441,7 @@ int main(int argc, char **argv) {
                      .direct_samples = 1,
                      .indirect_samples = 2,
                      .denoise = 1,
+                     .light = LIGHT_SEEN,
                      .frame_rate = 30,
                      .seed = 1,
                      .error = (double)TARGET_ERROR,

@@ -23,7 +23,7 @@ echo "| scene | texels | frame ms | direct | scatter | levels | encode | Mrays/s
 echo "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|"
 for scene in "$@"; do
     rm -f "$work/port"
-    "$bin/lightwelld" "$scene" --freeze 0 --clock step --frames 30 --listen 127.0.0.1:0 --json >"$work/frames" 2>"$work/log" ||
+    "$bin/lightwelld" "$scene" --freeze 0 --light whole --clock step --frames 30 --listen 127.0.0.1:0 --json >"$work/frames" 2>"$work/log" ||
         { cat "$work/log" >&2; exit 1; }
     "$bin/lightwelld" "$scene" --freeze 0 --listen 127.0.0.1:0 --port-file "$work/port" >/dev/null 2>"$work/log" &
     daemon=$!

@@ -31,10 +31,11 @@
 /* Growth of the daemon's memory that is no leak: a peer's queue has a bound far below. */
 #define MEMORY_SLACK_KB 4096
 
-#define CORNELL     "builtin:cornell --texels-per-metre 8 --clock step --json "
+/* All of the scene, whoever looks: what --light seen does is test_seen's. */
+#define CORNELL     "builtin:cornell --texels-per-metre 8 --clock step --json --light whole "
 #define RESTS       CORNELL "--error 0.3 "  /* comes to rest after a few dozen frames */
 #define NEVER_RESTS CORNELL "--error 1e-6 " /* hundreds of frames a second, for ever */
-#define ATRIUM      "builtin:atrium --texels-per-metre 2 --clock step --json "
+#define ATRIUM      "builtin:atrium --texels-per-metre 2 --clock step --json --light whole "
 #define CITY        "builtin:city:1 --texels-per-metre 0.3 --clock step --json "
 
 /* ---- what the daemon prints ---- */
@@ -682,6 +683,7 @@ static void bad_options_are_named(void **state) {
         {"--indirect-samples 0", "--indirect-samples"},
         {"--frame-rate 0", "--frame-rate"},
         {"--clock wall", "--clock"},
+        {"--light some", "--light"},
         {"--threads 0", "--threads"},
         {"--seed -1", "--seed"},
         {"--freeze -1", "--freeze"},
