@@ -167,9 +167,11 @@ static void run_finish(struct cell_solver *s, const struct lw_passes *passes, ui
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
-        if (!tile->due) continue;
-        lw_passes_finish_tile(passes, tile);
+        if (tile->due) lw_passes_finish_tile(passes, tile);
+        tile->unseen |= tile->due;
+        if (!tile->unseen || !tile->shows) continue;
         tile->solved_frame = frame;
+        tile->unseen = false;
     }
 }
 

@@ -85,6 +85,12 @@ static bool is_turn(const struct lw_schedule *schedule, const struct lw_solve_ti
            ((schedule->tick + lw_random_hash(tile->id.v)) & (period - 1)) == 0;
 }
 
+/* What lights what is looked at is itself on show in coarse levels alone, which may be old: one frame in so many, all of an
+ * object at once, since filter, seams and levels work by the object. */
+static bool shows_unwanted(const struct lw_schedule *schedule, uint32_t object) {
+    return ((schedule->tick + lw_random_hash(object)) & (LW_SCHEDULE_PERIOD_MAX - 1)) == 0;
+}
+
 static void take_readings(struct lw_schedule *schedule, const struct lw_tiles *tiles) {
     for (uint32_t i = 0; i < tiles->count; i++) {
         const struct lw_solve_tile *tile = &tiles->tile[i];
@@ -100,6 +106,7 @@ static void take_readings(struct lw_schedule *schedule, const struct lw_tiles *t
 static void choose_everything(struct lw_tiles *tiles, struct lw_schedule_count *count) {
     for (uint32_t i = 0; i < tiles->count; i++) {
         tiles->tile[i].due = !tiles->tile[i].resting;
+        tiles->tile[i].shows = true;
         count->due += tiles->tile[i].due;
         count->wanted += tiles->tile[i].covered_count > 0;
     }
@@ -142,6 +149,7 @@ void lw_schedule_choose(struct lw_schedule *schedule, struct lw_tiles *tiles, bo
             count.feeding += period > 0;
         }
         tile->due = !tile->resting && (tile->frames == 0 || (period && is_turn(schedule, tile, period)));
+        tile->shows = wanted || tile->frames == 0 || shows_unwanted(schedule, tile->object);
         count.due += tile->due;
     }
     *out_count = count;

@@ -44,7 +44,7 @@ void lw_schedule_finish(struct lw_schedule *schedule);
 LW_MUST_CHECK enum lw_status lw_schedule_want(struct lw_schedule *schedule, const struct lw_tiles *tiles,
                                               const uint8_t *wanted);
 
-/** Sets `due` of every tile, for the frame that begins. feeds_all: rays end where texels cannot be counted (at probes),
+/** Sets `due` and `shows` of every tile, for the frame that begins. feeds_all: rays end where texels cannot be counted (at probes),
  * so that every tile may light what is looked at. */
 void lw_schedule_choose(struct lw_schedule *schedule, struct lw_tiles *tiles, bool feeds_all,
                         struct lw_schedule_count *out_count);

@@ -66,7 +66,7 @@ struct lw_solver_tile {
     uint32_t bounces;      /* indirect bounces that it holds */
     uint32_t frames;       /* frames whose samples it has seen */
     float error;           /* relative standard error, estimated */
-    uint64_t solved_frame; /* last frame that changed it; 0: never */
+    uint64_t solved_frame; /* last frame that changed what is shown of it; 0: never */
 };
 
 struct lw_solver {

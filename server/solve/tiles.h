@@ -26,6 +26,8 @@ struct lw_solve_tile {
     float error;    /* relative standard error of luminance */
     bool resting;
     bool due;              /* the frame under way solves it (schedule.h) */
+    bool shows;            /* what was solved is to be seen in this frame, not merely read by other tiles */
+    bool unseen;           /* it was solved since it last did */
     uint32_t solved_tick;  /* of the schedule, when it was last solved */
     uint32_t solved_moves; /* frames in which something had moved by then */
     uint32_t still;        /* frames since a movement, not counting those that it slept through */

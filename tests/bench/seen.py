@@ -5,7 +5,7 @@
 
 Per camera one row per mode: level-0 tiles that are looked at, that light those, in all; texels solved and CPU ms (solve,
 publish) per frame, means over the second half of FRAMES; relMSE of the view after the last frame against the path tracer
-(--spp 256) at the same moment, and of seen against whole. BIN: build/release/bin. The daemon's clock is manual: both
+(--spp 64) at the same moment, and of seen against whole. BIN: build/release/bin. The daemon's clock is manual: both
 modes light the same frames, and only CPU time is told.
 """
 import json
@@ -16,8 +16,8 @@ import sys
 import tempfile
 import time
 
-SIZE = "640x360"
-SPP = "256"
+SIZE = "320x180"
+SPP = "64"
 
 
 def run(command):
