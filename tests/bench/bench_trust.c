@@ -6,7 +6,8 @@
  * the pixels, and prints a table in Markdown: ratio of the means, the worst of 8 x 6 regions with its standard error, how
  * many regions obey |ratio - 1| <= max(3 standard errors, 0.005), and relMSE = mean((x - t)^2 / (t^2 + eps)), eps = 1 %
  * of the mean of t^2. The standard errors hold the noise of both sides: batches of the path tracer, two seeds of the
- * solve. With -o DIR also the pictures: the solve on the left, the path tracer on the right. */
+ * solve. --list adds every region and every object that does not obey, those first that move the picture's mean most. With
+ * -o DIR also the pictures: the solve on the left, the path tracer on the right. */
 #include "client/view/compose.h"
 #include "client/view/path_trace.h"
 #include "client/view/tonemap.h"
@@ -34,6 +35,14 @@ struct settings {
     int64_t bounces, spp, frames, direct_samples, indirect_samples, width, height;
     double range, time_s;
     const char *folder;
+    bool list;
+};
+
+/* Parts of the picture, and the mean of each: the sum of its pixels over that of all. */
+struct parts {
+    uint32_t count;
+    uint32_t *of_pixel;
+    double *truth[BATCHES], *image[SEEDS];
 };
 
 struct scene {
@@ -49,7 +58,7 @@ struct scene {
     struct lw_compose_view view;
     float *image[SEEDS], *truth; /* width * height * 3 */
     double solve_s, trace_s, texels;
-    double truth_mean[BATCHES][REGIONS], image_mean[SEEDS][REGIONS];
+    struct parts regions, objects; /* objects: what is seen first, and one more for the sky */
 };
 
 /* ---- the solve ---- */
@@ -116,18 +125,42 @@ static enum lw_status solve(struct scene *s, uint32_t seed, float *out_rgb, stru
 
 /* ---- the path tracer, and regions ---- */
 
-static void means(const struct scene *s, const float *rgb, double out_mean[REGIONS]) {
-    memset(out_mean, 0, REGIONS * sizeof *out_mean);
-    for (uint32_t r = 0; r < REGIONS; r++) {
-        const uint32_t x0 = r % COLUMNS * s->view.width / COLUMNS,
-                       x1 = (r % COLUMNS + 1) * s->view.width / COLUMNS;
-        const uint32_t y0 = r / COLUMNS * s->view.height / ROWS,
-                       y1 = (r / COLUMNS + 1) * s->view.height / ROWS;
-        for (uint32_t y = y0; y < y1; y++)
-            for (uint32_t i = (y * s->view.width + x0) * 3; i < (y * s->view.width + x1) * 3; i++)
-                out_mean[r] += (double)rgb[i];
-        out_mean[r] /= fmax(1, (x1 - x0) * (y1 - y0) * 3.0);
+static bool parts_init(struct parts *parts, uint32_t count, const struct lw_compose_view *view) {
+    *parts = (struct parts){.count = count};
+    bool ok = (parts->of_pixel = calloc((size_t)view->width * view->height, sizeof *parts->of_pixel)) != NULL;
+    for (uint32_t i = 0; i < BATCHES; i++) ok &= (parts->truth[i] = calloc(count, sizeof(double))) != NULL;
+    for (uint32_t i = 0; i < SEEDS; i++) ok &= (parts->image[i] = calloc(count, sizeof(double))) != NULL;
+    return ok;
+}
+
+static void parts_finish(struct parts *parts) {
+    free(parts->of_pixel);
+    for (uint32_t i = 0; i < BATCHES; i++) free(parts->truth[i]);
+    for (uint32_t i = 0; i < SEEDS; i++) free(parts->image[i]);
+}
+
+static void part_by_region(struct parts *parts, const struct lw_compose_view *view) {
+    for (uint32_t y = 0; y < view->height; y++)
+        for (uint32_t x = 0; x < view->width; x++)
+            parts->of_pixel[(size_t)y * view->width + x] =
+                y * ROWS / view->height * COLUMNS + x * COLUMNS / view->width;
+}
+
+static void part_by_object(struct parts *parts, const struct scene *s) {
+    const struct lw_camera_plane plane = lw_camera_plane(&s->view.camera, s->view.width, s->view.height);
+    for (uint32_t i = 0; i < s->view.width * s->view.height; i++) {
+        struct lw_ray16 rays = {.salt = 0};
+        struct lw_hit16 hits;
+        const float x = (float)(i % s->view.width) + 0.5f, y = (float)(i / s->view.width) + 0.5f;
+        lw_trace_set_ray(&rays, 0, s->view.camera.position, lw_camera_direction(&plane, x, y), INFINITY);
+        lw_trace_closest16(s->trace, LW_TRACE_VIEW, 1, &rays, &hits);
+        parts->of_pixel[i] = hits.object[0] == LW_TRACE_MISS ? s->scene->object_count : hits.object[0];
     }
+}
+
+static void sum_up(const struct parts *parts, size_t pixels, const float *rgb, double *out) {
+    for (size_t i = 0; i < 3 * pixels; i++)
+        out[parts->of_pixel[i / 3]] += (double)rgb[i] / (3 * (double)pixels);
 }
 
 static enum lw_status trace_paths(struct scene *s, struct lw_error *err) {
@@ -151,7 +184,8 @@ static enum lw_status trace_paths(struct scene *s, struct lw_error *err) {
         lw_path_film_clear(&film);
         lw_path_trace_render(tracer, &view, (uint32_t)(s->settings->spp / BATCHES), &film, NULL);
         lw_path_film_resolve(&film, batch);
-        means(s, batch, s->truth_mean[b]);
+        sum_up(&s->regions, floats / 3, batch, s->regions.truth[b]);
+        sum_up(&s->objects, floats / 3, batch, s->objects.truth[b]);
         for (size_t i = 0; i < floats; i++) s->truth[i] += batch[i] / (float)BATCHES;
     }
     s->trace_s = (double)(lw_clock_ns() - began) * 1e-9;
@@ -168,30 +202,54 @@ struct verdict {
     uint32_t worst_region, regions, within;
 };
 
+/* Of the solve's mean of two seeds, relative, pooled over all parts. */
+static double solve_variance_of(const struct parts *parts) {
+    double sum = 0;
+    for (uint32_t r = 0; r < parts->count; r++) {
+        const double a = parts->image[0][r], b = parts->image[1][r];
+        if (a + b > 0) sum += pow((a - b) / (a + b), 2) / parts->count;
+    }
+    return sum;
+}
+
+struct part {
+    uint32_t index;
+    double image, truth, ratio, error; /* means; the ratio's standard error */
+    bool within;
+};
+
+/* False: there is nothing to see. */
+static bool judge_part(const struct parts *parts, uint32_t index, double solve_variance, struct part *out) {
+    double truth = 0, square = 0;
+    for (uint32_t b = 0; b < BATCHES; b++) truth += parts->truth[b][index] / BATCHES;
+    for (uint32_t b = 0; b < BATCHES; b++) square += pow(parts->truth[b][index] - truth, 2);
+    if (!(truth > 0)) return false;
+    const double image = (parts->image[0][index] + parts->image[1][index]) / 2;
+    const double error = sqrt(square / (BATCHES - 1) / BATCHES / (truth * truth) + solve_variance);
+    *out = (struct part){.index = index,
+                         .image = image,
+                         .truth = truth,
+                         .ratio = image / truth,
+                         .error = error,
+                         .within = fabs(image / truth - 1) <= fmax(3 * error, BOUND)};
+    return true;
+}
+
 static struct verdict judge(const struct scene *s) {
     struct verdict v = {.worst = 1};
-    double image_sum = 0, truth_sum = 0, solve_variance = 0;
-    for (uint32_t r = 0; r < REGIONS;
-         r++) { /* of the solve's mean of two seeds, relative, pooled over regions */
-        double a = s->image_mean[0][r], b = s->image_mean[1][r];
-        if (a + b > 0) solve_variance += pow((a - b) / (a + b), 2) / REGIONS;
-    }
-    for (uint32_t r = 0; r < REGIONS; r++) {
-        double truth = 0, square = 0, image = (s->image_mean[0][r] + s->image_mean[1][r]) / 2;
-        for (uint32_t b = 0; b < BATCHES; b++) truth += s->truth_mean[b][r] / BATCHES;
-        for (uint32_t b = 0; b < BATCHES; b++) square += pow(s->truth_mean[b][r] - truth, 2);
-        image_sum += image;
-        truth_sum += truth;
-        if (!(truth > 0)) continue;
-        double error = sqrt(square / (BATCHES - 1) / BATCHES / (truth * truth) + solve_variance);
-        double ratio = image / truth;
+    const double solve_variance = solve_variance_of(&s->regions);
+    double image_sum = 0, truth_sum = 0;
+    for (uint32_t r = 0; r < s->regions.count; r++) {
+        struct part part;
+        if (!judge_part(&s->regions, r, solve_variance, &part)) continue;
+        image_sum += part.image;
+        truth_sum += part.truth;
         v.regions++;
-        v.within += fabs(ratio - 1) <= fmax(3 * error, BOUND);
-        if (fabs(ratio - 1) > fabs(v.worst - 1)) {
-            v.worst = ratio;
-            v.worst_error = error;
-            v.worst_region = r;
-        }
+        v.within += part.within;
+        if (fabs(part.ratio - 1) <= fabs(v.worst - 1)) continue;
+        v.worst = part.ratio;
+        v.worst_error = part.error;
+        v.worst_region = r;
     }
     v.ratio = image_sum / truth_sum;
     const size_t floats = (size_t)s->view.width * s->view.height * 3;
@@ -203,6 +261,38 @@ static struct verdict judge(const struct scene *s) {
         v.relative_mse += (x - t) * (x - t) / (t * t + 0.01 * mean_square) / (double)floats;
     }
     return v;
+}
+
+static int by_weight(const void *a, const void *b) {
+    const struct part *x = a, *y = b;
+    const double wx = fabs(x->image - x->truth), wy = fabs(y->image - y->truth);
+    return wx > wy ? -1 : wx < wy;
+}
+
+/* What does not obey, and by how much of the picture's mean. */
+static void list_parts(const struct scene *s, const struct parts *parts, bool regions) {
+    struct part *part = malloc((parts->count + 1u) * sizeof *part);
+    const double solve_variance = solve_variance_of(parts);
+    uint32_t count = 0;
+    double total = 0;
+    for (uint32_t i = 0; part && i < parts->count; i++) {
+        struct part p;
+        if (!judge_part(parts, i, solve_variance, &p)) continue;
+        total += p.truth;
+        if (!p.within) part[count++] = p;
+    }
+    if (count) qsort(part, count, sizeof *part, by_weight);
+    for (uint32_t i = 0; i < count; i++) {
+        const struct part *p = &part[i];
+        if (regions)
+            printf("    region %u,%u", p->index % COLUMNS, p->index / COLUMNS);
+        else
+            printf("    object %u %s", p->index,
+                   p->index < s->scene->object_count ? s->scene->object[p->index].name : "(sky)");
+        printf(": %.4f +- %.4f, %+.3f %% of the picture's mean, which it is %.1f %% of\n", p->ratio, p->error,
+               100 * (p->image - p->truth) / total, 100 * p->truth / total);
+    }
+    free(part);
 }
 
 /* Both pictures with one exposure, side by side. */
@@ -279,7 +369,14 @@ static enum lw_status prepare(struct scene *s, const char *path, struct lw_error
         status = lw_status_fail(err, LW_NO_MEMORY, "pictures");
     for (uint32_t o = 0; status == LW_OK && o < s->map.object_count; o++)
         status = lw_levels_init(&s->levels[o], &s->map.atlas[o]);
-    return status == LW_OK ? choose_camera(s, err) : status;
+    if (status == LW_OK) status = choose_camera(s, err);
+    if (status == LW_OK && (!parts_init(&s->regions, REGIONS, &s->view) ||
+                            !parts_init(&s->objects, s->scene->object_count + 1, &s->view)))
+        status = lw_status_fail(err, LW_NO_MEMORY, "parts of the picture");
+    if (status != LW_OK) return status;
+    part_by_region(&s->regions, &s->view);
+    part_by_object(&s->objects, s);
+    return LW_OK;
 }
 
 static void finish(struct scene *s) {
@@ -287,6 +384,8 @@ static void finish(struct scene *s) {
     free(s->levels);
     for (uint32_t i = 0; i < SEEDS; i++) free(s->image[i]);
     free(s->truth);
+    parts_finish(&s->regions);
+    parts_finish(&s->objects);
     lw_compose_destroy(s->compose);
     lw_lights_finish(&s->lights);
     lw_trace_destroy(s->trace);
@@ -304,16 +403,21 @@ static enum lw_status compare(const struct settings *settings, uint32_t number, 
     struct scene s = {.settings = settings,
                       .camera_text = at,
                       .view = {.width = (uint32_t)settings->width, .height = (uint32_t)settings->height}};
+    const size_t pixels = (size_t)s.view.width * s.view.height;
     enum lw_status status = prepare(&s, path, err);
     for (uint32_t i = 0; status == LW_OK && i < SEEDS; i++) {
         status = solve(&s, 1 + i, s.image[i], err);
-        if (status == LW_OK) means(&s, s.image[i], s.image_mean[i]);
+        if (status != LW_OK) break;
+        sum_up(&s.regions, pixels, s.image[i], s.regions.image[i]);
+        sum_up(&s.objects, pixels, s.image[i], s.objects.image[i]);
     }
     if (status == LW_OK) status = trace_paths(&s, err);
     if (status == LW_OK) {
         const struct verdict verdict = judge(&s);
         const char *slash = strrchr(path, '/');
         print_row(&s, slash ? slash + 1 : path, &verdict);
+        if (settings->list) list_parts(&s, &s.regions, true);
+        if (settings->list) list_parts(&s, &s.objects, false);
         snprintf(stem, sizeof stem, "trust-%u", number);
         if (settings->folder) status = write_pair(&s, stem, err);
     }
@@ -345,6 +449,7 @@ int main(int argc, char **argv) {
         {"tracing-range", "METRES", "as lightwelld's (default inf)", LW_OPTION_REAL, &s.range, 1e-6,
          (double)INFINITY, NULL},
         {"time", "SECONDS", "of the scene's animation (default 0)", LW_OPTION_REAL, &s.time_s, 0, 1e9, NULL},
+        {"list", NULL, "every region and object that does not obey", LW_OPTION_FLAG, &s.list, 0, 0, NULL},
         {"o", "DIR", "write the pictures there", LW_OPTION_STRING, &s.folder, 0, 0, NULL},
         LW_SCENE_OPEN_OPTIONS(&s.open),
     };
