@@ -41,7 +41,6 @@ static void convert_tile(struct lw_solver_tile *tile, const struct lw_convention
         plane[2][i] = texel.z;
     }
     for (int c = 0; c < 3; c++) tile->light[c] = plane[c];
-    if (convention->times_albedo) tile->filled = NULL; /* a gutter has light, but no albedo of its own */
 }
 
 static void load_tiles(struct lw_map *map, struct lw_levels *levels, const struct lw_atlas_map *atlas_map,

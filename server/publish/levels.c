@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define RIM_ROUNDS        2u /* texels beyond a chart that lookups on levels 0 to 2 may touch, with one to spare */
+#define RIM_ROUNDS        2u /* texels beyond a chart that lookups on levels 1 and 2 may touch, with one to spare */
 #define PLACEHOLDER_LEVEL 3u   /* from here on charts mix, and every texel is filled */
 #define ROUNDS_MAX        250u /* covered[] counts rounds in a byte */
 
@@ -38,9 +38,9 @@ void lw_levels_load_tile(struct lw_levels *levels, const struct lw_tile_place *p
         for (uint32_t x = 0; x < tile->width; x++) {
             size_t from = (size_t)y * tile->width + x;
             size_t to = (size_t)(place->y * LW_TILE_SIDE + y) * image->width + place->x * LW_TILE_SIDE + x;
-            /* A gutter that the solver has filled counts as filled in the first round. */
+            /* What the solver has filled counts as filled in the last round, so that none goes on from it. */
             const bool filled = tile->filled && tile->filled[from];
-            image->covered[to] = tile->covered[from] ? 1 : filled ? 2 : 0;
+            image->covered[to] = tile->covered[from] ? 1 : filled ? RIM_ROUNDS + 1 : 0;
             for (int c = 0; c < 3; c++)
                 image->rgb[to * 3 + (size_t)c] = image->covered[to] ? tile->light[c][from] : 0;
         }

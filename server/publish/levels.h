@@ -1,10 +1,11 @@
 /* levels.h: the mip pyramid of one object's atlas: filtered by coverage, gutters filled by extrapolation.
  * Threads: one lw_levels belongs to one worker at a time.
  *
- * A covered texel of level k + 1 is the mean of the covered texels among its four of level k. Texels next to covered
- * ones are filled with the mean of their covered neighbours, so that bilinear lookups on a chart's rim read a
- * continuation of that chart: charts lie in blocks of 4 x 4 texels with a gutter (common/scene/lightmap.h), so the
- * neighbours are of the same chart on levels 0 to 2. Coarser levels are placeholders and are filled completely. */
+ * A covered texel of level k + 1 is the mean of the covered texels among its four of level k. Bilinear lookups on a
+ * chart's rim must read a continuation of that chart. On level 0 the solver has filled what they touch, chart by chart.
+ * On levels 1 and 2 texels next to covered ones are filled with the mean of their covered neighbours: charts lie in blocks
+ * of 4 x 4 texels with a gutter (common/scene/lightmap.h), so these are of the same chart, but for slivers. Coarser levels
+ * are placeholders and are filled completely. */
 #ifndef LW_PUBLISH_LEVELS_H
 #define LW_PUBLISH_LEVELS_H
 

@@ -297,6 +297,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
         stats.denoise_ns = lw_clock_ns() - t;
     }
     lw_seams_weld(&s->seams, &s->tiles, number, s->threads);
+    lw_tiles_fill_gutters(&s->tiles, &s->texels, s->seams.filled, s->threads);
     settle(s, &stats);
     s->frames++;
     *out_stats = stats;
@@ -332,6 +333,7 @@ static enum lw_status filter(struct lw_solver *solver, struct lw_error *err) {
     }
     lw_denoise_run(&s->denoise, LW_DENOISE_ALL, s->threads);
     lw_seams_weld(&s->seams, &s->tiles, last, s->threads);
+    lw_tiles_fill_gutters(&s->tiles, &s->texels, s->seams.filled, s->threads);
     return LW_OK;
 }
 
@@ -339,7 +341,7 @@ static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_s
     const struct cell_solver *s = (const struct cell_solver *)solver;
     const struct lw_solve_tile *tile = &s->tiles.tile[s->tiles.slot_of_id[id.v]];
     *out_tile = (struct lw_solver_tile){.covered = s->tiles.covered + tile->first,
-                                        .filled = s->seams.filled + tile->first,
+                                        .filled = s->texels.filled + tile->first,
                                         .width = tile->width,
                                         .height = tile->height,
                                         .bounces = s->desc.bounces,
@@ -416,8 +418,8 @@ static size_t memory_bytes(const struct lw_solver *solver) {
         mesh_texels += mesh->texel_count;
         if (mesh->footprint.first) places += mesh->footprint.first[mesh->texel_count];
     }
-    per_texel += 2; /* usable places; gutters filled */
-    return per_texel * s->texels.count + mesh_texels * (14 * sizeof(float) + sizeof(uint32_t) + 1) +
+    per_texel += 3; /* usable places; gutters filled, and welded */
+    return per_texel * s->texels.count + mesh_texels * (14 * sizeof(float) + 2 * sizeof(uint32_t) + 1) +
            places * sizeof(struct lw_footprint_place) + lw_seams_memory_bytes(&s->seams) +
            lw_denoise_memory_bytes(&s->denoise) + lw_schedule_memory_bytes(&s->schedule, &s->tiles) +
            (s->has_probes ? lw_probes_memory_bytes(&s->probes) : 0) + lw_trace_memory_bytes(s->trace);

@@ -93,14 +93,16 @@ static uint32_t member_at(struct builder *b, uint32_t object, uint32_t x, uint32
     return m;
 }
 
-/* Where a gutter's light is guessed from: covered texels up to two away, the nearer the more. */
+/* Where a gutter's light is guessed from. */
 struct source {
     uint32_t x, y;
     float weight;
 };
 
-static uint32_t find_sources(const struct builder *b, uint32_t object, uint32_t x, uint32_t y,
-                             struct source out[GUESSES]) {
+/* Covered texels up to two away, the nearer the more: of a chart, or of any for LW_TEXEL_NONE. */
+static uint32_t find_sources_of(const struct builder *b, uint32_t object, uint32_t chart, uint32_t x,
+                                uint32_t y, struct source out[GUESSES]) {
+    const struct lw_mesh_texels *mesh = mesh_of(b, object);
     uint32_t count = 0;
     float sum = 0;
     for (int reach = 1; reach <= 2 && !count; reach++)
@@ -108,12 +110,22 @@ static uint32_t find_sources(const struct builder *b, uint32_t object, uint32_t 
             for (int dx = -reach; dx <= reach; dx++) {
                 if (abs(dx) < reach && abs(dy) < reach) continue;
                 if (count == GUESSES || !is_covered(b, object, (int64_t)x + dx, (int64_t)y + dy)) continue;
-                float weight = 1 / (float)(dx * dx + dy * dy);
-                out[count++] = (struct source){x + (uint32_t)dx, y + (uint32_t)dy, weight};
-                sum += weight;
+                const struct source at = {x + (uint32_t)dx, y + (uint32_t)dy, 1 / (float)(dx * dx + dy * dy)};
+                if (chart != LW_TEXEL_NONE && mesh->chart[lw_texels_index(mesh, at.x, at.y)] != chart)
+                    continue;
+                out[count++] = at;
+                sum += at.weight;
             }
     for (uint32_t i = 0; i < count; i++) out[i].weight /= sum;
     return count;
+}
+
+/* Of its own chart, where that has any; as lw_texels_link() does it. */
+static uint32_t find_sources(const struct builder *b, uint32_t object, uint32_t x, uint32_t y,
+                             struct source out[GUESSES]) {
+    const struct lw_mesh_texels *mesh = mesh_of(b, object);
+    const uint32_t count = find_sources_of(b, object, mesh->chart[lw_texels_index(mesh, x, y)], x, y, out);
+    return count ? count : find_sources_of(b, object, LW_TEXEL_NONE, x, y, out);
 }
 
 /* The texels that a bilinear look-up reads, as client/view/compose does it. */

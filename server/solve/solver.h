@@ -59,9 +59,9 @@ struct lw_solver_tile {
     const float *direct[3];   /* E of bounce 0, W/m^2 per channel; width*height each */
     const float *indirect[3]; /* sum over bounces 1..N */
     const float *light[3];    /* what is shown: direct + indirect, filtered and welded as the desc says */
-    const float *albedo[3];   /* mean over each texel; 0 where nothing is covered */
+    const float *albedo[3];   /* mean over each texel */
     const uint8_t *covered;   /* 1: a texel with surface; others hold 0 */
-    const uint8_t *filled;    /* 1: a gutter whose light continues a seam (seams.h); NULL: there are none */
+    const uint8_t *filled;    /* 1: a gutter, with the light and albedo of its chart; NULL: there are none */
     uint32_t width, height;
     uint32_t bounces;      /* indirect bounces that it holds */
     uint32_t frames;       /* frames whose samples it has seen */

@@ -1,6 +1,7 @@
 #include "server/solve/texels.h"
 
 #include "common/progress.h"
+#include "common/union_find.h"
 
 #include <omp.h>
 #include <stdlib.h>
@@ -16,6 +17,9 @@ struct claim {
     float u, v;        /* barycentrics of the sample */
     float area;        /* of the claiming triangle inside the texel, texels^2; 2 if it holds the centre */
     float area_sum;    /* of all triangles inside the texel */
+    uint32_t
+        chart; /* of that triangle; else the chart whose look-ups read the texel; LW_TEXEL_NONE: nobody's */
+    float read_area; /* of the reading triangle within a texel of the centre, texels^2 */
     bool back;
     uint32_t
         spot[LW_FOOTPRINT_PLACES]; /* the triangle that holds each spot of the texel; SPOT_BACK: its back */
@@ -65,13 +69,14 @@ static int clip(const struct lw_vec2 *in, int count, bool along_y, float limit, 
     return n;
 }
 
-/* Area and centroid of a triangle inside the unit square at (x, y). */
-static float clip_to_texel(const struct lw_vec2 corner[3], float x, float y, struct lw_vec2 *out_centroid) {
+/* Area and centroid of a triangle inside the square at (x, y). */
+static float clip_to_square(const struct lw_vec2 corner[3], float x, float y, float side,
+                            struct lw_vec2 *out_centroid) {
     struct lw_vec2 a[8], b[8];
     int n = clip(corner, 3, false, x, -1, a);
-    n = clip(a, n, false, x + 1, 1, b);
+    n = clip(a, n, false, x + side, 1, b);
     n = clip(b, n, true, y, -1, a);
-    n = clip(a, n, true, y + 1, 1, b);
+    n = clip(a, n, true, y + side, 1, b);
     float doubled = 0, cx = 0, cy = 0;
     for (int i = 2; i < n; i++) {
         float part = fabsf(cross2(minus(b[i - 1], b[0]), minus(b[i], b[0])));
@@ -109,11 +114,17 @@ static void claim_spots(struct claim *c, const struct lw_vec2 corner[3], uint32_
     }
 }
 
+/* The number of a triangle's chart until charts are joined. */
+static uint32_t chart_of(const struct lw_mesh *mesh, uint32_t triangle, bool back) {
+    return mesh->triangle[triangle][0] + (back ? mesh->vertex_count : 0);
+}
+
 /* Lets a triangle claim the texels that it overlaps. Who holds a texel's centre gets it and is sampled there; where
  * nobody does, the largest part gets it and is sampled at the part's middle: never on the chart's very edge, which may
  * lie in the plane of the next wall. */
 static void claim_texels(struct claim *claim, const struct lw_mesh_texels *texels, const struct lw_mesh *mesh,
-                         uint32_t triangle, bool back) {
+                         uint32_t triangle, uint32_t *parent, bool back) {
+    const uint32_t chart = chart_of(mesh, triangle, back);
     struct lw_vec2 corner[3];
     lightmap_corners(mesh, triangle, back, corner);
     float x_min = fminf(corner[0].x, fminf(corner[1].x, corner[2].x)),
@@ -125,10 +136,12 @@ static void claim_texels(struct claim *claim, const struct lw_mesh_texels *texel
     for (uint32_t y = y0; y <= y1; y++)
         for (uint32_t x = x0; x <= x1; x++) {
             struct lw_vec2 sample;
-            float u, v, area = clip_to_texel(corner, (float)x, (float)y, &sample);
+            float u, v, area = clip_to_square(corner, (float)x, (float)y, 1, &sample);
             if (!(area > 0)) continue;
             struct claim *c = &claim[lw_texels_index(texels, x, y)];
             c->area_sum += area;
+            if (c->chart != LW_TEXEL_NONE) lw_union_find_join(parent, c->chart, chart);
+            c->chart = chart;
             claim_spots(c, corner, x, y, triangle, back);
             struct lw_vec2 centre = {(float)x + 0.5f, (float)y + 0.5f};
             if (!barycentrics(corner, centre, &u, &v)) continue;
@@ -146,6 +159,32 @@ static void claim_texels(struct claim *claim, const struct lw_mesh_texels *texel
         }
 }
 
+/* Gives the texels that a triangle does not cover, but bilinear look-ups on it read, to its chart: those whose centre it comes
+ * nearer to than a texel. Slivers lie so close together that a gutter touches two of them; one alone reads it. */
+static void claim_gutters(struct claim *claim, const struct lw_mesh_texels *texels,
+                          const struct lw_mesh *mesh, uint32_t triangle, uint32_t *parent, bool back) {
+    (void)parent;
+    struct lw_vec2 corner[3], unused;
+    lightmap_corners(mesh, triangle, back, corner);
+    uint32_t x0 =
+                 floor_clamped(fminf(corner[0].x, fminf(corner[1].x, corner[2].x)) - 0.5f, texels->width - 1),
+             x1 =
+                 floor_clamped(fmaxf(corner[0].x, fmaxf(corner[1].x, corner[2].x)) + 0.5f, texels->width - 1),
+             y0 = floor_clamped(fminf(corner[0].y, fminf(corner[1].y, corner[2].y)) - 0.5f,
+                                texels->height - 1),
+             y1 = floor_clamped(fmaxf(corner[0].y, fmaxf(corner[1].y, corner[2].y)) + 0.5f,
+                                texels->height - 1);
+    for (uint32_t y = y0; y <= y1; y++)
+        for (uint32_t x = x0; x <= x1; x++) {
+            struct claim *c = &claim[lw_texels_index(texels, x, y)];
+            if (c->triangle != LW_TEXEL_NONE) continue;
+            const float area = clip_to_square(corner, (float)x - 0.5f, (float)y - 0.5f, 2, &unused);
+            if (!(area > c->read_area)) continue;
+            c->read_area = area;
+            c->chart = chart_of(mesh, triangle, back);
+        }
+}
+
 /* Drops texels that a chart only grazes where a neighbour has more of it: their light is the neighbour's, continued. */
 static void drop_grazed(struct claim *claim, const struct lw_mesh_texels *texels) {
     for (uint32_t y = 0; y < texels->height; y++)
@@ -154,7 +193,8 @@ static void drop_grazed(struct claim *claim, const struct lw_mesh_texels *texels
             if (c->triangle == LW_TEXEL_NONE || c->area > 1 || c->area_sum >= GRAZED_AREA) continue;
             for (uint32_t j = y ? y - 1 : 0; j <= y + 1 && j < texels->height; j++)
                 for (uint32_t i = x ? x - 1 : 0; i <= x + 1 && i < texels->width; i++)
-                    if (claim[lw_texels_index(texels, i, j)].area_sum >= GRAZED_AREA)
+                    if (claim[lw_texels_index(texels, i, j)].area_sum >= GRAZED_AREA &&
+                        claim[lw_texels_index(texels, i, j)].chart == c->chart)
                         c->triangle = LW_TEXEL_NONE;
         }
 }
@@ -245,6 +285,31 @@ static void place_footprint(struct lw_mesh_texels *texels, const struct lw_mesh 
     lw_footprint_pack(&texels->footprint, i, lw_texels_vector(texels->position, i), largest, point, count);
 }
 
+/* The nearest covered texel within two texels: of a chart, or of any for LW_TEXEL_NONE. */
+static uint32_t nearest_covered(const struct lw_mesh_texels *mesh, const uint8_t *covered, uint32_t chart,
+                                uint32_t x, uint32_t y) {
+    uint32_t best = LW_TEXEL_NONE;
+    int best_distance2 = 9;
+    for (int dy = -2; dy <= 2; dy++)
+        for (int dx = -2; dx <= 2; dx++) {
+            int64_t nx = (int64_t)x + dx, ny = (int64_t)y + dy;
+            if (nx < 0 || ny < 0 || nx >= mesh->width || ny >= mesh->height) continue;
+            uint32_t neighbour = lw_texels_index(mesh, (uint32_t)nx, (uint32_t)ny);
+            if (!covered[neighbour] || dx * dx + dy * dy >= best_distance2) continue;
+            if (chart != LW_TEXEL_NONE && mesh->chart[neighbour] != chart) continue;
+            best = neighbour;
+            best_distance2 = dx * dx + dy * dy;
+        }
+    return best;
+}
+
+/* What a look-up that touches a texel without surface reads there: its own chart, where that has anything near. */
+static uint32_t source_of(const struct lw_mesh_texels *mesh, const uint8_t *covered, uint32_t x, uint32_t y) {
+    const uint32_t chart = mesh->chart[lw_texels_index(mesh, x, y)],
+                   own = nearest_covered(mesh, covered, chart, x, y);
+    return own != LW_TEXEL_NONE ? own : nearest_covered(mesh, covered, LW_TEXEL_NONE, x, y);
+}
+
 static bool evaluate(struct lw_mesh_texels *texels, const struct lw_scene *scene, const struct lw_mesh *mesh,
                      const struct claim *claim) {
     struct lw_footprint *footprint = &texels->footprint;
@@ -256,6 +321,7 @@ static bool evaluate(struct lw_mesh_texels *texels, const struct lw_scene *scene
         for (uint32_t x = 0; x < texels->width; x++) {
             uint32_t i = lw_texels_index(texels, x, y);
             const struct claim *c = &claim[i];
+            texels->chart[i] = c->chart;
             if (c->triangle == LW_TEXEL_NONE) continue;
             struct lw_surface surface;
             lw_scene_surface(scene, mesh, c->triangle, c->u, c->v, &surface);
@@ -266,6 +332,12 @@ static bool evaluate(struct lw_mesh_texels *texels, const struct lw_scene *scene
             store(texels->geometric, i, point.geometric);
             store(texels->albedo, i, mean_albedo(scene, mesh, c, x, y));
             place_footprint(texels, mesh, c, x, y);
+        }
+    for (uint32_t y = 0; y < texels->height; y++)
+        for (uint32_t x = 0; x < texels->width; x++) {
+            const uint32_t i = lw_texels_index(texels, x, y);
+            const uint32_t source = texels->covered[i] ? i : source_of(texels, texels->covered, x, y);
+            if (source != LW_TEXEL_NONE) store(texels->albedo, i, lw_texels_vector(texels->albedo, source));
         }
     return true;
 }
@@ -298,6 +370,7 @@ static bool allocate(struct lw_mesh_texels *texels, const struct lw_mesh *mesh) 
         ok &= (texels->albedo[c] = calloc(count, sizeof(float))) != NULL;
     }
     ok &= (texels->covered = calloc(count, 1)) != NULL;
+    ok &= (texels->chart = calloc(count, sizeof *texels->chart)) != NULL;
     ok &= (texels->footprint.first = calloc(count + 1, sizeof *texels->footprint.first)) != NULL;
     ok &= (texels->footprint.reach = calloc(count, sizeof(float))) != NULL;
     ok &= (texels->footprint.lift = calloc(count, sizeof(float))) != NULL;
@@ -305,25 +378,51 @@ static bool allocate(struct lw_mesh_texels *texels, const struct lw_mesh *mesh) 
     return ok;
 }
 
+/* Names charts, fronts and backs apart, by one of their vertices: what shares a vertex is one chart; and so, when texels have
+ * been claimed, is what shares a texel, for pieces that are laid beside each other over a hard edge share no vertex. */
+static void find_charts(const struct lw_mesh *mesh, uint32_t *parent) {
+    for (uint32_t v = 0; v < 2 * mesh->vertex_count; v++) parent[v] = v;
+    for (uint32_t t = 0; t < mesh->triangle_count; t++)
+        for (uint32_t side = 0; side < 2 * mesh->vertex_count; side += mesh->vertex_count)
+            for (int k = 1; k < 3; k++)
+                lw_union_find_join(parent, side + mesh->triangle[t][0], side + mesh->triangle[t][k]);
+}
+
+/* What rasterises a triangle. */
+typedef void claim_triangle(struct claim *claim, const struct lw_mesh_texels *texels,
+                            const struct lw_mesh *mesh, uint32_t triangle, uint32_t *parent, bool back);
+
+static void claim_all(struct claim *claim, const struct lw_mesh_texels *texels, const struct lw_scene *scene,
+                      const struct lw_mesh *mesh, uint32_t *parent, claim_triangle *each) {
+    for (uint32_t t = 0; t < mesh->triangle_count; t++) {
+        each(claim, texels, mesh, t, parent, false);
+        if (mesh->back_offset && scene->material[mesh->material[t]].double_sided)
+            each(claim, texels, mesh, t, parent, true);
+    }
+    for (uint32_t i = 0; i < texels->texel_count; i++)
+        if (claim[i].chart != LW_TEXEL_NONE) claim[i].chart = lw_union_find_root(parent, claim[i].chart);
+}
+
 static bool build_mesh(struct lw_mesh_texels *texels, const struct lw_scene *scene,
                        const struct lw_mesh *mesh) {
     struct claim *claim = malloc((size_t)texels->texel_count * sizeof *claim);
-    if (!claim || !allocate(texels, mesh)) {
+    uint32_t *parent = malloc((2 * (size_t)mesh->vertex_count + 1) * sizeof *parent);
+    if (!claim || !parent || !allocate(texels, mesh)) {
         free(claim);
+        free(parent);
         return false;
     }
+    find_charts(mesh, parent);
     for (uint32_t i = 0; i < texels->texel_count; i++) {
-        claim[i] = (struct claim){.triangle = LW_TEXEL_NONE};
+        claim[i] = (struct claim){.triangle = LW_TEXEL_NONE, .chart = LW_TEXEL_NONE};
         memset(claim[i].spot, 0xff, sizeof claim[i].spot); /* LW_TEXEL_NONE */
     }
-    for (uint32_t t = 0; t < mesh->triangle_count; t++) {
-        claim_texels(claim, texels, mesh, t, false);
-        if (mesh->back_offset && scene->material[mesh->material[t]].double_sided)
-            claim_texels(claim, texels, mesh, t, true);
-    }
+    claim_all(claim, texels, scene, mesh, parent, claim_texels);
+    claim_all(claim, texels, scene, mesh, parent, claim_gutters);
     drop_grazed(claim, texels);
     const bool ok = evaluate(texels, scene, mesh, claim);
     free(claim);
+    free(parent);
     list_triangles(texels, scene, mesh);
     return ok;
 }
@@ -365,8 +464,9 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
     lw_progress_finish(&progress);
     texels->covered = malloc(count + 1);
     texels->usable = malloc(count + 1);
+    texels->filled = malloc(count + 1);
     texels->source = malloc((count + 1) * sizeof *texels->source);
-    if (!ok || failures || !texels->covered || !texels->usable || !texels->source) {
+    if (!ok || failures || !texels->covered || !texels->usable || !texels->filled || !texels->source) {
         lw_texels_finish(texels);
         return lw_status_fail(err, LW_NO_MEMORY, "%u texels", (unsigned)count);
     }
@@ -381,23 +481,6 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
     return LW_OK;
 }
 
-/* Texels that a rounded lookup may touch without being covered read from the nearest covered one within two texels. */
-static uint32_t nearest_covered(const struct lw_mesh_texels *mesh, const uint8_t *covered, uint32_t x,
-                                uint32_t y) {
-    uint32_t best = LW_TEXEL_NONE;
-    int best_distance2 = 9;
-    for (int dy = -2; dy <= 2; dy++)
-        for (int dx = -2; dx <= 2; dx++) {
-            int64_t nx = (int64_t)x + dx, ny = (int64_t)y + dy;
-            if (nx < 0 || ny < 0 || nx >= mesh->width || ny >= mesh->height) continue;
-            uint32_t neighbour = lw_texels_index(mesh, (uint32_t)nx, (uint32_t)ny);
-            if (!covered[neighbour] || dx * dx + dy * dy >= best_distance2) continue;
-            best = neighbour;
-            best_distance2 = dx * dx + dy * dy;
-        }
-    return best;
-}
-
 void lw_texels_link(struct lw_texels *texels, int threads) {
 #pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
     for (uint32_t o = 0; o < texels->scene->object_count; o++) {
@@ -407,8 +490,9 @@ void lw_texels_link(struct lw_texels *texels, int threads) {
         for (uint32_t y = 0; y < mesh->height; y++)
             for (uint32_t x = 0; x < mesh->width; x++) {
                 uint32_t i = lw_texels_index(mesh, x, y),
-                         source = covered[i] ? i : nearest_covered(mesh, covered, x, y);
+                         source = covered[i] ? i : source_of(mesh, covered, x, y);
                 texels->source[first + i] = source == LW_TEXEL_NONE ? LW_TEXEL_NONE : first + source;
+                texels->filled[first + i] = !covered[i] && source != LW_TEXEL_NONE;
             }
     }
 }
@@ -423,6 +507,7 @@ void lw_texels_finish(struct lw_texels *texels) {
             free(mesh->albedo[c]);
         }
         free(mesh->covered);
+        free(mesh->chart);
         free(mesh->footprint.first);
         free(mesh->footprint.place);
         free(mesh->footprint.reach);
@@ -432,6 +517,7 @@ void lw_texels_finish(struct lw_texels *texels) {
     free(texels->source);
     free(texels->covered);
     free(texels->usable);
+    free(texels->filled);
     free(texels->first);
     free(texels->mesh);
     *texels = (struct lw_texels){0};

@@ -25,8 +25,10 @@ struct lw_mesh_texels {
     float *position[3];  /* object space, m; on the surface */
     float *normal[3];    /* shading normal, object space, unit */
     float *geometric[3]; /* normal of the triangle, object space, unit, on the side that this texel lights */
-    float *albedo[3];    /* mean over the texel */
+    float *albedo[3];    /* mean over the texel; a gutter has that of the texel that stands for it */
     uint8_t *covered;    /* 1: the texel's square overlaps a triangle */
+    uint32_t
+        *chart; /* that covers the texel, or else reads it in bilinear look-ups; LW_TEXEL_NONE: none does */
     struct lw_footprint footprint; /* where on the texel its rays start */
     struct lw_triangle_uv *triangle;
     uint32_t back_offset;
@@ -40,8 +42,10 @@ struct lw_texels {
     uint8_t *covered; /* per texel of the global numbering: has surface, and light can reach it (burial.h) */
     uint8_t *
         usable; /* per texel of the global numbering: mask of its places that light can reach; 0: not covered */
+    uint8_t *filled; /* per texel of the global numbering: 1: not covered, but another texel stands for it */
     uint32_t *
-        source; /* per texel: the covered one that stands for it: itself, the nearest within 2 texels, or NONE */
+        source; /* per texel: the covered one that stands for it: itself, the nearest within 2 texels, first of its chart,
+                   or NONE */
 };
 
 /** Rasterises every mesh that an object uses. Errors: LW_NO_MEMORY; LW_BAD_DATA for more than 2^30 texels in all. */
@@ -49,7 +53,7 @@ LW_MUST_CHECK enum lw_status lw_texels_init(struct lw_texels *texels, const stru
                                             unsigned threads, struct lw_error *err);
 void lw_texels_finish(struct lw_texels *texels);
 
-/** Sets every texel's source from what is covered now. */
+/** Sets every texel's source, and what is filled, from what is covered now. */
 void lw_texels_link(struct lw_texels *texels, int threads);
 
 /** One texel's entry of a planar array of vectors. */

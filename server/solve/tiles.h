@@ -59,6 +59,10 @@ LW_MUST_CHECK enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct 
                                            uint32_t bounces);
 void lw_tiles_finish(struct lw_tiles *tiles);
 
+/** Gives gutters the light of the texels that stand for them; but those of `welded` (seams.h), which have their own. */
+void lw_tiles_fill_gutters(struct lw_tiles *tiles, const struct lw_texels *texels, const uint8_t *welded,
+                           int threads);
+
 /** Places every tile in the world and sorts them by cell. */
 void lw_tiles_set_pose(struct lw_tiles *tiles, const struct lw_cells *cells, const struct lw_pose *pose);
 

@@ -103,6 +103,7 @@ static double error_of(const struct room_solution *s, const struct room_solution
         s->solver->ops->read_tile(s->solver, (lw_tile_id){id}, &a);
         truth->solver->ops->read_tile(truth->solver, (lw_tile_id){id}, &t);
         for (uint32_t i = 0; i < a.width * a.height; i++) {
+            if (!a.covered[i]) continue; /* what is shown has gutters too */
             const double want = (double)t.direct[1][i] + (double)t.indirect[1][i],
                          got = shown ? (double)a.light[1][i]
                                      : (double)a.direct[1][i] + (double)a.indirect[1][i];

@@ -1,0 +1,136 @@
+/* bench_seams: how far the two sides of lightmap seams differ where the viewer reads them, after more and more frames.
+ *
+ *     bench_seams [--frames N] [--denoise] [--objects] [--texels-per-metre D] SCENE...
+ *
+ * One table in Markdown per scene: after 16, 64, 256 ... frames, up to N, and for levels 0 to 2: mean and median of the
+ * relative differences along all seams (tests/support/seam_walk.h), the share of points within 1 %, with --objects also of
+ * each object. Unwelded: the sums before the weld. On stderr: how far welding moves the mean light of an object. */
+#include "common/log.h"
+#include "common/options.h"
+#include "common/scene/scene_open.h"
+#include "server/solve/cell_solver.h"
+#include "tests/support/seam_walk.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#define LEVELS 3u
+
+struct job {
+    struct lw_scene *scene;
+    struct lw_atlas_map map;
+    struct lw_pose pose;
+    struct lw_seam_edges edges;
+    struct lw_solver *solver;
+};
+
+/* One row; without points, none. */
+static enum lw_status report_row(const struct job *job, const char *name, unsigned level, uint32_t object) {
+    struct seam_spread spread[2]; /* unwelded, welded */
+    for (int welded = 0; welded < 2; welded++) {
+        struct seam_walk walk;
+        enum lw_status status = seam_walk_init(&walk, &job->map, job->solver, !welded);
+        if (status != LW_OK) return status;
+        status = seam_walk_measure(&walk, &job->edges, level, object, &spread[welded]);
+        seam_walk_finish(&walk);
+        if (status != LW_OK) return status;
+    }
+    if (spread[1].points)
+        printf("| %s | %u | %zu | %.4f / %.4f | %.4f / %.4f | %.1f %% |\n", name, level, spread[1].points,
+               spread[0].mean, spread[0].p50, spread[1].mean, spread[1].p50, 100 * (1 - spread[1].over));
+    fflush(stdout);
+    return LW_OK;
+}
+
+static enum lw_status report(const struct job *job, uint32_t frames, bool objects) {
+    char name[64];
+    double scene_change, object_change;
+    snprintf(name, sizeof name, "%u frames", frames);
+    enum lw_status status = LW_OK;
+    for (unsigned level = 0; status == LW_OK && level < LEVELS; level++)
+        status = report_row(job, name, level, LW_SCENE_NONE);
+    for (uint32_t o = 0; objects && status == LW_OK && o < job->scene->object_count; o++)
+        status = report_row(job, job->scene->object[o].name, 0, o);
+    seam_walk_mean_change(&job->map, job->solver, &scene_change, &object_change);
+    fprintf(stderr, "the mean of an object moves by up to %.2g %%\n", 100 * object_change);
+    return status;
+}
+
+static enum lw_status solve(struct job *job, uint32_t frames, bool objects, struct lw_error *err) {
+    enum lw_status status = LW_OK;
+    for (uint32_t frame = 1, next = frames < 16 ? frames : 16; status == LW_OK && frame <= frames; frame++) {
+        struct lw_solver_stats stats;
+        status = job->solver->ops->frame(job->solver, &job->pose, frame, &stats, err);
+        if (status != LW_OK || frame < next) continue;
+        if ((status = report(job, frame, frame == frames && objects)) != LW_OK)
+            return lw_status_fail(err, status, "walking the seams");
+        next = 4 * next < frames ? 4 * next : frames;
+    }
+    return status;
+}
+
+static enum lw_status run(const struct lw_scene_open *open, uint32_t frames, bool denoise, bool objects,
+                          struct lw_error *err) {
+    struct job job = {0};
+    enum lw_status status = lw_scene_open(open, &job.scene, err);
+    if (status != LW_OK) return status;
+    status = lw_atlas_map_init(&job.map, job.scene);
+    if (status == LW_OK) status = lw_pose_init(&job.pose, job.scene);
+    if (status == LW_OK) lw_pose_evaluate(&job.pose, job.scene, 0);
+    if (status == LW_OK) status = lw_seam_edges_find(job.scene, &job.pose, &job.edges);
+    if (status == LW_OK)
+        status = lw_cell_solver_create(&(struct lw_solver_desc){.scene = job.scene,
+                                                                .atlas_map = &job.map,
+                                                                .bounces = 2,
+                                                                .tracing_range_m = INFINITY,
+                                                                .direct_samples = 1,
+                                                                .indirect_samples = 2,
+                                                                .target_error = 1e-9f,
+                                                                .denoise = denoise,
+                                                                .seed = 1},
+                                       &job.pose, &job.solver, err);
+    const char *name = strrchr(open->path, '/');
+    printf("\n### %s%s\n\n"
+           "| frames | level | points | unwelded mean / median | welded mean / median | within 1 %% | an "
+           "object's "
+           "mean moves by |\n|---|---|---|---|---|---|---|\n",
+           name ? name + 1 : open->path, denoise ? ", denoised" : "");
+    if (status == LW_OK) status = solve(&job, frames, objects, err);
+    if (job.solver) job.solver->ops->destroy(job.solver);
+    lw_seam_edges_finish(&job.edges);
+    lw_pose_finish(&job.pose);
+    lw_atlas_map_finish(&job.map);
+    lw_scene_destroy(job.scene);
+    return status;
+}
+
+int main(int argc, char **argv) {
+    const char *scene[16] = {0};
+    size_t scenes = 0;
+    int64_t frames = 64;
+    bool done = false, denoise = false, objects = false;
+    struct lw_scene_open open = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG};
+    const struct lw_option table[] = {
+        {"frames", "N", "of the solve, of 1 + 2 rays a texel (default 64)", LW_OPTION_INT, &frames, 1, 100000,
+         NULL},
+        {"denoise", NULL, "filter what is shown, as lightwelld does", LW_OPTION_FLAG, &denoise, 0, 0, NULL},
+        {"objects", NULL, "a row for each object after the last frame", LW_OPTION_FLAG, &objects, 0, 0, NULL},
+        LW_SCENE_OPEN_OPTIONS(&open)};
+    const struct lw_options options = {.program = "bench_seams",
+                                       .synopsis = "SCENE... [OPTIONS]",
+                                       .about = "How far the two sides of seams differ, as tables.",
+                                       .table = table,
+                                       .count = sizeof table / sizeof table[0],
+                                       .positional = scene,
+                                       .positional_min = 1,
+                                       .positional_max = sizeof scene / sizeof scene[0]};
+    struct lw_error err = {0};
+    lw_log_init("bench_seams", LW_LOG_WARNING);
+    enum lw_status status = lw_options_parse(&options, argc, argv, &scenes, &done, &err);
+    for (size_t i = 0; status == LW_OK && !done && i < scenes; i++) {
+        open.path = scene[i];
+        status = run(&open, (uint32_t)frames, denoise, objects, &err);
+    }
+    return status == LW_OK ? 0 : lw_log_failure(&err);
+}
