@@ -431,6 +431,7 @@ static void test_stand_ins(void **state) {
     put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST, .interest = {.stand_ins = true}});
     put(s, &(struct lw_message){.type = LW_MESSAGE_PING});
     expect(s, LW_MESSAGE_PONG, &m); /* so it has been heard */
+    lw_message_finish(&m);
     publish(f, make_snapshot(f, 2, 1));
     expect_frame(s, 2, 2);
     expect_tiles(s, 3, 2);
