@@ -9,7 +9,7 @@
 #define PROBE       4u    /* samples of the second of two points on the line of a path tracer's cost */
 
 static const double curve[] = {0.5, 0.1, 0.02};
-static const double densities[] = {1, 0.5, 0.25, 2};
+static const double densities[] = {0.25, 0.5, 1, 2}; /* a trial costs four times the one before */
 static const uint32_t rungs[][2] = {{1, 1}, {1, 2}, {2, 4}, {4, 8}, {8, 16}, {16, 32}};
 static const double rests[] = {0.5, 0.25, 0.12, 0.06, 0.03, 0.015};
 #define COUNT(array) (sizeof(array) / sizeof *(array))
@@ -138,9 +138,7 @@ static enum lw_status climb(struct lw_crossover_run *run, struct lw_crossover_si
         struct lw_crossover_point *point;
         enum lw_status status = try_setting(run, side, &setting, &point, err);
         if (status != LW_OK || !point) return status;
-        const int best = cheapest(side, hardest);
         if (point->error <= hardest || point->error > GAIN_MIN * last_error) break;
-        if (best >= 0 && lw_cost_total(&point->cost) > lw_cost_total(&side->point[best].cost)) break;
         last_error = point->error;
     }
     return LW_OK;
@@ -150,8 +148,7 @@ static enum lw_status search_densities(struct lw_crossover_run *run, struct lw_c
                                        double hardest, struct lw_error *err) {
     enum lw_status status = LW_OK;
     for (uint32_t d = 0; d < COUNT(densities) && status == LW_OK && !lw_crossover_run_stopped(run); d++)
-        if (densities[d] <= 1 || cheapest(side, hardest) < 0)
-            status = climb(run, side, densities[d], hardest, err);
+        if (cheapest(side, hardest) < 0) status = climb(run, side, densities[d], hardest, err);
     return status;
 }
 

@@ -6,9 +6,9 @@
 #include "client/load/crossover_run.h"
 
 /** Tries settings and fills in points and targets. The path tracer's samples are doubled until they reach a target, then
- * bisected to an eighth. The cache goes at each density up its rungs of samples (in a still scene: down those of the error
- * at which tiles rest) until the hardest target is reached, more gains nothing, or it costs more than another density
- * that reached it; densities finer than the default are tried where the default does not reach it.
+ * bisected to an eighth. The cache begins with a quarter of the default density and goes up its rungs of samples (in a
+ * still scene: down those of the error at which tiles rest) until the hardest target is reached, or more gains nothing;
+ * then the next density, up to twice the default.
  * Errors: the sides'. */
 LW_MUST_CHECK enum lw_status lw_crossover_search(struct lw_crossover_run *run, struct lw_error *err);
 
