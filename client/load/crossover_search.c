@@ -74,21 +74,31 @@ static enum lw_status try_samples(struct lw_crossover_run *run, struct lw_crosso
     return LW_OK;
 }
 
+/* Between two points, where a line through their logarithms has the error. */
+static uint32_t interpolate(const struct lw_crossover_point *low, const struct lw_crossover_point *high,
+                            double error) {
+    const uint32_t from = low->setting.samples, to = high->setting.samples;
+    const double share = high->error > 0 ? log(low->error / error) / log(low->error / high->error) : 0.5;
+    const double at = from * pow((double)to / from, share);
+    return at <= from + 1 ? from + 1 : at >= to - 1 ? to - 1 : (uint32_t)ceil(at);
+}
+
+/* Doubled until they reach it, then between the last two; the error of so few pictures is not known better than to an
+ * eighth. */
 static enum lw_status search_samples(struct lw_crossover_run *run, struct lw_crossover_side *side,
                                      double error, struct lw_error *err) {
-    uint32_t low = 0, high = 1; /* low does not reach it, high does */
-    struct lw_crossover_point *point;
-    enum lw_status status = try_samples(run, side, high, &point, err);
-    while (status == LW_OK && point && point->error > error && high < SAMPLES_MAX) {
-        low = high;
-        high *= 2;
-        status = try_samples(run, side, high, &point, err);
+    struct lw_crossover_point *low = NULL, *point; /* low does not reach it */
+    enum lw_status status = try_samples(run, side, 1, &point, err);
+    while (status == LW_OK && point && point->error > error && point->setting.samples < SAMPLES_MAX) {
+        low = point;
+        status = try_samples(run, side, 2 * low->setting.samples, &point, err);
     }
-    /* the error of so few pictures is not known better than to an eighth */
-    while (status == LW_OK && point && high - low > 1 + low / 8) {
-        uint32_t middle = low + (high - low) / 2;
-        status = try_samples(run, side, middle, &point, err);
-        if (point) *(point->error <= error ? &high : &low) = middle;
+    struct lw_crossover_point *high = point;
+    while (status == LW_OK && low && point &&
+           high->setting.samples - low->setting.samples > 1 + low->setting.samples / 8) {
+        status = try_samples(run, side, interpolate(low, high, error), &point, err);
+        if (point) *(point->error <= error ? &high : &low) = point;
+        if (point == high && point) break; /* as good as the line, which is good enough */
     }
     return status;
 }

@@ -6,7 +6,7 @@
 #include "client/load/crossover_run.h"
 
 /** Tries settings and fills in points and targets. The path tracer's samples are doubled until they reach a target, then
- * bisected to an eighth. The cache begins with a quarter of the default density and goes up its rungs of samples (in a
+ * found between the last two. The cache begins with a quarter of the default density and goes up its rungs of samples (in a
  * still scene: down those of the error at which tiles rest) until the hardest target is reached, or more gains nothing;
  * then the next density, up to twice the default.
  * Errors: the sides'. */
