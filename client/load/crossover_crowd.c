@@ -1,6 +1,7 @@
 #include "client/load/crossover_crowd.h"
 
 #include "common/log.h"
+#include "common/progress.h"
 
 #include <stdlib.h>
 
@@ -39,16 +40,20 @@ static enum lw_status measure_frames(struct lw_crossover_run *run, struct lw_con
                                      struct lw_error *err) {
     enum lw_status status = LW_OK;
     struct lw_cost sum = {0};
+    struct lw_progress progress;
+    lw_progress_init(&progress, contender->ops->name, frames);
     for (uint64_t i = 0; i < frames && status == LW_OK && !lw_crossover_run_stopped(run); i++) {
         uint32_t shown[LW_CROSSOVER_SHOWN_MAX];
         crowd->frame++;
         uint32_t count = choose_crowd(run->x, crowd, shown);
         status = contender->ops->step(contender, crowd->frame, shown, count, &sum, err);
+        lw_progress_step(&progress, 1);
         int picture = lw_crossover_run_picture(run->x, crowd->frame);
         if (status == LW_OK && picture >= 0)
             status = lw_crossover_run_judge(run->x, contender, (uint32_t)picture, shown, count,
                                             &crowd->error_sum, &crowd->errors, err);
     }
+    lw_progress_finish(&progress);
     *out_cost = (struct lw_cost){0};
     lw_cost_add(out_cost, &sum, 1.0 / (double)frames);
     return status;

@@ -1,5 +1,7 @@
 #include "client/load/crossover_run.h"
 
+#include "common/progress.h"
+
 #include <stdlib.h>
 
 /* Costs are linear in samples: those of many are worked out from those of these. */
@@ -56,6 +58,13 @@ static bool is_needed(const struct lw_crossover *x, const struct lw_contender *c
     return false;
 }
 
+static uint64_t count_needed(const struct lw_crossover *x, const struct lw_contender *contender) {
+    uint64_t count = 0;
+    for (uint64_t frame = 1; frame <= x->warm_frames + x->frames; frame++)
+        count += is_needed(x, contender, frame);
+    return count;
+}
+
 enum lw_status lw_crossover_run_sequence(struct lw_crossover_run *run, struct lw_contender *contender,
                                          const struct lw_setting *setting, uint32_t seed,
                                          struct lw_cost *out_cost, double *out_error, struct lw_error *err) {
@@ -64,6 +73,8 @@ enum lw_status lw_crossover_run_sequence(struct lw_crossover_run *run, struct lw
     struct lw_cost sum = {0};
     double error_sum = 0, measured = 0;
     uint32_t errors = 0;
+    struct lw_progress progress;
+    lw_progress_init(&progress, contender->ops->name, count_needed(x, contender));
     enum lw_status status = contender->ops->start(contender, setting, out_cost == NULL, seed, err);
     if (status == LW_OK) status = contender->ops->set_users(contender, x->eyes, err);
     for (uint64_t frame = 1; status == LW_OK && frame <= x->warm_frames + x->frames; frame++) {
@@ -77,11 +88,13 @@ enum lw_status lw_crossover_run_sequence(struct lw_crossover_run *run, struct lw
         status = contender->ops->step(contender, frame, shown, shown_count, &cost, err);
         lw_cost_add(&sum, &cost, counts);
         measured += counts;
+        lw_progress_step(&progress, 1);
         if (status == LW_OK && picture >= 0)
             status = lw_crossover_run_judge(x, contender, (uint32_t)picture, shown, shown_count, &error_sum,
                                             &errors, err);
     }
     contender->ops->stop(contender);
+    lw_progress_finish(&progress);
     if (status != LW_OK) return status;
     if (out_cost) {
         struct lw_cost per_frame = {0};
