@@ -11,9 +11,9 @@
 #define POINTS_MAX       4096.0f /* of one edge */
 /* How readily a gutter's texel moves, against a covered one's: nobody sees it but through the look-ups that are welded. */
 #define GUTTER_EASE 4.0f
-#define ITERATIONS  8
+#define ITERATIONS  4
 /* Then plain sweeps keep covered texels between their own light over this and times this, and gutters positive. */
-#define BOUND        16.0f
+#define BOUND        4.0f
 #define BOUND_SWEEPS 2
 #define KEEP_MOST                                                                                            \
     1.5 /* the mean of a component is restored by up to this factor; what needs more stays unwelded */

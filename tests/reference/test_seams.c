@@ -161,7 +161,7 @@ static void test_atrium(void **state) {
     struct lw_scene *scene;
     struct lw_error err = {0};
     lw_support_ok(lw_builtin_build("builtin:atrium", &scene, &err), &err);
-    expect_welded("atrium", scene, 0, 1, 16, 0.02, 2, 10000);
+    expect_welded("atrium", scene, 0, 1, 16, 0.03, 2, 10000);
 }
 
 /* Sponza is not part of the project: LW_TEST_SCENES names the folder of scenes that holds it. */
@@ -180,7 +180,7 @@ static void test_sponza(void **state) {
     struct lw_error err = {0};
     struct lw_scene_open open = {.path = path, .sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG};
     lw_support_ok(lw_scene_open(&open, &scene, &err), &err);
-    expect_welded("Sponza", scene, 0, 1, 16, 0.1, 2, 10000);
+    expect_welded("Sponza", scene, 0, 1, 16, 0.15, 2, 10000);
 }
 
 int main(void) {
