@@ -92,9 +92,8 @@ static enum lw_status run(const struct lw_scene_open *open, uint32_t frames, boo
                                        &job.pose, &job.solver, err);
     const char *name = strrchr(open->path, '/');
     printf("\n### %s%s\n\n"
-           "| frames | level | points | unwelded mean / median | welded mean / median | within 1 %% | an "
-           "object's "
-           "mean moves by |\n|---|---|---|---|---|---|---|\n",
+           "| after | level | points | unwelded mean / median | welded mean / median | within 1 %% |\n"
+           "|---|---|---|---|---|---|\n",
            name ? name + 1 : open->path, denoise ? ", denoised" : "");
     if (status == LW_OK) status = solve(&job, frames, objects, err);
     if (job.solver) job.solver->ops->destroy(job.solver);
