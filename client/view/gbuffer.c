@@ -63,6 +63,16 @@ void lw_gbuffer_finish(struct lw_gbuffer *gbuffer) {
     *gbuffer = (struct lw_gbuffer){0};
 }
 
+/* The cofactors: what lw_affine_cofactor_normal() multiplies normals by. */
+static struct lw_affine to_normal(const struct lw_affine *t) {
+    struct lw_affine out = {0};
+    for (int column = 0; column < 3; column++) {
+        struct lw_vec3 n = lw_affine_cofactor_normal(t, lw_vec3(column == 0, column == 1, column == 2));
+        out.m[0][column] = n.x, out.m[1][column] = n.y, out.m[2][column] = n.z;
+    }
+    return out;
+}
+
 static bool is_same_light(const struct lw_light_state *a, const struct lw_light_state *b) {
     return memcmp(a, b, sizeof *a) == 0;
 }
@@ -74,6 +84,7 @@ static void begin(struct lw_gbuffer *g, const struct lw_pose *pose, const struct
         struct lw_gbuffer_place *place = &g->place[o];
         place->before = g->started ? place->now : pose->object_to_world[o];
         place->now = pose->object_to_world[o];
+        place->to_normal = to_normal(&place->now);
         place->moved = memcmp(&place->now, &place->before, sizeof place->now) != 0;
         still &= !place->moved;
     }
@@ -127,11 +138,11 @@ static void take(const struct lw_gbuffer *g, const struct lw_camera_plane *plane
     const float side = hits->back[i] ? -1.0f : 1.0f;
     struct lw_vec3 shading = surface->normal, face = surface->geometric_normal;
     if (lw_vec3_dot(shading, face) <= 0.01f) shading = face; /* as in the path tracer */
-    shading = lw_vec3_scale(lw_affine_normal(&place->now, shading), side);
-    face = lw_affine_normal(&place->now, face);
+    shading = lw_vec3_scale(lw_vec3_normalize(lw_affine_vector(&place->to_normal, shading)), side);
+    face = lw_vec3_normalize(lw_affine_vector(&place->to_normal, face));
 
     const float along = lw_vec3_dot(face, direction), length = lw_vec3_length(direction);
-    const float sine = copysignf(fmaxf(fabsf(along), SINE_MIN * length), along);
+    const float sine = fabsf(along) > SINE_MIN * length ? along : copysignf(SINE_MIN * length, along);
     pixel->object = hits->object[i];
     pixel->depth = 1 / hits->t[i];
     pixel->slope[0] = lw_vec3_dot(face, plane->right) / sine * pixel->depth;
@@ -158,7 +169,7 @@ static bool meet(const struct lw_gbuffer *g, const struct lw_camera_plane *plane
     const float share = pixel->transmittance * (blend ? surface.alpha : 1.0f);
     pixel->albedo = lw_vec3_mad(pixel->albedo, surface.albedo, share);
     pixel->emission = lw_vec3_mad(pixel->emission, surface.emission, share);
-    const float weight = share * fmaxf(surface.albedo.x, fmaxf(surface.albedo.y, surface.albedo.z));
+    const float weight = share * (surface.albedo.x + surface.albedo.y + surface.albedo.z);
     if (weight > pixel->weight) {
         pixel->weight = weight;
         take(g, plane, hits, i, direction, &surface, pixel);

@@ -40,6 +40,7 @@ struct lw_gbuffer {
     bool started;
     struct lw_gbuffer_place {
         struct lw_affine now, before;
+        struct lw_affine to_normal; /* normals alone, of any length */
         bool moved;
     } * place;                    /* per object */
     struct lw_light_state *light; /* of the last render */

@@ -1,7 +1,16 @@
 /* svgf.h: takes the noise out of a path tracer's pictures as they come: over time, then over the picture.
  * Flow:    gbuffer, radiance of a few samples per pixel -> [svgf] -> radiance
  * Threads: one thread at a time per lw_svgf; works on several inside. Same inputs, same bytes, at any number.
- * After:   Schied et al. 2017 (spatiotemporal variance-guided filtering); Dammertz et al. 2010 (edge-avoiding a-trous). */
+ * After:   Schied et al. 2017 (spatiotemporal variance-guided filtering); Dammertz et al. 2010 (edge-avoiding a-trous).
+ *
+ * It lets light pass unchanged where it has no noise; it takes noise for light where the history is short, so that fresh
+ * shadow edges are soft for some frames. While camera, objects and lights are still, the picture converges to the mean of
+ * the samples; else a history counts as 32 frames at most. Samples should be of LW_PATH_PIXEL_CENTRE,
+ * LW_PATH_PATTERN_INTERLEAVED, one seed, and first_sample = frame * samples. Each frame:
+ *
+ *     lw_path_trace_render(tracer, &view, samples, &film, NULL);  and lw_path_film_resolve()
+ *     lw_gbuffer_render(&gbuffer, pose, &view.camera);
+ *     lw_svgf_filter(svgf, &gbuffer, radiance, out_rgb); */
 #ifndef LW_CLIENT_VIEW_SVGF_H
 #define LW_CLIENT_VIEW_SVGF_H
 

@@ -11,6 +11,7 @@
 #include "client/view/tonemap.h"
 #include "common/image/image.h"
 #include "common/log.h"
+#include "common/scene/scene_motion.h"
 #include "common/scene/scene_open.h"
 
 #include <stdio.h>
@@ -24,6 +25,7 @@ struct settings {
     int64_t bounces, truth, frames, width, height, spp_min, spp_max;
     double move_m, turn_deg, step_s, start_s;
     int pattern; /* enum lw_path_pattern */
+    int motion;  /* enum lw_scene_motion */
     const char *folder;
 };
 
@@ -181,6 +183,9 @@ static enum lw_status set_up(struct scene *s, const char *name, struct lw_error 
     open.path = path;
     enum lw_status status = lw_scene_open(&open, &s->scene, err);
     if (status != LW_OK) return status;
+    struct lw_scene_motion_report report;
+    status = lw_scene_motion_set(s->scene, (enum lw_scene_motion)s->settings->motion, &report, err);
+    if (status != LW_OK) return status;
     status = lw_pose_init(&s->pose, s->scene);
     if (status != LW_OK) return lw_status_fail(err, status, "no memory for the scene's pose");
     status = lw_trace_create(s->scene, &s->pose, &s->trace, err);
@@ -249,6 +254,7 @@ int main(int argc, char **argv) {
                          .move_m = 0.02,
                          .turn_deg = 0.5,
                          .step_s = 1 / 30.0,
+                         .motion = LW_SCENE_MOTION_ALL,
                          .pattern = LW_PATH_PATTERN_INTERLEAVED};
     const struct lw_option table[] = {
         {"bounces", "N", "indirect bounces (default 2)", LW_OPTION_INT, &s.bounces, 0,
@@ -267,6 +273,8 @@ int main(int argc, char **argv) {
          0, 1e9, NULL},
         {"step", "SECONDS", "of the animation from picture to picture (default 1/30)", LW_OPTION_REAL,
          &s.step_s, 0, 1e9, NULL},
+        {"motion", "static|light|object|all", "what moves but the camera (default all)", LW_OPTION_CHOICE,
+         &s.motion, 0, 0, NULL},
         {"pattern", "square|interleaved", "pixels that share random numbers (default interleaved)",
          LW_OPTION_CHOICE, &s.pattern, 0, 0, NULL},
         {"o", "DIR", "write the pictures there", LW_OPTION_STRING, &s.folder, 0, 0, NULL},

@@ -195,7 +195,7 @@ static void test_noise_falls_and_the_mean_stays(void **state) {
     struct spread first = spread_of(&s);
     expect_within(first.mean, 1, 4.5 * sqrt(1 / 3.0) / 128 + 0.005);
     assert_true(first.deviation < 0.1 * sqrt(1 / 3.0));
-    for (uint32_t frame = 2; frame <= 8; frame++) {
+    for (uint32_t frame = 2; frame <= 32; frame++) {
         fill_noise(&s, frame);
         filter(&s);
     }
@@ -323,6 +323,27 @@ static void test_history_follows_an_object(void **state) {
     screen_finish(&s);
 }
 
+static void test_history_gives_way_to_light_that_changes(void **state) {
+    (void)state;
+    struct screen s;
+    screen_init(&s, 64, 64, 1);
+    place_wall(&s, 0);
+    for (uint32_t frame = 1; frame <= 40; frame++) {
+        for (size_t i = 0; i < pixels_of(&s); i++)
+            set_light(&s, i, (frame <= 32 || i % 64 < 32 ? 1.0f : 4.0f) * 2 * noise(frame, i));
+        filter(&s);
+    }
+    /* Eight frames after 32: means of all would be 0.75 short of the right half's 4, of the last 32 as much. */
+    double left = 0, right = 0;
+    for (size_t i = 0; i < pixels_of(&s); i++) {
+        if (i % 64 < 24) left += (double)seen(&s, i) / (24 * 64);
+        if (i % 64 >= 40) right += (double)seen(&s, i) / (24 * 64);
+    }
+    expect_within(left, 1, 0.05);
+    expect_within(right, 4, 0.3);
+    screen_finish(&s);
+}
+
 /* ---- robustness ---- */
 
 static void fill_wild(struct screen *s, uint32_t seed) {
@@ -392,6 +413,7 @@ int main(void) {
         cmocka_unit_test(test_what_comes_into_view_has_no_past),
         cmocka_unit_test(test_history_follows_the_camera),
         cmocka_unit_test(test_history_follows_an_object),
+        cmocka_unit_test(test_history_gives_way_to_light_that_changes),
         cmocka_unit_test(test_threads_change_no_byte),
         cmocka_unit_test(test_any_size),
         cmocka_unit_test(test_what_is_not_finite_ends_with_its_frame),
