@@ -16,7 +16,7 @@
 /* Passes of 3 x 3 taps: they reach 31 pixels. Taps of 5 x 5 cost nearly three times as much and came out 5 % worse. */
 #define LEVELS       5u
 #define SIGMA_LIGHT  3.0f   /* standard errors of luminance */
-#define SIGMA_PLANE  1.0f   /* pixels' breadth off the tangent plane, per pixel of the level's step */
+#define SIGMA_PLANE  1.0f   /* pixels' breadth off the tangent plane */
 #define NORMAL_POWER 128.0f /* of the cosine between normals */
 #define ALBEDO_MIN   1e-3f  /* of a channel that tells light from reflection */
 
@@ -327,7 +327,7 @@ static void estimate_variance(const struct job *job, uint32_t x, uint32_t y) {
             const float cosine = past->normal[0] * centre->normal[0] + past->normal[1] * centre->normal[1] +
                                  past->normal[2] * centre->normal[2];
             const float weight =
-                falloff(fabsf(off) * centre->apart / (SIGMA_PLANE * RADIUS) + NORMAL_POWER * (1 - cosine));
+                falloff(fabsf(off) * centre->apart / SIGMA_PLANE + NORMAL_POWER * (1 - cosine));
             weights += weight;
             for (int m = 0; m < 2; m++) moment[m] += weight * past->moment[m];
         }
@@ -358,7 +358,7 @@ struct sums {
 struct tap {
     size_t at, from;
     uint32_t first, count;
-    float dx, dy, kernel, plane; /* plane: 1 / (pixels' breadth off the plane) */
+    float dx, dy, kernel;
 };
 
 WIDE static void add_tap(const struct lw_gbuffer_planes *g, const struct light *in, const struct tap *tap,
@@ -379,12 +379,12 @@ WIDE static void add_tap(const struct lw_gbuffer_planes *g, const struct light *
     float *restrict sum_red = sums->rgb[0] + tap->first, *restrict sum_green = sums->rgb[1] + tap->first,
                     *restrict sum_blue = sums->rgb[2] + tap->first;
     const float *luminance = sums->luminance + tap->first, *sharpness = sums->sharpness + tap->first;
-    const float dx = tap->dx, dy = tap->dy, kernel = tap->kernel, plane = tap->plane;
+    const float dx = tap->dx, dy = tap->dy, kernel = tap->kernel;
     for (uint32_t i = 0; i < tap->count; i++) {
         const float off = depth_q[i] - depth_p[i] - slope_x[i] * dx - slope_y[i] * dy;
         const float cosine = nx_p[i] * nx_q[i] + ny_p[i] * ny_q[i] + nz_p[i] * nz_q[i];
         const float other = 0.2126f * red[i] + 0.7152f * green[i] + 0.0722f * blue[i];
-        float x = fabsf(off) * apart[i] * plane + NORMAL_POWER * (1 - cosine) +
+        float x = fabsf(off) * apart[i] * (1 / SIGMA_PLANE) + NORMAL_POWER * (1 - cosine) +
                   fabsf(other - luminance[i]) * sharpness[i];
         float w = 1 - 0.25f * x;
         w = w > 0 ? w : 0;
@@ -460,8 +460,7 @@ static void filter_chunk(const struct job *job, const struct light *in, const st
                                     .count = (uint32_t)(end - first),
                                     .dx = (float)dx,
                                     .dy = (float)dy,
-                                    .kernel = kernel[j + 1] * kernel[k + 1],
-                                    .plane = 1 / (SIGMA_PLANE * (float)step)};
+                                    .kernel = kernel[j + 1] * kernel[k + 1]};
             add_tap(&job->gbuffer->plane, in, &tap, &sums);
         }
     }
