@@ -61,7 +61,7 @@ def light(tools, scene, mode, camera, frames, options, folder):
     said = {}
     while not said.get("tiles_wanted") or not said["sessions"]:  # frames before it looks are not counted
         time.sleep(0.5)
-        said = json.loads(json.dumps(daemon.frame())) if mode == "seen" else {"tiles_wanted": 1, "sessions": 1}
+        said = daemon.frame() if mode == "seen" else {"tiles_wanted": 1, "sessions": 1}
     if mode == "whole":
         time.sleep(5)
     lines = []
@@ -99,8 +99,8 @@ def main():
             moment = float(options[options.index("--freeze") + 1]) if still else (frames - 1) / 30
             truth = os.path.join(folder, "truth.exr")
             run([tools + "/lightwell-view", "--path-trace", scene, "--time", str(moment), "--spp", SPP, "--bounces", "2",
-                 "--camera-name", camera, "--size", SIZE, "--out", truth] + scene_options)
-            whole, _ = None, None
+                 "--pixel", "centre", "--camera-name", camera, "--size", SIZE, "--out", truth] + scene_options)
+            whole = None
             for mode in "whole", "seen":
                 picture, lines = light(tools, scene, mode, camera, frames, options, folder)
                 whole = whole or picture
