@@ -8,12 +8,13 @@
 #define JOIN_S 300u /* for the package, which waits for nothing but the link */
 
 void lw_audience_init(struct lw_audience *a, uint16_t port, uint32_t width, uint32_t height, unsigned threads,
-                      bool wants_everything) {
+                      bool wants_everything, bool unfiltered) {
     *a = (struct lw_audience){.port = port,
                               .width = width,
                               .height = height,
                               .threads = threads,
-                              .wants_everything = wants_everything};
+                              .wants_everything = wants_everything,
+                              .unfiltered = unfiltered};
 }
 
 /* The last one goes. */
@@ -49,7 +50,8 @@ static enum lw_status set_stage(struct lw_audience *a, struct lw_error *err) {
     return lw_compose_create(&(struct lw_compose_desc){.scene = scene,
                                                        .map = lw_client_atlas_map(a->user[0].client),
                                                        .trace = a->trace,
-                                                       .threads = a->threads},
+                                                       .threads = a->threads,
+                                                       .unfiltered = a->unfiltered},
                              &a->compose, err);
 }
 

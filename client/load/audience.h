@@ -14,6 +14,7 @@ struct lw_audience {
     uint32_t width, height;
     unsigned threads;
     bool wants_everything; /* nobody says what he looks at */
+    bool unfiltered;       /* noisy tiles are read at full resolution (compose.h) */
     struct lw_audience_user {
         struct lw_client *client;
         struct lw_attention attention;
@@ -30,7 +31,7 @@ struct lw_audience {
 
 /** Nobody is there yet. Finish it in any case. */
 void lw_audience_init(struct lw_audience *audience, uint16_t port, uint32_t width, uint32_t height,
-                      unsigned threads, bool wants_everything);
+                      unsigned threads, bool wants_everything, bool unfiltered);
 /** A zeroed one is fine. */
 void lw_audience_finish(struct lw_audience *audience);
 

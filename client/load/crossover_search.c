@@ -205,7 +205,7 @@ enum lw_status lw_crossover_search(struct lw_crossover_run *run, struct lw_error
     }
     double hardest = error;
     add_target(x, error);
-    for (size_t i = 0; i < COUNT(curve); i++) {
+    for (size_t i = 0; i < COUNT(curve) && !x->options.one_error; i++) {
         add_target(x, curve[i]);
         hardest = fmin(hardest, curve[i]);
     }

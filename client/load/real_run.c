@@ -133,7 +133,7 @@ enum lw_status lw_real_run(const struct lw_real_run_desc *desc, struct lw_real_r
         &r.daemon, err);
     if (status == LW_OK) {
         lw_audience_init(&r.audience, lw_daemon_child_port(r.daemon), desc->width, desc->height,
-                         desc->threads, desc->setting.whole);
+                         desc->threads, desc->setting.whole, !desc->denoise);
         status = lw_audience_set_count(&r.audience, desc->users, err);
     }
     if (status == LW_OK) status = warm(&r, err);

@@ -41,6 +41,7 @@ struct lw_compose {
     const struct lw_atlas_map *map;
     const struct lw_trace *trace;
     int threads;
+    bool unfiltered;
 
     struct level *level; /* of all objects */
     struct object *object;
@@ -106,6 +107,7 @@ enum lw_status lw_compose_create(const struct lw_compose_desc *desc, struct lw_c
     compose->scene = desc->scene;
     compose->map = map;
     compose->trace = desc->trace;
+    compose->unfiltered = desc->unfiltered;
     compose->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
     /* one more of each: an empty scene is no failure */
     compose->level = calloc(level_count + 1, sizeof *compose->level);
@@ -173,7 +175,9 @@ static void begin(struct lw_compose *compose, const struct lw_compose_source *so
     for (uint32_t t = 0; t < map->tile_count; t++) {
         struct lw_client_tile tile = source->tile(source->context, (lw_tile_id){t});
         compose->here[t] = tile.version != 0;
-        compose->calm[t] = tile.error > COARSE_ERROR ? 2 : tile.error > MIDDLE_ERROR ? 1 : 0;
+        compose->calm[t] = compose->unfiltered || tile.error <= MIDDLE_ERROR ? 0
+                           : tile.error > COARSE_ERROR                       ? 2
+                                                                             : 1;
     }
     struct level *level = compose->level;
     for (uint32_t o = 0; o < map->object_count; o++) {

@@ -30,6 +30,7 @@ struct lw_compose_desc {
     const struct lw_atlas_map *map;
     const struct lw_trace *trace; /* of the same scene; at the pose of each render */
     unsigned threads;             /* 0: all */
+    bool unfiltered; /* noisy tiles are read at the level that a pixel needs, too, instead of a coarser one */
 };
 
 struct lw_compose;

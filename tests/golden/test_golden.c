@@ -53,7 +53,7 @@ static const struct golden {
      {.type = LW_MESSAGE_INTEREST, .interest = {.tile = interest_tiles, .tile_count = 2}}},
     {"frame.bin",
      {.type = LW_MESSAGE_FRAME,
-      .frame = {300, 12.5, 16000000, 123456789, 77, {0.25f, 0.5f, 1}, transforms, 1, lights, 1}}},
+      .frame = {300, 12.5, 16000000, 123456789, 77, {0.25f, 0.5f, 1}, transforms, 1, lights, 1, 0}}},
     {"frame_at_rest.bin", {.type = LW_MESSAGE_FRAME, .frame = {.frame = 1}}},
     {"tile.bin",
      {.type = LW_MESSAGE_TILE,

@@ -13,7 +13,7 @@ static void means_and_intervals(void **state) {
     assert_true(fabs(f.half - 2.05397) < 1e-3);
     f = lw_crossover_figures_mean(value, 1);
     assert_true(f.mean == 1 && f.half == 0);
-    f = lw_crossover_figures_mean((const double[]){INFINITY, 1}, 2);
+    f = lw_crossover_figures_mean((const double[]){(double)INFINITY, 1}, 2);
     assert_true(isinf(f.mean) && f.half == 0);
 }
 
