@@ -459,11 +459,14 @@ static void misbehaving_peers_hurt_nobody(void **state) {
     long before_kb = resident_kb(&daemon);
     uint64_t frame = stats_of(good).frame, tiles = stats_of(good).tiles;
     for (int i = 0; i < 100; i++, poll_all()) misbehave_in_every_way(&daemon);
-    for (uint64_t end_ns = lw_clock_ns() + 1000000000; lw_clock_ns() < end_ns;) poll_all();
+    /* all that time the deaf one takes nothing and the others are served, however busy the machine is */
+    for (uint64_t end_ns = limit_ns();
+         stats_of(good).frame <= frame + 20 || stats_of(good).tiles <= tiles + 20;) {
+        poll_all();
+        if (lw_clock_ns() > end_ns) fail_msg("not served within %d s", LIMIT_S);
+    }
     long after_kb = resident_kb(&daemon);
-    /* all that time the deaf one took nothing and the others were served */
     assert_true(lw_process_runs(&daemon));
-    assert_true(stats_of(good).frame > frame + 20 && stats_of(good).tiles > tiles + 20);
     if (!LW_SANITIZER && after_kb > before_kb + MEMORY_SLACK_KB)
         fail_msg("%ld kB before, %ld kB after", before_kb, after_kb);
     struct lw_client *late = join(&daemon);
