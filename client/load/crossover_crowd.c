@@ -146,11 +146,11 @@ static enum lw_status measure_paths(struct lw_crossover_run *run, enum lw_crosso
     for (uint32_t eye = 0; eye < x->eyes; eye++) sum_s += per_eye_s[eye];
     for (uint32_t c = 0; c < x->options.user_counts; c++) {
         const uint32_t users = x->count[c].users;
-        double cost_s =
-            users * sum_s / x->eyes; /* many are as the eyes in the mean; few are eyes themselves */
-        if (users < x->eyes) cost_s = 0;
-        for (uint32_t u = 0; users < x->eyes && u < users; u++)
-            cost_s += per_eye_s[user_of(x, repeat, u, users)];
+        double cost_s = 0;
+        if (users < x->eyes) /* they are eyes themselves; more are as the eyes in the mean */
+            for (uint32_t u = 0; u < users; u++) cost_s += per_eye_s[user_of(x, repeat, u, users)];
+        else
+            cost_s = users * sum_s / x->eyes;
         x->count[c].cost_s[s][repeat] = cost_s;
     }
     lw_log(LW_LOG_INFO, "%s: %.4g CPU s per frame and user", x->side[s].name, sum_s / x->eyes);

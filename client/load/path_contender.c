@@ -109,12 +109,13 @@ static void trace(struct path_contender *c, struct screen *screen, uint64_t fram
     if (!c->desc.rests) lw_path_film_clear(&screen->film);
     const uint32_t samples = samples_now(c, &screen->film);
     if (!samples) return;
-    if (c->desc
-            .denoise) { /* what the filter averages, over time and neighbours, is one sample of the light */
+    if (c->desc.denoise) {
+        /* what the filter averages, over time and neighbours, is one sample of the light */
         view.seed = lw_random_hash2(c->seed, user);
         view.first_sample = (uint32_t)(frame - 1) * c->setting.samples;
         view.pattern = LW_PATH_PATTERN_INTERLEAVED;
-    } else { /* one sequence goes on while the picture rests; every other frame has its own */
+    } else {
+        /* one sequence goes on while the picture rests; every other frame has its own */
         view.seed = lw_random_hash3(c->seed, c->desc.rests ? 0 : (uint32_t)frame, user);
     }
     lw_path_world_render(&c->world, &view, samples, &screen->film);

@@ -155,10 +155,13 @@ static enum lw_status move_a_light(struct lw_scene *scene, const struct lw_pose 
         if (power > 0 && (*of_kind == LW_SCENE_NONE || power > luminance(scene->light[*of_kind].intensity)))
             *of_kind = l;
     }
-    for (uint32_t o = 0; o < scene->object_count; o++)
-        if (emission_of(scene, o) > 0 &&
-            (lamp == LW_SCENE_NONE || emission_of(scene, o) > emission_of(scene, lamp)))
-            lamp = o;
+    float strongest = 0;
+    for (uint32_t o = 0; o < scene->object_count; o++) {
+        float emission = emission_of(scene, o);
+        if (!(emission > strongest)) continue;
+        lamp = o;
+        strongest = emission;
+    }
     if (best != LW_SCENE_NONE) {
         *out_name = scene->light[best].name;
         return circle(scene, pose, scene->light[best].node, CIRCLE_SHARE * longest_m,
