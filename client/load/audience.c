@@ -105,27 +105,9 @@ enum lw_status lw_audience_follow(struct lw_audience *a, struct lw_error *err) {
     return moved ? lw_trace_set_pose(a->trace, &a->pose, err) : LW_OK;
 }
 
-static struct lw_client_level client_level(const void *context, uint32_t object, uint32_t level) {
-    return lw_client_get_level(context, object, level);
-}
-
-static struct lw_client_tile client_tile(const void *context, lw_tile_id tile) {
-    return lw_client_get_tile(context, tile);
-}
-
-static struct lw_compose_source source_of(const struct lw_audience *a, uint32_t user) {
-    const struct lw_client_stats stats = lw_audience_stats(a, user);
-    return (struct lw_compose_source){.context = a->user[user].client,
-                                      .level = client_level,
-                                      .tile = client_tile,
-                                      .sky = lw_vec3(stats.sky[0], stats.sky[1], stats.sky[2]),
-                                      .bounces = stats.bounces,
-                                      .target_error = stats.target_error};
-}
-
 void lw_audience_show(struct lw_audience *a, uint32_t user, const struct lw_camera_view *camera,
                       float *out_rgb) {
-    const struct lw_compose_source source = source_of(a, user);
+    const struct lw_compose_source source = lw_compose_source_of(a->user[user].client);
     const struct lw_compose_view view = {.camera = *camera, .width = a->width, .height = a->height};
     struct lw_compose_report report;
     lw_compose_render(a->compose, &source, &a->pose, &view, out_rgb, &report);
@@ -135,7 +117,7 @@ enum lw_status lw_audience_look(struct lw_audience *a, uint32_t user, const stru
                                 uint64_t now_ns, struct lw_error *err) {
     struct lw_audience_user *u = &a->user[user];
     if (a->wants_everything || (u->looked_ns && now_ns < u->looked_ns + LW_AUDIENCE_LOOK_NS)) return LW_OK;
-    const struct lw_compose_source source = source_of(a, user);
+    const struct lw_compose_source source = lw_compose_source_of(a->user[user].client);
     const struct lw_compose_view view = {.camera = *camera, .width = a->width, .height = a->height};
     /* what was needed last may have been another user's: the survey finds all of this one's */
     lw_compose_survey(a->compose, &source, &a->pose, &view);

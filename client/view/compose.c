@@ -58,6 +58,25 @@ struct lw_compose {
     struct lw_vec3 stand_in; /* irradiance where nothing at all has arrived */
 };
 
+static struct lw_client_level client_level(const void *context, uint32_t object, uint32_t level) {
+    return lw_client_get_level(context, object, level);
+}
+
+static struct lw_client_tile client_tile(const void *context, lw_tile_id tile) {
+    return lw_client_get_tile(context, tile);
+}
+
+struct lw_compose_source lw_compose_source_of(const struct lw_client *client) {
+    struct lw_client_stats stats;
+    lw_client_get_stats(client, &stats);
+    return (struct lw_compose_source){.context = client,
+                                      .level = client_level,
+                                      .tile = client_tile,
+                                      .sky = lw_vec3(stats.sky[0], stats.sky[1], stats.sky[2]),
+                                      .bounces = stats.bounces,
+                                      .target_error = stats.target_error};
+}
+
 static float triangle_density(const struct lw_mesh *mesh, uint32_t triangle) {
     const uint32_t *v = mesh->triangle[triangle];
     const struct lw_vec2 *uv = mesh->lightmap_uv;

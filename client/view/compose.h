@@ -25,6 +25,9 @@ struct lw_compose_source {
     float target_error; /* of a converged one */
 };
 
+/** The light that a client has received so far; good until its next poll. */
+struct lw_compose_source lw_compose_source_of(const struct lw_client *client);
+
 struct lw_compose_desc {
     const struct lw_scene *scene;
     const struct lw_atlas_map *map;

@@ -79,7 +79,7 @@ static enum lw_status take_picture(struct headless *h, struct lw_error *err) {
     enum lw_status status = lw_view_options_camera(h->options, h->stage.scene, &h->stage.pose, h->stage.trace,
                                                    &h->view.camera, err);
     if (status != LW_OK) return status;
-    struct lw_compose_source source = lw_stage_source(&h->stage);
+    struct lw_compose_source source = lw_compose_source_of(h->stage.client);
     uint64_t start_ns = lw_clock_ns();
     lw_compose_render(h->stage.compose, &source, &h->stage.pose, &h->view, h->rgb, &h->report);
     h->compose_ns = lw_clock_ns() - start_ns;
@@ -140,7 +140,7 @@ static enum lw_status wait_for_light(struct headless *h, struct lw_error *err) {
     lw_progress_init(&progress, "waiting for the light", judged_by_tiles ? h->report.tiles_needed : 0);
     while (status == LW_OK) {
         lw_client_get_stats(h->client, &h->stats);
-        struct lw_compose_source source = lw_stage_source(&h->stage);
+        struct lw_compose_source source = lw_compose_source_of(h->stage.client);
         struct lw_compose_report report;
         lw_compose_check(h->stage.compose, &source, &report);
         if (serves_the_wait(h, &report)) {

@@ -45,12 +45,6 @@ struct command {
     uint64_t wall_ns, cpu_ns;
 };
 
-static uint64_t cpu_ns(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
-    return (uint64_t)t.tv_sec * 1000000000u + (uint64_t)t.tv_nsec;
-}
-
 static enum lw_status set_up(struct command *c, struct lw_error *err) {
     const struct lw_view_options *o = c->options;
     struct lw_scene_open open = o->path.open;
@@ -107,7 +101,7 @@ static bool is_enough(const struct command *c) {
 
 static void trace_until_enough(struct command *c) {
     struct lw_progress progress;
-    const uint64_t start_ns = lw_clock_ns(), start_cpu_ns = cpu_ns();
+    const uint64_t start_ns = lw_clock_ns(), start_cpu_ns = lw_clock_process_cpu_ns();
     lw_progress_init(&progress, "tracing paths", foresee(c));
     while (!stop && !is_enough(c)) {
         const uint32_t rest = c->options->path.samples - c->film.samples, step = rest < STEP ? rest : STEP;
@@ -118,7 +112,7 @@ static void trace_until_enough(struct command *c) {
     }
     lw_progress_finish(&progress);
     c->wall_ns = lw_clock_ns() - start_ns;
-    c->cpu_ns = cpu_ns() - start_cpu_ns;
+    c->cpu_ns = lw_clock_process_cpu_ns() - start_cpu_ns;
 }
 
 static enum lw_status print_report(const struct command *c, const float *rgb, struct lw_error *err) {

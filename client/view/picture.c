@@ -66,7 +66,7 @@ static void meter(struct lw_picture *picture) {
 
 void lw_picture_render(struct lw_picture *picture, struct lw_stage *stage,
                        const struct lw_camera_view *camera, uint32_t width, uint32_t height, bool fresh) {
-    struct lw_compose_source source = lw_stage_source(stage);
+    struct lw_compose_source source = lw_compose_source_of(stage->client);
     if (fresh || width != picture->width || height != picture->height) picture->samples = 0;
     picture->width = width;
     picture->height = height;

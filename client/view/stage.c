@@ -71,30 +71,11 @@ enum lw_status lw_stage_look(struct lw_stage *stage, const struct lw_camera_view
     const uint64_t now_ns = lw_clock_ns();
     if (now_ns - stage->looked_ns < LOOK_NS) return LW_OK;
     stage->looked_ns = now_ns;
-    struct lw_compose_source source = lw_stage_source(stage);
+    struct lw_compose_source source = lw_compose_source_of(stage->client);
     lw_compose_survey(stage->compose, &source, &stage->pose,
                       &(struct lw_compose_view){.camera = *camera, .width = width, .height = height});
     struct lw_attention *a = &stage->attention;
     lw_attention_list(a, lw_compose_needed(stage->compose), lw_compose_around(stage->compose), now_ns);
     enum lw_status status = lw_client_want(stage->client, a->list, a->list_count);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "no memory for what the view needs");
-}
-
-static struct lw_client_level client_level(const void *context, uint32_t object, uint32_t level) {
-    return lw_client_get_level(context, object, level);
-}
-
-static struct lw_client_tile client_tile(const void *context, lw_tile_id tile) {
-    return lw_client_get_tile(context, tile);
-}
-
-struct lw_compose_source lw_stage_source(const struct lw_stage *stage) {
-    struct lw_client_stats stats;
-    lw_client_get_stats(stage->client, &stats);
-    return (struct lw_compose_source){.context = stage->client,
-                                      .level = client_level,
-                                      .tile = client_tile,
-                                      .sky = lw_vec3(stats.sky[0], stats.sky[1], stats.sky[2]),
-                                      .bounces = stats.bounces,
-                                      .target_error = stats.target_error};
 }

@@ -36,7 +36,4 @@ LW_MUST_CHECK enum lw_status lw_stage_follow(struct lw_stage *stage, bool *out_m
 LW_MUST_CHECK enum lw_status lw_stage_look(struct lw_stage *stage, const struct lw_camera_view *camera,
                                            uint32_t width, uint32_t height, struct lw_error *err);
 
-/** The light that the client has received so far; good until its next poll. */
-struct lw_compose_source lw_stage_source(const struct lw_stage *stage);
-
 #endif

@@ -5,6 +5,7 @@
  * relMSE = mean((x-t)^2 / (t^2 + eps)) of luminance over all covered texels, eps = 1 % of the mean of t^2, t from a solve
  * of N frames with another seed and no filter. Times are of the processor, with one worker, filter included: what others do
  * on the machine does not count. "mean" is the largest change of an object's mean light by the filter. */
+#include "common/clock.h"
 #include "common/colour.h"
 #include "common/log.h"
 #include "common/options.h"
@@ -34,11 +35,7 @@ struct moment {
     uint32_t frames;
 };
 
-static double cpu_s(void) {
-    struct timespec now;
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
-    return (double)now.tv_sec + (double)now.tv_nsec * 1e-9;
-}
+static double cpu_s(void) { return 1e-9 * (double)lw_clock_process_cpu_ns(); }
 
 static enum lw_status create(const struct job *job, uint32_t seed, bool denoise,
                              struct lw_solver **out_solver, struct lw_error *err) {

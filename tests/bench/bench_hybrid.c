@@ -6,6 +6,7 @@
  * setting is solved twice with seeds of its own, a and b, and so is the truth, t and u: then mean((a-t)(b-u) / (m^2+eps)),
  * m = (t+u)/2, eps = 1 % of the mean of m^2, is relMSE without the noise, which is what probes add for good. "99 %" is
  * the error that one in a hundred blocks of 8 x 8 texels exceeds; noise is in it: the row "inf" says how much. */
+#include "common/clock.h"
 #include "common/colour.h"
 #include "common/log.h"
 #include "common/options.h"
@@ -82,11 +83,7 @@ static void count_or_read(const struct job *job, const struct lw_solver *solver,
 }
 
 /* Processor time, with one worker: what others do on the machine does not count. */
-static double cpu_ms(void) {
-    struct timespec now;
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
-    return (double)now.tv_sec * 1e3 + (double)now.tv_nsec * 1e-6;
-}
+static double cpu_ms(void) { return 1e-6 * (double)lw_clock_process_cpu_ns(); }
 
 static int compare_doubles(const void *a, const void *b) {
     double x = *(const double *)a, y = *(const double *)b;

@@ -9,6 +9,7 @@
 #include "client/view/path_trace.h"
 #include "client/view/svgf.h"
 #include "client/view/tonemap.h"
+#include "common/clock.h"
 #include "common/image/image.h"
 #include "common/log.h"
 #include "common/scene/scene_motion.h"
@@ -42,11 +43,7 @@ struct scene {
     double eps;
 };
 
-static double cpu_s(void) {
-    struct timespec now;
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
-    return (double)now.tv_sec + (double)now.tv_nsec * 1e-9;
-}
+static double cpu_s(void) { return 1e-9 * (double)lw_clock_process_cpu_ns(); }
 
 static size_t value_count(const struct scene *s) {
     return (size_t)s->settings->width * (size_t)s->settings->height * 3;
