@@ -67,7 +67,7 @@ enum lw_status lw_scene_densities_init(struct lw_scene_densities *d, const struc
                                        enum lw_scene_motion motion, struct lw_error *err) {
     *d = (struct lw_scene_densities){.open = *open, .motion = motion};
     const char *parent = getenv("TMPDIR");
-    snprintf(d->folder, sizeof d->folder, "%.40s/lightwell-XXXXXX", parent && *parent ? parent : "/tmp");
+    snprintf(d->folder, sizeof d->folder, "%s/lightwell-XXXXXX", parent && *parent ? parent : "/tmp");
     if (!mkdtemp(d->folder)) {
         d->folder[0] = 0;
         return lw_status_fail(err, LW_CANNOT_CREATE, "cannot create a temporary folder for scene packages");

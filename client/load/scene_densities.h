@@ -7,6 +7,8 @@
 #include "common/scene/scene_motion.h"
 #include "common/scene/scene_open.h"
 
+#include <limits.h>
+
 #define LW_SCENE_DENSITIES_MAX 8u
 
 struct lw_scene_densities {
@@ -16,10 +18,10 @@ struct lw_scene_densities {
     struct lw_scene_motion_report report;
     double texels_per_metre; /* of that, over the scene's area */
     uint64_t triangles;      /* of all objects */
-    char folder[64];         /* temporary */
+    char folder[PATH_MAX];   /* temporary; "": there is none */
     struct lw_scene_package {
         double density;
-        char path[96];
+        char path[PATH_MAX + 32];
     } package[LW_SCENE_DENSITIES_MAX];
     uint32_t package_count;
 };
