@@ -1,33 +1,57 @@
-/* bench_compose: rays per second of the view against the bare tracer on the same primary rays, in one run.
+/* bench_compose: what composing a view costs, against the bare tracer on the same rays, in one run.
  *
- *     bench_compose [SCENE.lwscene | builtin:NAME] [THREADS]
+ *     bench_compose [OPTIONS] SCENE[@PX,PY,PZ:TX,TY,TZ:FOV]...
  *
- * Prints CSV: scene, threads, then millions of rays per second of each, and their ratio. */
+ * Every scene twice: at rest, as one flat structure of triangles, and with what moves in it set apart (where nothing does,
+ * a lamp and an object are set moving). Its light is noise, so that a look-up of the wrong texel shows. One table in
+ * Markdown, CPU milliseconds per picture:
+ *   raw      the view's rays in the flat structure, with nothing asked of what they meet: Embree and little else
+ *   rays     the same in the structure of this row, as the view traces them
+ *   compose  the whole picture; over raw: compose_over_raw
+ *   path     the path tracer, one path per pixel
+ * With -o DIR the pictures as EXR, for bench_compare. */
 #include "client/view/compose.h"
+#include "client/view/path_trace.h"
 #include "common/clock.h"
+#include "common/image/image.h"
 #include "common/log.h"
-#include "common/scene/builtin.h"
-#include "common/scene/lightmap.h"
-#include "common/scene/package.h"
+#include "common/random.h"
+#include "common/scene/scene_motion.h"
+#include "common/scene/scene_open.h"
 
 #include <omp.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#define WIDTH  1280u
-#define HEIGHT 720u
-#define ROUNDS 9
+#define ROUNDS_MAX 99
+#define PATH_EVERY 4   /* rounds: paths take so much longer */
+#define BLOCK      4u  /* pixels; the side of a packet */
+#define TILE       32u /* pixels; the side of what a thread takes */
 
-struct light {
-    const struct lw_atlas_map *map;
-    float *rgb; /* enough for the largest level: every level reads the same grey */
+struct settings {
+    struct lw_scene_open open;
+    int64_t width, height, rounds, bounces;
+    double time_s;
+    const char *folder;
+};
+
+struct scene {
+    const struct settings *settings;
+    int threads;
+    struct lw_scene *scene;
+    struct lw_pose pose;
+    struct lw_atlas_map map;
+    struct lw_trace *flat;
+    struct lw_compose_view view;
+    float *light; /* enough for the largest level; every level reads it */
+    float *picture;
 };
 
 static struct lw_client_level level(const void *context, uint32_t object, uint32_t k) {
-    const struct light *light = context;
-    const struct lw_atlas_level *l = &light->map->atlas[object].level[k];
-    return (struct lw_client_level){.width = l->width, .height = l->height, .rgb = light->rgb};
+    const struct scene *s = context;
+    const struct lw_atlas_level *l = &s->map.atlas[object].level[k];
+    return (struct lw_client_level){.width = l->width, .height = l->height, .rgb = s->light};
 }
 
 static struct lw_client_tile tile(const void *context, lw_tile_id id) {
@@ -35,104 +59,215 @@ static struct lw_client_tile tile(const void *context, lw_tile_id id) {
     return (struct lw_client_tile){.version = 1};
 }
 
-static enum lw_status load(const char *name, struct lw_scene **out_scene, struct lw_error *err) {
-    if (strncmp(name, LW_BUILTIN_PREFIX, strlen(LW_BUILTIN_PREFIX)) != 0)
-        return lw_package_load(name, out_scene, err);
-    enum lw_status status = lw_builtin_build(name, out_scene, err);
-    if (status != LW_OK) return status;
-    return lw_lightmap_build(*out_scene, &(struct lw_lightmap_desc){0}, NULL, err);
-}
-
-static void trace_block(const struct lw_trace *trace, struct lw_vec3 from,
+static void trace_block(const struct scene *s, const struct lw_trace *trace, unsigned flags,
                         const struct lw_camera_plane *plane, uint32_t x, uint32_t y) {
     struct lw_ray16 rays;
     struct lw_hit16 hits;
+    uint16_t active = 0;
     for (uint32_t i = 0; i < LW_TRACE_WIDTH; i++) {
-        struct lw_vec3 dir = lw_camera_direction(plane, (float)(x + i % 4) + 0.5f, (float)(y + i / 4) + 0.5f);
-        rays.org_x[i] = from.x, rays.org_y[i] = from.y, rays.org_z[i] = from.z;
-        rays.dir_x[i] = dir.x, rays.dir_y[i] = dir.y, rays.dir_z[i] = dir.z;
-        rays.t_near[i] = 0, rays.t_far[i] = INFINITY;
+        const uint32_t px = x + i % BLOCK, py = y + i / BLOCK;
+        if (px < s->view.width && py < s->view.height) active |= (uint16_t)(1u << i);
+        lw_trace_set_ray(&rays, i, s->view.camera.position,
+                         lw_camera_direction(plane, (float)px + 0.5f, (float)py + 0.5f), INFINITY);
     }
-    lw_trace_closest16(trace, LW_TRACE_VIEW | LW_TRACE_COHERENT, 0xffff, &rays, &hits);
+    rays.salt = 0;
+    lw_trace_closest16(trace, flags, active, &rays, &hits);
 }
 
-static void trace_all(const struct lw_trace *trace, const struct lw_camera_view *camera, int threads) {
-    const struct lw_camera_plane plane = lw_camera_plane(camera, WIDTH, HEIGHT);
-    const uint32_t columns = WIDTH / 32, rows = (HEIGHT + 31) / 32;
-#pragma omp parallel for schedule(dynamic) num_threads(threads)
-    for (uint32_t t = 0; t < columns * rows; t++)
-        for (uint32_t y = t / columns * 32; y < t / columns * 32 + 32 && y < HEIGHT; y += 4)
-            for (uint32_t x = t % columns * 32; x < t % columns * 32 + 32; x += 4)
-                trace_block(trace, camera->position, &plane, x, y);
+static void trace_all(const struct scene *s, const struct lw_trace *trace, unsigned flags) {
+    const uint32_t width = s->view.width, height = s->view.height;
+    const struct lw_camera_plane plane = lw_camera_plane(&s->view.camera, width, height);
+    const uint32_t columns = (width + TILE - 1) / TILE, rows = (height + TILE - 1) / TILE;
+#pragma omp parallel for schedule(dynamic) num_threads(s->threads)
+    for (uint32_t t = 0; t < columns * rows; t++) {
+        const uint32_t left = t % columns * TILE, top = t / columns * TILE;
+        for (uint32_t y = top; y < top + TILE && y < height; y += BLOCK)
+            for (uint32_t x = left; x < left + TILE && x < width; x += BLOCK)
+                trace_block(s, trace, flags, &plane, x, y);
+    }
 }
 
-static int compare(const void *a, const void *b) {
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
+static double least(const double *value, int64_t count) {
+    double found = value[0];
+    for (int64_t i = 1; i < count; i++) found = fmin(found, value[i]);
+    return found;
 }
 
-static double mrays_per_s(double *seconds) {
-    qsort(seconds, ROUNDS, sizeof *seconds, compare);
-    return WIDTH * HEIGHT * 1e-6 / seconds[ROUNDS / 2];
+static enum lw_status write_picture(const struct scene *s, const char *name, const char *motion,
+                                    struct lw_error *err) {
+    char path[512];
+    if (s->settings->folder == NULL) return LW_OK;
+    const char *slash = strrchr(name, '/'), *base = slash ? slash + 1 : name;
+    snprintf(path, sizeof path, "%s/%.*s-%s.exr", s->settings->folder, (int)strcspn(base, "@"), base, motion);
+    return lw_image_write_exr(path, s->picture, s->view.width, s->view.height, "W/(m^2 sr)", err);
+}
+
+/* One row: a structure of its own, at rest or not. */
+static enum lw_status measure(struct scene *s, const char *name, bool moving, struct lw_error *err) {
+    const struct settings *o = s->settings;
+    const unsigned threads = (unsigned)s->threads;
+    struct lw_trace *trace = NULL;
+    struct lw_compose *compose = NULL;
+    struct lw_path_trace *tracer = NULL;
+    struct lw_lights lights = {0};
+    struct lw_path_film film = {0};
+    double time_s[4][ROUNDS_MAX] = {0};
+    bool *node_moves = s->pose.node_moves, *none = calloc((size_t)s->scene->node_count + 1, sizeof *none);
+    if (none == NULL) return LW_NO_MEMORY;
+    if (!moving) s->pose.node_moves = none;
+    enum lw_status status = lw_trace_create(s->scene, &s->pose, &trace, err);
+    s->pose.node_moves = node_moves;
+    free(none);
+    if (status == LW_OK)
+        status = lw_compose_create(
+            &(struct lw_compose_desc){.scene = s->scene, .map = &s->map, .trace = trace, .threads = threads},
+            &compose, err);
+    if (status == LW_OK) status = lw_lights_init(&lights, s->scene, &s->pose);
+    if (status == LW_OK)
+        status = lw_path_trace_create(
+            &(struct lw_path_trace_desc){
+                .scene = s->scene, .trace = trace, .lights = &lights, .pose = &s->pose, .threads = threads},
+            &tracer, err);
+    if (status == LW_OK) status = lw_path_film_init(&film, s->view.width, s->view.height, err);
+
+    const struct lw_compose_source source = {.context = s, .level = level, .tile = tile, .sky = {1, 1, 1}};
+    const struct lw_path_view paths = {.camera = s->view.camera, .bounces = (uint32_t)o->bounces};
+    for (int64_t i = 0; status == LW_OK && i < o->rounds; i++) { /* by turns: all meet the same machine */
+        struct lw_compose_report report;
+        uint64_t at_ns[4] = {lw_clock_process_cpu_ns()};
+        trace_all(s, s->flat, LW_TRACE_LIGHT | LW_TRACE_COHERENT);
+        at_ns[1] = lw_clock_process_cpu_ns();
+        trace_all(s, trace, LW_TRACE_VIEW | LW_TRACE_COHERENT);
+        at_ns[2] = lw_clock_process_cpu_ns();
+        lw_compose_render(compose, &source, &s->pose, &s->view, s->picture, &report);
+        at_ns[3] = lw_clock_process_cpu_ns();
+        for (int k = 0; k < 3; k++) time_s[k][i] = 1e-9 * (double)(at_ns[k + 1] - at_ns[k]);
+        if (i % PATH_EVERY != 0) continue;
+        lw_path_trace_render(tracer, &paths, 1, &film, NULL);
+        time_s[3][i / PATH_EVERY] = 1e-9 * (double)(lw_clock_process_cpu_ns() - at_ns[3]);
+    }
+    if (status == LW_OK) {
+        const double raw = least(time_s[0], o->rounds), rays = least(time_s[1], o->rounds),
+                     whole = least(time_s[2], o->rounds),
+                     path = least(time_s[3], (o->rounds + PATH_EVERY - 1) / PATH_EVERY);
+        printf("| %s | %s | %.1f | %.1f | %.1f | %.2f | %.0f |\n", name, moving ? "moving" : "still",
+               1e3 * raw, 1e3 * rays, 1e3 * whole, whole / raw, 1e3 * path);
+        fflush(stdout);
+        status = write_picture(s, name, moving ? "moving" : "still", err);
+    }
+    lw_path_film_finish(&film);
+    lw_path_trace_destroy(tracer);
+    lw_lights_finish(&lights);
+    lw_compose_destroy(compose);
+    lw_trace_destroy(trace);
+    return status;
+}
+
+static enum lw_status make_light(struct scene *s) {
+    size_t texels = 1;
+    for (uint32_t o = 0; o < s->map.object_count; o++) {
+        const size_t count = (size_t)s->map.atlas[o].level[0].width * s->map.atlas[o].level[0].height;
+        if (count > texels) texels = count;
+    }
+    s->light = malloc(texels * 3 * sizeof *s->light);
+    s->picture = malloc((size_t)s->view.width * s->view.height * 3 * sizeof *s->picture);
+    if (s->light == NULL || s->picture == NULL) return LW_NO_MEMORY;
+    for (size_t i = 0; i < texels * 3; i++)
+        s->light[i] = 0.5f + lw_random_unit(lw_random_hash2(1, (uint32_t)i));
+    return LW_OK;
+}
+
+static enum lw_status open_flat(struct scene *s, struct lw_error *err) {
+    bool *node_moves = s->pose.node_moves;
+    s->pose.node_moves = calloc((size_t)s->scene->node_count + 1, sizeof *node_moves);
+    enum lw_status status =
+        s->pose.node_moves == NULL ? LW_NO_MEMORY : lw_trace_create(s->scene, &s->pose, &s->flat, err);
+    free(s->pose.node_moves);
+    s->pose.node_moves = node_moves;
+    return status;
+}
+
+static enum lw_status set_up(struct scene *s, const char *name, struct lw_error *err) {
+    const struct settings *o = s->settings;
+    struct lw_scene_open open = o->open;
+    char path[4096];
+    const size_t length = strcspn(name, "@");
+    if (length >= sizeof path) return lw_status_fail(err, LW_USAGE, "a path that long: %s", name);
+    memcpy(path, name, length);
+    path[length] = '\0';
+    open.path = path;
+    enum lw_status status = lw_scene_open(&open, &s->scene, err);
+    if (status != LW_OK) return status;
+    struct lw_scene_motion_report motion;
+    status = lw_scene_motion_set(s->scene, LW_SCENE_MOTION_ALL, &motion, err);
+    if (status == LW_OK) status = lw_pose_init(&s->pose, s->scene);
+    if (status == LW_OK) status = lw_atlas_map_init(&s->map, s->scene);
+    if (status != LW_OK) return status;
+    lw_pose_evaluate(&s->pose, s->scene, o->time_s);
+    status = open_flat(s, err);
+    if (status != LW_OK) return status;
+    s->view = (struct lw_compose_view){.width = (uint32_t)o->width, .height = (uint32_t)o->height};
+    if (name[length] == '@')
+        status = lw_camera_parse(name + length + 1, &s->view.camera, err);
+    else if (s->scene->camera_count > 0)
+        s->view.camera = lw_camera_of_scene(s->scene, &s->pose, 0);
+    else
+        s->view.camera = lw_camera_default(s->scene, &s->pose, s->flat, (float)o->width / (float)o->height);
+    return status == LW_OK ? make_light(s) : status;
+}
+
+static enum lw_status run(const struct settings *settings, const char *name, struct lw_error *err) {
+    struct scene s = {.settings = settings,
+                      .threads =
+                          settings->open.threads ? (int)settings->open.threads : omp_get_max_threads()};
+    enum lw_status status = set_up(&s, name, err);
+    if (status == LW_OK) status = measure(&s, name, false, err);
+    if (status == LW_OK) status = measure(&s, name, true, err);
+    free(s.picture);
+    free(s.light);
+    lw_trace_destroy(s.flat);
+    lw_atlas_map_finish(&s.map);
+    if (s.scene != NULL) lw_pose_finish(&s.pose);
+    lw_scene_destroy(s.scene);
+    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "%s: %s", name, lw_status_text(status));
 }
 
 int main(int argc, char **argv) {
-    lw_log_init("bench_compose", LW_LOG_INFO);
-    const char *name = argc > 1 ? argv[1] : "builtin:atrium";
-    int threads = argc > 2 ? atoi(argv[2]) : omp_get_max_threads();
+    struct settings s = {.open = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG},
+                         .width = 1280,
+                         .height = 720,
+                         .rounds = 9,
+                         .bounces = 2};
+    const struct lw_option table[] = {
+        {"width", "N", "pixels (default 1280)", LW_OPTION_INT, &s.width, 1, 16384, NULL},
+        {"height", "N", "pixels (default 720)", LW_OPTION_INT, &s.height, 1, 16384, NULL},
+        {"rounds", "N", "pictures; the least time of each kind is printed (default 9)", LW_OPTION_INT,
+         &s.rounds, 1, ROUNDS_MAX, NULL},
+        {"bounces", "N", "of the path tracer (default 2)", LW_OPTION_INT, &s.bounces, 0,
+         LW_PATH_TRACE_BOUNCES_MAX, NULL},
+        {"time", "SECONDS", "of the animation (default 0)", LW_OPTION_REAL, &s.time_s, 0, 1e9, NULL},
+        {"o", "DIR", "write the pictures there", LW_OPTION_STRING, &s.folder, 0, 0, NULL},
+        LW_SCENE_OPEN_OPTIONS(&s.open),
+    };
+    const char *scene[64];
+    size_t count = 0;
+    const struct lw_options options = {.program = "bench_compose",
+                                       .synopsis = "[OPTIONS] SCENE[@CAMERA]...",
+                                       .about = "CPU time of a composed view, by the bare tracer's.",
+                                       .table = table,
+                                       .count = sizeof table / sizeof table[0],
+                                       .positional = scene,
+                                       .positional_min = 1,
+                                       .positional_max = sizeof scene / sizeof scene[0]};
     struct lw_error err = {0};
-    struct lw_scene *scene = NULL;
-    struct lw_pose pose = {0};
-    struct lw_atlas_map map = {0};
-    struct lw_trace *trace = NULL;
-    struct lw_compose *compose = NULL;
-    struct light light = {.map = &map};
-    float *picture = malloc((size_t)WIDTH * HEIGHT * 3 * sizeof *picture);
-    enum lw_status status = picture == NULL ? LW_NO_MEMORY : load(name, &scene, &err);
-    if (status == LW_OK) status = lw_pose_init(&pose, scene);
-    if (status == LW_OK) status = lw_atlas_map_init(&map, scene);
-    if (status == LW_OK) status = lw_trace_create(scene, &pose, &trace, &err);
-    if (status == LW_OK)
-        status = lw_compose_create(
-            &(struct lw_compose_desc){
-                .scene = scene, .map = &map, .trace = trace, .threads = (unsigned)threads},
-            &compose, &err);
-    size_t texels = 0;
-    for (uint32_t o = 0; status == LW_OK && o < map.object_count; o++) {
-        size_t count = (size_t)map.atlas[o].level[0].width * map.atlas[o].level[0].height;
-        if (count > texels) texels = count;
+    bool done = false;
+    lw_log_init("bench_compose", LW_LOG_WARNING);
+    enum lw_status status = lw_options_parse(&options, argc, argv, &count, &done, &err);
+    if (status == LW_OK && done) return 0;
+    if (status == LW_OK) {
+        printf("| scene | motion | raw | rays | compose | compose_over_raw | path |\n");
+        printf("|---|---|---|---|---|---|---|\n");
     }
-    if (status == LW_OK && (light.rgb = malloc(texels * 3 * sizeof *light.rgb)) == NULL)
-        status = LW_NO_MEMORY;
-    if (status != LW_OK) {
-        lw_status_fail(&err, status, "%s", lw_status_text(status));
-        return lw_log_failure(&err);
-    }
-    for (size_t i = 0; i < texels * 3; i++) light.rgb[i] = 1;
-    struct lw_compose_source source = {.context = &light, .level = level, .tile = tile};
-    struct lw_compose_view view = {.width = WIDTH, .height = HEIGHT};
-    view.camera = scene->camera_count ? lw_camera_of_scene(scene, &pose, 0)
-                                      : lw_camera_default(scene, &pose, trace, (float)WIDTH / HEIGHT);
-
-    double bare[ROUNDS], composed[ROUNDS];
-    struct lw_compose_report report;
-    for (int i = 0; i < ROUNDS; i++) { /* by turns, so that both meet the same machine */
-        uint64_t start_ns = lw_clock_ns();
-        trace_all(trace, &view.camera, threads);
-        uint64_t middle_ns = lw_clock_ns();
-        lw_compose_render(compose, &source, &pose, &view, picture, &report);
-        bare[i] = (double)(middle_ns - start_ns) * 1e-9;
-        composed[i] = (double)(lw_clock_ns() - middle_ns) * 1e-9;
-    }
-    double traced = mrays_per_s(bare), shown = mrays_per_s(composed);
-    printf("scene,threads,bare_mrays_per_s,compose_mrays_per_s,ratio\n%s,%d,%.2f,%.2f,%.3f\n", name, threads,
-           traced, shown, shown / traced);
-    lw_compose_destroy(compose);
-    lw_trace_destroy(trace);
-    lw_atlas_map_finish(&map);
-    lw_pose_finish(&pose);
-    lw_scene_destroy(scene);
-    free(light.rgb);
-    free(picture);
-    return 0;
+    for (size_t i = 0; status == LW_OK && i < count; i++) status = run(&s, scene[i], &err);
+    return status == LW_OK ? 0 : lw_log_failure(&err);
 }
