@@ -15,12 +15,22 @@ struct geometry {
     bool has_alpha;
 };
 
+struct box {
+    struct lw_vec3 low, high;
+};
+
 struct mover {
     uint32_t object;
     RTCScene scene;       /* the object alone, in object space */
     RTCGeometry instance; /* in the moving scene */
     float facing[3][3];   /* sign(facing * Ng . dir) in world space tells front from back */
+    struct box box_os;
+    struct box box_ws; /* with room for rounding */
 };
+
+/* What moves is mostly small: rays that pass by all of it are kept from the moving scene by boxes, each around so many
+ * neighbouring movers. More boxes cost every ray more than they save. */
+#define BOXES_MAX 8u
 
 struct lw_trace {
     const struct lw_scene *scene;
@@ -31,6 +41,8 @@ struct lw_trace {
     uint32_t *mover_of_object;
     struct mover *mover;
     uint32_t mover_count;
+    struct box box[BOXES_MAX]; /* where movers are now */
+    uint32_t box_count;
     _Atomic int64_t memory_bytes;
 };
 
@@ -84,7 +96,7 @@ static bool passes_alpha(const struct geometry *g, unsigned flags,
     return blend_choice(g, args->ray, triangle, args->N, i) >= alpha;
 }
 
-/* Called for hits on geometry with alpha (all rays) and, as the context's filter, for every hit of view rays.
+/* Called for hits on geometry with alpha (all rays) and, as the context's filter, for every hit of view rays that may meet backs.
  * Ray and normal are both in the geometry's own space here, so their signs need no transform. */
 static void filter(const struct RTCFilterFunctionNArguments *args) {
     const struct geometry *g = args->geometryUserPtr;
@@ -108,11 +120,12 @@ static void filter(const struct RTCFilterFunctionNArguments *args) {
     }
 }
 
-static void init_context(struct trace_context *context, unsigned flags) {
+/* every_hit: whether backs are left out on geometry without alpha, too. */
+static void init_context(struct trace_context *context, unsigned flags, bool every_hit) {
     rtcInitIntersectContext(&context->rtc);
     context->flags = flags;
     if (flags & LW_TRACE_COHERENT) context->rtc.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
-    if (flags & LW_TRACE_VIEW) context->rtc.filter = filter;
+    if (every_hit) context->rtc.filter = filter;
 }
 
 static bool mesh_has_alpha(const struct lw_scene *scene, const struct lw_mesh *mesh) {
@@ -163,7 +176,48 @@ static RTCScene new_scene(struct lw_trace *trace) {
     return scene;
 }
 
+static const struct box nowhere = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+
+static struct lw_vec3 least(struct lw_vec3 a, struct lw_vec3 b) {
+    return lw_vec3(fminf(a.x, b.x), fminf(a.y, b.y), fminf(a.z, b.z));
+}
+static struct lw_vec3 largest(struct lw_vec3 a, struct lw_vec3 b) {
+    return lw_vec3(fmaxf(a.x, b.x), fmaxf(a.y, b.y), fmaxf(a.z, b.z));
+}
+
+static struct box box_around(struct box a, struct box b) {
+    return (struct box){least(a.low, b.low), largest(a.high, b.high)};
+}
+
+static struct box box_of_mesh(const struct lw_mesh *mesh) {
+    struct box box = nowhere;
+    for (uint32_t i = 0; i < mesh->vertex_count; i++)
+        box = box_around(box, (struct box){mesh->position[i], mesh->position[i]});
+    return box;
+}
+
+/* Room on all sides: far more than Embree rounds by on the way into the instance's space and back, far less than a mover. */
+static struct box box_with_room(struct box box) {
+    struct lw_vec3 most =
+        largest(largest(box.high, lw_vec3_scale(box.low, -1)), lw_vec3_sub(box.high, box.low));
+    float room = 1e-4f * fmaxf(most.x, fmaxf(most.y, most.z)) + 1e-20f;
+    struct lw_vec3 by = lw_vec3(room, room, room);
+    return (struct box){lw_vec3_sub(box.low, by), lw_vec3_add(box.high, by)};
+}
+
+static struct box box_moved(const struct lw_affine *t, const struct box *b) {
+    struct box box = nowhere;
+    for (int i = 0; i < 8; i++) {
+        struct lw_vec3 corner =
+            lw_affine_point(t, lw_vec3(i & 1 ? b->low.x : b->high.x, i & 2 ? b->low.y : b->high.y,
+                                       i & 4 ? b->low.z : b->high.z));
+        box = box_around(box, (struct box){corner, corner});
+    }
+    return box;
+}
+
 static void place_mover(struct mover *mover, const struct lw_affine *t) {
+    mover->box_ws = box_with_room(box_moved(t, &mover->box_os));
     rtcSetGeometryTransform(mover->instance, 0, RTC_FORMAT_FLOAT3X4_ROW_MAJOR, t->m);
     rtcCommitGeometry(mover->instance);
     /* Ng . (M^-1 d) has the sign of (cofactors(M) Ng) . d times that of det M. */
@@ -179,11 +233,23 @@ static void place_mover(struct mover *mover, const struct lw_affine *t) {
     }
 }
 
+/* More movers than boxes share them in the scene's order, where neighbours are mostly together. */
+static void box_movers(struct lw_trace *trace) {
+    const uint32_t count = trace->mover_count;
+    trace->box_count = count < BOXES_MAX ? count : BOXES_MAX;
+    for (uint32_t b = 0; b < trace->box_count; b++) trace->box[b] = nowhere;
+    for (uint32_t i = 0; i < count; i++) {
+        struct box *box = &trace->box[(uint64_t)i * trace->box_count / count];
+        *box = box_around(*box, trace->mover[i].box_ws);
+    }
+}
+
 static enum lw_status attach_mover(struct lw_trace *trace, struct mover *mover, const struct lw_pose *pose) {
     mover->scene = new_scene(trace);
     if (!mover->scene) return LW_NO_MEMORY;
     enum lw_status status = attach_object(trace, mover->scene, mover->object, &LW_AFFINE_IDENTITY);
     if (status != LW_OK) return status;
+    mover->box_os = box_of_mesh(&trace->scene->mesh[trace->scene->object[mover->object].mesh]);
     rtcCommitScene(mover->scene);
     mover->instance = rtcNewGeometry(trace->device, RTC_GEOMETRY_TYPE_INSTANCE);
     if (!mover->instance) return LW_NO_MEMORY;
@@ -224,6 +290,7 @@ static enum lw_status build(struct lw_trace *trace, const struct lw_pose *pose) 
         enum lw_status status = attach_mover(trace, &trace->mover[i], pose);
         if (status != LW_OK) return status;
     }
+    box_movers(trace);
     rtcCommitScene(trace->moving);
     return LW_OK;
 }
@@ -278,6 +345,7 @@ enum lw_status lw_trace_set_pose(struct lw_trace *trace, const struct lw_pose *p
     if (trace->mover_count == 0) return LW_OK;
     for (uint32_t i = 0; i < trace->mover_count; i++)
         place_mover(&trace->mover[i], &pose->object_to_world[trace->mover[i].object]);
+    box_movers(trace);
     rtcCommitScene(trace->moving);
     return device_status(trace, err);
 }
@@ -301,6 +369,36 @@ static void load_valid(int valid[16], uint16_t active) {
     for (int i = 0; i < 16; i++) valid[i] = active >> i & 1 ? -1 : 0;
 }
 
+/* Where the slabs of one axis begin and end; plain comparisons, which compilers make vectors of. */
+static void clip_to_slab(const float org[16], const float dir[16], float low, float high, float enter[16],
+                         float leave[16]) {
+    for (int i = 0; i < 16; i++) {
+        /* finite, so that 0 * infinity never comes up */
+        float d = fabsf(dir[i]) > 1e-30f ? dir[i] : 1e-30f, inverse = 1 / d;
+        float a = (low - org[i]) * inverse, b = (high - org[i]) * inverse;
+        float first = a < b ? a : b, second = a < b ? b : a;
+        enter[i] = enter[i] > first ? enter[i] : first;
+        leave[i] = leave[i] < second ? leave[i] : second;
+    }
+}
+
+/* Leaves those rays valid that reach a box of movers before they end; whether any does. */
+static bool reach_movers(const struct lw_trace *trace, const struct RTCRay16 *ray, int valid[16]) {
+    int reach[16] = {0}, any = 0;
+    for (uint32_t b = 0; b < trace->box_count; b++) {
+        const struct box *box = &trace->box[b];
+        float enter[16], leave[16];
+        memcpy(enter, ray->tnear, sizeof enter);
+        memcpy(leave, ray->tfar, sizeof leave);
+        clip_to_slab(ray->org_x, ray->dir_x, box->low.x, box->high.x, enter, leave);
+        clip_to_slab(ray->org_y, ray->dir_y, box->low.y, box->high.y, enter, leave);
+        clip_to_slab(ray->org_z, ray->dir_z, box->low.z, box->high.z, enter, leave);
+        for (int i = 0; i < 16; i++) reach[i] |= enter[i] <= leave[i] ? -1 : 0;
+    }
+    for (int i = 0; i < 16; i++) any |= valid[i] &= reach[i];
+    return any != 0;
+}
+
 static bool met_from_behind(const struct lw_trace *trace, const struct RTCRayHit16 *rh, int i) {
     float nx = rh->hit.Ng_x[i], ny = rh->hit.Ng_y[i], nz = rh->hit.Ng_z[i];
     float dx = rh->ray.dir_x[i], dy = rh->ray.dir_y[i], dz = rh->ray.dir_z[i];
@@ -313,21 +411,52 @@ static bool met_from_behind(const struct lw_trace *trace, const struct RTCRayHit
            0;
 }
 
+/* Closest hits of the valid rays, with the side that each is met from. */
+static void intersect(const struct lw_trace *trace, unsigned flags, bool every_hit, const int valid[16],
+                      struct RTCRayHit16 *rh, uint8_t back[16]) {
+    struct trace_context context;
+    _Alignas(64) int reach[16];
+    init_context(&context, flags, every_hit);
+    rtcIntersect16(valid, trace->fixed, &context.rtc, rh);
+    memcpy(reach, valid, sizeof reach);
+    if (trace->moving && reach_movers(trace, &rh->ray, reach)) {
+        init_context(&context, flags & ~(unsigned)LW_TRACE_COHERENT, every_hit);
+        rtcIntersect16(reach, trace->moving, &context.rtc, rh);
+    }
+    for (int i = 0; i < 16; i++)
+        if (valid[i]) back[i] = rh->hit.geomID[i] != LW_TRACE_MISS && met_from_behind(trace, rh, i);
+}
+
+/* Makes those rays valid again that have met what the view does not see; whether any has. */
+static bool meet_backs(const struct lw_trace *trace, const struct lw_ray16 *rays, int valid[16],
+                       struct RTCRayHit16 *rh, const uint8_t back[16]) {
+    bool any = false;
+    for (int i = 0; i < 16; i++) {
+        valid[i] = 0;
+        if (!back[i]) continue;
+        if (material_of(&trace->geometry[rh->hit.geomID[i]], rh->hit.primID[i])->double_sided) continue;
+        valid[i] = -1;
+        any = true;
+        rh->ray.tfar[i] = rays->t_far[i];
+        rh->hit.geomID[i] = rh->hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
+    }
+    return any;
+}
+
 void lw_trace_closest16(const struct lw_trace *trace, unsigned flags, uint16_t active,
                         const struct lw_ray16 *rays, struct lw_hit16 *out_hits) {
     _Alignas(64) int valid[16];
     _Alignas(64) struct RTCRayHit16 rh;
-    struct trace_context context;
     load_valid(valid, active);
     load_rays(&rh.ray, rays);
     memset(rh.hit.geomID, 0xff, sizeof rh.hit.geomID);
     memset(rh.hit.instID, 0xff, sizeof rh.hit.instID);
-    init_context(&context, flags);
-    rtcIntersect16(valid, trace->fixed, &context.rtc, &rh);
-    if (trace->moving) {
-        init_context(&context, flags & ~(unsigned)LW_TRACE_COHERENT);
-        rtcIntersect16(valid, trace->moving, &context.rtc, &rh);
-    }
+    memset(out_hits->back, 0, sizeof out_hits->back);
+    /* A view mostly looks at fronts: a filter that asks of each hit costs a fifth more than to ask of the last one, and to
+     * trace again where that is a back. */
+    intersect(trace, flags, false, valid, &rh, out_hits->back);
+    if ((flags & LW_TRACE_VIEW) && meet_backs(trace, rays, valid, &rh, out_hits->back))
+        intersect(trace, flags, true, valid, &rh, out_hits->back);
 
     memcpy(out_hits->t, rh.ray.tfar, sizeof out_hits->t);
     memcpy(out_hits->u, rh.hit.u, sizeof out_hits->u);
@@ -335,8 +464,6 @@ void lw_trace_closest16(const struct lw_trace *trace, unsigned flags, uint16_t a
     memcpy(out_hits->triangle, rh.hit.primID, sizeof out_hits->triangle);
     memcpy(out_hits->object, rh.hit.geomID,
            sizeof out_hits->object); /* geometries are attached by object index */
-    for (int i = 0; i < 16; i++)
-        out_hits->back[i] = out_hits->object[i] != LW_TRACE_MISS && met_from_behind(trace, &rh, i);
 }
 
 uint16_t lw_trace_occluded16(const struct lw_trace *trace, unsigned flags, uint16_t active,
@@ -344,15 +471,16 @@ uint16_t lw_trace_occluded16(const struct lw_trace *trace, unsigned flags, uint1
     _Alignas(64) int valid[16];
     _Alignas(64) struct RTCRay16 ray;
     struct trace_context context;
+    const bool every_hit = flags & LW_TRACE_VIEW;
     load_valid(valid, active);
     load_rays(&ray, rays);
-    init_context(&context, flags);
+    init_context(&context, flags, every_hit);
     rtcOccluded16(valid, trace->fixed, &context.rtc, &ray);
-    if (trace->moving) {
+    for (int i = 0; i < 16; i++) valid[i] = valid[i] && ray.tfar[i] >= 0 ? -1 : 0;
+    if (trace->moving && reach_movers(trace, &ray, valid)) {
         /* Without the coherent flag: in a scene with instances Embree 3.13.5's rtcOccluded16 with it does not return for
          * some packets (its loop over the octants of directions finds no ray in one and stays there). */
-        init_context(&context, flags & ~(unsigned)LW_TRACE_COHERENT);
-        for (int i = 0; i < 16; i++) valid[i] = valid[i] && ray.tfar[i] >= 0 ? -1 : 0;
+        init_context(&context, flags & ~(unsigned)LW_TRACE_COHERENT, every_hit);
         rtcOccluded16(valid, trace->moving, &context.rtc, &ray);
     }
     uint16_t occluded = 0;

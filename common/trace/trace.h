@@ -3,8 +3,8 @@
  * Threads: lw_trace_create/set_pose by one thread while nobody traces; closest and occluded [any] in between.
  *
  * Objects that never move are one flattened set of geometry; each object that moves is an instance of its own in a second
- * scene, so that a new pose costs an update of that alone. Rays go through the first, then the second: the many triangles
- * that stay cost no change of space. */
+ * scene, so that a new pose costs an update of that alone. Rays go through the first, then through the second those that
+ * come by a box around movers: the many triangles that stay cost no change of space. */
 #ifndef LW_COMMON_TRACE_H
 #define LW_COMMON_TRACE_H
 

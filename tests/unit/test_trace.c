@@ -1,5 +1,6 @@
 #include "tests/support/support.h"
 
+#include "common/random.h"
 #include "common/trace/trace.h"
 
 #include <math.h>
@@ -109,6 +110,125 @@ static void test_moving_objects_follow_the_pose(void **state) {
     stop(&f);
 }
 
+static float between(uint32_t *state, float low, float high) {
+    return low + (high - low) * lw_random_unit(lw_random_hash2(77, (*state)++));
+}
+
+static struct lw_vec3 point_between(uint32_t *state, float low, float high) {
+    const float x = between(state, low, high), y = between(state, low, high);
+    return lw_vec3(x, y, between(state, low, high));
+}
+
+/* Turned, stretched, now and then mirrored. */
+static struct lw_affine random_place(uint32_t *state) {
+    struct lw_vec3 x, y, z = lw_vec3_normalize(point_between(state, -1, 1)), at = point_between(state, -4, 4);
+    lw_vec3_frame(z, &x, &y);
+    const float size = between(state, 0.2f, 2), flip = between(state, -1, 1) < -0.5f ? -size : size;
+    return (struct lw_affine){{{flip * x.x, size * y.x, size * z.x, at.x},
+                               {flip * x.y, size * y.y, size * z.y, at.y},
+                               {flip * x.z, size * y.z, size * z.z, at.z}}};
+}
+
+/* A packet of rays from one place in similar directions, or of rays of all kinds. */
+static void random_packet(uint32_t *state, bool coherent, struct lw_ray16 *rays) {
+    const struct lw_vec3 from = point_between(state, -6, 6), along = point_between(state, -1, 1);
+    for (uint32_t i = 0; i < LW_TRACE_WIDTH; i++) {
+        struct lw_vec3 dir = lw_vec3_mad(along, point_between(state, -1, 1), coherent ? 0.1f : 1);
+        if (i == 5) dir.x = 0; /* parallel to a side of every box */
+        if (i == 6) dir = lw_vec3(0, 0, -1);
+        lw_trace_set_ray(rays, i, coherent ? from : point_between(state, -6, 6), dir,
+                         i % 4 == 3 ? between(state, 0, 9) : INFINITY);
+    }
+    rays->salt = 0;
+}
+
+/* What moves is found wherever it goes: as in a structure in which nothing moves, built anew for each pose. */
+static void test_movers_are_met_as_in_a_flat_scene(void **state) {
+    (void)state;
+    const uint32_t objects[] = {1, 2, 9, 40};
+    uint32_t r = 1;
+    for (int n = 0; n < 4; n++) {
+        struct fixture f;
+        struct lw_error err = {0};
+        struct lw_scene *scene = lw_support_squares(objects[n], 4);
+        scene->material[0].double_sided = n & 1;
+        f.scene = scene;
+        lw_support_ok(lw_pose_init(&f.pose, scene), NULL);
+        for (uint32_t o = 0; o < objects[n]; o++) f.pose.node_moves[scene->object[o].node] = o % 3 != 2;
+        lw_support_ok(lw_trace_create(scene, &f.pose, &f.trace, &err), &err);
+        unsigned hits = 0, apart = 0;
+        for (int pose = 0; pose < 20; pose++) {
+            for (uint32_t o = 0; o < objects[n]; o++)
+                if (o % 3 != 2) f.pose.object_to_world[o] = random_place(&r);
+            lw_support_ok(lw_trace_set_pose(f.trace, &f.pose, &err), &err);
+            bool *node_moves = f.pose.node_moves, none[64] = {false};
+            struct lw_trace *flat;
+            f.pose.node_moves = none;
+            lw_support_ok(lw_trace_create(scene, &f.pose, &flat, &err), &err);
+            f.pose.node_moves = node_moves;
+            for (int packet = 0; packet < 200; packet++) {
+                struct lw_ray16 rays;
+                struct lw_hit16 here, there;
+                const bool coherent = packet & 1;
+                const unsigned flags =
+                    (packet & 2 ? LW_TRACE_VIEW : LW_TRACE_LIGHT) | (coherent ? LW_TRACE_COHERENT : 0u);
+                const uint16_t active = packet & 4 ? 0xffff : 0x5b71;
+                random_packet(&r, coherent, &rays);
+                lw_trace_closest16(f.trace, flags, active, &rays, &here);
+                lw_trace_closest16(flat, flags, active, &rays, &there);
+                const uint16_t occluded = lw_trace_occluded16(f.trace, flags, active, &rays);
+                const uint16_t shadowed = lw_trace_occluded16(flat, flags, active, &rays);
+                apart += (unsigned)__builtin_popcount(occluded ^ shadowed);
+                for (int i = 0; i < LW_TRACE_WIDTH; i++) {
+                    const bool same = here.object[i] == there.object[i];
+                    hits += here.object[i] != LW_TRACE_MISS;
+                    apart += !same;
+                    if (!same || here.object[i] == LW_TRACE_MISS) continue;
+                    assert_float_equal(here.t[i], there.t[i], 1e-4f * (1 + there.t[i]));
+                    assert_int_equal(here.back[i], there.back[i]);
+                }
+            }
+            lw_trace_destroy(flat);
+        }
+        assert_true(hits > 300);
+        assert_true(apart * 2000 <= hits); /* rays that graze an edge */
+        stop(&f);
+    }
+}
+
+/* Packets in which some rays meet a back first: the view sees what is behind it, and the other rays are left alone. */
+static void test_views_look_through_backs(void **state) {
+    (void)state;
+    for (int moving = 0; moving < 4; moving++) { /* bit o: square o */
+        struct fixture f;
+        struct lw_error err = {0};
+        f.scene = lw_support_squares(2, 1);
+        lw_support_ok(lw_pose_init(&f.pose, f.scene), NULL);
+        f.pose.node_moves[f.scene->object[0].node] = moving & 1;
+        f.pose.node_moves[f.scene->object[1].node] = moving & 2;
+        /* square 0 looks down, at a height of 1; square 1 below it looks up and is larger */
+        f.pose.object_to_world[0] = (struct lw_affine){{{1, 0, 0, 0}, {0, -1, 0, 1}, {0, 0, -1, 0}}};
+        f.pose.object_to_world[1] = (struct lw_affine){{{4, 0, 0, 0}, {0, 4, 0, 0}, {0, 0, 4, 0}}};
+        lw_support_ok(lw_trace_create(f.scene, &f.pose, &f.trace, &err), &err);
+        struct lw_ray16 rays = {.salt = 0};
+        struct lw_hit16 hits;
+        for (uint32_t i = 0; i < LW_TRACE_WIDTH; i++)
+            lw_trace_set_ray(&rays, i, lw_vec3(-1.9f + 0.25f * (float)i, 3, 0.1f), down,
+                             i == 8 ? 2.5f : INFINITY);
+        lw_trace_closest16(f.trace, LW_TRACE_VIEW | LW_TRACE_COHERENT, 0x7fff, &rays, &hits);
+        for (int i = 0; i < LW_TRACE_WIDTH; i++) {
+            const bool ends = i == 8 || i == 15; /* between the two; not active */
+            assert_int_equal(hits.object[i], ends ? LW_TRACE_MISS : 1);
+            assert_int_equal(hits.back[i], 0);
+            if (!ends) assert_float_equal(hits.t[i], 3, 1e-5);
+        }
+        lw_trace_closest16(f.trace, LW_TRACE_LIGHT | LW_TRACE_COHERENT, 0x7fff, &rays, &hits);
+        assert_int_equal(hits.object[7], 0); /* light does not */
+        assert_int_equal(hits.back[7], 1);
+        stop(&f);
+    }
+}
+
 static void test_masked_surfaces_let_rays_pass(void **state) {
     (void)state;
     struct fixture f;
@@ -149,6 +269,8 @@ int main(void) {
         cmocka_unit_test(test_front_and_back),
         cmocka_unit_test(test_mirrored_objects_keep_their_front),
         cmocka_unit_test(test_moving_objects_follow_the_pose),
+        cmocka_unit_test(test_movers_are_met_as_in_a_flat_scene),
+        cmocka_unit_test(test_views_look_through_backs),
         cmocka_unit_test(test_masked_surfaces_let_rays_pass),
         cmocka_unit_test(test_blended_surfaces_stop_their_share_of_rays),
     };
