@@ -25,9 +25,12 @@
 #define LW_MESSAGE_COMPRESSED_MAX                                                                            \
     (LW_PACKAGE_SIZE_MAX + (LW_PACKAGE_SIZE_MAX >> 8)) /* zstd's bound for a package */
 
+/* Values are forever. */
+#define LW_FEATURE_DCT 1u /* reads tiles of LW_TILE_CODEC_DCT */
+
 struct lw_message_hello {
     uint32_t version;  /* LW_WIRE_VERSION */
-    uint64_t features; /* bits; none defined in version 1 */
+    uint64_t features; /* LW_FEATURE_* */
     const char *name;  /* of the client program, for the operator's log */
 };
 
@@ -48,7 +51,8 @@ enum lw_refusal {
     LW_REFUSAL_FULL = 2,
     LW_REFUSAL_PROTOCOL = 3, /* the peer's bytes make no sense */
     LW_REFUSAL_SHUTDOWN = 4,
-    LW_REFUSAL_TIMEOUT = 5
+    LW_REFUSAL_TIMEOUT = 5,
+    LW_REFUSAL_FEATURES = 6 /* the peer lacks one that is needed */
 };
 
 struct lw_message_refusal {

@@ -144,10 +144,10 @@ enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_messag
                               t->object, t->level, t->tile);
     struct lw_client_tile *known = &r->tile[id.v];
     if (t->layer != 0 || t->version <= known->version) return LW_OK;
-    if (t->codec != LW_TILE_CODEC_HALF_ZSTD)
+    if (!lw_tile_codec_is_known(t->codec))
         return lw_status_fail(err, LW_PROTOCOL, "message TILE: codec %u is unknown", t->codec);
     const struct lw_tile_place *place = &r->map.place[id.v];
-    enum lw_status status = lw_tile_codec_decode(r->codec, t->payload, t->payload_size, t->scale,
+    enum lw_status status = lw_tile_codec_decode(r->codec, t->codec, t->payload, t->payload_size, t->scale,
                                                  place->width, place->height, r->decoded);
     if (status == LW_NO_MEMORY) return lw_status_fail(err, status, "message TILE: out of memory");
     if (status != LW_OK)

@@ -54,8 +54,8 @@ static bool same(const struct seen *a, const struct seen *b) {
 static enum lw_status decode(struct lw_tile_check *check, const struct lw_message_tile *tile, lw_tile_id id,
                              bool *out_decodes) {
     const struct lw_tile_place *place = &check->map->place[id.v];
-    enum lw_status status = lw_tile_codec_decode(check->codec, tile->payload, tile->payload_size, tile->scale,
-                                                 place->width, place->height, check->decoded);
+    enum lw_status status = lw_tile_codec_decode(check->codec, tile->codec, tile->payload, tile->payload_size,
+                                                 tile->scale, place->width, place->height, check->decoded);
     if (status == LW_NO_MEMORY) return status;
     check->decoded_count++;
     *out_decodes = status == LW_OK;
@@ -100,7 +100,7 @@ enum lw_status lw_tile_check_take(struct lw_tile_check *check, const struct lw_m
             f.verdict = LW_TILE_IGNORED;
         else if (t->version <= f.before)
             f.verdict = LW_TILE_BACKWARDS;
-        else if (t->codec != LW_TILE_CODEC_HALF_ZSTD)
+        else if (!lw_tile_codec_is_known(t->codec))
             f.verdict = LW_TILE_DAMAGED;
         else
             status = judge(check, t, f.id, &f.verdict);

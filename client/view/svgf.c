@@ -1,6 +1,7 @@
 #include "client/view/svgf.h"
 
 #include "common/colour.h"
+#include "common/wide.h"
 
 #include <omp.h>
 #include <stdlib.h>
@@ -39,14 +40,6 @@
 #define WEIGHT_MIN     1e-30f
 
 #define CHUNK 256u /* pixels of a row whose sums stay in the first-level cache */
-
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__SANITIZE_ADDRESS__) &&                            \
-    !defined(__SANITIZE_THREAD__) && !defined(__clang__)
-/* The same operations in the same order on wider registers: no fused ones (-ffp-contract=off), so the same bytes. */
-#define WIDE __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
-#else
-#define WIDE
-#endif
 
 /* What a pixel hands on to the next frame. One cache line: it is read by where things were, not in order. */
 struct past {
@@ -253,9 +246,9 @@ static void accumulate_row(const struct job *job, uint32_t y) {
 /* ---- light that changes ---- */
 
 /* One pixel of the spread, for a run of pixels: differences and variances add up where the object is the same. */
-WIDE static void add_surprise(const uint32_t *object_p, const uint32_t *object_q, const float *difference,
-                              const float *variance, uint32_t count, float *restrict sum_difference,
-                              float *restrict sum_variance) {
+LW_WIDE static void add_surprise(const uint32_t *object_p, const uint32_t *object_q, const float *difference,
+                                 const float *variance, uint32_t count, float *restrict sum_difference,
+                                 float *restrict sum_variance) {
     for (uint32_t i = 0; i < count; i++) {
         const bool same = object_p[i] == object_q[i];
         sum_difference[i] += same ? difference[i] : 0;
@@ -361,8 +354,8 @@ struct tap {
     float dx, dy, kernel;
 };
 
-WIDE static void add_tap(const struct lw_gbuffer_planes *g, const struct light *in, const struct tap *tap,
-                         struct sums *restrict sums) {
+LW_WIDE static void add_tap(const struct lw_gbuffer_planes *g, const struct light *in, const struct tap *tap,
+                            struct sums *restrict sums) {
     const uint32_t *object_p = g->object + tap->at, *object_q = g->object + tap->from;
     const float *depth_p = g->depth + tap->at, *depth_q = g->depth + tap->from;
     const float *slope_x = g->slope[0] + tap->at, *slope_y = g->slope[1] + tap->at,
@@ -400,8 +393,8 @@ WIDE static void add_tap(const struct lw_gbuffer_planes *g, const struct light *
 }
 
 /* What each pixel of a chunk knows by itself; the variance smoothed by 3 x 3, since few frames know it badly. */
-WIDE static void begin_sums(const struct lw_svgf *svgf, const struct light *in, uint32_t x, uint32_t y,
-                            uint32_t count, struct sums *restrict sums) {
+LW_WIDE static void begin_sums(const struct lw_svgf *svgf, const struct light *in, uint32_t x, uint32_t y,
+                               uint32_t count, struct sums *restrict sums) {
     const size_t row = (size_t)y * svgf->width;
     const float *middle = in->variance + row, *above = middle - (y > 0 ? svgf->width : 0),
                 *below = middle + (y + 1 < svgf->height ? svgf->width : 0);
@@ -423,8 +416,8 @@ WIDE static void begin_sums(const struct lw_svgf *svgf, const struct light *in, 
     }
 }
 
-WIDE static void end_sums(const struct sums *restrict sums, uint32_t count, const struct light *out,
-                          size_t at) {
+LW_WIDE static void end_sums(const struct sums *restrict sums, uint32_t count, const struct light *out,
+                             size_t at) {
     float *restrict red = out->rgb[0] + at, *restrict green = out->rgb[1] + at,
                     *restrict blue = out->rgb[2] + at, *restrict variance = out->variance + at;
     for (uint32_t i = 0; i < count; i++) {

@@ -1,5 +1,7 @@
 #include "common/tile/tile_codec.h"
 
+#include "common/tile/tile_dct.h"
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -18,11 +20,13 @@ struct lw_tile_codec {
     ZSTD_DCtx *decompress;
     uint16_t half[PLANES_MAX];
     uint8_t planes[PLANES_MAX * 2];
+    struct lw_tile_dct dct;
 };
 
 enum lw_status lw_tile_codec_create(struct lw_tile_codec **out_codec) {
-    struct lw_tile_codec *codec = calloc(1, sizeof *codec);
+    struct lw_tile_codec *codec = aligned_alloc(_Alignof(struct lw_tile_codec), sizeof *codec);
     if (!codec) return LW_NO_MEMORY;
+    lw_tile_dct_init(&codec->dct);
     codec->compress = ZSTD_createCCtx();
     codec->decompress = ZSTD_createDCtx();
     if (!codec->compress || !codec->decompress) {
@@ -40,7 +44,14 @@ void lw_tile_codec_destroy(struct lw_tile_codec *codec) {
     free(codec);
 }
 
-size_t lw_tile_codec_bound(void) { return ZSTD_compressBound(PLANES_MAX * 2u); }
+size_t lw_tile_codec_bound(void) {
+    const size_t half = ZSTD_compressBound(PLANES_MAX * 2u);
+    return half > LW_TILE_DCT_BOUND ? half : LW_TILE_DCT_BOUND;
+}
+
+bool lw_tile_codec_is_known(uint32_t number) {
+    return number == LW_TILE_CODEC_HALF_ZSTD || number == LW_TILE_CODEC_DCT;
+}
 
 /* Nearest half of a float in [0, HALF_MAX], ties to even: adding 2^(13 + exponent) drops the mantissa's low bits. */
 static uint16_t half_from_float(float f) {
@@ -71,9 +82,9 @@ static float choose_scale(const float *rgb, size_t count) {
     return ldexpf(1.0f, exponent - SCALED_EXPONENT);
 }
 
-enum lw_status lw_tile_codec_encode(struct lw_tile_codec *codec, const float *rgb, uint32_t width,
-                                    uint32_t height, uint8_t *dst, size_t dst_capacity, size_t *out_size,
-                                    float *out_scale, uint32_t *out_saturated) {
+enum lw_status lw_tile_codec_encode_half(struct lw_tile_codec *codec, const float *rgb, uint32_t width,
+                                         uint32_t height, uint8_t *dst, size_t dst_capacity, size_t *out_size,
+                                         float *out_scale, uint32_t *out_saturated) {
     const size_t texels = (size_t)width * height, values = texels * 3;
     if (values > PLANES_MAX || values == 0 || dst_capacity < lw_tile_codec_bound()) return LW_INTERNAL;
     const float scale = choose_scale(rgb, values), inverse = 1.0f / scale;
@@ -100,12 +111,29 @@ enum lw_status lw_tile_codec_encode(struct lw_tile_codec *codec, const float *rg
     return LW_OK;
 }
 
-enum lw_status lw_tile_codec_decode(struct lw_tile_codec *codec, const uint8_t *src, size_t src_size,
-                                    float scale, uint32_t width, uint32_t height, float *rgb) {
-    const size_t texels = (size_t)width * height, values = texels * 3;
-    if (values > PLANES_MAX || values == 0) return LW_BAD_DATA;
+enum lw_status lw_tile_codec_encode_dct(struct lw_tile_codec *codec, const float *rgb, const uint8_t *covered,
+                                        uint32_t width, uint32_t height, float step, uint8_t *dst,
+                                        size_t dst_capacity, size_t *out_size, float *out_scale,
+                                        uint32_t *out_saturated) {
+    if (width - 1 >= LW_TILE_SIDE || height - 1 >= LW_TILE_SIDE || dst_capacity < lw_tile_codec_bound())
+        return LW_INTERNAL;
+    *out_size =
+        lw_tile_dct_encode(&codec->dct, rgb, covered, width, height, step, dst, out_scale, out_saturated);
+    return LW_OK;
+}
+
+/* One frame that says its size and needs no dictionary, and nothing after it: zstd itself would also take frames in a row
+ * and frames of any size. */
+static bool is_one_frame(const uint8_t *src, size_t src_size, size_t content_size) {
+    return ZSTD_getFrameContentSize(src, src_size) == content_size &&
+           ZSTD_findFrameCompressedSize(src, src_size) == src_size;
+}
+
+static enum lw_status decode_half(struct lw_tile_codec *codec, const uint8_t *src, size_t src_size,
+                                  float scale, size_t texels, float *rgb) {
+    const size_t values = texels * 3;
     /* A scale this large would take half's range past float's. */
-    if (!(scale > 0) || !(scale <= 0x1p111f)) return LW_BAD_DATA;
+    if (!(scale <= 0x1p111f) || !is_one_frame(src, src_size, values * 2)) return LW_BAD_DATA;
     size_t size = ZSTD_decompressDCtx(codec->decompress, codec->planes, sizeof codec->planes, src, src_size);
     if (ZSTD_isError(size) || size != values * 2) return LW_BAD_DATA;
     for (size_t i = 0; i < texels; i++)
@@ -116,4 +144,19 @@ enum lw_status lw_tile_codec_decode(struct lw_tile_codec *codec, const uint8_t *
             rgb[i * 3 + c] = float_from_half(h) * scale;
         }
     return LW_OK;
+}
+
+enum lw_status lw_tile_codec_decode(struct lw_tile_codec *codec, uint32_t number, const uint8_t *src,
+                                    size_t src_size, float scale, uint32_t width, uint32_t height,
+                                    float *rgb) {
+    if (width - 1 >= LW_TILE_SIDE || height - 1 >= LW_TILE_SIDE || !(scale > 0)) return LW_BAD_DATA;
+    switch (number) {
+    case LW_TILE_CODEC_HALF_ZSTD:
+        return decode_half(codec, src, src_size, scale, (size_t)width * height, rgb);
+    case LW_TILE_CODEC_DCT:
+        return lw_tile_dct_decode(&codec->dct, src, src_size, scale, width, height, rgb) ? LW_OK
+                                                                                         : LW_BAD_DATA;
+    default:
+        return LW_BAD_DATA;
+    }
 }

@@ -1,5 +1,5 @@
 /* tile_codec.h: a tile's irradiance as bytes. Pure functions; format: proto/wire_format.md, "Tile payload".
- * Threads: [any]; one lw_tile_codec per thread (it holds zstd's contexts). */
+ * Threads: [any]; one lw_tile_codec per thread (it holds zstd's contexts and scratch). */
 #ifndef LW_COMMON_TILE_CODEC_H
 #define LW_COMMON_TILE_CODEC_H
 
@@ -7,29 +7,41 @@
 #include "common/tile/atlas.h"
 
 #define LW_TILE_CODEC_HALF_ZSTD 1u /* half floats over a power-of-two scale, byte planes, zstd */
+#define LW_TILE_CODEC_DCT       2u /* quantised cosine transforms of logarithms (tile_dct.h) */
 
 struct lw_tile_codec;
 
 LW_MUST_CHECK enum lw_status lw_tile_codec_create(struct lw_tile_codec **out_codec);
 void lw_tile_codec_destroy(struct lw_tile_codec *codec);
 
-/** Largest payload of any tile, bytes. */
+/** Largest payload of any tile in any codec, bytes. */
 size_t lw_tile_codec_bound(void);
 
-/** Encodes width x height texels of 3 floats (RGB interleaved, row by row, W/m^2, >= 0).
+/** Encodes width x height texels of 3 floats (RGB interleaved, row by row, W/m^2, >= 0), as near as halves are.
  * out_scale       the power of two that values were divided by
  * out_saturated   channels that were not finite or negative (stored as 0) or, never by choice of scale, too large
  * Errors: LW_NO_MEMORY, LW_INTERNAL if dst_capacity is under the bound. */
-LW_MUST_CHECK enum lw_status lw_tile_codec_encode(struct lw_tile_codec *codec, const float *rgb,
-                                                  uint32_t width, uint32_t height, uint8_t *dst,
-                                                  size_t dst_capacity, size_t *out_size, float *out_scale,
-                                                  uint32_t *out_saturated);
+LW_MUST_CHECK enum lw_status lw_tile_codec_encode_half(struct lw_tile_codec *codec, const float *rgb,
+                                                       uint32_t width, uint32_t height, uint8_t *dst,
+                                                       size_t dst_capacity, size_t *out_size,
+                                                       float *out_scale, uint32_t *out_saturated);
 
-/** Decodes into width*height*3 floats. Bytes may come from anyone: a payload that is truncated, oversized or of the
- * wrong tile gives LW_BAD_DATA and leaves `rgb` unspecified but within bounds; a scale that is not a positive finite
- * number gives LW_BAD_DATA. What decodes is always finite and >= 0. */
-LW_MUST_CHECK enum lw_status lw_tile_codec_decode(struct lw_tile_codec *codec, const uint8_t *src,
-                                                  size_t src_size, float scale, uint32_t width,
-                                                  uint32_t height, float *rgb);
+/** Encodes the same texels as near as `step` says: lw_tile_dct_encode(), where `covered` and `step` are explained.
+ * Errors: LW_INTERNAL if dst_capacity is under the bound. */
+LW_MUST_CHECK enum lw_status lw_tile_codec_encode_dct(struct lw_tile_codec *codec, const float *rgb,
+                                                      const uint8_t *covered, uint32_t width, uint32_t height,
+                                                      float step, uint8_t *dst, size_t dst_capacity,
+                                                      size_t *out_size, float *out_scale,
+                                                      uint32_t *out_saturated);
+
+/** Whether lw_tile_codec_decode() reads a codec of this number. */
+bool lw_tile_codec_is_known(uint32_t number);
+
+/** Decodes a payload of the codec of that number into width*height*3 floats. Bytes may come from anyone: a payload that is
+ * truncated, oversized, of the wrong tile or of an unknown codec gives LW_BAD_DATA and leaves `rgb` unspecified but within
+ * bounds; so does a scale that is not a positive finite number. What decodes is always finite and >= 0. */
+LW_MUST_CHECK enum lw_status lw_tile_codec_decode(struct lw_tile_codec *codec, uint32_t number,
+                                                  const uint8_t *src, size_t src_size, float scale,
+                                                  uint32_t width, uint32_t height, float *rgb);
 
 #endif

@@ -105,11 +105,13 @@ void lw_levels_build(struct lw_levels *levels) {
     }
 }
 
-void lw_levels_store_tile(const struct lw_levels *levels, const struct lw_tile_place *place, float *out_rgb) {
+void lw_levels_store_tile(const struct lw_levels *levels, const struct lw_tile_place *place, float *out_rgb,
+                          uint8_t *out_covered) {
     const struct lw_levels_image *image = &levels->level[place->level];
-    for (uint32_t y = 0; y < place->height; y++)
-        memcpy(out_rgb + (size_t)y * place->width * 3,
-               image->rgb +
-                   ((size_t)(place->y * LW_TILE_SIDE + y) * image->width + place->x * LW_TILE_SIDE) * 3,
-               (size_t)place->width * 3 * sizeof *out_rgb);
+    for (uint32_t y = 0; y < place->height; y++) {
+        const size_t from = (size_t)(place->y * LW_TILE_SIDE + y) * image->width + place->x * LW_TILE_SIDE;
+        const size_t to = (size_t)y * place->width;
+        memcpy(out_rgb + to * 3, image->rgb + from * 3, (size_t)place->width * 3 * sizeof *out_rgb);
+        memcpy(out_covered + to, image->covered + from, place->width);
+    }
 }

@@ -30,7 +30,8 @@ void lw_levels_load_tile(struct lw_levels *levels, const struct lw_tile_place *p
                          const struct lw_solver_tile *tile);
 /** After all tiles of the object: fills gutters and builds the coarser levels. */
 void lw_levels_build(struct lw_levels *levels);
-/** Copies one tile's texels: width * height * 3 floats. */
-void lw_levels_store_tile(const struct lw_levels *levels, const struct lw_tile_place *place, float *out_rgb);
+/** Copies one tile's texels: width * height * 3 floats, and width * height bytes, 0 where no look-up reads. */
+void lw_levels_store_tile(const struct lw_levels *levels, const struct lw_tile_place *place, float *out_rgb,
+                          uint8_t *out_covered);
 
 #endif

@@ -20,6 +20,7 @@ struct worker {
     struct lw_tile_codec *codec;
     uint8_t *payload; /* lw_tile_codec_bound() */
     float rgb[LW_TILE_TEXELS_MAX * 3];
+    uint8_t covered[LW_TILE_TEXELS_MAX];
     uint64_t tiles, bytes, saturated;
     enum lw_status status;
 };
@@ -149,8 +150,8 @@ static enum lw_status send_tile(struct lw_publisher *p, struct worker *worker, l
     float scale;
     uint32_t saturated;
     enum lw_status status =
-        lw_tile_codec_encode(worker->codec, worker->rgb, place->width, place->height, worker->payload,
-                             lw_tile_codec_bound(), &size, &scale, &saturated);
+        lw_tile_codec_encode_half(worker->codec, worker->rgb, place->width, place->height, worker->payload,
+                                  lw_tile_codec_bound(), &size, &scale, &saturated);
     if (status != LW_OK) return status;
     const struct lw_atlas_level *level = &p->desc.atlas_map->atlas[place->object].level[place->level];
     struct lw_blob *blob;
@@ -185,7 +186,7 @@ static void consider_tile(struct lw_publisher *p, struct worker *worker, lw_tile
     float error;
     uint32_t bounces;
     quality(p, place, &error, &bounces);
-    lw_levels_store_tile(&p->levels[place->object], place, worker->rgb);
+    lw_levels_store_tile(&p->levels[place->object], place, worker->rgb, worker->covered);
     /* That a tile has reached the target is news too: clients wait for it. */
     bool reached = error <= p->desc.target_error && sent->error > p->desc.target_error;
     float threshold = fmaxf(LW_PUBLISHER_VISIBLE_CHANGE, LW_PUBLISHER_NOISE_SHARE * error);

@@ -7,11 +7,22 @@
 #include "server/publish/snapshot.h"
 #include "server/solve/solver.h"
 
+#include <math.h>
+
 /* A tile is sent again when it has moved by this much (root mean square, relative) from what was last sent: under one
  * step of an 8-bit display at middle grey. */
 #define LW_PUBLISHER_VISIBLE_CHANGE 0.004f
 /* But bits are not spent on noise: what moves by less than this share of the tile's own error tells nothing. */
 #define LW_PUBLISHER_NOISE_SHARE 0.25f
+
+/* The lossy codec's step, in units of log2, of a tile with error e: about its noise, 1.44 e, over 1.44. What it adds is then a
+ * fifth of the noise's power (docs/results/codec.md). A texel of level l is the mean of 4^l. */
+#define LW_PUBLISHER_STEP_MIN 0x1p-5f /* 1 % or so: under what is seen, and under the error at rest */
+#define LW_PUBLISHER_STEP_MAX 1.0f
+
+static inline float lw_publisher_step(float error, uint32_t level) {
+    return fminf(fmaxf(ldexpf(error, -(int)level), LW_PUBLISHER_STEP_MIN), LW_PUBLISHER_STEP_MAX);
+}
 
 struct lw_publisher_desc {
     const struct lw_scene *scene; /* these three outlive the publisher */

@@ -231,7 +231,9 @@ static void test_tile_payload(void **state) {
     struct lw_tile_codec *codec;
     float rgb[3];
     lw_support_ok(lw_tile_codec_create(&codec), NULL);
-    lw_support_ok(lw_tile_codec_decode(codec, tile_payload, sizeof tile_payload, 4, 1, 1, rgb), NULL);
+    lw_support_ok(
+        lw_tile_codec_decode(codec, LW_TILE_CODEC_HALF_ZSTD, tile_payload, sizeof tile_payload, 4, 1, 1, rgb),
+        NULL);
     assert_true(rgb[0] == 4 && rgb[1] == 2 && rgb[2] == 1);
     lw_tile_codec_destroy(codec);
 }

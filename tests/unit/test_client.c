@@ -85,8 +85,9 @@ static struct lw_message tile_message(const struct world *w, uint32_t id, uint64
                                     .error = 0.5f,
                                     .payload = payload}};
     uint32_t saturated;
-    lw_support_ok(lw_tile_codec_encode(w->codec, rgb, p->width, p->height, payload, lw_tile_codec_bound(),
-                                       &m.tile.payload_size, &m.tile.scale, &saturated),
+    lw_support_ok(lw_tile_codec_encode_half(w->codec, rgb, p->width, p->height, payload,
+                                            lw_tile_codec_bound(), &m.tile.payload_size, &m.tile.scale,
+                                            &saturated),
                   NULL);
     return m;
 }
@@ -522,10 +523,10 @@ static void test_messages_out_of_place(void **state) {
         expect_failure(&s, LW_PROTOCOL, "message TILE: there is no object", true);
     }
     m = tile;
-    m.tile.codec = 2;
+    m.tile.codec = 3;
     say_beginning(&s, &w);
     say(&s, &m);
-    expect_failure(&s, LW_PROTOCOL, "codec 2 is unknown", true);
+    expect_failure(&s, LW_PROTOCOL, "codec 3 is unknown", true);
     m = tile;
     m.tile.payload_size--;
     say_beginning(&s, &w);

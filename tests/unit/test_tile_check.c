@@ -31,8 +31,8 @@ static void init_world(struct world *w, bool always) {
     for (int i = 0; i < PAYLOADS; i++) {
         for (size_t t = 0; t < sizeof rgb / sizeof rgb[0]; t++) rgb[t] = (float)(i + 1);
         w->payload[i] = malloc(lw_tile_codec_bound());
-        lw_support_ok(lw_tile_codec_encode(codec, rgb, LW_TILE_SIDE, LW_TILE_SIDE, w->payload[i],
-                                           lw_tile_codec_bound(), &w->size[i], &w->scale[i], &saturated),
+        lw_support_ok(lw_tile_codec_encode_half(codec, rgb, LW_TILE_SIDE, LW_TILE_SIDE, w->payload[i],
+                                                lw_tile_codec_bound(), &w->size[i], &w->scale[i], &saturated),
                       NULL);
     }
     for (int i = 0; i < 2; i++) w->known[i] = calloc(w->map.tile_count, sizeof(uint64_t));

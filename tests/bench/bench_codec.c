@@ -1,0 +1,453 @@
+/* bench_codec: what tiles cost in each codec and what they lose, on light as the solver makes it.
+ *
+ *     bench_codec [--frames N] [--at SECONDS] [--dump FILE] SCENE...
+ *
+ * Each scene is solved as lightwelld does by default, at one moment; its tiles of all levels are taken after 1, 16 and N
+ * frames, and once more after eight further frames in which what moves has moved. One table in Markdown per scene.
+ *   bits      per texel that a look-up may read (the others cost what they cost, but nobody wants them)
+ *   log-PSNR  of log2(1 + E/y0)/log2(101) over those texels, y0 = 1 % of white; white: the E that 99 % of values are under
+ *   noise     the same between the tiles as they are, uncoded, and those of N frames: what the light itself is off
+ *   largest   |dE| / (E + y0)
+ *   mean      root mean square, and worst, over the tiles: relative change of the mean of E
+ *   Mtexel/s  of CPU time of one thread, of all texels of the tiles
+ * --dump writes the tiles: u32 set, width, height; f32 error; f32 rgb[width*height*3]; u8 covered[width*height]. */
+#include "common/clock.h"
+#include "common/log.h"
+#include "common/options.h"
+#include "common/scene/scene_open.h"
+#include "common/tile/tile_codec.h"
+#include "common/tile/tile_dct.h"
+#include "server/publish/levels.h"
+#include "server/publish/publisher.h"
+#include "server/solve/cell_solver.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <zstd.h>
+
+#define MOVED_FRAMES 8u
+#define MOVED_STEP_S (1.0 / 30)
+#define SETS         4u
+#define ROUND_NS     200000000u /* at least so long is measured */
+
+static const char *const set_name[SETS] = {"1 frame", "16 frames", "at rest", "moving"};
+
+struct tile {
+    uint32_t width, height, level;
+    float error;
+    float *rgb;
+    uint8_t *covered;
+};
+
+struct job {
+    struct lw_scene *scene;
+    struct lw_atlas_map map;
+    struct lw_pose pose;
+    struct lw_solver *solver;
+    struct tile *set[SETS]; /* map.tile_count each; NULL: there is no such set */
+    float y0;
+};
+
+/* ---- light ---- */
+
+static void *copy(const void *from, size_t size) {
+    void *to = malloc(size);
+    return to ? memcpy(to, from, size) : NULL;
+}
+
+/* The worst error of the level-0 tiles below a tile. */
+static float error_of(const struct job *job, const struct lw_tile_place *place) {
+    const struct lw_atlas_level *fine = &job->map.atlas[place->object].level[0];
+    const uint32_t x0 = place->x << place->level, y0 = place->y << place->level, side = 1u << place->level;
+    float error = 0;
+    for (uint32_t y = y0; y < y0 + side && y < fine->tiles_y; y++)
+        for (uint32_t x = x0; x < x0 + side && x < fine->tiles_x; x++) {
+            struct lw_solver_tile tile;
+            job->solver->ops->read_tile(job->solver, lw_atlas_map_find(&job->map, place->object, 0, x, y),
+                                        &tile);
+            error = fmaxf(error, tile.error);
+        }
+    return error;
+}
+
+static enum lw_status take_object(struct job *job, uint32_t object, struct tile *set) {
+    const struct lw_atlas *atlas = &job->map.atlas[object];
+    const uint32_t first = job->map.first_tile[object];
+    float rgb[LW_TILE_TEXELS_MAX * 3];
+    uint8_t covered[LW_TILE_TEXELS_MAX];
+    struct lw_levels levels;
+    enum lw_status status = lw_levels_init(&levels, atlas);
+    if (status != LW_OK) return status;
+    for (uint32_t i = first; i < first + atlas->tile_count && !job->map.place[i].level; i++) {
+        struct lw_solver_tile tile;
+        job->solver->ops->read_tile(job->solver, (lw_tile_id){i}, &tile);
+        lw_levels_load_tile(&levels, &job->map.place[i], &tile);
+    }
+    if (atlas->tile_count) lw_levels_build(&levels);
+    for (uint32_t i = first; status == LW_OK && i < first + atlas->tile_count; i++) {
+        const struct lw_tile_place *place = &job->map.place[i];
+        const size_t texels = (size_t)place->width * place->height;
+        lw_levels_store_tile(&levels, place, rgb, covered);
+        set[i] = (struct tile){place->width,
+                               place->height,
+                               place->level,
+                               error_of(job, place),
+                               copy(rgb, texels * 3 * sizeof *rgb),
+                               copy(covered, texels)};
+        if (!set[i].rgb || !set[i].covered) status = LW_NO_MEMORY;
+    }
+    lw_levels_finish(&levels);
+    return status;
+}
+
+static enum lw_status take_set(struct job *job, unsigned set) {
+    job->set[set] = calloc((size_t)job->map.tile_count + 1, sizeof *job->set[set]);
+    enum lw_status status = job->set[set] ? LW_OK : LW_NO_MEMORY;
+    for (uint32_t o = 0; status == LW_OK && o < job->map.object_count; o++)
+        status = take_object(job, o, job->set[set]);
+    return status;
+}
+
+static enum lw_status solve(struct job *job, uint32_t frames, double at_s, struct lw_error *err) {
+    enum lw_status status = LW_OK;
+    struct lw_solver_stats stats;
+    for (uint32_t frame = 1; status == LW_OK && frame <= frames + MOVED_FRAMES; frame++) {
+        if (frame > frames) lw_pose_evaluate(&job->pose, job->scene, at_s + (frame - frames) * MOVED_STEP_S);
+        status = job->solver->ops->frame(job->solver, &job->pose, frame, &stats, err);
+        if (frame > frames && !stats.moved) break;
+        if (status == LW_OK && frame == 1) status = take_set(job, 0);
+        if (status == LW_OK && frame == 16) status = take_set(job, 1);
+        if (status == LW_OK && frame == frames) status = take_set(job, 2);
+        if (status == LW_OK && frame == frames + MOVED_FRAMES) status = take_set(job, 3);
+    }
+    return status;
+}
+
+static void drop_sets(struct job *job) {
+    for (unsigned s = 0; s < SETS; s++) {
+        for (uint32_t i = 0; job->set[s] && i < job->map.tile_count; i++) {
+            free(job->set[s][i].rgb);
+            free(job->set[s][i].covered);
+        }
+        free(job->set[s]);
+    }
+}
+
+static int by_value(const void *a, const void *b) {
+    const float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+static enum lw_status find_y0(struct job *job, const struct tile *set) {
+    size_t count = 0, n = 0;
+    for (uint32_t i = 0; i < job->map.tile_count; i++) count += (size_t)set[i].width * set[i].height * 3;
+    float *value = malloc((count + 1) * sizeof *value);
+    if (!value) return LW_NO_MEMORY;
+    for (uint32_t i = 0; i < job->map.tile_count; i++)
+        for (uint32_t t = 0; t < set[i].width * set[i].height; t++)
+            for (uint32_t c = 0; set[i].covered[t] && c < 3; c++) value[n++] = set[i].rgb[t * 3 + c];
+    qsort(value, n, sizeof *value, by_value);
+    job->y0 = n ? 0.01f * value[(size_t)(0.99 * (double)n)] : 1;
+    free(value);
+    return LW_OK;
+}
+
+/* ---- the codecs, each as a pair of functions over one tile ---- */
+
+struct coded {
+    uint8_t bytes[LW_TILE_DCT_BOUND]; /* the largest of them all */
+    size_t size;
+    float scale;
+};
+
+struct coder {
+    struct lw_tile_codec *tile;
+    ZSTD_CCtx *compress;
+    ZSTD_DCtx *decompress;
+    uint8_t planes[LW_TILE_TEXELS_MAX * 4];
+};
+
+static enum lw_status half_encode(struct coder *coder, const struct tile *tile, struct coded *out) {
+    uint32_t saturated;
+    return lw_tile_codec_encode_half(coder->tile, tile->rgb, tile->width, tile->height, out->bytes,
+                                     sizeof out->bytes, &out->size, &out->scale, &saturated);
+}
+
+static enum lw_status half_decode(struct coder *coder, const struct coded *coded, const struct tile *tile,
+                                  float *rgb) {
+    return lw_tile_codec_decode(coder->tile, LW_TILE_CODEC_HALF_ZSTD, coded->bytes, coded->size, coded->scale,
+                                tile->width, tile->height, rgb);
+}
+
+static enum lw_status dct_encode(struct coder *coder, const struct tile *tile, float step,
+                                 struct coded *out) {
+    uint32_t saturated;
+    return lw_tile_codec_encode_dct(coder->tile, tile->rgb, tile->covered, tile->width, tile->height, step,
+                                    out->bytes, sizeof out->bytes, &out->size, &out->scale, &saturated);
+}
+
+/* As the publisher does. */
+static enum lw_status noise_encode(struct coder *coder, const struct tile *tile, struct coded *out) {
+    return dct_encode(coder, tile, lw_publisher_step(tile->error, tile->level), out);
+}
+
+static enum lw_status coarse_encode(struct coder *coder, const struct tile *tile, struct coded *out) {
+    return dct_encode(coder, tile, 0.5f, out);
+}
+
+static enum lw_status fine_encode(struct coder *coder, const struct tile *tile, struct coded *out) {
+    return dct_encode(coder, tile, 0.125f, out);
+}
+
+static enum lw_status dct_decode(struct coder *coder, const struct coded *coded, const struct tile *tile,
+                                 float *rgb) {
+    return lw_tile_codec_decode(coder->tile, LW_TILE_CODEC_DCT, coded->bytes, coded->size, coded->scale,
+                                tile->width, tile->height, rgb);
+}
+
+/* Nine bits each over a shared exponent, as graphics processors read it, over a power of two; four byte planes, zstd. */
+static enum lw_status rgb9e5_encode(struct coder *coder, const struct tile *tile, struct coded *out) {
+    const size_t texels = (size_t)tile->width * tile->height;
+    float all = 0x1p-60f;
+    int exponent;
+    for (size_t i = 0; i < texels * 3; i++) all = fmaxf(all, tile->rgb[i]);
+    frexpf(all, &exponent);
+    out->scale = ldexpf(1, exponent - 15);
+    for (size_t i = 0; i < texels; i++) {
+        float p[3];
+        for (unsigned c = 0; c < 3; c++) p[c] = tile->rgb[i * 3 + c] / out->scale;
+        const float largest = fmaxf(fmaxf(p[0], p[1]), fmaxf(p[2], 0x1p-24f));
+        frexpf(largest * (1 + 0x1p-10f), &exponent);
+        exponent = exponent < -15 ? -15 : exponent > 16 ? 16 : exponent;
+        uint32_t word = (uint32_t)(exponent + 15) << 27;
+        for (unsigned c = 0; c < 3; c++) {
+            const float mantissa = rintf(ldexpf(p[c], 9 - exponent));
+            word |= (uint32_t)fminf(mantissa, 511) << 9 * c;
+        }
+        for (unsigned b = 0; b < 4; b++) coder->planes[b * texels + i] = (uint8_t)(word >> 8 * b);
+    }
+    out->size =
+        ZSTD_compressCCtx(coder->compress, out->bytes, sizeof out->bytes, coder->planes, texels * 4, 1);
+    return ZSTD_isError(out->size) ? LW_INTERNAL : LW_OK;
+}
+
+static enum lw_status rgb9e5_decode(struct coder *coder, const struct coded *coded, const struct tile *tile,
+                                    float *rgb) {
+    const size_t texels = (size_t)tile->width * tile->height;
+    if (ZSTD_decompressDCtx(coder->decompress, coder->planes, sizeof coder->planes, coded->bytes,
+                            coded->size) != texels * 4)
+        return LW_BAD_DATA;
+    for (size_t i = 0; i < texels; i++) {
+        uint32_t word = 0;
+        for (unsigned b = 0; b < 4; b++) word |= (uint32_t)coder->planes[b * texels + i] << 8 * b;
+        const float unit = ldexpf(coded->scale, (int)(word >> 27) - 15 - 9);
+        for (unsigned c = 0; c < 3; c++) rgb[i * 3 + c] = (float)(word >> 9 * c & 511) * unit;
+    }
+    return LW_OK;
+}
+
+static const struct codec {
+    const char *name;
+    enum lw_status (*encode)(struct coder *coder, const struct tile *tile, struct coded *out);
+    enum lw_status (*decode)(struct coder *coder, const struct coded *coded, const struct tile *tile,
+                             float *rgb);
+} codecs[] = {{"half + zstd", half_encode, half_decode},
+              {"RGB9E5 + zstd", rgb9e5_encode, rgb9e5_decode},
+              {"dct, step by noise", noise_encode, dct_decode},
+              {"dct, step 1/2", coarse_encode, dct_decode},
+              {"dct, step 1/8", fine_encode, dct_decode}};
+
+/* ---- what they cost and lose ---- */
+
+struct loss {
+    double square, largest, mean_square, mean_worst;
+    size_t values, tiles;
+};
+
+static void add_loss(struct loss *loss, const struct tile *tile, const float *rgb, float y0) {
+    double before = 0, after = 0;
+    for (uint32_t t = 0; t < tile->width * tile->height; t++) {
+        if (!tile->covered[t]) continue;
+        for (uint32_t c = 0; c < 3; c++) {
+            const float was = tile->rgb[t * 3 + c], is = rgb[t * 3 + c];
+            const double off = (double)(log2f(1 + is / y0) - log2f(1 + was / y0)) / log2(101);
+            loss->square += off * off;
+            loss->largest = fmax(loss->largest, (double)(fabsf(is - was) / (was + y0)));
+            loss->values++;
+            before += (double)was;
+            after += (double)is;
+        }
+    }
+    if (before <= 0) return;
+    const double mean = fabs(after / before - 1);
+    loss->mean_square += mean * mean;
+    loss->mean_worst = fmax(loss->mean_worst, mean);
+    loss->tiles++;
+}
+
+static double decibel(const struct loss *loss) {
+    return -10 * log10(loss->square / (double)(loss->values ? loss->values : 1));
+}
+
+struct figures {
+    struct loss loss;
+    size_t bytes, texels, covered;
+    uint64_t encode_ns, decode_ns, rounds;
+};
+
+static enum lw_status measure(const struct job *job, const struct tile *set, const struct codec *codec,
+                              struct coder *coder, struct coded *coded, struct figures *f) {
+    float rgb[LW_TILE_TEXELS_MAX * 3];
+    enum lw_status status = LW_OK;
+    while (status == LW_OK && (f->encode_ns < ROUND_NS || f->decode_ns < ROUND_NS)) {
+        uint64_t began = lw_clock_thread_cpu_ns();
+        for (uint32_t i = 0; status == LW_OK && i < job->map.tile_count; i++)
+            status = codec->encode(coder, &set[i], &coded[i]);
+        const uint64_t encoded = lw_clock_thread_cpu_ns();
+        for (uint32_t i = 0; status == LW_OK && i < job->map.tile_count; i++)
+            status = codec->decode(coder, &coded[i], &set[i], rgb);
+        f->encode_ns += encoded - began;
+        f->decode_ns += lw_clock_thread_cpu_ns() - encoded;
+        f->rounds++;
+    }
+    for (uint32_t i = 0; status == LW_OK && i < job->map.tile_count; i++) {
+        const uint32_t texels = set[i].width * set[i].height;
+        status = codec->decode(coder, &coded[i], &set[i], rgb);
+        add_loss(&f->loss, &set[i], rgb, job->y0);
+        f->bytes += coded[i].size;
+        f->texels += texels;
+        for (uint32_t t = 0; t < texels; t++) f->covered += set[i].covered[t] != 0;
+    }
+    return status;
+}
+
+static void print_row(const char *set, const char *noise, const char *codec, const struct figures *f) {
+    const double moved = (double)(f->texels * f->rounds) * 1e3;
+    printf("| %s | %s | %s | %.2f | %.1f | %.2g | %.2g / %.2g | %.0f / %.0f |\n", set, noise, codec,
+           8 * (double)f->bytes / (double)f->covered, decibel(&f->loss), f->loss.largest,
+           sqrt(f->loss.mean_square / (double)(f->loss.tiles ? f->loss.tiles : 1)), f->loss.mean_worst,
+           moved / (double)f->encode_ns, moved / (double)f->decode_ns);
+    fflush(stdout);
+}
+
+static enum lw_status report(const struct job *job, struct coder *coder, struct coded *coded) {
+    for (unsigned s = 0; s < SETS; s++) {
+        char noise[32] = "–";
+        if (!job->set[s]) continue;
+        if (s < 2) {
+            struct loss loss = {0};
+            for (uint32_t i = 0; i < job->map.tile_count; i++)
+                add_loss(&loss, &job->set[2][i], job->set[s][i].rgb, job->y0);
+            snprintf(noise, sizeof noise, "%.1f", decibel(&loss));
+        }
+        for (size_t c = 0; c < sizeof codecs / sizeof *codecs; c++) {
+            struct figures f = {0};
+            enum lw_status status = measure(job, job->set[s], &codecs[c], coder, coded, &f);
+            if (status != LW_OK) return status;
+            print_row(set_name[s], noise, codecs[c].name, &f);
+        }
+    }
+    return LW_OK;
+}
+
+static enum lw_status compare(const struct job *job, const char *path) {
+    struct coder coder = {.compress = ZSTD_createCCtx(), .decompress = ZSTD_createDCtx()};
+    struct coded *coded = malloc(((size_t)job->map.tile_count + 1) * sizeof *coded);
+    const char *name = strrchr(path, '/');
+    enum lw_status status = lw_tile_codec_create(&coder.tile);
+    if (status == LW_OK && (!coder.compress || !coder.decompress || !coded)) status = LW_NO_MEMORY;
+    if (status == LW_OK) {
+        printf("\n### %s\n\n%u tiles; white %.3g W/m².\n\n"
+               "| light | noise, dB | codec | bits | log-PSNR, dB | largest | mean, rms / worst | encode / "
+               "decode, "
+               "Mtexel/s |\n|---|---|---|---|---|---|---|---|\n",
+               name ? name + 1 : path, job->map.tile_count, 100 * (double)job->y0);
+        status = report(job, &coder, coded);
+    }
+    free(coded);
+    lw_tile_codec_destroy(coder.tile);
+    ZSTD_freeDCtx(coder.decompress);
+    ZSTD_freeCCtx(coder.compress);
+    return status;
+}
+
+static enum lw_status dump(const struct job *job, FILE *file) {
+    bool good = true;
+    for (unsigned s = 0; s < SETS; s++)
+        for (uint32_t i = 0; job->set[s] && i < job->map.tile_count; i++) {
+            const struct tile *t = &job->set[s][i];
+            const uint32_t head[] = {s, t->width, t->height};
+            const size_t texels = (size_t)t->width * t->height;
+            good &= fwrite(head, sizeof head, 1, file) == 1 && fwrite(&t->error, 4, 1, file) == 1 &&
+                    fwrite(t->rgb, 12, texels, file) == texels &&
+                    fwrite(t->covered, 1, texels, file) == texels;
+        }
+    return good ? LW_OK : LW_IO;
+}
+
+static enum lw_status run(const struct lw_scene_open *open, uint32_t frames, double at_s, FILE *file,
+                          struct lw_error *err) {
+    struct job job = {0};
+    enum lw_status status = lw_scene_open(open, &job.scene, err);
+    if (status != LW_OK) return status;
+    status = lw_atlas_map_init(&job.map, job.scene);
+    if (status == LW_OK) status = lw_pose_init(&job.pose, job.scene);
+    if (status == LW_OK) lw_pose_evaluate(&job.pose, job.scene, at_s);
+    if (status == LW_OK)
+        status = lw_cell_solver_create(&(struct lw_solver_desc){.scene = job.scene,
+                                                                .atlas_map = &job.map,
+                                                                .bounces = 2,
+                                                                .tracing_range_m = INFINITY,
+                                                                .direct_samples = 1,
+                                                                .indirect_samples = 2,
+                                                                .target_error = -1,
+                                                                .denoise = true,
+                                                                .seed = 1},
+                                       &job.pose, &job.solver, err);
+    if (status == LW_OK) status = solve(&job, frames, at_s, err);
+    if (status == LW_OK) status = find_y0(&job, job.set[2]);
+    if (status == LW_OK && file) status = dump(&job, file);
+    if (status == LW_OK) status = compare(&job, open->path);
+    drop_sets(&job);
+    if (job.solver) job.solver->ops->destroy(job.solver);
+    lw_pose_finish(&job.pose);
+    lw_atlas_map_finish(&job.map);
+    lw_scene_destroy(job.scene);
+    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "%s", open->path);
+}
+
+int main(int argc, char **argv) {
+    const char *scene[16] = {0}, *dump_path = NULL;
+    size_t scenes = 0;
+    int64_t frames = 256;
+    double at_s = 3;
+    bool done = false;
+    struct lw_scene_open open = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG};
+    const struct lw_option table[] = {
+        {"frames", "N", "of the solve, of 1 + 2 rays a texel, until light counts as clean (default 256)",
+         LW_OPTION_INT, &frames, 17, 100000, NULL},
+        {"at", "SECONDS", "moment of the scene's animation (default 3)", LW_OPTION_REAL, &at_s, 0, 1e9, NULL},
+        {"dump", "FILE", "write all tiles there", LW_OPTION_STRING, &dump_path, 0, 0, NULL},
+        LW_SCENE_OPEN_OPTIONS(&open)};
+    const struct lw_options options = {.program = "bench_codec",
+                                       .synopsis = "SCENE... [OPTIONS]",
+                                       .about = "What tiles cost and lose in each codec, as tables.",
+                                       .table = table,
+                                       .count = sizeof table / sizeof table[0],
+                                       .positional = scene,
+                                       .positional_min = 1,
+                                       .positional_max = sizeof scene / sizeof scene[0]};
+    struct lw_error err = {0};
+    lw_log_init("bench_codec", LW_LOG_WARNING);
+    enum lw_status status = lw_options_parse(&options, argc, argv, &scenes, &done, &err);
+    FILE *file = status == LW_OK && !done && dump_path ? fopen(dump_path, "wb") : NULL;
+    if (status == LW_OK && !done && dump_path && !file) status = lw_status_fail(&err, LW_IO, "%s", dump_path);
+    for (size_t i = 0; status == LW_OK && !done && i < scenes; i++) {
+        open.path = scene[i];
+        status = run(&open, (uint32_t)frames, at_s, file, &err);
+    }
+    if (file && fclose(file) != 0 && status == LW_OK) status = lw_status_fail(&err, LW_IO, "%s", dump_path);
+    return status == LW_OK ? 0 : lw_log_failure(&err);
+}

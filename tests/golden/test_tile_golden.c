@@ -1,0 +1,167 @@
+#include "tests/support/support.h"
+
+#include "common/random.h"
+#include "common/tile/tile_codec.h"
+
+#include <dirent.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Payloads of codec 2 that must stay readable for ever, and payloads that must stay refused; tile_decoder.mjs reads the
+ * same files. NAME.tile: u32 width, u32 height, f32 scale, payload, little-endian; NAME.rgb: the texels; none: to be refused.
+ * LW_GOLDEN_WRITE=1 writes them anew (then look at the difference: there should be none). */
+
+#define FOLDER    "tests/golden/tiles/"
+#define HEAD_SIZE 12u
+
+static struct lw_tile_codec *codec;
+static float rgb[LW_TILE_TEXELS_MAX * 3];
+static uint8_t file_bytes[HEAD_SIZE + LW_TILE_TEXELS_MAX * 16];
+
+static int set_up(void **state) {
+    (void)state;
+    return lw_tile_codec_create(&codec) == LW_OK ? 0 : -1;
+}
+
+static int tear_down(void **state) {
+    (void)state;
+    lw_tile_codec_destroy(codec);
+    return 0;
+}
+
+static const char *path_of(const char *name, const char *suffix) {
+    static char relative[300];
+    snprintf(relative, sizeof relative, FOLDER "%s%s", name, suffix);
+    return lw_support_source(relative);
+}
+
+static void write_file(const char *path, const void *bytes, size_t size) {
+    FILE *f = fopen(path, "wb");
+    assert_non_null(f);
+    assert_int_equal(fwrite(bytes, 1, size, f), size);
+    assert_int_equal(fclose(f), 0);
+}
+
+/* Light as there is: a slope, an edge of shadow, colour, noise. */
+static void make_light(uint32_t width, uint32_t height, float noise) {
+    for (uint32_t i = 0; i < width * height; i++) {
+        const float x = (float)(i % width), y = (float)(i / width);
+        const float lit = x + 0.5f * y < 0.6f * (float)width ? 50 : 1;
+        const float random = lw_random_unit(lw_random_hash(i)) - 0.5f;
+        for (uint32_t c = 0; c < 3; c++)
+            rgb[i * 3 + c] = lit * (1 + 0.02f * y + 0.1f * (float)c) * (1 + noise * random);
+    }
+}
+
+static const struct {
+    const char *name;
+    uint32_t width, height;
+    float noise, step;
+} valid[] = {
+    {"one_texel", 1, 1, 0, 0.1f}, {"one_block", 8, 8, 0.1f, 0.25f}, {"cut_off", 20, 13, 0.3f, 0.0625f},
+    {"row", 64, 1, 0.1f, 1},      {"fine", 16, 16, 1, 0},           {"whole", 64, 64, 0.5f, 0.5f}};
+
+/* What is done to a file of those to make it one that nobody may read. */
+static const struct {
+    const char *name, *from;
+    int cut, add; /* bytes at the end; a byte of that value is added */
+    size_t at;    /* a byte of the payload that is set */
+    uint8_t to;
+} invalid[] = {{"invalid_empty", "one_texel", 1000, -1, 0, 0},  {"invalid_cut", "whole", 1, -1, 0, 1},
+               {"invalid_cut_twice", "whole", 2, -1, 0, 1},     {"invalid_longer", "whole", 0, 0, 0, 1},
+               {"invalid_rest", "one_block", 0, 128, 0, 1},     {"invalid_kind", "one_block", 0, -1, 0, 2},
+               {"invalid_kind_zero", "one_block", 0, -1, 0, 0}, {"invalid_step", "one_block", 0, -1, 1, 65},
+               {"invalid_length", "one_texel", 0, -1, 5, 0x7f}};
+
+static void write_valid(void) {
+    for (size_t i = 0; i < sizeof valid / sizeof *valid; i++) {
+        const uint32_t size_of[] = {valid[i].width, valid[i].height};
+        size_t size;
+        float scale;
+        uint32_t saturated;
+        make_light(valid[i].width, valid[i].height, valid[i].noise);
+        lw_support_ok(lw_tile_codec_encode_dct(codec, rgb, NULL, valid[i].width, valid[i].height,
+                                               valid[i].step, file_bytes + HEAD_SIZE,
+                                               sizeof file_bytes - HEAD_SIZE, &size, &scale, &saturated),
+                      NULL);
+        memcpy(file_bytes, size_of, sizeof size_of);
+        memcpy(file_bytes + 8, &scale, sizeof scale);
+        write_file(path_of(valid[i].name, ".tile"), file_bytes, HEAD_SIZE + size);
+        lw_support_ok(lw_tile_codec_decode(codec, LW_TILE_CODEC_DCT, file_bytes + HEAD_SIZE, size, scale,
+                                           valid[i].width, valid[i].height, rgb),
+                      NULL);
+        write_file(path_of(valid[i].name, ".rgb"), rgb, (size_t)valid[i].width * valid[i].height * 12);
+    }
+}
+
+static void write_invalid(void) {
+    for (size_t i = 0; i < sizeof invalid / sizeof *invalid; i++) {
+        size_t size;
+        uint8_t *from = lw_support_read_file(path_of(invalid[i].from, ".tile"), &size);
+        size_t cut = (size_t)invalid[i].cut < size - HEAD_SIZE ? (size_t)invalid[i].cut : size - HEAD_SIZE;
+        memcpy(file_bytes, from, size -= cut);
+        if (size > HEAD_SIZE) file_bytes[HEAD_SIZE + invalid[i].at] = invalid[i].to;
+        if (invalid[i].add >= 0) file_bytes[size++] = (uint8_t)invalid[i].add;
+        write_file(path_of(invalid[i].name, ".tile"), file_bytes, size);
+        free(from);
+    }
+}
+
+/* Decodes a file; false if it is refused. */
+static bool decode(const char *name, uint32_t *out_width, uint32_t *out_height, float *out_scale) {
+    size_t size;
+    uint8_t *bytes = lw_support_read_file(path_of(name, ".tile"), &size);
+    memcpy(out_width, bytes, 4);
+    memcpy(out_height, bytes + 4, 4);
+    memcpy(out_scale, bytes + 8, 4);
+    enum lw_status status = lw_tile_codec_decode(codec, LW_TILE_CODEC_DCT, bytes + HEAD_SIZE,
+                                                 size - HEAD_SIZE, *out_scale, *out_width, *out_height, rgb);
+    free(bytes);
+    assert_true(status == LW_OK || status == LW_BAD_DATA);
+    return status == LW_OK;
+}
+
+static void test_valid(void **state) {
+    (void)state;
+    if (getenv("LW_GOLDEN_WRITE")) write_valid();
+    for (size_t i = 0; i < sizeof valid / sizeof *valid; i++) {
+        uint32_t width, height;
+        float scale;
+        size_t size;
+        assert_true(decode(valid[i].name, &width, &height, &scale));
+        float *expected = (float *)lw_support_read_file(path_of(valid[i].name, ".rgb"), &size);
+        assert_int_equal(size, (size_t)width * height * 12);
+        for (uint32_t j = 0; j < width * height * 3; j++)
+            assert_true(fabsf(rgb[j] - expected[j]) <= 0.0001f * (expected[j] + scale));
+        free(expected);
+    }
+}
+
+static void test_invalid(void **state) {
+    (void)state;
+    if (getenv("LW_GOLDEN_WRITE")) write_invalid();
+    for (size_t i = 0; i < sizeof invalid / sizeof *invalid; i++) {
+        uint32_t width, height;
+        float scale;
+        if (decode(invalid[i].name, &width, &height, &scale)) fail_msg("%s was read", invalid[i].name);
+    }
+}
+
+/* No file that nobody reads. */
+static void test_folder(void **state) {
+    (void)state;
+    DIR *folder = opendir(lw_support_source(FOLDER));
+    assert_non_null(folder);
+    size_t files = 0;
+    for (struct dirent *entry; (entry = readdir(folder));) files += entry->d_name[0] != '.';
+    closedir(folder);
+    assert_int_equal(files, 2 * sizeof valid / sizeof *valid + sizeof invalid / sizeof *invalid);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_valid), cmocka_unit_test(test_invalid),
+                                       cmocka_unit_test(test_folder)};
+    return cmocka_run_group_tests(tests, set_up, tear_down);
+}

@@ -1,0 +1,150 @@
+// tile_decoder.mjs: a second decoder of tile payloads of codec 2, written from proto/wire_format.md, section 5, and from
+// nothing else; it is meant to be read, not to be fast.
+//
+//     node tile_decoder.mjs FOLDER
+//
+// decodes each FOLDER/*.tile (u32 width, u32 height, f32 scale, payload) and compares it with the f32 texels in the .rgb of
+// that name; where there is none, the payload must be refused. Exit code 1 if anything differs.
+import { readFileSync, readdirSync } from 'node:fs';
+
+class Bits {
+  constructor(bytes) {
+    this.bytes = bytes;
+    this.at = 0;
+  }
+  one() {
+    if (this.at >= this.bytes.length * 8) throw new Error('the payload ends early');
+    const bit = (this.bytes[this.at >> 3] >> (this.at & 7)) & 1;
+    this.at++;
+    return bit;
+  }
+  number(count) {
+    let n = 0;
+    for (let i = 0; i < count; i++) n += this.one() * 2 ** i;
+    return n;
+  }
+  rice(k) {
+    let ones = 0;
+    while (ones < 12 && this.one()) ones++;
+    return ones === 12 ? this.number(20) : ones * 2 ** k + this.number(k);
+  }
+  finish() {
+    if (this.bytes.length * 8 - this.at >= 8) throw new Error('bytes are left');
+    while (this.at < this.bytes.length * 8) if (this.one()) throw new Error('a bit is left');
+  }
+}
+
+function kappa(a, b) {
+  let digits = 0;
+  for (let third = Math.floor((a + b) / 3); third > 0; third = Math.floor(third / 2)) digits++;
+  return Math.min(digits, 16);
+}
+
+// Pairs [u, v] in the order of the scan.
+function scanOf(w, h) {
+  const scan = [];
+  for (let diagonal = 0; diagonal <= w + h - 2; diagonal++)
+    for (let v = 0; v < h; v++) if (diagonal - v >= 0 && diagonal - v < w) scan.push([diagonal - v, v]);
+  return scan;
+}
+
+const basis = (n, k, x) => Math.sqrt((k ? 2 : 1) / n) * Math.cos((Math.PI * (x + 0.5) * k) / n);
+
+// c[v][u] to value[y][x].
+function inverse(c, w, h) {
+  const value = [];
+  for (let y = 0; y < h; y++) {
+    value.push([]);
+    for (let x = 0; x < w; x++) {
+      let sum = 0;
+      for (let v = 0; v < h; v++) for (let u = 0; u < w; u++) sum += basis(w, u, x) * basis(h, v, y) * c[v][u];
+      value[y].push(sum);
+    }
+  }
+  return value;
+}
+
+const zeros = (w, h) => Array.from({ length: h }, () => new Array(w).fill(0));
+
+// Reads levels into c, which the scan tells the places of; returns how many.
+function readLevels(bits, scan, k, step, c) {
+  const length = bits.rice(k);
+  if (length > scan.length) throw new Error('a block is too long');
+  let a = 0, b = 0;
+  for (let i = length - 1; i >= 0; i--) {
+    const size = bits.rice(kappa(a, b)) + (i === length - 1 ? 1 : 0);
+    const negative = size && bits.one();
+    const [u, v] = scan[i];
+    c[v][u] = (negative ? -size : size) * step;
+    [a, b] = [size, a];
+  }
+  return length;
+}
+
+function decodePlane(bits, width, height, step) {
+  const across = Math.ceil(width / 8), down = Math.ceil(height / 8);
+  const gridCoefficients = zeros(across, down);
+  readLevels(bits, scanOf(across, down), 4, step, gridCoefficients);
+  const grid = inverse(gridCoefficients, across, down);
+  const plane = zeros(width, height), length = zeros(across, down);
+  for (let by = 0; by < down; by++)
+    for (let bx = 0; bx < across; bx++) {
+      const w = Math.min(8, width - bx * 8), h = Math.min(8, height - by * 8);
+      const left = bx ? length[by][bx - 1] : by ? length[by - 1][bx] : 0;
+      const above = by ? length[by - 1][bx] : left;
+      const c = zeros(w, h);
+      length[by][bx] = readLevels(bits, scanOf(w, h).slice(1), kappa(left, above), step, c);
+      c[0][0] = grid[by][bx];
+      const value = inverse(c, w, h);
+      for (let y = 0; y < h; y++) for (let x = 0; x < w; x++) plane[by * 8 + y][bx * 8 + x] = value[y][x];
+    }
+  return plane;
+}
+
+export function decodeTile(payload, scale, width, height) {
+  if (payload.length < 5 || payload[0] !== 1 || payload[1] > 64) throw new Error('kind or step');
+  if (!(scale > 0) || !(scale <= 2 ** 60)) throw new Error('scale');
+  const step = 2 ** (-payload[1] / 8);
+  const gain = [2, 3, 4].map((i) => 2 ** (((payload[i] << 24) >> 24) / 512));
+  const bits = new Bits(payload.subarray(5));
+  const [Y, O, P] = [0, 1, 2].map(() => decodePlane(bits, width, height, step));
+  bits.finish();
+  const light = (x, c) => scale * gain[c] * (2 ** Math.min(Math.max(x, 0), 63) - 1);
+  const rgb = [];
+  for (let y = 0; y < height; y++)
+    for (let x = 0; x < width; x++)
+      rgb.push(light(Y[y][x] - P[y][x] + O[y][x], 0), light(Y[y][x] + P[y][x], 1),
+               light(Y[y][x] - P[y][x] - O[y][x], 2));
+  return rgb;
+}
+
+// What is wrong with a file, or ''.
+function check(folder, name, known) {
+  const file = readFileSync(`${folder}/${name}`);
+  const width = file.readUInt32LE(0), height = file.readUInt32LE(4), scale = file.readFloatLE(8);
+  let rgb;
+  try {
+    rgb = decodeTile(file.subarray(12), scale, width, height);
+  } catch (error) {
+    return known ? error.message : '';
+  }
+  if (!known) return 'it should have been refused';
+  const expected = readFileSync(`${folder}/${name.replace('.tile', '.rgb')}`);
+  if (expected.length !== rgb.length * 4) return 'the size is wrong';
+  for (let i = 0; i < rgb.length; i++) {
+    const e = expected.readFloatLE(i * 4);
+    if (!(Math.abs(rgb[i] - e) <= 0.0001 * (e + scale))) return `value ${i} is ${rgb[i]}, not ${e}`;
+  }
+  return '';
+}
+
+const folder = process.argv[2];
+const names = readdirSync(folder);
+let failed = 0, passed = 0;
+for (const name of names.filter((n) => n.endsWith('.tile'))) {
+  const wrong = check(folder, name, names.includes(name.replace('.tile', '.rgb')));
+  if (wrong) console.error(`${name}: ${wrong}`);
+  wrong ? failed++ : passed++;
+}
+console.log(`${passed} passed, ${failed} failed`);
+process.exit(failed || !passed ? 1 : 0);

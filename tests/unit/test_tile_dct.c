@@ -1,0 +1,206 @@
+#include "tests/support/support.h"
+
+#include "common/random.h"
+#include "common/tile/tile_dct.h"
+
+#include <math.h>
+#include <string.h>
+
+static struct lw_tile_dct dct;
+static float rgb[LW_TILE_TEXELS_MAX * 3], back[LW_TILE_TEXELS_MAX * 3];
+static uint8_t covered[LW_TILE_TEXELS_MAX], payload[LW_TILE_DCT_BOUND];
+
+static int set_up(void **state) {
+    (void)state;
+    lw_tile_dct_init(&dct);
+    return 0;
+}
+
+/* A slope with an edge of shadow, in colours; noise: relative, uniform. */
+static void make_light(uint32_t width, uint32_t height, float noise, uint32_t seed) {
+    for (uint32_t i = 0; i < width * height; i++) {
+        const float x = (float)(i % width), y = (float)(i / width), lit = x + y < 40 ? 3 : 0.4f;
+        for (uint32_t c = 0; c < 3; c++)
+            rgb[i * 3 + c] = lit * (1 + 0.01f * x) * (1 + 0.2f * (float)c) *
+                             (1 + noise * (2 * lw_random_unit(lw_random_hash3(i, c, seed)) - 1));
+    }
+}
+
+static size_t encode(uint32_t width, uint32_t height, const uint8_t *mask, float step, float *out_scale) {
+    uint32_t saturated;
+    const size_t size =
+        lw_tile_dct_encode(&dct, rgb, mask, width, height, step, payload, out_scale, &saturated);
+    assert_int_equal(saturated, 0);
+    assert_true(size <= sizeof payload);
+    return size;
+}
+
+static size_t round_trip(uint32_t width, uint32_t height, float step, float *out_scale) {
+    const size_t size = encode(width, height, NULL, step, out_scale);
+    assert_true(lw_tile_dct_decode(&dct, payload, size, *out_scale, width, height, back));
+    return size;
+}
+
+static double mean_of(const float *light, uint32_t texels, uint32_t channel) {
+    double sum = 0;
+    for (uint32_t i = 0; i < texels; i++) sum += (double)light[i * 3 + channel];
+    return sum / texels;
+}
+
+/* Root mean square of the error of log2(1 + E/scale). */
+static double log_error(uint32_t texels, float scale) {
+    double sum = 0;
+    for (uint32_t i = 0; i < texels * 3; i++) {
+        const double off = (double)(log2f(1 + back[i] / scale) - log2f(1 + rgb[i] / scale));
+        sum += off * off;
+    }
+    return sqrt(sum / (texels * 3));
+}
+
+static const struct {
+    uint32_t width, height;
+} sizes[] = {{64, 64}, {36, 20}, {1, 1}, {1, 64}, {64, 7}, {9, 8}, {8, 9}};
+
+/* No coefficient is off by more than 0.56 steps, so no plane by more in the root mean square; the three channels see the sum
+ * of three planes. With many coefficients that are not 0, 0.29 takes the place of 0.56. */
+static void test_error_follows_the_step(void **state) {
+    (void)state;
+    const double planes = sqrt(8.0 / 3);
+    const float steps[] = {1, 0.25f, 0.05f, 0x1p-8f};
+    for (size_t s = 0; s < sizeof sizes / sizeof *sizes; s++)
+        for (size_t i = 0; i < sizeof steps / sizeof *steps; i++) {
+            const uint32_t texels = sizes[s].width * sizes[s].height;
+            const double step = (double)steps[i];
+            float scale;
+            make_light(sizes[s].width, sizes[s].height, 0.2f, (uint32_t)s);
+            round_trip(sizes[s].width, sizes[s].height, steps[i], &scale);
+            assert_true(log_error(texels, scale) <= 0.57 * planes * step);
+            if (texels >= 720 && step < 0.1) assert_true(log_error(texels, scale) <= 0.32 * planes * step);
+        }
+}
+
+static void expect_means(uint32_t texels) {
+    for (uint32_t c = 0; c < 3; c++)
+        assert_true(fabs(mean_of(back, texels, c) / mean_of(rgb, texels, c) - 1) <= 0.001);
+}
+
+/* With a step over the noise nothing of it is left; the logarithms' mean would be 18 % too dark. */
+static void test_mean_is_kept(void **state) {
+    (void)state;
+    float scale;
+    make_light(64, 64, 0.95f, 1);
+    round_trip(64, 64, 1, &scale);
+    expect_means(LW_TILE_TEXELS_MAX);
+    /* A few texels that are most of the light: a step of 1 would lose it. */
+    make_light(64, 64, 0, 1);
+    for (uint32_t i = 100; i < 103; i++)
+        for (uint32_t c = 0; c < 3; c++) rgb[i * 3 + c] = 1e5f;
+    round_trip(64, 64, 1, &scale);
+    expect_means(LW_TILE_TEXELS_MAX);
+}
+
+static void test_noise_under_the_step_costs_little(void **state) {
+    (void)state;
+    float scale;
+    make_light(64, 64, 0, 1);
+    const size_t clean = round_trip(64, 64, 1, &scale);
+    make_light(64, 64, 0.2f, 1); /* 0.17 in units of log2 */
+    const size_t noisy = round_trip(64, 64, 1, &scale);
+    assert_true(noisy < clean + clean / 4);
+    make_light(64, 64, 0.2f, 1);
+    assert_true(round_trip(64, 64, 0.05f, &scale) > 3 * noisy);
+}
+
+/* What nobody reads: other values there are the same bytes, and next to none. */
+static void test_uncovered_texels_cost_nothing(void **state) {
+    (void)state;
+    static uint8_t first[LW_TILE_DCT_BOUND];
+    float scale;
+    for (uint32_t i = 0; i < LW_TILE_TEXELS_MAX; i++) covered[i] = i % 64 < 32 && i / 64 < 29;
+    make_light(64, 64, 0, 1);
+    const size_t size = encode(64, 64, covered, 0.1f, &scale);
+    memcpy(first, payload, size);
+    for (uint32_t i = 0; i < LW_TILE_TEXELS_MAX * 3; i++)
+        if (!covered[i / 3]) rgb[i] = i % 5 ? 1000 * (float)(i % 7) : NAN;
+    assert_int_equal(encode(64, 64, covered, 0.1f, &scale), size);
+    assert_memory_equal(first, payload, size);
+    assert_true(lw_tile_dct_decode(&dct, payload, size, scale, 64, 64, back));
+    for (uint32_t i = 0; i < LW_TILE_TEXELS_MAX * 3; i++)
+        if (covered[i / 3]) assert_true(fabsf(log2f(1 + back[i] / scale) - log2f(1 + rgb[i] / scale)) < 0.3f);
+    memset(covered, 0, sizeof covered);
+    assert_true(encode(64, 64, covered, 0.1f, &scale) < 40);
+}
+
+static void test_one_texel_black_and_flat(void **state) {
+    (void)state;
+    float scale;
+    memset(rgb, 0, sizeof rgb);
+    assert_true(round_trip(64, 64, 0.1f, &scale) < 40);
+    for (uint32_t i = 0; i < LW_TILE_TEXELS_MAX * 3; i++) assert_true(back[i] == 0);
+    for (float light = 1e-20f; light < 1e25f; light *= 1e5f) {
+        for (uint32_t i = 0; i < LW_TILE_TEXELS_MAX * 3; i++) rgb[i] = light;
+        assert_true(round_trip(64, 64, 0.05f, &scale) < 60);
+        for (uint32_t i = 0; i < LW_TILE_TEXELS_MAX * 3; i++)
+            assert_true(light < 1e-17f || fabsf(back[i] / light - 1) < 0.002f);
+    }
+}
+
+static void test_what_has_no_number_is_counted(void **state) {
+    (void)state;
+    uint32_t saturated;
+    float scale;
+    for (uint32_t i = 0; i < 192; i++) rgb[i] = 2;
+    rgb[3] = NAN;
+    rgb[4] = INFINITY;
+    rgb[5] = -1;
+    size_t size = lw_tile_dct_encode(&dct, rgb, NULL, 8, 8, 0.01f, payload, &scale, &saturated);
+    assert_int_equal(saturated, 3);
+    assert_true(lw_tile_dct_decode(&dct, payload, size, scale, 8, 8, back));
+    assert_true(back[3] < 0.1f && fabsf(back[6] - 2) < 0.1f);
+}
+
+static void expect_harmless(size_t size, float scale) {
+    const uint32_t values = 12 * 12 * 3;
+    for (uint32_t i = 0; i < 16; i++) back[values + i] = 77; /* past the tile */
+    if (lw_tile_dct_decode(&dct, payload, size, scale, 12, 12, back))
+        for (uint32_t i = 0; i < values; i++) assert_true(isfinite(back[i]) && back[i] >= 0);
+    for (uint32_t i = 0; i < 16; i++) assert_true(back[values + i] == 77);
+}
+
+static void test_hostile_payloads_are_refused(void **state) {
+    (void)state;
+    float scale;
+    make_light(12, 12, 0.5f, 1);
+    const size_t size = encode(12, 12, NULL, 0.3f, &scale);
+    for (size_t n = 0; n < size; n++) assert_false(lw_tile_dct_decode(&dct, payload, n, scale, 12, 12, back));
+    payload[size] = 0;
+    assert_false(lw_tile_dct_decode(&dct, payload, size + 1, scale, 12, 12, back));
+    const float bad[] = {0, -1, NAN, INFINITY, 0x1p61f};
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++)
+        assert_false(lw_tile_dct_decode(&dct, payload, size, bad[i], 12, 12, back));
+    assert_false(lw_tile_dct_decode(&dct, payload, size, scale, 0, 12, back));
+    assert_false(lw_tile_dct_decode(&dct, payload, size, scale, 12, 65, back));
+    for (size_t bit = 0; bit < size * 8; bit++) {
+        payload[bit / 8] ^= (uint8_t)(1u << bit % 8);
+        expect_harmless(size, 0x1p60f);
+        payload[bit / 8] ^= (uint8_t)(1u << bit % 8);
+    }
+    for (uint32_t seed = 0; seed < 2000; seed++) {
+        for (size_t i = 5; i < 200; i++)
+            payload[i] = (uint8_t)lw_random_hash2((uint32_t)i, seed) | (seed & 1 ? 0x7f : 0);
+        expect_harmless(200, 0x1p60f);
+    }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_error_follows_the_step),
+        cmocka_unit_test(test_mean_is_kept),
+        cmocka_unit_test(test_noise_under_the_step_costs_little),
+        cmocka_unit_test(test_uncovered_texels_cost_nothing),
+        cmocka_unit_test(test_one_texel_black_and_flat),
+        cmocka_unit_test(test_what_has_no_number_is_counted),
+        cmocka_unit_test(test_hostile_payloads_are_refused),
+    };
+    return cmocka_run_group_tests(tests, set_up, NULL);
+}
