@@ -8,6 +8,8 @@
 #define MOTIONS       "static|light|object|all"
 #define SIDE_MAX      8192u
 #define SAMPLES_MAX   65536u
+#define DENSITY_MIN   0.01
+#define DENSITY_MAX   100.0
 #define DEFAULT_USERS "1,2,4,8,16,32,64,128,256"
 
 const char *lw_crossover_motion_name(enum lw_scene_motion motion) {
@@ -76,15 +78,23 @@ static enum lw_status parse_size(const char *text, struct lw_crossover_options *
     return LW_OK;
 }
 
-/* "5:8+10": paths per pixel, direct and indirect samples per texel. */
+/* "5:8+10@2": paths per pixel, direct and indirect samples per texel, density. */
 static enum lw_status parse_fixed(const char *text, struct lw_crossover_options *o, struct lw_error *err) {
     const char *at = text;
     uint64_t samples, direct, indirect;
     bool good = read_count(&at, 1024, &samples) && *at++ == ':' && read_count(&at, 1024, &direct) &&
-                *at++ == '+' && read_count(&at, 1024, &indirect) && !*at && samples && direct && indirect;
-    if (!good)
-        return lw_status_fail(err, LW_USAGE, "--settings: \"%s\" is no SPP:DIRECT+INDIRECT such as 1:1+1",
-                              text);
+                *at++ == '+' && read_count(&at, 1024, &indirect) && samples && direct && indirect;
+    o->fixed_density = 1;
+    if (good && *at == '@') {
+        char *end;
+        o->fixed_density = strtod(++at, &end);
+        good = end != at && o->fixed_density >= DENSITY_MIN && o->fixed_density <= DENSITY_MAX;
+        at = end;
+    }
+    if (!good || *at)
+        return lw_status_fail(
+            err, LW_USAGE, "--settings: \"%s\" is no SPP:DIRECT+INDIRECT[@DENSITY] such as 1:1+1 or 5:8+10@2",
+            text);
     o->fixed_samples = (uint32_t)samples;
     o->fixed_direct = (uint32_t)direct;
     o->fixed_indirect = (uint32_t)indirect;
@@ -121,9 +131,10 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
         {"one-error", NULL,
          "search for that error alone, not for the curve over relMSE 0.5, 0.1 and 0.02 as well",
          LW_OPTION_FLAG, &o.one_error, 0, 0, NULL},
-        {"settings", "SPP:D+I",
-         "no search: SPP paths per pixel against D direct and I indirect samples per texel, whatever their "
-         "error",
+        {"settings", "SPP:D+I[@X]",
+         "no search: SPP paths per pixel against D direct and I indirect samples per texel, in lightmaps of "
+         "X times "
+         "the scene's default density (1), whatever their error",
          LW_OPTION_STRING, &fixed, 0, 0, NULL},
         {"light", "seen|whole",
          "seen: the server lights what users look at, and what lights it (default; with one look at the "

@@ -25,10 +25,11 @@ struct lw_crossover_options {
     uint32_t match_samples;
     /* Instead of a search: these settings, whatever their error. 0 samples: search. */
     uint32_t fixed_samples, fixed_direct, fixed_indirect;
-    bool one_error; /* no curve: that error alone */
-    bool denoise;   /* both sides filtered */
-    bool self_test; /* a path tracer on both sides */
-    bool whole;     /* the cache lights all of the scene */
+    double fixed_density; /* times the scene's default */
+    bool one_error;       /* no curve: that error alone */
+    bool denoise;         /* both sides filtered */
+    bool self_test;       /* a path tracer on both sides */
+    bool whole;           /* the cache lights all of the scene */
 };
 
 /** Reads the command line; argv[0] is "crossover". --help and --version print and set *out_done.

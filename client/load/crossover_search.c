@@ -178,7 +178,7 @@ static enum lw_status take_given(struct lw_crossover_run *run, struct lw_error *
     for (int s = 0; s < LW_CROSSOVER_SIDES && status == LW_OK; s++) {
         struct lw_crossover_side *side = &x->side[s];
         struct lw_crossover_point *point;
-        const struct lw_setting setting = {.density = 1,
+        const struct lw_setting setting = {.density = o->fixed_density,
                                            .direct_samples = o->fixed_direct,
                                            .indirect_samples = o->fixed_indirect,
                                            .rest_error = LW_CROSSOVER_REST,

@@ -1,6 +1,7 @@
 #include "client/view/compose.h"
 
 #include "common/scene/environment.h"
+#include "common/scene/lightmap.h"
 
 #include <omp.h>
 #include <stdlib.h>
@@ -45,7 +46,8 @@ struct lw_compose {
 
     struct level *level; /* of all objects */
     struct object *object;
-    float **density; /* per mesh, per triangle: texels per unit of object space */
+    float **
+        density; /* per mesh, per triangle: texels per unit of object space; 0: coarser levels mix other light in */
     uint8_t *here;   /* per tile */
     uint8_t *calm;   /* per tile: the finest level at which its noise is bearable */
     uint8_t *needed; /* per tile; written by all threads, only ever with 1 */
@@ -95,8 +97,13 @@ static bool measure_densities(struct lw_compose *compose) {
         if (mesh->lightmap_uv == NULL || mesh->triangle_count == 0) continue;
         float *density = malloc(mesh->triangle_count * sizeof *density);
         if (density == NULL) return false;
-        for (uint32_t t = 0; t < mesh->triangle_count; t++) density[t] = triangle_density(mesh, t);
         compose->density[m] = density;
+        uint8_t *shared = malloc(mesh->triangle_count);
+        const bool known = shared && lw_lightmap_shared(mesh, shared) == LW_OK;
+        for (uint32_t t = 0; known && t < mesh->triangle_count; t++)
+            density[t] = shared[t] ? 0 : triangle_density(mesh, t);
+        free(shared);
+        if (!known) return false;
     }
     return true;
 }
@@ -288,7 +295,7 @@ static struct lw_vec3 irradiance(struct lw_compose *compose, uint32_t o, struct 
     mark_needed(compose, tile);
 
     /* Fresh light is noise, but a texel of level 2 is the mean of 4 x 4: until the error has fallen, less is more. */
-    if (compose->calm[tile[0]] > finest)
+    if (footprint_texels > 0 && compose->calm[tile[0]] > finest)
         finest = compose->calm[tile[0]] < coarsest ? compose->calm[tile[0]] : coarsest;
 
     struct lw_vec3 e;

@@ -7,7 +7,7 @@
  * levels 0, 1 and 2 of the mip pyramid never mix two charts, bilinear lookups included. Exception: neighbouring slivers,
  * charts no wider than 8 texels and small hollow ones (rings, arcs), share a rectangle of blocks: at level 0 no texel is
  * read by two of them, levels 1 and 2 mix them. Parts of one chart that are far apart in space keep away from each other
- * likewise. A file's own UV set is free of overlaps, but gives no such promise about blocks or lookups.
+ * likewise. No chart runs across a hard edge, where light may change from one texel to the next. A file's own UV set is free of overlaps, but gives no such promise about blocks or lookups.
  */
 #ifndef LW_COMMON_LIGHTMAP_H
 #define LW_COMMON_LIGHTMAP_H
@@ -52,6 +52,11 @@ struct lw_lightmap_report {
  * Errors: LW_NO_MEMORY; LW_BAD_DATA naming a mesh whose charts cannot fit atlas_side_max at any density. */
 LW_MUST_CHECK enum lw_status lw_lightmap_build(struct lw_scene *scene, const struct lw_lightmap_desc *desc,
                                                struct lw_lightmap_report *out_report, struct lw_error *err);
+
+/** Tells the triangles of a mesh with lightmap UVs whose charts share a block with another chart: levels 1 and 2 mix
+ * their light with that of others, so that it should be read at level 0. out_shared: per triangle, 1: shares.
+ * Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_lightmap_shared(const struct lw_mesh *mesh, uint8_t *out_shared);
 
 /** Counts texels that two different chart pieces both cover by area (0 for a correct layout). For tests. */
 uint64_t lw_lightmap_overlaps(const struct lw_mesh *mesh);

@@ -350,3 +350,69 @@ enum lw_status lw_lightmap_check_mixed(const struct lw_lightmap_map *map, uint64
     *out_texels = count;
     return LW_OK;
 }
+
+/* ---- blocks ---- */
+
+struct blocks {
+    const uint32_t *chart; /* per triangle */
+    uint32_t *owner;       /* per block: its chart; LW_SCENE_NONE: nobody's */
+    uint8_t *shared;       /* per block */
+    uint8_t *out;          /* per triangle */
+};
+
+static void own(void *context, uint32_t triangle, size_t block, float area) {
+    struct blocks *b = context;
+    (void)area;
+    if (b->owner[block] == LW_SCENE_NONE) b->owner[block] = b->chart[triangle];
+    b->shared[block] |= b->owner[block] != b->chart[triangle];
+}
+
+static void find_shared(void *context, uint32_t triangle, size_t block, float area) {
+    struct blocks *b = context;
+    (void)area;
+    b->out[triangle] |= b->shared[block];
+}
+
+/* What shares a vertex of the map is one chart. */
+static enum lw_status find_map_charts(const struct lw_lightmap_map *map, uint32_t *out_chart) {
+    uint32_t *parent = malloc(((size_t)map->uv_count + 1) * sizeof *parent);
+    if (!parent) return LW_NO_MEMORY;
+    for (uint32_t v = 0; v < map->uv_count; v++) parent[v] = v;
+    for (uint32_t t = 0; t < map->mesh->triangle_count; t++)
+        for (int k = 1; k < 3; k++) lw_union_find_join(parent, map->triangle[t][0], map->triangle[t][k]);
+    for (uint32_t t = 0; t < map->mesh->triangle_count; t++)
+        out_chart[t] = lw_union_find_root(parent, map->triangle[t][0]);
+    free(parent);
+    return LW_OK;
+}
+
+enum lw_status lw_lightmap_check_shared(const struct lw_lightmap_map *map, uint8_t *out_shared) {
+    const float side = (float)LW_LIGHTMAP_BLOCK;
+    const uint32_t triangles = map->mesh->triangle_count;
+    /* the same map, whose texels are the blocks */
+    struct lw_lightmap_map in_blocks = *map;
+    in_blocks.width = (map->width + LW_LIGHTMAP_BLOCK - 1) / LW_LIGHTMAP_BLOCK;
+    in_blocks.height = (map->height + LW_LIGHTMAP_BLOCK - 1) / LW_LIGHTMAP_BLOCK;
+    const size_t blocks = (size_t)in_blocks.width * in_blocks.height;
+    struct lw_vec2 *uv = malloc(((size_t)map->uv_count + 1) * sizeof *uv);
+    uint32_t *chart = malloc(((size_t)triangles + 1) * sizeof *chart);
+    struct blocks b = {.chart = chart,
+                       .owner = malloc((blocks + 1) * sizeof *b.owner),
+                       .shared = calloc(blocks + 1, 1),
+                       .out = out_shared};
+    enum lw_status status = uv && chart && b.owner && b.shared ? find_map_charts(map, chart) : LW_NO_MEMORY;
+    if (status == LW_OK) {
+        for (uint32_t v = 0; v < map->uv_count; v++)
+            uv[v] = (struct lw_vec2){map->uv[v].x / side, map->uv[v].y / side};
+        in_blocks.uv = uv;
+        memset(b.owner, 0xff, blocks * sizeof *b.owner);
+        memset(out_shared, 0, triangles);
+        for (uint32_t t = 0; t < triangles; t++) visit_triangle(&in_blocks, t, own, &b);
+        for (uint32_t t = 0; t < triangles; t++) visit_triangle(&in_blocks, t, find_shared, &b);
+    }
+    free(b.shared);
+    free(b.owner);
+    free(chart);
+    free(uv);
+    return status;
+}

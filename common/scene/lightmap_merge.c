@@ -6,10 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Light changes at a hard edge, and a bilinear lookup next to it sees a texel of the other side. A strip of a few
- * texels is all border either way, so only such pieces are laid across one. */
-#define HARD_WIDTH 6.0f
-
 /* A chart longer than about the side of the atlas decides its shape alone, and the rest stays empty. */
 #define LENGTH_SHARE 0.8f
 
@@ -29,11 +25,11 @@ struct merger {
     struct lw_lightmap_plane *plane;
     struct lw_lightmap_apart *apart;
     enum lw_status status;
-    struct lw_lightmap_heap heap;        /* border edges of the chart that takes others in */
-    struct hull *hull;                   /* per chart */
-    struct lw_vec2 *arena;               /* all hulls */
-    float length_most;                   /* of a merged chart */
-    float *cost, *width, *length, *area; /* per chart */
+    struct lw_lightmap_heap heap;  /* border edges of the chart that takes others in */
+    struct hull *hull;             /* per chart */
+    struct lw_vec2 *arena;         /* all hulls */
+    float length_most;             /* of a merged chart */
+    float *cost, *length, *area;   /* per chart */
     uint32_t *first, *last, *next; /* triangles of a chart, as a list: per chart, per chart, per triangle */
     uint32_t *tried_by;            /* per chart: who tried it last */
     uint8_t *tries, *done;
@@ -58,9 +54,11 @@ static void corners_of(const struct merger *m, uint32_t t, struct lw_vec2 out[3]
 static void push_border(struct merger *m, uint32_t t) {
     for (uint32_t e = 3 * t; e < 3 * t + 3; e++) {
         uint32_t over = m->topology->neighbour[e];
-        if (over == LW_SCENE_NONE || m->charts->chart[over / 3] == m->charts->chart[t]) continue;
-        float length = m->topology->side[t][e % 3];
-        lw_lightmap_heap_push(&m->heap, m->topology->hard[e] ? -length / 2 : -length, e);
+        /* Light changes at a hard edge, and a bilinear lookup next to it sees a texel of the other side: the bars of a
+         * lantern are a texel wide and a thousand times brighter inside than outside. */
+        if (over == LW_SCENE_NONE || m->topology->hard[e]) continue;
+        if (m->charts->chart[over / 3] == m->charts->chart[t]) continue;
+        lw_lightmap_heap_push(&m->heap, -m->topology->side[t][e % 3], e);
     }
 }
 
@@ -148,7 +146,6 @@ static void take_in(struct merger *m, uint32_t taker, uint32_t chart, const stru
 static void try_edge(struct merger *m, uint32_t taker, uint32_t edge) {
     uint32_t chart = m->charts->chart[m->topology->neighbour[edge] / 3];
     if (chart == taker || m->done[chart]) return;
-    if (m->topology->hard[edge] && m->width[chart] > HARD_WIDTH) return;
     if (m->tried_by[chart] != taker) m->tried_by[chart] = taker, m->tries[chart] = 0;
     struct motion motion;
     if (m->tries[chart]++ >= TRIES || !find_motion(m, edge, &motion)) return;
@@ -215,7 +212,6 @@ static void find_hulls(struct merger *m) {
         struct lw_lightmap_box box = lw_lightmap_shape_box(m->arena + used, count, LW_LIGHTMAP_SHAPE_MARGIN);
         m->hull[c] = (struct hull){used, count};
         m->cost[c] = lw_lightmap_shape_cost(box);
-        m->width[c] = box.size.y;
         m->length[c] = box.size.x;
         total += m->cost[c];
         used += count;
@@ -242,7 +238,6 @@ enum lw_status lw_lightmap_merge(struct lw_lightmap_charts *charts,
     m.hull = malloc((count + 1) * sizeof *m.hull);
     m.arena = malloc((corners + count + 1) * sizeof *m.arena);
     m.cost = malloc((count + 1) * sizeof *m.cost);
-    m.width = malloc((count + 1) * sizeof *m.width);
     m.length = malloc((count + 1) * sizeof *m.length);
     m.area = calloc(count + 1, sizeof *m.area);
     m.first = malloc((count + 1) * sizeof *m.first);
@@ -254,9 +249,8 @@ enum lw_status lw_lightmap_merge(struct lw_lightmap_charts *charts,
     m.moved = malloc((corners + 1) * sizeof *m.moved);
     m.outline = malloc((corners + 2) * sizeof *m.outline);
     m.scratch = malloc((corners * 2 + 4) * sizeof *m.scratch);
-    bool ready = rank && m.heap.step && m.hull && m.arena && m.cost && m.width && m.length && m.area &&
-                 m.first && m.last && m.next && m.tried_by && m.tries && m.done && m.moved && m.outline &&
-                 m.scratch;
+    bool ready = rank && m.heap.step && m.hull && m.arena && m.cost && m.length && m.area && m.first &&
+                 m.last && m.next && m.tried_by && m.tries && m.done && m.moved && m.outline && m.scratch;
     if (ready) {
         memset(m.first, 0xff, (count + 1) * sizeof *m.first);
         memset(m.tried_by, 0xff, (count + 1) * sizeof *m.tried_by);
@@ -268,8 +262,7 @@ enum lw_status lw_lightmap_merge(struct lw_lightmap_charts *charts,
     }
     free(m.scratch), free(m.outline), free(m.moved), free(m.done), free(m.tries), free(m.tried_by),
         free(m.next);
-    free(m.last), free(m.first), free(m.area), free(m.length), free(m.width), free(m.cost), free(m.arena),
-        free(m.hull);
+    free(m.last), free(m.first), free(m.area), free(m.length), free(m.cost), free(m.arena), free(m.hull);
     free(m.heap.step), free(rank);
     return ready ? m.status : LW_NO_MEMORY;
 }

@@ -296,6 +296,36 @@ static void test_level_follows_the_footprint(void **state) {
     world_finish(&w);
 }
 
+/* Two charts that share blocks: coarser levels hold the light of both. */
+static void test_charts_that_share_blocks_are_read_at_level_0(void **state) {
+    (void)state;
+    struct lw_scene *scene = squares(1, 1024, false);
+    struct lw_mesh *mesh = &scene->mesh[0];
+    static const uint32_t apart[2][3] = {{0, 1, 2}, {3, 4, 5}};
+    struct lw_vec3 *position = lw_scene_alloc(scene, 6, sizeof *position),
+                   *normal = lw_scene_alloc(scene, 6, sizeof *normal);
+    struct lw_vec2 *uv = lw_scene_alloc(scene, 6, sizeof *uv),
+                   *lightmap_uv = lw_scene_alloc(scene, 6, sizeof *uv);
+    for (uint32_t i = 0; i < 6; i++) {
+        const uint32_t v = mesh->triangle[i / 3][i % 3];
+        position[i] = mesh->position[v], normal[i] = mesh->normal[v];
+        uv[i] = mesh->uv[0][v], lightmap_uv[i] = mesh->lightmap_uv[v];
+    }
+    mesh->position = position, mesh->normal = normal, mesh->uv[0] = uv, mesh->lightmap_uv = lightmap_uv;
+    mesh->triangle = apart;
+    mesh->vertex_count = 6;
+    struct world w;
+    world_init(&w, scene);
+    fill_by_level(&w, 0, 1);
+    float rgb[WIDTH * HEIGHT * 3];
+    const float pixel = 2 * tanf(20.0f / 180 * LW_PI) / HEIGHT, texels_per_m = 1024 / SIDE_M;
+    struct lw_compose_view view = look(0, 8.0f / (pixel * texels_per_m), 0, 0, 0, 0, 40);
+    for (uint32_t t = 0; t < w.map.tile_count; t++) w.tile[t].error = 0.9f; /* noise is no reason either */
+    render(&w, &view, rgb);
+    assert_near(rgb[3 * (HEIGHT / 2 * WIDTH + WIDTH / 2)], 0.5f * 1 / LW_PI, 1e-6f);
+    world_finish(&w);
+}
+
 /* A flat slab, whose scale across the surface says nothing about the surface. */
 static void test_level_ignores_the_scale_across_the_surface(void **state) {
     (void)state;
@@ -620,6 +650,7 @@ int main(void) {
         cmocka_unit_test(test_environment),
         cmocka_unit_test(test_ramps),
         cmocka_unit_test(test_level_follows_the_footprint),
+        cmocka_unit_test(test_charts_that_share_blocks_are_read_at_level_0),
         cmocka_unit_test(test_level_ignores_the_scale_across_the_surface),
         cmocka_unit_test(test_missing_tile),
         cmocka_unit_test(test_survey),

@@ -35,7 +35,10 @@ static void values(void **state) {
     lw_support_ok(parse("--error", "match:5", &o, &err), &err);
     assert_true(o.match_samples == 5 && o.error == 0);
     lw_support_ok(parse("--settings", "5:8+10", &o, &err), &err);
-    assert_true(o.fixed_samples == 5 && o.fixed_direct == 8 && o.fixed_indirect == 10);
+    assert_true(o.fixed_samples == 5 && o.fixed_direct == 8 && o.fixed_indirect == 10 &&
+                o.fixed_density == 1);
+    lw_support_ok(parse("--settings", "1:1+2@0.5", &o, &err), &err);
+    assert_true(o.fixed_samples == 1 && o.fixed_indirect == 2 && o.fixed_density == 0.5);
     lw_support_ok(parse("--users", "3", &o, &err), &err);
     assert_true(o.user_counts == 1 && o.users[0] == 3);
     lw_support_ok(parse("--truth-samples", "7", &o, &err), &err);
@@ -64,6 +67,10 @@ static void bad_values_are_named(void **state) {
         {"--size", "99999x99999", "--size"},
         {"--settings", "1:1", "--settings"},
         {"--settings", "0:1+1", "--settings"},
+        {"--settings", "1:1+1@", "--settings"},
+        {"--settings", "1:1+1@0", "--settings"},
+        {"--settings", "1:1+1@nan", "--settings"},
+        {"--settings", "1:1+1@2x", "--settings"},
         {"--motion", "fast", "--motion"},
         {"--seconds", "0", "--seconds"},
         {"--spread", "2", "--spread"},

@@ -327,6 +327,32 @@ static void leaves_share_rectangles(void **state) {
     lw_scene_destroy(scene);
 }
 
+/* However thin: what lights one side of a bar must not show on another. */
+static void a_thin_bar_has_a_chart_for_each_side(void **state) {
+    struct shape *s = fresh(state);
+    struct lw_vec3 x = lw_vec3(0.02f, 0, 0), y = lw_vec3(0, 3, 0), z = lw_vec3(0, 0, 0.02f),
+                   o = lw_vec3(0, 0, 0);
+    quad(s, o, y, x), quad(s, o, x, z), quad(s, o, z, y), quad(s, x, y, z), quad(s, y, z, x),
+        quad(s, z, x, y);
+    struct lw_scene *scene = scene_of(s, NULL, 1);
+    struct lw_lightmap_report r = build(scene, 10, 0);
+    check_layout(scene->mesh, &r, 1.01f);
+    assert_int_equal(r.chart_count, 6);
+    lw_scene_destroy(scene);
+}
+
+static void who_shares_blocks_is_known(void **state) {
+    struct shape *s = fresh(state);
+    quad(s, lw_vec3(0, 0, 5), lw_vec3(3, 0, 0), lw_vec3(0, 3, 0)); /* has a rectangle of its own */
+    for (int i = 0; i < 50; i++) quad(s, lw_vec3((float)i, 0, 0), lw_vec3(0.1f, 0, 0), lw_vec3(0, 0.1f, 0));
+    struct lw_scene *scene = scene_of(s, NULL, 1);
+    build(scene, 20, 0);
+    uint8_t shared[2 * 51];
+    assert_int_equal(lw_lightmap_shared(scene->mesh, shared), LW_OK);
+    for (uint32_t t = 0; t < 2 * 51; t++) assert_int_equal(shared[t], t >= 2);
+    lw_scene_destroy(scene);
+}
+
 static void backs_have_their_own_half(void **state) {
     struct shape *s = fresh(state);
     quad(s, lw_vec3(0, 0, 0), lw_vec3(1, 0, 0), lw_vec3(0, 1, 0));
@@ -549,6 +575,8 @@ int main(void) {
         cmocka_unit_test(hooks_interlock),
         cmocka_unit_test(attributes_follow_their_vertices),
         cmocka_unit_test(leaves_share_rectangles),
+        cmocka_unit_test(a_thin_bar_has_a_chart_for_each_side),
+        cmocka_unit_test(who_shares_blocks_is_known),
         cmocka_unit_test(backs_have_their_own_half),
         cmocka_unit_test(the_largest_instance_decides),
         cmocka_unit_test(good_uv1_is_used),
