@@ -46,13 +46,12 @@ struct lw_compose {
 
     struct level *level; /* of all objects */
     struct object *object;
-    float **
-        density; /* per mesh, per triangle: texels per unit of object space; 0: coarser levels mix other light in */
-    uint8_t *here;   /* per tile */
-    uint8_t *calm;   /* per tile: the finest level at which its noise is bearable */
-    uint8_t *needed; /* per tile; written by all threads, only ever with 1 */
-    uint8_t *around; /* the same, by the last survey */
-    float *survey;   /* its pixels, which nobody sees */
+    uint8_t **shared; /* per mesh, per triangle: coarser levels mix other light in (lw_lightmap_shared) */
+    uint8_t *here;    /* per tile */
+    uint8_t *calm;    /* per tile: the finest level at which its noise is bearable */
+    uint8_t *needed;  /* per tile; written by all threads, only ever with 1 */
+    uint8_t *around;  /* the same, by the last survey */
+    float *survey;    /* its pixels, which nobody sees */
 
     /* this render's */
     const struct lw_pose *pose;
@@ -79,31 +78,12 @@ struct lw_compose_source lw_compose_source_of(const struct lw_client *client) {
                                       .target_error = stats.target_error};
 }
 
-static float triangle_density(const struct lw_mesh *mesh, uint32_t triangle) {
-    const uint32_t *v = mesh->triangle[triangle];
-    const struct lw_vec2 *uv = mesh->lightmap_uv;
-    struct lw_vec3 a = lw_vec3_sub(mesh->position[v[1]], mesh->position[v[0]]);
-    struct lw_vec3 b = lw_vec3_sub(mesh->position[v[2]], mesh->position[v[0]]);
-    float area = lw_vec3_length(lw_vec3_cross(a, b));
-    float texels = fabsf((uv[v[1]].x - uv[v[0]].x) * (uv[v[2]].y - uv[v[0]].y) -
-                         (uv[v[1]].y - uv[v[0]].y) * (uv[v[2]].x - uv[v[0]].x));
-    return area > 1e-30f ? sqrtf(texels / area) : 0.0f;
-}
-
-static bool measure_densities(struct lw_compose *compose) {
-    const struct lw_scene *scene = compose->scene;
-    for (uint32_t m = 0; m < scene->mesh_count; m++) {
-        const struct lw_mesh *mesh = &scene->mesh[m];
+static bool find_shared(struct lw_compose *compose) {
+    for (uint32_t m = 0; m < compose->scene->mesh_count; m++) {
+        const struct lw_mesh *mesh = &compose->scene->mesh[m];
         if (mesh->lightmap_uv == NULL || mesh->triangle_count == 0) continue;
-        float *density = malloc(mesh->triangle_count * sizeof *density);
-        if (density == NULL) return false;
-        compose->density[m] = density;
-        uint8_t *shared = malloc(mesh->triangle_count);
-        const bool known = shared && lw_lightmap_shared(mesh, shared) == LW_OK;
-        for (uint32_t t = 0; known && t < mesh->triangle_count; t++)
-            density[t] = shared[t] ? 0 : triangle_density(mesh, t);
-        free(shared);
-        if (!known) return false;
+        compose->shared[m] = malloc(mesh->triangle_count);
+        if (!compose->shared[m] || lw_lightmap_shared(mesh, compose->shared[m]) != LW_OK) return false;
     }
     return true;
 }
@@ -138,16 +118,16 @@ enum lw_status lw_compose_create(const struct lw_compose_desc *desc, struct lw_c
     /* one more of each: an empty scene is no failure */
     compose->level = calloc(level_count + 1, sizeof *compose->level);
     compose->object = calloc((size_t)map->object_count + 1, sizeof *compose->object);
-    compose->density = calloc((size_t)desc->scene->mesh_count + 1, sizeof *compose->density);
+    compose->shared = calloc((size_t)desc->scene->mesh_count + 1, sizeof *compose->shared);
     compose->here = calloc((size_t)map->tile_count + 1, 1);
     compose->calm = calloc((size_t)map->tile_count + 1, 1);
     compose->needed = calloc((size_t)map->tile_count + 1, 1);
     compose->around = calloc((size_t)map->tile_count + 1, 1);
     compose->survey = calloc((size_t)SURVEY_SIDE * SURVEY_SIDE * 3, sizeof *compose->survey);
-    if (!compose->level || !compose->object || !compose->density || !compose->here || !compose->calm ||
+    if (!compose->level || !compose->object || !compose->shared || !compose->here || !compose->calm ||
         !compose->needed || !compose->around || !compose->survey)
         goto fail;
-    if (!measure_densities(compose)) goto fail;
+    if (!find_shared(compose)) goto fail;
     lay_out_levels(compose);
     *out_compose = compose;
     return LW_OK;
@@ -161,9 +141,9 @@ void lw_compose_destroy(struct lw_compose *compose) {
     free(compose->needed);
     free(compose->calm);
     free(compose->here);
-    if (compose->density != NULL)
-        for (uint32_t m = 0; m < compose->scene->mesh_count; m++) free(compose->density[m]);
-    free(compose->density);
+    for (uint32_t m = 0; compose->shared != NULL && m < compose->scene->mesh_count; m++)
+        free(compose->shared[m]);
+    free(compose->shared);
     free(compose->around);
     free(compose->survey);
     free(compose->object);
@@ -171,7 +151,10 @@ void lw_compose_destroy(struct lw_compose *compose) {
     free(compose);
 }
 
-static bool is_light(struct lw_vec3 c) { return lw_vec3_is_finite(c) && c.x >= 0 && c.y >= 0 && c.z >= 0; }
+/* False for NaN, too. */
+static bool is_light(struct lw_vec3 c) {
+    return c.x >= 0 && c.y >= 0 && c.z >= 0 && c.x < INFINITY && c.y < INFINITY && c.z < INFINITY;
+}
 
 /* The average of what has arrived of the objects' coarsest levels; before anything has, light that shows a surface
  * as its albedo. */
@@ -218,38 +201,48 @@ static void begin(struct lw_compose *compose, const struct lw_compose_source *so
     compose->stand_in = average_irradiance(compose);
 }
 
-/* The texels that a bilinear lookup reads, and how it weighs them. */
+/* The texels that a bilinear lookup reads, how it weighs them, and the tiles that hold them. */
 struct footprint {
     uint32_t x0, y0, x1, y1;
     float fx, fy;
+    uint32_t tile[4];
+    unsigned tile_count; /* 1 where all are in one tile, else 4: the same id more than once in most cases */
 };
 
 static void split(float texel, uint32_t size, uint32_t *out_0, uint32_t *out_1, float *out_fraction) {
-    float at = fminf(fmaxf(texel - 0.5f, 0.0f), (float)(size - 1));
-    uint32_t low = (uint32_t)at;
-    *out_0 = low;
-    *out_1 = low + 1 < size ? low + 1 : low;
+    const float last = (float)(size - 1);
+    float at = texel - 0.5f;
+    at = at > 0 ? at : 0; /* NaN, too */
+    at = at < last ? at : last;
+    const int32_t low = (int32_t)at;
+    *out_0 = (uint32_t)low;
+    *out_1 = (uint32_t)low + 1 < size ? (uint32_t)low + 1 : (uint32_t)low;
     *out_fraction = at - (float)low;
 }
 
 static struct footprint footprint_at(const struct level *level, unsigned k, struct lw_vec2 uv) {
     struct footprint f;
-    float scale = 1.0f / (float)(1u << k);
+    const float scale = 1.0f / (float)(1u << k);
     split(uv.x * scale, level->width, &f.x0, &f.x1, &f.fx);
     split(uv.y * scale, level->height, &f.y0, &f.y1, &f.fy);
+    const uint32_t left = f.x0 / LW_TILE_SIDE, right = f.x1 / LW_TILE_SIDE;
+    const uint32_t top = f.y0 / LW_TILE_SIDE, bottom = f.y1 / LW_TILE_SIDE;
+    f.tile[0] = level->first_tile + top * level->tiles_x + left;
+    f.tile_count = 1;
+    if (left == right && top == bottom) return f;
+    f.tile_count = 4;
+    f.tile[1] = level->first_tile + top * level->tiles_x + right;
+    f.tile[2] = level->first_tile + bottom * level->tiles_x + left;
+    f.tile[3] = level->first_tile + bottom * level->tiles_x + right;
     return f;
 }
 
-/* The tiles under a footprint, each corner's; the same id more than once in most cases. */
-static void footprint_tiles(const struct level *level, const struct footprint *f, uint32_t out[4]) {
-    uint32_t left = f->x0 / LW_TILE_SIDE, right = f->x1 / LW_TILE_SIDE;
-    uint32_t upper = level->first_tile + f->y0 / LW_TILE_SIDE * level->tiles_x;
-    uint32_t lower = level->first_tile + f->y1 / LW_TILE_SIDE * level->tiles_x;
-    out[0] = upper + left, out[1] = upper + right, out[2] = lower + left, out[3] = lower + right;
+static const float *texel_at(const struct level *level, uint32_t x, uint32_t y) {
+    return level->rgb + 3 * ((size_t)y * level->width + x);
 }
 
 static struct lw_vec3 texel(const struct level *level, uint32_t x, uint32_t y) {
-    const float *rgb = level->rgb + 3 * ((size_t)y * level->width + x);
+    const float *rgb = texel_at(level, x, y);
     return lw_vec3(rgb[0], rgb[1], rgb[2]);
 }
 
@@ -258,101 +251,186 @@ static struct lw_vec3 mix(struct lw_vec3 a, struct lw_vec3 b, float t) {
 }
 
 /* Reads one level; false if a tile of the footprint is not there, or holds what is no light. */
-static bool read_level(const struct lw_compose *compose, const struct level *level, unsigned k,
-                       struct lw_vec2 uv, struct lw_vec3 *out) {
+static bool read_level(const struct lw_compose *compose, const struct level *level, const struct footprint *f,
+                       struct lw_vec3 *out) {
     if (level->rgb == NULL) return false;
-    struct footprint f = footprint_at(level, k, uv);
-    uint32_t tile[4];
-    footprint_tiles(level, &f, tile);
-    for (int i = 0; i < 4; i++)
-        if (!compose->here[tile[i]]) return false;
-    struct lw_vec3 upper = mix(texel(level, f.x0, f.y0), texel(level, f.x1, f.y0), f.fx);
-    struct lw_vec3 lower = mix(texel(level, f.x0, f.y1), texel(level, f.x1, f.y1), f.fx);
-    struct lw_vec3 e = mix(upper, lower, f.fy);
+    for (unsigned i = 0; i < f->tile_count; i++)
+        if (!compose->here[f->tile[i]]) return false;
+    struct lw_vec3 upper = mix(texel(level, f->x0, f->y0), texel(level, f->x1, f->y0), f->fx);
+    struct lw_vec3 lower = mix(texel(level, f->x0, f->y1), texel(level, f->x1, f->y1), f->fx);
+    struct lw_vec3 e = mix(upper, lower, f->fy);
     if (!is_light(e)) return false;
     *out = e;
     return true;
 }
 
-static void mark_needed(struct lw_compose *compose, const uint32_t tile[4]) {
-    for (int i = 0; i < 4; i++)
+static void mark_needed(struct lw_compose *compose, const struct footprint *f) {
+    for (unsigned i = 0; i < f->tile_count; i++)
         /* all threads write the same value: the result does not depend on their order */
-        if (!__atomic_load_n(&compose->needed[tile[i]], __ATOMIC_RELAXED))
-            __atomic_store_n(&compose->needed[tile[i]], 1, __ATOMIC_RELAXED);
+        if (!__atomic_load_n(&compose->needed[f->tile[i]], __ATOMIC_RELAXED))
+            __atomic_store_n(&compose->needed[f->tile[i]], 1, __ATOMIC_RELAXED);
 }
 
-static struct lw_vec3 irradiance(struct lw_compose *compose, uint32_t o, struct lw_vec2 uv,
-                                 float footprint_texels) {
-    const struct object *object = &compose->object[o];
-    if (object->level_count == 0) return compose->stand_in;
-    unsigned coarsest = object->level_count - 1;
-    unsigned finest = footprint_texels >= 2.0f ? (unsigned)ilogbf(fminf(footprint_texels, 1e6f)) : 0;
-    if (finest > LW_COMPOSE_LEVEL_MAX) finest = LW_COMPOSE_LEVEL_MAX;
-    if (finest > coarsest) finest = coarsest;
-    struct footprint f = footprint_at(&object->level[finest], finest, uv);
-    uint32_t tile[4];
-    footprint_tiles(&object->level[finest], &f, tile);
-    mark_needed(compose, tile);
-
-    /* Fresh light is noise, but a texel of level 2 is the mean of 4 x 4: until the error has fallen, less is more. */
-    if (footprint_texels > 0 && compose->calm[tile[0]] > finest)
-        finest = compose->calm[tile[0]] < coarsest ? compose->calm[tile[0]] : coarsest;
-
+/* What stands in for a level: the next coarser one that can be read, or else a finer one. */
+static struct lw_vec3 stand_in(const struct lw_compose *compose, const struct object *object, unsigned first,
+                               struct lw_vec2 uv) {
     struct lw_vec3 e;
-    for (unsigned k = finest; k <= coarsest; k++)
-        if (read_level(compose, &object->level[k], k, uv, &e)) return e;
-    for (unsigned k = finest; k-- > 0;)
-        if (read_level(compose, &object->level[k], k, uv, &e)) return e;
+    for (unsigned k = first; k < object->level_count; k++) {
+        const struct footprint f = footprint_at(&object->level[k], k, uv);
+        if (read_level(compose, &object->level[k], &f, &e)) return e;
+    }
+    for (unsigned k = first; k-- > 0;) {
+        const struct footprint f = footprint_at(&object->level[k], k, uv);
+        if (read_level(compose, &object->level[k], &f, &e)) return e;
+    }
     return compose->stand_in;
 }
 
-/* How many texels of level 0 a pixel spans where its ray meets a surface: the side of a square of the same area. */
-static float footprint_texels(const struct lw_compose *compose, uint32_t o, uint32_t triangle,
-                              struct lw_vec3 normal_os, struct lw_vec3 dir, float pixel_m) {
-    const struct lw_affine *to_world = &compose->pose->object_to_world[o];
-    const float *density = compose->density[compose->scene->object[o].mesh];
-    if (density == NULL) return 0;
-    struct lw_vec3 normal = lw_affine_cofactor_normal(to_world, normal_os);
-    float cosine = fabsf(lw_vec3_dot(lw_vec3_normalize(normal), dir)) / lw_vec3_length(dir);
-    /* m per unit of object space along this surface: a scale need not be the same along all axes */
-    float metres_per_unit = sqrtf(lw_vec3_length(normal));
-    float texels_per_m = density[triangle] / fmaxf(metres_per_unit, 1e-20f);
-    return pixel_m * texels_per_m / sqrtf(fmaxf(cosine, COSINE_MIN));
+/* A triangle that pixels meet. */
+struct patch {
+    uint32_t object, triangle;
+    uint32_t packet; /* the last one that met it */
+    struct lw_facet facet;
+    struct lw_vec3 normal; /* world space; twice the triangle's area long */
+    float grazing;         /* COSINE_MIN of that */
+    float texels;          /* of level 0 on twice the triangle; 0: no other level serves */
+};
+
+static void find_patch(const struct lw_compose *compose, uint32_t o, uint32_t triangle, struct patch *out) {
+    const uint32_t m = compose->scene->object[o].mesh;
+    const struct lw_mesh *mesh = &compose->scene->mesh[m];
+    out->object = o;
+    out->triangle = triangle;
+    lw_scene_facet(compose->scene, mesh, triangle, &out->facet);
+    const uint32_t *vertex = out->facet.vertex;
+    const struct lw_vec2 *uv = out->facet.lightmap_uv;
+    struct lw_vec3 a = lw_vec3_sub(mesh->position[vertex[1]], mesh->position[vertex[0]]);
+    struct lw_vec3 b = lw_vec3_sub(mesh->position[vertex[2]], mesh->position[vertex[0]]);
+    struct lw_vec3 normal_os = lw_vec3_cross(a, b);
+    out->normal = lw_affine_cofactor_normal(&compose->pose->object_to_world[o], normal_os);
+    out->grazing = COSINE_MIN * lw_vec3_length(out->normal);
+    out->texels =
+        fabsf((uv[1].x - uv[0].x) * (uv[2].y - uv[0].y) - (uv[1].y - uv[0].y) * (uv[2].x - uv[0].x));
+    const bool shared = compose->shared[m] && compose->shared[m][triangle];
+    if (shared || !(lw_vec3_length(normal_os) > 1e-30f)) out->texels = 0;
 }
+
+/* The level of which a texel is as large as the pixel where its ray meets the surface, or smaller.
+ * pixel_m^2 texels / (area cosine) texels of level 0 are under a pixel, a quarter of it of level 1; no division is needed to
+ * tell which is one or less. */
+static unsigned level_for(const struct patch *patch, struct lw_vec3 dir, float pixel_m) {
+    const float length = lw_vec3_length(dir), slanted = fabsf(lw_vec3_dot(patch->normal, dir));
+    const float least = patch->grazing * length, area = slanted > least ? slanted : least;
+    float texels = pixel_m * pixel_m * patch->texels * length;
+    unsigned level = 0;
+    for (; level < LW_COMPOSE_LEVEL_MAX && texels >= 4 * area && texels > 0; level++) texels *= 0.25f;
+    return level;
+}
+
+/* Neighbouring pixels mostly meet the same few triangles: those met last, by a hash. */
+#define PATCHES 64u
+_Static_assert(PATCHES >= 2 * LW_TRACE_WIDTH, "a packet always finds a place");
+
+struct patches {
+    uint32_t packet; /* the number of this one */
+    struct patch patch[PATCHES];
+};
+
+/* Good for the rest of the packet. */
+static const struct patch *patch_of(const struct lw_compose *compose, struct patches *all, uint32_t object,
+                                    uint32_t triangle) {
+    for (uint32_t slot = triangle + 29u * object;; slot++) {
+        struct patch *patch = &all->patch[slot % PATCHES];
+        const bool same = patch->triangle == triangle && patch->object == object;
+        if (!same && patch->packet == all->packet) continue;
+        if (!same) find_patch(compose, object, triangle, patch);
+        patch->packet = all->packet;
+        return patch;
+    }
+}
+
+/* A hit, with all that is read of it on the way into the cache. */
+struct look {
+    const struct patch *patch; /* NULL: the ray met nothing */
+    const struct object *object;
+    float weight[3];
+    struct lw_texture_quad texels;
+    struct lw_vec2 uv; /* of the lightmap */
+    unsigned level;
+    struct footprint footprint; /* in that */
+};
 
 /* Sixteen pixels on their way through the layers in front of them. */
 struct packet {
     struct lw_ray16 rays;
+    struct look look[LW_TRACE_WIDTH];
     struct lw_vec3 radiance[LW_TRACE_WIDTH];
     float transmittance[LW_TRACE_WIDTH];
     float pixel_size; /* at depth 1 */
 };
 
+/* Finds out what a hit is to be shaded from, and starts to fetch it. */
+static void look_at(const struct lw_compose *compose, struct patches *patches, const struct packet *p,
+                    const struct lw_hit16 *hits, unsigned i, struct look *out) {
+    out->patch = NULL;
+    if (hits->object[i] == LW_TRACE_MISS) return;
+    const struct patch *patch = patch_of(compose, patches, hits->object[i], hits->triangle[i]);
+    const struct lw_facet *facet = &patch->facet;
+    out->patch = patch;
+    out->weight[0] = 1 - hits->u[i] - hits->v[i];
+    out->weight[1] = hits->u[i];
+    out->weight[2] = hits->v[i];
+    if (facet->varies) out->texels = lw_scene_facet_texels(compose->scene, facet, out->weight);
+
+    const struct object *object = &compose->object[hits->object[i]];
+    out->object = object;
+    if (object->level_count == 0) return;
+    out->uv = lw_scene_facet_mean(facet->lightmap_uv, out->weight);
+    if (hits->back[i]) out->uv.y += (float)facet->mesh->back_offset;
+    const struct lw_vec3 dir = lw_vec3(p->rays.dir_x[i], p->rays.dir_y[i], p->rays.dir_z[i]);
+    const unsigned level = level_for(patch, dir, hits->t[i] * p->pixel_size);
+    out->level = level < object->level_count ? level : object->level_count - 1;
+    const struct level *finest = &object->level[out->level];
+    out->footprint = footprint_at(finest, out->level, out->uv);
+    if (finest->rgb == NULL) return;
+    __builtin_prefetch(texel_at(finest, out->footprint.x0, out->footprint.y0));
+    __builtin_prefetch(texel_at(finest, out->footprint.x0, out->footprint.y1));
+}
+
+static struct lw_vec3 irradiance(struct lw_compose *compose, const struct look *look) {
+    const struct object *object = look->object;
+    if (object->level_count == 0) return compose->stand_in;
+    mark_needed(compose, &look->footprint);
+    /* Fresh light is noise, but a texel of level 2 is the mean of 4 x 4: until the error has fallen, less is more. */
+    const unsigned coarsest = object->level_count - 1;
+    const unsigned calm = look->patch->texels > 0 ? compose->calm[look->footprint.tile[0]] : 0;
+    struct lw_vec3 e;
+    if (calm <= look->level && read_level(compose, &object->level[look->level], &look->footprint, &e))
+        return e;
+    const unsigned first = calm < coarsest ? calm : coarsest;
+    return stand_in(compose, object, first > look->level ? first : look->level, look->uv);
+}
+
 /* Takes in one hit; true if the ray goes on behind it. */
 static bool shade(struct lw_compose *compose, struct packet *p, const struct lw_hit16 *hits, unsigned i,
                   bool last) {
+    const struct look *look = &p->look[i];
     struct lw_vec3 *radiance = &p->radiance[i];
-    if (hits->object[i] == LW_TRACE_MISS) {
+    if (look->patch == NULL) {
         struct lw_vec3 direction = lw_vec3(p->rays.dir_x[i], p->rays.dir_y[i], p->rays.dir_z[i]);
         struct lw_vec3 outside =
             lw_vec3_add(compose->sky, lw_environment_radiance(&compose->scene->environment, direction));
         *radiance = lw_vec3_mad(*radiance, outside, p->transmittance[i]);
         return false;
     }
-    uint32_t o = hits->object[i], triangle = hits->triangle[i];
-    const struct lw_mesh *mesh = &compose->scene->mesh[compose->scene->object[o].mesh];
-    struct lw_surface surface;
-    lw_scene_surface(compose->scene, mesh, triangle, hits->u[i], hits->v[i], &surface);
+    const struct lw_facet *facet = &look->patch->facet;
+    struct lw_surface surface = {.albedo = facet->albedo, .emission = facet->emission, .alpha = facet->alpha};
+    if (facet->varies) lw_scene_facet_colour(compose->scene, facet, look->weight, &look->texels, &surface);
     float alpha = 1.0f;
-    if (surface.material->alpha_mode == LW_ALPHA_BLEND && !last) alpha = surface.alpha;
+    if (facet->material->alpha_mode == LW_ALPHA_BLEND && !last) alpha = surface.alpha;
     if (alpha > 0) {
-        struct lw_vec2 uv = surface.lightmap_uv;
-        if (hits->back[i]) uv.y += (float)mesh->back_offset;
-        struct lw_vec3 dir = lw_vec3(p->rays.dir_x[i], p->rays.dir_y[i], p->rays.dir_z[i]);
-        float texels =
-            footprint_texels(compose, o, triangle, surface.geometric_normal, dir, hits->t[i] * p->pixel_size);
         struct lw_vec3 reflected =
-            lw_vec3_scale(lw_vec3_mul(surface.albedo, irradiance(compose, o, uv, texels)), 1.0f / LW_PI);
+            lw_vec3_scale(lw_vec3_mul(surface.albedo, irradiance(compose, look)), 1.0f / LW_PI);
         struct lw_vec3 leaving = lw_vec3_add(reflected, surface.emission);
         *radiance = lw_vec3_mad(*radiance, leaving, p->transmittance[i] * alpha);
         p->transmittance[i] *= 1.0f - alpha;
@@ -380,13 +458,17 @@ static uint16_t aim(struct packet *p, const struct lw_compose_view *view, const 
 }
 
 static void render_block(struct lw_compose *compose, const struct lw_compose_view *view,
-                         const struct lw_camera_plane *plane, uint32_t x, uint32_t y, float *out_rgb) {
+                         const struct lw_camera_plane *plane, uint32_t x, uint32_t y, struct patches *patches,
+                         float *out_rgb) {
     struct packet p;
     uint16_t active = aim(&p, view, plane, x, y), going = active;
     for (unsigned layer = 0; going && layer < LW_COMPOSE_LAYERS_MAX; layer++) {
         struct lw_hit16 hits;
         uint16_t go_on = 0;
         lw_trace_closest16(compose->trace, LW_TRACE_VIEW | LW_TRACE_COHERENT, going, &p.rays, &hits);
+        patches->packet++;
+        for (unsigned i = 0; i < LW_TRACE_WIDTH; i++)
+            if (going >> i & 1u) look_at(compose, patches, &p, &hits, i, &p.look[i]);
         for (unsigned i = 0; i < LW_TRACE_WIDTH; i++)
             if ((going >> i & 1u) && shade(compose, &p, &hits, i, layer + 1 == LW_COMPOSE_LAYERS_MAX))
                 go_on |= (uint16_t)(1u << i);
@@ -406,9 +488,13 @@ static void render(struct lw_compose *compose, const struct lw_compose_view *vie
 #pragma omp parallel for schedule(dynamic) num_threads(compose->threads)
     for (uint32_t t = 0; t < columns * rows; t++) {
         uint32_t left = t % columns * SCREEN_TILE, top = t / columns * SCREEN_TILE;
+        struct patches patches;
+        patches.packet = 0;
+        for (unsigned i = 0; i < PATCHES; i++)
+            patches.patch[i].object = LW_TRACE_MISS, patches.patch[i].packet = 0;
         for (uint32_t y = top; y < top + SCREEN_TILE && y < view->height; y += BLOCK)
             for (uint32_t x = left; x < left + SCREEN_TILE && x < view->width; x += BLOCK)
-                render_block(compose, view, plane, x, y, out_rgb);
+                render_block(compose, view, plane, x, y, &patches, out_rgb);
     }
 }
 

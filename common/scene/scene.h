@@ -205,6 +205,42 @@ struct lw_surface {
 };
 void lw_scene_surface(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle, float u,
                       float v, struct lw_surface *out);
+/** A triangle of a mesh, with what all points on it share: for those who look at many points of few triangles. */
+struct lw_facet {
+    const struct lw_mesh *mesh;
+    const struct lw_material *material;
+    uint32_t vertex[3];
+    bool varies; /* false: the next three are those of every point */
+    struct lw_vec3 albedo;
+    float alpha;
+    struct lw_vec3 emission;
+    struct lw_vec2 lightmap_uv[3]; /* of the corners */
+    struct lw_vec2 uv[3];          /* of the base colour's texture */
+};
+void lw_scene_facet(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle,
+                    struct lw_facet *out);
+
+/** What corners weigh at a point: 1 - u - v, u, v of barycentrics u, v. */
+static inline struct lw_vec2 lw_scene_facet_mean(const struct lw_vec2 corner[3], const float weight[3]) {
+    const float *w = weight;
+    return (struct lw_vec2){w[0] * corner[0].x + w[1] * corner[1].x + w[2] * corner[2].x,
+                            w[0] * corner[0].y + w[1] * corner[1].y + w[2] * corner[2].y};
+}
+
+/** The four texels that a bilinear look-up mixes, a row after the other. */
+struct lw_texture_quad {
+    const uint8_t *at[4]; /* NULL: there is no texture */
+    float x, y;           /* how far from the first to the second; from the first row to the second */
+};
+
+/** Where a point of a facet reads its base colour. What this finds is on its way into the cache: find the texels of some
+ * points, then ask for their colours. */
+struct lw_texture_quad lw_scene_facet_texels(const struct lw_scene *scene, const struct lw_facet *facet,
+                                             const float weight[3]);
+/** Albedo, alpha and emission at a point of a facet that varies, as in struct lw_surface; the rest of *out stays. */
+void lw_scene_facet_colour(const struct lw_scene *scene, const struct lw_facet *facet, const float weight[3],
+                           const struct lw_texture_quad *texels, struct lw_surface *out);
+
 /** The two normals alone, as in struct lw_surface: returns the shading normal. */
 struct lw_vec3 lw_scene_normal(const struct lw_mesh *mesh, uint32_t triangle, float u, float v,
                                struct lw_vec3 *out_geometric);

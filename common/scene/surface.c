@@ -1,18 +1,31 @@
 #include "common/colour.h"
 #include "common/scene/scene.h"
 
+/* floorf() without the call that it is where the instruction set has no rounding (SSE2). */
+static float whole(float x) {
+    if (!(fabsf(x) < 0x1p23f)) return x; /* whole already, or no number */
+    float cut = (float)(int)x;
+    return cut > x ? cut - 1 : cut;
+}
+
+/* fminf(fmaxf(x, low), high) without those calls: NaN becomes low. */
+static float clamp(float x, float low, float high) {
+    x = x > low ? x : low;
+    return x < high ? x : high;
+}
+
 /* Brings a texture coordinate into the wrap mode's period, so that the texel index fits an int whatever the file says.
  * Finite inputs may still have overflowed in the UV transform; NaN and infinities end at 0. */
 static float reduce(float u, uint8_t wrap) {
     switch ((enum lw_wrap)wrap) {
     case LW_WRAP_REPEAT:
-        u -= floorf(u);
+        u -= whole(u);
         break;
     case LW_WRAP_MIRROR:
-        u -= 2 * floorf(u / 2);
+        u -= 2 * whole(u / 2);
         break;
     case LW_WRAP_CLAMP:
-        u = fminf(fmaxf(u, 0), 1);
+        u = clamp(u, 0, 1);
         break;
     }
     return u >= 0 && u <= 2 ? u : 0;
@@ -35,8 +48,7 @@ static uint32_t wrap_index(int i, int side, uint8_t wrap) {
     return (uint32_t)i;
 }
 
-static struct lw_vec4 texel(const struct lw_texture *texture, uint32_t x, uint32_t y) {
-    const uint8_t *p = texture->rgba + 4 * ((size_t)y * texture->width + x);
+static struct lw_vec4 texel(const uint8_t *p) {
     return (struct lw_vec4){lw_colour_from_srgb8(p[0]), lw_colour_from_srgb8(p[1]),
                             lw_colour_from_srgb8(p[2]), (float)p[3] * (1.0f / 255.0f)};
 }
@@ -46,21 +58,36 @@ static struct lw_vec4 mix(struct lw_vec4 a, struct lw_vec4 b, float t) {
     return (struct lw_vec4){s * a.x + t * b.x, s * a.y + t * b.y, s * a.z + t * b.z, s * a.w + t * b.w};
 }
 
-struct lw_vec4 lw_scene_sample(const struct lw_scene *scene, const struct lw_texture_use *use,
-                               struct lw_vec2 uv) {
-    if (use->texture == LW_SCENE_NONE) return (struct lw_vec4){1, 1, 1, 1};
+static struct lw_texture_quad find_texels(const struct lw_scene *scene, const struct lw_texture_use *use,
+                                          struct lw_vec2 uv) {
     const struct lw_texture *texture = &scene->texture[use->texture];
     const float *m = use->transform;
     float u = reduce(m[0] * uv.x + m[1] * uv.y + m[2], texture->wrap_s);
     float v = reduce(m[3] * uv.x + m[4] * uv.y + m[5], texture->wrap_t);
     int width = (int)texture->width, height = (int)texture->height;
     float x = u * (float)width - 0.5f, y = v * (float)height - 0.5f;
-    float x_floor = floorf(x), y_floor = floorf(y);
+    float x_floor = whole(x), y_floor = whole(y);
     int i = (int)x_floor, j = (int)y_floor;
     uint32_t x0 = wrap_index(i, width, texture->wrap_s), x1 = wrap_index(i + 1, width, texture->wrap_s);
     uint32_t y0 = wrap_index(j, height, texture->wrap_t), y1 = wrap_index(j + 1, height, texture->wrap_t);
-    return mix(mix(texel(texture, x0, y0), texel(texture, x1, y0), x - x_floor),
-               mix(texel(texture, x0, y1), texel(texture, x1, y1), x - x_floor), y - y_floor);
+    const uint8_t *upper = texture->rgba + 4 * ((size_t)y0 * texture->width);
+    const uint8_t *lower = texture->rgba + 4 * ((size_t)y1 * texture->width);
+    return (struct lw_texture_quad){.at = {upper + 4 * (size_t)x0, upper + 4 * (size_t)x1,
+                                           lower + 4 * (size_t)x0, lower + 4 * (size_t)x1},
+                                    .x = x - x_floor,
+                                    .y = y - y_floor};
+}
+
+static struct lw_vec4 read_texels(const struct lw_texture_quad *t) {
+    return mix(mix(texel(t->at[0]), texel(t->at[1]), t->x), mix(texel(t->at[2]), texel(t->at[3]), t->x),
+               t->y);
+}
+
+struct lw_vec4 lw_scene_sample(const struct lw_scene *scene, const struct lw_texture_use *use,
+                               struct lw_vec2 uv) {
+    if (use->texture == LW_SCENE_NONE) return (struct lw_vec4){1, 1, 1, 1};
+    const struct lw_texture_quad texels = find_texels(scene, use, uv);
+    return read_texels(&texels);
 }
 
 /* Barycentric weights of a triangle's corners, with the corners. */
@@ -76,9 +103,8 @@ static struct corners find_corners(const struct lw_mesh *mesh, uint32_t triangle
 
 static struct lw_vec2 interpolate2(const struct lw_vec2 *array, const struct corners *c) {
     if (!array) return (struct lw_vec2){0, 0};
-    struct lw_vec2 a = array[c->vertex[0]], b = array[c->vertex[1]], d = array[c->vertex[2]];
-    const float *w = c->weight;
-    return (struct lw_vec2){w[0] * a.x + w[1] * b.x + w[2] * d.x, w[0] * a.y + w[1] * b.y + w[2] * d.y};
+    const struct lw_vec2 corner[3] = {array[c->vertex[0]], array[c->vertex[1]], array[c->vertex[2]]};
+    return lw_scene_facet_mean(corner, c->weight);
 }
 
 static struct lw_vec3 interpolate3(const struct lw_vec3 *array, const struct corners *c) {
@@ -87,14 +113,13 @@ static struct lw_vec3 interpolate3(const struct lw_vec3 *array, const struct cor
 }
 
 static struct lw_vec4 interpolate4(const struct lw_vec4 *array, const struct corners *c) {
-    if (!array) return (struct lw_vec4){1, 1, 1, 1};
     struct lw_vec4 a = array[c->vertex[0]], b = array[c->vertex[1]], d = array[c->vertex[2]];
     const float *w = c->weight;
     return (struct lw_vec4){w[0] * a.x + w[1] * b.x + w[2] * d.x, w[0] * a.y + w[1] * b.y + w[2] * d.y,
                             w[0] * a.z + w[1] * b.z + w[2] * d.z, w[0] * a.w + w[1] * b.w + w[2] * d.w};
 }
 
-static float clamp01(float x) { return fminf(fmaxf(x, 0), 1); }
+static float clamp01(float x) { return clamp(x, 0, 1); }
 
 static float opacity(const struct lw_material *material, float alpha) {
     switch ((enum lw_alpha_mode)material->alpha_mode) {
@@ -108,13 +133,21 @@ static float opacity(const struct lw_material *material, float alpha) {
     return 1;
 }
 
+/* sample: of its texture. */
+static struct lw_vec4 tint(const struct lw_mesh *mesh, const struct lw_material *material,
+                           struct lw_vec4 sample, const struct corners *corners) {
+    const float *f = material->base_colour;
+    struct lw_vec4 t = {f[0] * sample.x, f[1] * sample.y, f[2] * sample.z, f[3] * sample.w};
+    if (!mesh->colour) return t;
+    struct lw_vec4 c = interpolate4(mesh->colour, corners);
+    return (struct lw_vec4){t.x * c.x, t.y * c.y, t.z * c.z, t.w * c.w};
+}
+
 static struct lw_vec4 base_colour(const struct lw_scene *scene, const struct lw_mesh *mesh,
                                   const struct lw_material *material, const struct corners *corners) {
     const struct lw_texture_use *use = &material->base_colour_texture;
-    struct lw_vec4 t = lw_scene_sample(scene, use, interpolate2(mesh->uv[use->uv_set], corners));
-    struct lw_vec4 c = interpolate4(mesh->colour, corners);
-    const float *f = material->base_colour;
-    return (struct lw_vec4){f[0] * t.x * c.x, f[1] * t.y * c.y, f[2] * t.z * c.z, f[3] * t.w * c.w};
+    struct lw_vec2 uv = interpolate2(mesh->uv[use->uv_set], corners);
+    return tint(mesh, material, lw_scene_sample(scene, use, uv), corners);
 }
 
 static struct lw_vec3 emission(const struct lw_scene *scene, const struct lw_mesh *mesh,
@@ -151,6 +184,51 @@ void lw_scene_surface(const struct lw_scene *scene, const struct lw_mesh *mesh, 
     out->emission = emission(scene, mesh, material, &corners);
     out->lightmap_uv = interpolate2(mesh->lightmap_uv, &corners);
     out->material = material;
+}
+
+static void gather2(const struct lw_vec2 *array, const uint32_t vertex[3], struct lw_vec2 out[3]) {
+    for (int i = 0; i < 3; i++) out[i] = array ? array[vertex[i]] : (struct lw_vec2){0, 0};
+}
+
+void lw_scene_facet(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle,
+                    struct lw_facet *out) {
+    const struct lw_material *material = &scene->material[mesh->material[triangle]];
+    const struct lw_texture_use *base = &material->base_colour_texture, *glow = &material->emission_texture;
+    const float *f = material->base_colour, *e = material->emission;
+    const uint32_t *vertex = mesh->triangle[triangle];
+    const bool shines = e[0] != 0 || e[1] != 0 || e[2] != 0;
+    out->mesh = mesh;
+    out->material = material;
+    for (int i = 0; i < 3; i++) out->vertex[i] = vertex[i];
+    out->varies =
+        base->texture != LW_SCENE_NONE || mesh->colour || (shines && glow->texture != LW_SCENE_NONE);
+    out->albedo = lw_vec3(clamp01(f[0]), clamp01(f[1]), clamp01(f[2]));
+    out->alpha = opacity(material, f[3]);
+    out->emission = lw_vec3(e[0], e[1], e[2]);
+    gather2(mesh->lightmap_uv, vertex, out->lightmap_uv);
+    gather2(mesh->uv[base->uv_set], vertex, out->uv);
+}
+
+struct lw_texture_quad lw_scene_facet_texels(const struct lw_scene *scene, const struct lw_facet *facet,
+                                             const float weight[3]) {
+    const struct lw_texture_use *use = &facet->material->base_colour_texture;
+    if (use->texture == LW_SCENE_NONE) return (struct lw_texture_quad){.at = {NULL}};
+    const struct lw_texture_quad texels = find_texels(scene, use, lw_scene_facet_mean(facet->uv, weight));
+    __builtin_prefetch(texels.at[0]);
+    __builtin_prefetch(texels.at[2]);
+    return texels;
+}
+
+void lw_scene_facet_colour(const struct lw_scene *scene, const struct lw_facet *facet, const float weight[3],
+                           const struct lw_texture_quad *texels, struct lw_surface *out) {
+    const struct lw_material *material = facet->material;
+    const struct corners corners = {{facet->vertex[0], facet->vertex[1], facet->vertex[2]},
+                                    {weight[0], weight[1], weight[2]}};
+    const struct lw_vec4 sample = texels->at[0] ? read_texels(texels) : (struct lw_vec4){1, 1, 1, 1};
+    const struct lw_vec4 colour = tint(facet->mesh, material, sample, &corners);
+    out->albedo = lw_vec3(clamp01(colour.x), clamp01(colour.y), clamp01(colour.z));
+    out->alpha = opacity(material, colour.w);
+    out->emission = emission(scene, facet->mesh, material, &corners);
 }
 
 /* Share in which a corner lifts, by the cosine of its normal with the face: see scene.h. */

@@ -186,6 +186,64 @@ static void test_emission_and_albedo(void **state) {
     world_finish(&w);
 }
 
+static struct lw_vec3 colour_expected(const struct world *w, const struct lw_hit16 *hits, int i) {
+    if (hits->object[i] == LW_TRACE_MISS) return lw_vec3(w->source.sky.x, w->source.sky.y, w->source.sky.z);
+    struct lw_surface surface;
+    lw_scene_surface(w->scene, &w->scene->mesh[0], hits->triangle[i], hits->u[i], hits->v[i], &surface);
+    const float e = w->rgb[hits->object[i] * LW_ATLAS_LEVELS_MAX][0];
+    return lw_vec3_add(lw_vec3_scale(surface.albedo, e / LW_PI), surface.emission);
+}
+
+/* Every triangle is some pixels wide: packets meet up to sixteen, and a thread far more than it keeps at hand. */
+static void test_many_small_triangles(void **state) {
+    (void)state;
+    const uint32_t count = 3000;
+    struct lw_scene *scene = squares(count, 16, false);
+    struct lw_vec4 *colour = lw_scene_alloc(scene, 4, sizeof *colour);
+    for (int i = 0; i < 4; i++) colour[i] = (struct lw_vec4){0.25f * (float)i, 1 - 0.3f * (float)i, 0.5f, 1};
+    scene->mesh[0].colour = colour;
+    scene->material[0].emission[2] = 0.25f;
+    for (uint32_t o = 0; o < count; o++)
+        for (uint32_t axis = 0; axis < 3; axis++) {
+            scene->node[o].translation[axis] = 60 * lw_random_unit(lw_random_hash2(o, axis)) - 30;
+            scene->node[o].scale[axis] = 0.2f;
+        }
+    struct world w;
+    world_init(&w, scene);
+    for (uint32_t o = 0; o < count; o++) fill_constant(&w, o, (float)(o + 1));
+    struct lw_compose_view view = look(2, 80, 1, 0, 0, 0, 40);
+    view.width = 203, view.height = 101; /* no multiples of a packet */
+    float *rgb = malloc((size_t)view.width * view.height * 3 * sizeof *rgb);
+    assert_non_null(rgb);
+    render(&w, &view, rgb);
+
+    const struct lw_camera_plane plane = lw_camera_plane(&view.camera, view.width, view.height);
+    unsigned met = 0;
+    for (uint32_t y = 0; y < view.height; y += 4)
+        for (uint32_t x = 0; x < view.width; x += 4) {
+            struct lw_ray16 rays = {.salt = 0};
+            struct lw_hit16 hits;
+            for (uint32_t i = 0; i < 16; i++)
+                lw_trace_set_ray(
+                    &rays, i, view.camera.position,
+                    lw_camera_direction(&plane, (float)(x + i % 4) + 0.5f, (float)(y + i / 4) + 0.5f),
+                    INFINITY);
+            lw_trace_closest16(w.trace, LW_TRACE_VIEW | LW_TRACE_COHERENT, 0xffff, &rays, &hits);
+            for (uint32_t i = 0; i < 16; i++) {
+                if (x + i % 4 >= view.width || y + i / 4 >= view.height) continue;
+                const struct lw_vec3 expected = colour_expected(&w, &hits, (int)i);
+                const float *pixel = rgb + 3 * ((size_t)(y + i / 4) * view.width + x + i % 4);
+                assert_float_equal(pixel[0], expected.x, 1e-5f * (1 + expected.x));
+                assert_float_equal(pixel[1], expected.y, 1e-5f * (1 + expected.y));
+                assert_float_equal(pixel[2], expected.z, 1e-5f * (1 + expected.z));
+                met += hits.object[i] != LW_TRACE_MISS;
+            }
+        }
+    assert_true(met > view.width * view.height / 8);
+    free(rgb);
+    world_finish(&w);
+}
+
 static void test_sky(void **state) {
     (void)state;
     struct world w;
@@ -646,6 +704,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_constant),
         cmocka_unit_test(test_emission_and_albedo),
+        cmocka_unit_test(test_many_small_triangles),
         cmocka_unit_test(test_sky),
         cmocka_unit_test(test_environment),
         cmocka_unit_test(test_ramps),

@@ -272,8 +272,45 @@ static void sharp_edges_do_not_lift(void **state) {
     assert_near(middle.y, cosf(0.2f));
 }
 
+/* Facets are a quicker way to the same numbers, for every kind of material. */
+static void facets_say_what_surfaces_say(void **state) {
+    (void)state;
+    struct lw_scene *scene = lw_support_everything();
+    unsigned varying = 0, plain = 0;
+    for (uint32_t m = 0; m < scene->mesh_count; m++) {
+        const struct lw_mesh *mesh = &scene->mesh[m];
+        uint32_t *material = (uint32_t *)mesh->material; /* ours: every triangle of every material */
+        for (uint32_t t = 0; t < mesh->triangle_count; t++)
+            for (material[t] = 0; material[t] < scene->material_count; material[t]++) {
+                for (int i = 0; i <= 8; i++)
+                    for (int j = 0; j <= 8 - i; j++) {
+                        const float u = 0.125f * (float)i, v = 0.125f * (float)j;
+                        const float weight[3] = {1 - u - v, u, v};
+                        struct lw_surface expected;
+                        struct lw_facet facet;
+                        lw_scene_surface(scene, mesh, t, u, v, &expected);
+                        lw_scene_facet(scene, mesh, t, &facet);
+                        struct lw_surface found = {
+                            .albedo = facet.albedo, .alpha = facet.alpha, .emission = facet.emission};
+                        const struct lw_texture_quad texels = lw_scene_facet_texels(scene, &facet, weight);
+                        if (facet.varies) lw_scene_facet_colour(scene, &facet, weight, &texels, &found);
+                        varying += facet.varies, plain += !facet.varies;
+                        assert_memory_equal(&found.albedo, &expected.albedo, sizeof found.albedo);
+                        assert_memory_equal(&found.emission, &expected.emission, sizeof found.emission);
+                        assert_float_equal(found.alpha, expected.alpha, 0);
+                        assert_ptr_equal(facet.material, expected.material);
+                        const struct lw_vec2 uv = lw_scene_facet_mean(facet.lightmap_uv, weight);
+                        assert_memory_equal(&uv, &expected.lightmap_uv, sizeof uv);
+                    }
+            }
+    }
+    assert_true(varying > 0 && plain > 0);
+    lw_scene_destroy(scene);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(facets_say_what_surfaces_say),
         cmocka_unit_test(texel_centres_give_texels),
         cmocka_unit_test(light_is_mixed_after_decoding),
         cmocka_unit_test(edges_follow_the_wrap_mode),
