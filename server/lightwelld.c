@@ -9,6 +9,7 @@
 #include "common/scene/lightmap.h"
 #include "common/scene/package.h"
 #include "common/scene/scene_open.h"
+#include "common/tile/tile_codec.h"
 #include "server/publish/publisher.h"
 #include "server/serve/server.h"
 #include "server/solve/cell_solver.h"
@@ -31,6 +32,7 @@
 
 enum clock_kind { CLOCK_REAL, CLOCK_STEP, CLOCK_MANUAL };
 enum light_kind { LIGHT_WHOLE, LIGHT_SEEN };
+enum codec_kind { CODEC_HALF, CODEC_DCT };
 
 struct settings {
     struct lw_scene_open scene;
@@ -39,7 +41,7 @@ struct settings {
     int probe_form, denoise;
     double tracing_range, cell_size, probe_spacing, frame_rate, freeze_s, error;
     bool animate, freeze, json;
-    int clock, light;
+    int clock, light, codec;
     char host[256];
     uint16_t port;
 };
@@ -127,6 +129,11 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "seen: what clients look at and what lights it, nothing while nobody looks (default). whole: all of "
          "it",
          LW_OPTION_CHOICE, &s->light, 0, 0, NULL},
+        {"codec", "half|dct",
+         "dct: tiles as exact as their noise lets them be (default). half: 16-bit floats, ten times the "
+         "bytes, "
+         "for clients that read nothing else",
+         LW_OPTION_CHOICE, &s->codec, 0, 0, NULL},
         {"seed", "N", "of all random numbers (default 1)", LW_OPTION_INT, &s->seed, 0, UINT32_MAX, NULL},
         {"animate", NULL, "run the scene's animation (default if it has one)", LW_OPTION_FLAG, &s->animate, 0,
          0, NULL},
@@ -200,6 +207,9 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
                                                              .atlas_map = &d->atlas_map,
                                                              .solver = d->solver,
                                                              .target_error = (float)s->error,
+                                                             .codec = s->codec == CODEC_DCT
+                                                                          ? LW_TILE_CODEC_DCT
+                                                                          : LW_TILE_CODEC_HALF_ZSTD,
                                                              .threads = (unsigned)s->scene.threads},
                                  &d->publisher);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "publisher");
@@ -410,14 +420,16 @@ static enum lw_status run(struct daemon *d, struct lw_error *err) {
     enum lw_status status = read_scene(d, err);
     if (status != LW_OK) return status;
     /* The port before the long work: an address in use should be known at once. */
-    status = lw_server_create(&(struct lw_server_desc){.host = s->host,
-                                                       .port = s->port,
-                                                       .atlas_map = &d->atlas_map,
-                                                       .package = d->package,
-                                                       .package_size = d->package_size,
-                                                       .bounces = (uint32_t)s->bounces,
-                                                       .target_error = (float)s->error},
-                              &d->server, err);
+    status =
+        lw_server_create(&(struct lw_server_desc){.host = s->host,
+                                                  .port = s->port,
+                                                  .atlas_map = &d->atlas_map,
+                                                  .package = d->package,
+                                                  .package_size = d->package_size,
+                                                  .bounces = (uint32_t)s->bounces,
+                                                  .target_error = (float)s->error,
+                                                  .features = s->codec == CODEC_DCT ? LW_FEATURE_DCT : 0},
+                         &d->server, err);
     if (status != LW_OK) return status;
     if (signalled) return lw_status_fail(err, LW_CLOSED, "%s: stopped before it was lit", s->scene.path);
     return serve(d, err);
@@ -442,6 +454,7 @@ int main(int argc, char **argv) {
                      .indirect_samples = 2,
                      .denoise = 1,
                      .light = LIGHT_SEEN,
+                     .codec = CODEC_DCT,
                      .frame_rate = 30,
                      .seed = 1,
                      .error = (double)TARGET_ERROR,

@@ -61,7 +61,8 @@ static enum lw_status handle_refusal(const struct lw_client *c, const struct lw_
                                      struct lw_error *err) {
     const char *text = refusal->text && *refusal->text ? refusal->text : "it did not say why";
     if (c->welcomed) return lw_status_fail(err, LW_CLOSED, "it ended the session: %s", text);
-    enum lw_status status = refusal->code == LW_REFUSAL_VERSION || refusal->code == LW_REFUSAL_PROTOCOL
+    enum lw_status status = refusal->code == LW_REFUSAL_VERSION || refusal->code == LW_REFUSAL_PROTOCOL ||
+                                    refusal->code == LW_REFUSAL_FEATURES
                                 ? LW_PROTOCOL
                                 : LW_UNAVAILABLE;
     return lw_status_fail(err, status, "it refused us: %s", text);
@@ -247,7 +248,9 @@ static enum lw_status shake_hands(struct lw_client *c, const char *name, unsigne
                                   struct lw_error *err) {
     uint64_t deadline_ns = lw_clock_ns() + timeout_ms * 1000000ull;
     struct lw_message hello = {.type = LW_MESSAGE_HELLO,
-                               .hello = {.version = LW_WIRE_VERSION, .name = name ? name : "liblightwell"}};
+                               .hello = {.version = LW_WIRE_VERSION,
+                                         .features = LW_FEATURE_DCT,
+                                         .name = name ? name : "liblightwell"}};
     if (lw_message_validate(&hello, NULL) != LW_OK)
         return lw_status_fail(err, LW_USAGE,
                               "a client's name is at most %u bytes of UTF-8, without control characters",

@@ -150,8 +150,12 @@ static enum lw_status send_tile(struct lw_publisher *p, struct worker *worker, l
     float scale;
     uint32_t saturated;
     enum lw_status status =
-        lw_tile_codec_encode_half(worker->codec, worker->rgb, place->width, place->height, worker->payload,
-                                  lw_tile_codec_bound(), &size, &scale, &saturated);
+        p->desc.codec == LW_TILE_CODEC_DCT
+            ? lw_tile_codec_encode_dct(worker->codec, worker->rgb, worker->covered, place->width,
+                                       place->height, lw_publisher_step(error, place->level), worker->payload,
+                                       lw_tile_codec_bound(), &size, &scale, &saturated)
+            : lw_tile_codec_encode_half(worker->codec, worker->rgb, place->width, place->height,
+                                        worker->payload, lw_tile_codec_bound(), &size, &scale, &saturated);
     if (status != LW_OK) return status;
     const struct lw_atlas_level *level = &p->desc.atlas_map->atlas[place->object].level[place->level];
     struct lw_blob *blob;
@@ -160,7 +164,7 @@ static enum lw_status send_tile(struct lw_publisher *p, struct worker *worker, l
                                                                 .level = place->level,
                                                                 .tile = place->y * level->tiles_x + place->x,
                                                                 .version = frame,
-                                                                .codec = LW_TILE_CODEC_HALF_ZSTD,
+                                                                .codec = p->desc.codec,
                                                                 .scale = scale,
                                                                 .bounces = bounces,
                                                                 .error = error,

@@ -313,6 +313,7 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     shared->stall_timeout_ns =
         1000000ull * (desc->stall_timeout_ms ? desc->stall_timeout_ms : 1000 * LW_SERVER_STALL_TIMEOUT_S);
     shared->welcome = (struct lw_message_welcome){.version = LW_WIRE_VERSION,
+                                                  .features = desc->features,
                                                   .name = "lightwelld " LW_VERSION,
                                                   .package_size = desc->package_size,
                                                   .bounces = desc->bounces,

@@ -23,6 +23,7 @@ struct lw_server_desc {
     size_t package_size;
     uint32_t bounces;          /* for the welcome */
     float target_error;        /* for the welcome */
+    uint64_t features;         /* LW_FEATURE_* that a client must have: what its tiles are made of */
     uint32_t sessions_max;     /* 0: LW_SERVER_SESSIONS_MAX */
     unsigned hello_timeout_ms; /* 0: LW_SERVER_HELLO_TIMEOUT_S */
     unsigned stall_timeout_ms; /* 0: LW_SERVER_STALL_TIMEOUT_S */

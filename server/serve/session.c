@@ -428,6 +428,12 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
                           LW_WIRE_VERSION, hello->version);
         return;
     }
+    if (s->shared->welcome.features & ~hello->features) { /* tiles are encoded once: there are no others */
+        lw_session_refuse(s, LW_REFUSAL_FEATURES,
+                          "this server sends tiles of codec 2 (dct), which the client does not read: a newer "
+                          "client does, and lightwelld --codec half sends others");
+        return;
+    }
     struct lw_message message = {.type = LW_MESSAGE_WELCOME, .welcome = s->shared->welcome};
     message.welcome.session = s->number;
     if (lw_blob_from_message(&message, &s->control) != LW_OK) {

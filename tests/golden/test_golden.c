@@ -27,6 +27,10 @@ static const struct golden {
     struct lw_message message;
 } valid[] = {
     {"hello.bin", {.type = LW_MESSAGE_HELLO, .hello = {.version = 1, .name = "stranger"}}},
+    {"hello_features.bin",
+     {.type = LW_MESSAGE_HELLO, .hello = {.version = 1, .features = LW_FEATURE_DCT, .name = "stranger"}}},
+    {"refusal_features.bin",
+     {.type = LW_MESSAGE_REFUSAL, .refusal = {LW_REFUSAL_FEATURES, "tiles of codec 2"}}},
     {"welcome.bin",
      {.type = LW_MESSAGE_WELCOME,
       .welcome = {1,

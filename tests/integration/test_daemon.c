@@ -339,9 +339,11 @@ static void rest_costs_nothing(void **state) {
 
 /* ---- peers that misbehave ---- */
 
-static const uint8_t hello[] = {12,   0, 0,   0,   1,   0,   0,   0,   8,   1,
-                                0x1a, 8, 's', 't', 'r', 'a', 'n', 'g', 'e', 'r'},
-                     package_request[] = {0, 0, 0, 0, 4, 0, 0, 0};
+static const uint8_t hello[] = {14, 0,    0, 0,   1,   0,   0,   0,   8,   1,   0x10,
+                                1,  0x1a, 8, 's', 't', 'r', 'a', 'n', 'g', 'e', 'r'},
+                     old_hello[] = {12,   0, 0,   0,   1,   0,   0,   0,   8,   1,
+                                    0x1a, 8, 's', 't', 'r', 'a', 'n', 'g', 'e', 'r'},
+                     package_request[] = {0, 0, 0, 0, 4, 0, 0, 0}; /* the old one offers no features */
 enum { REFUSAL = 3, PACKAGE_CHUNK = 5, TILE = 8 };
 
 static int connect_raw(const struct lw_process *daemon) {
@@ -439,12 +441,26 @@ static void misbehave_in_every_way(const struct lw_process *daemon) {
     memcpy(other_version, hello, sizeof hello);
     other_version[9] = 2;
     is_refused(daemon, other_version, sizeof other_version, 1);
+    is_refused(daemon, old_hello, sizeof old_hello, 6); /* it could not read the tiles */
     is_refused(daemon, (const uint8_t *)"GET / HTTP/1.0\r\n\r\n", 18, 3);
     is_refused(daemon, package_request, sizeof package_request, 3); /* before the hello */
     leave_amid(daemon, PACKAGE_CHUNK);
     leave_amid(daemon, TILE);
     send_garbage(daemon);
     reset(connect_raw(daemon));
+}
+
+static void old_clients_get_halves(void **state) {
+    (void)state;
+    struct lw_process daemon;
+    uint8_t start[2];
+    lw_process_serve(&daemon, NEVER_RESTS "--codec half");
+    int old = connect_raw(&daemon);
+    say(old, old_hello, sizeof old_hello);
+    say(old, package_request, sizeof package_request);
+    hear_up_to(old, TILE, start);
+    close(old);
+    wait_complete(join(&daemon)); /* and new ones too */
 }
 
 static void misbehaving_peers_hurt_nobody(void **state) {
@@ -902,6 +918,7 @@ int main(void) {
         cmocka_unit_test_teardown(all_see_the_same, end_all),
         cmocka_unit_test_teardown(threads_change_nothing_and_seeds_do, end_all),
         cmocka_unit_test_teardown(rest_costs_nothing, end_all),
+        cmocka_unit_test_teardown(old_clients_get_halves, end_all),
         cmocka_unit_test_teardown(misbehaving_peers_hurt_nobody, end_all),
         cmocka_unit_test_teardown(signals_stop_it_cleanly, end_all),
         cmocka_unit_test_teardown(a_signal_ends_a_long_frame, end_all),

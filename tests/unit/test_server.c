@@ -721,6 +721,23 @@ static void test_wrong_version(void **state) {
     end(f);
 }
 
+static void test_features_that_are_needed(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){.features = LW_FEATURE_DCT});
+    int s = dial(f);
+    put(s, &hello); /* an old client: it offers none */
+    expect_refusal(s, LW_REFUSAL_FEATURES);
+    s = dial(f);
+    put(s, &(struct lw_message){.type = LW_MESSAGE_HELLO,
+                                .hello = {.version = LW_WIRE_VERSION, .features = LW_FEATURE_DCT | 1u << 9}});
+    struct lw_message m;
+    expect(s, LW_MESSAGE_WELCOME, &m);
+    assert_int_equal(m.welcome.features, LW_FEATURE_DCT); /* not what this server has never heard of */
+    lw_message_finish(&m);
+    assert_int_equal(stats_of(f).sessions_total, 1);
+    end(f);
+}
+
 static void test_half_hello(void **state) {
     (void)state;
     struct fixture *f = start(&(struct lw_server_desc){.hello_timeout_ms = 1000});
@@ -945,6 +962,7 @@ int main(void) {
         cmocka_unit_test(test_garbage),
         cmocka_unit_test(test_out_of_order),
         cmocka_unit_test(test_wrong_version),
+        cmocka_unit_test(test_features_that_are_needed),
         cmocka_unit_test(test_half_hello),
         cmocka_unit_test(test_many_messages_in_pieces),
         cmocka_unit_test(test_abrupt_close),
