@@ -220,21 +220,20 @@ static void split(float texel, uint32_t size, uint32_t *out_0, uint32_t *out_1, 
     *out_fraction = at - (float)low;
 }
 
-static struct footprint footprint_at(const struct level *level, unsigned k, struct lw_vec2 uv) {
-    struct footprint f;
+static inline void footprint_at(const struct level *level, unsigned k, struct lw_vec2 uv,
+                                struct footprint *f) {
     const float scale = 1.0f / (float)(1u << k);
-    split(uv.x * scale, level->width, &f.x0, &f.x1, &f.fx);
-    split(uv.y * scale, level->height, &f.y0, &f.y1, &f.fy);
-    const uint32_t left = f.x0 / LW_TILE_SIDE, right = f.x1 / LW_TILE_SIDE;
-    const uint32_t top = f.y0 / LW_TILE_SIDE, bottom = f.y1 / LW_TILE_SIDE;
-    f.tile[0] = level->first_tile + top * level->tiles_x + left;
-    f.tile_count = 1;
-    if (left == right && top == bottom) return f;
-    f.tile_count = 4;
-    f.tile[1] = level->first_tile + top * level->tiles_x + right;
-    f.tile[2] = level->first_tile + bottom * level->tiles_x + left;
-    f.tile[3] = level->first_tile + bottom * level->tiles_x + right;
-    return f;
+    split(uv.x * scale, level->width, &f->x0, &f->x1, &f->fx);
+    split(uv.y * scale, level->height, &f->y0, &f->y1, &f->fy);
+    const uint32_t left = f->x0 / LW_TILE_SIDE, right = f->x1 / LW_TILE_SIDE;
+    const uint32_t top = f->y0 / LW_TILE_SIDE, bottom = f->y1 / LW_TILE_SIDE;
+    f->tile[0] = level->first_tile + top * level->tiles_x + left;
+    f->tile_count = 1;
+    if (left == right && top == bottom) return;
+    f->tile_count = 4;
+    f->tile[1] = level->first_tile + top * level->tiles_x + right;
+    f->tile[2] = level->first_tile + bottom * level->tiles_x + left;
+    f->tile[3] = level->first_tile + bottom * level->tiles_x + right;
 }
 
 static const float *texel_at(const struct level *level, uint32_t x, uint32_t y) {
@@ -275,12 +274,13 @@ static void mark_needed(struct lw_compose *compose, const struct footprint *f) {
 static struct lw_vec3 stand_in(const struct lw_compose *compose, const struct object *object, unsigned first,
                                struct lw_vec2 uv) {
     struct lw_vec3 e;
+    struct footprint f;
     for (unsigned k = first; k < object->level_count; k++) {
-        const struct footprint f = footprint_at(&object->level[k], k, uv);
+        footprint_at(&object->level[k], k, uv, &f);
         if (read_level(compose, &object->level[k], &f, &e)) return e;
     }
     for (unsigned k = first; k-- > 0;) {
-        const struct footprint f = footprint_at(&object->level[k], k, uv);
+        footprint_at(&object->level[k], k, uv, &f);
         if (read_level(compose, &object->level[k], &f, &e)) return e;
     }
     return compose->stand_in;
@@ -380,7 +380,7 @@ static void look_at(const struct lw_compose *compose, struct patches *patches, c
     out->weight[0] = 1 - hits->u[i] - hits->v[i];
     out->weight[1] = hits->u[i];
     out->weight[2] = hits->v[i];
-    if (facet->varies) out->texels = lw_scene_facet_texels(compose->scene, facet, out->weight);
+    if (facet->varies) lw_scene_facet_texels(compose->scene, facet, out->weight, &out->texels);
 
     const struct object *object = &compose->object[hits->object[i]];
     out->object = object;
@@ -391,7 +391,7 @@ static void look_at(const struct lw_compose *compose, struct patches *patches, c
     const unsigned level = level_for(patch, dir, hits->t[i] * p->pixel_size);
     out->level = level < object->level_count ? level : object->level_count - 1;
     const struct level *finest = &object->level[out->level];
-    out->footprint = footprint_at(finest, out->level, out->uv);
+    footprint_at(finest, out->level, out->uv, &out->footprint);
     if (finest->rgb == NULL) return;
     __builtin_prefetch(texel_at(finest, out->footprint.x0, out->footprint.y0));
     __builtin_prefetch(texel_at(finest, out->footprint.x0, out->footprint.y1));
@@ -441,18 +441,36 @@ static bool shade(struct lw_compose *compose, struct packet *p, const struct lw_
     return true;
 }
 
+/* The ray of lw_camera_direction() through each pixel of a block, an axis at a time. */
+static void aim_axis(float middle, float right, float up, const float across[16], const float upward[16],
+                     float out[16]) {
+    for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) out[i] = middle + right * across[i] + up * upward[i];
+}
+
+static void fill(float value, float out[16]) {
+    for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) out[i] = value;
+}
+
 static uint16_t aim(struct packet *p, const struct lw_compose_view *view, const struct lw_camera_plane *plane,
                     uint32_t x, uint32_t y) {
-    uint16_t active = 0;
-    p->pixel_size = plane->pixel;
+    float across[LW_TRACE_WIDTH], upward[LW_TRACE_WIDTH];
+    const struct lw_vec3 from = view->camera.position, middle = plane->middle, right = plane->right,
+                         up = plane->up;
     for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
-        uint32_t px = x + i % BLOCK, py = y + i / BLOCK;
-        if (px < view->width && py < view->height) active |= (uint16_t)(1u << i);
-        struct lw_vec3 dir =
-            lw_camera_direction(plane, (float)px + 0.5f + view->offset_x, (float)py + 0.5f + view->offset_y);
-        lw_trace_set_ray(&p->rays, i, view->camera.position, dir, INFINITY);
+        across[i] = (float)(int32_t)(x + i % BLOCK) + 0.5f + view->offset_x - plane->half_width;
+        upward[i] = plane->half_height - ((float)(int32_t)(y + i / BLOCK) + 0.5f + view->offset_y);
+    }
+    aim_axis(middle.x, right.x, up.x, across, upward, p->rays.dir_x);
+    aim_axis(middle.y, right.y, up.y, across, upward, p->rays.dir_y);
+    aim_axis(middle.z, right.z, up.z, across, upward, p->rays.dir_z);
+    fill(from.x, p->rays.org_x), fill(from.y, p->rays.org_y), fill(from.z, p->rays.org_z);
+    fill(0, p->rays.t_near), fill(INFINITY, p->rays.t_far), fill(1, p->transmittance);
+    p->rays.salt = 0;
+    p->pixel_size = plane->pixel;
+    uint16_t active = 0;
+    for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
         p->radiance[i] = lw_vec3(0, 0, 0);
-        p->transmittance[i] = 1;
+        if (x + i % BLOCK < view->width && y + i / BLOCK < view->height) active |= (uint16_t)(1u << i);
     }
     return active;
 }

@@ -229,14 +229,14 @@ static inline struct lw_vec2 lw_scene_facet_mean(const struct lw_vec2 corner[3],
 
 /** The four texels that a bilinear look-up mixes, a row after the other. */
 struct lw_texture_quad {
-    const uint8_t *at[4]; /* NULL: there is no texture */
+    const uint8_t *at[4]; /* the first one NULL: there is no texture */
     float x, y;           /* how far from the first to the second; from the first row to the second */
 };
 
 /** Where a point of a facet reads its base colour. What this finds is on its way into the cache: find the texels of some
  * points, then ask for their colours. */
-struct lw_texture_quad lw_scene_facet_texels(const struct lw_scene *scene, const struct lw_facet *facet,
-                                             const float weight[3]);
+void lw_scene_facet_texels(const struct lw_scene *scene, const struct lw_facet *facet, const float weight[3],
+                           struct lw_texture_quad *out);
 /** Albedo, alpha and emission at a point of a facet that varies, as in struct lw_surface; the rest of *out stays. */
 void lw_scene_facet_colour(const struct lw_scene *scene, const struct lw_facet *facet, const float weight[3],
                            const struct lw_texture_quad *texels, struct lw_surface *out);

@@ -2,7 +2,7 @@
 #include "common/scene/scene.h"
 
 /* floorf() without the call that it is where the instruction set has no rounding (SSE2). */
-static float whole(float x) {
+static inline float whole(float x) {
     if (!(fabsf(x) < 0x1p23f)) return x; /* whole already, or no number */
     float cut = (float)(int)x;
     return cut > x ? cut - 1 : cut;
@@ -16,7 +16,7 @@ static float clamp(float x, float low, float high) {
 
 /* Brings a texture coordinate into the wrap mode's period, so that the texel index fits an int whatever the file says.
  * Finite inputs may still have overflowed in the UV transform; NaN and infinities end at 0. */
-static float reduce(float u, uint8_t wrap) {
+static inline float reduce(float u, uint8_t wrap) {
     switch ((enum lw_wrap)wrap) {
     case LW_WRAP_REPEAT:
         u -= whole(u);
@@ -32,7 +32,7 @@ static float reduce(float u, uint8_t wrap) {
 }
 
 /* Texel index of i, at most one texel outside the period. */
-static uint32_t wrap_index(int i, int side, uint8_t wrap) {
+static inline uint32_t wrap_index(int i, int side, uint8_t wrap) {
     switch ((enum lw_wrap)wrap) {
     case LW_WRAP_REPEAT:
         i = i < 0 ? i + side : i >= side ? i - side : i;
@@ -58,24 +58,26 @@ static struct lw_vec4 mix(struct lw_vec4 a, struct lw_vec4 b, float t) {
     return (struct lw_vec4){s * a.x + t * b.x, s * a.y + t * b.y, s * a.z + t * b.z, s * a.w + t * b.w};
 }
 
-static struct lw_texture_quad find_texels(const struct lw_scene *scene, const struct lw_texture_use *use,
-                                          struct lw_vec2 uv) {
+static inline void find_texels(const struct lw_scene *scene, const struct lw_texture_use *use,
+                               struct lw_vec2 uv, struct lw_texture_quad *out) {
     const struct lw_texture *texture = &scene->texture[use->texture];
     const float *m = use->transform;
     float u = reduce(m[0] * uv.x + m[1] * uv.y + m[2], texture->wrap_s);
     float v = reduce(m[3] * uv.x + m[4] * uv.y + m[5], texture->wrap_t);
     int width = (int)texture->width, height = (int)texture->height;
     float x = u * (float)width - 0.5f, y = v * (float)height - 0.5f;
-    float x_floor = whole(x), y_floor = whole(y);
-    int i = (int)x_floor, j = (int)y_floor;
+    int i = (int)x, j = (int)y; /* towards 0, but the floor is wanted */
+    i -= (float)i > x, j -= (float)j > y;
     uint32_t x0 = wrap_index(i, width, texture->wrap_s), x1 = wrap_index(i + 1, width, texture->wrap_s);
     uint32_t y0 = wrap_index(j, height, texture->wrap_t), y1 = wrap_index(j + 1, height, texture->wrap_t);
     const uint8_t *upper = texture->rgba + 4 * ((size_t)y0 * texture->width);
     const uint8_t *lower = texture->rgba + 4 * ((size_t)y1 * texture->width);
-    return (struct lw_texture_quad){.at = {upper + 4 * (size_t)x0, upper + 4 * (size_t)x1,
-                                           lower + 4 * (size_t)x0, lower + 4 * (size_t)x1},
-                                    .x = x - x_floor,
-                                    .y = y - y_floor};
+    out->at[0] = upper + 4 * (size_t)x0;
+    out->at[1] = upper + 4 * (size_t)x1;
+    out->at[2] = lower + 4 * (size_t)x0;
+    out->at[3] = lower + 4 * (size_t)x1;
+    out->x = x - (float)i;
+    out->y = y - (float)j;
 }
 
 static struct lw_vec4 read_texels(const struct lw_texture_quad *t) {
@@ -83,10 +85,18 @@ static struct lw_vec4 read_texels(const struct lw_texture_quad *t) {
                t->y);
 }
 
+/* The last of those channels, by the same steps. */
+static float read_alpha(const struct lw_texture_quad *t) {
+    float a[4], s = 1 - t->x;
+    for (int i = 0; i < 4; i++) a[i] = (float)t->at[i][3] * (1.0f / 255.0f);
+    return (1 - t->y) * (s * a[0] + t->x * a[1]) + t->y * (s * a[2] + t->x * a[3]);
+}
+
 struct lw_vec4 lw_scene_sample(const struct lw_scene *scene, const struct lw_texture_use *use,
                                struct lw_vec2 uv) {
     if (use->texture == LW_SCENE_NONE) return (struct lw_vec4){1, 1, 1, 1};
-    const struct lw_texture_quad texels = find_texels(scene, use, uv);
+    struct lw_texture_quad texels;
+    find_texels(scene, use, uv, &texels);
     return read_texels(&texels);
 }
 
@@ -209,14 +219,14 @@ void lw_scene_facet(const struct lw_scene *scene, const struct lw_mesh *mesh, ui
     gather2(mesh->uv[base->uv_set], vertex, out->uv);
 }
 
-struct lw_texture_quad lw_scene_facet_texels(const struct lw_scene *scene, const struct lw_facet *facet,
-                                             const float weight[3]) {
+void lw_scene_facet_texels(const struct lw_scene *scene, const struct lw_facet *facet, const float weight[3],
+                           struct lw_texture_quad *out) {
     const struct lw_texture_use *use = &facet->material->base_colour_texture;
-    if (use->texture == LW_SCENE_NONE) return (struct lw_texture_quad){.at = {NULL}};
-    const struct lw_texture_quad texels = find_texels(scene, use, lw_scene_facet_mean(facet->uv, weight));
-    __builtin_prefetch(texels.at[0]);
-    __builtin_prefetch(texels.at[2]);
-    return texels;
+    out->at[0] = NULL;
+    if (use->texture == LW_SCENE_NONE) return;
+    find_texels(scene, use, lw_scene_facet_mean(facet->uv, weight), out);
+    __builtin_prefetch(out->at[0]);
+    __builtin_prefetch(out->at[2]);
 }
 
 void lw_scene_facet_colour(const struct lw_scene *scene, const struct lw_facet *facet, const float weight[3],
@@ -263,6 +273,14 @@ float lw_scene_alpha(const struct lw_scene *scene, const struct lw_mesh *mesh, u
                      float v) {
     const struct lw_material *material = &scene->material[mesh->material[triangle]];
     if (material->alpha_mode == LW_ALPHA_OPAQUE) return 1;
+    const struct lw_texture_use *use = &material->base_colour_texture;
     struct corners corners = find_corners(mesh, triangle, u, v);
-    return opacity(material, base_colour(scene, mesh, material, &corners).w);
+    float alpha = material->base_colour[3];
+    if (use->texture != LW_SCENE_NONE) {
+        struct lw_texture_quad quad;
+        find_texels(scene, use, interpolate2(mesh->uv[use->uv_set], &corners), &quad);
+        alpha *= read_alpha(&quad);
+    }
+    if (mesh->colour) alpha *= interpolate4(mesh->colour, &corners).w;
+    return opacity(material, alpha);
 }

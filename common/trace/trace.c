@@ -399,16 +399,31 @@ static bool reach_movers(const struct lw_trace *trace, const struct RTCRay16 *ra
     return any != 0;
 }
 
-static bool met_from_behind(const struct lw_trace *trace, const struct RTCRayHit16 *rh, int i) {
+/* Of an object that moves: its normal is still in its own space. */
+static bool mover_from_behind(const struct mover *mover, const struct RTCRayHit16 *rh, int i) {
     float nx = rh->hit.Ng_x[i], ny = rh->hit.Ng_y[i], nz = rh->hit.Ng_z[i];
-    float dx = rh->ray.dir_x[i], dy = rh->ray.dir_y[i], dz = rh->ray.dir_z[i];
-    uint32_t object = rh->hit.geomID[i], mover = trace->mover_of_object[object];
-    if (mover == UINT32_MAX) return (nx * dx + ny * dy + nz * dz > 0) != trace->geometry[object].mirrored;
-    const float(*f)[3] = trace->mover[mover].facing;
-    return (f[0][0] * nx + f[0][1] * ny + f[0][2] * nz) * dx +
-               (f[1][0] * nx + f[1][1] * ny + f[1][2] * nz) * dy +
-               (f[2][0] * nx + f[2][1] * ny + f[2][2] * nz) * dz >
+    const float(*f)[3] = mover->facing;
+    return (f[0][0] * nx + f[0][1] * ny + f[0][2] * nz) * rh->ray.dir_x[i] +
+               (f[1][0] * nx + f[1][1] * ny + f[1][2] * nz) * rh->ray.dir_y[i] +
+               (f[2][0] * nx + f[2][1] * ny + f[2][2] * nz) * rh->ray.dir_z[i] >
            0;
+}
+
+static void find_sides(const struct lw_trace *trace, const int valid[16], const struct RTCRayHit16 *rh,
+                       uint8_t back[16]) {
+    float along[16];
+    for (int i = 0; i < 16; i++)
+        along[i] = rh->hit.Ng_x[i] * rh->ray.dir_x[i] + rh->hit.Ng_y[i] * rh->ray.dir_y[i] +
+                   rh->hit.Ng_z[i] * rh->ray.dir_z[i];
+    for (int i = 0; i < 16; i++) {
+        const uint32_t object = rh->hit.geomID[i];
+        if (!valid[i]) continue;
+        back[i] = 0;
+        if (object == LW_TRACE_MISS) continue;
+        const uint32_t mover = trace->mover_of_object[object];
+        back[i] = mover == UINT32_MAX ? (along[i] > 0) != trace->geometry[object].mirrored
+                                      : mover_from_behind(&trace->mover[mover], rh, i);
+    }
 }
 
 /* Closest hits of the valid rays, with the side that each is met from. */
@@ -423,8 +438,7 @@ static void intersect(const struct lw_trace *trace, unsigned flags, bool every_h
         init_context(&context, flags & ~(unsigned)LW_TRACE_COHERENT, every_hit);
         rtcIntersect16(reach, trace->moving, &context.rtc, rh);
     }
-    for (int i = 0; i < 16; i++)
-        if (valid[i]) back[i] = rh->hit.geomID[i] != LW_TRACE_MISS && met_from_behind(trace, rh, i);
+    find_sides(trace, valid, rh, back);
 }
 
 /* Makes those rays valid again that have met what the view does not see; whether any has. */

@@ -292,7 +292,8 @@ static void facets_say_what_surfaces_say(void **state) {
                         lw_scene_facet(scene, mesh, t, &facet);
                         struct lw_surface found = {
                             .albedo = facet.albedo, .alpha = facet.alpha, .emission = facet.emission};
-                        const struct lw_texture_quad texels = lw_scene_facet_texels(scene, &facet, weight);
+                        struct lw_texture_quad texels;
+                        lw_scene_facet_texels(scene, &facet, weight, &texels);
                         if (facet.varies) lw_scene_facet_colour(scene, &facet, weight, &texels, &found);
                         varying += facet.varies, plain += !facet.varies;
                         assert_memory_equal(&found.albedo, &expected.albedo, sizeof found.albedo);
