@@ -13,6 +13,10 @@
 #define STRETCH_MIN 0.70f
 #define STRETCH_MAX 1.45f
 
+/* A triangle lower than a texel shows no stretch, but cut off it is all border: for it the bounds are this many times as
+ * wide. Rings of mouldings then share charts: 17,600 seam edges in builtin:atrium instead of 35,100; twice as wide, 22,100. */
+#define FINE_STRETCH 4.0f
+
 /* A corner that is in the chart already, but this many edge lengths away from where it is wanted, has been reached
  * around a column: the chart is cut open there. Nearer, the surface is curved both ways, and a cut would fray it. */
 #define CUT_DISTANCE 3.0f
@@ -50,6 +54,11 @@ static void apex(const struct lw_lightmap_topology *topology, uint32_t t, uint32
     *out_height = (float)(2 * (double)topology->area[t] / l);
 }
 
+static bool is_fine(const struct lw_lightmap_topology *topology, uint32_t t) {
+    const float *side = topology->side[t];
+    return 2 * topology->area[t] < fmaxf(side[0], fmaxf(side[1], side[2]));
+}
+
 /* Whether triangle t may have these corners a, b (over edge e) and c. */
 static bool fits(const struct lw_lightmap_topology *topology, uint32_t t, uint32_t e, struct lw_vec2 a,
                  struct lw_vec2 b, struct lw_vec2 c) {
@@ -60,7 +69,9 @@ static bool fits(const struct lw_lightmap_topology *topology, uint32_t t, uint32
     float half = (ux * ux + uy * uy + vx * vx + vy * vy) / 2, det = ux * vy - uy * vx;
     if (!(det > 0)) return false;
     float root = sqrtf(fmaxf(half * half - det * det, 0)); /* eigenvalues of J^T J */
-    return half + root <= STRETCH_MAX * STRETCH_MAX && half - root >= STRETCH_MIN * STRETCH_MIN;
+    const float leeway = is_fine(topology, t) ? FINE_STRETCH : 1;
+    const float most = leeway * STRETCH_MAX, least = STRETCH_MIN / leeway;
+    return half + root <= most * most && half - root >= least * least;
 }
 
 static void push_edges(struct grower *g, uint32_t t) {

@@ -5,7 +5,8 @@
  * A chart grows from a seed triangle by unfolding its neighbours over their shared edges, as one unfolds a paper
  * model: exact for whatever can be unrolled (walls, columns, arches, mouldings), and bounded in stretch for what
  * cannot, because a triangle that would be stretched too far, flip, or land on another stays outside and waits for a
- * chart of its own. Hard edges are borders, but for pieces of a few texels, which would drown in their gutters. */
+ * chart of its own; triangles lower than a texel may be stretched more. Hard edges are borders, but for pieces of a few
+ * texels, which would drown in their gutters. */
 #ifndef LW_COMMON_LIGHTMAP_CHART_H
 #define LW_COMMON_LIGHTMAP_CHART_H
 
