@@ -11,10 +11,16 @@
 #define POINTS_MAX       4096.0f /* of one edge */
 /* How readily a gutter's texel moves, against a covered one's: nobody sees it but through the look-ups that are welded. */
 #define GUTTER_EASE 4.0f
-#define ITERATIONS  4
-/* Then plain sweeps keep covered texels between their own light over this and times this, and gutters positive. */
-#define BOUND        4.0f
-#define BOUND_SWEEPS 2
+#define ITERATIONS  8
+#define DONE        1e-10 /* of the light's square: below, steps only add up rounding */
+/* Of a correction, what the next frame goes on from. What is let go comes back where the rows ask for it; where they can
+ * only be had by levelling light along a seam or over a chain of slivers, the light wins back a part. Kept in full, 40 frames of
+ * builtin:atrium bring 96 % of points within 1 %, but its upper columns fall from 0.959 of the path tracer's to 0.933; so,
+ * 92 % and 0.940. */
+#define KEPT 0.9f
+/* What is shown of a covered texel is at least this share of its own light, and gutters are not negative. The
+ * correction itself is free: bounds within the iteration kept 20 % of the points apart. */
+#define LEAST 0.25f
 #define KEEP_MOST                                                                                            \
     1.5 /* the mean of a component is restored by up to this factor; what needs more stays unwelded */
 #define GUESSES 8u /* texels that a gutter is extrapolated from */
@@ -405,16 +411,16 @@ static void relax(struct lw_seams *s, uint32_t component) {
     memcpy(r + start, x + start, count * sizeof *r);
     sweep(s, component, r);
     for (size_t i = start; i < start + count; i++) p[i] = r[i] -= x[i];
-    double rr[3], begun[3];
+    double rr[3], xx[3];
+    dot3(x, x, first, last, xx);
     dot3(r, r, first, last, rr);
-    memcpy(begun, rr, sizeof begun);
     for (int k = 0; k < ITERATIONS; k++) {
         memcpy(q + start, p + start, count * sizeof *q);
         sweep(s, component, q);
         for (size_t i = start; i < start + count; i++) q[i] = p[i] - q[i];
         double pq[3], next[3], alpha[3];
         dot3(p, q, first, last, pq);
-        for (int c = 0; c < 3; c++) alpha[c] = pq[c] > 1e-9 * begun[c] ? rr[c] / pq[c] : 0;
+        for (int c = 0; c < 3; c++) alpha[c] = rr[c] > DONE * xx[c] && pq[c] > 0 ? rr[c] / pq[c] : 0;
         for (size_t i = start; i < start + count; i++) {
             x[i] += (float)alpha[i % 3] * p[i];
             r[i] -= (float)alpha[i % 3] * q[i];
@@ -423,21 +429,13 @@ static void relax(struct lw_seams *s, uint32_t component) {
         for (size_t i = start; i < start + count; i++)
             p[i] = rr[i % 3] > 0 ? r[i] + (float)(next[i % 3] / rr[i % 3]) * p[i] : 0;
         memcpy(rr, next, sizeof rr);
-        if (rr[0] <= 1e-9 * begun[0] && rr[1] <= 1e-9 * begun[1] && rr[2] <= 1e-9 * begun[2]) break;
+        if (rr[0] <= DONE * xx[0] && rr[1] <= DONE * xx[1] && rr[2] <= DONE * xx[2]) break;
     }
-}
-
-static void bound(struct lw_seams *s, uint32_t first, uint32_t last) {
-    for (uint32_t m = first; m < last; m++)
-        for (uint32_t c = 0; c < 3; c++) {
-            float *x = &s->welded[3 * m + c], light = s->light[3 * m + c];
-            *x = s->guess[m].count ? fmaxf(0, *x) : fminf(fmaxf(*x, light / BOUND), light * BOUND);
-        }
 }
 
 /* By what to scale a component so that the light of its covered texels keeps its sum: a row that holds, holds at any
  * scale. (Both sides of a row move alike, but a share of it falls to gutters, which do not count.) False where that is
- * far from 1 (out_keep is then 1): the rows ask for something else than light that continues, and the light is worth more than they are. */
+ * far from 1: the rows ask for something else than light that continues, and the light is worth more than they are. */
 static bool find_keep(const struct lw_seams *s, uint32_t first, uint32_t last, float out_keep[3]) {
     double before[3] = {0}, after[3] = {0};
     for (uint32_t m = first; m < last; m++)
@@ -447,13 +445,19 @@ static bool find_keep(const struct lw_seams *s, uint32_t first, uint32_t last, f
         }
     for (int c = 0; c < 3; c++) {
         const double keep = after[c] > 0 ? before[c] / after[c] : 1;
-        if (!(keep <= KEEP_MOST && keep >= 1 / KEEP_MOST)) {
-            for (int k = 0; k < 3; k++) out_keep[k] = 1;
-            return false;
-        }
+        if (!(keep <= KEEP_MOST && keep >= 1 / KEEP_MOST)) return false;
         out_keep[c] = (float)keep;
     }
     return true;
+}
+
+/* Takes what the component shows to where light may be. */
+static void bound(struct lw_seams *s, uint32_t first, uint32_t last) {
+    for (uint32_t m = first; m < last; m++)
+        for (uint32_t c = 0; c < 3; c++) {
+            const float least = s->guess[m].count ? 0 : LEAST * s->light[3 * m + c];
+            s->welded[3 * m + c] = fmaxf(s->welded[3 * m + c], least);
+        }
 }
 
 static void weld_component(struct lw_seams *s, struct lw_tiles *tiles, uint32_t component) {
@@ -462,23 +466,19 @@ static void weld_component(struct lw_seams *s, struct lw_tiles *tiles, uint32_t 
     /* In units in which every member moves with the same ease; from where the last frame's correction leads. */
     for (uint32_t m = first; m < last; m++)
         for (uint32_t c = 0; c < 3; c++)
-            s->welded[3 * m + c] = s->light[3 * m + c] / s->member[m].root_ease + s->correction[3 * m + c];
+            s->welded[3 * m + c] =
+                s->light[3 * m + c] / s->member[m].root_ease + KEPT * s->correction[3 * m + c];
     relax(s, component);
-    for (int k = 0; k < BOUND_SWEEPS; k++) {
-        if (k) sweep(s, component, s->welded);
-        bound(s, first, last);
-    }
-    float keep[3];
-    if (!find_keep(s, first, last, keep))
-        for (uint32_t m = first; m < last; m++)
-            for (uint32_t c = 0; c < 3; c++)
-                s->welded[3 * m + c] = s->light[3 * m + c] / s->member[m].root_ease;
     for (uint32_t m = first; m < last; m++)
-        for (uint32_t c = 0; c < 3; c++) {
-            const float welded = s->welded[3 * m + c];
-            s->correction[3 * m + c] = welded - s->light[3 * m + c] / s->member[m].root_ease;
-            tiles->light[c][s->member[m].texel] = welded * s->member[m].root_ease * keep[c];
-        }
+        for (uint32_t c = 0; c < 3; c++)
+            s->correction[3 * m + c] = s->welded[3 * m + c] - s->light[3 * m + c] / s->member[m].root_ease;
+    bound(s, first, last);
+    float keep[3];
+    const bool welds = find_keep(s, first, last, keep);
+    for (uint32_t m = first; m < last; m++)
+        for (uint32_t c = 0; c < 3; c++)
+            tiles->light[c][s->member[m].texel] =
+                welds ? s->welded[3 * m + c] * s->member[m].root_ease * keep[c] : s->light[3 * m + c];
 }
 
 void lw_seams_weld(struct lw_seams *s, struct lw_tiles *tiles, uint64_t frame, int threads) {

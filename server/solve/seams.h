@@ -6,8 +6,9 @@
  * two sides of a seam read differently by what the light varies over half a texel. At points along each seam, some three a texel,
  * we ask that both look-ups read the same: a row of a linear system over the texels that they touch. Of all corrections
  * that fulfil the rows the smallest is taken, in the least squares sense, a gutter's counting less than a covered texel's;
- * Kaczmarz's projections (1937), row by row, tend to it; conjugate gradients hasten them (Bjorck and Elfving 1979). A correction moves both sides by the same amount towards each
- * other, so that the mean of the light stays. (Iwanicki 2013 solves the like for a baker, by conjugate gradients.) */
+ * Kaczmarz's projections (1937), row by row, tend to it; conjugate gradients hasten them (Bjorck and Elfving 1979). A
+ * correction moves both sides by the same amount towards each other, so that the mean of the light stays; a tenth of it is
+ * let go each frame. (Iwanicki 2013 solves the like for a baker, by conjugate gradients.) */
 #ifndef LW_SOLVE_SEAMS_H
 #define LW_SOLVE_SEAMS_H
 
