@@ -16,7 +16,7 @@
 #define LW_PUBLISHER_NOISE_SHARE 0.25f
 
 /* The lossy codec's step, in units of log2, of a tile with error e: about its noise, 1.44 e, over 1.44. What it adds is then a
- * fifth of the noise's power. A texel of level l is the mean of 4^l. */
+ * tenth of the noise's power (docs/results/codec.md). A texel of level l is the mean of 4^l. */
 #define LW_PUBLISHER_STEP_MIN 0x1p-5f /* 1 % or so: under what is seen, and under the error at rest */
 #define LW_PUBLISHER_STEP_MAX 1.0f
 

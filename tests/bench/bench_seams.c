@@ -1,21 +1,27 @@
 /* bench_seams: how far the two sides of lightmap seams differ where the viewer reads them, after more and more frames.
  *
- *     bench_seams [--frames N] [--denoise] [--objects] [--texels-per-metre D] SCENE...
+ *     bench_seams [--frames N] [--denoise] [--objects] [--codec] [--texels-per-metre D] SCENE...
  *
  * One table in Markdown per scene: after 16, 64, 256 ... frames, up to N, and for levels 0 to 2: mean and median of the
  * relative differences along all seams (tests/support/seam_walk.h), the share of points within 1 %, with --objects also of
- * each object. Unwelded: the sums before the weld. On stderr: how far welding moves the mean light of an object. */
+ * each object. Unwelded: the sums before the weld; with --codec in their place the welded light as the lossy tile codec
+ * leaves it. On stderr: how far welding moves the mean light of an object. */
 #include "common/log.h"
 #include "common/options.h"
 #include "common/scene/scene_open.h"
+#include "common/tile/tile_codec.h"
+#include "server/publish/publisher.h"
 #include "server/solve/cell_solver.h"
 #include "tests/support/seam_walk.h"
 
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #define LEVELS 3u
+
+struct coded_solver;
 
 struct job {
     struct lw_scene *scene;
@@ -23,14 +29,78 @@ struct job {
     struct lw_pose pose;
     struct lw_seam_edges edges;
     struct lw_solver *solver;
+    struct coded_solver *coded; /* NULL without --codec */
 };
+
+/* ---- a solver whose tiles went through the codec ---- */
+
+struct coded_solver {
+    struct lw_solver solver; /* first */
+    struct lw_solver_ops ops;
+    const struct lw_solver *inner;
+    struct lw_tile_codec *codec;
+    uint8_t *payload;
+    uint8_t covered[LW_TILE_TEXELS_MAX];
+    float rgb[LW_TILE_TEXELS_MAX * 3], light[3][LW_TILE_TEXELS_MAX];
+};
+
+static void read_coded(const struct lw_solver *solver, lw_tile_id id, struct lw_solver_tile *tile) {
+    struct coded_solver *coded = (struct coded_solver *)(uintptr_t)solver;
+    coded->inner->ops->read_tile(coded->inner, id, tile);
+    const uint32_t texels = tile->width * tile->height;
+    for (uint32_t i = 0; i < texels; i++) {
+        coded->covered[i] = tile->covered[i] || (tile->filled && tile->filled[i]);
+        for (uint32_t c = 0; c < 3; c++) coded->rgb[i * 3 + c] = tile->light[c][i];
+    }
+    size_t size;
+    float scale;
+    uint32_t saturated;
+    enum lw_status status = lw_tile_codec_encode_dct(
+        coded->codec, coded->rgb, coded->covered, tile->width, tile->height,
+        lw_publisher_step(tile->error, 0), coded->payload, lw_tile_codec_bound(), &size, &scale, &saturated);
+    if (status == LW_OK)
+        status = lw_tile_codec_decode(coded->codec, LW_TILE_CODEC_DCT, coded->payload, size, scale,
+                                      tile->width, tile->height, coded->rgb);
+    if (status != LW_OK) abort();
+    for (uint32_t c = 0; c < 3; c++) {
+        for (uint32_t i = 0; i < texels; i++) coded->light[c][i] = coded->rgb[i * 3 + c];
+        tile->light[c] = coded->light[c];
+    }
+}
+
+static enum lw_status coded_create(const struct lw_solver *inner, struct coded_solver **out_coded) {
+    struct coded_solver *coded = calloc(1, sizeof *coded);
+    if (!coded) return LW_NO_MEMORY;
+    coded->inner = inner;
+    coded->ops = *inner->ops;
+    coded->ops.read_tile = read_coded;
+    coded->solver.ops = &coded->ops;
+    coded->payload = malloc(lw_tile_codec_bound());
+    enum lw_status status = coded->payload ? lw_tile_codec_create(&coded->codec) : LW_NO_MEMORY;
+    if (status == LW_OK) {
+        *out_coded = coded;
+    } else {
+        free(coded->payload);
+        free(coded);
+    }
+    return status;
+}
+
+static void coded_destroy(struct coded_solver *coded) {
+    if (!coded) return;
+    lw_tile_codec_destroy(coded->codec);
+    free(coded->payload);
+    free(coded);
+}
 
 /* One row; without points, none. */
 static enum lw_status report_row(const struct job *job, const char *name, unsigned level, uint32_t object) {
-    struct seam_spread spread[2]; /* unwelded, welded */
+    struct seam_spread spread[2]; /* unwelded or coded, welded */
     for (int welded = 0; welded < 2; welded++) {
         struct seam_walk walk;
-        enum lw_status status = seam_walk_init(&walk, &job->map, job->solver, !welded);
+        const bool coded = job->coded && !welded;
+        enum lw_status status = seam_walk_init(&walk, &job->map, coded ? &job->coded->solver : job->solver,
+                                               !welded && !job->coded);
         if (status != LW_OK) return status;
         status = seam_walk_measure(&walk, &job->edges, level, object, &spread[welded]);
         seam_walk_finish(&walk);
@@ -71,7 +141,7 @@ static enum lw_status solve(struct job *job, uint32_t frames, bool objects, stru
 }
 
 static enum lw_status run(const struct lw_scene_open *open, uint32_t frames, bool denoise, bool objects,
-                          struct lw_error *err) {
+                          bool codec, struct lw_error *err) {
     struct job job = {0};
     enum lw_status status = lw_scene_open(open, &job.scene, err);
     if (status != LW_OK) return status;
@@ -90,12 +160,14 @@ static enum lw_status run(const struct lw_scene_open *open, uint32_t frames, boo
                                                                 .denoise = denoise,
                                                                 .seed = 1},
                                        &job.pose, &job.solver, err);
+    if (status == LW_OK && codec) status = coded_create(job.solver, &job.coded);
     const char *name = strrchr(open->path, '/');
     printf("\n### %s%s\n\n"
-           "| after | level | points | unwelded mean / median | welded mean / median | within 1 %% |\n"
+           "| after | level | points | %s mean / median | welded mean / median | within 1 %% |\n"
            "|---|---|---|---|---|---|\n",
-           name ? name + 1 : open->path, denoise ? ", denoised" : "");
+           name ? name + 1 : open->path, denoise ? ", denoised" : "", codec ? "coded" : "unwelded");
     if (status == LW_OK) status = solve(&job, frames, objects, err);
+    coded_destroy(job.coded);
     if (job.solver) job.solver->ops->destroy(job.solver);
     lw_seam_edges_finish(&job.edges);
     lw_pose_finish(&job.pose);
@@ -108,12 +180,14 @@ int main(int argc, char **argv) {
     const char *scene[16] = {0};
     size_t scenes = 0;
     int64_t frames = 64;
-    bool done = false, denoise = false, objects = false;
+    bool done = false, denoise = false, objects = false, codec = false;
     struct lw_scene_open open = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG};
     const struct lw_option table[] = {
         {"frames", "N", "of the solve, of 1 + 2 rays a texel (default 64)", LW_OPTION_INT, &frames, 1, 100000,
          NULL},
         {"denoise", NULL, "filter what is shown, as lightwelld does", LW_OPTION_FLAG, &denoise, 0, 0, NULL},
+        {"codec", NULL, "compare with what the lossy tile codec leaves, instead of with the unwelded light",
+         LW_OPTION_FLAG, &codec, 0, 0, NULL},
         {"objects", NULL, "a row for each object after the last frame", LW_OPTION_FLAG, &objects, 0, 0, NULL},
         LW_SCENE_OPEN_OPTIONS(&open)};
     const struct lw_options options = {.program = "bench_seams",
@@ -129,7 +203,7 @@ int main(int argc, char **argv) {
     enum lw_status status = lw_options_parse(&options, argc, argv, &scenes, &done, &err);
     for (size_t i = 0; status == LW_OK && !done && i < scenes; i++) {
         open.path = scene[i];
-        status = run(&open, (uint32_t)frames, denoise, objects, &err);
+        status = run(&open, (uint32_t)frames, denoise, objects, codec, &err);
     }
     return status == LW_OK ? 0 : lw_log_failure(&err);
 }
