@@ -7,9 +7,10 @@
 #define SAMPLES_MAX 4096u /* per pixel and frame, of the path tracer */
 #define GAIN_MIN    0.9   /* of the error before: what a rung must at least bring */
 #define PROBE       4u    /* samples of the second of two points on the line of a path tracer's cost */
+#define TEXELS_MAX  8e6   /* of the lightmaps that are tried: the server takes some 600 bytes for each */
 
 static const double curve[] = {0.5, 0.1, 0.02};
-static const double densities[] = {0.25, 0.5, 1, 2}; /* a trial costs four times the one before */
+static const double densities[] = {0.25, 0.5, 1, 2, 4}; /* a trial costs four times the one before */
 static const uint32_t rungs[][2] = {{1, 1}, {1, 2}, {2, 4}, {4, 8}, {8, 16}, {16, 32}};
 static const double rests[] = {0.5, 0.25, 0.12, 0.06, 0.03, 0.015};
 #define COUNT(array) (sizeof(array) / sizeof *(array))
@@ -157,8 +158,16 @@ static enum lw_status climb(struct lw_crossover_run *run, struct lw_crossover_si
 static enum lw_status search_densities(struct lw_crossover_run *run, struct lw_crossover_side *side,
                                        double hardest, struct lw_error *err) {
     enum lw_status status = LW_OK;
-    for (uint32_t d = 0; d < COUNT(densities) && status == LW_OK && !lw_crossover_run_stopped(run); d++)
-        if (cheapest(side, hardest) < 0) status = climb(run, side, densities[d], hardest, err);
+    for (uint32_t d = 0; d < COUNT(densities) && status == LW_OK && !lw_crossover_run_stopped(run); d++) {
+        const double texels = run->x->densities.texels * densities[d] * densities[d];
+        if (cheapest(side, hardest) >= 0) break;
+        if (densities[d] > 1 && texels > TEXELS_MAX) {
+            lw_log(LW_LOG_WARNING, "density x%g is not tried: %.3g million texels", densities[d],
+                   1e-6 * texels);
+            break;
+        }
+        status = climb(run, side, densities[d], hardest, err);
+    }
     return status;
 }
 

@@ -12,7 +12,7 @@
 static enum lw_status measure(struct lw_scene_densities *d, struct lw_error *err) {
     const struct lw_scene *scene = d->scene;
     struct lw_pose pose;
-    double texels = 0, area_m2 = 0;
+    double area_m2 = 0;
     if (lw_pose_init(&pose, scene) != LW_OK)
         return lw_status_fail(err, LW_NO_MEMORY, "no memory for the scene's pose");
     for (uint32_t o = 0; o < scene->object_count; o++) {
@@ -26,12 +26,12 @@ static enum lw_status measure(struct lw_scene_densities *d, struct lw_error *err
             struct lw_vec3 c = lw_vec3_sub(lw_affine_point(to_world, mesh->position[v[2]]), a);
             const struct lw_vec2 *uv = mesh->lightmap_uv;
             area_m2 += 0.5 * (double)lw_vec3_length(lw_vec3_cross(b, c));
-            texels += 0.5 * fabs((double)(uv[v[1]].x - uv[v[0]].x) * (double)(uv[v[2]].y - uv[v[0]].y) -
-                                 (double)(uv[v[1]].y - uv[v[0]].y) * (double)(uv[v[2]].x - uv[v[0]].x));
+            d->texels += 0.5 * fabs((double)(uv[v[1]].x - uv[v[0]].x) * (double)(uv[v[2]].y - uv[v[0]].y) -
+                                    (double)(uv[v[1]].y - uv[v[0]].y) * (double)(uv[v[2]].x - uv[v[0]].x));
         }
     }
     lw_pose_finish(&pose);
-    d->texels_per_metre = area_m2 > 0 ? sqrt(texels / area_m2) : 0;
+    d->texels_per_metre = area_m2 > 0 ? sqrt(d->texels / area_m2) : 0;
     return LW_OK;
 }
 

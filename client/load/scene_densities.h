@@ -17,6 +17,7 @@ struct lw_scene_densities {
     struct lw_scene *scene; /* at density 1: the default's, or that of --texels-per-metre */
     struct lw_scene_motion_report report;
     double texels_per_metre; /* of that, over the scene's area */
+    double texels;           /* of that, that surface covers */
     uint64_t triangles;      /* of all objects */
     char folder[PATH_MAX];   /* temporary; "": there is none */
     struct lw_scene_package {
