@@ -131,9 +131,7 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          LW_OPTION_CHOICE, &s->light, 0, 0, NULL},
         {"codec", "half|dct",
          "dct: tiles as exact as their noise lets them be (default). half: 16-bit floats, six to ten times "
-         "the "
-         "bytes, "
-         "for clients that read nothing else",
+         "the bytes, for clients that read nothing else",
          LW_OPTION_CHOICE, &s->codec, 0, 0, NULL},
         {"seed", "N", "of all random numbers (default 1)", LW_OPTION_INT, &s->seed, 0, UINT32_MAX, NULL},
         {"animate", NULL, "run the scene's animation (default if it has one)", LW_OPTION_FLAG, &s->animate, 0,
