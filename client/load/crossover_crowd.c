@@ -184,9 +184,9 @@ static void conclude(struct lw_crossover *x) {
         slope[i] = slope_s / alone_s;
         cross[i] = lw_crossover_figures_cross(fixed_s, slope_s, alone_s);
     }
-    for (uint32_t i = 0; i < repeats; i++)
+    for (uint32_t i = 0; i < x->whole_done; i++)
         ratio[i] = x->whole_cost_s[i] / x->count[0].cost_s[LW_CROSSOVER_PATHS][i];
-    x->whole_ratio = lw_crossover_figures_mean(ratio, repeats);
+    x->whole_ratio = lw_crossover_figures_mean(ratio, x->whole_done);
     x->count_done = counts;
     x->first_ratio = x->count[0].ratio;
     x->marginal = lw_crossover_figures_mean(slope, repeats);
@@ -216,11 +216,13 @@ enum lw_status lw_crossover_crowd(struct lw_crossover_run *run, struct lw_error 
                 continue;
             }
             status = measure_shared(run, i, seed, false, err);
-            if (status == LW_OK && !x->chosen[s].whole && !lw_crossover_run_stopped(run))
-                status = measure_shared(run, i, seed, true, err);
         }
         if (status != LW_OK || lw_crossover_run_stopped(run)) break;
-        x->repeats_done = i + 1;
+        x->repeats_done = i + 1; /* whatever becomes of the look at the whole beside it */
+        if (x->side[LW_CROSSOVER_SHARED].traces || x->chosen[LW_CROSSOVER_SHARED].whole) continue;
+        status = measure_shared(run, i, seed, true, err);
+        if (status != LW_OK || lw_crossover_run_stopped(run)) break;
+        x->whole_done = i + 1;
     }
     if (!x->repeats_done) return status;
     if (!x->side[LW_CROSSOVER_SHARED].traces)

@@ -200,7 +200,7 @@ enum lw_status lw_crossover_measure(const struct lw_crossover_options *options,
     struct lw_crossover_run run = {.x = x, .cancel = cancel};
     enum lw_status status = measure(&run, err);
     if (lw_crossover_run_stopped(&run)) {
-        x->shortfall = "interrupted";
+        if (!x->repeats_done) x->shortfall = "interrupted";
         status = LW_OK; /* whatever the signal did to a side */
     }
     for (int s = 0; s < LW_CROSSOVER_SIDES; s++) {

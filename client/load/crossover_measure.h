@@ -84,7 +84,7 @@ struct lw_crossover {
     double chosen_error
         [LW_CROSSOVER_SIDES]; /* the path tracer's as it was chosen by; the cache's of the repeats */
     struct lw_crossover_count count[LW_CROSSOVER_COUNTS_MAX];
-    uint32_t count_done, repeats_done;
+    uint32_t count_done, repeats_done, whole_done; /* whole_done: repeats with a look at the whole */
     struct lw_crossover_figure first_ratio;        /* r(1), or of the first count */
     double whole_cost_s[LW_CROSSOVER_REPEATS_MAX]; /* of the first count, with all of the scene lit */
     struct lw_crossover_figure whole_ratio;        /* likewise */

@@ -107,7 +107,8 @@ static double mean_noise(const struct lw_crossover *x) {
     return sum / (LW_CROSSOVER_PICTURES * x->eyes);
 }
 
-/* The error that a path tracer has for the cost of a point of the shared side: along its own points, by logarithms. */
+/* The error that a path tracer has for the cost of a point of the shared side: along its own points, by logarithms.
+ * INFINITY: that does not pay for its cheapest picture; NAN: not known. */
 static double paths_error_at(const struct lw_crossover_side *paths, double cost_s) {
     const struct lw_crossover_point *below = NULL, *above = NULL;
     for (uint32_t i = 0; i < paths->point_count; i++) {
@@ -116,6 +117,7 @@ static double paths_error_at(const struct lw_crossover_side *paths, double cost_
         if (c <= cost_s && (!below || c > lw_cost_total(&below->cost))) below = p;
         if (c > cost_s && (!above || c < lw_cost_total(&above->cost))) above = p;
     }
+    if (!below && above) return (double)INFINITY;
     if (!below || !above || below->error <= 0 || above->error <= 0) return (double)NAN;
     double b = log(lw_cost_total(&below->cost)), a = log(lw_cost_total(&above->cost)),
            t = (log(cost_s) - b) / (a - b);
@@ -292,8 +294,11 @@ static void print_result(const struct lw_crossover *x, FILE *f) {
         print_figure(f, &x->whole_ratio);
         fprintf(f, " (relMSE %.3g)\n", x->whole_error);
     }
-    fprintf(f, "\nIntervals are of 95 %%, over %u repeats with random numbers of their own.\n\n",
+    fprintf(f, "\nIntervals are of 95 %%, over %u repeats with random numbers of their own.",
             x->repeats_done);
+    if (x->repeats_done < x->options.repeats)
+        fprintf(f, " Interrupted: there were to be %u.", x->options.repeats);
+    fprintf(f, "\n\n");
     fprintf(f, "| users | path tracers, CPU s | shared, CPU s | ratio |\n|---|---|---|---|\n");
     for (uint32_t c = 0; c < x->count_done; c++) {
         double cost[LW_CROSSOVER_SIDES] = {0};
@@ -364,7 +369,8 @@ static void print_targets(const struct lw_crossover *x, FILE *f) {
     }
     fprintf(f, "\n![Error over CPU time](error.png)\n\nAll settings that were tried. Beside the shared "
                "side's: the error of a path "
-               "tracer for the same time, interpolated.\n\n| side | setting | relMSE | CPU s per frame | "
+               "tracer for the same time, interpolated; no picture: less than its cheapest takes.\n\n| side "
+               "| setting | relMSE | CPU s per frame | "
                "path tracer at that "
                "cost |\n|---|---|---|---|---|\n");
     for (int s = 0; s < LW_CROSSOVER_SIDES; s++)
@@ -377,8 +383,12 @@ static void print_targets(const struct lw_crossover *x, FILE *f) {
             double equal = s == LW_CROSSOVER_SHARED
                                ? paths_error_at(&x->side[LW_CROSSOVER_PATHS], lw_cost_total(&p->cost))
                                : (double)NAN;
-            if (isfinite(equal)) fprintf(f, "%.3g", equal);
-            fprintf(f, " |\n");
+            if (isinf(equal))
+                fprintf(f, "no picture |\n");
+            else if (isfinite(equal))
+                fprintf(f, "%.3g |\n", equal);
+            else
+                fprintf(f, " |\n");
         }
     fprintf(f, "\n");
 }

@@ -4,10 +4,10 @@
 
 #include <math.h>
 
-#define SAMPLES_MAX 4096u /* per pixel and frame, of the path tracer */
-#define GAIN_MIN    0.9   /* of the error before: what a rung must at least bring */
-#define PROBE       4u    /* samples of the second of two points on the line of a path tracer's cost */
-#define TEXELS_MAX  8e6   /* of the lightmaps that are tried: the server takes some 600 bytes for each */
+#define SAMPLES_MAX 256u /* per pixel and frame, of the path tracer; with more a picture takes minutes */
+#define GAIN_MIN    0.9  /* of the error before: what a rung must at least bring */
+#define PROBE       4u   /* samples of the second of two points on the line of a path tracer's cost */
+#define TEXELS_MAX  8e6  /* of the lightmaps that are tried: the server takes some 600 bytes for each */
 
 static const double curve[] = {0.5, 0.1, 0.02};
 static const double densities[] = {0.25, 0.5, 1, 2, 4}; /* a trial costs four times the one before */
