@@ -282,12 +282,17 @@ static void print_result(const struct lw_crossover *x, FILE *f) {
         fprintf(f, "* one more user over one more path tracer: **m = ");
         print_figure(f, &x->marginal);
         fprintf(f, "**\n");
-        if (x->crossover.mean < 1)
+        if (!isfinite(x->crossover.mean))
+            fprintf(f,
+                    "* sharing is **never** cheaper: another user costs as much as a path tracer, or more\n");
+        else if (x->crossover.mean < 1)
             fprintf(f, "* sharing is cheaper from the **first** user on (the lines cross at ");
         else
             fprintf(f, "* sharing is cheaper from more than **");
-        print_figure(f, &x->crossover);
-        fprintf(f, x->crossover.mean < 1 ? ")\n" : "** users on\n");
+        if (isfinite(x->crossover.mean)) {
+            print_figure(f, &x->crossover);
+            fprintf(f, x->crossover.mean < 1 ? ")\n" : "** users on\n");
+        }
     }
     if (x->whole_ratio.mean > 0) {
         fprintf(f, "* with all of the scene lit instead of what is looked at and what lights it: r = ");
