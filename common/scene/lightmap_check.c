@@ -354,8 +354,8 @@ enum lw_status lw_lightmap_check_mixed(const struct lw_lightmap_map *map, uint64
 /* ---- blocks ---- */
 
 struct blocks {
-    const uint32_t *chart; /* per triangle */
-    uint32_t *owner;       /* per block: its chart; LW_SCENE_NONE: nobody's */
+    const uint32_t *piece; /* per triangle */
+    uint32_t *owner;       /* per block: its piece; LW_SCENE_NONE: nobody's */
     uint8_t *shared;       /* per block */
     uint8_t *out;          /* per triangle */
 };
@@ -363,27 +363,14 @@ struct blocks {
 static void own(void *context, uint32_t triangle, size_t block, float area) {
     struct blocks *b = context;
     (void)area;
-    if (b->owner[block] == LW_SCENE_NONE) b->owner[block] = b->chart[triangle];
-    b->shared[block] |= b->owner[block] != b->chart[triangle];
+    if (b->owner[block] == LW_SCENE_NONE) b->owner[block] = b->piece[triangle];
+    b->shared[block] |= b->owner[block] != b->piece[triangle];
 }
 
 static void find_shared(void *context, uint32_t triangle, size_t block, float area) {
     struct blocks *b = context;
     (void)area;
     b->out[triangle] |= b->shared[block];
-}
-
-/* What shares a vertex of the map is one chart. */
-static enum lw_status find_map_charts(const struct lw_lightmap_map *map, uint32_t *out_chart) {
-    uint32_t *parent = malloc(((size_t)map->uv_count + 1) * sizeof *parent);
-    if (!parent) return LW_NO_MEMORY;
-    for (uint32_t v = 0; v < map->uv_count; v++) parent[v] = v;
-    for (uint32_t t = 0; t < map->mesh->triangle_count; t++)
-        for (int k = 1; k < 3; k++) lw_union_find_join(parent, map->triangle[t][0], map->triangle[t][k]);
-    for (uint32_t t = 0; t < map->mesh->triangle_count; t++)
-        out_chart[t] = lw_union_find_root(parent, map->triangle[t][0]);
-    free(parent);
-    return LW_OK;
 }
 
 enum lw_status lw_lightmap_check_shared(const struct lw_lightmap_map *map, uint8_t *out_shared) {
@@ -395,12 +382,12 @@ enum lw_status lw_lightmap_check_shared(const struct lw_lightmap_map *map, uint8
     in_blocks.height = (map->height + LW_LIGHTMAP_BLOCK - 1) / LW_LIGHTMAP_BLOCK;
     const size_t blocks = (size_t)in_blocks.width * in_blocks.height;
     struct lw_vec2 *uv = malloc(((size_t)map->uv_count + 1) * sizeof *uv);
-    uint32_t *chart = malloc(((size_t)triangles + 1) * sizeof *chart);
-    struct blocks b = {.chart = chart,
+    uint32_t *piece = malloc(((size_t)triangles + 1) * sizeof *piece);
+    struct blocks b = {.piece = piece,
                        .owner = malloc((blocks + 1) * sizeof *b.owner),
                        .shared = calloc(blocks + 1, 1),
                        .out = out_shared};
-    enum lw_status status = uv && chart && b.owner && b.shared ? find_map_charts(map, chart) : LW_NO_MEMORY;
+    enum lw_status status = uv && piece && b.owner && b.shared ? find_pieces(map, piece) : LW_NO_MEMORY;
     if (status == LW_OK) {
         for (uint32_t v = 0; v < map->uv_count; v++)
             uv[v] = (struct lw_vec2){map->uv[v].x / side, map->uv[v].y / side};
@@ -412,7 +399,7 @@ enum lw_status lw_lightmap_check_shared(const struct lw_lightmap_map *map, uint8
     }
     free(b.shared);
     free(b.owner);
-    free(chart);
+    free(piece);
     free(uv);
     return status;
 }

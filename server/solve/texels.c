@@ -379,7 +379,7 @@ static bool allocate(struct lw_mesh_texels *texels, const struct lw_mesh *mesh) 
 }
 
 /* Names charts, fronts and backs apart, by one of their vertices: what shares a vertex is one chart; and so, when texels have
- * been claimed, is what shares a texel, for pieces that are laid beside each other over a hard edge share no vertex. */
+ * been claimed, is what shares a texel, for charts that were merged share no vertex. */
 static void find_charts(const struct lw_mesh *mesh, uint32_t *parent) {
     for (uint32_t v = 0; v < 2 * mesh->vertex_count; v++) parent[v] = v;
     for (uint32_t t = 0; t < mesh->triangle_count; t++)
