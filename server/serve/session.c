@@ -5,12 +5,16 @@
 
 #include <assert.h>
 #include <inttypes.h>
+#if defined(__linux__)
+#include <linux/sockios.h>
+#endif
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/ioctl.h>
 
 #define BATCH_BLOBS      64u
 #define BATCH_BYTES      (LW_SERVER_QUEUE_MAX / 2) /* one more chunk or tile keeps within LW_SERVER_QUEUE_MAX */
@@ -78,7 +82,8 @@ struct lw_session {
     uint32_t walk_cursor;    /* in changed, or in order (there it goes round) */
 
     struct pending_write *pending;
-    size_t queued_last; /* bytes that libuv held when progress was last looked at */
+    uint64_t given;      /* bytes handed to libuv so far */
+    uint64_t taken_last; /* of these the peer's, when progress was last looked at */
     uint64_t progress_ns;
 };
 
@@ -277,7 +282,6 @@ static void on_written(uv_write_t *request, int result) {
     if (result == 0) count(s->shared, &s->shared->stats.bytes_sent, (int64_t)pending->bytes);
     unref_all(pending->blob, pending->blob_count);
     free(pending);
-    s->progress_ns = lw_clock_ns();
     if (s->state == CLOSED) return;
     if (result < 0)
         lw_session_close(s, reason(result));
@@ -307,8 +311,6 @@ static int queue_rest(struct lw_session *s, struct batch *batch, size_t written)
     }
     if (result == 0) {
         s->pending = pending;
-        s->progress_ns = lw_clock_ns();
-        s->queued_last = uv_stream_get_write_queue_size((uv_stream_t *)&s->tcp);
     } else {
         free(pending);
         unref_all(batch->blob + first, left);
@@ -324,6 +326,7 @@ static int write_batch(struct lw_session *s, struct batch *batch, bool direct) {
         return result;
     }
     size_t written = result < 0 ? 0 : (size_t)result;
+    s->given += batch->bytes;
     count(s->shared, &s->shared->stats.tiles_sent, batch->tile_count);
     count(s->shared, &s->shared->stats.bytes_sent, (int64_t)written);
     if (written < batch->bytes) return queue_rest(s, batch, written);
@@ -700,13 +703,25 @@ enum lw_status lw_session_accept(struct lw_session_shared *shared, uv_stream_t *
     return LW_OK;
 }
 
+/* Bytes in the system's socket that the peer's system has not taken. */
+static size_t socket_waiting(const struct lw_session *s) {
+#ifdef SIOCOUTQ
+    uv_os_fd_t fd;
+    int waiting;
+    if (uv_fileno((const uv_handle_t *)&s->tcp, &fd) == 0 && ioctl(fd, SIOCOUTQ, &waiting) == 0)
+        return (size_t)waiting;
+#else
+    (void)s;
+#endif
+    return 0;
+}
+
+/* Progress is what the peer takes: our own socket would take megabytes for one who reads nothing. */
 static bool is_stalled(struct lw_session *s, uint64_t now_ns) {
-    if (!s->pending) return false;
-    size_t queued = uv_stream_get_write_queue_size((uv_stream_t *)&s->tcp);
-    if (queued != s->queued_last) {
-        s->queued_last = queued;
-        s->progress_ns = now_ns;
-    }
+    size_t waiting = uv_stream_get_write_queue_size((uv_stream_t *)&s->tcp) + socket_waiting(s);
+    uint64_t taken = s->given - waiting;
+    if (!waiting || taken != s->taken_last) s->progress_ns = now_ns;
+    s->taken_last = taken;
     return now_ns > s->progress_ns && now_ns - s->progress_ns > s->shared->stall_timeout_ns;
 }
 
