@@ -26,7 +26,8 @@
     (LW_PACKAGE_SIZE_MAX + (LW_PACKAGE_SIZE_MAX >> 8)) /* zstd's bound for a package */
 
 /* Values are forever. */
-#define LW_FEATURE_DCT 1u /* reads tiles of LW_TILE_CODEC_DCT */
+#define LW_FEATURE_DCT   1u             /* reads tiles of LW_TILE_CODEC_DCT */
+#define LW_FEATURES_READ LW_FEATURE_DCT /* all that our clients know */
 
 struct lw_message_hello {
     uint32_t version;  /* LW_WIRE_VERSION */

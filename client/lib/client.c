@@ -249,7 +249,7 @@ static enum lw_status shake_hands(struct lw_client *c, const char *name, unsigne
     uint64_t deadline_ns = lw_clock_ns() + timeout_ms * 1000000ull;
     struct lw_message hello = {.type = LW_MESSAGE_HELLO,
                                .hello = {.version = LW_WIRE_VERSION,
-                                         .features = LW_FEATURE_DCT,
+                                         .features = LW_FEATURES_READ,
                                          .name = name ? name : "liblightwell"}};
     if (lw_message_validate(&hello, NULL) != LW_OK)
         return lw_status_fail(err, LW_USAGE,

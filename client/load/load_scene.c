@@ -81,7 +81,7 @@ static enum lw_status take_one(struct scout *s, bool *out_taken, struct lw_error
 static enum lw_status download(struct scout *s, struct lw_error *err) {
     struct lw_message hello = {
         .type = LW_MESSAGE_HELLO,
-        .hello = {.version = LW_WIRE_VERSION, .features = LW_FEATURE_DCT, .name = "lightwell-load"}};
+        .hello = {.version = LW_WIRE_VERSION, .features = LW_FEATURES_READ, .name = "lightwell-load"}};
     uint64_t deadline_ns = lw_clock_ns() + TIMEOUT_MS * 1000000ull;
     enum lw_status status = lw_link_send(&s->link, &hello, err);
     while (status == LW_OK) {

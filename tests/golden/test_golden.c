@@ -4,7 +4,6 @@
 #include "proto/message.h"
 
 #include <ctype.h>
-#include <dirent.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -178,12 +177,8 @@ static void test_invalid(void **state) {
 /* No file that nobody reads. */
 static void test_folder(void **state) {
     (void)state;
-    DIR *folder = opendir(lw_support_source(FOLDER));
-    assert_non_null(folder);
-    size_t files = 0;
-    for (struct dirent *entry; (entry = readdir(folder));) files += entry->d_name[0] != '.';
-    closedir(folder);
-    assert_int_equal(files, sizeof valid / sizeof *valid + sizeof invalid / sizeof *invalid);
+    assert_int_equal(lw_support_count_files(FOLDER),
+                     sizeof valid / sizeof *valid + sizeof invalid / sizeof *invalid);
 }
 
 /* Reads the n-th hex listing of wire_format.md: hex digits up to the two spaces before the explanation. */

@@ -1,5 +1,6 @@
 #include "tests/support/support.h"
 
+#include <dirent.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -49,6 +50,15 @@ const char *lw_support_source(const char *relative) {
     int length = snprintf(path, sizeof path, "%s/%s", LW_SOURCE_DIR, relative);
     assert_true(length > 0 && (size_t)length < sizeof path);
     return path;
+}
+
+size_t lw_support_count_files(const char *relative) {
+    DIR *folder = opendir(lw_support_source(relative));
+    assert_non_null(folder);
+    size_t files = 0;
+    for (struct dirent *entry; (entry = readdir(folder));) files += entry->d_name[0] != '.';
+    closedir(folder);
+    return files;
 }
 
 const char *lw_support_scene(const char *relative) {

@@ -34,6 +34,9 @@ const char *lw_support_temporary(const char *name);
 /** Path of a file of the repository, e.g. "docs/scene_package.md"; valid until the next call. */
 const char *lw_support_source(const char *relative);
 
+/** Files in a folder of the repository, hidden ones left out. */
+size_t lw_support_count_files(const char *relative);
+
 /** Path of a real test scene, e.g. "sponza/Sponza_lit.gltf", under $LW_TEST_SCENES or beside the repository; valid until
  * the next call. Skips the calling test, saying so, where it is missing. */
 const char *lw_support_scene(const char *relative);
