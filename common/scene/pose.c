@@ -20,11 +20,14 @@ enum lw_status lw_pose_init(struct lw_pose *pose, const struct lw_scene *scene) 
     memset(pose, 0, sizeof *pose);
     /* calloc of 0 elements may be NULL: one more of each keeps NULL for "out of memory" */
     pose->object_to_world = calloc((size_t)scene->object_count + 1, sizeof *pose->object_to_world);
+    pose->object_hidden = calloc((size_t)scene->object_count + 1, sizeof *pose->object_hidden);
     pose->light = calloc((size_t)scene->light_count + 1, sizeof *pose->light);
+    pose->material = calloc((size_t)scene->material_count + 1, sizeof *pose->material);
     pose->node_to_world = calloc((size_t)scene->node_count + 1, sizeof *pose->node_to_world);
     pose->local = calloc((size_t)scene->node_count + 1, sizeof *pose->local);
     pose->node_moves = calloc((size_t)scene->node_count + 1, sizeof *pose->node_moves);
-    if (!pose->object_to_world || !pose->light || !pose->node_to_world || !pose->local || !pose->node_moves) {
+    if (!pose->object_to_world || !pose->object_hidden || !pose->light || !pose->material ||
+        !pose->node_to_world || !pose->local || !pose->node_moves) {
         lw_pose_finish(pose);
         return LW_NO_MEMORY;
     }
@@ -37,7 +40,9 @@ void lw_pose_finish(struct lw_pose *pose) {
     free(pose->node_moves);
     free(pose->local);
     free(pose->node_to_world);
+    free(pose->material);
     free(pose->light);
+    free(pose->object_hidden);
     free(pose->object_to_world);
     memset(pose, 0, sizeof *pose);
 }
@@ -163,8 +168,10 @@ static void evaluate_nodes(struct lw_pose *pose, const struct lw_scene *scene) {
 void lw_pose_evaluate(struct lw_pose *pose, const struct lw_scene *scene, double time_s) {
     pose->time_s = wrap_time(time_s, (double)scene->duration_s);
     evaluate_nodes(pose, scene);
-    for (uint32_t i = 0; i < scene->object_count; i++)
+    for (uint32_t i = 0; i < scene->object_count; i++) {
         pose->object_to_world[i] = pose->node_to_world[scene->object[i].node];
+        pose->object_hidden[i] = false;
+    }
     for (uint32_t i = 0; i < scene->light_count; i++) {
         const struct lw_light *light = &scene->light[i];
         const struct lw_affine *to_world = &pose->node_to_world[light->node];
@@ -173,6 +180,32 @@ void lw_pose_evaluate(struct lw_pose *pose, const struct lw_scene *scene, double
             .direction_ws = lw_vec3_normalize(lw_affine_vector(to_world, lw_vec3(0, 0, -1))),
             .intensity = lw_vec3(light->intensity[0], light->intensity[1], light->intensity[2])};
     }
+    for (uint32_t i = 0; i < scene->material_count; i++) {
+        const struct lw_material *material = &scene->material[i];
+        memcpy(pose->material[i].base_colour, material->base_colour, sizeof pose->material[i].base_colour);
+        memcpy(pose->material[i].emission, material->emission, sizeof pose->material[i].emission);
+    }
+    memcpy(pose->sky, scene->sky, sizeof pose->sky);
+}
+
+void lw_pose_copy(struct lw_pose *dst, const struct lw_pose *src, const struct lw_scene *scene) {
+    dst->time_s = src->time_s;
+    memcpy(dst->object_to_world, src->object_to_world, scene->object_count * sizeof *src->object_to_world);
+    memcpy(dst->object_hidden, src->object_hidden, scene->object_count * sizeof *src->object_hidden);
+    memcpy(dst->light, src->light, scene->light_count * sizeof *src->light);
+    memcpy(dst->material, src->material, scene->material_count * sizeof *src->material);
+    memcpy(dst->sky, src->sky, sizeof dst->sky);
+    memcpy(dst->node_to_world, src->node_to_world, scene->node_count * sizeof *src->node_to_world);
+}
+
+/* None of these structs has padding. */
+bool lw_pose_equal(const struct lw_pose *a, const struct lw_pose *b, const struct lw_scene *scene) {
+    return memcmp(a->object_to_world, b->object_to_world, scene->object_count * sizeof *a->object_to_world) ==
+               0 &&
+           memcmp(a->object_hidden, b->object_hidden, scene->object_count * sizeof *a->object_hidden) == 0 &&
+           memcmp(a->light, b->light, scene->light_count * sizeof *a->light) == 0 &&
+           memcmp(a->material, b->material, scene->material_count * sizeof *a->material) == 0 &&
+           memcmp(a->sky, b->sky, sizeof a->sky) == 0;
 }
 
 bool lw_pose_object_moves(const struct lw_pose *pose, const struct lw_scene *scene, uint32_t object) {

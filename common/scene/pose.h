@@ -1,4 +1,4 @@
-/* pose.h: the scene at one moment: where objects, lights and cameras are.
+/* pose.h: the scene at one moment: where objects, lights and cameras are, and what else of it may change.
  * Flow:    scene, time -> [pose] -> trace, solve, frame messages
  * Threads: a pose belongs to one thread at a time. */
 #ifndef LW_COMMON_POSE_H
@@ -13,23 +13,38 @@ struct lw_light_state {
     struct lw_vec3 intensity;
 };
 
+/** The factors of a material, as in struct lw_material. */
+struct lw_material_state {
+    float base_colour[3]; /* without alpha, which stays */
+    float emission[3];    /* W/(m^2 sr) */
+};
+
 struct lw_pose_local;
 
 struct lw_pose {
-    double time_s;                     /* wrapped */
-    struct lw_affine *object_to_world; /* one per object */
-    struct lw_light_state *light;      /* one per light */
-    struct lw_affine *node_to_world;   /* one per node */
-    struct lw_pose_local *local;       /* one per node; scratch of lw_pose_evaluate() */
-    bool *node_moves;                  /* one per node: it or an ancestor has a channel */
+    double time_s;                      /* wrapped */
+    struct lw_affine *object_to_world;  /* one per object */
+    bool *object_hidden;                /* one per object: no ray meets it */
+    struct lw_light_state *light;       /* one per light */
+    struct lw_material_state *material; /* one per material */
+    float sky[3];                       /* W/(m^2 sr) */
+    struct lw_affine *node_to_world;    /* one per node */
+    struct lw_pose_local *local;        /* one per node; scratch of lw_pose_evaluate() */
+    bool *node_moves;                   /* one per node: it or an ancestor has a channel */
 };
 
 /** Allocates for a scene and evaluates time 0. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_pose_init(struct lw_pose *pose, const struct lw_scene *scene);
 void lw_pose_finish(struct lw_pose *pose);
 
-/** Moves the pose to a time (s, wrapped into the animation's duration). */
+/** Moves the pose to a time (s, wrapped into the animation's duration): what the scene itself says, nothing hidden. */
 void lw_pose_evaluate(struct lw_pose *pose, const struct lw_scene *scene, double time_s);
+
+/** Makes dst the same moment as src; both of the same scene. */
+void lw_pose_copy(struct lw_pose *dst, const struct lw_pose *src, const struct lw_scene *scene);
+
+/** Whether the scene looks the same at both moments, bit for bit, whatever the time. Cameras do not count. */
+bool lw_pose_equal(const struct lw_pose *a, const struct lw_pose *b, const struct lw_scene *scene);
 
 /** Whether an object can ever move: its node or an ancestor of it has a channel. */
 bool lw_pose_object_moves(const struct lw_pose *pose, const struct lw_scene *scene, uint32_t object);

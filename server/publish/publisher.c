@@ -317,13 +317,6 @@ static enum lw_status make_snapshot(struct lw_publisher *p, const struct lw_pose
     return LW_OK;
 }
 
-static void remember_pose(struct lw_publisher *p, const struct lw_pose *pose) {
-    const struct lw_scene *scene = p->desc.scene;
-    memcpy(p->previous.object_to_world, pose->object_to_world,
-           scene->object_count * sizeof *pose->object_to_world);
-    memcpy(p->previous.light, pose->light, scene->light_count * sizeof *pose->light);
-}
-
 enum lw_status lw_publisher_publish(struct lw_publisher *p, const struct lw_pose *pose, uint64_t frame,
                                     uint64_t solve_ns, uint64_t rays_total, uint64_t tiles_solved,
                                     struct lw_snapshot **out_snapshot, struct lw_publisher_stats *out_stats) {
@@ -355,10 +348,10 @@ enum lw_status lw_publisher_publish(struct lw_publisher *p, const struct lw_pose
                                        .rays_total = rays_total,
                                        .tiles_solved = tiles_solved,
                                        .server_cpu_ns = lw_clock_process_cpu_ns()};
-    memcpy(message.sky, p->desc.scene->sky, sizeof message.sky);
+    memcpy(message.sky, pose->sky, sizeof message.sky);
     enum lw_status status = make_snapshot(p, pose, &message, out_snapshot);
     if (status != LW_OK) return status;
-    remember_pose(p, pose);
+    lw_pose_copy(&p->previous, pose, p->desc.scene);
     p->previous_frame = frame;
     *out_stats = stats;
     return LW_OK;

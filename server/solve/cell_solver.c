@@ -12,7 +12,6 @@
 
 #include <omp.h>
 #include <stdlib.h>
-#include <string.h>
 
 struct cell_solver {
     struct lw_solver base;
@@ -41,22 +40,6 @@ struct cell_solver {
 struct remembered {
     uint32_t frames, frames_since_move, ever_moved;
 };
-
-static bool same_pose(const struct lw_scene *scene, const struct lw_pose *a, const struct lw_pose *b) {
-    for (uint32_t i = 0; i < scene->object_count; i++)
-        if (memcmp(&a->object_to_world[i], &b->object_to_world[i], sizeof a->object_to_world[i]))
-            return false;
-    for (uint32_t i = 0; i < scene->light_count; i++)
-        if (memcmp(&a->light[i], &b->light[i], sizeof a->light[i])) return false;
-    return true;
-}
-
-static void copy_pose(const struct lw_scene *scene, struct lw_pose *dst, const struct lw_pose *src) {
-    dst->time_s = src->time_s;
-    memcpy(dst->object_to_world, src->object_to_world, scene->object_count * sizeof *src->object_to_world);
-    memcpy(dst->light, src->light, scene->light_count * sizeof *src->light);
-    memcpy(dst->node_to_world, src->node_to_world, scene->node_count * sizeof *src->node_to_world);
-}
 
 /* Takes over s->pose. */
 static enum lw_status place(struct cell_solver *s, struct lw_solver_stats *stats, struct lw_error *err) {
@@ -223,10 +206,10 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     struct cell_solver *s = (struct cell_solver *)solver;
     struct lw_solver_stats stats = {0};
     uint64_t t0 = lw_clock_ns();
-    stats.moved = !same_pose(s->desc.scene, pose, &s->pose);
+    stats.moved = !lw_pose_equal(pose, &s->pose, s->desc.scene);
     s->frames_since_move++;
     if (stats.moved) {
-        copy_pose(s->desc.scene, &s->pose, pose);
+        lw_pose_copy(&s->pose, pose, s->desc.scene);
         s->pose_due = true;
         s->moves++;
         s->frames_since_move = 0;
@@ -473,7 +456,7 @@ static enum lw_status build(struct cell_solver *s, const struct lw_pose *pose, s
     const struct lw_scene *scene = s->desc.scene;
     enum lw_status status = lw_pose_init(&s->pose, scene);
     if (status != LW_OK) return lw_status_fail(err, status, "poses");
-    copy_pose(scene, &s->pose, pose);
+    lw_pose_copy(&s->pose, pose, scene);
     if ((status = lw_trace_create(scene, &s->pose, &s->trace, err)) != LW_OK) return status;
     if ((status = lw_texels_init(&s->texels, scene, (unsigned)s->threads, err)) != LW_OK) return status;
     uint64_t buried = lw_burial_find(&s->texels, &s->pose, s->trace, s->threads);

@@ -309,6 +309,35 @@ static void bounds_hold_all_objects(void **state) {
     lw_scene_destroy(scene);
 }
 
+static void moments_are_equal_until_anything_but_the_time_differs(void **state) {
+    (void)state;
+    struct lw_scene *scene = lw_support_squares(3, 2);
+    struct lw_pose a, b;
+    lw_support_ok(lw_pose_init(&a, scene), NULL);
+    lw_support_ok(lw_pose_init(&b, scene), NULL);
+    assert_true(lw_pose_equal(&a, &b, scene));
+    b.time_s = 1;
+    assert_true(lw_pose_equal(&a, &b, scene));
+    float *const value[] = {&b.object_to_world[2].m[2][3], &b.light[0].position_ws.x,
+                            &b.light[0].intensity.z,       &b.material[0].base_colour[2],
+                            &b.material[0].emission[2],    &b.sky[2]};
+    for (size_t i = 0; i < sizeof value / sizeof value[0]; i++) {
+        *value[i] += 1;
+        assert_false(lw_pose_equal(&a, &b, scene));
+        lw_pose_copy(&b, &a, scene);
+        assert_true(lw_pose_equal(&a, &b, scene));
+    }
+    b.object_hidden[2] = true;
+    assert_false(lw_pose_equal(&a, &b, scene));
+    lw_pose_copy(&a, &b, scene);
+    assert_true(a.object_hidden[2] && lw_pose_equal(&a, &b, scene));
+    lw_pose_evaluate(&a, scene, 0); /* the scene itself hides nothing */
+    assert_false(a.object_hidden[2]);
+    lw_pose_finish(&a);
+    lw_pose_finish(&b);
+    lw_scene_destroy(scene);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(scale_comes_before_rotation_before_translation),
@@ -323,6 +352,7 @@ int main(void) {
         cmocka_unit_test(what_moves_is_what_has_a_channel_above_it),
         cmocka_unit_test(what_moves_is_found_fast),
         cmocka_unit_test(bounds_hold_all_objects),
+        cmocka_unit_test(moments_are_equal_until_anything_but_the_time_differs),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
