@@ -1,6 +1,6 @@
 # A thin face over CMake. `make help` lists what there is.
 .DEFAULT_GOAL := build
-.PHONY: help deps deps-all build run test test-long fuzz format lint clean
+.PHONY: help deps deps-all build run test test-long bench fuzz format lint clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -23,6 +23,9 @@ test: deps build ## the fast tests: unit, golden, reference, integration
 
 test-long: deps-all ## sanitizers, both compilers, long tests, a short run of each fuzzer
 	@scripts/check.sh gcc clang dev tsan long fuzz
+
+bench: build ## what each kernel costs and how far it is from bare rays: one table, and bench.json
+	@tests/bench/bench.py $(BENCH_SCENES)
 
 fuzz: deps-all ## run each fuzzer for FUZZ_SECONDS (default 60)
 	@FUZZ_SECONDS=$${FUZZ_SECONDS:-60} scripts/check.sh fuzz

@@ -1,8 +1,8 @@
 #include "common/trace/trace.h"
 
 #include "common/random.h"
+#include "common/trace/trace_context.h"
 
-#include <embree3/rtcore.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -44,11 +44,6 @@ struct lw_trace {
     struct box box[BOXES_MAX]; /* where movers are now */
     uint32_t box_count;
     _Atomic int64_t memory_bytes;
-};
-
-struct trace_context {
-    struct RTCIntersectContext rtc; /* first: filters get a pointer to it */
-    unsigned flags;
 };
 
 static bool count_memory(void *user, ssize_t bytes, bool post) {
@@ -100,7 +95,7 @@ static bool passes_alpha(const struct geometry *g, unsigned flags,
  * Ray and normal are both in the geometry's own space here, so their signs need no transform. */
 static void filter(const struct RTCFilterFunctionNArguments *args) {
     const struct geometry *g = args->geometryUserPtr;
-    const struct trace_context *context = (const struct trace_context *)args->context;
+    const struct lw_trace_context *context = (const struct lw_trace_context *)args->context;
     const bool cull = context->flags & LW_TRACE_VIEW;
     const unsigned n = args->N;
     for (unsigned i = 0; i < n; i++) {
@@ -121,7 +116,7 @@ static void filter(const struct RTCFilterFunctionNArguments *args) {
 }
 
 /* every_hit: whether backs are left out on geometry without alpha, too. */
-static void init_context(struct trace_context *context, unsigned flags, bool every_hit) {
+static void init_context(struct lw_trace_context *context, unsigned flags, bool every_hit) {
     rtcInitIntersectContext(&context->rtc);
     context->flags = flags;
     if (flags & LW_TRACE_COHERENT) context->rtc.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
@@ -429,7 +424,7 @@ static void find_sides(const struct lw_trace *trace, const int valid[16], const 
 /* Closest hits of the valid rays, with the side that each is met from. */
 static void intersect(const struct lw_trace *trace, unsigned flags, bool every_hit, const int valid[16],
                       struct RTCRayHit16 *rh, uint8_t back[16]) {
-    struct trace_context context;
+    struct lw_trace_context context;
     _Alignas(64) int reach[16];
     init_context(&context, flags, every_hit);
     rtcIntersect16(valid, trace->fixed, &context.rtc, rh);
@@ -484,7 +479,7 @@ uint16_t lw_trace_occluded16(const struct lw_trace *trace, unsigned flags, uint1
                              const struct lw_ray16 *rays) {
     _Alignas(64) int valid[16];
     _Alignas(64) struct RTCRay16 ray;
-    struct trace_context context;
+    struct lw_trace_context context;
     const bool every_hit = flags & LW_TRACE_VIEW;
     load_valid(valid, active);
     load_rays(&ray, rays);

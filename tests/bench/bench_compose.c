@@ -4,7 +4,7 @@
  *
  * Every scene twice: at rest, as one flat structure of triangles, and with what moves in it set apart (where nothing does,
  * a lamp and an object are set moving). Its light is noise, so that a look-up of the wrong texel shows. One table in
- * Markdown, CPU milliseconds per picture:
+ * Markdown, CPU milliseconds per picture, medians over the rounds:
  *   raw      the view's rays in the flat structure, with nothing asked of what they meet: Embree and little else
  *   rays     the same in the structure of this row, as the view traces them
  *   compose  the whole picture; over raw: compose_over_raw
@@ -14,10 +14,9 @@
 #include "client/view/path_trace.h"
 #include "common/clock.h"
 #include "common/image/image.h"
-#include "common/log.h"
 #include "common/random.h"
 #include "common/scene/scene_motion.h"
-#include "common/scene/scene_open.h"
+#include "tests/bench/bench_setup.h"
 
 #include <omp.h>
 #include <stdio.h>
@@ -87,12 +86,6 @@ static void trace_all(const struct scene *s, const struct lw_trace *trace, unsig
     }
 }
 
-static double least(const double *value, int64_t count) {
-    double found = value[0];
-    for (int64_t i = 1; i < count; i++) found = fmin(found, value[i]);
-    return found;
-}
-
 static enum lw_status write_picture(const struct scene *s, const char *name, const char *motion,
                                     struct lw_error *err) {
     char path[512];
@@ -147,11 +140,14 @@ static enum lw_status measure(struct scene *s, const char *name, bool moving, st
         time_s[3][i / PATH_EVERY] = 1e-9 * (double)(lw_clock_process_cpu_ns() - at_ns[3]);
     }
     if (status == LW_OK) {
-        const double raw = least(time_s[0], o->rounds), rays = least(time_s[1], o->rounds),
-                     whole = least(time_s[2], o->rounds),
-                     path = least(time_s[3], (o->rounds + PATH_EVERY - 1) / PATH_EVERY);
+        double over_raw[ROUNDS_MAX];
+        const size_t rounds = (size_t)o->rounds;
+        for (size_t i = 0; i < rounds; i++) over_raw[i] = time_s[2][i] / time_s[0][i];
+        const double raw = bench_median(time_s[0], rounds), rays = bench_median(time_s[1], rounds),
+                     whole = bench_median(time_s[2], rounds),
+                     path = bench_median(time_s[3], (rounds + PATH_EVERY - 1) / PATH_EVERY);
         printf("| %s | %s | %.1f | %.1f | %.1f | %.2f | %.0f |\n", name, moving ? "moving" : "still",
-               1e3 * raw, 1e3 * rays, 1e3 * whole, whole / raw, 1e3 * path);
+               1e3 * raw, 1e3 * rays, 1e3 * whole, bench_median(over_raw, rounds), 1e3 * path);
         fflush(stdout);
         status = write_picture(s, name, moving ? "moving" : "still", err);
     }
@@ -189,26 +185,15 @@ static enum lw_status open_flat(struct scene *s, struct lw_error *err) {
 
 static enum lw_status set_up(struct scene *s, const char *name, struct lw_error *err) {
     const struct settings *o = s->settings;
-    struct lw_scene_open open = o->open;
-    char path[4096];
-    const size_t length = strcspn(name, "@");
-    if (length >= sizeof path) return lw_status_fail(err, LW_USAGE, "a path that long: %s", name);
-    memcpy(path, name, length);
-    path[length] = '\0';
-    open.path = path;
-    enum lw_status status = lw_scene_open(&open, &s->scene, err);
+    enum lw_status status =
+        bench_open(&o->open, name, LW_SCENE_MOTION_ALL, o->time_s, &s->scene, &s->pose, &s->map, err);
     if (status != LW_OK) return status;
-    struct lw_scene_motion_report motion;
-    status = lw_scene_motion_set(s->scene, LW_SCENE_MOTION_ALL, &motion, err);
-    if (status == LW_OK) status = lw_pose_init(&s->pose, s->scene);
-    if (status == LW_OK) status = lw_atlas_map_init(&s->map, s->scene);
-    if (status != LW_OK) return status;
-    lw_pose_evaluate(&s->pose, s->scene, o->time_s);
     status = open_flat(s, err);
     if (status != LW_OK) return status;
     s->view = (struct lw_compose_view){.width = (uint32_t)o->width, .height = (uint32_t)o->height};
-    if (name[length] == '@')
-        status = lw_camera_parse(name + length + 1, &s->view.camera, err);
+    const char *at = strchr(name, '@');
+    if (at != NULL)
+        status = lw_camera_parse(at + 1, &s->view.camera, err);
     else if (s->scene->camera_count > 0)
         s->view.camera = lw_camera_of_scene(s->scene, &s->pose, 0);
     else
@@ -216,7 +201,8 @@ static enum lw_status set_up(struct scene *s, const char *name, struct lw_error 
     return status == LW_OK ? make_light(s) : status;
 }
 
-static enum lw_status run(const struct settings *settings, const char *name, struct lw_error *err) {
+static enum lw_status run(void *context, const char *name, struct lw_error *err) {
+    const struct settings *settings = context;
     struct scene s = {.settings = settings,
                       .threads =
                           settings->open.threads ? (int)settings->open.threads : omp_get_max_threads()};
@@ -227,47 +213,37 @@ static enum lw_status run(const struct settings *settings, const char *name, str
     free(s.light);
     lw_trace_destroy(s.flat);
     lw_atlas_map_finish(&s.map);
-    if (s.scene != NULL) lw_pose_finish(&s.pose);
+    lw_pose_finish(&s.pose);
     lw_scene_destroy(s.scene);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "%s: %s", name, lw_status_text(status));
 }
 
+static enum lw_status begin(void *context, struct lw_error *err) {
+    (void)context, (void)err;
+    printf("| scene | motion | raw | rays | compose | compose_over_raw | path |\n");
+    printf("|---|---|---|---|---|---|---|\n");
+    return LW_OK;
+}
+
 int main(int argc, char **argv) {
-    struct settings s = {.open = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG},
-                         .width = 1280,
-                         .height = 720,
-                         .rounds = 9,
-                         .bounces = 2};
+    struct settings s = {.width = 1280, .height = 720, .rounds = 9, .bounces = 2};
     const struct lw_option table[] = {
         {"width", "N", "pixels (default 1280)", LW_OPTION_INT, &s.width, 1, 16384, NULL},
         {"height", "N", "pixels (default 720)", LW_OPTION_INT, &s.height, 1, 16384, NULL},
-        {"rounds", "N", "pictures; the least time of each kind is printed (default 9)", LW_OPTION_INT,
+        {"rounds", "N", "pictures; the median time of each kind is printed (default 9)", LW_OPTION_INT,
          &s.rounds, 1, ROUNDS_MAX, NULL},
         {"bounces", "N", "of the path tracer (default 2)", LW_OPTION_INT, &s.bounces, 0,
          LW_PATH_TRACE_BOUNCES_MAX, NULL},
         {"time", "SECONDS", "of the animation (default 0)", LW_OPTION_REAL, &s.time_s, 0, 1e9, NULL},
-        {"o", "DIR", "write the pictures there", LW_OPTION_STRING, &s.folder, 0, 0, NULL},
-        LW_SCENE_OPEN_OPTIONS(&s.open),
-    };
-    const char *scene[64];
-    size_t count = 0;
-    const struct lw_options options = {.program = "bench_compose",
-                                       .synopsis = "[OPTIONS] SCENE[@CAMERA]...",
-                                       .about = "CPU time of a composed view, by the bare tracer's.",
-                                       .table = table,
-                                       .count = sizeof table / sizeof table[0],
-                                       .positional = scene,
-                                       .positional_min = 1,
-                                       .positional_max = sizeof scene / sizeof scene[0]};
-    struct lw_error err = {0};
-    bool done = false;
-    lw_log_init("bench_compose", LW_LOG_WARNING);
-    enum lw_status status = lw_options_parse(&options, argc, argv, &count, &done, &err);
-    if (status == LW_OK && done) return 0;
-    if (status == LW_OK) {
-        printf("| scene | motion | raw | rays | compose | compose_over_raw | path |\n");
-        printf("|---|---|---|---|---|---|---|\n");
-    }
-    for (size_t i = 0; status == LW_OK && i < count; i++) status = run(&s, scene[i], &err);
-    return status == LW_OK ? 0 : lw_log_failure(&err);
+        {"o", "DIR", "write the pictures there", LW_OPTION_STRING, &s.folder, 0, 0, NULL}};
+    return bench_main(&(struct bench_program){.name = "bench_compose",
+                                              .about = "CPU time of a composed view, by the bare tracer's.",
+                                              .operand = "SCENE[@CAMERA]",
+                                              .table = table,
+                                              .count = sizeof table / sizeof table[0],
+                                              .open = &s.open,
+                                              .context = &s,
+                                              .begin = begin,
+                                              .run = run},
+                      argc, argv);
 }

@@ -1,0 +1,13 @@
+/* trace_context.h: what goes to Embree beside the rays; filters find it there.
+ * For this folder alone. */
+#ifndef LW_COMMON_TRACE_CONTEXT_H
+#define LW_COMMON_TRACE_CONTEXT_H
+
+#include <embree3/rtcore.h>
+
+struct lw_trace_context {
+    struct RTCIntersectContext rtc; /* first: filters get a pointer to it */
+    unsigned flags;                 /* enum lw_trace_flags */
+};
+
+#endif

@@ -1,0 +1,164 @@
+#include "tests/bench/bench_meter.h"
+
+#include "common/clock.h"
+#include "server/publish/levels.h"
+#include "server/solve/denoise.h"
+#include "server/solve/passes.h"
+#include "server/solve/seams.h"
+
+#include <math.h>
+#include <omp.h>
+#include <stdatomic.h>
+
+const char *const bench_kernel_name[BENCH_KERNELS] = {
+    "direct", "trace ends", "gather", "radiate", "finish", "denoise", "weld", "gutters", "levels", "encode"};
+
+#define NONE BENCH_KERNELS
+
+struct moment {
+    uint64_t wall_ns, cpu_ns;
+};
+
+/* One frame is under way at a time. */
+static struct {
+    struct bench_meter_desc desc;
+    struct bench_meter_frame frame;
+    struct moment began;
+    uint64_t serial_since_ns; /* CPU time at which the last region ended */
+    int outer;                /* the kernel whose call holds regions of its own */
+    _Atomic int inner;        /* the one that runs in the region under way */
+    _Atomic uint64_t sampled_ns[2], rays[2];
+} meter;
+
+static struct moment now(void) { return (struct moment){lw_clock_ns(), lw_clock_thread_cpu_ns()}; }
+
+static void add(int kernel, struct moment began, struct moment ended) {
+    if (kernel == NONE) return;
+    meter.frame.kernel[kernel].wall += 1e-9 * (double)(ended.wall_ns - began.wall_ns);
+    meter.frame.kernel[kernel].cpu += 1e-9 * (double)(ended.cpu_ns - began.cpu_ns);
+}
+
+static void end_serial(uint64_t cpu_ns) {
+    const double stretch = 1e-9 * (double)(cpu_ns - meter.serial_since_ns);
+    meter.frame.serial += stretch;
+    meter.frame.serial_longest = fmax(meter.frame.serial_longest, stretch);
+}
+
+void bench_meter_begin(const struct bench_meter_desc *desc) {
+    meter.desc = *desc;
+    meter.frame = (struct bench_meter_frame){0};
+    meter.outer = NONE;
+    for (int k = 0; k < 2; k++) meter.sampled_ns[k] = meter.rays[k] = 0;
+    meter.began = now();
+    meter.serial_since_ns = meter.began.cpu_ns;
+}
+
+void bench_meter_end(struct bench_meter_frame *out_frame) {
+    const struct moment ended = now();
+    end_serial(ended.cpu_ns);
+    meter.frame.wall = 1e-9 * (double)(ended.wall_ns - meter.began.wall_ns);
+    meter.frame.cpu = 1e-9 * (double)(ended.cpu_ns - meter.began.cpu_ns);
+    for (int k = 0; k < 2; k++) {
+        meter.frame.sampled[k] = 1e-9 * (double)meter.sampled_ns[k];
+        meter.frame.rays[k] = meter.rays[k];
+    }
+    *out_frame = meter.frame;
+}
+
+/* ---- OpenMP ---- */
+
+void __real_GOMP_parallel(void (*body)(void *), void *data, unsigned threads, unsigned flags);
+void __wrap_GOMP_parallel(void (*body)(void *), void *data, unsigned threads, unsigned flags);
+
+void __wrap_GOMP_parallel(void (*body)(void *), void *data, unsigned threads, unsigned flags) {
+    const struct moment began = now();
+    end_serial(began.cpu_ns);
+    meter.inner = NONE;
+    __real_GOMP_parallel(body, data, threads, flags);
+    const struct moment ended = now();
+    if (meter.outer == NONE) add(meter.inner, began, ended);
+    meter.serial_since_ns = ended.cpu_ns;
+}
+
+/* ---- kernels that run on one tile or object, inside a region ---- */
+
+static bool sampled(const struct lw_solve_tile *tile) { return tile->id.v % meter.desc.stride == 0; }
+
+static void begin_tile(int pass, const struct lw_solve_tile *tile, uint64_t *began_ns) {
+    meter.inner = pass;
+    if (!sampled(tile)) return;
+    if (meter.desc.replay[pass]) lw_trace_replay_record(meter.desc.replay[pass][omp_get_thread_num()]);
+    *began_ns = lw_clock_thread_cpu_ns();
+}
+
+static void end_tile(int pass, const struct lw_solve_tile *tile, uint64_t began_ns, uint64_t rays) {
+    meter.rays[pass] += rays;
+    if (!sampled(tile)) return;
+    meter.sampled_ns[pass] += lw_clock_thread_cpu_ns() - began_ns;
+    lw_trace_replay_record(NULL);
+}
+
+/* The linker turns calls from other files into __wrap_, and __real_ into the function itself. */
+#define WRAP(type, name, parameters)                                                                         \
+    type __real_##name parameters;                                                                           \
+    type __wrap_##name parameters;                                                                           \
+    _Static_assert(__builtin_types_compatible_p(__typeof__(name), __typeof__(__wrap_##name)),                \
+                   "the parameters of " #name " have changed");
+#define NOTE(kernel, type, name, parameters, arguments)                                                      \
+    WRAP(type, name, parameters)                                                                             \
+    type __wrap_##name parameters {                                                                          \
+        meter.inner = kernel;                                                                                \
+        __real_##name arguments;                                                                             \
+    }
+
+WRAP(void, lw_passes_direct,
+     (const struct lw_passes *p, struct lw_solve_tile *tile, float *cdf, struct lw_passes_count *count))
+void __wrap_lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile, float *cdf,
+                             struct lw_passes_count *count) {
+    uint64_t began_ns = 0;
+    begin_tile(BENCH_DIRECT, tile, &began_ns);
+    __real_lw_passes_direct(p, tile, cdf, count);
+    end_tile(BENCH_DIRECT, tile, began_ns, count->shadow);
+}
+
+WRAP(void, lw_passes_trace_ends,
+     (const struct lw_passes *p, const struct lw_solve_tile *tile, struct lw_passes_count *count))
+void __wrap_lw_passes_trace_ends(const struct lw_passes *p, const struct lw_solve_tile *tile,
+                                 struct lw_passes_count *count) {
+    uint64_t began_ns = 0;
+    begin_tile(BENCH_TRACE_ENDS, tile, &began_ns);
+    __real_lw_passes_trace_ends(p, tile, count);
+    end_tile(BENCH_TRACE_ENDS, tile, began_ns, count->bounce);
+}
+
+NOTE(BENCH_GATHER, void, lw_passes_gather,
+     (const struct lw_passes *p, const struct lw_solve_tile *tile, uint32_t bounce), (p, tile, bounce))
+NOTE(BENCH_RADIATE, void, lw_passes_radiate,
+     (const struct lw_passes *p, const struct lw_solve_tile *tile, uint32_t bounce), (p, tile, bounce))
+NOTE(BENCH_FINISH, void, lw_passes_finish_tile, (const struct lw_passes *p, struct lw_solve_tile *tile),
+     (p, tile))
+NOTE(BENCH_LEVELS, void, lw_levels_build, (struct lw_levels * levels), (levels))
+NOTE(BENCH_ENCODE, void, lw_levels_store_tile,
+     (const struct lw_levels *levels, const struct lw_tile_place *place, float *rgb, uint8_t *covered),
+     (levels, place, rgb, covered))
+
+/* ---- kernels that hold regions ---- */
+
+#define HOLD(kernel, name, parameters, arguments)                                                            \
+    WRAP(void, name, parameters)                                                                             \
+    void __wrap_##name parameters {                                                                          \
+        const struct moment began = now();                                                                   \
+        meter.outer = kernel;                                                                                \
+        __real_##name arguments;                                                                             \
+        meter.outer = NONE;                                                                                  \
+        add(kernel, began, now());                                                                           \
+    }
+
+HOLD(BENCH_DENOISE, lw_denoise_run, (struct lw_denoise * denoise, uint64_t frame, int threads),
+     (denoise, frame, threads))
+HOLD(BENCH_WELD, lw_seams_weld,
+     (struct lw_seams * seams, struct lw_tiles *tiles, uint64_t frame, int threads),
+     (seams, tiles, frame, threads))
+HOLD(BENCH_GUTTERS, lw_tiles_fill_gutters,
+     (struct lw_tiles * tiles, const struct lw_texels *texels, const uint8_t *welded, int threads),
+     (tiles, texels, welded, threads))

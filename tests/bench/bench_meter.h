@@ -1,0 +1,48 @@
+/* bench_meter.h: where the time of a frame goes, kernel by kernel, in the code that ships.
+ * Threads: begin and end by the one that calls the solver.
+ *
+ * The linker puts it around the calls of the kernels and around OpenMP's parallel regions (ld --wrap; for GCC's OpenMP).
+ * A region counts for the kernel that runs in it; time in no region is serial. */
+#ifndef LW_TESTS_BENCH_METER_H
+#define LW_TESTS_BENCH_METER_H
+
+#include "common/trace/trace_replay.h"
+
+enum bench_kernel {
+    BENCH_DIRECT,
+    BENCH_TRACE_ENDS,
+    BENCH_GATHER,
+    BENCH_RADIATE,
+    BENCH_FINISH,
+    BENCH_DENOISE,
+    BENCH_WELD,
+    BENCH_GUTTERS,
+    BENCH_LEVELS,
+    BENCH_ENCODE,
+    BENCH_KERNELS
+};
+
+extern const char *const bench_kernel_name[BENCH_KERNELS];
+
+/** What a frame took, in seconds. CPU time is the calling thread's: with one worker, all of it. */
+struct bench_meter_frame {
+    struct {
+        double wall, cpu;
+    } kernel[BENCH_KERNELS];
+    double wall, cpu;              /* of the frame */
+    double serial, serial_longest; /* of cpu: outside of parallel regions, in all and the longest stretch */
+    double sampled[2];             /* of cpu: BENCH_DIRECT and BENCH_TRACE_ENDS of every `stride`th tile */
+    uint64_t rays[2];              /* of the whole frame: of those two */
+};
+
+/** Every stride-th tile's calls of the two passes are timed apart or, with replays, recorded.
+ * replay   [0]: direct, [1]: trace ends; each an array, one for each thread; or {NULL, NULL} */
+struct bench_meter_desc {
+    uint32_t stride;
+    struct lw_trace_replay **replay[2];
+};
+
+void bench_meter_begin(const struct bench_meter_desc *desc);
+void bench_meter_end(struct bench_meter_frame *out_frame);
+
+#endif

@@ -1,0 +1,41 @@
+/* bench_setup.h: what the programs of this folder share: their command line, a scene made ready, medians.
+ * Threads: main() only. */
+#ifndef LW_TESTS_BENCH_SETUP_H
+#define LW_TESTS_BENCH_SETUP_H
+
+#include "common/scene/pose.h"
+#include "common/scene/scene_open.h"
+#include "common/tile/atlas.h"
+
+/** A program that does the same with each of its SCENEs. */
+struct bench_program {
+    const char *name, *about;
+    const char *operand; /* NULL: "SCENE" */
+    const struct lw_option *table;
+    size_t count;
+    struct lw_scene_open *open; /* its options follow those of the table */
+    void *context;
+    enum lw_status (*begin)(void *context, struct lw_error *err); /* before the first scene; may be NULL */
+    enum lw_status (*run)(void *context, const char *scene, struct lw_error *err);
+};
+
+/** main() of it: parses, begins, runs scene by scene until one fails. */
+int bench_main(const struct bench_program *program, int argc, char **argv);
+
+/** The last part of a scene's path, up to '@', behind which some programs take a camera. buffer: of at least 64 bytes. */
+const char *bench_label(const char *scene, char *buffer, size_t size);
+
+/** Opens what stands before a '@' in `name`.
+ * motion  what moves (enum lw_scene_motion), or BENCH_MOTION_OWN: what the scene says
+ * time_s  the pose's moment
+ * out_map may be NULL
+ * Where it fails, what is there is still the caller's to finish; give it zeroed structures. */
+#define BENCH_MOTION_OWN (-1)
+LW_MUST_CHECK enum lw_status bench_open(const struct lw_scene_open *open, const char *name, int motion,
+                                        double time_s, struct lw_scene **out_scene, struct lw_pose *out_pose,
+                                        struct lw_atlas_map *out_map, struct lw_error *err);
+
+/** Of `count` values, at least 1, which it sorts; the upper one of two in the middle. */
+double bench_median(double *value, size_t count);
+
+#endif
