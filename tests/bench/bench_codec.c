@@ -12,14 +12,12 @@
  *   Mtexel/s  of CPU time of one thread, of all texels of the tiles
  * --dump writes the tiles: u32 set, width, height; f32 error; f32 rgb[width*height*3]; u8 covered[width*height]. */
 #include "common/clock.h"
-#include "common/log.h"
-#include "common/options.h"
-#include "common/scene/scene_open.h"
 #include "common/tile/tile_codec.h"
 #include "common/tile/tile_dct.h"
 #include "server/publish/levels.h"
 #include "server/publish/publisher.h"
 #include "server/solve/cell_solver.h"
+#include "tests/bench/bench_setup.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -355,7 +353,7 @@ static enum lw_status report(const struct job *job, struct coder *coder, struct 
 static enum lw_status compare(const struct job *job, const char *path) {
     struct coder coder = {.compress = ZSTD_createCCtx(), .decompress = ZSTD_createDCtx()};
     struct coded *coded = malloc(((size_t)job->map.tile_count + 1) * sizeof *coded);
-    const char *name = strrchr(path, '/');
+    char label[64];
     enum lw_status status = lw_tile_codec_create(&coder.tile);
     if (status == LW_OK && (!coder.compress || !coder.decompress || !coded)) status = LW_NO_MEMORY;
     if (status == LW_OK) {
@@ -363,7 +361,7 @@ static enum lw_status compare(const struct job *job, const char *path) {
                "| light | noise, dB | codec | bits | log-PSNR, dB | largest | mean, rms / worst | encode / "
                "decode, "
                "Mtexel/s |\n|---|---|---|---|---|---|---|---|\n",
-               name ? name + 1 : path, job->map.tile_count, 100 * (double)job->y0);
+               bench_label(path, label, sizeof label), job->map.tile_count, 100 * (double)job->y0);
         status = report(job, &coder, coded);
     }
     free(coded);
@@ -387,14 +385,19 @@ static enum lw_status dump(const struct job *job, FILE *file) {
     return good ? LW_OK : LW_IO;
 }
 
-static enum lw_status run(const struct lw_scene_open *open, uint32_t frames, double at_s, FILE *file,
-                          struct lw_error *err) {
+struct settings {
+    struct lw_scene_open open;
+    int64_t frames;
+    double at_s;
+    const char *dump_path;
+    FILE *file;
+};
+
+static enum lw_status run(void *context, const char *path, struct lw_error *err) {
+    const struct settings *s = context;
     struct job job = {0};
-    enum lw_status status = lw_scene_open(open, &job.scene, err);
-    if (status != LW_OK) return status;
-    status = lw_atlas_map_init(&job.map, job.scene);
-    if (status == LW_OK) status = lw_pose_init(&job.pose, job.scene);
-    if (status == LW_OK) lw_pose_evaluate(&job.pose, job.scene, at_s);
+    enum lw_status status =
+        bench_open(&s->open, path, BENCH_MOTION_OWN, s->at_s, &job.scene, &job.pose, &job.map, err);
     if (status == LW_OK)
         status = lw_cell_solver_create(&(struct lw_solver_desc){.scene = job.scene,
                                                                 .atlas_map = &job.map,
@@ -406,48 +409,43 @@ static enum lw_status run(const struct lw_scene_open *open, uint32_t frames, dou
                                                                 .denoise = true,
                                                                 .seed = 1},
                                        &job.pose, &job.solver, err);
-    if (status == LW_OK) status = solve(&job, frames, at_s, err);
+    if (status == LW_OK) status = solve(&job, (uint32_t)s->frames, s->at_s, err);
     if (status == LW_OK) status = find_y0(&job, job.set[2]);
-    if (status == LW_OK && file) status = dump(&job, file);
-    if (status == LW_OK) status = compare(&job, open->path);
+    if (status == LW_OK && s->file) status = dump(&job, s->file);
+    if (status == LW_OK) status = compare(&job, path);
     drop_sets(&job);
     if (job.solver) job.solver->ops->destroy(job.solver);
     lw_pose_finish(&job.pose);
     lw_atlas_map_finish(&job.map);
     lw_scene_destroy(job.scene);
-    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "%s", open->path);
+    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "%s", path);
+}
+
+static enum lw_status begin(void *context, struct lw_error *err) {
+    struct settings *s = context;
+    if (!s->dump_path) return LW_OK;
+    s->file = fopen(s->dump_path, "wb");
+    return s->file ? LW_OK : lw_status_fail(err, LW_IO, "%s", s->dump_path);
 }
 
 int main(int argc, char **argv) {
-    const char *scene[16] = {0}, *dump_path = NULL;
-    size_t scenes = 0;
-    int64_t frames = 256;
-    double at_s = 3;
-    bool done = false;
-    struct lw_scene_open open = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG};
+    struct settings s = {.frames = 256, .at_s = 3};
     const struct lw_option table[] = {
         {"frames", "N", "of the solve, of 1 + 2 rays a texel, until light counts as clean (default 256)",
-         LW_OPTION_INT, &frames, 17, 100000, NULL},
-        {"at", "SECONDS", "moment of the scene's animation (default 3)", LW_OPTION_REAL, &at_s, 0, 1e9, NULL},
-        {"dump", "FILE", "write all tiles there", LW_OPTION_STRING, &dump_path, 0, 0, NULL},
-        LW_SCENE_OPEN_OPTIONS(&open)};
-    const struct lw_options options = {.program = "bench_codec",
-                                       .synopsis = "SCENE... [OPTIONS]",
-                                       .about = "What tiles cost and lose in each codec, as tables.",
-                                       .table = table,
-                                       .count = sizeof table / sizeof table[0],
-                                       .positional = scene,
-                                       .positional_min = 1,
-                                       .positional_max = sizeof scene / sizeof scene[0]};
-    struct lw_error err = {0};
-    lw_log_init("bench_codec", LW_LOG_WARNING);
-    enum lw_status status = lw_options_parse(&options, argc, argv, &scenes, &done, &err);
-    FILE *file = status == LW_OK && !done && dump_path ? fopen(dump_path, "wb") : NULL;
-    if (status == LW_OK && !done && dump_path && !file) status = lw_status_fail(&err, LW_IO, "%s", dump_path);
-    for (size_t i = 0; status == LW_OK && !done && i < scenes; i++) {
-        open.path = scene[i];
-        status = run(&open, (uint32_t)frames, at_s, file, &err);
-    }
-    if (file && fclose(file) != 0 && status == LW_OK) status = lw_status_fail(&err, LW_IO, "%s", dump_path);
-    return status == LW_OK ? 0 : lw_log_failure(&err);
+         LW_OPTION_INT, &s.frames, 17, 100000, NULL},
+        {"at", "SECONDS", "moment of the scene's animation (default 3)", LW_OPTION_REAL, &s.at_s, 0, 1e9,
+         NULL},
+        {"dump", "FILE", "write all tiles there", LW_OPTION_STRING, &s.dump_path, 0, 0, NULL}};
+    const int code =
+        bench_main(&(struct bench_program){.name = "bench_codec",
+                                           .about = "What tiles cost and lose in each codec, as tables.",
+                                           .table = table,
+                                           .count = sizeof table / sizeof table[0],
+                                           .open = &s.open,
+                                           .context = &s,
+                                           .begin = begin,
+                                           .run = run},
+                   argc, argv);
+    if (s.file && fclose(s.file) != 0) return perror(s.dump_path), 1;
+    return code;
 }

@@ -7,10 +7,8 @@
  * on the machine does not count. "mean" is the largest change of an object's mean light by the filter. */
 #include "common/clock.h"
 #include "common/colour.h"
-#include "common/log.h"
-#include "common/options.h"
-#include "common/scene/scene_open.h"
 #include "server/solve/cell_solver.h"
+#include "tests/bench/bench_setup.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -20,6 +18,11 @@
 
 static const double moments_s[] = {0.25, 1, 4};
 #define MOMENTS (sizeof moments_s / sizeof *moments_s)
+
+struct settings {
+    struct lw_scene_open open;
+    int64_t truth;
+};
 
 struct job {
     struct lw_scene *scene;
@@ -149,12 +152,12 @@ static enum lw_status measure(const struct job *job, bool denoise, struct moment
 
 static void print_table(const struct job *job, const char *path, uint32_t truth, const struct moment *plain,
                         const struct moment *filtered) {
-    const char *name = strrchr(path, '/');
+    char label[64];
     printf("\n### %s\n\n%zu texels; truth: %u frames.\n\n"
            "| seconds | frames | relMSE | frames, filtered | relMSE, filtered | ratio | filter ms (wall) | "
            "frame ms | mean, "
            "filtered | mean, welded alone |\n|---|---|---|---|---|---|---|---|---|---|\n",
-           name ? name + 1 : path, job->texels, truth);
+           bench_label(path, label, sizeof label), job->texels, truth);
     for (size_t m = 0; m < MOMENTS; m++)
         printf("| %.2f | %u | %.4f | %u | %.4f | %.2f | %.1f | %.1f | %.2g %% | %.2g %% |\n", moments_s[m],
                plain[m].frames, plain[m].error, filtered[m].frames, filtered[m].error,
@@ -164,17 +167,16 @@ static void print_table(const struct job *job, const char *path, uint32_t truth,
     fflush(stdout);
 }
 
-static enum lw_status run_scene(const struct lw_scene_open *open, uint32_t truth, struct lw_error *err) {
+static enum lw_status run(void *context, const char *path, struct lw_error *err) {
+    const struct settings *s = context;
     struct job job = {0};
     struct moment plain[MOMENTS], filtered[MOMENTS];
-    enum lw_status status = lw_scene_open(open, &job.scene, err);
-    if (status != LW_OK) return status;
-    status = lw_atlas_map_init(&job.map, job.scene);
-    if (status == LW_OK) status = lw_pose_init(&job.pose, job.scene);
-    if (status == LW_OK) status = solve_truth(&job, truth, err);
+    enum lw_status status =
+        bench_open(&s->open, path, BENCH_MOTION_OWN, 0, &job.scene, &job.pose, &job.map, err);
+    if (status == LW_OK) status = solve_truth(&job, (uint32_t)s->truth, err);
     if (status == LW_OK) status = measure(&job, false, plain, err);
     if (status == LW_OK) status = measure(&job, true, filtered, err);
-    if (status == LW_OK) print_table(&job, open->path, truth, plain, filtered);
+    if (status == LW_OK) print_table(&job, path, (uint32_t)s->truth, plain, filtered);
     free(job.truth);
     lw_pose_finish(&job.pose);
     lw_atlas_map_finish(&job.map);
@@ -183,30 +185,17 @@ static enum lw_status run_scene(const struct lw_scene_open *open, uint32_t truth
 }
 
 int main(int argc, char **argv) {
-    const char *scene[16] = {0};
-    size_t scenes = 0;
-    int64_t truth = 256;
-    bool done = false;
-    struct lw_scene_open open = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG};
+    struct settings s = {.truth = 256};
     const struct lw_option table[] = {{"truth", "N",
                                        "frames of the solve that errors are measured against (default 256)",
-                                       LW_OPTION_INT, &truth, 2, 100000, NULL},
-                                      LW_SCENE_OPEN_OPTIONS(&open)};
-    const struct lw_options options = {.program = "bench_denoise",
-                                       .synopsis = "SCENE... [OPTIONS]",
-                                       .about =
-                                           "Error at equal times with and without the filter, as tables.",
-                                       .table = table,
-                                       .count = sizeof table / sizeof table[0],
-                                       .positional = scene,
-                                       .positional_min = 1,
-                                       .positional_max = sizeof scene / sizeof scene[0]};
-    struct lw_error err = {0};
-    lw_log_init("bench_denoise", LW_LOG_WARNING);
-    enum lw_status status = lw_options_parse(&options, argc, argv, &scenes, &done, &err);
-    for (size_t i = 0; status == LW_OK && !done && i < scenes; i++) {
-        open.path = scene[i];
-        status = run_scene(&open, (uint32_t)truth, &err);
-    }
-    return status == LW_OK ? 0 : lw_log_failure(&err);
+                                       LW_OPTION_INT, &s.truth, 2, 100000, NULL}};
+    return bench_main(
+        &(struct bench_program){.name = "bench_denoise",
+                                .about = "Error at equal times with and without the filter, as tables.",
+                                .table = table,
+                                .count = sizeof table / sizeof table[0],
+                                .open = &s.open,
+                                .context = &s,
+                                .run = run},
+        argc, argv);
 }

@@ -8,10 +8,8 @@
  * the error that one in a hundred blocks of 8 x 8 texels exceeds; noise is in it: the row "inf" says how much. */
 #include "common/clock.h"
 #include "common/colour.h"
-#include "common/log.h"
-#include "common/options.h"
-#include "common/scene/scene_open.h"
 #include "server/solve/cell_solver.h"
+#include "tests/bench/bench_setup.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -20,6 +18,12 @@
 #include <time.h>
 
 #define BLOCK 8u
+
+struct settings {
+    struct lw_scene_open open;
+    int64_t frames;
+    bool quick;
+};
 
 struct job {
     struct lw_scene *scene;
@@ -85,11 +89,6 @@ static void count_or_read(const struct job *job, const struct lw_solver *solver,
 /* Processor time, with one worker: what others do on the machine does not count. */
 static double cpu_ms(void) { return 1e-6 * (double)lw_clock_process_cpu_ns(); }
 
-static int compare_doubles(const void *a, const void *b) {
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 static enum lw_status create(const struct job *job, const struct setting *setting, uint32_t seed,
                              struct lw_solver **out_solver, struct lw_error *err) {
     return lw_cell_solver_create(
@@ -124,8 +123,7 @@ static enum lw_status solve(const struct job *job, const struct setting *setting
     if (ms && status == LW_OK) {
         size_t texels, blocks;
         count_or_read(job, solver, out, &texels, &blocks);
-        qsort(ms, frames, sizeof *ms, compare_doubles);
-        out->frame_ms = ms[frames / 2];
+        out->frame_ms = bench_median(ms, frames);
     }
     free(ms);
     solver->ops->destroy(solver);
@@ -154,7 +152,7 @@ static void print_row(const struct job *job, const struct setting *setting, cons
         if (truth > 0) off[count++] = fabs(((double)a->block[i] + (double)b->block[i]) / truth - 1);
     }
     if (count) {
-        qsort(off, count, sizeof *off, compare_doubles);
+        bench_median(off, count); /* sorts */
         high = off[(size_t)(0.99 * (double)(count - 1))];
     }
     free(off);
@@ -204,16 +202,15 @@ static enum lw_status measure(const struct job *job, bool quick, struct lw_error
     return status;
 }
 
-static enum lw_status run_scene(const struct lw_scene_open *open, uint32_t frames, bool quick,
-                                struct lw_error *err) {
-    struct job job = {.frames = frames};
-    enum lw_status status = lw_scene_open(open, &job.scene, err);
-    if (status != LW_OK) return status;
-    struct lw_vec3 lo = {0}, hi = {0};
+static enum lw_status run(void *context, const char *path, struct lw_error *err) {
+    const struct settings *s = context;
+    struct job job = {.frames = (uint32_t)s->frames};
     struct lw_solver *solver = NULL;
-    status = lw_atlas_map_init(&job.map, job.scene);
-    if (status == LW_OK) status = lw_pose_init(&job.pose, job.scene);
+    char label[64];
+    enum lw_status status =
+        bench_open(&s->open, path, BENCH_MOTION_OWN, 0, &job.scene, &job.pose, &job.map, err);
     if (status == LW_OK) {
+        struct lw_vec3 lo, hi;
         lw_pose_bounds(&job.pose, job.scene, &lo, &hi);
         struct lw_vec3 size = lw_vec3_sub(hi, lo);
         job.longest_m = fmaxf(size.x, fmaxf(size.y, size.z));
@@ -222,14 +219,13 @@ static enum lw_status run_scene(const struct lw_scene_open *open, uint32_t frame
     if (status == LW_OK) {
         count_or_read(&job, solver, NULL, &job.texels, &job.blocks);
         solver->ops->destroy(solver);
-        const char *name = strrchr(open->path, '/');
         printf("\n### %s\n\n%zu texels, longest side %.3g m, 2 bounces, 2 bounce rays per texel and frame, "
                "%u frames.\n\n"
                "| range | spacing | form | projection | mean ratio | relMSE | 99 %% | frame ms | / inf | "
                "Mrays |\n"
                "|---|---|---|---|---|---|---|---|---|---|\n",
-               name ? name + 1 : open->path, job.texels, (double)job.longest_m, frames);
-        status = measure(&job, quick, err);
+               bench_label(path, label, sizeof label), job.texels, (double)job.longest_m, job.frames);
+        status = measure(&job, s->quick, err);
     }
     lw_pose_finish(&job.pose);
     lw_atlas_map_finish(&job.map);
@@ -238,29 +234,18 @@ static enum lw_status run_scene(const struct lw_scene_open *open, uint32_t frame
 }
 
 int main(int argc, char **argv) {
-    const char *scene[16] = {0};
-    size_t scenes = 0;
-    int64_t frames = 64;
-    bool quick = false, done = false;
-    struct lw_scene_open open = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG};
+    struct settings s = {.frames = 64};
     const struct lw_option table[] = {
-        {"frames", "N", "frames of each solve (default 64)", LW_OPTION_INT, &frames, 2, 100000, NULL},
-        {"quick", NULL, "the default form, spacing and projection only", LW_OPTION_FLAG, &quick, 0, 0, NULL},
-        LW_SCENE_OPEN_OPTIONS(&open)};
-    const struct lw_options options = {.program = "bench_hybrid",
-                                       .synopsis = "SCENE... [OPTIONS]",
-                                       .about = "Bias and cost of tracing ranges, as tables in Markdown.",
-                                       .table = table,
-                                       .count = sizeof table / sizeof table[0],
-                                       .positional = scene,
-                                       .positional_min = 1,
-                                       .positional_max = sizeof scene / sizeof scene[0]};
-    struct lw_error err = {0};
-    lw_log_init("bench_hybrid", LW_LOG_WARNING);
-    enum lw_status status = lw_options_parse(&options, argc, argv, &scenes, &done, &err);
-    for (size_t i = 0; status == LW_OK && !done && i < scenes; i++) {
-        open.path = scene[i];
-        status = run_scene(&open, (uint32_t)frames, quick, &err);
-    }
-    return status == LW_OK ? 0 : lw_log_failure(&err);
+        {"frames", "N", "frames of each solve (default 64)", LW_OPTION_INT, &s.frames, 2, 100000, NULL},
+        {"quick", NULL, "the default form, spacing and projection only", LW_OPTION_FLAG, &s.quick, 0, 0,
+         NULL}};
+    return bench_main(
+        &(struct bench_program){.name = "bench_hybrid",
+                                .about = "Bias and cost of tracing ranges, as tables in Markdown.",
+                                .table = table,
+                                .count = sizeof table / sizeof table[0],
+                                .open = &s.open,
+                                .context = &s,
+                                .run = run},
+        argc, argv);
 }

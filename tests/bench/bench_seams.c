@@ -6,12 +6,10 @@
  * relative differences along all seams (tests/support/seam_walk.h), the share of points within 1 %, with --objects also of
  * each object. Unwelded: the sums before the weld; with --codec in their place the welded light as the lossy tile codec
  * leaves it. On stderr: how far welding moves the mean light of an object. */
-#include "common/log.h"
-#include "common/options.h"
-#include "common/scene/scene_open.h"
 #include "common/tile/tile_codec.h"
 #include "server/publish/publisher.h"
 #include "server/solve/cell_solver.h"
+#include "tests/bench/bench_setup.h"
 #include "tests/support/seam_walk.h"
 
 #include <math.h>
@@ -20,6 +18,12 @@
 #include <string.h>
 
 #define LEVELS 3u
+
+struct settings {
+    struct lw_scene_open open;
+    int64_t frames;
+    bool denoise, objects, codec;
+};
 
 struct coded_solver;
 
@@ -140,14 +144,12 @@ static enum lw_status solve(struct job *job, uint32_t frames, bool objects, stru
     return status;
 }
 
-static enum lw_status run(const struct lw_scene_open *open, uint32_t frames, bool denoise, bool objects,
-                          bool codec, struct lw_error *err) {
+static enum lw_status run(void *context, const char *path, struct lw_error *err) {
+    const struct settings *s = context;
     struct job job = {0};
-    enum lw_status status = lw_scene_open(open, &job.scene, err);
-    if (status != LW_OK) return status;
-    status = lw_atlas_map_init(&job.map, job.scene);
-    if (status == LW_OK) status = lw_pose_init(&job.pose, job.scene);
-    if (status == LW_OK) lw_pose_evaluate(&job.pose, job.scene, 0);
+    char label[64];
+    enum lw_status status =
+        bench_open(&s->open, path, BENCH_MOTION_OWN, 0, &job.scene, &job.pose, &job.map, err);
     if (status == LW_OK) status = lw_seam_edges_find(job.scene, &job.pose, &job.edges);
     if (status == LW_OK)
         status = lw_cell_solver_create(&(struct lw_solver_desc){.scene = job.scene,
@@ -157,16 +159,16 @@ static enum lw_status run(const struct lw_scene_open *open, uint32_t frames, boo
                                                                 .direct_samples = 1,
                                                                 .indirect_samples = 2,
                                                                 .target_error = 1e-9f,
-                                                                .denoise = denoise,
+                                                                .denoise = s->denoise,
                                                                 .seed = 1},
                                        &job.pose, &job.solver, err);
-    if (status == LW_OK && codec) status = coded_create(job.solver, &job.coded);
-    const char *name = strrchr(open->path, '/');
+    if (status == LW_OK && s->codec) status = coded_create(job.solver, &job.coded);
     printf("\n### %s%s\n\n"
            "| after | level | points | %s mean / median | welded mean / median | within 1 %% |\n"
            "|---|---|---|---|---|---|\n",
-           name ? name + 1 : open->path, denoise ? ", denoised" : "", codec ? "coded" : "unwelded");
-    if (status == LW_OK) status = solve(&job, frames, objects, err);
+           bench_label(path, label, sizeof label), s->denoise ? ", denoised" : "",
+           s->codec ? "coded" : "unwelded");
+    if (status == LW_OK) status = solve(&job, (uint32_t)s->frames, s->objects, err);
     coded_destroy(job.coded);
     if (job.solver) job.solver->ops->destroy(job.solver);
     lw_seam_edges_finish(&job.edges);
@@ -177,33 +179,21 @@ static enum lw_status run(const struct lw_scene_open *open, uint32_t frames, boo
 }
 
 int main(int argc, char **argv) {
-    const char *scene[16] = {0};
-    size_t scenes = 0;
-    int64_t frames = 64;
-    bool done = false, denoise = false, objects = false, codec = false;
-    struct lw_scene_open open = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG};
+    struct settings s = {.frames = 64};
     const struct lw_option table[] = {
-        {"frames", "N", "of the solve, of 1 + 2 rays a texel (default 64)", LW_OPTION_INT, &frames, 1, 100000,
-         NULL},
-        {"denoise", NULL, "filter what is shown, as lightwelld does", LW_OPTION_FLAG, &denoise, 0, 0, NULL},
+        {"frames", "N", "of the solve, of 1 + 2 rays a texel (default 64)", LW_OPTION_INT, &s.frames, 1,
+         100000, NULL},
+        {"denoise", NULL, "filter what is shown, as lightwelld does", LW_OPTION_FLAG, &s.denoise, 0, 0, NULL},
         {"codec", NULL, "compare with what the lossy tile codec leaves, instead of with the unwelded light",
-         LW_OPTION_FLAG, &codec, 0, 0, NULL},
-        {"objects", NULL, "a row for each object after the last frame", LW_OPTION_FLAG, &objects, 0, 0, NULL},
-        LW_SCENE_OPEN_OPTIONS(&open)};
-    const struct lw_options options = {.program = "bench_seams",
-                                       .synopsis = "SCENE... [OPTIONS]",
-                                       .about = "How far the two sides of seams differ, as tables.",
-                                       .table = table,
-                                       .count = sizeof table / sizeof table[0],
-                                       .positional = scene,
-                                       .positional_min = 1,
-                                       .positional_max = sizeof scene / sizeof scene[0]};
-    struct lw_error err = {0};
-    lw_log_init("bench_seams", LW_LOG_WARNING);
-    enum lw_status status = lw_options_parse(&options, argc, argv, &scenes, &done, &err);
-    for (size_t i = 0; status == LW_OK && !done && i < scenes; i++) {
-        open.path = scene[i];
-        status = run(&open, (uint32_t)frames, denoise, objects, codec, &err);
-    }
-    return status == LW_OK ? 0 : lw_log_failure(&err);
+         LW_OPTION_FLAG, &s.codec, 0, 0, NULL},
+        {"objects", NULL, "a row for each object after the last frame", LW_OPTION_FLAG, &s.objects, 0, 0,
+         NULL}};
+    return bench_main(&(struct bench_program){.name = "bench_seams",
+                                              .about = "How far the two sides of seams differ, as tables.",
+                                              .table = table,
+                                              .count = sizeof table / sizeof table[0],
+                                              .open = &s.open,
+                                              .context = &s,
+                                              .run = run},
+                      argc, argv);
 }

@@ -11,9 +11,8 @@
 #include "client/view/tonemap.h"
 #include "common/clock.h"
 #include "common/image/image.h"
-#include "common/log.h"
 #include "common/scene/scene_motion.h"
-#include "common/scene/scene_open.h"
+#include "tests/bench/bench_setup.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -173,28 +172,21 @@ static enum lw_status measure(struct scene *s, const char *name, uint32_t spp, s
 }
 
 static enum lw_status set_up(struct scene *s, const char *name, struct lw_error *err) {
-    char path[1024];
     const char *at = strchr(name, '@');
-    struct lw_scene_open open = s->settings->open;
-    snprintf(path, sizeof path, "%.*s", (int)(at ? at - name : (long)strlen(name)), name);
-    open.path = path;
-    enum lw_status status = lw_scene_open(&open, &s->scene, err);
+    enum lw_status status =
+        bench_open(&s->settings->open, name, s->settings->motion, 0, &s->scene, &s->pose, NULL, err);
     if (status != LW_OK) return status;
-    struct lw_scene_motion_report report;
-    status = lw_scene_motion_set(s->scene, (enum lw_scene_motion)s->settings->motion, &report, err);
-    if (status != LW_OK) return status;
-    status = lw_pose_init(&s->pose, s->scene);
-    if (status != LW_OK) return lw_status_fail(err, status, "no memory for the scene's pose");
     status = lw_trace_create(s->scene, &s->pose, &s->trace, err);
     if (status != LW_OK) return status;
     status = lw_lights_init(&s->lights, s->scene, &s->pose);
     if (status != LW_OK) return lw_status_fail(err, status, "no memory for the lights");
-    status = lw_path_trace_create(&(struct lw_path_trace_desc){.scene = s->scene,
-                                                               .trace = s->trace,
-                                                               .lights = &s->lights,
-                                                               .pose = &s->pose,
-                                                               .threads = (unsigned)open.threads},
-                                  &s->tracer, err);
+    status =
+        lw_path_trace_create(&(struct lw_path_trace_desc){.scene = s->scene,
+                                                          .trace = s->trace,
+                                                          .lights = &s->lights,
+                                                          .pose = &s->pose,
+                                                          .threads = (unsigned)s->settings->open.threads},
+                             &s->tracer, err);
     if (status != LW_OK) return status;
     const float aspect = (float)s->settings->width / (float)s->settings->height;
     if (at)
@@ -222,7 +214,8 @@ static void tear_down(struct scene *s) {
     lw_scene_destroy(s->scene);
 }
 
-static enum lw_status run(const struct settings *settings, const char *name, struct lw_error *err) {
+static enum lw_status run(void *context, const char *name, struct lw_error *err) {
+    const struct settings *settings = context;
     struct scene s = {.settings = settings};
     enum lw_status status = set_up(&s, name, err);
     if (status == LW_OK) status = trace_truth(&s, err);
@@ -239,9 +232,15 @@ static enum lw_status run(const struct settings *settings, const char *name, str
     return status;
 }
 
+static enum lw_status begin(void *context, struct lw_error *err) {
+    const struct settings *s = context;
+    (void)err;
+    if (s->folder) mkdir(s->folder, 0777); /* a failure shows when the first picture is written */
+    return LW_OK;
+}
+
 int main(int argc, char **argv) {
-    struct settings s = {.open = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG},
-                         .bounces = 2,
+    struct settings s = {.bounces = 2,
                          .truth = 512,
                          .frames = 16,
                          .width = 320,
@@ -274,27 +273,16 @@ int main(int argc, char **argv) {
          &s.motion, 0, 0, NULL},
         {"pattern", "square|interleaved", "pixels that share random numbers (default interleaved)",
          LW_OPTION_CHOICE, &s.pattern, 0, 0, NULL},
-        {"o", "DIR", "write the pictures there", LW_OPTION_STRING, &s.folder, 0, 0, NULL},
-        LW_SCENE_OPEN_OPTIONS(&s.open),
-    };
-    const char *scene[64];
-    size_t count = 0;
-    const struct lw_options options = {.program = "bench_svgf",
-                                       .synopsis = "[OPTIONS] SCENE[@CAMERA]...",
-                                       .about =
-                                           "The error of few paths per pixel with and without the denoiser.",
-                                       .table = table,
-                                       .count = sizeof table / sizeof table[0],
-                                       .positional = scene,
-                                       .positional_min = 1,
-                                       .positional_max = sizeof scene / sizeof scene[0]};
-    struct lw_error err = {0};
-    bool done = false;
-    lw_log_init("bench_svgf", LW_LOG_WARNING);
-    enum lw_status status = lw_options_parse(&options, argc, argv, &count, &done, &err);
-    if (status == LW_OK && done) return 0;
-    if (status == LW_OK && s.folder)
-        mkdir(s.folder, 0777); /* a failure shows when the first picture is written */
-    for (size_t i = 0; status == LW_OK && i < count; i++) status = run(&s, scene[i], &err);
-    return status == LW_OK ? 0 : lw_log_failure(&err);
+        {"o", "DIR", "write the pictures there", LW_OPTION_STRING, &s.folder, 0, 0, NULL}};
+    return bench_main(
+        &(struct bench_program){.name = "bench_svgf",
+                                .about = "The error of few paths per pixel with and without the denoiser.",
+                                .operand = "SCENE[@CAMERA]",
+                                .table = table,
+                                .count = sizeof table / sizeof table[0],
+                                .open = &s.open,
+                                .context = &s,
+                                .begin = begin,
+                                .run = run},
+        argc, argv);
 }

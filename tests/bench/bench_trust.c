@@ -13,10 +13,9 @@
 #include "client/view/tonemap.h"
 #include "common/clock.h"
 #include "common/image/image.h"
-#include "common/log.h"
-#include "common/scene/scene_open.h"
 #include "server/publish/levels.h"
 #include "server/solve/cell_solver.h"
+#include "tests/bench/bench_setup.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -36,6 +35,7 @@ struct settings {
     double range, time_s;
     const char *folder;
     bool list;
+    uint32_t scenes; /* so far */
 };
 
 /* Parts of the picture, and the mean of each: the sum of its pixels over that of all. */
@@ -349,14 +349,10 @@ static enum lw_status choose_camera(struct scene *s, struct lw_error *err) {
     return LW_OK;
 }
 
-static enum lw_status prepare(struct scene *s, const char *path, struct lw_error *err) {
-    struct lw_scene_open open = s->settings->open;
-    open.path = path;
-    enum lw_status status = lw_scene_open(&open, &s->scene, err);
-    if (status == LW_OK) status = lw_atlas_map_init(&s->map, s->scene);
-    if (status == LW_OK) status = lw_pose_init(&s->pose, s->scene);
+static enum lw_status prepare(struct scene *s, const char *name, struct lw_error *err) {
+    enum lw_status status = bench_open(&s->settings->open, name, BENCH_MOTION_OWN, s->settings->time_s,
+                                       &s->scene, &s->pose, &s->map, err);
     if (status != LW_OK) return status;
-    lw_pose_evaluate(&s->pose, s->scene, s->settings->time_s);
     if ((status = lw_trace_create(s->scene, &s->pose, &s->trace, err)) != LW_OK) return status;
     if ((status = lw_lights_init(&s->lights, s->scene, &s->pose)) != LW_OK) return status;
     status = lw_compose_create(
@@ -394,17 +390,15 @@ static void finish(struct scene *s) {
     lw_scene_destroy(s->scene);
 }
 
-static enum lw_status compare(const struct settings *settings, uint32_t number, const char *argument,
-                              struct lw_error *err) {
-    char path[4096], stem[64];
-    snprintf(path, sizeof path, "%s", argument);
-    char *at = strchr(path, '@');
-    if (at) *at++ = 0;
+static enum lw_status run(void *context, const char *name, struct lw_error *err) {
+    struct settings *settings = context;
+    char label[64], stem[64];
+    const char *at = strchr(name, '@');
     struct scene s = {.settings = settings,
-                      .camera_text = at,
+                      .camera_text = at ? at + 1 : NULL,
                       .view = {.width = (uint32_t)settings->width, .height = (uint32_t)settings->height}};
     const size_t pixels = (size_t)s.view.width * s.view.height;
-    enum lw_status status = prepare(&s, path, err);
+    enum lw_status status = prepare(&s, name, err);
     for (uint32_t i = 0; status == LW_OK && i < SEEDS; i++) {
         status = solve(&s, 1 + i, s.image[i], err);
         if (status != LW_OK) break;
@@ -414,20 +408,29 @@ static enum lw_status compare(const struct settings *settings, uint32_t number, 
     if (status == LW_OK) status = trace_paths(&s, err);
     if (status == LW_OK) {
         const struct verdict verdict = judge(&s);
-        const char *slash = strrchr(path, '/');
-        print_row(&s, slash ? slash + 1 : path, &verdict);
+        print_row(&s, bench_label(name, label, sizeof label), &verdict);
         if (settings->list) list_parts(&s, &s.regions, true);
         if (settings->list) list_parts(&s, &s.objects, false);
-        snprintf(stem, sizeof stem, "trust-%u", number);
+        snprintf(stem, sizeof stem, "trust-%u", settings->scenes++);
         if (settings->folder) status = write_pair(&s, stem, err);
     }
     finish(&s);
     return status;
 }
 
+static enum lw_status begin(void *context, struct lw_error *err) {
+    const struct settings *s = context;
+    (void)err;
+    if (s->folder) mkdir(s->folder, 0777); /* a failure shows when the first picture is written */
+    puts("| scene | camera | texels/m | texels | ratio of means | worst region | regions within | relMSE "
+         "| solve s | "
+         "paths s |");
+    puts("|---|---|---|---|---|---|---|---|---|---|");
+    return LW_OK;
+}
+
 int main(int argc, char **argv) {
-    struct settings s = {.open = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG},
-                         .bounces = 2,
+    struct settings s = {.bounces = 2,
                          .spp = 256,
                          .frames = 128,
                          .direct_samples = 2,
@@ -450,32 +453,16 @@ int main(int argc, char **argv) {
          (double)INFINITY, NULL},
         {"time", "SECONDS", "of the scene's animation (default 0)", LW_OPTION_REAL, &s.time_s, 0, 1e9, NULL},
         {"list", NULL, "every region and object that does not obey", LW_OPTION_FLAG, &s.list, 0, 0, NULL},
-        {"o", "DIR", "write the pictures there", LW_OPTION_STRING, &s.folder, 0, 0, NULL},
-        LW_SCENE_OPEN_OPTIONS(&s.open),
-    };
-    const char *scene[64];
-    size_t count = 0;
-    const struct lw_options options = {.program = "bench_trust",
-                                       .synopsis = "[OPTIONS] SCENE[@CAMERA]...",
-                                       .about = "Compares the solve with the path tracer, region by region.",
-                                       .table = table,
-                                       .count = sizeof table / sizeof table[0],
-                                       .positional = scene,
-                                       .positional_min = 1,
-                                       .positional_max = sizeof scene / sizeof scene[0]};
-    struct lw_error err = {0};
-    bool done = false;
-    lw_log_init("bench_trust", LW_LOG_WARNING);
-    enum lw_status status = lw_options_parse(&options, argc, argv, &count, &done, &err);
-    if (status == LW_OK && done) return 0;
-    if (status == LW_OK && s.folder)
-        mkdir(s.folder, 0777); /* a failure shows when the first picture is written */
-    if (status == LW_OK) {
-        puts("| scene | camera | texels/m | texels | ratio of means | worst region | regions within | relMSE "
-             "| solve s | "
-             "paths s |");
-        puts("|---|---|---|---|---|---|---|---|---|---|");
-    }
-    for (size_t i = 0; status == LW_OK && i < count; i++) status = compare(&s, (uint32_t)i, scene[i], &err);
-    return status == LW_OK ? 0 : lw_log_failure(&err);
+        {"o", "DIR", "write the pictures there", LW_OPTION_STRING, &s.folder, 0, 0, NULL}};
+    return bench_main(
+        &(struct bench_program){.name = "bench_trust",
+                                .about = "Compares the solve with the path tracer, region by region.",
+                                .operand = "SCENE[@CAMERA]",
+                                .table = table,
+                                .count = sizeof table / sizeof table[0],
+                                .open = &s.open,
+                                .context = &s,
+                                .begin = begin,
+                                .run = run},
+        argc, argv);
 }
