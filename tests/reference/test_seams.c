@@ -158,6 +158,141 @@ static void test_slats(void **state) {
     room_finish(&solution);
 }
 
+/* ---- T-junctions ---- */
+
+#define CUT   1.7f /* x at which one of two strips of floor is cut into two */
+#define ABUT  2.0f /* z at which the strips meet */
+#define LONG  4.0f
+#define WIDTH 4.0f
+
+/* One long strip of floor beside two short ones: as three objects, or as one mesh. */
+static struct lw_scene *make_floor(bool one_mesh) {
+    struct room room = {.sky = 0.1f};
+    room_quad(&room, lw_vec3(0, 0, 0), lw_vec3(0, 0, ABUT), lw_vec3(LONG, 0, 0), 0.5f, 0);
+    room_quad(&room, lw_vec3(0, 0, ABUT), lw_vec3(0, 0, WIDTH - ABUT), lw_vec3(CUT, 0, 0), 0.5f, 0);
+    room_quad(&room, lw_vec3(CUT, 0, ABUT), lw_vec3(0, 0, WIDTH - ABUT), lw_vec3(LONG - CUT, 0, 0), 0.5f, 0);
+    room_quad(&room, lw_vec3(1.2f, 1.2f, 1.6f), lw_vec3(0.8f, 0, 0), lw_vec3(0, 0, 0.8f), 0,
+              9); /* faces down */
+    struct lw_scene *scene = room_scene(&room);
+    if (!one_mesh) return scene;
+    struct lw_mesh *whole = &scene->mesh[0];
+    struct lw_vec3 *position = lw_scene_alloc(scene, 12, sizeof *position),
+                   *normal = lw_scene_alloc(scene, 12, sizeof *normal);
+    uint32_t(*triangle)[3] = lw_scene_alloc(scene, 6, sizeof *triangle);
+    uint32_t *material = lw_scene_alloc(scene, 6, sizeof *material);
+    assert_true(position && normal && triangle && material);
+    for (uint32_t q = 0; q < 3; q++) {
+        const struct lw_mesh *quad = &scene->mesh[q];
+        memcpy(position + 4 * q, quad->position, 4 * sizeof *position);
+        memcpy(normal + 4 * q, quad->normal, 4 * sizeof *normal);
+        for (uint32_t t = 0; t < 2; t++) {
+            for (int c = 0; c < 3; c++) triangle[2 * q + t][c] = 4 * q + quad->triangle[t][c];
+            material[2 * q + t] = whole->material[0];
+        }
+    }
+    *whole = (struct lw_mesh){.name = "floor",
+                              .vertex_count = 12,
+                              .triangle_count = 6,
+                              .position = position,
+                              .normal = normal,
+                              .triangle = triangle,
+                              .material = material};
+    return scene;
+}
+
+/* Reads the floor at x where the strips meet, from the long one or from the short ones. */
+static double read_floor(const struct seam_walk *walk, const struct lw_scene *scene, bool one_mesh,
+                         bool from_long, float x) {
+    for (uint32_t o = 0; o < (one_mesh ? 1u : 3u); o++)
+        for (uint32_t t = 0; t < scene->mesh[o].triangle_count; t++) {
+            const struct lw_mesh *mesh = &scene->mesh[o];
+            const uint32_t *v = mesh->triangle[t];
+            const struct lw_vec3 a = mesh->position[v[0]], b = lw_vec3_sub(mesh->position[v[1]], a),
+                                 c = lw_vec3_sub(mesh->position[v[2]], a);
+            const float area = b.x * c.z - b.z * c.x, dx = x - a.x, dz = ABUT - a.z;
+            const float bu = (dx * c.z - dz * c.x) / area, bv = (b.x * dz - b.z * dx) / area;
+            if ((3 * a.z + b.z + c.z < 3 * ABUT) != from_long || bu < -1e-6f || bv < -1e-6f ||
+                bu + bv > 1 + 1e-6f)
+                continue;
+            struct lw_surface at;
+            double out;
+            lw_scene_surface(scene, mesh, t, bu, bv, &at);
+            assert_true(seam_walk_read(walk, o, 0, (double)at.lightmap_uv.x, (double)at.lightmap_uv.y, &out));
+            return out;
+        }
+    fail_msg("no floor at x = %g", (double)x);
+    return 0;
+}
+
+/* How far the strips differ at worst along the line where they meet. */
+static double read_junction(const struct room_solution *solution, bool one_mesh, bool unwelded) {
+    struct seam_walk walk;
+    lw_support_ok(seam_walk_init(&walk, &solution->map, solution->solver, unwelded), NULL);
+    double worst = 0;
+    for (float x = 0.01f; x < LONG; x += 0.02f) {
+        const double a = read_floor(&walk, solution->scene, one_mesh, true, x),
+                     b = read_floor(&walk, solution->scene, one_mesh, false, x);
+        worst = fmax(worst, fabs(a - b) / (0.5 * (a + b)));
+    }
+    seam_walk_finish(&walk);
+    return worst;
+}
+
+/* A surface that goes on over a T-junction is welded along it, in a mesh and between objects. */
+static void test_t_junction(void **state) {
+    (void)state;
+    for (int one_mesh = 0; one_mesh < 2; one_mesh++) {
+        struct room_solution solution;
+        room_solve_scene(&solution, make_floor(one_mesh), 7,
+                         (struct lw_solver_desc){.bounces = 1, .direct_samples = 8, .indirect_samples = 8},
+                         24);
+        const double before = read_junction(&solution, one_mesh, true),
+                     after = read_junction(&solution, one_mesh, false);
+        printf("T-junction in %s: worst %.4f, unwelded %.4f\n", one_mesh ? "a mesh" : "the world", after,
+               before);
+        assert_true(before > 0.03);
+        assert_true(after < 0.01);
+        room_finish(&solution);
+    }
+}
+
+/* Seams of two quads with edges of 2 m along x = 1, one moved along that line and turned about it, or lying on the other. */
+static size_t count_seams(float by, float apart_m, float angle, bool folded) {
+    struct room room = {0};
+    room_quad(&room, lw_vec3(0, 0, 0), lw_vec3(0, 0, 2), lw_vec3(1, 0, 0), 0.5f, 0);
+    if (folded)
+        room_quad(&room, lw_vec3(0.5f, 0, by), lw_vec3(0, 0, 2), lw_vec3(0.5f, 0, 0), 0.5f, 0);
+    else
+        room_quad(&room, lw_vec3(1 + apart_m, 0, by), lw_vec3(0, 0, 2), lw_vec3(cosf(angle), sinf(angle), 0),
+                  0.5f, 0);
+    struct room_solution solution;
+    room_solve_scene(&solution, room_scene(&room), 4, (struct lw_solver_desc){.direct_samples = 1}, 1);
+    struct lw_seam_edges edges;
+    lw_support_ok(lw_seam_edges_find(solution.scene, &solution.pose, &edges), NULL);
+    const size_t count = edges.count;
+    for (size_t e = 0; e < count; e++)
+        for (int side = 0; side < 2; side++) {
+            const struct lw_vec2 from = edges.edge[e].from[side], to = edges.edge[e].to[side];
+            expect_near(hypot((double)(to.x - from.x), (double)(to.y - from.y)), 4 * (2 - (double)by), 0.15);
+        }
+    lw_seam_edges_finish(&edges);
+    room_finish(&solution);
+    return count;
+}
+
+static void test_what_is_a_seam(void **state) {
+    (void)state;
+    assert_int_equal(count_seams(0, 0, 0, false), 1);    /* the whole edge */
+    assert_int_equal(count_seams(0.5f, 0, 0, false), 1); /* the part that both have */
+    assert_int_equal(count_seams(1.5f, 0, 0, false), 1);
+    assert_int_equal(count_seams(2, 0, 0, false), 0);        /* end to end: a corner is no edge */
+    assert_int_equal(count_seams(0.5f, 4e-6f, 0, false), 1); /* a rounding apart */
+    assert_int_equal(count_seams(0.5f, 1e-3f, 0, false), 0);
+    assert_int_equal(count_seams(0.5f, 0, 0.07f, false), 1); /* 4 degrees */
+    assert_int_equal(count_seams(0.5f, 0, 0.11f, false), 0); /* 6 degrees */
+    assert_int_equal(count_seams(0.5f, 0, 0, true), 0);      /* one upon the other: nothing goes on */
+}
+
 static void test_atrium(void **state) {
     (void)state;
     struct lw_scene *scene;
@@ -187,10 +322,9 @@ static void test_sponza(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_slats),
-        cmocka_unit_test(test_ball),
-        cmocka_unit_test(test_atrium),
-        cmocka_unit_test(test_sponza),
+        cmocka_unit_test(test_slats),          cmocka_unit_test(test_ball),
+        cmocka_unit_test(test_what_is_a_seam), cmocka_unit_test(test_t_junction),
+        cmocka_unit_test(test_atrium),         cmocka_unit_test(test_sponza),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
