@@ -2,6 +2,7 @@
 
 #include "common/random.h"
 #include "common/trace/trace_context.h"
+#include "common/wide.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -365,8 +366,8 @@ static void load_valid(int valid[16], uint16_t active) {
 }
 
 /* Where the slabs of one axis begin and end; plain comparisons, which compilers make vectors of. */
-static void clip_to_slab(const float org[16], const float dir[16], float low, float high, float enter[16],
-                         float leave[16]) {
+LW_WIDE_INLINE void clip_to_slab(const float org[16], const float dir[16], float low, float high,
+                                 float enter[16], float leave[16]) {
     for (int i = 0; i < 16; i++) {
         /* finite, so that 0 * infinity never comes up */
         float d = fabsf(dir[i]) > 1e-30f ? dir[i] : 1e-30f, inverse = 1 / d;
@@ -378,7 +379,7 @@ static void clip_to_slab(const float org[16], const float dir[16], float low, fl
 }
 
 /* Leaves those rays valid that reach a box of movers before they end; whether any does. */
-static bool reach_movers(const struct lw_trace *trace, const struct RTCRay16 *ray, int valid[16]) {
+LW_WIDE static bool reach_movers(const struct lw_trace *trace, const struct RTCRay16 *ray, int valid[16]) {
     int reach[16] = {0}, any = 0;
     for (uint32_t b = 0; b < trace->box_count; b++) {
         const struct box *box = &trace->box[b];

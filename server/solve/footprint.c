@@ -1,5 +1,7 @@
 #include "server/solve/footprint.h"
 
+#include "common/wide.h"
+
 /* An octahedral coordinate in [-1, 1] as an integer of 0..steps. */
 static float quantise(float x, float steps) { return floorf((x * 0.5f + 0.5f) * steps + 0.5f); }
 
@@ -62,12 +64,12 @@ void lw_footprint_frame_init(struct lw_footprint_frame *frame, const struct lw_a
 }
 
 /* Unfolds sixteen octahedral normals, turns them and makes them unit. */
-static void turn(const float m[3][3], float steps, float x[LW_TRACE_WIDTH], float y[LW_TRACE_WIDTH],
-                 float z[LW_TRACE_WIDTH]) {
+LW_WIDE_INLINE void turn(const float m[3][3], float steps, float x[LW_TRACE_WIDTH], float y[LW_TRACE_WIDTH],
+                         float z[LW_TRACE_WIDTH]) {
     const float scale = 2 / steps;
     for (int i = 0; i < LW_TRACE_WIDTH; i++) {
         float u = x[i] * scale - 1, v = y[i] * scale - 1;
-        float w = 1 - fabsf(u) - fabsf(v), over = fmaxf(0, -w);
+        float w = 1 - fabsf(u) - fabsf(v), over = w < 0 ? -w : 0;
         u -= copysignf(over, u);
         v -= copysignf(over, v);
         float a = m[0][0] * u + m[0][1] * v + m[0][2] * w;
@@ -78,7 +80,7 @@ static void turn(const float m[3][3], float steps, float x[LW_TRACE_WIDTH], floa
     }
 }
 
-void lw_footprint_to_world(const struct lw_footprint_frame *frame, struct lw_footprint_lanes *l) {
+LW_WIDE void lw_footprint_to_world(const struct lw_footprint_frame *frame, struct lw_footprint_lanes *l) {
     const float(*m)[4] = frame->to_world.m;
     turn(frame->normal, LW_FOOTPRINT_NORMAL_STEPS, l->nx, l->ny, l->nz);
     turn(frame->normal, LW_FOOTPRINT_GEOMETRIC_STEPS, l->gx, l->gy, l->gz);

@@ -2,8 +2,11 @@
 
 #include "common/colour.h"
 #include "common/light/direction.h"
+#include "common/wide.h"
 #include "server/solve/sampling.h"
 #include "server/solve/transport.h"
+
+#include <string.h>
 
 #define LANES LW_TRACE_WIDTH
 #define SETS  16u /* direction sets of the 4 x 4 pattern */
@@ -21,9 +24,16 @@ struct packet {
     bool coherent;
     uint32_t block, set;
     struct lw_footprint_frame frame; /* of the tile's object */
-    struct lw_vec3 origin[LANES];    /* lifted off the surface */
-    struct lw_vec3 normal[LANES];
+    struct lw_footprint_lanes at;    /* where rays start; lanes that are not active repeat one that is */
 };
+
+static struct lw_vec3 origin_of(const struct packet *packet, uint32_t lane) {
+    return lw_vec3(packet->at.x[lane], packet->at.y[lane], packet->at.z[lane]);
+}
+
+static struct lw_vec3 normal_of(const struct packet *packet, uint32_t lane) {
+    return lw_vec3(packet->at.nx[lane], packet->at.ny[lane], packet->at.nz[lane]);
+}
 
 /* Texels of set `set` in the block of 16 x 16 at (block_x, block_y): every fourth in both directions. Needs a frame. */
 static bool load_packet(const struct lw_passes *p, const struct lw_solve_tile *tile, uint32_t block_x,
@@ -44,27 +54,47 @@ static bool load_packet(const struct lw_passes *p, const struct lw_solve_tile *t
     return packet->active != 0;
 }
 
+/* Whether a packet's normals agree so far that its rays run parallel enough. */
+LW_WIDE static bool agree(const struct lw_footprint_lanes *at) {
+    int32_t apart = 0;
+    for (uint32_t lane = 0; lane < LANES; lane++)
+        apart |=
+            at->nx[0] * at->nx[lane] + at->ny[0] * at->ny[lane] + at->nz[0] * at->nz[lane] > COHERENT_COSINE
+                ? 0
+                : -1;
+    return apart == 0;
+}
+
 /* Moves a packet's rays to the places of its texels that sample number `sample` takes. */
 static void place_packet(const struct lw_passes *p, const struct lw_solve_tile *tile, struct packet *packet,
                          uint32_t sample) {
     const uint32_t turn = lw_random_hash4(p->seed ^ tile->object, packet->block, sample / LW_FOOTPRINT_PLACES,
                                           LW_SAMPLING_FOOTPRINT << 8 | packet->set);
-    struct lw_footprint_lanes lanes;
+    const uint32_t first = packet->lane_texel[__builtin_ctz(packet->active)];
     for (uint32_t lane = 0; lane < LANES; lane++) {
-        const uint32_t i = packet->active >> lane & 1 ? packet->lane_texel[lane]
-                                                      : packet->lane_texel[__builtin_ctz(packet->active)];
+        const uint32_t i = packet->active >> lane & 1 ? packet->lane_texel[lane] : first;
         const uint32_t place = lw_footprint_choose(p->texels->usable[tile->first + i], sample, turn);
         lw_footprint_load(&tile->mesh->footprint, tile->local + i, place,
-                          lw_texels_vector(tile->mesh->position, tile->local + i), &lanes, lane);
+                          lw_texels_vector(tile->mesh->position, tile->local + i), &packet->at, lane);
     }
-    lw_footprint_to_world(&packet->frame, &lanes);
-    float agreement = 1;
+    lw_footprint_to_world(&packet->frame, &packet->at);
+    packet->coherent = agree(&packet->at);
+}
+
+/* The same direction about each lane's normal. */
+LW_WIDE static void aim(const struct lw_footprint_lanes *restrict at, struct lw_vec3 local, float t_far,
+                        struct lw_ray16 *restrict rays) {
+    memcpy(rays->org_x, at->x, sizeof rays->org_x);
+    memcpy(rays->org_y, at->y, sizeof rays->org_y);
+    memcpy(rays->org_z, at->z, sizeof rays->org_z);
     for (uint32_t lane = 0; lane < LANES; lane++) {
-        packet->origin[lane] = lw_vec3(lanes.x[lane], lanes.y[lane], lanes.z[lane]);
-        packet->normal[lane] = lw_vec3(lanes.nx[lane], lanes.ny[lane], lanes.nz[lane]);
-        agreement = fminf(agreement, lw_vec3_dot(packet->normal[0], packet->normal[lane]));
+        const struct lw_vec3 d = lw_direction_about(lw_vec3(at->nx[lane], at->ny[lane], at->nz[lane]), local);
+        rays->dir_x[lane] = d.x;
+        rays->dir_y[lane] = d.y;
+        rays->dir_z[lane] = d.z;
+        rays->t_near[lane] = 0;
+        rays->t_far[lane] = t_far;
     }
-    packet->coherent = agreement > COHERENT_COSINE;
 }
 
 /* Light samples for the lanes of a packet: traces their shadow rays and adds what arrives. */
@@ -86,14 +116,14 @@ static void add_light(struct shadow_batch *batch, const struct packet *packet, u
     if (!(cosine > 0) || !(e.x + e.y + e.z > 0)) return;
     batch->arriving[lane] = e;
     /* Short of the lamp itself, which would be in its own way. */
-    lw_trace_set_ray(&batch->rays, lane, packet->origin[lane], sample->direction,
+    lw_trace_set_ray(&batch->rays, lane, origin_of(packet, lane), sample->direction,
                      sample->distance_m * 0.9999f);
     batch->active |= (uint16_t)(1u << lane);
 }
 
 static void add_sample(struct shadow_batch *batch, const struct packet *packet, uint32_t lane,
                        const struct lw_light_sample *sample, float weight) {
-    add_light(batch, packet, lane, sample, lw_vec3_dot(packet->normal[lane], sample->direction), weight);
+    add_light(batch, packet, lane, sample, lw_vec3_dot(normal_of(packet, lane), sample->direction), weight);
 }
 
 static void trace_batch(const struct lw_passes *p, const struct shadow_batch *batch, bool coherent,
@@ -131,7 +161,7 @@ static void light_by_many(const struct lw_passes *p, const struct lw_solve_tile 
         for (uint32_t lane = 0; lane < LANES; lane++) {
             if (!(packet->active >> lane & 1)) continue;
             struct lw_light_sample sample = lw_lights_sample_near(
-                p->lights, packet->origin[lane], packet->normal[lane], pick[0], point[0], point[1]);
+                p->lights, origin_of(packet, lane), normal_of(packet, lane), pick[0], point[0], point[1]);
             add_sample(&batch, packet, lane, &sample, 1.0f / (float)samples);
         }
         trace_batch(p, &batch, false, sum, count);
@@ -146,12 +176,16 @@ static void light_by_punctual(const struct lw_passes *p, const struct lw_solve_t
         float point[2];
         lw_sampling_point(lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_PUNCTUAL + l),
                           tile->frames, packet->set, point);
+        /* The sun's is the same for all. */
+        const bool sun = p->scene->light[l].kind == LW_LIGHT_DIRECTIONAL;
+        struct lw_light_sample sample;
+        if (sun) sample = lw_lights_sample_punctual(p->lights, l, point[0], point[1], lw_vec3(0, 0, 0));
         struct shadow_batch batch;
         start_batch(&batch, 0, tile->frames);
         for (uint32_t lane = 0; lane < LANES; lane++) {
             if (!(packet->active >> lane & 1)) continue;
-            struct lw_light_sample sample =
-                lw_lights_sample_punctual(p->lights, l, point[0], point[1], packet->origin[lane]);
+            if (!sun)
+                sample = lw_lights_sample_punctual(p->lights, l, point[0], point[1], origin_of(packet, lane));
             add_sample(&batch, packet, lane, &sample, 1);
         }
         trace_batch(p, &batch, packet->coherent, sum, count);
@@ -173,7 +207,7 @@ static void light_by_emitters(const struct lw_passes *p, const struct lw_solve_t
         for (uint32_t lane = 0; lane < LANES; lane++) {
             if (!(packet->active >> lane & 1)) continue;
             struct lw_light_sample sample =
-                lw_lights_sample_area(p->lights, cdf, pick[0], point[0], point[1], packet->origin[lane]);
+                lw_lights_sample_area(p->lights, cdf, pick[0], point[0], point[1], origin_of(packet, lane));
             add_sample(&batch, packet, lane, &sample, 1.0f / (float)p->direct_samples);
         }
         trace_batch(p, &batch, packet->coherent, sum, count);
@@ -195,7 +229,7 @@ static void light_by_sky(const struct lw_passes *p, const struct lw_solve_tile *
             if (!(packet->active >> lane & 1)) continue;
             float cosine;
             struct lw_light_sample sample =
-                lw_lights_place_sky(p->lights, &draw, packet->normal[lane], &cosine);
+                lw_lights_place_sky(p->lights, &draw, normal_of(packet, lane), &cosine);
             add_light(&batch, packet, lane, &sample, cosine, 1.0f / (float)p->direct_samples);
         }
         trace_batch(p, &batch, packet->coherent, sum, count);
@@ -303,13 +337,7 @@ void lw_passes_trace_ends(const struct lw_passes *p, const struct lw_solve_tile 
                     struct lw_ray16 rays;
                     struct lw_hit16 hits;
                     rays.salt = tile->frames * p->indirect_samples + s;
-                    for (uint32_t lane = 0; lane < LANES; lane++)
-                        if (packet.active >> lane & 1)
-                            lw_trace_set_ray(&rays, lane, packet.origin[lane],
-                                             lw_direction_about(packet.normal[lane], local),
-                                             p->tracing_range_m);
-                        else
-                            lw_trace_set_ray(&rays, lane, lw_vec3(0, 0, 0), lw_vec3(0, 0, 1), 0);
+                    aim(&packet.at, local, p->tracing_range_m, &rays);
                     lw_trace_closest16(p->trace, packet.coherent ? LW_TRACE_COHERENT : 0, packet.active,
                                        &rays, &hits);
                     uint32_t end[LANES];
