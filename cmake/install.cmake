@@ -5,7 +5,7 @@ set(lw_include_dir ${CMAKE_INSTALL_INCLUDEDIR}/lightwell-${PROJECT_VERSION})
 
 # Headers include each other by their place in this tree, so they keep it, in a folder of their own.
 install(FILES client/include/lightwell/client.h DESTINATION ${lw_include_dir}/lightwell COMPONENT client)
-foreach(header common/clock.h common/status.h common/vec.h common/scene/scene.h common/tile/atlas.h)
+foreach(header common/clock.h common/status.h common/vec.h common/scene/scene.h common/scene/scene_change.h common/tile/atlas.h)
   get_filename_component(folder ${header} DIRECTORY)
   install(FILES ${header} DESTINATION ${lw_include_dir}/${folder} COMPONENT client)
 endforeach()

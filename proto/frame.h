@@ -29,7 +29,9 @@ enum lw_message_type {
     LW_MESSAGE_ACK = 9,             /* client -> server */
     LW_MESSAGE_PING = 10,           /* either way */
     LW_MESSAGE_PONG = 11,
-    LW_MESSAGE_SETTLED = 12 /* server -> client: no tile of the last frame is left to send */
+    LW_MESSAGE_SETTLED = 12, /* server -> client: no tile of the last frame is left to send */
+    LW_MESSAGE_UPDATE = 13,  /* client -> server: changes of the scene */
+    LW_MESSAGE_UPDATED = 14  /* server -> client, answer to update */
 };
 
 struct lw_frame_header {

@@ -19,7 +19,9 @@
     X(ACK, "ACK", lightwell__wire__ack__descriptor)                                                          \
     X(PING, "PING", lightwell__wire__ping__descriptor)                                                       \
     X(PONG, "PONG", lightwell__wire__ping__descriptor)                                                       \
-    X(SETTLED, "SETTLED", lightwell__wire__settled__descriptor)
+    X(SETTLED, "SETTLED", lightwell__wire__settled__descriptor)                                              \
+    X(UPDATE, "UPDATE", lightwell__wire__update__descriptor)                                                 \
+    X(UPDATED, "UPDATED", lightwell__wire__updated__descriptor)
 
 #define TRANSFORM_FLOATS 12u
 #define VECTOR_FLOATS    3u
@@ -104,6 +106,23 @@ static enum lw_status check_interest(const struct lw_message_interest *i, struct
     return LW_OK;
 }
 
+static enum lw_status check_frame_state(const struct lw_message_frame *f, struct lw_error *err) {
+    if (f->hidden_count > LW_MESSAGE_VISIBLE_MAX)
+        return invalid(err, "hidden_object", "has over 8192 entries");
+    if (f->shown_count > LW_MESSAGE_VISIBLE_MAX) return invalid(err, "shown_object", "has over 8192 entries");
+    if (f->material_count > LW_MESSAGE_MATERIALS_MAX)
+        return invalid(err, "material", "has over 4096 entries");
+    for (size_t i = 0; i < f->material_count; i++)
+        for (int c = 0; c < 3; c++) {
+            const struct lw_message_material *m = &f->material[i];
+            if (!isfinite(m->base_colour[c]) || m->base_colour[c] < 0)
+                return invalid(err, "base_colour", "is not finite and >= 0");
+            if (!isfinite(m->emission[c]) || m->emission[c] < 0)
+                return invalid(err, "emission", "is not finite and >= 0");
+        }
+    return LW_OK;
+}
+
 static enum lw_status check_frame(const struct lw_message_frame *f, struct lw_error *err) {
     if (f->frame < 1) return invalid(err, "frame", "is 0");
     if (!isfinite(f->time_s)) return invalid(err, "time_s", "is not finite");
@@ -121,7 +140,7 @@ static enum lw_status check_frame(const struct lw_message_frame *f, struct lw_er
         if (!lw_vec3_is_finite(l->direction_ws)) return invalid(err, "light_direction", "is not finite");
         if (!lw_vec3_is_finite(l->intensity)) return invalid(err, "light_intensity", "is not finite");
     }
-    return LW_OK;
+    return check_frame_state(f, err);
 }
 
 static enum lw_status check_tile(const struct lw_message_tile *t, struct lw_error *err) {
@@ -131,6 +150,15 @@ static enum lw_status check_tile(const struct lw_message_tile *t, struct lw_erro
     if (!isfinite(t->error) || t->error < 0) return invalid(err, "error", "is not a finite number >= 0");
     if (t->payload_size < 1 || t->payload_size > LW_MESSAGE_PAYLOAD_MAX)
         return invalid(err, "payload", "is not 1..262144 bytes");
+    return LW_OK;
+}
+
+/* What the changes say is for the server to answer; here they must only fit. */
+static enum lw_status check_update(const struct lw_message_update *u, struct lw_error *err) {
+    if (u->change_count > LW_MESSAGE_CHANGES_MAX) return invalid(err, "kind", "has over 1024 entries");
+    for (size_t i = 0; i < u->change_count; i++)
+        if (u->change[i].value_count > LW_SCENE_CHANGE_VALUES_MAX)
+            return invalid(err, "value_count", "is over 12");
     return LW_OK;
 }
 
@@ -156,6 +184,10 @@ static enum lw_status check_values(const struct lw_message *m, struct lw_error *
         return check_tile(&m->tile, err);
     case LW_MESSAGE_SETTLED:
         return m->settled.frame < 1 ? invalid(err, "frame", "is 0") : LW_OK;
+    case LW_MESSAGE_UPDATE:
+        return check_update(&m->update, err);
+    case LW_MESSAGE_UPDATED:
+        return check_text(m->updated.text, LW_MESSAGE_TEXT_MAX, "text", err);
     case LW_MESSAGE_ACK:
     case LW_MESSAGE_PING:
     case LW_MESSAGE_PONG:
@@ -186,6 +218,8 @@ union wire {
     Lightwell__Wire__Ack ack;
     Lightwell__Wire__Ping ping;
     Lightwell__Wire__Settled settled;
+    Lightwell__Wire__Update update;
+    Lightwell__Wire__Updated updated;
 };
 
 static const ProtobufCMessageDescriptor *descriptor_of(unsigned type) {
@@ -249,6 +283,10 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
         wire->frame.server_cpu_ns = m->frame.server_cpu_ns;
         wire->frame.n_sky = 3;
         wire->frame.sky = (float *)m->frame.sky;
+        wire->frame.n_hidden_object = m->frame.hidden_count;
+        wire->frame.hidden_object = (uint32_t *)m->frame.hidden;
+        wire->frame.n_shown_object = m->frame.shown_count;
+        wire->frame.shown_object = (uint32_t *)m->frame.shown;
         break;
     case LW_MESSAGE_TILE:
         wire->tile.object = m->tile.object;
@@ -268,6 +306,16 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
     case LW_MESSAGE_SETTLED:
         wire->settled.frame = m->settled.frame;
         break;
+    case LW_MESSAGE_UPDATE:
+        wire->update.request = m->update.request;
+        break;
+    case LW_MESSAGE_UPDATED:
+        wire->updated.request = m->updated.request;
+        wire->updated.code = m->updated.code;
+        wire->updated.change = m->updated.change;
+        wire->updated.text = text_of(m->updated.text);
+        wire->updated.frame = m->updated.frame;
+        break;
     case LW_MESSAGE_PING:
     case LW_MESSAGE_PONG:
         wire->ping.token = m->ping.token;
@@ -275,74 +323,123 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
     }
 }
 
-/* The lists of INTEREST and FRAME in memory: words of 4 bytes, as on the wire. */
+static size_t value_total(const struct lw_message_update *u) {
+    size_t total = 0;
+    for (size_t i = 0; i < u->change_count; i++) total += u->change[i].value_count;
+    return total;
+}
+
+/* The lists of INTEREST, FRAME and UPDATE in memory: words of 4 bytes, as on the wire. */
 static size_t list_words(const struct lw_message *m) {
+    const struct lw_message_frame *f = &m->frame;
     if (m->type == LW_MESSAGE_INTEREST) return 3 * m->interest.tile_count;
     if (m->type == LW_MESSAGE_FRAME)
-        return (1 + TRANSFORM_FLOATS) * m->frame.transform_count + (1 + LIGHT_FLOATS) * m->frame.light_count;
+        return (1 + TRANSFORM_FLOATS) * f->transform_count + (1 + LIGHT_FLOATS) * f->light_count +
+               (1 + 2 * VECTOR_FLOATS) * f->material_count;
+    if (m->type == LW_MESSAGE_UPDATE) return 3 * m->update.change_count + value_total(&m->update);
     return 0;
 }
 
-/* words: list_words() of them; they back the lists of wire. */
-static void fill_lists(union wire *wire, const struct lw_message *m, void *words) {
-    if (m->type == LW_MESSAGE_INTEREST) {
-        size_t count = m->interest.tile_count;
-        uint32_t *object = words, *level = object + count, *tile = level + count;
-        for (size_t i = 0; i < count; i++) {
-            object[i] = m->interest.tile[i].object;
-            level[i] = m->interest.tile[i].level;
-            tile[i] = m->interest.tile[i].tile;
-        }
-        wire->interest.n_object = wire->interest.n_level = wire->interest.n_tile = count;
-        wire->interest.object = object;
-        wire->interest.level = level;
-        wire->interest.tile = tile;
+static void fill_interest(Lightwell__Wire__Interest *wire, const struct lw_message_interest *m, void *words) {
+    size_t count = m->tile_count;
+    uint32_t *object = words, *level = object + count, *tile = level + count;
+    for (size_t i = 0; i < count; i++) {
+        object[i] = m->tile[i].object;
+        level[i] = m->tile[i].level;
+        tile[i] = m->tile[i].tile;
     }
-    if (m->type == LW_MESSAGE_FRAME) {
-        size_t transforms = m->frame.transform_count, lights = m->frame.light_count;
-        uint32_t *object = words, *light = object + transforms;
-        float *transform = (float *)(light + lights), *position = transform + TRANSFORM_FLOATS * transforms,
-              *direction = position + VECTOR_FLOATS * lights, *intensity = direction + VECTOR_FLOATS * lights;
-        for (size_t i = 0; i < transforms; i++) {
-            object[i] = m->frame.transform[i].object;
-            memcpy(transform + TRANSFORM_FLOATS * i, m->frame.transform[i].object_to_world.m,
-                   TRANSFORM_FLOATS * sizeof *transform);
-        }
-        for (size_t i = 0; i < lights; i++) {
-            const struct lw_message_light *l = &m->frame.light[i];
-            light[i] = l->light;
-            memcpy(position + VECTOR_FLOATS * i, &l->position_ws, VECTOR_FLOATS * sizeof *position);
-            memcpy(direction + VECTOR_FLOATS * i, &l->direction_ws, VECTOR_FLOATS * sizeof *direction);
-            memcpy(intensity + VECTOR_FLOATS * i, &l->intensity, VECTOR_FLOATS * sizeof *intensity);
-        }
-        wire->frame.n_transform_object = transforms;
-        wire->frame.transform_object = object;
-        wire->frame.n_transform = TRANSFORM_FLOATS * transforms;
-        wire->frame.transform = transform;
-        wire->frame.n_light = lights;
-        wire->frame.light = light;
-        wire->frame.n_light_position = wire->frame.n_light_direction = wire->frame.n_light_intensity =
-            VECTOR_FLOATS * lights;
-        wire->frame.light_position = position;
-        wire->frame.light_direction = direction;
-        wire->frame.light_intensity = intensity;
-    }
+    wire->n_object = wire->n_level = wire->n_tile = count;
+    wire->object = object;
+    wire->level = level;
+    wire->tile = tile;
 }
 
-/* Bytes on the wire of a packed list of 4-byte words whose field number is under 16: tag, length, data. */
-static size_t packed_size(size_t words) {
+static void fill_frame(Lightwell__Wire__Frame *wire, const struct lw_message_frame *m, void *words) {
+    size_t transforms = m->transform_count, lights = m->light_count, materials = m->material_count;
+    uint32_t *object = words, *light = object + transforms, *material = light + lights;
+    float *transform = (float *)(material + materials), *position = transform + TRANSFORM_FLOATS * transforms,
+          *direction = position + VECTOR_FLOATS * lights, *intensity = direction + VECTOR_FLOATS * lights,
+          *base_colour = intensity + VECTOR_FLOATS * lights,
+          *emission = base_colour + VECTOR_FLOATS * materials;
+    for (size_t i = 0; i < transforms; i++) {
+        object[i] = m->transform[i].object;
+        memcpy(transform + TRANSFORM_FLOATS * i, m->transform[i].object_to_world.m,
+               TRANSFORM_FLOATS * sizeof *transform);
+    }
+    for (size_t i = 0; i < lights; i++) {
+        const struct lw_message_light *l = &m->light[i];
+        light[i] = l->light;
+        memcpy(position + VECTOR_FLOATS * i, &l->position_ws, VECTOR_FLOATS * sizeof *position);
+        memcpy(direction + VECTOR_FLOATS * i, &l->direction_ws, VECTOR_FLOATS * sizeof *direction);
+        memcpy(intensity + VECTOR_FLOATS * i, &l->intensity, VECTOR_FLOATS * sizeof *intensity);
+    }
+    for (size_t i = 0; i < materials; i++) {
+        material[i] = m->material[i].material;
+        memcpy(base_colour + VECTOR_FLOATS * i, m->material[i].base_colour,
+               VECTOR_FLOATS * sizeof *base_colour);
+        memcpy(emission + VECTOR_FLOATS * i, m->material[i].emission, VECTOR_FLOATS * sizeof *emission);
+    }
+    wire->n_transform_object = transforms;
+    wire->transform_object = object;
+    wire->n_transform = TRANSFORM_FLOATS * transforms;
+    wire->transform = transform;
+    wire->n_light = lights;
+    wire->light = light;
+    wire->n_light_position = wire->n_light_direction = wire->n_light_intensity = VECTOR_FLOATS * lights;
+    wire->light_position = position;
+    wire->light_direction = direction;
+    wire->light_intensity = intensity;
+    wire->n_material = materials;
+    wire->material = material;
+    wire->n_base_colour = wire->n_emission = VECTOR_FLOATS * materials;
+    wire->base_colour = base_colour;
+    wire->emission = emission;
+}
+
+static void fill_update(Lightwell__Wire__Update *wire, const struct lw_message_update *m, void *words) {
+    size_t count = m->change_count, values = 0;
+    uint32_t *kind = words, *target = kind + count, *value_count = target + count;
+    float *value = (float *)(value_count + count);
+    for (size_t i = 0; i < count; i++) {
+        kind[i] = m->change[i].kind;
+        target[i] = m->change[i].target;
+        value_count[i] = m->change[i].value_count;
+        memcpy(value + values, m->change[i].value, value_count[i] * sizeof *value);
+        values += value_count[i];
+    }
+    wire->n_kind = wire->n_target = wire->n_value_count = count;
+    wire->kind = kind;
+    wire->target = target;
+    wire->value_count = value_count;
+    wire->n_value = values;
+    wire->value = value;
+}
+
+/* words: list_words() of them; they back the lists of wire, but those that have the wire's layout already. */
+static void fill_lists(union wire *wire, const struct lw_message *m, void *words) {
+    if (m->type == LW_MESSAGE_INTEREST) fill_interest(&wire->interest, &m->interest, words);
+    if (m->type == LW_MESSAGE_FRAME) fill_frame(&wire->frame, &m->frame, words);
+    if (m->type == LW_MESSAGE_UPDATE) fill_update(&wire->update, &m->update, words);
+}
+
+/* Bytes on the wire of a packed list of 4-byte words: tag, length, data. */
+static size_t packed_size(unsigned field, size_t words) {
     if (!words) return 0;
     size_t bytes = 4 * words, length_bytes = 1;
     for (size_t v = bytes; v >= 0x80; v >>= 7) length_bytes++;
-    return 1 + length_bytes + bytes;
+    return (field < 16 ? 1 : 2) + length_bytes + bytes;
 }
 
 static size_t lists_size(const struct lw_message *m) {
-    if (m->type == LW_MESSAGE_INTEREST) return 3 * packed_size(m->interest.tile_count);
+    const struct lw_message_frame *f = &m->frame;
+    const struct lw_message_update *u = &m->update;
+    if (m->type == LW_MESSAGE_INTEREST) return 3 * packed_size(2, m->interest.tile_count);
     if (m->type == LW_MESSAGE_FRAME)
-        return packed_size(m->frame.transform_count) +
-               packed_size(TRANSFORM_FLOATS * m->frame.transform_count) + packed_size(m->frame.light_count) +
-               3 * packed_size(VECTOR_FLOATS * m->frame.light_count);
+        return packed_size(7, f->transform_count) + packed_size(8, TRANSFORM_FLOATS * f->transform_count) +
+               packed_size(9, f->light_count) + 3 * packed_size(10, VECTOR_FLOATS * f->light_count) +
+               packed_size(16, f->material_count) + 2 * packed_size(17, VECTOR_FLOATS * f->material_count);
+    if (m->type == LW_MESSAGE_UPDATE)
+        return 3 * packed_size(2, u->change_count) + packed_size(5, value_total(u));
     return 0;
 }
 
@@ -360,6 +457,7 @@ static uint32_t body_max(unsigned type) {
     case LW_MESSAGE_ACK:
     case LW_MESSAGE_PING:
     case LW_MESSAGE_PONG:
+    case LW_MESSAGE_UPDATE:
         return LW_FRAME_CLIENT_BODY_MAX;
     default:
         return LW_FRAME_BODY_MAX;
@@ -402,7 +500,7 @@ enum lw_status lw_message_encode_alloc(const struct lw_message *message, uint8_t
 
 struct storage {
     ProtobufCMessage *proto;
-    void *list[2];
+    void *list[3];
 };
 
 /* Tells a body without memory from one without sense: protobuf-c answers both with NULL. */
@@ -499,6 +597,29 @@ static struct lw_vec3 vector_at(const float *list, size_t i) {
     return lw_vec3(list[3 * i], list[3 * i + 1], list[3 * i + 2]);
 }
 
+static enum lw_status read_frame_state(const Lightwell__Wire__Frame *w, struct lw_message *m,
+                                       struct storage *storage, struct lw_error *err) {
+    const size_t materials = w->n_material;
+    if (materials > LW_MESSAGE_MATERIALS_MAX) return invalid(err, "material", "has over 4096 entries");
+    if (w->n_base_colour != VECTOR_FLOATS * materials || w->n_emission != VECTOR_FLOATS * materials)
+        return invalid(err, "base_colour or emission", "is not 3 values for each material");
+    m->frame.hidden = w->hidden_object;
+    m->frame.hidden_count = w->n_hidden_object;
+    m->frame.shown = w->shown_object;
+    m->frame.shown_count = w->n_shown_object;
+    m->frame.material_count = materials;
+    if (!materials) return LW_OK;
+    struct lw_message_material *material = storage->list[2] = malloc(materials * sizeof *material);
+    if (!material) return LW_NO_MEMORY;
+    for (size_t i = 0; i < materials; i++) {
+        material[i].material = w->material[i];
+        memcpy(material[i].base_colour, w->base_colour + VECTOR_FLOATS * i, sizeof material[i].base_colour);
+        memcpy(material[i].emission, w->emission + VECTOR_FLOATS * i, sizeof material[i].emission);
+    }
+    m->frame.material = material;
+    return LW_OK;
+}
+
 static enum lw_status read_frame(const Lightwell__Wire__Frame *w, struct lw_message *m,
                                  struct storage *storage, struct lw_error *err) {
     size_t transforms = w->n_transform_object, lights = w->n_light;
@@ -540,6 +661,32 @@ static enum lw_status read_frame(const Lightwell__Wire__Frame *w, struct lw_mess
                                           vector_at(w->light_direction, i), vector_at(w->light_intensity, i)};
         m->frame.light = light;
     }
+    return read_frame_state(w, m, storage, err);
+}
+
+static enum lw_status read_update(const Lightwell__Wire__Update *w, struct lw_message *m,
+                                  struct storage *storage, struct lw_error *err) {
+    const size_t count = w->n_kind;
+    if (w->n_target != count || w->n_value_count != count)
+        return invalid(err, "kind, target and value_count", "differ in length");
+    if (count > LW_MESSAGE_CHANGES_MAX) return invalid(err, "kind", "has over 1024 entries");
+    m->update = (struct lw_message_update){.request = w->request, .change_count = count};
+    if (count && !(storage->list[0] = calloc(count, sizeof *m->update.change))) return LW_NO_MEMORY;
+    struct lw_scene_change *change = storage->list[0];
+    size_t values = 0;
+    for (size_t i = 0; i < count; i++) {
+        const uint32_t value_count = w->value_count[i];
+        if (value_count > LW_SCENE_CHANGE_VALUES_MAX) return invalid(err, "value_count", "is over 12");
+        if (value_count > w->n_value - values)
+            return invalid(err, "value", "is shorter than value_count says");
+        change[i].kind = w->kind[i];
+        change[i].target = w->target[i];
+        change[i].value_count = value_count;
+        if (value_count) memcpy(change[i].value, w->value + values, value_count * sizeof *w->value);
+        values += value_count;
+    }
+    if (values != w->n_value) return invalid(err, "value", "is longer than value_count says");
+    m->update.change = change;
     return LW_OK;
 }
 
@@ -589,6 +736,12 @@ static enum lw_status read_wire(const union wire *w, struct lw_message *m, struc
     case LW_MESSAGE_SETTLED:
         m->settled.frame = w->settled.frame;
         return LW_OK;
+    case LW_MESSAGE_UPDATE:
+        return read_update(&w->update, m, storage, err);
+    case LW_MESSAGE_UPDATED:
+        m->updated = (struct lw_message_updated){w->updated.request, w->updated.code, w->updated.change,
+                                                 w->updated.text, w->updated.frame};
+        return LW_OK;
     case LW_MESSAGE_PING:
     case LW_MESSAGE_PONG:
         m->ping.token = w->ping.token;
@@ -636,6 +789,7 @@ void lw_message_finish(struct lw_message *message) {
     if (storage->proto) protobuf_c_message_free_unpacked(storage->proto, NULL);
     free(storage->list[0]);
     free(storage->list[1]);
+    free(storage->list[2]);
     free(storage);
     message->storage = NULL;
 }

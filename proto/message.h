@@ -9,6 +9,7 @@
 #define LW_PROTO_MESSAGE_H
 
 #include "common/scene/package.h"
+#include "common/scene/scene_change.h"
 #include "common/vec.h"
 #include "proto/frame.h"
 
@@ -16,6 +17,9 @@
 #define LW_MESSAGE_TEXT_MAX       256u  /* bytes of a refusal's text */
 #define LW_MESSAGE_TRANSFORMS_MAX 8192u /* in one frame message; a frame with more sends several */
 #define LW_MESSAGE_LIGHTS_MAX     8192u
+#define LW_MESSAGE_VISIBLE_MAX    8192u /* objects hidden, and as many shown */
+#define LW_MESSAGE_MATERIALS_MAX  4096u
+#define LW_MESSAGE_CHANGES_MAX    1024u /* of an update */
 #define LW_MESSAGE_INTEREST_MAX   4096u
 #define LW_MESSAGE_CHUNK_MAX      (1u << 18) /* bytes of package data */
 #define LW_MESSAGE_PAYLOAD_MAX    (1u << 18) /* bytes of a tile */
@@ -26,8 +30,9 @@
     (LW_PACKAGE_SIZE_MAX + (LW_PACKAGE_SIZE_MAX >> 8)) /* zstd's bound for a package */
 
 /* Values are forever. */
-#define LW_FEATURE_DCT   1u             /* reads tiles of LW_TILE_CODEC_DCT */
-#define LW_FEATURES_READ LW_FEATURE_DCT /* all that our clients know */
+#define LW_FEATURE_DCT     1u             /* reads tiles of LW_TILE_CODEC_DCT */
+#define LW_FEATURE_CONTROL 2u             /* sends updates of the scene */
+#define LW_FEATURES_READ   LW_FEATURE_DCT /* all that our clients know */
 
 struct lw_message_hello {
     uint32_t version;  /* LW_WIRE_VERSION */
@@ -90,6 +95,11 @@ struct lw_message_light {
     struct lw_vec3 position_ws, direction_ws, intensity;
 };
 
+struct lw_message_material {
+    uint32_t material;
+    float base_colour[3], emission[3]; /* factors */
+};
+
 struct lw_message_frame {
     uint64_t frame;        /* from 1; grows */
     double time_s;         /* of the scene */
@@ -103,6 +113,11 @@ struct lw_message_frame {
     const struct lw_message_light *light;
     size_t light_count;
     uint64_t server_cpu_ns; /* of the server's process since it started; 0: not told */
+    const uint32_t *hidden; /* objects that are now */
+    const uint32_t *shown;  /* objects that are now not hidden */
+    size_t hidden_count, shown_count;
+    const struct lw_message_material *material; /* as with transforms */
+    size_t material_count;
 };
 
 struct lw_message_tile {
@@ -125,6 +140,21 @@ struct lw_message_settled {
     uint64_t frame; /* the last one sent, >= 1 */
 };
 
+struct lw_message_update {
+    uint64_t request; /* the client's number for it */
+    const struct lw_scene_change
+        *change; /* values may be anything: the answer says what is wrong with them */
+    size_t change_count;
+};
+
+struct lw_message_updated {
+    uint64_t request;
+    uint32_t code;    /* enum lw_scene_change_code, or one of a newer server */
+    uint32_t change;  /* which of the update is wrong; 0 for LW_SCENE_CHANGE_BUSY and OK */
+    const char *text; /* one line for people; empty for LW_SCENE_CHANGE_OK */
+    uint64_t frame;   /* the first one with the changes; 0: none were made */
+};
+
 struct lw_message_ping {
     uint64_t token; /* comes back in the pong */
 };
@@ -143,6 +173,8 @@ struct lw_message {
         struct lw_message_ack ack;
         struct lw_message_ping ping, pong;
         struct lw_message_settled settled;
+        struct lw_message_update update;
+        struct lw_message_updated updated;
     };
     void *storage; /* what decoding allocated */
 };

@@ -9,6 +9,7 @@
 #include "common/scene/lightmap.h"
 #include "common/scene/package.h"
 #include "common/scene/scene_open.h"
+#include "common/scene/scene_state.h"
 #include "common/tile/tile_codec.h"
 #include "server/publish/publisher.h"
 #include "server/serve/server.h"
@@ -49,6 +50,7 @@ struct settings {
 struct daemon {
     struct settings settings;
     struct lw_scene *scene;
+    struct lw_scene_state state; /* of it, by updates: what is lit */
     uint8_t *package;
     size_t package_size;
     struct lw_atlas_map atlas_map;
@@ -171,15 +173,18 @@ static enum lw_status read_scene(struct daemon *d, struct lw_error *err) {
     if (status != LW_OK) return status;
     if ((status = lw_atlas_map_init(&d->atlas_map, d->scene)) != LW_OK)
         return lw_status_fail(err, status, "tiles");
-    if ((status = lw_pose_init(&d->pose, d->scene)) != LW_OK) return lw_status_fail(err, status, "poses");
-    lw_pose_evaluate(&d->pose, d->scene, s->freeze ? s->freeze_s : 0);
+    if ((status = lw_scene_state_init(&d->state, d->scene, s->freeze ? s->freeze_s : 0, s->freeze)) !=
+            LW_OK ||
+        (status = lw_pose_init(&d->pose, d->scene)) != LW_OK)
+        return lw_status_fail(err, status, "poses");
+    lw_scene_state_pose(&d->state, 0, &d->pose);
     return LW_OK;
 }
 
 static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
     enum lw_status status =
-        lw_cell_solver_create(&(struct lw_solver_desc){.scene = d->scene,
+        lw_cell_solver_create(&(struct lw_solver_desc){.scene = &d->state.scene,
                                                        .atlas_map = &d->atlas_map,
                                                        .bounces = (uint32_t)s->bounces,
                                                        .tracing_range_m = (float)s->tracing_range,
@@ -202,7 +207,7 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
         free(nothing);
         if (status != LW_OK) return status;
     }
-    status = lw_publisher_create(&(struct lw_publisher_desc){.scene = d->scene,
+    status = lw_publisher_create(&(struct lw_publisher_desc){.scene = &d->state.scene,
                                                              .atlas_map = &d->atlas_map,
                                                              .solver = d->solver,
                                                              .target_error = (float)s->error,
@@ -216,6 +221,7 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
 
 struct frame_cost {
     uint64_t wall_ns, solve_cpu_ns, publish_cpu_ns;
+    size_t changes; /* of the scene, by updates */
 };
 
 /* CPU time of everything but the loop: the solver's thread and its workers. */
@@ -238,7 +244,7 @@ static void print_frame(const struct daemon *d, uint64_t frame, const struct fra
         "\"rays_probe\":%llu,\"rays_total\":%llu,\"texels_solved\":%llu,\"tiles_solved\":%u,\"tiles_"
         "converged\":%u,"
         "\"tiles\":%u,\"tiles_wanted\":%u,\"tiles_feeding\":%u,\"tiles_encoded\":%llu,\"bytes_encoded\":%llu,"
-        "\"saturated\":%llu,\"sessions\":%llu,"
+        "\"saturated\":%llu,\"changes\":%zu,\"sessions\":%llu,"
         "\"tiles_sent\":%llu,\"bytes_sent\":%llu,\"solve_cpu_ms\":%.3f,\"publish_cpu_ms\":%.3f,\"loop_cpu_"
         "ms\":%.3f,"
         "\"cpu_ms\":%.3f}\n",
@@ -250,7 +256,7 @@ static void print_frame(const struct daemon *d, uint64_t frame, const struct fra
         (unsigned long long)solve->rays_probe, (unsigned long long)d->rays_total,
         (unsigned long long)solve->texels_solved, solve->tiles_solved, solve->tiles_converged, solve->tiles,
         solve->tiles_wanted, solve->tiles_feeding, (unsigned long long)publish->tiles_encoded,
-        (unsigned long long)publish->bytes_encoded, (unsigned long long)publish->saturated,
+        (unsigned long long)publish->bytes_encoded, (unsigned long long)publish->saturated, cost->changes,
         (unsigned long long)serve.sessions_now, (unsigned long long)serve.tiles_sent,
         (unsigned long long)serve.bytes_sent, (double)cost->solve_cpu_ns * 1e-6,
         (double)cost->publish_cpu_ns * 1e-6, (double)serve.loop_cpu_ns * 1e-6,
@@ -258,12 +264,21 @@ static void print_frame(const struct daemon *d, uint64_t frame, const struct fra
     fflush(stdout);
 }
 
-/* Scene time of a frame: what the wall says, or what the count says. */
-static double scene_time(const struct daemon *d, uint64_t frame) {
-    const struct settings *s = &d->settings;
-    if (s->freeze) return s->freeze_s;
-    if (s->clock != CLOCK_REAL) return (double)(frame - 1) / STEP_HZ;
+/* What the animation's clock goes by: the wall, or the count of frames. */
+static double wall_time(const struct daemon *d, uint64_t frame) {
+    if (d->settings.clock != CLOCK_REAL) return (double)(frame - 1) / STEP_HZ;
     return (double)(lw_clock_ns() - d->started_ns) * 1e-9;
+}
+
+/* Makes the changes that have come for this frame and poses the scene. Returns how many updates there were. */
+static size_t simulate(struct daemon *d, uint64_t frame, size_t *out_change_count) {
+    const double wall_s = wall_time(d, frame);
+    struct lw_scene_change *change;
+    size_t count = lw_server_take_updates(d->server, frame, &change, out_change_count);
+    for (size_t i = 0; i < *out_change_count; i++) lw_scene_state_change(&d->state, &change[i], wall_s);
+    free(change);
+    lw_scene_state_pose(&d->state, wall_s, &d->pose);
+    return count;
 }
 
 /* Sleeps in short pieces, so that a stop is heard within a tenth of a second. */
@@ -283,12 +298,13 @@ static enum lw_status follow_clients(struct daemon *d, struct lw_error *err) {
     return status;
 }
 
-/* Where things are is news for whoever is there, even if nothing of what they look at was solved. */
-static bool has_news(struct daemon *d, const struct lw_solver_stats *solve) {
+/* Where things are is news for whoever is there, even if nothing of what they look at was solved; and whoever has sent an
+ * update waits for its frame. */
+static bool has_news(struct daemon *d, const struct lw_solver_stats *solve, size_t updates) {
     struct lw_server_stats serve;
     lw_server_get_stats(d->server, &serve);
     d->moved |= solve->moved;
-    return solve->tiles_solved > 0 || (d->moved && serve.sessions_now > 0);
+    return solve->tiles_solved > 0 || updates > 0 || (d->moved && serve.sessions_now > 0);
 }
 
 static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rested, struct lw_error *err) {
@@ -297,7 +313,7 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
     struct lw_snapshot *snapshot;
     struct frame_cost cost = {0};
     uint64_t began = lw_clock_ns(), cpu_began = work_cpu_ns(d);
-    lw_pose_evaluate(&d->pose, d->scene, scene_time(d, frame));
+    const size_t updates = simulate(d, frame, &cost.changes);
     enum lw_status status = follow_clients(d, err);
     if (status == LW_OK) status = d->solver->ops->frame(d->solver, &d->pose, frame, &solve, err);
     if (status != LW_OK) return status;
@@ -305,7 +321,7 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
     cost.solve_cpu_ns = cpu_solved - cpu_began;
     d->rays_total += solve.rays_shadow + solve.rays_bounce + solve.rays_probe;
     /* A frame in which nothing was solved and nothing moved changes nothing: no snapshot, no bytes. */
-    *out_rested = !has_news(d, &solve) && frame > 1;
+    *out_rested = !has_news(d, &solve, updates) && frame > 1;
     if (!*out_rested) {
         status = lw_publisher_publish(d->publisher, &d->pose, frame, lw_clock_ns() - began, d->rays_total,
                                       solve.tiles_solved, &snapshot, &publish);
@@ -427,6 +443,7 @@ static enum lw_status run(struct daemon *d, struct lw_error *err) {
                                                   .package_size = d->package_size,
                                                   .bounces = (uint32_t)s->bounces,
                                                   .target_error = (float)s->error,
+                                                  .scene = d->scene,
                                                   .features = s->codec == CODEC_DCT ? LW_FEATURE_DCT : 0},
                          &d->server, err);
     if (status != LW_OK) return status;
@@ -439,6 +456,7 @@ static void finish(struct daemon *d) {
     lw_publisher_destroy(d->publisher);
     if (d->solver) d->solver->ops->destroy(d->solver);
     lw_pose_finish(&d->pose);
+    lw_scene_state_finish(&d->state);
     lw_atlas_map_finish(&d->atlas_map);
     free(d->package);
     lw_scene_destroy(d->scene);

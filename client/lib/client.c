@@ -23,6 +23,11 @@ struct lw_client {
     struct lw_package_hash package_hash;
     uint64_t package_offset; /* from which we ask for the package */
     struct lw_want want;
+    bool may_update;
+    uint64_t updates_sent;
+    struct lw_client_answer *answer; /* LW_CLIENT_UPDATES_MAX of them, or NULL: a ring */
+    uint32_t answer_first, answer_count;
+    uint32_t unanswered; /* updates whose answer has not arrived */
     struct lw_client_stats stats;
     uint64_t frame_acked, frame_ns, frame_solve_ns; /* frame_ns: when the newest frame arrived */
 };
@@ -47,6 +52,7 @@ static enum lw_status handle_welcome(struct lw_client *c, const struct lw_messag
     c->welcomed = true;
     c->stats.bounces = welcome->bounces;
     c->stats.target_error = welcome->target_error;
+    c->may_update = welcome->features & LW_FEATURE_CONTROL;
     c->package_hash = welcome->package_hash;
     if (has_scene(c->scene_of, &welcome->package_hash)) {
         c->package_offset = welcome->package_compressed_size; /* to its end: there is nothing to send */
@@ -93,6 +99,8 @@ static enum lw_status handle_frame(struct lw_client *c, const struct lw_message_
     c->stats.rays_total = frame->rays_total;
     c->stats.server_cpu_ns = frame->server_cpu_ns;
     memcpy(c->stats.sky, frame->sky, sizeof c->stats.sky);
+    if (frame->material_count || frame->hidden_count || frame->shown_count)
+        c->stats.changed_frame = frame->frame;
     c->frame_ns = lw_clock_ns();
     c->frame_solve_ns = frame->solve_ns;
     return LW_OK;
@@ -116,6 +124,20 @@ static enum lw_status handle_settled(struct lw_client *c, uint64_t frame, struct
     return LW_OK;
 }
 
+static enum lw_status handle_updated(struct lw_client *c, const struct lw_message_updated *updated,
+                                     struct lw_error *err) {
+    if (!c->unanswered) return out_of_order(err, LW_MESSAGE_UPDATED);
+    c->unanswered--;
+    struct lw_client_answer *answer =
+        &c->answer[(c->answer_first + c->answer_count++) % LW_CLIENT_UPDATES_MAX];
+    *answer = (struct lw_client_answer){.request = updated->request,
+                                        .code = updated->code,
+                                        .change = updated->change,
+                                        .frame = updated->frame};
+    snprintf(answer->text, sizeof answer->text, "%s", updated->text ? updated->text : "");
+    return LW_OK;
+}
+
 static enum lw_status handle_ping(struct lw_client *c, uint64_t token, struct lw_error *err) {
     struct lw_message pong = {.type = LW_MESSAGE_PONG, .pong.token = token};
     return lw_link_send(&c->link, &pong, err);
@@ -135,6 +157,8 @@ static enum lw_status handle_message(struct lw_client *c, const struct lw_messag
         return handle_tile(c, &m->tile, err);
     case LW_MESSAGE_SETTLED:
         return handle_settled(c, m->settled.frame, err);
+    case LW_MESSAGE_UPDATED:
+        return handle_updated(c, &m->updated, err);
     case LW_MESSAGE_PING:
         return handle_ping(c, m->ping.token, err);
     case LW_MESSAGE_PONG:
@@ -234,6 +258,49 @@ enum lw_status lw_client_want(struct lw_client *c, const lw_tile_id *tile, size_
 
 void lw_client_want_everything(struct lw_client *c) { lw_want_set_everything(&c->want); }
 
+_Static_assert(LW_CLIENT_CHANGES_MAX == LW_MESSAGE_CHANGES_MAX, "an update fits into a message");
+_Static_assert(LW_LINK_OUTBOX_SIZE > LW_CLIENT_CHANGES_MAX * 60 + 64, "and the message into the outbox");
+
+bool lw_client_may_update(const struct lw_client *c) { return c->may_update; }
+
+enum lw_status lw_client_update(struct lw_client *c, const struct lw_scene_change *change, size_t count,
+                                uint64_t *out_request, struct lw_error *err) {
+    if (!c->may_update)
+        return lw_status_fail(err, LW_UNAVAILABLE, "%s takes no updates from here: only from its own machine",
+                              c->link.address);
+    if (count > LW_CLIENT_CHANGES_MAX)
+        return lw_status_fail(err, LW_USAGE, "an update has at most %u changes", LW_CLIENT_CHANGES_MAX);
+    for (size_t i = 0; i < count; i++)
+        if (change[i].value_count > LW_SCENE_CHANGE_VALUES_MAX)
+            return lw_status_fail(err, LW_USAGE, "a change has at most %u values",
+                                  LW_SCENE_CHANGE_VALUES_MAX);
+    if (!c->answer && !(c->answer = calloc(LW_CLIENT_UPDATES_MAX, sizeof *c->answer)))
+        return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    const struct lw_message message = {
+        .type = LW_MESSAGE_UPDATE,
+        .update = {.request = c->updates_sent + 1, .change = change, .change_count = count}};
+    bool fits = false;
+    enum lw_status status = LW_OK;
+    if (c->unanswered + c->answer_count < LW_CLIENT_UPDATES_MAX)
+        status = lw_link_fits(&c->link, &message, &fits, err);
+    if (status == LW_OK && !fits)
+        status = lw_status_fail(err, LW_TIMED_OUT, "%s has other updates to answer first", c->link.address);
+    if (status == LW_OK) status = lw_link_send(&c->link, &message, err);
+    if (status != LW_OK) return status;
+    c->unanswered++;
+    c->updates_sent++;
+    if (out_request) *out_request = c->updates_sent;
+    return LW_OK;
+}
+
+bool lw_client_next_answer(struct lw_client *c, struct lw_client_answer *out_answer) {
+    if (!c->answer_count) return false;
+    *out_answer = c->answer[c->answer_first];
+    c->answer_first = (c->answer_first + 1) % LW_CLIENT_UPDATES_MAX;
+    c->answer_count--;
+    return true;
+}
+
 /* ---- create, poll, destroy ---- */
 
 static enum lw_status send_first(struct lw_client *c, const struct lw_message *message,
@@ -244,12 +311,12 @@ static enum lw_status send_first(struct lw_client *c, const struct lw_message *m
     return status;
 }
 
-static enum lw_status shake_hands(struct lw_client *c, const char *name, unsigned timeout_ms,
+static enum lw_status shake_hands(struct lw_client *c, const char *name, bool control, unsigned timeout_ms,
                                   struct lw_error *err) {
     uint64_t deadline_ns = lw_clock_ns() + timeout_ms * 1000000ull;
     struct lw_message hello = {.type = LW_MESSAGE_HELLO,
                                .hello = {.version = LW_WIRE_VERSION,
-                                         .features = LW_FEATURES_READ,
+                                         .features = LW_FEATURES_READ | (control ? LW_FEATURE_CONTROL : 0),
                                          .name = name ? name : "liblightwell"}};
     if (lw_message_validate(&hello, NULL) != LW_OK)
         return lw_status_fail(err, LW_USAGE,
@@ -291,7 +358,7 @@ enum lw_status lw_client_create(const struct lw_client_desc *desc, struct lw_cli
         free(c);
         return status;
     }
-    status = shake_hands(c, desc->name, timeout_ms, err);
+    status = shake_hands(c, desc->name, desc->control, timeout_ms, err);
     if (status == LW_OK)
         *out_client = c;
     else
@@ -305,6 +372,7 @@ void lw_client_destroy(struct lw_client *c) {
     lw_download_finish(&c->download);
     lw_link_finish(&c->link);
     lw_want_finish(&c->want);
+    free(c->answer);
     free(c);
 }
 
@@ -346,6 +414,16 @@ const struct lw_atlas_map *lw_client_atlas_map(const struct lw_client *c) {
 
 const struct lw_affine *lw_client_object_to_world(const struct lw_client *c, uint32_t object) {
     return c->replica ? lw_replica_object_to_world(c->replica, object) : NULL;
+}
+
+bool lw_client_object_hidden(const struct lw_client *c, uint32_t object) {
+    return c->replica && lw_replica_object_hidden(c->replica, object);
+}
+
+struct lw_client_light lw_client_get_light(const struct lw_client *c, uint32_t light) {
+    const struct lw_light_state *state = c->replica ? lw_replica_light(c->replica, light) : NULL;
+    if (!state) return (struct lw_client_light){0};
+    return (struct lw_client_light){state->position_ws, state->direction_ws, state->intensity};
 }
 
 struct lw_client_level lw_client_get_level(const struct lw_client *c, uint32_t object, uint32_t level) {

@@ -124,10 +124,18 @@ static enum lw_status flush(struct lw_link *link, struct lw_error *err) {
     return LW_OK;
 }
 
+enum lw_status lw_link_fits(struct lw_link *link, const struct lw_message *message, bool *out_fits,
+                            struct lw_error *err) {
+    enum lw_status status = flush(link, err);
+    if (status == LW_OK) *out_fits = lw_message_size(message) <= sizeof link->outbox - link->outbox_size;
+    return status;
+}
+
 enum lw_status lw_link_send(struct lw_link *link, const struct lw_message *message, struct lw_error *err) {
     size_t size;
-    enum lw_status status = flush(link, err);
-    if (status != LW_OK || lw_message_size(message) > sizeof link->outbox - link->outbox_size) return status;
+    bool fits = false;
+    enum lw_status status = lw_link_fits(link, message, &fits, err);
+    if (status != LW_OK || !fits) return status;
     status = lw_message_encode(message, link->outbox + link->outbox_size,
                                sizeof link->outbox - link->outbox_size, &size);
     if (status != LW_OK)

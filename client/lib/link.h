@@ -8,8 +8,7 @@
 
 #define LW_LINK_ADDRESS_SIZE 300u
 #define LW_LINK_OUTBOX_SIZE                                                                                  \
-    (50u                                                                                                     \
-     << 10) /* bytes that the socket would not take; more than that is dropped. The longest INTEREST fits */
+    (64u << 10) /* bytes that the socket would not take; more than that is dropped. The longest UPDATE fits */
 #define LW_LINK_PING_S    5u
 #define LW_LINK_SILENCE_S 15u
 
@@ -36,6 +35,10 @@ void lw_link_hang_up(struct lw_link *link);
  * that a later one makes up for. Errors: LW_CLOSED, LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_link_send(struct lw_link *link, const struct lw_message *message,
                                           struct lw_error *err);
+
+/** Whether lw_link_send() would take a message now, rather than drop it. Errors: LW_CLOSED. */
+LW_MUST_CHECK enum lw_status lw_link_fits(struct lw_link *link, const struct lw_message *message,
+                                          bool *out_fits, struct lw_error *err);
 
 /** Waits until there is something to read or the deadline (lw_clock_ns) has passed; pings meanwhile.
  * Errors: LW_TIMED_OUT if the server has been silent for LW_LINK_SILENCE_S; LW_CLOSED, LW_OS. */

@@ -1,6 +1,5 @@
 #include "client/lib/replica.h"
 
-#include "common/scene/pose.h"
 #include "common/tile/tile_codec.h"
 
 #include <stdlib.h>
@@ -10,7 +9,8 @@
 
 struct lw_replica {
     const struct lw_replica *beside; /* who owns scene and map; NULL: we do */
-    struct lw_scene *scene;
+    struct lw_scene *scene;          /* as in the package */
+    struct lw_scene now;             /* the same with materials of its own, and sky: as in the newest frame */
     struct lw_atlas_map map;
     struct lw_pose pose;
     struct lw_tile_codec *codec;
@@ -55,9 +55,19 @@ static enum lw_status make_room(struct lw_replica *r, struct lw_error *err) {
     return r->texels ? LW_OK : LW_NO_MEMORY;
 }
 
+static enum lw_status own_materials(struct lw_replica *r) {
+    const size_t count = r->scene->material_count;
+    r->now = *r->scene;
+    r->now.storage = NULL;
+    if (!(r->now.material = malloc((count + 1) * sizeof *r->now.material))) return LW_NO_MEMORY;
+    if (count) memcpy(r->now.material, r->scene->material, count * sizeof *r->now.material);
+    return LW_OK;
+}
+
 /* The rest, once scene and map are there. Takes r over. */
 static enum lw_status complete(struct lw_replica *r, enum lw_status status, struct lw_replica **out_replica,
                                struct lw_error *err) {
+    if (status == LW_OK) status = own_materials(r);
     if (status == LW_OK) {
         status = lw_pose_init(&r->pose, r->scene);
         r->has_pose = status == LW_OK;
@@ -102,9 +112,35 @@ void lw_replica_destroy(struct lw_replica *r) {
     free(r->first_texel);
     lw_tile_codec_destroy(r->codec);
     if (r->has_pose) lw_pose_finish(&r->pose);
+    free(r->now.material);
     if (r->has_map) lw_atlas_map_finish(&r->map);
     if (r->scene && !r->beside) lw_scene_destroy(r->scene);
     free(r);
+}
+
+static enum lw_status set_hidden(struct lw_replica *r, const uint32_t *object, size_t count, bool hidden,
+                                 struct lw_error *err) {
+    for (size_t i = 0; i < count; i++) {
+        if (object[i] >= r->scene->object_count)
+            return lw_status_fail(err, LW_PROTOCOL, "message FRAME: %s_object %u of %u",
+                                  hidden ? "hidden" : "shown", object[i], r->scene->object_count);
+        r->pose.object_hidden[object[i]] = hidden;
+    }
+    return LW_OK;
+}
+
+static enum lw_status set_materials(struct lw_replica *r, const struct lw_message_frame *frame,
+                                    struct lw_error *err) {
+    for (size_t i = 0; i < frame->material_count; i++) {
+        const struct lw_message_material *m = &frame->material[i];
+        if (m->material >= r->scene->material_count)
+            return lw_status_fail(err, LW_PROTOCOL, "message FRAME: material %u of %u", m->material,
+                                  r->scene->material_count);
+        memcpy(r->now.material[m->material].base_colour, m->base_colour, sizeof m->base_colour);
+        memcpy(r->now.material[m->material].emission, m->emission, sizeof m->emission);
+    }
+    memcpy(r->now.sky, frame->sky, sizeof r->now.sky);
+    return LW_OK;
 }
 
 enum lw_status lw_replica_take_frame(struct lw_replica *r, const struct lw_message_frame *frame,
@@ -124,7 +160,9 @@ enum lw_status lw_replica_take_frame(struct lw_replica *r, const struct lw_messa
         r->pose.light[light->light] =
             (struct lw_light_state){light->position_ws, light->direction_ws, light->intensity};
     }
-    return LW_OK;
+    enum lw_status status = set_hidden(r, frame->hidden, frame->hidden_count, true, err);
+    if (status == LW_OK) status = set_hidden(r, frame->shown, frame->shown_count, false, err);
+    return status == LW_OK ? set_materials(r, frame, err) : status;
 }
 
 static void copy_into_level(struct lw_replica *r, const struct lw_tile_place *place) {
@@ -162,7 +200,15 @@ enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_messag
 
 bool lw_replica_has_first(const struct lw_replica *r) { return r->coarsest_missing == 0; }
 
-const struct lw_scene *lw_replica_scene(const struct lw_replica *r) { return r->scene; }
+const struct lw_scene *lw_replica_scene(const struct lw_replica *r) { return &r->now; }
+
+bool lw_replica_object_hidden(const struct lw_replica *r, uint32_t object) {
+    return object < r->scene->object_count && r->pose.object_hidden[object];
+}
+
+const struct lw_light_state *lw_replica_light(const struct lw_replica *r, uint32_t light) {
+    return light < r->scene->light_count ? &r->pose.light[light] : NULL;
+}
 
 const struct lw_atlas_map *lw_replica_atlas_map(const struct lw_replica *r) { return &r->map; }
 

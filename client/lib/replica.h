@@ -5,6 +5,7 @@
 #define LIGHTWELL_REPLICA_H
 
 #include "client/include/lightwell/client.h"
+#include "common/scene/pose.h"
 #include "proto/message.h"
 
 #define LW_REPLICA_BYTES_MAX (8ull << 30) /* of atlases; a scene that needs more is refused */
@@ -20,7 +21,8 @@ LW_MUST_CHECK enum lw_status lw_replica_create_beside(const struct lw_replica *o
                                                       struct lw_replica **out_replica, struct lw_error *err);
 void lw_replica_destroy(struct lw_replica *replica);
 
-/** Takes over transforms and lights. Errors: LW_PROTOCOL for an object or light that the scene does not have. */
+/** Takes over transforms, lights, what is hidden, materials and sky. Errors: LW_PROTOCOL for an object, light or material
+ * that the scene does not have. */
 LW_MUST_CHECK enum lw_status
 lw_replica_take_frame(struct lw_replica *replica, const struct lw_message_frame *frame, struct lw_error *err);
 
@@ -32,7 +34,11 @@ LW_MUST_CHECK enum lw_status lw_replica_take_tile(struct lw_replica *replica,
 /** Whether every object's coarsest level is there. */
 bool lw_replica_has_first(const struct lw_replica *replica);
 
+/** The scene, with the materials and the sky of the newest frame. */
 const struct lw_scene *lw_replica_scene(const struct lw_replica *replica);
+bool lw_replica_object_hidden(const struct lw_replica *replica, uint32_t object);
+/** A light of the scene as the newest frame has it. */
+const struct lw_light_state *lw_replica_light(const struct lw_replica *replica, uint32_t light);
 const struct lw_atlas_map *lw_replica_atlas_map(const struct lw_replica *replica);
 const struct lw_affine *lw_replica_object_to_world(const struct lw_replica *replica, uint32_t object);
 struct lw_client_level lw_replica_get_level(const struct lw_replica *replica, uint32_t object,

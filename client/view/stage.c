@@ -14,8 +14,6 @@ enum lw_status lw_stage_init(struct lw_stage *stage, struct lw_client *client, u
         *stage = (struct lw_stage){0};
         return lw_status_fail(err, status, "no memory for the scene's pose");
     }
-    for (uint32_t o = 0; o < stage->scene->object_count && !stage->moves; o++)
-        stage->moves = lw_pose_object_moves(&stage->pose, stage->scene, o);
     status = lw_trace_create(stage->scene, &stage->pose, &stage->trace, err);
     if (status != LW_OK) goto fail;
     status = lw_compose_create(&(struct lw_compose_desc){.scene = stage->scene,
@@ -43,26 +41,51 @@ void lw_stage_finish(struct lw_stage *stage) {
     *stage = (struct lw_stage){0};
 }
 
+/* Whether an object of the scene that has no motion of its own was moved. The server computes its place as we do, perhaps on
+ * another machine, which may round otherwise. */
+static bool is_elsewhere(const struct lw_affine *a, const struct lw_affine *b) {
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 4; j++)
+            if (fabsf(a->m[i][j] - b->m[i][j]) > 1e-6f * (fabsf(a->m[i][j]) + fabsf(b->m[i][j])) + 1e-9f)
+                return true;
+    return false;
+}
+
+/* Takes over where objects are; whether that changes the picture. */
+static bool take_objects(struct lw_stage *stage) {
+    struct lw_pose *pose = &stage->pose;
+    bool moved = false;
+    for (uint32_t o = 0; o < stage->scene->object_count; o++) {
+        const struct lw_affine *there = lw_client_object_to_world(stage->client, o);
+        const bool hidden = lw_client_object_hidden(stage->client, o);
+        if (lw_pose_object_moves(pose, stage->scene, o)) {
+            moved |=
+                memcmp(&pose->object_to_world[o], there, sizeof *there) || hidden != pose->object_hidden[o];
+        } else if (hidden || is_elsewhere(&pose->object_to_world[o], there)) {
+            pose->object_dynamic[o] = true;
+            moved = true;
+        }
+        pose->object_to_world[o] = *there;
+        pose->object_hidden[o] = hidden;
+    }
+    return moved;
+}
+
 enum lw_status lw_stage_follow(struct lw_stage *stage, bool *out_moved, struct lw_error *err) {
     struct lw_client_stats stats;
     lw_client_get_stats(stage->client, &stats);
-    bool moved = false;
+    bool moved = take_objects(stage);
     /* Cameras hang on nodes, which only the scene's own animation moves; objects are where the server says. */
-    struct lw_affine *object_to_world = stage->pose.object_to_world;
-    if (stage->moves) {
-        for (uint32_t o = 0; o < stage->scene->object_count && !moved; o++)
-            moved = memcmp(&object_to_world[o], lw_client_object_to_world(stage->client, o),
-                           sizeof object_to_world[o]) != 0;
-    }
-    if (stage->scene->duration_s > 0 && stage->pose.time_s != stats.time_s)
+    if (stage->scene->duration_s > 0 && stage->pose.time_s != stats.time_s) {
         lw_pose_evaluate(&stage->pose, stage->scene, stats.time_s);
-    for (uint32_t o = 0; o < stage->scene->object_count; o++)
-        object_to_world[o] = *lw_client_object_to_world(stage->client, o);
+        take_objects(stage);
+    }
     if (moved) {
         enum lw_status status = lw_trace_set_pose(stage->trace, &stage->pose, err);
         if (status != LW_OK) return status;
     }
-    *out_moved = moved;
+    *out_moved = moved || stage->changed_frame != stats.changed_frame;
+    stage->changed_frame = stats.changed_frame;
     return LW_OK;
 }
 

@@ -14,7 +14,7 @@ struct lw_stage {
     struct lw_pose pose;
     struct lw_trace *trace;
     struct lw_compose *compose;
-    bool moves; /* some object can */
+    uint64_t changed_frame; /* of the materials that the last picture had */
     struct lw_attention attention;
     uint64_t looked_ns; /* when the client last heard what is looked at */
 };
@@ -26,8 +26,8 @@ LW_MUST_CHECK enum lw_status lw_stage_init(struct lw_stage *stage, struct lw_cli
 /** A zeroed stage is fine. */
 void lw_stage_finish(struct lw_stage *stage);
 
-/** Moves objects and cameras to where the client has them now.
- * out_moved   whether an object went anywhere
+/** Moves objects and cameras to where the client has them now, hides and shows.
+ * out_moved   whether an object went anywhere, or materials changed
  * Errors: LW_NO_MEMORY; LW_INTERNAL. */
 LW_MUST_CHECK enum lw_status lw_stage_follow(struct lw_stage *stage, bool *out_moved, struct lw_error *err);
 

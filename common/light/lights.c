@@ -149,6 +149,13 @@ void lw_lights_finish(struct lw_lights *lights) {
     *lights = (struct lw_lights){0};
 }
 
+/* Which triangles shine is another question than how much, and decides how large everything is: all of it anew. */
+enum lw_status lw_lights_set_materials(struct lw_lights *lights, const struct lw_pose *pose) {
+    const struct lw_scene *scene = lights->scene;
+    lw_lights_finish(lights);
+    return lw_lights_init(lights, scene, pose);
+}
+
 static void place_emitter(struct lw_emitter *e, const struct lw_scene *scene, const struct lw_pose *pose,
                           float luminance) {
     const struct lw_mesh *mesh = &scene->mesh[scene->object[e->object].mesh];
@@ -164,7 +171,7 @@ static void place_emitter(struct lw_emitter *e, const struct lw_scene *scene, co
                                      fmaxf(lw_vec3_dot(e->edge_v, e->edge_v), lw_vec3_dot(third, third)));
     e->normal = lw_vec3_scale(lw_vec3_normalize(cross), lw_affine_determinant(t) < 0 ? -1.0f : 1.0f);
     e->power = luminance * e->area_m2 * (e->both_sides ? 2.0f : 1.0f);
-    if (!isfinite(e->power)) e->power = 0;
+    if (!isfinite(e->power) || pose->object_hidden[e->object]) e->power = 0;
 }
 
 /* Turns weights into a cumulative distribution in place; false if all are zero. */

@@ -51,7 +51,10 @@ struct lw_lights {
 LW_MUST_CHECK enum lw_status lw_lights_init(struct lw_lights *lights, const struct lw_scene *scene,
                                             const struct lw_pose *pose);
 void lw_lights_finish(struct lw_lights *lights);
-/** Moves what moves. The pose must outlive the next call. */
+/** Takes over the scene's materials and sky after they have changed, and the pose. Errors: LW_NO_MEMORY; then there are
+ * no lights, and only lw_lights_finish() or another lw_lights_init() makes sense. */
+LW_MUST_CHECK enum lw_status lw_lights_set_materials(struct lw_lights *lights, const struct lw_pose *pose);
+/** Moves what moves; what is hidden gives no light. The pose must outlive the next call. */
 void lw_lights_set_pose(struct lw_lights *lights, const struct lw_pose *pose);
 
 /** Light from one direction, ready for one shadow ray. */

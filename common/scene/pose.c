@@ -21,13 +21,14 @@ enum lw_status lw_pose_init(struct lw_pose *pose, const struct lw_scene *scene) 
     /* calloc of 0 elements may be NULL: one more of each keeps NULL for "out of memory" */
     pose->object_to_world = calloc((size_t)scene->object_count + 1, sizeof *pose->object_to_world);
     pose->object_hidden = calloc((size_t)scene->object_count + 1, sizeof *pose->object_hidden);
+    pose->object_dynamic = calloc((size_t)scene->object_count + 1, sizeof *pose->object_dynamic);
     pose->light = calloc((size_t)scene->light_count + 1, sizeof *pose->light);
     pose->material = calloc((size_t)scene->material_count + 1, sizeof *pose->material);
     pose->node_to_world = calloc((size_t)scene->node_count + 1, sizeof *pose->node_to_world);
     pose->local = calloc((size_t)scene->node_count + 1, sizeof *pose->local);
     pose->node_moves = calloc((size_t)scene->node_count + 1, sizeof *pose->node_moves);
-    if (!pose->object_to_world || !pose->object_hidden || !pose->light || !pose->material ||
-        !pose->node_to_world || !pose->local || !pose->node_moves) {
+    if (!pose->object_to_world || !pose->object_hidden || !pose->object_dynamic || !pose->light ||
+        !pose->material || !pose->node_to_world || !pose->local || !pose->node_moves) {
         lw_pose_finish(pose);
         return LW_NO_MEMORY;
     }
@@ -42,6 +43,7 @@ void lw_pose_finish(struct lw_pose *pose) {
     free(pose->node_to_world);
     free(pose->material);
     free(pose->light);
+    free(pose->object_dynamic);
     free(pose->object_hidden);
     free(pose->object_to_world);
     memset(pose, 0, sizeof *pose);
@@ -192,6 +194,7 @@ void lw_pose_copy(struct lw_pose *dst, const struct lw_pose *src, const struct l
     dst->time_s = src->time_s;
     memcpy(dst->object_to_world, src->object_to_world, scene->object_count * sizeof *src->object_to_world);
     memcpy(dst->object_hidden, src->object_hidden, scene->object_count * sizeof *src->object_hidden);
+    memcpy(dst->object_dynamic, src->object_dynamic, scene->object_count * sizeof *src->object_dynamic);
     memcpy(dst->light, src->light, scene->light_count * sizeof *src->light);
     memcpy(dst->material, src->material, scene->material_count * sizeof *src->material);
     memcpy(dst->sky, src->sky, sizeof dst->sky);
@@ -199,17 +202,27 @@ void lw_pose_copy(struct lw_pose *dst, const struct lw_pose *src, const struct l
 }
 
 /* None of these structs has padding. */
+unsigned lw_pose_difference(const struct lw_pose *a, const struct lw_pose *b, const struct lw_scene *scene) {
+    const size_t objects = scene->object_count;
+    unsigned difference = 0;
+    if (memcmp(a->object_to_world, b->object_to_world, objects * sizeof *a->object_to_world) ||
+        memcmp(a->object_hidden, b->object_hidden, objects * sizeof *a->object_hidden))
+        difference |= LW_POSE_OBJECTS;
+    if (memcmp(a->object_dynamic, b->object_dynamic, objects * sizeof *a->object_dynamic))
+        difference |= LW_POSE_DYNAMIC;
+    if (memcmp(a->light, b->light, scene->light_count * sizeof *a->light)) difference |= LW_POSE_LIGHTS;
+    if (memcmp(a->material, b->material, scene->material_count * sizeof *a->material))
+        difference |= LW_POSE_MATERIALS;
+    if (memcmp(a->sky, b->sky, sizeof a->sky)) difference |= LW_POSE_SKY;
+    return difference;
+}
+
 bool lw_pose_equal(const struct lw_pose *a, const struct lw_pose *b, const struct lw_scene *scene) {
-    return memcmp(a->object_to_world, b->object_to_world, scene->object_count * sizeof *a->object_to_world) ==
-               0 &&
-           memcmp(a->object_hidden, b->object_hidden, scene->object_count * sizeof *a->object_hidden) == 0 &&
-           memcmp(a->light, b->light, scene->light_count * sizeof *a->light) == 0 &&
-           memcmp(a->material, b->material, scene->material_count * sizeof *a->material) == 0 &&
-           memcmp(a->sky, b->sky, sizeof a->sky) == 0;
+    return lw_pose_difference(a, b, scene) == 0;
 }
 
 bool lw_pose_object_moves(const struct lw_pose *pose, const struct lw_scene *scene, uint32_t object) {
-    return pose->node_moves[scene->object[object].node];
+    return pose->node_moves[scene->object[object].node] || pose->object_dynamic[object];
 }
 
 bool lw_pose_bounds(const struct lw_pose *pose, const struct lw_scene *scene, struct lw_vec3 *out_min,
@@ -218,6 +231,7 @@ bool lw_pose_bounds(const struct lw_pose *pose, const struct lw_scene *scene, st
                    high = lw_vec3(-INFINITY, -INFINITY, -INFINITY);
     bool any = false;
     for (uint32_t i = 0; i < scene->object_count; i++) {
+        if (pose->object_dynamic[i]) continue;
         const struct lw_mesh *mesh = &scene->mesh[scene->object[i].mesh];
         for (uint32_t j = 0; j < mesh->vertex_count; j++) {
             struct lw_vec3 p = lw_affine_point(&pose->object_to_world[i], mesh->position[j]);

@@ -22,10 +22,11 @@ struct lw_material_state {
 struct lw_pose_local;
 
 struct lw_pose {
-    double time_s;                      /* wrapped */
-    struct lw_affine *object_to_world;  /* one per object */
-    bool *object_hidden;                /* one per object: no ray meets it */
-    struct lw_light_state *light;       /* one per light */
+    double time_s;                     /* wrapped */
+    struct lw_affine *object_to_world; /* one per object */
+    bool *object_hidden;               /* one per object: no ray meets it */
+    bool *object_dynamic;         /* one per object: counts as one that moves though no channel moves it */
+    struct lw_light_state *light; /* one per light */
     struct lw_material_state *material; /* one per material */
     float sky[3];                       /* W/(m^2 sr) */
     struct lw_affine *node_to_world;    /* one per node */
@@ -43,13 +44,25 @@ void lw_pose_evaluate(struct lw_pose *pose, const struct lw_scene *scene, double
 /** Makes dst the same moment as src; both of the same scene. */
 void lw_pose_copy(struct lw_pose *dst, const struct lw_pose *src, const struct lw_scene *scene);
 
-/** Whether the scene looks the same at both moments, bit for bit, whatever the time. Cameras do not count. */
+/* What may differ between two moments. */
+enum lw_pose_change {
+    LW_POSE_OBJECTS = 1, /* where they are, whether hidden */
+    LW_POSE_LIGHTS = 2,
+    LW_POSE_MATERIALS = 4,
+    LW_POSE_SKY = 8,
+    LW_POSE_DYNAMIC = 16 /* which objects are */
+};
+
+/** What differs between two moments of a scene, bit for bit: LW_POSE_* or 0. Time and cameras do not count. */
+unsigned lw_pose_difference(const struct lw_pose *a, const struct lw_pose *b, const struct lw_scene *scene);
+
+/** Whether the scene looks the same at both moments: lw_pose_difference() is 0. */
 bool lw_pose_equal(const struct lw_pose *a, const struct lw_pose *b, const struct lw_scene *scene);
 
-/** Whether an object can ever move: its node or an ancestor of it has a channel. */
+/** Whether an object may move: its node or an ancestor of it has a channel, or it is dynamic. */
 bool lw_pose_object_moves(const struct lw_pose *pose, const struct lw_scene *scene, uint32_t object);
 
-/** World-space bounds of all objects; false if there is no vertex. */
+/** World-space bounds of all objects but dynamic ones, which may be anywhere; false if there is no vertex. */
 bool lw_pose_bounds(const struct lw_pose *pose, const struct lw_scene *scene, struct lw_vec3 *out_min,
                     struct lw_vec3 *out_max);
 

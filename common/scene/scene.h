@@ -1,6 +1,6 @@
 /* scene.h: what is lit: meshes, materials, textures, nodes, objects, lights, cameras, animation.
  * Flow:    file -> importer -> [scene] -> lightmap UVs -> package -> daemon and clients
- * Threads: immutable once built or read; then [any] may read.
+ * Threads: immutable once built or read; then [any] may read. scene_state.h makes one whose materials and sky change.
  * Space:   right-handed, +Y up, metres. Colours are linear sRGB. Winding is counter-clockwise seen from the front. */
 #ifndef LW_COMMON_SCENE_H
 #define LW_COMMON_SCENE_H

@@ -24,6 +24,7 @@ struct mover {
     uint32_t object;
     RTCScene scene;       /* the object alone, in object space */
     RTCGeometry instance; /* in the moving scene */
+    bool hidden;          /* the instance is disabled */
     float facing[3][3];   /* sign(facing * Ng . dir) in world space tells front from back */
     struct box box_os;
     struct box box_ws; /* with room for rounding */
@@ -212,7 +213,12 @@ static struct box box_moved(const struct lw_affine *t, const struct box *b) {
     return box;
 }
 
-static void place_mover(struct mover *mover, const struct lw_affine *t) {
+static void place_mover(struct mover *mover, const struct lw_pose *pose) {
+    const struct lw_affine *t = &pose->object_to_world[mover->object];
+    const bool hidden = pose->object_hidden[mover->object];
+    if (hidden && !mover->hidden) rtcDisableGeometry(mover->instance);
+    if (!hidden && mover->hidden) rtcEnableGeometry(mover->instance);
+    mover->hidden = hidden;
     mover->box_ws = box_with_room(box_moved(t, &mover->box_os));
     rtcSetGeometryTransform(mover->instance, 0, RTC_FORMAT_FLOAT3X4_ROW_MAJOR, t->m);
     rtcCommitGeometry(mover->instance);
@@ -231,16 +237,19 @@ static void place_mover(struct mover *mover, const struct lw_affine *t) {
 
 /* More movers than boxes share them in the scene's order, where neighbours are mostly together. */
 static void box_movers(struct lw_trace *trace) {
-    const uint32_t count = trace->mover_count;
+    uint32_t count = 0, n = 0;
+    for (uint32_t i = 0; i < trace->mover_count; i++) count += !trace->mover[i].hidden;
     trace->box_count = count < BOXES_MAX ? count : BOXES_MAX;
     for (uint32_t b = 0; b < trace->box_count; b++) trace->box[b] = nowhere;
-    for (uint32_t i = 0; i < count; i++) {
-        struct box *box = &trace->box[(uint64_t)i * trace->box_count / count];
+    for (uint32_t i = 0; i < trace->mover_count; i++) {
+        if (trace->mover[i].hidden) continue;
+        struct box *box = &trace->box[(uint64_t)n++ * trace->box_count / count];
         *box = box_around(*box, trace->mover[i].box_ws);
     }
 }
 
 static enum lw_status attach_mover(struct lw_trace *trace, struct mover *mover, const struct lw_pose *pose) {
+    if (!trace->moving && !(trace->moving = new_scene(trace))) return LW_NO_MEMORY;
     mover->scene = new_scene(trace);
     if (!mover->scene) return LW_NO_MEMORY;
     enum lw_status status = attach_object(trace, mover->scene, mover->object, &LW_AFFINE_IDENTITY);
@@ -251,7 +260,7 @@ static enum lw_status attach_mover(struct lw_trace *trace, struct mover *mover, 
     if (!mover->instance) return LW_NO_MEMORY;
     rtcSetGeometryInstancedScene(mover->instance, mover->scene);
     rtcSetGeometryTimeStepCount(mover->instance, 1);
-    place_mover(mover, &pose->object_to_world[mover->object]);
+    place_mover(mover, pose);
     rtcAttachGeometryByID(trace->moving, mover->instance, mover->object);
     return LW_OK;
 }
@@ -279,15 +288,28 @@ static enum lw_status build(struct lw_trace *trace, const struct lw_pose *pose) 
         if (status != LW_OK) return status;
     }
     rtcCommitScene(trace->fixed);
-    if (trace->mover_count == 0) return LW_OK;
-    trace->moving = new_scene(trace);
-    if (!trace->moving) return LW_NO_MEMORY;
     for (uint32_t i = 0; i < trace->mover_count; i++) {
         enum lw_status status = attach_mover(trace, &trace->mover[i], pose);
         if (status != LW_OK) return status;
     }
     box_movers(trace);
-    rtcCommitScene(trace->moving);
+    if (trace->moving) rtcCommitScene(trace->moving);
+    return LW_OK;
+}
+
+/* Objects that have become dynamic. */
+static enum lw_status free_objects(struct lw_trace *trace, const struct lw_pose *pose) {
+    const uint32_t before = trace->mover_count;
+    for (uint32_t object = 0; object < trace->scene->object_count; object++) {
+        if (trace->mover_of_object[object] != UINT32_MAX || !pose->object_dynamic[object]) continue;
+        rtcDetachGeometry(trace->fixed, object);
+        struct mover *mover = &trace->mover[trace->mover_count];
+        mover->object = object;
+        trace->mover_of_object[object] = trace->mover_count++;
+        enum lw_status status = attach_mover(trace, mover, pose);
+        if (status != LW_OK) return status;
+    }
+    if (trace->mover_count > before) rtcCommitScene(trace->fixed);
     return LW_OK;
 }
 
@@ -338,9 +360,10 @@ void lw_trace_destroy(struct lw_trace *trace) {
 }
 
 enum lw_status lw_trace_set_pose(struct lw_trace *trace, const struct lw_pose *pose, struct lw_error *err) {
+    enum lw_status status = free_objects(trace, pose);
+    if (status != LW_OK) return lw_status_fail(err, status, "building the rays' structure");
     if (trace->mover_count == 0) return LW_OK;
-    for (uint32_t i = 0; i < trace->mover_count; i++)
-        place_mover(&trace->mover[i], &pose->object_to_world[trace->mover[i].object]);
+    for (uint32_t i = 0; i < trace->mover_count; i++) place_mover(&trace->mover[i], pose);
     box_movers(trace);
     rtcCommitScene(trace->moving);
     return device_status(trace, err);

@@ -4,7 +4,8 @@
  *
  * Objects that never move are one flattened set of geometry; each object that moves is an instance of its own in a second
  * scene, so that a new pose costs an update of that alone. Rays go through the first, then through the second those that
- * come by a box around movers: the many triangles that stay cost no change of space. */
+ * come by a box around movers: the many triangles that stay cost no change of space. An object that the pose calls dynamic
+ * for the first time leaves the one for the other, once: that builds what stays anew. */
 #ifndef LW_COMMON_TRACE_H
 #define LW_COMMON_TRACE_H
 
@@ -77,7 +78,10 @@ LW_MUST_CHECK enum lw_status lw_trace_create(const struct lw_scene *scene, const
                                              struct lw_trace **out_trace, struct lw_error *err);
 void lw_trace_destroy(struct lw_trace *trace);
 
-/** Moves the objects that move. */
+/** Moves the objects that move, hides and shows. Objects that have become dynamic since the pose before are made movers, at the
+ * price of building what stays anew: some 0.3 CPU s for a million triangles. Where an object is neither dynamic nor animated
+ * its transform and whether it is hidden are not looked at.
+ * Errors: LW_NO_MEMORY; LW_INTERNAL with Embree's message; then only lw_trace_destroy() makes sense. */
 LW_MUST_CHECK enum lw_status lw_trace_set_pose(struct lw_trace *trace, const struct lw_pose *pose,
                                                struct lw_error *err);
 

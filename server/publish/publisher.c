@@ -210,8 +210,31 @@ static void encode_tiles(struct lw_publisher *p, uint64_t frame) {
 struct pose_change {
     struct lw_message_transform *transform;
     struct lw_message_light *light;
-    size_t transform_count, light_count;
+    struct lw_message_material *material;
+    uint32_t *hidden, *shown;
+    size_t transform_count, light_count, material_count, hidden_count, shown_count;
 };
+
+static void list_state(const struct lw_publisher *p, const struct lw_pose *pose, bool everything,
+                       struct pose_change *change) {
+    const struct lw_scene *scene = p->desc.scene;
+    change->hidden_count = change->shown_count = change->material_count = 0;
+    for (uint32_t o = 0; o < scene->object_count; o++) {
+        if (!everything && pose->object_hidden[o] == p->previous.object_hidden[o]) continue;
+        if (pose->object_hidden[o])
+            change->hidden[change->hidden_count++] = o;
+        else
+            change->shown[change->shown_count++] = o;
+    }
+    for (uint32_t m = 0; m < scene->material_count; m++) {
+        const struct lw_material_state *now = &pose->material[m];
+        if (!everything && !memcmp(now, &p->previous.material[m], sizeof *now)) continue;
+        struct lw_message_material *material = &change->material[change->material_count++];
+        material->material = m;
+        memcpy(material->base_colour, now->base_colour, sizeof now->base_colour);
+        memcpy(material->emission, now->emission, sizeof now->emission);
+    }
+}
 
 static void list_change(const struct lw_publisher *p, const struct lw_pose *pose, bool everything,
                         struct pose_change *change) {
@@ -243,6 +266,15 @@ static struct lw_message frame_part(const struct lw_message_frame *frame, const 
     message.frame.transform_count = smaller(change->transform_count - transforms, LW_MESSAGE_TRANSFORMS_MAX);
     message.frame.light = change->light + lights;
     message.frame.light_count = smaller(change->light_count - lights, LW_MESSAGE_LIGHTS_MAX);
+    size_t materials = smaller(part * LW_MESSAGE_MATERIALS_MAX, change->material_count);
+    size_t hidden = smaller(part * LW_MESSAGE_VISIBLE_MAX, change->hidden_count);
+    size_t shown = smaller(part * LW_MESSAGE_VISIBLE_MAX, change->shown_count);
+    message.frame.material = change->material + materials;
+    message.frame.material_count = smaller(change->material_count - materials, LW_MESSAGE_MATERIALS_MAX);
+    message.frame.hidden = change->hidden + hidden;
+    message.frame.hidden_count = smaller(change->hidden_count - hidden, LW_MESSAGE_VISIBLE_MAX);
+    message.frame.shown = change->shown + shown;
+    message.frame.shown_count = smaller(change->shown_count - shown, LW_MESSAGE_VISIBLE_MAX);
     return message;
 }
 
@@ -250,7 +282,10 @@ static enum lw_status encode_change(const struct lw_message_frame *frame, const 
                                     struct lw_blob **out_blob) {
     size_t parts = 1, size = 0;
     while (parts * LW_MESSAGE_TRANSFORMS_MAX < change->transform_count ||
-           parts * LW_MESSAGE_LIGHTS_MAX < change->light_count)
+           parts * LW_MESSAGE_LIGHTS_MAX < change->light_count ||
+           parts * LW_MESSAGE_MATERIALS_MAX < change->material_count ||
+           parts * LW_MESSAGE_VISIBLE_MAX < change->hidden_count ||
+           parts * LW_MESSAGE_VISIBLE_MAX < change->shown_count)
         parts++;
     for (size_t i = 0; i < parts; i++) {
         struct lw_message message = frame_part(frame, change, i);
@@ -280,11 +315,18 @@ static enum lw_status make_frame_blob(const struct lw_publisher *p, const struct
     struct pose_change change = {0};
     change.transform = calloc((size_t)p->desc.scene->object_count + 1, sizeof *change.transform);
     change.light = calloc((size_t)p->desc.scene->light_count + 1, sizeof *change.light);
+    change.material = calloc((size_t)p->desc.scene->material_count + 1, sizeof *change.material);
+    change.hidden = calloc((size_t)p->desc.scene->object_count + 1, sizeof *change.hidden);
+    change.shown = calloc((size_t)p->desc.scene->object_count + 1, sizeof *change.shown);
     enum lw_status status = LW_NO_MEMORY;
-    if (change.transform && change.light) {
+    if (change.transform && change.light && change.material && change.hidden && change.shown) {
         list_change(p, pose, everything, &change);
+        list_state(p, pose, everything, &change);
         status = encode_change(frame, &change, out_blob);
     }
+    free(change.shown);
+    free(change.hidden);
+    free(change.material);
     free(change.light);
     free(change.transform);
     return status;

@@ -117,6 +117,15 @@ static uint32_t find_changed(const struct lw_snapshot *before, const struct lw_s
     return count;
 }
 
+/* Those that the snapshot shows. */
+static void answer_updates(struct lw_session_shared *shared) {
+    struct lw_updates_entry entry;
+    while (lw_updates_next(&shared->updates, shared->snapshot->frame, &entry))
+        if (entry.session)
+            lw_session_answer(entry.session,
+                              &(struct lw_message_updated){.request = entry.request, .frame = entry.frame});
+}
+
 static void adopt(struct lw_server *server, struct lw_snapshot *snapshot) {
     struct lw_session_shared *shared = &server->shared;
     assert(snapshot->tile_count == shared->atlas_map->tile_count);
@@ -125,6 +134,7 @@ static void adopt(struct lw_server *server, struct lw_snapshot *snapshot) {
     shared->snapshot = snapshot;
     shared->generation++;
     shared->epoch++;
+    answer_updates(shared);
     for (struct lw_session *s = shared->first, *next; s; s = next) {
         next = lw_session_next(s); /* pumping may close it */
         lw_session_pump(s);
@@ -166,6 +176,11 @@ bool lw_server_take_wanted(struct lw_server *server, struct lw_server_wanted *ou
     uv_mutex_unlock(&server->mutex);
     if (news) uv_async_send(&server->wake); /* there may be more by now */
     return news;
+}
+
+size_t lw_server_take_updates(struct lw_server *server, uint64_t frame, struct lw_scene_change **out_change,
+                              size_t *out_change_count) {
+    return lw_updates_take(&server->shared.updates, frame, out_change, out_change_count);
 }
 
 static void on_prepare(uv_prepare_t *handle) { hand_over_wanted(handle->data); }
@@ -305,6 +320,7 @@ static enum lw_status init_handles(struct lw_server *server, struct lw_error *er
 static enum lw_status init_shared(struct lw_server *server, const struct lw_server_desc *desc) {
     struct lw_session_shared *shared = &server->shared;
     shared->atlas_map = desc->atlas_map;
+    shared->scene = desc->scene;
     shared->epoch = 1;
     shared->on_close = on_session_closed;
     shared->server = server;
@@ -345,6 +361,12 @@ enum lw_status lw_server_create(const struct lw_server_desc *desc, struct lw_ser
         goto no_memory;
     }
     if (uv_mutex_init(&server->shared.stats_mutex) < 0) {
+        uv_mutex_destroy(&server->mutex);
+        free(server);
+        goto no_memory;
+    }
+    if (lw_updates_init(&server->shared.updates) != LW_OK) {
+        uv_mutex_destroy(&server->shared.stats_mutex);
         uv_mutex_destroy(&server->mutex);
         free(server);
         goto no_memory;
@@ -435,6 +457,7 @@ void lw_server_destroy(struct lw_server *server) {
     free(server->order);
     free_wanted(&server->wanted);
     lw_wanted_finish(&shared->wanted);
+    lw_updates_finish(&shared->updates);
     uv_mutex_destroy(&shared->stats_mutex);
     uv_mutex_destroy(&server->mutex);
     free(server);

@@ -1,11 +1,13 @@
 /* server.h: sessions over TCP on one libuv loop: hello, package, then tiles of the newest snapshot, coarse first.
  * Flow:    snapshots -> [server: per session, what it lacks] -> writev -> link
  *          what each session wants -> [server] -> what any of them wants -> solver
- * Threads: the loop owns all sessions [loop]; lw_server_publish(), lw_server_take_wanted() and lw_server_stop() are
- *          [any]: they hand over and wake the loop, and never wait for it. */
+ *          updates of the scene -> [server: checked, in order] -> solver -> published -> answered
+ * Threads: the loop owns all sessions [loop]; lw_server_publish(), lw_server_take_wanted(), lw_server_take_updates() and
+ *          lw_server_stop() are [any]: they hand over and wake the loop, and never wait for it. */
 #ifndef LW_SERVE_SERVER_H
 #define LW_SERVE_SERVER_H
 
+#include "common/scene/scene_change.h"
 #include "server/publish/snapshot.h"
 
 #define LW_SERVER_SESSIONS_MAX    10000u
@@ -15,16 +17,20 @@
     (256u << 10) /* bytes waiting per session before tiles are held back; the newest state
                                             of a tile is chosen when there is room, so a slow reader skips versions */
 
+#define LW_SERVER_ANSWERS_MAX 4096u /* to updates, that wait for a session to read them; more end it */
+
 struct lw_server_desc {
     const char *host;                     /* numeric or a name */
     uint16_t port;                        /* 0: the system picks one */
     const struct lw_atlas_map *atlas_map; /* outlives the server */
     const uint8_t *package;               /* outlives the server */
     size_t package_size;
-    uint32_t bounces;          /* for the welcome */
-    float target_error;        /* for the welcome */
-    uint64_t features;         /* LW_FEATURE_* that a client must have: what its tiles are made of */
-    uint32_t sessions_max;     /* 0: LW_SERVER_SESSIONS_MAX */
+    uint32_t bounces;   /* for the welcome */
+    float target_error; /* for the welcome */
+    uint64_t features;  /* LW_FEATURE_* that a client must have: what its tiles are made of */
+    const struct lw_scene
+        *scene;            /* what updates are checked against, immutable; NULL: no session may send any */
+    uint32_t sessions_max; /* 0: LW_SERVER_SESSIONS_MAX */
     unsigned hello_timeout_ms; /* 0: LW_SERVER_HELLO_TIMEOUT_S */
     unsigned stall_timeout_ms; /* 0: LW_SERVER_STALL_TIMEOUT_S */
 };
@@ -56,6 +62,12 @@ struct lw_server_wanted {
 /** Takes what sessions want if it is not what was last taken; before the first time, that is nothing. One taker, at its
  * own pace: changes in between are put together. Returns whether there is news. [any] */
 bool lw_server_take_wanted(struct lw_server *server, struct lw_server_wanted *out_wanted);
+/** Takes the updates that sessions have sent, for frame `frame`: they are answered once that one, or a later one, has been
+ * handed over by lw_server_publish(). One taker, at the beginning of each frame.
+ * *out_change: their changes, in order, all passed by lw_scene_change_check(); the taker's to free().
+ * Returns how many updates; some may be without a change. [any] */
+size_t lw_server_take_updates(struct lw_server *server, uint64_t frame, struct lw_scene_change **out_change,
+                              size_t *out_change_count);
 /** Asks the loop to refuse new sessions, say goodbye and return from lw_server_run(). [any], and from signal handlers
  * by way of the loop's own SIGINT/SIGTERM watchers, which lw_server_run() installs. */
 void lw_server_stop(struct lw_server *server);

@@ -43,6 +43,12 @@ struct pending_write {
     struct lw_blob *blob[];
 };
 
+/* One UPDATED. */
+struct answer {
+    struct answer *next;
+    struct lw_blob *blob;
+};
+
 /* What an INTEREST said. */
 struct interest {
     bool everything, stand_ins;
@@ -57,6 +63,8 @@ struct lw_session {
     struct lw_session *previous, *next;
     enum state state;
     bool shutdown_sent, welcomed;
+    bool local;    /* the peer is on this machine */
+    bool controls; /* and may send updates */
     uint64_t number;
     char address[64], name[LW_MESSAGE_NAME_MAX + 1];
     uint64_t since_ns; /* connected; in LEAVING: refused */
@@ -67,6 +75,8 @@ struct lw_session {
     struct lw_blob *control; /* welcome or refusal */
     bool pong_due;
     uint64_t pong_token;
+    struct answer *first_answer, *last_answer; /* to updates, not sent yet */
+    uint32_t answer_count;
     struct lw_blob *partial_chunk; /* where a package request starts inside a chunk */
     uint32_t next_chunk;
     uint64_t frame_sent;
@@ -105,6 +115,17 @@ static struct lw_blob *next_pong(struct lw_session *s) {
     struct lw_blob *blob = NULL;
     struct lw_message message = {.type = LW_MESSAGE_PONG, .pong.token = s->pong_token};
     return lw_blob_from_message(&message, &blob) == LW_OK ? blob : NULL; /* a client can do without */
+}
+
+static struct lw_blob *next_answer(struct lw_session *s) {
+    struct answer *answer = s->first_answer;
+    if (!answer) return NULL;
+    struct lw_blob *blob = answer->blob;
+    s->first_answer = answer->next;
+    if (!s->first_answer) s->last_answer = NULL;
+    s->answer_count--;
+    free(answer);
+    return blob;
 }
 
 static struct lw_blob *next_chunk(struct lw_session *s) {
@@ -171,10 +192,15 @@ static struct lw_blob *next_blob(struct lw_session *s, bool *out_tile) {
     struct lw_blob *blob = s->control;
     s->control = NULL;
     if (blob || s->state == LEAVING) return blob;
-    if ((blob = next_pong(s)) || s->state != STREAMING) return blob;
-    if ((blob = next_chunk(s)) || !s->shared->snapshot) return blob;
-    if (s->generation != s->shared->generation) start_walk(s);
-    if ((blob = next_frame(s))) return blob;
+    if ((blob = next_pong(s))) return blob;
+    const bool framed = s->state == STREAMING && !s->partial_chunk &&
+                        s->next_chunk == s->shared->chunk_count && s->shared->snapshot;
+    if (framed) {
+        if (s->generation != s->shared->generation) start_walk(s);
+        if ((blob = next_frame(s))) return blob;
+    }
+    if ((blob = next_answer(s))) return blob; /* after the frame that shows what it answers */
+    if (!framed) return s->state == STREAMING ? next_chunk(s) : NULL;
     blob = next_tile(s);
     *out_tile = blob != NULL;
     return blob ? blob : next_settled(s);
@@ -362,6 +388,7 @@ static void on_closed(uv_handle_t *handle) {
     struct lw_session_shared *shared = s->shared;
     assert(!s->pending); /* libuv cancels writes before it calls back */
     lw_blob_unref(s->control);
+    for (struct lw_blob *blob; (blob = next_answer(s));) lw_blob_unref(blob);
     lw_blob_unref(s->partial_chunk);
     free(s->input);
     free(s->sent);
@@ -384,6 +411,8 @@ static void unlink_session(struct lw_session *s) {
 /* No longer one of those who are served. */
 static void end_service(struct lw_session *s) {
     if (s->state == STREAMING) count_out(s, &s->interest);
+    if (s->controls) lw_updates_forget(&s->shared->updates, s);
+    s->controls = false;
     if (s->welcomed) count(s->shared, &s->shared->stats.sessions_now, -1);
     s->welcomed = false;
 }
@@ -439,6 +468,8 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
     }
     struct lw_message message = {.type = LW_MESSAGE_WELCOME, .welcome = s->shared->welcome};
     message.welcome.session = s->number;
+    s->controls = s->local && s->shared->scene && (hello->features & LW_FEATURE_CONTROL);
+    if (s->controls) message.welcome.features |= LW_FEATURE_CONTROL;
     if (lw_blob_from_message(&message, &s->control) != LW_OK) {
         lw_session_close(s, "out of memory");
         return;
@@ -520,9 +551,48 @@ static void handle_interest(struct lw_session *s, const struct lw_message_intere
     if (s->interest_epoch != s->shared->epoch) take_up_interest(s);
 }
 
+void lw_session_answer(struct lw_session *s, const struct lw_message_updated *answer) {
+    if (s->answer_count >= LW_SERVER_ANSWERS_MAX) {
+        lw_session_refuse(s, LW_REFUSAL_PROTOCOL, "message UPDATE: %u answers wait to be read",
+                          LW_SERVER_ANSWERS_MAX);
+        return;
+    }
+    struct answer *last = malloc(sizeof *last);
+    const struct lw_message message = {.type = LW_MESSAGE_UPDATED, .updated = *answer};
+    if (!last || lw_blob_from_message(&message, &last->blob) != LW_OK) {
+        free(last);
+        lw_session_close(s, "out of memory"); /* an answer must not be lost */
+        return;
+    }
+    last->next = NULL;
+    if (s->last_answer)
+        s->last_answer->next = last;
+    else
+        s->first_answer = last;
+    s->last_answer = last;
+    s->answer_count++;
+}
+
+static void handle_update(struct lw_session *s, const struct lw_message_update *update) {
+    struct lw_message_updated refused = {.request = update->request};
+    struct lw_error err = {0};
+    for (size_t i = 0; i < update->change_count && !refused.code; i++) {
+        refused.code = lw_scene_change_check(s->shared->scene, &update->change[i], &err);
+        refused.change = refused.code ? (uint32_t)i : 0;
+    }
+    refused.text = err.text;
+    if (!refused.code &&
+        !lw_updates_add(&s->shared->updates, s, update->request, update->change, update->change_count)) {
+        refused.code = LW_SCENE_CHANGE_BUSY;
+        refused.text = lw_scene_change_text(LW_SCENE_CHANGE_BUSY);
+    }
+    if (refused.code) lw_session_answer(s, &refused);
+}
+
 static void handle_message(struct lw_session *s, const struct lw_message *m) {
     bool in_order = m->type == LW_MESSAGE_HELLO             ? s->state == EXPECTS_HELLO
                     : m->type == LW_MESSAGE_PACKAGE_REQUEST ? s->state == WELCOMED
+                    : m->type == LW_MESSAGE_UPDATE          ? s->controls
                                                             : s->state == WELCOMED || s->state == STREAMING;
     if (!in_order) {
         lw_session_refuse(s, LW_REFUSAL_PROTOCOL, "message %s: out of order",
@@ -538,6 +608,9 @@ static void handle_message(struct lw_session *s, const struct lw_message *m) {
         break;
     case LW_MESSAGE_INTEREST:
         handle_interest(s, &m->interest);
+        break;
+    case LW_MESSAGE_UPDATE:
+        handle_update(s, &m->update);
         break;
     case LW_MESSAGE_PING:
         s->pong_due = true;
@@ -640,6 +713,15 @@ static void on_read(uv_stream_t *stream, ssize_t size, const uv_buf_t *buffer) {
 
 /* ---- the beginning ---- */
 
+/* 127.0.0.0/8, ::1, and the former as ::ffff:127.0.0.0/104. */
+static bool is_loopback(const struct sockaddr *peer) {
+    if (peer->sa_family == AF_INET)
+        return ntohl(((const struct sockaddr_in *)peer)->sin_addr.s_addr) >> 24 == 127;
+    if (peer->sa_family != AF_INET6) return false;
+    const struct in6_addr *address = &((const struct sockaddr_in6 *)peer)->sin6_addr;
+    return IN6_IS_ADDR_LOOPBACK(address) || (IN6_IS_ADDR_V4MAPPED(address) && address->s6_addr[12] == 127);
+}
+
 static void name_peer(struct lw_session *s) {
     struct sockaddr_storage peer = {0};
     int length = sizeof peer;
@@ -654,6 +736,7 @@ static void name_peer(struct lw_session *s) {
             port = ntohs(((struct sockaddr_in *)&peer)->sin_port);
         }
     }
+    s->local = is_loopback((const struct sockaddr *)&peer);
     snprintf(s->address, sizeof s->address, peer.ss_family == AF_INET6 ? "[%s]:%u" : "%s:%u", host, port);
 }
 

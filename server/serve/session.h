@@ -5,6 +5,7 @@
 #define LW_SERVE_SESSION_H
 
 #include "server/serve/server.h"
+#include "server/serve/updates.h"
 #include "server/serve/wanted.h"
 
 #include <uv.h>
@@ -17,8 +18,10 @@ struct lw_session_shared {
     struct lw_message_welcome welcome; /* without the session's number */
     struct lw_blob **chunk;            /* the compressed package, cut into LW_SESSION_CHUNK bytes */
     uint32_t chunk_count;
-    const uint32_t *order;   /* tile ids: every object's coarsest level first */
-    struct lw_wanted wanted; /* by all sessions that are streamed to */
+    const uint32_t *order;        /* tile ids: every object's coarsest level first */
+    struct lw_wanted wanted;      /* by all sessions that are streamed to */
+    const struct lw_scene *scene; /* what updates are checked against; NULL: there are none */
+    struct lw_updates updates;    /* of all sessions */
     uint64_t epoch; /* counts ticks and snapshots seen: in each, a session may change its mind once */
     struct lw_snapshot *snapshot; /* newest; NULL before the first */
     uint64_t generation;          /* counts the snapshots that the loop has seen */
@@ -45,6 +48,9 @@ LW_MUST_CHECK enum lw_status lw_session_accept(struct lw_session_shared *shared,
 
 /** Sends what the session lacks, as far as the link takes it. Call when a new snapshot is there. */
 void lw_session_pump(struct lw_session *session);
+
+/** Answers an update of the session, which is still there; sent with the next pump. */
+void lw_session_answer(struct lw_session *session, const struct lw_message_updated *answer);
 
 /** Looks at the session's time limits. */
 void lw_session_tick(struct lw_session *session, uint64_t now_ns);

@@ -33,7 +33,8 @@ struct cell_solver {
     struct lw_schedule schedule;
     uint32_t frames, frames_since_move;
     uint32_t moves; /* frames in which something had moved, so far */
-    bool pose_due;  /* the pose has changed since rays, lights and tiles were last placed */
+    unsigned
+        pose_due; /* what of the pose has changed since rays, lights and tiles were last placed: LW_POSE_* */
 };
 
 /* Of the above, what a checkpoint keeps. */
@@ -41,10 +42,30 @@ struct remembered {
     uint32_t frames, frames_since_move, ever_moved;
 };
 
+/* Objects that stood still may move from now on: what they buried comes to light, and no seam holds them. */
+static enum lw_status free_objects(struct cell_solver *s) {
+    lw_texels_unbury(&s->texels, s->threads);
+    lw_burial_find(&s->texels, &s->pose, s->trace, s->threads);
+    lw_tiles_recount(&s->tiles);
+    lw_seams_finish(&s->seams);
+    return lw_seams_init(&s->seams, s->desc.scene, &s->pose, s->desc.atlas_map, &s->texels);
+}
+
+static enum lw_status take_materials(struct cell_solver *s) {
+    enum lw_status status = lw_texels_set_albedo(&s->texels, s->threads);
+    if (status == LW_OK) status = lw_lights_set_materials(&s->lights, &s->pose);
+    if (status != LW_OK) return status;
+    free(s->cdf);
+    s->cdf = calloc((size_t)s->threads * (s->lights.emitter_count + 1), sizeof *s->cdf);
+    return s->cdf ? LW_OK : LW_NO_MEMORY;
+}
+
 /* Takes over s->pose. */
 static enum lw_status place(struct cell_solver *s, struct lw_solver_stats *stats, struct lw_error *err) {
     enum lw_status status = lw_trace_set_pose(s->trace, &s->pose, err);
-    if (status != LW_OK) return status;
+    if (status == LW_OK && (s->pose_due & LW_POSE_DYNAMIC)) status = free_objects(s);
+    if (status == LW_OK && (s->pose_due & (LW_POSE_MATERIALS | LW_POSE_SKY))) status = take_materials(s);
+    if (status != LW_OK) return lw_status_fail(err, status, "taking over what has changed");
     lw_lights_set_pose(&s->lights, &s->pose);
     lw_tiles_set_pose(&s->tiles, &s->cells, &s->pose);
     if (s->has_probes) {
@@ -52,7 +73,7 @@ static enum lw_status place(struct cell_solver *s, struct lw_solver_stats *stats
         stats->rays_probe += lw_probes_place(&s->probes, &s->pose, s->trace, s->threads);
         stats->probe_ns += lw_clock_ns() - t;
     }
-    s->pose_due = false;
+    s->pose_due = 0;
     return LW_OK;
 }
 
@@ -206,11 +227,12 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     struct cell_solver *s = (struct cell_solver *)solver;
     struct lw_solver_stats stats = {0};
     uint64_t t0 = lw_clock_ns();
-    stats.moved = !lw_pose_equal(pose, &s->pose, s->desc.scene);
+    const unsigned changed = lw_pose_difference(pose, &s->pose, s->desc.scene);
+    stats.moved = changed != 0;
     s->frames_since_move++;
     if (stats.moved) {
         lw_pose_copy(&s->pose, pose, s->desc.scene);
-        s->pose_due = true;
+        s->pose_due |= changed;
         s->moves++;
         s->frames_since_move = 0;
         wake(s);

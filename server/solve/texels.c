@@ -427,12 +427,29 @@ static bool build_mesh(struct lw_mesh_texels *texels, const struct lw_scene *sce
     return ok;
 }
 
+/* Whether a material that the mesh uses is another than when its albedo was taken. */
+static bool is_recoloured(const struct lw_texels *texels, const struct lw_mesh *mesh) {
+    for (uint32_t t = 0; t < mesh->triangle_count; t++) {
+        const uint32_t m = mesh->material[t];
+        if (memcmp(texels->base_colour[m], texels->scene->material[m].base_colour,
+                   sizeof texels->base_colour[m]))
+            return true;
+    }
+    return false;
+}
+
+static void note_colours(struct lw_texels *texels) {
+    for (uint32_t m = 0; m < texels->scene->material_count; m++)
+        memcpy(texels->base_colour[m], texels->scene->material[m].base_colour, sizeof texels->base_colour[m]);
+}
+
 enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *scene, unsigned threads,
                               struct lw_error *err) {
     *texels = (struct lw_texels){.scene = scene};
     texels->mesh = calloc(scene->mesh_count + 1, sizeof *texels->mesh);
     texels->first = calloc(scene->object_count + 1, sizeof *texels->first);
-    bool ok = texels->mesh && texels->first;
+    texels->base_colour = calloc(scene->material_count + 1ul, sizeof *texels->base_colour);
+    bool ok = texels->mesh && texels->first && texels->base_colour;
     uint64_t count = 0;
     for (uint32_t o = 0; ok && o < scene->object_count; o++) {
         const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
@@ -470,14 +487,58 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
         lw_texels_finish(texels);
         return lw_status_fail(err, LW_NO_MEMORY, "%u texels", (unsigned)count);
     }
-    for (uint32_t o = 0; o < scene->object_count; o++) {
-        const struct lw_mesh_texels *mesh = &texels->mesh[scene->object[o].mesh];
+    note_colours(texels);
+    lw_texels_unbury(texels, threads ? (int)threads : omp_get_max_threads());
+    return LW_OK;
+}
+
+void lw_texels_unbury(struct lw_texels *texels, int threads) {
+    for (uint32_t o = 0; o < texels->scene->object_count; o++) {
+        const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[o].mesh];
         memcpy(texels->covered + texels->first[o], mesh->covered, mesh->texel_count);
         for (uint32_t i = 0; i < mesh->texel_count; i++)
             texels->usable[texels->first[o] + i] =
                 (uint8_t)((1u << (mesh->footprint.first[i + 1] - mesh->footprint.first[i])) - 1);
     }
-    lw_texels_link(texels, threads ? (int)threads : omp_get_max_threads());
+    lw_texels_link(texels, threads);
+}
+
+static void free_mesh(struct lw_mesh_texels *mesh) {
+    for (int c = 0; c < 3; c++) {
+        free(mesh->position[c]);
+        free(mesh->normal[c]);
+        free(mesh->geometric[c]);
+        free(mesh->albedo[c]);
+    }
+    free(mesh->covered);
+    free(mesh->chart);
+    free(mesh->footprint.first);
+    free(mesh->footprint.place);
+    free(mesh->footprint.reach);
+    free(mesh->footprint.lift);
+    free(mesh->triangle);
+}
+
+enum lw_status lw_texels_set_albedo(struct lw_texels *texels, int threads) {
+    const struct lw_scene *scene = texels->scene;
+    int failures = 0;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(threads) reduction(+ : failures)
+    for (uint32_t m = 0; m < scene->mesh_count; m++) {
+        struct lw_mesh_texels *mesh = &texels->mesh[m];
+        if (!mesh->texel_count || !is_recoloured(texels, &scene->mesh[m])) continue;
+        struct lw_mesh_texels fresh = {.width = mesh->width,
+                                       .height = mesh->height,
+                                       .texel_count = mesh->texel_count,
+                                       .back_offset = mesh->back_offset};
+        if (build_mesh(&fresh, scene, &scene->mesh[m]))
+            for (int c = 0; c < 3; c++)
+                memcpy(mesh->albedo[c], fresh.albedo[c], mesh->texel_count * sizeof(float));
+        else
+            failures++;
+        free_mesh(&fresh);
+    }
+    if (failures) return LW_NO_MEMORY;
+    note_colours(texels);
     return LW_OK;
 }
 
@@ -498,27 +559,13 @@ void lw_texels_link(struct lw_texels *texels, int threads) {
 }
 
 void lw_texels_finish(struct lw_texels *texels) {
-    for (uint32_t m = 0; texels->mesh && m < texels->scene->mesh_count; m++) {
-        struct lw_mesh_texels *mesh = &texels->mesh[m];
-        for (int c = 0; c < 3; c++) {
-            free(mesh->position[c]);
-            free(mesh->normal[c]);
-            free(mesh->geometric[c]);
-            free(mesh->albedo[c]);
-        }
-        free(mesh->covered);
-        free(mesh->chart);
-        free(mesh->footprint.first);
-        free(mesh->footprint.place);
-        free(mesh->footprint.reach);
-        free(mesh->footprint.lift);
-        free(mesh->triangle);
-    }
+    for (uint32_t m = 0; texels->mesh && m < texels->scene->mesh_count; m++) free_mesh(&texels->mesh[m]);
     free(texels->source);
     free(texels->covered);
     free(texels->usable);
     free(texels->filled);
     free(texels->first);
+    free(texels->base_colour);
     free(texels->mesh);
     *texels = (struct lw_texels){0};
 }

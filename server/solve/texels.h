@@ -37,6 +37,7 @@ struct lw_mesh_texels {
 struct lw_texels {
     const struct lw_scene *scene;
     struct lw_mesh_texels *mesh; /* per mesh */
+    float (*base_colour)[3];     /* per material: the factor that is in albedo */
     uint32_t *first;             /* per object: its first texel in the global numbering */
     uint32_t count;              /* of the global numbering, all objects */
     uint8_t *covered; /* per texel of the global numbering: has surface, and light can reach it (burial.h) */
@@ -52,6 +53,13 @@ struct lw_texels {
 LW_MUST_CHECK enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *scene,
                                             unsigned threads, struct lw_error *err);
 void lw_texels_finish(struct lw_texels *texels);
+
+/** Takes over the albedo of meshes of which a material has changed its base colour: rasterises them anew, at the price of
+ * their share of lw_texels_init(). Errors: LW_NO_MEMORY; some meshes may then have their new albedo already. */
+LW_MUST_CHECK enum lw_status lw_texels_set_albedo(struct lw_texels *texels, int threads);
+
+/** Every texel is covered and every place usable again, as before lw_burial_find(). */
+void lw_texels_unbury(struct lw_texels *texels, int threads);
 
 /** Sets every texel's source, and what is filled, from what is covered now. */
 void lw_texels_link(struct lw_texels *texels, int threads);

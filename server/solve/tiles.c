@@ -24,6 +24,7 @@ static bool allocate_sums(struct lw_tiles *tiles) {
 static void bound_tile(struct lw_solve_tile *tile, const uint8_t *covered) {
     const struct lw_mesh_texels *mesh = tile->mesh;
     struct lw_vec3 lo = lw_vec3(INFINITY, INFINITY, INFINITY), hi = lw_vec3(-INFINITY, -INFINITY, -INFINITY);
+    tile->covered_count = 0;
     for (uint32_t i = 0; i < tile->width * tile->height; i++) {
         if (!covered[tile->first + i]) continue;
         struct lw_vec3 p = lw_texels_vector(mesh->position, tile->local + i);
@@ -68,6 +69,17 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
         tile->resting = tile->covered_count == 0;
     }
     return LW_OK;
+}
+
+void lw_tiles_recount(struct lw_tiles *tiles) {
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        struct lw_solve_tile *tile = &tiles->tile[i];
+        const uint32_t before = tile->covered_count;
+        bound_tile(tile, tiles->covered);
+        if (tile->covered_count == before) continue;
+        tile->history = 0;
+        tile->resting = tile->covered_count == 0;
+    }
 }
 
 void lw_tiles_finish(struct lw_tiles *tiles) {

@@ -59,6 +59,9 @@ LW_MUST_CHECK enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct 
                                            uint32_t bounces);
 void lw_tiles_finish(struct lw_tiles *tiles);
 
+/** Counts anew what the texels cover; a tile that covers more or less than before starts from the beginning. */
+void lw_tiles_recount(struct lw_tiles *tiles);
+
 /** Gives gutters the light of the texels that stand for them; but those of `welded` (seams.h), which have their own. */
 void lw_tiles_fill_gutters(struct lw_tiles *tiles, const struct lw_texels *texels, const uint8_t *welded,
                            int threads);

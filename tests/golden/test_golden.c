@@ -21,6 +21,30 @@ static const struct lw_message_transform transforms[] = {
     {2, {{{1, 0, 0, 0.5f}, {0, 0, -1, 2}, {0, 1, 0, -3}}}}};
 static const struct lw_message_light lights[] = {{1, {0, 2, 0}, {0, -1, 0}, {10, 20, 30}}};
 
+static const uint32_t hidden[] = {3}, shown[] = {5, 6};
+static const struct lw_message_material frame_materials[] = {{4, {0.5f, 0.25f, 1}, {0, 0, 2}}};
+static const struct lw_scene_change two_changes[] = {{LW_SCENE_CHANGE_OBJECT_HIDE, 3, 0, {0}},
+                                                     {LW_SCENE_CHANGE_LIGHT_INTENSITY, 1, 3, {10, 20, 40}}};
+static const struct lw_scene_change every_change[] = {
+    {LW_SCENE_CHANGE_OBJECT_TRANSFORM, 2, 12, {1, 0, 0, 0.5f, 0, 0, -1, 2, 0, 1, 0, -3}},
+    {LW_SCENE_CHANGE_OBJECT_RESTORE, 2, 0, {0}},
+    {LW_SCENE_CHANGE_OBJECT_HIDE, 2, 0, {0}},
+    {LW_SCENE_CHANGE_OBJECT_SHOW, 2, 0, {0}},
+    {LW_SCENE_CHANGE_LIGHT_INTENSITY, 1, 3, {10, 20, 40}},
+    {LW_SCENE_CHANGE_LIGHT_POSITION, 1, 3, {0, 2, 0}},
+    {LW_SCENE_CHANGE_LIGHT_DIRECTION, 1, 3, {0, -1, 0}},
+    {LW_SCENE_CHANGE_LIGHT_RESTORE, 1, 0, {0}},
+    {LW_SCENE_CHANGE_MATERIAL_BASE_COLOUR, 4, 3, {0.5f, 0.25f, 1}},
+    {LW_SCENE_CHANGE_MATERIAL_EMISSION, 4, 3, {0, 0, 2}},
+    {LW_SCENE_CHANGE_MATERIAL_RESTORE, 4, 0, {0}},
+    {LW_SCENE_CHANGE_SKY, 0, 3, {0.25f, 0.5f, 1}},
+    {LW_SCENE_CHANGE_SKY_RESTORE, 0, 0, {0}},
+    {LW_SCENE_CHANGE_CLOCK_PAUSE, 0, 0, {0}},
+    {LW_SCENE_CHANGE_CLOCK_PLAY, 0, 0, {0}},
+    {LW_SCENE_CHANGE_CLOCK_SEEK, 0, 1, {12.5f}},
+    {LW_SCENE_CHANGE_CLOCK_RATE, 0, 1, {-0.5f}},
+    {LW_SCENE_CHANGE_RESET, 0, 0, {0}}};
+
 static const struct golden {
     const char *file;
     struct lw_message message;
@@ -70,6 +94,26 @@ static const struct golden {
                .payload = tile_payload,
                .payload_size = sizeof tile_payload}}},
     {"frame_cpu.bin", {.type = LW_MESSAGE_FRAME, .frame = {.frame = 2, .server_cpu_ns = 1500000000}}},
+    {"hello_control.bin",
+     {.type = LW_MESSAGE_HELLO,
+      .hello = {.version = 1, .features = LW_FEATURE_DCT | LW_FEATURE_CONTROL, .name = "stranger"}}},
+    {"frame_state.bin",
+     {.type = LW_MESSAGE_FRAME,
+      .frame = {.frame = 3,
+                .hidden = hidden,
+                .hidden_count = 1,
+                .shown = shown,
+                .shown_count = 2,
+                .material = frame_materials,
+                .material_count = 1}}},
+    {"update.bin", {.type = LW_MESSAGE_UPDATE, .update = {7, two_changes, 2}}},
+    {"update_every_kind.bin", {.type = LW_MESSAGE_UPDATE, .update = {8, every_change, 18}}},
+    {"update_empty.bin", {.type = LW_MESSAGE_UPDATE}},
+    {"updated.bin", {.type = LW_MESSAGE_UPDATED, .updated = {.request = 7, .frame = 300}}},
+    {"updated_refused.bin",
+     {.type = LW_MESSAGE_UPDATED,
+      .updated =
+          {.request = 8, .code = LW_SCENE_CHANGE_UNKNOWN_TARGET, .change = 1, .text = "no such light"}}},
     {"settled.bin", {.type = LW_MESSAGE_SETTLED, .settled = {300}}},
     {"ack.bin", {.type = LW_MESSAGE_ACK, .ack = {300}}},
     {"ping.bin", {.type = LW_MESSAGE_PING, .ping = {0x0123456789abcdef}}},
@@ -95,6 +139,10 @@ static const struct {
     {"invalid_frame_nan.bin", "10000000 0700 0000 0801 320c 0000c07f 00000000 00000000", "sky is not finite"},
     {"invalid_frame_transform.bin", "16000000 0700 0000 0801 320c 00000000 00000000 00000000 3a04 00000000",
      "12 values"},
+    {"invalid_frame_material.bin", "17000000 0700 0000 0801 320c 00000000 00000000 00000000 820104 00000000",
+     "3 values for each material"},
+    {"invalid_update_lengths.bin", "06000000 0d00 0000 120403000000", "differ in length"},
+    {"invalid_update_values.bin", "12000000 0d00 0000 12040c000000 1a0400000000 220403000000", "shorter"},
     {"invalid_settled.bin", "00000000 0c00 0000", "frame is 0"},
     {"invalid_tile_scale.bin", "06000000 0800 0000 2001 3001 5200", "scale"},
     {"invalid_tile_payload.bin", "09000000 0800 0000 2001 3001 3d00008040", "payload"},
@@ -209,8 +257,8 @@ static size_t read_example(const char *document, unsigned n, uint8_t *dst) {
 
 static void test_examples_of_the_document(void **state) {
     (void)state;
-    static const char *const file[] = {"hello.bin", "tile.bin", "settled.bin", "interest_stand_ins.bin",
-                                       "ack.bin"};
+    static const char *const file[] = {"hello.bin", "tile.bin",   "settled.bin", "interest_stand_ins.bin",
+                                       "ack.bin",   "update.bin", "updated.bin"};
     size_t size;
     char *document = (char *)lw_support_read_file(lw_support_source("proto/wire_format.md"), &size);
     for (unsigned i = 0; i < sizeof file / sizeof *file; i++) {

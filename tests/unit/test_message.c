@@ -36,6 +36,13 @@ static const struct lw_message_transform transforms[] = {
 static const struct lw_message_light lights[] = {{3, {1, 2, 3}, {0, -1, 0}, {100, 200, 300}},
                                                  {0, {4, 5, 6}, {1, 0, 0}, {0, 0, 0}}};
 
+static const uint32_t visible[] = {7, 0, UINT32_MAX};
+static const struct lw_message_material materials[] = {{3, {0, 0.5f, 1}, {FLT_MAX, 0, 0}}, {4, {0}, {0}}};
+/* Any numbers come through: what is wrong with them is for the server to answer. */
+static const struct lw_scene_change changes[] = {
+    {LW_SCENE_CHANGE_OBJECT_TRANSFORM, 5, 12, {1, 0, 0, INFINITY, 0, 1, 0, -INFINITY, 0, 0, 1, FLT_MAX}},
+    {LW_SCENE_CHANGE_CLOCK_PAUSE, 0, 0, {0}},
+    {UINT32_MAX, UINT32_MAX, 2, {-1, FLT_MIN}}};
 static const struct lw_message samples[] = {
     {.type = LW_MESSAGE_HELLO, .hello = {1, 3, "Gerät 9 – ünïcode"}},
     {.type = LW_MESSAGE_HELLO, .hello = {0, 0, ""}},
@@ -68,6 +75,18 @@ static const struct lw_message samples[] = {
     {.type = LW_MESSAGE_PONG, .pong = {0}},
     {.type = LW_MESSAGE_FRAME, .frame = {.frame = 1, .server_cpu_ns = FAR}},
     {.type = LW_MESSAGE_SETTLED, .settled = {FAR}},
+    {.type = LW_MESSAGE_FRAME,
+     .frame = {.frame = 1,
+               .hidden = visible,
+               .hidden_count = 2,
+               .shown = visible + 1,
+               .shown_count = 2,
+               .material = materials,
+               .material_count = 2}},
+    {.type = LW_MESSAGE_UPDATE, .update = {FAR, changes, 3}},
+    {.type = LW_MESSAGE_UPDATE},
+    {.type = LW_MESSAGE_UPDATED, .updated = {FAR, LW_SCENE_CHANGE_DEGENERATE, 3, "no volume", 0}},
+    {.type = LW_MESSAGE_UPDATED, .updated = {1, 0, 0, NULL, FAR}},
 };
 #define SAMPLES (sizeof samples / sizeof *samples)
 
@@ -125,6 +144,28 @@ static void expect_equal(const struct lw_message *a, const struct lw_message *b)
         assert_int_equal(a->frame.light_count, b->frame.light_count);
         for (size_t i = 0; i < a->frame.light_count; i++)
             assert_memory_equal(&a->frame.light[i], &b->frame.light[i], sizeof a->frame.light[i]);
+        assert_int_equal(a->frame.hidden_count, b->frame.hidden_count);
+        assert_int_equal(a->frame.shown_count, b->frame.shown_count);
+        for (size_t i = 0; i < a->frame.hidden_count; i++)
+            assert_int_equal(a->frame.hidden[i], b->frame.hidden[i]);
+        for (size_t i = 0; i < a->frame.shown_count; i++)
+            assert_int_equal(a->frame.shown[i], b->frame.shown[i]);
+        assert_int_equal(a->frame.material_count, b->frame.material_count);
+        for (size_t i = 0; i < a->frame.material_count; i++)
+            assert_memory_equal(&a->frame.material[i], &b->frame.material[i], sizeof a->frame.material[i]);
+        break;
+    case LW_MESSAGE_UPDATE:
+        assert_int_equal(a->update.request, b->update.request);
+        assert_int_equal(a->update.change_count, b->update.change_count);
+        for (size_t i = 0; i < a->update.change_count; i++)
+            assert_memory_equal(&a->update.change[i], &b->update.change[i], sizeof a->update.change[i]);
+        break;
+    case LW_MESSAGE_UPDATED:
+        assert_int_equal(a->updated.request, b->updated.request);
+        assert_int_equal(a->updated.code, b->updated.code);
+        assert_int_equal(a->updated.change, b->updated.change);
+        expect_text(a->updated.text, b->updated.text);
+        assert_int_equal(a->updated.frame, b->updated.frame);
         break;
     case LW_MESSAGE_TILE:
         assert_int_equal(a->tile.object, b->tile.object);
@@ -478,6 +519,89 @@ static void test_frame_counts(void **state) {
     }
 }
 
+static void put_frame_state(struct body *b, size_t hidden, size_t shown, size_t materials_count,
+                            size_t base_colours, size_t emissions) {
+    put_number(b, 1, 1);
+    put_zeros(b, 6, 3);
+    put_zeros(b, 14, hidden);
+    put_zeros(b, 15, shown);
+    put_zeros(b, 16, materials_count);
+    put_zeros(b, 17, base_colours);
+    put_zeros(b, 18, emissions);
+}
+
+static void test_frame_state_counts(void **state) {
+    (void)state;
+    const size_t V = LW_MESSAGE_VISIBLE_MAX, M = LW_MESSAGE_MATERIALS_MAX, T = LW_MESSAGE_TRANSFORMS_MAX,
+                 L = LW_MESSAGE_LIGHTS_MAX;
+    struct body b = {0};
+    put_frame(&b, T, 12 * T, L, (size_t[3]){3 * L, 3 * L, 3 * L});
+    put_zeros(&b, 14, V);
+    put_zeros(&b, 15, V);
+    put_zeros(&b, 16, M);
+    put_zeros(&b, 17, 3 * M);
+    put_zeros(&b, 18, 3 * M);
+    assert_true(b.size <= LW_FRAME_BODY_MAX); /* everything that may be in one, at its limit */
+    expect_decode(LW_MESSAGE_FRAME, &b, NULL);
+    put_frame_state(&b, V + 1, 0, 0, 0, 0);
+    expect_decode(LW_MESSAGE_FRAME, &b, "hidden_object has over 8192 entries");
+    put_frame_state(&b, 0, V + 1, 0, 0, 0);
+    expect_decode(LW_MESSAGE_FRAME, &b, "shown_object has over 8192 entries");
+    put_frame_state(&b, 0, 0, M + 1, 3 * (M + 1), 3 * (M + 1));
+    expect_decode(LW_MESSAGE_FRAME, &b, "material has over 4096 entries");
+    put_frame_state(&b, 0, 0, 2, 7, 6);
+    expect_decode(LW_MESSAGE_FRAME, &b, "3 values for each material");
+    put_frame_state(&b, 0, 0, 2, 6, 5);
+    expect_decode(LW_MESSAGE_FRAME, &b, "3 values for each material");
+}
+
+/* `counts` changes of `each` values, and `values` values. */
+static void put_update(struct body *b, size_t kinds, size_t targets, size_t counts, uint32_t each,
+                       size_t values) {
+    uint32_t *count = calloc(counts + 1, sizeof *count);
+    for (size_t i = 0; i < counts; i++) count[i] = each;
+    put_zeros(b, 2, kinds);
+    put_zeros(b, 3, targets);
+    put_list(b, 4, count, counts * sizeof *count);
+    put_zeros(b, 5, values);
+    free(count);
+}
+
+static void test_update_counts(void **state) {
+    (void)state;
+    const size_t C = LW_MESSAGE_CHANGES_MAX, V = LW_SCENE_CHANGE_VALUES_MAX;
+    struct body b = {0};
+    put_update(&b, C, C, C, V, C * V);
+    put_number(&b, 1, UINT64_MAX);
+    assert_true(b.size <= LW_FRAME_CLIENT_BODY_MAX); /* the largest that a client may send */
+    expect_decode(LW_MESSAGE_UPDATE, &b, NULL);
+    put_update(&b, C + 1, C + 1, C + 1, 0, 0);
+    expect_decode(LW_MESSAGE_UPDATE, &b, "kind has over 1024 entries");
+    put_update(&b, 1, 1, 1, V + 1, V + 1);
+    expect_decode(LW_MESSAGE_UPDATE, &b, "value_count is over 12");
+    put_update(&b, 1, 1, 1, UINT32_MAX, V);
+    expect_decode(LW_MESSAGE_UPDATE, &b, "value_count is over 12");
+    put_update(&b, 2, 2, 2, 3, 5);
+    expect_decode(LW_MESSAGE_UPDATE, &b, "value is shorter");
+    put_update(&b, 2, 2, 2, 3, 7);
+    expect_decode(LW_MESSAGE_UPDATE, &b, "value is longer");
+    for (int i = 0; i < 3; i++) {
+        put_update(&b, 2 + (i == 0), 2 + (i == 1), 2 + (i == 2), 0, 0);
+        expect_decode(LW_MESSAGE_UPDATE, &b, "differ in length");
+    }
+}
+
+static void test_updated_text(void **state) {
+    (void)state;
+    char text[LW_MESSAGE_TEXT_MAX + 1];
+    memset(text, 'x', sizeof text);
+    for (unsigned over = 0; over < 2; over++) {
+        struct body b = {0};
+        put_list(&b, 4, text, LW_MESSAGE_TEXT_MAX + over);
+        expect_decode(LW_MESSAGE_UPDATED, &b, over ? "text is over 256 bytes" : NULL);
+    }
+}
+
 /* Through our own encoder too: a number that clients would refuse must not leave the server. */
 static void expect_invalid(const struct lw_message *message, const char *text) {
     struct lw_error err = {0};
@@ -515,6 +639,17 @@ static void test_frame_numbers(void **state) {
         m.frame.sky[i] = 0;
         m.frame.time_s = (double)bad[i];
         expect_invalid(&m, "time_s");
+    }
+    const float bad_factor[] = {NAN, INFINITY, -1};
+    for (int i = 0; i < 3; i++) {
+        struct lw_message_material bad_material[2] = {materials[0], materials[0]};
+        bad_material[0].base_colour[i] = bad_material[1].emission[i] = bad_factor[i];
+        for (int k = 0; k < 2; k++)
+            expect_invalid(
+                &(struct lw_message){
+                    .type = LW_MESSAGE_FRAME,
+                    .frame = {.frame = 1, .material = &bad_material[k], .material_count = 1}},
+                k ? "emission" : "base_colour");
     }
     struct lw_message m = {.type = LW_MESSAGE_FRAME};
     expect_invalid(&m, "frame is 0");
@@ -635,7 +770,7 @@ static void test_out_of_memory(void **state) {
 
 static void test_unknown_type(void **state) {
     (void)state;
-    const uint16_t types[] = {0, LW_MESSAGE_SETTLED + 1, UINT16_MAX};
+    const uint16_t types[] = {0, LW_MESSAGE_UPDATED + 1, UINT16_MAX};
     for (int i = 0; i < 3; i++) {
         struct lw_message m;
         struct lw_error err = {0};
@@ -646,7 +781,7 @@ static void test_unknown_type(void **state) {
         err = (struct lw_error){0};
         lw_support_fails(lw_message_validate(&m, &err), LW_PROTOCOL, &err, "unknown");
     }
-    for (uint16_t type = LW_MESSAGE_HELLO; type <= LW_MESSAGE_PONG; type++)
+    for (uint16_t type = LW_MESSAGE_HELLO; type <= LW_MESSAGE_UPDATED; type++)
         assert_non_null(lw_message_name(type));
 }
 
@@ -659,7 +794,8 @@ int main(void) {
         cmocka_unit_test(test_interest),      cmocka_unit_test(test_frame_counts),
         cmocka_unit_test(test_frame_numbers), cmocka_unit_test(test_tile_numbers),
         cmocka_unit_test(test_fields),        cmocka_unit_test(test_unknown_type),
-        cmocka_unit_test(test_out_of_memory),
+        cmocka_unit_test(test_out_of_memory), cmocka_unit_test(test_frame_state_counts),
+        cmocka_unit_test(test_update_counts), cmocka_unit_test(test_updated_text),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

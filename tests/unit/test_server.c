@@ -5,6 +5,7 @@
 
 #include <arpa/inet.h>
 #include <errno.h>
+#include <math.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <poll.h>
@@ -946,8 +947,232 @@ static void test_idle_takes_no_time(void **state) {
     end(f);
 }
 
+/* ---- updates of the scene ---- */
+
+static const struct lw_scene_change hide_1 = {LW_SCENE_CHANGE_OBJECT_HIDE, 1, 0, {0}},
+                                    sky = {LW_SCENE_CHANGE_SKY, 0, 3, {1, 2, 3}},
+                                    no_such = {LW_SCENE_CHANGE_OBJECT_HIDE, OBJECTS, 0, {0}};
+
+/* A server whose scene may be changed; fixtures make theirs before the server knows it. */
+static struct fixture *start_controlled(void) {
+    static struct lw_scene *scene; /* of the same counts as every fixture's */
+    if (!scene) scene = lw_support_squares(OBJECTS, 1.0f);
+    return start(&(struct lw_server_desc){.scene = scene});
+}
+
+static int dial_and_control(const struct fixture *f, bool stream) {
+    int s = dial(f);
+    struct lw_message m, control = hello;
+    control.hello.features = LW_FEATURE_CONTROL;
+    put(s, &control);
+    expect(s, LW_MESSAGE_WELCOME, &m);
+    assert_int_equal(m.welcome.features, LW_FEATURE_CONTROL);
+    if (stream) ask_for_package(s, m.welcome.package_compressed_size);
+    lw_message_finish(&m);
+    return s;
+}
+
+static void update(int s, uint64_t request, const struct lw_scene_change *change, size_t count) {
+    put(s, &(struct lw_message){.type = LW_MESSAGE_UPDATE, .update = {request, change, count}});
+}
+
+static void expect_updated(int s, uint64_t request, uint32_t code, uint32_t change, uint64_t frame) {
+    struct lw_message m;
+    expect(s, LW_MESSAGE_UPDATED, &m);
+    assert_int_equal(m.updated.request, request);
+    assert_int_equal(m.updated.code, code);
+    assert_int_equal(m.updated.change, change);
+    assert_int_equal(m.updated.frame, frame);
+    assert_int_equal(*m.updated.text == 0, code == LW_SCENE_CHANGE_OK);
+    lw_message_finish(&m);
+}
+
+/* Waits until so many updates have arrived, and takes them for a frame. */
+static struct lw_scene_change *take(const struct fixture *f, uint64_t frame, size_t updates, size_t changes) {
+    struct lw_scene_change *all = NULL;
+    size_t taken = 0, count = 0;
+    for (uint64_t end_ns = lw_clock_ns() + WAIT_MS * 1000000ull; taken < updates; usleep(1000)) {
+        struct lw_scene_change *some;
+        size_t some_count;
+        assert_true(lw_clock_ns() < end_ns);
+        taken += lw_server_take_updates(f->server, frame, &some, &some_count);
+        all = realloc(all, (count + some_count + 1) * sizeof *all);
+        assert_non_null(all);
+        if (some_count) memcpy(all + count, some, some_count * sizeof *all);
+        count += some_count;
+        free(some);
+    }
+    assert_int_equal(taken, updates);
+    assert_int_equal(count, changes);
+    return all;
+}
+
+static void test_updates_are_answered_with_their_frame(void **state) {
+    (void)state;
+    struct fixture *f = start_controlled();
+    int s = dial_and_control(f, true), other = dial_and_stream(f);
+    update(s, 17, (struct lw_scene_change[]){hide_1, sky}, 2);
+    update(s, 18, NULL, 0);
+    struct lw_scene_change *change = take(f, 5, 2, 2);
+    assert_memory_equal(&change[0], &hide_1, sizeof hide_1);
+    assert_memory_equal(&change[1], &sky, sizeof sky);
+    free(change);
+    expect_silence(s, 50); /* taken, but not to be seen yet */
+    publish(f, make_snapshot(f, 5, 0));
+    expect_frame(s, 5, 1); /* the frame before its answer */
+    expect_updated(s, 17, LW_SCENE_CHANGE_OK, 0, 5);
+    expect_updated(s, 18, LW_SCENE_CHANGE_OK, 0, 5);
+    expect_tiles(s, f->map.tile_count, 5);
+    expect_frame(other, 5, 1); /* nobody else hears of it */
+    expect_tiles(other, f->map.tile_count, 5);
+    update(s, 19, &hide_1, 1);
+    free(take(f, 6, 1, 1)); /* whose frame is overtaken by the next one */
+    publish(f, make_snapshot(f, 7, 5));
+    expect_frame(s, 7, 2);
+    expect_updated(s, 19, LW_SCENE_CHANGE_OK, 0, 6);
+    expect_frame(other, 7, 2);
+    close(s);
+    close(other);
+    end(f);
+}
+
+static void test_wrong_updates_are_answered_and_nothing_of_them_is_done(void **state) {
+    (void)state;
+    struct fixture *f = start_controlled();
+    int s = dial_and_control(f, false);
+    struct lw_scene_change bad[] = {hide_1, no_such};
+    update(s, 1, bad, 2);
+    expect_updated(s, 1, LW_SCENE_CHANGE_UNKNOWN_TARGET, 1, 0);
+    struct lw_scene_change wrong = sky;
+    wrong.value[1] = NAN;
+    update(s, 2, &wrong, 1);
+    expect_updated(s, 2, LW_SCENE_CHANGE_NOT_FINITE, 0, 0);
+    wrong.value[1] = -1;
+    update(s, 3, &wrong, 1);
+    expect_updated(s, 3, LW_SCENE_CHANGE_OUT_OF_RANGE, 0, 0);
+    wrong = (struct lw_scene_change){4711, 0, 2, {0}};
+    update(s, 4, &wrong, 1);
+    expect_updated(s, 4, LW_SCENE_CHANGE_UNKNOWN_KIND, 0, 0);
+    wrong = (struct lw_scene_change){LW_SCENE_CHANGE_OBJECT_TRANSFORM, 0, 12, {0}};
+    update(s, 5, &wrong, 1);
+    expect_updated(s, 5, LW_SCENE_CHANGE_DEGENERATE, 0, 0);
+    update(s, 6, &hide_1, 1);
+    free(take(f, 1, 1, 1)); /* that one alone */
+    publish(f, make_snapshot(f, 1, 0));
+    expect_updated(s, 6, LW_SCENE_CHANGE_OK, 0, 1); /* without any FRAME: it has not asked for the package */
+    close(s);
+    end(f);
+}
+
+static void test_a_thousand_updates_in_one_frame_keep_their_order(void **state) {
+    (void)state;
+    struct fixture *f = start_controlled();
+    int s = dial_and_control(f, false);
+    struct lw_scene_change change = {LW_SCENE_CHANGE_CLOCK_SEEK, 0, 1, {0}};
+    for (unsigned i = 0; i < 1024; i++) {
+        change.value[0] = (float)i;
+        update(s, i, &change, 1);
+    }
+    update(s, 1024, &change, 1); /* one too many */
+    expect_updated(s, 1024, LW_SCENE_CHANGE_BUSY, 0, 0);
+    struct lw_scene_change *all = take(f, 3, 1024, 1024);
+    for (unsigned i = 0; i < 1024; i++) assert_true(all[i].value[0] == (float)i);
+    free(all);
+    update(s, 1025, &change, 1); /* there is room again, before the frame is published */
+    free(take(f, 4, 1, 1));
+    publish(f, make_snapshot(f, 3, 0));
+    for (unsigned i = 0; i < 1024; i++) expect_updated(s, i, LW_SCENE_CHANGE_OK, 0, 3);
+    expect_silence(s, 50);
+    publish(f, make_snapshot(f, 4, 0));
+    expect_updated(s, 1025, LW_SCENE_CHANGE_OK, 0, 4);
+    close(s);
+    end(f);
+}
+
+static void test_changes_that_wait_are_bounded(void **state) {
+    (void)state;
+    struct fixture *f = start_controlled();
+    int s = dial_and_control(f, false);
+    static struct lw_scene_change many[LW_MESSAGE_CHANGES_MAX];
+    for (size_t i = 0; i < LW_MESSAGE_CHANGES_MAX; i++) many[i] = hide_1;
+    const size_t full = (128u << 10) / LW_MESSAGE_CHANGES_MAX;
+    for (size_t i = 0; i < full; i++) update(s, i, many, LW_MESSAGE_CHANGES_MAX);
+    update(s, full, &hide_1, 1);
+    expect_updated(s, full, LW_SCENE_CHANGE_BUSY, 0, 0);
+    free(take(f, 1, full, full * LW_MESSAGE_CHANGES_MAX));
+    close(s);
+    end(f);
+}
+
+static void test_who_leaves_gets_no_answer_but_its_changes_are_made(void **state) {
+    (void)state;
+    struct fixture *f = start_controlled();
+    int s = dial_and_control(f, false), other = dial_and_control(f, false);
+    update(s, 1, &hide_1, 1);
+    update(other, 2, &sky, 1);
+    put(other, &(struct lw_message){.type = LW_MESSAGE_PING, .ping.token = 1});
+    struct lw_message m;
+    expect(other, LW_MESSAGE_PONG, &m);
+    lw_message_finish(&m);
+    free(take(f, 9, 2, 2));
+    close(s);
+    wait_for_sessions(f, 1);
+    publish(f, make_snapshot(f, 9, 0));
+    expect_updated(other, 2, LW_SCENE_CHANGE_OK, 0, 9);
+    close(other);
+    end(f);
+}
+
+static void test_updates_want_the_role(void **state) {
+    (void)state;
+    struct fixture *f = start_controlled();
+    int s = dial_and_greet(f); /* without the feature */
+    update(s, 1, &hide_1, 1);
+    expect_refusal(s, LW_REFUSAL_PROTOCOL);
+    s = dial(f); /* before hello */
+    update(s, 1, &hide_1, 1);
+    expect_refusal(s, LW_REFUSAL_PROTOCOL);
+    end(f);
+    f = start(&(struct lw_server_desc){0}); /* a server without a scene takes up nothing */
+    s = dial(f);
+    struct lw_message m, control = hello;
+    control.hello.features = LW_FEATURE_CONTROL;
+    put(s, &control);
+    expect(s, LW_MESSAGE_WELCOME, &m);
+    assert_int_equal(m.welcome.features, 0);
+    lw_message_finish(&m);
+    update(s, 1, &hide_1, 1);
+    expect_refusal(s, LW_REFUSAL_PROTOCOL);
+    end(f);
+}
+
+static void test_answers_that_nobody_reads_end_the_session(void **state) {
+    (void)state;
+    struct fixture *f = start_controlled();
+    int s = dial_and_control(f, false), other = dial_and_stream(f);
+    struct lw_blob *blob = blob_of(
+        &(struct lw_message){.type = LW_MESSAGE_UPDATE, .update = {.change = &no_such, .change_count = 1}});
+    /* each of them is answered at once, and none of the answers is read */
+    for (unsigned i = 0; i < 400000; i++)
+        if (send(s, blob->bytes, blob->size, MSG_NOSIGNAL) != (ssize_t)blob->size) break;
+    lw_blob_unref(blob);
+    wait_for_sessions(f, 1);
+    publish(f, make_snapshot(f, 1, 0));
+    expect_frame(other, 1, 1); /* who is none the wiser */
+    close(s);
+    close(other);
+    end(f);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_updates_are_answered_with_their_frame),
+        cmocka_unit_test(test_wrong_updates_are_answered_and_nothing_of_them_is_done),
+        cmocka_unit_test(test_a_thousand_updates_in_one_frame_keep_their_order),
+        cmocka_unit_test(test_changes_that_wait_are_bounded),
+        cmocka_unit_test(test_who_leaves_gets_no_answer_but_its_changes_are_made),
+        cmocka_unit_test(test_updates_want_the_role),
+        cmocka_unit_test(test_answers_that_nobody_reads_end_the_session),
         cmocka_unit_test(test_join),
         cmocka_unit_test(test_package_from_offset),
         cmocka_unit_test(test_newer_snapshot),

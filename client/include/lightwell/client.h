@@ -11,6 +11,7 @@
 #define LIGHTWELL_CLIENT_H
 
 #include "common/scene/scene.h"
+#include "common/scene/scene_change.h"
 #include "common/tile/atlas.h"
 
 struct lw_client;
@@ -24,6 +25,7 @@ struct lw_client_desc {
      * shared instead of downloaded, if the server has the same; NULL: none. */
     const struct lw_client *scene_of;
     bool wants_nothing; /* until lw_client_want() says otherwise; else it wants everything */
+    bool control;       /* it may call lw_client_update() */
 };
 
 /** Connects and says hello; returns once the server has welcomed us.
@@ -42,7 +44,9 @@ LW_MUST_CHECK enum lw_status lw_client_poll(struct lw_client *client, unsigned t
 /** For use with an event loop of your own: poll() it for reading, then call lw_client_poll(client, 0, ...). */
 int lw_client_descriptor(const struct lw_client *client);
 
-/** The scene, once its package has arrived; NULL before. Geometry, materials, lightmap UVs. Lives with the client. */
+/** The scene, once its package has arrived; NULL before. Geometry, materials, lightmap UVs. Lives with the client.
+ * lw_client_poll() keeps materials' base_colour and emission and the sky as the newest frame has them
+ * (lw_client_stats.changed_frame); nothing else of it changes. */
 const struct lw_scene *lw_client_scene(const struct lw_client *client);
 /** Fraction of the scene package that has arrived, 0..1. */
 float lw_client_package_progress(const struct lw_client *client);
@@ -51,6 +55,17 @@ const struct lw_atlas_map *lw_client_atlas_map(const struct lw_client *client);
 
 /** Where an object is now. */
 const struct lw_affine *lw_client_object_to_world(const struct lw_client *client, uint32_t object);
+
+/** Whether an object is hidden now: not to be drawn. */
+bool lw_client_object_hidden(const struct lw_client *client, uint32_t object);
+
+/** A light as it is now. */
+struct lw_client_light {
+    struct lw_vec3 position_ws, direction_ws; /* m; unit, where it shines */
+    struct lw_vec3 intensity;                 /* W/sr, or W/m^2 for a directional light */
+};
+/** Errors: none; a light that is not there is all zero. */
+struct lw_client_light lw_client_get_light(const struct lw_client *client, uint32_t light);
 
 /** One level of one object's atlas. */
 struct lw_client_level {
@@ -76,6 +91,38 @@ struct lw_client_level lw_client_get_level(const struct lw_client *client, uint3
 LW_MUST_CHECK enum lw_status lw_client_want(struct lw_client *client, const lw_tile_id *tile, size_t count);
 /** Wants every tile, as a new client does. */
 void lw_client_want_everything(struct lw_client *client);
+
+#define LW_CLIENT_CHANGES_MAX 1024u /* of one update */
+#define LW_CLIENT_UPDATES_MAX 1024u /* without an answer that was taken */
+
+/** Whether the server takes updates from this client: desc.control was set, and both are on one machine. */
+bool lw_client_may_update(const struct lw_client *client);
+
+/** Changes the scene, for everybody: all of these changes in one frame, or none. They are made in the order given, after all
+ * updates that the server got before; of two changes to the same thing the later one counts. scene_change.h says what there
+ * is to change and within which limits; every number is checked by the server, whose answer lw_client_next_answer() gives.
+ * The changes last until the server ends.
+ *
+ * change       copied; count up to LW_CLIENT_CHANGES_MAX, and 0 is fine: it asks for the next frame's number
+ * out_request  may be NULL: the number that the answer will carry, from 1 on
+ * Errors  LW_UNAVAILABLE where lw_client_may_update() is false. LW_TIMED_OUT while LW_CLIENT_UPDATES_MAX have no answer
+ *         that was taken, or the link is busy: nothing was sent; poll, then try again. LW_USAGE for too many changes.
+ *         LW_CLOSED, LW_NO_MEMORY as lw_client_poll() */
+LW_MUST_CHECK enum lw_status lw_client_update(struct lw_client *client, const struct lw_scene_change *change,
+                                              size_t count, uint64_t *out_request, struct lw_error *err);
+
+/** What became of an update. */
+struct lw_client_answer {
+    uint64_t request;
+    uint32_t
+        code; /* enum lw_scene_change_code, or one of a newer server: other than 0 is a refusal of the whole */
+    uint32_t change; /* the first one that is wrong, counted from 0 */
+    uint64_t
+        frame; /* the first one that shows it; a client that gets frames has got it, or a later one. 0: refused */
+    char text[257]; /* one line for people; empty if it was done */
+};
+/** Takes the next answer that has arrived; false: there is none. Each update gets one. */
+bool lw_client_next_answer(struct lw_client *client, struct lw_client_answer *out_answer);
 
 /** What is known of one tile. */
 struct lw_client_tile {
@@ -104,6 +151,7 @@ struct lw_client_stats {
     uint32_t bounces;   /* that a complete tile has */
     float target_error; /* below which a tile counts as converged */
     float sky[3];
+    uint64_t changed_frame; /* the last one that said something of materials or of what is hidden; 0: none */
 };
 void lw_client_get_stats(const struct lw_client *client, struct lw_client_stats *out_stats);
 
