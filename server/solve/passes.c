@@ -65,11 +65,35 @@ LW_WIDE static bool agree(const struct lw_footprint_lanes *at) {
     return apart == 0;
 }
 
+/* What lw_footprint_choose() wants beside the number of the sample. */
+static uint32_t turn_of(const struct lw_passes *p, const struct lw_solve_tile *tile,
+                        const struct packet *packet, uint32_t sample) {
+    return lw_random_hash4(p->seed ^ tile->object, packet->block, sample / LW_FOOTPRINT_PLACES,
+                           LW_SAMPLING_FOOTPRINT << 8 | packet->set);
+}
+
+/* Sends for the places that place_packet() will read in a block: a line of memory each, and no two together. */
+static void prefetch_places(const struct lw_passes *p, const struct lw_solve_tile *tile, uint32_t block_x,
+                            uint32_t block_y, uint32_t sample) {
+    const struct lw_footprint *footprint = &tile->mesh->footprint;
+    for (uint32_t set = 0; set < SETS; set++) {
+        struct packet packet;
+        if (!load_packet(p, tile, block_x, block_y, set, &packet)) continue;
+        const uint32_t turn = turn_of(p, tile, &packet, sample);
+        for (uint32_t lane = 0; lane < LANES; lane++) {
+            if (!(packet.active >> lane & 1)) continue;
+            const uint32_t i = packet.lane_texel[lane];
+            __builtin_prefetch(
+                &footprint->place[footprint->first[tile->local + i] +
+                                  lw_footprint_choose(p->texels->usable[tile->first + i], sample, turn)]);
+        }
+    }
+}
+
 /* Moves a packet's rays to the places of its texels that sample number `sample` takes. */
 static void place_packet(const struct lw_passes *p, const struct lw_solve_tile *tile, struct packet *packet,
                          uint32_t sample) {
-    const uint32_t turn = lw_random_hash4(p->seed ^ tile->object, packet->block, sample / LW_FOOTPRINT_PLACES,
-                                          LW_SAMPLING_FOOTPRINT << 8 | packet->set);
+    const uint32_t turn = turn_of(p, tile, packet, sample);
     const uint32_t first = packet->lane_texel[__builtin_ctz(packet->active)];
     for (uint32_t lane = 0; lane < LANES; lane++) {
         const uint32_t i = packet->active >> lane & 1 ? packet->lane_texel[lane] : first;
@@ -257,7 +281,8 @@ void lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile, flo
     struct packet packet;
     lw_footprint_frame_init(&packet.frame, &p->pose->object_to_world[tile->object]);
     for (uint32_t by = 0; by * LW_TILE_BLOCK < tile->height; by++)
-        for (uint32_t bx = 0; bx * LW_TILE_BLOCK < tile->width; bx++)
+        for (uint32_t bx = 0; bx * LW_TILE_BLOCK < tile->width; bx++) {
+            prefetch_places(p, tile, bx, by, tile->frames * p->direct_samples);
             for (uint32_t set = 0; set < SETS; set++) {
                 struct lw_vec3 sum[LANES] = {0};
                 if (!load_packet(p, tile, bx, by, set, &packet)) continue;
@@ -273,13 +298,14 @@ void lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile, flo
                     p->tiles->estimate[texel] = lw_colour_luminance(sum[lane]);
                 }
             }
+        }
 }
 
-/* Where lane's ray ended, if it met something. */
+/* Where lane's ray ended, if it met something; not yet the texel that stands for it (read_sources). */
 static uint32_t end_of(const struct lw_passes *p, const struct lw_hit16 *hits, uint32_t lane) {
     if (hits->object[lane] == LW_TRACE_MISS) return LW_END_NOTHING;
-    return lw_texels_at(p->texels, hits->object[lane], hits->triangle[lane], hits->u[lane], hits->v[lane],
-                        hits->back[lane]);
+    return lw_texels_under(p->texels, hits->object[lane], hits->triangle[lane], hits->u[lane], hits->v[lane],
+                           hits->back[lane]);
 }
 
 /* Asks a probe about a ray that has run as far as the tracing range; false if none sees where it stands. random: a
@@ -318,12 +344,25 @@ static void find_ends(const struct lw_passes *p, const struct lw_solve_tile *til
     count->bounce += (uint64_t)__builtin_popcount(unseen);
 }
 
+/* Puts the texel that stands for it in the place of each that a ray of the tile has met. They lie anywhere in memory: here
+ * the processor waits for many at a time, in the midst of tracing it would for each. */
+static void read_sources(const struct lw_passes *p, const struct lw_solve_tile *tile) {
+    const uint32_t n = p->indirect_samples;
+    for (uint32_t i = tile->first; i < tile->first + tile->width * tile->height; i++) {
+        if (!p->tiles->covered[i]) continue;
+        for (uint32_t *end = p->end + (size_t)i * n; end < p->end + ((size_t)i + 1) * n; end++)
+            if (!(*end & LW_END_PROBE)) *end = p->texels->source[*end];
+    }
+}
+_Static_assert((LW_END_NOTHING & LW_END_PROBE) != 0 && LW_TEXEL_NONE == LW_END_NOTHING, "no texels either");
+
 void lw_passes_trace_ends(const struct lw_passes *p, const struct lw_solve_tile *tile,
                           struct lw_passes_count *count) {
     struct packet packet;
     lw_footprint_frame_init(&packet.frame, &p->pose->object_to_world[tile->object]);
     for (uint32_t by = 0; by * LW_TILE_BLOCK < tile->height; by++)
-        for (uint32_t bx = 0; bx * LW_TILE_BLOCK < tile->width; bx++)
+        for (uint32_t bx = 0; bx * LW_TILE_BLOCK < tile->width; bx++) {
+            prefetch_places(p, tile, bx, by, tile->frames * p->indirect_samples / PLACE_SHARE);
             for (uint32_t set = 0; set < SETS; set++) {
                 if (!load_packet(p, tile, bx, by, set, &packet)) continue;
                 uint32_t seed = lw_sampling_seed(p->seed, tile->object, packet.block, LW_SAMPLING_BOUNCE);
@@ -349,6 +388,8 @@ void lw_passes_trace_ends(const struct lw_passes *p, const struct lw_solve_tile 
                     count->bounce += (uint64_t)__builtin_popcount(packet.active);
                 }
             }
+        }
+    read_sources(p, tile);
 }
 
 static struct lw_vec3 radiance_at(const struct lw_passes *p, uint32_t end, uint32_t bounce) {

@@ -85,10 +85,10 @@ static inline uint32_t lw_texels_index(const struct lw_mesh_texels *mesh, uint32
     return lw_texels_tile_start(mesh, tile_x, tile_y) + (y % LW_TILE_SIDE) * columns + x % LW_TILE_SIDE;
 }
 
-/** The texel (global index) that a hit lies in, or NONE: nothing to read there, or the back of a single-sided
- * surface. u, v: barycentrics of the triangle's 2nd and 3rd vertex. */
-static inline uint32_t lw_texels_at(const struct lw_texels *texels, uint32_t object, uint32_t triangle,
-                                    float u, float v, bool back) {
+/** The texel (global index) whose square a hit lies in, or NONE: the back of a single-sided surface. Its source is the
+ * one to read. u, v: barycentrics of the triangle's 2nd and 3rd vertex. */
+static inline uint32_t lw_texels_under(const struct lw_texels *texels, uint32_t object, uint32_t triangle,
+                                       float u, float v, bool back) {
     const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[object].mesh];
     const struct lw_triangle_uv *t = &mesh->triangle[triangle];
     if (back && !t->double_sided) return LW_TEXEL_NONE;
@@ -98,7 +98,14 @@ static inline uint32_t lw_texels_at(const struct lw_texels *texels, uint32_t obj
         (uint32_t)(0.25f * (w * t->v[0] + u * t->v[1] + v * t->v[2])) + (back ? mesh->back_offset : 0);
     if (x >= mesh->width) x = mesh->width - 1;
     if (y >= mesh->height) y = mesh->height - 1;
-    return texels->source[texels->first[object] + lw_texels_index(mesh, x, y)];
+    return texels->first[object] + lw_texels_index(mesh, x, y);
+}
+
+/** The texel (global index) to read for a hit, or NONE: nothing to read there, or a back as above. */
+static inline uint32_t lw_texels_at(const struct lw_texels *texels, uint32_t object, uint32_t triangle,
+                                    float u, float v, bool back) {
+    const uint32_t texel = lw_texels_under(texels, object, triangle, u, v, back);
+    return texel == LW_TEXEL_NONE ? LW_TEXEL_NONE : texels->source[texel];
 }
 
 #endif
