@@ -82,15 +82,17 @@ static void halve(struct lw_levels_image *coarse, const struct lw_levels_image *
         for (uint32_t x = 0; x < coarse->width; x++) {
             float sum[3] = {0};
             int count = 0;
+            bool surface = false;
             for (uint32_t j = 2 * y; j < 2 * y + 2 && j < fine->height; j++)
                 for (uint32_t i = 2 * x; i < 2 * x + 2 && i < fine->width; i++) {
                     size_t from = (size_t)j * fine->width + i;
-                    if (fine->covered[from] != 1) continue;
+                    if (!fine->covered[from]) continue;
+                    surface |= fine->covered[from] == 1;
                     for (int c = 0; c < 3; c++) sum[c] += fine->rgb[from * 3 + (size_t)c];
                     count++;
                 }
             size_t to = (size_t)y * coarse->width + x;
-            coarse->covered[to] = count > 0;
+            coarse->covered[to] = surface ? 1 : count ? RIM_ROUNDS + 1 : 0;
             for (int c = 0; c < 3; c++) coarse->rgb[to * 3 + (size_t)c] = count ? sum[c] / (float)count : 0;
         }
 }

@@ -1,11 +1,12 @@
 /* levels.h: the mip pyramid of one object's atlas: filtered by coverage, gutters filled by extrapolation.
  * Threads: one lw_levels belongs to one worker at a time.
  *
- * A covered texel of level k + 1 is the mean of the covered texels among its four of level k. Bilinear lookups on a
- * chart's rim must read a continuation of that chart. On level 0 the solver has filled what they touch, chart by chart.
- * On levels 1 and 2 texels next to covered ones are filled with the mean of their covered neighbours: charts lie in blocks
- * of 4 x 4 texels with a gutter (common/scene/lightmap.h), so these are of the same chart, but for slivers. Coarser levels
- * are placeholders and are filled completely. */
+ * A texel of level k + 1 is the mean of those among its four of level k that hold light, gutters too: on a chart's rim that
+ * makes it the light at its middle, not that of the part of it which has surface. Bilinear lookups on the rim must read a
+ * continuation of the chart. On level 0 the solver has filled two texels around it, chart by chart. On levels 1 and 2 what
+ * is left next to covered texels is filled with the mean of their covered neighbours: charts lie in blocks of 4 x 4 texels
+ * with a gutter (common/scene/lightmap.h), so all of this is of the same chart, but for slivers. Coarser levels are
+ * placeholders and are filled completely. */
 #ifndef LW_PUBLISH_LEVELS_H
 #define LW_PUBLISH_LEVELS_H
 
@@ -17,7 +18,7 @@ struct lw_levels {
     struct lw_levels_image {
         uint32_t width, height;
         float *rgb;       /* 3 floats per texel, W/m^2 */
-        uint8_t *covered; /* 0: nothing; 1: surface; 2 and more: filled, in the round given */
+        uint8_t *covered; /* 0: nothing; 1: has surface; 2 and more: filled, in the round given */
     } level[LW_ATLAS_LEVELS_MAX];
 };
 

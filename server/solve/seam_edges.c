@@ -199,6 +199,7 @@ static bool join(const struct lw_scene *scene, const struct lw_pose *pose, const
         const struct side *side = stretch[s]->side;
         const struct lw_mesh *mesh = mesh_of(scene, side->object);
         edge.object[s] = side->object;
+        edge.triangle[s] = side->triangle;
         edge.from[s] = lightmap_at(mesh, side, stretch[s]->at[0]);
         edge.to[s] = lightmap_at(mesh, side, stretch[s]->at[1]);
         back[s] = (float)mesh->back_offset;

@@ -16,7 +16,7 @@
 
 /** One seam; side 0 and side 1 run in the same direction. */
 struct lw_seam_edge {
-    uint32_t object[2];
+    uint32_t object[2], triangle[2];
     struct lw_vec2 from[2], to[2]; /* lightmap texels of the object, backs included */
 };
 

@@ -1,7 +1,6 @@
 #include "server/solve/seams.h"
 
 #include "common/union_find.h"
-#include "server/solve/seam_edges.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -307,6 +306,7 @@ static bool build(struct builder *b, const struct lw_seam_edges *edges) {
     if (b->failed || !sort_by_component(b)) return false;
     for (uint32_t m = 0; m < s->member_count; m++)
         s->filled[s->member[m].texel] = !b->texels->covered[s->member[m].texel];
+    if (lw_seam_gutters_find(b->scene, b->texels, edges, s->filled, &s->gutters) != LW_OK) return false;
     s->light = calloc((size_t)s->member_count + 1, 3 * sizeof *s->light);
     s->welded = calloc((size_t)s->member_count + 1, 3 * sizeof *s->welded);
     s->correction = calloc((size_t)s->member_count + 1, 3 * sizeof *s->correction);
@@ -341,6 +341,7 @@ void lw_seams_finish(struct lw_seams *seams) {
     free(seams->welded);
     free(seams->correction);
     for (int i = 0; i < 3; i++) free(seams->scratch[i]);
+    lw_seam_gutters_finish(&seams->gutters);
     free(seams->filled);
     *seams = (struct lw_seams){0};
 }
@@ -348,7 +349,7 @@ void lw_seams_finish(struct lw_seams *seams) {
 size_t lw_seams_memory_bytes(const struct lw_seams *s) {
     return s->row_count * sizeof *s->row +
            s->member_count * (sizeof *s->member + sizeof *s->guess + 6 * 3 * sizeof(float)) +
-           s->component_count * (2 * sizeof(uint32_t) + 1);
+           s->component_count * (2 * sizeof(uint32_t) + 1) + lw_seam_gutters_memory_bytes(&s->gutters);
 }
 
 /* Takes the light of what the frame has solved; a tile at rest keeps what it had, before it was welded. */
@@ -487,5 +488,6 @@ void lw_seams_weld(struct lw_seams *s, struct lw_tiles *tiles, uint64_t frame, i
         load(s, tiles, frame, c);
         if (s->active[c]) weld_component(s, tiles, c);
     }
+    lw_seam_gutters_fill(&s->gutters, tiles, threads);
     s->fresh = false;
 }

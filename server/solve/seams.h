@@ -12,7 +12,7 @@
 #ifndef LW_SOLVE_SEAMS_H
 #define LW_SOLVE_SEAMS_H
 
-#include "server/solve/tiles.h"
+#include "server/solve/seam_gutters.h"
 
 #define LW_SEAMS_ROWS_MAX (1u << 22) /* 64 bytes each; what is beyond stays unwelded */
 
@@ -27,8 +27,10 @@ struct lw_seams {
     float *welded;                      /* 3 per member */
     float *correction; /* likewise: what the last frame's welding added; the next one goes on from there */
     float *scratch[3]; /* likewise */
-    uint8_t *filled;   /* per texel of the global numbering: a gutter whose light is welded */
-    bool fresh;        /* light[] holds nothing yet: tiles at rest read as their direct and indirect light */
+    struct lw_seam_gutters gutters; /* that no row reads */
+    uint8_t
+        *filled; /* per texel of the global numbering: a gutter whose light is welded, or one of `gutters` */
+    bool fresh;  /* light[] holds nothing yet: tiles at rest read as their direct and indirect light */
     uint64_t rows_left_out;
 };
 
@@ -41,7 +43,7 @@ void lw_seams_finish(struct lw_seams *seams);
 /** Bytes held, but for the plane `filled`. */
 size_t lw_seams_memory_bytes(const struct lw_seams *seams);
 
-/** Welds tiles->light around what frame `frame` has solved; writes covered texels and gutters. */
+/** Welds tiles->light around what frame `frame` has solved; writes covered texels, and gutters beyond seams. */
 void lw_seams_weld(struct lw_seams *seams, struct lw_tiles *tiles, uint64_t frame, int threads);
 
 #endif

@@ -103,8 +103,8 @@ static enum lw_status report_row(const struct job *job, const char *name, unsign
     for (int welded = 0; welded < 2; welded++) {
         struct seam_walk walk;
         const bool coded = job->coded && !welded;
-        enum lw_status status = seam_walk_init(&walk, &job->map, coded ? &job->coded->solver : job->solver,
-                                               !welded && !job->coded);
+        enum lw_status status = seam_walk_init(
+            &walk, job->scene, &job->map, coded ? &job->coded->solver : job->solver, !welded && !job->coded);
         if (status != LW_OK) return status;
         status = seam_walk_measure(&walk, &job->edges, level, object, &spread[welded]);
         seam_walk_finish(&walk);

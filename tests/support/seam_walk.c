@@ -1,5 +1,7 @@
 #include "tests/support/seam_walk.h"
 
+#include "common/scene/lightmap.h"
+
 #include <math.h>
 #include <stdlib.h>
 
@@ -10,12 +12,26 @@ static uint32_t tiles_of(const struct lw_atlas *atlas) {
     return atlas->level_count ? atlas->level[0].tiles_x * atlas->level[0].tiles_y : 0;
 }
 
-enum lw_status seam_walk_init(struct seam_walk *walk, const struct lw_atlas_map *map,
-                              const struct lw_solver *solver, bool unwelded) {
-    *walk = (struct seam_walk){.object_count = map->object_count};
+/* Which triangles views read at level 0 alone. */
+static enum lw_status find_shared(struct seam_walk *walk) {
+    const struct lw_scene *scene = walk->scene;
+    enum lw_status status = LW_OK;
+    for (uint32_t o = 0; status == LW_OK && o < scene->object_count; o++) {
+        const uint32_t m = scene->object[o].mesh;
+        if (walk->shared[m] || !scene->mesh[m].lightmap_uv) continue;
+        walk->shared[m] = calloc(scene->mesh[m].triangle_count + 1u, 1);
+        status = walk->shared[m] ? lw_lightmap_shared(&scene->mesh[m], walk->shared[m]) : LW_NO_MEMORY;
+    }
+    return status;
+}
+
+enum lw_status seam_walk_init(struct seam_walk *walk, const struct lw_scene *scene,
+                              const struct lw_atlas_map *map, const struct lw_solver *solver, bool unwelded) {
+    *walk = (struct seam_walk){.object_count = map->object_count, .scene = scene};
     float *plain = calloc(LW_TILE_TEXELS_MAX, sizeof *plain);
     walk->levels = calloc(map->object_count + 1u, sizeof *walk->levels);
-    enum lw_status status = plain && walk->levels ? LW_OK : LW_NO_MEMORY;
+    walk->shared = calloc(scene->mesh_count + 1u, sizeof *walk->shared);
+    enum lw_status status = plain && walk->levels && walk->shared ? find_shared(walk) : LW_NO_MEMORY;
     double sum = 0, count = 0;
     for (uint32_t o = 0; status == LW_OK && o < map->object_count; o++) {
         if ((status = lw_levels_init(&walk->levels[o], &map->atlas[o])) != LW_OK) break;
@@ -42,7 +58,9 @@ enum lw_status seam_walk_init(struct seam_walk *walk, const struct lw_atlas_map 
 
 void seam_walk_finish(struct seam_walk *walk) {
     for (uint32_t o = 0; walk->levels && o < walk->object_count; o++) lw_levels_finish(&walk->levels[o]);
+    for (uint32_t m = 0; walk->shared && m < walk->scene->mesh_count; m++) free(walk->shared[m]);
     free(walk->levels);
+    free(walk->shared);
     *walk = (struct seam_walk){0};
 }
 
@@ -73,6 +91,13 @@ static bool read_side(const struct seam_walk *walk, const struct lw_seam_edge *e
     const struct lw_vec2 from = edge->from[side], to = edge->to[side];
     return seam_walk_read(walk, edge->object[side], level, (double)from.x + t * (double)(to.x - from.x),
                           (double)from.y + t * (double)(to.y - from.y), out);
+}
+
+static bool is_read(const struct seam_walk *walk, const struct lw_seam_edge *edge, unsigned level) {
+    for (int s = 0; s < 2; s++)
+        if (level > 0 && walk->shared[walk->scene->object[edge->object[s]].mesh][edge->triangle[s]])
+            return false;
+    return true;
 }
 
 static unsigned points_of(const struct lw_seam_edge *edge, unsigned level) {
@@ -113,6 +138,7 @@ enum lw_status seam_walk_measure(const struct seam_walk *walk, const struct lw_s
     for (size_t e = 0; e < edges->count; e++) {
         const unsigned points = points_of(&edges->edge[e], level);
         if (object != LW_SCENE_NONE && edges->edge[e].object[0] != object) continue;
+        if (!is_read(walk, &edges->edge[e], level)) continue;
         for (unsigned i = 0; i < points; i++) {
             double a, b;
             if (!read_side(walk, &edges->edge[e], 0, (i + 0.5) / points, level, &a) ||

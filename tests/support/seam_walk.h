@@ -9,13 +9,16 @@
 /** The light of a solve as clients get it. */
 struct seam_walk {
     uint32_t object_count;
+    const struct lw_scene *scene;
     struct lw_levels *levels; /* per object */
-    double floor;             /* under the divisor: 2 % of the mean light */
+    uint8_t **shared; /* per mesh, per triangle: views read it at level 0 alone (lw_lightmap_shared) */
+    double floor;     /* under the divisor: 2 % of the mean light */
 };
 
 /** unwelded: what the solver had before it welded. Errors: LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status seam_walk_init(struct seam_walk *walk, const struct lw_atlas_map *map,
-                                            const struct lw_solver *solver, bool unwelded);
+LW_MUST_CHECK enum lw_status seam_walk_init(struct seam_walk *walk, const struct lw_scene *scene,
+                                            const struct lw_atlas_map *map, const struct lw_solver *solver,
+                                            bool unwelded);
 void seam_walk_finish(struct seam_walk *walk);
 
 /** What the viewer reads of an object at a place of its atlas (texels of level 0), red channel; false over a hole. */
@@ -29,7 +32,8 @@ struct seam_spread {
     double over; /* share of points over 1 % */
 };
 
-/** Eight points per texel of the level. object: whose seams, or LW_SCENE_NONE: all. Where a side has nothing but holes to read (inside something), there is no seam.
+/** Eight points per texel of the level; on coarser levels without the seams of what is read at level 0 alone. object: whose seams,
+ * or LW_SCENE_NONE: all. Where a side has nothing but holes to read (inside something), there is no seam.
  * Errors: LW_NO_MEMORY; LW_INTERNAL: light that is negative or not finite. */
 LW_MUST_CHECK enum lw_status seam_walk_measure(const struct seam_walk *walk,
                                                const struct lw_seam_edges *edges, unsigned level,

@@ -1,0 +1,33 @@
+/* seam_gutters.h: what lies in the gutter beyond a seam: the light of the surface that goes on there.
+ * Flow:    seam_edges, texels -> [find]; each frame: welded light -> [fill] -> tiles' light -> publish
+ * Threads: find by one; fill by one caller, workers inside.
+ *
+ * A look-up of level 0 reads one texel beyond a chart, which the weld has made to fit (seams.h). Those of levels 1 and 2
+ * reach farther: their texels are means over gutters too. So a gutter that no look-up of level 0 reads, up to two texels
+ * beyond a seam, takes what a bilinear look-up reads on the other side, as far from the seam. */
+#ifndef LW_SOLVE_SEAM_GUTTERS_H
+#define LW_SOLVE_SEAM_GUTTERS_H
+
+#include "server/solve/seam_edges.h"
+#include "server/solve/tiles.h"
+
+struct lw_seam_gutters {
+    struct lw_seam_gutter *gutter; /* by texel */
+    size_t count, capacity;
+};
+
+/** Finds the gutters that are not `welded` (a byte per texel of the global numbering), and marks them there.
+ * Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_seam_gutters_find(const struct lw_scene *scene,
+                                                  const struct lw_texels *texels,
+                                                  const struct lw_seam_edges *edges, uint8_t *welded,
+                                                  struct lw_seam_gutters *out_gutters);
+void lw_seam_gutters_finish(struct lw_seam_gutters *gutters);
+
+/** Bytes held. */
+size_t lw_seam_gutters_memory_bytes(const struct lw_seam_gutters *gutters);
+
+/** Fills them from tiles->light of covered texels. */
+void lw_seam_gutters_fill(const struct lw_seam_gutters *gutters, struct lw_tiles *tiles, int threads);
+
+#endif
