@@ -1,0 +1,295 @@
+/* lightwellctl.c: changes the scene of a running lightwelld. */
+#include "client/control/ctl_command.h"
+#include "client/control/ctl_names.h"
+#include "common/clock.h"
+#include "common/log.h"
+#include "common/options.h"
+
+#include <inttypes.h>
+#include <jansson.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define DEFAULT_ADDRESS "127.0.0.1:7780"
+#define POLL_MS         50u
+
+struct ctl {
+    const char *address;
+    char host[256];
+    uint16_t port;
+    bool json, batch;
+    double timeout_s;
+    uint64_t deadline_ns;
+    const char **word; /* of the commands, "--" between them */
+    size_t word_count;
+    struct lw_client *client;
+    struct lw_ctl_command_state state;
+    struct lw_scene_change *change; /* LW_CLIENT_CHANGES_MAX */
+    size_t change_count;
+};
+
+/* ---- the command line ---- */
+
+/* Options may stand anywhere, negative numbers and "--" belong to the commands: these are taken out before the table sees
+ * the rest, which is options and the address. */
+static enum lw_status parse(struct ctl *c, int argc, char **argv, bool *out_done, struct lw_error *err) {
+    const char *address[1] = {DEFAULT_ADDRESS};
+    char **rest = calloc((size_t)argc + 1, sizeof *rest);
+    c->word = calloc((size_t)argc + 1, sizeof *c->word);
+    if (!rest || !c->word) {
+        free(rest);
+        return lw_status_fail(err, LW_NO_MEMORY, "the command line");
+    }
+    int rest_count = 0;
+    bool addressed = false;
+    for (int i = 0; i < argc; i++) {
+        const bool option = strncmp(argv[i], "--", 2) == 0 && argv[i][2];
+        if (i > 0 && !option && (addressed || lw_ctl_command_is(argv[i]))) {
+            c->word[c->word_count++] = argv[i];
+            addressed = true; /* or meant for the default */
+        } else {
+            rest[rest_count++] = argv[i];
+            addressed |= i > 0 && !option;
+        }
+        if (option && strcmp(argv[i], "--timeout") == 0 && i + 1 < argc) rest[rest_count++] = argv[++i];
+    }
+    char about[4096];
+    snprintf(
+        about, sizeof about,
+        "Changes the scene of a lightwelld on this machine while it runs, for all who look at it, and prints "
+        "the frame that shows it first. Several commands with -- between them are one change: all of it in "
+        "one frame, or nothing.\n%s",
+        lw_ctl_command_help());
+    const struct lw_option table[] = {
+        {"batch", NULL, "read the commands from stdin, one a line; all of them are one change",
+         LW_OPTION_FLAG, &c->batch, 0, 0, NULL},
+        {"json", NULL, "print one JSON object", LW_OPTION_FLAG, &c->json, 0, 0, NULL},
+        {"timeout", "SECONDS", "give up after that time (default 30)", LW_OPTION_REAL, &c->timeout_s, 0.001,
+         1e6, NULL},
+    };
+    const struct lw_options options = {.program = "lightwellctl",
+                                       .synopsis = "[HOST:PORT] COMMAND [-- COMMAND]... [OPTIONS]",
+                                       .about = about,
+                                       .table = table,
+                                       .count = sizeof table / sizeof *table,
+                                       .positional = address,
+                                       .positional_max = 1};
+    enum lw_status status = lw_options_parse(&options, rest_count, rest, NULL, out_done, err);
+    free(rest);
+    if (status != LW_OK || *out_done) return status;
+    if (c->batch && c->word_count)
+        return lw_status_fail(err, LW_USAGE,
+                              "--batch takes its commands from stdin, not from the command line");
+    if (c->word_count && !lw_ctl_command_is(c->word[0]))
+        return lw_status_fail(err, LW_USAGE, "there is no command \"%.60s\": lightwellctl --help lists them",
+                              c->word[0]);
+    c->address = address[0];
+    if (!strchr(c->address, ':'))
+        return lw_status_fail(err, LW_USAGE,
+                              "\"%.60s\" is neither HOST:PORT nor a command: lightwellctl --help lists them",
+                              c->address);
+    status = lw_options_address(c->address, c->host, sizeof c->host, &c->port, err);
+    if (status == LW_OK && !c->batch && !c->word_count)
+        return lw_status_fail(err, LW_USAGE, "a command is missing: lightwellctl --help lists them");
+    return status;
+}
+
+/* ---- the server ---- */
+
+static enum lw_status poll_until_deadline(struct ctl *c, const char *what, struct lw_error *err) {
+    if (lw_clock_ns() > c->deadline_ns)
+        return lw_status_fail(err, LW_TIMED_OUT, "%s: %s has not come within %g s (--timeout)", c->address,
+                              what, c->timeout_s);
+    return lw_client_poll(c->client, POLL_MS, err);
+}
+
+/* Until it is known what there is, and where it is now. */
+static enum lw_status connect_to_server(struct ctl *c, struct lw_error *err) {
+    const double connect_s = c->timeout_s < 5 ? c->timeout_s : 5;
+    enum lw_status status =
+        lw_client_create(&(struct lw_client_desc){.host = c->host,
+                                                  .port = c->port,
+                                                  .name = "lightwellctl",
+                                                  .timeout_ms = (unsigned)(connect_s * 1e3) + 1,
+                                                  .wants_nothing = true,
+                                                  .control = true},
+                         &c->client, err);
+    struct lw_client_stats stats = {0};
+    while (status == LW_OK && (!lw_client_scene(c->client) || !stats.frame)) {
+        status = poll_until_deadline(c, lw_client_scene(c->client) ? "the first frame" : "the scene", err);
+        lw_client_get_stats(c->client, &stats);
+    }
+    if (status == LW_OK && lw_ctl_command_state_init(&c->state, c->client) != LW_OK)
+        status = lw_status_fail(err, LW_NO_MEMORY, "the scene");
+    return status;
+}
+
+/* ---- list ---- */
+
+static json_t *vector_of(struct lw_vec3 v) {
+    return json_pack("[f, f, f]", (double)v.x, (double)v.y, (double)v.z);
+}
+
+static struct lw_vec3 rgb_of(const float *rgb) { return lw_vec3(rgb[0], rgb[1], rgb[2]); }
+
+static const char *const kind_of_light[] = {
+    [LW_LIGHT_POINT] = "point", [LW_LIGHT_SPOT] = "spot", [LW_LIGHT_DIRECTIONAL] = "directional"};
+
+static json_t *list_json(const struct ctl *c) {
+    const struct lw_scene *scene = c->state.scene;
+    struct lw_client_stats stats;
+    lw_client_get_stats(c->client, &stats);
+    json_t *objects = json_array(), *lights = json_array(), *materials = json_array(),
+           *cameras = json_array();
+    for (uint32_t i = 0; i < scene->object_count; i++) {
+        const struct lw_affine *t = &c->state.object_to_world[i];
+        json_t *transform = json_array();
+        for (int k = 0; k < 12; k++) json_array_append_new(transform, json_real((double)t->m[k / 4][k % 4]));
+        json_array_append_new(
+            objects, json_pack("{s:i, s:s, s:o, s:b, s:o}", "number", (int)i, "name", scene->object[i].name,
+                               "middle", vector_of(lw_ctl_command_middle(scene, i, t)), "hidden",
+                               lw_client_object_hidden(c->client, i), "object_to_world", transform));
+    }
+    for (uint32_t i = 0; i < scene->light_count; i++) {
+        const struct lw_client_light *l = &c->state.light[i];
+        json_array_append_new(lights,
+                              json_pack("{s:i, s:s, s:s, s:o, s:o, s:o}", "number", (int)i, "name",
+                                        scene->light[i].name, "kind", kind_of_light[scene->light[i].kind],
+                                        "intensity", vector_of(l->intensity), "position",
+                                        vector_of(l->position_ws), "direction", vector_of(l->direction_ws)));
+    }
+    for (uint32_t i = 0; i < scene->material_count; i++)
+        json_array_append_new(
+            materials, json_pack("{s:i, s:s, s:o, s:o}", "number", (int)i, "name", scene->material[i].name,
+                                 "albedo", vector_of(rgb_of(scene->material[i].base_colour)), "emission",
+                                 vector_of(rgb_of(scene->material[i].emission))));
+    for (uint32_t i = 0; i < scene->camera_count; i++)
+        json_array_append_new(cameras,
+                              json_pack("{s:i, s:s}", "number", (int)i, "name", scene->camera[i].name));
+    return json_pack("{s:I, s:f, s:o, s:o, s:o, s:o, s:o}", "frame", (json_int_t)stats.frame, "time_s",
+                     stats.time_s, "sky", vector_of(rgb_of(scene->sky)), "objects", objects, "lights", lights,
+                     "materials", materials, "cameras", cameras);
+}
+
+static void list_text(const struct ctl *c) {
+    const struct lw_scene *scene = c->state.scene;
+    for (uint32_t i = 0; i < scene->object_count; i++) {
+        const struct lw_vec3 p = lw_ctl_command_middle(scene, i, &c->state.object_to_world[i]);
+        printf("object   #%-5u %-24s at %.3f %.3f %.3f%s\n", i, scene->object[i].name, (double)p.x,
+               (double)p.y, (double)p.z, lw_client_object_hidden(c->client, i) ? ", hidden" : "");
+    }
+    for (uint32_t i = 0; i < scene->light_count; i++) {
+        const struct lw_client_light *l = &c->state.light[i];
+        printf("light    #%-5u %-24s %s, intensity %g %g %g", i, scene->light[i].name,
+               kind_of_light[scene->light[i].kind], (double)l->intensity.x, (double)l->intensity.y,
+               (double)l->intensity.z);
+        if (scene->light[i].kind != LW_LIGHT_DIRECTIONAL)
+            printf(", at %.3f %.3f %.3f", (double)l->position_ws.x, (double)l->position_ws.y,
+                   (double)l->position_ws.z);
+        printf("\n");
+    }
+    for (uint32_t i = 0; i < scene->material_count; i++) {
+        const struct lw_material *m = &scene->material[i];
+        printf("material #%-5u %-24s albedo %g %g %g, emission %g %g %g\n", i, m->name,
+               (double)m->base_colour[0], (double)m->base_colour[1], (double)m->base_colour[2],
+               (double)m->emission[0], (double)m->emission[1], (double)m->emission[2]);
+    }
+    for (uint32_t i = 0; i < scene->camera_count; i++)
+        printf("camera   #%-5u %s\n", i, scene->camera[i].name);
+}
+
+/* ---- changes ---- */
+
+static enum lw_status add_command(struct ctl *c, const char *const *word, size_t count,
+                                  struct lw_error *err) {
+    if (c->change_count == LW_CLIENT_CHANGES_MAX)
+        return lw_status_fail(err, LW_USAGE, "over %u commands: no update holds more", LW_CLIENT_CHANGES_MAX);
+    return lw_ctl_command_parse(&c->state, word, count, &c->change[c->change_count++], err);
+}
+
+static enum lw_status read_command_line(struct ctl *c, struct lw_error *err) {
+    enum lw_status status = LW_OK;
+    for (size_t first = 0, i = 0; i <= c->word_count && status == LW_OK; i++) {
+        if (i < c->word_count && strcmp(c->word[i], "--") != 0) continue;
+        status = add_command(c, c->word + first, i - first, err);
+        first = i + 1;
+    }
+    return status;
+}
+
+static enum lw_status read_batch(struct ctl *c, struct lw_error *err) {
+    char *line = NULL;
+    size_t capacity = 0;
+    enum lw_status status = LW_OK;
+    for (unsigned number = 1; status == LW_OK && getline(&line, &capacity, stdin) >= 0; number++) {
+        const char *word[LW_CTL_COMMAND_WORDS_MAX];
+        size_t count;
+        status = lw_ctl_command_split(line, word, &count, err);
+        if (status == LW_OK && count) status = add_command(c, word, count, err);
+        if (status != LW_OK) lw_status_context(err, "line %u", number);
+    }
+    if (status == LW_OK && ferror(stdin)) status = lw_status_fail(err, LW_IO, "cannot read stdin");
+    free(line);
+    return status;
+}
+
+static enum lw_status await_answer(struct ctl *c, struct lw_client_answer *out, struct lw_error *err) {
+    enum lw_status status = lw_client_update(c->client, c->change, c->change_count, NULL, err);
+    while (status == LW_OK && !lw_client_next_answer(c->client, out))
+        status = poll_until_deadline(c, "the answer", err);
+    return status;
+}
+
+static enum lw_status print_json(json_t *json, struct lw_error *err) {
+    int failed = json ? json_dumpf(json, stdout, JSON_REAL_PRECISION(9)) : -1;
+    json_decref(json);
+    if (failed || putchar('\n') == EOF || fflush(stdout))
+        return lw_status_fail(err, LW_IO, "cannot write to stdout");
+    return LW_OK;
+}
+
+static enum lw_status change_scene(struct ctl *c, struct lw_error *err) {
+    struct lw_client_answer answer;
+    enum lw_status status = c->batch ? read_batch(c, err) : read_command_line(c, err);
+    if (status == LW_OK) status = await_answer(c, &answer, err);
+    if (status != LW_OK) return status;
+    if (c->json)
+        status = print_json(json_pack("{s:i, s:I, s:i, s:i, s:s}", "code", (int)answer.code, "frame",
+                                      (json_int_t)answer.frame, "changes", (int)c->change_count, "change",
+                                      (int)answer.change, "text", answer.text),
+                            err);
+    if (status == LW_OK && answer.code)
+        return lw_status_fail(err, answer.code == LW_SCENE_CHANGE_BUSY ? LW_UNAVAILABLE : LW_BAD_DATA,
+                              "command %u: %s: nothing was changed", answer.change + 1, answer.text);
+    if (status == LW_OK && !c->json)
+        printf("frame %" PRIu64 ": %zu change%s\n", answer.frame, c->change_count,
+               c->change_count == 1 ? "" : "s");
+    return status;
+}
+
+static enum lw_status run(struct ctl *c, struct lw_error *err) {
+    c->deadline_ns = lw_clock_ns() + (uint64_t)(c->timeout_s * 1e9);
+    c->change = calloc(LW_CLIENT_CHANGES_MAX, sizeof *c->change);
+    if (!c->change) return lw_status_fail(err, LW_NO_MEMORY, "changes");
+    enum lw_status status = connect_to_server(c, err);
+    if (status != LW_OK) return status;
+    if (c->batch || c->word_count != 1 || strcmp(c->word[0], "list") != 0) return change_scene(c, err);
+    if (c->json) return print_json(list_json(c), err);
+    list_text(c);
+    return fflush(stdout) ? lw_status_fail(err, LW_IO, "cannot write to stdout") : LW_OK;
+}
+
+int main(int argc, char **argv) {
+    struct ctl c = {.timeout_s = 30};
+    struct lw_error err = {0};
+    bool done = false;
+    lw_log_init("lightwellctl", LW_LOG_INFO);
+    enum lw_status status = parse(&c, argc, argv, &done, &err);
+    if (status == LW_OK && !done) status = run(&c, &err);
+    lw_ctl_command_state_finish(&c.state);
+    lw_client_destroy(c.client);
+    free(c.change);
+    free(c.word);
+    return status == LW_OK ? 0 : lw_log_failure(&err);
+}

@@ -1,0 +1,165 @@
+#include "tests/support/support.h"
+
+#include "client/control/ctl_command.h"
+#include "client/control/ctl_names.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+/* Three squares of 1 m, at x = 0, 2 and 4, and a light of (10, 10, 10) at (0, 2, 0). */
+static struct lw_scene *scene;
+static struct lw_affine place[3];
+static struct lw_client_light light;
+static struct lw_ctl_command_state state;
+
+static int begin(void **unused) {
+    (void)unused;
+    scene = lw_support_squares(3, 1);
+    scene->object[0].name = "chair", scene->object[1].name = "chair", scene->object[2].name = "round table";
+    scene->light[0].name = "lamp";
+    for (int i = 0; i < 3; i++) {
+        place[i] = LW_AFFINE_IDENTITY;
+        place[i].m[0][3] = 2 * (float)i;
+    }
+    light = (struct lw_client_light){.intensity = {10, 10, 10}};
+    state = (struct lw_ctl_command_state){scene, place, &light};
+    return 0;
+}
+
+static int finish(void **unused) {
+    (void)unused;
+    lw_scene_destroy(scene);
+    return 0;
+}
+
+static enum lw_status parse(const char *line, struct lw_scene_change *out, struct lw_error *err) {
+    char text[200];
+    const char *word[LW_CTL_COMMAND_WORDS_MAX];
+    size_t count;
+    snprintf(text, sizeof text, "%s", line);
+    *err = (struct lw_error){0};
+    enum lw_status status = lw_ctl_command_split(text, word, &count, err);
+    return status == LW_OK ? lw_ctl_command_parse(&state, word, count, out, err) : status;
+}
+
+/* Every command's change is one that a server would make. */
+static struct lw_scene_change change_of(const char *line, enum lw_scene_change_kind kind, uint32_t target) {
+    struct lw_scene_change c = {.kind = UINT32_MAX};
+    struct lw_error err;
+    lw_support_ok(parse(line, &c, &err), &err);
+    assert_int_equal(c.kind, kind);
+    assert_int_equal(c.target, target);
+    assert_int_equal(lw_scene_change_check(scene, &c, &err), LW_SCENE_CHANGE_OK);
+    return c;
+}
+
+static void fails(const char *line, const char *text) {
+    struct lw_scene_change c = {.kind = UINT32_MAX};
+    struct lw_error err;
+    lw_support_fails(parse(line, &c, &err), LW_USAGE, &err, text);
+    assert_int_equal(c.kind, UINT32_MAX);
+    assert_null(strchr(err.text, '\n'));
+}
+
+static void assert_middle(uint32_t object, float x, float y, float z) {
+    struct lw_vec3 p = lw_ctl_command_middle(scene, object, &place[object]);
+    assert_true(fabsf(p.x - x) < 1e-5f && fabsf(p.y - y) < 1e-5f && fabsf(p.z - z) < 1e-5f);
+}
+
+static void objects_move_about_their_middle_one_command_after_another(void **unused) {
+    (void)unused;
+    struct lw_scene_change c = change_of("move #1 5 -6 7e0", LW_SCENE_CHANGE_OBJECT_TRANSFORM, 1);
+    assert_true(c.value[3] == 5 && c.value[7] == -6 && c.value[11] == 7);
+    change_of("shift #1 1 0 0", LW_SCENE_CHANGE_OBJECT_TRANSFORM, 1);
+    assert_middle(1, 6, -6, 7);
+    change_of("turn #1 y 90", LW_SCENE_CHANGE_OBJECT_TRANSFORM, 1);
+    assert_middle(1, 6, -6, 7);
+    struct lw_vec3 corner = lw_affine_point(&place[1], lw_vec3(0.5f, 0, 0)); /* x has turned to -z */
+    assert_true(fabsf(corner.x - 6) < 1e-5f && fabsf(corner.z - 6.5f) < 1e-5f);
+    change_of("scale #1 1 1 3", LW_SCENE_CHANGE_OBJECT_TRANSFORM, 1); /* along the world's axes */
+    corner = lw_affine_point(&place[1], lw_vec3(0.5f, 0, 0));
+    assert_true(fabsf(corner.z - 5.5f) < 1e-5f);
+    assert_middle(1, 6, -6, 7);
+    c = change_of("turn \"round table\" 90 90 0", LW_SCENE_CHANGE_OBJECT_TRANSFORM, 2);
+    corner = lw_vec3_sub(lw_affine_point(&place[2], lw_vec3(1, 0, 0)), lw_vec3(4, 0, 0));
+    assert_true(fabsf(corner.y - 1) < 1e-5f); /* x to -z by the yaw, that to +y by the pitch */
+    change_of("scale #0 2", LW_SCENE_CHANGE_OBJECT_TRANSFORM, 0);
+    change_of("hide #0", LW_SCENE_CHANGE_OBJECT_HIDE, 0);
+    change_of("show \"round table\"", LW_SCENE_CHANGE_OBJECT_SHOW, 2);
+    change_of("restore #0", LW_SCENE_CHANGE_OBJECT_RESTORE, 0);
+}
+
+static void lights_materials_sky_and_clock(void **unused) {
+    (void)unused;
+    struct lw_scene_change c = change_of("light lamp colour 1 0 0", LW_SCENE_CHANGE_LIGHT_INTENSITY, 0);
+    assert_true(c.value[0] > 40 && c.value[1] == 0); /* red alone is as bright as white was: 10 / 0.2126 */
+    c = change_of("light lamp off", LW_SCENE_CHANGE_LIGHT_INTENSITY, 0);
+    assert_true(c.value[0] == 0);
+    c = change_of("light lamp colour 1 1 1", LW_SCENE_CHANGE_LIGHT_INTENSITY, 0);
+    assert_true(fabsf(c.value[2] - 10) < 1e-4f); /* it was off: as the scene has it */
+    c = change_of("light #0 on", LW_SCENE_CHANGE_LIGHT_INTENSITY, 0);
+    assert_true(c.value[1] == 10);
+    change_of("light lamp position 1 2 3", LW_SCENE_CHANGE_LIGHT_POSITION, 0);
+    change_of("light lamp direction 0 -1 0", LW_SCENE_CHANGE_LIGHT_DIRECTION, 0);
+    change_of("light lamp restore", LW_SCENE_CHANGE_LIGHT_RESTORE, 0);
+    c = change_of("material grey albedo 0.1 0.2 0.3", LW_SCENE_CHANGE_MATERIAL_BASE_COLOUR, 0);
+    assert_true(c.value[2] == 0.3f);
+    change_of("material #0 emission 1 2 3", LW_SCENE_CHANGE_MATERIAL_EMISSION, 0);
+    change_of("material #0 restore", LW_SCENE_CHANGE_MATERIAL_RESTORE, 0);
+    change_of("sky 1 2 3", LW_SCENE_CHANGE_SKY, 0);
+    change_of("sky restore", LW_SCENE_CHANGE_SKY_RESTORE, 0);
+    change_of("clock play", LW_SCENE_CHANGE_CLOCK_PLAY, 0);
+    change_of("clock pause", LW_SCENE_CHANGE_CLOCK_PAUSE, 0);
+    change_of("clock seek 1.5", LW_SCENE_CHANGE_CLOCK_SEEK, 0);
+    change_of("clock rate -2", LW_SCENE_CHANGE_CLOCK_RATE, 0);
+    change_of("reset", LW_SCENE_CHANGE_RESET, 0);
+}
+
+static void what_is_wrong_is_said_in_a_line(void **unused) {
+    (void)unused;
+    fails("hide chair", "2 objects are called \"chair\": say which by number: #0, #1");
+    fails("hide \"round tabel\"", "near are \"round table\" (#2)");
+    fails("hide table", "near are \"round table\" (#2)");
+    fails("hide zzzzzzzz", "lightwellctl list");
+    fails("light lam off", "no light is called \"lam\": near are \"lamp\" (#0)");
+    fails("hide #3", "the scene has 3");
+    fails("hide #", "not a number behind #");
+    fails("hide #-1", "not a number behind #");
+    fails("hide #99999999999999999999", "not a number behind #");
+    fails("move #0 1 2", "say move NAME X Y Z");
+    fails("move #0 1 2 3m", "\"3m\" is not a number");
+    fails("turn #0 w 3", "say turn NAME");
+    fails("light lamp", "say light NAME");
+    fails("light lamp dim", "say light NAME");
+    fails("light lamp colour 0 0 0", "above 0");
+    fails("material grey colour 1 1 1", "say material NAME");
+    fails("sky 1 1", "say sky R G B");
+    fails("clock", "say clock");
+    fails("clock stop", "say clock");
+    fails("reset all", "say reset");
+    fails("list", "stands alone");
+    fails("fly", "there is no command \"fly\"");
+    fails("hide \"chair", "does not end");
+    fails("a b c d e f g h i j k l m n o p q", "too many words");
+    fails("", "missing");
+    fails("# hide chair", "missing");
+}
+
+static void commands_are_known_by_name(void **unused) {
+    (void)unused;
+    assert_true(lw_ctl_command_is("list") && lw_ctl_command_is("move") && lw_ctl_command_is("reset"));
+    assert_false(lw_ctl_command_is("127.0.0.1:7780") || lw_ctl_command_is("") || lw_ctl_command_is("--"));
+    assert_non_null(strstr(lw_ctl_command_help(), "clock seek SECONDS"));
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(objects_move_about_their_middle_one_command_after_another, begin,
+                                        finish),
+        cmocka_unit_test_setup_teardown(lights_materials_sky_and_clock, begin, finish),
+        cmocka_unit_test_setup_teardown(what_is_wrong_is_said_in_a_line, begin, finish),
+        cmocka_unit_test_setup_teardown(commands_are_known_by_name, begin, finish),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
