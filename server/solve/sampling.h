@@ -1,7 +1,9 @@
 /* sampling.h: the random numbers of the passes: which point of which sequence a ray takes.
  * Texels of a 4 x 4 pattern belong to 16 direction sets; a packet holds 16 texels of one set, so its rays run nearly
- * parallel. The 16 sets of a block of 16 x 16 texels together walk one scrambled (0,2)-sequence: what a filter or the
- * eye averages over the pattern is stratified as a whole. The sequence goes on from frame to frame.
+ * parallel. The sets of a block of 16 x 16 texels walk one scrambled (0,2)-sequence, each shifted by an amount of its own:
+ * what a texel sees is stratified over the samples, and what the 16 sets see of one sample is stratified over the pattern,
+ * for a filter or the eye. (One sequence that the sets deal out among themselves is stratified as a whole only: a
+ * texel's share of it is as good as random.) The sequence goes on from frame to frame.
  * Threads: pure functions, [any]. */
 #ifndef LW_SOLVE_SAMPLING_H
 #define LW_SOLVE_SAMPLING_H
@@ -24,9 +26,17 @@ static inline uint32_t lw_sampling_seed(uint32_t seed, uint32_t object, uint32_t
     return lw_random_hash4(seed, object, block, use);
 }
 
-/** Point of sample `sample` (counted over all frames) of direction set `set` (0..15). out: 2 floats in [0, 1). */
+/** Point of sample `sample` (counted over all frames) of direction set `set` (0..15). out: 2 floats in [0, 1).
+ * Shifts are exclusive ors, which keep a (0,2)-sequence one: of the first four binary digits by 16 points of a net, one for each
+ * set; of those behind them by chance, so that the sets share no detail. */
 static inline void lw_sampling_point(uint32_t block_seed, uint32_t sample, uint32_t set, float out[2]) {
-    lw_random_sobol2(sample * 16u + set, block_seed, out);
+    float net[2];
+    lw_random_sobol2(sample, block_seed, out);
+    lw_random_sobol2(set, ~block_seed, net);
+    for (uint32_t k = 0; k < 2; k++) {
+        const uint32_t shift = (uint32_t)(net[k] * 16) << 20 | lw_random_hash3(block_seed, set, k) >> 12;
+        out[k] = (float)((uint32_t)(out[k] * 0x1p24f) ^ shift) * 0x1p-24f;
+    }
 }
 
 #endif
