@@ -3,7 +3,7 @@
 
     tests/bench/coherence.py [--bin DIR] [--plot] [SCENE...]
 
-Runs bench_coherence scene by scene; writes docs/results/coherence/SCENE.csv and .svg, and prints the tables. --plot: only
+Runs bench_coherence scene by scene; writes docs/results/coherence/SCENE.csv and .png, and prints the tables. --plot: only
 draws and prints again what is there. By default Cornell, the atrium, the city of four million triangles, and Sponza where
 LW_TEST_SCENES has it.
 """
@@ -44,7 +44,7 @@ def at(points, y):
 def show(scene):
     path = os.path.join(FOLDER, stem(scene))
     rows = read_csv(path + ".csv")
-    plot(path + ".svg", [
+    plot(path + ".png", [
         {"title": "%s: %s, equal %s" % (stem(scene), name, what), "x": label, "y": "relMSE", "log": "xy",
          "lines": lines(rows, x, y)}
         for y, name in ERRORS.items() for x, what, label in (("rays", "rays", "rays per texel"),

@@ -24,9 +24,9 @@ def write_csv(path, rows):
 
 
 def plot(path, panels, columns, size=(900, 600)):
-    """An SVG of panels, row by row: {"title", "x", "y", "log": "x", "y" or "xy", "lines": {name: [(x, y)...]}}."""
+    """A PNG of panels, row by row: {"title", "x", "y", "log": "x", "y" or "xy", "lines": {name: [(x, y)...]}}."""
     rows = (len(panels) + columns - 1) // columns
-    script = ["set terminal svg size %d,%d font 'sans,11' background 'white'" % size, "set output '%s'" % path,
+    script = ["set terminal pngcairo size %d,%d font 'sans,10'" % size, "set output '%s'" % path,
               "set multiplot layout %d,%d" % (rows, columns), "set grid", "set key font ',9' samplen 2"]
     for panel in panels:
         script += ["set title '%s'" % panel["title"], "set xlabel '%s'" % panel["x"], "set ylabel '%s'" % panel["y"],
