@@ -227,6 +227,116 @@ static void test_session(void **state) {
     finish_world(&w);
 }
 
+/* A snapshot whose frame hides object 0, paints material 0 and sets another sky. */
+static struct lw_snapshot *make_changed_snapshot(const struct world *w, uint64_t frame) {
+    static const uint32_t hidden[] = {0};
+    static const struct lw_message_material material[] = {{0, {0.25f, 0.5f, 0.75f}, {4, 5, 6}}};
+    struct lw_snapshot *snapshot = make_snapshot(w, frame);
+    lw_blob_unref(snapshot->frame_full);
+    const struct lw_message m = {.type = LW_MESSAGE_FRAME,
+                                 .frame = {.frame = frame,
+                                           .sky = {7, 8, 9},
+                                           .hidden = hidden,
+                                           .hidden_count = 1,
+                                           .material = material,
+                                           .material_count = 1}};
+    lw_support_ok(lw_blob_from_message(&m, &snapshot->frame_full), NULL);
+    return snapshot;
+}
+
+static struct lw_client_answer await_answer(struct lw_client *client) {
+    struct lw_client_answer answer = {0};
+    struct lw_error err = {0};
+    const uint64_t end_ns = lw_clock_ns() + WAIT_NS;
+    while (!lw_client_next_answer(client, &answer)) {
+        assert_true(lw_clock_ns() < end_ns);
+        lw_support_ok(lw_client_poll(client, 100, &err), &err);
+    }
+    return answer;
+}
+
+static void test_updates(void **state) {
+    (void)state;
+    struct world w = make_world();
+    struct lw_server *server;
+    struct lw_client *client, *other;
+    struct lw_error err = {0};
+    pthread_t thread;
+    lw_support_ok(lw_server_create(&(struct lw_server_desc){.host = "127.0.0.1",
+                                                            .atlas_map = &w.map,
+                                                            .package = w.package,
+                                                            .package_size = w.package_size,
+                                                            .scene = w.scene},
+                                   &server, &err),
+                  &err);
+    assert_int_equal(pthread_create(&thread, NULL, serve, server), 0);
+    struct lw_client_desc desc = {.host = "127.0.0.1", .port = lw_server_port(server), .control = true};
+    lw_support_ok(lw_client_create(&desc, &client, &err), &err);
+    while (!lw_client_scene(client)) lw_support_ok(lw_client_poll(client, 100, &err), &err);
+    desc.control = false;
+    desc.scene_of = client;
+    lw_support_ok(lw_client_create(&desc, &other, &err), &err);
+    assert_true(lw_client_may_update(client));
+    assert_false(lw_client_may_update(other));
+    lw_support_fails(lw_client_update(other, NULL, 0, NULL, &err), LW_UNAVAILABLE, &err, "takes no updates");
+    static struct lw_scene_change many[LW_CLIENT_CHANGES_MAX + 1];
+    for (size_t i = 0; i <= LW_CLIENT_CHANGES_MAX; i++)
+        many[i] = (struct lw_scene_change){.kind = LW_SCENE_CHANGE_OBJECT_TRANSFORM, .value_count = 12};
+    err = (struct lw_error){0};
+    lw_support_fails(lw_client_update(client, many, LW_CLIENT_CHANGES_MAX + 1, NULL, &err), LW_USAGE, &err,
+                     "at most 1024 changes");
+    struct lw_scene_change wide = {.value_count = LW_SCENE_CHANGE_VALUES_MAX + 1};
+    err = (struct lw_error){0};
+    lw_support_fails(lw_client_update(client, &wide, 1, NULL, &err), LW_USAGE, &err, "at most 12 values");
+
+    uint64_t request = 0;
+    err = (struct lw_error){0};
+    lw_support_ok(lw_client_update(client, many, LW_CLIENT_CHANGES_MAX, &request, &err), &err);
+    assert_int_equal(request, 1);
+    struct lw_client_answer answer = await_answer(client); /* the largest message there is; scaled to 0 */
+    assert_int_equal(answer.request, 1);
+    assert_int_equal(answer.code, LW_SCENE_CHANGE_DEGENERATE);
+    assert_int_equal(answer.frame, 0);
+    assert_non_null(strstr(answer.text, "OBJECT_TRANSFORM 0"));
+    const struct lw_scene_change hide = {.kind = LW_SCENE_CHANGE_OBJECT_HIDE};
+    lw_support_ok(lw_client_update(client, &hide, 1, &request, &err), &err);
+    struct lw_scene_change *taken = NULL;
+    size_t count = 0;
+    for (uint64_t end_ns = lw_clock_ns() + WAIT_NS; count == 0;) {
+        assert_true(lw_clock_ns() < end_ns);
+        free(taken);
+        (void)lw_server_take_updates(server, 5, &taken, &count);
+    }
+    assert_memory_equal(taken, &hide, sizeof hide);
+    free(taken);
+    const struct lw_material before = w.scene->material[0];
+    assert_memory_equal(lw_client_scene(client)->material[0].base_colour, before.base_colour,
+                        sizeof before.base_colour);
+    assert_false(lw_client_object_hidden(client, 0));
+    struct lw_snapshot *snapshot = make_changed_snapshot(&w, 5);
+    lw_server_publish(server, snapshot);
+    lw_snapshot_unref(snapshot);
+    answer = await_answer(client);
+    assert_true(answer.request == request && answer.code == LW_SCENE_CHANGE_OK && answer.frame == 5);
+    struct lw_client_stats stats;
+    lw_client_get_stats(client, &stats);
+    assert_true(stats.frame == 5 && stats.changed_frame == 5); /* it came before the answer */
+    const struct lw_scene *now = lw_client_scene(client);
+    assert_true(lw_client_object_hidden(client, 0) && !lw_client_object_hidden(client, 1));
+    assert_false(lw_client_object_hidden(client, UINT32_MAX));
+    assert_true(now->material[0].base_colour[2] == 0.75f && now->material[0].emission[1] == 5);
+    assert_true(now->material[0].base_colour[3] == before.base_colour[3] && now->sky[0] == 7);
+    assert_true(lw_client_scene(other)->material[0].base_colour[2] ==
+                before.base_colour[2]); /* not polled yet */
+    assert_true(lw_client_get_light(client, UINT32_MAX).intensity.x == 0);
+    lw_client_destroy(other);
+    lw_client_destroy(client);
+    lw_server_stop(server);
+    assert_int_equal(pthread_join(thread, NULL), 0);
+    lw_server_destroy(server);
+    finish_world(&w);
+}
+
 /* ---- against a peer that reads from a script ---- */
 
 struct script {
@@ -729,6 +839,7 @@ static void test_ping(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_session),
+        cmocka_unit_test(test_updates),
         cmocka_unit_test(test_no_server),
         cmocka_unit_test(test_not_a_lightwelld),
         cmocka_unit_test(test_refused),

@@ -282,10 +282,35 @@ static void test_what_does_not_shine_has_no_density(void **state) {
     end(&s);
 }
 
+/* What is hidden gives nothing; materials and sky are taken over, with triangles that did not shine before. */
+static void test_changes(void **state) {
+    (void)state;
+    struct stage s;
+    begin(&s);
+    add_quad(&s, lw_vec3(-0.5f, 1, -0.5f), lw_vec3(1, 0, 0), lw_vec3(0, 0, 1), 3, false);
+    add_quad(&s, lw_vec3(-0.5f, 2, -0.5f), lw_vec3(1, 0, 0), lw_vec3(0, 0, 1), 0, false);
+    ready(&s);
+    assert_int_equal(s.lights.emitter_count, 2);
+    assert_true(s.lights.emitters_shine);
+    s.pose.object_hidden[0] = true;
+    lw_lights_set_pose(&s.lights, &s.pose);
+    assert_false(s.lights.emitters_shine);
+    assert_true(lw_lights_sample(&s.lights, origin, up, 0.5f, 0.5f, 0.5f).irradiance_normal.x == 0);
+    s.scene->material[1].emission[0] = 2;
+    s.scene->sky[2] = 5;
+    lw_support_ok(lw_lights_set_materials(&s.lights, &s.pose), NULL);
+    assert_int_equal(s.lights.emitter_count, 4);
+    assert_true(s.lights.emitters_shine && s.lights.sky_luminance > 0);
+    for (uint32_t i = 0; i < 4; i++)
+        assert_int_equal(s.lights.emitter[i].power > 0, s.lights.emitter[i].object == 1);
+    end(&s);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_few_lights),
         cmocka_unit_test(test_many_lights),
+        cmocka_unit_test(test_changes),
         cmocka_unit_test(test_no_light),
         cmocka_unit_test(test_what_does_not_shine_has_no_density),
     };
