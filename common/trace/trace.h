@@ -79,7 +79,7 @@ LW_MUST_CHECK enum lw_status lw_trace_create(const struct lw_scene *scene, const
 void lw_trace_destroy(struct lw_trace *trace);
 
 /** Moves the objects that move, hides and shows. Objects that have become dynamic since the pose before are made movers, at the
- * price of building what stays anew: some 0.3 CPU s for a million triangles. Where an object is neither dynamic nor animated
+ * price of building what stays anew. Where an object is neither dynamic nor animated
  * its transform and whether it is hidden are not looked at.
  * Errors: LW_NO_MEMORY; LW_INTERNAL with Embree's message; then only lw_trace_destroy() makes sense. */
 LW_MUST_CHECK enum lw_status lw_trace_set_pose(struct lw_trace *trace, const struct lw_pose *pose,

@@ -206,7 +206,20 @@ static void examine(const struct search *s, struct row *row, uint16_t suspects) 
     keep_one_side(s, row, suspects);
 }
 
-static uint64_t find_in_object(const struct search *s, uint32_t object) {
+static uint8_t all_places(const struct lw_mesh_texels *mesh, uint32_t i) {
+    return (uint8_t)((1u << (mesh->footprint.first[i + 1] - mesh->footprint.first[i])) - 1);
+}
+
+/* Gives a texel all its places back; whether it had lost any. */
+static bool unbury(const struct lw_mesh_texels *mesh, uint32_t i, uint8_t *covered, uint8_t *usable) {
+    if (!mesh->covered[i] || *usable == all_places(mesh, i)) return false;
+    *covered = 1;
+    *usable = all_places(mesh, i);
+    return true;
+}
+
+/* Returns how many texels of the object are gone. again: only those are looked at that had lost a place before. */
+static uint64_t find_in_object(const struct search *s, uint32_t object, bool again) {
     struct row row = {.mesh = &s->texels->mesh[s->texels->scene->object[object].mesh], .object = object};
     lw_footprint_frame_init(&row.frame, &s->pose->object_to_world[object]);
     uint8_t *covered = s->texels->covered + s->texels->first[object],
@@ -216,7 +229,8 @@ static uint64_t find_in_object(const struct search *s, uint32_t object) {
         uint16_t active = 0;
         memset(row.usable, 0, sizeof row.usable);
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH && row.first + lane < row.mesh->texel_count; lane++) {
-            if (!covered[row.first + lane]) continue;
+            const uint32_t i = row.first + lane;
+            if (again ? !unbury(row.mesh, i, &covered[i], &usable[i]) : !covered[i]) continue;
             active |= (uint16_t)(1u << lane);
             row.usable[lane] = usable[row.first + lane];
         }
@@ -235,25 +249,46 @@ static uint64_t find_in_object(const struct search *s, uint32_t object) {
     return count;
 }
 
-uint64_t lw_burial_find(struct lw_texels *texels, const struct lw_pose *pose, const struct lw_trace *trace,
-                        int threads) {
-    const uint32_t objects = texels->scene->object_count;
-    uint64_t count = 0;
+static struct search begin(struct lw_texels *texels, const struct lw_pose *pose,
+                           const struct lw_trace *trace) {
     struct lw_vec3 low = {0}, high = {0};
     lw_pose_bounds(pose, texels->scene, &low, &high);
     struct lw_vec3 size = lw_vec3_sub(high, low);
-    const struct search search = {.texels = texels,
-                                  .pose = pose,
-                                  .trace = trace,
-                                  .near_m = NEAR * fmaxf(size.x, fmaxf(size.y, size.z))};
+    return (struct search){.texels = texels,
+                           .pose = pose,
+                           .trace = trace,
+                           .near_m = NEAR * fmaxf(size.x, fmaxf(size.y, size.z))};
+}
+
+uint64_t lw_burial_find(struct lw_texels *texels, const struct lw_pose *pose, const struct lw_trace *trace,
+                        int threads) {
+    const uint32_t objects = texels->scene->object_count;
+    const struct search search = begin(texels, pose, trace);
+    uint64_t count = 0;
     struct lw_progress progress;
     lw_progress_init(&progress, "looking inside objects", objects);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(threads) reduction(+ : count)
     for (uint32_t o = 0; o < objects; o++) {
-        if (!lw_pose_object_moves(pose, texels->scene, o)) count += find_in_object(&search, o);
+        if (!lw_pose_object_moves(pose, texels->scene, o)) count += find_in_object(&search, o, false);
         lw_progress_step(&progress, 1);
     }
     lw_progress_finish(&progress);
     if (count) lw_texels_link(texels, threads);
     return count;
+}
+
+void lw_burial_review(struct lw_texels *texels, const struct lw_pose *pose, const struct lw_trace *trace,
+                      int threads) {
+    const struct search search = begin(texels, pose, trace);
+#pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
+    for (uint32_t o = 0; o < texels->scene->object_count; o++) {
+        const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[o].mesh];
+        const uint32_t first = texels->first[o];
+        if (!lw_pose_object_moves(pose, texels->scene, o))
+            (void)find_in_object(&search, o, true);
+        else
+            for (uint32_t i = 0; i < mesh->texel_count; i++)
+                (void)unbury(mesh, i, &texels->covered[first + i], &texels->usable[first + i]);
+    }
+    lw_texels_link(texels, threads);
 }

@@ -1,7 +1,7 @@
 /* burial.h: finds what light cannot reach: places inside other objects, under a box that stands on the floor, behind a
  * plinth, or on the very plane of a wall, where rays may start on its other side.
  * Flow:    texels, rays' structure -> [burial] -> texels without them
- * Threads: one call before the first frame; workers inside.
+ * Threads: one call before the first frame, others between two; workers inside.
  *
  * A buried place sees the backs of what it lies in, close by. Its darkness is nobody's to see, but would bleed into the
  * lookups at the rim of the contact; so it is left out of its texel's footprint. A texel that has no place left counts as
@@ -16,5 +16,10 @@
 /** Takes what is buried out of usable and covered and links the sources anew. Returns how many texels are gone. */
 uint64_t lw_burial_find(struct lw_texels *texels, const struct lw_pose *pose, const struct lw_trace *trace,
                         int threads);
+
+/** After objects have become dynamic: looks again at what was buried, and gives back what no longer is. Dynamic objects have all
+ * of their texels. What was not buried is not looked at: fewer objects bury less. */
+void lw_burial_review(struct lw_texels *texels, const struct lw_pose *pose, const struct lw_trace *trace,
+                      int threads);
 
 #endif

@@ -44,8 +44,7 @@ struct remembered {
 
 /* Objects that stood still may move from now on: what they buried comes to light, and no seam holds them. */
 static enum lw_status free_objects(struct cell_solver *s) {
-    lw_texels_unbury(&s->texels, s->threads);
-    lw_burial_find(&s->texels, &s->pose, s->trace, s->threads);
+    lw_burial_review(&s->texels, &s->pose, s->trace, s->threads);
     lw_tiles_recount(&s->tiles);
     lw_seams_finish(&s->seams);
     return lw_seams_init(&s->seams, s->desc.scene, &s->pose, s->desc.atlas_map, &s->texels);

@@ -488,19 +488,15 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
         return lw_status_fail(err, LW_NO_MEMORY, "%u texels", (unsigned)count);
     }
     note_colours(texels);
-    lw_texels_unbury(texels, threads ? (int)threads : omp_get_max_threads());
-    return LW_OK;
-}
-
-void lw_texels_unbury(struct lw_texels *texels, int threads) {
-    for (uint32_t o = 0; o < texels->scene->object_count; o++) {
-        const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[o].mesh];
+    for (uint32_t o = 0; o < scene->object_count; o++) {
+        const struct lw_mesh_texels *mesh = &texels->mesh[scene->object[o].mesh];
         memcpy(texels->covered + texels->first[o], mesh->covered, mesh->texel_count);
         for (uint32_t i = 0; i < mesh->texel_count; i++)
             texels->usable[texels->first[o] + i] =
                 (uint8_t)((1u << (mesh->footprint.first[i + 1] - mesh->footprint.first[i])) - 1);
     }
-    lw_texels_link(texels, threads);
+    lw_texels_link(texels, threads ? (int)threads : omp_get_max_threads());
+    return LW_OK;
 }
 
 static void free_mesh(struct lw_mesh_texels *mesh) {

@@ -58,9 +58,6 @@ void lw_texels_finish(struct lw_texels *texels);
  * their share of lw_texels_init(). Errors: LW_NO_MEMORY; some meshes may then have their new albedo already. */
 LW_MUST_CHECK enum lw_status lw_texels_set_albedo(struct lw_texels *texels, int threads);
 
-/** Every texel is covered and every place usable again, as before lw_burial_find(). */
-void lw_texels_unbury(struct lw_texels *texels, int threads);
-
 /** Sets every texel's source, and what is filled, from what is covered now. */
 void lw_texels_link(struct lw_texels *texels, int threads);
 
