@@ -369,7 +369,8 @@ enum lw_status lw_trace_set_pose(struct lw_trace *trace, const struct lw_pose *p
     return device_status(trace, err);
 }
 
-static void load_rays(struct RTCRay16 *dst, const struct lw_ray16 *src) {
+/* Lanes that are not active get a ray of no length: Embree's kernels for AVX2 look at them, and stop at what is no ray. */
+static void load_rays(struct RTCRay16 *dst, const struct lw_ray16 *src, uint16_t active) {
     memcpy(dst->org_x, src->org_x, sizeof dst->org_x);
     memcpy(dst->org_y, src->org_y, sizeof dst->org_y);
     memcpy(dst->org_z, src->org_z, sizeof dst->org_z);
@@ -382,6 +383,12 @@ static void load_rays(struct RTCRay16 *dst, const struct lw_ray16 *src) {
     memset(dst->mask, 0xff, sizeof dst->mask);
     memset(dst->flags, 0, sizeof dst->flags);
     for (int i = 0; i < 16; i++) dst->id[i] = src->salt;
+    for (uint16_t rest = (uint16_t)~active; rest; rest &= (uint16_t)(rest - 1)) {
+        const int i = __builtin_ctz(rest);
+        dst->org_x[i] = dst->org_y[i] = dst->org_z[i] = dst->dir_x[i] = dst->dir_y[i] = 0;
+        dst->dir_z[i] = 1;
+        dst->tnear[i] = dst->tfar[i] = 0;
+    }
 }
 
 static void load_valid(int valid[16], uint16_t active) {
@@ -481,7 +488,7 @@ void lw_trace_closest16(const struct lw_trace *trace, unsigned flags, uint16_t a
     _Alignas(64) int valid[16];
     _Alignas(64) struct RTCRayHit16 rh;
     load_valid(valid, active);
-    load_rays(&rh.ray, rays);
+    load_rays(&rh.ray, rays, active);
     memset(rh.hit.geomID, 0xff, sizeof rh.hit.geomID);
     memset(rh.hit.instID, 0xff, sizeof rh.hit.instID);
     memset(out_hits->back, 0, sizeof out_hits->back);
@@ -506,7 +513,7 @@ uint16_t lw_trace_occluded16(const struct lw_trace *trace, unsigned flags, uint1
     struct lw_trace_context context;
     const bool every_hit = flags & LW_TRACE_VIEW;
     load_valid(valid, active);
-    load_rays(&ray, rays);
+    load_rays(&ray, rays, active);
     init_context(&context, flags, every_hit);
     rtcOccluded16(valid, trace->fixed, &context.rtc, &ray);
     for (int i = 0; i < 16; i++) valid[i] = valid[i] && ray.tfar[i] >= 0 ? -1 : 0;
