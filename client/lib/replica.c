@@ -55,19 +55,10 @@ static enum lw_status make_room(struct lw_replica *r, struct lw_error *err) {
     return r->texels ? LW_OK : LW_NO_MEMORY;
 }
 
-static enum lw_status own_materials(struct lw_replica *r) {
-    const size_t count = r->scene->material_count;
-    r->now = *r->scene;
-    r->now.storage = NULL;
-    if (!(r->now.material = malloc((count + 1) * sizeof *r->now.material))) return LW_NO_MEMORY;
-    if (count) memcpy(r->now.material, r->scene->material, count * sizeof *r->now.material);
-    return LW_OK;
-}
-
 /* The rest, once scene and map are there. Takes r over. */
 static enum lw_status complete(struct lw_replica *r, enum lw_status status, struct lw_replica **out_replica,
                                struct lw_error *err) {
-    if (status == LW_OK) status = own_materials(r);
+    if (status == LW_OK) status = lw_scene_init_variant(&r->now, r->scene);
     if (status == LW_OK) {
         status = lw_pose_init(&r->pose, r->scene);
         r->has_pose = status == LW_OK;
@@ -112,7 +103,7 @@ void lw_replica_destroy(struct lw_replica *r) {
     free(r->first_texel);
     lw_tile_codec_destroy(r->codec);
     if (r->has_pose) lw_pose_finish(&r->pose);
-    free(r->now.material);
+    lw_scene_finish_variant(&r->now);
     if (r->has_map) lw_atlas_map_finish(&r->map);
     if (r->scene && !r->beside) lw_scene_destroy(r->scene);
     free(r);

@@ -70,6 +70,21 @@ static struct chunk *find_room(struct storage *storage, size_t bytes) {
     return chunk;
 }
 
+enum lw_status lw_scene_init_variant(struct lw_scene *variant, const struct lw_scene *original) {
+    const size_t count = original->material_count;
+    *variant = *original;
+    variant->storage = NULL; /* of the original alone */
+    variant->material = malloc((count + 1) * sizeof *variant->material);
+    if (!variant->material) return LW_NO_MEMORY;
+    if (count) memcpy(variant->material, original->material, count * sizeof *variant->material);
+    return LW_OK;
+}
+
+void lw_scene_finish_variant(struct lw_scene *variant) {
+    free(variant->material);
+    *variant = (struct lw_scene){0};
+}
+
 void *lw_scene_alloc(struct lw_scene *scene, size_t count, size_t size) {
     size_t bytes;
     if (__builtin_mul_overflow(count, size, &bytes) || bytes > SIZE_MAX - ALIGNMENT) return NULL;

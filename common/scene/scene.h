@@ -166,6 +166,12 @@ struct lw_scene {
 LW_MUST_CHECK enum lw_status lw_scene_create(struct lw_scene **out_scene);
 void lw_scene_destroy(struct lw_scene *scene);
 
+/** A scene that is the original, which outlives it, but for materials of its own, and its sky: those may be changed.
+ * Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_scene_init_variant(struct lw_scene *variant, const struct lw_scene *original);
+/** A zeroed one is fine. */
+void lw_scene_finish_variant(struct lw_scene *variant);
+
 /** Zeroed memory that lives as long as the scene, 16-byte aligned and readable for 16 bytes past its end (vector loads
  * of the last vertex); NULL when out of memory, never for count 0. For builders only. */
 void *lw_scene_alloc(struct lw_scene *scene, size_t count, size_t size);

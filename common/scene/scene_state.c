@@ -17,30 +17,23 @@ struct lw_scene_state_light {
 enum lw_status lw_scene_state_init(struct lw_scene_state *state, const struct lw_scene *original,
                                    double start_scene_s, bool paused) {
     *state = (struct lw_scene_state){.original = original,
-                                     .scene = *original,
                                      .anchor_scene_s = start_scene_s,
                                      .rate = 1,
                                      .paused = paused,
                                      .start_scene_s = start_scene_s,
                                      .start_paused = paused};
-    state->scene.storage = NULL; /* of the original alone */
-    state->scene.material = malloc(((size_t)original->material_count + 1) * sizeof *state->scene.material);
+    enum lw_status status = lw_scene_init_variant(&state->scene, original);
     state->object = calloc((size_t)original->object_count + 1, sizeof *state->object);
     state->light = calloc((size_t)original->light_count + 1, sizeof *state->light);
-    if (!state->scene.material || !state->object || !state->light) {
-        lw_scene_state_finish(state);
-        return LW_NO_MEMORY;
-    }
-    if (original->material_count)
-        memcpy(state->scene.material, original->material,
-               original->material_count * sizeof *original->material);
-    return LW_OK;
+    if (status == LW_OK && state->object && state->light) return LW_OK;
+    lw_scene_state_finish(state);
+    return LW_NO_MEMORY;
 }
 
 void lw_scene_state_finish(struct lw_scene_state *state) {
     free(state->light);
     free(state->object);
-    free(state->scene.material);
+    lw_scene_finish_variant(&state->scene);
     *state = (struct lw_scene_state){0};
 }
 
