@@ -13,17 +13,7 @@ static const char *const one[] = {[LW_SCENE_CHANGE_OF_SCENE] = "scene",
                                   [LW_SCENE_CHANGE_OF_MATERIAL] = "material"};
 
 uint32_t lw_ctl_names_count(const struct lw_scene *scene, enum lw_scene_change_of of) {
-    switch (of) {
-    case LW_SCENE_CHANGE_OF_OBJECT:
-        return scene->object_count;
-    case LW_SCENE_CHANGE_OF_LIGHT:
-        return scene->light_count;
-    case LW_SCENE_CHANGE_OF_MATERIAL:
-        return scene->material_count;
-    case LW_SCENE_CHANGE_OF_SCENE:
-        break;
-    }
-    return 0;
+    return of == LW_SCENE_CHANGE_OF_SCENE ? 0 : lw_scene_change_targets(scene, of);
 }
 
 const char *lw_ctl_names_of(const struct lw_scene *scene, enum lw_scene_change_of of, uint32_t i) {

@@ -30,7 +30,7 @@ static enum lw_scene_change_code refuse(struct lw_error *err, enum lw_scene_chan
     return code;
 }
 
-static uint32_t target_count(const struct lw_scene *scene, enum lw_scene_change_of of) {
+uint32_t lw_scene_change_targets(const struct lw_scene *scene, enum lw_scene_change_of of) {
     switch (of) {
     case LW_SCENE_CHANGE_OF_OBJECT:
         return scene->object_count;
@@ -124,7 +124,7 @@ enum lw_scene_change_code lw_scene_change_check(const struct lw_scene *scene, co
         return LW_SCENE_CHANGE_UNKNOWN_KIND;
     }
     const struct rule *r = &rule[c->kind];
-    if (c->target >= target_count(scene, r->of))
+    if (c->target >= lw_scene_change_targets(scene, r->of))
         return refuse(err, LW_SCENE_CHANGE_UNKNOWN_TARGET, c, "the scene does not have it");
     if (c->value_count != r->values)
         return refuse(err, LW_SCENE_CHANGE_VALUE_COUNT, c, "another number of values belongs to it");

@@ -78,6 +78,9 @@ enum lw_scene_change_code {
 /** What a code means; of one that is unknown, that it is. Never NULL. */
 const char *lw_scene_change_text(uint32_t code);
 
+/** How many things of a kind a scene has that a change may be about; 1 for the scene itself. */
+uint32_t lw_scene_change_targets(const struct lw_scene *scene, enum lw_scene_change_of of);
+
 /** Whether a change may be made to a scene. It depends on the scene alone, never on earlier changes.
  * Returns LW_SCENE_CHANGE_OK, or why not, with LW_BAD_DATA and one line of under 200 bytes of ASCII in *err. */
 enum lw_scene_change_code lw_scene_change_check(const struct lw_scene *scene,
