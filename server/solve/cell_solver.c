@@ -50,8 +50,10 @@ static enum lw_status free_objects(struct cell_solver *s) {
     return lw_seams_init(&s->seams, s->desc.scene, &s->pose, s->desc.atlas_map, &s->texels);
 }
 
+/* Of the scene, its materials or its sky alone. */
 static enum lw_status take_materials(struct cell_solver *s) {
-    enum lw_status status = lw_texels_set_albedo(&s->texels, s->threads);
+    enum lw_status status =
+        s->pose_due & LW_POSE_MATERIALS ? lw_texels_set_albedo(&s->texels, s->threads) : LW_OK;
     if (status == LW_OK) status = lw_lights_set_materials(&s->lights, &s->pose);
     if (status != LW_OK) return status;
     free(s->cdf);
