@@ -415,9 +415,7 @@ static enum lw_status run(void *context, const char *path, struct lw_error *err)
     if (status == LW_OK) status = compare(&job, path);
     drop_sets(&job);
     if (job.solver) job.solver->ops->destroy(job.solver);
-    lw_pose_finish(&job.pose);
-    lw_atlas_map_finish(&job.map);
-    lw_scene_destroy(job.scene);
+    bench_close(job.scene, &job.pose, &job.map);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "%s", path);
 }
 

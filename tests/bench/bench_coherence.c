@@ -313,9 +313,7 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
                    t->error[2] / (double)lab.means[2]);
         }
     fflush(stdout);
-    lw_pose_finish(&pose);
-    lw_atlas_map_finish(&map);
-    lw_scene_destroy(scene);
+    bench_close(scene, &pose, &map);
     return status;
 }
 

@@ -212,9 +212,7 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
     free(s.picture);
     free(s.light);
     lw_trace_destroy(s.flat);
-    lw_atlas_map_finish(&s.map);
-    lw_pose_finish(&s.pose);
-    lw_scene_destroy(s.scene);
+    bench_close(s.scene, &s.pose, &s.map);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "%s: %s", name, lw_status_text(status));
 }
 

@@ -178,9 +178,7 @@ static enum lw_status run(void *context, const char *path, struct lw_error *err)
     if (status == LW_OK) status = measure(&job, true, filtered, err);
     if (status == LW_OK) print_table(&job, path, (uint32_t)s->truth, plain, filtered);
     free(job.truth);
-    lw_pose_finish(&job.pose);
-    lw_atlas_map_finish(&job.map);
-    lw_scene_destroy(job.scene);
+    bench_close(job.scene, &job.pose, &job.map);
     return status;
 }
 

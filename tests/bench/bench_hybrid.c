@@ -227,9 +227,7 @@ static enum lw_status run(void *context, const char *path, struct lw_error *err)
                bench_label(path, label, sizeof label), job.texels, (double)job.longest_m, job.frames);
         status = measure(&job, s->quick, err);
     }
-    lw_pose_finish(&job.pose);
-    lw_atlas_map_finish(&job.map);
-    lw_scene_destroy(job.scene);
+    bench_close(job.scene, &job.pose, &job.map);
     return status;
 }
 

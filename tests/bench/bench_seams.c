@@ -172,9 +172,7 @@ static enum lw_status run(void *context, const char *path, struct lw_error *err)
     coded_destroy(job.coded);
     if (job.solver) job.solver->ops->destroy(job.solver);
     lw_seam_edges_finish(&job.edges);
-    lw_pose_finish(&job.pose);
-    lw_atlas_map_finish(&job.map);
-    lw_scene_destroy(job.scene);
+    bench_close(job.scene, &job.pose, &job.map);
     return status;
 }
 

@@ -70,6 +70,12 @@ enum lw_status bench_open(const struct lw_scene_open *open, const char *name, in
     return LW_OK;
 }
 
+void bench_close(struct lw_scene *scene, struct lw_pose *pose, struct lw_atlas_map *map) {
+    if (map) lw_atlas_map_finish(map);
+    lw_pose_finish(pose);
+    lw_scene_destroy(scene);
+}
+
 static int compare_doubles(const void *a, const void *b) {
     const double x = *(const double *)a, y = *(const double *)b;
     return (x > y) - (x < y);

@@ -275,9 +275,7 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
         for (unsigned t = 0; t < job->threads; t++) lw_trace_replay_destroy(job->replay[k][t]);
     stop(&job->one);
     stop(&job->all);
-    lw_pose_finish(&job->pose);
-    lw_atlas_map_finish(&job->map);
-    lw_scene_destroy(job->scene);
+    bench_close(job->scene, &job->pose, &job->map);
     free(job);
     return status;
 }

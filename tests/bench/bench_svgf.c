@@ -210,8 +210,7 @@ static void tear_down(struct scene *s) {
     lw_path_trace_destroy(s->tracer);
     lw_lights_finish(&s->lights);
     lw_trace_destroy(s->trace);
-    lw_pose_finish(&s->pose);
-    lw_scene_destroy(s->scene);
+    bench_close(s->scene, &s->pose, NULL);
 }
 
 static enum lw_status run(void *context, const char *name, struct lw_error *err) {

@@ -198,9 +198,7 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
     for (uint32_t i = 0; i < count; i++)
         if (contender[i].solver) contender[i].solver->ops->destroy(contender[i].solver);
     free(contender);
-    lw_pose_finish(&pose);
-    lw_atlas_map_finish(&map);
-    lw_scene_destroy(scene);
+    bench_close(scene, &pose, &map);
     return status;
 }
 

@@ -385,9 +385,7 @@ static void finish(struct scene *s) {
     lw_compose_destroy(s->compose);
     lw_lights_finish(&s->lights);
     lw_trace_destroy(s->trace);
-    lw_pose_finish(&s->pose);
-    lw_atlas_map_finish(&s->map);
-    lw_scene_destroy(s->scene);
+    bench_close(s->scene, &s->pose, &s->map);
 }
 
 static enum lw_status run(void *context, const char *name, struct lw_error *err) {
