@@ -247,7 +247,8 @@ static void print_frame(const struct daemon *d, uint64_t frame, const struct fra
         "\"saturated\":%llu,\"changes\":%zu,\"sessions\":%llu,"
         "\"tiles_sent\":%llu,\"bytes_sent\":%llu,\"solve_cpu_ms\":%.3f,\"publish_cpu_ms\":%.3f,\"loop_cpu_"
         "ms\":%.3f,"
-        "\"cpu_ms\":%.3f}\n",
+        "\"cpu_ms\":%.3f,\"loop_lag_p99_ms\":%.3f,\"loop_lag_max_ms\":%.3f,\"ack_p99_ms\":%.3f,"
+        "\"waiting_bytes\":%llu,\"waiting_bytes_max\":%llu,\"socket_bytes\":%llu}\n",
         (unsigned long long)frame, (unsigned long long)d->published, d->pose.time_s,
         (double)cost->wall_ns * 1e-6, (double)solve->pose_ns * 1e-6, (double)solve->direct_ns * 1e-6,
         (double)solve->probe_ns * 1e-6, (double)solve->scatter_ns * 1e-6, (double)solve->denoise_ns * 1e-6,
@@ -260,7 +261,10 @@ static void print_frame(const struct daemon *d, uint64_t frame, const struct fra
         (unsigned long long)serve.sessions_now, (unsigned long long)serve.tiles_sent,
         (unsigned long long)serve.bytes_sent, (double)cost->solve_cpu_ns * 1e-6,
         (double)cost->publish_cpu_ns * 1e-6, (double)serve.loop_cpu_ns * 1e-6,
-        (double)lw_clock_process_cpu_ns() * 1e-6);
+        (double)lw_clock_process_cpu_ns() * 1e-6, (double)serve.loop_lag_p99_ns * 1e-6,
+        (double)serve.loop_lag_max_ns * 1e-6, (double)serve.ack_p99_ns * 1e-6,
+        (unsigned long long)serve.waiting_bytes, (unsigned long long)serve.waiting_bytes_max,
+        (unsigned long long)serve.socket_bytes);
     fflush(stdout);
 }
 

@@ -4,7 +4,7 @@
 #ifndef LW_CLIENT_LOAD_LOAD_FIGURES_H
 #define LW_CLIENT_LOAD_LOAD_FIGURES_H
 
-#include "client/load/histogram.h"
+#include "common/histogram.h"
 
 #include <stdbool.h>
 

@@ -15,7 +15,9 @@
 #include <zstd.h>
 
 #define BACKLOG           1024
-#define TICK_MS           250u
+#define TICK_MS           (1000u / LW_SERVER_LOOKS_HZ)
+#define LAG_MS            20u
+#define TURN_NS           4000000u /* of sending, before the loop looks at what else has come */
 #define COMPRESSION_LEVEL 3
 #define ADDRESS_SIZE      300u
 
@@ -24,7 +26,12 @@ struct lw_server {
     uv_tcp_t listener;
     uv_async_t wake;
     uv_prepare_t prepare; /* before the loop waits */
-    uv_timer_t tick;      /* runs while there are connections: an idle server sleeps */
+    uv_check_t check;     /* after it has waited */
+    uv_idle_t busy;       /* runs while sessions are due: then it does not wait */
+    uv_timer_t tick, lag; /* run while there are connections: an idle server sleeps */
+    uint64_t lagged_ns;   /* when lag last came */
+    uint64_t window_ns;   /* when the window began that loop_lag and shared.ack belong to */
+    struct lw_histogram loop_lag;
     uv_signal_t interrupt, terminate;
     bool stopping;
     uint16_t port;
@@ -134,11 +141,10 @@ static void adopt(struct lw_server *server, struct lw_snapshot *snapshot) {
     shared->snapshot = snapshot;
     shared->generation++;
     shared->epoch++;
+    shared->recent[shared->generation % LW_SESSION_RECENT] =
+        (struct lw_session_recent){snapshot->frame, lw_clock_ns()};
     answer_updates(shared);
-    for (struct lw_session *s = shared->first, *next; s; s = next) {
-        next = lw_session_next(s); /* pumping may close it */
-        lw_session_pump(s);
-    }
+    for (struct lw_session *s = shared->first; s; s = lw_session_next(s)) lw_session_set_due(s, false);
 }
 
 static void free_wanted(struct lw_server_wanted *wanted) {
@@ -183,7 +189,26 @@ size_t lw_server_take_updates(struct lw_server *server, uint64_t frame, struct l
     return lw_updates_take(&server->shared.updates, frame, out_change, out_change_count);
 }
 
-static void on_prepare(uv_prepare_t *handle) { hand_over_wanted(handle->data); }
+static void on_busy(uv_idle_t *handle) { (void)handle; }
+
+/* Whoever is due once the loop would wait: it must not. */
+static void keep_busy(struct lw_server *server) {
+    if (lw_session_any_due(&server->shared))
+        uv_idle_start(&server->busy, on_busy);
+    else
+        uv_idle_stop(&server->busy);
+}
+
+static void on_prepare(uv_prepare_t *handle) {
+    hand_over_wanted(handle->data);
+    keep_busy(handle->data);
+}
+
+/* A snapshot for a thousand sessions takes longer to hand out than a newcomer, or an UPDATE, should wait. */
+static void on_check(uv_check_t *handle) {
+    struct lw_server *server = handle->data;
+    lw_session_serve_due(&server->shared, lw_clock_ns() + TURN_NS);
+}
 
 /* ---- the end ---- */
 
@@ -193,7 +218,10 @@ static void stop_when_empty(struct lw_server *server) {
 
 static void on_session_closed(void *context) {
     struct lw_server *server = context;
-    if (!server->shared.first) uv_timer_stop(&server->tick);
+    if (!server->shared.first) {
+        uv_timer_stop(&server->tick);
+        uv_timer_stop(&server->lag);
+    }
     stop_when_empty(server);
 }
 
@@ -230,12 +258,55 @@ static void on_wake(uv_async_t *handle) {
 
 static void on_tick(uv_timer_t *handle) {
     struct lw_server *server = handle->data;
+    struct lw_session_shared *shared = &server->shared;
+    struct lw_session_waiting waiting = {0};
     uint64_t now_ns = lw_clock_ns();
-    server->shared.epoch++;
-    for (struct lw_session *s = server->shared.first, *next; s; s = next) {
+    shared->epoch++;
+    for (struct lw_session *s = shared->first, *next; s; s = next) {
         next = lw_session_next(s);
-        lw_session_tick(s, now_ns);
+        lw_session_tick(s, now_ns, &waiting);
     }
+    uv_mutex_lock(&shared->stats_mutex);
+    shared->stats.waiting_bytes = waiting.bytes;
+    shared->stats.waiting_bytes_max = waiting.bytes_max;
+    shared->stats.socket_bytes = waiting.socket_bytes;
+    uv_mutex_unlock(&shared->stats_mutex);
+}
+
+/* Tells the delays of the window, and begins the next one. */
+static void end_window(struct lw_server *server, uint64_t now_ns) {
+    struct lw_session_shared *shared = &server->shared;
+    const uint64_t lag_p99_ns = lw_histogram_quantile(&server->loop_lag, 0.99),
+                   ack_p99_ns = lw_histogram_quantile(&shared->ack, 0.99);
+    uv_mutex_lock(&shared->stats_mutex);
+    shared->stats.loop_lag_p99_ns = lag_p99_ns;
+    shared->stats.loop_lag_max_ns = server->loop_lag.max;
+    shared->stats.ack_p99_ns = ack_p99_ns;
+    uv_mutex_unlock(&shared->stats_mutex);
+    memset(&server->loop_lag, 0, sizeof server->loop_lag);
+    memset(&shared->ack, 0, sizeof shared->ack);
+    server->window_ns = now_ns;
+}
+
+/* What came at any moment while the loop was away had to wait for its return: a long absence counts as often as it would
+ * have been looked for. */
+static void on_lag(uv_timer_t *handle) {
+    struct lw_server *server = handle->data;
+    const uint64_t now_ns = lw_clock_ns(), interval_ns = LAG_MS * 1000000u,
+                   due_ns = server->lagged_ns + interval_ns;
+    uint64_t late_ns = now_ns > due_ns ? now_ns - due_ns : 0;
+    lw_histogram_add(&server->loop_lag, late_ns);
+    for (; late_ns > interval_ns; late_ns -= interval_ns)
+        lw_histogram_add(&server->loop_lag, late_ns - interval_ns);
+    server->lagged_ns = now_ns;
+    if (now_ns - server->window_ns >= LW_SERVER_WINDOW_S * 1000000000ull) end_window(server, now_ns);
+}
+
+static void start_timers(struct lw_server *server) {
+    if (uv_is_active((uv_handle_t *)&server->tick)) return;
+    server->lagged_ns = server->window_ns = lw_clock_ns();
+    uv_timer_start(&server->tick, on_tick, TICK_MS, TICK_MS);
+    uv_timer_start(&server->lag, on_lag, LAG_MS, LAG_MS);
 }
 
 static void on_connection(uv_stream_t *listener, int result) {
@@ -249,7 +320,7 @@ static void on_connection(uv_stream_t *listener, int result) {
         lw_log(LW_LOG_WARNING, "cannot accept a connection: too many of them");
         return;
     }
-    if (!uv_is_active((uv_handle_t *)&server->tick)) uv_timer_start(&server->tick, on_tick, TICK_MS, TICK_MS);
+    start_timers(server);
     if (server->shared.connection_count - server->shared.leaving_count > server->sessions_max)
         lw_session_refuse(session, LW_REFUSAL_FULL, "the server has its %u sessions", server->sessions_max);
 }
@@ -308,11 +379,15 @@ static enum lw_status init_handles(struct lw_server *server, struct lw_error *er
     if ((result = uv_tcp_init(&server->loop, &server->listener)) < 0 ||
         (result = uv_async_init(&server->loop, &server->wake, on_wake)) < 0 ||
         (result = uv_timer_init(&server->loop, &server->tick)) < 0 ||
+        (result = uv_timer_init(&server->loop, &server->lag)) < 0 ||
         (result = uv_prepare_init(&server->loop, &server->prepare)) < 0 ||
+        (result = uv_check_init(&server->loop, &server->check)) < 0 ||
+        (result = uv_idle_init(&server->loop, &server->busy)) < 0 ||
         (result = uv_signal_init(&server->loop, &server->interrupt)) < 0 ||
         (result = uv_signal_init(&server->loop, &server->terminate)) < 0)
         return lw_status_fail(err, LW_OS, "cannot start an event loop: %s", uv_strerror(result));
-    server->listener.data = server->wake.data = server->tick.data = server->prepare.data = server;
+    server->listener.data = server->wake.data = server->tick.data = server->lag.data = server;
+    server->prepare.data = server->check.data = server->busy.data = server;
     server->interrupt.data = server->terminate.data = server;
     return LW_OK;
 }
@@ -396,6 +471,7 @@ enum lw_status lw_server_run(struct lw_server *server, struct lw_error *err) {
     if (result == 0) result = uv_signal_start(&server->terminate, on_signal, SIGTERM);
     if (result < 0) return lw_status_fail(err, LW_OS, "cannot watch signals: %s", uv_strerror(result));
     uv_prepare_start(&server->prepare, on_prepare);
+    uv_check_start(&server->check, on_check);
     uv_mutex_lock(&server->mutex);
     server->runs = pthread_getcpuclockid(pthread_self(), &server->cpu_clock) == 0;
     uv_mutex_unlock(&server->mutex);

@@ -18,6 +18,8 @@
                                             of a tile is chosen when there is room, so a slow reader skips versions */
 
 #define LW_SERVER_ANSWERS_MAX 4096u /* to updates, that wait for a session to read them; more end it */
+#define LW_SERVER_WINDOW_S    5u    /* over which delays are told */
+#define LW_SERVER_LOOKS_HZ    4u    /* looks at time limits and at what waits */
 
 struct lw_server_desc {
     const char *host;                     /* numeric or a name */
@@ -39,6 +41,12 @@ struct lw_server_desc {
 struct lw_server_stats {
     uint64_t sessions_now, sessions_total, bytes_sent, tiles_sent, refused;
     uint64_t loop_cpu_ns; /* CPU time of the loop's thread; 0 before lw_server_run() */
+    /* Of the last whole window of LW_SERVER_WINDOW_S with connections; 0 before there was one. */
+    uint64_t loop_lag_p99_ns, loop_lag_max_ns; /* how late the loop came to what was due */
+    uint64_t ack_p99_ns; /* from the moment the loop had a frame to a session's ACK of it */
+    /* As of the last look, LW_SERVER_LOOKS_HZ times a second. */
+    uint64_t waiting_bytes, waiting_bytes_max; /* that links have not taken: in all, and of one session */
+    uint64_t socket_bytes;                     /* that they have, and the peers' systems have not: in all */
 };
 
 struct lw_server;

@@ -18,7 +18,7 @@
 
 #define BATCH_BLOBS      64u
 #define BATCH_BYTES      (LW_SERVER_QUEUE_MAX / 2) /* one more chunk or tile keeps within LW_SERVER_QUEUE_MAX */
-#define DIRECT_BATCHES   4u                        /* written at once before others get their turn */
+#define TURN_BATCHES     4u                        /* written at once before others get their turn */
 #define LINGER_NS        1000000000u               /* from a refusal to the close */
 #define KEEPALIVE_S      30u
 #define NOTSENT_LOWAT    (128 << 10) /* bytes; what the kernel holds cannot be replaced by a newer version */
@@ -61,6 +61,8 @@ struct lw_session {
     uv_shutdown_t shutdown;
     struct lw_session_shared *shared;
     struct lw_session *previous, *next;
+    struct lw_session_queue *queue; /* in which it waits for its turn; NULL: in none */
+    struct lw_session *previous_due, *next_due;
     enum state state;
     bool shutdown_sent, welcomed;
     bool local;    /* the peer is on this machine */
@@ -79,8 +81,8 @@ struct lw_session {
     uint32_t answer_count;
     struct lw_blob *partial_chunk; /* where a package request starts inside a chunk */
     uint32_t next_chunk;
-    uint64_t frame_sent;
-    bool settled_due;                  /* of that frame */
+    uint64_t frame_sent, frame_acked;
+    bool settled_due;                  /* of the one sent */
     uint64_t *sent;                    /* per tile: the version sent; NULL before STREAMING */
     struct interest interest, waiting; /* what holds; what came since, if has_waiting */
     bool has_waiting;
@@ -312,7 +314,7 @@ static void on_written(uv_write_t *request, int result) {
     if (result < 0)
         lw_session_close(s, reason(result));
     else
-        lw_session_pump(s);
+        lw_session_set_due(s, false);
 }
 
 /* Leaves the rest of a batch, from byte `written` on, to libuv. Takes over the batch's references. */
@@ -345,8 +347,8 @@ static int queue_rest(struct lw_session *s, struct batch *batch, size_t written)
 }
 
 /* Returns 0 or libuv's error. */
-static int write_batch(struct lw_session *s, struct batch *batch, bool direct) {
-    int result = direct ? uv_try_write((uv_stream_t *)&s->tcp, batch->buffer, batch->blob_count) : UV_EAGAIN;
+static int write_batch(struct lw_session *s, struct batch *batch) {
+    int result = uv_try_write((uv_stream_t *)&s->tcp, batch->buffer, batch->blob_count);
     if (result < 0 && result != UV_EAGAIN) {
         unref_all(batch->blob, batch->blob_count);
         return result;
@@ -365,20 +367,62 @@ static void on_shutdown(uv_shutdown_t *request, int result) {
     (void)result;
 }
 
-void lw_session_pump(struct lw_session *s) {
-    if (s->has_waiting && s->interest_epoch != s->shared->epoch) take_up_interest(s);
-    for (unsigned round = 0; !s->pending && s->state != CLOSED; round++) {
+/* Writes until the link is full, nothing is left, or others should have their turn. */
+static bool write_batches(struct lw_session *s) {
+    for (unsigned round = 0; round < TURN_BATCHES && !s->pending && s->state != CLOSED; round++) {
         struct batch batch;
         take_batch(s, &batch);
-        if (!batch.blob_count) break;
-        int result = write_batch(s, &batch, round < DIRECT_BATCHES);
+        if (!batch.blob_count) return true;
+        int result = write_batch(s, &batch);
         if (result < 0) lw_session_close(s, reason(result));
     }
-    if (s->state == LEAVING && !s->pending && !s->shutdown_sent) {
+    return false;
+}
+
+static void pump(struct lw_session *s) {
+    if (s->has_waiting && s->interest_epoch != s->shared->epoch) take_up_interest(s);
+    const bool has_all = write_batches(s);
+    if (!has_all && !s->pending) lw_session_set_due(s, false); /* more than one turn's */
+    if (has_all && s->state == LEAVING && !s->shutdown_sent) {
         s->shutdown_sent = true;
         if (uv_shutdown(&s->shutdown, (uv_stream_t *)&s->tcp, on_shutdown) < 0)
             lw_session_close(s, "link is gone");
     }
+}
+
+/* ---- whose turn it is ---- */
+
+static void unset_due(struct lw_session *s) {
+    struct lw_session_queue *queue = s->queue;
+    if (!queue) return;
+    s->queue = NULL;
+    *(s->previous_due ? &s->previous_due->next_due : &queue->first) = s->next_due;
+    *(s->next_due ? &s->next_due->previous_due : &queue->last) = s->previous_due;
+}
+
+void lw_session_set_due(struct lw_session *s, bool asked) {
+    struct lw_session_queue *queue = &s->shared->due[asked ? 0 : 1];
+    if (s->state == CLOSED || s->queue == queue || (s->queue && !asked)) return;
+    unset_due(s);
+    s->queue = queue;
+    s->next_due = NULL;
+    s->previous_due = queue->last;
+    *(queue->last ? &queue->last->next_due : &queue->first) = s;
+    queue->last = s;
+}
+
+bool lw_session_any_due(const struct lw_session_shared *shared) {
+    return shared->due[0].first || shared->due[1].first;
+}
+
+void lw_session_serve_due(struct lw_session_shared *shared, uint64_t deadline_ns) {
+    while (lw_session_any_due(shared) && lw_clock_ns() < deadline_ns)
+        for (int q = 0; q < 2; q++) {
+            struct lw_session *s = shared->due[q].first;
+            if (!s) continue;
+            unset_due(s);
+            pump(s);
+        }
 }
 
 /* ---- the end ---- */
@@ -423,6 +467,7 @@ void lw_session_close(struct lw_session *s, const char *reason) {
         lw_log(LW_LOG_INFO, "session %" PRIu64 ": %s (%s) left: %s", s->number, s->address, s->name, reason);
     end_service(s);
     if (s->state == LEAVING) s->shared->leaving_count--;
+    unset_due(s);
     s->state = CLOSED;
     unlink_session(s);
     uv_close((uv_handle_t *)&s->tcp, on_closed);
@@ -448,7 +493,7 @@ void lw_session_refuse(struct lw_session *s, enum lw_refusal code, const char *f
     if (lw_blob_from_message(&message, &s->control) != LW_OK)
         lw_session_close(s, "out of memory");
     else
-        lw_session_pump(s);
+        lw_session_set_due(s, true);
 }
 
 /* ---- what the peer says ---- */
@@ -476,6 +521,7 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
     }
     s->state = WELCOMED;
     s->welcomed = true;
+    lw_session_set_due(s, true);
     count(s->shared, &s->shared->stats.sessions_total, 1);
     count(s->shared, &s->shared->stats.sessions_now, 1);
     lw_log(LW_LOG_INFO, "session %" PRIu64 ": %s (%s) joined", s->number, s->address, s->name);
@@ -513,6 +559,7 @@ static void handle_package_request(struct lw_session *s, uint64_t offset) {
     }
     s->next_chunk = (uint32_t)((offset + LW_SESSION_CHUNK - 1) / LW_SESSION_CHUNK);
     s->state = STREAMING;
+    lw_session_set_due(s, true);
     count_in(s, &s->interest);
 }
 
@@ -548,7 +595,9 @@ static void handle_interest(struct lw_session *s, const struct lw_message_intere
     free(s->waiting.tile);
     s->waiting = interest;
     s->has_waiting = true;
-    if (s->interest_epoch != s->shared->epoch) take_up_interest(s);
+    if (s->interest_epoch == s->shared->epoch) return;
+    take_up_interest(s);
+    lw_session_set_due(s, true);
 }
 
 void lw_session_answer(struct lw_session *s, const struct lw_message_updated *answer) {
@@ -571,6 +620,7 @@ void lw_session_answer(struct lw_session *s, const struct lw_message_updated *an
         s->first_answer = last;
     s->last_answer = last;
     s->answer_count++;
+    lw_session_set_due(s, true);
 }
 
 static void handle_update(struct lw_session *s, const struct lw_message_update *update) {
@@ -587,6 +637,25 @@ static void handle_update(struct lw_session *s, const struct lw_message_update *
         refused.text = lw_scene_change_text(LW_SCENE_CHANGE_BUSY);
     }
     if (refused.code) lw_session_answer(s, &refused);
+}
+
+/* Says that the peer has the light of a frame; how long that took is what we measure of links. */
+static void handle_ack(struct lw_session *s, uint64_t frame) {
+    const struct lw_session_shared *shared = s->shared;
+    if (frame == 0 || frame > s->frame_sent || frame < s->frame_acked) {
+        lw_session_refuse(s, LW_REFUSAL_PROTOCOL, "message ACK: frame %" PRIu64 " %s", frame,
+                          frame && frame <= s->frame_sent ? "after a later one" : "was not sent");
+        return;
+    }
+    if (frame == s->frame_acked) return;
+    s->frame_acked = frame;
+    for (uint64_t back = 0; back < LW_SESSION_RECENT && back < shared->generation; back++) {
+        const struct lw_session_recent *recent =
+            &shared->recent[(shared->generation - back) % LW_SESSION_RECENT];
+        if (recent->frame > frame) continue;
+        if (recent->frame == frame) lw_histogram_add(&s->shared->ack, lw_clock_ns() - recent->at_ns);
+        return;
+    }
 }
 
 static void handle_message(struct lw_session *s, const struct lw_message *m) {
@@ -615,8 +684,11 @@ static void handle_message(struct lw_session *s, const struct lw_message *m) {
     case LW_MESSAGE_PING:
         s->pong_due = true;
         s->pong_token = m->ping.token;
+        lw_session_set_due(s, true);
         break;
-    case LW_MESSAGE_ACK:  /* for rate control, which does not exist yet */
+    case LW_MESSAGE_ACK:
+        handle_ack(s, m->ack.frame);
+        break;
     case LW_MESSAGE_PONG: /* this server does not ping */
         break;
     default:
@@ -707,7 +779,6 @@ static void on_read(uv_stream_t *stream, ssize_t size, const uv_buf_t *buffer) {
         lw_session_close(s, reason((int)size));
     } else if (size > 0 && s->state < LEAVING) {
         receive(s, (const uint8_t *)buffer->base, (size_t)size);
-        if (s->state < LEAVING) lw_session_pump(s);
     }
 }
 
@@ -800,22 +871,25 @@ static size_t socket_waiting(const struct lw_session *s) {
 }
 
 /* Progress is what the peer takes: our own socket would take megabytes for one who reads nothing. */
-static bool is_stalled(struct lw_session *s, uint64_t now_ns) {
-    size_t waiting = uv_stream_get_write_queue_size((uv_stream_t *)&s->tcp) + socket_waiting(s);
-    uint64_t taken = s->given - waiting;
-    if (!waiting || taken != s->taken_last) s->progress_ns = now_ns;
+static bool is_stalled(struct lw_session *s, uint64_t now_ns, struct lw_session_waiting *waiting) {
+    const size_t ours = uv_stream_get_write_queue_size((uv_stream_t *)&s->tcp), socket = socket_waiting(s);
+    waiting->bytes += ours;
+    waiting->socket_bytes += socket;
+    if (waiting->bytes_max < ours) waiting->bytes_max = ours;
+    const uint64_t taken = s->given - ours - socket;
+    if (!(ours + socket) || taken != s->taken_last) s->progress_ns = now_ns;
     s->taken_last = taken;
     return now_ns > s->progress_ns && now_ns - s->progress_ns > s->shared->stall_timeout_ns;
 }
 
-void lw_session_tick(struct lw_session *s, uint64_t now_ns) {
+void lw_session_tick(struct lw_session *s, uint64_t now_ns, struct lw_session_waiting *waiting) {
     uint64_t age_ns = now_ns > s->since_ns ? now_ns - s->since_ns : 0;
     if (s->state == LEAVING && age_ns > LINGER_NS)
         lw_session_close(s, "refused");
     else if (s->state == EXPECTS_HELLO && age_ns > s->shared->hello_timeout_ns)
         lw_session_refuse(s, LW_REFUSAL_TIMEOUT, "no hello in time");
-    else if (s->state != LEAVING && is_stalled(s, now_ns))
+    else if (s->state != LEAVING && is_stalled(s, now_ns, waiting))
         lw_session_close(s, "takes no data");
     else if (s->has_waiting)
-        lw_session_pump(s);
+        lw_session_set_due(s, true);
 }

@@ -4,11 +4,14 @@
 #ifndef LW_SERVE_SESSION_H
 #define LW_SERVE_SESSION_H
 
+#include "common/histogram.h"
 #include "server/serve/server.h"
 #include "server/serve/updates.h"
 #include "server/serve/wanted.h"
 
 #include <uv.h>
+
+#define LW_SESSION_RECENT 64u /* snapshots whose arrival is remembered */
 
 struct lw_session;
 
@@ -27,9 +30,16 @@ struct lw_session_shared {
     uint64_t generation;          /* counts the snapshots that the loop has seen */
     uint32_t *changed; /* tile ids, in order, that the newest snapshot changed against the one before */
     uint32_t changed_count;
+    struct lw_session_recent {
+        uint64_t frame, at_ns;
+    } recent[LW_SESSION_RECENT]; /* by generation: when the loop got each of the last snapshots */
+    struct lw_histogram ack;     /* ns from then to a session's ACK; the server empties it */
     uint64_t hello_timeout_ns, stall_timeout_ns;
 
-    struct lw_session *first;  /* all connections */
+    struct lw_session *first; /* all connections */
+    struct lw_session_queue {
+        struct lw_session *first, *last;
+    } due[2]; /* those of them that have a turn coming, in order: who asked, and the others */
     uint32_t connection_count; /* in that list */
     uint32_t leaving_count;    /* those that were refused and are about to close */
     uint64_t number;           /* of the last session */
@@ -46,14 +56,24 @@ struct lw_session_shared {
 LW_MUST_CHECK enum lw_status lw_session_accept(struct lw_session_shared *shared, uv_stream_t *listener,
                                                struct lw_session **out_session);
 
-/** Sends what the session lacks, as far as the link takes it. Call when a new snapshot is there. */
-void lw_session_pump(struct lw_session *session);
+/** Gives it a turn: there may be something to send. Call when a new snapshot is there.
+ * asked  for an answer: it does not wait for those who did not, nor they for it */
+void lw_session_set_due(struct lw_session *session, bool asked);
 
-/** Answers an update of the session, which is still there; sent with the next pump. */
+/** Sends to those who have a turn, each its share, from both queues in turn, until nobody has or the deadline (lw_clock_ns)
+ * has passed. Whoever was left out comes first next time. */
+void lw_session_serve_due(struct lw_session_shared *shared, uint64_t deadline_ns);
+/** Whether somebody has a turn. */
+bool lw_session_any_due(const struct lw_session_shared *shared);
+
+/** Answers an update of the session, which is still there. */
 void lw_session_answer(struct lw_session *session, const struct lw_message_updated *answer);
 
-/** Looks at the session's time limits. */
-void lw_session_tick(struct lw_session *session, uint64_t now_ns);
+/** Looks at the session's time limits, and adds what waits to the counts. */
+struct lw_session_waiting {
+    uint64_t bytes, bytes_max, socket_bytes; /* as in struct lw_server_stats */
+};
+void lw_session_tick(struct lw_session *session, uint64_t now_ns, struct lw_session_waiting *waiting);
 
 /** Says goodbye as well as it can, then closes. */
 void lw_session_refuse(struct lw_session *session, enum lw_refusal code, const char *format, ...)

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "client/load/histogram.h"
+#include "common/histogram.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -14,9 +14,11 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/ioctl.h>
 #include <sys/resource.h>
 #include <sys/socket.h>
 #include <unistd.h>
+#include <uv.h>
 #include <zstd.h>
 
 /* A server in a thread of its own, raw sockets here. Snapshots are made by hand: the payloads only have to be bytes. */
@@ -651,7 +653,114 @@ static void test_stalled_reader_is_closed(void **state) {
     end(f);
 }
 
+/* ---- whose turn it is ---- */
+
+static _Atomic unsigned write_us; /* that each write takes */
+
+int __real_uv_try_write(uv_stream_t *stream, const uv_buf_t buffer[], unsigned count);
+int __wrap_uv_try_write(uv_stream_t *stream, const uv_buf_t buffer[], unsigned count);
+int __wrap_uv_try_write(uv_stream_t *stream, const uv_buf_t buffer[], unsigned count) {
+    if (write_us) usleep(write_us);
+    return __real_uv_try_write(stream, buffer, count);
+}
+
+/* Handing a snapshot out takes a second; who asks for something meanwhile is not kept waiting for all of it. */
+static void test_questions_do_not_wait_for_a_snapshot(void **state) {
+    (void)state;
+    enum { READERS = 100 };
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    struct lw_message m;
+    int reader[READERS];
+    for (int i = 0; i < READERS; i++) reader[i] = dial_and_stream(f);
+    int s = dial_and_greet(f);
+    write_us = 10000;
+    publish(f, make_snapshot(f, 1, 0));
+    while (stats_of(f).tiles_sent == 0) usleep(100);
+    put(s, &(struct lw_message){.type = LW_MESSAGE_PING, .ping.token = CLIENT_TOKEN});
+    expect(s, LW_MESSAGE_PONG, &m);
+    lw_message_finish(&m);
+    int newcomer = dial_and_greet(f);
+    write_us = 0;
+    int without_light = 0;
+    for (int i = 0; i < READERS; i++) {
+        int there = 0;
+        assert_int_equal(ioctl(reader[i], FIONREAD, &there), 0);
+        without_light += there == 0;
+    }
+    assert_true(without_light > READERS / 2);
+    for (int i = 0; i < READERS; i++) {
+        expect_frame(reader[i], 1, 1); /* nobody is forgotten for that */
+        expect_tiles(reader[i], f->map.tile_count, 1);
+        close(reader[i]);
+    }
+    close(newcomer);
+    close(s);
+    end(f);
+}
+
+static void test_what_waits_is_told(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    struct lw_message m;
+    int slow = dial_with_buffer(f, 16 << 10);
+    put(slow, &hello);
+    expect(slow, LW_MESSAGE_WELCOME, &m);
+    ask_for_package(slow, m.welcome.package_compressed_size);
+    lw_message_finish(&m);
+    uint64_t end_ns = lw_clock_ns() + WAIT_MS * 1000000ull;
+    for (uint64_t frame = 1; !stats_of(f).waiting_bytes; frame++) {
+        assert_true(lw_clock_ns() < end_ns);
+        publish(f, make_snapshot(f, frame, frame - 1));
+        usleep(10000);
+    }
+    struct lw_server_stats stats = stats_of(f);
+    assert_int_equal(stats.waiting_bytes, stats.waiting_bytes_max);
+    assert_in_range(stats.waiting_bytes_max, 1, LW_SERVER_QUEUE_MAX);
+    assert_true(stats.socket_bytes > 0);
+    close(slow);
+    wait_for_sessions(f, 0);
+    end(f);
+}
+
 /* ---- peers that misbehave ---- */
+
+/* Who acknowledges what it was not sent, or goes back, is sent away; nobody else is. */
+static void test_acks(void **state) {
+    (void)state;
+    static const struct {
+        uint64_t first, second;
+        bool good;
+    } row[] = {{5, 5, true},  {5, 6, false}, {5, UINT64_MAX, false},
+               {5, 4, false}, {0, 0, false}, {4, 5, true}};
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    publish(f, make_snapshot(f, 5, 0));
+    int witness = dial_and_stream(f);
+    expect_frame(witness, 5, 1);
+    expect_tiles(witness, f->map.tile_count, 5);
+    for (size_t i = 0; i < sizeof row / sizeof row[0]; i++) {
+        int s = dial_and_stream(f);
+        expect_frame(s, 5, 1);
+        expect_tiles(s, f->map.tile_count, 5);
+        put(s, &(struct lw_message){.type = LW_MESSAGE_ACK, .ack.frame = row[i].first});
+        put(s, &(struct lw_message){.type = LW_MESSAGE_ACK, .ack.frame = row[i].second});
+        put(s, &(struct lw_message){.type = LW_MESSAGE_PING, .ping.token = CLIENT_TOKEN});
+        if (!row[i].good) {
+            expect_refusal(s, LW_REFUSAL_PROTOCOL);
+            continue;
+        }
+        struct lw_message m;
+        expect(s, LW_MESSAGE_PONG, &m);
+        lw_message_finish(&m);
+        close(s);
+    }
+    int s = dial_and_greet(f); /* before there was a frame */
+    put(s, &(struct lw_message){.type = LW_MESSAGE_ACK, .ack.frame = 5});
+    expect_refusal(s, LW_REFUSAL_PROTOCOL);
+    publish(f, make_snapshot(f, 6, 5));
+    expect_frame(witness, 6, 2);
+    close(witness);
+    end(f);
+}
 
 static void test_garbage(void **state) {
     (void)state;
@@ -1184,6 +1293,9 @@ int main(void) {
         cmocka_unit_test(test_blobs_are_shared),
         cmocka_unit_test(test_slow_reader),
         cmocka_unit_test(test_stalled_reader_is_closed),
+        cmocka_unit_test(test_questions_do_not_wait_for_a_snapshot),
+        cmocka_unit_test(test_what_waits_is_told),
+        cmocka_unit_test(test_acks),
         cmocka_unit_test(test_garbage),
         cmocka_unit_test(test_out_of_order),
         cmocka_unit_test(test_wrong_version),

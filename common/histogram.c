@@ -1,4 +1,4 @@
-#include "client/load/histogram.h"
+#include "common/histogram.h"
 
 #include <math.h>
 

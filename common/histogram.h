@@ -1,8 +1,8 @@
 /* histogram.h: how values are spread, in a fixed few kilobytes: buckets whose width grows with the value.
  * Threads: one thread at a time.
  * After:   HdrHistogram (Tene): a power of two is cut into equal parts, so that the relative error is bounded. */
-#ifndef LW_CLIENT_LOAD_HISTOGRAM_H
-#define LW_CLIENT_LOAD_HISTOGRAM_H
+#ifndef LW_COMMON_HISTOGRAM_H
+#define LW_COMMON_HISTOGRAM_H
 
 #include <stdint.h>
 
