@@ -18,7 +18,6 @@ struct place {
 struct mosaic {
     uint32_t width, height, stride; /* stride: words per row, one more than needed */
     uint64_t *row;
-    struct place resume[SIZES][SIZES];
 };
 
 /* Bits [from, to) of a row. */
@@ -97,15 +96,16 @@ static bool is_rectangle(const struct lw_lightmap_stone *s) {
     return true;
 }
 
-static bool place(struct mosaic *m, struct lw_lightmap_stone *s) {
-    struct place start = {0, 0}, *resume = NULL;
-    if (s->width < SIZES && s->height < SIZES &&
-        ((s->width <= TINY && s->height <= TINY) || is_rectangle(s))) {
-        resume = &m->resume[s->width][s->height];
-        start = *resume;
-    }
-    uint32_t x = start.x;
-    for (uint32_t y = start.y; y + s->height <= m->height; y++, x = 0)
+/* Whether what was full for one such shape is full for the next of its size. */
+static bool is_of_few_sizes(const struct lw_lightmap_stone *s) {
+    return s->width < SIZES && s->height < SIZES &&
+           ((s->width <= TINY && s->height <= TINY) || is_rectangle(s));
+}
+
+/* resume: where the search begins, and where it ended; or NULL. */
+static bool place(struct mosaic *m, struct lw_lightmap_stone *s, struct place *resume) {
+    uint32_t x = resume ? resume->x : 0;
+    for (uint32_t y = resume ? resume->y : 0; y + s->height <= m->height; y++, x = 0)
         for (; x + s->width <= m->width; x++) {
             if (!is_free(m, s, x, y)) continue;
             s->x = x, s->y = y;
@@ -116,27 +116,170 @@ static bool place(struct mosaic *m, struct lw_lightmap_stone *s) {
     return false;
 }
 
+static enum lw_status mosaic_init(struct mosaic *m, uint32_t width, uint32_t height) {
+    *m = (struct mosaic){.width = width, .height = height, .stride = lw_lightmap_mosaic_words(width) + 1};
+    m->row = calloc((size_t)height * m->stride + 1, sizeof *m->row);
+    return m->row ? LW_OK : LW_NO_MEMORY;
+}
+
+/* What all that lies takes up. */
+struct extent {
+    uint32_t right, top;
+};
+
+static void extend(struct extent *e, const struct lw_lightmap_stone *s) {
+    if (s->x + s->width > e->right) e->right = s->x + s->width;
+    if (s->y + s->height > e->top) e->top = s->y + s->height;
+}
+
 enum lw_status lw_lightmap_mosaic_pack(struct lw_lightmap_stone *const *stone, uint32_t count, uint32_t width,
                                        uint32_t height_max, uint32_t *out_width, uint32_t *out_height,
                                        bool *out_fits) {
-    struct mosaic *m = calloc(1, sizeof *m);
-    if (!m) return LW_NO_MEMORY;
-    m->width = width, m->height = height_max, m->stride = lw_lightmap_mosaic_words(width) + 1;
-    m->row = calloc((size_t)height_max * m->stride + 1, sizeof *m->row);
-    enum lw_status status = m->row ? LW_OK : LW_NO_MEMORY;
+    struct mosaic m;
+    struct extent used = {0};
+    struct place resume[SIZES][SIZES] = {0};
     bool fits = true;
-    uint32_t right = 0, top = 0;
-    for (uint32_t i = 0; status == LW_OK && fits && i < count; i++) {
-        fits = place(m, stone[i]);
-        if (!fits) break;
-        if (stone[i]->x + stone[i]->width > right) right = stone[i]->x + stone[i]->width;
-        if (stone[i]->y + stone[i]->height > top) top = stone[i]->y + stone[i]->height;
+    if (mosaic_init(&m, width, height_max) != LW_OK) return LW_NO_MEMORY;
+    for (uint32_t i = 0; fits && i < count; i++) {
+        fits = place(&m, stone[i],
+                     is_of_few_sizes(stone[i]) ? &resume[stone[i]->width][stone[i]->height] : NULL);
+        if (fits) extend(&used, stone[i]);
     }
-    free(m->row);
-    free(m);
-    if (status != LW_OK) return status;
-    *out_width = right;
-    *out_height = top;
+    free(m.row);
+    *out_width = used.right;
+    *out_height = used.top;
     *out_fits = fits;
+    return LW_OK;
+}
+
+/* ---- each near the place it wants ---- */
+
+/* In blocks: squares of 16 x 16 texels, and of these a tile's side. */
+#define SQUARE 4u
+#define TILE   4u
+
+/* Room for shapes that are to lie near where they want to, as a multiple of their area: at first; what more, if it is too
+ * little; and when to give up. */
+#define NEAR_ROOM     1.08
+#define NEAR_MORE     1.06
+#define NEAR_ROOM_MAX 4.0
+
+/* The squares of an atlas in the order of the curve; full[i] bit by bit: has no room for the sizes up to 8 x 8. */
+struct curve {
+    uint32_t count;
+    struct place *square; /* in squares */
+    uint64_t *full;
+};
+
+static enum lw_status curve_init(struct curve *c, uint32_t width, uint32_t height) {
+    static const uint8_t HILBERT[TILE * TILE][2] = {{0, 0}, {1, 0}, {1, 1}, {0, 1}, {0, 2}, {0, 3},
+                                                    {1, 3}, {1, 2}, {2, 2}, {2, 3}, {3, 3}, {3, 2},
+                                                    {3, 1}, {2, 1}, {2, 0}, {3, 0}};
+    const uint32_t columns = (width + SQUARE - 1) / SQUARE, rows = (height + SQUARE - 1) / SQUARE;
+    const uint32_t tiles = (columns + TILE - 1) / TILE, tile_rows = (rows + TILE - 1) / TILE;
+    *c = (struct curve){.square = malloc(((size_t)columns * rows + 1) * sizeof *c->square),
+                        .full = calloc((size_t)columns * rows + 1, sizeof *c->full)};
+    if (!c->square || !c->full) return LW_NO_MEMORY;
+    for (uint32_t y = 0; y < tile_rows; y++)
+        for (uint32_t i = 0; i < tiles; i++)
+            for (uint32_t k = 0; k < TILE * TILE; k++) {
+                const bool back = y & 1;
+                const uint32_t sx = back ? TILE - 1 - HILBERT[k][0] : HILBERT[k][0];
+                const struct place at = {TILE * (back ? tiles - 1 - i : i) + sx, TILE * y + HILBERT[k][1]};
+                if (at.x < columns && at.y < rows) c->square[c->count++] = at;
+            }
+    return LW_OK;
+}
+
+static void curve_finish(struct curve *c) {
+    free(c->square);
+    free(c->full);
+}
+
+/* With its lower corner in that square. */
+static bool place_in(struct mosaic *m, struct lw_lightmap_stone *s, struct place square) {
+    for (uint32_t y = square.y * SQUARE; y < (square.y + 1) * SQUARE && y + s->height <= m->height; y++)
+        for (uint32_t x = square.x * SQUARE; x < (square.x + 1) * SQUARE && x + s->width <= m->width; x++) {
+            if (!is_free(m, s, x, y)) continue;
+            s->x = x, s->y = y;
+            mark(m, s);
+            return true;
+        }
+    return false;
+}
+
+static bool place_near(struct mosaic *m, struct curve *c, struct lw_lightmap_stone *s) {
+    const uint64_t size = s->width <= 8 && s->height <= 8 && is_of_few_sizes(s)
+                              ? (uint64_t)1 << (8 * (s->height - 1) + s->width - 1)
+                              : 0;
+    const uint32_t wanted = (uint32_t)(fminf(fmaxf(s->wanted, 0), 0.999999f) * (float)c->count);
+    for (uint32_t i = 0; i < 2 * c->count; i++) { /* at it, one before, one after, two before ... */
+        const uint32_t off = (i + 1) / 2;
+        if (i & 1 ? off > wanted : wanted + off >= c->count) continue;
+        const uint32_t at = i & 1 ? wanted - off : wanted + off;
+        if (c->full[at] & size) continue;
+        if (place_in(m, s, c->square[at])) return true;
+        c->full[at] |= size;
+    }
+    return false;
+}
+
+static enum lw_status pack_near(struct lw_lightmap_stone *const *stone, uint32_t count, uint32_t width,
+                                uint32_t height, struct extent *out_used, bool *out_fits) {
+    struct mosaic m;
+    struct curve curve = {0};
+    bool fits = true;
+    *out_used = (struct extent){0};
+    enum lw_status status = mosaic_init(&m, width, height);
+    if (status == LW_OK) status = curve_init(&curve, width, height);
+    for (uint32_t i = 0; status == LW_OK && fits && i < count; i++) {
+        fits = place_near(&m, &curve, stone[i]);
+        if (fits) extend(out_used, stone[i]);
+    }
+    curve_finish(&curve);
+    free(m.row);
+    *out_fits = fits;
+    return status;
+}
+
+uint64_t lw_lightmap_mosaic_area(const struct lw_lightmap_stone *s) {
+    uint64_t cells = 0;
+    for (size_t k = 0; k < (size_t)s->height * lw_lightmap_mosaic_words(s->width); k++)
+        cells += (uint64_t)__builtin_popcountll(s->row[k]);
+    return cells;
+}
+
+int lw_lightmap_mosaic_by_size(const void *left, const void *right) {
+    const struct lw_lightmap_stone *a = *(struct lw_lightmap_stone *const *)left,
+                                   *b = *(struct lw_lightmap_stone *const *)right;
+    uint32_t sa = a->width + a->height, sb = b->width + b->height;
+    if (sa != sb) return sa > sb ? -1 : 1;
+    if (a->height != b->height) return a->height > b->height ? -1 : 1;
+    return a < b ? -1 : a > b; /* in order of number: they lie in one array */
+}
+
+enum lw_status lw_lightmap_mosaic_pack_near(struct lw_lightmap_stone **stone, uint32_t count,
+                                            uint32_t width_max, uint32_t height_max, uint32_t *out_width,
+                                            uint32_t *out_height, bool *out_fits) {
+    double area = 0;
+    uint32_t widest = 1, highest = 1;
+    for (uint32_t i = 0; i < count; i++) {
+        area += (double)lw_lightmap_mosaic_area(stone[i]);
+        if (stone[i]->width > widest) widest = stone[i]->width;
+        if (stone[i]->height > highest) highest = stone[i]->height;
+    }
+    qsort(stone, count, sizeof *stone, lw_lightmap_mosaic_by_size);
+    *out_fits = false;
+    for (double room = NEAR_ROOM; room < NEAR_ROOM_MAX && !*out_fits; room *= NEAR_MORE) {
+        const double side = fmax(ceil(sqrt(area * room) / (SQUARE * TILE)) * (SQUARE * TILE), widest);
+        if (side > width_max) return LW_OK;
+        const uint32_t width = (uint32_t)side;
+        const double height = fmax(ceil(area * room / width), highest);
+        struct extent used;
+        if (height > height_max) return LW_OK;
+        enum lw_status status = pack_near(stone, count, width, (uint32_t)height, &used, out_fits);
+        if (status != LW_OK) return status;
+        *out_width = used.right, *out_height = used.top;
+    }
     return LW_OK;
 }

@@ -2,6 +2,7 @@
 
 #include "common/scene/lightmap.h"
 #include "common/scene/lightmap_mosaic.h"
+#include "common/scene/lightmap_order.h"
 #include "common/scene/lightmap_sliver.h"
 
 #include <stdlib.h>
@@ -30,10 +31,15 @@ static const float SKYLINE_WIDTHS[] = {0.62f, 0.75f, 0.87f, 1.0f,
                                        1.15f, 1.33f, 1.6f}; /* of the square's side */
 static const float MOSAIC_WIDTHS[] = {0.7f, 0.85f, 1.0f, 1.1f, 1.2f, 1.35f};
 
+/* Blocks of a tile of the atlas. Charts that fill more than one together, and are small beside it in the mean, are packed by
+ * where they are in space; others into the smallest atlas. */
+#define TILE_BLOCKS 256u
+
 /* What is packed: a chart, or a rectangle of slivers. */
 struct item {
-    uint32_t first, count; /* in member */
-    struct lw_lightmap_stone stone;
+    struct lw_lightmap_stone stone; /* first: sorted by pointers to it */
+    uint32_t first, count;          /* in member */
+    uint32_t rank;                  /* in the order of charts */
 };
 
 /* One try at a layout: all charts lying, or all standing. */
@@ -97,18 +103,16 @@ static enum lw_status shape(struct packer *p, struct item *item) {
     uint32_t words = lw_lightmap_mosaic_words(stone->width);
     stone->row = calloc((size_t)stone->height * words, sizeof *stone->row);
     if (!stone->row) return LW_NO_MEMORY;
-    if (item->count > 1) {
-        lw_lightmap_mosaic_fill(stone);
-        return LW_OK;
-    }
-    uint32_t chart = p->member[item->first];
     const struct lw_lightmap_charts *charts = p->layout->charts;
-    for (uint32_t i = p->layout->start[chart]; i < p->layout->start[chart + 1]; i++) {
-        struct lw_vec2 c[3];
-        for (int k = 0; k < 3; k++)
-            c[k] = lw_lightmap_pack_place(&p->slot[chart],
-                                          charts->point[charts->corner[p->layout->order[i]][k]]);
-        lw_lightmap_mosaic_mark(stone, c, (float)LW_LIGHTMAP_BLOCK, (float)LW_LIGHTMAP_GUTTER);
+    for (uint32_t m = item->first; m < item->first + item->count; m++) {
+        const uint32_t chart = p->member[m];
+        for (uint32_t i = p->layout->start[chart]; i < p->layout->start[chart + 1]; i++) {
+            struct lw_vec2 c[3];
+            for (int k = 0; k < 3; k++)
+                c[k] = lw_lightmap_pack_place(&p->slot[chart],
+                                              charts->point[charts->corner[p->layout->order[i]][k]]);
+            lw_lightmap_mosaic_mark(stone, c, (float)LW_LIGHTMAP_BLOCK, (float)LW_LIGHTMAP_GUTTER);
+        }
     }
     return LW_OK;
 }
@@ -141,35 +145,40 @@ static enum lw_status add_slivers(struct packer *p, uint32_t first, uint32_t cou
     return LW_OK;
 }
 
-struct near {
-    uint64_t place_in_space;
-    uint32_t chart;
-};
-
-static int compare_near(const void *left, const void *right) {
-    const struct near *a = left, *b = right;
-    if (a->place_in_space != b->place_in_space) return a->place_in_space < b->place_in_space ? -1 : 1;
-    return a->chart < b->chart ? -1 : a->chart > b->chart;
+/* All charts in the order of lightmap_order.h. */
+static enum lw_status order_charts(const struct packer *p, uint32_t *out_chart) {
+    const uint32_t count = p->layout->chart_count;
+    struct lw_lightmap_spot *spot = malloc(((size_t)count + 1) * sizeof *spot);
+    if (!spot) return LW_NO_MEMORY;
+    for (uint32_t c = 0; c < count; c++) {
+        const struct lw_lightmap_slot *slot = &p->slot[c];
+        spot[c] = (struct lw_lightmap_spot){
+            lw_vec3_scale(slot->centre, p->scale), slot->normal,
+            (slot->box.size.x * p->scale + 4) * (slot->box.size.y * p->scale + 4), c};
+    }
+    lw_lightmap_order(spot, count);
+    for (uint32_t c = 0; c < count; c++) out_chart[c] = spot[c].id;
+    free(spot);
+    return LW_OK;
 }
 
 /* Charts of their own first, then slivers in groups. */
 static enum lw_status make_items(struct packer *p) {
-    uint32_t count = p->layout->chart_count, charts = 0, slivers = 0;
-    struct near *near = malloc(((size_t)count + 1) * sizeof *near);
-    if (!near) return LW_NO_MEMORY;
+    const uint32_t count = p->layout->chart_count;
+    uint32_t charts = 0, slivers = count;
+    uint32_t *order = malloc(((size_t)count + 1) * sizeof *order),
+             *rank = malloc(((size_t)count + 1) * sizeof *rank);
+    enum lw_status status = order && rank ? order_charts(p, order) : LW_NO_MEMORY;
     p->item_count = 0;
-    for (uint32_t c = 0; c < count; c++) {
-        if (lw_lightmap_sliver_is(&p->slot[c], p->scale)) {
-            near[slivers++] = (struct near){p->slot[c].place_in_space, c};
-        } else {
-            p->member[charts] = c;
-            add_chart(p, charts++);
-        }
+    for (uint32_t i = 0; i < count && status == LW_OK; i++) {
+        rank[order[i]] = i;
+        if (lw_lightmap_sliver_is(&p->slot[order[i]], p->scale)) continue;
+        p->member[charts] = order[i];
+        add_chart(p, charts++);
     }
-    qsort(near, slivers, sizeof *near, compare_near);
-    for (uint32_t i = 0; i < slivers; i++) p->member[charts + i] = near[i].chart;
-    free(near);
-    enum lw_status status = LW_OK;
+    slivers = charts;
+    for (uint32_t i = 0; i < count && status == LW_OK; i++)
+        if (lw_lightmap_sliver_is(&p->slot[order[i]], p->scale)) p->member[slivers++] = order[i];
     for (uint32_t i = charts; i < count && status == LW_OK;) {
         uint32_t n = lw_lightmap_sliver_group(p->slot, p->member + i, count - i, p->scale);
         if (n == 1)
@@ -178,7 +187,13 @@ static enum lw_status make_items(struct packer *p) {
             status = add_slivers(p, i, n);
         i += n;
     }
-    for (uint32_t i = 0; i < p->item_count && status == LW_OK; i++) status = shape(p, &p->item[i]);
+    for (uint32_t i = 0; i < p->item_count && status == LW_OK; i++) {
+        struct item *item = &p->item[i];
+        item->rank = rank[p->member[item->first + item->count / 2]];
+        status = shape(p, item);
+    }
+    free(rank);
+    free(order);
     return status;
 }
 
@@ -258,26 +273,22 @@ static void search_skyline(struct packer *p) {
     if (!p->found) try_skyline(p, p->width_max, STBRP_HEURISTIC_Skyline_BL_sortHeight);
 }
 
-static int by_size(const void *left, const void *right) {
-    const struct lw_lightmap_stone *a = *(struct lw_lightmap_stone *const *)left,
-                                   *b = *(struct lw_lightmap_stone *const *)right;
-    uint32_t sa = a->width + a->height, sb = b->width + b->height;
-    if (sa != sb) return sa > sb ? -1 : 1;
-    if (a->height != b->height) return a->height > b->height ? -1 : 1;
-    return a < b ? -1 : a > b; /* in order of number: they lie in one array */
+static int by_rank(const void *left, const void *right) {
+    const uint32_t a = ((const struct item *)*(void *const *)left)->rank,
+                   b = ((const struct item *)*(void *const *)right)->rank;
+    return a < b ? -1 : a > b;
 }
 
-static enum lw_status search_mosaic(struct packer *p) {
-    uint64_t area = 0;
-    uint32_t widest = 1;
-    for (uint32_t i = 0; i < p->item_count; i++) {
-        const struct lw_lightmap_stone *s = p->stone[i] = &p->item[i].stone;
-        for (size_t k = 0; k < (size_t)s->height * lw_lightmap_mosaic_words(s->width); k++)
-            area += (uint64_t)__builtin_popcountll(s->row[k]);
-        if (s->width > widest) widest = s->width;
-    }
+static void keep_mosaic(struct packer *p, uint32_t width, uint32_t height) {
+    for (uint32_t k = 0; k < p->item_count; k++)
+        p->best[k] = (struct place){p->item[k].stone.x, p->item[k].stone.y};
+    keep(p, width, height);
+}
+
+/* The smallest atlas, wherever that puts the charts: for what hardly fills a tile. */
+static enum lw_status search_mosaic(struct packer *p, uint64_t area, uint32_t widest) {
     if ((double)p->item_count * (double)area > MOSAIC_MAX) return LW_OK;
-    qsort(p->stone, p->item_count, sizeof *p->stone, by_size);
+    qsort(p->stone, p->item_count, sizeof *p->stone, lw_lightmap_mosaic_by_size);
     for (size_t i = 0; i < sizeof MOSAIC_WIDTHS / sizeof *MOSAIC_WIDTHS; i++) {
         uint32_t width = width_between(p, sqrt((double)area) * (double)MOSAIC_WIDTHS[i], widest), right, top;
         /* higher than the best so far is of no use */
@@ -287,12 +298,42 @@ static enum lw_status search_mosaic(struct packer *p) {
                                                         most < p->height_max ? (uint32_t)most : p->height_max,
                                                         &right, &top, &fits);
         if (status != LW_OK) return status;
-        if (!fits || !is_better(p, right, top)) continue;
-        for (uint32_t k = 0; k < p->item_count; k++)
-            p->best[k] = (struct place){p->item[k].stone.x, p->item[k].stone.y};
-        keep(p, right, top);
+        if (fits && is_better(p, right, top)) keep_mosaic(p, right, top);
     }
     return LW_OK;
+}
+
+/* Every chart near those that are near it in space. */
+static enum lw_status search_near(struct packer *p, uint64_t area) {
+    uint64_t before = 0;
+    uint32_t right, top;
+    bool fits;
+    qsort(p->stone, p->item_count, sizeof *p->stone, by_rank);
+    for (uint32_t i = 0; i < p->item_count; i++) {
+        const uint64_t blocks = lw_lightmap_mosaic_area(p->stone[i]);
+        p->stone[i]->wanted = ((float)before + 0.5f * (float)blocks) / (float)area;
+        before += blocks;
+    }
+    enum lw_status status = lw_lightmap_mosaic_pack_near(p->stone, p->item_count, p->width_max, p->height_max,
+                                                         &right, &top, &fits);
+    if (status == LW_OK && fits) keep_mosaic(p, right, top);
+    return status;
+}
+
+static enum lw_status search(struct packer *p) {
+    uint64_t area = 0;
+    uint32_t widest = 1;
+    for (uint32_t i = 0; i < p->item_count; i++) {
+        const struct lw_lightmap_stone *s = p->stone[i] = &p->item[i].stone;
+        area += lw_lightmap_mosaic_area(s);
+        if (s->width > widest) widest = s->width;
+    }
+    enum lw_status status = LW_OK;
+    if (area > TILE_BLOCKS && area < (uint64_t)p->item_count * (TILE_BLOCKS / 4))
+        status = search_near(p, area);
+    if (status != LW_OK || p->found) return status;
+    search_skyline(p);
+    return search_mosaic(p, area, widest);
 }
 
 /* Moves the slots from their items to the atlas. */
@@ -333,8 +374,7 @@ static enum lw_status packer_run(struct packer *p, bool turned) {
         if (turned) p->slot[i].box = lw_lightmap_shape_turned(&p->slot[i].box);
     }
     enum lw_status status = make_items(p);
-    if (status == LW_OK) search_skyline(p);
-    if (status == LW_OK) status = search_mosaic(p);
+    if (status == LW_OK) status = search(p);
     if (status == LW_OK && p->found) settle(p);
     return status;
 }
@@ -403,25 +443,23 @@ static void sort_by_chart(const struct lw_lightmap_charts *charts, uint32_t *sta
         if (charts->chart[t] != LW_SCENE_NONE) order[start[charts->chart[t] + 1]++] = t;
 }
 
-static uint64_t spread(uint32_t bits) { /* ten bits, each followed by two zeros */
-    uint64_t x = bits & 1023;
-    x = (x | x << 16) & 0x30000ff;
-    x = (x | x << 8) & 0x300f00f;
-    x = (x | x << 4) & 0x30c30c3;
-    return (x | x << 2) & 0x9249249;
-}
-
-/* Direction in six parts, then position along a Morton curve: neighbours in this order see the same light. */
-static uint64_t place_in_space(const struct lw_mesh *mesh, uint32_t t, struct lw_vec3 low,
-                               struct lw_vec3 size) {
-    const uint32_t *v = mesh->triangle[t];
-    struct lw_vec3 p = lw_vec3_sub(mesh->position[v[0]], low);
-    struct lw_vec3 n = mesh->normal[v[0]], a = lw_vec3(fabsf(n.x), fabsf(n.y), fabsf(n.z));
-    uint64_t direction = a.x >= a.y && a.x >= a.z ? (n.x < 0) : a.y >= a.z ? 2 + (n.y < 0) : 4 + (n.z < 0);
-    uint32_t x = size.x > 0 ? (uint32_t)(p.x / size.x * 1023) : 0,
-             y = size.y > 0 ? (uint32_t)(p.y / size.y * 1023) : 0,
-             z = size.z > 0 ? (uint32_t)(p.z / size.z * 1023) : 0;
-    return direction << 32 | spread(x) << 2 | spread(y) << 1 | spread(z);
+/* Centre and normal of a chart, weighted by area; returns its area. In units of the mesh. */
+static float place_in_space(struct lw_lightmap_slot *slot, const struct lw_mesh *mesh,
+                            const uint32_t *triangle, uint32_t count) {
+    struct lw_vec3 centre = {0}, normal = {0};
+    float area = 0;
+    for (uint32_t i = 0; i < count; i++) {
+        const uint32_t *v = mesh->triangle[triangle[i]];
+        const struct lw_vec3 a = mesh->position[v[0]], b = mesh->position[v[1]], c = mesh->position[v[2]];
+        const struct lw_vec3 across = lw_vec3_cross(lw_vec3_sub(b, a), lw_vec3_sub(c, a));
+        const float twice = fmaxf(lw_vec3_length(across), 1e-30f);
+        centre = lw_vec3_add(centre, lw_vec3_scale(lw_vec3_add(a, lw_vec3_add(b, c)), twice / 3));
+        normal = lw_vec3_add(normal, across);
+        area += twice;
+    }
+    slot->centre = lw_vec3_scale(centre, 1 / area);
+    slot->normal = lw_vec3_scale(normal, 1 / area);
+    return area / 2;
 }
 
 enum lw_status lw_lightmap_pack_init(struct lw_lightmap_layout *layout,
@@ -434,19 +472,17 @@ enum lw_status lw_lightmap_pack_init(struct lw_lightmap_layout *layout,
     bool ready = start && order && point && hull && slot;
     if (ready) {
         sort_by_chart(charts, start, order);
-        struct lw_vec3 low = lw_vec3(INFINITY, INFINITY, INFINITY), high = lw_vec3_scale(low, -1);
-        for (uint32_t v = 0; v < mesh->vertex_count; v++) {
-            struct lw_vec3 q = mesh->position[v];
-            low = lw_vec3(fminf(low.x, q.x), fminf(low.y, q.y), fminf(low.z, q.z));
-            high = lw_vec3(fmaxf(high.x, q.x), fmaxf(high.y, q.y), fmaxf(high.z, q.z));
-        }
+        double area = 0, own_area = 0;
         for (uint32_t c = 0; c < count; c++) {
             uint32_t n = gather(charts, order + start[c], start[c + 1] - start[c], point);
             n = lw_lightmap_shape_hull(point, n, hull);
             slot[c].box = lw_lightmap_shape_box(hull, n, LW_LIGHTMAP_SHAPE_MARGIN);
             for (uint32_t i = start[c]; i < start[c + 1]; i++) slot[c].area += area_of(charts, order[i]);
-            slot[c].place_in_space = place_in_space(mesh, order[start[c]], low, lw_vec3_sub(high, low));
+            area += (double)place_in_space(&slot[c], mesh, order + start[c], start[c + 1] - start[c]);
+            own_area += (double)slot[c].area;
         }
+        for (uint32_t c = 0; c < count; c++)
+            slot[c].centre = lw_vec3_scale(slot[c].centre, (float)sqrt(own_area / area));
         *layout = (struct lw_lightmap_layout){.charts = charts,
                                               .chart_count = charts->chart_count,
                                               .slot = slot,

@@ -1,4 +1,4 @@
-/* lightmap_pack.h: gives every chart its place in the atlas.
+/* lightmap_pack.h: gives every chart its place in the atlas, near those that are near it in space (lightmap_order.h).
  * Flow:    charts -> [pack] -> lightmap UVs
  * Threads: one mesh at a time per thread; nothing is shared. */
 #ifndef LW_COMMON_LIGHTMAP_PACK_H
@@ -14,7 +14,8 @@ struct lw_lightmap_slot {
     uint32_t x, y, width, height; /* rectangle around it, in texels; blocks, but for slivers */
     uint32_t gutter;              /* inside the rectangle; none for slivers */
     float area;                   /* of the chart, in its own units */
-    uint64_t place_in_space;      /* chart order by direction and position */
+    struct lw_vec3 centre;        /* of the chart in space, in its own units */
+    struct lw_vec3 normal;        /* its mean */
 };
 
 struct lw_lightmap_layout {

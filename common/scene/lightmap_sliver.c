@@ -11,8 +11,8 @@
 #define SIDE 128.0f
 #define FILL 0.4f
 
-/* Texels of one rectangle. Large ones nest rings in rings: at 2048 Sponza covers 54 % instead of 59 %. */
-#define GROUP_AREA 16384.0f
+/* Texels of one rectangle. Large ones nest rings in rings, small ones hold what is near in space. */
+#define GROUP_AREA 4096.0f
 
 static const float WIDTHS[] = {0.8f, 1.0f, 1.3f}; /* of the square's side */
 
@@ -67,23 +67,13 @@ static void scale_slot(struct lw_lightmap_slot *slot, float scale) {
     slot->gutter = 0;
 }
 
-static int by_size(const void *left, const void *right) {
-    const struct lw_lightmap_stone *a = *(struct lw_lightmap_stone *const *)left,
-                                   *b = *(struct lw_lightmap_stone *const *)right;
-    uint32_t sa = a->width + a->height, sb = b->width + b->height;
-    if (sa != sb) return sa > sb ? -1 : 1;
-    if (a->height != b->height) return a->height > b->height ? -1 : 1;
-    return a < b ? -1 : a > b;
-}
-
 static enum lw_status search(struct lw_lightmap_stone **order, const struct lw_lightmap_stone *stone,
                              struct lw_lightmap_slot *slot, const uint32_t *member, uint32_t count,
                              uint32_t *out_width, uint32_t *out_height) {
     uint64_t area = 0, best = UINT64_MAX;
     uint32_t widest = 1, highest = 0;
     for (uint32_t i = 0; i < count; i++) {
-        for (size_t k = 0; k < (size_t)stone[i].height * lw_lightmap_mosaic_words(stone[i].width); k++)
-            area += (uint64_t)__builtin_popcountll(stone[i].row[k]);
+        area += lw_lightmap_mosaic_area(&stone[i]);
         if (stone[i].width > widest) widest = stone[i].width;
         highest += stone[i].height;
     }
@@ -120,7 +110,7 @@ enum lw_status lw_lightmap_sliver_fit(const struct lw_lightmap_layout *layout, s
             status = LW_NO_MEMORY;
     }
     if (status == LW_OK) {
-        qsort(order, count, sizeof *order, by_size);
+        qsort(order, count, sizeof *order, lw_lightmap_mosaic_by_size);
         status = search(order, stone, slot, member, count, out_width, out_height);
     }
     for (uint32_t i = 0; i < count && status == LW_OK; i++) {
