@@ -1,0 +1,379 @@
+/* bench_fanout: what it costs the network's thread to hand a snapshot to many sessions.
+ *
+ *     bench_fanout [--clients N] [--payload BYTES] [--tiles N] [--seconds S]
+ *
+ * The server that ships, on loopback, with snapshots made by hand in which every tile is new; the next comes when all have the
+ * last. One thread plays all clients: it says hello for them and drops what arrives. The rows: the server; and, as what the
+ * system itself costs, the same bytes to as many connections by nothing but epoll_wait() and writev() of 128 KiB. Compare
+ * CPU time within a run: all three threads share the machine. */
+#include "tests/support/support.h"
+
+#include "common/clock.h"
+#include "common/log.h"
+#include "common/options.h"
+#include "server/serve/server.h"
+
+#include <arpa/inet.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <netinet/tcp.h>
+#include <pthread.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/epoll.h>
+#include <sys/resource.h>
+#include <sys/uio.h>
+#include <unistd.h>
+
+#define EVENTS      256
+#define DROP_BYTES  (4u << 20) /* at once, of one connection */
+#define BATCH_BLOBS 64
+#define BATCH_BYTES (128u << 10) /* as the server's */
+
+struct bench {
+    int64_t clients, payload, tiles;
+    double seconds;
+    struct lw_scene *scene;
+    struct lw_atlas_map map;
+    struct lw_blob *frame, **blob; /* of each tile */
+    uint64_t snapshot_bytes;
+    struct lw_server *server;
+    pthread_t serving, dropping;
+    int *client;
+    int epoll; /* all clients, to read from */
+    _Atomic bool over;
+    _Atomic uint64_t dropped; /* bytes */
+};
+
+struct row {
+    double wall_s, cpu_s;
+    uint64_t bytes, tiles, resident;
+};
+
+static void give_up(const char *what) {
+    fprintf(stderr, "bench_fanout: %s: %s\n", what, strerror(errno));
+    exit(1);
+}
+
+static uint64_t resident_bytes(void) {
+    unsigned long long size = 0, resident = 0;
+    FILE *f = fopen("/proc/self/statm", "r");
+    if (!f || fscanf(f, "%llu %llu", &size, &resident) != 2) give_up("/proc/self/statm");
+    fclose(f);
+    return resident * (uint64_t)sysconf(_SC_PAGESIZE);
+}
+
+/* ---- snapshots ---- */
+
+static struct lw_blob *message_blob(const struct lw_message *message) {
+    struct lw_blob *blob;
+    if (lw_blob_from_message(message, &blob) != LW_OK) give_up("a message");
+    return blob;
+}
+
+static void make_blobs(struct bench *b) {
+    uint32_t side = 1;
+    while ((int64_t)(side + 1) * (side + 1) <= b->tiles) side++;
+    b->scene = lw_support_squares(1, 1);
+    b->scene->mesh[0].atlas_width = b->scene->mesh[0].atlas_height = side * LW_TILE_SIDE;
+    if (lw_atlas_map_init(&b->map, b->scene) != LW_OK) give_up("tiles");
+    b->frame = message_blob(&(struct lw_message){.type = LW_MESSAGE_FRAME, .frame.frame = 1});
+    b->blob = calloc(b->map.tile_count, sizeof(struct lw_blob *));
+    uint8_t *payload = malloc((size_t)b->payload);
+    if (!b->blob || !payload) give_up("memory");
+    for (uint32_t t = 0; t < b->map.tile_count; t++) {
+        memset(payload, (int)t, (size_t)b->payload);
+        b->blob[t] = message_blob(&(struct lw_message){.type = LW_MESSAGE_TILE,
+                                                       .tile = {.tile = t,
+                                                                .version = 1,
+                                                                .codec = 1,
+                                                                .scale = 1,
+                                                                .payload = payload,
+                                                                .payload_size = (size_t)b->payload}});
+        b->snapshot_bytes += b->blob[t]->size;
+    }
+    free(payload);
+}
+
+/* Nobody decodes: the bytes may be the same in every version. */
+static void publish(struct bench *b, uint64_t frame) {
+    struct lw_snapshot *snapshot;
+    if (lw_snapshot_create(b->map.tile_count, &snapshot) != LW_OK) give_up("a snapshot");
+    snapshot->frame = frame;
+    snapshot->frame_full = lw_blob_ref(b->frame);
+    for (uint32_t t = 0; t < b->map.tile_count; t++)
+        snapshot->tile[t] = (struct lw_snapshot_tile){frame, lw_blob_ref(b->blob[t])};
+    lw_server_publish(b->server, snapshot);
+    lw_snapshot_unref(snapshot);
+}
+
+/* ---- clients ---- */
+
+static void *drop(void *context) {
+    struct bench *b = context;
+    struct epoll_event event[EVENTS];
+    while (!b->over) {
+        int ready = epoll_wait(b->epoll, event, EVENTS, 50);
+        for (int i = 0; i < ready; i++) {
+            ssize_t size = recv(event[i].data.fd, NULL, DROP_BYTES, MSG_TRUNC | MSG_DONTWAIT);
+            if (size > 0) b->dropped += (uint64_t)size;
+        }
+    }
+    return NULL;
+}
+
+static int dial(uint16_t port) {
+    struct sockaddr_in address = {
+        .sin_family = AF_INET, .sin_port = htons(port), .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    int s = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    if (s < 0 || connect(s, (struct sockaddr *)&address, sizeof address) < 0) give_up("connect");
+    return s;
+}
+
+static void watch(struct bench *b, int client) {
+    struct epoll_event event = {.events = EPOLLIN, .data.fd = client};
+    if (epoll_ctl(b->epoll, EPOLL_CTL_ADD, client, &event) < 0) give_up("epoll");
+}
+
+static void say(int s, const struct lw_message *message) {
+    struct lw_blob *blob = message_blob(message);
+    if (send(s, blob->bytes, blob->size, MSG_NOSIGNAL) != (ssize_t)blob->size) give_up("send");
+    lw_blob_unref(blob);
+}
+
+static void greet(int s, uint64_t package_compressed_size) {
+    say(s, &(struct lw_message){.type = LW_MESSAGE_HELLO, .hello.version = LW_WIRE_VERSION});
+    say(s, &(struct lw_message){.type = LW_MESSAGE_PACKAGE_REQUEST,
+                                .package_request.offset = package_compressed_size});
+}
+
+/* Whoever has the package need only know its compressed size, which the WELCOME tells. */
+static uint64_t ask_size(uint16_t port) {
+    uint8_t bytes[1024];
+    struct lw_frame_header header;
+    struct lw_message message;
+    int s = dial(port);
+    say(s, &(struct lw_message){.type = LW_MESSAGE_HELLO, .hello.version = LW_WIRE_VERSION});
+    if (recv(s, bytes, LW_FRAME_HEADER_SIZE, MSG_WAITALL) != LW_FRAME_HEADER_SIZE ||
+        lw_frame_read_header(bytes, sizeof bytes, &header, NULL) != LW_OK ||
+        recv(s, bytes, header.body_size, MSG_WAITALL) != (ssize_t)header.body_size ||
+        lw_message_decode(header, bytes, &message, NULL) != LW_OK || message.type != LW_MESSAGE_WELCOME)
+        give_up("the server's welcome");
+    uint64_t size = message.welcome.package_compressed_size;
+    lw_message_finish(&message);
+    close(s);
+    return size;
+}
+
+/* ---- the server ---- */
+
+static void *serve(void *context) {
+    if (lw_server_run(((struct bench *)context)->server, NULL) != LW_OK) give_up("the server");
+    return NULL;
+}
+
+static struct lw_server_stats stats_of(const struct bench *b) {
+    struct lw_server_stats stats;
+    lw_server_get_stats(b->server, &stats);
+    return stats;
+}
+
+static void await_tiles(const struct bench *b, uint64_t tiles) {
+    while (stats_of(b).tiles_sent < tiles) usleep(200);
+}
+
+static struct row run_server(struct bench *b, struct lw_server_stats *out_stats) {
+    static const uint8_t package[1000] = {1};
+    const struct lw_server_desc desc = {
+        .atlas_map = &b->map, .package = package, .package_size = sizeof package};
+    struct lw_error err = {0};
+    if (lw_server_create(&desc, &b->server, &err) != LW_OK) exit(lw_log_failure(&err));
+    if (pthread_create(&b->serving, NULL, serve, b) != 0) give_up("a thread");
+    const uint64_t package_size = ask_size(lw_server_port(b->server)), before = resident_bytes();
+    for (int64_t i = 0; i < b->clients; i++) {
+        b->client[i] = dial(lw_server_port(b->server));
+        greet(b->client[i], package_size);
+        watch(b, b->client[i]);
+    }
+    const uint64_t per_frame = (uint64_t)b->clients * b->map.tile_count;
+    uint64_t frame = 1;
+    publish(b, frame); /* by the end of this one all are there, and caches warm */
+    await_tiles(b, per_frame);
+    struct row row = {.resident = resident_bytes() - before};
+    const struct lw_server_stats from = stats_of(b);
+    const uint64_t began_ns = lw_clock_ns();
+    do {
+        publish(b, ++frame);
+        await_tiles(b, frame * per_frame);
+        row.wall_s = 1e-9 * (double)(lw_clock_ns() - began_ns);
+    } while (row.wall_s < b->seconds);
+    *out_stats = stats_of(b);
+    row.cpu_s = 1e-9 * (double)(out_stats->loop_cpu_ns - from.loop_cpu_ns);
+    row.tiles = out_stats->tiles_sent - from.tiles_sent;
+    row.bytes = out_stats->bytes_sent - from.bytes_sent;
+    lw_server_stop(b->server);
+    pthread_join(b->serving, NULL);
+    lw_server_destroy(b->server);
+    for (int64_t i = 0; i < b->clients; i++) close(b->client[i]);
+    return row;
+}
+
+/* ---- nothing but the system ---- */
+
+/* A connection's place in the blobs: what it has of the present round. */
+struct bare {
+    int socket;
+    uint32_t next;
+    size_t skip; /* bytes of the next blob that are gone */
+};
+
+static size_t write_some(struct bench *b, struct bare *c) {
+    struct iovec vector[BATCH_BLOBS];
+    int count = 0;
+    size_t bytes = 0;
+    for (uint32_t t = c->next; t < b->map.tile_count && count < BATCH_BLOBS && bytes < BATCH_BYTES; t++) {
+        size_t skip = t == c->next ? c->skip : 0;
+        vector[count++] = (struct iovec){b->blob[t]->bytes + skip, b->blob[t]->size - skip};
+        bytes += b->blob[t]->size - skip;
+    }
+    ssize_t sent = writev(c->socket, vector, count);
+    if (sent < 0 && errno == EAGAIN) return 0;
+    if (sent < 0) give_up("writev");
+    for (size_t left = (size_t)sent; left;) {
+        size_t rest = b->blob[c->next]->size - c->skip, step = left < rest ? left : rest;
+        c->skip = step == rest ? 0 : c->skip + step;
+        c->next += step == rest;
+        left -= step;
+    }
+    return (size_t)sent;
+}
+
+static void run_round(struct bench *b, struct bare *c, int writable, struct row *row) {
+    struct epoll_event event[EVENTS];
+    int64_t left = b->clients;
+    for (int64_t i = 0; i < b->clients; i++) {
+        c[i].next = 0;
+        struct epoll_event out = {.events = EPOLLOUT, .data.ptr = &c[i]};
+        if (epoll_ctl(writable, EPOLL_CTL_MOD, c[i].socket, &out) < 0) give_up("epoll");
+    }
+    while (left) {
+        int ready = epoll_wait(writable, event, EVENTS, -1);
+        for (int i = 0; i < ready; i++) {
+            struct bare *at = event[i].data.ptr;
+            row->bytes += write_some(b, at);
+            if (at->next < b->map.tile_count) continue;
+            struct epoll_event none = {.events = 0, .data.ptr = at};
+            if (epoll_ctl(writable, EPOLL_CTL_MOD, at->socket, &none) < 0) give_up("epoll");
+            left--;
+        }
+    }
+    row->tiles += (uint64_t)b->clients * b->map.tile_count;
+}
+
+static struct row run_bare(struct bench *b) {
+    struct sockaddr_in address = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    socklen_t length = sizeof address;
+    const int on = 1, low_water = 128 << 10, listener = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0),
+              writable = epoll_create1(EPOLL_CLOEXEC);
+    struct bare *c = calloc((size_t)b->clients, sizeof *c);
+    if (!c || listener < 0 || writable < 0 ||
+        bind(listener, (struct sockaddr *)&address, sizeof address) < 0 || listen(listener, 16) < 0 ||
+        getsockname(listener, (struct sockaddr *)&address, &length) < 0)
+        give_up("listen");
+    for (int64_t i = 0; i < b->clients; i++) {
+        b->client[i] = dial(ntohs(address.sin_port));
+        watch(b, b->client[i]);
+        c[i].socket = accept4(listener, NULL, NULL, SOCK_NONBLOCK | SOCK_CLOEXEC);
+        struct epoll_event none = {.events = 0, .data.ptr = &c[i]};
+        if (c[i].socket < 0 || epoll_ctl(writable, EPOLL_CTL_ADD, c[i].socket, &none) < 0) give_up("accept");
+        (void)setsockopt(c[i].socket, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+        (void)setsockopt(c[i].socket, IPPROTO_TCP, TCP_NOTSENT_LOWAT, &low_water, sizeof low_water);
+    }
+    struct row row = {0};
+    run_round(b, c, writable, &row);
+    row = (struct row){0};
+    const uint64_t cpu_ns = lw_clock_thread_cpu_ns(), began_ns = lw_clock_ns();
+    do {
+        run_round(b, c, writable, &row);
+        row.wall_s = 1e-9 * (double)(lw_clock_ns() - began_ns);
+    } while (row.wall_s < b->seconds);
+    row.cpu_s = 1e-9 * (double)(lw_clock_thread_cpu_ns() - cpu_ns);
+    for (int64_t i = 0; i < b->clients; i++) {
+        close(c[i].socket);
+        close(b->client[i]);
+    }
+    close(writable);
+    close(listener);
+    free(c);
+    return row;
+}
+
+/* ---- the whole ---- */
+
+static void print_row(const char *name, const struct row *row) {
+    printf("| %s | %.0f | %.2f | %.0f | %.2f | %.0f %% |\n", name, 1e-3 * (double)row->tiles / row->wall_s,
+           1e-9 * (double)row->bytes / row->wall_s, 1e-3 * (double)row->tiles / row->cpu_s,
+           1e-9 * (double)row->bytes / row->cpu_s, 100 * row->cpu_s / row->wall_s);
+}
+
+static void run(struct bench *b) {
+    struct lw_server_stats stats;
+    make_blobs(b);
+    b->client = calloc((size_t)b->clients, sizeof *b->client);
+    b->epoll = epoll_create1(EPOLL_CLOEXEC);
+    if (!b->client || b->epoll < 0 || pthread_create(&b->dropping, NULL, drop, b) != 0) give_up("clients");
+    struct row server = run_server(b, &stats), bare = run_bare(b);
+    b->over = true;
+    pthread_join(b->dropping, NULL);
+    printf("%lld clients, %u tiles of %lld bytes, %.0f KB a snapshot\n\n", (long long)b->clients,
+           b->map.tile_count, (long long)b->payload, 1e-3 * (double)b->snapshot_bytes);
+    printf(
+        "| | 1000 tiles/s | GB/s | 1000 tiles per CPU s | GB per CPU s | CPU |\n|---|---|---|---|---|---|\n");
+    print_row("lightwelld's loop", &server);
+    print_row("epoll and writev alone", &bare);
+    printf("\nCPU time of the loop over that of the system alone, per byte: %.2f\n",
+           server.cpu_s / (double)server.bytes / (bare.cpu_s / (double)bare.bytes));
+    printf("memory: %.1f MB, %.1f KB a session; loop lag p99 %.1f ms, largest %.1f ms\n",
+           1e-6 * (double)server.resident, 1e-3 * (double)server.resident / (double)b->clients,
+           1e-6 * (double)stats.loop_lag_p99_ns, 1e-6 * (double)stats.loop_lag_max_ns);
+    for (uint32_t t = 0; t < b->map.tile_count; t++) lw_blob_unref(b->blob[t]);
+    free(b->blob);
+    lw_blob_unref(b->frame);
+    free(b->client);
+    close(b->epoll);
+    lw_atlas_map_finish(&b->map);
+    lw_scene_destroy(b->scene);
+}
+
+int main(int argc, char **argv) {
+    struct bench b = {.clients = 1000, .payload = 1300, .tiles = 256, .seconds = 6};
+    struct lw_error err = {0};
+    bool done = false;
+    const struct lw_option table[] = {
+        {"clients", "N", "sessions (default 1000)", LW_OPTION_INT, &b.clients, 1, 9000, NULL},
+        {"payload", "BYTES",
+         "of a tile (default 1300, as the lossy codec makes them; the lossless one: 13000)", LW_OPTION_INT,
+         &b.payload, 1, LW_MESSAGE_PAYLOAD_MAX, NULL},
+        {"tiles", "N", "of level 0; with the coarser ones a third more (default 256)", LW_OPTION_INT,
+         &b.tiles, 1, 4096, NULL},
+        {"seconds", "S", "of each row (default 6: delays are told every 5)", LW_OPTION_REAL, &b.seconds, 0.01,
+         3600, NULL},
+    };
+    const struct lw_options options = {.program = "bench_fanout",
+                                       .synopsis = "[OPTIONS]",
+                                       .about = "What it costs to hand snapshots to many sessions.",
+                                       .table = table,
+                                       .count = sizeof table / sizeof table[0]};
+    lw_log_init("bench_fanout", LW_LOG_WARNING);
+    enum lw_status status = lw_options_parse(&options, argc, argv, NULL, &done, &err);
+    if (status != LW_OK || done) return status == LW_OK ? 0 : lw_log_failure(&err);
+    struct rlimit limit;
+    if (getrlimit(RLIMIT_NOFILE, &limit) == 0) {
+        limit.rlim_cur = limit.rlim_max; /* two for each client */
+        (void)setrlimit(RLIMIT_NOFILE, &limit);
+    }
+    run(&b);
+    return 0;
+}
