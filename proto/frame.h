@@ -31,7 +31,8 @@ enum lw_message_type {
     LW_MESSAGE_PONG = 11,
     LW_MESSAGE_SETTLED = 12, /* server -> client: no tile of the last frame is left to send */
     LW_MESSAGE_UPDATE = 13,  /* client -> server: changes of the scene */
-    LW_MESSAGE_UPDATED = 14  /* server -> client, answer to update */
+    LW_MESSAGE_UPDATED = 14, /* server -> client, answer to update */
+    LW_MESSAGE_HOLDS = 15    /* client -> server: tiles of an earlier session */
 };
 
 struct lw_frame_header {

@@ -21,7 +21,8 @@
     X(PONG, "PONG", lightwell__wire__ping__descriptor)                                                       \
     X(SETTLED, "SETTLED", lightwell__wire__settled__descriptor)                                              \
     X(UPDATE, "UPDATE", lightwell__wire__update__descriptor)                                                 \
-    X(UPDATED, "UPDATED", lightwell__wire__updated__descriptor)
+    X(UPDATED, "UPDATED", lightwell__wire__updated__descriptor)                                              \
+    X(HOLDS, "HOLDS", lightwell__wire__holds__descriptor)
 
 #define TRANSFORM_FLOATS 12u
 #define VECTOR_FLOATS    3u
@@ -188,6 +189,9 @@ static enum lw_status check_values(const struct lw_message *m, struct lw_error *
         return check_update(&m->update, err);
     case LW_MESSAGE_UPDATED:
         return check_text(m->updated.text, LW_MESSAGE_TEXT_MAX, "text", err);
+    case LW_MESSAGE_HOLDS:
+        return m->holds.tile_count > LW_MESSAGE_HOLDS_MAX ? invalid(err, "tile", "has over 2048 entries")
+                                                          : LW_OK;
     case LW_MESSAGE_ACK:
     case LW_MESSAGE_PING:
     case LW_MESSAGE_PONG:
@@ -220,6 +224,7 @@ union wire {
     Lightwell__Wire__Settled settled;
     Lightwell__Wire__Update update;
     Lightwell__Wire__Updated updated;
+    Lightwell__Wire__Holds holds;
 };
 
 static const ProtobufCMessageDescriptor *descriptor_of(unsigned type) {
@@ -257,6 +262,7 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
         wire->welcome.package_compressed_size = m->welcome.package_compressed_size;
         wire->welcome.bounces = m->welcome.bounces;
         wire->welcome.target_error = m->welcome.target_error;
+        wire->welcome.run = m->welcome.run;
         break;
     case LW_MESSAGE_REFUSAL:
         wire->refusal.code = (uint32_t)m->refusal.code;
@@ -320,6 +326,8 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
     case LW_MESSAGE_PONG:
         wire->ping.token = m->ping.token;
         break; /* one layout for both */
+    case LW_MESSAGE_HOLDS:
+        break;
     }
 }
 
@@ -329,7 +337,9 @@ static size_t value_total(const struct lw_message_update *u) {
     return total;
 }
 
-/* The lists of INTEREST, FRAME and UPDATE in memory: words of 4 bytes, as on the wire. */
+#define HELD_WORDS 5u /* object, level, tile, and two of the version */
+
+/* The lists of INTEREST, FRAME, UPDATE and HOLDS in memory: words of 4 bytes, as on the wire. */
 static size_t list_words(const struct lw_message *m) {
     const struct lw_message_frame *f = &m->frame;
     if (m->type == LW_MESSAGE_INTEREST) return 3 * m->interest.tile_count;
@@ -337,6 +347,7 @@ static size_t list_words(const struct lw_message *m) {
         return (1 + TRANSFORM_FLOATS) * f->transform_count + (1 + LIGHT_FLOATS) * f->light_count +
                (1 + 2 * VECTOR_FLOATS) * f->material_count;
     if (m->type == LW_MESSAGE_UPDATE) return 3 * m->update.change_count + value_total(&m->update);
+    if (m->type == LW_MESSAGE_HOLDS) return HELD_WORDS * m->holds.tile_count;
     return 0;
 }
 
@@ -415,11 +426,29 @@ static void fill_update(Lightwell__Wire__Update *wire, const struct lw_message_u
     wire->value = value;
 }
 
+static void fill_holds(Lightwell__Wire__Holds *wire, const struct lw_message_holds *m, void *words) {
+    size_t count = m->tile_count;
+    uint64_t *version = words;
+    uint32_t *object = (uint32_t *)(version + count), *level = object + count, *tile = level + count;
+    for (size_t i = 0; i < count; i++) {
+        object[i] = m->tile[i].object;
+        level[i] = m->tile[i].level;
+        tile[i] = m->tile[i].tile;
+        version[i] = m->tile[i].version;
+    }
+    wire->n_object = wire->n_level = wire->n_tile = wire->n_version = count;
+    wire->object = object;
+    wire->level = level;
+    wire->tile = tile;
+    wire->version = version;
+}
+
 /* words: list_words() of them; they back the lists of wire, but those that have the wire's layout already. */
 static void fill_lists(union wire *wire, const struct lw_message *m, void *words) {
     if (m->type == LW_MESSAGE_INTEREST) fill_interest(&wire->interest, &m->interest, words);
     if (m->type == LW_MESSAGE_FRAME) fill_frame(&wire->frame, &m->frame, words);
     if (m->type == LW_MESSAGE_UPDATE) fill_update(&wire->update, &m->update, words);
+    if (m->type == LW_MESSAGE_HOLDS) fill_holds(&wire->holds, &m->holds, words);
 }
 
 /* Bytes on the wire of a packed list of 4-byte words: tag, length, data. */
@@ -440,6 +469,8 @@ static size_t lists_size(const struct lw_message *m) {
                packed_size(16, f->material_count) + 2 * packed_size(17, VECTOR_FLOATS * f->material_count);
     if (m->type == LW_MESSAGE_UPDATE)
         return 3 * packed_size(2, u->change_count) + packed_size(5, value_total(u));
+    if (m->type == LW_MESSAGE_HOLDS)
+        return 3 * packed_size(1, m->holds.tile_count) + packed_size(4, 2 * m->holds.tile_count);
     return 0;
 }
 
@@ -458,6 +489,7 @@ static uint32_t body_max(unsigned type) {
     case LW_MESSAGE_PING:
     case LW_MESSAGE_PONG:
     case LW_MESSAGE_UPDATE:
+    case LW_MESSAGE_HOLDS:
         return LW_FRAME_CLIENT_BODY_MAX;
     default:
         return LW_FRAME_BODY_MAX;
@@ -571,7 +603,8 @@ static enum lw_status read_welcome(const Lightwell__Wire__Welcome *w, struct lw_
                                              .package_size = w->package_size,
                                              .package_compressed_size = w->package_compressed_size,
                                              .bounces = w->bounces,
-                                             .target_error = w->target_error};
+                                             .target_error = w->target_error,
+                                             .run = w->run};
     memcpy(m->welcome.package_hash.bytes, w->package_hash.data, sizeof m->welcome.package_hash.bytes);
     return LW_OK;
 }
@@ -590,6 +623,22 @@ static enum lw_status read_interest(const Lightwell__Wire__Interest *w, struct l
     for (size_t i = 0; i < count; i++)
         tile[i] = (struct lw_message_interest_tile){w->object[i], w->level[i], w->tile[i]};
     m->interest.tile = tile;
+    return LW_OK;
+}
+
+static enum lw_status read_holds(const Lightwell__Wire__Holds *w, struct lw_message *m,
+                                 struct storage *storage, struct lw_error *err) {
+    size_t count = w->n_object;
+    if (w->n_level != count || w->n_tile != count || w->n_version != count)
+        return invalid(err, "object, level, tile and version", "differ in length");
+    if (count > LW_MESSAGE_HOLDS_MAX) return invalid(err, "tile", "has over 2048 entries");
+    m->holds = (struct lw_message_holds){.tile_count = count};
+    if (!count) return LW_OK;
+    struct lw_message_held *tile = storage->list[0] = malloc(count * sizeof *tile);
+    if (!tile) return LW_NO_MEMORY;
+    for (size_t i = 0; i < count; i++)
+        tile[i] = (struct lw_message_held){w->object[i], w->level[i], w->tile[i], w->version[i]};
+    m->holds.tile = tile;
     return LW_OK;
 }
 
@@ -746,6 +795,8 @@ static enum lw_status read_wire(const union wire *w, struct lw_message *m, struc
     case LW_MESSAGE_PONG:
         m->ping.token = w->ping.token;
         return LW_OK; /* one layout for both */
+    case LW_MESSAGE_HOLDS:
+        return read_holds(&w->holds, m, storage, err);
     }
     return LW_INTERNAL;
 }

@@ -21,6 +21,7 @@
 #define LW_MESSAGE_MATERIALS_MAX  4096u
 #define LW_MESSAGE_CHANGES_MAX    1024u /* of an update */
 #define LW_MESSAGE_INTEREST_MAX   4096u
+#define LW_MESSAGE_HOLDS_MAX      2048u
 #define LW_MESSAGE_CHUNK_MAX      (1u << 18) /* bytes of package data */
 #define LW_MESSAGE_PAYLOAD_MAX    (1u << 18) /* bytes of a tile */
 #define LW_MESSAGE_BOUNCES_MAX    64u
@@ -30,9 +31,11 @@
     (LW_PACKAGE_SIZE_MAX + (LW_PACKAGE_SIZE_MAX >> 8)) /* zstd's bound for a package */
 
 /* Values are forever. */
-#define LW_FEATURE_DCT     1u             /* reads tiles of LW_TILE_CODEC_DCT */
-#define LW_FEATURE_CONTROL 2u             /* sends updates of the scene */
-#define LW_FEATURES_READ   LW_FEATURE_DCT /* all that our clients know */
+#define LW_FEATURE_DCT     1u /* reads tiles of LW_TILE_CODEC_DCT */
+#define LW_FEATURE_CONTROL 2u /* sends updates of the scene */
+#define LW_FEATURE_RESUME  4u /* says what it has */
+#define LW_FEATURES_READ                                                                                     \
+    (LW_FEATURE_DCT | LW_FEATURE_RESUME) /* all that our clients know and need not ask for */
 
 struct lw_message_hello {
     uint32_t version;  /* LW_WIRE_VERSION */
@@ -49,6 +52,7 @@ struct lw_message_welcome {
     uint64_t package_compressed_size; /* bytes of its zstd form, which the chunks carry */
     uint32_t bounces;                 /* indirect bounces that a complete tile has */
     float target_error;               /* relative standard error below which a tile counts as converged */
+    uint64_t run;                     /* of the server: versions and frames compare within it; 0: not told */
 };
 
 /* Values are forever. */
@@ -155,6 +159,14 @@ struct lw_message_updated {
     uint64_t frame;   /* the first one with the changes; 0: none were made */
 };
 
+struct lw_message_holds {
+    const struct lw_message_held {
+        uint32_t object, level, tile; /* as in an interest */
+        uint64_t version;
+    } * tile;
+    size_t tile_count;
+};
+
 struct lw_message_ping {
     uint64_t token; /* comes back in the pong */
 };
@@ -175,6 +187,7 @@ struct lw_message {
         struct lw_message_settled settled;
         struct lw_message_update update;
         struct lw_message_updated updated;
+        struct lw_message_holds holds;
     };
     void *storage; /* what decoding allocated */
 };

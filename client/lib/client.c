@@ -5,6 +5,7 @@
 #include "client/lib/replica.h"
 #include "client/lib/want.h"
 #include "common/clock.h"
+#include "common/random.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -15,12 +16,18 @@
 #define POLL_NS_MAX        20000000u
 
 struct lw_client {
+    char *host, *name; /* as given, to connect again */
+    uint16_t port;
+    unsigned timeout_ms;
+    bool control;
     struct lw_link link;
     bool welcomed;
     struct lw_download download; /* until the replica is there */
     struct lw_replica *replica;  /* NULL before the package is complete */
     const struct lw_client *scene_of;
     struct lw_package_hash package_hash;
+    uint64_t run;            /* of the server */
+    bool may_hold;           /* we may say what we have */
     uint64_t package_offset; /* from which we ask for the package */
     struct lw_want want;
     bool may_update;
@@ -29,6 +36,7 @@ struct lw_client {
     uint32_t answer_first, answer_count;
     uint32_t unanswered; /* updates whose answer has not arrived */
     struct lw_client_stats stats;
+    uint64_t bytes_before;                          /* received by earlier sessions */
     uint64_t frame_acked, frame_ns, frame_solve_ns; /* frame_ns: when the newest frame arrived */
 };
 
@@ -42,6 +50,28 @@ static bool has_scene(const struct lw_client *c, const struct lw_package_hash *h
     return c && c->replica && memcmp(c->package_hash.bytes, hash->bytes, sizeof hash->bytes) == 0;
 }
 
+/* The session before this one has left a scene. */
+static enum lw_status take_up_scene(struct lw_client *c, const struct lw_message_welcome *welcome,
+                                    bool same_run, struct lw_error *err) {
+    if (memcmp(c->package_hash.bytes, welcome->package_hash.bytes, sizeof c->package_hash.bytes) != 0)
+        return lw_status_fail(err, LW_BAD_DATA, "it lights another scene now");
+    c->package_offset = welcome->package_compressed_size;
+    if (same_run) return LW_OK;
+    lw_replica_begin_run(c->replica);
+    c->may_hold = false;
+    c->stats.frame = c->stats.settled_frame = c->stats.changed_frame = 0;
+    return LW_OK;
+}
+
+static enum lw_status begin_download(struct lw_client *c, const struct lw_message_welcome *welcome,
+                                     bool same_run, struct lw_error *err) {
+    c->package_offset = same_run ? c->download.received : 0;
+    if (same_run && c->download.zstd) return LW_OK;
+    lw_download_finish(&c->download);
+    enum lw_status status = lw_download_init(&c->download, welcome);
+    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "out of memory");
+}
+
 static enum lw_status handle_welcome(struct lw_client *c, const struct lw_message_welcome *welcome,
                                      struct lw_error *err) {
     if (c->welcomed) return out_of_order(err, LW_MESSAGE_WELCOME);
@@ -53,14 +83,17 @@ static enum lw_status handle_welcome(struct lw_client *c, const struct lw_messag
     c->stats.bounces = welcome->bounces;
     c->stats.target_error = welcome->target_error;
     c->may_update = welcome->features & LW_FEATURE_CONTROL;
+    c->may_hold = welcome->features & LW_FEATURE_RESUME;
+    const bool same_run = welcome->run && welcome->run == c->run;
+    c->run = welcome->run;
+    if (c->replica) return take_up_scene(c, welcome, same_run, err);
     c->package_hash = welcome->package_hash;
     if (has_scene(c->scene_of, &welcome->package_hash)) {
         c->package_offset = welcome->package_compressed_size; /* to its end: there is nothing to send */
         c->stats.package_ns = lw_clock_ns();
         return lw_replica_create_beside(c->scene_of->replica, &c->replica, err);
     }
-    enum lw_status status = lw_download_init(&c->download, welcome);
-    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "out of memory");
+    return begin_download(c, welcome, same_run, err);
 }
 
 static enum lw_status handle_refusal(const struct lw_client *c, const struct lw_message_refusal *refusal,
@@ -211,7 +244,7 @@ static enum lw_status take_all(struct lw_client *c, struct lw_error *err) {
         link_status = lw_link_receive(&c->link, &size, &link_err);
         /* also after the link's end: a refusal may be the last message */
         enum lw_status status = take_buffered(c, &any, err);
-        c->stats.bytes = c->link.bytes_received;
+        c->stats.bytes = c->bytes_before + c->link.bytes_received;
         if (status != LW_OK) return status;
         if (c->welcomed != was_welcomed) return LW_OK;
         if (c->link.bytes_received >= end_bytes || lw_clock_ns() >= end_ns) break;
@@ -311,13 +344,37 @@ static enum lw_status send_first(struct lw_client *c, const struct lw_message *m
     return status;
 }
 
-static enum lw_status shake_hands(struct lw_client *c, const char *name, bool control, unsigned timeout_ms,
-                                  struct lw_error *err) {
-    uint64_t deadline_ns = lw_clock_ns() + timeout_ms * 1000000ull;
+#define HOLDS_AT_ONCE 1024u /* leaves room in the outbox for what must not be dropped */
+
+/* Tells the server which tiles it need not send. What it is not told, as the link is busy, comes again: no harm. */
+static enum lw_status tell_held(struct lw_client *c, struct lw_error *err) {
+    if (!c->replica || !c->may_hold) return LW_OK;
+    const struct lw_atlas_map *map = lw_replica_atlas_map(c->replica);
+    struct lw_message_held *held = malloc(HOLDS_AT_ONCE * sizeof *held);
+    if (!held) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    size_t count = 0;
+    enum lw_status status = LW_OK;
+    for (uint32_t t = 0; status == LW_OK && !c->link.outbox_size && t < map->tile_count; t++) {
+        const uint64_t version = lw_replica_version_of_run(c->replica, (lw_tile_id){t});
+        const struct lw_tile_place *p = &map->place[t];
+        if (version)
+            held[count++] = (struct lw_message_held){
+                p->object, p->level, p->y * map->atlas[p->object].level[p->level].tiles_x + p->x, version};
+        if (count < HOLDS_AT_ONCE && (!count || t + 1 < map->tile_count)) continue;
+        const struct lw_message message = {.type = LW_MESSAGE_HOLDS, .holds = {held, count}};
+        status = lw_link_send(&c->link, &message, err);
+        count = 0;
+    }
+    free(held);
+    return status;
+}
+
+static enum lw_status shake_hands(struct lw_client *c, struct lw_error *err) {
+    uint64_t deadline_ns = lw_clock_ns() + c->timeout_ms * 1000000ull;
     struct lw_message hello = {.type = LW_MESSAGE_HELLO,
                                .hello = {.version = LW_WIRE_VERSION,
-                                         .features = LW_FEATURES_READ | (control ? LW_FEATURE_CONTROL : 0),
-                                         .name = name ? name : "liblightwell"}};
+                                         .features = LW_FEATURES_READ | (c->control ? LW_FEATURE_CONTROL : 0),
+                                         .name = c->name}};
     if (lw_message_validate(&hello, NULL) != LW_OK)
         return lw_status_fail(err, LW_USAGE,
                               "a client's name is at most %u bytes of UTF-8, without control characters",
@@ -332,6 +389,7 @@ static enum lw_status shake_hands(struct lw_client *c, const char *name, bool co
         if (status == LW_OK) status = take_all(c, &cause);
     }
     if (status == LW_OK) status = tell_want(c, &cause); /* before tiles can come */
+    if (status == LW_OK) status = tell_held(c, &cause);
     if (status == LW_OK) {
         struct lw_message request = {.type = LW_MESSAGE_PACKAGE_REQUEST,
                                      .package_request.offset = c->package_offset};
@@ -344,21 +402,47 @@ static enum lw_status shake_hands(struct lw_client *c, const char *name, bool co
     return lw_status_fail(err, status, "%s", cause.text);
 }
 
+static enum lw_status connect_and_greet(struct lw_client *c, struct lw_error *err) {
+    enum lw_status status = lw_link_connect(&c->link, c->host, c->port, c->timeout_ms, err);
+    return status == LW_OK ? shake_hands(c, err) : status;
+}
+
+enum lw_status lw_client_reconnect(struct lw_client *c, struct lw_error *err) {
+    const uint64_t bytes_before = c->bytes_before + c->link.bytes_received;
+    lw_link_finish(&c->link);
+    c->bytes_before = bytes_before;
+    c->welcomed = c->may_update = false;
+    c->unanswered = 0;
+    c->frame_acked = c->stats.frame; /* the next one that comes is news to the server */
+    lw_want_forget(&c->want);
+    return connect_and_greet(c, err);
+}
+
+#define BACKOFF_FIRST_MS 50u
+#define BACKOFF_MOST_MS  500u
+
+unsigned lw_client_backoff_ms(unsigned attempt, uint32_t seed) {
+    const unsigned least = attempt < 4 ? BACKOFF_FIRST_MS << attempt : BACKOFF_MOST_MS;
+    return least + lw_random_hash2(seed, attempt) % (least + 1);
+}
+
 enum lw_status lw_client_create(const struct lw_client_desc *desc, struct lw_client **out_client,
                                 struct lw_error *err) {
-    unsigned timeout_ms = desc->timeout_ms ? desc->timeout_ms : TIMEOUT_DEFAULT_MS;
     struct lw_client *c = calloc(1, sizeof *c);
     if (!c) return lw_status_fail(err, LW_NO_MEMORY, "cannot create a client: out of memory");
+    c->link.socket = -1;
     c->stats.connected_ns = lw_clock_ns();
     c->scene_of = desc->scene_of;
+    c->port = desc->port;
+    c->timeout_ms = desc->timeout_ms ? desc->timeout_ms : TIMEOUT_DEFAULT_MS;
+    c->control = desc->control;
     lw_want_init(&c->want);
     c->want.now.everything = !desc->wants_nothing;
-    enum lw_status status = lw_link_connect(&c->link, desc->host, desc->port, timeout_ms, err);
-    if (status != LW_OK) {
-        free(c);
-        return status;
-    }
-    status = shake_hands(c, desc->name, desc->control, timeout_ms, err);
+    c->host = strdup(desc->host);
+    c->name = strdup(desc->name ? desc->name : "liblightwell");
+    enum lw_status status = c->host && c->name
+                                ? connect_and_greet(c, err)
+                                : lw_status_fail(err, LW_NO_MEMORY, "cannot create a client: out of memory");
     if (status == LW_OK)
         *out_client = c;
     else
@@ -373,6 +457,8 @@ void lw_client_destroy(struct lw_client *c) {
     lw_link_finish(&c->link);
     lw_want_finish(&c->want);
     free(c->answer);
+    free(c->host);
+    free(c->name);
     free(c);
 }
 

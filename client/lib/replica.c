@@ -15,10 +15,11 @@ struct lw_replica {
     struct lw_pose pose;
     struct lw_tile_codec *codec;
     bool has_map, has_pose;
-    float *texels;               /* all levels of all objects, one after another */
-    size_t *first_texel;         /* per object and level */
-    struct lw_client_tile *tile; /* by tile id */
-    uint32_t coarsest_missing;   /* tiles of coarsest levels that have not arrived */
+    float *texels;                      /* all levels of all objects, one after another */
+    size_t *first_texel;                /* per object and level */
+    struct lw_client_tile *tile;        /* by tile id */
+    uint64_t version_base, version_max; /* what is added to versions of this run; the largest so far */
+    uint32_t coarsest_missing;          /* tiles of coarsest levels that have not arrived */
     float decoded[LW_TILE_TEXELS_MAX * CHANNELS];
 };
 
@@ -109,6 +110,13 @@ void lw_replica_destroy(struct lw_replica *r) {
     free(r);
 }
 
+void lw_replica_begin_run(struct lw_replica *r) { r->version_base = r->version_max; }
+
+uint64_t lw_replica_version_of_run(const struct lw_replica *r, lw_tile_id tile) {
+    const uint64_t version = tile.v < r->map.tile_count ? r->tile[tile.v].version : 0;
+    return version > r->version_base ? version - r->version_base : 0;
+}
+
 static enum lw_status set_hidden(struct lw_replica *r, const uint32_t *object, size_t count, bool hidden,
                                  struct lw_error *err) {
     for (size_t i = 0; i < count; i++) {
@@ -172,7 +180,10 @@ enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_messag
         return lw_status_fail(err, LW_PROTOCOL, "message TILE: there is no object %u, level %u, tile %u",
                               t->object, t->level, t->tile);
     struct lw_client_tile *known = &r->tile[id.v];
-    if (t->layer != 0 || t->version <= known->version) return LW_OK;
+    if (t->version > UINT64_MAX - r->version_base)
+        return lw_status_fail(err, LW_PROTOCOL, "message TILE: versions have come to their end");
+    const uint64_t version = r->version_base + t->version;
+    if (t->layer != 0 || version <= known->version) return LW_OK;
     if (!lw_tile_codec_is_known(t->codec))
         return lw_status_fail(err, LW_PROTOCOL, "message TILE: codec %u is unknown", t->codec);
     const struct lw_tile_place *place = &r->map.place[id.v];
@@ -185,7 +196,8 @@ enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_messag
                               t->level, t->tile);
     copy_into_level(r, place);
     if (!known->version && t->level == r->map.atlas[t->object].level_count - 1) r->coarsest_missing--;
-    *known = (struct lw_client_tile){.version = t->version, .bounces = t->bounces, .error = t->error};
+    *known = (struct lw_client_tile){.version = version, .bounces = t->bounces, .error = t->error};
+    if (version > r->version_max) r->version_max = version;
     return LW_OK;
 }
 

@@ -21,6 +21,11 @@ LW_MUST_CHECK enum lw_status lw_replica_create_beside(const struct lw_replica *o
                                                       struct lw_replica **out_replica, struct lw_error *err);
 void lw_replica_destroy(struct lw_replica *replica);
 
+/** The server has begun anew: versions that come from now on are newer than all that are there, however small. */
+void lw_replica_begin_run(struct lw_replica *replica);
+/** The version of a tile as the present run of the server counts; 0: it is not of this run. */
+uint64_t lw_replica_version_of_run(const struct lw_replica *replica, lw_tile_id tile);
+
 /** Takes over transforms, lights, what is hidden, materials and sky. Errors: LW_PROTOCOL for an object, light or material
  * that the scene does not have. */
 LW_MUST_CHECK enum lw_status

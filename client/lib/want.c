@@ -13,6 +13,12 @@ void lw_want_finish(struct lw_want *want) {
     *want = (struct lw_want){0};
 }
 
+void lw_want_forget(struct lw_want *want) {
+    free(want->told.tile);
+    want->told = (struct lw_want_list){.everything = true};
+    want->told_ns = 0;
+}
+
 static int by_id(const void *a, const void *b) {
     const lw_tile_id *x = a, *y = b;
     return (x->v > y->v) - (x->v < y->v);

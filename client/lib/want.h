@@ -25,6 +25,9 @@ struct lw_want {
 void lw_want_init(struct lw_want *want);
 void lw_want_finish(struct lw_want *want);
 
+/** Another session begins, which has been told nothing: everything is wanted in it until it is. */
+void lw_want_forget(struct lw_want *want);
+
 /** Wants these, in any order, each as often as you like; over `most` different ones: everything.
  * Errors: LW_NO_MEMORY; then nothing has changed. */
 LW_MUST_CHECK enum lw_status lw_want_set(struct lw_want *want, const lw_tile_id *tile, size_t count,

@@ -11,6 +11,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/random.h>
 #include <sys/resource.h>
 #include <zstd.h>
 
@@ -410,6 +411,8 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
                                                   .bounces = desc->bounces,
                                                   .target_error = desc->target_error};
     lw_package_hash(desc->package, desc->package_size, &shared->welcome.package_hash);
+    if (getrandom(&shared->welcome.run, sizeof shared->welcome.run, 0) != (ssize_t)sizeof shared->welcome.run)
+        shared->welcome.run = 0; /* then nobody takes up where another run ended */
     uint32_t tiles = desc->atlas_map->tile_count;
     shared->changed = malloc((tiles ? tiles : 1) * sizeof *shared->changed);
     enum lw_status status = shared->changed ? make_order(desc->atlas_map, &server->order) : LW_NO_MEMORY;

@@ -67,6 +67,7 @@ struct lw_session {
     bool shutdown_sent, welcomed;
     bool local;    /* the peer is on this machine */
     bool controls; /* and may send updates */
+    bool resumes;  /* may say what it has */
     uint64_t number;
     char address[64], name[LW_MESSAGE_NAME_MAX + 1];
     uint64_t since_ns; /* connected; in LEAVING: refused */
@@ -83,7 +84,7 @@ struct lw_session {
     uint32_t next_chunk;
     uint64_t frame_sent, frame_acked;
     bool settled_due;                  /* of the one sent */
-    uint64_t *sent;                    /* per tile: the version sent; NULL before STREAMING */
+    uint64_t *sent;                    /* per tile: the version sent; NULL before that matters */
     struct interest interest, waiting; /* what holds; what came since, if has_waiting */
     bool has_waiting;
     uint64_t interest_epoch; /* of the server, when interest was last taken up */
@@ -515,6 +516,8 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
     message.welcome.session = s->number;
     s->controls = s->local && s->shared->scene && (hello->features & LW_FEATURE_CONTROL);
     if (s->controls) message.welcome.features |= LW_FEATURE_CONTROL;
+    s->resumes = hello->features & LW_FEATURE_RESUME;
+    if (s->resumes) message.welcome.features |= LW_FEATURE_RESUME;
     if (lw_blob_from_message(&message, &s->control) != LW_OK) {
         lw_session_close(s, "out of memory");
         return;
@@ -545,15 +548,39 @@ static enum lw_status cut_chunk(struct lw_session *s, uint64_t offset) {
     return status;
 }
 
+static bool make_sent(struct lw_session *s) {
+    if (!s->sent) s->sent = calloc(s->shared->atlas_map->tile_count, sizeof *s->sent);
+    return s->sent;
+}
+
+/* What an earlier session of the peer was sent counts as sent. */
+static void handle_holds(struct lw_session *s, const struct lw_message_holds *holds) {
+    const struct lw_snapshot *snapshot = s->shared->snapshot;
+    if (!make_sent(s)) {
+        lw_session_close(s, "out of memory");
+        return;
+    }
+    for (size_t i = 0; i < holds->tile_count; i++) {
+        struct lw_message_held t = holds->tile[i];
+        uint32_t id = lw_atlas_map_find_tile(s->shared->atlas_map, t.object, t.level, t.tile).v;
+        if (id == UINT32_MAX || !snapshot || t.version > snapshot->tile[id].version) {
+            lw_session_refuse(s, LW_REFUSAL_PROTOCOL,
+                              "message HOLDS: there is no object %u, level %u, tile %u of version %" PRIu64,
+                              t.object, t.level, t.tile, t.version);
+            return;
+        }
+        s->sent[id] = t.version;
+    }
+}
+
 static void handle_package_request(struct lw_session *s, uint64_t offset) {
     if (offset > s->shared->welcome.package_compressed_size) {
         lw_session_refuse(s, LW_REFUSAL_PROTOCOL,
                           "message PACKAGE_REQUEST: offset is past the package's end");
         return;
     }
-    s->sent = calloc(s->shared->atlas_map->tile_count, sizeof *s->sent);
     bool inside = offset % LW_SESSION_CHUNK && offset < s->shared->welcome.package_compressed_size;
-    if (!s->sent || (inside && cut_chunk(s, offset) != LW_OK)) {
+    if (!make_sent(s) || (inside && cut_chunk(s, offset) != LW_OK)) {
         lw_session_close(s, "out of memory");
         return;
     }
@@ -661,6 +688,7 @@ static void handle_ack(struct lw_session *s, uint64_t frame) {
 static void handle_message(struct lw_session *s, const struct lw_message *m) {
     bool in_order = m->type == LW_MESSAGE_HELLO             ? s->state == EXPECTS_HELLO
                     : m->type == LW_MESSAGE_PACKAGE_REQUEST ? s->state == WELCOMED
+                    : m->type == LW_MESSAGE_HOLDS           ? s->state == WELCOMED && s->resumes
                     : m->type == LW_MESSAGE_UPDATE          ? s->controls
                                                             : s->state == WELCOMED || s->state == STREAMING;
     if (!in_order) {
@@ -674,6 +702,9 @@ static void handle_message(struct lw_session *s, const struct lw_message *m) {
         break;
     case LW_MESSAGE_PACKAGE_REQUEST:
         handle_package_request(s, m->package_request.offset);
+        break;
+    case LW_MESSAGE_HOLDS:
+        handle_holds(s, &m->holds);
         break;
     case LW_MESSAGE_INTEREST:
         handle_interest(s, &m->interest);

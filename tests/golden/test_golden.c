@@ -17,6 +17,8 @@ static const uint8_t tile_payload[] = {0x28, 0xb5, 0x2f, 0xfd, 0x20, 0x06, 0x31,
                                        0,    0,    0,    0,    0x3c, 0x38, 0x34};
 static const struct lw_message_interest_tile seventeenth_objects[] = {{17, 0, 2}};
 static const struct lw_message_interest_tile interest_tiles[] = {{0, 4, 0}, {17, 0, 35}};
+static const struct lw_message_held held[] = {{17, 0, 2, 300}};
+static const struct lw_message_held much_held[] = {{0, 4, 0, 1}, {17, 0, 35, 0x0123456789abcdef}};
 static const struct lw_message_transform transforms[] = {
     {2, {{{1, 0, 0, 0.5f}, {0, 0, -1, 2}, {0, 1, 0, -3}}}}};
 static const struct lw_message_light lights[] = {{1, {0, 2, 0}, {0, -1, 0}, {10, 20, 30}}};
@@ -64,7 +66,8 @@ static const struct golden {
                   1000000,
                   300000,
                   2,
-                  0.0625f}}},
+                  0.0625f,
+                  0}}},
     {"refusal.bin",
      {.type = LW_MESSAGE_REFUSAL, .refusal = {LW_REFUSAL_FULL, "the server has its 10000 sessions"}}},
     {"refusal_unknown_code.bin", {.type = LW_MESSAGE_REFUSAL, .refusal = {(enum lw_refusal)65535, ""}}},
@@ -123,6 +126,23 @@ static const struct golden {
      {.type = LW_MESSAGE_UPDATED,
       .updated =
           {.request = 8, .code = LW_SCENE_CHANGE_UNKNOWN_TARGET, .change = 1, .text = "no such light"}}},
+    {"welcome_run.bin",
+     {.type = LW_MESSAGE_WELCOME,
+      .welcome = {1,
+                  LW_FEATURE_DCT | LW_FEATURE_RESUME,
+                  43,
+                  "lightwelld 0.1.0",
+                  {{0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 255}},
+                  1000000,
+                  300000,
+                  2,
+                  0.0625f,
+                  0xfedcba9876543210}}},
+    {"hello_resume.bin",
+     {.type = LW_MESSAGE_HELLO,
+      .hello = {.version = 1, .features = LW_FEATURE_DCT | LW_FEATURE_RESUME, .name = "stranger"}}},
+    {"holds.bin", {.type = LW_MESSAGE_HOLDS, .holds = {held, 1}}},
+    {"holds_two.bin", {.type = LW_MESSAGE_HOLDS, .holds = {much_held, 2}}},
     {"settled.bin", {.type = LW_MESSAGE_SETTLED, .settled = {300}}},
     {"ack.bin", {.type = LW_MESSAGE_ACK, .ack = {300}}},
     {"ping.bin", {.type = LW_MESSAGE_PING, .ping = {0x0123456789abcdef}}},
@@ -152,6 +172,8 @@ static const struct {
      "3 values for each material"},
     {"invalid_update_lengths.bin", "06000000 0d00 0000 120403000000", "differ in length"},
     {"invalid_update_values.bin", "12000000 0d00 0000 12040c000000 1a0400000000 220403000000", "shorter"},
+    {"invalid_holds_lengths.bin", "12000000 0f00 0000 0a0411000000 120400000000 1a0402000000",
+     "differ in length"},
     {"invalid_settled.bin", "00000000 0c00 0000", "frame is 0"},
     {"invalid_tile_scale.bin", "06000000 0800 0000 2001 3001 5200", "scale"},
     {"invalid_tile_payload.bin", "09000000 0800 0000 2001 3001 3d00008040", "payload"},
@@ -267,7 +289,7 @@ static size_t read_example(const char *document, unsigned n, uint8_t *dst) {
 static void test_examples_of_the_document(void **state) {
     (void)state;
     static const char *const file[] = {"hello.bin", "tile.bin",   "settled.bin", "interest_stand_ins.bin",
-                                       "ack.bin",   "update.bin", "updated.bin"};
+                                       "ack.bin",   "update.bin", "updated.bin", "holds.bin"};
     size_t size;
     char *document = (char *)lw_support_read_file(lw_support_source("proto/wire_format.md"), &size);
     for (unsigned i = 0; i < sizeof file / sizeof *file; i++) {

@@ -92,8 +92,8 @@ static struct lw_message tile_message(const struct world *w, uint32_t id, uint64
     return m;
 }
 
-static void expect_tile(const struct lw_client *client, const struct world *w, uint32_t id,
-                        uint64_t version) {
+static void expect_texels(const struct lw_client *client, const struct world *w, uint32_t id,
+                          uint64_t version) {
     const struct lw_tile_place *p = &w->map.place[id];
     struct lw_client_level level = lw_client_get_level(client, p->object, p->level);
     assert_int_equal(level.width, w->map.atlas[p->object].level[p->level].width);
@@ -104,6 +104,11 @@ static void expect_tile(const struct lw_client *client, const struct world *w, u
                 float expected = version ? value_of(p->object, p->level, x, y, c, version) : 0;
                 assert_true(level.rgb[3 * (y * level.width + x) + (uint32_t)c] == expected);
             }
+}
+
+static void expect_tile(const struct lw_client *client, const struct world *w, uint32_t id,
+                        uint64_t version) {
+    expect_texels(client, w, id, version);
     assert_int_equal(lw_client_get_tile(client, (lw_tile_id){id}).version, version);
 }
 
@@ -337,6 +342,136 @@ static void test_updates(void **state) {
     finish_world(&w);
 }
 
+/* ---- coming back ---- */
+
+struct running {
+    struct lw_server *server;
+    pthread_t thread;
+};
+
+static struct running start_server(const struct world *w, uint16_t port) {
+    struct running r;
+    struct lw_error err = {0};
+    struct lw_server_desc desc = {.host = "127.0.0.1",
+                                  .port = port,
+                                  .atlas_map = &w->map,
+                                  .package = w->package,
+                                  .package_size = w->package_size};
+    lw_support_ok(lw_server_create(&desc, &r.server, &err), &err);
+    assert_int_equal(pthread_create(&r.thread, NULL, serve, r.server), 0);
+    return r;
+}
+
+static void stop_server(struct running *r) {
+    lw_server_stop(r->server);
+    assert_int_equal(pthread_join(r->thread, NULL), 0);
+    lw_server_destroy(r->server);
+}
+
+static void publish(const struct running *r, struct lw_snapshot *snapshot) {
+    lw_server_publish(r->server, snapshot);
+    lw_snapshot_unref(snapshot);
+}
+
+static void lose_connection(struct lw_client *client) {
+    struct lw_error err = {0};
+    enum lw_status status = LW_OK;
+    while (status == LW_OK) status = lw_client_poll(client, 1000, &err);
+    lw_support_fails(status, LW_CLOSED, &err, "127.0.0.1");
+}
+
+/* A frame in which tile 0 alone has changed. */
+static struct lw_snapshot *make_next_snapshot(const struct world *w, const struct lw_snapshot *before) {
+    struct lw_snapshot *snapshot = make_snapshot(w, before->frame + 1);
+    for (uint32_t t = 1; t < w->map.tile_count; t++) {
+        lw_blob_unref(snapshot->tile[t].blob);
+        snapshot->tile[t] = before->tile[t];
+        lw_blob_ref(snapshot->tile[t].blob);
+    }
+    return snapshot;
+}
+
+static void test_reconnect(void **state) {
+    (void)state;
+    struct world w = make_world();
+    struct lw_client *client;
+    struct lw_client_stats stats;
+    struct lw_error err = {0};
+    struct running r = start_server(&w, 0);
+    const uint16_t port = lw_server_port(r.server);
+    struct lw_snapshot *seventh = make_snapshot(&w, 7);
+    lw_snapshot_ref(seventh);
+    publish(&r, seventh);
+    lw_support_ok(
+        lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1", .port = port}, &client, &err), &err);
+    poll_until_tiles(client, w.map.tile_count);
+    const struct lw_scene *scene = lw_client_scene(client);
+
+    /* the link breaks: nothing of what is here is sent again */
+    assert_int_equal(shutdown(lw_client_descriptor(client), SHUT_RDWR), 0);
+    lose_connection(client);
+    lw_support_ok(lw_client_reconnect(client, &err), &err);
+    publish(&r, make_next_snapshot(&w, seventh));
+    lw_snapshot_unref(seventh);
+    poll_until_tiles(client, w.map.tile_count + 1);
+    lw_support_ok(lw_client_poll(client, 100, &err), &err);
+    lw_client_get_stats(client, &stats);
+    assert_int_equal(stats.tiles, w.map.tile_count + 1);
+    expect_tile(client, &w, 0, 8);
+    expect_tile(client, &w, 1, 7);
+
+    /* the server starts again: its light replaces the old, however small its numbers are */
+    stop_server(&r);
+    lose_connection(client);
+    lw_support_fails(lw_client_reconnect(client, &err), LW_UNAVAILABLE, &err, "is lightwelld running?");
+    err = (struct lw_error){0};
+    r = start_server(&w, port);
+    lw_support_ok(lw_client_reconnect(client, &err), &err);
+    expect_tile(client, &w, 1, 7); /* until then it stays */
+    publish(&r, make_snapshot(&w, 2));
+    poll_until_tiles(client, 2 * w.map.tile_count + 1);
+    for (uint32_t t = 0; t < w.map.tile_count; t++) {
+        expect_texels(client, &w, t, 2);
+        assert_int_equal(lw_client_get_tile(client, (lw_tile_id){t}).version, 8 + 2);
+    }
+    lw_client_get_stats(client, &stats);
+    assert_int_equal(stats.frame, 2);
+    assert_ptr_equal(lw_client_scene(client), scene);
+
+    /* and a third time, within that run */
+    assert_int_equal(shutdown(lw_client_descriptor(client), SHUT_RDWR), 0);
+    lose_connection(client);
+    lw_support_ok(lw_client_reconnect(client, &err), &err);
+    publish(&r, make_snapshot(&w, 3));
+    poll_until_tiles(client, 3 * w.map.tile_count + 1);
+    expect_texels(client, &w, 0, 3);
+
+    /* another scene needs another client */
+    stop_server(&r);
+    lose_connection(client);
+    w.package[w.package_size - 1] ^= 1;
+    r = start_server(&w, port);
+    lw_support_fails(lw_client_reconnect(client, &err), LW_BAD_DATA, &err, "another scene");
+    expect_texels(client, &w, 0, 3);
+    lw_client_destroy(client);
+    stop_server(&r);
+    finish_world(&w);
+}
+
+static void test_backoff(void **state) {
+    (void)state;
+    for (unsigned attempt = 0; attempt < 40; attempt++) {
+        unsigned least = UINT32_MAX, most = 0, low = attempt < 4 ? 50u << attempt : 500;
+        for (uint32_t seed = 0; seed < 1000; seed++) {
+            unsigned ms = lw_client_backoff_ms(attempt, seed);
+            least = ms < least ? ms : least;
+            most = ms > most ? ms : most;
+        }
+        assert_in_range(least, low, low + low / 10 + 1);
+        assert_in_range(most, 2 * low - low / 10 - 1, 2 * low);
+    }
+}
+
 /* ---- against a peer that reads from a script ---- */
 
 struct script {
@@ -402,7 +537,10 @@ static void *recite(void *context) {
 static void begin(struct script *s) {
     struct sockaddr_in address = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
     socklen_t size = sizeof address;
+    const int on = 1;
     s->listener = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    address.sin_port = htons(s->port); /* 0: any */
+    assert_int_equal(setsockopt(s->listener, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on), 0);
     assert_int_equal(bind(s->listener, (struct sockaddr *)&address, size), 0);
     assert_int_equal(listen(s->listener, 1), 0);
     assert_int_equal(getsockname(s->listener, (struct sockaddr *)&address, &size), 0);
@@ -532,6 +670,46 @@ static void test_what_comes_with_the_welcome(void **state) {
     assert_true(lw_clock_ns() - start_ns < 2000000000u);
     lw_client_destroy(client);
     end(&s);
+    finish_world(&w);
+}
+
+/* A download that was cut short goes on where it was, if the server is the same; otherwise it begins again. */
+static void test_download_goes_on(void **state) {
+    (void)state;
+    struct world w = make_world();
+    const size_t half = w.compressed_size / 2,
+                 part[3][2] = {{0, half}, {half, w.compressed_size - half}, {0, w.compressed_size}};
+    for (int same = 0; same < 2; same++) {
+        struct script s = {.closes = true};
+        struct lw_client *client;
+        struct lw_error err = {0};
+        struct lw_message welcome = welcome_of(&w);
+        welcome.welcome.run = 77;
+        say(&s, &welcome);
+        say(&s, &(struct lw_message){.type = LW_MESSAGE_PACKAGE_CHUNK,
+                                     .package_chunk = {0, w.compressed, part[0][1]}});
+        begin(&s);
+        const uint16_t port = s.port;
+        lw_support_ok(
+            lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1", .port = port}, &client, &err),
+            &err);
+        lose_connection(client);
+        assert_null(lw_client_scene(client));
+        assert_true(lw_client_package_progress(client) > 0.4f);
+        end(&s);
+        const size_t *rest = part[same ? 1 : 2];
+        s = (struct script){.port = port};
+        welcome.welcome.run = same ? 77 : 78;
+        say(&s, &welcome);
+        say(&s, &(struct lw_message){.type = LW_MESSAGE_PACKAGE_CHUNK,
+                                     .package_chunk = {rest[0], w.compressed + rest[0], rest[1]}});
+        begin(&s);
+        lw_support_ok(lw_client_reconnect(client, &err), &err);
+        while (!lw_client_scene(client)) lw_support_ok(lw_client_poll(client, 4000, &err), &err);
+        assert_int_equal(lw_client_scene(client)->object_count, w.scene->object_count);
+        lw_client_destroy(client);
+        end(&s);
+    }
     finish_world(&w);
 }
 
@@ -845,6 +1023,9 @@ int main(void) {
         cmocka_unit_test(test_refused),
         cmocka_unit_test(test_unknown_types_are_skipped),
         cmocka_unit_test(test_what_comes_with_the_welcome),
+        cmocka_unit_test(test_reconnect),
+        cmocka_unit_test(test_backoff),
+        cmocka_unit_test(test_download_goes_on),
         cmocka_unit_test(test_damaged_package),
         cmocka_unit_test(test_messages_out_of_place),
         cmocka_unit_test(test_stale_tiles),

@@ -30,6 +30,7 @@ void *__wrap_calloc(size_t count, size_t size) { return may_allocate() ? __real_
 
 static const uint8_t bytes_of_data[] = {0, 1, 2, 3, 254, 255};
 static const struct lw_message_interest_tile interest_tiles[] = {{1, 2, 3}, {UINT32_MAX, 0, 7}};
+static const struct lw_message_held held[] = {{1, 2, 3, FAR}, {UINT32_MAX, 0, 7, 1}};
 static const struct lw_message_transform transforms[] = {
     {0, {{{1, 2, 3, 4}, {5, 6, 7, 8}, {9, 10, 11, 12}}}},
     {4000000000u, {{{-1, 0, 0.5f, FLT_MAX}, {0, 0, 0, FLT_MIN}, {1e-40f, 0, 0, 0}}}}};
@@ -55,7 +56,8 @@ static const struct lw_message samples[] = {
                  LW_PACKAGE_SIZE_MAX,
                  LW_MESSAGE_COMPRESSED_MAX,
                  LW_MESSAGE_BOUNCES_MAX,
-                 0.05f}},
+                 0.05f,
+                 FAR}},
     {.type = LW_MESSAGE_REFUSAL, .refusal = {LW_REFUSAL_FULL, "no more sessions"}},
     {.type = LW_MESSAGE_REFUSAL, .refusal = {(enum lw_refusal)LW_MESSAGE_REFUSAL_MAX, ""}},
     {.type = LW_MESSAGE_PACKAGE_REQUEST, .package_request = {LW_MESSAGE_COMPRESSED_MAX}},
@@ -96,6 +98,8 @@ static const struct lw_message samples[] = {
     {.type = LW_MESSAGE_UPDATE},
     {.type = LW_MESSAGE_UPDATED, .updated = {FAR, LW_SCENE_CHANGE_DEGENERATE, 3, "no volume", 0}},
     {.type = LW_MESSAGE_UPDATED, .updated = {1, 0, 0, NULL, FAR}},
+    {.type = LW_MESSAGE_HOLDS, .holds = {held, 2}},
+    {.type = LW_MESSAGE_HOLDS},
 };
 #define SAMPLES (sizeof samples / sizeof *samples)
 
@@ -119,6 +123,7 @@ static void expect_equal(const struct lw_message *a, const struct lw_message *b)
         assert_int_equal(a->welcome.package_compressed_size, b->welcome.package_compressed_size);
         assert_int_equal(a->welcome.bounces, b->welcome.bounces);
         assert_true(a->welcome.target_error == b->welcome.target_error);
+        assert_int_equal(a->welcome.run, b->welcome.run);
         break;
     case LW_MESSAGE_REFUSAL:
         assert_int_equal(a->refusal.code, b->refusal.code);
@@ -168,6 +173,15 @@ static void expect_equal(const struct lw_message *a, const struct lw_message *b)
         assert_int_equal(a->update.change_count, b->update.change_count);
         for (size_t i = 0; i < a->update.change_count; i++)
             assert_memory_equal(&a->update.change[i], &b->update.change[i], sizeof a->update.change[i]);
+        break;
+    case LW_MESSAGE_HOLDS:
+        assert_int_equal(a->holds.tile_count, b->holds.tile_count);
+        for (size_t i = 0; i < a->holds.tile_count; i++) {
+            assert_int_equal(a->holds.tile[i].object, b->holds.tile[i].object);
+            assert_int_equal(a->holds.tile[i].level, b->holds.tile[i].level);
+            assert_int_equal(a->holds.tile[i].tile, b->holds.tile[i].tile);
+            assert_int_equal(a->holds.tile[i].version, b->holds.tile[i].version);
+        }
         break;
     case LW_MESSAGE_UPDATED:
         assert_int_equal(a->updated.request, b->updated.request);
@@ -490,6 +504,22 @@ static void test_interest(void **state) {
     expect_decode(LW_MESSAGE_INTEREST, &b, "does not decode");
 }
 
+static void test_holds(void **state) {
+    (void)state;
+    struct body b = {0};
+    for (size_t over = 0; over < 2; over++) {
+        for (unsigned field = 1; field <= 4; field++)
+            put_zeros(&b, field, (field == 4 ? 2 : 1) * (LW_MESSAGE_HOLDS_MAX + over));
+        assert_true(b.size <= LW_FRAME_CLIENT_BODY_MAX);
+        expect_decode(LW_MESSAGE_HOLDS, &b, over ? "tile has over 2048 entries" : NULL);
+    }
+    for (unsigned longer = 1; longer <= 4; longer++) {
+        for (unsigned field = 1; field <= 4; field++)
+            put_zeros(&b, field, (field == 4 ? 2 : 1) * (field == longer ? 3 : 2));
+        expect_decode(LW_MESSAGE_HOLDS, &b, "differ in length");
+    }
+}
+
 static void put_frame(struct body *b, size_t transform_count, size_t transform_floats, size_t light_count,
                       const size_t light_floats[3]) {
     put_number(b, 1, 1);
@@ -779,7 +809,7 @@ static void test_out_of_memory(void **state) {
 
 static void test_unknown_type(void **state) {
     (void)state;
-    const uint16_t types[] = {0, LW_MESSAGE_UPDATED + 1, UINT16_MAX};
+    const uint16_t types[] = {0, LW_MESSAGE_HOLDS + 1, UINT16_MAX};
     for (int i = 0; i < 3; i++) {
         struct lw_message m;
         struct lw_error err = {0};
@@ -790,7 +820,7 @@ static void test_unknown_type(void **state) {
         err = (struct lw_error){0};
         lw_support_fails(lw_message_validate(&m, &err), LW_PROTOCOL, &err, "unknown");
     }
-    for (uint16_t type = LW_MESSAGE_HELLO; type <= LW_MESSAGE_UPDATED; type++)
+    for (uint16_t type = LW_MESSAGE_HELLO; type <= LW_MESSAGE_HOLDS; type++)
         assert_non_null(lw_message_name(type));
 }
 
@@ -805,6 +835,7 @@ int main(void) {
         cmocka_unit_test(test_fields),        cmocka_unit_test(test_unknown_type),
         cmocka_unit_test(test_out_of_memory), cmocka_unit_test(test_frame_state_counts),
         cmocka_unit_test(test_update_counts), cmocka_unit_test(test_updated_text),
+        cmocka_unit_test(test_holds),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

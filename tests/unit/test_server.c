@@ -225,6 +225,10 @@ static void expect_refusal(int s, enum lw_refusal code) {
 static const struct lw_message hello = {.type = LW_MESSAGE_HELLO,
                                         .hello = {.version = LW_WIRE_VERSION, .name = "test"}};
 
+static const struct lw_message hello_again = {
+    .type = LW_MESSAGE_HELLO,
+    .hello = {.version = LW_WIRE_VERSION, .features = LW_FEATURE_RESUME, .name = "test"}};
+
 static int dial_and_greet(const struct fixture *f) {
     int s = dial(f);
     struct lw_message m;
@@ -345,6 +349,74 @@ static void test_package_from_offset(void **state) {
         if (pass) assert_memory_equal(part + offset, whole + offset, end_offset - offset);
         close(s);
     }
+    end(f);
+}
+
+/* Greets as one who was here before. */
+static int dial_again(const struct fixture *f, struct lw_message_welcome *out_welcome) {
+    int s = dial(f);
+    struct lw_message m;
+    put(s, &hello_again);
+    expect(s, LW_MESSAGE_WELCOME, &m);
+    assert_int_equal(m.welcome.features, LW_FEATURE_RESUME);
+    *out_welcome = m.welcome;
+    lw_message_finish(&m);
+    return s;
+}
+
+static void test_what_is_held_is_not_sent(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    struct lw_message_welcome welcome, other;
+    publish(f, make_snapshot(f, 7, 0));
+    publish(f, make_snapshot(f, 9, 7));
+    int s = dial_and_stream(f);
+    expect_frame(s, 9, 1);
+    close(s);
+    static struct lw_message_held held[13 * OBJECTS];
+    for (uint32_t t = 0; t < f->map.tile_count; t++) {
+        const struct lw_tile_place *p = &f->map.place[t];
+        const struct lw_atlas_level *level = &f->map.atlas[p->object].level[p->level];
+        held[t] = (struct lw_message_held){p->object, p->level, p->y * level->tiles_x + p->x, 9};
+    }
+    held[3].version = 7; /* an older one */
+    s = dial_again(f, &welcome);
+    assert_true(welcome.run != 0);
+    /* in two messages; all but the last three tiles */
+    put(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {held, 5}});
+    put(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {held + 5, f->map.tile_count - 8}});
+    ask_for_package(s, welcome.package_compressed_size);
+    expect_frame(s, 9, 1);
+    expect_tiles(s, 4, 9);
+    expect_silence(s, 50);
+    close(s);
+    /* what cannot be is refused */
+    struct lw_message_held wrong[4] = {held[0], held[0], held[0], held[0]};
+    wrong[0].version = 10;
+    wrong[1].object = OBJECTS;
+    wrong[2].level = 7;
+    wrong[3].version = UINT64_MAX;
+    for (int i = 0; i < 4; i++) {
+        s = dial_again(f, &other);
+        assert_int_equal(other.run, welcome.run);
+        put(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {&wrong[i], 1}});
+        expect_refusal(s, LW_REFUSAL_PROTOCOL);
+    }
+    /* too late; without the feature */
+    s = dial_again(f, &other);
+    ask_for_package(s, welcome.package_compressed_size);
+    put(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {held, 1}});
+    expect_refusal(s, LW_REFUSAL_PROTOCOL);
+    s = dial_and_greet(f);
+    put(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {held, 1}});
+    expect_refusal(s, LW_REFUSAL_PROTOCOL);
+    end(f);
+    /* before there is light nobody has any */
+    f = start(&(struct lw_server_desc){0});
+    s = dial_again(f, &other);
+    assert_int_not_equal(other.run, welcome.run);
+    put(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {held, 1}});
+    expect_refusal(s, LW_REFUSAL_PROTOCOL);
     end(f);
 }
 
@@ -1284,6 +1356,7 @@ int main(void) {
         cmocka_unit_test(test_answers_that_nobody_reads_end_the_session),
         cmocka_unit_test(test_join),
         cmocka_unit_test(test_package_from_offset),
+        cmocka_unit_test(test_what_is_held_is_not_sent),
         cmocka_unit_test(test_newer_snapshot),
         cmocka_unit_test(test_settled),
         cmocka_unit_test(test_interest),

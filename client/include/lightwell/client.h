@@ -35,6 +35,21 @@ LW_MUST_CHECK enum lw_status lw_client_create(const struct lw_client_desc *desc,
                                               struct lw_client **out_client, struct lw_error *err);
 void lw_client_destroy(struct lw_client *client);
 
+/** Connects again after lw_client_poll() has failed, and keeps what has arrived: scene, light, what is wanted. A server that
+ * still runs sends what has changed since; one that was started again sends its light anew, and what is here stays
+ * until that comes. A scene package that was cut short goes on from where it was, if the server is the same.
+ * Versions of tiles go on growing; numbers of frames (lw_client_stats) begin anew with the server. Updates that were not
+ * answered never will be, and may have been made or not.
+ *
+ * Wait lw_client_backoff_ms() before each attempt; may be called until it succeeds.
+ * Errors: as lw_client_create(); LW_BAD_DATA if there is another scene now: for that one, create another client. */
+LW_MUST_CHECK enum lw_status lw_client_reconnect(struct lw_client *client, struct lw_error *err);
+
+/** How long to wait before an attempt to connect again, in ms: by chance out of a range that doubles with the attempt (0, 1,
+ * ...) until it is 500 to 1000, so that a server that comes back is not met by all its clients at once.
+ * seed  something that differs from client to client */
+unsigned lw_client_backoff_ms(unsigned attempt, uint32_t seed);
+
 /** Waits up to timeout_ms for something to arrive (0: just looks), then takes in all that is there (bounded per call).
  * Errors: LW_CLOSED when the server ended the session (text says why), LW_PROTOCOL, LW_NO_MEMORY; after an error only
  * lw_client_destroy() makes sense, but what was received stays readable. */
@@ -126,7 +141,8 @@ bool lw_client_next_answer(struct lw_client *client, struct lw_client_answer *ou
 
 /** What is known of one tile. */
 struct lw_client_tile {
-    uint64_t version; /* 0: not here yet. Compare with the last one you uploaded to see whether it changed. */
+    uint64_t
+        version; /* 0: not here yet. Grows; compare with the last one you uploaded to see whether it changed. */
     uint32_t bounces; /* indirect bounces in it */
     float error;      /* relative standard error */
 };
