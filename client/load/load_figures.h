@@ -39,6 +39,8 @@ struct lw_load_figures {
     uint64_t welcomed;      /* of them */
     uint64_t refused, lost; /* that ended, though nobody here wanted it, before or after their welcome */
     uint64_t left;          /* by churn */
+    uint64_t broken;        /* sessions whose users came back for, or tried to */
+    uint64_t returned;      /* welcomed once more */
     uint64_t stopped;       /* never-readers that stopped reading */
     uint64_t dropped;       /* of them: those that the server closed */
     uint64_t fault[LW_LOAD_FAULT_COUNT];
@@ -50,7 +52,9 @@ struct lw_load_figures {
     struct lw_histogram download;   /* from connect to the whole package, if every session downloads */
     struct lw_histogram first_view; /* from connect to every tile that was asked for */
     struct lw_histogram next_view;  /* from another INTEREST to the same */
-    struct lw_histogram drop;       /* from the last read of a never-reader until it found itself dropped */
+    struct lw_histogram
+        served; /* who came back: every tile asked for, after the first WELCOME of the server's run to anyone */
+    struct lw_histogram drop; /* from the last read of a never-reader until it found itself dropped */
     struct lw_histogram
         update;                /* measured: a tile's arrival after the first FRAME of its version to anyone */
     struct lw_histogram frame; /* measured: a FRAME's arrival, likewise */

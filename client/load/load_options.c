@@ -118,6 +118,11 @@ enum lw_status lw_load_options_parse(int argc, char **argv, struct lw_load_optio
          .value = &o.churn_hz,
          .min = 0,
          .max = 1e5},
+        {.name = "reconnect",
+         .help = "Users that lose the connection, or whom the server sends away, come back, as clients do "
+                 "(default: they are errors).",
+         .kind = LW_OPTION_FLAG,
+         .value = &o.reconnect},
         {.name = "download",
          .help = "Every user downloads the scene package (default: one for all).",
          .kind = LW_OPTION_FLAG,

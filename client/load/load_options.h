@@ -33,6 +33,7 @@ struct lw_load_options {
     double slow_bytes_hz; /* of LW_LOAD_SLOW: bytes per second */
     uint32_t odd_readers; /* users with that reader; the others read fast */
     double churn_hz;      /* users that leave, and are replaced, per second */
+    bool reconnect;       /* who loses the connection comes back */
     bool download;        /* every session downloads the scene package */
     bool decode_all;      /* every session decodes every tile */
     bool json;

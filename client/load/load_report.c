@@ -72,6 +72,7 @@ static void print_users(const struct lw_load_options *o, const struct lw_load_re
     printf("  users        %" PRIu64 " asked, %" PRIu64 " welcomed, %" PRIu64 " refused, %" PRIu64 " lost",
            f->asked, f->welcomed, f->refused, f->lost);
     if (o->churn_hz > 0) printf("; %" PRIu64 " left and were replaced", f->left);
+    if (o->reconnect) printf("; %" PRIu64 " broken, %" PRIu64 " came back", f->broken, f->returned);
     printf("\n");
     if (o->reader == LW_LOAD_SLOW)
         printf("  slow         %u of them read %.6g kB/s\n", o->odd_readers, 1e-3 * o->slow_bytes_hz);
@@ -89,6 +90,8 @@ static void print_all_times(const struct lw_load_report *r) {
     print_times("connect", &f->connect, "from connect to the welcome");
     print_times("download", &f->download, "from connect to the whole scene package");
     print_times("first view", &f->first_view, "from connect to every tile asked for");
+    print_times("came back", &f->served,
+                "from the server's first welcome, or the break, to every tile asked for");
     print_times("next view", &f->next_view, "from asking for other tiles to having them");
     print_times("frame", &f->frame, "a frame's news, after the first user's");
     print_times("update", &f->update, "a tile, after the first user heard of its frame");
@@ -164,12 +167,14 @@ static void print_json(const struct lw_load_options *o, const struct lw_load_rep
            o->users, path_text[o->path], reader_text[o->reader], o->odd_readers, end_key[r->end], r->run_s,
            r->measured_s);
     printf(" \"asked\": %" PRIu64 ", \"welcomed\": %" PRIu64 ", \"refused\": %" PRIu64 ", \"lost\": %" PRIu64
-           ", \"left\": %" PRIu64 ", \"stopped\": %" PRIu64 ", \"dropped\": %" PRIu64
-           ", \"users_at_end\": %u,\n",
-           f->asked, f->welcomed, f->refused, f->lost, f->left, f->stopped, f->dropped, r->users_at_end);
+           ", \"left\": %" PRIu64 ", \"broken\": %" PRIu64 ", \"returned\": %" PRIu64
+           ", \"stopped\": %" PRIu64 ", \"dropped\": %" PRIu64 ", \"users_at_end\": %u,\n",
+           f->asked, f->welcomed, f->refused, f->lost, f->left, f->broken, f->returned, f->stopped,
+           f->dropped, r->users_at_end);
     print_json_times("connect_ms", &f->connect);
     print_json_times("download_ms", &f->download);
     print_json_times("first_view_ms", &f->first_view);
+    print_json_times("served_ms", &f->served);
     print_json_times("next_view_ms", &f->next_view);
     print_json_times("frame_ms", &f->frame);
     print_json_times("update_ms", &f->update);

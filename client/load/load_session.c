@@ -1,6 +1,8 @@
 #include "client/load/load_session.h"
 
+#include "client/include/lightwell/client.h"
 #include "common/clock.h"
+#include "common/random.h"
 
 #include <assert.h>
 #include <errno.h>
@@ -40,6 +42,10 @@ struct lw_load_session {
     bool counts; /* its times go into the figures: not those of a few odd readers among others */
     enum state state;
     uint64_t began_ns, welcomed_ns, heard_ns, pinged_ns;
+    uint64_t run;      /* of the server, which `known` is about */
+    bool returns;      /* it was here before... */
+    uint64_t broke_ns; /* ...until then */
+    unsigned attempt;
     uint64_t quiet_ns; /* STOPPED or LEAVING since */
 
     uint8_t *input; /* the beginning of a message that is not whole yet */
@@ -142,10 +148,42 @@ static void note_fault(struct lw_load_shared *shared, enum lw_load_fault fault, 
     va_end(args);
 }
 
+/* Whether it is the connection, or the server, that failed, and not a message. */
+static bool is_broken_link(enum lw_load_fault fault) {
+    return fault == LW_LOAD_FAULT_CONNECT || fault == LW_LOAD_FAULT_REFUSED || fault == LW_LOAD_FAULT_LOST ||
+           fault == LW_LOAD_FAULT_SILENCE;
+}
+
+/* The user comes back later, with what it has. false: there is no memory for that. */
+static bool plan_return(struct lw_load_session *s, uint64_t now_ns) {
+    struct lw_load_shared *shared = s->shared;
+    struct lw_load_return *r = calloc(1, sizeof *r);
+    if (!r) return false;
+    const unsigned attempt = s->welcomed_ns ? 0 : s->attempt + 1;
+    const uint32_t seed = lw_random_hash2((uint32_t)shared->options->seed, s->number);
+    *r = (struct lw_load_return){.next = shared->returning,
+                                 .number = s->number,
+                                 .reader = s->reader,
+                                 .attempt = attempt,
+                                 .due_ns = now_ns + lw_client_backoff_ms(attempt, seed) * 1000000ull,
+                                 .broke_ns = s->welcomed_ns || !s->returns ? now_ns : s->broke_ns,
+                                 .run = s->run,
+                                 .known = s->known};
+    s->known = NULL;
+    shared->returning = r;
+    shared->figures->broken += s->welcomed_ns != 0;
+    return true;
+}
+
 /* Ends a session that did not want to end. */
 LW_PRINTF(3, 4)
 static void fail(struct lw_load_session *s, enum lw_load_fault fault, const char *format, ...) {
     if (is_over(s)) return;
+    if (s->shared->options->reconnect && is_broken_link(fault) && plan_return(s, lw_clock_ns())) {
+        lw_load_session_conclude(s, lw_clock_ns());
+        lw_load_session_close(s);
+        return;
+    }
     va_list args;
     va_start(args, format);
     count_fault(s->shared, fault, format, args);
@@ -242,7 +280,11 @@ static struct lw_interest_eye eye_of(const struct lw_load_session *s, uint64_t n
 
 static void complete_view(struct lw_load_session *s, uint64_t now_ns) {
     struct lw_load_figures *f = s->shared->figures;
-    if (s->counts) lw_histogram_add(s->has_view ? &f->next_view : &f->first_view, now_ns - s->view_since_ns);
+    uint64_t since_ns = s->view_since_ns;
+    if (s->returns && !s->has_view) /* nobody can come back before the server does */
+        since_ns = s->broke_ns > s->shared->run_began_ns ? s->broke_ns : s->shared->run_began_ns;
+    struct lw_histogram *times = s->has_view ? &f->next_view : s->returns ? &f->served : &f->first_view;
+    if (s->counts) lw_histogram_add(times, now_ns - since_ns);
     s->has_view = true;
 }
 
@@ -291,6 +333,43 @@ static void out_of_order(struct lw_load_session *s, enum lw_message_type type) {
     fail(s, LW_LOAD_FAULT_ORDER, "message %s", lw_message_name((uint16_t)type));
 }
 
+/* Versions and frames of another run of the server are others. */
+static void begin_run(struct lw_load_shared *shared, uint64_t run, uint64_t now_ns) {
+    if (shared->run_count++) {
+        lw_tile_check_forget(shared->check);
+        shared->heard_before += shared->clock.count;
+        shared->clock.count = 0;
+    }
+    shared->run = run;
+    shared->run_began_ns = now_ns;
+}
+
+static void tell_held(struct lw_load_session *s) {
+    const struct lw_atlas_map *map = &s->shared->scene->map;
+    struct lw_message_held held[LW_MESSAGE_HOLDS_MAX];
+    size_t count = 0;
+    for (uint32_t t = 0; t < map->tile_count; t++) {
+        const struct lw_tile_place *p = &map->place[t];
+        if (s->known[t])
+            held[count++] = (struct lw_message_held){
+                p->object, p->level, p->y * map->atlas[p->object].level[p->level].tiles_x + p->x,
+                s->known[t]};
+        if (count < LW_MESSAGE_HOLDS_MAX && (!count || t + 1 < map->tile_count)) continue;
+        send_message(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {held, count}});
+        count = 0;
+    }
+}
+
+/* What it has from before the connection broke: of the same run it need not come again. */
+static void take_up(struct lw_load_session *s, const struct lw_message_welcome *welcome) {
+    const uint32_t tiles = s->shared->scene->map.tile_count;
+    s->shared->figures->returned++;
+    if (!welcome->run || s->run != welcome->run) memset(s->known, 0, tiles * sizeof *s->known);
+    s->missing = 0;
+    for (uint32_t t = 0; t < tiles; t++) s->missing += s->known[t] == 0;
+    if (welcome->features & LW_FEATURE_RESUME) tell_held(s);
+}
+
 static void handle_welcome(struct lw_load_session *s, const struct lw_message_welcome *welcome,
                            uint64_t now_ns) {
     const struct lw_load_scene *scene = s->shared->scene;
@@ -308,6 +387,9 @@ static void handle_welcome(struct lw_load_session *s, const struct lw_message_we
     f->welcomed++;
     s->welcomed_ns = now_ns;
     s->state = LOADING;
+    if (!s->shared->run_count || welcome->run != s->shared->run) begin_run(s->shared, welcome->run, now_ns);
+    if (s->returns) take_up(s, welcome);
+    s->run = welcome->run;
     if (s->counts) lw_histogram_add(&f->connect, now_ns - s->began_ns);
     if (s->wanted) look(s, now_ns);
     s->package_received = s->shared->options->download ? 0 : scene->compressed_size;
@@ -507,6 +589,10 @@ static size_t take_message(struct lw_load_session *s, const uint8_t *data, size_
 
 static size_t take_messages(struct lw_load_session *s, const uint8_t *data, size_t size, uint64_t now_ns) {
     size_t taken = 0, message;
+    if (s->welcomed_ns && s->run != s->shared->run) { /* others have heard of its end before us */
+        fail(s, LW_LOAD_FAULT_LOST, "the server was started again");
+        return 0;
+    }
     while (s->state < STOPPED && (message = take_message(s, data + taken, size - taken, now_ns)))
         taken += message;
     return taken;
@@ -619,7 +705,7 @@ static void keep_buffers_small(struct lw_load_session *s) {
 static enum lw_status allocate(struct lw_load_session *s) {
     const uint32_t tiles = s->shared->scene->map.tile_count;
     s->missing = tiles;
-    s->known = calloc((size_t)tiles + 1, sizeof *s->known);
+    if (!s->known) s->known = calloc((size_t)tiles + 1, sizeof *s->known);
     if (s->shared->options->path == LW_LOAD_EVERYTHING) return s->known ? LW_OK : LW_NO_MEMORY;
     s->wanted = calloc(tiles / 64 + 1, sizeof *s->wanted);
     s->fresh = calloc(tiles / 64 + 1, sizeof *s->fresh);
@@ -632,8 +718,9 @@ static enum lw_status cannot_start(struct lw_load_shared *shared, int result) {
     return result == UV_ENOMEM ? LW_NO_MEMORY : LW_OS;
 }
 
-enum lw_status lw_load_session_start(struct lw_load_shared *shared, uint32_t number,
-                                     enum lw_load_reader reader) {
+/* before: what is left of the user's last session, whose memory it takes over; NULL: there was none. */
+static enum lw_status start(struct lw_load_shared *shared, uint32_t number, enum lw_load_reader reader,
+                            struct lw_load_return *before) {
     const struct sockaddr *address = (const struct sockaddr *)&shared->scene->address;
     shared->figures->asked++;
     struct lw_load_session *s = calloc(1, sizeof *s);
@@ -648,6 +735,14 @@ enum lw_status lw_load_session_start(struct lw_load_shared *shared, uint32_t num
     s->reader = reader;
     s->counts = reader == LW_LOAD_FAST || shared->options->odd_readers == shared->options->users;
     s->began_ns = s->view_since_ns = s->allowed_ns = lw_clock_ns();
+    if (before) {
+        s->returns = true;
+        s->attempt = before->attempt;
+        s->broke_ns = before->broke_ns;
+        s->run = before->run;
+        s->known = before->known;
+        before->known = NULL;
+    }
     link_session(s);
     if (reader != LW_LOAD_FAST) keep_buffers_small(s);
     result =
@@ -655,6 +750,41 @@ enum lw_status lw_load_session_start(struct lw_load_shared *shared, uint32_t num
     if (result == 0) return LW_OK;
     lw_load_session_close(s);
     return cannot_start(shared, result);
+}
+
+enum lw_status lw_load_session_start(struct lw_load_shared *shared, uint32_t number,
+                                     enum lw_load_reader reader) {
+    return start(shared, number, reader, NULL);
+}
+
+static void free_return(struct lw_load_return *r) {
+    free(r->known);
+    free(r);
+}
+
+void lw_load_session_return_due(struct lw_load_shared *shared, uint64_t now_ns) {
+    struct lw_load_return *due = NULL, *r;
+    for (struct lw_load_return **at = &shared->returning; (r = *at);) {
+        if (r->due_ns > now_ns) {
+            at = &r->next;
+            continue;
+        }
+        *at = r->next;
+        r->next = due;
+        due = r;
+    }
+    while ((r = due)) { /* starting may fail at once, and plan another return */
+        due = r->next;
+        (void)!start(shared, r->number, r->reader, r);
+        free_return(r);
+    }
+}
+
+void lw_load_session_forget_returning(struct lw_load_shared *shared) {
+    for (struct lw_load_return *r; (r = shared->returning);) {
+        shared->returning = r->next;
+        free_return(r);
+    }
 }
 
 /* ---- time ---- */

@@ -19,6 +19,18 @@
 
 struct lw_load_session;
 
+/** A user whose connection broke and who will come back. */
+struct lw_load_return {
+    struct lw_load_return *next;
+    uint32_t number;
+    enum lw_load_reader reader;
+    unsigned attempt;  /* how often that has failed */
+    uint64_t due_ns;   /* when to try */
+    uint64_t broke_ns; /* when the connection did */
+    uint64_t run;      /* of the server, of which it has... */
+    uint64_t *known;   /* ...these versions, one per tile */
+};
+
 /** What all sessions share. Zero-initialised, then filled in by the owner. */
 struct lw_load_shared {
     uv_loop_t *loop;
@@ -26,6 +38,10 @@ struct lw_load_shared {
     const struct lw_load_scene *scene;
     struct lw_tile_check *check;
     struct lw_frame_clock clock;
+    uint64_t heard_before;      /* frames of earlier runs of the server, which the clock has forgotten */
+    uint64_t run, run_began_ns; /* of the server: which, and when somebody was first welcomed by it */
+    uint32_t run_count;
+    struct lw_load_return *returning; /* in no order */
     struct lw_load_figures *figures;
     struct lw_load_session *first;   /* all whose end has not come, those included that have said goodbye */
     uint32_t live_count;             /* of them: those that have not said goodbye */
@@ -41,6 +57,12 @@ struct lw_load_shared {
  * Errors: LW_NO_MEMORY, LW_OS; counted as a fault, and there is no session. */
 LW_MUST_CHECK enum lw_status lw_load_session_start(struct lw_load_shared *shared, uint32_t number,
                                                    enum lw_load_reader reader);
+
+/** Lets those try to come back whose time has come. */
+void lw_load_session_return_due(struct lw_load_shared *shared, uint64_t now_ns);
+
+/** Forgets those who would have come back. */
+void lw_load_session_forget_returning(struct lw_load_shared *shared);
 
 /** Time limits, pings, a slow reader's next bytes, a walker's next step. Call some 20 times a second. The session may come
  * to its end; its memory goes later, when libuv has let go of the handle. */

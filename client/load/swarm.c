@@ -65,7 +65,7 @@ static struct totals total(const struct swarm *s, uint64_t now_ns) {
                            .tiles = f->tiles,
                            .frames = f->frames,
                            .settled = f->settled,
-                           .heard = s->shared.clock.count,
+                           .heard = s->shared.heard_before + s->shared.clock.count,
                            .own_cpu_ns = lw_clock_process_cpu_ns(),
                            .own_wait_ns = read_wait_ns()};
 }
@@ -82,7 +82,7 @@ static void begin_measuring(struct swarm *s, uint64_t now_ns) {
  * in it. */
 static void report_server(struct swarm *s) {
     const struct lw_frame_clock *clock = &s->shared.clock;
-    if (clock->count < 2) return;
+    if (clock->count < 2 || s->shared.heard_before) return; /* a clock of one run of the server */
     const struct lw_frame_clock_entry *first, *last;
     first = lw_frame_clock_at(clock, s->from.heard ? s->from.heard - 1 : 0);
     last = lw_frame_clock_at(clock, clock->count - 1);
@@ -176,11 +176,12 @@ static void on_tick(uv_timer_t *timer) {
     const struct lw_load_figures *f = &s->report->figures;
     uint64_t now_ns = lw_clock_ns();
     tick_sessions(s, now_ns, 1e-9 * (double)(now_ns - s->ticked_ns));
+    lw_load_session_return_due(&s->shared, now_ns);
     s->ticked_ns = now_ns;
     ramp(s, 1e-9 * (double)(now_ns - s->began_ns));
     bool all_begun = s->begun == s->options->users;
     if (all_begun && !f->measuring) begin_measuring(s, now_ns);
-    if (s->shared.live_count == 0 && (all_begun || f->lost)) {
+    if (s->shared.live_count == 0 && !s->shared.returning && (all_begun || f->lost)) {
         finish(s, f->lost || f->refused ? LW_LOAD_END_SERVER_GONE : LW_LOAD_END_NOBODY_LEFT);
         return;
     }
@@ -322,6 +323,7 @@ enum lw_status lw_swarm_run(const struct lw_load_options *options, struct lw_loa
         if (isatty(STDERR_FILENO)) fprintf(stderr, "\r\033[K");
     }
     stop_loop(s);
+    lw_load_session_forget_returning(&s->shared);
     lw_tile_check_destroy(s->shared.check);
     lw_frame_clock_finish(&s->shared.clock);
     lw_load_scene_finish(&s->scene);

@@ -111,4 +111,8 @@ enum lw_status lw_tile_check_take(struct lw_tile_check *check, const struct lw_m
     return LW_OK;
 }
 
+void lw_tile_check_forget(struct lw_tile_check *check) {
+    memset(check->seen, 0, (size_t)check->map->tile_count * sizeof *check->seen);
+}
+
 uint64_t lw_tile_check_decoded(const struct lw_tile_check *check) { return check->decoded_count; }

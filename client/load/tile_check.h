@@ -42,6 +42,9 @@ LW_MUST_CHECK enum lw_status lw_tile_check_take(struct lw_tile_check *check,
                                                 const struct lw_message_tile *tile, uint64_t *known,
                                                 struct lw_tile_finding *out_finding);
 
+/** The server began anew, and so do its versions. */
+void lw_tile_check_forget(struct lw_tile_check *check);
+
 /** Tiles decoded so far. */
 uint64_t lw_tile_check_decoded(const struct lw_tile_check *check);
 

@@ -166,6 +166,28 @@ static void test_server_killed(void **state) {
     free(complaints);
 }
 
+/* The server is killed and started again: everybody comes back, once, and is served. */
+static void test_server_restarted(void **state) {
+    (void)state;
+    struct lw_process daemon, load;
+    char again[128];
+    serve(&daemon, NEVER_RESTS);
+    snprintf(again, sizeof again, NEVER_RESTS "--listen 127.0.0.1:%u", (unsigned)daemon.port);
+    start_load(&load, &daemon, "--users 50 --seconds 8 --reconnect --json");
+    lw_process_sleep_ms(2000);
+    assert_int_equal(lw_process_stop(&daemon, SIGKILL, LIMIT_S), -SIGKILL);
+    serve(&daemon, again);
+    assert_int_equal(lw_process_finish(&load, LIMIT_S), 0);
+    json_t *r = report_of(&load);
+    expect_end(r, "time");
+    expect_no_errors(r);
+    assert_true(number(r, "broken") == 50 && number(r, "returned") == 50);
+    assert_true(number(r, "welcomed") == 100 && number(r, "users_at_end") == 50 && number(r, "lost") == 0);
+    assert_true(time_of(r, "served_ms", "count") == 50 && time_of(r, "first_view_ms", "count") == 50);
+    json_decref(r);
+    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
+}
+
 static void test_interrupted(void **state) {
     (void)state;
     struct lw_process daemon, load;
@@ -232,6 +254,7 @@ int main(void) {
         cmocka_unit_test_teardown(test_slow_readers, kill_all),
         cmocka_unit_test_teardown(test_never_readers, kill_all),
         cmocka_unit_test_teardown(test_server_killed, kill_all),
+        cmocka_unit_test_teardown(test_server_restarted, kill_all),
         cmocka_unit_test_teardown(test_interrupted, kill_all),
         cmocka_unit_test_teardown(test_bad_input, kill_all),
         cmocka_unit_test_teardown(test_thresholds, kill_all),
