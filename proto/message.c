@@ -146,6 +146,7 @@ static enum lw_status check_frame(const struct lw_message_frame *f, struct lw_er
 
 static enum lw_status check_tile(const struct lw_message_tile *t, struct lw_error *err) {
     if (t->version < 1) return invalid(err, "version", "is 0");
+    if (t->base >= t->version) return invalid(err, "base_version", "is not under the version");
     if (!isfinite(t->scale) || t->scale <= 0) return invalid(err, "scale", "is not a finite number > 0");
     if (t->bounces > LW_MESSAGE_BOUNCES_MAX) return invalid(err, "bounces", "is over 64");
     if (!isfinite(t->error) || t->error < 0) return invalid(err, "error", "is not a finite number >= 0");
@@ -305,6 +306,7 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
         wire->tile.bounces = m->tile.bounces;
         wire->tile.error = m->tile.error;
         wire->tile.payload = (ProtobufCBinaryData){m->tile.payload_size, (uint8_t *)m->tile.payload};
+        wire->tile.base_version = m->tile.base;
         break;
     case LW_MESSAGE_ACK:
         wire->ack.frame = m->ack.frame;
@@ -750,7 +752,8 @@ static void read_tile(const Lightwell__Wire__Tile *w, struct lw_message *m) {
                                        .bounces = w->bounces,
                                        .error = w->error,
                                        .payload = w->payload.data,
-                                       .payload_size = w->payload.len};
+                                       .payload_size = w->payload.len,
+                                       .base = w->base_version};
 }
 
 static enum lw_status read_wire(const union wire *w, struct lw_message *m, struct storage *storage,

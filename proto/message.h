@@ -31,9 +31,9 @@
     (LW_PACKAGE_SIZE_MAX + (LW_PACKAGE_SIZE_MAX >> 8)) /* zstd's bound for a package */
 
 /* Values are forever. */
-#define LW_FEATURE_DCT     1u /* reads tiles of LW_TILE_CODEC_DCT */
 #define LW_FEATURE_CONTROL 2u /* sends updates of the scene */
 #define LW_FEATURE_RESUME  4u /* says what it has */
+#define LW_FEATURE_DCT     8u /* reads tiles of LW_TILE_CODEC_DCT; 1 was an earlier form of them */
 #define LW_FEATURES_READ                                                                                     \
     (LW_FEATURE_DCT | LW_FEATURE_RESUME) /* all that our clients know and need not ask for */
 
@@ -134,6 +134,7 @@ struct lw_message_tile {
     float error;      /* relative standard error of its mean luminance-weighted texels; >= 0 */
     const uint8_t *payload;
     size_t payload_size;
+    uint64_t base; /* the version that the payload builds on, < version; 0: none */
 };
 
 struct lw_message_ack {

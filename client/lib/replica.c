@@ -18,6 +18,7 @@ struct lw_replica {
     float *texels;                      /* all levels of all objects, one after another */
     size_t *first_texel;                /* per object and level */
     struct lw_client_tile *tile;        /* by tile id */
+    struct lw_tile_dct_levels **levels; /* by tile id: what deltas build on; NULL while there is nothing */
     uint64_t version_base, version_max; /* what is added to versions of this run; the largest so far */
     uint32_t coarsest_missing;          /* tiles of coarsest levels that have not arrived */
     float decoded[LW_TILE_TEXELS_MAX * CHANNELS];
@@ -46,7 +47,8 @@ static uint64_t place_levels(struct lw_replica *r) {
 static enum lw_status make_room(struct lw_replica *r, struct lw_error *err) {
     r->first_texel = calloc((size_t)r->map.object_count * LW_ATLAS_LEVELS_MAX + 1, sizeof *r->first_texel);
     r->tile = calloc((size_t)r->map.tile_count + 1, sizeof *r->tile);
-    if (!r->first_texel || !r->tile) return LW_NO_MEMORY;
+    r->levels = calloc((size_t)r->map.tile_count + 1, sizeof *r->levels);
+    if (!r->first_texel || !r->tile || !r->levels) return LW_NO_MEMORY;
     uint64_t texels = place_levels(r);
     if (texels > LW_REPLICA_BYTES_MAX / (CHANNELS * sizeof(float)))
         return lw_status_fail(err, LW_BAD_DATA,
@@ -99,6 +101,8 @@ enum lw_status lw_replica_create_beside(const struct lw_replica *other, struct l
 
 void lw_replica_destroy(struct lw_replica *r) {
     if (!r) return;
+    for (uint32_t i = 0; r->levels && i < r->map.tile_count; i++) free(r->levels[i]);
+    free(r->levels);
     free(r->texels);
     free(r->tile);
     free(r->first_texel);
@@ -173,6 +177,23 @@ static void copy_into_level(struct lw_replica *r, const struct lw_tile_place *pl
                CHANNELS * place->width * sizeof(float));
 }
 
+/* Only a tile whose newest version came in codec 3 has levels. */
+static enum lw_status decode(struct lw_replica *r, const struct lw_message_tile *t, lw_tile_id id,
+                             const struct lw_tile_place *place) {
+    struct lw_tile_dct_levels **levels = &r->levels[id.v];
+    if (t->base)
+        return lw_tile_codec_decode_delta(r->codec, t->codec, t->payload, t->payload_size, t->scale,
+                                          place->width, place->height, *levels, r->decoded);
+    if (t->codec != LW_TILE_CODEC_DCT) {
+        free(*levels);
+        *levels = NULL;
+    } else if (!*levels && !(*levels = aligned_alloc(_Alignof(struct lw_tile_dct_levels), sizeof **levels))) {
+        return LW_NO_MEMORY;
+    }
+    return lw_tile_codec_decode(r->codec, t->codec, t->payload, t->payload_size, t->scale, place->width,
+                                place->height, *levels, r->decoded);
+}
+
 enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_message_tile *t,
                                     struct lw_error *err) {
     lw_tile_id id = lw_atlas_map_find_tile(&r->map, t->object, t->level, t->tile);
@@ -186,16 +207,26 @@ enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_messag
     if (t->layer != 0 || version <= known->version) return LW_OK;
     if (!lw_tile_codec_is_known(t->codec))
         return lw_status_fail(err, LW_PROTOCOL, "message TILE: codec %u is unknown", t->codec);
+    if (t->base && (r->version_base + t->base != known->version || !r->levels[id.v]))
+        return lw_status_fail(
+            err, LW_PROTOCOL,
+            "message TILE: object %u, level %u, tile %u: it builds on a version that is not here", t->object,
+            t->level, t->tile);
     const struct lw_tile_place *place = &r->map.place[id.v];
-    enum lw_status status = lw_tile_codec_decode(r->codec, t->codec, t->payload, t->payload_size, t->scale,
-                                                 place->width, place->height, r->decoded);
+    const bool is_coarsest = t->level == r->map.atlas[t->object].level_count - 1;
+    enum lw_status status = decode(r, t, id, place);
+    if (status !=
+        LW_OK) { /* levels are half those of the new version: nothing may build on them, in a later session either */
+        if (known->version && is_coarsest) r->coarsest_missing++;
+        *known = (struct lw_client_tile){0};
+    }
     if (status == LW_NO_MEMORY) return lw_status_fail(err, status, "message TILE: out of memory");
     if (status != LW_OK)
         return lw_status_fail(err, LW_PROTOCOL,
                               "message TILE: object %u, level %u, tile %u: the payload is damaged", t->object,
                               t->level, t->tile);
     copy_into_level(r, place);
-    if (!known->version && t->level == r->map.atlas[t->object].level_count - 1) r->coarsest_missing--;
+    if (!known->version && is_coarsest) r->coarsest_missing--;
     *known = (struct lw_client_tile){.version = version, .bounces = t->bounces, .error = t->error};
     if (version > r->version_max) r->version_max = version;
     return LW_OK;

@@ -10,6 +10,7 @@
 /* A version that was decoded. */
 struct seen {
     uint64_t version; /* 0: none */
+    uint64_t base;
     struct lw_package_hash hash;
     float scale, error;
     uint32_t bounces;
@@ -21,13 +22,15 @@ struct lw_tile_check {
     uint64_t decoded_count;
     struct lw_tile_codec *codec;
     struct seen (*seen)[LW_TILE_CHECK_VERSIONS]; /* per tile */
+    struct lw_tile_dct_levels levels;
     float decoded[LW_TILE_TEXELS_MAX * CHANNELS];
 };
 
 enum lw_status lw_tile_check_create(const struct lw_atlas_map *map, bool always,
                                     struct lw_tile_check **out_check) {
-    struct lw_tile_check *check = calloc(1, sizeof *check);
+    struct lw_tile_check *check = aligned_alloc(_Alignof(struct lw_tile_check), sizeof *check);
     if (!check) return LW_NO_MEMORY;
+    memset(check, 0, sizeof *check);
     check->map = map;
     check->always = always;
     check->seen = calloc((size_t)map->tile_count + 1, sizeof *check->seen);
@@ -54,8 +57,16 @@ static bool same(const struct seen *a, const struct seen *b) {
 static enum lw_status decode(struct lw_tile_check *check, const struct lw_message_tile *tile, lw_tile_id id,
                              bool *out_decodes) {
     const struct lw_tile_place *place = &check->map->place[id.v];
-    enum lw_status status = lw_tile_codec_decode(check->codec, tile->codec, tile->payload, tile->payload_size,
-                                                 tile->scale, place->width, place->height, check->decoded);
+    enum lw_status status;
+    if (tile->base) { /* whether its bytes make sense; on black: what the session has is not kept here */
+        memset(&check->levels, 0, sizeof check->levels);
+        status = lw_tile_codec_decode_delta(check->codec, tile->codec, tile->payload, tile->payload_size,
+                                            tile->scale, place->width, place->height, &check->levels,
+                                            check->decoded);
+    } else {
+        status = lw_tile_codec_decode(check->codec, tile->codec, tile->payload, tile->payload_size,
+                                      tile->scale, place->width, place->height, NULL, check->decoded);
+    }
     if (status == LW_NO_MEMORY) return status;
     check->decoded_count++;
     *out_decodes = status == LW_OK;
@@ -64,10 +75,10 @@ static enum lw_status decode(struct lw_tile_check *check, const struct lw_messag
 
 /* What was remembered of this version, or the slot of the oldest one, to be replaced: a version in flight to a slow session
  * may be older than all that are remembered, and then takes nobody's place. */
-static struct seen *find_slot(struct seen slot[LW_TILE_CHECK_VERSIONS], uint64_t version) {
+static struct seen *find_slot(struct seen slot[LW_TILE_CHECK_VERSIONS], uint64_t version, uint64_t base) {
     struct seen *oldest = &slot[0];
     for (uint32_t i = 0; i < LW_TILE_CHECK_VERSIONS; i++) {
-        if (slot[i].version == version) return &slot[i];
+        if (slot[i].version == version && slot[i].base == base) return &slot[i];
         if (slot[i].version < oldest->version) oldest = &slot[i];
     }
     return oldest->version < version ? oldest : NULL;
@@ -76,10 +87,11 @@ static struct seen *find_slot(struct seen slot[LW_TILE_CHECK_VERSIONS], uint64_t
 /* Decodes the tile unless its bytes were decoded before. */
 static enum lw_status judge(struct lw_tile_check *check, const struct lw_message_tile *t, lw_tile_id id,
                             enum lw_tile_verdict *out_verdict) {
-    struct seen now = {.version = t->version, .scale = t->scale, .error = t->error, .bounces = t->bounces};
+    struct seen now = {
+        .version = t->version, .base = t->base, .scale = t->scale, .error = t->error, .bounces = t->bounces};
     lw_package_hash(t->payload, t->payload_size, &now.hash);
-    struct seen *slot = find_slot(check->seen[id.v], t->version);
-    bool remembered = slot && slot->version == t->version, decodes = true;
+    struct seen *slot = find_slot(check->seen[id.v], t->version, t->base);
+    bool remembered = slot && slot->version == t->version && slot->base == t->base, decodes = true;
     enum lw_status status = remembered && !check->always ? LW_OK : decode(check, t, id, &decodes);
     if (status != LW_OK) return status;
     *out_verdict = !decodes                          ? LW_TILE_DAMAGED
@@ -100,7 +112,7 @@ enum lw_status lw_tile_check_take(struct lw_tile_check *check, const struct lw_m
             f.verdict = LW_TILE_IGNORED;
         else if (t->version <= f.before)
             f.verdict = LW_TILE_BACKWARDS;
-        else if (!lw_tile_codec_is_known(t->codec))
+        else if (!lw_tile_codec_is_known(t->codec) || (t->base && t->base != f.before))
             f.verdict = LW_TILE_DAMAGED;
         else
             status = judge(check, t, f.id, &f.verdict);

@@ -10,15 +10,15 @@
 #include "common/tile/atlas.h"
 #include "proto/message.h"
 
-#define LW_TILE_CHECK_VERSIONS 4u /* remembered per tile: sessions are seldom further apart */
+#define LW_TILE_CHECK_VERSIONS 8u /* and bases, remembered per tile: sessions are seldom further apart */
 
 enum lw_tile_verdict {
     LW_TILE_GOOD,
     LW_TILE_IGNORED,   /* of a layer that clients ignore */
     LW_TILE_NOWHERE,   /* there is no such place in the scene */
     LW_TILE_BACKWARDS, /* its version is not above the one that the session had: a client ignores it */
-    LW_TILE_DAMAGED,   /* codec unknown, or its payload does not decode */
-    LW_TILE_DIFFERENT  /* of a version that came with other bytes before */
+    LW_TILE_DAMAGED, /* codec unknown, builds on what the session does not have, or its payload does not decode */
+    LW_TILE_DIFFERENT /* of a version that came with other bytes before */
 };
 
 struct lw_tile_finding {

@@ -111,14 +111,13 @@ enum lw_status lw_tile_codec_encode_half(struct lw_tile_codec *codec, const floa
     return LW_OK;
 }
 
-enum lw_status lw_tile_codec_encode_dct(struct lw_tile_codec *codec, const float *rgb, const uint8_t *covered,
-                                        uint32_t width, uint32_t height, float step, uint8_t *dst,
-                                        size_t dst_capacity, size_t *out_size, float *out_scale,
-                                        uint32_t *out_saturated) {
-    if (width - 1 >= LW_TILE_SIDE || height - 1 >= LW_TILE_SIDE || dst_capacity < lw_tile_codec_bound())
+enum lw_status lw_tile_codec_encode_dct(struct lw_tile_codec *codec, const struct lw_tile_dct_source *source,
+                                        struct lw_tile_dct_history *history, uint8_t *dst, uint8_t *delta_dst,
+                                        size_t dst_capacity, struct lw_tile_dct_coded *out_coded) {
+    if (source->width - 1 >= LW_TILE_SIDE || source->height - 1 >= LW_TILE_SIDE ||
+        dst_capacity < lw_tile_codec_bound())
         return LW_INTERNAL;
-    *out_size =
-        lw_tile_dct_encode(&codec->dct, rgb, covered, width, height, step, dst, out_scale, out_saturated);
+    lw_tile_dct_encode(&codec->dct, source, history, dst, delta_dst, out_coded);
     return LW_OK;
 }
 
@@ -148,15 +147,26 @@ static enum lw_status decode_half(struct lw_tile_codec *codec, const uint8_t *sr
 
 enum lw_status lw_tile_codec_decode(struct lw_tile_codec *codec, uint32_t number, const uint8_t *src,
                                     size_t src_size, float scale, uint32_t width, uint32_t height,
-                                    float *rgb) {
+                                    struct lw_tile_dct_levels *levels, float *rgb) {
     if (width - 1 >= LW_TILE_SIDE || height - 1 >= LW_TILE_SIDE || !(scale > 0)) return LW_BAD_DATA;
     switch (number) {
     case LW_TILE_CODEC_HALF_ZSTD:
         return decode_half(codec, src, src_size, scale, (size_t)width * height, rgb);
     case LW_TILE_CODEC_DCT:
-        return lw_tile_dct_decode(&codec->dct, src, src_size, scale, width, height, rgb) ? LW_OK
-                                                                                         : LW_BAD_DATA;
+        return lw_tile_dct_decode(&codec->dct, LW_TILE_DCT_INTRA, src, src_size, scale, width, height, levels,
+                                  rgb)
+                   ? LW_OK
+                   : LW_BAD_DATA;
     default:
         return LW_BAD_DATA;
     }
+}
+
+enum lw_status lw_tile_codec_decode_delta(struct lw_tile_codec *codec, uint32_t number, const uint8_t *src,
+                                          size_t src_size, float scale, uint32_t width, uint32_t height,
+                                          struct lw_tile_dct_levels *levels, float *rgb) {
+    return number == LW_TILE_CODEC_DCT && lw_tile_dct_decode(&codec->dct, LW_TILE_DCT_DELTA, src, src_size,
+                                                             scale, width, height, levels, rgb)
+               ? LW_OK
+               : LW_BAD_DATA;
 }

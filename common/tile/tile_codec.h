@@ -5,9 +5,10 @@
 
 #include "common/status.h"
 #include "common/tile/atlas.h"
+#include "common/tile/tile_dct.h"
 
 #define LW_TILE_CODEC_HALF_ZSTD 1u /* half floats over a power-of-two scale, byte planes, zstd */
-#define LW_TILE_CODEC_DCT       2u /* quantised cosine transforms of logarithms (tile_dct.h) */
+#define LW_TILE_CODEC_DCT       3u /* quantised cosine transforms of logarithms (tile_dct.h) */
 
 struct lw_tile_codec;
 
@@ -26,22 +27,32 @@ LW_MUST_CHECK enum lw_status lw_tile_codec_encode_half(struct lw_tile_codec *cod
                                                        size_t dst_capacity, size_t *out_size,
                                                        float *out_scale, uint32_t *out_saturated);
 
-/** Encodes the same texels as near as `step` says: lw_tile_dct_encode(), where `covered` and `step` are explained.
+/** Encodes texels as near as their source says: lw_tile_dct_encode(), where all of it is explained. delta_dst: of the same
+ * capacity; needed with a history only.
  * Errors: LW_INTERNAL if dst_capacity is under the bound. */
-LW_MUST_CHECK enum lw_status lw_tile_codec_encode_dct(struct lw_tile_codec *codec, const float *rgb,
-                                                      const uint8_t *covered, uint32_t width, uint32_t height,
-                                                      float step, uint8_t *dst, size_t dst_capacity,
-                                                      size_t *out_size, float *out_scale,
-                                                      uint32_t *out_saturated);
+LW_MUST_CHECK enum lw_status lw_tile_codec_encode_dct(struct lw_tile_codec *codec,
+                                                      const struct lw_tile_dct_source *source,
+                                                      struct lw_tile_dct_history *history, uint8_t *dst,
+                                                      uint8_t *delta_dst, size_t dst_capacity,
+                                                      struct lw_tile_dct_coded *out_coded);
 
 /** Whether lw_tile_codec_decode() reads a codec of this number. */
 bool lw_tile_codec_is_known(uint32_t number);
 
 /** Decodes a payload of the codec of that number into width*height*3 floats. Bytes may come from anyone: a payload that is
  * truncated, oversized, of the wrong tile or of an unknown codec gives LW_BAD_DATA and leaves `rgb` unspecified but within
- * bounds; so does a scale that is not a positive finite number. What decodes is always finite and >= 0. */
+ * bounds; so does a scale that is not a positive finite number. What decodes is always finite and >= 0.
+ * levels  NULL, or what a delta of the tile's next version will need; codec 1 leaves them alone */
 LW_MUST_CHECK enum lw_status lw_tile_codec_decode(struct lw_tile_codec *codec, uint32_t number,
                                                   const uint8_t *src, size_t src_size, float scale,
-                                                  uint32_t width, uint32_t height, float *rgb);
+                                                  uint32_t width, uint32_t height,
+                                                  struct lw_tile_dct_levels *levels, float *rgb);
+
+/** The same for a payload that builds on a version of the tile: of codec 3, with the levels of that version, which become
+ * those of this one. */
+LW_MUST_CHECK enum lw_status lw_tile_codec_decode_delta(struct lw_tile_codec *codec, uint32_t number,
+                                                        const uint8_t *src, size_t src_size, float scale,
+                                                        uint32_t width, uint32_t height,
+                                                        struct lw_tile_dct_levels *levels, float *rgb);
 
 #endif

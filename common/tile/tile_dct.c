@@ -17,9 +17,13 @@
 #define LIGHT_MAX     0x1p100f
 #define RICE_K_MAX    16u
 #define GRID_LENGTH_K 4u    /* of the length of the means' block, which nothing predicts */
+#define SURPRISE_K    3u    /* of the length of a block among empty ones */
 #define GAIN_MAX      127.0 /* 2^(127/512): a factor of 1.19 */
 #define FINER_Q       8u    /* half the step */
 #define LEVEL_MAX     ((1 << LW_TILE_BITS_RAW) - 1)
+#define KEPT_MAX      32767
+#define NEAR_SCALE    2.0f /* a history serves as long as its scale */
+#define NEAR_Q        6u   /* and step are so near what the tile wants by itself */
 
 /* The mean of a tile lies about so many scales up: what is darker than a scale is coded absolutely, not relatively. */
 #define MEAN_IN_SCALES 32.0f
@@ -53,6 +57,7 @@ static inline float clamp(float x, float low, float high) { return x < low ? low
 
 typedef float row8 __attribute__((vector_size(SIDE * sizeof(float))));
 typedef int32_t whole8 __attribute__((vector_size(SIDE * sizeof(int32_t))));
+typedef int16_t short8 __attribute__((vector_size(SIDE * sizeof(int16_t))));
 
 LW_WIDE_INLINE row8 load(const float *from) {
     row8 row;
@@ -186,37 +191,74 @@ LW_WIDE_INLINE unsigned length_k(const uint8_t *length, uint32_t bx, uint32_t by
     return rice_k(left, above);
 }
 
+/* A length among short ones is 0 for the most part, and anything otherwise. */
+static void put_length(struct lw_tile_bits_writer *w, uint32_t length, unsigned k) {
+    if (k) {
+        lw_tile_bits_put_rice(w, length, k, 0, 0);
+        return;
+    }
+    lw_tile_bits_put(w, length > 0, 1);
+    if (length) lw_tile_bits_put_rice(w, length - 1, SURPRISE_K, 0, 0);
+}
+
+LW_WIDE_INLINE uint32_t get_length(struct lw_tile_bits_reader *r, unsigned k) {
+    if (k) return lw_tile_bits_get_rice(r, k);
+    const bool any = r->held & 1;
+    lw_tile_bits_drop(r, 1);
+    return any ? 1 + lw_tile_bits_get_rice(r, SURPRISE_K) : 0;
+}
+
 /* Levels of one block, `level` by rows and `scan` without what is coded elsewhere: how many up to the last that is not 0,
- * then those, the last one first. */
+ * then those, the last one first; after two zeros, how many more there are. */
 static uint32_t put_levels(struct lw_tile_bits_writer *w, const int32_t *level, const uint8_t *scan,
-                           uint32_t count, unsigned k) {
+                           uint32_t count, unsigned k, unsigned run_k) {
     while (count && !level[scan[count - 1]]) count--;
-    lw_tile_bits_put_rice(w, count, k, 0, 0);
+    put_length(w, count, k);
     uint32_t a = 0, b = 0;
+    bool is_known = true; /* that the next level is not 0 */
     for (uint32_t i = count; i-- > 0;) {
+        if (!is_known && !(a | b)) {
+            uint32_t run = 0;
+            while (run <= i && !level[scan[i - run]]) run++;
+            lw_tile_bits_put_rice(w, run, run_k, 0, 0);
+            if (run > i) break;
+            i -= run;
+            is_known = true;
+        }
         const int32_t v = level[scan[i]];
         const uint32_t size = (uint32_t)(v < 0 ? -v : v);
-        lw_tile_bits_put_rice(w, size - (i + 1 == count), rice_k(a, b), v < 0, size != 0);
+        lw_tile_bits_put_rice(w, size - is_known, rice_k(a, b), v < 0, size != 0);
+        is_known = false;
         b = a;
         a = size;
     }
     return count;
 }
 
-/* Into block, which is 0 but for what the scan leaves out. False for a length that the block does not have. */
+/* Into `level`, by rows, which is 0 but for what the scan leaves out. False for what the block has no room for. */
 LW_WIDE_INLINE bool get_levels(struct lw_tile_bits_reader *r, const uint8_t *scan, uint32_t count, unsigned k,
-                               float step, float *block, uint32_t stride, uint32_t *out_length) {
+                               unsigned run_k, int32_t *level, uint32_t *out_length) {
     lw_tile_bits_refill(r);
-    const uint32_t length = lw_tile_bits_get_rice(r, k);
+    const uint32_t length = get_length(r, k);
     if (length > count) return false;
-    uint32_t a = 0, b = 0;
+    uint32_t a = 0, b = 0, known = 1; /* 1: that the next level is not 0 */
     for (uint32_t i = length; i-- > 0;) {
         lw_tile_bits_refill(r);
-        const uint32_t size = lw_tile_bits_get_rice(r, rice_k(a, b)) + (i + 1 == length);
+        if (!(known | a | b)) {
+            const uint32_t run = lw_tile_bits_get_rice(r, run_k);
+            if (run > i) {
+                if (run > i + 1) return false;
+                break;
+            }
+            i -= run;
+            known = 1;
+            lw_tile_bits_refill(r);
+        }
+        const uint32_t size = lw_tile_bits_get_rice(r, rice_k(a, b)) + known;
         const int32_t negative = -(int32_t)(r->held & (size != 0)); /* no branch: it would be a coin's toss */
         lw_tile_bits_drop(r, size != 0);
-        block[(scan[i] / SIDE) * stride + scan[i] % SIDE] =
-            (float)(((int32_t)size ^ negative) - negative) * step;
+        level[scan[i]] = ((int32_t)size ^ negative) - negative;
+        known = 0;
         b = a;
         a = size;
     }
@@ -226,31 +268,96 @@ LW_WIDE_INLINE bool get_levels(struct lw_tile_bits_reader *r, const uint8_t *sca
 
 /* ---- decoding ---- */
 
-LW_WIDE static bool decode_plane(struct lw_tile_dct *dct, float *plane, uint32_t width, uint32_t height,
-                                 float step, struct lw_tile_bits_reader *r) {
+/* A plane's levels into dct->level. */
+static bool get_plane(struct lw_tile_dct *dct, uint32_t width, uint32_t height, unsigned run_k,
+                      struct lw_tile_bits_reader *r) {
     const uint32_t across = blocks(width), down = blocks(height);
-    const uint8_t *scan = dct->scan[across][down];
+    int32_t grid[BLOCK_TEXELS] = {0};
     uint8_t length[GRID * GRID];
     uint32_t count;
+    if (!get_levels(r, dct->scan[across][down], across * down, GRID_LENGTH_K, run_k, grid, &count))
+        return false;
+    for (uint32_t by = 0; by < down; by++)
+        for (uint32_t bx = 0; bx < across; bx++) {
+            const struct span s = span_of(bx, by, width, height);
+            const uint32_t b = by * GRID + bx;
+            int32_t *level = dct->level + b * BLOCK_TEXELS;
+            memset(level, 0, BLOCK_TEXELS * sizeof *level);
+            level[0] = grid[by * SIDE + bx];
+            if (!get_levels(r, dct->scan[s.width][s.height] + 1, s.width * s.height - 1,
+                            length_k(length, bx, by), run_k, level, &count))
+                return false;
+            length[b] = (uint8_t)count;
+        }
+    return true;
+}
+
+/* What is kept of a plane to what was read, if that is a difference, and the sum back. False if a sum does not fit. */
+LW_WIDE static bool keep_levels(struct lw_tile_dct *dct, int16_t *kept, uint32_t width, uint32_t height,
+                                bool is_delta) {
+    whole8 outside = {0};
+    for (uint32_t by = 0; by < blocks(height); by++)
+        for (uint32_t i = by * GRID * BLOCK_TEXELS; i < (by * GRID + blocks(width)) * BLOCK_TEXELS;
+             i += SIDE) {
+            whole8 level;
+            short8 was;
+            memcpy(&level, dct->level + i, sizeof level);
+            memcpy(&was, kept + i, sizeof was);
+            if (is_delta) level += __builtin_convertvector(was, whole8);
+            memcpy(dct->level + i, &level, sizeof level);
+            const whole8 low = level<-KEPT_MAX, high = level> KEPT_MAX;
+            outside |= low | high;
+            level = (level & ~(low | high)) | (KEPT_MAX & high) | (-KEPT_MAX & low);
+            was = __builtin_convertvector(level, short8);
+            memcpy(kept + i, &was, sizeof was);
+        }
+    int32_t any = 0;
+    for (uint32_t i = 0; i < SIDE; i++) any |= outside[i];
+    return !any;
+}
+
+/* How many diagonals of a block's levels are not all 0, one at least. */
+LW_WIDE_INLINE uint32_t diagonals_of(const int32_t *level, uint32_t height) {
+    const whole8 place = {1, 2, 3, 4, 5, 6, 7, 8};
+    whole8 last = {1};
+    for (uint32_t y = 0; y < height; y++) {
+        whole8 row;
+        memcpy(&row, level + y * SIDE, sizeof row);
+        const whole8 diagonal = (row != 0) & (place + (int32_t)y);
+        last = (diagonal & (diagonal > last)) | (last & ~(diagonal > last));
+    }
+    int32_t most = 1;
+    for (uint32_t x = 0; x < SIDE; x++) most = last[x] > most ? last[x] : most;
+    return (uint32_t)most;
+}
+
+LW_WIDE_INLINE void scale_levels(const int32_t *level, float step, uint32_t height, float *block,
+                                 uint32_t stride) {
+    for (uint32_t y = 0; y < height; y++) {
+        whole8 row;
+        memcpy(&row, level + y * SIDE, sizeof row);
+        store(block + y * stride, __builtin_convertvector(row, row8) * step);
+    }
+}
+
+/* A plane from dct->level. */
+LW_WIDE static void restore_plane(struct lw_tile_dct *dct, float *plane, uint32_t width, uint32_t height,
+                                  float step) {
+    const uint32_t across = blocks(width), down = blocks(height);
     memset(dct->mean, 0, sizeof dct->mean);
-    if (!get_levels(r, scan, across * down, GRID_LENGTH_K, step, dct->mean, SIDE, &count)) return false;
+    for (uint32_t by = 0; by < down; by++)
+        for (uint32_t bx = 0; bx < across; bx++)
+            dct->mean[by * SIDE + bx] = (float)dct->level[(by * GRID + bx) * BLOCK_TEXELS] * step;
     inverse(dct, dct->mean, SIDE, across, down, across + down - 1);
     for (uint32_t by = 0; by < down; by++)
         for (uint32_t bx = 0; bx < across; bx++) {
             const struct span s = span_of(bx, by, width, height);
-            const float mean = dct->mean[by * SIDE + bx];
-            float *block = plane + s.at;
-            for (uint32_t y = 0; y < s.height; y++) memset(block + y * STRIDE, 0, SIDE * sizeof *block);
-            scan = dct->scan[s.width][s.height];
-            if (!get_levels(r, scan + 1, s.width * s.height - 1, length_k(length, bx, by), step, block,
-                            STRIDE, &count))
-                return false;
-            length[by * GRID + bx] = (uint8_t)count;
-            block[0] = mean;
-            const uint32_t last = scan[count];
-            inverse(dct, block, STRIDE, s.width, s.height, last / SIDE + last % SIDE + 1);
+            const int32_t *level = dct->level + (by * GRID + bx) * BLOCK_TEXELS;
+            const uint32_t diagonals = diagonals_of(level, s.height);
+            scale_levels(level, step, diagonals < s.height ? diagonals : s.height, plane + s.at, STRIDE);
+            plane[s.at] = dct->mean[by * SIDE + bx];
+            inverse(dct, plane + s.at, STRIDE, s.width, s.height, diagonals);
         }
-    return true;
 }
 
 static void scales_of(float scale, const int8_t gain[3], float out[3]) {
@@ -259,16 +366,20 @@ static void scales_of(float scale, const int8_t gain[3], float out[3]) {
 
 static float step_of(uint32_t q) { return exp2f((float)q / -8.0f); }
 
-bool lw_tile_dct_decode(struct lw_tile_dct *dct, const uint8_t *src, size_t src_size, float scale,
-                        uint32_t width, uint32_t height, float *rgb) {
+bool lw_tile_dct_decode(struct lw_tile_dct *dct, uint32_t kind, const uint8_t *src, size_t src_size,
+                        float scale, uint32_t width, uint32_t height, struct lw_tile_dct_levels *levels,
+                        float *rgb) {
     if (width - 1 >= LW_TILE_SIDE || height - 1 >= LW_TILE_SIDE || !(scale > 0) || !(scale <= SCALE_MAX))
         return false;
-    if (src_size < HEADER_SIZE || src[0] != LW_TILE_DCT_INTRA || src[1] > LW_TILE_DCT_STEP_Q_MAX)
-        return false;
+    if (src_size < HEADER_SIZE || src[0] != kind || src[1] > LW_TILE_DCT_STEP_Q_MAX) return false;
+    const bool is_delta = kind == LW_TILE_DCT_DELTA;
     const int8_t gain[3] = {(int8_t)src[2], (int8_t)src[3], (int8_t)src[4]};
     struct lw_tile_bits_reader r = {.at = src + HEADER_SIZE, .end = src + src_size};
-    for (int p = 0; p < 3; p++)
-        if (!decode_plane(dct, dct->plane[p], width, height, step_of(src[1]), &r)) return false;
+    for (int p = 0; p < 3; p++) {
+        if (!get_plane(dct, width, height, kind, &r)) return false;
+        if (levels && !keep_levels(dct, levels->plane[p], width, height, is_delta) && is_delta) return false;
+        restore_plane(dct, dct->plane[p], width, height, step_of(src[1]));
+    }
     if (!lw_tile_bits_is_at_end(&r)) return false;
     float scales[3];
     scales_of(scale, gain, scales);
@@ -282,11 +393,11 @@ bool lw_tile_dct_decode(struct lw_tile_dct *dct, const uint8_t *src, size_t src_
 
 /* ---- encoding ---- */
 
-/* The power of two under a share of the mean; 1 for a black tile. */
-static float choose_scale(double mean) {
+/* The power of two over a share of the mean, or what is dark; 1 for a black tile. */
+static float choose_scale(double mean, float dark) {
     if (!(mean > 0)) return 1;
     int exponent;
-    frexpf((float)mean / MEAN_IN_SCALES, &exponent);
+    frexpf(fmaxf((float)mean / MEAN_IN_SCALES, dark), &exponent);
     return clamp(ldexpf(1, exponent), SCALE_MIN, SCALE_MAX);
 }
 
@@ -358,71 +469,83 @@ LW_WIDE static void fill_uncovered(const struct lw_tile_dct *dct, float *plane, 
         }
 }
 
-LW_WIDE_INLINE whole8 levels_of(row8 value, float inverse_step, float round) {
-    const row8 size = clamp8((row8)((whole8)value & 0x7fffffff) * inverse_step + round, 0, LEVEL_MAX);
-    const whole8 negative = value < 0;
+LW_WIDE_INLINE whole8 levels_of(row8 steps, float round) {
+    const row8 size = clamp8((row8)((whole8)steps & 0x7fffffff) + round, 0, LEVEL_MAX);
+    const whole8 negative = steps < 0;
     return (__builtin_convertvector(size, whole8) ^ negative) - negative;
 }
 
-/* Coefficients to levels, by rows, and in place to what a decoder has of them. Of the first coefficient the decoder has
- * nothing yet. Returns how many diagonals are not all 0. */
-LW_WIDE_INLINE uint32_t quantise(float *block, uint32_t stride, uint32_t width, uint32_t height, float step,
-                                 float round, int32_t *level) {
-    const whole8 place = {0, 1, 2, 3, 4, 5, 6, 7};
+/* Coefficients to levels. kept: what they were, by rows of SIDE; NULL: they build on nothing. */
+LW_WIDE_INLINE void quantise(const float *block, uint32_t stride, uint32_t width, uint32_t height, float step,
+                             float round, const int16_t *kept, int32_t *level) {
+    const whole8 place = {0, 1, 2, 3, 4, 5, 6, 7}, inside = place < (int32_t)width;
     const float inverse_step = 1 / step;
-    whole8 last = {0};
-    for (uint32_t y = 0; y < height; y++) {
-        const whole8 inside = place < (int32_t)width;
-        const whole8 levels = levels_of(load(block + y * stride), inverse_step, round) & inside;
+    for (uint32_t y = 0; y < SIDE; y++) {
+        whole8 levels = {0};
+        if (y < height) {
+            const row8 steps = load(block + y * stride) * inverse_step;
+            levels = levels_of(steps, round);
+            if (kept) {
+                short8 row;
+                memcpy(&row, kept + y * SIDE, sizeof row);
+                const whole8 was = __builtin_convertvector(row, whole8);
+                const row8 off = steps - __builtin_convertvector(was, row8);
+                const whole8 near = (off < LW_TILE_DCT_HOLD) & (off > -LW_TILE_DCT_HOLD);
+                levels = (was & near) | (levels & ~near);
+            }
+            levels &= inside;
+        }
         memcpy(level + y * SIDE, &levels, sizeof levels);
-        store(block + y * stride, __builtin_convertvector(levels, row8) * step);
-        const whole8 diagonal = (levels != 0) & (place + (int32_t)(y + 1));
-        last = (diagonal & (diagonal > last)) | (last & ~(diagonal > last));
     }
-    int32_t most = 1;
-    for (uint32_t x = 0; x < SIDE; x++) most = last[x] > most ? last[x] : most;
-    return (uint32_t)most;
 }
 
-/* The plane's levels, block after block; its means' go to `grid`. The plane ends up as a decoder has it. */
+/* The plane's levels into dct->level. */
 LW_WIDE static void quantise_plane(struct lw_tile_dct *dct, float *plane, uint32_t width, uint32_t height,
-                                   float step, int32_t *grid) {
+                                   float step, const int16_t *kept) {
     const uint32_t across = blocks(width), down = blocks(height);
-    uint8_t diagonals[GRID * GRID];
+    int32_t grid[BLOCK_TEXELS] = {0};
+    int16_t kept_grid[BLOCK_TEXELS] = {0};
     memset(dct->mean, 0, sizeof dct->mean);
     for (uint32_t by = 0; by < down; by++)
         for (uint32_t bx = 0; bx < across; bx++) {
             const struct span s = span_of(bx, by, width, height);
-            const uint32_t b = by * GRID + bx;
+            const uint32_t first = (by * GRID + bx) * BLOCK_TEXELS;
             forward(dct, plane + s.at, STRIDE, s.width, s.height);
             dct->mean[by * SIDE + bx] = plane[s.at];
-            diagonals[b] = (uint8_t)quantise(plane + s.at, STRIDE, s.width, s.height, step, ROUND_AC,
-                                             dct->level + b * BLOCK_TEXELS);
+            quantise(plane + s.at, STRIDE, s.width, s.height, step, ROUND_AC, kept ? kept + first : NULL,
+                     dct->level + first);
+            if (kept) kept_grid[by * SIDE + bx] = kept[first];
         }
     forward(dct, dct->mean, SIDE, across, down);
-    quantise(dct->mean, SIDE, across, down, step, ROUND_MEAN, grid);
-    inverse(dct, dct->mean, SIDE, across, down, across + down - 1);
+    quantise(dct->mean, SIDE, across, down, step, ROUND_MEAN, kept ? kept_grid : NULL, grid);
+    for (uint32_t by = 0; by < down; by++)
+        for (uint32_t bx = 0; bx < across; bx++)
+            dct->level[(by * GRID + bx) * BLOCK_TEXELS] = grid[by * SIDE + bx];
+}
+
+static void put_plane(const struct lw_tile_dct *dct, const int32_t *level, uint32_t width, uint32_t height,
+                      unsigned run_k, struct lw_tile_bits_writer *w) {
+    const uint32_t across = blocks(width), down = blocks(height);
+    int32_t grid[BLOCK_TEXELS] = {0};
+    uint8_t length[GRID * GRID];
+    for (uint32_t by = 0; by < down; by++)
+        for (uint32_t bx = 0; bx < across; bx++)
+            grid[by * SIDE + bx] = level[(by * GRID + bx) * BLOCK_TEXELS];
+    put_levels(w, grid, dct->scan[across][down], across * down, GRID_LENGTH_K, run_k);
     for (uint32_t by = 0; by < down; by++)
         for (uint32_t bx = 0; bx < across; bx++) {
             const struct span s = span_of(bx, by, width, height);
-            plane[s.at] = dct->mean[by * SIDE + bx];
-            inverse(dct, plane + s.at, STRIDE, s.width, s.height, diagonals[by * GRID + bx]);
+            const uint32_t b = by * GRID + bx;
+            length[b] = (uint8_t)put_levels(w, level + b * BLOCK_TEXELS, dct->scan[s.width][s.height] + 1,
+                                            s.width * s.height - 1, length_k(length, bx, by), run_k);
         }
 }
 
-static void put_plane(const struct lw_tile_dct *dct, uint32_t width, uint32_t height, const int32_t *grid,
-                      struct lw_tile_bits_writer *w) {
-    const uint32_t across = blocks(width), down = blocks(height);
-    uint8_t length[GRID * GRID];
-    put_levels(w, grid, dct->scan[across][down], across * down, GRID_LENGTH_K);
-    for (uint32_t by = 0; by < down; by++)
-        for (uint32_t bx = 0; bx < across; bx++) {
-            const struct span s = span_of(bx, by, width, height);
-            const uint32_t b = by * GRID + bx;
-            length[b] =
-                (uint8_t)put_levels(w, dct->level + b * BLOCK_TEXELS, dct->scan[s.width][s.height] + 1,
-                                    s.width * s.height - 1, length_k(length, bx, by));
-        }
+LW_WIDE static void find_change(struct lw_tile_dct *dct, const int16_t *kept, uint32_t width,
+                                uint32_t height) {
+    for (uint32_t by = 0; by < blocks(height); by++)
+        for (uint32_t i = by * GRID * BLOCK_TEXELS; i < (by * GRID + blocks(width)) * BLOCK_TEXELS; i++)
+            dct->change[i] = dct->level[i] - kept[i];
 }
 
 /* A mean of logarithms is under the logarithm of the mean, so what was noise has become darker. One factor per channel
@@ -436,40 +559,77 @@ static bool choose_gain(double was, double is, uint8_t *out_gain) {
     return true;
 }
 
-/* With one step; false if it is so coarse that the mean is lost. */
-static bool encode(struct lw_tile_dct *dct, uint32_t width, uint32_t height, bool filled, float scale,
-                   uint32_t q, const double sum[3], uint8_t *dst, size_t *out_size) {
-    take_logarithms(dct, height, 1 / scale);
-    struct lw_tile_bits_writer w = {.at = dst + HEADER_SIZE};
-    for (int p = 0; p < 3; p++) {
-        int32_t grid[GRID * GRID];
-        if (!filled) fill_uncovered(dct, dct->plane[p], width, height);
-        quantise_plane(dct, dct->plane[p], width, height, step_of(q), grid);
-        put_plane(dct, width, height, grid, &w);
-    }
-    take_powers(dct, height, (const float[3]){scale, scale, scale});
-    dst[0] = LW_TILE_DCT_INTRA;
+static size_t finish_payload(uint8_t *dst, uint32_t kind, uint32_t q, const uint8_t gain[3],
+                             struct lw_tile_bits_writer *w) {
+    dst[0] = (uint8_t)kind;
     dst[1] = (uint8_t)q;
-    bool kept = true;
-    for (int c = 0; c < 3; c++) kept &= choose_gain(sum[c], sum_of(dct, dct->plane[c], height), dst + 2 + c);
-    *out_size = (size_t)(lw_tile_bits_end(&w) - dst);
-    return kept;
+    memcpy(dst + 2, gain, 3);
+    return (size_t)(lw_tile_bits_end(w) - dst);
 }
 
-size_t lw_tile_dct_encode(struct lw_tile_dct *dct, const float *rgb, const uint8_t *covered, uint32_t width,
-                          uint32_t height, float step, uint8_t *dst, float *out_scale,
-                          uint32_t *out_saturated) {
-    const float q_wanted = ceilf(-8 * log2f(step > 0 ? step : 0x1p-20f));
+/* With one step; false if it is so coarse that the mean is lost. delta_dst: NULL: what history holds is of no use. */
+static bool encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source *source, bool filled, uint32_t q,
+                   const double sum[3], struct lw_tile_dct_history *history, uint8_t *dst, uint8_t *delta_dst,
+                   struct lw_tile_dct_coded *coded) {
+    const uint32_t width = source->width, height = source->height;
+    const float scale = coded->scale;
+    struct lw_tile_bits_writer w = {.at = dst + HEADER_SIZE}, delta = {0};
+    if (delta_dst) delta.at = delta_dst + HEADER_SIZE;
+    bool fits = true;
+    take_logarithms(dct, height, 1 / scale);
+    for (int p = 0; p < 3; p++) {
+        int16_t *kept = history ? history->levels.plane[p] : NULL;
+        if (!filled) fill_uncovered(dct, dct->plane[p], width, height);
+        quantise_plane(dct, dct->plane[p], width, height, step_of(q), delta_dst ? kept : NULL);
+        put_plane(dct, dct->level, width, height, LW_TILE_DCT_INTRA, &w);
+        if (delta_dst) {
+            find_change(dct, kept, width, height);
+            put_plane(dct, dct->change, width, height, LW_TILE_DCT_DELTA, &delta);
+        }
+        if (kept) fits &= keep_levels(dct, kept, width, height, false);
+        restore_plane(dct, dct->plane[p], width, height, step_of(q));
+    }
+    take_powers(dct, height, (const float[3]){scale, scale, scale});
+    uint8_t gain[3];
+    bool kept_mean = true;
+    for (int c = 0; c < 3; c++)
+        kept_mean &= choose_gain(sum[c], sum_of(dct, dct->plane[c], height), gain + c);
+    coded->size = finish_payload(dst, LW_TILE_DCT_INTRA, q, gain, &w);
+    coded->delta_size = delta_dst && fits ? finish_payload(delta_dst, LW_TILE_DCT_DELTA, q, gain, &delta) : 0;
+    if (history) {
+        history->q = q;
+        history->scale = fits ? scale : 0;
+    }
+    return kept_mean;
+}
+
+/* Whether a tile of this scale and step may go on with those of its history: then they are its own. */
+static bool goes_on(const struct lw_tile_dct_history *history, float scale, uint32_t q) {
+    return history && history->scale >= scale / NEAR_SCALE && history->scale <= scale * NEAR_SCALE &&
+           history->q + NEAR_Q >= q && history->q <= q + NEAR_Q;
+}
+
+void lw_tile_dct_encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source *source,
+                        struct lw_tile_dct_history *history, uint8_t *dst, uint8_t *delta_dst,
+                        struct lw_tile_dct_coded *out_coded) {
+    const uint32_t width = source->width, height = source->height;
+    const float q_wanted = ceilf(-8 * log2f(source->step > 0 ? source->step : 0x1p-20f));
     uint32_t q = (uint32_t)clamp(q_wanted, 0, LW_TILE_DCT_STEP_Q_MAX);
-    const uint32_t count = take_light(dct, rgb, covered, width, height, out_saturated);
+    const uint32_t count =
+        take_light(dct, source->rgb, source->covered, width, height, &out_coded->saturated);
     double sum[3];
     for (int c = 0; c < 3; c++) sum[c] = sum_of(dct, dct->light[c], height);
-    const float scale = choose_scale((sum[0] + sum[1] + sum[2]) / (3.0 * count));
-    size_t size;
+    out_coded->scale = choose_scale((sum[0] + sum[1] + sum[2]) / (3.0 * count), source->dark);
+    const bool continues = goes_on(history, out_coded->scale, q);
+    if (continues) {
+        out_coded->scale = history->scale;
+        q = history->q;
+    }
+    if (!continues) delta_dst = NULL;
     /* A few texels that shine hundreds of times as bright as the rest make up the mean: these need a finer step. */
-    while (!encode(dct, width, height, count == width * height, scale, q, sum, dst, &size) &&
-           q < LW_TILE_DCT_STEP_Q_MAX)
+    while (!encode(dct, source, count == width * height, q, sum, history, dst, delta_dst, out_coded) &&
+           q < LW_TILE_DCT_STEP_Q_MAX) {
         q = q + FINER_Q < LW_TILE_DCT_STEP_Q_MAX ? q + FINER_Q : LW_TILE_DCT_STEP_Q_MAX;
-    *out_scale = scale;
-    return size;
+        delta_dst = NULL;
+    }
 }

@@ -1,5 +1,5 @@
 /* tile_dct.h: the lossy tile codec: 8 x 8 cosine transforms of the logarithm of irradiance, quantised by a step that the
- * caller takes from the tile's own noise. Pure functions; format: proto/wire_format.md, codec 2. Used through tile_codec.h.
+ * caller takes from the tile's own noise. Pure functions; format: proto/wire_format.md, codec 3. Used through tile_codec.h.
  * Threads: [any]; one struct lw_tile_dct per thread.
  * After:   orthonormal DCT-II; adaptive Golomb codes (Rice 1979). */
 #ifndef LW_COMMON_TILE_DCT_H
@@ -8,14 +8,19 @@
 #include "common/status.h"
 #include "common/tile/atlas.h"
 
-#define LW_TILE_DCT_SIDE  8u
-#define LW_TILE_DCT_INTRA 1u /* first byte of a payload that builds on no other; others are to come */
+#define LW_TILE_DCT_SIDE 8u
+/* First byte of a payload, and the Rice parameter of its runs of zeros: a delta has longer ones. */
+#define LW_TILE_DCT_INTRA 1u /* builds on no other */
+#define LW_TILE_DCT_DELTA 2u /* adds to the levels of the tile as it was */
 
 /* Steps are 2^(-q/8), in units of log2: from 1 (a factor of two) to 1/256. */
 #define LW_TILE_DCT_STEP_Q_MAX 64u
 
 /* Gains are 2^(g/512). */
 #define LW_TILE_DCT_GAIN_UNIT 512
+
+/* Values of a plane, of blocks that are cut off too. */
+#define LW_TILE_DCT_PLANE_LEVELS LW_TILE_TEXELS_MAX
 
 /* Every value costs at most 12 + 20 + 1 bits, every block's length 12 + 20. */
 #define LW_TILE_DCT_BOUND 56000u
@@ -28,7 +33,9 @@ struct lw_tile_dct {
     _Alignas(64) float transposed[LW_TILE_DCT_SIDE + 1][LW_TILE_DCT_SIDE][LW_TILE_DCT_SIDE];
     uint8_t scan[LW_TILE_DCT_SIDE + 1][LW_TILE_DCT_SIDE + 1][LW_TILE_DCT_SIDE * LW_TILE_DCT_SIDE]; /* columns,
                                                                                                         rows */
-    int32_t level[LW_TILE_TEXELS_MAX]; /* of one plane, block by block */
+    /* Of one plane: block by block, of each its rows. The first of each block is one of the means', in rows of blocks. */
+    _Alignas(64) int32_t level[LW_TILE_DCT_PLANE_LEVELS];
+    _Alignas(64) int32_t change[LW_TILE_DCT_PLANE_LEVELS]; /* the encoder's */
     _Alignas(64) float mean[LW_TILE_DCT_SIDE * LW_TILE_DCT_SIDE];
     _Alignas(64) float light[3][LW_TILE_TEXELS_MAX], weight[LW_TILE_TEXELS_MAX]; /* the encoder's */
 };
@@ -36,20 +43,58 @@ struct lw_tile_dct {
 /** Fills in the tables. */
 void lw_tile_dct_init(struct lw_tile_dct *dct);
 
-/** Encodes width x height texels, at most LW_TILE_SIDE each, into at most LW_TILE_DCT_BOUND bytes.
- * covered         per texel, 0: whoever decodes may find anything there; NULL: every texel counts
- * step            of every coefficient, in log2(1 + E/scale); none is off by more than 0.56 of it, so neither is any plane
- *                 in the root mean square; all three together make R, G and B differ by 0.3 to 0.5 of it, root mean square.
- *                 Taken down to a power of 2^(1/8) within the range above, further where the mean asks for it
- * out_saturated   channels that were not finite or negative (taken for 0), or too large
+/** The levels of a tile, kept so that a later payload can say by how much they differ: three planes in the order of
+ * lw_tile_dct.level, 24 KB. Levels beyond 16 bits are kept as the nearest; nothing may build on such a tile. */
+struct lw_tile_dct_levels {
+    _Alignas(64) int16_t plane[3][LW_TILE_DCT_PLANE_LEVELS];
+};
+
+/** What an encoder keeps of a tile from one payload to the next; zero: nothing yet. */
+struct lw_tile_dct_history {
+    struct lw_tile_dct_levels levels;
+    float scale; /* 0: there is nothing to build on */
+    uint32_t q;  /* of the step */
+};
+
+/** Texels to be encoded, and how.
+ * rgb        width * height, at most LW_TILE_SIDE each, of 3 floats
+ * covered    per texel, 0: whoever decodes may find anything there; NULL: every texel counts
+ * step       of every coefficient, in log2(1 + E/scale); none is off by more than 0.56 of it (LW_TILE_DCT_HOLD if it builds on
+ *            a history), so neither is any plane in the root mean square; all three together make R, G and B differ by 0.3
+ *            to 0.5 of it, root mean square. Taken down to a power of 2^(1/8) within the range above, further where the mean
+ *            asks for it; with a history, up or down to its step where that is near
+ * dark       W/m^2: light this dark looks black beside the scene's white. The scale is no smaller, so what is darker is coded
+ *            by its difference and not by its ratio; 0: the tile's own mean alone says what is dark */
+struct lw_tile_dct_source {
+    const float *rgb;
+    const uint8_t *covered;
+    uint32_t width, height;
+    float step, dark;
+};
+
+/* With a history a level stays what it was while that is within so many steps of the truth. */
+#define LW_TILE_DCT_HOLD 0.7f
+
+struct lw_tile_dct_coded {
+    size_t size, delta_size; /* delta_size 0: there is none */
+    float scale;             /* of both */
+    uint32_t saturated;      /* channels that were not finite or negative (taken for 0), or too large */
+};
+
+/** Encodes a tile that builds on nothing into at most LW_TILE_DCT_BOUND bytes.
+ * history    NULL: none is kept. Otherwise it becomes that of this payload; where it holds one that serves, the same tile is
+ *            also encoded as what changed since, into delta_dst of the same size: decoded, both are the same bit by bit
  * The mean of each channel over the covered texels is kept to 0.1 %. */
-size_t lw_tile_dct_encode(struct lw_tile_dct *dct, const float *rgb, const uint8_t *covered, uint32_t width,
-                          uint32_t height, float step, uint8_t *dst, float *out_scale,
-                          uint32_t *out_saturated);
+void lw_tile_dct_encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source *source,
+                        struct lw_tile_dct_history *history, uint8_t *dst, uint8_t *delta_dst,
+                        struct lw_tile_dct_coded *out_coded);
 
 /** Decodes into width * height * 3 floats, finite and >= 0. False for what no encoder writes: another length, kind or
- * step; rgb is then unspecified. Bytes may come from anyone. scale: 0 < scale <= 2^60. */
-bool lw_tile_dct_decode(struct lw_tile_dct *dct, const uint8_t *src, size_t src_size, float scale,
-                        uint32_t width, uint32_t height, float *rgb);
+ * step; rgb and levels are then unspecified. Bytes may come from anyone. scale: 0 < scale <= 2^60.
+ * kind       what the payload must be: LW_TILE_DCT_INTRA or LW_TILE_DCT_DELTA
+ * levels     of the tile as it was, for a delta, then as it is; NULL, with INTRA alone: they are not kept */
+bool lw_tile_dct_decode(struct lw_tile_dct *dct, uint32_t kind, const uint8_t *src, size_t src_size,
+                        float scale, uint32_t width, uint32_t height, struct lw_tile_dct_levels *levels,
+                        float *rgb);
 
 #endif

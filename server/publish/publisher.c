@@ -14,11 +14,14 @@ struct sent_tile {
     float error;
     float *rgb; /* width * height * 3; allocated with the tile's first version */
     struct lw_blob *blob;
+    struct lw_blob *delta; /* the same for who has version `base`; NULL: there is no such form */
+    uint64_t base;
+    struct lw_tile_dct_history *history; /* what deltas build on */
 };
 
 struct worker {
     struct lw_tile_codec *codec;
-    uint8_t *payload; /* lw_tile_codec_bound() */
+    uint8_t *payload, *delta; /* lw_tile_codec_bound() each */
     float rgb[LW_TILE_TEXELS_MAX * 3];
     uint8_t covered[LW_TILE_TEXELS_MAX];
     uint64_t tiles, bytes, saturated;
@@ -35,6 +38,7 @@ struct lw_publisher {
     struct lw_pose previous;  /* the last one published */
     uint64_t previous_frame;
     uint64_t saturated;
+    float dark; /* W/m^2: looks black in this frame */
 };
 
 enum lw_status lw_publisher_create(const struct lw_publisher_desc *desc,
@@ -54,6 +58,7 @@ enum lw_status lw_publisher_create(const struct lw_publisher_desc *desc,
         if ((status = lw_tile_codec_create(&p->worker[i].codec)) != LW_OK) goto fail;
         status = LW_NO_MEMORY;
         if (!(p->worker[i].payload = malloc(lw_tile_codec_bound()))) goto fail;
+        if (!(p->worker[i].delta = malloc(lw_tile_codec_bound()))) goto fail;
     }
     for (uint32_t o = 0; o < desc->atlas_map->object_count; o++)
         if ((status = lw_levels_init(&p->levels[o], &desc->atlas_map->atlas[o])) != LW_OK) goto fail;
@@ -70,11 +75,14 @@ void lw_publisher_destroy(struct lw_publisher *p) {
         lw_levels_finish(&p->levels[o]);
     for (uint32_t t = 0; p->sent && t < p->desc.atlas_map->tile_count; t++) {
         free(p->sent[t].rgb);
+        free(p->sent[t].history);
         lw_blob_unref(p->sent[t].blob);
+        lw_blob_unref(p->sent[t].delta);
     }
     for (int i = 0; p->worker && i < p->threads; i++) {
         lw_tile_codec_destroy(p->worker[i].codec);
         free(p->worker[i].payload);
+        free(p->worker[i].delta);
     }
     lw_pose_finish(&p->previous);
     free(p->worker);
@@ -110,6 +118,12 @@ static bool refresh_levels(struct lw_publisher *p, uint32_t object, uint64_t fra
     return true;
 }
 
+static float find_dark(const struct lw_publisher *p) {
+    uint64_t bin[LW_LEVELS_BINS] = {0};
+    for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++) lw_levels_count_values(&p->levels[o], bin);
+    return LW_PUBLISHER_DARK_SHARE * lw_levels_quantile(bin, LW_PUBLISHER_WHITE_QUANTILE);
+}
+
 /* Error and bounces of a tile of any level: of the level-0 tiles below it, the worst. */
 static void quality(const struct lw_publisher *p, const struct lw_tile_place *place, float *out_error,
                     uint32_t *out_bounces) {
@@ -140,46 +154,80 @@ static bool differs_visibly(const float *now, const float *then, size_t count, f
     return sum > (double)count * (double)(threshold * threshold);
 }
 
+static enum lw_status encode_tile(struct lw_publisher *p, struct worker *worker, struct sent_tile *sent,
+                                  const struct lw_tile_place *place, float error,
+                                  struct lw_tile_dct_coded *out_coded) {
+    if (p->desc.codec != LW_TILE_CODEC_DCT) {
+        out_coded->delta_size = 0;
+        return lw_tile_codec_encode_half(worker->codec, worker->rgb, place->width, place->height,
+                                         worker->payload, lw_tile_codec_bound(), &out_coded->size,
+                                         &out_coded->scale, &out_coded->saturated);
+    }
+    if (!sent->history && !(sent->history = aligned_alloc(64, sizeof *sent->history))) return LW_NO_MEMORY;
+    if (!sent->version) memset(sent->history, 0, sizeof *sent->history);
+    return lw_tile_codec_encode_dct(
+        worker->codec,
+        &(struct lw_tile_dct_source){worker->rgb, worker->covered, place->width, place->height,
+                                     lw_publisher_step(error, place->level), p->dark},
+        sent->history, worker->payload, worker->delta, lw_tile_codec_bound(), out_coded);
+}
+
+/* Both forms of the tile as messages; out_delta NULL if one is enough. */
+static enum lw_status make_tile_blobs(const struct lw_publisher *p, struct worker *worker,
+                                      const struct sent_tile *sent, struct lw_message_tile *tile,
+                                      const struct lw_tile_dct_coded *coded, struct lw_blob **out_blob,
+                                      struct lw_blob **out_delta) {
+    tile->codec = p->desc.codec;
+    tile->scale = coded->scale;
+    tile->payload = worker->payload;
+    tile->payload_size = coded->size;
+    struct lw_blob *blob;
+    *out_delta = NULL;
+    enum lw_status status =
+        lw_blob_from_message(&(struct lw_message){.type = LW_MESSAGE_TILE, .tile = *tile}, &blob);
+    if (status == LW_OK && coded->delta_size && coded->delta_size < coded->size) {
+        tile->base = sent->version;
+        tile->payload = worker->delta;
+        tile->payload_size = coded->delta_size;
+        status =
+            lw_blob_from_message(&(struct lw_message){.type = LW_MESSAGE_TILE, .tile = *tile}, out_delta);
+        if (status != LW_OK) lw_blob_unref(blob);
+    }
+    if (status == LW_OK) *out_blob = blob;
+    return status;
+}
+
 static enum lw_status send_tile(struct lw_publisher *p, struct worker *worker, lw_tile_id id, uint64_t frame,
                                 float error, uint32_t bounces) {
     const struct lw_tile_place *place = &p->desc.atlas_map->place[id.v];
+    const struct lw_atlas_level *level = &p->desc.atlas_map->atlas[place->object].level[place->level];
     struct sent_tile *sent = &p->sent[id.v];
     const size_t floats = (size_t)place->width * place->height * 3;
     if (!sent->rgb && !(sent->rgb = malloc(floats * sizeof *sent->rgb))) return LW_NO_MEMORY;
-    size_t size;
-    float scale;
-    uint32_t saturated;
-    enum lw_status status =
-        p->desc.codec == LW_TILE_CODEC_DCT
-            ? lw_tile_codec_encode_dct(worker->codec, worker->rgb, worker->covered, place->width,
-                                       place->height, lw_publisher_step(error, place->level), worker->payload,
-                                       lw_tile_codec_bound(), &size, &scale, &saturated)
-            : lw_tile_codec_encode_half(worker->codec, worker->rgb, place->width, place->height,
-                                        worker->payload, lw_tile_codec_bound(), &size, &scale, &saturated);
-    if (status != LW_OK) return status;
-    const struct lw_atlas_level *level = &p->desc.atlas_map->atlas[place->object].level[place->level];
-    struct lw_blob *blob;
-    status = lw_blob_from_message(&(struct lw_message){.type = LW_MESSAGE_TILE,
-                                                       .tile = {.object = place->object,
-                                                                .level = place->level,
-                                                                .tile = place->y * level->tiles_x + place->x,
-                                                                .version = frame,
-                                                                .codec = p->desc.codec,
-                                                                .scale = scale,
-                                                                .bounces = bounces,
-                                                                .error = error,
-                                                                .payload = worker->payload,
-                                                                .payload_size = size}},
-                                  &blob);
+    struct lw_tile_dct_coded coded;
+    struct lw_blob *blob, *delta;
+    enum lw_status status = encode_tile(p, worker, sent, place, error, &coded);
+    if (status == LW_OK)
+        status = make_tile_blobs(p, worker, sent,
+                                 &(struct lw_message_tile){.object = place->object,
+                                                           .level = place->level,
+                                                           .tile = place->y * level->tiles_x + place->x,
+                                                           .version = frame,
+                                                           .bounces = bounces,
+                                                           .error = error},
+                                 &coded, &blob, &delta);
     if (status != LW_OK) return status;
     memcpy(sent->rgb, worker->rgb, floats * sizeof *sent->rgb);
     lw_blob_unref(sent->blob);
+    lw_blob_unref(sent->delta);
     sent->blob = blob;
+    sent->delta = delta;
+    sent->base = sent->version;
     sent->version = frame;
     sent->error = error;
     worker->tiles++;
-    worker->bytes += blob->size;
-    worker->saturated += saturated;
+    worker->bytes += delta ? delta->size : blob->size;
+    worker->saturated += coded.saturated;
     return LW_OK;
 }
 
@@ -353,8 +401,11 @@ static enum lw_status make_snapshot(struct lw_publisher *p, const struct lw_pose
     }
     for (uint32_t t = 0; t < tile_count; t++)
         if (p->sent[t].blob)
-            snapshot->tile[t] = (struct lw_snapshot_tile){.version = p->sent[t].version,
-                                                          .blob = lw_blob_ref(p->sent[t].blob)};
+            snapshot->tile[t] =
+                (struct lw_snapshot_tile){.version = p->sent[t].version,
+                                          .blob = lw_blob_ref(p->sent[t].blob),
+                                          .base = p->sent[t].base,
+                                          .delta = p->sent[t].delta ? lw_blob_ref(p->sent[t].delta) : NULL};
     *out_snapshot = snapshot;
     return LW_OK;
 }
@@ -367,6 +418,7 @@ enum lw_status lw_publisher_publish(struct lw_publisher *p, const struct lw_pose
 #pragma omp parallel for schedule(dynamic, 1) num_threads(p->threads)
     for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++)
         p->changed[o] = tiles_solved > 0 && refresh_levels(p, o, frame);
+    if (tiles_solved > 0) p->dark = find_dark(p);
     uint64_t t1 = lw_clock_ns();
     for (int i = 0; i < p->threads; i++) {
         p->worker[i].status = LW_OK;
@@ -407,6 +459,7 @@ size_t lw_publisher_memory_bytes(const struct lw_publisher *p) {
     for (uint32_t t = 0; t < p->desc.atlas_map->tile_count; t++)
         if (p->sent[t].rgb)
             bytes += (size_t)p->desc.atlas_map->place[t].width * p->desc.atlas_map->place[t].height * 12 +
-                     p->sent[t].blob->size;
+                     p->sent[t].blob->size + (p->sent[t].delta ? p->sent[t].delta->size : 0) +
+                     (p->sent[t].history ? sizeof *p->sent[t].history : 0);
     return bytes;
 }

@@ -15,14 +15,19 @@
 /* But bits are not spent on noise: what moves by less than this share of the tile's own error tells nothing. */
 #define LW_PUBLISHER_NOISE_SHARE 0.25f
 
-/* The lossy codec's step, in units of log2, of a tile with error e: about its noise, 1.44 e, over 1.44. What it adds is then a
- * tenth of the noise's power (docs/results/codec.md). A texel of level l is the mean of 4^l. */
+/* The lossy codec's step, in units of log2, of a tile with error e: 1.4 times its noise, 1.44 e. What it adds is then a
+ * third of the noise's power (docs/results/codec.md). A texel of level l is the mean of 4^l. */
 #define LW_PUBLISHER_STEP_MIN 0x1p-5f /* 1 % or so: under what is seen, and under the error at rest */
 #define LW_PUBLISHER_STEP_MAX 1.0f
 
 static inline float lw_publisher_step(float error, uint32_t level) {
-    return fminf(fmaxf(ldexpf(error, -(int)level), LW_PUBLISHER_STEP_MIN), LW_PUBLISHER_STEP_MAX);
+    return fminf(fmaxf(2 * ldexpf(error, -(int)level), LW_PUBLISHER_STEP_MIN), LW_PUBLISHER_STEP_MAX);
 }
+
+/* White is the E that 99 % of the values of coarse texels are under; what has under this share of it looks black beside it, and
+ * the lossy codec keeps its difference, not its ratio. It is a fifth of the hundredth that losses are measured against. */
+#define LW_PUBLISHER_WHITE_QUANTILE 0.99
+#define LW_PUBLISHER_DARK_SHARE     (1 / 512.0f)
 
 struct lw_publisher_desc {
     const struct lw_scene *scene; /* these three outlive the publisher */

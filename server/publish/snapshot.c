@@ -67,6 +67,9 @@ void lw_snapshot_unref(struct lw_snapshot *snapshot) {
     lw_blob_unref(snapshot->frame_delta);
     lw_blob_unref(snapshot->frame_full);
     lw_blob_unref(snapshot->settled);
-    for (uint32_t i = 0; i < snapshot->tile_count; i++) lw_blob_unref(snapshot->tile[i].blob);
+    for (uint32_t i = 0; i < snapshot->tile_count; i++) {
+        lw_blob_unref(snapshot->tile[i].blob);
+        lw_blob_unref(snapshot->tile[i].delta);
+    }
     free(snapshot);
 }

@@ -27,6 +27,8 @@ void lw_blob_unref(struct lw_blob *blob);          /* NULL is fine */
 struct lw_snapshot_tile {
     uint64_t version;     /* 0: never published */
     struct lw_blob *blob; /* a LW_MESSAGE_TILE; NULL if version is 0 */
+    uint64_t base;
+    struct lw_blob *delta; /* the same for a client that has version `base`; NULL: there is none */
 };
 
 struct lw_snapshot {

@@ -176,8 +176,9 @@ static struct lw_blob *next_tile(struct lw_session *s) {
         s->walk_left--;
         const struct lw_snapshot_tile *tile = &shared->snapshot->tile[id];
         if (!tile->blob || tile->version <= s->sent[id] || !is_wanted(s, id)) continue;
+        const bool builds_on = tile->delta && s->sent[id] == tile->base;
         s->sent[id] = tile->version;
-        return lw_blob_ref(tile->blob);
+        return lw_blob_ref(builds_on ? tile->delta : tile->blob);
     }
     return NULL;
 }
@@ -508,7 +509,7 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
     }
     if (s->shared->welcome.features & ~hello->features) { /* tiles are encoded once: there are no others */
         lw_session_refuse(s, LW_REFUSAL_FEATURES,
-                          "this server sends tiles of codec 2 (dct), which the client does not read: a newer "
+                          "this server sends tiles of codec 3 (dct), which the client does not read: a newer "
                           "client does, and lightwelld --codec half sends others");
         return;
     }

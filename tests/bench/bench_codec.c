@@ -164,6 +164,7 @@ struct coder {
     struct lw_tile_codec *tile;
     ZSTD_CCtx *compress;
     ZSTD_DCtx *decompress;
+    float dark; /* as the publisher has it */
     uint8_t planes[LW_TILE_TEXELS_MAX * 4];
 };
 
@@ -176,14 +177,19 @@ static enum lw_status half_encode(struct coder *coder, const struct tile *tile, 
 static enum lw_status half_decode(struct coder *coder, const struct coded *coded, const struct tile *tile,
                                   float *rgb) {
     return lw_tile_codec_decode(coder->tile, LW_TILE_CODEC_HALF_ZSTD, coded->bytes, coded->size, coded->scale,
-                                tile->width, tile->height, rgb);
+                                tile->width, tile->height, NULL, rgb);
 }
 
 static enum lw_status dct_encode(struct coder *coder, const struct tile *tile, float step,
                                  struct coded *out) {
-    uint32_t saturated;
-    return lw_tile_codec_encode_dct(coder->tile, tile->rgb, tile->covered, tile->width, tile->height, step,
-                                    out->bytes, sizeof out->bytes, &out->size, &out->scale, &saturated);
+    struct lw_tile_dct_coded result;
+    enum lw_status status = lw_tile_codec_encode_dct(
+        coder->tile,
+        &(struct lw_tile_dct_source){tile->rgb, tile->covered, tile->width, tile->height, step, coder->dark},
+        NULL, out->bytes, NULL, sizeof out->bytes, &result);
+    out->size = result.size;
+    out->scale = result.scale;
+    return status;
 }
 
 /* As the publisher does. */
@@ -202,7 +208,7 @@ static enum lw_status fine_encode(struct coder *coder, const struct tile *tile, 
 static enum lw_status dct_decode(struct coder *coder, const struct coded *coded, const struct tile *tile,
                                  float *rgb) {
     return lw_tile_codec_decode(coder->tile, LW_TILE_CODEC_DCT, coded->bytes, coded->size, coded->scale,
-                                tile->width, tile->height, rgb);
+                                tile->width, tile->height, NULL, rgb);
 }
 
 /* Nine bits each over a shared exponent, as graphics processors read it, over a power of two; four byte planes, zstd. */
@@ -351,7 +357,9 @@ static enum lw_status report(const struct job *job, struct coder *coder, struct 
 }
 
 static enum lw_status compare(const struct job *job, const char *path) {
-    struct coder coder = {.compress = ZSTD_createCCtx(), .decompress = ZSTD_createDCtx()};
+    struct coder coder = {.compress = ZSTD_createCCtx(),
+                          .decompress = ZSTD_createDCtx(),
+                          .dark = 100 * job->y0 * LW_PUBLISHER_DARK_SHARE};
     struct coded *coded = malloc(((size_t)job->map.tile_count + 1) * sizeof *coded);
     char label[64];
     enum lw_status status = lw_tile_codec_create(&coder.tile);

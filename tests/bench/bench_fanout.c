@@ -104,7 +104,7 @@ static void publish(struct bench *b, uint64_t frame) {
     snapshot->frame = frame;
     snapshot->frame_full = lw_blob_ref(b->frame);
     for (uint32_t t = 0; t < b->map.tile_count; t++)
-        snapshot->tile[t] = (struct lw_snapshot_tile){frame, lw_blob_ref(b->blob[t])};
+        snapshot->tile[t] = (struct lw_snapshot_tile){.version = frame, .blob = lw_blob_ref(b->blob[t])};
     lw_server_publish(b->server, snapshot);
     lw_snapshot_unref(snapshot);
 }

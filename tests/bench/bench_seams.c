@@ -56,15 +56,18 @@ static void read_coded(const struct lw_solver *solver, lw_tile_id id, struct lw_
         coded->covered[i] = tile->covered[i] || (tile->filled && tile->filled[i]);
         for (uint32_t c = 0; c < 3; c++) coded->rgb[i * 3 + c] = tile->light[c][i];
     }
-    size_t size;
-    float scale;
-    uint32_t saturated;
-    enum lw_status status = lw_tile_codec_encode_dct(
-        coded->codec, coded->rgb, coded->covered, tile->width, tile->height,
-        lw_publisher_step(tile->error, 0), coded->payload, lw_tile_codec_bound(), &size, &scale, &saturated);
+    struct lw_tile_dct_coded result;
+    enum lw_status status =
+        lw_tile_codec_encode_dct(coded->codec,
+                                 &(struct lw_tile_dct_source){.rgb = coded->rgb,
+                                                              .covered = coded->covered,
+                                                              .width = tile->width,
+                                                              .height = tile->height,
+                                                              .step = lw_publisher_step(tile->error, 0)},
+                                 NULL, coded->payload, NULL, lw_tile_codec_bound(), &result);
     if (status == LW_OK)
-        status = lw_tile_codec_decode(coded->codec, LW_TILE_CODEC_DCT, coded->payload, size, scale,
-                                      tile->width, tile->height, coded->rgb);
+        status = lw_tile_codec_decode(coded->codec, LW_TILE_CODEC_DCT, coded->payload, result.size,
+                                      result.scale, tile->width, tile->height, NULL, coded->rgb);
     if (status != LW_OK) abort();
     for (uint32_t c = 0; c < 3; c++) {
         for (uint32_t i = 0; i < texels; i++) coded->light[c][i] = coded->rgb[i * 3 + c];

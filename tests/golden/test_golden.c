@@ -13,6 +13,7 @@
 
 #define FOLDER "tests/golden/v1/"
 
+static const uint8_t delta_payload[] = {2, 0, 0, 0, 0, 2, 0, 0}; /* one texel */
 static const uint8_t tile_payload[] = {0x28, 0xb5, 0x2f, 0xfd, 0x20, 0x06, 0x31, 0,
                                        0,    0,    0,    0,    0x3c, 0x38, 0x34};
 static const struct lw_message_interest_tile seventeenth_objects[] = {{17, 0, 2}};
@@ -53,7 +54,7 @@ static const struct golden {
 } valid[] = {
     {"hello.bin", {.type = LW_MESSAGE_HELLO, .hello = {.version = 1, .name = "stranger"}}},
     {"hello_features.bin",
-     {.type = LW_MESSAGE_HELLO, .hello = {.version = 1, .features = LW_FEATURE_DCT, .name = "stranger"}}},
+     {.type = LW_MESSAGE_HELLO, .hello = {.version = 1, .features = 1, .name = "stranger"}}},
     {"refusal_features.bin",
      {.type = LW_MESSAGE_REFUSAL, .refusal = {LW_REFUSAL_FEATURES, "tiles of codec 2"}}},
     {"welcome.bin",
@@ -105,10 +106,22 @@ static const struct golden {
                .error = 0.125f,
                .payload = tile_payload,
                .payload_size = sizeof tile_payload}}},
+    {"tile_delta.bin",
+     {.type = LW_MESSAGE_TILE,
+      .tile = {.object = 2,
+               .level = 3,
+               .version = 301,
+               .codec = LW_TILE_CODEC_DCT,
+               .scale = 0.125f,
+               .bounces = 2,
+               .error = 0.125f,
+               .payload = delta_payload,
+               .payload_size = sizeof delta_payload,
+               .base = 300}}},
     {"frame_cpu.bin", {.type = LW_MESSAGE_FRAME, .frame = {.frame = 2, .server_cpu_ns = 1500000000}}},
     {"hello_control.bin",
      {.type = LW_MESSAGE_HELLO,
-      .hello = {.version = 1, .features = LW_FEATURE_DCT | LW_FEATURE_CONTROL, .name = "stranger"}}},
+      .hello = {.version = 1, .features = 1 | LW_FEATURE_CONTROL, .name = "stranger"}}},
     {"frame_state.bin",
      {.type = LW_MESSAGE_FRAME,
       .frame = {.frame = 3,
@@ -129,7 +142,7 @@ static const struct golden {
     {"welcome_run.bin",
      {.type = LW_MESSAGE_WELCOME,
       .welcome = {1,
-                  LW_FEATURE_DCT | LW_FEATURE_RESUME,
+                  1 | LW_FEATURE_RESUME,
                   43,
                   "lightwelld 0.1.0",
                   {{0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 255}},
@@ -140,7 +153,7 @@ static const struct golden {
                   0xfedcba9876543210}}},
     {"hello_resume.bin",
      {.type = LW_MESSAGE_HELLO,
-      .hello = {.version = 1, .features = LW_FEATURE_DCT | LW_FEATURE_RESUME, .name = "stranger"}}},
+      .hello = {.version = 1, .features = 1 | LW_FEATURE_RESUME, .name = "stranger"}}},
     {"holds.bin", {.type = LW_MESSAGE_HOLDS, .holds = {held, 1}}},
     {"holds_two.bin", {.type = LW_MESSAGE_HOLDS, .holds = {much_held, 2}}},
     {"settled.bin", {.type = LW_MESSAGE_SETTLED, .settled = {300}}},
@@ -288,8 +301,9 @@ static size_t read_example(const char *document, unsigned n, uint8_t *dst) {
 
 static void test_examples_of_the_document(void **state) {
     (void)state;
-    static const char *const file[] = {"hello.bin", "tile.bin",   "settled.bin", "interest_stand_ins.bin",
-                                       "ack.bin",   "update.bin", "updated.bin", "holds.bin"};
+    static const char *const file[] = {
+        "hello.bin", "tile.bin",   "tile_delta.bin", "settled.bin", "interest_stand_ins.bin",
+        "ack.bin",   "update.bin", "updated.bin",    "holds.bin"};
     size_t size;
     char *document = (char *)lw_support_read_file(lw_support_source("proto/wire_format.md"), &size);
     for (unsigned i = 0; i < sizeof file / sizeof *file; i++) {
@@ -309,10 +323,15 @@ static void test_tile_payload(void **state) {
     struct lw_tile_codec *codec;
     float rgb[3];
     lw_support_ok(lw_tile_codec_create(&codec), NULL);
-    lw_support_ok(
-        lw_tile_codec_decode(codec, LW_TILE_CODEC_HALF_ZSTD, tile_payload, sizeof tile_payload, 4, 1, 1, rgb),
-        NULL);
+    lw_support_ok(lw_tile_codec_decode(codec, LW_TILE_CODEC_HALF_ZSTD, tile_payload, sizeof tile_payload, 4,
+                                       1, 1, NULL, rgb),
+                  NULL);
     assert_true(rgb[0] == 4 && rgb[1] == 2 && rgb[2] == 1);
+    static struct lw_tile_dct_levels levels; /* black */
+    lw_support_ok(lw_tile_codec_decode_delta(codec, LW_TILE_CODEC_DCT, delta_payload, sizeof delta_payload,
+                                             0.125f, 1, 1, &levels, rgb),
+                  NULL);
+    for (int c = 0; c < 3; c++) assert_true(fabsf(rgb[c] - 0.125f) < 1e-6f);
     lw_tile_codec_destroy(codec);
 }
 

@@ -8,8 +8,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Payloads of codec 2 that must stay readable for ever, and payloads that must stay refused; tile_decoder.mjs reads the
+/* Payloads of codec 3 that must stay readable for ever, and payloads that must stay refused; tile_decoder.mjs reads the
  * same files. NAME.tile: u32 width, u32 height, f32 scale, payload, little-endian; NAME.rgb: the texels; none: to be refused.
+ * NAME.next, of the same form, builds on NAME.tile, and NAME.next.rgb has its texels; none: to be refused.
  * LW_GOLDEN_WRITE=1 writes them anew (then look at the difference: there should be none). */
 
 #define FOLDER    "tests/golden/tiles/"
@@ -74,25 +75,58 @@ static const struct {
                {"invalid_kind_zero", "one_block", 0, -1, 0, 0}, {"invalid_step", "one_block", 0, -1, 1, 65},
                {"invalid_length", "one_texel", 0, -1, 5, 0x7f}};
 
+/* Deltas, of a tile that grows brighter in one corner: on `valid` of that name. */
+static const char *const next[] = {"cut_off", "whole"};
+
 static void write_valid(void) {
     for (size_t i = 0; i < sizeof valid / sizeof *valid; i++) {
         const uint32_t size_of[] = {valid[i].width, valid[i].height};
-        size_t size;
-        float scale;
-        uint32_t saturated;
+        struct lw_tile_dct_coded coded;
         make_light(valid[i].width, valid[i].height, valid[i].noise);
-        lw_support_ok(lw_tile_codec_encode_dct(codec, rgb, NULL, valid[i].width, valid[i].height,
-                                               valid[i].step, file_bytes + HEAD_SIZE,
-                                               sizeof file_bytes - HEAD_SIZE, &size, &scale, &saturated),
-                      NULL);
+        lw_support_ok(
+            lw_tile_codec_encode_dct(
+                codec,
+                &(struct lw_tile_dct_source){
+                    .rgb = rgb, .width = valid[i].width, .height = valid[i].height, .step = valid[i].step},
+                NULL, file_bytes + HEAD_SIZE, NULL, sizeof file_bytes - HEAD_SIZE, &coded),
+            NULL);
         memcpy(file_bytes, size_of, sizeof size_of);
-        memcpy(file_bytes + 8, &scale, sizeof scale);
-        write_file(path_of(valid[i].name, ".tile"), file_bytes, HEAD_SIZE + size);
-        lw_support_ok(lw_tile_codec_decode(codec, LW_TILE_CODEC_DCT, file_bytes + HEAD_SIZE, size, scale,
-                                           valid[i].width, valid[i].height, rgb),
+        memcpy(file_bytes + 8, &coded.scale, sizeof coded.scale);
+        write_file(path_of(valid[i].name, ".tile"), file_bytes, HEAD_SIZE + coded.size);
+        lw_support_ok(lw_tile_codec_decode(codec, LW_TILE_CODEC_DCT, file_bytes + HEAD_SIZE, coded.size,
+                                           coded.scale, valid[i].width, valid[i].height, NULL, rgb),
                       NULL);
         write_file(path_of(valid[i].name, ".rgb"), rgb, (size_t)valid[i].width * valid[i].height * 12);
     }
+}
+
+static void write_next(void) {
+    static struct lw_tile_dct_history history;
+    static uint8_t payload[LW_TILE_TEXELS_MAX * 16];
+    for (size_t n = 0; n < sizeof next / sizeof *next; n++)
+        for (size_t i = 0; i < sizeof valid / sizeof *valid; i++) {
+            const uint32_t size_of[] = {valid[i].width, valid[i].height};
+            struct lw_tile_dct_source source = {
+                .rgb = rgb, .width = valid[i].width, .height = valid[i].height, .step = valid[i].step};
+            struct lw_tile_dct_coded coded;
+            if (strcmp(next[n], valid[i].name) != 0) continue;
+            history = (struct lw_tile_dct_history){.scale = 0};
+            make_light(valid[i].width, valid[i].height, valid[i].noise);
+            for (int version = 0; version < 2; version++) {
+                lw_support_ok(lw_tile_codec_encode_dct(codec, &source, &history, payload,
+                                                       file_bytes + HEAD_SIZE, sizeof payload, &coded),
+                              NULL);
+                for (uint32_t t = 0; t < 3 * valid[i].width * 5; t++) rgb[t] *= 1.4f;
+            }
+            memcpy(file_bytes, size_of, sizeof size_of);
+            memcpy(file_bytes + 8, &coded.scale, sizeof coded.scale);
+            write_file(path_of(valid[i].name, ".next"), file_bytes, HEAD_SIZE + coded.delta_size);
+            lw_support_ok(lw_tile_codec_decode(codec, LW_TILE_CODEC_DCT, payload, coded.size, coded.scale,
+                                               valid[i].width, valid[i].height, NULL, rgb),
+                          NULL);
+            write_file(path_of(valid[i].name, ".next.rgb"), rgb,
+                       (size_t)valid[i].width * valid[i].height * 12);
+        }
 }
 
 static void write_invalid(void) {
@@ -108,33 +142,52 @@ static void write_invalid(void) {
     }
 }
 
+struct head {
+    uint32_t width, height;
+    float scale;
+};
+
 /* Decodes a file; false if it is refused. */
-static bool decode(const char *name, uint32_t *out_width, uint32_t *out_height, float *out_scale) {
+static bool decode(const char *name, bool is_next, struct lw_tile_dct_levels *levels, struct head *out_head) {
     size_t size;
-    uint8_t *bytes = lw_support_read_file(path_of(name, ".tile"), &size);
-    memcpy(out_width, bytes, 4);
-    memcpy(out_height, bytes + 4, 4);
-    memcpy(out_scale, bytes + 8, 4);
-    enum lw_status status = lw_tile_codec_decode(codec, LW_TILE_CODEC_DCT, bytes + HEAD_SIZE,
-                                                 size - HEAD_SIZE, *out_scale, *out_width, *out_height, rgb);
+    uint8_t *bytes = lw_support_read_file(path_of(name, is_next ? ".next" : ".tile"), &size);
+    memcpy(out_head, bytes, sizeof *out_head);
+    enum lw_status status = (is_next ? lw_tile_codec_decode_delta : lw_tile_codec_decode)(
+        codec, LW_TILE_CODEC_DCT, bytes + HEAD_SIZE, size - HEAD_SIZE, out_head->scale, out_head->width,
+        out_head->height, levels, rgb);
     free(bytes);
     assert_true(status == LW_OK || status == LW_BAD_DATA);
     return status == LW_OK;
+}
+
+static void expect_texels(const char *name, const char *suffix, const struct head *head) {
+    size_t size;
+    float *expected = (float *)lw_support_read_file(path_of(name, suffix), &size);
+    assert_int_equal(size, (size_t)head->width * head->height * 12);
+    for (uint32_t i = 0; i < head->width * head->height * 3; i++)
+        assert_true(fabsf(rgb[i] - expected[i]) <= 0.0001f * (expected[i] + head->scale));
+    free(expected);
 }
 
 static void test_valid(void **state) {
     (void)state;
     if (getenv("LW_GOLDEN_WRITE")) write_valid();
     for (size_t i = 0; i < sizeof valid / sizeof *valid; i++) {
-        uint32_t width, height;
-        float scale;
-        size_t size;
-        assert_true(decode(valid[i].name, &width, &height, &scale));
-        float *expected = (float *)lw_support_read_file(path_of(valid[i].name, ".rgb"), &size);
-        assert_int_equal(size, (size_t)width * height * 12);
-        for (uint32_t j = 0; j < width * height * 3; j++)
-            assert_true(fabsf(rgb[j] - expected[j]) <= 0.0001f * (expected[j] + scale));
-        free(expected);
+        struct head head;
+        assert_true(decode(valid[i].name, false, NULL, &head));
+        expect_texels(valid[i].name, ".rgb", &head);
+    }
+}
+
+static void test_next(void **state) {
+    (void)state;
+    if (getenv("LW_GOLDEN_WRITE")) write_next();
+    for (size_t i = 0; i < sizeof next / sizeof *next; i++) {
+        static struct lw_tile_dct_levels levels;
+        struct head head;
+        assert_true(decode(next[i], false, &levels, &head));
+        assert_true(decode(next[i], true, &levels, &head));
+        expect_texels(next[i], ".next.rgb", &head);
     }
 }
 
@@ -142,9 +195,8 @@ static void test_invalid(void **state) {
     (void)state;
     if (getenv("LW_GOLDEN_WRITE")) write_invalid();
     for (size_t i = 0; i < sizeof invalid / sizeof *invalid; i++) {
-        uint32_t width, height;
-        float scale;
-        if (decode(invalid[i].name, &width, &height, &scale)) fail_msg("%s was read", invalid[i].name);
+        struct head head;
+        if (decode(invalid[i].name, false, NULL, &head)) fail_msg("%s was read", invalid[i].name);
     }
 }
 
@@ -152,11 +204,12 @@ static void test_invalid(void **state) {
 static void test_folder(void **state) {
     (void)state;
     assert_int_equal(lw_support_count_files(FOLDER),
-                     2 * sizeof valid / sizeof *valid + sizeof invalid / sizeof *invalid);
+                     2 * (sizeof valid / sizeof *valid + sizeof next / sizeof *next) +
+                         sizeof invalid / sizeof *invalid);
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_valid), cmocka_unit_test(test_invalid),
-                                       cmocka_unit_test(test_folder)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_valid), cmocka_unit_test(test_next),
+                                       cmocka_unit_test(test_invalid), cmocka_unit_test(test_folder)};
     return cmocka_run_group_tests(tests, set_up, tear_down);
 }

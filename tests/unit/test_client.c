@@ -811,10 +811,10 @@ static void test_messages_out_of_place(void **state) {
         expect_failure(&s, LW_PROTOCOL, "message TILE: there is no object", true);
     }
     m = tile;
-    m.tile.codec = 3;
+    m.tile.codec = 4;
     say_beginning(&s, &w);
     say(&s, &m);
-    expect_failure(&s, LW_PROTOCOL, "codec 3 is unknown", true);
+    expect_failure(&s, LW_PROTOCOL, "codec 4 is unknown", true);
     m = tile;
     m.tile.payload_size--;
     say_beginning(&s, &w);
@@ -853,6 +853,63 @@ static void test_messages_out_of_place(void **state) {
 }
 
 /* ---- the replica by itself ---- */
+
+/* A delta looks as the same version sent whole; on another version, or on a tile of codec 1, it is refused. */
+static void test_tiles_that_build_on_others(void **state) {
+    (void)state;
+    struct world w = make_world();
+    struct lw_replica *replica, *late;
+    struct lw_error err = {0};
+    uint8_t *payload = malloc(lw_tile_codec_bound()), *delta = malloc(lw_tile_codec_bound());
+    lw_support_ok(lw_replica_create(w.package, w.package_size, &replica, &err), &err);
+    lw_support_ok(lw_replica_create(w.package, w.package_size, &late, &err), &err);
+    static struct lw_tile_dct_history history;
+    static float rgb[LW_TILE_TEXELS_MAX * 3];
+    const struct lw_tile_place *p = &w.map.place[0];
+    struct lw_message m = tile_message(&w, 0, 10, payload); /* for its names */
+    m.tile.codec = LW_TILE_CODEC_DCT;
+    for (uint64_t version = 10; version < 14; version++) {
+        struct lw_tile_dct_coded coded;
+        for (uint32_t i = 0; i < p->width * p->height * 3; i++)
+            rgb[i] = 1 + 0.1f * (float)(i % 7 * (uint32_t)version);
+        lw_support_ok(
+            lw_tile_codec_encode_dct(w.codec,
+                                     &(struct lw_tile_dct_source){
+                                         .rgb = rgb, .width = p->width, .height = p->height, .step = 0.25f},
+                                     &history, payload, delta, lw_tile_codec_bound(), &coded),
+            NULL);
+        struct lw_message_tile whole = m.tile;
+        whole.version = version;
+        whole.scale = coded.scale;
+        whole.payload = payload;
+        whole.payload_size = coded.size;
+        lw_support_ok(lw_replica_take_tile(late, &whole, &err), &err);
+        if (version > 10) {
+            whole.base = version - 2;
+            whole.payload = delta;
+            whole.payload_size = coded.delta_size;
+            assert_int_equal(lw_replica_take_tile(replica, &whole, NULL), LW_PROTOCOL);
+            whole.base = version - 1;
+        }
+        lw_support_ok(lw_replica_take_tile(replica, &whole, &err), &err);
+        struct lw_client_level a = lw_replica_get_level(replica, p->object, p->level),
+                               b = lw_replica_get_level(late, p->object, p->level);
+        assert_memory_equal(a.rgb, b.rgb, (size_t)p->width * 3 * sizeof *a.rgb);
+    }
+    struct lw_message_tile half = tile_message(&w, 0, 20, payload).tile;
+    lw_support_ok(lw_replica_take_tile(replica, &half, &err), &err);
+    m.tile.version = 21;
+    m.tile.base = 20;
+    m.tile.scale = 1;
+    m.tile.payload = delta;
+    m.tile.payload_size = 30;
+    assert_int_equal(lw_replica_take_tile(replica, &m.tile, NULL), LW_PROTOCOL);
+    lw_replica_destroy(late);
+    lw_replica_destroy(replica);
+    free(delta);
+    free(payload);
+    finish_world(&w);
+}
 
 static void test_stale_tiles(void **state) {
     (void)state;
@@ -1028,6 +1085,7 @@ int main(void) {
         cmocka_unit_test(test_download_goes_on),
         cmocka_unit_test(test_damaged_package),
         cmocka_unit_test(test_messages_out_of_place),
+        cmocka_unit_test(test_tiles_that_build_on_others),
         cmocka_unit_test(test_stale_tiles),
         cmocka_unit_test(test_want),
         cmocka_unit_test(test_longest_want_fits_the_outbox),

@@ -80,7 +80,7 @@ static const struct lw_message samples[] = {
                .light_count = 2}},
     {.type = LW_MESSAGE_FRAME, .frame = {.frame = 1}},
     {.type = LW_MESSAGE_TILE,
-     .tile = {1, 2, 3, FAR, 1, 1, 0x1p-20f, 2, 0.25f, bytes_of_data, sizeof bytes_of_data}},
+     .tile = {1, 2, 3, FAR, 1, 1, 0x1p-20f, 2, 0.25f, bytes_of_data, sizeof bytes_of_data, FAR - 1}},
     {.type = LW_MESSAGE_ACK, .ack = {UINT64_MAX}},
     {.type = LW_MESSAGE_PING, .ping = {FAR}},
     {.type = LW_MESSAGE_PONG, .pong = {0}},
@@ -201,6 +201,7 @@ static void expect_equal(const struct lw_message *a, const struct lw_message *b)
         assert_int_equal(a->tile.bounces, b->tile.bounces);
         assert_true(a->tile.error == b->tile.error);
         assert_int_equal(a->tile.payload_size, b->tile.payload_size);
+        assert_true(a->tile.base == b->tile.base);
         assert_memory_equal(a->tile.payload, b->tile.payload, a->tile.payload_size);
         break;
     case LW_MESSAGE_ACK:
@@ -718,6 +719,11 @@ static void test_tile_numbers(void **state) {
     struct lw_message m = good;
     m.tile.version = 0;
     expect_invalid(&m, "version is 0");
+    m = good;
+    m.tile.base = 1;
+    expect_invalid(&m, "base_version is not under the version");
+    m.tile.version = 2;
+    assert_int_equal(lw_message_validate(&m, NULL), LW_OK);
     m = good;
     m.tile.bounces++;
     expect_invalid(&m, "bounces is over 64");

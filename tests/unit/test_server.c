@@ -447,6 +447,46 @@ static void test_newer_snapshot(void **state) {
     end(f);
 }
 
+/* Who has the version that a delta builds on gets the delta; who joins or missed it gets the tile whole. */
+static void test_deltas(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    int early = dial_and_stream(f);
+    publish(f, make_snapshot(f, 1, 0));
+    expect_frame(early, 1, 1);
+    expect_tiles(early, f->map.tile_count, 1);
+    struct lw_snapshot *second = make_snapshot(f, 2, 1);
+    for (uint32_t t = 0; t < f->map.tile_count; t++) {
+        struct lw_message m;
+        struct lw_frame_header header;
+        const struct lw_blob *blob = second->tile[t].blob;
+        lw_support_ok(lw_frame_read_header(blob->bytes, LW_FRAME_BODY_MAX, &header, NULL), NULL);
+        lw_support_ok(lw_message_decode(header, blob->bytes + LW_FRAME_HEADER_SIZE, &m, NULL), NULL);
+        m.tile.base = 1;
+        second->tile[t].delta = blob_of(&m);
+        second->tile[t].base = t == 5 ? 7 : 1;
+        lw_message_finish(&m);
+    }
+    lw_server_publish(f->server, second);
+    int late = dial_and_stream(f);
+    for (int i = 0; i < 2; i++) {
+        expect_frame(i ? late : early, 2, i ? 1 : 2);
+        uint32_t deltas = 0;
+        for (uint32_t t = 0; t < f->map.tile_count; t++) {
+            struct lw_message m;
+            expect(i ? late : early, LW_MESSAGE_TILE, &m);
+            assert_int_equal(m.tile.version, 2);
+            deltas += m.tile.base == 1;
+            lw_message_finish(&m);
+        }
+        assert_int_equal(deltas, i ? 0 : f->map.tile_count - 1);
+    }
+    lw_snapshot_unref(second);
+    close(late);
+    close(early);
+    end(f);
+}
+
 static struct lw_snapshot *make_settling(const struct fixture *f, uint64_t frame, uint64_t previous) {
     struct lw_snapshot *snapshot = make_snapshot(f, frame, previous);
     snapshot->settled = blob_of(&(struct lw_message){.type = LW_MESSAGE_SETTLED, .settled.frame = frame});
@@ -1358,6 +1398,7 @@ int main(void) {
         cmocka_unit_test(test_package_from_offset),
         cmocka_unit_test(test_what_is_held_is_not_sent),
         cmocka_unit_test(test_newer_snapshot),
+        cmocka_unit_test(test_deltas),
         cmocka_unit_test(test_settled),
         cmocka_unit_test(test_interest),
         cmocka_unit_test(test_stand_ins),

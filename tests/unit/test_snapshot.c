@@ -46,8 +46,8 @@ static void test_snapshot_owns_its_blobs(void **state) {
     assert_int_equal(a->tile[2].version, 0);
     assert_null(a->tile[2].blob);
     lw_support_ok(lw_blob_create(1, &blob), NULL);
-    a->tile[1] = (struct lw_snapshot_tile){1, lw_blob_ref(blob)};
-    b->tile[1] = (struct lw_snapshot_tile){1, lw_blob_ref(blob)};
+    a->tile[1] = (struct lw_snapshot_tile){.version = 1, .blob = lw_blob_ref(blob)};
+    b->tile[1] = (struct lw_snapshot_tile){.version = 1, .blob = lw_blob_ref(blob)};
     b->frame_full = lw_blob_ref(blob);
     b->frame_delta = lw_blob_ref(blob);
     assert_int_equal(blob->references, 5);
@@ -81,7 +81,7 @@ static void test_threads(void **state) {
     pthread_t thread[4];
     lw_support_ok(lw_snapshot_create(1, &snapshot), NULL);
     lw_support_ok(lw_blob_create(1, &blob), NULL);
-    snapshot->tile[0] = (struct lw_snapshot_tile){1, lw_blob_ref(blob)};
+    snapshot->tile[0] = (struct lw_snapshot_tile){.version = 1, .blob = lw_blob_ref(blob)};
     for (int i = 0; i < 4; i++) pthread_create(&thread[i], NULL, ref_and_unref, lw_snapshot_ref(snapshot));
     lw_snapshot_unref(snapshot); /* the last thread frees it */
     for (int i = 0; i < 4; i++) pthread_join(thread[i], NULL);

@@ -98,6 +98,36 @@ static void test_versions_that_were_forgotten(void **state) {
     finish_world(&w);
 }
 
+/* Black, in codec 3: a whole one, and a delta of it in which nothing is different. */
+static struct lw_message_tile black_tile(uint64_t version, uint64_t base) {
+    static uint8_t payload[2][64];
+    memset(payload, 0, sizeof payload);
+    payload[0][0] = LW_TILE_DCT_INTRA;
+    payload[1][0] = LW_TILE_DCT_DELTA;
+    /* five bits for the means of each plane, one for each of 64 blocks */
+    return (struct lw_message_tile){.version = version,
+                                    .codec = LW_TILE_CODEC_DCT,
+                                    .scale = 1,
+                                    .payload = payload[base > 0],
+                                    .payload_size = 5 + (3 * (5 + 64) + 7) / 8,
+                                    .base = base};
+}
+
+static void test_deltas(void **state) {
+    (void)state;
+    struct world w;
+    init_world(&w, false);
+    assert_int_equal(take(&w, 0, black_tile(3, 2)).verdict, LW_TILE_DAMAGED); /* it has nothing yet */
+    assert_int_equal(take(&w, 0, black_tile(2, 0)).verdict, LW_TILE_GOOD);
+    assert_int_equal(take(&w, 0, black_tile(3, 2)).verdict, LW_TILE_GOOD);
+    assert_int_equal(take(&w, 1, black_tile(3, 0)).verdict, LW_TILE_GOOD); /* the same version, whole */
+    assert_int_equal(take(&w, 0, black_tile(5, 4)).verdict, LW_TILE_DAMAGED);
+    assert_int_equal(take(&w, 0, black_tile(4, 3)).verdict, LW_TILE_GOOD);
+    assert_int_equal(take(&w, 1, black_tile(4, 3)).verdict, LW_TILE_GOOD);
+    assert_int_equal(lw_tile_check_decoded(w.check), 4);
+    finish_world(&w);
+}
+
 static void test_bad_tiles(void **state) {
     (void)state;
     struct world w;
@@ -178,6 +208,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_good_tiles_are_decoded_once),
         cmocka_unit_test(test_versions_that_were_forgotten),
+        cmocka_unit_test(test_deltas),
         cmocka_unit_test(test_bad_tiles),
         cmocka_unit_test(test_versions_only_grow),
         cmocka_unit_test(test_one_version_is_one_content),

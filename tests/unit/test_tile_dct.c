@@ -27,17 +27,19 @@ static void make_light(uint32_t width, uint32_t height, float noise, uint32_t se
 }
 
 static size_t encode(uint32_t width, uint32_t height, const uint8_t *mask, float step, float *out_scale) {
-    uint32_t saturated;
-    const size_t size =
-        lw_tile_dct_encode(&dct, rgb, mask, width, height, step, payload, out_scale, &saturated);
-    assert_int_equal(saturated, 0);
-    assert_true(size <= sizeof payload);
-    return size;
+    struct lw_tile_dct_coded coded;
+    lw_tile_dct_encode(&dct, &(struct lw_tile_dct_source){rgb, mask, width, height, step, 0}, NULL, payload,
+                       NULL, &coded);
+    assert_int_equal(coded.saturated, 0);
+    assert_true(coded.size <= sizeof payload && coded.delta_size == 0);
+    *out_scale = coded.scale;
+    return coded.size;
 }
 
 static size_t round_trip(uint32_t width, uint32_t height, float step, float *out_scale) {
     const size_t size = encode(width, height, NULL, step, out_scale);
-    assert_true(lw_tile_dct_decode(&dct, payload, size, *out_scale, width, height, back));
+    assert_true(
+        lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, payload, size, *out_scale, width, height, NULL, back));
     return size;
 }
 
@@ -125,7 +127,7 @@ static void test_uncovered_texels_cost_nothing(void **state) {
         if (!covered[i / 3]) rgb[i] = i % 5 ? 1000 * (float)(i % 7) : NAN;
     assert_int_equal(encode(64, 64, covered, 0.1f, &scale), size);
     assert_memory_equal(first, payload, size);
-    assert_true(lw_tile_dct_decode(&dct, payload, size, scale, 64, 64, back));
+    assert_true(lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, payload, size, scale, 64, 64, NULL, back));
     for (uint32_t i = 0; i < LW_TILE_TEXELS_MAX * 3; i++)
         if (covered[i / 3]) assert_true(fabsf(log2f(1 + back[i] / scale) - log2f(1 + rgb[i] / scale)) < 0.3f);
     memset(covered, 0, sizeof covered);
@@ -148,22 +150,23 @@ static void test_one_texel_black_and_flat(void **state) {
 
 static void test_what_has_no_number_is_counted(void **state) {
     (void)state;
-    uint32_t saturated;
-    float scale;
     for (uint32_t i = 0; i < 192; i++) rgb[i] = 2;
     rgb[3] = NAN;
     rgb[4] = INFINITY;
     rgb[5] = -1;
-    size_t size = lw_tile_dct_encode(&dct, rgb, NULL, 8, 8, 0.01f, payload, &scale, &saturated);
-    assert_int_equal(saturated, 3);
-    assert_true(lw_tile_dct_decode(&dct, payload, size, scale, 8, 8, back));
+    struct lw_tile_dct_coded coded;
+    lw_tile_dct_encode(&dct, &(struct lw_tile_dct_source){rgb, NULL, 8, 8, 0.01f, 0}, NULL, payload, NULL,
+                       &coded);
+    assert_int_equal(coded.saturated, 3);
+    assert_true(
+        lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, payload, coded.size, coded.scale, 8, 8, NULL, back));
     assert_true(back[3] < 0.1f && fabsf(back[6] - 2) < 0.1f);
 }
 
 static void expect_harmless(size_t size, float scale) {
     const uint32_t values = 12 * 12 * 3;
     for (uint32_t i = 0; i < 16; i++) back[values + i] = 77; /* past the tile */
-    if (lw_tile_dct_decode(&dct, payload, size, scale, 12, 12, back))
+    if (lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, payload, size, scale, 12, 12, NULL, back))
         for (uint32_t i = 0; i < values; i++) assert_true(isfinite(back[i]) && back[i] >= 0);
     for (uint32_t i = 0; i < 16; i++) assert_true(back[values + i] == 77);
 }
@@ -173,14 +176,15 @@ static void test_hostile_payloads_are_refused(void **state) {
     float scale;
     make_light(12, 12, 0.5f, 1);
     const size_t size = encode(12, 12, NULL, 0.3f, &scale);
-    for (size_t n = 0; n < size; n++) assert_false(lw_tile_dct_decode(&dct, payload, n, scale, 12, 12, back));
+    for (size_t n = 0; n < size; n++)
+        assert_false(lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, payload, n, scale, 12, 12, NULL, back));
     payload[size] = 0;
-    assert_false(lw_tile_dct_decode(&dct, payload, size + 1, scale, 12, 12, back));
+    assert_false(lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, payload, size + 1, scale, 12, 12, NULL, back));
     const float bad[] = {0, -1, NAN, INFINITY, 0x1p61f};
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++)
-        assert_false(lw_tile_dct_decode(&dct, payload, size, bad[i], 12, 12, back));
-    assert_false(lw_tile_dct_decode(&dct, payload, size, scale, 0, 12, back));
-    assert_false(lw_tile_dct_decode(&dct, payload, size, scale, 12, 65, back));
+        assert_false(lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, payload, size, bad[i], 12, 12, NULL, back));
+    assert_false(lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, payload, size, scale, 0, 12, NULL, back));
+    assert_false(lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, payload, size, scale, 12, 65, NULL, back));
     for (size_t bit = 0; bit < size * 8; bit++) {
         payload[bit / 8] ^= (uint8_t)(1u << bit % 8);
         expect_harmless(size, 0x1p60f);
@@ -193,8 +197,82 @@ static void test_hostile_payloads_are_refused(void **state) {
     }
 }
 
+/* Light that goes on changing a little: each version is the same bit by bit from its delta and from itself. */
+static void test_deltas(void **state) {
+    (void)state;
+    static struct lw_tile_dct_history history;
+    static struct lw_tile_dct_levels levels;
+    static float whole[LW_TILE_TEXELS_MAX * 3];
+    static uint8_t delta[LW_TILE_DCT_BOUND];
+    for (size_t s = 0; s < sizeof sizes / sizeof *sizes; s++) {
+        const uint32_t width = sizes[s].width, height = sizes[s].height;
+        struct lw_tile_dct_source source = {rgb, NULL, width, height, 0.25f, 0};
+        struct lw_tile_dct_coded coded;
+        history = (struct lw_tile_dct_history){.scale = 0};
+        size_t all = 0, deltas = 0;
+        for (uint32_t version = 0; version < 5; version++) {
+            make_light(width, height, 0.1f, 1);
+            for (uint32_t i = 0; i < width * 3; i++) rgb[i] *= 1 + 0.3f * (float)version;
+            lw_tile_dct_encode(&dct, &source, &history, payload, delta, &coded);
+            const bool has_delta = coded.delta_size > 0;
+            assert_int_equal(has_delta, version > 0);
+            all += coded.size;
+            deltas += has_delta ? coded.delta_size : coded.size;
+            assert_true(lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, payload, coded.size, coded.scale, width,
+                                           height, has_delta ? NULL : &levels, whole));
+            assert_false(has_delta && lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, delta, coded.delta_size,
+                                                         coded.scale, width, height, NULL, back));
+            assert_false(lw_tile_dct_decode(&dct, LW_TILE_DCT_DELTA, payload, coded.size, coded.scale, width,
+                                            height, &levels, back));
+            if (!has_delta) continue;
+            assert_true(lw_tile_dct_decode(&dct, LW_TILE_DCT_DELTA, delta, coded.delta_size, coded.scale,
+                                           width, height, &levels, back));
+            assert_memory_equal(back, whole, (size_t)width * height * 3 * sizeof *back);
+            for (uint32_t i = 0; i < width * height * 3; i++)
+                assert_true(fabsf(log2f((1 + back[i] / coded.scale) / (1 + rgb[i] / coded.scale))) < 1);
+        }
+        assert_true(width * height < 100 || deltas < all / 2);
+        for (uint32_t i = 0; i < width * height * 3; i++) rgb[i] *= 1000; /* another scale: begins anew */
+        lw_tile_dct_encode(&dct, &source, &history, payload, delta, &coded);
+        assert_int_equal(coded.delta_size, 0);
+    }
+}
+
+/* Level after level up to the most that is kept, and one past it. */
+static void test_sums_have_a_limit(void **state) {
+    (void)state;
+    static struct lw_tile_dct_levels levels;
+    uint8_t delta[] = {LW_TILE_DCT_DELTA, 0, 0, 0, 0, 0, 0, 0, 0};
+    /* Plane Y of one texel, lowest bit first: n = 1 as rice(4): 0, 1000; m = 0 as rice(0): 0; sign 0. Planes O and P: n = 0. */
+    delta[5] = 1u << 1;
+    for (int at = 32765; at <= 32767; at++) {
+        levels.plane[0][0] = (int16_t)at;
+        const bool fits = lw_tile_dct_decode(&dct, LW_TILE_DCT_DELTA, delta, 8, 1, 1, 1, &levels, back);
+        assert_int_equal(fits, at < 32767);
+        if (fits) assert_int_equal(levels.plane[0][0], at + 1);
+    }
+}
+
+/* What is dark beside the scene's white costs little, and is off by little beside it. */
+static void test_dark_is_coded_by_difference(void **state) {
+    (void)state;
+    struct lw_tile_dct_coded coded[2];
+    make_light(64, 64, 0.9f, 1);
+    for (int i = 0; i < 2; i++)
+        lw_tile_dct_encode(&dct, &(struct lw_tile_dct_source){rgb, NULL, 64, 64, 0.1f, i ? 100 : 0}, NULL,
+                           payload, NULL, &coded[i]);
+    assert_true(coded[1].size < coded[0].size / 4 && coded[1].scale >= 100);
+    assert_true(lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, payload, coded[1].size, coded[1].scale, 64, 64,
+                                   NULL, back));
+    assert_true(log_error(LW_TILE_TEXELS_MAX, coded[1].scale) < 0.1);
+    expect_means(LW_TILE_TEXELS_MAX);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_deltas),
+        cmocka_unit_test(test_sums_have_a_limit),
+        cmocka_unit_test(test_dark_is_coded_by_difference),
         cmocka_unit_test(test_error_follows_the_step),
         cmocka_unit_test(test_mean_is_kept),
         cmocka_unit_test(test_noise_under_the_step_costs_little),
