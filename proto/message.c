@@ -251,6 +251,7 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
         wire->hello.version = m->hello.version;
         wire->hello.features = m->hello.features;
         wire->hello.name = text_of(m->hello.name);
+        wire->hello.rate_limit = m->hello.rate_limit_bytes_hz;
         break;
     case LW_MESSAGE_WELCOME:
         wire->welcome.version = m->welcome.version;
@@ -760,7 +761,8 @@ static enum lw_status read_wire(const union wire *w, struct lw_message *m, struc
                                 struct lw_error *err) {
     switch (m->type) {
     case LW_MESSAGE_HELLO:
-        m->hello = (struct lw_message_hello){w->hello.version, w->hello.features, w->hello.name};
+        m->hello = (struct lw_message_hello){w->hello.version, w->hello.features, w->hello.name,
+                                             w->hello.rate_limit};
         return LW_OK;
     case LW_MESSAGE_WELCOME:
         return read_welcome(&w->welcome, m, err);

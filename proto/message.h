@@ -38,9 +38,10 @@
     (LW_FEATURE_DCT | LW_FEATURE_RESUME) /* all that our clients know and need not ask for */
 
 struct lw_message_hello {
-    uint32_t version;  /* LW_WIRE_VERSION */
-    uint64_t features; /* LW_FEATURE_* */
-    const char *name;  /* of the client program, for the operator's log */
+    uint32_t version;             /* LW_WIRE_VERSION */
+    uint64_t features;            /* LW_FEATURE_* */
+    const char *name;             /* of the client program, for the operator's log */
+    uint64_t rate_limit_bytes_hz; /* that it wants at most; 0: no limit */
 };
 
 struct lw_message_welcome {

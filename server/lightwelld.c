@@ -23,12 +23,14 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
 
 #define DEFAULT_ADDRESS "127.0.0.1:7780"
 #define TARGET_ERROR    0.02f
+#define SOLVER_NICE     5  /* behind the loop */
 #define STEP_HZ         30 /* scene time advances by 1/30 s a frame under --clock step */
 
 enum clock_kind { CLOCK_REAL, CLOCK_STEP, CLOCK_MANUAL };
@@ -40,7 +42,7 @@ struct settings {
     const char *listen, *port_file;
     int64_t bounces, direct_samples, indirect_samples, seed, frames;
     int probe_form, denoise;
-    double tracing_range, cell_size, probe_spacing, frame_rate, freeze_s, error;
+    double tracing_range, cell_size, probe_spacing, frame_rate, freeze_s, error, link_rate;
     bool animate, freeze, json;
     int clock, light, codec;
     char host[256];
@@ -135,6 +137,10 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "dct: tiles as exact as their noise lets them be (default). half: 16-bit floats, six to ten times "
          "the bytes, for clients that read nothing else",
          LW_OPTION_CHOICE, &s->codec, 0, 0, NULL},
+        {"link-rate", "MBIT",
+         "megabits per second to each client at most; a client may ask for less (default: what its link "
+         "takes)",
+         LW_OPTION_REAL, &s->link_rate, 0.01, 1e6, NULL},
         {"seed", "N", "of all random numbers (default 1)", LW_OPTION_INT, &s->seed, 0, UINT32_MAX, NULL},
         {"animate", NULL, "run the scene's animation (default if it has one)", LW_OPTION_FLAG, &s->animate, 0,
          0, NULL},
@@ -374,9 +380,20 @@ static void solve_frames(struct daemon *d) {
     }
 }
 
+/* The loop's thread wakes for moments, and a newcomer waits while it waits for a core: it goes before the solver's threads,
+ * which inherit this. Linux has a priority for each thread; where there is one for the process, it stays. */
+static void give_way(void) {
+#if defined(__linux__)
+    errno = 0;
+    const int priority = getpriority(PRIO_PROCESS, 0);
+    if (errno == 0) (void)setpriority(PRIO_PROCESS, 0, priority + SOLVER_NICE);
+#endif
+}
+
 /* Texels and rays' structure are built while clients already get the scene package. */
 static void *solve_in_thread(void *argument) {
     struct daemon *d = argument;
+    give_way();
     if (set_up_solver(d, &d->solver_error) == LW_OK) {
         lw_log(LW_LOG_INFO, "%s: %u objects, %u tiles; %.0f MB for the solve, package %.1f MB",
                d->settings.scene.path, d->scene->object_count, d->atlas_map.tile_count,
@@ -448,6 +465,7 @@ static enum lw_status run(struct daemon *d, struct lw_error *err) {
                                                   .bounces = (uint32_t)s->bounces,
                                                   .target_error = (float)s->error,
                                                   .scene = d->scene,
+                                                  .rate_limit_bytes_hz = (uint64_t)(s->link_rate * 1e6 / 8),
                                                   .features = s->codec == CODEC_DCT ? LW_FEATURE_DCT : 0},
                          &d->server, err);
     if (status != LW_OK) return status;

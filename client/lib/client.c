@@ -20,6 +20,7 @@ struct lw_client {
     uint16_t port;
     unsigned timeout_ms;
     bool control;
+    uint64_t rate_limit_bytes_hz;
     struct lw_link link;
     bool welcomed;
     struct lw_download download; /* until the replica is there */
@@ -374,7 +375,8 @@ static enum lw_status shake_hands(struct lw_client *c, struct lw_error *err) {
     struct lw_message hello = {.type = LW_MESSAGE_HELLO,
                                .hello = {.version = LW_WIRE_VERSION,
                                          .features = LW_FEATURES_READ | (c->control ? LW_FEATURE_CONTROL : 0),
-                                         .name = c->name}};
+                                         .name = c->name,
+                                         .rate_limit_bytes_hz = c->rate_limit_bytes_hz}};
     if (lw_message_validate(&hello, NULL) != LW_OK)
         return lw_status_fail(err, LW_USAGE,
                               "a client's name is at most %u bytes of UTF-8, without control characters",
@@ -436,6 +438,7 @@ enum lw_status lw_client_create(const struct lw_client_desc *desc, struct lw_cli
     c->port = desc->port;
     c->timeout_ms = desc->timeout_ms ? desc->timeout_ms : TIMEOUT_DEFAULT_MS;
     c->control = desc->control;
+    c->rate_limit_bytes_hz = desc->rate_limit_bytes_hz;
     lw_want_init(&c->want);
     c->want.now.everything = !desc->wants_nothing;
     c->host = strdup(desc->host);

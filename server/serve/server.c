@@ -300,6 +300,7 @@ static void on_lag(uv_timer_t *handle) {
     for (; late_ns > interval_ns; late_ns -= interval_ns)
         lw_histogram_add(&server->loop_lag, late_ns - interval_ns);
     server->lagged_ns = now_ns;
+    lw_session_serve_paced(&server->shared);
     if (now_ns - server->window_ns >= LW_SERVER_WINDOW_S * 1000000000ull) end_window(server, now_ns);
 }
 
@@ -400,6 +401,7 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     shared->epoch = 1;
     shared->on_close = on_session_closed;
     shared->server = server;
+    shared->rate_limit_bytes_hz = desc->rate_limit_bytes_hz;
     shared->hello_timeout_ns =
         1000000ull * (desc->hello_timeout_ms ? desc->hello_timeout_ms : 1000 * LW_SERVER_HELLO_TIMEOUT_S);
     shared->stall_timeout_ns =

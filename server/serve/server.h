@@ -17,6 +17,7 @@
     (256u << 10) /* bytes waiting per session before tiles are held back; the newest state
                                             of a tile is chosen when there is room, so a slow reader skips versions */
 
+#define LW_SERVER_BURST_MS    100u  /* a session under a rate limit may have so much of it at once */
 #define LW_SERVER_ANSWERS_MAX 4096u /* to updates, that wait for a session to read them; more end it */
 #define LW_SERVER_WINDOW_S    5u    /* over which delays are told */
 #define LW_SERVER_LOOKS_HZ    4u    /* looks at time limits and at what waits */
@@ -33,8 +34,9 @@ struct lw_server_desc {
     const struct lw_scene
         *scene;            /* what updates are checked against, immutable; NULL: no session may send any */
     uint32_t sessions_max; /* 0: LW_SERVER_SESSIONS_MAX */
-    unsigned hello_timeout_ms; /* 0: LW_SERVER_HELLO_TIMEOUT_S */
-    unsigned stall_timeout_ms; /* 0: LW_SERVER_STALL_TIMEOUT_S */
+    uint64_t rate_limit_bytes_hz; /* to each session; 0: whatever its link takes */
+    unsigned hello_timeout_ms;    /* 0: LW_SERVER_HELLO_TIMEOUT_S */
+    unsigned stall_timeout_ms;    /* 0: LW_SERVER_STALL_TIMEOUT_S */
 };
 
 /** Sessions are peers that were welcomed; refused counts the refusals sent. */

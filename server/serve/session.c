@@ -5,6 +5,7 @@
 
 #include <assert.h>
 #include <inttypes.h>
+#include <math.h>
 #if defined(__linux__)
 #include <linux/sockios.h>
 #endif
@@ -93,6 +94,11 @@ struct lw_session {
     bool walks_changed;      /* over the changed tiles alone: it had all of the snapshot before */
     uint32_t walk_left;      /* tiles still to look at */
     uint32_t walk_cursor;    /* in changed, or in order (there it goes round) */
+
+    uint64_t rate_limit_bytes_hz; /* 0: none */
+    double allowance;             /* bytes that it may be sent now; below 0: it has had too much */
+    uint64_t allowed_ns;          /* as of then */
+    bool is_paced;                /* something would have been sent but for that */
 
     struct pending_write *pending;
     uint64_t given;      /* bytes handed to libuv so far */
@@ -190,7 +196,13 @@ static struct lw_blob *next_settled(struct lw_session *s) {
     return s->shared->snapshot->settled ? lw_blob_ref(s->shared->snapshot->settled) : NULL;
 }
 
-/* A reference to the next blob to send, or NULL if the session lacks nothing. */
+/* Whether the rate limit lets light through, or the package: what may be large and can wait. */
+static bool is_allowed(struct lw_session *s) {
+    if (s->rate_limit_bytes_hz && s->allowance <= 0) s->is_paced = true;
+    return !s->is_paced;
+}
+
+/* A reference to the next blob to send, or NULL if the session lacks nothing, or may not have it now. */
 static struct lw_blob *next_blob(struct lw_session *s, bool *out_tile) {
     *out_tile = false;
     struct lw_blob *blob = s->control;
@@ -204,6 +216,7 @@ static struct lw_blob *next_blob(struct lw_session *s, bool *out_tile) {
         if ((blob = next_frame(s))) return blob;
     }
     if ((blob = next_answer(s))) return blob; /* after the frame that shows what it answers */
+    if (!is_allowed(s)) return NULL;
     if (!framed) return s->state == STREAMING ? next_chunk(s) : NULL;
     blob = next_tile(s);
     *out_tile = blob != NULL;
@@ -293,6 +306,7 @@ static void take_batch(struct lw_session *s, struct batch *batch) {
         batch->buffer[batch->blob_count++] = uv_buf_init((char *)blob->bytes, (unsigned)blob->size);
         batch->bytes += blob->size;
         batch->tile_count += tile;
+        s->allowance -= (double)blob->size;
     }
 }
 
@@ -381,20 +395,9 @@ static bool write_batches(struct lw_session *s) {
     return false;
 }
 
-static void pump(struct lw_session *s) {
-    if (s->has_waiting && s->interest_epoch != s->shared->epoch) take_up_interest(s);
-    const bool has_all = write_batches(s);
-    if (!has_all && !s->pending) lw_session_set_due(s, false); /* more than one turn's */
-    if (has_all && s->state == LEAVING && !s->shutdown_sent) {
-        s->shutdown_sent = true;
-        if (uv_shutdown(&s->shutdown, (uv_stream_t *)&s->tcp, on_shutdown) < 0)
-            lw_session_close(s, "link is gone");
-    }
-}
-
 /* ---- whose turn it is ---- */
 
-static void unset_due(struct lw_session *s) {
+static void dequeue(struct lw_session *s) {
     struct lw_session_queue *queue = s->queue;
     if (!queue) return;
     s->queue = NULL;
@@ -402,15 +405,46 @@ static void unset_due(struct lw_session *s) {
     *(s->next_due ? &s->next_due->previous_due : &queue->last) = s->previous_due;
 }
 
-void lw_session_set_due(struct lw_session *s, bool asked) {
-    struct lw_session_queue *queue = &s->shared->due[asked ? 0 : 1];
-    if (s->state == CLOSED || s->queue == queue || (s->queue && !asked)) return;
-    unset_due(s);
+/* At its end; and out of the one that it was in. */
+static void enqueue(struct lw_session *s, struct lw_session_queue *queue) {
+    dequeue(s);
     s->queue = queue;
     s->next_due = NULL;
     s->previous_due = queue->last;
     *(queue->last ? &queue->last->next_due : &queue->first) = s;
     queue->last = s;
+}
+
+static void renew_allowance(struct lw_session *s, uint64_t now_ns) {
+    const double rate_hz = (double)s->rate_limit_bytes_hz, since_s = 1e-9 * (double)(now_ns - s->allowed_ns);
+    s->allowance = fmin(s->allowance + rate_hz * since_s, 1e-3 * LW_SERVER_BURST_MS * rate_hz);
+    s->allowed_ns = now_ns;
+    s->is_paced = false;
+}
+
+static void pump(struct lw_session *s) {
+    if (s->rate_limit_bytes_hz) renew_allowance(s, lw_clock_ns());
+    if (s->has_waiting && s->interest_epoch != s->shared->epoch) take_up_interest(s);
+    const bool has_all = write_batches(s);
+    if (has_all && s->is_paced)
+        enqueue(s, &s->shared->paced);
+    else if (!has_all && !s->pending)
+        lw_session_set_due(s, false); /* more than one turn's */
+    if (has_all && s->state == LEAVING && !s->shutdown_sent) {
+        s->shutdown_sent = true;
+        if (uv_shutdown(&s->shutdown, (uv_stream_t *)&s->tcp, on_shutdown) < 0)
+            lw_session_close(s, "link is gone");
+    }
+}
+
+void lw_session_set_due(struct lw_session *s, bool asked) {
+    struct lw_session_queue *due = s->shared->due;
+    if (s->state == CLOSED || s->queue == &due[0] || (s->queue == &due[1] && !asked)) return;
+    enqueue(s, &due[asked ? 0 : 1]);
+}
+
+void lw_session_serve_paced(struct lw_session_shared *shared) {
+    while (shared->paced.first) lw_session_set_due(shared->paced.first, false);
 }
 
 bool lw_session_any_due(const struct lw_session_shared *shared) {
@@ -422,7 +456,7 @@ void lw_session_serve_due(struct lw_session_shared *shared, uint64_t deadline_ns
         for (int q = 0; q < 2; q++) {
             struct lw_session *s = shared->due[q].first;
             if (!s) continue;
-            unset_due(s);
+            dequeue(s);
             pump(s);
         }
 }
@@ -469,7 +503,7 @@ void lw_session_close(struct lw_session *s, const char *reason) {
         lw_log(LW_LOG_INFO, "session %" PRIu64 ": %s (%s) left: %s", s->number, s->address, s->name, reason);
     end_service(s);
     if (s->state == LEAVING) s->shared->leaving_count--;
-    unset_due(s);
+    dequeue(s);
     s->state = CLOSED;
     unlink_session(s);
     uv_close((uv_handle_t *)&s->tcp, on_closed);
@@ -523,6 +557,11 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
         lw_session_close(s, "out of memory");
         return;
     }
+    s->rate_limit_bytes_hz = s->shared->rate_limit_bytes_hz;
+    if (hello->rate_limit_bytes_hz &&
+        (!s->rate_limit_bytes_hz || hello->rate_limit_bytes_hz < s->rate_limit_bytes_hz))
+        s->rate_limit_bytes_hz = hello->rate_limit_bytes_hz;
+    s->allowed_ns = lw_clock_ns();
     s->state = WELCOMED;
     s->welcomed = true;
     lw_session_set_due(s, true);

@@ -35,14 +35,16 @@ struct lw_session_shared {
     } recent[LW_SESSION_RECENT]; /* by generation: when the loop got each of the last snapshots */
     struct lw_histogram ack;     /* ns from then to a session's ACK; the server empties it */
     uint64_t hello_timeout_ns, stall_timeout_ns;
+    uint64_t rate_limit_bytes_hz; /* to each session; 0: none */
 
     struct lw_session *first; /* all connections */
     struct lw_session_queue {
         struct lw_session *first, *last;
     } due[2]; /* those of them that have a turn coming, in order: who asked, and the others */
-    uint32_t connection_count; /* in that list */
-    uint32_t leaving_count;    /* those that were refused and are about to close */
-    uint64_t number;           /* of the last session */
+    struct lw_session_queue paced; /* those whose rate limit lets nothing more through for now */
+    uint32_t connection_count;     /* in that list */
+    uint32_t leaving_count;        /* those that were refused and are about to close */
+    uint64_t number;               /* of the last session */
     uv_mutex_t stats_mutex;
     struct lw_server_stats stats;   /* guarded by stats_mutex */
     void (*on_close)(void *server); /* a connection is gone */
@@ -63,6 +65,9 @@ void lw_session_set_due(struct lw_session *session, bool asked);
 /** Sends to those who have a turn, each its share, from both queues in turn, until nobody has or the deadline (lw_clock_ns)
  * has passed. Whoever was left out comes first next time. */
 void lw_session_serve_due(struct lw_session_shared *shared, uint64_t deadline_ns);
+/** Gives a turn to whoever's rate limit was in the way. Call some fifty times a second. */
+void lw_session_serve_paced(struct lw_session_shared *shared);
+
 /** Whether somebody has a turn. */
 bool lw_session_any_due(const struct lw_session_shared *shared);
 

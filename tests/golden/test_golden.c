@@ -154,6 +154,8 @@ static const struct golden {
     {"hello_resume.bin",
      {.type = LW_MESSAGE_HELLO,
       .hello = {.version = 1, .features = 1 | LW_FEATURE_RESUME, .name = "stranger"}}},
+    {"hello_rate_limit.bin",
+     {.type = LW_MESSAGE_HELLO, .hello = {.version = 1, .name = "stranger", .rate_limit_bytes_hz = 125000}}},
     {"holds.bin", {.type = LW_MESSAGE_HOLDS, .holds = {held, 1}}},
     {"holds_two.bin", {.type = LW_MESSAGE_HOLDS, .holds = {much_held, 2}}},
     {"settled.bin", {.type = LW_MESSAGE_SETTLED, .settled = {300}}},

@@ -45,8 +45,8 @@ static const struct lw_scene_change changes[] = {
     {LW_SCENE_CHANGE_CLOCK_PAUSE, 0, 0, {0}},
     {UINT32_MAX, UINT32_MAX, 2, {-1, FLT_MIN}}};
 static const struct lw_message samples[] = {
-    {.type = LW_MESSAGE_HELLO, .hello = {1, 3, "Gerät 9 – ünïcode"}},
-    {.type = LW_MESSAGE_HELLO, .hello = {0, 0, ""}},
+    {.type = LW_MESSAGE_HELLO, .hello = {1, 3, "Gerät 9 – ünïcode", FAR}},
+    {.type = LW_MESSAGE_HELLO, .hello = {0, 0, "", 0}},
     {.type = LW_MESSAGE_WELCOME,
      .welcome = {1,
                  0,
@@ -112,6 +112,7 @@ static void expect_equal(const struct lw_message *a, const struct lw_message *b)
         assert_int_equal(a->hello.version, b->hello.version);
         assert_int_equal(a->hello.features, b->hello.features);
         expect_text(a->hello.name, b->hello.name);
+        assert_int_equal(a->hello.rate_limit_bytes_hz, b->hello.rate_limit_bytes_hz);
         break;
     case LW_MESSAGE_WELCOME:
         assert_int_equal(a->welcome.version, b->welcome.version);

@@ -810,6 +810,46 @@ static void test_questions_do_not_wait_for_a_snapshot(void **state) {
     end(f);
 }
 
+/* What a limit of 1 MB/s lets through: a tenth of a second's worth at once, then that rate; who has none does not notice. What is
+ * not tiles does not wait. */
+static void test_rate_limits(void **state) {
+    (void)state;
+    static const struct {
+        uint64_t of_server, of_client;
+    } row[] = {{1000000, 0}, {0, 1000000}, {1000000, UINT64_MAX}, {UINT64_MAX, 1000000}};
+    for (size_t i = 0; i < sizeof row / sizeof row[0]; i++) {
+        struct fixture *f = start(&(struct lw_server_desc){.rate_limit_bytes_hz = row[i].of_server});
+        struct lw_message m;
+        publish(f, make_snapshot(f, 1, 0));
+        int s = dial(f);
+        put(s, &(struct lw_message){
+                   .type = LW_MESSAGE_HELLO,
+                   .hello = {.version = LW_WIRE_VERSION, .rate_limit_bytes_hz = row[i].of_client}});
+        expect(s, LW_MESSAGE_WELCOME, &m);
+        const uint64_t began_ns = lw_clock_ns();
+        ask_for_package(s, m.welcome.package_compressed_size);
+        lw_message_finish(&m);
+        expect_frame(s, 1, 1);
+        expect_tiles(s, f->map.tile_count, 1); /* 780 kB */
+        const double took_s = 1e-9 * (double)(lw_clock_ns() - began_ns),
+                     bytes = (double)f->map.tile_count * PAYLOAD_SIZE;
+        assert_true(took_s > (bytes - PAYLOAD_SIZE) / 1e6 - 1e-3 * LW_SERVER_BURST_MS - 0.02);
+        publish(f, make_snapshot(f, 2, 1));
+        expect_frame(s, 2, 2);
+        publish(f, make_snapshot(f, 3, 2)); /* comes at once, though tiles are held back */
+        uint32_t before = 0;
+        for (bool framed = false; !framed; before += !framed) {
+            assert_true(get(s, &m));
+            framed = m.type == LW_MESSAGE_FRAME;
+            lw_message_finish(&m);
+        }
+        assert_true(before < f->map.tile_count);
+        expect_tiles(s, f->map.tile_count, 3); /* and the newest of each */
+        close(s);
+        end(f);
+    }
+}
+
 static void test_what_waits_is_told(void **state) {
     (void)state;
     struct fixture *f = start(&(struct lw_server_desc){0});
@@ -1408,6 +1448,7 @@ int main(void) {
         cmocka_unit_test(test_slow_reader),
         cmocka_unit_test(test_stalled_reader_is_closed),
         cmocka_unit_test(test_questions_do_not_wait_for_a_snapshot),
+        cmocka_unit_test(test_rate_limits),
         cmocka_unit_test(test_what_waits_is_told),
         cmocka_unit_test(test_acks),
         cmocka_unit_test(test_garbage),
