@@ -9,7 +9,6 @@
 #include <string.h>
 
 #define LANES LW_TRACE_WIDTH
-#define SETS  16u /* direction sets of the 4 x 4 pattern */
 /* So many bounce rays in a row start at the same place of their texel: finding it costs as much as half a ray. */
 #define PLACE_SHARE 2u
 /* So many samples without light count as an error of 1; a full tile rests after some 25 frames at 0.02. */
@@ -17,12 +16,12 @@
 /* Packets whose normals agree to this cosine run parallel enough for Embree's coherent traversal. */
 #define COHERENT_COSINE 0.95f
 
-/* Sixteen texels of one direction set, in world space. */
+/* The texels of a packet (packets.h), in world space. */
 struct packet {
     uint32_t lane_texel[LANES]; /* within the tile */
     uint16_t active;
     bool coherent;
-    uint32_t block, set;
+    uint32_t block, set;             /* of the numbers that it draws (sampling.h) */
     struct lw_footprint_frame frame; /* of the tile's object */
     struct lw_footprint_lanes at;    /* where rays start; lanes that are not active repeat one that is */
 };
@@ -35,23 +34,26 @@ static struct lw_vec3 normal_of(const struct packet *packet, uint32_t lane) {
     return lw_vec3(packet->at.nx[lane], packet->at.ny[lane], packet->at.nz[lane]);
 }
 
-/* Texels of set `set` in the block of 16 x 16 at (block_x, block_y): every fourth in both directions. Needs a frame. */
-static bool load_packet(const struct lw_passes *p, const struct lw_solve_tile *tile, uint32_t block_x,
-                        uint32_t block_y, uint32_t set, struct packet *packet) {
-    packet->active = 0;
+/* How many packets a tile's block has. */
+static uint32_t packets_of(const struct lw_solve_tile *tile, uint32_t block) {
+    return tile->packet_of_block[block + 1] - tile->packet_of_block[block];
+}
+
+/* Takes up packet `set` of a block, which are numbered row by row. Needs a frame. */
+static void load_packet(const struct lw_solve_tile *tile, uint32_t block, uint32_t set,
+                        struct packet *packet) {
+    const struct lw_packet *from = &tile->packet[tile->packet_of_block[block] + set];
+    const uint32_t columns = (tile->width + LW_TILE_BLOCK - 1) / LW_TILE_BLOCK, x = block % columns,
+                   y = block / columns;
     packet->set = set;
     /* Numbered over the whole atlas, so that no two blocks of an object share a sequence. */
-    packet->block = (tile->y * 4 + block_y) << 16 | (tile->x * 4 + block_x);
+    packet->block = (tile->y * LW_TILE_BLOCKS + y) << 16 | (tile->x * LW_TILE_BLOCKS + x);
+    packet->active = (uint16_t)((1u << from->count) - 1);
     for (uint32_t lane = 0; lane < LANES; lane++) {
-        uint32_t x = block_x * LW_TILE_BLOCK + lane % 4 * 4 + set % 4,
-                 y = block_y * LW_TILE_BLOCK + lane / 4 * 4 + set / 4;
-        uint32_t i = y * tile->width + x;
-        packet->lane_texel[lane] = 0;
-        if (x >= tile->width || y >= tile->height || !p->tiles->covered[tile->first + i]) continue;
-        packet->lane_texel[lane] = i;
-        packet->active |= (uint16_t)(1u << lane);
+        const uint32_t texel = from->texel[lane < from->count ? lane : 0];
+        packet->lane_texel[lane] = (y * LW_TILE_BLOCK + texel / LW_TILE_BLOCK) * tile->width +
+                                   x * LW_TILE_BLOCK + texel % LW_TILE_BLOCK;
     }
-    return packet->active != 0;
 }
 
 /* Whether a packet's normals agree so far that its rays run parallel enough. */
@@ -73,12 +75,12 @@ static uint32_t turn_of(const struct lw_passes *p, const struct lw_solve_tile *t
 }
 
 /* Sends for the places that place_packet() will read in a block: a line of memory each, and no two together. */
-static void prefetch_places(const struct lw_passes *p, const struct lw_solve_tile *tile, uint32_t block_x,
-                            uint32_t block_y, uint32_t sample) {
+static void prefetch_places(const struct lw_passes *p, const struct lw_solve_tile *tile, uint32_t block,
+                            uint32_t sample) {
     const struct lw_footprint *footprint = &tile->mesh->footprint;
-    for (uint32_t set = 0; set < SETS; set++) {
+    for (uint32_t set = 0; set < packets_of(tile, block); set++) {
         struct packet packet;
-        if (!load_packet(p, tile, block_x, block_y, set, &packet)) continue;
+        load_packet(tile, block, set, &packet);
         const uint32_t turn = turn_of(p, tile, &packet, sample);
         for (uint32_t lane = 0; lane < LANES; lane++) {
             if (!(packet.active >> lane & 1)) continue;
@@ -94,9 +96,8 @@ static void prefetch_places(const struct lw_passes *p, const struct lw_solve_til
 static void place_packet(const struct lw_passes *p, const struct lw_solve_tile *tile, struct packet *packet,
                          uint32_t sample) {
     const uint32_t turn = turn_of(p, tile, packet, sample);
-    const uint32_t first = packet->lane_texel[__builtin_ctz(packet->active)];
     for (uint32_t lane = 0; lane < LANES; lane++) {
-        const uint32_t i = packet->active >> lane & 1 ? packet->lane_texel[lane] : first;
+        const uint32_t i = packet->lane_texel[lane];
         const uint32_t place = lw_footprint_choose(p->texels->usable[tile->first + i], sample, turn);
         lw_footprint_load(&tile->mesh->footprint, tile->local + i, place,
                           lw_texels_vector(tile->mesh->position, tile->local + i), &packet->at, lane);
@@ -280,25 +281,24 @@ void lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile, flo
     }
     struct packet packet;
     lw_footprint_frame_init(&packet.frame, &p->pose->object_to_world[tile->object]);
-    for (uint32_t by = 0; by * LW_TILE_BLOCK < tile->height; by++)
-        for (uint32_t bx = 0; bx * LW_TILE_BLOCK < tile->width; bx++) {
-            prefetch_places(p, tile, bx, by, tile->frames * p->direct_samples);
-            for (uint32_t set = 0; set < SETS; set++) {
-                struct lw_vec3 sum[LANES] = {0};
-                if (!load_packet(p, tile, bx, by, set, &packet)) continue;
-                place_packet(p, tile, &packet, tile->frames * p->direct_samples);
-                light_by_punctual(p, tile, &packet, sum, count);
-                if (many) light_by_many(p, tile, &packet, sum, count);
-                if (emitters) light_by_emitters(p, tile, &packet, tile_cdf, sum, count);
-                light_by_sky(p, tile, &packet, sum, count);
-                for (uint32_t lane = 0; lane < LANES; lane++) {
-                    if (!(packet.active >> lane & 1)) continue;
-                    uint32_t texel = tile->first + packet.lane_texel[lane];
-                    blend(p->tiles->direct, texel, sum[lane], tile->weight_direct);
-                    p->tiles->estimate[texel] = lw_colour_luminance(sum[lane]);
-                }
+    for (uint32_t block = 0; block < tile->block_count; block++) {
+        prefetch_places(p, tile, block, tile->frames * p->direct_samples);
+        for (uint32_t set = 0; set < packets_of(tile, block); set++) {
+            struct lw_vec3 sum[LANES] = {0};
+            load_packet(tile, block, set, &packet);
+            place_packet(p, tile, &packet, tile->frames * p->direct_samples);
+            light_by_punctual(p, tile, &packet, sum, count);
+            if (many) light_by_many(p, tile, &packet, sum, count);
+            if (emitters) light_by_emitters(p, tile, &packet, tile_cdf, sum, count);
+            light_by_sky(p, tile, &packet, sum, count);
+            for (uint32_t lane = 0; lane < LANES; lane++) {
+                if (!(packet.active >> lane & 1)) continue;
+                uint32_t texel = tile->first + packet.lane_texel[lane];
+                blend(p->tiles->direct, texel, sum[lane], tile->weight_direct);
+                p->tiles->estimate[texel] = lw_colour_luminance(sum[lane]);
             }
         }
+    }
 }
 
 /* Where lane's ray ended, if it met something; not yet the texel that stands for it (read_sources). */
@@ -360,35 +360,33 @@ void lw_passes_trace_ends(const struct lw_passes *p, const struct lw_solve_tile 
                           struct lw_passes_count *count) {
     struct packet packet;
     lw_footprint_frame_init(&packet.frame, &p->pose->object_to_world[tile->object]);
-    for (uint32_t by = 0; by * LW_TILE_BLOCK < tile->height; by++)
-        for (uint32_t bx = 0; bx * LW_TILE_BLOCK < tile->width; bx++) {
-            prefetch_places(p, tile, bx, by, tile->frames * p->indirect_samples / PLACE_SHARE);
-            for (uint32_t set = 0; set < SETS; set++) {
-                if (!load_packet(p, tile, bx, by, set, &packet)) continue;
-                uint32_t seed = lw_sampling_seed(p->seed, tile->object, packet.block, LW_SAMPLING_BOUNCE);
-                for (uint32_t s = 0; s < p->indirect_samples; s++) {
-                    float point[2];
-                    if (s % PLACE_SHARE == 0)
-                        place_packet(p, tile, &packet,
-                                     (tile->frames * p->indirect_samples + s) / PLACE_SHARE);
-                    lw_sampling_point(seed, tile->frames * p->indirect_samples + s, set, point);
-                    struct lw_vec3 local = lw_direction_cosine(point);
-                    struct lw_ray16 rays;
-                    struct lw_hit16 hits;
-                    rays.salt = tile->frames * p->indirect_samples + s;
-                    aim(&packet.at, local, p->tracing_range_m, &rays);
-                    lw_trace_closest16(p->trace, packet.coherent ? LW_TRACE_COHERENT : 0, packet.active,
-                                       &rays, &hits);
-                    uint32_t end[LANES];
-                    find_ends(p, tile, &packet, &rays, &hits, end, count);
-                    for (uint32_t lane = 0; lane < LANES; lane++)
-                        if (packet.active >> lane & 1)
-                            p->end[(size_t)(tile->first + packet.lane_texel[lane]) * p->indirect_samples +
-                                   s] = end[lane];
-                    count->bounce += (uint64_t)__builtin_popcount(packet.active);
-                }
+    for (uint32_t block = 0; block < tile->block_count; block++) {
+        prefetch_places(p, tile, block, tile->frames * p->indirect_samples / PLACE_SHARE);
+        for (uint32_t set = 0; set < packets_of(tile, block); set++) {
+            load_packet(tile, block, set, &packet);
+            uint32_t seed = lw_sampling_seed(p->seed, tile->object, packet.block, LW_SAMPLING_BOUNCE);
+            for (uint32_t s = 0; s < p->indirect_samples; s++) {
+                float point[2];
+                if (s % PLACE_SHARE == 0)
+                    place_packet(p, tile, &packet, (tile->frames * p->indirect_samples + s) / PLACE_SHARE);
+                lw_sampling_point(seed, tile->frames * p->indirect_samples + s, set, point);
+                struct lw_vec3 local = lw_direction_cosine(point);
+                struct lw_ray16 rays;
+                struct lw_hit16 hits;
+                rays.salt = tile->frames * p->indirect_samples + s;
+                aim(&packet.at, local, p->tracing_range_m, &rays);
+                lw_trace_closest16(p->trace, packet.coherent ? LW_TRACE_COHERENT : 0, packet.active, &rays,
+                                   &hits);
+                uint32_t end[LANES];
+                find_ends(p, tile, &packet, &rays, &hits, end, count);
+                for (uint32_t lane = 0; lane < LANES; lane++)
+                    if (packet.active >> lane & 1)
+                        p->end[(size_t)(tile->first + packet.lane_texel[lane]) * p->indirect_samples + s] =
+                            end[lane];
+                count->bounce += (uint64_t)__builtin_popcount(packet.active);
             }
         }
+    }
     read_sources(p, tile);
 }
 

@@ -1,9 +1,9 @@
 /* sampling.h: the random numbers of the passes: which point of which sequence a ray takes.
- * Texels of a 4 x 4 pattern belong to 16 direction sets; a packet holds 16 texels of one set, so its rays run nearly
- * parallel. The sets of a block of 16 x 16 texels walk one scrambled (0,2)-sequence, each shifted by an amount of its own:
- * what a texel sees is stratified over the samples, and what the 16 sets see of one sample is stratified over the pattern,
- * for a filter or the eye. (One sequence that the sets deal out among themselves is stratified as a whole only: a
- * texel's share of it is as good as random.) The sequence goes on from frame to frame.
+ * A packet (packets.h) is a direction set: its texels take the same direction, about normals of their own. The sets of a block of
+ * 16 x 16 texels, 16 at most, walk one scrambled (0,2)-sequence, each shifted by an amount of its own: what a texel sees is
+ * stratified over the samples, and what the sets see of one sample is stratified over the block, for a filter or the eye. (One
+ * sequence that the sets deal out among themselves is stratified as a whole only: a texel's share of it is as good as
+ * random.) The sequence goes on from frame to frame.
  * Threads: pure functions, [any]. */
 #ifndef LW_SOLVE_SAMPLING_H
 #define LW_SOLVE_SAMPLING_H

@@ -37,18 +37,55 @@ static void bound_tile(struct lw_solve_tile *tile, const uint8_t *covered) {
     tile->radius_os = 0.5f * lw_vec3_length(lw_vec3_sub(hi, lo));
 }
 
+static uint32_t blocks_along(uint32_t texels) { return (texels + LW_TILE_BLOCK - 1) / LW_TILE_BLOCK; }
+
+static uint32_t side_of(uint32_t block, uint32_t texels) {
+    const uint32_t left = texels - block * LW_TILE_BLOCK;
+    return left < LW_TILE_BLOCK ? left : LW_TILE_BLOCK;
+}
+
+/* In a tile that is covered all over. */
+static uint32_t packets_at_most(uint32_t width, uint32_t height) {
+    return blocks_along(width) * blocks_along(height) * LW_PACKETS_MAX;
+}
+
+static void deal_packets(struct lw_tiles *tiles) {
+#pragma omp parallel for schedule(dynamic)
+    for (uint32_t t = 0; t < tiles->count; t++) {
+        struct lw_solve_tile *tile = &tiles->tile[t];
+        uint32_t block = 0, packets = 0;
+        for (uint32_t row = 0; row < blocks_along(tile->height); row++)
+            for (uint32_t column = 0; column < blocks_along(tile->width); column++) {
+                const uint32_t i = row * LW_TILE_BLOCK * tile->width + column * LW_TILE_BLOCK;
+                tile->packet_of_block[block++] = (uint16_t)packets;
+                packets += lw_packets_deal(tile->mesh, tile->local + i, tile->width,
+                                           side_of(column, tile->width), side_of(row, tile->height),
+                                           tiles->covered + tile->first + i, tile->packet + packets);
+            }
+        tile->packet_of_block[block] = (uint16_t)packets;
+        tile->block_count = block;
+    }
+}
+
 enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scene,
                              const struct lw_atlas_map *map, const struct lw_texels *texels,
                              uint32_t bounces) {
     *tiles = (struct lw_tiles){.bounces = bounces, .texel_count = texels->count, .covered = texels->covered};
-    for (uint32_t id = 0; id < map->tile_count; id++) tiles->count += map->place[id].level == 0;
+    size_t packets = 0;
+    for (uint32_t id = 0; id < map->tile_count; id++) {
+        if (map->place[id].level != 0) continue;
+        tiles->count++;
+        packets += packets_at_most(map->place[id].width, map->place[id].height);
+    }
     tiles->tile = calloc((size_t)tiles->count + 1, sizeof *tiles->tile);
     tiles->slot_of_id = malloc(((size_t)map->tile_count + 1) * sizeof *tiles->slot_of_id);
-    if (!tiles->tile || !tiles->slot_of_id || !allocate_sums(tiles)) {
+    tiles->packet = malloc((packets + 1) * sizeof *tiles->packet);
+    if (!tiles->tile || !tiles->packet || !tiles->slot_of_id || !allocate_sums(tiles)) {
         lw_tiles_finish(tiles);
         return LW_NO_MEMORY;
     }
     uint32_t n = 0;
+    packets = 0;
     for (uint32_t id = 0; id < map->tile_count; id++) {
         const struct lw_tile_place *place = &map->place[id];
         tiles->slot_of_id[id] = UINT32_MAX;
@@ -63,11 +100,14 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
                                        .height = place->height,
                                        .mesh = mesh,
                                        .local = lw_texels_tile_start(mesh, place->x, place->y),
+                                       .packet = tiles->packet + packets,
                                        .error = 1};
+        packets += packets_at_most(place->width, place->height);
         tile->first = texels->first[place->object] + tile->local;
         bound_tile(tile, texels->covered);
         tile->resting = tile->covered_count == 0;
     }
+    deal_packets(tiles);
     return LW_OK;
 }
 
@@ -80,6 +120,7 @@ void lw_tiles_recount(struct lw_tiles *tiles) {
         tile->history = 0;
         tile->resting = tile->covered_count == 0;
     }
+    deal_packets(tiles);
 }
 
 void lw_tiles_finish(struct lw_tiles *tiles) {
@@ -94,6 +135,7 @@ void lw_tiles_finish(struct lw_tiles *tiles) {
     free(tiles->mean);
     free(tiles->spread);
     free(tiles->slot_of_id);
+    free(tiles->packet);
     free(tiles->tile);
     *tiles = (struct lw_tiles){0};
 }

@@ -5,14 +5,22 @@
 #define LW_SOLVE_TILES_H
 
 #include "server/solve/cells.h"
+#include "server/solve/packets.h"
 #include "server/solve/solver.h"
 #include "server/solve/texels.h"
+
+/* Blocks of a full tile's side. */
+#define LW_TILE_BLOCKS (LW_TILE_SIDE / LW_TILE_BLOCK)
 
 struct lw_solve_tile {
     lw_tile_id id;
     uint32_t object, x, y, width, height; /* place in the object's level 0; tile column and row; texels */
     const struct lw_mesh_texels *mesh;
-    uint32_t local, first; /* first texel within the mesh; within the global numbering */
+    uint32_t local, first;    /* first texel within the mesh; within the global numbering */
+    struct lw_packet *packet; /* of all its blocks, row by row */
+    uint32_t block_count;
+    uint16_t
+        packet_of_block[LW_TILE_BLOCKS * LW_TILE_BLOCKS + 1]; /* the first of each block, and their number */
     uint32_t cell;
     struct lw_vec3 centre_ws; /* of the sphere that holds all its texels, as the pose has it */
     float radius_m;
@@ -39,6 +47,7 @@ struct lw_solve_tile {
 
 struct lw_tiles {
     uint32_t count, bounces, texel_count;
+    struct lw_packet *packet;   /* of all tiles */
     struct lw_solve_tile *tile; /* in the order in which they are solved: by cell */
     uint32_t *slot_of_id; /* lw_tile_id -> index into tile, or UINT32_MAX for ids that are not level 0 */
     float *direct[3];     /* E of bounce 0 per texel, W/m^2 */

@@ -7,11 +7,11 @@
  * way of bundling draws N rays per texel, tile by tile, in the order in which passes.c would. Ways:
  *   independent   each texel a sequence of its own; packets of 4 x 4 neighbours
  *   block         one direction for a block of 16 x 16 texels; packets of 4 x 4 neighbours
- *   4x4           16 directions interleaved over 4 x 4 texels, a packet is 16 texels of one: what passes.c does, with the
- *                 sequence of sampling.h
+ *   4x4           16 directions interleaved over 4 x 4 texels, a packet is 16 texels of one, with the sequence of sampling.h
  *   2x2           4 directions interleaved over 2 x 2 texels, a packet is 16 texels of one, from 8 x 8
  *   jitter-4      as 4x4-dealt, but each texel a point of its own in the shared one's cell of 4 x 4 over the square
  *   jitter-16     the same with cells of 16 x 16
+ *   filled        the packets of packets.h, with the sequence of sampling.h: what passes.c does
  *   4x4-dealt     as 4x4, but the 16 deal out one sequence among themselves
  * Columns: rays per texel so far; CPU microseconds per texel of drawing, tracing and reading them, by one worker; millions
  * of rays per CPU second; relMSE of texels, and of means over 4 x 4 and 16 x 16 texels, which is what shared directions
@@ -39,7 +39,7 @@
 
 struct way {
     const char *name;
-    uint32_t spacing; /* texels between those of a set, in both directions */
+    uint32_t spacing; /* texels between those of a set, in both directions; 0: packets.h */
     uint32_t cells;   /* of the jitter's grid, per side; 0: none */
     bool own;         /* each texel a sequence of its own */
     bool shift;       /* that of sampling.h */
@@ -48,7 +48,7 @@ struct way {
 static const struct way ways[] = {{"independent", 1, 0, true, false}, {"block", 1, 0, false, false},
                                   {"4x4", 4, 0, false, true},         {"2x2", 2, 0, false, false},
                                   {"jitter-4", 4, 4, false, false},   {"jitter-16", 4, 16, false, false},
-                                  {"4x4-dealt", 4, 0, false, false}};
+                                  {"4x4-dealt", 4, 0, false, false},  {"filled", 0, 0, false, true}};
 #define WAYS (sizeof ways / sizeof *ways)
 
 /* Of one way after so many samples, over all tiles. */
@@ -113,19 +113,11 @@ static struct lw_vec3 draw(const struct bundle *b, uint32_t block, uint32_t texe
     return lw_direction_cosine(point);
 }
 
-/* Sixteen texels from (x, y) on, `spacing` apart: one ray each, added to the sums. */
-static void trace_packet(const struct bundle *b, uint32_t x, uint32_t y, uint32_t block, uint32_t set,
-                         uint32_t sample, float *sum) {
+/* Up to sixteen texels of a tile: one ray each, added to the sums. */
+static void trace_packet(const struct bundle *b, const uint32_t texel[LANES], uint16_t active, uint32_t block,
+                         uint32_t set, uint32_t sample, float *sum) {
     const struct lw_passes *p = b->passes;
     const struct lw_solve_tile *tile = b->tile;
-    uint32_t texel[LANES];
-    uint16_t active = 0;
-    for (uint32_t lane = 0; lane < LANES; lane++) {
-        const uint32_t tx = x + lane % 4 * b->way->spacing, ty = y + lane / 4 * b->way->spacing;
-        texel[lane] = ty * tile->width + tx;
-        if (tx < tile->width && ty < tile->height && p->tiles->covered[tile->first + texel[lane]])
-            active |= (uint16_t)(1u << lane);
-    }
     if (!active) return;
     struct lw_footprint_lanes at;
     struct lw_ray16 rays;
@@ -153,18 +145,52 @@ static void trace_packet(const struct bundle *b, uint32_t x, uint32_t y, uint32_
                                                             hits.u[lane], hits.v[lane], hits.back[lane]));
 }
 
+/* Sixteen texels from (x, y) on, `spacing` apart. */
+static void trace_pattern(const struct bundle *b, uint32_t x, uint32_t y, uint32_t block, uint32_t set,
+                          uint32_t sample, float *sum) {
+    uint32_t texel[LANES];
+    uint16_t active = 0;
+    for (uint32_t lane = 0; lane < LANES; lane++) {
+        const uint32_t tx = x + lane % 4 * b->way->spacing, ty = y + lane / 4 * b->way->spacing;
+        texel[lane] = ty * b->tile->width + tx;
+        if (tx < b->tile->width && ty < b->tile->height &&
+            b->passes->tiles->covered[b->tile->first + texel[lane]])
+            active |= (uint16_t)(1u << lane);
+    }
+    trace_packet(b, texel, active, block, set, sample, sum);
+}
+
+/* The solver's own packets of a block. */
+static void trace_filled(const struct bundle *b, uint32_t x, uint32_t y, uint32_t block, uint32_t sample,
+                         float *sum) {
+    const struct lw_solve_tile *tile = b->tile;
+    const uint32_t i = y / BLOCK * ((tile->width + BLOCK - 1) / BLOCK) + x / BLOCK;
+    for (uint32_t k = tile->packet_of_block[i]; k < tile->packet_of_block[i + 1]; k++) {
+        const struct lw_packet *packet = &tile->packet[k];
+        uint32_t texel[LANES] = {0};
+        for (uint32_t lane = 0; lane < packet->count; lane++)
+            texel[lane] = (y + packet->texel[lane] / BLOCK) * tile->width + x + packet->texel[lane] % BLOCK;
+        trace_packet(b, texel, (uint16_t)((1u << packet->count) - 1), block, k - tile->packet_of_block[i],
+                     sample, sum);
+    }
+}
+
 /* One ray for every covered texel of the tile. */
 static void trace_tile(const struct bundle *b, uint32_t sample, float *sum) {
     const uint32_t spacing = b->way->spacing,
                    part = 4 * spacing; /* texels per side that packets of all sets fill */
     for (uint32_t by = 0; by < b->tile->height; by += BLOCK)
-        for (uint32_t bx = 0; bx < b->tile->width; bx += BLOCK)
+        for (uint32_t bx = 0; bx < b->tile->width; bx += BLOCK) {
+            const uint32_t block = (b->tile->y * 4 + by / BLOCK) << 16 | (b->tile->x * 4 + bx / BLOCK);
+            if (!spacing) {
+                trace_filled(b, bx, by, block, sample, sum);
+                continue;
+            }
             for (uint32_t i = 0; i < BLOCK / part * (BLOCK / part); i++)
                 for (uint32_t set = 0; set < spacing * spacing; set++)
-                    trace_packet(b, bx + i % (BLOCK / part) * part + set % spacing,
-                                 by + i / (BLOCK / part) * part + set / spacing,
-                                 (b->tile->y * 4 + by / BLOCK) << 16 | (b->tile->x * 4 + bx / BLOCK), set,
-                                 sample, sum);
+                    trace_pattern(b, bx + i % (BLOCK / part) * part + set % spacing,
+                                  by + i / (BLOCK / part) * part + set / spacing, block, set, sample, sum);
+        }
 }
 
 /* Mean of E over the covered texels of a square of the tile; how many these are. */
