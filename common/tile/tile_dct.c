@@ -57,6 +57,7 @@ static inline float clamp(float x, float low, float high) { return x < low ? low
 
 typedef float row8 __attribute__((vector_size(SIDE * sizeof(float))));
 typedef int32_t whole8 __attribute__((vector_size(SIDE * sizeof(int32_t))));
+typedef int8_t byte8 __attribute__((vector_size(SIDE)));
 typedef int16_t short8 __attribute__((vector_size(SIDE * sizeof(int16_t))));
 
 LW_WIDE_INLINE row8 load(const float *from) {
@@ -123,6 +124,49 @@ LW_WIDE static void take_powers(struct lw_tile_dct *dct, uint32_t height, const 
         store(dct->plane[1] + i, light_of(luma + green, scale[1]));
         store(dct->plane[2] + i, light_of(luma - green - orange, scale[2]));
     }
+}
+
+/* ---- eight texels of R, G, B in turn ---- */
+
+#define SHUFFLE __builtin_shufflevector
+
+LW_WIDE_INLINE void join_channels(row8 r, row8 g, row8 b, float *texel) {
+    const row8 first = SHUFFLE(r, g, 0, 8, -1, 1, 9, -1, 2, 10),
+               second = SHUFFLE(r, g, -1, 3, 11, -1, 4, 12, -1, 5),
+               third = SHUFFLE(r, g, 13, -1, 6, 14, -1, 7, 15, -1);
+    store(texel, SHUFFLE(first, b, 0, 1, 8, 3, 4, 9, 6, 7));
+    store(texel + SIDE, SHUFFLE(second, b, 10, 1, 2, 11, 4, 5, 12, 7));
+    store(texel + 2 * SIDE, SHUFFLE(third, b, 0, 13, 2, 3, 14, 5, 6, 15));
+}
+
+LW_WIDE_INLINE void part_channels(const float *texel, row8 channel[3]) {
+    const row8 first = load(texel), second = load(texel + SIDE), third = load(texel + 2 * SIDE);
+    channel[0] = SHUFFLE(SHUFFLE(first, second, 0, 3, 6, 9, 12, 15, -1, -1), third, 0, 1, 2, 3, 4, 5, 10, 13);
+    channel[1] =
+        SHUFFLE(SHUFFLE(first, second, 1, 4, 7, 10, 13, -1, -1, -1), third, 0, 1, 2, 3, 4, 8, 11, 14);
+    channel[2] =
+        SHUFFLE(SHUFFLE(first, second, 2, 5, 8, 11, 14, -1, -1, -1), third, 0, 1, 2, 3, 4, 9, 12, 15);
+}
+
+/* The way back, into texels. */
+LW_WIDE static void put_texels(const struct lw_tile_dct *dct, uint32_t width, uint32_t height,
+                               const float scale[3], float *rgb) {
+    for (uint32_t y = 0; y < height; y++)
+        for (uint32_t x = 0; x < width; x += SIDE) {
+            const uint32_t i = y * STRIDE + x;
+            const row8 luma = load(dct->plane[0] + i), orange = load(dct->plane[1] + i),
+                       green = load(dct->plane[2] + i);
+            const row8 r = light_of(luma - green + orange, scale[0]), g = light_of(luma + green, scale[1]),
+                       b = light_of(luma - green - orange, scale[2]);
+            float texels[3 * SIDE];
+            join_channels(r, g, b, texels);
+            const uint32_t count = width - x < SIDE ? width - x : SIDE;
+            float *to = rgb + ((size_t)y * width + x) * 3;
+            if (count == SIDE)
+                memcpy(to, texels, sizeof texels);
+            else
+                memcpy(to, texels, count * 3 * sizeof *to);
+        }
 }
 
 /* ---- transforms: rows of eight, whatever the block's size; the bases are 0 past it ---- */
@@ -192,7 +236,7 @@ LW_WIDE_INLINE unsigned length_k(const uint8_t *length, uint32_t bx, uint32_t by
 }
 
 /* A length among short ones is 0 for the most part, and anything otherwise. */
-static void put_length(struct lw_tile_bits_writer *w, uint32_t length, unsigned k) {
+LW_WIDE_INLINE void put_length(struct lw_tile_bits_writer *w, uint32_t length, unsigned k) {
     if (k) {
         lw_tile_bits_put_rice(w, length, k, 0, 0);
         return;
@@ -210,8 +254,8 @@ LW_WIDE_INLINE uint32_t get_length(struct lw_tile_bits_reader *r, unsigned k) {
 
 /* Levels of one block, `level` by rows and `scan` without what is coded elsewhere: how many up to the last that is not 0,
  * then those, the last one first; after two zeros, how many more there are. */
-static uint32_t put_levels(struct lw_tile_bits_writer *w, const int32_t *level, const uint8_t *scan,
-                           uint32_t count, unsigned k, unsigned run_k) {
+LW_WIDE_INLINE uint32_t put_levels(struct lw_tile_bits_writer *w, const int32_t *level, const uint8_t *scan,
+                                   uint32_t count, unsigned k, unsigned run_k) {
     while (count && !level[scan[count - 1]]) count--;
     put_length(w, count, k);
     uint32_t a = 0, b = 0;
@@ -237,7 +281,7 @@ static uint32_t put_levels(struct lw_tile_bits_writer *w, const int32_t *level, 
 
 /* Into `level`, by rows, which is 0 but for what the scan leaves out. False for what the block has no room for. */
 LW_WIDE_INLINE bool get_levels(struct lw_tile_bits_reader *r, const uint8_t *scan, uint32_t count, unsigned k,
-                               unsigned run_k, int32_t *level, uint32_t *out_length) {
+                               unsigned run_k, int32_t *level, uint8_t *out_length) {
     lw_tile_bits_refill(r);
     const uint32_t length = get_length(r, k);
     if (length > count) return false;
@@ -262,33 +306,38 @@ LW_WIDE_INLINE bool get_levels(struct lw_tile_bits_reader *r, const uint8_t *sca
         b = a;
         a = size;
     }
-    *out_length = length;
+    *out_length = (uint8_t)length;
     return true;
 }
 
 /* ---- decoding ---- */
 
 /* A plane's levels into dct->level. */
-static bool get_plane(struct lw_tile_dct *dct, uint32_t width, uint32_t height, unsigned run_k,
-                      struct lw_tile_bits_reader *r) {
+LW_WIDE static bool get_plane(struct lw_tile_dct *dct, uint32_t width, uint32_t height, unsigned run_k,
+                              struct lw_tile_bits_reader *reader) {
+    struct lw_tile_bits_reader r = *reader; /* in registers */
     const uint32_t across = blocks(width), down = blocks(height);
     int32_t grid[BLOCK_TEXELS] = {0};
     uint8_t length[GRID * GRID];
-    uint32_t count;
-    if (!get_levels(r, dct->scan[across][down], across * down, GRID_LENGTH_K, run_k, grid, &count))
+    if (!get_levels(&r, dct->scan[across][down], across * down, GRID_LENGTH_K, run_k, grid, length))
         return false;
-    for (uint32_t by = 0; by < down; by++)
+    for (uint32_t by = 0; by < down; by++) {
+        memset(dct->level + by * GRID * BLOCK_TEXELS, 0, across * BLOCK_TEXELS * sizeof *dct->level);
+        memset(length + by * GRID, 0, across);
+        lw_tile_bits_refill(&r);
+        const bool any = r.held & 1;
+        lw_tile_bits_drop(&r, 1);
         for (uint32_t bx = 0; bx < across; bx++) {
             const struct span s = span_of(bx, by, width, height);
             const uint32_t b = by * GRID + bx;
             int32_t *level = dct->level + b * BLOCK_TEXELS;
-            memset(level, 0, BLOCK_TEXELS * sizeof *level);
             level[0] = grid[by * SIDE + bx];
-            if (!get_levels(r, dct->scan[s.width][s.height] + 1, s.width * s.height - 1,
-                            length_k(length, bx, by), run_k, level, &count))
+            if (any && !get_levels(&r, dct->scan[s.width][s.height] + 1, s.width * s.height - 1,
+                                   length_k(length, bx, by), run_k, level, length + b))
                 return false;
-            length[b] = (uint8_t)count;
         }
+    }
+    *reader = r;
     return true;
 }
 
@@ -383,11 +432,7 @@ bool lw_tile_dct_decode(struct lw_tile_dct *dct, uint32_t kind, const uint8_t *s
     if (!lw_tile_bits_is_at_end(&r)) return false;
     float scales[3];
     scales_of(scale, gain, scales);
-    take_powers(dct, height, scales);
-    for (uint32_t y = 0; y < height; y++)
-        for (uint32_t x = 0; x < width; x++)
-            for (uint32_t c = 0; c < 3; c++)
-                rgb[((size_t)y * width + x) * 3 + c] = dct->plane[c][y * STRIDE + x];
+    put_texels(dct, width, height, scales, rgb);
     return true;
 }
 
@@ -401,33 +446,41 @@ static float choose_scale(double mean, float dark) {
     return clamp(ldexpf(1, exponent), SCALE_MIN, SCALE_MAX);
 }
 
+LW_WIDE_INLINE int32_t sum8(whole8 x) { return x[0] + x[1] + x[2] + x[3] + x[4] + x[5] + x[6] + x[7]; }
+
 /* Into planes, with what is no number as 0; counts that, and the covered texels. Rows are filled up: no rests of another
  * tile. */
-LW_WIDE static uint32_t take_light(struct lw_tile_dct *dct, const float *restrict rgb,
-                                   const uint8_t *restrict covered, uint32_t width, uint32_t height,
-                                   uint32_t *out_saturated) {
-    uint32_t saturated = 0, count = 0;
-    for (uint32_t y = 0; y < height; y++) {
-        uint32_t weight[STRIDE] = {0};
-        for (uint32_t x = 0; x < width; x++) weight[x] = covered ? covered[y * width + x] != 0 : 1;
-        for (uint32_t x = 0; x < STRIDE; x++) {
-            dct->weight[y * STRIDE + x] = (float)(int32_t)weight[x];
-            count += weight[x];
-        }
-        for (uint32_t c = 0; c < 3; c++) {
-            const float *restrict from = rgb + (size_t)y * width * 3 + c;
-            float *restrict to = dct->light[c] + y * STRIDE;
-            for (uint32_t x = 0; x < width; x++) {
-                const float v = from[x * 3];
-                const uint32_t fits = v >= 0 && v <= LIGHT_MAX; /* 0 for NaN */
-                to[x] = fits ? v : 0;
-                saturated += weight[x] & ~fits & 1;
+LW_WIDE static uint32_t take_light(struct lw_tile_dct *dct, const float *rgb, const uint8_t *covered,
+                                   uint32_t width, uint32_t height, uint32_t *out_saturated) {
+    whole8 saturated = {0}, count = {0};
+    for (uint32_t y = 0; y < height; y++)
+        for (uint32_t x = 0; x < STRIDE; x += SIDE) {
+            const size_t from = (size_t)y * width + x;
+            const uint32_t texels = x >= width ? 0 : width - x < SIDE ? width - x : SIDE;
+            float texel[3 * SIDE] = {0};
+            byte8 cover = {0};
+            if (texels == SIDE) {
+                memcpy(texel, rgb + from * 3, sizeof texel);
+                cover += 1;
+                if (covered) memcpy(&cover, covered + from, sizeof cover);
+            } else if (texels) {
+                const byte8 ones = {1, 1, 1, 1, 1, 1, 1, 1};
+                memcpy(texel, rgb + from * 3, texels * 3 * sizeof *texel);
+                memcpy(&cover, covered ? (const void *)(covered + from) : &ones, texels);
             }
-            for (uint32_t x = width; x < STRIDE; x++) to[x] = 0;
+            const whole8 weight = __builtin_convertvector(cover != 0, whole8) & 1;
+            store(dct->weight + y * STRIDE + x, __builtin_convertvector(weight, row8));
+            count += weight;
+            row8 channel[3];
+            part_channels(texel, channel);
+            for (uint32_t c = 0; c < 3; c++) {
+                const whole8 fits = (channel[c] >= 0) & (channel[c] <= LIGHT_MAX); /* 0 for NaN */
+                store(dct->light[c] + y * STRIDE + x, (row8)((whole8)channel[c] & fits));
+                saturated += weight & ~fits;
+            }
         }
-    }
-    *out_saturated = saturated;
-    return count;
+    *out_saturated = (uint32_t)sum8(saturated);
+    return (uint32_t)sum8(count);
 }
 
 LW_WIDE_INLINE float add_up(row8 row) {
@@ -523,22 +576,35 @@ LW_WIDE static void quantise_plane(struct lw_tile_dct *dct, float *plane, uint32
             dct->level[(by * GRID + bx) * BLOCK_TEXELS] = grid[by * SIDE + bx];
 }
 
-static void put_plane(const struct lw_tile_dct *dct, const int32_t *level, uint32_t width, uint32_t height,
-                      unsigned run_k, struct lw_tile_bits_writer *w) {
+LW_WIDE static void put_plane(const struct lw_tile_dct *dct, const int32_t *level, uint32_t width,
+                              uint32_t height, unsigned run_k, struct lw_tile_bits_writer *writer) {
+    struct lw_tile_bits_writer w = *writer; /* in registers */
     const uint32_t across = blocks(width), down = blocks(height);
     int32_t grid[BLOCK_TEXELS] = {0};
     uint8_t length[GRID * GRID];
     for (uint32_t by = 0; by < down; by++)
         for (uint32_t bx = 0; bx < across; bx++)
             grid[by * SIDE + bx] = level[(by * GRID + bx) * BLOCK_TEXELS];
-    put_levels(w, grid, dct->scan[across][down], across * down, GRID_LENGTH_K, run_k);
-    for (uint32_t by = 0; by < down; by++)
+    put_levels(&w, grid, dct->scan[across][down], across * down, GRID_LENGTH_K, run_k);
+    for (uint32_t by = 0; by < down; by++) {
+        uint32_t most[GRID], all = 0; /* of the levels of each block beyond the first: so many may be not 0 */
         for (uint32_t bx = 0; bx < across; bx++) {
             const struct span s = span_of(bx, by, width, height);
-            const uint32_t b = by * GRID + bx;
-            length[b] = (uint8_t)put_levels(w, level + b * BLOCK_TEXELS, dct->scan[s.width][s.height] + 1,
-                                            s.width * s.height - 1, length_k(length, bx, by), run_k);
+            const uint32_t diagonals = diagonals_of(level + (by * GRID + bx) * BLOCK_TEXELS, s.height);
+            const uint32_t places = diagonals * (diagonals + 1) / 2, texels = s.width * s.height;
+            most[bx] = (places < texels ? places : texels) - 1;
+            all |= most[bx];
         }
+        memset(length + by * GRID, 0, across);
+        lw_tile_bits_put(&w, all > 0, 1);
+        for (uint32_t bx = 0; all && bx < across; bx++) {
+            const struct span s = span_of(bx, by, width, height);
+            const uint32_t b = by * GRID + bx;
+            length[b] = (uint8_t)put_levels(&w, level + b * BLOCK_TEXELS, dct->scan[s.width][s.height] + 1,
+                                            most[bx], length_k(length, bx, by), run_k);
+        }
+    }
+    *writer = w;
 }
 
 LW_WIDE static void find_change(struct lw_tile_dct *dct, const int16_t *kept, uint32_t width,

@@ -73,7 +73,7 @@ struct lw_tile_dct_source {
 };
 
 /* With a history a level stays what it was while that is within so many steps of the truth. */
-#define LW_TILE_DCT_HOLD 0.7f
+#define LW_TILE_DCT_HOLD 0.8f
 
 struct lw_tile_dct_coded {
     size_t size, delta_size; /* delta_size 0: there is none */

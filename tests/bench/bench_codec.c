@@ -10,6 +10,7 @@
  *   largest   |dE| / (E + y0)
  *   mean      root mean square, and worst, over the tiles: relative change of the mean of E
  *   Mtexel/s  of CPU time of one thread, of all texels of the tiles
+ * "what changed": for a client that has the tile as it was in the set before, coded in the same way; encoding makes both forms.
  * --dump writes the tiles: u32 set, width, height; f32 error; f32 rgb[width*height*3]; u8 covered[width*height]. */
 #include "common/clock.h"
 #include "common/tile/tile_codec.h"
@@ -37,6 +38,7 @@ struct tile {
     float error;
     float *rgb;
     uint8_t *covered;
+    struct lw_tile_dct_history *before; /* after the set before; NULL in the first */
 };
 
 struct job {
@@ -93,7 +95,8 @@ static enum lw_status take_object(struct job *job, uint32_t object, struct tile 
                                place->level,
                                error_of(job, place),
                                copy(rgb, texels * 3 * sizeof *rgb),
-                               copy(covered, texels)};
+                               copy(covered, texels),
+                               NULL};
         if (!set[i].rgb || !set[i].covered) status = LW_NO_MEMORY;
     }
     lw_levels_finish(&levels);
@@ -128,6 +131,7 @@ static void drop_sets(struct job *job) {
         for (uint32_t i = 0; job->set[s] && i < job->map.tile_count; i++) {
             free(job->set[s][i].rgb);
             free(job->set[s][i].covered);
+            free(job->set[s][i].before);
         }
         free(job->set[s]);
     }
@@ -158,10 +162,14 @@ struct coded {
     uint8_t bytes[LW_TILE_DCT_BOUND]; /* the largest of them all */
     size_t size;
     float scale;
+    bool is_delta;
 };
 
 struct coder {
     struct lw_tile_codec *tile;
+    struct lw_tile_dct_history history;
+    struct lw_tile_dct_levels levels;
+    uint8_t delta[LW_TILE_DCT_BOUND];
     ZSTD_CCtx *compress;
     ZSTD_DCtx *decompress;
     float dark; /* as the publisher has it */
@@ -195,6 +203,46 @@ static enum lw_status dct_encode(struct coder *coder, const struct tile *tile, f
 /* As the publisher does. */
 static enum lw_status noise_encode(struct coder *coder, const struct tile *tile, struct coded *out) {
     return dct_encode(coder, tile, lw_publisher_step(tile->error, tile->level), out);
+}
+
+static enum lw_status change_encode(struct coder *coder, const struct tile *tile, struct coded *out) {
+    struct lw_tile_dct_coded result;
+    coder->history = *tile->before;
+    enum lw_status status = lw_tile_codec_encode_dct(
+        coder->tile,
+        &(struct lw_tile_dct_source){tile->rgb, tile->covered, tile->width, tile->height,
+                                     lw_publisher_step(tile->error, tile->level), coder->dark},
+        &coder->history, out->bytes, coder->delta, sizeof out->bytes, &result);
+    out->is_delta = result.delta_size && result.delta_size < result.size;
+    out->size = out->is_delta ? result.delta_size : result.size;
+    out->scale = result.scale;
+    if (out->is_delta) memcpy(out->bytes, coder->delta, out->size);
+    return status;
+}
+
+static enum lw_status change_decode(struct coder *coder, const struct coded *coded, const struct tile *tile,
+                                    float *rgb) {
+    coder->levels = tile->before->levels;
+    return (coded->is_delta ? lw_tile_codec_decode_delta : lw_tile_codec_decode)(
+        coder->tile, LW_TILE_CODEC_DCT, coded->bytes, coded->size, coded->scale, tile->width, tile->height,
+        &coder->levels, rgb);
+}
+
+/* What a client that was sent the set before has of it. */
+static enum lw_status keep_history(struct coder *coder, struct coded *scratch, const struct tile *before,
+                                   struct tile *tile) {
+    struct lw_tile_dct_coded result;
+    tile->before = aligned_alloc(_Alignof(struct lw_tile_dct_history), sizeof *tile->before);
+    if (!tile->before) return LW_NO_MEMORY;
+    if (before->before)
+        *tile->before = *before->before;
+    else
+        memset(tile->before, 0, sizeof *tile->before);
+    return lw_tile_codec_encode_dct(
+        coder->tile,
+        &(struct lw_tile_dct_source){before->rgb, before->covered, tile->width, tile->height,
+                                     lw_publisher_step(before->error, tile->level), coder->dark},
+        tile->before, scratch->bytes, coder->delta, sizeof scratch->bytes, &result);
 }
 
 static enum lw_status coarse_encode(struct coder *coder, const struct tile *tile, struct coded *out) {
@@ -257,11 +305,10 @@ static const struct codec {
     enum lw_status (*encode)(struct coder *coder, const struct tile *tile, struct coded *out);
     enum lw_status (*decode)(struct coder *coder, const struct coded *coded, const struct tile *tile,
                              float *rgb);
-} codecs[] = {{"half + zstd", half_encode, half_decode},
-              {"RGB9E5 + zstd", rgb9e5_encode, rgb9e5_decode},
-              {"dct, step by noise", noise_encode, dct_decode},
-              {"dct, step 1/2", coarse_encode, dct_decode},
-              {"dct, step 1/8", fine_encode, dct_decode}};
+} codecs[] = {
+    {"half + zstd", half_encode, half_decode},        {"RGB9E5 + zstd", rgb9e5_encode, rgb9e5_decode},
+    {"dct, step by noise", noise_encode, dct_decode}, {"dct, what changed", change_encode, change_decode},
+    {"dct, step 1/2", coarse_encode, dct_decode},     {"dct, step 1/8", fine_encode, dct_decode}};
 
 /* ---- what they cost and lose ---- */
 
@@ -346,9 +393,14 @@ static enum lw_status report(const struct job *job, struct coder *coder, struct 
                 add_loss(&loss, &job->set[2][i], job->set[s][i].rgb, job->y0);
             snprintf(noise, sizeof noise, "%.1f", decibel(&loss));
         }
+        enum lw_status status = LW_OK;
+        for (uint32_t i = 0; status == LW_OK && s > 0 && i < job->map.tile_count; i++)
+            status = keep_history(coder, coded, &job->set[s - 1][i], &job->set[s][i]);
+        if (status != LW_OK) return status;
         for (size_t c = 0; c < sizeof codecs / sizeof *codecs; c++) {
             struct figures f = {0};
-            enum lw_status status = measure(job, job->set[s], &codecs[c], coder, coded, &f);
+            if (s == 0 && codecs[c].encode == change_encode) continue;
+            status = measure(job, job->set[s], &codecs[c], coder, coded, &f);
             if (status != LW_OK) return status;
             print_row(set_name[s], noise, codecs[c].name, &f);
         }
@@ -357,9 +409,10 @@ static enum lw_status report(const struct job *job, struct coder *coder, struct 
 }
 
 static enum lw_status compare(const struct job *job, const char *path) {
-    struct coder coder = {.compress = ZSTD_createCCtx(),
-                          .decompress = ZSTD_createDCtx(),
-                          .dark = 100 * job->y0 * LW_PUBLISHER_DARK_SHARE};
+    static struct coder coder;
+    coder = (struct coder){.compress = ZSTD_createCCtx(),
+                           .decompress = ZSTD_createDCtx(),
+                           .dark = 100 * job->y0 * LW_PUBLISHER_DARK_SHARE};
     struct coded *coded = malloc(((size_t)job->map.tile_count + 1) * sizeof *coded);
     char label[64];
     enum lw_status status = lw_tile_codec_create(&coder.tile);

@@ -94,15 +94,17 @@ function readPlane(bits, width, height, kind) {
   const across = Math.ceil(width / 8), down = Math.ceil(height / 8);
   const lists = [zeros(across, down)], length = zeros(across, down);
   readLevels(bits, scanOf(across, down), 4, kind, lists[0]);
-  for (let by = 0; by < down; by++)
+  for (let by = 0; by < down; by++) {
+    const any = bits.one();
     for (let bx = 0; bx < across; bx++) {
       const w = Math.min(8, width - bx * 8), h = Math.min(8, height - by * 8);
       const left = bx ? length[by][bx - 1] : by ? length[by - 1][bx] : 0;
       const above = by ? length[by - 1][bx] : left;
       const c = zeros(w, h);
-      length[by][bx] = readLevels(bits, scanOf(w, h).slice(1), kappa(left, above), kind, c);
+      if (any) length[by][bx] = readLevels(bits, scanOf(w, h).slice(1), kappa(left, above), kind, c);
       lists.push(c);
     }
+  }
   return lists;
 }
 

@@ -104,12 +104,12 @@ static struct lw_message_tile black_tile(uint64_t version, uint64_t base) {
     memset(payload, 0, sizeof payload);
     payload[0][0] = LW_TILE_DCT_INTRA;
     payload[1][0] = LW_TILE_DCT_DELTA;
-    /* five bits for the means of each plane, one for each of 64 blocks */
+    /* five bits for the means of each plane, one for each of eight rows of blocks */
     return (struct lw_message_tile){.version = version,
                                     .codec = LW_TILE_CODEC_DCT,
                                     .scale = 1,
                                     .payload = payload[base > 0],
-                                    .payload_size = 5 + (3 * (5 + 64) + 7) / 8,
+                                    .payload_size = 5 + (3 * (5 + 8) + 7) / 8,
                                     .base = base};
 }
 
