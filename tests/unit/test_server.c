@@ -914,6 +914,80 @@ static void test_acks(void **state) {
     end(f);
 }
 
+/* All that a client may say, in order, with a snapshot of frame 9 in between. */
+static size_t write_script(uint8_t *dst, size_t capacity, uint64_t package_compressed_size) {
+    static const struct lw_message_held held[] = {{0, 0, 7, 9}, {2, 4, 0, 9}};
+    static const struct lw_message_interest_tile wanted[] = {{1, 0, 3}, {0, 2, 0}};
+    const struct lw_message script[] = {
+        hello_again,
+        {.type = LW_MESSAGE_INTEREST, .interest = {.stand_ins = true, .tile = wanted, .tile_count = 2}},
+        {.type = LW_MESSAGE_HOLDS, .holds = {held, 2}},
+        {.type = LW_MESSAGE_PING, .ping.token = CLIENT_TOKEN},
+        {.type = LW_MESSAGE_PACKAGE_REQUEST, .package_request.offset = package_compressed_size},
+        {.type = LW_MESSAGE_INTEREST, .interest.everything = true},
+        {.type = LW_MESSAGE_PONG, .pong.token = 1}};
+    size_t size = 0;
+    for (size_t i = 0; i < sizeof script / sizeof script[0]; i++) {
+        size_t message;
+        lw_support_ok(lw_message_encode(&script[i], dst + size, capacity - size, &message), NULL);
+        size += message;
+    }
+    return size;
+}
+
+/* Says these bytes and no more, and reads to the end: what the server answers is sound. Returns whether it was a refusal. */
+static bool recite(const struct fixture *f, const uint8_t *bytes, size_t size) {
+    bool refused = false;
+    struct lw_message m;
+    int s = dial(f);
+    put_bytes(s, bytes, size);
+    assert_int_equal(shutdown(s, SHUT_WR), 0);
+    /* what was on its way when the server saw our end may be cut off */
+    for (uint8_t header[LW_FRAME_HEADER_SIZE]; get_bytes(s, header, sizeof header);) {
+        static uint8_t body[LW_FRAME_BODY_MAX];
+        struct lw_frame_header h;
+        lw_support_ok(lw_frame_read_header(header, LW_FRAME_BODY_MAX, &h, NULL), NULL);
+        if (!get_bytes(s, body, h.body_size)) break;
+        lw_support_ok(lw_message_decode(h, body, &m, NULL), NULL);
+        refused = m.type == LW_MESSAGE_REFUSAL;
+        lw_message_finish(&m);
+    }
+    close(s);
+    return refused;
+}
+
+/* Cut off at every byte, every bit turned, said twice: that session ends, the others never notice. */
+static void test_bytes_gone_wrong(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    struct lw_message_welcome welcome;
+    uint8_t script[1024], wrong[1024];
+    close(dial_again(f, &welcome));
+    publish(f, make_snapshot(f, 9, 0));
+    int witness = dial_and_stream(f);
+    expect_frame(witness, 9, 1);
+    expect_tiles(witness, f->map.tile_count, 9);
+    const size_t size = write_script(script, sizeof script, welcome.package_compressed_size);
+    assert_false(recite(f, script, size));
+    for (size_t cut = 0; cut < size; cut++) assert_false(recite(f, script, cut));
+    unsigned refused = 0;
+    for (size_t bit = 0; bit < 8 * size; bit++) {
+        memcpy(wrong, script, size);
+        wrong[bit / 8] ^= (uint8_t)(1u << bit % 8);
+        refused += recite(f, wrong, size);
+    }
+    assert_true(refused > 4 * size); /* what is left changes a number or a name that may be any */
+    memcpy(wrong, script, size);
+    memcpy(wrong + size, script, sizeof wrong - size < size ? sizeof wrong - size : size);
+    assert_true(recite(f, wrong, 2 * size < sizeof wrong ? 2 * size : sizeof wrong));
+    publish(f, make_snapshot(f, 10, 9));
+    expect_frame(witness, 10, 2);
+    expect_tiles(witness, f->map.tile_count, 10);
+    wait_for_sessions(f, 1);
+    close(witness);
+    end(f);
+}
+
 static void test_garbage(void **state) {
     (void)state;
     struct fixture *f = start(&(struct lw_server_desc){0});
@@ -1451,6 +1525,7 @@ int main(void) {
         cmocka_unit_test(test_rate_limits),
         cmocka_unit_test(test_what_waits_is_told),
         cmocka_unit_test(test_acks),
+        cmocka_unit_test(test_bytes_gone_wrong),
         cmocka_unit_test(test_garbage),
         cmocka_unit_test(test_out_of_order),
         cmocka_unit_test(test_wrong_version),
