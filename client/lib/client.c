@@ -2,6 +2,7 @@
 
 #include "client/lib/download.h"
 #include "client/lib/link.h"
+#include "client/lib/package_cache.h"
 #include "client/lib/replica.h"
 #include "client/lib/want.h"
 #include "common/clock.h"
@@ -16,7 +17,7 @@
 #define POLL_NS_MAX        20000000u
 
 struct lw_client {
-    char *host, *name; /* as given, to connect again */
+    char *host, *name, *cache_folder; /* as given */
     uint16_t port;
     unsigned timeout_ms;
     bool control;
@@ -73,6 +74,20 @@ static enum lw_status begin_download(struct lw_client *c, const struct lw_messag
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "out of memory");
 }
 
+/* From the folder of packages, if it is there. */
+static enum lw_status load_cached(struct lw_client *c, const struct lw_message_welcome *welcome,
+                                  struct lw_error *err) {
+    uint8_t *bytes;
+    if (!c->cache_folder ||
+        !lw_package_cache_read(c->cache_folder, &welcome->package_hash, welcome->package_size, &bytes))
+        return LW_OK;
+    enum lw_status status = lw_replica_create(bytes, (size_t)welcome->package_size, &c->replica, err);
+    free(bytes);
+    c->package_offset = welcome->package_compressed_size;
+    c->stats.package_ns = lw_clock_ns();
+    return status;
+}
+
 static enum lw_status handle_welcome(struct lw_client *c, const struct lw_message_welcome *welcome,
                                      struct lw_error *err) {
     if (c->welcomed) return out_of_order(err, LW_MESSAGE_WELCOME);
@@ -94,7 +109,8 @@ static enum lw_status handle_welcome(struct lw_client *c, const struct lw_messag
         c->stats.package_ns = lw_clock_ns();
         return lw_replica_create_beside(c->scene_of->replica, &c->replica, err);
     }
-    return begin_download(c, welcome, same_run, err);
+    enum lw_status status = load_cached(c, welcome, err);
+    return status != LW_OK || c->replica ? status : begin_download(c, welcome, same_run, err);
 }
 
 static enum lw_status handle_refusal(const struct lw_client *c, const struct lw_message_refusal *refusal,
@@ -114,6 +130,9 @@ static enum lw_status handle_chunk(struct lw_client *c, const struct lw_message_
     enum lw_status status = lw_download_add(&c->download, chunk, err);
     if (status != LW_OK || !lw_download_is_complete(&c->download)) return status;
     status = lw_replica_create(c->download.bytes, c->download.size, &c->replica, err);
+    if (status == LW_OK && c->cache_folder) /* where it cannot be kept it is downloaded again: no harm */
+        (void)!lw_package_cache_write(c->cache_folder, &c->package_hash, c->download.bytes, c->download.size,
+                                      NULL);
     lw_download_finish(&c->download);
     c->stats.package_ns = lw_clock_ns();
     return status;
@@ -443,7 +462,8 @@ enum lw_status lw_client_create(const struct lw_client_desc *desc, struct lw_cli
     c->want.now.everything = !desc->wants_nothing;
     c->host = strdup(desc->host);
     c->name = strdup(desc->name ? desc->name : "liblightwell");
-    enum lw_status status = c->host && c->name
+    c->cache_folder = desc->cache_folder ? strdup(desc->cache_folder) : NULL;
+    enum lw_status status = c->host && c->name && (c->cache_folder || !desc->cache_folder)
                                 ? connect_and_greet(c, err)
                                 : lw_status_fail(err, LW_NO_MEMORY, "cannot create a client: out of memory");
     if (status == LW_OK)
@@ -462,6 +482,7 @@ void lw_client_destroy(struct lw_client *c) {
     free(c->answer);
     free(c->host);
     free(c->name);
+    free(c->cache_folder);
     free(c);
 }
 

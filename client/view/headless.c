@@ -34,12 +34,14 @@ static size_t pixel_count(const struct headless *h) { return (size_t)h->view.wid
 static enum lw_status connect_to_server(struct headless *h, struct lw_error *err) {
     unsigned limit_ms = CONNECT_TIMEOUT_MS;
     if (h->options->timeout_s * 1e3 < limit_ms) limit_ms = (unsigned)(h->options->timeout_s * 1e3);
-    enum lw_status status = lw_client_create(&(struct lw_client_desc){.host = h->options->host,
-                                                                      .port = h->options->port,
-                                                                      .name = "lightwell-view --headless",
-                                                                      .timeout_ms = limit_ms,
-                                                                      .wants_nothing = true},
-                                             &h->client, err);
+    enum lw_status status =
+        lw_client_create(&(struct lw_client_desc){.host = h->options->host,
+                                                  .port = h->options->port,
+                                                  .name = "lightwell-view --headless",
+                                                  .timeout_ms = limit_ms,
+                                                  .cache_folder = h->options->cache_folder,
+                                                  .wants_nothing = true},
+                         &h->client, err);
     h->welcomed_ns = lw_clock_ns();
     return status;
 }

@@ -11,7 +11,7 @@
 
 struct lw_seeker {
     char host[256];
-    const char *name;
+    const char *name, *cache_folder;
     uint16_t port;
     bool seeking, under_way;
     double pause_s;
@@ -29,6 +29,7 @@ static void *attempt(void *argument) {
                                                   .port = seeker->port,
                                                   .name = seeker->name,
                                                   .timeout_ms = CONNECT_TIMEOUT_MS,
+                                                  .cache_folder = seeker->cache_folder,
                                                   .wants_nothing = true},
                          &client, &err) == LW_OK)
         seeker->client = client;
@@ -36,13 +37,14 @@ static void *attempt(void *argument) {
     return NULL;
 }
 
-enum lw_status lw_seeker_create(const char *host, uint16_t port, const char *name,
+enum lw_status lw_seeker_create(const char *host, uint16_t port, const char *name, const char *cache_folder,
                                 struct lw_seeker **out_seeker, struct lw_error *err) {
     struct lw_seeker *seeker = calloc(1, sizeof *seeker);
     if (seeker == NULL) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the connection");
     snprintf(seeker->host, sizeof seeker->host, "%s", host);
     seeker->port = port;
     seeker->name = name;
+    seeker->cache_folder = cache_folder;
     lw_seeker_reset(seeker);
     *out_seeker = seeker;
     return LW_OK;

@@ -10,9 +10,10 @@
 
 struct lw_seeker;
 
-/** Errors: LW_NO_MEMORY. */
+/** name, cache_folder: as for lw_client_create(); they outlive the seeker. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_seeker_create(const char *host, uint16_t port, const char *name,
-                                              struct lw_seeker **out_seeker, struct lw_error *err);
+                                              const char *cache_folder, struct lw_seeker **out_seeker,
+                                              struct lw_error *err);
 /** Waits for an attempt that is under way. */
 void lw_seeker_destroy(struct lw_seeker *seeker);
 

@@ -21,7 +21,7 @@ struct raw {
  * --path-trace, like all that are not named here. */
 static const char *const of_every_way[] = {"camera",   "camera-name", "size",    "tonemap",
                                            "exposure", "threads",     "version", NULL};
-static const char *const of_a_server[] = {"headless", "wait", "timeout", NULL};
+static const char *const of_a_server[] = {"headless", "wait", "timeout", "cache", NULL};
 static const char *const of_files[] = {"out", "json", NULL}; /* --headless and --path-trace */
 
 static bool is_among(const char *name, const char *const *list) {
@@ -195,6 +195,11 @@ enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_optio
          .value = &o.timeout_s,
          .min = 0.1,
          .max = SECONDS_MAX},
+        {.name = "cache",
+         .argument = "FOLDER",
+         .help = "Keep scene packages there, so that none is downloaded twice (default: nowhere).",
+         .kind = LW_OPTION_STRING,
+         .value = &o.cache_folder},
         {.name = "out",
          .argument = "FILE",
          .help = "FILE.exr: linear radiance, 32-bit float. FILE.png: tone mapped.",

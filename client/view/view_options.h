@@ -53,6 +53,7 @@ struct lw_view_options {
     float stops;      /* unless auto_exposure */
     unsigned threads; /* 0: all */
     double timeout_s;
+    const char *cache_folder; /* of scene packages; NULL: none; points into argv */
     struct lw_view_path path;
 };
 

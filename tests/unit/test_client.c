@@ -458,6 +458,66 @@ static void test_reconnect(void **state) {
     finish_world(&w);
 }
 
+/* Waits for the scene and returns the bytes that it took. */
+static uint64_t fetch_scene(const struct running *r, const char *folder, uint32_t objects) {
+    struct lw_client *client;
+    struct lw_client_stats stats;
+    struct lw_error err = {0};
+    lw_support_ok(lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1",
+                                                            .port = lw_server_port(r->server),
+                                                            .cache_folder = folder},
+                                   &client, &err),
+                  &err);
+    while (!lw_client_scene(client)) lw_support_ok(lw_client_poll(client, 100, &err), &err);
+    assert_int_equal(lw_client_scene(client)->object_count, objects);
+    lw_client_get_stats(client, &stats);
+    assert_true(stats.package_ns > 0);
+    lw_client_destroy(client);
+    return stats.bytes;
+}
+
+static void test_cache(void **state) {
+    (void)state;
+    struct world w = make_world();
+    struct running r = start_server(&w, 0);
+    struct lw_package_hash hash;
+    char folder[256], path[320], damaged = 0;
+    snprintf(folder, sizeof folder, "%s", lw_support_temporary("cache"));
+    lw_package_hash(w.package, w.package_size, &hash);
+    int length = snprintf(path, sizeof path, "%s/", folder);
+    for (int i = 0; i < 16; i++) length += snprintf(path + length, 3, "%02x", hash.bytes[i]);
+    snprintf(path + length, 16, ".lwscene");
+    const uint32_t objects = w.scene->object_count;
+    const uint64_t whole = fetch_scene(&r, NULL, objects);
+    assert_true(whole > w.compressed_size);
+    assert_int_equal(access(path, F_OK), -1);
+    assert_int_equal(fetch_scene(&r, folder, objects), whole); /* and keeps it */
+    size_t size;
+    uint8_t *kept = lw_support_read_file(path, &size);
+    assert_int_equal(size, w.package_size);
+    assert_memory_equal(kept, w.package, size);
+    free(kept);
+    assert_true(fetch_scene(&r, folder, objects) < 200);
+    /* damaged, or cut off: downloaded once more, and whole again */
+    for (int cut = 0; cut < 2; cut++) {
+        FILE *f = fopen(path, "r+b");
+        assert_non_null(f);
+        if (cut)
+            assert_int_equal(ftruncate(fileno(f), (off_t)w.package_size - 1), 0);
+        else
+            assert_int_equal(fwrite(&damaged, 1, 1, f), 1);
+        fclose(f);
+        assert_int_equal(fetch_scene(&r, folder, objects), whole);
+        assert_true(fetch_scene(&r, folder, objects) < 200);
+    }
+    unlink(path);
+    rmdir(folder);
+    /* nowhere to keep it */
+    assert_int_equal(fetch_scene(&r, "/dev/null/cache", objects), whole);
+    stop_server(&r);
+    finish_world(&w);
+}
+
 static void test_backoff(void **state) {
     (void)state;
     for (unsigned attempt = 0; attempt < 40; attempt++) {
@@ -1081,6 +1141,7 @@ int main(void) {
         cmocka_unit_test(test_unknown_types_are_skipped),
         cmocka_unit_test(test_what_comes_with_the_welcome),
         cmocka_unit_test(test_reconnect),
+        cmocka_unit_test(test_cache),
         cmocka_unit_test(test_backoff),
         cmocka_unit_test(test_download_goes_on),
         cmocka_unit_test(test_damaged_package),

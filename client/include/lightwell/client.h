@@ -24,6 +24,9 @@ struct lw_client_desc {
     /* For a process with many sessions of one server: a client that has its scene and outlives this one. Its scene is
      * shared instead of downloaded, if the server has the same; NULL: none. */
     const struct lw_client *scene_of;
+    /* A folder for scene packages: one that is there, by its hash, is not downloaded, and one that was downloaded is kept
+     * there, if that is possible. NULL: none. */
+    const char *cache_folder;
     bool wants_nothing;           /* until lw_client_want() says otherwise; else it wants everything */
     bool control;                 /* it may call lw_client_update() */
     uint64_t rate_limit_bytes_hz; /* that the server is to send at most; 0: whatever the link takes */
