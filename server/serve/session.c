@@ -715,7 +715,9 @@ static void handle_ack(struct lw_session *s, uint64_t frame) {
         return;
     }
     if (frame == s->frame_acked) return;
+    const bool first = s->frame_acked == 0;
     s->frame_acked = frame;
+    if (first) return; /* that frame may have been there long before the session was */
     for (uint64_t back = 0; back < LW_SESSION_RECENT && back < shared->generation; back++) {
         const struct lw_session_recent *recent =
             &shared->recent[(shared->generation - back) % LW_SESSION_RECENT];

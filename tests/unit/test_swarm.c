@@ -161,6 +161,7 @@ static void *serve(void *argument) {
     hear_hello(f);
     say_welcome(f, false);
     assert_int_equal(hear_request(f), 0);
+    say(f, &(struct lw_message){.type = LW_MESSAGE_PONG, .pong.token = 1}); /* as after 5 s of download */
     say_package(f, 0);
     close(f->peer);
     for (uint32_t u = 0; u < f->users; u++) {
