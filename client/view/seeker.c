@@ -6,6 +6,7 @@
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <unistd.h>
 
 #define CONNECT_TIMEOUT_MS 3000u
 
@@ -14,7 +15,7 @@ struct lw_seeker {
     const char *name, *cache_folder;
     uint16_t port;
     bool seeking, under_way;
-    double pause_s;
+    unsigned attempt; /* since the link last held */
     uint64_t next_ns;
     pthread_t thread;
     _Atomic bool done;        /* the thread's last act */
@@ -58,9 +59,8 @@ void lw_seeker_destroy(struct lw_seeker *seeker) {
 }
 
 static void wait_for_the_next(struct lw_seeker *seeker) {
-    seeker->next_ns = lw_clock_ns() + (uint64_t)(seeker->pause_s * 1e9);
-    seeker->pause_s *= 2;
-    if (seeker->pause_s > LW_SEEKER_PAUSE_MAX_S) seeker->pause_s = LW_SEEKER_PAUSE_MAX_S;
+    seeker->next_ns =
+        lw_clock_ns() + lw_client_backoff_ms(seeker->attempt++, (uint32_t)getpid()) * 1000000ull;
 }
 
 void lw_seeker_start(struct lw_seeker *seeker) {
@@ -90,9 +90,4 @@ struct lw_client *lw_seeker_take(struct lw_seeker *seeker) {
     return client;
 }
 
-double lw_seeker_pause_s(const struct lw_seeker *seeker) {
-    uint64_t now_ns = lw_clock_ns();
-    return seeker->under_way || now_ns >= seeker->next_ns ? 0.0 : (double)(seeker->next_ns - now_ns) * 1e-9;
-}
-
-void lw_seeker_reset(struct lw_seeker *seeker) { seeker->pause_s = LW_SEEKER_FIRST_PAUSE_S; }
+void lw_seeker_reset(struct lw_seeker *seeker) { seeker->attempt = 0; }

@@ -5,9 +5,6 @@
 
 #include "lightwell/client.h"
 
-#define LW_SEEKER_FIRST_PAUSE_S 2.0
-#define LW_SEEKER_PAUSE_MAX_S   30.0
-
 struct lw_seeker;
 
 /** name, cache_folder: as for lw_client_create(); they outlive the seeker. Errors: LW_NO_MEMORY. */
@@ -17,14 +14,11 @@ LW_MUST_CHECK enum lw_status lw_seeker_create(const char *host, uint16_t port, c
 /** Waits for an attempt that is under way. */
 void lw_seeker_destroy(struct lw_seeker *seeker);
 
-/** Begins to look: first after LW_SEEKER_FIRST_PAUSE_S, then at pauses that double up to LW_SEEKER_PAUSE_MAX_S. */
+/** Begins to look, with pauses as lw_client_backoff_ms() has them. */
 void lw_seeker_start(struct lw_seeker *seeker);
 
 /** Call often. Returns the client once there is one, the caller's from then on; otherwise NULL. */
 struct lw_client *lw_seeker_take(struct lw_seeker *seeker);
-
-/** Seconds to the next attempt; 0 while one is under way. */
-double lw_seeker_pause_s(const struct lw_seeker *seeker);
 
 /** The link held: the next search begins with the first pause again. */
 void lw_seeker_reset(struct lw_seeker *seeker);

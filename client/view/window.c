@@ -357,13 +357,7 @@ static void write_state(const struct window *w, const struct lw_client_stats *st
                         size_t out_size) {
     const struct lw_compose_report *r = &w->picture.report;
     if (w->lost) {
-        double pause_s = lw_seeker_pause_s(w->seeker);
-        if (w->incoming != NULL)
-            snprintf(out, out_size, "server is back: receiving");
-        else if (pause_s > 0)
-            snprintf(out, out_size, "server gone: trying in %.0f s", ceil(pause_s));
-        else
-            snprintf(out, out_size, "server gone: trying now");
+        snprintf(out, out_size, w->incoming ? "server is back: receiving" : "server gone: looking for it");
     } else if (stats->first_ns == 0) {
         snprintf(out, out_size, "waiting for the first light");
     } else if (!r->complete) {
