@@ -3,14 +3,14 @@
  *     bench_codec [--frames N] [--at SECONDS] [--dump FILE] SCENE...
  *
  * Each scene is solved as lightwelld does by default, at one moment; its tiles of all levels are taken after 1, 16 and N
- * frames, and once more after eight further frames in which what moves has moved. One table in Markdown per scene.
+ * frames, after eight further frames in which what moves has moved, and after one more. One table in Markdown per scene.
  *   bits      per texel that a look-up may read (the others cost what they cost, but nobody wants them)
  *   log-PSNR  of log2(1 + E/y0)/log2(101) over those texels, y0 = 1 % of white; white: the E that 99 % of values are under
  *   noise     the same between the tiles as they are, uncoded, and those of N frames: what the light itself is off
  *   largest   |dE| / (E + y0)
  *   mean      root mean square, and worst, over the tiles: relative change of the mean of E
  *   Mtexel/s  of CPU time of one thread, of all texels of the tiles
- * "what changed": for a client that has the tile as it was in the set before, coded in the same way; encoding makes both forms.
+ * "what changed": for a client that has the tile as it was a frame before, coded in the same way; encoding makes both forms.
  * --dump writes the tiles: u32 set, width, height; f32 error; f32 rgb[width*height*3]; u8 covered[width*height]. */
 #include "common/clock.h"
 #include "common/tile/tile_codec.h"
@@ -28,17 +28,17 @@
 
 #define MOVED_FRAMES 8u
 #define MOVED_STEP_S (1.0 / 30)
-#define SETS         4u
+#define SETS         5u
 #define ROUND_NS     200000000u /* at least so long is measured */
 
-static const char *const set_name[SETS] = {"1 frame", "16 frames", "at rest", "moving"};
+static const char *const set_name[SETS] = {"1 frame", "16 frames", "at rest", "moving", "a frame on"};
 
 struct tile {
     uint32_t width, height, level;
     float error;
     float *rgb;
     uint8_t *covered;
-    struct lw_tile_dct_history *before; /* after the set before; NULL in the first */
+    struct lw_tile_dct_history *before; /* of a client, after the set before; in the last set alone */
 };
 
 struct job {
@@ -114,7 +114,7 @@ static enum lw_status take_set(struct job *job, unsigned set) {
 static enum lw_status solve(struct job *job, uint32_t frames, double at_s, struct lw_error *err) {
     enum lw_status status = LW_OK;
     struct lw_solver_stats stats;
-    for (uint32_t frame = 1; status == LW_OK && frame <= frames + MOVED_FRAMES; frame++) {
+    for (uint32_t frame = 1; status == LW_OK && frame <= frames + MOVED_FRAMES + 1; frame++) {
         if (frame > frames) lw_pose_evaluate(&job->pose, job->scene, at_s + (frame - frames) * MOVED_STEP_S);
         status = job->solver->ops->frame(job->solver, &job->pose, frame, &stats, err);
         if (frame > frames && !stats.moved) break;
@@ -122,6 +122,7 @@ static enum lw_status solve(struct job *job, uint32_t frames, double at_s, struc
         if (status == LW_OK && frame == 16) status = take_set(job, 1);
         if (status == LW_OK && frame == frames) status = take_set(job, 2);
         if (status == LW_OK && frame == frames + MOVED_FRAMES) status = take_set(job, 3);
+        if (status == LW_OK && frame == frames + MOVED_FRAMES + 1) status = take_set(job, 4);
     }
     return status;
 }
@@ -234,10 +235,7 @@ static enum lw_status keep_history(struct coder *coder, struct coded *scratch, c
     struct lw_tile_dct_coded result;
     tile->before = aligned_alloc(_Alignof(struct lw_tile_dct_history), sizeof *tile->before);
     if (!tile->before) return LW_NO_MEMORY;
-    if (before->before)
-        *tile->before = *before->before;
-    else
-        memset(tile->before, 0, sizeof *tile->before);
+    memset(tile->before, 0, sizeof *tile->before);
     return lw_tile_codec_encode_dct(
         coder->tile,
         &(struct lw_tile_dct_source){before->rgb, before->covered, tile->width, tile->height,
@@ -394,12 +392,12 @@ static enum lw_status report(const struct job *job, struct coder *coder, struct 
             snprintf(noise, sizeof noise, "%.1f", decibel(&loss));
         }
         enum lw_status status = LW_OK;
-        for (uint32_t i = 0; status == LW_OK && s > 0 && i < job->map.tile_count; i++)
+        for (uint32_t i = 0; status == LW_OK && s == SETS - 1 && i < job->map.tile_count; i++)
             status = keep_history(coder, coded, &job->set[s - 1][i], &job->set[s][i]);
         if (status != LW_OK) return status;
         for (size_t c = 0; c < sizeof codecs / sizeof *codecs; c++) {
             struct figures f = {0};
-            if (s == 0 && codecs[c].encode == change_encode) continue;
+            if (s != SETS - 1 && codecs[c].encode == change_encode) continue;
             status = measure(job, job->set[s], &codecs[c], coder, coded, &f);
             if (status != LW_OK) return status;
             print_row(set_name[s], noise, codecs[c].name, &f);

@@ -95,12 +95,32 @@ static void test_coarsest_level_has_no_hole(void **state) {
     lw_levels_finish(&levels);
 }
 
+/* A sixteenth of a lightmap is bright. */
+static void test_quantile(void **state) {
+    (void)state;
+    static uint64_t bin[LW_LEVELS_BINS];
+    memset(bin, 0, sizeof bin);
+    assert_true(lw_levels_quantile(bin, 0.99) == 0);
+    memset(covered, 1, sizeof covered);
+    for (uint32_t i = 0; i < SIDE * SIDE; i++)
+        for (int c = 0; c < 3; c++) plane[c][i] = i / SIDE / 4 == 15 ? 1000 : 3;
+    struct lw_levels levels;
+    load(&levels);
+    lw_levels_count_values(&levels, bin); /* 16 x 16 texels of the coarsest level, the last row bright */
+    lw_levels_count_values(&levels, bin);
+    assert_true(lw_levels_quantile(bin, 0.9) == 3);
+    const float bright = lw_levels_quantile(bin, 0.99);
+    assert_true(bright <= 1000 && bright >= 800);
+    lw_levels_finish(&levels);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_charts_do_not_mix_up_to_level_two),
         cmocka_unit_test(test_mean_is_over_covered_texels),
         cmocka_unit_test(test_filled_gutters_are_kept),
         cmocka_unit_test(test_coarsest_level_has_no_hole),
+        cmocka_unit_test(test_quantile),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

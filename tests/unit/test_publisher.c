@@ -1,0 +1,181 @@
+#include "tests/support/support.h"
+
+#include "common/random.h"
+#include "common/tile/tile_codec.h"
+#include "server/publish/publisher.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define SIDE 64u
+
+/* A solver whose only object holds what the test says. */
+static float light[3][SIDE * SIDE], error;
+static uint8_t covered[SIDE * SIDE];
+static uint64_t solved_frame;
+
+static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_solver_tile *tile) {
+    (void)solver;
+    assert_int_equal(id.v, 0);
+    *tile = (struct lw_solver_tile){.light = {light[0], light[1], light[2]},
+                                    .covered = covered,
+                                    .width = SIDE,
+                                    .height = SIDE,
+                                    .bounces = 2,
+                                    .error = error,
+                                    .solved_frame = solved_frame};
+}
+
+static const struct lw_solver_ops ops = {.name = "test", .read_tile = read_tile};
+
+struct world {
+    struct lw_scene *scene;
+    struct lw_atlas_map map;
+    struct lw_pose pose;
+    struct lw_solver solver;
+    struct lw_publisher *publisher;
+    struct lw_tile_codec *codec;
+};
+
+static void init_world(struct world *w, uint32_t codec) {
+    *w = (struct world){.scene = lw_support_squares(1, 1), .solver = {&ops}};
+    w->scene->mesh[0].atlas_width = w->scene->mesh[0].atlas_height = SIDE;
+    lw_support_ok(lw_atlas_map_init(&w->map, w->scene), NULL);
+    lw_support_ok(lw_pose_init(&w->pose, w->scene), NULL);
+    lw_support_ok(lw_tile_codec_create(&w->codec), NULL);
+    lw_support_ok(lw_publisher_create(&(struct lw_publisher_desc){.scene = w->scene,
+                                                                  .atlas_map = &w->map,
+                                                                  .solver = &w->solver,
+                                                                  .target_error = 0.02f,
+                                                                  .codec = codec,
+                                                                  .threads = 1},
+                                      &w->publisher),
+                  NULL);
+    error = 0.1f;
+    memset(covered, 1, sizeof covered);
+}
+
+static void finish_world(struct world *w) {
+    lw_publisher_destroy(w->publisher);
+    lw_tile_codec_destroy(w->codec);
+    lw_pose_finish(&w->pose);
+    lw_atlas_map_finish(&w->map);
+    lw_scene_destroy(w->scene);
+}
+
+/* A slope, a little noise, and a spot of light that wanders. */
+static void set_light(uint64_t frame, float brightness) {
+    for (uint32_t i = 0; i < SIDE * SIDE; i++)
+        for (uint32_t c = 0; c < 3; c++) {
+            const uint32_t x = i % SIDE, y = i / SIDE;
+            const float spot = x / 8 == frame % 8 && y < 16 ? 2 : 1;
+            light[c][i] = brightness * spot * (1 + 0.01f * (float)y) *
+                          (1 + 0.1f * lw_random_unit(lw_random_hash3(i, c, (uint32_t)frame)));
+        }
+    solved_frame = frame;
+}
+
+static struct lw_snapshot *publish(struct world *w, uint64_t frame) {
+    struct lw_snapshot *snapshot;
+    struct lw_publisher_stats stats;
+    lw_support_ok(lw_publisher_publish(w->publisher, &w->pose, frame, 1, 1, 1, &snapshot, &stats), NULL);
+    return snapshot;
+}
+
+/* What a client makes of a blob; returns the payload's size. */
+static size_t decode(const struct world *w, const struct lw_blob *blob, uint64_t version, uint64_t base,
+                     struct lw_tile_dct_levels *levels, float *rgb, float *out_scale) {
+    struct lw_frame_header header;
+    struct lw_message m;
+    lw_support_ok(lw_frame_read_header(blob->bytes, LW_FRAME_BODY_MAX, &header, NULL), NULL);
+    lw_support_ok(lw_message_decode(header, blob->bytes + LW_FRAME_HEADER_SIZE, &m, NULL), NULL);
+    assert_int_equal(m.type, LW_MESSAGE_TILE);
+    assert_int_equal(m.tile.version, version);
+    assert_int_equal(m.tile.base, base);
+    lw_support_ok((base ? lw_tile_codec_decode_delta
+                        : lw_tile_codec_decode)(w->codec, m.tile.codec, m.tile.payload, m.tile.payload_size,
+                                                m.tile.scale, SIDE, SIDE, levels, rgb),
+                  NULL);
+    const size_t size = m.tile.payload_size;
+    *out_scale = m.tile.scale;
+    lw_message_finish(&m);
+    return size;
+}
+
+/* Who follows every frame and who joins see the same; following costs less. */
+static void test_deltas(void **state) {
+    (void)state;
+    static struct lw_tile_dct_levels levels;
+    static float followed[SIDE * SIDE * 3], joined[SIDE * SIDE * 3];
+    struct world w;
+    init_world(&w, LW_TILE_CODEC_DCT);
+    size_t whole_size = 0, delta_size = 0;
+    float scale;
+    for (uint64_t frame = 1; frame <= 6; frame++) {
+        set_light(frame, 5);
+        struct lw_snapshot *s = publish(&w, frame);
+        const struct lw_snapshot_tile *tile = &s->tile[0];
+        assert_int_equal(tile->version, frame);
+        whole_size += decode(&w, tile->blob, frame, 0, frame > 1 ? NULL : &levels, joined, &scale);
+        assert_true(frame > 1 ? tile->delta && tile->base == frame - 1 : !tile->delta);
+        if (frame > 1) {
+            delta_size += decode(&w, tile->delta, frame, frame - 1, &levels, followed, &scale);
+            assert_memory_equal(followed, joined, sizeof joined);
+        }
+        lw_snapshot_unref(s);
+    }
+    assert_true(delta_size < whole_size / 2);
+    struct lw_snapshot *s = publish(&w, 7); /* nothing moved: what was sent stays as it is */
+    assert_int_equal(s->tile[0].version, 6);
+    assert_int_equal(s->tile[0].base, 5);
+    lw_snapshot_unref(s);
+    set_light(8, 5000); /* nothing of what was sent is of use */
+    s = publish(&w, 8);
+    assert_int_equal(s->tile[0].version, 8);
+    assert_null(s->tile[0].delta);
+    lw_snapshot_unref(s);
+    finish_world(&w);
+}
+
+/* The scale follows the whole scene's white. */
+static void test_dark_beside_white(void **state) {
+    (void)state;
+    static float rgb[SIDE * SIDE * 3];
+    struct world w;
+    init_world(&w, LW_TILE_CODEC_DCT);
+    set_light(1, 1);
+    float scale;
+    for (uint32_t i = 0; i < SIDE * SIDE / 32; i++)
+        for (int c = 0; c < 3; c++) light[c][i] = 2048; /* makes a mean of 64 and a white of 2,048 */
+    struct lw_snapshot *s = publish(&w, 1);
+    decode(&w, s->tile[0].blob, 1, 0, NULL, rgb, &scale);
+    assert_true(scale >= 2048 * 0.8f * LW_PUBLISHER_DARK_SHARE);
+    lw_snapshot_unref(s);
+    finish_world(&w);
+}
+
+static void test_halves_have_no_deltas(void **state) {
+    (void)state;
+    static float rgb[SIDE * SIDE * 3];
+    float scale;
+    struct world w;
+    init_world(&w, LW_TILE_CODEC_HALF_ZSTD);
+    for (uint64_t frame = 1; frame <= 2; frame++) {
+        set_light(frame, 5);
+        struct lw_snapshot *s = publish(&w, frame);
+        decode(&w, s->tile[0].blob, frame, 0, NULL, rgb, &scale);
+        assert_true(fabsf(rgb[0] / light[0][0] - 1) < 0.001f);
+        assert_null(s->tile[0].delta);
+        lw_snapshot_unref(s);
+    }
+    finish_world(&w);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_deltas),
+        cmocka_unit_test(test_dark_beside_white),
+        cmocka_unit_test(test_halves_have_no_deltas),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
