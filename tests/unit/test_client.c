@@ -912,6 +912,101 @@ static void test_messages_out_of_place(void **state) {
     finish_world(&w);
 }
 
+/* A tile in codec 3, as a whole and then as what has changed: of the smallest there is. */
+static void say_light(struct script *s, const struct world *w) {
+    uint32_t id = 0;
+    for (uint32_t t = 1; t < w->map.tile_count; t++)
+        if (w->map.place[t].width * w->map.place[t].height < w->map.place[id].width * w->map.place[id].height)
+            id = t;
+    const struct lw_tile_place *p = &w->map.place[id];
+    static struct lw_tile_dct_history history;
+    static float rgb[LW_TILE_TEXELS_MAX * 3];
+    uint8_t *payload = malloc(lw_tile_codec_bound()), *delta = malloc(lw_tile_codec_bound());
+    struct lw_message m = tile_message(w, id, 10, payload); /* for its names */
+    m.tile.codec = LW_TILE_CODEC_DCT;
+    for (uint64_t version = 10; version < 12; version++) {
+        struct lw_tile_dct_coded coded;
+        for (uint32_t i = 0; i < p->width * p->height * 3; i++) rgb[i] = 1 + (float)(i % 7 * version);
+        lw_support_ok(
+            lw_tile_codec_encode_dct(
+                w->codec,
+                &(struct lw_tile_dct_source){.rgb = rgb, .width = p->width, .height = p->height, .step = 1},
+                &history, payload, delta, lw_tile_codec_bound(), &coded),
+            NULL);
+        m.tile.version = version;
+        m.tile.base = version == 10 ? 0 : 10;
+        m.tile.scale = coded.scale;
+        m.tile.payload = version == 10 ? payload : delta;
+        m.tile.payload_size = version == 10 ? coded.size : coded.delta_size;
+        say(s, &m);
+    }
+    free(delta);
+    free(payload);
+}
+
+/* Plays bytes to a client that has the scene already, until it fails. */
+static enum lw_status listen_to(const struct lw_client *scene_of, const uint8_t *bytes, size_t size,
+                                struct lw_client_stats *out_stats) {
+    struct script s = {.closes = true};
+    struct lw_client *client = NULL;
+    struct lw_error err = {0};
+    say_bytes(&s, bytes, size);
+    begin(&s);
+    enum lw_status status = lw_client_create(
+        &(struct lw_client_desc){.host = "127.0.0.1", .port = s.port, .scene_of = scene_of}, &client, &err);
+    while (status == LW_OK) status = lw_client_poll(client, 1000, &err);
+    assert_true(err.text[0] != '\0');
+    if (client) lw_client_get_stats(client, out_stats);
+    lw_client_destroy(client);
+    end(&s);
+    return status;
+}
+
+/* What a server says cut off at every byte, and with every bit turned: a status, and nothing worse. */
+static void test_bytes_gone_wrong(void **state) {
+    (void)state;
+    struct world w = make_world();
+    struct script s = {0}, first = {0};
+    struct lw_client *owner;
+    struct lw_client_stats stats = {0};
+    struct lw_error err = {0};
+    say_beginning(&first, &w);
+    begin(&first);
+    lw_support_ok(
+        lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1", .port = first.port}, &owner, &err),
+        &err);
+    while (!lw_client_scene(owner)) lw_support_ok(lw_client_poll(owner, 1000, &err), &err);
+
+    const struct lw_message_transform moved = {.object = 1, .object_to_world = LW_AFFINE_IDENTITY};
+    const struct lw_message welcome = welcome_of(&w),
+                            frame = {.type = LW_MESSAGE_FRAME,
+                                     .frame = {.frame = 5, .transform = &moved, .transform_count = 1}},
+                            settled = {.type = LW_MESSAGE_SETTLED, .settled.frame = 5};
+    say(&s, &welcome);
+    say(&s, &frame);
+    say_light(&s, &w);
+    say(&s, &settled);
+    assert_int_equal(listen_to(owner, s.bytes, s.size, &stats), LW_CLOSED);
+    assert_true(stats.tiles == 2 && stats.settled_frame == 5);
+    for (size_t cut = 0; cut < s.size; cut++) {
+        enum lw_status status = listen_to(owner, s.bytes, cut, &stats);
+        assert_true(status == LW_CLOSED || status == LW_PROTOCOL);
+    }
+    unsigned refused = 0;
+    for (size_t bit = 0; bit < 8 * s.size; bit++) {
+        s.bytes[bit / 8] ^= (uint8_t)(1u << bit % 8);
+        enum lw_status status = listen_to(owner, s.bytes, s.size, &stats);
+        s.bytes[bit / 8] ^= (uint8_t)(1u << bit % 8);
+        assert_true(status == LW_CLOSED || status == LW_PROTOCOL || status == LW_BAD_DATA);
+        refused += status != LW_CLOSED;
+    }
+    assert_true(refused > s.size); /* the rest are other numbers, other light, or an end too early */
+    free(s.bytes);
+    lw_client_destroy(owner);
+    end(&first);
+    finish_world(&w);
+}
+
 /* ---- the replica by itself ---- */
 
 /* A delta looks as the same version sent whole; on another version, or on a tile of codec 1, it is refused. */
@@ -1147,6 +1242,7 @@ int main(void) {
         cmocka_unit_test(test_damaged_package),
         cmocka_unit_test(test_messages_out_of_place),
         cmocka_unit_test(test_tiles_that_build_on_others),
+        cmocka_unit_test(test_bytes_gone_wrong),
         cmocka_unit_test(test_stale_tiles),
         cmocka_unit_test(test_want),
         cmocka_unit_test(test_longest_want_fits_the_outbox),
