@@ -38,6 +38,7 @@ struct lw_load_figures {
     uint64_t asked;         /* sessions that began to connect */
     uint64_t welcomed;      /* of them */
     uint64_t refused, lost; /* that ended, though nobody here wanted it, before or after their welcome */
+    uint64_t followed;      /* of those welcomed: whose light was put together, deltas and all */
     uint64_t left;          /* by churn */
     uint64_t broken;        /* sessions whose users came back for, or tried to */
     uint64_t returned;      /* welcomed once more */
@@ -60,8 +61,9 @@ struct lw_load_figures {
     struct lw_histogram frame; /* measured: a FRAME's arrival, likewise */
     struct lw_histogram whole; /* measured: a SETTLED's arrival, likewise */
     struct lw_histogram age; /* measured: of a tile's light at arrival: its frame's solve_ns and the update */
-    struct lw_histogram ping;     /* measured: PING to PONG */
-    struct lw_histogram rate_mhz; /* measured: frames per 1000 s, one value a session */
+    struct lw_histogram ping;         /* measured: PING to PONG */
+    struct lw_histogram second_bytes; /* measured: received by a user in a second */
+    struct lw_histogram rate_mhz;     /* measured: frames per 1000 s, one value a session */
 };
 
 #endif

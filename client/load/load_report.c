@@ -71,6 +71,7 @@ static void print_users(const struct lw_load_options *o, const struct lw_load_re
     const struct lw_load_figures *f = &r->figures;
     printf("  users        %" PRIu64 " asked, %" PRIu64 " welcomed, %" PRIu64 " refused, %" PRIu64 " lost",
            f->asked, f->welcomed, f->refused, f->lost);
+    printf("; %" PRIu64 " followed", f->followed);
     if (o->churn_hz > 0) printf("; %" PRIu64 " left and were replaced", f->left);
     if (o->reconnect) printf("; %" PRIu64 " broken, %" PRIu64 " came back", f->broken, f->returned);
     printf("\n");
@@ -100,6 +101,10 @@ static void print_all_times(const struct lw_load_report *r) {
     print_times("ping", &f->ping, "there and back, through the server's loop");
 }
 
+static double kbit(const struct lw_histogram *bytes, double q) {
+    return 8e-3 * (double)lw_histogram_quantile(bytes, q);
+}
+
 static void print_rates(const struct lw_load_report *r) {
     double mbit = 8e-6 * (double)r->bytes, users = ratio(r->user_s, r->measured_s);
     printf("  per user     %s frames/s (99 %% of the users: at least %s), %s whole frames/s, %s tiles/s, %s "
@@ -107,6 +112,12 @@ static void print_rates(const struct lw_load_report *r) {
            NUMBER(ratio((double)r->frames, r->user_s)), NUMBER(frames_hz_of_most(r)),
            NUMBER(ratio((double)r->settled, r->user_s)), NUMBER(ratio((double)r->tiles, r->user_s)),
            NUMBER(ratio(mbit, r->user_s)));
+    if (r->figures.second_bytes.count)
+        printf("  in a second  p50 %s  p95 %s  p99 %s  max %s kbit to a user that had its first view before "
+               "(%" PRIu64 ")\n",
+               NUMBER(kbit(&r->figures.second_bytes, 0.5)), NUMBER(kbit(&r->figures.second_bytes, 0.95)),
+               NUMBER(kbit(&r->figures.second_bytes, 0.99)), NUMBER(kbit(&r->figures.second_bytes, 1)),
+               r->figures.second_bytes.count);
     printf("  in all       %s users on average, %s MB, %s Mbit/s, %s tiles/s; %s frames/s were published\n",
            NUMBER(users), NUMBER(1e-6 * (double)r->bytes), NUMBER(ratio(mbit, r->measured_s)),
            NUMBER(ratio((double)r->tiles, r->measured_s)),
@@ -167,10 +178,11 @@ static void print_json(const struct lw_load_options *o, const struct lw_load_rep
            o->users, path_text[o->path], reader_text[o->reader], o->odd_readers, end_key[r->end], r->run_s,
            r->measured_s);
     printf(" \"asked\": %" PRIu64 ", \"welcomed\": %" PRIu64 ", \"refused\": %" PRIu64 ", \"lost\": %" PRIu64
-           ", \"left\": %" PRIu64 ", \"broken\": %" PRIu64 ", \"returned\": %" PRIu64
-           ", \"stopped\": %" PRIu64 ", \"dropped\": %" PRIu64 ", \"users_at_end\": %u,\n",
-           f->asked, f->welcomed, f->refused, f->lost, f->left, f->broken, f->returned, f->stopped,
-           f->dropped, r->users_at_end);
+           ", \"followed\": %" PRIu64 ", \"left\": %" PRIu64 ", \"broken\": %" PRIu64
+           ", \"returned\": %" PRIu64 ", \"stopped\": %" PRIu64 ", \"dropped\": %" PRIu64
+           ", \"users_at_end\": %u,\n",
+           f->asked, f->welcomed, f->refused, f->lost, f->followed, f->left, f->broken, f->returned,
+           f->stopped, f->dropped, r->users_at_end);
     print_json_times("connect_ms", &f->connect);
     print_json_times("download_ms", &f->download);
     print_json_times("first_view_ms", &f->first_view);
@@ -184,8 +196,10 @@ static void print_json(const struct lw_load_options *o, const struct lw_load_rep
     print_json_times("drop_ms", &f->drop);
     print_json_times("lag_ms", &r->lag);
     printf(" \"user_s\": %.6g, \"bytes\": %" PRIu64 ", \"tiles\": %" PRIu64 ", \"frames\": %" PRIu64
-           ", \"whole_frames\": %" PRIu64 ", \"frames_published\": %" PRIu64 ", \"frames_per_s_p1\": %.6g,\n",
-           r->user_s, r->bytes, r->tiles, r->frames, r->settled, r->frames_heard, frames_hz_of_most(r));
+           ", \"whole_frames\": %" PRIu64 ", \"frames_published\": %" PRIu64
+           ", \"frames_per_s_p1\": %.6g, \"kbit_in_a_second_p99\": %.6g,\n",
+           r->user_s, r->bytes, r->tiles, r->frames, r->settled, r->frames_heard, frames_hz_of_most(r),
+           kbit(&f->second_bytes, 0.99));
     printf(" \"server_cpu_s\": %.6g, \"server_wall_s\": %.6g, \"own_cpu_s\": %.6g, \"own_wait_s\": %.6g, "
            "\"own_memory_bytes\": %" PRIu64 ", \"tiles_decoded\": %" PRIu64 ", \"saturated\": %s,\n",
            r->server_cpu_s, r->server_wall_s, r->own_cpu_s, r->own_wait_s, r->own_memory_bytes,

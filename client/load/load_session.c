@@ -56,8 +56,11 @@ struct lw_load_session {
 
     uint64_t package_received;
     uint64_t first_frame, frame, frame_acked, frame_settled, frames_measured;
-    uint64_t *known;  /* per tile: the version that it has; 0: none */
-    uint64_t *wanted; /* bit per tile; NULL: everything */
+    uint64_t *known;                  /* per tile: the version that it has; 0: none */
+    struct lw_tile_held *held;        /* if it is followed */
+    uint64_t *wanted;                 /* bit per tile; NULL: everything */
+    uint64_t second_ns, second_bytes; /* began then; received since */
+    bool second_counts;               /* it had its view then */
     uint64_t
         *fresh; /* bit per tile that is wanted since it last arrived; NULL: none but what never arrived */
     uint32_t missing; /* wanted tiles that it has no version of */
@@ -82,6 +85,8 @@ static void on_closed(uv_handle_t *handle) {
     struct lw_load_session *s = handle->data;
     s->shared->session_count--;
     free(s->input);
+    if (s->held) s->shared->held_bytes -= lw_tile_held_bytes_max(&s->shared->scene->map);
+    lw_tile_held_destroy(s->held);
     free(s->known);
     free(s->wanted);
     free(s->fresh);
@@ -385,6 +390,7 @@ static void handle_welcome(struct lw_load_session *s, const struct lw_message_we
         return;
     }
     f->welcomed++;
+    f->followed += s->held != NULL;
     s->welcomed_ns = now_ns;
     s->state = LOADING;
     if (!s->shared->run_count || welcome->run != s->shared->run) begin_run(s->shared, welcome->run, now_ns);
@@ -501,7 +507,7 @@ static void handle_tile(struct lw_load_session *s, const struct lw_message_tile 
         return;
     }
     s->shared->figures->tiles++;
-    if (lw_tile_check_take(s->shared->check, tile, s->known, &finding) != LW_OK) {
+    if (lw_tile_check_take(s->shared->check, tile, s->known, s->held, &finding) != LW_OK) {
         fail(s, LW_LOAD_FAULT_SYSTEM, "out of memory for a tile");
     } else if (finding.verdict == LW_TILE_GOOD) {
         note_good_tile(s, &finding, tile->version, now_ns);
@@ -667,6 +673,7 @@ static void on_read(uv_stream_t *stream, ssize_t size, const uv_buf_t *buffer) {
     uint64_t now_ns = lw_clock_ns();
     s->heard_ns = now_ns;
     s->shared->figures->bytes += (uint64_t)size;
+    s->second_bytes += (uint64_t)size;
     receive(s, (const uint8_t *)buffer->base, (size_t)size, now_ns);
     if (s->state == STREAMING) acknowledge(s);
     s->allowance -= (double)size;
@@ -705,6 +712,13 @@ static void keep_buffers_small(struct lw_load_session *s) {
 static enum lw_status allocate(struct lw_load_session *s) {
     const uint32_t tiles = s->shared->scene->map.tile_count;
     s->missing = tiles;
+    const size_t held_bytes = lw_tile_held_bytes_max(&s->shared->scene->map);
+    /* of who comes back with versions, but without the light of them, nothing can be followed */
+    if (!s->known && s->number % LW_LOAD_FOLLOWED_ONE_IN == 1 &&
+        (!s->shared->held_bytes || s->shared->held_bytes + held_bytes <= LW_LOAD_FOLLOWED_BYTES)) {
+        if (lw_tile_held_create(&s->shared->scene->map, &s->held) != LW_OK) return LW_NO_MEMORY;
+        s->shared->held_bytes += held_bytes;
+    }
     if (!s->known) s->known = calloc((size_t)tiles + 1, sizeof *s->known);
     if (s->shared->options->path == LW_LOAD_EVERYTHING) return s->known ? LW_OK : LW_NO_MEMORY;
     s->wanted = calloc(tiles / 64 + 1, sizeof *s->wanted);
@@ -800,6 +814,18 @@ static void allow(struct lw_load_session *s, uint64_t now_ns) {
     if (result < 0) lose(s, uv_strerror(result));
 }
 
+/* A second that began before the measured time does not count: a newcomer's first light is in it. */
+static void end_second(struct lw_load_session *s, uint64_t now_ns) {
+    struct lw_load_figures *f = s->shared->figures;
+    if (now_ns - s->second_ns < SECOND_NS) return;
+    if (f->measuring && s->counts && s->second_counts && s->second_ns >= s->shared->measured_from_ns)
+        lw_histogram_add(&f->second_bytes, (uint64_t)((double)s->second_bytes * (double)SECOND_NS /
+                                                      (double)(now_ns - s->second_ns)));
+    s->second_ns = now_ns;
+    s->second_bytes = 0;
+    s->second_counts = s->has_view;
+}
+
 void lw_load_session_tick(struct lw_load_session *s, uint64_t now_ns) {
     if (s->state <= GREETING && now_ns > s->began_ns + LW_LOAD_CONNECT_TIMEOUT_S * SECOND_NS)
         fail(s, LW_LOAD_FAULT_CONNECT, "no welcome within %u s", LW_LOAD_CONNECT_TIMEOUT_S);
@@ -810,6 +836,7 @@ void lw_load_session_tick(struct lw_load_session *s, uint64_t now_ns) {
         fail(s, LW_LOAD_FAULT_SILENCE, "frame %llu was the last", (unsigned long long)s->frame);
     if (now_ns >= s->pinged_ns + LW_LOAD_PING_S * SECOND_NS) ping(s, now_ns);
     if (s->wanted && s->state == STREAMING && now_ns >= s->looked_ns + LOOK_NS) look(s, now_ns);
+    if (s->state == STREAMING) end_second(s, now_ns);
 }
 
 static void on_goodbye(uv_shutdown_t *request, int result) {

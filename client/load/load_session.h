@@ -14,7 +14,9 @@
 
 #define LW_LOAD_CONNECT_TIMEOUT_S 10u /* until the WELCOME */
 #define LW_LOAD_SILENCE_S         15u
-#define LW_LOAD_PING_S            1u         /* oftener than a client must: this measures the link */
+#define LW_LOAD_PING_S            1u           /* oftener than a client must: this measures the link */
+#define LW_LOAD_FOLLOWED_ONE_IN   100u         /* users */
+#define LW_LOAD_FOLLOWED_BYTES    (256u << 20) /* no more of them than fit, but for the first */
 #define LW_LOAD_SLOW_RECEIVE      (64 << 10) /* bytes of receive buffer of a slow or never-reader's socket */
 
 struct lw_load_session;
@@ -42,6 +44,7 @@ struct lw_load_shared {
     uint64_t run, run_began_ns; /* of the server: which, and when somebody was first welcomed by it */
     uint32_t run_count;
     struct lw_load_return *returning; /* in no order */
+    size_t held_bytes;                /* that sessions which are followed may take */
     struct lw_load_figures *figures;
     struct lw_load_session *first;   /* all whose end has not come, those included that have said goodbye */
     uint32_t live_count;             /* of them: those that have not said goodbye */

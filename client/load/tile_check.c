@@ -22,6 +22,8 @@ struct lw_tile_check {
     uint64_t decoded_count;
     struct lw_tile_codec *codec;
     struct seen (*seen)[LW_TILE_CHECK_VERSIONS]; /* per tile */
+    struct seen (
+        *light)[LW_TILE_CHECK_VERSIONS]; /* likewise: versions and texels of the sessions that are followed */
     struct lw_tile_dct_levels levels;
     float decoded[LW_TILE_TEXELS_MAX * CHANNELS];
 };
@@ -34,7 +36,8 @@ enum lw_status lw_tile_check_create(const struct lw_atlas_map *map, bool always,
     check->map = map;
     check->always = always;
     check->seen = calloc((size_t)map->tile_count + 1, sizeof *check->seen);
-    enum lw_status status = check->seen ? lw_tile_codec_create(&check->codec) : LW_NO_MEMORY;
+    check->light = calloc((size_t)map->tile_count + 1, sizeof *check->light);
+    enum lw_status status = check->seen && check->light ? lw_tile_codec_create(&check->codec) : LW_NO_MEMORY;
     if (status == LW_OK)
         *out_check = check;
     else
@@ -46,7 +49,30 @@ void lw_tile_check_destroy(struct lw_tile_check *check) {
     if (!check) return;
     lw_tile_codec_destroy(check->codec);
     free(check->seen);
+    free(check->light);
     free(check);
+}
+
+struct lw_tile_held {
+    uint32_t tile_count;
+    struct lw_tile_dct_levels *levels[]; /* per tile; NULL: none that deltas could build on */
+};
+
+enum lw_status lw_tile_held_create(const struct lw_atlas_map *map, struct lw_tile_held **out_held) {
+    struct lw_tile_held *held = calloc(1, sizeof *held + map->tile_count * sizeof held->levels[0]);
+    if (!held) return LW_NO_MEMORY;
+    held->tile_count = map->tile_count;
+    *out_held = held;
+    return LW_OK;
+}
+
+void lw_tile_held_destroy(struct lw_tile_held *held) {
+    for (uint32_t t = 0; held && t < held->tile_count; t++) free(held->levels[t]);
+    free(held);
+}
+
+size_t lw_tile_held_bytes_max(const struct lw_atlas_map *map) {
+    return map->tile_count * (sizeof(struct lw_tile_dct_levels) + sizeof(void *));
 }
 
 static bool same(const struct seen *a, const struct seen *b) {
@@ -84,25 +110,58 @@ static struct seen *find_slot(struct seen slot[LW_TILE_CHECK_VERSIONS], uint64_t
     return oldest->version < version ? oldest : NULL;
 }
 
+/* Decodes a tile as a client does, and compares it with what others made of that version. */
+static enum lw_status follow(struct lw_tile_check *check, const struct lw_message_tile *t, lw_tile_id id,
+                             struct lw_tile_held *held, bool *out_decodes, bool *out_agrees) {
+    const struct lw_tile_place *p = &check->map->place[id.v];
+    struct lw_tile_dct_levels **levels = &held->levels[id.v];
+    enum lw_status status = LW_BAD_DATA;
+    check->decoded_count++;
+    if (!t->base && t->codec == LW_TILE_CODEC_DCT && !*levels &&
+        !(*levels = aligned_alloc(_Alignof(struct lw_tile_dct_levels), sizeof **levels)))
+        return LW_NO_MEMORY;
+    if (!t->base)
+        status = lw_tile_codec_decode(check->codec, t->codec, t->payload, t->payload_size, t->scale, p->width,
+                                      p->height, *levels, check->decoded);
+    else if (*levels)
+        status = lw_tile_codec_decode_delta(check->codec, t->codec, t->payload, t->payload_size, t->scale,
+                                            p->width, p->height, *levels, check->decoded);
+    if (status == LW_NO_MEMORY) return status;
+    *out_decodes = status == LW_OK;
+    if (!*out_decodes) return LW_OK;
+    struct seen now = {.version = t->version};
+    lw_package_hash((const uint8_t *)check->decoded,
+                    (size_t)p->width * p->height * CHANNELS * sizeof check->decoded[0], &now.hash);
+    struct seen *slot = find_slot(check->light[id.v], t->version, 0);
+    *out_agrees = !slot || slot->version != t->version || same(slot, &now);
+    if (slot && *out_agrees) *slot = now;
+    return LW_OK;
+}
+
 /* Decodes the tile unless its bytes were decoded before. */
 static enum lw_status judge(struct lw_tile_check *check, const struct lw_message_tile *t, lw_tile_id id,
-                            enum lw_tile_verdict *out_verdict) {
+                            struct lw_tile_held *held, enum lw_tile_verdict *out_verdict) {
     struct seen now = {
         .version = t->version, .base = t->base, .scale = t->scale, .error = t->error, .bounces = t->bounces};
     lw_package_hash(t->payload, t->payload_size, &now.hash);
     struct seen *slot = find_slot(check->seen[id.v], t->version, t->base);
-    bool remembered = slot && slot->version == t->version && slot->base == t->base, decodes = true;
-    enum lw_status status = remembered && !check->always ? LW_OK : decode(check, t, id, &decodes);
+    bool remembered = slot && slot->version == t->version && slot->base == t->base, decodes = true,
+         agrees = true;
+    enum lw_status status = LW_OK;
+    if (held)
+        status = follow(check, t, id, held, &decodes, &agrees);
+    else if (!remembered || check->always)
+        status = decode(check, t, id, &decodes);
     if (status != LW_OK) return status;
-    *out_verdict = !decodes                          ? LW_TILE_DAMAGED
-                   : remembered && !same(slot, &now) ? LW_TILE_DIFFERENT
-                                                     : LW_TILE_GOOD;
+    agrees &= !remembered || same(slot, &now);
+    *out_verdict = !decodes ? LW_TILE_DAMAGED : agrees ? LW_TILE_GOOD : LW_TILE_DIFFERENT;
     if (slot && *out_verdict == LW_TILE_GOOD) *slot = now;
     return LW_OK;
 }
 
 enum lw_status lw_tile_check_take(struct lw_tile_check *check, const struct lw_message_tile *t,
-                                  uint64_t *known, struct lw_tile_finding *out_finding) {
+                                  uint64_t *known, struct lw_tile_held *held,
+                                  struct lw_tile_finding *out_finding) {
     struct lw_tile_finding f = {.verdict = LW_TILE_NOWHERE,
                                 .id = lw_atlas_map_find_tile(check->map, t->object, t->level, t->tile)};
     enum lw_status status = LW_OK;
@@ -115,7 +174,7 @@ enum lw_status lw_tile_check_take(struct lw_tile_check *check, const struct lw_m
         else if (!lw_tile_codec_is_known(t->codec) || (t->base && t->base != f.before))
             f.verdict = LW_TILE_DAMAGED;
         else
-            status = judge(check, t, f.id, &f.verdict);
+            status = judge(check, t, f.id, held, &f.verdict);
     }
     if (status != LW_OK) return status;
     if (f.verdict == LW_TILE_GOOD) known[f.id.v] = t->version;
@@ -125,6 +184,7 @@ enum lw_status lw_tile_check_take(struct lw_tile_check *check, const struct lw_m
 
 void lw_tile_check_forget(struct lw_tile_check *check) {
     memset(check->seen, 0, (size_t)check->map->tile_count * sizeof *check->seen);
+    memset(check->light, 0, (size_t)check->map->tile_count * sizeof *check->light);
 }
 
 uint64_t lw_tile_check_decoded(const struct lw_tile_check *check) { return check->decoded_count; }

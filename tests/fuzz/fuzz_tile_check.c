@@ -17,9 +17,9 @@ static void init_map(struct lw_atlas_map *map) {
 }
 
 static void take(struct lw_tile_check *check, const struct lw_atlas_map *map,
-                 const struct lw_message_tile *tile, uint64_t *known) {
+                 const struct lw_message_tile *tile, uint64_t *known, struct lw_tile_held *held) {
     struct lw_tile_finding f;
-    require(lw_tile_check_take(check, tile, known, &f) == LW_OK);
+    require(lw_tile_check_take(check, tile, known, held, &f) == LW_OK);
     if (f.verdict == LW_TILE_NOWHERE) return;
     require(f.id.v < map->tile_count);
     require(known[f.id.v] == (f.verdict == LW_TILE_GOOD ? tile->version : f.before));
@@ -34,7 +34,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
     init_map(&map);
     require(lw_tile_check_create(&map, false, &check) == LW_OK);
     uint64_t *known = calloc(2 * (size_t)map.tile_count, sizeof *known);
-    require(known != NULL);
+    struct lw_tile_held *held; /* of the second session */
+    require(known != NULL && lw_tile_held_create(&map, &held) == LW_OK);
     struct lw_frame_header header;
     for (size_t at = 0, turn = 0; size - at >= LW_FRAME_HEADER_SIZE; turn++) {
         struct lw_message message;
@@ -45,10 +46,11 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
         at += header.body_size;
         if (lw_message_decode(header, body, &message, NULL) != LW_OK) continue;
         if (message.type == LW_MESSAGE_TILE)
-            take(check, &map, &message.tile, known + turn % 2 * map.tile_count);
+            take(check, &map, &message.tile, known + turn % 2 * map.tile_count, turn % 2 ? held : NULL);
         lw_message_finish(&message);
     }
     free(known);
+    lw_tile_held_destroy(held);
     lw_tile_check_destroy(check);
     lw_atlas_map_finish(&map);
     return 0;

@@ -85,6 +85,7 @@ static void test_fifty_users(void **state) {
     assert_true(number(r, "tiles") > 0 && number(r, "bytes") > 0);
     assert_true(number(r, "server_cpu_s") > 0 && number(r, "server_wall_s") > 0 &&
                 number(r, "own_cpu_s") > 0);
+    assert_true(number(r, "followed") == 1 && number(r, "kbit_in_a_second_p99") > 0);
     /* what all got was encoded once, so that little of it was decoded */
     assert_true(number(r, "tiles_decoded") < number(r, "tiles"));
     json_decref(r);

@@ -15,7 +15,8 @@ struct world {
     uint8_t *payload[PAYLOADS]; /* each of the whole tile 64 x 64, all of one value */
     size_t size[PAYLOADS];
     float scale[PAYLOADS];
-    uint64_t *known[2]; /* of two sessions */
+    uint64_t *known[2];           /* of two sessions */
+    struct lw_tile_held *held[2]; /* NULL: they are not followed */
 };
 
 /* The checker points into it. */
@@ -41,7 +42,10 @@ static void init_world(struct world *w, bool always) {
 
 static void finish_world(struct world *w) {
     for (int i = 0; i < PAYLOADS; i++) free(w->payload[i]);
-    for (int i = 0; i < 2; i++) free(w->known[i]);
+    for (int i = 0; i < 2; i++) {
+        free(w->known[i]);
+        lw_tile_held_destroy(w->held[i]);
+    }
     lw_tile_check_destroy(w->check);
     lw_atlas_map_finish(&w->map);
     lw_scene_destroy(w->scene);
@@ -60,7 +64,7 @@ static struct lw_message_tile tile_of(const struct world *w, uint32_t tile, uint
 
 static struct lw_tile_finding take(struct world *w, int session, struct lw_message_tile tile) {
     struct lw_tile_finding finding;
-    lw_support_ok(lw_tile_check_take(w->check, &tile, w->known[session], &finding), NULL);
+    lw_support_ok(lw_tile_check_take(w->check, &tile, w->known[session], w->held[session], &finding), NULL);
     return finding;
 }
 
@@ -125,6 +129,50 @@ static void test_deltas(void **state) {
     assert_int_equal(take(&w, 0, black_tile(4, 3)).verdict, LW_TILE_GOOD);
     assert_int_equal(take(&w, 1, black_tile(4, 3)).verdict, LW_TILE_GOOD);
     assert_int_equal(lw_tile_check_decoded(w.check), 4);
+    finish_world(&w);
+}
+
+/* Two who are followed hold the same light, whether it came whole or as deltas; of who comes by another way it is told. */
+static void test_light_of_those_who_are_followed(void **state) {
+    (void)state;
+    struct world w;
+    struct lw_tile_codec *codec;
+    static struct lw_tile_dct_history history;
+    static float rgb[LW_TILE_TEXELS_MAX * 3];
+    static uint8_t bytes[3][2][1 << 17];
+    struct lw_message_tile whole[3], delta[3];
+    init_world(&w, false);
+    for (int i = 0; i < 2; i++) lw_support_ok(lw_tile_held_create(&w.map, &w.held[i]), NULL);
+    assert_true(lw_tile_codec_bound() <= sizeof bytes[0][0]);
+    lw_support_ok(lw_tile_codec_create(&codec), NULL);
+    for (uint32_t v = 0; v < 3; v++) {
+        struct lw_tile_dct_coded coded;
+        for (uint32_t i = 0; i < LW_TILE_TEXELS_MAX * 3; i++) rgb[i] = 1 + 0.1f * (float)(i % 7 * (v + 1));
+        lw_support_ok(lw_tile_codec_encode_dct(
+                          codec,
+                          &(struct lw_tile_dct_source){
+                              .rgb = rgb, .width = LW_TILE_SIDE, .height = LW_TILE_SIDE, .step = 0.25f},
+                          &history, bytes[v][0], bytes[v][1], sizeof bytes[0][0], &coded),
+                      NULL);
+        whole[v] = (struct lw_message_tile){.version = v + 1,
+                                            .codec = LW_TILE_CODEC_DCT,
+                                            .scale = coded.scale,
+                                            .payload = bytes[v][0],
+                                            .payload_size = coded.size};
+        delta[v] = whole[v];
+        delta[v].base = v;
+        delta[v].payload = bytes[v][1];
+        delta[v].payload_size = coded.delta_size;
+    }
+    assert_int_equal(take(&w, 0, whole[0]).verdict, LW_TILE_GOOD);
+    assert_int_equal(take(&w, 0, delta[1]).verdict, LW_TILE_GOOD);
+    assert_int_equal(take(&w, 1, whole[1]).verdict, LW_TILE_GOOD);
+    assert_int_equal(take(&w, 0, delta[2]).verdict, LW_TILE_GOOD);
+    assert_int_equal(lw_tile_check_decoded(w.check), 4);
+    struct lw_message_tile other = whole[0]; /* sound bytes, but not the light of version 3 */
+    other.version = 3;
+    assert_int_equal(take(&w, 1, other).verdict, LW_TILE_DIFFERENT);
+    lw_tile_codec_destroy(codec);
     finish_world(&w);
 }
 
@@ -209,6 +257,7 @@ int main(void) {
         cmocka_unit_test(test_good_tiles_are_decoded_once),
         cmocka_unit_test(test_versions_that_were_forgotten),
         cmocka_unit_test(test_deltas),
+        cmocka_unit_test(test_light_of_those_who_are_followed),
         cmocka_unit_test(test_bad_tiles),
         cmocka_unit_test(test_versions_only_grow),
         cmocka_unit_test(test_one_version_is_one_content),
