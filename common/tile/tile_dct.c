@@ -16,10 +16,11 @@
 #define SCALE_MIN     0x1p-60f
 #define LIGHT_MAX     0x1p100f
 #define RICE_K_MAX    16u
-#define GRID_LENGTH_K 4u    /* of the length of the means' block, which nothing predicts */
-#define SURPRISE_K    3u    /* of the length of a block among empty ones */
-#define GAIN_MAX      127.0 /* 2^(127/512): a factor of 1.19 */
-#define FINER_Q       8u    /* half the step */
+#define GRID_LENGTH_K 4u      /* of the length of the means' block, which nothing predicts */
+#define SURPRISE_K    3u      /* of the length of a block among empty ones */
+#define MEAN_OFF_MAX  0x1p-12 /* of a scale */
+#define GAIN_MAX      127.0   /* 2^(127/512): a factor of 1.19 */
+#define FINER_Q       8u      /* half the step */
 #define LEVEL_MAX     ((1 << LW_TILE_BITS_RAW) - 1)
 #define KEPT_MAX      32767
 #define NEAR_SCALE    2.0f /* a history serves as long as its scale */
@@ -413,7 +414,7 @@ static void scales_of(float scale, const int8_t gain[3], float out[3]) {
     for (int c = 0; c < 3; c++) out[c] = scale * exp2f((float)gain[c] / LW_TILE_DCT_GAIN_UNIT);
 }
 
-static float step_of(uint32_t q) { return exp2f((float)q / -8.0f); }
+static float step_of(uint32_t q) { return exp2f(1 - (float)q / 8); }
 
 bool lw_tile_dct_decode(struct lw_tile_dct *dct, uint32_t kind, const uint8_t *src, size_t src_size,
                         float scale, uint32_t width, uint32_t height, struct lw_tile_dct_levels *levels,
@@ -615,12 +616,11 @@ LW_WIDE static void find_change(struct lw_tile_dct *dct, const int16_t *kept, ui
 }
 
 /* A mean of logarithms is under the logarithm of the mean, so what was noise has become darker. One factor per channel
- * makes up for it. False if no gain does. */
-static bool choose_gain(double was, double is, uint8_t *out_gain) {
+ * makes up for it. False if no gain does, and the mean is off by more than black. */
+static bool choose_gain(double was, double is, double black, uint8_t *out_gain) {
     *out_gain = 0;
-    if (!(was > 0) || !(is > 0)) return !(was > 0);
-    const double gain = LW_TILE_DCT_GAIN_UNIT * log2(was / is);
-    if (!(fabs(gain) <= GAIN_MAX)) return false;
+    const double gain = was > 0 && is > 0 ? LW_TILE_DCT_GAIN_UNIT * log2(was / is) : (double)INFINITY;
+    if (!(fabs(gain) <= GAIN_MAX)) return fabs(was - is) <= black;
     *out_gain = (uint8_t)(int8_t)lrint(gain);
     return true;
 }
@@ -634,9 +634,9 @@ static size_t finish_payload(uint8_t *dst, uint32_t kind, uint32_t q, const uint
 }
 
 /* With one step; false if it is so coarse that the mean is lost. delta_dst: NULL: what history holds is of no use. */
-static bool encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source *source, bool filled, uint32_t q,
-                   const double sum[3], struct lw_tile_dct_history *history, uint8_t *dst, uint8_t *delta_dst,
-                   struct lw_tile_dct_coded *coded) {
+static bool encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source *source, uint32_t covered_count,
+                   uint32_t q, const double sum[3], struct lw_tile_dct_history *history, uint8_t *dst,
+                   uint8_t *delta_dst, struct lw_tile_dct_coded *coded) {
     const uint32_t width = source->width, height = source->height;
     const float scale = coded->scale;
     struct lw_tile_bits_writer w = {.at = dst + HEADER_SIZE}, delta = {0};
@@ -645,7 +645,7 @@ static bool encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source *sou
     take_logarithms(dct, height, 1 / scale);
     for (int p = 0; p < 3; p++) {
         int16_t *kept = history ? history->levels.plane[p] : NULL;
-        if (!filled) fill_uncovered(dct, dct->plane[p], width, height);
+        if (covered_count < width * height) fill_uncovered(dct, dct->plane[p], width, height);
         quantise_plane(dct, dct->plane[p], width, height, step_of(q), delta_dst ? kept : NULL);
         put_plane(dct, dct->level, width, height, LW_TILE_DCT_INTRA, &w);
         if (delta_dst) {
@@ -658,8 +658,9 @@ static bool encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source *sou
     take_powers(dct, height, (const float[3]){scale, scale, scale});
     uint8_t gain[3];
     bool kept_mean = true;
+    const double black = MEAN_OFF_MAX * (double)scale * covered_count;
     for (int c = 0; c < 3; c++)
-        kept_mean &= choose_gain(sum[c], sum_of(dct, dct->plane[c], height), gain + c);
+        kept_mean &= choose_gain(sum[c], sum_of(dct, dct->plane[c], height), black, gain + c);
     coded->size = finish_payload(dst, LW_TILE_DCT_INTRA, q, gain, &w);
     coded->delta_size = delta_dst && fits ? finish_payload(delta_dst, LW_TILE_DCT_DELTA, q, gain, &delta) : 0;
     if (history) {
@@ -679,7 +680,7 @@ void lw_tile_dct_encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source
                         struct lw_tile_dct_history *history, uint8_t *dst, uint8_t *delta_dst,
                         struct lw_tile_dct_coded *out_coded) {
     const uint32_t width = source->width, height = source->height;
-    const float q_wanted = ceilf(-8 * log2f(source->step > 0 ? source->step : 0x1p-20f));
+    const float q_wanted = ceilf(8 - 8 * log2f(source->step > 0 ? source->step : 0x1p-20f));
     uint32_t q = (uint32_t)clamp(q_wanted, 0, LW_TILE_DCT_STEP_Q_MAX);
     const uint32_t count =
         take_light(dct, source->rgb, source->covered, width, height, &out_coded->saturated);
@@ -693,7 +694,7 @@ void lw_tile_dct_encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source
     }
     if (!continues) delta_dst = NULL;
     /* A few texels that shine hundreds of times as bright as the rest make up the mean: these need a finer step. */
-    while (!encode(dct, source, count == width * height, q, sum, history, dst, delta_dst, out_coded) &&
+    while (!encode(dct, source, count, q, sum, history, dst, delta_dst, out_coded) &&
            q < LW_TILE_DCT_STEP_Q_MAX) {
         q = q + FINER_Q < LW_TILE_DCT_STEP_Q_MAX ? q + FINER_Q : LW_TILE_DCT_STEP_Q_MAX;
         delta_dst = NULL;

@@ -13,8 +13,8 @@
 #define LW_TILE_DCT_INTRA 1u /* builds on no other */
 #define LW_TILE_DCT_DELTA 2u /* adds to the levels of the tile as it was */
 
-/* Steps are 2^(-q/8), in units of log2: from 1 (a factor of two) to 1/256. */
-#define LW_TILE_DCT_STEP_Q_MAX 64u
+/* Steps are 2^(1 - q/8), in units of log2: from 2 (a factor of four) to 1/256. */
+#define LW_TILE_DCT_STEP_Q_MAX 72u
 
 /* Gains are 2^(g/512). */
 #define LW_TILE_DCT_GAIN_UNIT 512
@@ -84,7 +84,7 @@ struct lw_tile_dct_coded {
 /** Encodes a tile that builds on nothing into at most LW_TILE_DCT_BOUND bytes.
  * history    NULL: none is kept. Otherwise it becomes that of this payload; where it holds one that serves, the same tile is
  *            also encoded as what changed since, into delta_dst of the same size: decoded, both are the same bit by bit
- * The mean of each channel over the covered texels is kept to 0.1 %. */
+ * The mean of each channel over the covered texels is kept to 0.1 %, or to 1/4096 of the scale. */
 void lw_tile_dct_encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source *source,
                         struct lw_tile_dct_history *history, uint8_t *dst, uint8_t *delta_dst,
                         struct lw_tile_dct_coded *out_coded);

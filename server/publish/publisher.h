@@ -18,7 +18,7 @@
 /* The lossy codec's step, in units of log2, of a tile with error e: 1.4 times its noise, 1.44 e. What it adds is then a
  * third of the noise's power (docs/results/codec.md). A texel of level l is the mean of 4^l. */
 #define LW_PUBLISHER_STEP_MIN 0x1p-5f /* 1 % or so: under what is seen, and under the error at rest */
-#define LW_PUBLISHER_STEP_MAX 1.0f
+#define LW_PUBLISHER_STEP_MAX 2.0f
 
 static inline float lw_publisher_step(float error, uint32_t level) {
     return fminf(fmaxf(2 * ldexpf(error, -(int)level), LW_PUBLISHER_STEP_MIN), LW_PUBLISHER_STEP_MAX);

@@ -72,7 +72,7 @@ static const struct {
 } invalid[] = {{"invalid_empty", "one_texel", 1000, -1, 0, 0},  {"invalid_cut", "whole", 1, -1, 0, 1},
                {"invalid_cut_twice", "whole", 2, -1, 0, 1},     {"invalid_longer", "whole", 0, 0, 0, 1},
                {"invalid_rest", "one_block", 0, 128, 0, 1},     {"invalid_kind", "one_block", 0, -1, 0, 2},
-               {"invalid_kind_zero", "one_block", 0, -1, 0, 0}, {"invalid_step", "one_block", 0, -1, 1, 65},
+               {"invalid_kind_zero", "one_block", 0, -1, 0, 0}, {"invalid_step", "one_block", 0, -1, 1, 73},
                {"invalid_length", "one_texel", 0, -1, 5, 0x7f}};
 
 /* Deltas, of a tile that grows brighter in one corner: on `valid` of that name. */

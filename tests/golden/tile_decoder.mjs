@@ -132,9 +132,9 @@ function restorePlane(lists, width, height, step) {
 
 // base: the levels of the version that this one builds on, or undefined. Returns texels and levels.
 export function decodeTile(payload, scale, width, height, base) {
-  if (payload.length < 5 || payload[0] !== (base ? 2 : 1) || payload[1] > 64) throw new Error('kind or step');
+  if (payload.length < 5 || payload[0] !== (base ? 2 : 1) || payload[1] > 72) throw new Error('kind or step');
   if (!(scale > 0) || !(scale <= 2 ** 60)) throw new Error('scale');
-  const step = 2 ** (-payload[1] / 8);
+  const step = 2 ** (1 - payload[1] / 8);
   const gain = [2, 3, 4].map((i) => 2 ** (((payload[i] << 24) >> 24) / 512));
   const bits = new Bits(payload.subarray(5));
   const levels = [0, 1, 2].map(() => readPlane(bits, width, height, payload[0]));

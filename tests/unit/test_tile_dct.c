@@ -68,7 +68,7 @@ static const struct {
 static void test_error_follows_the_step(void **state) {
     (void)state;
     const double planes = sqrt(8.0 / 3);
-    const float steps[] = {1, 0.25f, 0.05f, 0x1p-8f};
+    const float steps[] = {2, 1, 0.25f, 0.05f, 0x1p-8f};
     for (size_t s = 0; s < sizeof sizes / sizeof *sizes; s++)
         for (size_t i = 0; i < sizeof steps / sizeof *steps; i++) {
             const uint32_t texels = sizes[s].width * sizes[s].height;
