@@ -418,6 +418,8 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     uint32_t tiles = desc->atlas_map->tile_count;
     shared->changed = malloc((tiles ? tiles : 1) * sizeof *shared->changed);
     enum lw_status status = shared->changed ? make_order(desc->atlas_map, &server->order) : LW_NO_MEMORY;
+    if (status == LW_OK && !(shared->listed = calloc(tiles / 64 + 1, sizeof *shared->listed)))
+        status = LW_NO_MEMORY;
     if (status == LW_OK) status = lw_wanted_init(&shared->wanted, desc->atlas_map);
     shared->order = server->order;
     return status == LW_OK ? compress_package(shared, desc->package, desc->package_size) : status;
@@ -535,6 +537,7 @@ void lw_server_destroy(struct lw_server *server) {
     for (uint32_t i = 0; i < shared->chunk_count; i++) lw_blob_unref(shared->chunk[i]);
     free(shared->chunk);
     free(shared->changed);
+    free(shared->listed);
     free(server->order);
     free_wanted(&server->wanted);
     lw_wanted_finish(&shared->wanted);

@@ -225,20 +225,30 @@ static struct lw_blob *next_blob(struct lw_session *s, bool *out_tile) {
 
 /* ---- interest ---- */
 
-/* Sets or clears a session's bits of listed tiles, and with stand-ins of the coarser ones that cover the same. */
-static void mark(struct lw_session *s, const struct interest *interest, bool on) {
+static size_t bit_words(const struct lw_atlas_map *map) { return (size_t)map->tile_count / 64 + 1; }
+
+/* Sets a tile's bit; returns whether it was set. */
+static bool test_and_set(uint64_t *bits, uint32_t tile) {
+    const uint64_t bit = 1ull << (tile % 64);
+    const bool before = bits[tile / 64] & bit;
+    bits[tile / 64] |= bit;
+    return before;
+}
+
+/* Makes a session's bits those of listed tiles, and with stand-ins of the coarser ones that cover the same. */
+static void mark(struct lw_session *s) {
     const struct lw_atlas_map *map = s->shared->atlas_map;
-    for (uint32_t i = 0; i < interest->tile_count; i++) {
-        const struct lw_tile_place *place = &map->place[interest->tile[i]];
-        const uint32_t levels =
-            interest->stand_ins ? map->atlas[place->object].level_count : place->level + 1;
-        for (uint32_t l = place->level; l < levels; l++) {
-            const uint32_t up = l - place->level,
-                           id = lw_atlas_map_find(map, place->object, l, place->x >> up, place->y >> up).v;
-            if (on)
-                s->wanted[id / 64] |= 1ull << (id % 64);
-            else
-                s->wanted[id / 64] &= ~(1ull << (id % 64));
+    memset(s->wanted, 0, bit_words(map) * sizeof *s->wanted);
+    for (uint32_t i = 0; i < s->interest.tile_count; i++) {
+        const uint32_t listed = s->interest.tile[i];
+        const struct lw_tile_place *place = &map->place[listed];
+        /* above a tile that has its bit all have theirs */
+        if (test_and_set(s->wanted, listed) || !s->interest.stand_ins) continue;
+        for (uint32_t l = place->level + 1; l < map->atlas[place->object].level_count; l++) {
+            const uint32_t up = l - place->level;
+            if (test_and_set(s->wanted,
+                             lw_atlas_map_find(map, place->object, l, place->x >> up, place->y >> up).v))
+                break;
         }
     }
 }
@@ -261,11 +271,10 @@ static void count_out(struct lw_session *s, const struct interest *interest) {
 static void take_up_interest(struct lw_session *s) {
     const struct lw_atlas_map *map = s->shared->atlas_map;
     struct interest before = s->interest;
-    if (s->wanted) mark(s, &before, false);
     if (s->waiting.everything) {
         free(s->wanted);
         s->wanted = NULL;
-    } else if (!s->wanted && !(s->wanted = calloc(map->tile_count / 64 + 1, sizeof *s->wanted))) {
+    } else if (!s->wanted && !(s->wanted = calloc(bit_words(map), sizeof *s->wanted))) {
         lw_session_close(s, "out of memory");
         return;
     }
@@ -273,7 +282,7 @@ static void take_up_interest(struct lw_session *s) {
     s->waiting = (struct interest){0};
     s->has_waiting = false;
     s->interest_epoch = s->shared->epoch;
-    if (s->wanted) mark(s, &s->interest, true);
+    if (s->wanted) mark(s);
     if (s->state == STREAMING) { /* in this order, so that what is still wanted never counts as unwanted */
         count_in(s, &s->interest);
         count_out(s, &before);
@@ -630,11 +639,6 @@ static void handle_package_request(struct lw_session *s, uint64_t offset) {
     count_in(s, &s->interest);
 }
 
-static int by_id(const void *a, const void *b) {
-    const uint32_t x = *(const uint32_t *)a, y = *(const uint32_t *)b;
-    return (x > y) - (x < y);
-}
-
 /* Notes what a session wants. A peer may say so as often as it likes: the first one holds at once, later ones wait for the
  * next snapshot or tick, the last of them alone. */
 static void handle_interest(struct lw_session *s, const struct lw_message_interest *said) {
@@ -655,10 +659,10 @@ static void handle_interest(struct lw_session *s, const struct lw_message_intere
         }
         interest.tile[i] = id;
     }
-    if (said->tile_count) qsort(interest.tile, said->tile_count, sizeof *interest.tile, by_id);
+    uint64_t *listed = s->shared->listed;
     for (size_t i = 0; i < said->tile_count; i++)
-        if (i == 0 || interest.tile[i] != interest.tile[i - 1])
-            interest.tile[interest.tile_count++] = interest.tile[i];
+        if (!test_and_set(listed, interest.tile[i])) interest.tile[interest.tile_count++] = interest.tile[i];
+    for (uint32_t i = 0; i < interest.tile_count; i++) listed[interest.tile[i] / 64] = 0;
     free(s->waiting.tile);
     s->waiting = interest;
     s->has_waiting = true;

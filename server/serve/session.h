@@ -22,6 +22,7 @@ struct lw_session_shared {
     struct lw_blob **chunk;            /* the compressed package, cut into LW_SESSION_CHUNK bytes */
     uint32_t chunk_count;
     const uint32_t *order;        /* tile ids: every object's coarsest level first */
+    uint64_t *listed;             /* bit per tile, all 0: for whoever looks for those that a list has twice */
     struct lw_wanted wanted;      /* by all sessions that are streamed to */
     const struct lw_scene *scene; /* what updates are checked against; NULL: there are none */
     struct lw_updates updates;    /* of all sessions */

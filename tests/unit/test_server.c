@@ -530,9 +530,10 @@ static void test_stand_ins(void **state) {
     (void)state;
     struct fixture *f = start(&(struct lw_server_desc){0});
     int s = dial_and_greet(f);
-    const struct lw_message_interest_tile wanted[] = {{1, 0, 7}, {1, 0, 7}, {1, 1, 0}};
+    /* one twice; one before and one after those that it stands in for */
+    const struct lw_message_interest_tile wanted[] = {{1, 3, 0}, {1, 0, 7}, {1, 0, 7}, {1, 1, 0}, {1, 2, 0}};
     put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST,
-                                .interest = {.tile = wanted, .tile_count = 3, .stand_ins = true}});
+                                .interest = {.tile = wanted, .tile_count = 5, .stand_ins = true}});
     ask_for_package(s, PACKAGE_SIZE);
     publish(f, make_snapshot(f, 1, 0));
     struct lw_message m;
