@@ -134,8 +134,8 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "it",
          LW_OPTION_CHOICE, &s->light, 0, 0, NULL},
         {"codec", "half|dct",
-         "dct: tiles as exact as their noise lets them be (default). half: 16-bit floats, six to ten times "
-         "the bytes, for clients that read nothing else",
+         "dct: tiles as exact as their noise lets them be (default). half: 16-bit floats, twenty to "
+         "sixty times the bytes, for clients that read nothing else",
          LW_OPTION_CHOICE, &s->codec, 0, 0, NULL},
         {"link-rate", "MBIT",
          "megabits per second to each client at most; a client may ask for less (default: what its link "

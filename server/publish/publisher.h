@@ -15,13 +15,17 @@
 /* But bits are not spent on noise: what moves by less than this share of the tile's own error tells nothing. */
 #define LW_PUBLISHER_NOISE_SHARE 0.25f
 
-/* The lossy codec's step, in units of log2, of a tile with error e: 1.4 times its noise, 1.44 e. What it adds is then a
- * third of the noise's power (docs/results/codec.md). A texel of level l is the mean of 4^l. */
-#define LW_PUBLISHER_STEP_MIN 0x1p-5f /* 1 % or so: under what is seen, and under the error at rest */
-#define LW_PUBLISHER_STEP_MAX 2.0f
+/* The lossy codec's step, in units of log2, of a tile with error e: 1.4 times the noise, 1.44 e, that the light had before it
+ * was filtered. What it adds to a view is then a third of the noise that is left (docs/results/codec.md). A texel of level l is the
+ * mean of 4^l. Views read level 0, where seams are welded, once its error is low: from there on half as wide a step keeps the two
+ * sides of a seam together. */
+#define LW_PUBLISHER_STEP_MIN   0x1p-5f /* 1 % or so: under what is seen, and under the error at rest */
+#define LW_PUBLISHER_STEP_MAX   2.0f
+#define LW_PUBLISHER_FINE_ERROR 0.1f
 
 static inline float lw_publisher_step(float error, uint32_t level) {
-    return fminf(fmaxf(2 * ldexpf(error, -(int)level), LW_PUBLISHER_STEP_MIN), LW_PUBLISHER_STEP_MAX);
+    const float step = level == 0 && error < LW_PUBLISHER_FINE_ERROR ? error : 2 * ldexpf(error, -(int)level);
+    return fminf(fmaxf(step, LW_PUBLISHER_STEP_MIN), LW_PUBLISHER_STEP_MAX);
 }
 
 /* White is the E that 99 % of the values of coarse texels are under; what has under this share of it looks black beside it, and
@@ -39,7 +43,8 @@ struct lw_publisher_desc {
 };
 
 struct lw_publisher_stats {
-    uint64_t tiles_encoded, bytes_encoded; /* of this frame */
+    uint64_t tiles_encoded;
+    uint64_t bytes_encoded; /* of this frame, for a client that has the tiles of the one before */
     uint64_t levels_ns, encode_ns;
     uint64_t saturated; /* channels that did not fit the tile codec's range, so far */
 };
