@@ -138,6 +138,8 @@ static void adopt(struct lw_server *server, struct lw_snapshot *snapshot) {
     struct lw_session_shared *shared = &server->shared;
     assert(snapshot->tile_count == shared->atlas_map->tile_count);
     shared->changed_count = find_changed(shared->snapshot, snapshot, server->order, shared->changed);
+    for (uint32_t i = 0; i < shared->changed_count; i++)
+        lw_deltas_add(&shared->deltas, shared->changed[i], &snapshot->tile[shared->changed[i]]);
     lw_snapshot_unref(shared->snapshot);
     shared->snapshot = snapshot;
     shared->generation++;
@@ -421,6 +423,7 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     if (status == LW_OK && !(shared->listed = calloc(tiles / 64 + 1, sizeof *shared->listed)))
         status = LW_NO_MEMORY;
     if (status == LW_OK) status = lw_wanted_init(&shared->wanted, desc->atlas_map);
+    if (status == LW_OK) status = lw_deltas_init(&shared->deltas, tiles);
     shared->order = server->order;
     return status == LW_OK ? compress_package(shared, desc->package, desc->package_size) : status;
 }
@@ -541,6 +544,7 @@ void lw_server_destroy(struct lw_server *server) {
     free(server->order);
     free_wanted(&server->wanted);
     lw_wanted_finish(&shared->wanted);
+    lw_deltas_finish(&shared->deltas);
     lw_updates_finish(&shared->updates);
     uv_mutex_destroy(&shared->stats_mutex);
     uv_mutex_destroy(&server->mutex);

@@ -182,9 +182,13 @@ static struct lw_blob *next_tile(struct lw_session *s) {
         s->walk_left--;
         const struct lw_snapshot_tile *tile = &shared->snapshot->tile[id];
         if (!tile->blob || tile->version <= s->sent[id] || !is_wanted(s, id)) continue;
-        const bool builds_on = tile->delta && s->sent[id] == tile->base;
-        s->sent[id] = tile->version;
-        return lw_blob_ref(builds_on ? tile->delta : tile->blob);
+        const struct lw_delta *delta = lw_deltas_next(&shared->deltas, id, s->sent[id], tile->blob->size);
+        s->sent[id] = delta ? delta->version : tile->version;
+        if (s->sent[id] < tile->version) { /* the next delta follows at once */
+            s->walk_cursor--;
+            s->walk_left++;
+        }
+        return lw_blob_ref(delta ? delta->blob : tile->blob);
     }
     return NULL;
 }

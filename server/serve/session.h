@@ -5,6 +5,7 @@
 #define LW_SERVE_SESSION_H
 
 #include "common/histogram.h"
+#include "server/serve/deltas.h"
 #include "server/serve/server.h"
 #include "server/serve/updates.h"
 #include "server/serve/wanted.h"
@@ -31,6 +32,7 @@ struct lw_session_shared {
     uint64_t generation;          /* counts the snapshots that the loop has seen */
     uint32_t *changed; /* tile ids, in order, that the newest snapshot changed against the one before */
     uint32_t changed_count;
+    struct lw_deltas deltas; /* that lead to the newest snapshot */
     struct lw_session_recent {
         uint64_t frame, at_ns;
     } recent[LW_SESSION_RECENT]; /* by generation: when the loop got each of the last snapshots */

@@ -501,6 +501,52 @@ static void expect_settled(int s, uint64_t frame) {
 }
 
 /* Once per frame, after its last tile; again after an INTEREST. */
+/* Whoever has fallen behind by two versions takes two deltas, if they are fewer bytes than the tile. */
+static void test_deltas_to_catch_up(void **state) {
+    (void)state;
+    enum { FRAMES = 4 };
+    static const uint8_t little[100] = {1};
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    struct lw_message_welcome welcome;
+    struct lw_message m;
+    close(dial_again(f, &welcome));
+    for (uint64_t frame = 1; frame <= FRAMES; frame++) { /* of tile 0 of object 0 there are deltas */
+        struct lw_snapshot *snapshot = make_snapshot(f, frame, frame - 1);
+        if (frame > 1) {
+            snapshot->tile[0].base = frame - 1;
+            snapshot->tile[0].delta = blob_of(&(struct lw_message){.type = LW_MESSAGE_TILE,
+                                                                   .tile = {.version = frame,
+                                                                            .base = frame - 1,
+                                                                            .codec = 3,
+                                                                            .scale = 1,
+                                                                            .payload = little,
+                                                                            .payload_size = sizeof little}});
+        }
+        publish(f, snapshot);
+        int s = dial_and_stream(f); /* so that the loop has seen it */
+        expect_frame(s, frame, 1);
+        close(s);
+    }
+    static const struct lw_message_interest_tile wanted[] = {{0, 0, 0}};
+    for (uint64_t held = 1; held < FRAMES; held++) {
+        const struct lw_message_held tile[] = {{0, 0, 0, held}};
+        int s = dial_again(f, &welcome);
+        put(s,
+            &(struct lw_message){.type = LW_MESSAGE_INTEREST, .interest = {.tile = wanted, .tile_count = 1}});
+        put(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {tile, 1}});
+        ask_for_package(s, welcome.package_compressed_size);
+        expect_frame(s, FRAMES, 1);
+        for (uint64_t version = held + 1; version <= FRAMES; version++) {
+            expect(s, LW_MESSAGE_TILE, &m);
+            assert_true(m.tile.version == version && m.tile.base == version - 1);
+            lw_message_finish(&m);
+        }
+        expect_silence(s, 20);
+        close(s);
+    }
+    end(f);
+}
+
 static void test_settled(void **state) {
     (void)state;
     struct fixture *f = start(&(struct lw_server_desc){0});
@@ -1514,6 +1560,7 @@ int main(void) {
         cmocka_unit_test(test_what_is_held_is_not_sent),
         cmocka_unit_test(test_newer_snapshot),
         cmocka_unit_test(test_deltas),
+        cmocka_unit_test(test_deltas_to_catch_up),
         cmocka_unit_test(test_settled),
         cmocka_unit_test(test_interest),
         cmocka_unit_test(test_stand_ins),
