@@ -187,7 +187,8 @@ static enum lw_status decode(struct lw_replica *r, const struct lw_message_tile 
     if (t->codec != LW_TILE_CODEC_DCT) {
         free(*levels);
         *levels = NULL;
-    } else if (!*levels && !(*levels = aligned_alloc(_Alignof(struct lw_tile_dct_levels), sizeof **levels))) {
+    } else if (!*levels && !(*levels = aligned_alloc(_Alignof(struct lw_tile_dct_levels),
+                                                     lw_tile_dct_levels_size(place->height)))) {
         return LW_NO_MEMORY;
     }
     return lw_tile_codec_decode(r->codec, t->codec, t->payload, t->payload_size, t->scale, place->width,

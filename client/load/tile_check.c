@@ -118,7 +118,7 @@ static enum lw_status follow(struct lw_tile_check *check, const struct lw_messag
     enum lw_status status = LW_BAD_DATA;
     check->decoded_count++;
     if (!t->base && t->codec == LW_TILE_CODEC_DCT && !*levels &&
-        !(*levels = aligned_alloc(_Alignof(struct lw_tile_dct_levels), sizeof **levels)))
+        !(*levels = aligned_alloc(_Alignof(struct lw_tile_dct_levels), lw_tile_dct_levels_size(p->height))))
         return LW_NO_MEMORY;
     if (!t->base)
         status = lw_tile_codec_decode(check->codec, t->codec, t->payload, t->payload_size, t->scale, p->width,

@@ -4,6 +4,7 @@
 #include "common/wide.h"
 
 #include <math.h>
+#include <stddef.h>
 #include <string.h>
 
 #define SIDE          LW_TILE_DCT_SIDE
@@ -221,6 +222,20 @@ LW_WIDE_INLINE struct span span_of(uint32_t bx, uint32_t by, uint32_t width, uin
 
 LW_WIDE_INLINE uint32_t blocks(uint32_t texels) { return (texels + SIDE - 1) / SIDE; }
 
+/* ---- levels that are kept ---- */
+
+LW_WIDE_INLINE uint32_t plane_levels(uint32_t height) { return blocks(height) * GRID * BLOCK_TEXELS; }
+
+static int16_t *plane_of(struct lw_tile_dct_levels *levels, int plane, uint32_t height) {
+    return levels->level + (uint32_t)plane * plane_levels(height);
+}
+
+size_t lw_tile_dct_levels_size(uint32_t height) { return 3 * plane_levels(height) * sizeof(int16_t); }
+
+size_t lw_tile_dct_history_size(uint32_t height) {
+    return offsetof(struct lw_tile_dct_history, levels) + lw_tile_dct_levels_size(height);
+}
+
 /* ---- levels as bits ---- */
 
 /* Of a number that is likely as large as the two before it, or as the lengths of the blocks beside it: bits of a third. */
@@ -427,7 +442,8 @@ bool lw_tile_dct_decode(struct lw_tile_dct *dct, uint32_t kind, const uint8_t *s
     struct lw_tile_bits_reader r = {.at = src + HEADER_SIZE, .end = src + src_size};
     for (int p = 0; p < 3; p++) {
         if (!get_plane(dct, width, height, kind, &r)) return false;
-        if (levels && !keep_levels(dct, levels->plane[p], width, height, is_delta) && is_delta) return false;
+        if (levels && !keep_levels(dct, plane_of(levels, p, height), width, height, is_delta) && is_delta)
+            return false;
         restore_plane(dct, dct->plane[p], width, height, step_of(src[1]));
     }
     if (!lw_tile_bits_is_at_end(&r)) return false;
@@ -644,7 +660,7 @@ static bool encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source *sou
     bool fits = true;
     take_logarithms(dct, height, 1 / scale);
     for (int p = 0; p < 3; p++) {
-        int16_t *kept = history ? history->levels.plane[p] : NULL;
+        int16_t *kept = history ? plane_of(&history->levels, p, height) : NULL;
         if (covered_count < width * height) fill_uncovered(dct, dct->plane[p], width, height);
         quantise_plane(dct, dct->plane[p], width, height, step_of(q), delta_dst ? kept : NULL);
         put_plane(dct, dct->level, width, height, LW_TILE_DCT_INTRA, &w);

@@ -44,17 +44,23 @@ struct lw_tile_dct {
 void lw_tile_dct_init(struct lw_tile_dct *dct);
 
 /** The levels of a tile, kept so that a later payload can say by how much they differ: three planes in the order of
- * lw_tile_dct.level, 24 KB. Levels beyond 16 bits are kept as the nearest; nothing may build on such a tile. */
+ * lw_tile_dct.level, each as many rows of blocks as the tile has. Levels beyond 16 bits are kept as the nearest; nothing may
+ * build on such a tile. */
 struct lw_tile_dct_levels {
-    _Alignas(64) int16_t plane[3][LW_TILE_DCT_PLANE_LEVELS];
+    _Alignas(64) int16_t level[3 * LW_TILE_DCT_PLANE_LEVELS];
 };
 
 /** What an encoder keeps of a tile from one payload to the next; zero: nothing yet. */
 struct lw_tile_dct_history {
-    struct lw_tile_dct_levels levels;
     float scale; /* 0: there is nothing to build on */
     uint32_t q;  /* of the step */
+    struct lw_tile_dct_levels levels;
 };
+
+/** Bytes at the beginning of either that a tile of this height needs: 24 KB for 64 texels. No others are touched, so that one
+ * may have as little memory (aligned_alloc(), a multiple of 64). */
+size_t lw_tile_dct_levels_size(uint32_t height);
+size_t lw_tile_dct_history_size(uint32_t height);
 
 /** Texels to be encoded, and how.
  * rgb        width * height, at most LW_TILE_SIDE each, of 3 floats

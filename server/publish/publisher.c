@@ -163,8 +163,10 @@ static enum lw_status encode_tile(struct lw_publisher *p, struct worker *worker,
                                          worker->payload, lw_tile_codec_bound(), &out_coded->size,
                                          &out_coded->scale, &out_coded->saturated);
     }
-    if (!sent->history && !(sent->history = aligned_alloc(64, sizeof *sent->history))) return LW_NO_MEMORY;
-    if (!sent->version) memset(sent->history, 0, sizeof *sent->history);
+    const size_t size = lw_tile_dct_history_size(place->height);
+    if (!sent->history && !(sent->history = aligned_alloc(_Alignof(struct lw_tile_dct_history), size)))
+        return LW_NO_MEMORY;
+    if (!sent->version) memset(sent->history, 0, size);
     return lw_tile_codec_encode_dct(
         worker->codec,
         &(struct lw_tile_dct_source){worker->rgb, worker->covered, place->width, place->height,
@@ -460,6 +462,6 @@ size_t lw_publisher_memory_bytes(const struct lw_publisher *p) {
         if (p->sent[t].rgb)
             bytes += (size_t)p->desc.atlas_map->place[t].width * p->desc.atlas_map->place[t].height * 12 +
                      p->sent[t].blob->size + (p->sent[t].delta ? p->sent[t].delta->size : 0) +
-                     (p->sent[t].history ? sizeof *p->sent[t].history : 0);
+                     (p->sent[t].history ? lw_tile_dct_history_size(p->desc.atlas_map->place[t].height) : 0);
     return bytes;
 }

@@ -20,8 +20,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
     float *rgb = malloc(values * sizeof *rgb + 1); /* of this size, so that ASan sees a write past the tile */
     require(rgb != NULL);
     static struct lw_tile_dct_levels levels;
-    for (uint32_t i = 0; i < LW_TILE_DCT_PLANE_LEVELS; i++)
-        for (uint32_t p = 0; p < 3; p++) levels.plane[p][i] = (int16_t)(i * 7919 + p);
+    for (uint32_t i = 0; i < 3 * LW_TILE_DCT_PLANE_LEVELS; i++) levels.level[i] = (int16_t)(i * 7919);
     enum lw_status status = (bytes[0] & 128 ? lw_tile_codec_decode_delta : lw_tile_codec_decode)(
         codec, number, bytes + 3, size - 3, 0x1p60f, width, height, &levels, rgb);
     require(status == LW_OK || status == LW_BAD_DATA);

@@ -246,10 +246,10 @@ static void test_sums_have_a_limit(void **state) {
     /* Plane Y of one texel, lowest bit first: n = 1 as rice(4): 0, 1000; m = 0 as rice(0): 0; sign 0. Planes O and P: n = 0. */
     delta[5] = 1u << 1;
     for (int at = 32765; at <= 32767; at++) {
-        levels.plane[0][0] = (int16_t)at;
+        levels.level[0] = (int16_t)at;
         const bool fits = lw_tile_dct_decode(&dct, LW_TILE_DCT_DELTA, delta, 8, 1, 1, 1, &levels, back);
         assert_int_equal(fits, at < 32767);
-        if (fits) assert_int_equal(levels.plane[0][0], at + 1);
+        if (fits) assert_int_equal(levels.level[0], at + 1);
     }
 }
 
