@@ -5,11 +5,15 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define LOOP_S       4.0f
-#define KEYS         32u /* per turn: the chords of a circle are within 0.5 % of it */
-#define CIRCLE_SHARE 0.05f
-#define SWING        (5.0f * LW_PI / 180)
-#define OBJECT_SHARE 0.5f
+#define LOOP_S 4.0f
+#define KEYS   32u /* per turn: the chords of a circle are within 0.5 % of it */
+/* Of the scene's longest side: a light's circle, and the smallest to which it shrinks to keep away from surfaces. */
+#define CIRCLE_SHARE       0.05f
+#define CIRCLE_SHARE_LEAST 0.005f
+/* So many times nearer than its radius a circle may come to a surface: there the light of a point has no bound. */
+#define CIRCLE_NEAREST 10.0f
+#define SWING          (5.0f * LW_PI / 180)
+#define OBJECT_SHARE   0.5f
 
 enum { CARRIES_LIGHT = 1, CARRIES_OBJECT = 2, CARRIES_CAMERA = 4 };
 
@@ -146,6 +150,48 @@ static enum lw_status turn(struct lw_scene *scene, const struct lw_pose *pose, u
     return LW_OK;
 }
 
+/* From a point to the nearest of a segment. */
+static float distance_to_edge(struct lw_vec3 p, struct lw_vec3 a, struct lw_vec3 b) {
+    const struct lw_vec3 ab = lw_vec3_sub(b, a);
+    const float length2 = lw_vec3_dot(ab, ab);
+    const float t = length2 > 0 ? fminf(1, fmaxf(0, lw_vec3_dot(lw_vec3_sub(p, a), ab) / length2)) : 0;
+    return lw_vec3_length(lw_vec3_sub(p, lw_vec3_mad(a, ab, t)));
+}
+
+static float distance_to_triangle(struct lw_vec3 p, const struct lw_vec3 v[3]) {
+    const struct lw_vec3 n = lw_vec3_cross(lw_vec3_sub(v[1], v[0]), lw_vec3_sub(v[2], v[0]));
+    float nearest = INFINITY;
+    bool above = true; /* inside the prism over it */
+    for (int k = 0; k < 3; k++) {
+        const struct lw_vec3 a = v[k], b = v[(k + 1) % 3];
+        nearest = fminf(nearest, distance_to_edge(p, a, b));
+        above &= lw_vec3_dot(lw_vec3_cross(n, lw_vec3_sub(b, a)), lw_vec3_sub(p, a)) > 0;
+    }
+    return above ? fabsf(lw_vec3_dot(n, lw_vec3_sub(p, v[0]))) / lw_vec3_length(n) : nearest;
+}
+
+/* m in world space, to any surface. */
+static float distance_to_scene(const struct lw_scene *scene, const struct lw_pose *pose, struct lw_vec3 p) {
+    float nearest = INFINITY;
+    for (uint32_t o = 0; o < scene->object_count; o++) {
+        const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
+        for (uint32_t t = 0; t < mesh->triangle_count; t++) {
+            struct lw_vec3 v[3];
+            for (int k = 0; k < 3; k++)
+                v[k] = lw_affine_point(&pose->object_to_world[o], mesh->position[mesh->triangle[t][k]]);
+            nearest = fminf(nearest, distance_to_triangle(p, v));
+        }
+    }
+    return nearest;
+}
+
+/* All of the circle around a point stays clear of surfaces, if there is room for any. */
+static float clear_radius(const struct lw_scene *scene, const struct lw_pose *pose, struct lw_vec3 centre,
+                          float longest_m) {
+    const float room = distance_to_scene(scene, pose, centre) * CIRCLE_NEAREST / (CIRCLE_NEAREST + 1);
+    return fminf(CIRCLE_SHARE * longest_m, fmaxf(CIRCLE_SHARE_LEAST * longest_m, room));
+}
+
 static enum lw_status move_a_light(struct lw_scene *scene, const struct lw_pose *pose, float longest_m,
                                    const char **out_name, struct lw_error *err) {
     uint32_t best = LW_SCENE_NONE, sun = LW_SCENE_NONE, lamp = LW_SCENE_NONE;
@@ -164,8 +210,8 @@ static enum lw_status move_a_light(struct lw_scene *scene, const struct lw_pose 
     }
     if (best != LW_SCENE_NONE) {
         *out_name = scene->light[best].name;
-        return circle(scene, pose, scene->light[best].node, CIRCLE_SHARE * longest_m,
-                      &scene->light[best].node);
+        const float radius = clear_radius(scene, pose, pose->light[best].position_ws, longest_m);
+        return circle(scene, pose, scene->light[best].node, radius, &scene->light[best].node);
     }
     if (lamp != LW_SCENE_NONE) {
         *out_name = scene->object[lamp].name;

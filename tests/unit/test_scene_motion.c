@@ -167,6 +167,33 @@ static void an_object_turns_in_place(void **state) {
     lw_scene_destroy(scene);
 }
 
+/* Beside an upright square: a full circle would pass through it. */
+static void a_light_keeps_clear_of_surfaces(void **state) {
+    (void)state;
+    struct lw_scene *scene = lw_support_squares(3, 1);
+    const uint32_t o = scene->object[1].node, l = scene->light[0].node;
+    const float wide[3] = {40, 1, 40}, up[4] = {0, 0, 0.70710678f, 0.70710678f}; /* upright, 40 m long */
+    memcpy(scene->node[o].scale, wide, sizeof wide);
+    memcpy(scene->node[o].rotation, up, sizeof up);
+    memcpy(scene->node[l].translation, scene->node[o].translation, sizeof wide);
+    scene->node[l].translation[0] += 0.6f; /* off its plane */
+    set(scene, LW_SCENE_MOTION_LIGHT);
+    struct lw_pose pose;
+    lw_support_ok(lw_pose_init(&pose, scene), NULL);
+    float nearest = INFINITY, farthest = 0;
+    for (int k = 0; k < 64; k++) {
+        lw_pose_evaluate(&pose, scene, k * scene->duration_s / 64);
+        const float off = pose.light[0].position_ws.x - scene->node[o].translation[0];
+        nearest = fminf(nearest, off);
+        farthest = fmaxf(farthest, off);
+    }
+    const float radius = (farthest - nearest) / 2;
+    assert_true(radius > 0.53f && radius < 0.56f);
+    assert_true(nearest > 0.99f * radius / 10);
+    lw_pose_finish(&pose);
+    lw_scene_destroy(scene);
+}
+
 static void a_scene_that_cannot_is_refused(void **state) {
     (void)state;
     struct lw_scene_motion_report report;
@@ -184,9 +211,9 @@ static void a_scene_that_cannot_is_refused(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_scene_keeps_what_belongs),     cmocka_unit_test(a_still_scene_gets_one_mover),
-        cmocka_unit_test(a_light_goes_round_level),       cmocka_unit_test(an_object_turns_in_place),
-        cmocka_unit_test(a_scene_that_cannot_is_refused),
+        cmocka_unit_test(a_scene_keeps_what_belongs),      cmocka_unit_test(a_still_scene_gets_one_mover),
+        cmocka_unit_test(a_light_goes_round_level),        cmocka_unit_test(an_object_turns_in_place),
+        cmocka_unit_test(a_light_keeps_clear_of_surfaces), cmocka_unit_test(a_scene_that_cannot_is_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
