@@ -182,7 +182,7 @@ static void a_light_keeps_clear_of_surfaces(void **state) {
     lw_support_ok(lw_pose_init(&pose, scene), NULL);
     float nearest = INFINITY, farthest = 0;
     for (int k = 0; k < 64; k++) {
-        lw_pose_evaluate(&pose, scene, k * scene->duration_s / 64);
+        lw_pose_evaluate(&pose, scene, k * (double)scene->duration_s / 64);
         const float off = pose.light[0].position_ws.x - scene->node[o].translation[0];
         nearest = fminf(nearest, off);
         farthest = fmaxf(farthest, off);
