@@ -108,3 +108,13 @@ void lw_atomic_file_abandon(struct lw_atomic_file *file) {
     if (file->temporary_path) unlink(file->temporary_path);
     release(file);
 }
+
+enum lw_status lw_atomic_file_save(const char *path, const void *bytes, size_t size, struct lw_error *err) {
+    struct lw_atomic_file file;
+    enum lw_status status = lw_atomic_file_open(&file, path, err);
+    if (status != LW_OK) return status;
+    status = lw_atomic_file_write(&file, bytes, size, err);
+    if (status == LW_OK) return lw_atomic_file_commit(&file, err);
+    lw_atomic_file_abandon(&file);
+    return status;
+}

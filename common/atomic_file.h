@@ -32,6 +32,10 @@ LW_MUST_CHECK enum lw_status lw_atomic_file_write_at(struct lw_atomic_file *file
  * Errors: LW_IO or LW_CANNOT_CREATE naming the path. */
 LW_MUST_CHECK enum lw_status lw_atomic_file_commit(struct lw_atomic_file *file, struct lw_error *err);
 
+/** A file of these bytes: open, write, commit. Errors: theirs. */
+LW_MUST_CHECK enum lw_status lw_atomic_file_save(const char *path, const void *bytes, size_t size,
+                                                 struct lw_error *err);
+
 /** Removes what was written and ends `file`; harmless after commit and on {.fd = -1}. */
 void lw_atomic_file_abandon(struct lw_atomic_file *file);
 

@@ -408,13 +408,9 @@ static void *solve_in_thread(void *argument) {
 
 static enum lw_status write_port_file(const struct daemon *d, struct lw_error *err) {
     if (!d->settings.port_file) return LW_OK;
-    struct lw_atomic_file file;
     char text[16];
     int length = snprintf(text, sizeof text, "%u\n", lw_server_port(d->server));
-    enum lw_status status = lw_atomic_file_open(&file, d->settings.port_file, err);
-    if (status == LW_OK) status = lw_atomic_file_write(&file, text, (size_t)length, err);
-    if (status == LW_OK) status = lw_atomic_file_commit(&file, err);
-    lw_atomic_file_abandon(&file);
+    enum lw_status status = lw_atomic_file_save(d->settings.port_file, text, (size_t)length, err);
     if (status != LW_OK) lw_status_context(err, "--port-file");
     return status;
 }

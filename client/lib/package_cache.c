@@ -49,15 +49,10 @@ bool lw_package_cache_read(const char *folder, const struct lw_package_hash *has
 
 enum lw_status lw_package_cache_write(const char *folder, const struct lw_package_hash *hash,
                                       const uint8_t *bytes, size_t size, struct lw_error *err) {
-    struct lw_atomic_file file;
     char *path = path_of(folder, hash);
     if (!path) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
     (void)mkdir(folder, 0777); /* opening says what is wrong with it */
-    enum lw_status status = lw_atomic_file_open(&file, path, err);
+    enum lw_status status = lw_atomic_file_save(path, bytes, size, err);
     free(path);
-    if (status != LW_OK) return status;
-    status = lw_atomic_file_write(&file, bytes, size, err);
-    if (status == LW_OK) status = lw_atomic_file_commit(&file, err);
-    lw_atomic_file_abandon(&file);
     return status;
 }

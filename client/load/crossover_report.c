@@ -37,12 +37,7 @@ static enum lw_status save(const char *folder, const char *name, const char *tex
                            struct lw_error *err) {
     char path[4096];
     snprintf(path, sizeof path, "%s/%s", folder, name);
-    struct lw_atomic_file file;
-    enum lw_status status = lw_atomic_file_open(&file, path, err);
-    if (status == LW_OK) status = lw_atomic_file_write(&file, text, size, err);
-    if (status == LW_OK) status = lw_atomic_file_commit(&file, err);
-    lw_atomic_file_abandon(&file);
-    return status;
+    return lw_atomic_file_save(path, text, size, err);
 }
 
 /* Text that grows; written at once. */

@@ -604,16 +604,6 @@ enum lw_status lw_package_load(const char *path, struct lw_scene **out_scene, st
     return status;
 }
 
-static enum lw_status write_file(const char *path, const uint8_t *bytes, size_t size, struct lw_error *err) {
-    struct lw_atomic_file file;
-    enum lw_status status = lw_atomic_file_open(&file, path, err);
-    if (status) return status;
-    status = lw_atomic_file_write(&file, bytes, size, err);
-    if (!status) return lw_atomic_file_commit(&file, err);
-    lw_atomic_file_abandon(&file);
-    return status;
-}
-
 enum lw_status lw_package_save(const struct lw_scene *scene, const char *path, struct lw_error *err) {
     uint8_t *bytes;
     size_t size;
@@ -622,7 +612,7 @@ enum lw_status lw_package_save(const struct lw_scene *scene, const char *path, s
         lw_status_context(err, "%s", path);
         return status;
     }
-    status = write_file(path, bytes, size, err);
+    status = lw_atomic_file_save(path, bytes, size, err);
     free(bytes);
     return status;
 }
