@@ -1,7 +1,7 @@
 #include "server/import/foreign_files.h"
 
+#include "common/file_read.h"
 #include "server/import/beside.h"
-#include "server/import/file_read.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,9 +1,9 @@
 /* Rules for what diffuse light cannot show, and why: docs/importing.md, "Materials". */
 #include "server/import/foreign_material.h"
 
+#include "common/file_read.h"
 #include "common/log.h"
 #include "server/import/beside.h"
-#include "server/import/file_read.h"
 #include "server/import/image_file.h"
 #include "server/import/mesh_builder.h"
 

@@ -1,7 +1,7 @@
 #include "server/import/gltf.h"
 
+#include "common/file_read.h"
 #include "common/log.h"
-#include "server/import/file_read.h"
 #include "server/import/gltf_animation.h"
 #include "server/import/gltf_node.h"
 

@@ -1,7 +1,7 @@
 #include "server/import/gltf_document.h"
 
+#include "common/file_read.h"
 #include "common/log.h"
-#include "server/import/file_read.h"
 
 #include <errno.h>
 #include <fcntl.h>

@@ -1,6 +1,6 @@
 #include "server/import/scene_format.h"
 
-#include "server/import/file_read.h"
+#include "common/file_read.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,4 +1,4 @@
-#include "server/import/file_read.h"
+#include "common/file_read.h"
 
 #include <errno.h>
 #include <fcntl.h>

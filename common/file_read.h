@@ -1,7 +1,7 @@
 /* file_read.h: reads whole files that a stranger names: regular ones only, within a bound.
  * Threads: [any]. */
-#ifndef LW_IMPORT_FILE_READ_H
-#define LW_IMPORT_FILE_READ_H
+#ifndef LW_COMMON_FILE_READ_H
+#define LW_COMMON_FILE_READ_H
 
 #include "common/status.h"
 
