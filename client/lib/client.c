@@ -287,9 +287,8 @@ static enum lw_status tell_want(struct lw_client *c, struct lw_error *err) {
     for (uint32_t i = 0; i < now->count; i++) {
         const struct lw_atlas_map *map = lw_replica_atlas_map(c->replica);
         const struct lw_tile_place *place = &map->place[now->tile[i].v];
-        const uint32_t tiles_x = map->atlas[place->object].level[place->level].tiles_x;
-        tile[i] =
-            (struct lw_message_interest_tile){place->object, place->level, place->y * tiles_x + place->x};
+        tile[i] = (struct lw_message_interest_tile){place->object, place->level,
+                                                    lw_atlas_map_number(map, now->tile[i])};
     }
     struct lw_message message = {
         .type = LW_MESSAGE_INTEREST,
@@ -378,8 +377,8 @@ static enum lw_status tell_held(struct lw_client *c, struct lw_error *err) {
         const uint64_t version = lw_replica_version_of_run(c->replica, (lw_tile_id){t});
         const struct lw_tile_place *p = &map->place[t];
         if (version)
-            held[count++] = (struct lw_message_held){
-                p->object, p->level, p->y * map->atlas[p->object].level[p->level].tiles_x + p->x, version};
+            held[count++] = (struct lw_message_held){p->object, p->level,
+                                                     lw_atlas_map_number(map, (lw_tile_id){t}), version};
         if (count < HOLDS_AT_ONCE && (!count || t + 1 < map->tile_count)) continue;
         const struct lw_message message = {.type = LW_MESSAGE_HOLDS, .holds = {held, count}};
         status = lw_link_send(&c->link, &message, err);

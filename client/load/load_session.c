@@ -323,8 +323,8 @@ static void look(struct lw_load_session *s, uint64_t now_ns) {
     s->chosen = hash;
     for (uint32_t i = 0; i < count; i++) {
         const struct lw_tile_place *p = &map->place[shared->chosen[i].v];
-        shared->named[i] = (struct lw_message_interest_tile){
-            p->object, p->level, p->y * map->atlas[p->object].level[p->level].tiles_x + p->x};
+        shared->named[i] = (struct lw_message_interest_tile){p->object, p->level,
+                                                             lw_atlas_map_number(map, shared->chosen[i])};
     }
     want(s, count, now_ns);
     send_message(
@@ -356,9 +356,8 @@ static void tell_held(struct lw_load_session *s) {
     for (uint32_t t = 0; t < map->tile_count; t++) {
         const struct lw_tile_place *p = &map->place[t];
         if (s->known[t])
-            held[count++] = (struct lw_message_held){
-                p->object, p->level, p->y * map->atlas[p->object].level[p->level].tiles_x + p->x,
-                s->known[t]};
+            held[count++] = (struct lw_message_held){p->object, p->level,
+                                                     lw_atlas_map_number(map, (lw_tile_id){t}), s->known[t]};
         if (count < LW_MESSAGE_HOLDS_MAX && (!count || t + 1 < map->tile_count)) continue;
         send_message(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {held, count}});
         count = 0;

@@ -86,3 +86,8 @@ lw_tile_id lw_atlas_map_find_tile(const struct lw_atlas_map *map, uint32_t objec
     uint32_t tiles_x = map->atlas[object].level[level].tiles_x;
     return lw_atlas_map_find(map, object, level, tile % tiles_x, tile / tiles_x);
 }
+
+uint32_t lw_atlas_map_number(const struct lw_atlas_map *map, lw_tile_id id) {
+    const struct lw_tile_place *place = &map->place[id.v];
+    return place->y * map->atlas[place->object].level[place->level].tiles_x + place->x;
+}

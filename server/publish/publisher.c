@@ -202,7 +202,6 @@ static enum lw_status make_tile_blobs(const struct lw_publisher *p, struct worke
 static enum lw_status send_tile(struct lw_publisher *p, struct worker *worker, lw_tile_id id, uint64_t frame,
                                 float error, uint32_t bounces) {
     const struct lw_tile_place *place = &p->desc.atlas_map->place[id.v];
-    const struct lw_atlas_level *level = &p->desc.atlas_map->atlas[place->object].level[place->level];
     struct sent_tile *sent = &p->sent[id.v];
     const size_t floats = (size_t)place->width * place->height * 3;
     if (!sent->rgb && !(sent->rgb = malloc(floats * sizeof *sent->rgb))) return LW_NO_MEMORY;
@@ -213,7 +212,7 @@ static enum lw_status send_tile(struct lw_publisher *p, struct worker *worker, l
         status = make_tile_blobs(p, worker, sent,
                                  &(struct lw_message_tile){.object = place->object,
                                                            .level = place->level,
-                                                           .tile = place->y * level->tiles_x + place->x,
+                                                           .tile = lw_atlas_map_number(p->desc.atlas_map, id),
                                                            .version = frame,
                                                            .bounces = bounces,
                                                            .error = error},

@@ -44,6 +44,7 @@ static void test_every_place_is_found_under_its_id(void **state) {
         assert_int_equal(lw_atlas_map_find(&map, p->object, p->level, p->x, p->y).v, id);
         uint32_t number = p->y * map.atlas[p->object].level[p->level].tiles_x + p->x;
         assert_int_equal(lw_atlas_map_find_tile(&map, p->object, p->level, number).v, id);
+        assert_int_equal(lw_atlas_map_number(&map, (lw_tile_id){id}), number);
         assert_true(p->width >= 1 && p->width <= LW_TILE_SIDE && p->height >= 1 && p->height <= LW_TILE_SIDE);
         if (p->level == 0) texels += (uint64_t)p->width * p->height;
     }
