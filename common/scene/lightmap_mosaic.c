@@ -58,11 +58,6 @@ void lw_lightmap_mosaic_mark(struct lw_lightmap_stone *stone, const struct lw_ve
     }
 }
 
-void lw_lightmap_mosaic_fill(struct lw_lightmap_stone *stone) {
-    for (uint32_t y = 0; y < stone->height; y++)
-        set_bits(stone->row + (size_t)y * lw_lightmap_mosaic_words(stone->width), 0, stone->width);
-}
-
 static bool is_free(const struct mosaic *m, const struct lw_lightmap_stone *s, uint32_t x, uint32_t y) {
     uint32_t words = lw_lightmap_mosaic_words(s->width), shift = x % 64;
     for (uint32_t r = 0; r < s->height; r++) {

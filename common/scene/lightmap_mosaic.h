@@ -22,8 +22,6 @@ static inline uint32_t lw_lightmap_mosaic_words(uint32_t width) { return (width 
  * corner, cell, reach  in the same unit; the shape's lower corner is the origin */
 void lw_lightmap_mosaic_mark(struct lw_lightmap_stone *stone, const struct lw_vec2 corner[3], float cell,
                              float reach);
-/** Adds all cells. */
-void lw_lightmap_mosaic_fill(struct lw_lightmap_stone *stone);
 
 /** Places shapes in the order given, each at the first free place in rows from below.
  * out_width, out_height  what is used

@@ -47,6 +47,7 @@ struct packer {
     const struct lw_lightmap_layout *layout;
     float scale;
     uint32_t width_max, height_max; /* blocks */
+    const uint32_t *order;          /* charts, those near one another together */
     struct lw_lightmap_slot *slot;  /* relative to their items */
     uint32_t *member;               /* charts by item */
     struct item *item;
@@ -145,40 +146,24 @@ static enum lw_status add_slivers(struct packer *p, uint32_t first, uint32_t cou
     return LW_OK;
 }
 
-/* All charts in the order of lightmap_order.h. */
-static enum lw_status order_charts(const struct packer *p, uint32_t *out_chart) {
-    const uint32_t count = p->layout->chart_count;
-    struct lw_lightmap_spot *spot = malloc(((size_t)count + 1) * sizeof *spot);
-    if (!spot) return LW_NO_MEMORY;
-    for (uint32_t c = 0; c < count; c++) {
-        const struct lw_lightmap_slot *slot = &p->slot[c];
-        spot[c] = (struct lw_lightmap_spot){
-            lw_vec3_scale(slot->centre, p->scale), slot->normal,
-            (slot->box.size.x * p->scale + 4) * (slot->box.size.y * p->scale + 4), c};
-    }
-    lw_lightmap_order(spot, count);
-    for (uint32_t c = 0; c < count; c++) out_chart[c] = spot[c].id;
-    free(spot);
-    return LW_OK;
-}
-
 /* Charts of their own first, then slivers in groups. */
 static enum lw_status make_items(struct packer *p) {
     const uint32_t count = p->layout->chart_count;
-    uint32_t charts = 0, slivers = count;
-    uint32_t *order = malloc(((size_t)count + 1) * sizeof *order),
-             *rank = malloc(((size_t)count + 1) * sizeof *rank);
-    enum lw_status status = order && rank ? order_charts(p, order) : LW_NO_MEMORY;
+    uint32_t charts = 0, slivers = 0;
+    uint32_t *rank = malloc(((size_t)count + 1) * sizeof *rank),
+             *sliver = malloc(((size_t)count + 1) * sizeof *sliver);
+    enum lw_status status = rank && sliver ? LW_OK : LW_NO_MEMORY;
     p->item_count = 0;
     for (uint32_t i = 0; i < count && status == LW_OK; i++) {
-        rank[order[i]] = i;
-        if (lw_lightmap_sliver_is(&p->slot[order[i]], p->scale)) continue;
-        p->member[charts] = order[i];
-        add_chart(p, charts++);
+        rank[p->order[i]] = i;
+        if (lw_lightmap_sliver_is(&p->slot[p->order[i]], p->scale)) {
+            sliver[slivers++] = p->order[i];
+        } else {
+            p->member[charts] = p->order[i];
+            add_chart(p, charts++);
+        }
     }
-    slivers = charts;
-    for (uint32_t i = 0; i < count && status == LW_OK; i++)
-        if (lw_lightmap_sliver_is(&p->slot[order[i]], p->scale)) p->member[slivers++] = order[i];
+    if (status == LW_OK) memcpy(p->member + charts, sliver, slivers * sizeof *sliver);
     for (uint32_t i = charts; i < count && status == LW_OK;) {
         uint32_t n = lw_lightmap_sliver_group(p->slot, p->member + i, count - i, p->scale);
         if (n == 1)
@@ -192,8 +177,8 @@ static enum lw_status make_items(struct packer *p) {
         item->rank = rank[p->member[item->first + item->count / 2]];
         status = shape(p, item);
     }
+    free(sliver);
     free(rank);
-    free(order);
     return status;
 }
 
@@ -392,6 +377,28 @@ static bool is_hopeless(const struct lw_lightmap_layout *layout, float scale, ui
     return area > (float)width_max * (float)height_max;
 }
 
+/* All charts in the order of lightmap_order.h, whichever way they are turned. The caller frees *out_chart. */
+static enum lw_status order_charts(const struct lw_lightmap_layout *layout, float scale,
+                                   uint32_t **out_chart) {
+    const uint32_t count = layout->chart_count;
+    struct lw_lightmap_spot *spot = malloc(((size_t)count + 1) * sizeof *spot);
+    *out_chart = malloc(((size_t)count + 1) * sizeof **out_chart);
+    if (!spot || !*out_chart) {
+        free(spot);
+        return LW_NO_MEMORY;
+    }
+    for (uint32_t c = 0; c < count; c++) {
+        const struct lw_lightmap_slot *slot = &layout->slot[c];
+        spot[c] =
+            (struct lw_lightmap_spot){lw_vec3_scale(slot->centre, scale), slot->normal,
+                                      (slot->box.size.x * scale + 4) * (slot->box.size.y * scale + 4), c};
+    }
+    lw_lightmap_order(spot, count);
+    for (uint32_t c = 0; c < count; c++) (*out_chart)[c] = spot[c].id;
+    free(spot);
+    return LW_OK;
+}
+
 enum lw_status lw_lightmap_pack(struct lw_lightmap_layout *layout, float scale, uint32_t width_max,
                                 uint32_t height_max, bool *out_fits) {
     if (!layout->chart_count) { /* nothing but triangles without area: they share one texel */
@@ -401,9 +408,11 @@ enum lw_status lw_lightmap_pack(struct lw_lightmap_layout *layout, float scale, 
     }
     *out_fits = false;
     if (is_hopeless(layout, scale, width_max, height_max)) return LW_OK;
-    enum lw_status status = LW_OK;
+    uint32_t *order = NULL;
+    enum lw_status status = order_charts(layout, scale, &order);
     for (int turned = 0; turned < 2 && status == LW_OK; turned++) {
         struct packer p = {.layout = layout,
+                           .order = order,
                            .scale = scale,
                            .width_max = width_max / LW_LIGHTMAP_BLOCK,
                            .height_max = height_max / LW_LIGHTMAP_BLOCK};
@@ -417,6 +426,7 @@ enum lw_status lw_lightmap_pack(struct lw_lightmap_layout *layout, float scale, 
         }
         packer_finish(&p);
     }
+    free(order);
     return status;
 }
 

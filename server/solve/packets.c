@@ -79,7 +79,7 @@ static uint32_t split(struct member *member, uint32_t count, float spacing, stru
         for (int a = axis + 1, end = axis + 3; a < end; a++)
             if (e.size[a] > e.size[axis]) axis = a;
         qsort_r(member, count, sizeof *member, compare_along, &axis);
-        const uint32_t half = (count / 2 + LANES / 2) / LANES * LANES, first = half ? half : LANES;
+        const uint32_t first = (count / 2 + LANES / 2) / LANES * LANES; /* of 17 or more: at least 16 */
         packets += split(member, first, spacing, out + packets);
         member += first;
         count -= first;
