@@ -45,7 +45,7 @@ struct remembered {
 /* Objects that stood still may move from now on: what they buried comes to light, and no seam holds them. */
 static enum lw_status free_objects(struct cell_solver *s) {
     lw_burial_review(&s->texels, &s->pose, s->trace, s->threads);
-    lw_tiles_recount(&s->tiles);
+    lw_tiles_recount(&s->tiles, s->threads);
     lw_seams_finish(&s->seams);
     return lw_seams_init(&s->seams, s->desc.scene, &s->pose, s->desc.atlas_map, &s->texels);
 }
@@ -490,7 +490,8 @@ static enum lw_status build(struct cell_solver *s, const struct lw_pose *pose, s
     struct lw_vec3 lo = {0}, hi = {0};
     lw_pose_bounds(&s->pose, scene, &lo, &hi);
     lw_cells_init(&s->cells, lo, hi, s->desc.cell_size_m);
-    if ((status = lw_tiles_init(&s->tiles, scene, s->desc.atlas_map, &s->texels, s->desc.bounces)) != LW_OK)
+    if ((status = lw_tiles_init(&s->tiles, scene, s->desc.atlas_map, &s->texels, s->desc.bounces,
+                                s->threads)) != LW_OK)
         return lw_status_fail(err, status, "%u texels", s->texels.count);
     if ((status = lw_seams_init(&s->seams, scene, &s->pose, s->desc.atlas_map, &s->texels)) != LW_OK)
         return lw_status_fail(err, status, "seams of %u texels", s->texels.count);

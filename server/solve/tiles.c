@@ -49,8 +49,8 @@ static uint32_t packets_at_most(uint32_t width, uint32_t height) {
     return blocks_along(width) * blocks_along(height) * LW_PACKETS_MAX;
 }
 
-static void deal_packets(struct lw_tiles *tiles) {
-#pragma omp parallel for schedule(dynamic)
+static void deal_packets(struct lw_tiles *tiles, int threads) {
+#pragma omp parallel for schedule(dynamic) num_threads(threads)
     for (uint32_t t = 0; t < tiles->count; t++) {
         struct lw_solve_tile *tile = &tiles->tile[t];
         uint32_t block = 0, packets = 0;
@@ -68,8 +68,8 @@ static void deal_packets(struct lw_tiles *tiles) {
 }
 
 enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scene,
-                             const struct lw_atlas_map *map, const struct lw_texels *texels,
-                             uint32_t bounces) {
+                             const struct lw_atlas_map *map, const struct lw_texels *texels, uint32_t bounces,
+                             int threads) {
     *tiles = (struct lw_tiles){.bounces = bounces, .texel_count = texels->count, .covered = texels->covered};
     size_t packets = 0;
     for (uint32_t id = 0; id < map->tile_count; id++) {
@@ -107,11 +107,11 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
         bound_tile(tile, texels->covered);
         tile->resting = tile->covered_count == 0;
     }
-    deal_packets(tiles);
+    deal_packets(tiles, threads);
     return LW_OK;
 }
 
-void lw_tiles_recount(struct lw_tiles *tiles) {
+void lw_tiles_recount(struct lw_tiles *tiles, int threads) {
     for (uint32_t i = 0; i < tiles->count; i++) {
         struct lw_solve_tile *tile = &tiles->tile[i];
         const uint32_t before = tile->covered_count;
@@ -120,7 +120,7 @@ void lw_tiles_recount(struct lw_tiles *tiles) {
         tile->history = 0;
         tile->resting = tile->covered_count == 0;
     }
-    deal_packets(tiles);
+    deal_packets(tiles, threads);
 }
 
 void lw_tiles_finish(struct lw_tiles *tiles) {

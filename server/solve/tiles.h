@@ -65,11 +65,11 @@ struct lw_tiles {
 /** Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scene,
                                            const struct lw_atlas_map *map, const struct lw_texels *texels,
-                                           uint32_t bounces);
+                                           uint32_t bounces, int threads);
 void lw_tiles_finish(struct lw_tiles *tiles);
 
 /** Counts anew what the texels cover; a tile that covers more or less than before starts from the beginning. */
-void lw_tiles_recount(struct lw_tiles *tiles);
+void lw_tiles_recount(struct lw_tiles *tiles, int threads);
 
 /** Gives gutters the light of the texels that stand for them; but those of `welded` (seams.h), which have their own. */
 void lw_tiles_fill_gutters(struct lw_tiles *tiles, const struct lw_texels *texels, const uint8_t *welded,
