@@ -11,6 +11,7 @@
 #include "common/scene/scene_open.h"
 #include "common/scene/scene_state.h"
 #include "common/tile/tile_codec.h"
+#include "server/publish/keeper.h"
 #include "server/publish/publisher.h"
 #include "server/serve/server.h"
 #include "server/solve/cell_solver.h"
@@ -39,7 +40,7 @@ enum codec_kind { CODEC_HALF, CODEC_DCT };
 
 struct settings {
     struct lw_scene_open scene;
-    const char *listen, *port_file;
+    const char *listen, *port_file, *keep;
     int64_t bounces, direct_samples, indirect_samples, seed, frames;
     int probe_form, denoise;
     double tracing_range, cell_size, probe_spacing, frame_rate, freeze_s, error, link_rate;
@@ -61,9 +62,13 @@ struct daemon {
     struct lw_publisher *publisher;
     struct lw_server *server;
     pthread_t solver_thread;
+    struct lw_keeper keeper; /* if --keep says so */
     _Atomic bool stopping;
+    _Atomic bool cancel;          /* ends a frame under way */
+    _Atomic bool lit;             /* the solver has had a frame */
     struct lw_error solver_error; /* read after the thread is joined */
     uint64_t started_ns, rays_total;
+    uint64_t first;     /* number of the first frame: 1, unless frames of an earlier run were kept */
     uint64_t published; /* the last frame that was */
     bool moved;         /* something has, since then */
 };
@@ -150,6 +155,10 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          1, NULL},
         {"frames", "N", "stop after this many frames (default: never)", LW_OPTION_INT, &s->frames, 1, 1e15,
          NULL},
+        {"keep", "FOLDER",
+         "keep the light there over a restart: what was shown, and of a scene that never changed the sums as "
+         "well",
+         LW_OPTION_STRING, &s->keep, 0, 0, NULL},
         {"json", NULL, "print one JSON object per frame to stdout", LW_OPTION_FLAG, &s->json, 0, 0, NULL},
         LW_SCENE_OPEN_OPTIONS(&s->scene),
     };
@@ -203,7 +212,7 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
                                                        .target_error = (float)s->error,
                                                        .threads = (unsigned)s->scene.threads,
                                                        .seed = (uint32_t)s->seed,
-                                                       .cancel = &d->stopping},
+                                                       .cancel = &d->cancel},
                               &d->pose, &d->solver, err);
     if (status != LW_OK) return status;
     if (s->light == LIGHT_SEEN) { /* by nobody, to begin with */
@@ -276,7 +285,7 @@ static void print_frame(const struct daemon *d, uint64_t frame, const struct fra
 
 /* What the animation's clock goes by: the wall, or the count of frames. */
 static double wall_time(const struct daemon *d, uint64_t frame) {
-    if (d->settings.clock != CLOCK_REAL) return (double)(frame - 1) / STEP_HZ;
+    if (d->settings.clock != CLOCK_REAL) return (double)(frame - d->first) / STEP_HZ;
     return (double)(lw_clock_ns() - d->started_ns) * 1e-9;
 }
 
@@ -320,7 +329,7 @@ static bool has_news(struct daemon *d, const struct lw_solver_stats *solve, size
 static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rested, struct lw_error *err) {
     struct lw_solver_stats solve = {0};
     struct lw_publisher_stats publish = {0};
-    struct lw_snapshot *snapshot;
+    struct lw_snapshot *snapshot = NULL;
     struct frame_cost cost = {0};
     uint64_t began = lw_clock_ns(), cpu_began = work_cpu_ns(d);
     const size_t updates = simulate(d, frame, &cost.changes);
@@ -331,23 +340,28 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
     cost.solve_cpu_ns = cpu_solved - cpu_began;
     d->rays_total += solve.rays_shadow + solve.rays_bounce + solve.rays_probe;
     /* A frame in which nothing was solved and nothing moved changes nothing: no snapshot, no bytes. */
-    *out_rested = !has_news(d, &solve, updates) && frame > 1;
+    *out_rested = !has_news(d, &solve, updates) && d->lit;
     if (!*out_rested) {
         status = lw_publisher_publish(d->publisher, &d->pose, frame, lw_clock_ns() - began, d->rays_total,
                                       solve.tiles_solved, &snapshot, &publish);
         if (status != LW_OK)
             return lw_status_fail(err, status, "publishing frame %llu", (unsigned long long)frame);
         lw_server_publish(d->server, snapshot);
-        lw_snapshot_unref(snapshot);
         d->published = frame;
         d->moved = false;
         cost.publish_cpu_ns = work_cpu_ns(d) - cpu_solved;
     }
+    if (d->settings.keep) {
+        lw_keeper_note(&d->keeper, snapshot, solve.tiles_solved > 0, solve.moved);
+        lw_keeper_save(&d->keeper, d->solver, false);
+    }
+    lw_snapshot_unref(snapshot);
     cost.wall_ns = lw_clock_ns() - began;
-    if (frame == 1)
+    if (!d->lit)
         lw_log(LW_LOG_INFO, "first light after %.1f s: %u texels in %u tiles, %.1f M rays, frame %.0f ms",
                (double)(lw_clock_ns() - d->started_ns) * 1e-9, (unsigned)solve.texels_solved, solve.tiles,
                (double)d->rays_total * 1e-6, (double)cost.wall_ns * 1e-6);
+    d->lit = true;
     if (d->settings.json) print_frame(d, frame, &cost, &solve, &publish);
     return LW_OK;
 }
@@ -369,15 +383,17 @@ static void solve_frames(struct daemon *d) {
     const struct settings *s = &d->settings;
     const uint64_t interval_ns = (uint64_t)(1e9 / s->frame_rate);
     bool rested = false;
-    for (uint64_t frame = 1; !should_stop(d) && (!s->frames || frame <= (uint64_t)s->frames); frame++) {
+    for (uint64_t frame = d->first; !should_stop(d) && (!s->frames || frame - d->first < (uint64_t)s->frames);
+         frame++) {
         if (s->clock == CLOCK_MANUAL && !await_line(d)) break;
         uint64_t began = lw_clock_ns();
         enum lw_status status = run_frame(d, frame, &rested, &d->solver_error);
-        if (status != LW_OK) break; /* LW_CLOSED, without an error: stopped in the middle of a frame */
+        if (status != LW_OK) return; /* LW_CLOSED, without an error: stopped in the middle of a frame */
         /* Under the step clock frames follow each other at once while there is work; at rest they keep the pace. */
         if (s->clock == CLOCK_REAL || (s->clock == CLOCK_STEP && rested && !s->frames))
             wait_until(d, began + interval_ns);
     }
+    if (s->keep) lw_keeper_save(&d->keeper, d->solver, true);
 }
 
 /* The loop's thread wakes for moments, and a newcomer waits while it waits for a core: it goes before the solver's threads,
@@ -400,6 +416,8 @@ static void *solve_in_thread(void *argument) {
                (double)(d->solver->ops->memory_bytes(d->solver) + lw_publisher_memory_bytes(d->publisher)) *
                    1e-6,
                (double)d->package_size * 1e-6);
+        d->first = 1;
+        if (d->settings.keep) d->first += lw_keeper_resume(&d->keeper, &d->atlas_map, d->solver);
         solve_frames(d);
     }
     lw_server_stop(d->server);
@@ -437,6 +455,7 @@ static enum lw_status serve(struct daemon *d, struct lw_error *err) {
     }
     status = lw_server_run(d->server, err);
     d->stopping = true;
+    d->cancel = !s->keep || !d->lit; /* what is to be kept is that of a whole frame */
     pthread_join(d->solver_thread, NULL);
     if (status == LW_OK && d->solver_error.status != LW_OK) {
         *err = d->solver_error;
@@ -444,6 +463,44 @@ static enum lw_status serve(struct daemon *d, struct lw_error *err) {
     }
     remove_port_file(d);
     return status;
+}
+
+/* What decides the light that is shown: the scene, as it is before updates, and the options that are not part of it. When to
+ * rest, whom to serve and how fast are not among them. */
+static void make_key(const struct daemon *d, uint8_t out_key[LW_KEPT_KEY_SIZE]) {
+    const struct settings *s = &d->settings;
+    struct lw_package_hash hash;
+    char text[512];
+    int length = 0;
+    lw_package_hash(d->package, d->package_size, &hash);
+    for (size_t i = 0; i < sizeof hash.bytes; i++)
+        length += snprintf(text + length, sizeof text - (size_t)length, "%02x", hash.bytes[i]);
+    length +=
+        snprintf(text + length, sizeof text - (size_t)length,
+                 " " LW_VERSION " bounces %lld samples %lld %lld seed %lld range %a cell %a probes %d %a "
+                 "denoise %d codec %d freeze %d %a",
+                 (long long)s->bounces, (long long)s->direct_samples, (long long)s->indirect_samples,
+                 (long long)s->seed, s->tracing_range, s->cell_size, s->probe_form, s->probe_spacing,
+                 s->denoise, s->codec, s->freeze, s->freeze_s);
+    lw_package_hash((const uint8_t *)text, (size_t)length, &hash);
+    memcpy(out_key, hash.bytes, LW_KEPT_KEY_SIZE);
+}
+
+/* Clients get it as soon as the server runs, seconds before the solver has texels to light. */
+static enum lw_status recall_light(struct daemon *d, struct lw_error *err) {
+    uint8_t key[LW_KEPT_KEY_SIZE];
+    make_key(d, key);
+    enum lw_status status = lw_keeper_init(&d->keeper, d->settings.keep, key, err);
+    if (status != LW_OK) {
+        lw_status_context(err, "--keep");
+        return status;
+    }
+    struct lw_snapshot *snapshot = lw_keeper_recall(&d->keeper, &d->atlas_map, (float)d->settings.error);
+    if (!snapshot) return LW_OK;
+    lw_server_publish(d->server, snapshot);
+    d->published = snapshot->frame;
+    lw_snapshot_unref(snapshot);
+    return LW_OK;
 }
 
 static enum lw_status run(struct daemon *d, struct lw_error *err) {
@@ -465,12 +522,14 @@ static enum lw_status run(struct daemon *d, struct lw_error *err) {
                                                   .features = s->codec == CODEC_DCT ? LW_FEATURE_DCT : 0},
                          &d->server, err);
     if (status != LW_OK) return status;
+    if (s->keep && (status = recall_light(d, err)) != LW_OK) return status;
     if (signalled) return lw_status_fail(err, LW_CLOSED, "%s: stopped before it was lit", s->scene.path);
     return serve(d, err);
 }
 
 static void finish(struct daemon *d) {
     lw_server_destroy(d->server);
+    lw_keeper_finish(&d->keeper);
     lw_publisher_destroy(d->publisher);
     if (d->solver) d->solver->ops->destroy(d->solver);
     lw_pose_finish(&d->pose);

@@ -415,11 +415,13 @@ enum lw_status lw_publisher_publish(struct lw_publisher *p, const struct lw_pose
                                     uint64_t solve_ns, uint64_t rays_total, uint64_t tiles_solved,
                                     struct lw_snapshot **out_snapshot, struct lw_publisher_stats *out_stats) {
     struct lw_publisher_stats stats = {0};
+    /* The first time there may be light that no frame of this solver has made. */
+    const bool has_light = tiles_solved > 0 || !p->previous_frame;
     uint64_t t0 = lw_clock_ns();
 #pragma omp parallel for schedule(dynamic, 1) num_threads(p->threads)
     for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++)
-        p->changed[o] = tiles_solved > 0 && refresh_levels(p, o, frame);
-    if (tiles_solved > 0) p->dark = find_dark(p);
+        p->changed[o] = has_light && refresh_levels(p, o, frame);
+    if (has_light) p->dark = find_dark(p);
     uint64_t t1 = lw_clock_ns();
     for (int i = 0; i < p->threads; i++) {
         p->worker[i].status = LW_OK;

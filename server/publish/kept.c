@@ -1,0 +1,188 @@
+#include "server/publish/kept.h"
+
+#include "common/atomic_file.h"
+#include "common/file_read.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <xxhash.h>
+
+static const char magic[8] = {'l', 'w', 'k', 'e', 'p', 't', '\r', '\n'};
+
+struct header {
+    char magic[8];
+    uint32_t version, steady;
+    uint64_t frame;
+    uint8_t key[LW_KEPT_KEY_SIZE];
+};
+
+/* ---- writing -------------------------------------------------------------------------------------------------- */
+
+struct writer {
+    struct lw_atomic_file file;
+    XXH3_state_t *hash;
+    struct lw_error *err;
+    enum lw_status status; /* the first failure */
+};
+
+static void put(struct writer *writer, const void *bytes, size_t size) {
+    if (writer->status != LW_OK) return;
+    XXH3_64bits_update(writer->hash, bytes, size);
+    writer->status = lw_atomic_file_write(&writer->file, bytes, size, writer->err);
+}
+
+enum lw_status lw_kept_save(const char *path, const uint8_t key[LW_KEPT_KEY_SIZE],
+                            const struct lw_snapshot *snapshot, bool steady, struct lw_error *err) {
+    struct writer writer = {.err = err, .hash = XXH3_createState()};
+    if (!writer.hash) return lw_status_fail(err, LW_NO_MEMORY, "%s: out of memory", path);
+    writer.status = lw_atomic_file_open(&writer.file, path, err);
+    if (writer.status != LW_OK) {
+        XXH3_freeState(writer.hash);
+        return writer.status;
+    }
+    XXH3_64bits_reset(writer.hash);
+    struct header header = {.version = LW_KEPT_VERSION, .steady = steady, .frame = snapshot->frame};
+    memcpy(header.magic, magic, sizeof magic);
+    memcpy(header.key, key, sizeof header.key);
+    put(&writer, &header, sizeof header);
+    put(&writer, snapshot->frame_full->bytes, snapshot->frame_full->size);
+    for (uint32_t i = 0; i < snapshot->tile_count; i++)
+        if (snapshot->tile[i].blob) put(&writer, snapshot->tile[i].blob->bytes, snapshot->tile[i].blob->size);
+    const uint64_t checksum = XXH3_64bits_digest(writer.hash);
+    put(&writer, &checksum, sizeof checksum);
+    XXH3_freeState(writer.hash);
+    if (writer.status == LW_OK) return lw_atomic_file_commit(&writer.file, err);
+    lw_atomic_file_abandon(&writer.file);
+    return writer.status;
+}
+
+/* ---- reading -------------------------------------------------------------------------------------------------- */
+
+struct reader {
+    const struct lw_atlas_map *map;
+    float error_min; /* of every tile */
+    struct lw_snapshot *snapshot;
+};
+
+static enum lw_status check_header(const uint8_t *bytes, size_t size, const uint8_t key[LW_KEPT_KEY_SIZE],
+                                   struct header *out_header, struct lw_error *err) {
+    uint64_t checksum;
+    if (size < sizeof *out_header + sizeof checksum || memcmp(bytes, magic, sizeof magic) != 0)
+        return lw_status_fail(err, LW_BAD_DATA, "holds no kept light, or is cut short");
+    memcpy(out_header, bytes, sizeof *out_header);
+    memcpy(&checksum, bytes + size - sizeof checksum, sizeof checksum);
+    if (out_header->version != LW_KEPT_VERSION)
+        return lw_status_fail(err, LW_BAD_DATA, "has version %u, this program reads %u", out_header->version,
+                              LW_KEPT_VERSION);
+    if (checksum != XXH3_64bits(bytes, size - sizeof checksum))
+        return lw_status_fail(err, LW_BAD_DATA, "is damaged (wrong checksum)");
+    if (memcmp(out_header->key, key, LW_KEPT_KEY_SIZE) != 0)
+        return lw_status_fail(err, LW_BAD_DATA,
+                              "is of another scene, of other options or of another release");
+    if (out_header->steady > 1 || !out_header->frame)
+        return lw_status_fail(err, LW_BAD_DATA, "has a header that makes no sense");
+    return LW_OK;
+}
+
+/* One of several, perhaps: they are added to those before. */
+static enum lw_status take_frame(struct reader *reader, struct lw_message *message, struct lw_error *err) {
+    struct lw_snapshot *snapshot = reader->snapshot;
+    if (message->frame.frame != snapshot->frame)
+        return lw_status_fail(err, LW_BAD_DATA, "holds frame %llu as frame %llu",
+                              (unsigned long long)message->frame.frame, (unsigned long long)snapshot->frame);
+    message->frame.server_cpu_ns = message->frame.rays_total = 0;
+    const size_t before = snapshot->frame_full ? snapshot->frame_full->size : 0;
+    struct lw_blob *whole;
+    enum lw_status status = lw_blob_create(before + lw_message_size(message), &whole);
+    if (status != LW_OK) return lw_status_fail(err, status, "out of memory");
+    if (before) memcpy(whole->bytes, snapshot->frame_full->bytes, before);
+    size_t size;
+    status = lw_message_encode(message, whole->bytes + before, whole->size - before, &size);
+    if (status != LW_OK) {
+        lw_blob_unref(whole);
+        return lw_status_fail(err, status, "frame");
+    }
+    lw_blob_unref(snapshot->frame_full);
+    snapshot->frame_full = whole;
+    return LW_OK;
+}
+
+static enum lw_status take_tile(struct reader *reader, struct lw_message *message, struct lw_error *err) {
+    struct lw_message_tile *tile = &message->tile;
+    struct lw_snapshot *snapshot = reader->snapshot;
+    const uint32_t id = lw_atlas_map_find_tile(reader->map, tile->object, tile->level, tile->tile).v;
+    if (id == UINT32_MAX || snapshot->tile[id].blob || tile->base || tile->version > snapshot->frame)
+        return lw_status_fail(err, LW_BAD_DATA,
+                              "object %u, level %u, tile %u: there is none, or it came twice, or it "
+                              "is of a later frame",
+                              tile->object, tile->level, tile->tile);
+    tile->error = fmaxf(tile->error, reader->error_min);
+    enum lw_status status = lw_blob_from_message(message, &snapshot->tile[id].blob);
+    if (status != LW_OK) return lw_status_fail(err, status, "a tile");
+    snapshot->tile[id].version = tile->version;
+    return LW_OK;
+}
+
+static enum lw_status take_messages(struct reader *reader, const uint8_t *at, size_t left,
+                                    struct lw_error *err) {
+    enum lw_status status = LW_OK;
+    while (status == LW_OK && left) {
+        struct lw_frame_header header;
+        struct lw_message message;
+        if (left < LW_FRAME_HEADER_SIZE) return lw_status_fail(err, LW_BAD_DATA, "ends inside a message");
+        if (lw_frame_read_header(at, LW_FRAME_BODY_MAX, &header, err) != LW_OK) return LW_BAD_DATA;
+        at += LW_FRAME_HEADER_SIZE;
+        left -= LW_FRAME_HEADER_SIZE;
+        if (header.body_size > left) return lw_status_fail(err, LW_BAD_DATA, "ends inside a message");
+        status = lw_message_decode(header, at, &message, err);
+        if (status != LW_OK) return status == LW_PROTOCOL ? LW_BAD_DATA : status;
+        status = message.type == LW_MESSAGE_FRAME ? take_frame(reader, &message, err)
+                 : message.type == LW_MESSAGE_TILE
+                     ? take_tile(reader, &message, err)
+                     : lw_status_fail(err, LW_BAD_DATA, "holds a message %s", lw_message_name(header.type));
+        lw_message_finish(&message);
+        at += header.body_size;
+        left -= header.body_size;
+    }
+    return status;
+}
+
+static enum lw_status read_bytes(struct reader *reader, const uint8_t *bytes, size_t size,
+                                 const uint8_t key[LW_KEPT_KEY_SIZE], struct lw_error *err) {
+    struct header header;
+    enum lw_status status = check_header(bytes, size, key, &header, err);
+    if (status != LW_OK) return status;
+    status = lw_snapshot_create(reader->map->tile_count, &reader->snapshot);
+    if (status != LW_OK) return lw_status_fail(err, status, "out of memory");
+    reader->snapshot->frame = header.frame;
+    if (header.steady) reader->error_min = 0;
+    status = take_messages(reader, bytes + sizeof header, size - sizeof header - sizeof(uint64_t), err);
+    if (status != LW_OK) return status;
+    if (!reader->snapshot->frame_full) return lw_status_fail(err, LW_BAD_DATA, "holds no frame");
+    if (!header.steady) return LW_OK;
+    status =
+        lw_blob_from_message(&(struct lw_message){.type = LW_MESSAGE_SETTLED, .settled.frame = header.frame},
+                             &reader->snapshot->settled);
+    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "out of memory");
+}
+
+enum lw_status lw_kept_load(const char *path, const uint8_t key[LW_KEPT_KEY_SIZE],
+                            const struct lw_atlas_map *atlas_map, float target_error,
+                            struct lw_snapshot **out_snapshot, struct lw_error *err) {
+    uint8_t *bytes;
+    size_t size;
+    struct reader reader = {.map = atlas_map, .error_min = 2 * target_error};
+    enum lw_status status = lw_file_read(path, LW_KEPT_SIZE_MAX, true, &bytes, &size, err);
+    if (status == LW_OK) {
+        status = read_bytes(&reader, bytes, size, key, err);
+        free(bytes);
+    }
+    if (status == LW_OK) {
+        *out_snapshot = reader.snapshot;
+        return LW_OK;
+    }
+    lw_snapshot_unref(reader.snapshot);
+    lw_status_context(err, "%s", path);
+    return status;
+}

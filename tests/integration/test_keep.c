@@ -1,0 +1,251 @@
+/* The real lightwelld, ended and started again with --keep. */
+#include "tests/support/process.h"
+
+#include "client/include/lightwell/client.h"
+#include "common/clock.h"
+#include "common/log.h"
+
+#include <math.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#define LIMIT_S 60
+#define TARGET  0.3f
+#define CORNELL                                                                                              \
+    "builtin:cornell --texels-per-metre 8 --clock step --json --light whole --error 0.3 --frame-rate 200 "
+#define ATRIUM "builtin:atrium --texels-per-metre 2 --clock step --json --light whole --frame-rate 200 "
+
+struct run {
+    struct lw_process daemon;
+    struct lw_client *client;
+};
+
+static const char *folder; /* of the test */
+
+static void begin(struct run *run, const char *arguments) {
+    char all[512];
+    struct lw_error err = {0};
+    snprintf(all, sizeof all, "%s --keep %s", arguments, folder);
+    lw_process_serve(&run->daemon, all);
+    lw_support_ok(lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1",
+                                                            .port = run->daemon.port,
+                                                            .name = "test_keep",
+                                                            .control = true,
+                                                            .timeout_ms = LIMIT_S * 1000},
+                                   &run->client, &err),
+                  &err);
+}
+
+static void poll_once(struct run *run) {
+    struct lw_error err = {0};
+    enum lw_status status = lw_client_poll(run->client, 10, &err);
+    if (status != LW_OK) lw_support_ok(status, &err);
+}
+
+/* Every tile is there, of this frame or a later one. */
+static bool has_all(const struct lw_client *client, uint64_t frame) {
+    const struct lw_atlas_map *map = lw_client_atlas_map(client);
+    for (uint32_t i = 0; map && i < map->tile_count; i++)
+        if (lw_client_get_tile(client, (lw_tile_id){i}).version < frame) return false;
+    return map != NULL;
+}
+
+static float worst_error(const struct lw_client *client) {
+    float worst = 0;
+    for (uint32_t i = 0; i < lw_client_atlas_map(client)->tile_count; i++)
+        worst = fmaxf(worst, lw_client_get_tile(client, (lw_tile_id){i}).error);
+    return worst;
+}
+
+static float least_error(const struct lw_client *client) {
+    float least = INFINITY;
+    for (uint32_t i = 0; i < lw_client_atlas_map(client)->tile_count; i++)
+        least = fminf(least, lw_client_get_tile(client, (lw_tile_id){i}).error);
+    return least;
+}
+
+static double total_light(const struct lw_client *client) {
+    double sum = 0;
+    for (uint32_t o = 0; o < lw_client_atlas_map(client)->object_count; o++) {
+        struct lw_client_level level = lw_client_get_level(client, o, 0);
+        for (uint32_t i = 0; i < level.width * level.height; i++) sum += (double)level.rgb[3 * i + 1];
+    }
+    return sum;
+}
+
+static void wait_for_all(struct run *run) {
+    const uint64_t deadline_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
+    while (!has_all(run->client, 1)) {
+        poll_once(run);
+        if (lw_clock_ns() > deadline_ns) fail_msg("no light within %d s", LIMIT_S);
+    }
+}
+
+/* Until every tile that the client has counts as converged. */
+static void wait_for_rest(struct run *run) {
+    const uint64_t deadline_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
+    wait_for_all(run);
+    while (worst_error(run->client) > TARGET) {
+        poll_once(run);
+        if (lw_clock_ns() > deadline_ns) fail_msg("not at rest within %d s", LIMIT_S);
+    }
+}
+
+/* The last number under a key that the daemon has printed; -1: none. */
+static double last_of(const struct run *run, const char *key) {
+    char *text = lw_process_out(&run->daemon), quoted[64];
+    double number = -1;
+    snprintf(quoted, sizeof quoted, "\"%s\":", key);
+    char *end = strrchr(text, '\n');
+    if (end) *end = '\0';
+    for (const char *at = text; (at = strstr(at, quoted)); at += strlen(quoted))
+        number = atof(at + strlen(quoted));
+    free(text);
+    return number;
+}
+
+static bool said(const struct run *run, const char *text) {
+    char *err = lw_process_err(&run->daemon);
+    const bool found = strstr(err, text) != NULL;
+    free(err);
+    return found;
+}
+
+static void end(struct run *run) {
+    assert_int_equal(lw_process_stop(&run->daemon, SIGTERM, 20), 0);
+    lw_client_destroy(run->client);
+    run->client = NULL;
+}
+
+static int choose_folder(void **state) {
+    static unsigned number;
+    static char path[256];
+    char name[32];
+    (void)state;
+    snprintf(name, sizeof name, "kept%u", number++);
+    snprintf(path, sizeof path, "%s", lw_support_temporary(name));
+    folder = path;
+    return 0;
+}
+
+static int end_all(void **state) {
+    (void)state;
+    lw_process_kill_all();
+    return 0;
+}
+
+static void a_scene_at_rest_costs_no_ray_again(void **state) {
+    (void)state;
+    struct run run;
+    begin(&run, CORNELL);
+    wait_for_rest(&run);
+    const double light = total_light(run.client), frames = last_of(&run, "frame");
+    assert_true(last_of(&run, "rays_total") > 1e4);
+    end(&run);
+    for (int again = 0; again < 2; again++) { /* what was taken up is kept again */
+        begin(&run, CORNELL);
+        wait_for_rest(&run);
+        while (last_of(&run, "frame") < 3) poll_once(&run);
+        assert_true(said(&run, "showing frame") && said(&run, "going on after"));
+        assert_true(last_of(&run, "rays_total") == 0);
+        assert_true(last_of(&run, "frame") > frames); /* versions go on, whoever has seen which */
+        assert_true(fabs(total_light(run.client) - light) < 0.01 * light);
+        end(&run);
+    }
+}
+
+/* What others changed ends with the server. Until there is light of the scene's own, clients see what they saw, and are told
+ * that it is not converged. */
+static void changed_light_is_no_light_of_the_scene(void **state) {
+    (void)state;
+    struct run run;
+    begin(&run, CORNELL);
+    wait_for_rest(&run);
+    const double light = total_light(run.client);
+    end(&run);
+
+    begin(&run, CORNELL);
+    wait_for_rest(&run);
+    const struct lw_scene_change dark = {.kind = LW_SCENE_CHANGE_MATERIAL_EMISSION, .value_count = 3};
+    uint32_t lamp = 0;
+    for (uint32_t m = 0; m < lw_client_scene(run.client)->material_count; m++)
+        if (lw_client_scene(run.client)->material[m].emission[0] > 0) lamp = m;
+    struct lw_scene_change change = dark;
+    change.target = lamp;
+    struct lw_error err = {0};
+    lw_support_ok(lw_client_update(run.client, &change, 1, NULL, &err), &err);
+    const uint64_t deadline_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
+    while (total_light(run.client) > 0.1 * light) {
+        poll_once(&run);
+        assert_true(lw_clock_ns() < deadline_ns);
+    }
+    end(&run);
+
+    begin(&run, CORNELL);
+    wait_for_all(&run);
+    if (total_light(run.client) < 0.1 * light) assert_true(least_error(run.client) >= 2 * TARGET);
+    while (!said(&run, "first light")) poll_once(&run);
+    wait_for_rest(&run);
+    assert_true(fabs(total_light(run.client) - light) < 0.01 * light);
+    assert_true(last_of(&run, "rays_total") == 0); /* the sums of before are still there, and are right */
+    end(&run);
+}
+
+static void moving_light_is_shown_until_there_is_more(void **state) {
+    (void)state;
+    struct run run;
+    begin(&run, ATRIUM);
+    wait_for_all(&run);
+    while (last_of(&run, "frame") < 3) poll_once(&run);
+    end(&run);
+    const double last = last_of(&run, "frame");
+    char path[512];
+    snprintf(path, sizeof path, "%s/sums", folder);
+    assert_int_equal(access(path, F_OK), -1);
+
+    begin(&run, ATRIUM);
+    wait_for_all(&run);
+    assert_true(said(&run, "showing frame"));
+    while (!has_all(run.client, (uint64_t)last + 1)) poll_once(&run); /* all of it is replaced */
+    assert_true(last_of(&run, "rays_total") > 0);
+    end(&run);
+}
+
+static void other_options_light_afresh(void **state) {
+    (void)state;
+    struct run run;
+    begin(&run, CORNELL);
+    wait_for_rest(&run);
+    end(&run);
+    begin(&run, CORNELL "--bounces 1");
+    wait_for_rest(&run);
+    assert_true(said(&run, "of another scene, of other options or of another release; lighting afresh"));
+    assert_false(said(&run, "showing frame") || said(&run, "going on"));
+    assert_true(last_of(&run, "rays_total") > 0);
+    end(&run);
+}
+
+static void a_folder_that_cannot_be_is_named(void **state) {
+    (void)state;
+    struct lw_process daemon;
+    lw_process_start(&daemon, "lightwelld", "builtin:cornell --listen 127.0.0.1:0 --keep /dev/null/light");
+    assert_int_equal(lw_process_finish(&daemon, LIMIT_S), 73);
+    char *err = lw_process_err(&daemon);
+    assert_non_null(strstr(err, "--keep: /dev/null/light: cannot make this folder"));
+    free(err);
+}
+
+int main(void) {
+    lw_log_init("test_keep", LW_LOG_WARNING);
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(a_scene_at_rest_costs_no_ray_again, choose_folder, end_all),
+        cmocka_unit_test_setup_teardown(changed_light_is_no_light_of_the_scene, choose_folder, end_all),
+        cmocka_unit_test_setup_teardown(moving_light_is_shown_until_there_is_more, choose_folder, end_all),
+        cmocka_unit_test_setup_teardown(other_options_light_afresh, choose_folder, end_all),
+        cmocka_unit_test_setup_teardown(a_folder_that_cannot_be_is_named, choose_folder, end_all),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

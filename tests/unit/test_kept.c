@@ -1,0 +1,210 @@
+#include "tests/support/support.h"
+
+#include "common/tile/tile_codec.h"
+#include "server/publish/kept.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <xxhash.h>
+
+#define FRAME        41u
+#define TARGET_ERROR 0.02f
+
+static const uint8_t key[LW_KEPT_KEY_SIZE] = "sixteen bytes..", other_key[LW_KEPT_KEY_SIZE] = "and others";
+
+struct world {
+    struct lw_scene *scene;
+    struct lw_atlas_map map;
+    struct lw_snapshot *snapshot;
+    const char *path;
+};
+
+static struct lw_blob *blob_of(const struct lw_message *message) {
+    struct lw_blob *blob;
+    lw_support_ok(lw_blob_from_message(message, &blob), NULL);
+    return blob;
+}
+
+static struct lw_blob *tile_blob(uint32_t object, float error) {
+    return blob_of(&(struct lw_message){.type = LW_MESSAGE_TILE,
+                                        .tile = {.object = object,
+                                                 .version = FRAME - 1,
+                                                 .codec = LW_TILE_CODEC_HALF_ZSTD,
+                                                 .scale = 1,
+                                                 .bounces = 2,
+                                                 .error = error,
+                                                 .payload = (const uint8_t *)"light",
+                                                 .payload_size = 5}});
+}
+
+/* A frame of two messages; light for all objects but the last. */
+static int init_world(void **state) {
+    static struct world w;
+    w = (struct world){.scene = lw_support_squares(3, 1), .path = lw_support_temporary("shown")};
+    w.scene->mesh[0].atlas_width = w.scene->mesh[0].atlas_height = 64;
+    lw_support_ok(lw_atlas_map_init(&w.map, w.scene), NULL);
+    lw_support_ok(lw_snapshot_create(w.map.tile_count, &w.snapshot), NULL);
+    struct lw_message frame = {
+        .type = LW_MESSAGE_FRAME,
+        .frame = {.frame = FRAME, .rays_total = 1000, .server_cpu_ns = 2000, .time_s = 7}};
+    struct lw_blob *one = blob_of(&frame);
+    lw_support_ok(lw_blob_create(2 * one->size, &w.snapshot->frame_full), NULL);
+    memcpy(w.snapshot->frame_full->bytes, one->bytes, one->size);
+    memcpy(w.snapshot->frame_full->bytes + one->size, one->bytes, one->size);
+    lw_blob_unref(one);
+    w.snapshot->frame = FRAME;
+    for (uint32_t o = 0; o < 2; o++) {
+        const uint32_t id = lw_atlas_map_find(&w.map, o, 0, 0, 0).v;
+        w.snapshot->tile[id] =
+            (struct lw_snapshot_tile){.version = FRAME - 1, .blob = tile_blob(o, 0.01f + (float)o)};
+    }
+    *state = &w;
+    return 0;
+}
+
+static int finish_world(void **state) {
+    struct world *w = *state;
+    lw_snapshot_unref(w->snapshot);
+    lw_atlas_map_finish(&w->map);
+    lw_scene_destroy(w->scene);
+    return 0;
+}
+
+static void decode(const struct lw_blob *blob, struct lw_message *out_message, size_t *out_size) {
+    struct lw_frame_header header;
+    lw_support_ok(lw_frame_read_header(blob->bytes, LW_FRAME_BODY_MAX, &header, NULL), NULL);
+    lw_support_ok(lw_message_decode(header, blob->bytes + LW_FRAME_HEADER_SIZE, out_message, NULL), NULL);
+    *out_size = LW_FRAME_HEADER_SIZE + header.body_size;
+}
+
+static struct lw_snapshot *keep_and_load(const struct world *w, bool steady) {
+    struct lw_error err = {0};
+    struct lw_snapshot *again;
+    lw_support_ok(lw_kept_save(w->path, key, w->snapshot, steady, &err), &err);
+    lw_support_ok(lw_kept_load(w->path, key, &w->map, TARGET_ERROR, &again, &err), &err);
+    return again;
+}
+
+static float error_of(const struct lw_snapshot *snapshot, uint32_t id) {
+    struct lw_message tile;
+    size_t size;
+    decode(snapshot->tile[id].blob, &tile, &size);
+    const float error = tile.tile.error;
+    lw_message_finish(&tile);
+    return error;
+}
+
+static void steady_light_comes_back_as_it_was(void **state) {
+    const struct world *w = *state;
+    struct lw_snapshot *again = keep_and_load(w, true);
+    assert_int_equal(again->frame, FRAME);
+    assert_non_null(again->settled);
+    assert_null(again->frame_delta);
+    for (uint32_t i = 0; i < w->map.tile_count; i++) {
+        assert_int_equal(again->tile[i].version, w->snapshot->tile[i].version);
+        assert_true(!again->tile[i].blob == !w->snapshot->tile[i].blob);
+        if (!again->tile[i].blob) continue;
+        assert_int_equal(again->tile[i].blob->size, w->snapshot->tile[i].blob->size);
+        assert_memory_equal(again->tile[i].blob->bytes, w->snapshot->tile[i].blob->bytes,
+                            again->tile[i].blob->size);
+    }
+    struct lw_message frame;
+    size_t size;
+    decode(again->frame_full, &frame, &size);
+    assert_int_equal(again->frame_full->size, 2 * size);
+    assert_true(frame.frame.frame == FRAME && frame.frame.time_s == 7);
+    assert_true(frame.frame.rays_total == 0 &&
+                frame.frame.server_cpu_ns == 0); /* of this process: nothing yet */
+    lw_message_finish(&frame);
+    lw_snapshot_unref(again);
+}
+
+static void other_light_does_not_count_as_converged(void **state) {
+    const struct world *w = *state;
+    struct lw_snapshot *again = keep_and_load(w, false);
+    assert_null(again->settled);
+    assert_true(error_of(again, lw_atlas_map_find(&w->map, 0, 0, 0, 0).v) == 2 * TARGET_ERROR);
+    assert_true(error_of(again, lw_atlas_map_find(&w->map, 1, 0, 0, 0).v) == 1.01f);
+    lw_snapshot_unref(again);
+}
+
+static void write_file(const char *path, const uint8_t *bytes, size_t size) {
+    FILE *file = fopen(path, "wb");
+    assert_non_null(file);
+    assert_int_equal(fwrite(bytes, 1, size, file), size);
+    assert_int_equal(fclose(file), 0);
+}
+
+static void refused(const struct world *w, const uint8_t wanted_key[LW_KEPT_KEY_SIZE], const char *text) {
+    struct lw_error err = {0};
+    struct lw_snapshot *again = NULL;
+    lw_support_fails(lw_kept_load(w->path, wanted_key, &w->map, TARGET_ERROR, &again, &err), LW_BAD_DATA,
+                     &err, text);
+    assert_non_null(strstr(err.text, w->path));
+    assert_null(again);
+}
+
+static void what_does_not_fit_is_refused(void **state) {
+    const struct world *w = *state;
+    struct lw_error err = {0};
+    struct lw_snapshot *again;
+    assert_int_equal(lw_kept_load("/nonexistent/shown", key, &w->map, TARGET_ERROR, &again, &err),
+                     LW_NO_INPUT);
+    lw_support_ok(lw_kept_save(w->path, key, w->snapshot, true, NULL), NULL);
+    refused(w, other_key, "is of another scene, of other options or of another release");
+    size_t size;
+    uint8_t *bytes = lw_support_read_file(w->path, &size);
+    for (size_t cut = 0; cut < size; cut++) {
+        write_file(w->path, bytes, cut);
+        refused(w, key, "");
+    }
+    for (size_t i = 0; i < size; i++) {
+        bytes[i] ^= 0x10;
+        write_file(w->path, bytes, size);
+        refused(w, key, "");
+        bytes[i] ^= 0x10;
+    }
+    free(bytes);
+}
+
+/* Behind a checksum that is right. */
+static void what_is_written_wrongly_is_refused(void **state) {
+    const struct world *w = *state;
+    lw_support_ok(lw_kept_save(w->path, key, w->snapshot, true, NULL), NULL);
+    size_t size;
+    uint8_t *bytes = lw_support_read_file(w->path, &size);
+    unsigned accepted = 0;
+    for (size_t i = 0; i + sizeof(uint64_t) < size; i++)
+        for (unsigned bit = 0; bit < 8; bit++) {
+            struct lw_snapshot *again;
+            bytes[i] ^= (uint8_t)(1u << bit);
+            const uint64_t checksum = XXH3_64bits(bytes, size - sizeof checksum);
+            memcpy(bytes + size - sizeof checksum, &checksum, sizeof checksum);
+            write_file(w->path, bytes, size);
+            if (lw_kept_load(w->path, key, &w->map, TARGET_ERROR, &again, NULL) == LW_OK) {
+                accepted++; /* other light, legal all the same */
+                assert_non_null(again->frame_full);
+                lw_snapshot_unref(again);
+            }
+            bytes[i] ^= (uint8_t)(1u << bit);
+        }
+    assert_true(accepted > 0 && accepted < 8 * size / 2);
+    free(bytes);
+    const uint32_t first = lw_atlas_map_find(&w->map, 0, 0, 0, 0).v,
+                   second = lw_atlas_map_find(&w->map, 1, 0, 0, 0).v;
+    lw_blob_unref(w->snapshot->tile[second].blob);
+    w->snapshot->tile[second].blob = lw_blob_ref(w->snapshot->tile[first].blob);
+    lw_support_ok(lw_kept_save(w->path, key, w->snapshot, true, NULL), NULL);
+    refused(w, key, "it came twice");
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(steady_light_comes_back_as_it_was, init_world, finish_world),
+        cmocka_unit_test_setup_teardown(other_light_does_not_count_as_converged, init_world, finish_world),
+        cmocka_unit_test_setup_teardown(what_does_not_fit_is_refused, init_world, finish_world),
+        cmocka_unit_test_setup_teardown(what_is_written_wrongly_is_refused, init_world, finish_world),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
