@@ -101,6 +101,13 @@ static void write_scene(struct lw_scene *scene, const char *path) {
     lw_scene_destroy(scene);
 }
 
+static void write_without_block(void) {
+    struct lw_scene *scene = build_scene();
+    const uint32_t block = object_named(scene, "tall-block");
+    scene->object[block] = scene->object[--scene->object_count];
+    write_scene(scene, scene_file(HIDDEN));
+}
+
 /* ---- programs ---- */
 
 static int run(const char *program, const char *arguments, char **out_said) {
@@ -248,9 +255,7 @@ static void test_objects(void **state) {
     scene->node[scene->object[block].node].translation[1] += 0.4f;
     write_scene(scene, scene_file(MOVED));
     expect_change("shift tall-block 0.5 0.4 0", scene_file(MOVED), 0);
-    scene = build_scene(); /* the place where it stood is lit as if it had never been there */
-    scene->object[block] = scene->object[--scene->object_count];
-    write_scene(scene, scene_file(HIDDEN));
+    write_without_block(); /* the place where it stood is lit as if it had never been there */
     expect_change("hide tall-block", scene_file(HIDDEN), 0);
     expect_change("restore tall-block", scene_file(BASE), 0);
 }
@@ -331,9 +336,7 @@ static void test_bad_input(void **state) {
         assert_false(lw_client_object_hidden(viewer, o));
 }
 
-/* As fast as they go, contradicting each other: each is answered, in order, and the last one holds. */
-static void test_a_thousand_updates(void **state) {
-    (void)state;
+static struct lw_client *join_control(void) {
     struct lw_client *client;
     struct lw_error err = {0};
     lw_support_ok(lw_client_create(
@@ -342,6 +345,14 @@ static void test_a_thousand_updates(void **state) {
                       &client, &err),
                   &err);
     assert_true(lw_client_may_update(client));
+    return client;
+}
+
+/* As fast as they go, contradicting each other: each is answered, in order, and the last one holds. */
+static void test_a_thousand_updates(void **state) {
+    (void)state;
+    struct lw_client *client = join_control();
+    struct lw_error err = {0};
     assert_false(lw_client_may_update(viewer));
     lw_support_fails(lw_client_update(viewer, NULL, 0, NULL, &err), LW_UNAVAILABLE, &err, "no updates");
     uint64_t sent = 0, answered = 0, frame = 0;
@@ -369,6 +380,101 @@ static void test_a_thousand_updates(void **state) {
     assert_false(lw_client_object_hidden(viewer, 6));
 }
 
+/* What must be refused, and the code for it; LW_SCENE_CHANGE_OK where it is fine. */
+static const struct {
+    struct lw_scene_change change;
+    enum lw_scene_change_code code;
+} sorted_out[] = {
+    {{LW_SCENE_CHANGE_OBJECT_HIDE, 6, 0, {0}}, LW_SCENE_CHANGE_OK},
+    {{LW_SCENE_CHANGE_OBJECT_HIDE, 4711, 0, {0}}, LW_SCENE_CHANGE_UNKNOWN_TARGET},
+    {{LW_SCENE_CHANGE_LIGHT_INTENSITY, 1, 3, {1, 1, 1}}, LW_SCENE_CHANGE_UNKNOWN_TARGET},
+    {{4711, 0, 0, {0}}, LW_SCENE_CHANGE_UNKNOWN_KIND},
+    {{LW_SCENE_CHANGE_OBJECT_TRANSFORM, 1, 12, {1, 0, 0, NAN, 0, 1, 0, 0, 0, 0, 1, 0}},
+     LW_SCENE_CHANGE_NOT_FINITE},
+    {{LW_SCENE_CHANGE_OBJECT_TRANSFORM, 1, 12, {1, 0, 0, 0, 0, INFINITY, 0, 0, 0, 0, 1, 0}},
+     LW_SCENE_CHANGE_NOT_FINITE},
+    {{LW_SCENE_CHANGE_OBJECT_TRANSFORM, 1, 12, {0}}, LW_SCENE_CHANGE_DEGENERATE},
+    {{LW_SCENE_CHANGE_OBJECT_TRANSFORM, 1, 12, {1, 0, 0, 1e9f, 0, 1, 0, 0, 0, 0, 1, 0}},
+     LW_SCENE_CHANGE_OUT_OF_RANGE},
+    {{LW_SCENE_CHANGE_OBJECT_SHOW, 6, 0, {0}}, LW_SCENE_CHANGE_OK},
+    {{LW_SCENE_CHANGE_SKY, 0, 2, {0}}, LW_SCENE_CHANGE_VALUE_COUNT},
+};
+#define SORTED_OUT (sizeof sorted_out / sizeof *sorted_out)
+
+/* A controller that sends right and wrong updates by turns; request i + 1 is the i-th. */
+struct sender {
+    struct lw_client *client;
+    uint64_t sent, refused, done; /* the last ones answered so */
+    uint64_t answers, frame;
+};
+
+static void send_one(struct sender *s) {
+    struct lw_error err = {0};
+    lw_support_ok(lw_client_update(s->client, &sorted_out[s->sent % SORTED_OUT].change, 1, NULL, &err), &err);
+    s->sent++;
+}
+
+/* Refusals come at once, the others with their frames: each kind in the order of the requests. */
+static void take_answers(struct sender *s) {
+    struct lw_error err = {0};
+    struct lw_client_answer answer;
+    lw_support_ok(lw_client_poll(s->client, 20, &err), &err);
+    for (; lw_client_next_answer(s->client, &answer); s->answers++) {
+        assert_int_equal(answer.code, sorted_out[(answer.request - 1) % SORTED_OUT].code);
+        uint64_t *last = answer.code ? &s->refused : &s->done;
+        assert_true(answer.request > *last);
+        *last = answer.request;
+        assert_int_equal(answer.frame == 0, answer.code != 0);
+        assert_int_equal(answer.text[0] == 0, answer.code == 0);
+        if (answer.code) continue;
+        assert_true(answer.frame >= s->frame);
+        s->frame = answer.frame;
+    }
+}
+
+/* Two at once, each of them against the other and half of it nonsense: nothing is lost, and who only looks sees frames. */
+static void test_bad_updates_among_good_ones(void **state) {
+    (void)state;
+    change("reset");
+    struct sender sender[2] = {{.client = join_control()}, {.client = join_control()}};
+    const uint64_t each = 1000;
+    const struct lw_client_stats before = poll_viewer(0);
+    const struct lw_affine place = *lw_client_object_to_world(viewer, 1);
+    for (uint64_t i = 0; i < each; i++) {
+        send_one(&sender[0]);
+        send_one(&sender[1]);
+    }
+    const uint64_t limit_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
+    while (sender[0].answers < each || sender[1].answers < each) {
+        take_answers(&sender[0]);
+        take_answers(&sender[1]);
+        (void)poll_viewer(0);
+        assert_true(lw_clock_ns() < limit_ns);
+    }
+    const uint64_t last = sender[0].frame > sender[1].frame ? sender[0].frame : sender[1].frame;
+    struct lw_client_stats stats = poll_viewer(0);
+    while (stats.frame < last) {
+        stats = poll_viewer(50);
+        assert_true(lw_clock_ns() < limit_ns);
+    }
+    assert_true(stats.frames > before.frames);
+    assert_false(lw_client_object_hidden(viewer, 6)); /* both end with showing it */
+    assert_memory_equal(lw_client_object_to_world(viewer, 1), &place, sizeof place);
+    lw_client_destroy(sender[0].client);
+    lw_client_destroy(sender[1].client);
+}
+
+/* As far and as small as a change may make things: they are as good as gone, and come back. */
+static void test_extremes(void **state) {
+    (void)state;
+    change("reset");
+    write_without_block();
+    expect_change("shift tall-block 9.9e7 0 0", scene_file(HIDDEN), 0);
+    expect_change("restore tall-block", scene_file(BASE), 0);
+    expect_change("scale tall-block 2e-6", scene_file(HIDDEN), 0);
+    expect_change("restore tall-block", scene_file(BASE), 0);
+}
+
 static void test_batch_and_list(void **state) {
     (void)state;
     char *said;
@@ -392,9 +498,14 @@ static void test_batch_and_list(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_objects),           cmocka_unit_test(test_lights),
-        cmocka_unit_test(test_materials_and_sky), cmocka_unit_test(test_clock),
-        cmocka_unit_test(test_bad_input),         cmocka_unit_test(test_a_thousand_updates),
+        cmocka_unit_test(test_objects),
+        cmocka_unit_test(test_lights),
+        cmocka_unit_test(test_materials_and_sky),
+        cmocka_unit_test(test_clock),
+        cmocka_unit_test(test_bad_input),
+        cmocka_unit_test(test_a_thousand_updates),
+        cmocka_unit_test(test_bad_updates_among_good_ones),
+        cmocka_unit_test(test_extremes),
         cmocka_unit_test(test_batch_and_list),
     };
     return cmocka_run_group_tests(tests, start_all, stop_all);
