@@ -12,7 +12,8 @@
 struct sent_tile {
     uint64_t version; /* 0: never */
     float error;
-    float *rgb; /* width * height * 3; allocated with the tile's first version */
+    float change; /* that it brought */
+    float *rgb;   /* width * height * 3; allocated with the tile's first version */
     struct lw_blob *blob;
     struct lw_blob *delta; /* the same for who has version `base`; NULL: there is no such form */
     uint64_t base;
@@ -142,8 +143,9 @@ static void quality(const struct lw_publisher *p, const struct lw_tile_place *pl
         }
 }
 
-/* Root mean square of the relative difference, with a floor of a hundredth of the tile's mean under the divisor. */
-static bool differs_visibly(const float *now, const float *then, size_t count, float threshold) {
+/* Root mean square of the relative difference, with a floor of a hundredth of the tile's mean under the divisor. *out_mean: of
+ * what there is now. */
+static float find_change(const float *now, const float *then, size_t count, float *out_mean) {
     double mean = 0, sum = 0;
     for (size_t i = 0; i < count; i++) mean += (double)now[i];
     const float floor = (float)(0.01 * mean / (double)count) + 1e-12f;
@@ -151,7 +153,8 @@ static bool differs_visibly(const float *now, const float *then, size_t count, f
         float relative = (now[i] - then[i]) / (then[i] + floor);
         sum += (double)(relative * relative);
     }
-    return sum > (double)count * (double)(threshold * threshold);
+    *out_mean = (float)(mean / (double)count);
+    return (float)sqrt(sum / (double)count);
 }
 
 static enum lw_status encode_tile(struct lw_publisher *p, struct worker *worker, struct sent_tile *sent,
@@ -200,7 +203,7 @@ static enum lw_status make_tile_blobs(const struct lw_publisher *p, struct worke
 }
 
 static enum lw_status send_tile(struct lw_publisher *p, struct worker *worker, lw_tile_id id, uint64_t frame,
-                                float error, uint32_t bounces) {
+                                float error, uint32_t bounces, float change) {
     const struct lw_tile_place *place = &p->desc.atlas_map->place[id.v];
     struct sent_tile *sent = &p->sent[id.v];
     const size_t floats = (size_t)place->width * place->height * 3;
@@ -226,6 +229,7 @@ static enum lw_status send_tile(struct lw_publisher *p, struct worker *worker, l
     sent->base = sent->version;
     sent->version = frame;
     sent->error = error;
+    sent->change = change;
     worker->tiles++;
     worker->bytes += delta ? delta->size : blob->size;
     worker->saturated += coded.saturated;
@@ -242,11 +246,14 @@ static void consider_tile(struct lw_publisher *p, struct worker *worker, lw_tile
     lw_levels_store_tile(&p->levels[place->object], place, worker->rgb, worker->covered);
     /* That a tile has reached the target is news too: clients wait for it. */
     bool reached = error <= p->desc.target_error && sent->error > p->desc.target_error;
-    float threshold = fmaxf(LW_PUBLISHER_VISIBLE_CHANGE, LW_PUBLISHER_NOISE_SHARE * error);
-    if (sent->version && !reached &&
-        !differs_visibly(worker->rgb, sent->rgb, (size_t)place->width * place->height * 3, threshold))
-        return;
-    worker->status = send_tile(p, worker, id, frame, error, bounces);
+    float threshold = fmaxf(LW_PUBLISHER_VISIBLE_CHANGE, LW_PUBLISHER_NOISE_SHARE * error), change = 1;
+    if (sent->version) {
+        float mean;
+        change = find_change(worker->rgb, sent->rgb, (size_t)place->width * place->height * 3, &mean);
+        if (!reached && change <= threshold) return;
+        change *= mean / (mean + p->dark + 1e-30f); /* what is dark may move much and be seen little */
+    }
+    worker->status = send_tile(p, worker, id, frame, error, bounces, change);
 }
 
 static void encode_tiles(struct lw_publisher *p, uint64_t frame) {
@@ -406,7 +413,8 @@ static enum lw_status make_snapshot(struct lw_publisher *p, const struct lw_pose
                 (struct lw_snapshot_tile){.version = p->sent[t].version,
                                           .blob = lw_blob_ref(p->sent[t].blob),
                                           .base = p->sent[t].base,
-                                          .delta = p->sent[t].delta ? lw_blob_ref(p->sent[t].delta) : NULL};
+                                          .delta = p->sent[t].delta ? lw_blob_ref(p->sent[t].delta) : NULL,
+                                          .change = p->sent[t].change};
     *out_snapshot = snapshot;
     return LW_OK;
 }

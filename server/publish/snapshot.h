@@ -29,6 +29,7 @@ struct lw_snapshot_tile {
     struct lw_blob *blob; /* a LW_MESSAGE_TILE; NULL if version is 0 */
     uint64_t base;
     struct lw_blob *delta; /* the same for a client that has version `base`; NULL: there is none */
+    float change;          /* relative, root mean square, against the version before; 0: not known */
 };
 
 struct lw_snapshot {

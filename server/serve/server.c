@@ -116,13 +116,22 @@ static enum lw_status make_order(const struct lw_atlas_map *map, uint32_t **out_
 
 /* ---- hand-over ---- */
 
-static uint32_t find_changed(const struct lw_snapshot *before, const struct lw_snapshot *after,
-                             const uint32_t *order, uint32_t *out_changed) {
-    uint32_t count = 0;
-    for (uint32_t i = 0; i < after->tile_count; i++)
-        if (after->tile[order[i]].version > (before ? before->tile[order[i]].version : 0))
-            out_changed[count++] = order[i];
-    return count;
+/* Lists what a snapshot changes, in the order in which it goes to those who had all of the one before. */
+static void note_changed(struct lw_server *server, const struct lw_snapshot *before,
+                         const struct lw_snapshot *after) {
+    struct lw_session_shared *shared = &server->shared;
+    lw_urgency_list_begin(&shared->urgency);
+    for (uint32_t i = 0; i < after->tile_count; i++) {
+        const uint32_t id = server->order[i];
+        const struct lw_snapshot_tile *tile = &after->tile[id];
+        const uint64_t had = before ? before->tile[id].version : 0;
+        if (tile->version <= had) continue;
+        lw_deltas_add(&shared->deltas, id, tile);
+        lw_urgency_note(&shared->urgency, id, tile->version, tile->change);
+        lw_urgency_list(&shared->urgency, id, lw_urgency_of(&shared->urgency, id, had, after->frame));
+    }
+    shared->changed_count = shared->urgency.listed_count;
+    lw_urgency_list_end(&shared->urgency, shared->changed);
 }
 
 /* Those that the snapshot shows. */
@@ -137,9 +146,7 @@ static void answer_updates(struct lw_session_shared *shared) {
 static void adopt(struct lw_server *server, struct lw_snapshot *snapshot) {
     struct lw_session_shared *shared = &server->shared;
     assert(snapshot->tile_count == shared->atlas_map->tile_count);
-    shared->changed_count = find_changed(shared->snapshot, snapshot, server->order, shared->changed);
-    for (uint32_t i = 0; i < shared->changed_count; i++)
-        lw_deltas_add(&shared->deltas, shared->changed[i], &snapshot->tile[shared->changed[i]]);
+    note_changed(server, shared->snapshot, snapshot);
     lw_snapshot_unref(shared->snapshot);
     shared->snapshot = snapshot;
     shared->generation++;
@@ -424,6 +431,7 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
         status = LW_NO_MEMORY;
     if (status == LW_OK) status = lw_wanted_init(&shared->wanted, desc->atlas_map);
     if (status == LW_OK) status = lw_deltas_init(&shared->deltas, tiles);
+    if (status == LW_OK) status = lw_urgency_init(&shared->urgency, desc->atlas_map);
     shared->order = server->order;
     return status == LW_OK ? compress_package(shared, desc->package, desc->package_size) : status;
 }
@@ -545,6 +553,7 @@ void lw_server_destroy(struct lw_server *server) {
     free_wanted(&server->wanted);
     lw_wanted_finish(&shared->wanted);
     lw_deltas_finish(&shared->deltas);
+    lw_urgency_finish(&shared->urgency);
     lw_updates_finish(&shared->updates);
     uv_mutex_destroy(&shared->stats_mutex);
     uv_mutex_destroy(&server->mutex);

@@ -17,13 +17,15 @@
 #include <string.h>
 #include <sys/ioctl.h>
 
-#define BATCH_BLOBS      64u
-#define BATCH_BYTES      (LW_SERVER_QUEUE_MAX / 2) /* one more chunk or tile keeps within LW_SERVER_QUEUE_MAX */
-#define TURN_BATCHES     4u                        /* written at once before others get their turn */
-#define LINGER_NS        1000000000u               /* from a refusal to the close */
-#define KEEPALIVE_S      30u
-#define NOTSENT_LOWAT    (128 << 10) /* bytes; what the kernel holds cannot be replaced by a newer version */
-#define FULL_GRACE_COUNT 1024u       /* refused connections that may wait for their close */
+#define BATCH_BLOBS   64u
+#define BATCH_BYTES   (LW_SERVER_QUEUE_MAX / 2) /* one more chunk or tile keeps within LW_SERVER_QUEUE_MAX */
+#define TURN_BATCHES  4u                        /* written at once before others get their turn */
+#define LINGER_NS     1000000000u               /* from a refusal to the close */
+#define KEEPALIVE_S   30u
+#define NOTSENT_LOWAT (128 << 10) /* bytes; what the kernel holds cannot be replaced by a newer version */
+#define STAND_IN_SHARE                                                                                       \
+    (1 / 16.0f) /* of the picture shows a coarser level beside a finer one that the client has */
+#define FULL_GRACE_COUNT 1024u /* refused connections that may wait for their close */
 
 _Static_assert(BATCH_BYTES + LW_SESSION_CHUNK + 64 <= LW_SERVER_QUEUE_MAX, "a batch keeps within the queue");
 _Static_assert(LW_SESSION_CHUNK <= LW_MESSAGE_CHUNK_MAX, "a chunk is a legal message");
@@ -91,9 +93,11 @@ struct lw_session {
     uint64_t interest_epoch; /* of the server, when interest was last taken up */
     uint64_t *wanted;        /* bit per tile: to be sent; NULL: everything */
     uint64_t generation;     /* of the snapshot that the walk below goes over */
-    bool walks_changed;      /* over the changed tiles alone: it had all of the snapshot before */
-    uint32_t walk_left;      /* tiles still to look at */
-    uint32_t walk_cursor;    /* in changed, or in order (there it goes round) */
+    uint32_t
+        *lacked; /* what the walk goes over: tiles that it lacks, the most urgent first; NULL: those that the
+                                snapshot changed, as it had all of the one before */
+    uint32_t walk_left;   /* tiles still to look at */
+    uint32_t walk_cursor; /* in lacked, or in changed */
 
     uint64_t rate_limit_bytes_hz; /* 0: none */
     double allowance;             /* bytes that it may be sent now; below 0: it has had too much */
@@ -154,16 +158,6 @@ static struct lw_blob *next_frame(struct lw_session *s) {
     return blob ? lw_blob_ref(blob) : NULL;
 }
 
-/* A session that had everything looks at what changed; any other goes once round all tiles from where it stands: a slow
- * link gets its share of fine levels even if the coarse ones change every frame. */
-static void start_walk(struct lw_session *s) {
-    const struct lw_session_shared *shared = s->shared;
-    s->walks_changed = s->walk_left == 0 && s->generation + 1 == shared->generation;
-    if (s->walks_changed || s->walk_left == 0) s->walk_cursor = 0;
-    s->walk_left = s->walks_changed ? shared->changed_count : shared->atlas_map->tile_count;
-    s->generation = shared->generation;
-}
-
 static bool is_coarsest(const struct lw_atlas_map *map, uint32_t tile) {
     return map->place[tile].level + 1 == map->atlas[map->place[tile].object].level_count;
 }
@@ -173,15 +167,73 @@ static bool is_wanted(const struct lw_session *s, uint32_t tile) {
            (s->interest.stand_ins && is_coarsest(s->shared->atlas_map, tile));
 }
 
+static bool lacks(const struct lw_session *s, uint32_t tile) {
+    const struct lw_snapshot_tile *now = &s->shared->snapshot->tile[tile];
+    return now->blob && now->version > s->sent[tile] && is_wanted(s, tile);
+}
+
+/* Whether the client looks at a finer level of the same place, which it has: this one only stands in. */
+static bool is_covered(const struct lw_session *s, uint32_t tile) {
+    const struct lw_atlas_map *map = s->shared->atlas_map;
+    const struct lw_tile_place *place = &map->place[tile];
+    if (!s->wanted || place->level == 0) return false;
+    for (uint32_t i = 0; i < 4; i++) {
+        const uint32_t finer = lw_atlas_map_find(map, place->object, place->level - 1, 2 * place->x + i % 2,
+                                                 2 * place->y + i / 2)
+                                   .v;
+        if (finer != UINT32_MAX && s->sent[finer] && (s->wanted[finer / 64] >> (finer % 64) & 1)) return true;
+    }
+    return false;
+}
+
+static void end_walk(struct lw_session *s) {
+    free(s->lacked);
+    s->lacked = NULL;
+    s->walk_left = s->walk_cursor = 0;
+}
+
+/* Makes the list of what a session lacks of the newest snapshot. */
+static void walk_lacked(struct lw_session *s) {
+    struct lw_session_shared *shared = s->shared;
+    struct lw_urgency *urgency = &shared->urgency;
+    end_walk(s);
+    lw_urgency_list_begin(urgency);
+    for (uint32_t i = 0; i < shared->atlas_map->tile_count; i++) {
+        const uint32_t id = shared->order[i];
+        if (!lacks(s, id)) continue;
+        const float value = lw_urgency_of(urgency, id, s->sent[id], shared->snapshot->frame);
+        lw_urgency_list(urgency, id, is_covered(s, id) ? value * STAND_IN_SHARE : value);
+    }
+    if (!urgency->listed_count) return;
+    if (!(s->lacked = malloc(urgency->listed_count * sizeof *s->lacked))) {
+        lw_session_close(s, "out of memory");
+        return;
+    }
+    lw_urgency_list_end(urgency, s->lacked);
+    s->walk_left = urgency->listed_count;
+}
+
+/* A session that had everything looks at what changed, in the order that all such sessions share; any other has its own. */
+static void start_walk(struct lw_session *s) {
+    const struct lw_session_shared *shared = s->shared;
+    const bool had_all = s->walk_left == 0 && s->generation + 1 == shared->generation;
+    s->generation = shared->generation;
+    if (!had_all) {
+        walk_lacked(s);
+        return;
+    }
+    end_walk(s);
+    s->walk_left = shared->changed_count;
+}
+
 static struct lw_blob *next_tile(struct lw_session *s) {
     const struct lw_session_shared *shared = s->shared;
     while (s->walk_left) {
-        if (!s->walks_changed && s->walk_cursor >= shared->atlas_map->tile_count) s->walk_cursor = 0;
-        uint32_t id = s->walks_changed ? shared->changed[s->walk_cursor] : shared->order[s->walk_cursor];
+        uint32_t id = (s->lacked ? s->lacked : shared->changed)[s->walk_cursor];
         s->walk_cursor++;
         s->walk_left--;
+        if (!lacks(s, id)) continue;
         const struct lw_snapshot_tile *tile = &shared->snapshot->tile[id];
-        if (!tile->blob || tile->version <= s->sent[id] || !is_wanted(s, id)) continue;
         const struct lw_delta *delta = lw_deltas_next(&shared->deltas, id, s->sent[id], tile->blob->size);
         s->sent[id] = delta ? delta->version : tile->version;
         if (s->sent[id] < tile->version) { /* the next delta follows at once */
@@ -190,6 +242,7 @@ static struct lw_blob *next_tile(struct lw_session *s) {
         }
         return lw_blob_ref(delta ? delta->blob : tile->blob);
     }
+    end_walk(s);
     return NULL;
 }
 
@@ -292,11 +345,8 @@ static void take_up_interest(struct lw_session *s) {
         count_out(s, &before);
     }
     free(before.tile);
-    s->walks_changed = false;
     s->settled_due = s->frame_sent > 0;
-    s->walk_cursor = 0;
-    s->walk_left =
-        s->generation ? map->tile_count : 0; /* before the first walk there is nothing to take up again */
+    s->generation = 0; /* a walk anew */
 }
 
 /* ---- writing ---- */
@@ -485,6 +535,7 @@ static void on_closed(uv_handle_t *handle) {
     lw_blob_unref(s->partial_chunk);
     free(s->input);
     free(s->sent);
+    free(s->lacked);
     free(s->wanted);
     free(s->interest.tile);
     free(s->waiting.tile);

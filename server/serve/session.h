@@ -8,6 +8,7 @@
 #include "server/serve/deltas.h"
 #include "server/serve/server.h"
 #include "server/serve/updates.h"
+#include "server/serve/urgency.h"
 #include "server/serve/wanted.h"
 
 #include <uv.h>
@@ -30,9 +31,11 @@ struct lw_session_shared {
     uint64_t epoch; /* counts ticks and snapshots seen: in each, a session may change its mind once */
     struct lw_snapshot *snapshot; /* newest; NULL before the first */
     uint64_t generation;          /* counts the snapshots that the loop has seen */
-    uint32_t *changed; /* tile ids, in order, that the newest snapshot changed against the one before */
+    uint32_t *
+        changed; /* tile ids, the most urgent first, that the newest snapshot changed against the one before */
     uint32_t changed_count;
     struct lw_deltas deltas; /* that lead to the newest snapshot */
+    struct lw_urgency urgency;
     struct lw_session_recent {
         uint64_t frame, at_ns;
     } recent[LW_SESSION_RECENT]; /* by generation: when the loop got each of the last snapshots */

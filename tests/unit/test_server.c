@@ -897,6 +897,44 @@ static void test_rate_limits(void **state) {
     }
 }
 
+/* A link that takes one tile after another gets first what has changed most; who is behind, what has since it had it last. */
+static void test_the_most_visible_change_goes_first(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){.rate_limit_bytes_hz = 10 * PAYLOAD_SIZE});
+    struct lw_message m;
+    int s = dial_and_stream(f);
+    publish(f, make_snapshot(f, 1, 0));
+    expect_frame(s, 1, 1);
+    expect_tiles(s, f->map.tile_count, 1);
+    /* whole tiles of level 0, one of each object, move the more the later they come; the others little */
+    const uint32_t tile[OBJECTS] = {0, 13, 26};
+    struct lw_snapshot *snapshot = make_snapshot(f, 2, 1);
+    for (uint32_t i = 0; i < f->map.tile_count; i++) snapshot->tile[i].change = 0.001f;
+    for (uint32_t o = 0; o < OBJECTS; o++) snapshot->tile[tile[o]].change = 0.1f * (float)(o + 1);
+    publish(f, snapshot);
+    expect_frame(s, 2, 2);
+    expect(s, LW_MESSAGE_TILE, &m);
+    assert_int_equal(m.tile.object, OBJECTS - 1);
+    assert_int_equal(m.tile.level, 0);
+    lw_message_finish(&m);
+    /* now all but that one lag behind; the first moves again and overtakes the second */
+    snapshot = make_snapshot(f, 3, 2);
+    for (uint32_t i = 0; i < f->map.tile_count; i++) snapshot->tile[i].change = 0.001f;
+    snapshot->tile[tile[0]].change = 0.2f;
+    publish(f, snapshot);
+    for (bool framed = false; !framed;) {
+        assert_true(get(s, &m));
+        framed = m.type == LW_MESSAGE_FRAME;
+        if (!framed) assert_true(m.tile.version == 2); /* on its way already */
+        lw_message_finish(&m);
+    }
+    expect(s, LW_MESSAGE_TILE, &m);
+    assert_true(m.tile.version == 3 && m.tile.level == 0 && m.tile.object == 0);
+    lw_message_finish(&m);
+    close(s);
+    end(f);
+}
+
 static void test_what_waits_is_told(void **state) {
     (void)state;
     struct fixture *f = start(&(struct lw_server_desc){0});
@@ -1571,6 +1609,7 @@ int main(void) {
         cmocka_unit_test(test_stalled_reader_is_closed),
         cmocka_unit_test(test_questions_do_not_wait_for_a_snapshot),
         cmocka_unit_test(test_rate_limits),
+        cmocka_unit_test(test_the_most_visible_change_goes_first),
         cmocka_unit_test(test_what_waits_is_told),
         cmocka_unit_test(test_acks),
         cmocka_unit_test(test_bytes_gone_wrong),
