@@ -1,18 +1,27 @@
 #include "common/light/light_tree.h"
 
+#include <assert.h>
 #include <stdlib.h>
 
 /* Angles, rad, and cosines are rounded; what is this near to the edge of a cone counts as within. */
 #define SLACK        1e-3f
 #define COSINE_SLACK 2e-3f
 
+/* What a choice reads of a node: a line of memory. */
 struct lw_light_node {
-    struct lw_light_bounds bounds;
+    struct lw_vec3 centre; /* of the ball around its box */
+    float radius, power;
+    struct lw_vec3 axis;
     float cos_spread, sin_spread, cos_reach;
-    uint32_t parent;
+    bool dims;      /* by the cosine at the light; a cone narrower than a half space, a spot's, does not */
     uint32_t right; /* of an inner node; the left child is the next node */
     uint32_t light; /* of a leaf; UINT32_MAX: an inner node */
+    uint32_t parent;
 };
+_Static_assert(sizeof(struct lw_light_node) <= 64, "a line");
+
+/* fmaxf() is a call */
+static float larger(float a, float b) { return a > b ? a : b; }
 
 static struct lw_vec3 least(struct lw_vec3 a, struct lw_vec3 b) {
     return lw_vec3(fminf(a.x, b.x), fminf(a.y, b.y), fminf(a.z, b.z));
@@ -62,6 +71,7 @@ struct build {
     struct lw_light_tree *tree;
     const struct lw_light_bounds *light;
     uint32_t *order, next;
+    uint32_t first_count; /* the root's left child has so many, if there are others beside them */
 };
 
 struct key {
@@ -91,6 +101,11 @@ static uint32_t build(struct build *b, uint32_t first, uint32_t count, uint32_t 
         b->tree->leaf[node->light] = index;
         return index;
     }
+    if (index == 0 && b->first_count > 0 && b->first_count < count) {
+        build(b, 0, b->first_count, index);
+        node->right = build(b, b->first_count, count - b->first_count, index);
+        return index;
+    }
     struct lw_vec3 low = lw_vec3(INFINITY, INFINITY, INFINITY),
                    high = lw_vec3(-INFINITY, -INFINITY, -INFINITY);
     for (uint32_t i = first; i < first + count; i++) {
@@ -106,30 +121,41 @@ static uint32_t build(struct build *b, uint32_t first, uint32_t count, uint32_t 
     return index;
 }
 
+static void summarise(struct lw_light_node *node, const struct lw_light_bounds *b) {
+    node->centre = lw_vec3_scale(lw_vec3_add(b->low, b->high), 0.5f);
+    node->radius = 0.5f * lw_vec3_length(lw_vec3_sub(b->high, b->low));
+    node->power = b->power;
+    node->axis = b->axis;
+    node->cos_spread = cosf(b->spread);
+    node->sin_spread = sinf(b->spread);
+    node->cos_reach = cosf(b->reach);
+    node->dims = b->reach >= 0.5f * LW_PI;
+}
+
 void lw_light_tree_refit(struct lw_light_tree *tree, const struct lw_light_bounds *light) {
     for (uint32_t i = 2 * tree->count - 1; i-- > 0;) {
         struct lw_light_node *node = &tree->node[i];
-        node->bounds = node->light != UINT32_MAX ? light[node->light]
-                                                 : join(&node[1].bounds, &tree->node[node->right].bounds);
-        node->cos_spread = cosf(node->bounds.spread);
-        node->sin_spread = sinf(node->bounds.spread);
-        node->cos_reach = cosf(node->bounds.reach);
+        tree->bounds[i] = node->light != UINT32_MAX ? light[node->light]
+                                                    : join(&tree->bounds[i + 1], &tree->bounds[node->right]);
+        summarise(node, &tree->bounds[i]);
     }
 }
 
 enum lw_status lw_light_tree_init(struct lw_light_tree *tree, const struct lw_light_bounds *light,
-                                  uint32_t count) {
+                                  uint32_t count, uint32_t first_count) {
     *tree = (struct lw_light_tree){.count = count};
     uint32_t *order = malloc(count * sizeof *order);
     tree->node = calloc(2ul * count, sizeof *tree->node);
+    tree->bounds = calloc(2ul * count, sizeof *tree->bounds);
     tree->leaf = calloc(count, sizeof *tree->leaf);
-    if (!order || !tree->node || !tree->leaf) {
+    if (!order || !tree->node || !tree->bounds || !tree->leaf) {
         free(order);
         lw_light_tree_finish(tree);
         return LW_NO_MEMORY;
     }
     for (uint32_t i = 0; i < count; i++) order[i] = i;
-    build(&(struct build){.tree = tree, .light = light, .order = order}, 0, count, UINT32_MAX);
+    build(&(struct build){.tree = tree, .light = light, .order = order, .first_count = first_count}, 0, count,
+          UINT32_MAX);
     free(order);
     lw_light_tree_refit(tree, light);
     return LW_OK;
@@ -137,6 +163,7 @@ enum lw_status lw_light_tree_init(struct lw_light_tree *tree, const struct lw_li
 
 void lw_light_tree_finish(struct lw_light_tree *tree) {
     free(tree->leaf);
+    free(tree->bounds);
     free(tree->node);
     *tree = (struct lw_light_tree){0};
 }
@@ -145,51 +172,126 @@ void lw_light_tree_finish(struct lw_light_tree *tree) {
 static float cos_of_rest(float cos_a, float sin_a, float cos_b, float sin_b) {
     return cos_a >= cos_b ? 1 : cos_a * cos_b + sin_a * sin_b;
 }
-static float sine_of(float cosine) { return sqrtf(fmaxf(0, 1 - cosine * cosine)); }
+static float sine_of(float cosine) { return sqrtf(larger(0, 1 - cosine * cosine)); }
+
+/* Where light arrives: a region (light_tree.h), or a point of a surface as a region of no extent. */
+struct place {
+    struct lw_vec3 centre, normal;
+    float radius, cos_spread, sin_spread;
+};
+static struct place place_of(const struct lw_light_region *r) {
+    return (struct place){.centre = r->centre_ws,
+                          .normal = r->normal_ws,
+                          .radius = r->radius_m,
+                          .cos_spread = r->cos_spread,
+                          .sin_spread = sine_of(r->cos_spread)};
+}
 
 /* What a group may give: power x cos x cos' / d^2, with the angles that favour it most. 0 only where it gives nothing. */
-static float importance(const struct lw_light_node *node, struct lw_vec3 point, struct lw_vec3 normal) {
-    const struct lw_light_bounds *b = &node->bounds;
-    if (!(b->power > 0)) return 0;
-    struct lw_vec3 to = lw_vec3_sub(lw_vec3_scale(lw_vec3_add(b->low, b->high), 0.5f), point);
-    struct lw_vec3 half = lw_vec3_scale(lw_vec3_sub(b->high, b->low), 0.5f);
-    float radius2 = lw_vec3_dot(half, half), distance2 = lw_vec3_dot(to, to);
-    float floored = fmaxf(distance2, fmaxf(radius2, 1e-12f));
-    if (distance2 <= radius2 * 1.0001f + 1e-12f) return b->power / floored; /* within: all directions */
+static float importance(const struct lw_light_node *node, const struct place *place) {
+    if (!(node->power > 0)) return 0;
+    const struct lw_vec3 to = lw_vec3_sub(node->centre, place->centre);
+    /* the vectors from points of one ball to those of another are those from a point to a ball of both radii */
+    const float radius = node->radius + place->radius, radius2 = larger(radius * radius, 1e-12f);
+    const float distance2 = lw_vec3_dot(to, to);
+    if (distance2 <= radius2 * 1.0001f) return node->power / radius2; /* within: all directions */
     /* the angle that the group's ball fills, seen from the point, is taken off both */
-    float sin_seen2 = radius2 / distance2, sin_seen = sqrtf(sin_seen2),
-          cos_seen = sqrtf(fmaxf(0, 1 - sin_seen2));
-    struct lw_vec3 direction = lw_vec3_scale(to, 1 / sqrtf(distance2));
-    float cosine = lw_vec3_dot(direction, normal);
-    float at_point = cos_of_rest(cosine, sine_of(cosine), cos_seen, sin_seen);
-    cosine = -lw_vec3_dot(direction, b->axis);
+    const float scale = 1 / sqrtf(distance2), sin_seen = radius * scale,
+                cos_seen = sqrtf(larger(0, 1 - sin_seen * sin_seen));
+    float cosine = lw_vec3_dot(to, place->normal) * scale;
+    if (place->cos_spread < 1)
+        cosine = cos_of_rest(cosine, sine_of(cosine), place->cos_spread, place->sin_spread);
+    const float at_point = cos_of_rest(cosine, sine_of(cosine), cos_seen, sin_seen);
+    if (at_point < -COSINE_SLACK) return 0;
+    cosine = -lw_vec3_dot(to, node->axis) * scale;
     cosine = cos_of_rest(cosine, sine_of(cosine), node->cos_spread, node->sin_spread);
-    float at_light = cos_of_rest(cosine, sine_of(cosine), cos_seen, sin_seen);
-    if (at_point < -COSINE_SLACK || at_light < node->cos_reach - COSINE_SLACK) return 0;
-    /* a cone narrower than a half space is a spot's: it does not dim by the cosine */
-    float facing = b->reach < 0.5f * LW_PI ? 1 : at_light;
-    return b->power * fmaxf(at_point, 1e-3f) * fmaxf(facing, 1e-3f) / floored;
+    const float at_light = cos_of_rest(cosine, sine_of(cosine), cos_seen, sin_seen);
+    if (at_light < node->cos_reach - COSINE_SLACK) return 0;
+    const float facing = node->dims ? larger(at_light, 1e-3f) : 1;
+    return node->power * larger(at_point, 1e-3f) * facing * (scale * scale);
 }
 
 float lw_light_tree_promise(const struct lw_light_tree *tree, struct lw_vec3 point_ws,
                             struct lw_vec3 normal_ws) {
-    return importance(&tree->node[0], point_ws, normal_ws);
+    const struct place place = place_of(&(struct lw_light_region){point_ws, normal_ws, 0, 1});
+    return importance(&tree->node[0], &place);
+}
+
+/* Groups of a split under way. */
+struct split {
+    const struct lw_light_tree *tree;
+    struct place place;
+    uint32_t count, *group;
+    float promise[LW_LIGHT_TREE_GROUPS_MAX]; /* of those that can be told apart further; else 0 */
+};
+
+static void put(struct split *s, uint32_t at, uint32_t node, float promise) {
+    s->group[at] = node;
+    s->promise[at] = s->tree->node[node].light == UINT32_MAX ? promise : 0;
+}
+
+/* Puts the children of a group in its place, those that can give anything; false where there is no room for both. */
+static bool tell_apart(struct split *s, uint32_t at, uint32_t most) {
+    const struct lw_light_node *parent = &s->tree->node[s->group[at]];
+    const uint32_t left = s->group[at] + 1, right = parent->right;
+    const float gives_left = importance(&s->tree->node[left], &s->place),
+                gives_right = importance(&s->tree->node[right], &s->place);
+    if (gives_left > 0 && gives_right > 0) {
+        if (s->count == most) return false;
+        put(s, at, left, gives_left);
+        put(s, s->count++, right, gives_right);
+    } else if (gives_left > 0) {
+        put(s, at, left, gives_left);
+    } else if (gives_right > 0) {
+        put(s, at, right, gives_right);
+    } else {
+        s->count--;
+        s->group[at] = s->group[s->count];
+        s->promise[at] = s->promise[s->count];
+    }
+    return true;
+}
+
+uint32_t lw_light_tree_split(const struct lw_light_tree *tree, uint32_t group,
+                             const struct lw_light_region *region, uint32_t most, uint32_t *out_group) {
+    struct split s = {.tree = tree, .place = place_of(region), .group = out_group};
+    assert(most > 0 && most <= LW_LIGHT_TREE_GROUPS_MAX);
+    const float promise = importance(&tree->node[group], &s.place);
+    if (!(promise > 0)) return 0;
+    put(&s, s.count++, group, promise);
+    for (;;) {
+        uint32_t best = 0;
+        for (uint32_t i = 1; i < s.count; i++)
+            if (s.promise[i] > s.promise[best]) best = i;
+        if (!s.count || !(s.promise[best] > 0) || !tell_apart(&s, best, most)) return s.count;
+    }
+}
+
+bool lw_light_tree_is_far(const struct lw_light_tree *tree, uint32_t group,
+                          const struct lw_light_region *region) {
+    const struct lw_light_bounds *b = &tree->bounds[group];
+    const struct lw_vec3 c = region->centre_ws;
+    const struct lw_vec3 d = lw_vec3(fmaxf(0, fmaxf(b->low.x - c.x, c.x - b->high.x)),
+                                     fmaxf(0, fmaxf(b->low.y - c.y, c.y - b->high.y)),
+                                     fmaxf(0, fmaxf(b->low.z - c.z, c.z - b->high.z)));
+    return lw_vec3_dot(d, d) > region->radius_m * region->radius_m;
 }
 
 /* Probability of the left one of a node's children; below 0: neither can give anything. */
-static float probability_of_left(const struct lw_light_tree *tree, uint32_t index, struct lw_vec3 point,
-                                 struct lw_vec3 normal) {
-    float left = importance(&tree->node[index + 1], point, normal);
-    float right = importance(&tree->node[tree->node[index].right], point, normal);
+static float probability_of_left(const struct lw_light_tree *tree, uint32_t index,
+                                 const struct place *place) {
+    float left = importance(&tree->node[index + 1], place);
+    float right = importance(&tree->node[tree->node[index].right], place);
     return left + right > 0 ? left / (left + right) : -1;
 }
 
-uint32_t lw_light_tree_choose(const struct lw_light_tree *tree, struct lw_vec3 point_ws,
-                              struct lw_vec3 normal_ws, float pick, float *out_probability) {
+uint32_t lw_light_tree_choose(const struct lw_light_tree *tree, uint32_t group,
+                              const struct lw_light_region *region, float pick, float *out_probability) {
+    const struct place place = place_of(region);
     float probability = 1;
-    uint32_t i = 0;
+    uint32_t i = group;
     while (tree->node[i].light == UINT32_MAX) {
-        float left = probability_of_left(tree, i, point_ws, normal_ws);
+        float left = probability_of_left(tree, i, &place);
         if (left < 0) return UINT32_MAX;
         if (pick < left) {
             pick = fminf(pick / left, 0x1.fffffep-1f);
@@ -207,10 +309,11 @@ uint32_t lw_light_tree_choose(const struct lw_light_tree *tree, struct lw_vec3 p
 
 float lw_light_tree_probability(const struct lw_light_tree *tree, struct lw_vec3 point_ws,
                                 struct lw_vec3 normal_ws, uint32_t light) {
+    const struct place place = place_of(&(struct lw_light_region){point_ws, normal_ws, 0, 1});
     float probability = 1;
     for (uint32_t i = tree->leaf[light]; i != 0; i = tree->node[i].parent) {
         uint32_t parent = tree->node[i].parent;
-        float left = probability_of_left(tree, parent, point_ws, normal_ws);
+        float left = probability_of_left(tree, parent, &place);
         if (left < 0) return 0;
         probability *= i == parent + 1 ? left : 1 - left;
     }

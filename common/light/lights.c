@@ -110,15 +110,14 @@ enum lw_status lw_lights_init(struct lw_lights *lights, const struct lw_scene *s
     *lights = (struct lw_lights){.scene = scene, .emitter_count = count_emitters(scene)};
     const size_t count = lights->emitter_count ? lights->emitter_count : 1;
     lights->emitter = calloc(count, sizeof *lights->emitter);
-    lights->power_cdf = calloc(count, sizeof *lights->power_cdf);
     lights->radiance = calloc(count, sizeof *lights->radiance);
     lights->luminance = calloc(count, sizeof *lights->luminance);
     lights->first_emitter = calloc(scene->object_count + 1ul, sizeof *lights->first_emitter);
     lights->near = calloc(scene->light_count + 1ul, sizeof *lights->near);
     lights->sun = calloc(scene->light_count + 1ul, sizeof *lights->sun);
     lights->bounds = calloc(count + scene->light_count, sizeof *lights->bounds);
-    if (!lights->emitter || !lights->power_cdf || !lights->radiance || !lights->luminance ||
-        !lights->first_emitter || !lights->near || !lights->sun || !lights->bounds ||
+    if (!lights->emitter || !lights->radiance || !lights->luminance || !lights->first_emitter ||
+        !lights->near || !lights->sun || !lights->bounds ||
         lw_environment_importance_init(&lights->environment, &scene->environment) != LW_OK) {
         lw_lights_finish(lights);
         return LW_NO_MEMORY;
@@ -128,7 +127,8 @@ enum lw_status lw_lights_init(struct lw_lights *lights, const struct lw_scene *s
     weigh_sky(lights);
     lw_lights_set_pose(lights, pose);
     const uint32_t near = lights->emitter_count + lights->near_count;
-    if (near > LW_LIGHTS_EXACT_MAX && lw_light_tree_init(&lights->tree, lights->bounds, near) != LW_OK) {
+    lights->few = near <= LW_LIGHTS_EXACT_MAX;
+    if (near > 0 && lw_light_tree_init(&lights->tree, lights->bounds, near, lights->emitter_count) != LW_OK) {
         lw_lights_finish(lights);
         return LW_NO_MEMORY;
     }
@@ -144,7 +144,6 @@ void lw_lights_finish(struct lw_lights *lights) {
     free(lights->first_emitter);
     free(lights->luminance);
     free(lights->radiance);
-    free(lights->power_cdf);
     free(lights->emitter);
     *lights = (struct lw_lights){0};
 }
@@ -221,33 +220,27 @@ static void note_bounds(struct lw_lights *lights) {
 
 void lw_lights_set_pose(struct lw_lights *lights, const struct lw_pose *pose) {
     lights->punctual = pose->light;
+    lights->emitters_shine = false;
     for (uint32_t i = 0; i < lights->emitter_count; i++) {
         place_emitter(&lights->emitter[i], lights->scene, pose, lights->luminance[i]);
-        lights->power_cdf[i] = lights->emitter[i].power;
+        lights->emitters_shine |= lights->emitter[i].power > 0;
     }
-    lights->emitters_shine = accumulate(lights->power_cdf, lights->emitter_count);
     note_bounds(lights);
     if (lights->tree.count) lw_light_tree_refit(&lights->tree, lights->bounds);
 }
 
-/* How much an emitter may give to a sphere: power / distance^2, less where it faces away. The floor of a tenth keeps
- * the choice safe where the estimate at the centre says little about the sphere's rim. */
-static float promise(const struct lw_emitter *e, struct lw_vec3 centre, float radius) {
-    struct lw_vec3 middle = lw_vec3_mad(lw_vec3_mad(e->corner, e->edge_u, 1.0f / 3), e->edge_v, 1.0f / 3);
-    struct lw_vec3 to_centre = lw_vec3_sub(centre, middle);
-    float distance2 = lw_vec3_dot(to_centre, to_centre);
-    float height = lw_vec3_dot(to_centre, e->normal);
-    if (!e->both_sides && height < -radius) return 0;
-    float cosine = fabsf(height) / sqrtf(distance2 + 1e-20f);
-    return e->power * (0.1f + (e->both_sides || height > 0 ? cosine : 0)) /
-           (distance2 + radius * radius + e->area_m2);
-}
+/* A group for so many emitters, up to so many groups: there a frame's cost ends to grow with their number. */
+#define EMITTERS_PER_GROUP 8u
+#define EMITTER_GROUPS_MAX 4u
 
-bool lw_lights_local_cdf(const struct lw_lights *lights, struct lw_vec3 centre_ws, float radius_m,
-                         float *out_cdf) {
-    for (uint32_t i = 0; i < lights->emitter_count; i++)
-        out_cdf[i] = promise(&lights->emitter[i], centre_ws, radius_m);
-    return accumulate(out_cdf, lights->emitter_count);
+uint32_t lw_lights_split(const struct lw_lights *lights, const struct lw_light_region *region,
+                         uint32_t *out_group) {
+    if (lights->near_count > LW_LIGHTS_EXACT_MAX)
+        return lw_light_tree_split(&lights->tree, 0, region, LW_LIGHTS_EXACT_MAX, out_group);
+    if (!lights->emitters_shine) return 0;
+    uint32_t most = (lights->emitter_count + EMITTERS_PER_GROUP - 1) / EMITTERS_PER_GROUP;
+    if (most > EMITTER_GROUPS_MAX) most = EMITTER_GROUPS_MAX;
+    return lw_light_tree_split(&lights->tree, lights->near_count ? 1 : 0, region, most, out_group);
 }
 
 /* An emitter as a point sees it, and how a direction towards it is chosen: even over its solid angle, so that E / p is at
@@ -318,12 +311,6 @@ static struct lw_light_sample sample_emitter(const struct lw_lights *lights, uin
     return sample;
 }
 
-struct lw_light_sample lw_lights_sample_area(const struct lw_lights *lights, const float *cdf, float pick,
-                                             float u, float v, struct lw_vec3 point_ws) {
-    const uint32_t chosen = lw_cdf_choose(cdf, lights->emitter_count, pick);
-    return sample_emitter(lights, chosen, lw_cdf_probability(cdf, chosen), u, v, point_ws);
-}
-
 static struct lw_light_sample sample_directional(const struct lw_light *light,
                                                  const struct lw_light_state *state, float u, float v) {
     struct lw_vec3 axis = lw_vec3_scale(state->direction_ws, -1.0f), t, b;
@@ -376,7 +363,8 @@ struct choice {
     float cdf[LW_LIGHTS_EXACT_MAX];
 };
 
-/* What an emitter may give to a point of a surface: as promise(), but exact about who faces whom. */
+/* What an emitter may give to a point of a surface: power / distance^2, less where it faces away, but for a floor of a tenth:
+ * its middle says little about its rim. 0 where one turns its back on the other. */
 static float emitter_weight(const struct lw_emitter *e, struct lw_vec3 point, struct lw_vec3 normal) {
     struct lw_vec3 a = lw_vec3_sub(e->corner, point);
     float height = -lw_vec3_dot(a, e->normal), above = lw_vec3_dot(a, normal);
@@ -410,7 +398,7 @@ static void weigh(const struct lw_lights *lights, struct lw_vec3 point, struct l
     const uint32_t count = lights->emitter_count + lights->near_count;
     for (uint32_t i = 0; i < lights->sun_count; i++) e[SUNS] += sun_weight(lights, i, normal);
     e[SKY] = LW_PI * lights->sky_luminance;
-    if (lights->tree.count) {
+    if (!lights->few) {
         e[NEAR] = lw_light_tree_promise(&lights->tree, point, normal);
     } else {
         for (uint32_t i = 0; i < count; i++) {
@@ -452,12 +440,10 @@ static struct lw_light_sample keep_above(struct lw_light_sample sample, struct l
     return sample;
 }
 
-struct lw_light_sample lw_lights_sample_near(const struct lw_lights *lights, struct lw_vec3 point_ws,
-                                             struct lw_vec3 normal_ws, float pick, float u, float v) {
-    float probability;
-    uint32_t i = lw_light_tree_choose(&lights->tree, point_ws, normal_ws, pick, &probability);
-    if (i == UINT32_MAX) return (struct lw_light_sample){.direction = {0, 0, 1}};
-    return keep_above(sample_near(lights, i, probability, u, v, point_ws), normal_ws);
+struct lw_light_sample lw_lights_sample_near(const struct lw_lights *lights, uint32_t light,
+                                             float probability, float u, float v, struct lw_vec3 point_ws,
+                                             struct lw_vec3 normal_ws) {
+    return keep_above(sample_near(lights, light, probability, u, v, point_ws), normal_ws);
 }
 
 static struct lw_light_sample sample_sun(const struct lw_lights *lights, float probability, float pick,
@@ -530,8 +516,9 @@ struct lw_light_sample lw_lights_sample(const struct lw_lights *lights, struct l
         pick = rest_of(pick, 0, p[NEAR]);
         float probability = 0;
         uint32_t i = UINT32_MAX;
-        if (lights->tree.count) {
-            i = lw_light_tree_choose(&lights->tree, point_ws, normal_ws, pick, &probability);
+        if (!lights->few) {
+            i = lw_light_tree_choose(&lights->tree, 0, &(struct lw_light_region){point_ws, normal_ws, 0, 1},
+                                     pick, &probability);
         } else {
             i = lw_cdf_choose(c.cdf, lights->emitter_count + lights->near_count, pick);
             probability = lw_cdf_probability(c.cdf, i);
@@ -568,8 +555,8 @@ float lw_lights_pdf_emitter(const struct lw_lights *lights, struct lw_vec3 point
     weigh(lights, point_ws, normal_ws, &c);
     if (!(c.probability[NEAR] > 0)) return 0;
     const struct view view = view_emitter(&lights->emitter[i], point_ws);
-    float probability = lights->tree.count ? lw_light_tree_probability(&lights->tree, point_ws, normal_ws, i)
-                                           : lw_cdf_probability(c.cdf, i);
+    float probability = lights->few ? lw_cdf_probability(c.cdf, i)
+                                    : lw_light_tree_probability(&lights->tree, point_ws, normal_ws, i);
     return c.probability[NEAR] * probability * emitter_pdf(&lights->emitter[i], &view, direction, distance_m);
 }
 

@@ -9,12 +9,10 @@
 #include "common/scene/environment.h"
 #include "common/scene/pose.h"
 
-#define LW_LIGHTS_LOCAL_MAX                                                                                  \
-    4096u /* emitters up to which a choice is made for each place; above, by power alone */
-
 #define LW_LIGHTS_EXACT_MAX                                                                                  \
     32u /* emitters, points and spots up to which lw_lights_sample() weighs each of them for every
-           * point; above, a tree chooses, and the solve samples instead of asking each point and spot */
+           * point; above, a tree chooses. As many points and spots have a shadow ray each in the solve; above, they
+           * share as many. */
 
 /** One emissive triangle in world space. */
 struct lw_emitter {
@@ -31,16 +29,15 @@ struct lw_lights {
     const struct lw_scene *scene;
     struct lw_emitter *emitter;
     uint32_t emitter_count;
-    float *power_cdf;                      /* emitter_count entries, last one 1 */
     struct lw_vec3 *radiance;              /* mean of each emitter, W/(m^2 sr) */
     float *luminance;                      /* of each emitter, for the choice among them */
-    bool emitters_shine;                   /* at this pose: some emitter has power, and power_cdf is one */
+    bool emitters_shine;                   /* at this pose: some emitter has power */
     const struct lw_light_state *punctual; /* the pose's; scene->light_count */
     uint32_t *first_emitter; /* per object, and one more: emitters are sorted by object, triangle */
     uint32_t *near, *sun;    /* indices of points and spots; of directional lights */
     uint32_t near_count, sun_count;
-    struct lw_light_tree
-        tree; /* over emitters, then points and spots; count 0 up to LW_LIGHTS_EXACT_MAX of them */
+    bool few;                  /* emitters, points and spots are LW_LIGHTS_EXACT_MAX at most */
+    struct lw_light_tree tree; /* over emitters, then points and spots; count 0: there are none */
     struct lw_light_bounds *bounds;
     struct lw_environment_importance environment;
     float sky_luminance; /* mean of sky and environment over the sphere, W/(m^2 sr) */
@@ -68,17 +65,18 @@ struct lw_light_sample {
     float pdf;
 };
 
-/** Weights of choosing each emitter from within a sphere, as a cumulative distribution: bigger where power, nearness
- * and facing promise more; zero only for emitters that turn their backs on the whole sphere.
- * out_cdf  emitter_count floats; only for emitter_count in 1..LW_LIGHTS_LOCAL_MAX
- * Returns  false if no emitter can light the sphere */
-bool lw_lights_local_cdf(const struct lw_lights *lights, struct lw_vec3 centre_ws, float radius_m,
-                         float *out_cdf);
+/** Splits emitters into groups (light_tree.h) of which a sample each is to stand for all of them, for the points of a region; and
+ * with them points and spots, where those are more than LW_LIGHTS_EXACT_MAX.
+ * out_group  LW_LIGHTS_EXACT_MAX of them
+ * Returns    how many there are */
+uint32_t lw_lights_split(const struct lw_lights *lights, const struct lw_light_region *region,
+                         uint32_t *out_group);
 
-/** A sample of the emissive triangles: `pick` chooses one from the cdf, (u, v) the point on it; all in [0, 1).
- * irradiance_normal is 0 where the point sees the emitter's back. */
-struct lw_light_sample lw_lights_sample_area(const struct lw_lights *lights, const float *cdf, float pick,
-                                             float u, float v, struct lw_vec3 point_ws);
+/** A sample of the emitter, point or spot that lw_light_tree_choose() has chosen with a probability; (u, v): the point on it, in
+ * [0, 1). irradiance_normal x cos is an estimate of what its group gives. Light from behind the normal's plane is left out. */
+struct lw_light_sample lw_lights_sample_near(const struct lw_lights *lights, uint32_t light,
+                                             float probability, float u, float v, struct lw_vec3 point_ws,
+                                             struct lw_vec3 normal_ws);
 
 /** ONE sample of all lights together, for a surface at point_ws with unit normal normal_ws: `pick` chooses the light, by
  * what it may give there, (u, v) the point on it; all in [0, 1). irradiance_normal x cos is an unbiased estimate of the
@@ -86,10 +84,6 @@ struct lw_light_sample lw_lights_sample_area(const struct lw_lights *lights, con
  * out. Where nothing can light the point, irradiance_normal is 0. */
 struct lw_light_sample lw_lights_sample(const struct lw_lights *lights, struct lw_vec3 point_ws,
                                         struct lw_vec3 normal_ws, float pick, float u, float v);
-
-/** The same of emitters, points and spots alone, where they are many (lights->tree.count > 0). */
-struct lw_light_sample lw_lights_sample_near(const struct lw_lights *lights, struct lw_vec3 point_ws,
-                                             struct lw_vec3 normal_ws, float pick, float u, float v);
 
 /** The density, 1/sr, with which lw_lights_sample() would have drawn `direction` by choosing the triangle that a ray from
  * the point met: to weigh such a ray against it. (u, v) are the hit's barycentrics, distance_m that to the hit. 0 where the

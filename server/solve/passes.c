@@ -162,34 +162,78 @@ static void trace_batch(const struct lw_passes *p, const struct shadow_batch *ba
         if (lit >> lane & 1) sum[lane] = lw_vec3_add(sum[lane], batch->arriving[lane]);
 }
 
-/* Whether points, spots and emitters are so many that a few of them stand for all. */
-static bool is_many(const struct lw_lights *lights) {
-    return lights->near_count > LW_LIGHTS_EXACT_MAX || lights->emitter_count > LW_LIGHTS_LOCAL_MAX;
+/* Whether points and spots are so many that a few of them stand for all. */
+static bool is_many(const struct lw_lights *lights) { return lights->near_count > LW_LIGHTS_EXACT_MAX; }
+
+/* The middle of sixteen numbers' range, and half its length. */
+LW_WIDE static float middle_of(const float v[LANES], float *out_half) {
+    float low = v[0], high = v[0];
+    for (uint32_t lane = 1; lane < LANES; lane++) {
+        low = v[lane] < low ? v[lane] : low;
+        high = v[lane] > high ? v[lane] : high;
+    }
+    *out_half = 0.5f * (high - low);
+    return 0.5f * (high + low);
 }
 
-/* So many samples stand for them, times direct_samples: one shadow ray each, whatever the number of lights. */
-#define MANY_SAMPLES 4u
+/* Where a packet's texels lie and face; lanes that are not active repeat one that is. */
+LW_WIDE static struct lw_light_region region_of(const struct lw_footprint_lanes *at) {
+    struct lw_vec3 half, normal = {0};
+    const struct lw_vec3 centre =
+        lw_vec3(middle_of(at->x, &half.x), middle_of(at->y, &half.y), middle_of(at->z, &half.z));
+    for (uint32_t lane = 0; lane < LANES; lane++)
+        normal = lw_vec3_add(normal, lw_vec3(at->nx[lane], at->ny[lane], at->nz[lane]));
+    normal = lw_vec3_normalize(normal);
+    float cosine = 1;
+    for (uint32_t lane = 0; lane < LANES; lane++) {
+        const float c = at->nx[lane] * normal.x + at->ny[lane] * normal.y + at->nz[lane] * normal.z;
+        cosine = c < cosine ? c : cosine;
+    }
+    return (struct lw_light_region){centre, normal, lw_vec3_length(half), cosine};
+}
 
-static void light_by_many(const struct lw_passes *p, const struct lw_solve_tile *tile, struct packet *packet,
-                          struct lw_vec3 sum[LANES], struct lw_passes_count *count) {
-    const uint32_t samples = MANY_SAMPLES * p->direct_samples;
-    uint32_t seed = lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_EMITTER);
-    uint32_t pick_seed = lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_EMITTER_PICK);
-    for (uint32_t s = 0; s < samples; s++) {
-        const uint32_t index = tile->frames * samples + s;
-        if (p->direct_samples > 1) place_packet(p, tile, packet, index / MANY_SAMPLES);
-        float point[2], pick[2];
-        lw_sampling_point(seed, index, packet->set, point);
-        lw_sampling_point(pick_seed, index, packet->set, pick);
-        struct shadow_batch batch;
-        start_batch(&batch, 0, index);
-        for (uint32_t lane = 0; lane < LANES; lane++) {
-            if (!(packet->active >> lane & 1)) continue;
-            struct lw_light_sample sample = lw_lights_sample_near(
-                p->lights, origin_of(packet, lane), normal_of(packet, lane), pick[0], point[0], point[1]);
-            add_sample(&batch, packet, lane, &sample, 1.0f / (float)samples);
+/* One sample of a group of lights: of one light for the whole packet where the group is far, else each lane chooses. */
+static void light_by_group(const struct lw_passes *p, const struct packet *packet,
+                           const struct lw_light_region *region, uint32_t group, float pick,
+                           const float point[2], struct shadow_batch *batch) {
+    const struct lw_light_tree *tree = &p->lights->tree;
+    const bool far = lw_light_tree_is_far(tree, group, region);
+    float probability = 0;
+    uint32_t light = UINT32_MAX;
+    if (far) light = lw_light_tree_choose(tree, group, region, pick, &probability);
+    for (uint32_t lane = 0; lane < LANES; lane++) {
+        if (!(packet->active >> lane & 1)) continue;
+        const struct lw_light_region here = {origin_of(packet, lane), normal_of(packet, lane), 0, 1};
+        if (!far) light = lw_light_tree_choose(tree, group, &here, pick, &probability);
+        if (light == UINT32_MAX) continue;
+        const struct lw_light_sample sample = lw_lights_sample_near(p->lights, light, probability, point[0],
+                                                                    point[1], here.centre_ws, here.normal_ws);
+        add_sample(batch, packet, lane, &sample, 1.0f / (float)p->direct_samples);
+    }
+}
+
+/* Emitters, and points and spots where they are many. */
+static void light_by_groups(const struct lw_passes *p, const struct lw_solve_tile *tile,
+                            struct packet *packet, struct lw_vec3 sum[LANES], struct lw_passes_count *count) {
+    if (!p->lights->tree.count) return;
+    const uint32_t seed = lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_EMITTER);
+    const uint32_t pick_seed =
+        lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_EMITTER_PICK);
+    for (uint32_t s = 0; s < p->direct_samples; s++) {
+        const uint32_t index = tile->frames * p->direct_samples + s;
+        if (p->direct_samples > 1) place_packet(p, tile, packet, index);
+        const struct lw_light_region region = region_of(&packet->at);
+        uint32_t group[LW_LIGHTS_EXACT_MAX];
+        const uint32_t groups = lw_lights_split(p->lights, &region, group);
+        for (uint32_t g = 0; g < groups; g++) {
+            float point[2], pick[2]; /* of a sequence of the group's own: most groups stay over the frames */
+            lw_sampling_point(lw_random_hash2(seed, group[g]), index, packet->set, point);
+            lw_sampling_point(lw_random_hash2(pick_seed, group[g]), index, packet->set, pick);
+            struct shadow_batch batch;
+            start_batch(&batch, 0, index);
+            light_by_group(p, packet, &region, group[g], pick[0], point, &batch);
+            trace_batch(p, &batch, packet->coherent, sum, count);
         }
-        trace_batch(p, &batch, false, sum, count);
     }
 }
 
@@ -212,28 +256,6 @@ static void light_by_punctual(const struct lw_passes *p, const struct lw_solve_t
             if (!sun)
                 sample = lw_lights_sample_punctual(p->lights, l, point[0], point[1], origin_of(packet, lane));
             add_sample(&batch, packet, lane, &sample, 1);
-        }
-        trace_batch(p, &batch, packet->coherent, sum, count);
-    }
-}
-
-static void light_by_emitters(const struct lw_passes *p, const struct lw_solve_tile *tile,
-                              struct packet *packet, const float *cdf, struct lw_vec3 sum[LANES],
-                              struct lw_passes_count *count) {
-    uint32_t seed = lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_EMITTER);
-    uint32_t pick_seed = lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_EMITTER_PICK);
-    for (uint32_t s = 0; s < p->direct_samples; s++) {
-        if (p->direct_samples > 1) place_packet(p, tile, packet, tile->frames * p->direct_samples + s);
-        float point[2], pick[2];
-        lw_sampling_point(seed, tile->frames * p->direct_samples + s, packet->set, point);
-        lw_sampling_point(pick_seed, tile->frames * p->direct_samples + s, packet->set, pick);
-        struct shadow_batch batch;
-        start_batch(&batch, 0, tile->frames * p->direct_samples + s);
-        for (uint32_t lane = 0; lane < LANES; lane++) {
-            if (!(packet->active >> lane & 1)) continue;
-            struct lw_light_sample sample =
-                lw_lights_sample_area(p->lights, cdf, pick[0], point[0], point[1], origin_of(packet, lane));
-            add_sample(&batch, packet, lane, &sample, 1.0f / (float)p->direct_samples);
         }
         trace_batch(p, &batch, packet->coherent, sum, count);
     }
@@ -271,14 +293,7 @@ static void blend(float *const dst[3], uint32_t texel, struct lw_vec3 value, flo
 
 void lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile, float *cdf,
                       struct lw_passes_count *count) {
-    const float *tile_cdf = p->lights->power_cdf;
-    bool emitters = p->lights->emitters_shine;
-    const bool many = is_many(p->lights);
-    if (many) emitters = false;
-    if (emitters) {
-        emitters = lw_lights_local_cdf(p->lights, tile->centre_ws, tile->radius_m, cdf);
-        tile_cdf = cdf;
-    }
+    (void)cdf; /* the light tree needs none */
     struct packet packet;
     lw_footprint_frame_init(&packet.frame, &p->pose->object_to_world[tile->object]);
     for (uint32_t block = 0; block < tile->block_count; block++) {
@@ -288,8 +303,7 @@ void lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile, flo
             load_packet(tile, block, set, &packet);
             place_packet(p, tile, &packet, tile->frames * p->direct_samples);
             light_by_punctual(p, tile, &packet, sum, count);
-            if (many) light_by_many(p, tile, &packet, sum, count);
-            if (emitters) light_by_emitters(p, tile, &packet, tile_cdf, sum, count);
+            light_by_groups(p, tile, &packet, sum, count);
             light_by_sky(p, tile, &packet, sum, count);
             for (uint32_t lane = 0; lane < LANES; lane++) {
                 if (!(packet.active >> lane & 1)) continue;

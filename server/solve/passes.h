@@ -3,10 +3,12 @@
  * Threads: each call works on one tile; tiles are independent within a pass, passes are barriers apart. [any worker]
  *
  * Estimators (E: irradiance, N: samples; all means are unbiased):
- *   punctual light    E += V E_normal cos                 one shadow ray each; where points and spots are many, a few that
- *                                                         a light tree chooses, with emitters, stand for all, over p
- *   emissive triangle E += (1/N) sum V L cos / p          p: probability of the triangle times 1 / its solid angle; where
- *                                                         it is far, times d^2 / (its area cos')
+ *   punctual light    E += V E_normal cos                 one shadow ray each; where points and spots are many, they are
+ *                                                         split with the emitters into groups, of which one light each
+ *                                                         stands for all of its group, over its probability
+ *   emissive triangle E += (1/N) sum V L cos / p          split into groups likewise; p: probability of the triangle in
+ *                                                         its group times 1 / its solid angle; where it is far, times
+ *                                                         d^2 / (its area cos')
  *   sky, environment  E += (1/N) sum V L cos / p          p = (1 - a) cos/pi + a p_bright: cosine-weighted, and where the
  *                                                         environment stands out; a constant sky has a = 0
  *   bounce k          E_k += (pi/N) sum L_{k-1}(end)      cosine-weighted directions
@@ -40,7 +42,7 @@ struct lw_passes_count {
 };
 
 /** Direct light of every covered texel, blended into tiles->direct; sets tiles->estimate.
- * cdf  scratch of lights->emitter_count floats */
+ * cdf  not read */
 void lw_passes_direct(const struct lw_passes *passes, struct lw_solve_tile *tile, float *cdf,
                       struct lw_passes_count *count);
 

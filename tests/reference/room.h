@@ -15,7 +15,7 @@ static inline void expect_near(double got, double want, double tolerance) {
 }
 
 #define ROOM_QUADS_MAX  16
-#define ROOM_LIGHTS_MAX 4
+#define ROOM_LIGHTS_MAX 128
 
 /** A scene under construction: each quad is an object of its own with a material of its own, front by the right hand
  * from edge_u to edge_v. */

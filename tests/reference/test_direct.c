@@ -1,4 +1,5 @@
 /* Direct light against closed forms: point, spot, sun, sky, and the form factors of squares. */
+#include "common/light/lights.h"
 #include "tests/reference/room.h"
 
 #include <math.h>
@@ -61,6 +62,51 @@ static void test_point(void **state) {
     room.light[room.light_count] = (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {10, 10, 10}};
     room.light_position[room.light_count++] = lw_vec3(0, 1.5f, 0);
     expect_floor(&room, 1, 8, point_value, 1e-4, 1e-5);
+}
+
+/* A hundred over the floor and around it, some weak, some near. */
+static struct lw_vec3 lamp_at(unsigned i) {
+    return lw_vec3(0.4f * (float)(i % 10) - 1.8f, 0.5f + 0.15f * (float)(i % 7),
+                   0.4f * (float)(i / 10) - 1.8f);
+}
+static float lamp_power(unsigned i) { return 0.1f + (float)(i * i % 11); }
+
+static double lamps_value(struct lw_vec3 p) {
+    double sum = 0;
+    for (unsigned i = 0; i < 100; i++) {
+        const struct lw_vec3 to = lw_vec3_sub(lamp_at(i), p);
+        const double d2 = (double)lw_vec3_dot(to, to);
+        sum += (double)lamp_power(i) * (double)to.y / (d2 * sqrt(d2));
+    }
+    return sum;
+}
+
+static double floor_mean(double (*value)(struct lw_vec3)) {
+    double sum = 0;
+    for (int i = 0; i < 256; i++)
+        for (int j = 0; j < 256; j++)
+            sum += value(lw_vec3(((float)i + 0.5f) / 128 - 1, 0, ((float)j + 0.5f) / 128 - 1));
+    return sum / (256.0 * 256.0);
+}
+
+/* Groups of them stand for all (light_tree.h): as right as a ray each, but for the noise of the choice within a group. */
+static void test_many_points(void **state) {
+    (void)state;
+    struct room room = floor_room();
+    struct room_solution solution;
+    for (unsigned i = 0; i < 100; i++) {
+        const float power = lamp_power(i);
+        room.light[i] = (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {power, power, power}};
+        room.light_position[i] = lamp_at(i);
+    }
+    room.light_count = 100;
+    room_solve(&solution, &room, (struct lw_solver_desc){0}, 16);
+    /* under a third of a ray in the light is of a choice: 1024 texels x 16 frames x 32 groups, sigma of the mean 0.05 % */
+    expect_near(room_object_mean(&solution, 0).direct, floor_mean(lamps_value), 0.002);
+    /* a ray for each of a hundred would be 1024 x 16 x 100 */
+    assert_true(solution.rays <= 1024ul * 16 * LW_LIGHTS_EXACT_MAX);
+    room_finish(&solution);
+    expect_floor(&room, 1, 256, lamps_value, 0.02, 0.002);
 }
 
 static double spot_value(struct lw_vec3 p) {
@@ -332,6 +378,7 @@ static void test_texels_under_a_box_are_left_out(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_point),
+        cmocka_unit_test(test_many_points),
         cmocka_unit_test(test_spot),
         cmocka_unit_test(test_sun),
         cmocka_unit_test(test_sky),

@@ -1,4 +1,5 @@
-/* The light tree: probabilities sum up to 1, are what is drawn, and are above 0 for all that gives light. */
+/* The light tree: probabilities sum up to 1, are what is drawn, and are above 0 for all that gives light; groups of
+ * a region hold each light once. */
 #include "common/light/light_tree.h"
 #include "common/random.h"
 #include "tests/support/support.h"
@@ -39,7 +40,7 @@ static void probabilities_are_sound(void **state) {
     struct lw_light_bounds light[LIGHTS];
     struct lw_light_tree tree;
     scatter(light, 1);
-    lw_support_ok(lw_light_tree_init(&tree, light, LIGHTS), NULL);
+    lw_support_ok(lw_light_tree_init(&tree, light, LIGHTS, 0), NULL);
     uint32_t seed = 99, lit = 0;
     for (uint32_t k = 0; k < 200; k++) {
         if (k == 100) { /* and after all have moved */
@@ -65,7 +66,8 @@ static void probabilities_are_sound(void **state) {
         enum { N = 4096 };
         for (uint32_t i = 0; i < N; i++) {
             float p = 0, pick = ((float)i + 0.5f) / N;
-            uint32_t chosen = lw_light_tree_choose(&tree, point, normal, pick, &p);
+            uint32_t chosen =
+                lw_light_tree_choose(&tree, 0, &(struct lw_light_region){point, normal, 0, 1}, pick, &p);
             if (chosen == UINT32_MAX)
                 missed += 1.0 / N;
             else
@@ -77,14 +79,102 @@ static void probabilities_are_sound(void **state) {
     lw_light_tree_finish(&tree);
 }
 
+/* A point of a region, with a normal within its cone. */
+static struct lw_light_region point_within(const struct lw_light_region *r, uint32_t *state) {
+    const struct lw_vec3 off = direction(state), aside = direction(state);
+    const struct lw_vec3 at = lw_vec3_mad(r->centre_ws, off, r->radius_m * number(state));
+    struct lw_vec3 normal = r->normal_ws;
+    for (float bend = 1; bend > 0.01f; bend *= 0.7f) {
+        normal = lw_vec3_normalize(lw_vec3_mad(r->normal_ws, aside, bend));
+        if (lw_vec3_dot(normal, r->normal_ws) >= r->cos_spread) break;
+        normal = r->normal_ws;
+    }
+    return (struct lw_light_region){at, normal, 0, 1};
+}
+
+/* What the groups of a region give to a point of it: by choices of their own, every light that shines on it counts once. */
+static double count_by_groups(const struct lw_light_tree *tree, const struct lw_light_bounds *light,
+                              const struct lw_light_region *region, const struct lw_light_region *at,
+                              uint32_t most) {
+    enum { PICKS = 1024 };
+    uint32_t group[LW_LIGHT_TREE_GROUPS_MAX];
+    const uint32_t groups = lw_light_tree_split(tree, 0, region, most, group);
+    double sum = 0;
+    assert_true(groups <= most);
+    for (uint32_t g = 0; g < groups; g++)
+        for (uint32_t i = 0; i < PICKS; i++) {
+            float p = 0;
+            const uint32_t chosen = lw_light_tree_choose(
+                tree, group[g], lw_light_tree_is_far(tree, group[g], region) ? region : at,
+                ((float)i + 0.5f) / PICKS, &p);
+            if (chosen != UINT32_MAX && shines_on(&light[chosen], at->centre_ws, at->normal_ws))
+                sum += 1 / (double)p / PICKS;
+        }
+    return sum;
+}
+
+static void groups_hold_every_light_once(void **state) {
+    (void)state;
+    static const uint32_t most[] = {1, 2, 7, 32, LW_LIGHT_TREE_GROUPS_MAX};
+    struct lw_light_bounds light[LIGHTS];
+    struct lw_light_tree tree;
+    scatter(light, 4);
+    lw_support_ok(lw_light_tree_init(&tree, light, LIGHTS, 20), NULL);
+    for (size_t m = 0; m < sizeof most / sizeof *most; m++) {
+        uint32_t seed = 5;
+        double want = 0, got = 0;
+        for (uint32_t k = 0; k < 100; k++) {
+            const struct lw_vec3 centre = lw_vec3(6 * number(&seed), 3 * number(&seed), 6 * number(&seed));
+            const struct lw_light_region region = {centre, direction(&seed), 1.5f * number(&seed),
+                                                   k % 2 ? 1 : 2 * number(&seed) - 1};
+            const struct lw_light_region at = point_within(&region, &seed);
+            got += count_by_groups(&tree, light, &region, &at, most[m]);
+            for (uint32_t i = 0; i < LIGHTS; i++) want += shines_on(&light[i], at.centre_ws, at.normal_ws);
+        }
+        assert_true(want > 500);
+        if (fabs(got / want - 1) > 0.01) fail_msg("%u groups: %g lights, not %g", most[m], got, want);
+    }
+    lw_light_tree_finish(&tree);
+}
+
+/* Those at the beginning, and where there is room for all, each by itself. */
+static void groups_are_as_small_as_may_be(void **state) {
+    (void)state;
+    enum { FIRST = 20, COUNT = 50 };
+    struct lw_light_bounds light[LIGHTS];
+    struct lw_light_tree tree;
+    uint32_t group[LW_LIGHT_TREE_GROUPS_MAX], seen = 0, seed = 8;
+    scatter(light, 6);
+    lw_support_ok(lw_light_tree_init(&tree, light, COUNT, FIRST), NULL);
+    for (uint32_t k = 0; k < 50; k++) {
+        const struct lw_light_region region = {
+            lw_vec3(6 * number(&seed), 3 * number(&seed), 6 * number(&seed)), direction(&seed), 0.3f, 0.9f};
+        const uint32_t groups = lw_light_tree_split(&tree, 1, &region, LW_LIGHT_TREE_GROUPS_MAX, group);
+        for (uint32_t g = 0; g < groups; g++, seen++) {
+            float p = 0;
+            assert_true(lw_light_tree_choose(&tree, group[g], &region, 0.5f, &p) < FIRST);
+            assert_true(p == 1);
+        }
+    }
+    assert_true(seen > 100);
+    for (uint32_t i = 0; i < COUNT; i++) light[i].power = 0;
+    lw_light_tree_refit(&tree, light);
+    const struct lw_light_region anywhere = {lw_vec3(3, 1, 3), lw_vec3(0, 1, 0), 100, -1};
+    assert_int_equal(lw_light_tree_split(&tree, 0, &anywhere, 8, group), 0);
+    lw_light_tree_finish(&tree);
+}
+
 static void one_light_is_a_tree(void **state) {
     (void)state;
     struct lw_light_bounds light[LIGHTS];
     struct lw_light_tree tree;
     scatter(light, 3);
-    lw_support_ok(lw_light_tree_init(&tree, light, 1), NULL);
+    lw_support_ok(lw_light_tree_init(&tree, light, 1, 0), NULL);
     float p = 0;
-    assert_int_equal(lw_light_tree_choose(&tree, lw_vec3(0, 0, 0), lw_vec3(0, 1, 0), 0.5f, &p), 0);
+    assert_int_equal(lw_light_tree_choose(&tree, 0,
+                                          &(struct lw_light_region){lw_vec3(0, 0, 0), lw_vec3(0, 1, 0), 0, 1},
+                                          0.5f, &p),
+                     0);
     assert_true(p == 1);
     lw_light_tree_finish(&tree);
 }
@@ -92,6 +182,8 @@ static void one_light_is_a_tree(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(probabilities_are_sound),
+        cmocka_unit_test(groups_hold_every_light_once),
+        cmocka_unit_test(groups_are_as_small_as_may_be),
         cmocka_unit_test(one_light_is_a_tree),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
