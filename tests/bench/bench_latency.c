@@ -7,9 +7,14 @@
  * is a name or as --camera of lightwell-view has it), waits until it rests again, undoes it by a reset, and so on. Both ways count.
  *
  * first tile: until the client has decoded a tile of the frame that shows the change, or of a later one, which the change touches.
- * 95 %: until p(E) = sum (E - E0)(E1' - E0') / sum (E1 - E0)(E1' - E0') reaches 0.95 over the texels that the picture shows, before
- * or after, all channels. E0 and E1 are the light at rest before and after; E0' and E1' the same of another round: were they
- * the same pictures, their noise would correlate with itself and count as change.
+ * 95 %: until p(E) = sum w (E - E0)(E1' - E0') / sum w (E1 - E0)(E1' - E0') reaches 0.95 over the texels of level 2 that the picture
+ * shows, before or after, all channels. E0, E0', E1, E1' are the light of four more servers that never knew anything else than the state
+ * before (0) and the state after (1), by two seeds: with one, the noise of E0 and E1 would count as change, and where a vase
+ * moves most of what is seen does not change. w is one over the square of the texel's mean light (plus the median's of all): else the
+ * cages of lamps, some hundred texels a thousand times as bright as the rest and as noisy, would alone decide. What is over twice that
+ * light is clipped: single texels of a first frame. So p is 0 for light that is settled before, 1 for light that is settled
+ * after, whatever the server remembers. Agreement is the cosine of E1 - E0 and E1' - E0': where it is small, p is noise; more --fresh
+ * frames help.
  *
  * The machine's load shows in CPU times: of the server's process, from the sending of the update on. */
 #include "tests/bench/bench_setup.h"
@@ -21,26 +26,30 @@
 #include "common/log.h"
 #include "common/options.h"
 
+#include <float.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
-#define WIDTH       1280u
-#define HEIGHT      720u
-#define FIRST_MS    100.0 /* targets */
-#define SHARE_MS    500.0
-#define SHARE       0.95
-#define TOUCHED     0.01 /* relative root mean square by which the change moves what it touches */
-#define REST_NS     1000000000u
-#define LIMIT_NS    240000000000ull /* for the light to settle */
-#define PATIENCE_NS 120000000000ull /* for the scene, for the first light, for an answer */
-#define POLL_MS     100u
-#define UPDATES_MAX 64u
-#define CHANNELS    3u
+#define WIDTH         1280u
+#define HEIGHT        720u
+#define FIRST_MS      100.0 /* targets */
+#define SHARE_MS      500.0
+#define SHARE         0.95
+#define TOUCHED       0.01 /* relative root mean square by which the change moves what it touches */
+#define FRESH_OPTIONS "--clock manual --light whole --direct-samples 8 --indirect-samples 16"
+#define LEVEL         LW_COMPOSE_LEVEL_MAX /* whose texels are judged */
+#define REST_NS       1000000000u
+#define LIMIT_NS      240000000000ull /* for the light to settle */
+#define PATIENCE_NS   120000000000ull /* for the scene, for the first light, for an answer */
+#define POLL_MS       100u
+#define UPDATES_MAX   64u
+#define CHANNELS      3u
 
 /* What is done where there is nothing said: in the atrium a lamp moves, a vase moves by its width, the sun loses half. */
-static const char *const atrium[] = {"lamp shift lantern 0.5 0 0", "vase shift amphora 0.6 0 0",
+static const char *const atrium[] = {"lamp shift lantern -1.5 0 0", "vase shift amphora 0.6 0 0",
                                      "main light sun intensity 52 45 34.5"};
 
 /* A moment after an update at which new tiles were there. */
@@ -52,26 +61,25 @@ struct moment {
 
 struct bench {
     const char *scene, *daemon_options;
-    int64_t updates, frames;
+    int64_t updates, frames, fresh_frames;
     double settle_s;
     bool json;
     struct lw_process server;
     clockid_t server_clock;
     struct lw_client *client;
-    struct lw_stage stage;
     struct lw_camera_view camera;
-    float *picture; /* of WIDTH x HEIGHT; nobody looks at it */
-    /* what is seen */
-    uint8_t *shown; /* LW_TILE_TEXELS_MAX per tile */
-    uint8_t *wanted;
-    struct texel {
-        lw_tile_id tile;
-        uint32_t index; /* in its level */
-    } * texel;
+    struct lw_atlas_map map;
+    /* per tile */
+    uint8_t *wanted, *touched; /* by the picture; by the change */
+    uint64_t *version;         /* before the update */
+    /* texels of LEVEL, object by object, or of the coarsest level of objects that have fewer */
     size_t texel_count;
-    float *before, *after, *along, *now; /* E0, E1, E1' - E0', E: CHANNELS per texel */
-    uint64_t *version;                   /* of each tile, before the update */
-    uint8_t *touched;                    /* by the change, per tile */
+    size_t *first;               /* texel of each object */
+    uint8_t *shown;              /* in the picture */
+    float *before[2], *after[2]; /* E0 and E0', E1 and E1': CHANNELS per texel */
+    float *now;                  /* E */
+    double agreement;
+    float *weight, *most; /* w, 0 where nothing is shown; what E is clipped at */
     struct moment *moment;
     size_t moment_count, moment_capacity;
 };
@@ -83,6 +91,7 @@ struct outcome {
     double first_frames, share_frames;
     struct moment first, share; /* share.ms < 0: never */
     double lowest;              /* of p after that */
+    double start, end;          /* p before the update and when the light had settled */
     double rest_ms;
 };
 
@@ -101,39 +110,59 @@ static void *room(size_t count, size_t size) {
     return p;
 }
 
-static struct lw_client_stats poll_client(struct bench *b, unsigned ms) {
-    struct lw_error err = {0};
-    struct lw_client_stats stats;
-    must(lw_client_poll(b->client, ms, &err), &err);
-    lw_client_get_stats(b->client, &stats);
-    return stats;
+/* ---- texels ---- */
+
+static uint32_t level_of(const struct bench *b, uint32_t object) {
+    const uint32_t levels = b->map.atlas[object].level_count;
+    return levels > LEVEL ? LEVEL : levels - 1;
 }
 
-/* ---- what is seen ---- */
+static void lay_out(struct bench *b, const struct lw_scene *scene) {
+    if (b->first) return;
+    if (lw_atlas_map_init(&b->map, scene) != LW_OK) give_up("no memory");
+    b->first = room(b->map.object_count, sizeof *b->first);
+    for (uint32_t o = 0; o < b->map.object_count; o++) {
+        b->first[o] = b->texel_count;
+        if (!b->map.atlas[o].level_count) continue;
+        const struct lw_atlas_level *level = &b->map.atlas[o].level[level_of(b, o)];
+        b->texel_count += (size_t)level->width * level->height;
+    }
+    float **plane[] = {&b->before[0], &b->before[1], &b->after[0], &b->after[1],
+                       &b->now,       &b->weight,    &b->most};
+    for (size_t i = 0; i < sizeof plane / sizeof *plane; i++)
+        *plane[i] = room(CHANNELS * b->texel_count, sizeof **plane[i]);
+    b->shown = room(b->texel_count, sizeof *b->shown);
+    b->wanted = room(b->map.tile_count, sizeof *b->wanted);
+    b->touched = room(b->map.tile_count, sizeof *b->touched);
+    b->version = room(b->map.tile_count, sizeof *b->version);
+}
 
-/* The first surface behind a pixel, at the finest level that the picture reads there. */
-static void show_hit(struct bench *b, const struct lw_hit16 *hits, unsigned i) {
-    const struct lw_scene *scene = b->stage.scene;
-    const struct lw_atlas_map *map = lw_client_atlas_map(b->client);
-    const uint8_t *needed = lw_compose_needed(b->stage.compose);
-    if (hits->object[i] == LW_TRACE_MISS) return;
-    const struct lw_mesh *mesh = &scene->mesh[scene->object[hits->object[i]].mesh];
-    struct lw_facet facet;
-    lw_scene_facet(scene, mesh, hits->triangle[i], &facet);
-    const float weight[3] = {1 - hits->u[i] - hits->v[i], hits->u[i], hits->v[i]};
-    struct lw_vec2 uv = lw_scene_facet_mean(facet.lightmap_uv, weight);
-    if (hits->back[i]) uv.y += (float)mesh->back_offset;
-    for (uint32_t level = 0; level <= LW_COMPOSE_LEVEL_MAX; level++) {
-        const uint32_t x = (uint32_t)uv.x >> level, y = (uint32_t)uv.y >> level;
-        const lw_tile_id id =
-            lw_atlas_map_find(map, hits->object[i], level, x / LW_TILE_SIDE, y / LW_TILE_SIDE);
-        if (id.v == UINT32_MAX || !needed[id.v]) continue;
-        b->shown[(size_t)id.v * LW_TILE_TEXELS_MAX + y % LW_TILE_SIDE * LW_TILE_SIDE + x % LW_TILE_SIDE] = 1;
-        return;
+static void read_light(const struct bench *b, const struct lw_client *client, float *out) {
+    for (uint32_t o = 0; o < b->map.object_count; o++) {
+        if (!b->map.atlas[o].level_count) continue;
+        const struct lw_client_level level = lw_client_get_level(client, o, level_of(b, o));
+        memcpy(out + CHANNELS * b->first[o], level.rgb,
+               (size_t)level.width * level.height * CHANNELS * sizeof *out);
     }
 }
 
-static void show_pixels(struct bench *b) {
+/* The first surface behind a pixel. */
+static void show_hit(struct bench *b, const struct lw_scene *scene, const struct lw_hit16 *hits, unsigned i) {
+    const uint32_t o = hits->object[i];
+    if (o == LW_TRACE_MISS || !b->map.atlas[o].level_count) return;
+    const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
+    const uint32_t level = level_of(b, o);
+    const float weight[3] = {1 - hits->u[i] - hits->v[i], hits->u[i], hits->v[i]};
+    struct lw_facet facet;
+    lw_scene_facet(scene, mesh, hits->triangle[i], &facet);
+    struct lw_vec2 uv = lw_scene_facet_mean(facet.lightmap_uv, weight);
+    if (hits->back[i]) uv.y += (float)mesh->back_offset;
+    const struct lw_atlas_level *at = &b->map.atlas[o].level[level];
+    const uint32_t x = (uint32_t)uv.x >> level, y = (uint32_t)uv.y >> level;
+    if (x < at->width && y < at->height) b->shown[b->first[o] + (size_t)y * at->width + x] = 1;
+}
+
+static void show_pixels(struct bench *b, const struct lw_stage *stage) {
     const struct lw_camera_plane plane = lw_camera_plane(&b->camera, WIDTH, HEIGHT);
     struct lw_ray16 rays = {.salt = 0};
     struct lw_hit16 hits;
@@ -144,96 +173,201 @@ static void show_pixels(struct bench *b) {
                 lw_trace_set_ray(&rays, i, b->camera.position,
                                  lw_camera_direction(&plane, (float)(x + i) + 0.5f, (float)y + 0.5f),
                                  INFINITY);
-            lw_trace_closest16(b->stage.trace, LW_TRACE_VIEW | LW_TRACE_COHERENT, UINT16_MAX, &rays, &hits);
-            for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) show_hit(b, &hits, i);
+            lw_trace_closest16(stage->trace, LW_TRACE_VIEW | LW_TRACE_COHERENT, UINT16_MAX, &rays, &hits);
+            for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) show_hit(b, stage->scene, &hits, i);
         }
 }
 
-/* Adds what the picture takes now to what is wanted and shown. */
-static void look(struct bench *b) {
-    const uint32_t tiles = lw_client_atlas_map(b->client)->tile_count;
+/* Adds what the picture takes of what a client has now. */
+static void look(struct bench *b, struct lw_client *client) {
     const struct lw_compose_view view = {.camera = b->camera, .width = WIDTH, .height = HEIGHT};
     struct lw_compose_report report;
+    struct lw_stage stage;
     struct lw_error err = {0};
     bool moved;
-    must(lw_stage_follow(&b->stage, &moved, &err), &err);
-    const struct lw_compose_source source = lw_compose_source_of(b->client);
-    lw_compose_render(b->stage.compose, &source, &b->stage.pose, &view, b->picture, &report);
-    lw_compose_survey(b->stage.compose, &source, &b->stage.pose, &view);
-    const uint8_t *needed = lw_compose_needed(b->stage.compose),
-                  *around = lw_compose_around(b->stage.compose);
-    for (uint32_t t = 0; t < tiles; t++) b->wanted[t] |= (uint8_t)(needed[t] | around[t]);
-    show_pixels(b);
-    lw_tile_id *list = room(tiles, sizeof *list);
-    size_t count = 0;
-    for (uint32_t t = 0; t < tiles; t++)
-        if (b->wanted[t]) list[count++] = (lw_tile_id){t};
-    must(lw_client_want(b->client, list, count), &err);
-    free(list);
+    must(lw_stage_init(&stage, client, 0, &err), &err);
+    must(lw_stage_follow(&stage, &moved, &err), &err);
+    const struct lw_compose_source source = lw_compose_source_of(client);
+    float *picture = room((size_t)WIDTH * HEIGHT * 3, sizeof *picture);
+    lw_compose_render(stage.compose, &source, &stage.pose, &view, picture, &report);
+    lw_compose_survey(stage.compose, &source, &stage.pose, &view);
+    const uint8_t *needed = lw_compose_needed(stage.compose), *around = lw_compose_around(stage.compose);
+    for (uint32_t t = 0; t < b->map.tile_count; t++) b->wanted[t] |= (uint8_t)(needed[t] | around[t]);
+    show_pixels(b, &stage);
+    lw_stage_finish(&stage);
+    free(picture);
 }
 
-static void list_texels(struct bench *b) {
-    const struct lw_atlas_map *map = lw_client_atlas_map(b->client);
-    b->texel_count = 0;
-    for (size_t i = 0; i < (size_t)map->tile_count * LW_TILE_TEXELS_MAX; i++) b->texel_count += b->shown[i];
-    b->texel = room(b->texel_count, sizeof *b->texel);
-    size_t at = 0;
-    for (size_t i = 0; i < (size_t)map->tile_count * LW_TILE_TEXELS_MAX; i++) {
-        if (!b->shown[i]) continue;
-        const lw_tile_id tile = {(uint32_t)(i / LW_TILE_TEXELS_MAX)};
-        const struct lw_tile_place *place = &map->place[tile.v];
-        const uint32_t in = (uint32_t)(i % LW_TILE_TEXELS_MAX),
-                       y = place->y * LW_TILE_SIDE + in / LW_TILE_SIDE,
-                       x = place->x * LW_TILE_SIDE + in % LW_TILE_SIDE;
-        b->texel[at++] =
-            (struct texel){tile, y * lw_client_get_level(b->client, place->object, place->level).width + x};
-    }
-    float **plane[] = {&b->before, &b->after, &b->along, &b->now};
-    for (size_t i = 0; i < sizeof plane / sizeof *plane; i++)
-        *plane[i] = room(CHANNELS * b->texel_count, sizeof **plane[i]);
-}
+/* ---- the change ---- */
 
-static void free_texels(struct bench *b) {
-    float **plane[] = {&b->before, &b->after, &b->along, &b->now};
-    for (size_t i = 0; i < sizeof plane / sizeof *plane; i++) free(*plane[i]);
-    free(b->texel);
-    b->texel_count = 0;
-}
-
-static void read_light(const struct bench *b, float *out) {
-    const struct lw_atlas_map *map = lw_client_atlas_map(b->client);
-    uint32_t last = UINT32_MAX;
-    const float *rgb = NULL;
-    for (size_t i = 0; i < b->texel_count; i++) {
-        if (b->texel[i].tile.v != last) {
-            last = b->texel[i].tile.v;
-            rgb = lw_client_get_level(b->client, map->place[last].object, map->place[last].level).rgb;
-        }
-        memcpy(out + CHANNELS * i, rgb + CHANNELS * b->texel[i].index, CHANNELS * sizeof *out);
-    }
-}
-
-static double dot_difference(const struct bench *b, const float *to, const float *from, const float *along) {
-    double sum = 0;
-    for (size_t i = 0; i < CHANNELS * b->texel_count; i++)
-        sum += ((double)to[i] - (double)from[i]) * (double)along[i];
-    return sum;
-}
-
-/* Tiles that E1' and E0' tell apart by more than their noise. */
-static void find_touched(struct bench *b, const float *from) {
-    const uint32_t tiles = lw_client_atlas_map(b->client)->tile_count;
-    double *change = room(2ul * tiles, sizeof *change), *whole = change + tiles;
+/* What is too bright by far to be light of before or after is not taken for more than it can be. */
+static double project(const struct bench *b, const float *light) {
+    double sum = 0, whole = 0;
     for (size_t i = 0; i < CHANNELS * b->texel_count; i++) {
-        const uint32_t t = b->texel[i / CHANNELS].tile.v;
-        change[t] += (double)b->along[i] * (double)b->along[i];
-        whole[t] += (double)from[i] * (double)from[i];
+        const double along = (double)b->weight[i] * (double)(b->after[1][i] - b->before[1][i]);
+        sum += along * (double)(fminf(light[i], b->most[i]) - b->before[0][i]);
+        whole += along * (double)(b->after[0][i] - b->before[0][i]);
     }
-    for (uint32_t t = 0; t < tiles; t++) {
-        const double floor = TOUCHED + (double)lw_client_get_tile(b->client, (lw_tile_id){t}).error;
-        b->touched[t] = change[t] > floor * floor * whole[t];
+    return sum / whole;
+}
+
+static double agree(const struct bench *b) {
+    double both = 0, square[2] = {0};
+    for (size_t i = 0; i < CHANNELS * b->texel_count; i++) {
+        const double w = (double)b->weight[i], x = (double)(b->after[0][i] - b->before[0][i]),
+                     y = (double)(b->after[1][i] - b->before[1][i]);
+        both += w * x * y;
+        square[0] += w * x * x;
+        square[1] += w * y * y;
     }
-    free(change);
+    return both / (sqrt(square[0] * square[1]) + DBL_MIN);
+}
+
+static int compare_floats(const void *a, const void *b) {
+    const float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+static float median_of_light(const struct bench *b, const float *light) {
+    float *all = room(CHANNELS * b->texel_count, sizeof *all);
+    size_t count = 0;
+    for (size_t i = 0; i < CHANNELS * b->texel_count; i++)
+        if (b->shown[i / CHANNELS]) all[count++] = light[i];
+    qsort(all, count, sizeof *all, compare_floats);
+    const float median = all[count / 2];
+    free(all);
+    return median;
+}
+
+/* What light adds to a place counts by what is there. */
+static void weigh(struct bench *b) {
+    const float median = median_of_light(b, b->before[0]);
+    for (size_t i = 0; i < CHANNELS * b->texel_count; i++) {
+        const float mean = 0.25f * (b->before[0][i] + b->before[1][i] + b->after[0][i] + b->after[1][i]);
+        b->weight[i] = b->shown[i / CHANNELS] ? 1 / (mean * mean + median * median + FLT_MIN) : 0;
+        b->most[i] = 2 * (mean + median);
+    }
+    b->agreement = agree(b);
+}
+
+/* Tiles that the change moves by more than a little, as far as they are shown: those of LEVEL, and the finer ones below. */
+static void find_touched(struct bench *b) {
+    for (uint32_t t = 0; t < b->map.tile_count; t++) {
+        const struct lw_tile_place *place = &b->map.place[t];
+        const uint32_t level = level_of(b, place->object);
+        b->touched[t] = 0;
+        if (place->level > level || !b->wanted[t]) continue;
+        const uint32_t width = b->map.atlas[place->object].level[level].width, shift = level - place->level;
+        double change = 0, whole = 0;
+        for (uint32_t y = place->y * LW_TILE_SIDE >> shift;
+             y < (place->y * LW_TILE_SIDE + place->height) >> shift; y++)
+            for (uint32_t x = place->x * LW_TILE_SIDE >> shift;
+                 x < (place->x * LW_TILE_SIDE + place->width) >> shift; x++) {
+                const size_t texel = b->first[place->object] + (size_t)y * width + x;
+                for (size_t i = CHANNELS * texel; i < CHANNELS * texel + CHANNELS && b->shown[texel]; i++) {
+                    const double from = (double)b->before[0][i], to = (double)b->after[0][i];
+                    change += (to - from) * (to - from);
+                    whole += from * from;
+                }
+            }
+        b->touched[t] = change > TOUCHED * TOUCHED * whole;
+    }
+}
+
+/* ---- light that knows one state alone ---- */
+
+static struct lw_client *join(uint16_t port, bool wants_nothing) {
+    struct lw_client *client;
+    struct lw_error err = {0};
+    must(lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1",
+                                                   .port = port,
+                                                   .name = "bench_latency",
+                                                   .wants_nothing = wants_nothing,
+                                                   .control = true},
+                          &client, &err),
+         &err);
+    return client;
+}
+
+static void poll_one(struct lw_client *client, unsigned ms, struct lw_client_stats *out_stats) {
+    struct lw_error err = {0};
+    must(lw_client_poll(client, ms, &err), &err);
+    lw_client_get_stats(client, out_stats);
+}
+
+static void serve(const struct bench *b, const char *options, struct lw_process *out_server) {
+    char arguments[1024];
+    if ((size_t)snprintf(arguments, sizeof arguments, "%s --freeze 0 %s %s", b->scene, options,
+                         b->daemon_options) >= sizeof arguments)
+        give_up("--daemon is too long");
+    lw_process_serve(out_server, arguments);
+}
+
+/* The scene as --freeze 0 holds it: of that, what commands go on from. */
+static void read_update(struct bench *b, const struct lw_scene *scene, const char *text,
+                        struct lw_scene_change *out_change) {
+    char line[512];
+    const char *word[LW_CTL_COMMAND_WORDS_MAX];
+    size_t count;
+    uint32_t camera;
+    struct lw_pose pose;
+    struct lw_error err = {0};
+    must(lw_pose_init(&pose, scene), &err);
+    lw_pose_evaluate(&pose, scene, 0);
+    if ((size_t)snprintf(line, sizeof line, "%s", text) >= sizeof line) give_up("an update is too long");
+    must(lw_ctl_command_split(line, word, &count, &err), &err);
+    if (count < 2) give_up("an update is a camera and a command: \"main hide amphora\"");
+    if (strchr(word[0], ':')) {
+        must(lw_camera_parse(word[0], &b->camera, &err), &err);
+    } else {
+        must(lw_camera_find(scene, word[0], &camera, &err), &err);
+        b->camera = lw_camera_of_scene(scene, &pose, camera);
+    }
+    struct lw_ctl_command_state state = {.scene = scene,
+                                         .object_to_world = pose.object_to_world,
+                                         .light = room(scene->light_count, sizeof *state.light)};
+    for (uint32_t l = 0; l < scene->light_count; l++)
+        state.light[l] = (struct lw_client_light){pose.light[l].position_ws, pose.light[l].direction_ws,
+                                                  pose.light[l].intensity};
+    must(lw_ctl_command_parse(&state, word + 1, count - 1, out_change, &err), &err);
+    free(state.light);
+    lw_pose_finish(&pose);
+}
+
+static const struct lw_scene_change reset = {.kind = LW_SCENE_CHANGE_RESET};
+
+/* The light of a server to which the change is made before its first frame, and undone in the same moment if it is `undone`: what
+ * was moved once is another object for rays, wherever it is. Frames begin with lines on our stdin, which is its. */
+static void solve_fresh(struct bench *b, const char *text, bool undone, unsigned seed, float **out_light,
+                        struct lw_scene_change *out_change) {
+    struct lw_process server;
+    struct lw_client_stats stats = {0};
+    struct lw_error err = {0};
+    char options[128];
+    int line[2];
+    if (pipe(line) != 0 || dup2(line[0], STDIN_FILENO) < 0) give_up("no pipe");
+    snprintf(options, sizeof options, FRESH_OPTIONS " --seed %u", seed);
+    serve(b, options, &server);
+    struct lw_client *client = join(server.port, false);
+    while (!lw_client_scene(client)) poll_one(client, POLL_MS, &stats);
+    lay_out(b, lw_client_scene(client));
+    read_update(b, lw_client_scene(client), text, out_change);
+    must(lw_client_update(client, (struct lw_scene_change[]){*out_change, reset}, undone ? 2 : 1, NULL, &err),
+         &err);
+    for (int i = 0; i < 3; i++) poll_one(client, POLL_MS, &stats); /* it hears of that */
+    for (int64_t i = 0; i < b->fresh_frames; i++)
+        if (write(line[1], "\n", 1) != 1) give_up("the server takes no frames");
+    for (const uint64_t limit_ns = lw_clock_ns() + LIMIT_NS;
+         stats.settled_frame < (uint64_t)b->fresh_frames;) {
+        poll_one(client, POLL_MS, &stats);
+        if (lw_clock_ns() > limit_ns) give_up("the light of one state does not come");
+    }
+    read_light(b, client, *out_light);
+    look(b, client);
+    lw_client_destroy(client);
+    close(line[1]);
+    close(line[0]);
+    (void)lw_process_stop(&server, SIGTERM, 30);
 }
 
 /* ---- updates ---- */
@@ -267,7 +401,7 @@ static struct moment moment_at(const struct clocks *from, const struct clocks *t
 
 /* A tile's version is the frame that it was encoded in. */
 static bool shows_change(const struct bench *b, uint64_t frame) {
-    for (uint32_t t = 0; t < lw_client_atlas_map(b->client)->tile_count; t++) {
+    for (uint32_t t = 0; t < b->map.tile_count; t++) {
         const uint64_t version = lw_client_get_tile(b->client, (lw_tile_id){t}).version;
         if (b->touched[t] && version != b->version[t] && version >= frame) return true;
     }
@@ -279,18 +413,20 @@ static bool is_over(const struct bench *b, uint64_t frames, uint64_t ns) {
     return (frames >= (uint64_t)b->frames && ns >= (uint64_t)(1e9 * b->settle_s)) || ns > LIMIT_NS;
 }
 
-static bool is_converged(const struct bench *b) {
-    const struct lw_compose_source source = lw_compose_source_of(b->client);
-    struct lw_compose_report report;
-    lw_compose_check(b->stage.compose, &source, &report);
-    return report.converged;
+/* Whether every tile that is wanted is there with all bounces, and no noisier than it is to be. */
+static bool is_converged(const struct bench *b, const struct lw_client_stats *stats) {
+    for (uint32_t t = 0; t < b->map.tile_count; t++) {
+        const struct lw_client_tile tile = lw_client_get_tile(b->client, (lw_tile_id){t});
+        if (b->wanted[t] &&
+            (!tile.version || tile.bounces < stats->bounces || tile.error > stats->target_error))
+            return false;
+    }
+    return true;
 }
 
-enum until { ANSWERED, SETTLED };
-
 /* Sends an update and follows the light until it rests, or its frames are over. Fills b->moment. */
-static struct outcome follow(struct bench *b, const struct lw_scene_change *change, enum until until) {
-    const uint32_t tiles = lw_client_atlas_map(b->client)->tile_count;
+static struct outcome follow(struct bench *b, const struct lw_scene_change *change) {
+    const uint32_t tiles = b->map.tile_count;
     struct lw_client_stats stats;
     struct lw_client_answer answer = {0};
     struct lw_error err = {0};
@@ -304,9 +440,8 @@ static struct outcome follow(struct bench *b, const struct lw_scene_change *chan
     const struct clocks from = clocks_now(b);
     uint64_t frame = stats.frame, tiles_then = stats.tiles, heard_ns = from.ns, now_ns = from.ns;
     must(lw_client_update(b->client, change, 1, NULL, &err), &err);
-    while (!answered ||
-           (until == SETTLED && !outcome.rested && !is_over(b, frame - old.frame, now_ns - from.ns))) {
-        stats = poll_client(b, POLL_MS);
+    while (!answered || (!outcome.rested && !is_over(b, frame - old.frame, now_ns - from.ns))) {
+        poll_one(b->client, POLL_MS, &stats);
         const struct clocks now = clocks_now(b);
         struct moment moment = moment_at(&from, &now, &stats);
         now_ns = now.ns;
@@ -315,42 +450,35 @@ static struct outcome follow(struct bench *b, const struct lw_scene_change *chan
         if (!answered && now_ns - from.ns > PATIENCE_NS) give_up("the server does not answer");
         if (stats.frame != frame) heard_ns = now_ns;
         frame = stats.frame;
-        if (stats.tiles != tiles_then && b->texel_count) {
+        if (stats.tiles != tiles_then) {
             if (outcome.first.ms < 0 && answered && shows_change(b, answer.frame)) {
                 outcome.first = moment;
                 outcome.first_frames = (double)(moment.frame - old.frame);
             }
-            read_light(b, b->now);
-            moment.along = dot_difference(b, b->now, b->before, b->along);
+            read_light(b, b->client, b->now);
+            moment.along = project(b, b->now);
             note(b, &moment);
         }
         tiles_then = stats.tiles;
-        outcome.rested = answered && now_ns - heard_ns > REST_NS && is_converged(b);
+        outcome.rested = answered && now_ns - heard_ns > REST_NS && is_converged(b, &stats);
     }
     outcome.rest_ms = ms_since(from.ns, heard_ns);
     return outcome;
 }
 
-/* p of each moment: that reached SHARE first, and the lowest after it. */
+/* p of each moment, 0 before the update: that reached SHARE first, and the lowest after it. */
 static void find_share(struct bench *b, struct outcome *outcome, uint64_t old_frame) {
-    const double whole = dot_difference(b, b->after, b->before, b->along);
-    outcome->lowest = 1;
+    outcome->lowest = INFINITY;
     for (size_t i = 0; i < b->moment_count; i++) {
-        b->moment[i].along /= whole;
+        if (outcome->undone) b->moment[i].along = 1 - b->moment[i].along;
         const struct moment *m = &b->moment[i];
         if (outcome->share.ms < 0 && m->along >= SHARE) {
             outcome->share = *m;
             outcome->share_frames = (double)(m->frame - old_frame);
         }
-        if (outcome->share.ms >= 0 && m->along < outcome->lowest) outcome->lowest = m->along;
+        if (outcome->share.ms >= 0) outcome->lowest = fmin(outcome->lowest, m->along);
+        outcome->end = m->along;
     }
-}
-
-static void turn_around(struct bench *b) {
-    float *swap = b->before;
-    b->before = b->after;
-    b->after = swap;
-    for (size_t i = 0; i < CHANNELS * b->texel_count; i++) b->along[i] = -b->along[i];
 }
 
 /* ---- what is printed ---- */
@@ -379,8 +507,9 @@ static void print_json_outcome(const struct bench *b, const struct outcome *o, b
            o->first.server_cpu_ms);
     print_json_number(share_ms(o));
     printf(", \"share_frames\": %.0f, \"share_server_cpu_ms\": %.1f, \"share_client_cpu_ms\": %.1f, "
-           "\"lowest_after\": %.4f,\n     \"progress\": [",
-           o->share_frames, o->share.server_cpu_ms, o->share.client_cpu_ms, o->lowest);
+           "\"lowest_after\": %.4f, \"start\": %.4f, \"end\": %.4f,\n     \"progress\": [",
+           o->share_frames, o->share.server_cpu_ms, o->share.client_cpu_ms,
+           isfinite(o->lowest) ? o->lowest : 0.0, o->start, o->end);
     for (size_t i = 0; i < b->moment_count; i++)
         printf("%s[%.1f, %.4f, %llu]", i ? ", " : "", b->moment[i].ms, b->moment[i].along,
                (unsigned long long)b->moment[i].rays);
@@ -398,7 +527,8 @@ static void print_outcome(const char *update, const struct outcome *o) {
     printf("| %s%s |", update, o->undone ? ", undone" : "");
     print_cell(first_ms(o), o->first_frames, o->first.server_cpu_ms);
     print_cell(share_ms(o), o->share_frames, o->share.server_cpu_ms);
-    printf(" %.2f | %.1f%s |\n", o->lowest, 1e-3 * o->rest_ms, o->rested ? "" : " and on");
+    if (isfinite(o->lowest)) printf(" %.2f", o->lowest);
+    printf(" | %.2f | %.2f | %.1f%s |\n", o->start, o->end, 1e-3 * o->rest_ms, o->rested ? "" : " and on");
     fflush(stdout);
 }
 
@@ -407,10 +537,18 @@ static void print_head(const struct bench *b) {
         printf("{\"scene\": \"%s\", \"first_target_ms\": %.0f, \"share_target_ms\": %.0f, \"updates\": [",
                b->scene, FIRST_MS, SHARE_MS);
     else
-        printf("%s\n\n| update | first tile, ms | frames | server CPU ms | 95 %%, ms | frames | server CPU "
-               "ms | lowest "
-               "after | rest, s |\n|---|---|---|---|---|---|---|---|---|\n",
-               b->scene);
+        printf("%s\n\n", b->scene);
+    fflush(stdout);
+}
+
+static void print_update(const struct bench *b, const char *update, bool first) {
+    if (b->json)
+        printf("%s\n  {\"update\": \"%s\", \"agreement\": %.4f, \"outcomes\": [", first ? "" : ",", update,
+               b->agreement);
+    else
+        printf("| update | first tile, ms | frames | server CPU ms | 95 %%, ms | frames | server CPU ms | "
+               "lowest "
+               "after | p at first | p at last | rest, s |\n|---|---|---|---|---|---|---|---|---|---|---|\n");
     fflush(stdout);
 }
 
@@ -424,9 +562,11 @@ static void print_medians(const struct bench *b, const char *update, const struc
         print_json_number(share);
         printf("}");
     } else {
-        printf("| %s, median | %.0f | | | %.0f | | | | |\n", update, first, share);
-        printf("| %s, target | %.0f: %s | | | %.0f: %s | | | | |\n", update, FIRST_MS,
-               first <= FIRST_MS ? "met" : "missed", SHARE_MS, share <= SHARE_MS ? "met" : "missed");
+        printf("\n%s: agreement %.2f; medians: first tile after %.0f ms, target %.0f: %s; 95 %% after %.0f "
+               "ms, target "
+               "%.0f: %s\n\n",
+               update, b->agreement, first, FIRST_MS, first <= FIRST_MS ? "met" : "missed", share, SHARE_MS,
+               share <= SHARE_MS ? "met" : "missed");
     }
     fflush(stdout);
 }
@@ -434,118 +574,64 @@ static void print_medians(const struct bench *b, const char *update, const struc
 /* ---- the whole ---- */
 
 static void begin(struct bench *b) {
+    struct lw_client_stats stats = {0};
     struct lw_error err = {0};
-    char arguments[1024];
-    if ((size_t)snprintf(arguments, sizeof arguments, "%s --freeze 0 %s", b->scene, b->daemon_options) >=
-        sizeof arguments)
-        give_up("--daemon is too long");
-    lw_process_serve(&b->server, arguments);
+    serve(b, "", &b->server);
     if (clock_getcpuclockid(b->server.pid, &b->server_clock) != 0) give_up("the server has no clock");
-    must(lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1",
-                                                   .port = b->server.port,
-                                                   .name = "bench_latency",
-                                                   .wants_nothing = true,
-                                                   .control = true},
-                          &b->client, &err),
-         &err);
-    const uint64_t limit_ns = lw_clock_ns() + PATIENCE_NS;
-    while (!poll_client(b, POLL_MS).first_ns)
+    b->client = join(b->server.port, true);
+    for (const uint64_t limit_ns = lw_clock_ns() + PATIENCE_NS; !stats.first_ns;) {
+        poll_one(b->client, POLL_MS, &stats);
         if (lw_clock_ns() > limit_ns) give_up("no first light");
-    must(lw_stage_init(&b->stage, b->client, 0, &err), &err);
-    const uint32_t tiles = lw_client_atlas_map(b->client)->tile_count;
-    b->picture = room((size_t)WIDTH * HEIGHT * 3, sizeof *b->picture);
-    b->shown = room((size_t)tiles * LW_TILE_TEXELS_MAX, sizeof *b->shown);
-    b->wanted = room(tiles, sizeof *b->wanted);
-    b->touched = room(tiles, sizeof *b->touched);
-    b->version = room(tiles, sizeof *b->version);
+    }
+    lw_tile_id *list = room(b->map.tile_count, sizeof *list);
+    size_t count = 0;
+    for (uint32_t t = 0; t < b->map.tile_count; t++)
+        if (b->wanted[t]) list[count++] = (lw_tile_id){t};
+    must(lw_client_want(b->client, list, count), &err);
+    free(list);
+    (void)follow(b, &reset);
 }
 
 static void end(struct bench *b) {
-    lw_stage_finish(&b->stage);
     lw_client_destroy(b->client);
-    free(b->picture);
-    free(b->shown);
-    free(b->wanted);
-    free(b->touched);
-    free(b->version);
-    free(b->moment);
     (void)lw_process_stop(&b->server, SIGTERM, 30);
-}
-
-/* "CAMERA COMMAND..." */
-static void read_update(struct bench *b, const char *text, struct lw_scene_change *out_change) {
-    char line[512];
-    const char *word[LW_CTL_COMMAND_WORDS_MAX];
-    size_t count;
-    uint32_t camera;
-    struct lw_ctl_command_state state;
-    struct lw_error err = {0};
-    if ((size_t)snprintf(line, sizeof line, "%s", text) >= sizeof line) give_up("an update is too long");
-    must(lw_ctl_command_split(line, word, &count, &err), &err);
-    if (count < 2) give_up("an update is a camera and a command: \"main hide amphora\"");
-    if (strchr(word[0], ':')) {
-        must(lw_camera_parse(word[0], &b->camera, &err), &err);
-    } else {
-        must(lw_camera_find(b->stage.scene, word[0], &camera, &err), &err);
-        b->camera = lw_camera_of_scene(b->stage.scene, &b->stage.pose, camera);
-    }
-    must(lw_ctl_command_state_init(&state, b->client), &err);
-    must(lw_ctl_command_parse(&state, word + 1, count - 1, out_change, &err), &err);
-    lw_ctl_command_state_finish(&state);
-}
-
-static const struct lw_scene_change reset = {.kind = LW_SCENE_CHANGE_RESET};
-
-/* What is seen before and after; E0' and E1'. */
-static void prepare(struct bench *b, const struct lw_scene_change *change) {
-    const uint32_t tiles = lw_client_atlas_map(b->client)->tile_count;
-    memset(b->wanted, 0, tiles);
-    memset(b->shown, 0, (size_t)tiles * LW_TILE_TEXELS_MAX);
-    b->texel_count = 0;
-    (void)follow(b, &reset, ANSWERED); /* the last update may not have been undone */
-    look(b);
-    (void)follow(b, change, ANSWERED);
-    look(b);
-    list_texels(b);
-    (void)follow(b, &reset, SETTLED);
-    read_light(b, b->before);
-    (void)follow(b, change, SETTLED);
-    read_light(b, b->after);
-    for (size_t i = 0; i < CHANNELS * b->texel_count; i++) b->along[i] = b->after[i] - b->before[i];
-    find_touched(b, b->before);
+    memset(b->wanted, 0, b->map.tile_count);
+    memset(b->shown, 0, b->texel_count);
 }
 
 static void measure(struct bench *b, const char *text, bool first) {
     struct lw_scene_change change;
     struct outcome outcome[UPDATES_MAX];
     struct lw_client_stats stats;
-    read_update(b, text, &change);
-    prepare(b, &change);
-    (void)follow(b, &reset, SETTLED);
-    read_light(b, b->before);
-    if (b->json)
-        printf("%s\n  {\"update\": \"%s\", \"texels\": %zu, \"outcomes\": [", first ? "" : ",", text,
-               b->texel_count);
+    for (unsigned i = 0; i < 2; i++) {
+        solve_fresh(b, text, true, 2 + i, &b->before[i], &change);
+        solve_fresh(b, text, false, 2 + i, &b->after[i], &change);
+    }
+    weigh(b);
+    find_touched(b);
+    begin(b);
+    print_update(b, text, first);
     for (int64_t i = 0; i < b->updates; i++) {
         const bool back = i % 2;
         lw_client_get_stats(b->client, &stats);
-        outcome[i] = follow(b, back ? &reset : &change, SETTLED);
+        read_light(b, b->client, b->now);
+        const double p = project(b, b->now);
+        outcome[i] = follow(b, back ? &reset : &change);
         outcome[i].undone = back;
-        read_light(b, b->after);
+        outcome[i].start = back ? 1 - p : p;
         find_share(b, &outcome[i], stats.frame);
         if (b->json)
             print_json_outcome(b, &outcome[i], i == 0);
         else
             print_outcome(text, &outcome[i]);
-        turn_around(b);
     }
     print_medians(b, text, outcome);
-    free_texels(b);
+    end(b);
 }
 
 int main(int argc, char **argv) {
     const char *argument[1 + UPDATES_MAX] = {"builtin:atrium"};
-    struct bench b = {.updates = 4, .settle_s = 20, .frames = 256, .daemon_options = ""};
+    struct bench b = {.updates = 4, .settle_s = 20, .frames = 256, .fresh_frames = 24, .daemon_options = ""};
     struct lw_error err = {0};
     size_t count;
     bool done = false;
@@ -557,6 +643,8 @@ int main(int argc, char **argv) {
          "frames after which the light counts as settled, if it has not come to rest before (default: 20 and "
          "256)",
          LW_OPTION_INT, &b.frames, 1, 1e9, NULL},
+        {"fresh", "N", "frames, of 8 times the rays, of the light to compare with (default 24)",
+         LW_OPTION_INT, &b.fresh_frames, 1, 1e6, NULL},
         {"daemon", "OPTIONS", "for lightwelld, separated by blanks (default: none)", LW_OPTION_STRING,
          &b.daemon_options, 0, 0, NULL},
         {"json", NULL, "print one JSON object", LW_OPTION_FLAG, &b.json, 0, 0, NULL},
@@ -577,10 +665,8 @@ int main(int argc, char **argv) {
     b.scene = argument[0];
     const char *const *update = count ? argument + 1 : atrium;
     const size_t updates = count ? count - 1 : sizeof atrium / sizeof *atrium;
-    begin(&b);
     print_head(&b);
     for (size_t i = 0; i < updates; i++) measure(&b, update[i], i == 0);
     if (b.json) printf("]}\n");
-    end(&b);
     return 0;
 }
