@@ -1,6 +1,7 @@
 #include "common/scene/package.h"
 
 #include "common/atomic_file.h"
+#include "common/scene/pixel_filter.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -50,9 +51,10 @@ _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__,
     X(ENVIRONMENTS, "environments", 12, 1)                                                                   \
     X(ENVIRONMENT_TEXELS, "environment texels", 12, NO_LIMIT)
 
-/* Version 1 ends with the pixels. It stays what a scene without an environment is written as, so that there is one way to
- * say it. */
+/* Version 1 ends with the pixels, version 2 has an environment, in version 3 pixels are filtered. Each scene is written in one of
+ * them, so that there is one way to say it: with textures in version 3. Those of before are read as well. */
 #define SECTION_COUNT_V1 20u
+#define VERSION_FILTERED 3u
 
 enum section_id {
 #define X(id, name, size, limit) SECTION_##id,
@@ -89,7 +91,7 @@ struct section {
 
 struct codec {
     enum mode mode;
-    uint32_t section_count; /* of the package's version */
+    uint32_t version, section_count; /* of the package */
     struct section section[SECTION_COUNT];
     uint8_t *at; /* in the record */
     enum section_id record_section;
@@ -226,12 +228,30 @@ static void material_record(struct codec *c, struct lw_material *material) {
     choice(c, &material->double_sided, 1, "double_sided");
 }
 
+/* In place: the reader's copy of the package is the scene's own. */
+static void unfilter(struct codec *c, const struct lw_texture *texture, uint8_t *pixels) {
+    const size_t size = 4 * (size_t)texture->width * texture->height;
+    uint8_t *bytes = malloc(size + 1);
+    if (!bytes) {
+        c->status = lw_status_fail(c->err, LW_NO_MEMORY, "no memory for a texture of %zu bytes", size);
+        return;
+    }
+    if (size) memcpy(bytes, pixels, size);
+    lw_pixel_filter_undo(bytes, texture->width, texture->height, pixels);
+    free(bytes);
+}
+
 static void texture_record(struct codec *c, struct lw_texture *texture) {
     texture->name = string(c, texture->name);
     words(c, &texture->width, 1);
     words(c, &texture->height, 1);
-    texture->rgba =
-        array(c, SECTION_PIXELS, texture->rgba, (uint64_t)texture->width * texture->height, "pixels");
+    const uint64_t pixels = (uint64_t)texture->width * texture->height;
+    const struct section *section = &c->section[SECTION_PIXELS];
+    uint8_t *there = section->bytes ? section->bytes + 4 * section->cursor : NULL;
+    const uint8_t *rgba = array(c, SECTION_PIXELS, texture->rgba, pixels, "pixels");
+    if (c->mode == WRITE) lw_pixel_filter_apply(rgba, texture->width, texture->height, there);
+    if (c->mode == READ && rgba && c->version >= VERSION_FILTERED) unfilter(c, texture, there);
+    texture->rgba = rgba;
     choice(c, &texture->wrap_s, LW_WRAP_MIRROR, "wrap_s");
     choice(c, &texture->wrap_t, LW_WRAP_MIRROR, "wrap_t");
 }
@@ -313,13 +333,14 @@ static void all_records(struct codec *c, struct lw_scene *scene) {
     RECORDS(c, LIGHTS, scene->light, scene->light_count, light_record)
     RECORDS(c, CAMERAS, scene->camera, scene->camera_count, camera_record)
     RECORDS(c, CHANNELS, scene->channel, scene->channel_count, channel_record)
-    RECORDS(c, ENVIRONMENTS, &scene->environment, c->section_count > SECTION_COUNT_V1 ? 1u : 0u,
-            environment_record)
+    const uint64_t environments =
+        c->mode == READ ? c->section[SECTION_ENVIRONMENTS].count : scene->environment.width > 0;
+    RECORDS(c, ENVIRONMENTS, &scene->environment, environments, environment_record)
 }
 
 /* How many sections a version has; 0: it is not known. */
 static uint32_t sections_of(uint32_t version) {
-    return version == 1 ? SECTION_COUNT_V1 : version == LW_PACKAGE_VERSION ? SECTION_COUNT : 0;
+    return version == 1 ? SECTION_COUNT_V1 : version == 2 || version == VERSION_FILTERED ? SECTION_COUNT : 0;
 }
 
 static uint64_t align(uint64_t offset) { return (offset + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT; }
@@ -350,7 +371,7 @@ static uint64_t read_u64(const uint8_t *p) {
 static void write_header(const struct codec *c, const uint64_t offset[SECTION_COUNT], uint8_t *bytes,
                          uint64_t size) {
     memcpy(bytes, MAGIC, MAGIC_SIZE);
-    write_u32(bytes + 8, c->section_count == SECTION_COUNT_V1 ? 1 : LW_PACKAGE_VERSION);
+    write_u32(bytes + 8, c->version);
     write_u32(bytes + 12, c->section_count);
     write_u64(bytes + 16, size);
     for (uint32_t i = 0; i < c->section_count; i++) {
@@ -367,9 +388,8 @@ enum lw_status lw_package_write(const struct lw_scene *scene, uint8_t **out_byte
     enum lw_status status = lw_scene_validate(scene, err);
     if (status) return status;
     struct lw_scene copy = *scene; /* records of the original are only read */
-    struct codec c = {.mode = MEASURE,
-                      .err = err,
-                      .section_count = scene->environment.width ? SECTION_COUNT : SECTION_COUNT_V1};
+    const uint32_t version = scene->texture_count ? VERSION_FILTERED : scene->environment.width ? 2 : 1;
+    struct codec c = {.mode = MEASURE, .err = err, .version = version, .section_count = sections_of(version)};
     all_records(&c, &copy);
     for (uint32_t i = 0; i < c.section_count; i++) {
         c.section[i].count = c.section[i].cursor;
@@ -464,7 +484,10 @@ static enum lw_status read_table(struct codec *c, uint8_t *bytes, size_t size) {
     if (c->section[SECTION_SCENE].count != 1)
         return lw_status_fail(c->err, LW_BAD_DATA, "section scene has %llu elements, not 1",
                               (unsigned long long)c->section[SECTION_SCENE].count);
-    if (c->section_count > SECTION_COUNT_V1 && c->section[SECTION_ENVIRONMENTS].count != 1)
+    if (c->version == VERSION_FILTERED && !c->section[SECTION_TEXTURES].count)
+        return lw_status_fail(c->err, LW_BAD_DATA,
+                              "section textures has 0 elements: without one, the version is 1 or 2");
+    if (c->version == 2 && c->section[SECTION_ENVIRONMENTS].count != 1)
         return lw_status_fail(c->err, LW_BAD_DATA,
                               "section environments has 0 elements, not 1: without one, the version is 1");
     return LW_OK;
@@ -493,7 +516,8 @@ static bool allocate_records(struct lw_scene *scene, const struct codec *c) {
 /* Turns bytes that the scene owns into the scene. */
 static enum lw_status read_in_place(struct lw_scene *scene, uint8_t *bytes, size_t size,
                                     struct lw_error *err) {
-    struct codec c = {.mode = READ, .err = err, .section_count = sections_of(read_u32(bytes + 8))};
+    const uint32_t version = read_u32(bytes + 8);
+    struct codec c = {.mode = READ, .err = err, .version = version, .section_count = sections_of(version)};
     enum lw_status status = read_table(&c, bytes, size);
     if (status) return status;
     if (!allocate_records(scene, &c))

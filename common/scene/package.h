@@ -7,7 +7,8 @@
 
 #include "common/scene/scene.h"
 
-#define LW_PACKAGE_VERSION  2u /* the newest; scenes without an environment are written as version 1 */
+#define LW_PACKAGE_VERSION                                                                                   \
+    3u /* the newest; scenes without textures are written as version 1, or 2 with an environment */
 #define LW_PACKAGE_SIZE_MAX (4ull << 30) /* bytes */
 
 /** Content address of a package: XXH3-128 of its bytes, big-endian. */

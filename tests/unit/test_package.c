@@ -467,9 +467,10 @@ static void fields_lie_where_the_document_says(void **state) {
 /* One lie each: the name of a place, and what is said about it. */
 #define LIE_MAP(X)                                                                                           \
     X("does not begin with LWSCENE", b[0] = 'l')                                                             \
-    X("has version 3; this program reads versions 1 to 2", set_u32(b + 8, 3))                                \
-    X("has 20 sections; version 2 has 22", set_u32(b + 8, 2))                                                \
-    X("has 21 sections; version 1 has 20", set_u32(b + 12, 21))                                              \
+    X("has version 4; this program reads versions 1 to 3", set_u32(b + 8, 4))                                \
+    X("has 22 sections; version 1 has 20", set_u32(b + 8, 1))                                                \
+    X("has 21 sections; version 3 has 22", set_u32(b + 12, 21))                                              \
+    X("section environments has 0 elements, not 1: without one", set_u32(b + 8, 2))                          \
     X("says it has 12 bytes", set_u64(b + 16, 12))                                                           \
     X("reserved field of the header", b[24] = 1)                                                             \
     X("entry 1 of the section table has id 3, not 2 (meshes)", set_u32(b + ENTRY(MESHES), 3))                \
@@ -483,7 +484,7 @@ static void fields_lie_where_the_document_says(void **state) {
     X("section strings has 18446744073709551615 elements, more",                                             \
       set_u64(b + ENTRY(STRINGS) + 16, UINT64_MAX))                                                          \
     X("section meshes has 288230376151711744 elements, more", set_u64(b + ENTRY(MESHES) + 16, 1ull << 58))   \
-    X("section meshes starts at byte 544, not 512", set_u64(b + ENTRY(SCENE) + 16, 0))                       \
+    X("section meshes starts at byte 592, not 560", set_u64(b + ENTRY(SCENE) + 16, 0))                       \
     X("before section meshes is padding, but not 0", b[section_offset(b, SCENE) + 24] = 1)                   \
     X("section scene, record 0: name starts at 1 of strings; the next free element is 0",                    \
       set_u32(b + section_offset(b, SCENE), 1))                                                              \
@@ -541,22 +542,23 @@ static void what_nobody_uses_is_refused(void **state) {
     (void)state;
     size_t size;
     uint8_t *bytes = write_everything(&size);
-    uint8_t *longer = calloc(size + 4, 1);
+    uint8_t *longer = calloc(size + 16, 1);
     assert_non_null(longer);
     memcpy(longer, bytes, size);
     struct lw_error err = {0};
-    enum lw_status status = read_exactly(longer, size + 4, &err); /* trailing garbage */
+    enum lw_status status = read_exactly(longer, size + 16, &err); /* trailing garbage */
     lw_support_fails(status, LW_BAD_DATA, &err, "says it has");
-    set_u64(longer + 16, size + 4);
+    set_u64(longer + 16, size + 16);
     err = (struct lw_error){0};
-    status = read_exactly(longer, size + 4, &err); /* the header knows of it, the table does not */
+    status = read_exactly(longer, size + 16, &err); /* the header knows of it, the table does not */
     lw_support_fails(status, LW_BAD_DATA, &err, "scene package ends at byte");
     uint64_t pixels;
     memcpy(&pixels, longer + ENTRY(20) + 16, sizeof pixels);
-    set_u64(longer + ENTRY(20) + 16, pixels + 1);
+    set_u64(longer + ENTRY(20) + 16, pixels + 4); /* sections begin at multiples of 16 */
+    for (unsigned id = 21; id <= 22; id++) set_u64(longer + ENTRY(id) + 8, section_offset(longer, id) + 16);
     err = (struct lw_error){0};
-    status = read_exactly(longer, size + 4, &err); /* the table too, but no texture */
-    lw_support_fails(status, LW_BAD_DATA, &err, "section pixels has 9 elements, but 8 are in use");
+    status = read_exactly(longer, size + 16, &err); /* the table too, but no texture */
+    lw_support_fails(status, LW_BAD_DATA, &err, "section pixels has 12 elements, but 8 are in use");
     free(longer);
     free(bytes);
 }
@@ -606,6 +608,78 @@ static void counts_are_limited(void **state) {
         free(bytes);
         free(empty);
     }
+}
+
+/* What version 1 made of a scene with textures: two sections less, pixels as they are. */
+static uint8_t *write_version_1(const struct lw_scene *scene, size_t *out_size) {
+    enum { TABLE_END = 560, LESS = 48, PIXELS = 20 };
+    size_t size;
+    uint8_t *bytes = write_package(scene, &size), *pixels = bytes + section_offset(bytes, PIXELS);
+    for (uint32_t t = 0; t < scene->texture_count; t++) {
+        const size_t texture = 4 * (size_t)scene->texture[t].width * scene->texture[t].height;
+        memcpy(pixels, scene->texture[t].rgba, texture);
+        pixels += texture;
+    }
+    const size_t end = (size_t)(pixels - bytes); /* of the last section of version 1 */
+    for (unsigned id = SCENE; id <= PIXELS; id++)
+        set_u64(bytes + ENTRY(id) + 8, section_offset(bytes, id) - LESS);
+    memmove(bytes + TABLE_END - LESS, bytes + TABLE_END, end - TABLE_END);
+    set_u32(bytes + 8, 1);
+    set_u32(bytes + 12, PIXELS);
+    *out_size = end - LESS;
+    set_u64(bytes + 16, *out_size);
+    return bytes;
+}
+
+static void textures_of_version_1_are_read(void **state) {
+    (void)state;
+    struct lw_scene *scene = lw_support_everything(), *read;
+    size_t size, again_size, newest_size;
+    uint8_t *bytes = write_version_1(scene, &size), *newest = write_package(scene, &newest_size);
+    struct lw_error err = {0};
+    lw_support_ok(lw_package_read(bytes, size, &read, &err), &err);
+    assert_same_scene(scene, read);
+    uint8_t *again = write_package(read, &again_size); /* in the newest version */
+    assert_int_equal(again[8], 3);
+    assert_int_equal(again_size, newest_size);
+    assert_memory_equal(again, newest, newest_size);
+    free(again);
+    free(newest);
+    free(bytes);
+    lw_scene_destroy(read);
+    lw_scene_destroy(scene);
+}
+
+/* Textures and an environment; and version 3 without textures, which is one of the others. */
+static void version_3_has_textures(void **state) {
+    (void)state;
+    struct lw_scene *scene = lw_support_everything(), *read;
+    float *rgb = lw_scene_alloc(scene, 3, sizeof *rgb);
+    assert_non_null(rgb);
+    rgb[0] = rgb[1] = rgb[2] = 1;
+    scene->environment = (struct lw_environment){.width = 1, .height = 1, .rgb = rgb};
+    size_t size, again_size;
+    uint8_t *bytes = write_package(scene, &size);
+    struct lw_error err = {0};
+    assert_int_equal(bytes[8], 3);
+    lw_support_ok(lw_package_read(bytes, size, &read, &err), &err);
+    assert_same_scene(scene, read);
+    assert_int_equal(read->environment.width, 1);
+    uint8_t *again = write_package(read, &again_size);
+    assert_int_equal(again_size, size);
+    assert_memory_equal(again, bytes, size);
+    free(again);
+    free(bytes);
+    lw_scene_destroy(read);
+    lw_scene_destroy(scene);
+    scene = lw_support_squares(1, 1);
+    scene->environment = (struct lw_environment){.width = 1, .height = 1, .rgb = (const float[]){1, 1, 1}};
+    bytes = write_package(scene, &size);
+    set_u32(bytes + 8, 3);
+    lw_support_fails(read_exactly(bytes, size, &err), LW_BAD_DATA, &err,
+                     "section textures has 0 elements: without one, the version is 1 or 2");
+    free(bytes);
+    lw_scene_destroy(scene);
 }
 
 /* Squares under a sky of 3 x 2 texels. */
@@ -900,6 +974,8 @@ int main(void) {
         cmocka_unit_test(what_nobody_uses_is_refused),
         cmocka_unit_test(a_package_without_a_scene_is_refused),
         cmocka_unit_test(counts_are_limited),
+        cmocka_unit_test(textures_of_version_1_are_read),
+        cmocka_unit_test(version_3_has_textures),
         cmocka_unit_test(an_environment_comes_back),
         cmocka_unit_test(lies_about_an_environment_are_named),
         cmocka_unit_test(an_environment_cut_off_or_flipped_is_refused_or_sound),
