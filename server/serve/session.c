@@ -17,15 +17,13 @@
 #include <string.h>
 #include <sys/ioctl.h>
 
-#define BATCH_BLOBS   64u
-#define BATCH_BYTES   (LW_SERVER_QUEUE_MAX / 2) /* one more chunk or tile keeps within LW_SERVER_QUEUE_MAX */
-#define TURN_BATCHES  4u                        /* written at once before others get their turn */
-#define LINGER_NS     1000000000u               /* from a refusal to the close */
-#define KEEPALIVE_S   30u
-#define NOTSENT_LOWAT (128 << 10) /* bytes; what the kernel holds cannot be replaced by a newer version */
-#define STAND_IN_SHARE                                                                                       \
-    (1 / 16.0f) /* of the picture shows a coarser level beside a finer one that the client has */
-#define FULL_GRACE_COUNT 1024u /* refused connections that may wait for their close */
+#define BATCH_BLOBS      64u
+#define BATCH_BYTES      (LW_SERVER_QUEUE_MAX / 2) /* one more chunk or tile keeps within LW_SERVER_QUEUE_MAX */
+#define TURN_BATCHES     4u                        /* written at once before others get their turn */
+#define LINGER_NS        1000000000u               /* from a refusal to the close */
+#define KEEPALIVE_S      30u
+#define NOTSENT_LOWAT    (128 << 10) /* bytes; what the kernel holds cannot be replaced by a newer version */
+#define FULL_GRACE_COUNT 1024u       /* refused connections that may wait for their close */
 
 _Static_assert(BATCH_BYTES + LW_SESSION_CHUNK + 64 <= LW_SERVER_QUEUE_MAX, "a batch keeps within the queue");
 _Static_assert(LW_SESSION_CHUNK <= LW_MESSAGE_CHUNK_MAX, "a chunk is a legal message");
@@ -172,20 +170,6 @@ static bool lacks(const struct lw_session *s, uint32_t tile) {
     return now->blob && now->version > s->sent[tile] && is_wanted(s, tile);
 }
 
-/* Whether the client looks at a finer level of the same place, which it has: this one only stands in. */
-static bool is_covered(const struct lw_session *s, uint32_t tile) {
-    const struct lw_atlas_map *map = s->shared->atlas_map;
-    const struct lw_tile_place *place = &map->place[tile];
-    if (!s->wanted || place->level == 0) return false;
-    for (uint32_t i = 0; i < 4; i++) {
-        const uint32_t finer = lw_atlas_map_find(map, place->object, place->level - 1, 2 * place->x + i % 2,
-                                                 2 * place->y + i / 2)
-                                   .v;
-        if (finer != UINT32_MAX && s->sent[finer] && (s->wanted[finer / 64] >> (finer % 64) & 1)) return true;
-    }
-    return false;
-}
-
 static void end_walk(struct lw_session *s) {
     free(s->lacked);
     s->lacked = NULL;
@@ -201,8 +185,7 @@ static void walk_lacked(struct lw_session *s) {
     for (uint32_t i = 0; i < shared->atlas_map->tile_count; i++) {
         const uint32_t id = shared->order[i];
         if (!lacks(s, id)) continue;
-        const float value = lw_urgency_of(urgency, id, s->sent[id], shared->snapshot->frame);
-        lw_urgency_list(urgency, id, is_covered(s, id) ? value * STAND_IN_SHARE : value);
+        lw_urgency_list(urgency, id, lw_urgency_of(urgency, id, s->sent[id], shared->snapshot->frame));
     }
     if (!urgency->listed_count) return;
     if (!(s->lacked = malloc(urgency->listed_count * sizeof *s->lacked))) {

@@ -29,16 +29,16 @@ void lw_urgency_note(struct lw_urgency *urgency, uint32_t tile, uint64_t version
     struct lw_urgency_tile *of = &urgency->tile[tile];
     const float before = of->count ? of->moved[(of->count - 1) % LW_URGENCY_KEPT] : 0;
     of->version[of->count % LW_URGENCY_KEPT] = version;
-    of->moved[of->count % LW_URGENCY_KEPT] = before + change;
+    of->moved[of->count % LW_URGENCY_KEPT] = before + change * change;
     of->count++;
 }
 
 float lw_urgency_of(const struct lw_urgency *urgency, uint32_t tile, uint64_t has, uint64_t frame) {
     const struct lw_tile_place *place = &urgency->atlas_map->place[tile];
+    const float area = ldexpf((float)(place->width * place->height), 2 * (int)place->level);
     if (!has) {
         if (place->level + 1 == urgency->atlas_map->atlas[place->object].level_count) return INFINITY;
-        const float whole = LW_URGENCY_LACKING * LW_URGENCY_LACKING * LW_TILE_TEXELS_MAX;
-        return ldexpf(whole, 2 * (int)place->level);
+        return ldexpf(LW_URGENCY_LACKING * LW_URGENCY_LACKING * LW_TILE_TEXELS_MAX, 2 * (int)place->level);
     }
     const struct lw_urgency_tile *of = &urgency->tile[tile];
     if (!of->count) return 0;
@@ -46,10 +46,10 @@ float lw_urgency_of(const struct lw_urgency *urgency, uint32_t tile, uint64_t ha
     uint32_t at = of->count - 1, first_lacking = at;
     const uint32_t last = of->count > LW_URGENCY_KEPT ? of->count - LW_URGENCY_KEPT : 0;
     while (of->version[at % LW_URGENCY_KEPT] > has && at > last) first_lacking = at--;
-    const float error = of->moved[(of->count - 1) % LW_URGENCY_KEPT] - of->moved[at % LW_URGENCY_KEPT];
+    const float square = of->moved[(of->count - 1) % LW_URGENCY_KEPT] - of->moved[at % LW_URGENCY_KEPT];
     const uint64_t since = of->version[first_lacking % LW_URGENCY_KEPT];
-    const float age = frame > since ? (float)(frame - since) : 0;
-    return error * error * (float)(place->width * place->height) * (1 + age / LW_URGENCY_AGE_FRAMES);
+    const float wrong = frame > since ? (float)(frame - since) + 1 : 1; /* frames */
+    return square * area * wrong * wrong;
 }
 
 /* Exponent and the first two bits behind the point, the largest first. */

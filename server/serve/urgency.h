@@ -2,26 +2,26 @@
  * Flow:    snapshots: how far each tile has moved -> [urgency] -> order in which a session is sent what it lacks
  * Threads: [loop].
  *
- * What counts is the square of the relative error, summed over pixels, since that is what views are judged by. The error of a tile
- * is how far it has moved since the version that the session has: the sum of the changes of its versions, of which the last
- * few are remembered. Its pixels are guessed by its texels: who looks wants the level whose texels are as large as pixels. */
+ * What counts is the relative error of what the session has, in the root mean square over what it covers, times how long it has been
+ * wrong. The square of a tile's error is the sum of the squares of its changes since the version that the session has, of which the
+ * last few are remembered: most of a change is noise, which goes to and fro. A tile of a coarser level covers more, for as many bytes, and
+ * views read coarser levels as long as light is noisy. Time counts as much as error, so that tiles which change alike take turns: by error
+ * alone, or error per byte, what fell behind would starve on a link that takes less than changes. */
 #ifndef LW_SERVE_URGENCY_H
 #define LW_SERVE_URGENCY_H
 
 #include "common/tile/atlas.h"
 
-#define LW_URGENCY_KEPT    8u    /* versions of a tile whose changes are remembered */
-#define LW_URGENCY_LACKING 0.25f /* relative error of what stands in for a tile that a session never had */
-#define LW_URGENCY_AGE_FRAMES                                                                                \
-    16.0f                    /* a tile that was behind for so long counts twice: nothing waits for ever */
-#define LW_URGENCY_BINS 512u /* four to an octave */
+#define LW_URGENCY_KEPT    8u   /* versions of a tile whose changes are remembered */
+#define LW_URGENCY_LACKING 1.0f /* relative error of what stands in for a tile that a session never had */
+#define LW_URGENCY_BINS    512u /* four to an octave */
 
 struct lw_urgency {
     const struct lw_atlas_map *atlas_map;
     struct lw_urgency_tile {
         uint32_t count; /* of versions so far; the last few are in the ring */
         uint64_t version[LW_URGENCY_KEPT];
-        float moved[LW_URGENCY_KEPT]; /* sum of all changes up to that version */
+        float moved[LW_URGENCY_KEPT]; /* sum of the squares of all changes up to that version */
     } * tile;
     /* For lists that are being put in order. */
     uint32_t *listed;
@@ -37,8 +37,8 @@ void lw_urgency_finish(struct lw_urgency *urgency);
 /** A tile has a new version. change: relative, root mean square, against the version before. */
 void lw_urgency_note(struct lw_urgency *urgency, uint32_t tile, uint64_t version, float change);
 
-/** How much it would help a session to get a tile, of which it has version `has` (0: none), in its newest version.
- * frame: the newest. A tile that it never had counts more the coarser it is, and an object's coarsest more than all else. */
+/** How much it would help a session to be sent a tile, of which it has version `has` (0: none), in its newest version.
+ * frame: the newest. An object's coarsest level counts more than all else, if it has none of it. */
 float lw_urgency_of(const struct lw_urgency *urgency, uint32_t tile, uint64_t has, uint64_t frame);
 
 /** Puts tiles in order, the most urgent first and equal ones (to a quarter of an octave) as they were listed: begin, list each,

@@ -1,0 +1,496 @@
+/* bench_stream: what the view of a walking client costs and how far it is off, second by second.
+ *
+ *     bench_stream [--frames N] [--hz HZ] [--motion light] [--width W] [--height H] [--links MBIT,...] [--slow S]
+ *                  [--csv FILE] SCENE...
+ *
+ * The scene is solved as lightwelld does by default, --hz frames for a second of the scene. Of each frame three things are kept: the
+ * snapshot that the publisher makes; the view of somebody who walks through the scene (client/load/views.h), composed from
+ * the light as it is before it is encoded; where the camera was. Then the snapshots are handed, at their times, to the server that ships,
+ * and a client on loopback says what its view needs, as viewers do, and composes what it has when the next frame is
+ * due: once for each of --links, the server's limit in Mbit/s (0: none). Time runs --slow times slower there, and the limit is that
+ * much lower, so that composing keeps pace.
+ *   Mbit/s   of all that the client gets after the first second, by the scene's clock; peak: the largest whole second
+ *   error    root of relMSE = mean((x - t)^2 / (t^2 + 0.01 mean(t^2))) over every third pixel, each way; after the first second
+ *   joined   seconds until the error is for the first time under 0.05 */
+#include "client/load/views.h"
+#include "client/view/attention.h"
+#include "client/view/compose.h"
+#include "common/clock.h"
+#include "common/scene/package.h"
+#include "common/scene/scene_motion.h"
+#include "common/tile/tile_codec.h"
+#include "server/publish/levels.h"
+#include "server/publish/publisher.h"
+#include "server/serve/server.h"
+#include "server/solve/cell_solver.h"
+#include "tests/bench/bench_setup.h"
+
+#include <math.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#define TARGET_ERROR 0.02f
+#define LATTICE      3u /* every so many pixels, each way */
+#define LINKS_MAX    16u
+#define JOINED_ERROR 0.05
+#define PACKAGE_S    60u
+
+struct settings {
+    struct lw_scene_open open;
+    int64_t frames, width, height;
+    int motion;
+    double hz, slow;
+    const char *links, *csv_path;
+};
+
+/* One moment, as the server has it. */
+struct moment {
+    struct lw_snapshot *snapshot;
+    struct lw_camera_view camera;
+    float *view; /* lattice pixels * 3 */
+};
+
+struct job {
+    const struct settings *settings;
+    struct lw_scene *scene;
+    struct lw_pose pose;
+    struct lw_atlas_map map;
+    struct lw_levels *levels; /* per object */
+    struct lw_client_tile *tile;
+    uint8_t *package;
+    size_t package_size;
+    struct moment *moment;
+    float *picture; /* width * height * 3 */
+    FILE *csv;
+    char cache[64]; /* folder of the client */
+};
+
+static size_t lattice_pixels(const struct settings *s) {
+    return ((size_t)s->width / LATTICE) * ((size_t)s->height / LATTICE);
+}
+
+static void take_lattice(const struct settings *s, const float *picture, float *out) {
+    for (size_t y = 0; y < (size_t)s->height / LATTICE; y++)
+        for (size_t x = 0; x < (size_t)s->width / LATTICE; x++, out += 3)
+            memcpy(out,
+                   picture + 3 * ((LATTICE * y + LATTICE / 2) * (size_t)s->width + LATTICE * x + LATTICE / 2),
+                   3 * sizeof *out);
+}
+
+/* ---- light, as the server has it ---- */
+
+static struct lw_client_level own_level(const void *context, uint32_t object, uint32_t level) {
+    const struct lw_levels *levels = &((const struct job *)context)->levels[object];
+    if (level >= levels->count) return (struct lw_client_level){0};
+    return (struct lw_client_level){levels->level[level].width, levels->level[level].height,
+                                    levels->level[level].rgb};
+}
+
+static struct lw_client_tile own_tile(const void *context, lw_tile_id id) {
+    return ((const struct job *)context)->tile[id.v];
+}
+
+/* A tile of a coarser level has the worst error of those of level 0 below it, as on the wire. */
+static void take_light(struct job *job, const struct lw_solver *solver) {
+    const struct lw_atlas_map *map = &job->map;
+    for (uint32_t id = 0; id < map->tile_count; id++)
+        job->tile[id] = (struct lw_client_tile){.version = 1, .bounces = 2};
+    for (uint32_t id = 0; id < map->tile_count; id++) {
+        const struct lw_tile_place *place = &map->place[id];
+        if (place->level) continue;
+        struct lw_solver_tile tile;
+        solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
+        lw_levels_load_tile(&job->levels[place->object], place, &tile);
+        for (uint32_t l = 0; l < map->atlas[place->object].level_count; l++) {
+            const uint32_t above = lw_atlas_map_find(map, place->object, l, place->x >> l, place->y >> l).v;
+            job->tile[above].error = fmaxf(job->tile[above].error, tile.error);
+        }
+    }
+    for (uint32_t o = 0; o < map->object_count; o++)
+        if (map->atlas[o].tile_count) lw_levels_build(&job->levels[o]);
+}
+
+struct light {
+    struct lw_solver *solver;
+    struct lw_publisher *publisher;
+    struct lw_trace *trace;
+    struct lw_compose *compose;
+    struct lw_views *views;
+};
+
+static void close_light(struct light *light) {
+    lw_views_destroy(light->views);
+    lw_compose_destroy(light->compose);
+    lw_trace_destroy(light->trace);
+    lw_publisher_destroy(light->publisher);
+    if (light->solver) light->solver->ops->destroy(light->solver);
+}
+
+static enum lw_status open_light(struct job *job, struct light *light, struct lw_error *err) {
+    const struct settings *s = job->settings;
+    enum lw_status status = lw_trace_create(job->scene, &job->pose, &light->trace, err);
+    if (status == LW_OK)
+        status = lw_views_create(&(struct lw_views_desc){.scene = job->scene,
+                                                         .trace = light->trace,
+                                                         .kind = LW_VIEWS_WALK,
+                                                         .users = 1,
+                                                         .seed = 1,
+                                                         .aspect = (float)s->width / (float)s->height},
+                                 &light->views, err);
+    if (status == LW_OK)
+        status = lw_compose_create(&(struct lw_compose_desc){.scene = job->scene,
+                                                             .map = &job->map,
+                                                             .trace = light->trace,
+                                                             .threads = (unsigned)s->open.threads},
+                                   &light->compose, err);
+    if (status == LW_OK)
+        status = lw_cell_solver_create(&(struct lw_solver_desc){.scene = job->scene,
+                                                                .atlas_map = &job->map,
+                                                                .bounces = 2,
+                                                                .tracing_range_m = INFINITY,
+                                                                .direct_samples = 1,
+                                                                .indirect_samples = 2,
+                                                                .target_error = TARGET_ERROR,
+                                                                .threads = (unsigned)s->open.threads,
+                                                                .seed = 1,
+                                                                .denoise = true},
+                                       &job->pose, &light->solver, err);
+    if (status == LW_OK)
+        status = lw_publisher_create(&(struct lw_publisher_desc){.scene = job->scene,
+                                                                 .atlas_map = &job->map,
+                                                                 .solver = light->solver,
+                                                                 .target_error = TARGET_ERROR,
+                                                                 .codec = LW_TILE_CODEC_DCT,
+                                                                 .threads = (unsigned)s->open.threads},
+                                     &light->publisher);
+    return status;
+}
+
+static struct lw_camera_view camera_at(const struct job *job, const struct light *light, uint64_t frame) {
+    return lw_views_at(light->views, 0,
+                       1 + (uint64_t)((double)(frame - 1) * LW_VIEWS_HZ / job->settings->hz));
+}
+
+static enum lw_status light_frame(struct job *job, struct light *light, uint64_t frame,
+                                  struct lw_error *err) {
+    const struct settings *s = job->settings;
+    struct moment *moment = &job->moment[frame - 1];
+    struct lw_solver_stats solve = {0};
+    struct lw_publisher_stats publish;
+    lw_pose_evaluate(&job->pose, job->scene, (double)(frame - 1) / s->hz);
+    enum lw_status status = light->solver->ops->frame(light->solver, &job->pose, frame, &solve, err);
+    if (status == LW_OK)
+        status = lw_publisher_publish(light->publisher, &job->pose, frame, 0, 0, solve.tiles_solved,
+                                      &moment->snapshot, &publish);
+    if (status == LW_OK) status = lw_trace_set_pose(light->trace, &job->pose, err);
+    if (status != LW_OK) return status;
+    if (!(moment->view = malloc(lattice_pixels(s) * 3 * sizeof *moment->view))) return LW_NO_MEMORY;
+    take_light(job, light->solver);
+    moment->camera = camera_at(job, light, frame);
+    const struct lw_compose_source source = {
+        .context = job,
+        .level = own_level,
+        .tile = own_tile,
+        .sky = lw_vec3(job->pose.sky[0], job->pose.sky[1], job->pose.sky[2]),
+        .bounces = 2,
+        .target_error = TARGET_ERROR};
+    const struct lw_compose_view view = {
+        .camera = moment->camera, .width = (uint32_t)s->width, .height = (uint32_t)s->height};
+    struct lw_compose_report report;
+    lw_compose_render(light->compose, &source, &job->pose, &view, job->picture, &report);
+    take_lattice(s, job->picture, moment->view);
+    return LW_OK;
+}
+
+/* ---- the client ---- */
+
+struct client {
+    struct lw_client *link;
+    struct lw_pose pose;
+    struct lw_trace *trace;
+    struct lw_compose *compose;
+    struct lw_attention attention;
+};
+
+static void close_client(struct client *c) {
+    lw_attention_finish(&c->attention);
+    lw_compose_destroy(c->compose);
+    lw_trace_destroy(c->trace);
+    lw_pose_finish(&c->pose);
+    lw_client_destroy(c->link);
+}
+
+static enum lw_status poll_until(struct client *c, uint64_t deadline_ns, struct lw_error *err) {
+    for (uint64_t now_ns; (now_ns = lw_clock_ns()) < deadline_ns;) {
+        enum lw_status status =
+            lw_client_poll(c->link, (unsigned)((deadline_ns - now_ns) / 1000000u + 1), err);
+        if (status != LW_OK) return status;
+    }
+    return LW_OK;
+}
+
+static enum lw_status open_client(const struct job *job, uint16_t port, struct client *c,
+                                  struct lw_error *err) {
+    const struct lw_client_desc desc = {.host = "127.0.0.1",
+                                        .port = port,
+                                        .name = "bench_stream",
+                                        .cache_folder = job->cache,
+                                        .wants_nothing = true};
+    enum lw_status status = lw_client_create(&desc, &c->link, err);
+    for (uint64_t end_ns = lw_clock_ns() + PACKAGE_S * 1000000000ull;
+         status == LW_OK && !lw_client_scene(c->link) && lw_clock_ns() < end_ns;)
+        status = lw_client_poll(c->link, 100, err);
+    if (status != LW_OK) return status;
+    const struct lw_scene *scene = lw_client_scene(c->link);
+    if (!scene) return lw_status_fail(err, LW_TIMED_OUT, "the scene has not arrived in %u s", PACKAGE_S);
+    if ((status = lw_pose_init(&c->pose, scene)) != LW_OK) return status;
+    if ((status = lw_trace_create(scene, &c->pose, &c->trace, err)) != LW_OK) return status;
+    status = lw_compose_create(&(struct lw_compose_desc){.scene = scene,
+                                                         .map = lw_client_atlas_map(c->link),
+                                                         .trace = c->trace,
+                                                         .threads = (unsigned)job->settings->open.threads},
+                               &c->compose, err);
+    return status == LW_OK ? lw_attention_init(&c->attention, job->map.tile_count) : status;
+}
+
+static enum lw_status look(const struct job *job, struct client *c, const struct lw_compose_view *view,
+                           uint64_t frame) {
+    const struct lw_compose_source source = lw_compose_source_of(c->link);
+    lw_compose_survey(c->compose, &source, &c->pose, view);
+    lw_attention_list(&c->attention, lw_compose_around(c->compose), lw_compose_around(c->compose),
+                      (uint64_t)((double)frame / job->settings->hz * 1e9));
+    return lw_client_want(c->link, c->attention.list, c->attention.list_count);
+}
+
+static enum lw_status compose(const struct job *job, struct client *c, const struct lw_compose_view *view,
+                              struct lw_error *err) {
+    for (uint32_t o = 0; o < job->scene->object_count; o++)
+        c->pose.object_to_world[o] = *lw_client_object_to_world(c->link, o);
+    enum lw_status status = lw_trace_set_pose(c->trace, &c->pose, err);
+    const struct lw_compose_source source = lw_compose_source_of(c->link);
+    struct lw_compose_report report;
+    if (status == LW_OK) lw_compose_render(c->compose, &source, &c->pose, view, job->picture, &report);
+    return status;
+}
+
+static double root_rel_mse(const float *x, const float *t, size_t count) {
+    double square = 0, sum = 0;
+    for (size_t i = 0; i < count; i++) square += (double)t[i] * (double)t[i];
+    const double floor = 0.01 * square / (double)count + 1e-30;
+    for (size_t i = 0; i < count; i++) {
+        const double d = (double)x[i] - (double)t[i];
+        sum += d * d / ((double)t[i] * (double)t[i] + floor);
+    }
+    return sqrt(sum / (double)count);
+}
+
+/* ---- one link ---- */
+
+struct figures {
+    double *error, *mbit; /* by frame */
+};
+
+static enum lw_status replay(const struct job *job, struct lw_server *server, struct client *c,
+                             struct figures *out, struct lw_error *err) {
+    const struct settings *s = job->settings;
+    const uint64_t step_ns = (uint64_t)(1e9 * s->slow / s->hz);
+    uint64_t due_ns = lw_clock_ns();
+    unsigned late = 0;
+    const size_t values = lattice_pixels(s) * 3;
+    uint64_t bytes = 0;
+    struct lw_client_stats stats;
+    float *lattice = malloc(values * sizeof *lattice);
+    enum lw_status status = lattice ? LW_OK : LW_NO_MEMORY;
+    lw_client_get_stats(c->link, &stats);
+    bytes = stats.bytes;
+    for (uint32_t f = 0; status == LW_OK && f < s->frames; f++) {
+        const struct lw_compose_view view = {
+            .camera = job->moment[f].camera, .width = (uint32_t)s->width, .height = (uint32_t)s->height};
+        const uint64_t now_ns = lw_clock_ns();
+        late += now_ns > due_ns + step_ns / 4;
+        due_ns = (now_ns > due_ns ? now_ns : due_ns) + step_ns;
+        lw_server_publish(server, job->moment[f].snapshot);
+        status = look(job, c, &view, f + 1);
+        if (status == LW_OK) status = poll_until(c, due_ns, err);
+        if (status == LW_OK) status = compose(job, c, &view, err);
+        if (status != LW_OK) break;
+        take_lattice(s, job->picture, lattice);
+        lw_client_get_stats(c->link, &stats);
+        out->error[f] = root_rel_mse(lattice, job->moment[f].view, values);
+        out->mbit[f] = 8e-6 * (double)(stats.bytes - bytes);
+        bytes = stats.bytes;
+    }
+    free(lattice);
+    if (late > s->frames / 10)
+        fprintf(
+            stderr,
+            "bench_stream: %u of %lld frames were late by a quarter and more: --slow %g is too fast here\n",
+            late, (long long)s->frames, s->slow);
+    return status;
+}
+
+static void *serve(void *context) {
+    struct lw_error err = {0};
+    if (lw_server_run(context, &err) != LW_OK) fprintf(stderr, "bench_stream: %s\n", err.text);
+    return NULL;
+}
+
+static void tell(const struct job *job, double link, const struct figures *f) {
+    const struct settings *s = job->settings;
+    const uint32_t second = (uint32_t)ceil(s->hz), frames = (uint32_t)s->frames;
+    double mbit = 0, peak = 0, error = 0, worst = 0, joined = NAN;
+    for (uint32_t i = 0; i < frames; i++) {
+        if (isnan(joined) && f->error[i] < JOINED_ERROR) joined = (i + 1) / s->hz;
+        if (job->csv)
+            fprintf(job->csv, "%g,%.3f,%.5f,%.4f\n", link, (i + 1) / s->hz, f->mbit[i] * s->hz, f->error[i]);
+        if (i < second) continue;
+        mbit += f->mbit[i];
+        error += f->error[i] * f->error[i];
+        worst = fmax(worst, f->error[i]);
+        double window = 0;
+        for (uint32_t k = i + 1 - second; k <= i; k++) window += f->mbit[k] * s->hz / second;
+        if (i + 1 >= 2 * second) peak = fmax(peak, window);
+    }
+    char name[32] = "none";
+    if (link > 0) snprintf(name, sizeof name, "%g Mbit/s", link);
+    const double rest = frames - second;
+    printf("| %s | %.2f | %.2f | %.4f | %.4f | %.2g |\n", name, mbit * s->hz / rest, peak, sqrt(error / rest),
+           worst, joined);
+    fflush(stdout);
+}
+
+static enum lw_status run_link(struct job *job, double link, bool quiet, struct lw_error *err) {
+    const struct settings *s = job->settings;
+    struct figures figures = {calloc((size_t)s->frames, sizeof(double)),
+                              calloc((size_t)s->frames, sizeof(double))};
+    struct client client = {0};
+    struct lw_server *server = NULL;
+    pthread_t thread;
+    enum lw_status status =
+        lw_server_create(&(struct lw_server_desc){.host = "127.0.0.1",
+                                                  .atlas_map = &job->map,
+                                                  .package = job->package,
+                                                  .package_size = job->package_size,
+                                                  .bounces = 2,
+                                                  .target_error = TARGET_ERROR,
+                                                  .rate_limit_bytes_hz = (uint64_t)(link * 1e6 / 8 / s->slow),
+                                                  .features = LW_FEATURE_DCT},
+                         &server, err);
+    if (status != LW_OK) return status;
+    if (pthread_create(&thread, NULL, serve, server) != 0) return lw_status_fail(err, LW_OS, "a thread");
+    status = open_client(job, lw_server_port(server), &client, err);
+    if (status == LW_OK && !quiet) status = replay(job, server, &client, &figures, err);
+    if (status == LW_OK && !quiet) tell(job, link, &figures);
+    lw_server_stop(server);
+    pthread_join(thread, NULL);
+    close_client(&client);
+    lw_server_destroy(server);
+    free(figures.error);
+    free(figures.mbit);
+    return status;
+}
+
+/* ---- a scene ---- */
+
+static enum lw_status prepare(struct job *job, struct lw_error *err) {
+    const struct settings *s = job->settings;
+    job->levels = calloc((size_t)job->map.object_count + 1, sizeof *job->levels);
+    job->tile = calloc((size_t)job->map.tile_count + 1, sizeof *job->tile);
+    job->moment = calloc((size_t)s->frames, sizeof *job->moment);
+    job->picture = malloc((size_t)(s->width * s->height) * 3 * sizeof *job->picture);
+    if (!job->levels || !job->tile || !job->moment || !job->picture) return LW_NO_MEMORY;
+    for (uint32_t o = 0; o < job->map.object_count; o++) {
+        enum lw_status status = lw_levels_init(&job->levels[o], &job->map.atlas[o]);
+        if (status != LW_OK) return status;
+    }
+    snprintf(job->cache, sizeof job->cache, "/tmp/bench_stream.XXXXXX");
+    if (!mkdtemp(job->cache)) return lw_status_fail(err, LW_CANNOT_CREATE, "%s: %m", job->cache);
+    return lw_package_write(job->scene, &job->package, &job->package_size, err);
+}
+
+static enum lw_status light_all(struct job *job, struct lw_error *err) {
+    struct light light = {0};
+    enum lw_status status = open_light(job, &light, err);
+    if (status == LW_OK)
+        printf("%s; %lld frames, %g a second\n\n| link | mean Mbit/s | peak Mbit/s | error | largest error | "
+               "joined, s |\n"
+               "|---|---|---|---|---|---|\n",
+               lw_views_about(light.views), (long long)job->settings->frames, job->settings->hz);
+    fflush(stdout);
+    for (uint64_t f = 1; status == LW_OK && f <= (uint64_t)job->settings->frames; f++)
+        status = light_frame(job, &light, f, err);
+    close_light(&light);
+    return status;
+}
+
+/* The client has put its package there, under whatever name. */
+static void empty_cache(const struct job *job) {
+    char command[128];
+    snprintf(command, sizeof command, "rm -rf '%s'", job->cache);
+    if (job->cache[0] && system(command) != 0) fprintf(stderr, "bench_stream: %s is left\n", job->cache);
+}
+
+static void close_job(struct job *job) {
+    for (int64_t f = 0; job->moment && f < job->settings->frames; f++) {
+        lw_snapshot_unref(job->moment[f].snapshot);
+        free(job->moment[f].view);
+    }
+    for (uint32_t o = 0; job->levels && o < job->map.object_count; o++) lw_levels_finish(&job->levels[o]);
+    empty_cache(job);
+    free(job->moment);
+    free(job->levels);
+    free(job->tile);
+    free(job->picture);
+    free(job->package);
+    bench_close(job->scene, &job->pose, &job->map);
+}
+
+static enum lw_status run(void *context, const char *scene, struct lw_error *err) {
+    const struct settings *s = context;
+    struct job job = {.settings = s};
+    char label[64];
+    printf("\n### %s\n\n", bench_label(scene, label, sizeof label));
+    enum lw_status status = bench_open(&s->open, scene, s->motion ? LW_SCENE_MOTION_LIGHT : BENCH_MOTION_OWN,
+                                       0, &job.scene, &job.pose, &job.map, err);
+    if (status == LW_OK) status = prepare(&job, err);
+    if (status == LW_OK && s->csv_path && !(job.csv = fopen(s->csv_path, "w")))
+        status = lw_status_fail(err, LW_CANNOT_CREATE, "%s: %m", s->csv_path);
+    if (job.csv) fprintf(job.csv, "link_mbit,seconds,mbit,error\n");
+    if (status == LW_OK) status = light_all(&job, err);
+    if (status == LW_OK)
+        status = run_link(&job, 0, true, err); /* fetches the package, which is not what is measured */
+    for (const char *at = s->links; status == LW_OK && at; at = strchr(at, ',') ? strchr(at, ',') + 1 : NULL)
+        status = run_link(&job, atof(at), false, err);
+    if (job.csv) fclose(job.csv);
+    close_job(&job);
+    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "%s: %s", scene, lw_status_text(status));
+}
+
+int main(int argc, char **argv) {
+    static struct settings s = {
+        .frames = 60, .width = 1280, .height = 720, .hz = 10, .slow = 4, .links = "0,3,1"};
+    const struct lw_option table[] = {
+        {"frames", "N", "frames that are solved (default 60)", LW_OPTION_INT, &s.frames, 3, 10000, NULL},
+        {"hz", "HZ", "of them for a second of the scene (default 10)", LW_OPTION_REAL, &s.hz, 0.1, 60, NULL},
+        {"motion", "own|light", "what moves: as the scene says (default), or lamps alone", LW_OPTION_CHOICE,
+         &s.motion, 0, 0, NULL},
+        {"width", "PIXELS", "of the view (default 1280)", LW_OPTION_INT, &s.width, 16, 4096, NULL},
+        {"height", "PIXELS", "of the view (default 720)", LW_OPTION_INT, &s.height, 16, 4096, NULL},
+        {"links", "MBIT,...", "limits of the link, Mbit/s; 0: none (default 0,3,1)", LW_OPTION_STRING,
+         &s.links, 0, 0, NULL},
+        {"slow", "S", "how many times slower than the scene time runs on the link (default 4)",
+         LW_OPTION_REAL, &s.slow, 0.1, 100, NULL},
+        {"csv", "FILE", "also write each frame there", LW_OPTION_STRING, &s.csv_path, 0, 0, NULL}};
+    return bench_main(
+        &(struct bench_program){.name = "bench_stream",
+                                .about = "What a walking client's view costs and how far it is off.",
+                                .table = table,
+                                .count = sizeof table / sizeof table[0],
+                                .open = &s.open,
+                                .context = &s,
+                                .run = run},
+        argc, argv);
+}
