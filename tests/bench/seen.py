@@ -3,10 +3,11 @@
 
     tests/bench/seen.py BIN SCENE FRAMES CAMERA... [-- DAEMON OPTIONS]
 
-Per camera one row per mode: level-0 tiles that are looked at, that light those, in all; texels solved and CPU ms (solve,
+Per camera one row per mode: level-0 tiles that are looked at, that light those, in all; rays, texels solved and CPU ms (solve,
 publish) per frame, means over the second half of FRAMES; relMSE of the view after the last frame against the path tracer
-(--spp 64) at the same moment, and of seen against whole. BIN: build/release/bin. The daemon's clock is manual: both
-modes light the same frames, and only CPU time is told.
+(--spp 64) at the same moment, and of seen against whole. Then rays of seen over those of whole, as they are and at equal error,
+which takes the whole of relMSE for noise that falls with the rays. BIN: build/release/bin. The daemon's clock is manual: both
+modes light the same frames, and only CPU time is told. CAMERA: a name, or as --camera of lightwell-view has it.
 """
 import json
 import os
@@ -46,8 +47,12 @@ class Daemon:
         self.process.wait()
 
 
+def camera_option(camera):
+    return ["--camera" if ":" in camera else "--camera-name", camera]
+
+
 def view(tools, address, camera, *options):
-    return [tools + "/lightwell-view", address, "--headless", "--camera-name", camera, "--size", SIZE, "--timeout", "600",
+    return [tools + "/lightwell-view", address, "--headless", *camera_option(camera), "--size", SIZE, "--timeout", "600",
             *options]
 
 
@@ -79,6 +84,10 @@ def mean(lines, key):
     return sum(line[key] for line in lines) / len(lines)
 
 
+def rays(lines):
+    return sum(mean(lines, key) for key in ("rays_shadow", "rays_bounce", "rays_probe"))
+
+
 def rel_mse(tools, picture, truth):
     return float(re.search(r"relMSE ([0-9.]+)", run([tools + "/bench_compare", picture, truth]).stdout).group(1))
 
@@ -92,23 +101,31 @@ def main():
     tools, scene, frames, cameras = arguments[0], arguments[1], int(arguments[2]), arguments[3:]
     scene_options = [o for i, o in enumerate(options) if o == "--sky" or (i and options[i - 1] == "--sky")]
     still = "--freeze" in options
-    print("| camera | light | wanted | feeding | of | texels/frame | solve ms | publish ms | relMSE to truth | to whole |")
-    print("|---|---|---|---|---|---|---|---|---|---|")
+    print("| camera | light | wanted | feeding | of | M rays/frame | texels/frame | solve ms | publish ms | relMSE to truth "
+          "| to whole | rays to whole | at equal error |")
+    print("|---|---|---|---|---|---|---|---|---|---|---|---|---|")
     for camera in cameras:
         with tempfile.TemporaryDirectory() as folder:
             moment = float(options[options.index("--freeze") + 1]) if still else (frames - 1) / 30
             truth = os.path.join(folder, "truth.exr")
             run([tools + "/lightwell-view", "--path-trace", scene, "--time", str(moment), "--spp", SPP, "--bounces", "2",
-                 "--pixel", "centre", "--camera-name", camera, "--size", SIZE, "--out", truth] + scene_options)
+                 "--pixel", "centre", *camera_option(camera), "--size", SIZE, "--out", truth] + scene_options)
             whole = None
             for mode in "whole", "seen":
                 picture, lines = light(tools, scene, mode, camera, frames, options, folder)
-                whole = whole or picture
-                print("| %s | %s | %.0f | %.0f | %d | %.0f | %.1f | %.1f | %.4f | %s |" % (
+                error = rel_mse(tools, picture, truth)
+                compared = " | | "
+                if whole:
+                    share = rays(lines) / whole["rays"]
+                    compared = "%.4f | %.2f | %.2f" % (rel_mse(tools, picture, whole["picture"]), share,
+                                                       share * error / whole["error"])
+                else:
+                    whole = {"picture": picture, "rays": rays(lines), "error": error}
+                print("| %s | %s | %.0f | %.0f | %d | %.2f | %.0f | %.1f | %.1f | %.4f | %s |" % (
                     camera, mode, mean(lines, "tiles_wanted"), mean(lines, "tiles_feeding"), lines[-1]["tiles"],
-                    mean(lines, "texels_solved"), mean(lines, "solve_cpu_ms"), mean(lines, "publish_cpu_ms"),
-                    rel_mse(tools, picture, truth),
-                    "" if mode == "whole" else "%.4f" % rel_mse(tools, picture, whole)), flush=True)
+                    1e-6 * rays(lines), mean(lines, "texels_solved"), mean(lines, "solve_cpu_ms"),
+                    mean(lines, "publish_cpu_ms"), error, compared), flush=True)
 
 
-main()
+if __name__ == "__main__":
+    main()
