@@ -631,19 +631,19 @@ static void measure(struct bench *b, const char *text, bool first) {
 
 int main(int argc, char **argv) {
     const char *argument[1 + UPDATES_MAX] = {"builtin:atrium"};
-    struct bench b = {.updates = 4, .settle_s = 20, .frames = 256, .fresh_frames = 24, .daemon_options = ""};
+    struct bench b = {.updates = 2, .settle_s = 20, .frames = 96, .fresh_frames = 12, .daemon_options = ""};
     struct lw_error err = {0};
     size_t count;
     bool done = false;
     const struct lw_option table[] = {
-        {"updates", "N", "of each kind, every other one undoes the one before (default 4)", LW_OPTION_INT,
+        {"updates", "N", "of each kind, every other one undoes the one before (default 2)", LW_OPTION_INT,
          &b.updates, 1, UPDATES_MAX, NULL},
         {"settle", "S", "seconds, and ...", LW_OPTION_REAL, &b.settle_s, 0.01, 240, NULL},
         {"frames", "N",
          "frames after which the light counts as settled, if it has not come to rest before (default: 20 and "
          "256)",
          LW_OPTION_INT, &b.frames, 1, 1e9, NULL},
-        {"fresh", "N", "frames, of 8 times the rays, of the light to compare with (default 24)",
+        {"fresh", "N", "frames, of 8 times the rays, of the light to compare with (default 12)",
          LW_OPTION_INT, &b.fresh_frames, 1, 1e6, NULL},
         {"daemon", "OPTIONS", "for lightwelld, separated by blanks (default: none)", LW_OPTION_STRING,
          &b.daemon_options, 0, 0, NULL},
