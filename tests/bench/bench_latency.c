@@ -468,7 +468,7 @@ static struct outcome follow(struct bench *b, const struct lw_scene_change *chan
 
 /* p of each moment, 0 before the update: that reached SHARE first, and the lowest after it. */
 static void find_share(struct bench *b, struct outcome *outcome, uint64_t old_frame) {
-    outcome->lowest = INFINITY;
+    outcome->lowest = (double)INFINITY;
     for (size_t i = 0; i < b->moment_count; i++) {
         if (outcome->undone) b->moment[i].along = 1 - b->moment[i].along;
         const struct moment *m = &b->moment[i];
