@@ -3,6 +3,9 @@
 #   gcc, clang   build everything without a warning
 #   dev          unit and golden tests under ASan and UBSan
 #   tsan         tests of threaded code under ThreadSanitizer
+#   arm64        compile all but the tests for arm64 without a warning; needs gcc-aarch64-linux-gnu, libc6-dev-arm64-cross
+#   isa          tests of kernels that pick their instructions at run time, on processors with SSE2 alone and with AVX2,
+#                which qemu-user emulates
 #   long         tests labelled `long`, against the release build
 #   fuzz         each fuzzer from its corpus, for FUZZ_SECONDS (default 30)
 set -euo pipefail
@@ -37,6 +40,22 @@ for stage in "$@"; do
         scripts/build.sh tsan
         run_tests tsan -L '^threaded$'
         ;;
+    arm64)
+        cmake --preset release -B build/arm64 -DCMAKE_TOOLCHAIN_FILE=cmake/arm64.cmake -DCMAKE_PREFIX_PATH=/usr \
+            -DLW_WERROR=ON --log-level=WARNING
+        # objects only: there are no libraries to link with
+        ninja -C build/arm64 -t targets all | sed -n 's/^\(\(common\|proto\|server\|client\)[^:]*\.o\): C_COMPILER.*/\1/p' |
+            xargs ninja -C build/arm64 -j "$jobs"
+        ;;
+    isa)
+        scripts/build.sh release
+        for processor in Opteron_G1 Haswell; do
+            for name in test_tile_dct test_tile_codec test_trace test_packets test_svgf test_extremes; do
+                echo "check: $name on $processor"
+                OMP_NUM_THREADS=2 qemu-x86_64 -cpu "$processor" "build/release/bin/$name"
+            done
+        done
+        ;;
     long)
         scripts/build.sh release
         if has_tests release '^long$'; then run_tests release -L '^long$'; else echo "check: no long tests yet"; fi
@@ -53,7 +72,7 @@ for stage in "$@"; do
         done
         ;;
     *)
-        echo "check: no stage \"$stage\"; there are gcc, clang, dev, tsan, long, fuzz" >&2
+        echo "check: no stage \"$stage\"; there are gcc, clang, dev, tsan, arm64, isa, long, fuzz" >&2
         exit 64
         ;;
     esac
