@@ -796,6 +796,24 @@ static char *replaced(const char *text, const char *old, const char *new) {
     return out;
 }
 
+/* One of two keys at the same time counts, here the one that Assimp leaves; with none beside it things stand there. */
+static void equal_key_times_are_one_key(void **state) {
+    (void)state;
+    make_folder("some dir");
+    write_picture("some dir/pic.png");
+    char *text = replaced(dae, ">0.5 2</float_array>", ">2 2</float_array>");
+    struct lw_scene *scene = load_text("equal.dae", text);
+    struct lw_pose pose;
+    lw_support_ok(lw_pose_init(&pose, scene), NULL);
+    assert_int_equal(scene->channel_count, 0);
+    assert_true(scene->duration_s == 0);
+    const float height = place(&pose, scene, "mover", lw_vec3(100, 100, 0)).y;
+    assert_true(fabsf(height) < 1e-5f || fabsf(height - 2) < 1e-5f);
+    lw_pose_finish(&pose);
+    lw_scene_destroy(scene);
+    free(text);
+}
+
 /* FBX counts in centimetres unless it says otherwise. */
 static void fbx_units_are_centimetres(void **state) {
     (void)state;
@@ -969,6 +987,7 @@ int main(void) {
         cmocka_unit_test(stl_has_triangles_alone),
         cmocka_unit_test(collada_arrives_in_metres_and_upright),
         cmocka_unit_test(fbx_arrives_in_metres_and_upright),
+        cmocka_unit_test(equal_key_times_are_one_key),
         cmocka_unit_test(fbx_units_are_centimetres),
         cmocka_unit_test(broken_files_are_refused_in_one_line),
         cmocka_unit_test(claims_do_not_cost_memory),
