@@ -12,6 +12,7 @@
 
 #include <omp.h>
 #include <stdlib.h>
+#include <string.h>
 
 struct cell_solver {
     struct lw_solver base;
@@ -27,19 +28,20 @@ struct cell_solver {
     bool has_probes;
     struct lw_denoise denoise; /* empty unless the desc asks for it */
     uint32_t *end;
-    float *cdf;                   /* per thread */
-    struct lw_pose pose;          /* the last one solved */
+    struct lw_pose pose;          /* the last one given */
     struct lw_progress *progress; /* of the first frame, which may be long; else NULL */
     struct lw_schedule schedule;
     uint32_t frames, frames_since_move;
-    uint32_t moves; /* frames in which something had moved, so far */
+    uint32_t moves; /* frames in which something had moved */
+    bool active;    /* something was solved in the last frame */
+    bool forgetful; /* the tiles' estimates are not those of their last solve: a checkpoint keeps none */
     unsigned
         pose_due; /* what of the pose has changed since rays, lights and tiles were last placed: LW_POSE_* */
 };
 
 /* Of the above, what a checkpoint keeps. */
 struct remembered {
-    uint32_t frames, frames_since_move, ever_moved;
+    uint32_t frames, frames_since_move, moves;
 };
 
 /* Objects that stood still may move from now on: what they buried comes to light, and no seam holds them. */
@@ -50,15 +52,22 @@ static enum lw_status free_objects(struct cell_solver *s) {
     return lw_seams_init(&s->seams, s->desc.scene, &s->pose, s->desc.atlas_map, &s->texels);
 }
 
+/* What all tiles send out, from their sums. */
+static void radiate_all(struct cell_solver *s) {
+    const struct lw_passes passes = {.tiles = &s->tiles};
+    for (uint32_t bounce = 0; bounce < s->desc.bounces; bounce++) {
+#pragma omp parallel for schedule(static) num_threads(s->threads)
+        for (uint32_t i = 0; i < s->tiles.count; i++) lw_passes_radiate(&passes, &s->tiles.tile[i], bounce);
+    }
+}
+
 /* Of the scene, its materials or its sky alone. */
 static enum lw_status take_materials(struct cell_solver *s) {
     enum lw_status status =
         s->pose_due & LW_POSE_MATERIALS ? lw_texels_set_albedo(&s->texels, s->threads) : LW_OK;
     if (status == LW_OK) status = lw_lights_set_materials(&s->lights, &s->pose);
-    if (status != LW_OK) return status;
-    free(s->cdf);
-    s->cdf = calloc((size_t)s->threads * (s->lights.emitter_count + 1), sizeof *s->cdf);
-    return s->cdf ? LW_OK : LW_NO_MEMORY;
+    if (status == LW_OK) lw_tiles_recount(&s->tiles, s->threads);
+    return status;
 }
 
 /* Takes over s->pose. */
@@ -67,6 +76,7 @@ static enum lw_status place(struct cell_solver *s, struct lw_solver_stats *stats
     if (status == LW_OK && (s->pose_due & LW_POSE_DYNAMIC)) status = free_objects(s);
     if (status == LW_OK && (s->pose_due & (LW_POSE_MATERIALS | LW_POSE_SKY))) status = take_materials(s);
     if (status != LW_OK) return lw_status_fail(err, status, "taking over what has changed");
+    if (s->pose_due & LW_POSE_MATERIALS) radiate_all(s);
     lw_lights_set_pose(&s->lights, &s->pose);
     lw_tiles_set_pose(&s->tiles, &s->cells, &s->pose);
     if (s->has_probes) {
@@ -78,53 +88,80 @@ static enum lw_status place(struct cell_solver *s, struct lw_solver_stats *stats
     return LW_OK;
 }
 
+#define EACH_BLOCK(tile, block)                                                                              \
+    for (struct lw_solve_block *block = (tile)->block, *const end_ = block + (tile)->block_columns *         \
+                                                                                 (tile)->block_rows;         \
+         block < end_; block++)
+
 static bool cancelled(const struct cell_solver *s) { return s->desc.cancel && *s->desc.cancel; }
 
 static bool has_work(const struct cell_solver *s, const struct lw_solve_tile *tile) {
     return tile->due && !cancelled(s);
 }
 
-/* How many frames the sums may remember that many frames after a movement. While things move: few. After it the memory
- * grows by half a frame each frame, so that what it holds of the time before fades with the square of the time since. */
-static uint32_t history_max(const struct cell_solver *s, uint32_t while_moving, uint32_t still) {
-    return s->moves ? while_moving - 1 + still / 2 : UINT32_MAX;
+/* The frames for which probes may remember, that many frames after a movement. */
+static uint32_t probe_history_max(const struct cell_solver *s) {
+    return s->moves ? LW_CELL_SOLVER_HISTORY_PROBES - 1 + s->frames_since_move / 2 : UINT32_MAX;
 }
 
-/* What is left of a tile's sums after a sleep, had it been solved all the time: after frames that moved, and then still
- * ones, of which the first comes `still` frames after a movement. */
-static double kept(uint32_t while_moving, uint32_t moves, uint32_t still, uint32_t still_count) {
-    double share = pow(1 - 1.0 / while_moving, moves);
-    for (uint32_t k = still; k < still + still_count; k++) {
-        const double most = while_moving - 1 + k / 2;
-        share *= most / (most + 1);
+/* ---- what has changed (change.h) ---- */
+
+/* Blocks at rest: wakes those whose light is no longer what it was. */
+static void find_change(struct cell_solver *s, const struct lw_passes *passes,
+                        struct lw_solver_stats *stats) {
+    uint64_t shadow = 0, bounce = 0;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shadow, bounce)
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        struct lw_solve_tile *tile = &s->tiles.tile[i];
+        struct lw_passes_count count = {0};
+        bool asked = false, more = false;
+        if (!tile->serves) continue;
+        EACH_BLOCK(tile, block)
+        if (block->resting) asked |= lw_change_choose_resting(block, s->moves, s->schedule.tick, s->active);
+        if (asked) lw_passes_compare(passes, tile, &count);
+        if (!asked) continue;
+        EACH_BLOCK(tile, block)
+        if (block->resting) more |= lw_change_choose_more(block, s->desc.target_error);
+        if (more) lw_passes_compare(passes, tile, &count);
+        EACH_BLOCK(tile, block) {
+            if (block->resting && block->covered_count) lw_change_wake(block, s->desc.target_error);
+            tile->woken |= block->change.woken;
+        }
+        lw_tiles_sum_up(tile);
+        shadow += count.shadow;
+        bounce += count.bounce;
     }
-    return share;
+    stats->rays_shadow += shadow;
+    stats->rays_bounce += bounce;
 }
 
-/* With which weight this frame's estimates enter a tile's means. A tile that sat out some frames forgets for them too.
- * One that slept for long forgets for those in which something moved; the still ones did not make its sums any older. It
- * then begins a time of fading of its own, since what lights it may have slept as well. */
-static void weigh(const struct cell_solver *s, struct lw_solve_tile *tile) {
-    const uint32_t slept = s->schedule.tick - tile->solved_tick, moves = s->moves - tile->solved_moves;
-    const bool nap = slept <= LW_SCHEDULE_PERIOD_MAX;
-    const uint32_t still_count = nap ? (moves ? s->frames_since_move : slept) : (moves ? 0 : 1);
-    const uint32_t first_still = moves ? 1 : tile->still + 1;
-    float direct = 0;
-    if (s->moves && slept > 1) {
-        const double lost_direct = 1 - kept(LW_CELL_SOLVER_HISTORY_DIRECT, moves, first_still, still_count),
-                     lost_indirect =
-                         1 - kept(LW_CELL_SOLVER_HISTORY_INDIRECT, moves, first_still, still_count);
-        if (lost_indirect * (tile->history + 1.0) > 1) tile->history = (uint32_t)(1 / lost_indirect - 0.5);
-        direct = (float)lost_direct;
+/* Blocks that are due: what this frame begins with. */
+static void weigh_direct(struct cell_solver *s, const struct lw_passes *passes,
+                         struct lw_solver_stats *stats) {
+    uint64_t shadow = 0, bounce = 0;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shadow, bounce)
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        struct lw_solve_tile *tile = &s->tiles.tile[i];
+        struct lw_passes_count count = {0};
+        bool asked = false;
+        EACH_BLOCK(tile, block) {
+            block->due = tile->due && !block->resting;
+            if (block->due && s->moves && !block->change.woken)
+                asked |= lw_change_choose_due(block, s->moves);
+        }
+        if (asked) lw_passes_compare(passes, tile, &count);
+        EACH_BLOCK(tile, block)
+        if (block->due) lw_change_weigh_direct(block, s->moves);
+        if (tile->due) tile->solved_tick = s->schedule.tick;
+        tile->woken = false;
+        shadow += count.shadow;
+        bounce += count.bounce;
     }
-    tile->still = first_still + still_count - 1;
-    tile->weight_direct = fmaxf(
-        direct, lw_passes_weight(tile->history, history_max(s, LW_CELL_SOLVER_HISTORY_DIRECT, tile->still)));
-    tile->history_max = history_max(s, LW_CELL_SOLVER_HISTORY_INDIRECT, tile->still);
-    tile->weight_indirect = lw_passes_weight(tile->history, tile->history_max);
-    tile->solved_moves = s->moves;
-    tile->solved_tick = s->schedule.tick;
+    stats->rays_shadow += shadow;
+    stats->rays_bounce += bounce;
 }
+
+/* ---- the passes ---- */
 
 static void run_direct(struct cell_solver *s, const struct lw_passes *passes, struct lw_solver_stats *stats) {
     uint64_t shadow = 0;
@@ -133,8 +170,7 @@ static void run_direct(struct cell_solver *s, const struct lw_passes *passes, st
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         if (!has_work(s, tile)) continue;
         struct lw_passes_count count = {0};
-        lw_passes_direct(passes, tile, s->cdf + (size_t)omp_get_thread_num() * (s->lights.emitter_count + 1),
-                         &count);
+        lw_passes_direct(passes, tile, &count);
         shadow += count.shadow;
         if (s->progress) lw_progress_step(s->progress, 1);
     }
@@ -162,6 +198,26 @@ static void run_radiate(struct cell_solver *s, const struct lw_passes *passes, u
         if (has_work(s, &s->tiles.tile[i])) lw_passes_radiate(passes, &s->tiles.tile[i], bounce);
 }
 
+/* What follows the light that has just changed: with which weight this frame's estimates of bounces enter their means. */
+static void weigh_indirect(struct cell_solver *s, const struct lw_passes *passes) {
+    const float most = s->has_probes ? (float)probe_history_max(s) : INFINITY;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        struct lw_solve_tile *tile = &s->tiles.tile[i];
+        if (!has_work(s, tile)) continue;
+        if (s->moves && s->desc.bounces) lw_passes_arrive(passes, tile, 1, 1);
+        EACH_BLOCK(tile, block)
+        if (block->due) lw_change_weigh_indirect(block, most);
+    }
+}
+
+/* Bounces from the second on change only now: that counts in the next frame. */
+static void run_arrive(struct cell_solver *s, const struct lw_passes *passes) {
+#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
+    for (uint32_t i = 0; i < s->tiles.count; i++)
+        if (has_work(s, &s->tiles.tile[i])) lw_passes_arrive(passes, &s->tiles.tile[i], 2, s->desc.bounces);
+}
+
 static void run_gather(struct cell_solver *s, const struct lw_passes *passes, uint32_t bounce) {
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
     for (uint32_t i = 0; i < s->tiles.count; i++)
@@ -180,33 +236,37 @@ static void run_finish(struct cell_solver *s, const struct lw_passes *passes, ui
     }
 }
 
-static bool settled(const struct cell_solver *s, const struct lw_solve_tile *tile) {
-    return (tile->frames >= LW_CELL_SOLVER_FRAMES_MIN && tile->error <= s->desc.target_error) ||
-           (s->desc.frames_max && tile->frames >= s->desc.frames_max);
+static bool settled(const struct cell_solver *s, const struct lw_solve_block *block) {
+    return (block->frames >= LW_CELL_SOLVER_FRAMES_MIN && block->error <= s->desc.target_error &&
+            !lw_change_is_stale(block, s->desc.target_error)) ||
+           (s->desc.frames_max && block->frames >= s->desc.frames_max);
 }
 
-/* While what is remembered of the time before a movement still shows. */
-static bool fading(const struct cell_solver *s, uint32_t still) {
-    return s->moves && still < LW_CELL_SOLVER_FADE_FRAMES;
+/* Blocks whose error is low enough rest until their light changes. */
+static void settle_tile(const struct cell_solver *s, struct lw_solve_tile *tile) {
+    EACH_BLOCK(tile, block) {
+        if (!block->due || !block->covered_count) continue;
+        block->resting = settled(s, block);
+        block->stale = !block->resting && lw_change_is_stale(block, s->desc.target_error);
+    }
+    lw_tiles_sum_up(tile);
 }
 
-/* Tiles whose error is low enough rest until something moves. */
 static void settle(struct cell_solver *s, struct lw_solver_stats *stats) {
     stats->tiles = s->tiles.count;
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
-        if (tile->due) {
-            stats->tiles_solved++;
-            stats->texels_solved += tile->covered_count;
-            tile->resting = !fading(s, tile->still) && settled(s, tile);
-        }
+        stats->tiles_solved += tile->due;
+        EACH_BLOCK(tile, block)
+        stats->texels_solved += block->due ? block->covered_count : 0;
+        if (tile->due) settle_tile(s, tile);
         stats->tiles_converged += tile->resting;
     }
 }
 
-static void wake(struct cell_solver *s) {
-    for (uint32_t i = 0; i < s->tiles.count; i++)
-        s->tiles.tile[i].resting = s->tiles.tile[i].covered_count == 0;
+/* While what is remembered of the time before a movement may still show. */
+static bool is_fading(const struct cell_solver *s) {
+    return s->moves && s->frames_since_move < LW_CELL_SOLVER_FADE_FRAMES;
 }
 
 static void count_tiles(const struct cell_solver *s, struct lw_solver_stats *stats) {
@@ -217,10 +277,25 @@ static void count_tiles(const struct cell_solver *s, struct lw_solver_stats *sta
 /* Whether the frame has anything to solve. Where it has not, the pose waits, and with it the probes' rays. */
 static bool choose_tiles(struct cell_solver *s, struct lw_solver_stats *stats) {
     struct lw_schedule_count count;
-    lw_schedule_choose(&s->schedule, &s->tiles, s->has_probes, &count);
+    lw_schedule_choose(&s->schedule, &s->tiles, &count);
     stats->tiles_wanted = count.wanted;
     stats->tiles_feeding = count.feeding;
     return count.due > 0;
+}
+
+/* Estimates of the last solves, before anything moves from where it was then. */
+static void recall(struct cell_solver *s, const struct lw_passes *passes, struct lw_solver_stats *stats) {
+    uint64_t shadow = 0, bounce = 0;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shadow, bounce)
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        struct lw_passes_count count = {0};
+        lw_passes_recall(passes, &s->tiles.tile[i], &count);
+        shadow += count.shadow;
+        bounce += count.bounce;
+    }
+    stats->rays_shadow += shadow;
+    stats->rays_bounce += bounce;
+    s->forgetful = false;
 }
 
 static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose, uint64_t number,
@@ -228,41 +303,46 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     struct cell_solver *s = (struct cell_solver *)solver;
     struct lw_solver_stats stats = {0};
     uint64_t t0 = lw_clock_ns();
-    const unsigned changed = lw_pose_difference(pose, &s->pose, s->desc.scene);
-    stats.moved = changed != 0;
+    const struct lw_passes passes = {.scene = s->desc.scene,
+                                     .pose = &s->pose,
+                                     .trace = s->trace,
+                                     .lights = &s->lights,
+                                     .texels = &s->texels,
+                                     .cells = &s->cells,
+                                     .probes = s->has_probes ? &s->probes : NULL,
+                                     .tiles = &s->tiles,
+                                     .end = s->end,
+                                     .direct_samples = s->desc.direct_samples,
+                                     .indirect_samples = s->desc.indirect_samples,
+                                     .seed = s->desc.seed,
+                                     .tracing_range_m = s->desc.tracing_range_m};
+    for (uint32_t bounce = 0; bounce < s->desc.bounces; bounce++)
+        memset(s->tiles.radiance_change[bounce], 0, s->tiles.block_count * sizeof(struct lw_vec3));
+    const unsigned moved = lw_pose_difference(pose, &s->pose, s->desc.scene);
+    stats.moved = moved != 0;
     s->frames_since_move++;
     if (stats.moved) {
+        if (s->forgetful) recall(s, &passes, &stats);
         lw_pose_copy(&s->pose, pose, s->desc.scene);
-        s->pose_due |= changed;
+        s->pose_due |= moved;
         s->moves++;
         s->frames_since_move = 0;
-        wake(s);
     }
-    if (!choose_tiles(s, &stats)) {
+    const bool looked_at = lw_schedule_is_looked_at(&s->schedule);
+    enum lw_status status = s->pose_due && looked_at ? place(s, &stats, err) : LW_OK;
+    if (status != LW_OK) return status;
+    lw_schedule_serve(&s->schedule, &s->tiles, s->has_probes);
+    if (s->moves && looked_at) find_change(s, &passes, &stats);
+    s->active = choose_tiles(s, &stats);
+    if (!s->active) {
         count_tiles(s, &stats);
         *out_stats = stats;
         return LW_OK;
     }
-    enum lw_status status = s->pose_due ? place(s, &stats, err) : LW_OK;
+    if (s->pose_due) status = place(s, &stats, err);
     if (status != LW_OK) return status;
+    weigh_direct(s, &passes, &stats);
     stats.pose_ns = lw_clock_ns() - t0 - stats.probe_ns;
-    for (uint32_t i = 0; i < s->tiles.count; i++)
-        if (s->tiles.tile[i].due) weigh(s, &s->tiles.tile[i]);
-
-    struct lw_passes passes = {.scene = s->desc.scene,
-                               .pose = &s->pose,
-                               .trace = s->trace,
-                               .lights = &s->lights,
-                               .texels = &s->texels,
-                               .cells = &s->cells,
-                               .probes = s->has_probes ? &s->probes : NULL,
-                               .tiles = &s->tiles,
-                               .end = s->end,
-                               .direct_samples = s->desc.direct_samples,
-                               .indirect_samples = s->desc.indirect_samples,
-                               .seed = s->desc.seed,
-                               .tracing_range_m = s->desc.tracing_range_m};
-
     struct lw_progress progress;
     if (s->frames == 0) {
         lw_progress_init(&progress, "lighting the first frame", s->tiles.count * (s->desc.bounces ? 2u : 1u));
@@ -274,20 +354,20 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     uint64_t t2 = lw_clock_ns();
     stats.direct_ns = t2 - t1;
     if (s->desc.bounces) run_trace_ends(s, &passes, &stats);
+    weigh_indirect(s, &passes);
     stats.scatter_ns = lw_clock_ns() - t2;
     if (s->progress) lw_progress_finish(s->progress);
     s->progress = NULL;
     if (s->has_probes) {
         uint64_t t = lw_clock_ns();
-        stats.rays_probe += lw_probes_gather(&s->probes, s->trace, &s->texels, s->frames,
-                                             fading(s, s->frames_since_move), s->threads);
+        stats.rays_probe +=
+            lw_probes_gather(&s->probes, s->trace, &s->texels, s->frames, is_fading(s), s->threads);
         stats.probe_ns += lw_clock_ns() - t;
     }
     for (uint32_t bounce = 1; bounce <= s->desc.bounces; bounce++) {
         uint64_t t = lw_clock_ns();
         if (s->has_probes)
-            lw_probes_project(&s->probes, bounce - 1, s->tiles.radiance[bounce - 1],
-                              history_max(s, LW_CELL_SOLVER_HISTORY_INDIRECT, s->frames_since_move),
+            lw_probes_project(&s->probes, bounce - 1, s->tiles.radiance[bounce - 1], probe_history_max(s),
                               s->threads);
         uint64_t projected = lw_clock_ns();
         run_gather(s, &passes, bounce);
@@ -295,6 +375,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
         stats.probe_ns += projected - t;
         stats.scatter_ns += lw_clock_ns() - projected;
     }
+    if (s->moves && s->desc.bounces > 1) run_arrive(s, &passes);
     if (cancelled(s)) return LW_CLOSED;
     run_finish(s, &passes, number);
     if (s->desc.denoise) {
@@ -312,7 +393,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
 
 static enum lw_status want(struct lw_solver *solver, const uint8_t *wanted, struct lw_error *err) {
     struct cell_solver *s = (struct cell_solver *)solver;
-    enum lw_status status = lw_schedule_want(&s->schedule, &s->tiles, wanted);
+    enum lw_status status = lw_schedule_want(&s->schedule, wanted);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "schedule of %u texels", s->texels.count);
 }
 
@@ -378,17 +459,10 @@ static uint32_t list_parts(const struct cell_solver *s, struct remembered *remem
 static enum lw_status save(const struct lw_solver *solver, const char *path, const uint8_t key[16],
                            struct lw_error *err) {
     const struct cell_solver *s = (const struct cell_solver *)solver;
-    struct remembered remembered = {s->frames, s->frames_since_move, s->moves > 0};
+    struct remembered remembered = {s->frames, s->frames_since_move, s->moves};
     struct lw_checkpoint_part part[PARTS_MAX];
     const uint32_t parts = list_parts(s, &remembered, part);
     return lw_checkpoint_save(path, key, &s->tiles, part, parts, err);
-}
-
-/* What tiles send out is not in a checkpoint; those at rest are read before they are solved again. */
-static void radiate_all(struct cell_solver *s) {
-    const struct lw_passes passes = {.tiles = &s->tiles};
-    for (uint32_t bounce = 0; bounce < s->desc.bounces; bounce++)
-        for (uint32_t i = 0; i < s->tiles.count; i++) lw_passes_radiate(&passes, &s->tiles.tile[i], bounce);
 }
 
 static enum lw_status load(struct lw_solver *solver, const char *path, const uint8_t key[16],
@@ -401,22 +475,26 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
     if (status != LW_OK) return status;
     s->frames = remembered.frames;
     s->frames_since_move = remembered.frames_since_move;
-    s->moves = remembered.ever_moved;
+    s->moves = remembered.moves;
+    s->forgetful = true;
     s->seams.fresh = true;
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
-        tile->resting = tile->covered_count == 0 || settled(s, tile);
-        tile->solved_moves = s->moves;
-        tile->still = s->frames_since_move;
+        EACH_BLOCK(tile, block) {
+            block->resting = block->covered_count == 0 || settled(s, block);
+            block->change.moves = s->moves;
+        }
+        lw_tiles_sum_up(tile);
     }
-    radiate_all(s);
+    radiate_all(
+        s); /* which a checkpoint does not keep; those at rest are read before they are solved again */
     *out_frames = s->frames;
     return LW_OK;
 }
 
 static size_t memory_bytes(const struct lw_solver *solver) {
     const struct cell_solver *s = (const struct cell_solver *)solver;
-    size_t per_texel = sizeof(float) * (3 + 3 + 3 + (3 + 4) * (size_t)s->desc.bounces + 3) + 1 +
+    size_t per_texel = sizeof(float) * (3 + 3 + 3 + (3 + 4) * (size_t)s->desc.bounces + 8) + 1 +
                        sizeof(uint32_t) + sizeof(uint32_t) * s->desc.indirect_samples;
     size_t mesh_texels = 0, places = 0;
     for (uint32_t m = 0; m < s->desc.scene->mesh_count; m++) {
@@ -424,10 +502,11 @@ static size_t memory_bytes(const struct lw_solver *solver) {
         mesh_texels += mesh->texel_count;
         if (mesh->footprint.first) places += mesh->footprint.first[mesh->texel_count];
     }
-    per_texel += 3; /* usable places; gutters filled, and welded */
+    per_texel += 3 + sizeof(uint32_t); /* usable places; gutters filled, and welded; block */
     return per_texel * s->texels.count + mesh_texels * (14 * sizeof(float) + 2 * sizeof(uint32_t) + 1) +
            places * sizeof(struct lw_footprint_place) + lw_seams_memory_bytes(&s->seams) +
-           lw_denoise_memory_bytes(&s->denoise) + lw_schedule_memory_bytes(&s->schedule, &s->tiles) +
+           lw_denoise_memory_bytes(&s->denoise) + lw_schedule_memory_bytes(&s->schedule) +
+           s->tiles.block_count * sizeof *s->tiles.block +
            (s->has_probes ? lw_probes_memory_bytes(&s->probes) : 0) + lw_trace_memory_bytes(s->trace);
 }
 
@@ -443,7 +522,6 @@ static void destroy(struct lw_solver *solver) {
     if (s->texels.scene) lw_texels_finish(&s->texels);
     lw_trace_destroy(s->trace);
     lw_pose_finish(&s->pose);
-    free(s->cdf);
     free(s->end);
     free(s);
 }
@@ -505,8 +583,7 @@ static enum lw_status build(struct cell_solver *s, const struct lw_pose *pose, s
         return lw_status_fail(err, status, "probes");
     if (s->desc.denoise && (status = set_up_denoise(s, err)) != LW_OK) return status;
     s->end = calloc((size_t)s->texels.count * s->desc.indirect_samples + 1, sizeof *s->end);
-    s->cdf = calloc((size_t)s->threads * (s->lights.emitter_count + 1), sizeof *s->cdf);
-    if (!s->end || !s->cdf) return lw_status_fail(err, LW_NO_MEMORY, "%u texels", s->texels.count);
+    if (!s->end) return lw_status_fail(err, LW_NO_MEMORY, "%u texels", s->texels.count);
     return LW_OK;
 }
 

@@ -6,13 +6,11 @@
 
 #include "server/solve/solver.h"
 
-/* While something moves, sums forget: short for direct light, whose noise is small and whose shadows must follow;
- * longer for the smooth, noisy rest. */
-#define LW_CELL_SOLVER_HISTORY_DIRECT   4u
-#define LW_CELL_SOLVER_HISTORY_INDIRECT 16u
-/* A tile rests at the target error, but never before it has seen this many frames. */
+/* A block rests at the target error, but never before it has seen this many frames. */
 #define LW_CELL_SOLVER_FRAMES_MIN 16u
-/* Nor sooner than this many frames after a movement: by then under 1/25 of the sums is of the time before. */
+/* While something moves, probes remember so many frames. */
+#define LW_CELL_SOLVER_HISTORY_PROBES 16
+/* Frames after a movement until probes are taken to have forgotten the time before. */
 #define LW_CELL_SOLVER_FADE_FRAMES 128u
 
 /** Builds texels, cells and the rays' structure.

@@ -21,10 +21,21 @@ struct header {
 
 /* What a tile remembers; which texels it has follows from its id. */
 struct record {
-    uint32_t id, frames, history;
+    uint32_t id;
     float error;
     uint64_t solved_frame;
 };
+
+/* What a block does; in the order of the tiles' ids. Without gaps between its fields. */
+struct block_record {
+    double variance, luminance;
+    struct lw_memory direct, indirect;
+    float stale_direct;
+    struct lw_vec3 stale_indirect[LW_CHANGE_REGIONS];
+    float light, noise[LW_TILES_PARTS], error;
+    uint32_t covered_count, frames, zero;
+};
+_Static_assert(sizeof(struct block_record) == 112, "no padding, which would have any value");
 
 /* ---- what is in it -------------------------------------------------------------------------------------------- */
 
@@ -54,6 +65,7 @@ static struct header make_header(const uint8_t key[LW_CHECKPOINT_KEY_SIZE], cons
     memcpy(header.magic, magic, sizeof magic);
     memcpy(header.key, key, sizeof header.key);
     header.body_size = (uint64_t)tiles->count * sizeof(struct record) +
+                       (uint64_t)tiles->block_count * sizeof(struct block_record) +
                        (uint64_t)list_planes(tiles, plane) * tiles->texel_count * sizeof(float);
     for (uint32_t i = 0; i < part_count; i++) header.body_size += part[i].size;
     return header;
@@ -90,13 +102,31 @@ static void put_records(struct writer *writer, const struct lw_tiles *tiles) {
     }
     for (uint32_t i = 0; i < tiles->count; i++)
         record[i] = (struct record){.id = tiles->tile[i].id.v,
-                                    .frames = tiles->tile[i].frames,
-                                    .history = tiles->tile[i].history,
                                     .error = tiles->tile[i].error,
                                     .solved_frame = tiles->tile[i].solved_frame};
     qsort(record, tiles->count, sizeof *record, by_id);
     put(writer, record, (size_t)tiles->count * sizeof *record);
     free(record);
+}
+
+static void put_blocks(struct writer *writer, const struct lw_tiles *tiles) {
+    for (uint32_t i = 0; i < tiles->block_count; i++) {
+        const struct lw_solve_block *block = &tiles->block[i];
+        const struct lw_change_block *change = &block->change;
+        struct block_record record = {
+            .variance = block->variance,
+            .luminance = block->luminance,
+            .direct = block->direct,
+            .indirect = block->indirect,
+            .stale_direct = change->stale_direct,
+            .light = block->light,
+            .noise = {block->noise[LW_TILES_DIRECT], block->noise[LW_TILES_INDIRECT]},
+            .error = block->error,
+            .covered_count = block->covered_count,
+            .frames = block->frames};
+        memcpy(record.stale_indirect, change->stale_indirect, sizeof record.stale_indirect);
+        put(writer, &record, sizeof record);
+    }
 }
 
 enum lw_status lw_checkpoint_save(const char *path, const uint8_t key[LW_CHECKPOINT_KEY_SIZE],
@@ -113,6 +143,7 @@ enum lw_status lw_checkpoint_save(const char *path, const uint8_t key[LW_CHECKPO
     const struct header header = make_header(key, tiles, part, part_count);
     put(&writer, &header, sizeof header);
     put_records(&writer, tiles);
+    put_blocks(&writer, tiles);
     float *plane[PLANES_MAX];
     const uint32_t planes = list_planes(tiles, plane);
     for (uint32_t i = 0; i < planes; i++) put(&writer, plane[i], (size_t)tiles->texel_count * sizeof(float));
@@ -194,13 +225,33 @@ static enum lw_status take_records(struct reader *reader, struct lw_tiles *tiles
             status = lw_status_fail(reader->err, LW_BAD_DATA, "%s: lacks tile %u", reader->path, tile->id.v);
             break;
         }
-        tile->frames = r->frames;
-        tile->history = tile->remembered = r->history; /* less, had something moved; bakes do not */
         tile->error = r->error;
         tile->solved_frame = r->solved_frame;
     }
     free(record);
     return status;
+}
+
+static enum lw_status take_blocks(struct reader *reader, struct lw_tiles *tiles) {
+    for (uint32_t i = 0; i < tiles->block_count; i++) {
+        struct lw_solve_block *block = &tiles->block[i];
+        struct block_record record;
+        enum lw_status status = take(reader, &record, sizeof record);
+        if (status != LW_OK) return status;
+        if (record.covered_count != block->covered_count)
+            return lw_status_fail(reader->err, LW_BAD_DATA, "%s: is of other texels", reader->path);
+        block->variance = record.variance;
+        block->luminance = record.luminance;
+        block->direct = record.direct;
+        block->indirect = record.indirect;
+        block->change.stale_direct = record.stale_direct;
+        memcpy(block->change.stale_indirect, record.stale_indirect, sizeof record.stale_indirect);
+        block->light = record.light;
+        memcpy(block->noise, record.noise, sizeof record.noise);
+        block->error = record.error;
+        block->frames = record.frames;
+    }
+    return LW_OK;
 }
 
 static enum lw_status take_body(struct reader *reader, struct lw_tiles *tiles,
@@ -210,6 +261,7 @@ static enum lw_status take_body(struct reader *reader, struct lw_tiles *tiles,
     float *plane[PLANES_MAX];
     const uint32_t planes = list_planes(tiles, plane);
     enum lw_status status = take_records(reader, tiles);
+    if (status == LW_OK) status = take_blocks(reader, tiles);
     for (uint32_t i = 0; i < planes && status == LW_OK; i++)
         status = take(reader, plane[i], (size_t)tiles->texel_count * sizeof(float));
     for (uint32_t i = 0; i < part_count && status == LW_OK; i++)

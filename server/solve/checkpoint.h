@@ -3,14 +3,14 @@
  * Threads: the solver's, between two frames.
  *
  * The file belongs to one machine and one build: numbers lie as in memory. A header with a version, the caller's key
- * (which scene, which options) and the size; one record per tile, in the order of their ids; the planes of sums; the
+ * (which scene, which options) and the size; one record per tile and per block, in the order of their ids; the planes of sums; the
  * caller's own parts; XXH3-64 of all before it. The reader takes a file that fits in every respect, or nothing of it. */
 #ifndef LW_SOLVE_CHECKPOINT_H
 #define LW_SOLVE_CHECKPOINT_H
 
 #include "server/solve/tiles.h"
 
-#define LW_CHECKPOINT_VERSION  1u
+#define LW_CHECKPOINT_VERSION  3u
 #define LW_CHECKPOINT_KEY_SIZE 16u /* bytes */
 
 /** Memory that belongs to the state beside the tiles. */

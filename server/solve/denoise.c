@@ -188,16 +188,22 @@ static void list_taps(const struct job *job, uint32_t pass, struct tap out_tap[2
     }
 }
 
-/* The runs of a row that lie in one tile each are runs of memory. */
-#define EACH_RUN(job, y, column, x, n, t)                                                                    \
-    for (uint32_t column = 0; column < (job)->columns; column++)                                             \
-        for (uint32_t x = column * LW_TILE_SIDE, t = lw_texels_index((job)->mesh, x, y),                     \
-                      n = (job)->mesh->width - x < LW_TILE_SIDE ? (job)->mesh->width - x : LW_TILE_SIDE;     \
-             n; n = 0)
+/* The runs of a row that lie in one block each are runs of memory. */
+#define EACH_RUN(job, y, x, n, t)                                                                            \
+    for (uint32_t x = 0, n, t;                                                                               \
+         x < (job)->mesh->width &&                                                                           \
+         (n = (job)->mesh->width - x < LW_TILE_BLOCK ? (job)->mesh->width - x : LW_TILE_BLOCK,               \
+         t = lw_texels_index((job)->mesh, x, y), true);                                                      \
+         x += LW_TILE_BLOCK)
 
-static const struct lw_solve_tile *tile_at(const struct job *job, uint32_t column, uint32_t y) {
+static const struct lw_solve_tile *tile_at(const struct job *job, uint32_t x, uint32_t y) {
     const struct lw_denoise *d = job->denoise;
-    return &d->tiles->tile[d->slot[y / LW_TILE_SIDE * job->columns + column]];
+    return &d->tiles->tile[d->slot[y / LW_TILE_SIDE * job->columns + x / LW_TILE_SIDE]];
+}
+
+/* Frames that the sums of a texel's block stand for. */
+static float remembered_at(const struct job *job, uint32_t x, uint32_t y) {
+    return lw_tiles_block(tile_at(job, x, y), x % LW_TILE_SIDE, y % LW_TILE_SIDE)->indirect.frames;
 }
 
 static size_t place(const struct job *job, uint32_t x, uint32_t y) {
@@ -207,10 +213,10 @@ static size_t place(const struct job *job, uint32_t x, uint32_t y) {
 /* Colours, and the variance of each texel's mean over the frames. */
 static void load_row(const struct job *job, const struct planes *out, uint32_t y) {
     const struct lw_tiles *tiles = job->denoise->tiles;
-    EACH_RUN(job, y, column, x, n, t) {
-        const struct lw_solve_tile *tile = tile_at(job, column, y);
-        const bool quiet = tile->error <= LW_DENOISE_QUIET;
-        const float per_frame = tile->remembered >= HISTORY_MIN ? 1 / (float)(tile->remembered - 1) : 0;
+    EACH_RUN(job, y, x, n, t) {
+        const bool quiet = tile_at(job, x, y)->error <= LW_DENOISE_QUIET;
+        const float remembered = remembered_at(job, x, y);
+        const float per_frame = remembered >= HISTORY_MIN ? 1 / (remembered - 1) : 0;
         const size_t from = job->first + t, to = place(job, x, y);
         const uint8_t *covered = tiles->covered + from;
         for (uint32_t i = 0; i < n; i++) {
@@ -226,9 +232,9 @@ static void load_row(const struct job *job, const struct planes *out, uint32_t y
 
 /* Where frames are few: half the mean square of the differences to the neighbours. */
 static void guess_row(const struct job *job, const struct planes *v, const struct tap *tap, uint32_t y) {
-    EACH_RUN(job, y, column, x, n, t) {
+    EACH_RUN(job, y, x, n, t) {
         (void)t;
-        if (tile_at(job, column, y)->remembered >= HISTORY_MIN) continue;
+        if (remembered_at(job, x, y) >= HISTORY_MIN) continue;
         for (size_t i = place(job, x, y), end = i + n; i < end; i++) {
             if (v->p[VARIANCE][i] < 0) continue;
             const float *y_of = v->p[Y] + i;
@@ -321,8 +327,8 @@ static void filter_row(const struct job *job, const struct planes *in, const str
 
 static void store_row(const struct job *job, const struct planes *in, uint32_t y) {
     const struct lw_tiles *tiles = job->denoise->tiles;
-    EACH_RUN(job, y, column, x, n, t) {
-        if (!job->denoise->part[y / LW_TILE_SIDE * job->columns + column]) continue;
+    EACH_RUN(job, y, x, n, t) {
+        if (!job->denoise->part[y / LW_TILE_SIDE * job->columns + x / LW_TILE_SIDE]) continue;
         const size_t to = job->first + t, from = place(job, x, y);
         for (uint32_t i = 0; i < n; i++)
             for (int c = 0; c < 3 && tiles->covered[to + i]; c++)

@@ -13,6 +13,8 @@
 #define PLACE_SHARE 2u
 /* So many samples without light count as an error of 1; a full tile rests after some 25 frames at 0.02. */
 #define DARK_SAMPLES 2000.0
+/* Of a block's estimated noise, what each frame brings. */
+#define NOISE_WEIGHT 0.125f
 /* Packets whose normals agree to this cosine run parallel enough for Embree's coherent traversal. */
 #define COHERENT_COSINE 0.95f
 
@@ -22,6 +24,7 @@ struct packet {
     uint16_t active;
     bool coherent;
     uint32_t block, set;             /* of the numbers that it draws (sampling.h) */
+    uint32_t frames;                 /* that the block has seen */
     struct lw_footprint_frame frame; /* of the tile's object */
     struct lw_footprint_lanes at;    /* where rays start; lanes that are not active repeat one that is */
 };
@@ -34,20 +37,16 @@ static struct lw_vec3 normal_of(const struct packet *packet, uint32_t lane) {
     return lw_vec3(packet->at.nx[lane], packet->at.ny[lane], packet->at.nz[lane]);
 }
 
-/* How many packets a tile's block has. */
-static uint32_t packets_of(const struct lw_solve_tile *tile, uint32_t block) {
-    return tile->packet_of_block[block + 1] - tile->packet_of_block[block];
-}
-
-/* Takes up packet `set` of a block, which are numbered row by row. Needs a frame. */
-static void load_packet(const struct lw_solve_tile *tile, uint32_t block, uint32_t set,
+/* Takes up packet `set` of a block. Needs a frame. */
+static void load_packet(const struct lw_solve_tile *tile, const struct lw_solve_block *block, uint32_t set,
                         struct packet *packet) {
-    const struct lw_packet *from = &tile->packet[tile->packet_of_block[block] + set];
-    const uint32_t columns = (tile->width + LW_TILE_BLOCK - 1) / LW_TILE_BLOCK, x = block % columns,
-                   y = block / columns;
+    const struct lw_packet *from = &block->packet[set];
+    const uint32_t index = (uint32_t)(block - tile->block), x = index % tile->block_columns,
+                   y = index / tile->block_columns;
     packet->set = set;
     /* Numbered over the whole atlas, so that no two blocks of an object share a sequence. */
     packet->block = (tile->y * LW_TILE_BLOCKS + y) << 16 | (tile->x * LW_TILE_BLOCKS + x);
+    packet->frames = block->frames;
     packet->active = (uint16_t)((1u << from->count) - 1);
     for (uint32_t lane = 0; lane < LANES; lane++) {
         const uint32_t texel = from->texel[lane < from->count ? lane : 0];
@@ -75,10 +74,10 @@ static uint32_t turn_of(const struct lw_passes *p, const struct lw_solve_tile *t
 }
 
 /* Sends for the places that place_packet() will read in a block: a line of memory each, and no two together. */
-static void prefetch_places(const struct lw_passes *p, const struct lw_solve_tile *tile, uint32_t block,
-                            uint32_t sample) {
+static void prefetch_places(const struct lw_passes *p, const struct lw_solve_tile *tile,
+                            const struct lw_solve_block *block, uint32_t sample) {
     const struct lw_footprint *footprint = &tile->mesh->footprint;
-    for (uint32_t set = 0; set < packets_of(tile, block); set++) {
+    for (uint32_t set = 0; set < block->packet_count; set++) {
         struct packet packet;
         load_packet(tile, block, set, &packet);
         const uint32_t turn = turn_of(p, tile, &packet, sample);
@@ -220,7 +219,7 @@ static void light_by_groups(const struct lw_passes *p, const struct lw_solve_til
     const uint32_t pick_seed =
         lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_EMITTER_PICK);
     for (uint32_t s = 0; s < p->direct_samples; s++) {
-        const uint32_t index = tile->frames * p->direct_samples + s;
+        const uint32_t index = packet->frames * p->direct_samples + s;
         if (p->direct_samples > 1) place_packet(p, tile, packet, index);
         const struct lw_light_region region = region_of(&packet->at);
         uint32_t group[LW_LIGHTS_EXACT_MAX];
@@ -244,13 +243,13 @@ static void light_by_punctual(const struct lw_passes *p, const struct lw_solve_t
         if (is_many(p->lights) && p->scene->light[l].kind != LW_LIGHT_DIRECTIONAL) continue;
         float point[2];
         lw_sampling_point(lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_PUNCTUAL + l),
-                          tile->frames, packet->set, point);
+                          packet->frames, packet->set, point);
         /* The sun's is the same for all. */
         const bool sun = p->scene->light[l].kind == LW_LIGHT_DIRECTIONAL;
         struct lw_light_sample sample;
         if (sun) sample = lw_lights_sample_punctual(p->lights, l, point[0], point[1], lw_vec3(0, 0, 0));
         struct shadow_batch batch;
-        start_batch(&batch, 0, tile->frames);
+        start_batch(&batch, 0, packet->frames);
         for (uint32_t lane = 0; lane < LANES; lane++) {
             if (!(packet->active >> lane & 1)) continue;
             if (!sun)
@@ -266,12 +265,12 @@ static void light_by_sky(const struct lw_passes *p, const struct lw_solve_tile *
     if (!(p->lights->sky_luminance > 0)) return;
     uint32_t seed = lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_SKY);
     for (uint32_t s = 0; s < p->direct_samples; s++) {
-        if (p->direct_samples > 1) place_packet(p, tile, packet, tile->frames * p->direct_samples + s);
+        if (p->direct_samples > 1) place_packet(p, tile, packet, packet->frames * p->direct_samples + s);
         float point[2];
-        lw_sampling_point(seed, tile->frames * p->direct_samples + s, packet->set, point);
+        lw_sampling_point(seed, packet->frames * p->direct_samples + s, packet->set, point);
         const struct lw_sky_draw draw = lw_lights_draw_sky(p->lights, point[0], point[1]);
         struct shadow_batch batch;
-        start_batch(&batch, 0, tile->frames * p->direct_samples + s);
+        start_batch(&batch, 0, packet->frames * p->direct_samples + s);
         for (uint32_t lane = 0; lane < LANES; lane++) {
             if (!(packet->active >> lane & 1)) continue;
             float cosine;
@@ -291,25 +290,38 @@ static void blend(float *const dst[3], uint32_t texel, struct lw_vec3 value, flo
     dst[2][texel] += (value.z - dst[2][texel]) * weight;
 }
 
-void lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile, float *cdf,
-                      struct lw_passes_count *count) {
-    (void)cdf; /* the light tree needs none */
+/* One frame's estimate of the direct light of a packet's texels. */
+static void light_packet(const struct lw_passes *p, const struct lw_solve_tile *tile, struct packet *packet,
+                         struct lw_vec3 out_sum[LANES], struct lw_passes_count *count) {
+    memset(out_sum, 0, LANES * sizeof *out_sum);
+    place_packet(p, tile, packet, packet->frames * p->direct_samples);
+    light_by_punctual(p, tile, packet, out_sum, count);
+    light_by_groups(p, tile, packet, out_sum, count);
+    light_by_sky(p, tile, packet, out_sum, count);
+}
+
+static void store(float *const dst[3], uint32_t texel, struct lw_vec3 value) {
+    dst[0][texel] = value.x;
+    dst[1][texel] = value.y;
+    dst[2][texel] = value.z;
+}
+
+void lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile, struct lw_passes_count *count) {
     struct packet packet;
     lw_footprint_frame_init(&packet.frame, &p->pose->object_to_world[tile->object]);
-    for (uint32_t block = 0; block < tile->block_count; block++) {
-        prefetch_places(p, tile, block, tile->frames * p->direct_samples);
-        for (uint32_t set = 0; set < packets_of(tile, block); set++) {
-            struct lw_vec3 sum[LANES] = {0};
+    const uint32_t blocks = tile->block_columns * tile->block_rows;
+    for (const struct lw_solve_block *block = tile->block; block < tile->block + blocks; block++) {
+        if (!block->due) continue;
+        prefetch_places(p, tile, block, block->frames * p->direct_samples);
+        for (uint32_t set = 0; set < block->packet_count; set++) {
+            struct lw_vec3 sum[LANES];
             load_packet(tile, block, set, &packet);
-            place_packet(p, tile, &packet, tile->frames * p->direct_samples);
-            light_by_punctual(p, tile, &packet, sum, count);
-            light_by_groups(p, tile, &packet, sum, count);
-            light_by_sky(p, tile, &packet, sum, count);
+            light_packet(p, tile, &packet, sum, count);
             for (uint32_t lane = 0; lane < LANES; lane++) {
                 if (!(packet.active >> lane & 1)) continue;
-                uint32_t texel = tile->first + packet.lane_texel[lane];
-                blend(p->tiles->direct, texel, sum[lane], tile->weight_direct);
-                p->tiles->estimate[texel] = lw_colour_luminance(sum[lane]);
+                const uint32_t texel = tile->first + packet.lane_texel[lane];
+                blend(p->tiles->direct, texel, sum[lane], block->direct.weight);
+                store(p->tiles->estimate[LW_TILES_DIRECT], texel, sum[lane]);
             }
         }
     }
@@ -358,47 +370,55 @@ static void find_ends(const struct lw_passes *p, const struct lw_solve_tile *til
     count->bounce += (uint64_t)__builtin_popcount(unseen);
 }
 
-/* Puts the texel that stands for it in the place of each that a ray of the tile has met. They lie anywhere in memory: here
- * the processor waits for many at a time, in the midst of tracing it would for each. */
-static void read_sources(const struct lw_passes *p, const struct lw_solve_tile *tile) {
-    const uint32_t n = p->indirect_samples;
-    for (uint32_t i = tile->first; i < tile->first + tile->width * tile->height; i++) {
-        if (!p->tiles->covered[i]) continue;
-        for (uint32_t *end = p->end + (size_t)i * n; end < p->end + ((size_t)i + 1) * n; end++)
-            if (!(*end & LW_END_PROBE)) *end = p->texels->source[*end];
+/* Where the rays of a packet's texels end in one frame, but not yet the texels that stand for those. */
+static void trace_packet(const struct lw_passes *p, const struct lw_solve_tile *tile, struct packet *packet,
+                         struct lw_passes_count *count) {
+    const uint32_t seed = lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_BOUNCE);
+    for (uint32_t s = 0; s < p->indirect_samples; s++) {
+        const uint32_t sample = packet->frames * p->indirect_samples + s;
+        float point[2];
+        if (s % PLACE_SHARE == 0) place_packet(p, tile, packet, sample / PLACE_SHARE);
+        lw_sampling_point(seed, sample, packet->set, point);
+        struct lw_ray16 rays;
+        struct lw_hit16 hits;
+        rays.salt = sample;
+        aim(&packet->at, lw_direction_cosine(point), p->tracing_range_m, &rays);
+        lw_trace_closest16(p->trace, packet->coherent ? LW_TRACE_COHERENT : 0, packet->active, &rays, &hits);
+        uint32_t end[LANES];
+        find_ends(p, tile, packet, &rays, &hits, end, count);
+        for (uint32_t lane = 0; lane < LANES; lane++)
+            if (packet->active >> lane & 1)
+                p->end[(size_t)(tile->first + packet->lane_texel[lane]) * p->indirect_samples + s] =
+                    end[lane];
+        count->bounce += (uint64_t)__builtin_popcount(packet->active);
     }
 }
+
+/* Puts the texel that stands for it in the place of each that a texel's rays have met. */
+static void read_sources_of(const struct lw_passes *p, uint32_t texel) {
+    const uint32_t n = p->indirect_samples;
+    for (uint32_t *end = p->end + (size_t)texel * n; end < p->end + ((size_t)texel + 1) * n; end++)
+        if (!(*end & LW_END_PROBE)) *end = p->texels->source[*end];
+}
 _Static_assert((LW_END_NOTHING & LW_END_PROBE) != 0 && LW_TEXEL_NONE == LW_END_NOTHING, "no texels either");
+
+/* They lie anywhere in memory: here the processor waits for many at a time, in the midst of tracing it would for each. */
+static void read_sources(const struct lw_passes *p, const struct lw_solve_tile *tile) {
+    for (uint32_t i = tile->first; i < tile->first + tile->width * tile->height; i++)
+        if (p->tiles->covered[i]) read_sources_of(p, i);
+}
 
 void lw_passes_trace_ends(const struct lw_passes *p, const struct lw_solve_tile *tile,
                           struct lw_passes_count *count) {
     struct packet packet;
     lw_footprint_frame_init(&packet.frame, &p->pose->object_to_world[tile->object]);
-    for (uint32_t block = 0; block < tile->block_count; block++) {
-        prefetch_places(p, tile, block, tile->frames * p->indirect_samples / PLACE_SHARE);
-        for (uint32_t set = 0; set < packets_of(tile, block); set++) {
+    const uint32_t blocks = tile->block_columns * tile->block_rows;
+    for (const struct lw_solve_block *block = tile->block; block < tile->block + blocks; block++) {
+        if (!block->due) continue;
+        prefetch_places(p, tile, block, block->frames * p->indirect_samples / PLACE_SHARE);
+        for (uint32_t set = 0; set < block->packet_count; set++) {
             load_packet(tile, block, set, &packet);
-            uint32_t seed = lw_sampling_seed(p->seed, tile->object, packet.block, LW_SAMPLING_BOUNCE);
-            for (uint32_t s = 0; s < p->indirect_samples; s++) {
-                float point[2];
-                if (s % PLACE_SHARE == 0)
-                    place_packet(p, tile, &packet, (tile->frames * p->indirect_samples + s) / PLACE_SHARE);
-                lw_sampling_point(seed, tile->frames * p->indirect_samples + s, set, point);
-                struct lw_vec3 local = lw_direction_cosine(point);
-                struct lw_ray16 rays;
-                struct lw_hit16 hits;
-                rays.salt = tile->frames * p->indirect_samples + s;
-                aim(&packet.at, local, p->tracing_range_m, &rays);
-                lw_trace_closest16(p->trace, packet.coherent ? LW_TRACE_COHERENT : 0, packet.active, &rays,
-                                   &hits);
-                uint32_t end[LANES];
-                find_ends(p, tile, &packet, &rays, &hits, end, count);
-                for (uint32_t lane = 0; lane < LANES; lane++)
-                    if (packet.active >> lane & 1)
-                        p->end[(size_t)(tile->first + packet.lane_texel[lane]) * p->indirect_samples + s] =
-                            end[lane];
-                count->bounce += (uint64_t)__builtin_popcount(packet.active);
-            }
+            trace_packet(p, tile, &packet, count);
         }
     }
     read_sources(p, tile);
@@ -412,47 +432,262 @@ static struct lw_vec3 radiance_at(const struct lw_passes *p, uint32_t end, uint3
     return lw_vec3(l[0], l[1], l[2]);
 }
 
-void lw_passes_gather(const struct lw_passes *p, const struct lw_solve_tile *tile, uint32_t bounce) {
+/* One frame's estimate of one bounce order. */
+static struct lw_vec3 gather_texel(const struct lw_passes *p, uint32_t texel, uint32_t bounce) {
     const uint32_t n = p->indirect_samples;
+    const uint32_t *end = p->end + (size_t)texel * n;
+    struct lw_vec3 sum = {0};
+    for (uint32_t s = 0; s < n; s++) sum = lw_vec3_add(sum, radiance_at(p, end[s], bounce));
+    return lw_vec3_scale(sum, LW_PI / (float)n);
+}
+
+void lw_passes_gather(const struct lw_passes *p, const struct lw_solve_tile *tile, uint32_t bounce) {
+    float *const *estimate = p->tiles->estimate[LW_TILES_INDIRECT];
     for (uint32_t i = 0; i < tile->width * tile->height; i++) {
         const uint32_t texel = tile->first + i;
-        if (!p->tiles->covered[texel]) continue;
-        const uint32_t *end = p->end + (size_t)texel * n;
-        struct lw_vec3 sum = {0};
-        for (uint32_t s = 0; s < n; s++) sum = lw_vec3_add(sum, radiance_at(p, end[s], bounce));
-        struct lw_vec3 e = lw_vec3_scale(sum, LW_PI / (float)n);
-        blend(p->tiles->order[bounce - 1], texel, e, tile->weight_indirect);
-        p->tiles->estimate[texel] += lw_colour_luminance(e);
+        const struct lw_solve_block *block = lw_tiles_block(tile, i % tile->width, i / tile->width);
+        if (!block->due || !p->tiles->covered[texel]) continue;
+        const struct lw_vec3 e = gather_texel(p, texel, bounce);
+        blend(p->tiles->order[bounce - 1], texel, e, block->indirect.weight);
+        store(estimate, texel, bounce == 1 ? e : lw_vec3_add(lw_texels_vector(estimate, texel), e));
     }
 }
+
+/* ---- comparing ---- */
+
+/* How many times its block's light one texel's difference may be: single bright ends are no news. */
+#define DIFFERENCE_MAX 4.0f
+
+/* Of a block; texel: within the tile. */
+static uint32_t quarter_of(const struct lw_solve_tile *tile, uint32_t texel) {
+    return lw_change_region(texel % tile->width, texel / tile->width);
+}
+
+static float most_of(struct lw_vec3 v) { return fmaxf(fabsf(v.x), fmaxf(fabsf(v.y), fabsf(v.z))); }
+
+/* Takes the samples of its last solve again, up to where its rays end. Needs a frame. */
+static void repeat_packet(const struct lw_passes *p, const struct lw_solve_tile *tile, struct packet *packet,
+                          struct lw_vec3 out_direct[LANES], struct lw_passes_count *count) {
+    light_packet(p, tile, packet, out_direct, count);
+    if (!p->tiles->bounces) return;
+    trace_packet(p, tile, packet, count);
+    for (uint32_t lane = 0; lane < LANES; lane++)
+        if (packet->active >> lane & 1) read_sources_of(p, tile->first + packet->lane_texel[lane]);
+}
+
+static struct lw_vec3 gather_orders(const struct lw_passes *p, uint32_t texel) {
+    struct lw_vec3 e = {0};
+    for (uint32_t bounce = 1; bounce <= p->tiles->bounces; bounce++)
+        e = lw_vec3_add(e, gather_texel(p, texel, bounce));
+    return e;
+}
+
+/* direct: estimated anew, or NULL */
+static struct lw_change_packet compare_packet(const struct lw_passes *p, const struct lw_solve_tile *tile,
+                                              const struct lw_solve_block *block, const struct packet *packet,
+                                              const struct lw_vec3 *direct,
+                                              const struct lw_change_packet *before) {
+    struct lw_change_packet found = {.direct_square = direct ? 0 : before->direct_square};
+    const float bound = block->light > 0 ? DIFFERENCE_MAX * block->light : INFINITY;
+    for (uint32_t lane = 0; lane < LANES; lane++) {
+        if (!(packet->active >> lane & 1)) continue;
+        const uint32_t texel = tile->first + packet->lane_texel[lane];
+        if (direct) {
+            const float off = most_of(
+                lw_vec3_sub(direct[lane], lw_texels_vector(p->tiles->estimate[LW_TILES_DIRECT], texel)));
+            found.direct_square += fminf(off * off, bound * bound);
+        }
+        const struct lw_vec3 off = lw_vec3_sub(
+            gather_orders(p, texel), lw_texels_vector(p->tiles->estimate[LW_TILES_INDIRECT], texel));
+        struct lw_vec3 *region = &found.indirect[quarter_of(tile, packet->lane_texel[lane])];
+        *region = lw_vec3_add(*region,
+                              lw_vec3(fmaxf(-bound, fminf(off.x, bound)), fmaxf(-bound, fminf(off.y, bound)),
+                                      fmaxf(-bound, fminf(off.z, bound))));
+    }
+    return found;
+}
+
+void lw_passes_compare(const struct lw_passes *p, struct lw_solve_tile *tile, struct lw_passes_count *count) {
+    struct packet packet;
+    lw_footprint_frame_init(&packet.frame, &p->pose->object_to_world[tile->object]);
+    const uint32_t blocks = tile->block_columns * tile->block_rows;
+    for (struct lw_solve_block *block = tile->block; block < tile->block + blocks; block++)
+        for (uint32_t set = 0; set < block->packet_count; set++) {
+            if (!(block->change.compare >> set & 1)) continue;
+            const bool retrace = block->change.retrace >> set & 1;
+            struct lw_vec3 direct[LANES];
+            load_packet(tile, block, set, &packet);
+            packet.frames--; /* the numbers of its last solve */
+            if (retrace) repeat_packet(p, tile, &packet, direct, count);
+            block->change.packet[set] =
+                compare_packet(p, tile, block, &packet, retrace ? direct : NULL, &block->change.packet[set]);
+        }
+}
+
+/* The mean by which what arrives along a texel's rays differs from the frame before. */
+static struct lw_vec3 change_at(const struct lw_passes *p, uint32_t texel, uint32_t first, uint32_t last) {
+    const uint32_t n = p->indirect_samples;
+    const uint32_t *end = p->end + (size_t)texel * n;
+    struct lw_vec3 sum = {0};
+    for (uint32_t s = 0; s < n; s++) {
+        if (end[s] & LW_END_PROBE) continue; /* or nothing */
+        const uint32_t block = p->tiles->block_of_texel[end[s]];
+        for (uint32_t bounce = first; bounce <= last; bounce++)
+            sum = lw_vec3_add(sum, p->tiles->radiance_change[bounce - 1][block]);
+    }
+    return lw_vec3_scale(sum, LW_PI / (float)n);
+}
+
+static void arrive_at(const struct lw_passes *p, const struct lw_solve_tile *tile,
+                      struct lw_solve_block *block, uint32_t first, uint32_t last, float weight) {
+    struct lw_vec3 sum[LW_CHANGE_REGIONS] = {{0}};
+    uint32_t texels[LW_CHANGE_REGIONS] = {0};
+    for (uint32_t set = 0; set < block->packet_count; set++) {
+        struct packet packet;
+        load_packet(tile, block, set, &packet);
+        for (uint32_t lane = 0; lane < block->packet[set].count; lane++) {
+            const uint32_t region = quarter_of(tile, packet.lane_texel[lane]);
+            sum[region] =
+                lw_vec3_add(sum[region], change_at(p, tile->first + packet.lane_texel[lane], first, last));
+            texels[region]++;
+        }
+    }
+    for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++)
+        if (texels[r])
+            block->change.stale_indirect[r] =
+                lw_vec3_mad(block->change.stale_indirect[r], sum[r], weight / (float)texels[r]);
+}
+
+void lw_passes_arrive(const struct lw_passes *p, struct lw_solve_tile *tile, uint32_t first, uint32_t last) {
+    const uint32_t blocks = tile->block_columns * tile->block_rows;
+    for (struct lw_solve_block *block = tile->block; block < tile->block + blocks; block++)
+        if (block->due) arrive_at(p, tile, block, first, last, first == 1 ? 1 : 1 - block->indirect.weight);
+}
+
+void lw_passes_recall(const struct lw_passes *p, const struct lw_solve_tile *tile,
+                      struct lw_passes_count *count) {
+    struct packet packet;
+    lw_footprint_frame_init(&packet.frame, &p->pose->object_to_world[tile->object]);
+    const uint32_t blocks = tile->block_columns * tile->block_rows;
+    for (const struct lw_solve_block *block = tile->block; block < tile->block + blocks; block++)
+        for (uint32_t set = 0; block->frames && set < block->packet_count; set++) {
+            struct lw_vec3 direct[LANES];
+            load_packet(tile, block, set, &packet);
+            packet.frames--;
+            repeat_packet(p, tile, &packet, direct, count);
+            for (uint32_t lane = 0; lane < LANES; lane++) {
+                if (!(packet.active >> lane & 1)) continue;
+                const uint32_t texel = tile->first + packet.lane_texel[lane];
+                store(p->tiles->estimate[LW_TILES_DIRECT], texel, direct[lane]);
+                store(p->tiles->estimate[LW_TILES_INDIRECT], texel, gather_orders(p, texel));
+            }
+        }
+}
+
+/* ---- sums ---- */
 
 void lw_passes_radiate(const struct lw_passes *p, const struct lw_solve_tile *tile, uint32_t bounce) {
     float *const *e = bounce == 0 ? p->tiles->direct : p->tiles->order[bounce - 1];
     float *const *albedo = tile->mesh->albedo;
-    for (uint32_t i = 0; i < tile->width * tile->height; i++)
-        for (int c = 0; c < 3; c++)
-            p->tiles->radiance[bounce][(size_t)(tile->first + i) * 4 + (size_t)c] =
-                e[c][tile->first + i] * albedo[c][tile->local + i] * (1 / LW_PI);
+    struct lw_vec3 *change = p->tiles->radiance_change[bounce];
+    for (uint32_t i = 0; i < tile->width * tile->height; i++) {
+        const uint32_t texel = tile->first + i;
+        float *l = p->tiles->radiance[bounce] + (size_t)texel * 4;
+        const struct lw_vec3 now = lw_vec3_scale(
+            lw_vec3_mul(lw_texels_vector(e, texel), lw_texels_vector(albedo, tile->local + i)), 1 / LW_PI);
+        if (p->tiles->covered[texel]) {
+            const uint32_t block = p->tiles->block_of_texel[texel];
+            change[block] = lw_vec3_mad(change[block], lw_vec3_sub(now, lw_vec3(l[0], l[1], l[2])),
+                                        1 / (float)p->tiles->block[block].covered_count);
+        }
+        l[0] = now.x;
+        l[1] = now.y;
+        l[2] = now.z;
+    }
 }
+
+/* ---- sums ---- */
 
 /* Running mean and spread of the frames' estimates (Welford 1962), forgetting as the sums do. */
 static void note_estimate(struct lw_tiles *tiles, uint32_t texel, float weight) {
-    float x = tiles->estimate[texel], off = x - tiles->mean[texel];
+    const struct lw_vec3 e = lw_vec3_add(lw_texels_vector(tiles->estimate[LW_TILES_DIRECT], texel),
+                                         lw_texels_vector(tiles->estimate[LW_TILES_INDIRECT], texel));
+    const float x = lw_colour_luminance(e), off = x - tiles->mean[texel];
     tiles->mean[texel] += off * weight;
     tiles->spread[texel] = (1 - weight) * (tiles->spread[texel] + weight * off * off);
 }
 
-/* A tile that has seen no light yet: what light it may have missed falls with the samples that found none, as 1/N. A
- * scene that casts no light on it at all is found dark as soon as one that hides its light behind a pinhole could be. */
-static float error_of_darkness(const struct lw_passes *p, const struct lw_solve_tile *tile) {
-    uint32_t per_frame = p->direct_samples > p->indirect_samples ? p->direct_samples : p->indirect_samples;
-    double samples = (double)tile->frames * per_frame * tile->covered_count;
-    return (float)fmin(1.0, DARK_SAMPLES / fmax(1, samples));
+/* What has seen no light yet: what light it may have missed falls with the samples that found none, as 1/N. A scene that
+ * casts no light on it at all is found dark as soon as one that hides its light behind a pinhole could be. */
+static float error_of_darkness(double samples) { return (float)fmin(1.0, DARK_SAMPLES / fmax(1, samples)); }
+
+/* What an estimate is off the mean that it has entered with weight 1/m is (m-1)/m of what it is off the others' mean, which
+ * has a noise of its own: V (m-1)/m in the mean of squares. */
+static void note_noise(float *noise, double off_square, double light, const struct lw_memory *memory) {
+    if (memory->frames < 2 || !(light > 0)) return;
+    const float now = (float)(off_square / (light * light)) * memory->frames / (memory->frames - 1);
+    *noise = *noise < 0 ? now : *noise + (now - *noise) * NOISE_WEIGHT;
+}
+
+static void add_up_block(struct lw_tiles *tiles, const struct lw_solve_tile *tile, uint32_t column,
+                         uint32_t row) {
+    struct lw_solve_block *block = &tile->block[row * tile->block_columns + column];
+    const uint32_t right = (column + 1) * LW_TILE_BLOCK, below = (row + 1) * LW_TILE_BLOCK;
+    double variance = 0, luminance = 0, square[LW_TILES_PARTS] = {0};
+    float *const *const sum[LW_TILES_PARTS] = {tiles->direct, tiles->indirect};
+    for (uint32_t y = row * LW_TILE_BLOCK; y < below && y < tile->height; y++)
+        for (uint32_t x = column * LW_TILE_BLOCK; x < right && x < tile->width; x++) {
+            const uint32_t texel = tile->first + y * tile->width + x;
+            if (!tiles->covered[texel]) continue;
+            note_estimate(tiles, texel, block->indirect.weight);
+            variance += (double)tiles->spread[texel];
+            luminance += (double)tiles->mean[texel];
+            for (int part = 0; part < LW_TILES_PARTS; part++) {
+                const float off = lw_colour_luminance(lw_vec3_sub(
+                    lw_texels_vector(tiles->estimate[part], texel), lw_texels_vector(sum[part], texel)));
+                square[part] += (double)off * (double)off;
+            }
+        }
+    const double each = 1.0 / block->covered_count;
+    note_noise(&block->noise[LW_TILES_DIRECT], square[LW_TILES_DIRECT] * each, luminance * each,
+               &block->direct);
+    note_noise(&block->noise[LW_TILES_INDIRECT], square[LW_TILES_INDIRECT] * each, luminance * each,
+               &block->indirect);
+    block->frames++;
+    block->variance = variance;
+    block->luminance = luminance;
+}
+
+/* Errors of a tile and its blocks. A block's noise is measured against its own light or the tile's, whichever is more, so that
+ * a dark corner of a lit tile need not be known better than the rest. */
+static void judge(struct lw_solve_tile *tile, uint32_t samples) {
+    const uint32_t blocks = tile->block_columns * tile->block_rows;
+    double luminance = 0, looks = 0, square = 0;
+    for (uint32_t b = 0; b < blocks; b++) {
+        luminance += tile->block[b].luminance;
+        looks += (double)tile->block[b].frames * samples * tile->block[b].covered_count;
+    }
+    const double tile_mean = luminance / tile->covered_count;
+    for (uint32_t b = 0; b < blocks; b++) {
+        struct lw_solve_block *block = &tile->block[b];
+        const double n = block->covered_count, light = n > 0 ? fmax(block->luminance / n, tile_mean) : 0;
+        if (!(n > 0)) continue;
+        block->light = (float)light;
+        /* variance is that of one estimate; the mean of h of them has 1/(h-1) of it (Bessel's correction in it). */
+        const double others = (double)block->indirect.frames - 1;
+        if (others < 1)
+            block->error = 1;
+        else if (light > 0)
+            block->error = (float)fmin(1, sqrt(block->variance / n / others) / light);
+        else
+            block->error = error_of_darkness(looks);
+        square += n * (double)block->error * (double)block->error;
+    }
+    tile->error = (float)sqrt(square / tile->covered_count);
 }
 
 void lw_passes_finish_tile(const struct lw_passes *p, struct lw_solve_tile *tile) {
     struct lw_tiles *tiles = p->tiles;
-    double variance = 0, luminance = 0;
     for (uint32_t i = 0; i < tile->width * tile->height; i++) {
         const uint32_t texel = tile->first + i;
         if (!tiles->covered[texel]) continue;
@@ -462,19 +697,12 @@ void lw_passes_finish_tile(const struct lw_passes *p, struct lw_solve_tile *tile
             tiles->indirect[c][texel] = sum;
             tiles->light[c][texel] = tiles->direct[c][texel] + sum;
         }
-        note_estimate(tiles, texel, tile->weight_indirect);
-        variance += (double)tiles->spread[texel];
-        luminance += (double)tiles->mean[texel];
     }
-    tile->frames++;
-    if (tile->history < UINT32_MAX) tile->history++;
-    /* spread is the variance of one estimate; the mean of h of them has 1/(h-1) of it (Bessel's correction in it). */
-    uint32_t remembered = tile->history < tile->history_max ? tile->history : tile->history_max;
-    tile->remembered = remembered;
-    tile->error = 1;
-    if (remembered >= 2 && tile->covered_count) {
-        double mean = luminance / tile->covered_count;
-        double mean_variance = variance / tile->covered_count / (remembered - 1);
-        tile->error = mean > 0 ? (float)fmin(1.0, sqrt(mean_variance) / mean) : error_of_darkness(p, tile);
-    }
+    for (uint32_t row = 0; row < tile->block_rows; row++)
+        for (uint32_t column = 0; column < tile->block_columns; column++) {
+            const struct lw_solve_block *block = &tile->block[row * tile->block_columns + column];
+            if (block->due && block->covered_count) add_up_block(tiles, tile, column, row);
+        }
+    if (tile->covered_count)
+        judge(tile, p->direct_samples > p->indirect_samples ? p->direct_samples : p->indirect_samples);
 }

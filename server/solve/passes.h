@@ -41,27 +41,36 @@ struct lw_passes_count {
     uint64_t shadow, bounce;
 };
 
-/** Direct light of every covered texel, blended into tiles->direct; sets tiles->estimate.
- * cdf  not read */
-void lw_passes_direct(const struct lw_passes *passes, struct lw_solve_tile *tile, float *cdf,
+/** Direct light of the covered texels of a tile's due blocks, blended into tiles->direct. */
+void lw_passes_direct(const struct lw_passes *passes, struct lw_solve_tile *tile,
                       struct lw_passes_count *count);
 
-/** Traces the tile's bounce rays and notes where they ended. */
+/** Traces the bounce rays of a tile's due blocks and notes where they ended. */
 void lw_passes_trace_ends(const struct lw_passes *passes, const struct lw_solve_tile *tile,
                           struct lw_passes_count *count);
 
 /** Bounce order `bounce` (from 1) from tiles->radiance[bounce - 1] of the whole scene. */
 void lw_passes_gather(const struct lw_passes *passes, const struct lw_solve_tile *tile, uint32_t bounce);
 
-/** Sets tiles->radiance[bounce] of a tile to what it sends out of bounce order `bounce` (0: direct): albedo / pi x E. */
+/** Takes samples of the last solve of a tile's blocks again, with the same random numbers, in the packets that their change says
+ * (change.h), and notes there how far the estimates differ. Rays that are traced anew replace the ends of those packets. */
+void lw_passes_compare(const struct lw_passes *passes, struct lw_solve_tile *tile,
+                       struct lw_passes_count *count);
+
+/** Adds to what a tile's due blocks are out of date by what the radiance that arrives along their rays differs by from the frame
+ * before, of bounces `first` to `last`. The first is asked of before the blocks' weights are known, others after. */
+void lw_passes_arrive(const struct lw_passes *passes, struct lw_solve_tile *tile, uint32_t first,
+                      uint32_t last);
+
+/** Sets tiles->estimate to what the last solve of a tile's blocks had, if nothing has changed since. */
+void lw_passes_recall(const struct lw_passes *passes, const struct lw_solve_tile *tile,
+                      struct lw_passes_count *count);
+
+/** Sets tiles->radiance[bounce] of a tile to what it sends out of bounce order `bounce` (0: direct): albedo / pi x E; adds the
+ * difference to its blocks' radiance_change. */
 void lw_passes_radiate(const struct lw_passes *passes, const struct lw_solve_tile *tile, uint32_t bounce);
 
-/** After the last bounce: sums the orders, updates noise estimate and history. */
+/** After the last bounce: sums the orders, updates the noise estimates. */
 void lw_passes_finish_tile(const struct lw_passes *passes, struct lw_solve_tile *tile);
-
-/** Weight with which the newest of `frames` estimates enters a mean that remembers at most `most` of them. */
-static inline float lw_passes_weight(uint32_t frames, uint32_t most) {
-    return 1.0f / (float)((frames < most ? frames : most) + 1u);
-}
 
 #endif

@@ -26,50 +26,40 @@ void lw_schedule_init(struct lw_schedule *schedule, uint32_t ids, uint32_t indir
 
 static void forget(struct lw_schedule *schedule) {
     free(schedule->wanted);
-    free(schedule->owner);
     free(schedule->ends);
     free(schedule->weight);
     free(schedule->readings);
     schedule->wanted = NULL;
-    schedule->owner = schedule->ends = NULL;
+    schedule->ends = NULL;
     schedule->readings = NULL;
     schedule->weight = NULL;
 }
 
 void lw_schedule_finish(struct lw_schedule *schedule) { forget(schedule); }
 
-static bool allocate(struct lw_schedule *schedule, const struct lw_tiles *tiles) {
+static bool allocate(struct lw_schedule *schedule) {
     schedule->wanted = calloc((size_t)schedule->ids + 1, sizeof *schedule->wanted);
-    schedule->owner = malloc(((size_t)tiles->texel_count + 1) * sizeof *schedule->owner);
     schedule->ends = calloc((size_t)schedule->ids + 1, sizeof *schedule->ends);
     schedule->readings = calloc((size_t)schedule->ids + 1, sizeof *schedule->readings);
     schedule->weight = calloc((size_t)schedule->ids + 1, sizeof *schedule->weight);
-    return schedule->wanted && schedule->owner && schedule->ends && schedule->readings && schedule->weight;
+    return schedule->wanted && schedule->ends && schedule->readings && schedule->weight;
 }
 
-enum lw_status lw_schedule_want(struct lw_schedule *schedule, const struct lw_tiles *tiles,
-                                const uint8_t *wanted) {
+enum lw_status lw_schedule_want(struct lw_schedule *schedule, const uint8_t *wanted) {
     schedule->everything |= wanted == NULL;
     if (!wanted) return LW_OK;
-    if (!schedule->wanted) {
-        if (!allocate(schedule, tiles)) {
-            forget(schedule);
-            return LW_NO_MEMORY;
-        }
-        for (uint32_t i = 0; i < tiles->count; i++) {
-            const struct lw_solve_tile *tile = &tiles->tile[i];
-            for (uint32_t t = 0; t < tile->width * tile->height; t++)
-                schedule->owner[tile->first + t] = tile->id.v;
-        }
+    if (!schedule->wanted && !allocate(schedule)) {
+        forget(schedule);
+        return LW_NO_MEMORY;
     }
     memcpy(schedule->wanted, wanted, schedule->ids);
-    schedule->everything = false;
+    schedule->everything = schedule->looked_at = false;
+    for (uint32_t id = 0; id < schedule->ids; id++) schedule->looked_at |= wanted[id] != 0;
     return LW_OK;
 }
 
-/* Frames from one solve of a tile that is not looked at to the next; 0: it lights nothing that is. */
+/* Frames from one solve of a tile that is not looked at, but lights what is, to the next. */
 static uint32_t feeding_period(float readings) {
-    if (readings < READINGS_MIN) return 0;
     return readings >= 2 ? 2 : readings >= 0.5f ? 4 : readings >= 0.125f ? 8 : LW_SCHEDULE_PERIOD_MAX;
 }
 
@@ -112,14 +102,26 @@ static void choose_everything(struct lw_tiles *tiles, struct lw_schedule_count *
     }
 }
 
-/* Whether something that is looked at does not rest. */
+/* Whether something that is looked at does not rest, or the light has changed of what lights it. */
 static bool is_watched(const struct lw_schedule *schedule, const struct lw_tiles *tiles) {
-    for (uint32_t i = 0; i < tiles->count; i++)
-        if (!tiles->tile[i].resting && schedule->wanted[tiles->tile[i].id.v]) return true;
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        const struct lw_solve_tile *tile = &tiles->tile[i];
+        if (!tile->resting && (schedule->wanted[tile->id.v] || (tile->stale && tile->serves))) return true;
+    }
     return false;
 }
 
-void lw_schedule_choose(struct lw_schedule *schedule, struct lw_tiles *tiles, bool feeds_all,
+void lw_schedule_serve(const struct lw_schedule *schedule, struct lw_tiles *tiles, bool feeds_all) {
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        struct lw_solve_tile *tile = &tiles->tile[i];
+        tile->serves =
+            tile->covered_count &&
+            (schedule->everything || schedule->wanted[tile->id.v] ||
+             (schedule->looked_at && (feeds_all || schedule->readings[tile->id.v] >= READINGS_MIN)));
+    }
+}
+
+void lw_schedule_choose(struct lw_schedule *schedule, struct lw_tiles *tiles,
                         struct lw_schedule_count *out_count) {
     struct lw_schedule_count count = {0};
     schedule->tick++;
@@ -142,13 +144,13 @@ void lw_schedule_choose(struct lw_schedule *schedule, struct lw_tiles *tiles, bo
             period = 1u << (wanted - 1 < PERIOD_LOG_MAX ? wanted - 1 : PERIOD_LOG_MAX);
             schedule->weight[tile->id.v] = WEIGHT_WANTED;
             count.wanted++;
-        } else if (schedule->watched) {
+        } else if (schedule->watched && tile->serves) {
             period = feeding_period(schedule->readings[tile->id.v]);
-            if (!period && feeds_all) period = LW_SCHEDULE_PERIOD_MAX;
             schedule->weight[tile->id.v] = feeding_weight(schedule->readings[tile->id.v], period);
             count.feeding += period > 0;
         }
-        tile->due = !tile->resting && (tile->frames == 0 || (period && is_turn(schedule, tile, period)));
+        tile->due = !tile->resting &&
+                    (tile->frames == 0 || (period && (tile->woken || is_turn(schedule, tile, period))));
         tile->shows = wanted || tile->frames == 0 || shows_unwanted(schedule, tile->object);
         count.due += tile->due;
     }
@@ -166,11 +168,12 @@ void lw_schedule_note_ends(struct lw_schedule *schedule, const struct lw_tiles *
         for (uint32_t s = 0; s < schedule->samples; s++) {
             const uint32_t e = end[(size_t)texel * schedule->samples + s];
             if (e == LW_END_NOTHING || e & LW_END_PROBE) continue;
-            __atomic_fetch_add(&schedule->ends[schedule->owner[e]], weight, __ATOMIC_RELAXED);
+            __atomic_fetch_add(&schedule->ends[tiles->block[tiles->block_of_texel[e]].tile_id], weight,
+                               __ATOMIC_RELAXED);
         }
     }
 }
 
-size_t lw_schedule_memory_bytes(const struct lw_schedule *schedule, const struct lw_tiles *tiles) {
-    return schedule->wanted ? (size_t)schedule->ids * 11 + (size_t)tiles->texel_count * sizeof(uint32_t) : 0;
+size_t lw_schedule_memory_bytes(const struct lw_schedule *schedule) {
+    return schedule->wanted ? (size_t)schedule->ids * 11 : 0;
 }

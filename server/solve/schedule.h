@@ -20,10 +20,10 @@
 
 struct lw_schedule {
     bool everything; /* until somebody says otherwise; what follows is empty until then */
+    bool looked_at;  /* something is, resting or not */
     bool watched;    /* in this frame, something that is looked at does not rest */
     uint32_t tick;   /* counts the frames; period and age are measured in it */
     uint8_t *wanted; /* per lw_tile_id: 0, or 1 + the finest level that is looked at */
-    uint32_t *owner; /* per texel: its lw_tile_id */
     uint32_t *
         ends; /* per lw_tile_id: bounce rays of this frame that ended there, by weight, of those that are counted */
     uint16_t *weight; /* per lw_tile_id: what the end of one of its rays counts for in this frame */
@@ -41,18 +41,25 @@ void lw_schedule_finish(struct lw_schedule *schedule);
 
 /** Takes what is looked at, from the next choice on. wanted: per lw_tile_id, as above; entries that are not of level 0
  * are not read; NULL: everything. Errors: LW_NO_MEMORY; the schedule is then as before. */
-LW_MUST_CHECK enum lw_status lw_schedule_want(struct lw_schedule *schedule, const struct lw_tiles *tiles,
-                                              const uint8_t *wanted);
+LW_MUST_CHECK enum lw_status lw_schedule_want(struct lw_schedule *schedule, const uint8_t *wanted);
 
-/** Sets `due` and `shows` of every tile, for the frame that begins. feeds_all: rays end where texels cannot be counted (at probes),
- * so that every tile may light what is looked at. */
-void lw_schedule_choose(struct lw_schedule *schedule, struct lw_tiles *tiles, bool feeds_all,
+/** Whether anybody looks at anything: else no light matters. */
+static inline bool lw_schedule_is_looked_at(const struct lw_schedule *schedule) {
+    return schedule->everything || schedule->looked_at;
+}
+
+/** Sets `serves` of every tile. feeds_all: rays end where texels cannot be counted (at probes), so that every tile may light what
+ * is looked at. */
+void lw_schedule_serve(const struct lw_schedule *schedule, struct lw_tiles *tiles, bool feeds_all);
+
+/** Sets `due` and `shows` of every tile, for the frame that begins. */
+void lw_schedule_choose(struct lw_schedule *schedule, struct lw_tiles *tiles,
                         struct lw_schedule_count *out_count);
 
 /** Counts a due tile's bounce rays. end: of the whole scene, `samples` words per texel (transport.h). */
 void lw_schedule_note_ends(struct lw_schedule *schedule, const struct lw_tiles *tiles,
                            const struct lw_solve_tile *tile, const uint32_t *end);
 
-size_t lw_schedule_memory_bytes(const struct lw_schedule *schedule, const struct lw_tiles *tiles);
+size_t lw_schedule_memory_bytes(const struct lw_schedule *schedule);
 
 #endif

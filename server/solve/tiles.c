@@ -1,5 +1,7 @@
 #include "server/solve/tiles.h"
 
+#include "common/colour.h"
+
 #include <stdlib.h>
 
 static bool allocate_sums(struct lw_tiles *tiles) {
@@ -12,80 +14,110 @@ static bool allocate_sums(struct lw_tiles *tiles) {
         for (uint32_t k = 0; k < tiles->bounces; k++)
             ok &= (tiles->order[k][c] = calloc(count, sizeof(float))) != NULL;
     }
-    for (uint32_t k = 0; k < tiles->bounces; k++)
+    for (uint32_t k = 0; k < tiles->bounces; k++) {
         ok &= (tiles->radiance[k] = calloc(count, 4 * sizeof(float))) != NULL;
-    ok &= (tiles->estimate = calloc(count, sizeof(float))) != NULL;
+        ok &= (tiles->radiance_change[k] =
+                   calloc((size_t)tiles->block_count + 1, sizeof *tiles->radiance_change[k])) != NULL;
+    }
+    for (int k = 0; k < LW_TILES_PARTS; k++)
+        for (int c = 0; c < 3; c++) ok &= (tiles->estimate[k][c] = calloc(count, sizeof(float))) != NULL;
     ok &= (tiles->mean = calloc(count, sizeof(float))) != NULL;
     ok &= (tiles->spread = calloc(count, sizeof(float))) != NULL;
     return ok;
 }
 
-/* The sphere around the box of a tile's texels. */
-static void bound_tile(struct lw_solve_tile *tile, const uint8_t *covered) {
-    const struct lw_mesh_texels *mesh = tile->mesh;
-    struct lw_vec3 lo = lw_vec3(INFINITY, INFINITY, INFINITY), hi = lw_vec3(-INFINITY, -INFINITY, -INFINITY);
-    tile->covered_count = 0;
-    for (uint32_t i = 0; i < tile->width * tile->height; i++) {
-        if (!covered[tile->first + i]) continue;
-        struct lw_vec3 p = lw_texels_vector(mesh->position, tile->local + i);
-        lo = lw_vec3(fminf(lo.x, p.x), fminf(lo.y, p.y), fminf(lo.z, p.z));
-        hi = lw_vec3(fmaxf(hi.x, p.x), fmaxf(hi.y, p.y), fmaxf(hi.z, p.z));
-        tile->covered_count++;
-    }
-    if (!tile->covered_count) return;
-    tile->centre_os = lw_vec3_scale(lw_vec3_add(lo, hi), 0.5f);
-    tile->radius_os = 0.5f * lw_vec3_length(lw_vec3_sub(hi, lo));
+struct box {
+    struct lw_vec3 lo, hi;
+};
+
+static const struct box nothing = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+
+static void box_add(struct box *box, struct lw_vec3 lo, struct lw_vec3 hi) {
+    box->lo = lw_vec3(fminf(box->lo.x, lo.x), fminf(box->lo.y, lo.y), fminf(box->lo.z, lo.z));
+    box->hi = lw_vec3(fmaxf(box->hi.x, hi.x), fmaxf(box->hi.y, hi.y), fmaxf(box->hi.z, hi.z));
 }
 
-static uint32_t blocks_along(uint32_t texels) { return (texels + LW_TILE_BLOCK - 1) / LW_TILE_BLOCK; }
+static void box_sphere(const struct box *box, struct lw_vec3 *out_centre, float *out_radius) {
+    *out_centre = lw_vec3_scale(lw_vec3_add(box->lo, box->hi), 0.5f);
+    *out_radius = 0.5f * lw_vec3_length(lw_vec3_sub(box->hi, box->lo));
+}
+
+#define EACH_TEXEL(tile, column, row, x, y)                                                                  \
+    for (uint32_t y = (row)*LW_TILE_BLOCK; y < (tile)->height && y < ((row) + 1) * LW_TILE_BLOCK; y++)       \
+        for (uint32_t x = (column)*LW_TILE_BLOCK; x < (tile)->width && x < ((column) + 1) * LW_TILE_BLOCK;   \
+             x++)
+
+/* What a block covers, and the box of its texels. */
+static struct box bound_block(const struct lw_solve_tile *tile, uint32_t column, uint32_t row,
+                              const uint8_t *covered) {
+    struct lw_solve_block *block = &tile->block[row * tile->block_columns + column];
+    const struct lw_mesh_texels *mesh = tile->mesh;
+    struct box box = nothing;
+    block->covered_count = 0;
+    EACH_TEXEL(tile, column, row, x, y) {
+        const uint32_t i = y * tile->width + x;
+        if (!covered[tile->first + i]) continue;
+        const struct lw_vec3 p = lw_texels_vector(mesh->position, tile->local + i);
+        box_add(&box, p, p);
+        block->covered_count++;
+    }
+    return box;
+}
+
+static void bound_tile(struct lw_solve_tile *tile, const uint8_t *covered) {
+    struct box box = nothing;
+    tile->covered_count = 0;
+    for (uint32_t row = 0; row < tile->block_rows; row++)
+        for (uint32_t column = 0; column < tile->block_columns; column++) {
+            const struct box part = bound_block(tile, column, row, covered);
+            box_add(&box, part.lo, part.hi);
+            tile->covered_count += tile->block[row * tile->block_columns + column].covered_count;
+        }
+    if (tile->covered_count) box_sphere(&box, &tile->centre_os, &tile->radius_os);
+}
 
 static uint32_t side_of(uint32_t block, uint32_t texels) {
     const uint32_t left = texels - block * LW_TILE_BLOCK;
     return left < LW_TILE_BLOCK ? left : LW_TILE_BLOCK;
 }
 
-/* In a tile that is covered all over. */
-static uint32_t packets_at_most(uint32_t width, uint32_t height) {
-    return blocks_along(width) * blocks_along(height) * LW_PACKETS_MAX;
-}
-
 static void deal_packets(struct lw_tiles *tiles, int threads) {
 #pragma omp parallel for schedule(dynamic) num_threads(threads)
     for (uint32_t t = 0; t < tiles->count; t++) {
-        struct lw_solve_tile *tile = &tiles->tile[t];
-        uint32_t block = 0, packets = 0;
-        for (uint32_t row = 0; row < blocks_along(tile->height); row++)
-            for (uint32_t column = 0; column < blocks_along(tile->width); column++) {
+        const struct lw_solve_tile *tile = &tiles->tile[t];
+        for (uint32_t row = 0; row < tile->block_rows; row++)
+            for (uint32_t column = 0; column < tile->block_columns; column++) {
+                struct lw_solve_block *block = &tile->block[row * tile->block_columns + column];
                 const uint32_t i = row * LW_TILE_BLOCK * tile->width + column * LW_TILE_BLOCK;
-                tile->packet_of_block[block++] = (uint16_t)packets;
-                packets += lw_packets_deal(tile->mesh, tile->local + i, tile->width,
-                                           side_of(column, tile->width), side_of(row, tile->height),
-                                           tiles->covered + tile->first + i, tile->packet + packets);
+                block->packet_count = lw_packets_deal(
+                    tile->mesh, tile->local + i, tile->width, side_of(column, tile->width),
+                    side_of(row, tile->height), tiles->covered + tile->first + i, block->packet);
             }
-        tile->packet_of_block[block] = (uint16_t)packets;
-        tile->block_count = block;
     }
 }
+
+static uint32_t blocks_along(uint32_t texels) { return (texels + LW_TILE_BLOCK - 1) / LW_TILE_BLOCK; }
 
 enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scene,
                              const struct lw_atlas_map *map, const struct lw_texels *texels, uint32_t bounces,
                              int threads) {
     *tiles = (struct lw_tiles){.bounces = bounces, .texel_count = texels->count, .covered = texels->covered};
-    size_t packets = 0;
     for (uint32_t id = 0; id < map->tile_count; id++) {
         if (map->place[id].level != 0) continue;
         tiles->count++;
-        packets += packets_at_most(map->place[id].width, map->place[id].height);
+        tiles->block_count += blocks_along(map->place[id].width) * blocks_along(map->place[id].height);
     }
     tiles->tile = calloc((size_t)tiles->count + 1, sizeof *tiles->tile);
+    tiles->block = calloc((size_t)tiles->block_count + 1, sizeof *tiles->block);
+    tiles->block_of_texel = malloc(((size_t)tiles->texel_count + 1) * sizeof *tiles->block_of_texel);
     tiles->slot_of_id = malloc(((size_t)map->tile_count + 1) * sizeof *tiles->slot_of_id);
-    tiles->packet = malloc((packets + 1) * sizeof *tiles->packet);
-    if (!tiles->tile || !tiles->packet || !tiles->slot_of_id || !allocate_sums(tiles)) {
+    tiles->packet = malloc(((size_t)tiles->block_count * LW_PACKETS_MAX + 1) * sizeof *tiles->packet);
+    if (!tiles->tile || !tiles->block || !tiles->packet || !tiles->block_of_texel || !tiles->slot_of_id ||
+        !allocate_sums(tiles)) {
         lw_tiles_finish(tiles);
         return LW_NO_MEMORY;
     }
-    uint32_t n = 0;
-    packets = 0;
+    uint32_t n = 0, blocks = 0;
     for (uint32_t id = 0; id < map->tile_count; id++) {
         const struct lw_tile_place *place = &map->place[id];
         tiles->slot_of_id[id] = UINT32_MAX;
@@ -100,11 +132,24 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
                                        .height = place->height,
                                        .mesh = mesh,
                                        .local = lw_texels_tile_start(mesh, place->x, place->y),
-                                       .packet = tiles->packet + packets,
+                                       .block = tiles->block + blocks,
+                                       .block_columns = blocks_along(place->width),
+                                       .block_rows = blocks_along(place->height),
                                        .error = 1};
-        packets += packets_at_most(place->width, place->height);
         tile->first = texels->first[place->object] + tile->local;
+        for (uint32_t i = 0; i < tile->width * tile->height; i++)
+            tiles->block_of_texel[tile->first + i] =
+                (uint32_t)(lw_tiles_block(tile, i % tile->width, i / tile->width) - tiles->block);
+        blocks += tile->block_columns * tile->block_rows;
         bound_tile(tile, texels->covered);
+        for (uint32_t b = 0; b < tile->block_columns * tile->block_rows; b++) {
+            struct lw_solve_block *block = &tile->block[b];
+            block->tile_id = id;
+            block->packet = tiles->packet + (size_t)(block - tiles->block) * LW_PACKETS_MAX;
+            block->error = 1;
+            block->noise[LW_TILES_DIRECT] = block->noise[LW_TILES_INDIRECT] = -1;
+            block->resting = block->covered_count == 0;
+        }
         tile->resting = tile->covered_count == 0;
     }
     deal_packets(tiles, threads);
@@ -114,11 +159,17 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
 void lw_tiles_recount(struct lw_tiles *tiles, int threads) {
     for (uint32_t i = 0; i < tiles->count; i++) {
         struct lw_solve_tile *tile = &tiles->tile[i];
-        const uint32_t before = tile->covered_count;
+        uint32_t before[LW_TILE_BLOCKS * LW_TILE_BLOCKS];
+        for (uint32_t b = 0; b < tile->block_columns * tile->block_rows; b++)
+            before[b] = tile->block[b].covered_count;
         bound_tile(tile, tiles->covered);
-        if (tile->covered_count == before) continue;
-        tile->history = 0;
-        tile->resting = tile->covered_count == 0;
+        for (uint32_t b = 0; b < tile->block_columns * tile->block_rows; b++) {
+            struct lw_solve_block *block = &tile->block[b];
+            if (block->covered_count == before[b]) continue;
+            block->direct.frames = block->indirect.frames = 0;
+            block->resting = block->covered_count == 0;
+        }
+        lw_tiles_sum_up(tile);
     }
     deal_packets(tiles, threads);
 }
@@ -130,14 +181,32 @@ void lw_tiles_finish(struct lw_tiles *tiles) {
         free(tiles->light[c]);
         for (uint32_t k = 0; k < LW_SOLVER_BOUNCES_MAX; k++) free(tiles->order[k][c]);
     }
-    for (uint32_t k = 0; k < LW_SOLVER_BOUNCES_MAX; k++) free(tiles->radiance[k]);
-    free(tiles->estimate);
+    for (uint32_t k = 0; k < LW_SOLVER_BOUNCES_MAX; k++) {
+        free(tiles->radiance[k]);
+        free(tiles->radiance_change[k]);
+    }
+    for (int k = 0; k < LW_TILES_PARTS; k++)
+        for (int c = 0; c < 3; c++) free(tiles->estimate[k][c]);
     free(tiles->mean);
     free(tiles->spread);
     free(tiles->slot_of_id);
+    free(tiles->block_of_texel);
     free(tiles->packet);
+    free(tiles->block);
     free(tiles->tile);
     *tiles = (struct lw_tiles){0};
+}
+
+void lw_tiles_sum_up(struct lw_solve_tile *tile) {
+    tile->resting = true;
+    tile->stale = false;
+    tile->frames = tile->covered_count ? UINT32_MAX : 0;
+    for (uint32_t b = 0; b < tile->block_columns * tile->block_rows; b++) {
+        if (!tile->block[b].covered_count) continue;
+        tile->resting &= tile->block[b].resting;
+        tile->stale |= tile->block[b].stale;
+        if (tile->block[b].frames < tile->frames) tile->frames = tile->block[b].frames;
+    }
 }
 
 void lw_tiles_fill_gutters(struct lw_tiles *tiles, const struct lw_texels *texels, const uint8_t *welded,

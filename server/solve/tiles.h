@@ -1,13 +1,39 @@
 /* tiles.h: what the solver keeps per level-0 tile and per texel: sums of light, their history, their noise.
  * Flow:    passes -> [tiles] -> publish
+ * A tile is what is wanted, encoded and sent; its blocks of 16 x 16 texels are what is solved, forgets and rests.
  * Threads: a tile is written by the one worker that solves it; radiance is read by all after the barrier. */
 #ifndef LW_SOLVE_TILES_H
 #define LW_SOLVE_TILES_H
 
 #include "server/solve/cells.h"
+#include "server/solve/change.h"
+#include "server/solve/memory.h"
 #include "server/solve/packets.h"
 #include "server/solve/solver.h"
 #include "server/solve/texels.h"
+
+/* Of estimates. */
+enum { LW_TILES_DIRECT, LW_TILES_INDIRECT, LW_TILES_PARTS };
+
+/* Sixteen by sixteen texels of a tile: what is solved, forgets and rests as one. */
+struct lw_solve_block {
+    uint32_t tile_id;         /* lw_tile_id */
+    uint32_t covered_count;   /* texels; 0: the rest means nothing */
+    struct lw_packet *packet; /* of its covered texels */
+    uint32_t packet_count;
+    bool resting, due; /* due: the frame under way solves it */
+    bool stale;        /* it does not rest because its light has changed, whatever its noise */
+    uint32_t frames;   /* solved since the sequence began: where the random numbers go on */
+    struct lw_memory direct, indirect;
+    struct lw_change_block change;
+    double variance;  /* sum over its texels: of one frame's estimate, luminance, about the running mean */
+    double luminance; /* sum over its texels, of E */
+    float
+        light; /* luminance of E that its errors are measured against: its own mean, or the tile's if that is more */
+    float noise
+        [LW_TILES_PARTS]; /* relative variances of one frame's estimates of a texel; < 0: not known yet */
+    float error;          /* relative standard error of luminance */
+};
 
 /* Blocks of a full tile's side. */
 #define LW_TILE_BLOCKS (LW_TILE_SIDE / LW_TILE_BLOCK)
@@ -16,49 +42,48 @@ struct lw_solve_tile {
     lw_tile_id id;
     uint32_t object, x, y, width, height; /* place in the object's level 0; tile column and row; texels */
     const struct lw_mesh_texels *mesh;
-    uint32_t local, first;    /* first texel within the mesh; within the global numbering */
-    struct lw_packet *packet; /* of all its blocks, row by row */
-    uint32_t block_count;
-    uint16_t
-        packet_of_block[LW_TILE_BLOCKS * LW_TILE_BLOCKS + 1]; /* the first of each block, and their number */
+    uint32_t local, first;        /* first texel within the mesh; within the global numbering */
+    struct lw_solve_block *block; /* row by row */
+    uint32_t block_columns, block_rows;
     uint32_t cell;
     struct lw_vec3 centre_ws; /* of the sphere that holds all its texels, as the pose has it */
     float radius_m;
     struct lw_vec3 centre_os; /* the same in object space */
     float radius_os;
     uint32_t covered_count;
-    uint32_t frames;  /* solved since the sequence began: where the random numbers go on */
-    uint32_t history; /* frames that the sums stand for, capped while things move */
-    uint32_t
-        remembered; /* of these, how many the last frame's memory held: what the variance is divided by */
-    float error;    /* relative standard error of luminance */
-    bool resting;
-    bool due;              /* the frame under way solves it (schedule.h) */
-    bool shows;            /* what was solved is to be seen in this frame, not merely read by other tiles */
-    bool unseen;           /* it was solved since it last did */
-    uint32_t solved_tick;  /* of the schedule, when it was last solved */
-    uint32_t solved_moves; /* frames in which something had moved by then */
-    uint32_t still;        /* frames since a movement, not counting those that it slept through */
-    float weight_direct, weight_indirect; /* with which this frame's estimates enter the means */
-    uint32_t
-        history_max; /* frames that indirect light may remember in this frame; UINT32_MAX if nothing ever moved */
+    uint32_t frames;      /* the fewest of its blocks */
+    float error;          /* relative standard error of luminance, over all its blocks */
+    bool resting;         /* all its blocks do */
+    bool serves;          /* it is looked at, or lights what is (schedule.h) */
+    bool stale;           /* one of its blocks is */
+    bool woken;           /* one of its blocks has found in this frame that its light has changed */
+    bool due;             /* the frame under way solves it (schedule.h): its blocks that do not rest */
+    bool shows;           /* what was solved is to be seen in this frame, not merely read by other tiles */
+    bool unseen;          /* it was solved since it last did */
+    uint32_t solved_tick; /* of the schedule, when it was last solved */
     uint64_t solved_frame;
 };
 
 struct lw_tiles {
     uint32_t count, bounces, texel_count;
-    struct lw_packet *packet;   /* of all tiles */
     struct lw_solve_tile *tile; /* in the order in which they are solved: by cell */
     uint32_t *slot_of_id; /* lw_tile_id -> index into tile, or UINT32_MAX for ids that are not level 0 */
-    float *direct[3];     /* E of bounce 0 per texel, W/m^2 */
-    float *indirect[3];   /* sum over bounces 1..N */
-    float *light[3];      /* what is shown: direct + indirect, after the frame's finish; W/m^2 */
+    struct lw_solve_block *block; /* of all tiles, in the order of their ids */
+    uint32_t block_count;
+    struct lw_packet *packet; /* LW_PACKETS_MAX for each block */
+    uint32_t *block_of_texel; /* index into block */
+    float *direct[3];         /* E of bounce 0 per texel, W/m^2 */
+    float *indirect[3];       /* sum over bounces 1..N */
+    float *light[3];          /* what is shown: direct + indirect, after the frame's finish; W/m^2 */
     float *order[LW_SOLVER_BOUNCES_MAX][3]; /* E of each bounce order 1..N alone (index 0: order 1) */
     /* What each texel sends out of bounce order 0..N-1, for the next one: 4 floats each, W/(m^2 sr). One plane per order,
      * so that what a tile sends stays while it is not solved. */
     float *radiance[LW_SOLVER_BOUNCES_MAX];
-    float *estimate;        /* luminance of this frame's own estimate of E */
-    float *mean, *spread;   /* of those estimates: running mean, sum of squared deviations */
+    struct lw_vec3
+        *radiance_change[LW_SOLVER_BOUNCES_MAX]; /* per block: by how much that differs, in the mean, from the
+                                                               frame before */
+    float *estimate[LW_TILES_PARTS][3]; /* E as the last frame in which a texel was solved had it by itself */
+    float *mean, *spread;   /* of the luminance of such estimates: running mean, sum of squared deviations */
     const uint8_t *covered; /* the texels' own */
 };
 
@@ -68,12 +93,21 @@ LW_MUST_CHECK enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct 
                                            uint32_t bounces, int threads);
 void lw_tiles_finish(struct lw_tiles *tiles);
 
-/** Counts anew what the texels cover; a tile that covers more or less than before starts from the beginning. */
+/** Counts anew what the texels cover; a block that covers more or less than before starts from the beginning. */
 void lw_tiles_recount(struct lw_tiles *tiles, int threads);
 
 /** Gives gutters the light of the texels that stand for them; but those of `welded` (seams.h), which have their own. */
 void lw_tiles_fill_gutters(struct lw_tiles *tiles, const struct lw_texels *texels, const uint8_t *welded,
                            int threads);
+
+/** The block of a tile that its texel (x, y) lies in. */
+static inline struct lw_solve_block *lw_tiles_block(const struct lw_solve_tile *tile, uint32_t x,
+                                                    uint32_t y) {
+    return &tile->block[y / LW_TILE_BLOCK * tile->block_columns + x / LW_TILE_BLOCK];
+}
+
+/** What its blocks say of a tile: frames, whether it rests. */
+void lw_tiles_sum_up(struct lw_solve_tile *tile);
 
 /** Places every tile in the world and sorts them by cell. */
 void lw_tiles_set_pose(struct lw_tiles *tiles, const struct lw_cells *cells, const struct lw_pose *pose);

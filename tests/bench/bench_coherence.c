@@ -161,17 +161,16 @@ static void trace_pattern(const struct bundle *b, uint32_t x, uint32_t y, uint32
 }
 
 /* The solver's own packets of a block. */
-static void trace_filled(const struct bundle *b, uint32_t x, uint32_t y, uint32_t block, uint32_t sample,
+static void trace_filled(const struct bundle *b, uint32_t x, uint32_t y, uint32_t number, uint32_t sample,
                          float *sum) {
-    const struct lw_solve_tile *tile = b->tile;
-    const uint32_t i = y / BLOCK * ((tile->width + BLOCK - 1) / BLOCK) + x / BLOCK;
-    for (uint32_t k = tile->packet_of_block[i]; k < tile->packet_of_block[i + 1]; k++) {
-        const struct lw_packet *packet = &tile->packet[k];
+    const struct lw_solve_block *block = lw_tiles_block(b->tile, x, y);
+    for (uint32_t k = 0; k < block->packet_count; k++) {
+        const struct lw_packet *packet = &block->packet[k];
         uint32_t texel[LANES] = {0};
         for (uint32_t lane = 0; lane < packet->count; lane++)
-            texel[lane] = (y + packet->texel[lane] / BLOCK) * tile->width + x + packet->texel[lane] % BLOCK;
-        trace_packet(b, texel, (uint16_t)((1u << packet->count) - 1), block, k - tile->packet_of_block[i],
-                     sample, sum);
+            texel[lane] =
+                (y + packet->texel[lane] / BLOCK) * b->tile->width + x + packet->texel[lane] % BLOCK;
+        trace_packet(b, texel, (uint16_t)((1u << packet->count) - 1), number, k, sample, sum);
     }
 }
 

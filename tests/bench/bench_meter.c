@@ -112,12 +112,12 @@ static void end_tile(int pass, const struct lw_solve_tile *tile, uint64_t began_
     }
 
 WRAP(void, lw_passes_direct,
-     (const struct lw_passes *p, struct lw_solve_tile *tile, float *cdf, struct lw_passes_count *count))
-void __wrap_lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile, float *cdf,
+     (const struct lw_passes *p, struct lw_solve_tile *tile, struct lw_passes_count *count))
+void __wrap_lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile,
                              struct lw_passes_count *count) {
     uint64_t began_ns = 0;
     begin_tile(BENCH_DIRECT, tile, &began_ns);
-    __real_lw_passes_direct(p, tile, cdf, count);
+    __real_lw_passes_direct(p, tile, count);
     end_tile(BENCH_DIRECT, tile, began_ns, count->shadow);
 }
 

@@ -283,7 +283,7 @@ static void test_changes_reach_what_is_looked_at(void **state) {
             indirect[seen] = room_object_mean(&s[seen], CEILING).indirect;
             room_finish(&s[seen]);
         }
-        if (indirect[1] < 0.99 * indirect[0])
+        if (indirect[1] < 0.95 * indirect[0]) /* a bright spot seen by few rays: each known to some 3 % */
             fail_msg("8 frames later %g, in a whole solve %g", indirect[1], indirect[0]);
     }
 }

@@ -1,0 +1,150 @@
+#include "server/solve/change.h"
+
+#include "common/random.h"
+#include "server/solve/tiles.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Of the noise's variance, what counts against light that is out of date: a filter leaves less of the one than of the other, and
+ * of indirect light, which is out of date over many texels at once, next to nothing. */
+static const float filtered[LW_TILES_PARTS] = {[LW_TILES_DIRECT] = 0.25f, [LW_TILES_INDIRECT] = 0.0625f};
+/* Indirect light is out of date over the whole block, where noise is each texel's own: less of it is borne at rest. */
+#define COHERENT 2.0f
+/* A block that was not asked for so many movements is asked as if nothing had moved for a while before. */
+#define MOVES_MAX 16u
+
+static uint16_t all_packets(const struct lw_solve_block *block) {
+    return (uint16_t)((1u << block->packet_count) - 1);
+}
+
+static uint16_t take_turn(struct lw_solve_block *block) {
+    return (uint16_t)(1u << block->change.next++ % block->packet_count);
+}
+
+bool lw_change_choose_resting(struct lw_solve_block *block, uint32_t moves, uint32_t tick, bool active) {
+    struct lw_change_block *change = &block->change;
+    change->compare = change->retrace = 0;
+    if (!block->packet_count || !block->frames) return false;
+    change->begins = change->moves != moves && (!change->unchecked || moves - change->moves > MOVES_MAX);
+    if (change->moves != moves) change->unchecked = all_packets(block);
+    change->moves = moves;
+    if (!change->unchecked && !active) return false;
+    /* Each packet once in LW_PACKETS_MAX frames, however few a block has. */
+    if (!change->begins && (tick + lw_random_hash(block->tile_id)) % LW_PACKETS_MAX >= block->packet_count)
+        return false;
+    change->compare = take_turn(block);
+    change->retrace = change->compare & change->unchecked;
+    change->unchecked &= (uint16_t)~change->compare;
+    return true;
+}
+
+/* How far light is off what it was. */
+struct off {
+    float direct;
+    struct lw_vec3 indirect[LW_CHANGE_REGIONS];
+};
+
+/* What a block's means are out of date by, and what the packets of a mask have found, in the mean over their texels. */
+static struct off add_up(const struct lw_solve_block *block, uint16_t packets) {
+    const struct lw_change_block *change = &block->change;
+    struct off off = {0};
+    uint32_t texels = 0, lanes[LW_CHANGE_REGIONS] = {0};
+    for (uint32_t set = 0; set < block->packet_count; set++) {
+        if (!(packets >> set & 1)) continue;
+        off.direct += change->packet[set].direct_square;
+        texels += block->packet[set].count;
+        for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++)
+            off.indirect[r] = lw_vec3_add(off.indirect[r], change->packet[set].indirect[r]);
+        for (uint32_t lane = 0; lane < block->packet[set].count; lane++) {
+            const uint32_t texel = block->packet[set].texel[lane];
+            lanes[lw_change_region(texel % LW_TILE_BLOCK, texel / LW_TILE_BLOCK)]++;
+        }
+    }
+    off.direct = change->stale_direct + (texels ? sqrtf(off.direct / (float)texels) : 0);
+    for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++)
+        off.indirect[r] =
+            lw_vec3_mad(change->stale_indirect[r], off.indirect[r], lanes[r] ? 1 / (float)lanes[r] : 0);
+    return off;
+}
+
+static float most(struct lw_vec3 v) { return fmaxf(fabsf(v.x), fmaxf(fabsf(v.y), fabsf(v.z))); }
+
+/* Root mean square over the regions. */
+static float mean_over(const struct lw_vec3 region[LW_CHANGE_REGIONS]) {
+    float square = 0;
+    for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++) square += most(region[r]) * most(region[r]);
+    return sqrtf(square / LW_CHANGE_REGIONS);
+}
+
+static bool is_too_much(const struct lw_solve_block *block, const struct off *off, float target_error) {
+    const float may_be = block->light * fmaxf(target_error, 0);
+    return off->direct > may_be || COHERENT * mean_over(off->indirect) > may_be;
+}
+
+/* Whether a block would have to wake if all of it were as these packets are, or, of all packets, as it is. */
+static bool has_changed(const struct lw_solve_block *block, uint16_t packets, float target_error) {
+    const struct off off = add_up(block, packets);
+    return is_too_much(block, &off, target_error);
+}
+
+bool lw_change_choose_more(struct lw_solve_block *block, float target_error) {
+    struct lw_change_block *change = &block->change;
+    const uint16_t asked = change->compare;
+    change->compare = 0;
+    if (!asked || !has_changed(block, change->begins ? asked : all_packets(block), target_error))
+        return false;
+    change->compare = all_packets(block) & (uint16_t)~asked;
+    change->retrace = change->compare & change->unchecked;
+    change->unchecked = 0;
+    return change->compare != 0;
+}
+
+void lw_change_wake(struct lw_solve_block *block, float target_error) {
+    block->change.compare = 0;
+    if (!has_changed(block, all_packets(block), target_error)) return;
+    block->resting = false;
+    block->stale = block->change.woken = true;
+}
+
+bool lw_change_choose_due(struct lw_solve_block *block, uint32_t moves) {
+    struct lw_change_block *change = &block->change;
+    const uint32_t moved = moves - change->moves;
+    change->compare = change->retrace = 0;
+    if (!block->packet_count || !block->frames) return false;
+    change->compare = moved && (!change->moving || moved > MOVES_MAX) ? all_packets(block) : take_turn(block);
+    if (moved) change->retrace = change->compare;
+    return true;
+}
+
+static float room_for(const struct lw_solve_block *block, int part, float stale) {
+    const float noise = block->noise[part];
+    if (!(stale > 0)) return INFINITY;
+    if (noise < 0) return 1; /* not known before there are two */
+    return lw_memory_room(filtered[part] * noise * block->light * block->light, stale);
+}
+
+void lw_change_weigh_direct(struct lw_solve_block *block, uint32_t moves) {
+    struct lw_change_block *change = &block->change;
+    const struct off off = add_up(block, change->woken ? all_packets(block) : change->compare);
+    const float weight = lw_memory_take(&block->direct, room_for(block, LW_TILES_DIRECT, off.direct));
+    change->stale_direct = off.direct * (1 - weight);
+    memcpy(change->stale_indirect, off.indirect, sizeof off.indirect);
+    memset(change->packet, 0, sizeof change->packet);
+    change->moving = change->woken || moves != change->moves;
+    change->moves = moves;
+    change->compare = change->retrace = change->unchecked = 0;
+    change->woken = false;
+}
+
+void lw_change_weigh_indirect(struct lw_solve_block *block, float most_frames) {
+    struct lw_change_block *change = &block->change;
+    const float room = room_for(block, LW_TILES_INDIRECT, mean_over(change->stale_indirect));
+    const float weight = lw_memory_take(&block->indirect, fminf(room, most_frames));
+    for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++)
+        change->stale_indirect[r] = lw_vec3_scale(change->stale_indirect[r], 1 - weight);
+}
+
+bool lw_change_is_stale(const struct lw_solve_block *block, float target_error) {
+    return has_changed(block, 0, target_error);
+}

@@ -1,0 +1,75 @@
+/* change.h: how much a block's light has changed since it was last solved.
+ * Flow:    movement -> [choose packets] -> lw_passes_compare() -> [judge] -> which blocks wake, what their means forget
+ * Threads: a block's change is read and written by the one worker that has its tile.
+ *
+ * The samples of a block's last frame are taken again now, with the same random numbers, and compared with what they were then
+ * (temporal gradients, Schied et al. 2018): whatever does not come out the same has changed, and nothing else, so that the
+ * difference has none of the noise of the estimates themselves. Direct light and bounce rays are traced again where something has
+ * moved since; where not, what arrives along the rays' ends is read again, which costs no ray: so a change follows the
+ * bounces. What nobody looks at and what lights nobody's view is not asked.
+ *   at rest   one packet in turn, so that all have been asked 16 frames after the last movement; all at once where something
+ *             begins to move and that one has found a difference. A block wakes when what its packets have found adds up to
+ *             more than its target error
+ *   awake     before each solve, all packets when something begins to move, one while it goes on
+ * What a block gets along its new rays from others that are solved in the same frame changes in that frame: the mean by which the
+ * radiance of each block differs from the frame before is looked up at the ends of all rays (lw_passes_arrive()).
+ * A block with no change in its samples may still be wrong by what fewer than one ray in 512 of it would see. */
+#ifndef LW_SOLVE_CHANGE_H
+#define LW_SOLVE_CHANGE_H
+
+#include "server/solve/packets.h"
+
+/* Indirect light may change in one corner of a block and not in another: quarters of 8 x 8 texels. */
+#define LW_CHANGE_REGIONS 4u
+static inline uint32_t lw_change_region(uint32_t x, uint32_t y) {
+    return (y % LW_TILE_BLOCK >= LW_TILE_BLOCK / 2) * 2 + (x % LW_TILE_BLOCK >= LW_TILE_BLOCK / 2);
+}
+
+/* What the texels of a packet have found; E in W/m^2. */
+struct lw_change_packet {
+    float direct_square; /* sum of squared differences of direct light; of the channel that differs most */
+    struct lw_vec3 indirect[LW_CHANGE_REGIONS]; /* sum of differences */
+};
+
+struct lw_change_block {
+    struct lw_change_packet
+        packet[LW_PACKETS_MAX]; /* the last comparison since the block was solved; else 0 */
+    uint16_t compare, retrace;  /* packets, a bit each: asked in this frame; of these, with new rays */
+    uint16_t unchecked;         /* packets at rest whose rays were not traced again since something moved */
+    bool woken;                 /* in this frame */
+    bool begins;                /* in this frame, something moves after a while in which nothing did */
+    bool moving;                /* something had moved when it was last solved */
+    uint32_t next;              /* packet, in turn */
+    uint32_t moves;             /* of the scene, when it was last asked */
+    /* By how much the means are out of date (memory.h). */
+    float stale_direct;                               /* root mean square over the texels */
+    struct lw_vec3 stale_indirect[LW_CHANGE_REGIONS]; /* mean over the texels of a region */
+};
+
+struct lw_solve_block;
+
+/** Chooses the packets of a block at rest that are asked in this frame: mostly one, or none. moves: of the scene, so far; tick:
+ * counts the frames; active: light elsewhere may be changing. Returns whether there are any. */
+bool lw_change_choose_resting(struct lw_solve_block *block, uint32_t moves, uint32_t tick, bool active);
+
+/** After their answers: chooses the packets of a block at rest that are to be asked besides, before lw_change_wake(): all, if
+ * those asked have found so much that it might have to wake. Returns whether there are any. */
+bool lw_change_choose_more(struct lw_solve_block *block, float target_error);
+
+/** Wakes a block at rest if what its packets have found is more than its target error allows. */
+void lw_change_wake(struct lw_solve_block *block, float target_error);
+
+/** Chooses the packets of a block that is to be solved; not of one that lw_change_wake() has woken in this frame. */
+bool lw_change_choose_due(struct lw_solve_block *block, uint32_t moves);
+
+/** Begins a due block's frame with what its packets have found, which is then forgotten; sets the weight of its next estimate of
+ * direct light. */
+void lw_change_weigh_direct(struct lw_solve_block *block, uint32_t moves);
+
+/** After lw_passes_arrive() of the first bounce: that of indirect light. most: frames that it may remember in any case. */
+void lw_change_weigh_indirect(struct lw_solve_block *block, float most);
+
+/** Whether more of a block's means is out of date than may be at rest. */
+bool lw_change_is_stale(const struct lw_solve_block *block, float target_error);
+
+#endif

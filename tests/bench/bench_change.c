@@ -1,0 +1,289 @@
+/* bench_change: what it costs to follow an object that moves once, against lighting everything anew.
+ *
+ *     bench_change [--object NAME] [--shift WIDTHS] [--error E] [--frames N] [--truth N] [--texels-per-metre D] SCENE...
+ *
+ * The scene is solved until all of it rests, without its own animation; an object moves by a part of its width; it is solved
+ * until all of it rests again. Another solver begins with the object where it then stands. One row in Markdown per scene: rays of
+ * both until they rest, their quotient, rays of the first frame after the movement and texels that it solves, frames of
+ * both. With --truth also the errors, against a solve of N frames that never rests: over all texels, and over those alone whose
+ * light the movement changed by over a tenth. relMSE as in docs/results/crossover.md, over texels, but none counts for more
+ * than 1. */
+#include "server/solve/cell_solver.h"
+#include "tests/bench/bench_setup.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define CHANGED 0.1f /* of a texel's light */
+#define IDLE    20   /* frames without a solve after which all has been asked (server/solve/change.h) */
+
+struct settings {
+    struct lw_scene_open open;
+    const char *object;
+    double shift, error;
+    int64_t frames, truth_frames;
+};
+
+struct job {
+    const struct settings *settings;
+    struct lw_scene *scene;
+    struct lw_atlas_map map;
+    struct lw_pose pose;
+};
+
+struct solution {
+    struct lw_solver *solver;
+    uint64_t frame, rays, first_rays, first_texels;
+    int64_t count; /* frames of the last call of go_on() */
+};
+
+/* ---- the object and its movement ---- */
+
+static float width_of(const struct lw_mesh *mesh) {
+    float lo = INFINITY, hi = -INFINITY;
+    for (uint32_t v = 0; v < mesh->vertex_count; v++) {
+        lo = fminf(lo, mesh->position[v].x);
+        hi = fmaxf(hi, mesh->position[v].x);
+    }
+    return hi - lo;
+}
+
+static uint32_t find_object(const struct lw_scene *scene, const char *name) {
+    for (uint32_t o = 0; o < scene->object_count; o++)
+        if (strcmp(scene->object[o].name, name) == 0) return o;
+    return LW_SCENE_NONE;
+}
+
+/* In place of the scene's animation: from 1 s on the object stands `shift` widths along its own x. */
+static enum lw_status set_moving(struct lw_scene *scene, const char *name, float shift,
+                                 struct lw_error *err) {
+    const uint32_t o = find_object(scene, name);
+    if (o == LW_SCENE_NONE) return lw_status_fail(err, LW_USAGE, "--object: there is no \"%s\"", name);
+    struct lw_node *node = lw_scene_alloc(scene, (size_t)scene->node_count + 1, sizeof *node);
+    struct lw_channel *channel = lw_scene_alloc(scene, 1, sizeof *channel);
+    float *time_s = lw_scene_alloc(scene, 2, sizeof *time_s),
+          *value = lw_scene_alloc(scene, 6, sizeof *value);
+    if (!node || !channel || !time_s || !value) return lw_status_fail(err, LW_NO_MEMORY, "nodes");
+    memcpy(node, scene->node, scene->node_count * sizeof *node);
+    node[scene->node_count] = (struct lw_node){
+        .name = "moved", .parent = scene->object[o].node, .rotation = {0, 0, 0, 1}, .scale = {1, 1, 1}};
+    time_s[1] = 1;
+    value[3] = shift * width_of(&scene->mesh[scene->object[o].mesh]);
+    *channel = (struct lw_channel){.node = scene->node_count,
+                                   .path = LW_CHANNEL_TRANSLATION,
+                                   .interpolation = LW_INTERPOLATION_STEP,
+                                   .key_count = 2,
+                                   .time_s = time_s,
+                                   .value = value};
+    scene->object[o].node = scene->node_count;
+    scene->node = node;
+    scene->node_count++;
+    scene->channel = channel;
+    scene->channel_count = 1;
+    scene->duration_s = 2;
+    return LW_OK;
+}
+
+/* ---- solving ---- */
+
+static enum lw_status create(const struct job *job, double error, uint32_t seed, struct solution *s,
+                             struct lw_error *err) {
+    return lw_cell_solver_create(&(struct lw_solver_desc){.scene = job->scene,
+                                                          .atlas_map = &job->map,
+                                                          .bounces = 2,
+                                                          .tracing_range_m = INFINITY,
+                                                          .direct_samples = 1,
+                                                          .indirect_samples = 2,
+                                                          .target_error = (float)error,
+                                                          .seed = seed},
+                                 &job->pose, &s->solver, err);
+}
+
+/* Solves so many frames more, or fewer if all rests before; what is counted is counted from here on. */
+static enum lw_status go_on(const struct job *job, struct solution *s, int64_t frames, struct lw_error *err) {
+    s->rays = 0;
+    s->count = 0;
+    for (int64_t i = 0, idle = 0; i < frames && idle < IDLE; i++, idle++) {
+        struct lw_solver_stats stats;
+        enum lw_status status = s->solver->ops->frame(s->solver, &job->pose, ++s->frame, &stats, err);
+        if (status != LW_OK) return status;
+        s->rays += stats.rays_shadow + stats.rays_bounce;
+        if (i == 0) s->first_rays = s->rays, s->first_texels = stats.texels_solved;
+        if (!stats.tiles_solved) continue;
+        s->count = i + 1;
+        idle = 0;
+    }
+    return LW_OK;
+}
+
+/* ---- errors ---- */
+
+/* The light of all covered texels, three values each; the caller frees. */
+static float *copy_light(const struct job *job, const struct solution *s, size_t *out_count) {
+    size_t count = 0;
+    float *light = NULL;
+    for (int pass = 0; pass < 2; pass++) {
+        if (pass && !(light = malloc((3 * count + 1) * sizeof *light))) return NULL;
+        count = 0;
+        for (uint32_t id = 0; id < job->map.tile_count; id++) {
+            if (job->map.place[id].level) continue;
+            struct lw_solver_tile tile;
+            s->solver->ops->read_tile(s->solver, (lw_tile_id){id}, &tile);
+            for (uint32_t i = 0; i < tile.width * tile.height; i++) {
+                if (!tile.covered[i]) continue;
+                for (int c = 0; pass && c < 3; c++)
+                    light[3 * count + (size_t)c] = tile.direct[c][i] + tile.indirect[c][i];
+                count++;
+            }
+        }
+    }
+    *out_count = 3 * count;
+    return light;
+}
+
+struct errors {
+    double all, changed;
+    size_t texels; /* that changed */
+};
+
+/* before: the light before the movement, as exact as the truth. */
+static struct errors compare(const float *x, const float *truth, const float *before, size_t count) {
+    struct errors e = {0};
+    double square = 0;
+    for (size_t i = 0; i < count; i++) square += (double)truth[i] * (double)truth[i];
+    const double epsilon = 0.01 * square / (double)count;
+    for (size_t i = 0; i < count; i += 3) {
+        float most = 0;
+        double error = 0;
+        for (size_t c = i; c < i + 3; c++) {
+            const double t = (double)truth[c], off = (double)x[c] - t;
+            most = fmaxf(most, fabsf(truth[c] - before[c]) / (truth[c] + 1e-6f));
+            error += off * off / (t * t + epsilon) / 3;
+        }
+        error =
+            fmin(error, 1); /* beside a lamp a single texel may be off by thousands, in the truth as well */
+        e.all += error;
+        if (most < CHANGED) continue;
+        e.changed += error;
+        e.texels++;
+    }
+    e.all /= (double)count / 3;
+    e.changed /= e.texels ? (double)e.texels : 1;
+    return e;
+}
+
+/* ---- a scene ---- */
+
+/* Solves the scene as it is now. The caller destroys out->solver. */
+static enum lw_status solve_anew(const struct job *job, double error, uint32_t seed, int64_t frames,
+                                 struct solution *out, struct lw_error *err) {
+    *out = (struct solution){0};
+    enum lw_status status = create(job, error, seed, out, err);
+    return status == LW_OK ? go_on(job, out, frames, err) : status;
+}
+
+static void destroy(struct solution *s) {
+    if (s->solver) s->solver->ops->destroy(s->solver);
+}
+
+/* The light of the scene as it is now, as exact as what it is compared with. */
+static enum lw_status find_truth(const struct job *job, uint32_t seed, float **out_light,
+                                 struct lw_error *err) {
+    struct solution s;
+    size_t count;
+    enum lw_status status = solve_anew(job, -1, seed, job->settings->truth_frames, &s, err);
+    if (status == LW_OK && !(*out_light = copy_light(job, &s, &count)))
+        status = lw_status_fail(err, LW_NO_MEMORY, "texels");
+    destroy(&s);
+    return status;
+}
+
+static enum lw_status print_errors(const struct job *job, const struct solution *s,
+                                   const struct solution *anew, const float *before, struct lw_error *err) {
+    float *truth = NULL;
+    size_t count = 0;
+    float *light = copy_light(job, s, &count), *light_anew = copy_light(job, anew, &count);
+    enum lw_status status =
+        light && light_anew ? find_truth(job, 8, &truth, err) : lw_status_fail(err, LW_NO_MEMORY, "texels");
+    if (status == LW_OK) {
+        const struct errors e = compare(light, truth, before, count),
+                            e_anew = compare(light_anew, truth, before, count);
+        printf(" %.5f, %.5f | %.5f, %.5f | %.1f %% |", e.all, e_anew.all, e.changed, e_anew.changed,
+               100 * (double)e.texels / ((double)count / 3));
+    }
+    free(truth);
+    free(light_anew);
+    free(light);
+    return status;
+}
+
+static enum lw_status measure(struct job *job, struct lw_error *err) {
+    const struct settings *set = job->settings;
+    struct solution s, anew = {0};
+    float *before = NULL;
+    lw_pose_evaluate(&job->pose, job->scene, 0);
+    enum lw_status status = solve_anew(job, set->error, 1, set->frames, &s, err);
+    if (status == LW_OK && s.count == set->frames)
+        fprintf(stderr, "bench_change: not all rests after %lld frames\n", (long long)s.count);
+    if (status == LW_OK && set->truth_frames) status = find_truth(job, 7, &before, err);
+    lw_pose_evaluate(&job->pose, job->scene, 1);
+    if (status == LW_OK) status = go_on(job, &s, set->frames, err);
+    if (status == LW_OK) status = solve_anew(job, set->error, 2, set->frames, &anew, err);
+    if (status == LW_OK)
+        printf("%.3f M | %.2f M | %.1f | %.3f M | %llu | %lld, %lld |", 1e-6 * (double)s.rays,
+               1e-6 * (double)anew.rays, (double)anew.rays / (double)s.rays, 1e-6 * (double)s.first_rays,
+               (unsigned long long)s.first_texels, (long long)s.count, (long long)anew.count);
+    if (status == LW_OK && set->truth_frames) status = print_errors(job, &s, &anew, before, err);
+    printf("\n");
+    destroy(&anew);
+    destroy(&s);
+    free(before);
+    return status;
+}
+
+static enum lw_status run(void *context, const char *path, struct lw_error *err) {
+    struct job job = {.settings = context};
+    char label[64];
+    enum lw_status status =
+        bench_open(&job.settings->open, path, BENCH_MOTION_OWN, 0, &job.scene, &job.pose, &job.map, err);
+    if (status == LW_OK)
+        status = set_moving(job.scene, job.settings->object, (float)job.settings->shift, err);
+    if (status == LW_OK) {
+        lw_pose_finish(&job.pose);
+        status = lw_pose_init(&job.pose, job.scene);
+    }
+    printf("| %s, %s | ", bench_label(path, label, sizeof label), job.settings->object);
+    fflush(stdout);
+    if (status == LW_OK) status = measure(&job, err);
+    lw_pose_finish(&job.pose);
+    lw_atlas_map_finish(&job.map);
+    lw_scene_destroy(job.scene);
+    return status;
+}
+
+int main(int argc, char **argv) {
+    struct settings s = {.object = "amphora", .shift = 1, .error = 0.1, .frames = 4096};
+    const struct lw_option table[] = {
+        {"object", "NAME", "what moves (default amphora)", LW_OPTION_STRING, &s.object, 0, 0, NULL},
+        {"shift", "WIDTHS", "by so much along its own x (default 1)", LW_OPTION_REAL, &s.shift, -1000, 1000,
+         NULL},
+        {"error", "E", "relative error at which a tile rests (default 0.1)", LW_OPTION_REAL, &s.error, 1e-4,
+         1, NULL},
+        {"frames", "N", "at most, of each solve (default 4096)", LW_OPTION_INT, &s.frames, 8, 1000000, NULL},
+        {"truth", "N", "frames of the truth that errors are measured against (default 0: no errors)",
+         LW_OPTION_INT, &s.truth_frames, 0, 1000000, NULL}};
+    printf("| scene, object | rays | rays anew | quotient | of the first frame | texels that it solves | "
+           "frames: "
+           "followed, anew | relMSE: followed, anew | of changed texels | changed |\n"
+           "|---|---|---|---|---|---|---|---|---|---|\n");
+    return bench_main(&(struct bench_program){.name = "bench_change",
+                                              .about = "What it costs to follow an object that moves once.",
+                                              .table = table,
+                                              .count = sizeof table / sizeof table[0],
+                                              .open = &s.open,
+                                              .context = &s,
+                                              .run = run},
+                      argc, argv);
+}

@@ -1,0 +1,220 @@
+/* Light that changes: what changed is right again soon, what did not costs nothing. */
+#include "tests/reference/room.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+enum { PLATE = 6 }; /* after the six faces of room_box() */
+
+/* A long room with a lamp at one end and a small plate over the floor beside it. */
+static struct room make_room(float length, float plate_x) {
+    struct room room = {.texels_per_metre = 12};
+    room_box(&room, lw_vec3(length, 2, 2), 0.5f, 0);
+    room_quad(&room, lw_vec3(plate_x, 0.4f, 0.8f), lw_vec3(0, 0, 0.4f), lw_vec3(0.4f, 0, 0), 0.5f, 0);
+    room.quad[PLATE].double_sided = true;
+    room.light[0] = (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {4, 4, 4}};
+    room.light_position[0] = lw_vec3(1, 1.6f, 1);
+    room.light_count = 1;
+    return room;
+}
+
+static const struct lw_solver_desc desc = {
+    .bounces = 2, .direct_samples = 1, .indirect_samples = 4, .target_error = 0.03f};
+
+/* Returns how many tiles that solved. */
+static unsigned solve_on(struct room_solution *s, uint64_t *frame, unsigned frames) {
+    unsigned tiles = 0;
+    for (unsigned f = 0; f < frames; f++) {
+        lw_support_ok(s->solver->ops->frame(s->solver, &s->pose, ++*frame, &s->stats, NULL), NULL);
+        s->rays += s->stats.rays_shadow + s->stats.rays_bounce;
+        tiles += s->stats.tiles_solved;
+    }
+    return tiles;
+}
+
+static void shift(struct room_solution *s, uint32_t object, float x) {
+    s->pose.object_dynamic[object] = true;
+    s->pose.object_to_world[object].m[0][3] += x;
+}
+
+/* ---- what changed ---- */
+
+/* Light of the floor in squares of half a metre. */
+#define SQUARES 64
+struct squares {
+    double light[SQUARES], area[SQUARES];
+};
+
+static void add_texel(void *user, struct lw_vec3 p, double area, double direct, double indirect) {
+    struct squares *squares = user;
+    const int i = (int)(p.x * 2) * 4 + (int)(p.z * 2);
+    squares->light[i] += area * (direct + indirect);
+    squares->area[i] += area;
+}
+
+static struct squares light_of_floor(const struct room_solution *s) {
+    struct squares squares = {0};
+    room_each_texel(s, 0, add_texel, &squares);
+    for (int i = 0; i < SQUARES; i++) squares.light[i] /= squares.area[i] > 0 ? squares.area[i] : 1;
+    return squares;
+}
+
+/* Squares that agree: 36 texels each, known to 3 %, of their tile's light where they are darker than that. */
+static double off(const struct squares *got, const struct squares *want, int i) {
+    double mean = 0;
+    for (int k = 0; k < SQUARES; k++) mean += want->light[k] / SQUARES;
+    return fabs(got->light[i] - want->light[i]) / fmax(want->light[i], mean);
+}
+
+static void expect_squares(const struct squares *got, const struct squares *want) {
+    for (int i = 0; i < SQUARES; i++)
+        if (off(got, want, i) > 0.045) /* 36 texels, each known and up to date to 3 % */
+            fail_msg("square %d: %g, expected %g within 4.5 %%", i, got->light[i], want->light[i]);
+}
+
+/* Moved and moved on: neither shadow stays, and the light is that of a room where the plate has always been there. */
+static void test_no_ghost_stays(void **state) {
+    (void)state;
+    const struct room here = make_room(8, 1.4f), there = make_room(8, 2.4f);
+    struct room_solution s, anew;
+    uint64_t frame = 0;
+    room_solve(&s, &here, desc, 0);
+    solve_on(&s, &frame, 400); /* long means, which forget slowly when asked to remember */
+    const struct squares before = light_of_floor(&s);
+    for (unsigned i = 0; i < 10; i++) {
+        shift(&s, PLATE, 0.1f);
+        solve_on(&s, &frame, 1);
+    }
+    s.rays = 0;
+    solve_on(&s, &frame, 300);
+    room_solve(&anew, &there, desc, 400);
+    const struct squares after = light_of_floor(&s), want = light_of_floor(&anew);
+    unsigned changed = 0;
+    expect_squares(&after, &want);
+    for (int i = 0; i < SQUARES; i++) changed += off(&before, &want, i) > 0.1;
+    assert_true(changed >= 3);
+    room_finish(&anew);
+    room_finish(&s);
+}
+
+/* What comes back leaves no trace. */
+static void test_there_and_back(void **state) {
+    (void)state;
+    const struct room room = make_room(8, 1.4f);
+    struct room_solution s;
+    uint64_t frame = 0;
+    room_solve(&s, &room, desc, 0);
+    solve_on(&s, &frame, 400);
+    const struct squares before = light_of_floor(&s);
+    shift(&s, PLATE, 1);
+    solve_on(&s, &frame, 30);
+    shift(&s, PLATE, -1);
+    solve_on(&s, &frame, 300);
+    const struct squares after = light_of_floor(&s);
+    expect_squares(&after, &before);
+    room_finish(&s);
+}
+
+/* ---- what did not ---- */
+
+/* At the far end of the room a small thing moves: what it can be seen from is solved, little else. */
+static void test_little_is_solved_for_a_small_change(void **state) {
+    (void)state;
+    struct room room = make_room(24, 21.5f);
+    room.light[1] = room.light[0];
+    room.light_position[1] = lw_vec3(21, 1.6f, 1);
+    room.light_count = 2;
+    struct room_solution s;
+    uint64_t frame = 0;
+    struct lw_solver_desc d = desc;
+    d.target_error = 0.1f;
+    room_solve(&s, &room, d, 0);
+    for (unsigned i = 0; i < 40; i++) solve_on(&s, &frame, 20);
+    const uint64_t first_rays = s.rays;
+    assert_int_equal(s.stats.tiles_solved, 0); /* at rest */
+    s.rays = 0;
+    shift(&s, PLATE, 0.2f);
+    assert_true(solve_on(&s, &frame, 16) > 0);
+    for (unsigned i = 0; i < 40; i++) solve_on(&s, &frame, 20);
+    assert_int_equal(s.stats.tiles_solved, 0);
+    if (2 * s.rays >= first_rays)
+        fail_msg("%llu rays, %llu for all of it", (unsigned long long)s.rays, (unsigned long long)first_rays);
+    room_finish(&s);
+}
+
+/* A lamp whose light does not reach anything changes nothing. */
+static void test_nothing_is_solved_for_what_lights_nothing(void **state) {
+    (void)state;
+    struct room room = make_room(8, 1.4f);
+    room.light[1] = (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {1e-6f, 1e-6f, 1e-6f}};
+    room.light_position[1] = lw_vec3(5, 1, 1);
+    room.light_count = 2;
+    struct room_solution s;
+    uint64_t frame = 0;
+    struct lw_solver_desc d = desc;
+    d.target_error = 0.1f;
+    room_solve(&s, &room, d, 0);
+    for (unsigned i = 0; i < 40; i++) solve_on(&s, &frame, 20);
+    assert_int_equal(s.stats.tiles_solved, 0);
+    for (unsigned i = 0; i < 20; i++) {
+        s.pose.light[1].position_ws.x += 0.01f;
+        solve_on(&s, &frame, 1);
+        assert_true(s.stats.moved);
+        assert_int_equal(s.stats.tiles_solved, 0);
+    }
+    room_finish(&s);
+}
+
+/* ---- steadily ---- */
+
+/* A lamp that dims by 2 % a frame: the light follows it, and does not boil. */
+static void test_follows_a_lamp(void **state) {
+    (void)state;
+    const struct room room = make_room(8, 1.4f);
+    struct room_solution s;
+    uint64_t frame = 0;
+    room_solve(&s, &room, desc, 0);
+    solve_on(&s, &frame, 100);
+    const double before = room_object_mean(&s, 0).direct;
+    for (unsigned i = 0; i < 40; i++) {
+        s.pose.light[0].intensity = lw_vec3_scale(s.pose.light[0].intensity, 0.98f);
+        solve_on(&s, &frame, 1);
+    }
+    const double now = room_object_mean(&s, 0).direct / (before * pow(0.98, 40));
+    assert_true(now > 0.99 && now < 1.08); /* a memory of four frames lags by three */
+    solve_on(&s, &frame, 100);
+    expect_near(room_object_mean(&s, 0).direct, before * pow(0.98, 40), 0.005);
+    room_finish(&s);
+}
+
+/* A lamp that goes out leaves no glow: bounces follow within a frame or two. */
+static void test_a_lamp_goes_out(void **state) {
+    (void)state;
+    const struct room room = make_room(8, 1.4f);
+    struct room_solution s;
+    uint64_t frame = 0;
+    room_solve(&s, &room, desc, 0);
+    solve_on(&s, &frame, 200);
+    const struct room_mean before = room_object_mean(&s, 0);
+    s.pose.light[0].intensity = lw_vec3(0, 0, 0);
+    solve_on(&s, &frame, 1);
+    assert_true(room_object_mean(&s, 0).direct < 0.01 * before.direct);
+    assert_true(room_object_mean(&s, 0).indirect < 0.4 * before.indirect);
+    solve_on(&s, &frame, 5);
+    assert_true(room_object_mean(&s, 0).indirect < 0.02 * before.indirect);
+    solve_on(&s, &frame, 20);
+    assert_true(room_object_mean(&s, 0).total < 0.001 * before.total);
+    room_finish(&s);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_a_lamp_goes_out),
+        cmocka_unit_test(test_no_ghost_stays),
+        cmocka_unit_test(test_there_and_back),
+        cmocka_unit_test(test_little_is_solved_for_a_small_change),
+        cmocka_unit_test(test_nothing_is_solved_for_what_lights_nothing),
+        cmocka_unit_test(test_follows_a_lamp),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
