@@ -43,7 +43,7 @@ struct settings {
     const char *listen, *port_file, *keep;
     int64_t bounces, direct_samples, indirect_samples, seed, frames;
     int probe_form, denoise;
-    double tracing_range, cell_size, probe_spacing, frame_rate, freeze_s, error, link_rate;
+    double tracing_range, cell_size, probe_spacing, frame_rate, frame_budget_ms, freeze_s, error, link_rate;
     bool animate, freeze, json;
     int clock, light, codec;
     char host[256];
@@ -130,6 +130,11 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          &s->indirect_samples, 1, 1024, NULL},
         {"frame-rate", "HZ", "frames a second at most (default 30)", LW_OPTION_REAL, &s->frame_rate, 0.01,
          1000, NULL},
+        {"frame-budget-ms", "MS",
+         "wall time that a frame may take for solving, about, so that changes are heard of soon: what is "
+         "left "
+         "is for the next. Under the real clock alone (default 33)",
+         LW_OPTION_REAL, &s->frame_budget_ms, 1, 1e6, NULL},
         {"clock", "real|step|manual",
          "real: scene time is wall time (default). step: 1/30 s of scene time per solved frame, repeatable. "
          "manual: the same, and a frame begins with each line on stdin, whose end stops the server",
@@ -198,22 +203,23 @@ static enum lw_status read_scene(struct daemon *d, struct lw_error *err) {
 
 static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
-    enum lw_status status =
-        lw_cell_solver_create(&(struct lw_solver_desc){.scene = &d->state.scene,
-                                                       .atlas_map = &d->atlas_map,
-                                                       .bounces = (uint32_t)s->bounces,
-                                                       .tracing_range_m = (float)s->tracing_range,
-                                                       .cell_size_m = (float)s->cell_size,
-                                                       .probe_spacing_m = (float)s->probe_spacing,
-                                                       .probe_form = (enum lw_probe_form_kind)s->probe_form,
-                                                       .denoise = s->denoise == 1,
-                                                       .direct_samples = (uint32_t)s->direct_samples,
-                                                       .indirect_samples = (uint32_t)s->indirect_samples,
-                                                       .target_error = (float)s->error,
-                                                       .threads = (unsigned)s->scene.threads,
-                                                       .seed = (uint32_t)s->seed,
-                                                       .cancel = &d->cancel},
-                              &d->pose, &d->solver, err);
+    enum lw_status status = lw_cell_solver_create(
+        &(struct lw_solver_desc){.scene = &d->state.scene,
+                                 .atlas_map = &d->atlas_map,
+                                 .bounces = (uint32_t)s->bounces,
+                                 .tracing_range_m = (float)s->tracing_range,
+                                 .cell_size_m = (float)s->cell_size,
+                                 .probe_spacing_m = (float)s->probe_spacing,
+                                 .probe_form = (enum lw_probe_form_kind)s->probe_form,
+                                 .denoise = s->denoise == 1,
+                                 .direct_samples = (uint32_t)s->direct_samples,
+                                 .indirect_samples = (uint32_t)s->indirect_samples,
+                                 .target_error = (float)s->error,
+                                 .threads = (unsigned)s->scene.threads,
+                                 .seed = (uint32_t)s->seed,
+                                 .frame_budget_s = s->clock == CLOCK_REAL ? s->frame_budget_ms * 1e-3 : 0,
+                                 .cancel = &d->cancel},
+        &d->pose, &d->solver, err);
     if (status != LW_OK) return status;
     if (s->light == LIGHT_SEEN) { /* by nobody, to begin with */
         uint8_t *nothing = calloc((size_t)d->atlas_map.tile_count + 1, 1);
@@ -323,7 +329,7 @@ static bool has_news(struct daemon *d, const struct lw_solver_stats *solve, size
     struct lw_server_stats serve;
     lw_server_get_stats(d->server, &serve);
     d->moved |= solve->moved;
-    return solve->tiles_solved > 0 || updates > 0 || (d->moved && serve.sessions_now > 0);
+    return solve->tiles_shown > 0 || updates > 0 || (d->moved && serve.sessions_now > 0);
 }
 
 static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rested, struct lw_error *err) {
@@ -340,10 +346,11 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
     cost.solve_cpu_ns = cpu_solved - cpu_began;
     d->rays_total += solve.rays_shadow + solve.rays_bounce + solve.rays_probe;
     /* A frame in which nothing was solved and nothing moved changes nothing: no snapshot, no bytes. */
-    *out_rested = !has_news(d, &solve, updates) && d->lit;
-    if (!*out_rested) {
+    const bool news = has_news(d, &solve, updates) || !d->lit;
+    *out_rested = !news && !solve.tiles_solved;
+    if (news) {
         status = lw_publisher_publish(d->publisher, &d->pose, frame, lw_clock_ns() - began, d->rays_total,
-                                      solve.tiles_solved, &snapshot, &publish);
+                                      solve.tiles_shown, &snapshot, &publish);
         if (status != LW_OK)
             return lw_status_fail(err, status, "publishing frame %llu", (unsigned long long)frame);
         lw_server_publish(d->server, snapshot);
@@ -550,6 +557,7 @@ int main(int argc, char **argv) {
                      .light = LIGHT_SEEN,
                      .codec = CODEC_DCT,
                      .frame_rate = 30,
+                     .frame_budget_ms = 33,
                      .seed = 1,
                      .error = (double)TARGET_ERROR,
                      .scene = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG, .cancel = &signalled}}};

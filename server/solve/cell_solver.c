@@ -10,6 +10,7 @@
 #include "server/solve/schedule.h"
 #include "server/solve/seams.h"
 
+#include <math.h>
 #include <omp.h>
 #include <stdlib.h>
 #include <string.h>
@@ -32,8 +33,10 @@ struct cell_solver {
     struct lw_progress *progress; /* of the first frame, which may be long; else NULL */
     struct lw_schedule schedule;
     uint32_t frames, frames_since_move;
-    uint32_t moves; /* frames in which something had moved */
-    bool active;    /* something was solved in the last frame */
+    uint32_t moves;            /* frames in which something had moved */
+    uint32_t still_rounds;     /* since something was solved */
+    uint32_t unchanged_rounds; /* since any light that serves was known to be out of date */
+    double texel_ns;           /* wall time that one takes, in the mean of late */
     bool forgetful; /* the tiles' estimates are not those of their last solve: a checkpoint keeps none */
     unsigned
         pose_due; /* what of the pose has changed since rays, lights and tiles were last placed: LW_POSE_* */
@@ -106,25 +109,38 @@ static uint32_t probe_history_max(const struct cell_solver *s) {
 
 /* ---- what has changed (change.h) ---- */
 
+/* So many rounds after the last light that was known to be out of date, what it lights has followed. */
+#define CHANGING_ROUNDS 2u
+
+static bool is_changing(const struct cell_solver *s) {
+    for (uint32_t i = 0; i < s->tiles.count; i++)
+        if (s->tiles.tile[i].serves && s->tiles.tile[i].stale) return true;
+    return false;
+}
+
 /* Blocks at rest: wakes those whose light is no longer what it was. */
 static void find_change(struct cell_solver *s, const struct lw_passes *passes,
                         struct lw_solver_stats *stats) {
     uint64_t shadow = 0, bounce = 0;
+    const bool active =
+        s->still_rounds <= LW_PACKETS_MAX; /* until all have been asked about the last solve */
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shadow, bounce)
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         struct lw_passes_count count = {0};
         bool asked = false, more = false;
         if (!tile->serves) continue;
-        EACH_BLOCK(tile, block)
-        if (block->resting) asked |= lw_change_choose_resting(block, s->moves, s->schedule.tick, s->active);
-        if (asked) lw_passes_compare(passes, tile, &count);
+        EACH_BLOCK (tile, block) {
+            asked |= lw_change_choose(block, s->moves, s->schedule.tick, s->schedule.ended, active);
+        }
         if (!asked) continue;
-        EACH_BLOCK(tile, block)
-        if (block->resting) more |= lw_change_choose_more(block, s->desc.target_error);
+        lw_passes_compare(passes, tile, &count);
+        EACH_BLOCK (tile, block) {
+            more |= lw_change_choose_more(block, s->desc.target_error);
+        }
         if (more) lw_passes_compare(passes, tile, &count);
-        EACH_BLOCK(tile, block) {
-            if (block->resting && block->covered_count) lw_change_wake(block, s->desc.target_error);
+        EACH_BLOCK (tile, block) {
+            if (block->covered_count) lw_change_wake(block, s->desc.target_error);
             tile->woken |= block->change.woken;
         }
         lw_tiles_sum_up(tile);
@@ -144,16 +160,16 @@ static void weigh_direct(struct cell_solver *s, const struct lw_passes *passes,
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         struct lw_passes_count count = {0};
         bool asked = false;
-        EACH_BLOCK(tile, block) {
+        EACH_BLOCK (tile, block) {
             block->due = tile->due && !block->resting;
-            if (block->due && s->moves && !block->change.woken)
-                asked |= lw_change_choose_due(block, s->moves);
+            if (block->due && s->moves)
+                asked |= lw_change_choose_due(block, s->moves, s->unchanged_rounds <= CHANGING_ROUNDS);
         }
         if (asked) lw_passes_compare(passes, tile, &count);
-        EACH_BLOCK(tile, block)
-        if (block->due) lw_change_weigh_direct(block, s->moves);
+        EACH_BLOCK (tile, block) {
+            if (block->due) lw_change_weigh_direct(block, s->moves);
+        }
         if (tile->due) tile->solved_tick = s->schedule.tick;
-        tile->woken = false;
         shadow += count.shadow;
         bounce += count.bounce;
     }
@@ -206,8 +222,8 @@ static void weigh_indirect(struct cell_solver *s, const struct lw_passes *passes
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         if (!has_work(s, tile)) continue;
         if (s->moves && s->desc.bounces) lw_passes_arrive(passes, tile, 1, 1);
-        EACH_BLOCK(tile, block)
-        if (block->due) lw_change_weigh_indirect(block, most);
+        EACH_BLOCK (tile, block)
+            if (block->due) lw_change_weigh_indirect(block, most);
     }
 }
 
@@ -224,8 +240,10 @@ static void run_gather(struct cell_solver *s, const struct lw_passes *passes, ui
         if (has_work(s, &s->tiles.tile[i])) lw_passes_gather(passes, &s->tiles.tile[i], bounce);
 }
 
-static void run_finish(struct cell_solver *s, const struct lw_passes *passes, uint64_t frame) {
-#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
+static void run_finish(struct cell_solver *s, const struct lw_passes *passes, uint64_t frame,
+                       struct lw_solver_stats *stats) {
+    uint32_t shown = 0;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shown)
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         if (tile->due) lw_passes_finish_tile(passes, tile);
@@ -233,7 +251,9 @@ static void run_finish(struct cell_solver *s, const struct lw_passes *passes, ui
         if (!tile->unseen || !tile->shows) continue;
         tile->solved_frame = frame;
         tile->unseen = false;
+        shown++;
     }
+    stats->tiles_shown = shown;
 }
 
 static bool settled(const struct cell_solver *s, const struct lw_solve_block *block) {
@@ -244,7 +264,7 @@ static bool settled(const struct cell_solver *s, const struct lw_solve_block *bl
 
 /* Blocks whose error is low enough rest until their light changes. */
 static void settle_tile(const struct cell_solver *s, struct lw_solve_tile *tile) {
-    EACH_BLOCK(tile, block) {
+    EACH_BLOCK (tile, block) {
         if (!block->due || !block->covered_count) continue;
         block->resting = settled(s, block);
         block->stale = !block->resting && lw_change_is_stale(block, s->desc.target_error);
@@ -257,8 +277,7 @@ static void settle(struct cell_solver *s, struct lw_solver_stats *stats) {
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         stats->tiles_solved += tile->due;
-        EACH_BLOCK(tile, block)
-        stats->texels_solved += block->due ? block->covered_count : 0;
+        EACH_BLOCK (tile, block) stats->texels_solved += block->due ? block->covered_count : 0;
         if (tile->due) settle_tile(s, tile);
         stats->tiles_converged += tile->resting;
     }
@@ -274,10 +293,23 @@ static void count_tiles(const struct cell_solver *s, struct lw_solver_stats *sta
     for (uint32_t i = 0; i < s->tiles.count; i++) stats->tiles_converged += s->tiles.tile[i].resting;
 }
 
+/* How many texels a frame may solve. The first frame lights everything. */
+static uint64_t texels_in_time(const struct cell_solver *s) {
+    if (!(s->desc.frame_budget_s > 0) || s->frames == 0) return UINT64_MAX;
+    return (uint64_t)(s->desc.frame_budget_s * 1e9 / fmax(s->texel_ns, 1));
+}
+
+/* What a texel takes now, in wall time: a running mean over some ten frames' worth. */
+static void note_texel_cost(struct cell_solver *s, const struct lw_solver_stats *stats) {
+    if (!stats->texels_solved) return;
+    const double ns = (double)(stats->direct_ns + stats->scatter_ns) / (double)stats->texels_solved;
+    s->texel_ns = s->texel_ns > 0 ? s->texel_ns + (ns - s->texel_ns) * 0.1 : ns;
+}
+
 /* Whether the frame has anything to solve. Where it has not, the pose waits, and with it the probes' rays. */
 static bool choose_tiles(struct cell_solver *s, struct lw_solver_stats *stats) {
     struct lw_schedule_count count;
-    lw_schedule_choose(&s->schedule, &s->tiles, &count);
+    lw_schedule_choose(&s->schedule, &s->tiles, texels_in_time(s), &count);
     stats->tiles_wanted = count.wanted;
     stats->tiles_feeding = count.feeding;
     return count.due > 0;
@@ -296,6 +328,17 @@ static void recall(struct cell_solver *s, const struct lw_passes *passes, struct
     stats->rays_shadow += shadow;
     stats->rays_bounce += bounce;
     s->forgetful = false;
+}
+
+/* What is to be seen of the tiles that this frame shows. */
+static void show(struct cell_solver *s, uint64_t number, struct lw_solver_stats *stats) {
+    if (s->desc.denoise) {
+        const uint64_t t = lw_clock_ns();
+        lw_denoise_run(&s->denoise, number, s->threads);
+        stats->denoise_ns = lw_clock_ns() - t;
+    }
+    lw_seams_weld(&s->seams, &s->tiles, number, s->threads);
+    lw_tiles_fill_gutters(&s->tiles, &s->texels, s->seams.filled, s->threads);
 }
 
 static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose, uint64_t number,
@@ -332,9 +375,13 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     enum lw_status status = s->pose_due && looked_at ? place(s, &stats, err) : LW_OK;
     if (status != LW_OK) return status;
     lw_schedule_serve(&s->schedule, &s->tiles, s->has_probes);
+    s->unchanged_rounds = is_changing(s) ? 0 : s->unchanged_rounds + s->schedule.ended;
     if (s->moves && looked_at) find_change(s, &passes, &stats);
-    s->active = choose_tiles(s, &stats);
-    if (!s->active) {
+    const bool solves = choose_tiles(s, &stats);
+    s->still_rounds = solves ? 0 : s->still_rounds + 1;
+    if (!solves) {
+        run_finish(s, &passes, number, &stats); /* of what was solved before but not shown */
+        if (stats.tiles_shown) show(s, number, &stats);
         count_tiles(s, &stats);
         *out_stats = stats;
         return LW_OK;
@@ -377,15 +424,10 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     }
     if (s->moves && s->desc.bounces > 1) run_arrive(s, &passes);
     if (cancelled(s)) return LW_CLOSED;
-    run_finish(s, &passes, number);
-    if (s->desc.denoise) {
-        uint64_t t = lw_clock_ns();
-        lw_denoise_run(&s->denoise, number, s->threads);
-        stats.denoise_ns = lw_clock_ns() - t;
-    }
-    lw_seams_weld(&s->seams, &s->tiles, number, s->threads);
-    lw_tiles_fill_gutters(&s->tiles, &s->texels, s->seams.filled, s->threads);
+    run_finish(s, &passes, number, &stats);
+    if (stats.tiles_shown) show(s, number, &stats);
     settle(s, &stats);
+    note_texel_cost(s, &stats);
     s->frames++;
     *out_stats = stats;
     return LW_OK;
@@ -480,7 +522,7 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
     s->seams.fresh = true;
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
-        EACH_BLOCK(tile, block) {
+        EACH_BLOCK (tile, block) {
             block->resting = block->covered_count == 0 || settled(s, block);
             block->change.moves = s->moves;
         }

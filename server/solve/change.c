@@ -11,6 +11,8 @@
 static const float filtered[LW_TILES_PARTS] = {[LW_TILES_DIRECT] = 0.25f, [LW_TILES_INDIRECT] = 0.0625f};
 /* Indirect light is out of date over the whole block, where noise is each texel's own: less of it is borne at rest. */
 #define COHERENT 2.0f
+/* Where one packet finds that so much of the light has changed, the others need not be asked. */
+#define STRONG 1.0f
 /* A block that was not asked for so many movements is asked as if nothing had moved for a while before. */
 #define MOVES_MAX 16u
 
@@ -22,20 +24,32 @@ static uint16_t take_turn(struct lw_solve_block *block) {
     return (uint16_t)(1u << block->change.next++ % block->packet_count);
 }
 
-bool lw_change_choose_resting(struct lw_solve_block *block, uint32_t moves, uint32_t tick, bool active) {
+static void ask(struct lw_change_block *change, uint16_t packets) {
+    change->compare = packets;
+    change->asked |= packets;
+    change->retrace = packets & change->unchecked;
+    change->unchecked &= (uint16_t)~packets;
+}
+
+bool lw_change_choose(struct lw_solve_block *block, uint32_t moves, uint32_t tick, bool turn, bool active) {
     struct lw_change_block *change = &block->change;
+    const bool moved = change->moves != moves, missed = moves - change->moves > MOVES_MAX;
     change->compare = change->retrace = 0;
+    change->fresh = false;
     if (!block->packet_count || !block->frames) return false;
-    change->begins = change->moves != moves && (!change->unchecked || moves - change->moves > MOVES_MAX);
-    if (change->moves != moves) change->unchecked = all_packets(block);
+    change->begins = moved && (missed || (block->resting ? !change->unchecked : !change->moving));
+    if (!block->resting && !change->begins) return false;
+    if (moved) change->unchecked = all_packets(block);
     change->moves = moves;
+    change->moving = true;
+    if (change->begins) change->asked = 0;
     if (!change->unchecked && !active) return false;
-    /* Each packet once in LW_PACKETS_MAX frames, however few a block has. */
-    if (!change->begins && (tick + lw_random_hash(block->tile_id)) % LW_PACKETS_MAX >= block->packet_count)
+    /* Each packet once in LW_PACKETS_MAX rounds, however few a block has. */
+    if (!change->begins &&
+        (!turn || (tick + lw_random_hash(block->tile_id)) % LW_PACKETS_MAX >= block->packet_count))
         return false;
-    change->compare = take_turn(block);
-    change->retrace = change->compare & change->unchecked;
-    change->unchecked &= (uint16_t)~change->compare;
+    ask(change, take_turn(block));
+    change->fresh = true;
     return true;
 }
 
@@ -88,33 +102,39 @@ static bool has_changed(const struct lw_solve_block *block, uint16_t packets, fl
     return is_too_much(block, &off, target_error);
 }
 
+/* Packets whose mean stands for the block: what begins to move is not told by what was found before. */
+static uint16_t witnesses(const struct lw_solve_block *block) {
+    return block->change.begins ? block->change.asked : all_packets(block);
+}
+
 bool lw_change_choose_more(struct lw_solve_block *block, float target_error) {
     struct lw_change_block *change = &block->change;
-    const uint16_t asked = change->compare;
+    const uint16_t asked = change->compare, found = witnesses(block);
     change->compare = 0;
-    if (!asked || !has_changed(block, change->begins ? asked : all_packets(block), target_error))
-        return false;
-    change->compare = all_packets(block) & (uint16_t)~asked;
-    change->retrace = change->compare & change->unchecked;
-    change->unchecked = 0;
+    if (!asked || !has_changed(block, found, target_error) || has_changed(block, found, STRONG)) return false;
+    ask(change, all_packets(block) & (uint16_t)~asked);
     return change->compare != 0;
 }
 
 void lw_change_wake(struct lw_solve_block *block, float target_error) {
-    block->change.compare = 0;
-    if (!has_changed(block, all_packets(block), target_error)) return;
+    struct lw_change_block *change = &block->change;
+    change->compare = 0;
+    if (!(block->resting || change->begins) || !has_changed(block, witnesses(block), target_error)) return;
+    change->judged = witnesses(block);
     block->resting = false;
-    block->stale = block->change.woken = true;
+    block->stale = change->woken = true;
 }
 
-bool lw_change_choose_due(struct lw_solve_block *block, uint32_t moves) {
+bool lw_change_choose_due(struct lw_solve_block *block, uint32_t moves, bool changing) {
     struct lw_change_block *change = &block->change;
-    const uint32_t moved = moves - change->moves;
-    change->compare = change->retrace = 0;
-    if (!block->packet_count || !block->frames) return false;
-    change->compare = moved && (!change->moving || moved > MOVES_MAX) ? all_packets(block) : take_turn(block);
-    if (moved) change->retrace = change->compare;
-    return true;
+    const bool moved = moves != change->moves;
+    if (!block->packet_count || !block->frames || change->woken || change->fresh) return false;
+    if (moved) change->unchecked = all_packets(block);
+    if (moved)
+        ask(change, change->asked ? change->asked : take_turn(block));
+    else if (changing)
+        ask(change, all_packets(block));
+    return moved || changing;
 }
 
 static float room_for(const struct lw_solve_block *block, int part, float stale) {
@@ -126,14 +146,14 @@ static float room_for(const struct lw_solve_block *block, int part, float stale)
 
 void lw_change_weigh_direct(struct lw_solve_block *block, uint32_t moves) {
     struct lw_change_block *change = &block->change;
-    const struct off off = add_up(block, change->woken ? all_packets(block) : change->compare);
+    const struct off off = add_up(block, change->woken ? change->judged : change->asked);
     const float weight = lw_memory_take(&block->direct, room_for(block, LW_TILES_DIRECT, off.direct));
     change->stale_direct = off.direct * (1 - weight);
     memcpy(change->stale_indirect, off.indirect, sizeof off.indirect);
     memset(change->packet, 0, sizeof change->packet);
-    change->moving = change->woken || moves != change->moves;
-    change->moves = moves;
-    change->compare = change->retrace = change->unchecked = 0;
+    change->moving = moves != change->solved_moves;
+    change->moves = change->solved_moves = moves;
+    change->compare = change->retrace = change->asked = change->unchecked = 0;
     change->woken = false;
 }
 

@@ -7,10 +7,10 @@
  * difference has none of the noise of the estimates themselves. Direct light and bounce rays are traced again where something has
  * moved since; where not, what arrives along the rays' ends is read again, which costs no ray: so a change follows the
  * bounces. What nobody looks at and what lights nobody's view is not asked.
- *   at rest   one packet in turn, so that all have been asked 16 frames after the last movement; all at once where something
- *             begins to move and that one has found a difference. A block wakes when what its packets have found adds up to
- *             more than its target error
- *   awake     before each solve, all packets when something begins to move, one while it goes on
+ *   where something begins to move   one packet, and all at once if that one has found a difference
+ *   at rest   one packet in turn, so that all have been asked 16 rounds after the last movement
+ *   awake     one packet before each solve while something moves; all, along the rays that there are, while light changes
+ * A block wakes when what its packets have found adds up to more than its target error.
  * What a block gets along its new rays from others that are solved in the same frame changes in that frame: the mean by which the
  * radiance of each block differs from the frame before is looked up at the ends of all rays (lw_passes_arrive()).
  * A block with no change in its samples may still be wrong by what fewer than one ray in 512 of it would see. */
@@ -34,13 +34,17 @@ struct lw_change_packet {
 struct lw_change_block {
     struct lw_change_packet
         packet[LW_PACKETS_MAX]; /* the last comparison since the block was solved; else 0 */
-    uint16_t compare, retrace;  /* packets, a bit each: asked in this frame; of these, with new rays */
-    uint16_t unchecked;         /* packets at rest whose rays were not traced again since something moved */
-    bool woken;                 /* in this frame */
+    uint16_t compare, retrace;  /* packets, a bit each: asked now; of these, with new rays */
+    uint16_t asked;             /* since the block was solved, or something began to move */
+    uint16_t judged;            /* those whose mean stands for the block, if they have woken it */
+    uint16_t unchecked;         /* whose rays were not traced again since something moved */
+    bool fresh;                 /* asked in this frame */
+    bool woken;                 /* since it was last solved */
     bool begins;                /* in this frame, something moves after a while in which nothing did */
     bool moving;                /* something had moved when it was last solved */
     uint32_t next;              /* packet, in turn */
     uint32_t moves;             /* of the scene, when it was last asked */
+    uint32_t solved_moves;      /* and solved */
     /* By how much the means are out of date (memory.h). */
     float stale_direct;                               /* root mean square over the texels */
     struct lw_vec3 stale_indirect[LW_CHANGE_REGIONS]; /* mean over the texels of a region */
@@ -48,19 +52,21 @@ struct lw_change_block {
 
 struct lw_solve_block;
 
-/** Chooses the packets of a block at rest that are asked in this frame: mostly one, or none. moves: of the scene, so far; tick:
- * counts the frames; active: light elsewhere may be changing. Returns whether there are any. */
-bool lw_change_choose_resting(struct lw_solve_block *block, uint32_t moves, uint32_t tick, bool active);
+/** Chooses the packets that are asked of a block before it is known what this frame solves: mostly one, or none; of a block that does
+ * not rest only where something begins to move. moves: of the scene, so far; tick: counts rounds (schedule.h); turn: a round
+ * begins; active: light elsewhere may be changing. Returns whether there are any. */
+bool lw_change_choose(struct lw_solve_block *block, uint32_t moves, uint32_t tick, bool turn, bool active);
 
-/** After their answers: chooses the packets of a block at rest that are to be asked besides, before lw_change_wake(): all, if
- * those asked have found so much that it might have to wake. Returns whether there are any. */
+/** After their answers: chooses the packets that are to be asked besides, before lw_change_wake(): all, if those asked have found so
+ * much that the block might have to wake, but not so much that it must. Returns whether there are any. */
 bool lw_change_choose_more(struct lw_solve_block *block, float target_error);
 
-/** Wakes a block at rest if what its packets have found is more than its target error allows. */
+/** Wakes a block if what its packets have found is more than its target error allows. */
 void lw_change_wake(struct lw_solve_block *block, float target_error);
 
-/** Chooses the packets of a block that is to be solved; not of one that lw_change_wake() has woken in this frame. */
-bool lw_change_choose_due(struct lw_solve_block *block, uint32_t moves);
+/** Chooses the packets of a block that is to be solved, unless it was asked in this frame: one where something has moved since; all,
+ * which then costs no ray, where light elsewhere is changing. */
+bool lw_change_choose_due(struct lw_solve_block *block, uint32_t moves, bool changing);
 
 /** Begins a due block's frame with what its packets have found, which is then forgotten; sets the weight of its next estimate of
  * direct light. */

@@ -13,6 +13,8 @@
 #define PLACE_SHARE 2u
 /* So many samples without light count as an error of 1; a full tile rests after some 25 frames at 0.02. */
 #define DARK_SAMPLES 2000.0
+/* What is known of a block's noise holds while its light is within this factor of what it was. */
+#define LIKE 4.0
 /* Of a block's estimated noise, what each frame brings. */
 #define NOISE_WEIGHT 0.125f
 /* Packets whose normals agree to this cosine run parallel enough for Embree's coherent traversal. */
@@ -455,7 +457,7 @@ void lw_passes_gather(const struct lw_passes *p, const struct lw_solve_tile *til
 
 /* ---- comparing ---- */
 
-/* How many times its block's light one texel's difference may be: single bright ends are no news. */
+/* How many times its block's light, or the others' difference, one texel's may be: single bright ends are no news. */
 #define DIFFERENCE_MAX 4.0f
 
 /* Of a block; texel: within the tile. */
@@ -488,21 +490,26 @@ static struct lw_change_packet compare_packet(const struct lw_passes *p, const s
                                               const struct lw_vec3 *direct,
                                               const struct lw_change_packet *before) {
     struct lw_change_packet found = {.direct_square = direct ? 0 : before->direct_square};
-    const float bound = block->light > 0 ? DIFFERENCE_MAX * block->light : INFINITY;
-    for (uint32_t lane = 0; lane < LANES; lane++) {
-        if (!(packet->active >> lane & 1)) continue;
+    const uint32_t lanes = (uint32_t)__builtin_popcount(packet->active);
+    struct lw_vec3 off[LANES];
+    float sum = 0;
+    for (uint32_t lane = 0; lane < lanes; lane++) {
         const uint32_t texel = tile->first + packet->lane_texel[lane];
         if (direct) {
-            const float off = most_of(
+            const float d = most_of(
                 lw_vec3_sub(direct[lane], lw_texels_vector(p->tiles->estimate[LW_TILES_DIRECT], texel)));
-            found.direct_square += fminf(off * off, bound * bound);
+            found.direct_square += d * d;
         }
-        const struct lw_vec3 off = lw_vec3_sub(
-            gather_orders(p, texel), lw_texels_vector(p->tiles->estimate[LW_TILES_INDIRECT], texel));
+        off[lane] = lw_vec3_sub(gather_orders(p, texel),
+                                lw_texels_vector(p->tiles->estimate[LW_TILES_INDIRECT], texel));
+        sum += most_of(off[lane]);
+    }
+    for (uint32_t lane = 0; lane < lanes; lane++) {
+        const float size = most_of(off[lane]);
+        const float others = lanes > 1 ? (sum - size) / (float)(lanes - 1) : size;
+        const float bound = DIFFERENCE_MAX * fmaxf(block->light, others);
         struct lw_vec3 *region = &found.indirect[quarter_of(tile, packet->lane_texel[lane])];
-        *region = lw_vec3_add(*region,
-                              lw_vec3(fmaxf(-bound, fminf(off.x, bound)), fmaxf(-bound, fminf(off.y, bound)),
-                                      fmaxf(-bound, fminf(off.z, bound))));
+        *region = lw_vec3_mad(*region, off[lane], size > bound ? bound / size : 1);
     }
     return found;
 }
@@ -672,6 +679,8 @@ static void judge(struct lw_solve_tile *tile, uint32_t samples) {
         struct lw_solve_block *block = &tile->block[b];
         const double n = block->covered_count, light = n > 0 ? fmax(block->luminance / n, tile_mean) : 0;
         if (!(n > 0)) continue;
+        if (!(light < LIKE * (double)block->light && (double)block->light < LIKE * light))
+            block->noise[LW_TILES_DIRECT] = block->noise[LW_TILES_INDIRECT] = -1;
         block->light = (float)light;
         /* variance is that of one estimate; the mean of h of them has 1/(h-1) of it (Bessel's correction in it). */
         const double others = (double)block->indirect.frames - 1;

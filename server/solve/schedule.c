@@ -17,11 +17,14 @@
 #define READINGS_MEMORY 8.0f
 /* Fewer readings than this light nothing that can be seen: a thousandth of what a tile gets in a scene all in view. */
 #define READINGS_MIN 0.001f
+/* What has just changed may take so many times the limit of a frame. */
+#define WOKEN_SHARE 3u
 /* Of the coarsest levels that are looked at; farther ones keep up with what moves as these do. */
 #define PERIOD_LOG_MAX 3u
 
 void lw_schedule_init(struct lw_schedule *schedule, uint32_t ids, uint32_t indirect_samples) {
-    *schedule = (struct lw_schedule){.everything = true, .ids = ids, .samples = indirect_samples};
+    *schedule =
+        (struct lw_schedule){.everything = true, .ended = true, .ids = ids, .samples = indirect_samples};
 }
 
 static void forget(struct lw_schedule *schedule) {
@@ -93,15 +96,6 @@ static void take_readings(struct lw_schedule *schedule, const struct lw_tiles *t
     memset(schedule->ends, 0, schedule->ids * sizeof *schedule->ends);
 }
 
-static void choose_everything(struct lw_tiles *tiles, struct lw_schedule_count *count) {
-    for (uint32_t i = 0; i < tiles->count; i++) {
-        tiles->tile[i].due = !tiles->tile[i].resting;
-        tiles->tile[i].shows = true;
-        count->due += tiles->tile[i].due;
-        count->wanted += tiles->tile[i].covered_count > 0;
-    }
-}
-
 /* Whether something that is looked at does not rest, or the light has changed of what lights it. */
 static bool is_watched(const struct lw_schedule *schedule, const struct lw_tiles *tiles) {
     for (uint32_t i = 0; i < tiles->count; i++) {
@@ -121,38 +115,93 @@ void lw_schedule_serve(const struct lw_schedule *schedule, struct lw_tiles *tile
     }
 }
 
-void lw_schedule_choose(struct lw_schedule *schedule, struct lw_tiles *tiles,
-                        struct lw_schedule_count *out_count) {
-    struct lw_schedule_count count = {0};
+/* Of a tile that is to be solved: frames until it is again; 0: it is not looked at, and lights nothing that is. */
+static uint32_t period_of(const struct lw_schedule *schedule, const struct lw_solve_tile *tile) {
+    if (schedule->everything) return 1;
+    const uint32_t wanted = schedule->wanted[tile->id.v];
+    if (wanted) return 1u << (wanted - 1 < PERIOD_LOG_MAX ? wanted - 1 : PERIOD_LOG_MAX);
+    return schedule->watched && tile->serves ? feeding_period(schedule->readings[tile->id.v]) : 0;
+}
+
+static bool is_looked_at(const struct lw_schedule *schedule, const struct lw_solve_tile *tile) {
+    return schedule->everything || schedule->wanted[tile->id.v];
+}
+
+static void begin_round(struct lw_schedule *schedule, struct lw_tiles *tiles) {
     schedule->tick++;
-    if (schedule->everything) {
-        choose_everything(tiles, &count);
-        schedule->watched = false;
-        *out_count = count;
-        return;
-    }
+    schedule->count = (struct lw_schedule_count){0};
     if (schedule->watched) take_readings(schedule, tiles);
-    schedule->watched = is_watched(schedule, tiles);
+    schedule->watched = !schedule->everything && is_watched(schedule, tiles);
     for (uint32_t i = 0; i < tiles->count; i++) {
         struct lw_solve_tile *tile = &tiles->tile[i];
-        const uint32_t wanted = schedule->wanted[tile->id.v];
-        uint32_t period = 0;
-        tile->due = false;
-        schedule->weight[tile->id.v] = 0;
+        const uint32_t period = period_of(schedule, tile);
+        const bool looked_at = is_looked_at(schedule, tile);
+        if (!schedule->everything)
+            schedule->weight[tile->id.v] = looked_at ? WEIGHT_WANTED
+                                           : period  ? feeding_weight(schedule->readings[tile->id.v], period)
+                                                     : 0;
         if (!tile->covered_count) continue;
-        if (wanted) {
-            period = 1u << (wanted - 1 < PERIOD_LOG_MAX ? wanted - 1 : PERIOD_LOG_MAX);
-            schedule->weight[tile->id.v] = WEIGHT_WANTED;
-            count.wanted++;
-        } else if (schedule->watched && tile->serves) {
-            period = feeding_period(schedule->readings[tile->id.v]);
-            schedule->weight[tile->id.v] = feeding_weight(schedule->readings[tile->id.v], period);
-            count.feeding += period > 0;
-        }
-        tile->due = !tile->resting &&
-                    (tile->frames == 0 || (period && (tile->woken || is_turn(schedule, tile, period))));
-        tile->shows = wanted || tile->frames == 0 || shows_unwanted(schedule, tile->object);
+        schedule->count.wanted += looked_at;
+        schedule->count.feeding += !looked_at && period;
+        tile->waiting = !tile->resting && (tile->frames == 0 || (period && is_turn(schedule, tile, period)));
+    }
+}
+
+enum rank { WOKEN_IN_VIEW, WOKEN, STALE, OTHER };
+
+static enum rank rank_of(const struct lw_schedule *schedule, const struct lw_solve_tile *tile) {
+    if (tile->woken) return is_looked_at(schedule, tile) ? WOKEN_IN_VIEW : WOKEN;
+    return tile->stale ? STALE : OTHER;
+}
+
+/* Of tiles that wait, takes those of a rank until there are so many texels. */
+static void take(const struct lw_schedule *schedule, struct lw_tiles *tiles, enum rank rank, uint64_t texels,
+                 uint64_t *taken) {
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        struct lw_solve_tile *tile = &tiles->tile[i];
+        if (!tile->waiting || rank_of(schedule, tile) != rank) continue;
+        if (*taken && *taken + tile->covered_count > texels) continue;
+        tile->due = true;
+        *taken += tile->covered_count;
+    }
+}
+
+/* Takes what the frame solves of what waits; returns whether that is what has just changed, alone. */
+static bool take_all(const struct lw_schedule *schedule, struct lw_tiles *tiles, uint64_t texels) {
+    uint64_t taken = 0;
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        struct lw_solve_tile *tile = &tiles->tile[i];
+        tile->waiting |= tile->woken && !tile->resting;
+        tile->due = false;
+    }
+    const uint64_t more = texels < UINT64_MAX / WOKEN_SHARE ? WOKEN_SHARE * texels : UINT64_MAX;
+    take(schedule, tiles, WOKEN_IN_VIEW, more, &taken);
+    take(schedule, tiles, WOKEN, more, &taken);
+    const bool woken = taken && texels != UINT64_MAX;
+    if (!woken) take(schedule, tiles, STALE, texels, &taken);
+    if (!woken) take(schedule, tiles, OTHER, texels, &taken);
+    return woken;
+}
+
+void lw_schedule_choose(struct lw_schedule *schedule, struct lw_tiles *tiles, uint64_t texels,
+                        struct lw_schedule_count *out_count) {
+    if (schedule->ended) begin_round(schedule, tiles);
+    const bool woken = take_all(schedule, tiles, texels);
+    struct lw_schedule_count count = schedule->count;
+    schedule->ended = true;
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        struct lw_solve_tile *tile = &tiles->tile[i];
+        tile->woken = false;
+        tile->waiting &= !tile->due;
+        schedule->ended &= !tile->waiting;
         count.due += tile->due;
+    }
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        struct lw_solve_tile *tile = &tiles->tile[i];
+        const bool in_turn =
+            is_looked_at(schedule, tile) || tile->frames == 0 || shows_unwanted(schedule, tile->object);
+        /* At rest all may be seen. */
+        tile->shows = count.due == 0 || (in_turn && (schedule->ended || (woken && tile->due)));
     }
     *out_count = count;
 }

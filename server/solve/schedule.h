@@ -9,7 +9,11 @@
  * once all that is looked at rests. A tile that was never solved is solved once, whoever looks: there is no place
  * without light for rays to end on, and everything has a coarse level to show.
  *
- * The choice is a function of the wanted tiles, frame by frame, and of nothing else: never of time or thread. */
+ * What is to be solved makes a round. A frame takes of it what it has time for, first what has changed most lately; what
+ * a round has solved is shown together at its end, filtered and welded once. But where something begins to change, a frame
+ * solves that and nothing else, and shows it at once. Without a limit of time a round is a frame.
+ *
+ * The choice is a function of the wanted tiles and of the limits, frame by frame, and of nothing else: never of time or thread. */
 #ifndef LW_SOLVE_SCHEDULE_H
 #define LW_SOLVE_SCHEDULE_H
 
@@ -18,11 +22,16 @@
 /* A tile that lights what is looked at is solved every so many frames at least. */
 #define LW_SCHEDULE_PERIOD_MAX 16u
 
+struct lw_schedule_count {
+    uint32_t due, wanted, feeding; /* tiles: solved in this frame; looked at; that light what is looked at */
+};
+
 struct lw_schedule {
     bool everything; /* until somebody says otherwise; what follows is empty until then */
     bool looked_at;  /* something is, resting or not */
     bool watched;    /* in this frame, something that is looked at does not rest */
-    uint32_t tick;   /* counts the frames; period and age are measured in it */
+    bool ended;      /* the round has: the next frame begins another */
+    uint32_t tick;   /* counts the rounds; period and age are measured in it */
     uint8_t *wanted; /* per lw_tile_id: 0, or 1 + the finest level that is looked at */
     uint32_t *
         ends; /* per lw_tile_id: bounce rays of this frame that ended there, by weight, of those that are counted */
@@ -30,10 +39,7 @@ struct lw_schedule {
     float *readings;  /* per lw_tile_id: running mean of rays that end there for each that it would shoot */
     uint32_t ids;     /* lw_tile_ids of the scene */
     uint32_t samples; /* bounce rays per texel */
-};
-
-struct lw_schedule_count {
-    uint32_t due, wanted, feeding; /* tiles: solved in this frame; looked at; that light what is looked at */
+    struct lw_schedule_count count; /* as the round began */
 };
 
 void lw_schedule_init(struct lw_schedule *schedule, uint32_t ids, uint32_t indirect_samples);
@@ -52,8 +58,9 @@ static inline bool lw_schedule_is_looked_at(const struct lw_schedule *schedule) 
  * is looked at. */
 void lw_schedule_serve(const struct lw_schedule *schedule, struct lw_tiles *tiles, bool feeds_all);
 
-/** Sets `due` and `shows` of every tile, for the frame that begins. */
-void lw_schedule_choose(struct lw_schedule *schedule, struct lw_tiles *tiles,
+/** Sets `due` and `shows` of every tile, for the frame that begins. texels: that it has time for, about; at least one tile is due, if
+ * any waits. */
+void lw_schedule_choose(struct lw_schedule *schedule, struct lw_tiles *tiles, uint64_t texels,
                         struct lw_schedule_count *out_count);
 
 /** Counts a due tile's bounce rays. end: of the whole scene, `samples` words per texel (transport.h). */

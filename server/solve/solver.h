@@ -40,6 +40,8 @@ struct lw_solver_desc {
     uint32_t seed;
     bool
         denoise; /* filters what is shown, in every frame (denoise.h); direct and indirect stay as they are */
+    double
+        frame_budget_s; /* wall time in which a frame solves, about; 0: as long as it takes, the same bytes every time */
     const _Atomic bool *cancel; /* may be NULL; once true, a frame under way ends within a tile */
 };
 
@@ -50,8 +52,9 @@ struct lw_solver_stats {
     uint64_t texels_solved;
     uint32_t tiles_solved, tiles_converged, tiles; /* level-0 tiles: of this frame; at rest; in all */
     uint32_t tiles_wanted,
-        tiles_feeding; /* those with surface: looked at; solved for the light that they give */
-    bool moved;        /* the pose is another than in the frame before */
+        tiles_feeding;    /* those with surface: looked at; solved for the light that they give */
+    uint32_t tiles_shown; /* whose light to be seen has changed */
+    bool moved;           /* the pose is another than in the frame before */
 };
 
 /** One level-0 tile as the solver holds it: planar, tile-contiguous. Valid until the next call on the solver. */

@@ -54,7 +54,7 @@ static struct box bound_block(const struct lw_solve_tile *tile, uint32_t column,
     const struct lw_mesh_texels *mesh = tile->mesh;
     struct box box = nothing;
     block->covered_count = 0;
-    EACH_TEXEL(tile, column, row, x, y) {
+    EACH_TEXEL (tile, column, row, x, y) {
         const uint32_t i = y * tile->width + x;
         if (!covered[tile->first + i]) continue;
         const struct lw_vec3 p = lw_texels_vector(mesh->position, tile->local + i);

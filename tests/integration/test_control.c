@@ -224,7 +224,8 @@ static int start_all(void **state) {
     struct lw_error err = {0};
     char arguments[256];
     write_scene(build_scene(), scene_file(BASE));
-    snprintf(arguments, sizeof arguments, "%s --freeze 0 --frame-rate 1000 --threads 1", scene_file(BASE));
+    snprintf(arguments, sizeof arguments,
+             "%s --freeze 0 --frame-rate 1000 --frame-budget-ms 60000 --threads 1", scene_file(BASE));
     lw_process_serve(&server, arguments);
     snprintf(address, sizeof address, "127.0.0.1:%u", server.port);
     lw_support_ok(

@@ -288,6 +288,37 @@ static void test_changes_reach_what_is_looked_at(void **state) {
     }
 }
 
+/* Frames that have time for next to nothing: each solves one tile, the round is shown at its end, and no tile waits for longer;
+ * but where the light begins to change, that comes first, and is shown at once. */
+static void test_a_round_in_many_frames(void **state) {
+    (void)state;
+    struct room room = two_rooms();
+    struct room_solution s;
+    uint64_t frame = 0;
+    struct lw_solver_desc d = {.bounces = 1, .target_error = -1, .frame_budget_s = 1e-12};
+    room_solve(&s, &room, d, 0);
+    look(&s, 0, 12, 0);
+    solve_on(&s, &frame, 1);
+    const uint32_t tiles = s.stats.tiles_solved;
+    assert_int_equal(s.stats.tiles_shown, tiles); /* the first frame lights everything */
+    assert_true(tiles >= 12);
+    for (unsigned round = 1; round <= 3; round++) {
+        for (uint32_t f = 0; f < tiles; f++) {
+            solve_on(&s, &frame, 1);
+            assert_int_equal(s.stats.tiles_solved, 1);
+            assert_int_equal(s.stats.tiles_shown, f + 1 < tiles ? 0 : tiles);
+        }
+        for (uint32_t o = 0; o < 12; o++) assert_int_equal(first_tile(&s, o).frames, round + 1);
+    }
+    const double before = room_object_mean(&s, 6 + FLOOR).direct;
+    dim(&s, 1, 2);
+    solve_on(&s, &frame, 1);
+    assert_true(s.stats.tiles_shown > 0 && s.stats.tiles_shown <= s.stats.tiles_solved);
+    solve_on(&s, &frame, 2 * tiles);
+    expect_near(room_object_mean(&s, 6 + FLOOR).direct, 2 * before, 0.01);
+    room_finish(&s);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_wanted_tiles_are_lit_as_in_a_whole_solve),
@@ -298,6 +329,7 @@ int main(void) {
         cmocka_unit_test(test_rests_with_what_is_looked_at),
         cmocka_unit_test(test_wakes_to_the_light_of_today),
         cmocka_unit_test(test_changes_reach_what_is_looked_at),
+        cmocka_unit_test(test_a_round_in_many_frames),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
