@@ -341,7 +341,7 @@ static void *serve(void *context) {
 static void tell(const struct job *job, double link, const struct figures *f) {
     const struct settings *s = job->settings;
     const uint32_t second = (uint32_t)ceil(s->hz), frames = (uint32_t)s->frames;
-    double mbit = 0, peak = 0, error = 0, worst = 0, joined = NAN;
+    double mbit = 0, peak = 0, error = 0, worst = 0, joined = (double)NAN;
     for (uint32_t i = 0; i < frames; i++) {
         if (isnan(joined) && f->error[i] < JOINED_ERROR) joined = (i + 1) / s->hz;
         if (job->csv)
