@@ -131,9 +131,9 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
         {"frame-rate", "HZ", "frames a second at most (default 30)", LW_OPTION_REAL, &s->frame_rate, 0.01,
          1000, NULL},
         {"frame-budget-ms", "MS",
-         "wall time that a frame may take for solving, about, so that changes are heard of soon: what is "
-         "left "
-         "is for the next. Under the real clock alone (default 33)",
+         "wall time that a frame may take for solving, about, so that changes are heard of soon; what is "
+         "left is "
+         "for the next. Under the real clock alone (default: as long as it takes)",
          LW_OPTION_REAL, &s->frame_budget_ms, 1, 1e6, NULL},
         {"clock", "real|step|manual",
          "real: scene time is wall time (default). step: 1/30 s of scene time per solved frame, repeatable. "
@@ -557,7 +557,6 @@ int main(int argc, char **argv) {
                      .light = LIGHT_SEEN,
                      .codec = CODEC_DCT,
                      .frame_rate = 30,
-                     .frame_budget_ms = 33,
                      .seed = 1,
                      .error = (double)TARGET_ERROR,
                      .scene = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG, .cancel = &signalled}}};

@@ -141,7 +141,7 @@ static void find_change(struct cell_solver *s, const struct lw_passes *passes,
         if (more) lw_passes_compare(passes, tile, &count);
         EACH_BLOCK (tile, block) {
             if (block->covered_count) lw_change_wake(block, s->desc.target_error);
-            tile->woken |= block->change.woken && block->change.begins;
+            tile->woken |= block->change.woken;
         }
         lw_tiles_sum_up(tile);
         shadow += count.shadow;

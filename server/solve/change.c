@@ -128,7 +128,7 @@ void lw_change_wake(struct lw_solve_block *block, float target_error) {
 bool lw_change_choose_due(struct lw_solve_block *block, uint32_t moves, bool changing) {
     struct lw_change_block *change = &block->change;
     const bool moved = moves != change->moves;
-    if (!block->packet_count || !block->frames || change->woken || change->fresh) return false;
+    if (!block->packet_count || !block->frames || change->fresh) return false;
     if (moved) change->unchecked = all_packets(block);
     if (moved)
         ask(change, change->asked ? change->asked : take_turn(block));

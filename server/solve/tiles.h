@@ -56,7 +56,7 @@ struct lw_solve_tile {
     bool resting;         /* all its blocks do */
     bool serves;          /* it is looked at, or lights what is (schedule.h) */
     bool stale;           /* one of its blocks is */
-    bool woken;           /* one of its blocks has found in this frame that its light begins to change */
+    bool woken;           /* one of its blocks has found in this frame that its light has changed */
     bool waiting;         /* the round under way has yet to solve it (schedule.h) */
     bool due;             /* the frame under way solves it (schedule.h): its blocks that do not rest */
     bool shows;           /* what was solved is to be seen in this frame, not merely read by other tiles */

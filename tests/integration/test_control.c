@@ -17,6 +17,7 @@
 #include <string.h>
 
 #define LIMIT_S 60
+#define LOOKS   8u   /* at a picture until it is right */
 #define FRAMES  160u /* after which what is remembered of the time before a change shows no more */
 #define BLOCK   8u   /* pixels: means over blocks are compared */
 #define CAMERA  "0,0.99,3.4:0,0.99,0:40"
@@ -138,16 +139,18 @@ static struct lw_client_stats poll_viewer(unsigned ms) {
     return stats;
 }
 
-/* Makes a change and waits until the light has had time to follow: so many frames, or no more of them because it rests. */
+/* Makes a change and waits until the light has had time to follow: so many frames, or no more of them because it rests; a while in any
+ * case, as frames at rest are short. */
 static void change(const char *commands) {
     char *said;
     unsigned long long frame = 0;
     assert_int_equal(ctl(commands, &said), 0);
     assert_int_equal(sscanf(said, "frame %llu", &frame), 1);
     free(said);
-    const uint64_t limit_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
-    uint64_t newest = 0, since_ns = lw_clock_ns();
-    while (newest < frame || (newest < frame + FRAMES && lw_clock_ns() - since_ns < 1000000000u)) {
+    const uint64_t began_ns = lw_clock_ns(), limit_ns = began_ns + LIMIT_S * 1000000000ull;
+    uint64_t newest = 0, since_ns = began_ns;
+    while (newest < frame || lw_clock_ns() - began_ns < 2000000000u ||
+           (newest < frame + FRAMES && lw_clock_ns() - since_ns < 1000000000u)) {
         struct lw_client_stats stats = poll_viewer(50);
         assert_true(lw_clock_ns() < limit_ns);
         if (stats.frame != newest) since_ns = lw_clock_ns();
@@ -209,13 +212,19 @@ static double brightness(void) {
     return sum / (width * height * 3.0);
 }
 
-/* The change has arrived if the picture is near that of the new scene and was far from it before. */
+/* The change has arrived if the picture is near that of the new scene and was far from it before. What only this picture shows is lit
+ * from when it is asked for. */
 static void expect_change(const char *commands, const char *scene, double time_s) {
     const double before = difference(scene, time_s);
+    const double near = 0.035 + 0.01 * before; /* noise, and what is remembered of the light before */
     change(commands);
-    const double after = difference(scene, time_s);
+    double after = difference(scene, time_s);
+    for (unsigned i = 0; i < LOOKS && after >= near; i++) {
+        print_message("%s: %.4f before, %.4f so far\n", commands, before, after);
+        after = difference(scene, time_s);
+    }
     print_message("%s: %.4f before, %.4f after\n", commands, before, after);
-    assert_true(after < 0.035 + 0.01 * before); /* noise, and what is remembered of the light before */
+    assert_true(after < near);
     assert_true(before > 2 * after);
 }
 
@@ -224,8 +233,7 @@ static int start_all(void **state) {
     struct lw_error err = {0};
     char arguments[256];
     write_scene(build_scene(), scene_file(BASE));
-    snprintf(arguments, sizeof arguments,
-             "%s --freeze 0 --frame-rate 1000 --frame-budget-ms 60000 --threads 1", scene_file(BASE));
+    snprintf(arguments, sizeof arguments, "%s --freeze 0 --frame-rate 1000 --threads 1", scene_file(BASE));
     lw_process_serve(&server, arguments);
     snprintf(address, sizeof address, "127.0.0.1:%u", server.port);
     lw_support_ok(
