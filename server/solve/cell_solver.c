@@ -91,11 +91,6 @@ static enum lw_status place(struct cell_solver *s, struct lw_solver_stats *stats
     return LW_OK;
 }
 
-#define EACH_BLOCK(tile, block)                                                                              \
-    for (struct lw_solve_block *block = (tile)->block, *const end_ = block + (tile)->block_columns *         \
-                                                                                 (tile)->block_rows;         \
-         block < end_; block++)
-
 static bool cancelled(const struct cell_solver *s) { return s->desc.cancel && *s->desc.cancel; }
 
 static bool has_work(const struct cell_solver *s, const struct lw_solve_tile *tile) {
@@ -105,6 +100,11 @@ static bool has_work(const struct cell_solver *s, const struct lw_solve_tile *ti
 /* The frames for which probes may remember, that many frames after a movement. */
 static uint32_t probe_history_max(const struct cell_solver *s) {
     return s->moves ? LW_CELL_SOLVER_HISTORY_PROBES - 1 + s->frames_since_move / 2 : UINT32_MAX;
+}
+
+static void count_rays(struct lw_solver_stats *stats, uint64_t shadow, uint64_t bounce) {
+    stats->rays_shadow += shadow;
+    stats->rays_bounce += bounce;
 }
 
 /* ---- what has changed (change.h) ---- */
@@ -118,7 +118,7 @@ static bool is_changing(const struct cell_solver *s) {
     return false;
 }
 
-/* Blocks at rest: wakes those whose light is no longer what it was. */
+/* Wakes blocks at rest whose light is no longer what it was; where something begins to move, asks those that are awake too. */
 static void find_change(struct cell_solver *s, const struct lw_passes *passes,
                         struct lw_solver_stats *stats) {
     uint64_t shadow = 0, bounce = 0;
@@ -130,16 +130,16 @@ static void find_change(struct cell_solver *s, const struct lw_passes *passes,
         struct lw_passes_count count = {0};
         bool asked = false, more = false;
         if (!tile->serves) continue;
-        EACH_BLOCK (tile, block) {
+        LW_TILES_EACH_BLOCK (tile, block) {
             asked |= lw_change_choose(block, s->moves, s->schedule.tick, s->schedule.ended, active);
         }
         if (!asked) continue;
         lw_passes_compare(passes, tile, &count);
-        EACH_BLOCK (tile, block) {
+        LW_TILES_EACH_BLOCK (tile, block) {
             more |= lw_change_choose_more(block, s->desc.target_error);
         }
         if (more) lw_passes_compare(passes, tile, &count);
-        EACH_BLOCK (tile, block) {
+        LW_TILES_EACH_BLOCK (tile, block) {
             if (block->covered_count) lw_change_wake(block, s->desc.target_error);
             tile->woken |= block->change.woken;
         }
@@ -147,8 +147,7 @@ static void find_change(struct cell_solver *s, const struct lw_passes *passes,
         shadow += count.shadow;
         bounce += count.bounce;
     }
-    stats->rays_shadow += shadow;
-    stats->rays_bounce += bounce;
+    count_rays(stats, shadow, bounce);
 }
 
 /* Blocks that are due: what this frame begins with. */
@@ -160,21 +159,20 @@ static void weigh_direct(struct cell_solver *s, const struct lw_passes *passes,
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         struct lw_passes_count count = {0};
         bool asked = false;
-        EACH_BLOCK (tile, block) {
+        LW_TILES_EACH_BLOCK (tile, block) {
             block->due = tile->due && !block->resting;
             if (block->due && s->moves)
                 asked |= lw_change_choose_due(block, s->moves, s->unchanged_rounds <= CHANGING_ROUNDS);
         }
         if (asked) lw_passes_compare(passes, tile, &count);
-        EACH_BLOCK (tile, block) {
+        LW_TILES_EACH_BLOCK (tile, block) {
             if (block->due) lw_change_weigh_direct(block, s->moves);
         }
         if (tile->due) tile->solved_tick = s->schedule.tick;
         shadow += count.shadow;
         bounce += count.bounce;
     }
-    stats->rays_shadow += shadow;
-    stats->rays_bounce += bounce;
+    count_rays(stats, shadow, bounce);
 }
 
 /* ---- the passes ---- */
@@ -222,7 +220,7 @@ static void weigh_indirect(struct cell_solver *s, const struct lw_passes *passes
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         if (!has_work(s, tile)) continue;
         if (s->moves && s->desc.bounces) lw_passes_arrive(passes, tile, 1, 1);
-        EACH_BLOCK (tile, block)
+        LW_TILES_EACH_BLOCK (tile, block)
             if (block->due) lw_change_weigh_indirect(block, most);
     }
 }
@@ -264,7 +262,7 @@ static bool settled(const struct cell_solver *s, const struct lw_solve_block *bl
 
 /* Blocks whose error is low enough rest until their light changes. */
 static void settle_tile(const struct cell_solver *s, struct lw_solve_tile *tile) {
-    EACH_BLOCK (tile, block) {
+    LW_TILES_EACH_BLOCK (tile, block) {
         if (!block->due || !block->covered_count) continue;
         block->resting = settled(s, block);
         block->stale = !block->resting && lw_change_is_stale(block, s->desc.target_error);
@@ -277,7 +275,7 @@ static void settle(struct cell_solver *s, struct lw_solver_stats *stats) {
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         stats->tiles_solved += tile->due;
-        EACH_BLOCK (tile, block) stats->texels_solved += block->due ? block->covered_count : 0;
+        LW_TILES_EACH_BLOCK (tile, block) stats->texels_solved += block->due ? block->covered_count : 0;
         if (tile->due) settle_tile(s, tile);
         stats->tiles_converged += tile->resting;
     }
@@ -325,8 +323,7 @@ static void recall(struct cell_solver *s, const struct lw_passes *passes, struct
         shadow += count.shadow;
         bounce += count.bounce;
     }
-    stats->rays_shadow += shadow;
-    stats->rays_bounce += bounce;
+    count_rays(stats, shadow, bounce);
     s->forgetful = false;
 }
 
@@ -522,7 +519,7 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
     s->seams.fresh = true;
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
-        EACH_BLOCK (tile, block) {
+        LW_TILES_EACH_BLOCK (tile, block) {
             block->resting = block->covered_count == 0 || settled(s, block);
             block->change.moves = s->moves;
         }

@@ -311,8 +311,7 @@ static void store(float *const dst[3], uint32_t texel, struct lw_vec3 value) {
 void lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile, struct lw_passes_count *count) {
     struct packet packet;
     lw_footprint_frame_init(&packet.frame, &p->pose->object_to_world[tile->object]);
-    const uint32_t blocks = tile->block_columns * tile->block_rows;
-    for (const struct lw_solve_block *block = tile->block; block < tile->block + blocks; block++) {
+    LW_TILES_EACH_BLOCK (tile, block) {
         if (!block->due) continue;
         prefetch_places(p, tile, block, block->frames * p->direct_samples);
         for (uint32_t set = 0; set < block->packet_count; set++) {
@@ -414,8 +413,7 @@ void lw_passes_trace_ends(const struct lw_passes *p, const struct lw_solve_tile 
                           struct lw_passes_count *count) {
     struct packet packet;
     lw_footprint_frame_init(&packet.frame, &p->pose->object_to_world[tile->object]);
-    const uint32_t blocks = tile->block_columns * tile->block_rows;
-    for (const struct lw_solve_block *block = tile->block; block < tile->block + blocks; block++) {
+    LW_TILES_EACH_BLOCK (tile, block) {
         if (!block->due) continue;
         prefetch_places(p, tile, block, block->frames * p->indirect_samples / PLACE_SHARE);
         for (uint32_t set = 0; set < block->packet_count; set++) {
@@ -517,8 +515,7 @@ static struct lw_change_packet compare_packet(const struct lw_passes *p, const s
 void lw_passes_compare(const struct lw_passes *p, struct lw_solve_tile *tile, struct lw_passes_count *count) {
     struct packet packet;
     lw_footprint_frame_init(&packet.frame, &p->pose->object_to_world[tile->object]);
-    const uint32_t blocks = tile->block_columns * tile->block_rows;
-    for (struct lw_solve_block *block = tile->block; block < tile->block + blocks; block++)
+    LW_TILES_EACH_BLOCK (tile, block)
         for (uint32_t set = 0; set < block->packet_count; set++) {
             if (!(block->change.compare >> set & 1)) continue;
             const bool retrace = block->change.retrace >> set & 1;
@@ -566,8 +563,7 @@ static void arrive_at(const struct lw_passes *p, const struct lw_solve_tile *til
 }
 
 void lw_passes_arrive(const struct lw_passes *p, struct lw_solve_tile *tile, uint32_t first, uint32_t last) {
-    const uint32_t blocks = tile->block_columns * tile->block_rows;
-    for (struct lw_solve_block *block = tile->block; block < tile->block + blocks; block++)
+    LW_TILES_EACH_BLOCK (tile, block)
         if (block->due) arrive_at(p, tile, block, first, last, first == 1 ? 1 : 1 - block->indirect.weight);
 }
 
@@ -575,8 +571,7 @@ void lw_passes_recall(const struct lw_passes *p, const struct lw_solve_tile *til
                       struct lw_passes_count *count) {
     struct packet packet;
     lw_footprint_frame_init(&packet.frame, &p->pose->object_to_world[tile->object]);
-    const uint32_t blocks = tile->block_columns * tile->block_rows;
-    for (const struct lw_solve_block *block = tile->block; block < tile->block + blocks; block++)
+    LW_TILES_EACH_BLOCK (tile, block)
         for (uint32_t set = 0; block->frames && set < block->packet_count; set++) {
             struct lw_vec3 direct[LANES];
             load_packet(tile, block, set, &packet);
@@ -591,7 +586,7 @@ void lw_passes_recall(const struct lw_passes *p, const struct lw_solve_tile *til
         }
 }
 
-/* ---- sums ---- */
+/* ---- radiance ---- */
 
 void lw_passes_radiate(const struct lw_passes *p, const struct lw_solve_tile *tile, uint32_t bounce) {
     float *const *e = bounce == 0 ? p->tiles->direct : p->tiles->order[bounce - 1];
@@ -668,15 +663,13 @@ static void add_up_block(struct lw_tiles *tiles, const struct lw_solve_tile *til
 /* Errors of a tile and its blocks. A block's noise is measured against its own light or the tile's, whichever is more, so that
  * a dark corner of a lit tile need not be known better than the rest. */
 static void judge(struct lw_solve_tile *tile, uint32_t samples) {
-    const uint32_t blocks = tile->block_columns * tile->block_rows;
     double luminance = 0, looks = 0, square = 0;
-    for (uint32_t b = 0; b < blocks; b++) {
-        luminance += tile->block[b].luminance;
-        looks += (double)tile->block[b].frames * samples * tile->block[b].covered_count;
+    LW_TILES_EACH_BLOCK (tile, block) {
+        luminance += block->luminance;
+        looks += (double)block->frames * samples * block->covered_count;
     }
     const double tile_mean = luminance / tile->covered_count;
-    for (uint32_t b = 0; b < blocks; b++) {
-        struct lw_solve_block *block = &tile->block[b];
+    LW_TILES_EACH_BLOCK (tile, block) {
         const double n = block->covered_count, light = n > 0 ? fmax(block->luminance / n, tile_mean) : 0;
         if (!(n > 0)) continue;
         if (!(light < LIKE * (double)block->light && (double)block->light < LIKE * light))

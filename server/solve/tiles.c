@@ -142,8 +142,7 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
                 (uint32_t)(lw_tiles_block(tile, i % tile->width, i / tile->width) - tiles->block);
         blocks += tile->block_columns * tile->block_rows;
         bound_tile(tile, texels->covered);
-        for (uint32_t b = 0; b < tile->block_columns * tile->block_rows; b++) {
-            struct lw_solve_block *block = &tile->block[b];
+        LW_TILES_EACH_BLOCK (tile, block) {
             block->tile_id = id;
             block->packet = tiles->packet + (size_t)(block - tiles->block) * LW_PACKETS_MAX;
             block->error = 1;
@@ -160,12 +159,10 @@ void lw_tiles_recount(struct lw_tiles *tiles, int threads) {
     for (uint32_t i = 0; i < tiles->count; i++) {
         struct lw_solve_tile *tile = &tiles->tile[i];
         uint32_t before[LW_TILE_BLOCKS * LW_TILE_BLOCKS];
-        for (uint32_t b = 0; b < tile->block_columns * tile->block_rows; b++)
-            before[b] = tile->block[b].covered_count;
+        LW_TILES_EACH_BLOCK (tile, block) before[block - tile->block] = block->covered_count;
         bound_tile(tile, tiles->covered);
-        for (uint32_t b = 0; b < tile->block_columns * tile->block_rows; b++) {
-            struct lw_solve_block *block = &tile->block[b];
-            if (block->covered_count == before[b]) continue;
+        LW_TILES_EACH_BLOCK (tile, block) {
+            if (block->covered_count == before[block - tile->block]) continue;
             block->direct.frames = block->indirect.frames = 0;
             block->resting = block->covered_count == 0;
         }
@@ -201,11 +198,11 @@ void lw_tiles_sum_up(struct lw_solve_tile *tile) {
     tile->resting = true;
     tile->stale = false;
     tile->frames = tile->covered_count ? UINT32_MAX : 0;
-    for (uint32_t b = 0; b < tile->block_columns * tile->block_rows; b++) {
-        if (!tile->block[b].covered_count) continue;
-        tile->resting &= tile->block[b].resting;
-        tile->stale |= tile->block[b].stale;
-        if (tile->block[b].frames < tile->frames) tile->frames = tile->block[b].frames;
+    LW_TILES_EACH_BLOCK (tile, block) {
+        if (!block->covered_count) continue;
+        tile->resting &= block->resting;
+        tile->stale |= block->stale;
+        if (block->frames < tile->frames) tile->frames = block->frames;
     }
 }
 

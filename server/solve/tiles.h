@@ -101,6 +101,11 @@ void lw_tiles_recount(struct lw_tiles *tiles, int threads);
 void lw_tiles_fill_gutters(struct lw_tiles *tiles, const struct lw_texels *texels, const uint8_t *welded,
                            int threads);
 
+#define LW_TILES_EACH_BLOCK(tile, block)                                                                     \
+    for (struct lw_solve_block *block = (tile)->block, *const end_ = block + (tile)->block_columns *         \
+                                                                                 (tile)->block_rows;         \
+         block < end_; block++)
+
 /** The block of a tile that its texel (x, y) lies in. */
 static inline struct lw_solve_block *lw_tiles_block(const struct lw_solve_tile *tile, uint32_t x,
                                                     uint32_t y) {
