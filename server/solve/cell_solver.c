@@ -356,8 +356,6 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
                                      .indirect_samples = s->desc.indirect_samples,
                                      .seed = s->desc.seed,
                                      .tracing_range_m = s->desc.tracing_range_m};
-    for (uint32_t bounce = 0; bounce < s->desc.bounces; bounce++)
-        memset(s->tiles.radiance_change[bounce], 0, s->tiles.block_count * sizeof(struct lw_vec3));
     const unsigned moved = lw_pose_difference(pose, &s->pose, s->desc.scene);
     stats.moved = moved != 0;
     s->frames_since_move++;
@@ -385,6 +383,9 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     }
     if (s->pose_due) status = place(s, &stats, err);
     if (status != LW_OK) return status;
+    /* Only now: what place() makes of new materials, find_change() has found already. */
+    for (uint32_t bounce = 0; bounce < s->desc.bounces; bounce++)
+        memset(s->tiles.radiance_change[bounce], 0, s->tiles.block_count * sizeof(struct lw_vec3));
     weigh_direct(s, &passes, &stats);
     stats.pose_ns = lw_clock_ns() - t0 - stats.probe_ns;
     struct lw_progress progress;

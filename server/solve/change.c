@@ -11,7 +11,7 @@
 static const float filtered[LW_TILES_PARTS] = {[LW_TILES_DIRECT] = 0.25f, [LW_TILES_INDIRECT] = 0.0625f};
 /* Indirect light is out of date over the whole block, where noise is each texel's own: less of it is borne at rest. */
 #define COHERENT 2.0f
-/* Where one packet finds that so much of the light has changed, the others need not be asked. */
+/* Where something begins to move and one packet finds that so much of the light has changed, the others need not be asked. */
 #define STRONG 1.0f
 /* A block that was not asked for so many movements is asked as if nothing had moved for a while before. */
 #define MOVES_MAX 16u
@@ -48,7 +48,8 @@ bool lw_change_choose(struct lw_solve_block *block, uint32_t moves, uint32_t tic
     if (!change->begins &&
         (!turn || (tick + lw_random_hash(block->tile_id)) % LW_PACKETS_MAX >= block->packet_count))
         return false;
-    ask(change, take_turn(block));
+    /* What is awake is solved next, with other rays: what its packets do not find now, they never will. */
+    ask(change, block->resting ? take_turn(block) : all_packets(block));
     change->fresh = true;
     return true;
 }
@@ -111,7 +112,8 @@ bool lw_change_choose_more(struct lw_solve_block *block, float target_error) {
     struct lw_change_block *change = &block->change;
     const uint16_t asked = change->compare, found = witnesses(block);
     change->compare = 0;
-    if (!asked || !has_changed(block, found, target_error) || has_changed(block, found, STRONG)) return false;
+    if (!asked || !has_changed(block, found, target_error)) return false;
+    if (change->begins && has_changed(block, found, STRONG)) return false;
     ask(change, all_packets(block) & (uint16_t)~asked);
     return change->compare != 0;
 }
