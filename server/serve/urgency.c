@@ -27,9 +27,8 @@ void lw_urgency_finish(struct lw_urgency *urgency) {
 
 void lw_urgency_note(struct lw_urgency *urgency, uint32_t tile, uint64_t version, float change) {
     struct lw_urgency_tile *of = &urgency->tile[tile];
-    const float before = of->count ? of->moved[(of->count - 1) % LW_URGENCY_KEPT] : 0;
     of->version[of->count % LW_URGENCY_KEPT] = version;
-    of->moved[of->count % LW_URGENCY_KEPT] = before + change * change;
+    of->square[of->count % LW_URGENCY_KEPT] = change * change;
     of->count++;
 }
 
@@ -41,13 +40,15 @@ float lw_urgency_of(const struct lw_urgency *urgency, uint32_t tile, uint64_t ha
         return ldexpf(LW_URGENCY_LACKING * LW_URGENCY_LACKING * LW_TILE_TEXELS_MAX, 2 * (int)place->level);
     }
     const struct lw_urgency_tile *of = &urgency->tile[tile];
-    if (!of->count) return 0;
-    /* back to the version that the session has, or as far as is remembered */
-    uint32_t at = of->count - 1, first_lacking = at;
-    const uint32_t last = of->count > LW_URGENCY_KEPT ? of->count - LW_URGENCY_KEPT : 0;
-    while (of->version[at % LW_URGENCY_KEPT] > has && at > last) first_lacking = at--;
-    const float square = of->moved[(of->count - 1) % LW_URGENCY_KEPT] - of->moved[at % LW_URGENCY_KEPT];
-    const uint64_t since = of->version[first_lacking % LW_URGENCY_KEPT];
+    const uint32_t kept = of->count < LW_URGENCY_KEPT ? of->count : LW_URGENCY_KEPT;
+    float square = 0;
+    uint64_t since = frame;
+    for (uint32_t back = 1; back <= kept; back++) {
+        const uint32_t at = (of->count - back) % LW_URGENCY_KEPT;
+        if (of->version[at] <= has) break;
+        square += of->square[at];
+        since = of->version[at];
+    }
     const float wrong = frame > since ? (float)(frame - since) + 1 : 1; /* frames */
     return square * area * wrong * wrong;
 }

@@ -21,7 +21,7 @@ struct lw_urgency {
     struct lw_urgency_tile {
         uint32_t count; /* of versions so far; the last few are in the ring */
         uint64_t version[LW_URGENCY_KEPT];
-        float moved[LW_URGENCY_KEPT]; /* sum of the squares of all changes up to that version */
+        float square[LW_URGENCY_KEPT]; /* of the change to that version */
     } * tile;
     /* For lists that are being put in order. */
     uint32_t *listed;
