@@ -1,6 +1,7 @@
 #include "client/load/daemon_child.h"
 
 #include "common/clock.h"
+#include "common/folders.h"
 #include "common/program_path.h"
 
 #include <errno.h>
@@ -37,9 +38,7 @@ struct lw_daemon_child {
 
 /* Its port comes by a file of its own. */
 static enum lw_status make_port_file(struct lw_daemon_child *c, struct lw_error *err) {
-    const char *parent = getenv("TMPDIR");
-    snprintf(c->port_file, sizeof c->port_file, "%s/lightwell-port-XXXXXX",
-             parent && *parent ? parent : "/tmp");
+    snprintf(c->port_file, sizeof c->port_file, "%s/lightwell-port-XXXXXX", lw_folders_temporary());
     int file = mkstemp(c->port_file);
     if (file < 0) {
         c->port_file[0] = 0;

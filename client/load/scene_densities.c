@@ -1,12 +1,11 @@
 #include "client/load/scene_densities.h"
 
+#include "common/folders.h"
 #include "common/scene/package.h"
 #include "common/scene/pose.h"
 
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
-#include <unistd.h>
 
 /* The lightmap's texels over the surface that they stand for. */
 static enum lw_status measure(struct lw_scene_densities *d, struct lw_error *err) {
@@ -66,20 +65,14 @@ static enum lw_status save(struct lw_scene_densities *d, const struct lw_scene *
 enum lw_status lw_scene_densities_init(struct lw_scene_densities *d, const struct lw_scene_open *open,
                                        enum lw_scene_motion motion, struct lw_error *err) {
     *d = (struct lw_scene_densities){.open = *open, .motion = motion};
-    const char *parent = getenv("TMPDIR");
-    snprintf(d->folder, sizeof d->folder, "%s/lightwell-XXXXXX", parent && *parent ? parent : "/tmp");
-    if (!mkdtemp(d->folder)) {
-        d->folder[0] = 0;
-        return lw_status_fail(err, LW_CANNOT_CREATE, "cannot create a temporary folder for scene packages");
-    }
-    enum lw_status status = open_scene(d, 1, &d->scene, &d->report, err);
+    enum lw_status status = lw_folders_make_temporary(d->folder, sizeof d->folder, err);
+    if (status == LW_OK) status = open_scene(d, 1, &d->scene, &d->report, err);
     if (status == LW_OK) status = measure(d, err);
     return status == LW_OK ? save(d, d->scene, 1, err) : status;
 }
 
 void lw_scene_densities_finish(struct lw_scene_densities *d) {
-    for (uint32_t i = 0; i < d->package_count; i++) unlink(d->package[i].path);
-    if (d->folder[0]) rmdir(d->folder);
+    lw_folders_remove_temporary(d->folder);
     lw_scene_destroy(d->scene);
     *d = (struct lw_scene_densities){0};
 }

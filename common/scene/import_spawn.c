@@ -1,19 +1,18 @@
 #include "common/scene/import_spawn.h"
 
 #include "common/clock.h"
+#include "common/folders.h"
 #include "common/log.h"
 #include "common/program_path.h"
 #include "common/sanitizer.h"
 #include "common/scene/package.h"
 
-#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
 #include <poll.h>
 #include <spawn.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
@@ -55,27 +54,9 @@ static enum lw_status load_package(const struct lw_import_spawn_desc *desc, stru
 /* ---- the temporary folder ---- */
 
 static enum lw_status make_folder(struct importer *importer, struct lw_error *err) {
-    const char *parent = getenv("TMPDIR");
-    if (!parent || !*parent) parent = "/tmp";
-    int length = snprintf(importer->folder, sizeof importer->folder, "%s/lightwell-XXXXXX", parent);
-    if (length < 0 || (size_t)length >= sizeof importer->folder || !mkdtemp(importer->folder)) {
-        importer->folder[0] = 0;
-        return lw_status_fail(err, LW_CANNOT_CREATE, "cannot create a temporary folder in %.200s: %s", parent,
-                              strerror(errno));
-    }
+    enum lw_status status = lw_folders_make_temporary(importer->folder, sizeof importer->folder, err);
     snprintf(importer->package, sizeof importer->package, "%s/%s", importer->folder, PACKAGE_NAME);
-    return LW_OK;
-}
-
-/* The importer writes under a temporary name first; if it was killed, that file is there too. */
-static void remove_folder(struct importer *importer) {
-    if (!importer->folder[0]) return;
-    DIR *folder = opendir(importer->folder);
-    for (struct dirent *entry; folder && (entry = readdir(folder));)
-        unlinkat(dirfd(folder), entry->d_name, 0);
-    if (folder) closedir(folder);
-    rmdir(importer->folder);
-    importer->folder[0] = 0;
+    return status;
 }
 
 /* ---- starting ---- */
@@ -236,6 +217,6 @@ enum lw_status lw_import_spawn(const struct lw_import_spawn_desc *desc, struct l
     if (status == LW_OK) status = finish(&importer, err);
     if (status == LW_OK) status = lw_package_load(importer.package, out_scene, err);
     if (importer.failure_fd >= 0) close(importer.failure_fd);
-    remove_folder(&importer);
+    lw_folders_remove_temporary(importer.folder); /* with what a killed importer had begun to write */
     return status;
 }

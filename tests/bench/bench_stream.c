@@ -16,6 +16,7 @@
 #include "client/view/attention.h"
 #include "client/view/compose.h"
 #include "common/clock.h"
+#include "common/folders.h"
 #include "common/scene/package.h"
 #include "common/scene/scene_motion.h"
 #include "common/tile/tile_codec.h"
@@ -25,12 +26,12 @@
 #include "server/solve/cell_solver.h"
 #include "tests/bench/bench_setup.h"
 
+#include <limits.h>
 #include <math.h>
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #define TARGET_ERROR 0.02f
 #define LATTICE      3u /* every so many pixels, each way */
@@ -65,7 +66,7 @@ struct job {
     struct moment *moment;
     float *picture; /* width * height * 3 */
     FILE *csv;
-    char cache[64]; /* folder of the client */
+    char cache[PATH_MAX]; /* folder of the client */
 };
 
 static size_t lattice_pixels(const struct settings *s) {
@@ -406,8 +407,8 @@ static enum lw_status prepare(struct job *job, struct lw_error *err) {
         enum lw_status status = lw_levels_init(&job->levels[o], &job->map.atlas[o]);
         if (status != LW_OK) return status;
     }
-    snprintf(job->cache, sizeof job->cache, "/tmp/bench_stream.XXXXXX");
-    if (!mkdtemp(job->cache)) return lw_status_fail(err, LW_CANNOT_CREATE, "%s: %m", job->cache);
+    enum lw_status status = lw_folders_make_temporary(job->cache, sizeof job->cache, err);
+    if (status != LW_OK) return status;
     return lw_package_write(job->scene, &job->package, &job->package_size, err);
 }
 
@@ -426,20 +427,13 @@ static enum lw_status light_all(struct job *job, struct lw_error *err) {
     return status;
 }
 
-/* The client has put its package there, under whatever name. */
-static void empty_cache(const struct job *job) {
-    char command[128];
-    snprintf(command, sizeof command, "rm -rf '%s'", job->cache);
-    if (job->cache[0] && system(command) != 0) fprintf(stderr, "bench_stream: %s is left\n", job->cache);
-}
-
 static void close_job(struct job *job) {
     for (int64_t f = 0; job->moment && f < job->settings->frames; f++) {
         lw_snapshot_unref(job->moment[f].snapshot);
         free(job->moment[f].view);
     }
     for (uint32_t o = 0; job->levels && o < job->map.object_count; o++) lw_levels_finish(&job->levels[o]);
-    empty_cache(job);
+    lw_folders_remove_temporary(job->cache); /* with the package that the client has put there */
     free(job->moment);
     free(job->levels);
     free(job->tile);
