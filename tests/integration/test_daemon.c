@@ -40,14 +40,6 @@
 
 /* ---- what the daemon prints ---- */
 
-static double number_of(const char *line, const char *key) {
-    char quoted[64];
-    snprintf(quoted, sizeof quoted, "\"%s\":", key);
-    const char *at = strstr(line, quoted);
-    if (!at) fail_msg("no %s in %.400s", quoted, line);
-    return atof(at + strlen(quoted));
-}
-
 /* The daemon's lines so far. The last one may be a half: it does not count. */
 struct report {
     char *text;
@@ -75,13 +67,13 @@ static void free_report(struct report *report) {
 
 static double sum_of(const struct report *report, const char *key) {
     double sum = 0;
-    for (unsigned i = 0; i < report->lines; i++) sum += number_of(report->line[i], key);
+    for (unsigned i = 0; i < report->lines; i++) sum += lw_process_number(report->line[i], key);
     return sum;
 }
 
 static double last_of(const struct report *report, const char *key) {
     assert_true(report->lines > 0);
-    return number_of(report->line[report->lines - 1], key);
+    return lw_process_number(report->line[report->lines - 1], key);
 }
 
 /* ---- clients ---- */
@@ -159,7 +151,8 @@ static bool is_settled(const struct lw_process *daemon, uint64_t tiles) {
     bool settled = report.lines >= SETTLED_LINES;
     for (unsigned i = 0; settled && i < SETTLED_LINES; i++) {
         const char *line = report.line[report.lines - 1 - i];
-        settled = number_of(line, "tiles_solved") == 0 && number_of(line, "tiles_sent") == (double)tiles;
+        settled = lw_process_number(line, "tiles_solved") == 0 &&
+                  lw_process_number(line, "tiles_sent") == (double)tiles;
     }
     free_report(&report);
     return settled;
@@ -319,10 +312,10 @@ static void rest_costs_nothing(void **state) {
     assert_true(report.lines > lines + 10);  /* it goes on ... */
     assert_true(report.lines < lines + 120); /* ... at the frame rate, not as fast as it can */
     for (unsigned i = lines; i < report.lines; i++) {
-        assert_true(number_of(report.line[i], "rays_total") == rays);
-        assert_true(number_of(report.line[i], "tiles_sent") == tiles);
-        assert_true(number_of(report.line[i], "bytes_sent") < bytes + PONGS_BYTES);
-        assert_true(number_of(report.line[i], "tiles_encoded") == 0);
+        assert_true(lw_process_number(report.line[i], "rays_total") == rays);
+        assert_true(lw_process_number(report.line[i], "tiles_sent") == tiles);
+        assert_true(lw_process_number(report.line[i], "bytes_sent") < bytes + PONGS_BYTES);
+        assert_true(lw_process_number(report.line[i], "tiles_encoded") == 0);
     }
     assert_true(stats_of(early).bytes < before.bytes + PONGS_BYTES && stats_of(early).tiles == before.tiles);
     free_report(&report);
@@ -857,7 +850,8 @@ static void the_atrium_moves_frame_by_frame(void **state) {
     stop(&daemon);
     struct report report = read_report(&daemon);
     assert_true(report.lines >= 20);
-    for (unsigned i = 0; i < report.lines; i++) assert_true(number_of(report.line[i], "frame") == i + 1);
+    for (unsigned i = 0; i < report.lines; i++)
+        assert_true(lw_process_number(report.line[i], "frame") == i + 1);
     free_report(&report);
 }
 

@@ -94,19 +94,6 @@ static void wait_for_rest(struct run *run) {
     }
 }
 
-/* The last number under a key that the daemon has printed; -1: none. */
-static double last_of(const struct run *run, const char *key) {
-    char *text = lw_process_out(&run->daemon), quoted[64];
-    double number = -1;
-    snprintf(quoted, sizeof quoted, "\"%s\":", key);
-    char *end = strrchr(text, '\n');
-    if (end) *end = '\0';
-    for (const char *at = text; (at = strstr(at, quoted)); at += strlen(quoted))
-        number = atof(at + strlen(quoted));
-    free(text);
-    return number;
-}
-
 static bool said(const struct run *run, const char *text) {
     char *err = lw_process_err(&run->daemon);
     const bool found = strstr(err, text) != NULL;
@@ -142,16 +129,17 @@ static void a_scene_at_rest_costs_no_ray_again(void **state) {
     struct run run;
     begin(&run, CORNELL);
     wait_for_rest(&run);
-    const double light = total_light(run.client), frames = last_of(&run, "frame");
-    assert_true(last_of(&run, "rays_total") > 1e4);
+    const double light = total_light(run.client), frames = lw_process_newest(&run.daemon, "frame");
+    assert_true(lw_process_newest(&run.daemon, "rays_total") > 1e4);
     end(&run);
     for (int again = 0; again < 2; again++) { /* what was taken up is kept again */
         begin(&run, CORNELL);
         wait_for_rest(&run);
-        while (last_of(&run, "frame") < 3) poll_once(&run);
+        while (lw_process_newest(&run.daemon, "frame") < 3) poll_once(&run);
         assert_true(said(&run, "showing frame") && said(&run, "going on after"));
-        assert_true(last_of(&run, "rays_total") == 0);
-        assert_true(last_of(&run, "frame") > frames); /* versions go on, whoever has seen which */
+        assert_true(lw_process_newest(&run.daemon, "rays_total") == 0);
+        assert_true(lw_process_newest(&run.daemon, "frame") >
+                    frames); /* versions go on, whoever has seen which */
         assert_true(fabs(total_light(run.client) - light) < 0.01 * light);
         end(&run);
     }
@@ -190,7 +178,8 @@ static void changed_light_is_no_light_of_the_scene(void **state) {
     while (!said(&run, "first light")) poll_once(&run);
     wait_for_rest(&run);
     assert_true(fabs(total_light(run.client) - light) < 0.01 * light);
-    assert_true(last_of(&run, "rays_total") == 0); /* the sums of before are still there, and are right */
+    assert_true(lw_process_newest(&run.daemon, "rays_total") ==
+                0); /* the sums of before are still there, and are right */
     end(&run);
 }
 
@@ -199,9 +188,9 @@ static void moving_light_is_shown_until_there_is_more(void **state) {
     struct run run;
     begin(&run, ATRIUM);
     wait_for_all(&run);
-    while (last_of(&run, "frame") < 3) poll_once(&run);
+    while (lw_process_newest(&run.daemon, "frame") < 3) poll_once(&run);
     end(&run);
-    const double last = last_of(&run, "frame");
+    const double last = lw_process_newest(&run.daemon, "frame");
     char path[512];
     snprintf(path, sizeof path, "%s/sums", folder);
     assert_int_equal(access(path, F_OK), -1);
@@ -210,7 +199,7 @@ static void moving_light_is_shown_until_there_is_more(void **state) {
     wait_for_all(&run);
     assert_true(said(&run, "showing frame"));
     while (!has_all(run.client, (uint64_t)last + 1)) poll_once(&run); /* all of it is replaced */
-    assert_true(last_of(&run, "rays_total") > 0);
+    assert_true(lw_process_newest(&run.daemon, "rays_total") > 0);
     end(&run);
 }
 
@@ -224,7 +213,7 @@ static void other_options_light_afresh(void **state) {
     wait_for_rest(&run);
     assert_true(said(&run, "of another scene, of other options or of another release; lighting afresh"));
     assert_false(said(&run, "showing frame") || said(&run, "going on"));
-    assert_true(last_of(&run, "rays_total") > 0);
+    assert_true(lw_process_newest(&run.daemon, "rays_total") > 0);
     end(&run);
 }
 

@@ -16,32 +16,6 @@
 /* Some hundred tiles that never rest, so that every frame tells what is solved. */
 #define SEEN "builtin:atrium --texels-per-metre 4 --clock step --error 1e-6 --json --light seen "
 
-static double number_of(const char *line, const char *key) {
-    char quoted[64];
-    snprintf(quoted, sizeof quoted, "\"%s\":", key);
-    const char *at = strstr(line, quoted);
-    if (!at) fail_msg("no %s in %.400s", quoted, line);
-    return atof(at + strlen(quoted));
-}
-
-/* What the newest whole line says of a key; fails if there is none within the limit. */
-static double newest(const struct lw_process *daemon, const char *key) {
-    for (uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull; lw_clock_ns() < end_ns;) {
-        char *text = lw_process_out(daemon), *end = strrchr(text, '\n');
-        if (end) {
-            *end = '\0';
-            char *start = strrchr(text, '\n');
-            double number = number_of(start ? start + 1 : text, key);
-            free(text);
-            return number;
-        }
-        free(text);
-        lw_process_sleep_ms(10);
-    }
-    fail_msg("no frame within %d s", LIMIT_S);
-    return 0;
-}
-
 #define CLIENTS_MAX 3
 static struct lw_client *client[CLIENTS_MAX];
 
@@ -88,24 +62,24 @@ static uint32_t look_at(int i, uint32_t object) {
 
 /* Polls until the daemon says so, for a frame after this. */
 static void wait_for(const struct lw_process *daemon, const char *key, double low, double high) {
-    const double from = newest(daemon, "frame");
+    const double from = lw_process_newest(daemon, "frame");
     for (uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;;) {
         poll_all();
-        const double number = newest(daemon, key);
-        if (newest(daemon, "frame") > from && number >= low && number <= high) return;
+        const double number = lw_process_newest(daemon, key);
+        if (lw_process_newest(daemon, "frame") > from && number >= low && number <= high) return;
         if (lw_clock_ns() > end_ns) fail_msg("%s is %g, not in %g..%g", key, number, low, high);
     }
 }
 
 static double solved_over(const struct lw_process *daemon, unsigned frames) {
-    const double from = newest(daemon, "frame");
-    while (newest(daemon, "frame") < from + frames) poll_all();
+    const double from = lw_process_newest(daemon, "frame");
+    while (lw_process_newest(daemon, "frame") < from + frames) poll_all();
     char *text = lw_process_out(daemon);
     double sum = 0;
     unsigned counted = 0;
     for (char *line = strtok(text, "\n"); line && counted < frames; line = strtok(NULL, "\n"))
-        if (number_of(line, "frame") > from) {
-            sum += number_of(line, "texels_solved");
+        if (lw_process_number(line, "frame") > from) {
+            sum += lw_process_number(line, "texels_solved");
             counted++;
         }
     free(text);
@@ -131,11 +105,11 @@ static void clients_come_and_go(void **state) {
     lw_process_serve(&daemon, SEEN "--animate");
     /* nobody looks: everything has been lit once, then nothing is */
     wait_for(&daemon, "tiles_solved", 0, 0);
-    const double rays = newest(&daemon, "rays_total");
+    const double rays = lw_process_newest(&daemon, "rays_total");
     assert_true(rays > 0);
-    const double frame = newest(&daemon, "frame");
-    while (newest(&daemon, "frame") < frame + 10) lw_process_sleep_ms(10);
-    assert_true(newest(&daemon, "rays_total") == rays);
+    const double frame = lw_process_newest(&daemon, "frame");
+    while (lw_process_newest(&daemon, "frame") < frame + 10) lw_process_sleep_ms(10);
+    assert_true(lw_process_newest(&daemon, "rays_total") == rays);
     /* one client, one wall */
     join(&daemon, 0, true);
     uint32_t object[2];
@@ -143,11 +117,11 @@ static void clients_come_and_go(void **state) {
     const double one = look_at(0, object[0]);
     wait_for(&daemon, "tiles_wanted", 1, one);
     const double first = solved_over(&daemon, 20);
-    assert_true(newest(&daemon, "tiles_feeding") > 0);
+    assert_true(lw_process_newest(&daemon, "tiles_feeding") > 0);
     /* a second one elsewhere; both see theirs change */
     join(&daemon, 1, true);
     const double both = one + look_at(1, object[1]);
-    wait_for(&daemon, "tiles_wanted", newest(&daemon, "tiles_wanted") + 1, both);
+    wait_for(&daemon, "tiles_wanted", lw_process_newest(&daemon, "tiles_wanted") + 1, both);
     const double second = solved_over(&daemon, 20);
     /* somebody who wants everything */
     join(&daemon, 2, false);
@@ -178,7 +152,7 @@ static void clients_come_and_go(void **state) {
     lw_client_destroy(client[0]);
     client[0] = NULL;
     wait_for(&daemon, "tiles_solved", 0, 0);
-    assert_int_equal(newest(&daemon, "tiles_wanted"), 0);
+    assert_int_equal(lw_process_newest(&daemon, "tiles_wanted"), 0);
     assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
 }
 
@@ -188,7 +162,7 @@ static double most(const struct lw_process *daemon, const char *key) {
     double number = 0;
     if (end) *end = '\0';
     for (char *line = strtok(text, "\n"); end && line; line = strtok(NULL, "\n"))
-        number = fmax(number, number_of(line, key));
+        number = fmax(number, lw_process_number(line, key));
     free(text);
     return number;
 }

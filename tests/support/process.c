@@ -17,7 +17,7 @@
 
 #define WORDS_MAX     48
 #define PROCESSES_MAX 16
-#define SERVE_LIMIT_S 60
+#define LIMIT_S       60  /* until a daemon serves, and until it has printed a line */
 #define FAILED_EXEC   127 /* as shells say it */
 
 static pid_t running[PROCESSES_MAX]; /* 0: free */
@@ -42,10 +42,11 @@ static void find_program(char *path, size_t size, const char *program) {
 }
 
 /* In the child. The parent's death is ours: nothing is left running where a test is killed. */
-static void become(const char *path, char **argv, const int outputs[2], const char *temporary, pid_t parent) {
+static void become(const char *path, char **argv, const int outputs[2], pid_t parent) {
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     if (getppid() != parent) _exit(FAILED_EXEC);
-    setenv("TMPDIR", temporary, 1);
+    setenv("TMPDIR", lw_support_temporary("tmp"), 1);
+    setenv("XDG_CACHE_HOME", lw_support_temporary("caches"), 1);
     unsetenv("DISPLAY");
     unsetenv("WAYLAND_DISPLAY");
     dup2(outputs[0], STDOUT_FILENO);
@@ -83,13 +84,12 @@ void lw_process_start(struct lw_process *process, const char *program, const cha
         assert_true(argc < WORDS_MAX - 1);
         argv[argc++] = word;
     }
-    const char *temporary = lw_support_temporary("tmp");
     const int outputs[2] = {create(process->out, sizeof process->out, "out"),
                             create(process->err, sizeof process->err, "err")};
     pid_t parent = getpid(), *entry = free_entry();
     process->pid = fork();
     assert_true(process->pid >= 0);
-    if (process->pid == 0) become(path, argv, outputs, temporary, parent);
+    if (process->pid == 0) become(path, argv, outputs, parent);
     close(outputs[0]);
     close(outputs[1]);
     *entry = process->pid;
@@ -173,7 +173,7 @@ void lw_process_serve(struct lw_process *process, const char *arguments) {
                                  arguments) < sizeof line);
     lw_process_start(process, "lightwelld", line);
     snprintf(process->port_file, sizeof process->port_file, "%s", port_file);
-    uint64_t deadline_ns = lw_clock_ns() + SERVE_LIMIT_S * 1000000000ull;
+    uint64_t deadline_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
     while (access(port_file, R_OK) != 0) {
         if (!lw_process_runs(process) || lw_clock_ns() > deadline_ns)
             fail_msg("lightwelld %s does not serve: %s", line, lw_process_err(process));
@@ -183,4 +183,31 @@ void lw_process_serve(struct lw_process *process, const char *arguments) {
     assert_non_null(strchr(text, '\n'));
     process->port = (uint16_t)atoi(text);
     free(text);
+}
+
+/* ---- what a daemon with --json says ---- */
+
+double lw_process_number(const char *line, const char *key) {
+    char quoted[64];
+    snprintf(quoted, sizeof quoted, "\"%s\":", key);
+    const char *at = strstr(line, quoted);
+    if (!at) fail_msg("no %s in %.400s", quoted, line);
+    return atof(at + strlen(quoted));
+}
+
+double lw_process_newest(const struct lw_process *process, const char *key) {
+    for (uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull; lw_clock_ns() < end_ns;) {
+        char *text = lw_process_out(process), *end = strrchr(text, '\n');
+        if (end) {
+            *end = '\0';
+            char *start = strrchr(text, '\n');
+            double number = lw_process_number(start ? start + 1 : text, key);
+            free(text);
+            return number;
+        }
+        free(text);
+        lw_process_sleep_ms(10);
+    }
+    fail_msg("no frame within %u s", LIMIT_S);
+    return 0;
 }

@@ -16,8 +16,9 @@ struct lw_process {
     uint16_t port;       /* lw_process_serve() only */
 };
 
-/** Starts a program of the build; `arguments` are words separated by blanks. It finds no display, and $TMPDIR is
- * lw_support_temporary("tmp"), made if it is not there. Ends the test where it cannot be started. */
+/** Starts a program of the build; `arguments` are words separated by blanks. It finds no display; $TMPDIR is
+ * lw_support_temporary("tmp"), made if it is not there, $XDG_CACHE_HOME lw_support_temporary("caches"). Ends the test where it
+ * cannot be started. */
 void lw_process_start(struct lw_process *process, const char *program, const char *arguments);
 
 /** Starts lightwelld on a free port of 127.0.0.1, or on a --listen among the arguments, and waits until it serves. Ends the
@@ -39,6 +40,13 @@ void lw_process_kill_all(void);
 /** What it has said so far on stdout, on stderr; the caller frees. */
 char *lw_process_out(const struct lw_process *process);
 char *lw_process_err(const struct lw_process *process);
+
+/** The number under a key of a line of JSON, or ends the test: there is none. */
+double lw_process_number(const char *line, const char *key);
+
+/** The same of the newest whole line on stdout, as lightwelld --json prints one a frame. Ends the test where none comes within a
+ * minute. */
+double lw_process_newest(const struct lw_process *process, const char *key);
 
 /** Ends the test unless nothing is left in the programs' $TMPDIR. */
 void lw_process_left_nothing(void);
