@@ -2,11 +2,13 @@
 #include "client/control/ctl_command.h"
 #include "client/control/ctl_names.h"
 #include "common/clock.h"
+#include "common/folders.h"
 #include "common/log.h"
 #include "common/options.h"
 
 #include <inttypes.h>
 #include <jansson.h>
+#include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -15,10 +17,11 @@
 #define POLL_MS         50u
 
 struct ctl {
-    const char *address;
+    const char *address, *cache_folder; /* "": none */
     char host[256];
     uint16_t port;
     bool json, batch;
+    char default_cache_folder[PATH_MAX];
     double timeout_s;
     uint64_t deadline_ns;
     const char **word; /* of the commands, "--" between them */
@@ -52,7 +55,8 @@ static enum lw_status parse(struct ctl *c, int argc, char **argv, bool *out_done
             rest[rest_count++] = argv[i];
             addressed |= i > 0 && !option;
         }
-        if (option && strcmp(argv[i], "--timeout") == 0 && i + 1 < argc) rest[rest_count++] = argv[++i];
+        if (option && (strcmp(argv[i], "--timeout") == 0 || strcmp(argv[i], "--cache") == 0) && i + 1 < argc)
+            rest[rest_count++] = argv[++i];
     }
     char about[4096];
     snprintf(
@@ -64,6 +68,10 @@ static enum lw_status parse(struct ctl *c, int argc, char **argv, bool *out_done
     const struct lw_option table[] = {
         {"batch", NULL, "read the commands from stdin, one a line; all of them are one change",
          LW_OPTION_FLAG, &c->batch, 0, 0, NULL},
+        {"cache", "FOLDER",
+         "keep scene packages there, so that none is downloaded twice; \"\": nowhere (default "
+         "$XDG_CACHE_HOME/lightwell or ~/.cache/lightwell)",
+         LW_OPTION_STRING, &c->cache_folder, 0, 0, NULL},
         {"json", NULL, "print one JSON object", LW_OPTION_FLAG, &c->json, 0, 0, NULL},
         {"timeout", "SECONDS", "give up after that time (default 30)", LW_OPTION_REAL, &c->timeout_s, 0.001,
          1e6, NULL},
@@ -112,6 +120,7 @@ static enum lw_status connect_to_server(struct ctl *c, struct lw_error *err) {
                                                   .port = c->port,
                                                   .name = "lightwellctl",
                                                   .timeout_ms = (unsigned)(connect_s * 1e3) + 1,
+                                                  .cache_folder = *c->cache_folder ? c->cache_folder : NULL,
                                                   .wants_nothing = true,
                                                   .control = true},
                          &c->client, err);
@@ -285,6 +294,8 @@ int main(int argc, char **argv) {
     struct lw_error err = {0};
     bool done = false;
     lw_log_init("lightwellctl", LW_LOG_INFO);
+    (void)lw_folders_cache(c.default_cache_folder, sizeof c.default_cache_folder);
+    c.cache_folder = c.default_cache_folder;
     enum lw_status status = parse(&c, argc, argv, &done, &err);
     if (status == LW_OK && !done) status = run(&c, &err);
     lw_ctl_command_state_finish(&c.state);

@@ -32,11 +32,20 @@ bool lw_package_cache_read(const char *folder, const struct lw_package_hash *has
     return good;
 }
 
+/* All that lie above a file; opening it says what is wrong with them. */
+static void make_folders(char *path) {
+    for (char *slash = path; (slash = strchr(slash + 1, '/'));) {
+        *slash = '\0';
+        (void)mkdir(path, 0777);
+        *slash = '/';
+    }
+}
+
 enum lw_status lw_package_cache_write(const char *folder, const struct lw_package_hash *hash,
                                       const uint8_t *bytes, size_t size, struct lw_error *err) {
     char *path = path_of(folder, hash);
     if (!path) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
-    (void)mkdir(folder, 0777); /* opening says what is wrong with it */
+    make_folders(path);
     enum lw_status status = lw_atomic_file_save(path, bytes, size, err);
     free(path);
     return status;

@@ -11,7 +11,7 @@
 LW_MUST_CHECK bool lw_package_cache_read(const char *folder, const struct lw_package_hash *hash,
                                          uint64_t size, uint8_t **out_bytes);
 
-/** Keeps a package, under the hash that it has. Makes the folder, but not those above it.
+/** Keeps a package, under the hash that it has. Makes the folder, and those above it.
  * Errors: LW_CANNOT_CREATE, LW_IO naming the path; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_package_cache_write(const char *folder, const struct lw_package_hash *hash,
                                                     const uint8_t *bytes, size_t size, struct lw_error *err);

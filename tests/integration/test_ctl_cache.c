@@ -1,0 +1,90 @@
+/* lightwellctl keeps the scene package: one download, however many commands. */
+#include "tests/support/process.h"
+
+#include <dirent.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define LIMIT_S 60
+
+static struct lw_process server;
+
+static int start(void **state) {
+    (void)state;
+    lw_process_serve(&server,
+                     "builtin:atrium --texels-per-metre 2 --freeze 0 --json --frame-rate 100 --threads 1");
+    return 0;
+}
+
+static int stop(void **state) {
+    (void)state;
+    int code = server.pid ? lw_process_stop(&server, SIGTERM, LIMIT_S) : 0;
+    lw_process_kill_all();
+    return code;
+}
+
+/* What the server has sent; it says so at the end of each frame. */
+static double bytes_sent(void) {
+    const double frame = lw_process_newest(&server, "frame");
+    while (lw_process_newest(&server, "frame") < frame + 2) lw_process_sleep_ms(5);
+    return lw_process_newest(&server, "bytes_sent");
+}
+
+/* The bytes that a command takes. */
+static double bytes_of(const char *command) {
+    char arguments[256];
+    struct lw_process ctl;
+    const double before = bytes_sent();
+    snprintf(arguments, sizeof arguments, "127.0.0.1:%u %s", server.port, command);
+    lw_process_start(&ctl, "lightwellctl", arguments);
+    const int code = lw_process_finish(&ctl, LIMIT_S);
+    if (code) fail_msg("%s: %d: %s", command, code, lw_process_err(&ctl));
+    return bytes_sent() - before;
+}
+
+/* Size of the one package in the folder; 0: there is none. */
+static size_t package_in(const char *folder_path) {
+    char path[512];
+    size_t size = 0;
+    DIR *folder = opendir(folder_path);
+    for (struct dirent *entry; folder && (entry = readdir(folder));) {
+        if (entry->d_name[0] == '.') continue;
+        assert_int_equal(size, 0);
+        snprintf(path, sizeof path, "%s/%s", folder_path, entry->d_name);
+        free(lw_support_read_file(path, &size));
+    }
+    if (folder) closedir(folder);
+    return size;
+}
+
+static void the_second_command_downloads_nothing(void **state) {
+    (void)state;
+    const double first = bytes_of("list"), second = bytes_of("hide #0"), third = bytes_of("show #0 --json");
+    const size_t package = package_in(lw_support_temporary("caches/lightwell"));
+    print_message("package of %zu bytes: %.0f sent, then %.0f and %.0f\n", package, first, second, third);
+    assert_true(package > 100000);
+    assert_true(first > 0.1 * (double)package); /* compressed */
+    assert_true(second < 0.01 * (double)package && second < 0.1 * first);
+    assert_true(third < 0.01 * (double)package && third < 0.1 * first);
+}
+
+static void the_folder_is_the_users_choice(void **state) {
+    (void)state;
+    char command[256];
+    const double whole = bytes_of("list --cache=");
+    assert_true(whole > 0.1 * (double)package_in(lw_support_temporary("caches/lightwell")));
+    snprintf(command, sizeof command, "list --cache %s", lw_support_temporary("here/and/there"));
+    assert_true(bytes_of(command) > 0.5 * whole);
+    assert_true(package_in(lw_support_temporary("here/and/there")) > 100000);
+    assert_true(bytes_of(command) < 0.1 * whole);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(the_second_command_downloads_nothing),
+        cmocka_unit_test(the_folder_is_the_users_choice),
+    };
+    return cmocka_run_group_tests(tests, start, stop);
+}
