@@ -1,60 +1,36 @@
 #include "server/publish/kept.h"
 
-#include "common/atomic_file.h"
-#include "common/file_read.h"
+#include "common/checked_file.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <xxhash.h>
 
-static const char magic[8] = {'l', 'w', 'k', 'e', 'p', 't', '\r', '\n'};
+static const struct lw_checked_file_kind kind = {{'l', 'w', 'k', 'e', 'p', 't', '\r', '\n'}, LW_KEPT_VERSION};
 
 struct header {
-    char magic[8];
-    uint32_t version, steady;
+    struct lw_checked_file_kind kind;
+    uint32_t steady;
     uint64_t frame;
     uint8_t key[LW_KEPT_KEY_SIZE];
 };
 
 /* ---- writing -------------------------------------------------------------------------------------------------- */
 
-struct writer {
-    struct lw_atomic_file file;
-    XXH3_state_t *hash;
-    struct lw_error *err;
-    enum lw_status status; /* the first failure */
-};
-
-static void put(struct writer *writer, const void *bytes, size_t size) {
-    if (writer->status != LW_OK) return;
-    XXH3_64bits_update(writer->hash, bytes, size);
-    writer->status = lw_atomic_file_write(&writer->file, bytes, size, writer->err);
-}
-
 enum lw_status lw_kept_save(const char *path, const uint8_t key[LW_KEPT_KEY_SIZE],
                             const struct lw_snapshot *snapshot, bool steady, struct lw_error *err) {
-    struct writer writer = {.err = err, .hash = XXH3_createState()};
-    if (!writer.hash) return lw_status_fail(err, LW_NO_MEMORY, "%s: out of memory", path);
-    writer.status = lw_atomic_file_open(&writer.file, path, err);
-    if (writer.status != LW_OK) {
-        XXH3_freeState(writer.hash);
-        return writer.status;
-    }
-    XXH3_64bits_reset(writer.hash);
-    struct header header = {.version = LW_KEPT_VERSION, .steady = steady, .frame = snapshot->frame};
-    memcpy(header.magic, magic, sizeof magic);
+    struct lw_checked_file_writer writer;
+    enum lw_status status = lw_checked_file_write_begin(&writer, path, err);
+    if (status != LW_OK) return status;
+    struct header header = {.kind = kind, .steady = steady, .frame = snapshot->frame};
     memcpy(header.key, key, sizeof header.key);
-    put(&writer, &header, sizeof header);
-    put(&writer, snapshot->frame_full->bytes, snapshot->frame_full->size);
-    for (uint32_t i = 0; i < snapshot->tile_count; i++)
-        if (snapshot->tile[i].blob) put(&writer, snapshot->tile[i].blob->bytes, snapshot->tile[i].blob->size);
-    const uint64_t checksum = XXH3_64bits_digest(writer.hash);
-    put(&writer, &checksum, sizeof checksum);
-    XXH3_freeState(writer.hash);
-    if (writer.status == LW_OK) return lw_atomic_file_commit(&writer.file, err);
-    lw_atomic_file_abandon(&writer.file);
-    return writer.status;
+    lw_checked_file_put(&writer, &header, sizeof header);
+    lw_checked_file_put(&writer, snapshot->frame_full->bytes, snapshot->frame_full->size);
+    for (uint32_t i = 0; i < snapshot->tile_count; i++) {
+        const struct lw_blob *blob = snapshot->tile[i].blob;
+        if (blob) lw_checked_file_put(&writer, blob->bytes, blob->size);
+    }
+    return lw_checked_file_write_end(&writer);
 }
 
 /* ---- reading -------------------------------------------------------------------------------------------------- */
@@ -65,22 +41,12 @@ struct reader {
     struct lw_snapshot *snapshot;
 };
 
-static enum lw_status check_header(const uint8_t *bytes, size_t size, const uint8_t key[LW_KEPT_KEY_SIZE],
-                                   struct header *out_header, struct lw_error *err) {
-    uint64_t checksum;
-    if (size < sizeof *out_header + sizeof checksum || memcmp(bytes, magic, sizeof magic) != 0)
-        return lw_status_fail(err, LW_BAD_DATA, "holds no kept light, or is cut short");
-    memcpy(out_header, bytes, sizeof *out_header);
-    memcpy(&checksum, bytes + size - sizeof checksum, sizeof checksum);
-    if (out_header->version != LW_KEPT_VERSION)
-        return lw_status_fail(err, LW_BAD_DATA, "has version %u, this program reads %u", out_header->version,
-                              LW_KEPT_VERSION);
-    if (checksum != XXH3_64bits(bytes, size - sizeof checksum))
-        return lw_status_fail(err, LW_BAD_DATA, "is damaged (wrong checksum)");
-    if (memcmp(out_header->key, key, LW_KEPT_KEY_SIZE) != 0)
+static enum lw_status check_header(const struct header *header, const uint8_t key[LW_KEPT_KEY_SIZE],
+                                   struct lw_error *err) {
+    if (memcmp(header->key, key, LW_KEPT_KEY_SIZE) != 0)
         return lw_status_fail(err, LW_BAD_DATA,
                               "is of another scene, of other options or of another release");
-    if (out_header->steady > 1 || !out_header->frame)
+    if (header->steady > 1 || !header->frame)
         return lw_status_fail(err, LW_BAD_DATA, "has a header that makes no sense");
     return LW_OK;
 }
@@ -151,13 +117,15 @@ static enum lw_status take_messages(struct reader *reader, const uint8_t *at, si
 static enum lw_status read_bytes(struct reader *reader, const uint8_t *bytes, size_t size,
                                  const uint8_t key[LW_KEPT_KEY_SIZE], struct lw_error *err) {
     struct header header;
-    enum lw_status status = check_header(bytes, size, key, &header, err);
+    if (size < sizeof header) return lw_status_fail(err, LW_BAD_DATA, "has a header that is cut short");
+    memcpy(&header, bytes, sizeof header);
+    enum lw_status status = check_header(&header, key, err);
     if (status != LW_OK) return status;
     status = lw_snapshot_create(reader->map->tile_count, &reader->snapshot);
     if (status != LW_OK) return lw_status_fail(err, status, "out of memory");
     reader->snapshot->frame = header.frame;
     if (header.steady) reader->error_min = 0;
-    status = take_messages(reader, bytes + sizeof header, size - sizeof header - sizeof(uint64_t), err);
+    status = take_messages(reader, bytes + sizeof header, size - sizeof header, err);
     if (status != LW_OK) return status;
     if (!reader->snapshot->frame_full) return lw_status_fail(err, LW_BAD_DATA, "holds no frame");
     if (!header.steady) return LW_OK;
@@ -167,17 +135,38 @@ static enum lw_status read_bytes(struct reader *reader, const uint8_t *bytes, si
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "out of memory");
 }
 
+/* All of a file but its checksum; malloc'ed. */
+static enum lw_status load_bytes(const char *path, uint8_t **out_bytes, size_t *out_size,
+                                 struct lw_error *err) {
+    struct lw_checked_file_reader file;
+    uint8_t *bytes = NULL;
+    enum lw_status status = lw_checked_file_read_begin(&file, path, &kind, "kept light", err);
+    const uint64_t size = file.left;
+    if (status == LW_OK && size > LW_KEPT_SIZE_MAX)
+        status = lw_status_fail(err, LW_BAD_DATA, "%s: has %llu bytes; the limit is %llu", path,
+                                (unsigned long long)size, LW_KEPT_SIZE_MAX);
+    if (status == LW_OK && !(bytes = malloc((size_t)size)))
+        status = lw_status_fail(err, LW_NO_MEMORY, "%s: out of memory", path);
+    if (status == LW_OK) status = lw_checked_file_take(&file, bytes, (size_t)size);
+    lw_checked_file_read_end(&file);
+    if (status == LW_OK) {
+        *out_bytes = bytes;
+        *out_size = (size_t)size;
+    } else
+        free(bytes);
+    return status;
+}
+
 enum lw_status lw_kept_load(const char *path, const uint8_t key[LW_KEPT_KEY_SIZE],
                             const struct lw_atlas_map *atlas_map, float target_error,
                             struct lw_snapshot **out_snapshot, struct lw_error *err) {
     uint8_t *bytes;
     size_t size;
     struct reader reader = {.map = atlas_map, .error_min = 2 * target_error};
-    enum lw_status status = lw_file_read(path, LW_KEPT_SIZE_MAX, true, &bytes, &size, err);
-    if (status == LW_OK) {
-        status = read_bytes(&reader, bytes, size, key, err);
-        free(bytes);
-    }
+    enum lw_status status = load_bytes(path, &bytes, &size, err);
+    if (status != LW_OK) return status;
+    status = read_bytes(&reader, bytes, size, key, err);
+    free(bytes);
     if (status == LW_OK) {
         *out_snapshot = reader.snapshot;
         return LW_OK;

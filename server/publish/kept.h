@@ -3,7 +3,7 @@
  * Threads: one thread per call; snapshots are immutable.
  *
  * The file: a header with a version and the caller's key (which scene, which options), the snapshot's FRAME and TILE messages as
- * on the wire (proto/wire_format.md), XXH3-64 of all before it. Integers lie as in memory: it belongs to one machine. */
+ * on the wire (proto/wire_format.md), a checksum (common/checked_file.h). Integers lie as in memory: it belongs to one machine. */
 #ifndef LW_PUBLISH_KEPT_H
 #define LW_PUBLISH_KEPT_H
 
@@ -11,7 +11,7 @@
 
 #define LW_KEPT_VERSION  1u
 #define LW_KEPT_KEY_SIZE 16u          /* bytes */
-#define LW_KEPT_SIZE_MAX (1ull << 30) /* bytes of a file that is read */
+#define LW_KEPT_SIZE_MAX (1ull << 30) /* bytes of a file that is read, but for its checksum */
 
 /** Writes a snapshot, which has a frame; the file appears whole or not at all.
  * steady: nothing of the scene has changed since this light was begun.

@@ -1,20 +1,16 @@
 #include "server/solve/checkpoint.h"
 
-#include "common/atomic_file.h"
+#include "common/checked_file.h"
 
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
-#include <xxhash.h>
 
-#define CHUNK_BYTES ((size_t)1 << 20)
-
-static const char magic[8] = {'l', 'w', 's', 'o', 'l', 'v', 'e', '\n'};
+static const struct lw_checked_file_kind kind = {{'l', 'w', 's', 'o', 'l', 'v', 'e', '\n'},
+                                                 LW_CHECKPOINT_VERSION};
 
 struct header {
-    char magic[8];
-    uint32_t version, tile_count, texel_count, bounces;
+    struct lw_checked_file_kind kind;
+    uint32_t tile_count, texel_count, bounces;
     uint8_t key[LW_CHECKPOINT_KEY_SIZE];
     uint64_t body_size; /* bytes between header and checksum */
 };
@@ -58,11 +54,10 @@ static uint32_t list_planes(const struct lw_tiles *tiles, float *out_plane[PLANE
 static struct header make_header(const uint8_t key[LW_CHECKPOINT_KEY_SIZE], const struct lw_tiles *tiles,
                                  const struct lw_checkpoint_part *part, uint32_t part_count) {
     float *plane[PLANES_MAX];
-    struct header header = {.version = LW_CHECKPOINT_VERSION,
+    struct header header = {.kind = kind,
                             .tile_count = tiles->count,
                             .texel_count = tiles->texel_count,
                             .bounces = tiles->bounces};
-    memcpy(header.magic, magic, sizeof magic);
     memcpy(header.key, key, sizeof header.key);
     header.body_size = (uint64_t)tiles->count * sizeof(struct record) +
                        (uint64_t)tiles->block_count * sizeof(struct block_record) +
@@ -78,23 +73,7 @@ static int by_id(const void *a, const void *b) {
 
 /* ---- writing -------------------------------------------------------------------------------------------------- */
 
-struct writer {
-    struct lw_atomic_file file;
-    XXH3_state_t *hash;
-    struct lw_error *err;
-    enum lw_status status; /* the first failure */
-};
-
-static void put(struct writer *writer, const void *bytes, size_t size) {
-    for (size_t done = 0; done < size && writer->status == LW_OK; done += CHUNK_BYTES) {
-        const size_t chunk = size - done < CHUNK_BYTES ? size - done : CHUNK_BYTES;
-        XXH3_64bits_update(writer->hash, (const uint8_t *)bytes + done, chunk);
-        writer->status =
-            lw_atomic_file_write(&writer->file, (const uint8_t *)bytes + done, chunk, writer->err);
-    }
-}
-
-static void put_records(struct writer *writer, const struct lw_tiles *tiles) {
+static void put_records(struct lw_checked_file_writer *writer, const struct lw_tiles *tiles) {
     struct record *record = calloc((size_t)tiles->count + 1, sizeof *record);
     if (!record) {
         writer->status = lw_status_fail(writer->err, LW_NO_MEMORY, "%u tiles", tiles->count);
@@ -105,11 +84,11 @@ static void put_records(struct writer *writer, const struct lw_tiles *tiles) {
                                     .error = tiles->tile[i].error,
                                     .solved_frame = tiles->tile[i].solved_frame};
     qsort(record, tiles->count, sizeof *record, by_id);
-    put(writer, record, (size_t)tiles->count * sizeof *record);
+    lw_checked_file_put(writer, record, (size_t)tiles->count * sizeof *record);
     free(record);
 }
 
-static void put_blocks(struct writer *writer, const struct lw_tiles *tiles) {
+static void put_blocks(struct lw_checked_file_writer *writer, const struct lw_tiles *tiles) {
     for (uint32_t i = 0; i < tiles->block_count; i++) {
         const struct lw_solve_block *block = &tiles->block[i];
         const struct lw_change_block *change = &block->change;
@@ -125,98 +104,44 @@ static void put_blocks(struct writer *writer, const struct lw_tiles *tiles) {
             .covered_count = block->covered_count,
             .frames = block->frames};
         memcpy(record.stale_indirect, change->stale_indirect, sizeof record.stale_indirect);
-        put(writer, &record, sizeof record);
+        lw_checked_file_put(writer, &record, sizeof record);
     }
 }
 
 enum lw_status lw_checkpoint_save(const char *path, const uint8_t key[LW_CHECKPOINT_KEY_SIZE],
                                   const struct lw_tiles *tiles, const struct lw_checkpoint_part *part,
                                   uint32_t part_count, struct lw_error *err) {
-    struct writer writer = {.err = err, .hash = XXH3_createState()};
-    if (!writer.hash) return lw_status_fail(err, LW_NO_MEMORY, "%s: out of memory", path);
-    writer.status = lw_atomic_file_open(&writer.file, path, err);
-    if (writer.status != LW_OK) {
-        XXH3_freeState(writer.hash);
-        return writer.status;
-    }
-    XXH3_64bits_reset(writer.hash);
+    struct lw_checked_file_writer writer;
+    enum lw_status status = lw_checked_file_write_begin(&writer, path, err);
+    if (status != LW_OK) return status;
     const struct header header = make_header(key, tiles, part, part_count);
-    put(&writer, &header, sizeof header);
+    lw_checked_file_put(&writer, &header, sizeof header);
     put_records(&writer, tiles);
     put_blocks(&writer, tiles);
     float *plane[PLANES_MAX];
     const uint32_t planes = list_planes(tiles, plane);
-    for (uint32_t i = 0; i < planes; i++) put(&writer, plane[i], (size_t)tiles->texel_count * sizeof(float));
-    for (uint32_t i = 0; i < part_count; i++) put(&writer, part[i].bytes, part[i].size);
-    const uint64_t checksum = XXH3_64bits_digest(writer.hash);
-    put(&writer, &checksum, sizeof checksum);
-    XXH3_freeState(writer.hash);
-    if (writer.status == LW_OK) return lw_atomic_file_commit(&writer.file, err);
-    lw_atomic_file_abandon(&writer.file);
-    return writer.status;
+    for (uint32_t i = 0; i < planes; i++)
+        lw_checked_file_put(&writer, plane[i], (size_t)tiles->texel_count * sizeof(float));
+    for (uint32_t i = 0; i < part_count; i++) lw_checked_file_put(&writer, part[i].bytes, part[i].size);
+    return lw_checked_file_write_end(&writer);
 }
 
 /* ---- reading -------------------------------------------------------------------------------------------------- */
 
-struct reader {
-    FILE *file;
-    const char *path;
-    struct lw_error *err;
-};
-
-static enum lw_status take(struct reader *reader, void *bytes, size_t size) {
-    if (fread(bytes, 1, size, reader->file) == size) return LW_OK;
-    return lw_status_fail(reader->err, LW_IO, "%s: cannot read", reader->path);
-}
-
-static enum lw_status check_header(struct reader *reader, const struct header *wanted) {
+static enum lw_status take_header(struct lw_checked_file_reader *reader, const struct header *wanted) {
     struct header header;
-    struct stat st;
-    if (fstat(fileno(reader->file), &st) != 0 || (uint64_t)st.st_size < sizeof header + sizeof(uint64_t) ||
-        fread(&header, 1, sizeof header, reader->file) != sizeof header ||
-        memcmp(header.magic, magic, sizeof magic) != 0)
-        return lw_status_fail(reader->err, LW_BAD_DATA, "%s: is no checkpoint, or cut short", reader->path);
-    if (header.version != LW_CHECKPOINT_VERSION)
-        return lw_status_fail(reader->err, LW_BAD_DATA, "%s: has version %u, this program reads %u",
-                              reader->path, header.version, LW_CHECKPOINT_VERSION);
-    if (memcmp(&header, wanted, sizeof header) != 0)
+    enum lw_status status = lw_checked_file_take(reader, &header, sizeof header);
+    if (status != LW_OK) return status;
+    if (memcmp(&header, wanted, sizeof header) != 0 || reader->left != header.body_size)
         return lw_status_fail(reader->err, LW_BAD_DATA, "%s: is of another scene or of other options",
-                              reader->path);
-    if ((uint64_t)st.st_size != sizeof header + header.body_size + sizeof(uint64_t))
-        return lw_status_fail(reader->err, LW_BAD_DATA, "%s: is cut short or has something added",
                               reader->path);
     return LW_OK;
 }
 
-/* Walks over the whole file, so that nothing of a damaged one is taken. */
-static enum lw_status check_sum(struct reader *reader, uint64_t size) {
-    XXH3_state_t *hash = XXH3_createState();
-    uint8_t *chunk = malloc(CHUNK_BYTES);
-    enum lw_status status = LW_OK;
-    if (!hash || !chunk)
-        status = lw_status_fail(reader->err, LW_NO_MEMORY, "%s: out of memory", reader->path);
-    else
-        XXH3_64bits_reset(hash);
-    rewind(reader->file);
-    for (uint64_t done = 0; status == LW_OK && done < size;) {
-        const size_t part = size - done < CHUNK_BYTES ? (size_t)(size - done) : CHUNK_BYTES;
-        status = take(reader, chunk, part);
-        if (status == LW_OK) XXH3_64bits_update(hash, chunk, part);
-        done += part;
-    }
-    uint64_t checksum = 0;
-    if (status == LW_OK) status = take(reader, &checksum, sizeof checksum);
-    if (status == LW_OK && checksum != XXH3_64bits_digest(hash))
-        status = lw_status_fail(reader->err, LW_BAD_DATA, "%s: is damaged (wrong checksum)", reader->path);
-    free(chunk);
-    XXH3_freeState(hash);
-    return status;
-}
-
-static enum lw_status take_records(struct reader *reader, struct lw_tiles *tiles) {
+static enum lw_status take_records(struct lw_checked_file_reader *reader, struct lw_tiles *tiles) {
     struct record *record = calloc((size_t)tiles->count + 1, sizeof *record);
     if (!record) return lw_status_fail(reader->err, LW_NO_MEMORY, "%u tiles", tiles->count);
-    enum lw_status status = take(reader, record, (size_t)tiles->count * sizeof *record);
+    enum lw_status status = lw_checked_file_take(reader, record, (size_t)tiles->count * sizeof *record);
     for (uint32_t i = 0; i < tiles->count && status == LW_OK; i++) {
         struct lw_solve_tile *tile = &tiles->tile[i];
         const struct record *r =
@@ -232,11 +157,11 @@ static enum lw_status take_records(struct reader *reader, struct lw_tiles *tiles
     return status;
 }
 
-static enum lw_status take_blocks(struct reader *reader, struct lw_tiles *tiles) {
+static enum lw_status take_blocks(struct lw_checked_file_reader *reader, struct lw_tiles *tiles) {
     for (uint32_t i = 0; i < tiles->block_count; i++) {
         struct lw_solve_block *block = &tiles->block[i];
         struct block_record record;
-        enum lw_status status = take(reader, &record, sizeof record);
+        enum lw_status status = lw_checked_file_take(reader, &record, sizeof record);
         if (status != LW_OK) return status;
         if (record.covered_count != block->covered_count)
             return lw_status_fail(reader->err, LW_BAD_DATA, "%s: is of other texels", reader->path);
@@ -254,30 +179,27 @@ static enum lw_status take_blocks(struct reader *reader, struct lw_tiles *tiles)
     return LW_OK;
 }
 
-static enum lw_status take_body(struct reader *reader, struct lw_tiles *tiles,
+static enum lw_status take_body(struct lw_checked_file_reader *reader, struct lw_tiles *tiles,
                                 const struct lw_checkpoint_part *part, uint32_t part_count) {
-    if (fseek(reader->file, sizeof(struct header), SEEK_SET) != 0)
-        return lw_status_fail(reader->err, LW_IO, "%s: cannot read", reader->path);
     float *plane[PLANES_MAX];
     const uint32_t planes = list_planes(tiles, plane);
     enum lw_status status = take_records(reader, tiles);
     if (status == LW_OK) status = take_blocks(reader, tiles);
     for (uint32_t i = 0; i < planes && status == LW_OK; i++)
-        status = take(reader, plane[i], (size_t)tiles->texel_count * sizeof(float));
+        status = lw_checked_file_take(reader, plane[i], (size_t)tiles->texel_count * sizeof(float));
     for (uint32_t i = 0; i < part_count && status == LW_OK; i++)
-        status = take(reader, part[i].bytes, part[i].size);
+        status = lw_checked_file_take(reader, part[i].bytes, part[i].size);
     return status;
 }
 
 enum lw_status lw_checkpoint_load(const char *path, const uint8_t key[LW_CHECKPOINT_KEY_SIZE],
                                   struct lw_tiles *tiles, const struct lw_checkpoint_part *part,
                                   uint32_t part_count, struct lw_error *err) {
-    struct reader reader = {.path = path, .err = err, .file = fopen(path, "rb")};
-    if (!reader.file) return lw_status_fail(err, LW_NO_INPUT, "%s: cannot open it: %m", path);
+    struct lw_checked_file_reader reader;
+    enum lw_status status = lw_checked_file_read_begin(&reader, path, &kind, "checkpoint", err);
     const struct header wanted = make_header(key, tiles, part, part_count);
-    enum lw_status status = check_header(&reader, &wanted);
-    if (status == LW_OK) status = check_sum(&reader, sizeof wanted + wanted.body_size);
+    if (status == LW_OK) status = take_header(&reader, &wanted);
     if (status == LW_OK) status = take_body(&reader, tiles, part, part_count);
-    fclose(reader.file);
+    lw_checked_file_read_end(&reader);
     return status;
 }

@@ -4,7 +4,7 @@
  *
  * The file belongs to one machine and one build: numbers lie as in memory. A header with a version, the caller's key
  * (which scene, which options) and the size; one record per tile and per block, in the order of their ids; the planes of sums; the
- * caller's own parts; XXH3-64 of all before it. The reader takes a file that fits in every respect, or nothing of it. */
+ * caller's own parts; a checksum (common/checked_file.h). The reader takes a file that fits in every respect, or nothing of it. */
 #ifndef LW_SOLVE_CHECKPOINT_H
 #define LW_SOLVE_CHECKPOINT_H
 

@@ -122,7 +122,7 @@ static void damaged_is_refused(void **state) {
     size_t size;
     uint8_t *bytes = lw_support_read_file(path, &size);
     refused(bytes, 0, LW_BAD_DATA, "no checkpoint");
-    refused(bytes, 20, LW_BAD_DATA, "no checkpoint");
+    refused(bytes, 20, LW_BAD_DATA, "cut short");
     refused(bytes, size - 1, LW_BAD_DATA, "cut short");
     bytes[8]++; /* the version */
     refused(bytes, size, LW_BAD_DATA, "has version");
