@@ -27,7 +27,8 @@ struct cell_solver {
     struct lw_lights lights;
     struct lw_probes probes;
     bool has_probes;
-    struct lw_denoise denoise; /* empty unless the desc asks for it */
+    struct lw_denoise_pairs pairs; /* both empty unless the desc asks for them */
+    struct lw_denoise denoise;
     uint32_t *end;
     struct lw_pose pose;          /* the last one given */
     struct lw_progress *progress; /* of the first frame, which may be long; else NULL */
@@ -245,11 +246,13 @@ static void run_finish(struct cell_solver *s, const struct lw_passes *passes, ui
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         if (tile->due) lw_passes_finish_tile(passes, tile);
-        tile->unseen |= tile->due;
-        if (!tile->unseen || !tile->shows) continue;
-        tile->solved_frame = frame;
-        tile->unseen = false;
-        shown++;
+        LW_TILES_EACH_BLOCK (tile, block) {
+            block->unseen |= tile->due && block->due && block->covered_count;
+            if (!block->unseen || !tile->shows) continue;
+            block->unseen = false;
+            block->shown_frame = tile->solved_frame = frame;
+        }
+        shown += tile->solved_frame == frame;
     }
     stats->tiles_shown = shown;
 }
@@ -333,6 +336,8 @@ static void show(struct cell_solver *s, uint64_t number, struct lw_solver_stats 
         const uint64_t t = lw_clock_ns();
         lw_denoise_run(&s->denoise, number, s->threads);
         stats->denoise_ns = lw_clock_ns() - t;
+    } else {
+        lw_tiles_show(&s->tiles, number, s->threads);
     }
     lw_seams_weld(&s->seams, &s->tiles, number, s->threads);
     lw_tiles_fill_gutters(&s->tiles, &s->texels, s->seams.filled, s->threads);
@@ -438,8 +443,11 @@ static enum lw_status want(struct lw_solver *solver, const uint8_t *wanted, stru
 }
 
 static enum lw_status set_up_denoise(struct cell_solver *s, struct lw_error *err) {
-    if (s->denoise.pair) return LW_OK;
-    enum lw_status status = lw_denoise_init(&s->denoise, s->desc.scene, &s->texels, &s->tiles, s->threads);
+    if (s->denoise.pairs) return LW_OK;
+    enum lw_status status = lw_denoise_pairs_init(&s->pairs, s->desc.scene, &s->texels, s->threads);
+    if (status == LW_OK)
+        status = lw_denoise_init(&s->denoise, &s->pairs, s->desc.atlas_map, &s->tiles, s->threads);
+    if (status != LW_OK) lw_denoise_pairs_finish(&s->pairs);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "denoiser of %u texels", s->texels.count);
 }
 
@@ -453,12 +461,10 @@ static enum lw_status filter(struct lw_solver *solver, struct lw_error *err) {
         last = s->tiles.tile[i].solved_frame > last ? s->tiles.tile[i].solved_frame : last;
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
-        for (int c = 0; c < 3; c++)
-            for (uint32_t t = tile->first; t < tile->first + tile->width * tile->height; t++)
-                s->tiles.light[c][t] = s->tiles.direct[c][t] + s->tiles.indirect[c][t];
+        LW_TILES_EACH_BLOCK (tile, block) block->shown_frame = last;
         tile->solved_frame = last;
     }
-    lw_denoise_run(&s->denoise, LW_DENOISE_ALL, s->threads);
+    lw_denoise_run(&s->denoise, last, s->threads);
     lw_seams_weld(&s->seams, &s->tiles, last, s->threads);
     lw_tiles_fill_gutters(&s->tiles, &s->texels, s->seams.filled, s->threads);
     return LW_OK;
@@ -554,6 +560,7 @@ static void destroy(struct lw_solver *solver) {
     if (!solver) return;
     struct cell_solver *s = (struct cell_solver *)solver;
     lw_denoise_finish(&s->denoise);
+    lw_denoise_pairs_finish(&s->pairs);
     lw_probes_finish(&s->probes);
     lw_lights_finish(&s->lights);
     lw_seams_finish(&s->seams);

@@ -29,7 +29,7 @@ struct block_record {
     float stale_direct;
     struct lw_vec3 stale_indirect[LW_CHANGE_REGIONS];
     float light, noise[LW_TILES_PARTS], error;
-    uint32_t covered_count, frames, zero;
+    uint32_t covered_count, frames, unseen;
 };
 _Static_assert(sizeof(struct block_record) == 112, "no padding, which would have any value");
 
@@ -102,7 +102,8 @@ static void put_blocks(struct lw_checked_file_writer *writer, const struct lw_ti
             .noise = {block->noise[LW_TILES_DIRECT], block->noise[LW_TILES_INDIRECT]},
             .error = block->error,
             .covered_count = block->covered_count,
-            .frames = block->frames};
+            .frames = block->frames,
+            .unseen = block->unseen};
         memcpy(record.stale_indirect, change->stale_indirect, sizeof record.stale_indirect);
         lw_checked_file_put(writer, &record, sizeof record);
     }
@@ -175,6 +176,7 @@ static enum lw_status take_blocks(struct lw_checked_file_reader *reader, struct 
         memcpy(block->noise, record.noise, sizeof record.noise);
         block->error = record.error;
         block->frames = record.frames;
+        block->unseen = record.unseen != 0;
     }
     return LW_OK;
 }

@@ -1,7 +1,10 @@
 #include "server/solve/denoise.h"
 
 #include "common/colour.h"
+#include "common/wide.h"
 
+#include <assert.h>
+#include <omp.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -17,15 +20,18 @@
 #define HISTORY_MIN 4u
 /* The variance of texels that exchange nothing: that of a pair stays negative. */
 #define NO_PART (-1e30f)
-/* Keeps a division by no noise at all finite. */
-#define LIMIT_MIN 1e-30f
-/* Rows and columns around an object's texels, so that the longest step stays inside the planes. */
+/* Until it is guessed. */
+#define UNKNOWN 1e30f
+/* Rows and columns around a mesh's weights, so that the longest step stays inside them. */
 #define MARGIN (1u << (LW_DENOISE_PASSES - 1))
-/* Texels of a row whose sums are kept at a time: they stay in the nearest cache. */
-#define RUN 256u
 
-/* Texels of an object for whose sake workers are made to wait for each other. */
-#define PARALLEL_MIN 32768u
+/* Planes hold a tile and what the filter reads around it. Rows are worked on by whole vectors: what lies beyond the
+ * texels that are asked for is of no use, but finite. */
+#define LANES  16u
+#define STRIDE (LW_TILE_SIDE + 2 * LANES)
+#define ROWS   (LW_TILE_SIDE + 2 * LW_DENOISE_REACH)
+#define SPARE  64u /* bytes that the last row of weights may be read beyond its end */
+_Static_assert(LW_DENOISE_REACH + LANES <= 2 * LANES, "a row's last vector stays in it");
 
 /* Half of a texel's neighbours; the other half sees it as one of these. Taps of (1/4, 1/2, 1/4) squared. */
 #define DIRECTIONS 4
@@ -35,17 +41,10 @@ static const struct direction {
 } direction[DIRECTIONS] = {{1, 0, 0.125f}, {0, 1, 0.125f}, {1, 1, 0.0625f}, {-1, 1, 0.0625f}};
 
 enum { R, G, B, Y, VARIANCE };
-enum { SOLVED = 1, BESIDE = 2 };
 
 static size_t stride_of(const struct lw_mesh_texels *mesh) { return (size_t)mesh->width + 2 * MARGIN; }
 static size_t area_of(const struct lw_mesh_texels *mesh) {
     return stride_of(mesh) * ((size_t)mesh->height + 2 * MARGIN);
-}
-static uint32_t columns_of(const struct lw_mesh_texels *mesh) {
-    return (mesh->width + LW_TILE_SIDE - 1) / LW_TILE_SIDE;
-}
-static uint32_t rows_of(const struct lw_mesh_texels *mesh) {
-    return (mesh->height + LW_TILE_SIDE - 1) / LW_TILE_SIDE;
 }
 
 /* ---- geometry, once ------------------------------------------------------------------------------------------- */
@@ -95,7 +94,7 @@ static void weigh_row(const struct lw_mesh_texels *mesh, uint32_t y, uint32_t st
 
 static uint8_t *weigh_mesh(const struct lw_mesh_texels *mesh, int threads) {
     const size_t area = area_of(mesh);
-    uint8_t *pair = calloc(LW_DENOISE_PASSES * DIRECTIONS, area);
+    uint8_t *pair = calloc(LW_DENOISE_PASSES * DIRECTIONS * area + SPARE, 1);
     if (!pair) return NULL;
     const float side = texel_side(mesh);
 #pragma omp parallel for schedule(static) num_threads(threads)
@@ -108,323 +107,408 @@ static uint8_t *weigh_mesh(const struct lw_mesh_texels *mesh, int threads) {
     return pair;
 }
 
-static enum lw_status allocate(struct lw_denoise *d) {
-    const struct lw_scene *scene = d->scene;
-    for (uint32_t o = 0; o < scene->object_count; o++) {
-        const struct lw_mesh_texels *mesh = &d->texels->mesh[scene->object[o].mesh];
-        const size_t area = area_of(mesh), slots = (size_t)columns_of(mesh) * rows_of(mesh);
-        if (area > d->plane_texels) d->plane_texels = area;
-        if (slots > d->slots_max) d->slots_max = slots;
-    }
-    bool ok = (d->pair = calloc((size_t)scene->mesh_count + 1, sizeof *d->pair)) != NULL;
-    ok &= (d->slot = calloc(d->slots_max + 1, sizeof *d->slot)) != NULL;
-    ok &= (d->part = calloc(d->slots_max + 1, sizeof *d->part)) != NULL;
-    ok &= (d->object_slot = calloc((size_t)d->tiles->count + 1, sizeof *d->object_slot)) != NULL;
-    ok &= (d->object_first = calloc((size_t)scene->object_count + 2, sizeof *d->object_first)) != NULL;
-    for (int i = 0; i < 2; i++)
-        for (int p = 0; p < LW_DENOISE_PLANES; p++)
-            ok &= (d->plane[i][p] = calloc(d->plane_texels + 1, sizeof *d->plane[i][p])) != NULL;
-    return ok ? LW_OK : LW_NO_MEMORY;
-}
-
-enum lw_status lw_denoise_init(struct lw_denoise *denoise, const struct lw_scene *scene,
-                               const struct lw_texels *texels, const struct lw_tiles *tiles, int threads) {
-    *denoise = (struct lw_denoise){.scene = scene, .texels = texels, .tiles = tiles};
-    enum lw_status status = allocate(denoise);
-    for (uint32_t o = 0; status == LW_OK && o < scene->object_count; o++) {
+enum lw_status lw_denoise_pairs_init(struct lw_denoise_pairs *pairs, const struct lw_scene *scene,
+                                     const struct lw_texels *texels, int threads) {
+    *pairs = (struct lw_denoise_pairs){.scene = scene, .texels = texels};
+    pairs->pair = calloc((size_t)scene->mesh_count + 1, sizeof *pairs->pair);
+    bool ok = pairs->pair != NULL;
+    for (uint32_t o = 0; ok && o < scene->object_count; o++) {
         const uint32_t m = scene->object[o].mesh;
-        if (denoise->pair[m] || !texels->mesh[m].texel_count) continue;
-        if (!(denoise->pair[m] = weigh_mesh(&texels->mesh[m], threads))) status = LW_NO_MEMORY;
-        denoise->pair_bytes += LW_DENOISE_PASSES * DIRECTIONS * area_of(&texels->mesh[m]);
+        if (pairs->pair[m] || !texels->mesh[m].texel_count) continue;
+        ok = (pairs->pair[m] = weigh_mesh(&texels->mesh[m], threads)) != NULL;
+        pairs->bytes += LW_DENOISE_PASSES * DIRECTIONS * area_of(&texels->mesh[m]);
     }
-    if (status != LW_OK) lw_denoise_finish(denoise);
-    return status;
+    if (ok) return LW_OK;
+    lw_denoise_pairs_finish(pairs);
+    return LW_NO_MEMORY;
 }
 
-void lw_denoise_finish(struct lw_denoise *denoise) {
-    for (uint32_t m = 0; denoise->pair && m < denoise->scene->mesh_count; m++) free(denoise->pair[m]);
-    free(denoise->pair);
-    free(denoise->slot);
-    free(denoise->part);
-    free(denoise->object_slot);
-    free(denoise->object_first);
-    for (int i = 0; i < 2; i++)
-        for (int p = 0; p < LW_DENOISE_PLANES; p++) free(denoise->plane[i][p]);
-    *denoise = (struct lw_denoise){0};
+void lw_denoise_pairs_finish(struct lw_denoise_pairs *pairs) {
+    for (uint32_t m = 0; pairs->pair && m < pairs->scene->mesh_count; m++) free(pairs->pair[m]);
+    free(pairs->pair);
+    *pairs = (struct lw_denoise_pairs){0};
 }
 
-size_t lw_denoise_memory_bytes(const struct lw_denoise *denoise) {
-    return denoise->pair_bytes + 2 * LW_DENOISE_PLANES * sizeof(float) * denoise->plane_texels;
-}
+/* ---- one tile ------------------------------------------------------------------------------------------------- */
 
-/* ---- one object ----------------------------------------------------------------------------------------------- */
+struct lw_denoise_planes {
+    float at[2][LW_DENOISE_PLANES][ROWS * STRIDE];
+    float weight[DIRECTIONS][ROWS * STRIDE]; /* of a pass: what a texel exchanges with its neighbour */
+};
 
+/* Where a pass reads or writes. */
 struct planes {
     float *p[LW_DENOISE_PLANES];
 };
 
+/* The rectangle of a tile's texels that is filtered. */
 struct job {
     const struct lw_denoise *denoise;
+    const struct lw_solve_tile *tile;
     const struct lw_mesh_texels *mesh;
     const uint8_t *pair;
-    uint32_t first, columns; /* global index of its first texel; tiles in a row */
-    size_t stride, area;
+    size_t pair_stride, pair_area;
+    uint32_t x, y, width, height; /* in the object's atlas */
 };
 
-/* One of a texel's eight neighbours in a pass: how far away in the planes, and where the pair's weight is found. */
+/* One half of a texel's neighbours in a pass: how far away in the planes, and where the pair's weight is found. */
 struct tap {
-    ptrdiff_t offset, weight; /* weight: relative to the texel, in job->pair */
-    float kernel;             /* of a weight of 1/255 */
+    ptrdiff_t offset;
+    ptrdiff_t pair,
+        pair_offset; /* weight of the texel and the neighbour, relative to the texel's in job->pair; as far away there */
+    float kernel; /* of a weight of 1/255 */
 };
 
-static void list_taps(const struct job *job, uint32_t pass, struct tap out_tap[2 * DIRECTIONS]) {
+static void list_taps(const struct job *job, uint32_t pass, struct tap out_tap[DIRECTIONS]) {
     for (int k = 0; k < DIRECTIONS; k++) {
-        const ptrdiff_t offset =
-            ((ptrdiff_t)direction[k].dy * (ptrdiff_t)job->stride + direction[k].dx) * ((ptrdiff_t)1 << pass);
-        const ptrdiff_t weight = (ptrdiff_t)((pass * DIRECTIONS + (uint32_t)k) * job->area);
-        const float kernel = direction[k].kernel / 255;
-        out_tap[2 * k] = (struct tap){offset, weight, kernel};
-        out_tap[2 * k + 1] = (struct tap){-offset, weight - offset, kernel};
+        const ptrdiff_t step = (ptrdiff_t)1 << pass, dx = direction[k].dx * step, dy = direction[k].dy * step;
+        out_tap[k] = (struct tap){.offset = dy * (ptrdiff_t)STRIDE + dx,
+                                  .pair = (ptrdiff_t)((pass * DIRECTIONS + (uint32_t)k) * job->pair_area),
+                                  .pair_offset = dy * (ptrdiff_t)job->pair_stride + dx,
+                                  .kernel = direction[k].kernel / 255};
     }
 }
 
-/* The runs of a row that lie in one block each are runs of memory. */
-#define EACH_RUN(job, y, x, n, t)                                                                            \
-    for (uint32_t x = 0, n, t;                                                                               \
-         x < (job)->mesh->width &&                                                                           \
-         (n = (job)->mesh->width - x < LW_TILE_BLOCK ? (job)->mesh->width - x : LW_TILE_BLOCK,               \
-         t = lw_texels_index((job)->mesh, x, y), true);                                                      \
-         x += LW_TILE_BLOCK)
+/* Texels from `around` columns before the rectangle to as many behind it, or to the end of a vector. */
+struct row {
+    size_t plane;        /* its first texel there */
+    const uint8_t *pair; /* its first texel's weight of the first direction and pass */
+    uint32_t count;      /* whole vectors */
+};
 
-static const struct lw_solve_tile *tile_at(const struct job *job, uint32_t x, uint32_t y) {
-    const struct lw_denoise *d = job->denoise;
-    return &d->tiles->tile[d->slot[y / LW_TILE_SIDE * job->columns + x / LW_TILE_SIDE]];
+static struct row row_at(const struct job *job, uint32_t y, uint32_t around) {
+    const uint32_t count = job->width + 2 * around;
+    return (struct row){
+        .plane = (y + LW_DENOISE_REACH - job->y) * STRIDE + LW_DENOISE_REACH - around,
+        .pair = job->pair + (size_t)(y + MARGIN) * job->pair_stride + MARGIN + job->x - around,
+        .count = (count + LANES - 1) / LANES * LANES,
+    };
 }
 
-/* Frames that the sums of a texel's block stand for. */
-static float remembered_at(const struct job *job, uint32_t x, uint32_t y) {
-    return lw_tiles_block(tile_at(job, x, y), x % LW_TILE_SIDE, y % LW_TILE_SIDE)->indirect.frames;
+/* Rows of the atlas from `around` above the rectangle to as many below it. */
+#define EACH_ROW(job, around, y)                                                                             \
+    for (uint32_t y = (job)->y > (around) ? (job)->y - (around) : 0,                                         \
+                  end_ = (job)->y + (job)->height + (around) < (job)->mesh->height                           \
+                             ? (job)->y + (job)->height + (around)                                           \
+                             : (job)->mesh->height;                                                          \
+         y < end_; y++)
+
+/* Sixteen numbers at a time. */
+typedef float lanes __attribute__((vector_size(LANES * sizeof(float))));
+typedef int32_t whole_lanes __attribute__((vector_size(LANES * sizeof(int32_t))));
+typedef uint8_t byte_lanes __attribute__((vector_size(LANES)));
+
+LW_WIDE_INLINE lanes load(const float *from) {
+    lanes v;
+    memcpy(&v, from, sizeof v);
+    return v;
 }
 
-static size_t place(const struct job *job, uint32_t x, uint32_t y) {
-    return (y + MARGIN) * job->stride + x + MARGIN;
+LW_WIDE_INLINE void store(float *to, lanes v) { memcpy(to, &v, sizeof v); }
+
+LW_WIDE_INLINE lanes every(float x) { return (lanes){x, x, x, x, x, x, x, x, x, x, x, x, x, x, x, x}; }
+
+/* Where yes is -1, and where it is 0. */
+LW_WIDE_INLINE lanes choose(whole_lanes yes, lanes a, lanes b) {
+    return (lanes)(((whole_lanes)a & yes) | ((whole_lanes)b & ~yes));
 }
 
-/* Colours, and the variance of each texel's mean over the frames. */
-static void load_row(const struct job *job, const struct planes *out, uint32_t y) {
+/* Weights of pairs; false if all are 0. */
+LW_WIDE_INLINE bool load_pair(const uint8_t *from, lanes *out) {
+    uint64_t half[2];
+    memcpy(half, from, sizeof half);
+    if (!(half[0] | half[1])) return false;
+    byte_lanes bytes;
+    memcpy(&bytes, from, sizeof bytes);
+    *out = __builtin_convertvector(bytes, lanes);
+    return true;
+}
+
+/* Colours, and the variance of each texel's mean over the frames: of a row's texels in one block. */
+LW_WIDE_INLINE void load_run(const struct lw_tiles *tiles, size_t from, uint32_t n, float per_frame,
+                             float unknown, const struct planes *out, size_t to) {
+    const float *const restrict spread = tiles->spread + from;
+    const uint8_t *const restrict covered = tiles->covered + from;
+    float *const restrict y = out->p[Y] + to, *const restrict variance = out->p[VARIANCE] + to;
+    for (int c = 0; c < 3; c++) {
+        const float *const restrict direct = tiles->direct[c] + from, *const restrict indirect =
+                                                                          tiles->indirect[c] + from;
+        float *const restrict v = out->p[c] + to;
+#pragma omp simd
+        for (uint32_t i = 0; i < n; i++) v[i] = direct[i] + indirect[i];
+    }
+    const float *const restrict r = out->p[R] + to, *const restrict g = out->p[G] + to,
+                                *const restrict b = out->p[B] + to;
+#pragma omp simd
+    for (uint32_t i = 0; i < n; i++) {
+        const float own = lw_colour_luminance(lw_vec3(r[i], g[i], b[i])), v = spread[i] * per_frame + unknown;
+        y[i] = covered[i] ? own : -1;
+        variance[i] = covered[i] ? v : NO_PART;
+    }
+}
+
+LW_WIDE static void load_block_row(const struct lw_tiles *tiles, size_t from, uint32_t n, float per_frame,
+                                   float unknown, const struct planes *out, size_t to) {
+    if (n == LW_TILE_BLOCK)
+        load_run(tiles, from, LW_TILE_BLOCK, per_frame, unknown, out, to); /* one vector, as most are */
+    else
+        load_run(tiles, from, n, per_frame, unknown, out, to);
+}
+
+/* False: no texel's variance is to be guessed. */
+static bool load_rows(const struct job *job, const struct planes *out) {
     const struct lw_tiles *tiles = job->denoise->tiles;
-    EACH_RUN(job, y, x, n, t) {
-        const bool quiet = tile_at(job, x, y)->error <= LW_DENOISE_QUIET;
-        const float remembered = remembered_at(job, x, y);
-        const float per_frame = remembered >= HISTORY_MIN ? 1 / (remembered - 1) : 0;
-        const size_t from = job->first + t, to = place(job, x, y);
-        const uint8_t *covered = tiles->covered + from;
-        for (uint32_t i = 0; i < n; i++) {
-            float v[3];
-            for (int c = 0; c < 3; c++)
-                out->p[c][to + i] = v[c] = tiles->direct[c][from + i] + tiles->indirect[c][from + i];
-            const float own = lw_colour_luminance(lw_vec3(v[0], v[1], v[2]));
-            out->p[Y][to + i] = covered[i] ? own : -1;
-            out->p[VARIANCE][to + i] = quiet || !covered[i] ? NO_PART : tiles->spread[from + i] * per_frame;
+    const uint32_t first = job->x > LW_DENOISE_REACH ? job->x - LW_DENOISE_REACH : 0,
+                   right = job->x + job->width + LW_DENOISE_REACH,
+                   end = right < job->mesh->width ? right : job->mesh->width;
+    bool guess = false;
+    EACH_ROW(job, LW_DENOISE_REACH, y) {
+        const size_t row = row_at(job, y, 0).plane;
+        for (uint32_t x = first, next; x < end; x = next) {
+            next = (x / LW_TILE_BLOCK + 1) * LW_TILE_BLOCK;
+            if (next > end) next = end;
+            const uint32_t texel = job->tile->first - job->tile->local + lw_texels_index(job->mesh, x, y);
+            const struct lw_solve_block *block = &tiles->block[tiles->block_of_texel[texel]];
+            const size_t to = row + x - job->x;
+            if (!block->covered_count) {
+                for (uint32_t u = 0; u < next - x; u++)
+                    out->p[Y][to + u] = -1, out->p[VARIANCE][to + u] = NO_PART;
+                continue;
+            }
+            const float remembered = block->indirect.frames;
+            const bool few = remembered < HISTORY_MIN;
+            load_block_row(tiles, texel, next - x, few ? 0 : 1 / (remembered - 1), few ? UNKNOWN : 0, out,
+                           to);
+            guess |= few;
         }
     }
+    return guess;
 }
 
 /* Where frames are few: half the mean square of the differences to the neighbours. */
-static void guess_row(const struct job *job, const struct planes *v, const struct tap *tap, uint32_t y) {
-    EACH_RUN(job, y, x, n, t) {
-        (void)t;
-        if (remembered_at(job, x, y) >= HISTORY_MIN) continue;
-        for (size_t i = place(job, x, y), end = i + n; i < end; i++) {
-            if (v->p[VARIANCE][i] < 0) continue;
-            const float *y_of = v->p[Y] + i;
-            float square = 0, weights = 0;
-            for (int k = 0; k < 2 * DIRECTIONS; k++) {
-                const float there = y_of[tap[k].offset], off = there - y_of[0];
-                const float w = there < 0 ? 0 : (float)*(job->pair + (ptrdiff_t)i + tap[k].weight);
+LW_WIDE static void guess_row(struct row row, const struct planes *v, const struct tap tap[DIRECTIONS]) {
+    for (uint32_t i = 0; i < row.count; i += LANES) {
+        const float *y = v->p[Y] + row.plane + i;
+        float *variance = v->p[VARIANCE] + row.plane + i;
+        const lanes own = load(y), given = load(variance);
+        lanes square = {0}, weights = {0}, w;
+        for (int k = 0; k < DIRECTIONS; k++)
+            for (int back = 0; back < 2; back++) {
+                if (!load_pair(row.pair + i + tap[k].pair - (back ? tap[k].pair_offset : 0), &w)) continue;
+                const lanes there = load(y + (back ? -tap[k].offset : tap[k].offset)), off = there - own;
+                w = choose(there < 0, every(0), w);
                 square += w * off * off;
                 weights += w;
             }
-            v->p[VARIANCE][i] = weights > 0 ? 0.5f * square / weights : 0;
-        }
+        const lanes guess = 0.5f * square / choose(weights > 0, weights, every(1));
+        store(variance, choose(given >= UNKNOWN, guess, given));
     }
 }
 
 /* The variance that edges are measured by: of a texel and its neighbours together, since one that has met no rare
  * bright sample yet believes itself without noise. */
-static void smooth_row(const struct job *job, const float *in, float *out, const struct tap *tap,
-                       uint32_t y) {
-    float sum[RUN], weights[RUN];
-    for (uint32_t x = 0; x < job->mesh->width; x += RUN) {
-        const uint32_t n = job->mesh->width - x < RUN ? job->mesh->width - x : RUN;
-        const size_t at = place(job, x, y);
-        for (uint32_t i = 0; i < n; i++) {
-            sum[i] = 0.25f * in[at + i];
-            weights[i] = 0.25f;
-        }
-        for (int k = 0; k < 2 * DIRECTIONS; k++) {
-            const float *there = in + at + tap[k].offset, kernel = tap[k].kernel;
-            const uint8_t *pair = job->pair + (ptrdiff_t)at + tap[k].weight;
-#pragma omp simd
-            for (uint32_t i = 0; i < n; i++) {
-                const float w = there[i] < 0 ? 0 : kernel * (float)pair[i];
-                sum[i] += w * there[i];
-                weights[i] += w;
+LW_WIDE static void smooth_row(struct row row, const float *in, float *out,
+                               const struct tap tap[DIRECTIONS]) {
+    for (uint32_t i = 0; i < row.count; i += LANES) {
+        const float *from = in + row.plane + i;
+        const lanes own = load(from);
+        lanes sum = 0.25f * own, weights = every(0.25f), w;
+        for (int k = 0; k < DIRECTIONS; k++)
+            for (int back = 0; back < 2; back++) {
+                if (!load_pair(row.pair + i + tap[k].pair - (back ? tap[k].pair_offset : 0), &w)) continue;
+                const lanes there = load(from + (back ? -tap[k].offset : tap[k].offset));
+                w = choose(there < 0, every(0), tap[k].kernel * w);
+                sum += w * there;
+                weights += w;
             }
-        }
-#pragma omp simd
-        for (uint32_t i = 0; i < n; i++) out[at + i] = in[at + i] < 0 ? NO_PART : sum[i] / weights[i];
+        store(out + row.plane + i, choose(own < 0, every(NO_PART), sum / weights));
     }
 }
 
-/* What a run of texels gets from its neighbours in one direction. (Inlined, gcc 12 makes no vectors of it.) */
-static void exchange(const struct planes *in, size_t at, const struct tap *tap, const uint8_t *pair,
-                     uint32_t n, float sum[LW_DENOISE_PLANES][RUN]) __attribute__((noinline));
-static void exchange(const struct planes *in, size_t at, const struct tap *tap, const uint8_t *pair,
-                     uint32_t n, float sum[LW_DENOISE_PLANES][RUN]) {
-    const float *r = in->p[R] + at, *g = in->p[G] + at, *b = in->p[B] + at, *own = in->p[Y] + at,
-                *variance = in->p[VARIANCE] + at;
-    const ptrdiff_t o = tap->offset;
-    const float *r_of = r + o, *g_of = g + o, *b_of = b + o, *y_of = own + o, *variance_of = variance + o;
-    float *restrict sr = sum[R], *restrict sg = sum[G], *restrict sb = sum[B], *restrict sw = sum[Y],
-                    *restrict sv = sum[VARIANCE];
-    const float kernel = tap->kernel;
-#pragma omp simd
-    for (uint32_t i = 0; i < n; i++) {
-        const float off = y_of[i] - own[i], square = off * off;
-        const float limit = SIGMAS * SIGMAS * (variance[i] + variance_of[i]);
-        /* Tukey's biweight: an edge far above the noise passes nothing at all, and without noise there is no exchange.
-         * (A division under a condition would keep the loop from being made of vectors.) */
-        const float divisor = limit > LIMIT_MIN ? limit : LIMIT_MIN;
-        const float tame = 1 - (square < limit ? square : divisor) / divisor;
-        const float w = kernel * (float)pair[i] * (tame * tame);
-        sr[i] += w * (r_of[i] - r[i]);
-        sg[i] += w * (g_of[i] - g[i]);
-        sb[i] += w * (b_of[i] - b[i]);
-        sw[i] += w;
-        sv[i] += w * w * variance_of[i];
-    }
-}
-
-static void filter_row(const struct job *job, const struct planes *in, const struct planes *out,
-                       const struct tap *tap, uint32_t y) {
-    float sum[LW_DENOISE_PLANES][RUN];
-    for (uint32_t x = 0; x < job->mesh->width; x += RUN) {
-        const uint32_t n = job->mesh->width - x < RUN ? job->mesh->width - x : RUN;
-        const size_t at = place(job, x, y);
-        memset(sum, 0, sizeof sum);
-        for (int k = 0; k < 2 * DIRECTIONS; k++)
-            exchange(in, at, &tap[k], job->pair + (ptrdiff_t)at + tap[k].weight, n, sum);
-        for (uint32_t i = 0; i < n; i++) {
-            const float variance = in->p[VARIANCE][at + i], kept = 1 - sum[Y][i];
-            float v[3];
-            for (int c = 0; c < 3; c++) out->p[c][at + i] = v[c] = in->p[c][at + i] + sum[c][i];
-            out->p[Y][at + i] = lw_colour_luminance(lw_vec3(v[0], v[1], v[2]));
-            out->p[VARIANCE][at + i] = variance < 0 ? NO_PART : sum[VARIANCE][i] + kept * kept * variance;
+/* How much of the light between the texels of a row and their neighbours in four directions is exchanged. */
+LW_WIDE static void weigh_pairs(struct row row, const struct planes *in, const struct tap tap[DIRECTIONS],
+                                float weight[DIRECTIONS][ROWS * STRIDE]) {
+    for (uint32_t i = 0; i < row.count; i += LANES) {
+        const float *y = in->p[Y] + row.plane + i, *variance = in->p[VARIANCE] + row.plane + i;
+        const lanes own = load(y), own_variance = load(variance);
+        for (int k = 0; k < DIRECTIONS; k++) {
+            lanes w;
+            if (!load_pair(row.pair + i + tap[k].pair, &w)) {
+                store(weight[k] + row.plane + i, every(0));
+                continue;
+            }
+            const lanes off = load(y + tap[k].offset) - own, square = off * off,
+                        limit = SIGMAS * SIGMAS * (own_variance + load(variance + tap[k].offset));
+            /* Tukey's biweight: an edge far above the noise passes nothing at all, and without noise there is no exchange. */
+            const lanes share =
+                choose(square < limit, square, every(1)) / choose(square < limit, limit, every(1));
+            const lanes tame = 1 - share;
+            store(weight[k] + row.plane + i, tap[k].kernel * w * tame * tame);
         }
     }
 }
 
-static void store_row(const struct job *job, const struct planes *in, uint32_t y) {
+LW_WIDE static void exchange(struct row row, const struct planes *in, const struct planes *out,
+                             const struct tap tap[DIRECTIONS], float weight[DIRECTIONS][ROWS * STRIDE]) {
+    for (uint32_t i = 0; i < row.count; i += LANES) {
+        const size_t at = row.plane + i;
+        const lanes r = load(in->p[R] + at), g = load(in->p[G] + at), b = load(in->p[B] + at),
+                    variance = load(in->p[VARIANCE] + at);
+        lanes r_sum = r, g_sum = g, b_sum = b, given = {0}, v_sum = {0}, ignored;
+        for (int k = 0; k < DIRECTIONS; k++)
+            for (int back = 0; back < 2; back++) {
+                if (!load_pair(row.pair + i + tap[k].pair - (back ? tap[k].pair_offset : 0), &ignored))
+                    continue;
+                const size_t there = back ? at - (size_t)tap[k].offset : at + (size_t)tap[k].offset;
+                const lanes w = load(weight[k] + (back ? there : at));
+                r_sum += w * (load(in->p[R] + there) - r);
+                g_sum += w * (load(in->p[G] + there) - g);
+                b_sum += w * (load(in->p[B] + there) - b);
+                v_sum += w * w * load(in->p[VARIANCE] + there);
+                given += w;
+            }
+        const lanes kept = 1 - given;
+        store(out->p[R] + at, r_sum);
+        store(out->p[G] + at, g_sum);
+        store(out->p[B] + at, b_sum);
+        store(out->p[Y] + at, 0.2126f * r_sum + 0.7152f * g_sum + 0.0722f * b_sum);
+        store(out->p[VARIANCE] + at, choose(variance < 0, every(NO_PART), v_sum + kept * kept * variance));
+    }
+}
+
+static void store_rows(const struct job *job, const struct planes *in) {
     const struct lw_tiles *tiles = job->denoise->tiles;
-    EACH_RUN(job, y, x, n, t) {
-        if (!job->denoise->part[y / LW_TILE_SIDE * job->columns + x / LW_TILE_SIDE]) continue;
-        const size_t to = job->first + t, from = place(job, x, y);
-        for (uint32_t i = 0; i < n; i++)
-            for (int c = 0; c < 3 && tiles->covered[to + i]; c++)
-                tiles->light[c][to + i] = in->p[c][from + i];
-    }
-}
-
-static void run_object(const struct job *job, int threads) {
-    const struct lw_denoise *d = job->denoise;
-    const uint32_t rows = job->mesh->height;
-    struct planes a, b;
-    memcpy(a.p, d->plane[0], sizeof a.p);
-    memcpy(b.p, d->plane[1], sizeof b.p);
-    struct tap tap[LW_DENOISE_PASSES][2 * DIRECTIONS];
-    for (uint32_t pass = 0; pass < LW_DENOISE_PASSES; pass++) list_taps(job, pass, tap[pass]);
-    if ((size_t)job->mesh->width * rows < PARALLEL_MIN) threads = 1;
-#pragma omp parallel num_threads(threads)
-    {
-#pragma omp for schedule(static)
-        for (uint32_t y = 0; y < rows; y++) load_row(job, &a, y);
-#pragma omp for schedule(static)
-        for (uint32_t y = 0; y < rows; y++) guess_row(job, &a, tap[0], y);
-#pragma omp for schedule(static)
-        for (uint32_t y = 0; y < rows; y++) smooth_row(job, a.p[VARIANCE], b.p[VARIANCE], tap[0], y);
-        /* The smoothed variance goes with the colours that it was made from. */
-        struct planes in = a, out = b;
-        in.p[VARIANCE] = b.p[VARIANCE];
-        out.p[VARIANCE] = a.p[VARIANCE];
-        for (uint32_t pass = 0; pass < LW_DENOISE_PASSES; pass++) {
-#pragma omp for schedule(static)
-            for (uint32_t y = 0; y < rows; y++) filter_row(job, &in, &out, tap[pass], y);
-            const struct planes swap = in;
-            in = out;
-            out = swap;
+    const struct lw_solve_tile *tile = job->tile;
+    const uint32_t left = tile->x * LW_TILE_SIDE, top = tile->y * LW_TILE_SIDE;
+    EACH_ROW(job, 0, y) {
+        const size_t row = row_at(job, y, 0).plane;
+        for (uint32_t x = job->x; x < job->x + job->width; x++) {
+            const uint32_t texel = tile->first + (y - top) * tile->width + x - left;
+            if (!tiles->covered[texel] || !job->denoise->marked[tiles->block_of_texel[texel]]) continue;
+            for (int c = 0; c < 3; c++) tiles->light[c][texel] = in->p[c][row + x - job->x];
         }
-#pragma omp for schedule(static)
-        for (uint32_t y = 0; y < rows; y++) store_row(job, &in, y);
     }
 }
 
-/* ---- which objects and tiles ---------------------------------------------------------------------------------- */
-
-/* Tiles are sorted anew whenever something moves. */
-static void sort_by_object(struct lw_denoise *d) {
-    const struct lw_tiles *tiles = d->tiles;
-    uint32_t *first = d->object_first;
-    memset(first, 0, ((size_t)d->scene->object_count + 2) * sizeof *first);
-    for (uint32_t i = 0; i < tiles->count; i++) first[tiles->tile[i].object + 2]++;
-    for (uint32_t o = 0; o < d->scene->object_count; o++) first[o + 2] += first[o + 1];
-    for (uint32_t i = 0; i < tiles->count; i++) d->object_slot[first[tiles->tile[i].object + 1]++] = i;
+static void filter(const struct job *job, struct lw_denoise_planes *planes) {
+    struct planes in, out;
+    for (uint32_t p = 0; p < LW_DENOISE_PLANES; p++) in.p[p] = planes->at[0][p], out.p[p] = planes->at[1][p];
+    struct tap tap[DIRECTIONS];
+    list_taps(job, 0, tap);
+    uint32_t around = LW_DENOISE_REACH - 1;
+    if (load_rows(job, &in)) {
+        EACH_ROW(job, around, y) guess_row(row_at(job, y, around), &in, tap);
+    }
+    around--;
+    EACH_ROW(job, around, y) smooth_row(row_at(job, y, around), in.p[VARIANCE], out.p[VARIANCE], tap);
+    /* The smoothed variance goes with the colours that it was made from. */
+    float *const smooth = out.p[VARIANCE];
+    out.p[VARIANCE] = in.p[VARIANCE];
+    in.p[VARIANCE] = smooth;
+    for (uint32_t pass = 0; pass < LW_DENOISE_PASSES; pass++) {
+        list_taps(job, pass, tap);
+        EACH_ROW(job, around, y) weigh_pairs(row_at(job, y, around), &in, tap, planes->weight);
+        around -= 1u << pass;
+        EACH_ROW(job, around, y) exchange(row_at(job, y, around), &in, &out, tap, planes->weight);
+        const struct planes swap = in;
+        in = out;
+        out = swap;
+    }
+    store_rows(job, &in);
 }
 
-/* Finds what each tile of an object does. The filter reaches 7 texels far, its variance two more: a tile is changed by
- * those beside it. False: nothing is to be done. */
-static bool find_parts(struct lw_denoise *d, uint32_t object, uint32_t columns, uint32_t rows,
-                       uint64_t frame) {
-    bool solved = false, noisy = false;
-    memset(d->part, 0, (size_t)columns * rows);
-    for (uint32_t k = d->object_first[object]; k < d->object_first[object + 1]; k++) {
-        const uint32_t i = d->object_slot[k];
+/* ---- which blocks --------------------------------------------------------------------------------------------- */
+
+enum lw_status lw_denoise_init(struct lw_denoise *denoise, const struct lw_denoise_pairs *pairs,
+                               const struct lw_atlas_map *map, const struct lw_tiles *tiles, int threads) {
+    *denoise = (struct lw_denoise){.pairs = pairs, .map = map, .tiles = tiles, .threads = threads};
+    denoise->marked = calloc((size_t)tiles->block_count + 1, sizeof *denoise->marked);
+    denoise->planes = calloc((size_t)threads, sizeof *denoise->planes);
+    if (denoise->marked && denoise->planes) return LW_OK;
+    lw_denoise_finish(denoise);
+    return LW_NO_MEMORY;
+}
+
+void lw_denoise_finish(struct lw_denoise *denoise) {
+    free(denoise->planes);
+    free(denoise->marked);
+    *denoise = (struct lw_denoise){0};
+}
+
+size_t lw_denoise_memory_bytes(const struct lw_denoise *denoise) {
+    if (!denoise->pairs) return 0;
+    return denoise->pairs->bytes + denoise->tiles->block_count +
+           (size_t)denoise->threads * sizeof *denoise->planes;
+}
+
+/* Marks the block of a tile at a column and row of its object's blocks, if there is one. */
+static void mark(struct lw_denoise *d, uint32_t object, int64_t column, int64_t row) {
+    const struct lw_atlas_level *level = &d->map->atlas[object].level[0];
+    const uint32_t x = (uint32_t)column * LW_TILE_BLOCK, y = (uint32_t)row * LW_TILE_BLOCK;
+    if (column < 0 || row < 0 || x >= level->width || y >= level->height) return;
+    const lw_tile_id id = lw_atlas_map_find(d->map, object, 0, x / LW_TILE_SIDE, y / LW_TILE_SIDE);
+    const struct lw_solve_tile *tile = &d->tiles->tile[d->tiles->slot_of_id[id.v]];
+    const struct lw_solve_block *block = lw_tiles_block(tile, x % LW_TILE_SIDE, y % LW_TILE_SIDE);
+    d->marked[block - d->tiles->block] = block->covered_count > 0;
+}
+
+_Static_assert(LW_DENOISE_REACH <= LW_TILE_BLOCK, "blocks change those beside them alone");
+static void mark_around(struct lw_denoise *d, const struct lw_solve_tile *tile, uint32_t block) {
+    const int64_t column = tile->x * LW_TILE_BLOCKS + block % tile->block_columns,
+                  row = tile->y * LW_TILE_BLOCKS + block / tile->block_columns;
+    for (int64_t v = row - 1; v <= row + 1; v++)
+        for (int64_t u = column - 1; u <= column + 1; u++) mark(d, tile->object, u, v);
+}
+
+static void mark_all(struct lw_denoise *d, uint64_t frame) {
+    memset(d->marked, 0, d->tiles->block_count);
+    for (uint32_t i = 0; i < d->tiles->count; i++) {
         const struct lw_solve_tile *tile = &d->tiles->tile[i];
-        d->slot[tile->y * columns + tile->x] = i;
-        noisy |= tile->covered_count && tile->error > LW_DENOISE_QUIET;
-        if (frame != LW_DENOISE_ALL && tile->solved_frame != frame) continue;
-        d->part[tile->y * columns + tile->x] = SOLVED;
-        solved = true;
-    }
-    if (!solved || !noisy) return false;
-    for (uint32_t y = 0; y < rows; y++)
-        for (uint32_t x = 0; x < columns; x++) {
-            if (d->part[y * columns + x] != SOLVED) continue;
-            for (uint32_t v = y ? y - 1 : 0; v <= y + 1 && v < rows; v++)
-                for (uint32_t u = x ? x - 1 : 0; u <= x + 1 && u < columns; u++)
-                    d->part[v * columns + u] |= d->part[v * columns + u] ? 0 : BESIDE;
+        if (tile->solved_frame != frame) continue;
+        LW_TILES_EACH_BLOCK (tile, block) {
+            if (block->covered_count && block->shown_frame == frame)
+                mark_around(d, tile, (uint32_t)(block - tile->block));
         }
+    }
+}
+
+/* The rectangle of a tile that holds its marked blocks; false: there are none. */
+static bool find_job(const struct lw_denoise *d, const struct lw_solve_tile *tile, struct job *out) {
+    uint32_t x[2] = {UINT32_MAX, 0}, y[2] = {UINT32_MAX, 0};
+    LW_TILES_EACH_BLOCK (tile, block) {
+        if (!d->marked[block - d->tiles->block]) continue;
+        const uint32_t b = (uint32_t)(block - tile->block), column = b % tile->block_columns,
+                       row = b / tile->block_columns;
+        x[0] = column < x[0] ? column : x[0], x[1] = column + 1 > x[1] ? column + 1 : x[1];
+        y[0] = row < y[0] ? row : y[0], y[1] = row + 1 > y[1] ? row + 1 : y[1];
+    }
+    if (!x[1]) return false;
+    const uint32_t right = x[1] * LW_TILE_BLOCK < tile->width ? x[1] * LW_TILE_BLOCK : tile->width,
+                   below = y[1] * LW_TILE_BLOCK < tile->height ? y[1] * LW_TILE_BLOCK : tile->height;
+    *out = (struct job){.denoise = d,
+                        .tile = tile,
+                        .mesh = tile->mesh,
+                        .pair = d->pairs->pair[d->pairs->scene->object[tile->object].mesh],
+                        .pair_stride = stride_of(tile->mesh),
+                        .pair_area = area_of(tile->mesh),
+                        .x = tile->x * LW_TILE_SIDE + x[0] * LW_TILE_BLOCK,
+                        .y = tile->y * LW_TILE_SIDE + y[0] * LW_TILE_BLOCK,
+                        .width = right - x[0] * LW_TILE_BLOCK,
+                        .height = below - y[0] * LW_TILE_BLOCK};
     return true;
 }
 
 void lw_denoise_run(struct lw_denoise *denoise, uint64_t frame, int threads) {
-    const struct lw_scene *scene = denoise->scene;
-    sort_by_object(denoise);
-    for (uint32_t o = 0; o < scene->object_count; o++) {
-        const uint32_t m = scene->object[o].mesh;
-        const struct lw_mesh_texels *mesh = &denoise->texels->mesh[m];
-        const uint32_t columns = columns_of(mesh), rows = rows_of(mesh);
-        if (!denoise->pair[m] || !find_parts(denoise, o, columns, rows, frame)) continue;
-        run_object(&(struct job){.denoise = denoise,
-                                 .mesh = mesh,
-                                 .pair = denoise->pair[m],
-                                 .first = denoise->texels->first[o],
-                                 .columns = columns,
-                                 .stride = stride_of(mesh),
-                                 .area = area_of(mesh)},
-                   threads);
-        for (uint32_t i = 0; frame != LW_DENOISE_ALL && i < columns * rows; i++)
-            if (denoise->part[i] == BESIDE && denoise->tiles->tile[denoise->slot[i]].covered_count)
-                denoise->tiles->tile[denoise->slot[i]].solved_frame = frame;
+    assert(threads <= denoise->threads);
+    mark_all(denoise, frame);
+#pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
+    for (uint32_t i = 0; i < denoise->tiles->count; i++) {
+        struct lw_solve_tile *tile = &denoise->tiles->tile[i];
+        struct job job;
+        if (!find_job(denoise, tile, &job)) continue;
+        filter(&job, &denoise->planes[omp_get_thread_num()]);
+        tile->solved_frame = frame;
+        LW_TILES_EACH_BLOCK (tile, block)
+            if (denoise->marked[block - denoise->tiles->block]) block->shown_frame = frame;
     }
 }

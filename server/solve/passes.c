@@ -697,7 +697,6 @@ void lw_passes_finish_tile(const struct lw_passes *p, struct lw_solve_tile *tile
             float sum = 0;
             for (uint32_t k = 0; k < tiles->bounces; k++) sum += tiles->order[k][c][texel];
             tiles->indirect[c][texel] = sum;
-            tiles->light[c][texel] = tiles->direct[c][texel] + sum;
         }
     }
     for (uint32_t row = 0; row < tile->block_rows; row++)

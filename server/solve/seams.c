@@ -357,7 +357,7 @@ static void load(struct lw_seams *s, const struct lw_tiles *tiles, uint64_t fram
     bool active = false;
     for (uint32_t m = s->first_member[component]; m < s->first_member[component + 1]; m++) {
         const struct lw_seams_member *member = &s->member[m];
-        const bool solved = tiles->tile[tiles->slot_of_id[member->tile.v]].solved_frame == frame;
+        const bool solved = tiles->block[tiles->block_of_texel[member->texel]].shown_frame == frame;
         if (s->guess[m].count || !(solved || s->fresh)) continue;
         for (uint32_t c = 0; c < 3; c++)
             s->light[3 * m + c] = solved

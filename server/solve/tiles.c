@@ -206,6 +206,18 @@ void lw_tiles_sum_up(struct lw_solve_tile *tile) {
     }
 }
 
+void lw_tiles_show(struct lw_tiles *tiles, uint64_t frame, int threads) {
+#pragma omp parallel for schedule(dynamic) num_threads(threads)
+    for (uint32_t t = 0; t < tiles->count; t++) {
+        const struct lw_solve_tile *tile = &tiles->tile[t];
+        if (tile->solved_frame != frame) continue;
+        for (uint32_t i = tile->first; i < tile->first + tile->width * tile->height; i++) {
+            if (!tiles->covered[i] || tiles->block[tiles->block_of_texel[i]].shown_frame != frame) continue;
+            for (int c = 0; c < 3; c++) tiles->light[c][i] = tiles->direct[c][i] + tiles->indirect[c][i];
+        }
+    }
+}
+
 void lw_tiles_fill_gutters(struct lw_tiles *tiles, const struct lw_texels *texels, const uint8_t *welded,
                            int threads) {
 #pragma omp parallel for schedule(static) num_threads(threads)

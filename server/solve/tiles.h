@@ -21,9 +21,11 @@ struct lw_solve_block {
     uint32_t covered_count;   /* texels; 0: the rest means nothing */
     struct lw_packet *packet; /* of its covered texels */
     uint32_t packet_count;
-    bool resting, due; /* due: the frame under way solves it */
-    bool stale;        /* it does not rest because its light has changed, whatever its noise */
-    uint32_t frames;   /* solved since the sequence began: where the random numbers go on */
+    bool resting, due;    /* due: the frame under way solves it */
+    bool stale;           /* it does not rest because its light has changed, whatever its noise */
+    bool unseen;          /* it was solved since it was last shown */
+    uint64_t shown_frame; /* last frame that changed what is shown of it */
+    uint32_t frames;      /* solved since the sequence began: where the random numbers go on */
     struct lw_memory direct, indirect;
     struct lw_change_block change;
     double variance;  /* sum over its texels: of one frame's estimate, luminance, about the running mean */
@@ -51,18 +53,17 @@ struct lw_solve_tile {
     struct lw_vec3 centre_os; /* the same in object space */
     float radius_os;
     uint32_t covered_count;
-    uint32_t frames;      /* the fewest of its blocks */
-    float error;          /* relative standard error of luminance, over all its blocks */
-    bool resting;         /* all its blocks do */
-    bool serves;          /* it is looked at, or lights what is (schedule.h) */
-    bool stale;           /* one of its blocks is */
-    bool woken;           /* one of its blocks has found in this frame that its light has changed */
-    bool waiting;         /* the round under way has yet to solve it (schedule.h) */
-    bool due;             /* the frame under way solves it (schedule.h): its blocks that do not rest */
-    bool shows;           /* what was solved is to be seen in this frame, not merely read by other tiles */
-    bool unseen;          /* it was solved since it last did */
-    uint32_t solved_tick; /* of the schedule, when it was last solved */
-    uint64_t solved_frame;
+    uint32_t frames;       /* the fewest of its blocks */
+    float error;           /* relative standard error of luminance, over all its blocks */
+    bool resting;          /* all its blocks do */
+    bool serves;           /* it is looked at, or lights what is (schedule.h) */
+    bool stale;            /* one of its blocks is */
+    bool woken;            /* one of its blocks has found in this frame that its light has changed */
+    bool waiting;          /* the round under way has yet to solve it (schedule.h) */
+    bool due;              /* the frame under way solves it (schedule.h): its blocks that do not rest */
+    bool shows;            /* what was solved is to be seen in this frame, not merely read by other tiles */
+    uint32_t solved_tick;  /* of the schedule, when it was last solved */
+    uint64_t solved_frame; /* last frame that showed one of its blocks */
 };
 
 struct lw_tiles {
@@ -75,7 +76,7 @@ struct lw_tiles {
     uint32_t *block_of_texel; /* index into block */
     float *direct[3];         /* E of bounce 0 per texel, W/m^2 */
     float *indirect[3];       /* sum over bounces 1..N */
-    float *light[3];          /* what is shown: direct + indirect, after the frame's finish; W/m^2 */
+    float *light[3]; /* what is shown: direct + indirect when that last was, filtered and welded; W/m^2 */
     float *order[LW_SOLVER_BOUNCES_MAX][3]; /* E of each bounce order 1..N alone (index 0: order 1) */
     /* What each texel sends out of bounce order 0..N-1, for the next one: 4 floats each, W/(m^2 sr). One plane per order,
      * so that what a tile sends stays while it is not solved. */
@@ -96,6 +97,9 @@ void lw_tiles_finish(struct lw_tiles *tiles);
 
 /** Counts anew what the texels cover; a block that covers more or less than before starts from the beginning. */
 void lw_tiles_recount(struct lw_tiles *tiles, int threads);
+
+/** Shows the sums of the blocks of frame `frame` (shown_frame) as they are. */
+void lw_tiles_show(struct lw_tiles *tiles, uint64_t frame, int threads);
 
 /** Gives gutters the light of the texels that stand for them; but those of `welded` (seams.h), which have their own. */
 void lw_tiles_fill_gutters(struct lw_tiles *tiles, const struct lw_texels *texels, const uint8_t *welded,

@@ -150,11 +150,66 @@ static void test_same_bytes_at_any_thread_count(void **state) {
     room_finish(&a);
 }
 
+/* A floor of nine tiles under a lamp, with the shadow of a board. */
+static struct room wide_floor(void) {
+    struct room room = {.texels_per_metre = 50};
+    room_quad(&room, lw_vec3(0, 0, 0), lw_vec3(0, 0, 3), lw_vec3(3, 0, 0), 0.6f, 0);
+    room_quad(&room, lw_vec3(1, 2, 1), lw_vec3(0.6f, 0, 0), lw_vec3(0, 0, 0.6f), 0, 5);
+    room_quad(&room, lw_vec3(0.4f, 0.5f, 0.9f), lw_vec3(0.7f, 0, 0), lw_vec3(0, 0, 0.7f), 0, 0);
+    return room;
+}
+
+/* Solves until all rests; each frame of the whole as `parts` frames of every parts-th tile. */
+static void solve_in_parts(struct room_solution *s, const struct room *room, uint32_t parts) {
+    room_solve(s, room, (struct lw_solver_desc){.seed = 1, .denoise = true, .target_error = 0.1f}, 1);
+    uint8_t *wanted = malloc(s->map.tile_count);
+    assert_non_null(wanted);
+    uint64_t frame = 1;
+    for (uint32_t idle = 0; idle < parts; idle = s->stats.tiles_solved ? 0 : idle + 1) {
+        assert_true(frame < 2000);
+        for (uint32_t id = 0; id < s->map.tile_count; id++)
+            wanted[id] = s->map.place[id].level == 0 && id % parts == frame % parts;
+        lw_support_ok(s->solver->ops->want(s->solver, wanted, NULL), NULL);
+        lw_support_ok(s->solver->ops->frame(s->solver, &s->pose, ++frame, &s->stats, NULL), NULL);
+    }
+    assert_int_equal(s->stats.tiles_converged, s->stats.tiles);
+    free(wanted);
+}
+
+/* What is shown depends on what was solved, not on the frames in which that came about; and blocks that rest keep up with
+ * those beside them that do not. */
+static void test_parts_of_a_frame_show_the_same(void **state) {
+    (void)state;
+    struct room room = wide_floor();
+    struct room_solution whole, parts;
+    solve_in_parts(&whole, &room, 1);
+    solve_in_parts(&parts, &room, 4);
+    assert_true(whole.map.atlas[0].level[0].tiles_x >= 3);
+    size_t filtered = 0;
+    for (uint32_t id = 0; id < whole.map.tile_count; id++) {
+        if (whole.map.place[id].level) continue;
+        struct lw_solver_tile x, y;
+        whole.solver->ops->read_tile(whole.solver, (lw_tile_id){id}, &x);
+        parts.solver->ops->read_tile(parts.solver, (lw_tile_id){id}, &y);
+        assert_int_equal(x.frames, y.frames);
+        for (int c = 0; c < 3; c++)
+            assert_memory_equal(x.light[c], y.light[c], x.width * x.height * sizeof(float));
+        for (uint32_t i = 0; i < x.width * x.height; i++)
+            filtered += x.covered[i] && x.light[0][i] != x.direct[0][i] + x.indirect[0][i];
+    }
+    assert_true(filtered > 1000);
+    room_finish(&parts);
+    room_finish(&whole);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_energy_stays_in_its_object),     cmocka_unit_test(test_filter_fades_out),
-        cmocka_unit_test(test_edges_without_noise_stay),       cmocka_unit_test(test_error_falls),
+        cmocka_unit_test(test_energy_stays_in_its_object),
+        cmocka_unit_test(test_filter_fades_out),
+        cmocka_unit_test(test_edges_without_noise_stay),
+        cmocka_unit_test(test_error_falls),
         cmocka_unit_test(test_same_bytes_at_any_thread_count),
+        cmocka_unit_test(test_parts_of_a_frame_show_the_same),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,0 +1,146 @@
+/* bench_slices: what the end of a frame costs against how much the frame has solved. One table in Markdown per scene.
+ *
+ *     bench_slices [--rounds N] [--texels-per-metre D] SCENE...
+ *
+ * The whole scene is lit as lightwelld does by default, denoised and published, with direct light alone; then frames solve every
+ * 4th, 16th and 64th tile, spread over all objects, as the parts of a round do that has a budget. CPU milliseconds with one
+ * worker, medians over the rounds: of the solve (direct light and its sums), of each step of a frame's end, of them together,
+ * and how much that is of a whole frame's. */
+#include "common/tile/tile_codec.h"
+#include "server/publish/publisher.h"
+#include "server/solve/cell_solver.h"
+#include "tests/bench/bench_meter.h"
+#include "tests/bench/bench_setup.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#define ROUNDS_MAX 99
+#define WARM_UP    5 /* frames: until every texel knows its own variance */
+
+static const uint32_t parts[] = {1, 4, 16, 64};
+#define PARTS (sizeof parts / sizeof *parts)
+
+struct settings {
+    struct lw_scene_open open;
+    int64_t rounds;
+};
+
+struct job {
+    const struct settings *settings;
+    struct lw_scene *scene;
+    struct lw_pose pose;
+    struct lw_atlas_map map;
+    struct lw_solver *solver;
+    struct lw_publisher *publisher;
+    uint8_t *wanted;
+    uint64_t frames;
+    struct bench_meter_frame cost[PARTS][ROUNDS_MAX];
+    struct lw_solver_stats solved[PARTS]; /* in the last round */
+};
+
+static enum lw_status set_up(struct job *job, struct lw_error *err) {
+    enum lw_status status = lw_cell_solver_create(&(struct lw_solver_desc){.scene = job->scene,
+                                                                           .atlas_map = &job->map,
+                                                                           .direct_samples = 1,
+                                                                           .indirect_samples = 1,
+                                                                           .target_error = -1,
+                                                                           .threads = 1,
+                                                                           .denoise = true},
+                                                  &job->pose, &job->solver, err);
+    if (status != LW_OK) return status;
+    status = lw_publisher_create(&(struct lw_publisher_desc){.scene = job->scene,
+                                                             .atlas_map = &job->map,
+                                                             .solver = job->solver,
+                                                             .target_error = 0.02f,
+                                                             .codec = LW_TILE_CODEC_DCT,
+                                                             .threads = 1},
+                                 &job->publisher);
+    job->wanted = malloc((size_t)job->map.tile_count + 1);
+    if (!job->wanted) status = LW_NO_MEMORY;
+    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "%u tiles", job->map.tile_count);
+}
+
+/* Solves and publishes every part-th tile. */
+static enum lw_status slice(struct job *job, uint32_t part, struct bench_meter_frame *out_cost,
+                            struct lw_solver_stats *out_solved, struct lw_error *err) {
+    uint32_t number = (uint32_t)job->frames;
+    for (uint32_t id = 0; id < job->map.tile_count; id++)
+        job->wanted[id] = job->map.place[id].level == 0 && number++ % part == 0;
+    struct lw_publisher_stats published;
+    struct lw_snapshot *snapshot = NULL;
+    enum lw_status status = job->solver->ops->want(job->solver, job->wanted, err);
+    bench_meter_begin(&(struct bench_meter_desc){.stride = UINT32_MAX});
+    if (status == LW_OK)
+        status = job->solver->ops->frame(job->solver, &job->pose, ++job->frames, out_solved, err);
+    if (status == LW_OK)
+        status = lw_publisher_publish(job->publisher, &job->pose, job->frames, 0, 0, out_solved->tiles_solved,
+                                      &snapshot, &published);
+    bench_meter_end(out_cost);
+    lw_snapshot_unref(snapshot);
+    return status;
+}
+
+/* Milliseconds of the kernels from `first` to `last`. */
+static double median_ms(const struct job *job, size_t part, int first, int last) {
+    double value[ROUNDS_MAX];
+    for (int64_t i = 0; i < job->settings->rounds; i++) {
+        value[i] = 0;
+        for (int k = first; k <= last; k++) value[i] += 1e3 * job->cost[part][i].kernel[k].cpu;
+    }
+    return bench_median(value, (size_t)job->settings->rounds);
+}
+
+static void print_table(const struct job *job, const char *name) {
+    printf("\n| scene | tiles | texels | solve ms |");
+    for (int k = BENCH_DENOISE; k < BENCH_KERNELS; k++) printf(" %s |", bench_kernel_name[k]);
+    printf(" end of frame | of a whole |\n|---|---|---|---|");
+    for (int k = BENCH_DENOISE; k < BENCH_KERNELS; k++) printf("---|");
+    printf("---|---|\n");
+    for (size_t p = 0; p < PARTS; p++) {
+        const double end = median_ms(job, p, BENCH_DENOISE, BENCH_KERNELS - 1);
+        printf("| %s | %u | %llu | %.2f |", name, job->solved[p].tiles_solved,
+               (unsigned long long)job->solved[p].texels_solved,
+               median_ms(job, p, BENCH_DIRECT, BENCH_FINISH));
+        for (int k = BENCH_DENOISE; k < BENCH_KERNELS; k++) printf(" %.2f |", median_ms(job, p, k, k));
+        printf(" %.2f | %.1f %% |\n", end, 100 * end / median_ms(job, 0, BENCH_DENOISE, BENCH_KERNELS - 1));
+    }
+    fflush(stdout);
+}
+
+static enum lw_status run(void *context, const char *path, struct lw_error *err) {
+    const struct settings *s = context;
+    static struct job job;
+    job = (struct job){.settings = s};
+    enum lw_status status =
+        bench_open(&s->open, path, BENCH_MOTION_OWN, 0, &job.scene, &job.pose, &job.map, err);
+    if (status == LW_OK) status = set_up(&job, err);
+    for (int i = 0; i < WARM_UP && status == LW_OK; i++)
+        status = slice(&job, 1, &job.cost[0][0], &job.solved[0], err);
+    for (int64_t i = 0; i < s->rounds && status == LW_OK; i++)
+        for (size_t p = 0; p < PARTS && status == LW_OK; p++)
+            status = slice(&job, parts[p], &job.cost[p][i], &job.solved[p], err);
+    char label[64];
+    if (status == LW_OK) print_table(&job, bench_label(path, label, sizeof label));
+    free(job.wanted);
+    lw_publisher_destroy(job.publisher);
+    if (job.solver) job.solver->ops->destroy(job.solver);
+    bench_close(job.scene, &job.pose, &job.map);
+    return status;
+}
+
+int main(int argc, char **argv) {
+    struct settings s = {.rounds = 9};
+    const struct lw_option table[] = {
+        {"rounds", "N", "frames of each part (default 9)", LW_OPTION_INT, &s.rounds, 1, ROUNDS_MAX, NULL}};
+    return bench_main(
+        &(struct bench_program){.name = "bench_slices",
+                                .about = "What the end of a frame costs by what it has solved, as tables.",
+                                .table = table,
+                                .count = sizeof table / sizeof table[0],
+                                .open = &s.open,
+                                .context = &s,
+                                .run = run},
+        argc, argv);
+}
