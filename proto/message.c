@@ -111,6 +111,8 @@ static enum lw_status check_frame_state(const struct lw_message_frame *f, struct
     if (f->hidden_count > LW_MESSAGE_VISIBLE_MAX)
         return invalid(err, "hidden_object", "has over 8192 entries");
     if (f->shown_count > LW_MESSAGE_VISIBLE_MAX) return invalid(err, "shown_object", "has over 8192 entries");
+    if (f->spare_count > f->hidden_count)
+        return invalid(err, "spares", "is over the length of hidden_object");
     if (f->material_count > LW_MESSAGE_MATERIALS_MAX)
         return invalid(err, "material", "has over 4096 entries");
     for (size_t i = 0; i < f->material_count; i++)
@@ -189,6 +191,10 @@ static enum lw_status check_values(const struct lw_message *m, struct lw_error *
     case LW_MESSAGE_UPDATE:
         return check_update(&m->update, err);
     case LW_MESSAGE_UPDATED:
+        if (m->updated.added_count > LW_MESSAGE_CHANGES_MAX)
+            return invalid(err, "added", "has over 1024 entries");
+        if (m->updated.added_count && m->updated.code)
+            return invalid(err, "added", "has entries though it is refused");
         return check_text(m->updated.text, LW_MESSAGE_TEXT_MAX, "text", err);
     case LW_MESSAGE_HOLDS:
         return m->holds.tile_count > LW_MESSAGE_HOLDS_MAX ? invalid(err, "tile", "has over 2048 entries")
@@ -295,6 +301,7 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
         wire->frame.hidden_object = (uint32_t *)m->frame.hidden;
         wire->frame.n_shown_object = m->frame.shown_count;
         wire->frame.shown_object = (uint32_t *)m->frame.shown;
+        wire->frame.spares = (uint32_t)m->frame.spare_count;
         break;
     case LW_MESSAGE_TILE:
         wire->tile.object = m->tile.object;
@@ -324,6 +331,8 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
         wire->updated.change = m->updated.change;
         wire->updated.text = text_of(m->updated.text);
         wire->updated.frame = m->updated.frame;
+        wire->updated.n_added = m->updated.added_count;
+        wire->updated.added = (uint32_t *)m->updated.added;
         break;
     case LW_MESSAGE_PING:
     case LW_MESSAGE_PONG:
@@ -659,6 +668,7 @@ static enum lw_status read_frame_state(const Lightwell__Wire__Frame *w, struct l
     m->frame.hidden_count = w->n_hidden_object;
     m->frame.shown = w->shown_object;
     m->frame.shown_count = w->n_shown_object;
+    m->frame.spare_count = w->spares;
     m->frame.material_count = materials;
     if (!materials) return LW_OK;
     struct lw_message_material *material = storage->list[2] = malloc(materials * sizeof *material);
@@ -793,8 +803,9 @@ static enum lw_status read_wire(const union wire *w, struct lw_message *m, struc
     case LW_MESSAGE_UPDATE:
         return read_update(&w->update, m, storage, err);
     case LW_MESSAGE_UPDATED:
-        m->updated = (struct lw_message_updated){w->updated.request, w->updated.code, w->updated.change,
-                                                 w->updated.text, w->updated.frame};
+        m->updated = (struct lw_message_updated){w->updated.request, w->updated.code,  w->updated.change,
+                                                 w->updated.text,    w->updated.frame, w->updated.added,
+                                                 w->updated.n_added};
         return LW_OK;
     case LW_MESSAGE_PING:
     case LW_MESSAGE_PONG:

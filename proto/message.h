@@ -121,6 +121,7 @@ struct lw_message_frame {
     const uint32_t *hidden; /* objects that are now */
     const uint32_t *shown;  /* objects that are now not hidden */
     size_t hidden_count, shown_count;
+    size_t spare_count;                         /* the first ones of `hidden` are spares (scene.h) */
     const struct lw_message_material *material; /* as with transforms */
     size_t material_count;
 };
@@ -155,10 +156,12 @@ struct lw_message_update {
 
 struct lw_message_updated {
     uint64_t request;
-    uint32_t code;    /* enum lw_scene_change_code, or one of a newer server */
-    uint32_t change;  /* which of the update is wrong; 0 for LW_SCENE_CHANGE_BUSY and OK */
-    const char *text; /* one line for people; empty for LW_SCENE_CHANGE_OK */
-    uint64_t frame;   /* the first one with the changes; 0: none were made */
+    uint32_t code;         /* enum lw_scene_change_code, or one of a newer server */
+    uint32_t change;       /* which of the update is wrong; 0 for LW_SCENE_CHANGE_BUSY and OK */
+    const char *text;      /* one line for people; empty for LW_SCENE_CHANGE_OK */
+    uint64_t frame;        /* the first one with the changes; 0: none were made */
+    const uint32_t *added; /* the object of each LW_SCENE_CHANGE_OBJECT_ADD, in their order */
+    size_t added_count;    /* at most LW_MESSAGE_CHANGES_MAX */
 };
 
 struct lw_message_holds {

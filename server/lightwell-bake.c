@@ -255,8 +255,21 @@ static enum lw_status make_key(struct baker *b, struct lw_error *err) {
     return LW_OK;
 }
 
+/* A package that a server with spares has sent: a map for what stands nowhere would be of no use. */
+static enum lw_status refuse_spares(const struct baker *b, struct lw_error *err) {
+    for (uint32_t o = 0; o < b->scene->object_count; o++)
+        if (lw_scene_is_spare(b->scene, o))
+            return lw_status_fail(
+                err, LW_BAD_DATA,
+                "%s: object %u \"%.60s\" is a server's spare, which stands nowhere: bake the scene "
+                "that the server was given",
+                b->settings.scene.path, o, b->scene->object[o].name);
+    return LW_OK;
+}
+
 static enum lw_status read_scene(struct baker *b, struct lw_error *err) {
     enum lw_status status = lw_scene_open(&b->settings.scene, &b->scene, err);
+    if (status == LW_OK) status = refuse_spares(b, err);
     if (status != LW_OK) return status;
     if ((status = make_key(b, err)) != LW_OK) return status;
     if ((status = lw_atlas_map_init(&b->atlas_map, b->scene)) != LW_OK)

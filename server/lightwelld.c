@@ -9,6 +9,7 @@
 #include "common/scene/lightmap.h"
 #include "common/scene/package.h"
 #include "common/scene/scene_open.h"
+#include "common/scene/scene_spares.h"
 #include "common/scene/scene_state.h"
 #include "common/tile/tile_codec.h"
 #include "server/publish/keeper.h"
@@ -40,7 +41,7 @@ enum codec_kind { CODEC_HALF, CODEC_DCT };
 
 struct settings {
     struct lw_scene_open scene;
-    const char *listen, *port_file, *keep;
+    const char *listen, *port_file, *keep, *spares;
     int64_t bounces, direct_samples, indirect_samples, seed, frames;
     int probe_form, denoise;
     double tracing_range, cell_size, probe_spacing, frame_rate, frame_budget_ms, freeze_s, error, link_rate;
@@ -164,6 +165,11 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "keep the light there over a restart: what was shown, and of a scene that never changed the sums as "
          "well",
          LW_OPTION_STRING, &s->keep, 0, 0, NULL},
+        {"spares", "MESH=N,...",
+         "keep room for so many more objects of a mesh, for lightwellctl add; N alone is for every mesh. "
+         "Costs the "
+         "memory of as many objects, and no ray (default: none; what is removed can be added again)",
+         LW_OPTION_STRING, &s->spares, 0, 0, NULL},
         {"json", NULL, "print one JSON object per frame to stdout", LW_OPTION_FLAG, &s->json, 0, 0, NULL},
         LW_SCENE_OPEN_OPTIONS(&s->scene),
     };
@@ -189,6 +195,10 @@ static enum lw_status read_scene(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
     enum lw_status status = lw_scene_open(&s->scene, &d->scene, err);
     if (status != LW_OK) return status;
+    if (s->spares && (status = lw_scene_spares_add(d->scene, s->spares, err)) != LW_OK) {
+        lw_status_context(err, "--spares");
+        return status;
+    }
     status = lw_package_write(d->scene, &d->package, &d->package_size, err);
     if (status != LW_OK) return status;
     if ((status = lw_atlas_map_init(&d->atlas_map, d->scene)) != LW_OK)

@@ -2,6 +2,7 @@
 
 #include "client/control/ctl_names.h"
 #include "common/colour.h"
+#include "common/scene/pose.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -18,14 +19,18 @@ struct call {
 /* --help closes up blanks: what a command does follows a colon. */
 static const char help[] =
     "Commands (NAME is a name, or #NUMBER as list prints it; lengths in metres):\n"
-    "  list: objects, lights, materials and cameras\n"
+    "  list: objects, meshes with spares, lights, materials and cameras\n"
     "  move NAME X Y Z: an object, the middle of its box to this place\n"
     "  shift NAME DX DY DZ: an object, by so much\n"
     "  turn NAME x|y|z DEGREES: about its middle, by so much\n"
     "  turn NAME YAW PITCH ROLL: likewise, degrees about y, then x, then z\n"
     "  scale NAME S, scale NAME SX SY SZ: about its middle, along the axes of the world\n"
     "  hide NAME, show NAME: no ray meets what is hidden\n"
-    "  restore NAME: where the scene has it, and shown\n"
+    "  restore NAME: where the scene has it, or it was added, and shown\n"
+    "  add MESH X Y Z [DEGREES]: a spare of that mesh, the middle of its box to this place, as large and "
+    "upright as the"
+    " first object of the mesh in the file, turned about y; prints which object it is\n"
+    "  remove NAME: an object; it is a spare from then on\n"
     "  light NAME on|off: on is as bright as the scene has it\n"
     "  light NAME intensity R G B: W/sr, or W/m2 for a directional light\n"
     "  light NAME colour R G B: as bright as it is, in this colour\n"
@@ -40,23 +45,43 @@ static const char help[] =
 
 const char *lw_ctl_command_help(void) { return help; }
 
+/* As the first object of each mesh stands when the scene begins; a mesh that has none stands as it is. */
+static enum lw_status stand_meshes(struct lw_ctl_command_state *state) {
+    struct lw_pose pose;
+    enum lw_status status = lw_pose_init(&pose, state->scene);
+    if (status != LW_OK) return status;
+    for (uint32_t m = 0; m < state->scene->mesh_count; m++) state->mesh_to_world[m] = LW_AFFINE_IDENTITY;
+    for (uint32_t o = state->scene->object_count; o-- > 0;)
+        if (!lw_scene_is_spare(state->scene, o))
+            state->mesh_to_world[state->scene->object[o].mesh] = pose.object_to_world[o];
+    lw_pose_finish(&pose);
+    return LW_OK;
+}
+
 enum lw_status lw_ctl_command_state_init(struct lw_ctl_command_state *state, const struct lw_client *client) {
     const struct lw_scene *scene = lw_client_scene(client);
     *state = (struct lw_ctl_command_state){.scene = scene};
     state->object_to_world = malloc((scene->object_count + 1ul) * sizeof *state->object_to_world);
+    state->mesh_to_world = malloc((scene->mesh_count + 1ul) * sizeof *state->mesh_to_world);
     state->light = malloc((scene->light_count + 1ul) * sizeof *state->light);
-    if (!state->object_to_world || !state->light) {
+    if (!state->object_to_world || !state->mesh_to_world || !state->light) {
         lw_ctl_command_state_finish(state);
         return LW_NO_MEMORY;
     }
     for (uint32_t o = 0; o < scene->object_count; o++)
         state->object_to_world[o] = *lw_client_object_to_world(client, o);
+    enum lw_status status = stand_meshes(state);
+    if (status != LW_OK) {
+        lw_ctl_command_state_finish(state);
+        return status;
+    }
     for (uint32_t l = 0; l < scene->light_count; l++) state->light[l] = lw_client_get_light(client, l);
     return LW_OK;
 }
 
 void lw_ctl_command_state_finish(struct lw_ctl_command_state *state) {
     free(state->light);
+    free(state->mesh_to_world);
     free(state->object_to_world);
     *state = (struct lw_ctl_command_state){0};
 }
@@ -99,9 +124,8 @@ static enum lw_status set_values(const struct call *c, enum lw_scene_change_kind
 
 /* ---- objects ---- */
 
-struct lw_vec3 lw_ctl_command_middle(const struct lw_scene *scene, uint32_t object,
-                                     const struct lw_affine *object_to_world) {
-    const struct lw_mesh *mesh = &scene->mesh[scene->object[object].mesh];
+/* Of a mesh's box, as an object of it stands. */
+static struct lw_vec3 middle_of_mesh(const struct lw_mesh *mesh, const struct lw_affine *object_to_world) {
     struct lw_vec3 low = mesh->position[0], high = low;
     for (uint32_t i = 1; i < mesh->vertex_count; i++) {
         const struct lw_vec3 p = mesh->position[i];
@@ -109,6 +133,11 @@ struct lw_vec3 lw_ctl_command_middle(const struct lw_scene *scene, uint32_t obje
         high = lw_vec3(fmaxf(high.x, p.x), fmaxf(high.y, p.y), fmaxf(high.z, p.z));
     }
     return lw_affine_point(object_to_world, lw_vec3_scale(lw_vec3_add(low, high), 0.5f));
+}
+
+struct lw_vec3 lw_ctl_command_middle(const struct lw_scene *scene, uint32_t object,
+                                     const struct lw_affine *object_to_world) {
+    return middle_of_mesh(&scene->mesh[scene->object[object].mesh], object_to_world);
 }
 
 /* Moves the object by a linear map about its middle, and then its middle to another place. */
@@ -203,6 +232,24 @@ static enum lw_status restore(const struct call *c) {
     return set_object(c, LW_SCENE_CHANGE_OBJECT_RESTORE, "restore NAME");
 }
 
+static enum lw_status remove_object(const struct call *c) {
+    return set_object(c, LW_SCENE_CHANGE_OBJECT_REMOVE, "remove NAME");
+}
+
+static enum lw_status add(const struct call *c) {
+    float at[4] = {0};
+    if (c->count != 4 && c->count != 5) return misused(c, "add MESH X Y Z, or add MESH X Y Z DEGREES");
+    enum lw_status status = find(c, LW_SCENE_CHANGE_OF_MESH);
+    if (status == LW_OK) status = read_numbers(c, 1, c->count - 1, at);
+    if (status != LW_OK) return status;
+    const struct lw_mesh *mesh = &c->state->scene->mesh[c->change->target];
+    const struct lw_affine like = c->state->mesh_to_world[c->change->target], by = turned(1, at[3]);
+    struct lw_affine there = lw_affine_multiply(&by, &like);
+    const struct lw_vec3 to = lw_vec3_sub(lw_vec3(at[0], at[1], at[2]), middle_of_mesh(mesh, &there));
+    there.m[0][3] += to.x, there.m[1][3] += to.y, there.m[2][3] += to.z;
+    return set_values(c, LW_SCENE_CHANGE_OBJECT_ADD, &there.m[0][0], 12);
+}
+
 /* ---- lights, materials, sky, clock ---- */
 
 static enum lw_status set_intensity(const struct call *c, struct lw_vec3 intensity) {
@@ -290,9 +337,10 @@ static enum lw_status reset(const struct call *c) {
 static const struct {
     const char *name;
     enum lw_status (*run)(const struct call *);
-} command[] = {{"move", move},         {"shift", shift}, {"turn", turn},       {"scale", scale},
-               {"hide", hide},         {"show", show},   {"light", light},     {"restore", restore},
-               {"material", material}, {"sky", sky},     {"clock", set_clock}, {"reset", reset}};
+} command[] = {{"move", move},       {"shift", shift},          {"turn", turn},         {"scale", scale},
+               {"add", add},         {"remove", remove_object}, {"hide", hide},         {"show", show},
+               {"light", light},     {"restore", restore},      {"material", material}, {"sky", sky},
+               {"clock", set_clock}, {"reset", reset}};
 #define COMMANDS (sizeof command / sizeof *command)
 
 bool lw_ctl_command_is(const char *word) {

@@ -12,6 +12,7 @@
 struct lw_ctl_command_state {
     const struct lw_scene *scene;
     struct lw_affine *object_to_world; /* per object */
+    struct lw_affine *mesh_to_world;   /* per mesh: as its first object stands when the scene begins */
     struct lw_client_light *light;     /* per light */
 };
 

@@ -10,7 +10,8 @@
 static const char *const one[] = {[LW_SCENE_CHANGE_OF_SCENE] = "scene",
                                   [LW_SCENE_CHANGE_OF_OBJECT] = "object",
                                   [LW_SCENE_CHANGE_OF_LIGHT] = "light",
-                                  [LW_SCENE_CHANGE_OF_MATERIAL] = "material"};
+                                  [LW_SCENE_CHANGE_OF_MATERIAL] = "material",
+                                  [LW_SCENE_CHANGE_OF_MESH] = "mesh"};
 
 uint32_t lw_ctl_names_count(const struct lw_scene *scene, enum lw_scene_change_of of) {
     return of == LW_SCENE_CHANGE_OF_SCENE ? 0 : lw_scene_change_targets(scene, of);
@@ -24,6 +25,8 @@ const char *lw_ctl_names_of(const struct lw_scene *scene, enum lw_scene_change_o
         return scene->light[i].name;
     case LW_SCENE_CHANGE_OF_MATERIAL:
         return scene->material[i].name;
+    case LW_SCENE_CHANGE_OF_MESH:
+        return scene->mesh[i].name;
     case LW_SCENE_CHANGE_OF_SCENE:
         break;
     }
@@ -113,8 +116,9 @@ enum lw_status lw_ctl_names_find(const struct lw_scene *scene, enum lw_scene_cha
     }
     if (count == 0) return fail_unknown(scene, of, text, err);
     if (count > 1)
-        return lw_status_fail(err, LW_USAGE, "%u %ss are called \"%.60s\": say which by number: %s%s", count,
-                              one[of], text, numbers, count > NEAR_MAX ? ", ..." : "");
+        return lw_status_fail(err, LW_USAGE, "%u %s%s are called \"%.60s\": say which by number: %s%s", count,
+                              one[of], of == LW_SCENE_CHANGE_OF_MESH ? "es" : "s", text, numbers,
+                              count > NEAR_MAX ? ", ..." : "");
     *out_index = found;
     return LW_OK;
 }

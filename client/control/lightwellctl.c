@@ -145,21 +145,51 @@ static struct lw_vec3 rgb_of(const float *rgb) { return lw_vec3(rgb[0], rgb[1], 
 static const char *const kind_of_light[] = {
     [LW_LIGHT_POINT] = "point", [LW_LIGHT_SPOT] = "spot", [LW_LIGHT_DIRECTIONAL] = "directional"};
 
+static bool is_spare(const struct ctl *c, uint32_t object) {
+    return lw_client_object_state(c->client, object) == LW_CLIENT_OBJECT_SPARE;
+}
+
+/* Of a mesh: those that are there, and those that may be added. */
+struct count {
+    uint32_t objects, spares;
+};
+
+/* Per mesh; the caller frees. NULL: no memory. */
+static struct count *count_objects(const struct ctl *c) {
+    const struct lw_scene *scene = c->state.scene;
+    struct count *count = calloc(scene->mesh_count + 1ul, sizeof *count);
+    for (uint32_t i = 0; count && i < scene->object_count; i++) {
+        struct count *of_mesh = &count[scene->object[i].mesh];
+        *(is_spare(c, i) ? &of_mesh->spares : &of_mesh->objects) += 1;
+    }
+    return count;
+}
+
+/* NULL: no memory. */
 static json_t *list_json(const struct ctl *c) {
+    struct count *count = count_objects(c);
+    if (!count) return NULL;
     const struct lw_scene *scene = c->state.scene;
     struct lw_client_stats stats;
     lw_client_get_stats(c->client, &stats);
-    json_t *objects = json_array(), *lights = json_array(), *materials = json_array(),
+    json_t *objects = json_array(), *meshes = json_array(), *lights = json_array(), *materials = json_array(),
            *cameras = json_array();
     for (uint32_t i = 0; i < scene->object_count; i++) {
         const struct lw_affine *t = &c->state.object_to_world[i];
         json_t *transform = json_array();
         for (int k = 0; k < 12; k++) json_array_append_new(transform, json_real((double)t->m[k / 4][k % 4]));
-        json_array_append_new(
-            objects, json_pack("{s:i, s:s, s:o, s:b, s:o}", "number", (int)i, "name", scene->object[i].name,
-                               "middle", vector_of(lw_ctl_command_middle(scene, i, t)), "hidden",
-                               lw_client_object_hidden(c->client, i), "object_to_world", transform));
+        json_array_append_new(objects,
+                              json_pack("{s:i, s:s, s:i, s:o, s:b, s:b, s:o}", "number", (int)i, "name",
+                                        scene->object[i].name, "mesh", (int)scene->object[i].mesh, "middle",
+                                        vector_of(lw_ctl_command_middle(scene, i, t)), "hidden",
+                                        lw_client_object_state(c->client, i) == LW_CLIENT_OBJECT_HIDDEN,
+                                        "spare", is_spare(c, i), "object_to_world", transform));
     }
+    for (uint32_t i = 0; i < scene->mesh_count; i++)
+        json_array_append_new(meshes,
+                              json_pack("{s:i, s:s, s:i, s:i}", "number", (int)i, "name", scene->mesh[i].name,
+                                        "objects", (int)count[i].objects, "spares", (int)count[i].spares));
+    free(count);
     for (uint32_t i = 0; i < scene->light_count; i++) {
         const struct lw_client_light *l = &c->state.light[i];
         json_array_append_new(lights,
@@ -176,18 +206,23 @@ static json_t *list_json(const struct ctl *c) {
     for (uint32_t i = 0; i < scene->camera_count; i++)
         json_array_append_new(cameras,
                               json_pack("{s:i, s:s}", "number", (int)i, "name", scene->camera[i].name));
-    return json_pack("{s:I, s:f, s:o, s:o, s:o, s:o, s:o}", "frame", (json_int_t)stats.frame, "time_s",
-                     stats.time_s, "sky", vector_of(rgb_of(scene->sky)), "objects", objects, "lights", lights,
-                     "materials", materials, "cameras", cameras);
+    return json_pack("{s:I, s:f, s:o, s:o, s:o, s:o, s:o, s:o}", "frame", (json_int_t)stats.frame, "time_s",
+                     stats.time_s, "sky", vector_of(rgb_of(scene->sky)), "objects", objects, "meshes", meshes,
+                     "lights", lights, "materials", materials, "cameras", cameras);
 }
 
-static void list_text(const struct ctl *c) {
+static void list_text(const struct ctl *c, const struct count *count) {
     const struct lw_scene *scene = c->state.scene;
     for (uint32_t i = 0; i < scene->object_count; i++) {
+        if (is_spare(c, i)) continue;
         const struct lw_vec3 p = lw_ctl_command_middle(scene, i, &c->state.object_to_world[i]);
         printf("object   #%-5u %-24s at %.3f %.3f %.3f%s\n", i, scene->object[i].name, (double)p.x,
-               (double)p.y, (double)p.z, lw_client_object_hidden(c->client, i) ? ", hidden" : "");
+               (double)p.y, (double)p.z,
+               lw_client_object_state(c->client, i) == LW_CLIENT_OBJECT_HIDDEN ? ", hidden" : "");
     }
+    for (uint32_t i = 0; i < scene->mesh_count; i++)
+        printf("mesh     #%-5u %-24s objects %u, spares %u\n", i, scene->mesh[i].name, count[i].objects,
+               count[i].spares);
     for (uint32_t i = 0; i < scene->light_count; i++) {
         const struct lw_client_light *l = &c->state.light[i];
         printf("light    #%-5u %-24s %s, intensity %g %g %g", i, scene->light[i].name,
@@ -258,22 +293,35 @@ static enum lw_status print_json(json_t *json, struct lw_error *err) {
     return LW_OK;
 }
 
+static json_t *answer_json(const struct ctl *c, const struct lw_client_answer *answer) {
+    json_t *added = json_array();
+    for (size_t i = 0; i < answer->added_count; i++)
+        json_array_append_new(added, json_integer((json_int_t)answer->added[i]));
+    return json_pack("{s:i, s:I, s:i, s:i, s:o, s:s}", "code", (int)answer->code, "frame",
+                     (json_int_t)answer->frame, "changes", (int)c->change_count, "change",
+                     (int)answer->change, "added", added, "text", answer->text);
+}
+
+static void print_answer(const struct ctl *c, const struct lw_client_answer *answer) {
+    printf("frame %" PRIu64 ": %zu change%s\n", answer->frame, c->change_count,
+           c->change_count == 1 ? "" : "s");
+    for (size_t i = 0; i < answer->added_count; i++) {
+        const uint32_t o = answer->added[i];
+        printf("added    #%-5u %s\n", o,
+               o < c->state.scene->object_count ? c->state.scene->object[o].name : "");
+    }
+}
+
 static enum lw_status change_scene(struct ctl *c, struct lw_error *err) {
     struct lw_client_answer answer;
     enum lw_status status = c->batch ? read_batch(c, err) : read_command_line(c, err);
     if (status == LW_OK) status = await_answer(c, &answer, err);
     if (status != LW_OK) return status;
-    if (c->json)
-        status = print_json(json_pack("{s:i, s:I, s:i, s:i, s:s}", "code", (int)answer.code, "frame",
-                                      (json_int_t)answer.frame, "changes", (int)c->change_count, "change",
-                                      (int)answer.change, "text", answer.text),
-                            err);
+    if (c->json) status = print_json(answer_json(c, &answer), err);
     if (status == LW_OK && answer.code)
         return lw_status_fail(err, answer.code == LW_SCENE_CHANGE_BUSY ? LW_UNAVAILABLE : LW_BAD_DATA,
                               "command %u: %s: nothing was changed", answer.change + 1, answer.text);
-    if (status == LW_OK && !c->json)
-        printf("frame %" PRIu64 ": %zu change%s\n", answer.frame, c->change_count,
-               c->change_count == 1 ? "" : "s");
+    if (status == LW_OK && !c->json) print_answer(c, &answer);
     return status;
 }
 
@@ -285,7 +333,10 @@ static enum lw_status run(struct ctl *c, struct lw_error *err) {
     if (status != LW_OK) return status;
     if (c->batch || c->word_count != 1 || strcmp(c->word[0], "list") != 0) return change_scene(c, err);
     if (c->json) return print_json(list_json(c), err);
-    list_text(c);
+    struct count *count = count_objects(c);
+    if (!count) return lw_status_fail(err, LW_NO_MEMORY, "the list");
+    list_text(c, count);
+    free(count);
     return fflush(stdout) ? lw_status_fail(err, LW_IO, "cannot write to stdout") : LW_OK;
 }
 

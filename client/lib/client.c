@@ -37,6 +37,7 @@ struct lw_client {
     struct lw_client_answer *answer; /* LW_CLIENT_UPDATES_MAX of them, or NULL: a ring */
     uint32_t answer_first, answer_count;
     uint32_t unanswered; /* updates whose answer has not arrived */
+    uint32_t *added;     /* what the answer that was taken last points to */
     struct lw_client_stats stats;
     uint64_t bytes_before;                          /* received by earlier sessions */
     uint64_t frame_acked, frame_ns, frame_solve_ns; /* frame_ns: when the newest frame arrived */
@@ -180,13 +181,21 @@ static enum lw_status handle_settled(struct lw_client *c, uint64_t frame, struct
 static enum lw_status handle_updated(struct lw_client *c, const struct lw_message_updated *updated,
                                      struct lw_error *err) {
     if (!c->unanswered) return out_of_order(err, LW_MESSAGE_UPDATED);
+    uint32_t *added = NULL;
+    if (updated->added_count) {
+        if (!(added = malloc(updated->added_count * sizeof *added)))
+            return lw_status_fail(err, LW_NO_MEMORY, "message UPDATED: out of memory");
+        memcpy(added, updated->added, updated->added_count * sizeof *added);
+    }
     c->unanswered--;
     struct lw_client_answer *answer =
         &c->answer[(c->answer_first + c->answer_count++) % LW_CLIENT_UPDATES_MAX];
     *answer = (struct lw_client_answer){.request = updated->request,
                                         .code = updated->code,
                                         .change = updated->change,
-                                        .frame = updated->frame};
+                                        .frame = updated->frame,
+                                        .added = added,
+                                        .added_count = updated->added_count};
     snprintf(answer->text, sizeof answer->text, "%s", updated->text ? updated->text : "");
     return LW_OK;
 }
@@ -348,6 +357,8 @@ enum lw_status lw_client_update(struct lw_client *c, const struct lw_scene_chang
 bool lw_client_next_answer(struct lw_client *c, struct lw_client_answer *out_answer) {
     if (!c->answer_count) return false;
     *out_answer = c->answer[c->answer_first];
+    free(c->added);
+    c->added = (uint32_t *)out_answer->added;
     c->answer_first = (c->answer_first + 1) % LW_CLIENT_UPDATES_MAX;
     c->answer_count--;
     return true;
@@ -478,6 +489,9 @@ void lw_client_destroy(struct lw_client *c) {
     lw_download_finish(&c->download);
     lw_link_finish(&c->link);
     lw_want_finish(&c->want);
+    for (uint32_t i = 0; i < c->answer_count; i++)
+        free((uint32_t *)c->answer[(c->answer_first + i) % LW_CLIENT_UPDATES_MAX].added);
+    free(c->added);
     free(c->answer);
     free(c->host);
     free(c->name);
@@ -527,6 +541,10 @@ const struct lw_affine *lw_client_object_to_world(const struct lw_client *c, uin
 
 bool lw_client_object_hidden(const struct lw_client *c, uint32_t object) {
     return c->replica && lw_replica_object_hidden(c->replica, object);
+}
+
+enum lw_client_object_state lw_client_object_state(const struct lw_client *c, uint32_t object) {
+    return c->replica ? lw_replica_object_state(c->replica, object) : LW_CLIENT_OBJECT_SPARE;
 }
 
 struct lw_client_light lw_client_get_light(const struct lw_client *c, uint32_t light) {

@@ -17,6 +17,7 @@ struct lw_replica {
     bool has_map, has_pose;
     float *texels;                      /* all levels of all objects, one after another */
     size_t *first_texel;                /* per object and level */
+    bool *unlit;                        /* by object: since it was a spare, its coarsest level has not come */
     struct lw_client_tile *tile;        /* by tile id */
     struct lw_tile_dct_levels **levels; /* by tile id: what deltas build on; NULL while there is nothing */
     uint64_t version_base, version_max; /* what is added to versions of this run; the largest so far */
@@ -46,9 +47,12 @@ static uint64_t place_levels(struct lw_replica *r) {
 
 static enum lw_status make_room(struct lw_replica *r, struct lw_error *err) {
     r->first_texel = calloc((size_t)r->map.object_count * LW_ATLAS_LEVELS_MAX + 1, sizeof *r->first_texel);
+    r->unlit = calloc((size_t)r->map.object_count + 1, sizeof *r->unlit);
     r->tile = calloc((size_t)r->map.tile_count + 1, sizeof *r->tile);
     r->levels = calloc((size_t)r->map.tile_count + 1, sizeof *r->levels);
-    if (!r->first_texel || !r->tile || !r->levels) return LW_NO_MEMORY;
+    if (!r->first_texel || !r->unlit || !r->tile || !r->levels) return LW_NO_MEMORY;
+    for (uint32_t o = 0; o < r->map.object_count; o++)
+        r->unlit[o] = lw_scene_is_spare(r->scene, o) && r->map.atlas[o].level_count > 0;
     uint64_t texels = place_levels(r);
     if (texels > LW_REPLICA_BYTES_MAX / (CHANNELS * sizeof(float)))
         return lw_status_fail(err, LW_BAD_DATA,
@@ -105,6 +109,7 @@ void lw_replica_destroy(struct lw_replica *r) {
     free(r->levels);
     free(r->texels);
     free(r->tile);
+    free(r->unlit);
     free(r->first_texel);
     lw_tile_codec_destroy(r->codec);
     if (r->has_pose) lw_pose_finish(&r->pose);
@@ -121,13 +126,16 @@ uint64_t lw_replica_version_of_run(const struct lw_replica *r, lw_tile_id tile) 
     return version > r->version_base ? version - r->version_base : 0;
 }
 
-static enum lw_status set_hidden(struct lw_replica *r, const uint32_t *object, size_t count, bool hidden,
-                                 struct lw_error *err) {
+/* The first `spares` of them are. */
+static enum lw_status set_hidden(struct lw_replica *r, const uint32_t *object, size_t count, size_t spares,
+                                 bool hidden, struct lw_error *err) {
     for (size_t i = 0; i < count; i++) {
         if (object[i] >= r->scene->object_count)
             return lw_status_fail(err, LW_PROTOCOL, "message FRAME: %s_object %u of %u",
                                   hidden ? "hidden" : "shown", object[i], r->scene->object_count);
         r->pose.object_hidden[object[i]] = hidden;
+        r->pose.object_spare[object[i]] = i < spares;
+        if (i < spares) r->unlit[object[i]] = r->map.atlas[object[i]].level_count > 0;
     }
     return LW_OK;
 }
@@ -163,8 +171,8 @@ enum lw_status lw_replica_take_frame(struct lw_replica *r, const struct lw_messa
         r->pose.light[light->light] =
             (struct lw_light_state){light->position_ws, light->direction_ws, light->intensity};
     }
-    enum lw_status status = set_hidden(r, frame->hidden, frame->hidden_count, true, err);
-    if (status == LW_OK) status = set_hidden(r, frame->shown, frame->shown_count, false, err);
+    enum lw_status status = set_hidden(r, frame->hidden, frame->hidden_count, frame->spare_count, true, err);
+    if (status == LW_OK) status = set_hidden(r, frame->shown, frame->shown_count, 0, false, err);
     return status == LW_OK ? set_materials(r, frame, err) : status;
 }
 
@@ -228,6 +236,7 @@ enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_messag
                               t->level, t->tile);
     copy_into_level(r, place);
     if (!known->version && is_coarsest) r->coarsest_missing--;
+    if (is_coarsest && !r->pose.object_spare[t->object]) r->unlit[t->object] = false;
     *known = (struct lw_client_tile){.version = version, .bounces = t->bounces, .error = t->error};
     if (version > r->version_max) r->version_max = version;
     return LW_OK;
@@ -238,7 +247,12 @@ bool lw_replica_has_first(const struct lw_replica *r) { return r->coarsest_missi
 const struct lw_scene *lw_replica_scene(const struct lw_replica *r) { return &r->now; }
 
 bool lw_replica_object_hidden(const struct lw_replica *r, uint32_t object) {
-    return object < r->scene->object_count && r->pose.object_hidden[object];
+    return object < r->scene->object_count && (r->pose.object_hidden[object] || r->unlit[object]);
+}
+
+enum lw_client_object_state lw_replica_object_state(const struct lw_replica *r, uint32_t object) {
+    if (object >= r->scene->object_count || r->pose.object_spare[object]) return LW_CLIENT_OBJECT_SPARE;
+    return r->pose.object_hidden[object] ? LW_CLIENT_OBJECT_HIDDEN : LW_CLIENT_OBJECT_SHOWN;
 }
 
 const struct lw_light_state *lw_replica_light(const struct lw_replica *r, uint32_t light) {

@@ -42,6 +42,7 @@ bool lw_replica_has_first(const struct lw_replica *replica);
 /** The scene, with the materials and the sky of the newest frame. */
 const struct lw_scene *lw_replica_scene(const struct lw_replica *replica);
 bool lw_replica_object_hidden(const struct lw_replica *replica, uint32_t object);
+enum lw_client_object_state lw_replica_object_state(const struct lw_replica *replica, uint32_t object);
 /** A light of the scene as the newest frame has it. */
 const struct lw_light_state *lw_replica_light(const struct lw_replica *replica, uint32_t light);
 const struct lw_atlas_map *lw_replica_atlas_map(const struct lw_replica *replica);

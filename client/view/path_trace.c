@@ -299,7 +299,7 @@ static void trace_bundle(const struct job *job, struct bundle *b, unsigned paths
     for (unsigned first = 0; first < paths; first += LANES)
         look16(job, b, (uint16_t)first, lanes_from(first, paths), count);
     /* Rays of the last surface bring light only where they may meet what shines. */
-    const bool rays_may_shine = job->tracer->lights->emitters_shine || job->tracer->lights->sky_luminance > 0;
+    const bool rays_may_shine = job->tracer->lights->shining_count || job->tracer->lights->sky_luminance > 0;
     for (uint32_t depth = 0; b->going; depth++) {
         const bool last = depth == job->view->bounces;
         const unsigned flags = depth == 0 ? LW_TRACE_COHERENT : 0;

@@ -220,10 +220,10 @@ static void note_bounds(struct lw_lights *lights) {
 
 void lw_lights_set_pose(struct lw_lights *lights, const struct lw_pose *pose) {
     lights->punctual = pose->light;
-    lights->emitters_shine = false;
+    lights->shining_count = 0;
     for (uint32_t i = 0; i < lights->emitter_count; i++) {
         place_emitter(&lights->emitter[i], lights->scene, pose, lights->luminance[i]);
-        lights->emitters_shine |= lights->emitter[i].power > 0;
+        lights->shining_count += lights->emitter[i].power > 0;
     }
     note_bounds(lights);
     if (lights->tree.count) lw_light_tree_refit(&lights->tree, lights->bounds);
@@ -237,8 +237,8 @@ uint32_t lw_lights_split(const struct lw_lights *lights, const struct lw_light_r
                          uint32_t *out_group) {
     if (lights->near_count > LW_LIGHTS_EXACT_MAX)
         return lw_light_tree_split(&lights->tree, 0, region, LW_LIGHTS_EXACT_MAX, out_group);
-    if (!lights->emitters_shine) return 0;
-    uint32_t most = (lights->emitter_count + EMITTERS_PER_GROUP - 1) / EMITTERS_PER_GROUP;
+    if (!lights->shining_count) return 0;
+    uint32_t most = (lights->shining_count + EMITTERS_PER_GROUP - 1) / EMITTERS_PER_GROUP;
     if (most > EMITTER_GROUPS_MAX) most = EMITTER_GROUPS_MAX;
     return lw_light_tree_split(&lights->tree, lights->near_count ? 1 : 0, region, most, out_group);
 }

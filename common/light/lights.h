@@ -31,7 +31,7 @@ struct lw_lights {
     uint32_t emitter_count;
     struct lw_vec3 *radiance;              /* mean of each emitter, W/(m^2 sr) */
     float *luminance;                      /* of each emitter, for the choice among them */
-    bool emitters_shine;                   /* at this pose: some emitter has power */
+    uint32_t shining_count;                /* at this pose: emitters that have power */
     const struct lw_light_state *punctual; /* the pose's; scene->light_count */
     uint32_t *first_emitter; /* per object, and one more: emitters are sorted by object, triangle */
     uint32_t *near, *sun;    /* indices of points and spots; of directional lights */

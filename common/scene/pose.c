@@ -21,18 +21,20 @@ enum lw_status lw_pose_init(struct lw_pose *pose, const struct lw_scene *scene) 
     /* calloc of 0 elements may be NULL: one more of each keeps NULL for "out of memory" */
     pose->object_to_world = calloc((size_t)scene->object_count + 1, sizeof *pose->object_to_world);
     pose->object_hidden = calloc((size_t)scene->object_count + 1, sizeof *pose->object_hidden);
+    pose->object_spare = calloc((size_t)scene->object_count + 1, sizeof *pose->object_spare);
     pose->object_dynamic = calloc((size_t)scene->object_count + 1, sizeof *pose->object_dynamic);
     pose->light = calloc((size_t)scene->light_count + 1, sizeof *pose->light);
     pose->material = calloc((size_t)scene->material_count + 1, sizeof *pose->material);
     pose->node_to_world = calloc((size_t)scene->node_count + 1, sizeof *pose->node_to_world);
     pose->local = calloc((size_t)scene->node_count + 1, sizeof *pose->local);
     pose->node_moves = calloc((size_t)scene->node_count + 1, sizeof *pose->node_moves);
-    if (!pose->object_to_world || !pose->object_hidden || !pose->object_dynamic || !pose->light ||
-        !pose->material || !pose->node_to_world || !pose->local || !pose->node_moves) {
+    if (!pose->object_to_world || !pose->object_hidden || !pose->object_spare || !pose->object_dynamic ||
+        !pose->light || !pose->material || !pose->node_to_world || !pose->local || !pose->node_moves) {
         lw_pose_finish(pose);
         return LW_NO_MEMORY;
     }
     find_movers(pose, scene);
+    for (uint32_t i = 0; i < scene->object_count; i++) pose->object_dynamic[i] = lw_scene_is_spare(scene, i);
     lw_pose_evaluate(pose, scene, 0);
     return LW_OK;
 }
@@ -44,6 +46,7 @@ void lw_pose_finish(struct lw_pose *pose) {
     free(pose->material);
     free(pose->light);
     free(pose->object_dynamic);
+    free(pose->object_spare);
     free(pose->object_hidden);
     free(pose->object_to_world);
     memset(pose, 0, sizeof *pose);
@@ -171,8 +174,9 @@ void lw_pose_evaluate(struct lw_pose *pose, const struct lw_scene *scene, double
     pose->time_s = wrap_time(time_s, (double)scene->duration_s);
     evaluate_nodes(pose, scene);
     for (uint32_t i = 0; i < scene->object_count; i++) {
-        pose->object_to_world[i] = pose->node_to_world[scene->object[i].node];
-        pose->object_hidden[i] = false;
+        const bool spare = lw_scene_is_spare(scene, i);
+        pose->object_to_world[i] = spare ? LW_AFFINE_IDENTITY : pose->node_to_world[scene->object[i].node];
+        pose->object_hidden[i] = pose->object_spare[i] = spare;
     }
     for (uint32_t i = 0; i < scene->light_count; i++) {
         const struct lw_light *light = &scene->light[i];
@@ -194,6 +198,7 @@ void lw_pose_copy(struct lw_pose *dst, const struct lw_pose *src, const struct l
     dst->time_s = src->time_s;
     memcpy(dst->object_to_world, src->object_to_world, scene->object_count * sizeof *src->object_to_world);
     memcpy(dst->object_hidden, src->object_hidden, scene->object_count * sizeof *src->object_hidden);
+    memcpy(dst->object_spare, src->object_spare, scene->object_count * sizeof *src->object_spare);
     memcpy(dst->object_dynamic, src->object_dynamic, scene->object_count * sizeof *src->object_dynamic);
     memcpy(dst->light, src->light, scene->light_count * sizeof *src->light);
     memcpy(dst->material, src->material, scene->material_count * sizeof *src->material);
@@ -206,7 +211,8 @@ unsigned lw_pose_difference(const struct lw_pose *a, const struct lw_pose *b, co
     const size_t objects = scene->object_count;
     unsigned difference = 0;
     if (memcmp(a->object_to_world, b->object_to_world, objects * sizeof *a->object_to_world) ||
-        memcmp(a->object_hidden, b->object_hidden, objects * sizeof *a->object_hidden))
+        memcmp(a->object_hidden, b->object_hidden, objects * sizeof *a->object_hidden) ||
+        memcmp(a->object_spare, b->object_spare, objects * sizeof *a->object_spare))
         difference |= LW_POSE_OBJECTS;
     if (memcmp(a->object_dynamic, b->object_dynamic, objects * sizeof *a->object_dynamic))
         difference |= LW_POSE_DYNAMIC;
@@ -222,7 +228,8 @@ bool lw_pose_equal(const struct lw_pose *a, const struct lw_pose *b, const struc
 }
 
 bool lw_pose_object_moves(const struct lw_pose *pose, const struct lw_scene *scene, uint32_t object) {
-    return pose->node_moves[scene->object[object].node] || pose->object_dynamic[object];
+    return lw_scene_is_spare(scene, object) || pose->object_dynamic[object] ||
+           pose->node_moves[scene->object[object].node];
 }
 
 bool lw_pose_bounds(const struct lw_pose *pose, const struct lw_scene *scene, struct lw_vec3 *out_min,

@@ -25,6 +25,7 @@ struct lw_pose {
     double time_s;                     /* wrapped */
     struct lw_affine *object_to_world; /* one per object */
     bool *object_hidden;               /* one per object: no ray meets it */
+    bool *object_spare;                /* one per object: it stands nowhere, so that it is hidden as well */
     bool *object_dynamic;         /* one per object: counts as one that moves though no channel moves it */
     struct lw_light_state *light; /* one per light */
     struct lw_material_state *material; /* one per material */
@@ -38,7 +39,8 @@ struct lw_pose {
 LW_MUST_CHECK enum lw_status lw_pose_init(struct lw_pose *pose, const struct lw_scene *scene);
 void lw_pose_finish(struct lw_pose *pose);
 
-/** Moves the pose to a time (s, wrapped into the animation's duration): what the scene itself says, nothing hidden. */
+/** Moves the pose to a time (s, wrapped into the animation's duration): what the scene itself says, nothing hidden but
+ * its spares. */
 void lw_pose_evaluate(struct lw_pose *pose, const struct lw_scene *scene, double time_s);
 
 /** Makes dst the same moment as src; both of the same scene. */
@@ -59,7 +61,7 @@ unsigned lw_pose_difference(const struct lw_pose *a, const struct lw_pose *b, co
 /** Whether the scene looks the same at both moments: lw_pose_difference() is 0. */
 bool lw_pose_equal(const struct lw_pose *a, const struct lw_pose *b, const struct lw_scene *scene);
 
-/** Whether an object may move: its node or an ancestor of it has a channel, or it is dynamic. */
+/** Whether an object may move: its node or an ancestor of it has a channel, or it is dynamic, as spares are. */
 bool lw_pose_object_moves(const struct lw_pose *pose, const struct lw_scene *scene, uint32_t object);
 
 /** World-space bounds of all objects but dynamic ones, which may be anywhere; false if there is no vertex. */

@@ -132,6 +132,7 @@ bool lw_scene_has_light(const struct lw_scene *scene) {
     for (uint32_t i = 0; i < scene->light_count; i++)
         if (any_positive(scene->light[i].intensity)) return true;
     for (uint32_t i = 0; i < scene->object_count; i++)
-        if (mesh_emits(scene, &scene->mesh[scene->object[i].mesh])) return true;
+        if (!lw_scene_is_spare(scene, i) && mesh_emits(scene, &scene->mesh[scene->object[i].mesh]))
+            return true;
     return false;
 }

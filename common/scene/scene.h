@@ -96,10 +96,11 @@ struct lw_node {
     uint8_t has_matrix;
 };
 
-/** One instance of a mesh, with an atlas of its own. */
+/** One instance of a mesh, with an atlas of its own. Without a node it is a spare: it stands nowhere until it is added. */
 struct lw_object {
     const char *name;
-    uint32_t mesh, node;
+    uint32_t mesh;
+    uint32_t node; /* or LW_SCENE_NONE */
 };
 
 enum lw_light_kind {
@@ -188,6 +189,11 @@ LW_MUST_CHECK enum lw_status lw_scene_add_object(struct lw_scene *scene, uint32_
  * The package reader calls it; importers call it before they write.
  * Errors: LW_BAD_DATA naming the element and field; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_scene_validate(const struct lw_scene *scene, struct lw_error *err);
+
+/** Whether an object is a spare, to begin with. */
+static inline bool lw_scene_is_spare(const struct lw_scene *scene, uint32_t object) {
+    return scene->object[object].node == LW_SCENE_NONE;
+}
 
 /** Whether anything shines: a light with intensity, an emissive triangle in an object, sky or environment. */
 bool lw_scene_has_light(const struct lw_scene *scene);

@@ -38,6 +38,8 @@ uint32_t lw_scene_change_targets(const struct lw_scene *scene, enum lw_scene_cha
         return scene->light_count;
     case LW_SCENE_CHANGE_OF_MATERIAL:
         return scene->material_count;
+    case LW_SCENE_CHANGE_OF_MESH:
+        return scene->mesh_count;
     case LW_SCENE_CHANGE_OF_SCENE:
         return 1;
     }
@@ -72,6 +74,7 @@ static enum lw_scene_change_code check_values(const struct lw_scene_change *c, s
     const float *v = c->value;
     switch ((enum lw_scene_change_kind)c->kind) {
     case LW_SCENE_CHANGE_OBJECT_TRANSFORM:
+    case LW_SCENE_CHANGE_OBJECT_ADD:
         return check_transform(c, err);
     case LW_SCENE_CHANGE_LIGHT_POSITION:
         if (!within(v, 3, -LW_SCENE_CHANGE_POSITION_MAX, LW_SCENE_CHANGE_POSITION_MAX))
@@ -106,6 +109,7 @@ static enum lw_scene_change_code check_values(const struct lw_scene_change *c, s
     case LW_SCENE_CHANGE_OBJECT_RESTORE:
     case LW_SCENE_CHANGE_OBJECT_HIDE:
     case LW_SCENE_CHANGE_OBJECT_SHOW:
+    case LW_SCENE_CHANGE_OBJECT_REMOVE:
     case LW_SCENE_CHANGE_LIGHT_RESTORE:
     case LW_SCENE_CHANGE_MATERIAL_RESTORE:
     case LW_SCENE_CHANGE_SKY_RESTORE:

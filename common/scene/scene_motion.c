@@ -33,7 +33,8 @@ static uint8_t *list_loads(const struct lw_scene *scene) {
     uint8_t *load = calloc((size_t)scene->node_count + 1, 1);
     if (!load) return NULL;
     for (uint32_t o = 0; o < scene->object_count; o++)
-        load[scene->object[o].node] |= emission_of(scene, o) > 0 ? CARRIES_LIGHT : CARRIES_OBJECT;
+        if (!lw_scene_is_spare(scene, o))
+            load[scene->object[o].node] |= emission_of(scene, o) > 0 ? CARRIES_LIGHT : CARRIES_OBJECT;
     for (uint32_t l = 0; l < scene->light_count; l++) load[scene->light[l].node] |= CARRIES_LIGHT;
     for (uint32_t c = 0; c < scene->camera_count; c++) load[scene->camera[c].node] |= CARRIES_CAMERA;
     for (uint32_t n = scene->node_count; n-- > 0;) /* children come after their parents */
@@ -204,7 +205,7 @@ static enum lw_status move_a_light(struct lw_scene *scene, const struct lw_pose 
     float strongest = 0;
     for (uint32_t o = 0; o < scene->object_count; o++) {
         float emission = emission_of(scene, o);
-        if (!(emission > strongest)) continue;
+        if (!(emission > strongest) || lw_scene_is_spare(scene, o)) continue;
         lamp = o;
         strongest = emission;
     }
@@ -260,7 +261,7 @@ static enum lw_status move_an_object(struct lw_scene *scene, const struct lw_pos
     uint32_t best = LW_SCENE_NONE;
     struct extent of_best = {.area_m2 = 0};
     for (uint32_t o = 0; o < scene->object_count; o++) {
-        if (emission_of(scene, o) > 0) continue;
+        if (lw_scene_is_spare(scene, o) || emission_of(scene, o) > 0) continue;
         struct extent e = measure(scene, pose, o);
         if (!(e.longest_m <= OBJECT_SHARE * longest_m) || !(e.area_m2 > of_best.area_m2)) continue;
         best = o;

@@ -6,7 +6,8 @@
 
 struct lw_scene_state_object {
     struct lw_affine object_to_world; /* if placed */
-    bool placed, hidden, dynamic;
+    struct lw_affine home;            /* where it was added, if it was */
+    bool placed, added, hidden, dynamic;
 };
 
 struct lw_scene_state_light {
@@ -23,16 +24,22 @@ enum lw_status lw_scene_state_init(struct lw_scene_state *state, const struct lw
                                      .start_scene_s = start_scene_s,
                                      .start_paused = paused};
     enum lw_status status = lw_scene_init_variant(&state->scene, original);
+    if (status == LW_OK) status = lw_scene_roster_init(&state->roster, original);
     state->object = calloc((size_t)original->object_count + 1, sizeof *state->object);
     state->light = calloc((size_t)original->light_count + 1, sizeof *state->light);
-    if (status == LW_OK && state->object && state->light) return LW_OK;
-    lw_scene_state_finish(state);
-    return LW_NO_MEMORY;
+    if (status != LW_OK || !state->object || !state->light) {
+        lw_scene_state_finish(state);
+        return LW_NO_MEMORY;
+    }
+    for (uint32_t i = 0; i < original->object_count; i++)
+        state->object[i].dynamic = lw_scene_is_spare(original, i);
+    return LW_OK;
 }
 
 void lw_scene_state_finish(struct lw_scene_state *state) {
     free(state->light);
     free(state->object);
+    lw_scene_roster_finish(&state->roster);
     lw_scene_finish_variant(&state->scene);
     *state = (struct lw_scene_state){0};
 }
@@ -48,8 +55,16 @@ static void anchor(struct lw_scene_state *state, double wall_s) {
     state->anchor_s = wall_s;
 }
 
+/* dynamic stays: what was built without it is not built again */
 static void restore_object(struct lw_scene_state_object *object) {
-    object->placed = object->hidden = false; /* dynamic stays: what was built without it is not built again */
+    object->placed = object->added;
+    object->object_to_world = object->home;
+    object->hidden = false;
+}
+
+/* As the scene has it. */
+static void forget_object(struct lw_scene_state_object *object) {
+    object->placed = object->added = object->hidden = false;
 }
 
 static void restore_material(struct lw_scene_state *state, uint32_t m) {
@@ -57,7 +72,7 @@ static void restore_material(struct lw_scene_state *state, uint32_t m) {
 }
 
 static void reset(struct lw_scene_state *state, double wall_s) {
-    for (uint32_t i = 0; i < state->original->object_count; i++) restore_object(&state->object[i]);
+    for (uint32_t i = 0; i < state->original->object_count; i++) forget_object(&state->object[i]);
     for (uint32_t i = 0; i < state->original->light_count; i++)
         state->light[i] = (struct lw_scene_state_light){0};
     for (uint32_t i = 0; i < state->original->material_count; i++) restore_material(state, i);
@@ -71,15 +86,26 @@ static void reset(struct lw_scene_state *state, double wall_s) {
 void lw_scene_state_change(struct lw_scene_state *state, const struct lw_scene_change *c, double wall_s) {
     assert(lw_scene_change_check(state->original, c, NULL) == LW_SCENE_CHANGE_OK);
     const float *v = c->value;
-    /* one more of each is allocated, for targets of other kinds */
-    struct lw_scene_state_object *object =
-        &state->object[c->target < state->scene.object_count ? c->target : state->scene.object_count];
+    uint32_t number = state->scene.object_count; /* one more of each is allocated, for what is about others */
+    const enum lw_scene_change_code code = lw_scene_roster_take(&state->roster, c, &number, NULL);
+    assert(code == LW_SCENE_CHANGE_OK);
+    (void)code;
+    struct lw_scene_state_object *object = &state->object[number];
     struct lw_scene_state_light *light =
         &state->light[c->target < state->scene.light_count ? c->target : state->scene.light_count];
     switch ((enum lw_scene_change_kind)c->kind) {
     case LW_SCENE_CHANGE_OBJECT_TRANSFORM:
         memcpy(object->object_to_world.m, v, sizeof object->object_to_world.m);
         object->placed = object->dynamic = true;
+        break;
+    case LW_SCENE_CHANGE_OBJECT_ADD:
+        memcpy(object->home.m, v, sizeof object->home.m);
+        object->added = object->dynamic = true;
+        restore_object(object);
+        break;
+    case LW_SCENE_CHANGE_OBJECT_REMOVE:
+        forget_object(object);
+        object->dynamic = true;
         break;
     case LW_SCENE_CHANGE_OBJECT_RESTORE:
         restore_object(object);
@@ -147,7 +173,8 @@ void lw_scene_state_pose(const struct lw_scene_state *state, double wall_s, stru
     for (uint32_t i = 0; i < state->scene.object_count; i++) {
         const struct lw_scene_state_object *object = &state->object[i];
         if (object->placed) pose->object_to_world[i] = object->object_to_world;
-        pose->object_hidden[i] = object->hidden;
+        pose->object_spare[i] = lw_scene_roster_is_spare(&state->roster, i);
+        pose->object_hidden[i] = object->hidden || pose->object_spare[i];
         pose->object_dynamic[i] = object->dynamic;
     }
     for (uint32_t i = 0; i < state->scene.light_count; i++) {

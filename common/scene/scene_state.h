@@ -5,14 +5,15 @@
 #define LW_COMMON_SCENE_STATE_H
 
 #include "common/scene/pose.h"
-#include "common/scene/scene_change.h"
+#include "common/scene/scene_roster.h"
 
 struct lw_scene_state_object;
 struct lw_scene_state_light;
 
 struct lw_scene_state {
     const struct lw_scene *original;
-    struct lw_scene scene; /* the original, but for materials of its own and sky: those of now */
+    struct lw_scene scene;         /* the original, but for materials of its own and sky: those of now */
+    struct lw_scene_roster roster; /* which objects there are */
     struct lw_scene_state_object *object;
     struct lw_scene_state_light *light;
     /* The animation is at anchor_scene_s when the wall, or what stands for it, is at anchor_s. */
@@ -30,7 +31,7 @@ LW_MUST_CHECK enum lw_status lw_scene_state_init(struct lw_scene_state *state,
 /** A zeroed state is fine. */
 void lw_scene_state_finish(struct lw_scene_state *state);
 
-/** Makes one change, which lw_scene_change_check() has passed. wall_s: the frame's, from which the clock goes on. */
+/** Makes one change, which lw_scene_change_check() and a roster that has taken all those before have passed. wall_s: the frame's, from which the clock goes on. */
 void lw_scene_state_change(struct lw_scene_state *state, const struct lw_scene_change *change, double wall_s);
 
 /** The animation's time when the wall is at wall_s; not wrapped. */

@@ -298,7 +298,7 @@ static enum lw_status check_object(const struct lw_scene *scene, const struct lw
     if (status) return status;
     if (object->mesh >= scene->mesh_count)
         return refuse(e, "names mesh %u of %u", object->mesh, scene->mesh_count);
-    return check_node_index(scene, object->node, e);
+    return object->node == LW_SCENE_NONE ? LW_OK : check_node_index(scene, object->node, e);
 }
 
 static enum lw_status check_light(const struct lw_scene *scene, const struct lw_light *light,

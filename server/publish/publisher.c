@@ -35,12 +35,16 @@ struct lw_publisher {
     struct lw_levels *levels; /* per object */
     struct sent_tile *sent;   /* per tile id */
     bool *changed;            /* per object: this frame solved one of its tiles */
+    bool *anew;               /* per object: the first light since it was a spare */
+    uint64_t *unlit;          /* per object: 0; SPARE; or the frame since which it is none, until it is lit */
     struct worker *worker;    /* per thread */
     struct lw_pose previous;  /* the last one published */
     uint64_t previous_frame;
     uint64_t saturated;
     float dark; /* W/m^2: looks black in this frame */
 };
+
+#define SPARE UINT64_MAX
 
 enum lw_status lw_publisher_create(const struct lw_publisher_desc *desc,
                                    struct lw_publisher **out_publisher) {
@@ -51,9 +55,11 @@ enum lw_status lw_publisher_create(const struct lw_publisher_desc *desc,
     p->levels = calloc((size_t)desc->atlas_map->object_count + 1, sizeof *p->levels);
     p->sent = calloc((size_t)desc->atlas_map->tile_count + 1, sizeof *p->sent);
     p->changed = calloc((size_t)desc->atlas_map->object_count + 1, sizeof *p->changed);
+    p->anew = calloc((size_t)desc->atlas_map->object_count + 1, sizeof *p->anew);
+    p->unlit = calloc((size_t)desc->atlas_map->object_count + 1, sizeof *p->unlit);
     p->worker = calloc((size_t)p->threads, sizeof *p->worker);
     enum lw_status status = LW_NO_MEMORY;
-    if (!p->levels || !p->sent || !p->changed || !p->worker) goto fail;
+    if (!p->levels || !p->sent || !p->changed || !p->anew || !p->unlit || !p->worker) goto fail;
     if ((status = lw_pose_init(&p->previous, desc->scene)) != LW_OK) goto fail;
     for (int i = 0; i < p->threads; i++) {
         if ((status = lw_tile_codec_create(&p->worker[i].codec)) != LW_OK) goto fail;
@@ -87,6 +93,8 @@ void lw_publisher_destroy(struct lw_publisher *p) {
     }
     lw_pose_finish(&p->previous);
     free(p->worker);
+    free(p->unlit);
+    free(p->anew);
     free(p->changed);
     free(p->sent);
     free(p->levels);
@@ -119,9 +127,39 @@ static bool refresh_levels(struct lw_publisher *p, uint32_t object, uint64_t fra
     return true;
 }
 
-static float find_dark(const struct lw_publisher *p) {
+/* Whether all of an object has been solved since a frame. */
+static bool is_lit(const struct lw_publisher *p, uint32_t object, uint64_t since) {
+    const struct lw_atlas_map *map = p->desc.atlas_map;
+    const uint32_t first = map->first_tile[object];
+    const uint32_t count = map->atlas[object].level_count ? level0_tiles(&map->atlas[object]) : 0;
+    for (uint32_t id = first; id < first + count; id++) {
+        struct lw_solver_tile tile;
+        p->desc.solver->ops->read_tile(p->desc.solver, (lw_tile_id){id}, &tile);
+        if (tile.solved_frame < since && memchr(tile.covered, 1, (size_t)tile.width * tile.height))
+            return false;
+    }
+    return true;
+}
+
+/* An object that was a spare is sent once all of it has light, and then in any case: clients wait for that. */
+static void note_unlit(struct lw_publisher *p, const struct lw_pose *pose, uint32_t object, uint64_t frame) {
+    uint64_t *unlit = &p->unlit[object];
+    p->anew[object] = false;
+    if (pose->object_spare[object])
+        *unlit = SPARE;
+    else if (*unlit == SPARE)
+        *unlit = frame;
+    if (!*unlit || *unlit == SPARE) return;
+    p->anew[object] = is_lit(p, object, *unlit);
+    p->changed[object] = p->anew[object];
+    if (p->anew[object]) *unlit = 0;
+}
+
+/* What is hidden has no light, or that of another time. */
+static float find_dark(const struct lw_publisher *p, const struct lw_pose *pose) {
     uint64_t bin[LW_LEVELS_BINS] = {0};
-    for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++) lw_levels_count_values(&p->levels[o], bin);
+    for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++)
+        if (!pose->object_hidden[o]) lw_levels_count_values(&p->levels[o], bin);
     return LW_PUBLISHER_DARK_SHARE * lw_levels_quantile(bin, LW_PUBLISHER_WHITE_QUANTILE);
 }
 
@@ -250,7 +288,7 @@ static void consider_tile(struct lw_publisher *p, struct worker *worker, lw_tile
     if (sent->version) {
         float mean;
         change = find_change(worker->rgb, sent->rgb, (size_t)place->width * place->height * 3, &mean);
-        if (!reached && change <= threshold) return;
+        if (!reached && !p->anew[place->object] && change <= threshold) return;
         change *= mean / (mean + p->dark + 1e-30f); /* what is dark may move much and be seen little */
     }
     worker->status = send_tile(p, worker, id, frame, error, bounces, change);
@@ -267,20 +305,26 @@ struct pose_change {
     struct lw_message_transform *transform;
     struct lw_message_light *light;
     struct lw_message_material *material;
-    uint32_t *hidden, *shown;
-    size_t transform_count, light_count, material_count, hidden_count, shown_count;
+    uint32_t *hidden, *shown; /* of hidden ones, spares come first */
+    size_t transform_count, light_count, material_count, hidden_count, spare_count, shown_count;
 };
 
 static void list_state(const struct lw_publisher *p, const struct lw_pose *pose, bool everything,
                        struct pose_change *change) {
     const struct lw_scene *scene = p->desc.scene;
-    change->hidden_count = change->shown_count = change->material_count = 0;
+    change->hidden_count = change->spare_count = change->shown_count = change->material_count = 0;
+    for (uint32_t o = 0; o < scene->object_count; o++)
+        if (pose->object_spare[o] && (everything || !p->previous.object_spare[o]))
+            change->hidden[change->spare_count++] = o;
+    change->hidden_count = change->spare_count;
     for (uint32_t o = 0; o < scene->object_count; o++) {
-        if (!everything && pose->object_hidden[o] == p->previous.object_hidden[o]) continue;
-        if (pose->object_hidden[o])
-            change->hidden[change->hidden_count++] = o;
-        else
+        if (!everything && pose->object_hidden[o] == p->previous.object_hidden[o] &&
+            pose->object_spare[o] == p->previous.object_spare[o])
+            continue;
+        if (!pose->object_hidden[o])
             change->shown[change->shown_count++] = o;
+        else if (!pose->object_spare[o])
+            change->hidden[change->hidden_count++] = o;
     }
     for (uint32_t m = 0; m < scene->material_count; m++) {
         const struct lw_material_state *now = &pose->material[m];
@@ -329,6 +373,8 @@ static struct lw_message frame_part(const struct lw_message_frame *frame, const 
     message.frame.material_count = smaller(change->material_count - materials, LW_MESSAGE_MATERIALS_MAX);
     message.frame.hidden = change->hidden + hidden;
     message.frame.hidden_count = smaller(change->hidden_count - hidden, LW_MESSAGE_VISIBLE_MAX);
+    message.frame.spare_count =
+        hidden < change->spare_count ? smaller(change->spare_count - hidden, LW_MESSAGE_VISIBLE_MAX) : 0;
     message.frame.shown = change->shown + shown;
     message.frame.shown_count = smaller(change->shown_count - shown, LW_MESSAGE_VISIBLE_MAX);
     return message;
@@ -427,9 +473,11 @@ enum lw_status lw_publisher_publish(struct lw_publisher *p, const struct lw_pose
     const bool has_light = tiles_solved > 0 || !p->previous_frame;
     uint64_t t0 = lw_clock_ns();
 #pragma omp parallel for schedule(dynamic, 1) num_threads(p->threads)
-    for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++)
+    for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++) {
         p->changed[o] = has_light && refresh_levels(p, o, frame);
-    if (has_light) p->dark = find_dark(p);
+        note_unlit(p, pose, o, frame);
+    }
+    if (has_light) p->dark = find_dark(p, pose);
     uint64_t t1 = lw_clock_ns();
     for (int i = 0; i < p->threads; i++) {
         p->worker[i].status = LW_OK;

@@ -137,10 +137,14 @@ static void note_changed(struct lw_server *server, const struct lw_snapshot *bef
 /* Those that the snapshot shows. */
 static void answer_updates(struct lw_session_shared *shared) {
     struct lw_updates_entry entry;
-    while (lw_updates_next(&shared->updates, shared->snapshot->frame, &entry))
+    while (lw_updates_next(&shared->updates, shared->snapshot->frame, &entry)) {
         if (entry.session)
-            lw_session_answer(entry.session,
-                              &(struct lw_message_updated){.request = entry.request, .frame = entry.frame});
+            lw_session_answer(entry.session, &(struct lw_message_updated){.request = entry.request,
+                                                                          .frame = entry.frame,
+                                                                          .added = entry.added,
+                                                                          .added_count = entry.added_count});
+        free(entry.added);
+    }
 }
 
 static void adopt(struct lw_server *server, struct lw_snapshot *snapshot) {
@@ -432,6 +436,7 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     if (status == LW_OK) status = lw_wanted_init(&shared->wanted, desc->atlas_map);
     if (status == LW_OK) status = lw_deltas_init(&shared->deltas, tiles);
     if (status == LW_OK) status = lw_urgency_init(&shared->urgency, desc->atlas_map);
+    if (status == LW_OK && shared->scene) status = lw_scene_roster_init(&shared->roster, shared->scene);
     shared->order = server->order;
     return status == LW_OK ? compress_package(shared, desc->package, desc->package_size) : status;
 }
@@ -555,6 +560,7 @@ void lw_server_destroy(struct lw_server *server) {
     lw_deltas_finish(&shared->deltas);
     lw_urgency_finish(&shared->urgency);
     lw_updates_finish(&shared->updates);
+    lw_scene_roster_finish(&shared->roster);
     uv_mutex_destroy(&shared->stats_mutex);
     uv_mutex_destroy(&server->mutex);
     free(server);

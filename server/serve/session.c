@@ -733,19 +733,28 @@ void lw_session_answer(struct lw_session *s, const struct lw_message_updated *an
 }
 
 static void handle_update(struct lw_session *s, const struct lw_message_update *update) {
+    struct lw_session_shared *shared = s->shared;
     struct lw_message_updated refused = {.request = update->request};
     struct lw_error err = {0};
+    uint32_t added[LW_MESSAGE_CHANGES_MAX], object;
+    size_t added_count = 0;
+    lw_scene_roster_save(&shared->roster);
     for (size_t i = 0; i < update->change_count && !refused.code; i++) {
-        refused.code = lw_scene_change_check(s->shared->scene, &update->change[i], &err);
+        const struct lw_scene_change *change = &update->change[i];
+        refused.code = lw_scene_change_check(shared->scene, change, &err);
+        if (!refused.code) refused.code = lw_scene_roster_take(&shared->roster, change, &object, &err);
+        if (!refused.code && change->kind == LW_SCENE_CHANGE_OBJECT_ADD) added[added_count++] = object;
         refused.change = refused.code ? (uint32_t)i : 0;
     }
     refused.text = err.text;
-    if (!refused.code &&
-        !lw_updates_add(&s->shared->updates, s, update->request, update->change, update->change_count)) {
+    if (!refused.code && !lw_updates_add(&shared->updates, s, update->request, update->change,
+                                         update->change_count, added, added_count)) {
         refused.code = LW_SCENE_CHANGE_BUSY;
         refused.text = lw_scene_change_text(LW_SCENE_CHANGE_BUSY);
     }
-    if (refused.code) lw_session_answer(s, &refused);
+    if (!refused.code) return;
+    lw_scene_roster_go_back(&shared->roster); /* nothing of it is done */
+    lw_session_answer(s, &refused);
 }
 
 /* Says that the peer has the light of a frame; how long that took is what we measure of links. */

@@ -5,6 +5,7 @@
 #define LW_SERVE_SESSION_H
 
 #include "common/histogram.h"
+#include "common/scene/scene_roster.h"
 #include "server/serve/deltas.h"
 #include "server/serve/server.h"
 #include "server/serve/updates.h"
@@ -27,7 +28,8 @@ struct lw_session_shared {
     uint64_t *listed;             /* bit per tile, all 0: for whoever looks for those that a list has twice */
     struct lw_wanted wanted;      /* by all sessions that are streamed to */
     const struct lw_scene *scene; /* what updates are checked against; NULL: there are none */
-    struct lw_updates updates;    /* of all sessions */
+    struct lw_scene_roster roster; /* of it, after all updates so far */
+    struct lw_updates updates;     /* of all sessions */
     uint64_t epoch; /* counts ticks and snapshots seen: in each, a session may change its mind once */
     struct lw_snapshot *snapshot; /* newest; NULL before the first */
     uint64_t generation;          /* counts the snapshots that the loop has seen */

@@ -9,6 +9,7 @@ enum lw_status lw_updates_init(struct lw_updates *updates) {
 }
 
 void lw_updates_finish(struct lw_updates *updates) {
+    for (size_t i = 0; i < updates->entry_count; i++) free(updates->entry[i].added);
     free(updates->entry);
     free(updates->change);
     uv_mutex_destroy(&updates->mutex);
@@ -38,12 +39,18 @@ static bool add(struct lw_updates *u, const struct lw_updates_entry *entry,
 }
 
 bool lw_updates_add(struct lw_updates *updates, struct lw_session *session, uint64_t request,
-                    const struct lw_scene_change *change, size_t count) {
-    const struct lw_updates_entry entry = {.session = session, .request = request};
+                    const struct lw_scene_change *change, size_t count, const uint32_t *added,
+                    size_t added_count) {
+    struct lw_updates_entry entry = {.session = session, .request = request, .added_count = added_count};
+    if (added_count) {
+        if (!(entry.added = malloc(added_count * sizeof *added))) return false;
+        memcpy(entry.added, added, added_count * sizeof *added);
+    }
     uv_mutex_lock(&updates->mutex);
-    bool added = add(updates, &entry, change, count);
+    const bool taken = add(updates, &entry, change, count);
     uv_mutex_unlock(&updates->mutex);
-    return added;
+    if (!taken) free(entry.added);
+    return taken;
 }
 
 size_t lw_updates_take(struct lw_updates *u, uint64_t frame, struct lw_scene_change **out_change,

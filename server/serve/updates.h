@@ -25,9 +25,11 @@ struct lw_updates {
 LW_MUST_CHECK enum lw_status lw_updates_init(struct lw_updates *updates);
 void lw_updates_finish(struct lw_updates *updates);
 
-/** Adds an update, whose changes are checked and copied. false: there are too many, or there is no memory for it. [loop] */
+/** Adds an update, whose changes are checked and copied, as is what its answer will say: the objects that it adds.
+ * false: there are too many, or there is no memory for it. [loop] */
 bool lw_updates_add(struct lw_updates *updates, struct lw_session *session, uint64_t request,
-                    const struct lw_scene_change *change, size_t count);
+                    const struct lw_scene_change *change, size_t count, const uint32_t *added,
+                    size_t added_count);
 
 /** Takes all that wait, for a frame. *out_change: theirs, in order; the taker's to free(). Returns how many updates that
  * were: none may have a change, and of all changes there may be none. [any] */
@@ -38,6 +40,8 @@ size_t lw_updates_take(struct lw_updates *updates, uint64_t frame, struct lw_sce
 struct lw_updates_entry {
     struct lw_session *session; /* who waits for the answer; NULL: it is gone */
     uint64_t request, frame;
+    uint32_t *added; /* the taker's to free() */
+    size_t added_count;
 };
 /** Takes off the first one that was taken for this frame or an earlier one; false: there is none. [loop] */
 bool lw_updates_next(struct lw_updates *updates, uint64_t frame, struct lw_updates_entry *out_entry);

@@ -41,6 +41,7 @@ struct cell_solver {
     bool forgetful; /* the tiles' estimates are not those of their last solve: a checkpoint keeps none */
     unsigned
         pose_due; /* what of the pose has changed since rays, lights and tiles were last placed: LW_POSE_* */
+    bool appears; /* likewise: an object was hidden, and is not */
 };
 
 /* Of the above, what a checkpoint keeps. */
@@ -74,6 +75,12 @@ static enum lw_status take_materials(struct cell_solver *s) {
     return status;
 }
 
+static bool shows_more(const struct cell_solver *s, const struct lw_pose *pose) {
+    for (uint32_t o = 0; o < s->desc.scene->object_count; o++)
+        if (s->pose.object_hidden[o] && !pose->object_hidden[o]) return true;
+    return false;
+}
+
 /* Takes over s->pose. */
 static enum lw_status place(struct cell_solver *s, struct lw_solver_stats *stats, struct lw_error *err) {
     enum lw_status status = lw_trace_set_pose(s->trace, &s->pose, err);
@@ -89,6 +96,7 @@ static enum lw_status place(struct cell_solver *s, struct lw_solver_stats *stats
         stats->probe_ns += lw_clock_ns() - t;
     }
     s->pose_due = 0;
+    s->appears = false;
     return LW_OK;
 }
 
@@ -366,13 +374,15 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     s->frames_since_move++;
     if (stats.moved) {
         if (s->forgetful) recall(s, &passes, &stats);
+        s->appears |= shows_more(s, pose);
         lw_pose_copy(&s->pose, pose, s->desc.scene);
         s->pose_due |= moved;
         s->moves++;
         s->frames_since_move = 0;
     }
     const bool looked_at = lw_schedule_is_looked_at(&s->schedule);
-    enum lw_status status = s->pose_due && looked_at ? place(s, &stats, err) : LW_OK;
+    /* What appears is lit at once, whoever looks: there is nothing without light (schedule.h). */
+    enum lw_status status = s->pose_due && (looked_at || s->appears) ? place(s, &stats, err) : LW_OK;
     if (status != LW_OK) return status;
     lw_schedule_serve(&s->schedule, &s->tiles, s->has_probes);
     s->unchanged_rounds = is_changing(s) ? 0 : s->unchanged_rounds + s->schedule.ended;
@@ -527,7 +537,7 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         LW_TILES_EACH_BLOCK (tile, block) {
-            block->resting = block->covered_count == 0 || settled(s, block);
+            block->resting = block->covered_count == 0 || tile->hidden || settled(s, block);
             block->change.moves = s->moves;
         }
         lw_tiles_sum_up(tile);

@@ -109,7 +109,7 @@ void lw_schedule_serve(const struct lw_schedule *schedule, struct lw_tiles *tile
     for (uint32_t i = 0; i < tiles->count; i++) {
         struct lw_solve_tile *tile = &tiles->tile[i];
         tile->serves =
-            tile->covered_count &&
+            tile->covered_count && !tile->hidden &&
             (schedule->everything || schedule->wanted[tile->id.v] ||
              (schedule->looked_at && (feeds_all || schedule->readings[tile->id.v] >= READINGS_MIN)));
     }

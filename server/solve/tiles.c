@@ -164,7 +164,7 @@ void lw_tiles_recount(struct lw_tiles *tiles, int threads) {
         LW_TILES_EACH_BLOCK (tile, block) {
             if (block->covered_count == before[block - tile->block]) continue;
             block->direct.frames = block->indirect.frames = 0;
-            block->resting = block->covered_count == 0;
+            block->resting = block->covered_count == 0 || tile->hidden;
         }
         lw_tiles_sum_up(tile);
     }
@@ -234,10 +234,33 @@ static int by_cell(const void *a, const void *b) {
     return x->id.v < y->id.v ? -1 : x->id.v > y->id.v;
 }
 
+static void begin_block(struct lw_solve_block *block) {
+    block->frames = 0;
+    block->direct = block->indirect = (struct lw_memory){0};
+    block->change = (struct lw_change_block){0};
+    block->variance = block->luminance = 0;
+    block->noise[LW_TILES_DIRECT] = block->noise[LW_TILES_INDIRECT] = -1;
+    block->error = 1;
+    block->resting = block->covered_count == 0;
+    block->stale = false;
+}
+
+static void set_hidden(struct lw_solve_tile *tile, bool hidden) {
+    tile->hidden = hidden;
+    LW_TILES_EACH_BLOCK (tile, block) {
+        if (!hidden)
+            begin_block(block);
+        else
+            block->resting = true;
+    }
+    lw_tiles_sum_up(tile);
+}
+
 void lw_tiles_set_pose(struct lw_tiles *tiles, const struct lw_cells *cells, const struct lw_pose *pose) {
     for (uint32_t i = 0; i < tiles->count; i++) {
         struct lw_solve_tile *tile = &tiles->tile[i];
         const struct lw_affine *t = &pose->object_to_world[tile->object];
+        if (tile->hidden != pose->object_hidden[tile->object]) set_hidden(tile, !tile->hidden);
         float longest = 0; /* no direction is stretched more than by the Frobenius norm */
         for (int r = 0; r < 3; r++)
             for (int c = 0; c < 3; c++) longest += t->m[r][c] * t->m[r][c];

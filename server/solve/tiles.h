@@ -52,6 +52,7 @@ struct lw_solve_tile {
     float radius_m;
     struct lw_vec3 centre_os; /* the same in object space */
     float radius_os;
+    bool hidden; /* as its object is: it rests, and begins anew when it is shown */
     uint32_t covered_count;
     uint32_t frames;       /* the fewest of its blocks */
     float error;           /* relative standard error of luminance, over all its blocks */
@@ -119,7 +120,8 @@ static inline struct lw_solve_block *lw_tiles_block(const struct lw_solve_tile *
 /** What its blocks say of a tile: frames, whether it rests. */
 void lw_tiles_sum_up(struct lw_solve_tile *tile);
 
-/** Places every tile in the world and sorts them by cell. */
+/** Places every tile in the world and sorts them by cell. What is hidden rests; what is so no longer begins anew, and is solved
+ * at once, whoever looks: its sums are of light that is over, or of another place. */
 void lw_tiles_set_pose(struct lw_tiles *tiles, const struct lw_cells *cells, const struct lw_pose *pose);
 
 #endif

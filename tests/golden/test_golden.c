@@ -24,7 +24,8 @@ static const struct lw_message_transform transforms[] = {
     {2, {{{1, 0, 0, 0.5f}, {0, 0, -1, 2}, {0, 1, 0, -3}}}}};
 static const struct lw_message_light lights[] = {{1, {0, 2, 0}, {0, -1, 0}, {10, 20, 30}}};
 
-static const uint32_t hidden[] = {3}, shown[] = {5, 6};
+static const uint32_t hidden[] = {3}, shown[] = {5, 6}, spares[] = {8, 9, 3}, added[] = {9},
+                      added_two[] = {8, 9};
 static const struct lw_message_material frame_materials[] = {{4, {0.5f, 0.25f, 1}, {0, 0, 2}}};
 static const struct lw_scene_change two_changes[] = {{LW_SCENE_CHANGE_OBJECT_HIDE, 3, 0, {0}},
                                                      {LW_SCENE_CHANGE_LIGHT_INTENSITY, 1, 3, {10, 20, 40}}};
@@ -47,6 +48,10 @@ static const struct lw_scene_change every_change[] = {
     {LW_SCENE_CHANGE_CLOCK_SEEK, 0, 1, {12.5f}},
     {LW_SCENE_CHANGE_CLOCK_RATE, 0, 1, {-0.5f}},
     {LW_SCENE_CHANGE_RESET, 0, 0, {0}}};
+
+static const struct lw_scene_change add_and_remove[] = {
+    {LW_SCENE_CHANGE_OBJECT_ADD, 2, 12, {1, 0, 0, 0.5f, 0, 1, 0, 0, 0, 0, 1, -3}},
+    {LW_SCENE_CHANGE_OBJECT_REMOVE, 3, 0, {0}}};
 
 static const struct golden {
     const char *file;
@@ -134,6 +139,20 @@ static const struct golden {
     {"update.bin", {.type = LW_MESSAGE_UPDATE, .update = {7, two_changes, 2}}},
     {"update_every_kind.bin", {.type = LW_MESSAGE_UPDATE, .update = {8, every_change, 18}}},
     {"update_empty.bin", {.type = LW_MESSAGE_UPDATE}},
+    {"frame_spares.bin",
+     {.type = LW_MESSAGE_FRAME,
+      .frame = {.frame = 4,
+                .hidden = spares,
+                .hidden_count = 3,
+                .spare_count = 2,
+                .shown = shown,
+                .shown_count = 1}}},
+    {"update_add_remove.bin", {.type = LW_MESSAGE_UPDATE, .update = {8, add_and_remove, 2}}},
+    {"updated_added.bin",
+     {.type = LW_MESSAGE_UPDATED, .updated = {.request = 8, .frame = 301, .added = added, .added_count = 1}}},
+    {"updated_added_two.bin",
+     {.type = LW_MESSAGE_UPDATED,
+      .updated = {.request = 9, .frame = 302, .added = added_two, .added_count = 2}}},
     {"updated.bin", {.type = LW_MESSAGE_UPDATED, .updated = {.request = 7, .frame = 300}}},
     {"updated_refused.bin",
      {.type = LW_MESSAGE_UPDATED,
@@ -185,6 +204,10 @@ static const struct {
      "12 values"},
     {"invalid_frame_material.bin", "17000000 0700 0000 0801 320c 00000000 00000000 00000000 820104 00000000",
      "3 values for each material"},
+    {"invalid_frame_spares.bin",
+     "1d000000 0700 0000 0801 320c 00000000 00000000 00000000 7208 0800000009000000 980103",
+     "spares is over the length"},
+    {"invalid_updated_added.bin", "0a000000 0e00 0000 0807 1008 3204 09000000", "though it is refused"},
     {"invalid_update_lengths.bin", "06000000 0d00 0000 120403000000", "differ in length"},
     {"invalid_update_values.bin", "12000000 0d00 0000 12040c000000 1a0400000000 220403000000", "shorter"},
     {"invalid_holds_lengths.bin", "12000000 0f00 0000 0a0411000000 120400000000 1a0402000000",
@@ -304,8 +327,9 @@ static size_t read_example(const char *document, unsigned n, uint8_t *dst) {
 static void test_examples_of_the_document(void **state) {
     (void)state;
     static const char *const file[] = {
-        "hello.bin", "tile.bin",   "tile_delta.bin", "settled.bin", "interest_stand_ins.bin",
-        "ack.bin",   "update.bin", "updated.bin",    "holds.bin"};
+        "hello.bin", "tile.bin",   "tile_delta.bin", "settled.bin",           "interest_stand_ins.bin",
+        "ack.bin",   "update.bin", "updated.bin",    "update_add_remove.bin", "updated_added.bin",
+        "holds.bin"};
     size_t size;
     char *document = (char *)lw_support_read_file(lw_support_source("proto/wire_format.md"), &size);
     for (unsigned i = 0; i < sizeof file / sizeof *file; i++) {

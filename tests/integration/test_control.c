@@ -7,6 +7,7 @@
 #include "common/scene/builtin.h"
 #include "common/scene/lightmap.h"
 #include "common/scene/package.h"
+#include "common/scene/pose.h"
 #include "common/scene/scene.h"
 #include "lightwell/client.h"
 
@@ -23,7 +24,7 @@
 #define CAMERA  "0,0.99,3.4:0,0.99,0:40"
 
 /* Scene files that the tests write. */
-enum { BASE, MOVED, HIDDEN, BLUE, PAINTED, SCENES };
+enum { BASE, MOVED, HIDDEN, ADDED, BLUE, PAINTED, SCENES };
 static char scene_path[SCENES][128];
 
 static const char *scene_file(unsigned which) {
@@ -107,6 +108,41 @@ static void write_without_block(void) {
     const uint32_t block = object_named(scene, "tall-block");
     scene->object[block] = scene->object[--scene->object_count];
     write_scene(scene, scene_file(HIDDEN));
+}
+
+/* With a second block beside the first one. Writes where its middle is, and the mesh that it is of. */
+static void write_with_two_blocks(struct lw_vec3 by, struct lw_vec3 *out_middle, uint32_t *out_mesh) {
+    struct lw_scene *scene = build_scene();
+    const uint32_t block = object_named(scene, "tall-block");
+    struct lw_node *node = lw_scene_alloc(scene, scene->node_count + 1, sizeof *node);
+    struct lw_object *object = lw_scene_alloc(scene, scene->object_count + 1, sizeof *object);
+    memcpy(node, scene->node, scene->node_count * sizeof *node);
+    memcpy(object, scene->object, scene->object_count * sizeof *object);
+    node[scene->node_count] = node[object[block].node];
+    node[scene->node_count].name = "second";
+    node[scene->node_count].translation[0] += by.x;
+    node[scene->node_count].translation[1] += by.y;
+    node[scene->node_count].translation[2] += by.z;
+    object[scene->object_count] = object[block];
+    object[scene->object_count].node = scene->node_count;
+    scene->node = node;
+    scene->object = object;
+    scene->node_count++;
+    scene->object_count++;
+    struct lw_pose pose;
+    lw_support_ok(lw_pose_init(&pose, scene), NULL);
+    const struct lw_mesh *mesh = &scene->mesh[object[block].mesh];
+    struct lw_vec3 low = mesh->position[0], high = low;
+    for (uint32_t i = 0; i < mesh->vertex_count; i++) {
+        const struct lw_vec3 p = mesh->position[i];
+        low = lw_vec3(fminf(low.x, p.x), fminf(low.y, p.y), fminf(low.z, p.z));
+        high = lw_vec3(fmaxf(high.x, p.x), fmaxf(high.y, p.y), fmaxf(high.z, p.z));
+    }
+    *out_middle = lw_affine_point(&pose.object_to_world[scene->object_count - 1],
+                                  lw_vec3_scale(lw_vec3_add(low, high), 0.5f));
+    *out_mesh = object[block].mesh;
+    lw_pose_finish(&pose);
+    write_scene(scene, scene_file(ADDED));
 }
 
 /* ---- programs ---- */
@@ -233,7 +269,8 @@ static int start_all(void **state) {
     struct lw_error err = {0};
     char arguments[256];
     write_scene(build_scene(), scene_file(BASE));
-    snprintf(arguments, sizeof arguments, "%s --freeze 0 --frame-rate 1000 --threads 1", scene_file(BASE));
+    snprintf(arguments, sizeof arguments, "%s --freeze 0 --frame-rate 1000 --threads 1 --spares 1",
+             scene_file(BASE));
     lw_process_serve(&server, arguments);
     snprintf(address, sizeof address, "127.0.0.1:%u", server.port);
     lw_support_ok(
@@ -248,6 +285,14 @@ static int stop_all(void **state) {
     int code = server.pid ? lw_process_stop(&server, SIGTERM, LIMIT_S) : 0;
     lw_process_kill_all();
     return code;
+}
+
+static void ctl_fails(const char *commands, int code, const char *text) {
+    char *said;
+    assert_int_equal(ctl(commands, &said), code);
+    if (!strstr(said, text)) fail_msg("%s: %s", commands, said);
+    assert_string_equal(strchr(said, '\n'), "\n"); /* one line */
+    free(said);
 }
 
 /* ---- tests ---- */
@@ -267,6 +312,36 @@ static void test_objects(void **state) {
     write_without_block(); /* the place where it stood is lit as if it had never been there */
     expect_change("hide tall-block", scene_file(HIDDEN), 0);
     expect_change("restore tall-block", scene_file(BASE), 0);
+}
+
+/* What is added is lit as if it had stood there from the start, and what is removed leaves nothing behind. */
+static void test_added_and_removed(void **state) {
+    (void)state;
+    char commands[128], *said;
+    struct lw_vec3 at;
+    uint32_t mesh;
+    change("reset");
+    write_with_two_blocks(lw_vec3(0.9f, 0.3f, 0.2f), &at, &mesh);
+    write_without_block();
+    snprintf(commands, sizeof commands, "add #%u %.6f %.6f %.6f", mesh, (double)at.x, (double)at.y,
+             (double)at.z);
+    expect_change(commands, scene_file(ADDED), 0);
+    ctl_fails(commands, 65, "no spare of this mesh is left");
+    assert_int_equal(ctl("list", &said), 0);
+    assert_non_null(strstr(said, "tall block#1"));
+    assert_non_null(strstr(said, "objects 2, spares 0"));
+    free(said);
+    const uint32_t spare = lw_client_scene(viewer)->object_count - lw_client_scene(viewer)->mesh_count + mesh;
+    snprintf(commands, sizeof commands, "remove #%u", spare);
+    expect_change(commands, scene_file(BASE), 0);
+    ctl_fails(commands, 65, "stands nowhere");
+    expect_change("remove tall-block", scene_file(HIDDEN), 0);
+    ctl_fails("hide tall-block", 65, "stands nowhere");
+    expect_change("reset", scene_file(BASE), 0);
+    change("remove lamp -- light bulb off"); /* the last of what shines */
+    const double dark = brightness();
+    change("reset");
+    assert_true(dark >= 0 && dark < 0.02 * brightness());
 }
 
 static void test_lights(void **state) {
@@ -312,14 +387,6 @@ static void test_clock(void **state) {
     assert_true(poll_viewer(0).time_s == 0);
 }
 
-static void ctl_fails(const char *commands, int code, const char *text) {
-    char *said;
-    assert_int_equal(ctl(commands, &said), code);
-    if (!strstr(said, text)) fail_msg("%s: %s", commands, said);
-    assert_string_equal(strchr(said, '\n'), "\n"); /* one line */
-    free(said);
-}
-
 static void test_bad_input(void **state) {
     (void)state;
     change("reset");
@@ -342,7 +409,7 @@ static void test_bad_input(void **state) {
     for (int i = 0; i < 5; i++) (void)poll_viewer(100);
     assert_memory_equal(lw_client_object_to_world(viewer, 1), &before, sizeof before);
     for (uint32_t o = 0; o < lw_client_scene(viewer)->object_count; o++)
-        assert_false(lw_client_object_hidden(viewer, o));
+        assert_int_not_equal(lw_client_object_state(viewer, o), LW_CLIENT_OBJECT_HIDDEN);
 }
 
 static struct lw_client *join_control(void) {
@@ -508,6 +575,7 @@ static void test_batch_and_list(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_objects),
+        cmocka_unit_test(test_added_and_removed),
         cmocka_unit_test(test_lights),
         cmocka_unit_test(test_materials_and_sky),
         cmocka_unit_test(test_clock),

@@ -4,6 +4,7 @@
 #include "client/lib/link.h"
 #include "client/lib/replica.h"
 #include "common/clock.h"
+#include "common/scene/scene_spares.h"
 #include "common/tile/tile_codec.h"
 #include "server/serve/server.h"
 
@@ -31,9 +32,10 @@ struct world {
     struct lw_tile_codec *codec;
 };
 
-static struct world make_world(void) {
+static struct world make_world_with(const char *spares) {
     struct world w = {.scene = lw_support_everything()};
     struct lw_error err = {0};
+    if (spares) lw_support_ok(lw_scene_spares_add(w.scene, spares, &err), &err);
     for (uint32_t i = 0; i < w.scene->mesh_count;
          i++) /* several tiles across and down, the last ones cut off */
         if (w.scene->mesh[i].atlas_width) {
@@ -50,6 +52,8 @@ static struct world make_world(void) {
     lw_support_ok(lw_tile_codec_create(&w.codec), NULL);
     return w;
 }
+
+static struct world make_world(void) { return make_world_with(NULL); }
 
 static void finish_world(struct world *w) {
     lw_tile_codec_destroy(w->codec);
@@ -389,6 +393,75 @@ static struct lw_snapshot *make_next_snapshot(const struct world *w, const struc
         lw_blob_ref(snapshot->tile[t].blob);
     }
     return snapshot;
+}
+
+/* What a server says of an object that is added while a client looks on. */
+static struct lw_snapshot *make_spare_snapshot(const struct world *w, uint64_t frame, uint32_t object,
+                                               bool spare, uint64_t coarsest) {
+    struct lw_snapshot *snapshot = make_snapshot(w, frame);
+    const struct lw_message m = {.type = LW_MESSAGE_FRAME,
+                                 .frame = {.frame = frame,
+                                           .hidden = &object,
+                                           .hidden_count = spare,
+                                           .spare_count = spare,
+                                           .shown = &object,
+                                           .shown_count = !spare}};
+    lw_blob_unref(snapshot->frame_full);
+    lw_support_ok(lw_blob_from_message(&m, &snapshot->frame_full), NULL);
+    uint8_t *payload = malloc(lw_tile_codec_bound());
+    for (uint32_t t = 0; t < w->map.tile_count;
+         t++) { /* of it nothing has come but the coarsest level, long ago */
+        if (w->map.place[t].object != object) continue;
+        const struct lw_message tile = tile_message(w, t, coarsest, payload);
+        snapshot->tile[t].version = coarsest;
+        lw_blob_unref(snapshot->tile[t].blob);
+        lw_support_ok(lw_blob_from_message(&tile, &snapshot->tile[t].blob), NULL);
+    }
+    free(payload);
+    return snapshot;
+}
+
+static void test_spares(void **state) {
+    (void)state;
+    struct world w = make_world_with("#0=1");
+    const uint32_t spare = w.scene->object_count - 1;
+    struct running r = start_server(&w, 0);
+    struct lw_client *client;
+    struct lw_client_stats stats = {0};
+    struct lw_error err = {0};
+    assert_true(w.map.atlas[spare].level_count > 0);
+    lw_support_ok(
+        lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1", .port = lw_server_port(r.server)},
+                         &client, &err),
+        &err);
+    assert_int_equal(lw_client_object_state(client, 0), LW_CLIENT_OBJECT_SPARE);
+    while (!lw_client_scene(client)) lw_support_ok(lw_client_poll(client, 100, &err), &err);
+    assert_int_equal(lw_client_object_state(client, 0), LW_CLIENT_OBJECT_SHOWN); /* as the package has it */
+    assert_int_equal(lw_client_object_state(client, spare), LW_CLIENT_OBJECT_SPARE);
+    assert_int_equal(lw_client_object_state(client, spare + 1), LW_CLIENT_OBJECT_SPARE);
+    assert_true(lw_client_object_hidden(client, spare));
+    publish(&r, make_spare_snapshot(&w, 1, spare, true, 1));
+    while (stats.settled_frame < 1) {
+        lw_support_ok(lw_client_poll(client, 100, &err), &err);
+        lw_client_get_stats(client, &stats);
+    }
+    assert_true(lw_client_object_hidden(client, spare));
+    publish(&r, make_spare_snapshot(&w, 2, spare, false, 1)); /* no light of it yet */
+    while (stats.settled_frame < 2) {
+        lw_support_ok(lw_client_poll(client, 100, &err), &err);
+        lw_client_get_stats(client, &stats);
+    }
+    assert_int_equal(lw_client_object_state(client, spare), LW_CLIENT_OBJECT_SHOWN);
+    assert_true(lw_client_object_hidden(client, spare));
+    publish(&r, make_spare_snapshot(&w, 3, spare, false, 3));
+    while (stats.settled_frame < 3) {
+        lw_support_ok(lw_client_poll(client, 100, &err), &err);
+        lw_client_get_stats(client, &stats);
+    }
+    assert_false(lw_client_object_hidden(client, spare));
+    lw_client_destroy(client);
+    stop_server(&r);
+    finish_world(&w);
 }
 
 static void test_reconnect(void **state) {
@@ -1230,6 +1303,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_session),
         cmocka_unit_test(test_updates),
+        cmocka_unit_test(test_spares),
         cmocka_unit_test(test_no_server),
         cmocka_unit_test(test_not_a_lightwelld),
         cmocka_unit_test(test_refused),

@@ -9,7 +9,7 @@
 
 /* Three squares of 1 m, at x = 0, 2 and 4, and a light of (10, 10, 10) at (0, 2, 0). */
 static struct lw_scene *scene;
-static struct lw_affine place[3];
+static struct lw_affine place[3], like;
 static struct lw_client_light light;
 static struct lw_ctl_command_state state;
 
@@ -23,7 +23,10 @@ static int begin(void **unused) {
         place[i].m[0][3] = 2 * (float)i;
     }
     light = (struct lw_client_light){.intensity = {10, 10, 10}};
-    state = (struct lw_ctl_command_state){scene, place, &light};
+    like = LW_AFFINE_IDENTITY;
+    like.m[1][1] = 3;
+    like.m[1][3] = 100; /* where the first one stands is of no account */
+    state = (struct lw_ctl_command_state){scene, place, &like, &light};
     return 0;
 }
 
@@ -88,6 +91,22 @@ static void objects_move_about_their_middle_one_command_after_another(void **unu
     change_of("hide #0", LW_SCENE_CHANGE_OBJECT_HIDE, 0);
     change_of("show \"round table\"", LW_SCENE_CHANGE_OBJECT_SHOW, 2);
     change_of("restore #0", LW_SCENE_CHANGE_OBJECT_RESTORE, 0);
+}
+
+static void objects_are_added_like_the_first_of_their_mesh(void **unused) {
+    (void)unused;
+    struct lw_scene_change c = change_of("add square 5 -6 7", LW_SCENE_CHANGE_OBJECT_ADD, 0);
+    assert_true(c.value[3] == 5 && c.value[7] == -6 && c.value[11] == 7);
+    assert_true(c.value[0] == 1 && c.value[5] == 3 && c.value[2] == 0);
+    c = change_of("add #0 5 -6 7 90", LW_SCENE_CHANGE_OBJECT_ADD, 0);
+    assert_true(fabsf(c.value[2] - 1) < 1e-6f && fabsf(c.value[8] + 1) < 1e-6f && c.value[5] == 3);
+    change_of("remove #1", LW_SCENE_CHANGE_OBJECT_REMOVE, 1);
+    fails("add square 1 2", "say add MESH X Y Z");
+    fails("add square 1 2 3 4 5", "say add MESH X Y Z");
+    fails("add square 1 2 east", "\"east\" is not a number");
+    fails("add squares 1 2 3", "no mesh is called \"squares\": near are \"square\" (#0)");
+    fails("add #1 1 2 3", "there is no mesh #1: the scene has 1");
+    fails("remove", "say remove NAME");
 }
 
 static void lights_materials_sky_and_clock(void **unused) {
@@ -155,6 +174,7 @@ static void commands_are_known_by_name(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(objects_are_added_like_the_first_of_their_mesh, begin, finish),
         cmocka_unit_test_setup_teardown(objects_move_about_their_middle_one_command_after_another, begin,
                                         finish),
         cmocka_unit_test_setup_teardown(lights_materials_sky_and_clock, begin, finish),

@@ -291,16 +291,16 @@ static void test_changes(void **state) {
     add_quad(&s, lw_vec3(-0.5f, 2, -0.5f), lw_vec3(1, 0, 0), lw_vec3(0, 0, 1), 0, false);
     ready(&s);
     assert_int_equal(s.lights.emitter_count, 2);
-    assert_true(s.lights.emitters_shine);
+    assert_true(s.lights.shining_count);
     s.pose.object_hidden[0] = true;
     lw_lights_set_pose(&s.lights, &s.pose);
-    assert_false(s.lights.emitters_shine);
+    assert_false(s.lights.shining_count);
     assert_true(lw_lights_sample(&s.lights, origin, up, 0.5f, 0.5f, 0.5f).irradiance_normal.x == 0);
     s.scene->material[1].emission[0] = 2;
     s.scene->sky[2] = 5;
     lw_support_ok(lw_lights_set_materials(&s.lights, &s.pose), NULL);
     assert_int_equal(s.lights.emitter_count, 4);
-    assert_true(s.lights.emitters_shine && s.lights.sky_luminance > 0);
+    assert_true(s.lights.shining_count && s.lights.sky_luminance > 0);
     for (uint32_t i = 0; i < 4; i++)
         assert_int_equal(s.lights.emitter[i].power > 0, s.lights.emitter[i].object == 1);
     end(&s);

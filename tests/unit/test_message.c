@@ -97,7 +97,8 @@ static const struct lw_message samples[] = {
     {.type = LW_MESSAGE_UPDATE, .update = {FAR, changes, 3}},
     {.type = LW_MESSAGE_UPDATE},
     {.type = LW_MESSAGE_UPDATED, .updated = {FAR, LW_SCENE_CHANGE_DEGENERATE, 3, "no volume", 0}},
-    {.type = LW_MESSAGE_UPDATED, .updated = {1, 0, 0, NULL, FAR}},
+    {.type = LW_MESSAGE_UPDATED, .updated = {1, 0, 0, NULL, FAR, visible, 3}},
+    {.type = LW_MESSAGE_FRAME, .frame = {.frame = 1, .hidden = visible, .hidden_count = 2, .spare_count = 2}},
     {.type = LW_MESSAGE_HOLDS, .holds = {held, 2}},
     {.type = LW_MESSAGE_HOLDS},
 };
@@ -160,6 +161,7 @@ static void expect_equal(const struct lw_message *a, const struct lw_message *b)
         for (size_t i = 0; i < a->frame.light_count; i++)
             assert_memory_equal(&a->frame.light[i], &b->frame.light[i], sizeof a->frame.light[i]);
         assert_int_equal(a->frame.hidden_count, b->frame.hidden_count);
+        assert_int_equal(a->frame.spare_count, b->frame.spare_count);
         assert_int_equal(a->frame.shown_count, b->frame.shown_count);
         for (size_t i = 0; i < a->frame.hidden_count; i++)
             assert_int_equal(a->frame.hidden[i], b->frame.hidden[i]);
@@ -190,6 +192,9 @@ static void expect_equal(const struct lw_message *a, const struct lw_message *b)
         assert_int_equal(a->updated.change, b->updated.change);
         expect_text(a->updated.text, b->updated.text);
         assert_int_equal(a->updated.frame, b->updated.frame);
+        assert_int_equal(a->updated.added_count, b->updated.added_count);
+        for (size_t i = 0; i < a->updated.added_count; i++)
+            assert_int_equal(a->updated.added[i], b->updated.added[i]);
         break;
     case LW_MESSAGE_TILE:
         assert_int_equal(a->tile.object, b->tile.object);
@@ -594,6 +599,14 @@ static void test_frame_state_counts(void **state) {
     expect_decode(LW_MESSAGE_FRAME, &b, "3 values for each material");
     put_frame_state(&b, 0, 0, 2, 6, 5);
     expect_decode(LW_MESSAGE_FRAME, &b, "3 values for each material");
+    for (size_t spares = 0; spares < 4; spares++) {
+        put_frame_state(&b, 2, 3, 0, 0, 0);
+        put_number(&b, 19, spares);
+        expect_decode(LW_MESSAGE_FRAME, &b, spares > 2 ? "spares is over the length of hidden_object" : NULL);
+    }
+    put_frame_state(&b, V, 0, 0, 0, 0);
+    put_number(&b, 19, UINT32_MAX);
+    expect_decode(LW_MESSAGE_FRAME, &b, "spares is over the length");
 }
 
 /* `counts` changes of `each` values, and `values` values. */
@@ -640,7 +653,13 @@ static void test_updated_text(void **state) {
         struct body b = {0};
         put_list(&b, 4, text, LW_MESSAGE_TEXT_MAX + over);
         expect_decode(LW_MESSAGE_UPDATED, &b, over ? "text is over 256 bytes" : NULL);
+        put_zeros(&b, 6, LW_MESSAGE_CHANGES_MAX + over);
+        expect_decode(LW_MESSAGE_UPDATED, &b, over ? "added has over 1024 entries" : NULL);
     }
+    struct body b = {0};
+    put_number(&b, 2, LW_SCENE_CHANGE_NO_SPARE);
+    put_zeros(&b, 6, 1);
+    expect_decode(LW_MESSAGE_UPDATED, &b, "added has entries though it is refused");
 }
 
 /* Through our own encoder too: a number that clients would refuse must not leave the server. */

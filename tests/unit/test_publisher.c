@@ -137,6 +137,60 @@ static void test_deltas(void **state) {
     finish_world(&w);
 }
 
+static struct lw_message frame_of(const struct lw_blob *blob) {
+    struct lw_frame_header header;
+    struct lw_message m;
+    lw_support_ok(lw_frame_read_header(blob->bytes, LW_FRAME_BODY_MAX, &header, NULL), NULL);
+    lw_support_ok(lw_message_decode(header, blob->bytes + LW_FRAME_HEADER_SIZE, &m, NULL), NULL);
+    assert_int_equal(m.type, LW_MESSAGE_FRAME);
+    return m;
+}
+
+static void expect_object(const struct lw_blob *blob, size_t hidden, size_t spares, size_t shown) {
+    struct lw_message m = frame_of(blob);
+    assert_int_equal(m.frame.hidden_count, hidden);
+    assert_int_equal(m.frame.spare_count, spares);
+    assert_int_equal(m.frame.shown_count, shown);
+    lw_message_finish(&m);
+}
+
+/* Its light is sent once all of it has been solved there, even if it is what was sent before. */
+static void test_an_object_that_was_a_spare(void **state) {
+    (void)state;
+    struct world w;
+    init_world(&w, LW_TILE_CODEC_DCT);
+    set_light(1, 5);
+    lw_snapshot_unref(publish(&w, 1));
+    w.pose.object_spare[0] = w.pose.object_hidden[0] = true;
+    struct lw_snapshot *s = publish(&w, 2);
+    expect_object(s->frame_full, 1, 1, 0);
+    expect_object(s->frame_delta, 1, 1, 0);
+    lw_snapshot_unref(s);
+    s = publish(&w, 3);
+    expect_object(s->frame_full, 1, 1, 0);
+    expect_object(s->frame_delta, 0, 0, 0);
+    lw_snapshot_unref(s);
+    w.pose.object_spare[0] = false; /* added, and hidden at once */
+    s = publish(&w, 4);
+    expect_object(s->frame_delta, 1, 0, 0);
+    lw_snapshot_unref(s);
+    w.pose.object_hidden[0] = false;
+    s = publish(&w, 5);
+    expect_object(s->frame_full, 0, 0, 1);
+    expect_object(s->frame_delta, 0, 0, 1);
+    assert_int_equal(s->tile[0].version, 1); /* not solved yet */
+    lw_snapshot_unref(s);
+    solved_frame = 6;
+    s = publish(&w, 6);
+    assert_int_equal(s->tile[0].version, 6);
+    lw_snapshot_unref(s);
+    solved_frame = 7;
+    s = publish(&w, 7); /* and only then */
+    assert_int_equal(s->tile[0].version, 6);
+    lw_snapshot_unref(s);
+    finish_world(&w);
+}
+
 /* The scale follows the whole scene's white. */
 static void test_dark_beside_white(void **state) {
     (void)state;
@@ -174,6 +228,7 @@ static void test_halves_have_no_deltas(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_deltas),
+        cmocka_unit_test(test_an_object_that_was_a_spare),
         cmocka_unit_test(test_dark_beside_white),
         cmocka_unit_test(test_halves_have_no_deltas),
     };

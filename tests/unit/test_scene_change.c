@@ -47,12 +47,13 @@ static void every_kind_has_its_target_and_its_values(void **state) {
     static const uint32_t count[] = {[LW_SCENE_CHANGE_OF_SCENE] = 1,
                                      [LW_SCENE_CHANGE_OF_OBJECT] = 3,
                                      [LW_SCENE_CHANGE_OF_LIGHT] = 1,
-                                     [LW_SCENE_CHANGE_OF_MATERIAL] = 1};
+                                     [LW_SCENE_CHANGE_OF_MATERIAL] = 1,
+                                     [LW_SCENE_CHANGE_OF_MESH] = 1};
 #define X(name, number, of, values) check_kind(number, count[LW_SCENE_CHANGE_OF_##of], values);
     LW_SCENE_CHANGE_MAP(X)
 #undef X
     assert_int_equal(check(0, 0, 0, NULL), LW_SCENE_CHANGE_UNKNOWN_KIND);
-    assert_int_equal(check(LW_SCENE_CHANGE_RESET + 1, 0, 0, NULL), LW_SCENE_CHANGE_UNKNOWN_KIND);
+    assert_int_equal(check(LW_SCENE_CHANGE_OBJECT_REMOVE + 1, 0, 0, NULL), LW_SCENE_CHANGE_UNKNOWN_KIND);
     assert_int_equal(check(UINT32_MAX, 0, 0, NULL), LW_SCENE_CHANGE_UNKNOWN_KIND);
 }
 
@@ -74,6 +75,8 @@ static void transforms_keep_a_volume_within_reach(void **state) {
     assert_int_equal(check(LW_SCENE_CHANGE_OBJECT_TRANSFORM, 0, 12, nothing), LW_SCENE_CHANGE_DEGENERATE);
     assert_int_equal(check(LW_SCENE_CHANGE_OBJECT_TRANSFORM, 0, 12, flat), LW_SCENE_CHANGE_DEGENERATE);
     assert_int_equal(check(LW_SCENE_CHANGE_OBJECT_TRANSFORM, 0, 12, thin), LW_SCENE_CHANGE_OK);
+    assert_int_equal(check(LW_SCENE_CHANGE_OBJECT_ADD, 0, 12, thin), LW_SCENE_CHANGE_OK);
+    assert_int_equal(check(LW_SCENE_CHANGE_OBJECT_ADD, 0, 12, flat), LW_SCENE_CHANGE_DEGENERATE);
 }
 
 static void values_keep_within_their_limits(void **state) {

@@ -1,6 +1,7 @@
 #include "tests/support/support.h"
 
 #include "common/clock.h"
+#include "common/scene/scene_spares.h"
 #include "server/serve/server.h"
 
 #include <arpa/inet.h>
@@ -1407,6 +1408,16 @@ static void expect_updated(int s, uint64_t request, uint32_t code, uint32_t chan
     lw_message_finish(&m);
 }
 
+static void expect_added(int s, uint64_t request, const uint32_t *object, size_t count) {
+    struct lw_message m;
+    expect(s, LW_MESSAGE_UPDATED, &m);
+    assert_int_equal(m.updated.request, request);
+    assert_int_equal(m.updated.code, LW_SCENE_CHANGE_OK);
+    assert_int_equal(m.updated.added_count, count);
+    assert_memory_equal(m.updated.added, object, count * sizeof *object);
+    lw_message_finish(&m);
+}
+
 /* Waits until so many updates have arrived, and takes them for a frame. */
 static struct lw_scene_change *take(const struct fixture *f, uint64_t frame, size_t updates, size_t changes) {
     struct lw_scene_change *all = NULL;
@@ -1482,6 +1493,47 @@ static void test_wrong_updates_are_answered_and_nothing_of_them_is_done(void **s
     expect_updated(s, 6, LW_SCENE_CHANGE_OK, 0, 1); /* without any FRAME: it has not asked for the package */
     close(s);
     end(f);
+}
+
+/* Two at once, from two sessions: each spare goes to one of them, and what one takes is told to the other. */
+static void test_spares_are_given_out_in_order(void **state) {
+    (void)state;
+    static const struct lw_scene_change add = {
+        LW_SCENE_CHANGE_OBJECT_ADD, 0, 12, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+    static const struct lw_scene_change remove = {LW_SCENE_CHANGE_OBJECT_REMOVE, 1, 0, {0}};
+    struct lw_scene *scene = lw_support_squares(OBJECTS, 1);
+    struct lw_error err = {0};
+    lw_support_ok(lw_scene_spares_add(scene, "2", &err), &err);
+    struct fixture *f = start(&(struct lw_server_desc){.scene = scene});
+    int a = dial_and_control(f, false), b = dial_and_control(f, false);
+    const struct lw_scene_change hide_second = {LW_SCENE_CHANGE_OBJECT_HIDE, OBJECTS + 1, 0, {0}};
+    update(a, 1, (struct lw_scene_change[]){add, hide_second}, 2); /* refused, and so it takes none */
+    expect_updated(a, 1, LW_SCENE_CHANGE_ABSENT, 1, 0);
+    update(a, 2, &add, 1);
+    free(take(f, 1, 1, 1));
+    update(b, 1, (struct lw_scene_change[]){add, add}, 2); /* one too many, and so none */
+    expect_updated(b, 1, LW_SCENE_CHANGE_NO_SPARE, 1, 0);
+    update(b, 2, (struct lw_scene_change[]){remove, add, add}, 3);
+    free(take(f, 1, 1, 3));
+    update(a, 3, &remove, 1); /* the one that has just been added; so is this number a spare again */
+    free(take(f, 1, 1, 1));
+    update(a, 4, &remove, 1);
+    expect_updated(a, 4, LW_SCENE_CHANGE_ABSENT, 0, 0);
+    update(a, 5, &hide_1, 1);
+    expect_updated(a, 5, LW_SCENE_CHANGE_ABSENT, 0, 0);
+    publish(f, make_snapshot(f, 1, 0));
+    expect_added(a, 2, (uint32_t[]){OBJECTS}, 1);
+    expect_updated(a, 3, LW_SCENE_CHANGE_OK, 0, 1);
+    expect_added(b, 2, (uint32_t[]){1, OBJECTS + 1}, 2);
+    update(b, 3, &(struct lw_scene_change){LW_SCENE_CHANGE_RESET, 0, 0, {0}}, 1);
+    free(take(f, 2, 1, 1));
+    update(b, 4, (struct lw_scene_change[]){hide_1, add, add}, 3); /* all is as it was */
+    free(take(f, 2, 1, 3));
+    close(a); /* who does not wait for the answer */
+    close(b);
+    publish(f, make_snapshot(f, 2, 0));
+    end(f);
+    lw_scene_destroy(scene);
 }
 
 static void test_a_thousand_updates_in_one_frame_keep_their_order(void **state) {
@@ -1588,6 +1640,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_updates_are_answered_with_their_frame),
         cmocka_unit_test(test_wrong_updates_are_answered_and_nothing_of_them_is_done),
+        cmocka_unit_test(test_spares_are_given_out_in_order),
         cmocka_unit_test(test_a_thousand_updates_in_one_frame_keep_their_order),
         cmocka_unit_test(test_changes_that_wait_are_bounded),
         cmocka_unit_test(test_who_leaves_gets_no_answer_but_its_changes_are_made),

@@ -75,7 +75,17 @@ const struct lw_atlas_map *lw_client_atlas_map(const struct lw_client *client);
 /** Where an object is now. */
 const struct lw_affine *lw_client_object_to_world(const struct lw_client *client, uint32_t object);
 
-/** Whether an object is hidden now: not to be drawn. */
+/** What the server says of an object. */
+enum lw_client_object_state {
+    LW_CLIENT_OBJECT_SHOWN,
+    LW_CLIENT_OBJECT_HIDDEN,
+    LW_CLIENT_OBJECT_SPARE /* it stands nowhere, and may be added: LW_SCENE_CHANGE_OBJECT_ADD */
+};
+/** Errors: none; an object that is not there is a spare, as one is before the scene has arrived. */
+enum lw_client_object_state lw_client_object_state(const struct lw_client *client, uint32_t object);
+
+/** Whether an object is not to be drawn now: it is hidden, a spare, or has been added and no light of it has arrived yet
+ * (which never happens to a client that wants nothing). */
 bool lw_client_object_hidden(const struct lw_client *client, uint32_t object);
 
 /** A light as it is now. */
@@ -139,6 +149,9 @@ struct lw_client_answer {
     uint64_t
         frame; /* the first one that shows it; a client that gets frames has got it, or a later one. 0: refused */
     char text[257]; /* one line for people; empty if it was done */
+    const uint32_t
+        *added; /* the object of each LW_SCENE_CHANGE_OBJECT_ADD, in their order; readable until the next */
+    size_t added_count; /* call of lw_client_next_answer() */
 };
 /** Takes the next answer that has arrived; false: there is none. Each update gets one. */
 bool lw_client_next_answer(struct lw_client *client, struct lw_client_answer *out_answer);
