@@ -11,10 +11,11 @@ deps: ## install the Debian packages that a build and its tests need
 deps-all:
 	@scripts/deps.sh --all
 
-build: ## build the programs (release) into build/release/bin
+build: ## build programs, tests and benches (release) into build/release/bin
 	@scripts/build.sh release
 
-run: deps build ## light the built-in atrium; the server says what to do next
+run: deps ## light the built-in atrium; the server says what to do next
+	@scripts/build.sh release programs
 	@exec build/release/bin/lightwelld builtin:atrium --animate
 
 test: deps build ## the fast tests: unit, golden, reference, integration
@@ -33,7 +34,7 @@ fuzz: deps-all ## run each fuzzer for FUZZ_SECONDS (default 60)
 format: ## lay out the code by .clang-format
 	@git ls-files '*.c' '*.h' | xargs clang-format -i
 
-lint: ## check the arrows between folders, stems and layout
+lint: ## check the arrows between folders, stems, what documents name, and layout
 	@scripts/lint.sh --format
 
 clean: ## remove all builds

@@ -44,11 +44,13 @@ function(lw_library name)
   target_link_libraries(${name} PUBLIC lw_flags ${arg_PUBLIC} PRIVATE ${arg_PRIVATE})
 endfunction()
 
-# lw_program(NAME SOURCES ... LIBS ...)
+# lw_program(NAME SOURCES ... LIBS ...); the target `programs` is all of them
+add_custom_target(programs)
 function(lw_program name)
   cmake_parse_arguments(arg "" "" "SOURCES;LIBS" ${ARGN})
   add_executable(${name} ${arg_SOURCES})
   target_link_libraries(${name} PRIVATE lw_flags ${arg_LIBS})
+  add_dependencies(programs ${name})
   install(TARGETS ${name})
 endfunction()
 

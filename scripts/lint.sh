@@ -1,5 +1,6 @@
 #!/bin/bash
-# What compilers do not check: the arrows between folders, unique stems, and (--format) the layout of the code.
+# What compilers do not check: the arrows between folders, unique stems, what documents name, and (--format) the layout
+# of the code.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 failed=0
@@ -28,6 +29,29 @@ for folder in common/image common/light common/scene common/tile proto server cl
 
 twins=$(find common proto server client -name '*.c' -printf '%f\n' | sort | uniq -d)
 if [ -n "$twins" ]; then complain "a stem is the prefix of its functions, so it is unique; twice there is: $twins"; fi
+
+# Documents: links lead somewhere, `folder/file` is there (its ending may be left out), options exist.
+while read -r document; do
+    while read -r link; do
+        [ -e "$(dirname "$document")/$link" ] || complain "$document: a link to $link, which is not there"
+    done < <(grep -oP '\]\(\K[^)#: ]+(?=[)#])' "$document")
+    while read -r path; do
+        compgen -G "$path" >/dev/null || compgen -G "$path.*" >/dev/null ||
+            complain "$document: names $path, which is not there"
+    done < <(grep -oP '`\K(common|proto|server|client|tests|docs|scripts|cmake)/[\w./*-]+(?=`)' "$document")
+done < <(git ls-files '*.md')
+
+bin=build/release/bin
+if [ -x $bin/lightwelld ]; then
+    options=$(for program in lightwelld lightwellctl lightwell-view lightwell-bake lightwell-import lightwell-load \
+        'lightwell-load crossover'; do $bin/$program --help; done | grep -oP -- '--[a-z][a-z-]*' | sort -u)
+    for document in README.md docs/operations.md docs/baking.md docs/importing.md docs/planning.md; do
+        unknown=$(grep -oP -- '(?<![\w-])--[a-z][a-z-]*' $document | sort -u | comm -23 - <(echo "$options") || true)
+        if [ -n "$unknown" ]; then complain "$document: no program has ${unknown//$'\n'/, }"; fi
+    done
+else
+    echo "lint: options in documents are compared with the programs' once $bin has them" >&2
+fi
 
 if [ "${1:-}" = --format ]; then
     git ls-files '*.c' '*.h' | xargs clang-format --dry-run -Werror || failed=1
