@@ -24,6 +24,7 @@ struct cell_solver {
     struct lw_cells cells;
     struct lw_tiles tiles;
     struct lw_seams seams;
+    struct lw_seams_light welds;
     struct lw_lights lights;
     struct lw_probes probes;
     bool has_probes;
@@ -49,12 +50,18 @@ struct remembered {
     uint32_t frames, frames_since_move, moves;
 };
 
+static enum lw_status find_seams(struct cell_solver *s) {
+    lw_seams_light_finish(&s->welds);
+    lw_seams_finish(&s->seams);
+    enum lw_status status = lw_seams_init(&s->seams, s->desc.scene, &s->pose, &s->texels, &s->tiles);
+    return status == LW_OK ? lw_seams_light_init(&s->welds, &s->seams) : status;
+}
+
 /* Objects that stood still may move from now on: what they buried comes to light, and no seam holds them. */
 static enum lw_status free_objects(struct cell_solver *s) {
     lw_burial_review(&s->texels, &s->pose, s->trace, s->threads);
     lw_tiles_recount(&s->tiles, s->threads);
-    lw_seams_finish(&s->seams);
-    return lw_seams_init(&s->seams, s->desc.scene, &s->pose, s->desc.atlas_map, &s->texels);
+    return find_seams(s);
 }
 
 /* What all tiles send out, from their sums. */
@@ -338,6 +345,12 @@ static void recall(struct cell_solver *s, const struct lw_passes *passes, struct
     s->forgetful = false;
 }
 
+/* The two sides of seams and the gutters, around what a frame shows. */
+static void weld(struct cell_solver *s, uint64_t number) {
+    lw_seams_weld(&s->seams, &s->welds, &s->tiles, number, s->threads);
+    lw_seam_gutters_fill(&s->seams.gutters, &s->tiles, number, s->threads);
+}
+
 /* What is to be seen of the tiles that this frame shows. */
 static void show(struct cell_solver *s, uint64_t number, struct lw_solver_stats *stats) {
     if (s->desc.denoise) {
@@ -347,8 +360,7 @@ static void show(struct cell_solver *s, uint64_t number, struct lw_solver_stats 
     } else {
         lw_tiles_show(&s->tiles, number, s->threads);
     }
-    lw_seams_weld(&s->seams, &s->tiles, number, s->threads);
-    lw_tiles_fill_gutters(&s->tiles, &s->texels, s->seams.filled, s->threads);
+    weld(s, number);
 }
 
 static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose, uint64_t number,
@@ -475,8 +487,7 @@ static enum lw_status filter(struct lw_solver *solver, struct lw_error *err) {
         tile->solved_frame = last;
     }
     lw_denoise_run(&s->denoise, last, s->threads);
-    lw_seams_weld(&s->seams, &s->tiles, last, s->threads);
-    lw_tiles_fill_gutters(&s->tiles, &s->texels, s->seams.filled, s->threads);
+    weld(s, last);
     return LW_OK;
 }
 
@@ -506,8 +517,8 @@ static uint32_t list_parts(const struct cell_solver *s, struct remembered *remem
     uint32_t n = 0;
     out_part[n++] = (struct lw_checkpoint_part){remembered, sizeof *remembered};
     if (s->seams.member_count)
-        out_part[n++] = (struct lw_checkpoint_part){s->seams.correction, (size_t)s->seams.member_count * 3 *
-                                                                             sizeof *s->seams.correction};
+        out_part[n++] = (struct lw_checkpoint_part){s->welds.correction, (size_t)s->seams.member_count * 3 *
+                                                                             sizeof *s->welds.correction};
     if (s->has_probes) n += lw_probes_list_parts(&s->probes, out_part + n);
     return n;
 }
@@ -533,7 +544,7 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
     s->frames_since_move = remembered.frames_since_move;
     s->moves = remembered.moves;
     s->forgetful = true;
-    s->seams.fresh = true;
+    s->welds.fresh = true;
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         LW_TILES_EACH_BLOCK (tile, block) {
@@ -558,11 +569,11 @@ static size_t memory_bytes(const struct lw_solver *solver) {
         mesh_texels += mesh->texel_count;
         if (mesh->footprint.first) places += mesh->footprint.first[mesh->texel_count];
     }
-    per_texel += 3 + sizeof(uint32_t); /* usable places; gutters filled, and welded; block */
+    per_texel += 2 + sizeof(uint32_t); /* usable places; gutters filled; block */
     return per_texel * s->texels.count + mesh_texels * (14 * sizeof(float) + 2 * sizeof(uint32_t) + 1) +
            places * sizeof(struct lw_footprint_place) + lw_seams_memory_bytes(&s->seams) +
-           lw_denoise_memory_bytes(&s->denoise) + lw_schedule_memory_bytes(&s->schedule) +
-           s->tiles.block_count * sizeof *s->tiles.block +
+           lw_seams_light_memory_bytes(&s->seams) + lw_denoise_memory_bytes(&s->denoise) +
+           lw_schedule_memory_bytes(&s->schedule) + s->tiles.block_count * sizeof *s->tiles.block +
            (s->has_probes ? lw_probes_memory_bytes(&s->probes) : 0) + lw_trace_memory_bytes(s->trace);
 }
 
@@ -573,6 +584,7 @@ static void destroy(struct lw_solver *solver) {
     lw_denoise_pairs_finish(&s->pairs);
     lw_probes_finish(&s->probes);
     lw_lights_finish(&s->lights);
+    lw_seams_light_finish(&s->welds);
     lw_seams_finish(&s->seams);
     lw_schedule_finish(&s->schedule);
     lw_tiles_finish(&s->tiles);
@@ -628,7 +640,7 @@ static enum lw_status build(struct cell_solver *s, const struct lw_pose *pose, s
     if ((status = lw_tiles_init(&s->tiles, scene, s->desc.atlas_map, &s->texels, s->desc.bounces,
                                 s->threads)) != LW_OK)
         return lw_status_fail(err, status, "%u texels", s->texels.count);
-    if ((status = lw_seams_init(&s->seams, scene, &s->pose, s->desc.atlas_map, &s->texels)) != LW_OK)
+    if ((status = find_seams(s)) != LW_OK)
         return lw_status_fail(err, status, "seams of %u texels", s->texels.count);
     if ((status = lw_lights_init(&s->lights, scene, &s->pose)) != LW_OK)
         return lw_status_fail(err, status, "lights");

@@ -14,6 +14,10 @@ struct lw_seam_gutter {
     float weight[4];
 };
 
+struct lw_seam_copy {
+    uint32_t texel, from; /* of the global numbering */
+};
+
 /* One side of a seam. */
 struct bank {
     const struct lw_mesh_texels *mesh;
@@ -156,51 +160,117 @@ static int by_texel(const void *a, const void *b) {
     return (x->from[0] > y->from[0]) - (x->from[0] < y->from[0]);
 }
 
-enum lw_status lw_seam_gutters_find(const struct lw_scene *scene, const struct lw_texels *texels,
-                                    const struct lw_seam_edges *edges, uint8_t *welded,
-                                    struct lw_seam_gutters *out_gutters) {
-    struct lw_seam_gutters gutters = {0};
+/* Those that take the light of a texel of their own chart, in the order of its block. */
+static bool list_copies(const struct lw_texels *texels, const struct lw_tiles *tiles, const uint8_t *taken,
+                        struct lw_seam_gutters *out) {
+    uint32_t *first = out->first_copy = calloc((size_t)tiles->block_count + 2, sizeof *first);
+    if (!first) return false;
+    size_t count = 0;
+    /* counting sort; while it runs, first[b + 1] is where block b's next goes */
+    for (uint32_t t = 0; t < texels->count; t++) {
+        if (!texels->filled[t] || taken[t]) continue;
+        first[tiles->block_of_texel[texels->source[t]] + 2]++;
+        count++;
+    }
+    for (uint32_t b = 2; b < tiles->block_count + 2; b++) first[b] += first[b - 1];
+    out->block_count = tiles->block_count;
+    if (!(out->copy = malloc((count + 1) * sizeof *out->copy))) return false;
+    for (uint32_t t = 0; t < texels->count; t++)
+        if (texels->filled[t] && !taken[t])
+            out->copy[first[tiles->block_of_texel[texels->source[t]] + 1]++] =
+                (struct lw_seam_copy){.texel = t, .from = texels->source[t]};
+    return true;
+}
+
+static bool list_gutters(const struct lw_scene *scene, const struct lw_texels *texels,
+                         const struct lw_seam_edges *edges, uint8_t *welded,
+                         struct lw_seam_gutters *gutters) {
     for (size_t e = 0; e < edges->count; e++) {
         struct bank bank[2];
         if (!make_bank(scene, texels, &edges->edge[e], 0, &bank[0]) ||
             !make_bank(scene, texels, &edges->edge[e], 1, &bank[1]))
             continue;
-        if (!list(texels, &bank[0], &bank[1], welded, &gutters) ||
-            !list(texels, &bank[1], &bank[0], welded, &gutters)) {
-            lw_seam_gutters_finish(&gutters);
-            return LW_NO_MEMORY;
-        }
+        if (!list(texels, &bank[0], &bank[1], welded, gutters) ||
+            !list(texels, &bank[1], &bank[0], welded, gutters))
+            return false;
     }
     /* of several seams, the nearest */
-    if (gutters.count) qsort(gutters.gutter, gutters.count, sizeof *gutters.gutter, by_texel);
+    if (gutters->count) qsort(gutters->gutter, gutters->count, sizeof *gutters->gutter, by_texel);
     size_t kept = 0;
-    for (size_t i = 0; i < gutters.count; i++) {
-        if (welded[gutters.gutter[i].texel]) continue;
-        welded[gutters.gutter[i].texel] = 1;
-        gutters.gutter[kept++] = gutters.gutter[i];
+    for (size_t i = 0; i < gutters->count; i++) {
+        if (welded[gutters->gutter[i].texel]) continue;
+        welded[gutters->gutter[i].texel] = 1;
+        gutters->gutter[kept++] = gutters->gutter[i];
     }
-    gutters.count = kept;
+    gutters->count = kept;
+    return true;
+}
+
+enum lw_status lw_seam_gutters_find(const struct lw_scene *scene, const struct lw_texels *texels,
+                                    const struct lw_tiles *tiles, const struct lw_seam_edges *edges,
+                                    uint8_t *welded, struct lw_seam_gutters *out_gutters) {
+    struct lw_seam_gutters gutters = {0};
+    if (!list_gutters(scene, texels, edges, welded, &gutters) ||
+        !list_copies(texels, tiles, welded, &gutters)) {
+        lw_seam_gutters_finish(&gutters);
+        return LW_NO_MEMORY;
+    }
     *out_gutters = gutters;
     return LW_OK;
 }
 
 void lw_seam_gutters_finish(struct lw_seam_gutters *gutters) {
     free(gutters->gutter);
+    free(gutters->copy);
+    free(gutters->first_copy);
     *gutters = (struct lw_seam_gutters){0};
 }
 
 size_t lw_seam_gutters_memory_bytes(const struct lw_seam_gutters *gutters) {
-    return gutters->capacity * sizeof *gutters->gutter;
+    if (!gutters->first_copy) return 0;
+    return gutters->capacity * sizeof *gutters->gutter +
+           gutters->first_copy[gutters->block_count] * sizeof *gutters->copy +
+           gutters->block_count * sizeof *gutters->first_copy;
 }
 
-void lw_seam_gutters_fill(const struct lw_seam_gutters *gutters, struct lw_tiles *tiles, int threads) {
-#pragma omp parallel for schedule(static) num_threads(threads)
-    for (size_t g = 0; g < gutters->count; g++) {
-        const struct lw_seam_gutter *gutter = &gutters->gutter[g];
-        for (int c = 0; c < 3; c++) {
-            float sum = 0;
-            for (int k = 0; k < 4; k++) sum += gutter->weight[k] * tiles->light[c][gutter->from[k]];
-            tiles->light[c][gutter->texel] = sum;
+static bool is_shown(const struct lw_tiles *tiles, uint32_t texel, uint64_t frame) {
+    return tiles->block[tiles->block_of_texel[texel]].shown_frame == frame;
+}
+
+static void note_shown(struct lw_tiles *tiles, uint32_t texel, uint64_t frame) {
+    const uint32_t id = tiles->block[tiles->block_of_texel[texel]].tile_id;
+    __atomic_store_n(&tiles->tile[tiles->slot_of_id[id]].solved_frame, frame, __ATOMIC_RELAXED);
+}
+
+void lw_seam_gutters_fill(const struct lw_seam_gutters *gutters, struct lw_tiles *tiles, uint64_t frame,
+                          int threads) {
+#pragma omp parallel num_threads(threads)
+    {
+#pragma omp for schedule(static)
+        for (size_t g = 0; g < gutters->count; g++) {
+            const struct lw_seam_gutter *gutter = &gutters->gutter[g];
+            bool shown = false;
+            for (int k = 0; k < 4 && !shown; k++) shown = is_shown(tiles, gutter->from[k], frame);
+            if (!shown) continue;
+            for (int c = 0; c < 3; c++) {
+                float sum = 0;
+                for (int k = 0; k < 4; k++) sum += gutter->weight[k] * tiles->light[c][gutter->from[k]];
+                tiles->light[c][gutter->texel] = sum;
+            }
+            note_shown(tiles, gutter->texel, frame);
+        }
+#pragma omp for schedule(dynamic, 64)
+        for (uint32_t b = 0; b < gutters->block_count; b++) {
+            if (tiles->block[b].shown_frame != frame) continue;
+            const struct lw_seam_copy *const first = gutters->copy + gutters->first_copy[b],
+                                             *const end = gutters->copy + gutters->first_copy[b + 1];
+            for (int c = 0; c < 3; c++) {
+                float *light = tiles->light[c];
+                for (const struct lw_seam_copy *copy = first; copy < end; copy++)
+                    light[copy->texel] = light[copy->from];
+            }
+            for (const struct lw_seam_copy *copy = first; copy < end; copy++)
+                if (tiles->block_of_texel[copy->texel] != b) note_shown(tiles, copy->texel, frame);
         }
     }
 }

@@ -30,8 +30,7 @@ struct lw_seams_row {
     float weight[8];
 };
 struct lw_seams_member {
-    uint32_t texel; /* of the global numbering */
-    lw_tile_id tile;
+    uint32_t texel;  /* of the global numbering */
     float root_ease; /* square root of how readily it moves */
 };
 /* A gutter's value before it is welded: the sum of weight x light of covered members. */
@@ -44,8 +43,8 @@ struct lw_seams_guess {
 /* While the seams are set up. */
 struct builder {
     const struct lw_scene *scene;
-    const struct lw_atlas_map *map;
     const struct lw_texels *texels;
+    const struct lw_tiles *tiles;
     uint32_t *member_of; /* per texel of the global numbering; LW_TEXEL_NONE: none yet */
     uint32_t *parent;    /* per member: union-find */
     uint32_t member_capacity, row_capacity;
@@ -88,10 +87,8 @@ static uint32_t member_at(struct builder *b, uint32_t object, uint32_t x, uint32
     }
     const uint32_t m = b->seams->member_count++;
     const bool covered = b->texels->covered[texel];
-    b->seams->member[m] = (struct lw_seams_member){
-        .texel = texel,
-        .tile = lw_atlas_map_find(b->map, object, 0, x / LW_TILE_SIDE, y / LW_TILE_SIDE),
-        .root_ease = covered ? 1 : sqrtf(GUTTER_EASE)};
+    b->seams->member[m] =
+        (struct lw_seams_member){.texel = texel, .root_ease = covered ? 1 : sqrtf(GUTTER_EASE)};
     b->seams->guess[m].count = 0;
     b->parent[m] = m;
     b->member_of[texel] = m;
@@ -257,8 +254,7 @@ static bool sort_by_component(struct builder *b) {
         component[m] = r == m ? s->component_count++ : component[r];
     }
     ok = ok && (s->first_row = calloc((size_t)s->component_count + 2, sizeof *s->first_row)) &&
-         (s->first_member = calloc((size_t)s->component_count + 2, sizeof *s->first_member)) &&
-         (s->active = calloc((size_t)s->component_count + 1, 1));
+         (s->first_member = calloc((size_t)s->component_count + 2, sizeof *s->first_member));
     if (ok) {
         /* counting sort; while it runs, first_x[c + 1] is where component c's next goes */
         for (uint32_t m = 0; m < s->member_count; m++)
@@ -296,31 +292,52 @@ static bool sort_by_component(struct builder *b) {
     return ok;
 }
 
+/* Lists the blocks of each component, each once. */
+static bool list_blocks(struct builder *b) {
+    struct lw_seams *s = b->seams;
+    uint32_t *last = malloc(((size_t)b->tiles->block_count + 1) * sizeof *last); /* component to list it */
+    s->block = malloc(((size_t)s->member_count + 1) * sizeof *s->block);
+    s->first_block = malloc(((size_t)s->component_count + 1) * sizeof *s->first_block);
+    const bool ok = last && s->block && s->first_block;
+    if (ok) {
+        memset(last, 0xff, b->tiles->block_count * sizeof *last);
+        for (uint32_t c = 0; c < s->component_count; c++) {
+            s->first_block[c] = s->block_count;
+            for (uint32_t m = s->first_member[c]; m < s->first_member[c + 1]; m++) {
+                const uint32_t block = b->tiles->block_of_texel[s->member[m].texel];
+                if (last[block] != c) s->block[s->block_count++] = block;
+                last[block] = c;
+            }
+        }
+        s->first_block[s->component_count] = s->block_count;
+    }
+    free(last);
+    return ok;
+}
+
 static bool build(struct builder *b, const struct lw_seam_edges *edges) {
     struct lw_seams *s = b->seams;
     b->member_of = malloc(((size_t)b->texels->count + 1) * sizeof *b->member_of);
-    s->filled = calloc((size_t)b->texels->count + 1, 1);
-    if (!b->member_of || !s->filled) return false;
+    if (!b->member_of) return false;
     for (uint32_t t = 0; t < b->texels->count; t++) b->member_of[t] = LW_TEXEL_NONE;
     for (size_t e = 0; e < edges->count && !b->failed; e++) add_edge(b, &edges->edge[e]);
-    if (b->failed || !sort_by_component(b)) return false;
+    if (b->failed || !sort_by_component(b) || !list_blocks(b)) return false;
+    uint8_t *welded = calloc((size_t)b->texels->count + 1, 1); /* gutters that are members */
+    if (!welded) return false;
     for (uint32_t m = 0; m < s->member_count; m++)
-        s->filled[s->member[m].texel] = !b->texels->covered[s->member[m].texel];
-    if (lw_seam_gutters_find(b->scene, b->texels, edges, s->filled, &s->gutters) != LW_OK) return false;
-    s->light = calloc((size_t)s->member_count + 1, 3 * sizeof *s->light);
-    s->welded = calloc((size_t)s->member_count + 1, 3 * sizeof *s->welded);
-    s->correction = calloc((size_t)s->member_count + 1, 3 * sizeof *s->correction);
-    for (int i = 0; i < 3; i++)
-        s->scratch[i] = calloc((size_t)s->member_count + 1, 3 * sizeof *s->scratch[i]);
-    return s->light && s->welded && s->correction && s->scratch[0] && s->scratch[1] && s->scratch[2];
+        welded[s->member[m].texel] = !b->texels->covered[s->member[m].texel];
+    const enum lw_status status =
+        lw_seam_gutters_find(b->scene, b->texels, b->tiles, edges, welded, &s->gutters);
+    free(welded);
+    return status == LW_OK;
 }
 
 enum lw_status lw_seams_init(struct lw_seams *seams, const struct lw_scene *scene, const struct lw_pose *pose,
-                             const struct lw_atlas_map *map, const struct lw_texels *texels) {
-    *seams = (struct lw_seams){.fresh = true};
+                             const struct lw_texels *texels, const struct lw_tiles *tiles) {
+    *seams = (struct lw_seams){0};
     struct lw_seam_edges edges;
     if (lw_seam_edges_find(scene, pose, &edges) != LW_OK) return LW_NO_MEMORY;
-    struct builder b = {.scene = scene, .map = map, .texels = texels, .seams = seams};
+    struct builder b = {.scene = scene, .texels = texels, .tiles = tiles, .seams = seams};
     const bool ok = build(&b, &edges);
     free(b.member_of);
     free(b.parent);
@@ -334,101 +351,149 @@ void lw_seams_finish(struct lw_seams *seams) {
     free(seams->row);
     free(seams->member);
     free(seams->guess);
+    free(seams->block);
     free(seams->first_row);
     free(seams->first_member);
-    free(seams->active);
-    free(seams->light);
-    free(seams->welded);
-    free(seams->correction);
-    for (int i = 0; i < 3; i++) free(seams->scratch[i]);
+    free(seams->first_block);
     lw_seam_gutters_finish(&seams->gutters);
-    free(seams->filled);
     *seams = (struct lw_seams){0};
 }
 
 size_t lw_seams_memory_bytes(const struct lw_seams *s) {
-    return s->row_count * sizeof *s->row +
-           s->member_count * (sizeof *s->member + sizeof *s->guess + 6 * 3 * sizeof(float)) +
-           s->component_count * (2 * sizeof(uint32_t) + 1) + lw_seam_gutters_memory_bytes(&s->gutters);
+    return s->row_count * sizeof *s->row + s->member_count * (sizeof *s->member + sizeof *s->guess) +
+           s->block_count * sizeof *s->block + s->component_count * 3 * sizeof(uint32_t) +
+           lw_seam_gutters_memory_bytes(&s->gutters);
 }
 
-/* Takes the light of what the frame has solved; a tile at rest keeps what it had, before it was welded. */
-static void load(struct lw_seams *s, const struct lw_tiles *tiles, uint64_t frame, uint32_t component) {
-    bool active = false;
-    for (uint32_t m = s->first_member[component]; m < s->first_member[component + 1]; m++) {
-        const struct lw_seams_member *member = &s->member[m];
-        const bool solved = tiles->block[tiles->block_of_texel[member->texel]].shown_frame == frame;
-        if (s->guess[m].count || !(solved || s->fresh)) continue;
-        for (uint32_t c = 0; c < 3; c++)
-            s->light[3 * m + c] = solved
-                                      ? tiles->light[c][member->texel]
-                                      : tiles->direct[c][member->texel] + tiles->indirect[c][member->texel];
-        active |= solved;
+/* ---- the light of one solve ---- */
+
+enum lw_status lw_seams_light_init(struct lw_seams_light *light, const struct lw_seams *seams) {
+    const size_t members = (size_t)seams->member_count + 1;
+    *light = (struct lw_seams_light){.fresh = true};
+    light->active = calloc((size_t)seams->component_count + 1, 1);
+    light->light = calloc(members, sizeof *light->light);
+    light->welded = calloc(members, sizeof *light->welded);
+    light->correction = calloc(members, 3 * sizeof *light->correction);
+    bool ok = light->active && light->light && light->welded && light->correction;
+    for (int i = 0; i < 3; i++)
+        ok &= (light->scratch[i] = calloc(members, sizeof *light->scratch[i])) != NULL;
+    if (ok) return LW_OK;
+    lw_seams_light_finish(light);
+    return LW_NO_MEMORY;
+}
+
+void lw_seams_light_finish(struct lw_seams_light *light) {
+    free(light->active);
+    free(light->light);
+    free(light->welded);
+    free(light->correction);
+    for (int i = 0; i < 3; i++) free(light->scratch[i]);
+    *light = (struct lw_seams_light){0};
+}
+
+size_t lw_seams_light_memory_bytes(const struct lw_seams *seams) {
+    return seams->member_count * (5 * sizeof(float[4]) + 3 * sizeof(float)) + seams->component_count;
+}
+
+/* ---- each frame ---- */
+
+/* What a worker welds: a component. */
+struct job {
+    const struct lw_seams *seams;
+    struct lw_seams_light *light;
+    struct lw_tiles *tiles;
+    uint64_t frame;
+    uint32_t first, last;         /* its members */
+    uint32_t first_row, last_row; /* its rows */
+};
+
+static bool is_shown(const struct lw_seams *s, const struct lw_tiles *tiles, uint64_t frame,
+                     uint32_t component) {
+    for (uint32_t b = s->first_block[component]; b < s->first_block[component + 1]; b++)
+        if (tiles->block[s->block[b]].shown_frame == frame) return true;
+    return false;
+}
+
+/* Takes the light of what the frame shows; a block that it does not keeps what it had, before it was welded. */
+static void load(const struct job *job) {
+    const struct lw_tiles *tiles = job->tiles;
+    for (uint32_t m = job->first; m < job->last; m++) {
+        const uint32_t texel = job->seams->member[m].texel;
+        const bool shown = tiles->block[tiles->block_of_texel[texel]].shown_frame == job->frame;
+        if (job->seams->guess[m].count || !(shown || job->light->fresh)) continue;
+        for (int c = 0; c < 3; c++)
+            job->light->light[m][c] =
+                shown ? tiles->light[c][texel] : tiles->direct[c][texel] + tiles->indirect[c][texel];
     }
-    s->active[component] = active;
 }
 
 /* Gutters start as what their neighbours are. */
-static void guess_gutters(struct lw_seams *s, uint32_t first, uint32_t last) {
-    for (uint32_t m = first; m < last; m++) {
-        const struct lw_seams_guess *guess = &s->guess[m];
-        for (uint32_t c = 0; c < 3 && guess->count; c++) {
+static void guess_gutters(const struct job *job) {
+    float(*light)[4] = job->light->light;
+    for (uint32_t m = job->first; m < job->last; m++) {
+        const struct lw_seams_guess *guess = &job->seams->guess[m];
+        for (int c = 0; c < 3 && guess->count; c++) {
             float sum = 0;
-            for (uint32_t i = 0; i < guess->count; i++)
-                sum += guess->weight[i] * s->light[3 * guess->member[i] + c];
-            s->light[3 * m + c] = sum;
+            for (uint32_t i = 0; i < guess->count; i++) sum += guess->weight[i] * light[guess->member[i]][c];
+            light[m][c] = sum;
         }
     }
 }
 
+/* r, g, b and nothing. */
+typedef float rgb __attribute__((vector_size(4 * sizeof(float))));
+typedef double wide_rgb __attribute__((vector_size(4 * sizeof(double))));
+
 /* Projects onto one row: moves its eight texels by the least that makes its two look-ups agree. */
-static void project(const struct lw_seams_row *row, float *x) {
-    float error[3] = {0};
-    for (int i = 0; i < 8; i++)
-        for (uint32_t c = 0; c < 3; c++) error[c] += row->weight[i] * x[3 * row->member[i] + c];
-    for (int i = 0; i < 8; i++)
-        for (uint32_t c = 0; c < 3; c++) x[3 * row->member[i] + c] -= row->weight[i] * error[c];
+static inline void project(const struct lw_seams_row *row, rgb *x) {
+    const uint32_t *m = row->member;
+    const float *w = row->weight;
+    const rgb error = ((w[0] * x[m[0]] + w[1] * x[m[1]]) + (w[2] * x[m[2]] + w[3] * x[m[3]])) +
+                      ((w[4] * x[m[4]] + w[5] * x[m[5]]) + (w[6] * x[m[6]] + w[7] * x[m[7]]));
+    for (int i = 0; i < 8; i++) x[m[i]] -= w[i] * error; /* one may be there twice */
 }
 
 /* Forth and back over all rows of a component: a symmetric operator, so that conjugate gradients may use it. */
-static void sweep(const struct lw_seams *s, uint32_t component, float *x) {
-    const uint32_t begin = s->first_row[component], end = s->first_row[component + 1];
-    for (uint32_t r = begin; r < end; r++) project(&s->row[r], x);
-    for (uint32_t r = end; r-- > begin;) project(&s->row[r], x);
+static void sweep(const struct job *job, rgb *x) {
+    const struct lw_seams_row *row = job->seams->row;
+    for (uint32_t r = job->first_row; r < job->last_row; r++) project(&row[r], x);
+    for (uint32_t r = job->last_row; r-- > job->first_row;) project(&row[r], x);
 }
 
-static void dot3(const float *a, const float *b, uint32_t first, uint32_t last, double out[3]) {
-    out[0] = out[1] = out[2] = 0;
-    for (uint32_t m = first; m < last; m++)
-        for (uint32_t c = 0; c < 3; c++) out[c] += (double)a[3 * m + c] * (double)b[3 * m + c];
+static void dot(const struct job *job, const rgb *a, const rgb *b, double out[3]) {
+    wide_rgb sum = {0};
+    for (uint32_t m = job->first; m < job->last; m++)
+        sum += __builtin_convertvector(a[m], wide_rgb) * __builtin_convertvector(b[m], wide_rgb);
+    for (int c = 0; c < 3; c++) out[c] = sum[c];
 }
 
 /* Kaczmarz's sweeps, accelerated by conjugate gradients (Bjorck and Elfving 1979, "CGMN"): with S the sweep, solves
  * x = S x from x = the light. Every step lies in the space of the rows, so the solution is the one nearest to the light. */
-static void relax(struct lw_seams *s, uint32_t component) {
-    const uint32_t first = s->first_member[component], last = s->first_member[component + 1];
-    const size_t start = 3 * (size_t)first, count = 3 * (size_t)(last - first);
-    float *x = s->welded, *r = s->scratch[0], *p = s->scratch[1], *q = s->scratch[2];
-    memcpy(r + start, x + start, count * sizeof *r);
-    sweep(s, component, r);
-    for (size_t i = start; i < start + count; i++) p[i] = r[i] -= x[i];
+static void relax(const struct job *job) {
+    rgb *x = (rgb *)job->light->welded, *r = (rgb *)job->light->scratch[0],
+        *p = (rgb *)job->light->scratch[1], *q = (rgb *)job->light->scratch[2];
+    const size_t bytes = (job->last - job->first) * sizeof *x;
+    memcpy(r + job->first, x + job->first, bytes);
+    sweep(job, r);
+    for (uint32_t m = job->first; m < job->last; m++) p[m] = r[m] -= x[m];
     double rr[3], xx[3];
-    dot3(x, x, first, last, xx);
-    dot3(r, r, first, last, rr);
+    dot(job, x, x, xx);
+    dot(job, r, r, rr);
     for (int k = 0; k < ITERATIONS; k++) {
-        memcpy(q + start, p + start, count * sizeof *q);
-        sweep(s, component, q);
-        for (size_t i = start; i < start + count; i++) q[i] = p[i] - q[i];
-        double pq[3], next[3], alpha[3];
-        dot3(p, q, first, last, pq);
-        for (int c = 0; c < 3; c++) alpha[c] = rr[c] > DONE * xx[c] && pq[c] > 0 ? rr[c] / pq[c] : 0;
-        for (size_t i = start; i < start + count; i++) {
-            x[i] += (float)alpha[i % 3] * p[i];
-            r[i] -= (float)alpha[i % 3] * q[i];
+        memcpy(q + job->first, p + job->first, bytes);
+        sweep(job, q);
+        for (uint32_t m = job->first; m < job->last; m++) q[m] = p[m] - q[m];
+        double pq[3], next[3];
+        rgb alpha = {0}, beta = {0};
+        dot(job, p, q, pq);
+        for (int c = 0; c < 3; c++) alpha[c] = rr[c] > DONE * xx[c] && pq[c] > 0 ? (float)(rr[c] / pq[c]) : 0;
+        for (uint32_t m = job->first; m < job->last; m++) {
+            x[m] += alpha * p[m];
+            r[m] -= alpha * q[m];
         }
-        dot3(r, r, first, last, next);
-        for (size_t i = start; i < start + count; i++)
-            p[i] = rr[i % 3] > 0 ? r[i] + (float)(next[i % 3] / rr[i % 3]) * p[i] : 0;
+        dot(job, r, r, next);
+        for (int c = 0; c < 3; c++) beta[c] = rr[c] > 0 ? (float)(next[c] / rr[c]) : 0;
+        for (uint32_t m = job->first; m < job->last; m++) p[m] = r[m] + beta * p[m];
         memcpy(rr, next, sizeof rr);
         if (rr[0] <= DONE * xx[0] && rr[1] <= DONE * xx[1] && rr[2] <= DONE * xx[2]) break;
     }
@@ -437,12 +502,12 @@ static void relax(struct lw_seams *s, uint32_t component) {
 /* By what to scale a component so that the light of its covered texels keeps its sum: a row that holds, holds at any
  * scale. (Both sides of a row move alike, but a share of it falls to gutters, which do not count.) False where that is
  * far from 1: the rows ask for something else than light that continues, and the light is worth more than they are. */
-static bool find_keep(const struct lw_seams *s, uint32_t first, uint32_t last, float out_keep[3]) {
+static bool find_keep(const struct job *job, float out_keep[3]) {
     double before[3] = {0}, after[3] = {0};
-    for (uint32_t m = first; m < last; m++)
-        for (uint32_t c = 0; c < 3 && !s->guess[m].count; c++) {
-            before[c] += (double)s->light[3 * m + c];
-            after[c] += (double)s->welded[3 * m + c];
+    for (uint32_t m = job->first; m < job->last; m++)
+        for (int c = 0; c < 3 && !job->seams->guess[m].count; c++) {
+            before[c] += (double)job->light->light[m][c];
+            after[c] += (double)job->light->welded[m][c];
         }
     for (int c = 0; c < 3; c++) {
         const double keep = after[c] > 0 ? before[c] / after[c] : 1;
@@ -453,41 +518,66 @@ static bool find_keep(const struct lw_seams *s, uint32_t first, uint32_t last, f
 }
 
 /* Takes what the component shows to where light may be. */
-static void bound(struct lw_seams *s, uint32_t first, uint32_t last) {
-    for (uint32_t m = first; m < last; m++)
-        for (uint32_t c = 0; c < 3; c++) {
-            const float least = s->guess[m].count ? 0 : LEAST * s->light[3 * m + c];
-            s->welded[3 * m + c] = fmaxf(s->welded[3 * m + c], least);
+static void bound(const struct job *job) {
+    for (uint32_t m = job->first; m < job->last; m++)
+        for (int c = 0; c < 3; c++) {
+            const float least = job->seams->guess[m].count ? 0 : LEAST * job->light->light[m][c];
+            job->light->welded[m][c] = fmaxf(job->light->welded[m][c], least);
         }
 }
 
-static void weld_component(struct lw_seams *s, struct lw_tiles *tiles, uint32_t component) {
-    const uint32_t first = s->first_member[component], last = s->first_member[component + 1];
-    guess_gutters(s, first, last);
-    /* In units in which every member moves with the same ease; from where the last frame's correction leads. */
-    for (uint32_t m = first; m < last; m++)
+static void weld_component(const struct job *job) {
+    const struct lw_seams_member *member = job->seams->member;
+    struct lw_seams_light *light = job->light;
+    load(job);
+    guess_gutters(job);
+    /* In units in which every member moves with the same ease; from where the last correction leads. */
+    for (uint32_t m = job->first; m < job->last; m++)
         for (uint32_t c = 0; c < 3; c++)
-            s->welded[3 * m + c] =
-                s->light[3 * m + c] / s->member[m].root_ease + KEPT * s->correction[3 * m + c];
-    relax(s, component);
-    for (uint32_t m = first; m < last; m++)
+            light->welded[m][c] =
+                light->light[m][c] / member[m].root_ease + KEPT * light->correction[3 * m + c];
+    relax(job);
+    for (uint32_t m = job->first; m < job->last; m++)
         for (uint32_t c = 0; c < 3; c++)
-            s->correction[3 * m + c] = s->welded[3 * m + c] - s->light[3 * m + c] / s->member[m].root_ease;
-    bound(s, first, last);
+            light->correction[3 * m + c] = light->welded[m][c] - light->light[m][c] / member[m].root_ease;
+    bound(job);
     float keep[3];
-    const bool welds = find_keep(s, first, last, keep);
-    for (uint32_t m = first; m < last; m++)
-        for (uint32_t c = 0; c < 3; c++)
-            tiles->light[c][s->member[m].texel] =
-                welds ? s->welded[3 * m + c] * s->member[m].root_ease * keep[c] : s->light[3 * m + c];
+    const bool welds = find_keep(job, keep);
+    for (uint32_t m = job->first; m < job->last; m++)
+        for (int c = 0; c < 3; c++)
+            job->tiles->light[c][member[m].texel] =
+                welds ? light->welded[m][c] * member[m].root_ease * keep[c] : light->light[m][c];
 }
 
-void lw_seams_weld(struct lw_seams *s, struct lw_tiles *tiles, uint64_t frame, int threads) {
+/* All that a component has changed is shown. */
+static void show(const struct lw_seams *s, const struct lw_seams_light *light, struct lw_tiles *tiles,
+                 uint64_t frame) {
+    for (uint32_t c = 0; c < s->component_count; c++)
+        for (uint32_t b = s->first_block[c]; light->active[c] && b < s->first_block[c + 1]; b++) {
+            struct lw_solve_block *block = &tiles->block[s->block[b]];
+            block->shown_frame = frame;
+            tiles->tile[tiles->slot_of_id[block->tile_id]].solved_frame = frame;
+        }
+}
+
+void lw_seams_weld(const struct lw_seams *s, struct lw_seams_light *light, struct lw_tiles *tiles,
+                   uint64_t frame, int threads) {
 #pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
     for (uint32_t c = 0; c < s->component_count; c++) {
-        load(s, tiles, frame, c);
-        if (s->active[c]) weld_component(s, tiles, c);
+        const struct job job = {.seams = s,
+                                .light = light,
+                                .tiles = tiles,
+                                .frame = frame,
+                                .first = s->first_member[c],
+                                .last = s->first_member[c + 1],
+                                .first_row = s->first_row[c],
+                                .last_row = s->first_row[c + 1]};
+        light->active[c] = is_shown(s, tiles, frame, c);
+        if (light->active[c])
+            weld_component(&job);
+        else if (light->fresh)
+            load(&job);
     }
-    lw_seam_gutters_fill(&s->gutters, tiles, threads);
-    s->fresh = false;
+    show(s, light, tiles, frame);
+    light->fresh = false;
 }

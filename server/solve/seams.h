@@ -8,7 +8,10 @@
  * that fulfil the rows the smallest is taken, in the least squares sense, a gutter's counting less than a covered texel's;
  * Kaczmarz's projections (1937), row by row, tend to it; conjugate gradients hasten them (Bjorck and Elfving 1979). A
  * correction moves both sides by the same amount towards each other, so that the mean of the light stays; a tenth of it is
- * let go each frame. (Iwanicki 2013 solves the like for a baker, by conjugate gradients.) */
+ * let go each time. (Iwanicki 2013 solves the like for a baker, by conjugate gradients.)
+ *
+ * Rows that share texels, at whatever remove, make a component; a frame welds those in whose blocks it shows something.
+ * Rows and gutters are geometry, and serve any number of solves over the same texels. */
 #ifndef LW_SOLVE_SEAMS_H
 #define LW_SOLVE_SEAMS_H
 
@@ -16,34 +19,47 @@
 
 #define LW_SEAMS_ROWS_MAX (1u << 22) /* 64 bytes each; what is beyond stays unwelded */
 
+/** Where what is to be welded lies. */
 struct lw_seams {
-    uint32_t row_count, member_count, component_count;
+    uint32_t row_count, member_count, component_count, block_count;
     struct lw_seams_row *row;           /* component by component */
     struct lw_seams_member *member;     /* likewise: the texels that rows or guesses read */
     struct lw_seams_guess *guess;       /* per member: what fills it if it is a gutter */
+    uint32_t *block;                    /* component by component: of lw_tiles, those that hold its members */
     uint32_t *first_row, *first_member; /* per component, and one more */
-    uint8_t *active;                    /* per component: the frame has changed its light */
-    float *light;                       /* 3 per member: the tiles' own, not welded; W/m^2 */
-    float *welded;                      /* 3 per member */
-    float *correction; /* likewise: what the last frame's welding added; the next one goes on from there */
-    float *scratch[3]; /* likewise */
-    struct lw_seam_gutters gutters; /* that no row reads */
-    uint8_t
-        *filled; /* per texel of the global numbering: a gutter whose light is welded, or one of `gutters` */
-    bool fresh;  /* light[] holds nothing yet: tiles at rest read as their direct and indirect light */
+    uint32_t *first_block;              /* likewise */
+    struct lw_seam_gutters gutters;     /* that no row reads */
     uint64_t rows_left_out;
 };
 
-/** Finds the seams of a scene. Errors: LW_NO_MEMORY. */
+/** What welding knows of the light of one solve. */
+struct lw_seams_light {
+    uint8_t *active;   /* per component: the frame has changed its light */
+    float (*light)[4]; /* per member: the tiles' own, not welded; W/m^2, and nothing */
+    float (*welded)[4], (*scratch[3])[4];
+    float *correction; /* 3 per member: what the last welding added; the next one goes on from there */
+    bool fresh;        /* light[] holds nothing yet: tiles at rest read as their direct and indirect light */
+};
+
+/** Finds the seams of a scene. tiles: any over these texels. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_seams_init(struct lw_seams *seams, const struct lw_scene *scene,
-                                           const struct lw_pose *pose, const struct lw_atlas_map *map,
-                                           const struct lw_texels *texels);
+                                           const struct lw_pose *pose, const struct lw_texels *texels,
+                                           const struct lw_tiles *tiles);
 void lw_seams_finish(struct lw_seams *seams);
 
-/** Bytes held, but for the plane `filled`. */
+/** Bytes held. */
 size_t lw_seams_memory_bytes(const struct lw_seams *seams);
 
-/** Welds tiles->light around what frame `frame` has solved; writes covered texels, and gutters beyond seams. */
-void lw_seams_weld(struct lw_seams *seams, struct lw_tiles *tiles, uint64_t frame, int threads);
+/** Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_seams_light_init(struct lw_seams_light *light, const struct lw_seams *seams);
+void lw_seams_light_finish(struct lw_seams_light *light);
+
+/** Bytes held. */
+size_t lw_seams_light_memory_bytes(const struct lw_seams *seams);
+
+/** Welds tiles->light around the blocks shown in frame `frame`: covered texels, and gutters beyond seams. shown_frame of all blocks
+ * that it writes becomes `frame`, as does their tiles' solved_frame. Gutters are filled after it (lw_seam_gutters_fill). */
+void lw_seams_weld(const struct lw_seams *seams, struct lw_seams_light *light, struct lw_tiles *tiles,
+                   uint64_t frame, int threads);
 
 #endif

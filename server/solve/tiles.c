@@ -218,16 +218,6 @@ void lw_tiles_show(struct lw_tiles *tiles, uint64_t frame, int threads) {
     }
 }
 
-void lw_tiles_fill_gutters(struct lw_tiles *tiles, const struct lw_texels *texels, const uint8_t *welded,
-                           int threads) {
-#pragma omp parallel for schedule(static) num_threads(threads)
-    for (uint32_t t = 0; t < texels->count; t++) {
-        const uint32_t source = texels->source[t];
-        if (source == t || source == LW_TEXEL_NONE || welded[t]) continue;
-        for (int c = 0; c < 3; c++) tiles->light[c][t] = tiles->light[c][source];
-    }
-}
-
 static int by_cell(const void *a, const void *b) {
     const struct lw_solve_tile *x = a, *y = b;
     if (x->cell != y->cell) return x->cell < y->cell ? -1 : 1;

@@ -102,10 +102,6 @@ void lw_tiles_recount(struct lw_tiles *tiles, int threads);
 /** Shows the sums of the blocks of frame `frame` (shown_frame) as they are. */
 void lw_tiles_show(struct lw_tiles *tiles, uint64_t frame, int threads);
 
-/** Gives gutters the light of the texels that stand for them; but those of `welded` (seams.h), which have their own. */
-void lw_tiles_fill_gutters(struct lw_tiles *tiles, const struct lw_texels *texels, const uint8_t *welded,
-                           int threads);
-
 #define LW_TILES_EACH_BLOCK(tile, block)                                                                     \
     for (struct lw_solve_block *block = (tile)->block, *const end_ = block + (tile)->block_columns *         \
                                                                                  (tile)->block_rows;         \

@@ -157,8 +157,9 @@ NOTE(BENCH_ENCODE, void, lw_levels_store_tile,
 HOLD(BENCH_DENOISE, lw_denoise_run, (struct lw_denoise * denoise, uint64_t frame, int threads),
      (denoise, frame, threads))
 HOLD(BENCH_WELD, lw_seams_weld,
-     (struct lw_seams * seams, struct lw_tiles *tiles, uint64_t frame, int threads),
-     (seams, tiles, frame, threads))
-HOLD(BENCH_GUTTERS, lw_tiles_fill_gutters,
-     (struct lw_tiles * tiles, const struct lw_texels *texels, const uint8_t *welded, int threads),
-     (tiles, texels, welded, threads))
+     (const struct lw_seams *seams, struct lw_seams_light *light, struct lw_tiles *tiles, uint64_t frame,
+      int threads),
+     (seams, light, tiles, frame, threads))
+HOLD(BENCH_GUTTERS, lw_seam_gutters_fill,
+     (const struct lw_seam_gutters *gutters, struct lw_tiles *tiles, uint64_t frame, int threads),
+     (gutters, tiles, frame, threads))

@@ -100,6 +100,68 @@ static void test_ball(void **state) {
     expect_welded("ball", scene, 16, 8, 32, 0.002, 1e-9, 0.01, (const double[]){0.02, 0.045}, 1000);
 }
 
+/* Solves a ball until all of it rests; each frame of the whole as `parts` frames of every parts-th tile. */
+static void solve_ball_in_parts(struct room_solution *s, uint32_t parts) {
+    struct room room = {.sky = 0.3f};
+    room_quad(&room, lw_vec3(0, 0, 0), lw_vec3(1, 0, 0), lw_vec3(0, 1, 0), 0.7f, 0); /* becomes the ball */
+    room_quad(&room, lw_vec3(-0.5f, 2.5f, -0.5f), lw_vec3(1, 0, 0), lw_vec3(0, 0, 1), 0, 5);
+    struct lw_scene *scene = room_scene(&room);
+    make_ball(scene, 0, lw_vec3(0, 0.7f, 0), 0.5f);
+    room_solve_scene(
+        s, scene, 64,
+        (struct lw_solver_desc){.direct_samples = 4, .denoise = true, .target_error = -1, .frames_max = 24},
+        1);
+    uint8_t *wanted = malloc(s->map.tile_count);
+    assert_non_null(wanted);
+    for (uint64_t frame = 2; s->stats.tiles_converged < s->stats.tiles; frame++) {
+        assert_true(frame < 1000);
+        for (uint32_t id = 0; id < s->map.tile_count; id++)
+            wanted[id] = s->map.place[id].level == 0 && id % parts == frame % parts;
+        lw_support_ok(s->solver->ops->want(s->solver, wanted, NULL), NULL);
+        lw_support_ok(s->solver->ops->frame(s->solver, &s->pose, frame, &s->stats, NULL), NULL);
+    }
+    free(wanted);
+}
+
+/* Seams between what a frame solves and what it does not agree as well, and on the same light. */
+static void test_parts_of_a_frame(void **state) {
+    (void)state;
+    struct room_solution whole, parts;
+    solve_ball_in_parts(&whole, 1);
+    solve_ball_in_parts(&parts, 5);
+    assert_true(whole.map.atlas[0].tile_count >= 10);
+    double off = 0, welded = 0, square = 0;
+    for (uint32_t id = 0; id < whole.map.tile_count; id++) {
+        if (whole.map.place[id].level) continue;
+        struct lw_solver_tile x, y;
+        whole.solver->ops->read_tile(whole.solver, (lw_tile_id){id}, &x);
+        parts.solver->ops->read_tile(parts.solver, (lw_tile_id){id}, &y);
+        for (uint32_t i = 0; i < x.width * x.height; i++) {
+            if (!x.covered[i]) continue;
+            const double a = (double)x.light[0][i], b = (double)y.light[0][i],
+                         sum = (double)x.direct[0][i] + (double)x.indirect[0][i];
+            off = fmax(off, fabs(a - b) / (a + 0.01));
+            square += (a - b) * (a - b);
+            welded += (a - sum) * (a - sum);
+        }
+    }
+    struct lw_seam_edges edges;
+    struct seam_walk walk;
+    struct seam_spread spread;
+    lw_support_ok(lw_seam_edges_find(parts.scene, &parts.pose, &edges), NULL);
+    lw_support_ok(seam_walk_init(&walk, parts.scene, &parts.map, parts.solver, false), NULL);
+    lw_support_ok(seam_walk_measure(&walk, &edges, 0, LW_SCENE_NONE, &spread), NULL);
+    print_spread("ball in parts", "welded", 0, &spread);
+    printf("shown otherwise than as a whole by up to %.2g, in square %.2g of what is changed\n", off,
+           square / welded);
+    assert_true(spread.points > 1000 && spread.worst <= 0.01);
+    assert_true(off < 0.01 && square < 1e-3 * welded);
+    seam_walk_finish(&walk);
+    lw_seam_edges_finish(&edges);
+    room_finish(&parts);
+    room_finish(&whole);
+}
+
 #define SLATS 24u
 
 /* Slats under a sun, every other one facing down, in place of quad `q`. */
@@ -325,9 +387,13 @@ static void test_sponza(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_slats),          cmocka_unit_test(test_ball),
-        cmocka_unit_test(test_what_is_a_seam), cmocka_unit_test(test_t_junction),
-        cmocka_unit_test(test_atrium),         cmocka_unit_test(test_sponza),
+        cmocka_unit_test(test_slats),
+        cmocka_unit_test(test_ball),
+        cmocka_unit_test(test_what_is_a_seam),
+        cmocka_unit_test(test_t_junction),
+        cmocka_unit_test(test_parts_of_a_frame),
+        cmocka_unit_test(test_atrium),
+        cmocka_unit_test(test_sponza),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
