@@ -96,7 +96,7 @@ static const struct lw_message samples[] = {
                .material_count = 2}},
     {.type = LW_MESSAGE_UPDATE, .update = {FAR, changes, 3}},
     {.type = LW_MESSAGE_UPDATE},
-    {.type = LW_MESSAGE_UPDATED, .updated = {FAR, LW_SCENE_CHANGE_DEGENERATE, 3, "no volume", 0}},
+    {.type = LW_MESSAGE_UPDATED, .updated = {FAR, LW_SCENE_CHANGE_DEGENERATE, 3, "no volume", 0, NULL, 0}},
     {.type = LW_MESSAGE_UPDATED, .updated = {1, 0, 0, NULL, FAR, visible, 3}},
     {.type = LW_MESSAGE_FRAME, .frame = {.frame = 1, .hidden = visible, .hidden_count = 2, .spare_count = 2}},
     {.type = LW_MESSAGE_HOLDS, .holds = {held, 2}},

@@ -85,7 +85,7 @@ enum lw_client_object_state {
 enum lw_client_object_state lw_client_object_state(const struct lw_client *client, uint32_t object);
 
 /** Whether an object is not to be drawn now: it is hidden, a spare, or has been added and no light of it has arrived yet
- * (which never happens to a client that wants nothing). */
+ * (it comes to clients that want nothing, too). */
 bool lw_client_object_hidden(const struct lw_client *client, uint32_t object);
 
 /** A light as it is now. */
