@@ -274,16 +274,18 @@ int main(int argc, char **argv) {
         {"frames", "N", "at most, of each solve (default 4096)", LW_OPTION_INT, &s.frames, 8, 1000000, NULL},
         {"truth", "N", "frames of the truth that errors are measured against (default 0: no errors)",
          LW_OPTION_INT, &s.truth_frames, 0, 1000000, NULL}};
-    printf("| scene, object | rays | rays anew | quotient | of the first frame | texels that it solves | "
-           "frames: "
-           "followed, anew | relMSE: followed, anew | of changed texels | changed |\n"
-           "|---|---|---|---|---|---|---|---|---|---|\n");
-    return bench_main(&(struct bench_program){.name = "bench_change",
-                                              .about = "What it costs to follow an object that moves once.",
-                                              .table = table,
-                                              .count = sizeof table / sizeof table[0],
-                                              .open = &s.open,
-                                              .context = &s,
-                                              .run = run},
-                      argc, argv);
+    return bench_main(
+        &(struct bench_program){
+            .name = "bench_change",
+            .about = "What it costs to follow an object that moves once.",
+            .table = table,
+            .count = sizeof table / sizeof table[0],
+            .open = &s.open,
+            .heading = "| scene, object | rays | rays anew | quotient | of the first frame | texels that it "
+                       "solves | frames: followed, anew | relMSE: followed, anew | of changed texels | "
+                       "changed |\n"
+                       "|---|---|---|---|---|---|---|---|---|---|",
+            .context = &s,
+            .run = run},
+        argc, argv);
 }

@@ -342,12 +342,6 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
     return status;
 }
 
-static enum lw_status begin(void *context, struct lw_error *err) {
-    (void)context, (void)err;
-    puts("scene,texels,way,rays,us_per_texel,mrays_per_s,relmse,relmse_4x4,relmse_16x16");
-    return LW_OK;
-}
-
 int main(int argc, char **argv) {
     struct settings s = {.samples = 64, .texels = 40000, .frames = 4};
     const struct lw_option table[] = {
@@ -355,14 +349,16 @@ int main(int argc, char **argv) {
          1 << (MOMENTS_MAX - 1), NULL},
         {"texels", "N", "to estimate, some (default 40000)", LW_OPTION_INT, &s.texels, 1, 1 << 30, NULL},
         {"frames", "N", "of light before (default 4)", LW_OPTION_INT, &s.frames, 2, 10000, NULL}};
-    return bench_main(&(struct bench_program){.name = "bench_coherence",
-                                              .about = "Ways of sharing directions among bounce rays: "
-                                                       "error at equal rays and at equal time, as CSV.",
-                                              .table = table,
-                                              .count = sizeof table / sizeof table[0],
-                                              .open = &s.open,
-                                              .context = &s,
-                                              .begin = begin,
-                                              .run = run},
-                      argc, argv);
+    return bench_main(
+        &(struct bench_program){
+            .name = "bench_coherence",
+            .about = "Ways of sharing directions among bounce rays: "
+                     "error at equal rays and at equal time, as CSV.",
+            .table = table,
+            .count = sizeof table / sizeof table[0],
+            .open = &s.open,
+            .context = &s,
+            .heading = "scene,texels,way,rays,us_per_texel,mrays_per_s,relmse,relmse_4x4,relmse_16x16",
+            .run = run},
+        argc, argv);
 }

@@ -216,13 +216,6 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "%s: %s", name, lw_status_text(status));
 }
 
-static enum lw_status begin(void *context, struct lw_error *err) {
-    (void)context, (void)err;
-    printf("| scene | motion | raw | rays | compose | compose_over_raw | path |\n");
-    printf("|---|---|---|---|---|---|---|\n");
-    return LW_OK;
-}
-
 int main(int argc, char **argv) {
     struct settings s = {.width = 1280, .height = 720, .rounds = 9, .bounces = 2};
     const struct lw_option table[] = {
@@ -234,14 +227,17 @@ int main(int argc, char **argv) {
          LW_PATH_TRACE_BOUNCES_MAX, NULL},
         {"time", "SECONDS", "of the animation (default 0)", LW_OPTION_REAL, &s.time_s, 0, 1e9, NULL},
         {"o", "DIR", "write the pictures there", LW_OPTION_STRING, &s.folder, 0, 0, NULL}};
-    return bench_main(&(struct bench_program){.name = "bench_compose",
-                                              .about = "CPU time of a composed view, by the bare tracer's.",
-                                              .operand = "SCENE[@CAMERA]",
-                                              .table = table,
-                                              .count = sizeof table / sizeof table[0],
-                                              .open = &s.open,
-                                              .context = &s,
-                                              .begin = begin,
-                                              .run = run},
-                      argc, argv);
+    return bench_main(
+        &(struct bench_program){.name = "bench_compose",
+                                .about = "CPU time of a composed view, by the bare tracer's.",
+                                .operand = "SCENE[@CAMERA]",
+                                .table = table,
+                                .count = sizeof table / sizeof table[0],
+                                .open = &s.open,
+                                .context = &s,
+                                .heading = "| scene | motion | raw | rays | compose | compose_over_raw | "
+                                           "path |\n"
+                                           "|---|---|---|---|---|---|---|",
+                                .run = run},
+        argc, argv);
 }

@@ -276,26 +276,20 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
     return status;
 }
 
-static enum lw_status begin(void *context, struct lw_error *err) {
-    (void)context, (void)err;
-    puts("scene,texels,frames,us_per_texel,rays_per_texel,relmse,bias");
-    return LW_OK;
-}
-
 int main(int argc, char **argv) {
     struct settings s = {.frames = 64, .truth = 256};
     const struct lw_option table[] = {
         {"frames", "N", "of light at most (default 64)", LW_OPTION_INT, &s.frames, 1, 100000, NULL},
         {"truth", "N", "frames of either truth (default 256)", LW_OPTION_INT, &s.truth, 1, 100000, NULL}};
-    return bench_main(&(struct bench_program){.name = "bench_lights",
-                                              .about = "Direct light of few or many lamps: error and "
-                                                       "cost, as CSV.",
-                                              .operand = "point:N|spot:N|area:N|SCENE",
-                                              .table = table,
-                                              .count = sizeof table / sizeof table[0],
-                                              .open = &s.open,
-                                              .context = &s,
-                                              .begin = begin,
-                                              .run = run},
-                      argc, argv);
+    return bench_main(
+        &(struct bench_program){.name = "bench_lights",
+                                .about = "Direct light of few or many lamps: error and cost, as CSV.",
+                                .operand = "point:N|spot:N|area:N|SCENE",
+                                .table = table,
+                                .count = sizeof table / sizeof table[0],
+                                .open = &s.open,
+                                .context = &s,
+                                .heading = "scene,texels,frames,us_per_texel,rays_per_texel,relmse,bias",
+                                .run = run},
+        argc, argv);
 }

@@ -131,14 +131,16 @@ int main(int argc, char **argv) {
     struct settings s = {.side = 16};
     const struct lw_option table[] = {
         {"side", "N", "of the squares, in texels (default 16)", LW_OPTION_INT, &s.side, 1, 4096, NULL}};
-    printf("| scene | side | squares | surface | distance, m: half / 90 %% | normal | shared "
-           "|\n|---|---|---|---|---|---|---|\n");
-    return bench_main(&(struct bench_program){.name = "bench_pack",
-                                              .about = "How far apart the texels are that lie together.",
-                                              .table = table,
-                                              .count = sizeof table / sizeof table[0],
-                                              .open = &s.open,
-                                              .context = &s,
-                                              .run = run},
-                      argc, argv);
+    return bench_main(
+        &(struct bench_program){.name = "bench_pack",
+                                .about = "How far apart the texels are that lie together.",
+                                .table = table,
+                                .count = sizeof table / sizeof table[0],
+                                .open = &s.open,
+                                .heading = "| scene | side | squares | surface | distance, m: half / 90 % | "
+                                           "normal | shared |\n"
+                                           "|---|---|---|---|---|---|---|",
+                                .context = &s,
+                                .run = run},
+        argc, argv);
 }

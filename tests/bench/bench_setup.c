@@ -37,6 +37,7 @@ int bench_main(const struct bench_program *program, int argc, char **argv) {
     enum lw_status status = lw_options_parse(&options, argc, argv, &count, &done, &err);
     if (status == LW_OK && done) return 0;
     if (status == LW_OK && program->begin) status = program->begin(program->context, &err);
+    if (status == LW_OK && program->heading) puts(program->heading);
     for (size_t i = 0; status == LW_OK && i < count; i++)
         status = program->run(program->context, scene[i], &err);
     return status == LW_OK ? 0 : lw_log_failure(&err);

@@ -14,6 +14,7 @@ struct bench_program {
     const struct lw_option *table;
     size_t count;
     struct lw_scene_open *open; /* its options follow those of the table */
+    const char *heading;        /* lines printed before the first scene; may be NULL */
     void *context;
     enum lw_status (*begin)(void *context, struct lw_error *err); /* before the first scene; may be NULL */
     enum lw_status (*run)(void *context, const char *scene, struct lw_error *err);

@@ -202,12 +202,6 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
     return status;
 }
 
-static enum lw_status begin(void *context, struct lw_error *err) {
-    (void)context, (void)err;
-    puts("scene,question,setting,texels,mrays,frame_ms,direct_ms,scatter_ms,probe_ms,over_first");
-    return LW_OK;
-}
-
 int main(int argc, char **argv) {
     struct settings s = {.frames = 9};
     const struct lw_option table[] = {
@@ -215,15 +209,16 @@ int main(int argc, char **argv) {
         {"only", "NAME", "one of the question's settings", LW_OPTION_STRING, &s.only, 0, 0, NULL},
         {"frames", "N", "of each setting, after the first (default 9)", LW_OPTION_INT, &s.frames, 1,
          FRAMES_MAX, NULL}};
-    return bench_main(&(struct bench_program){.name = "bench_thesis",
-                                              .about =
-                                                  "What settings of the solver do to the time of a frame, "
-                                                  "as CSV.",
-                                              .table = table,
-                                              .count = sizeof table / sizeof table[0],
-                                              .open = &s.open,
-                                              .context = &s,
-                                              .begin = begin,
-                                              .run = run},
-                      argc, argv);
+    return bench_main(
+        &(struct bench_program){
+            .name = "bench_thesis",
+            .about = "What settings of the solver do to the time of a frame, as CSV.",
+            .table = table,
+            .count = sizeof table / sizeof table[0],
+            .open = &s.open,
+            .context = &s,
+            .heading =
+                "scene,question,setting,texels,mrays,frame_ms,direct_ms,scatter_ms,probe_ms,over_first",
+            .run = run},
+        argc, argv);
 }

@@ -420,10 +420,6 @@ static enum lw_status begin(void *context, struct lw_error *err) {
     const struct settings *s = context;
     (void)err;
     if (s->folder) mkdir(s->folder, 0777); /* a failure shows when the first picture is written */
-    puts("| scene | camera | texels/m | texels | ratio of means | worst region | regions within | relMSE "
-         "| solve s | "
-         "paths s |");
-    puts("|---|---|---|---|---|---|---|---|---|---|");
     return LW_OK;
 }
 
@@ -453,14 +449,18 @@ int main(int argc, char **argv) {
         {"list", NULL, "every region and object that does not obey", LW_OPTION_FLAG, &s.list, 0, 0, NULL},
         {"o", "DIR", "write the pictures there", LW_OPTION_STRING, &s.folder, 0, 0, NULL}};
     return bench_main(
-        &(struct bench_program){.name = "bench_trust",
-                                .about = "Compares the solve with the path tracer, region by region.",
-                                .operand = "SCENE[@CAMERA]",
-                                .table = table,
-                                .count = sizeof table / sizeof table[0],
-                                .open = &s.open,
-                                .context = &s,
-                                .begin = begin,
-                                .run = run},
+        &(struct bench_program){
+            .name = "bench_trust",
+            .about = "Compares the solve with the path tracer, region by region.",
+            .operand = "SCENE[@CAMERA]",
+            .table = table,
+            .count = sizeof table / sizeof table[0],
+            .open = &s.open,
+            .context = &s,
+            .begin = begin,
+            .heading = "| scene | camera | texels/m | texels | ratio of means | worst region | regions "
+                       "within | relMSE | solve s | paths s |\n"
+                       "|---|---|---|---|---|---|---|---|---|---|",
+            .run = run},
         argc, argv);
 }
