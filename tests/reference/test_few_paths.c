@@ -1,5 +1,5 @@
 /* The denoiser against converged paths: a camera moves and turns through a scene whose objects move, one path per pixel. */
-#include "client/view/path_trace.h"
+#include "client/load/path_world.h"
 #include "client/view/svgf.h"
 #include "common/scene/builtin.h"
 #include "tests/support/support.h"
@@ -16,37 +16,22 @@
 
 struct set {
     struct lw_scene *scene;
-    struct lw_pose pose;
-    struct lw_trace *trace;
-    struct lw_lights lights;
-    struct lw_path_trace *tracer;
+    struct lw_path_world world;
     struct lw_camera_view camera; /* of the first frame */
     struct lw_path_film film;
 };
 
 static void set_up(struct set *set, const char *name) {
     struct lw_error err = {0};
-    *set = (struct set){0};
     lw_support_ok(lw_builtin_build(name, &set->scene, &err), &err);
-    lw_support_ok(lw_pose_init(&set->pose, set->scene), NULL);
-    lw_support_ok(lw_trace_create(set->scene, &set->pose, &set->trace, &err), &err);
-    lw_support_ok(lw_lights_init(&set->lights, set->scene, &set->pose), NULL);
-    lw_support_ok(lw_path_trace_create(&(struct lw_path_trace_desc){.scene = set->scene,
-                                                                    .trace = set->trace,
-                                                                    .lights = &set->lights,
-                                                                    .pose = &set->pose},
-                                       &set->tracer, &err),
-                  &err);
+    lw_support_ok(lw_path_world_init(&set->world, set->scene, BOUNCES, 0, &err), &err);
     lw_support_ok(lw_path_film_init(&set->film, WIDTH, HEIGHT, &err), &err);
-    set->camera = lw_camera_of_scene(set->scene, &set->pose, 0);
+    set->camera = lw_camera_of_scene(set->scene, &set->world.pose, 0);
 }
 
 static void tear_down(struct set *set) {
     lw_path_film_finish(&set->film);
-    lw_path_trace_destroy(set->tracer);
-    lw_lights_finish(&set->lights);
-    lw_trace_destroy(set->trace);
-    lw_pose_finish(&set->pose);
+    lw_path_world_finish(&set->world);
     lw_scene_destroy(set->scene);
 }
 
@@ -61,18 +46,13 @@ static struct lw_camera_view camera_at(const struct set *set, int frame) {
 
 static void trace(struct set *set, int frame, uint32_t seed, uint32_t samples, float *out_rgb) {
     struct lw_error err = {0};
-    lw_pose_evaluate(&set->pose, set->scene, frame / 30.0);
-    lw_support_ok(lw_trace_set_pose(set->trace, &set->pose, &err), &err);
-    lw_lights_set_pose(&set->lights, &set->pose);
-    lw_path_trace_set_pose(set->tracer, &set->pose);
+    lw_support_ok(lw_path_world_set_time(&set->world, frame / 30.0, &err), &err);
     const struct lw_path_view view = {.camera = camera_at(set, frame),
-                                      .bounces = BOUNCES,
                                       .seed = seed,
                                       .first_sample = (uint32_t)frame * samples,
-                                      .pixel = LW_PATH_PIXEL_CENTRE,
                                       .pattern = LW_PATH_PATTERN_INTERLEAVED};
     lw_path_film_clear(&set->film);
-    lw_path_trace_render(set->tracer, &view, samples, &set->film, NULL);
+    lw_path_world_render(&set->world, &view, samples, &set->film);
     lw_path_film_resolve(&set->film, out_rgb);
 }
 
@@ -100,7 +80,7 @@ static double gain(const char *name) {
     lw_support_ok(
         lw_gbuffer_init(&gbuffer,
                         &(struct lw_gbuffer_desc){
-                            .scene = set.scene, .trace = set.trace, .width = WIDTH, .height = HEIGHT},
+                            .scene = set.scene, .trace = set.world.trace, .width = WIDTH, .height = HEIGHT},
                         &err),
         &err);
     lw_support_ok(lw_svgf_create(&(struct lw_svgf_desc){.width = WIDTH, .height = HEIGHT}, &svgf, &err),
@@ -108,7 +88,7 @@ static double gain(const char *name) {
     for (int frame = 0; frame < FRAMES; frame++) {
         trace(&set, frame, 1, 1, raw);
         const struct lw_camera_view camera = camera_at(&set, frame);
-        lw_gbuffer_render(&gbuffer, &set.pose, &camera);
+        lw_gbuffer_render(&gbuffer, &set.world.pose, &camera);
         lw_svgf_filter(svgf, &gbuffer, raw, out);
     }
     trace(&set, FRAMES - 1, 2, TRUTH, truth);

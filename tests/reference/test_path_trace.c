@@ -1,6 +1,6 @@
 /* The path tracer against closed forms. Tolerances come from the spread over seeds: pixels of a picture share random
  * numbers, pictures of different seeds do not. */
-#include "client/view/path_trace.h"
+#include "client/load/path_world.h"
 #include "common/scene/builtin.h"
 #include "tests/reference/room.h"
 
@@ -13,32 +13,17 @@
 /* A scene with everything that a render needs. */
 struct set {
     struct lw_scene *scene;
-    struct lw_pose pose;
-    struct lw_trace *trace;
-    struct lw_lights lights;
-    struct lw_path_trace *tracer;
+    struct lw_path_world world;
 };
 
 static void set_up(struct set *set, struct lw_scene *scene, unsigned threads) {
     struct lw_error err = {0};
-    *set = (struct set){.scene = scene};
-    lw_support_ok(lw_pose_init(&set->pose, scene), NULL);
-    lw_support_ok(lw_trace_create(scene, &set->pose, &set->trace, &err), &err);
-    lw_support_ok(lw_lights_init(&set->lights, scene, &set->pose), NULL);
-    lw_support_ok(lw_path_trace_create(&(struct lw_path_trace_desc){.scene = scene,
-                                                                    .trace = set->trace,
-                                                                    .lights = &set->lights,
-                                                                    .pose = &set->pose,
-                                                                    .threads = threads},
-                                       &set->tracer, &err),
-                  &err);
+    set->scene = scene;
+    lw_support_ok(lw_path_world_init(&set->world, scene, 0, threads, &err), &err);
 }
 
 static void tear_down(struct set *set) {
-    lw_path_trace_destroy(set->tracer);
-    lw_lights_finish(&set->lights);
-    lw_trace_destroy(set->trace);
-    lw_pose_finish(&set->pose);
+    lw_path_world_finish(&set->world);
     lw_scene_destroy(set->scene);
 }
 
@@ -47,7 +32,7 @@ static struct lw_path_film render(const struct set *set, const struct lw_path_vi
     struct lw_path_film film;
     struct lw_error err = {0};
     lw_support_ok(lw_path_film_init(&film, width, height, &err), &err);
-    lw_path_trace_render(set->tracer, view, samples, &film, NULL);
+    lw_path_trace_render(set->world.tracer, view, samples, &film, NULL);
     return film;
 }
 
@@ -253,7 +238,7 @@ static void test_transforms(void **state) {
     struct set set;
     set_up(&set, scene, 1);
     struct lw_vec3 low, high;
-    assert_true(lw_pose_bounds(&set.pose, scene, &low, &high));
+    assert_true(lw_pose_bounds(&set.world.pose, scene, &low, &high));
     assert_float_equal(high.x - low.x, 2, 1e-6);
     struct lw_path_view view = floor_view();
     struct lw_path_film film = render(&set, &view, 1, 1, 2);
@@ -407,7 +392,7 @@ static void test_methods_agree(void **state) {
     scene->sky[0] = 0.1f; /* through the open front */
     struct set set;
     set_up(&set, scene, 2);
-    struct lw_path_view view = {.camera = lw_camera_of_scene(scene, &set.pose, 0), .bounces = 2};
+    struct lw_path_view view = {.camera = lw_camera_of_scene(scene, &set.world.pose, 0), .bounces = 2};
     struct mean mean[4];
     for (int method = 0; method < 4; method++) {
         view.method = method == 3 ? LW_PATH_METHOD_BOTH : (enum lw_path_method)method;
@@ -434,10 +419,12 @@ static void same_bytes(enum lw_path_pattern pattern) {
         lw_support_ok(lw_builtin_build("builtin:cornell", &scene, &err), &err);
         struct set set;
         set_up(&set, scene, i + 1);
-        struct lw_path_view view = {
-            .camera = lw_camera_of_scene(scene, &set.pose, 0), .bounces = 3, .seed = 5, .pattern = pattern};
+        struct lw_path_view view = {.camera = lw_camera_of_scene(scene, &set.world.pose, 0),
+                                    .bounces = 3,
+                                    .seed = 5,
+                                    .pattern = pattern};
         film[i] = render(&set, &view, 150, 70, i == 2 ? 1 : 7);
-        if (i == 2) lw_path_trace_render(set.tracer, &view, 6, &film[i], NULL); /* in two calls */
+        if (i == 2) lw_path_trace_render(set.world.tracer, &view, 6, &film[i], NULL); /* in two calls */
         tear_down(&set);
     }
     for (int half = 0; half < 2; half++)
@@ -462,7 +449,7 @@ static void test_pictures_go_on_with_the_sequence(void **state) {
         lw_support_ok(lw_builtin_build("builtin:cornell", &scene, &err), &err);
         struct set set;
         set_up(&set, scene, 2);
-        struct lw_path_view view = {.camera = lw_camera_of_scene(scene, &set.pose, 0),
+        struct lw_path_view view = {.camera = lw_camera_of_scene(scene, &set.world.pose, 0),
                                     .bounces = 1,
                                     .pattern = (enum lw_path_pattern)pattern};
         struct lw_path_film all = render(&set, &view, SIDE, SIDE, 4),
@@ -503,7 +490,8 @@ static void test_convergence(void **state) {
     lw_support_ok(lw_builtin_build("builtin:cornell", &scene, &err), &err);
     struct set set;
     set_up(&set, scene, 2);
-    struct lw_path_view view = {.camera = lw_camera_of_scene(scene, &set.pose, 0), .bounces = 2, .seed = 9};
+    struct lw_path_view view = {
+        .camera = lw_camera_of_scene(scene, &set.world.pose, 0), .bounces = 2, .seed = 9};
     struct lw_path_film truth = render(&set, &view, 48, 48, 1024);
     view.seed = 1;
     double last = 0;
