@@ -214,6 +214,27 @@ static void add_to_mean(void *user, struct lw_vec3 position_ws, double area, dou
     mean->texels += area;
 }
 
+uint32_t room_expect_same(const struct room_solution *a, const struct room_solution *b) {
+    uint32_t compared = 0;
+    assert_int_equal(a->map.tile_count, b->map.tile_count);
+    for (uint32_t id = 0; id < a->map.tile_count; id++) {
+        if (a->map.place[id].level) continue;
+        struct lw_solver_tile x, y;
+        a->solver->ops->read_tile(a->solver, (lw_tile_id){id}, &x);
+        b->solver->ops->read_tile(b->solver, (lw_tile_id){id}, &y);
+        const size_t bytes = (size_t)x.width * x.height * sizeof(float);
+        for (int c = 0; c < 3; c++) {
+            assert_memory_equal(x.direct[c], y.direct[c], bytes);
+            assert_memory_equal(x.indirect[c], y.indirect[c], bytes);
+            assert_memory_equal(x.light[c], y.light[c], bytes);
+        }
+        assert_memory_equal(&x.error, &y.error, sizeof x.error);
+        assert_int_equal(x.solved_frame, y.solved_frame);
+        compared++;
+    }
+    return compared;
+}
+
 struct room_mean room_object_mean(const struct room_solution *solution, uint32_t object) {
     struct room_mean mean = {0};
     room_each_texel(solution, object, add_to_mean, &mean);

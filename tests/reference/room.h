@@ -70,6 +70,9 @@ void room_solve_scene(struct room_solution *solution, struct lw_scene *scene, fl
                       struct lw_solver_desc desc, unsigned frames);
 void room_finish(struct room_solution *solution);
 
+/** Ends the test unless the light of two solutions of one scene is the same, bit for bit. Returns how many tiles that is. */
+uint32_t room_expect_same(const struct room_solution *a, const struct room_solution *b);
+
 /** Mean E over the surface of an object: red channel, direct and indirect. */
 struct room_mean {
     double direct, indirect, total;

@@ -45,20 +45,7 @@ static void go_on(struct room_solution *solution, unsigned from, unsigned to) {
 }
 
 static void expect_same(const struct room_solution *a, const struct room_solution *b) {
-    for (uint32_t id = 0; id < a->map.tile_count; id++) {
-        if (a->map.place[id].level) continue;
-        struct lw_solver_tile x, y;
-        a->solver->ops->read_tile(a->solver, (lw_tile_id){id}, &x);
-        b->solver->ops->read_tile(b->solver, (lw_tile_id){id}, &y);
-        const size_t bytes = (size_t)x.width * x.height * sizeof(float);
-        for (int c = 0; c < 3; c++) {
-            assert_memory_equal(x.direct[c], y.direct[c], bytes);
-            assert_memory_equal(x.indirect[c], y.indirect[c], bytes);
-            assert_memory_equal(x.light[c], y.light[c], bytes);
-        }
-        assert_memory_equal(&x.error, &y.error, sizeof x.error);
-        assert_int_equal(x.solved_frame, y.solved_frame);
-    }
+    room_expect_same(a, b);
     assert_int_equal(a->stats.tiles_converged, b->stats.tiles_converged);
 }
 
@@ -95,10 +82,7 @@ static void resumed_is_uninterrupted_with_probes(void **state) {
 /* Loads bytes as a file into a fresh solver, expecting to be refused; the solver must then work as a new one does. */
 static void refused(const uint8_t *bytes, size_t size, enum lw_status status, const char *text) {
     const char *path = lw_support_temporary("bad");
-    FILE *file = fopen(path, "wb");
-    assert_non_null(file);
-    assert_int_equal(fwrite(bytes, 1, size, file), size);
-    assert_int_equal(fclose(file), 0);
+    lw_support_write_file(path, bytes, size);
     struct room_solution fresh, tried;
     solve(&fresh, describe(INFINITY, 0), 2);
     solve(&tried, describe(INFINITY, 0), 0);
