@@ -271,6 +271,12 @@ static void expect_tiles(int s, uint32_t count, uint64_t version) {
     }
 }
 
+/* A frame that is told whole, with all of the tiles. */
+static void expect_light(const struct fixture *f, int s, uint64_t frame) {
+    expect_frame(s, frame, 1);
+    expect_tiles(s, f->map.tile_count, frame);
+}
+
 static void expect_silence(int s, int ms) {
     struct pollfd wait = {.fd = s, .events = POLLIN};
     assert_int_equal(poll(&wait, 1, ms), 0);
@@ -428,8 +434,7 @@ static void test_newer_snapshot(void **state) {
     expect_silence(s, 50); /* nothing is published yet */
     struct lw_snapshot *first = make_snapshot(f, 1, 0);
     lw_server_publish(f->server, first);
-    expect_frame(s, 1, 1);
-    expect_tiles(s, f->map.tile_count, 1);
+    expect_light(f, s, 1);
     struct lw_snapshot *second = make_snapshot(f, 2, 1); /* one tile changes, the rest stay as they are */
     for (uint32_t t = 0; t < f->map.tile_count; t++) {
         if (t == 5) continue;
@@ -441,8 +446,7 @@ static void test_newer_snapshot(void **state) {
     expect_frame(s, 2, 2);
     expect_tiles(s, 1, 2);
     publish(f, make_snapshot(f, 5, 4)); /* builds on a frame that this session never had */
-    expect_frame(s, 5, 1);
-    expect_tiles(s, f->map.tile_count, 5);
+    expect_light(f, s, 5);
     expect_silence(s, 50);
     close(s);
     end(f);
@@ -454,8 +458,7 @@ static void test_deltas(void **state) {
     struct fixture *f = start(&(struct lw_server_desc){0});
     int early = dial_and_stream(f);
     publish(f, make_snapshot(f, 1, 0));
-    expect_frame(early, 1, 1);
-    expect_tiles(early, f->map.tile_count, 1);
+    expect_light(f, early, 1);
     struct lw_snapshot *second = make_snapshot(f, 2, 1);
     for (uint32_t t = 0; t < f->map.tile_count; t++) {
         struct lw_message m;
@@ -657,8 +660,7 @@ static void test_flood_of_interest(void **state) {
     for (unsigned i = 0; i < 1000; i++) want(flood, tile, LW_MESSAGE_INTEREST_MAX - i);
     want(flood, tile, 1);
     publish(f, make_snapshot(f, 1, 0));
-    expect_frame(good, 1, 1);
-    expect_tiles(good, f->map.tile_count, 1);
+    expect_light(f, good, 1);
     close(good);
     struct lw_server_wanted wanted = {0};
     unsigned news = 0;
@@ -797,8 +799,7 @@ static void test_stalled_reader_is_closed(void **state) {
     ask_for_package(slow, PACKAGE_SIZE);
     wait_for_sessions(f, 2);
     publish(f, make_snapshot(f, 1, 0));
-    expect_frame(idle, 1, 1);
-    expect_tiles(idle, f->map.tile_count, 1);
+    expect_light(f, idle, 1);
     uint8_t byte;
     usleep(300000);
     struct lw_server_stats before = stats_of(f);
@@ -877,8 +878,7 @@ static void test_rate_limits(void **state) {
         const uint64_t began_ns = lw_clock_ns();
         ask_for_package(s, m.welcome.package_compressed_size);
         lw_message_finish(&m);
-        expect_frame(s, 1, 1);
-        expect_tiles(s, f->map.tile_count, 1); /* 780 kB */
+        expect_light(f, s, 1); /* 780 kB */
         const double took_s = 1e-9 * (double)(lw_clock_ns() - began_ns),
                      bytes = (double)f->map.tile_count * PAYLOAD_SIZE;
         assert_true(took_s > (bytes - PAYLOAD_SIZE) / 1e6 - 1e-3 * LW_SERVER_BURST_MS - 0.02);
@@ -905,8 +905,7 @@ static void test_the_most_visible_change_goes_first(void **state) {
     struct lw_message m;
     int s = dial_and_stream(f);
     publish(f, make_snapshot(f, 1, 0));
-    expect_frame(s, 1, 1);
-    expect_tiles(s, f->map.tile_count, 1);
+    expect_light(f, s, 1);
     /* whole tiles of level 0, one of each object, move the more the later they come; the others little */
     const uint32_t tile[OBJECTS] = {0, 13, 26};
     struct lw_snapshot *snapshot = make_snapshot(f, 2, 1);
@@ -973,12 +972,10 @@ static void test_acks(void **state) {
     struct fixture *f = start(&(struct lw_server_desc){0});
     publish(f, make_snapshot(f, 5, 0));
     int witness = dial_and_stream(f);
-    expect_frame(witness, 5, 1);
-    expect_tiles(witness, f->map.tile_count, 5);
+    expect_light(f, witness, 5);
     for (size_t i = 0; i < sizeof row / sizeof row[0]; i++) {
         int s = dial_and_stream(f);
-        expect_frame(s, 5, 1);
-        expect_tiles(s, f->map.tile_count, 5);
+        expect_light(f, s, 5);
         put(s, &(struct lw_message){.type = LW_MESSAGE_ACK, .ack.frame = row[i].first});
         put(s, &(struct lw_message){.type = LW_MESSAGE_ACK, .ack.frame = row[i].second});
         put(s, &(struct lw_message){.type = LW_MESSAGE_PING, .ping.token = CLIENT_TOKEN});
@@ -1051,8 +1048,7 @@ static void test_bytes_gone_wrong(void **state) {
     close(dial_again(f, &welcome));
     publish(f, make_snapshot(f, 9, 0));
     int witness = dial_and_stream(f);
-    expect_frame(witness, 9, 1);
-    expect_tiles(witness, f->map.tile_count, 9);
+    expect_light(f, witness, 9);
     const size_t size = write_script(script, sizeof script, welcome.package_compressed_size);
     assert_false(recite(f, script, size));
     for (size_t cut = 0; cut < size; cut++) assert_false(recite(f, script, cut));
@@ -1100,8 +1096,7 @@ static void test_garbage(void **state) {
     put_bytes(s, header, sizeof header);
     expect_refusal(s, LW_REFUSAL_PROTOCOL);
     publish(f, make_snapshot(f, 1, 0));
-    expect_frame(good, 1, 1);
-    expect_tiles(good, f->map.tile_count, 1);
+    expect_light(f, good, 1);
     assert_int_equal(stats_of(f).refused, 5);
     close(good);
     end(f);
@@ -1353,8 +1348,7 @@ static void test_idle_takes_no_time(void **state) {
     struct fixture *f = start(&(struct lw_server_desc){0});
     int s = dial_and_stream(f);
     publish(f, make_snapshot(f, 1, 0));
-    expect_frame(s, 1, 1);
-    expect_tiles(s, f->map.tile_count, 1);
+    expect_light(f, s, 1);
     struct rusage before, after;
     getrusage(RUSAGE_SELF, &before);
     usleep(500000);
@@ -1454,8 +1448,7 @@ static void test_updates_are_answered_with_their_frame(void **state) {
     expect_updated(s, 17, LW_SCENE_CHANGE_OK, 0, 5);
     expect_updated(s, 18, LW_SCENE_CHANGE_OK, 0, 5);
     expect_tiles(s, f->map.tile_count, 5);
-    expect_frame(other, 5, 1); /* nobody else hears of it */
-    expect_tiles(other, f->map.tile_count, 5);
+    expect_light(f, other, 5); /* nobody else hears of it */
     update(s, 19, &hide_1, 1);
     free(take(f, 6, 1, 1)); /* whose frame is overtaken by the next one */
     publish(f, make_snapshot(f, 7, 5));
