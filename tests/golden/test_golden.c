@@ -235,13 +235,6 @@ static const char *path_of(const char *file) {
     return lw_support_source(relative);
 }
 
-static void write_file(const char *file, const uint8_t *bytes, size_t size) {
-    FILE *f = fopen(path_of(file), "wb");
-    assert_non_null(f);
-    assert_int_equal(fwrite(bytes, 1, size, f), size);
-    assert_int_equal(fclose(f), 0);
-}
-
 static enum lw_status decode(const uint8_t *bytes, size_t size, struct lw_message *out,
                              struct lw_error *err) {
     struct lw_frame_header header;
@@ -258,7 +251,7 @@ static void test_valid(void **state) {
         uint8_t *ours;
         size_t our_size, size;
         lw_support_ok(lw_message_encode_alloc(&valid[i].message, &ours, &our_size), NULL);
-        if (getenv("LW_GOLDEN_WRITE")) write_file(valid[i].file, ours, our_size);
+        if (getenv("LW_GOLDEN_WRITE")) lw_support_write_file(path_of(valid[i].file), ours, our_size);
         uint8_t *bytes = lw_support_read_file(path_of(valid[i].file), &size), *again;
         struct lw_message m;
         struct lw_error err = {0};
@@ -280,7 +273,8 @@ static void test_invalid(void **state) {
     for (size_t i = 0; i < sizeof invalid / sizeof *invalid; i++) {
         uint8_t expected[200];
         size_t expected_size = parse_hex(invalid[i].hex, expected), size;
-        if (getenv("LW_GOLDEN_WRITE")) write_file(invalid[i].file, expected, expected_size);
+        if (getenv("LW_GOLDEN_WRITE"))
+            lw_support_write_file(path_of(invalid[i].file), expected, expected_size);
         uint8_t *bytes = lw_support_read_file(path_of(invalid[i].file), &size);
         assert_int_equal(size, expected_size);
         assert_memory_equal(bytes, expected, size);

@@ -37,13 +37,6 @@ static const char *path_of(const char *name, const char *suffix) {
     return lw_support_source(relative);
 }
 
-static void write_file(const char *path, const void *bytes, size_t size) {
-    FILE *f = fopen(path, "wb");
-    assert_non_null(f);
-    assert_int_equal(fwrite(bytes, 1, size, f), size);
-    assert_int_equal(fclose(f), 0);
-}
-
 /* Light as there is: a slope, an edge of shadow, colour, noise. */
 static void make_light(uint32_t width, uint32_t height, float noise) {
     for (uint32_t i = 0; i < width * height; i++) {
@@ -92,11 +85,12 @@ static void write_valid(void) {
             NULL);
         memcpy(file_bytes, size_of, sizeof size_of);
         memcpy(file_bytes + 8, &coded.scale, sizeof coded.scale);
-        write_file(path_of(valid[i].name, ".tile"), file_bytes, HEAD_SIZE + coded.size);
+        lw_support_write_file(path_of(valid[i].name, ".tile"), file_bytes, HEAD_SIZE + coded.size);
         lw_support_ok(lw_tile_codec_decode(codec, LW_TILE_CODEC_DCT, file_bytes + HEAD_SIZE, coded.size,
                                            coded.scale, valid[i].width, valid[i].height, NULL, rgb),
                       NULL);
-        write_file(path_of(valid[i].name, ".rgb"), rgb, (size_t)valid[i].width * valid[i].height * 12);
+        lw_support_write_file(path_of(valid[i].name, ".rgb"), rgb,
+                              (size_t)valid[i].width * valid[i].height * 12);
     }
 }
 
@@ -120,12 +114,12 @@ static void write_next(void) {
             }
             memcpy(file_bytes, size_of, sizeof size_of);
             memcpy(file_bytes + 8, &coded.scale, sizeof coded.scale);
-            write_file(path_of(valid[i].name, ".next"), file_bytes, HEAD_SIZE + coded.delta_size);
+            lw_support_write_file(path_of(valid[i].name, ".next"), file_bytes, HEAD_SIZE + coded.delta_size);
             lw_support_ok(lw_tile_codec_decode(codec, LW_TILE_CODEC_DCT, payload, coded.size, coded.scale,
                                                valid[i].width, valid[i].height, NULL, rgb),
                           NULL);
-            write_file(path_of(valid[i].name, ".next.rgb"), rgb,
-                       (size_t)valid[i].width * valid[i].height * 12);
+            lw_support_write_file(path_of(valid[i].name, ".next.rgb"), rgb,
+                                  (size_t)valid[i].width * valid[i].height * 12);
         }
 }
 
@@ -137,7 +131,7 @@ static void write_invalid(void) {
         memcpy(file_bytes, from, size -= cut);
         if (size > HEAD_SIZE) file_bytes[HEAD_SIZE + invalid[i].at] = invalid[i].to;
         if (invalid[i].add >= 0) file_bytes[size++] = (uint8_t)invalid[i].add;
-        write_file(path_of(invalid[i].name, ".tile"), file_bytes, size);
+        lw_support_write_file(path_of(invalid[i].name, ".tile"), file_bytes, size);
         free(from);
     }
 }

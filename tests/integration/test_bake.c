@@ -356,9 +356,7 @@ static void wrong_use_is_refused(void **state) {
     (void)state;
     char arguments[512];
     const char *squares = save_squares();
-    FILE *file = fopen(lw_support_temporary("a-file"), "w");
-    assert_non_null(file);
-    fclose(file);
+    lw_support_write_file(lw_support_temporary("a-file"), "", 0);
     bake_fails(64, "-o DIR", "builtin:cornell");
     bake_fails(64, "--samples and --error", "builtin:cornell -o x --samples 4 --error 0.1");
     bake_fails(64, "--convention", "builtin:cornell -o x --convention unity");

@@ -95,10 +95,7 @@ static void write_scene(struct lw_scene *scene, const char *path) {
     lw_support_ok(lw_lightmap_build(scene, &(struct lw_lightmap_desc){.texels_per_metre = 8}, NULL, &err),
                   &err);
     lw_support_ok(lw_package_write(scene, &bytes, &size, &err), &err);
-    FILE *file = fopen(path, "wb");
-    assert_non_null(file);
-    assert_int_equal(fwrite(bytes, 1, size, file), size);
-    assert_int_equal(fclose(file), 0);
+    lw_support_write_file(path, bytes, size);
     free(bytes);
     lw_scene_destroy(scene);
 }

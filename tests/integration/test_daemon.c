@@ -760,11 +760,6 @@ static void make_package(const char *path) {
     assert_int_equal(lw_process_finish(&importer, LIMIT_S), 0);
 }
 
-static void write_file(const char *path, const uint8_t *bytes, size_t size) {
-    FILE *file = fopen(path, "wb");
-    assert_true(file && fwrite(bytes, 1, size, file) == size && fclose(file) == 0);
-}
-
 /* A flipped bit is refused or, in a number that may be anything, lit: never worse. */
 static void damaged_packages_are_refused(void **state) {
     (void)state;
@@ -776,7 +771,7 @@ static void damaged_packages_are_refused(void **state) {
     snprintf(arguments, sizeof arguments, "%s --listen 127.0.0.1:0 --clock step --frames 2", path);
     for (size_t i = 0; i < 12; i += 4) { /* magic and version */
         bytes[i] ^= 0x10;
-        write_file(path, bytes, size);
+        lw_support_write_file(path, bytes, size);
         fails(arguments, 65, path, "");
         bytes[i] ^= 0x10;
     }
@@ -784,7 +779,7 @@ static void damaged_packages_are_refused(void **state) {
     for (size_t i = 12; i < size; i += size / 64) {
         struct lw_process daemon;
         bytes[i] ^= 0x40;
-        write_file(path, bytes, size);
+        lw_support_write_file(path, bytes, size);
         lw_process_start(&daemon, "lightwelld", arguments);
         int code = lw_process_finish(&daemon, LIMIT_S);
         if (code != 0 && code != 65)
@@ -793,7 +788,7 @@ static void damaged_packages_are_refused(void **state) {
         bytes[i] ^= 0x40;
     }
     assert_true(refused > 5);
-    write_file(path, bytes, size - 1);
+    lw_support_write_file(path, bytes, size - 1);
     fails(arguments, 65, path, "");
     free(bytes);
 }

@@ -245,11 +245,6 @@ static const char scene_format[] =
     "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}],"
     "\"bufferViews\":[{\"buffer\":0,\"byteLength\":36}],\"buffers\":[{\"byteLength\":36,\"uri\":\"%s\"}]}";
 
-static void write_file(const char *path, const void *bytes, size_t size) {
-    FILE *file = fopen(path, "wb");
-    if (!file || fwrite(bytes, 1, size, file) != size || fclose(file)) fail_msg("cannot write %s", path);
-}
-
 /* A scene of one triangle that names its buffer by `uri`; `texture`: NULL or the uri of its picture. */
 static const char *write_scene(const char *uri, const char *texture) {
     char textures[512] = "", text[2048];
@@ -260,7 +255,7 @@ static const char *write_scene(const char *uri, const char *texture) {
                  texture);
     int length = snprintf(text, sizeof text, scene_format, texture ? ",\"material\":0" : "", textures, uri);
     const char *path = lw_support_temporary("one.gltf");
-    write_file(path, text, (size_t)length);
+    lw_support_write_file(path, text, (size_t)length);
     return path;
 }
 
@@ -281,10 +276,10 @@ static void load_one(const char *uri, const char *texture, enum lw_status expect
 
 static void buffers_lie_in_the_folder_of_the_scene(void **state) {
     (void)state;
-    write_file(lw_support_temporary("a b.bin"), corners, sizeof corners);
+    lw_support_write_file(lw_support_temporary("a b.bin"), corners, sizeof corners);
     assert_true(mkdir(lw_support_temporary("sub"), 0700) == 0 || errno == EEXIST);
-    write_file(lw_support_temporary("sub/c.bin"), corners, sizeof corners);
-    write_file(lw_support_temporary("short.bin"), corners, sizeof corners - 1);
+    lw_support_write_file(lw_support_temporary("sub/c.bin"), corners, sizeof corners);
+    lw_support_write_file(lw_support_temporary("short.bin"), corners, sizeof corners - 1);
     load_one("a%20b.bin", NULL, LW_OK, NULL);
     load_one("a b.bin", NULL, LW_OK, NULL);
     load_one("./sub/../sub/%63.bin", NULL, LW_OK, NULL);
@@ -427,7 +422,7 @@ static void a_failure_is_told_once_and_keeps_its_kind(void **state) {
     (void)state;
     struct lw_scene *scene;
     struct surroundings s;
-    write_file(lw_support_temporary("short.bin"), corners, sizeof corners - 1);
+    lw_support_write_file(lw_support_temporary("short.bin"), corners, sizeof corners - 1);
     struct lw_error err = {0};
     const char *path = write_scene("short.bin", NULL);
     lw_support_fails(spawn(&(struct lw_import_spawn_desc){.scene = path}, &s, &scene, &err), LW_BAD_DATA,
@@ -454,7 +449,7 @@ static void a_failure_is_told_once_and_keeps_its_kind(void **state) {
 /* A stand-in for the importer: a shell script. */
 static const char *write_program(const char *script) {
     const char *path = lw_support_temporary("stand-in");
-    write_file(path, script, strlen(script));
+    lw_support_write_file(path, script, strlen(script));
     assert_int_equal(chmod(path, 0700), 0);
     return path;
 }

@@ -90,6 +90,11 @@ uint8_t *lw_support_read_file(const char *path, size_t *out_size) {
     return bytes;
 }
 
+void lw_support_write_file(const char *path, const void *bytes, size_t size) {
+    FILE *file = fopen(path, "wb");
+    if (!file || fwrite(bytes, 1, size, file) != size || fclose(file)) fail_msg("cannot write %s", path);
+}
+
 struct lw_scene *lw_support_squares(unsigned count, float side_m) {
     struct lw_scene *scene;
     lw_support_ok(lw_scene_create(&scene), NULL);

@@ -44,4 +44,7 @@ const char *lw_support_scene(const char *relative);
 /** Reads a whole file, or ends the test; the caller frees. A NUL follows the last byte. */
 uint8_t *lw_support_read_file(const char *path, size_t *out_size);
 
+/** Writes a whole file, or ends the test. */
+void lw_support_write_file(const char *path, const void *bytes, size_t size);
+
 #endif

@@ -32,13 +32,6 @@ static void save(const char *path, size_t size) {
     free(bytes);
 }
 
-static void write_file(const char *path, const uint8_t *bytes, size_t size) {
-    FILE *file = fopen(path, "wb");
-    assert_non_null(file);
-    assert_int_equal(fwrite(bytes, 1, size, file), size);
-    assert_int_equal(fclose(file), 0);
-}
-
 static void what_was_written_comes_back(void **state) {
     (void)state;
     static const size_t sizes[] = {0, 1, (1 << 20) - sizeof kind, 1 << 20, 3 << 20 | 5};
@@ -82,14 +75,14 @@ static void what_is_not_whole_is_refused(void **state) {
     refused(path, &other_version, "has version 3, this program reads 4");
     uint8_t *bytes = lw_support_read_file(path, &size);
     for (size_t cut = 0; cut < size; cut++) {
-        write_file(path, bytes, cut);
+        lw_support_write_file(path, bytes, cut);
         refused(path, &kind, "cut short");
     }
-    write_file(path, bytes, size + 1); /* a NUL follows */
+    lw_support_write_file(path, bytes, size + 1); /* a NUL follows */
     refused(path, &kind, "wrong checksum");
     for (size_t i = 0; i < size; i++) {
         bytes[i] ^= 0x10;
-        write_file(path, bytes, size);
+        lw_support_write_file(path, bytes, size);
         refused(path, &kind, i < 8 ? "holds no letters" : i < sizeof kind ? "has version" : "wrong checksum");
         bytes[i] ^= 0x10;
     }

@@ -60,10 +60,7 @@ static void what_is_no_environment_is_refused_by_name(void **state) {
     (void)state;
     refused("/nonexistent/sky.exr", LW_NO_INPUT, "/nonexistent/sky.exr");
     const char *text = lw_support_temporary("text.exr");
-    FILE *file = fopen(text, "w");
-    assert_non_null(file);
-    fputs("#?RADIANCE, say\n", file);
-    fclose(file);
+    lw_support_write_file(text, "#?RADIANCE, say\n", 16);
     refused(text, LW_BAD_DATA, "text.exr");
     /* cut off */
     float rgb[16 * 8 * 3] = {0};
@@ -71,10 +68,7 @@ static void what_is_no_environment_is_refused_by_name(void **state) {
     size_t size;
     uint8_t *bytes = lw_support_read_file(whole, &size);
     const char *cut = lw_support_temporary("cut.exr");
-    file = fopen(cut, "w");
-    assert_non_null(file);
-    assert_int_equal(fwrite(bytes, 1, size - 40, file), size - 40);
-    fclose(file);
+    lw_support_write_file(cut, bytes, size - 40);
     free(bytes);
     refused(cut, LW_BAD_DATA, "cut.exr");
 }

@@ -21,9 +21,7 @@ static void temporary_folders_are_where_the_user_wants_them(void **state) {
     assert_int_equal(stat(path, &st), 0);
     assert_int_equal(st.st_mode & 0777, 0700);
     snprintf(file, sizeof file, "%s/file", path);
-    FILE *f = fopen(file, "w");
-    assert_non_null(f);
-    fclose(f);
+    lw_support_write_file(file, "", 0);
     lw_folders_remove_temporary(path);
     assert_int_equal(access(path, F_OK), -1);
     assert_int_equal(rmdir(lw_support_temporary("there")), 0); /* it is empty again */

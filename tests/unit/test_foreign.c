@@ -20,8 +20,7 @@
 #include <unistd.h>
 
 static void write_bytes(const char *name, const void *bytes, size_t size) {
-    FILE *file = fopen(lw_support_temporary(name), "wb");
-    if (!file || fwrite(bytes, 1, size, file) != size || fclose(file)) fail_msg("cannot write %s", name);
+    lw_support_write_file(lw_support_temporary(name), bytes, size);
 }
 
 static void write_text(const char *name, const char *text) { write_bytes(name, text, strlen(text)); }

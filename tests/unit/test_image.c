@@ -278,27 +278,6 @@ static void exr_reads_halves_tiles_and_other_origins(void **state) {
     }
 }
 
-/* Bytes of the file at `path`, changed by nothing. */
-static unsigned char *slurp(size_t *out_size) {
-    FILE *file = fopen(path, "rb");
-    assert_non_null(file);
-    assert_int_equal(fseek(file, 0, SEEK_END), 0);
-    *out_size = (size_t)ftell(file);
-    rewind(file);
-    unsigned char *bytes = malloc(*out_size);
-    assert_non_null(bytes);
-    assert_int_equal(fread(bytes, 1, *out_size, file), *out_size);
-    fclose(file);
-    return bytes;
-}
-
-static void spill(const unsigned char *bytes, size_t size) {
-    FILE *file = fopen(path, "wb");
-    assert_non_null(file);
-    assert_int_equal(fwrite(bytes, 1, size, file), size);
-    assert_int_equal(fclose(file), 0);
-}
-
 static enum lw_status read_status(struct lw_error *err) {
     float *rgb = NULL;
     uint32_t width, height;
@@ -313,7 +292,7 @@ static void exr_refuses_what_is_none(void **state) {
     struct lw_error err;
     assert_int_equal(read_status(&err), LW_NO_INPUT);
     assert_non_null(strstr(err.text, path));
-    spill((const unsigned char *)"hello", 5);
+    lw_support_write_file(path, "hello", 5);
     assert_int_equal(read_status(&err), LW_BAD_DATA);
     assert_non_null(strstr(err.text, path));
     write_foreign(&(struct foreign){false, EXR_PIXEL_HALF, grey, 1, 0, 0, 4, 4});
@@ -331,15 +310,15 @@ static void exr_survives_every_truncation_and_many_flips(void **state) {
     lw_support_ok(lw_image_write_exr(path, rgb, 9, 18, NULL, &err), &err);
     free(rgb);
     size_t size;
-    unsigned char *bytes = slurp(&size);
+    unsigned char *bytes = lw_support_read_file(path, &size);
     for (size_t cut = 0; cut < size; cut++) {
-        spill(bytes, cut);
+        lw_support_write_file(path, bytes, cut);
         assert_int_equal(read_status(&err), LW_BAD_DATA);
     }
     unsigned refused = 0;
     for (size_t i = 0; i < size; i++) {
         bytes[i] ^= 0x80;
-        spill(bytes, size);
+        lw_support_write_file(path, bytes, size);
         refused += read_status(&err) != LW_OK;
         bytes[i] ^= 0x80;
     }
@@ -364,7 +343,7 @@ static void png_keeps_every_byte_and_says_srgb(void **state) {
     assert_true(png_image_finish_read(&image, NULL, read, 0, NULL));
     assert_memory_equal(read, pixels, sizeof pixels);
     size_t size;
-    unsigned char *bytes = slurp(&size);
+    unsigned char *bytes = lw_support_read_file(path, &size);
     assert_non_null(memmem(bytes, size, "sRGB", 4));
     free(bytes);
 }
@@ -436,7 +415,7 @@ static void a_full_disk_is_told_and_leaves_nothing(void **state) {
     static const rlim_t limits[] = {0, 100, 40000};
     for (size_t i = 0; i < sizeof limits / sizeof *limits; i++)
         for (int exr = 0; exr < 2; exr++) {
-            spill((const unsigned char *)"old", 3);
+            lw_support_write_file(path, "old", 3);
             struct rlimit before, small;
             assert_int_equal(getrlimit(RLIMIT_FSIZE, &before), 0);
             small = before;
@@ -448,7 +427,7 @@ static void a_full_disk_is_told_and_leaves_nothing(void **state) {
             assert_non_null(strstr(err.text, "File too large"));
             /* the old file is whole, and alone */
             size_t size;
-            unsigned char *bytes = slurp(&size);
+            unsigned char *bytes = lw_support_read_file(path, &size);
             assert_int_equal(size, 3);
             free(bytes);
             assert_int_equal(files_in_folder(false), 1);
@@ -459,16 +438,14 @@ static void a_link_stays_a_link(void **state) {
     (void)state;
     char target[sizeof path + 8], line[64];
     snprintf(target, sizeof target, "%s.target", path);
-    FILE *file = fopen(target, "w");
-    assert_non_null(file);
-    fclose(file);
+    lw_support_write_file(target, "", 0);
     assert_int_equal(symlink(target, path), 0);
     struct lw_error err;
     lw_support_ok(write_either(false, path, 4, 4, &err), &err);
     struct stat st;
     assert_int_equal(lstat(path, &st), 0);
     assert_true(S_ISLNK(st.st_mode));
-    file = fopen(target, "r");
+    FILE *file = fopen(target, "r");
     assert_non_null(file);
     assert_int_equal(fread(line, 1, 8, file), 8);
     fclose(file);

@@ -129,13 +129,6 @@ static void other_light_does_not_count_as_converged(void **state) {
     lw_snapshot_unref(again);
 }
 
-static void write_file(const char *path, const uint8_t *bytes, size_t size) {
-    FILE *file = fopen(path, "wb");
-    assert_non_null(file);
-    assert_int_equal(fwrite(bytes, 1, size, file), size);
-    assert_int_equal(fclose(file), 0);
-}
-
 static void refused(const struct world *w, const uint8_t wanted_key[LW_KEPT_KEY_SIZE], const char *text) {
     struct lw_error err = {0};
     struct lw_snapshot *again = NULL;
@@ -156,12 +149,12 @@ static void what_does_not_fit_is_refused(void **state) {
     size_t size;
     uint8_t *bytes = lw_support_read_file(w->path, &size);
     for (size_t cut = 0; cut < size; cut++) {
-        write_file(w->path, bytes, cut);
+        lw_support_write_file(w->path, bytes, cut);
         refused(w, key, "");
     }
     for (size_t i = 0; i < size; i++) {
         bytes[i] ^= 0x10;
-        write_file(w->path, bytes, size);
+        lw_support_write_file(w->path, bytes, size);
         refused(w, key, "");
         bytes[i] ^= 0x10;
     }
@@ -181,7 +174,7 @@ static void what_is_written_wrongly_is_refused(void **state) {
             bytes[i] ^= (uint8_t)(1u << bit);
             const uint64_t checksum = XXH3_64bits(bytes, size - sizeof checksum);
             memcpy(bytes + size - sizeof checksum, &checksum, sizeof checksum);
-            write_file(w->path, bytes, size);
+            lw_support_write_file(w->path, bytes, size);
             if (lw_kept_load(w->path, key, &w->map, TARGET_ERROR, &again, NULL) == LW_OK) {
                 accepted++; /* other light, legal all the same */
                 assert_non_null(again->frame_full);

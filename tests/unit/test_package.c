@@ -906,10 +906,7 @@ static void files_that_cannot_be_are_named(void **state) {
     status = lw_package_save(scene, "/nonexistent/b.lwscene", &err);
     lw_support_fails(status, LW_CANNOT_CREATE, &err, "/nonexistent/b.lwscene");
     const char *text_path = lw_support_temporary("text.lwscene");
-    FILE *text = fopen(text_path, "w");
-    assert_non_null(text);
-    fputs("# an OBJ, say\n", text);
-    fclose(text);
+    lw_support_write_file(text_path, "# an OBJ, say\n", 14);
     err = (struct lw_error){0};
     status = lw_package_load(text_path, &read, &err);
     lw_support_fails(status, LW_BAD_DATA, &err, "text.lwscene: not a scene package");
