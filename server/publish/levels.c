@@ -1,14 +1,28 @@
 #include "server/publish/levels.h"
 
+#include "common/wide.h"
+
 #include <stdlib.h>
 #include <string.h>
 
 #define RIM_ROUNDS        2u /* texels beyond a chart that lookups on levels 1 and 2 may touch, with one to spare */
 #define PLACEHOLDER_LEVEL 3u   /* from here on charts mix, and every texel is filled */
 #define ROUNDS_MAX        250u /* covered[] counts rounds in a byte */
+/* Filled by the solver: in a round after those of level 0, so that none goes on from it. */
+#define GIVEN (RIM_ROUNDS + 2)
+
+/* A tile of level 0 and what it covers of the levels up to PLACEHOLDER_LEVEL is a cell. A change reaches as far as a rim, which is
+ * 2 texels of level 0, 3 of level 1, 4 of level 2: into the cells beside it and no farther. */
+enum { OLD, LOADED, BESIDE, BUILT };
+_Static_assert((LW_TILE_SIDE >> (PLACEHOLDER_LEVEL - 1)) >= 2 * (RIM_ROUNDS + 2),
+               "a cell is wider than two rims");
 
 enum lw_status lw_levels_init(struct lw_levels *levels, const struct lw_atlas *atlas) {
     *levels = (struct lw_levels){.count = atlas->level_count};
+    if (!levels->count) return LW_OK;
+    levels->columns = atlas->level[0].tiles_x;
+    levels->rows = atlas->level[0].tiles_y;
+    if (!(levels->part = calloc((size_t)levels->columns * levels->rows, 1))) return LW_NO_MEMORY;
     for (uint32_t l = 0; l < levels->count; l++) {
         struct lw_levels_image *image = &levels->level[l];
         const size_t texels = (size_t)atlas->level[l].width * atlas->level[l].height;
@@ -28,6 +42,7 @@ void lw_levels_finish(struct lw_levels *levels) {
         free(levels->level[l].covered);
         free(levels->level[l].rgb);
     }
+    free(levels->part);
     *levels = (struct lw_levels){0};
 }
 
@@ -38,16 +53,34 @@ void lw_levels_load_tile(struct lw_levels *levels, const struct lw_tile_place *p
         for (uint32_t x = 0; x < tile->width; x++) {
             size_t from = (size_t)y * tile->width + x;
             size_t to = (size_t)(place->y * LW_TILE_SIDE + y) * image->width + place->x * LW_TILE_SIDE + x;
-            /* What the solver has filled counts as filled in the last round, so that none goes on from it. */
             const bool filled = tile->filled && tile->filled[from];
-            image->covered[to] = tile->covered[from] ? 1 : filled ? RIM_ROUNDS + 1 : 0;
+            image->covered[to] = tile->covered[from] ? 1 : filled ? GIVEN : 0;
             for (int c = 0; c < 3; c++)
                 image->rgb[to * 3 + (size_t)c] = image->covered[to] ? tile->light[c][from] : 0;
         }
+    levels->part[place->y * levels->columns + place->x] = LOADED;
 }
 
-/* Fills one empty texel from its neighbours of earlier rounds; false if it has none. */
-static bool fill_texel(struct lw_levels_image *image, uint32_t x, uint32_t y, uint8_t round) {
+/* Texels of a level, up to but without the last ones. */
+struct area {
+    uint32_t x0, y0, x1, y1;
+};
+
+static uint32_t smaller(uint32_t a, uint32_t b) { return a < b ? a : b; }
+
+static struct area all_of(const struct lw_levels_image *image) {
+    return (struct area){0, 0, image->width, image->height};
+}
+
+static struct area area_of(const struct lw_levels *levels, uint32_t cell, uint32_t level) {
+    const struct lw_levels_image *image = &levels->level[level];
+    const uint32_t side = LW_TILE_SIDE >> level, x = cell % levels->columns * side,
+                   y = cell / levels->columns * side;
+    return (struct area){x, y, smaller(x + side, image->width), smaller(y + side, image->height)};
+}
+
+/* Fills one empty texel from its neighbours of earlier rounds, of which it has some. */
+static void fill_texel(struct lw_levels_image *image, uint32_t x, uint32_t y, uint8_t round) {
     float sum[3] = {0};
     int count = 0;
     for (int dy = -1; dy <= 1; dy++)
@@ -59,27 +92,60 @@ static bool fill_texel(struct lw_levels_image *image, uint32_t x, uint32_t y, ui
             for (int c = 0; c < 3; c++) sum[c] += image->rgb[n * 3 + (size_t)c];
             count++;
         }
-    if (!count) return false;
     size_t i = (size_t)y * image->width + x;
     for (int c = 0; c < 3; c++) image->rgb[i * 3 + (size_t)c] = sum[c] / (float)count;
     image->covered[i] = round;
-    return true;
 }
 
-static void fill(struct lw_levels_image *image, uint32_t rounds) {
-    for (uint32_t r = 0; r < rounds && r < ROUNDS_MAX; r++) {
-        bool filled = false;
-        for (uint32_t y = 0; y < image->height; y++)
-            for (uint32_t x = 0; x < image->width; x++)
-                if (!image->covered[(size_t)y * image->width + x])
-                    filled |= fill_texel(image, x, y, (uint8_t)(r + 2));
-        if (!filled) return;
+/* Most empty texels lie far from any other: those that do not are found RUN at a time. */
+#define RUN LW_TILE_SIDE
+
+/* Which of `count` texels from (x, y) on are empty and have neighbours of earlier rounds; false: none. */
+LW_WIDE static bool find_rim(const struct lw_levels_image *image, uint32_t x, uint32_t y, uint32_t count,
+                             uint8_t round, uint8_t out[RUN]) {
+    uint8_t near[RUN + 2] = {0}; /* of the column before it, above, below or in the row */
+    const uint32_t first = x ? 0 : 1, end = x + count < image->width ? count + 2 : count + 1;
+    for (uint32_t v = y ? y - 1 : 0; v <= y + 1 && v < image->height; v++) {
+        const uint8_t *covered = image->covered + (size_t)v * image->width + x - 1 + first;
+        for (uint32_t i = first; i < end; i++)
+            near[i] |= (uint8_t)(covered[i - first] - 1) < (uint8_t)(round - 1);
     }
+    const uint8_t *covered = image->covered + (size_t)y * image->width + x;
+    uint8_t any = 0;
+    for (uint32_t i = 0; i < count; i++)
+        any |= out[i] = (uint8_t)(covered[i] == 0) & (near[i] | near[i + 1] | near[i + 2]);
+    return any;
 }
 
-static void halve(struct lw_levels_image *coarse, const struct lw_levels_image *fine) {
-    for (uint32_t y = 0; y < coarse->height; y++)
-        for (uint32_t x = 0; x < coarse->width; x++) {
+/* One round; false if it filled nothing. */
+static bool fill_area(struct lw_levels_image *image, struct area area, uint8_t round) {
+    bool filled = false;
+    for (uint32_t y = area.y0; y < area.y1; y++)
+        for (uint32_t x = area.x0; x < area.x1; x += RUN) {
+            const uint32_t count = smaller(area.x1 - x, RUN);
+            uint8_t rim[RUN];
+            if (!find_rim(image, x, y, count, round, rim)) continue;
+            for (uint32_t i = 0; i < count; i++)
+                if (rim[i]) fill_texel(image, x + i, y, round);
+            filled = true;
+        }
+    return filled;
+}
+
+/* Forgets what was filled here before. */
+static void clear_area(struct lw_levels_image *image, struct area area) {
+    for (uint32_t y = area.y0; y < area.y1; y++)
+        for (uint32_t x = area.x0; x < area.x1; x++) {
+            const size_t i = (size_t)y * image->width + x;
+            if (image->covered[i] <= 1 || image->covered[i] >= GIVEN) continue;
+            image->covered[i] = 0;
+            for (size_t c = 0; c < 3; c++) image->rgb[i * 3 + c] = 0;
+        }
+}
+
+static void halve(struct lw_levels_image *coarse, const struct lw_levels_image *fine, struct area area) {
+    for (uint32_t y = area.y0; y < area.y1; y++)
+        for (uint32_t x = area.x0; x < area.x1; x++) {
             float sum[3] = {0};
             int count = 0;
             bool surface = false;
@@ -97,14 +163,68 @@ static void halve(struct lw_levels_image *coarse, const struct lw_levels_image *
         }
 }
 
-void lw_levels_build(struct lw_levels *levels) {
-    for (uint32_t l = 0; l < levels->count; l++) {
-        struct lw_levels_image *image = &levels->level[l];
-        if (l > 0) halve(image, &levels->level[l - 1]);
-        /* The coarsest level is what a newcomer sees first: it must have no hole, whichever it is. */
-        bool whole = l >= PLACEHOLDER_LEVEL || (l > 0 && l + 1 == levels->count);
-        fill(image, whole ? ROUNDS_MAX : RIM_ROUNDS);
+/* The cells beside those that were loaded change with them. */
+static void find_parts(struct lw_levels *levels) {
+    for (uint32_t y = 0; y < levels->rows; y++)
+        for (uint32_t x = 0; x < levels->columns; x++) {
+            if (levels->part[y * levels->columns + x] != LOADED) continue;
+            for (uint32_t v = y ? y - 1 : 0; v <= y + 1 && v < levels->rows; v++)
+                for (uint32_t u = x ? x - 1 : 0; u <= x + 1 && u < levels->columns; u++) {
+                    uint8_t *part = &levels->part[v * levels->columns + u];
+                    if (*part != LOADED) *part = BESIDE;
+                }
+        }
+}
+
+#define EACH_CELL(levels, cell)                                                                              \
+    for (uint32_t cell = 0; cell < (levels)->columns * (levels)->rows; cell++)                               \
+        if ((levels)->part[cell] != OLD)
+
+static void build_cells(struct lw_levels *levels, uint32_t level) {
+    struct lw_levels_image *image = &levels->level[level];
+    EACH_CELL(levels, cell) {
+        if (level > 0)
+            halve(image, image - 1, area_of(levels, cell, level));
+        else if (levels->part[cell] == BESIDE)
+            clear_area(image, area_of(levels, cell, level));
     }
+    for (uint8_t r = 0; r < RIM_ROUNDS; r++) EACH_CELL(levels, cell)
+    fill_area(image, area_of(levels, cell, level), (uint8_t)(r + 2));
+}
+
+static void build_whole(struct lw_levels *levels, uint32_t level) {
+    struct lw_levels_image *image = &levels->level[level];
+    halve(image, image - 1, all_of(image));
+    for (uint32_t r = 0; r < ROUNDS_MAX && fill_area(image, all_of(image), (uint8_t)(r + 2)); r++) {
+    }
+}
+
+/* The coarsest level is what a newcomer sees first: it must have no hole, whichever it is. */
+static bool is_whole(const struct lw_levels *levels, uint32_t level) {
+    return level >= PLACEHOLDER_LEVEL || (level > 0 && level + 1 == levels->count);
+}
+
+void lw_levels_build(struct lw_levels *levels) {
+    for (uint32_t i = 0; i < levels->columns * levels->rows; i++)
+        if (levels->part[i] != LOADED) levels->part[i] = OLD;
+    find_parts(levels);
+    for (uint32_t l = 0; l < levels->count; l++) {
+        if (is_whole(levels, l))
+            build_whole(levels, l);
+        else
+            build_cells(levels, l);
+    }
+    EACH_CELL(levels, cell)
+    levels->part[cell] = BUILT;
+}
+
+bool lw_levels_has_changed(const struct lw_levels *levels, const struct lw_tile_place *place) {
+    if (is_whole(levels, place->level)) return true;
+    const uint32_t x0 = place->x << place->level, y0 = place->y << place->level, side = 1u << place->level;
+    for (uint32_t y = y0; y < y0 + side && y < levels->rows; y++)
+        for (uint32_t x = x0; x < x0 + side && x < levels->columns; x++)
+            if (levels->part[y * levels->columns + x] != OLD) return true;
+    return false;
 }
 
 void lw_levels_store_tile(const struct lw_levels *levels, const struct lw_tile_place *place, float *out_rgb,

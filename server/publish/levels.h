@@ -6,7 +6,9 @@
  * continuation of the chart. On level 0 the solver has filled two texels around it, chart by chart. On levels 1 and 2 what
  * is left next to covered texels is filled with the mean of their covered neighbours: charts lie in blocks of 4 x 4 texels
  * with a gutter (common/scene/lightmap.h), so all of this is of the same chart, but for slivers. Coarser levels are
- * placeholders and are filled completely. */
+ * placeholders and are filled completely.
+ *
+ * Down to level 2 only what hangs on the tiles loaded since the last time is built; what is coarser, a 48th of all texels, as a whole. */
 #ifndef LW_PUBLISH_LEVELS_H
 #define LW_PUBLISH_LEVELS_H
 
@@ -15,10 +17,12 @@
 
 struct lw_levels {
     uint32_t count;
+    uint32_t columns, rows; /* tiles of level 0 */
+    uint8_t *part;          /* per tile of level 0: what it does in the build that comes or was the last */
     struct lw_levels_image {
         uint32_t width, height;
         float *rgb;       /* 3 floats per texel, W/m^2 */
-        uint8_t *covered; /* 0: nothing; 1: has surface; 2 and more: filled, in the round given */
+        uint8_t *covered; /* 0: nothing; 1: has surface; 2 and more: filled, in that round */
     } level[LW_ATLAS_LEVELS_MAX];
 };
 
@@ -26,11 +30,13 @@ struct lw_levels {
 LW_MUST_CHECK enum lw_status lw_levels_init(struct lw_levels *levels, const struct lw_atlas *atlas);
 void lw_levels_finish(struct lw_levels *levels);
 
-/** Takes the light of one level-0 tile into level 0. */
+/** Takes the light of one level-0 tile into level 0. The first build wants all of them. */
 void lw_levels_load_tile(struct lw_levels *levels, const struct lw_tile_place *place,
                          const struct lw_solver_tile *tile);
-/** After all tiles of the object: fills gutters and builds the coarser levels. */
+/** After the tiles that have changed: fills gutters and builds what of the coarser levels hangs on them. */
 void lw_levels_build(struct lw_levels *levels);
+/** Whether the last build may have changed a tile, of any level. */
+bool lw_levels_has_changed(const struct lw_levels *levels, const struct lw_tile_place *place);
 /** Copies one tile's texels: width * height * 3 floats, and width * height bytes, 0 where no look-up reads. */
 void lw_levels_store_tile(const struct lw_levels *levels, const struct lw_tile_place *place, float *out_rgb,
                           uint8_t *out_covered);

@@ -114,17 +114,14 @@ static bool refresh_levels(struct lw_publisher *p, uint32_t object, uint64_t fra
     const uint32_t count = map->atlas[object].level_count ? level0_tiles(&map->atlas[object]) : 0;
     struct lw_solver_tile tile;
     bool changed = false;
-    for (uint32_t id = first; id < first + count && !changed; id++) {
-        solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
-        changed = tile.solved_frame == frame || p->sent[id].version == 0;
-    }
-    if (!changed) return false;
     for (uint32_t id = first; id < first + count; id++) {
         solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
+        if (tile.solved_frame != frame && p->sent[id].version) continue;
         lw_levels_load_tile(&p->levels[object], &map->place[id], &tile);
+        changed = true;
     }
-    lw_levels_build(&p->levels[object]);
-    return true;
+    if (changed) lw_levels_build(&p->levels[object]);
+    return changed;
 }
 
 /* Whether all of an object has been solved since a frame. */
@@ -277,7 +274,9 @@ static enum lw_status send_tile(struct lw_publisher *p, struct worker *worker, l
 static void consider_tile(struct lw_publisher *p, struct worker *worker, lw_tile_id id, uint64_t frame) {
     const struct lw_tile_place *place = &p->desc.atlas_map->place[id.v];
     const struct sent_tile *sent = &p->sent[id.v];
-    if (worker->status != LW_OK || !p->changed[place->object]) return;
+    if (worker->status != LW_OK || !p->changed[place->object] ||
+        !lw_levels_has_changed(&p->levels[place->object], place))
+        return;
     float error;
     uint32_t bounces;
     quality(p, place, &error, &bounces);

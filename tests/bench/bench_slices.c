@@ -3,8 +3,8 @@
  *     bench_slices [--rounds N] [--texels-per-metre D] SCENE...
  *
  * The whole scene is lit as lightwelld does by default, denoised and published, with direct light alone; then frames solve every
- * 4th, 16th and 64th tile, spread over all objects, as the parts of a round do that has a budget. CPU milliseconds with one
- * worker, medians over the rounds: of the solve (direct light and its sums), of each step of a frame's end, of them together,
+ * 4th, 16th and 64th tile, spread over all objects, or as many in a row, as the parts of a round do that has a budget. CPU
+ * milliseconds with one worker, medians over the rounds: of the solve (direct light and its sums), of each step of a frame's end, of them together,
  * and how much that is of a whole frame's. */
 #include "common/tile/tile_codec.h"
 #include "server/publish/publisher.h"
@@ -19,7 +19,10 @@
 #define ROUNDS_MAX 99
 #define WARM_UP    5 /* frames: until every texel knows its own variance */
 
-static const uint32_t parts[] = {1, 4, 16, 64};
+static const struct {
+    uint32_t part;
+    bool spread;
+} parts[] = {{1, true}, {4, true}, {16, true}, {64, true}, {4, false}, {16, false}, {64, false}};
 #define PARTS (sizeof parts / sizeof *parts)
 
 struct settings {
@@ -35,6 +38,7 @@ struct job {
     struct lw_solver *solver;
     struct lw_publisher *publisher;
     uint8_t *wanted;
+    uint32_t tiles; /* of level 0 */
     uint64_t frames;
     struct bench_meter_frame cost[PARTS][ROUNDS_MAX];
     struct lw_solver_stats solved[PARTS]; /* in the last round */
@@ -57,17 +61,22 @@ static enum lw_status set_up(struct job *job, struct lw_error *err) {
                                                              .codec = LW_TILE_CODEC_DCT,
                                                              .threads = 1},
                                  &job->publisher);
+    for (uint32_t id = 0; id < job->map.tile_count; id++) job->tiles += job->map.place[id].level == 0;
     job->wanted = malloc((size_t)job->map.tile_count + 1);
     if (!job->wanted) status = LW_NO_MEMORY;
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "%u tiles", job->map.tile_count);
 }
 
-/* Solves and publishes every part-th tile. */
-static enum lw_status slice(struct job *job, uint32_t part, struct bench_meter_frame *out_cost,
+/* Solves and publishes every part-th tile, or a part of them in a row. */
+static enum lw_status slice(struct job *job, uint32_t part, bool spread, struct bench_meter_frame *out_cost,
                             struct lw_solver_stats *out_solved, struct lw_error *err) {
-    uint32_t number = (uint32_t)job->frames;
-    for (uint32_t id = 0; id < job->map.tile_count; id++)
-        job->wanted[id] = job->map.place[id].level == 0 && number++ % part == 0;
+    const uint32_t turn = (uint32_t)job->frames % part;
+    for (uint32_t id = 0, n = 0; id < job->map.tile_count; id++) {
+        job->wanted[id] = 0;
+        if (job->map.place[id].level) continue;
+        job->wanted[id] = (spread ? n % part : n * part / job->tiles) == turn;
+        n++;
+    }
     struct lw_publisher_stats published;
     struct lw_snapshot *snapshot = NULL;
     enum lw_status status = job->solver->ops->want(job->solver, job->wanted, err);
@@ -93,14 +102,17 @@ static double median_ms(const struct job *job, size_t part, int first, int last)
 }
 
 static void print_table(const struct job *job, const char *name) {
-    printf("\n| scene | tiles | texels | solve ms |");
+    printf("\n| scene | tiles | | texels | solve ms |");
     for (int k = BENCH_DENOISE; k < BENCH_KERNELS; k++) printf(" %s |", bench_kernel_name[k]);
-    printf(" end of frame | of a whole |\n|---|---|---|---|");
+    printf(" end of frame | of a whole |\n|---|---|---|---|---|");
     for (int k = BENCH_DENOISE; k < BENCH_KERNELS; k++) printf("---|");
     printf("---|---|\n");
     for (size_t p = 0; p < PARTS; p++) {
         const double end = median_ms(job, p, BENCH_DENOISE, BENCH_KERNELS - 1);
-        printf("| %s | %u | %llu | %.2f |", name, job->solved[p].tiles_solved,
+        printf("| %s | %u | %s | %llu | %.2f |", name, job->solved[p].tiles_solved,
+               p == 0            ? ""
+               : parts[p].spread ? "spread"
+                                 : "in a row",
                (unsigned long long)job->solved[p].texels_solved,
                median_ms(job, p, BENCH_DIRECT, BENCH_FINISH));
         for (int k = BENCH_DENOISE; k < BENCH_KERNELS; k++) printf(" %.2f |", median_ms(job, p, k, k));
@@ -117,10 +129,10 @@ static enum lw_status run(void *context, const char *path, struct lw_error *err)
         bench_open(&s->open, path, BENCH_MOTION_OWN, 0, &job.scene, &job.pose, &job.map, err);
     if (status == LW_OK) status = set_up(&job, err);
     for (int i = 0; i < WARM_UP && status == LW_OK; i++)
-        status = slice(&job, 1, &job.cost[0][0], &job.solved[0], err);
+        status = slice(&job, 1, true, &job.cost[0][0], &job.solved[0], err);
     for (int64_t i = 0; i < s->rounds && status == LW_OK; i++)
         for (size_t p = 0; p < PARTS && status == LW_OK; p++)
-            status = slice(&job, parts[p], &job.cost[p][i], &job.solved[p], err);
+            status = slice(&job, parts[p].part, parts[p].spread, &job.cost[p][i], &job.solved[p], err);
     char label[64];
     if (status == LW_OK) print_table(&job, bench_label(path, label, sizeof label));
     free(job.wanted);
