@@ -156,7 +156,7 @@ enum lw_status lw_interest_create(const struct lw_scene *scene, const struct lw_
     for (uint32_t i = 0; i < map->tile_count; i++) in->tile[i] = EMPTY;
     for (uint32_t i = 0; i < map->object_count; i++) {
         in->object[i] = EMPTY;
-        add_object(in, scene, i, &pose.object_to_world[i]);
+        if (!pose.object_hidden[i]) add_object(in, scene, i, &pose.object_to_world[i]);
     }
     if (!(in->bounds.min.x <= in->bounds.max.x)) in->bounds = (struct box){{0, 0, 0}, {0, 0, 0}};
     lw_pose_finish(&pose);

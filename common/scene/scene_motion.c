@@ -175,6 +175,7 @@ static float distance_to_triangle(struct lw_vec3 p, const struct lw_vec3 v[3]) {
 static float distance_to_scene(const struct lw_scene *scene, const struct lw_pose *pose, struct lw_vec3 p) {
     float nearest = INFINITY;
     for (uint32_t o = 0; o < scene->object_count; o++) {
+        if (pose->object_hidden[o]) continue;
         const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
         for (uint32_t t = 0; t < mesh->triangle_count; t++) {
             struct lw_vec3 v[3];

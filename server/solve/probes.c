@@ -81,12 +81,13 @@ enum lw_status lw_probes_init(struct lw_probes *probes, const struct lw_probes_d
     probes->probe = calloc(count, sizeof *probes->probe);
     probes->box_os = calloc((size_t)desc->scene->mesh_count + 1, sizeof *probes->box_os);
     probes->placed_for = calloc((size_t)desc->scene->object_count + 1, sizeof *probes->placed_for);
+    probes->hidden_for = calloc((size_t)desc->scene->object_count + 1, sizeof *probes->hidden_for);
     probes->depth = calloc(count * DEPTH_CELLS * DEPTH_CHANNELS, sizeof *probes->depth);
     probes->ray = calloc(count * LW_PROBES_RAYS, sizeof *probes->ray);
     probes->sum = calloc(views * probes->form->sum_floats, sizeof *probes->sum);
     probes->map = calloc(views * probes->form->map_floats, sizeof *probes->map);
-    if (!probes->probe || !probes->box_os || !probes->placed_for || !probes->depth || !probes->ray ||
-        !probes->sum || !probes->map) {
+    if (!probes->probe || !probes->box_os || !probes->placed_for || !probes->hidden_for || !probes->depth ||
+        !probes->ray || !probes->sum || !probes->map) {
         lw_probes_finish(probes);
         return LW_NO_MEMORY;
     }
@@ -99,6 +100,7 @@ void lw_probes_finish(struct lw_probes *probes) {
     free(probes->sum);
     free(probes->ray);
     free(probes->depth);
+    free(probes->hidden_for);
     free(probes->placed_for);
     free(probes->box_os);
     free(probes->probe);
@@ -261,7 +263,9 @@ uint64_t lw_probes_place(struct lw_probes *probes, const struct lw_pose *pose, c
     const bool placed = probes->alive > 0;
     uint32_t *moved = malloc(((size_t)objects + 1) * sizeof *moved), moved_count = 0;
     for (uint32_t o = 0; moved && o < objects; o++)
-        if (memcmp(&probes->placed_for[o], &pose->object_to_world[o], sizeof *probes->placed_for))
+        if (pose->object_hidden[o] != probes->hidden_for[o] ||
+            (!pose->object_hidden[o] &&
+             memcmp(&probes->placed_for[o], &pose->object_to_world[o], sizeof *probes->placed_for)))
             moved[moved_count++] = o;
     uint64_t rays = 0;
     uint32_t alive = 0;
@@ -276,6 +280,7 @@ uint64_t lw_probes_place(struct lw_probes *probes, const struct lw_pose *pose, c
     }
     probes->alive = alive;
     memcpy(probes->placed_for, pose->object_to_world, objects * sizeof *probes->placed_for);
+    memcpy(probes->hidden_for, pose->object_hidden, objects * sizeof *probes->hidden_for);
     free(moved);
     return rays;
 }

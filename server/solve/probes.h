@@ -54,6 +54,7 @@ struct lw_probes {
     struct lw_probe *probe;
     struct lw_vec3 (*box_os)[2];  /* per mesh: bounds */
     struct lw_affine *placed_for; /* per object: where it was when the probes were placed */
+    bool *hidden_for;             /* per object: whether it was hidden then */
     float *
         depth; /* [probe][octahedral cell][5]: mean of distance and of its square, both cut off at depth_max_m; mean
                    * distance to what is seen, or to the scene's box; reciprocals of the least and of the greatest

@@ -130,7 +130,7 @@ static void expect_lit_at_once(struct lw_client *client, uint32_t object) {
 static void what_is_added_is_lit_from_the_first(void **state) {
     (void)state;
     static const char *const how[] = {CORNELL, CORNELL " --frame-budget-ms 1",
-                                      CORNELL " --light whole --bounces 0"};
+                                      CORNELL " --light whole --bounces 0", CORNELL " --tracing-range 0.5"};
     for (size_t i = 0; i < sizeof how / sizeof *how; i++) {
         serve(how[i]);
         struct lw_client *client = join(false);

@@ -324,6 +324,15 @@ static void test_probes_follow_what_moves(void **state) {
     assert_int_equal(probes.probe[left].age, 0);
     assert_true(probes.probe[entered].dead);
     assert_int_equal(lw_probes_place(&probes, &hall.pose, hall.trace, 2), 0);
+    /* Hidden, it is no longer about them; shown, it is. */
+    for (int shown = 0; shown < 2; shown++) {
+        hall.pose.object_hidden[1] = !shown;
+        hall.pose.object_dynamic[1] = true;
+        lw_support_ok(lw_trace_set_pose(hall.trace, &hall.pose, &err), &err);
+        assert_true(lw_probes_place(&probes, &hall.pose, hall.trace, 2) > 0);
+        assert_int_equal(probes.probe[entered].dead, shown);
+        assert_int_equal(lw_probes_place(&probes, &hall.pose, hall.trace, 2), 0);
+    }
     lw_probes_finish(&probes);
     hall_finish(&hall);
 }
