@@ -1,6 +1,7 @@
 /* lightwell-bake.c: the solver used offline: lightmaps as files, for any engine.
  * Flow:    options -> scene -> solver -> frames until there is enough light -> EXRs, .glb, index.json
  * Threads: main; the solver's own workers inside a frame. */
+#include "common/interrupt.h"
 #include "common/log.h"
 #include "common/options.h"
 #include "common/progress.h"
@@ -63,14 +64,6 @@ struct baker {
 static volatile sig_atomic_t signalled;
 
 static void on_signal(int number) { signalled = number; }
-
-/* A second signal has its default effect: whoever is in a hurry gets out at once. */
-static void watch_signals(void) {
-    struct sigaction action = {.sa_handler = on_signal, .sa_flags = (int)SA_RESETHAND};
-    sigemptyset(&action.sa_mask);
-    sigaction(SIGINT, &action, NULL);
-    sigaction(SIGTERM, &action, NULL);
-}
 
 /* ---- options -------------------------------------------------------------------------------------------------- */
 
@@ -507,7 +500,7 @@ int main(int argc, char **argv) {
     lw_log_init(PROGRAM, LW_LOG_INFO);
     enum lw_status status = parse(&b.settings, argc, argv, &done, &err);
     if (status == LW_OK && !done) {
-        watch_signals();
+        lw_interrupt_watch(on_signal);
         status = run(&b, &err);
         finish(&b);
     }

@@ -3,6 +3,7 @@
  *          hand-over and two flags, nothing else. */
 #include "common/atomic_file.h"
 #include "common/clock.h"
+#include "common/interrupt.h"
 #include "common/log.h"
 #include "common/options.h"
 #include "common/scene/builtin.h"
@@ -82,14 +83,6 @@ static _Atomic bool signalled_to_threads;
 static void on_early_signal(int number) {
     signalled = number;
     signalled_to_threads = true;
-}
-
-/* From the start until lw_server_run() takes over. As there, a second signal has its default effect. */
-static void watch_signals(void) {
-    struct sigaction action = {.sa_handler = on_early_signal, .sa_flags = (int)SA_RESETHAND};
-    sigemptyset(&action.sa_mask);
-    sigaction(SIGINT, &action, NULL);
-    sigaction(SIGTERM, &action, NULL);
 }
 
 /* The solver asks as well: that closes the gap between the last look at the flag and the loop's own watchers. */
@@ -575,7 +568,7 @@ int main(int argc, char **argv) {
     lw_log_init("lightwelld", LW_LOG_INFO);
     enum lw_status status = parse(&d.settings, argc, argv, &done, &err);
     if (status == LW_OK && !done) {
-        watch_signals();
+        lw_interrupt_watch(on_early_signal);
         status = run(&d, &err);
         finish(&d);
         if (status == LW_CLOSED) status = LW_OK; /* stopped by a signal before it served */

@@ -1,6 +1,7 @@
 #include "client/load/crossover.h"
 
 #include "client/load/crossover_report.h"
+#include "common/interrupt.h"
 #include "common/log.h"
 
 #include <signal.h>
@@ -11,15 +12,8 @@
 
 static volatile sig_atomic_t signalled;
 
-static void on_signal(int number) { signalled = number; }
-
 /* The first signal ends the measurement, the second the program. */
-static void watch_signals(void) {
-    struct sigaction action = {.sa_handler = on_signal, .sa_flags = (int)SA_RESETHAND};
-    sigemptyset(&action.sa_mask);
-    sigaction(SIGINT, &action, NULL);
-    sigaction(SIGTERM, &action, NULL);
-}
+static void on_signal(int number) { signalled = number; }
 
 /* OpenMP's idle threads spin for a while by default, which is CPU time that nobody used. Its library reads this when the
  * program starts: so it is started once more. The server inherits it. */
@@ -53,7 +47,7 @@ static enum lw_status run(const struct lw_crossover_options *options, const char
     static struct lw_crossover crossover; /* some 100 kB: no place on the stack */
     enum lw_status status = lw_crossover_report_prepare(options->folder, err);
     if (status != LW_OK) return status;
-    watch_signals();
+    lw_interrupt_watch(on_signal);
     status = lw_crossover_measure(options, &signalled, &crossover, err);
     if (crossover.side[LW_CROSSOVER_PATHS].point_count || status == LW_OK) {
         struct lw_error report_err = {0};

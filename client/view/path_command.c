@@ -2,6 +2,7 @@
 
 #include "client/view/export.h"
 #include "common/clock.h"
+#include "common/interrupt.h"
 #include "common/log.h"
 #include "common/progress.h"
 
@@ -22,13 +23,6 @@ static volatile sig_atomic_t stop;
 static void on_signal(int number) {
     (void)number;
     stop = 1;
-}
-
-static void catch_signals(void) {
-    struct sigaction action = {.sa_handler = on_signal, .sa_flags = (int)SA_RESETHAND};
-    sigemptyset(&action.sa_mask);
-    sigaction(SIGINT, &action, NULL);
-    sigaction(SIGTERM, &action, NULL);
 }
 
 struct command {
@@ -157,7 +151,7 @@ static enum lw_status deliver(const struct command *c, struct lw_error *err) {
 
 enum lw_status lw_path_command_run(const struct lw_view_options *options, struct lw_error *err) {
     struct command c = {.options = options, .error = (double)INFINITY};
-    catch_signals();
+    lw_interrupt_watch(on_signal);
     enum lw_status status = set_up(&c, err);
     if (status == LW_OK) {
         trace_until_enough(&c);
