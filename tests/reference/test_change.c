@@ -77,9 +77,8 @@ static void test_no_ghost_stays(void **state) {
     (void)state;
     const struct room here = make_room(8, 1.4f), there = make_room(8, 2.4f);
     struct room_solution s, anew;
-    uint64_t frame = 0;
-    room_solve(&s, &here, desc, 0);
-    solve_on(&s, &frame, 400); /* long means, which forget slowly when asked to remember */
+    uint64_t frame = 400; /* long means, which forget slowly when asked to remember */
+    room_solve(&s, &here, desc, 400);
     const struct squares before = light_of_floor(&s);
     for (unsigned i = 0; i < 10; i++) {
         shift(&s, PLATE, 0.1f);
@@ -102,9 +101,8 @@ static void test_there_and_back(void **state) {
     (void)state;
     const struct room room = make_room(8, 1.4f);
     struct room_solution s;
-    uint64_t frame = 0;
-    room_solve(&s, &room, desc, 0);
-    solve_on(&s, &frame, 400);
+    uint64_t frame = 400;
+    room_solve(&s, &room, desc, 400);
     const struct squares before = light_of_floor(&s);
     shift(&s, PLATE, 1);
     solve_on(&s, &frame, 30);
@@ -125,11 +123,10 @@ static void test_little_is_solved_for_a_small_change(void **state) {
     room.light_position[1] = lw_vec3(21, 1.6f, 1);
     room.light_count = 2;
     struct room_solution s;
-    uint64_t frame = 0;
+    uint64_t frame = 800;
     struct lw_solver_desc d = desc;
     d.target_error = 0.1f;
-    room_solve(&s, &room, d, 0);
-    for (unsigned i = 0; i < 40; i++) solve_on(&s, &frame, 20);
+    room_solve(&s, &room, d, 800);
     const uint64_t first_rays = s.rays;
     assert_int_equal(s.stats.tiles_solved, 0); /* at rest */
     s.rays = 0;
@@ -150,11 +147,10 @@ static void test_nothing_is_solved_for_what_lights_nothing(void **state) {
     room.light_position[1] = lw_vec3(5, 1, 1);
     room.light_count = 2;
     struct room_solution s;
-    uint64_t frame = 0;
+    uint64_t frame = 800;
     struct lw_solver_desc d = desc;
     d.target_error = 0.1f;
-    room_solve(&s, &room, d, 0);
-    for (unsigned i = 0; i < 40; i++) solve_on(&s, &frame, 20);
+    room_solve(&s, &room, d, 800);
     assert_int_equal(s.stats.tiles_solved, 0);
     for (unsigned i = 0; i < 20; i++) {
         s.pose.light[1].position_ws.x += 0.01f;
@@ -172,9 +168,8 @@ static void test_follows_a_lamp(void **state) {
     (void)state;
     const struct room room = make_room(8, 1.4f);
     struct room_solution s;
-    uint64_t frame = 0;
-    room_solve(&s, &room, desc, 0);
-    solve_on(&s, &frame, 100);
+    uint64_t frame = 100;
+    room_solve(&s, &room, desc, 100);
     const double before = room_object_mean(&s, 0).direct;
     for (unsigned i = 0; i < 40; i++) {
         s.pose.light[0].intensity = lw_vec3_scale(s.pose.light[0].intensity, 0.98f);
@@ -192,9 +187,8 @@ static void test_a_lamp_goes_out(void **state) {
     (void)state;
     const struct room room = make_room(8, 1.4f);
     struct room_solution s;
-    uint64_t frame = 0;
-    room_solve(&s, &room, desc, 0);
-    solve_on(&s, &frame, 200);
+    uint64_t frame = 200;
+    room_solve(&s, &room, desc, 200);
     const struct room_mean before = room_object_mean(&s, 0);
     s.pose.light[0].intensity = lw_vec3(0, 0, 0);
     solve_on(&s, &frame, 1);
