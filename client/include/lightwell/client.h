@@ -25,7 +25,7 @@ struct lw_client_desc {
      * shared instead of downloaded, if the server has the same; NULL: none. */
     const struct lw_client *scene_of;
     /* A folder for scene packages: one that is there, by its hash, is not downloaded, and one that was downloaded is kept
-     * there, if that is possible. NULL: none. */
+     * there, if that is possible; what was not used for longest goes when there is over 1 GiB. NULL: none. */
     const char *cache_folder;
     bool wants_nothing;           /* until lw_client_want() says otherwise; else it wants everything */
     bool control;                 /* it may call lw_client_update() */
