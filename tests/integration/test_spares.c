@@ -165,8 +165,8 @@ static void what_comes_back_comes_in_the_light_of_now(void **state) {
     struct lw_client *client = join(false);
     const uint32_t object = add(client, 0.3f, 0.5f, 0.4f);
     expect_lit_at_once(client, object);
-    const double before = brightness(client, object);
     change(client, LW_SCENE_CHANGE_OBJECT_REMOVE, object);
+    const double before = settled_brightness(client, object); /* what was on its way has come */
     assert_int_equal(lw_client_object_state(client, object), LW_CLIENT_OBJECT_SPARE);
     assert_true(lw_client_object_hidden(client, object));
     const struct lw_scene *scene = lw_client_scene(client);
