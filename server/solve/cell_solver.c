@@ -41,8 +41,8 @@ struct cell_solver {
     double texel_ns;           /* wall time that one takes, in the mean of late */
     bool forgetful; /* the tiles' estimates are not those of their last solve: a checkpoint keeps none */
     unsigned
-        pose_due; /* what of the pose has changed since rays, lights and tiles were last placed: LW_POSE_* */
-    bool appears; /* likewise: an object was hidden, and is not */
+        pose_due;  /* what of the pose has changed since rays, lights and tiles were last placed: LW_POSE_* */
+    bool view_due; /* likewise: which objects are hidden */
 };
 
 /* Of the above, what a checkpoint keeps. */
@@ -82,12 +82,6 @@ static enum lw_status take_materials(struct cell_solver *s) {
     return status;
 }
 
-static bool shows_more(const struct cell_solver *s, const struct lw_pose *pose) {
-    for (uint32_t o = 0; o < s->desc.scene->object_count; o++)
-        if (s->pose.object_hidden[o] && !pose->object_hidden[o]) return true;
-    return false;
-}
-
 /* Takes over s->pose. */
 static enum lw_status place(struct cell_solver *s, struct lw_solver_stats *stats, struct lw_error *err) {
     enum lw_status status = lw_trace_set_pose(s->trace, &s->pose, err);
@@ -103,7 +97,7 @@ static enum lw_status place(struct cell_solver *s, struct lw_solver_stats *stats
         stats->probe_ns += lw_clock_ns() - t;
     }
     s->pose_due = 0;
-    s->appears = false;
+    s->view_due = false;
     return LW_OK;
 }
 
@@ -264,7 +258,7 @@ static void run_finish(struct cell_solver *s, const struct lw_passes *passes, ui
         LW_TILES_EACH_BLOCK (tile, block) {
             block->unseen |= tile->due && block->due && block->covered_count;
             if (!block->unseen || !tile->shows) continue;
-            block->unseen = false;
+            block->unseen = tile->begins = false;
             block->shown_frame = tile->solved_frame = frame;
         }
         shown += tile->solved_frame == frame;
@@ -386,15 +380,17 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     s->frames_since_move++;
     if (stats.moved) {
         if (s->forgetful) recall(s, &passes, &stats);
-        s->appears |= shows_more(s, pose);
+        s->view_due |= memcmp(s->pose.object_hidden, pose->object_hidden,
+                              s->desc.scene->object_count * sizeof *pose->object_hidden) != 0;
         lw_pose_copy(&s->pose, pose, s->desc.scene);
         s->pose_due |= moved;
         s->moves++;
         s->frames_since_move = 0;
     }
     const bool looked_at = lw_schedule_is_looked_at(&s->schedule);
-    /* What appears is lit at once, whoever looks: there is nothing without light (schedule.h). */
-    enum lw_status status = s->pose_due && (looked_at || s->appears) ? place(s, &stats, err) : LW_OK;
+    /* What appears is lit at once, whoever looks: there is nothing without light (schedule.h). That what went was gone must be
+     * known by then. */
+    enum lw_status status = s->pose_due && (looked_at || s->view_due) ? place(s, &stats, err) : LW_OK;
     if (status != LW_OK) return status;
     lw_schedule_serve(&s->schedule, &s->tiles, s->has_probes);
     s->unchanged_rounds = is_changing(s) ? 0 : s->unchanged_rounds + s->schedule.ended;

@@ -198,8 +198,8 @@ void lw_schedule_choose(struct lw_schedule *schedule, struct lw_tiles *tiles, ui
     }
     for (uint32_t i = 0; i < tiles->count; i++) {
         struct lw_solve_tile *tile = &tiles->tile[i];
-        const bool in_turn =
-            is_looked_at(schedule, tile) || tile->frames == 0 || shows_unwanted(schedule, tile->object);
+        const bool in_turn = is_looked_at(schedule, tile) || tile->frames == 0 || tile->begins ||
+                             shows_unwanted(schedule, tile->object);
         /* At rest all may be seen. */
         tile->shows = count.due == 0 || (in_turn && (schedule->ended || (woken && tile->due)));
     }

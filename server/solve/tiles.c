@@ -225,6 +225,7 @@ static int by_cell(const void *a, const void *b) {
 }
 
 static void begin_block(struct lw_solve_block *block) {
+    block->unseen = false;
     block->frames = 0;
     block->direct = block->indirect = (struct lw_memory){0};
     block->change = (struct lw_change_block){0};
@@ -238,6 +239,7 @@ static void begin_block(struct lw_solve_block *block) {
 static void set_hidden(struct lw_solve_tile *tile, bool hidden) {
     tile->hidden = hidden;
     tile->woken = !hidden; /* first among what waits for a frame */
+    tile->begins = !hidden;
     tile->waiting = false;
     LW_TILES_EACH_BLOCK (tile, block) {
         if (!hidden)

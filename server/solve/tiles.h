@@ -53,6 +53,7 @@ struct lw_solve_tile {
     struct lw_vec3 centre_os; /* the same in object space */
     float radius_os;
     bool hidden; /* as its object is: it rests, and begins anew when it is shown */
+    bool begins; /* it has, and nothing of it has been shown since */
     uint32_t covered_count;
     uint32_t frames;       /* the fewest of its blocks */
     float error;           /* relative standard error of luminance, over all its blocks */

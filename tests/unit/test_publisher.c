@@ -22,6 +22,7 @@ static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_s
                                     .width = SIDE,
                                     .height = SIDE,
                                     .bounces = 2,
+                                    .frames = 1,
                                     .error = error,
                                     .solved_frame = solved_frame};
 }
