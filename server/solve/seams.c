@@ -20,6 +20,9 @@
 /* What is shown of a covered texel is at least this share of its own light, and gutters are not negative. The
  * correction itself is free: bounds within the iteration kept 20 % of the points apart. */
 #define LEAST 0.25f
+/* Rows that a bound has pulled apart are brought together again, as far as may be, in so many rounds. 16 frames of Sponza: none leave
+ * the sides of a seam 1.52 % apart in the mean, 4 sweeps (2 rounds) 0.87 %, 12 sweeps 0.68 %. */
+#define SETTLE 4
 #define KEEP_MOST                                                                                            \
     1.5 /* the mean of a component is restored by up to this factor; what needs more stays unwelded */
 #define GUESSES 8u /* texels that a gutter is extrapolated from */
@@ -517,13 +520,36 @@ static bool find_keep(const struct job *job, float out_keep[3]) {
     return true;
 }
 
-/* Takes what the component shows to where light may be. */
+static inline rgb larger(rgb a, rgb b) {
+    typedef int32_t whole __attribute__((vector_size(sizeof(rgb))));
+    const whole yes = a > b;
+    return (rgb)(((whole)a & yes) | ((whole)b & ~yes));
+}
+
+/* Projects onto one row, then to where light may be. */
+static inline void project_bounded(const struct lw_seams_row *row, rgb *x, const rgb *least) {
+    project(row, x);
+    for (int i = 0; i < 8; i++) x[row->member[i]] = larger(x[row->member[i]], least[row->member[i]]);
+}
+
+/* Takes what the component shows to where light may be, and, where that changes it, on between there and the rows by turns: projections
+ * onto convex sets. What moves is what lies near a bound; where none is met, the correction stays the smallest. */
 static void bound(const struct job *job) {
-    for (uint32_t m = job->first; m < job->last; m++)
+    rgb *x = (rgb *)job->light->welded, *least = (rgb *)job->light->scratch[0];
+    const struct lw_seams_row *row = job->seams->row;
+    bool bounds = false;
+    for (uint32_t m = job->first; m < job->last; m++) {
+        const float share = job->seams->guess[m].count ? 0 : LEAST;
         for (int c = 0; c < 3; c++) {
-            const float least = job->seams->guess[m].count ? 0 : LEAST * job->light->light[m][c];
-            job->light->welded[m][c] = fmaxf(job->light->welded[m][c], least);
+            least[m][c] = share * job->light->light[m][c];
+            bounds |= x[m][c] < least[m][c];
         }
+        x[m] = larger(x[m], least[m]);
+    }
+    for (int k = 0; k < SETTLE && bounds; k++) {
+        for (uint32_t r = job->first_row; r < job->last_row; r++) project_bounded(&row[r], x, least);
+        for (uint32_t r = job->last_row; r-- > job->first_row;) project_bounded(&row[r], x, least);
+    }
 }
 
 static void weld_component(const struct job *job) {
