@@ -3,7 +3,6 @@
 #include "common/clock.h"
 #include "common/log.h"
 #include "common/progress.h"
-#include "server/solve/burial.h"
 #include "server/solve/checkpoint.h"
 #include "server/solve/denoise.h"
 #include "server/solve/passes.h"
@@ -19,8 +18,8 @@ struct cell_solver {
     struct lw_solver base;
     struct lw_solver_desc desc;
     int threads;
-    struct lw_trace *trace;
-    struct lw_texels texels;
+    struct lw_geometry *geometry;
+    struct lw_geometry own_geometry; /* unless it is shared */
     struct lw_cells cells;
     struct lw_tiles tiles;
     struct lw_seams seams;
@@ -53,13 +52,13 @@ struct remembered {
 static enum lw_status find_seams(struct cell_solver *s) {
     lw_seams_light_finish(&s->welds);
     lw_seams_finish(&s->seams);
-    enum lw_status status = lw_seams_init(&s->seams, s->desc.scene, &s->pose, &s->texels, &s->tiles);
+    enum lw_status status =
+        lw_seams_init(&s->seams, s->desc.scene, &s->pose, &s->geometry->texels, &s->tiles);
     return status == LW_OK ? lw_seams_light_init(&s->welds, &s->seams) : status;
 }
 
-/* Objects that stood still may move from now on: what they buried comes to light, and no seam holds them. */
+/* Objects that stood still may move from now on: what they buried has come to light, and no seam holds them. */
 static enum lw_status free_objects(struct cell_solver *s) {
-    lw_burial_review(&s->texels, &s->pose, s->trace, s->threads);
     lw_tiles_recount(&s->tiles, s->threads);
     return find_seams(s);
 }
@@ -73,27 +72,20 @@ static void radiate_all(struct cell_solver *s) {
     }
 }
 
-/* Of the scene, its materials or its sky alone. */
-static enum lw_status take_materials(struct cell_solver *s) {
-    enum lw_status status =
-        s->pose_due & LW_POSE_MATERIALS ? lw_texels_set_albedo(&s->texels, s->threads) : LW_OK;
-    if (status == LW_OK) status = lw_lights_set_materials(&s->lights, &s->pose);
-    if (status == LW_OK) lw_tiles_recount(&s->tiles, s->threads);
-    return status;
-}
-
 /* Takes over s->pose. */
 static enum lw_status place(struct cell_solver *s, struct lw_solver_stats *stats, struct lw_error *err) {
-    enum lw_status status = lw_trace_set_pose(s->trace, &s->pose, err);
-    if (status == LW_OK && (s->pose_due & LW_POSE_DYNAMIC)) status = free_objects(s);
-    if (status == LW_OK && (s->pose_due & (LW_POSE_MATERIALS | LW_POSE_SKY))) status = take_materials(s);
+    enum lw_status status = lw_geometry_set_pose(s->geometry, &s->pose, err);
+    if (status != LW_OK) return status;
+    if (s->pose_due & LW_POSE_DYNAMIC) status = free_objects(s);
+    if (status == LW_OK && (s->pose_due & (LW_POSE_MATERIALS | LW_POSE_SKY)))
+        status = lw_lights_set_materials(&s->lights, &s->pose);
     if (status != LW_OK) return lw_status_fail(err, status, "taking over what has changed");
     if (s->pose_due & LW_POSE_MATERIALS) radiate_all(s);
     lw_lights_set_pose(&s->lights, &s->pose);
     lw_tiles_set_pose(&s->tiles, &s->cells, &s->pose);
     if (s->has_probes) {
         uint64_t t = lw_clock_ns();
-        stats->rays_probe += lw_probes_place(&s->probes, &s->pose, s->trace, s->threads);
+        stats->rays_probe += lw_probes_place(&s->probes, &s->pose, s->geometry->trace, s->threads);
         stats->probe_ns += lw_clock_ns() - t;
     }
     s->pose_due = 0;
@@ -364,9 +356,9 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     uint64_t t0 = lw_clock_ns();
     const struct lw_passes passes = {.scene = s->desc.scene,
                                      .pose = &s->pose,
-                                     .trace = s->trace,
+                                     .trace = s->geometry->trace,
                                      .lights = &s->lights,
-                                     .texels = &s->texels,
+                                     .texels = &s->geometry->texels,
                                      .cells = &s->cells,
                                      .probes = s->has_probes ? &s->probes : NULL,
                                      .tiles = &s->tiles,
@@ -428,8 +420,8 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     s->progress = NULL;
     if (s->has_probes) {
         uint64_t t = lw_clock_ns();
-        stats.rays_probe +=
-            lw_probes_gather(&s->probes, s->trace, &s->texels, s->frames, is_fading(s), s->threads);
+        stats.rays_probe += lw_probes_gather(&s->probes, s->geometry->trace, &s->geometry->texels, s->frames,
+                                             is_fading(s), s->threads);
         stats.probe_ns += lw_clock_ns() - t;
     }
     for (uint32_t bounce = 1; bounce <= s->desc.bounces; bounce++) {
@@ -457,16 +449,18 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
 static enum lw_status want(struct lw_solver *solver, const uint8_t *wanted, struct lw_error *err) {
     struct cell_solver *s = (struct cell_solver *)solver;
     enum lw_status status = lw_schedule_want(&s->schedule, wanted);
-    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "schedule of %u texels", s->texels.count);
+    return status == LW_OK ? LW_OK
+                           : lw_status_fail(err, status, "schedule of %u texels", s->geometry->texels.count);
 }
 
 static enum lw_status set_up_denoise(struct cell_solver *s, struct lw_error *err) {
     if (s->denoise.pairs) return LW_OK;
-    enum lw_status status = lw_denoise_pairs_init(&s->pairs, s->desc.scene, &s->texels, s->threads);
+    enum lw_status status = lw_denoise_pairs_init(&s->pairs, s->desc.scene, &s->geometry->texels, s->threads);
     if (status == LW_OK)
         status = lw_denoise_init(&s->denoise, &s->pairs, s->desc.atlas_map, &s->tiles, s->threads);
     if (status != LW_OK) lw_denoise_pairs_finish(&s->pairs);
-    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "denoiser of %u texels", s->texels.count);
+    return status == LW_OK ? LW_OK
+                           : lw_status_fail(err, status, "denoiser of %u texels", s->geometry->texels.count);
 }
 
 /* From the sums, whatever the frames have made of what is shown; and welded again. */
@@ -491,7 +485,7 @@ static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_s
     const struct cell_solver *s = (const struct cell_solver *)solver;
     const struct lw_solve_tile *tile = &s->tiles.tile[s->tiles.slot_of_id[id.v]];
     *out_tile = (struct lw_solver_tile){.covered = s->tiles.covered + tile->first,
-                                        .filled = s->texels.filled + tile->first,
+                                        .filled = s->geometry->texels.filled + tile->first,
                                         .width = tile->width,
                                         .height = tile->height,
                                         .bounces = s->desc.bounces,
@@ -557,20 +551,14 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
 
 static size_t memory_bytes(const struct lw_solver *solver) {
     const struct cell_solver *s = (const struct cell_solver *)solver;
-    size_t per_texel = sizeof(float) * (3 + 3 + 3 + (3 + 4) * (size_t)s->desc.bounces + 8) + 1 +
-                       sizeof(uint32_t) + sizeof(uint32_t) * s->desc.indirect_samples;
-    size_t mesh_texels = 0, places = 0;
-    for (uint32_t m = 0; m < s->desc.scene->mesh_count; m++) {
-        const struct lw_mesh_texels *mesh = &s->texels.mesh[m];
-        mesh_texels += mesh->texel_count;
-        if (mesh->footprint.first) places += mesh->footprint.first[mesh->texel_count];
-    }
-    per_texel += 2 + sizeof(uint32_t); /* usable places; gutters filled; block */
-    return per_texel * s->texels.count + mesh_texels * (14 * sizeof(float) + 2 * sizeof(uint32_t) + 1) +
-           places * sizeof(struct lw_footprint_place) + lw_seams_memory_bytes(&s->seams) +
+    const size_t per_texel = sizeof(float) * (3 + 3 + 3 + (3 + 4) * (size_t)s->desc.bounces + 8) +
+                             1 + /* seams' filled */
+                             sizeof(uint32_t) + sizeof(uint32_t) * s->desc.indirect_samples;
+    return per_texel * s->tiles.texel_count + lw_seams_memory_bytes(&s->seams) +
            lw_seams_light_memory_bytes(&s->seams) + lw_denoise_memory_bytes(&s->denoise) +
            lw_schedule_memory_bytes(&s->schedule) + s->tiles.block_count * sizeof *s->tiles.block +
-           (s->has_probes ? lw_probes_memory_bytes(&s->probes) : 0) + lw_trace_memory_bytes(s->trace);
+           (s->has_probes ? lw_probes_memory_bytes(&s->probes) : 0) +
+           (s->geometry == &s->own_geometry ? lw_geometry_memory_bytes(s->geometry) : 0);
 }
 
 static void destroy(struct lw_solver *solver) {
@@ -584,8 +572,7 @@ static void destroy(struct lw_solver *solver) {
     lw_seams_finish(&s->seams);
     lw_schedule_finish(&s->schedule);
     lw_tiles_finish(&s->tiles);
-    if (s->texels.scene) lw_texels_finish(&s->texels);
-    lw_trace_destroy(s->trace);
+    lw_geometry_finish(&s->own_geometry);
     lw_pose_finish(&s->pose);
     free(s->end);
     free(s);
@@ -612,7 +599,7 @@ static enum lw_status place_probes(struct cell_solver *s, struct lw_vec3 lo, str
                                                             .form = s->desc.probe_form,
                                                             .projection = s->desc.probe_projection});
     if (status != LW_OK) return status;
-    lw_probes_place(&s->probes, &s->pose, s->trace, s->threads);
+    lw_probes_place(&s->probes, &s->pose, s->geometry->trace, s->threads);
     lw_log(LW_LOG_INFO, "%u probes, %s, %.2g m apart; %u of them dead inside objects", s->probes.count,
            s->probes.form->name, (double)s->probes.grid.size_m.x, s->probes.count - s->probes.alive);
     return LW_OK;
@@ -623,21 +610,20 @@ static enum lw_status build(struct cell_solver *s, const struct lw_pose *pose, s
     enum lw_status status = lw_pose_init(&s->pose, scene);
     if (status != LW_OK) return lw_status_fail(err, status, "poses");
     lw_pose_copy(&s->pose, pose, scene);
-    if ((status = lw_trace_create(scene, &s->pose, &s->trace, err)) != LW_OK) return status;
-    if ((status = lw_texels_init(&s->texels, scene, (unsigned)s->threads, err)) != LW_OK) return status;
-    uint64_t buried = lw_burial_find(&s->texels, &s->pose, s->trace, s->threads);
-    if (buried)
-        lw_log(LW_LOG_INFO, "%llu of %u texels lie inside other objects and are left out",
-               (unsigned long long)buried, s->texels.count);
-
+    if (!s->geometry) {
+        s->geometry = &s->own_geometry;
+        if ((status = lw_geometry_init(s->geometry, scene, &s->pose, s->threads, err)) != LW_OK)
+            return status;
+    }
+    const struct lw_texels *texels = &s->geometry->texels;
     struct lw_vec3 lo = {0}, hi = {0};
     lw_pose_bounds(&s->pose, scene, &lo, &hi);
     lw_cells_init(&s->cells, lo, hi, s->desc.cell_size_m);
-    if ((status = lw_tiles_init(&s->tiles, scene, s->desc.atlas_map, &s->texels, s->desc.bounces,
-                                s->threads)) != LW_OK)
-        return lw_status_fail(err, status, "%u texels", s->texels.count);
+    if ((status = lw_tiles_init(&s->tiles, scene, s->desc.atlas_map, texels, s->desc.bounces, s->threads)) !=
+        LW_OK)
+        return lw_status_fail(err, status, "%u texels", texels->count);
     if ((status = find_seams(s)) != LW_OK)
-        return lw_status_fail(err, status, "seams of %u texels", s->texels.count);
+        return lw_status_fail(err, status, "seams of %u texels", texels->count);
     if ((status = lw_lights_init(&s->lights, scene, &s->pose)) != LW_OK)
         return lw_status_fail(err, status, "lights");
     lw_tiles_set_pose(&s->tiles, &s->cells, &s->pose);
@@ -647,16 +633,18 @@ static enum lw_status build(struct cell_solver *s, const struct lw_pose *pose, s
     if (s->has_probes && (status = place_probes(s, lo, hi)) != LW_OK)
         return lw_status_fail(err, status, "probes");
     if (s->desc.denoise && (status = set_up_denoise(s, err)) != LW_OK) return status;
-    s->end = calloc((size_t)s->texels.count * s->desc.indirect_samples + 1, sizeof *s->end);
-    if (!s->end) return lw_status_fail(err, LW_NO_MEMORY, "%u texels", s->texels.count);
+    s->end = calloc((size_t)texels->count * s->desc.indirect_samples + 1, sizeof *s->end);
+    if (!s->end) return lw_status_fail(err, LW_NO_MEMORY, "%u texels", texels->count);
     return LW_OK;
 }
 
-enum lw_status lw_cell_solver_create(const struct lw_solver_desc *desc, const struct lw_pose *pose,
-                                     struct lw_solver **out_solver, struct lw_error *err) {
+enum lw_status lw_cell_solver_create_over(struct lw_geometry *geometry, const struct lw_solver_desc *desc,
+                                          const struct lw_pose *pose, struct lw_solver **out_solver,
+                                          struct lw_error *err) {
     struct cell_solver *s = calloc(1, sizeof *s);
     if (!s) return lw_status_fail(err, LW_NO_MEMORY, "solver");
     s->base.ops = &ops;
+    s->geometry = geometry;
     s->desc = *desc;
     s->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
     if (!(s->desc.tracing_range_m > 0)) s->desc.tracing_range_m = INFINITY;
@@ -667,4 +655,9 @@ enum lw_status lw_cell_solver_create(const struct lw_solver_desc *desc, const st
     }
     *out_solver = &s->base;
     return LW_OK;
+}
+
+enum lw_status lw_cell_solver_create(const struct lw_solver_desc *desc, const struct lw_pose *pose,
+                                     struct lw_solver **out_solver, struct lw_error *err) {
+    return lw_cell_solver_create_over(NULL, desc, pose, out_solver, err);
 }

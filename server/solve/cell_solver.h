@@ -4,6 +4,7 @@
 #ifndef LW_SOLVE_CELL_SOLVER_H
 #define LW_SOLVE_CELL_SOLVER_H
 
+#include "server/solve/geometry.h"
 #include "server/solve/solver.h"
 
 /* A block rests at the target error, but never before it has seen this many frames. */
@@ -18,5 +19,12 @@
 LW_MUST_CHECK enum lw_status lw_cell_solver_create(const struct lw_solver_desc *desc,
                                                    const struct lw_pose *pose, struct lw_solver **out_solver,
                                                    struct lw_error *err);
+
+/** The same over a geometry that others share, which is at that pose and outlives it. desc->scene may have other emission and
+ * another sky than the geometry's, nothing else. */
+LW_MUST_CHECK enum lw_status lw_cell_solver_create_over(struct lw_geometry *geometry,
+                                                        const struct lw_solver_desc *desc,
+                                                        const struct lw_pose *pose,
+                                                        struct lw_solver **out_solver, struct lw_error *err);
 
 #endif

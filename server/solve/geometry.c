@@ -1,0 +1,63 @@
+#include "server/solve/geometry.h"
+
+#include "common/log.h"
+#include "server/solve/burial.h"
+
+#include <string.h>
+
+enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_scene *scene,
+                                const struct lw_pose *pose, int threads, struct lw_error *err) {
+    *geometry = (struct lw_geometry){.scene = scene, .threads = threads};
+    enum lw_status status = lw_pose_init(&geometry->pose, scene);
+    if (status != LW_OK) return lw_status_fail(err, status, "poses");
+    lw_pose_copy(&geometry->pose, pose, scene);
+    if ((status = lw_trace_create(scene, &geometry->pose, &geometry->trace, err)) != LW_OK) return status;
+    if ((status = lw_texels_init(&geometry->texels, scene, (unsigned)threads, err)) != LW_OK) return status;
+    const uint64_t buried = lw_burial_find(&geometry->texels, &geometry->pose, geometry->trace, threads);
+    if (buried)
+        lw_log(LW_LOG_INFO, "%llu of %u texels lie inside other objects and are left out",
+               (unsigned long long)buried, geometry->texels.count);
+    return LW_OK;
+}
+
+void lw_geometry_finish(struct lw_geometry *geometry) {
+    if (geometry->texels.scene) lw_texels_finish(&geometry->texels);
+    lw_trace_destroy(geometry->trace);
+    lw_pose_finish(&geometry->pose);
+    *geometry = (struct lw_geometry){0};
+}
+
+static bool is_recoloured(const struct lw_geometry *geometry, const struct lw_pose *pose) {
+    bool other = false;
+    for (uint32_t m = 0; m < geometry->scene->material_count; m++)
+        other |= memcmp(pose->material[m].base_colour, geometry->pose.material[m].base_colour,
+                        sizeof pose->material[m].base_colour) != 0;
+    return other;
+}
+
+enum lw_status lw_geometry_set_pose(struct lw_geometry *geometry, const struct lw_pose *pose,
+                                    struct lw_error *err) {
+    const unsigned moved = lw_pose_difference(pose, &geometry->pose, geometry->scene);
+    const bool recoloured = is_recoloured(geometry, pose);
+    lw_pose_copy(&geometry->pose, pose, geometry->scene);
+    enum lw_status status = LW_OK;
+    if (moved & (LW_POSE_OBJECTS | LW_POSE_DYNAMIC))
+        status = lw_trace_set_pose(geometry->trace, &geometry->pose, err);
+    if (status == LW_OK && (moved & LW_POSE_DYNAMIC))
+        lw_burial_review(&geometry->texels, &geometry->pose, geometry->trace, geometry->threads);
+    if (status == LW_OK && recoloured) status = lw_texels_set_albedo(&geometry->texels, geometry->threads);
+    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "taking over what has changed");
+}
+
+size_t lw_geometry_memory_bytes(const struct lw_geometry *geometry) {
+    const struct lw_texels *texels = &geometry->texels;
+    size_t mesh_texels = 0, places = 0;
+    for (uint32_t m = 0; m < geometry->scene->mesh_count; m++) {
+        const struct lw_mesh_texels *mesh = &texels->mesh[m];
+        mesh_texels += mesh->texel_count;
+        if (mesh->footprint.first) places += mesh->footprint.first[mesh->texel_count];
+    }
+    return texels->count * (3 + sizeof *texels->source) + /* covered, usable, filled; source */
+           mesh_texels * (14 * sizeof(float) + 2 * sizeof(uint32_t) + 1) +
+           places * sizeof(struct lw_footprint_place) + lw_trace_memory_bytes(geometry->trace);
+}

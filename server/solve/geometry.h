@@ -1,0 +1,32 @@
+/* geometry.h: what all light of a scene shares: the rays' structure and the texels.
+ * Flow:    scene, pose -> [geometry] -> cell_solver, one for each layer of light (layers.h)
+ * Threads: one caller at a time, workers inside; between two calls [any] may read. */
+#ifndef LW_SOLVE_GEOMETRY_H
+#define LW_SOLVE_GEOMETRY_H
+
+#include "common/trace/trace.h"
+#include "server/solve/texels.h"
+
+struct lw_geometry {
+    const struct lw_scene *scene;
+    struct lw_trace *trace;
+    struct lw_texels texels;
+    struct lw_pose pose; /* at which they are */
+    int threads;
+};
+
+/** Builds both at a pose. scene outlives the geometry. Errors: LW_NO_MEMORY, LW_INTERNAL; LW_BAD_DATA for more texels than fit. */
+LW_MUST_CHECK enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_scene *scene,
+                                              const struct lw_pose *pose, int threads, struct lw_error *err);
+/** A zeroed one is fine. */
+void lw_geometry_finish(struct lw_geometry *geometry);
+
+/** Moves to another pose, and takes over what base colours the scene has now. Where objects that stood still may move from now on
+ * (LW_POSE_DYNAMIC), what they buried comes to light: texels are covered that were not. A pose at which it is already
+ * costs nothing. Errors: LW_NO_MEMORY, LW_INTERNAL. */
+LW_MUST_CHECK enum lw_status lw_geometry_set_pose(struct lw_geometry *geometry, const struct lw_pose *pose,
+                                                  struct lw_error *err);
+
+size_t lw_geometry_memory_bytes(const struct lw_geometry *geometry);
+
+#endif
