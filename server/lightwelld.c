@@ -16,7 +16,7 @@
 #include "server/publish/keeper.h"
 #include "server/publish/publisher.h"
 #include "server/serve/server.h"
-#include "server/solve/cell_solver.h"
+#include "server/solve/layers.h"
 
 #include <errno.h>
 #include <poll.h>
@@ -42,7 +42,7 @@ enum codec_kind { CODEC_HALF, CODEC_DCT };
 
 struct settings {
     struct lw_scene_open scene;
-    const char *listen, *port_file, *keep, *spares;
+    const char *listen, *port_file, *keep, *spares, *light_groups;
     int64_t bounces, direct_samples, indirect_samples, seed, frames;
     int probe_form, denoise;
     double tracing_range, cell_size, probe_spacing, frame_rate, frame_budget_ms, freeze_s, error, link_rate;
@@ -60,6 +60,7 @@ struct daemon {
     size_t package_size;
     struct lw_atlas_map atlas_map;
     struct lw_pose pose;
+    struct lw_light_groups light_groups; /* until the solver has them */
     struct lw_solver *solver;
     struct lw_publisher *publisher;
     struct lw_server *server;
@@ -137,6 +138,13 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "seen: what clients look at and what lights it, nothing while nobody looks (default). whole: all of "
          "it",
          LW_OPTION_CHOICE, &s->light, 0, 0, NULL},
+        {"light-groups", "NAMES",
+         "lights that have a layer of their own, so that to dim, recolour or switch them takes no ray: names "
+         "of lights, "
+         "emissive materials or \"sky\", apart by commas; up to three groups, apart by semicolons. none: one "
+         "layer for all "
+         "(default: what the scene's animation moves)",
+         LW_OPTION_STRING, &s->light_groups, 0, 0, NULL},
         {"codec", "half|dct",
          "dct: tiles as exact as their noise lets them be (default). half: 16-bit floats, twenty to "
          "sixty times the bytes, for clients that read nothing else",
@@ -201,12 +209,14 @@ static enum lw_status read_scene(struct daemon *d, struct lw_error *err) {
         (status = lw_pose_init(&d->pose, d->scene)) != LW_OK)
         return lw_status_fail(err, status, "poses");
     lw_scene_state_pose(&d->state, 0, &d->pose);
-    return LW_OK;
+    status = lw_light_groups_init(&d->light_groups, d->scene, &d->pose, s->light_groups, err);
+    if (status != LW_OK) lw_status_context(err, "--light-groups");
+    return status;
 }
 
 static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
-    enum lw_status status = lw_cell_solver_create(
+    enum lw_status status = lw_layers_create(
         &(struct lw_solver_desc){.scene = &d->state.scene,
                                  .atlas_map = &d->atlas_map,
                                  .bounces = (uint32_t)s->bounces,
@@ -222,7 +232,7 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
                                  .seed = (uint32_t)s->seed,
                                  .frame_budget_s = s->clock == CLOCK_REAL ? s->frame_budget_ms * 1e-3 : 0,
                                  .cancel = &d->cancel},
-        &d->pose, &d->solver, err);
+        &d->light_groups, &d->pose, &d->solver, err);
     if (status != LW_OK) return status;
     if (s->light == LIGHT_SEEN) { /* by nobody, to begin with */
         uint8_t *nothing = calloc((size_t)d->atlas_map.tile_count + 1, 1);
@@ -485,13 +495,17 @@ static void make_key(const struct daemon *d, uint8_t out_key[LW_KEPT_KEY_SIZE]) 
     lw_package_hash(d->package, d->package_size, &hash);
     for (size_t i = 0; i < sizeof hash.bytes; i++)
         length += snprintf(text + length, sizeof text - (size_t)length, "%02x", hash.bytes[i]);
+    const char *groups = s->light_groups ? s->light_groups : "";
+    lw_package_hash((const uint8_t *)groups, strlen(groups), &hash);
+    for (size_t i = 0; i < sizeof hash.bytes; i++)
+        length += snprintf(text + length, sizeof text - (size_t)length, "%02x", hash.bytes[i]);
     length +=
         snprintf(text + length, sizeof text - (size_t)length,
                  " " LW_VERSION " bounces %lld samples %lld %lld seed %lld range %a cell %a probes %d %a "
                  "denoise %d codec %d freeze %d %a",
                  (long long)s->bounces, (long long)s->direct_samples, (long long)s->indirect_samples,
                  (long long)s->seed, s->tracing_range, s->cell_size, s->probe_form, s->probe_spacing,
-                 s->denoise, s->codec, s->freeze, s->freeze_s);
+                 s->denoise, s->codec, s->freeze, s->freeze_s, s->light_groups ? s->light_groups : "");
     lw_package_hash((const uint8_t *)text, (size_t)length, &hash);
     memcpy(out_key, hash.bytes, LW_KEPT_KEY_SIZE);
 }
@@ -542,6 +556,7 @@ static void finish(struct daemon *d) {
     lw_keeper_finish(&d->keeper);
     lw_publisher_destroy(d->publisher);
     if (d->solver) d->solver->ops->destroy(d->solver);
+    lw_light_groups_finish(&d->light_groups);
     lw_pose_finish(&d->pose);
     lw_scene_state_finish(&d->state);
     lw_atlas_map_finish(&d->atlas_map);

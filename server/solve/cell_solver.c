@@ -349,24 +349,28 @@ static void show(struct cell_solver *s, uint64_t number, struct lw_solver_stats 
     weld(s, number);
 }
 
+static struct lw_passes passes_of(struct cell_solver *s) {
+    return (struct lw_passes){.scene = s->desc.scene,
+                              .pose = &s->pose,
+                              .trace = s->geometry->trace,
+                              .lights = &s->lights,
+                              .texels = &s->geometry->texels,
+                              .cells = &s->cells,
+                              .probes = s->has_probes ? &s->probes : NULL,
+                              .tiles = &s->tiles,
+                              .end = s->end,
+                              .direct_samples = s->desc.direct_samples,
+                              .indirect_samples = s->desc.indirect_samples,
+                              .seed = s->desc.seed,
+                              .tracing_range_m = s->desc.tracing_range_m};
+}
+
 static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose, uint64_t number,
                             struct lw_solver_stats *out_stats, struct lw_error *err) {
     struct cell_solver *s = (struct cell_solver *)solver;
     struct lw_solver_stats stats = {0};
     uint64_t t0 = lw_clock_ns();
-    const struct lw_passes passes = {.scene = s->desc.scene,
-                                     .pose = &s->pose,
-                                     .trace = s->geometry->trace,
-                                     .lights = &s->lights,
-                                     .texels = &s->geometry->texels,
-                                     .cells = &s->cells,
-                                     .probes = s->has_probes ? &s->probes : NULL,
-                                     .tiles = &s->tiles,
-                                     .end = s->end,
-                                     .direct_samples = s->desc.direct_samples,
-                                     .indirect_samples = s->desc.indirect_samples,
-                                     .seed = s->desc.seed,
-                                     .tracing_range_m = s->desc.tracing_range_m};
+    const struct lw_passes passes = passes_of(s);
     const unsigned moved = lw_pose_difference(pose, &s->pose, s->desc.scene);
     stats.moved = moved != 0;
     s->frames_since_move++;
@@ -444,6 +448,26 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     s->frames++;
     *out_stats = stats;
     return LW_OK;
+}
+
+struct lw_tiles *lw_cell_solver_tiles(struct lw_solver *solver) {
+    return &((struct cell_solver *)solver)->tiles;
+}
+
+void lw_cell_solver_review(struct lw_solver *solver) {
+    struct cell_solver *s = (struct cell_solver *)solver;
+    const struct lw_passes passes = passes_of(s);
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        struct lw_solve_tile *tile = &s->tiles.tile[i];
+        lw_passes_judge(&passes, tile);
+        LW_TILES_EACH_BLOCK (tile, block) {
+            if (!block->resting || !block->covered_count) continue;
+            block->resting = settled(s, block);
+            lw_change_review(block, s->desc.target_error);
+        }
+        lw_tiles_sum_up(tile);
+    }
+    s->still_rounds = 0;
 }
 
 static enum lw_status want(struct lw_solver *solver, const uint8_t *wanted, struct lw_error *err) {

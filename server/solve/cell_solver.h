@@ -6,6 +6,7 @@
 
 #include "server/solve/geometry.h"
 #include "server/solve/solver.h"
+#include "server/solve/tiles.h"
 
 /* A block rests at the target error, but never before it has seen this many frames. */
 #define LW_CELL_SOLVER_FRAMES_MIN 16u
@@ -26,5 +27,11 @@ LW_MUST_CHECK enum lw_status lw_cell_solver_create_over(struct lw_geometry *geom
                                                         const struct lw_solver_desc *desc,
                                                         const struct lw_pose *pose,
                                                         struct lw_solver **out_solver, struct lw_error *err);
+
+/** What it holds, between two frames. Of that, `beside` of blocks may be written. */
+struct lw_tiles *lw_cell_solver_tiles(struct lw_solver *solver);
+
+/** Asks of every block at rest whether it may be, as `beside` is now. */
+void lw_cell_solver_review(struct lw_solver *solver);
 
 #endif

@@ -93,7 +93,7 @@ static float mean_over(const struct lw_vec3 region[LW_CHANGE_REGIONS]) {
 }
 
 static bool is_too_much(const struct lw_solve_block *block, const struct off *off, float target_error) {
-    const float may_be = block->light * fmaxf(target_error, 0);
+    const float may_be = (block->light + block->beside) * fmaxf(target_error, 0);
     return off->direct > may_be || COHERENT * mean_over(off->indirect) > may_be;
 }
 
@@ -125,6 +125,11 @@ void lw_change_wake(struct lw_solve_block *block, float target_error) {
     change->judged = witnesses(block);
     block->resting = false;
     block->stale = change->woken = true;
+}
+
+void lw_change_review(struct lw_solve_block *block, float target_error) {
+    block->change.begins = false;
+    lw_change_wake(block, target_error);
 }
 
 bool lw_change_choose_due(struct lw_solve_block *block, uint32_t moves, bool changing) {

@@ -76,6 +76,9 @@ void lw_change_weigh_direct(struct lw_solve_block *block, uint32_t moves);
 /** After lw_passes_arrive() of the first bounce: that of indirect light. most: frames that it may remember in any case. */
 void lw_change_weigh_indirect(struct lw_solve_block *block, float most);
 
+/** Wakes a block at rest if all that was found since it was solved is more than its target error allows, as that is now. */
+void lw_change_review(struct lw_solve_block *block, float target_error);
+
 /** Whether more of a block's means is out of date than may be at rest. */
 bool lw_change_is_stale(const struct lw_solve_block *block, float target_error);
 

@@ -660,9 +660,10 @@ static void add_up_block(struct lw_tiles *tiles, const struct lw_solve_tile *til
     block->luminance = luminance;
 }
 
-/* Errors of a tile and its blocks. A block's noise is measured against its own light or the tile's, whichever is more, so that
- * a dark corner of a lit tile need not be known better than the rest. */
-static void judge(struct lw_solve_tile *tile, uint32_t samples) {
+void lw_passes_judge(const struct lw_passes *p, struct lw_solve_tile *tile) {
+    if (!tile->covered_count) return;
+    const uint32_t samples =
+        p->direct_samples > p->indirect_samples ? p->direct_samples : p->indirect_samples;
     double luminance = 0, looks = 0, square = 0;
     LW_TILES_EACH_BLOCK (tile, block) {
         luminance += block->luminance;
@@ -680,7 +681,8 @@ static void judge(struct lw_solve_tile *tile, uint32_t samples) {
         if (others < 1)
             block->error = 1;
         else if (light > 0)
-            block->error = (float)fmin(1, sqrt(block->variance / n / others) / light);
+            block->error =
+                (float)fmin(1, sqrt(block->variance / n / others) / (light + (double)block->beside));
         else
             block->error = error_of_darkness(looks);
         square += n * (double)block->error * (double)block->error;
@@ -704,6 +706,5 @@ void lw_passes_finish_tile(const struct lw_passes *p, struct lw_solve_tile *tile
             const struct lw_solve_block *block = &tile->block[row * tile->block_columns + column];
             if (block->due && block->covered_count) add_up_block(tiles, tile, column, row);
         }
-    if (tile->covered_count)
-        judge(tile, p->direct_samples > p->indirect_samples ? p->direct_samples : p->indirect_samples);
+    lw_passes_judge(p, tile);
 }

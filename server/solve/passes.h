@@ -70,7 +70,11 @@ void lw_passes_recall(const struct lw_passes *passes, const struct lw_solve_tile
  * difference to its blocks' radiance_change. */
 void lw_passes_radiate(const struct lw_passes *passes, const struct lw_solve_tile *tile, uint32_t bounce);
 
-/** After the last bounce: sums the orders, updates the noise estimates. */
+/** Sets the errors of a tile and its blocks. A block's noise is measured against its own light or the tile's, whichever is more, so
+ * that a dark corner of a lit tile need not be known better than the rest; and what comes from elsewhere. */
+void lw_passes_judge(const struct lw_passes *passes, struct lw_solve_tile *tile);
+
+/** After the last bounce: sums the orders, updates the noise estimates, judges. */
 void lw_passes_finish_tile(const struct lw_passes *passes, struct lw_solve_tile *tile);
 
 #endif

@@ -30,8 +30,8 @@ struct lw_solve_block {
     struct lw_change_block change;
     double variance;  /* sum over its texels: of one frame's estimate, luminance, about the running mean */
     double luminance; /* sum over its texels, of E */
-    float
-        light; /* luminance of E that its errors are measured against: its own mean, or the tile's if that is more */
+    float light;      /* luminance of E: its own mean, or the tile's if that is more */
+    float beside; /* luminance of E that it has from elsewhere (layers.h): errors are measured against both */
     float noise
         [LW_TILES_PARTS]; /* relative variances of one frame's estimates of a texel; < 0: not known yet */
     float error;          /* relative standard error of luminance */

@@ -116,7 +116,7 @@ struct lw_scene *room_scene(const struct room *room) {
         node->rotation[0] = -sqrtf(0.5f); /* -Z turned to -Y */
         node->rotation[3] = sqrtf(0.5f);
         scene->light[i] = room->light[i];
-        scene->light[i].name = "light";
+        if (!scene->light[i].name) scene->light[i].name = "light";
         scene->light[i].node = room->quad_count + i;
     }
     for (int c = 0; c < 3; c++) scene->sky[c] = room->sky;
@@ -124,8 +124,9 @@ struct lw_scene *room_scene(const struct room *room) {
     return scene;
 }
 
-void room_solve_at(struct room_solution *solution, struct lw_scene *scene, float texels_per_metre,
-                   struct lw_solver_desc desc, double time_s, unsigned frames) {
+/* All but the solver. */
+static void prepare(struct room_solution *solution, struct lw_scene *scene, float texels_per_metre,
+                    struct lw_solver_desc *desc, double time_s) {
     struct lw_error err = {0};
     lw_support_ok(lw_scene_validate(scene, &err), &err);
     *solution = (struct room_solution){.scene = scene};
@@ -137,18 +138,39 @@ void room_solve_at(struct room_solution *solution, struct lw_scene *scene, float
     lw_support_ok(lw_atlas_map_init(&solution->map, scene), NULL);
     lw_support_ok(lw_pose_init(&solution->pose, scene), NULL);
     lw_pose_evaluate(&solution->pose, scene, time_s);
-    desc.scene = scene;
-    desc.atlas_map = &solution->map;
-    if (!desc.direct_samples) desc.direct_samples = 1;
-    if (!desc.indirect_samples) desc.indirect_samples = 4;
-    if (!desc.seed) desc.seed = 1;
-    lw_support_ok(lw_cell_solver_create(&desc, &solution->pose, &solution->solver, &err), &err);
+    desc->scene = scene;
+    desc->atlas_map = &solution->map;
+    if (!desc->direct_samples) desc->direct_samples = 1;
+    if (!desc->indirect_samples) desc->indirect_samples = 4;
+    if (!desc->seed) desc->seed = 1;
+}
+
+static void solve(struct room_solution *solution, unsigned frames) {
+    struct lw_error err = {0};
     for (unsigned f = 1; f <= frames; f++) {
         lw_support_ok(
             solution->solver->ops->frame(solution->solver, &solution->pose, f, &solution->stats, &err), &err);
         solution->rays +=
             solution->stats.rays_shadow + solution->stats.rays_bounce + solution->stats.rays_probe;
     }
+}
+
+void room_solve_at(struct room_solution *solution, struct lw_scene *scene, float texels_per_metre,
+                   struct lw_solver_desc desc, double time_s, unsigned frames) {
+    struct lw_error err = {0};
+    prepare(solution, scene, texels_per_metre, &desc, time_s);
+    lw_support_ok(lw_cell_solver_create(&desc, &solution->pose, &solution->solver, &err), &err);
+    solve(solution, frames);
+}
+
+void room_solve_layers(struct room_solution *solution, struct lw_scene *scene, float texels_per_metre,
+                       struct lw_solver_desc desc, const char *light_groups, unsigned frames) {
+    struct lw_error err = {0};
+    struct lw_light_groups groups;
+    prepare(solution, scene, texels_per_metre, &desc, 0);
+    lw_support_ok(lw_light_groups_init(&groups, scene, &solution->pose, light_groups, &err), &err);
+    lw_support_ok(lw_layers_create(&desc, &groups, &solution->pose, &solution->solver, &err), &err);
+    solve(solution, frames);
 }
 
 void room_solve_scene(struct room_solution *solution, struct lw_scene *scene, float texels_per_metre,

@@ -3,6 +3,7 @@
 #define LW_TESTS_ROOM_H
 
 #include "server/solve/cell_solver.h"
+#include "server/solve/layers.h"
 #include "tests/support/support.h"
 
 #include <math.h>
@@ -29,7 +30,7 @@ struct room {
         unsigned
             segments; /* 0: a quad; else a disc of so many triangles, the edges its radii, corner its centre */
     } quad[ROOM_QUADS_MAX];
-    struct lw_light light[ROOM_LIGHTS_MAX];
+    struct lw_light light[ROOM_LIGHTS_MAX]; /* without a name: "light" */
     struct lw_vec3
         light_position[ROOM_LIGHTS_MAX]; /* punctual lights shine along -Y where they have a direction */
     uint32_t quad_count, light_count;
@@ -68,6 +69,9 @@ void room_solve_at(struct room_solution *solution, struct lw_scene *scene, float
 /** The same at time 0. */
 void room_solve_scene(struct room_solution *solution, struct lw_scene *scene, float texels_per_metre,
                       struct lw_solver_desc desc, unsigned frames);
+/** The same in layers, by light_groups.h. */
+void room_solve_layers(struct room_solution *solution, struct lw_scene *scene, float texels_per_metre,
+                       struct lw_solver_desc desc, const char *light_groups, unsigned frames);
 void room_finish(struct room_solution *solution);
 
 /** Ends the test unless the light of two solutions of one scene is the same, bit for bit. Returns how many tiles that is. */

@@ -1,0 +1,349 @@
+/* Light in layers: the same light as in one, switched and coloured without a ray. */
+#include "tests/reference/room.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+enum { PLATE = 6, PANEL }; /* after the six faces of room_box() */
+
+/* Two lamps, a glowing panel under the ceiling, and a plate in between. */
+static struct room make_room(void) {
+    struct room room = {.texels_per_metre = 12};
+    room_box(&room, lw_vec3(4, 2, 2), 0.5f, 0);
+    room_quad(&room, lw_vec3(1.4f, 0.4f, 0.8f), lw_vec3(0, 0, 0.4f), lw_vec3(0.4f, 0, 0), 0.5f, 0);
+    room.quad[PLATE].double_sided = true;
+    room_quad(&room, lw_vec3(2, 1.9f, 0.8f), lw_vec3(0.4f, 0, 0), lw_vec3(0, 0, 0.4f), 0.5f, 6);
+    room.light[0] = (struct lw_light){.name = "left", .kind = LW_LIGHT_POINT, .intensity = {4, 4, 4}};
+    room.light_position[0] = lw_vec3(1, 1.6f, 1);
+    room.light[1] = (struct lw_light){.name = "right", .kind = LW_LIGHT_POINT, .intensity = {3, 0, 1}};
+    room.light_position[1] = lw_vec3(3, 1.6f, 1);
+    room.light_count = 2;
+    return room;
+}
+
+static const struct lw_solver_desc desc = {
+    .bounces = 2, .direct_samples = 1, .indirect_samples = 4, .target_error = 0.05f};
+/* Of an object's light after a change: blocks rest with up to target_error of it out of date. */
+#define AFTER_CHANGE 0.05
+
+static void begin(struct room_solution *s, const char *groups, unsigned frames) {
+    const struct room room = make_room();
+    room_solve_layers(s, room_scene(&room), room.texels_per_metre, desc, groups, frames);
+}
+
+/* Solves until nothing more is solved. */
+static void settle(struct room_solution *s, uint64_t *frame) {
+    for (unsigned quiet = 0, f = 0; quiet < 20; f++) {
+        assert_true(f < 3000);
+        lw_support_ok(s->solver->ops->frame(s->solver, &s->pose, ++*frame, &s->stats, NULL), NULL);
+        quiet = s->stats.tiles_solved ? 0 : quiet + 1;
+    }
+}
+
+/* One frame; returns its rays. */
+static uint64_t step(struct room_solution *s, uint64_t *frame) {
+    lw_support_ok(s->solver->ops->frame(s->solver, &s->pose, ++*frame, &s->stats, NULL), NULL);
+    return s->stats.rays_shadow + s->stats.rays_bounce;
+}
+
+/* What is shown of the floor. */
+struct picture {
+    float *light[3];
+    size_t count;
+};
+
+static struct picture look(const struct room_solution *s) {
+    struct picture picture = {.count = 0};
+    const struct lw_atlas_level *level = &s->map.atlas[0].level[0];
+    for (int c = 0; c < 3; c++)
+        picture.light[c] =
+            malloc(level->tiles_x * level->tiles_y * LW_TILE_SIDE * LW_TILE_SIDE * sizeof(float));
+    for (uint32_t t = 0; t < level->tiles_x * level->tiles_y; t++) {
+        struct lw_solver_tile tile;
+        s->solver->ops->read_tile(s->solver, (lw_tile_id){s->map.first_tile[0] + t}, &tile);
+        const size_t texels = tile.width * tile.height;
+        for (int c = 0; c < 3; c++)
+            memcpy(picture.light[c] + picture.count, tile.light[c], texels * sizeof(float));
+        picture.count += texels;
+    }
+    return picture;
+}
+
+static void forget(struct picture *picture) {
+    for (int c = 0; c < 3; c++) free(picture->light[c]);
+}
+
+static bool same(const struct picture *a, const struct picture *b, int c) {
+    return memcmp(a->light[c], b->light[c], a->count * sizeof(float)) == 0;
+}
+
+/* Means of the objects of two solves agree. */
+static void expect_same_light(const struct room_solution *a, const struct room_solution *b,
+                              double tolerance) {
+    for (uint32_t o = 0; o < PLATE; o++)
+        expect_near(room_object_mean(a, o).total, room_object_mean(b, o).total, tolerance);
+}
+
+/* However it is parted, light is the same. */
+static void test_the_sum_is_the_light_of_all(void **state) {
+    (void)state;
+    const char *const groups[] = {"right", "left;right", "grey,left", NULL};
+    struct room_solution one;
+    uint64_t frame = 0;
+    begin(&one, "none", 0);
+    settle(&one, &frame);
+    for (unsigned i = 0; i < sizeof groups / sizeof *groups; i++) {
+        struct room_solution parted;
+        begin(&parted, groups[i], 0);
+        frame = 0;
+        settle(&parted, &frame);
+        expect_same_light(&parted, &one, 0.01);
+        room_finish(&parted);
+    }
+    room_finish(&one);
+}
+
+/* Off, dimmed, in another colour, and as before: no ray, and the last to the bit. */
+static void test_another_weight_takes_no_ray(void **state) {
+    (void)state;
+    struct room_solution s, alone;
+    uint64_t frame = 0;
+    begin(&s, "right", 0);
+    settle(&s, &frame);
+    struct picture before = look(&s);
+    const struct lw_vec3 on = s.pose.light[1].intensity;
+
+    s.pose.light[1].intensity = lw_vec3(0, 0, 0);
+    assert_int_equal(step(&s, &frame), 0);
+    assert_true(s.stats.tiles_shown > 0 && s.stats.moved);
+    assert_int_equal(step(&s, &frame), 0);
+    assert_int_equal(s.stats.tiles_shown, 0);
+    struct room room = make_room();
+    room.light_count = 1;
+    room_solve_scene(&alone, room_scene(&room), room.texels_per_metre, desc, 0);
+    uint64_t frames = 0;
+    settle(&alone, &frames);
+    expect_same_light(&s, &alone, 0.01);
+    room_finish(&alone);
+    struct picture off = look(&s);
+
+    s.pose.light[1].intensity = lw_vec3(0, 2, 0); /* a channel in which it never shone */
+    assert_int_equal(step(&s, &frame), 0);
+    struct picture green = look(&s);
+    assert_true(same(&green, &off, 0) && !same(&green, &off, 1) && same(&green, &off, 2));
+    for (size_t i = 0; i < green.count; i++) /* as much of green as it gave of red, by 2 / 3 */
+        assert_true(fabsf(3 * (green.light[1][i] - off.light[1][i]) -
+                          2 * (before.light[0][i] - off.light[0][i])) <= 1e-5f * (before.light[0][i] + 1));
+
+    s.pose.light[1].intensity = on;
+    assert_int_equal(step(&s, &frame), 0);
+    struct picture after = look(&s);
+    for (int c = 0; c < 3; c++) assert_true(same(&after, &before, c));
+    struct lw_solver_tile tile;
+    s.solver->ops->read_tile(s.solver, (lw_tile_id){s.map.first_tile[0]}, &tile);
+    assert_int_equal(tile.solved_frame, frame);
+
+    forget(&before), forget(&off), forget(&green), forget(&after);
+    room_finish(&s);
+}
+
+/* Two lamps of a group dim together for nothing; one of them alone is solved anew, and comes out right. */
+static void test_a_group_has_one_weight(void **state) {
+    (void)state;
+    struct room_solution s, anew;
+    uint64_t frame = 0;
+    begin(&s, "left,right", 0);
+    settle(&s, &frame);
+    for (int i = 0; i < 2; i++) s.pose.light[i].intensity = lw_vec3_scale(s.pose.light[i].intensity, 0.3f);
+    assert_int_equal(step(&s, &frame), 0);
+    s.pose.light[1].intensity = lw_vec3(0, 0, 0);
+    assert_true(step(&s, &frame) > 0);
+    settle(&s, &frame);
+    struct room room = make_room();
+    room.light[0].intensity[0] = room.light[0].intensity[1] = room.light[0].intensity[2] = 1.2f;
+    room.light_count = 1;
+    room_solve_scene(&anew, room_scene(&room), room.texels_per_metre, desc, 0);
+    frame = 0;
+    settle(&anew, &frame);
+    expect_same_light(&s, &anew, AFTER_CHANGE);
+    room_finish(&anew);
+    room_finish(&s);
+}
+
+/* While a lamp of another layer moves, light that stands rests; and when the lamp has come to rest the sum is right. */
+static void test_light_that_stands_rests(void **state) {
+    (void)state;
+    struct room_solution s, joint, anew;
+    uint64_t frame = 0, rays = 0, joint_rays = 0;
+    begin(&s, "right", 0);
+    settle(&s, &frame);
+    begin(&joint, "none", 0);
+    uint64_t joint_frame = 0;
+    settle(&joint, &joint_frame);
+    for (unsigned i = 0; i < 20; i++) {
+        s.pose.light[1].position_ws.x -= 0.02f;
+        joint.pose.light[1].position_ws.x -= 0.02f;
+        rays += step(&s, &frame);
+        joint_rays += step(&joint, &joint_frame);
+    }
+    assert_true(rays < joint_rays);
+    s.pose.light[1].intensity = lw_vec3(0, 0, 0); /* what is left was not touched */
+    assert_int_equal(step(&s, &frame), 0);
+    s.pose.light[1].intensity = lw_vec3(3, 0, 1);
+    settle(&s, &frame);
+    struct room room = make_room();
+    room.light_position[1] = s.pose.light[1].position_ws;
+    room_solve_scene(&anew, room_scene(&room), room.texels_per_metre, desc, 0);
+    frame = 0;
+    settle(&anew, &frame);
+    expect_same_light(&s, &anew, AFTER_CHANGE);
+    room_finish(&anew);
+    room_finish(&joint);
+    room_finish(&s);
+}
+
+/* What moved while a lamp was off is in its light when it is on again. */
+static void test_switched_off_in_between(void **state) {
+    (void)state;
+    struct room_solution s, anew;
+    uint64_t frame = 0;
+    begin(&s, "left", 0);
+    settle(&s, &frame);
+    const struct lw_vec3 on = s.pose.light[0].intensity;
+    s.pose.light[0].intensity = lw_vec3(0, 0, 0);
+    for (unsigned i = 0; i < 8; i++) {
+        s.pose.object_dynamic[PLATE] = true;
+        s.pose.object_to_world[PLATE].m[0][3] += 0.1f;
+        step(&s, &frame);
+    }
+    s.pose.light[0].intensity = on;
+    settle(&s, &frame);
+    struct room room = make_room();
+    room.quad[PLATE].corner.x += 0.8f;
+    room_solve_scene(&anew, room_scene(&room), room.texels_per_metre, desc, 0);
+    frame = 0;
+    settle(&anew, &frame);
+    expect_same_light(&s, &anew, AFTER_CHANGE);
+    room_finish(&anew);
+    room_finish(&s);
+}
+
+/* All is dark, then something shines that never did. */
+static void test_out_of_the_dark(void **state) {
+    (void)state;
+    struct room_solution s, anew;
+    uint64_t frame = 0;
+    struct room room = make_room();
+    room.light_count = 1;
+    for (int c = 0; c < 3; c++) room.light[0].intensity[c] = 0;
+    room.quad[PANEL].emission = 0;
+    room_solve_layers(&s, room_scene(&room), room.texels_per_metre, desc, NULL, 0);
+    step(&s, &frame);
+    assert_true(s.stats.tiles_shown > 0);
+    assert_true(room_object_mean(&s, 0).total == 0);
+    assert_int_equal(step(&s, &frame), 0);
+    for (int c = 0; c < 3; c++) s.pose.material[PANEL].emission[c] = 6;
+    settle(&s, &frame);
+    room.quad[PANEL].emission = 6;
+    room_solve_scene(&anew, room_scene(&room), room.texels_per_metre, desc, 0);
+    frame = 0;
+    settle(&anew, &frame);
+    expect_same_light(&s, &anew, AFTER_CHANGE);
+    room_finish(&anew);
+    room_finish(&s);
+}
+
+/* Saved and read again, it goes on as if nothing had been. */
+static void test_comes_back(void **state) {
+    (void)state;
+    struct room_solution first, second;
+    const uint8_t key[16] = {7};
+    const char *path = lw_support_temporary("layers");
+    uint64_t frames, frame = 12;
+    begin(&first, "right", 12);
+    lw_support_ok(first.solver->ops->save(first.solver, path, key, NULL), NULL);
+    begin(&second, "right", 0);
+    lw_support_ok(second.solver->ops->load(second.solver, path, key, &frames, NULL), NULL);
+    assert_int_equal(frames, 12);
+    struct picture a = look(&first), b = look(&second);
+    for (int c = 0; c < 3; c++) assert_true(same(&a, &b, c));
+    forget(&a), forget(&b);
+    uint64_t other = frame;
+    for (unsigned i = 0; i < 4; i++) step(&first, &frame), step(&second, &other);
+    a = look(&first), b = look(&second);
+    for (int c = 0; c < 3; c++) assert_true(same(&a, &b, c));
+    forget(&a), forget(&b);
+    room_finish(&second);
+    begin(&second, "left", 0); /* other layers: other sums */
+    struct lw_error err = {0};
+    lw_support_ok(second.solver->ops->load(second.solver, path, key, &frames, &err), &err);
+    room_finish(&second);
+    room_finish(&first);
+}
+
+/* ---- groups ---- */
+
+static void expect_groups(const char *names, uint32_t count, uint32_t left, uint32_t right, uint32_t sky) {
+    const struct room room = make_room();
+    struct lw_scene *scene = room_scene(&room);
+    struct lw_pose pose;
+    struct lw_light_groups groups;
+    struct lw_error err = {0};
+    lw_support_ok(lw_pose_init(&pose, scene), NULL);
+    lw_support_ok(lw_light_groups_init(&groups, scene, &pose, names, &err), &err);
+    assert_int_equal(groups.count, count);
+    assert_int_equal(groups.light[0], left);
+    assert_int_equal(groups.light[1], right);
+    assert_int_equal(groups.sky, sky);
+    lw_light_groups_finish(&groups);
+    lw_pose_finish(&pose);
+    lw_scene_destroy(scene);
+}
+
+static void test_groups_by_name(void **state) {
+    (void)state;
+    expect_groups("none", 1, 0, 0, 0);
+    expect_groups(NULL, 1, 0, 0, 0); /* nothing moves */
+    expect_groups("right", 2, 0, 1, 0);
+    expect_groups("left;right", 3, 1, 2, 0);
+    expect_groups("right;left,sky", 3, 2, 1, 2);
+    expect_groups("grey,left,right", 1, 0, 0, 0); /* nothing else shines */
+}
+
+static void test_bad_names(void **state) {
+    (void)state;
+    static const struct {
+        const char *names, *text;
+    } bad[] = {{"lamp", "\"lamp\""},
+               {"left,,right", "\"\""},
+               {"", "\"\""},
+               {"left;", "\"\""},
+               {"left;right;sky;grey", "more than 3"}};
+    const struct room room = make_room();
+    struct lw_scene *scene = room_scene(&room);
+    struct lw_pose pose;
+    lw_support_ok(lw_pose_init(&pose, scene), NULL);
+    for (unsigned i = 0; i < sizeof bad / sizeof *bad; i++) {
+        struct lw_light_groups groups;
+        struct lw_error err = {0};
+        lw_support_fails(lw_light_groups_init(&groups, scene, &pose, bad[i].names, &err), LW_USAGE, &err,
+                         bad[i].text);
+    }
+    lw_pose_finish(&pose);
+    lw_scene_destroy(scene);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_groups_by_name),
+        cmocka_unit_test(test_bad_names),
+        cmocka_unit_test(test_the_sum_is_the_light_of_all),
+        cmocka_unit_test(test_another_weight_takes_no_ray),
+        cmocka_unit_test(test_a_group_has_one_weight),
+        cmocka_unit_test(test_light_that_stands_rests),
+        cmocka_unit_test(test_switched_off_in_between),
+        cmocka_unit_test(test_out_of_the_dark),
+        cmocka_unit_test(test_comes_back),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
