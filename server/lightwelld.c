@@ -505,7 +505,7 @@ static void make_key(const struct daemon *d, uint8_t out_key[LW_KEPT_KEY_SIZE]) 
                  "denoise %d codec %d freeze %d %a",
                  (long long)s->bounces, (long long)s->direct_samples, (long long)s->indirect_samples,
                  (long long)s->seed, s->tracing_range, s->cell_size, s->probe_form, s->probe_spacing,
-                 s->denoise, s->codec, s->freeze, s->freeze_s, s->light_groups ? s->light_groups : "");
+                 s->denoise, s->codec, s->freeze, s->freeze_s);
     lw_package_hash((const uint8_t *)text, (size_t)length, &hash);
     memcpy(out_key, hash.bytes, LW_KEPT_KEY_SIZE);
 }
