@@ -62,7 +62,7 @@ static uint32_t mark_moving(struct lw_light_groups *groups, const struct lw_scen
         count += groups->light[i];
     }
     for (uint32_t o = 0; o < scene->object_count; o++) {
-        if (!pose->node_moves[scene->object[o].node]) continue;
+        if (lw_scene_is_spare(scene, o) || !pose->node_moves[scene->object[o].node]) continue;
         const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
         for (uint32_t t = 0; t < mesh->triangle_count; t++) {
             uint8_t *group = &groups->material[mesh->material[t]];
