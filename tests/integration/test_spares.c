@@ -141,13 +141,15 @@ static void what_is_added_is_lit_from_the_first(void **state) {
     }
 }
 
-/* To a hundredth. */
+/* To a hundredth, with a breath of sky: other light, not the same with another weight (layers.h). */
 static void dim_lamp(struct lw_client *client) {
     const struct lw_scene *scene = lw_client_scene(client);
     for (uint32_t m = 0; m < scene->material_count; m++) {
         if (strcmp(scene->material[m].name, "lamp") != 0) continue;
-        const struct lw_scene_change dim = {LW_SCENE_CHANGE_MATERIAL_EMISSION, m, 3, {0.17f, 0.12f, 0.04f}};
-        send(client, &dim, 1);
+        const struct lw_scene_change dim[] = {
+            {LW_SCENE_CHANGE_MATERIAL_EMISSION, m, 3, {0.17f, 0.12f, 0.04f}},
+            {LW_SCENE_CHANGE_SKY, 0, 3, {1e-4f, 1e-4f, 1e-4f}}};
+        send(client, dim, 2);
         assert_int_equal(await(client).code, LW_SCENE_CHANGE_OK);
     }
 }
