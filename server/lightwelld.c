@@ -273,7 +273,8 @@ static void print_frame(const struct daemon *d, uint64_t frame, const struct fra
         "{\"frame\":%llu,\"published\":%llu,\"time_s\":%.6f,\"frame_ms\":%.3f,\"pose_ms\":%.3f,\"direct_ms\":"
         "%.3f,\"probe_ms\":%"
         ".3f,"
-        "\"scatter_ms\":%.3f,\"denoise_ms\":%.3f,\"levels_ms\":%.3f,\"encode_ms\":%.3f,\"rays_shadow\":%llu,"
+        "\"scatter_ms\":%.3f,\"denoise_ms\":%.3f,\"weld_ms\":%.3f,\"levels_ms\":%.3f,\"encode_ms\":%.3f,"
+        "\"rays_shadow\":%llu,"
         "\"rays_bounce\":%llu,"
         "\"rays_probe\":%llu,\"rays_total\":%llu,\"texels_solved\":%llu,\"tiles_solved\":%u,\"tiles_"
         "converged\":%u,"
@@ -286,7 +287,7 @@ static void print_frame(const struct daemon *d, uint64_t frame, const struct fra
         (unsigned long long)frame, (unsigned long long)d->published, d->pose.time_s,
         (double)cost->wall_ns * 1e-6, (double)solve->pose_ns * 1e-6, (double)solve->direct_ns * 1e-6,
         (double)solve->probe_ns * 1e-6, (double)solve->scatter_ns * 1e-6, (double)solve->denoise_ns * 1e-6,
-        (double)publish->levels_ns * 1e-6, (double)publish->encode_ns * 1e-6,
+        (double)solve->weld_ns * 1e-6, (double)publish->levels_ns * 1e-6, (double)publish->encode_ns * 1e-6,
         (unsigned long long)solve->rays_shadow, (unsigned long long)solve->rays_bounce,
         (unsigned long long)solve->rays_probe, (unsigned long long)d->rays_total,
         (unsigned long long)solve->texels_solved, solve->tiles_solved, solve->tiles_converged, solve->tiles,

@@ -339,14 +339,15 @@ static void weld(struct cell_solver *s, uint64_t number) {
 
 /* What is to be seen of the tiles that this frame shows. */
 static void show(struct cell_solver *s, uint64_t number, struct lw_solver_stats *stats) {
-    if (s->desc.denoise) {
-        const uint64_t t = lw_clock_ns();
+    const uint64_t t0 = lw_clock_ns();
+    if (s->desc.denoise)
         lw_denoise_run(&s->denoise, number, s->threads);
-        stats->denoise_ns = lw_clock_ns() - t;
-    } else {
+    else
         lw_tiles_show(&s->tiles, number, s->threads);
-    }
+    const uint64_t t1 = lw_clock_ns();
     weld(s, number);
+    stats->denoise_ns = t1 - t0;
+    stats->weld_ns = lw_clock_ns() - t1;
 }
 
 static struct lw_passes passes_of(struct cell_solver *s) {
