@@ -11,7 +11,17 @@
 
 static const double curve[] = {0.5, 0.1, 0.02};
 static const double densities[] = {0.25, 0.5, 1, 2, 4}; /* a trial costs four times the one before */
-static const uint32_t rungs[][2] = {{1, 1}, {1, 2}, {2, 4}, {4, 8}, {8, 16}, {16, 32}};
+/* Of samples; and below the first, of as few in lightmaps that rest early. */
+static const struct {
+    uint32_t direct, indirect;
+    double rest;
+} rungs[] = {{1, 1, 0.2},
+             {1, 1, LW_CROSSOVER_REST},
+             {1, 2, LW_CROSSOVER_REST},
+             {2, 4, LW_CROSSOVER_REST},
+             {4, 8, LW_CROSSOVER_REST},
+             {8, 16, LW_CROSSOVER_REST},
+             {16, 32, LW_CROSSOVER_REST}};
 static const double rests[] = {0.5, 0.25, 0.12, 0.06, 0.03, 0.015};
 #define COUNT(array) (sizeof(array) / sizeof *(array))
 
@@ -126,16 +136,14 @@ static enum lw_status try_setting(struct lw_crossover_run *run, struct lw_crosso
 }
 
 static struct lw_setting setting_at(const struct lw_crossover *x, double density, uint32_t rung) {
-    struct lw_setting setting = {.density = density,
-                                 .direct_samples = 1,
-                                 .indirect_samples = 2,
-                                 .rest_error = LW_CROSSOVER_REST,
-                                 .whole = x->options.whole};
+    struct lw_setting setting = {
+        .density = density, .direct_samples = 1, .indirect_samples = 2, .whole = x->options.whole};
     if (x->options.motion == LW_SCENE_MOTION_STATIC) {
         setting.rest_error = rests[rung];
     } else {
-        setting.direct_samples = rungs[rung][0];
-        setting.indirect_samples = rungs[rung][1];
+        setting.direct_samples = rungs[rung].direct;
+        setting.indirect_samples = rungs[rung].indirect;
+        setting.rest_error = rungs[rung].rest;
     }
     return setting;
 }
@@ -149,7 +157,8 @@ static enum lw_status climb(struct lw_crossover_run *run, struct lw_crossover_si
         struct lw_crossover_point *point;
         enum lw_status status = try_setting(run, side, &setting, &point, err);
         if (status != LW_OK || !point) return status;
-        if (point->error <= hardest || point->error > GAIN_MIN * last_error) break;
+        const bool samples_alone = still || rung > 1;
+        if (point->error <= hardest || (samples_alone && point->error > GAIN_MIN * last_error)) break;
         last_error = point->error;
     }
     return LW_OK;
