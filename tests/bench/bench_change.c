@@ -9,6 +9,7 @@
  * light the movement changed by over a tenth. relMSE as in docs/results/crossover.md, over texels, but none counts for more
  * than 1. */
 #include "server/solve/cell_solver.h"
+#include "tests/bench/bench_light.h"
 #include "tests/bench/bench_setup.h"
 
 #include <math.h>
@@ -120,29 +121,6 @@ static enum lw_status go_on(const struct job *job, struct solution *s, int64_t f
 
 /* ---- errors ---- */
 
-/* The light of all covered texels, three values each; the caller frees. */
-static float *copy_light(const struct job *job, const struct solution *s, size_t *out_count) {
-    size_t count = 0;
-    float *light = NULL;
-    for (int pass = 0; pass < 2; pass++) {
-        if (pass && !(light = malloc((3 * count + 1) * sizeof *light))) return NULL;
-        count = 0;
-        for (uint32_t id = 0; id < job->map.tile_count; id++) {
-            if (job->map.place[id].level) continue;
-            struct lw_solver_tile tile;
-            s->solver->ops->read_tile(s->solver, (lw_tile_id){id}, &tile);
-            for (uint32_t i = 0; i < tile.width * tile.height; i++) {
-                if (!tile.covered[i]) continue;
-                for (int c = 0; pass && c < 3; c++)
-                    light[3 * count + (size_t)c] = tile.direct[c][i] + tile.indirect[c][i];
-                count++;
-            }
-        }
-    }
-    *out_count = 3 * count;
-    return light;
-}
-
 struct errors {
     double all, changed;
     size_t texels; /* that changed */
@@ -151,19 +129,12 @@ struct errors {
 /* before: the light before the movement, as exact as the truth. */
 static struct errors compare(const float *x, const float *truth, const float *before, size_t count) {
     struct errors e = {0};
-    double square = 0;
-    for (size_t i = 0; i < count; i++) square += (double)truth[i] * (double)truth[i];
-    const double epsilon = 0.01 * square / (double)count;
+    const double epsilon = bench_light_epsilon(truth, count);
     for (size_t i = 0; i < count; i += 3) {
         float most = 0;
-        double error = 0;
-        for (size_t c = i; c < i + 3; c++) {
-            const double t = (double)truth[c], off = (double)x[c] - t;
+        const double error = bench_light_error(x + i, truth + i, epsilon);
+        for (size_t c = i; c < i + 3; c++)
             most = fmaxf(most, fabsf(truth[c] - before[c]) / (truth[c] + 1e-6f));
-            error += off * off / (t * t + epsilon) / 3;
-        }
-        error =
-            fmin(error, 1); /* beside a lamp a single texel may be off by thousands, in the truth as well */
         e.all += error;
         if (most < CHANGED) continue;
         e.changed += error;
@@ -194,7 +165,7 @@ static enum lw_status find_truth(const struct job *job, uint32_t seed, float **o
     struct solution s;
     size_t count;
     enum lw_status status = solve_anew(job, -1, seed, job->settings->truth_frames, &s, err);
-    if (status == LW_OK && !(*out_light = copy_light(job, &s, &count)))
+    if (status == LW_OK && !(*out_light = bench_read_light(s.solver, &job->map, &count)))
         status = lw_status_fail(err, LW_NO_MEMORY, "texels");
     destroy(&s);
     return status;
@@ -204,7 +175,8 @@ static enum lw_status print_errors(const struct job *job, const struct solution 
                                    const struct solution *anew, const float *before, struct lw_error *err) {
     float *truth = NULL;
     size_t count = 0;
-    float *light = copy_light(job, s, &count), *light_anew = copy_light(job, anew, &count);
+    float *light = bench_read_light(s->solver, &job->map, &count),
+          *light_anew = bench_read_light(anew->solver, &job->map, &count);
     enum lw_status status =
         light && light_anew ? find_truth(job, 8, &truth, err) : lw_status_fail(err, LW_NO_MEMORY, "texels");
     if (status == LW_OK) {

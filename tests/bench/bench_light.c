@@ -1,0 +1,48 @@
+#include "tests/bench/bench_light.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+float *bench_read_light(const struct lw_solver *solver, const struct lw_atlas_map *map, size_t *out_count) {
+    size_t count = 0;
+    float *light = NULL;
+    for (int pass = 0; pass < 2; pass++) {
+        if (pass && !(light = malloc((3 * count + 1) * sizeof *light))) return NULL;
+        count = 0;
+        for (uint32_t id = 0; id < map->tile_count; id++) {
+            if (map->place[id].level) continue;
+            struct lw_solver_tile tile;
+            solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
+            for (uint32_t i = 0; i < tile.width * tile.height; i++) {
+                if (!tile.covered[i]) continue;
+                for (int c = 0; pass && c < 3; c++)
+                    light[3 * count + (size_t)c] = tile.direct[c][i] + tile.indirect[c][i];
+                count++;
+            }
+        }
+    }
+    *out_count = 3 * count;
+    return light;
+}
+
+double bench_light_epsilon(const float *truth, size_t count) {
+    double square = 0;
+    for (size_t i = 0; i < count; i++) square += (double)truth[i] * (double)truth[i];
+    return 0.01 * square / (double)count;
+}
+
+double bench_light_error(const float x[3], const float truth[3], double epsilon) {
+    double error = 0;
+    for (int c = 0; c < 3; c++) {
+        const double t = (double)truth[c], off = (double)x[c] - t;
+        error += off * off / (t * t + epsilon) / 3;
+    }
+    return fmin(error, 1);
+}
+
+double bench_light_relmse(const float *x, const float *truth, size_t count) {
+    const double epsilon = bench_light_epsilon(truth, count);
+    double sum = 0;
+    for (size_t i = 0; i < count; i += 3) sum += bench_light_error(x + i, truth + i, epsilon);
+    return sum / ((double)count / 3);
+}
