@@ -13,6 +13,11 @@ static const float filtered[LW_TILES_PARTS] = {[LW_TILES_DIRECT] = 0.25f, [LW_TI
 #define COHERENT 2.0f
 /* Where something begins to move and one packet finds that so much of the light has changed, the others need not be asked. */
 #define STRONG 1.0f
+/* Of drift: what one solve brings; of its mean square, what its mean is more than by chance (4 standard errors); solves after a
+ * movement in which it counts. */
+#define DRIFT_WEIGHT 0.0625f
+#define DRIFT_SHARE  0.6f
+#define DRIFT_SOLVES 64u
 /* A block that was not asked for so many movements is asked as if nothing had moved for a while before. */
 #define MOVES_MAX 16u
 
@@ -151,9 +156,35 @@ static float room_for(const struct lw_solve_block *block, int part, float stale)
     return lw_memory_room(filtered[part] * noise * block->light * block->light, stale);
 }
 
+void lw_change_note_drift(struct lw_solve_block *block, int part, uint32_t region, float off) {
+    struct lw_change_drift *drift = &block->change.drift[part][region];
+    drift->mean += (off - drift->mean) * DRIFT_WEIGHT;
+    drift->square += (off * off - drift->square) * DRIFT_WEIGHT;
+}
+
+/* What a region's mean is off for sure, which is then begun anew; else 0. */
+static float take_drift(struct lw_change_drift *drift) {
+    const float off = fabsf(drift->mean);
+    if (!(off * off > DRIFT_SHARE * drift->square)) return 0;
+    *drift = (struct lw_change_drift){0, 0};
+    return off;
+}
+
+/* Adds what estimates have been off their means to what those are known to be out of date. */
+static void add_drift(struct lw_change_block *change, struct off *off) {
+    for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++) {
+        const float direct = take_drift(&change->drift[LW_TILES_DIRECT][r]),
+                    indirect = take_drift(&change->drift[LW_TILES_INDIRECT][r]);
+        off->direct = fmaxf(off->direct, direct);
+        if (indirect > most(off->indirect[r])) off->indirect[r] = lw_vec3(indirect, indirect, indirect);
+    }
+}
+
 void lw_change_weigh_direct(struct lw_solve_block *block, uint32_t moves) {
     struct lw_change_block *change = &block->change;
-    const struct off off = add_up(block, change->woken ? change->judged : change->asked);
+    struct off off = add_up(block, change->woken ? change->judged : change->asked);
+    change->still_solves = moves != change->solved_moves ? 0 : change->still_solves + 1;
+    if (moves && change->still_solves < DRIFT_SOLVES) add_drift(change, &off);
     const float weight = lw_memory_take(&block->direct, room_for(block, LW_TILES_DIRECT, off.direct));
     change->stale_direct = off.direct * (1 - weight);
     memcpy(change->stale_indirect, off.indirect, sizeof off.indirect);

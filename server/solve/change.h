@@ -11,6 +11,8 @@
  *             turn, so that all have been asked 16 rounds after the last movement
  *   awake     where something begins to move, all; then one before each solve while it moves; all, along the rays that there
  *             are, while light changes
+ * One packet may lie on another surface of the block than what has changed, and miss it. So the estimates of a block that is solved
+ * after a movement are held against their means as well, for nothing: where they stay off to one side, the means are out of date.
  * A block wakes when what its packets have found adds up to more than its target error.
  * What a block gets along its new rays from others that are solved in the same frame changes in that frame: the mean by which the
  * radiance of each block differs from the frame before is looked up at the ends of all rays (lw_passes_arrive()).
@@ -32,6 +34,15 @@ struct lw_change_packet {
     struct lw_vec3 indirect[LW_CHANGE_REGIONS]; /* sum of differences */
 };
 
+/* What a block's estimates are off the mean that they entered, over its texels of a region: running means over some sixteen solves
+ * of that and of its square. Noise comes to nothing in the first; what stays is light that has changed unnoticed. */
+struct lw_change_drift {
+    float mean, square; /* W/m^2 of luminance */
+};
+
+/* Of light: the parts that have a memory each (LW_TILES_PARTS). */
+#define LW_CHANGE_PARTS 2
+
 struct lw_change_block {
     struct lw_change_packet
         packet[LW_PACKETS_MAX]; /* the last comparison since the block was solved; else 0 */
@@ -49,6 +60,8 @@ struct lw_change_block {
     /* By how much the means are out of date (memory.h). */
     float stale_direct;                               /* root mean square over the texels */
     struct lw_vec3 stale_indirect[LW_CHANGE_REGIONS]; /* mean over the texels of a region */
+    struct lw_change_drift drift[LW_CHANGE_PARTS][LW_CHANGE_REGIONS];
+    uint32_t still_solves; /* since something had moved */
 };
 
 struct lw_solve_block;
@@ -61,6 +74,9 @@ bool lw_change_choose(struct lw_solve_block *block, uint32_t moves, uint32_t tic
 /** After their answers: chooses the packets that are to be asked besides, before lw_change_wake(): all, if those asked have found so
  * much that the block might have to wake, but not so much that it must. Returns whether there are any. */
 bool lw_change_choose_more(struct lw_solve_block *block, float target_error);
+
+/** Notes what the estimates of a solve are off their means, in the mean over the texels of a region. */
+void lw_change_note_drift(struct lw_solve_block *block, int part, uint32_t region, float off);
 
 /** Wakes a block if what its packets have found is more than its target error allows. */
 void lw_change_wake(struct lw_solve_block *block, float target_error);

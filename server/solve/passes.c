@@ -636,6 +636,8 @@ static void add_up_block(struct lw_tiles *tiles, const struct lw_solve_tile *til
     struct lw_solve_block *block = &tile->block[row * tile->block_columns + column];
     const uint32_t right = (column + 1) * LW_TILE_BLOCK, below = (row + 1) * LW_TILE_BLOCK;
     double variance = 0, luminance = 0, square[LW_TILES_PARTS] = {0};
+    float drift[LW_TILES_PARTS][LW_CHANGE_REGIONS] = {{0}};
+    uint32_t texels[LW_CHANGE_REGIONS] = {0};
     float *const *const sum[LW_TILES_PARTS] = {tiles->direct, tiles->indirect};
     for (uint32_t y = row * LW_TILE_BLOCK; y < below && y < tile->height; y++)
         for (uint32_t x = column * LW_TILE_BLOCK; x < right && x < tile->width; x++) {
@@ -644,10 +646,12 @@ static void add_up_block(struct lw_tiles *tiles, const struct lw_solve_tile *til
             note_estimate(tiles, texel, block->indirect.weight);
             variance += (double)tiles->spread[texel];
             luminance += (double)tiles->mean[texel];
+            texels[lw_change_region(x, y)]++;
             for (int part = 0; part < LW_TILES_PARTS; part++) {
                 const float off = lw_colour_luminance(lw_vec3_sub(
                     lw_texels_vector(tiles->estimate[part], texel), lw_texels_vector(sum[part], texel)));
                 square[part] += (double)off * (double)off;
+                drift[part][lw_change_region(x, y)] += off;
             }
         }
     const double each = 1.0 / block->covered_count;
@@ -655,6 +659,9 @@ static void add_up_block(struct lw_tiles *tiles, const struct lw_solve_tile *til
                &block->direct);
     note_noise(&block->noise[LW_TILES_INDIRECT], square[LW_TILES_INDIRECT] * each, luminance * each,
                &block->indirect);
+    for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++)
+        for (int part = 0; texels[r] && part < LW_TILES_PARTS; part++)
+            lw_change_note_drift(block, part, r, drift[part][r] / (float)texels[r]);
     block->frames++;
     block->variance = variance;
     block->luminance = luminance;

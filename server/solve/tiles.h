@@ -14,6 +14,7 @@
 
 /* Of estimates. */
 enum { LW_TILES_DIRECT, LW_TILES_INDIRECT, LW_TILES_PARTS };
+_Static_assert(LW_TILES_PARTS == LW_CHANGE_PARTS, "each has a memory");
 
 /* Sixteen by sixteen texels of a tile: what is solved, forgets and rests as one. */
 struct lw_solve_block {

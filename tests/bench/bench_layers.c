@@ -1,11 +1,10 @@
-/* bench_layers: what layers of light save while the scene's animation moves lights, and what a switch costs.
+/* bench_layers: what layers of light save while the scene's animation moves lights.
  *
  *     bench_layers [--frames N] [--truth N] [--texels-per-metre D] SCENE...
  *
  * The scene is solved for N frames of its animation, 1/30 s each, in one layer and in layers for what moves (light_groups.h), with
  * tiles that rest at errors of 0.02 and of 0.2. One row in Markdown each: texels solved and rays of a frame, in the mean of the second
- * half; relMSE over all texels of the last frame, unfiltered, against a solve of that moment that never rests; memory. At the end
- * the last layer's lights are switched off and on: the rays of those two frames and their wall time. */
+ * half; relMSE over all texels of the last frame, unfiltered, against a solve of that moment that never rests; memory. */
 #include "common/clock.h"
 #include "common/scene/scene_motion.h"
 #include "server/solve/layers.h"
@@ -33,17 +32,14 @@ struct job {
 };
 
 struct row {
-    uint64_t texels, rays;            /* of the frames that count */
-    uint64_t switch_rays;             /* off and on */
-    double relmse, off_ms, on_ms, mb; /* off_ms < 0: there is no second layer */
+    uint64_t texels, rays; /* of a frame */
+    double relmse, mb;
 };
 
-static enum lw_status create(const struct job *job, const char *groups, double error, uint32_t seed,
-                             struct lw_light_groups *out_groups, struct lw_solver **out_solver,
-                             struct lw_error *err) {
-    struct lw_light_groups taken;
-    enum lw_status status = lw_light_groups_init(out_groups, job->scene, &job->pose, groups, err);
-    if (status == LW_OK) status = lw_light_groups_init(&taken, job->scene, &job->pose, groups, err);
+static enum lw_status create(const struct job *job, const char *group_names, double error, uint32_t seed,
+                             struct lw_solver **out_solver, struct lw_error *err) {
+    struct lw_light_groups groups;
+    enum lw_status status = lw_light_groups_init(&groups, job->scene, &job->pose, group_names, err);
     if (status != LW_OK) return status;
     return lw_layers_create(&(struct lw_solver_desc){.scene = job->scene,
                                                      .atlas_map = &job->map,
@@ -53,7 +49,7 @@ static enum lw_status create(const struct job *job, const char *groups, double e
                                                      .indirect_samples = 2,
                                                      .target_error = (float)error,
                                                      .seed = seed},
-                            &taken, &job->pose, out_solver, err);
+                            &groups, &job->pose, out_solver, err);
 }
 
 /* One frame, whose rays and texels count for the row. */
@@ -67,45 +63,17 @@ static enum lw_status step(const struct job *job, struct lw_solver *solver, uint
     return LW_OK;
 }
 
-/* Scales all lights of the last group. */
-static void dim(struct job *job, const struct lw_light_groups *groups, float factor) {
-    const uint32_t last = groups->count - 1;
-    for (uint32_t i = 0; i < job->scene->light_count; i++)
-        if (groups->light[i] == last)
-            job->pose.light[i].intensity = lw_vec3_scale(job->pose.light[i].intensity, factor);
-    for (uint32_t m = 0; m < job->scene->material_count; m++)
-        for (int c = 0; c < 3; c++)
-            if (groups->material[m] == last) job->pose.material[m].emission[c] *= factor;
-}
-
-static enum lw_status switch_off_and_on(struct job *job, const struct lw_light_groups *groups,
-                                        struct lw_solver *solver, uint64_t frame, struct row *row,
-                                        struct lw_error *err) {
-    struct row off = {0}, on = {0};
-    uint64_t t0 = lw_clock_ns();
-    dim(job, groups, 0);
-    enum lw_status status = step(job, solver, frame + 1, &off, err);
-    row->off_ms = (double)(lw_clock_ns() - t0) * 1e-6;
-    lw_pose_evaluate(&job->pose, job->scene, job->pose.time_s);
-    t0 = lw_clock_ns();
-    if (status == LW_OK) status = step(job, solver, frame + 2, &on, err);
-    row->on_ms = (double)(lw_clock_ns() - t0) * 1e-6;
-    row->switch_rays = off.rays + on.rays;
-    return status;
-}
-
 /* The animation up to the last frame. truth: of that moment; NULL: the solve is the truth, and stands still. */
 static enum lw_status solve(struct job *job, const char *group_names, double error, const float *truth,
                             struct row *row, float **out_light, struct lw_error *err) {
     const int64_t frames = truth ? job->settings->frames : job->settings->truth_frames;
-    struct lw_light_groups groups = {0};
     struct lw_solver *solver = NULL;
-    *row = (struct row){.off_ms = -1};
+    *row = (struct row){0};
     lw_pose_evaluate(&job->pose, job->scene, truth ? 0 : (double)(job->settings->frames - 1) * FRAME_S);
-    enum lw_status status = create(job, group_names, error, truth ? 1 : 2, &groups, &solver, err);
+    enum lw_status status = create(job, group_names, error, truth ? 1 : 2, &solver, err);
     for (int64_t f = 0; f < frames && status == LW_OK; f++) {
         if (truth) lw_pose_evaluate(&job->pose, job->scene, (double)f * FRAME_S);
-        if (f == frames / 2) *row = (struct row){.off_ms = -1};
+        if (f == frames / 2) *row = (struct row){0};
         status = step(job, solver, (uint64_t)f + 1, row, err);
     }
     size_t count;
@@ -117,9 +85,7 @@ static enum lw_status solve(struct job *job, const char *group_names, double err
         row->texels /= half;
         row->rays /= half;
         row->mb = (double)solver->ops->memory_bytes(solver) * 1e-6;
-        if (groups.count > 1) status = switch_off_and_on(job, &groups, solver, (uint64_t)frames, row, err);
     }
-    lw_light_groups_finish(&groups);
     if (solver) solver->ops->destroy(solver);
     return status;
 }
@@ -134,14 +100,9 @@ static enum lw_status measure(struct job *job, struct lw_error *err) {
         status = solve(job, i % 2 ? NULL : "none", errors[i / 2], truth, &row, &light, err);
         free(light);
         if (status != LW_OK) break;
-        printf("| %s | %s | %g | %llu k | %llu k | %.5f | %.0f MB |", job->label,
+        printf("| %s | %s | %g | %llu k | %llu k | %.5f | %.0f MB |\n", job->label,
                i % 2 ? "what moves apart" : "one", errors[i / 2], (unsigned long long)row.texels / 1000,
                (unsigned long long)row.rays / 1000, row.relmse, row.mb);
-        if (row.off_ms >= 0)
-            printf(" %llu rays, %.0f and %.0f ms |\n", (unsigned long long)row.switch_rays, row.off_ms,
-                   row.on_ms);
-        else
-            printf(" |\n");
         fflush(stdout);
     }
     free(truth);
@@ -168,13 +129,12 @@ int main(int argc, char **argv) {
     return bench_main(
         &(struct bench_program){
             .name = "bench_layers",
-            .about = "What layers of light save while lights move, and what a switch costs.",
+            .about = "What layers of light save while lights move.",
             .table = table,
             .count = sizeof table / sizeof table[0],
             .open = &s.open,
-            .heading = "| scene | layers | rest at | texels a frame | rays a frame | relMSE | "
-                       "memory | switched off and on |\n"
-                       "|---|---|---|---|---|---|---|---|",
+            .heading = "| scene | layers | rest at | texels a frame | rays a frame | relMSE | memory |\n"
+                       "|---|---|---|---|---|---|---|",
             .context = &s,
             .run = run},
         argc, argv);

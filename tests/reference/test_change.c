@@ -113,6 +113,62 @@ static void test_there_and_back(void **state) {
     room_finish(&s);
 }
 
+struct sides {
+    double light[2], area[2];
+};
+
+/* The plate's two sides, its front up: by half the atlas. */
+static struct sides light_of_plate(const struct room_solution *s) {
+    struct sides sides = {{0}, {0}};
+    const struct lw_mesh *mesh = &s->scene->mesh[PLATE];
+    struct lw_solver_tile tile;
+    s->solver->ops->read_tile(s->solver, (lw_tile_id){s->map.first_tile[PLATE]}, &tile);
+    for (uint32_t i = 0; i < tile.width * tile.height; i++) {
+        if (!tile.covered[i]) continue;
+        const int side = i / tile.width >= mesh->back_offset;
+        sides.light[side] += (double)tile.direct[0][i];
+        sides.area[side] += 1;
+    }
+    for (int side = 0; side < 2; side++) sides.light[side] /= sides.area[side];
+    return sides;
+}
+
+/* Two surfaces in one block, in the midst of movement: each has what it alone is lit by. */
+static void test_both_sides_of_a_plate(void **state) {
+    (void)state;
+    struct room room = make_room(8, 1.4f);
+    room.light[1] = room.light[0];
+    room.light_position[1] = lw_vec3(1.6f, 0.1f, 1); /* below the plate */
+    room.light_count = 2;
+    room.quad[PLATE].edge_u.z = room.quad[PLATE].edge_v.x = 0.6f; /* some three packets a side */
+    struct lw_solver_desc d = desc;
+    d.target_error = 1e-3f;                     /* nothing rests */
+    for (unsigned when = 0; when < 7; when++) { /* whoever's turn it is to be asked */
+        struct room_solution s;
+        uint64_t frame = 0;
+        room_solve(&s, &room, d, 0);
+        solve_on(&s, &frame, 100);
+        assert_true(s.scene->mesh[PLATE].back_offset > 0);
+        const struct sides before = light_of_plate(&s);
+        for (unsigned i = 0; i < 11; i++) {
+            s.pose.light[0].position_ws.x += 1e-4f;
+            if (i == 3 + when) s.pose.light[1].intensity = lw_vec3(0, 0, 0);
+            solve_on(&s, &frame, 1);
+        }
+        solve_on(&s, &frame, 30);
+        const struct sides after = light_of_plate(&s);
+        unsigned lit = 0;
+        for (int side = 0; side < 2; side++) {
+            if (after.light[side] > 0.1 * before.light[side])
+                lit++;
+            else
+                assert_true(after.light[side] < 0.03 * before.light[side]);
+        }
+        assert_int_equal(lit, 1);
+        room_finish(&s);
+    }
+}
+
 /* ---- what did not ---- */
 
 /* At the far end of the room a small thing moves: what it can be seen from is solved, little else. */
@@ -206,6 +262,7 @@ int main(void) {
         cmocka_unit_test(test_a_lamp_goes_out),
         cmocka_unit_test(test_no_ghost_stays),
         cmocka_unit_test(test_there_and_back),
+        cmocka_unit_test(test_both_sides_of_a_plate),
         cmocka_unit_test(test_little_is_solved_for_a_small_change),
         cmocka_unit_test(test_nothing_is_solved_for_what_lights_nothing),
         cmocka_unit_test(test_follows_a_lamp),
