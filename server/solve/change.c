@@ -53,8 +53,7 @@ bool lw_change_choose(struct lw_solve_block *block, uint32_t moves, uint32_t tic
     if (!change->begins &&
         (!turn || (tick + lw_random_hash(block->tile_id)) % LW_PACKETS_MAX >= block->packet_count))
         return false;
-    /* What is awake is solved next, with other rays: what its packets do not find now, they never will. */
-    ask(change, block->resting ? take_turn(block) : all_packets(block));
+    ask(change, take_turn(block));
     change->fresh = true;
     return true;
 }

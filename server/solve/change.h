@@ -7,10 +7,9 @@
  * difference has none of the noise of the estimates themselves. Direct light and bounce rays are traced again where something has
  * moved since; where not, what arrives along the rays' ends is read again, which costs no ray: so a change follows the
  * bounces. What nobody looks at and what lights nobody's view is not asked.
- *   at rest   where something begins to move, one packet, and all at once if that one has found a difference; from then on one in
- *             turn, so that all have been asked 16 rounds after the last movement
- *   awake     where something begins to move, all; then one before each solve while it moves; all, along the rays that there
- *             are, while light changes
+ *   where something begins to move   one packet, and all at once if that one has found a difference
+ *   at rest   one packet in turn, so that all have been asked 16 rounds after the last movement
+ *   awake     one packet before each solve while something moves; all, along the rays that there are, while light changes
  * One packet may lie on another surface of the block than what has changed, and miss it. So the estimates of a block that is solved
  * after a movement are held against their means as well, for nothing: where they stay off to one side, the means are out of date.
  * A block wakes when what its packets have found adds up to more than its target error.
@@ -67,7 +66,7 @@ struct lw_change_block {
 struct lw_solve_block;
 
 /** Chooses the packets that are asked of a block before it is known what this frame solves: mostly one, or none; of a block that does
- * not rest all, but only where something begins to move. moves: of the scene, so far; tick: counts rounds (schedule.h); turn: a round
+ * not rest only where something begins to move. moves: of the scene, so far; tick: counts rounds (schedule.h); turn: a round
  * begins; active: light elsewhere may be changing. Returns whether there are any. */
 bool lw_change_choose(struct lw_solve_block *block, uint32_t moves, uint32_t tick, bool turn, bool active);
 
