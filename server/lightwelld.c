@@ -127,9 +127,9 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          1000, NULL},
         {"frame-budget-ms", "MS",
          "wall time that a frame may take for solving, about, so that changes are heard of soon; what is "
-         "left is "
-         "for the next. Under the real clock alone (default: as long as it takes)",
-         LW_OPTION_REAL, &s->frame_budget_ms, 1, 1e6, NULL},
+         "left is for the "
+         "next. inf: as long as it takes. Under the real clock alone (default 33)",
+         LW_OPTION_REAL, &s->frame_budget_ms, 1, (double)INFINITY, NULL},
         {"clock", "real|step|manual",
          "real: scene time is wall time (default). step: 1/30 s of scene time per solved frame, repeatable. "
          "manual: the same, and a frame begins with each line on stdin, whose end stops the server",
@@ -230,7 +230,9 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
                                  .target_error = (float)s->error,
                                  .threads = (unsigned)s->scene.threads,
                                  .seed = (uint32_t)s->seed,
-                                 .frame_budget_s = s->clock == CLOCK_REAL ? s->frame_budget_ms * 1e-3 : 0,
+                                 .frame_budget_s = s->clock == CLOCK_REAL && isfinite(s->frame_budget_ms)
+                                                       ? s->frame_budget_ms * 1e-3
+                                                       : 0,
                                  .cancel = &d->cancel},
         &d->light_groups, &d->pose, &d->solver, err);
     if (status != LW_OK) return status;
@@ -576,6 +578,7 @@ int main(int argc, char **argv) {
                      .light = LIGHT_SEEN,
                      .codec = CODEC_DCT,
                      .frame_rate = 30,
+                     .frame_budget_ms = 33,
                      .seed = 1,
                      .error = (double)TARGET_ERROR,
                      .scene = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG, .cancel = &signalled}}};
