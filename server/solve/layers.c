@@ -308,6 +308,7 @@ static void add_stats(struct lw_solver_stats *sum, const struct lw_solver_stats 
     sum->probe_ns += stats->probe_ns;
     sum->scatter_ns += stats->scatter_ns;
     sum->denoise_ns += stats->denoise_ns;
+    sum->weld_ns += stats->weld_ns;
     sum->texels_solved += stats->texels_solved;
     sum->tiles_shown += stats->tiles_shown;
     if (stats->tiles_wanted > sum->tiles_wanted) sum->tiles_wanted = stats->tiles_wanted;
