@@ -18,8 +18,8 @@ static const float filtered[LW_TILES_PARTS] = {[LW_TILES_DIRECT] = 0.25f, [LW_TI
 #define DRIFT_WEIGHT 0.0625f
 #define DRIFT_SHARE  0.6f
 #define DRIFT_SOLVES 64u
-/* A block that was not asked for so many movements is asked as if nothing had moved for a while before. */
-#define MOVES_MAX 16u
+/* A block that nobody looked at for so many rounds is asked as if nothing had moved for a while before. */
+#define ROUNDS_MAX 16u
 
 static uint16_t all_packets(const struct lw_solve_block *block) {
     return (uint16_t)((1u << block->packet_count) - 1);
@@ -38,9 +38,10 @@ static void ask(struct lw_change_block *change, uint16_t packets) {
 
 bool lw_change_choose(struct lw_solve_block *block, uint32_t moves, uint32_t tick, bool turn, bool active) {
     struct lw_change_block *change = &block->change;
-    const bool moved = change->moves != moves, missed = moves - change->moves > MOVES_MAX;
+    const bool moved = change->moves != moves, missed = tick - change->tick > ROUNDS_MAX;
     change->compare = change->retrace = 0;
     change->fresh = false;
+    change->tick = tick;
     if (!block->packet_count || !block->frames) return false;
     change->begins = moved && (missed || (block->resting ? !change->unchecked : !change->moving));
     if (!block->resting && !change->begins) return false;

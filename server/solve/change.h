@@ -54,6 +54,7 @@ struct lw_change_block {
     bool begins;                /* in this frame, something moves after a while in which nothing did */
     bool moving;                /* something had moved when it was last solved */
     uint32_t next;              /* packet, in turn */
+    uint32_t tick;              /* round in which it last served somebody */
     uint32_t moves;             /* of the scene, when it was last asked */
     uint32_t solved_moves;      /* and solved */
     /* By how much the means are out of date (memory.h). */
