@@ -79,7 +79,7 @@ static bool is_turn(const struct lw_schedule *schedule, const struct lw_solve_ti
 }
 
 /* What lights what is looked at is itself on show in coarse levels alone, which may be old: one frame in so many, all of an
- * object at once, since filter, seams and levels work by the object. */
+ * object at once, so that what is welded together shows together. */
 static bool shows_unwanted(const struct lw_schedule *schedule, uint32_t object) {
     return ((schedule->tick + lw_random_hash(object)) & (LW_SCHEDULE_PERIOD_MAX - 1)) == 0;
 }

@@ -18,7 +18,7 @@
 #include <string.h>
 
 #define LIMIT_S 60
-#define LOOKS   8u   /* at a picture until it is right */
+#define LOOKS   3u   /* at a picture until it is right */
 #define FRAMES  160u /* after which what is remembered of the time before a change shows no more */
 #define BLOCK   8u   /* pixels: means over blocks are compared */
 #define CAMERA  "0,0.99,3.4:0,0.99,0:40"
