@@ -84,6 +84,16 @@ static void expect_same_light(const struct room_solution *a, const struct room_s
         expect_near(room_object_mean(a, o).total, room_object_mean(b, o).total, tolerance);
 }
 
+/* The light is that of a room solved anew, in one layer. */
+static void expect_light_of(const struct room_solution *s, const struct room *room, double tolerance) {
+    struct room_solution anew;
+    uint64_t frame = 0;
+    room_solve_scene(&anew, room_scene(room), room->texels_per_metre, desc, 0);
+    settle(&anew, &frame);
+    expect_same_light(s, &anew, tolerance);
+    room_finish(&anew);
+}
+
 /* However it is parted, light is the same. */
 static void test_the_sum_is_the_light_of_all(void **state) {
     (void)state;
@@ -106,7 +116,7 @@ static void test_the_sum_is_the_light_of_all(void **state) {
 /* Off, dimmed, in another colour, and as before: no ray, and the last to the bit. */
 static void test_another_weight_takes_no_ray(void **state) {
     (void)state;
-    struct room_solution s, alone;
+    struct room_solution s;
     uint64_t frame = 0;
     begin(&s, "right", 0);
     settle(&s, &frame);
@@ -120,11 +130,7 @@ static void test_another_weight_takes_no_ray(void **state) {
     assert_int_equal(s.stats.tiles_shown, 0);
     struct room room = make_room();
     room.light_count = 1;
-    room_solve_scene(&alone, room_scene(&room), room.texels_per_metre, desc, 0);
-    uint64_t frames = 0;
-    settle(&alone, &frames);
-    expect_same_light(&s, &alone, 0.01);
-    room_finish(&alone);
+    expect_light_of(&s, &room, 0.01);
     struct picture off = look(&s);
 
     s.pose.light[1].intensity = lw_vec3(0, 2, 0); /* a channel in which it never shone */
@@ -150,7 +156,7 @@ static void test_another_weight_takes_no_ray(void **state) {
 /* Two lamps of a group dim together for nothing; one of them alone is solved anew, and comes out right. */
 static void test_a_group_has_one_weight(void **state) {
     (void)state;
-    struct room_solution s, anew;
+    struct room_solution s;
     uint64_t frame = 0;
     begin(&s, "left,right", 0);
     settle(&s, &frame);
@@ -162,18 +168,14 @@ static void test_a_group_has_one_weight(void **state) {
     struct room room = make_room();
     room.light[0].intensity[0] = room.light[0].intensity[1] = room.light[0].intensity[2] = 1.2f;
     room.light_count = 1;
-    room_solve_scene(&anew, room_scene(&room), room.texels_per_metre, desc, 0);
-    frame = 0;
-    settle(&anew, &frame);
-    expect_same_light(&s, &anew, AFTER_CHANGE);
-    room_finish(&anew);
+    expect_light_of(&s, &room, AFTER_CHANGE);
     room_finish(&s);
 }
 
 /* While a lamp of another layer moves, light that stands rests; and when the lamp has come to rest the sum is right. */
 static void test_light_that_stands_rests(void **state) {
     (void)state;
-    struct room_solution s, joint, anew;
+    struct room_solution s, joint;
     uint64_t frame = 0, rays = 0, joint_rays = 0;
     begin(&s, "right", 0);
     settle(&s, &frame);
@@ -193,11 +195,7 @@ static void test_light_that_stands_rests(void **state) {
     settle(&s, &frame);
     struct room room = make_room();
     room.light_position[1] = s.pose.light[1].position_ws;
-    room_solve_scene(&anew, room_scene(&room), room.texels_per_metre, desc, 0);
-    frame = 0;
-    settle(&anew, &frame);
-    expect_same_light(&s, &anew, AFTER_CHANGE);
-    room_finish(&anew);
+    expect_light_of(&s, &room, AFTER_CHANGE);
     room_finish(&joint);
     room_finish(&s);
 }
@@ -205,7 +203,7 @@ static void test_light_that_stands_rests(void **state) {
 /* What moved while a lamp was off is in its light when it is on again. */
 static void test_switched_off_in_between(void **state) {
     (void)state;
-    struct room_solution s, anew;
+    struct room_solution s;
     uint64_t frame = 0;
     begin(&s, "left", 0);
     settle(&s, &frame);
@@ -220,18 +218,14 @@ static void test_switched_off_in_between(void **state) {
     settle(&s, &frame);
     struct room room = make_room();
     room.quad[PLATE].corner.x += 0.8f;
-    room_solve_scene(&anew, room_scene(&room), room.texels_per_metre, desc, 0);
-    frame = 0;
-    settle(&anew, &frame);
-    expect_same_light(&s, &anew, AFTER_CHANGE);
-    room_finish(&anew);
+    expect_light_of(&s, &room, AFTER_CHANGE);
     room_finish(&s);
 }
 
 /* All is dark, then something shines that never did. */
 static void test_out_of_the_dark(void **state) {
     (void)state;
-    struct room_solution s, anew;
+    struct room_solution s;
     uint64_t frame = 0;
     struct room room = make_room();
     room.light_count = 1;
@@ -245,11 +239,7 @@ static void test_out_of_the_dark(void **state) {
     for (int c = 0; c < 3; c++) s.pose.material[PANEL].emission[c] = 6;
     settle(&s, &frame);
     room.quad[PANEL].emission = 6;
-    room_solve_scene(&anew, room_scene(&room), room.texels_per_metre, desc, 0);
-    frame = 0;
-    settle(&anew, &frame);
-    expect_same_light(&s, &anew, AFTER_CHANGE);
-    room_finish(&anew);
+    expect_light_of(&s, &room, AFTER_CHANGE);
     room_finish(&s);
 }
 
