@@ -19,9 +19,6 @@ run_tests() {
     ctest --test-dir "build/$preset" --no-tests=error --output-on-failure --timeout 120 -j "$jobs" "$@"
 }
 
-# Tests with a label, in a preset's build
-has_tests() { ctest --test-dir "build/$1" -N -L "$2" 2>/dev/null | grep -q '^Total Tests: [1-9]'; }
-
 compile_with() {
     local compiler=$1
     cmake --preset release -B "build/$compiler" -DCMAKE_C_COMPILER="$compiler" -DLW_WERROR=ON --log-level=WARNING
@@ -58,7 +55,7 @@ for stage in "$@"; do
         ;;
     long)
         scripts/build.sh release
-        if has_tests release '^long$'; then run_tests release -L '^long$'; else echo "check: no long tests yet"; fi
+        run_tests release -L '^long$'
         ;;
     fuzz)
         scripts/build.sh fuzz

@@ -366,18 +366,9 @@ static void test_atrium(void **state) {
     expect_welded("atrium", scene, 0, 1, 16, 0.005, 0.1, 2, (const double[]){0.18, 0.28}, 10000);
 }
 
-/* Sponza is not part of the project: LW_TEST_SCENES names the folder of scenes that holds it. */
 static void test_sponza(void **state) {
     (void)state;
-    const char *folder = getenv("LW_TEST_SCENES");
-    char path[4096];
-    snprintf(path, sizeof path, "%s/sponza/Sponza_lit.gltf", folder ? folder : "../shared/scenes");
-    FILE *file = fopen(path, "rb");
-    if (!file) {
-        printf("skipped: there is no %s (LW_TEST_SCENES)\n", path);
-        skip();
-    }
-    fclose(file);
+    const char *path = lw_support_scene("sponza/Sponza_lit.gltf");
     struct lw_scene *scene;
     struct lw_error err = {0};
     struct lw_scene_open open = {.path = path, .sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG};
@@ -385,7 +376,10 @@ static void test_sponza(void **state) {
     expect_welded("Sponza", scene, 0, 1, 16, 0.01, 0.2, 2, (const double[]){0.175, 0.33}, 10000);
 }
 
-int main(void) {
+/* With an argument: the long test alone. */
+int main(int argc, char **argv) {
+    const struct CMUnitTest long_tests[] = {cmocka_unit_test(test_sponza)};
+
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_slats),
         cmocka_unit_test(test_ball),
@@ -393,7 +387,8 @@ int main(void) {
         cmocka_unit_test(test_t_junction),
         cmocka_unit_test(test_parts_of_a_frame),
         cmocka_unit_test(test_atrium),
-        cmocka_unit_test(test_sponza),
     };
+    (void)argv;
+    if (argc > 1) return cmocka_run_group_tests(long_tests, NULL, NULL);
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
