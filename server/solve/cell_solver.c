@@ -264,6 +264,12 @@ static bool settled(const struct cell_solver *s, const struct lw_solve_block *bl
            (s->desc.frames_max && block->frames >= s->desc.frames_max);
 }
 
+/* Of a block that the frame has not solved. */
+static bool may_rest(const struct cell_solver *s, const struct lw_solve_tile *tile,
+                     const struct lw_solve_block *block) {
+    return block->covered_count == 0 || tile->hidden || settled(s, block);
+}
+
 /* Blocks whose error is low enough rest until their light changes. */
 static void settle_tile(const struct cell_solver *s, struct lw_solve_tile *tile) {
     LW_TILES_EACH_BLOCK (tile, block) {
@@ -463,7 +469,7 @@ void lw_cell_solver_review(struct lw_solver *solver) {
         lw_passes_judge(&passes, tile);
         LW_TILES_EACH_BLOCK (tile, block) {
             if (!block->resting || !block->covered_count) continue;
-            block->resting = settled(s, block);
+            block->resting = may_rest(s, tile, block);
             lw_change_review(block, s->desc.target_error);
         }
         lw_tiles_sum_up(tile);
@@ -563,7 +569,7 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         LW_TILES_EACH_BLOCK (tile, block) {
-            block->resting = block->covered_count == 0 || tile->hidden || settled(s, block);
+            block->resting = may_rest(s, tile, block);
             block->change.moves = s->moves;
         }
         lw_tiles_sum_up(tile);

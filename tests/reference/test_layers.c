@@ -200,6 +200,22 @@ static void test_light_that_stands_rests(void **state) {
     room_finish(&s);
 }
 
+/* What is hidden is not solved, also not when a movement ends and errors are measured anew. */
+static void test_what_is_hidden_rests(void **state) {
+    (void)state;
+    struct room_solution s;
+    struct lw_solver_tile tile;
+    uint64_t frame = 0;
+    begin(&s, "right", 0);
+    s.pose.object_hidden[PLATE] = true;
+    settle(&s, &frame);
+    s.pose.light[1].position_ws.x -= 0.2f;
+    for (unsigned i = 0; i < LW_CELL_SOLVER_FADE_FRAMES + 8; i++) step(&s, &frame);
+    s.solver->ops->read_tile(s.solver, (lw_tile_id){s.map.first_tile[PLATE]}, &tile);
+    assert_int_equal(tile.frames, 0);
+    room_finish(&s);
+}
+
 /* What moved while a lamp was off is in its light when it is on again. */
 static void test_switched_off_in_between(void **state) {
     (void)state;
@@ -331,6 +347,7 @@ int main(void) {
         cmocka_unit_test(test_another_weight_takes_no_ray),
         cmocka_unit_test(test_a_group_has_one_weight),
         cmocka_unit_test(test_light_that_stands_rests),
+        cmocka_unit_test(test_what_is_hidden_rests),
         cmocka_unit_test(test_switched_off_in_between),
         cmocka_unit_test(test_out_of_the_dark),
         cmocka_unit_test(test_comes_back),
