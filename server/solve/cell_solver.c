@@ -27,8 +27,7 @@ struct cell_solver {
     struct lw_lights lights;
     struct lw_probes probes;
     bool has_probes;
-    struct lw_denoise_pairs pairs; /* both empty unless the desc asks for them */
-    struct lw_denoise denoise;
+    struct lw_denoise denoise; /* empty unless the desc asks for it */
     uint32_t *end;
     struct lw_pose pose;          /* the last one given */
     struct lw_progress *progress; /* of the first frame, which may be long; else NULL */
@@ -486,10 +485,9 @@ static enum lw_status want(struct lw_solver *solver, const uint8_t *wanted, stru
 
 static enum lw_status set_up_denoise(struct cell_solver *s, struct lw_error *err) {
     if (s->denoise.pairs) return LW_OK;
-    enum lw_status status = lw_denoise_pairs_init(&s->pairs, s->desc.scene, &s->geometry->texels, s->threads);
+    enum lw_status status = lw_geometry_weigh_pairs(s->geometry);
     if (status == LW_OK)
-        status = lw_denoise_init(&s->denoise, &s->pairs, s->desc.atlas_map, &s->tiles, s->threads);
-    if (status != LW_OK) lw_denoise_pairs_finish(&s->pairs);
+        status = lw_denoise_init(&s->denoise, &s->geometry->pairs, s->desc.atlas_map, &s->tiles, s->threads);
     return status == LW_OK ? LW_OK
                            : lw_status_fail(err, status, "denoiser of %u texels", s->geometry->texels.count);
 }
@@ -583,7 +581,6 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
 static size_t memory_bytes(const struct lw_solver *solver) {
     const struct cell_solver *s = (const struct cell_solver *)solver;
     const size_t per_texel = sizeof(float) * (3 + 3 + 3 + (3 + 4) * (size_t)s->desc.bounces + 8) +
-                             1 + /* seams' filled */
                              sizeof(uint32_t) + sizeof(uint32_t) * s->desc.indirect_samples;
     return per_texel * s->tiles.texel_count + lw_seams_memory_bytes(&s->seams) +
            lw_seams_light_memory_bytes(&s->seams) + lw_denoise_memory_bytes(&s->denoise) +
@@ -596,7 +593,6 @@ static void destroy(struct lw_solver *solver) {
     if (!solver) return;
     struct cell_solver *s = (struct cell_solver *)solver;
     lw_denoise_finish(&s->denoise);
-    lw_denoise_pairs_finish(&s->pairs);
     lw_probes_finish(&s->probes);
     lw_lights_finish(&s->lights);
     lw_seams_light_finish(&s->welds);

@@ -437,8 +437,7 @@ void lw_denoise_finish(struct lw_denoise *denoise) {
 
 size_t lw_denoise_memory_bytes(const struct lw_denoise *denoise) {
     if (!denoise->pairs) return 0;
-    return denoise->pairs->bytes + denoise->tiles->block_count +
-           (size_t)denoise->threads * sizeof *denoise->planes;
+    return denoise->tiles->block_count + (size_t)denoise->threads * sizeof *denoise->planes;
 }
 
 /* Marks the block of a tile at a column and row of its object's blocks, if there is one. */

@@ -21,6 +21,7 @@ enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_sc
 }
 
 void lw_geometry_finish(struct lw_geometry *geometry) {
+    lw_denoise_pairs_finish(&geometry->pairs);
     if (geometry->texels.scene) lw_texels_finish(&geometry->texels);
     lw_trace_destroy(geometry->trace);
     lw_pose_finish(&geometry->pose);
@@ -49,6 +50,11 @@ enum lw_status lw_geometry_set_pose(struct lw_geometry *geometry, const struct l
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "taking over what has changed");
 }
 
+enum lw_status lw_geometry_weigh_pairs(struct lw_geometry *geometry) {
+    if (geometry->pairs.pair) return LW_OK;
+    return lw_denoise_pairs_init(&geometry->pairs, geometry->scene, &geometry->texels, geometry->threads);
+}
+
 size_t lw_geometry_memory_bytes(const struct lw_geometry *geometry) {
     const struct lw_texels *texels = &geometry->texels;
     size_t mesh_texels = 0, places = 0;
@@ -59,5 +65,6 @@ size_t lw_geometry_memory_bytes(const struct lw_geometry *geometry) {
     }
     return texels->count * (3 + sizeof *texels->source) + /* covered, usable, filled; source */
            mesh_texels * (14 * sizeof(float) + 2 * sizeof(uint32_t) + 1) +
-           places * sizeof(struct lw_footprint_place) + lw_trace_memory_bytes(geometry->trace);
+           places * sizeof(struct lw_footprint_place) + geometry->pairs.bytes +
+           lw_trace_memory_bytes(geometry->trace);
 }

@@ -1,21 +1,22 @@
-/* geometry.h: what all light of a scene shares: the rays' structure and the texels.
+/* geometry.h: what all light of a scene shares: the rays' structure, the texels, and what a filter asks of those.
  * Flow:    scene, pose -> [geometry] -> cell_solver, one for each layer of light (layers.h)
  * Threads: one caller at a time, workers inside; between two calls [any] may read. */
 #ifndef LW_SOLVE_GEOMETRY_H
 #define LW_SOLVE_GEOMETRY_H
 
 #include "common/trace/trace.h"
-#include "server/solve/texels.h"
+#include "server/solve/denoise.h"
 
 struct lw_geometry {
     const struct lw_scene *scene;
     struct lw_trace *trace;
     struct lw_texels texels;
-    struct lw_pose pose; /* at which they are */
+    struct lw_denoise_pairs pairs; /* empty until somebody filters */
+    struct lw_pose pose;           /* at which they are */
     int threads;
 };
 
-/** Builds both at a pose. scene outlives the geometry. Errors: LW_NO_MEMORY, LW_INTERNAL; LW_BAD_DATA for more texels than fit. */
+/** Builds structure and texels at a pose. scene outlives the geometry. Errors: LW_NO_MEMORY, LW_INTERNAL; LW_BAD_DATA for more texels than fit. */
 LW_MUST_CHECK enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_scene *scene,
                                               const struct lw_pose *pose, int threads, struct lw_error *err);
 /** A zeroed one is fine. */
@@ -26,6 +27,9 @@ void lw_geometry_finish(struct lw_geometry *geometry);
  * costs nothing. Errors: LW_NO_MEMORY, LW_INTERNAL. */
 LW_MUST_CHECK enum lw_status lw_geometry_set_pose(struct lw_geometry *geometry, const struct lw_pose *pose,
                                                   struct lw_error *err);
+
+/** Weighs the pairs, unless they are. Errors: LW_NO_MEMORY; there are none then. */
+LW_MUST_CHECK enum lw_status lw_geometry_weigh_pairs(struct lw_geometry *geometry);
 
 size_t lw_geometry_memory_bytes(const struct lw_geometry *geometry);
 

@@ -58,16 +58,15 @@ struct layers {
 
 /* ---- a layer's lights ---- */
 
+static float most_of(const float colour[3]) { return fmaxf(colour[0], fmaxf(colour[1], colour[2])); }
+
 static bool shines(const struct layer *layer) {
-    bool any = false;
     for (uint32_t i = 0; i < layer->light_count; i++)
-        for (int c = 0; c < 3; c++) any |= layer->light[i].solved[c] > 0;
-    return any;
+        if (most_of(layer->light[i].solved) > 0) return true;
+    return false;
 }
 
-static bool is_off(const struct layer *layer) {
-    return !(layer->weight[0] > 0 || layer->weight[1] > 0 || layer->weight[2] > 0);
-}
+static bool is_off(const struct layer *layer) { return !(most_of(layer->weight) > 0); }
 
 static float mean_weight(const struct layer *layer) {
     return lw_colour_luminance(lw_vec3(layer->weight[0], layer->weight[1], layer->weight[2]));
@@ -103,8 +102,6 @@ static bool weigh(const struct layer *layer, float out_weight[3]) {
     }
     return all;
 }
-
-static float most_of(const float colour[3]) { return fmaxf(colour[0], fmaxf(colour[1], colour[2])); }
 
 /* What is solved from now on: lights as they are. One alone shines in every channel, so that it may take any colour later. */
 static void solve_as_it_is(struct layer *layer) {
