@@ -7,7 +7,6 @@
 #include "server/solve/denoise.h"
 #include "server/solve/passes.h"
 #include "server/solve/schedule.h"
-#include "server/solve/seams.h"
 
 #include <math.h>
 #include <omp.h>
@@ -22,7 +21,6 @@ struct cell_solver {
     struct lw_geometry own_geometry; /* unless it is shared */
     struct lw_cells cells;
     struct lw_tiles tiles;
-    struct lw_seams seams;
     struct lw_seams_light welds;
     struct lw_lights lights;
     struct lw_probes probes;
@@ -50,10 +48,8 @@ struct remembered {
 
 static enum lw_status find_seams(struct cell_solver *s) {
     lw_seams_light_finish(&s->welds);
-    lw_seams_finish(&s->seams);
-    enum lw_status status =
-        lw_seams_init(&s->seams, s->desc.scene, &s->pose, &s->geometry->texels, &s->tiles);
-    return status == LW_OK ? lw_seams_light_init(&s->welds, &s->seams) : status;
+    enum lw_status status = lw_geometry_find_seams(s->geometry, &s->tiles);
+    return status == LW_OK ? lw_seams_light_init(&s->welds, &s->geometry->seams) : status;
 }
 
 /* Objects that stood still may move from now on: what they buried has come to light, and no seam holds them. */
@@ -338,8 +334,9 @@ static void recall(struct cell_solver *s, const struct lw_passes *passes, struct
 
 /* The two sides of seams and the gutters, around what a frame shows. */
 static void weld(struct cell_solver *s, uint64_t number) {
-    lw_seams_weld(&s->seams, &s->welds, &s->tiles, number, s->threads);
-    lw_seam_gutters_fill(&s->seams.gutters, &s->tiles, number, s->threads);
+    const struct lw_seams *seams = &s->geometry->seams;
+    lw_seams_weld(seams, &s->welds, &s->tiles, number, s->threads);
+    lw_seam_gutters_fill(&seams->gutters, &s->tiles, number, s->threads);
 }
 
 /* What is to be seen of the tiles that this frame shows. */
@@ -535,8 +532,8 @@ static uint32_t list_parts(const struct cell_solver *s, struct remembered *remem
                            struct lw_checkpoint_part out_part[PARTS_MAX]) {
     uint32_t n = 0;
     out_part[n++] = (struct lw_checkpoint_part){remembered, sizeof *remembered};
-    if (s->seams.member_count)
-        out_part[n++] = (struct lw_checkpoint_part){s->welds.correction, (size_t)s->seams.member_count * 3 *
+    if (s->welds.member_count)
+        out_part[n++] = (struct lw_checkpoint_part){s->welds.correction, (size_t)s->welds.member_count * 3 *
                                                                              sizeof *s->welds.correction};
     if (s->has_probes) n += lw_probes_list_parts(&s->probes, out_part + n);
     return n;
@@ -582,9 +579,9 @@ static size_t memory_bytes(const struct lw_solver *solver) {
     const struct cell_solver *s = (const struct cell_solver *)solver;
     const size_t per_texel = sizeof(float) * (3 + 3 + 3 + (3 + 4) * (size_t)s->desc.bounces + 8) +
                              sizeof(uint32_t) + sizeof(uint32_t) * s->desc.indirect_samples;
-    return per_texel * s->tiles.texel_count + lw_seams_memory_bytes(&s->seams) +
-           lw_seams_light_memory_bytes(&s->seams) + lw_denoise_memory_bytes(&s->denoise) +
-           lw_schedule_memory_bytes(&s->schedule) + s->tiles.block_count * sizeof *s->tiles.block +
+    return per_texel * s->tiles.texel_count + lw_seams_light_memory_bytes(&s->welds) +
+           lw_denoise_memory_bytes(&s->denoise) + lw_schedule_memory_bytes(&s->schedule) +
+           s->tiles.block_count * sizeof *s->tiles.block +
            (s->has_probes ? lw_probes_memory_bytes(&s->probes) : 0) +
            (s->geometry == &s->own_geometry ? lw_geometry_memory_bytes(s->geometry) : 0);
 }
@@ -596,7 +593,6 @@ static void destroy(struct lw_solver *solver) {
     lw_probes_finish(&s->probes);
     lw_lights_finish(&s->lights);
     lw_seams_light_finish(&s->welds);
-    lw_seams_finish(&s->seams);
     lw_schedule_finish(&s->schedule);
     lw_tiles_finish(&s->tiles);
     lw_geometry_finish(&s->own_geometry);

@@ -21,6 +21,7 @@ enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_sc
 }
 
 void lw_geometry_finish(struct lw_geometry *geometry) {
+    lw_seams_finish(&geometry->seams);
     lw_denoise_pairs_finish(&geometry->pairs);
     if (geometry->texels.scene) lw_texels_finish(&geometry->texels);
     lw_trace_destroy(geometry->trace);
@@ -44,6 +45,7 @@ enum lw_status lw_geometry_set_pose(struct lw_geometry *geometry, const struct l
     enum lw_status status = LW_OK;
     if (moved & (LW_POSE_OBJECTS | LW_POSE_DYNAMIC))
         status = lw_trace_set_pose(geometry->trace, &geometry->pose, err);
+    if (moved & LW_POSE_DYNAMIC) lw_seams_finish(&geometry->seams);
     if (status == LW_OK && (moved & LW_POSE_DYNAMIC))
         lw_burial_review(&geometry->texels, &geometry->pose, geometry->trace, geometry->threads);
     if (status == LW_OK && recoloured) status = lw_texels_set_albedo(&geometry->texels, geometry->threads);
@@ -53,6 +55,11 @@ enum lw_status lw_geometry_set_pose(struct lw_geometry *geometry, const struct l
 enum lw_status lw_geometry_weigh_pairs(struct lw_geometry *geometry) {
     if (geometry->pairs.pair) return LW_OK;
     return lw_denoise_pairs_init(&geometry->pairs, geometry->scene, &geometry->texels, geometry->threads);
+}
+
+enum lw_status lw_geometry_find_seams(struct lw_geometry *geometry, const struct lw_tiles *tiles) {
+    if (geometry->seams.first_member) return LW_OK;
+    return lw_seams_init(&geometry->seams, geometry->scene, &geometry->pose, &geometry->texels, tiles);
 }
 
 size_t lw_geometry_memory_bytes(const struct lw_geometry *geometry) {
@@ -66,5 +73,5 @@ size_t lw_geometry_memory_bytes(const struct lw_geometry *geometry) {
     return texels->count * (3 + sizeof *texels->source) + /* covered, usable, filled; source */
            mesh_texels * (14 * sizeof(float) + 2 * sizeof(uint32_t) + 1) +
            places * sizeof(struct lw_footprint_place) + geometry->pairs.bytes +
-           lw_trace_memory_bytes(geometry->trace);
+           lw_seams_memory_bytes(&geometry->seams) + lw_trace_memory_bytes(geometry->trace);
 }

@@ -1,4 +1,4 @@
-/* geometry.h: what all light of a scene shares: the rays' structure, the texels, and what a filter asks of those.
+/* geometry.h: what all light of a scene shares: the rays' structure, the texels, what a filter asks of those, and their seams.
  * Flow:    scene, pose -> [geometry] -> cell_solver, one for each layer of light (layers.h)
  * Threads: one caller at a time, workers inside; between two calls [any] may read. */
 #ifndef LW_SOLVE_GEOMETRY_H
@@ -6,12 +6,14 @@
 
 #include "common/trace/trace.h"
 #include "server/solve/denoise.h"
+#include "server/solve/seams.h"
 
 struct lw_geometry {
     const struct lw_scene *scene;
     struct lw_trace *trace;
     struct lw_texels texels;
     struct lw_denoise_pairs pairs; /* empty until somebody filters */
+    struct lw_seams seams;         /* empty until somebody welds */
     struct lw_pose pose;           /* at which they are */
     int threads;
 };
@@ -23,13 +25,17 @@ LW_MUST_CHECK enum lw_status lw_geometry_init(struct lw_geometry *geometry, cons
 void lw_geometry_finish(struct lw_geometry *geometry);
 
 /** Moves to another pose, and takes over what base colours the scene has now. Where objects that stood still may move from now on
- * (LW_POSE_DYNAMIC), what they buried comes to light: texels are covered that were not. A pose at which it is already
+ * (LW_POSE_DYNAMIC), what they buried comes to light: texels are covered that were not, and there are no seams any more. A pose at which it is already
  * costs nothing. Errors: LW_NO_MEMORY, LW_INTERNAL. */
 LW_MUST_CHECK enum lw_status lw_geometry_set_pose(struct lw_geometry *geometry, const struct lw_pose *pose,
                                                   struct lw_error *err);
 
 /** Weighs the pairs, unless they are. Errors: LW_NO_MEMORY; there are none then. */
 LW_MUST_CHECK enum lw_status lw_geometry_weigh_pairs(struct lw_geometry *geometry);
+
+/** Finds the seams, unless they are. tiles: any over its texels. Errors: LW_NO_MEMORY; there are none then. */
+LW_MUST_CHECK enum lw_status lw_geometry_find_seams(struct lw_geometry *geometry,
+                                                    const struct lw_tiles *tiles);
 
 size_t lw_geometry_memory_bytes(const struct lw_geometry *geometry);
 

@@ -372,7 +372,8 @@ size_t lw_seams_memory_bytes(const struct lw_seams *s) {
 
 enum lw_status lw_seams_light_init(struct lw_seams_light *light, const struct lw_seams *seams) {
     const size_t members = (size_t)seams->member_count + 1;
-    *light = (struct lw_seams_light){.fresh = true};
+    *light = (struct lw_seams_light){
+        .member_count = seams->member_count, .component_count = seams->component_count, .fresh = true};
     light->active = calloc((size_t)seams->component_count + 1, 1);
     light->light = calloc(members, sizeof *light->light);
     light->welded = calloc(members, sizeof *light->welded);
@@ -394,8 +395,8 @@ void lw_seams_light_finish(struct lw_seams_light *light) {
     *light = (struct lw_seams_light){0};
 }
 
-size_t lw_seams_light_memory_bytes(const struct lw_seams *seams) {
-    return seams->member_count * (5 * sizeof(float[4]) + 3 * sizeof(float)) + seams->component_count;
+size_t lw_seams_light_memory_bytes(const struct lw_seams_light *light) {
+    return light->member_count * (5 * sizeof(float[4]) + 3 * sizeof(float)) + light->component_count;
 }
 
 /* ---- each frame ---- */

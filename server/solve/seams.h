@@ -34,6 +34,7 @@ struct lw_seams {
 
 /** What welding knows of the light of one solve. */
 struct lw_seams_light {
+    uint32_t member_count, component_count;
     uint8_t *active;   /* per component: the frame has changed its light */
     float (*light)[4]; /* per member: the tiles' own, not welded; W/m^2, and nothing */
     float (*welded)[4], (*scratch[3])[4];
@@ -55,7 +56,7 @@ LW_MUST_CHECK enum lw_status lw_seams_light_init(struct lw_seams_light *light, c
 void lw_seams_light_finish(struct lw_seams_light *light);
 
 /** Bytes held. */
-size_t lw_seams_light_memory_bytes(const struct lw_seams *seams);
+size_t lw_seams_light_memory_bytes(const struct lw_seams_light *light);
 
 /** Welds tiles->light around the blocks shown in frame `frame`: covered texels, and gutters beyond seams. shown_frame of all blocks
  * that it writes becomes `frame`, as does their tiles' solved_frame. Gutters are filled after it (lw_seam_gutters_fill). */
