@@ -214,8 +214,9 @@ unsigned lw_pose_difference(const struct lw_pose *a, const struct lw_pose *b, co
         memcmp(a->object_hidden, b->object_hidden, objects * sizeof *a->object_hidden) ||
         memcmp(a->object_spare, b->object_spare, objects * sizeof *a->object_spare))
         difference |= LW_POSE_OBJECTS;
-    if (memcmp(a->object_dynamic, b->object_dynamic, objects * sizeof *a->object_dynamic))
-        difference |= LW_POSE_DYNAMIC;
+    for (uint32_t i = 0; i < objects; i++)
+        if (a->object_dynamic[i] != b->object_dynamic[i] && !a->node_moves[scene->object[i].node])
+            difference |= LW_POSE_DYNAMIC;
     if (memcmp(a->light, b->light, scene->light_count * sizeof *a->light)) difference |= LW_POSE_LIGHTS;
     if (memcmp(a->material, b->material, scene->material_count * sizeof *a->material))
         difference |= LW_POSE_MATERIALS;

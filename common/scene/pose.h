@@ -52,7 +52,7 @@ enum lw_pose_change {
     LW_POSE_LIGHTS = 2,
     LW_POSE_MATERIALS = 4,
     LW_POSE_SKY = 8,
-    LW_POSE_DYNAMIC = 16 /* which objects are */
+    LW_POSE_DYNAMIC = 16 /* which objects are, of those that have no channel */
 };
 
 /** What differs between two moments of a scene, bit for bit: LW_POSE_* or 0. Time and cameras do not count. */

@@ -4,6 +4,7 @@
 #include "common/progress.h"
 #include "common/random.h"
 
+#include <stdlib.h>
 #include <string.h>
 
 /* A place is buried when what it sees is backs, all but one ray of these, and near ones: a roof that is only modelled
@@ -16,11 +17,18 @@
 /* A texel whose surroundings are clear this many texel sizes around it is looked at no further. */
 #define CLEAR 2
 
+struct box {
+    struct lw_vec3 low, high;
+};
+
 struct search {
     struct lw_texels *texels;
     const struct lw_pose *pose;
     const struct lw_trace *trace;
     float near_m;
+    /* where objects that have become movers stood; of a first look none */
+    struct box *left;
+    uint32_t left_count;
 };
 
 /* Sixteen texels in a row of one object. */
@@ -210,15 +218,52 @@ static uint8_t all_places(const struct lw_mesh_texels *mesh, uint32_t i) {
     return (uint8_t)((1u << (mesh->footprint.first[i + 1] - mesh->footprint.first[i])) - 1);
 }
 
-/* Gives a texel all its places back; whether it had lost any. */
-static bool unbury(const struct lw_mesh_texels *mesh, uint32_t i, uint8_t *covered, uint8_t *usable) {
-    if (!mesh->covered[i] || *usable == all_places(mesh, i)) return false;
-    *covered = 1;
-    *usable = all_places(mesh, i);
-    return true;
+static bool has_lost_places(const struct lw_mesh_texels *mesh, uint32_t i, uint8_t usable) {
+    return mesh->covered[i] && usable != all_places(mesh, i);
 }
 
-/* Returns how many texels of the object are gone. again: only those are looked at that had lost a place before. */
+static void unbury(const struct lw_mesh_texels *mesh, uint32_t i, uint8_t *covered, uint8_t *usable) {
+    *covered = 1;
+    *usable = all_places(mesh, i);
+}
+
+/* Whether the straight line from p by d comes within a margin of the box. */
+static bool meets(const struct box *box, float margin, struct lw_vec3 p, struct lw_vec3 d) {
+    const float at[3] = {p.x, p.y, p.z}, by[3] = {d.x, d.y, d.z},
+                low[3] = {box->low.x, box->low.y, box->low.z},
+                high[3] = {box->high.x, box->high.y, box->high.z};
+    float enter = 0, leave = 1;
+    for (int c = 0; c < 3; c++) {
+        const float inverse = 1 / (fabsf(by[c]) > 1e-30f ? by[c] : 1e-30f);
+        const float a = (low[c] - margin - at[c]) * inverse, b = (high[c] + margin - at[c]) * inverse;
+        enter = fmaxf(enter, fminf(a, b));
+        leave = fminf(leave, fmaxf(a, b));
+    }
+    return enter <= leave;
+}
+
+/* Whether what is no longer there may have been met from one of the texel's places: rays from its middle stand for theirs. */
+static bool may_be_freed(const struct search *s, const struct row *row, uint32_t i) {
+    const struct lw_affine *to_world = &s->pose->object_to_world[row->object];
+    const struct lw_vec3 p = lw_affine_point(to_world, lw_texels_vector(row->mesh->position, i)),
+                         n = lw_affine_normal(to_world, lw_texels_vector(row->mesh->geometric, i));
+    const float margin = 4 * row->mesh->footprint.reach[i] * row->frame.stretch;
+    for (uint32_t k = 0; k < s->left_count; k++) {
+        const struct box *box = &s->left[k];
+        if (!meets(box, margin + s->near_m, p, lw_vec3(0, 0, 0))) continue;
+        if (meets(box, margin, p, lw_vec3_scale(n, -s->near_m))) return true;
+        for (uint32_t r = 0; r < RAYS; r++) {
+            float point[2];
+            lw_random_sobol2(r, 0, point);
+            const struct lw_vec3 d = lw_direction_about(n, lw_direction_cosine(point));
+            if (meets(box, margin, p, lw_vec3_scale(d, s->near_m))) return true;
+        }
+    }
+    return false;
+}
+
+/* Returns how many texels of the object are gone. again: only those are looked at that had lost a place before; returns how many
+ * these are. */
 static uint64_t find_in_object(const struct search *s, uint32_t object, bool again) {
     struct row row = {.mesh = &s->texels->mesh[s->texels->scene->object[object].mesh], .object = object};
     lw_footprint_frame_init(&row.frame, &s->pose->object_to_world[object]);
@@ -230,7 +275,13 @@ static uint64_t find_in_object(const struct search *s, uint32_t object, bool aga
         memset(row.usable, 0, sizeof row.usable);
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH && row.first + lane < row.mesh->texel_count; lane++) {
             const uint32_t i = row.first + lane;
-            if (again ? !unbury(row.mesh, i, &covered[i], &usable[i]) : !covered[i]) continue;
+            if (again) {
+                if (!has_lost_places(row.mesh, i, usable[i]) || !may_be_freed(s, &row, i)) continue;
+                unbury(row.mesh, i, &covered[i], &usable[i]);
+                count++;
+            } else if (!covered[i]) {
+                continue;
+            }
             active |= (uint16_t)(1u << lane);
             row.usable[lane] = usable[row.first + lane];
         }
@@ -243,7 +294,7 @@ static uint64_t find_in_object(const struct search *s, uint32_t object, bool aga
             usable[row.first + lane] = row.usable[lane];
             if (row.usable[lane]) continue;
             covered[row.first + lane] = 0;
-            count++;
+            count += !again;
         }
     }
     return count;
@@ -277,18 +328,43 @@ uint64_t lw_burial_find(struct lw_texels *texels, const struct lw_pose *pose, co
     return count;
 }
 
-void lw_burial_review(struct lw_texels *texels, const struct lw_pose *pose, const struct lw_trace *trace,
-                      int threads) {
-    const struct search search = begin(texels, pose, trace);
-#pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
-    for (uint32_t o = 0; o < texels->scene->object_count; o++) {
-        const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[o].mesh];
-        const uint32_t first = texels->first[o];
-        if (!lw_pose_object_moves(pose, texels->scene, o))
-            (void)find_in_object(&search, o, true);
-        else
-            for (uint32_t i = 0; i < mesh->texel_count; i++)
-                (void)unbury(mesh, i, &texels->covered[first + i], &texels->usable[first + i]);
+static struct box box_around(const struct lw_pose *pose, const struct lw_scene *scene, uint32_t object) {
+    const struct lw_mesh *mesh = &scene->mesh[scene->object[object].mesh];
+    struct box box = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+    for (uint32_t i = 0; i < mesh->vertex_count; i++) {
+        const struct lw_vec3 p = lw_affine_point(&pose->object_to_world[object], mesh->position[i]);
+        box.low = lw_vec3(fminf(box.low.x, p.x), fminf(box.low.y, p.y), fminf(box.low.z, p.z));
+        box.high = lw_vec3(fmaxf(box.high.x, p.x), fmaxf(box.high.y, p.y), fmaxf(box.high.z, p.z));
     }
-    lw_texels_link(texels, threads);
+    return box;
+}
+
+static void unbury_all(struct lw_texels *texels, uint32_t object) {
+    const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[object].mesh];
+    const uint32_t first = texels->first[object];
+    for (uint32_t i = 0; i < mesh->texel_count; i++)
+        if (mesh->covered[i]) unbury(mesh, i, &texels->covered[first + i], &texels->usable[first + i]);
+}
+
+enum lw_status lw_burial_review(struct lw_texels *texels, const struct lw_pose *before,
+                                const struct lw_pose *pose, const struct lw_trace *trace, int threads) {
+    const struct lw_scene *scene = texels->scene;
+    struct search search = begin(texels, pose, trace);
+    /* what an object buried it may have buried by rays as long as then */
+    search.near_m = fmaxf(search.near_m, begin(texels, before, trace).near_m);
+    search.left = malloc((scene->object_count + 1ul) * sizeof *search.left);
+    if (!search.left) return LW_NO_MEMORY;
+    for (uint32_t o = 0; o < scene->object_count; o++) {
+        if (!lw_pose_object_moves(pose, scene, o) || lw_pose_object_moves(before, scene, o)) continue;
+        search.left[search.left_count++] = box_around(before, scene, o);
+        unbury_all(texels, o);
+        lw_texels_link_object(texels, o);
+    }
+#pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
+    for (uint32_t o = 0; o < scene->object_count; o++) {
+        if (!search.left_count || lw_pose_object_moves(pose, scene, o)) continue;
+        if (find_in_object(&search, o, true)) lw_texels_link_object(texels, o);
+    }
+    free(search.left);
+    return LW_OK;
 }

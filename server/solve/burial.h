@@ -17,9 +17,11 @@
 uint64_t lw_burial_find(struct lw_texels *texels, const struct lw_pose *pose, const struct lw_trace *trace,
                         int threads);
 
-/** After objects have become dynamic: looks again at what was buried, and gives back what no longer is. Dynamic objects have all
- * of their texels. What was not buried is not looked at: fewer objects bury less. */
-void lw_burial_review(struct lw_texels *texels, const struct lw_pose *pose, const struct lw_trace *trace,
-                      int threads);
+/** After objects have become movers: looks again at what was buried as near to where they stood as they may have buried it, and
+ * gives back what no longer is. Movers have all of their texels. What was not buried is not looked at: fewer objects bury less.
+ * before: the pose of the last look. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_burial_review(struct lw_texels *texels, const struct lw_pose *before,
+                                              const struct lw_pose *pose, const struct lw_trace *trace,
+                                              int threads);
 
 #endif

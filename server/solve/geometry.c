@@ -41,13 +41,13 @@ enum lw_status lw_geometry_set_pose(struct lw_geometry *geometry, const struct l
                                     struct lw_error *err) {
     const unsigned moved = lw_pose_difference(pose, &geometry->pose, geometry->scene);
     const bool recoloured = is_recoloured(geometry, pose);
-    lw_pose_copy(&geometry->pose, pose, geometry->scene);
     enum lw_status status = LW_OK;
-    if (moved & (LW_POSE_OBJECTS | LW_POSE_DYNAMIC))
-        status = lw_trace_set_pose(geometry->trace, &geometry->pose, err);
+    if (moved & (LW_POSE_OBJECTS | LW_POSE_DYNAMIC)) status = lw_trace_set_pose(geometry->trace, pose, err);
     if (moved & LW_POSE_DYNAMIC) lw_seams_finish(&geometry->seams);
     if (status == LW_OK && (moved & LW_POSE_DYNAMIC))
-        lw_burial_review(&geometry->texels, &geometry->pose, geometry->trace, geometry->threads);
+        status =
+            lw_burial_review(&geometry->texels, &geometry->pose, pose, geometry->trace, geometry->threads);
+    lw_pose_copy(&geometry->pose, pose, geometry->scene);
     if (status == LW_OK && recoloured) status = lw_texels_set_albedo(&geometry->texels, geometry->threads);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "taking over what has changed");
 }

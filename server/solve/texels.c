@@ -538,20 +538,22 @@ enum lw_status lw_texels_set_albedo(struct lw_texels *texels, int threads) {
     return LW_OK;
 }
 
+void lw_texels_link_object(struct lw_texels *texels, uint32_t object) {
+    const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[object].mesh];
+    const uint32_t first = texels->first[object];
+    const uint8_t *covered = texels->covered + first;
+    for (uint32_t y = 0; y < mesh->height; y++)
+        for (uint32_t x = 0; x < mesh->width; x++) {
+            uint32_t i = lw_texels_index(mesh, x, y),
+                     source = covered[i] ? i : source_of(mesh, covered, x, y);
+            texels->source[first + i] = source == LW_TEXEL_NONE ? LW_TEXEL_NONE : first + source;
+            texels->filled[first + i] = !covered[i] && source != LW_TEXEL_NONE;
+        }
+}
+
 void lw_texels_link(struct lw_texels *texels, int threads) {
 #pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
-    for (uint32_t o = 0; o < texels->scene->object_count; o++) {
-        const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[o].mesh];
-        const uint32_t first = texels->first[o];
-        const uint8_t *covered = texels->covered + first;
-        for (uint32_t y = 0; y < mesh->height; y++)
-            for (uint32_t x = 0; x < mesh->width; x++) {
-                uint32_t i = lw_texels_index(mesh, x, y),
-                         source = covered[i] ? i : source_of(mesh, covered, x, y);
-                texels->source[first + i] = source == LW_TEXEL_NONE ? LW_TEXEL_NONE : first + source;
-                texels->filled[first + i] = !covered[i] && source != LW_TEXEL_NONE;
-            }
-    }
+    for (uint32_t o = 0; o < texels->scene->object_count; o++) lw_texels_link_object(texels, o);
 }
 
 void lw_texels_finish(struct lw_texels *texels) {

@@ -60,6 +60,8 @@ LW_MUST_CHECK enum lw_status lw_texels_set_albedo(struct lw_texels *texels, int 
 
 /** Sets every texel's source, and what is filled, from what is covered now. */
 void lw_texels_link(struct lw_texels *texels, int threads);
+/** Likewise, for one object. */
+void lw_texels_link_object(struct lw_texels *texels, uint32_t object);
 
 /** One texel's entry of a planar array of vectors. */
 static inline struct lw_vec3 lw_texels_vector(float *const plane[3], uint32_t i) {

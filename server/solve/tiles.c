@@ -81,19 +81,15 @@ static uint32_t side_of(uint32_t block, uint32_t texels) {
     return left < LW_TILE_BLOCK ? left : LW_TILE_BLOCK;
 }
 
-static void deal_packets(struct lw_tiles *tiles, int threads) {
-#pragma omp parallel for schedule(dynamic) num_threads(threads)
-    for (uint32_t t = 0; t < tiles->count; t++) {
-        const struct lw_solve_tile *tile = &tiles->tile[t];
-        for (uint32_t row = 0; row < tile->block_rows; row++)
-            for (uint32_t column = 0; column < tile->block_columns; column++) {
-                struct lw_solve_block *block = &tile->block[row * tile->block_columns + column];
-                const uint32_t i = row * LW_TILE_BLOCK * tile->width + column * LW_TILE_BLOCK;
-                block->packet_count = lw_packets_deal(
-                    tile->mesh, tile->local + i, tile->width, side_of(column, tile->width),
-                    side_of(row, tile->height), tiles->covered + tile->first + i, block->packet);
-            }
-    }
+static void deal_packets(const struct lw_solve_tile *tile, const uint8_t *covered) {
+    for (uint32_t row = 0; row < tile->block_rows; row++)
+        for (uint32_t column = 0; column < tile->block_columns; column++) {
+            struct lw_solve_block *block = &tile->block[row * tile->block_columns + column];
+            const uint32_t i = row * LW_TILE_BLOCK * tile->width + column * LW_TILE_BLOCK;
+            block->packet_count =
+                lw_packets_deal(tile->mesh, tile->local + i, tile->width, side_of(column, tile->width),
+                                side_of(row, tile->height), covered + tile->first + i, block->packet);
+        }
 }
 
 static uint32_t blocks_along(uint32_t texels) { return (texels + LW_TILE_BLOCK - 1) / LW_TILE_BLOCK; }
@@ -151,24 +147,35 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
         }
         tile->resting = tile->covered_count == 0;
     }
-    deal_packets(tiles, threads);
+#pragma omp parallel for schedule(dynamic) num_threads(threads)
+    for (uint32_t i = 0; i < tiles->count; i++) deal_packets(&tiles->tile[i], tiles->covered);
     return LW_OK;
 }
 
-void lw_tiles_recount(struct lw_tiles *tiles, int threads) {
-    for (uint32_t i = 0; i < tiles->count; i++) {
-        struct lw_solve_tile *tile = &tiles->tile[i];
-        uint32_t before[LW_TILE_BLOCKS * LW_TILE_BLOCKS];
-        LW_TILES_EACH_BLOCK (tile, block) before[block - tile->block] = block->covered_count;
-        bound_tile(tile, tiles->covered);
-        LW_TILES_EACH_BLOCK (tile, block) {
-            if (block->covered_count == before[block - tile->block]) continue;
-            block->direct.frames = block->indirect.frames = 0;
-            block->resting = block->covered_count == 0 || tile->hidden;
-        }
-        lw_tiles_sum_up(tile);
+/* Texels are only ever given back (burial.h), so that as many as before are the same ones. */
+static bool covers_as_before(const struct lw_solve_tile *tile, const uint8_t *covered) {
+    uint32_t count = 0;
+    for (uint32_t i = 0; i < tile->width * tile->height; i++) count += covered[tile->first + i];
+    return count == tile->covered_count;
+}
+
+static void recount_tile(struct lw_solve_tile *tile, const uint8_t *covered) {
+    uint32_t before[LW_TILE_BLOCKS * LW_TILE_BLOCKS];
+    LW_TILES_EACH_BLOCK (tile, block) before[block - tile->block] = block->covered_count;
+    bound_tile(tile, covered);
+    LW_TILES_EACH_BLOCK (tile, block) {
+        if (block->covered_count == before[block - tile->block]) continue;
+        block->direct.frames = block->indirect.frames = 0;
+        block->resting = block->covered_count == 0 || tile->hidden;
     }
-    deal_packets(tiles, threads);
+    lw_tiles_sum_up(tile);
+    deal_packets(tile, covered);
+}
+
+void lw_tiles_recount(struct lw_tiles *tiles, int threads) {
+#pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
+    for (uint32_t i = 0; i < tiles->count; i++)
+        if (!covers_as_before(&tiles->tile[i], tiles->covered)) recount_tile(&tiles->tile[i], tiles->covered);
 }
 
 void lw_tiles_finish(struct lw_tiles *tiles) {

@@ -98,7 +98,7 @@ LW_MUST_CHECK enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct 
                                            uint32_t bounces, int threads);
 void lw_tiles_finish(struct lw_tiles *tiles);
 
-/** Counts anew what the texels cover; a block that covers more or less than before starts from the beginning. */
+/** Counts anew what the texels cover, of which none has gone; a block that covers more than before starts from the beginning. */
 void lw_tiles_recount(struct lw_tiles *tiles, int threads);
 
 /** Shows the sums of the blocks of frame `frame` (shown_frame) as they are. */

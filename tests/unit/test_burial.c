@@ -43,22 +43,25 @@ static void what_was_buried_comes_to_light(void **state) {
     const uint32_t all = covered(&texels, floor, true);
     assert_true(lw_burial_find(&texels, &pose, trace, 1) > 0);
     const uint32_t with_both = covered(&texels, floor, false);
-    assert_true(with_both < all);               /* some 0.6 m x 0.6 m under each */
-    lw_burial_review(&texels, &pose, trace, 1); /* nothing has changed */
+    assert_true(with_both < all); /* some 0.6 m x 0.6 m under each */
+    struct lw_pose before;
+    lw_support_ok(lw_pose_init(&before, scene), NULL);
+    lw_support_ok(lw_burial_review(&texels, &before, &pose, trace, 1), NULL); /* nothing has changed */
     assert_int_equal(covered(&texels, floor, false), with_both);
 
     pose.object_dynamic[tall] = pose.object_hidden[tall] = true;
     lw_support_ok(lw_trace_set_pose(trace, &pose, &err), &err);
-    lw_burial_review(&texels, &pose, trace, 1);
+    lw_support_ok(lw_burial_review(&texels, &before, &pose, trace, 1), NULL);
     const uint32_t with_one = covered(&texels, floor, false);
     assert_true(with_both < with_one && with_one < all);
     assert_int_equal(covered(&texels, tall, false), covered(&texels, tall, true)); /* its foot, too */
     assert_true(covered(&texels, small, false) <= covered(&texels, small, true));
 
+    lw_pose_copy(&before, &pose, scene);
     pose.object_dynamic[small] = true;
     pose.object_to_world[small].m[1][3] += 5;
     lw_support_ok(lw_trace_set_pose(trace, &pose, &err), &err);
-    lw_burial_review(&texels, &pose, trace, 1);
+    lw_support_ok(lw_burial_review(&texels, &before, &pose, trace, 1), NULL);
     const uint32_t with_none = covered(&texels, floor, false);
     assert_true(with_one < with_none);
 
@@ -72,6 +75,7 @@ static void what_was_buried_comes_to_light(void **state) {
     lw_texels_finish(&fresh);
     lw_texels_finish(&texels);
     lw_trace_destroy(trace);
+    lw_pose_finish(&before);
     lw_pose_finish(&pose);
     lw_scene_destroy(scene);
 }
