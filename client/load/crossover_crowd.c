@@ -123,7 +123,7 @@ static enum lw_status measure_shared(struct lw_crossover_run *run, uint32_t repe
     const double error = crowd.errors ? crowd.error_sum / crowd.errors : 0;
     if (whole) {
         x->whole_cost_s[repeat] = lw_cost_total(&cost[0]);
-        x->whole_error = error;
+        x->whole_error[repeat] = error;
         return LW_OK;
     }
     x->shared_error[repeat] = error;

@@ -88,7 +88,7 @@ struct lw_crossover {
     struct lw_crossover_figure first_ratio;        /* r(1), or of the first count */
     double whole_cost_s[LW_CROSSOVER_REPEATS_MAX]; /* of the first count, with all of the scene lit */
     struct lw_crossover_figure whole_ratio;        /* likewise */
-    double whole_error;
+    double whole_error[LW_CROSSOVER_REPEATS_MAX];
     struct lw_crossover_figure marginal;  /* m: one more user over one more path tracer */
     struct lw_crossover_figure crossover; /* users from which on sharing is cheaper; INFINITY: none */
     struct lw_crossover_real real;

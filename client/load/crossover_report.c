@@ -256,6 +256,17 @@ static void print_head(const struct lw_crossover *x, FILE *f, const char *comman
                 : " The first second is not measured.");
 }
 
+/* relMSE of the shared side: the mean over repeats, whose random numbers differ, and the least and the most of them. */
+static void print_errors(FILE *f, const double *error, uint32_t count) {
+    double least = error[0], most = error[0];
+    for (uint32_t i = 1; i < count; i++) {
+        least = fmin(least, error[i]);
+        most = fmax(most, error[i]);
+    }
+    fprintf(f, "relMSE %.3g", lw_crossover_figures_mean(error, count).mean);
+    if (count > 1) fprintf(f, ", %.3g to %.3g", least, most);
+}
+
 static void print_result(const struct lw_crossover *x, FILE *f) {
     if (x->shortfall) fprintf(f, "**No figures for counts of users: %s.**\n\n", x->shortfall);
     if (!x->repeats_done) return;
@@ -267,8 +278,12 @@ static void print_result(const struct lw_crossover *x, FILE *f) {
         fprintf(f, "At given settings: ");
     else
         fprintf(f, "At relMSE %.3g: ", x->target[0].error);
-    fprintf(f, "%s (relMSE %.3g) against %s (relMSE %.3g).\n\n", setting[0], x->chosen_error[0], setting[1],
-            x->chosen_error[1]);
+    fprintf(f, "%s (relMSE %.3g) against %s (", setting[0], x->chosen_error[0], setting[1]);
+    if (x->side[LW_CROSSOVER_SHARED].traces) /* two path tracers: of the frames by which both were chosen */
+        fprintf(f, "relMSE %.3g", x->chosen_error[LW_CROSSOVER_SHARED]);
+    else
+        print_errors(f, x->shared_error, x->repeats_done);
+    fprintf(f, ").\n\n");
     fprintf(f, "* one shared solve over path tracers, %u user%s: **r = ", x->count[0].users,
             x->count[0].users > 1 ? "s" : "");
     print_figure(f, &x->first_ratio);
@@ -292,7 +307,9 @@ static void print_result(const struct lw_crossover *x, FILE *f) {
     if (x->whole_ratio.mean > 0) {
         fprintf(f, "* with all of the scene lit instead of what is looked at and what lights it: r = ");
         print_figure(f, &x->whole_ratio);
-        fprintf(f, " (relMSE %.3g)\n", x->whole_error);
+        fprintf(f, " (");
+        print_errors(f, x->whole_error, x->whole_done);
+        fprintf(f, ")\n");
     }
     fprintf(f, "\nIntervals are of 95 %%, over %u repeats with random numbers of their own.",
             x->repeats_done);
