@@ -164,7 +164,6 @@ static void weigh_direct(struct cell_solver *s, const struct lw_passes *passes,
         if (asked) lw_passes_compare(passes, tile, &count);
         LW_TILES_EACH_BLOCK (tile, block) {
             if (block->due) lw_change_weigh_direct(block, s->moves);
-            if (block->due) block->level = s->desc.indirect_level;
         }
         if (tile->due) tile->solved_tick = s->schedule.tick;
         shadow += count.shadow;

@@ -409,41 +409,6 @@ static void read_sources(const struct lw_passes *p, const struct lw_solve_tile *
         if (p->tiles->covered[i]) read_sources_of(p, i);
 }
 
-/* Every texel of a run's packets takes the ends of the rays that serve for it. */
-static void spread_ends(const struct lw_passes *p, const struct lw_solve_tile *tile,
-                        const struct lw_solve_block *block, struct lw_packet_run run, uint32_t frame,
-                        const struct packet *traced) {
-    const uint32_t n = p->indirect_samples, count = block->packet[lw_packets_tracer(run, frame)].count;
-    for (uint32_t set = run.first; set < run.end; set++) {
-        struct packet packet;
-        load_packet(tile, block, set, &packet);
-        for (uint32_t lane = 0; lane < block->packet[set].count; lane++) {
-            const uint32_t from = traced->lane_texel[lw_packets_lane(run, block->level, frame, lane, count)];
-            if (from != packet.lane_texel[lane])
-                memcpy(p->end + (size_t)(tile->first + packet.lane_texel[lane]) * n,
-                       p->end + (size_t)(tile->first + from) * n, n * sizeof *p->end);
-        }
-    }
-}
-
-/* Of the run that packet `set` is of; returns the first packet behind it. Needs a frame. */
-static uint32_t trace_run(const struct lw_passes *p, const struct lw_solve_tile *tile,
-                          const struct lw_solve_block *block, uint32_t set, uint32_t frame,
-                          struct packet *packet, struct lw_passes_count *count) {
-    const struct lw_packet_run run = lw_packets_run(block->packet, set, block->level);
-    const uint32_t tracer = lw_packets_tracer(run, frame), lanes = block->packet[tracer].count;
-    load_packet(tile, block, tracer, packet);
-    packet->frames = frame;
-    packet->set = run.first;
-    uint16_t active = 0;
-    for (uint32_t lane = 0; lane < lanes; lane++)
-        active |= (uint16_t)(1u << lw_packets_lane(run, block->level, frame, lane, lanes));
-    packet->active = active;
-    trace_packet(p, tile, packet, count);
-    spread_ends(p, tile, block, run, frame, packet);
-    return run.end;
-}
-
 void lw_passes_trace_ends(const struct lw_passes *p, const struct lw_solve_tile *tile,
                           struct lw_passes_count *count) {
     struct packet packet;
@@ -451,8 +416,10 @@ void lw_passes_trace_ends(const struct lw_passes *p, const struct lw_solve_tile 
     LW_TILES_EACH_BLOCK (tile, block) {
         if (!block->due) continue;
         prefetch_places(p, tile, block, block->frames * p->indirect_samples / PLACE_SHARE);
-        for (uint32_t set = 0; set < block->packet_count;)
-            set = trace_run(p, tile, block, set, block->frames, &packet, count);
+        for (uint32_t set = 0; set < block->packet_count; set++) {
+            load_packet(tile, block, set, &packet);
+            trace_packet(p, tile, &packet, count);
+        }
     }
     read_sources(p, tile);
 }
@@ -499,19 +466,13 @@ static uint32_t quarter_of(const struct lw_solve_tile *tile, uint32_t texel) {
 static float most_of(struct lw_vec3 v) { return fmaxf(fabsf(v.x), fmaxf(fabsf(v.y), fabsf(v.z))); }
 
 /* Takes the samples of its last solve again, up to where its rays end. Needs a frame. */
-static void repeat_packet(const struct lw_passes *p, const struct lw_solve_tile *tile,
-                          const struct lw_solve_block *block, struct packet *packet,
+static void repeat_packet(const struct lw_passes *p, const struct lw_solve_tile *tile, struct packet *packet,
                           struct lw_vec3 out_direct[LANES], struct lw_passes_count *count) {
     light_packet(p, tile, packet, out_direct, count);
     if (!p->tiles->bounces) return;
-    struct packet traced = *packet;
-    const struct lw_packet_run run = lw_packets_run(block->packet, packet->set, block->level);
-    trace_run(p, tile, block, packet->set, packet->frames, &traced, count);
-    for (uint32_t set = run.first; set < run.end; set++) {
-        load_packet(tile, block, set, &traced);
-        for (uint32_t lane = 0; lane < block->packet[set].count; lane++)
-            read_sources_of(p, tile->first + traced.lane_texel[lane]);
-    }
+    trace_packet(p, tile, packet, count);
+    for (uint32_t lane = 0; lane < LANES; lane++)
+        if (packet->active >> lane & 1) read_sources_of(p, tile->first + packet->lane_texel[lane]);
 }
 
 static struct lw_vec3 gather_orders(const struct lw_passes *p, uint32_t texel) {
@@ -561,7 +522,7 @@ void lw_passes_compare(const struct lw_passes *p, struct lw_solve_tile *tile, st
             struct lw_vec3 direct[LANES];
             load_packet(tile, block, set, &packet);
             packet.frames--; /* the numbers of its last solve */
-            if (retrace) repeat_packet(p, tile, block, &packet, direct, count);
+            if (retrace) repeat_packet(p, tile, &packet, direct, count);
             block->change.packet[set] =
                 compare_packet(p, tile, block, &packet, retrace ? direct : NULL, &block->change.packet[set]);
         }
@@ -615,7 +576,7 @@ void lw_passes_recall(const struct lw_passes *p, const struct lw_solve_tile *til
             struct lw_vec3 direct[LANES];
             load_packet(tile, block, set, &packet);
             packet.frames--;
-            repeat_packet(p, tile, block, &packet, direct, count);
+            repeat_packet(p, tile, &packet, direct, count);
             for (uint32_t lane = 0; lane < LANES; lane++) {
                 if (!(packet.active >> lane & 1)) continue;
                 const uint32_t texel = tile->first + packet.lane_texel[lane];

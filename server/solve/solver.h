@@ -34,7 +34,6 @@ struct lw_solver_desc {
     enum lw_probe_projection probe_projection;
     uint32_t direct_samples;   /* per texel and frame, on area lights and sky */
     uint32_t indirect_samples; /* per texel, bounce and frame */
-    uint32_t indirect_level;
     float target_error;        /* relative standard error at which a tile rests; < 0: at none */
     uint32_t frames_max;       /* frames after which a tile rests in any case; 0: no limit */
     unsigned threads;          /* 0: all */

@@ -27,7 +27,6 @@ struct lw_solve_block {
     bool unseen;          /* it was solved since it was last shown */
     uint64_t shown_frame; /* last frame that changed what is shown of it */
     uint32_t frames;      /* solved since the sequence began: where the random numbers go on */
-    uint32_t level;       /* of its bounce rays (packets.h) */
     struct lw_memory direct, indirect;
     struct lw_change_block change;
     double variance;  /* sum over its texels: of one frame's estimate, luminance, about the running mean */

@@ -165,7 +165,7 @@ static enum lw_status find_truth(const struct job *job, uint32_t seed, float **o
     struct solution s;
     size_t count;
     enum lw_status status = solve_anew(job, -1, seed, job->settings->truth_frames, &s, err);
-    if (status == LW_OK && !(*out_light = bench_read_light(s.solver, &job->map, BENCH_LIGHT_ALL, &count)))
+    if (status == LW_OK && !(*out_light = bench_read_light(s.solver, &job->map, &count)))
         status = lw_status_fail(err, LW_NO_MEMORY, "texels");
     destroy(&s);
     return status;
@@ -175,8 +175,8 @@ static enum lw_status print_errors(const struct job *job, const struct solution 
                                    const struct solution *anew, const float *before, struct lw_error *err) {
     float *truth = NULL;
     size_t count = 0;
-    float *light = bench_read_light(s->solver, &job->map, BENCH_LIGHT_ALL, &count),
-          *light_anew = bench_read_light(anew->solver, &job->map, BENCH_LIGHT_ALL, &count);
+    float *light = bench_read_light(s->solver, &job->map, &count),
+          *light_anew = bench_read_light(anew->solver, &job->map, &count);
     enum lw_status status =
         light && light_anew ? find_truth(job, 8, &truth, err) : lw_status_fail(err, LW_NO_MEMORY, "texels");
     if (status == LW_OK) {

@@ -77,7 +77,7 @@ static enum lw_status solve(struct job *job, const char *group_names, double err
         status = step(job, solver, (uint64_t)f + 1, row, err);
     }
     size_t count;
-    if (status == LW_OK && !(*out_light = bench_read_light(solver, &job->map, BENCH_LIGHT_ALL, &count)))
+    if (status == LW_OK && !(*out_light = bench_read_light(solver, &job->map, &count)))
         status = lw_status_fail(err, LW_NO_MEMORY, "texels");
     if (status == LW_OK && truth) {
         const uint64_t half = (uint64_t)(frames - frames / 2);

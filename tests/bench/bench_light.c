@@ -3,19 +3,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-static float value_of(const struct lw_solver_tile *tile, enum bench_light kind, int channel, uint32_t texel) {
-    switch (kind) {
-    case BENCH_LIGHT_INDIRECT:
-        return tile->indirect[channel][texel];
-    case BENCH_LIGHT_SHOWN:
-        return tile->light[channel][texel];
-    default:
-        return tile->direct[channel][texel] + tile->indirect[channel][texel];
-    }
-}
-
-float *bench_read_light(const struct lw_solver *solver, const struct lw_atlas_map *map, enum bench_light kind,
-                        size_t *out_count) {
+float *bench_read_light(const struct lw_solver *solver, const struct lw_atlas_map *map, size_t *out_count) {
     size_t count = 0;
     float *light = NULL;
     for (int pass = 0; pass < 2; pass++) {
@@ -28,7 +16,7 @@ float *bench_read_light(const struct lw_solver *solver, const struct lw_atlas_ma
             for (uint32_t i = 0; i < tile.width * tile.height; i++) {
                 if (!tile.covered[i]) continue;
                 for (int c = 0; pass && c < 3; c++)
-                    light[3 * count + (size_t)c] = value_of(&tile, kind, c, i);
+                    light[3 * count + (size_t)c] = tile.direct[c][i] + tile.indirect[c][i];
                 count++;
             }
         }

@@ -4,17 +4,8 @@
 
 #include "server/solve/solver.h"
 
-/** What of a tile's light. */
-enum bench_light {
-    BENCH_LIGHT_ALL, /* unfiltered */
-    BENCH_LIGHT_INDIRECT,
-    BENCH_LIGHT_SHOWN, /* filtered and welded as the solver is told */
-    BENCH_LIGHT_KINDS
-};
-
-/** The light of all covered texels, three values each; the caller frees. *out_count: values. NULL: no memory. */
-float *bench_read_light(const struct lw_solver *solver, const struct lw_atlas_map *map, enum bench_light kind,
-                        size_t *out_count);
+/** The light of all covered texels, unfiltered, three values each; the caller frees. *out_count: values. NULL: no memory. */
+float *bench_read_light(const struct lw_solver *solver, const struct lw_atlas_map *map, size_t *out_count);
 
 /** The epsilon of relMSE: 1 % of the mean of the truth's squares. */
 double bench_light_epsilon(const float *truth, size_t count);
