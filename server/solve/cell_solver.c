@@ -22,6 +22,7 @@ struct cell_solver {
     struct lw_cells cells;
     struct lw_tiles tiles;
     struct lw_seams_light welds;
+    uint32_t seams_found; /* of the geometry: those that the welds are of */
     struct lw_lights lights;
     struct lw_probes probes;
     bool has_probes;
@@ -46,16 +47,13 @@ struct remembered {
     uint32_t frames, frames_since_move, moves;
 };
 
+/* Seams that hold an object which has begun to move may do so a little longer where frames have a time to keep. */
 static enum lw_status find_seams(struct cell_solver *s) {
+    enum lw_status status = lw_geometry_find_seams(s->geometry, &s->tiles, s->desc.frame_budget_s > 0);
+    if (status != LW_OK || s->seams_found == s->geometry->seams_found) return status;
     lw_seams_light_finish(&s->welds);
-    enum lw_status status = lw_geometry_find_seams(s->geometry, &s->tiles);
-    return status == LW_OK ? lw_seams_light_init(&s->welds, &s->geometry->seams) : status;
-}
-
-/* Objects that stood still may move from now on: what they buried has come to light, and no seam holds them. */
-static enum lw_status free_objects(struct cell_solver *s) {
-    lw_tiles_recount(&s->tiles, s->threads);
-    return find_seams(s);
+    s->seams_found = s->geometry->seams_found;
+    return lw_seams_light_init(&s->welds, &s->geometry->seams);
 }
 
 /* What all tiles send out, from their sums. */
@@ -71,8 +69,8 @@ static void radiate_all(struct cell_solver *s) {
 static enum lw_status place(struct cell_solver *s, struct lw_solver_stats *stats, struct lw_error *err) {
     enum lw_status status = lw_geometry_set_pose(s->geometry, &s->pose, err);
     if (status != LW_OK) return status;
-    if (s->pose_due & LW_POSE_DYNAMIC) status = free_objects(s);
-    if (status == LW_OK && (s->pose_due & (LW_POSE_MATERIALS | LW_POSE_SKY)))
+    if (s->pose_due & LW_POSE_DYNAMIC) lw_tiles_recount(&s->tiles, s->threads);
+    if (s->pose_due & (LW_POSE_MATERIALS | LW_POSE_SKY))
         status = lw_lights_set_materials(&s->lights, &s->pose);
     if (status != LW_OK) return lw_status_fail(err, status, "taking over what has changed");
     if (s->pose_due & LW_POSE_MATERIALS) radiate_all(s);
@@ -340,16 +338,20 @@ static void weld(struct cell_solver *s, uint64_t number) {
 }
 
 /* What is to be seen of the tiles that this frame shows. */
-static void show(struct cell_solver *s, uint64_t number, struct lw_solver_stats *stats) {
+static enum lw_status show(struct cell_solver *s, uint64_t number, struct lw_solver_stats *stats,
+                           struct lw_error *err) {
     const uint64_t t0 = lw_clock_ns();
     if (s->desc.denoise)
         lw_denoise_run(&s->denoise, number, s->threads);
     else
         lw_tiles_show(&s->tiles, number, s->threads);
     const uint64_t t1 = lw_clock_ns();
+    enum lw_status status = find_seams(s);
+    if (status != LW_OK) return lw_status_fail(err, status, "seams");
     weld(s, number);
     stats->denoise_ns = t1 - t0;
     stats->weld_ns = lw_clock_ns() - t1;
+    return LW_OK;
 }
 
 static struct lw_passes passes_of(struct cell_solver *s) {
@@ -398,7 +400,8 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     s->still_rounds = solves ? 0 : s->still_rounds + 1;
     if (!solves) {
         run_finish(s, &passes, number, &stats); /* of what was solved before but not shown */
-        if (stats.tiles_shown) show(s, number, &stats);
+        if (stats.tiles_shown) status = show(s, number, &stats, err);
+        if (status != LW_OK) return status;
         count_tiles(s, &stats);
         *out_stats = stats;
         return LW_OK;
@@ -445,7 +448,8 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     if (s->moves && s->desc.bounces > 1) run_arrive(s, &passes);
     if (cancelled(s)) return LW_CLOSED;
     run_finish(s, &passes, number, &stats);
-    if (stats.tiles_shown) show(s, number, &stats);
+    if (stats.tiles_shown) status = show(s, number, &stats, err);
+    if (status != LW_OK) return status;
     settle(s, &stats);
     note_texel_cost(s, &stats);
     s->frames++;
@@ -503,6 +507,7 @@ static enum lw_status filter(struct lw_solver *solver, struct lw_error *err) {
         tile->solved_frame = last;
     }
     lw_denoise_run(&s->denoise, last, s->threads);
+    if ((status = find_seams(s)) != LW_OK) return lw_status_fail(err, status, "seams");
     weld(s, last);
     return LW_OK;
 }
@@ -589,6 +594,7 @@ static size_t memory_bytes(const struct lw_solver *solver) {
 static void destroy(struct lw_solver *solver) {
     if (!solver) return;
     struct cell_solver *s = (struct cell_solver *)solver;
+    if (s->geometry) lw_geometry_forget_tiles(s->geometry);
     lw_denoise_finish(&s->denoise);
     lw_probes_finish(&s->probes);
     lw_lights_finish(&s->lights);

@@ -3,7 +3,22 @@
 #include "common/log.h"
 #include "server/solve/burial.h"
 
+#include <pthread.h>
+#include <stdatomic.h>
+#include <stdlib.h>
 #include <string.h>
+
+/* Seams of which the texels are those of now, and the objects too: neither changes while it lasts. */
+struct lw_geometry_search {
+    pthread_t thread;
+    const struct lw_scene *scene;
+    const struct lw_texels *texels;
+    const struct lw_tiles *tiles;
+    struct lw_pose pose;
+    struct lw_seams seams;
+    enum lw_status status;
+    atomic_bool ended;
+};
 
 enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_scene *scene,
                                 const struct lw_pose *pose, int threads, struct lw_error *err) {
@@ -20,7 +35,58 @@ enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_sc
     return LW_OK;
 }
 
+static void *search_in_thread(void *argument) {
+    struct lw_geometry_search *search = argument;
+    search->status =
+        lw_seams_init(&search->seams, search->scene, &search->pose, search->texels, search->tiles);
+    search->ended = true;
+    return NULL;
+}
+
+static void search_destroy(struct lw_geometry_search *search) {
+    if (!search) return;
+    lw_seams_finish(&search->seams);
+    lw_pose_finish(&search->pose);
+    free(search);
+}
+
+/* NULL: there is no memory, or no thread. */
+static struct lw_geometry_search *search_start(const struct lw_geometry *geometry,
+                                               const struct lw_tiles *tiles) {
+    struct lw_geometry_search *search = calloc(1, sizeof *search);
+    if (!search) return NULL;
+    *search = (struct lw_geometry_search){
+        .scene = geometry->scene, .texels = &geometry->texels, .tiles = tiles, .ended = false};
+    if (lw_pose_init(&search->pose, geometry->scene) == LW_OK) {
+        lw_pose_copy(&search->pose, &geometry->pose, geometry->scene);
+        if (pthread_create(&search->thread, NULL, search_in_thread, search) == 0) return search;
+    }
+    search_destroy(search);
+    return NULL;
+}
+
+static void take_seams(struct lw_geometry *geometry, struct lw_seams *seams) {
+    lw_seams_finish(&geometry->seams);
+    geometry->seams = *seams;
+    *seams = (struct lw_seams){0};
+    geometry->seams_found++;
+    geometry->seams_outdated = false;
+}
+
+/* Waits for the search, if there is one, and takes what it has found, if it is wanted. */
+static enum lw_status end_search(struct lw_geometry *geometry, bool wanted) {
+    struct lw_geometry_search *search = geometry->search;
+    enum lw_status status = LW_OK;
+    if (!search) return LW_OK;
+    geometry->search = NULL;
+    pthread_join(search->thread, NULL);
+    if (wanted && (status = search->status) == LW_OK) take_seams(geometry, &search->seams);
+    search_destroy(search);
+    return status;
+}
+
 void lw_geometry_finish(struct lw_geometry *geometry) {
+    (void)end_search(geometry, false);
     lw_seams_finish(&geometry->seams);
     lw_denoise_pairs_finish(&geometry->pairs);
     if (geometry->texels.scene) lw_texels_finish(&geometry->texels);
@@ -42,8 +108,11 @@ enum lw_status lw_geometry_set_pose(struct lw_geometry *geometry, const struct l
     const unsigned moved = lw_pose_difference(pose, &geometry->pose, geometry->scene);
     const bool recoloured = is_recoloured(geometry, pose);
     enum lw_status status = LW_OK;
+    if (moved & LW_POSE_DYNAMIC) {
+        (void)end_search(geometry, false);
+        geometry->seams_outdated = true;
+    }
     if (moved & (LW_POSE_OBJECTS | LW_POSE_DYNAMIC)) status = lw_trace_set_pose(geometry->trace, pose, err);
-    if (moved & LW_POSE_DYNAMIC) lw_seams_finish(&geometry->seams);
     if (status == LW_OK && (moved & LW_POSE_DYNAMIC))
         status =
             lw_burial_review(&geometry->texels, &geometry->pose, pose, geometry->trace, geometry->threads);
@@ -57,10 +126,22 @@ enum lw_status lw_geometry_weigh_pairs(struct lw_geometry *geometry) {
     return lw_denoise_pairs_init(&geometry->pairs, geometry->scene, &geometry->texels, geometry->threads);
 }
 
-enum lw_status lw_geometry_find_seams(struct lw_geometry *geometry, const struct lw_tiles *tiles) {
-    if (geometry->seams.first_member) return LW_OK;
-    return lw_seams_init(&geometry->seams, geometry->scene, &geometry->pose, &geometry->texels, tiles);
+enum lw_status lw_geometry_find_seams(struct lw_geometry *geometry, const struct lw_tiles *tiles,
+                                      bool later) {
+    const bool none = !geometry->seams_found;
+    if (geometry->search) {
+        if (later && !geometry->search->ended) return LW_OK;
+        return end_search(geometry, true);
+    }
+    if (!none && !geometry->seams_outdated) return LW_OK;
+    if (later && !none && (geometry->search = search_start(geometry, tiles))) return LW_OK;
+    struct lw_seams seams;
+    enum lw_status status = lw_seams_init(&seams, geometry->scene, &geometry->pose, &geometry->texels, tiles);
+    if (status == LW_OK) take_seams(geometry, &seams);
+    return status;
 }
+
+void lw_geometry_forget_tiles(struct lw_geometry *geometry) { (void)end_search(geometry, false); }
 
 size_t lw_geometry_memory_bytes(const struct lw_geometry *geometry) {
     const struct lw_texels *texels = &geometry->texels;

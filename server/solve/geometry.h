@@ -14,7 +14,10 @@ struct lw_geometry {
     struct lw_texels texels;
     struct lw_denoise_pairs pairs; /* empty until somebody filters */
     struct lw_seams seams;         /* empty until somebody welds */
-    struct lw_pose pose;           /* at which they are */
+    uint32_t seams_found;          /* times that they have been */
+    bool seams_outdated;
+    struct lw_geometry_search *search; /* for others, or NULL */
+    struct lw_pose pose;               /* at which they are */
     int threads;
 };
 
@@ -25,17 +28,23 @@ LW_MUST_CHECK enum lw_status lw_geometry_init(struct lw_geometry *geometry, cons
 void lw_geometry_finish(struct lw_geometry *geometry);
 
 /** Moves to another pose, and takes over what base colours the scene has now. Where objects that stood still may move from now on
- * (LW_POSE_DYNAMIC), what they buried comes to light: texels are covered that were not, and there are no seams any more. A pose at which it is already
- * costs nothing. Errors: LW_NO_MEMORY, LW_INTERNAL. */
+ * (LW_POSE_DYNAMIC), what they buried comes to light: texels are covered that were not, and seams are those of before until they are
+ * found again. A pose at which it is already costs nothing. Errors: LW_NO_MEMORY, LW_INTERNAL. */
 LW_MUST_CHECK enum lw_status lw_geometry_set_pose(struct lw_geometry *geometry, const struct lw_pose *pose,
                                                   struct lw_error *err);
 
 /** Weighs the pairs, unless they are. Errors: LW_NO_MEMORY; there are none then. */
 LW_MUST_CHECK enum lw_status lw_geometry_weigh_pairs(struct lw_geometry *geometry);
 
-/** Finds the seams, unless they are. tiles: any over its texels. Errors: LW_NO_MEMORY; there are none then. */
+/** Finds the seams, unless they are those of now; seams_found tells.
+ * tiles   any over its texels
+ * later   seams of before may serve for a while: others are sought in a thread, and taken by the first call after it has ended
+ * Errors  LW_NO_MEMORY; those of before stay then */
 LW_MUST_CHECK enum lw_status lw_geometry_find_seams(struct lw_geometry *geometry,
-                                                    const struct lw_tiles *tiles);
+                                                    const struct lw_tiles *tiles, bool later);
+
+/** Before tiles are freed with which seams may be sought: ends that. */
+void lw_geometry_forget_tiles(struct lw_geometry *geometry);
 
 size_t lw_geometry_memory_bytes(const struct lw_geometry *geometry);
 

@@ -1,0 +1,120 @@
+#include "tests/support/support.h"
+
+#include "common/clock.h"
+#include "common/scene/lightmap.h"
+#include "server/solve/geometry.h"
+#include "server/solve/tiles.h"
+
+#include <string.h>
+
+#define LIMIT_NS 60000000000ull
+
+/* A floor of three squares, one beside the other, each an object that may begin to move. */
+struct floor {
+    struct lw_scene *scene;
+    struct lw_atlas_map map;
+    struct lw_pose pose;
+    struct lw_geometry geometry;
+    struct lw_tiles tiles;
+};
+
+static void set_up(struct floor *floor) {
+    struct lw_error err = {0};
+    floor->scene = lw_support_squares(3, 2);
+    for (uint32_t i = 0; i < 3; i++)
+        floor->scene->node[floor->scene->object[i].node].translation[0] = 2 * (float)i;
+    lw_support_ok(
+        lw_lightmap_build(floor->scene, &(struct lw_lightmap_desc){.texels_per_metre = 8}, NULL, &err), &err);
+    lw_support_ok(lw_atlas_map_init(&floor->map, floor->scene), NULL);
+    lw_support_ok(lw_pose_init(&floor->pose, floor->scene), NULL);
+    lw_support_ok(lw_geometry_init(&floor->geometry, floor->scene, &floor->pose, 1, &err), &err);
+    lw_support_ok(lw_tiles_init(&floor->tiles, floor->scene, &floor->map, &floor->geometry.texels, 1, 1),
+                  NULL);
+    lw_support_ok(lw_geometry_find_seams(&floor->geometry, &floor->tiles, true), NULL);
+    assert_int_equal(floor->geometry.seams_found, 1); /* there are none that could serve meanwhile */
+}
+
+static void tear_down(struct floor *floor) {
+    lw_geometry_forget_tiles(&floor->geometry);
+    lw_tiles_finish(&floor->tiles);
+    lw_geometry_finish(&floor->geometry);
+    lw_pose_finish(&floor->pose);
+    lw_atlas_map_finish(&floor->map);
+    lw_scene_destroy(floor->scene);
+}
+
+static void set_free(struct floor *floor, uint32_t object) {
+    struct lw_error err = {0};
+    floor->pose.object_dynamic[object] = true;
+    lw_support_ok(lw_geometry_set_pose(&floor->geometry, &floor->pose, &err), &err);
+}
+
+static void await_seams(struct floor *floor, uint32_t found) {
+    for (const uint64_t end_ns = lw_clock_ns() + LIMIT_NS; floor->geometry.seams_found < found;) {
+        assert_true(lw_clock_ns() < end_ns);
+        lw_support_ok(lw_geometry_find_seams(&floor->geometry, &floor->tiles, true), NULL);
+    }
+    assert_int_equal(floor->geometry.seams_found, found);
+}
+
+static void assert_same_seams(const struct lw_seams *a, const struct lw_seams *b) {
+    assert_int_equal(a->row_count, b->row_count);
+    assert_int_equal(a->member_count, b->member_count);
+    assert_int_equal(a->component_count, b->component_count);
+    assert_memory_equal(a->first_row, b->first_row, (a->component_count + 1) * sizeof *a->first_row);
+    assert_memory_equal(a->first_member, b->first_member, (a->component_count + 1) * sizeof *a->first_member);
+}
+
+static void seams_that_are_found_later_are_the_same(void **state) {
+    (void)state;
+    struct floor at_once, later;
+    set_up(&at_once);
+    set_up(&later);
+    uint32_t rows = at_once.geometry.seams.row_count;
+    for (uint32_t object = 0; object < 2; object++) {
+        set_free(&at_once, object);
+        set_free(&later, object);
+        lw_support_ok(lw_geometry_find_seams(&at_once.geometry, &at_once.tiles, false), NULL);
+        await_seams(&later, 2 + object);
+        assert_same_seams(&at_once.geometry.seams, &later.geometry.seams);
+    }
+    assert_true(at_once.geometry.seams.row_count < rows); /* it has no seam to the second any more */
+    tear_down(&later);
+    tear_down(&at_once);
+}
+
+/* Another object begins to move while seams without the first are sought: nobody gets those. */
+static void a_search_that_is_overtaken_is_dropped(void **state) {
+    (void)state;
+    struct floor at_once, later;
+    set_up(&at_once);
+    set_up(&later);
+    for (uint32_t object = 0; object < 2; object++) {
+        set_free(&at_once, object);
+        set_free(&later, object);
+        lw_support_ok(lw_geometry_find_seams(&later.geometry, &later.tiles, true), NULL);
+    }
+    lw_support_ok(lw_geometry_find_seams(&at_once.geometry, &at_once.tiles, false), NULL);
+    await_seams(&later, 2);
+    assert_same_seams(&at_once.geometry.seams, &later.geometry.seams);
+    tear_down(&later);
+    tear_down(&at_once);
+}
+
+static void a_search_may_be_left_alone(void **state) {
+    (void)state;
+    struct floor floor;
+    set_up(&floor);
+    set_free(&floor, 0);
+    lw_support_ok(lw_geometry_find_seams(&floor.geometry, &floor.tiles, true), NULL);
+    tear_down(&floor);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(seams_that_are_found_later_are_the_same),
+        cmocka_unit_test(a_search_that_is_overtaken_is_dropped),
+        cmocka_unit_test(a_search_may_be_left_alone),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
