@@ -11,7 +11,13 @@
  * much lower, so that composing keeps pace.
  *   Mbit/s   of all that the client gets after the first second, by the scene's clock; peak: the largest whole second
  *   error    root of relMSE = mean((x - t)^2 / (t^2 + 0.01 mean(t^2))) over every third pixel, each way; after the first second
- *   joined   seconds until the error is for the first time under 0.05 */
+ *   joined   seconds until the error is for the first time under 0.05
+ * What the error is made of is told first, step by step from the newest light to what the client shows, each in the same measure:
+ *   level    of the newest light, but every tile is read at the level that its error asks for when it was last sent
+ *   waiting  of light as it was when it was last sent, uncoded: what has changed too little to be sent again
+ *   coding   of the same light, decoded
+ *   link     of what the client has, for each of --links: tiles that have not arrived, or that it did not ask for */
+#include "client/lib/replica.h"
 #include "client/load/views.h"
 #include "client/view/attention.h"
 #include "client/view/compose.h"
@@ -20,6 +26,7 @@
 #include "common/scene/package.h"
 #include "common/scene/scene_motion.h"
 #include "common/tile/tile_codec.h"
+#include "proto/frame.h"
 #include "server/publish/levels.h"
 #include "server/publish/publisher.h"
 #include "server/serve/server.h"
@@ -47,11 +54,16 @@ struct settings {
     const char *links, *csv_path;
 };
 
+/* The steps from the newest light to that which has been sent; what the link adds comes after them. */
+enum step { NEWEST = 0, LEVEL, WAITING, CODING, STEPS };
+
 /* One moment, as the server has it. */
 struct moment {
     struct lw_snapshot *snapshot;
     struct lw_camera_view camera;
-    float *view; /* lattice pixels * 3 */
+    float *view;       /* of the newest light; lattice pixels * 3 */
+    float *sent;       /* the same of all that has been sent */
+    double off[STEPS]; /* how far each step is off the one before */
 };
 
 struct job {
@@ -61,6 +73,8 @@ struct job {
     struct lw_atlas_map map;
     struct lw_levels *levels; /* per object */
     struct lw_client_tile *tile;
+    struct lw_levels *sent_levels; /* as it was when it was last sent, uncoded */
+    struct lw_replica *replica;    /* all that has been sent */
     uint8_t *package;
     size_t package_size;
     struct moment *moment;
@@ -83,11 +97,14 @@ static void take_lattice(const struct settings *s, const float *picture, float *
 
 /* ---- light, as the server has it ---- */
 
-static struct lw_client_level own_level(const void *context, uint32_t object, uint32_t level) {
-    const struct lw_levels *levels = &((const struct job *)context)->levels[object];
+static struct lw_client_level level_of(const struct lw_levels *levels, uint32_t level) {
     if (level >= levels->count) return (struct lw_client_level){0};
     return (struct lw_client_level){levels->level[level].width, levels->level[level].height,
                                     levels->level[level].rgb};
+}
+
+static struct lw_client_level own_level(const void *context, uint32_t object, uint32_t level) {
+    return level_of(&((const struct job *)context)->levels[object], level);
 }
 
 static struct lw_client_tile own_tile(const void *context, lw_tile_id id) {
@@ -112,6 +129,59 @@ static void take_light(struct job *job, const struct lw_solver *solver) {
     }
     for (uint32_t o = 0; o < map->object_count; o++)
         if (map->atlas[o].tile_count) lw_levels_build(&job->levels[o]);
+}
+
+/* ---- light, as it has been sent ---- */
+
+static struct lw_client_level sent_level(const void *context, uint32_t object, uint32_t level) {
+    return level_of(&((const struct job *)context)->sent_levels[object], level);
+}
+
+static struct lw_client_tile sent_tile(const void *context, lw_tile_id id) {
+    return lw_replica_get_tile(((const struct job *)context)->replica, id);
+}
+
+static struct lw_client_level coded_level(const void *context, uint32_t object, uint32_t level) {
+    return lw_replica_get_level(((const struct job *)context)->replica, object, level);
+}
+
+static void copy_tile(const struct lw_levels *from, struct lw_levels *to, const struct lw_tile_place *place) {
+    const struct lw_levels_image *image = &from->level[place->level];
+    for (uint32_t y = 0; y < place->height; y++) {
+        const size_t at = (size_t)(place->y * LW_TILE_SIDE + y) * image->width + place->x * LW_TILE_SIDE;
+        memcpy(to->level[place->level].rgb + 3 * at, image->rgb + 3 * at, place->width * 3 * sizeof(float));
+    }
+}
+
+static enum lw_status take_sent(struct job *job, const struct lw_snapshot *snapshot, struct lw_error *err) {
+    for (uint32_t id = 0; id < snapshot->tile_count; id++) {
+        const struct lw_snapshot_tile *tile = &snapshot->tile[id];
+        if (tile->version != snapshot->frame) continue;
+        const struct lw_tile_place *place = &job->map.place[id];
+        copy_tile(&job->levels[place->object], &job->sent_levels[place->object], place);
+        struct lw_frame_header header;
+        struct lw_message message;
+        enum lw_status status = lw_frame_read_header(tile->blob->bytes, LW_FRAME_BODY_MAX, &header, err);
+        if (status == LW_OK)
+            status = lw_message_decode(header, tile->blob->bytes + LW_FRAME_HEADER_SIZE, &message, err);
+        if (status != LW_OK) return status;
+        status = lw_replica_take_tile(job->replica, &message.tile, err);
+        lw_message_finish(&message);
+        if (status != LW_OK) return status;
+    }
+    return LW_OK;
+}
+
+/* How far two views of a moment are apart, by the measure of `truth`. */
+static double root_rel_mse(const float *x, const float *y, const float *truth, size_t count) {
+    double square = 0, sum = 0;
+    for (size_t i = 0; i < count; i++) square += (double)truth[i] * (double)truth[i];
+    const double floor = 0.01 * square / (double)count + 1e-30;
+    for (size_t i = 0; i < count; i++) {
+        const double d = (double)x[i] - (double)y[i];
+        sum += d * d / ((double)truth[i] * (double)truth[i] + floor);
+    }
+    return sqrt(sum / (double)count);
 }
 
 struct light {
@@ -175,6 +245,45 @@ static struct lw_camera_view camera_at(const struct job *job, const struct light
                        1 + (uint64_t)((double)(frame - 1) * LW_VIEWS_HZ / job->settings->hz));
 }
 
+/* The view of a moment by the light of each step. */
+static enum lw_status compose_steps(struct job *job, const struct light *light, struct moment *moment) {
+    static const struct {
+        struct lw_client_level (*level)(const void *context, uint32_t object, uint32_t level);
+        struct lw_client_tile (*tile)(const void *context, lw_tile_id id);
+    } from[STEPS] = {
+        {own_level, own_tile}, {own_level, sent_tile}, {sent_level, sent_tile}, {coded_level, sent_tile}};
+    const struct settings *s = job->settings;
+    const size_t values = lattice_pixels(s) * 3;
+    const struct lw_compose_view view = {
+        .camera = moment->camera, .width = (uint32_t)s->width, .height = (uint32_t)s->height};
+    float *before = malloc(values * sizeof *before);
+    moment->view = malloc(values * sizeof *moment->view);
+    moment->sent = malloc(values * sizeof *moment->sent);
+    if (!before || !moment->view || !moment->sent) {
+        free(before);
+        return LW_NO_MEMORY;
+    }
+    for (int step = NEWEST; step < STEPS; step++) {
+        const struct lw_compose_source source = {
+            .context = job,
+            .level = from[step].level,
+            .tile = from[step].tile,
+            .sky = lw_vec3(job->pose.sky[0], job->pose.sky[1], job->pose.sky[2]),
+            .bounces = 2,
+            .target_error = TARGET_ERROR};
+        struct lw_compose_report report;
+        lw_compose_render(light->compose, &source, &job->pose, &view, job->picture, &report);
+        take_lattice(s, job->picture, moment->sent);
+        if (step == NEWEST)
+            memcpy(moment->view, moment->sent, values * sizeof *before);
+        else
+            moment->off[step] = root_rel_mse(moment->sent, before, moment->view, values);
+        memcpy(before, moment->sent, values * sizeof *before);
+    }
+    free(before);
+    return LW_OK;
+}
+
 static enum lw_status light_frame(struct job *job, struct light *light, uint64_t frame,
                                   struct lw_error *err) {
     const struct settings *s = job->settings;
@@ -188,22 +297,10 @@ static enum lw_status light_frame(struct job *job, struct light *light, uint64_t
                                       &moment->snapshot, &publish);
     if (status == LW_OK) status = lw_trace_set_pose(light->trace, &job->pose, err);
     if (status != LW_OK) return status;
-    if (!(moment->view = malloc(lattice_pixels(s) * 3 * sizeof *moment->view))) return LW_NO_MEMORY;
     take_light(job, light->solver);
+    if ((status = take_sent(job, moment->snapshot, err)) != LW_OK) return status;
     moment->camera = camera_at(job, light, frame);
-    const struct lw_compose_source source = {
-        .context = job,
-        .level = own_level,
-        .tile = own_tile,
-        .sky = lw_vec3(job->pose.sky[0], job->pose.sky[1], job->pose.sky[2]),
-        .bounces = 2,
-        .target_error = TARGET_ERROR};
-    const struct lw_compose_view view = {
-        .camera = moment->camera, .width = (uint32_t)s->width, .height = (uint32_t)s->height};
-    struct lw_compose_report report;
-    lw_compose_render(light->compose, &source, &job->pose, &view, job->picture, &report);
-    take_lattice(s, job->picture, moment->view);
-    return LW_OK;
+    return compose_steps(job, light, moment);
 }
 
 /* ---- the client ---- */
@@ -277,21 +374,10 @@ static enum lw_status compose(const struct job *job, struct client *c, const str
     return status;
 }
 
-static double root_rel_mse(const float *x, const float *t, size_t count) {
-    double square = 0, sum = 0;
-    for (size_t i = 0; i < count; i++) square += (double)t[i] * (double)t[i];
-    const double floor = 0.01 * square / (double)count + 1e-30;
-    for (size_t i = 0; i < count; i++) {
-        const double d = (double)x[i] - (double)t[i];
-        sum += d * d / ((double)t[i] * (double)t[i] + floor);
-    }
-    return sqrt(sum / (double)count);
-}
-
 /* ---- one link ---- */
 
 struct figures {
-    double *error, *mbit; /* by frame */
+    double *error, *link, *mbit; /* by frame */
 };
 
 static enum lw_status replay(const struct job *job, struct lw_server *server, struct client *c,
@@ -320,7 +406,9 @@ static enum lw_status replay(const struct job *job, struct lw_server *server, st
         if (status != LW_OK) break;
         take_lattice(s, job->picture, lattice);
         lw_client_get_stats(c->link, &stats);
-        out->error[f] = root_rel_mse(lattice, job->moment[f].view, values);
+        const struct moment *moment = &job->moment[f];
+        out->error[f] = root_rel_mse(lattice, moment->view, moment->view, values);
+        out->link[f] = root_rel_mse(lattice, moment->sent, moment->view, values);
         out->mbit[f] = 8e-6 * (double)(stats.bytes - bytes);
         bytes = stats.bytes;
     }
@@ -342,7 +430,7 @@ static void *serve(void *context) {
 static void tell(const struct job *job, double link, const struct figures *f) {
     const struct settings *s = job->settings;
     const uint32_t second = (uint32_t)ceil(s->hz), frames = (uint32_t)s->frames;
-    double mbit = 0, peak = 0, error = 0, worst = 0, joined = (double)NAN;
+    double mbit = 0, peak = 0, error = 0, of_link = 0, worst = 0, joined = (double)NAN;
     for (uint32_t i = 0; i < frames; i++) {
         if (isnan(joined) && f->error[i] < JOINED_ERROR) joined = (i + 1) / s->hz;
         if (job->csv)
@@ -350,6 +438,7 @@ static void tell(const struct job *job, double link, const struct figures *f) {
         if (i < second) continue;
         mbit += f->mbit[i];
         error += f->error[i] * f->error[i];
+        of_link += f->link[i] * f->link[i];
         worst = fmax(worst, f->error[i]);
         double window = 0;
         for (uint32_t k = i + 1 - second; k <= i; k++) window += f->mbit[k] * s->hz / second;
@@ -358,14 +447,15 @@ static void tell(const struct job *job, double link, const struct figures *f) {
     char name[32] = "none";
     if (link > 0) snprintf(name, sizeof name, "%g Mbit/s", link);
     const double rest = frames - second;
-    printf("| %s | %.2f | %.2f | %.4f | %.4f | %.2g |\n", name, mbit * s->hz / rest, peak, sqrt(error / rest),
-           worst, joined);
+    printf("| %s | %.2f | %.2f | %.4f | %.4f | %.4f | %.2g |\n", name, mbit * s->hz / rest, peak,
+           sqrt(error / rest), worst, sqrt(of_link / rest), joined);
     fflush(stdout);
 }
 
 static enum lw_status run_link(struct job *job, double link, bool quiet, struct lw_error *err) {
     const struct settings *s = job->settings;
     struct figures figures = {calloc((size_t)s->frames, sizeof(double)),
+                              calloc((size_t)s->frames, sizeof(double)),
                               calloc((size_t)s->frames, sizeof(double))};
     struct client client = {0};
     struct lw_server *server = NULL;
@@ -390,6 +480,7 @@ static enum lw_status run_link(struct job *job, double link, bool quiet, struct 
     close_client(&client);
     lw_server_destroy(server);
     free(figures.error);
+    free(figures.link);
     free(figures.mbit);
     return status;
 }
@@ -402,28 +493,44 @@ static enum lw_status prepare(struct job *job, struct lw_error *err) {
     job->tile = calloc((size_t)job->map.tile_count + 1, sizeof *job->tile);
     job->moment = calloc((size_t)s->frames, sizeof *job->moment);
     job->picture = malloc((size_t)(s->width * s->height) * 3 * sizeof *job->picture);
-    if (!job->levels || !job->tile || !job->moment || !job->picture) return LW_NO_MEMORY;
+    job->sent_levels = calloc((size_t)job->map.object_count + 1, sizeof *job->sent_levels);
+    if (!job->levels || !job->tile || !job->moment || !job->picture || !job->sent_levels) return LW_NO_MEMORY;
     for (uint32_t o = 0; o < job->map.object_count; o++) {
         enum lw_status status = lw_levels_init(&job->levels[o], &job->map.atlas[o]);
+        if (status == LW_OK) status = lw_levels_init(&job->sent_levels[o], &job->map.atlas[o]);
         if (status != LW_OK) return status;
     }
     enum lw_status status = lw_folders_make_temporary(job->cache, sizeof job->cache, err);
-    if (status != LW_OK) return status;
-    return lw_package_write(job->scene, &job->package, &job->package_size, err);
+    if (status == LW_OK) status = lw_package_write(job->scene, &job->package, &job->package_size, err);
+    if (status == LW_OK) status = lw_replica_create(job->package, job->package_size, &job->replica, err);
+    return status;
+}
+
+static void tell_steps(const struct job *job) {
+    const struct settings *s = job->settings;
+    const uint32_t second = (uint32_t)ceil(s->hz), frames = (uint32_t)s->frames;
+    double off[STEPS] = {0};
+    for (uint32_t i = second; i < frames; i++)
+        for (int step = LEVEL; step < STEPS; step++)
+            off[step] += job->moment[i].off[step] * job->moment[i].off[step] / (frames - second);
+    printf("| level | waiting | coding |\n|---|---|---|\n| %.4f | %.4f | %.4f |\n\n", sqrt(off[LEVEL]),
+           sqrt(off[WAITING]), sqrt(off[CODING]));
+    printf("| link | mean Mbit/s | peak Mbit/s | error | largest error | link's | joined, s |\n"
+           "|---|---|---|---|---|---|---|\n");
+    fflush(stdout);
 }
 
 static enum lw_status light_all(struct job *job, struct lw_error *err) {
     struct light light = {0};
     enum lw_status status = open_light(job, &light, err);
     if (status == LW_OK)
-        printf("%s; %lld frames, %g a second\n\n| link | mean Mbit/s | peak Mbit/s | error | largest error | "
-               "joined, s |\n"
-               "|---|---|---|---|---|---|\n",
-               lw_views_about(light.views), (long long)job->settings->frames, job->settings->hz);
+        printf("%s; %lld frames, %g a second\n\n", lw_views_about(light.views),
+               (long long)job->settings->frames, job->settings->hz);
     fflush(stdout);
     for (uint64_t f = 1; status == LW_OK && f <= (uint64_t)job->settings->frames; f++)
         status = light_frame(job, &light, f, err);
     close_light(&light);
+    if (status == LW_OK) tell_steps(job);
     return status;
 }
 
@@ -431,10 +538,15 @@ static void close_job(struct job *job) {
     for (int64_t f = 0; job->moment && f < job->settings->frames; f++) {
         lw_snapshot_unref(job->moment[f].snapshot);
         free(job->moment[f].view);
+        free(job->moment[f].sent);
     }
     for (uint32_t o = 0; job->levels && o < job->map.object_count; o++) lw_levels_finish(&job->levels[o]);
+    for (uint32_t o = 0; job->sent_levels && o < job->map.object_count; o++)
+        lw_levels_finish(&job->sent_levels[o]);
+    lw_replica_destroy(job->replica);
     lw_folders_remove_temporary(job->cache); /* with the package that the client has put there */
     free(job->moment);
+    free(job->sent_levels);
     free(job->levels);
     free(job->tile);
     free(job->picture);
