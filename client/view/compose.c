@@ -17,10 +17,6 @@ _Static_assert(BLOCK *BLOCK == LW_TRACE_WIDTH, "a packet is one block of pixels"
 /* Seen at a grazing angle a pixel covers a long strip; past this its level would only blur. */
 #define COSINE_MIN 0.05f
 
-/* Tiles with more error than this are read at level 2, or at level 1: 16 and 4 times the samples. */
-#define COARSE_ERROR 0.25f
-#define MIDDLE_ERROR 0.1f
-
 /* A survey sees so much more than the view, in each direction, and is so many pixels wide or high. */
 #define SURVEY_MARGIN 1.4f
 #define SURVEY_SIDE   128u
@@ -184,9 +180,9 @@ static void begin(struct lw_compose *compose, const struct lw_compose_source *so
     for (uint32_t t = 0; t < map->tile_count; t++) {
         struct lw_client_tile tile = source->tile(source->context, (lw_tile_id){t});
         compose->here[t] = tile.version != 0;
-        compose->calm[t] = compose->unfiltered || tile.error <= MIDDLE_ERROR ? 0
-                           : tile.error > COARSE_ERROR                       ? 2
-                                                                             : 1;
+        compose->calm[t] = compose->unfiltered || tile.error <= LW_ATLAS_MIDDLE_ERROR ? 0
+                           : tile.error > LW_ATLAS_COARSE_ERROR                       ? 2
+                                                                                      : 1;
     }
     struct level *level = compose->level;
     for (uint32_t o = 0; o < map->object_count; o++) {

@@ -14,6 +14,13 @@
 #define LW_ATLAS_COARSEST   16u /* texels */
 #define LW_ATLAS_LEVELS_MAX 12u
 
+/* Coarser levels stand in only until finer ones arrive: up to here charts lie apart (common/scene/lightmap.h). */
+#define LW_ATLAS_READ_MAX 2u
+/* Views read tiles of more relative error than these at level 2 (16 times the samples), or at level 1; so the server tells them
+ * when a tile's error crosses one. */
+#define LW_ATLAS_COARSE_ERROR 0.25f
+#define LW_ATLAS_MIDDLE_ERROR 0.1f
+
 /** A tile of the whole scene: objects in order, levels from fine to coarse, rows, columns. */
 typedef struct {
     uint32_t v;

@@ -272,6 +272,13 @@ static enum lw_status send_tile(struct lw_publisher *p, struct worker *worker, l
     return LW_OK;
 }
 
+/* That a tile has reached the target is news too: clients wait for it. So is that views read it at another level. */
+static bool is_of_another_class(const struct lw_publisher *p, float error, float sent_error) {
+    return (error <= p->desc.target_error && sent_error > p->desc.target_error) ||
+           (error > LW_ATLAS_MIDDLE_ERROR) != (sent_error > LW_ATLAS_MIDDLE_ERROR) ||
+           (error > LW_ATLAS_COARSE_ERROR) != (sent_error > LW_ATLAS_COARSE_ERROR);
+}
+
 static void consider_tile(struct lw_publisher *p, struct worker *worker, lw_tile_id id, uint64_t frame) {
     const struct lw_tile_place *place = &p->desc.atlas_map->place[id.v];
     const struct sent_tile *sent = &p->sent[id.v];
@@ -282,13 +289,12 @@ static void consider_tile(struct lw_publisher *p, struct worker *worker, lw_tile
     uint32_t bounces;
     quality(p, place, &error, &bounces);
     lw_levels_store_tile(&p->levels[place->object], place, worker->rgb, worker->covered);
-    /* That a tile has reached the target is news too: clients wait for it. */
-    bool reached = error <= p->desc.target_error && sent->error > p->desc.target_error;
     float threshold = fmaxf(LW_PUBLISHER_VISIBLE_CHANGE, LW_PUBLISHER_NOISE_SHARE * error), change = 1;
     if (sent->version) {
         float mean;
         change = find_change(worker->rgb, sent->rgb, (size_t)place->width * place->height * 3, &mean);
-        if (!reached && !p->anew[place->object] && change <= threshold) return;
+        if (!is_of_another_class(p, error, sent->error) && !p->anew[place->object] && change <= threshold)
+            return;
         change *= mean / (mean + p->dark + 1e-30f); /* what is dark may move much and be seen little */
     }
     worker->status = send_tile(p, worker, id, frame, error, bounces, change);

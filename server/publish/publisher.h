@@ -12,19 +12,19 @@
 /* A tile is sent again when it has moved by this much (root mean square, relative) from what was last sent: under one
  * step of an 8-bit display at middle grey. */
 #define LW_PUBLISHER_VISIBLE_CHANGE 0.004f
-/* But bits are not spent on noise: what moves by less than this share of the tile's own error tells nothing. */
-#define LW_PUBLISHER_NOISE_SHARE 0.25f
+/* But what moves by less than this share of the tile's own error tells nothing. Small, since holding levels (LW_TILE_DCT_HOLD)
+ * makes a version of little news cheap: with a quarter, what waited was off by 5 % of a view, for 3 % of the bits. */
+#define LW_PUBLISHER_NOISE_SHARE 0.05f
 
 /* The lossy codec's step, in units of log2, of a tile with error e: 1.4 times the noise, 1.44 e, that the light had before it
  * was filtered. What it adds to a view is then a third of the noise that is left (docs/results/codec.md). A texel of level l is the
  * mean of 4^l. Views read level 0, where seams are welded, once its error is low: from there on half as wide a step keeps the two
  * sides of a seam together. */
-#define LW_PUBLISHER_STEP_MIN   0x1p-5f /* 1 % or so: under what is seen, and under the error at rest */
-#define LW_PUBLISHER_STEP_MAX   2.0f
-#define LW_PUBLISHER_FINE_ERROR 0.1f
+#define LW_PUBLISHER_STEP_MIN 0x1p-5f /* 1 % or so: under what is seen, and under the error at rest */
+#define LW_PUBLISHER_STEP_MAX 2.0f
 
 static inline float lw_publisher_step(float error, uint32_t level) {
-    const float step = level == 0 && error < LW_PUBLISHER_FINE_ERROR ? error : 2 * ldexpf(error, -(int)level);
+    const float step = level == 0 && error < LW_ATLAS_MIDDLE_ERROR ? error : 2 * ldexpf(error, -(int)level);
     return fminf(fmaxf(step, LW_PUBLISHER_STEP_MIN), LW_PUBLISHER_STEP_MAX);
 }
 

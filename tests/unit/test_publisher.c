@@ -192,6 +192,27 @@ static void test_an_object_that_was_a_spare(void **state) {
     finish_world(&w);
 }
 
+/* Views read a tile at another level: that is told though its light is as it was. */
+static void test_another_class_of_error(void **state) {
+    (void)state;
+    static const struct {
+        float error;
+        bool is_sent;
+    } step[] = {{0.5f, true},   {0.3f, false}, {0.2f, true},  {0.15f, false}, {0.09f, true},
+                {0.03f, false}, {0.02f, true}, {0.15f, true}, {0.4f, true}};
+    struct world w;
+    init_world(&w, LW_TILE_CODEC_DCT);
+    set_light(1, 5);
+    for (uint64_t frame = 1; frame <= sizeof step / sizeof *step; frame++) {
+        error = step[frame - 1].error;
+        solved_frame = frame;
+        struct lw_snapshot *s = publish(&w, frame);
+        assert_int_equal(s->tile[0].version == frame, step[frame - 1].is_sent);
+        lw_snapshot_unref(s);
+    }
+    finish_world(&w);
+}
+
 /* The scale follows the whole scene's white. */
 static void test_dark_beside_white(void **state) {
     (void)state;
@@ -230,6 +251,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_deltas),
         cmocka_unit_test(test_an_object_that_was_a_spare),
+        cmocka_unit_test(test_another_class_of_error),
         cmocka_unit_test(test_dark_beside_white),
         cmocka_unit_test(test_halves_have_no_deltas),
     };
