@@ -89,11 +89,13 @@ struct lw_session {
     struct interest interest, waiting; /* what holds; what came since, if has_waiting */
     bool has_waiting;
     uint64_t interest_epoch; /* of the server, when interest was last taken up */
-    uint64_t *wanted;        /* bit per tile: to be sent; NULL: everything */
-    uint64_t generation;     /* of the snapshot that the walk below goes over */
+    uint64_t *
+        wanted; /* bit per tile: to be sent; NULL: everything. Then once more: those that are not stand-ins */
+    uint64_t generation; /* of the snapshot that the walk below goes over */
     uint32_t
         *lacked; /* what the walk goes over: tiles that it lacks, the most urgent first; NULL: those that the
                                 snapshot changed, as it had all of the one before */
+    bool delta_follows;   /* to the delta sent last: of the tile that is looked at next */
     uint32_t walk_left;   /* tiles still to look at */
     uint32_t walk_cursor; /* in lacked, or in changed */
 
@@ -160,20 +162,26 @@ static bool is_coarsest(const struct lw_atlas_map *map, uint32_t tile) {
     return map->place[tile].level + 1 == map->atlas[map->place[tile].object].level_count;
 }
 
-static bool is_wanted(const struct lw_session *s, uint32_t tile) {
-    return !s->wanted || (s->wanted[tile / 64] >> (tile % 64) & 1) ||
-           (s->interest.stand_ins && is_coarsest(s->shared->atlas_map, tile));
-}
+static size_t bit_words(const struct lw_atlas_map *map) { return (size_t)map->tile_count / 64 + 1; }
+
+static bool is_set(const uint64_t *bits, uint32_t tile) { return bits[tile / 64] >> (tile % 64) & 1; }
 
 static bool lacks(const struct lw_session *s, uint32_t tile) {
+    const struct lw_atlas_map *map = s->shared->atlas_map;
     const struct lw_snapshot_tile *now = &s->shared->snapshot->tile[tile];
-    return now->blob && now->version > s->sent[tile] && is_wanted(s, tile);
+    if (!now->blob || now->version <= s->sent[tile]) return false;
+    if (!s->wanted || is_set(s->wanted + bit_words(map), tile)) return true;
+    const bool covers = is_set(s->wanted, tile);
+    if (covers && map->place[tile].level <= LW_ATLAS_READ_MAX) return true;
+    if (!covers && !(s->interest.stand_ins && is_coarsest(map, tile))) return false;
+    return lw_urgency_is_due_to_stand_in(&s->shared->urgency, tile, s->sent[tile], now->version);
 }
 
 static void end_walk(struct lw_session *s) {
     free(s->lacked);
     s->lacked = NULL;
     s->walk_left = s->walk_cursor = 0;
+    s->delta_follows = false;
 }
 
 /* Makes the list of what a session lacks of the newest snapshot. */
@@ -215,11 +223,12 @@ static struct lw_blob *next_tile(struct lw_session *s) {
         uint32_t id = (s->lacked ? s->lacked : shared->changed)[s->walk_cursor];
         s->walk_cursor++;
         s->walk_left--;
-        if (!lacks(s, id)) continue;
+        if (!s->delta_follows && !lacks(s, id)) continue;
         const struct lw_snapshot_tile *tile = &shared->snapshot->tile[id];
         const struct lw_delta *delta = lw_deltas_next(&shared->deltas, id, s->sent[id], tile->blob->size);
         s->sent[id] = delta ? delta->version : tile->version;
-        if (s->sent[id] < tile->version) { /* the next delta follows at once */
+        s->delta_follows = s->sent[id] < tile->version;
+        if (s->delta_follows) {
             s->walk_cursor--;
             s->walk_left++;
         }
@@ -265,8 +274,6 @@ static struct lw_blob *next_blob(struct lw_session *s, bool *out_tile) {
 
 /* ---- interest ---- */
 
-static size_t bit_words(const struct lw_atlas_map *map) { return (size_t)map->tile_count / 64 + 1; }
-
 /* Sets a tile's bit; returns whether it was set. */
 static bool test_and_set(uint64_t *bits, uint32_t tile) {
     const uint64_t bit = 1ull << (tile % 64);
@@ -278,10 +285,12 @@ static bool test_and_set(uint64_t *bits, uint32_t tile) {
 /* Makes a session's bits those of listed tiles, and with stand-ins of the coarser ones that cover the same. */
 static void mark(struct lw_session *s) {
     const struct lw_atlas_map *map = s->shared->atlas_map;
-    memset(s->wanted, 0, bit_words(map) * sizeof *s->wanted);
+    uint64_t *listed_bits = s->wanted + bit_words(map);
+    memset(s->wanted, 0, 2 * bit_words(map) * sizeof *s->wanted);
     for (uint32_t i = 0; i < s->interest.tile_count; i++) {
         const uint32_t listed = s->interest.tile[i];
         const struct lw_tile_place *place = &map->place[listed];
+        test_and_set(listed_bits, listed);
         /* above a tile that has its bit all have theirs */
         if (test_and_set(s->wanted, listed) || !s->interest.stand_ins) continue;
         for (uint32_t l = place->level + 1; l < map->atlas[place->object].level_count; l++) {
@@ -314,7 +323,7 @@ static void take_up_interest(struct lw_session *s) {
     if (s->waiting.everything) {
         free(s->wanted);
         s->wanted = NULL;
-    } else if (!s->wanted && !(s->wanted = calloc(bit_words(map), sizeof *s->wanted))) {
+    } else if (!s->wanted && !(s->wanted = calloc(2 * bit_words(map), sizeof *s->wanted))) {
         lw_session_close(s, "out of memory");
         return;
     }

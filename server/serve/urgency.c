@@ -28,8 +28,29 @@ void lw_urgency_finish(struct lw_urgency *urgency) {
 void lw_urgency_note(struct lw_urgency *urgency, uint32_t tile, uint64_t version, float change) {
     struct lw_urgency_tile *of = &urgency->tile[tile];
     of->version[of->count % LW_URGENCY_KEPT] = version;
-    of->square[of->count % LW_URGENCY_KEPT] = change * change;
+    of->square[of->count % LW_URGENCY_KEPT] = change > 0 ? change * change : 1;
     of->count++;
+}
+
+/* Sum of the squares of the changes since a version, of which out_since is the first. */
+static float square_since(const struct lw_urgency_tile *of, uint64_t has, uint64_t *out_since) {
+    const uint32_t kept = of->count < LW_URGENCY_KEPT ? of->count : LW_URGENCY_KEPT;
+    float square = 0;
+    for (uint32_t back = 1; back <= kept; back++) {
+        const uint32_t at = (of->count - back) % LW_URGENCY_KEPT;
+        if (of->version[at] <= has) break;
+        square += of->square[at];
+        *out_since = of->version[at];
+    }
+    return square;
+}
+
+bool lw_urgency_is_due_to_stand_in(const struct lw_urgency *urgency, uint32_t tile, uint64_t has,
+                                   uint64_t version) {
+    uint64_t since;
+    return !has || version - has >= LW_URGENCY_STAND_IN_FRAMES ||
+           square_since(&urgency->tile[tile], has, &since) >=
+               LW_URGENCY_STAND_IN_OFF * LW_URGENCY_STAND_IN_OFF;
 }
 
 float lw_urgency_of(const struct lw_urgency *urgency, uint32_t tile, uint64_t has, uint64_t frame) {
@@ -39,16 +60,8 @@ float lw_urgency_of(const struct lw_urgency *urgency, uint32_t tile, uint64_t ha
         if (place->level + 1 == urgency->atlas_map->atlas[place->object].level_count) return INFINITY;
         return ldexpf(LW_URGENCY_LACKING * LW_URGENCY_LACKING * LW_TILE_TEXELS_MAX, 2 * (int)place->level);
     }
-    const struct lw_urgency_tile *of = &urgency->tile[tile];
-    const uint32_t kept = of->count < LW_URGENCY_KEPT ? of->count : LW_URGENCY_KEPT;
-    float square = 0;
     uint64_t since = frame;
-    for (uint32_t back = 1; back <= kept; back++) {
-        const uint32_t at = (of->count - back) % LW_URGENCY_KEPT;
-        if (of->version[at] <= has) break;
-        square += of->square[at];
-        since = of->version[at];
-    }
+    const float square = square_since(&urgency->tile[tile], has, &since);
     const float wrong = frame > since ? (float)(frame - since) + 1 : 1; /* frames */
     return square * area * wrong * wrong;
 }

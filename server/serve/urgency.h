@@ -16,6 +16,11 @@
 #define LW_URGENCY_LACKING 1.0f /* relative error of what stands in for a tile that a session never had */
 #define LW_URGENCY_BINS    512u /* four to an octave */
 
+/* What stands in for finer tiles, and is not read beside them, need not be the newest: it is sent again when it is so far off, or so
+ * old. */
+#define LW_URGENCY_STAND_IN_OFF    0.1f /* relative, root mean square */
+#define LW_URGENCY_STAND_IN_FRAMES 16u
+
 struct lw_urgency {
     const struct lw_atlas_map *atlas_map;
     struct lw_urgency_tile {
@@ -34,12 +39,16 @@ LW_MUST_CHECK enum lw_status lw_urgency_init(struct lw_urgency *urgency,
                                              const struct lw_atlas_map *atlas_map);
 void lw_urgency_finish(struct lw_urgency *urgency);
 
-/** A tile has a new version. change: relative, root mean square, against the version before. */
+/** A tile has a new version. change: relative, root mean square, against the version before; 0: not known, taken for 1. */
 void lw_urgency_note(struct lw_urgency *urgency, uint32_t tile, uint64_t version, float change);
 
 /** How much it would help a session to be sent a tile, of which it has version `has` (0: none), in its newest version.
  * frame: the newest. An object's coarsest level counts more than all else, if it has none of it. */
 float lw_urgency_of(const struct lw_urgency *urgency, uint32_t tile, uint64_t has, uint64_t frame);
+
+/** Whether a session that has version `has` of a tile, which only stands in for others, should be sent its newest one, `version`. */
+bool lw_urgency_is_due_to_stand_in(const struct lw_urgency *urgency, uint32_t tile, uint64_t has,
+                                   uint64_t version);
 
 /** Puts tiles in order, the most urgent first and equal ones (to a quarter of an octave) as they were listed: begin, list each,
  * end. out_tile: as many as were listed, atlas_map->tile_count at most. */

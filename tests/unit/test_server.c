@@ -3,6 +3,7 @@
 #include "common/clock.h"
 #include "common/scene/scene_spares.h"
 #include "server/serve/server.h"
+#include "server/serve/urgency.h"
 
 #include <arpa/inet.h>
 #include <errno.h>
@@ -602,6 +603,35 @@ static void test_stand_ins(void **state) {
     expect_frame(s, 2, 2);
     expect_tiles(s, 3, 2);
     expect_silence(s, 50);
+    close(s);
+    end(f);
+}
+
+/* What views do not read is sent again once it is far off, or old; what they may read, with every version. */
+static void test_stand_ins_wait(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    int s = dial_and_greet(f);
+    const struct lw_message_interest_tile wanted[] = {{1, 0, 7}};
+    put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST,
+                                .interest = {.tile = wanted, .tile_count = 1, .stand_ins = true}});
+    ask_for_package(s, PACKAGE_SIZE);
+    const uint64_t far = 3, old = far + LW_URGENCY_STAND_IN_FRAMES;
+    for (uint64_t frame = 1; frame <= old; frame++) {
+        struct lw_snapshot *snapshot = make_snapshot(f, frame, frame - 1);
+        for (uint32_t t = 0; t < f->map.tile_count; t++)
+            snapshot->tile[t].change =
+                frame == far ? 2 * LW_URGENCY_STAND_IN_OFF : LW_URGENCY_STAND_IN_OFF / 10;
+        publish(f, snapshot);
+        struct lw_message m;
+        do {
+            assert_true(get(s, &m));
+            lw_message_finish(&m);
+        } while (m.type != LW_MESSAGE_FRAME);
+        /* the tile itself and levels 1 and 2 above it, which views may read; level 3 and all coarsest */
+        expect_tiles(s, frame == 1 || frame == far || frame == old ? 3 + 1 + 3 : 3, frame);
+        expect_silence(s, 5);
+    }
     close(s);
     end(f);
 }
@@ -1648,6 +1678,7 @@ int main(void) {
         cmocka_unit_test(test_settled),
         cmocka_unit_test(test_interest),
         cmocka_unit_test(test_stand_ins),
+        cmocka_unit_test(test_stand_ins_wait),
         cmocka_unit_test(test_union_of_interest),
         cmocka_unit_test(test_flood_of_interest),
         cmocka_unit_test(test_blobs_are_shared),
