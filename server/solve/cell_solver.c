@@ -8,10 +8,24 @@
 #include "server/solve/passes.h"
 #include "server/solve/schedule.h"
 
+#include <float.h>
 #include <math.h>
 #include <omp.h>
 #include <stdlib.h>
 #include <string.h>
+
+/* Of places on what has moved; more would only order the questions better. */
+#define MOVERS_MAX 32u
+
+/* Of a frame's budget, what goes into asking what has changed once some has been found, and at most before. */
+#define ASKING_SHARE 0.5
+#define SEARCH_SHARE 2.0
+
+/* A tile in the order in which they are asked what has changed. */
+struct turn {
+    float rank;
+    uint32_t tile;
+};
 
 struct cell_solver {
     struct lw_solver base;
@@ -40,6 +54,9 @@ struct cell_solver {
     unsigned
         pose_due;  /* what of the pose has changed since rays, lights and tiles were last placed: LW_POSE_* */
     bool view_due; /* likewise: which objects are hidden */
+    struct lw_vec3 mover[MOVERS_MAX]; /* world space: where something last moved from, and to */
+    uint32_t mover_count;
+    struct turn *turn; /* of each tile */
 };
 
 /* Of the above, what a checkpoint keeps. */
@@ -113,18 +130,85 @@ static bool is_changing(const struct cell_solver *s) {
     return false;
 }
 
-/* Wakes blocks at rest whose light is no longer what it was; where something begins to move, asks those that are awake too. */
-static void find_change(struct cell_solver *s, const struct lw_passes *passes,
-                        struct lw_solver_stats *stats) {
-    uint64_t shadow = 0, bounce = 0;
-    const bool active =
-        s->still_rounds <= LW_PACKETS_MAX; /* until all have been asked about the last solve */
-#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shadow, bounce)
+static void add_mover(struct cell_solver *s, struct lw_vec3 was, struct lw_vec3 is) {
+    if (s->mover_count + 2 > MOVERS_MAX) return;
+    s->mover[s->mover_count++] = was;
+    s->mover[s->mover_count++] = is;
+}
+
+/* Where objects and lamps that have moved were and are: a place on each. */
+static void note_movers(struct cell_solver *s, const struct lw_pose *pose) {
+    uint32_t last = UINT32_MAX;
+    s->mover_count = 0;
+    for (uint32_t i = 0; i < s->desc.scene->light_count; i++)
+        if (s->desc.scene->light[i].kind != LW_LIGHT_DIRECTIONAL &&
+            memcmp(&s->pose.light[i], &pose->light[i], sizeof *pose->light) != 0)
+            add_mover(s, s->pose.light[i].position_ws, pose->light[i].position_ws);
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
+        const uint32_t object = tile->object;
+        const struct lw_affine *was = &s->pose.object_to_world[object], *is = &pose->object_to_world[object];
+        tile->unasked = true;
+        if (object == last || (memcmp(was, is, sizeof *is) == 0 &&
+                               s->pose.object_hidden[object] == pose->object_hidden[object]))
+            continue;
+        last = object;
+        add_mover(s, lw_affine_point(was, tile->centre_os), lw_affine_point(is, tile->centre_os));
+    }
+}
+
+static int compare_turns(const void *a, const void *b) {
+    const struct turn *x = a, *y = b;
+    return x->rank != y->rank ? (x->rank > y->rank) - (x->rank < y->rank)
+                              : (x->tile > y->tile) - (x->tile < y->tile);
+}
+
+/* What is looked at is asked before what lights it, and what is near what has moved before what is far. */
+static float rank_of(const struct cell_solver *s, const struct lw_solve_tile *tile) {
+    float distance = s->mover_count ? INFINITY : 0;
+    for (uint32_t k = 0; k < s->mover_count; k++)
+        distance =
+            fminf(distance, lw_vec3_length(lw_vec3_sub(tile->centre_ws, s->mover[k])) - tile->radius_m);
+    const bool looked_at = s->schedule.everything || s->schedule.wanted[tile->id.v];
+    return fmaxf(distance, 0) + (looked_at ? 0 : FLT_MAX / 2);
+}
+
+static void take_turns(struct cell_solver *s) {
+    bool any = false;
+    for (uint32_t i = 0; i < s->tiles.count; i++) any |= s->tiles.tile[i].unasked;
+    any &= s->desc.frame_budget_s > 0;
+    for (uint32_t i = 0; i < s->tiles.count; i++)
+        s->turn[i] = (struct turn){any ? rank_of(s, &s->tiles.tile[i]) : 0, i};
+    if (any) qsort(s->turn, s->tiles.count, sizeof *s->turn, compare_turns);
+}
+
+/* For how long a frame may ask those that have not been asked about a movement: there should be time to solve what is found. */
+static bool is_time_over(const struct cell_solver *s, uint64_t began_ns, bool found) {
+    const double budgets = found ? ASKING_SHARE : SEARCH_SHARE;
+    return s->desc.frame_budget_s > 0 &&
+           (double)(lw_clock_ns() - began_ns) > budgets * s->desc.frame_budget_s * 1e9;
+}
+
+/* Wakes blocks at rest whose light is no longer what it was; where something begins to move, asks those that are awake too. Who
+ * is not asked for want of time is in the next frame. */
+static void find_change(struct cell_solver *s, const struct lw_passes *passes,
+                        struct lw_solver_stats *stats) {
+    const uint64_t began_ns = lw_clock_ns();
+    uint64_t shadow = 0, bounce = 0;
+    bool found = false, begun = false;
+    const bool active =
+        s->still_rounds <= LW_PACKETS_MAX; /* until all have been asked about the last solve */
+    take_turns(s);
+#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shadow, bounce)
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        struct lw_solve_tile *tile = &s->tiles.tile[s->turn[i].tile];
         struct lw_passes_count count = {0};
         bool asked = false, more = false;
         if (!tile->serves) continue;
+        if (tile->unasked && is_time_over(s, began_ns, __atomic_load_n(&found, __ATOMIC_RELAXED)) &&
+            __atomic_exchange_n(&begun, true, __ATOMIC_RELAXED))
+            continue; /* but one is asked in any case */
+        tile->unasked = false;
         LW_TILES_EACH_BLOCK (tile, block) {
             asked |= lw_change_choose(block, s->moves, s->schedule.tick, s->schedule.ended, active);
         }
@@ -138,6 +222,7 @@ static void find_change(struct cell_solver *s, const struct lw_passes *passes,
             if (block->covered_count) lw_change_wake(block, s->desc.target_error);
             tile->woken |= block->change.woken;
         }
+        if (tile->woken) __atomic_store_n(&found, true, __ATOMIC_RELAXED);
         lw_tiles_sum_up(tile);
         shadow += count.shadow;
         bounce += count.bounce;
@@ -383,6 +468,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
         if (s->forgetful) recall(s, &passes, &stats);
         s->view_due |= memcmp(s->pose.object_hidden, pose->object_hidden,
                               s->desc.scene->object_count * sizeof *pose->object_hidden) != 0;
+        note_movers(s, pose);
         lw_pose_copy(&s->pose, pose, s->desc.scene);
         s->pose_due |= moved;
         s->moves++;
@@ -603,6 +689,7 @@ static void destroy(struct lw_solver *solver) {
     lw_tiles_finish(&s->tiles);
     lw_geometry_finish(&s->own_geometry);
     lw_pose_finish(&s->pose);
+    free(s->turn);
     free(s->end);
     free(s);
 }
@@ -663,7 +750,8 @@ static enum lw_status build(struct cell_solver *s, const struct lw_pose *pose, s
         return lw_status_fail(err, status, "probes");
     if (s->desc.denoise && (status = set_up_denoise(s, err)) != LW_OK) return status;
     s->end = calloc((size_t)texels->count * s->desc.indirect_samples + 1, sizeof *s->end);
-    if (!s->end) return lw_status_fail(err, LW_NO_MEMORY, "%u texels", texels->count);
+    s->turn = calloc(s->tiles.count + 1ul, sizeof *s->turn);
+    if (!s->end || !s->turn) return lw_status_fail(err, LW_NO_MEMORY, "%u texels", texels->count);
     return LW_OK;
 }
 

@@ -62,6 +62,7 @@ struct lw_solve_tile {
     bool serves;           /* it is looked at, or lights what is (schedule.h) */
     bool stale;            /* one of its blocks is */
     bool woken;            /* one of its blocks has found in this frame that its light has changed */
+    bool unasked;          /* since something moved last */
     bool waiting;          /* the round under way has yet to solve it (schedule.h) */
     bool due;              /* the frame under way solves it (schedule.h): its blocks that do not rest */
     bool shows;            /* what was solved is to be seen in this frame, not merely read by other tiles */

@@ -113,6 +113,29 @@ static void test_there_and_back(void **state) {
     room_finish(&s);
 }
 
+/* Frames that have time for next to nothing: each asks one tile and solves one; in the end nothing has been overlooked. */
+static void test_asked_in_many_frames(void **state) {
+    (void)state;
+    const struct room here = make_room(8, 1.4f), there = make_room(8, 2.4f);
+    struct lw_solver_desc slow = desc;
+    struct room_solution s, anew;
+    uint64_t frame = 0;
+    slow.frame_budget_s = 1e-12;
+    room_solve(&s, &here, slow, 0);
+    solve_on(&s, &frame, 1);
+    const unsigned tiles = s.stats.tiles_solved;
+    solve_on(&s, &frame, 200 * tiles);
+    shift(&s, PLATE, 1);
+    solve_on(&s, &frame, 1);
+    assert_true(s.stats.rays_shadow > 0);
+    solve_on(&s, &frame, 200 * tiles);
+    room_solve(&anew, &there, desc, 400);
+    const struct squares after = light_of_floor(&s), want = light_of_floor(&anew);
+    expect_squares(&after, &want);
+    room_finish(&anew);
+    room_finish(&s);
+}
+
 struct sides {
     double light[2], area[2];
 };
@@ -262,6 +285,7 @@ int main(void) {
         cmocka_unit_test(test_a_lamp_goes_out),
         cmocka_unit_test(test_no_ghost_stays),
         cmocka_unit_test(test_there_and_back),
+        cmocka_unit_test(test_asked_in_many_frames),
         cmocka_unit_test(test_both_sides_of_a_plate),
         cmocka_unit_test(test_little_is_solved_for_a_small_change),
         cmocka_unit_test(test_nothing_is_solved_for_what_lights_nothing),
