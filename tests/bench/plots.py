@@ -41,3 +41,16 @@ def plot(path, panels, columns, size=(900, 600)):
     script.append("unset multiplot")
     subprocess.run(["gnuplot"], input="\n".join(script), text=True, check=True)
     print("wrote " + path)
+
+
+def sheet(path, pictures, columns, size=(320, 180)):
+    """A PNG of PNG pictures of one size, side by side and row by row."""
+    rows = (len(pictures) + columns - 1) // columns
+    script = ["set terminal pngcairo size %d,%d" % (size[0] * columns, size[1] * rows), "set output '%s'" % path,
+              "set multiplot layout %d,%d margins 0,1,0,1 spacing 0" % (rows, columns),
+              "unset border; unset tics; unset key; unset colorbox",
+              "set xrange [0:%d]; set yrange [0:%d]" % size]
+    script += ["plot '%s' binary filetype=png origin=(0,0) with rgbimage" % picture for picture in pictures]
+    script.append("unset multiplot")
+    subprocess.run(["gnuplot"], input="\n".join(script), text=True, check=True)
+    print("wrote " + path)

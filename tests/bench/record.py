@@ -1,11 +1,13 @@
 #!/usr/bin/env python3
-"""A recorded run: a lamp is carried past a vase, then the vase is moved, then nothing is; pictures and counters.
+"""A recorded run: a lamp is carried past a vase, then the vase is moved, then nothing is; pictures and counters; and the same
+place lit anew.
 
     tests/bench/record.py BIN OUT [DAEMON OPTIONS]
 
 builtin:atrium, its animation held, moved by lightwellctl, a command a frame; the daemon's clock is manual. Into OUT: picture_NN.png as
-a client sees it, every PICTURES commands or rests, at one exposure; counters.csv, a row a frame; counters.png (gnuplot).
-BIN: build/release/bin.
+a client sees it, every PICTURES commands or rests, at one exposure, and all of them on one sheet (pictures.png); fresh.png, the last of
+them beside what another daemon shows that never knew another state; counters.csv, a row a frame; counters.png (gnuplot). Printed: relMSE
+of the last picture against the other daemon's, and that of a second such daemon with another seed. BIN: build/release/bin.
 """
 import os
 import subprocess
@@ -13,12 +15,14 @@ import sys
 import tempfile
 import time
 
-from plots import plot, write_csv
-from seen import Daemon, view
+from plots import plot, sheet, write_csv
+from seen import Daemon, rel_mse, view
 
 SCENE = "builtin:atrium"
 CAMERA = "-7.6,1.5,7.7:-4.0,0.8,6.0:58"
-SETTLE, LAMP, VASE, REST = 6, 12, 6, 16  # frames of each part
+LAMP_FROM, LAMP_TO, VASE_FROM, VASE_TO = -2.5, -5.0, (-5.05, 5.72), (-4.45, 6.12)
+SETTLE, LAMP, VASE, REST = 6, 12, 6, 40  # frames of each part
+FRESH = 48  # frames of what is lit anew
 PICTURES = 4
 EXPOSURE = "-2"
 COUNTERS = ["frame", "changes", "rays_shadow", "rays_bounce", "texels_solved", "tiles_solved", "tiles_wanted", "tiles_feeding",
@@ -29,10 +33,22 @@ def commands():
     """What is done before each frame."""
     yield from [None] * SETTLE
     for i in range(LAMP):
-        yield "move lantern %.3f 1.2 7.3" % (-2.5 - 2.5 * i / (LAMP - 1))
+        yield lamp_at(i / (LAMP - 1))
     for i in range(VASE):
-        yield "move amphora %.3f 0.575 %.3f" % (-5.05 + 0.6 * (i + 1) / VASE, 5.72 + 0.4 * (i + 1) / VASE)
+        yield vase_at((i + 1) / VASE)
     yield from [None] * REST
+
+
+def between(first, last, share):
+    return first + (last - first) * share
+
+
+def lamp_at(share):
+    return "move lantern %.3f 1.2 7.3" % between(LAMP_FROM, LAMP_TO, share)
+
+
+def vase_at(share):
+    return "move amphora %.3f 0.575 %.3f" % tuple(between(a, b, share) for a, b in zip(VASE_FROM, VASE_TO))
 
 
 def frames_of(tools, daemon, command):
@@ -46,26 +62,70 @@ def frames_of(tools, daemon, command):
     return said[1:]
 
 
-def main():
-    tools, out = sys.argv[1:3]
-    os.makedirs(out, exist_ok=True)
-    rows = []
-    with tempfile.TemporaryDirectory() as folder:
-        daemon = Daemon(tools, SCENE, "seen", ["--freeze", "0"] + sys.argv[3:], folder)
-        daemon.frame()
-        audience = subprocess.Popen(view(tools, daemon.address, CAMERA, "--wait", "seconds:100000", "--out",
-                                         os.path.join(folder, "none.exr")), stderr=subprocess.DEVNULL)
-        while not daemon.frame()["tiles_wanted"]:
+class Stage:
+    """A daemon that somebody looks at."""
+
+    def __init__(self, tools, options, folder, name):
+        self.tools, self.folder, self.name = tools, folder, name
+        os.makedirs(os.path.join(folder, name))
+        self.daemon = Daemon(tools, SCENE, "seen", ["--freeze", "0"] + options, os.path.join(folder, name))
+        self.daemon.frame()
+        self.audience = subprocess.Popen(view(tools, self.daemon.address, CAMERA, "--wait", "seconds:100000", "--out",
+                                              os.path.join(folder, name, "none.exr")), stderr=subprocess.DEVNULL)
+        while not self.daemon.frame()["tiles_wanted"]:
             time.sleep(0.5)
+
+    def step(self, command):
+        return frames_of(self.tools, self.daemon, command) if command else [self.daemon.frame()]
+
+    def show(self, path):
+        subprocess.run(view(self.tools, self.daemon.address, CAMERA, "--wait", "complete", "--exposure", EXPOSURE, "--out", path),
+                       check=True, stderr=subprocess.DEVNULL)
+
+    def last_picture(self):
+        path = os.path.join(self.folder, self.name, "last.exr")
+        self.show(path)
+        return path
+
+    def stop(self):
+        self.audience.kill()
+        self.audience.wait()
+        self.daemon.stop()
+
+
+def lit_anew(tools, options, folder, name, picture=None):
+    stage = Stage(tools, options, folder, name)
+    stage.step(lamp_at(1))
+    stage.step(vase_at(1))
+    for _ in range(FRESH):
+        stage.step(None)
+    last = stage.last_picture()
+    if picture:
+        stage.show(picture)
+    stage.stop()
+    return last
+
+
+def main():
+    tools, out, options = sys.argv[1], sys.argv[2], sys.argv[3:]
+    os.makedirs(out, exist_ok=True)
+    rows, pictures = [], []
+    with tempfile.TemporaryDirectory() as folder:
+        stage = Stage(tools, options, folder, "moved")
         for number, command in enumerate(commands(), 1):
-            for said in frames_of(tools, daemon, command) if command else [daemon.frame()]:
-                rows.append({key: said[key] for key in COUNTERS})
+            rows += [{key: said[key] for key in COUNTERS} for said in stage.step(command)]
             if number % PICTURES == 0:
-                subprocess.run(view(tools, daemon.address, CAMERA, "--wait", "complete", "--exposure", EXPOSURE, "--out",
-                                    os.path.join(out, "picture_%02d.png" % number)), check=True, stderr=subprocess.DEVNULL)
-        audience.kill()
-        audience.wait()
-        daemon.stop()
+                pictures.append(os.path.join(out, "picture_%02d.png" % number))
+                stage.show(pictures[-1])
+        moved = stage.last_picture()
+        stage.stop()
+        anew_png = os.path.join(folder, "anew.png")
+        anew = lit_anew(tools, options + ["--seed", "2"], folder, "anew", anew_png)
+        again = lit_anew(tools, options + ["--seed", "3"], folder, "again")
+        print("relMSE of what moved against what was lit anew: %.5f; of that with another seed: %.5f" %
+              (rel_mse(tools, moved, anew), rel_mse(tools, again, anew)))
+        sheet(os.path.join(out, "fresh.png"), [pictures[-1], anew_png], 2)
+    sheet(os.path.join(out, "pictures.png"), pictures, 4)
     write_csv(os.path.join(out, "counters.csv"), rows)
 
     def line(*keys, scale=1):
