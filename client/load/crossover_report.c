@@ -246,10 +246,10 @@ static void print_head(const struct lw_crossover *x, FILE *f, const char *comman
     fprintf(f,
             "Cost is CPU time per frame of 1/30 s, of all threads and processes of a side; error is relMSE "
             "against paths "
-            "traced to convergence, at every %u. pixel of %u frames and %u users (the truth's own noise, "
+            "traced to convergence, at one pixel in %u of %u frames and %u user%s (the truth's own noise, "
             "%.2g, is taken out: "
             "`client/load/truth.h`). %s filter on either side.%s\n\n",
-            x->stride * x->stride, LW_CROSSOVER_PICTURES, x->eyes, mean_noise(x),
+            x->stride * x->stride, LW_CROSSOVER_PICTURES, x->eyes, x->eyes > 1 ? "s" : "", mean_noise(x),
             x->options.denoise ? "A" : "No",
             x->options.motion == LW_SCENE_MOTION_STATIC
                 ? " Nothing moves in the scene: what the cache spends at the start is spread over all frames."
@@ -329,17 +329,21 @@ static void print_result(const struct lw_crossover *x, FILE *f) {
     fprintf(f, "\n![CPU time over users](cost.png)\n\n");
 }
 
+/* With one user and with all of them; one column if that is the same. */
 static void print_stages(const struct lw_crossover *x, FILE *f) {
     if (!x->repeats_done || x->side[LW_CROSSOVER_SHARED].traces) return;
-    const struct lw_crossover_count *first = &x->count[0], *last = &x->count[x->count_done - 1];
-    fprintf(f,
-            "## Where the shared side's time goes\n\nCPU ms per frame.\n\n| stage | %u user%s | %u users "
-            "|\n|---|---|---|\n",
-            first->users, first->users > 1 ? "s" : "", last->users);
-    for (int s = 0; s < LW_STAGE_COUNT; s++)
-        if (first->cost.cpu_s[s] > 0 || last->cost.cpu_s[s] > 0)
-            fprintf(f, "| %s | %.3g | %.3g |\n", lw_stage_name((enum lw_stage)s), 1e3 * first->cost.cpu_s[s],
-                    1e3 * last->cost.cpu_s[s]);
+    const struct lw_crossover_count *last = &x->count[x->count_done - 1], *column[2] = {&x->count[0], last};
+    const int columns = x->count_done > 1 ? 2 : 1;
+    fprintf(f, "## Where the shared side's time goes\n\nCPU ms per frame.\n\n| stage |");
+    for (int i = 0; i < columns; i++)
+        fprintf(f, " %u user%s |", column[i]->users, column[i]->users > 1 ? "s" : "");
+    fprintf(f, columns > 1 ? "\n|---|---|---|\n" : "\n|---|---|\n");
+    for (int s = 0; s < LW_STAGE_COUNT; s++) {
+        if (!(x->count[0].cost.cpu_s[s] > 0 || last->cost.cpu_s[s] > 0)) continue;
+        fprintf(f, "| %s |", lw_stage_name((enum lw_stage)s));
+        for (int i = 0; i < columns; i++) fprintf(f, " %.3g |", 1e3 * column[i]->cost.cpu_s[s]);
+        fprintf(f, "\n");
+    }
     fprintf(f, "\n%.3g Mbit/s per user at 30 frames a second; %.3g M rays per frame.\n\n",
             8e-6 * LW_VIEWS_HZ * last->cost.bytes / last->users, 1e-6 * last->cost.rays);
 }

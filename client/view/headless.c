@@ -139,7 +139,10 @@ static enum lw_status wait_for_light(struct headless *h, struct lw_error *err) {
         h->options->wait == LW_VIEW_WAIT_COMPLETE || h->options->wait == LW_VIEW_WAIT_CONVERGED;
     struct lw_progress progress;
     enum lw_status status = take_picture(h, err); /* tells the server what it needs, too */
-    lw_progress_init(&progress, "waiting for the light", judged_by_tiles ? h->report.tiles_needed : 0);
+    if (judged_by_tiles)
+        lw_progress_init(&progress, "waiting for the light", h->report.tiles_needed);
+    else
+        lw_progress_init(&progress, "waiting for the light, tiles received", 0);
     while (status == LW_OK) {
         lw_client_get_stats(h->client, &h->stats);
         struct lw_compose_source source = lw_compose_source_of(h->stage.client);
