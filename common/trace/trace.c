@@ -4,6 +4,8 @@
 #include "common/trace/trace_context.h"
 #include "common/wide.h"
 
+#include <pthread.h>
+#include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -34,11 +36,22 @@ struct mover {
  * neighbouring movers. More boxes cost every ray more than they save. */
 #define BOXES_MAX 8u
 
+/* What stays, built anew without what has left it. */
+struct rebuild {
+    pthread_t thread;
+    RTCDevice device;
+    RTCScene scene;
+    enum RTCError error; /* Embree keeps one for each thread */
+    atomic_bool ended;
+};
+
 struct lw_trace {
     const struct lw_scene *scene;
     RTCDevice device;
-    RTCScene fixed;  /* the static objects, in world space */
-    RTCScene moving; /* an instance for each object that moves; NULL if none does */
+    RTCScene fixed;          /* the static objects, in world space */
+    bool *left;              /* per object: it is a mover, but `fixed` has it still */
+    struct rebuild *rebuild; /* while any is; else NULL */
+    RTCScene moving;         /* an instance for each object that moves; NULL if none does */
     struct geometry *geometry;
     uint32_t *mover_of_object;
     struct mover *mover;
@@ -102,6 +115,10 @@ static void filter(const struct RTCFilterFunctionNArguments *args) {
     const unsigned n = args->N;
     for (unsigned i = 0; i < n; i++) {
         if (args->valid[i] != -1) continue;
+        if (context->left && context->left[g->object]) {
+            args->valid[i] = 0;
+            continue;
+        }
         uint32_t triangle = lane_word(args->hit, HIT_TRIANGLE, n, i);
         float dx = lane(args->ray, RAY_DIR_X, n, i), dy = lane(args->ray, RAY_DIR_Y, n, i),
               dz = lane(args->ray, RAY_DIR_Z, n, i);
@@ -118,12 +135,16 @@ static void filter(const struct RTCFilterFunctionNArguments *args) {
 }
 
 /* every_hit: whether backs are left out on geometry without alpha, too. */
-static void init_context(struct lw_trace_context *context, unsigned flags, bool every_hit) {
+static void init_context(struct lw_trace_context *context, const bool *left, unsigned flags, bool every_hit) {
     rtcInitIntersectContext(&context->rtc);
     context->flags = flags;
+    context->left = left;
     if (flags & LW_TRACE_COHERENT) context->rtc.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
-    if (every_hit) context->rtc.filter = filter;
+    if (every_hit || left) context->rtc.filter = filter;
 }
+
+/* What rays through `fixed` pass by. */
+static const bool *left_of(const struct lw_trace *trace) { return trace->rebuild ? trace->left : NULL; }
 
 static bool mesh_has_alpha(const struct lw_scene *scene, const struct lw_mesh *mesh) {
     for (uint32_t t = 0; t < mesh->triangle_count; t++)
@@ -297,19 +318,75 @@ static enum lw_status build(struct lw_trace *trace, const struct lw_pose *pose) 
     return LW_OK;
 }
 
+static void *rebuild_in_thread(void *argument) {
+    struct rebuild *rebuild = argument;
+    rtcCommitScene(rebuild->scene);
+    rebuild->error = rtcGetDeviceError(rebuild->device);
+    rebuild->ended = true;
+    return NULL;
+}
+
+static void rebuild_destroy(struct rebuild *rebuild) {
+    if (!rebuild) return;
+    if (rebuild->scene) rtcReleaseScene(rebuild->scene);
+    free(rebuild);
+}
+
+/* NULL: there is no memory, or no thread. */
+static struct rebuild *rebuild_start(struct lw_trace *trace) {
+    struct rebuild *rebuild = calloc(1, sizeof *rebuild);
+    if (!rebuild) return NULL;
+    rebuild->device = trace->device;
+    rebuild->scene = new_scene(trace);
+    for (uint32_t object = 0; rebuild->scene && object < trace->scene->object_count; object++)
+        if (trace->mover_of_object[object] == UINT32_MAX)
+            rtcAttachGeometryByID(rebuild->scene, rtcGetGeometry(trace->fixed, object), object);
+    if (rebuild->scene && pthread_create(&rebuild->thread, NULL, rebuild_in_thread, rebuild) == 0)
+        return rebuild;
+    rebuild_destroy(rebuild);
+    return NULL;
+}
+
+/* Waits for what is being built, and takes it. */
+static enum lw_status take_rebuild(struct lw_trace *trace) {
+    struct rebuild *rebuild = trace->rebuild;
+    if (!rebuild) return LW_OK;
+    trace->rebuild = NULL;
+    memset(trace->left, 0, trace->scene->object_count * sizeof *trace->left);
+    pthread_join(rebuild->thread, NULL);
+    rtcReleaseScene(trace->fixed);
+    trace->fixed = rebuild->scene;
+    rebuild->scene = NULL;
+    const enum RTCError error = rebuild->error;
+    rebuild_destroy(rebuild);
+    return error == RTC_ERROR_NONE ? LW_OK : error == RTC_ERROR_OUT_OF_MEMORY ? LW_NO_MEMORY : LW_INTERNAL;
+}
+
+static bool becomes_mover(const struct lw_trace *trace, const struct lw_pose *pose, uint32_t object) {
+    return trace->mover_of_object[object] == UINT32_MAX && pose->object_dynamic[object];
+}
+
 /* Objects that have become dynamic. */
-static enum lw_status free_objects(struct lw_trace *trace, const struct lw_pose *pose) {
-    const uint32_t before = trace->mover_count;
-    for (uint32_t object = 0; object < trace->scene->object_count; object++) {
-        if (trace->mover_of_object[object] != UINT32_MAX || !pose->object_dynamic[object]) continue;
-        rtcDetachGeometry(trace->fixed, object);
+static enum lw_status free_objects(struct lw_trace *trace, const struct lw_pose *pose, bool later) {
+    const uint32_t before = trace->mover_count, objects = trace->scene->object_count;
+    enum lw_status status = LW_OK;
+    for (uint32_t object = 0; object < objects && status == LW_OK; object++)
+        if (becomes_mover(trace, pose, object)) status = take_rebuild(trace); /* of those before */
+    for (uint32_t object = 0; object < objects && status == LW_OK; object++) {
+        if (!becomes_mover(trace, pose, object)) continue;
         struct mover *mover = &trace->mover[trace->mover_count];
         mover->object = object;
         trace->mover_of_object[object] = trace->mover_count++;
-        enum lw_status status = attach_mover(trace, mover, pose);
-        if (status != LW_OK) return status;
+        trace->left[object] = true;
+        status = attach_mover(trace, mover, pose);
     }
-    if (trace->mover_count > before) rtcCommitScene(trace->fixed);
+    if (status != LW_OK || trace->mover_count == before) return status;
+    if (later && (trace->rebuild = rebuild_start(trace))) return LW_OK;
+    for (uint32_t object = 0; object < objects; object++) {
+        if (trace->left[object]) rtcDetachGeometry(trace->fixed, object);
+        trace->left[object] = false;
+    }
+    rtcCommitScene(trace->fixed);
     return LW_OK;
 }
 
@@ -322,10 +399,11 @@ enum lw_status lw_trace_create(const struct lw_scene *scene, const struct lw_pos
     trace->geometry = calloc(count, sizeof *trace->geometry);
     trace->mover_of_object = calloc(count, sizeof *trace->mover_of_object);
     trace->mover = calloc(count, sizeof *trace->mover);
+    trace->left = calloc(count, sizeof *trace->left);
     /* One build thread: a structure that does not depend on timing gives bytes that do not either. */
     trace->device = rtcNewDevice("threads=1");
     enum lw_status status = LW_NO_MEMORY;
-    if (!trace->geometry || !trace->mover_of_object || !trace->mover || !trace->device) {
+    if (!trace->geometry || !trace->mover_of_object || !trace->mover || !trace->left || !trace->device) {
         lw_status_fail(err, status, "building the rays' structure");
         goto fail;
     }
@@ -346,6 +424,7 @@ fail:
 
 void lw_trace_destroy(struct lw_trace *trace) {
     if (!trace) return;
+    (void)take_rebuild(trace);
     for (uint32_t i = 0; trace->mover && i < trace->mover_count; i++) {
         if (trace->mover[i].instance) rtcReleaseGeometry(trace->mover[i].instance);
         if (trace->mover[i].scene) rtcReleaseScene(trace->mover[i].scene);
@@ -353,20 +432,38 @@ void lw_trace_destroy(struct lw_trace *trace) {
     if (trace->moving) rtcReleaseScene(trace->moving);
     if (trace->fixed) rtcReleaseScene(trace->fixed);
     if (trace->device) rtcReleaseDevice(trace->device);
+    free(trace->left);
     free(trace->mover);
     free(trace->mover_of_object);
     free(trace->geometry);
     free(trace);
 }
 
-enum lw_status lw_trace_set_pose(struct lw_trace *trace, const struct lw_pose *pose, struct lw_error *err) {
-    enum lw_status status = free_objects(trace, pose);
+static enum lw_status take_pose(struct lw_trace *trace, const struct lw_pose *pose, bool later,
+                                struct lw_error *err) {
+    enum lw_status status = free_objects(trace, pose, later);
     if (status != LW_OK) return lw_status_fail(err, status, "building the rays' structure");
     if (trace->mover_count == 0) return LW_OK;
     for (uint32_t i = 0; i < trace->mover_count; i++) place_mover(&trace->mover[i], pose);
     box_movers(trace);
     rtcCommitScene(trace->moving);
     return device_status(trace, err);
+}
+
+enum lw_status lw_trace_set_pose(struct lw_trace *trace, const struct lw_pose *pose, struct lw_error *err) {
+    enum lw_status status = lw_trace_settle(trace, true, err);
+    return status == LW_OK ? take_pose(trace, pose, false, err) : status;
+}
+
+enum lw_status lw_trace_set_pose_soon(struct lw_trace *trace, const struct lw_pose *pose,
+                                      struct lw_error *err) {
+    return take_pose(trace, pose, true, err);
+}
+
+enum lw_status lw_trace_settle(struct lw_trace *trace, bool wait, struct lw_error *err) {
+    if (!trace->rebuild || !(wait || trace->rebuild->ended)) return LW_OK;
+    enum lw_status status = take_rebuild(trace);
+    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "building the rays' structure");
 }
 
 /* Lanes that are not active get a ray of no length: Embree's kernels for AVX2 look at them, and stop at what is no ray. */
@@ -457,11 +554,11 @@ static void intersect(const struct lw_trace *trace, unsigned flags, bool every_h
                       struct RTCRayHit16 *rh, uint8_t back[16]) {
     struct lw_trace_context context;
     _Alignas(64) int reach[16];
-    init_context(&context, flags, every_hit);
+    init_context(&context, left_of(trace), flags, every_hit);
     rtcIntersect16(valid, trace->fixed, &context.rtc, rh);
     memcpy(reach, valid, sizeof reach);
     if (trace->moving && reach_movers(trace, &rh->ray, reach)) {
-        init_context(&context, flags & ~(unsigned)LW_TRACE_COHERENT, every_hit);
+        init_context(&context, NULL, flags & ~(unsigned)LW_TRACE_COHERENT, every_hit);
         rtcIntersect16(reach, trace->moving, &context.rtc, rh);
     }
     find_sides(trace, valid, rh, back);
@@ -514,13 +611,13 @@ uint16_t lw_trace_occluded16(const struct lw_trace *trace, unsigned flags, uint1
     const bool every_hit = flags & LW_TRACE_VIEW;
     load_valid(valid, active);
     load_rays(&ray, rays, active);
-    init_context(&context, flags, every_hit);
+    init_context(&context, left_of(trace), flags, every_hit);
     rtcOccluded16(valid, trace->fixed, &context.rtc, &ray);
     for (int i = 0; i < 16; i++) valid[i] = valid[i] && ray.tfar[i] >= 0 ? -1 : 0;
     if (trace->moving && reach_movers(trace, &ray, valid)) {
         /* Without the coherent flag: in a scene with instances Embree 3.13.5's rtcOccluded16 with it does not return for
          * some packets (its loop over the octants of directions finds no ray in one and stays there). */
-        init_context(&context, flags & ~(unsigned)LW_TRACE_COHERENT, every_hit);
+        init_context(&context, NULL, flags & ~(unsigned)LW_TRACE_COHERENT, every_hit);
         rtcOccluded16(valid, trace->moving, &context.rtc, &ray);
     }
     uint16_t occluded = 0;

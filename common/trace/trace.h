@@ -5,7 +5,7 @@
  * Objects that never move are one flattened set of geometry; each object that moves is an instance of its own in a second
  * scene, so that a new pose costs an update of that alone. Rays go through the first, then through the second those that
  * come by a box around movers: the many triangles that stay cost no change of space. An object that the pose calls dynamic
- * for the first time leaves the one for the other, once: that builds what stays anew. */
+ * for the first time leaves the one for the other, once: that builds what stays anew, at once or in a thread. */
 #ifndef LW_COMMON_TRACE_H
 #define LW_COMMON_TRACE_H
 
@@ -84,6 +84,14 @@ void lw_trace_destroy(struct lw_trace *trace);
  * Errors: LW_NO_MEMORY; LW_INTERNAL with Embree's message; then only lw_trace_destroy() makes sense. */
 LW_MUST_CHECK enum lw_status lw_trace_set_pose(struct lw_trace *trace, const struct lw_pose *pose,
                                                struct lw_error *err);
+
+/** The same, but what stays is built anew in a thread, so that an object's first movement takes no longer than others. Until
+ * lw_trace_settle() takes what has been built, rays pass what has left, and cost a fifth more; what they meet is the same. */
+LW_MUST_CHECK enum lw_status lw_trace_set_pose_soon(struct lw_trace *trace, const struct lw_pose *pose,
+                                                    struct lw_error *err);
+
+/** Takes what a thread has built, if it has ended. wait: waits for it. Threads and errors as for lw_trace_set_pose(). */
+LW_MUST_CHECK enum lw_status lw_trace_settle(struct lw_trace *trace, bool wait, struct lw_error *err);
 
 /** Closest hits of the rays whose bit is set in `active`; lanes that are not active become misses. */
 void lw_trace_closest16(const struct lw_trace *trace, unsigned flags, uint16_t active,

@@ -4,10 +4,12 @@
 #define LW_COMMON_TRACE_CONTEXT_H
 
 #include <embree3/rtcore.h>
+#include <stdbool.h>
 
 struct lw_trace_context {
     struct RTCIntersectContext rtc; /* first: filters get a pointer to it */
     unsigned flags;                 /* enum lw_trace_flags */
+    const bool *left;               /* per object: rays do not meet it; NULL: they meet all */
 };
 
 #endif

@@ -84,7 +84,7 @@ static void radiate_all(struct cell_solver *s) {
 
 /* Takes over s->pose. */
 static enum lw_status place(struct cell_solver *s, struct lw_solver_stats *stats, struct lw_error *err) {
-    enum lw_status status = lw_geometry_set_pose(s->geometry, &s->pose, err);
+    enum lw_status status = lw_geometry_set_pose(s->geometry, &s->pose, s->desc.frame_budget_s > 0, err);
     if (status != LW_OK) return status;
     if (s->pose_due & LW_POSE_DYNAMIC) lw_tiles_recount(&s->tiles, s->threads);
     if (s->pose_due & (LW_POSE_MATERIALS | LW_POSE_SKY))
@@ -477,7 +477,8 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     const bool looked_at = lw_schedule_is_looked_at(&s->schedule);
     /* What appears is lit at once, whoever looks: there is nothing without light (schedule.h). That what went was gone must be
      * known by then. */
-    enum lw_status status = s->pose_due && (looked_at || s->view_due) ? place(s, &stats, err) : LW_OK;
+    enum lw_status status = lw_trace_settle(s->geometry->trace, false, err);
+    if (status == LW_OK && s->pose_due && (looked_at || s->view_due)) status = place(s, &stats, err);
     if (status != LW_OK) return status;
     lw_schedule_serve(&s->schedule, &s->tiles, s->has_probes);
     s->unchanged_rounds = is_changing(s) ? 0 : s->unchanged_rounds + s->schedule.ended;

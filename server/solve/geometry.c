@@ -103,7 +103,7 @@ static bool is_recoloured(const struct lw_geometry *geometry, const struct lw_po
     return other;
 }
 
-enum lw_status lw_geometry_set_pose(struct lw_geometry *geometry, const struct lw_pose *pose,
+enum lw_status lw_geometry_set_pose(struct lw_geometry *geometry, const struct lw_pose *pose, bool later,
                                     struct lw_error *err) {
     const unsigned moved = lw_pose_difference(pose, &geometry->pose, geometry->scene);
     const bool recoloured = is_recoloured(geometry, pose);
@@ -112,7 +112,9 @@ enum lw_status lw_geometry_set_pose(struct lw_geometry *geometry, const struct l
         (void)end_search(geometry, false);
         geometry->seams_outdated = true;
     }
-    if (moved & (LW_POSE_OBJECTS | LW_POSE_DYNAMIC)) status = lw_trace_set_pose(geometry->trace, pose, err);
+    if (moved & (LW_POSE_OBJECTS | LW_POSE_DYNAMIC))
+        status = later ? lw_trace_set_pose_soon(geometry->trace, pose, err)
+                       : lw_trace_set_pose(geometry->trace, pose, err);
     if (status == LW_OK && (moved & LW_POSE_DYNAMIC))
         status =
             lw_burial_review(&geometry->texels, &geometry->pose, pose, geometry->trace, geometry->threads);

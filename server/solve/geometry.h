@@ -29,9 +29,10 @@ void lw_geometry_finish(struct lw_geometry *geometry);
 
 /** Moves to another pose, and takes over what base colours the scene has now. Where objects that stood still may move from now on
  * (LW_POSE_DYNAMIC), what they buried comes to light: texels are covered that were not, and seams are those of before until they are
- * found again. A pose at which it is already costs nothing. Errors: LW_NO_MEMORY, LW_INTERNAL. */
+ * found again. A pose at which it is already costs nothing. later: as for lw_trace_set_pose_soon().
+ * Errors: LW_NO_MEMORY, LW_INTERNAL. */
 LW_MUST_CHECK enum lw_status lw_geometry_set_pose(struct lw_geometry *geometry, const struct lw_pose *pose,
-                                                  struct lw_error *err);
+                                                  bool later, struct lw_error *err);
 
 /** Weighs the pairs, unless they are. Errors: LW_NO_MEMORY; there are none then. */
 LW_MUST_CHECK enum lw_status lw_geometry_weigh_pairs(struct lw_geometry *geometry);

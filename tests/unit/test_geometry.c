@@ -46,7 +46,7 @@ static void tear_down(struct floor *floor) {
 static void set_free(struct floor *floor, uint32_t object) {
     struct lw_error err = {0};
     floor->pose.object_dynamic[object] = true;
-    lw_support_ok(lw_geometry_set_pose(&floor->geometry, &floor->pose, &err), &err);
+    lw_support_ok(lw_geometry_set_pose(&floor->geometry, &floor->pose, true, &err), &err);
 }
 
 static void await_seams(struct floor *floor, uint32_t found) {

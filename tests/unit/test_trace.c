@@ -110,51 +110,70 @@ static void test_moving_objects_follow_the_pose(void **state) {
     stop(&f);
 }
 
+/* Whether what stays is built anew before the next ray, in a thread that has ended by then, or in one that may not have. */
+enum when { AT_ONCE, SOON, LATER };
+
+static void take_pose(struct fixture *f, enum when when) {
+    struct lw_error err = {0};
+    if (when == AT_ONCE)
+        lw_support_ok(lw_trace_set_pose(f->trace, &f->pose, &err), &err);
+    else
+        lw_support_ok(lw_trace_set_pose_soon(f->trace, &f->pose, &err), &err);
+    if (when == SOON) lw_support_ok(lw_trace_settle(f->trace, true, &err), &err);
+}
+
 /* What an update has moved or hidden: out of the flattened set, into the instances. */
+static void expect_movers(bool animated, enum when when) {
+    struct fixture f;
+    struct lw_scene *scene = lw_support_squares(3, 1);
+    if (animated) animate(scene);
+    start(&f, scene);
+    f.pose.object_dynamic[1] = true;
+    f.pose.object_to_world[1].m[1][3] = 4;
+    take_pose(&f, when);
+    struct lw_hit16 hit = shoot(&f, LW_TRACE_LIGHT, lw_vec3(2.1f, 9, 0.2f), down);
+    assert_int_equal(hit.object[3], 1);
+    assert_float_equal(hit.t[3], 5, 1e-4);
+    assert_int_equal(hit.back[3], 0);
+    assert_int_equal(shoot(&f, LW_TRACE_LIGHT, lw_vec3(2.1f, 2, 0.2f), down).object[3], LW_TRACE_MISS);
+    assert_int_equal(shoot(&f, LW_TRACE_LIGHT, lw_vec3(4.1f, 9, 0.2f), down).object[3], 2);
+
+    f.pose.object_hidden[1] = f.pose.object_hidden[2] = f.pose.object_dynamic[2] = true;
+    take_pose(&f, when);
+    assert_int_equal(shoot(&f, LW_TRACE_LIGHT, lw_vec3(2.1f, 9, 0.2f), down).object[3], LW_TRACE_MISS);
+    assert_int_equal(shoot(&f, LW_TRACE_VIEW, lw_vec3(4.1f, 9, 0.2f), down).object[3], LW_TRACE_MISS);
+    assert_int_equal(shoot(&f, LW_TRACE_LIGHT, lw_vec3(0.1f, 9, 0.2f), down).object[3], 0);
+
+    f.pose.object_hidden[1] = f.pose.object_hidden[2] = false;
+    take_pose(&f, when);
+    assert_float_equal(shoot(&f, LW_TRACE_LIGHT, lw_vec3(2.1f, 9, 0.2f), down).t[3], 5, 1e-4);
+    assert_int_equal(shoot(&f, LW_TRACE_VIEW, lw_vec3(4.1f, 9, 0.2f), down).object[3], 2);
+
+    for (int o = 0; o < 3; o++) f.pose.object_dynamic[o] = f.pose.object_hidden[o] = true;
+    take_pose(&f, when); /* nothing is left to meet */
+    for (int o = 0; o < 3; o++)
+        assert_int_equal(shoot(&f, LW_TRACE_LIGHT, lw_vec3(2 * (float)o + 0.1f, 9, 0.2f), down).object[3],
+                         LW_TRACE_MISS);
+    stop(&f);
+}
+
 static void test_still_objects_become_movers(void **state) {
     (void)state;
-    for (int animated = 0; animated < 2; animated++) {
-        struct fixture f;
-        struct lw_error err = {0};
-        struct lw_scene *scene = lw_support_squares(3, 1);
-        if (animated) animate(scene);
-        start(&f, scene);
-        f.pose.object_dynamic[1] = true;
-        f.pose.object_to_world[1].m[1][3] = 4;
-        lw_support_ok(lw_trace_set_pose(f.trace, &f.pose, &err), &err);
-        struct lw_hit16 hit = shoot(&f, LW_TRACE_LIGHT, lw_vec3(2.1f, 9, 0.2f), down);
-        assert_int_equal(hit.object[3], 1);
-        assert_float_equal(hit.t[3], 5, 1e-4);
-        assert_int_equal(hit.back[3], 0);
-        assert_int_equal(shoot(&f, LW_TRACE_LIGHT, lw_vec3(2.1f, 2, 0.2f), down).object[3], LW_TRACE_MISS);
-        assert_int_equal(shoot(&f, LW_TRACE_LIGHT, lw_vec3(4.1f, 9, 0.2f), down).object[3], 2);
+    for (int animated = 0; animated < 2; animated++)
+        for (enum when when = AT_ONCE; when <= LATER; when++) expect_movers(animated, when);
+}
 
-        f.pose.object_hidden[1] = f.pose.object_hidden[2] = f.pose.object_dynamic[2] = true;
-        lw_support_ok(lw_trace_set_pose(f.trace, &f.pose, &err), &err);
-        assert_int_equal(shoot(&f, LW_TRACE_LIGHT, lw_vec3(2.1f, 9, 0.2f), down).object[3], LW_TRACE_MISS);
-        assert_int_equal(shoot(&f, LW_TRACE_VIEW, lw_vec3(4.1f, 9, 0.2f), down).object[3], LW_TRACE_MISS);
-        assert_int_equal(shoot(&f, LW_TRACE_LIGHT, lw_vec3(0.1f, 9, 0.2f), down).object[3], 0);
-
-        f.pose.object_hidden[1] = f.pose.object_hidden[2] = false;
-        lw_support_ok(lw_trace_set_pose(f.trace, &f.pose, &err), &err);
-        assert_float_equal(shoot(&f, LW_TRACE_LIGHT, lw_vec3(2.1f, 9, 0.2f), down).t[3], 5, 1e-4);
-        assert_int_equal(shoot(&f, LW_TRACE_VIEW, lw_vec3(4.1f, 9, 0.2f), down).object[3], 2);
-
-        for (int o = 0; o < 3; o++) f.pose.object_dynamic[o] = f.pose.object_hidden[o] = true;
-        lw_support_ok(lw_trace_set_pose(f.trace, &f.pose, &err), &err); /* nothing is left to meet */
-        for (int o = 0; o < 3; o++)
-            assert_int_equal(shoot(&f, LW_TRACE_LIGHT, lw_vec3(2 * (float)o + 0.1f, 9, 0.2f), down).object[3],
-                             LW_TRACE_MISS);
-        stop(&f);
-
-        start(&f, lw_support_squares(2, 1)); /* hidden from the beginning */
-        lw_trace_destroy(f.trace);
-        f.pose.object_dynamic[0] = f.pose.object_hidden[0] = true;
-        lw_support_ok(lw_trace_create(f.scene, &f.pose, &f.trace, &err), &err);
-        assert_int_equal(shoot(&f, LW_TRACE_LIGHT, lw_vec3(0.1f, 9, 0.2f), down).object[3], LW_TRACE_MISS);
-        assert_int_equal(shoot(&f, LW_TRACE_LIGHT, lw_vec3(2.1f, 9, 0.2f), down).object[3], 1);
-        stop(&f);
-    }
+static void test_hidden_from_the_beginning(void **state) {
+    (void)state;
+    struct fixture f;
+    struct lw_error err = {0};
+    start(&f, lw_support_squares(2, 1));
+    lw_trace_destroy(f.trace);
+    f.pose.object_dynamic[0] = f.pose.object_hidden[0] = true;
+    lw_support_ok(lw_trace_create(f.scene, &f.pose, &f.trace, &err), &err);
+    assert_int_equal(shoot(&f, LW_TRACE_LIGHT, lw_vec3(0.1f, 9, 0.2f), down).object[3], LW_TRACE_MISS);
+    assert_int_equal(shoot(&f, LW_TRACE_LIGHT, lw_vec3(2.1f, 9, 0.2f), down).object[3], 1);
+    stop(&f);
 }
 
 static float between(uint32_t *state, float low, float high) {
@@ -317,6 +336,7 @@ int main(void) {
         cmocka_unit_test(test_mirrored_objects_keep_their_front),
         cmocka_unit_test(test_moving_objects_follow_the_pose),
         cmocka_unit_test(test_still_objects_become_movers),
+        cmocka_unit_test(test_hidden_from_the_beginning),
         cmocka_unit_test(test_movers_are_met_as_in_a_flat_scene),
         cmocka_unit_test(test_views_look_through_backs),
         cmocka_unit_test(test_masked_surfaces_let_rays_pass),
