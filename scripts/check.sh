@@ -3,7 +3,7 @@
 #   gcc, clang   build everything without a warning
 #   dev          unit and golden tests under ASan and UBSan
 #   tsan         tests of threaded code under ThreadSanitizer
-#   arm64        compile all but the tests for arm64 without a warning; needs gcc-aarch64-linux-gnu, libc6-dev-arm64-cross
+#   arm64        compile all but the tests for arm64 without a warning
 #   isa          tests of kernels that pick their instructions at run time, on processors with SSE2 alone and with AVX2,
 #                which qemu-user emulates
 #   long         tests labelled `long`, against the release build

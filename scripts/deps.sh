@@ -1,7 +1,7 @@
 #!/bin/bash
 # Installs the Debian 12 packages that lightwell is built from. Does nothing, and needs no network, when all are there.
 # scripts/deps.sh          what a build and the fast tests need
-# scripts/deps.sh --all    and the sanitizers, fuzzers and formatters of the long tests
+# scripts/deps.sh --all    and the sanitizers, fuzzers, formatters and other processors of the long tests
 set -euo pipefail
 
 packages=(
@@ -13,7 +13,10 @@ packages=(
     gnuplot-nox
     libcmocka-dev
 )
-long_packages=(clang libomp-14-dev libclang-rt-14-dev clang-format)
+long_packages=(
+    clang libomp-14-dev libclang-rt-14-dev clang-format
+    gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user
+)
 if [ "${1:-}" = --all ]; then packages+=("${long_packages[@]}"); fi
 
 if ! command -v dpkg-query >/dev/null; then
