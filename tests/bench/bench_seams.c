@@ -3,8 +3,8 @@
  *     bench_seams [--frames N] [--denoise] [--objects] [--codec] [--texels-per-metre D] SCENE...
  *
  * One table in Markdown per scene: after 16, 64, 256 ... frames, up to N, and for levels 0 to 2: mean and median of the
- * relative differences along all seams (tests/support/seam_walk.h), the share of points within 1 %, with --objects also of
- * each object. Unwelded: the sums before the weld; with --codec in their place the welded light as the lossy tile codec
+ * relative differences along all seams (tests/support/seam_walk.h), the shares of points within 1 and 5 % and of those so dark that
+ * their differences are relative to a floor; with --objects also of each object. Unwelded: the sums before the weld; with --codec in their place the welded light as the lossy tile codec
  * leaves it. On stderr: how far welding moves the mean light of an object. */
 #include "common/tile/tile_codec.h"
 #include "server/publish/publisher.h"
@@ -114,8 +114,9 @@ static enum lw_status report_row(const struct job *job, const char *name, unsign
         if (status != LW_OK) return status;
     }
     if (spread[1].points)
-        printf("| %s | %u | %zu | %.4f / %.4f | %.4f / %.4f | %.1f %% |\n", name, level, spread[1].points,
-               spread[0].mean, spread[0].p50, spread[1].mean, spread[1].p50, 100 * (1 - spread[1].over));
+        printf("| %s | %u | %zu | %.4f / %.4f | %.4f / %.4f | %.1f %% | %.1f %% | %.1f %% |\n", name, level,
+               spread[1].points, spread[0].mean, spread[0].p50, spread[1].mean, spread[1].p50,
+               100 * (1 - spread[1].over), 100 * (1 - spread[1].far_over), 100 * spread[1].dark);
     fflush(stdout);
     return LW_OK;
 }
@@ -167,8 +168,9 @@ static enum lw_status run(void *context, const char *path, struct lw_error *err)
                                        &job.pose, &job.solver, err);
     if (status == LW_OK && s->codec) status = coded_create(job.solver, &job.coded);
     printf("\n### %s%s\n\n"
-           "| after | level | points | %s mean / median | welded mean / median | within 1 %% |\n"
-           "|---|---|---|---|---|---|\n",
+           "| after | level | points | %s mean / median | welded mean / median | within 1 %% | within 5 %% | "
+           "dark "
+           "|\n|---|---|---|---|---|---|---|---|---|\n",
            bench_label(path, label, sizeof label), s->denoise ? ", denoised" : "",
            s->codec ? "coded" : "unwelded");
     if (status == LW_OK) status = solve(&job, (uint32_t)s->frames, s->objects, err);

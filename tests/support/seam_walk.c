@@ -120,6 +120,7 @@ static struct seam_spread spread_of(double *difference, size_t count) {
     for (size_t i = 0; i < count; i++) {
         spread.mean += difference[i] / (double)count;
         spread.over += (difference[i] > 0.01) / (double)count;
+        spread.far_over += (difference[i] > 0.05) / (double)count;
     }
     spread.p50 = difference[count / 2];
     spread.p99 = difference[(size_t)(0.99 * (double)(count - 1))];
@@ -130,7 +131,7 @@ static struct seam_spread spread_of(double *difference, size_t count) {
 
 enum lw_status seam_walk_measure(const struct seam_walk *walk, const struct lw_seam_edges *edges,
                                  unsigned level, uint32_t object, struct seam_spread *out) {
-    size_t capacity = 1, count = 0;
+    size_t capacity = 1, count = 0, dark = 0;
     for (size_t e = 0; e < edges->count; e++) capacity += points_of(&edges->edge[e], level);
     double *difference = malloc(capacity * sizeof *difference);
     if (!difference) return LW_NO_MEMORY;
@@ -145,10 +146,14 @@ enum lw_status seam_walk_measure(const struct seam_walk *walk, const struct lw_s
                 !read_side(walk, &edges->edge[e], 1, (i + 0.5) / points, level, &b))
                 continue;
             if (!(isfinite(a) && isfinite(b) && a >= 0 && b >= 0)) status = LW_INTERNAL;
+            dark += 0.5 * (a + b) < walk->floor;
             difference[count++] = fabs(a - b) / fmax(0.5 * (a + b), walk->floor);
         }
     }
-    if (status == LW_OK) *out = spread_of(difference, count);
+    if (status == LW_OK) {
+        *out = spread_of(difference, count);
+        if (count) out->dark = (double)dark / (double)count;
+    }
     free(difference);
     return status;
 }

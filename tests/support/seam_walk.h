@@ -29,7 +29,8 @@ bool seam_walk_read(const struct seam_walk *walk, uint32_t object, unsigned leve
 struct seam_spread {
     size_t points;
     double mean, p50, p99, p999, worst;
-    double over; /* share of points over 1 % */
+    double over, far_over; /* shares of points over 1 % and over 5 % */
+    double dark;           /* share of points whose sides' mean is under the floor */
 };
 
 /** Eight points per texel of the level; on coarser levels without the seams of what is read at level 0 alone. object: whose seams,
