@@ -7,10 +7,10 @@
  * is a name or as --camera of lightwell-view has it), waits until it rests again, undoes it by a reset, and so on. Both ways count.
  *
  * first tile: until the client has decoded a tile of the frame that shows the change, or of a later one, which the change touches.
- * 95 %: until p(E) = sum w (E - E0)(E1' - E0') / sum w (E1 - E0)(E1' - E0') reaches 0.95 over the texels of level 2 that the picture
- * shows, before or after, all channels. E0, E0', E1, E1' are the light of four more servers that never knew anything else than the state
+ * 95 %: until p(E) = sum d(E - E0) d(E1' - E0') / sum d(E1 - E0) d(E1' - E0') reaches 0.95 over squares of 4 x 4 texels of level 2,
+ * all channels; d: sum over a square's texels that the picture shows, before or after, of what is in brackets times w. E0, E0', E1, E1' are the light of four more servers that never knew anything else than the state
  * before (0) and the state after (1), by two seeds: with one, the noise of E0 and E1 would count as change, and where a vase
- * moves most of what is seen does not change. w is one over the square of the texel's mean light (plus the median's of all): else the
+ * moves most of what is seen does not change. w is one over the texel's mean light (plus the median's of all): else the
  * cages of lamps, some hundred texels a thousand times as bright as the rest and as noisy, would alone decide. What is over twice that
  * light is clipped: single texels of a first frame. So p is 0 for light that is settled before, 1 for light that is settled
  * after, whatever the server remembers. Agreement is the cosine of E1 - E0 and E1' - E0': where it is small, p is noise; more --fresh
@@ -41,6 +41,7 @@
 #define TOUCHED       0.01 /* relative root mean square by which the change moves what it touches */
 #define FRESH_OPTIONS "--clock manual --light whole --direct-samples 8 --indirect-samples 16"
 #define LEVEL         LW_COMPOSE_LEVEL_MAX /* whose texels are judged */
+#define SQUARE        4u /* texels, each way, that are judged together: what is noise in them is not change */
 #define REST_NS       1000000000u
 #define LIMIT_NS      240000000000ull /* for the light to settle */
 #define PATIENCE_NS   120000000000ull /* for the scene, for the first light, for an answer */
@@ -74,10 +75,13 @@ struct bench {
     uint64_t *version;         /* before the update */
     /* texels of LEVEL, object by object, or of the coarsest level of objects that have fewer */
     size_t texel_count;
-    size_t *first;               /* texel of each object */
-    uint8_t *shown;              /* in the picture */
-    float *before[2], *after[2]; /* E0 and E0', E1 and E1': CHANNELS per texel */
-    float *now;                  /* E */
+    size_t *first;    /* texel of each object */
+    uint32_t *square; /* of each texel */
+    size_t square_count;
+    double *change[2], *progress; /* E1 - E0, E1' - E0' and E - E0: CHANNELS per square */
+    uint8_t *shown;               /* in the picture */
+    float *before[2], *after[2];  /* E0 and E0', E1 and E1': CHANNELS per texel */
+    float *now;                   /* E */
     double agreement;
     float *weight, *most; /* w, 0 where nothing is shown; what E is clipped at */
     struct moment *moment;
@@ -117,6 +121,23 @@ static uint32_t level_of(const struct bench *b, uint32_t object) {
     return levels > LEVEL ? LEVEL : levels - 1;
 }
 
+static void lay_out_squares(struct bench *b) {
+    b->square = room(b->texel_count, sizeof *b->square);
+    for (uint32_t o = 0; o < b->map.object_count; o++) {
+        if (!b->map.atlas[o].level_count) continue;
+        const struct lw_atlas_level *level = &b->map.atlas[o].level[level_of(b, o)];
+        const uint32_t columns = (level->width + SQUARE - 1) / SQUARE;
+        for (uint32_t y = 0; y < level->height; y++)
+            for (uint32_t x = 0; x < level->width; x++)
+                b->square[b->first[o] + (size_t)y * level->width + x] =
+                    (uint32_t)b->square_count + y / SQUARE * columns + x / SQUARE;
+        b->square_count += (size_t)columns * ((level->height + SQUARE - 1) / SQUARE);
+    }
+    double **plane[] = {&b->change[0], &b->change[1], &b->progress};
+    for (size_t i = 0; i < sizeof plane / sizeof *plane; i++)
+        *plane[i] = room(CHANNELS * b->square_count, sizeof **plane[i]);
+}
+
 static void lay_out(struct bench *b, const struct lw_scene *scene) {
     if (b->first) return;
     if (lw_atlas_map_init(&b->map, scene) != LW_OK) give_up("no memory");
@@ -127,6 +148,7 @@ static void lay_out(struct bench *b, const struct lw_scene *scene) {
         const struct lw_atlas_level *level = &b->map.atlas[o].level[level_of(b, o)];
         b->texel_count += (size_t)level->width * level->height;
     }
+    lay_out_squares(b);
     float **plane[] = {&b->before[0], &b->before[1], &b->after[0], &b->after[1],
                        &b->now,       &b->weight,    &b->most};
     for (size_t i = 0; i < sizeof plane / sizeof *plane; i++)
@@ -200,27 +222,24 @@ static void look(struct bench *b, struct lw_client *client) {
 
 /* ---- the change ---- */
 
-/* What is too bright by far to be light of before or after is not taken for more than it can be. */
-static double project(const struct bench *b, const float *light) {
-    double sum = 0, whole = 0;
-    for (size_t i = 0; i < CHANNELS * b->texel_count; i++) {
-        const double along = (double)b->weight[i] * (double)(b->after[1][i] - b->before[1][i]);
-        sum += along * (double)(fminf(light[i], b->most[i]) - b->before[0][i]);
-        whole += along * (double)(b->after[0][i] - b->before[0][i]);
-    }
-    return sum / whole;
+/* How far light is from other light, square by square, relative to what is there. What is too bright by far to be light of before or
+ * after is not taken for more than it can be. */
+static void compare(const struct bench *b, const float *light, const float *other, double *out) {
+    memset(out, 0, CHANNELS * b->square_count * sizeof *out);
+    for (size_t i = 0; i < CHANNELS * b->texel_count; i++)
+        out[CHANNELS * b->square[i / CHANNELS] + i % CHANNELS] +=
+            (double)b->weight[i] * (double)(fminf(light[i], b->most[i]) - fminf(other[i], b->most[i]));
 }
 
-static double agree(const struct bench *b) {
-    double both = 0, square[2] = {0};
-    for (size_t i = 0; i < CHANNELS * b->texel_count; i++) {
-        const double w = (double)b->weight[i], x = (double)(b->after[0][i] - b->before[0][i]),
-                     y = (double)(b->after[1][i] - b->before[1][i]);
-        both += w * x * y;
-        square[0] += w * x * x;
-        square[1] += w * y * y;
-    }
-    return both / (sqrt(square[0] * square[1]) + DBL_MIN);
+static double dot(const struct bench *b, const double *x, const double *y) {
+    double sum = 0;
+    for (size_t i = 0; i < CHANNELS * b->square_count; i++) sum += x[i] * y[i];
+    return sum;
+}
+
+static double project(const struct bench *b, const float *light) {
+    compare(b, light, b->before[0], b->progress);
+    return dot(b, b->change[1], b->progress) / dot(b, b->change[1], b->change[0]);
 }
 
 static int compare_floats(const void *a, const void *b) {
@@ -244,10 +263,12 @@ static void weigh(struct bench *b) {
     const float median = median_of_light(b, b->before[0]);
     for (size_t i = 0; i < CHANNELS * b->texel_count; i++) {
         const float mean = 0.25f * (b->before[0][i] + b->before[1][i] + b->after[0][i] + b->after[1][i]);
-        b->weight[i] = b->shown[i / CHANNELS] ? 1 / (mean * mean + median * median + FLT_MIN) : 0;
+        b->weight[i] = b->shown[i / CHANNELS] ? 1 / (hypotf(mean, median) + FLT_MIN) : 0;
         b->most[i] = 2 * (mean + median);
     }
-    b->agreement = agree(b);
+    for (int k = 0; k < 2; k++) compare(b, b->after[k], b->before[k], b->change[k]);
+    b->agreement = dot(b, b->change[0], b->change[1]) /
+                   (sqrt(dot(b, b->change[0], b->change[0]) * dot(b, b->change[1], b->change[1])) + DBL_MIN);
 }
 
 /* Tiles that the change moves by more than a little, as far as they are shown: those of LEVEL, and the finer ones below. */
