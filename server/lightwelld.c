@@ -45,7 +45,8 @@ struct settings {
     const char *listen, *port_file, *keep, *spares, *light_groups;
     int64_t bounces, direct_samples, indirect_samples, seed, frames;
     int probe_form, denoise;
-    double tracing_range, cell_size, probe_spacing, frame_rate, frame_budget_ms, freeze_s, error, link_rate;
+    double tracing_range, cell_size, probe_spacing, frame_rate, frame_budget_ms, freeze_s, error, link_rate,
+        tile_step;
     bool animate, freeze, json;
     int clock, light, codec;
     char host[256];
@@ -149,6 +150,10 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "dct: tiles as exact as their noise lets them be (default). half: 16-bit floats, twenty to "
          "sixty times the bytes, for clients that read nothing else",
          LW_OPTION_CHOICE, &s->codec, 0, 0, NULL},
+        {"tile-step", "STEP",
+         "dct's widest step, in powers of two of light (default 0.1); twice that: a third fewer bits, up "
+         "to twice the error",
+         LW_OPTION_REAL, &s->tile_step, (double)LW_PUBLISHER_STEP_MIN, 1, NULL},
         {"link-rate", "MBIT",
          "megabits per second to each client at most; a client may ask for less (default: what its link "
          "takes)",
@@ -250,6 +255,7 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
                                                              .codec = s->codec == CODEC_DCT
                                                                           ? LW_TILE_CODEC_DCT
                                                                           : LW_TILE_CODEC_HALF_ZSTD,
+                                                             .step_widest = (float)s->tile_step,
                                                              .threads = (unsigned)s->scene.threads},
                                  &d->publisher);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "publisher");
@@ -577,6 +583,7 @@ int main(int argc, char **argv) {
                      .denoise = 1,
                      .light = LIGHT_SEEN,
                      .codec = CODEC_DCT,
+                     .tile_step = (double)LW_PUBLISHER_STEP_WIDEST,
                      .frame_rate = 30,
                      .frame_budget_ms = 33,
                      .seed = 1,

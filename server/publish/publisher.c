@@ -51,6 +51,7 @@ enum lw_status lw_publisher_create(const struct lw_publisher_desc *desc,
     struct lw_publisher *p = calloc(1, sizeof *p);
     if (!p) return LW_NO_MEMORY;
     p->desc = *desc;
+    if (!(p->desc.step_widest > 0)) p->desc.step_widest = LW_PUBLISHER_STEP_WIDEST;
     p->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
     p->levels = calloc((size_t)desc->atlas_map->object_count + 1, sizeof *p->levels);
     p->sent = calloc((size_t)desc->atlas_map->tile_count + 1, sizeof *p->sent);
@@ -209,7 +210,7 @@ static enum lw_status encode_tile(struct lw_publisher *p, struct worker *worker,
     return lw_tile_codec_encode_dct(
         worker->codec,
         &(struct lw_tile_dct_source){worker->rgb, worker->covered, place->width, place->height,
-                                     lw_publisher_step(error, place->level), p->dark},
+                                     lw_publisher_step(error, place->level, p->desc.step_widest), p->dark},
         sent->history, worker->payload, worker->delta, lw_tile_codec_bound(), out_coded);
 }
 

@@ -16,16 +16,18 @@
  * makes a version of little news cheap: with a quarter, what waited was off by 5 % of a view, for 3 % of the bits. */
 #define LW_PUBLISHER_NOISE_SHARE 0.05f
 
-/* The lossy codec's step, in units of log2, of a tile with error e: 1.4 times the noise, 1.44 e, that the light had before it
- * was filtered. What it adds to a view is then a third of the noise that is left (docs/results/codec.md). A texel of level l is the
- * mean of 4^l. Views read level 0, where seams are welded, once its error is low: from there on half as wide a step keeps the two
- * sides of a seam together. */
-#define LW_PUBLISHER_STEP_MIN 0x1p-5f /* 1 % or so: under what is seen, and under the error at rest */
-#define LW_PUBLISHER_STEP_MAX 2.0f
+/* The lossy codec's step, in units of log2, of a tile with error e. Of light at rest it follows the noise: a texel of level l is the
+ * mean of 4^l, and level 0, where seams are welded, has half as wide a step, which keeps the two sides of a seam together.
+ * What views read has no wider steps than `widest`, the same everywhere, which costs least for an error of the whole. The default
+ * keeps a view within 2 % of the uncoded light (docs/results/streaming.md). Of level 0 that is noisier than views bear they read
+ * slivers alone (client/view/compose.c): that has steps twice as wide. */
+#define LW_PUBLISHER_STEP_MIN    0x1p-5f /* 1 % or so: under what is seen, and under the error at rest */
+#define LW_PUBLISHER_STEP_WIDEST 0.1f
 
-static inline float lw_publisher_step(float error, uint32_t level) {
-    const float step = level == 0 && error < LW_ATLAS_MIDDLE_ERROR ? error : 2 * ldexpf(error, -(int)level);
-    return fminf(fmaxf(step, LW_PUBLISHER_STEP_MIN), LW_PUBLISHER_STEP_MAX);
+static inline float lw_publisher_step(float error, uint32_t level, float widest) {
+    if (level == 0 && error > LW_ATLAS_MIDDLE_ERROR) return 2 * widest;
+    const float step = level == 0 ? error : 2 * ldexpf(error, -(int)level);
+    return fminf(fmaxf(step, LW_PUBLISHER_STEP_MIN), widest);
 }
 
 /* White is the E that 99 % of the values of coarse texels are under; what has under this share of it looks black beside it, and
@@ -38,8 +40,9 @@ struct lw_publisher_desc {
     const struct lw_atlas_map *atlas_map;
     struct lw_solver *solver;
     float target_error;
-    uint32_t codec;   /* LW_TILE_CODEC_HALF_ZSTD or LW_TILE_CODEC_DCT */
-    unsigned threads; /* 0: all */
+    uint32_t codec;    /* LW_TILE_CODEC_HALF_ZSTD or LW_TILE_CODEC_DCT */
+    float step_widest; /* the latter's; 0: LW_PUBLISHER_STEP_WIDEST */
+    unsigned threads;  /* 0: all */
 };
 
 struct lw_publisher_stats {

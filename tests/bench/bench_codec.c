@@ -212,7 +212,8 @@ static enum lw_status dct_encode(struct coder *coder, const struct tile *tile, f
 
 /* As the publisher does. */
 static enum lw_status noise_encode(struct coder *coder, const struct tile *tile, struct coded *out) {
-    return dct_encode(coder, tile, lw_publisher_step(tile->error, tile->level), out);
+    return dct_encode(coder, tile, lw_publisher_step(tile->error, tile->level, LW_PUBLISHER_STEP_WIDEST),
+                      out);
 }
 
 static enum lw_status change_encode(struct coder *coder, const struct tile *tile, struct coded *out) {
@@ -221,7 +222,8 @@ static enum lw_status change_encode(struct coder *coder, const struct tile *tile
     enum lw_status status = lw_tile_codec_encode_dct(
         coder->tile,
         &(struct lw_tile_dct_source){tile->rgb, tile->covered, tile->width, tile->height,
-                                     lw_publisher_step(tile->error, tile->level), coder->dark},
+                                     lw_publisher_step(tile->error, tile->level, LW_PUBLISHER_STEP_WIDEST),
+                                     coder->dark},
         &coder->history, out->bytes, coder->delta, sizeof out->bytes, &result);
     out->is_delta = result.delta_size && result.delta_size < result.size;
     out->size = out->is_delta ? result.delta_size : result.size;
@@ -248,7 +250,8 @@ static enum lw_status keep_history(struct coder *coder, struct coded *scratch, c
     return lw_tile_codec_encode_dct(
         coder->tile,
         &(struct lw_tile_dct_source){before->rgb, before->covered, tile->width, tile->height,
-                                     lw_publisher_step(before->error, tile->level), coder->dark},
+                                     lw_publisher_step(before->error, tile->level, LW_PUBLISHER_STEP_WIDEST),
+                                     coder->dark},
         tile->before, scratch->bytes, coder->delta, sizeof scratch->bytes, &result);
 }
 

@@ -57,14 +57,14 @@ static void read_coded(const struct lw_solver *solver, lw_tile_id id, struct lw_
         for (uint32_t c = 0; c < 3; c++) coded->rgb[i * 3 + c] = tile->light[c][i];
     }
     struct lw_tile_dct_coded result;
-    enum lw_status status =
-        lw_tile_codec_encode_dct(coded->codec,
-                                 &(struct lw_tile_dct_source){.rgb = coded->rgb,
-                                                              .covered = coded->covered,
-                                                              .width = tile->width,
-                                                              .height = tile->height,
-                                                              .step = lw_publisher_step(tile->error, 0)},
-                                 NULL, coded->payload, NULL, lw_tile_codec_bound(), &result);
+    enum lw_status status = lw_tile_codec_encode_dct(
+        coded->codec,
+        &(struct lw_tile_dct_source){.rgb = coded->rgb,
+                                     .covered = coded->covered,
+                                     .width = tile->width,
+                                     .height = tile->height,
+                                     .step = lw_publisher_step(tile->error, 0, LW_PUBLISHER_STEP_WIDEST)},
+        NULL, coded->payload, NULL, lw_tile_codec_bound(), &result);
     if (status == LW_OK)
         status = lw_tile_codec_decode(coded->codec, LW_TILE_CODEC_DCT, coded->payload, result.size,
                                       result.scale, tile->width, tile->height, NULL, coded->rgb);

@@ -1,7 +1,7 @@
 /* bench_stream: what the view of a walking client costs and how far it is off, second by second.
  *
  *     bench_stream [--frames N] [--hz HZ] [--motion light] [--width W] [--height H] [--links MBIT,...] [--slow S]
- *                  [--csv FILE] SCENE...
+ *                  [--step-widest STEP] [--csv FILE] SCENE...
  *
  * The scene is solved as lightwelld does by default, --hz frames for a second of the scene. Of each frame three things are kept: the
  * snapshot that the publisher makes; the view of somebody who walks through the scene (client/load/views.h), composed from
@@ -50,7 +50,7 @@ struct settings {
     struct lw_scene_open open;
     int64_t frames, width, height;
     int motion;
-    double hz, slow;
+    double hz, slow, step_widest;
     const char *links, *csv_path;
 };
 
@@ -235,6 +235,7 @@ static enum lw_status open_light(struct job *job, struct light *light, struct lw
                                                                  .solver = light->solver,
                                                                  .target_error = TARGET_ERROR,
                                                                  .codec = LW_TILE_CODEC_DCT,
+                                                                 .step_widest = (float)s->step_widest,
                                                                  .threads = (unsigned)s->open.threads},
                                      &light->publisher);
     return status;
@@ -589,6 +590,8 @@ int main(int argc, char **argv) {
          &s.links, 0, 0, NULL},
         {"slow", "S", "how many times slower than the scene time runs on the link (default 4)",
          LW_OPTION_REAL, &s.slow, 0.1, 100, NULL},
+        {"step-widest", "STEP", "of the codec, log2 (default: the publisher's)", LW_OPTION_REAL,
+         &s.step_widest, 0, 2, NULL},
         {"csv", "FILE", "also write each frame there", LW_OPTION_STRING, &s.csv_path, 0, 0, NULL}};
     return bench_main(
         &(struct bench_program){.name = "bench_stream",

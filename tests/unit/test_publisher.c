@@ -112,6 +112,7 @@ static void test_deltas(void **state) {
     init_world(&w, LW_TILE_CODEC_DCT);
     size_t whole_size = 0, delta_size = 0;
     float scale;
+    error = 0.2f; /* and steps of 0.2, which the noise does not fill */
     for (uint64_t frame = 1; frame <= 6; frame++) {
         set_light(frame, 5);
         struct lw_snapshot *s = publish(&w, frame);
@@ -213,6 +214,26 @@ static void test_another_class_of_error(void **state) {
     finish_world(&w);
 }
 
+/* Steps follow the noise of light at rest; they are never so wide that a view would show it. */
+static void test_steps(void **state) {
+    (void)state;
+    static const struct {
+        float error;
+        uint32_t level;
+        float step;
+    } of[] = {{INFINITY, 0, 0.4f},
+              {INFINITY, 1, 0.2f},
+              {0.11f, 0, 0.4f},
+              {0.09f, 0, 0.09f},
+              {0.04f, 1, 0.04f},
+              {0.16f, 2, 0.08f},
+              {0.9f, 2, 0.2f},
+              {0.06f, 3, LW_PUBLISHER_STEP_MIN},
+              {0, 0, LW_PUBLISHER_STEP_MIN}};
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++)
+        assert_float_equal(lw_publisher_step(of[i].error, of[i].level, 0.2f), of[i].step, 1e-6f);
+}
+
 /* The scale follows the whole scene's white. */
 static void test_dark_beside_white(void **state) {
     (void)state;
@@ -252,6 +273,7 @@ int main(void) {
         cmocka_unit_test(test_deltas),
         cmocka_unit_test(test_an_object_that_was_a_spare),
         cmocka_unit_test(test_another_class_of_error),
+        cmocka_unit_test(test_steps),
         cmocka_unit_test(test_dark_beside_white),
         cmocka_unit_test(test_halves_have_no_deltas),
     };
