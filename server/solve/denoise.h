@@ -56,7 +56,6 @@ void lw_denoise_finish(struct lw_denoise *denoise);
  * does their tiles' solved_frame: direct + indirect light, filtered. Call after the last tile is finished. */
 void lw_denoise_run(struct lw_denoise *denoise, uint64_t frame, int threads);
 
-/** Bytes held, with those of the pairs. */
 /** Bytes held, but for the pairs. */
 size_t lw_denoise_memory_bytes(const struct lw_denoise *denoise);
 
