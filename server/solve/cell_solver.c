@@ -246,7 +246,7 @@ static void weigh_direct(struct cell_solver *s, const struct lw_passes *passes,
         }
         if (asked) lw_passes_compare(passes, tile, &count);
         LW_TILES_EACH_BLOCK (tile, block) {
-            if (block->due) lw_change_weigh_direct(block, s->moves);
+            if (block->due) lw_change_weigh_direct(block, s->moves, s->desc.denoise);
         }
         if (tile->due) tile->solved_tick = s->schedule.tick;
         shadow += count.shadow;
@@ -301,7 +301,7 @@ static void weigh_indirect(struct cell_solver *s, const struct lw_passes *passes
         if (!has_work(s, tile)) continue;
         if (s->moves && s->desc.bounces) lw_passes_arrive(passes, tile, 1, 1);
         LW_TILES_EACH_BLOCK (tile, block)
-            if (block->due) lw_change_weigh_indirect(block, most);
+            if (block->due) lw_change_weigh_indirect(block, most, s->desc.denoise);
     }
 }
 

@@ -6,9 +6,12 @@
 #include <math.h>
 #include <string.h>
 
-/* Of the noise's variance, what counts against light that is out of date: a filter leaves less of the one than of the other, and
- * of indirect light, which is out of date over many texels at once, next to nothing. */
-static const float filtered[LW_TILES_PARTS] = {[LW_TILES_DIRECT] = 0.25f, [LW_TILES_INDIRECT] = 0.0625f};
+/* Of the noise's variance, what counts against light that is out of date. Noise is each texel's own: pixels, and far more a filter,
+ * average it over many; light is out of date over many at once, most so where it is indirect. Of what the filter leaves, these
+ * bring a change through in a quarter of the frames for a tenth more error while a lamp walks (docs/results/dynamic.md). */
+static const float counted[2][LW_TILES_PARTS] = {
+    [false] = {[LW_TILES_DIRECT] = 1.0f / 4, [LW_TILES_INDIRECT] = 1.0f / 16},
+    [true] = {[LW_TILES_DIRECT] = 1.0f / 64, [LW_TILES_INDIRECT] = 1.0f / 256}};
 /* Indirect light is out of date over the whole block, where noise is each texel's own: less of it is borne at rest. */
 #define COHERENT 2.0f
 /* Where something begins to move and one packet finds that so much of the light has changed, the others need not be asked. */
@@ -149,11 +152,11 @@ bool lw_change_choose_due(struct lw_solve_block *block, uint32_t moves, bool cha
     return moved || changing;
 }
 
-static float room_for(const struct lw_solve_block *block, int part, float stale) {
+static float room_for(const struct lw_solve_block *block, int part, float stale, bool filtered) {
     const float noise = block->noise[part];
     if (!(stale > 0)) return INFINITY;
     if (noise < 0) return 1; /* not known before there are two */
-    return lw_memory_room(filtered[part] * noise * block->light * block->light, stale);
+    return lw_memory_room(counted[filtered][part] * noise * block->light * block->light, stale);
 }
 
 void lw_change_note_drift(struct lw_solve_block *block, int part, uint32_t region, float off) {
@@ -180,12 +183,13 @@ static void add_drift(struct lw_change_block *change, struct off *off) {
     }
 }
 
-void lw_change_weigh_direct(struct lw_solve_block *block, uint32_t moves) {
+void lw_change_weigh_direct(struct lw_solve_block *block, uint32_t moves, bool filtered) {
     struct lw_change_block *change = &block->change;
     struct off off = add_up(block, change->woken ? change->judged : change->asked);
     change->still_solves = moves != change->solved_moves ? 0 : change->still_solves + 1;
     if (moves && change->still_solves < DRIFT_SOLVES) add_drift(change, &off);
-    const float weight = lw_memory_take(&block->direct, room_for(block, LW_TILES_DIRECT, off.direct));
+    const float weight =
+        lw_memory_take(&block->direct, room_for(block, LW_TILES_DIRECT, off.direct, filtered));
     change->stale_direct = off.direct * (1 - weight);
     memcpy(change->stale_indirect, off.indirect, sizeof off.indirect);
     memset(change->packet, 0, sizeof change->packet);
@@ -195,9 +199,9 @@ void lw_change_weigh_direct(struct lw_solve_block *block, uint32_t moves) {
     change->woken = false;
 }
 
-void lw_change_weigh_indirect(struct lw_solve_block *block, float most_frames) {
+void lw_change_weigh_indirect(struct lw_solve_block *block, float most_frames, bool filtered) {
     struct lw_change_block *change = &block->change;
-    const float room = room_for(block, LW_TILES_INDIRECT, mean_over(change->stale_indirect));
+    const float room = room_for(block, LW_TILES_INDIRECT, mean_over(change->stale_indirect), filtered);
     const float weight = lw_memory_take(&block->indirect, fminf(room, most_frames));
     for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++)
         change->stale_indirect[r] = lw_vec3_scale(change->stale_indirect[r], 1 - weight);

@@ -86,11 +86,12 @@ void lw_change_wake(struct lw_solve_block *block, float target_error);
 bool lw_change_choose_due(struct lw_solve_block *block, uint32_t moves, bool changing);
 
 /** Begins a due block's frame with what its packets have found, which is then forgotten; sets the weight of its next estimate of
- * direct light. */
-void lw_change_weigh_direct(struct lw_solve_block *block, uint32_t moves);
+ * direct light. filtered: what is shown is (denoise.h), so that noise matters less, and means remember less of light that has
+ * changed. */
+void lw_change_weigh_direct(struct lw_solve_block *block, uint32_t moves, bool filtered);
 
 /** After lw_passes_arrive() of the first bounce: that of indirect light. most: frames that it may remember in any case. */
-void lw_change_weigh_indirect(struct lw_solve_block *block, float most);
+void lw_change_weigh_indirect(struct lw_solve_block *block, float most, bool filtered);
 
 /** Wakes a block at rest if all that was found since it was solved is more than its target error allows, as that is now. */
 void lw_change_review(struct lw_solve_block *block, float target_error);
