@@ -3,29 +3,20 @@
 #include "common/clock.h"
 #include "common/log.h"
 #include "common/progress.h"
+#include "server/solve/change_order.h"
 #include "server/solve/checkpoint.h"
 #include "server/solve/denoise.h"
 #include "server/solve/passes.h"
 #include "server/solve/schedule.h"
 
-#include <float.h>
 #include <math.h>
 #include <omp.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* Of places on what has moved; more would only order the questions better. */
-#define MOVERS_MAX 32u
-
 /* Of a frame's budget, what goes into asking what has changed once some has been found, and at most before. */
 #define ASKING_SHARE 0.5
 #define SEARCH_SHARE 2.0
-
-/* A tile in the order in which they are asked what has changed. */
-struct turn {
-    float rank;
-    uint32_t tile;
-};
 
 struct cell_solver {
     struct lw_solver base;
@@ -54,9 +45,7 @@ struct cell_solver {
     unsigned
         pose_due;  /* what of the pose has changed since rays, lights and tiles were last placed: LW_POSE_* */
     bool view_due; /* likewise: which objects are hidden */
-    struct lw_vec3 mover[MOVERS_MAX]; /* world space: where something last moved from, and to */
-    uint32_t mover_count;
-    struct turn *turn; /* of each tile */
+    struct lw_change_order order;
 };
 
 /* Of the above, what a checkpoint keeps. */
@@ -130,58 +119,6 @@ static bool is_changing(const struct cell_solver *s) {
     return false;
 }
 
-static void add_mover(struct cell_solver *s, struct lw_vec3 was, struct lw_vec3 is) {
-    if (s->mover_count + 2 > MOVERS_MAX) return;
-    s->mover[s->mover_count++] = was;
-    s->mover[s->mover_count++] = is;
-}
-
-/* Where objects and lamps that have moved were and are: a place on each. */
-static void note_movers(struct cell_solver *s, const struct lw_pose *pose) {
-    uint32_t last = UINT32_MAX;
-    s->mover_count = 0;
-    for (uint32_t i = 0; i < s->desc.scene->light_count; i++)
-        if (s->desc.scene->light[i].kind != LW_LIGHT_DIRECTIONAL &&
-            memcmp(&s->pose.light[i], &pose->light[i], sizeof *pose->light) != 0)
-            add_mover(s, s->pose.light[i].position_ws, pose->light[i].position_ws);
-    for (uint32_t i = 0; i < s->tiles.count; i++) {
-        struct lw_solve_tile *tile = &s->tiles.tile[i];
-        const uint32_t object = tile->object;
-        const struct lw_affine *was = &s->pose.object_to_world[object], *is = &pose->object_to_world[object];
-        tile->unasked = true;
-        if (object == last || (memcmp(was, is, sizeof *is) == 0 &&
-                               s->pose.object_hidden[object] == pose->object_hidden[object]))
-            continue;
-        last = object;
-        add_mover(s, lw_affine_point(was, tile->centre_os), lw_affine_point(is, tile->centre_os));
-    }
-}
-
-static int compare_turns(const void *a, const void *b) {
-    const struct turn *x = a, *y = b;
-    return x->rank != y->rank ? (x->rank > y->rank) - (x->rank < y->rank)
-                              : (x->tile > y->tile) - (x->tile < y->tile);
-}
-
-/* What is looked at is asked before what lights it, and what is near what has moved before what is far. */
-static float rank_of(const struct cell_solver *s, const struct lw_solve_tile *tile) {
-    float distance = s->mover_count ? INFINITY : 0;
-    for (uint32_t k = 0; k < s->mover_count; k++)
-        distance =
-            fminf(distance, lw_vec3_length(lw_vec3_sub(tile->centre_ws, s->mover[k])) - tile->radius_m);
-    const bool looked_at = s->schedule.everything || s->schedule.wanted[tile->id.v];
-    return fmaxf(distance, 0) + (looked_at ? 0 : FLT_MAX / 2);
-}
-
-static void take_turns(struct cell_solver *s) {
-    bool any = false;
-    for (uint32_t i = 0; i < s->tiles.count; i++) any |= s->tiles.tile[i].unasked;
-    any &= s->desc.frame_budget_s > 0;
-    for (uint32_t i = 0; i < s->tiles.count; i++)
-        s->turn[i] = (struct turn){any ? rank_of(s, &s->tiles.tile[i]) : 0, i};
-    if (any) qsort(s->turn, s->tiles.count, sizeof *s->turn, compare_turns);
-}
-
 /* For how long a frame may ask those that have not been asked about a movement: there should be time to solve what is found. */
 static bool is_time_over(const struct cell_solver *s, uint64_t began_ns, bool found) {
     const double budgets = found ? ASKING_SHARE : SEARCH_SHARE;
@@ -198,10 +135,10 @@ static void find_change(struct cell_solver *s, const struct lw_passes *passes,
     bool found = false, begun = false;
     const bool active =
         s->still_rounds <= LW_PACKETS_MAX; /* until all have been asked about the last solve */
-    take_turns(s);
+    lw_change_order_sort(&s->order, &s->tiles, &s->schedule);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shadow, bounce)
     for (uint32_t i = 0; i < s->tiles.count; i++) {
-        struct lw_solve_tile *tile = &s->tiles.tile[s->turn[i].tile];
+        struct lw_solve_tile *tile = &s->tiles.tile[s->order.turn[i].tile];
         struct lw_passes_count count = {0};
         bool asked = false, more = false;
         if (!tile->serves) continue;
@@ -468,7 +405,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
         if (s->forgetful) recall(s, &passes, &stats);
         s->view_due |= memcmp(s->pose.object_hidden, pose->object_hidden,
                               s->desc.scene->object_count * sizeof *pose->object_hidden) != 0;
-        note_movers(s, pose);
+        lw_change_order_note(&s->order, &s->tiles, s->desc.scene, &s->pose, pose);
         lw_pose_copy(&s->pose, pose, s->desc.scene);
         s->pose_due |= moved;
         s->moves++;
@@ -690,7 +627,7 @@ static void destroy(struct lw_solver *solver) {
     lw_tiles_finish(&s->tiles);
     lw_geometry_finish(&s->own_geometry);
     lw_pose_finish(&s->pose);
-    free(s->turn);
+    lw_change_order_finish(&s->order);
     free(s->end);
     free(s);
 }
@@ -751,8 +688,8 @@ static enum lw_status build(struct cell_solver *s, const struct lw_pose *pose, s
         return lw_status_fail(err, status, "probes");
     if (s->desc.denoise && (status = set_up_denoise(s, err)) != LW_OK) return status;
     s->end = calloc((size_t)texels->count * s->desc.indirect_samples + 1, sizeof *s->end);
-    s->turn = calloc(s->tiles.count + 1ul, sizeof *s->turn);
-    if (!s->end || !s->turn) return lw_status_fail(err, LW_NO_MEMORY, "%u texels", texels->count);
+    if (!s->end || lw_change_order_init(&s->order, s->tiles.count) != LW_OK)
+        return lw_status_fail(err, LW_NO_MEMORY, "%u texels", texels->count);
     return LW_OK;
 }
 
