@@ -1,6 +1,7 @@
 /* Light that changes: what changed is right again soon, what did not costs nothing. */
 #include "tests/reference/room.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -240,6 +241,49 @@ static void test_nothing_is_solved_for_what_lights_nothing(void **state) {
     room_finish(&s);
 }
 
+/* ---- how soon ---- */
+
+/* How much of the change from one light to another has come: 0 none of it, 1 all. */
+static double share_of_change(const struct squares *now, const struct squares *from, const struct squares *to) {
+    double came = 0, all = 0;
+    for (int i = 0; i < SQUARES; i++) {
+        const double change = to->light[i] - from->light[i];
+        came += (now->light[i] - from->light[i]) * change;
+        all += change * change;
+    }
+    return came / all;
+}
+
+/* Of the plate's shadow under a broad lamp, six frames after it has moved. */
+static double share_after_six_frames(bool filtered) {
+    struct room here = make_room(8, 1.4f), there = make_room(8, 1.55f);
+    struct lw_solver_desc settings = desc;
+    struct room_solution s, anew;
+    uint64_t frame = 400;
+    settings.denoise = filtered;
+    here.light_count = there.light_count = 0;
+    room_quad(&here, lw_vec3(1.2f, 1.6f, 0.4f), lw_vec3(1.2f, 0, 0), lw_vec3(0, 0, 1.2f), 0, 10);
+    room_quad(&there, lw_vec3(1.2f, 1.6f, 0.4f), lw_vec3(1.2f, 0, 0), lw_vec3(0, 0, 1.2f), 0, 10);
+    room_solve(&s, &here, settings, 400);
+    room_solve(&anew, &there, settings, 400);
+    const struct squares before = light_of_floor(&s), after = light_of_floor(&anew);
+    shift(&s, PLATE, 0.15f);
+    solve_on(&s, &frame, 6);
+    const struct squares now = light_of_floor(&s);
+    room_finish(&anew);
+    room_finish(&s);
+    return share_of_change(&now, &before, &after);
+}
+
+/* A filter takes noise off, and so light may forget more of what is over. */
+static void test_filtered_light_changes_sooner(void **state) {
+    (void)state;
+    const double plain = share_after_six_frames(false), filtered = share_after_six_frames(true);
+    printf("after six frames: %.3f of the change, %.3f where the filter runs\n", plain, filtered);
+    assert_true(plain > 0.9 && plain < filtered);
+    assert_true(filtered > 0.98 && filtered < 1.05);
+}
+
 /* ---- steadily ---- */
 
 /* A lamp that dims by 2 % a frame: the light follows it, and does not boil. */
@@ -289,6 +333,7 @@ int main(void) {
         cmocka_unit_test(test_both_sides_of_a_plate),
         cmocka_unit_test(test_little_is_solved_for_a_small_change),
         cmocka_unit_test(test_nothing_is_solved_for_what_lights_nothing),
+        cmocka_unit_test(test_filtered_light_changes_sooner),
         cmocka_unit_test(test_follows_a_lamp),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
