@@ -21,9 +21,9 @@ from seen import Daemon, rel_mse, view
 SCENE = "builtin:atrium"
 CAMERA = "-7.6,1.5,7.7:-4.0,0.8,6.0:58"
 LAMP_FROM, LAMP_TO, VASE_FROM, VASE_TO = -2.5, -5.0, (-5.05, 5.72), (-4.45, 6.12)
-SETTLE, LAMP, VASE, REST = 6, 12, 6, 40  # frames of each part
+SETTLE, LAMP, VASE, REST = 32, 16, 8, 40  # frames of each part
 FRESH = 48  # frames of what is lit anew
-PICTURES = 4
+PICTURES = 8
 EXPOSURE = "-2"
 COUNTERS = ["frame", "changes", "rays_shadow", "rays_bounce", "texels_solved", "tiles_solved", "tiles_wanted", "tiles_feeding",
             "tiles_encoded", "bytes_encoded", "solve_cpu_ms", "publish_cpu_ms"]
