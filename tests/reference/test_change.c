@@ -244,7 +244,8 @@ static void test_nothing_is_solved_for_what_lights_nothing(void **state) {
 /* ---- how soon ---- */
 
 /* How much of the change from one light to another has come: 0 none of it, 1 all. */
-static double share_of_change(const struct squares *now, const struct squares *from, const struct squares *to) {
+static double share_of_change(const struct squares *now, const struct squares *from,
+                              const struct squares *to) {
     double came = 0, all = 0;
     for (int i = 0; i < SQUARES; i++) {
         const double change = to->light[i] - from->light[i];
