@@ -206,6 +206,20 @@ void lw_pose_copy(struct lw_pose *dst, const struct lw_pose *src, const struct l
     memcpy(dst->node_to_world, src->node_to_world, scene->node_count * sizeof *src->node_to_world);
 }
 
+bool lw_pose_object_moves(const struct lw_pose *pose, const struct lw_scene *scene, uint32_t object) {
+    return lw_scene_is_spare(scene, object) || pose->object_dynamic[object] ||
+           pose->node_moves[scene->object[object].node];
+}
+
+static bool other_objects_move(const struct lw_pose *a, const struct lw_pose *b,
+                               const struct lw_scene *scene) {
+    if (memcmp(a->object_dynamic, b->object_dynamic, scene->object_count * sizeof *a->object_dynamic) == 0)
+        return false;
+    for (uint32_t i = 0; i < scene->object_count; i++)
+        if (lw_pose_object_moves(a, scene, i) != lw_pose_object_moves(b, scene, i)) return true;
+    return false;
+}
+
 /* None of these structs has padding. */
 unsigned lw_pose_difference(const struct lw_pose *a, const struct lw_pose *b, const struct lw_scene *scene) {
     const size_t objects = scene->object_count;
@@ -214,9 +228,7 @@ unsigned lw_pose_difference(const struct lw_pose *a, const struct lw_pose *b, co
         memcmp(a->object_hidden, b->object_hidden, objects * sizeof *a->object_hidden) ||
         memcmp(a->object_spare, b->object_spare, objects * sizeof *a->object_spare))
         difference |= LW_POSE_OBJECTS;
-    for (uint32_t i = 0; i < objects; i++)
-        if (a->object_dynamic[i] != b->object_dynamic[i] && !a->node_moves[scene->object[i].node])
-            difference |= LW_POSE_DYNAMIC;
+    if (other_objects_move(a, b, scene)) difference |= LW_POSE_DYNAMIC;
     if (memcmp(a->light, b->light, scene->light_count * sizeof *a->light)) difference |= LW_POSE_LIGHTS;
     if (memcmp(a->material, b->material, scene->material_count * sizeof *a->material))
         difference |= LW_POSE_MATERIALS;
@@ -228,9 +240,14 @@ bool lw_pose_equal(const struct lw_pose *a, const struct lw_pose *b, const struc
     return lw_pose_difference(a, b, scene) == 0;
 }
 
-bool lw_pose_object_moves(const struct lw_pose *pose, const struct lw_scene *scene, uint32_t object) {
-    return lw_scene_is_spare(scene, object) || pose->object_dynamic[object] ||
-           pose->node_moves[scene->object[object].node];
+void lw_pose_object_bounds(const struct lw_pose *pose, const struct lw_scene *scene, uint32_t object,
+                           struct lw_vec3 *min, struct lw_vec3 *max) {
+    const struct lw_mesh *mesh = &scene->mesh[scene->object[object].mesh];
+    for (uint32_t i = 0; i < mesh->vertex_count; i++) {
+        const struct lw_vec3 p = lw_affine_point(&pose->object_to_world[object], mesh->position[i]);
+        *min = lw_vec3(fminf(min->x, p.x), fminf(min->y, p.y), fminf(min->z, p.z));
+        *max = lw_vec3(fmaxf(max->x, p.x), fmaxf(max->y, p.y), fmaxf(max->z, p.z));
+    }
 }
 
 bool lw_pose_bounds(const struct lw_pose *pose, const struct lw_scene *scene, struct lw_vec3 *out_min,
@@ -240,13 +257,8 @@ bool lw_pose_bounds(const struct lw_pose *pose, const struct lw_scene *scene, st
     bool any = false;
     for (uint32_t i = 0; i < scene->object_count; i++) {
         if (pose->object_dynamic[i]) continue;
-        const struct lw_mesh *mesh = &scene->mesh[scene->object[i].mesh];
-        for (uint32_t j = 0; j < mesh->vertex_count; j++) {
-            struct lw_vec3 p = lw_affine_point(&pose->object_to_world[i], mesh->position[j]);
-            low = lw_vec3(fminf(low.x, p.x), fminf(low.y, p.y), fminf(low.z, p.z));
-            high = lw_vec3(fmaxf(high.x, p.x), fmaxf(high.y, p.y), fmaxf(high.z, p.z));
-            any = true;
-        }
+        lw_pose_object_bounds(pose, scene, i, &low, &high);
+        any |= scene->mesh[scene->object[i].mesh].vertex_count > 0;
     }
     if (!any) return false;
     *out_min = low;

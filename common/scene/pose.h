@@ -64,6 +64,10 @@ bool lw_pose_equal(const struct lw_pose *a, const struct lw_pose *b, const struc
 /** Whether an object may move: its node or an ancestor of it has a channel, or it is dynamic, as spares are. */
 bool lw_pose_object_moves(const struct lw_pose *pose, const struct lw_scene *scene, uint32_t object);
 
+/** Widens world-space bounds by those of an object. */
+void lw_pose_object_bounds(const struct lw_pose *pose, const struct lw_scene *scene, uint32_t object,
+                           struct lw_vec3 *min, struct lw_vec3 *max);
+
 /** World-space bounds of all objects but dynamic ones, which may be anywhere; false if there is no vertex. */
 bool lw_pose_bounds(const struct lw_pose *pose, const struct lw_scene *scene, struct lw_vec3 *out_min,
                     struct lw_vec3 *out_max);

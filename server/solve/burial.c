@@ -328,17 +328,6 @@ uint64_t lw_burial_find(struct lw_texels *texels, const struct lw_pose *pose, co
     return count;
 }
 
-static struct box box_around(const struct lw_pose *pose, const struct lw_scene *scene, uint32_t object) {
-    const struct lw_mesh *mesh = &scene->mesh[scene->object[object].mesh];
-    struct box box = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
-    for (uint32_t i = 0; i < mesh->vertex_count; i++) {
-        const struct lw_vec3 p = lw_affine_point(&pose->object_to_world[object], mesh->position[i]);
-        box.low = lw_vec3(fminf(box.low.x, p.x), fminf(box.low.y, p.y), fminf(box.low.z, p.z));
-        box.high = lw_vec3(fmaxf(box.high.x, p.x), fmaxf(box.high.y, p.y), fmaxf(box.high.z, p.z));
-    }
-    return box;
-}
-
 static void unbury_all(struct lw_texels *texels, uint32_t object) {
     const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[object].mesh];
     const uint32_t first = texels->first[object];
@@ -356,7 +345,9 @@ enum lw_status lw_burial_review(struct lw_texels *texels, const struct lw_pose *
     if (!search.left) return LW_NO_MEMORY;
     for (uint32_t o = 0; o < scene->object_count; o++) {
         if (!lw_pose_object_moves(pose, scene, o) || lw_pose_object_moves(before, scene, o)) continue;
-        search.left[search.left_count++] = box_around(before, scene, o);
+        struct box *box = &search.left[search.left_count++];
+        *box = (struct box){{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+        lw_pose_object_bounds(before, scene, o, &box->low, &box->high);
         unbury_all(texels, o);
         lw_texels_link_object(texels, o);
     }
