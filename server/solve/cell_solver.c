@@ -135,7 +135,7 @@ static void find_change(struct cell_solver *s, const struct lw_passes *passes,
     bool found = false, begun = false;
     const bool active =
         s->still_rounds <= LW_PACKETS_MAX; /* until all have been asked about the last solve */
-    lw_change_order_sort(&s->order, &s->tiles, &s->schedule);
+    lw_change_order_sort(&s->order, &s->tiles, &s->schedule, s->desc.frame_budget_s > 0);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shadow, bounce)
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[s->order.turn[i].tile];
@@ -353,10 +353,13 @@ static void recall(struct cell_solver *s, const struct lw_passes *passes, struct
 }
 
 /* The two sides of seams and the gutters, around what a frame shows. */
-static void weld(struct cell_solver *s, uint64_t number) {
+static enum lw_status weld(struct cell_solver *s, uint64_t number, struct lw_error *err) {
     const struct lw_seams *seams = &s->geometry->seams;
+    enum lw_status status = find_seams(s);
+    if (status != LW_OK) return lw_status_fail(err, status, "seams");
     lw_seams_weld(seams, &s->welds, &s->tiles, number, s->threads);
     lw_seam_gutters_fill(&seams->gutters, &s->tiles, number, s->threads);
+    return LW_OK;
 }
 
 /* What is to be seen of the tiles that this frame shows. */
@@ -368,12 +371,10 @@ static enum lw_status show(struct cell_solver *s, uint64_t number, struct lw_sol
     else
         lw_tiles_show(&s->tiles, number, s->threads);
     const uint64_t t1 = lw_clock_ns();
-    enum lw_status status = find_seams(s);
-    if (status != LW_OK) return lw_status_fail(err, status, "seams");
-    weld(s, number);
+    enum lw_status status = weld(s, number, err);
     stats->denoise_ns = t1 - t0;
     stats->weld_ns = lw_clock_ns() - t1;
-    return LW_OK;
+    return status;
 }
 
 static struct lw_passes passes_of(struct cell_solver *s) {
@@ -531,9 +532,7 @@ static enum lw_status filter(struct lw_solver *solver, struct lw_error *err) {
         tile->solved_frame = last;
     }
     lw_denoise_run(&s->denoise, last, s->threads);
-    if ((status = find_seams(s)) != LW_OK) return lw_status_fail(err, status, "seams");
-    weld(s, last);
-    return LW_OK;
+    return weld(s, last, err);
 }
 
 static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_solver_tile *out_tile) {

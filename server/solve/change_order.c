@@ -61,9 +61,10 @@ static int compare_turns(const void *a, const void *b) {
 }
 
 void lw_change_order_sort(struct lw_change_order *order, const struct lw_tiles *tiles,
-                          const struct lw_schedule *schedule) {
+                          const struct lw_schedule *schedule, bool limited) {
     bool any = false;
-    for (uint32_t i = 0; i < tiles->count; i++) any |= tiles->tile[i].serves && tiles->tile[i].unasked;
+    for (uint32_t i = 0; limited && i < tiles->count; i++)
+        any |= tiles->tile[i].serves && tiles->tile[i].unasked;
     for (uint32_t i = 0; i < tiles->count; i++)
         order->turn[i] =
             (struct lw_change_order_turn){any ? rank_of(order, schedule, &tiles->tile[i]) : 0, i};

@@ -29,8 +29,9 @@ void lw_change_order_finish(struct lw_change_order *order);
 void lw_change_order_note(struct lw_change_order *order, struct lw_tiles *tiles, const struct lw_scene *scene,
                           const struct lw_pose *was, const struct lw_pose *is);
 
-/** Sets `turn`: by rank if there are tiles that serve and were not asked yet, else as the tiles stand. */
+/** Sets `turn`: by rank if not all may be asked (limited) and there are tiles that serve and were not asked yet, else as the tiles
+ * stand. */
 void lw_change_order_sort(struct lw_change_order *order, const struct lw_tiles *tiles,
-                          const struct lw_schedule *schedule);
+                          const struct lw_schedule *schedule, bool limited);
 
 #endif
