@@ -319,7 +319,7 @@ static unsigned level_for(const struct patch *patch, struct lw_vec3 dir, float p
     const float least = patch->grazing * length, area = slanted > least ? slanted : least;
     float texels = pixel_m * pixel_m * patch->texels * length;
     unsigned level = 0;
-    for (; level < LW_COMPOSE_LEVEL_MAX && texels >= 4 * area && texels > 0; level++) texels *= 0.25f;
+    for (; level < LW_ATLAS_READ_MAX && texels >= 4 * area && texels > 0; level++) texels *= 0.25f;
     return level;
 }
 

@@ -11,7 +11,6 @@
 #include "lightwell/client.h"
 
 #define LW_COMPOSE_LAYERS_MAX 16u /* BLEND surfaces along one ray; the last one counts as opaque */
-#define LW_COMPOSE_LEVEL_MAX  LW_ATLAS_READ_MAX
 
 /** Where the light comes from. The pointers that `level` gives must stay good during a render. */
 struct lw_compose_source {

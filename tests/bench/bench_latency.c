@@ -40,7 +40,7 @@
 #define SHARE         0.95
 #define TOUCHED       0.01 /* relative root mean square by which the change moves what it touches */
 #define FRESH_OPTIONS "--clock manual --light whole --direct-samples 8 --indirect-samples 16"
-#define LEVEL         LW_COMPOSE_LEVEL_MAX /* whose texels are judged */
+#define LEVEL         LW_ATLAS_READ_MAX /* whose texels are judged */
 #define SQUARE        4u /* texels, each way, that are judged together: what is noise in them is not change */
 #define REST_NS       1000000000u
 #define LIMIT_NS      240000000000ull /* for the light to settle */
