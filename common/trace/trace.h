@@ -86,7 +86,7 @@ LW_MUST_CHECK enum lw_status lw_trace_set_pose(struct lw_trace *trace, const str
                                                struct lw_error *err);
 
 /** The same, but what stays is built anew in a thread, so that an object's first movement takes no longer than others. Until
- * lw_trace_settle() takes what has been built, rays pass what has left, and cost a fifth more; what they meet is the same. */
+ * lw_trace_settle() takes what has been built, rays pass what has left, and cost more; what they meet is the same. */
 LW_MUST_CHECK enum lw_status lw_trace_set_pose_soon(struct lw_trace *trace, const struct lw_pose *pose,
                                                     struct lw_error *err);
 
