@@ -5,6 +5,7 @@
 #include "common/light/direction.h"
 #include "common/light/spherical_triangle.h"
 
+#include <float.h>
 #include <stdlib.h>
 
 #define HIDDEN_SHARE 0.02f /* of a textured emitter's full emission, in its choice */
@@ -311,6 +312,7 @@ static struct lw_light_sample sample_emitter(const struct lw_lights *lights, uin
     return sample;
 }
 
+/* Uniformly over the disc as a plane that faces it sees it: there E is what the light says, however wide the disc. */
 static struct lw_light_sample sample_directional(const struct lw_light *light,
                                                  const struct lw_light_state *state, float u, float v) {
     struct lw_vec3 axis = lw_vec3_scale(state->direction_ws, -1.0f), t, b;
@@ -318,11 +320,30 @@ static struct lw_light_sample sample_directional(const struct lw_light *light,
         .direction = axis, .distance_m = INFINITY, .irradiance_normal = state->intensity};
     if (light->angular_diameter > 0) {
         lw_vec3_frame(axis, &t, &b);
-        float radius = tanf(0.5f * light->angular_diameter) * sqrtf(u), angle = 2 * LW_PI * v;
-        sample.direction = lw_vec3_normalize(
-            lw_vec3_mad(lw_vec3_mad(axis, t, radius * cosf(angle)), b, radius * sinf(angle)));
+        float sine2 = sinf(0.5f * light->angular_diameter);
+        sine2 *= sine2 * u;
+        /* the widest disc ends at a right angle */
+        float cosine = sqrtf(fmaxf(1e-6f, 1 - sine2)), radius = sqrtf(sine2), angle = 2 * LW_PI * v;
+        sample.direction = lw_vec3_mad(lw_vec3_mad(lw_vec3_scale(axis, cosine), t, radius * cosf(angle)), b,
+                                       radius * sinf(angle));
+        sample.irradiance_normal = lw_vec3_scale(state->intensity, 1 / cosine);
     }
     return sample;
+}
+
+/* (1 - cos angle) / 2 without its cancellation: a searchlight's cosines are 1 to the last bits. */
+static float sine2_of_half(float angle) {
+    const float sine = sinf(0.5f * angle);
+    return sine * sine;
+}
+
+/* KHR_lights_punctual's recommended curve: clamp((cos a - cos o) / (cos i - cos o))^2. */
+static float spot_falloff(const struct lw_light *light, struct lw_vec3 axis, struct lw_vec3 from_light) {
+    const struct lw_vec3 apart = lw_vec3_sub(from_light, axis);
+    const float outer = sine2_of_half(light->outer_cone), inner = sine2_of_half(light->inner_cone);
+    float s = (outer - 0.25f * lw_vec3_dot(apart, apart)) / fmaxf(FLT_MIN, outer - inner);
+    s = s < 0 ? 0 : s > 1 ? 1 : s;
+    return s * s;
 }
 
 struct lw_light_sample lw_lights_sample_punctual(const struct lw_lights *lights, uint32_t light, float u,
@@ -338,14 +359,8 @@ struct lw_light_sample lw_lights_sample_punctual(const struct lw_lights *lights,
     sample.distance_m = sqrtf(distance2);
     sample.direction = lw_vec3_scale(to_light, 1.0f / sample.distance_m);
     float falloff = 1.0f / distance2;
-    if (l->kind == LW_LIGHT_SPOT) {
-        /* KHR_lights_punctual's recommended curve: clamp((cos a - cos o) / (cos i - cos o))^2 */
-        float cos_outer = cosf(l->outer_cone), cos_inner = cosf(l->inner_cone);
-        float cosine = -lw_vec3_dot(sample.direction, state->direction_ws);
-        float s = (cosine - cos_outer) / fmaxf(1e-4f, cos_inner - cos_outer);
-        s = s < 0 ? 0 : s > 1 ? 1 : s;
-        falloff *= s * s;
-    }
+    if (l->kind == LW_LIGHT_SPOT)
+        falloff *= spot_falloff(l, state->direction_ws, lw_vec3_scale(sample.direction, -1));
     sample.irradiance_normal = lw_vec3_scale(state->intensity, falloff);
     return sample;
 }

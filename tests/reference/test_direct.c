@@ -126,6 +126,22 @@ static void test_spot(void **state) {
     expect_floor(&room, 1, 8, spot_value, 1e-3, 2e-3);
 }
 
+/* The cosines of this cone differ by 5e-5, some hundred roundings of a float. */
+static double searchlight_value(struct lw_vec3 p) {
+    double d2 = (double)(p.x * p.x + p.z * p.z) + 150.0 * 150, cosine = 150 / sqrt(d2);
+    double s = (cosine - cos(0.01)) / (1 - cos(0.01));
+    return 1e5 * cosine / d2 * s * s;
+}
+
+static void test_searchlight(void **state) {
+    (void)state;
+    struct room room = floor_room();
+    room.light[room.light_count] =
+        (struct lw_light){.kind = LW_LIGHT_SPOT, .intensity = {1e5f, 1e5f, 1e5f}, .outer_cone = 0.01f};
+    room.light_position[room.light_count++] = lw_vec3(0, 150, 0);
+    expect_floor(&room, 1, 8, searchlight_value, 3e-3, 1e-3);
+}
+
 static double sun_value(struct lw_vec3 p) {
     (void)p;
     return 1000;
@@ -136,7 +152,8 @@ static void test_sun(void **state) {
     struct room room = floor_room();
     room.light[room.light_count++] = (struct lw_light){
         .kind = LW_LIGHT_DIRECTIONAL, .intensity = {1000, 1000, 1000}, .angular_diameter = 0.0093f};
-    /* The mean cosine over the sun's disc is 1 - 5e-6. */
+    expect_floor(&room, 1, 4, sun_value, 2e-5, 1e-5);
+    room.light[0].angular_diameter = 1; /* a disc that fills much of the sky gives what it says, too */
     expect_floor(&room, 1, 4, sun_value, 2e-5, 1e-5);
 }
 
@@ -380,6 +397,7 @@ int main(void) {
         cmocka_unit_test(test_point),
         cmocka_unit_test(test_many_points),
         cmocka_unit_test(test_spot),
+        cmocka_unit_test(test_searchlight),
         cmocka_unit_test(test_sun),
         cmocka_unit_test(test_sky),
         cmocka_unit_test(test_even_environment),
