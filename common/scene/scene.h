@@ -109,13 +109,16 @@ enum lw_light_kind {
     LW_LIGHT_DIRECTIONAL /* W/m^2 on a surface that faces it; shines along the node's -Z */
 };
 
+/** inner_cone / outer_cone of a spot whose file gives it no soft edge. */
+#define LW_LIGHT_CONE_EDGE 0.99f
+
 /** Punctual light. Emissive triangles are lights too, but live in their materials. */
 struct lw_light {
     const char *name;
     uint32_t node;
     uint8_t kind;                 /* enum lw_light_kind */
     float intensity[3];           /* colour x intensity */
-    float inner_cone, outer_cone; /* spot: half angles, radians */
+    float inner_cone, outer_cone; /* spot: half angles, radians; inner is the smaller */
     float angular_diameter;       /* directional: radians; 0 is a point at infinity */
 };
 

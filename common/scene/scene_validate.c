@@ -312,8 +312,7 @@ static enum lw_status check_light(const struct lw_scene *scene, const struct lw_
     if (!status) status = check_range(e, "outer_cone", &light->outer_cone, 1, 0, LW_PI / 2);
     if (!status) status = check_range(e, "angular_diameter", &light->angular_diameter, 1, 0, LW_PI);
     if (status) return status;
-    /* The falloff divides by the difference of these cosines. */
-    if (light->kind == LW_LIGHT_SPOT && !(cosf(light->inner_cone) > cosf(light->outer_cone)))
+    if (light->kind == LW_LIGHT_SPOT && !(light->inner_cone < light->outer_cone))
         return refuse(e, "outer_cone %g must be wider than inner_cone %g", (double)light->outer_cone,
                       (double)light->inner_cone);
     return LW_OK;

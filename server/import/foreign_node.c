@@ -6,9 +6,6 @@
 #define FOV_MIN 1e-3f
 #define FOV_MAX 3.1f
 
-/* Of a spot that has no soft edge: the cosines of its cones must differ. */
-#define CONE_EDGE 0.99f
-
 struct conversion {
     struct lw_foreign_import *import;
     struct lw_foreign_meshes *meshes;
@@ -185,7 +182,7 @@ static void read_cones(enum lw_scene_format format, const struct aiLight *from, 
     if (outer > LW_PI / 2) outer = LW_PI / 2;
     if (!(inner >= 0)) inner = 0;
     out->outer_cone = outer;
-    out->inner_cone = fminf(inner, CONE_EDGE * outer);
+    out->inner_cone = fminf(inner, LW_LIGHT_CONE_EDGE * outer);
 }
 
 /* Collada: intensity / (c + l d + q d^2) at distance d in units of the file; far away that is intensity / (q d^2). */

@@ -45,6 +45,7 @@ enum lw_gltf_list {
     X(POINTS, "points and lines are ignored: only triangles are lit")                                        \
     X(ORTHOGRAPHIC, "orthographic cameras are ignored")                                                      \
     X(LIGHT_RANGE, "the range of lights is ignored: light falls off with the square of distance")            \
+    X(CONES, "a spot's innerConeAngle is not less than its outerConeAngle: its edge is taken as hard")       \
     X(UV_SET, "textures that use TEXCOORD_2 or higher are ignored")                                          \
     X(UV_MISSING,                                                                                            \
       "a material has a texture for which its primitive has no texture coordinates: (0, 0) is used")         \

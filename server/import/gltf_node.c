@@ -195,7 +195,8 @@ static enum lw_status add_object(struct conversion *conversion, const json_t *ob
     return lw_scene_add_object(scene, mesh, node, err);
 }
 
-static enum lw_status read_spot(const json_t *object, struct lw_light *out, struct lw_error *err) {
+static enum lw_status read_spot(struct conversion *conversion, const json_t *object, struct lw_light *out,
+                                struct lw_error *err) {
     const json_t *spot = NULL;
     if (lw_gltf_json_require(object, "spot", err) || lw_gltf_json_object(object, "spot", &spot, err))
         return err->status;
@@ -207,9 +208,12 @@ static enum lw_status read_spot(const json_t *object, struct lw_light *out, stru
         lw_status_context(err, "spot");
         return err->status;
     }
-    if (out->inner_cone >= out->outer_cone)
-        return lw_status_fail(err, LW_BAD_DATA, "spot: innerConeAngle %g must be less than outerConeAngle %g",
-                              (double)out->inner_cone, (double)out->outer_cone);
+    if (!(out->outer_cone > 0))
+        return lw_status_fail(err, LW_BAD_DATA, "spot: outerConeAngle must be greater than 0");
+    if (out->inner_cone >= out->outer_cone) { /* as exporters write a spot without a soft edge */
+        lw_gltf_document_warn(conversion->document, LW_GLTF_WARN_CONES);
+        out->inner_cone = LW_LIGHT_CONE_EDGE * out->outer_cone;
+    }
     return LW_OK;
 }
 
@@ -231,7 +235,7 @@ static enum lw_status read_light(struct conversion *conversion, const json_t *ob
         out->kind = LW_LIGHT_DIRECTIONAL;
     else
         return lw_status_fail(err, LW_BAD_DATA, "type: must be point, spot or directional");
-    if (out->kind == LW_LIGHT_SPOT && read_spot(object, out, err)) return err->status;
+    if (out->kind == LW_LIGHT_SPOT && read_spot(conversion, object, out, err)) return err->status;
     if (json_object_get(object, "range"))
         lw_gltf_document_warn(conversion->document, LW_GLTF_WARN_LIGHT_RANGE);
     for (int c = 0; c < 3; c++) {

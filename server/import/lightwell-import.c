@@ -399,7 +399,8 @@ static enum lw_status run(const struct arguments *arguments, struct lw_error *er
     enum lw_status status = read_scene(arguments, &scene, err);
     if (status) return status;
     if (!lw_scene_has_light(scene))
-        lw_log(LW_LOG_WARNING, "%s: has no light; it stays black unless lightwelld gets --sky R,G,B",
+        lw_log(LW_LOG_WARNING,
+               "%s: has no light of its own: without --sky R,G,B or --environment FILE.exr it stays black",
                arguments->scene);
     report = calloc(scene->mesh_count + 1ul, sizeof *report);
     if (!report) status = lw_status_fail(err, LW_NO_MEMORY, "%s: out of memory", arguments->scene);

@@ -244,7 +244,7 @@ static const struct {
     {"'spot':{}", "'spot':{'outerConeAngle':1.6}",
      "lights[0]: spot: outerConeAngle: must be a number from 0"},
     {",'spot':{}", "", "lights[0]: spot: is required"},
-    {"'spot':{}", "'spot':{'innerConeAngle':0.8}", "innerConeAngle 0.8 must be less than"},
+    {"'spot':{}", "'spot':{'outerConeAngle':0}", "outerConeAngle must be greater than 0"},
     {"'color':[1,0.5,0.25]", "'color':[1,0.5]", "lights[0]: color: must be an array of 3 numbers"},
     {"{'light':0}", "{'light':1}", "nodes[2]: light: must be an index"},
     {"{'light':0}", "{}", "nodes[2]: light: is required"},
@@ -733,6 +733,18 @@ static void unreadable_pictures_have_a_stand_in(void **state) {
     }
 }
 
+/* Exporters write a spot without a soft edge with equal cones, though glTF forbids it. */
+static void a_spot_without_a_soft_edge_is_read(void **state) {
+    (void)state;
+    const struct change change = {"'spot':{}", "'spot':{'innerConeAngle':0.5,'outerConeAngle':0.5}"};
+    char talk[4096];
+    struct lw_scene *scene = load_and_listen(&change, 1, &base_data, sizeof base_data, talk, sizeof talk);
+    if (!strstr(talk, "innerConeAngle") || count_lines(talk) != 1) fail_msg("talk is \"%s\"", talk);
+    assert_float_equal(scene->light[0].outer_cone, 0.5, 0);
+    assert_true(scene->light[0].inner_cone < 0.5f && scene->light[0].inner_cone > 0.49f);
+    lw_scene_destroy(scene);
+}
+
 static void emission_is_strength_times_texture(void **state) {
     (void)state;
     struct lw_scene *scene;
@@ -968,6 +980,7 @@ int main(void) {
         cmocka_unit_test(a_texture_transform_moves_its_coordinates),
         cmocka_unit_test(images_are_decoded_once),
         cmocka_unit_test(unreadable_pictures_have_a_stand_in),
+        cmocka_unit_test(a_spot_without_a_soft_edge_is_read),
         cmocka_unit_test(emission_is_strength_times_texture),
         cmocka_unit_test(albedo_above_one_is_lowered_and_told_once),
         cmocka_unit_test(rotations_are_normalised),

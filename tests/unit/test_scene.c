@@ -177,8 +177,8 @@ static void set_index(const uint32_t *p, uint32_t value) { *(uint32_t *)(uintptr
     X("light 1 \"spot\": inner_cone is nan", s->light[1].inner_cone = NAN)                                   \
     X("light 1 \"spot\": outer_cone is 1.6", s->light[1].outer_cone = 1.6f)                                  \
     X("light 1 \"spot\": outer_cone 0.1 must be wider", s->light[1].outer_cone = 0.1f)                       \
-    X("light 1 \"spot\": outer_cone 1e-05 must be wider",                                                    \
-      (s->light[1].inner_cone = 0, s->light[1].outer_cone = 1e-5f)) /* their cosines are equal */            \
+    X("light 1 \"spot\": outer_cone 0.1 must be wider",                                                      \
+      (s->light[1].inner_cone = 0.1f, s->light[1].outer_cone = 0.1f))                                        \
     X("light 2 \"sun\": angular_diameter is 4", s->light[2].angular_diameter = 4)                            \
     X("camera 0: name is NULL", s->camera[0].name = NULL)                                                    \
     X("camera 1 \"камера\": names node 7 of 4", s->camera[1].node = 7)                                       \
