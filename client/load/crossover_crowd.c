@@ -15,16 +15,63 @@ static uint32_t user_of(const struct lw_crossover *x, uint32_t repeat, uint32_t 
 
 /* ---- the shared side ---- */
 
+static struct lw_crossover_point *chosen_point(struct lw_crossover *x, enum lw_crossover_side_id s) {
+    return &x->side[s].point[x->target[0].best[s]];
+}
+
+/* What a frame with so many users takes here, CPU seconds, by what the search has found; 1 where that is not known. */
+static double foresee_frame(struct lw_crossover *x, uint32_t users) {
+    const struct lw_crossover_point *point = chosen_point(x, LW_CROSSOVER_SHARED);
+    const uint32_t shown = users < LW_CROSSOVER_SHOWN_MAX ? users : LW_CROSSOVER_SHOWN_MAX;
+    double sum_s = 0;
+    if (point->later) return 1;
+    for (int s = 0; s < LW_STAGE_COUNT; s++)
+        sum_s += point->cost.cpu_s[s] * (!lw_stage_is_per_user((enum lw_stage)s) ? 1
+                                         : s == LW_STAGE_COMPOSE                 ? shown
+                                                                                 : users);
+    return sum_s;
+}
+
+/* Likewise, of the path tracers of a repeat. */
+static double foresee_paths(struct lw_crossover *x) {
+    const struct lw_crossover_side *paths = &x->side[LW_CROSSOVER_PATHS];
+    return chosen_point(x, LW_CROSSOVER_SHARED)->later
+               ? 0
+               : x->eyes * (2 * paths->fixed_s + 5 * paths->per_sample_s);
+}
+
+static uint64_t frames_of(const struct lw_crossover *x, uint32_t c) {
+    return c == 0 ? x->warm_frames + x->frames : SETTLE_FRAMES + COUNT_FRAMES;
+}
+
+/* All that is to come, likewise. */
+static double foresee(struct lw_crossover *x) {
+    double repeat_s = foresee_paths(x), whole_s = 0;
+    if (x->side[LW_CROSSOVER_SHARED].traces) return 2 * repeat_s * x->options.repeats;
+    for (uint32_t c = 0; c < x->options.user_counts; c++)
+        repeat_s += (double)frames_of(x, c) * foresee_frame(x, x->options.users[c]);
+    if (x->options.look_whole) whole_s = (double)frames_of(x, 0) * foresee_frame(x, x->options.users[0]);
+    return repeat_s * x->options.repeats + whole_s;
+}
+
 /* One sequence with users who come in steps. */
 struct crowd {
     uint32_t repeat, users;
-    uint64_t frame;   /* the last one */
-    double error_sum; /* of pictures that were judged */
-    uint32_t errors;
+    bool whole;     /* all of the scene is lit: for whom does not matter */
+    uint64_t frame; /* the last one */
+    struct lw_crossover_errors errors;
+    struct lw_progress *progress; /* of the whole run, in microseconds of CPU time as they were foreseen */
+    double frame_s;               /* so foreseen */
 };
 
-/* Who is shown in a frame: as many as can be, in turn. */
+_Static_assert(LW_CROSSOVER_EYES <= LW_CROSSOVER_SHOWN_MAX, "all eyes can be shown at once");
+
+/* Who is shown in a frame: as many as can be, in turn. Where nobody's light depends on who is there, all eyes judge. */
 static uint32_t choose_crowd(const struct lw_crossover *x, const struct crowd *crowd, uint32_t *out_shown) {
+    if (crowd->whole && lw_crossover_run_picture(x, crowd->frame) >= 0) {
+        for (uint32_t eye = 0; eye < x->eyes; eye++) out_shown[eye] = eye;
+        return x->eyes;
+    }
     const uint32_t count = crowd->users < LW_CROSSOVER_SHOWN_MAX ? crowd->users : LW_CROSSOVER_SHOWN_MAX;
     for (uint32_t k = 0; k < count; k++) {
         uint64_t of_all = (uint64_t)k * crowd->users / count;
@@ -40,20 +87,18 @@ static enum lw_status measure_frames(struct lw_crossover_run *run, struct lw_con
                                      struct lw_error *err) {
     enum lw_status status = LW_OK;
     struct lw_cost sum = {0};
-    struct lw_progress progress;
-    lw_progress_init(&progress, contender->ops->name, frames);
     for (uint64_t i = 0; i < frames && status == LW_OK && !lw_crossover_run_stopped(run); i++) {
-        uint32_t shown[LW_CROSSOVER_SHOWN_MAX];
+        uint32_t
+            shown[LW_CROSSOVER_SHOWN_MAX > LW_CROSSOVER_EYES ? LW_CROSSOVER_SHOWN_MAX : LW_CROSSOVER_EYES];
         crowd->frame++;
         uint32_t count = choose_crowd(run->x, crowd, shown);
         status = contender->ops->step(contender, crowd->frame, shown, count, &sum, err);
-        lw_progress_step(&progress, 1);
+        lw_progress_step(crowd->progress, (uint64_t)(1e6 * crowd->frame_s));
         int picture = lw_crossover_run_picture(run->x, crowd->frame);
         if (status == LW_OK && picture >= 0)
             status = lw_crossover_run_judge(run->x, contender, (uint32_t)picture, shown, count,
-                                            &crowd->error_sum, &crowd->errors, err);
+                                            &crowd->errors, err);
     }
-    lw_progress_finish(&progress);
     *out_cost = (struct lw_cost){0};
     lw_cost_add(out_cost, &sum, 1.0 / (double)frames);
     return status;
@@ -80,6 +125,7 @@ static enum lw_status measure_count(struct lw_crossover_run *run, struct lw_cont
                                     struct lw_cost *out_cost, struct lw_error *err) {
     struct lw_crossover *x = run->x;
     crowd->users = x->count[c].users;
+    crowd->frame_s = foresee_frame(x, crowd->users);
     enum lw_status status = contender->ops->set_users(contender, crowd->users, err);
     if (status == LW_OK)
         status = measure_frames(run, contender, crowd, c == 0 ? x->warm_frames : SETTLE_FRAMES,
@@ -107,26 +153,33 @@ static enum lw_status measure_counts(struct lw_crossover_run *run, struct crowd 
 }
 
 /* All counts of users; whole: the first one alone, with all of the scene lit. */
-static enum lw_status measure_shared(struct lw_crossover_run *run, uint32_t repeat, uint32_t seed, bool whole,
-                                     struct lw_error *err) {
+static enum lw_status measure_shared(struct lw_crossover_run *run, struct lw_progress *progress,
+                                     uint32_t repeat, uint32_t seed, bool whole, struct lw_error *err) {
     struct lw_crossover *x = run->x;
     struct lw_contender *contender = x->side[LW_CROSSOVER_SHARED].contender;
     struct lw_setting setting = x->chosen[LW_CROSSOVER_SHARED];
     struct lw_cost cost[LW_CROSSOVER_COUNTS_MAX];
-    struct crowd crowd = {.repeat = repeat};
+    struct crowd crowd = {.repeat = repeat, .whole = setting.whole || whole, .progress = progress};
     const uint32_t counts = whole ? 1 : x->options.user_counts;
     setting.whole |= whole;
     enum lw_status status = contender->ops->start(contender, &setting, false, seed, err);
     if (status == LW_OK) status = measure_counts(run, &crowd, counts, cost, err);
     contender->ops->stop(contender);
     if (status != LW_OK || lw_crossover_run_stopped(run)) return status;
-    const double error = crowd.errors ? crowd.error_sum / crowd.errors : 0;
+    const struct lw_crossover_point *opponent = chosen_point(x, LW_CROSSOVER_PATHS);
+    struct lw_crossover_point *ours = chosen_point(x, LW_CROSSOVER_SHARED);
+    const double error = lw_crossover_figures_error(&crowd.errors, &crowd.errors);
+    const double paths_error = lw_crossover_figures_error(&opponent->errors, &crowd.errors);
     if (whole) {
-        x->whole_cost_s[repeat] = lw_cost_total(&cost[0]);
-        x->whole_error[repeat] = error;
+        x->whole_ratio = lw_cost_total(&cost[0]) / x->count[0].cost_s[LW_CROSSOVER_PATHS][repeat];
+        x->whole_error = error;
+        x->whole_paths_error = paths_error;
+        x->whole_done = true;
         return LW_OK;
     }
+    if (ours->later) ours->errors = crowd.errors;
     x->shared_error[repeat] = error;
+    x->paths_error[repeat] = paths_error;
     for (uint32_t c = 0; c < counts; c++) {
         x->count[c].shared[repeat] = cost[c];
         x->count[c].cost_s[LW_CROSSOVER_SHARED][repeat] = lw_cost_total(&cost[c]);
@@ -136,8 +189,9 @@ static enum lw_status measure_shared(struct lw_crossover_run *run, uint32_t repe
 
 /* ---- path tracers ---- */
 
-static enum lw_status measure_paths(struct lw_crossover_run *run, enum lw_crossover_side_id s,
-                                    uint32_t repeat, uint32_t seed, struct lw_error *err) {
+static enum lw_status measure_paths(struct lw_crossover_run *run, struct lw_progress *progress,
+                                    enum lw_crossover_side_id s, uint32_t repeat, uint32_t seed,
+                                    struct lw_error *err) {
     struct lw_crossover *x = run->x;
     double per_eye_s[LW_CROSSOVER_EYES] = {0}, sum_s = 0;
     enum lw_status status = lw_crossover_run_trace(run, x->side[s].contender, &x->chosen[s],
@@ -153,6 +207,7 @@ static enum lw_status measure_paths(struct lw_crossover_run *run, enum lw_crosso
             cost_s = users * sum_s / x->eyes;
         x->count[c].cost_s[s][repeat] = cost_s;
     }
+    lw_progress_step(progress, (uint64_t)(1e6 * foresee_paths(x)));
     lw_log(LW_LOG_INFO, "%s: %.4g CPU s per frame and user", x->side[s].name, sum_s / x->eyes);
     return LW_OK;
 }
@@ -184,13 +239,33 @@ static void conclude(struct lw_crossover *x) {
         slope[i] = slope_s / alone_s;
         cross[i] = lw_crossover_figures_cross(fixed_s, slope_s, alone_s);
     }
-    for (uint32_t i = 0; i < x->whole_done; i++)
-        ratio[i] = x->whole_cost_s[i] / x->count[0].cost_s[LW_CROSSOVER_PATHS][i];
-    x->whole_ratio = lw_crossover_figures_mean(ratio, x->whole_done);
     x->count_done = counts;
     x->first_ratio = x->count[0].ratio;
     x->marginal = lw_crossover_figures_mean(slope, repeats);
     x->crossover = lw_crossover_figures_mean(cross, repeats);
+}
+
+/* One repeat; after the first, the look at the whole beside it. */
+static enum lw_status measure_repeat(struct lw_crossover_run *run, struct lw_progress *progress, uint32_t i,
+                                     struct lw_error *err) {
+    struct lw_crossover *x = run->x;
+    const uint32_t seed = x->options.seed + 1 + i; /* not that by which the settings were chosen */
+    enum lw_status status = LW_OK;
+    for (int s = 0; s < LW_CROSSOVER_SIDES && status == LW_OK && !lw_crossover_run_stopped(run); s++)
+        status = x->side[s].traces ? measure_paths(run, progress, (enum lw_crossover_side_id)s, i, seed, err)
+                                   : measure_shared(run, progress, i, seed, false, err);
+    if (status != LW_OK || lw_crossover_run_stopped(run)) return status;
+    x->repeats_done = i + 1; /* whatever becomes of the look at the whole */
+    const bool looks = x->options.look_whole && !x->side[LW_CROSSOVER_SHARED].traces;
+    return looks && i == 0 ? measure_shared(run, progress, i, seed, true, err) : LW_OK;
+}
+
+/* The shared side's only point, where it was left to the repeats. */
+static void fill_point(struct lw_crossover *x, struct lw_crossover_point *point) {
+    point->error = lw_crossover_figures_mean(x->shared_error, x->repeats_done).mean;
+    point->cost = lw_crossover_run_of_one(&x->count[0].cost, x->count[0].users);
+    point->later = false;
+    x->chosen_error[LW_CROSSOVER_SHARED] = point->error;
 }
 
 enum lw_status lw_crossover_crowd(struct lw_crossover_run *run, struct lw_error *err) {
@@ -204,30 +279,18 @@ enum lw_status lw_crossover_crowd(struct lw_crossover_run *run, struct lw_error 
             return LW_OK;
         }
         x->chosen[s] = x->side[s].point[best].setting;
-        if (x->side[s].traces) x->chosen_error[s] = x->side[s].point[best].error;
+        x->chosen_error[s] = x->side[s].point[best].error;
     }
     for (uint32_t c = 0; c < x->options.user_counts; c++) x->count[c].users = x->options.users[c];
     enum lw_status status = LW_OK;
-    for (uint32_t i = 0; i < x->options.repeats && status == LW_OK; i++) {
-        const uint32_t seed = x->options.seed + 1 + i; /* not that by which the settings were chosen */
-        for (int s = 0; s < LW_CROSSOVER_SIDES && status == LW_OK && !lw_crossover_run_stopped(run); s++) {
-            if (x->side[s].traces) {
-                status = measure_paths(run, (enum lw_crossover_side_id)s, i, seed, err);
-                continue;
-            }
-            status = measure_shared(run, i, seed, false, err);
-        }
-        if (status != LW_OK || lw_crossover_run_stopped(run)) break;
-        x->repeats_done = i + 1; /* whatever becomes of the look at the whole beside it */
-        if (x->side[LW_CROSSOVER_SHARED].traces || x->chosen[LW_CROSSOVER_SHARED].whole) continue;
-        status = measure_shared(run, i, seed, true, err);
-        if (status != LW_OK || lw_crossover_run_stopped(run)) break;
-        x->whole_done = i + 1;
-    }
+    struct lw_progress progress;
+    lw_progress_init(&progress, "counting users", (uint64_t)(1e6 * foresee(x)));
+    for (uint32_t i = 0; i < x->options.repeats && status == LW_OK && !lw_crossover_run_stopped(run); i++)
+        status = measure_repeat(run, &progress, i, err);
+    lw_progress_finish(&progress);
     if (!x->repeats_done) return status;
-    if (!x->side[LW_CROSSOVER_SHARED].traces)
-        x->chosen_error[LW_CROSSOVER_SHARED] =
-            lw_crossover_figures_mean(x->shared_error, x->repeats_done).mean;
     conclude(x);
+    struct lw_crossover_point *point = chosen_point(x, LW_CROSSOVER_SHARED);
+    if (point->later) fill_point(x, point);
     return status;
 }

@@ -10,6 +10,19 @@ static double student(uint32_t freedom) {
     return t[freedom < last ? freedom : last];
 }
 
+double lw_crossover_figures_error(const struct lw_crossover_errors *errors,
+                                  const struct lw_crossover_errors *where) {
+    double sum = 0;
+    uint32_t count = 0;
+    for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES; p++)
+        for (uint32_t eye = 0; eye < LW_CROSSOVER_EYES; eye++) {
+            if (!errors->judged[p][eye] || !where->judged[p][eye]) continue;
+            sum += errors->of[p][eye];
+            count++;
+        }
+    return count ? sum / count : (double)NAN;
+}
+
 struct lw_crossover_figure lw_crossover_figures_mean(const double *value, uint32_t count) {
     struct lw_crossover_figure f = {0};
     double square = 0;

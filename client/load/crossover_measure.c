@@ -114,6 +114,21 @@ static enum lw_status set_sides(struct lw_crossover_run *run, struct lw_error *e
 
 /* ---- by the wall clock ---- */
 
+/* What the chosen path tracer's picture of the same view and moment is off. */
+static enum lw_status judge_paths(const struct lw_crossover *x, const struct lw_path_world *world,
+                                  const struct lw_camera_view *camera, const struct lw_truth *truth,
+                                  double *out_error, struct lw_error *err) {
+    struct lw_path_film film;
+    enum lw_status status = lw_path_film_init(&film, x->lattice_width, x->lattice_height, err);
+    if (status != LW_OK) return status;
+    lw_path_world_render(world, &(struct lw_path_view){.camera = *camera, .seed = x->options.seed},
+                         x->chosen[LW_CROSSOVER_PATHS].samples, &film);
+    lw_path_film_resolve(&film, film.half[0]);
+    *out_error = lw_truth_error(truth, film.half[0]);
+    lw_path_film_finish(&film);
+    return LW_OK;
+}
+
 static enum lw_status judge_real(struct lw_crossover *x, const struct lw_real_run *real,
                                  struct lw_error *err) {
     struct lw_path_world world;
@@ -124,11 +139,14 @@ static enum lw_status judge_real(struct lw_crossover *x, const struct lw_real_ru
         const struct lw_real_picture *picture = &real->picture[p];
         const struct lw_camera_view camera = lw_views_at(x->views, picture->user, picture->view_frame);
         struct lw_truth truth = {0};
+        double paths_error = 0;
         status = lw_path_world_set_time(&world, picture->time_s, err);
         if (status == LW_OK)
             status = lw_truth_init(&truth, &world, &camera, x->lattice_width, x->lattice_height,
                                    x->options.truth_samples, ~x->options.seed, err);
         if (status == LW_OK) x->real.error += lw_truth_error(&truth, picture->lattice) / real->picture_count;
+        if (status == LW_OK) status = judge_paths(x, &world, &camera, &truth, &paths_error, err);
+        if (status == LW_OK) x->real.paths_error += paths_error / real->picture_count;
         lw_truth_finish(&truth);
     }
     lw_path_world_finish(&world);
@@ -204,6 +222,7 @@ enum lw_status lw_crossover_measure(const struct lw_crossover_options *options,
         status = LW_OK; /* whatever the signal did to a side */
     }
     for (int s = 0; s < LW_CROSSOVER_SIDES; s++) {
+        if (x->side[s].point_count && x->side[s].point[0].later) x->side[s].point_count = 0; /* never came */
         if (x->side[s].contender) x->side[s].contender->ops->destroy(x->side[s].contender);
         x->side[s].contender = NULL;
     }

@@ -14,8 +14,6 @@
 #include "client/load/scene_densities.h"
 #include "client/load/truth.h"
 
-#define LW_CROSSOVER_PICTURES    3u  /* frames that are compared with the truth */
-#define LW_CROSSOVER_EYES        4u  /* users who are, at most */
 #define LW_CROSSOVER_POINTS_MAX  64u /* settings tried per side */
 #define LW_CROSSOVER_TARGETS_MAX 4u
 #define LW_CROSSOVER_SHOWN_MAX                                                                               \
@@ -27,8 +25,10 @@ enum lw_crossover_side_id { LW_CROSSOVER_PATHS, LW_CROSSOVER_SHARED, LW_CROSSOVE
 /** A setting that was tried. */
 struct lw_crossover_point {
     struct lw_setting setting;
-    double error;        /* relMSE, mean over pictures and users */
-    struct lw_cost cost; /* per frame, for one user */
+    double error;                      /* relMSE, mean over pictures and users */
+    struct lw_crossover_errors errors; /* of each */
+    struct lw_cost cost;               /* per frame, for one user */
+    bool later;                        /* error and cost are those of the repeats, and not known before */
 };
 
 struct lw_crossover_side {
@@ -63,7 +63,9 @@ struct lw_crossover_real {
     double frames_hz, views_hz; /* solved; composed, of all users */
     double server_cpu_s;        /* per second */
     double light_age_s;
-    double error; /* relMSE against the truth of the moment at which a picture was ready */
+    /* relMSE against the truth of the moment at which a picture was ready; and of the path tracer's, unfiltered, for the same
+     * views and moments. They are other views than the rest of the measurement has. */
+    double error, paths_error;
 };
 
 struct lw_crossover {
@@ -80,16 +82,15 @@ struct lw_crossover {
     uint32_t target_count;
 
     struct lw_setting chosen[LW_CROSSOVER_SIDES];
-    double shared_error[LW_CROSSOVER_REPEATS_MAX]; /* with the first count of users */
-    double chosen_error
-        [LW_CROSSOVER_SIDES]; /* the path tracer's as it was chosen by; the cache's of the repeats */
+    double chosen_error[LW_CROSSOVER_SIDES]; /* by which they were chosen */
+    /* with the first count of users; and the chosen path tracer's, for the same views */
+    double shared_error[LW_CROSSOVER_REPEATS_MAX], paths_error[LW_CROSSOVER_REPEATS_MAX];
     struct lw_crossover_count count[LW_CROSSOVER_COUNTS_MAX];
-    uint32_t count_done, repeats_done, whole_done; /* whole_done: repeats with a look at the whole */
-    struct lw_crossover_figure first_ratio;        /* r(1), or of the first count */
-    double whole_cost_s[LW_CROSSOVER_REPEATS_MAX]; /* of the first count, with all of the scene lit */
-    struct lw_crossover_figure whole_ratio;        /* likewise */
-    double whole_error[LW_CROSSOVER_REPEATS_MAX];
-    struct lw_crossover_figure marginal;  /* m: one more user over one more path tracer */
+    uint32_t count_done, repeats_done;
+    struct lw_crossover_figure first_ratio; /* r(1), or of the first count */
+    bool whole_done;
+    double whole_ratio, whole_error, whole_paths_error; /* of the first count, with all of the scene lit */
+    struct lw_crossover_figure marginal;                /* m: one more user over one more path tracer */
     struct lw_crossover_figure crossover; /* users from which on sharing is cheaper; INFINITY: none */
     struct lw_crossover_real real;
     const char *shortfall; /* why there are no figures for counts of users; NULL: there are */

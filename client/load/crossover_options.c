@@ -10,6 +10,8 @@
 #define SAMPLES_MAX   65536u
 #define DENSITY_MIN   0.01
 #define DENSITY_MAX   100.0
+#define REST_MIN      1e-4
+#define REST_MAX      10.0
 #define DEFAULT_USERS "1,2,4,8,16,32,64,128,256"
 
 const char *lw_crossover_motion_name(enum lw_scene_motion motion) {
@@ -78,22 +80,30 @@ static enum lw_status parse_size(const char *text, struct lw_crossover_options *
     return LW_OK;
 }
 
-/* "5:8+10@2": paths per pixel, direct and indirect samples per texel, density. */
+/* Skips the character before a number, reads that and moves *text behind it. */
+static bool read_real(const char **text, double min, double max, double *out) {
+    char *end;
+    const char *number = *text + 1;
+    *out = strtod(number, &end);
+    *text = end;
+    return end != number && *out >= min && *out <= max;
+}
+
+/* "5:8+10@2,0.2": paths per pixel, direct and indirect samples per texel, density, error at which tiles rest. */
 static enum lw_status parse_fixed(const char *text, struct lw_crossover_options *o, struct lw_error *err) {
     const char *at = text;
     uint64_t samples, direct, indirect;
     bool good = read_count(&at, 1024, &samples) && *at++ == ':' && read_count(&at, 1024, &direct) &&
                 *at++ == '+' && read_count(&at, 1024, &indirect) && samples && direct && indirect;
     o->fixed_density = 1;
-    if (good && *at == '@') {
-        char *end;
-        o->fixed_density = strtod(++at, &end);
-        good = end != at && o->fixed_density >= DENSITY_MIN && o->fixed_density <= DENSITY_MAX;
-        at = end;
-    }
+    o->fixed_rest = 0.02;
+    if (good && *at == '@') good = read_real(&at, DENSITY_MIN, DENSITY_MAX, &o->fixed_density);
+    if (good && *at == ',') good = read_real(&at, REST_MIN, REST_MAX, &o->fixed_rest);
     if (!good || *at)
         return lw_status_fail(
-            err, LW_USAGE, "--settings: \"%s\" is no SPP:DIRECT+INDIRECT[@DENSITY] such as 1:1+1 or 5:8+10@2",
+            err, LW_USAGE,
+            "--settings: \"%s\" is no SPP:DIRECT+INDIRECT[@DENSITY][,REST] such as 1:1+1 or "
+            "5:8+10@2,0.1",
             text);
     o->fixed_samples = (uint32_t)samples;
     o->fixed_direct = (uint32_t)direct;
@@ -131,15 +141,13 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
         {"one-error", NULL,
          "search for that error alone, not for the curve over relMSE 0.5, 0.1 and 0.02 as well",
          LW_OPTION_FLAG, &o.one_error, 0, 0, NULL},
-        {"settings", "SPP:D+I[@X]",
+        {"settings", "SPP:D+I[@X][,R]",
          "no search: SPP paths per pixel against D direct and I indirect samples per texel, in lightmaps of "
-         "X times "
-         "the scene's default density (1), whatever their error",
+         "X times the scene's default density (1) that rest at an error of R (0.02), whatever their error",
          LW_OPTION_STRING, &fixed, 0, 0, NULL},
-        {"light", "seen|whole",
+        {"light", "seen|whole|only-seen",
          "seen: the server lights what users look at, and what lights it (default; with one look at the "
-         "whole beside "
-         "it). whole: all of the scene",
+         "whole beside it, which only-seen leaves out). whole: all of the scene",
          LW_OPTION_CHOICE, &light, 0, 0, NULL},
         {"denoise", NULL,
          "filter both sides: the path tracer over time and picture, the lightmap in its charts",
@@ -174,6 +182,7 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
     o.motion = (enum lw_scene_motion)motion;
     o.views = (enum lw_views_kind)views;
     o.whole = light == 1;
+    o.look_whole = light == 0;
     o.bounces = (uint32_t)bounces;
     o.seed = (uint32_t)seed;
     o.repeats = (uint32_t)repeats;

@@ -26,10 +26,12 @@ struct lw_crossover_options {
     /* Instead of a search: these settings, whatever their error. 0 samples: search. */
     uint32_t fixed_samples, fixed_direct, fixed_indirect;
     double fixed_density; /* times the scene's default */
+    double fixed_rest;    /* error at which tiles rest */
     bool one_error;       /* no curve: that error alone */
     bool denoise;         /* both sides filtered */
     bool self_test;       /* a path tracer on both sides */
     bool whole;           /* the cache lights all of the scene */
+    bool look_whole;      /* it lights what is looked at; one look at the whole beside it */
 };
 
 /** Reads the command line; argv[0] is "crossover". --help and --version print and set *out_done.

@@ -213,7 +213,8 @@ static enum lw_status write_json(const struct lw_crossover *x, const char *comma
         x->shortfall, "targets", targets, "paths", json_side(&x->side[LW_CROSSOVER_PATHS]), "shared",
         json_side(&x->side[LW_CROSSOVER_SHARED]), "users", counts, "ratio_first",
         json_figure(&x->first_ratio), "marginal", json_figure(&x->marginal), "ratio_first_whole_scene",
-        json_figure(&x->whole_ratio), "crossover_users", json_figure(&x->crossover));
+        x->whole_done ? json_real(x->whole_ratio) : json_null(), "crossover_users",
+        json_figure(&x->crossover));
     char *text =
         root ? json_dumps(root, JSON_INDENT(1) | JSON_PRESERVE_ORDER | JSON_REAL_PRECISION(8)) : NULL;
     enum lw_status status = text ? save(x->options.folder, "crossover.json", text, strlen(text), err)
@@ -256,15 +257,37 @@ static void print_head(const struct lw_crossover *x, FILE *f, const char *comman
                 : " The first second is not measured.");
 }
 
-/* relMSE of the shared side: the mean over repeats, whose random numbers differ, and the least and the most of them. */
-static void print_errors(FILE *f, const double *error, uint32_t count) {
-    double least = error[0], most = error[0];
-    for (uint32_t i = 1; i < count; i++) {
-        least = fmin(least, error[i]);
-        most = fmax(most, error[i]);
+/* What views do to an error, random numbers aside. */
+static void print_spread(const struct lw_crossover *x, FILE *f) {
+    double least[LW_CROSSOVER_SIDES], most[LW_CROSSOVER_SIDES];
+    for (int s = 0; s < LW_CROSSOVER_SIDES; s++) {
+        const int best = x->target[0].best[s];
+        const struct lw_crossover_errors *errors = &x->side[s].point[best].errors;
+        least[s] = (double)INFINITY;
+        most[s] = -(double)INFINITY;
+        for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES; p++)
+            for (uint32_t eye = 0; eye < x->eyes; eye++) {
+                if (!errors->judged[p][eye]) continue;
+                least[s] = fmin(least[s], errors->of[p][eye]);
+                most[s] = fmax(most[s], errors->of[p][eye]);
+            }
     }
-    fprintf(f, "relMSE %.3g", lw_crossover_figures_mean(error, count).mean);
-    if (count > 1) fprintf(f, ", %.3g to %.3g", least, most);
+    if (!isfinite(least[0])) return;
+    fprintf(f, " From view to view the path tracer's relMSE goes from %.3g to %.3g", least[0], most[0]);
+    if (isfinite(least[1])) fprintf(f, ", the shared side's from %.3g to %.3g", least[1], most[1]);
+    fprintf(f, ".");
+}
+
+/* Of the repeats, whose views differ: the shared side's errors, and the path tracer's for the same views. */
+static void print_errors(const struct lw_crossover *x, FILE *f) {
+    if (x->side[LW_CROSSOVER_SHARED].traces || !isfinite(x->shared_error[0])) return;
+    fprintf(f, " In the repeats");
+    if (!x->options.whole) fprintf(f, ", with %u of the users", x->count[0].users);
+    fprintf(f, ": ");
+    for (uint32_t i = 0; i < x->repeats_done; i++) fprintf(f, "%s%.3g", i ? ", " : "", x->shared_error[i]);
+    fprintf(f, ", where the path tracer has ");
+    for (uint32_t i = 0; i < x->repeats_done; i++) fprintf(f, "%s%.3g", i ? ", " : "", x->paths_error[i]);
+    fprintf(f, ".");
 }
 
 static void print_result(const struct lw_crossover *x, FILE *f) {
@@ -278,12 +301,11 @@ static void print_result(const struct lw_crossover *x, FILE *f) {
         fprintf(f, "At given settings: ");
     else
         fprintf(f, "At relMSE %.3g: ", x->target[0].error);
-    fprintf(f, "%s (relMSE %.3g) against %s (", setting[0], x->chosen_error[0], setting[1]);
-    if (x->side[LW_CROSSOVER_SHARED].traces) /* two path tracers: of the frames by which both were chosen */
-        fprintf(f, "relMSE %.3g", x->chosen_error[LW_CROSSOVER_SHARED]);
-    else
-        print_errors(f, x->shared_error, x->repeats_done);
-    fprintf(f, ").\n\n");
+    fprintf(f, "%s (relMSE %.3g) against %s (relMSE %.3g), over the same %u views.", setting[0],
+            x->chosen_error[0], setting[1], x->chosen_error[1], LW_CROSSOVER_PICTURES * x->eyes);
+    print_spread(x, f);
+    print_errors(x, f);
+    fprintf(f, "\n\n");
     fprintf(f, "* one shared solve over path tracers, %u user%s: **r = ", x->count[0].users,
             x->count[0].users > 1 ? "s" : "");
     print_figure(f, &x->first_ratio);
@@ -304,13 +326,11 @@ static void print_result(const struct lw_crossover *x, FILE *f) {
             fprintf(f, x->crossover.mean < 1 ? ")\n" : "** users on\n");
         }
     }
-    if (x->whole_ratio.mean > 0) {
-        fprintf(f, "* with all of the scene lit instead of what is looked at and what lights it: r = ");
-        print_figure(f, &x->whole_ratio);
-        fprintf(f, " (");
-        print_errors(f, x->whole_error, x->whole_done);
-        fprintf(f, ")\n");
-    }
+    if (x->whole_done)
+        fprintf(f,
+                "* with all of the scene lit instead of what is looked at and what lights it, once: r = %.3g "
+                "(relMSE %.3g; the path tracer %.3g)\n",
+                x->whole_ratio, x->whole_error, x->whole_paths_error);
     fprintf(f, "\nIntervals are of 95 %%, over %u repeats with random numbers of their own.",
             x->repeats_done);
     if (x->repeats_done < x->options.repeats)
@@ -355,10 +375,13 @@ static void print_real(const struct lw_crossover *x, FILE *f) {
             "## By the wall clock\n\nThe same with scene time as wall time, server and %u client%s on this "
             "machine: %.3g "
             "frames a second solved with %.3g CPU s per second, %.3g views a second composed, light %.0f ms "
-            "old, relMSE %.3g "
-            "against the truth of the moment at which a picture was ready.\n\n",
+            "old. relMSE against the truth of the moment at which a picture was ready: %.3g; %u path%s per "
+            "pixel, "
+            "unfiltered and without any lag, have %.3g there. These are other views than above, seconds "
+            "later.\n\n",
             r->users, r->users > 1 ? "s" : "", r->frames_hz, r->server_cpu_s, r->views_hz,
-            1e3 * r->light_age_s, r->error);
+            1e3 * r->light_age_s, r->error, x->chosen[LW_CROSSOVER_PATHS].samples,
+            x->chosen[LW_CROSSOVER_PATHS].samples > 1 ? "s" : "", r->paths_error);
 }
 
 static void print_targets(const struct lw_crossover *x, FILE *f) {

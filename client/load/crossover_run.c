@@ -18,14 +18,14 @@ int lw_crossover_run_picture(const struct lw_crossover *x, uint64_t frame) {
 
 enum lw_status lw_crossover_run_judge(const struct lw_crossover *x, const struct lw_contender *contender,
                                       uint32_t picture, const uint32_t *shown, uint32_t shown_count,
-                                      double *error_sum, uint32_t *errors, struct lw_error *err) {
+                                      struct lw_crossover_errors *errors, struct lw_error *err) {
     float *lattice = malloc((size_t)x->lattice_width * x->lattice_height * 3 * sizeof *lattice);
     if (!lattice) return lw_status_fail(err, LW_NO_MEMORY, "no memory for a picture");
     for (uint32_t k = 0; k < shown_count; k++) {
         if (shown[k] >= x->eyes) continue;
         contender->ops->picture(contender, k, lattice);
-        *error_sum += lw_truth_error(&x->truth[picture][shown[k]], lattice);
-        ++*errors;
+        errors->of[picture][shown[k]] = lw_truth_error(&x->truth[picture][shown[k]], lattice);
+        errors->judged[picture][shown[k]] = true;
     }
     free(lattice);
     return LW_OK;
@@ -33,8 +33,7 @@ enum lw_status lw_crossover_run_judge(const struct lw_crossover *x, const struct
 
 /* ---- a sequence ---- */
 
-/* What one of `users` pays alone. */
-static struct lw_cost of_one(const struct lw_cost *cost, double users) {
+struct lw_cost lw_crossover_run_of_one(const struct lw_cost *cost, double users) {
     struct lw_cost one = *cost;
     for (int s = 0; s < LW_STAGE_COUNT; s++)
         if (lw_stage_is_per_user((enum lw_stage)s)) one.cpu_s[s] /= users;
@@ -67,12 +66,13 @@ static uint64_t count_needed(const struct lw_crossover *x, const struct lw_conte
 
 enum lw_status lw_crossover_run_sequence(struct lw_crossover_run *run, struct lw_contender *contender,
                                          const struct lw_setting *setting, uint32_t seed,
-                                         struct lw_cost *out_cost, double *out_error, struct lw_error *err) {
+                                         struct lw_cost *out_cost, struct lw_crossover_errors *out_errors,
+                                         struct lw_error *err) {
     const struct lw_crossover *x = run->x;
     const bool from_start = x->options.motion == LW_SCENE_MOTION_STATIC;
     struct lw_cost sum = {0};
-    double error_sum = 0, measured = 0;
-    uint32_t errors = 0;
+    double measured = 0;
+    *out_errors = (struct lw_crossover_errors){.of = {{0}}};
     struct lw_progress progress;
     lw_progress_init(&progress, contender->ops->name, count_needed(x, contender));
     enum lw_status status = contender->ops->start(contender, setting, out_cost == NULL, seed, err);
@@ -90,8 +90,8 @@ enum lw_status lw_crossover_run_sequence(struct lw_crossover_run *run, struct lw
         measured += counts;
         lw_progress_step(&progress, 1);
         if (status == LW_OK && picture >= 0)
-            status = lw_crossover_run_judge(x, contender, (uint32_t)picture, shown, shown_count, &error_sum,
-                                            &errors, err);
+            status =
+                lw_crossover_run_judge(x, contender, (uint32_t)picture, shown, shown_count, out_errors, err);
     }
     contender->ops->stop(contender);
     lw_progress_finish(&progress);
@@ -99,9 +99,8 @@ enum lw_status lw_crossover_run_sequence(struct lw_crossover_run *run, struct lw
     if (out_cost) {
         struct lw_cost per_frame = {0};
         lw_cost_add(&per_frame, &sum, measured > 0 ? 1 / measured : 0);
-        *out_cost = of_one(&per_frame, x->eyes);
+        *out_cost = lw_crossover_run_of_one(&per_frame, x->eyes);
     }
-    *out_error = errors ? error_sum / errors : 0;
     return LW_OK;
 }
 
@@ -134,8 +133,9 @@ enum lw_status lw_crossover_run_trace(struct lw_crossover_run *run, struct lw_co
     const struct lw_crossover *x = run->x;
     if (contender->history == UINT32_MAX) { /* what a frame costs depends on all before */
         struct lw_cost cost;
-        double error;
-        enum lw_status status = lw_crossover_run_sequence(run, contender, setting, seed, &cost, &error, err);
+        struct lw_crossover_errors ignored;
+        enum lw_status status =
+            lw_crossover_run_sequence(run, contender, setting, seed, &cost, &ignored, err);
         for (uint32_t eye = 0; status == LW_OK && eye < x->eyes; eye++)
             out_per_eye_s[eye] = lw_cost_total(&cost);
         return status;

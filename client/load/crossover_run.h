@@ -17,22 +17,23 @@ bool lw_crossover_run_stopped(const struct lw_crossover_run *run);
 /** Index of the picture that is compared with the truth in this frame; -1: none is. */
 int lw_crossover_run_picture(const struct lw_crossover *x, uint64_t frame);
 
-/** Sums up the errors of what `shown` saw in a picture's frame; those who are no eyes have no truth and are left out.
- * *error_sum, *errors: added to. Errors: LW_NO_MEMORY. */
+/** Judges what `shown` saw in a picture's frame; those who are no eyes have no truth and are left out.
+ * *errors: written to where they are judged. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_crossover_run_judge(const struct lw_crossover *x,
                                                     const struct lw_contender *contender, uint32_t picture,
                                                     const uint32_t *shown, uint32_t shown_count,
-                                                    double *error_sum, uint32_t *errors,
-                                                    struct lw_error *err);
+                                                    struct lw_crossover_errors *errors, struct lw_error *err);
+
+/** What one of so many users pays alone. */
+struct lw_cost lw_crossover_run_of_one(const struct lw_cost *cost, double users);
 
 /** Goes through the frames once with all eyes.
  * out_cost  per frame, for one user. NULL: pictures alone, as cheaply as the side can
  * Errors    the side's */
-LW_MUST_CHECK enum lw_status lw_crossover_run_sequence(struct lw_crossover_run *run,
-                                                       struct lw_contender *contender,
-                                                       const struct lw_setting *setting, uint32_t seed,
-                                                       struct lw_cost *out_cost, double *out_error,
-                                                       struct lw_error *err);
+LW_MUST_CHECK enum lw_status
+lw_crossover_run_sequence(struct lw_crossover_run *run, struct lw_contender *contender,
+                          const struct lw_setting *setting, uint32_t seed, struct lw_cost *out_cost,
+                          struct lw_crossover_errors *out_errors, struct lw_error *err);
 
 /** What each eye's path tracer spends on a frame, CPU seconds. frame_of: which picture's frame is traced; those that
  * build on each other are all traced. Errors: the side's. */

@@ -6,6 +6,7 @@
 
 #define SAMPLES_MAX 256u /* per pixel and frame, of the path tracer; with more a picture takes minutes */
 #define GAIN_MIN    0.9  /* of the error before: what a rung must at least bring */
+#define HOPELESS    4    /* times the error: what samples alone have never made up for */
 #define PROBE       4u   /* samples of the second of two points on the line of a path tracer's cost */
 #define TEXELS_MAX  8e6  /* of the lightmaps that are tried: the server takes some 600 bytes for each */
 
@@ -75,8 +76,9 @@ static enum lw_status try_samples(struct lw_crossover_run *run, struct lw_crosso
     *point = (struct lw_crossover_point){.setting = {.samples = samples}};
     if (status == LW_OK)
         status = lw_crossover_run_sequence(run, side->contender, &point->setting, run->x->options.seed,
-                                           linear ? NULL : &point->cost, &point->error, err);
+                                           linear ? NULL : &point->cost, &point->errors, err);
     if (status != LW_OK || lw_crossover_run_stopped(run)) return status;
+    point->error = lw_crossover_figures_error(&point->errors, &point->errors);
     if (linear) point->cost.cpu_s[LW_STAGE_TRACE] = side->fixed_s + samples * side->per_sample_s;
     lw_log(LW_LOG_INFO, "%s, %u path%s per pixel: relMSE %.4g, %.3g CPU s per frame", side->name, samples,
            samples > 1 ? "s" : "", point->error, lw_cost_total(&point->cost));
@@ -124,8 +126,9 @@ static enum lw_status try_setting(struct lw_crossover_run *run, struct lw_crosso
     if (!point) return LW_OK;
     *point = (struct lw_crossover_point){.setting = *setting};
     enum lw_status status = lw_crossover_run_sequence(run, side->contender, setting, run->x->options.seed,
-                                                      &point->cost, &point->error, err);
+                                                      &point->cost, &point->errors, err);
     if (status != LW_OK || lw_crossover_run_stopped(run)) return status;
+    point->error = lw_crossover_figures_error(&point->errors, &point->errors);
     lw_log(LW_LOG_INFO,
            "%s, density x%g, %u+%u samples, rest at %g: relMSE %.4g, %.3g CPU s per frame and user",
            side->name, setting->density, setting->direct_samples, setting->indirect_samples,
@@ -148,6 +151,14 @@ static struct lw_setting setting_at(const struct lw_crossover *x, double density
     return setting;
 }
 
+/* The largest error that is asked for and not reached yet. */
+static double easiest_left(const struct lw_crossover *x, const struct lw_crossover_side *side) {
+    double easiest = 0;
+    for (uint32_t t = 0; t < x->target_count; t++)
+        if (cheapest(side, x->target[t].error) < 0) easiest = fmax(easiest, x->target[t].error);
+    return easiest;
+}
+
 static enum lw_status climb(struct lw_crossover_run *run, struct lw_crossover_side *side, double density,
                             double hardest, struct lw_error *err) {
     const bool still = run->x->options.motion == LW_SCENE_MOTION_STATIC;
@@ -158,6 +169,7 @@ static enum lw_status climb(struct lw_crossover_run *run, struct lw_crossover_si
         enum lw_status status = try_setting(run, side, &setting, &point, err);
         if (status != LW_OK || !point) return status;
         const bool samples_alone = still || rung > 1;
+        if (!still && point->error > HOPELESS * easiest_left(run->x, side)) break; /* for want of texels */
         if (point->error <= hardest || (samples_alone && point->error > GAIN_MIN * last_error)) break;
         last_error = point->error;
     }
@@ -188,7 +200,8 @@ static void add_target(struct lw_crossover *x, double error) {
     x->target[x->target_count++] = (struct lw_crossover_target){.error = error, .best = {-1, -1}};
 }
 
-/* The settings that were asked for are each side's only point, and the only target. */
+/* The settings that were asked for are each side's only point, and the only target. Where all of the scene is lit, every eye
+ * is judged while users are added, and no sequence of its own is spent on it. */
 static enum lw_status take_given(struct lw_crossover_run *run, struct lw_error *err) {
     struct lw_crossover *x = run->x;
     const struct lw_crossover_options *o = &x->options;
@@ -199,10 +212,17 @@ static enum lw_status take_given(struct lw_crossover_run *run, struct lw_error *
         const struct lw_setting setting = {.density = o->fixed_density,
                                            .direct_samples = o->fixed_direct,
                                            .indirect_samples = o->fixed_indirect,
-                                           .rest_error = LW_CROSSOVER_REST,
+                                           .rest_error = o->fixed_rest,
                                            .whole = o->whole};
-        status = side->traces ? try_samples(run, side, o->fixed_samples, &point, err)
-                              : try_setting(run, side, &setting, &point, err);
+        if (side->traces) {
+            status = try_samples(run, side, o->fixed_samples, &point, err);
+        } else if (o->whole) {
+            point = next_point(side);
+            *point = (struct lw_crossover_point){.setting = setting, .later = true};
+            side->point_count++;
+        } else {
+            status = try_setting(run, side, &setting, &point, err);
+        }
         if (status != LW_OK || !point) return status;
         if (s == LW_CROSSOVER_PATHS) add_target(x, point->error);
         x->target[0].best[s] = 0;

@@ -58,6 +58,9 @@ static void measures_and_reports(void **state) {
     char *report = read_text(folder, "report.md");
     assert_non_null(strstr(report, "one shared solve over path tracers, 1 user"));
     assert_non_null(strstr(report, "| solve |"));
+    /* errors of a repeat stand beside the path tracer's for the same views */
+    assert_non_null(strstr(report, "where the path tracer has"));
+    assert_non_null(strstr(report, "with all of the scene lit"));
     assert_non_null(strstr(report, "| compose |"));
     free(report);
     char *csv = read_text(folder, "crossover.csv");
@@ -109,6 +112,32 @@ static void settings_may_be_given_and_plots_missing(void **state) {
     free(said);
     char *report = read_text(folder, "report.md");
     assert_non_null(strstr(report, "At given settings: 2 paths per pixel"));
+    free(report);
+}
+
+/* Where the whole scene is lit, given settings take one sequence of the server's frames a repeat, and all eyes judge. */
+static void given_settings_of_the_whole_take_one_sequence(void **state) {
+    (void)state;
+    struct lw_process process;
+    char arguments[500];
+    const char *folder = lw_support_temporary("whole");
+    snprintf(arguments, sizeof arguments, SMALL "--settings 2:1+1@0.5,0.1 --light whole --views centre -o %s",
+             folder);
+    int code = run(arguments, &process);
+    char *said = lw_process_err(&process);
+    if (code != 0) fail_msg("%s", said);
+    assert_null(strstr(said, "shared cache, density")); /* the line of a setting that is tried */
+    free(said);
+    char *report = read_text(folder, "report.md"), *csv = read_text(folder, "settings.csv");
+    const char *shared = strstr(csv, "\nshared,");
+    assert_non_null(strstr(report, "density ×0.5, 1 + 1 samples, rest at 0.1"));
+    assert_non_null(strstr(report, "over the same 12 views"));
+    assert_non_null(shared);
+    double error = 0, cost_s = 0;
+    assert_int_equal(sscanf(shared, "\nshared,%*[^,],%*[^,],%*[^,],%*[^,],%*[^,],%lf,%lf", &error, &cost_s),
+                     2);
+    assert_true(error > 0 && error < 1 && cost_s > 0);
+    free(csv);
     free(report);
 }
 
@@ -187,6 +216,7 @@ int main(void) {
         cmocka_unit_test_teardown(measures_and_reports, end_all),
         cmocka_unit_test_teardown(equals_are_equal, end_all),
         cmocka_unit_test_teardown(settings_may_be_given_and_plots_missing, end_all),
+        cmocka_unit_test_teardown(given_settings_of_the_whole_take_one_sequence, end_all),
         cmocka_unit_test_teardown(both_sides_may_be_filtered, end_all),
         cmocka_unit_test_teardown(an_interruption_keeps_what_is_there, end_all),
         cmocka_unit_test_teardown(fails_with_one_line, end_all),

@@ -31,8 +31,25 @@ static void lines_and_crossings(void **state) {
     assert_true(fixed == cost[0] && slope == 0);
 }
 
+static void errors_are_compared_over_the_same_views(void **state) {
+    (void)state;
+    struct lw_crossover_errors all = {.of = {{0}}}, some = {.of = {{0}}};
+    for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES; p++)
+        for (uint32_t eye = 0; eye < LW_CROSSOVER_EYES; eye++) {
+            all.of[p][eye] = p + 10.0 * eye;
+            all.judged[p][eye] = true;
+        }
+    some.judged[0][1] = some.judged[2][3] = true;
+    some.of[0][1] = 7;
+    assert_true(fabs(lw_crossover_figures_error(&all, &all) - 16) < 1e-12);
+    assert_true(fabs(lw_crossover_figures_error(&all, &some) - (10 + 32) / 2.0) < 1e-12);
+    assert_true(fabs(lw_crossover_figures_error(&some, &all) - 3.5) < 1e-12);
+    assert_true(isnan(lw_crossover_figures_error(&all, &(struct lw_crossover_errors){.of = {{0}}})));
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(means_and_intervals),
+                                       cmocka_unit_test(errors_are_compared_over_the_same_views),
                                        cmocka_unit_test(lines_and_crossings)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

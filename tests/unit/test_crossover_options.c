@@ -38,7 +38,12 @@ static void values(void **state) {
     assert_true(o.fixed_samples == 5 && o.fixed_direct == 8 && o.fixed_indirect == 10 &&
                 o.fixed_density == 1);
     lw_support_ok(parse("--settings", "1:1+2@0.5", &o, &err), &err);
-    assert_true(o.fixed_samples == 1 && o.fixed_indirect == 2 && o.fixed_density == 0.5);
+    assert_true(o.fixed_samples == 1 && o.fixed_indirect == 2 && o.fixed_density == 0.5 &&
+                o.fixed_rest == 0.02);
+    lw_support_ok(parse("--settings", "10:1+1@0.25,0.2", &o, &err), &err);
+    assert_true(o.fixed_density == 0.25 && o.fixed_rest == 0.2);
+    lw_support_ok(parse("--settings", "10:1+1,0.5", &o, &err), &err);
+    assert_true(o.fixed_density == 1 && o.fixed_rest == 0.5);
     lw_support_ok(parse("--users", "3", &o, &err), &err);
     assert_true(o.user_counts == 1 && o.users[0] == 3);
     lw_support_ok(parse("--truth-samples", "7", &o, &err), &err);
@@ -71,6 +76,10 @@ static void bad_values_are_named(void **state) {
         {"--settings", "1:1+1@0", "--settings"},
         {"--settings", "1:1+1@nan", "--settings"},
         {"--settings", "1:1+1@2x", "--settings"},
+        {"--settings", "1:1+1,", "--settings"},
+        {"--settings", "1:1+1,0", "--settings"},
+        {"--settings", "1:1+1,nan", "--settings"},
+        {"--settings", "1:1+1,0.2@1", "--settings"},
         {"--motion", "fast", "--motion"},
         {"--seconds", "0", "--seconds"},
         {"--spread", "2", "--spread"},
