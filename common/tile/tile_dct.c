@@ -7,25 +7,25 @@
 #include <stddef.h>
 #include <string.h>
 
-#define SIDE          LW_TILE_DCT_SIDE
-#define BLOCK_TEXELS  (SIDE * SIDE)
-#define STRIDE        LW_TILE_SIDE
-#define GRID          (LW_TILE_SIDE / SIDE) /* blocks beside each other, at most */
-#define HEADER_SIZE   5u
-#define VALUE_MAX     63.0f   /* of log2(1 + E/scale) */
-#define SCALE_MAX     0x1p60f /* so that scale * 2^63 is a float */
-#define SCALE_MIN     0x1p-60f
-#define LIGHT_MAX     0x1p100f
-#define RICE_K_MAX    16u
-#define GRID_LENGTH_K 4u      /* of the length of the means' block, which nothing predicts */
-#define SURPRISE_K    3u      /* of the length of a block among empty ones */
-#define MEAN_OFF_MAX  0x1p-12 /* of a scale */
-#define GAIN_MAX      127.0   /* 2^(127/512): a factor of 1.19 */
-#define FINER_Q       8u      /* half the step */
-#define LEVEL_MAX     ((1 << LW_TILE_BITS_RAW) - 1)
-#define KEPT_MAX      32767
-#define NEAR_SCALE    2.0f /* a history serves as long as its scale */
-#define NEAR_Q        6u   /* and step are so near what the tile wants by itself */
+#define SIDE           LW_TILE_DCT_SIDE
+#define BLOCK_TEXELS   (SIDE * SIDE)
+#define STRIDE         LW_TILE_SIDE
+#define GRID           (LW_TILE_SIDE / SIDE) /* blocks beside each other, at most */
+#define HEADER_SIZE    5u
+#define VALUE_MAX_BITS 0x427c0000 /* 63.0f: of log2(1 + E/scale) */
+#define SCALE_MAX      0x1p60f    /* so that scale * 2^63 is a float */
+#define SCALE_MIN      0x1p-60f
+#define LIGHT_MAX      0x1p100f
+#define RICE_K_MAX     16u
+#define GRID_LENGTH_K  4u      /* of the length of the means' block, which nothing predicts */
+#define SURPRISE_K     3u      /* of the length of a block among empty ones */
+#define MEAN_OFF_MAX   0x1p-12 /* of a scale */
+#define GAIN_MAX       127.0   /* 2^(127/512): a factor of 1.19 */
+#define FINER_Q        8u      /* half the step */
+#define LEVEL_MAX      ((1 << LW_TILE_BITS_RAW) - 1)
+#define KEPT_MAX       32767
+#define NEAR_SCALE     2.0f /* a history serves as long as its scale */
+#define NEAR_Q         6u   /* and step are so near what the tile wants by itself */
 
 /* The mean of a tile lies about so many scales up: what is darker than a scale is coded absolutely, not relatively. */
 #define MEAN_IN_SCALES 32.0f
@@ -37,8 +37,11 @@
 
 _Static_assert(GRID <= SIDE, "the means of a plane's blocks are one block");
 
+static void fill_tables(struct lw_tile_dct *dct);
+
 void lw_tile_dct_init(struct lw_tile_dct *dct) {
     memset(dct, 0, sizeof *dct);
+    fill_tables(dct);
     for (uint32_t n = 1; n <= SIDE; n++)
         for (uint32_t k = 0; k < n; k++)
             for (uint32_t x = 0; x < n; x++)
@@ -82,55 +85,84 @@ LW_WIDE_INLINE row8 clamp8(row8 x, float low, float high) {
     return choose(x > high, every(high), x);
 }
 
-/* x >= 1, to 3e-6. log2(m) = 2/ln 2 artanh((m-1)/(m+1)), by its series. */
-LW_WIDE_INLINE row8 log2_of(row8 x) {
-    const whole8 bits = (whole8)x;
-    const row8 m = (row8)((bits & 0x7fffff) | 0x3f800000);
-    const row8 z = (m - 1) / (m + 1), zz = z * z;
-    const row8 series = 1 + zz * (1 / 3.0f + zz * (1 / 5.0f + zz * (1 / 7.0f + zz * (1 / 9.0f))));
-    return __builtin_convertvector((bits >> 23) - 127, row8) + 2.88539008f * z * series;
+/* Functions of single values, two rows at a time: as wide as registers get. */
+typedef float row16 __attribute__((vector_size(2 * SIDE * sizeof(float))));
+typedef int32_t whole16 __attribute__((vector_size(2 * SIDE * sizeof(int32_t))));
+
+LW_WIDE_INLINE row16 load16(const float *from) {
+    row16 row;
+    memcpy(&row, from, sizeof row);
+    return row;
 }
 
-/* 0 <= x <= VALUE_MAX, to 4e-6 of the value: the exponential series around the nearest whole number. */
-LW_WIDE_INLINE row8 exp2_of(row8 x) {
-    const whole8 whole = __builtin_convertvector(x + 0.5f, whole8);
-    const row8 f = (x - __builtin_convertvector(whole, row8)) * 0.693147181f;
-    const row8 power = 1 + f * (1 + f * (1 / 2.0f + f * (1 / 6.0f + f * (1 / 24.0f + f * (1 / 120.0f)))));
-    return power * (row8)((whole + 127) << 23);
+LW_WIDE_INLINE void store16(float *to, row16 row) { memcpy(to, &row, sizeof row); }
+
+/* x >= 1, to 3e-6. log2(m) = 2/ln 2 artanh((m-1)/(m+1)), by its series. */
+LW_WIDE_INLINE row16 log2_of(row16 x) {
+    const whole16 bits = (whole16)x;
+    const row16 m = (row16)((bits & 0x7fffff) | 0x3f800000);
+    const row16 z = (m - 1) / (m + 1), zz = z * z;
+    const row16 series = 1 + zz * (1 / 3.0f + zz * (1 / 5.0f + zz * (1 / 7.0f + zz * (1 / 9.0f))));
+    return __builtin_convertvector((bits >> 23) - 127, row16) + 2.88539008f * z * series;
+}
+
+/* Of the nearest number within 0 and VALUE_MAX, to 4e-6 of the value: the exponential series around the nearest whole number.
+ * Floats >= 0 are in the order of their bits; compilers take comparisons of vectors wider than registers apart. */
+LW_WIDE_INLINE row16 exp2_of(row16 x) {
+    whole16 below = (whole16)x;
+    below = (below & ~(below >> 31)) - VALUE_MAX_BITS;
+    const row16 inside = (row16)((below & (below >> 31)) + VALUE_MAX_BITS);
+    const whole16 whole = __builtin_convertvector(inside + 0.5f, whole16);
+    const row16 f = (inside - __builtin_convertvector(whole, row16)) * 0.693147181f;
+    const row16 power = 1 + f * (1 + f * (1 / 2.0f + f * (1 / 6.0f + f * (1 / 24.0f + f * (1 / 120.0f)))));
+    return power * (row16)((whole + 127) << 23);
 }
 
 /* In place, from E as planes: three logarithms as one of brightness and two of colour. What is off by some amount in a plane
  * is off by about the same in the logarithms. */
 LW_WIDE static void take_logarithms(struct lw_tile_dct *dct, uint32_t height, float inverse_scale) {
-    for (uint32_t i = 0; i < height * STRIDE; i += SIDE) {
-        const row8 r = log2_of(1 + load(dct->light[0] + i) * inverse_scale);
-        const row8 g = log2_of(1 + load(dct->light[1] + i) * inverse_scale);
-        const row8 b = log2_of(1 + load(dct->light[2] + i) * inverse_scale);
-        const row8 magenta = 0.5f * (r + b);
-        store(dct->plane[0] + i, 0.5f * (g + magenta));
-        store(dct->plane[1] + i, 0.5f * (r - b));
-        store(dct->plane[2] + i, 0.5f * (g - magenta));
+    for (uint32_t i = 0; i < height * STRIDE; i += 2 * SIDE) {
+        const row16 r = log2_of(1 + load16(dct->light[0] + i) * inverse_scale);
+        const row16 g = log2_of(1 + load16(dct->light[1] + i) * inverse_scale);
+        const row16 b = log2_of(1 + load16(dct->light[2] + i) * inverse_scale);
+        const row16 magenta = 0.5f * (r + b);
+        store16(dct->plane[0] + i, 0.5f * (g + magenta));
+        store16(dct->plane[1] + i, 0.5f * (r - b));
+        store16(dct->plane[2] + i, 0.5f * (g - magenta));
     }
 }
 
-LW_WIDE_INLINE row8 light_of(row8 value, float scale) {
-    return (exp2_of(clamp8(value, 0, VALUE_MAX)) - 1) * scale;
+/* The way back, at place i of the planes. */
+LW_WIDE_INLINE void light_at(const struct lw_tile_dct *dct, uint32_t i, const float scale[3],
+                             row16 light[3]) {
+    const row16 luma = load16(dct->plane[0] + i), orange = load16(dct->plane[1] + i),
+                green = load16(dct->plane[2] + i);
+    light[0] = (exp2_of(luma - green + orange) - 1) * scale[0];
+    light[1] = (exp2_of(luma + green) - 1) * scale[1];
+    light[2] = (exp2_of(luma - green - orange) - 1) * scale[2];
 }
 
-/* The way back. */
-LW_WIDE static void take_powers(struct lw_tile_dct *dct, uint32_t height, const float scale[3]) {
-    for (uint32_t i = 0; i < height * STRIDE; i += SIDE) {
-        const row8 luma = load(dct->plane[0] + i), orange = load(dct->plane[1] + i),
-                   green = load(dct->plane[2] + i);
-        store(dct->plane[0] + i, light_of(luma - green + orange, scale[0]));
-        store(dct->plane[1] + i, light_of(luma + green, scale[1]));
-        store(dct->plane[2] + i, light_of(luma - green - orange, scale[2]));
+/* Sums over what is covered, of the light that planes hold. */
+LW_WIDE static void sum_light(const struct lw_tile_dct *dct, uint32_t height, float scale,
+                              double out_sum[3]) {
+    out_sum[0] = out_sum[1] = out_sum[2] = 0;
+    for (uint32_t y = 0; y < height; y++) {
+        row16 sum[3] = {0};
+        for (uint32_t i = y * STRIDE; i < (y + 1) * STRIDE; i += 2 * SIDE) {
+            row16 light[3];
+            light_at(dct, i, (const float[3]){scale, scale, scale}, light);
+            for (uint32_t c = 0; c < 3; c++) sum[c] += light[c] * load16(dct->weight + i);
+        }
+        for (uint32_t c = 0; c < 3; c++)
+            for (uint32_t i = 0; i < 2 * SIDE; i++) out_sum[c] += (double)sum[c][i];
     }
 }
 
 /* ---- eight texels of R, G, B in turn ---- */
 
-#define SHUFFLE __builtin_shufflevector
+#define SHUFFLE  __builtin_shufflevector
+#define LOWER(x) SHUFFLE(x, x, 0, 1, 2, 3, 4, 5, 6, 7)
+#define UPPER(x) SHUFFLE(x, x, 8, 9, 10, 11, 12, 13, 14, 15)
 
 LW_WIDE_INLINE void join_channels(row8 r, row8 g, row8 b, float *texel) {
     const row8 first = SHUFFLE(r, g, 0, 8, -1, 1, 9, -1, 2, 10),
@@ -154,17 +186,15 @@ LW_WIDE_INLINE void part_channels(const float *texel, row8 channel[3]) {
 LW_WIDE static void put_texels(const struct lw_tile_dct *dct, uint32_t width, uint32_t height,
                                const float scale[3], float *rgb) {
     for (uint32_t y = 0; y < height; y++)
-        for (uint32_t x = 0; x < width; x += SIDE) {
-            const uint32_t i = y * STRIDE + x;
-            const row8 luma = load(dct->plane[0] + i), orange = load(dct->plane[1] + i),
-                       green = load(dct->plane[2] + i);
-            const row8 r = light_of(luma - green + orange, scale[0]), g = light_of(luma + green, scale[1]),
-                       b = light_of(luma - green - orange, scale[2]);
-            float texels[3 * SIDE];
-            join_channels(r, g, b, texels);
-            const uint32_t count = width - x < SIDE ? width - x : SIDE;
+        for (uint32_t x = 0; x < width; x += 2 * SIDE) {
+            row16 light[3];
+            light_at(dct, y * STRIDE + x, scale, light);
+            float texels[6 * SIDE];
+            join_channels(LOWER(light[0]), LOWER(light[1]), LOWER(light[2]), texels);
+            join_channels(UPPER(light[0]), UPPER(light[1]), UPPER(light[2]), texels + 3 * SIDE);
+            const uint32_t count = width - x < 2 * SIDE ? width - x : 2 * SIDE;
             float *to = rgb + ((size_t)y * width + x) * 3;
-            if (count == SIDE)
+            if (count == 2 * SIDE)
                 memcpy(to, texels, sizeof texels);
             else
                 memcpy(to, texels, count * 3 * sizeof *to);
@@ -190,6 +220,53 @@ LW_WIDE_INLINE void inverse(const struct lw_tile_dct *dct, float *block, uint32_
         row8 sum = c[0] * across[0];
         for (uint32_t k = 1; k < rows; k++) sum += c[k] * across[k];
         store(block + y * stride, sum);
+    }
+}
+
+LW_WIDE_INLINE row8 scaled(const int32_t *levels, float step) {
+    whole8 row;
+    memcpy(&row, levels, sizeof row);
+    return __builtin_convertvector(row, row8) * step;
+}
+
+/* cos(k pi/16) / 2 */
+#define C1 0.490392640f
+#define C2 0.461939766f
+#define C3 0.415734806f
+#define C5 0.277785117f
+#define C6 0.191341716f
+#define C7 0.097545161f
+#define R8 0.353553391f /* 1/sqrt(8) */
+
+/* A whole block from its levels, of which only those of the first `count` rows and columns are not 0: 4 or 8, known when this is
+ * compiled. The second transform takes even and odd frequencies apart: the lower half mirrors the upper one, odd ones with
+ * the opposite sign. */
+LW_WIDE_INLINE void inverse8(const struct lw_tile_dct *dct, const int32_t *level, float mean, float step,
+                             uint32_t count, float *block) {
+    row8 c[SIDE] = {0};
+    for (uint32_t v = 0; v < count; v++) {
+        float u[SIDE];
+        store(u, scaled(level + v * SIDE, step));
+        if (!v) u[0] = mean;
+        c[v] = u[0] * load(dct->basis[SIDE][0]);
+        for (uint32_t k = 1; k < count; k++) c[v] += u[k] * load(dct->basis[SIDE][k]);
+    }
+    const bool all = count == SIDE;
+    const row8 sum = (all ? c[0] + c[4] : c[0]) * R8, difference = (all ? c[0] - c[4] : c[0]) * R8;
+    const row8 wide = all ? c[2] * C2 + c[6] * C6 : c[2] * C2,
+               narrow = all ? c[2] * C6 - c[6] * C2 : c[2] * C6;
+    const row8 even[4] = {sum + wide, difference + narrow, difference - narrow, sum - wide};
+    row8 odd[4] = {c[1] * C1 + c[3] * C3, c[1] * C3 - c[3] * C7, c[1] * C5 - c[3] * C1,
+                   c[1] * C7 - c[3] * C5};
+    if (all) {
+        odd[0] += c[5] * C5 + c[7] * C7;
+        odd[1] -= c[5] * C1 + c[7] * C5;
+        odd[2] += c[5] * C7 + c[7] * C3;
+        odd[3] += c[5] * C3 - c[7] * C1;
+    }
+    for (uint32_t y = 0; y < 4; y++) {
+        store(block + y * STRIDE, even[y] + odd[y]);
+        store(block + (SIDE - 1 - y) * STRIDE, even[y] - odd[y]);
     }
 }
 
@@ -221,6 +298,13 @@ LW_WIDE_INLINE struct span span_of(uint32_t bx, uint32_t by, uint32_t width, uin
 }
 
 LW_WIDE_INLINE uint32_t blocks(uint32_t texels) { return (texels + SIDE - 1) / SIDE; }
+
+/* The means' levels, in rows of SIDE, out of those of all blocks; the rest of the grid stays as it is. */
+LW_WIDE_INLINE void take_grid(const int32_t *level, uint32_t across, uint32_t down, int32_t *grid) {
+    for (uint32_t by = 0; by < down; by++)
+        for (uint32_t bx = 0; bx < across; bx++)
+            grid[by * SIDE + bx] = level[(by * GRID + bx) * BLOCK_TEXELS];
+}
 
 /* ---- levels that are kept ---- */
 
@@ -268,117 +352,148 @@ LW_WIDE_INLINE uint32_t get_length(struct lw_tile_bits_reader *r, unsigned k) {
     return any ? 1 + lw_tile_bits_get_rice(r, SURPRISE_K) : 0;
 }
 
+/* Codes of levels are looked up, with their signs: in one table for each of the small rice_k(), in one for levels that are
+ * known not to be 0, whose rice_k() is 0. All others are in a table that holds nothing. */
+enum { TABLE_OTHERS = LW_TILE_DCT_TABLES - 2, TABLE_KNOWN };
+
+static void fill_tables(struct lw_tile_dct *dct) {
+    for (uint32_t t = 0; t < LW_TILE_DCT_TABLES; t++) {
+        const uint32_t known = t == TABLE_KNOWN, k = known ? 0 : t;
+        for (uint32_t size = known; t != TABLE_OTHERS && size < LW_TILE_DCT_SIZES; size++) {
+            uint8_t bytes[16];
+            struct lw_tile_bits_writer w = {.at = bytes};
+            lw_tile_bits_put_rice(&w, size - known, k, 0, size > 0);
+            const uint32_t count = (uint32_t)(w.at - bytes) * 8 + w.count;
+            if (count > 24) continue;
+            const uint32_t bits = bytes[0] | (uint32_t)bytes[1] << 8 | (uint32_t)bytes[2] << 16;
+            dct->bits_of_size[t][size] = bits | count << 24;
+            for (uint32_t rest = 0; count <= LW_TILE_DCT_PEEK && rest < 1u << (LW_TILE_DCT_PEEK - count);
+                 rest++) {
+                dct->level_of_bits[t][rest << count | bits] = size << 16 | size << 8 | count;
+                if (size) /* the last bit says that it is negative */
+                    dct->level_of_bits[t][rest << count | bits | 1u << (count - 1)] =
+                        (0 - size) << 16 | size << 8 | count;
+            }
+        }
+    }
+    for (uint32_t sum = 0; sum < 2 * LW_TILE_DCT_SIZES; sum++) {
+        const uint32_t k = rice_k(sum, 0), t = k < TABLE_OTHERS ? k : TABLE_OTHERS;
+        dct->table_of_sum[sum] = (uint8_t)t;
+        dct->levels_of_sum[sum] = dct->level_of_bits[t];
+    }
+}
+
 /* Levels of one block, `level` by rows and `scan` without what is coded elsewhere: how many up to the last that is not 0,
  * then those, the last one first; after two zeros, how many more there are. */
-LW_WIDE_INLINE uint32_t put_levels(struct lw_tile_bits_writer *w, const int32_t *level, const uint8_t *scan,
-                                   uint32_t count, unsigned k, unsigned run_k) {
+LW_WIDE_INLINE uint32_t put_levels(struct lw_tile_bits_writer *w, const struct lw_tile_dct *dct,
+                                   const int32_t *level, const uint8_t *scan, uint32_t count, unsigned k,
+                                   unsigned run_k) {
     while (count && !level[scan[count - 1]]) count--;
     put_length(w, count, k);
-    uint32_t a = 0, b = 0;
-    bool is_known = true; /* that the next level is not 0 */
+    uint32_t a = 0, b = 0, table = TABLE_KNOWN;
     for (uint32_t i = count; i-- > 0;) {
-        if (!is_known && !(a | b)) {
+        if (table != TABLE_KNOWN && !(a | b)) {
             uint32_t run = 0;
             while (run <= i && !level[scan[i - run]]) run++;
             lw_tile_bits_put_rice(w, run, run_k, 0, 0);
             if (run > i) break;
             i -= run;
-            is_known = true;
+            table = TABLE_KNOWN;
         }
         const int32_t v = level[scan[i]];
         const uint32_t size = (uint32_t)(v < 0 ? -v : v);
-        lw_tile_bits_put_rice(w, size - is_known, rice_k(a, b), v < 0, size != 0);
-        is_known = false;
+        const uint32_t code = size < LW_TILE_DCT_SIZES ? dct->bits_of_size[table][size] : 0;
+        if (code)
+            lw_tile_bits_put(w, (code & 0xffffff) | (uint64_t)(v < 0) << (code >> 24) >> 1, code >> 24);
+        else
+            lw_tile_bits_put_rice(w, size - (table == TABLE_KNOWN), rice_k(a, b), v < 0, size != 0);
         b = a;
         a = size;
+        table = a + b < 2 * LW_TILE_DCT_SIZES ? dct->table_of_sum[a + b] : TABLE_OTHERS;
     }
     return count;
 }
 
 /* Into `level`, by rows, which is 0 but for what the scan leaves out. False for what the block has no room for. */
-LW_WIDE_INLINE bool get_levels(struct lw_tile_bits_reader *r, const uint8_t *scan, uint32_t count, unsigned k,
-                               unsigned run_k, int32_t *level, uint8_t *out_length) {
+LW_WIDE_INLINE bool get_levels(struct lw_tile_bits_reader *r, const struct lw_tile_dct *dct,
+                               const uint8_t *scan, uint32_t count, unsigned k, unsigned run_k,
+                               int32_t *level, uint8_t *out_length) {
     lw_tile_bits_refill(r);
     const uint32_t length = get_length(r, k);
     if (length > count) return false;
-    uint32_t a = 0, b = 0, known = 1; /* 1: that the next level is not 0 */
-    for (uint32_t i = length; i-- > 0;) {
-        lw_tile_bits_refill(r);
-        if (!(known | a | b)) {
-            const uint32_t run = lw_tile_bits_get_rice(r, run_k);
-            if (run > i) {
-                if (run > i + 1) return false;
-                break;
-            }
-            i -= run;
-            known = 1;
-            lw_tile_bits_refill(r);
-        }
-        const uint32_t size = lw_tile_bits_get_rice(r, rice_k(a, b)) + known;
-        const int32_t negative = -(int32_t)(r->held & (size != 0)); /* no branch: it would be a coin's toss */
-        lw_tile_bits_drop(r, size != 0);
-        level[scan[i]] = ((int32_t)size ^ negative) - negative;
-        known = 0;
-        b = a;
-        a = size;
-    }
     *out_length = (uint8_t)length;
+    /* What the bits mean follows from the two sizes before: the table of a sum is found by the newest of them alone. */
+    const uint32_t *const known = dct->level_of_bits[TABLE_KNOWN], *const *of_sum = dct->levels_of_sum;
+    const uint32_t *table = known;
+    size_t a = 0, b = 0;
+    for (uint32_t i = length; i;) {
+        lw_tile_bits_refill(r);
+        const uint32_t code = table[r->held & ((1u << LW_TILE_DCT_PEEK) - 1)];
+        i--;
+        if (__builtin_expect(code != 0, 1)) {
+            lw_tile_bits_drop(r, code & 0xff);
+            level[scan[i]] = (int32_t)code >> 16;
+            b = a;
+            a = code >> 8 & 0xff;
+            table = of_sum[a];
+            of_sum = dct->levels_of_sum + a;
+        } else {
+            const uint32_t size =
+                lw_tile_bits_get_rice(r, rice_k((uint32_t)a, (uint32_t)b)) + (table == known);
+            const bool is_negative = size && r->held & 1;
+            lw_tile_bits_drop(r, size > 0);
+            level[scan[i]] = is_negative ? -(int32_t)size : (int32_t)size;
+            b = a;
+            a = size;
+            table =
+                a + b < 2 * LW_TILE_DCT_SIZES ? dct->levels_of_sum[a + b] : dct->level_of_bits[TABLE_OTHERS];
+            of_sum =
+                dct->levels_of_sum + (a < LW_TILE_DCT_SIZES ? a : 0); /* after larger ones it is not used */
+        }
+        if (a | b) continue;
+        if (!i) break;
+        lw_tile_bits_refill(r);
+        const uint32_t run = lw_tile_bits_get_rice(r, run_k);
+        if (run > i) return false;
+        i -= run;
+        table = known;
+    }
     return true;
 }
 
 /* ---- decoding ---- */
 
-/* A plane's levels into dct->level. */
-LW_WIDE static bool get_plane(struct lw_tile_dct *dct, uint32_t width, uint32_t height, unsigned run_k,
-                              struct lw_tile_bits_reader *reader) {
-    struct lw_tile_bits_reader r = *reader; /* in registers */
-    const uint32_t across = blocks(width), down = blocks(height);
-    int32_t grid[BLOCK_TEXELS] = {0};
-    uint8_t length[GRID * GRID];
-    if (!get_levels(&r, dct->scan[across][down], across * down, GRID_LENGTH_K, run_k, grid, length))
-        return false;
-    for (uint32_t by = 0; by < down; by++) {
-        memset(dct->level + by * GRID * BLOCK_TEXELS, 0, across * BLOCK_TEXELS * sizeof *dct->level);
-        memset(length + by * GRID, 0, across);
-        lw_tile_bits_refill(&r);
-        const bool any = r.held & 1;
-        lw_tile_bits_drop(&r, 1);
-        for (uint32_t bx = 0; bx < across; bx++) {
-            const struct span s = span_of(bx, by, width, height);
-            const uint32_t b = by * GRID + bx;
-            int32_t *level = dct->level + b * BLOCK_TEXELS;
-            level[0] = grid[by * SIDE + bx];
-            if (any && !get_levels(&r, dct->scan[s.width][s.height] + 1, s.width * s.height - 1,
-                                   length_k(length, bx, by), run_k, level, length + b))
-                return false;
-        }
+/* What is kept of a block to what was read, if that is a difference, and the sum back. Adds to `outside` where a sum does not
+ * fit. */
+LW_WIDE_INLINE void keep_block(int32_t *levels, int16_t *kept, bool is_delta, whole8 *outside) {
+    for (uint32_t i = 0; i < BLOCK_TEXELS; i += SIDE) {
+        whole8 level;
+        short8 was;
+        memcpy(&level, levels + i, sizeof level);
+        memcpy(&was, kept + i, sizeof was);
+        if (is_delta) level += __builtin_convertvector(was, whole8);
+        memcpy(levels + i, &level, sizeof level);
+        const whole8 low = level<-KEPT_MAX, high = level> KEPT_MAX;
+        *outside |= low | high;
+        level = (level & ~(low | high)) | (KEPT_MAX & high) | (-KEPT_MAX & low);
+        was = __builtin_convertvector(level, short8);
+        memcpy(kept + i, &was, sizeof was);
     }
-    *reader = r;
-    return true;
 }
 
-/* What is kept of a plane to what was read, if that is a difference, and the sum back. False if a sum does not fit. */
-LW_WIDE static bool keep_levels(struct lw_tile_dct *dct, int16_t *kept, uint32_t width, uint32_t height,
-                                bool is_delta) {
+LW_WIDE_INLINE bool is_any(whole8 x) {
+    int32_t any = 0;
+    for (uint32_t i = 0; i < SIDE; i++) any |= x[i];
+    return any != 0;
+}
+
+/* The encoder's. False if a level does not fit. */
+LW_WIDE static bool keep_plane(struct lw_tile_dct *dct, int16_t *kept, uint32_t width, uint32_t height) {
     whole8 outside = {0};
     for (uint32_t by = 0; by < blocks(height); by++)
-        for (uint32_t i = by * GRID * BLOCK_TEXELS; i < (by * GRID + blocks(width)) * BLOCK_TEXELS;
-             i += SIDE) {
-            whole8 level;
-            short8 was;
-            memcpy(&level, dct->level + i, sizeof level);
-            memcpy(&was, kept + i, sizeof was);
-            if (is_delta) level += __builtin_convertvector(was, whole8);
-            memcpy(dct->level + i, &level, sizeof level);
-            const whole8 low = level<-KEPT_MAX, high = level> KEPT_MAX;
-            outside |= low | high;
-            level = (level & ~(low | high)) | (KEPT_MAX & high) | (-KEPT_MAX & low);
-            was = __builtin_convertvector(level, short8);
-            memcpy(kept + i, &was, sizeof was);
-        }
-    int32_t any = 0;
-    for (uint32_t i = 0; i < SIDE; i++) any |= outside[i];
-    return !any;
+        for (uint32_t b = by * GRID; b < by * GRID + blocks(width); b++)
+            keep_block(dct->level + b * BLOCK_TEXELS, kept + b * BLOCK_TEXELS, false, &outside);
+    return !is_any(outside);
 }
 
 /* How many diagonals of a block's levels are not all 0, one at least. */
@@ -396,33 +511,88 @@ LW_WIDE_INLINE uint32_t diagonals_of(const int32_t *level, uint32_t height) {
     return (uint32_t)most;
 }
 
-LW_WIDE_INLINE void scale_levels(const int32_t *level, float step, uint32_t height, float *block,
-                                 uint32_t stride) {
-    for (uint32_t y = 0; y < height; y++) {
-        whole8 row;
-        memcpy(&row, level + y * SIDE, sizeof row);
-        store(block + y * stride, __builtin_convertvector(row, row8) * step);
-    }
+/* The texels of a block; of its levels the first counts for nothing. */
+LW_WIDE_INLINE void restore_block(const struct lw_tile_dct *dct, const int32_t *level, float mean, float step,
+                                  uint32_t diagonals, struct span s, float *plane) {
+    float *block = plane + s.at;
+    if (s.width < SIDE || s.height < SIDE) {
+        for (uint32_t y = 0; y < s.height; y++) store(block + y * STRIDE, scaled(level + y * SIDE, step));
+        block[0] = mean;
+        inverse(dct, block, STRIDE, s.width, s.height, diagonals);
+    } else if (diagonals == 1)
+        for (uint32_t y = 0; y < SIDE; y++) store(block + y * STRIDE, every(mean * (1.0f / SIDE)));
+    else if (diagonals <= SIDE / 2)
+        inverse8(dct, level, mean, step, SIDE / 2, block);
+    else
+        inverse8(dct, level, mean, step, SIDE, block);
 }
 
-/* A plane from dct->level. */
+/* From the means' levels to the means. */
+LW_WIDE_INLINE void restore_means(struct lw_tile_dct *dct, const int32_t *grid, float step, uint32_t across,
+                                  uint32_t down) {
+    for (uint32_t y = 0; y < SIDE; y++) store(dct->mean + y * SIDE, scaled(grid + y * SIDE, step));
+    inverse(dct, dct->mean, SIDE, across, down, across + down - 1);
+}
+
+/* The encoder's: a plane from dct->level. */
 LW_WIDE static void restore_plane(struct lw_tile_dct *dct, float *plane, uint32_t width, uint32_t height,
                                   float step) {
     const uint32_t across = blocks(width), down = blocks(height);
-    memset(dct->mean, 0, sizeof dct->mean);
-    for (uint32_t by = 0; by < down; by++)
-        for (uint32_t bx = 0; bx < across; bx++)
-            dct->mean[by * SIDE + bx] = (float)dct->level[(by * GRID + bx) * BLOCK_TEXELS] * step;
-    inverse(dct, dct->mean, SIDE, across, down, across + down - 1);
+    int32_t grid[BLOCK_TEXELS] = {0};
+    take_grid(dct->level, across, down, grid);
+    restore_means(dct, grid, step, across, down);
     for (uint32_t by = 0; by < down; by++)
         for (uint32_t bx = 0; bx < across; bx++) {
             const struct span s = span_of(bx, by, width, height);
             const int32_t *level = dct->level + (by * GRID + bx) * BLOCK_TEXELS;
-            const uint32_t diagonals = diagonals_of(level, s.height);
-            scale_levels(level, step, diagonals < s.height ? diagonals : s.height, plane + s.at, STRIDE);
-            plane[s.at] = dct->mean[by * SIDE + bx];
-            inverse(dct, plane + s.at, STRIDE, s.width, s.height, diagonals);
+            restore_block(dct, level, dct->mean[by * SIDE + bx], step, diagonals_of(level, s.height), s,
+                          plane);
         }
+}
+
+/* A plane from its bits. What goes into a block's transform is ready long before the next block's bits are read, one waiting
+ * for the other: the processor does both at once.
+ * kept: of the plane; NULL: nothing is */
+LW_WIDE static bool get_plane(struct lw_tile_dct *dct, float *plane, uint32_t width, uint32_t height,
+                              uint32_t kind, float step, int16_t *kept, struct lw_tile_bits_reader *reader) {
+    struct lw_tile_bits_reader r = *reader; /* in registers */
+    const uint32_t across = blocks(width), down = blocks(height);
+    const bool is_delta = kind == LW_TILE_DCT_DELTA;
+    int32_t grid[BLOCK_TEXELS] = {0};
+    uint8_t length[GRID * GRID], grid_length;
+    whole8 outside = {0};
+    if (!get_levels(&r, dct, dct->scan[across][down], across * down, GRID_LENGTH_K, kind, grid, &grid_length))
+        return false;
+    for (uint32_t by = 0; is_delta && by < down; by++)
+        for (uint32_t bx = 0; bx < across; bx++)
+            grid[by * SIDE + bx] += kept[(by * GRID + bx) * BLOCK_TEXELS];
+    restore_means(dct, grid, step, across, down);
+    for (uint32_t by = 0; by < down; by++) {
+        memset(length + by * GRID, 0, across);
+        lw_tile_bits_refill(&r);
+        const bool any = r.held & 1;
+        lw_tile_bits_drop(&r, 1);
+        for (uint32_t bx = 0; bx < across; bx++) {
+            const struct span s = span_of(bx, by, width, height);
+            const uint32_t b = by * GRID + bx;
+            const uint8_t *scan = dct->scan[s.width][s.height];
+            _Alignas(64) int32_t level[BLOCK_TEXELS] = {0};
+            if (any && !get_levels(&r, dct, scan + 1, s.width * s.height - 1, length_k(length, bx, by), kind,
+                                   level, length + b))
+                return false;
+            uint32_t diagonals = 1 + scan[length[b]] / SIDE + scan[length[b]] % SIDE;
+            if (kept) {
+                int16_t *kept_block = kept + b * BLOCK_TEXELS;
+                level[0] = grid[by * SIDE + bx];
+                if (is_delta) kept_block[0] = 0; /* it is in the grid */
+                keep_block(level, kept_block, is_delta, &outside);
+                if (is_delta) diagonals = diagonals_of(level, s.height);
+            }
+            restore_block(dct, level, dct->mean[by * SIDE + bx], step, diagonals, s, plane);
+        }
+    }
+    *reader = r;
+    return !(is_delta && is_any(outside));
 }
 
 static void scales_of(float scale, const int8_t gain[3], float out[3]) {
@@ -437,15 +607,12 @@ bool lw_tile_dct_decode(struct lw_tile_dct *dct, uint32_t kind, const uint8_t *s
     if (width - 1 >= LW_TILE_SIDE || height - 1 >= LW_TILE_SIDE || !(scale > 0) || !(scale <= SCALE_MAX))
         return false;
     if (src_size < HEADER_SIZE || src[0] != kind || src[1] > LW_TILE_DCT_STEP_Q_MAX) return false;
-    const bool is_delta = kind == LW_TILE_DCT_DELTA;
     const int8_t gain[3] = {(int8_t)src[2], (int8_t)src[3], (int8_t)src[4]};
     struct lw_tile_bits_reader r = {.at = src + HEADER_SIZE, .end = src + src_size};
-    for (int p = 0; p < 3; p++) {
-        if (!get_plane(dct, width, height, kind, &r)) return false;
-        if (levels && !keep_levels(dct, plane_of(levels, p, height), width, height, is_delta) && is_delta)
+    for (int p = 0; p < 3; p++)
+        if (!get_plane(dct, dct->plane[p], width, height, kind, step_of(src[1]),
+                       levels ? plane_of(levels, p, height) : NULL, &r))
             return false;
-        restore_plane(dct, dct->plane[p], width, height, step_of(src[1]));
-    }
     if (!lw_tile_bits_is_at_end(&r)) return false;
     float scales[3];
     scales_of(scale, gain, scales);
@@ -599,10 +766,8 @@ LW_WIDE static void put_plane(const struct lw_tile_dct *dct, const int32_t *leve
     const uint32_t across = blocks(width), down = blocks(height);
     int32_t grid[BLOCK_TEXELS] = {0};
     uint8_t length[GRID * GRID];
-    for (uint32_t by = 0; by < down; by++)
-        for (uint32_t bx = 0; bx < across; bx++)
-            grid[by * SIDE + bx] = level[(by * GRID + bx) * BLOCK_TEXELS];
-    put_levels(&w, grid, dct->scan[across][down], across * down, GRID_LENGTH_K, run_k);
+    take_grid(level, across, down, grid);
+    put_levels(&w, dct, grid, dct->scan[across][down], across * down, GRID_LENGTH_K, run_k);
     for (uint32_t by = 0; by < down; by++) {
         uint32_t most[GRID], all = 0; /* of the levels of each block beyond the first: so many may be not 0 */
         for (uint32_t bx = 0; bx < across; bx++) {
@@ -617,8 +782,9 @@ LW_WIDE static void put_plane(const struct lw_tile_dct *dct, const int32_t *leve
         for (uint32_t bx = 0; all && bx < across; bx++) {
             const struct span s = span_of(bx, by, width, height);
             const uint32_t b = by * GRID + bx;
-            length[b] = (uint8_t)put_levels(&w, level + b * BLOCK_TEXELS, dct->scan[s.width][s.height] + 1,
-                                            most[bx], length_k(length, bx, by), run_k);
+            length[b] =
+                (uint8_t)put_levels(&w, dct, level + b * BLOCK_TEXELS, dct->scan[s.width][s.height] + 1,
+                                    most[bx], length_k(length, bx, by), run_k);
         }
     }
     *writer = w;
@@ -668,15 +834,15 @@ static bool encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source *sou
             find_change(dct, kept, width, height);
             put_plane(dct, dct->change, width, height, LW_TILE_DCT_DELTA, &delta);
         }
-        if (kept) fits &= keep_levels(dct, kept, width, height, false);
+        if (kept) fits &= keep_plane(dct, kept, width, height);
         restore_plane(dct, dct->plane[p], width, height, step_of(q));
     }
-    take_powers(dct, height, (const float[3]){scale, scale, scale});
+    double restored[3];
+    sum_light(dct, height, scale, restored);
     uint8_t gain[3];
     bool kept_mean = true;
     const double black = MEAN_OFF_MAX * (double)scale * covered_count;
-    for (int c = 0; c < 3; c++)
-        kept_mean &= choose_gain(sum[c], sum_of(dct, dct->plane[c], height), black, gain + c);
+    for (int c = 0; c < 3; c++) kept_mean &= choose_gain(sum[c], restored[c], black, gain + c);
     coded->size = finish_payload(dst, LW_TILE_DCT_INTRA, q, gain, &w);
     coded->delta_size = delta_dst && fits ? finish_payload(delta_dst, LW_TILE_DCT_DELTA, q, gain, &delta) : 0;
     if (history) {

@@ -25,7 +25,13 @@
 /* Every value costs at most 12 + 20 + 1 bits, every block's length 12 + 20. */
 #define LW_TILE_DCT_BOUND 56000u
 
-/** Scratch and tables; some 140 KB. */
+/* Codes that are looked up: of levels smaller than this, by tables that tile_dct.c tells about. Decoding, those of so many
+ * bits at most. */
+#define LW_TILE_DCT_SIZES  64u
+#define LW_TILE_DCT_PEEK   9u
+#define LW_TILE_DCT_TABLES 7u
+
+/** Scratch and tables; some 160 KB. */
 struct lw_tile_dct {
     _Alignas(64) float plane[3][LW_TILE_TEXELS_MAX]; /* rows of LW_TILE_SIDE */
     /* By number of points: [frequency][place], and the same transposed; 0 where there is none. */
@@ -33,8 +39,12 @@ struct lw_tile_dct {
     _Alignas(64) float transposed[LW_TILE_DCT_SIDE + 1][LW_TILE_DCT_SIDE][LW_TILE_DCT_SIDE];
     uint8_t scan[LW_TILE_DCT_SIDE + 1][LW_TILE_DCT_SIDE + 1][LW_TILE_DCT_SIDE * LW_TILE_DCT_SIDE]; /* columns,
                                                                                                         rows */
+    uint32_t level_of_bits[LW_TILE_DCT_TABLES][1u << LW_TILE_DCT_PEEK];
+    uint32_t bits_of_size[LW_TILE_DCT_TABLES][LW_TILE_DCT_SIZES];
+    uint8_t table_of_sum[2 * LW_TILE_DCT_SIZES];
+    const uint32_t *levels_of_sum[2 * LW_TILE_DCT_SIZES]; /* level_of_bits of that table */
     /* Of one plane: block by block, of each its rows. The first of each block is one of the means', in rows of blocks. */
-    _Alignas(64) int32_t level[LW_TILE_DCT_PLANE_LEVELS];
+    _Alignas(64) int32_t level[LW_TILE_DCT_PLANE_LEVELS];  /* the encoder's */
     _Alignas(64) int32_t change[LW_TILE_DCT_PLANE_LEVELS]; /* the encoder's */
     _Alignas(64) float mean[LW_TILE_DCT_SIDE * LW_TILE_DCT_SIDE];
     _Alignas(64) float light[3][LW_TILE_TEXELS_MAX], weight[LW_TILE_TEXELS_MAX]; /* the encoder's */
