@@ -8,10 +8,13 @@
 #include <string.h>
 
 /* A place is buried when what it sees is backs, all but one ray of these, and near ones: a roof that is only modelled
- * from outside shows its back to the floor below, but a lamp may hang in between. */
+ * from outside shows its back to the floor below, but a lamp may hang in between. So far ones count only where it
+ * matters, beside a wall: under a house of the size of the scene its foot's outer side is to have no dark rim. */
 #define RAYS        8
 #define BURIED_RAYS 7
 #define NEAR        0.1f /* of the scene's longest side */
+#define RIM         4.0f /* texels beside a wall: a look-up at level 2 reads as far */
+#define RIM_RAYS    8
 /* Closer to another surface than this many times the lift, a place may find itself on the surface's other side. */
 #define TOUCHING 8
 /* A texel whose surroundings are clear this many texel sizes around it is looked at no further. */
@@ -25,7 +28,7 @@ struct search {
     struct lw_texels *texels;
     const struct lw_pose *pose;
     const struct lw_trace *trace;
-    float near_m;
+    float near_m, far_m; /* far: beyond all of the scene */
     /* where objects that have become movers stood; of a first look none */
     struct box *left;
     uint32_t left_count;
@@ -68,16 +71,16 @@ static float texel_size(const struct row *row, uint32_t lane) {
     return 2 * row->mesh->footprint.reach[row->first + lane] * row->frame.stretch;
 }
 
-static bool buries(const struct search *s, const struct lw_hit16 *hits, uint32_t lane) {
+static bool buries(const struct search *s, const struct lw_hit16 *hits, uint32_t lane, float reach_m) {
     const uint32_t object = hits->object[lane];
-    if (object == LW_TRACE_MISS || !hits->back[lane]) return false;
+    if (object == LW_TRACE_MISS || !hits->back[lane] || hits->t[lane] > reach_m) return false;
     const struct lw_scene *scene = s->texels->scene;
     const struct lw_mesh *mesh = &scene->mesh[scene->object[object].mesh];
     return !lw_pose_object_moves(s->pose, scene, object) &&
            !scene->material[mesh->material[hits->triangle[lane]]].double_sided;
 }
 
-/* Shoots direction r of a cosine-weighted set from the loaded places. */
+/* Shoots direction r of a cosine-weighted set from the loaded places, as far as there is anything. */
 static void look(const struct search *s, const struct row *row, uint16_t active, uint32_t r,
                  struct lw_hit16 *out_hits) {
     struct lw_ray16 rays = {.salt = 0};
@@ -87,7 +90,7 @@ static void look(const struct search *s, const struct row *row, uint16_t active,
     for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
         if (active >> lane & 1)
             lw_trace_set_ray(&rays, lane, origin_of(row, lane), lw_direction_about(face_of(row, lane), local),
-                             s->near_m);
+                             s->far_m);
     lw_trace_closest16(s->trace, LW_TRACE_COHERENT, active, &rays, out_hits);
 }
 
@@ -101,22 +104,46 @@ static uint16_t find_suspects(const struct search *s, struct row *row, uint16_t 
         look(s, row, loaded, r, &hits);
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
             if (loaded >> lane & 1 &&
-                (buries(s, &hits, lane) ||
+                (buries(s, &hits, lane, s->far_m) ||
                  (hits.object[lane] != LW_TRACE_MISS && hits.t[lane] < CLEAR * texel_size(row, lane))))
                 suspects |= (uint16_t)(1u << lane);
     }
     return suspects;
 }
 
+/* Texels beside the back of a wall, looked for a quarter of a texel above the surface. */
+static uint16_t find_rim(const struct search *s, struct row *row, uint16_t suspects) {
+    const uint16_t active = load_places(row, suspects, 0);
+    uint16_t rim = 0;
+    for (uint32_t r = 0; r < RIM_RAYS; r++) {
+        const float angle = 2 * LW_PI * (float)r / RIM_RAYS;
+        struct lw_ray16 rays = {.salt = 0};
+        struct lw_hit16 hits;
+        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+            if (!(active >> lane & 1)) continue;
+            const float size = texel_size(row, lane);
+            struct lw_vec3 t, b;
+            lw_vec3_frame(face_of(row, lane), &t, &b);
+            lw_trace_set_ray(&rays, lane, lw_vec3_mad(origin_of(row, lane), face_of(row, lane), 0.25f * size),
+                             lw_vec3_mad(lw_vec3_scale(t, cosf(angle)), b, sinf(angle)), RIM * size);
+        }
+        lw_trace_closest16(s->trace, 0, active, &rays, &hits);
+        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
+            if (active >> lane & 1 && buries(s, &hits, lane, s->far_m)) rim |= (uint16_t)(1u << lane);
+    }
+    return rim;
+}
+
 /* Most places stand free, and two rays say so: those that one ray too many leaves are asked no further. */
-static uint16_t find_buried(const struct search *s, const struct row *row, uint16_t active) {
+static uint16_t find_buried(const struct search *s, const struct row *row, uint16_t active, uint16_t rim) {
     int free_rays[LW_TRACE_WIDTH] = {0};
     uint16_t buried = active;
     for (uint32_t r = 0; r < RAYS && buried; r++) {
         struct lw_hit16 hits;
         look(s, row, buried, r, &hits);
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
-            if (buried >> lane & 1 && !buries(s, &hits, lane) && ++free_rays[lane] > RAYS - BURIED_RAYS)
+            if (buried >> lane & 1 && !buries(s, &hits, lane, rim >> lane & 1 ? s->far_m : s->near_m) &&
+                ++free_rays[lane] > RAYS - BURIED_RAYS)
                 buried &= (uint16_t) ~(1u << lane);
     }
     return buried;
@@ -152,7 +179,7 @@ static uint16_t find_cut_off(const struct search *s, const struct row *row, uint
     for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
         if (active >> lane & 1 && hits.object[lane] != LW_TRACE_MISS &&
             hits.t[lane] > TOUCHING * row->lift[lane] &&
-            (hits.object[lane] != row->object || buries(s, &hits, lane)))
+            (hits.object[lane] != row->object || buries(s, &hits, lane, s->near_m)))
             cut_off |= (uint16_t)(1u << lane);
     return cut_off;
 }
@@ -195,10 +222,11 @@ static void keep_one_side(const struct search *s, struct row *row, uint16_t susp
 /* Takes the places that light cannot reach out of the row's masks. */
 static void examine(const struct search *s, struct row *row, uint16_t suspects) {
     uint8_t out[LW_TRACE_WIDTH] = {0}, doubtful[LW_TRACE_WIDTH] = {0};
+    const uint16_t rim = find_rim(s, row, suspects);
     for (uint32_t k = 0; k < LW_FOOTPRINT_PLACES; k++) {
         const uint16_t active = load_places(row, suspects, k);
         if (!active) continue;
-        const uint16_t buried = find_buried(s, row, active), open = active & (uint16_t)~buried;
+        const uint16_t buried = find_buried(s, row, active, rim), open = active & (uint16_t)~buried;
         uint16_t doubt = 0;
         if (open) doubt = find_touching(s, row, open) | find_cut_off(s, row, open);
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
@@ -247,16 +275,17 @@ static bool may_be_freed(const struct search *s, const struct row *row, uint32_t
     const struct lw_affine *to_world = &s->pose->object_to_world[row->object];
     const struct lw_vec3 p = lw_affine_point(to_world, lw_texels_vector(row->mesh->position, i)),
                          n = lw_affine_normal(to_world, lw_texels_vector(row->mesh->geometric, i));
-    const float margin = 4 * row->mesh->footprint.reach[i] * row->frame.stretch;
+    const float size = 2 * row->mesh->footprint.reach[i] * row->frame.stretch, margin = 2 * size;
     for (uint32_t k = 0; k < s->left_count; k++) {
         const struct box *box = &s->left[k];
-        if (!meets(box, margin + s->near_m, p, lw_vec3(0, 0, 0))) continue;
-        if (meets(box, margin, p, lw_vec3_scale(n, -s->near_m))) return true;
+        if (meets(box, margin + RIM * size, p, lw_vec3(0, 0, 0)) ||
+            meets(box, margin, p, lw_vec3_scale(n, -s->near_m)))
+            return true;
         for (uint32_t r = 0; r < RAYS; r++) {
             float point[2];
             lw_random_sobol2(r, 0, point);
             const struct lw_vec3 d = lw_direction_about(n, lw_direction_cosine(point));
-            if (meets(box, margin, p, lw_vec3_scale(d, s->near_m))) return true;
+            if (meets(box, margin, p, lw_vec3_scale(d, s->far_m))) return true;
         }
     }
     return false;
@@ -304,11 +333,10 @@ static struct search begin(struct lw_texels *texels, const struct lw_pose *pose,
                            const struct lw_trace *trace) {
     struct lw_vec3 low = {0}, high = {0};
     lw_pose_bounds(pose, texels->scene, &low, &high);
-    struct lw_vec3 size = lw_vec3_sub(high, low);
-    return (struct search){.texels = texels,
-                           .pose = pose,
-                           .trace = trace,
-                           .near_m = NEAR * fmaxf(size.x, fmaxf(size.y, size.z))};
+    const struct lw_vec3 size = lw_vec3_sub(high, low);
+    const float longest = fmaxf(size.x, fmaxf(size.y, size.z));
+    return (struct search){
+        .texels = texels, .pose = pose, .trace = trace, .near_m = NEAR * longest, .far_m = 2 * longest};
 }
 
 uint64_t lw_burial_find(struct lw_texels *texels, const struct lw_pose *pose, const struct lw_trace *trace,
@@ -340,7 +368,9 @@ enum lw_status lw_burial_review(struct lw_texels *texels, const struct lw_pose *
     const struct lw_scene *scene = texels->scene;
     struct search search = begin(texels, pose, trace);
     /* what an object buried it may have buried by rays as long as then */
-    search.near_m = fmaxf(search.near_m, begin(texels, before, trace).near_m);
+    const struct search then = begin(texels, before, trace);
+    search.near_m = fmaxf(search.near_m, then.near_m);
+    search.far_m = fmaxf(search.far_m, then.far_m);
     search.left = malloc((scene->object_count + 1ul) * sizeof *search.left);
     if (!search.left) return LW_NO_MEMORY;
     for (uint32_t o = 0; o < scene->object_count; o++) {

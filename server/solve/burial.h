@@ -3,7 +3,7 @@
  * Flow:    texels, rays' structure -> [burial] -> texels without them
  * Threads: one call before the first frame, others between two; workers inside.
  *
- * A buried place sees the backs of what it lies in, close by. Its darkness is nobody's to see, but would bleed into the
+ * A buried place sees the backs of what it lies in, close by, or beside a wall of it. Its darkness is nobody's to see, but would bleed into the
  * lookups at the rim of the contact; so it is left out of its texel's footprint. A texel that has no place left counts as
  * uncovered, and is filled from its neighbours like a gutter. Only objects that never move bury and are buried. */
 #ifndef LW_SOLVE_BURIAL_H
