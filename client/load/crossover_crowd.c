@@ -130,6 +130,8 @@ static enum lw_status measure_count(struct lw_crossover_run *run, struct lw_cont
     if (status == LW_OK)
         status = measure_frames(run, contender, crowd, c == 0 ? x->warm_frames : SETTLE_FRAMES,
                                 c == 0 ? start : out_cost, err);
+    if (c == 0 && crowd->whole == x->options.whole)
+        x->warm_cpu_s = start->cpu_s[LW_STAGE_SOLVE] * (double)x->warm_frames;
     if (status == LW_OK)
         status = measure_frames(run, contender, crowd, c == 0 ? x->frames : COUNT_FRAMES, out_cost, err);
     if (status == LW_OK && x->options.motion == LW_SCENE_MOTION_STATIC)

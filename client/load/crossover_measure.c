@@ -12,7 +12,7 @@
 #include <math.h>
 
 #define WARM_S      1
-#define REAL_WARM_S 3 /* frames take longer than 1/30 s there */
+#define REAL_WARM_S 20 /* at most */
 #define REAL_MORE_S 4
 
 /* ---- before ---- */
@@ -52,6 +52,23 @@ static void lay_out(struct lw_crossover *x) {
     x->lattice_height = x->options.height / x->stride;
 }
 
+static enum lw_status leave_out_dark(struct lw_crossover *x, struct lw_error *err) {
+    const uint32_t views = LW_CROSSOVER_PICTURES * x->eyes;
+    for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES; p++)
+        for (uint32_t eye = 0; eye < x->eyes; eye++) x->mean_square += x->truth[p][eye].mean_square / views;
+    for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES; p++)
+        for (uint32_t eye = 0; eye < x->eyes; eye++) {
+            x->dark[p][eye] = lw_truth_is_dark(&x->truth[p][eye], x->mean_square);
+            x->dark_count += x->dark[p][eye];
+        }
+    if (x->dark_count == views)
+        return lw_status_fail(err, LW_BAD_DATA, "%s: users see no light", x->options.scene.path);
+    if (x->dark_count)
+        lw_log(LW_LOG_WARNING, "%u of %u views show next to nothing and are not judged", x->dark_count,
+               views);
+    return LW_OK;
+}
+
 static enum lw_status find_truths(struct lw_crossover_run *run, struct lw_error *err) {
     struct lw_crossover *x = run->x;
     struct lw_path_world world;
@@ -72,6 +89,7 @@ static enum lw_status find_truths(struct lw_crossover_run *run, struct lw_error 
     }
     lw_progress_finish(&progress);
     lw_path_world_finish(&world);
+    if (status == LW_OK && !lw_crossover_run_stopped(run)) status = leave_out_dark(x, err);
     return status;
 }
 
@@ -135,6 +153,7 @@ static enum lw_status judge_real(struct lw_crossover *x, const struct lw_real_ru
     enum lw_status status = lw_path_world_init(&world, x->densities.scene, x->options.bounces,
                                                (unsigned)x->options.scene.threads, err);
     if (status != LW_OK) return status;
+    uint32_t judged = 0;
     for (uint32_t p = 0; p < real->picture_count && status == LW_OK; p++) {
         const struct lw_real_picture *picture = &real->picture[p];
         const struct lw_camera_view camera = lw_views_at(x->views, picture->user, picture->view_frame);
@@ -144,11 +163,16 @@ static enum lw_status judge_real(struct lw_crossover *x, const struct lw_real_ru
         if (status == LW_OK)
             status = lw_truth_init(&truth, &world, &camera, x->lattice_width, x->lattice_height,
                                    x->options.truth_samples, ~x->options.seed, err);
-        if (status == LW_OK) x->real.error += lw_truth_error(&truth, picture->lattice) / real->picture_count;
-        if (status == LW_OK) status = judge_paths(x, &world, &camera, &truth, &paths_error, err);
-        if (status == LW_OK) x->real.paths_error += paths_error / real->picture_count;
+        if (status == LW_OK && !lw_truth_is_dark(&truth, x->mean_square)) {
+            status = judge_paths(x, &world, &camera, &truth, &paths_error, err);
+            x->real.error += lw_truth_error(&truth, picture->lattice);
+            x->real.paths_error += paths_error;
+            judged++;
+        }
         lw_truth_finish(&truth);
     }
+    x->real.error /= judged; /* NAN where all is dark */
+    x->real.paths_error /= judged;
     lw_path_world_finish(&world);
     return status;
 }
@@ -173,6 +197,7 @@ static enum lw_status run_by_the_clock(struct lw_crossover_run *run, struct lw_e
                                                         .threads = (unsigned)o->scene.threads,
                                                         .denoise = o->denoise,
                                                         .warm_s = REAL_WARM_S,
+                                                        .warm_cpu_s = x->warm_cpu_s,
                                                         .seconds = o->seconds + REAL_MORE_S,
                                                         .cancel = run->cancel},
                              &real, err);

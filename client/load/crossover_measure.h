@@ -77,6 +77,9 @@ struct lw_crossover {
     uint64_t picture[LW_CROSSOVER_PICTURES];
     uint32_t eyes;
     struct lw_truth truth[LW_CROSSOVER_PICTURES][LW_CROSSOVER_EYES];
+    double mean_square;                                  /* of all truths */
+    bool dark[LW_CROSSOVER_PICTURES][LW_CROSSOVER_EYES]; /* next to nothing is seen: not judged */
+    uint32_t dark_count;
     struct lw_crossover_side side[LW_CROSSOVER_SIDES];
     struct lw_crossover_target target[LW_CROSSOVER_TARGETS_MAX]; /* the first is the primary */
     uint32_t target_count;
@@ -86,6 +89,7 @@ struct lw_crossover {
     /* with the first count of users; and the chosen path tracer's, for the same views */
     double shared_error[LW_CROSSOVER_REPEATS_MAX], paths_error[LW_CROSSOVER_REPEATS_MAX];
     struct lw_crossover_count count[LW_CROSSOVER_COUNTS_MAX];
+    double warm_cpu_s; /* of the solve, in the frames of a repeat that are not measured */
     uint32_t count_done, repeats_done;
     struct lw_crossover_figure first_ratio; /* r(1), or of the first count */
     bool whole_done;

@@ -21,23 +21,20 @@ extern char **environ;
 
 /* ---- files ---- */
 
-enum lw_status lw_crossover_report_prepare(const char *folder, struct lw_error *err) {
-    if (mkdir(folder, 0777) < 0 && errno != EEXIST)
-        return lw_status_fail(err, LW_CANNOT_CREATE, "%s: cannot make the folder: %s", folder,
-                              strerror(errno));
-    struct stat st;
-    if (stat(folder, &st) < 0 || !S_ISDIR(st.st_mode))
-        return lw_status_fail(err, LW_CANNOT_CREATE, "%s: is no folder", folder);
-    if (access(folder, W_OK | X_OK) < 0)
-        return lw_status_fail(err, LW_CANNOT_CREATE, "%s: cannot write there: %s", folder, strerror(errno));
-    return LW_OK;
-}
-
 static enum lw_status save(const char *folder, const char *name, const char *text, size_t size,
                            struct lw_error *err) {
     char path[4096];
     snprintf(path, sizeof path, "%s/%s", folder, name);
     return lw_atomic_file_save(path, text, size, err);
+}
+
+enum lw_status lw_crossover_report_prepare(const char *folder, struct lw_error *err) {
+    static const char note[] = "Being measured.\n";
+    if (mkdir(folder, 0777) < 0 && errno != EEXIST)
+        return lw_status_fail(err, LW_CANNOT_CREATE, "%s: cannot make the folder: %s", folder,
+                              strerror(errno));
+    /* a file tells what permissions do not: of a folder such as /proc one learns it in the end otherwise */
+    return save(folder, "report.md", note, strlen(note), err);
 }
 
 /* Text that grows; written at once. */
@@ -302,7 +299,9 @@ static void print_result(const struct lw_crossover *x, FILE *f) {
     else
         fprintf(f, "At relMSE %.3g: ", x->target[0].error);
     fprintf(f, "%s (relMSE %.3g) against %s (relMSE %.3g), over the same %u views.", setting[0],
-            x->chosen_error[0], setting[1], x->chosen_error[1], LW_CROSSOVER_PICTURES * x->eyes);
+            x->chosen_error[0], setting[1], x->chosen_error[1],
+            LW_CROSSOVER_PICTURES * x->eyes - x->dark_count);
+    if (x->dark_count) fprintf(f, " %u more show next to nothing, and are not judged.", x->dark_count);
     print_spread(x, f);
     print_errors(x, f);
     fprintf(f, "\n\n");

@@ -22,7 +22,7 @@ enum lw_status lw_crossover_run_judge(const struct lw_crossover *x, const struct
     float *lattice = malloc((size_t)x->lattice_width * x->lattice_height * 3 * sizeof *lattice);
     if (!lattice) return lw_status_fail(err, LW_NO_MEMORY, "no memory for a picture");
     for (uint32_t k = 0; k < shown_count; k++) {
-        if (shown[k] >= x->eyes) continue;
+        if (shown[k] >= x->eyes || x->dark[picture][shown[k]]) continue;
         contender->ops->picture(contender, k, lattice);
         errors->of[picture][shown[k]] = lw_truth_error(&x->truth[picture][shown[k]], lattice);
         errors->judged[picture][shown[k]] = true;

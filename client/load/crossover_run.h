@@ -17,7 +17,8 @@ bool lw_crossover_run_stopped(const struct lw_crossover_run *run);
 /** Index of the picture that is compared with the truth in this frame; -1: none is. */
 int lw_crossover_run_picture(const struct lw_crossover *x, uint64_t frame);
 
-/** Judges what `shown` saw in a picture's frame; those who are no eyes have no truth and are left out.
+/** Judges what `shown` saw in a picture's frame; those who are no eyes have no truth and are left out,
+ * as are dark views.
  * *errors: written to where they are judged. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_crossover_run_judge(const struct lw_crossover *x,
                                                     const struct lw_contender *contender, uint32_t picture,

@@ -103,8 +103,9 @@ static enum lw_status look(struct real_run *r, struct lw_real_run *run, struct l
 
 static enum lw_status warm(struct real_run *r, struct lw_error *err) {
     enum lw_status status = await_first_light(r, err);
+    const double cpu_s = lw_daemon_child_cpu_s(r->daemon) + r->desc->warm_cpu_s;
     for (uint64_t end_ns = lw_clock_ns() + (uint64_t)(1e9 * r->desc->warm_s);
-         status == LW_OK && lw_clock_ns() < end_ns;) {
+         status == LW_OK && lw_clock_ns() < end_ns && lw_daemon_child_cpu_s(r->daemon) < cpu_s;) {
         struct lw_real_picture ignored; /* looking is part of it: what is wanted follows from what is seen */
         status = see(r, (uint32_t)(r->views % r->audience.count), &ignored, err);
     }

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #define FLOOR_SHARE 0.01 /* of the mean square of the truth */
+#define DARK_SHARE  1e-4 /* of the views' mean square: a hundredth of their brightness */
 #define STRIDE_MAX  7u
 
 uint32_t lw_truth_stride(uint32_t width, uint32_t height) {
@@ -19,11 +20,7 @@ static double at(const struct lw_truth *truth, size_t i) {
 }
 
 /* What squares are divided by, without the pixel's own. */
-static double floor_of(const struct lw_truth *truth) {
-    double sum = 0;
-    for (size_t i = 0; i < value_count(truth); i++) sum += at(truth, i) * at(truth, i);
-    return FLOOR_SHARE * sum / (double)value_count(truth);
-}
+static double floor_of(const struct lw_truth *truth) { return FLOOR_SHARE * truth->mean_square; }
 
 enum lw_status lw_truth_init(struct lw_truth *truth, const struct lw_path_world *world,
                              const struct lw_camera_view *camera, uint32_t width, uint32_t height,
@@ -36,6 +33,8 @@ enum lw_status lw_truth_init(struct lw_truth *truth, const struct lw_path_world 
     const float scale = 2.0f / (float)samples;
     for (size_t i = 0; i < value_count(truth); i++) truth->half[0][i] *= scale, truth->half[1][i] *= scale;
 
+    for (size_t i = 0; i < value_count(truth); i++) truth->mean_square += at(truth, i) * at(truth, i);
+    truth->mean_square /= (double)value_count(truth);
     const double floor = floor_of(truth);
     for (size_t i = 0; i < value_count(truth); i++) {
         double off = 0.5 * ((double)truth->half[0][i] - (double)truth->half[1][i]);
@@ -61,6 +60,10 @@ double lw_truth_error(const struct lw_truth *truth, const float *rgb) {
                (at(truth, i) * at(truth, i) + floor);
     }
     return sum / (double)value_count(truth);
+}
+
+bool lw_truth_is_dark(const struct lw_truth *truth, double mean_square) {
+    return truth->mean_square <= DARK_SHARE * mean_square;
 }
 
 void lw_truth_pick(const float *rgb, uint32_t width, uint32_t height, uint32_t stride, float *out_lattice) {

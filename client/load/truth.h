@@ -21,6 +21,7 @@ uint32_t lw_truth_stride(uint32_t width, uint32_t height);
 struct lw_truth {
     uint32_t width, height; /* of the lattice */
     float *half[2];         /* means; width * height * 3 */
+    double mean_square;     /* of its values */
     double noise;           /* relMSE of the truth itself, estimated: what the halves' mean is off */
 };
 
@@ -34,6 +35,10 @@ void lw_truth_finish(struct lw_truth *truth);
 
 /** relMSE of a lattice picture; may be a little below 0 for one that is as good as the truth. */
 double lw_truth_error(const struct lw_truth *truth, const float *rgb);
+
+/** Whether it shows next to nothing, of the mean square that views of the scene have: any light at all would be an error
+ * beyond measure there. */
+bool lw_truth_is_dark(const struct lw_truth *truth, double mean_square);
 
 /** Takes the lattice out of a whole picture. */
 void lw_truth_pick(const float *rgb, uint32_t width, uint32_t height, uint32_t stride, float *out_lattice);

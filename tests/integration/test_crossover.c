@@ -197,6 +197,8 @@ static void fails_with_one_line(void **state) {
         int code;
     } bad[] = {
         {"builtin:cornell", "/proc/nowhere", "cannot make the folder", 73},
+        {"builtin:cornell", "/proc", "/proc/report.md", 73},
+        {"builtin:cornell", "/dev/null", "/dev/null/report.md", 73},
         {"builtin:nothing", NULL, "builtin:nothing", 66},
         {"builtin:cornell --users 0", NULL, "--users", 64},
     };

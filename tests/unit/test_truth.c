@@ -42,6 +42,7 @@ static void the_truths_noise_is_taken_out(void **state) {
     const float sigma = 0.05f;
     double square = 0;
     for (int i = 0; i < VALUES; i++) square += (double)(signal_at(i) * signal_at(i)) / VALUES;
+    truth.mean_square = square;
     double expected = 0;
     for (int i = 0; i < VALUES; i++) {
         half[0][i] = signal_at(i) + sigma * noise(1, (uint32_t)i);
@@ -70,12 +71,20 @@ static void black_is_no_error(void **state) {
     assert_true(lw_truth_error(&truth, picture) == 0);
 }
 
+static void dark_views_are_known_by_the_others(void **state) {
+    (void)state;
+    assert_true(lw_truth_is_dark(&(struct lw_truth){.mean_square = 0.9e-4}, 1));
+    assert_false(lw_truth_is_dark(&(struct lw_truth){.mean_square = 1.1e-4}, 1));
+    assert_true(lw_truth_is_dark(&(struct lw_truth){.mean_square = 0}, 0)); /* where all is dark, too */
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(strides),
         cmocka_unit_test(the_lattice_is_in_the_middle_of_its_squares),
         cmocka_unit_test(the_truths_noise_is_taken_out),
         cmocka_unit_test(black_is_no_error),
+        cmocka_unit_test(dark_views_are_known_by_the_others),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
