@@ -1,27 +1,12 @@
 #include "common/light/light_tree.h"
 
+#include "common/light/light_kernels.h"
+
 #include <assert.h>
 #include <stdlib.h>
 
-/* Angles, rad, and cosines are rounded; what is this near to the edge of a cone counts as within. */
-#define SLACK        1e-3f
-#define COSINE_SLACK 2e-3f
-
-/* What a choice reads of a node: a line of memory. */
-struct lw_light_node {
-    struct lw_vec3 centre; /* of the ball around its box */
-    float radius, power;
-    struct lw_vec3 axis;
-    float cos_spread, sin_spread, cos_reach;
-    bool dims;      /* by the cosine at the light; a cone narrower than a half space, a spot's, does not */
-    uint32_t right; /* of an inner node; the left child is the next node */
-    uint32_t light; /* of a leaf; UINT32_MAX: an inner node */
-    uint32_t parent;
-};
-_Static_assert(sizeof(struct lw_light_node) <= 64, "a line");
-
-/* fmaxf() is a call */
-static float larger(float a, float b) { return a > b ? a : b; }
+/* Angles, rad, are rounded; what is this near to the edge of a cone counts as within. */
+#define SLACK 1e-3f
 
 static struct lw_vec3 least(struct lw_vec3 a, struct lw_vec3 b) {
     return lw_vec3(fminf(a.x, b.x), fminf(a.y, b.y), fminf(a.z, b.z));
@@ -168,59 +153,28 @@ void lw_light_tree_finish(struct lw_light_tree *tree) {
     *tree = (struct lw_light_tree){0};
 }
 
-/* Cosine of max(0, a - b), for a and b within [0, pi]. */
-static float cos_of_rest(float cos_a, float sin_a, float cos_b, float sin_b) {
-    return cos_a >= cos_b ? 1 : cos_a * cos_b + sin_a * sin_b;
-}
-static float sine_of(float cosine) { return sqrtf(larger(0, 1 - cosine * cosine)); }
-
-/* Where light arrives: a region (light_tree.h), or a point of a surface as a region of no extent. */
-struct place {
-    struct lw_vec3 centre, normal;
-    float radius, cos_spread, sin_spread;
-};
-static struct place place_of(const struct lw_light_region *r) {
-    return (struct place){.centre = r->centre_ws,
-                          .normal = r->normal_ws,
-                          .radius = r->radius_m,
-                          .cos_spread = r->cos_spread,
-                          .sin_spread = sine_of(r->cos_spread)};
+static struct lw_light_place place_of(const struct lw_light_region *r) {
+    return (struct lw_light_place){.centre = r->centre_ws,
+                                   .normal = r->normal_ws,
+                                   .radius = r->radius_m,
+                                   .cos_spread = r->cos_spread,
+                                   .sin_spread = lw_light_sine_of(r->cos_spread)};
 }
 
-/* What a group may give: power x cos x cos' / d^2, with the angles that favour it most. 0 only where it gives nothing. */
-static float importance(const struct lw_light_node *node, const struct place *place) {
-    if (!(node->power > 0)) return 0;
-    const struct lw_vec3 to = lw_vec3_sub(node->centre, place->centre);
-    /* the vectors from points of one ball to those of another are those from a point to a ball of both radii */
-    const float radius = node->radius + place->radius, radius2 = larger(radius * radius, 1e-12f);
-    const float distance2 = lw_vec3_dot(to, to);
-    if (distance2 <= radius2 * 1.0001f) return node->power / radius2; /* within: all directions */
-    /* the angle that the group's ball fills, seen from the point, is taken off both */
-    const float scale = 1 / sqrtf(distance2), sin_seen = radius * scale,
-                cos_seen = sqrtf(larger(0, 1 - sin_seen * sin_seen));
-    float cosine = lw_vec3_dot(to, place->normal) * scale;
-    if (place->cos_spread < 1)
-        cosine = cos_of_rest(cosine, sine_of(cosine), place->cos_spread, place->sin_spread);
-    const float at_point = cos_of_rest(cosine, sine_of(cosine), cos_seen, sin_seen);
-    if (at_point < -COSINE_SLACK) return 0;
-    cosine = -lw_vec3_dot(to, node->axis) * scale;
-    cosine = cos_of_rest(cosine, sine_of(cosine), node->cos_spread, node->sin_spread);
-    const float at_light = cos_of_rest(cosine, sine_of(cosine), cos_seen, sin_seen);
-    if (at_light < node->cos_reach - COSINE_SLACK) return 0;
-    const float facing = node->dims ? larger(at_light, 1e-3f) : 1;
-    return node->power * larger(at_point, 1e-3f) * facing * (scale * scale);
+static float importance(const struct lw_light_node *node, const struct lw_light_place *place) {
+    return lw_light_importance(node, *place);
 }
 
 float lw_light_tree_promise(const struct lw_light_tree *tree, struct lw_vec3 point_ws,
                             struct lw_vec3 normal_ws) {
-    const struct place place = place_of(&(struct lw_light_region){point_ws, normal_ws, 0, 1});
+    const struct lw_light_place place = place_of(&(struct lw_light_region){point_ws, normal_ws, 0, 1});
     return importance(&tree->node[0], &place);
 }
 
 /* Groups of a split under way. */
 struct split {
     const struct lw_light_tree *tree;
-    struct place place;
+    struct lw_light_place place;
     uint32_t count, *group;
     float promise[LW_LIGHT_TREE_GROUPS_MAX]; /* of those that can be told apart further; else 0 */
 };
@@ -279,7 +233,7 @@ bool lw_light_tree_is_far(const struct lw_light_tree *tree, uint32_t group,
 
 /* Probability of the left one of a node's children; below 0: neither can give anything. */
 static float probability_of_left(const struct lw_light_tree *tree, uint32_t index,
-                                 const struct place *place) {
+                                 const struct lw_light_place *place) {
     float left = importance(&tree->node[index + 1], place);
     float right = importance(&tree->node[tree->node[index].right], place);
     return left + right > 0 ? left / (left + right) : -1;
@@ -287,18 +241,18 @@ static float probability_of_left(const struct lw_light_tree *tree, uint32_t inde
 
 uint32_t lw_light_tree_choose(const struct lw_light_tree *tree, uint32_t group,
                               const struct lw_light_region *region, float pick, float *out_probability) {
-    const struct place place = place_of(region);
+    const struct lw_light_place place = place_of(region);
     float probability = 1;
     uint32_t i = group;
     while (tree->node[i].light == UINT32_MAX) {
         float left = probability_of_left(tree, i, &place);
         if (left < 0) return UINT32_MAX;
         if (pick < left) {
-            pick = fminf(pick / left, 0x1.fffffep-1f);
+            pick = lw_light_smaller(pick / left, LW_LIGHT_BELOW_ONE);
             probability *= left;
             i = i + 1;
         } else {
-            pick = fminf((pick - left) / (1 - left), 0x1.fffffep-1f);
+            pick = lw_light_smaller((pick - left) / (1 - left), LW_LIGHT_BELOW_ONE);
             probability *= 1 - left;
             i = tree->node[i].right;
         }
@@ -309,7 +263,7 @@ uint32_t lw_light_tree_choose(const struct lw_light_tree *tree, uint32_t group,
 
 float lw_light_tree_probability(const struct lw_light_tree *tree, struct lw_vec3 point_ws,
                                 struct lw_vec3 normal_ws, uint32_t light) {
-    const struct place place = place_of(&(struct lw_light_region){point_ws, normal_ws, 0, 1});
+    const struct lw_light_place place = place_of(&(struct lw_light_region){point_ws, normal_ws, 0, 1});
     float probability = 1;
     for (uint32_t i = tree->leaf[light]; i != 0; i = tree->node[i].parent) {
         uint32_t parent = tree->node[i].parent;

@@ -3,9 +3,9 @@
 #include "common/cdf.h"
 #include "common/colour.h"
 #include "common/light/direction.h"
+#include "common/light/light_kernels.h"
 #include "common/light/spherical_triangle.h"
 
-#include <float.h>
 #include <stdlib.h>
 
 #define HIDDEN_SHARE 0.02f /* of a textured emitter's full emission, in its choice */
@@ -247,37 +247,24 @@ uint32_t lw_lights_split(const struct lw_lights *lights, const struct lw_light_r
 /* An emitter as a point sees it, and how a direction towards it is chosen: even over its solid angle, so that E / p is at
  * most L times that, however near it is. Where it is far, even over its area. */
 struct view {
-    struct lw_vec3 corner; /* from the point */
-    bool by_area;
+    float inverse_sr;                      /* 0: by area */
+    struct lw_vec3 corner;                 /* from the point */
     struct lw_spherical_triangle triangle; /* unless by area */
 };
 
 static struct view view_emitter(const struct lw_emitter *e, struct lw_vec3 point) {
-    struct view view = {.corner = lw_vec3_sub(e->corner, point), .by_area = true};
-    struct lw_vec3 middle = lw_vec3_mad(lw_vec3_mad(view.corner, e->edge_u, 1.0f / 3), e->edge_v, 1.0f / 3);
-    if (lw_vec3_dot(middle, middle) > e->near_m2) return view;
+    struct view view = {.corner = lw_vec3_sub(e->corner, point)};
+    if (!lw_light_is_near(e, point)) return view;
     view.triangle = lw_spherical_triangle(view.corner, lw_vec3_add(view.corner, e->edge_u),
                                           lw_vec3_add(view.corner, e->edge_v));
-    view.by_area = !(view.triangle.sr >= SOLID_ANGLE_MIN && view.triangle.sr <= SOLID_ANGLE_MAX);
+    if (view.triangle.sr >= SOLID_ANGLE_MIN && view.triangle.sr <= SOLID_ANGLE_MAX)
+        view.inverse_sr = 1 / view.triangle.sr;
     return view;
-}
-
-/* Density per solid angle of a direction towards the emitter: 1 / sr, or d^2 / (A cos'). 0 where it shows a side that does
- * not shine. */
-static float emitter_pdf(const struct lw_emitter *e, const struct view *view, struct lw_vec3 direction,
-                         float distance_m) {
-    float cosine = -lw_vec3_dot(direction, e->normal);
-    if (e->both_sides) cosine = fabsf(cosine);
-    if (!(cosine > 0) || !(e->area_m2 > 0)) return 0;
-    return !view->by_area ? 1 / view->triangle.sr : distance_m * distance_m / (e->area_m2 * cosine);
 }
 
 /* Barycentrics of the point that (u, v) choose. */
 static struct lw_vec2 sample_triangle(const struct lw_emitter *e, const struct view *view, float u, float v) {
-    if (view->by_area) {
-        float root = sqrtf(u);
-        return (struct lw_vec2){v * root, root * (1 - v)};
-    }
+    if (!(view->inverse_sr > 0)) return lw_light_by_area(u, v);
     struct lw_vec3 d = lw_spherical_triangle_sample(&view->triangle, u, v);
     /* where the ray meets the triangle (Moeller and Trumbore 1997) */
     struct lw_vec3 p = lw_vec3_cross(d, e->edge_v), q = lw_vec3_cross(view->corner, e->edge_u);
@@ -287,29 +274,21 @@ static struct lw_vec2 sample_triangle(const struct lw_emitter *e, const struct v
     return (struct lw_vec2){b_u, fminf(fmaxf(b_v, 0), 1 - b_u)};
 }
 
+struct lw_vec3 lw_lights_radiance(const struct lw_lights *lights, uint32_t emitter, struct lw_vec2 b) {
+    const struct lw_emitter *e = &lights->emitter[emitter];
+    const struct lw_mesh *mesh = &lights->scene->mesh[lights->scene->object[e->object].mesh];
+    if (is_uniform(&lights->scene->material[mesh->material[e->triangle]])) return lights->radiance[emitter];
+    return radiance_at(lights->scene, mesh, e->triangle, b.x, b.y);
+}
+
 /* A point on emitter i, chosen with a probability; pdf includes it. */
 static struct lw_light_sample sample_emitter(const struct lw_lights *lights, uint32_t i, float probability,
                                              float u, float v, struct lw_vec3 point_ws) {
-    struct lw_light_sample sample = {.direction = {0, 0, 1}};
     const struct lw_emitter *e = &lights->emitter[i];
-
     const struct view view = view_emitter(e, point_ws);
     const struct lw_vec2 b = sample_triangle(e, &view, u, v);
-    struct lw_vec3 to_light = lw_vec3_mad(lw_vec3_mad(view.corner, e->edge_u, b.x), e->edge_v, b.y);
-    float distance2 = lw_vec3_dot(to_light, to_light);
-    if (!(distance2 > 0) || !(probability > 0)) return sample;
-    sample.distance_m = sqrtf(distance2);
-    sample.direction = lw_vec3_scale(to_light, 1.0f / sample.distance_m);
-    float density = probability * emitter_pdf(e, &view, sample.direction, sample.distance_m);
-    if (!(density > 0)) return sample;
-
-    struct lw_vec3 radiance = lights->radiance[i];
-    const struct lw_mesh *mesh = &lights->scene->mesh[lights->scene->object[e->object].mesh];
-    if (!is_uniform(&lights->scene->material[mesh->material[e->triangle]]))
-        radiance = radiance_at(lights->scene, mesh, e->triangle, b.x, b.y);
-    sample.irradiance_normal = lw_vec3_scale(radiance, 1.0f / density);
-    sample.pdf = density;
-    return sample;
+    return lw_light_emitter_sample(e, lw_lights_radiance(lights, i, b), probability, view.inverse_sr, b,
+                                   point_ws);
 }
 
 /* Uniformly over the disc as a plane that faces it sees it: there E is what the light says, however wide the disc. */
@@ -331,38 +310,13 @@ static struct lw_light_sample sample_directional(const struct lw_light *light,
     return sample;
 }
 
-/* (1 - cos angle) / 2 without its cancellation: a searchlight's cosines are 1 to the last bits. */
-static float sine2_of_half(float angle) {
-    const float sine = sinf(0.5f * angle);
-    return sine * sine;
-}
-
-/* KHR_lights_punctual's recommended curve: clamp((cos a - cos o) / (cos i - cos o))^2. */
-static float spot_falloff(const struct lw_light *light, struct lw_vec3 axis, struct lw_vec3 from_light) {
-    const struct lw_vec3 apart = lw_vec3_sub(from_light, axis);
-    const float outer = sine2_of_half(light->outer_cone), inner = sine2_of_half(light->inner_cone);
-    float s = (outer - 0.25f * lw_vec3_dot(apart, apart)) / fmaxf(FLT_MIN, outer - inner);
-    s = s < 0 ? 0 : s > 1 ? 1 : s;
-    return s * s;
-}
-
 struct lw_light_sample lw_lights_sample_punctual(const struct lw_lights *lights, uint32_t light, float u,
                                                  float v, struct lw_vec3 point_ws) {
     const struct lw_light *l = &lights->scene->light[light];
     const struct lw_light_state *state = &lights->punctual[light];
     if (l->kind == LW_LIGHT_DIRECTIONAL) return sample_directional(l, state, u, v);
 
-    struct lw_light_sample sample = {.direction = {0, 0, 1}};
-    struct lw_vec3 to_light = lw_vec3_sub(state->position_ws, point_ws);
-    float distance2 = lw_vec3_dot(to_light, to_light);
-    if (!(distance2 > 1e-12f)) return sample;
-    sample.distance_m = sqrtf(distance2);
-    sample.direction = lw_vec3_scale(to_light, 1.0f / sample.distance_m);
-    float falloff = 1.0f / distance2;
-    if (l->kind == LW_LIGHT_SPOT)
-        falloff *= spot_falloff(l, state->direction_ws, lw_vec3_scale(sample.direction, -1));
-    sample.irradiance_normal = lw_vec3_scale(state->intensity, falloff);
-    return sample;
+    return lw_light_near_sample(state, lw_light_cone_of(l), point_ws);
 }
 
 /* ---- one sample of all lights ---- */
@@ -565,14 +519,16 @@ float lw_lights_pdf_emitter(const struct lw_lights *lights, struct lw_vec3 point
                             float distance_m) {
     (void)u, (void)v; /* even over the triangle */
     const uint32_t i = find_emitter(lights, object, triangle);
-    if (i == UINT32_MAX || !(lw_vec3_dot(direction, normal_ws) > 0)) return 0;
+    if (i == UINT32_MAX || !(lw_vec3_dot(direction, normal_ws) > 0) || !(lights->emitter[i].power > 0))
+        return 0;
     struct choice c;
     weigh(lights, point_ws, normal_ws, &c);
     if (!(c.probability[NEAR] > 0)) return 0;
     const struct view view = view_emitter(&lights->emitter[i], point_ws);
     float probability = lights->few ? lw_cdf_probability(c.cdf, i)
                                     : lw_light_tree_probability(&lights->tree, point_ws, normal_ws, i);
-    return c.probability[NEAR] * probability * emitter_pdf(&lights->emitter[i], &view, direction, distance_m);
+    return c.probability[NEAR] * probability *
+           lw_light_emitter_pdf(&lights->emitter[i], view.inverse_sr, direction, distance_m);
 }
 
 float lw_lights_pdf_sky(const struct lw_lights *lights, struct lw_vec3 point_ws, struct lw_vec3 normal_ws,

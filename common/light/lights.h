@@ -78,6 +78,9 @@ struct lw_light_sample lw_lights_sample_near(const struct lw_lights *lights, uin
                                              float probability, float u, float v, struct lw_vec3 point_ws,
                                              struct lw_vec3 normal_ws);
 
+/** What an emitter sends out, W/(m^2 sr), at barycentrics b of its 2nd and 3rd vertex. */
+struct lw_vec3 lw_lights_radiance(const struct lw_lights *lights, uint32_t emitter, struct lw_vec2 b);
+
 /** ONE sample of all lights together, for a surface at point_ws with unit normal normal_ws: `pick` chooses the light, by
  * what it may give there, (u, v) the point on it; all in [0, 1). irradiance_normal x cos is an unbiased estimate of the
  * whole direct E (before visibility), the probability of the choice is in it. Light from behind the normal's plane is left

@@ -46,23 +46,27 @@ struct row {
 
 /* Unpacks place k of every texel that has one; returns their mask. */
 static uint16_t load_places(struct row *row, uint16_t wanted, uint32_t k) {
+    const struct lw_footprint *footprint = &row->mesh->footprint;
+    uint32_t texel[LW_TRACE_WIDTH], place[LW_TRACE_WIDTH];
     uint16_t active = 0;
-    row->place = (struct lw_footprint_lanes){0};
-    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
-        if (!(wanted >> lane & 1) || !(row->usable[lane] >> k & 1)) continue;
-        const uint32_t texel = row->first + lane;
-        lw_footprint_load(&row->mesh->footprint, texel, k, lw_texels_vector(row->mesh->position, texel),
-                          &row->place, lane);
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
+        if (wanted >> lane & 1 && row->usable[lane] >> k & 1) active |= (uint16_t)(1u << lane);
+    if (!active) return 0;
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH;
+         lane++) { /* those that are not active repeat one that is */
+        texel[lane] = row->first + (active >> lane & 1 ? lane : (uint32_t)__builtin_ctz(active));
+        place[lane] = footprint->first[texel[lane]] + k;
+    }
+    lw_footprint_load(footprint, row->mesh->position, texel, place, &row->place);
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
         row->lift[lane] =
             row->place.lift[lane] * row->frame.stretch + LW_TRACE_LIFT * row->frame.offset_m + 1e-30f;
-        active |= (uint16_t)(1u << lane);
-    }
     lw_footprint_to_world(&row->frame, &row->place);
     return active;
 }
 
 static struct lw_vec3 origin_of(const struct row *row, uint32_t lane) {
-    return lw_vec3(row->place.x[lane], row->place.y[lane], row->place.z[lane]);
+    return lw_vec3(row->place.at.x[lane], row->place.at.y[lane], row->place.at.z[lane]);
 }
 static struct lw_vec3 face_of(const struct row *row, uint32_t lane) {
     return lw_vec3(row->place.gx[lane], row->place.gy[lane], row->place.gz[lane]);

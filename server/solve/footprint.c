@@ -2,6 +2,11 @@
 
 #include "common/wide.h"
 
+#define LANES 16
+/* An even number of steps, so that the six axes, which most walls face, are exact. */
+#define NORMAL_STEPS    65534.0f
+#define GEOMETRIC_STEPS 254.0f
+
 /* An octahedral coordinate in [-1, 1] as an integer of 0..steps. */
 static float quantise(float x, float steps) { return floorf((x * 0.5f + 0.5f) * steps + 0.5f); }
 
@@ -13,18 +18,15 @@ static struct lw_vec2 fold(struct lw_vec3 d) {
 
 static struct lw_footprint_place pack(const struct lw_footprint_point *point, struct lw_vec3 position,
                                       float reach) {
-    struct lw_footprint_place place;
-    struct lw_vec2 n = fold(point->normal), g = fold(point->geometric);
-    place.normal[0] = (uint16_t)quantise(n.x, LW_FOOTPRINT_NORMAL_STEPS);
-    place.normal[1] = (uint16_t)quantise(n.y, LW_FOOTPRINT_NORMAL_STEPS);
-    place.geometric[0] = (uint8_t)quantise(g.x, LW_FOOTPRINT_GEOMETRIC_STEPS);
-    place.geometric[1] = (uint8_t)quantise(g.y, LW_FOOTPRINT_GEOMETRIC_STEPS);
-    struct lw_vec3 offset =
+    const struct lw_vec2 n = fold(point->normal), g = fold(point->geometric);
+    const struct lw_vec3 offset =
         lw_vec3_scale(lw_vec3_sub(point->origin, position), reach > 0 ? 32767 / reach : 0);
-    place.offset[0] = (int16_t)lrintf(offset.x);
-    place.offset[1] = (int16_t)lrintf(offset.y);
-    place.offset[2] = (int16_t)lrintf(offset.z);
-    return place;
+    const uint32_t x = (uint16_t)lrintf(offset.x), y = (uint16_t)lrintf(offset.y),
+                   z = (uint16_t)lrintf(offset.z);
+    return (struct lw_footprint_place){{x | y << 16, z | (uint32_t)quantise(n.x, NORMAL_STEPS) << 16,
+                                        (uint32_t)quantise(n.y, NORMAL_STEPS) |
+                                            (uint32_t)quantise(g.x, GEOMETRIC_STEPS) << 16 |
+                                            (uint32_t)quantise(g.y, GEOMETRIC_STEPS) << 24}};
 }
 
 void lw_footprint_pack(struct lw_footprint *footprint, uint32_t texel, struct lw_vec3 position, float largest,
@@ -63,11 +65,30 @@ void lw_footprint_frame_init(struct lw_footprint_frame *frame, const struct lw_a
     }
 }
 
+LW_WIDE void lw_footprint_load(const struct lw_footprint *footprint, float *const position[3],
+                               const uint32_t texel[restrict 16], const uint32_t place[restrict 16],
+                               struct lw_footprint_lanes *restrict lanes) {
+    const uint32_t *word = footprint->place->word;
+    const float *reach = footprint->reach, *lift = footprint->lift;
+    const float *x = position[0], *y = position[1], *z = position[2];
+    for (int i = 0; i < LANES; i++) {
+        const uint32_t a = word[place[i] * 3], b = word[place[i] * 3 + 1], c = word[place[i] * 3 + 2];
+        const float step = reach[texel[i]] * (1.0f / 32767);
+        lanes->at.x[i] = x[texel[i]] + step * (float)((int32_t)(a << 16) >> 16);
+        lanes->at.y[i] = y[texel[i]] + step * (float)((int32_t)a >> 16);
+        lanes->at.z[i] = z[texel[i]] + step * (float)((int32_t)(b << 16) >> 16);
+        lanes->at.nx[i] = (float)(int32_t)(b >> 16);
+        lanes->at.ny[i] = (float)(int32_t)(c & 0xffffu);
+        lanes->gx[i] = (float)(int32_t)(c >> 16 & 0xffu);
+        lanes->gy[i] = (float)(int32_t)(c >> 24);
+        lanes->lift[i] = lift[texel[i]];
+    }
+}
+
 /* Unfolds sixteen octahedral normals, turns them and makes them unit. */
-LW_WIDE_INLINE void turn(const float m[3][3], float steps, float x[LW_TRACE_WIDTH], float y[LW_TRACE_WIDTH],
-                         float z[LW_TRACE_WIDTH]) {
+LW_WIDE_INLINE void turn(const float m[3][3], float steps, float x[LANES], float y[LANES], float z[LANES]) {
     const float scale = 2 / steps;
-    for (int i = 0; i < LW_TRACE_WIDTH; i++) {
+    for (int i = 0; i < LANES; i++) {
         float u = x[i] * scale - 1, v = y[i] * scale - 1;
         float w = 1 - fabsf(u) - fabsf(v), over = w < 0 ? -w : 0;
         u -= copysignf(over, u);
@@ -82,13 +103,13 @@ LW_WIDE_INLINE void turn(const float m[3][3], float steps, float x[LW_TRACE_WIDT
 
 LW_WIDE void lw_footprint_to_world(const struct lw_footprint_frame *frame, struct lw_footprint_lanes *l) {
     const float(*m)[4] = frame->to_world.m;
-    turn(frame->normal, LW_FOOTPRINT_NORMAL_STEPS, l->nx, l->ny, l->nz);
-    turn(frame->normal, LW_FOOTPRINT_GEOMETRIC_STEPS, l->gx, l->gy, l->gz);
+    turn(frame->normal, NORMAL_STEPS, l->at.nx, l->at.ny, l->at.nz);
+    turn(frame->normal, GEOMETRIC_STEPS, l->gx, l->gy, l->gz);
     const float base = LW_TRACE_LIFT * frame->offset_m + 1e-30f;
-    for (int i = 0; i < LW_TRACE_WIDTH; i++) {
-        float x = l->x[i], y = l->y[i], z = l->z[i], lift = l->lift[i] * frame->stretch + base;
-        l->x[i] = m[0][0] * x + m[0][1] * y + m[0][2] * z + m[0][3] + lift * l->gx[i];
-        l->y[i] = m[1][0] * x + m[1][1] * y + m[1][2] * z + m[1][3] + lift * l->gy[i];
-        l->z[i] = m[2][0] * x + m[2][1] * y + m[2][2] * z + m[2][3] + lift * l->gz[i];
+    for (int i = 0; i < LANES; i++) {
+        float x = l->at.x[i], y = l->at.y[i], z = l->at.z[i], lift = l->lift[i] * frame->stretch + base;
+        l->at.x[i] = m[0][0] * x + m[0][1] * y + m[0][2] * z + m[0][3] + lift * l->gx[i];
+        l->at.y[i] = m[1][0] * x + m[1][1] * y + m[1][2] * z + m[1][3] + lift * l->gy[i];
+        l->at.z[i] = m[2][0] * x + m[2][1] * y + m[2][2] * z + m[2][3] + lift * l->gz[i];
     }
 }

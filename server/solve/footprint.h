@@ -10,16 +10,18 @@
 #ifndef LW_SOLVE_FOOTPRINT_H
 #define LW_SOLVE_FOOTPRINT_H
 
+#include "common/points16.h"
 #include "common/scene/scene.h"
 #include "common/trace/trace.h"
 
 #define LW_FOOTPRINT_PLACES 8u
 
-/** One place of a texel, in object space; 12 bytes, for they are many. */
+/** One place of a texel, in object space; 12 bytes, for they are many. From the lowest bit of the first word:
+ * three times 16 bits  offset from the texel's position, signed; 32767 is its reach
+ * twice 16             shading normal, octahedral (Meyer et al. 2010): off by under 5e-5
+ * twice 8              the same of the face, on the side that is lit: off by under 0.02 */
 struct lw_footprint_place {
-    int16_t offset[3];    /* from the texel's position; 32767 is its reach */
-    uint16_t normal[2];   /* shading normal, octahedral (Meyer et al. 2010): off by under 5e-5 */
-    uint8_t geometric[2]; /* the same of the face, on the side that is lit: off by under 0.02 */
+    uint32_t word[3];
 };
 
 struct lw_footprint {
@@ -57,30 +59,17 @@ void lw_footprint_frame_init(struct lw_footprint_frame *frame, const struct lw_a
 
 /** Sixteen places, structure of arrays. */
 struct lw_footprint_lanes {
-    _Alignas(64) float x[LW_TRACE_WIDTH];
-    float y[LW_TRACE_WIDTH], z[LW_TRACE_WIDTH];                       /* position, then the ray's origin */
-    float nx[LW_TRACE_WIDTH], ny[LW_TRACE_WIDTH], nz[LW_TRACE_WIDTH]; /* shading normal, unit */
-    float gx[LW_TRACE_WIDTH], gy[LW_TRACE_WIDTH], gz[LW_TRACE_WIDTH]; /* of the face, unit */
-    float lift[LW_TRACE_WIDTH];
+    struct lw_points16 at;        /* positions, then origins of rays */
+    float gx[16], gy[16], gz[16]; /* normal of the face, unit */
+    float lift[16];
 };
 
-/* An even number of steps, so that the six axes, which most walls face, are exact. */
-#define LW_FOOTPRINT_NORMAL_STEPS    65534.0f
-#define LW_FOOTPRINT_GEOMETRIC_STEPS 254.0f
-
-/** Loads one place into a lane: offsets in object space, normals still folded. position: the texel's own. */
-static inline void lw_footprint_load(const struct lw_footprint *footprint, uint32_t texel, uint32_t place,
-                                     struct lw_vec3 position, struct lw_footprint_lanes *lanes,
-                                     uint32_t lane) {
-    const struct lw_footprint_place *p = &footprint->place[footprint->first[texel] + place];
-    const float step = footprint->reach[texel] * (1.0f / 32767);
-    lanes->x[lane] = position.x + step * (float)p->offset[0];
-    lanes->y[lane] = position.y + step * (float)p->offset[1];
-    lanes->z[lane] = position.z + step * (float)p->offset[2];
-    lanes->lift[lane] = footprint->lift[texel];
-    lanes->nx[lane] = (float)p->normal[0], lanes->ny[lane] = (float)p->normal[1];
-    lanes->gx[lane] = (float)p->geometric[0], lanes->gy[lane] = (float)p->geometric[1];
-}
+/** Loads places into lanes: offsets in object space, normals still folded.
+ * position  the texels' own, of the mesh
+ * texel     within the mesh
+ * place     index into footprint->place */
+void lw_footprint_load(const struct lw_footprint *footprint, float *const position[3],
+                       const uint32_t texel[16], const uint32_t place[16], struct lw_footprint_lanes *lanes);
 /** Brings loaded lanes to world space and lifts their origins off the surface. */
 void lw_footprint_to_world(const struct lw_footprint_frame *frame, struct lw_footprint_lanes *lanes);
 

@@ -3,6 +3,7 @@
 #include "common/colour.h"
 #include "common/light/direction.h"
 #include "common/wide.h"
+#include "server/solve/direct.h"
 #include "server/solve/sampling.h"
 #include "server/solve/transport.h"
 
@@ -11,104 +12,16 @@
 #define LANES LW_TRACE_WIDTH
 /* So many bounce rays in a row start at the same place of their texel: finding it costs as much as half a ray. */
 #define PLACE_SHARE 2u
+/* Texels ahead of the one at hand whose ends are sent for. */
+#define GATHER_AHEAD 12u
 /* So many samples without light count as an error of 1; a full tile rests after some 25 frames at 0.02. */
 #define DARK_SAMPLES 2000.0
 /* What is known of a block's noise holds while its light is within this factor of what it was. */
 #define LIKE 4.0
 /* Of a block's estimated noise, what each frame brings. */
 #define NOISE_WEIGHT 0.125f
-/* Packets whose normals agree to this cosine run parallel enough for Embree's coherent traversal. */
-#define COHERENT_COSINE 0.95f
-
-/* The texels of a packet (packets.h), in world space. */
-struct packet {
-    uint32_t lane_texel[LANES]; /* within the tile */
-    uint16_t active;
-    bool coherent;
-    uint32_t block, set;             /* of the numbers that it draws (sampling.h) */
-    uint32_t frames;                 /* that the block has seen */
-    struct lw_footprint_frame frame; /* of the tile's object */
-    struct lw_footprint_lanes at;    /* where rays start; lanes that are not active repeat one that is */
-};
-
-static struct lw_vec3 origin_of(const struct packet *packet, uint32_t lane) {
-    return lw_vec3(packet->at.x[lane], packet->at.y[lane], packet->at.z[lane]);
-}
-
-static struct lw_vec3 normal_of(const struct packet *packet, uint32_t lane) {
-    return lw_vec3(packet->at.nx[lane], packet->at.ny[lane], packet->at.nz[lane]);
-}
-
-/* Takes up packet `set` of a block. Needs a frame. */
-static void load_packet(const struct lw_solve_tile *tile, const struct lw_solve_block *block, uint32_t set,
-                        struct packet *packet) {
-    const struct lw_packet *from = &block->packet[set];
-    const uint32_t index = (uint32_t)(block - tile->block), x = index % tile->block_columns,
-                   y = index / tile->block_columns;
-    packet->set = set;
-    /* Numbered over the whole atlas, so that no two blocks of an object share a sequence. */
-    packet->block = (tile->y * LW_TILE_BLOCKS + y) << 16 | (tile->x * LW_TILE_BLOCKS + x);
-    packet->frames = block->frames;
-    packet->active = (uint16_t)((1u << from->count) - 1);
-    for (uint32_t lane = 0; lane < LANES; lane++) {
-        const uint32_t texel = from->texel[lane < from->count ? lane : 0];
-        packet->lane_texel[lane] = (y * LW_TILE_BLOCK + texel / LW_TILE_BLOCK) * tile->width +
-                                   x * LW_TILE_BLOCK + texel % LW_TILE_BLOCK;
-    }
-}
-
-/* Whether a packet's normals agree so far that its rays run parallel enough. */
-LW_WIDE static bool agree(const struct lw_footprint_lanes *at) {
-    int32_t apart = 0;
-    for (uint32_t lane = 0; lane < LANES; lane++)
-        apart |=
-            at->nx[0] * at->nx[lane] + at->ny[0] * at->ny[lane] + at->nz[0] * at->nz[lane] > COHERENT_COSINE
-                ? 0
-                : -1;
-    return apart == 0;
-}
-
-/* What lw_footprint_choose() wants beside the number of the sample. */
-static uint32_t turn_of(const struct lw_passes *p, const struct lw_solve_tile *tile,
-                        const struct packet *packet, uint32_t sample) {
-    return lw_random_hash4(p->seed ^ tile->object, packet->block, sample / LW_FOOTPRINT_PLACES,
-                           LW_SAMPLING_FOOTPRINT << 8 | packet->set);
-}
-
-/* Sends for the places that place_packet() will read in a block: a line of memory each, and no two together. */
-static void prefetch_places(const struct lw_passes *p, const struct lw_solve_tile *tile,
-                            const struct lw_solve_block *block, uint32_t sample) {
-    const struct lw_footprint *footprint = &tile->mesh->footprint;
-    for (uint32_t set = 0; set < block->packet_count; set++) {
-        struct packet packet;
-        load_packet(tile, block, set, &packet);
-        const uint32_t turn = turn_of(p, tile, &packet, sample);
-        for (uint32_t lane = 0; lane < LANES; lane++) {
-            if (!(packet.active >> lane & 1)) continue;
-            const uint32_t i = packet.lane_texel[lane];
-            __builtin_prefetch(
-                &footprint->place[footprint->first[tile->local + i] +
-                                  lw_footprint_choose(p->texels->usable[tile->first + i], sample, turn)]);
-        }
-    }
-}
-
-/* Moves a packet's rays to the places of its texels that sample number `sample` takes. */
-static void place_packet(const struct lw_passes *p, const struct lw_solve_tile *tile, struct packet *packet,
-                         uint32_t sample) {
-    const uint32_t turn = turn_of(p, tile, packet, sample);
-    for (uint32_t lane = 0; lane < LANES; lane++) {
-        const uint32_t i = packet->lane_texel[lane];
-        const uint32_t place = lw_footprint_choose(p->texels->usable[tile->first + i], sample, turn);
-        lw_footprint_load(&tile->mesh->footprint, tile->local + i, place,
-                          lw_texels_vector(tile->mesh->position, tile->local + i), &packet->at, lane);
-    }
-    lw_footprint_to_world(&packet->frame, &packet->at);
-    packet->coherent = agree(&packet->at);
-}
-
 /* The same direction about each lane's normal. */
-LW_WIDE static void aim(const struct lw_footprint_lanes *restrict at, struct lw_vec3 local, float t_far,
+LW_WIDE static void aim(const struct lw_points16 *restrict at, struct lw_vec3 local, float t_far,
                         struct lw_ray16 *restrict rays) {
     memcpy(rays->org_x, at->x, sizeof rays->org_x);
     memcpy(rays->org_y, at->y, sizeof rays->org_y);
@@ -123,183 +36,12 @@ LW_WIDE static void aim(const struct lw_footprint_lanes *restrict at, struct lw_
     }
 }
 
-/* Light samples for the lanes of a packet: traces their shadow rays and adds what arrives. */
-struct shadow_batch {
-    struct lw_ray16 rays;
-    struct lw_vec3 arriving[LANES]; /* E if nothing is in the way */
-    uint16_t active;
-};
-
-static void start_batch(struct shadow_batch *batch, uint16_t active, uint32_t sample) {
-    batch->active = active;
-    batch->rays.salt = sample;
-}
-
-/* cosine: of the sample's direction with the lane's normal */
-static void add_light(struct shadow_batch *batch, const struct packet *packet, uint32_t lane,
-                      const struct lw_light_sample *sample, float cosine, float weight) {
-    struct lw_vec3 e = lw_vec3_scale(sample->irradiance_normal, cosine * weight);
-    if (!(cosine > 0) || !(e.x + e.y + e.z > 0)) return;
-    batch->arriving[lane] = e;
-    /* Short of the lamp itself, which would be in its own way. */
-    lw_trace_set_ray(&batch->rays, lane, origin_of(packet, lane), sample->direction,
-                     sample->distance_m * 0.9999f);
-    batch->active |= (uint16_t)(1u << lane);
-}
-
-static void add_sample(struct shadow_batch *batch, const struct packet *packet, uint32_t lane,
-                       const struct lw_light_sample *sample, float weight) {
-    add_light(batch, packet, lane, sample, lw_vec3_dot(normal_of(packet, lane), sample->direction), weight);
-}
-
-static void trace_batch(const struct lw_passes *p, const struct shadow_batch *batch, bool coherent,
-                        struct lw_vec3 sum[LANES], struct lw_passes_count *count) {
-    if (!batch->active) return;
-    uint16_t occluded =
-        lw_trace_occluded16(p->trace, coherent ? LW_TRACE_COHERENT : 0, batch->active, &batch->rays);
-    uint16_t lit = batch->active & (uint16_t)~occluded;
-    count->shadow += (uint64_t)__builtin_popcount(batch->active);
-    for (uint32_t lane = 0; lane < LANES; lane++)
-        if (lit >> lane & 1) sum[lane] = lw_vec3_add(sum[lane], batch->arriving[lane]);
-}
-
-/* Whether points and spots are so many that a few of them stand for all. */
-static bool is_many(const struct lw_lights *lights) { return lights->near_count > LW_LIGHTS_EXACT_MAX; }
-
-/* The middle of sixteen numbers' range, and half its length. */
-LW_WIDE static float middle_of(const float v[LANES], float *out_half) {
-    float low = v[0], high = v[0];
-    for (uint32_t lane = 1; lane < LANES; lane++) {
-        low = v[lane] < low ? v[lane] : low;
-        high = v[lane] > high ? v[lane] : high;
-    }
-    *out_half = 0.5f * (high - low);
-    return 0.5f * (high + low);
-}
-
-/* Where a packet's texels lie and face; lanes that are not active repeat one that is. */
-LW_WIDE static struct lw_light_region region_of(const struct lw_footprint_lanes *at) {
-    struct lw_vec3 half, normal = {0};
-    const struct lw_vec3 centre =
-        lw_vec3(middle_of(at->x, &half.x), middle_of(at->y, &half.y), middle_of(at->z, &half.z));
-    for (uint32_t lane = 0; lane < LANES; lane++)
-        normal = lw_vec3_add(normal, lw_vec3(at->nx[lane], at->ny[lane], at->nz[lane]));
-    normal = lw_vec3_normalize(normal);
-    float cosine = 1;
-    for (uint32_t lane = 0; lane < LANES; lane++) {
-        const float c = at->nx[lane] * normal.x + at->ny[lane] * normal.y + at->nz[lane] * normal.z;
-        cosine = c < cosine ? c : cosine;
-    }
-    return (struct lw_light_region){centre, normal, lw_vec3_length(half), cosine};
-}
-
-/* One sample of a group of lights: of one light for the whole packet where the group is far, else each lane chooses. */
-static void light_by_group(const struct lw_passes *p, const struct packet *packet,
-                           const struct lw_light_region *region, uint32_t group, float pick,
-                           const float point[2], struct shadow_batch *batch) {
-    const struct lw_light_tree *tree = &p->lights->tree;
-    const bool far = lw_light_tree_is_far(tree, group, region);
-    float probability = 0;
-    uint32_t light = UINT32_MAX;
-    if (far) light = lw_light_tree_choose(tree, group, region, pick, &probability);
-    for (uint32_t lane = 0; lane < LANES; lane++) {
-        if (!(packet->active >> lane & 1)) continue;
-        const struct lw_light_region here = {origin_of(packet, lane), normal_of(packet, lane), 0, 1};
-        if (!far) light = lw_light_tree_choose(tree, group, &here, pick, &probability);
-        if (light == UINT32_MAX) continue;
-        const struct lw_light_sample sample = lw_lights_sample_near(p->lights, light, probability, point[0],
-                                                                    point[1], here.centre_ws, here.normal_ws);
-        add_sample(batch, packet, lane, &sample, 1.0f / (float)p->direct_samples);
-    }
-}
-
-/* Emitters, and points and spots where they are many. */
-static void light_by_groups(const struct lw_passes *p, const struct lw_solve_tile *tile,
-                            struct packet *packet, struct lw_vec3 sum[LANES], struct lw_passes_count *count) {
-    if (!p->lights->tree.count) return;
-    const uint32_t seed = lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_EMITTER);
-    const uint32_t pick_seed =
-        lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_EMITTER_PICK);
-    for (uint32_t s = 0; s < p->direct_samples; s++) {
-        const uint32_t index = packet->frames * p->direct_samples + s;
-        if (p->direct_samples > 1) place_packet(p, tile, packet, index);
-        const struct lw_light_region region = region_of(&packet->at);
-        uint32_t group[LW_LIGHTS_EXACT_MAX];
-        const uint32_t groups = lw_lights_split(p->lights, &region, group);
-        for (uint32_t g = 0; g < groups; g++) {
-            float point[2], pick[2]; /* of a sequence of the group's own: most groups stay over the frames */
-            lw_sampling_point(lw_random_hash2(seed, group[g]), index, packet->set, point);
-            lw_sampling_point(lw_random_hash2(pick_seed, group[g]), index, packet->set, pick);
-            struct shadow_batch batch;
-            start_batch(&batch, 0, index);
-            light_by_group(p, packet, &region, group[g], pick[0], point, &batch);
-            trace_batch(p, &batch, packet->coherent, sum, count);
-        }
-    }
-}
-
-static void light_by_punctual(const struct lw_passes *p, const struct lw_solve_tile *tile,
-                              const struct packet *packet, struct lw_vec3 sum[LANES],
-                              struct lw_passes_count *count) {
-    for (uint32_t l = 0; l < p->scene->light_count; l++) {
-        if (is_many(p->lights) && p->scene->light[l].kind != LW_LIGHT_DIRECTIONAL) continue;
-        float point[2];
-        lw_sampling_point(lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_PUNCTUAL + l),
-                          packet->frames, packet->set, point);
-        /* The sun's is the same for all. */
-        const bool sun = p->scene->light[l].kind == LW_LIGHT_DIRECTIONAL;
-        struct lw_light_sample sample;
-        if (sun) sample = lw_lights_sample_punctual(p->lights, l, point[0], point[1], lw_vec3(0, 0, 0));
-        struct shadow_batch batch;
-        start_batch(&batch, 0, packet->frames);
-        for (uint32_t lane = 0; lane < LANES; lane++) {
-            if (!(packet->active >> lane & 1)) continue;
-            if (!sun)
-                sample = lw_lights_sample_punctual(p->lights, l, point[0], point[1], origin_of(packet, lane));
-            add_sample(&batch, packet, lane, &sample, 1);
-        }
-        trace_batch(p, &batch, packet->coherent, sum, count);
-    }
-}
-
-static void light_by_sky(const struct lw_passes *p, const struct lw_solve_tile *tile, struct packet *packet,
-                         struct lw_vec3 sum[LANES], struct lw_passes_count *count) {
-    if (!(p->lights->sky_luminance > 0)) return;
-    uint32_t seed = lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_SKY);
-    for (uint32_t s = 0; s < p->direct_samples; s++) {
-        if (p->direct_samples > 1) place_packet(p, tile, packet, packet->frames * p->direct_samples + s);
-        float point[2];
-        lw_sampling_point(seed, packet->frames * p->direct_samples + s, packet->set, point);
-        const struct lw_sky_draw draw = lw_lights_draw_sky(p->lights, point[0], point[1]);
-        struct shadow_batch batch;
-        start_batch(&batch, 0, packet->frames * p->direct_samples + s);
-        for (uint32_t lane = 0; lane < LANES; lane++) {
-            if (!(packet->active >> lane & 1)) continue;
-            float cosine;
-            struct lw_light_sample sample =
-                lw_lights_place_sky(p->lights, &draw, normal_of(packet, lane), &cosine);
-            add_light(&batch, packet, lane, &sample, cosine, 1.0f / (float)p->direct_samples);
-        }
-        trace_batch(p, &batch, packet->coherent, sum, count);
-    }
-}
-
 static void blend(float *const dst[3], uint32_t texel, struct lw_vec3 value, float weight) {
     /* One estimate beyond float's range would stay in the mean for good. */
     if (!lw_vec3_is_finite(value)) return;
     dst[0][texel] += (value.x - dst[0][texel]) * weight;
     dst[1][texel] += (value.y - dst[1][texel]) * weight;
     dst[2][texel] += (value.z - dst[2][texel]) * weight;
-}
-
-/* One frame's estimate of the direct light of a packet's texels. */
-static void light_packet(const struct lw_passes *p, const struct lw_solve_tile *tile, struct packet *packet,
-                         struct lw_vec3 out_sum[LANES], struct lw_passes_count *count) {
-    memset(out_sum, 0, LANES * sizeof *out_sum);
-    place_packet(p, tile, packet, packet->frames * p->direct_samples);
-    light_by_punctual(p, tile, packet, out_sum, count);
-    light_by_groups(p, tile, packet, out_sum, count);
-    light_by_sky(p, tile, packet, out_sum, count);
 }
 
 static void store(float *const dst[3], uint32_t texel, struct lw_vec3 value) {
@@ -309,20 +51,20 @@ static void store(float *const dst[3], uint32_t texel, struct lw_vec3 value) {
 }
 
 void lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile, struct lw_passes_count *count) {
-    struct packet packet;
-    lw_footprint_frame_init(&packet.frame, &p->pose->object_to_world[tile->object]);
+    struct lw_launch launch[LW_PACKETS_MAX];
+    struct lw_launch_site site;
+    lw_footprint_frame_init(&site.frame, &p->pose->object_to_world[tile->object]);
     LW_TILES_EACH_BLOCK (tile, block) {
         if (!block->due) continue;
-        prefetch_places(p, tile, block, block->frames * p->direct_samples);
+        lw_launch_block(tile, block, p->texels->usable, p->seed, block->frames * p->direct_samples, launch);
         for (uint32_t set = 0; set < block->packet_count; set++) {
-            struct lw_vec3 sum[LANES];
-            load_packet(tile, block, set, &packet);
-            light_packet(p, tile, &packet, sum, count);
-            for (uint32_t lane = 0; lane < LANES; lane++) {
-                if (!(packet.active >> lane & 1)) continue;
-                const uint32_t texel = tile->first + packet.lane_texel[lane];
-                blend(p->tiles->direct, texel, sum[lane], block->direct.weight);
-                store(p->tiles->estimate[LW_TILES_DIRECT], texel, sum[lane]);
+            float e[3][LANES];
+            lw_direct_light(p, tile, &launch[set], &site, e, count);
+            for (uint32_t lane = 0; lane < block->packet[set].count; lane++) {
+                const uint32_t texel = tile->first + launch[set].texel[lane];
+                const struct lw_vec3 now = lw_vec3(e[0][lane], e[1][lane], e[2][lane]);
+                blend(p->tiles->direct, texel, now, block->direct.weight);
+                store(p->tiles->estimate[LW_TILES_DIRECT], texel, now);
             }
         }
     }
@@ -350,48 +92,52 @@ static bool ask_probes(const struct lw_passes *p, const struct lw_ray16 *rays, u
 
 /* Ends of a packet's rays of finite range: what they hit, else what a probe knows, else what they hit further on. */
 static void find_ends(const struct lw_passes *p, const struct lw_solve_tile *tile,
-                      const struct packet *packet, struct lw_ray16 *rays, struct lw_hit16 *hits,
-                      uint32_t out_end[LANES], struct lw_passes_count *count) {
+                      const struct lw_launch *launch, unsigned flags, struct lw_ray16 *rays,
+                      struct lw_hit16 *hits, uint32_t out_end[LANES], struct lw_passes_count *count) {
     uint16_t unseen = 0;
     for (uint32_t lane = 0; lane < LANES; lane++) {
-        if (!(packet->active >> lane & 1)) continue;
+        if (!(launch->active >> lane & 1)) continue;
         out_end[lane] = end_of(p, hits, lane);
         if (hits->object[lane] != LW_TRACE_MISS || !p->probes) continue;
-        const uint32_t random = lw_random_hash3(p->seed, tile->first + packet->lane_texel[lane],
-                                                rays->salt ^ LW_SAMPLING_PROBE << 24);
+        const uint32_t random =
+            lw_random_hash3(p->seed, tile->first + launch->texel[lane], rays->salt ^ LW_SAMPLING_PROBE << 24);
         if (ask_probes(p, rays, lane, random, &out_end[lane])) continue;
         rays->t_near[lane] = rays->t_far[lane];
         rays->t_far[lane] = INFINITY;
         unseen |= (uint16_t)(1u << lane);
     }
     if (!unseen) return;
-    lw_trace_closest16(p->trace, packet->coherent ? LW_TRACE_COHERENT : 0, unseen, rays, hits);
+    lw_trace_closest16(p->trace, flags, unseen, rays, hits);
     for (uint32_t lane = 0; lane < LANES; lane++)
         if (unseen >> lane & 1) out_end[lane] = end_of(p, hits, lane);
     count->bounce += (uint64_t)__builtin_popcount(unseen);
 }
 
 /* Where the rays of a packet's texels end in one frame, but not yet the texels that stand for those. */
-static void trace_packet(const struct lw_passes *p, const struct lw_solve_tile *tile, struct packet *packet,
+/* Needs its places for the first of them. */
+static void trace_packet(const struct lw_passes *p, const struct lw_solve_tile *tile,
+                         struct lw_launch *launch, struct lw_launch_site *site,
                          struct lw_passes_count *count) {
-    const uint32_t seed = lw_sampling_seed(p->seed, tile->object, packet->block, LW_SAMPLING_BOUNCE);
+    const uint32_t seed = lw_sampling_seed(p->seed, tile->object, launch->block, LW_SAMPLING_BOUNCE);
     for (uint32_t s = 0; s < p->indirect_samples; s++) {
-        const uint32_t sample = packet->frames * p->indirect_samples + s;
+        const uint32_t sample = launch->frames * p->indirect_samples + s;
+        if (s > 0 && s % PLACE_SHARE == 0)
+            lw_launch_choose(launch, tile, p->texels->usable, p->seed, sample / PLACE_SHARE);
+        if (s % PLACE_SHARE == 0) lw_launch_place(launch, tile, site);
+        const unsigned flags = site->coherent ? LW_TRACE_COHERENT : LW_TRACE_LIGHT;
         float point[2];
-        if (s % PLACE_SHARE == 0) place_packet(p, tile, packet, sample / PLACE_SHARE);
-        lw_sampling_point(seed, sample, packet->set, point);
         struct lw_ray16 rays;
         struct lw_hit16 hits;
-        rays.salt = sample;
-        aim(&packet->at, lw_direction_cosine(point), p->tracing_range_m, &rays);
-        lw_trace_closest16(p->trace, packet->coherent ? LW_TRACE_COHERENT : 0, packet->active, &rays, &hits);
         uint32_t end[LANES];
-        find_ends(p, tile, packet, &rays, &hits, end, count);
+        lw_sampling_point(seed, sample, launch->set, point);
+        aim(&site->lanes.at, lw_direction_cosine(point), p->tracing_range_m, &rays);
+        rays.salt = sample;
+        lw_trace_closest16(p->trace, flags, launch->active, &rays, &hits);
+        count->bounce += (uint64_t)__builtin_popcount(launch->active);
+        find_ends(p, tile, launch, flags, &rays, &hits, end, count);
         for (uint32_t lane = 0; lane < LANES; lane++)
-            if (packet->active >> lane & 1)
-                p->end[(size_t)(tile->first + packet->lane_texel[lane]) * p->indirect_samples + s] =
-                    end[lane];
-        count->bounce += (uint64_t)__builtin_popcount(packet->active);
+            if (launch->active >> lane & 1)
+                p->end[(size_t)(tile->first + launch->texel[lane]) * p->indirect_samples + s] = end[lane];
     }
 }
 
@@ -411,15 +157,15 @@ static void read_sources(const struct lw_passes *p, const struct lw_solve_tile *
 
 void lw_passes_trace_ends(const struct lw_passes *p, const struct lw_solve_tile *tile,
                           struct lw_passes_count *count) {
-    struct packet packet;
-    lw_footprint_frame_init(&packet.frame, &p->pose->object_to_world[tile->object]);
+    struct lw_launch launch[LW_PACKETS_MAX];
+    struct lw_launch_site site;
+    lw_footprint_frame_init(&site.frame, &p->pose->object_to_world[tile->object]);
     LW_TILES_EACH_BLOCK (tile, block) {
         if (!block->due) continue;
-        prefetch_places(p, tile, block, block->frames * p->indirect_samples / PLACE_SHARE);
-        for (uint32_t set = 0; set < block->packet_count; set++) {
-            load_packet(tile, block, set, &packet);
-            trace_packet(p, tile, &packet, count);
-        }
+        lw_launch_block(tile, block, p->texels->usable, p->seed,
+                        block->frames * p->indirect_samples / PLACE_SHARE, launch);
+        for (uint32_t set = 0; set < block->packet_count; set++)
+            trace_packet(p, tile, &launch[set], &site, count);
     }
     read_sources(p, tile);
 }
@@ -441,10 +187,19 @@ static struct lw_vec3 gather_texel(const struct lw_passes *p, uint32_t texel, ui
     return lw_vec3_scale(sum, LW_PI / (float)n);
 }
 
+/* Ends lie anywhere in memory: what a few texels from here will read is sent for. */
+static void prefetch_ends(const struct lw_passes *p, uint32_t texel, uint32_t bounce) {
+    const uint32_t *end = p->end + (size_t)texel * p->indirect_samples;
+    for (uint32_t s = 0; s < p->indirect_samples; s++)
+        if (!(end[s] & LW_END_PROBE)) __builtin_prefetch(p->tiles->radiance[bounce - 1] + (size_t)end[s] * 4);
+}
+
 void lw_passes_gather(const struct lw_passes *p, const struct lw_solve_tile *tile, uint32_t bounce) {
     float *const *estimate = p->tiles->estimate[LW_TILES_INDIRECT];
-    for (uint32_t i = 0; i < tile->width * tile->height; i++) {
+    const uint32_t count = tile->width * tile->height;
+    for (uint32_t i = 0; i < count; i++) {
         const uint32_t texel = tile->first + i;
+        if (i + GATHER_AHEAD < count) prefetch_ends(p, texel + GATHER_AHEAD, bounce);
         const struct lw_solve_block *block = lw_tiles_block(tile, i % tile->width, i / tile->width);
         if (!block->due || !p->tiles->covered[texel]) continue;
         const struct lw_vec3 e = gather_texel(p, texel, bounce);
@@ -465,14 +220,19 @@ static uint32_t quarter_of(const struct lw_solve_tile *tile, uint32_t texel) {
 
 static float most_of(struct lw_vec3 v) { return fmaxf(fabsf(v.x), fmaxf(fabsf(v.y), fabsf(v.z))); }
 
-/* Takes the samples of its last solve again, up to where its rays end. Needs a frame. */
-static void repeat_packet(const struct lw_passes *p, const struct lw_solve_tile *tile, struct packet *packet,
-                          struct lw_vec3 out_direct[LANES], struct lw_passes_count *count) {
-    light_packet(p, tile, packet, out_direct, count);
+/* Takes the samples of a packet's last solve again, up to where its rays end. Needs the site's frame. */
+static void repeat_packet(const struct lw_passes *p, const struct lw_solve_tile *tile,
+                          struct lw_launch *launch, struct lw_launch_site *site, float out_direct[3][LANES],
+                          struct lw_passes_count *count) {
+    const uint8_t *usable = p->texels->usable;
+    launch->frames--; /* the numbers of that solve */
+    lw_launch_choose(launch, tile, usable, p->seed, launch->frames * p->direct_samples);
+    lw_direct_light(p, tile, launch, site, out_direct, count);
     if (!p->tiles->bounces) return;
-    trace_packet(p, tile, packet, count);
+    lw_launch_choose(launch, tile, usable, p->seed, launch->frames * p->indirect_samples / PLACE_SHARE);
+    trace_packet(p, tile, launch, site, count);
     for (uint32_t lane = 0; lane < LANES; lane++)
-        if (packet->active >> lane & 1) read_sources_of(p, tile->first + packet->lane_texel[lane]);
+        if (launch->active >> lane & 1) read_sources_of(p, tile->first + launch->texel[lane]);
 }
 
 static struct lw_vec3 gather_orders(const struct lw_passes *p, uint32_t texel) {
@@ -484,18 +244,19 @@ static struct lw_vec3 gather_orders(const struct lw_passes *p, uint32_t texel) {
 
 /* direct: estimated anew, or NULL */
 static struct lw_change_packet compare_packet(const struct lw_passes *p, const struct lw_solve_tile *tile,
-                                              const struct lw_solve_block *block, const struct packet *packet,
-                                              const struct lw_vec3 *direct,
+                                              const struct lw_solve_block *block,
+                                              const struct lw_launch *launch, const float (*direct)[LANES],
                                               const struct lw_change_packet *before) {
     struct lw_change_packet found = {.direct_square = direct ? 0 : before->direct_square};
-    const uint32_t lanes = (uint32_t)__builtin_popcount(packet->active);
+    const uint32_t lanes = (uint32_t)__builtin_popcount(launch->active);
     struct lw_vec3 off[LANES];
     float sum = 0;
     for (uint32_t lane = 0; lane < lanes; lane++) {
-        const uint32_t texel = tile->first + packet->lane_texel[lane];
+        const uint32_t texel = tile->first + launch->texel[lane];
         if (direct) {
-            const float d = most_of(
-                lw_vec3_sub(direct[lane], lw_texels_vector(p->tiles->estimate[LW_TILES_DIRECT], texel)));
+            const struct lw_vec3 now = lw_vec3(direct[0][lane], direct[1][lane], direct[2][lane]);
+            const float d =
+                most_of(lw_vec3_sub(now, lw_texels_vector(p->tiles->estimate[LW_TILES_DIRECT], texel)));
             found.direct_square += d * d;
         }
         off[lane] = lw_vec3_sub(gather_orders(p, texel),
@@ -506,25 +267,25 @@ static struct lw_change_packet compare_packet(const struct lw_passes *p, const s
         const float size = most_of(off[lane]);
         const float others = lanes > 1 ? (sum - size) / (float)(lanes - 1) : size;
         const float bound = DIFFERENCE_MAX * fmaxf(block->light, others);
-        struct lw_vec3 *region = &found.indirect[quarter_of(tile, packet->lane_texel[lane])];
+        struct lw_vec3 *region = &found.indirect[quarter_of(tile, launch->texel[lane])];
         *region = lw_vec3_mad(*region, off[lane], size > bound ? bound / size : 1);
     }
     return found;
 }
 
 void lw_passes_compare(const struct lw_passes *p, struct lw_solve_tile *tile, struct lw_passes_count *count) {
-    struct packet packet;
-    lw_footprint_frame_init(&packet.frame, &p->pose->object_to_world[tile->object]);
+    struct lw_launch launch;
+    struct lw_launch_site site;
+    lw_footprint_frame_init(&site.frame, &p->pose->object_to_world[tile->object]);
     LW_TILES_EACH_BLOCK (tile, block)
         for (uint32_t set = 0; set < block->packet_count; set++) {
             if (!(block->change.compare >> set & 1)) continue;
             const bool retrace = block->change.retrace >> set & 1;
-            struct lw_vec3 direct[LANES];
-            load_packet(tile, block, set, &packet);
-            packet.frames--; /* the numbers of its last solve */
-            if (retrace) repeat_packet(p, tile, &packet, direct, count);
+            float direct[3][LANES];
+            lw_launch_init(&launch, tile, block, set);
+            if (retrace) repeat_packet(p, tile, &launch, &site, direct, count);
             block->change.packet[set] =
-                compare_packet(p, tile, block, &packet, retrace ? direct : NULL, &block->change.packet[set]);
+                compare_packet(p, tile, block, &launch, retrace ? direct : NULL, &block->change.packet[set]);
         }
 }
 
@@ -547,12 +308,12 @@ static void arrive_at(const struct lw_passes *p, const struct lw_solve_tile *til
     struct lw_vec3 sum[LW_CHANGE_REGIONS] = {{0}};
     uint32_t texels[LW_CHANGE_REGIONS] = {0};
     for (uint32_t set = 0; set < block->packet_count; set++) {
-        struct packet packet;
-        load_packet(tile, block, set, &packet);
+        struct lw_launch launch;
+        lw_launch_init(&launch, tile, block, set);
         for (uint32_t lane = 0; lane < block->packet[set].count; lane++) {
-            const uint32_t region = quarter_of(tile, packet.lane_texel[lane]);
+            const uint32_t region = quarter_of(tile, launch.texel[lane]);
             sum[region] =
-                lw_vec3_add(sum[region], change_at(p, tile->first + packet.lane_texel[lane], first, last));
+                lw_vec3_add(sum[region], change_at(p, tile->first + launch.texel[lane], first, last));
             texels[region]++;
         }
     }
@@ -569,18 +330,18 @@ void lw_passes_arrive(const struct lw_passes *p, struct lw_solve_tile *tile, uin
 
 void lw_passes_recall(const struct lw_passes *p, const struct lw_solve_tile *tile,
                       struct lw_passes_count *count) {
-    struct packet packet;
-    lw_footprint_frame_init(&packet.frame, &p->pose->object_to_world[tile->object]);
+    struct lw_launch launch;
+    struct lw_launch_site site;
+    lw_footprint_frame_init(&site.frame, &p->pose->object_to_world[tile->object]);
     LW_TILES_EACH_BLOCK (tile, block)
         for (uint32_t set = 0; block->frames && set < block->packet_count; set++) {
-            struct lw_vec3 direct[LANES];
-            load_packet(tile, block, set, &packet);
-            packet.frames--;
-            repeat_packet(p, tile, &packet, direct, count);
-            for (uint32_t lane = 0; lane < LANES; lane++) {
-                if (!(packet.active >> lane & 1)) continue;
-                const uint32_t texel = tile->first + packet.lane_texel[lane];
-                store(p->tiles->estimate[LW_TILES_DIRECT], texel, direct[lane]);
+            float direct[3][LANES];
+            lw_launch_init(&launch, tile, block, set);
+            repeat_packet(p, tile, &launch, &site, direct, count);
+            for (uint32_t lane = 0; lane < block->packet[set].count; lane++) {
+                const uint32_t texel = tile->first + launch.texel[lane];
+                store(p->tiles->estimate[LW_TILES_DIRECT], texel,
+                      lw_vec3(direct[0][lane], direct[1][lane], direct[2][lane]));
                 store(p->tiles->estimate[LW_TILES_INDIRECT], texel, gather_orders(p, texel));
             }
         }

@@ -119,23 +119,27 @@ static void trace_packet(const struct bundle *b, const uint32_t texel[LANES], ui
     const struct lw_passes *p = b->passes;
     const struct lw_solve_tile *tile = b->tile;
     if (!active) return;
-    struct lw_footprint_lanes at;
+    struct lw_footprint_lanes lanes;
     struct lw_ray16 rays;
     struct lw_hit16 hits;
+    uint32_t local_texel[LANES], place[LANES];
     const uint32_t turn = lw_random_hash4(b->use, block, sample / LW_FOOTPRINT_PLACES, set);
     for (uint32_t lane = 0; lane < LANES; lane++) {
         const uint32_t i = texel[active >> lane & 1 ? lane : (uint32_t)__builtin_ctz(active)];
-        lw_footprint_load(&tile->mesh->footprint, tile->local + i,
-                          lw_footprint_choose(p->texels->usable[tile->first + i], sample, turn),
-                          lw_texels_vector(tile->mesh->position, tile->local + i), &at, lane);
+        local_texel[lane] = tile->local + i;
+        place[lane] = tile->mesh->footprint.first[tile->local + i] +
+                      lw_footprint_choose(p->texels->usable[tile->first + i], sample, turn);
     }
-    lw_footprint_to_world(&b->frame, &at);
+    lw_footprint_load(&tile->mesh->footprint, tile->mesh->position, local_texel, place, &lanes);
+    lw_footprint_to_world(&b->frame, &lanes);
+    const struct lw_points16 *at = &lanes.at;
     const bool each = b->way->own || b->way->cells;
     struct lw_vec3 local = draw(b, block, texel[__builtin_ctz(active)], set, sample);
     for (uint32_t lane = 0; lane < LANES; lane++) {
         if (each && active >> lane & 1) local = draw(b, block, texel[lane], set, sample);
-        lw_trace_set_ray(&rays, lane, lw_vec3(at.x[lane], at.y[lane], at.z[lane]),
-                         lw_direction_about(lw_vec3(at.nx[lane], at.ny[lane], at.nz[lane]), local), INFINITY);
+        lw_trace_set_ray(&rays, lane, lw_vec3(at->x[lane], at->y[lane], at->z[lane]),
+                         lw_direction_about(lw_vec3(at->nx[lane], at->ny[lane], at->nz[lane]), local),
+                         INFINITY);
     }
     rays.salt = sample;
     lw_trace_closest16(p->trace, each ? 0 : LW_TRACE_COHERENT, active, &rays, &hits);

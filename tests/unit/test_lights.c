@@ -1,6 +1,7 @@
 /* One sample over all lights: unbiased, and its density is the one that the other technique is told. */
 #include "common/colour.h"
-#include "common/light/lights.h"
+#include "common/light/direction.h"
+#include "common/light/lights16.h"
 #include "common/random.h"
 #include "tests/support/support.h"
 
@@ -306,13 +307,120 @@ static void test_changes(void **state) {
     end(&s);
 }
 
+/* ---- sixteen points at once ---- */
+
+/* Around the lamps, some of them very near, facing anywhere. */
+static void scatter_points(struct lw_points16 *points, uint32_t round) {
+    for (uint32_t i = 0; i < 16; i++) {
+        float at[2], n[2];
+        lw_random_sobol2(round * 16 + i, 1, at);
+        lw_random_sobol2(round * 16 + i, 2, n);
+        const struct lw_vec3 normal = lw_direction_sphere(n);
+        points->x[i] = 6 * at[0] - 3, points->y[i] = 3 * n[1] - 1.2f, points->z[i] = 5 * at[1] - 2.5f;
+        points->nx[i] = normal.x, points->ny[i] = normal.y, points->nz[i] = normal.z;
+    }
+}
+static struct lw_vec3 point_of(const struct lw_points16 *p, uint32_t i) {
+    return lw_vec3(p->x[i], p->y[i], p->z[i]);
+}
+static struct lw_vec3 normal_of(const struct lw_points16 *p, uint32_t i) {
+    return lw_vec3(p->nx[i], p->ny[i], p->nz[i]);
+}
+
+/* The same kernels: the same directions, to the bit. Returns whether anything arrives. */
+static bool expect_same(const struct lw_light_sample16 *wide, const struct lw_points16 *points, uint32_t i,
+                        const struct lw_light_sample *one) {
+    const float cosine = lw_vec3_dot(one->direction, normal_of(points, i)),
+                want = cosine > 0 ? one->irradiance_normal.x * cosine : 0;
+    if (!(fabsf(wide->e[0][i] - want) <= 1e-5f * want))
+        fail_msg("E %g, one by one %g", (double)wide->e[0][i], (double)want);
+    assert_int_equal(lw_light_sample16_lit(wide) >> i & 1, want > 0);
+    if (!(want > 0)) return false;
+    assert_true(wide->dir_x[i] == one->direction.x && wide->dir_y[i] == one->direction.y &&
+                wide->dir_z[i] == one->direction.z && wide->distance_m[i] == one->distance_m);
+    return true;
+}
+
+static uint32_t compare_near(const struct stage *s, const struct lw_points16 *points, float pick,
+                             const float point[2]) {
+    uint32_t light[16], lit = 0, group[LW_LIGHTS_EXACT_MAX];
+    float probability[16];
+    const struct lw_light_region all = {origin, up, 100, -1};
+    const uint32_t groups = lw_lights_split(&s->lights, &all, group);
+    assert_true(groups > 1);
+    for (uint32_t g = 0; g < groups; g++) {
+        const uint16_t active = 0xdfff; /* all but one */
+        lw_light_tree_choose16(&s->lights.tree, group[g], points, pick, active, light, probability);
+        assert_int_equal(light[13], UINT32_MAX);
+        for (uint32_t i = 0; i < 16; i++) {
+            if (!(active >> i & 1)) continue;
+            const struct lw_light_region here = {point_of(points, i), normal_of(points, i), 0, 1};
+            float p = 0;
+            assert_int_equal(lw_light_tree_choose(&s->lights.tree, group[g], &here, pick, &p), light[i]);
+            if (light[i] == UINT32_MAX) continue;
+            assert_true(fabsf(probability[i] - p) <= 1e-6f * p);
+            struct lw_light_sample16 wide;
+            memset(&wide, 0x7f, sizeof wide); /* what is not chosen stays */
+            const struct lw_light_sample16 before = wide;
+            lw_lights_sample_near16(&s->lights, light[i], probability, point[0], point[1], points,
+                                    (uint16_t)(1u << i), &wide);
+            assert_memory_equal(&wide.e[1][(i + 1) % 16], &before.e[1][(i + 1) % 16], sizeof(float));
+            const struct lw_light_sample one = lw_lights_sample_near(
+                &s->lights, light[i], probability[i], point[0], point[1], here.centre_ws, here.normal_ws);
+            lit += expect_same(&wide, points, i, &one);
+        }
+    }
+    return lit;
+}
+
+static uint32_t compare_far(const struct stage *s, const struct lw_points16 *points, const float point[2]) {
+    uint32_t lit = 0;
+    struct lw_light_sample16 wide;
+    for (uint32_t l = 0; l < s->scene->light_count; l++) {
+        lw_lights_sample_punctual16(&s->lights, l, point[0], point[1], points, &wide);
+        for (uint32_t i = 0; i < 16; i++) {
+            const struct lw_light_sample one =
+                lw_lights_sample_punctual(&s->lights, l, point[0], point[1], point_of(points, i));
+            lit += expect_same(&wide, points, i, &one);
+        }
+    }
+    const struct lw_sky_draw draw = lw_lights_draw_sky(&s->lights, point[0], point[1]);
+    lw_lights_place_sky16(&s->lights, &draw, points, &wide);
+    for (uint32_t i = 0; i < 16; i++) {
+        float cosine;
+        const struct lw_light_sample one =
+            lw_lights_place_sky(&s->lights, &draw, normal_of(points, i), &cosine);
+        lit += expect_same(&wide, points, i, &one);
+    }
+    return lit;
+}
+
+static void test_sixteen_points_at_once(void **state) {
+    (void)state;
+    for (int many = 0; many < 2; many++) {
+        struct stage s;
+        uint32_t near = 0, far = 0;
+        everything(&s, many ? 40 : 12);
+        for (uint32_t round = 0; round < 500; round++) {
+            struct lw_points16 points;
+            float point[2], pick[2];
+            scatter_points(&points, round);
+            lw_random_sobol2(round, 3, point);
+            lw_random_sobol2(round, 4, pick);
+            near += compare_near(&s, &points, pick[0], point);
+            far += compare_far(&s, &points, point);
+        }
+        assert_in_range(near, 2000, UINT32_MAX); /* not all in the dark */
+        assert_in_range(far, 2000, UINT32_MAX);
+        end(&s);
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_few_lights),
-        cmocka_unit_test(test_many_lights),
-        cmocka_unit_test(test_changes),
-        cmocka_unit_test(test_no_light),
-        cmocka_unit_test(test_what_does_not_shine_has_no_density),
+        cmocka_unit_test(test_few_lights), cmocka_unit_test(test_many_lights),
+        cmocka_unit_test(test_changes),    cmocka_unit_test(test_sixteen_points_at_once),
+        cmocka_unit_test(test_no_light),   cmocka_unit_test(test_what_does_not_shine_has_no_density),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

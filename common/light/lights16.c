@@ -1,0 +1,201 @@
+#include "common/light/lights16.h"
+
+#include "common/light/direction.h"
+#include "common/light/light_kernels.h"
+
+#define LANES 16
+
+/* Depth of a tree of 2^32 lights, which halves. */
+#define STACK_MAX 34
+
+LW_WIDE_INLINE struct lw_vec3 position(const struct lw_points16 *p, int lane) {
+    return lw_vec3(p->x[lane], p->y[lane], p->z[lane]);
+}
+LW_WIDE_INLINE struct lw_vec3 normal(const struct lw_points16 *p, int lane) {
+    return lw_vec3(p->nx[lane], p->ny[lane], p->nz[lane]);
+}
+
+/* What lies behind the surface, or is no number, counts as nothing. */
+LW_WIDE_INLINE struct lw_vec3 arriving(struct lw_vec3 irradiance_normal, float cosine) {
+    const struct lw_vec3 e = lw_vec3_scale(irradiance_normal, cosine);
+    const float sum = e.x + e.y + e.z;
+    const bool some = (cosine > 0) & (sum > 0) & (sum <= FLT_MAX);
+    return lw_vec3(some ? e.x : 0, some ? e.y : 0, some ? e.z : 0);
+}
+
+LW_WIDE_INLINE void put(struct lw_light_sample16 *out, int lane, bool chosen, struct lw_vec3 direction,
+                        float distance_m, struct lw_vec3 e) {
+    out->dir_x[lane] = chosen ? direction.x : out->dir_x[lane];
+    out->dir_y[lane] = chosen ? direction.y : out->dir_y[lane];
+    out->dir_z[lane] = chosen ? direction.z : out->dir_z[lane];
+    out->distance_m[lane] = chosen ? distance_m : out->distance_m[lane];
+    out->e[0][lane] = chosen ? e.x : out->e[0][lane];
+    out->e[1][lane] = chosen ? e.y : out->e[1][lane];
+    out->e[2][lane] = chosen ? e.z : out->e[2][lane];
+}
+
+LW_WIDE uint16_t lw_light_sample16_lit(const struct lw_light_sample16 *s) {
+    uint32_t lit = 0;
+    for (int i = 0; i < LANES; i++) lit |= (s->e[0][i] + s->e[1][i] + s->e[2][i] > 0 ? 1u : 0u) << i;
+    return (uint16_t)lit;
+}
+
+/* ---- choosing ---- */
+
+/* Points that have come to a node of the tree, and what is left of their choice. */
+struct choice {
+    float pick[LANES], probability[LANES];
+};
+
+/* Whether each point goes to the left child, the right one or nowhere; those of `here` alone choose. */
+LW_WIDE static void descend(const struct lw_light_node *left, const struct lw_light_node *right,
+                            const struct lw_points16 *restrict points, uint16_t here,
+                            struct choice *restrict choice, uint16_t *out_left, uint16_t *out_right) {
+    uint32_t left_bit[LANES], right_bit[LANES], goes_left = 0, goes_right = 0;
+    for (int i = 0; i < LANES; i++) {
+        const struct lw_light_place place = {position(points, i), normal(points, i), 0, 1, 0};
+        const float a = lw_light_importance(left, place), b = lw_light_importance(right, place);
+        const float share = a / (a + b), pick = choice->pick[i];
+        const float p = pick < share ? share : 1 - share, below = pick < share ? 0 : share;
+        const uint32_t bit = a + b > 0 ? 1u << i & here : 0;
+        choice->pick[i] = bit ? lw_light_smaller((pick - below) / p, LW_LIGHT_BELOW_ONE) : pick;
+        choice->probability[i] *= bit ? p : 1;
+        left_bit[i] = pick < share ? bit : 0;
+        right_bit[i] = pick >= share ? bit : 0;
+    }
+    for (int i = 0; i < LANES; i++) goes_left |= left_bit[i], goes_right |= right_bit[i];
+    *out_left = (uint16_t)goes_left;
+    *out_right = (uint16_t)goes_right;
+}
+
+void lw_light_tree_choose16(const struct lw_light_tree *tree, uint32_t group,
+                            const struct lw_points16 *points, float pick, uint16_t active,
+                            uint32_t out_light[16], float out_probability[16]) {
+    struct {
+        uint32_t node;
+        uint16_t lanes;
+    } stack[STACK_MAX] = {{group, active}};
+    struct choice choice;
+    for (int i = 0; i < LANES; i++) {
+        choice.pick[i] = pick;
+        choice.probability[i] = 1;
+        out_light[i] = UINT32_MAX;
+        out_probability[i] = 0;
+    }
+    for (int top = 1; top > 0;) {
+        const uint32_t node = stack[--top].node;
+        const uint16_t lanes = stack[top].lanes;
+        const struct lw_light_node *n = &tree->node[node];
+        if (!lanes) continue;
+        if (n->light == UINT32_MAX) {
+            stack[top].node = n->right;
+            stack[top + 1].node = node + 1;
+            descend(n + 1, &tree->node[n->right], points, lanes, &choice, &stack[top + 1].lanes,
+                    &stack[top].lanes);
+            top += 2;
+            continue;
+        }
+        for (int i = 0; i < LANES; i++)
+            if (lanes >> i & 1) {
+                out_light[i] = n->light;
+                out_probability[i] = choice.probability[i];
+            }
+    }
+}
+
+/* ---- sampling ---- */
+
+/* By the emitter's area; returns which of the chosen points are too near for that. */
+LW_WIDE static uint16_t sample_by_area(const struct lw_emitter *emitter, struct lw_vec3 radiance,
+                                       const float *restrict probability, struct lw_vec2 b,
+                                       const struct lw_points16 *restrict points, uint16_t chosen,
+                                       struct lw_light_sample16 *restrict out) {
+    const struct lw_emitter e = *emitter;
+    uint32_t near = 0;
+    for (int i = 0; i < LANES; i++) {
+        const struct lw_light_sample s =
+            lw_light_emitter_sample(&e, radiance, probability[i], 0, b, position(points, i));
+        const float cosine = lw_vec3_dot(s.direction, normal(points, i));
+        put(out, i, chosen >> i & 1, s.direction, s.distance_m, arriving(s.irradiance_normal, cosine));
+        near |= (lw_light_is_near(&e, position(points, i)) ? 1u : 0u) << i;
+    }
+    return (uint16_t)near & chosen;
+}
+
+LW_WIDE static void sample_punctual(const struct lw_light_state *at, struct lw_light_cone cone,
+                                    const float *restrict probability,
+                                    const struct lw_points16 *restrict points, uint16_t chosen,
+                                    struct lw_light_sample16 *restrict out) {
+    const struct lw_light_state state = *at;
+    for (int i = 0; i < LANES; i++) {
+        const struct lw_light_sample s = lw_light_near_sample(&state, cone, position(points, i));
+        const float cosine = lw_vec3_dot(s.direction, normal(points, i));
+        put(out, i, chosen >> i & 1, s.direction, s.distance_m,
+            arriving(lw_vec3_scale(s.irradiance_normal, 1 / probability[i]), cosine));
+    }
+}
+
+void lw_lights_sample_near16(const struct lw_lights *lights, uint32_t light, const float probability[16],
+                             float u, float v, const struct lw_points16 *points, uint16_t chosen,
+                             struct lw_light_sample16 *out) {
+    if (light >= lights->emitter_count) {
+        const uint32_t punctual = lights->near[light - lights->emitter_count];
+        sample_punctual(&lights->punctual[punctual], lw_light_cone_of(&lights->scene->light[punctual]),
+                        probability, points, chosen, out);
+        return;
+    }
+    const struct lw_vec2 b = lw_light_by_area(u, v);
+    uint16_t near = sample_by_area(&lights->emitter[light], lw_lights_radiance(lights, light, b), probability,
+                                   b, points, chosen, out);
+    for (; near; near &= (uint16_t)(near - 1)) {
+        const int i = __builtin_ctz(near);
+        const struct lw_light_sample s = lw_lights_sample_near(lights, light, probability[i], u, v,
+                                                               position(points, i), normal(points, i));
+        put(out, i, true, s.direction, s.distance_m,
+            arriving(s.irradiance_normal, lw_vec3_dot(s.direction, normal(points, i))));
+    }
+}
+
+/* The same direction for all points. */
+LW_WIDE static void point_all(struct lw_vec3 direction, struct lw_vec3 irradiance_normal,
+                              const struct lw_points16 *restrict points,
+                              struct lw_light_sample16 *restrict out) {
+    for (int i = 0; i < LANES; i++)
+        put(out, i, true, direction, INFINITY,
+            arriving(irradiance_normal, lw_vec3_dot(direction, normal(points, i))));
+}
+
+/* The same about each point's normal. */
+LW_WIDE static void point_about(struct lw_vec3 local, struct lw_vec3 irradiance_normal,
+                                const struct lw_points16 *restrict points,
+                                struct lw_light_sample16 *restrict out) {
+    for (int i = 0; i < LANES; i++)
+        put(out, i, true, lw_direction_about(normal(points, i), local), INFINITY,
+            arriving(irradiance_normal, local.z));
+}
+
+void lw_lights_sample_punctual16(const struct lw_lights *lights, uint32_t light, float u, float v,
+                                 const struct lw_points16 *points, struct lw_light_sample16 *out) {
+    static const float certain[LANES] = {1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1};
+    const struct lw_light *l = &lights->scene->light[light];
+    if (l->kind == LW_LIGHT_DIRECTIONAL) {
+        const struct lw_light_sample sun = lw_lights_sample_punctual(lights, light, u, v, lw_vec3(0, 0, 0));
+        point_all(sun.direction, sun.irradiance_normal, points, out);
+        return;
+    }
+    sample_punctual(&lights->punctual[light], lw_light_cone_of(l), certain, points, UINT16_MAX, out);
+}
+
+void lw_lights_place_sky16(const struct lw_lights *lights, const struct lw_sky_draw *draw,
+                           const struct lw_points16 *points, struct lw_light_sample16 *out) {
+    float cosine;
+    if (!lights->scene->environment.width) { /* the same from everywhere */
+        const struct lw_light_sample s = lw_lights_place_sky(lights, draw, lw_vec3(0, 0, 1), &cosine);
+        point_about(draw->direction, s.irradiance_normal, points, out);
+        return;
+    }
+    for (int i = 0; i < LANES; i++) {
+        const struct lw_light_sample s = lw_lights_place_sky(lights, draw, normal(points, i), &cosine);
+        put(out, i, true, s.direction, s.distance_m, arriving(s.irradiance_normal, cosine));
+    }
+}
