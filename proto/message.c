@@ -77,6 +77,25 @@ static bool all_finite(const float *value, size_t count) {
     return true;
 }
 
+/* Whether sizes of parts, at least 1 each, add up to that of the whole. */
+static bool add_up(const uint64_t *size, size_t count, uint64_t whole) {
+    for (size_t i = 0; i < count; i++) {
+        if (size[i] < 1 || size[i] > whole) return false;
+        whole -= size[i];
+    }
+    return whole == 0;
+}
+
+static enum lw_status check_parts(const struct lw_message_welcome *w, struct lw_error *err) {
+    if (!w->part_count) return LW_OK;
+    if (w->part_count > LW_MESSAGE_PARTS_MAX) return invalid(err, "part_size", "has over 16386 entries");
+    if (!add_up(w->part_size, w->part_count, w->package_size))
+        return invalid(err, "part_size", "has a 0, or is not package_size in all");
+    if (!add_up(w->part_compressed_size, w->part_count, w->package_compressed_size))
+        return invalid(err, "part_compressed_size", "has a 0, or is not package_compressed_size in all");
+    return LW_OK;
+}
+
 static enum lw_status check_welcome(const struct lw_message_welcome *w, struct lw_error *err) {
     if (w->package_size < 1 || w->package_size > LW_PACKAGE_SIZE_MAX)
         return invalid(err, "package_size", "is 0 or over 4 GiB");
@@ -85,7 +104,8 @@ static enum lw_status check_welcome(const struct lw_message_welcome *w, struct l
     if (w->bounces > LW_MESSAGE_BOUNCES_MAX) return invalid(err, "bounces", "is over 64");
     if (!isfinite(w->target_error) || w->target_error < 0)
         return invalid(err, "target_error", "is not a finite number >= 0");
-    return check_text(w->name, LW_MESSAGE_NAME_MAX, "name", err);
+    enum lw_status status = check_parts(w, err);
+    return status != LW_OK ? status : check_text(w->name, LW_MESSAGE_NAME_MAX, "name", err);
 }
 
 static enum lw_status check_refusal(const struct lw_message_refusal *r, struct lw_error *err) {
@@ -177,6 +197,8 @@ static enum lw_status check_values(const struct lw_message *m, struct lw_error *
     case LW_MESSAGE_PACKAGE_REQUEST:
         if (m->package_request.offset > LW_MESSAGE_COMPRESSED_MAX)
             return invalid(err, "offset", "is past the limit");
+        if (m->package_request.held_size > LW_MESSAGE_PARTS_MAX / 8 + 1)
+            return invalid(err, "held", "is over 2049 bytes");
         return LW_OK;
     case LW_MESSAGE_PACKAGE_CHUNK:
         return check_chunk(&m->package_chunk, err);
@@ -271,6 +293,11 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
         wire->welcome.bounces = m->welcome.bounces;
         wire->welcome.target_error = m->welcome.target_error;
         wire->welcome.run = m->welcome.run;
+        wire->welcome.n_part_size = wire->welcome.n_part_compressed_size = m->welcome.part_count;
+        wire->welcome.part_size = (uint64_t *)m->welcome.part_size;
+        wire->welcome.part_compressed_size = (uint64_t *)m->welcome.part_compressed_size;
+        wire->welcome.part_hash = (ProtobufCBinaryData){m->welcome.part_count * sizeof *m->welcome.part_hash,
+                                                        (uint8_t *)m->welcome.part_hash};
         break;
     case LW_MESSAGE_REFUSAL:
         wire->refusal.code = (uint32_t)m->refusal.code;
@@ -278,6 +305,8 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
         break;
     case LW_MESSAGE_PACKAGE_REQUEST:
         wire->package_request.offset = m->package_request.offset;
+        wire->package_request.held =
+            (ProtobufCBinaryData){m->package_request.held_size, (uint8_t *)m->package_request.held};
         break;
     case LW_MESSAGE_PACKAGE_CHUNK:
         wire->package_chunk.offset = m->package_chunk.offset;
@@ -608,6 +637,9 @@ static enum lw_status read_welcome(const Lightwell__Wire__Welcome *w, struct lw_
                                    struct lw_error *err) {
     if (w->package_hash.len != sizeof m->welcome.package_hash.bytes)
         return invalid(err, "package_hash", "is not 16 bytes");
+    if (w->n_part_compressed_size != w->n_part_size ||
+        w->part_hash.len != w->n_part_size * sizeof *m->welcome.part_hash)
+        return invalid(err, "part_size, part_compressed_size and part_hash", "differ in length");
     m->welcome = (struct lw_message_welcome){.version = w->version,
                                              .features = w->features,
                                              .session = w->session,
@@ -616,7 +648,11 @@ static enum lw_status read_welcome(const Lightwell__Wire__Welcome *w, struct lw_
                                              .package_compressed_size = w->package_compressed_size,
                                              .bounces = w->bounces,
                                              .target_error = w->target_error,
-                                             .run = w->run};
+                                             .run = w->run,
+                                             .part_size = w->part_size,
+                                             .part_compressed_size = w->part_compressed_size,
+                                             .part_hash = (const void *)w->part_hash.data,
+                                             .part_count = w->n_part_size};
     memcpy(m->welcome.package_hash.bytes, w->package_hash.data, sizeof m->welcome.package_hash.bytes);
     return LW_OK;
 }
@@ -781,7 +817,8 @@ static enum lw_status read_wire(const union wire *w, struct lw_message *m, struc
         m->refusal = (struct lw_message_refusal){(enum lw_refusal)w->refusal.code, w->refusal.text};
         return LW_OK;
     case LW_MESSAGE_PACKAGE_REQUEST:
-        m->package_request.offset = w->package_request.offset;
+        m->package_request = (struct lw_message_package_request){
+            w->package_request.offset, w->package_request.held.data, w->package_request.held.len};
         return LW_OK;
     case LW_MESSAGE_PACKAGE_CHUNK:
         m->package_chunk = (struct lw_message_package_chunk){

@@ -22,8 +22,9 @@
 #define LW_MESSAGE_CHANGES_MAX    1024u /* of an update */
 #define LW_MESSAGE_INTEREST_MAX   4096u
 #define LW_MESSAGE_HOLDS_MAX      2048u
-#define LW_MESSAGE_CHUNK_MAX      (1u << 18) /* bytes of package data */
-#define LW_MESSAGE_PAYLOAD_MAX    (1u << 18) /* bytes of a tile */
+#define LW_MESSAGE_PARTS_MAX      (LW_SCENE_TEXTURES_MAX + 2u) /* of a package */
+#define LW_MESSAGE_CHUNK_MAX      (1u << 18)                   /* bytes of package data */
+#define LW_MESSAGE_PAYLOAD_MAX    (1u << 18)                   /* bytes of a tile */
 #define LW_MESSAGE_BOUNCES_MAX    64u
 #define LW_MESSAGE_REFUSAL_MAX    65535u /* largest code; those not named below are refusals all the same */
 #define LW_MESSAGE_FIELDS_MAX     64u    /* protobuf fields of a body, a packed list counting as one */
@@ -31,11 +32,13 @@
     (LW_PACKAGE_SIZE_MAX + (LW_PACKAGE_SIZE_MAX >> 8)) /* zstd's bound for a package */
 
 /* Values are forever. */
-#define LW_FEATURE_CONTROL 2u /* sends updates of the scene */
-#define LW_FEATURE_RESUME  4u /* says what it has */
-#define LW_FEATURE_DCT     8u /* reads tiles of LW_TILE_CODEC_DCT; 1 was an earlier form of them */
+#define LW_FEATURE_CONTROL 2u  /* sends updates of the scene */
+#define LW_FEATURE_RESUME  4u  /* says what it has */
+#define LW_FEATURE_DCT     8u  /* reads tiles of LW_TILE_CODEC_DCT; 1 was an earlier form of them */
+#define LW_FEATURE_PARTS   16u /* reads packages of several parts */
 #define LW_FEATURES_READ                                                                                     \
-    (LW_FEATURE_DCT | LW_FEATURE_RESUME) /* all that our clients know and need not ask for */
+    (LW_FEATURE_DCT | LW_FEATURE_RESUME |                                                                    \
+     LW_FEATURE_PARTS) /* all that our clients know and need not ask for */
 
 struct lw_message_hello {
     uint32_t version;             /* LW_WIRE_VERSION */
@@ -54,6 +57,9 @@ struct lw_message_welcome {
     uint32_t bounces;                 /* indirect bounces that a complete tile has */
     float target_error;               /* relative standard error below which a tile counts as converged */
     uint64_t run;                     /* of the server: versions and frames compare within it; 0: not told */
+    const uint64_t *part_size, *part_compressed_size; /* of each part; they add up to those of the package */
+    const struct lw_package_hash *part_hash;
+    size_t part_count; /* 0: the package is one part, of which nothing more is told */
 };
 
 /* Values are forever. */
@@ -72,7 +78,9 @@ struct lw_message_refusal {
 };
 
 struct lw_message_package_request {
-    uint64_t offset; /* into the compressed package; chunks follow from there to the end */
+    uint64_t offset;     /* into the compressed package; chunks follow from there to the end */
+    const uint8_t *held; /* parts that are not sent: a bit for each, the low ones of each byte first */
+    size_t held_size;    /* bytes; those that are missing count as 0 */
 };
 
 struct lw_message_package_chunk {

@@ -28,9 +28,9 @@ struct lw_client {
     struct lw_replica *replica;  /* NULL before the package is complete */
     const struct lw_client *scene_of;
     struct lw_package_hash package_hash;
-    uint64_t run;            /* of the server */
-    bool may_hold;           /* we may say what we have */
-    uint64_t package_offset; /* from which we ask for the package */
+    uint64_t package_compressed_size;
+    uint64_t run;  /* of the server */
+    bool may_hold; /* we may say what we have */
     struct lw_want want;
     bool may_update;
     uint64_t updates_sent;
@@ -58,7 +58,6 @@ static enum lw_status take_up_scene(struct lw_client *c, const struct lw_message
                                     bool same_run, struct lw_error *err) {
     if (memcmp(c->package_hash.bytes, welcome->package_hash.bytes, sizeof c->package_hash.bytes) != 0)
         return lw_status_fail(err, LW_BAD_DATA, "it lights another scene now");
-    c->package_offset = welcome->package_compressed_size;
     if (same_run) return LW_OK;
     lw_replica_begin_run(c->replica);
     c->may_hold = false;
@@ -66,25 +65,54 @@ static enum lw_status take_up_scene(struct lw_client *c, const struct lw_message
     return LW_OK;
 }
 
+static uint8_t *find_part(const void *folder, const struct lw_package_hash *hash, uint64_t size) {
+    uint8_t *bytes;
+    return lw_package_cache_read(folder, LW_PACKAGE_CACHE_PART, hash, size, &bytes) ? bytes : NULL;
+}
+
+/* Where it cannot be kept it is downloaded again: no harm. The first part holds what is no texture, and is of this package alone. */
+static void keep_package(const struct lw_client *c) {
+    const struct lw_download *d = &c->download;
+    for (size_t i = 1; i < d->part_count; i++) {
+        const struct lw_download_part *part = &d->part[i];
+        const uint64_t begin = part[-1].end;
+        if (!part->was_held)
+            (void)!lw_package_cache_write(c->cache_folder, LW_PACKAGE_CACHE_PART, &part->hash,
+                                          d->bytes + begin, (size_t)(part->end - begin), NULL);
+    }
+    (void)!lw_package_cache_write(c->cache_folder, LW_PACKAGE_CACHE_PACKAGE, &c->package_hash, d->bytes,
+                                  d->size, NULL);
+}
+
+/* The download is complete. */
+static enum lw_status take_package(struct lw_client *c, struct lw_error *err) {
+    enum lw_status status = lw_replica_create(c->download.bytes, c->download.size, &c->replica, err);
+    if (status == LW_OK && c->cache_folder) keep_package(c);
+    lw_download_finish(&c->download);
+    c->stats.package_ns = lw_clock_ns();
+    return status;
+}
+
 static enum lw_status begin_download(struct lw_client *c, const struct lw_message_welcome *welcome,
                                      bool same_run, struct lw_error *err) {
-    c->package_offset = same_run ? c->download.received : 0;
     if (same_run && c->download.zstd) return LW_OK;
     lw_download_finish(&c->download);
-    enum lw_status status = lw_download_init(&c->download, welcome);
-    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "out of memory");
+    enum lw_status status =
+        lw_download_init(&c->download, welcome, c->cache_folder ? find_part : NULL, c->cache_folder);
+    if (status != LW_OK) return lw_status_fail(err, status, "out of memory");
+    status = lw_download_begin(&c->download, err);
+    return status == LW_OK && lw_download_is_complete(&c->download) ? take_package(c, err) : status;
 }
 
 /* From the folder of packages, if it is there. */
 static enum lw_status load_cached(struct lw_client *c, const struct lw_message_welcome *welcome,
                                   struct lw_error *err) {
     uint8_t *bytes;
-    if (!c->cache_folder ||
-        !lw_package_cache_read(c->cache_folder, &welcome->package_hash, welcome->package_size, &bytes))
+    if (!c->cache_folder || !lw_package_cache_read(c->cache_folder, LW_PACKAGE_CACHE_PACKAGE,
+                                                   &welcome->package_hash, welcome->package_size, &bytes))
         return LW_OK;
     enum lw_status status = lw_replica_create(bytes, (size_t)welcome->package_size, &c->replica, err);
     free(bytes);
-    c->package_offset = welcome->package_compressed_size;
     c->stats.package_ns = lw_clock_ns();
     return status;
 }
@@ -97,6 +125,7 @@ static enum lw_status handle_welcome(struct lw_client *c, const struct lw_messag
                               "it speaks version %u of the protocol, this client version %u",
                               welcome->version, LW_WIRE_VERSION);
     c->welcomed = true;
+    c->package_compressed_size = welcome->package_compressed_size;
     c->stats.bounces = welcome->bounces;
     c->stats.target_error = welcome->target_error;
     c->may_update = welcome->features & LW_FEATURE_CONTROL;
@@ -106,7 +135,6 @@ static enum lw_status handle_welcome(struct lw_client *c, const struct lw_messag
     if (c->replica) return take_up_scene(c, welcome, same_run, err);
     c->package_hash = welcome->package_hash;
     if (has_scene(c->scene_of, &welcome->package_hash)) {
-        c->package_offset = welcome->package_compressed_size; /* to its end: there is nothing to send */
         c->stats.package_ns = lw_clock_ns();
         return lw_replica_create_beside(c->scene_of->replica, &c->replica, err);
     }
@@ -129,14 +157,7 @@ static enum lw_status handle_chunk(struct lw_client *c, const struct lw_message_
                                    struct lw_error *err) {
     if (!c->welcomed || c->replica) return out_of_order(err, LW_MESSAGE_PACKAGE_CHUNK);
     enum lw_status status = lw_download_add(&c->download, chunk, err);
-    if (status != LW_OK || !lw_download_is_complete(&c->download)) return status;
-    status = lw_replica_create(c->download.bytes, c->download.size, &c->replica, err);
-    if (status == LW_OK && c->cache_folder) /* where it cannot be kept it is downloaded again: no harm */
-        (void)!lw_package_cache_write(c->cache_folder, &c->package_hash, c->download.bytes, c->download.size,
-                                      NULL);
-    lw_download_finish(&c->download);
-    c->stats.package_ns = lw_clock_ns();
-    return status;
+    return status == LW_OK && lw_download_is_complete(&c->download) ? take_package(c, err) : status;
 }
 
 static enum lw_status handle_frame(struct lw_client *c, const struct lw_message_frame *frame,
@@ -374,6 +395,18 @@ static enum lw_status send_first(struct lw_client *c, const struct lw_message *m
     return status;
 }
 
+/* What is missing of it; with a scene, its end: there is nothing to send. */
+static enum lw_status ask_for_package(struct lw_client *c, struct lw_error *err) {
+    struct lw_message request = {.type = LW_MESSAGE_PACKAGE_REQUEST,
+                                 .package_request.offset = c->package_compressed_size};
+    uint8_t *held = NULL;
+    if (!c->replica && lw_download_request(&c->download, &request.package_request, &held) != LW_OK)
+        return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    enum lw_status status = send_first(c, &request, err);
+    free(held);
+    return status;
+}
+
 #define HOLDS_AT_ONCE 1024u /* leaves room in the outbox for what must not be dropped */
 
 /* Tells the server which tiles it need not send. What it is not told, as the link is busy, comes again: no harm. */
@@ -422,9 +455,7 @@ static enum lw_status shake_hands(struct lw_client *c, struct lw_error *err) {
     if (status == LW_OK) status = tell_want(c, &cause); /* before tiles can come */
     if (status == LW_OK) status = tell_held(c, &cause);
     if (status == LW_OK) {
-        struct lw_message request = {.type = LW_MESSAGE_PACKAGE_REQUEST,
-                                     .package_request.offset = c->package_offset};
-        return send_first(c, &request, err);
+        return ask_for_package(c, err);
     }
     /* whoever hangs up before a welcome is no more a lightwelld than one who sends garbage */
     if (status == LW_PROTOCOL || status == LW_CLOSED)

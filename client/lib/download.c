@@ -7,23 +7,72 @@
 
 #define CAPACITY_START (256u << 10) /* bytes */
 
-enum lw_status lw_download_init(struct lw_download *download, const struct lw_message_welcome *welcome) {
+/* Without a list the package is one part, whose hash is its own. */
+static void list_parts(struct lw_download *d, const struct lw_message_welcome *welcome) {
+    uint64_t end = 0, compressed_end = 0;
+    for (size_t i = 0; i < welcome->part_count; i++) {
+        end += welcome->part_size[i];
+        compressed_end += welcome->part_compressed_size[i];
+        d->part[i] = (struct lw_download_part){
+            .end = end, .compressed_end = compressed_end, .hash = welcome->part_hash[i]};
+    }
+    if (!welcome->part_count)
+        d->part[0] = (struct lw_download_part){.end = welcome->package_size,
+                                               .compressed_end = welcome->package_compressed_size,
+                                               .hash = welcome->package_hash};
+}
+
+enum lw_status lw_download_init(struct lw_download *download, const struct lw_message_welcome *welcome,
+                                lw_download_find *find, const void *where) {
+    const size_t count = welcome->part_count ? welcome->part_count : 1;
     *download = (struct lw_download){.zstd = ZSTD_createDCtx(),
                                      .package_size = welcome->package_size,
                                      .compressed_size = welcome->package_compressed_size,
-                                     .hash = welcome->package_hash};
-    return download->zstd ? LW_OK : LW_NO_MEMORY;
+                                     .hash = welcome->package_hash,
+                                     .part = calloc(count, sizeof *download->part),
+                                     .part_count = count};
+    if (!download->zstd || !download->part) {
+        lw_download_finish(download);
+        return LW_NO_MEMORY;
+    }
+    list_parts(download, welcome);
+    for (size_t i = 0; find && i < welcome->part_count; i++) {
+        struct lw_download_part *part = &download->part[i];
+        part->held = find(where, &part->hash, welcome->part_size[i]);
+        part->was_held = part->held;
+    }
+    return LW_OK;
 }
 
 void lw_download_finish(struct lw_download *download) {
     ZSTD_freeDCtx(download->zstd);
+    for (size_t i = 0; download->part && i < download->part_count; i++) free(download->part[i].held);
+    free(download->part);
     free(download->bytes);
     download->zstd = NULL;
+    download->part = NULL;
     download->bytes = NULL;
 }
 
-static enum lw_status grow(struct lw_download *d, struct lw_error *err) {
+enum lw_status lw_download_request(const struct lw_download *d,
+                                   struct lw_message_package_request *out_request, uint8_t **out_held) {
+    const size_t size = (d->part_count + 7) / 8;
+    uint8_t *held = NULL;
+    for (size_t i = 0; i < d->part_count; i++) {
+        if (!d->part[i].was_held) continue;
+        if (!held && !(held = calloc(size, 1))) return LW_NO_MEMORY;
+        held[i / 8] |= (uint8_t)(1 << (i % 8));
+    }
+    *out_request = (struct lw_message_package_request){d->received, held, held ? size : 0};
+    *out_held = held;
+    return LW_OK;
+}
+
+/* Room for `size` bytes in all, some more, and no more than the package has. */
+static enum lw_status reserve(struct lw_download *d, uint64_t size, struct lw_error *err) {
+    if (size <= d->capacity) return LW_OK;
     uint64_t capacity = d->capacity ? 2 * (uint64_t)d->capacity : CAPACITY_START;
+    if (capacity < size) capacity = size;
     if (capacity > d->package_size) capacity = d->package_size;
     uint8_t *grown = realloc(d->bytes, (size_t)capacity);
     if (!grown)
@@ -33,43 +82,60 @@ static enum lw_status grow(struct lw_download *d, struct lw_error *err) {
     return LW_OK;
 }
 
-static enum lw_status decompress(struct lw_download *d, const uint8_t *data, size_t size,
-                                 struct lw_error *err) {
-    ZSTD_inBuffer in = {data, size, 0};
-    for (;;) {
-        if (d->stream_ended && in.pos < in.size)
-            return lw_status_fail(err, LW_PROTOCOL, "scene package: bytes after its end");
-        if (d->stream_ended) return LW_OK;
-        if (d->size == d->capacity && d->capacity < d->package_size) {
-            enum lw_status status = grow(d, err);
-            if (status != LW_OK) return status;
-        }
-        ZSTD_outBuffer out = {d->bytes, d->capacity, d->size};
-        size_t before = in.pos, result = ZSTD_decompressStream(d->zstd, &out, &in);
-        if (ZSTD_isError(result))
-            return lw_status_fail(err, LW_PROTOCOL, "scene package: %s", ZSTD_getErrorName(result));
-        bool advanced = out.pos > d->size || in.pos > before, full = out.pos == d->capacity;
-        d->size = out.pos;
-        d->stream_ended = result == 0;
-        /* input used up and room left: zstd has nothing more to give */
-        if (!d->stream_ended && in.pos == in.size && !full) return LW_OK;
-        if (!d->stream_ended && !advanced && d->capacity == d->package_size) {
-            if (in.pos == in.size) return LW_OK;
-            return lw_status_fail(err, LW_PROTOCOL, "scene package: more than the %" PRIu64 " bytes promised",
-                                  d->package_size);
-        }
-    }
-}
-
 static enum lw_status check_whole(struct lw_download *d, struct lw_error *err) {
-    if (!d->stream_ended || d->size != d->package_size)
-        return lw_status_fail(err, LW_PROTOCOL, "scene package: %zu bytes where %" PRIu64 " were promised",
-                              d->size, d->package_size);
     struct lw_package_hash hash;
     lw_package_hash(d->bytes, d->size, &hash);
     if (memcmp(hash.bytes, d->hash.bytes, sizeof hash.bytes) != 0)
         return lw_status_fail(err, LW_PROTOCOL, "scene package: its hash is not the one promised");
     return LW_OK;
+}
+
+/* Behind a part: those that are held, up to the next that is not. */
+static enum lw_status take_held(struct lw_download *d, struct lw_error *err) {
+    for (; d->parts_done < d->part_count && d->part[d->parts_done].held; d->parts_done++) {
+        struct lw_download_part *part = &d->part[d->parts_done];
+        enum lw_status status = reserve(d, part->end, err);
+        if (status != LW_OK) return status;
+        memcpy(d->bytes + d->size, part->held, (size_t)part->end - d->size);
+        free(part->held);
+        part->held = NULL;
+        d->size = (size_t)part->end;
+        d->received = part->compressed_end;
+    }
+    return d->parts_done == d->part_count ? check_whole(d, err) : LW_OK;
+}
+
+enum lw_status lw_download_begin(struct lw_download *d, struct lw_error *err) { return take_held(d, err); }
+
+/* Bytes of the part that is being received: *out_ended: its frame is complete. */
+static enum lw_status decompress(struct lw_download *d, const uint8_t *data, size_t size, bool *out_ended,
+                                 struct lw_error *err) {
+    const struct lw_download_part *part = &d->part[d->parts_done];
+    ZSTD_inBuffer in = {data, size, 0};
+    *out_ended = false;
+    for (;;) {
+        if (*out_ended && in.pos < in.size)
+            return lw_status_fail(err, LW_PROTOCOL, "scene package: bytes after its end");
+        if (*out_ended) return LW_OK;
+        if (d->size == d->capacity && d->size < part->end) {
+            enum lw_status status = reserve(d, (uint64_t)d->size + 1, err);
+            if (status != LW_OK) return status;
+        }
+        ZSTD_outBuffer out = {d->bytes, d->capacity < part->end ? d->capacity : (size_t)part->end, d->size};
+        size_t before = in.pos, result = ZSTD_decompressStream(d->zstd, &out, &in);
+        if (ZSTD_isError(result))
+            return lw_status_fail(err, LW_PROTOCOL, "scene package: %s", ZSTD_getErrorName(result));
+        bool advanced = out.pos > d->size || in.pos > before, full = out.pos == out.size;
+        d->size = out.pos;
+        *out_ended = result == 0;
+        /* input used up and room left: zstd has nothing more to give */
+        if (!*out_ended && in.pos == in.size && !full) return LW_OK;
+        if (!*out_ended && !advanced && d->size == part->end) {
+            if (in.pos == in.size) return LW_OK;
+            return lw_status_fail(err, LW_PROTOCOL, "scene package: more than the %" PRIu64 " bytes promised",
+                                  d->package_size);
+        }
+    }
 }
 
 enum lw_status lw_download_add(struct lw_download *d, const struct lw_message_package_chunk *chunk,
@@ -78,15 +144,22 @@ enum lw_status lw_download_add(struct lw_download *d, const struct lw_message_pa
         return lw_status_fail(err, LW_PROTOCOL,
                               "scene package: chunk at %" PRIu64 " where %" PRIu64 " was expected",
                               chunk->offset, d->received);
-    if (chunk->size > d->compressed_size - d->received)
+    if (d->parts_done == d->part_count || chunk->size > d->part[d->parts_done].compressed_end - d->received)
         return lw_status_fail(err, LW_PROTOCOL, "scene package: more than the %" PRIu64 " bytes promised",
                               d->compressed_size);
+    const struct lw_download_part *part = &d->part[d->parts_done];
     d->received += chunk->size;
-    enum lw_status status = decompress(d, chunk->data, chunk->size, err);
-    if (status != LW_OK || d->received < d->compressed_size) return status;
-    return check_whole(d, err);
+    bool ended;
+    enum lw_status status = decompress(d, chunk->data, chunk->size, &ended, err);
+    if (status != LW_OK) return status;
+    const bool is_all = d->received == part->compressed_end;
+    if (ended && !is_all) return lw_status_fail(err, LW_PROTOCOL, "scene package: bytes after its end");
+    if (!is_all) return LW_OK;
+    if (!ended || d->size != part->end)
+        return lw_status_fail(err, LW_PROTOCOL, "scene package: %zu bytes where %" PRIu64 " were promised",
+                              d->size, part->end);
+    d->parts_done++;
+    return take_held(d, err);
 }
 
-bool lw_download_is_complete(const struct lw_download *d) {
-    return d->received == d->compressed_size && d->stream_ended && d->size == d->package_size;
-}
+bool lw_download_is_complete(const struct lw_download *d) { return d->parts_done == d->part_count; }

@@ -1,4 +1,5 @@
-/* download.h: the scene package as it comes in chunks: decompressed as it arrives, checked at the end.
+/* download.h: the scene package as it comes in chunks: decompressed as it arrives, checked at the end. Parts that are held
+ * already, by their hashes, go where they belong.
  * Threads: one thread at a time. */
 #ifndef LIGHTWELL_DOWNLOAD_H
 #define LIGHTWELL_DOWNLOAD_H
@@ -8,23 +9,42 @@
 struct lw_download {
     void *zstd;
     uint8_t *bytes;        /* of the package, so far */
-    size_t size, capacity; /* capacity follows what arrived, not what was promised */
-    uint64_t received;     /* compressed bytes */
-    bool stream_ended;
+    size_t size, capacity; /* capacity follows what is there, not what was promised */
+    uint64_t received;     /* compressed bytes, of parts that are held too */
     uint64_t package_size, compressed_size;
     struct lw_package_hash hash;
+    struct lw_download_part {
+        uint64_t end, compressed_end; /* where it ends in the package */
+        struct lw_package_hash hash;
+        uint8_t *held; /* its bytes, before they are in the package; NULL: it has to come */
+        bool was_held;
+    } * part;
+    size_t part_count, parts_done;
 };
 
-/** Errors: LW_NO_MEMORY. */
+/** Where parts may be found: its bytes, malloc'ed, or NULL. */
+typedef uint8_t *lw_download_find(const void *where, const struct lw_package_hash *hash, uint64_t size);
+
+/** find: NULL: nothing is held. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_download_init(struct lw_download *download,
-                                              const struct lw_message_welcome *welcome);
+                                              const struct lw_message_welcome *welcome,
+                                              lw_download_find *find, const void *where);
 void lw_download_finish(struct lw_download *download);
+
+/** What to ask for, from where it stands now on. *out_held: what .held of the request points to, malloc'ed, the caller's; NULL:
+ * no part is held. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_download_request(const struct lw_download *download,
+                                                 struct lw_message_package_request *out_request,
+                                                 uint8_t **out_held);
 
 /** Takes the next chunk. Errors: LW_PROTOCOL for data that is out of order, more than promised, no zstd, or, with the last
  * chunk, not what the welcome named; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_download_add(struct lw_download *download,
                                              const struct lw_message_package_chunk *chunk,
                                              struct lw_error *err);
+
+/** Takes what is held without a chunk: to be called before the first. Errors: as of lw_download_add(). */
+LW_MUST_CHECK enum lw_status lw_download_begin(struct lw_download *download, struct lw_error *err);
 
 /** Whether `bytes` is the whole package, checked. */
 bool lw_download_is_complete(const struct lw_download *download);

@@ -14,16 +14,21 @@
 
 #define HASH_LETTERS (2 * sizeof(struct lw_package_hash))
 
-/* FOLDER/HASH.lwscene: the same file that lightwell-import writes. malloc'ed; NULL: no memory. */
-static char *path_of(const char *folder, const struct lw_package_hash *hash) {
+/* FOLDER/HASH.lwscene is the same file that lightwell-import writes. */
+static const char *const suffix[] = {
+    [LW_PACKAGE_CACHE_PACKAGE] = ".lwscene", [LW_PACKAGE_CACHE_PART] = ".lwpart"};
+
+/* malloc'ed; NULL: no memory. */
+static char *path_of(const char *folder, enum lw_package_cache_kind kind,
+                     const struct lw_package_hash *hash) {
     char name[HASH_LETTERS + 1], *path;
     for (size_t i = 0; i < sizeof hash->bytes; i++) snprintf(name + 2 * i, 3, "%02x", hash->bytes[i]);
-    return asprintf(&path, "%s/%s.lwscene", folder, name) < 0 ? NULL : path;
+    return asprintf(&path, "%s/%s%s", folder, name, suffix[kind]) < 0 ? NULL : path;
 }
 
-bool lw_package_cache_read(const char *folder, const struct lw_package_hash *hash, uint64_t size,
-                           uint8_t **out_bytes) {
-    char *path = path_of(folder, hash);
+bool lw_package_cache_read(const char *folder, enum lw_package_cache_kind kind,
+                           const struct lw_package_hash *hash, uint64_t size, uint8_t **out_bytes) {
+    char *path = path_of(folder, kind, hash);
     struct lw_package_hash found;
     uint8_t *bytes = NULL;
     size_t got;
@@ -48,11 +53,13 @@ static void make_folders(char *path) {
     }
 }
 
-static bool is_package(const char *name) {
-    return strspn(name, "0123456789abcdef") == HASH_LETTERS && strcmp(name + HASH_LETTERS, ".lwscene") == 0;
+static bool is_ours(const char *name) {
+    return strspn(name, "0123456789abcdef") == HASH_LETTERS &&
+           (strcmp(name + HASH_LETTERS, suffix[LW_PACKAGE_CACHE_PACKAGE]) == 0 ||
+            strcmp(name + HASH_LETTERS, suffix[LW_PACKAGE_CACHE_PART]) == 0);
 }
 
-/* Size of all packages in a folder; out_oldest: the name of the one that was used longest ago. */
+/* Size of all that is kept in a folder; out_oldest: the name of the one that was used longest ago. */
 static uint64_t survey(DIR *folder, char out_oldest[NAME_MAX + 1]) {
     struct timespec oldest = {0};
     uint64_t bytes = 0;
@@ -60,7 +67,7 @@ static uint64_t survey(DIR *folder, char out_oldest[NAME_MAX + 1]) {
     rewinddir(folder);
     for (struct dirent *entry; (entry = readdir(folder));) {
         struct stat st;
-        if (!is_package(entry->d_name) || fstatat(dirfd(folder), entry->d_name, &st, AT_SYMLINK_NOFOLLOW))
+        if (!is_ours(entry->d_name) || fstatat(dirfd(folder), entry->d_name, &st, AT_SYMLINK_NOFOLLOW))
             continue;
         bytes += (uint64_t)st.st_size;
         const struct timespec used = st.st_mtim;
@@ -83,9 +90,10 @@ static void remove_oldest(const char *folder_path, const char *newest) {
     if (folder) closedir(folder);
 }
 
-enum lw_status lw_package_cache_write(const char *folder, const struct lw_package_hash *hash,
-                                      const uint8_t *bytes, size_t size, struct lw_error *err) {
-    char *path = path_of(folder, hash);
+enum lw_status lw_package_cache_write(const char *folder, enum lw_package_cache_kind kind,
+                                      const struct lw_package_hash *hash, const uint8_t *bytes, size_t size,
+                                      struct lw_error *err) {
+    char *path = path_of(folder, kind, hash);
     if (!path) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
     make_folders(path);
     enum lw_status status = lw_atomic_file_save(path, bytes, size, err);

@@ -564,6 +564,45 @@ enum lw_status lw_package_read(const uint8_t *bytes, size_t size, struct lw_scen
     return status;
 }
 
+/* Of a texture's record. */
+#define TEXTURE_WIDTH  8u
+#define TEXTURE_HEIGHT 12u
+#define TEXTURE_PIXELS 16u
+
+/* Ends of parts, for a reader's codec with its table; returns how many. */
+static size_t find_cuts(const struct codec *c, const uint8_t *bytes, size_t size, uint64_t *end) {
+    const struct section *textures = &c->section[SECTION_TEXTURES], *pixels = &c->section[SECTION_PIXELS];
+    const uint64_t first = (uint64_t)(pixels->bytes - bytes);
+    size_t count = 0;
+    uint64_t at = 0; /* in pixels */
+    for (uint64_t i = 0; i < textures->count; i++) {
+        const uint8_t *record = textures->bytes + i * kinds[SECTION_TEXTURES].element_size;
+        const uint64_t texels =
+            (uint64_t)read_u32(record + TEXTURE_WIDTH) * read_u32(record + TEXTURE_HEIGHT);
+        if (read_u32(record + TEXTURE_PIXELS) != at || !texels || texels > pixels->count - at) break;
+        if (!i) end[count++] = first;
+        at += texels;
+        end[count++] = first + 4 * at;
+    }
+    if (!count || end[count - 1] < size) end[count++] = size;
+    return count;
+}
+
+enum lw_status lw_package_cut(const uint8_t *bytes, size_t size, uint64_t **out_end, size_t *out_count) {
+    uint64_t *end = malloc((LW_SCENE_TEXTURES_MAX + 2) * sizeof *end);
+    if (!end) return LW_NO_MEMORY;
+    end[0] = size;
+    *out_count = 1;
+    if (check_header(bytes, size, NULL) == LW_OK) {
+        const uint32_t version = read_u32(bytes + 8);
+        struct codec c = {.mode = READ, .version = version, .section_count = sections_of(version)};
+        uint8_t *unchanged = (uint8_t *)bytes; /* a table is only looked at */
+        if (read_table(&c, unchanged, size) == LW_OK) *out_count = find_cuts(&c, bytes, size, end);
+    }
+    *out_end = end;
+    return LW_OK;
+}
+
 void lw_package_hash(const uint8_t *bytes, size_t size, struct lw_package_hash *out_hash) {
     XXH128_canonical_t canonical;
     XXH128_canonicalFromHash(&canonical, XXH3_128bits(bytes, size));

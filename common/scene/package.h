@@ -32,6 +32,12 @@ bool lw_package_is(const char *path);
 
 void lw_package_hash(const uint8_t *bytes, size_t size, struct lw_package_hash *out_hash);
 
+/** Where to cut a package so that what scenes share lies apart: in front of each texture's pixels and behind the last one's. Bytes that
+ * are no package are one part. *out_end: where each part ends, the last one at size; malloc'ed, the caller's.
+ * size > 0. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_package_cut(const uint8_t *bytes, size_t size, uint64_t **out_end,
+                                            size_t *out_count);
+
 /** The same from and to a file; writing goes through a temporary name and a rename.
  * Errors: also LW_NO_INPUT, LW_CANNOT_CREATE, LW_IO, each naming the path. */
 LW_MUST_CHECK enum lw_status lw_package_load(const char *path, struct lw_scene **out_scene,

@@ -86,10 +86,7 @@ static inline void lw_tile_bits_drop(struct lw_tile_bits_reader *r, unsigned cou
     r->count -= count;
 }
 
-/** While so many are held, a number can be read, and a bit after it. */
-#define LW_TILE_BITS_NUMBER (LW_TILE_BITS_ONES_MAX + LW_TILE_BITS_RAW + 1)
-
-/** With LW_TILE_BITS_NUMBER held; k <= 20. Takes at most 32 bits. */
+/** After a refill; k <= 20. Takes at most 32 bits. */
 static inline uint32_t lw_tile_bits_get_rice(struct lw_tile_bits_reader *r, unsigned k) {
     const unsigned ones = (unsigned)__builtin_ctzll(~r->held | 1u << LW_TILE_BITS_ONES_MAX);
     uint32_t v;

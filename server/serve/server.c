@@ -50,47 +50,88 @@ struct lw_server {
 
 /* ---- the compressed package ---- */
 
-static enum lw_status add_chunk(struct lw_session_shared *shared, uint32_t *capacity, const uint8_t *data,
-                                size_t size) {
+static enum lw_status add_chunk(struct lw_session_shared *shared, uint32_t *capacity, uint32_t part,
+                                const uint8_t *data, size_t size) {
     if (shared->chunk_count == *capacity) {
         uint32_t grown_capacity = *capacity ? *capacity * 2 : 64;
-        struct lw_blob **grown = realloc(shared->chunk, grown_capacity * sizeof(struct lw_blob *));
+        struct lw_session_chunk *grown = realloc(shared->chunk, grown_capacity * sizeof *grown);
         if (!grown) return LW_NO_MEMORY;
         shared->chunk = grown;
         *capacity = grown_capacity;
     }
-    struct lw_message message = {
-        .type = LW_MESSAGE_PACKAGE_CHUNK,
-        .package_chunk = {(uint64_t)shared->chunk_count * LW_SESSION_CHUNK, data, size}};
-    enum lw_status status = lw_blob_from_message(&message, &shared->chunk[shared->chunk_count]);
+    uint64_t *compressed_size = &shared->welcome.package_compressed_size;
+    struct lw_session_chunk *chunk = &shared->chunk[shared->chunk_count];
+    struct lw_message message = {.type = LW_MESSAGE_PACKAGE_CHUNK,
+                                 .package_chunk = {*compressed_size, data, size}};
+    enum lw_status status = lw_blob_from_message(&message, &chunk->blob);
     if (status == LW_OK) {
+        *compressed_size += size;
+        chunk->end = *compressed_size;
+        chunk->part = part;
         shared->chunk_count++;
-        shared->welcome.package_compressed_size += size;
     }
     return status;
 }
 
 /* Straight into messages that all sessions share; the compressed whole never exists in one piece. */
-static enum lw_status compress_package(struct lw_session_shared *shared, const uint8_t *package,
-                                       size_t size) {
-    uint8_t *piece = malloc(LW_SESSION_CHUNK);
-    ZSTD_CCtx *zstd = ZSTD_createCCtx();
-    enum lw_status status = piece && zstd ? LW_OK : LW_NO_MEMORY;
-    uint32_t capacity = 0;
-    ZSTD_inBuffer in = {package, size, 0};
-    if (status == LW_OK &&
-        (ZSTD_isError(ZSTD_CCtx_setParameter(zstd, ZSTD_c_compressionLevel, COMPRESSION_LEVEL)) ||
-         ZSTD_isError(ZSTD_CCtx_setPledgedSrcSize(zstd, size))))
-        status = LW_INTERNAL;
+static enum lw_status compress_part(struct lw_session_shared *shared, ZSTD_CCtx *zstd, uint8_t *piece,
+                                    uint32_t *capacity, uint32_t part, const uint8_t *bytes, size_t size) {
+    ZSTD_inBuffer in = {bytes, size, 0};
+    if (ZSTD_isError(ZSTD_CCtx_setPledgedSrcSize(zstd, size))) return LW_INTERNAL;
+    enum lw_status status = LW_OK;
     for (size_t left = 1; status == LW_OK && left;) {
         ZSTD_outBuffer out = {piece, LW_SESSION_CHUNK, 0};
         do {
             left = ZSTD_compressStream2(zstd, &out, &in, ZSTD_e_end);
         } while (!ZSTD_isError(left) && left && out.pos < out.size);
-        status = ZSTD_isError(left) ? LW_NO_MEMORY : add_chunk(shared, &capacity, piece, out.pos);
+        status = ZSTD_isError(left) ? LW_NO_MEMORY : add_chunk(shared, capacity, part, piece, out.pos);
+    }
+    return status;
+}
+
+/* Tells those of several parts; the lists are the welcome's from now on, and freed with it. */
+static enum lw_status list_parts(struct lw_message_welcome *welcome, const uint8_t *package,
+                                 const uint64_t *end, size_t count) {
+    uint64_t *size = malloc(2 * count * sizeof *size);
+    struct lw_package_hash *hash = malloc(count * sizeof *hash);
+    welcome->part_size = size;
+    welcome->part_hash = hash;
+    if (!size || !hash) return LW_NO_MEMORY;
+    welcome->part_compressed_size = size + count;
+    for (size_t i = 0; i < count; i++) {
+        const uint64_t begin = i ? end[i - 1] : 0;
+        size[i] = end[i] - begin;
+        size[count + i] = 0;
+        lw_package_hash(package + begin, (size_t)size[i], &hash[i]);
+    }
+    welcome->part_count = count;
+    welcome->features |= LW_FEATURE_PARTS;
+    return LW_OK;
+}
+
+static enum lw_status compress_package(struct lw_session_shared *shared, const uint8_t *package,
+                                       size_t size) {
+    struct lw_message_welcome *welcome = &shared->welcome;
+    uint64_t *end = NULL;
+    size_t count = 0;
+    uint8_t *piece = malloc(LW_SESSION_CHUNK);
+    ZSTD_CCtx *zstd = ZSTD_createCCtx();
+    uint32_t capacity = 0;
+    enum lw_status status = piece && zstd ? lw_package_cut(package, size, &end, &count) : LW_NO_MEMORY;
+    if (status == LW_OK &&
+        ZSTD_isError(ZSTD_CCtx_setParameter(zstd, ZSTD_c_compressionLevel, COMPRESSION_LEVEL)))
+        status = LW_INTERNAL;
+    if (status == LW_OK && count > 1) status = list_parts(welcome, package, end, count);
+    for (size_t i = 0; status == LW_OK && i < count; i++) {
+        const uint64_t begin = i ? end[i - 1] : 0, compressed = welcome->package_compressed_size;
+        status = compress_part(shared, zstd, piece, &capacity, (uint32_t)i, package + begin,
+                               (size_t)(end[i] - begin));
+        if (count > 1)
+            ((uint64_t *)welcome->part_compressed_size)[i] = welcome->package_compressed_size - compressed;
     }
     ZSTD_freeCCtx(zstd);
     free(piece);
+    free(end);
     return status;
 }
 
@@ -550,8 +591,10 @@ void lw_server_destroy(struct lw_server *server) {
     }
     lw_snapshot_unref(server->latest);
     lw_snapshot_unref(shared->snapshot);
-    for (uint32_t i = 0; i < shared->chunk_count; i++) lw_blob_unref(shared->chunk[i]);
+    for (uint32_t i = 0; i < shared->chunk_count; i++) lw_blob_unref(shared->chunk[i].blob);
     free(shared->chunk);
+    free((void *)shared->welcome.part_size); /* and part_compressed_size */
+    free((void *)shared->welcome.part_hash);
     free(shared->changed);
     free(shared->listed);
     free(server->order);

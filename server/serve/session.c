@@ -83,6 +83,7 @@ struct lw_session {
     uint32_t answer_count;
     struct lw_blob *partial_chunk; /* where a package request starts inside a chunk */
     uint32_t next_chunk;
+    uint8_t *held; /* bit per part of the package that is not sent; NULL: all are */
     uint64_t frame_sent, frame_acked;
     bool settled_due;                  /* of the one sent */
     uint64_t *sent;                    /* per tile: the version sent; NULL before that matters */
@@ -141,11 +142,24 @@ static struct lw_blob *next_answer(struct lw_session *s) {
     return blob;
 }
 
+static bool holds_part(const struct lw_session *s, uint32_t part) {
+    return s->held && s->held[part / 8] >> (part % 8) & 1;
+}
+
+/* What comes next is a chunk that the peer asked for, or the end. */
+static void skip_held(struct lw_session *s) {
+    const struct lw_session_shared *shared = s->shared;
+    while (s->next_chunk < shared->chunk_count && holds_part(s, shared->chunk[s->next_chunk].part))
+        s->next_chunk++;
+}
+
 static struct lw_blob *next_chunk(struct lw_session *s) {
     struct lw_blob *blob = s->partial_chunk;
     s->partial_chunk = NULL;
-    if (blob) return blob;
-    return s->next_chunk < s->shared->chunk_count ? lw_blob_ref(s->shared->chunk[s->next_chunk++]) : NULL;
+    if (blob || s->next_chunk == s->shared->chunk_count) return blob;
+    blob = lw_blob_ref(s->shared->chunk[s->next_chunk++].blob);
+    skip_held(s);
+    return blob;
 }
 
 static struct lw_blob *next_frame(struct lw_session *s) {
@@ -531,6 +545,7 @@ static void on_closed(uv_handle_t *handle) {
     free(s->wanted);
     free(s->interest.tile);
     free(s->waiting.tile);
+    free(s->held);
     free(s);
     shared->on_close(shared->server);
 }
@@ -597,10 +612,17 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
                           LW_WIRE_VERSION, hello->version);
         return;
     }
-    if (s->shared->welcome.features & ~hello->features) { /* tiles are encoded once: there are no others */
+    const uint64_t lacking = s->shared->welcome.features & ~hello->features;
+    if (lacking & LW_FEATURE_DCT) { /* tiles are encoded once: there are no others */
         lw_session_refuse(s, LW_REFUSAL_FEATURES,
                           "this server sends tiles of codec 3 (dct), which the client does not read: a newer "
                           "client does, and lightwelld --codec half sends others");
+        return;
+    }
+    if (lacking) { /* so is the package */
+        lw_session_refuse(s, LW_REFUSAL_FEATURES,
+                          "this server's scene has textures, which are parts of the package that the client "
+                          "does not read: a newer client does");
         return;
     }
     struct lw_message message = {.type = LW_MESSAGE_WELCOME, .welcome = s->shared->welcome};
@@ -627,8 +649,8 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
 }
 
 /* A request from inside a chunk: the rest of that chunk becomes a message of its own. */
-static enum lw_status cut_chunk(struct lw_session *s, uint64_t offset) {
-    const struct lw_blob *whole = s->shared->chunk[offset / LW_SESSION_CHUNK];
+static enum lw_status cut_chunk(struct lw_session *s, uint32_t chunk_index, uint64_t offset) {
+    const struct lw_blob *whole = s->shared->chunk[chunk_index].blob;
     struct lw_frame_header header;
     struct lw_message message;
     enum lw_status status = lw_frame_read_header(whole->bytes, LW_FRAME_BODY_MAX, &header, NULL);
@@ -636,7 +658,7 @@ static enum lw_status cut_chunk(struct lw_session *s, uint64_t offset) {
         status = lw_message_decode(header, whole->bytes + LW_FRAME_HEADER_SIZE, &message, NULL);
     if (status != LW_OK) return status;
     struct lw_message_package_chunk *chunk = &message.package_chunk;
-    size_t skip = (size_t)(offset % LW_SESSION_CHUNK);
+    size_t skip = (size_t)(offset - chunk->offset);
     struct lw_message rest = {.type = LW_MESSAGE_PACKAGE_CHUNK,
                               .package_chunk = {offset, chunk->data + skip, chunk->size - skip}};
     status = lw_blob_from_message(&rest, &s->partial_chunk);
@@ -669,18 +691,46 @@ static void handle_holds(struct lw_session *s, const struct lw_message_holds *ho
     }
 }
 
-static void handle_package_request(struct lw_session *s, uint64_t offset) {
-    if (offset > s->shared->welcome.package_compressed_size) {
+/* False if there is no memory. */
+static bool take_up_held(struct lw_session *s, const struct lw_message_package_request *request) {
+    const size_t size = s->shared->welcome.part_count / 8 + 1;
+    if (!request->held_size) return true;
+    if (!(s->held = calloc(size, 1))) return false;
+    memcpy(s->held, request->held, request->held_size < size ? request->held_size : size);
+    return true;
+}
+
+static bool names_parts_that_exist(const struct lw_session *s,
+                                   const struct lw_message_package_request *request) {
+    for (size_t i = s->shared->welcome.part_count; i < 8 * request->held_size; i++)
+        if (request->held[i / 8] >> (i % 8) & 1) return false;
+    return true;
+}
+
+static void handle_package_request(struct lw_session *s, const struct lw_message_package_request *request) {
+    const struct lw_session_shared *shared = s->shared;
+    if (request->offset > shared->welcome.package_compressed_size) {
         lw_session_refuse(s, LW_REFUSAL_PROTOCOL,
                           "message PACKAGE_REQUEST: offset is past the package's end");
         return;
     }
-    bool inside = offset % LW_SESSION_CHUNK && offset < s->shared->welcome.package_compressed_size;
-    if (!make_sent(s) || (inside && cut_chunk(s, offset) != LW_OK)) {
+    if (!names_parts_that_exist(s, request)) {
+        lw_session_refuse(s, LW_REFUSAL_PROTOCOL,
+                          "message PACKAGE_REQUEST: held names a part that is not there");
+        return;
+    }
+    uint32_t at = 0;
+    while (at < shared->chunk_count && shared->chunk[at].end <= request->offset) at++;
+    bool done = make_sent(s) && take_up_held(s, request);
+    const bool inside = request->offset > (at ? shared->chunk[at - 1].end : 0);
+    if (done && inside && !holds_part(s, shared->chunk[at].part))
+        done = cut_chunk(s, at, request->offset) == LW_OK;
+    if (!done) {
         lw_session_close(s, "out of memory");
         return;
     }
-    s->next_chunk = (uint32_t)((offset + LW_SESSION_CHUNK - 1) / LW_SESSION_CHUNK);
+    s->next_chunk = at + inside;
+    skip_held(s);
     s->state = STREAMING;
     lw_session_set_due(s, true);
     count_in(s, &s->interest);
@@ -803,7 +853,7 @@ static void handle_message(struct lw_session *s, const struct lw_message *m) {
         handle_hello(s, &m->hello);
         break;
     case LW_MESSAGE_PACKAGE_REQUEST:
-        handle_package_request(s, m->package_request.offset);
+        handle_package_request(s, &m->package_request);
         break;
     case LW_MESSAGE_HOLDS:
         handle_holds(s, &m->holds);

@@ -22,7 +22,11 @@ struct lw_session;
 struct lw_session_shared {
     const struct lw_atlas_map *atlas_map;
     struct lw_message_welcome welcome; /* without the session's number */
-    struct lw_blob **chunk;            /* the compressed package, cut into LW_SESSION_CHUNK bytes */
+    struct lw_session_chunk {
+        struct lw_blob *blob; /* the message */
+        uint64_t end;         /* of its data, in the compressed package */
+        uint32_t part;        /* of the package */
+    } * chunk;                /* the compressed package, each part cut into LW_SESSION_CHUNK bytes */
     uint32_t chunk_count;
     const uint32_t *order;        /* tile ids: every object's coarsest level first */
     uint64_t *listed;             /* bit per tile, all 0: for whoever looks for those that a list has twice */

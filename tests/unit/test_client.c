@@ -9,6 +9,7 @@
 #include "server/serve/server.h"
 
 #include <arpa/inet.h>
+#include <dirent.h>
 #include <netinet/in.h>
 #include <poll.h>
 #include <pthread.h>
@@ -549,6 +550,24 @@ static uint64_t fetch_scene(const struct running *r, const char *folder, uint32_
     return stats.bytes;
 }
 
+/* Removes the files of a folder whose names end so; returns how many. */
+static unsigned remove_files(const char *folder, const char *suffix) {
+    unsigned count = 0;
+    char path[640];
+    DIR *open = opendir(folder);
+    assert_non_null(open);
+    for (struct dirent *entry; (entry = readdir(open));) {
+        if (strlen(entry->d_name) < strlen(suffix) ||
+            strcmp(entry->d_name + strlen(entry->d_name) - strlen(suffix), suffix) != 0)
+            continue;
+        snprintf(path, sizeof path, "%s/%s", folder, entry->d_name);
+        assert_int_equal(unlink(path), 0);
+        count++;
+    }
+    closedir(open);
+    return count;
+}
+
 static void test_cache(void **state) {
     (void)state;
     struct world w = make_world();
@@ -570,7 +589,7 @@ static void test_cache(void **state) {
     assert_int_equal(size, w.package_size);
     assert_memory_equal(kept, w.package, size);
     free(kept);
-    assert_true(fetch_scene(&r, folder, objects) < 200);
+    assert_true(fetch_scene(&r, folder, objects) < 400);
     /* damaged, or cut off: downloaded once more, and whole again */
     for (int cut = 0; cut < 2; cut++) {
         FILE *f = fopen(path, "r+b");
@@ -580,14 +599,40 @@ static void test_cache(void **state) {
         else
             assert_int_equal(fwrite(&damaged, 1, 1, f), 1);
         fclose(f);
+        remove_files(folder, ".lwpart");
         assert_int_equal(fetch_scene(&r, folder, objects), whole);
-        assert_true(fetch_scene(&r, folder, objects) < 200);
+        assert_true(fetch_scene(&r, folder, objects) < 400);
     }
     unlink(path);
+    remove_files(folder, ".lwpart");
     rmdir(folder);
     /* nowhere to keep it */
     assert_int_equal(fetch_scene(&r, "/dev/null/cache", objects), whole);
     stop_server(&r);
+    finish_world(&w);
+}
+
+/* Textures that came with another package, or with this one before, are not sent. */
+static void test_parts(void **state) {
+    (void)state;
+    struct world w = make_world(), other = make_world_with("3");
+    char folder[256];
+    snprintf(folder, sizeof folder, "%s", lw_support_temporary("parts"));
+    assert_true(w.scene->texture_count > 1 && other.scene->object_count > w.scene->object_count);
+    struct running r = start_server(&w, 0);
+    const uint64_t whole = fetch_scene(&r, folder, w.scene->object_count);
+    assert_int_equal(remove_files(folder, ".lwscene"), 1);
+    const uint64_t without_textures = fetch_scene(&r, folder, w.scene->object_count);
+    assert_true(without_textures < whole);
+    stop_server(&r);
+    r = start_server(&other, 0);
+    const uint64_t other_whole = fetch_scene(&r, NULL, other.scene->object_count);
+    assert_true(fetch_scene(&r, folder, other.scene->object_count) < other_whole);
+    assert_int_equal(remove_files(folder, ".lwscene"), 2);
+    assert_int_equal(remove_files(folder, ".lwpart"), w.scene->texture_count);
+    rmdir(folder);
+    stop_server(&r);
+    finish_world(&other);
     finish_world(&w);
 }
 
@@ -1311,6 +1356,7 @@ int main(void) {
         cmocka_unit_test(test_what_comes_with_the_welcome),
         cmocka_unit_test(test_reconnect),
         cmocka_unit_test(test_cache),
+        cmocka_unit_test(test_parts),
         cmocka_unit_test(test_backoff),
         cmocka_unit_test(test_download_goes_on),
         cmocka_unit_test(test_damaged_package),

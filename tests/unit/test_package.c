@@ -650,6 +650,39 @@ static void textures_of_version_1_are_read(void **state) {
     lw_scene_destroy(scene);
 }
 
+/* In front of each texture and behind the last. */
+static void parts_are_textures(void **state) {
+    (void)state;
+    struct lw_scene *scene = lw_support_everything();
+    size_t size, count, texels = 0;
+    uint64_t *end;
+    uint8_t *bytes = write_package(scene, &size);
+    lw_support_ok(lw_package_cut(bytes, size, &end, &count), NULL);
+    assert_true(scene->texture_count > 1);
+    for (uint32_t t = 0; t < scene->texture_count; t++)
+        texels += (size_t)scene->texture[t].width * scene->texture[t].height;
+    assert_int_equal(count, scene->texture_count + 1); /* pixels are the last of what there is */
+    assert_int_equal(end[0], size - 4 * texels);
+    for (uint32_t t = 0; t < scene->texture_count; t++)
+        assert_int_equal(end[t + 1] - end[t], 4 * (size_t)scene->texture[t].width * scene->texture[t].height);
+    free(end);
+    /* what the header, the table or a record says may be anything */
+    for (size_t at = 0; at < size; at++)
+        for (unsigned bit = 0; bit < 8; bit++) {
+            bytes[at] ^= (uint8_t)(1u << bit);
+            lw_support_ok(lw_package_cut(bytes, size, &end, &count), NULL);
+            assert_true(count >= 1 && end[count - 1] == size);
+            for (size_t i = 1; i < count; i++) assert_true(end[i] > end[i - 1]);
+            free(end);
+            bytes[at] ^= (uint8_t)(1u << bit);
+        }
+    lw_support_ok(lw_package_cut(bytes, 1, &end, &count), NULL);
+    assert_true(count == 1 && end[0] == 1);
+    free(end);
+    free(bytes);
+    lw_scene_destroy(scene);
+}
+
 /* Textures and an environment; and version 3 without textures, which is one of the others. */
 static void version_3_has_textures(void **state) {
     (void)state;
@@ -972,6 +1005,7 @@ int main(void) {
         cmocka_unit_test(a_package_without_a_scene_is_refused),
         cmocka_unit_test(counts_are_limited),
         cmocka_unit_test(textures_of_version_1_are_read),
+        cmocka_unit_test(parts_are_textures),
         cmocka_unit_test(version_3_has_textures),
         cmocka_unit_test(an_environment_comes_back),
         cmocka_unit_test(lies_about_an_environment_are_named),

@@ -11,7 +11,7 @@
 #include <unistd.h>
 
 #define OLD "00000000000000000000000000000000.lwscene"
-#define NEW "ffffffffffffffffffffffffffffffff.lwscene"
+#define NEW "ffffffffffffffffffffffffffffffff.lwpart"
 
 static const uint8_t package[] = "light";
 
@@ -37,13 +37,14 @@ static struct lw_package_hash keep(void) {
     struct lw_package_hash hash;
     struct lw_error err = {0};
     lw_package_hash(package, sizeof package, &hash);
-    lw_support_ok(lw_package_cache_write(folder, &hash, package, sizeof package, &err), &err);
+    lw_support_ok(
+        lw_package_cache_write(folder, LW_PACKAGE_CACHE_PACKAGE, &hash, package, sizeof package, &err), &err);
     return hash;
 }
 
 static void expect_kept(const struct lw_package_hash *hash) {
     uint8_t *bytes;
-    assert_true(lw_package_cache_read(folder, hash, sizeof package, &bytes));
+    assert_true(lw_package_cache_read(folder, LW_PACKAGE_CACHE_PACKAGE, hash, sizeof package, &bytes));
     assert_memory_equal(bytes, package, sizeof package);
     free(bytes);
 }
@@ -62,8 +63,9 @@ static void what_is_kept_comes_back(void **state) {
     const struct lw_package_hash hash = keep(), other = {{1}};
     uint8_t *bytes;
     expect_kept(&hash);
-    assert_false(lw_package_cache_read(folder, &other, sizeof package, &bytes));
-    assert_false(lw_package_cache_read(folder, &hash, sizeof package - 1, &bytes));
+    assert_false(lw_package_cache_read(folder, LW_PACKAGE_CACHE_PACKAGE, &other, sizeof package, &bytes));
+    assert_false(lw_package_cache_read(folder, LW_PACKAGE_CACHE_PACKAGE, &hash, sizeof package - 1, &bytes));
+    assert_false(lw_package_cache_read(folder, LW_PACKAGE_CACHE_PART, &hash, sizeof package, &bytes));
 }
 
 static void what_was_not_used_for_longest_makes_room(void **state) {

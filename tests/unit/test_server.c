@@ -46,6 +46,7 @@ static void *serve(void *context) {
     return NULL;
 }
 
+/* The package: noise, unless extra has one. */
 static struct fixture *start(const struct lw_server_desc *extra) {
     struct fixture *f = calloc(1, sizeof *f);
     assert_non_null(f);
@@ -64,8 +65,10 @@ static struct fixture *start(const struct lw_server_desc *extra) {
     struct lw_error err = {0};
     desc.host = "127.0.0.1";
     desc.atlas_map = &f->map;
-    desc.package = f->package;
-    desc.package_size = PACKAGE_SIZE;
+    if (!desc.package) {
+        desc.package = f->package;
+        desc.package_size = PACKAGE_SIZE;
+    }
     desc.bounces = 2;
     desc.target_error = 0.05f;
     lw_support_ok(lw_server_create(&desc, &f->server, &err), &err);
@@ -240,6 +243,16 @@ static int dial_and_greet(const struct fixture *f) {
     return s;
 }
 
+static int dial_and_greet_with(const struct fixture *f, uint64_t features) {
+    int s = dial(f);
+    put(s, &(struct lw_message){.type = LW_MESSAGE_HELLO,
+                                .hello = {.version = LW_WIRE_VERSION, .features = features}});
+    struct lw_message m;
+    expect(s, LW_MESSAGE_WELCOME, &m);
+    lw_message_finish(&m);
+    return s;
+}
+
 static void ask_for_package(int s, uint64_t offset) {
     put(s, &(struct lw_message){.type = LW_MESSAGE_PACKAGE_REQUEST, .package_request.offset = offset});
 }
@@ -361,6 +374,65 @@ static void test_package_from_offset(void **state) {
 }
 
 /* Greets as one who was here before. */
+/* Chunks from an offset on, but for parts whose bits are set: one for each part of so small a package. */
+static void expect_parts(const struct fixture *f, uint64_t offset, uint8_t held) {
+    static const struct lw_message with_parts = {
+        .type = LW_MESSAGE_HELLO, .hello = {.version = LW_WIRE_VERSION, .features = LW_FEATURE_PARTS}};
+    struct lw_message welcome, m;
+    int s = dial(f);
+    put(s, &with_parts);
+    expect(s, LW_MESSAGE_WELCOME, &welcome);
+    const struct lw_message_welcome *w = &welcome.welcome;
+    assert_int_equal(w->part_count, 4);
+    assert_true(w->features & LW_FEATURE_PARTS);
+    put(s, &(struct lw_message){.type = LW_MESSAGE_PACKAGE_REQUEST, .package_request = {offset, &held, 1}});
+    uint64_t begin = 0;
+    for (size_t i = 0; i < w->part_count; i++) {
+        const uint64_t end = begin + w->part_compressed_size[i], from = begin < offset ? offset : begin;
+        begin = end;
+        if (held >> i & 1 || from >= end) continue;
+        expect(s, LW_MESSAGE_PACKAGE_CHUNK, &m);
+        assert_int_equal(m.package_chunk.offset, from);
+        assert_int_equal(m.package_chunk.size, end - from);
+        uint8_t bytes[4096];
+        if (from + w->part_compressed_size[i] == end) { /* all of it: a frame of its own */
+            struct lw_package_hash hash;
+            assert_int_equal(ZSTD_decompress(bytes, sizeof bytes, m.package_chunk.data, m.package_chunk.size),
+                             w->part_size[i]);
+            lw_package_hash(bytes, (size_t)w->part_size[i], &hash);
+            assert_memory_equal(&hash, &w->part_hash[i], sizeof hash);
+        }
+        lw_message_finish(&m);
+    }
+    expect_silence(s, 20);
+    lw_message_finish(&welcome);
+    close(s);
+}
+
+static void test_parts_of_the_package(void **state) {
+    (void)state;
+    struct lw_scene *scene = lw_support_everything(); /* with three textures */
+    struct lw_server_desc desc = {0};
+    uint8_t *package;
+    lw_support_ok(lw_package_write(scene, &package, &desc.package_size, NULL), NULL);
+    desc.package = package;
+    struct fixture *f = start(&desc);
+    for (unsigned held = 0; held < 16; held++) expect_parts(f, 0, (uint8_t)held);
+    for (uint64_t offset = 1; offset < 40; offset++) expect_parts(f, offset * 17, offset % 16);
+    int s = dial_and_greet_with(f, LW_FEATURE_PARTS);
+    put(s, &(struct lw_message){.type = LW_MESSAGE_PACKAGE_REQUEST,
+                                .package_request = {0, (const uint8_t[]){16}, 1}});
+    expect_refusal(s, LW_REFUSAL_PROTOCOL); /* there is no fifth part */
+    close(s);
+    s = dial(f);
+    put(s, &hello);
+    expect_refusal(s, LW_REFUSAL_FEATURES);
+    close(s);
+    end(f);
+    free(package);
+    lw_scene_destroy(scene);
+}
+
 static int dial_again(const struct fixture *f, struct lw_message_welcome *out_welcome) {
     int s = dial(f);
     struct lw_message m;
@@ -1671,6 +1743,7 @@ int main(void) {
         cmocka_unit_test(test_answers_that_nobody_reads_end_the_session),
         cmocka_unit_test(test_join),
         cmocka_unit_test(test_package_from_offset),
+        cmocka_unit_test(test_parts_of_the_package),
         cmocka_unit_test(test_what_is_held_is_not_sent),
         cmocka_unit_test(test_newer_snapshot),
         cmocka_unit_test(test_deltas),
