@@ -316,6 +316,13 @@ static void scale_and_sides_reach_the_package(void **state) {
     expect_program("sh\xE4\xE4t.obj", "--json --texels-per-metre 0.04", 0, "has no light");
 }
 
+/* 2 m at 1,000 km from the origin, where floats are 6 cm apart, are told. */
+static void what_lies_too_far_out_is_told(void **state) {
+    (void)state;
+    write_text("far.obj", "v 1000000 0 0\nv 1000002 0 0\nv 1000002 0 -2\nv 1000000 0 -2\nf 1 2 3 4\n");
+    expect_program("far.obj", "", 0, "so far out (1e+06 m)");
+}
+
 static int clean_up(void **state) {
     (void)state;
     lw_process_kill_all();
@@ -332,6 +339,7 @@ int main(void) {
         cmocka_unit_test_teardown(the_corpus_ends_in_a_scene_or_one_line, clean_up),
         cmocka_unit_test_teardown(the_spawner_survives, clean_up),
         cmocka_unit_test_teardown(scale_and_sides_reach_the_package, clean_up),
+        cmocka_unit_test_teardown(what_lies_too_far_out_is_told, clean_up),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
