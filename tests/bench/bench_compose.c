@@ -7,7 +7,7 @@
  * Markdown, CPU milliseconds per picture, medians over the rounds:
  *   raw      the view's rays in the flat structure, with nothing asked of what they meet: Embree and little else
  *   rays     the same in the structure of this row, as the view traces them
- *   compose  the whole picture; over raw: compose_over_raw
+ *   compose  the whole picture; its rate over that of raw: compose_over_raw
  *   path     the path tracer, one path per pixel
  * With -o DIR the pictures as EXR, for bench_compare. */
 #include "client/view/compose.h"
@@ -142,7 +142,7 @@ static enum lw_status measure(struct scene *s, const char *name, bool moving, st
     if (status == LW_OK) {
         double over_raw[ROUNDS_MAX];
         const size_t rounds = (size_t)o->rounds;
-        for (size_t i = 0; i < rounds; i++) over_raw[i] = time_s[2][i] / time_s[0][i];
+        for (size_t i = 0; i < rounds; i++) over_raw[i] = time_s[0][i] / time_s[2][i];
         const double raw = bench_median(time_s[0], rounds), rays = bench_median(time_s[1], rounds),
                      whole = bench_median(time_s[2], rounds),
                      path = bench_median(time_s[3], (rounds + PATH_EVERY - 1) / PATH_EVERY);

@@ -137,10 +137,10 @@ static enum lw_status second_frame(struct job *job, struct round *round, struct 
 
 /* ---- what a row shows of a round ---- */
 
-static double direct_over_raw(const struct round *r) { return r->sampled_s[0] / r->raw_s[0]; }
-static double ends_over_raw(const struct round *r) { return r->sampled_s[1] / r->raw_s[1]; }
+static double direct_over_raw(const struct round *r) { return r->raw_s[0] / r->sampled_s[0]; }
+static double ends_over_raw(const struct round *r) { return r->raw_s[1] / r->sampled_s[1]; }
 static double scatter_over_raw(const struct round *r) {
-    return ends_over_raw(r) * r->scatter_s / r->pass_s[1];
+    return ends_over_raw(r) * r->pass_s[1] / r->scatter_s;
 }
 static double direct_lanes(const struct round *r) { return r->lanes[0]; }
 static double scatter_lanes(const struct round *r) { return r->lanes[1]; }
