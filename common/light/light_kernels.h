@@ -44,6 +44,14 @@ LW_WIDE_INLINE float lw_light_cos_of_rest(float cos_a, float sin_a, float cos_b,
 }
 LW_WIDE_INLINE float lw_light_sine_of(float cosine) { return sqrtf(lw_light_larger(0, 1 - cosine * cosine)); }
 
+static inline struct lw_light_place lw_light_place_of(const struct lw_light_region *r) {
+    return (struct lw_light_place){.centre = r->centre_ws,
+                                   .normal = r->normal_ws,
+                                   .radius = r->radius_m,
+                                   .cos_spread = r->cos_spread,
+                                   .sin_spread = lw_light_sine_of(r->cos_spread)};
+}
+
 /* What a group may give: power x cos x cos' / d^2, with the angles that favour it most. 0 only where it gives nothing. */
 LW_WIDE_INLINE float lw_light_importance(const struct lw_light_node *node, struct lw_light_place place) {
     const struct lw_vec3 to = lw_vec3_sub(node->centre, place.centre);

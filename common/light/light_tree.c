@@ -153,21 +153,14 @@ void lw_light_tree_finish(struct lw_light_tree *tree) {
     *tree = (struct lw_light_tree){0};
 }
 
-static struct lw_light_place place_of(const struct lw_light_region *r) {
-    return (struct lw_light_place){.centre = r->centre_ws,
-                                   .normal = r->normal_ws,
-                                   .radius = r->radius_m,
-                                   .cos_spread = r->cos_spread,
-                                   .sin_spread = lw_light_sine_of(r->cos_spread)};
-}
-
 static float importance(const struct lw_light_node *node, const struct lw_light_place *place) {
     return lw_light_importance(node, *place);
 }
 
 float lw_light_tree_promise(const struct lw_light_tree *tree, struct lw_vec3 point_ws,
                             struct lw_vec3 normal_ws) {
-    const struct lw_light_place place = place_of(&(struct lw_light_region){point_ws, normal_ws, 0, 1});
+    const struct lw_light_place place =
+        lw_light_place_of(&(struct lw_light_region){point_ws, normal_ws, 0, 1});
     return importance(&tree->node[0], &place);
 }
 
@@ -208,7 +201,7 @@ static bool tell_apart(struct split *s, uint32_t at, uint32_t most) {
 
 uint32_t lw_light_tree_split(const struct lw_light_tree *tree, uint32_t group,
                              const struct lw_light_region *region, uint32_t most, uint32_t *out_group) {
-    struct split s = {.tree = tree, .place = place_of(region), .group = out_group};
+    struct split s = {.tree = tree, .place = lw_light_place_of(region), .group = out_group};
     assert(most > 0 && most <= LW_LIGHT_TREE_GROUPS_MAX);
     const float promise = importance(&tree->node[group], &s.place);
     if (!(promise > 0)) return 0;
@@ -241,7 +234,7 @@ static float probability_of_left(const struct lw_light_tree *tree, uint32_t inde
 
 uint32_t lw_light_tree_choose(const struct lw_light_tree *tree, uint32_t group,
                               const struct lw_light_region *region, float pick, float *out_probability) {
-    const struct lw_light_place place = place_of(region);
+    const struct lw_light_place place = lw_light_place_of(region);
     float probability = 1;
     uint32_t i = group;
     while (tree->node[i].light == UINT32_MAX) {
@@ -263,7 +256,8 @@ uint32_t lw_light_tree_choose(const struct lw_light_tree *tree, uint32_t group,
 
 float lw_light_tree_probability(const struct lw_light_tree *tree, struct lw_vec3 point_ws,
                                 struct lw_vec3 normal_ws, uint32_t light) {
-    const struct lw_light_place place = place_of(&(struct lw_light_region){point_ws, normal_ws, 0, 1});
+    const struct lw_light_place place =
+        lw_light_place_of(&(struct lw_light_region){point_ws, normal_ws, 0, 1});
     float probability = 1;
     for (uint32_t i = tree->leaf[light]; i != 0; i = tree->node[i].parent) {
         uint32_t parent = tree->node[i].parent;

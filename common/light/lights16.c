@@ -47,17 +47,24 @@ struct choice {
     float pick[LANES], probability[LANES];
 };
 
+/* What a node may give to each point. */
+LW_WIDE static void weigh_points(const struct lw_light_node *at, const struct lw_points16 *restrict points,
+                                 float *restrict out) {
+    const struct lw_light_node node = *at;
+    for (int i = 0; i < LANES; i++) {
+        const struct lw_light_place place = {position(points, i), normal(points, i), 0, 1, 0};
+        out[i] = lw_light_importance(&node, place);
+    }
+}
+
 /* Whether each point goes to the left child, the right one or nowhere; those of `here` alone choose. */
-LW_WIDE static void descend(const struct lw_light_node *left, const struct lw_light_node *right,
-                            const struct lw_points16 *restrict points, uint16_t here,
+LW_WIDE static void descend(const float *restrict left, const float *restrict right, uint16_t here,
                             struct choice *restrict choice, uint16_t *out_left, uint16_t *out_right) {
     uint32_t left_bit[LANES], right_bit[LANES], goes_left = 0, goes_right = 0;
     for (int i = 0; i < LANES; i++) {
-        const struct lw_light_place place = {position(points, i), normal(points, i), 0, 1, 0};
-        const float a = lw_light_importance(left, place), b = lw_light_importance(right, place);
-        const float share = a / (a + b), pick = choice->pick[i];
+        const float sum = left[i] + right[i], share = left[i] / sum, pick = choice->pick[i];
         const float p = pick < share ? share : 1 - share, below = pick < share ? 0 : share;
-        const uint32_t bit = a + b > 0 ? 1u << i & here : 0;
+        const uint32_t bit = sum > 0 ? 1u << i & here : 0;
         choice->pick[i] = bit ? lw_light_smaller((pick - below) / p, LW_LIGHT_BELOW_ONE) : pick;
         choice->probability[i] *= bit ? p : 1;
         left_bit[i] = pick < share ? bit : 0;
@@ -90,8 +97,10 @@ void lw_light_tree_choose16(const struct lw_light_tree *tree, uint32_t group,
         if (n->light == UINT32_MAX) {
             stack[top].node = n->right;
             stack[top + 1].node = node + 1;
-            descend(n + 1, &tree->node[n->right], points, lanes, &choice, &stack[top + 1].lanes,
-                    &stack[top].lanes);
+            float left[LANES], right[LANES];
+            weigh_points(n + 1, points, left);
+            weigh_points(&tree->node[n->right], points, right);
+            descend(left, right, lanes, &choice, &stack[top + 1].lanes, &stack[top].lanes);
             top += 2;
             continue;
         }
@@ -100,6 +109,92 @@ void lw_light_tree_choose16(const struct lw_light_tree *tree, uint32_t group,
                 out_light[i] = n->light;
                 out_probability[i] = choice.probability[i];
             }
+    }
+}
+
+/* Sixteen nodes, structure of arrays. */
+struct nodes16 {
+    _Alignas(64) float x[LANES];
+    float y[LANES], z[LANES], radius[LANES], power[LANES], axis_x[LANES], axis_y[LANES], axis_z[LANES],
+        cos_spread[LANES], sin_spread[LANES], cos_reach[LANES], dims[LANES];
+};
+
+static void put_node(struct nodes16 *nodes, uint32_t lane, const struct lw_light_node *node) {
+    nodes->x[lane] = node->centre.x, nodes->y[lane] = node->centre.y, nodes->z[lane] = node->centre.z;
+    nodes->radius[lane] = node->radius, nodes->power[lane] = node->power;
+    nodes->axis_x[lane] = node->axis.x, nodes->axis_y[lane] = node->axis.y,
+    nodes->axis_z[lane] = node->axis.z;
+    nodes->cos_spread[lane] = node->cos_spread, nodes->sin_spread[lane] = node->sin_spread;
+    nodes->cos_reach[lane] = node->cos_reach, nodes->dims[lane] = node->dims;
+}
+
+LW_WIDE static void weigh_nodes(const struct nodes16 *restrict n, const struct lw_light_place *at,
+                                float *restrict out) {
+    const struct lw_light_place place = *at;
+    for (int i = 0; i < LANES; i++) {
+        const struct lw_light_node node = {.centre = lw_vec3(n->x[i], n->y[i], n->z[i]),
+                                           .radius = n->radius[i],
+                                           .power = n->power[i],
+                                           .axis = lw_vec3(n->axis_x[i], n->axis_y[i], n->axis_z[i]),
+                                           .cos_spread = n->cos_spread[i],
+                                           .sin_spread = n->sin_spread[i],
+                                           .cos_reach = n->cos_reach[i],
+                                           .dims = n->dims[i] > 0};
+        out[i] = lw_light_importance(&node, place);
+    }
+}
+
+static bool is_inner(const struct lw_light_tree *tree, uint32_t node) {
+    return node != UINT32_MAX && tree->node[node].light == UINT32_MAX;
+}
+
+/* Goes on to one of two children that weigh as given, or nowhere. */
+static uint32_t go_down(const struct lw_light_node *node, uint32_t left_child, float left, float right,
+                        struct lw_light_choice *choice) {
+    if (!(left + right > 0)) return UINT32_MAX;
+    const float share = left / (left + right);
+    const bool to_left = choice->pick < share;
+    const float p = to_left ? share : 1 - share, below = to_left ? 0 : share;
+    choice->pick = lw_light_smaller((choice->pick - below) / p, LW_LIGHT_BELOW_ONE);
+    choice->probability *= p;
+    return to_left ? left_child : node->right;
+}
+
+/* One step down for up to eight choices that are at `node`; false: all have arrived. */
+static bool step_down(const struct lw_light_tree *tree, const struct lw_light_place *place, uint32_t count,
+                      struct lw_light_choice *choice, uint32_t *node) {
+    struct nodes16 children;
+    float weight[LANES];
+    bool any = false;
+    for (uint32_t i = 0; i < count; i++) {
+        if (!is_inner(tree, node[i])) continue;
+        put_node(&children, 2 * i, &tree->node[node[i] + 1]);
+        put_node(&children, 2 * i + 1, &tree->node[tree->node[node[i]].right]);
+        any = true;
+    }
+    if (!any) return false;
+    weigh_nodes(&children, place, weight);
+    for (uint32_t i = 0; i < count; i++)
+        if (is_inner(tree, node[i]))
+            node[i] =
+                go_down(&tree->node[node[i]], node[i] + 1, weight[2 * i], weight[2 * i + 1], &choice[i]);
+    return true;
+}
+
+void lw_light_tree_choose_each(const struct lw_light_tree *tree, const struct lw_light_region *region,
+                               struct lw_light_choice *choice, uint32_t count) {
+    const struct lw_light_place place = lw_light_place_of(region);
+    for (uint32_t first = 0; first < count; first += LANES / 2) {
+        const uint32_t some = count - first < LANES / 2 ? count - first : LANES / 2;
+        uint32_t node[LANES / 2];
+        for (uint32_t i = 0; i < some; i++) {
+            node[i] = choice[first + i].group;
+            choice[first + i].probability = 1;
+        }
+        while (step_down(tree, &place, some, choice + first, node))
+            ;
+        for (uint32_t i = 0; i < some; i++)
+            choice[first + i].light = node[i] == UINT32_MAX ? UINT32_MAX : tree->node[node[i]].light;
     }
 }
 

@@ -26,6 +26,16 @@ void lw_light_tree_choose16(const struct lw_light_tree *tree, uint32_t group,
                             const struct lw_points16 *points, float pick, uint16_t active,
                             uint32_t out_light[16], float out_probability[16]);
 
+/** lw_light_tree_choose() for one region in several groups, by a pick for each. light: UINT32_MAX where there is none. */
+struct lw_light_choice {
+    uint32_t group;
+    float pick;
+    uint32_t light;
+    float probability;
+};
+void lw_light_tree_choose_each(const struct lw_light_tree *tree, const struct lw_light_region *region,
+                               struct lw_light_choice *choice, uint32_t count);
+
 /** lw_lights_sample_near(), times the cosine, of ONE light for the points that have chosen it.
  * probability  of each point's choice
  * chosen       those points; samples of the others stay as they are */

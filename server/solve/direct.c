@@ -109,22 +109,14 @@ static uint16_t alike(const uint32_t light[LANES], uint16_t lanes) {
     return same & lanes;
 }
 
-/* One sample of a group of lights: of one light for the whole packet where the group is far, else each lane chooses. */
-static void sample_group(const struct work *w, const struct lw_light_region *region, uint32_t group,
-                         float pick, const float point[2], struct lw_light_sample16 *out) {
+/* Samples of a near group, of which each lane chooses a light. */
+static void sample_near_group(const struct work *w, uint32_t group, float pick, const float point[2],
+                              struct lw_light_sample16 *out) {
     const struct lw_lights *lights = w->passes->lights;
     const struct lw_points16 *at = &w->site->lanes.at;
     uint32_t light[LANES];
     float probability[LANES];
     uint16_t lanes = w->launch->active;
-    memset(out->e, 0, sizeof out->e);
-    if (lw_light_tree_is_far(&lights->tree, group, region)) {
-        light[0] = lw_light_tree_choose(&lights->tree, group, region, pick, &probability[0]);
-        if (light[0] == UINT32_MAX) return;
-        for (uint32_t lane = 1; lane < LANES; lane++) probability[lane] = probability[0];
-        lw_lights_sample_near16(lights, light[0], probability, point[0], point[1], at, lanes, out);
-        return;
-    }
     lw_light_tree_choose16(&lights->tree, group, at, pick, lanes, light, probability);
     while (lanes) {
         const uint16_t same = alike(light, lanes);
@@ -135,24 +127,55 @@ static void sample_group(const struct work *w, const struct lw_light_region *reg
     }
 }
 
+/* The groups that light a packet. Of those that are far one light is chosen for all of it. */
+struct cut {
+    struct lw_light_choice far[LW_LIGHTS_EXACT_MAX], near[LW_LIGHTS_EXACT_MAX];
+    uint32_t far_count, near_count;
+};
+
+static void cut_tree(const struct work *w, uint32_t index, struct cut *cut) {
+    const struct lw_lights *lights = w->passes->lights;
+    const uint32_t seed = seed_of(w, LW_SAMPLING_EMITTER_PICK);
+    const struct lw_light_region region = region_of(&w->site->lanes.at);
+    uint32_t group[LW_LIGHTS_EXACT_MAX];
+    const uint32_t count = lw_lights_split(lights, &region, group);
+    cut->far_count = cut->near_count = 0;
+    for (uint32_t g = 0; g < count; g++) {
+        float pick[2]; /* of a sequence of the group's own: most groups stay over the frames */
+        lw_sampling_point(lw_random_hash2(seed, group[g]), index, w->launch->set, pick);
+        const bool far = lw_light_tree_is_far(&lights->tree, group[g], &region);
+        *(far ? &cut->far[cut->far_count++] : &cut->near[cut->near_count++]) =
+            (struct lw_light_choice){.group = group[g], .pick = pick[0]};
+    }
+    lw_light_tree_choose_each(&lights->tree, &region, cut->far, cut->far_count);
+}
+
 /* Emitters, and points and spots where they are many. */
 static void light_by_groups(const struct work *w) {
     const struct lw_passes *p = w->passes;
     if (!p->lights->tree.count) return;
-    const uint32_t seed = seed_of(w, LW_SAMPLING_EMITTER), pick_seed = seed_of(w, LW_SAMPLING_EMITTER_PICK);
+    const uint32_t seed = seed_of(w, LW_SAMPLING_EMITTER);
+    const float weight = 1.0f / (float)p->direct_samples;
     for (uint32_t s = 0; s < p->direct_samples; s++) {
         const uint32_t index = number_of(w, s), set = w->launch->set;
+        float point[2], probability[LANES];
+        struct lw_light_sample16 sample = {.e = {{0}}};
+        struct cut cut;
         move_to(w, s);
-        const struct lw_light_region region = region_of(&w->site->lanes.at);
-        uint32_t group[LW_LIGHTS_EXACT_MAX];
-        const uint32_t groups = lw_lights_split(p->lights, &region, group);
-        for (uint32_t g = 0; g < groups; g++) {
-            float point[2], pick[2]; /* of a sequence of the group's own: most groups stay over the frames */
-            struct lw_light_sample16 sample;
-            lw_sampling_point(lw_random_hash2(seed, group[g]), index, set, point);
-            lw_sampling_point(lw_random_hash2(pick_seed, group[g]), index, set, pick);
-            sample_group(w, &region, group[g], pick[0], point, &sample);
-            add_visible(w, &sample, index, 1.0f / (float)p->direct_samples);
+        cut_tree(w, index, &cut);
+        for (const struct lw_light_choice *c = cut.far; c < cut.far + cut.far_count; c++) {
+            if (c->light == UINT32_MAX) continue;
+            lw_sampling_point(lw_random_hash2(seed, c->group), index, set, point);
+            for (uint32_t lane = 0; lane < LANES; lane++) probability[lane] = c->probability;
+            lw_lights_sample_near16(p->lights, c->light, probability, point[0], point[1], &w->site->lanes.at,
+                                    UINT16_MAX, &sample);
+            add_visible(w, &sample, index, weight);
+        }
+        for (const struct lw_light_choice *c = cut.near; c < cut.near + cut.near_count; c++) {
+            memset(sample.e, 0, sizeof sample.e);
+            lw_sampling_point(lw_random_hash2(seed, c->group), index, set, point);
+            sample_near_group(w, c->group, c->pick, point, &sample);
+            add_visible(w, &sample, index, weight);
         }
     }
 }

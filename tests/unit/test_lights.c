@@ -373,6 +373,26 @@ static uint32_t compare_near(const struct stage *s, const struct lw_points16 *po
     return lit;
 }
 
+static void compare_regions(const struct stage *s, const struct lw_points16 *points, const float pick[2]) {
+    const struct lw_light_region all = {origin, up, 100, -1};
+    struct lw_light_choice choice[LW_LIGHTS_EXACT_MAX];
+    uint32_t group[LW_LIGHTS_EXACT_MAX];
+    const uint32_t groups = lw_lights_split(&s->lights, &all, group);
+    for (uint32_t i = 0; i < 16; i++) {
+        const struct lw_light_region region = {point_of(points, i), normal_of(points, i), 0.1f * (float)i,
+                                               1 - 0.1f * (float)i};
+        for (uint32_t g = 0; g < groups; g++)
+            choice[g] = (struct lw_light_choice){.group = group[g], .pick = pick[g & 1]};
+        lw_light_tree_choose_each(&s->lights.tree, &region, choice, groups);
+        for (uint32_t g = 0; g < groups; g++) {
+            float p = 0;
+            assert_int_equal(lw_light_tree_choose(&s->lights.tree, group[g], &region, pick[g & 1], &p),
+                             choice[g].light);
+            if (choice[g].light != UINT32_MAX) assert_true(fabsf(choice[g].probability - p) <= 1e-6f * p);
+        }
+    }
+}
+
 static uint32_t compare_far(const struct stage *s, const struct lw_points16 *points, const float point[2]) {
     uint32_t lit = 0;
     struct lw_light_sample16 wide;
@@ -409,6 +429,7 @@ static void test_sixteen_points_at_once(void **state) {
             lw_random_sobol2(round, 4, pick);
             near += compare_near(&s, &points, pick[0], point);
             far += compare_far(&s, &points, point);
+            compare_regions(&s, &points, pick);
         }
         assert_in_range(near, 2000, UINT32_MAX); /* not all in the dark */
         assert_in_range(far, 2000, UINT32_MAX);
