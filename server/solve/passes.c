@@ -70,7 +70,23 @@ void lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile, str
     }
 }
 
-/* Where lane's ray ended, if it met something; not yet the texel that stands for it (read_sources). */
+/* A packet's bounce rays on their way to the texels that they end on. Every step reads memory that lies anywhere: it is sent for while
+ * the next packets are traced. */
+struct flight {
+    struct lw_ray16 rays;
+    struct lw_hit16 hits;
+    uint32_t texel[LANES], end[LANES];
+    uint32_t sample; /* of the frame */
+    uint16_t active;
+    unsigned flags;
+};
+#define FLIGHTS 3u /* traced; ended; about to be noted */
+struct flights {
+    struct flight flight[FLIGHTS];
+    uint32_t count;
+};
+
+/* Where a lane's ray ended, if it met something; not yet the texel that stands for it. */
 static uint32_t end_of(const struct lw_passes *p, const struct lw_hit16 *hits, uint32_t lane) {
     if (hits->object[lane] == LW_TRACE_MISS) return LW_END_NOTHING;
     return lw_texels_under(p->texels, hits->object[lane], hits->triangle[lane], hits->u[lane], hits->v[lane],
@@ -90,33 +106,57 @@ static bool ask_probes(const struct lw_passes *p, const struct lw_ray16 *rays, u
     return *out_end != LW_PROBES_UNSEEN;
 }
 
-/* Ends of a packet's rays of finite range: what they hit, else what a probe knows, else what they hit further on. */
-static void find_ends(const struct lw_passes *p, const struct lw_solve_tile *tile,
-                      const struct lw_launch *launch, unsigned flags, struct lw_ray16 *rays,
-                      struct lw_hit16 *hits, uint32_t out_end[LANES], struct lw_passes_count *count) {
+/* Ends of a packet's rays: what they hit, else what a probe knows, else what they hit further on. */
+static void find_ends(const struct lw_passes *p, struct flight *f, struct lw_passes_count *count) {
     uint16_t unseen = 0;
     for (uint32_t lane = 0; lane < LANES; lane++) {
-        if (!(launch->active >> lane & 1)) continue;
-        out_end[lane] = end_of(p, hits, lane);
-        if (hits->object[lane] != LW_TRACE_MISS || !p->probes) continue;
+        if (!(f->active >> lane & 1)) continue;
+        f->end[lane] = end_of(p, &f->hits, lane);
+        if (f->hits.object[lane] != LW_TRACE_MISS || !p->probes) continue;
         const uint32_t random =
-            lw_random_hash3(p->seed, tile->first + launch->texel[lane], rays->salt ^ LW_SAMPLING_PROBE << 24);
-        if (ask_probes(p, rays, lane, random, &out_end[lane])) continue;
-        rays->t_near[lane] = rays->t_far[lane];
-        rays->t_far[lane] = INFINITY;
+            lw_random_hash3(p->seed, f->texel[lane], f->rays.salt ^ LW_SAMPLING_PROBE << 24);
+        if (ask_probes(p, &f->rays, lane, random, &f->end[lane])) continue;
+        f->rays.t_near[lane] = f->rays.t_far[lane];
+        f->rays.t_far[lane] = INFINITY;
         unseen |= (uint16_t)(1u << lane);
     }
-    if (!unseen) return;
-    lw_trace_closest16(p->trace, flags, unseen, rays, hits);
+    if (unseen) {
+        lw_trace_closest16(p->trace, f->flags, unseen, &f->rays, &f->hits);
+        for (uint32_t lane = 0; lane < LANES; lane++)
+            if (unseen >> lane & 1) f->end[lane] = end_of(p, &f->hits, lane);
+        count->bounce += (uint64_t)__builtin_popcount(unseen);
+    }
     for (uint32_t lane = 0; lane < LANES; lane++)
-        if (unseen >> lane & 1) out_end[lane] = end_of(p, hits, lane);
-    count->bounce += (uint64_t)__builtin_popcount(unseen);
+        if (f->active >> lane & 1 && !(f->end[lane] & LW_END_PROBE))
+            __builtin_prefetch(&p->texels->source[f->end[lane]]);
+}
+_Static_assert((LW_END_NOTHING & LW_END_PROBE) != 0 && LW_TEXEL_NONE == LW_END_NOTHING, "no texels either");
+
+/* Notes the texels that stand for those that a packet's rays have met. */
+static void note_ends(const struct lw_passes *p, const struct flight *f) {
+    for (uint32_t lane = 0; lane < LANES; lane++)
+        if (f->active >> lane & 1)
+            p->end[(size_t)f->texel[lane] * p->indirect_samples + f->sample] =
+                f->end[lane] & LW_END_PROBE ? f->end[lane] : p->texels->source[f->end[lane]];
 }
 
-/* Where the rays of a packet's texels end in one frame, but not yet the texels that stand for those. */
-/* Needs its places for the first of them. */
+/* One step for the two packets before the one that has been traced last. */
+static void move_on(const struct lw_passes *p, struct flights *flights, struct lw_passes_count *count) {
+    if (flights->count > 1) find_ends(p, &flights->flight[(flights->count - 2) % FLIGHTS], count);
+    if (flights->count > 2) note_ends(p, &flights->flight[(flights->count - 3) % FLIGHTS]);
+}
+
+/* The steps that are left. */
+static void land(const struct lw_passes *p, struct flights *flights, struct lw_passes_count *count) {
+    if (flights->count > 0) find_ends(p, &flights->flight[(flights->count - 1) % FLIGHTS], count);
+    for (uint32_t k = flights->count < 2 ? flights->count : 2; k > 0; k--)
+        note_ends(p, &flights->flight[(flights->count - k) % FLIGHTS]);
+    flights->count = 0;
+}
+
+/* Where the rays of a packet's texels end in one frame. Needs its places for the first of them. */
 static void trace_packet(const struct lw_passes *p, const struct lw_solve_tile *tile,
-                         struct lw_launch *launch, struct lw_launch_site *site,
+                         struct lw_launch *launch, struct lw_launch_site *site, struct flights *flights,
                          struct lw_passes_count *count) {
     const uint32_t seed = lw_sampling_seed(p->seed, tile->object, launch->block, LW_SAMPLING_BOUNCE);
     for (uint32_t s = 0; s < p->indirect_samples; s++) {
@@ -124,50 +164,39 @@ static void trace_packet(const struct lw_passes *p, const struct lw_solve_tile *
         if (s > 0 && s % PLACE_SHARE == 0)
             lw_launch_choose(launch, tile, p->texels->usable, p->seed, sample / PLACE_SHARE);
         if (s % PLACE_SHARE == 0) lw_launch_place(launch, tile, site);
-        const unsigned flags = site->coherent ? LW_TRACE_COHERENT : LW_TRACE_LIGHT;
+        struct flight *f = &flights->flight[flights->count++ % FLIGHTS];
         float point[2];
-        struct lw_ray16 rays;
-        struct lw_hit16 hits;
-        uint32_t end[LANES];
+        for (uint32_t lane = 0; lane < LANES; lane++) f->texel[lane] = tile->first + launch->texel[lane];
+        f->sample = s;
+        f->active = launch->active;
+        f->flags = site->coherent ? LW_TRACE_COHERENT : LW_TRACE_LIGHT;
         lw_sampling_point(seed, sample, launch->set, point);
-        aim(&site->lanes.at, lw_direction_cosine(point), p->tracing_range_m, &rays);
-        rays.salt = sample;
-        lw_trace_closest16(p->trace, flags, launch->active, &rays, &hits);
-        count->bounce += (uint64_t)__builtin_popcount(launch->active);
-        find_ends(p, tile, launch, flags, &rays, &hits, end, count);
+        aim(&site->lanes.at, lw_direction_cosine(point), p->tracing_range_m, &f->rays);
+        f->rays.salt = sample;
+        lw_trace_closest16(p->trace, f->flags, f->active, &f->rays, &f->hits);
+        count->bounce += (uint64_t)__builtin_popcount(f->active);
         for (uint32_t lane = 0; lane < LANES; lane++)
-            if (launch->active >> lane & 1)
-                p->end[(size_t)(tile->first + launch->texel[lane]) * p->indirect_samples + s] = end[lane];
+            if (f->hits.object[lane] != LW_TRACE_MISS)
+                __builtin_prefetch(
+                    lw_texels_triangle(p->texels, f->hits.object[lane], f->hits.triangle[lane]));
+        move_on(p, flights, count);
     }
-}
-
-/* Puts the texel that stands for it in the place of each that a texel's rays have met. */
-static void read_sources_of(const struct lw_passes *p, uint32_t texel) {
-    const uint32_t n = p->indirect_samples;
-    for (uint32_t *end = p->end + (size_t)texel * n; end < p->end + ((size_t)texel + 1) * n; end++)
-        if (!(*end & LW_END_PROBE)) *end = p->texels->source[*end];
-}
-_Static_assert((LW_END_NOTHING & LW_END_PROBE) != 0 && LW_TEXEL_NONE == LW_END_NOTHING, "no texels either");
-
-/* They lie anywhere in memory: here the processor waits for many at a time, in the midst of tracing it would for each. */
-static void read_sources(const struct lw_passes *p, const struct lw_solve_tile *tile) {
-    for (uint32_t i = tile->first; i < tile->first + tile->width * tile->height; i++)
-        if (p->tiles->covered[i]) read_sources_of(p, i);
 }
 
 void lw_passes_trace_ends(const struct lw_passes *p, const struct lw_solve_tile *tile,
                           struct lw_passes_count *count) {
     struct lw_launch launch[LW_PACKETS_MAX];
     struct lw_launch_site site;
+    struct flights flights = {.count = 0};
     lw_footprint_frame_init(&site.frame, &p->pose->object_to_world[tile->object]);
     LW_TILES_EACH_BLOCK (tile, block) {
         if (!block->due) continue;
         lw_launch_block(tile, block, p->texels->usable, p->seed,
                         block->frames * p->indirect_samples / PLACE_SHARE, launch);
         for (uint32_t set = 0; set < block->packet_count; set++)
-            trace_packet(p, tile, &launch[set], &site, count);
+            trace_packet(p, tile, &launch[set], &site, &flights, count);
     }
-    read_sources(p, tile);
+    land(p, &flights, count);
 }
 
 static struct lw_vec3 radiance_at(const struct lw_passes *p, uint32_t end, uint32_t bounce) {
@@ -230,9 +259,9 @@ static void repeat_packet(const struct lw_passes *p, const struct lw_solve_tile 
     lw_direct_light(p, tile, launch, site, out_direct, count);
     if (!p->tiles->bounces) return;
     lw_launch_choose(launch, tile, usable, p->seed, launch->frames * p->indirect_samples / PLACE_SHARE);
-    trace_packet(p, tile, launch, site, count);
-    for (uint32_t lane = 0; lane < LANES; lane++)
-        if (launch->active >> lane & 1) read_sources_of(p, tile->first + launch->texel[lane]);
+    struct flights flights = {.count = 0};
+    trace_packet(p, tile, launch, site, &flights, count);
+    land(p, &flights, count);
 }
 
 static struct lw_vec3 gather_orders(const struct lw_passes *p, uint32_t texel) {

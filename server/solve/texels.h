@@ -84,12 +84,18 @@ static inline uint32_t lw_texels_index(const struct lw_mesh_texels *mesh, uint32
     return lw_texels_tile_start(mesh, tile_x, tile_y) + (y % LW_TILE_SIDE) * columns + x % LW_TILE_SIDE;
 }
 
+/** Where a triangle of an object lies in the lightmap. */
+static inline const struct lw_triangle_uv *lw_texels_triangle(const struct lw_texels *texels, uint32_t object,
+                                                              uint32_t triangle) {
+    return &texels->mesh[texels->scene->object[object].mesh].triangle[triangle];
+}
+
 /** The texel (global index) whose square a hit lies in, or NONE: the back of a single-sided surface. Its source is the
  * one to read. u, v: barycentrics of the triangle's 2nd and 3rd vertex. */
 static inline uint32_t lw_texels_under(const struct lw_texels *texels, uint32_t object, uint32_t triangle,
                                        float u, float v, bool back) {
     const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[object].mesh];
-    const struct lw_triangle_uv *t = &mesh->triangle[triangle];
+    const struct lw_triangle_uv *t = lw_texels_triangle(texels, object, triangle);
     if (back && !t->double_sided) return LW_TEXEL_NONE;
     float w = 1.0f - u - v;
     uint32_t x = (uint32_t)(0.25f * (w * t->u[0] + u * t->u[1] + v * t->u[2]));
