@@ -38,10 +38,6 @@ struct lw_light_place {
     float radius, cos_spread, sin_spread;
 };
 
-/* Cosine of max(0, a - b), for a and b within [0, pi]. */
-LW_WIDE_INLINE float lw_light_cos_of_rest(float cos_a, float sin_a, float cos_b, float sin_b) {
-    return cos_a >= cos_b ? 1 : cos_a * cos_b + sin_a * sin_b;
-}
 LW_WIDE_INLINE float lw_light_sine_of(float cosine) { return sqrtf(lw_light_larger(0, 1 - cosine * cosine)); }
 
 static inline struct lw_light_place lw_light_place_of(const struct lw_light_region *r) {
@@ -52,6 +48,14 @@ static inline struct lw_light_place lw_light_place_of(const struct lw_light_regi
                                    .sin_spread = lw_light_sine_of(r->cos_spread)};
 }
 
+/* Cosine of max(0, a - b - c), for angles within [0, pi] of which only a comes without its sine. */
+LW_WIDE_INLINE float lw_light_cos_of_rest(float cos_a, float cos_b, float sin_b, float cos_c, float sin_c) {
+    const float cos_bc = cos_b * cos_c - sin_b * sin_c, sin_bc = sin_b * cos_c + cos_b * sin_c;
+    const float rest = cos_a * cos_bc + lw_light_sine_of(cos_a) * sin_bc;
+    const float less = cos_a >= cos_bc ? 1 : rest;
+    return sin_bc < 0 ? 1 : less; /* b + c is more than any angle */
+}
+
 /* What a group may give: power x cos x cos' / d^2, with the angles that favour it most. 0 only where it gives nothing. */
 LW_WIDE_INLINE float lw_light_importance(const struct lw_light_node *node, struct lw_light_place place) {
     const struct lw_vec3 to = lw_vec3_sub(node->centre, place.centre);
@@ -59,20 +63,15 @@ LW_WIDE_INLINE float lw_light_importance(const struct lw_light_node *node, struc
     const float radius = node->radius + place.radius, radius2 = lw_light_larger(radius * radius, 1e-12f);
     const float distance2 = lw_vec3_dot(to, to);
     /* the angle that the group's ball fills, seen from the point, is taken off both */
-    const float scale = 1 / sqrtf(distance2), sin_seen = radius * scale;
-    const float cos_seen = lw_light_sine_of(sin_seen);
-    const float straight = lw_vec3_dot(to, place.normal) * scale;
-    const float spread =
-        lw_light_cos_of_rest(straight, lw_light_sine_of(straight), place.cos_spread, place.sin_spread);
-    const float cosine = place.cos_spread < 1 ? spread : straight;
-    const float at_point = lw_light_cos_of_rest(cosine, lw_light_sine_of(cosine), cos_seen, sin_seen);
-    const float axial = -lw_vec3_dot(to, node->axis) * scale;
-    const float coned =
-        lw_light_cos_of_rest(axial, lw_light_sine_of(axial), node->cos_spread, node->sin_spread);
-    const float at_light = lw_light_cos_of_rest(coned, lw_light_sine_of(coned), cos_seen, sin_seen);
+    const float scale = 1 / sqrtf(distance2), sin_seen = radius * scale,
+                cos_seen = lw_light_sine_of(sin_seen);
+    const float at_point = lw_light_cos_of_rest(lw_vec3_dot(to, place.normal) * scale, place.cos_spread,
+                                                place.sin_spread, cos_seen, sin_seen);
+    const float at_light = lw_light_cos_of_rest(-lw_vec3_dot(to, node->axis) * scale, node->cos_spread,
+                                                node->sin_spread, cos_seen, sin_seen);
     const float least_facing = node->dims ? 1e-3f : 1; /* one number for all points, as vectors want it */
-    const float facing = lw_light_larger(at_light, least_facing);
-    const float given = node->power * lw_light_larger(at_point, 1e-3f) * facing * (scale * scale);
+    const float given = node->power * lw_light_larger(at_point, 1e-3f) *
+                        lw_light_larger(at_light, least_facing) * (scale * scale);
     const float outside = at_point < -LW_LIGHT_COSINE_SLACK ? 0 : given;
     const float lit = at_light < node->cos_reach - LW_LIGHT_COSINE_SLACK ? 0 : outside;
     return distance2 <= radius2 * 1.0001f ? node->power / radius2 : lit; /* within: all directions */

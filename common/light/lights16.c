@@ -112,14 +112,16 @@ void lw_light_tree_choose16(const struct lw_light_tree *tree, uint32_t group,
     }
 }
 
-/* Sixteen nodes, structure of arrays. */
-struct nodes16 {
-    _Alignas(64) float x[LANES];
-    float y[LANES], z[LANES], radius[LANES], power[LANES], axis_x[LANES], axis_y[LANES], axis_z[LANES],
-        cos_spread[LANES], sin_spread[LANES], cos_reach[LANES], dims[LANES];
+#define CHOICES 4u /* that go down the tree together */
+#define NODES   8u /* their children */
+
+struct nodes {
+    _Alignas(32) float x[NODES];
+    float y[NODES], z[NODES], radius[NODES], power[NODES], axis_x[NODES], axis_y[NODES], axis_z[NODES],
+        cos_spread[NODES], sin_spread[NODES], cos_reach[NODES], dims[NODES];
 };
 
-static void put_node(struct nodes16 *nodes, uint32_t lane, const struct lw_light_node *node) {
+static void put_node(struct nodes *nodes, uint32_t lane, const struct lw_light_node *node) {
     nodes->x[lane] = node->centre.x, nodes->y[lane] = node->centre.y, nodes->z[lane] = node->centre.z;
     nodes->radius[lane] = node->radius, nodes->power[lane] = node->power;
     nodes->axis_x[lane] = node->axis.x, nodes->axis_y[lane] = node->axis.y,
@@ -128,10 +130,10 @@ static void put_node(struct nodes16 *nodes, uint32_t lane, const struct lw_light
     nodes->cos_reach[lane] = node->cos_reach, nodes->dims[lane] = node->dims;
 }
 
-LW_WIDE static void weigh_nodes(const struct nodes16 *restrict n, const struct lw_light_place *at,
+LW_WIDE static void weigh_nodes(const struct nodes *restrict n, const struct lw_light_place *at,
                                 float *restrict out) {
     const struct lw_light_place place = *at;
-    for (int i = 0; i < LANES; i++) {
+    for (int i = 0; i < (int)NODES; i++) {
         const struct lw_light_node node = {.centre = lw_vec3(n->x[i], n->y[i], n->z[i]),
                                            .radius = n->radius[i],
                                            .power = n->power[i],
@@ -160,11 +162,11 @@ static uint32_t go_down(const struct lw_light_node *node, uint32_t left_child, f
     return to_left ? left_child : node->right;
 }
 
-/* One step down for up to eight choices that are at `node`; false: all have arrived. */
+/* One step down for up to CHOICES that are at `node`; false: all have arrived. */
 static bool step_down(const struct lw_light_tree *tree, const struct lw_light_place *place, uint32_t count,
                       struct lw_light_choice *choice, uint32_t *node) {
-    struct nodes16 children;
-    float weight[LANES];
+    struct nodes children;
+    float weight[NODES];
     bool any = false;
     for (uint32_t i = 0; i < count; i++) {
         if (!is_inner(tree, node[i])) continue;
@@ -184,9 +186,9 @@ static bool step_down(const struct lw_light_tree *tree, const struct lw_light_pl
 void lw_light_tree_choose_each(const struct lw_light_tree *tree, const struct lw_light_region *region,
                                struct lw_light_choice *choice, uint32_t count) {
     const struct lw_light_place place = lw_light_place_of(region);
-    for (uint32_t first = 0; first < count; first += LANES / 2) {
-        const uint32_t some = count - first < LANES / 2 ? count - first : LANES / 2;
-        uint32_t node[LANES / 2];
+    for (uint32_t first = 0; first < count; first += CHOICES) {
+        const uint32_t some = count - first < CHOICES ? count - first : CHOICES;
+        uint32_t node[CHOICES];
         for (uint32_t i = 0; i < some; i++) {
             node[i] = choice[first + i].group;
             choice[first + i].probability = 1;
