@@ -13,7 +13,7 @@
 
 /* A tile of level 0 and what it covers of the levels up to PLACEHOLDER_LEVEL is a cell. A change reaches as far as a rim, which is
  * 2 texels of level 0, 3 of level 1, 4 of level 2: into the cells beside it and no farther. */
-enum { OLD, LOADED, BESIDE, BUILT, WELDED };
+enum { OLD, LOADED, BESIDE, BUILT };
 _Static_assert((LW_TILE_SIDE >> (PLACEHOLDER_LEVEL - 1)) >= 2 * (RIM_ROUNDS + 2),
                "a cell is wider than two rims");
 
@@ -223,26 +223,8 @@ bool lw_levels_has_changed(const struct lw_levels *levels, const struct lw_tile_
     const uint32_t x0 = place->x << place->level, y0 = place->y << place->level, side = 1u << place->level;
     for (uint32_t y = y0; y < y0 + side && y < levels->rows; y++)
         for (uint32_t x = x0; x < x0 + side && x < levels->columns; x++)
-            if (levels->part[y * levels->columns + x] == BUILT ||
-                (place->level > 0 && levels->part[y * levels->columns + x] == WELDED))
-                return true;
+            if (levels->part[y * levels->columns + x] != OLD) return true;
     return false;
-}
-
-uint32_t lw_levels_cell(const struct lw_levels *levels, uint32_t level, uint32_t x, uint32_t y) {
-    return (y << level) / LW_TILE_SIDE * levels->columns + (x << level) / LW_TILE_SIDE;
-}
-
-bool lw_levels_is_built(const struct lw_levels *levels, uint32_t level, uint32_t x, uint32_t y) {
-    return is_whole(levels, level) || levels->part[lw_levels_cell(levels, level, x, y)] == BUILT;
-}
-
-void lw_levels_forget_built(struct lw_levels *levels) {
-    memset(levels->part, OLD, (size_t)levels->columns * levels->rows);
-}
-
-void lw_levels_mark_welded(struct lw_levels *levels, uint32_t cell) {
-    if (levels->part[cell] == OLD) levels->part[cell] = WELDED;
 }
 
 void lw_levels_store_tile(const struct lw_levels *levels, const struct lw_tile_place *place, float *out_rgb,

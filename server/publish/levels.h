@@ -37,14 +37,6 @@ void lw_levels_load_tile(struct lw_levels *levels, const struct lw_tile_place *p
 void lw_levels_build(struct lw_levels *levels);
 /** Whether the last build may have changed a tile, of any level. */
 bool lw_levels_has_changed(const struct lw_levels *levels, const struct lw_tile_place *place);
-/* What level_seams.h does with built levels; cells are numbered like the tiles of level 0. */
-uint32_t lw_levels_cell(const struct lw_levels *levels, uint32_t level, uint32_t x, uint32_t y);
-/** Whether the last build has made a texel anew. */
-bool lw_levels_is_built(const struct lw_levels *levels, uint32_t level, uint32_t x, uint32_t y);
-/** Of an object that was not built this time: nothing of it has changed. */
-void lw_levels_forget_built(struct lw_levels *levels);
-/** Notes that welding has changed coarser levels in a cell. */
-void lw_levels_mark_welded(struct lw_levels *levels, uint32_t cell);
 /** Copies one tile's texels: width * height * 3 floats, and width * height bytes, 0 where no look-up reads. */
 void lw_levels_store_tile(const struct lw_levels *levels, const struct lw_tile_place *place, float *out_rgb,
                           uint8_t *out_covered);

@@ -2,7 +2,6 @@
 
 #include "common/clock.h"
 #include "common/tile/tile_codec.h"
-#include "server/publish/level_seams.h"
 #include "server/publish/levels.h"
 
 #include <omp.h>
@@ -34,13 +33,12 @@ struct lw_publisher {
     struct lw_publisher_desc desc;
     int threads;
     struct lw_levels *levels; /* per object */
-    struct lw_level_seams seams;
-    struct sent_tile *sent;  /* per tile id */
-    bool *changed;           /* per object: this frame solved one of its tiles */
-    bool *anew;              /* per object: the first light since it was a spare */
-    uint64_t *unlit;         /* per object: 0; SPARE; or the frame since which it is none, until it is lit */
-    struct worker *worker;   /* per thread */
-    struct lw_pose previous; /* the last one published */
+    struct sent_tile *sent;   /* per tile id */
+    bool *changed;            /* per object: this frame solved one of its tiles */
+    bool *anew;               /* per object: the first light since it was a spare */
+    uint64_t *unlit;          /* per object: 0; SPARE; or the frame since which it is none, until it is lit */
+    struct worker *worker;    /* per thread */
+    struct lw_pose previous;  /* the last one published */
     uint64_t previous_frame;
     uint64_t saturated;
     float dark; /* W/m^2: looks black in this frame */
@@ -64,9 +62,6 @@ enum lw_status lw_publisher_create(const struct lw_publisher_desc *desc,
     enum lw_status status = LW_NO_MEMORY;
     if (!p->levels || !p->sent || !p->changed || !p->anew || !p->unlit || !p->worker) goto fail;
     if ((status = lw_pose_init(&p->previous, desc->scene)) != LW_OK) goto fail;
-    /* with what moves by the scene itself; what is made to move later is told by its pose */
-    if ((status = lw_level_seams_init(&p->seams, desc->scene, &p->previous, desc->atlas_map)) != LW_OK)
-        goto fail;
     for (int i = 0; i < p->threads; i++) {
         if ((status = lw_tile_codec_create(&p->worker[i].codec)) != LW_OK) goto fail;
         status = LW_NO_MEMORY;
@@ -84,7 +79,6 @@ fail:
 
 void lw_publisher_destroy(struct lw_publisher *p) {
     if (!p) return;
-    lw_level_seams_finish(&p->seams);
     for (uint32_t o = 0; p->levels && o < p->desc.atlas_map->object_count; o++)
         lw_levels_finish(&p->levels[o]);
     for (uint32_t t = 0; p->sent && t < p->desc.atlas_map->tile_count; t++) {
@@ -486,13 +480,10 @@ enum lw_status lw_publisher_publish(struct lw_publisher *p, const struct lw_pose
     const bool has_light = tiles_solved > 0 || !p->previous_frame;
     uint64_t t0 = lw_clock_ns();
 #pragma omp parallel for schedule(dynamic, 1) num_threads(p->threads)
-    for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++)
+    for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++) {
         p->changed[o] = has_light && refresh_levels(p, o, frame);
-    if (has_light) {
-        const enum lw_status status = lw_level_seams_weld(&p->seams, p->levels, pose, p->changed, p->threads);
-        if (status != LW_OK) return status;
+        note_unlit(p, pose, o, frame);
     }
-    for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++) note_unlit(p, pose, o, frame);
     if (has_light) p->dark = find_dark(p, pose);
     uint64_t t1 = lw_clock_ns();
     for (int i = 0; i < p->threads; i++) {
@@ -527,7 +518,7 @@ enum lw_status lw_publisher_publish(struct lw_publisher *p, const struct lw_pose
 }
 
 size_t lw_publisher_memory_bytes(const struct lw_publisher *p) {
-    size_t bytes = lw_level_seams_memory_bytes(&p->seams);
+    size_t bytes = 0;
     for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++)
         for (uint32_t l = 0; l < p->levels[o].count; l++)
             bytes += (size_t)p->levels[o].level[l].width * p->levels[o].level[l].height * 13;

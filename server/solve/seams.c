@@ -28,13 +28,18 @@
     1.5 /* the mean of a component is restored by up to this factor; what needs more stays unwelded */
 #define GUESSES 8u /* texels that a gutter is extrapolated from */
 
+/* What two look-ups differ by, brought to length 1 in units in which all members move with the same ease. */
+struct lw_seams_row {
+    uint32_t member[8];
+    float weight[8];
+};
 struct lw_seams_member {
     uint32_t texel;  /* of the global numbering */
-    float root_ease; /* square root of how readily it moves; over 1: a gutter */
+    float root_ease; /* square root of how readily it moves */
 };
 /* A gutter's value before it is welded: the sum of weight x light of covered members. */
 struct lw_seams_guess {
-    uint32_t count; /* 0: it has a value of its own */
+    uint32_t count; /* 0: covered, it has a value of its own */
     uint32_t member[GUESSES];
     float weight[GUESSES];
 };
@@ -189,17 +194,6 @@ static uint32_t row_member(struct builder *b, uint32_t object, uint32_t x, uint3
     return m;
 }
 
-/* Brings a row to length 1, in units in which all members move with the same ease, and its members into one component. */
-static void settle_row(struct builder *b, struct lw_seams_row *row) {
-    float length2 = 0;
-    for (int i = 0; i < 8; i++) {
-        lw_union_find_join(b->parent, row->member[0], row->member[i]);
-        row->weight[i] *= b->seams->member[row->member[i]].root_ease;
-        length2 += row->weight[i] * row->weight[i];
-    }
-    for (int i = 0; i < 8; i++) row->weight[i] /= sqrtf(length2);
-}
-
 static void add_row(struct builder *b, const struct lw_seam_edge *edge, const struct look_up look_up[2]) {
     if (b->seams->row_count == LW_SEAMS_ROWS_MAX) {
         b->seams->rows_left_out++;
@@ -221,9 +215,14 @@ static void add_row(struct builder *b, const struct lw_seam_edge *edge, const st
     uint32_t first = LW_TEXEL_NONE;
     for (int i = 0; i < 8 && first == LW_TEXEL_NONE; i++) first = row.member[i];
     if (b->failed) return;
-    for (int i = 0; i < 8; i++)
+    float length2 = 0;
+    for (int i = 0; i < 8; i++) {
         if (row.member[i] == LW_TEXEL_NONE) row.member[i] = first;
-    settle_row(b, &row);
+        lw_union_find_join(b->parent, first, row.member[i]);
+        row.weight[i] *= b->seams->member[row.member[i]].root_ease;
+        length2 += row.weight[i] * row.weight[i];
+    }
+    for (int i = 0; i < 8; i++) row.weight[i] /= sqrtf(length2);
     b->seams->row[b->seams->row_count++] = row;
 }
 
@@ -298,17 +297,18 @@ static bool sort_by_component(struct builder *b) {
 }
 
 /* Lists the blocks of each component, each once. */
-static bool list_blocks(struct lw_seams *s, const uint32_t *block_of_texel, uint32_t block_count) {
-    uint32_t *last = malloc(((size_t)block_count + 1) * sizeof *last); /* component to list it */
+static bool list_blocks(struct builder *b) {
+    struct lw_seams *s = b->seams;
+    uint32_t *last = malloc(((size_t)b->tiles->block_count + 1) * sizeof *last); /* component to list it */
     s->block = malloc(((size_t)s->member_count + 1) * sizeof *s->block);
     s->first_block = malloc(((size_t)s->component_count + 1) * sizeof *s->first_block);
     const bool ok = last && s->block && s->first_block;
     if (ok) {
-        memset(last, 0xff, block_count * sizeof *last);
+        memset(last, 0xff, b->tiles->block_count * sizeof *last);
         for (uint32_t c = 0; c < s->component_count; c++) {
             s->first_block[c] = s->block_count;
             for (uint32_t m = s->first_member[c]; m < s->first_member[c + 1]; m++) {
-                const uint32_t block = block_of_texel[s->member[m].texel];
+                const uint32_t block = b->tiles->block_of_texel[s->member[m].texel];
                 if (last[block] != c) s->block[s->block_count++] = block;
                 last[block] = c;
             }
@@ -325,9 +325,7 @@ static bool build(struct builder *b, const struct lw_seam_edges *edges) {
     if (!b->member_of) return false;
     for (uint32_t t = 0; t < b->texels->count; t++) b->member_of[t] = LW_TEXEL_NONE;
     for (size_t e = 0; e < edges->count && !b->failed; e++) add_edge(b, &edges->edge[e]);
-    if (b->failed || !sort_by_component(b) ||
-        !list_blocks(s, b->tiles->block_of_texel, b->tiles->block_count))
-        return false;
+    if (b->failed || !sort_by_component(b) || !list_blocks(b)) return false;
     uint8_t *welded = calloc((size_t)b->texels->count + 1, 1); /* gutters that are members */
     if (!welded) return false;
     for (uint32_t m = 0; m < s->member_count; m++)
@@ -352,41 +350,6 @@ enum lw_status lw_seams_init(struct lw_seams *seams, const struct lw_scene *scen
     lw_seams_finish(seams);
     return LW_NO_MEMORY;
 }
-
-static bool take_rows(struct builder *b, const struct lw_seams_row *row, uint32_t row_count,
-                      const uint8_t *gutter, uint32_t texel_count) {
-    struct lw_seams *s = b->seams;
-    s->row = malloc((row_count + 1ul) * sizeof *s->row);
-    s->member = malloc((texel_count + 1ul) * sizeof *s->member);
-    s->guess = calloc(texel_count + 1ul, sizeof *s->guess);
-    b->parent = malloc((texel_count + 1ul) * sizeof *b->parent);
-    if (!s->row || !s->member || !s->guess || !b->parent) return false;
-    for (s->member_count = 0; s->member_count < texel_count; s->member_count++) {
-        const uint32_t t = s->member_count;
-        s->member[t] = (struct lw_seams_member){.texel = t, .root_ease = gutter[t] ? sqrtf(GUTTER_EASE) : 1};
-        b->parent[t] = t;
-    }
-    for (s->row_count = 0; s->row_count < row_count; s->row_count++) {
-        s->row[s->row_count] = row[s->row_count];
-        settle_row(b, &s->row[s->row_count]);
-    }
-    return sort_by_component(b);
-}
-
-enum lw_status lw_seams_init_rows(struct lw_seams *seams, const struct lw_seams_row *row, uint32_t row_count,
-                                  const uint8_t *gutter, uint32_t texel_count, const uint32_t *block_of_texel,
-                                  uint32_t block_count) {
-    *seams = (struct lw_seams){0};
-    struct builder b = {.seams = seams};
-    const bool ok =
-        take_rows(&b, row, row_count, gutter, texel_count) && list_blocks(seams, block_of_texel, block_count);
-    free(b.parent);
-    if (ok) return LW_OK;
-    lw_seams_finish(seams);
-    return LW_NO_MEMORY;
-}
-
-uint32_t lw_seams_texel(const struct lw_seams *seams, uint32_t member) { return seams->member[member].texel; }
 
 void lw_seams_finish(struct lw_seams *seams) {
     free(seams->row);
@@ -443,18 +406,11 @@ size_t lw_seams_light_memory_bytes(const struct lw_seams_light *light) {
 struct job {
     const struct lw_seams *seams;
     struct lw_seams_light *light;
+    struct lw_tiles *tiles;
+    uint64_t frame;
     uint32_t first, last;         /* its members */
     uint32_t first_row, last_row; /* its rows */
 };
-
-static struct job job_of(const struct lw_seams *s, struct lw_seams_light *light, uint32_t component) {
-    return (struct job){.seams = s,
-                        .light = light,
-                        .first = s->first_member[component],
-                        .last = s->first_member[component + 1],
-                        .first_row = s->first_row[component],
-                        .last_row = s->first_row[component + 1]};
-}
 
 static bool is_shown(const struct lw_seams *s, const struct lw_tiles *tiles, uint64_t frame,
                      uint32_t component) {
@@ -464,10 +420,11 @@ static bool is_shown(const struct lw_seams *s, const struct lw_tiles *tiles, uin
 }
 
 /* Takes the light of what the frame shows; a block that it does not keeps what it had, before it was welded. */
-static void load(const struct job *job, const struct lw_tiles *tiles, uint64_t frame) {
+static void load(const struct job *job) {
+    const struct lw_tiles *tiles = job->tiles;
     for (uint32_t m = job->first; m < job->last; m++) {
         const uint32_t texel = job->seams->member[m].texel;
-        const bool shown = tiles->block[tiles->block_of_texel[texel]].shown_frame == frame;
+        const bool shown = tiles->block[tiles->block_of_texel[texel]].shown_frame == job->frame;
         if (job->seams->guess[m].count || !(shown || job->light->fresh)) continue;
         for (int c = 0; c < 3; c++)
             job->light->light[m][c] =
@@ -517,7 +474,7 @@ static void dot(const struct job *job, const rgb *a, const rgb *b, double out[3]
 
 /* Kaczmarz's sweeps, accelerated by conjugate gradients (Bjorck and Elfving 1979, "CGMN"): with S the sweep, solves
  * x = S x from x = the light. Every step lies in the space of the rows, so the solution is the one nearest to the light. */
-static void relax(const struct job *job, int iterations) {
+static void relax(const struct job *job) {
     rgb *x = (rgb *)job->light->welded, *r = (rgb *)job->light->scratch[0],
         *p = (rgb *)job->light->scratch[1], *q = (rgb *)job->light->scratch[2];
     const size_t bytes = (job->last - job->first) * sizeof *x;
@@ -527,7 +484,7 @@ static void relax(const struct job *job, int iterations) {
     double rr[3], xx[3];
     dot(job, x, x, xx);
     dot(job, r, r, rr);
-    for (int k = 0; k < iterations; k++) {
+    for (int k = 0; k < ITERATIONS; k++) {
         memcpy(q + job->first, p + job->first, bytes);
         sweep(job, q);
         for (uint32_t m = job->first; m < job->last; m++) q[m] = p[m] - q[m];
@@ -547,15 +504,13 @@ static void relax(const struct job *job, int iterations) {
     }
 }
 
-static bool is_gutter(const struct lw_seams_member *member) { return member->root_ease > 1; }
-
 /* By what to scale a component so that the light of its covered texels keeps its sum: a row that holds, holds at any
  * scale. (Both sides of a row move alike, but a share of it falls to gutters, which do not count.) False where that is
  * far from 1: the rows ask for something else than light that continues, and the light is worth more than they are. */
 static bool find_keep(const struct job *job, float out_keep[3]) {
     double before[3] = {0}, after[3] = {0};
     for (uint32_t m = job->first; m < job->last; m++)
-        for (int c = 0; c < 3 && !is_gutter(&job->seams->member[m]); c++) {
+        for (int c = 0; c < 3 && !job->seams->guess[m].count; c++) {
             before[c] += (double)job->light->light[m][c];
             after[c] += (double)job->light->welded[m][c];
         }
@@ -586,7 +541,7 @@ static void bound(const struct job *job) {
     const struct lw_seams_row *row = job->seams->row;
     bool bounds = false;
     for (uint32_t m = job->first; m < job->last; m++) {
-        const float share = is_gutter(&job->seams->member[m]) ? 0 : LEAST;
+        const float share = job->seams->guess[m].count ? 0 : LEAST;
         for (int c = 0; c < 3; c++) {
             least[m][c] = share * job->light->light[m][c];
             bounds |= x[m][c] < least[m][c];
@@ -599,17 +554,17 @@ static void bound(const struct job *job) {
     }
 }
 
-void lw_seams_weld_component(const struct lw_seams *seams, struct lw_seams_light *light, uint32_t component,
-                             int iterations) {
-    const struct job one = job_of(seams, light, component), *job = &one;
-    const struct lw_seams_member *member = seams->member;
+static void weld_component(const struct job *job) {
+    const struct lw_seams_member *member = job->seams->member;
+    struct lw_seams_light *light = job->light;
+    load(job);
     guess_gutters(job);
     /* In units in which every member moves with the same ease; from where the last correction leads. */
     for (uint32_t m = job->first; m < job->last; m++)
         for (uint32_t c = 0; c < 3; c++)
             light->welded[m][c] =
                 light->light[m][c] / member[m].root_ease + KEPT * light->correction[3 * m + c];
-    relax(job, iterations);
+    relax(job);
     for (uint32_t m = job->first; m < job->last; m++)
         for (uint32_t c = 0; c < 3; c++)
             light->correction[3 * m + c] = light->welded[m][c] - light->light[m][c] / member[m].root_ease;
@@ -618,13 +573,8 @@ void lw_seams_weld_component(const struct lw_seams *seams, struct lw_seams_light
     const bool welds = find_keep(job, keep);
     for (uint32_t m = job->first; m < job->last; m++)
         for (int c = 0; c < 3; c++)
-            light->welded[m][c] =
+            job->tiles->light[c][member[m].texel] =
                 welds ? light->welded[m][c] * member[m].root_ease * keep[c] : light->light[m][c];
-}
-
-static void store(const struct job *job, struct lw_tiles *tiles) {
-    for (uint32_t m = job->first; m < job->last; m++)
-        for (int c = 0; c < 3; c++) tiles->light[c][job->seams->member[m].texel] = job->light->welded[m][c];
 }
 
 /* All that a component has changed is shown. */
@@ -642,12 +592,19 @@ void lw_seams_weld(const struct lw_seams *s, struct lw_seams_light *light, struc
                    uint64_t frame, int threads) {
 #pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
     for (uint32_t c = 0; c < s->component_count; c++) {
-        const struct job job = job_of(s, light, c);
+        const struct job job = {.seams = s,
+                                .light = light,
+                                .tiles = tiles,
+                                .frame = frame,
+                                .first = s->first_member[c],
+                                .last = s->first_member[c + 1],
+                                .first_row = s->first_row[c],
+                                .last_row = s->first_row[c + 1]};
         light->active[c] = is_shown(s, tiles, frame, c);
-        if (light->active[c] || light->fresh) load(&job, tiles, frame);
-        if (!light->active[c]) continue;
-        lw_seams_weld_component(s, light, c, ITERATIONS);
-        store(&job, tiles);
+        if (light->active[c])
+            weld_component(&job);
+        else if (light->fresh)
+            load(&job);
     }
     show(s, light, tiles, frame);
     light->fresh = false;

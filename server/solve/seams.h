@@ -19,12 +19,6 @@
 
 #define LW_SEAMS_ROWS_MAX (1u << 22) /* 64 bytes each; what is beyond stays unwelded */
 
-/** What two look-ups differ by: the texels of both, and their weights, those of the second negative. */
-struct lw_seams_row {
-    uint32_t member[8];
-    float weight[8];
-};
-
 /** Where what is to be welded lies. */
 struct lw_seams {
     uint32_t row_count, member_count, component_count, block_count;
@@ -63,22 +57,6 @@ void lw_seams_light_finish(struct lw_seams_light *light);
 
 /** Bytes held. */
 size_t lw_seams_light_memory_bytes(const struct lw_seams_light *light);
-
-/** Seams of other texels than the solver's, such as those of coarser levels. Rows name texels by their numbers; what weighs nothing
- * names one of the others.
- * gutter, block_of_texel  per texel; a block is what changes as a whole
- * Errors: LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_seams_init_rows(struct lw_seams *seams, const struct lw_seams_row *row,
-                                                uint32_t row_count, const uint8_t *gutter,
-                                                uint32_t texel_count, const uint32_t *block_of_texel,
-                                                uint32_t block_count);
-/** The texel that a member is. */
-uint32_t lw_seams_texel(const struct lw_seams *seams, uint32_t member);
-
-/** Welds one component: light->light of its members -> light->welded, W/m^2. iterations: the more, the closer the sides,
- * and the longer; the next welding goes on from here. [any], other components at the same time. */
-void lw_seams_weld_component(const struct lw_seams *seams, struct lw_seams_light *light, uint32_t component,
-                             int iterations);
 
 /** Welds tiles->light around the blocks shown in frame `frame`: covered texels, and gutters beyond seams. shown_frame of all blocks
  * that it writes becomes `frame`, as does their tiles' solved_frame. Gutters are filled after it (lw_seam_gutters_fill). */

@@ -138,9 +138,6 @@ NOTE(BENCH_RADIATE, void, lw_passes_radiate,
 NOTE(BENCH_FINISH, void, lw_passes_finish_tile, (const struct lw_passes *p, struct lw_solve_tile *tile),
      (p, tile))
 NOTE(BENCH_LEVELS, void, lw_levels_build, (struct lw_levels * levels), (levels))
-NOTE(BENCH_LEVELS, void, lw_seams_weld_component, /* of levels; level 0's is a call within its file */
-     (const struct lw_seams *seams, struct lw_seams_light *light, uint32_t component, int iterations),
-     (seams, light, component, iterations))
 NOTE(BENCH_ENCODE, void, lw_levels_store_tile,
      (const struct lw_levels *levels, const struct lw_tile_place *place, float *rgb, uint8_t *covered),
      (levels, place, rgb, covered))

@@ -2,7 +2,7 @@
  *
  *     bench_seams [--frames N] [--denoise] [--objects] [--codec] [--texels-per-metre D] SCENE...
  *
- * One table in Markdown per scene: after 16, 64, 256 ... frames, up to N, and for levels 0 to 2 (1 and 2 welded four times): mean and median of the
+ * One table in Markdown per scene: after 16, 64, 256 ... frames, up to N, and for levels 0 to 2: mean and median of the
  * relative differences along all seams (tests/support/seam_walk.h), the shares of points within 1 and 5 % and of those so dark that
  * their differences are relative to a floor; with --objects also of each object. Unwelded: the sums before the weld; with --codec in their place the welded light as the lossy tile codec
  * leaves it. On stderr: how far welding moves the mean light of an object. */
@@ -106,9 +106,8 @@ static enum lw_status report_row(const struct job *job, const char *name, unsign
     for (int welded = 0; welded < 2; welded++) {
         struct seam_walk walk;
         const bool coded = job->coded && !welded;
-        enum lw_status status =
-            seam_walk_init(&walk, job->scene, &job->pose, &job->map,
-                           coded ? &job->coded->solver : job->solver, !welded && !job->coded);
+        enum lw_status status = seam_walk_init(
+            &walk, job->scene, &job->map, coded ? &job->coded->solver : job->solver, !welded && !job->coded);
         if (status != LW_OK) return status;
         status = seam_walk_measure(&walk, &job->edges, level, object, &spread[welded]);
         seam_walk_finish(&walk);

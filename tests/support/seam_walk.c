@@ -4,9 +4,7 @@
 
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
-#define FRAMES      4    /* that weld the levels, as if the light of the last one had been there */
 #define STEPS       8    /* points per texel along a seam */
 #define FLOOR_SHARE 0.02 /* of the mean light */
 
@@ -27,17 +25,22 @@ static enum lw_status find_shared(struct seam_walk *walk) {
     return status;
 }
 
-/* Brings the pyramids up to date with the solver; returns the sum and the number of its texels. */
-static void load_levels(struct seam_walk *walk, const struct lw_atlas_map *map,
-                        const struct lw_solver *solver, bool unwelded, float *plain, double out_sum[2]) {
-    out_sum[0] = out_sum[1] = 0;
-    for (uint32_t o = 0; o < map->object_count; o++) {
+enum lw_status seam_walk_init(struct seam_walk *walk, const struct lw_scene *scene,
+                              const struct lw_atlas_map *map, const struct lw_solver *solver, bool unwelded) {
+    *walk = (struct seam_walk){.object_count = map->object_count, .scene = scene};
+    float *plain = calloc(LW_TILE_TEXELS_MAX, sizeof *plain);
+    walk->levels = calloc(map->object_count + 1u, sizeof *walk->levels);
+    walk->shared = calloc(scene->mesh_count + 1u, sizeof *walk->shared);
+    enum lw_status status = plain && walk->levels && walk->shared ? find_shared(walk) : LW_NO_MEMORY;
+    double sum = 0, count = 0;
+    for (uint32_t o = 0; status == LW_OK && o < map->object_count; o++) {
+        if ((status = lw_levels_init(&walk->levels[o], &map->atlas[o])) != LW_OK) break;
         for (uint32_t id = map->first_tile[o]; id < map->first_tile[o] + tiles_of(&map->atlas[o]); id++) {
             struct lw_solver_tile tile;
             solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
             for (uint32_t i = 0; i < tile.width * tile.height; i++) {
                 plain[i] = tile.direct[0][i] + tile.indirect[0][i];
-                if (tile.covered[i]) out_sum[0] += (double)plain[i], out_sum[1]++;
+                if (tile.covered[i]) sum += (double)plain[i], count++;
             }
             if (unwelded) {
                 tile.filled = NULL;
@@ -47,32 +50,8 @@ static void load_levels(struct seam_walk *walk, const struct lw_atlas_map *map,
         }
         lw_levels_build(&walk->levels[o]);
     }
-}
-
-enum lw_status seam_walk_init(struct seam_walk *walk, const struct lw_scene *scene,
-                              const struct lw_pose *pose, const struct lw_atlas_map *map,
-                              const struct lw_solver *solver, bool unwelded) {
-    *walk = (struct seam_walk){.object_count = map->object_count, .scene = scene};
-    struct lw_level_seams seams = {0};
-    float *plain = calloc(LW_TILE_TEXELS_MAX, sizeof *plain);
-    bool *changed = malloc(map->object_count + 1u);
-    double sum[2] = {0};
-    walk->levels = calloc(map->object_count + 1u, sizeof *walk->levels);
-    walk->shared = calloc(scene->mesh_count + 1u, sizeof *walk->shared);
-    enum lw_status status =
-        plain && changed && walk->levels && walk->shared ? find_shared(walk) : LW_NO_MEMORY;
-    for (uint32_t o = 0; status == LW_OK && o < map->object_count; o++)
-        status = lw_levels_init(&walk->levels[o], &map->atlas[o]);
-    if (status == LW_OK) status = lw_level_seams_init(&seams, scene, pose, map);
-    for (unsigned frame = 0; status == LW_OK && frame < (unwelded ? 1 : FRAMES); frame++) {
-        load_levels(walk, map, solver, unwelded, plain, sum);
-        memset(changed, true, map->object_count);
-        if (!unwelded) status = lw_level_seams_weld(&seams, walk->levels, pose, changed, 1);
-    }
-    if (seams.scene) lw_level_seams_finish(&seams);
-    free(changed);
     free(plain);
-    walk->floor = FLOOR_SHARE * sum[0] / fmax(1, sum[1]);
+    walk->floor = FLOOR_SHARE * sum / fmax(1, count);
     if (status != LW_OK) seam_walk_finish(walk);
     return status;
 }

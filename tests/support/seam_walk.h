@@ -3,7 +3,7 @@
 #ifndef LW_TESTS_SEAM_WALK_H
 #define LW_TESTS_SEAM_WALK_H
 
-#include "server/publish/level_seams.h"
+#include "server/publish/levels.h"
 #include "server/solve/seam_edges.h"
 
 /** The light of a solve as clients get it. */
@@ -17,8 +17,8 @@ struct seam_walk {
 
 /** unwelded: what the solver had before it welded. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status seam_walk_init(struct seam_walk *walk, const struct lw_scene *scene,
-                                            const struct lw_pose *pose, const struct lw_atlas_map *map,
-                                            const struct lw_solver *solver, bool unwelded);
+                                            const struct lw_atlas_map *map, const struct lw_solver *solver,
+                                            bool unwelded);
 void seam_walk_finish(struct seam_walk *walk);
 
 /** What the viewer reads of an object at a place of its atlas (texels of level 0), red channel; false over a hole. */
