@@ -247,7 +247,11 @@ enum lw_status lw_crossover_measure(const struct lw_crossover_options *options,
         status = LW_OK; /* whatever the signal did to a side */
     }
     for (int s = 0; s < LW_CROSSOVER_SIDES; s++) {
-        if (x->side[s].point_count && x->side[s].point[0].later) x->side[s].point_count = 0; /* never came */
+        if (x->side[s].point_count &&
+            x->side[s].point[0].later) { /* the repeats that were to tell never came */
+            x->side[s].point_count = 0;
+            x->target[0].best[s] = -1;
+        }
         if (x->side[s].contender) x->side[s].contender->ops->destroy(x->side[s].contender);
         x->side[s].contender = NULL;
     }

@@ -63,7 +63,7 @@ static enum lw_status end(struct text *text, const char *folder, const char *nam
 static void describe_setting(const struct lw_crossover_side *side, const struct lw_setting *s, char *out,
                              size_t size) {
     if (side->traces)
-        snprintf(out, size, "%u paths per pixel", s->samples);
+        snprintf(out, size, "%u path%s per pixel", s->samples, s->samples > 1 ? "s" : "");
     else
         snprintf(out, size, "density ×%g, %u + %u samples, rest at %g", s->density, s->direct_samples,
                  s->indirect_samples, s->rest_error);
