@@ -3,8 +3,9 @@
 #ifndef LW_COMMON_INTERRUPT_H
 #define LW_COMMON_INTERRUPT_H
 
-/** Calls the handler at the first SIGINT and at the first SIGTERM. A second one has its default effect: whoever is in a hurry gets out
- * at once. A handler can reach nothing but globals. */
+/** Calls the handler at the first SIGINT or SIGTERM. Another one, half a second later or more, has its default effect: whoever
+ * is in a hurry gets out at once. Sooner it counts as the same, since timeout(1) sends two. A handler can reach nothing but
+ * globals. */
 void lw_interrupt_watch(void (*handler)(int signal_number));
 
 #endif
