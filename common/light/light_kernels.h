@@ -15,9 +15,9 @@ LW_WIDE_INLINE float lw_light_smaller(float a, float b) { return a < b ? a : b; 
 
 /* ---- choosing ---- */
 
-#define LW_LIGHT_COSINE_SLACK                                                                                \
-    2e-3f /* Cosines are rounded; what is this near to the edge of a cone counts as within. */
-#define LW_LIGHT_BELOW_ONE 0x1.fffffep-1f
+/* Cosines are rounded; what is this near to the edge of a cone counts as within. */
+#define LW_LIGHT_COSINE_SLACK 2e-3f
+#define LW_LIGHT_BELOW_ONE    0x1.fffffep-1f
 
 /* What a choice reads of a node: a line of memory. */
 struct lw_light_node {

@@ -162,10 +162,10 @@ static uint32_t go_down(const struct lw_light_node *node, uint32_t left_child, f
     return to_left ? left_child : node->right;
 }
 
-/* One step down for up to CHOICES that are at `node`; false: all have arrived. */
+/* One step down for up to CHOICES, each at its `node`; false: all have arrived. */
 static bool step_down(const struct lw_light_tree *tree, const struct lw_light_place *place, uint32_t count,
                       struct lw_light_choice *choice, uint32_t *node) {
-    struct nodes children;
+    struct nodes children = {.x = {0}};
     float weight[NODES];
     bool any = false;
     for (uint32_t i = 0; i < count; i++) {

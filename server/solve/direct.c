@@ -168,7 +168,7 @@ static void light_by_groups(const struct work *w) {
             lw_sampling_point(lw_random_hash2(seed, c->group), index, set, point);
             for (uint32_t lane = 0; lane < LANES; lane++) probability[lane] = c->probability;
             lw_lights_sample_near16(p->lights, c->light, probability, point[0], point[1], &w->site->lanes.at,
-                                    UINT16_MAX, &sample);
+                                    w->launch->active, &sample);
             add_visible(w, &sample, index, weight);
         }
         for (const struct lw_light_choice *c = cut.near; c < cut.near + cut.near_count; c++) {
