@@ -26,7 +26,7 @@ def write_csv(path, rows):
 def plot(path, panels, columns, size=(900, 600)):
     """A PNG of panels, row by row: {"title", "x", "y", "log": "x", "y" or "xy", "lines": {name: [(x, y)...]}}."""
     rows = (len(panels) + columns - 1) // columns
-    script = ["set terminal pngcairo size %d,%d font 'sans,10'" % size, "set output '%s'" % path,
+    script = ["set terminal pngcairo noenhanced size %d,%d font 'sans,10'" % size, "set output '%s'" % path,
               "set multiplot layout %d,%d" % (rows, columns), "set grid", "set key font ',9' samplen 2"]
     for panel in panels:
         script += ["set title '%s'" % panel["title"], "set xlabel '%s'" % panel["x"], "set ylabel '%s'" % panel["y"],
@@ -46,7 +46,7 @@ def plot(path, panels, columns, size=(900, 600)):
 def sheet(path, pictures, columns, size=(320, 180)):
     """A PNG of PNG pictures of one size, side by side and row by row."""
     rows = (len(pictures) + columns - 1) // columns
-    script = ["set terminal pngcairo size %d,%d" % (size[0] * columns, size[1] * rows), "set output '%s'" % path,
+    script = ["set terminal pngcairo noenhanced size %d,%d" % (size[0] * columns, size[1] * rows), "set output '%s'" % path,
               "set multiplot layout %d,%d margins 0,1,0,1 spacing 0" % (rows, columns),
               "unset border; unset tics; unset key; unset colorbox",
               "set xrange [0:%d]; set yrange [0:%d]" % size]
