@@ -278,7 +278,8 @@ static void print_frame(const struct daemon *d, uint64_t frame, const struct fra
     struct lw_server_stats serve;
     lw_server_get_stats(d->server, &serve);
     printf(
-        "{\"frame\":%llu,\"published\":%llu,\"time_s\":%.6f,\"frame_ms\":%.3f,\"pose_ms\":%.3f,\"direct_ms\":"
+        "{\"frame\":%llu,\"published\":%llu,\"time_s\":%.6f,\"frame_ms\":%.3f,\"pose_ms\":%.3f,\"change_ms\":"
+        "%.3f,\"direct_ms\":"
         "%.3f,\"probe_ms\":%"
         ".3f,"
         "\"scatter_ms\":%.3f,\"denoise_ms\":%.3f,\"weld_ms\":%.3f,\"levels_ms\":%.3f,\"encode_ms\":%.3f,"
@@ -293,21 +294,21 @@ static void print_frame(const struct daemon *d, uint64_t frame, const struct fra
         "\"cpu_ms\":%.3f,\"loop_lag_p99_ms\":%.3f,\"loop_lag_max_ms\":%.3f,\"ack_p99_ms\":%.3f,"
         "\"waiting_bytes\":%llu,\"waiting_bytes_max\":%llu,\"socket_bytes\":%llu}\n",
         (unsigned long long)frame, (unsigned long long)d->published, d->pose.time_s,
-        (double)cost->wall_ns * 1e-6, (double)solve->pose_ns * 1e-6, (double)solve->direct_ns * 1e-6,
-        (double)solve->probe_ns * 1e-6, (double)solve->scatter_ns * 1e-6, (double)solve->denoise_ns * 1e-6,
-        (double)solve->weld_ns * 1e-6, (double)publish->levels_ns * 1e-6, (double)publish->encode_ns * 1e-6,
-        (unsigned long long)solve->rays_shadow, (unsigned long long)solve->rays_bounce,
-        (unsigned long long)solve->rays_probe, (unsigned long long)d->rays_total,
-        (unsigned long long)solve->texels_solved, solve->tiles_solved, solve->tiles_converged, solve->tiles,
-        solve->tiles_wanted, solve->tiles_feeding, (unsigned long long)publish->tiles_encoded,
-        (unsigned long long)publish->bytes_encoded, (unsigned long long)publish->saturated, cost->changes,
-        (unsigned long long)serve.sessions_now, (unsigned long long)serve.tiles_sent,
-        (unsigned long long)serve.bytes_sent, (double)cost->solve_cpu_ns * 1e-6,
-        (double)cost->publish_cpu_ns * 1e-6, (double)serve.loop_cpu_ns * 1e-6,
-        (double)lw_clock_process_cpu_ns() * 1e-6, (double)serve.loop_lag_p99_ns * 1e-6,
-        (double)serve.loop_lag_max_ns * 1e-6, (double)serve.ack_p99_ns * 1e-6,
-        (unsigned long long)serve.waiting_bytes, (unsigned long long)serve.waiting_bytes_max,
-        (unsigned long long)serve.socket_bytes);
+        (double)cost->wall_ns * 1e-6, (double)solve->pose_ns * 1e-6, (double)solve->change_ns * 1e-6,
+        (double)solve->direct_ns * 1e-6, (double)solve->probe_ns * 1e-6, (double)solve->scatter_ns * 1e-6,
+        (double)solve->denoise_ns * 1e-6, (double)solve->weld_ns * 1e-6, (double)publish->levels_ns * 1e-6,
+        (double)publish->encode_ns * 1e-6, (unsigned long long)solve->rays_shadow,
+        (unsigned long long)solve->rays_bounce, (unsigned long long)solve->rays_probe,
+        (unsigned long long)d->rays_total, (unsigned long long)solve->texels_solved, solve->tiles_solved,
+        solve->tiles_converged, solve->tiles, solve->tiles_wanted, solve->tiles_feeding,
+        (unsigned long long)publish->tiles_encoded, (unsigned long long)publish->bytes_encoded,
+        (unsigned long long)publish->saturated, cost->changes, (unsigned long long)serve.sessions_now,
+        (unsigned long long)serve.tiles_sent, (unsigned long long)serve.bytes_sent,
+        (double)cost->solve_cpu_ns * 1e-6, (double)cost->publish_cpu_ns * 1e-6,
+        (double)serve.loop_cpu_ns * 1e-6, (double)lw_clock_process_cpu_ns() * 1e-6,
+        (double)serve.loop_lag_p99_ns * 1e-6, (double)serve.loop_lag_max_ns * 1e-6,
+        (double)serve.ack_p99_ns * 1e-6, (unsigned long long)serve.waiting_bytes,
+        (unsigned long long)serve.waiting_bytes_max, (unsigned long long)serve.socket_bytes);
     fflush(stdout);
 }
 

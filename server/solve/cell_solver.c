@@ -420,7 +420,9 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     if (status != LW_OK) return status;
     lw_schedule_serve(&s->schedule, &s->tiles, s->has_probes);
     s->unchanged_rounds = is_changing(s) ? 0 : s->unchanged_rounds + s->schedule.ended;
+    const uint64_t asked = lw_clock_ns();
     if (s->moves && looked_at) find_change(s, &passes, &stats);
+    stats.change_ns = lw_clock_ns() - asked;
     const bool solves = choose_tiles(s, &stats);
     s->still_rounds = solves ? 0 : s->still_rounds + 1;
     if (!solves) {
@@ -436,8 +438,10 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     /* Only now: what place() makes of new materials, find_change() has found already. */
     for (uint32_t bounce = 0; bounce < s->desc.bounces; bounce++)
         memset(s->tiles.radiance_change[bounce], 0, s->tiles.block_count * sizeof(struct lw_vec3));
+    const uint64_t weighed = lw_clock_ns();
     weigh_direct(s, &passes, &stats);
-    stats.pose_ns = lw_clock_ns() - t0 - stats.probe_ns;
+    stats.change_ns += lw_clock_ns() - weighed;
+    stats.pose_ns = lw_clock_ns() - t0 - stats.probe_ns - stats.change_ns;
     struct lw_progress progress;
     if (s->frames == 0) {
         lw_progress_init(&progress, "lighting the first frame", s->tiles.count * (s->desc.bounces ? 2u : 1u));

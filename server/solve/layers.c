@@ -302,6 +302,7 @@ static void add_stats(struct lw_solver_stats *sum, const struct lw_solver_stats 
     sum->rays_probe += stats->rays_probe;
     sum->pose_ns += stats->pose_ns;
     sum->direct_ns += stats->direct_ns;
+    sum->change_ns += stats->change_ns;
     sum->probe_ns += stats->probe_ns;
     sum->scatter_ns += stats->scatter_ns;
     sum->denoise_ns += stats->denoise_ns;

@@ -49,6 +49,7 @@ struct lw_solver_desc {
 struct lw_solver_stats {
     uint64_t rays_shadow, rays_bounce, rays_probe; /* of this frame */
     uint64_t pose_ns, direct_ns, probe_ns, scatter_ns, denoise_ns, weld_ns;
+    uint64_t change_ns; /* asking what has changed */
     uint64_t texels_solved;
     uint32_t tiles_solved, tiles_converged, tiles; /* level-0 tiles: of this frame; at rest; in all */
     uint32_t tiles_wanted,
