@@ -454,9 +454,7 @@ static enum lw_status shake_hands(struct lw_client *c, struct lw_error *err) {
     }
     if (status == LW_OK) status = tell_want(c, &cause); /* before tiles can come */
     if (status == LW_OK) status = tell_held(c, &cause);
-    if (status == LW_OK) {
-        return ask_for_package(c, err);
-    }
+    if (status == LW_OK) return ask_for_package(c, err);
     /* whoever hangs up before a welcome is no more a lightwelld than one who sends garbage */
     if (status == LW_PROTOCOL || status == LW_CLOSED)
         return lw_status_fail(err, LW_PROTOCOL, "no welcome from a lightwelld of this version: %s",

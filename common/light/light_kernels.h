@@ -77,6 +77,19 @@ LW_WIDE_INLINE float lw_light_importance(const struct lw_light_node *node, struc
     return distance2 <= radius2 * 1.0001f ? node->power / radius2 : lit; /* within: all directions */
 }
 
+/* From an inner node, number `index` of its tree, to one of its children, which promise left and right; UINT32_MAX: neither can give
+ * anything. What is left of the pick is even in [0, 1) again. */
+static inline uint32_t lw_light_go_down(const struct lw_light_node *node, uint32_t index, float left,
+                                        float right, float *pick, float *probability) {
+    if (!(left + right > 0)) return UINT32_MAX;
+    const float share = left / (left + right);
+    const bool to_left = *pick < share;
+    const float p = to_left ? share : 1 - share, below = to_left ? 0 : share;
+    *pick = lw_light_smaller((*pick - below) / p, LW_LIGHT_BELOW_ONE);
+    *probability *= p;
+    return to_left ? index + 1 : node->right;
+}
+
 /* ---- sampling ---- */
 
 /* From a point to a place of an emitter: b, its barycentrics. */

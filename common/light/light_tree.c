@@ -238,17 +238,10 @@ uint32_t lw_light_tree_choose(const struct lw_light_tree *tree, uint32_t group,
     float probability = 1;
     uint32_t i = group;
     while (tree->node[i].light == UINT32_MAX) {
-        float left = probability_of_left(tree, i, &place);
-        if (left < 0) return UINT32_MAX;
-        if (pick < left) {
-            pick = lw_light_smaller(pick / left, LW_LIGHT_BELOW_ONE);
-            probability *= left;
-            i = i + 1;
-        } else {
-            pick = lw_light_smaller((pick - left) / (1 - left), LW_LIGHT_BELOW_ONE);
-            probability *= 1 - left;
-            i = tree->node[i].right;
-        }
+        const struct lw_light_node *node = &tree->node[i];
+        i = lw_light_go_down(node, i, importance(node + 1, &place),
+                             importance(&tree->node[node->right], &place), &pick, &probability);
+        if (i == UINT32_MAX) return UINT32_MAX;
     }
     *out_probability = probability;
     return tree->node[i].light;

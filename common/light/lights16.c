@@ -150,18 +150,6 @@ static bool is_inner(const struct lw_light_tree *tree, uint32_t node) {
     return node != UINT32_MAX && tree->node[node].light == UINT32_MAX;
 }
 
-/* Goes on to one of two children that weigh as given, or nowhere. */
-static uint32_t go_down(const struct lw_light_node *node, uint32_t left_child, float left, float right,
-                        struct lw_light_choice *choice) {
-    if (!(left + right > 0)) return UINT32_MAX;
-    const float share = left / (left + right);
-    const bool to_left = choice->pick < share;
-    const float p = to_left ? share : 1 - share, below = to_left ? 0 : share;
-    choice->pick = lw_light_smaller((choice->pick - below) / p, LW_LIGHT_BELOW_ONE);
-    choice->probability *= p;
-    return to_left ? left_child : node->right;
-}
-
 /* One step down for up to CHOICES, each at its `node`; false: all have arrived. */
 static bool step_down(const struct lw_light_tree *tree, const struct lw_light_place *place, uint32_t count,
                       struct lw_light_choice *choice, uint32_t *node) {
@@ -178,8 +166,8 @@ static bool step_down(const struct lw_light_tree *tree, const struct lw_light_pl
     weigh_nodes(&children, place, weight);
     for (uint32_t i = 0; i < count; i++)
         if (is_inner(tree, node[i]))
-            node[i] =
-                go_down(&tree->node[node[i]], node[i] + 1, weight[2 * i], weight[2 * i + 1], &choice[i]);
+            node[i] = lw_light_go_down(&tree->node[node[i]], node[i], weight[2 * i], weight[2 * i + 1],
+                                       &choice[i].pick, &choice[i].probability);
     return true;
 }
 

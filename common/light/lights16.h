@@ -12,8 +12,8 @@ struct lw_light_sample16 {
     _Alignas(64) float dir_x[16]; /* unit, from the point to the light */
     float dir_y[16], dir_z[16];
     float distance_m[16]; /* INFINITY for suns and the sky */
-    float e[3]
-           [16]; /* estimate of E on the point's surface, W/m^2; 0: nothing arrives, the rest means nothing */
+    /* estimate of E on the point's surface, W/m^2; 0: nothing arrives, the rest means nothing */
+    float e[3][16];
 };
 
 /** Bit i set: something may arrive at point i. */

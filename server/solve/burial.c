@@ -52,8 +52,8 @@ static uint16_t load_places(struct row *row, uint16_t wanted, uint32_t k) {
     for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
         if (wanted >> lane & 1 && row->usable[lane] >> k & 1) active |= (uint16_t)(1u << lane);
     if (!active) return 0;
-    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH;
-         lane++) { /* those that are not active repeat one that is */
+    /* those that are not active repeat one that is */
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
         texel[lane] = row->first + (active >> lane & 1 ? lane : (uint32_t)__builtin_ctz(active));
         place[lane] = footprint->first[texel[lane]] + k;
     }

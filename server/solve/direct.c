@@ -35,18 +35,11 @@ static void move_to(const struct work *w, uint32_t s) {
 }
 
 /* Short of the lamp itself, which would be in its own way. */
-LW_WIDE static void aim(const struct lw_points16 *restrict at,
-                        const struct lw_light_sample16 *restrict sample, struct lw_ray16 *restrict rays) {
-    memcpy(rays->org_x, at->x, sizeof rays->org_x);
-    memcpy(rays->org_y, at->y, sizeof rays->org_y);
-    memcpy(rays->org_z, at->z, sizeof rays->org_z);
+LW_WIDE static void aim(const struct lw_light_sample16 *restrict sample, struct lw_ray16 *restrict rays) {
     memcpy(rays->dir_x, sample->dir_x, sizeof rays->dir_x);
     memcpy(rays->dir_y, sample->dir_y, sizeof rays->dir_y);
     memcpy(rays->dir_z, sample->dir_z, sizeof rays->dir_z);
-    for (int i = 0; i < LANES; i++) {
-        rays->t_near[i] = 0;
-        rays->t_far[i] = sample->distance_m[i] * 0.9999f;
-    }
+    for (int i = 0; i < LANES; i++) rays->t_far[i] = sample->distance_m[i] * 0.9999f;
 }
 
 LW_WIDE static void add_lit(uint16_t lit, const struct lw_light_sample16 *restrict sample, float weight,
@@ -65,7 +58,8 @@ static void add_visible(const struct work *w, const struct lw_light_sample16 *sa
     struct lw_ray16 rays;
     const uint16_t active = lw_light_sample16_lit(sample) & w->launch->active;
     if (!active) return;
-    aim(&w->site->lanes.at, sample, &rays);
+    lw_launch_start(w->site, &rays);
+    aim(sample, &rays);
     rays.salt = salt;
     const uint16_t occluded = lw_trace_occluded16(
         w->passes->trace, w->site->coherent ? LW_TRACE_COHERENT : LW_TRACE_LIGHT, active, &rays);

@@ -6,6 +6,8 @@
 
 #include "server/solve/tiles.h"
 
+#include <string.h>
+
 /** A packet (packets.h) and the numbers that it draws (sampling.h). */
 struct lw_launch {
     uint32_t texel[LW_TRACE_WIDTH]; /* within the tile; lanes that are not active repeat the first */
@@ -35,6 +37,14 @@ void lw_launch_choose(struct lw_launch *launch, const struct lw_solve_tile *tile
 void lw_launch_block(const struct lw_solve_tile *tile, const struct lw_solve_block *block,
                      const uint8_t *usable, uint32_t seed, uint32_t sample,
                      struct lw_launch out[LW_PACKETS_MAX]);
+
+/** Rays start there. Sets where, not whither. */
+static inline void lw_launch_start(const struct lw_launch_site *site, struct lw_ray16 *rays) {
+    memcpy(rays->org_x, site->lanes.at.x, sizeof rays->org_x);
+    memcpy(rays->org_y, site->lanes.at.y, sizeof rays->org_y);
+    memcpy(rays->org_z, site->lanes.at.z, sizeof rays->org_z);
+    memset(rays->t_near, 0, sizeof rays->t_near);
+}
 
 /** Brings the chosen places to the world. Needs the site's frame. */
 void lw_launch_place(const struct lw_launch *launch, const struct lw_solve_tile *tile,

@@ -23,15 +23,11 @@
 /* The same direction about each lane's normal. */
 LW_WIDE static void aim(const struct lw_points16 *restrict at, struct lw_vec3 local, float t_far,
                         struct lw_ray16 *restrict rays) {
-    memcpy(rays->org_x, at->x, sizeof rays->org_x);
-    memcpy(rays->org_y, at->y, sizeof rays->org_y);
-    memcpy(rays->org_z, at->z, sizeof rays->org_z);
     for (uint32_t lane = 0; lane < LANES; lane++) {
         const struct lw_vec3 d = lw_direction_about(lw_vec3(at->nx[lane], at->ny[lane], at->nz[lane]), local);
         rays->dir_x[lane] = d.x;
         rays->dir_y[lane] = d.y;
         rays->dir_z[lane] = d.z;
-        rays->t_near[lane] = 0;
         rays->t_far[lane] = t_far;
     }
 }
@@ -171,6 +167,7 @@ static void trace_packet(const struct lw_passes *p, const struct lw_solve_tile *
         f->active = launch->active;
         f->flags = site->coherent ? LW_TRACE_COHERENT : LW_TRACE_LIGHT;
         lw_sampling_point(seed, sample, launch->set, point);
+        lw_launch_start(site, &f->rays);
         aim(&site->lanes.at, lw_direction_cosine(point), p->tracing_range_m, &f->rays);
         f->rays.salt = sample;
         lw_trace_closest16(p->trace, f->flags, f->active, &f->rays, &f->hits);
