@@ -88,8 +88,7 @@ static enum lw_status measure_frames(struct lw_crossover_run *run, struct lw_con
     enum lw_status status = LW_OK;
     struct lw_cost sum = {0};
     for (uint64_t i = 0; i < frames && status == LW_OK && !lw_crossover_run_stopped(run); i++) {
-        uint32_t
-            shown[LW_CROSSOVER_SHOWN_MAX > LW_CROSSOVER_EYES ? LW_CROSSOVER_SHOWN_MAX : LW_CROSSOVER_EYES];
+        uint32_t shown[LW_CROSSOVER_SHOWN_MAX];
         crowd->frame++;
         uint32_t count = choose_crowd(run->x, crowd, shown);
         status = contender->ops->step(contender, crowd->frame, shown, count, &sum, err);
