@@ -21,11 +21,13 @@ struct lw_tile_codec {
     uint16_t half[PLANES_MAX];
     uint8_t planes[PLANES_MAX * 2];
     struct lw_tile_dct dct;
+    struct lw_tile_dct_levels *between; /* two; made when they are needed first */
 };
 
 enum lw_status lw_tile_codec_create(struct lw_tile_codec **out_codec) {
     struct lw_tile_codec *codec = aligned_alloc(_Alignof(struct lw_tile_codec), sizeof *codec);
     if (!codec) return LW_NO_MEMORY;
+    codec->between = NULL;
     lw_tile_dct_init(&codec->dct);
     codec->compress = ZSTD_createCCtx();
     codec->decompress = ZSTD_createDCtx();
@@ -41,6 +43,7 @@ void lw_tile_codec_destroy(struct lw_tile_codec *codec) {
     if (!codec) return;
     ZSTD_freeDCtx(codec->decompress);
     ZSTD_freeCCtx(codec->compress);
+    free(codec->between);
     free(codec);
 }
 
@@ -118,6 +121,21 @@ enum lw_status lw_tile_codec_encode_dct(struct lw_tile_codec *codec, const struc
         dst_capacity < lw_tile_codec_bound())
         return LW_INTERNAL;
     lw_tile_dct_encode(&codec->dct, source, history, dst, delta_dst, out_coded);
+    return LW_OK;
+}
+
+enum lw_status lw_tile_codec_encode_between(struct lw_tile_codec *codec, const uint8_t *from,
+                                            size_t from_size, const uint8_t *to, size_t to_size,
+                                            uint32_t width, uint32_t height, uint8_t *dst,
+                                            size_t dst_capacity, size_t *out_size) {
+    if (dst_capacity < lw_tile_codec_bound()) return LW_INTERNAL;
+    if (!codec->between &&
+        !(codec->between = aligned_alloc(_Alignof(struct lw_tile_dct_levels), 2 * sizeof *codec->between)))
+        return LW_NO_MEMORY;
+    const size_t size = lw_tile_dct_encode_between(&codec->dct, from, from_size, to, to_size, width, height,
+                                                   codec->between, dst);
+    if (!size) return LW_BAD_DATA;
+    *out_size = size;
     return LW_OK;
 }
 

@@ -36,6 +36,14 @@ LW_MUST_CHECK enum lw_status lw_tile_codec_encode_dct(struct lw_tile_codec *code
                                                       uint8_t *delta_dst, size_t dst_capacity,
                                                       struct lw_tile_dct_coded *out_coded);
 
+/** Encodes how a payload of codec 3 differs from an earlier one of the same tile, neither of them a delta, for who has the levels
+ * of `from`; decoded, it is what `to` is, bit by bit. Bytes may come from anyone: LW_BAD_DATA for what is damaged, or has levels on which
+ * nothing builds. */
+LW_MUST_CHECK enum lw_status lw_tile_codec_encode_between(struct lw_tile_codec *codec, const uint8_t *from,
+                                                          size_t from_size, const uint8_t *to, size_t to_size,
+                                                          uint32_t width, uint32_t height, uint8_t *dst,
+                                                          size_t dst_capacity, size_t *out_size);
+
 /** Whether lw_tile_codec_decode() reads a codec of this number. */
 bool lw_tile_codec_is_known(uint32_t number);
 

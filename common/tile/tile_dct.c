@@ -882,3 +882,49 @@ void lw_tile_dct_encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source
         delta_dst = NULL;
     }
 }
+
+/* ---- between two payloads ---- */
+
+/* The levels of a payload that builds on nothing. */
+static bool get_intra_levels(struct lw_tile_dct *dct, const uint8_t *src, size_t src_size, uint32_t width,
+                             uint32_t height, struct lw_tile_dct_levels *out_levels) {
+    if (src_size < HEADER_SIZE || src[0] != LW_TILE_DCT_INTRA || src[1] > LW_TILE_DCT_STEP_Q_MAX)
+        return false;
+    struct lw_tile_bits_reader r = {.at = src + HEADER_SIZE, .end = src + src_size};
+    for (int p = 0; p < 3; p++)
+        if (!get_plane(dct, dct->plane[p], width, height, LW_TILE_DCT_INTRA, step_of(src[1]),
+                       plane_of(out_levels, p, height), &r))
+            return false;
+    return lw_tile_bits_is_at_end(&r);
+}
+
+/* As keep_block() cuts them off: one of these may stand for a larger one. */
+static bool is_beyond(int16_t level) { return level == INT16_MAX || level == INT16_MIN; }
+
+static bool find_difference(struct lw_tile_dct *dct, const int16_t *from, const int16_t *to, uint32_t width,
+                            uint32_t height) {
+    bool beyond = false;
+    for (uint32_t by = 0; by < blocks(height); by++)
+        for (uint32_t i = by * GRID * BLOCK_TEXELS; i < (by * GRID + blocks(width)) * BLOCK_TEXELS; i++) {
+            beyond |= is_beyond(from[i]) | is_beyond(to[i]);
+            dct->change[i] = to[i] - from[i];
+        }
+    return !beyond;
+}
+
+size_t lw_tile_dct_encode_between(struct lw_tile_dct *dct, const uint8_t *from, size_t from_size,
+                                  const uint8_t *to, size_t to_size, uint32_t width, uint32_t height,
+                                  struct lw_tile_dct_levels scratch[2], uint8_t *dst) {
+    if (width - 1 >= LW_TILE_SIDE || height - 1 >= LW_TILE_SIDE ||
+        !get_intra_levels(dct, from, from_size, width, height, &scratch[0]) ||
+        !get_intra_levels(dct, to, to_size, width, height, &scratch[1]))
+        return 0;
+    struct lw_tile_bits_writer w = {.at = dst + HEADER_SIZE};
+    for (int p = 0; p < 3; p++) {
+        if (!find_difference(dct, plane_of(&scratch[0], p, height), plane_of(&scratch[1], p, height), width,
+                             height))
+            return 0;
+        put_plane(dct, dct->change, width, height, LW_TILE_DCT_DELTA, &w);
+    }
+    return finish_payload(dst, LW_TILE_DCT_DELTA, to[1], to + 2, &w);
+}

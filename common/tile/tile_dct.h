@@ -113,4 +113,12 @@ bool lw_tile_dct_decode(struct lw_tile_dct *dct, uint32_t kind, const uint8_t *s
                         float scale, uint32_t width, uint32_t height, struct lw_tile_dct_levels *levels,
                         float *rgb);
 
+/** Encodes how a payload differs from an earlier one of the same tile, both of kind INTRA: a delta over any number of versions, for
+ * who has the levels of `from`, which decodes to what `to` does bit by bit. Bytes may come from anyone.
+ * dst        LW_TILE_DCT_BOUND bytes
+ * Returns the size; 0: one of them is damaged, or has levels that may be beyond 16 bits, on which nothing builds. */
+size_t lw_tile_dct_encode_between(struct lw_tile_dct *dct, const uint8_t *from, size_t from_size,
+                                  const uint8_t *to, size_t to_size, uint32_t width, uint32_t height,
+                                  struct lw_tile_dct_levels scratch[2], uint8_t *dst);
+
 #endif

@@ -9,6 +9,35 @@ static void require(bool condition) {
     if (!condition) abort();
 }
 
+/* What it differs by from itself, and from what it is with a byte changed, decodes. */
+static void expect_between(struct lw_tile_codec *codec, const uint8_t *bytes, size_t size, uint32_t width,
+                           uint32_t height) {
+    static struct lw_tile_dct_levels levels;
+    static float rgb[LW_TILE_TEXELS_MAX * 3];
+    const size_t capacity = lw_tile_codec_bound();
+    uint8_t *delta = malloc(capacity), *other = malloc(size + 1);
+    require(delta != NULL && other != NULL);
+    memcpy(other, bytes, size);
+    for (size_t at = size; at-- > 5;) { /* the last that makes a payload of it */
+        other[at] ^= 1;
+        if (lw_tile_codec_decode(codec, LW_TILE_CODEC_DCT, other, size, 1, width, height, NULL, rgb) == LW_OK)
+            break;
+        other[at] ^= 1;
+        if (size - at > 16) break;
+    }
+    size_t delta_size;
+    if (lw_tile_codec_encode_between(codec, bytes, size, other, size, width, height, delta, capacity,
+                                     &delta_size) == LW_OK) {
+        require(delta_size <= capacity);
+        require(lw_tile_codec_decode(codec, LW_TILE_CODEC_DCT, bytes, size, 1, width, height, &levels, rgb) ==
+                LW_OK);
+        require(lw_tile_codec_decode_delta(codec, LW_TILE_CODEC_DCT, delta, delta_size, 1, width, height,
+                                           &levels, rgb) == LW_OK);
+    }
+    free(other);
+    free(delta);
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size);
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
@@ -27,5 +56,6 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
     require(status != LW_OK || (values > 0 && width <= LW_TILE_SIDE && height <= LW_TILE_SIDE));
     for (size_t i = 0; status == LW_OK && i < values; i++) require(isfinite(rgb[i]) && rgb[i] >= 0);
     free(rgb);
+    expect_between(codec, bytes + 3, size - 3, width, height);
     return 0;
 }

@@ -238,6 +238,62 @@ static void test_deltas(void **state) {
     }
 }
 
+/* Who has version 0 comes to version 4 in one step, for fewer bytes than by the four between. */
+static void test_one_delta_over_several_versions(void **state) {
+    (void)state;
+    static struct lw_tile_dct_history history;
+    static struct lw_tile_dct_levels levels, scratch[2];
+    static float whole[LW_TILE_TEXELS_MAX * 3];
+    static uint8_t delta[LW_TILE_DCT_BOUND], first[LW_TILE_DCT_BOUND], jump[LW_TILE_DCT_BOUND];
+    for (size_t s = 0; s < sizeof sizes / sizeof *sizes; s++) {
+        const uint32_t width = sizes[s].width, height = sizes[s].height;
+        struct lw_tile_dct_coded coded = {0};
+        history = (struct lw_tile_dct_history){.scale = 0};
+        size_t first_size = 0, chain = 0;
+        for (uint32_t version = 0; version < 5; version++) {
+            make_light(width, height, 0.1f, 1 + version);
+            lw_tile_dct_encode(&dct, &(struct lw_tile_dct_source){rgb, NULL, width, height, 0.1f, 0},
+                               &history, payload, delta, &coded);
+            if (version) chain += coded.delta_size;
+            if (version) continue;
+            memcpy(first, payload, first_size = coded.size);
+            assert_true(lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, first, first_size, coded.scale, width,
+                                           height, &levels, back));
+        }
+        assert_true(lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, payload, coded.size, coded.scale, width,
+                                       height, NULL, whole));
+        const size_t size = lw_tile_dct_encode_between(&dct, first, first_size, payload, coded.size, width,
+                                                       height, scratch, jump);
+        assert_true(size > 0 && (width * height < 100 || size < chain / 2));
+        assert_true(lw_tile_dct_decode(&dct, LW_TILE_DCT_DELTA, jump, size, coded.scale, width, height,
+                                       &levels, back));
+        assert_memory_equal(back, whole, (size_t)width * height * 3 * sizeof *back);
+        assert_int_equal(lw_tile_dct_encode_between(&dct, first, first_size - 1, payload, coded.size, width,
+                                                    height, scratch, jump),
+                         0);
+        assert_int_equal(lw_tile_dct_encode_between(&dct, first, first_size, delta, coded.delta_size, width,
+                                                    height, scratch, jump),
+                         0);
+    }
+}
+
+/* A level that is kept as the largest may be a larger one. */
+static void test_nothing_is_coded_between_levels_beyond_16_bits(void **state) {
+    (void)state;
+    static struct lw_tile_dct_levels scratch[2];
+    static uint8_t jump[LW_TILE_DCT_BOUND];
+    for (uint32_t i = 0; i < LW_TILE_TEXELS_MAX * 3; i++) rgb[i] = 1; /* one level, of the mean of means */
+    for (int fine = 0; fine < 2; fine++) {
+        struct lw_tile_dct_coded coded;
+        const float step = fine ? 0x1p-8f : 0.1f;
+        lw_tile_dct_encode(&dct, &(struct lw_tile_dct_source){rgb, NULL, 64, 64, step, 0}, NULL, payload,
+                           NULL, &coded);
+        const bool fits = lw_tile_dct_encode_between(&dct, payload, coded.size, payload, coded.size, 64, 64,
+                                                     scratch, jump) > 0;
+        assert_int_equal(fits, !fine);
+    }
+}
+
 /* Level after level up to the most that is kept, and one past it. */
 static void test_sums_have_a_limit(void **state) {
     (void)state;
@@ -271,6 +327,8 @@ static void test_dark_is_coded_by_difference(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_deltas),
+        cmocka_unit_test(test_one_delta_over_several_versions),
+        cmocka_unit_test(test_nothing_is_coded_between_levels_beyond_16_bits),
         cmocka_unit_test(test_sums_have_a_limit),
         cmocka_unit_test(test_dark_is_coded_by_difference),
         cmocka_unit_test(test_error_follows_the_step),
