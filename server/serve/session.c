@@ -23,6 +23,7 @@
 #define LINGER_NS        1000000000u               /* from a refusal to the close */
 #define KEEPALIVE_S      30u
 #define NOTSENT_LOWAT    (128 << 10) /* bytes; what the kernel holds cannot be replaced by a newer version */
+#define AHEAD            32u         /* tiles for which a session asks the recoder at once */
 #define FULL_GRACE_COUNT 1024u       /* refused connections that may wait for their close */
 
 _Static_assert(BATCH_BYTES + LW_SESSION_CHUNK + 64 <= LW_SERVER_QUEUE_MAX, "a batch keeps within the queue");
@@ -97,6 +98,7 @@ struct lw_session {
         *lacked; /* what the walk goes over: tiles that it lacks, the most urgent first; NULL: those that the
                                 snapshot changed, as it had all of the one before */
     bool delta_follows;   /* to the delta sent last: of the tile that is looked at next */
+    bool waits;           /* for what the recoder makes of that tile */
     uint32_t walk_left;   /* tiles still to look at */
     uint32_t walk_cursor; /* in lacked, or in changed */
 
@@ -231,22 +233,35 @@ static void start_walk(struct lw_session *s) {
     s->walk_left = shared->changed_count;
 }
 
+/* What it will want next is asked for together. */
+static void prepare_ahead(struct lw_session *s, const uint32_t *list) {
+    const uint32_t count = s->walk_left < AHEAD ? s->walk_left : AHEAD;
+    for (uint32_t i = 1; i < count; i++) {
+        const uint32_t id = list[s->walk_cursor + i];
+        if (lacks(s, id)) lw_deltas_prepare(&s->shared->deltas, id, s->sent[id]);
+    }
+}
+
 static struct lw_blob *next_tile(struct lw_session *s) {
-    const struct lw_session_shared *shared = s->shared;
-    while (s->walk_left) {
-        uint32_t id = (s->lacked ? s->lacked : shared->changed)[s->walk_cursor];
-        s->walk_cursor++;
-        s->walk_left--;
+    struct lw_session_shared *shared = s->shared;
+    const uint32_t *list = s->lacked ? s->lacked : shared->changed;
+    for (; s->walk_left; s->walk_cursor++, s->walk_left--) {
+        const uint32_t id = list[s->walk_cursor];
         if (!s->delta_follows && !lacks(s, id)) continue;
         const struct lw_snapshot_tile *tile = &shared->snapshot->tile[id];
-        const struct lw_delta *delta = lw_deltas_next(&shared->deltas, id, s->sent[id], tile->blob->size);
-        s->sent[id] = delta ? delta->version : tile->version;
-        s->delta_follows = s->sent[id] < tile->version;
-        if (s->delta_follows) {
-            s->walk_cursor--;
-            s->walk_left++;
+        struct lw_delta delta = {tile->version, tile->blob};
+        if (lw_deltas_next(&shared->deltas, id, s->sent[id], &delta) == LW_DELTAS_WAIT) {
+            prepare_ahead(s, list);
+            s->waits = true;
+            return NULL;
         }
-        return lw_blob_ref(delta ? delta->blob : tile->blob);
+        s->sent[id] = delta.version;
+        s->delta_follows = delta.version < tile->version;
+        if (!s->delta_follows) {
+            s->walk_cursor++;
+            s->walk_left--;
+        }
+        return lw_blob_ref(delta.blob);
     }
     end_walk(s);
     return NULL;
@@ -254,7 +269,7 @@ static struct lw_blob *next_tile(struct lw_session *s) {
 
 /* Once no tile is left. */
 static struct lw_blob *next_settled(struct lw_session *s) {
-    if (!s->settled_due) return NULL;
+    if (!s->settled_due || s->waits) return NULL;
     s->settled_due = false;
     return s->shared->snapshot->settled ? lw_blob_ref(s->shared->snapshot->settled) : NULL;
 }
@@ -494,9 +509,12 @@ static void renew_allowance(struct lw_session *s, uint64_t now_ns) {
 static void pump(struct lw_session *s) {
     if (s->rate_limit_bytes_hz) renew_allowance(s, lw_clock_ns());
     if (s->has_waiting && s->interest_epoch != s->shared->epoch) take_up_interest(s);
+    s->waits = false;
     const bool has_all = write_batches(s);
     if (has_all && s->is_paced)
         enqueue(s, &s->shared->paced);
+    else if (has_all && s->waits)
+        enqueue(s, &s->shared->waiting);
     else if (!has_all && !s->pending)
         lw_session_set_due(s, false); /* more than one turn's */
     if (has_all && s->state == LEAVING && !s->shutdown_sent) {
@@ -514,6 +532,11 @@ void lw_session_set_due(struct lw_session *s, bool asked) {
 
 void lw_session_serve_paced(struct lw_session_shared *shared) {
     while (shared->paced.first) lw_session_set_due(shared->paced.first, false);
+}
+
+void lw_session_collect(struct lw_session_shared *shared) {
+    if (!lw_deltas_collect(&shared->deltas)) return;
+    while (shared->waiting.first) lw_session_set_due(shared->waiting.first, false);
 }
 
 bool lw_session_any_due(const struct lw_session_shared *shared) {

@@ -2,6 +2,7 @@
 
 #include "common/clock.h"
 #include "common/scene/scene_spares.h"
+#include "common/tile/tile_codec.h"
 #include "server/serve/server.h"
 #include "server/serve/urgency.h"
 
@@ -577,8 +578,7 @@ static void expect_settled(int s, uint64_t frame) {
     lw_message_finish(&m);
 }
 
-/* Once per frame, after its last tile; again after an INTEREST. */
-/* Whoever has fallen behind by two versions takes two deltas, if they are fewer bytes than the tile. */
+/* Whoever has fallen behind by two versions takes two deltas, if they are fewer bytes than the tile, and there is no one delta. */
 static void test_deltas_to_catch_up(void **state) {
     (void)state;
     enum { FRAMES = 4 };
@@ -624,6 +624,90 @@ static void test_deltas_to_catch_up(void **state) {
     end(f);
 }
 
+/* A snapshot whose tile 0 is real light that moves a little from version to version. */
+static struct lw_snapshot *make_moving(const struct fixture *f, struct lw_tile_codec *codec,
+                                       struct lw_tile_dct_history *history, uint64_t frame) {
+    static float rgb[LW_TILE_TEXELS_MAX * 3];
+    const struct lw_tile_place *place = &f->map.place[0];
+    const size_t capacity = lw_tile_codec_bound();
+    uint8_t *payload = malloc(capacity), *delta = malloc(capacity);
+    assert_true(payload && delta);
+    for (uint32_t i = 0; i < place->width * place->height * 3; i++)
+        rgb[i] = 2 + sinf((float)(i * 7)) + 0.3f * sinf((float)i * 0.1f + (float)frame);
+    struct lw_tile_dct_coded coded;
+    lw_support_ok(lw_tile_codec_encode_dct(
+                      codec, &(struct lw_tile_dct_source){rgb, NULL, place->width, place->height, 0.1f, 0},
+                      history, payload, delta, capacity, &coded),
+                  NULL);
+    struct lw_snapshot *snapshot = make_snapshot(f, frame, frame - 1);
+    struct lw_message m = {.type = LW_MESSAGE_TILE,
+                           .tile = {.version = frame,
+                                    .codec = LW_TILE_CODEC_DCT,
+                                    .scale = coded.scale,
+                                    .payload = payload,
+                                    .payload_size = coded.size}};
+    lw_blob_unref(snapshot->tile[0].blob);
+    snapshot->tile[0].blob = blob_of(&m);
+    if (coded.delta_size) {
+        m.tile.base = snapshot->tile[0].base = frame - 1;
+        m.tile.payload = delta;
+        m.tile.payload_size = coded.delta_size;
+        snapshot->tile[0].delta = blob_of(&m);
+    }
+    free(delta);
+    free(payload);
+    return snapshot;
+}
+
+/* Whoever is behind by several versions takes one delta over all of them, made for the first who wants it and the same for the
+ * next; SETTLED waits for it. */
+static void test_a_jump_to_catch_up(void **state) {
+    (void)state;
+    enum { FRAMES = 6 };
+    static struct lw_tile_dct_history history;
+    static const struct lw_message_interest_tile wanted[] = {{0, 0, 0}};
+    struct fixture *f = start(&(struct lw_server_desc){.features = LW_FEATURE_DCT});
+    struct lw_tile_codec *codec;
+    lw_support_ok(lw_tile_codec_create(&codec), NULL);
+    for (uint64_t frame = 1; frame <= FRAMES; frame++) {
+        struct lw_snapshot *snapshot = make_moving(f, codec, &history, frame);
+        if (frame == FRAMES)
+            snapshot->settled =
+                blob_of(&(struct lw_message){.type = LW_MESSAGE_SETTLED, .settled.frame = frame});
+        publish(f, snapshot);
+        int s = dial_and_greet_with(f, LW_FEATURE_DCT);
+        ask_for_package(s, PACKAGE_SIZE); /* so that the loop has seen it */
+        close(s);
+        usleep(20000);
+    }
+    for (int i = 0; i < 2; i++) {
+        const struct lw_message_held tile[] = {{0, 0, 0, 2}};
+        int s = dial(f);
+        struct lw_message m;
+        put(s, &(struct lw_message){
+                   .type = LW_MESSAGE_HELLO,
+                   .hello = {.version = LW_WIRE_VERSION, .features = LW_FEATURE_DCT | LW_FEATURE_RESUME}});
+        expect(s, LW_MESSAGE_WELCOME, &m);
+        const uint64_t end_of_package = m.welcome.package_compressed_size;
+        lw_message_finish(&m);
+        put(s,
+            &(struct lw_message){.type = LW_MESSAGE_INTEREST, .interest = {.tile = wanted, .tile_count = 1}});
+        put(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {tile, 1}});
+        ask_for_package(s, end_of_package);
+        expect_frame(s, FRAMES, 1);
+        expect(s, LW_MESSAGE_TILE, &m);
+        assert_int_equal(m.tile.base, 2);
+        assert_int_equal(m.tile.version, FRAMES);
+        lw_message_finish(&m);
+        expect_settled(s, FRAMES);
+        expect_silence(s, 20);
+        close(s);
+    }
+    lw_tile_codec_destroy(codec);
+    end(f);
+}
+
+/* Once per frame, after its last tile; again after an INTEREST. */
 static void test_settled(void **state) {
     (void)state;
     struct fixture *f = start(&(struct lw_server_desc){0});
@@ -1748,6 +1832,7 @@ int main(void) {
         cmocka_unit_test(test_newer_snapshot),
         cmocka_unit_test(test_deltas),
         cmocka_unit_test(test_deltas_to_catch_up),
+        cmocka_unit_test(test_a_jump_to_catch_up),
         cmocka_unit_test(test_settled),
         cmocka_unit_test(test_interest),
         cmocka_unit_test(test_stand_ins),
