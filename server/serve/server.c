@@ -169,8 +169,9 @@ static void note_changed(struct lw_server *server, const struct lw_snapshot *bef
         const uint64_t had = before ? before->tile[id].version : 0;
         if (tile->version <= had) continue;
         lw_deltas_add(&shared->deltas, id, tile);
-        lw_urgency_note(&shared->urgency, id, tile->version, tile->change);
-        lw_urgency_list(&shared->urgency, id, lw_urgency_of(&shared->urgency, id, had, after->frame));
+        lw_urgency_note(&shared->urgency, id, lw_snapshot_frame_of(tile->version), tile->change);
+        lw_urgency_list(&shared->urgency, id,
+                        lw_urgency_of(&shared->urgency, id, lw_snapshot_frame_of(had), after->frame));
     }
     shared->changed_count = shared->urgency.listed_count;
     lw_urgency_list_end(&shared->urgency, shared->changed);

@@ -30,17 +30,16 @@ static void add(struct lw_deltas *deltas, uint64_t base, uint64_t version, size_
 /* The version that comes next after `from`; 0: the newest, whole. */
 static uint64_t next(struct lw_deltas *deltas, uint64_t from) {
     struct lw_delta delta;
-    const enum lw_deltas_way way = lw_deltas_next(deltas, 1, from, &delta);
+    const enum lw_deltas_way way = lw_deltas_next(deltas, 1, from, false, &delta);
     assert_int_not_equal(way, LW_DELTAS_WAIT);
+    assert_int_equal(way == LW_DELTAS_WHOLE, delta.blob == deltas->tile[1].whole);
     return way == LW_DELTAS_DELTA ? delta.version : 0;
 }
 
 static void test_one_after_another(void **state) {
     (void)state;
     struct lw_deltas deltas;
-    struct lw_delta delta;
     lw_support_ok(lw_deltas_init(&deltas, 2, NULL), NULL);
-    assert_int_equal(next(&deltas, 0), 0);
     add(&deltas, 0, 3, 0); /* whole: nothing leads there */
     assert_int_equal(next(&deltas, 3), 0);
     add(&deltas, 3, 5, 30);
@@ -49,7 +48,6 @@ static void test_one_after_another(void **state) {
     assert_int_equal(next(&deltas, 5), 9);
     assert_int_equal(next(&deltas, 9), 0); /* it is there */
     assert_int_equal(next(&deltas, 4), 0);
-    assert_int_equal(lw_deltas_next(&deltas, 0, 3, &delta), LW_DELTAS_WHOLE); /* of another tile */
     add(&deltas, 9, 10, 39);
     assert_int_equal(next(&deltas, 3), 5); /* 99 bytes */
     add(&deltas, 10, 11, 31);
@@ -155,10 +153,9 @@ static void add_real(struct fixture *f, uint64_t version) {
                                            &(struct lw_tile_dct_source){rgb, NULL, SIDE, SIDE, 0.1f, 0},
                                            &f->history, f->payload, f->delta, lw_tile_codec_bound(), &coded),
                   NULL);
-    struct lw_snapshot_tile tile = {.version = version, .base = version - 1};
+    struct lw_snapshot_tile tile = {.version = version, .base = f->deltas.tile[0].version};
     tile.blob = tile_blob(0, version, coded.scale, f->payload, coded.size);
-    if (coded.delta_size)
-        tile.delta = tile_blob(version - 1, version, coded.scale, f->delta, coded.delta_size);
+    if (coded.delta_size) tile.delta = tile_blob(tile.base, version, coded.scale, f->delta, coded.delta_size);
     lw_deltas_add(&f->deltas, 0, &tile);
     lw_blob_unref(tile.delta);
     lw_blob_unref(tile.blob);
@@ -199,13 +196,14 @@ static void test_a_jump_over_several_versions(void **state) {
     for (uint64_t version = 1; version <= 2; version++) add_real(&f, version);
     struct lw_blob *second = lw_blob_ref(f.deltas.tile[0].whole);
     for (uint64_t version = 3; version <= 6; version++) add_real(&f, version);
-    assert_int_equal(lw_deltas_next(&f.deltas, 0, 5, &delta), LW_DELTAS_DELTA); /* the snapshot's */
-    assert_int_equal(lw_deltas_next(&f.deltas, 0, 6, &delta), LW_DELTAS_WHOLE); /* of no use */
-    assert_int_equal(lw_deltas_next(&f.deltas, 0, 2, &delta), LW_DELTAS_WAIT);
-    assert_int_equal(lw_deltas_next(&f.deltas, 0, 2, &delta), LW_DELTAS_WAIT); /* is not asked for twice */
+    assert_int_equal(lw_deltas_next(&f.deltas, 0, 5, false, &delta), LW_DELTAS_DELTA); /* the snapshot's */
+    assert_int_equal(lw_deltas_next(&f.deltas, 0, 6, false, &delta), LW_DELTAS_WHOLE); /* of no use */
+    assert_int_equal(lw_deltas_next(&f.deltas, 0, 2, false, &delta), LW_DELTAS_WAIT);
+    assert_int_equal(lw_deltas_next(&f.deltas, 0, 2, false, &delta),
+                     LW_DELTAS_WAIT); /* is not asked for twice */
     wait_until_made(&f);
     assert_false(lw_deltas_collect(&f.deltas));
-    assert_int_equal(lw_deltas_next(&f.deltas, 0, 2, &delta), LW_DELTAS_DELTA);
+    assert_int_equal(lw_deltas_next(&f.deltas, 0, 2, false, &delta), LW_DELTAS_DELTA);
     assert_int_equal(delta.version, 6);
     struct lw_blob *first_step = f.deltas.tile[0].base[1].delta;
     assert_true(delta.blob->size < 2 * first_step->size && delta.blob->size < f.deltas.tile[0].whole->size);
@@ -213,12 +211,12 @@ static void test_a_jump_over_several_versions(void **state) {
     decode(&f, delta.blob, 2, 6, &levels, by_jump);
     decode(&f, f.deltas.tile[0].whole, 0, 6, NULL, whole);
     assert_memory_equal(by_jump, whole, sizeof whole);
-    lw_deltas_prepare(&f.deltas, 0, 3);
+    lw_deltas_prepare(&f.deltas, 0, 3, false);
     wait_until_made(&f);
-    assert_int_equal(lw_deltas_next(&f.deltas, 0, 3, &delta), LW_DELTAS_DELTA);
+    assert_int_equal(lw_deltas_next(&f.deltas, 0, 3, false, &delta), LW_DELTAS_DELTA);
     assert_int_equal(delta.version, 6);
     add_real(&f, 7); /* what led to 6 is of no use now */
-    assert_int_equal(lw_deltas_next(&f.deltas, 0, 2, &delta), LW_DELTAS_WAIT);
+    assert_int_equal(lw_deltas_next(&f.deltas, 0, 2, false, &delta), LW_DELTAS_WAIT);
     lw_blob_unref(second);
     tear_down(&f);
 }
@@ -229,14 +227,76 @@ static void test_what_is_made_too_late_is_dropped(void **state) {
     struct lw_delta delta;
     set_up(&f);
     for (uint64_t version = 1; version <= 4; version++) add_real(&f, version);
-    assert_int_equal(lw_deltas_next(&f.deltas, 0, 1, &delta), LW_DELTAS_WAIT);
+    assert_int_equal(lw_deltas_next(&f.deltas, 0, 1, false, &delta), LW_DELTAS_WAIT);
     add_real(&f, 5);
     wait_until_made(&f);
     assert_false(f.deltas.tile[0].base[0].is_known);
-    assert_int_equal(lw_deltas_next(&f.deltas, 0, 1, &delta), LW_DELTAS_WAIT);
+    assert_int_equal(lw_deltas_next(&f.deltas, 0, 1, false, &delta), LW_DELTAS_WAIT);
     wait_until_made(&f);
-    assert_int_equal(lw_deltas_next(&f.deltas, 0, 1, &delta), LW_DELTAS_DELTA);
+    assert_int_equal(lw_deltas_next(&f.deltas, 0, 1, false, &delta), LW_DELTAS_DELTA);
     assert_int_equal(delta.version, 5);
+    tear_down(&f);
+}
+
+static double relative_error(const float *x, const float *truth, size_t count) {
+    double sum = 0;
+    for (size_t i = 0; i < count; i++) sum += pow((double)(x[i] - truth[i]) / (double)truth[i], 2);
+    return sqrt(sum / (double)count);
+}
+
+static enum lw_deltas_way wait_for_coarse(struct fixture *f, uint64_t from, struct lw_delta *out_delta) {
+    enum lw_deltas_way way;
+    while ((way = lw_deltas_next(&f->deltas, 0, from, true, out_delta)) == LW_DELTAS_WAIT) wait_until_made(f);
+    return way;
+}
+
+/* In wider steps: fewer bytes, less exact, with deltas of their own. */
+static void test_coarse_forms(void **state) {
+    (void)state;
+    static struct lw_tile_dct_levels levels;
+    static float fine[SIDE * SIDE * 3], whole[SIDE * SIDE * 3], followed[SIDE * SIDE * 3];
+    struct fixture f;
+    struct lw_delta first, next, other;
+    set_up(&f);
+    add_real(&f, 2);
+    assert_int_equal(wait_for_coarse(&f, 0, &first), LW_DELTAS_WHOLE);
+    assert_int_equal(first.version, 1);
+    assert_true(first.blob->size < 2 * f.deltas.tile[0].whole->size / 3);
+    decode(&f, f.deltas.tile[0].whole, 0, 2, NULL, fine);
+    decode(&f, first.blob, 0, 1, &levels, followed);
+    const double error = relative_error(followed, fine, SIDE * SIDE * 3);
+    assert_true(error > 0.02 && error < 0.2);
+    add_real(&f, 4);
+    assert_int_equal(wait_for_coarse(&f, 1, &next), LW_DELTAS_DELTA);
+    assert_int_equal(next.version, 3);
+    assert_true(next.blob->size < f.deltas.coarse[0].whole->size);
+    decode(&f, next.blob, 1, 3, &levels, followed);
+    assert_int_equal(wait_for_coarse(&f, 0, &other), LW_DELTAS_WHOLE); /* for who has nothing */
+    decode(&f, other.blob, 0, 3, NULL, whole);
+    assert_memory_equal(whole, followed, sizeof whole);
+    /* from it to the newest there is no way but the whole */
+    assert_int_equal(lw_deltas_next(&f.deltas, 0, 3, false, &other), LW_DELTAS_WHOLE);
+    assert_int_equal(other.version, 4);
+    /* two versions on, at once */
+    add_real(&f, 6);
+    assert_int_equal(wait_for_coarse(&f, 3, &next), LW_DELTAS_DELTA);
+    assert_int_equal(wait_for_coarse(&f, 1, &next), LW_DELTAS_DELTA);
+    assert_int_equal(next.version, 5);
+    assert_int_equal(f.deltas.coarse[0].count, 2);
+    tear_down(&f);
+}
+
+/* Of a tile that is not of codec 3 there is no other form than itself. */
+static void test_no_coarse_form(void **state) {
+    (void)state;
+    struct fixture f;
+    struct lw_delta delta;
+    set_up(&f);
+    struct lw_snapshot_tile tile = {.version = 2, .blob = tile_blob(0, 2, 1, nothing, 9)};
+    lw_deltas_add(&f.deltas, 0, &tile);
+    assert_int_equal(wait_for_coarse(&f, 0, &delta), LW_DELTAS_WHOLE);
+    assert_true(delta.version == 2 && delta.blob == tile.blob);
+    lw_blob_unref(tile.blob);
     tear_down(&f);
 }
 
@@ -247,12 +307,12 @@ static void test_a_recoder_takes_no_more_than_it_says(void **state) {
     struct lw_recoder_result result;
     set_up(&f);
     struct lw_blob *damaged = tile_blob(0, 1, 1, nothing, 9);
-    const struct lw_recoder_job job = {0, 1, 2, damaged, damaged};
+    const struct lw_recoder_job job = {.base = 1, .version = 2, .from = damaged, .to = damaged};
     for (uint32_t i = 0; i < LW_RECODER_JOBS_MAX; i++) assert_true(lw_recoder_ask(f.recoder, &job));
     assert_false(lw_recoder_ask(f.recoder, &job));
     for (uint64_t version = 1; version <= 3; version++) add_real(&f, version);
     struct lw_delta delta;
-    assert_int_equal(lw_deltas_next(&f.deltas, 0, 1, &delta), LW_DELTAS_DELTA);
+    assert_int_equal(lw_deltas_next(&f.deltas, 0, 1, false, &delta), LW_DELTAS_DELTA);
     assert_int_equal(delta.version, 2); /* one after another */
     while (!lw_recoder_collect(f.recoder, &result)) usleep(100);
     assert_null(result.blob); /* there is nothing between what is damaged */
@@ -270,6 +330,8 @@ int main(void) {
         cmocka_unit_test(test_what_does_not_lead_on_is_forgotten),
         cmocka_unit_test(test_a_jump_over_several_versions),
         cmocka_unit_test(test_what_is_made_too_late_is_dropped),
+        cmocka_unit_test(test_coarse_forms),
+        cmocka_unit_test(test_no_coarse_form),
         cmocka_unit_test(test_a_recoder_takes_no_more_than_it_says),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

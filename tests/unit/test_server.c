@@ -122,7 +122,7 @@ static struct lw_blob *frame_blob(uint64_t frame, double time_s) {
         &(struct lw_message){.type = LW_MESSAGE_FRAME, .frame = {.frame = frame, .time_s = time_s}});
 }
 
-/* All tiles of version `frame`. The full frame message has time 1, the delta time 2, to tell them apart. */
+/* All tiles of version `frame`, which is a number of its own: two of them are a frame to the server. The full frame message has time 1, the delta time 2, to tell them apart. */
 static struct lw_snapshot *make_snapshot(const struct fixture *f, uint64_t frame, uint64_t previous) {
     static const uint8_t payload[PAYLOAD_SIZE] = {1};
     struct lw_snapshot *snapshot;
@@ -626,7 +626,8 @@ static void test_deltas_to_catch_up(void **state) {
 
 /* A snapshot whose tile 0 is real light that moves a little from version to version. */
 static struct lw_snapshot *make_moving(const struct fixture *f, struct lw_tile_codec *codec,
-                                       struct lw_tile_dct_history *history, uint64_t frame) {
+                                       struct lw_tile_dct_history *history, uint64_t frame,
+                                       uint64_t previous) {
     static float rgb[LW_TILE_TEXELS_MAX * 3];
     const struct lw_tile_place *place = &f->map.place[0];
     const size_t capacity = lw_tile_codec_bound();
@@ -639,7 +640,7 @@ static struct lw_snapshot *make_moving(const struct fixture *f, struct lw_tile_c
                       codec, &(struct lw_tile_dct_source){rgb, NULL, place->width, place->height, 0.1f, 0},
                       history, payload, delta, capacity, &coded),
                   NULL);
-    struct lw_snapshot *snapshot = make_snapshot(f, frame, frame - 1);
+    struct lw_snapshot *snapshot = make_snapshot(f, frame, previous);
     struct lw_message m = {.type = LW_MESSAGE_TILE,
                            .tile = {.version = frame,
                                     .codec = LW_TILE_CODEC_DCT,
@@ -649,7 +650,7 @@ static struct lw_snapshot *make_moving(const struct fixture *f, struct lw_tile_c
     lw_blob_unref(snapshot->tile[0].blob);
     snapshot->tile[0].blob = blob_of(&m);
     if (coded.delta_size) {
-        m.tile.base = snapshot->tile[0].base = frame - 1;
+        m.tile.base = snapshot->tile[0].base = previous;
         m.tile.payload = delta;
         m.tile.payload_size = coded.delta_size;
         snapshot->tile[0].delta = blob_of(&m);
@@ -670,7 +671,7 @@ static void test_a_jump_to_catch_up(void **state) {
     struct lw_tile_codec *codec;
     lw_support_ok(lw_tile_codec_create(&codec), NULL);
     for (uint64_t frame = 1; frame <= FRAMES; frame++) {
-        struct lw_snapshot *snapshot = make_moving(f, codec, &history, frame);
+        struct lw_snapshot *snapshot = make_moving(f, codec, &history, frame, frame - 1);
         if (frame == FRAMES)
             snapshot->settled =
                 blob_of(&(struct lw_message){.type = LW_MESSAGE_SETTLED, .settled.frame = frame});
@@ -703,6 +704,53 @@ static void test_a_jump_to_catch_up(void **state) {
         expect_silence(s, 20);
         close(s);
     }
+    lw_tile_codec_destroy(codec);
+    end(f);
+}
+
+/* Whose link takes less than changes gets tiles in wider steps, and what they leave out once nothing changes any more; that is
+ * when all has been sent. */
+static void test_a_narrow_link(void **state) {
+    (void)state;
+    enum { FRAMES = 10 };
+    static struct lw_tile_dct_history history;
+    static const struct lw_message_interest_tile wanted[] = {{0, 0, 0}};
+    struct fixture *f =
+        start(&(struct lw_server_desc){.features = LW_FEATURE_DCT, .rate_limit_bytes_hz = 20000});
+    struct lw_tile_codec *codec;
+    struct lw_message m;
+    lw_support_ok(lw_tile_codec_create(&codec), NULL);
+    int s = dial(f);
+    put(s, &(struct lw_message){.type = LW_MESSAGE_HELLO,
+                                .hello = {.version = LW_WIRE_VERSION, .features = LW_FEATURE_DCT}});
+    expect(s, LW_MESSAGE_WELCOME, &m);
+    const uint64_t end_of_package = m.welcome.package_compressed_size;
+    lw_message_finish(&m);
+    put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST, .interest = {.tile = wanted, .tile_count = 1}});
+    ask_for_package(s, end_of_package);
+    for (uint64_t frame = 2; frame <= 2 * FRAMES; frame += 2) {
+        struct lw_snapshot *snapshot = make_moving(f, codec, &history, frame, frame - 2);
+        snapshot->settled = blob_of(&(struct lw_message){.type = LW_MESSAGE_SETTLED, .settled.frame = frame});
+        publish(f, snapshot);
+        usleep(20000);
+    }
+    size_t coarse_bytes = 0, bytes = 0;
+    uint64_t version = 0;
+    bool settled = false;
+    while (!settled) {
+        assert_true(get(s, &m));
+        settled = m.type == LW_MESSAGE_SETTLED && m.settled.frame == 2 * FRAMES;
+        if (m.type == LW_MESSAGE_TILE) {
+            assert_true(m.tile.version > version);
+            version = m.tile.version;
+            if (!m.tile.base)
+                *(lw_snapshot_is_coarse(version) ? &coarse_bytes : &bytes) = m.tile.payload_size;
+        }
+        lw_message_finish(&m);
+    }
+    assert_int_equal(version, 2 * FRAMES);
+    assert_true(coarse_bytes > 0 && coarse_bytes < 2 * bytes / 3);
+    close(s);
     lw_tile_codec_destroy(codec);
     end(f);
 }
@@ -742,22 +790,22 @@ static void test_stand_ins(void **state) {
     put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST,
                                 .interest = {.tile = wanted, .tile_count = 5, .stand_ins = true}});
     ask_for_package(s, PACKAGE_SIZE);
-    publish(f, make_snapshot(f, 1, 0));
+    publish(f, make_snapshot(f, 2, 0));
     struct lw_message m;
     do {
         assert_true(get(s, &m));
         lw_message_finish(&m);
     } while (m.type != LW_MESSAGE_FRAME);
     /* three coarsest; levels 3 and 2 of object 1; both tiles of its level 1; one of level 0 */
-    expect_tiles(s, 3 + 2 + 2 + 1, 1);
+    expect_tiles(s, 3 + 2 + 2 + 1, 2);
     expect_silence(s, 50);
     put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST, .interest = {.stand_ins = true}});
     put(s, &(struct lw_message){.type = LW_MESSAGE_PING});
     expect(s, LW_MESSAGE_PONG, &m); /* so it has been heard */
     lw_message_finish(&m);
-    publish(f, make_snapshot(f, 2, 1));
-    expect_frame(s, 2, 2);
-    expect_tiles(s, 3, 2);
+    publish(f, make_snapshot(f, 4, 2));
+    expect_frame(s, 4, 2);
+    expect_tiles(s, 3, 4);
     expect_silence(s, 50);
     close(s);
     end(f);
@@ -772,7 +820,7 @@ static void test_stand_ins_wait(void **state) {
     put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST,
                                 .interest = {.tile = wanted, .tile_count = 1, .stand_ins = true}});
     ask_for_package(s, PACKAGE_SIZE);
-    const uint64_t far = 3, old = far + LW_URGENCY_STAND_IN_FRAMES;
+    const uint64_t far = 3, old = far + 2 * LW_URGENCY_STAND_IN_FRAMES; /* versions, two a frame */
     for (uint64_t frame = 1; frame <= old; frame++) {
         struct lw_snapshot *snapshot = make_snapshot(f, frame, frame - 1);
         for (uint32_t t = 0; t < f->map.tile_count; t++)
@@ -1090,32 +1138,32 @@ static void test_the_most_visible_change_goes_first(void **state) {
     struct fixture *f = start(&(struct lw_server_desc){.rate_limit_bytes_hz = 10 * PAYLOAD_SIZE});
     struct lw_message m;
     int s = dial_and_stream(f);
-    publish(f, make_snapshot(f, 1, 0));
-    expect_light(f, s, 1);
+    publish(f, make_snapshot(f, 2, 0));
+    expect_light(f, s, 2);
     /* whole tiles of level 0, one of each object, move the more the later they come; the others little */
     const uint32_t tile[OBJECTS] = {0, 13, 26};
-    struct lw_snapshot *snapshot = make_snapshot(f, 2, 1);
+    struct lw_snapshot *snapshot = make_snapshot(f, 4, 2);
     for (uint32_t i = 0; i < f->map.tile_count; i++) snapshot->tile[i].change = 0.001f;
     for (uint32_t o = 0; o < OBJECTS; o++) snapshot->tile[tile[o]].change = 0.1f * (float)(o + 1);
     publish(f, snapshot);
-    expect_frame(s, 2, 2);
+    expect_frame(s, 4, 2);
     expect(s, LW_MESSAGE_TILE, &m);
     assert_int_equal(m.tile.object, OBJECTS - 1);
     assert_int_equal(m.tile.level, 0);
     lw_message_finish(&m);
     /* now all but that one lag behind; the first moves again and overtakes the second */
-    snapshot = make_snapshot(f, 3, 2);
+    snapshot = make_snapshot(f, 6, 4);
     for (uint32_t i = 0; i < f->map.tile_count; i++) snapshot->tile[i].change = 0.001f;
     snapshot->tile[tile[0]].change = 0.2f;
     publish(f, snapshot);
     for (bool framed = false; !framed;) {
         assert_true(get(s, &m));
         framed = m.type == LW_MESSAGE_FRAME;
-        if (!framed) assert_true(m.tile.version == 2); /* on its way already */
+        if (!framed) assert_true(m.tile.version == 4); /* on its way already */
         lw_message_finish(&m);
     }
     expect(s, LW_MESSAGE_TILE, &m);
-    assert_true(m.tile.version == 3 && m.tile.level == 0 && m.tile.object == 0);
+    assert_true(m.tile.version == 6 && m.tile.level == 0 && m.tile.object == 0);
     lw_message_finish(&m);
     close(s);
     end(f);
@@ -1833,6 +1881,7 @@ int main(void) {
         cmocka_unit_test(test_deltas),
         cmocka_unit_test(test_deltas_to_catch_up),
         cmocka_unit_test(test_a_jump_to_catch_up),
+        cmocka_unit_test(test_a_narrow_link),
         cmocka_unit_test(test_settled),
         cmocka_unit_test(test_interest),
         cmocka_unit_test(test_stand_ins),
