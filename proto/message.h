@@ -34,8 +34,8 @@
 /* Values are forever. */
 #define LW_FEATURE_CONTROL 2u  /* sends updates of the scene */
 #define LW_FEATURE_RESUME  4u  /* says what it has */
-#define LW_FEATURE_DCT     8u  /* reads tiles of LW_TILE_CODEC_DCT; 1 was an earlier form of them */
 #define LW_FEATURE_PARTS   16u /* reads packages of several parts */
+#define LW_FEATURE_DCT     32u /* reads tiles of LW_TILE_CODEC_DCT; 1 and 8 were earlier forms of them */
 #define LW_FEATURES_READ                                                                                     \
     (LW_FEATURE_DCT | LW_FEATURE_RESUME |                                                                    \
      LW_FEATURE_PARTS) /* all that our clients know and need not ask for */

@@ -47,7 +47,7 @@ for stage in "$@"; do
     isa)
         scripts/build.sh release
         for processor in Opteron_G1 Haswell; do
-            for name in test_tile_dct test_tile_codec test_trace test_packets test_svgf test_lights; do
+            for name in test_tile_rans test_tile_dct test_tile_codec test_trace test_packets test_svgf test_lights; do
                 echo "check: $name on $processor"
                 OMP_NUM_THREADS=2 qemu-x86_64 -cpu "$processor" "build/release/bin/$name"
             done

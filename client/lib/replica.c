@@ -185,7 +185,7 @@ static void copy_into_level(struct lw_replica *r, const struct lw_tile_place *pl
                CHANNELS * place->width * sizeof(float));
 }
 
-/* Only a tile whose newest version came in codec 3 has levels. */
+/* Only a tile whose newest version came in codec 4 has levels. */
 static enum lw_status decode(struct lw_replica *r, const struct lw_message_tile *t, lw_tile_id id,
                              const struct lw_tile_place *place) {
     struct lw_tile_dct_levels **levels = &r->levels[id.v];

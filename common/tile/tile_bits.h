@@ -100,10 +100,14 @@ static inline uint32_t lw_tile_bits_get_rice(struct lw_tile_bits_reader *r, unsi
     return v;
 }
 
-/** Whether what was read is all there was, but for less than a byte of zeros. */
-static inline int lw_tile_bits_is_at_end(const struct lw_tile_bits_reader *r) {
-    const size_t left_bits = (size_t)(r->end - r->at) * 8 + r->count - r->missing * 8;
-    return r->count >= r->missing * 8 && left_bits < 8 && (r->held & ((1u << left_bits) - 1)) == 0;
+/** Whether what was read is all there was, but for at most so many bits, all 0. */
+static inline int lw_tile_bits_is_at_end(const struct lw_tile_bits_reader *r, size_t most) {
+    if (r->count < r->missing * 8) return 0;
+    const size_t held = r->count - r->missing * 8;
+    if ((size_t)(r->end - r->at) * 8 + held > most || (r->held & (((uint64_t)1 << held) - 1)) != 0) return 0;
+    for (const uint8_t *at = r->at; at < r->end; at++)
+        if (*at) return 0;
+    return 1;
 }
 
 #endif

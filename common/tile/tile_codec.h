@@ -8,7 +8,7 @@
 #include "common/tile/tile_dct.h"
 
 #define LW_TILE_CODEC_HALF_ZSTD 1u /* half floats over a power-of-two scale, byte planes, zstd */
-#define LW_TILE_CODEC_DCT       3u /* quantised cosine transforms of logarithms (tile_dct.h) */
+#define LW_TILE_CODEC_DCT       4u /* quantised cosine transforms of logarithms (tile_dct.h) */
 
 struct lw_tile_codec;
 
@@ -36,7 +36,7 @@ LW_MUST_CHECK enum lw_status lw_tile_codec_encode_dct(struct lw_tile_codec *code
                                                       uint8_t *delta_dst, size_t dst_capacity,
                                                       struct lw_tile_dct_coded *out_coded);
 
-/** Encodes how a payload of codec 3 differs from an earlier one of the same tile, neither of them a delta, for who has the levels
+/** Encodes how a payload of codec 4 differs from an earlier one of the same tile, neither of them a delta, for who has the levels
  * of `from`; decoded, it is what `to` is, bit by bit. Bytes may come from anyone: LW_BAD_DATA for what is damaged, or has levels on which
  * nothing builds. */
 LW_MUST_CHECK enum lw_status lw_tile_codec_encode_between(struct lw_tile_codec *codec, const uint8_t *from,
@@ -56,7 +56,7 @@ LW_MUST_CHECK enum lw_status lw_tile_codec_decode(struct lw_tile_codec *codec, u
                                                   uint32_t width, uint32_t height,
                                                   struct lw_tile_dct_levels *levels, float *rgb);
 
-/** The same for a payload that builds on a version of the tile: of codec 3, with the levels of that version, which become
+/** The same for a payload that builds on a version of the tile: of codec 4, with the levels of that version, which become
  * those of this one. */
 LW_MUST_CHECK enum lw_status lw_tile_codec_decode_delta(struct lw_tile_codec *codec, uint32_t number,
                                                         const uint8_t *src, size_t src_size, float scale,

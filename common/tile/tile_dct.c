@@ -17,13 +17,13 @@
 #define SCALE_MIN      0x1p-60f
 #define LIGHT_MAX      0x1p100f
 #define RICE_K_MAX     16u
-#define GRID_LENGTH_K  4u      /* of the length of the means' block, which nothing predicts */
-#define SURPRISE_K     3u      /* of the length of a block among empty ones */
+#define GRID_LENGTH_K  4u      /* of the length of a list of means, which nothing predicts */
 #define MEAN_OFF_MAX   0x1p-12 /* of a scale */
 #define GAIN_MAX       127.0   /* 2^(127/512): a factor of 1.19 */
 #define FINER_Q        8u      /* half the step */
-#define LEVEL_MAX      ((1 << LW_TILE_BITS_RAW) - 1)
-#define KEPT_MAX       32767
+#define MEAN_LEVEL_MAX ((1 << LW_TILE_BITS_RAW) - 1)
+#define KEPT_MAX       LW_TILE_RANS_LEVEL_MAX
+#define MEANS_BOUND    (3 * BLOCK_TEXELS * 33 / 8 + 3 * 4 + 8)
 #define NEAR_SCALE     2.0f /* a history serves as long as its scale */
 #define NEAR_Q         6u   /* and step are so near what the tile wants by itself */
 
@@ -37,23 +37,14 @@
 
 _Static_assert(GRID <= SIDE, "the means of a plane's blocks are one block");
 
-static void fill_tables(struct lw_tile_dct *dct);
-
 void lw_tile_dct_init(struct lw_tile_dct *dct) {
     memset(dct, 0, sizeof *dct);
-    fill_tables(dct);
+    lw_tile_rans_init(&dct->rans);
     for (uint32_t n = 1; n <= SIDE; n++)
         for (uint32_t k = 0; k < n; k++)
             for (uint32_t x = 0; x < n; x++)
                 dct->basis[n][k][x] = dct->transposed[n][x][k] =
                     (float)(sqrt((k ? 2.0 : 1.0) / n) * cos(M_PI * (x + 0.5) * k / (double)n));
-    for (uint32_t w = 1; w <= SIDE; w++)
-        for (uint32_t h = 1; h <= SIDE; h++) {
-            uint8_t *at = dct->scan[w][h];
-            for (uint32_t d = 0; d < w + h - 1; d++)
-                for (uint32_t row = 0; row < h; row++)
-                    if (row <= d && d - row < w) *at++ = (uint8_t)(row * SIDE + d - row);
-        }
 }
 
 static inline float clamp(float x, float low, float high) { return x < low ? low : x > high ? high : x; }
@@ -64,6 +55,7 @@ typedef float row8 __attribute__((vector_size(SIDE * sizeof(float))));
 typedef int32_t whole8 __attribute__((vector_size(SIDE * sizeof(int32_t))));
 typedef int8_t byte8 __attribute__((vector_size(SIDE)));
 typedef int16_t short8 __attribute__((vector_size(SIDE * sizeof(int16_t))));
+typedef uint16_t unsigned8 __attribute__((vector_size(SIDE * sizeof(uint16_t))));
 
 LW_WIDE_INLINE row8 load(const float *from) {
     row8 row;
@@ -223,10 +215,10 @@ LW_WIDE_INLINE void inverse(const struct lw_tile_dct *dct, float *block, uint32_
     }
 }
 
-LW_WIDE_INLINE row8 scaled(const int32_t *levels, float step) {
-    whole8 row;
+LW_WIDE_INLINE row8 scaled(const int16_t *levels, float step) {
+    short8 row;
     memcpy(&row, levels, sizeof row);
-    return __builtin_convertvector(row, row8) * step;
+    return __builtin_convertvector(__builtin_convertvector(row, whole8), row8) * step;
 }
 
 /* cos(k pi/16) / 2 */
@@ -241,7 +233,7 @@ LW_WIDE_INLINE row8 scaled(const int32_t *levels, float step) {
 /* A whole block from its levels, of which only those of the first `count` rows and columns are not 0: 4 or 8, known when this is
  * compiled. The second transform takes even and odd frequencies apart: the lower half mirrors the upper one, odd ones with
  * the opposite sign. */
-LW_WIDE_INLINE void inverse8(const struct lw_tile_dct *dct, const int32_t *level, float mean, float step,
+LW_WIDE_INLINE void inverse8(const struct lw_tile_dct *dct, const int16_t *level, float mean, float step,
                              uint32_t count, float *block) {
     row8 c[SIDE] = {0};
     for (uint32_t v = 0; v < count; v++) {
@@ -299,20 +291,9 @@ LW_WIDE_INLINE struct span span_of(uint32_t bx, uint32_t by, uint32_t width, uin
 
 LW_WIDE_INLINE uint32_t blocks(uint32_t texels) { return (texels + SIDE - 1) / SIDE; }
 
-/* The means' levels, in rows of SIDE, out of those of all blocks; the rest of the grid stays as it is. */
-LW_WIDE_INLINE void take_grid(const int32_t *level, uint32_t across, uint32_t down, int32_t *grid) {
-    for (uint32_t by = 0; by < down; by++)
-        for (uint32_t bx = 0; bx < across; bx++)
-            grid[by * SIDE + bx] = level[(by * GRID + bx) * BLOCK_TEXELS];
-}
-
 /* ---- levels that are kept ---- */
 
 LW_WIDE_INLINE uint32_t plane_levels(uint32_t height) { return blocks(height) * GRID * BLOCK_TEXELS; }
-
-static int16_t *plane_of(struct lw_tile_dct_levels *levels, int plane, uint32_t height) {
-    return levels->level + (uint32_t)plane * plane_levels(height);
-}
 
 size_t lw_tile_dct_levels_size(uint32_t height) { return 3 * plane_levels(height) * sizeof(int16_t); }
 
@@ -320,199 +301,87 @@ size_t lw_tile_dct_history_size(uint32_t height) {
     return offsetof(struct lw_tile_dct_history, levels) + lw_tile_dct_levels_size(height);
 }
 
-/* ---- levels as bits ---- */
+/* ---- the means' levels as bits ---- */
 
-/* Of a number that is likely as large as the two before it, or as the lengths of the blocks beside it: bits of a third. */
+/* Of a number that is likely as large as the two before it: bits of a third of them. */
 LW_WIDE_INLINE unsigned rice_k(uint32_t a, uint32_t b) {
     const unsigned k = 31u - (unsigned)__builtin_clz((a + b) / 3 << 1 | 1);
     return k < RICE_K_MAX ? k : RICE_K_MAX;
 }
 
-/* The lengths of the blocks to the left and above; where there is one only, that twice; in the corner 0. */
-LW_WIDE_INLINE unsigned length_k(const uint8_t *length, uint32_t bx, uint32_t by) {
-    const uint8_t *at = length + by * GRID + bx;
-    const uint32_t left = bx ? at[-1] : by ? at[-(int)GRID] : 0, above = by ? at[-(int)GRID] : left;
-    return rice_k(left, above);
-}
-
-/* A length among short ones is 0 for the most part, and anything otherwise. */
-LW_WIDE_INLINE void put_length(struct lw_tile_bits_writer *w, uint32_t length, unsigned k) {
-    if (k) {
-        lw_tile_bits_put_rice(w, length, k, 0, 0);
-        return;
-    }
-    lw_tile_bits_put(w, length > 0, 1);
-    if (length) lw_tile_bits_put_rice(w, length - 1, SURPRISE_K, 0, 0);
-}
-
-LW_WIDE_INLINE uint32_t get_length(struct lw_tile_bits_reader *r, unsigned k) {
-    if (k) return lw_tile_bits_get_rice(r, k);
-    const bool any = r->held & 1;
-    lw_tile_bits_drop(r, 1);
-    return any ? 1 + lw_tile_bits_get_rice(r, SURPRISE_K) : 0;
-}
-
-/* Codes of levels are looked up, with their signs: in one table for each of the small rice_k(), in one for levels that are
- * known not to be 0, whose rice_k() is 0. All others are in a table that holds nothing. */
-enum { TABLE_OTHERS = LW_TILE_DCT_TABLES - 2, TABLE_KNOWN };
-
-static void fill_tables(struct lw_tile_dct *dct) {
-    for (uint32_t t = 0; t < LW_TILE_DCT_TABLES; t++) {
-        const uint32_t known = t == TABLE_KNOWN, k = known ? 0 : t;
-        for (uint32_t size = known; t != TABLE_OTHERS && size < LW_TILE_DCT_SIZES; size++) {
-            uint8_t bytes[16];
-            struct lw_tile_bits_writer w = {.at = bytes};
-            lw_tile_bits_put_rice(&w, size - known, k, 0, size > 0);
-            const uint32_t count = (uint32_t)(w.at - bytes) * 8 + w.count;
-            if (count > 24) continue;
-            const uint32_t bits = bytes[0] | (uint32_t)bytes[1] << 8 | (uint32_t)bytes[2] << 16;
-            dct->bits_of_size[t][size] = bits | count << 24;
-            for (uint32_t rest = 0; count <= LW_TILE_DCT_PEEK && rest < 1u << (LW_TILE_DCT_PEEK - count);
-                 rest++) {
-                dct->level_of_bits[t][rest << count | bits] = size << 16 | size << 8 | count;
-                if (size) /* the last bit says that it is negative */
-                    dct->level_of_bits[t][rest << count | bits | 1u << (count - 1)] =
-                        (0 - size) << 16 | size << 8 | count;
-            }
-        }
-    }
-    for (uint32_t sum = 0; sum < 2 * LW_TILE_DCT_SIZES; sum++) {
-        const uint32_t k = rice_k(sum, 0), t = k < TABLE_OTHERS ? k : TABLE_OTHERS;
-        dct->table_of_sum[sum] = (uint8_t)t;
-        dct->levels_of_sum[sum] = dct->level_of_bits[t];
-    }
-}
-
-/* Levels of one block, `level` by rows and `scan` without what is coded elsewhere: how many up to the last that is not 0,
- * then those, the last one first; after two zeros, how many more there are. */
-LW_WIDE_INLINE uint32_t put_levels(struct lw_tile_bits_writer *w, const struct lw_tile_dct *dct,
-                                   const int32_t *level, const uint8_t *scan, uint32_t count, unsigned k,
-                                   unsigned run_k) {
+/* `level` by rows: how many up to the last that is not 0, then those, the last one first; after two zeros, how many more
+ * there are. */
+LW_WIDE_INLINE void put_means(struct lw_tile_bits_writer *w, const int32_t *level, const uint8_t *scan,
+                              uint32_t count, unsigned run_k) {
     while (count && !level[scan[count - 1]]) count--;
-    put_length(w, count, k);
-    uint32_t a = 0, b = 0, table = TABLE_KNOWN;
+    lw_tile_bits_put_rice(w, count, GRID_LENGTH_K, 0, 0);
+    uint32_t a = 0, b = 0;
+    bool known = true; /* not to be 0 */
     for (uint32_t i = count; i-- > 0;) {
-        if (table != TABLE_KNOWN && !(a | b)) {
+        if (!known && !(a | b)) {
             uint32_t run = 0;
             while (run <= i && !level[scan[i - run]]) run++;
             lw_tile_bits_put_rice(w, run, run_k, 0, 0);
             if (run > i) break;
             i -= run;
-            table = TABLE_KNOWN;
+            known = true;
         }
         const int32_t v = level[scan[i]];
         const uint32_t size = (uint32_t)(v < 0 ? -v : v);
-        const uint32_t code = size < LW_TILE_DCT_SIZES ? dct->bits_of_size[table][size] : 0;
-        if (code)
-            lw_tile_bits_put(w, (code & 0xffffff) | (uint64_t)(v < 0) << (code >> 24) >> 1, code >> 24);
-        else
-            lw_tile_bits_put_rice(w, size - (table == TABLE_KNOWN), rice_k(a, b), v < 0, size != 0);
+        lw_tile_bits_put_rice(w, size - known, rice_k(a, b), v < 0, size != 0);
         b = a;
         a = size;
-        table = a + b < 2 * LW_TILE_DCT_SIZES ? dct->table_of_sum[a + b] : TABLE_OTHERS;
+        known = false;
     }
-    return count;
 }
 
-/* Into `level`, by rows, which is 0 but for what the scan leaves out. False for what the block has no room for. */
-LW_WIDE_INLINE bool get_levels(struct lw_tile_bits_reader *r, const struct lw_tile_dct *dct,
-                               const uint8_t *scan, uint32_t count, unsigned k, unsigned run_k,
-                               int32_t *level, uint8_t *out_length) {
+/* Into `level`, by rows, which is 0. False for what there is no room for. */
+LW_WIDE_INLINE bool get_means(struct lw_tile_bits_reader *r, const uint8_t *scan, uint32_t count,
+                              unsigned run_k, int32_t *level) {
     lw_tile_bits_refill(r);
-    const uint32_t length = get_length(r, k);
+    const uint32_t length = lw_tile_bits_get_rice(r, GRID_LENGTH_K);
     if (length > count) return false;
-    *out_length = (uint8_t)length;
-    /* What the bits mean follows from the two sizes before: the table of a sum is found by the newest of them alone. */
-    const uint32_t *const known = dct->level_of_bits[TABLE_KNOWN], *const *of_sum = dct->levels_of_sum;
-    const uint32_t *table = known;
-    size_t a = 0, b = 0;
+    uint32_t a = 0, b = 0;
+    bool known = true;
     for (uint32_t i = length; i;) {
         lw_tile_bits_refill(r);
-        const uint32_t code = table[r->held & ((1u << LW_TILE_DCT_PEEK) - 1)];
-        i--;
-        if (__builtin_expect(code != 0, 1)) {
-            lw_tile_bits_drop(r, code & 0xff);
-            level[scan[i]] = (int32_t)code >> 16;
-            b = a;
-            a = code >> 8 & 0xff;
-            table = of_sum[a];
-            of_sum = dct->levels_of_sum + a;
-        } else {
-            const uint32_t size =
-                lw_tile_bits_get_rice(r, rice_k((uint32_t)a, (uint32_t)b)) + (table == known);
-            const bool is_negative = size && r->held & 1;
-            lw_tile_bits_drop(r, size > 0);
-            level[scan[i]] = is_negative ? -(int32_t)size : (int32_t)size;
-            b = a;
-            a = size;
-            table =
-                a + b < 2 * LW_TILE_DCT_SIZES ? dct->levels_of_sum[a + b] : dct->level_of_bits[TABLE_OTHERS];
-            of_sum =
-                dct->levels_of_sum + (a < LW_TILE_DCT_SIZES ? a : 0); /* after larger ones it is not used */
-        }
+        const uint32_t size = lw_tile_bits_get_rice(r, rice_k(a, b)) + known;
+        const bool is_negative = size && r->held & 1;
+        lw_tile_bits_drop(r, size > 0);
+        level[scan[--i]] = is_negative ? -(int32_t)size : (int32_t)size;
+        b = a;
+        a = size;
+        known = false;
         if (a | b) continue;
         if (!i) break;
         lw_tile_bits_refill(r);
         const uint32_t run = lw_tile_bits_get_rice(r, run_k);
         if (run > i) return false;
         i -= run;
-        table = known;
+        known = true;
     }
     return true;
 }
 
-/* ---- decoding ---- */
-
-/* What is kept of a block to what was read, if that is a difference, and the sum back. Adds to `outside` where a sum does not
- * fit. */
-LW_WIDE_INLINE void keep_block(int32_t *levels, int16_t *kept, bool is_delta, whole8 *outside) {
-    for (uint32_t i = 0; i < BLOCK_TEXELS; i += SIDE) {
-        whole8 level;
-        short8 was;
-        memcpy(&level, levels + i, sizeof level);
-        memcpy(&was, kept + i, sizeof was);
-        if (is_delta) level += __builtin_convertvector(was, whole8);
-        memcpy(levels + i, &level, sizeof level);
-        const whole8 low = level<-KEPT_MAX, high = level> KEPT_MAX;
-        *outside |= low | high;
-        level = (level & ~(low | high)) | (KEPT_MAX & high) | (-KEPT_MAX & low);
-        was = __builtin_convertvector(level, short8);
-        memcpy(kept + i, &was, sizeof was);
-    }
-}
-
-LW_WIDE_INLINE bool is_any(whole8 x) {
-    int32_t any = 0;
-    for (uint32_t i = 0; i < SIDE; i++) any |= x[i];
-    return any != 0;
-}
-
-/* The encoder's. False if a level does not fit. */
-LW_WIDE static bool keep_plane(struct lw_tile_dct *dct, int16_t *kept, uint32_t width, uint32_t height) {
-    whole8 outside = {0};
-    for (uint32_t by = 0; by < blocks(height); by++)
-        for (uint32_t b = by * GRID; b < by * GRID + blocks(width); b++)
-            keep_block(dct->level + b * BLOCK_TEXELS, kept + b * BLOCK_TEXELS, false, &outside);
-    return !is_any(outside);
-}
+/* ---- from levels to texels ---- */
 
 /* How many diagonals of a block's levels are not all 0, one at least. */
-LW_WIDE_INLINE uint32_t diagonals_of(const int32_t *level, uint32_t height) {
-    const whole8 place = {1, 2, 3, 4, 5, 6, 7, 8};
-    whole8 last = {1};
+LW_WIDE_INLINE uint32_t diagonals_of(const int16_t *level, uint32_t height) {
+    const short8 place = {1, 2, 3, 4, 5, 6, 7, 8};
+    short8 last = {1};
     for (uint32_t y = 0; y < height; y++) {
-        whole8 row;
+        short8 row;
         memcpy(&row, level + y * SIDE, sizeof row);
-        const whole8 diagonal = (row != 0) & (place + (int32_t)y);
+        const short8 diagonal = (row != 0) & (place + (int16_t)y);
         last = (diagonal & (diagonal > last)) | (last & ~(diagonal > last));
     }
-    int32_t most = 1;
+    int16_t most = 1;
     for (uint32_t x = 0; x < SIDE; x++) most = last[x] > most ? last[x] : most;
     return (uint32_t)most;
 }
 
 /* The texels of a block; of its levels the first counts for nothing. */
-LW_WIDE_INLINE void restore_block(const struct lw_tile_dct *dct, const int32_t *level, float mean, float step,
+LW_WIDE_INLINE void restore_block(const struct lw_tile_dct *dct, const int16_t *level, float mean, float step,
                                   uint32_t diagonals, struct span s, float *plane) {
     float *block = plane + s.at;
     if (s.width < SIDE || s.height < SIDE) {
@@ -527,72 +396,77 @@ LW_WIDE_INLINE void restore_block(const struct lw_tile_dct *dct, const int32_t *
         inverse8(dct, level, mean, step, SIDE, block);
 }
 
-/* From the means' levels to the means. */
-LW_WIDE_INLINE void restore_means(struct lw_tile_dct *dct, const int32_t *grid, float step, uint32_t across,
-                                  uint32_t down) {
-    for (uint32_t y = 0; y < SIDE; y++) store(dct->mean + y * SIDE, scaled(grid + y * SIDE, step));
-    inverse(dct, dct->mean, SIDE, across, down, across + down - 1);
-}
-
-/* The encoder's: a plane from dct->level. */
+/* A plane from its levels and its means' levels.
+ * length: of the blocks' lists, if nothing but what they held is in the levels; else NULL */
 LW_WIDE static void restore_plane(struct lw_tile_dct *dct, float *plane, uint32_t width, uint32_t height,
-                                  float step) {
+                                  float step, const int16_t *levels, const int32_t *grid,
+                                  const uint8_t *length) {
     const uint32_t across = blocks(width), down = blocks(height);
-    int32_t grid[BLOCK_TEXELS] = {0};
-    take_grid(dct->level, across, down, grid);
-    restore_means(dct, grid, step, across, down);
+    for (uint32_t i = 0; i < BLOCK_TEXELS; i++) dct->mean[i] = (float)grid[i] * step;
+    inverse(dct, dct->mean, SIDE, across, down, across + down - 1);
     for (uint32_t by = 0; by < down; by++)
         for (uint32_t bx = 0; bx < across; bx++) {
             const struct span s = span_of(bx, by, width, height);
-            const int32_t *level = dct->level + (by * GRID + bx) * BLOCK_TEXELS;
-            restore_block(dct, level, dct->mean[by * SIDE + bx], step, diagonals_of(level, s.height), s,
-                          plane);
+            const int16_t *level = levels + (by * GRID + bx) * BLOCK_TEXELS;
+            const uint8_t last = length ? dct->rans.scan[s.width][s.height][length[by * GRID + bx]] : 0;
+            restore_block(dct, level, dct->mean[by * SIDE + bx], step,
+                          length ? 1u + last / SIDE + last % SIDE : diagonals_of(level, s.height), s, plane);
         }
 }
 
-/* A plane from its bits. What goes into a block's transform is ready long before the next block's bits are read, one waiting
- * for the other: the processor does both at once.
- * kept: of the plane; NULL: nothing is */
-LW_WIDE static bool get_plane(struct lw_tile_dct *dct, float *plane, uint32_t width, uint32_t height,
-                              uint32_t kind, float step, int16_t *kept, struct lw_tile_bits_reader *reader) {
-    struct lw_tile_bits_reader r = *reader; /* in registers */
+/* ---- decoding ---- */
+
+LW_WIDE_INLINE int16_t kept_of(int32_t level) {
+    return (int16_t)(level > KEPT_MAX ? KEPT_MAX : level < -KEPT_MAX ? -KEPT_MAX : level);
+}
+
+/* The levels of a payload. The first of each block is that of its mean as far as it fits; grid has them all, by rows of SIDE.
+ * length: see lw_tile_rans_get() */
+static bool get_levels(struct lw_tile_dct *dct, uint32_t kind, const uint8_t *src, size_t src_size,
+                       uint32_t width, uint32_t height, int16_t *level, int32_t grid[3][BLOCK_TEXELS],
+                       uint8_t *length) {
     const uint32_t across = blocks(width), down = blocks(height);
-    const bool is_delta = kind == LW_TILE_DCT_DELTA;
-    int32_t grid[BLOCK_TEXELS] = {0};
-    uint8_t length[GRID * GRID], grid_length;
-    whole8 outside = {0};
-    if (!get_levels(&r, dct, dct->scan[across][down], across * down, GRID_LENGTH_K, kind, grid, &grid_length))
+    const uint8_t *rest;
+    size_t rest_size, rest_free;
+    if (src_size < HEADER_SIZE || src[0] != kind || src[1] > LW_TILE_DCT_STEP_Q_MAX ||
+        !lw_tile_rans_get(&dct->rans, src + HEADER_SIZE, src_size - HEADER_SIZE, width, height, level, length,
+                          &rest, &rest_size, &rest_free))
         return false;
-    for (uint32_t by = 0; is_delta && by < down; by++)
-        for (uint32_t bx = 0; bx < across; bx++)
-            grid[by * SIDE + bx] += kept[(by * GRID + bx) * BLOCK_TEXELS];
-    restore_means(dct, grid, step, across, down);
-    for (uint32_t by = 0; by < down; by++) {
-        memset(length + by * GRID, 0, across);
-        lw_tile_bits_refill(&r);
-        const bool any = r.held & 1;
-        lw_tile_bits_drop(&r, 1);
-        for (uint32_t bx = 0; bx < across; bx++) {
-            const struct span s = span_of(bx, by, width, height);
-            const uint32_t b = by * GRID + bx;
-            const uint8_t *scan = dct->scan[s.width][s.height];
-            _Alignas(64) int32_t level[BLOCK_TEXELS] = {0};
-            if (any && !get_levels(&r, dct, scan + 1, s.width * s.height - 1, length_k(length, bx, by), kind,
-                                   level, length + b))
-                return false;
-            uint32_t diagonals = 1 + scan[length[b]] / SIDE + scan[length[b]] % SIDE;
-            if (kept) {
-                int16_t *kept_block = kept + b * BLOCK_TEXELS;
-                level[0] = grid[by * SIDE + bx];
-                if (is_delta) kept_block[0] = 0; /* it is in the grid */
-                keep_block(level, kept_block, is_delta, &outside);
-                if (is_delta) diagonals = diagonals_of(level, s.height);
-            }
-            restore_block(dct, level, dct->mean[by * SIDE + bx], step, diagonals, s, plane);
-        }
+    memset(grid, 0, 3 * sizeof *grid);
+    struct lw_tile_bits_reader r = {.at = rest, .end = rest + rest_size};
+    for (uint32_t p = 0; p < 3; p++) {
+        if (!get_means(&r, dct->rans.scan[across][down], across * down, kind, grid[p])) return false;
+        for (uint32_t by = 0; by < down; by++)
+            for (uint32_t bx = 0; bx < across; bx++)
+                level[p * plane_levels(height) + (by * GRID + bx) * BLOCK_TEXELS] =
+                    kept_of(grid[p][by * SIDE + bx]);
     }
-    *reader = r;
-    return !(is_delta && is_any(outside));
+    return lw_tile_bits_is_at_end(&r, rest_size > rest_free ? 7 : 8 * rest_free);
+}
+
+/* What is kept of a tile and dct->change, and their sum back; its means into grid. False if a sum does not fit. */
+LW_WIDE static bool add_change(const struct lw_tile_dct *dct, const uint8_t *length, uint32_t width,
+                               uint32_t height, int16_t *kept, int32_t grid[3][BLOCK_TEXELS]) {
+    short8 outside = {0};
+    for (uint32_t p = 0; p < 3; p++)
+        for (uint32_t by = 0; by < blocks(height); by++)
+            for (uint32_t bx = 0; bx < blocks(width); bx++) {
+                const uint32_t n = length[(p * GRID + by) * GRID + bx],
+                               b = p * plane_levels(height) + (by * GRID + bx) * BLOCK_TEXELS;
+                grid[p][by * SIDE + bx] += kept[b];
+                outside[0] |= grid[p][by * SIDE + bx] != kept_of(grid[p][by * SIDE + bx]);
+                for (uint32_t i = b; i < b + (n ? BLOCK_TEXELS : SIDE); i += SIDE) {
+                    short8 was, change;
+                    memcpy(&was, kept + i, sizeof was);
+                    memcpy(&change, dct->change + i, sizeof change);
+                    const short8 is = (short8)((unsigned8)was + (unsigned8)change);
+                    outside |= (((is ^ was) & (is ^ change)) < 0) | (is == INT16_MIN);
+                    memcpy(kept + i, &is, sizeof is);
+                }
+            }
+    int16_t any = 0;
+    for (uint32_t i = 0; i < SIDE; i++) any |= outside[i];
+    return !any;
 }
 
 static void scales_of(float scale, const int8_t gain[3], float out[3]) {
@@ -606,14 +480,17 @@ bool lw_tile_dct_decode(struct lw_tile_dct *dct, uint32_t kind, const uint8_t *s
                         float *rgb) {
     if (width - 1 >= LW_TILE_SIDE || height - 1 >= LW_TILE_SIDE || !(scale > 0) || !(scale <= SCALE_MAX))
         return false;
-    if (src_size < HEADER_SIZE || src[0] != kind || src[1] > LW_TILE_DCT_STEP_Q_MAX) return false;
+    const bool is_delta = kind == LW_TILE_DCT_DELTA;
+    int16_t *level = levels ? levels->level : dct->level;
+    int32_t grid[3][BLOCK_TEXELS];
+    uint8_t length[LW_TILE_RANS_BLOCKS];
+    if (!get_levels(dct, kind, src, src_size, width, height, is_delta ? dct->change : level, grid, length) ||
+        (is_delta && !add_change(dct, length, width, height, level, grid)))
+        return false;
+    for (uint32_t p = 0; p < 3; p++)
+        restore_plane(dct, dct->plane[p], width, height, step_of(src[1]), level + p * plane_levels(height),
+                      grid[p], is_delta ? NULL : length + p * GRID * GRID);
     const int8_t gain[3] = {(int8_t)src[2], (int8_t)src[3], (int8_t)src[4]};
-    struct lw_tile_bits_reader r = {.at = src + HEADER_SIZE, .end = src + src_size};
-    for (int p = 0; p < 3; p++)
-        if (!get_plane(dct, dct->plane[p], width, height, kind, step_of(src[1]),
-                       levels ? plane_of(levels, p, height) : NULL, &r))
-            return false;
-    if (!lw_tile_bits_is_at_end(&r)) return false;
     float scales[3];
     scales_of(scale, gain, scales);
     put_texels(dct, width, height, scales, rgb);
@@ -706,41 +583,33 @@ LW_WIDE static void fill_uncovered(const struct lw_tile_dct *dct, float *plane, 
         }
 }
 
-LW_WIDE_INLINE whole8 levels_of(row8 steps, float round) {
-    const row8 size = clamp8((row8)((whole8)steps & 0x7fffffff) + round, 0, LEVEL_MAX);
+LW_WIDE_INLINE whole8 levels_of(row8 steps, float round, float most) {
+    const row8 size = clamp8((row8)((whole8)steps & 0x7fffffff) + round, 0, most);
     const whole8 negative = steps < 0;
     return (__builtin_convertvector(size, whole8) ^ negative) - negative;
 }
 
-/* Coefficients to levels. kept: what they were, by rows of SIDE; NULL: they build on nothing. */
-LW_WIDE_INLINE void quantise(const float *block, uint32_t stride, uint32_t width, uint32_t height, float step,
-                             float round, const int16_t *kept, int32_t *level) {
+/* A row of coefficients to levels. kept: what they were; NULL: they build on nothing. */
+LW_WIDE_INLINE whole8 quantise(const float *row, uint32_t width, float inverse_step, float round, float most,
+                               const int16_t *kept) {
     const whole8 place = {0, 1, 2, 3, 4, 5, 6, 7}, inside = place < (int32_t)width;
-    const float inverse_step = 1 / step;
-    for (uint32_t y = 0; y < SIDE; y++) {
-        whole8 levels = {0};
-        if (y < height) {
-            const row8 steps = load(block + y * stride) * inverse_step;
-            levels = levels_of(steps, round);
-            if (kept) {
-                short8 row;
-                memcpy(&row, kept + y * SIDE, sizeof row);
-                const whole8 was = __builtin_convertvector(row, whole8);
-                const row8 off = steps - __builtin_convertvector(was, row8);
-                const whole8 near = (off < LW_TILE_DCT_HOLD) & (off > -LW_TILE_DCT_HOLD);
-                levels = (was & near) | (levels & ~near);
-            }
-            levels &= inside;
-        }
-        memcpy(level + y * SIDE, &levels, sizeof levels);
+    const row8 steps = load(row) * inverse_step;
+    whole8 levels = levels_of(steps, round, most);
+    if (kept) {
+        short8 short_row;
+        memcpy(&short_row, kept, sizeof short_row);
+        const whole8 was = __builtin_convertvector(short_row, whole8);
+        const row8 off = steps - __builtin_convertvector(was, row8);
+        const whole8 near = (off < LW_TILE_DCT_HOLD) & (off > -LW_TILE_DCT_HOLD);
+        levels = (was & near) | (levels & ~near);
     }
+    return levels & inside;
 }
 
-/* The plane's levels into dct->level. */
+/* A plane's levels into `level`, those of the means into `grid`, by rows of SIDE. */
 LW_WIDE static void quantise_plane(struct lw_tile_dct *dct, float *plane, uint32_t width, uint32_t height,
-                                   float step, const int16_t *kept) {
+                                   float step, const int16_t *kept, int16_t *level, int32_t *grid) {
     const uint32_t across = blocks(width), down = blocks(height);
-    int32_t grid[BLOCK_TEXELS] = {0};
     int16_t kept_grid[BLOCK_TEXELS] = {0};
     memset(dct->mean, 0, sizeof dct->mean);
     for (uint32_t by = 0; by < down; by++)
@@ -749,52 +618,49 @@ LW_WIDE static void quantise_plane(struct lw_tile_dct *dct, float *plane, uint32
             const uint32_t first = (by * GRID + bx) * BLOCK_TEXELS;
             forward(dct, plane + s.at, STRIDE, s.width, s.height);
             dct->mean[by * SIDE + bx] = plane[s.at];
-            quantise(plane + s.at, STRIDE, s.width, s.height, step, ROUND_AC, kept ? kept + first : NULL,
-                     dct->level + first);
+            for (uint32_t y = 0; y < SIDE; y++) {
+                short8 row = {0};
+                if (y < s.height)
+                    row = __builtin_convertvector(quantise(plane + s.at + y * STRIDE, s.width, 1 / step,
+                                                           ROUND_AC, KEPT_MAX,
+                                                           kept ? kept + first + y * SIDE : NULL),
+                                                  short8);
+                memcpy(level + first + y * SIDE, &row, sizeof row);
+            }
             if (kept) kept_grid[by * SIDE + bx] = kept[first];
         }
     forward(dct, dct->mean, SIDE, across, down);
-    quantise(dct->mean, SIDE, across, down, step, ROUND_MEAN, kept ? kept_grid : NULL, grid);
-    for (uint32_t by = 0; by < down; by++)
-        for (uint32_t bx = 0; bx < across; bx++)
-            dct->level[(by * GRID + bx) * BLOCK_TEXELS] = grid[by * SIDE + bx];
-}
-
-LW_WIDE static void put_plane(const struct lw_tile_dct *dct, const int32_t *level, uint32_t width,
-                              uint32_t height, unsigned run_k, struct lw_tile_bits_writer *writer) {
-    struct lw_tile_bits_writer w = *writer; /* in registers */
-    const uint32_t across = blocks(width), down = blocks(height);
-    int32_t grid[BLOCK_TEXELS] = {0};
-    uint8_t length[GRID * GRID];
-    take_grid(level, across, down, grid);
-    put_levels(&w, dct, grid, dct->scan[across][down], across * down, GRID_LENGTH_K, run_k);
+    memset(grid, 0, BLOCK_TEXELS * sizeof *grid);
     for (uint32_t by = 0; by < down; by++) {
-        uint32_t most[GRID], all = 0; /* of the levels of each block beyond the first: so many may be not 0 */
-        for (uint32_t bx = 0; bx < across; bx++) {
-            const struct span s = span_of(bx, by, width, height);
-            const uint32_t diagonals = diagonals_of(level + (by * GRID + bx) * BLOCK_TEXELS, s.height);
-            const uint32_t places = diagonals * (diagonals + 1) / 2, texels = s.width * s.height;
-            most[bx] = (places < texels ? places : texels) - 1;
-            all |= most[bx];
-        }
-        memset(length + by * GRID, 0, across);
-        lw_tile_bits_put(&w, all > 0, 1);
-        for (uint32_t bx = 0; all && bx < across; bx++) {
-            const struct span s = span_of(bx, by, width, height);
-            const uint32_t b = by * GRID + bx;
-            length[b] =
-                (uint8_t)put_levels(&w, dct, level + b * BLOCK_TEXELS, dct->scan[s.width][s.height] + 1,
-                                    most[bx], length_k(length, bx, by), run_k);
-        }
+        const whole8 row = quantise(dct->mean + by * SIDE, across, 1 / step, ROUND_MEAN, MEAN_LEVEL_MAX,
+                                    kept ? kept_grid + by * SIDE : NULL);
+        memcpy(grid + by * SIDE, &row, sizeof row);
+        for (uint32_t bx = 0; bx < across; bx++) level[(by * GRID + bx) * BLOCK_TEXELS] = kept_of(row[bx]);
     }
-    *writer = w;
 }
 
-LW_WIDE static void find_change(struct lw_tile_dct *dct, const int16_t *kept, uint32_t width,
-                                uint32_t height) {
-    for (uint32_t by = 0; by < blocks(height); by++)
-        for (uint32_t i = by * GRID * BLOCK_TEXELS; i < (by * GRID + blocks(width)) * BLOCK_TEXELS; i++)
-            dct->change[i] = dct->level[i] - kept[i];
+/* Into dct->change, and grids; false if a level is as large as what stands for all larger ones, or a difference is larger. */
+LW_WIDE static bool find_change(struct lw_tile_dct *dct, const int16_t *from, const int16_t *to,
+                                uint32_t width, uint32_t height, int32_t grid[3][BLOCK_TEXELS]) {
+    short8 outside = {0};
+    for (uint32_t i = 0; i < 3 * plane_levels(height); i += SIDE) {
+        short8 was, is;
+        memcpy(&was, from + i, sizeof was);
+        memcpy(&is, to + i, sizeof is);
+        const short8 change = (short8)((unsigned8)is - (unsigned8)was);
+        outside |= (was == KEPT_MAX) | (was <= -KEPT_MAX) | (is == KEPT_MAX) | (is <= -KEPT_MAX) |
+                   (((is ^ was) & (is ^ change)) < 0) | (change == INT16_MIN);
+        memcpy(dct->change + i, &change, sizeof change);
+    }
+    memset(grid, 0, 3 * sizeof *grid);
+    for (uint32_t p = 0; p < 3; p++)
+        for (uint32_t by = 0; by < blocks(height); by++)
+            for (uint32_t bx = 0; bx < blocks(width); bx++)
+                grid[p][by * SIDE + bx] =
+                    dct->change[p * plane_levels(height) + (by * GRID + bx) * BLOCK_TEXELS];
+    int16_t any = 0;
+    for (uint32_t i = 0; i < SIDE; i++) any |= outside[i];
+    return !any;
 }
 
 /* A mean of logarithms is under the logarithm of the mean, so what was noise has become darker. One factor per channel
@@ -807,35 +673,36 @@ static bool choose_gain(double was, double is, double black, uint8_t *out_gain) 
     return true;
 }
 
-static size_t finish_payload(uint8_t *dst, uint32_t kind, uint32_t q, const uint8_t gain[3],
-                             struct lw_tile_bits_writer *w) {
+static size_t put_payload(struct lw_tile_dct *dct, uint32_t kind, uint32_t q, const uint8_t gain[3],
+                          const int16_t *level, int32_t grid[3][BLOCK_TEXELS], uint32_t width,
+                          uint32_t height, uint8_t *dst) {
+    uint8_t means[MEANS_BOUND];
+    struct lw_tile_bits_writer w = {.at = means};
+    const uint32_t across = blocks(width), down = blocks(height);
+    for (uint32_t p = 0; p < 3; p++)
+        put_means(&w, grid[p], dct->rans.scan[across][down], across * down, kind);
     dst[0] = (uint8_t)kind;
     dst[1] = (uint8_t)q;
     memcpy(dst + 2, gain, 3);
-    return (size_t)(lw_tile_bits_end(w) - dst);
+    return HEADER_SIZE + lw_tile_rans_put(&dct->rans, level, width, height, means,
+                                          (size_t)(lw_tile_bits_end(&w) - means), dst + HEADER_SIZE);
 }
 
 /* With one step; false if it is so coarse that the mean is lost. delta_dst: NULL: what history holds is of no use. */
 static bool encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source *source, uint32_t covered_count,
                    uint32_t q, const double sum[3], struct lw_tile_dct_history *history, uint8_t *dst,
                    uint8_t *delta_dst, struct lw_tile_dct_coded *coded) {
-    const uint32_t width = source->width, height = source->height;
+    const uint32_t width = source->width, height = source->height, stride = plane_levels(height);
     const float scale = coded->scale;
-    struct lw_tile_bits_writer w = {.at = dst + HEADER_SIZE}, delta = {0};
-    if (delta_dst) delta.at = delta_dst + HEADER_SIZE;
-    bool fits = true;
+    int32_t grid[3][BLOCK_TEXELS], change[3][BLOCK_TEXELS];
     take_logarithms(dct, height, 1 / scale);
-    for (int p = 0; p < 3; p++) {
-        int16_t *kept = history ? plane_of(&history->levels, p, height) : NULL;
+    memset(dct->level, 0, lw_tile_dct_levels_size(height));
+    for (uint32_t p = 0; p < 3; p++) {
         if (covered_count < width * height) fill_uncovered(dct, dct->plane[p], width, height);
-        quantise_plane(dct, dct->plane[p], width, height, step_of(q), delta_dst ? kept : NULL);
-        put_plane(dct, dct->level, width, height, LW_TILE_DCT_INTRA, &w);
-        if (delta_dst) {
-            find_change(dct, kept, width, height);
-            put_plane(dct, dct->change, width, height, LW_TILE_DCT_DELTA, &delta);
-        }
-        if (kept) fits &= keep_plane(dct, kept, width, height);
-        restore_plane(dct, dct->plane[p], width, height, step_of(q));
+        quantise_plane(dct, dct->plane[p], width, height, step_of(q),
+                       delta_dst ? history->levels.level + p * stride : NULL, dct->level + p * stride,
+                       grid[p]);
+        restore_plane(dct, dct->plane[p], width, height, step_of(q), dct->level + p * stride, grid[p], NULL);
     }
     double restored[3];
     sum_light(dct, height, scale, restored);
@@ -843,11 +710,15 @@ static bool encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source *sou
     bool kept_mean = true;
     const double black = MEAN_OFF_MAX * (double)scale * covered_count;
     for (int c = 0; c < 3; c++) kept_mean &= choose_gain(sum[c], restored[c], black, gain + c);
-    coded->size = finish_payload(dst, LW_TILE_DCT_INTRA, q, gain, &w);
-    coded->delta_size = delta_dst && fits ? finish_payload(delta_dst, LW_TILE_DCT_DELTA, q, gain, &delta) : 0;
+    coded->size = put_payload(dct, LW_TILE_DCT_INTRA, q, gain, dct->level, grid, width, height, dst);
+    coded->delta_size = 0;
+    if (delta_dst && find_change(dct, history->levels.level, dct->level, width, height, change))
+        coded->delta_size =
+            put_payload(dct, LW_TILE_DCT_DELTA, q, gain, dct->change, change, width, height, delta_dst);
     if (history) {
         history->q = q;
-        history->scale = fits ? scale : 0;
+        history->scale = scale;
+        memcpy(history->levels.level, dct->level, lw_tile_dct_levels_size(height));
     }
     return kept_mean;
 }
@@ -885,46 +756,15 @@ void lw_tile_dct_encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source
 
 /* ---- between two payloads ---- */
 
-/* The levels of a payload that builds on nothing. */
-static bool get_intra_levels(struct lw_tile_dct *dct, const uint8_t *src, size_t src_size, uint32_t width,
-                             uint32_t height, struct lw_tile_dct_levels *out_levels) {
-    if (src_size < HEADER_SIZE || src[0] != LW_TILE_DCT_INTRA || src[1] > LW_TILE_DCT_STEP_Q_MAX)
-        return false;
-    struct lw_tile_bits_reader r = {.at = src + HEADER_SIZE, .end = src + src_size};
-    for (int p = 0; p < 3; p++)
-        if (!get_plane(dct, dct->plane[p], width, height, LW_TILE_DCT_INTRA, step_of(src[1]),
-                       plane_of(out_levels, p, height), &r))
-            return false;
-    return lw_tile_bits_is_at_end(&r);
-}
-
-/* As keep_block() cuts them off: one of these may stand for a larger one. */
-static bool is_beyond(int16_t level) { return level == INT16_MAX || level == INT16_MIN; }
-
-static bool find_difference(struct lw_tile_dct *dct, const int16_t *from, const int16_t *to, uint32_t width,
-                            uint32_t height) {
-    bool beyond = false;
-    for (uint32_t by = 0; by < blocks(height); by++)
-        for (uint32_t i = by * GRID * BLOCK_TEXELS; i < (by * GRID + blocks(width)) * BLOCK_TEXELS; i++) {
-            beyond |= is_beyond(from[i]) | is_beyond(to[i]);
-            dct->change[i] = to[i] - from[i];
-        }
-    return !beyond;
-}
-
 size_t lw_tile_dct_encode_between(struct lw_tile_dct *dct, const uint8_t *from, size_t from_size,
                                   const uint8_t *to, size_t to_size, uint32_t width, uint32_t height,
                                   struct lw_tile_dct_levels scratch[2], uint8_t *dst) {
+    int32_t grid[3][BLOCK_TEXELS];
+    uint8_t length[LW_TILE_RANS_BLOCKS];
     if (width - 1 >= LW_TILE_SIDE || height - 1 >= LW_TILE_SIDE ||
-        !get_intra_levels(dct, from, from_size, width, height, &scratch[0]) ||
-        !get_intra_levels(dct, to, to_size, width, height, &scratch[1]))
+        !get_levels(dct, LW_TILE_DCT_INTRA, from, from_size, width, height, scratch[0].level, grid, length) ||
+        !get_levels(dct, LW_TILE_DCT_INTRA, to, to_size, width, height, scratch[1].level, grid, length) ||
+        !find_change(dct, scratch[0].level, scratch[1].level, width, height, grid))
         return 0;
-    struct lw_tile_bits_writer w = {.at = dst + HEADER_SIZE};
-    for (int p = 0; p < 3; p++) {
-        if (!find_difference(dct, plane_of(&scratch[0], p, height), plane_of(&scratch[1], p, height), width,
-                             height))
-            return 0;
-        put_plane(dct, dct->change, width, height, LW_TILE_DCT_DELTA, &w);
-    }
-    return finish_payload(dst, LW_TILE_DCT_DELTA, to[1], to + 2, &w);
+    return put_payload(dct, LW_TILE_DCT_DELTA, to[1], to + 2, dct->change, grid, width, height, dst);
 }

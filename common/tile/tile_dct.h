@@ -1,15 +1,15 @@
 /* tile_dct.h: the lossy tile codec: 8 x 8 cosine transforms of the logarithm of irradiance, quantised by a step that the
- * caller takes from the tile's own noise. Pure functions; format: proto/wire_format.md, codec 3. Used through tile_codec.h.
+ * caller takes from the tile's own noise. Pure functions; format: proto/wire_format.md, codec 4. Used through tile_codec.h.
  * Threads: [any]; one struct lw_tile_dct per thread.
- * After:   orthonormal DCT-II; adaptive Golomb codes (Rice 1979). */
+ * After:   orthonormal DCT-II; tile_rans.h for levels, adaptive Golomb codes (Rice 1979) for means. */
 #ifndef LW_COMMON_TILE_DCT_H
 #define LW_COMMON_TILE_DCT_H
 
 #include "common/status.h"
-#include "common/tile/atlas.h"
+#include "common/tile/tile_rans.h"
 
 #define LW_TILE_DCT_SIDE 8u
-/* First byte of a payload, and the Rice parameter of its runs of zeros: a delta has longer ones. */
+/* First byte of a payload, and the Rice parameter of its means' runs of zeros: a delta has longer ones. */
 #define LW_TILE_DCT_INTRA 1u /* builds on no other */
 #define LW_TILE_DCT_DELTA 2u /* adds to the levels of the tile as it was */
 
@@ -19,33 +19,22 @@
 /* Gains are 2^(g/512). */
 #define LW_TILE_DCT_GAIN_UNIT 512
 
-/* Values of a plane, of blocks that are cut off too. */
+/* Levels of a plane: block by block, of each its rows. The first of each block is one of the means', in rows of blocks. */
 #define LW_TILE_DCT_PLANE_LEVELS LW_TILE_TEXELS_MAX
 
-/* Every value costs at most 12 + 20 + 1 bits, every block's length 12 + 20. */
+/* LW_TILE_RANS_BOUND, and for each mean 12 + 20 + 1 bits. */
 #define LW_TILE_DCT_BOUND 56000u
 
-/* Codes that are looked up: of levels smaller than this, by tables that tile_dct.c tells about. Decoding, those of so many
- * bits at most. */
-#define LW_TILE_DCT_SIZES  64u
-#define LW_TILE_DCT_PEEK   9u
-#define LW_TILE_DCT_TABLES 7u
-
-/** Scratch and tables; some 160 KB. */
+/** Scratch and tables; some 480 KB. */
 struct lw_tile_dct {
     _Alignas(64) float plane[3][LW_TILE_TEXELS_MAX]; /* rows of LW_TILE_SIDE */
     /* By number of points: [frequency][place], and the same transposed; 0 where there is none. */
     _Alignas(64) float basis[LW_TILE_DCT_SIDE + 1][LW_TILE_DCT_SIDE][LW_TILE_DCT_SIDE];
     _Alignas(64) float transposed[LW_TILE_DCT_SIDE + 1][LW_TILE_DCT_SIDE][LW_TILE_DCT_SIDE];
-    uint8_t scan[LW_TILE_DCT_SIDE + 1][LW_TILE_DCT_SIDE + 1][LW_TILE_DCT_SIDE * LW_TILE_DCT_SIDE]; /* columns,
-                                                                                                        rows */
-    uint32_t level_of_bits[LW_TILE_DCT_TABLES][1u << LW_TILE_DCT_PEEK];
-    uint32_t bits_of_size[LW_TILE_DCT_TABLES][LW_TILE_DCT_SIZES];
-    uint8_t table_of_sum[2 * LW_TILE_DCT_SIZES];
-    const uint32_t *levels_of_sum[2 * LW_TILE_DCT_SIZES]; /* level_of_bits of that table */
-    /* Of one plane: block by block, of each its rows. The first of each block is one of the means', in rows of blocks. */
-    _Alignas(64) int32_t level[LW_TILE_DCT_PLANE_LEVELS];  /* the encoder's */
-    _Alignas(64) int32_t change[LW_TILE_DCT_PLANE_LEVELS]; /* the encoder's */
+    /* The encoder's, and the decoder's of a tile whose levels are not kept: as lw_tile_dct_levels. */
+    _Alignas(64) int16_t level[3 * LW_TILE_DCT_PLANE_LEVELS];
+    _Alignas(64) int16_t change[3 * LW_TILE_DCT_PLANE_LEVELS]; /* the encoder's */
+    struct lw_tile_rans rans;
     _Alignas(64) float mean[LW_TILE_DCT_SIDE * LW_TILE_DCT_SIDE];
     _Alignas(64) float light[3][LW_TILE_TEXELS_MAX], weight[LW_TILE_TEXELS_MAX]; /* the encoder's */
 };

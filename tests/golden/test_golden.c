@@ -13,7 +13,7 @@
 
 #define FOLDER "tests/golden/v1/"
 
-static const uint8_t delta_payload[] = {2, 8, 0, 0, 0, 2, 0, 0}; /* one texel */
+static const uint8_t delta_payload[] = {2, 8, 0, 0, 0, 0x66, 0x48, 1, 0, 0}; /* one texel */
 static const uint8_t tile_payload[] = {0x28, 0xb5, 0x2f, 0xfd, 0x20, 0x06, 0x31, 0,
                                        0,    0,    0,    0,    0x3c, 0x38, 0x34};
 static const struct lw_message_interest_tile seventeenth_objects[] = {{17, 0, 2}};

@@ -1,5 +1,5 @@
-// tile_decoder.mjs: a second decoder of tile payloads of codec 3, written from proto/wire_format.md, section 5, and from
-// nothing else; it is meant to be read, not to be fast.
+// tile_decoder.mjs: a second decoder of tile payloads of codec 4, written from proto/wire_format.md, section 5, whose tables it
+// reads, and from nothing else; it is meant to be read, not to be fast.
 //
 //     node tile_decoder.mjs FOLDER
 //
@@ -29,9 +29,62 @@ class Bits {
     while (ones < 12 && this.one()) ones++;
     return ones === 12 ? this.number(20) : ones * 2 ** k + this.number(k);
   }
-  finish() {
-    if (this.bytes.length * 8 - this.at >= 8) throw new Error('bytes are left');
+  // most: how many bits may be left
+  finish(most) {
+    if (this.bytes.length * 8 - this.at > most) throw new Error('bytes are left');
     while (this.at < this.bytes.length * 8) if (this.one()) throw new Error('a bit is left');
+  }
+}
+
+// The tables of the document: slots of tokens by table, and tables by row and class.
+const document = readFileSync(new URL('../../proto/wire_format.md', import.meta.url), 'utf8');
+const numbers = (text) => text.trim().split(/ +/).map(Number);
+const slots = [...document.matchAll(/^ ?(\d+): ([\d ]+)$/gm)].map((line) => numbers(line[2]));
+const tableOf = [...document.matchAll(/^(?:u \+ v <= \d|above|lengths) *: ([\d ]+)$/gm)].map((line) => numbers(line[1]));
+const small = (raw) => Array.from({ length: 16 }, (_, base) => [base, base ? raw : 0]);
+const levelTokens = [...small(1), [16, 3], [20, 3], [24, 4], [32, 4], [40, 5], [56, 5], [72, 6], [104, 1]];
+const lengthTokens = [...small(0), [16, 3], [24, 3], [32, 4], [48, 4]];
+
+function classOf(sum) {
+  if (sum < 2) return sum;
+  const d = Math.floor(Math.log2(sum));
+  return 2 * d + (Math.floor(sum / 2 ** (d - 1)) % 2);
+}
+
+class Lanes {
+  constructor(bytes) {
+    this.bytes = bytes;
+    this.at = 0;
+    this.state = [];
+  }
+  word() {
+    if (this.at + 2 > this.bytes.length) throw new Error('the payload ends early');
+    this.at += 2;
+    return this.bytes[this.at - 2] + this.bytes[this.at - 1] * 256;
+  }
+  begin(lane) {
+    const low = this.word();
+    this.state[lane] = low + this.word() * 65536;
+    if (this.state[lane] < 65536) throw new Error('a state is too small');
+  }
+  token(lane, table) {
+    let x = this.state[lane], i = x % 1024, t = 0;
+    while (i >= slots[table][t]) i -= slots[table][t++];
+    const [base, r] = (table < 16 ? levelTokens : lengthTokens)[t];
+    const above = Math.floor(x / 1024), raw = above % 2 ** r;
+    x = slots[table][t] * Math.floor(above / 2 ** r) + i;
+    this.state[lane] = x < 65536 ? x * 65536 + this.word() : x;
+    return { base, raw };
+  }
+  // The bits that come after, and how many of them need not be used.
+  rest() {
+    const low = [];
+    for (const x of this.state) {
+      if (x >= 131072) throw new Error('a state is too large');
+      low.push(x % 256, Math.floor(x / 256) % 256);
+    }
+    const left = this.bytes.subarray(this.at);
+    return { bits: new Bits([...low, ...left]), most: left.length ? 7 : low.length * 8 };
   }
 }
 
@@ -67,10 +120,10 @@ function inverse(c, w, h) {
 
 const zeros = (w, h) => Array.from({ length: h }, () => new Array(w).fill(0));
 
-// Reads levels into c, which the scan tells the places of; returns how many.
-function readLevels(bits, scan, k, kind, c) {
-  const length = k ? bits.rice(k) : bits.one() ? 1 + bits.rice(3) : 0;
-  if (length > scan.length) throw new Error('a block is too long');
+// Reads the means' levels into c, which the scan tells the places of.
+function readMeans(bits, scan, kind, c) {
+  const length = bits.rice(4);
+  if (length > scan.length) throw new Error('there are too many means');
   let a = 0, b = 0, known = true; // that the next level is not 0
   for (let i = length - 1; i >= 0; i--) {
     if (!known && a === 0 && b === 0) {
@@ -86,26 +139,70 @@ function readLevels(bits, scan, k, kind, c) {
     c[v][u] = negative ? -size : size;
     [a, b, known] = [size, a, false];
   }
-  return length;
 }
 
-// The levels of a plane: [v][u] of the means, then of each block by rows.
-function readPlane(bits, width, height, kind) {
-  const across = Math.ceil(width / 8), down = Math.ceil(height / 8);
-  const lists = [zeros(across, down)], length = zeros(across, down);
-  readLevels(bits, scanOf(across, down), 4, kind, lists[0]);
-  for (let by = 0; by < down; by++) {
-    const any = bits.one();
+const whole = scanOf(8, 8);
+
+// Which table tells level i of a list.
+function levelTable(block, i) {
+  if (i === block.length - 1) return 15;
+  const [u, v] = whole[i + 1];
+  let sum = 0;
+  for (const [x, y] of [[u + 1, v], [u, v + 1], [u + 1, v + 1], [u + 2, v], [u, v + 2]]) {
+    const n = whole.findIndex(([p, q]) => p === x && q === y) - 1;
+    if (n >= 0 && n < block.length) sum += Math.min(30, block.size[n]);
+  }
+  const d = u + v;
+  return tableOf[d <= 1 ? 0 : d <= 3 ? 1 : d <= 6 ? 2 : 3][classOf(sum)];
+}
+
+// The blocks of a plane, with their lengths.
+function readLengths(lanes, width, height) {
+  const across = Math.ceil(width / 8), down = Math.ceil(height / 8), blocks = [];
+  for (let by = 0; by < down; by++)
     for (let bx = 0; bx < across; bx++) {
       const w = Math.min(8, width - bx * 8), h = Math.min(8, height - by * 8);
-      const left = bx ? length[by][bx - 1] : by ? length[by - 1][bx] : 0;
-      const above = by ? length[by - 1][bx] : left;
-      const c = zeros(w, h);
-      if (any) length[by][bx] = readLevels(bits, scanOf(w, h).slice(1), kappa(left, above), kind, c);
-      lists.push(c);
+      const beside = bx ? blocks.at(-1).length : by ? blocks.at(-across).length : 0;
+      const above = by ? blocks.at(-across).length : beside;
+      const { base, raw } = lanes.token(0, tableOf[4][classOf(beside + above)]);
+      if (base + raw >= w * h) throw new Error('a list is too long');
+      blocks.push({ c: zeros(w, h), scan: scanOf(w, h), length: base + raw, size: [] });
     }
+  return blocks;
+}
+
+// A list for each lane, all at once from the end.
+function readGroup(lanes, group) {
+  for (let i = group[0].length - 1; i >= 0; i--) {
+    const active = group.filter((block) => block.length > i);
+    const tokens = active.map((block, lane) => lanes.token(lane, levelTable(block, i)));
+    active.forEach((block, lane) => {
+      const { base, raw } = tokens[lane], [u, v] = block.scan[i + 1];
+      block.size[i] = base + (raw >> 1) + (base === 104 ? lanes.word() : 0);
+      if (block.size[i] > 32767) throw new Error('a level is too large');
+      block.c[v][u] = raw & 1 ? -block.size[i] : block.size[i];
+    });
   }
-  return lists;
+}
+
+// Of each plane [v][u] of the means, then of each block by rows.
+function readLevels(bytes, width, height, kind) {
+  const lanes = new Lanes(bytes), across = Math.ceil(width / 8), down = Math.ceil(height / 8);
+  lanes.begin(0);
+  const planes = [0, 1, 2].map(() => readLengths(lanes, width, height));
+  const lists = planes.flat().filter((block) => block.length).sort((a, b) => b.length - a.length); // stable
+  const levels = lists.reduce((sum, block) => sum + block.length, 0);
+  const count = [16, 8, 4, 2].find((n) => n * 64 <= levels) ?? 1;
+  for (let lane = 1; lane < count; lane++) lanes.begin(lane);
+  for (let i = 0; i < lists.length; i += count) readGroup(lanes, lists.slice(i, i + count));
+  const { bits, most } = lanes.rest();
+  const means = planes.map(() => {
+    const c = zeros(across, down);
+    readMeans(bits, scanOf(across, down), kind, c);
+    return c;
+  });
+  bits.finish(most);
+  return planes.map((blocks, p) => [means[p], ...blocks.map((block) => block.c)]);
 }
 
 function add(lists, base) {
@@ -136,9 +233,7 @@ export function decodeTile(payload, scale, width, height, base) {
   if (!(scale > 0) || !(scale <= 2 ** 60)) throw new Error('scale');
   const step = 2 ** (1 - payload[1] / 8);
   const gain = [2, 3, 4].map((i) => 2 ** (((payload[i] << 24) >> 24) / 512));
-  const bits = new Bits(payload.subarray(5));
-  const levels = [0, 1, 2].map(() => readPlane(bits, width, height, payload[0]));
-  bits.finish();
+  const levels = readLevels(payload.subarray(5), width, height, payload[0]);
   if (base) levels.forEach((lists, p) => add(lists, base[p]));
   const [Y, O, P] = levels.map((lists) => restorePlane(lists, width, height, step));
   const light = (x, c) => scale * gain[c] * (2 ** Math.min(Math.max(x, 0), 63) - 1);

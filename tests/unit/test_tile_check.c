@@ -102,18 +102,24 @@ static void test_versions_that_were_forgotten(void **state) {
     finish_world(&w);
 }
 
-/* Black, in codec 3: a whole one, and a delta of it in which nothing is different. */
+/* Black, in codec 4: a whole one, and a delta of it in which nothing is different. */
 static struct lw_message_tile black_tile(uint64_t version, uint64_t base) {
-    static uint8_t payload[2][64];
-    memset(payload, 0, sizeof payload);
-    payload[0][0] = LW_TILE_DCT_INTRA;
-    payload[1][0] = LW_TILE_DCT_DELTA;
-    /* five bits for the means of each plane, one for each of eight rows of blocks */
+    static struct lw_tile_dct dct;
+    static struct lw_tile_dct_history history;
+    static float rgb[LW_TILE_TEXELS_MAX * 3];
+    static uint8_t payload[2][LW_TILE_DCT_BOUND];
+    struct lw_tile_dct_coded coded;
+    lw_tile_dct_init(&dct);
+    history.scale = 0;
+    for (int i = 0; i < 2; i++) {
+        const struct lw_tile_dct_source source = {rgb, NULL, LW_TILE_SIDE, LW_TILE_SIDE, 1, 0};
+        lw_tile_dct_encode(&dct, &source, &history, payload[0], payload[1], &coded);
+    }
     return (struct lw_message_tile){.version = version,
                                     .codec = LW_TILE_CODEC_DCT,
-                                    .scale = 1,
+                                    .scale = coded.scale,
                                     .payload = payload[base > 0],
-                                    .payload_size = 5 + (3 * (5 + 8) + 7) / 8,
+                                    .payload_size = base ? coded.delta_size : coded.size,
                                     .base = base};
 }
 

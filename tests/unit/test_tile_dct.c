@@ -298,12 +298,12 @@ static void test_nothing_is_coded_between_levels_beyond_16_bits(void **state) {
 static void test_sums_have_a_limit(void **state) {
     (void)state;
     static struct lw_tile_dct_levels levels;
-    uint8_t delta[] = {LW_TILE_DCT_DELTA, 0, 0, 0, 0, 0, 0, 0, 0};
-    /* Plane Y of one texel, lowest bit first: n = 1 as rice(4): 0, 1000; m = 0 as rice(0): 0; sign 0. Planes O and P: n = 0. */
-    delta[5] = 1u << 1;
+    /* One texel, of which the mean of plane Y grows by one: the example of wire_format.md. */
+    const uint8_t delta[] = {LW_TILE_DCT_DELTA, 8, 0, 0, 0, 0x66, 0x48, 1, 0, 0};
     for (int at = 32765; at <= 32767; at++) {
         levels.level[0] = (int16_t)at;
-        const bool fits = lw_tile_dct_decode(&dct, LW_TILE_DCT_DELTA, delta, 8, 1, 1, 1, &levels, back);
+        const bool fits =
+            lw_tile_dct_decode(&dct, LW_TILE_DCT_DELTA, delta, sizeof delta, 1, 1, 1, &levels, back);
         assert_int_equal(fits, at < 32767);
         if (fits) assert_int_equal(levels.level[0], at + 1);
     }
