@@ -70,18 +70,16 @@ static uint8_t *find_part(const void *folder, const struct lw_package_hash *hash
     return lw_package_cache_read(folder, LW_PACKAGE_CACHE_PART, hash, size, &bytes) ? bytes : NULL;
 }
 
-/* Where it cannot be kept it is downloaded again: no harm. The first part holds what is no texture, and is of this package alone. */
+/* Where it cannot be kept it is downloaded again: no harm. A package of several parts is kept as these, and nothing of it twice. */
 static void keep_package(const struct lw_client *c) {
     const struct lw_download *d = &c->download;
-    for (size_t i = 1; i < d->part_count; i++) {
-        const struct lw_download_part *part = &d->part[i];
-        const uint64_t begin = part[-1].end;
-        if (!part->was_held)
-            (void)!lw_package_cache_write(c->cache_folder, LW_PACKAGE_CACHE_PART, &part->hash,
-                                          d->bytes + begin, (size_t)(part->end - begin), NULL);
-    }
-    (void)!lw_package_cache_write(c->cache_folder, LW_PACKAGE_CACHE_PACKAGE, &c->package_hash, d->bytes,
-                                  d->size, NULL);
+    const enum lw_package_cache_kind kind =
+        d->part_count > 1 ? LW_PACKAGE_CACHE_PART : LW_PACKAGE_CACHE_PACKAGE;
+    uint64_t begin = 0;
+    for (size_t i = 0; i < d->part_count; begin = d->part[i++].end)
+        if (!d->part[i].was_held)
+            (void)!lw_package_cache_write(c->cache_folder, kind, &d->part[i].hash, d->bytes + begin,
+                                          (size_t)(d->part[i].end - begin), NULL);
 }
 
 /* The download is complete. */

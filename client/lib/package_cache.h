@@ -1,4 +1,4 @@
-/* package_cache.h: scene packages and parts of them in a folder, each under its hash, so that none is downloaded twice.
+/* package_cache.h: scene packages, or the parts of them, in a folder, each under its hash, so that none is downloaded twice.
  * Flow:    WELCOME's hashes -> [package_cache] -> package, or parts of it; a complete download -> [package_cache]
  * Threads: pure functions, [any]; processes may share a folder: files appear whole. */
 #ifndef LIGHTWELL_PACKAGE_CACHE_H

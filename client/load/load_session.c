@@ -466,11 +466,11 @@ static void handle_frame(struct lw_load_session *s, const struct lw_message_fram
 
 /* What a user asked for is one thing and updates of what they have another: the first version after the asking may be of
  * any age, those after it were published while somebody waited for them. Our server numbers a tile's versions by its
- * frames; with one that does not, updates count from when the frame of that number was heard of, or not at all. */
+ * frames, two a frame; with one that does not, updates count from when the frame of that number was heard of, or not at all. */
 static void note_update(struct lw_load_session *s, uint64_t version, uint64_t now_ns) {
     struct lw_load_figures *f = s->shared->figures;
     if (!f->measuring || !s->counts) return;
-    const struct lw_frame_clock_entry *published = lw_frame_clock_find(&s->shared->clock, version);
+    const struct lw_frame_clock_entry *published = lw_frame_clock_find(&s->shared->clock, (version + 1) / 2);
     if (!published) return;
     lw_histogram_add(&f->update, now_ns - published->heard_ns);
     lw_histogram_add(&f->age, now_ns - published->heard_ns + published->solve_ns);

@@ -42,12 +42,12 @@ struct lw_compose {
 
     struct level *level; /* of all objects */
     struct object *object;
-    uint8_t **shared; /* per mesh, per triangle: coarser levels mix other light in (lw_lightmap_shared) */
-    uint8_t *here;    /* per tile */
-    uint8_t *calm;    /* per tile: the finest level at which its noise is bearable */
-    uint8_t *needed;  /* per tile; written by all threads, only ever with 1 */
-    uint8_t *around;  /* the same, by the last survey */
-    float *survey;    /* its pixels, which nobody sees */
+    uint8_t **coarsest; /* per mesh, per triangle: the level at which it reads its own light alone */
+    uint8_t *here;      /* per tile */
+    uint8_t *calm;      /* per tile: the finest level at which its noise is bearable */
+    uint8_t *needed;    /* per tile; written by all threads, only ever with 1 */
+    uint8_t *around;    /* the same, by the last survey */
+    float *survey;      /* its pixels, which nobody sees */
 
     /* this render's */
     const struct lw_pose *pose;
@@ -74,14 +74,18 @@ struct lw_compose_source lw_compose_source_of(const struct lw_client *client) {
                                       .target_error = stats.target_error};
 }
 
-static bool find_shared(struct lw_compose *compose) {
+_Static_assert(LW_LIGHTMAP_LEVEL_MAX == LW_ATLAS_READ_MAX, "charts are apart on all levels that views read");
+
+static bool find_coarsest(struct lw_compose *compose) {
+    bool found = true;
+#pragma omp parallel for schedule(dynamic) num_threads(compose->threads) reduction(&& : found)
     for (uint32_t m = 0; m < compose->scene->mesh_count; m++) {
         const struct lw_mesh *mesh = &compose->scene->mesh[m];
         if (mesh->lightmap_uv == NULL || mesh->triangle_count == 0) continue;
-        compose->shared[m] = malloc(mesh->triangle_count);
-        if (!compose->shared[m] || lw_lightmap_shared(mesh, compose->shared[m]) != LW_OK) return false;
+        compose->coarsest[m] = malloc(mesh->triangle_count);
+        found = found && compose->coarsest[m] && lw_lightmap_coarsest(mesh, compose->coarsest[m]) == LW_OK;
     }
-    return true;
+    return found;
 }
 
 static void lay_out_levels(struct lw_compose *compose) {
@@ -114,16 +118,16 @@ enum lw_status lw_compose_create(const struct lw_compose_desc *desc, struct lw_c
     /* one more of each: an empty scene is no failure */
     compose->level = calloc(level_count + 1, sizeof *compose->level);
     compose->object = calloc((size_t)map->object_count + 1, sizeof *compose->object);
-    compose->shared = calloc((size_t)desc->scene->mesh_count + 1, sizeof *compose->shared);
+    compose->coarsest = calloc((size_t)desc->scene->mesh_count + 1, sizeof *compose->coarsest);
     compose->here = calloc((size_t)map->tile_count + 1, 1);
     compose->calm = calloc((size_t)map->tile_count + 1, 1);
     compose->needed = calloc((size_t)map->tile_count + 1, 1);
     compose->around = calloc((size_t)map->tile_count + 1, 1);
     compose->survey = calloc((size_t)SURVEY_SIDE * SURVEY_SIDE * 3, sizeof *compose->survey);
-    if (!compose->level || !compose->object || !compose->shared || !compose->here || !compose->calm ||
+    if (!compose->level || !compose->object || !compose->coarsest || !compose->here || !compose->calm ||
         !compose->needed || !compose->around || !compose->survey)
         goto fail;
-    if (!find_shared(compose)) goto fail;
+    if (!find_coarsest(compose)) goto fail;
     lay_out_levels(compose);
     *out_compose = compose;
     return LW_OK;
@@ -137,9 +141,9 @@ void lw_compose_destroy(struct lw_compose *compose) {
     free(compose->needed);
     free(compose->calm);
     free(compose->here);
-    for (uint32_t m = 0; compose->shared != NULL && m < compose->scene->mesh_count; m++)
-        free(compose->shared[m]);
-    free(compose->shared);
+    for (uint32_t m = 0; compose->coarsest != NULL && m < compose->scene->mesh_count; m++)
+        free(compose->coarsest[m]);
+    free(compose->coarsest);
     free(compose->around);
     free(compose->survey);
     free(compose->object);
@@ -289,7 +293,8 @@ struct patch {
     struct lw_facet facet;
     struct lw_vec3 normal; /* world space; twice the triangle's area long */
     float grazing;         /* COSINE_MIN of that */
-    float texels;          /* of level 0 on twice the triangle; 0: no other level serves */
+    float texels;          /* of level 0 on twice the triangle */
+    unsigned coarsest;     /* no coarser level serves */
 };
 
 static void find_patch(const struct lw_compose *compose, uint32_t o, uint32_t triangle, struct patch *out) {
@@ -307,8 +312,8 @@ static void find_patch(const struct lw_compose *compose, uint32_t o, uint32_t tr
     out->grazing = COSINE_MIN * lw_vec3_length(out->normal);
     out->texels =
         fabsf((uv[1].x - uv[0].x) * (uv[2].y - uv[0].y) - (uv[1].y - uv[0].y) * (uv[2].x - uv[0].x));
-    const bool shared = compose->shared[m] && compose->shared[m][triangle];
-    if (shared || !(lw_vec3_length(normal_os) > 1e-30f)) out->texels = 0;
+    out->coarsest =
+        compose->coarsest[m] && lw_vec3_length(normal_os) > 1e-30f ? compose->coarsest[m][triangle] : 0;
 }
 
 /* The level of which a texel is as large as the pixel where its ray meets the surface, or smaller.
@@ -319,7 +324,7 @@ static unsigned level_for(const struct patch *patch, struct lw_vec3 dir, float p
     const float least = patch->grazing * length, area = slanted > least ? slanted : least;
     float texels = pixel_m * pixel_m * patch->texels * length;
     unsigned level = 0;
-    for (; level < LW_ATLAS_READ_MAX && texels >= 4 * area && texels > 0; level++) texels *= 0.25f;
+    for (; level < patch->coarsest && texels >= 4 * area && texels > 0; level++) texels *= 0.25f;
     return level;
 }
 
@@ -398,13 +403,13 @@ static struct lw_vec3 irradiance(struct lw_compose *compose, const struct look *
     if (object->level_count == 0) return compose->stand_in;
     mark_needed(compose, &look->footprint);
     /* Fresh light is noise, but a texel of level 2 is the mean of 4 x 4: until the error has fallen, less is more. */
-    const unsigned coarsest = object->level_count - 1;
-    const unsigned calm = look->patch->texels > 0 ? compose->calm[look->footprint.tile[0]] : 0;
+    const unsigned last = object->level_count - 1, calm = compose->calm[look->footprint.tile[0]];
+    unsigned level = calm < look->patch->coarsest ? calm : look->patch->coarsest;
+    if (level > last) level = last;
     struct lw_vec3 e;
-    if (calm <= look->level && read_level(compose, &object->level[look->level], &look->footprint, &e))
+    if (level <= look->level && read_level(compose, &object->level[look->level], &look->footprint, &e))
         return e;
-    const unsigned first = calm < coarsest ? calm : coarsest;
-    return stand_in(compose, object, first > look->level ? first : look->level, look->uv);
+    return stand_in(compose, object, level > look->level ? level : look->level, look->uv);
 }
 
 /* Takes in one hit; true if the ray goes on behind it. */

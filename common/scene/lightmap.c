@@ -549,9 +549,9 @@ static struct lw_lightmap_map finished(const struct lw_mesh *mesh) {
                                     .height = mesh->back_offset ? mesh->back_offset : mesh->atlas_height};
 }
 
-enum lw_status lw_lightmap_shared(const struct lw_mesh *mesh, uint8_t *out_shared) {
+enum lw_status lw_lightmap_coarsest(const struct lw_mesh *mesh, uint8_t *out_level) {
     struct lw_lightmap_map map = finished(mesh);
-    return lw_lightmap_check_shared(&map, out_shared);
+    return lw_lightmap_check_coarsest(&map, out_level);
 }
 
 uint64_t lw_lightmap_overlaps(const struct lw_mesh *mesh) {

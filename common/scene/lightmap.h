@@ -6,16 +6,18 @@
  * touched by two charts, and a chart stays LW_LIGHTMAP_GUTTER texels away from every block that is not its own, so that
  * levels 0, 1 and 2 of the mip pyramid never mix two charts, bilinear lookups included. Exception: neighbouring slivers,
  * charts no wider than 8 texels and small hollow ones (rings, arcs), share a rectangle of blocks: at level 0 no texel is
- * read by two of them, levels 1 and 2 mix them. Parts of one chart that are far apart in space keep away from each other
- * likewise. No chart runs across a hard edge, where light may change from one texel to the next. A file's own UV set is free of overlaps, but gives no such promise about blocks or lookups.
+ * read by two of them, levels 1 and 2 mix them (lw_lightmap_coarsest). Parts of one chart that are far apart in space keep
+ * away from each other likewise. No chart runs across a hard edge, where light may change from one texel to the next. A
+ * file's own UV set is free of overlaps, but gives no such promise about blocks or lookups.
  */
 #ifndef LW_COMMON_LIGHTMAP_H
 #define LW_COMMON_LIGHTMAP_H
 
 #include "common/scene/scene.h"
 
-#define LW_LIGHTMAP_BLOCK  4u /* texels; chart rectangles are aligned to it */
-#define LW_LIGHTMAP_GUTTER 2u /* texels */
+#define LW_LIGHTMAP_BLOCK     4u /* texels; chart rectangles are aligned to it */
+#define LW_LIGHTMAP_GUTTER    2u /* texels */
+#define LW_LIGHTMAP_LEVEL_MAX 2u /* whose texels are as large as a block */
 
 /* What may be asked for on a command line; scenes of any unit, from micrometres to kilometres, need the whole range. */
 #define LW_LIGHTMAP_DENSITY_MIN 1e-6 /* texels per metre */
@@ -53,10 +55,10 @@ struct lw_lightmap_report {
 LW_MUST_CHECK enum lw_status lw_lightmap_build(struct lw_scene *scene, const struct lw_lightmap_desc *desc,
                                                struct lw_lightmap_report *out_report, struct lw_error *err);
 
-/** Tells the triangles of a mesh with lightmap UVs whose charts share a block with another chart: levels 1 and 2 mix
- * their light with that of others, so that it should be read at level 0. out_shared: per triangle, 1: shares.
- * Errors: LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_lightmap_shared(const struct lw_mesh *mesh, uint8_t *out_shared);
+/** The coarsest level, up to LW_LIGHTMAP_LEVEL_MAX, on which bilinear look-ups of a triangle read light of its own chart
+ * alone: slivers share texels of levels 1 and 2, so that those show light of elsewhere. Every triangle has level 0.
+ * out_level: per triangle of a mesh with lightmap UVs. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_lightmap_coarsest(const struct lw_mesh *mesh, uint8_t *out_level);
 
 /** Counts texels that two different chart pieces both cover by area (0 for a correct layout). For tests. */
 uint64_t lw_lightmap_overlaps(const struct lw_mesh *mesh);

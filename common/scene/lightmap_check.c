@@ -282,40 +282,60 @@ static struct lw_vec2 nearest_point(const struct polygon *polygon, struct lw_vec
     return left || right ? p : best;
 }
 
-/* Notes where a triangle lies for every texel whose centre it comes nearer to than a texel, both axes alike: those are
- * the texels that bilinear lookups of its points read. */
-static void note_places(const struct lw_lightmap_map *map, uint32_t t, struct extents *extents) {
+/* The part of a polygon, which lies between low and high on an axis, that is within READ_REACH of a texel's centre. */
+static struct polygon part_within(const struct polygon *whole, bool along_y, float centre, float low,
+                                  float high) {
+    if (low >= centre - READ_REACH && high <= centre + READ_REACH) return *whole;
+    struct polygon above, part;
+    clip(whole, along_y, centre - READ_REACH, 1, &above);
+    clip(&above, along_y, centre + READ_REACH, -1, &part);
+    return part;
+}
+
+typedef void visit_read(void *context, uint32_t triangle, size_t texel, const struct polygon *part);
+
+/* Visits every texel whose centre a triangle comes nearer to than a texel, both axes alike, with the part of it that does:
+ * those are the texels that bilinear lookups of its points read. */
+static void visit_reads(const struct lw_lightmap_map *map, uint32_t t, visit_read *each, void *context) {
     struct polygon whole = {.count = 3};
-    struct lw_vec3 p[3];
     struct lw_vec2 low = {INFINITY, INFINITY}, high = {-INFINITY, -INFINITY};
     for (int k = 0; k < 3; k++) {
         struct lw_vec2 c = whole.corner[k] = map->uv[map->triangle[t][k]];
-        p[k] = map->mesh->position[map->mesh->triangle[t][k]];
         low = (struct lw_vec2){fminf(low.x, c.x), fminf(low.y, c.y)};
         high = (struct lw_vec2){fmaxf(high.x, c.x), fmaxf(high.y, c.y)};
     }
-    struct lw_vec2 o = whole.corner[0];
-    float ux = whole.corner[1].x - o.x, uy = whole.corner[1].y - o.y, vx = whole.corner[2].x - o.x,
-          vy = whole.corner[2].y - o.y, det = ux * vy - uy * vx;
-    if (!(fabsf(det) > 1e-12f)) return;
     for (uint32_t y = first_texel(low.y - 0.5f), y_end = last_texel(high.y + 0.5f, map->height); y < y_end;
          y++) {
-        struct polygon above, row, right, cell;
-        clip(&whole, true, (float)y + 0.5f - READ_REACH, 1, &above);
-        clip(&above, true, (float)y + 0.5f + READ_REACH, -1, &row);
+        const struct polygon row = part_within(&whole, true, (float)y + 0.5f, low.y, high.y);
         for (uint32_t x = first_texel(low.x - 0.5f), x_end = last_texel(high.x + 0.5f, map->width); x < x_end;
              x++) {
-            clip(&row, false, (float)x + 0.5f - READ_REACH, 1, &right);
-            clip(&right, false, (float)x + 0.5f + READ_REACH, -1, &cell);
-            if (cell.count < 3 || !(area_of(&cell) > 0)) continue;
-            struct lw_vec2 at = nearest_point(&cell, (struct lw_vec2){(float)x + 0.5f, (float)y + 0.5f});
-            float u = ((at.x - o.x) * vy - (at.y - o.y) * vx) / det,
-                  v = (ux * (at.y - o.y) - uy * (at.x - o.x)) / det;
-            struct lw_vec3 along = lw_vec3_scale(lw_vec3_sub(p[1], p[0]), u);
-            include(&extents[(size_t)y * map->width + x],
-                    lw_vec3_add(p[0], lw_vec3_add(along, lw_vec3_scale(lw_vec3_sub(p[2], p[0]), v))));
+            const struct polygon cell = part_within(&row, false, (float)x + 0.5f, low.x, high.x);
+            if (cell.count > 2 && area_of(&cell) > 0) each(context, t, (size_t)y * map->width + x, &cell);
         }
     }
+}
+
+struct places {
+    const struct lw_lightmap_map *map;
+    struct extents *extents; /* per texel */
+};
+
+/* Notes for a texel where that point of a triangle lies which is nearest to its centre. */
+static void note_place(void *context, uint32_t t, size_t texel, const struct polygon *part) {
+    const struct places *places = context;
+    const struct lw_lightmap_map *map = places->map;
+    const struct lw_vec2 o = map->uv[map->triangle[t][0]], b = map->uv[map->triangle[t][1]],
+                         c = map->uv[map->triangle[t][2]];
+    const float ux = b.x - o.x, uy = b.y - o.y, vx = c.x - o.x, vy = c.y - o.y, det = ux * vy - uy * vx;
+    if (!(fabsf(det) > 1e-12f)) return;
+    const struct lw_vec2 centre = {(float)(texel % map->width) + 0.5f, (float)(texel / map->width) + 0.5f},
+                         at = nearest_point(part, centre);
+    const float u = ((at.x - o.x) * vy - (at.y - o.y) * vx) / det,
+                v = (ux * (at.y - o.y) - uy * (at.x - o.x)) / det;
+    const uint32_t *corner = map->mesh->triangle[t];
+    const struct lw_vec3 *p = map->mesh->position;
+    struct lw_vec3 along = lw_vec3_mad(p[corner[0]], lw_vec3_sub(p[corner[1]], p[corner[0]]), u);
+    include(&places->extents[texel], lw_vec3_mad(along, lw_vec3_sub(p[corner[2]], p[corner[0]]), v));
 }
 
 /* Side of a texel, in the mesh's units: one for all. */
@@ -338,7 +358,8 @@ enum lw_status lw_lightmap_check_mixed(const struct lw_lightmap_map *map, uint64
     if (!extents) return LW_NO_MEMORY;
     for (size_t i = 0; i < texels; i++)
         for (int k = 0; k < DIRECTIONS; k++) extents[i].low[k] = INFINITY, extents[i].high[k] = -INFINITY;
-    for (uint32_t t = 0; t < map->mesh->triangle_count; t++) note_places(map, t, extents);
+    struct places places = {map, extents};
+    for (uint32_t t = 0; t < map->mesh->triangle_count; t++) visit_reads(map, t, note_place, &places);
     float limit = FAR_TEXELS * (float)texel_side(map);
     uint64_t count = 0;
     for (size_t i = 0; i < texels; i++) {
@@ -351,54 +372,74 @@ enum lw_status lw_lightmap_check_mixed(const struct lw_lightmap_map *map, uint64
     return LW_OK;
 }
 
-/* ---- blocks ---- */
+/* ---- levels ---- */
 
-struct blocks {
+/* Whose light is in the texels of a level. */
+struct mixture {
     const uint32_t *piece; /* per triangle */
-    uint32_t *owner;       /* per block: its piece; LW_SCENE_NONE: nobody's */
-    uint8_t *shared;       /* per block */
-    uint8_t *out;          /* per triangle */
+    uint32_t *owner;       /* per texel: its piece; LW_SCENE_NONE: nobody's; MIXED: of several */
+    uint8_t level;
+    uint8_t *coarsest; /* per triangle */
 };
 
-static void own(void *context, uint32_t triangle, size_t block, float area) {
-    struct blocks *b = context;
-    (void)area;
-    if (b->owner[block] == LW_SCENE_NONE) b->owner[block] = b->piece[triangle];
-    b->shared[block] |= b->owner[block] != b->piece[triangle];
+#define MIXED (LW_SCENE_NONE - 1)
+
+static void join_owners(uint32_t *owner, uint32_t other) {
+    if (other == LW_SCENE_NONE || other == *owner) return;
+    *owner = *owner == LW_SCENE_NONE ? other : MIXED;
 }
 
-static void find_shared(void *context, uint32_t triangle, size_t block, float area) {
-    struct blocks *b = context;
-    (void)area;
-    b->out[triangle] |= b->shared[block];
+/* What look-ups of level 0 read goes into the coarser ones: gutters too. */
+static void own(void *context, uint32_t triangle, size_t texel, const struct polygon *part) {
+    struct mixture *m = context;
+    (void)part;
+    join_owners(&m->owner[texel], m->piece[triangle]);
 }
 
-enum lw_status lw_lightmap_check_shared(const struct lw_lightmap_map *map, uint8_t *out_shared) {
-    const float side = (float)LW_LIGHTMAP_BLOCK;
+/* Takes the owners a level up, in place. */
+static void halve_owners(uint32_t *owner, uint32_t width, uint32_t height) {
+    const uint32_t half = (width + 1) / 2;
+    for (uint32_t y = 0; y < height; y += 2)
+        for (uint32_t x = 0; x < width; x += 2) {
+            uint32_t of_four = LW_SCENE_NONE;
+            for (uint32_t v = y; v < y + 2 && v < height; v++)
+                for (uint32_t u = x; u < x + 2 && u < width; u++)
+                    join_owners(&of_four, owner[(size_t)v * width + u]);
+            owner[(size_t)(y / 2) * half + x / 2] = of_four;
+        }
+}
+
+static void find_mixed(void *context, uint32_t triangle, size_t texel, const struct polygon *part) {
+    struct mixture *m = context;
+    (void)part;
+    if (m->owner[texel] != LW_SCENE_NONE && m->owner[texel] != m->piece[triangle])
+        m->coarsest[triangle] = m->level - 1;
+}
+
+enum lw_status lw_lightmap_check_coarsest(const struct lw_lightmap_map *map, uint8_t *out_level) {
     const uint32_t triangles = map->mesh->triangle_count;
-    /* the same map, whose texels are the blocks */
-    struct lw_lightmap_map in_blocks = *map;
-    in_blocks.width = (map->width + LW_LIGHTMAP_BLOCK - 1) / LW_LIGHTMAP_BLOCK;
-    in_blocks.height = (map->height + LW_LIGHTMAP_BLOCK - 1) / LW_LIGHTMAP_BLOCK;
-    const size_t blocks = (size_t)in_blocks.width * in_blocks.height;
+    const size_t texels = (size_t)map->width * map->height;
     struct lw_vec2 *uv = malloc(((size_t)map->uv_count + 1) * sizeof *uv);
     uint32_t *piece = malloc(((size_t)triangles + 1) * sizeof *piece);
-    struct blocks b = {.piece = piece,
-                       .owner = malloc((blocks + 1) * sizeof *b.owner),
-                       .shared = calloc(blocks + 1, 1),
-                       .out = out_shared};
-    enum lw_status status = uv && piece && b.owner && b.shared ? find_pieces(map, piece) : LW_NO_MEMORY;
+    struct mixture m = {piece, malloc((texels + 1) * sizeof *m.owner), 0, out_level};
+    enum lw_status status = uv && piece && m.owner ? find_pieces(map, piece) : LW_NO_MEMORY;
     if (status == LW_OK) {
-        for (uint32_t v = 0; v < map->uv_count; v++)
-            uv[v] = (struct lw_vec2){map->uv[v].x / side, map->uv[v].y / side};
-        in_blocks.uv = uv;
-        memset(b.owner, 0xff, blocks * sizeof *b.owner);
-        memset(out_shared, 0, triangles);
-        for (uint32_t t = 0; t < triangles; t++) visit_triangle(&in_blocks, t, own, &b);
-        for (uint32_t t = 0; t < triangles; t++) visit_triangle(&in_blocks, t, find_shared, &b);
+        memset(m.owner, 0xff, texels * sizeof *m.owner);
+        for (uint32_t t = 0; t < triangles; t++) visit_reads(map, t, own, &m);
+        memset(out_level, LW_LIGHTMAP_LEVEL_MAX, triangles);
     }
-    free(b.shared);
-    free(b.owner);
+    struct lw_lightmap_map coarse = *map; /* the same, whose texels are the level's */
+    coarse.uv = uv;
+    for (m.level = 1; m.level <= LW_LIGHTMAP_LEVEL_MAX && status == LW_OK; m.level++) {
+        halve_owners(m.owner, coarse.width, coarse.height);
+        coarse.width = (coarse.width + 1) / 2, coarse.height = (coarse.height + 1) / 2;
+        const float scale = 1.0f / (float)(1u << m.level);
+        for (uint32_t v = 0; v < map->uv_count; v++)
+            uv[v] = (struct lw_vec2){map->uv[v].x * scale, map->uv[v].y * scale};
+        for (uint32_t t = 0; t < triangles; t++)
+            if (out_level[t] >= m.level) visit_reads(&coarse, t, find_mixed, &m);
+    }
+    free(m.owner);
     free(piece);
     free(uv);
     return status;

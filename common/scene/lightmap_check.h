@@ -29,7 +29,8 @@ LW_MUST_CHECK enum lw_status lw_lightmap_check_overlaps(const struct lw_lightmap
 /** See lw_lightmap_mixed(). Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_lightmap_check_mixed(const struct lw_lightmap_map *map, uint64_t *out_texels);
 
-/** See lw_lightmap_shared(). Errors: LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_lightmap_check_shared(const struct lw_lightmap_map *map, uint8_t *out_shared);
+/** See lw_lightmap_coarsest(). Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_lightmap_check_coarsest(const struct lw_lightmap_map *map,
+                                                        uint8_t *out_level);
 
 #endif

@@ -253,7 +253,7 @@ static enum lw_status send_tile(struct lw_publisher *p, struct worker *worker, l
                                  &(struct lw_message_tile){.object = place->object,
                                                            .level = place->level,
                                                            .tile = lw_atlas_map_number(p->desc.atlas_map, id),
-                                                           .version = frame,
+                                                           .version = lw_snapshot_version(frame),
                                                            .bounces = bounces,
                                                            .error = error},
                                  &coded, &blob, &delta);
@@ -264,7 +264,7 @@ static enum lw_status send_tile(struct lw_publisher *p, struct worker *worker, l
     sent->blob = blob;
     sent->delta = delta;
     sent->base = sent->version;
-    sent->version = frame;
+    sent->version = lw_snapshot_version(frame);
     sent->error = error;
     sent->change = change;
     worker->tiles++;

@@ -24,6 +24,13 @@ LW_MUST_CHECK enum lw_status lw_blob_from_message(const struct lw_message *messa
 struct lw_blob *lw_blob_ref(struct lw_blob *blob); /* returns blob */
 void lw_blob_unref(struct lw_blob *blob);          /* NULL is fine */
 
+/** Versions of tiles go by frames, two a frame: the second has the light as it was encoded; the first, which is made only for links that
+ * take too little (server/serve/recoder.h), has it in wider steps. [any] */
+static inline uint64_t lw_snapshot_version(uint64_t frame) { return 2 * frame; }
+static inline uint64_t lw_snapshot_frame_of(uint64_t version) { return (version + 1) / 2; }
+static inline uint64_t lw_snapshot_coarse_version(uint64_t version) { return version - 1; }
+static inline bool lw_snapshot_is_coarse(uint64_t version) { return version % 2; }
+
 struct lw_snapshot_tile {
     uint64_t version;     /* 0: never published */
     struct lw_blob *blob; /* a LW_MESSAGE_TILE; NULL if version is 0 */

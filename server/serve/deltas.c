@@ -3,46 +3,165 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum lw_status lw_deltas_init(struct lw_deltas *deltas, uint32_t tile_count) {
-    *deltas = (struct lw_deltas){.tile_count = tile_count};
-    deltas->tile = calloc((size_t)tile_count + 1, sizeof *deltas->tile);
-    return deltas->tile ? LW_OK : LW_NO_MEMORY;
+/* Whoever is to get coarse tiles goes on with finer ones while their deltas are under this share of the tile whole: the coarse form whole,
+ * with which it would begin, is no smaller. */
+#define FINE_SHARE (1.0f / 3)
+
+enum lw_status lw_deltas_init(struct lw_deltas *deltas, uint32_t tile_count, struct lw_recoder *recoder) {
+    *deltas = (struct lw_deltas){.tile_count = tile_count,
+                                 .recoder = recoder,
+                                 .tile = calloc((size_t)tile_count + 1, sizeof *deltas->tile),
+                                 .coarse = calloc((size_t)tile_count + 1, sizeof *deltas->coarse)};
+    if (deltas->tile && deltas->coarse) return LW_OK;
+    lw_deltas_finish(deltas);
+    return LW_NO_MEMORY;
+}
+
+/* They lead to what was the newest. */
+static void forget_jumps(struct lw_deltas_of_tile *of) {
+    for (uint32_t i = 0; i < of->count; i++) {
+        lw_blob_unref(of->base[i].jump);
+        of->base[i].jump = NULL;
+        of->base[i].is_asked = of->base[i].is_known = false;
+    }
 }
 
 static void forget(struct lw_deltas_of_tile *of, uint32_t count) {
-    for (uint32_t i = 0; i < count; i++) lw_blob_unref(of->delta[i].blob);
+    for (uint32_t i = 0; i < count; i++) {
+        lw_blob_unref(of->base[i].whole);
+        lw_blob_unref(of->base[i].delta);
+        lw_blob_unref(of->base[i].jump);
+    }
     of->count -= count;
-    memmove(of->delta, of->delta + count, of->count * sizeof of->delta[0]);
+    memmove(of->base, of->base + count, of->count * sizeof of->base[0]);
+}
+
+static void finish(struct lw_deltas_of_tile *tile, uint32_t tile_count) {
+    for (uint32_t t = 0; tile && t < tile_count; t++) {
+        forget(&tile[t], tile[t].count);
+        lw_blob_unref(tile[t].whole);
+    }
+    free(tile);
 }
 
 void lw_deltas_finish(struct lw_deltas *deltas) {
-    for (uint32_t t = 0; deltas->tile && t < deltas->tile_count; t++)
-        forget(&deltas->tile[t], deltas->tile[t].count);
-    free(deltas->tile);
-    deltas->tile = NULL;
+    finish(deltas->tile, deltas->tile_count);
+    finish(deltas->coarse, deltas->tile_count);
+    *deltas = (struct lw_deltas){0};
 }
 
-void lw_deltas_add(struct lw_deltas *deltas, uint32_t tile, const struct lw_snapshot_tile *version) {
-    struct lw_deltas_of_tile *of = &deltas->tile[tile];
-    const bool goes_on = version->delta && of->count && of->delta[of->count - 1].version == version->base;
+static void add(struct lw_deltas_of_tile *of, uint64_t version, struct lw_blob *whole, uint64_t base,
+                struct lw_blob *delta) {
+    const bool goes_on = delta && of->whole && of->version == base;
+    forget_jumps(of);
     if (!goes_on)
         forget(of, of->count);
     else if (of->count == LW_DELTAS_KEPT)
         forget(of, 1);
-    if (version->delta)
-        of->delta[of->count++] =
-            (struct lw_delta){version->base, version->version, lw_blob_ref(version->delta)};
+    if (goes_on)
+        of->base[of->count++] =
+            (struct lw_delta_base){.version = of->version, .whole = of->whole, .delta = lw_blob_ref(delta)};
+    else
+        lw_blob_unref(of->whole);
+    of->version = version;
+    of->whole = lw_blob_ref(whole);
 }
 
-const struct lw_delta *lw_deltas_next(const struct lw_deltas *deltas, uint32_t tile, uint64_t from,
-                                      size_t whole_bytes) {
-    const struct lw_deltas_of_tile *of = &deltas->tile[tile];
-    size_t bytes = 0;
-    for (uint32_t i = of->count; i-- > 0;) {
-        const struct lw_delta *delta = &of->delta[i];
-        bytes += delta->blob->size;
-        if (delta->base != from) continue;
-        return i + 1 == of->count || bytes < whole_bytes ? delta : NULL;
-    }
+void lw_deltas_add(struct lw_deltas *deltas, uint32_t tile, const struct lw_snapshot_tile *version) {
+    add(&deltas->tile[tile], version->version, version->blob, version->base, version->delta);
+}
+
+static struct lw_delta_base *find(struct lw_deltas_of_tile *of, uint64_t version) {
+    for (uint32_t i = of->count; i-- > 0;)
+        if (of->base[i].version == version) return &of->base[i];
     return NULL;
+}
+
+/* Over one version there is a delta already. False if there is nothing to wait for. */
+static bool wait_for_jump(struct lw_deltas *deltas, uint32_t tile, bool coarse, struct lw_delta_base *base) {
+    const struct lw_deltas_of_tile *of = coarse ? &deltas->coarse[tile] : &deltas->tile[tile];
+    if (!deltas->recoder || !base || base + 1 == of->base + of->count || base->is_known) return false;
+    if (!base->is_asked)
+        base->is_asked = lw_recoder_ask(deltas->recoder, &(struct lw_recoder_job){.tile = tile,
+                                                                                  .coarse = coarse,
+                                                                                  .base = base->version,
+                                                                                  .version = of->version,
+                                                                                  .from = base->whole,
+                                                                                  .to = of->whole});
+    return base->is_asked;
+}
+
+static uint64_t coarse_version(const struct lw_deltas *deltas, uint32_t tile) {
+    return lw_snapshot_coarse_version(deltas->tile[tile].version);
+}
+
+/* The same for the coarse form of the newest version. */
+static bool wait_for_coarse(struct lw_deltas *deltas, uint32_t tile) {
+    const struct lw_deltas_of_tile *fine = &deltas->tile[tile];
+    struct lw_deltas_of_tile *of = &deltas->coarse[tile];
+    const uint64_t version = coarse_version(deltas, tile);
+    if (!deltas->recoder || of->known >= version) return false;
+    if (of->asked < version &&
+        lw_recoder_ask(
+            deltas->recoder,
+            &(struct lw_recoder_job){.tile = tile, .coarse = true, .version = version, .to = fine->whole}))
+        of->asked = version;
+    return of->asked >= version;
+}
+
+static enum lw_deltas_way next_of(struct lw_deltas *deltas, uint32_t tile, uint64_t from, bool coarse,
+                                  struct lw_delta *out_delta) {
+    struct lw_deltas_of_tile *of = coarse ? &deltas->coarse[tile] : &deltas->tile[tile];
+    struct lw_delta_base *base = find(of, from), *end = of->base + of->count;
+    if (wait_for_jump(deltas, tile, coarse, base)) return LW_DELTAS_WAIT;
+    size_t chain = 0;
+    for (const struct lw_delta_base *b = base; b && b < end; b++) chain += b->delta->size;
+    if (base && base->jump && base->jump->size <= chain) { /* always smaller than the whole */
+        *out_delta = (struct lw_delta){of->version, base->jump};
+        return LW_DELTAS_DELTA;
+    }
+    if (!base || (base + 1 < end && chain >= of->whole->size)) {
+        *out_delta = (struct lw_delta){of->version, of->whole};
+        return LW_DELTAS_WHOLE;
+    }
+    *out_delta = (struct lw_delta){base + 1 < end ? base[1].version : of->version, base->delta};
+    return LW_DELTAS_DELTA;
+}
+
+enum lw_deltas_way lw_deltas_next(struct lw_deltas *deltas, uint32_t tile, uint64_t from, bool coarse,
+                                  struct lw_delta *out_delta) {
+    const enum lw_deltas_way way = !coarse || find(&deltas->tile[tile], from)
+                                       ? next_of(deltas, tile, from, false, out_delta)
+                                       : LW_DELTAS_WHOLE;
+    if (!coarse || way == LW_DELTAS_WAIT) return way;
+    if (way == LW_DELTAS_DELTA &&
+        (float)out_delta->blob->size < FINE_SHARE * (float)deltas->tile[tile].whole->size)
+        return way;
+    if (wait_for_coarse(deltas, tile)) return LW_DELTAS_WAIT;
+    return next_of(deltas, tile, from, deltas->coarse[tile].version == coarse_version(deltas, tile),
+                   out_delta);
+}
+
+void lw_deltas_prepare(struct lw_deltas *deltas, uint32_t tile, uint64_t from, bool coarse) {
+    struct lw_delta delta;
+    (void)lw_deltas_next(deltas, tile, from, coarse, &delta);
+}
+
+bool lw_deltas_collect(struct lw_deltas *deltas) {
+    bool any = false;
+    for (struct lw_recoder_result r; deltas->recoder && lw_recoder_collect(deltas->recoder, &r); any = true) {
+        struct lw_deltas_of_tile *of = r.coarse ? &deltas->coarse[r.tile] : &deltas->tile[r.tile];
+        struct lw_delta_base *base = of->version == r.version ? find(of, r.base) : NULL;
+        if (r.coarse && !r.base) {
+            of->known = r.version;
+            if (r.blob) add(of, r.version, r.blob, r.delta_base, r.delta);
+        } else if (base) { /* else too late */
+            base->is_known = true;
+            base->jump = r.blob;
+            r.blob = NULL;
+        }
+        lw_blob_unref(r.blob);
+        lw_blob_unref(r.delta);
+    }
+    return any;
 }

@@ -1,37 +1,66 @@
-/* deltas.h: the last few deltas of each tile, one after another, for sessions that have fallen behind: several of them are
- * often fewer bytes than the tile whole.
+/* deltas.h: the ways from the last few versions of each tile to the newest, for sessions that have fallen behind: from one version
+ * to the next, and from any of them to the newest, which is fewer bytes than all between, and often than the tile whole. The same once more
+ * for the tiles in wider steps, for those whose links take too little: their versions are made when somebody wants them.
  * Flow:    snapshots -> [deltas] -> sessions
- * Threads: [loop]. */
+ *          versions -> [deltas] -> recoder -> coarse forms, and deltas over several versions -> [deltas]
+ * Threads: [loop].
+ * Memory:  of a tile, twice: references to LW_DELTAS_KEPT whole versions at most, as many deltas from each to the next, and as many to the
+ *          newest; where coarse forms are wanted, the recoder's history as well (24 KB). */
 #ifndef LW_SERVE_DELTAS_H
 #define LW_SERVE_DELTAS_H
 
-#include "server/publish/snapshot.h"
+#include "server/serve/recoder.h"
 
-#define LW_DELTAS_KEPT 8u /* of a tile */
-
-struct lw_delta {
-    uint64_t base, version;
-    struct lw_blob *blob;
-};
+#define LW_DELTAS_KEPT 8u /* versions of a tile from which there is a way */
 
 struct lw_deltas {
     uint32_t tile_count;
+    struct lw_recoder *recoder; /* NULL: there are only those that snapshots bring */
     struct lw_deltas_of_tile {
+        uint64_t version;      /* the newest; 0: none */
+        struct lw_blob *whole; /* of it */
+        uint64_t asked,
+            known; /* of coarse forms: the last ones that the recoder was asked for, and has answered */
         uint32_t count;
-        struct lw_delta delta[LW_DELTAS_KEPT]; /* each builds on the one before */
-    } * tile;
+        struct lw_delta_base {
+            uint64_t version;
+            struct lw_blob *whole; /* of it */
+            struct lw_blob *delta; /* to the next of these, from the last one to the newest */
+            struct lw_blob *jump;  /* to the newest; NULL: not made, or of no use */
+            bool is_asked, is_known;
+        } base[LW_DELTAS_KEPT]; /* each the version before the next */
+    } * tile, *coarse;
 };
 
-/** Errors: LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_deltas_init(struct lw_deltas *deltas, uint32_t tile_count);
+enum lw_deltas_way {
+    LW_DELTAS_WHOLE = 0,
+    LW_DELTAS_DELTA,
+    LW_DELTAS_WAIT /* the recoder is asked, and will say what is shortest */
+};
+
+struct lw_delta {
+    uint64_t version;     /* that it leads to */
+    struct lw_blob *blob; /* as it is in `deltas` */
+};
+
+/** recoder: outlives it, or NULL. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_deltas_init(struct lw_deltas *deltas, uint32_t tile_count,
+                                            struct lw_recoder *recoder);
 void lw_deltas_finish(struct lw_deltas *deltas);
 
 /** A tile's new version, with its delta or without one. What does not lead there is forgotten. */
 void lw_deltas_add(struct lw_deltas *deltas, uint32_t tile, const struct lw_snapshot_tile *version);
 
-/** The delta that whoever has version `from` of a tile takes next, on the way to the newest; NULL: there is no way, or, where it
- * takes several, none of fewer bytes than the tile whole (whole_bytes). */
-const struct lw_delta *lw_deltas_next(const struct lw_deltas *deltas, uint32_t tile, uint64_t from,
-                                      size_t whole_bytes);
+/** What whoever has version `from` of a tile takes next, on the way to the newest, for the fewest bytes.
+ * coarse     to that in wider steps; where there is no such form, or the recoder has too much to do, to the newest itself
+ * out_delta  written unless it has to wait */
+enum lw_deltas_way lw_deltas_next(struct lw_deltas *deltas, uint32_t tile, uint64_t from, bool coarse,
+                                  struct lw_delta *out_delta);
+
+/** Asks the recoder, if there is something to ask, for what lw_deltas_next() would wait for. */
+void lw_deltas_prepare(struct lw_deltas *deltas, uint32_t tile, uint64_t from, bool coarse);
+
+/** Takes what the recoder has done; whether that was anything. */
+bool lw_deltas_collect(struct lw_deltas *deltas);
 
 #endif

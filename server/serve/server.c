@@ -38,6 +38,7 @@ struct lw_server {
     uint16_t port;
     uint32_t sessions_max;
     uint32_t *order;
+    struct lw_recoder *recoder; /* NULL: tiles are of a codec that has no deltas */
     struct lw_session_shared shared;
 
     uv_mutex_t mutex;               /* guards what follows; held for an assignment only */
@@ -168,8 +169,9 @@ static void note_changed(struct lw_server *server, const struct lw_snapshot *bef
         const uint64_t had = before ? before->tile[id].version : 0;
         if (tile->version <= had) continue;
         lw_deltas_add(&shared->deltas, id, tile);
-        lw_urgency_note(&shared->urgency, id, tile->version, tile->change);
-        lw_urgency_list(&shared->urgency, id, lw_urgency_of(&shared->urgency, id, had, after->frame));
+        lw_urgency_note(&shared->urgency, id, lw_snapshot_frame_of(tile->version), tile->change);
+        lw_urgency_list(&shared->urgency, id,
+                        lw_urgency_of(&shared->urgency, id, lw_snapshot_frame_of(had), after->frame));
     }
     shared->changed_count = shared->urgency.listed_count;
     lw_urgency_list_end(&shared->urgency, shared->changed);
@@ -308,6 +310,7 @@ static void on_wake(uv_async_t *handle) {
     server->latest = NULL;
     uv_mutex_unlock(&server->mutex);
     if (snapshot) adopt(server, snapshot);
+    lw_session_collect(&server->shared);
     if (stop) begin_stop(server);
 }
 
@@ -448,6 +451,11 @@ static enum lw_status init_handles(struct lw_server *server, struct lw_error *er
     return LW_OK;
 }
 
+static void wake_loop(void *context) {
+    struct lw_server *server = context;
+    uv_async_send(&server->wake);
+}
+
 static enum lw_status init_shared(struct lw_server *server, const struct lw_server_desc *desc) {
     struct lw_session_shared *shared = &server->shared;
     shared->atlas_map = desc->atlas_map;
@@ -475,7 +483,9 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     if (status == LW_OK && !(shared->listed = calloc(tiles / 64 + 1, sizeof *shared->listed)))
         status = LW_NO_MEMORY;
     if (status == LW_OK) status = lw_wanted_init(&shared->wanted, desc->atlas_map);
-    if (status == LW_OK) status = lw_deltas_init(&shared->deltas, tiles);
+    if (status == LW_OK && (desc->features & LW_FEATURE_DCT))
+        status = lw_recoder_create(desc->atlas_map, wake_loop, server, &server->recoder);
+    if (status == LW_OK) status = lw_deltas_init(&shared->deltas, tiles, server->recoder);
     if (status == LW_OK) status = lw_urgency_init(&shared->urgency, desc->atlas_map);
     if (status == LW_OK && shared->scene) status = lw_scene_roster_init(&shared->roster, shared->scene);
     shared->order = server->order;
@@ -582,6 +592,8 @@ static void close_handle(uv_handle_t *handle, void *context) {
 void lw_server_destroy(struct lw_server *server) {
     if (!server) return;
     struct lw_session_shared *shared = &server->shared;
+    lw_recoder_destroy(server->recoder); /* it wakes the loop, which goes now */
+    shared->deltas.recoder = NULL;
     if (server->loop.data) {
         while (shared->first) lw_session_close(shared->first, "the server ends");
         uv_walk(&server->loop, close_handle, NULL);

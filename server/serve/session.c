@@ -23,6 +23,7 @@
 #define LINGER_NS        1000000000u               /* from a refusal to the close */
 #define KEEPALIVE_S      30u
 #define NOTSENT_LOWAT    (128 << 10) /* bytes; what the kernel holds cannot be replaced by a newer version */
+#define AHEAD            32u         /* tiles for which a session asks the recoder at once */
 #define FULL_GRACE_COUNT 1024u       /* refused connections that may wait for their close */
 
 _Static_assert(BATCH_BYTES + LW_SESSION_CHUNK + 64 <= LW_SERVER_QUEUE_MAX, "a batch keeps within the queue");
@@ -97,6 +98,11 @@ struct lw_session {
         *lacked; /* what the walk goes over: tiles that it lacks, the most urgent first; NULL: those that the
                                 snapshot changed, as it had all of the one before */
     bool delta_follows;   /* to the delta sent last: of the tile that is looked at next */
+    bool waits;           /* for what the recoder makes of that tile */
+    bool is_narrow;       /* its link takes less than changes: it gets coarse tiles before finer ones */
+    bool refines;         /* narrow: it has all of these, and the walk goes over what they lack */
+    bool link_was_full;   /* since the snapshot was new; */
+    uint64_t judged;      /* its generation */
     uint32_t walk_left;   /* tiles still to look at */
     uint32_t walk_cursor; /* in lacked, or in changed */
 
@@ -180,15 +186,24 @@ static size_t bit_words(const struct lw_atlas_map *map) { return (size_t)map->ti
 
 static bool is_set(const uint64_t *bits, uint32_t tile) { return bits[tile / 64] >> (tile % 64) & 1; }
 
+static bool takes_coarse(const struct lw_session *s) { return s->is_narrow && !s->refines; }
+
+/* The version of a tile that will do. */
+static uint64_t wanted_version(const struct lw_session *s, uint32_t tile) {
+    const uint64_t newest = s->shared->snapshot->tile[tile].version;
+    return takes_coarse(s) ? lw_snapshot_coarse_version(newest) : newest;
+}
+
 static bool lacks(const struct lw_session *s, uint32_t tile) {
     const struct lw_atlas_map *map = s->shared->atlas_map;
     const struct lw_snapshot_tile *now = &s->shared->snapshot->tile[tile];
-    if (!now->blob || now->version <= s->sent[tile]) return false;
+    if (!now->blob || wanted_version(s, tile) <= s->sent[tile]) return false;
     if (!s->wanted || is_set(s->wanted + bit_words(map), tile)) return true;
     const bool covers = is_set(s->wanted, tile);
     if (covers && map->place[tile].level <= LW_ATLAS_READ_MAX) return true;
     if (!covers && !(s->interest.stand_ins && is_coarsest(map, tile))) return false;
-    return lw_urgency_is_due_to_stand_in(&s->shared->urgency, tile, s->sent[tile], now->version);
+    return lw_urgency_is_due_to_stand_in(&s->shared->urgency, tile, lw_snapshot_frame_of(s->sent[tile]),
+                                         lw_snapshot_frame_of(now->version));
 }
 
 static void end_walk(struct lw_session *s) {
@@ -207,7 +222,9 @@ static void walk_lacked(struct lw_session *s) {
     for (uint32_t i = 0; i < shared->atlas_map->tile_count; i++) {
         const uint32_t id = shared->order[i];
         if (!lacks(s, id)) continue;
-        lw_urgency_list(urgency, id, lw_urgency_of(urgency, id, s->sent[id], shared->snapshot->frame));
+        lw_urgency_list(
+            urgency, id,
+            lw_urgency_of(urgency, id, lw_snapshot_frame_of(s->sent[id]), shared->snapshot->frame));
     }
     if (!urgency->listed_count) return;
     if (!(s->lacked = malloc(urgency->listed_count * sizeof *s->lacked))) {
@@ -218,11 +235,22 @@ static void walk_lacked(struct lw_session *s) {
     s->walk_left = urgency->listed_count;
 }
 
+/* Whoever has not had all of the last snapshot when the next one comes, and not for want of turns, is on a narrow link. */
+static void judge_link(struct lw_session *s) {
+    const struct lw_session_shared *shared = s->shared;
+    if (s->judged == shared->generation) return;
+    s->judged = shared->generation;
+    if (s->walk_left && s->link_was_full && shared->deltas.recoder) s->is_narrow = true;
+    s->link_was_full = false;
+}
+
 /* A session that had everything looks at what changed, in the order that all such sessions share; any other has its own. */
 static void start_walk(struct lw_session *s) {
     const struct lw_session_shared *shared = s->shared;
     const bool had_all = s->walk_left == 0 && s->generation + 1 == shared->generation;
+    judge_link(s);
     s->generation = shared->generation;
+    s->refines = false;
     if (!had_all) {
         walk_lacked(s);
         return;
@@ -231,37 +259,62 @@ static void start_walk(struct lw_session *s) {
     s->walk_left = shared->changed_count;
 }
 
-static struct lw_blob *next_tile(struct lw_session *s) {
-    const struct lw_session_shared *shared = s->shared;
-    while (s->walk_left) {
-        uint32_t id = (s->lacked ? s->lacked : shared->changed)[s->walk_cursor];
-        s->walk_cursor++;
-        s->walk_left--;
+/* What it will want next is asked for together. */
+static void prepare_ahead(struct lw_session *s, const uint32_t *list) {
+    const uint32_t count = s->walk_left < AHEAD ? s->walk_left : AHEAD;
+    for (uint32_t i = 1; i < count; i++) {
+        const uint32_t id = list[s->walk_cursor + i];
+        if (lacks(s, id)) lw_deltas_prepare(&s->shared->deltas, id, s->sent[id], takes_coarse(s));
+    }
+}
+
+static struct lw_blob *next_tile_of_walk(struct lw_session *s) {
+    struct lw_session_shared *shared = s->shared;
+    const uint32_t *list = s->lacked ? s->lacked : shared->changed;
+    for (; s->walk_left; s->walk_cursor++, s->walk_left--) {
+        const uint32_t id = list[s->walk_cursor];
         if (!s->delta_follows && !lacks(s, id)) continue;
-        const struct lw_snapshot_tile *tile = &shared->snapshot->tile[id];
-        const struct lw_delta *delta = lw_deltas_next(&shared->deltas, id, s->sent[id], tile->blob->size);
-        s->sent[id] = delta ? delta->version : tile->version;
-        s->delta_follows = s->sent[id] < tile->version;
-        if (s->delta_follows) {
-            s->walk_cursor--;
-            s->walk_left++;
+        struct lw_delta delta;
+        if (lw_deltas_next(&shared->deltas, id, s->sent[id], takes_coarse(s), &delta) == LW_DELTAS_WAIT) {
+            prepare_ahead(s, list);
+            s->waits = true;
+            return NULL;
         }
-        return lw_blob_ref(delta ? delta->blob : tile->blob);
+        s->sent[id] = delta.version;
+        s->delta_follows = delta.version < wanted_version(s, id);
+        if (!s->delta_follows) {
+            s->walk_cursor++;
+            s->walk_left--;
+        }
+        return lw_blob_ref(delta.blob);
     }
     end_walk(s);
     return NULL;
 }
 
+/* A narrow session that has all goes on with what is finer, until that is all, or there is a new snapshot. */
+static struct lw_blob *next_tile(struct lw_session *s) {
+    struct lw_blob *blob = next_tile_of_walk(s);
+    if (blob || s->waits || !s->is_narrow) return blob;
+    if (!s->refines) {
+        s->refines = true;
+        walk_lacked(s);
+        if ((blob = next_tile_of_walk(s)) || s->waits) return blob;
+    }
+    s->is_narrow = s->refines = false;
+    return NULL;
+}
+
 /* Once no tile is left. */
 static struct lw_blob *next_settled(struct lw_session *s) {
-    if (!s->settled_due) return NULL;
+    if (!s->settled_due || s->waits) return NULL;
     s->settled_due = false;
     return s->shared->snapshot->settled ? lw_blob_ref(s->shared->snapshot->settled) : NULL;
 }
 
 /* Whether the rate limit lets light through, or the package: what may be large and can wait. */
 static bool is_allowed(struct lw_session *s) {
-    if (s->rate_limit_bytes_hz && s->allowance <= 0) s->is_paced = true;
+    if (s->rate_limit_bytes_hz && s->allowance <= 0) s->is_paced = s->link_was_full = true;
     return !s->is_paced;
 }
 
@@ -424,6 +477,7 @@ static int queue_rest(struct lw_session *s, struct batch *batch, size_t written)
     }
     if (result == 0) {
         s->pending = pending;
+        s->link_was_full = true;
     } else {
         free(pending);
         unref_all(batch->blob + first, left);
@@ -494,9 +548,12 @@ static void renew_allowance(struct lw_session *s, uint64_t now_ns) {
 static void pump(struct lw_session *s) {
     if (s->rate_limit_bytes_hz) renew_allowance(s, lw_clock_ns());
     if (s->has_waiting && s->interest_epoch != s->shared->epoch) take_up_interest(s);
+    s->waits = false;
     const bool has_all = write_batches(s);
     if (has_all && s->is_paced)
         enqueue(s, &s->shared->paced);
+    else if (has_all && s->waits)
+        enqueue(s, &s->shared->waiting);
     else if (!has_all && !s->pending)
         lw_session_set_due(s, false); /* more than one turn's */
     if (has_all && s->state == LEAVING && !s->shutdown_sent) {
@@ -514,6 +571,11 @@ void lw_session_set_due(struct lw_session *s, bool asked) {
 
 void lw_session_serve_paced(struct lw_session_shared *shared) {
     while (shared->paced.first) lw_session_set_due(shared->paced.first, false);
+}
+
+void lw_session_collect(struct lw_session_shared *shared) {
+    if (!lw_deltas_collect(&shared->deltas)) return;
+    while (shared->waiting.first) lw_session_set_due(shared->waiting.first, false);
 }
 
 bool lw_session_any_due(const struct lw_session_shared *shared) {

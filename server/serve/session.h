@@ -53,10 +53,11 @@ struct lw_session_shared {
     struct lw_session_queue {
         struct lw_session *first, *last;
     } due[2]; /* those of them that have a turn coming, in order: who asked, and the others */
-    struct lw_session_queue paced; /* those whose rate limit lets nothing more through for now */
-    uint32_t connection_count;     /* in that list */
-    uint32_t leaving_count;        /* those that were refused and are about to close */
-    uint64_t number;               /* of the last session */
+    struct lw_session_queue paced;   /* those whose rate limit lets nothing more through for now */
+    struct lw_session_queue waiting; /* those who have nothing to send before the recoder has answered */
+    uint32_t connection_count;       /* in that list */
+    uint32_t leaving_count;          /* those that were refused and are about to close */
+    uint64_t number;                 /* of the last session */
     uv_mutex_t stats_mutex;
     struct lw_server_stats stats;   /* guarded by stats_mutex */
     void (*on_close)(void *server); /* a connection is gone */
@@ -79,6 +80,9 @@ void lw_session_set_due(struct lw_session *session, bool asked);
 void lw_session_serve_due(struct lw_session_shared *shared, uint64_t deadline_ns);
 /** Gives a turn to whoever's rate limit was in the way. Call some fifty times a second. */
 void lw_session_serve_paced(struct lw_session_shared *shared);
+
+/** Takes what the recoder has made, and gives a turn to those who wait for it. */
+void lw_session_collect(struct lw_session_shared *shared);
 
 /** Whether somebody has a turn. */
 bool lw_session_any_due(const struct lw_session_shared *shared);

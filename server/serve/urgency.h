@@ -39,6 +39,8 @@ LW_MUST_CHECK enum lw_status lw_urgency_init(struct lw_urgency *urgency,
                                              const struct lw_atlas_map *atlas_map);
 void lw_urgency_finish(struct lw_urgency *urgency);
 
+/* Versions are counted by their frames here (lw_snapshot_frame_of()). */
+
 /** A tile has a new version. change: relative, root mean square, against the version before; 0: not known, taken for 1. */
 void lw_urgency_note(struct lw_urgency *urgency, uint32_t tile, uint64_t version, float change);
 

@@ -5,7 +5,7 @@
  * Squares of texels are solved, sent and forgotten together. One row in Markdown per scene: how many squares of N x N texels
  * show any surface; how much of these, and of all atlases, is surface; the root mean square distance of their texels from
  * their middle, in metres: the median texel's square and that of the ninth in ten; the length of a square's mean normal, in
- * the mean over texels; and how many of the triangles have charts that share blocks, and are read at level 0 only. */
+ * the mean over texels; and how many of the triangles are read up to level 0, 1 and 2, as coarser ones mix other light in. */
 #include "common/scene/lightmap.h"
 #include "server/solve/texels.h"
 #include "tests/bench/bench_setup.h"
@@ -26,7 +26,7 @@ struct square {
 
 struct figures {
     struct square *square;
-    size_t count, texels, atlas_texels, triangles, shared;
+    size_t count, texels, atlas_texels, triangles, upto[LW_LIGHTMAP_LEVEL_MAX + 1];
     double normal; /* sum over texels */
 };
 
@@ -78,21 +78,22 @@ static void print(struct figures *f, const char *label, uint32_t side) {
         if (seen <= 0.5 * (double)f->texels) half = (double)f->square[i].radius_m;
         if (seen <= 0.9 * (double)f->texels) most = (double)f->square[i].radius_m;
     }
-    printf("| %s | %u | %zu | %.0f %% of them, %.0f %% of all | %.2f / %.2f | %.2f | %.0f %% |\n", label,
-           side, f->count, 100 * (double)f->texels / ((double)f->count * side * side),
+    printf("| %s | %u | %zu | %.0f %% of them, %.0f %% of all | %.2f / %.2f | %.2f | %.0f, %.0f, %.0f %% |\n",
+           label, side, f->count, 100 * (double)f->texels / ((double)f->count * side * side),
            100 * (double)f->texels / (double)f->atlas_texels, half, most, f->normal / (double)f->texels,
-           100 * (double)f->shared / (double)f->triangles);
+           100 * (double)f->upto[0] / (double)f->triangles, 100 * (double)f->upto[1] / (double)f->triangles,
+           100 * (double)f->upto[2] / (double)f->triangles);
     fflush(stdout);
 }
 
-static enum lw_status count_shared(struct figures *f, const struct lw_scene *scene) {
+static enum lw_status count_levels(struct figures *f, const struct lw_scene *scene) {
     for (uint32_t o = 0; o < scene->object_count; o++) {
         const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
-        uint8_t *shared = calloc((size_t)mesh->triangle_count + 1, 1);
-        enum lw_status status = shared ? lw_lightmap_shared(mesh, shared) : LW_NO_MEMORY;
-        for (uint32_t t = 0; status == LW_OK && t < mesh->triangle_count; t++) f->shared += shared[t];
+        uint8_t *level = calloc((size_t)mesh->triangle_count + 1, 1);
+        enum lw_status status = level ? lw_lightmap_coarsest(mesh, level) : LW_NO_MEMORY;
+        for (uint32_t t = 0; status == LW_OK && t < mesh->triangle_count; t++) f->upto[level[t]]++;
         f->triangles += mesh->triangle_count;
-        free(shared);
+        free(level);
         if (status != LW_OK) return status;
     }
     return LW_OK;
@@ -118,7 +119,7 @@ static enum lw_status run(void *context, const char *path, struct lw_error *err)
             for (uint32_t x = 0; x < mesh->width; x += side)
                 add_square(&f, mesh, x, y, side, scale_of(&pose.object_to_world[o]));
     }
-    if (status == LW_OK && count_shared(&f, scene) != LW_OK)
+    if (status == LW_OK && count_levels(&f, scene) != LW_OK)
         status = lw_status_fail(err, LW_NO_MEMORY, "triangles");
     if (status == LW_OK) print(&f, bench_label(path, label, sizeof label), side);
     free(f.square);
@@ -138,7 +139,7 @@ int main(int argc, char **argv) {
                                 .count = sizeof table / sizeof table[0],
                                 .open = &s.open,
                                 .heading = "| scene | side | squares | surface | distance, m: half / 90 % | "
-                                           "normal | shared |\n"
+                                           "normal | coarsest level 0, 1, 2 |\n"
                                            "|---|---|---|---|---|---|---|",
                                 .context = &s,
                                 .run = run},

@@ -45,11 +45,11 @@ static void poll_once(struct run *run) {
     if (status != LW_OK) lw_support_ok(status, &err);
 }
 
-/* Every tile is there, of this frame or a later one. */
+/* Every tile is there, of this frame or a later one: versions are two a frame. */
 static bool has_all(const struct lw_client *client, uint64_t frame) {
     const struct lw_atlas_map *map = lw_client_atlas_map(client);
     for (uint32_t i = 0; map && i < map->tile_count; i++)
-        if (lw_client_get_tile(client, (lw_tile_id){i}).version < frame) return false;
+        if (lw_client_get_tile(client, (lw_tile_id){i}).version < 2 * frame) return false;
     return map != NULL;
 }
 

@@ -363,7 +363,7 @@ static void test_atrium(void **state) {
     struct lw_scene *scene;
     struct lw_error err = {0};
     lw_support_ok(lw_builtin_build("builtin:atrium", &scene, &err), &err);
-    expect_welded("atrium", scene, 0, 1, 16, 0.0035, 0.055, 2, (const double[]){0.18, 0.28}, 10000);
+    expect_welded("atrium", scene, 0, 1, 16, 0.0035, 0.055, 2, (const double[]){0.12, 0.17}, 10000);
 }
 
 static void test_sponza(void **state) {
@@ -373,7 +373,7 @@ static void test_sponza(void **state) {
     struct lw_error err = {0};
     struct lw_scene_open open = {.path = path, .sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG};
     lw_support_ok(lw_scene_open(&open, &scene, &err), &err);
-    expect_welded("Sponza", scene, 0, 1, 16, 0.006, 0.11, 2, (const double[]){0.175, 0.33}, 10000);
+    expect_welded("Sponza", scene, 0, 1, 16, 0.006, 0.11, 2, (const double[]){0.11, 0.10}, 10000);
 }
 
 /* With an argument: the long test alone. */

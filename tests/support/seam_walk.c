@@ -13,14 +13,14 @@ static uint32_t tiles_of(const struct lw_atlas *atlas) {
 }
 
 /* Which triangles views read at level 0 alone. */
-static enum lw_status find_shared(struct seam_walk *walk) {
+static enum lw_status find_coarsest(struct seam_walk *walk) {
     const struct lw_scene *scene = walk->scene;
     enum lw_status status = LW_OK;
     for (uint32_t o = 0; status == LW_OK && o < scene->object_count; o++) {
         const uint32_t m = scene->object[o].mesh;
-        if (walk->shared[m] || !scene->mesh[m].lightmap_uv) continue;
-        walk->shared[m] = calloc(scene->mesh[m].triangle_count + 1u, 1);
-        status = walk->shared[m] ? lw_lightmap_shared(&scene->mesh[m], walk->shared[m]) : LW_NO_MEMORY;
+        if (walk->coarsest[m] || !scene->mesh[m].lightmap_uv) continue;
+        walk->coarsest[m] = calloc(scene->mesh[m].triangle_count + 1u, 1);
+        status = walk->coarsest[m] ? lw_lightmap_coarsest(&scene->mesh[m], walk->coarsest[m]) : LW_NO_MEMORY;
     }
     return status;
 }
@@ -30,8 +30,8 @@ enum lw_status seam_walk_init(struct seam_walk *walk, const struct lw_scene *sce
     *walk = (struct seam_walk){.object_count = map->object_count, .scene = scene};
     float *plain = calloc(LW_TILE_TEXELS_MAX, sizeof *plain);
     walk->levels = calloc(map->object_count + 1u, sizeof *walk->levels);
-    walk->shared = calloc(scene->mesh_count + 1u, sizeof *walk->shared);
-    enum lw_status status = plain && walk->levels && walk->shared ? find_shared(walk) : LW_NO_MEMORY;
+    walk->coarsest = calloc(scene->mesh_count + 1u, sizeof *walk->coarsest);
+    enum lw_status status = plain && walk->levels && walk->coarsest ? find_coarsest(walk) : LW_NO_MEMORY;
     double sum = 0, count = 0;
     for (uint32_t o = 0; status == LW_OK && o < map->object_count; o++) {
         if ((status = lw_levels_init(&walk->levels[o], &map->atlas[o])) != LW_OK) break;
@@ -58,9 +58,9 @@ enum lw_status seam_walk_init(struct seam_walk *walk, const struct lw_scene *sce
 
 void seam_walk_finish(struct seam_walk *walk) {
     for (uint32_t o = 0; walk->levels && o < walk->object_count; o++) lw_levels_finish(&walk->levels[o]);
-    for (uint32_t m = 0; walk->shared && m < walk->scene->mesh_count; m++) free(walk->shared[m]);
+    for (uint32_t m = 0; walk->coarsest && m < walk->scene->mesh_count; m++) free(walk->coarsest[m]);
     free(walk->levels);
-    free(walk->shared);
+    free(walk->coarsest);
     *walk = (struct seam_walk){0};
 }
 
@@ -95,7 +95,7 @@ static bool read_side(const struct seam_walk *walk, const struct lw_seam_edge *e
 
 static bool is_read(const struct seam_walk *walk, const struct lw_seam_edge *edge, unsigned level) {
     for (int s = 0; s < 2; s++)
-        if (level > 0 && walk->shared[walk->scene->object[edge->object[s]].mesh][edge->triangle[s]])
+        if (level > walk->coarsest[walk->scene->object[edge->object[s]].mesh][edge->triangle[s]])
             return false;
     return true;
 }

@@ -11,8 +11,8 @@ struct seam_walk {
     uint32_t object_count;
     const struct lw_scene *scene;
     struct lw_levels *levels; /* per object */
-    uint8_t **shared; /* per mesh, per triangle: views read it at level 0 alone (lw_lightmap_shared) */
-    double floor;     /* under the divisor: 2 % of the mean light */
+    uint8_t **coarsest;       /* per mesh, per triangle: views read no coarser level (lw_lightmap_coarsest) */
+    double floor;             /* under the divisor: 2 % of the mean light */
 };
 
 /** unwelded: what the solver had before it welded. Errors: LW_NO_MEMORY. */

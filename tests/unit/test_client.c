@@ -2,6 +2,7 @@
 
 #include "client/include/lightwell/client.h"
 #include "client/lib/link.h"
+#include "client/lib/package_cache.h"
 #include "client/lib/replica.h"
 #include "common/clock.h"
 #include "common/scene/scene_spares.h"
@@ -550,8 +551,9 @@ static uint64_t fetch_scene(const struct running *r, const char *folder, uint32_
     return stats.bytes;
 }
 
-/* Removes the files of a folder whose names end so; returns how many. */
-static unsigned remove_files(const char *folder, const char *suffix) {
+/* Calls back for the files of a folder whose names end so; returns how many. */
+static unsigned for_files(const char *folder, const char *suffix, void (*call)(const char *path, void *to),
+                          void *to) {
     unsigned count = 0;
     char path[640];
     DIR *open = opendir(folder);
@@ -561,50 +563,66 @@ static unsigned remove_files(const char *folder, const char *suffix) {
             strcmp(entry->d_name + strlen(entry->d_name) - strlen(suffix), suffix) != 0)
             continue;
         snprintf(path, sizeof path, "%s/%s", folder, entry->d_name);
-        assert_int_equal(unlink(path), 0);
+        call(path, to);
         count++;
     }
     closedir(open);
     return count;
 }
 
+static void remove_one(const char *path, void *to) {
+    (void)to;
+    assert_int_equal(unlink(path), 0);
+}
+
+static unsigned remove_files(const char *folder, const char *suffix) {
+    return for_files(folder, suffix, remove_one, NULL);
+}
+
+static void add_size(const char *path, void *to) {
+    size_t size;
+    free(lw_support_read_file(path, &size));
+    *(size_t *)to += size;
+}
+
+static void damage(const char *path, void *to) {
+    FILE *f = fopen(path, "r+b");
+    const bool cut = *(const bool *)to;
+    char byte;
+    assert_non_null(f);
+    assert_int_equal(fread(&byte, 1, 1, f), 1);
+    byte ^= 1;
+    rewind(f);
+    if (cut)
+        assert_int_equal(ftruncate(fileno(f), 0), 0);
+    else
+        assert_int_equal(fwrite(&byte, 1, 1, f), 1);
+    fclose(f);
+}
+
+/* What is fetched is kept, nothing of it twice, and not fetched again unless it is damaged. */
 static void test_cache(void **state) {
     (void)state;
     struct world w = make_world();
     struct running r = start_server(&w, 0);
-    struct lw_package_hash hash;
-    char folder[256], path[320], damaged = 0;
+    char folder[256];
     snprintf(folder, sizeof folder, "%s", lw_support_temporary("cache"));
-    lw_package_hash(w.package, w.package_size, &hash);
-    int length = snprintf(path, sizeof path, "%s/", folder);
-    for (int i = 0; i < 16; i++) length += snprintf(path + length, 3, "%02x", hash.bytes[i]);
-    snprintf(path + length, 16, ".lwscene");
-    const uint32_t objects = w.scene->object_count;
+    const uint32_t objects = w.scene->object_count, parts = w.scene->texture_count + 1;
     const uint64_t whole = fetch_scene(&r, NULL, objects);
-    assert_true(whole > w.compressed_size);
-    assert_int_equal(access(path, F_OK), -1);
+    assert_true(whole > w.compressed_size && parts > 1);
     assert_int_equal(fetch_scene(&r, folder, objects), whole); /* and keeps it */
-    size_t size;
-    uint8_t *kept = lw_support_read_file(path, &size);
+    size_t size = 0;
+    assert_int_equal(for_files(folder, ".lwpart", add_size, &size), parts);
     assert_int_equal(size, w.package_size);
-    assert_memory_equal(kept, w.package, size);
-    free(kept);
-    assert_true(fetch_scene(&r, folder, objects) < 400);
-    /* damaged, or cut off: downloaded once more, and whole again */
-    for (int cut = 0; cut < 2; cut++) {
-        FILE *f = fopen(path, "r+b");
-        assert_non_null(f);
-        if (cut)
-            assert_int_equal(ftruncate(fileno(f), (off_t)w.package_size - 1), 0);
-        else
-            assert_int_equal(fwrite(&damaged, 1, 1, f), 1);
-        fclose(f);
-        remove_files(folder, ".lwpart");
+    assert_int_equal(remove_files(folder, ".lwscene"), 0);
+    const uint64_t nothing = fetch_scene(&r, folder, objects); /* but the hashes of its parts */
+    assert_true(nothing < whole - w.compressed_size + 100);
+    for (int cut = 0; cut < 2; cut++) { /* damaged, or cut off: downloaded once more, and whole again */
+        assert_int_equal(for_files(folder, ".lwpart", damage, &(bool){cut}), parts);
         assert_int_equal(fetch_scene(&r, folder, objects), whole);
-        assert_true(fetch_scene(&r, folder, objects) < 400);
+        assert_int_equal(fetch_scene(&r, folder, objects), nothing);
     }
-    unlink(path);
-    remove_files(folder, ".lwpart");
+    assert_int_equal(remove_files(folder, ".lwpart"), parts);
     rmdir(folder);
     /* nowhere to keep it */
     assert_int_equal(fetch_scene(&r, "/dev/null/cache", objects), whole);
@@ -612,7 +630,28 @@ static void test_cache(void **state) {
     finish_world(&w);
 }
 
-/* Textures that came with another package, or with this one before, are not sent. */
+/* A package in one piece serves too, under the hash that it has. */
+static void test_a_package_in_the_cache(void **state) {
+    (void)state;
+    struct world w = make_world();
+    struct running r = start_server(&w, 0);
+    struct lw_package_hash hash;
+    struct lw_error err = {0};
+    char folder[256];
+    snprintf(folder, sizeof folder, "%s", lw_support_temporary("package"));
+    lw_package_hash(w.package, w.package_size, &hash);
+    lw_support_ok(
+        lw_package_cache_write(folder, LW_PACKAGE_CACHE_PACKAGE, &hash, w.package, w.package_size, &err),
+        &err);
+    assert_true(fetch_scene(&r, folder, w.scene->object_count) < 400);
+    assert_int_equal(remove_files(folder, ".lwpart"), 0);
+    assert_int_equal(remove_files(folder, ".lwscene"), 1);
+    rmdir(folder);
+    stop_server(&r);
+    finish_world(&w);
+}
+
+/* Textures that came with another package are not sent, nor what else of it is the same. */
 static void test_parts(void **state) {
     (void)state;
     struct world w = make_world(), other = make_world_with("3");
@@ -620,16 +659,12 @@ static void test_parts(void **state) {
     snprintf(folder, sizeof folder, "%s", lw_support_temporary("parts"));
     assert_true(w.scene->texture_count > 1 && other.scene->object_count > w.scene->object_count);
     struct running r = start_server(&w, 0);
-    const uint64_t whole = fetch_scene(&r, folder, w.scene->object_count);
-    assert_int_equal(remove_files(folder, ".lwscene"), 1);
-    const uint64_t without_textures = fetch_scene(&r, folder, w.scene->object_count);
-    assert_true(without_textures < whole);
+    (void)fetch_scene(&r, folder, w.scene->object_count);
     stop_server(&r);
     r = start_server(&other, 0);
     const uint64_t other_whole = fetch_scene(&r, NULL, other.scene->object_count);
     assert_true(fetch_scene(&r, folder, other.scene->object_count) < other_whole);
-    assert_int_equal(remove_files(folder, ".lwscene"), 2);
-    assert_int_equal(remove_files(folder, ".lwpart"), w.scene->texture_count);
+    assert_int_equal(remove_files(folder, ".lwpart"), w.scene->texture_count + 2);
     rmdir(folder);
     stop_server(&r);
     finish_world(&other);
@@ -1357,6 +1392,7 @@ int main(void) {
         cmocka_unit_test(test_reconnect),
         cmocka_unit_test(test_cache),
         cmocka_unit_test(test_parts),
+        cmocka_unit_test(test_a_package_in_the_cache),
         cmocka_unit_test(test_backoff),
         cmocka_unit_test(test_download_goes_on),
         cmocka_unit_test(test_damaged_package),

@@ -378,15 +378,65 @@ static void a_thin_bar_has_a_chart_for_each_side(void **state) {
     lw_scene_destroy(scene);
 }
 
-static void who_shares_blocks_is_known(void **state) {
+/* Whether a bilinear look-up of a level at `at` reads a texel into which a look-up of level 0 of another quad goes. */
+static bool reads_another(const struct lw_mesh *mesh, const uint32_t *quad_of, struct lw_vec2 at,
+                          uint32_t own, unsigned level) {
+    const float side = (float)(1u << level);
+    const int x0 = (int)floorf(at.x / side - 0.5f), y0 = (int)floorf(at.y / side - 0.5f);
+    for (int y = y0 << level; y < (y0 + 2) << level; y++)
+        for (int x = x0 << level; x < (x0 + 2) << level; x++) {
+            if (x < 0 || y < 0 || x >= (int)mesh->atlas_width || y >= (int)mesh->atlas_height) continue;
+            const uint32_t quad = quad_of[(uint32_t)y * mesh->atlas_width + (uint32_t)x];
+            if (quad != LW_SCENE_NONE && quad != own) return true;
+        }
+    return false;
+}
+
+static struct lw_vec2 point_on(const struct lw_mesh *mesh, uint32_t triangle, int i, int j, int steps) {
+    struct lw_vec2 c[3];
+    for (int k = 0; k < 3; k++) c[k] = mesh->lightmap_uv[mesh->triangle[triangle][k]];
+    /* not on the very rim, where rounding decides what is read */
+    const float u = ((float)i + 0.5f) / (float)steps, v = ((float)j + 0.5f) / (float)steps * (1 - u);
+    return (struct lw_vec2){c[0].x + u * (c[1].x - c[0].x) + v * (c[2].x - c[0].x),
+                            c[0].y + u * (c[1].y - c[0].y) + v * (c[2].y - c[0].y)};
+}
+
+/* Quads of all sizes up to wider than slivers, far from each other: what level is named must hold, and no less than that. */
+static void no_level_that_is_named_reads_other_charts(void **state) {
+    enum { QUADS = 60, STEPS = 40 };
     struct shape *s = fresh(state);
-    quad(s, lw_vec3(0, 0, 5), lw_vec3(3, 0, 0), lw_vec3(0, 3, 0)); /* has a rectangle of its own */
-    for (int i = 0; i < 50; i++) quad(s, lw_vec3((float)i, 0, 0), lw_vec3(0.1f, 0, 0), lw_vec3(0, 0.1f, 0));
+    for (int i = 0; i < QUADS; i++)
+        quad(s, lw_vec3(5 * (float)i, 0, 0), lw_vec3(0.1f + 0.03f * (float)(i % 40), 0, 0),
+             lw_vec3(0, 0.1f + 0.03f * (float)(i * 7 % 40), 0));
     struct lw_scene *scene = scene_of(s, NULL, 1);
-    build(scene, 20, 0);
-    uint8_t shared[2 * 51];
-    assert_int_equal(lw_lightmap_shared(scene->mesh, shared), LW_OK);
-    for (uint32_t t = 0; t < 2 * 51; t++) assert_int_equal(shared[t], t >= 2);
+    build(scene, 10, 0);
+    const struct lw_mesh *mesh = scene->mesh;
+    uint8_t level[2 * QUADS];
+    assert_int_equal(lw_lightmap_coarsest(mesh, level), LW_OK);
+
+    const size_t texels = (size_t)mesh->atlas_width * mesh->atlas_height;
+    uint32_t *quad_of = malloc(texels * sizeof *quad_of), count[LW_LIGHTMAP_LEVEL_MAX + 1] = {0};
+    assert_non_null(quad_of);
+    memset(quad_of, 0xff, texels * sizeof *quad_of);
+    for (uint32_t t = 0; t < 2 * QUADS; t++)
+        for (int i = 0; i < STEPS * STEPS; i++) {
+            struct lw_vec2 at = point_on(mesh, t, i % STEPS, i / STEPS, STEPS);
+            const uint32_t x = (uint32_t)floorf(at.x - 0.5f), y = (uint32_t)floorf(at.y - 0.5f);
+            for (uint32_t k = 0; k < 4; k++) quad_of[(y + k / 2) * mesh->atlas_width + x + k % 2] = t / 2;
+        }
+    for (uint32_t t = 0; t < 2 * QUADS; t++) {
+        bool reads = false;
+        for (int i = 0; i < STEPS * STEPS; i++) {
+            struct lw_vec2 at = point_on(mesh, t, i % STEPS, i / STEPS, STEPS);
+            assert_false(level[t] > 0 && reads_another(mesh, quad_of, at, t / 2, level[t]));
+            reads |=
+                level[t] < LW_LIGHTMAP_LEVEL_MAX && reads_another(mesh, quad_of, at, t / 2, level[t] + 1u);
+        }
+        assert_true(reads || level[t] == LW_LIGHTMAP_LEVEL_MAX);
+        count[level[t]]++;
+    }
+    assert_true(count[0] > 3 && count[LW_LIGHTMAP_LEVEL_MAX] > 3);
+    free(quad_of);
     lw_scene_destroy(scene);
 }
 
@@ -615,7 +665,7 @@ int main(void) {
         cmocka_unit_test(leaves_share_rectangles),
         cmocka_unit_test(what_is_near_lies_together),
         cmocka_unit_test(a_thin_bar_has_a_chart_for_each_side),
-        cmocka_unit_test(who_shares_blocks_is_known),
+        cmocka_unit_test(no_level_that_is_named_reads_other_charts),
         cmocka_unit_test(backs_have_their_own_half),
         cmocka_unit_test(the_largest_instance_decides),
         cmocka_unit_test(good_uv1_is_used),

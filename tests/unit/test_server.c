@@ -2,6 +2,7 @@
 
 #include "common/clock.h"
 #include "common/scene/scene_spares.h"
+#include "common/tile/tile_codec.h"
 #include "server/serve/server.h"
 #include "server/serve/urgency.h"
 
@@ -121,7 +122,7 @@ static struct lw_blob *frame_blob(uint64_t frame, double time_s) {
         &(struct lw_message){.type = LW_MESSAGE_FRAME, .frame = {.frame = frame, .time_s = time_s}});
 }
 
-/* All tiles of version `frame`. The full frame message has time 1, the delta time 2, to tell them apart. */
+/* All tiles of version `frame`, which is a number of its own: two of them are a frame to the server. The full frame message has time 1, the delta time 2, to tell them apart. */
 static struct lw_snapshot *make_snapshot(const struct fixture *f, uint64_t frame, uint64_t previous) {
     static const uint8_t payload[PAYLOAD_SIZE] = {1};
     struct lw_snapshot *snapshot;
@@ -577,8 +578,7 @@ static void expect_settled(int s, uint64_t frame) {
     lw_message_finish(&m);
 }
 
-/* Once per frame, after its last tile; again after an INTEREST. */
-/* Whoever has fallen behind by two versions takes two deltas, if they are fewer bytes than the tile. */
+/* Whoever has fallen behind by two versions takes two deltas, if they are fewer bytes than the tile, and there is no one delta. */
 static void test_deltas_to_catch_up(void **state) {
     (void)state;
     enum { FRAMES = 4 };
@@ -624,6 +624,138 @@ static void test_deltas_to_catch_up(void **state) {
     end(f);
 }
 
+/* A snapshot whose tile 0 is real light that moves a little from version to version. */
+static struct lw_snapshot *make_moving(const struct fixture *f, struct lw_tile_codec *codec,
+                                       struct lw_tile_dct_history *history, uint64_t frame,
+                                       uint64_t previous) {
+    static float rgb[LW_TILE_TEXELS_MAX * 3];
+    const struct lw_tile_place *place = &f->map.place[0];
+    const size_t capacity = lw_tile_codec_bound();
+    uint8_t *payload = malloc(capacity), *delta = malloc(capacity);
+    assert_true(payload && delta);
+    for (uint32_t i = 0; i < place->width * place->height * 3; i++)
+        rgb[i] = 2 + sinf((float)(i * 7)) + 0.3f * sinf((float)i * 0.1f + (float)frame);
+    struct lw_tile_dct_coded coded;
+    lw_support_ok(lw_tile_codec_encode_dct(
+                      codec, &(struct lw_tile_dct_source){rgb, NULL, place->width, place->height, 0.1f, 0},
+                      history, payload, delta, capacity, &coded),
+                  NULL);
+    struct lw_snapshot *snapshot = make_snapshot(f, frame, previous);
+    struct lw_message m = {.type = LW_MESSAGE_TILE,
+                           .tile = {.version = frame,
+                                    .codec = LW_TILE_CODEC_DCT,
+                                    .scale = coded.scale,
+                                    .payload = payload,
+                                    .payload_size = coded.size}};
+    lw_blob_unref(snapshot->tile[0].blob);
+    snapshot->tile[0].blob = blob_of(&m);
+    if (coded.delta_size) {
+        m.tile.base = snapshot->tile[0].base = previous;
+        m.tile.payload = delta;
+        m.tile.payload_size = coded.delta_size;
+        snapshot->tile[0].delta = blob_of(&m);
+    }
+    free(delta);
+    free(payload);
+    return snapshot;
+}
+
+/* Whoever is behind by several versions takes one delta over all of them, made for the first who wants it and the same for the
+ * next; SETTLED waits for it. */
+static void test_a_jump_to_catch_up(void **state) {
+    (void)state;
+    enum { FRAMES = 6 };
+    static struct lw_tile_dct_history history;
+    static const struct lw_message_interest_tile wanted[] = {{0, 0, 0}};
+    struct fixture *f = start(&(struct lw_server_desc){.features = LW_FEATURE_DCT});
+    struct lw_tile_codec *codec;
+    lw_support_ok(lw_tile_codec_create(&codec), NULL);
+    for (uint64_t frame = 1; frame <= FRAMES; frame++) {
+        struct lw_snapshot *snapshot = make_moving(f, codec, &history, frame, frame - 1);
+        if (frame == FRAMES)
+            snapshot->settled =
+                blob_of(&(struct lw_message){.type = LW_MESSAGE_SETTLED, .settled.frame = frame});
+        publish(f, snapshot);
+        int s = dial_and_greet_with(f, LW_FEATURE_DCT);
+        ask_for_package(s, PACKAGE_SIZE); /* so that the loop has seen it */
+        close(s);
+        usleep(20000);
+    }
+    for (int i = 0; i < 2; i++) {
+        const struct lw_message_held tile[] = {{0, 0, 0, 2}};
+        int s = dial(f);
+        struct lw_message m;
+        put(s, &(struct lw_message){
+                   .type = LW_MESSAGE_HELLO,
+                   .hello = {.version = LW_WIRE_VERSION, .features = LW_FEATURE_DCT | LW_FEATURE_RESUME}});
+        expect(s, LW_MESSAGE_WELCOME, &m);
+        const uint64_t end_of_package = m.welcome.package_compressed_size;
+        lw_message_finish(&m);
+        put(s,
+            &(struct lw_message){.type = LW_MESSAGE_INTEREST, .interest = {.tile = wanted, .tile_count = 1}});
+        put(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {tile, 1}});
+        ask_for_package(s, end_of_package);
+        expect_frame(s, FRAMES, 1);
+        expect(s, LW_MESSAGE_TILE, &m);
+        assert_int_equal(m.tile.base, 2);
+        assert_int_equal(m.tile.version, FRAMES);
+        lw_message_finish(&m);
+        expect_settled(s, FRAMES);
+        expect_silence(s, 20);
+        close(s);
+    }
+    lw_tile_codec_destroy(codec);
+    end(f);
+}
+
+/* Whose link takes less than changes gets tiles in wider steps, and what they leave out once nothing changes any more; that is
+ * when all has been sent. */
+static void test_a_narrow_link(void **state) {
+    (void)state;
+    enum { FRAMES = 10 };
+    static struct lw_tile_dct_history history;
+    static const struct lw_message_interest_tile wanted[] = {{0, 0, 0}};
+    struct fixture *f =
+        start(&(struct lw_server_desc){.features = LW_FEATURE_DCT, .rate_limit_bytes_hz = 20000});
+    struct lw_tile_codec *codec;
+    struct lw_message m;
+    lw_support_ok(lw_tile_codec_create(&codec), NULL);
+    int s = dial(f);
+    put(s, &(struct lw_message){.type = LW_MESSAGE_HELLO,
+                                .hello = {.version = LW_WIRE_VERSION, .features = LW_FEATURE_DCT}});
+    expect(s, LW_MESSAGE_WELCOME, &m);
+    const uint64_t end_of_package = m.welcome.package_compressed_size;
+    lw_message_finish(&m);
+    put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST, .interest = {.tile = wanted, .tile_count = 1}});
+    ask_for_package(s, end_of_package);
+    for (uint64_t frame = 2; frame <= 2 * FRAMES; frame += 2) {
+        struct lw_snapshot *snapshot = make_moving(f, codec, &history, frame, frame - 2);
+        snapshot->settled = blob_of(&(struct lw_message){.type = LW_MESSAGE_SETTLED, .settled.frame = frame});
+        publish(f, snapshot);
+        usleep(20000);
+    }
+    size_t coarse_bytes = 0, bytes = 0;
+    uint64_t version = 0;
+    bool settled = false;
+    while (!settled) {
+        assert_true(get(s, &m));
+        settled = m.type == LW_MESSAGE_SETTLED && m.settled.frame == 2 * FRAMES;
+        if (m.type == LW_MESSAGE_TILE) {
+            assert_true(m.tile.version > version);
+            version = m.tile.version;
+            if (!m.tile.base)
+                *(lw_snapshot_is_coarse(version) ? &coarse_bytes : &bytes) = m.tile.payload_size;
+        }
+        lw_message_finish(&m);
+    }
+    assert_int_equal(version, 2 * FRAMES);
+    assert_true(coarse_bytes > 0 && coarse_bytes < 2 * bytes / 3);
+    close(s);
+    lw_tile_codec_destroy(codec);
+    end(f);
+}
+
+/* Once per frame, after its last tile; again after an INTEREST. */
 static void test_settled(void **state) {
     (void)state;
     struct fixture *f = start(&(struct lw_server_desc){0});
@@ -658,22 +790,22 @@ static void test_stand_ins(void **state) {
     put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST,
                                 .interest = {.tile = wanted, .tile_count = 5, .stand_ins = true}});
     ask_for_package(s, PACKAGE_SIZE);
-    publish(f, make_snapshot(f, 1, 0));
+    publish(f, make_snapshot(f, 2, 0));
     struct lw_message m;
     do {
         assert_true(get(s, &m));
         lw_message_finish(&m);
     } while (m.type != LW_MESSAGE_FRAME);
     /* three coarsest; levels 3 and 2 of object 1; both tiles of its level 1; one of level 0 */
-    expect_tiles(s, 3 + 2 + 2 + 1, 1);
+    expect_tiles(s, 3 + 2 + 2 + 1, 2);
     expect_silence(s, 50);
     put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST, .interest = {.stand_ins = true}});
     put(s, &(struct lw_message){.type = LW_MESSAGE_PING});
     expect(s, LW_MESSAGE_PONG, &m); /* so it has been heard */
     lw_message_finish(&m);
-    publish(f, make_snapshot(f, 2, 1));
-    expect_frame(s, 2, 2);
-    expect_tiles(s, 3, 2);
+    publish(f, make_snapshot(f, 4, 2));
+    expect_frame(s, 4, 2);
+    expect_tiles(s, 3, 4);
     expect_silence(s, 50);
     close(s);
     end(f);
@@ -688,7 +820,7 @@ static void test_stand_ins_wait(void **state) {
     put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST,
                                 .interest = {.tile = wanted, .tile_count = 1, .stand_ins = true}});
     ask_for_package(s, PACKAGE_SIZE);
-    const uint64_t far = 3, old = far + LW_URGENCY_STAND_IN_FRAMES;
+    const uint64_t far = 3, old = far + 2 * LW_URGENCY_STAND_IN_FRAMES; /* versions, two a frame */
     for (uint64_t frame = 1; frame <= old; frame++) {
         struct lw_snapshot *snapshot = make_snapshot(f, frame, frame - 1);
         for (uint32_t t = 0; t < f->map.tile_count; t++)
@@ -1006,32 +1138,32 @@ static void test_the_most_visible_change_goes_first(void **state) {
     struct fixture *f = start(&(struct lw_server_desc){.rate_limit_bytes_hz = 10 * PAYLOAD_SIZE});
     struct lw_message m;
     int s = dial_and_stream(f);
-    publish(f, make_snapshot(f, 1, 0));
-    expect_light(f, s, 1);
+    publish(f, make_snapshot(f, 2, 0));
+    expect_light(f, s, 2);
     /* whole tiles of level 0, one of each object, move the more the later they come; the others little */
     const uint32_t tile[OBJECTS] = {0, 13, 26};
-    struct lw_snapshot *snapshot = make_snapshot(f, 2, 1);
+    struct lw_snapshot *snapshot = make_snapshot(f, 4, 2);
     for (uint32_t i = 0; i < f->map.tile_count; i++) snapshot->tile[i].change = 0.001f;
     for (uint32_t o = 0; o < OBJECTS; o++) snapshot->tile[tile[o]].change = 0.1f * (float)(o + 1);
     publish(f, snapshot);
-    expect_frame(s, 2, 2);
+    expect_frame(s, 4, 2);
     expect(s, LW_MESSAGE_TILE, &m);
     assert_int_equal(m.tile.object, OBJECTS - 1);
     assert_int_equal(m.tile.level, 0);
     lw_message_finish(&m);
     /* now all but that one lag behind; the first moves again and overtakes the second */
-    snapshot = make_snapshot(f, 3, 2);
+    snapshot = make_snapshot(f, 6, 4);
     for (uint32_t i = 0; i < f->map.tile_count; i++) snapshot->tile[i].change = 0.001f;
     snapshot->tile[tile[0]].change = 0.2f;
     publish(f, snapshot);
     for (bool framed = false; !framed;) {
         assert_true(get(s, &m));
         framed = m.type == LW_MESSAGE_FRAME;
-        if (!framed) assert_true(m.tile.version == 2); /* on its way already */
+        if (!framed) assert_true(m.tile.version == 4); /* on its way already */
         lw_message_finish(&m);
     }
     expect(s, LW_MESSAGE_TILE, &m);
-    assert_true(m.tile.version == 3 && m.tile.level == 0 && m.tile.object == 0);
+    assert_true(m.tile.version == 6 && m.tile.level == 0 && m.tile.object == 0);
     lw_message_finish(&m);
     close(s);
     end(f);
@@ -1748,6 +1880,8 @@ int main(void) {
         cmocka_unit_test(test_newer_snapshot),
         cmocka_unit_test(test_deltas),
         cmocka_unit_test(test_deltas_to_catch_up),
+        cmocka_unit_test(test_a_jump_to_catch_up),
+        cmocka_unit_test(test_a_narrow_link),
         cmocka_unit_test(test_settled),
         cmocka_unit_test(test_interest),
         cmocka_unit_test(test_stand_ins),

@@ -1,0 +1,233 @@
+#include "server/serve/recoder.h"
+
+#include "common/tile/tile_codec.h"
+
+#include <math.h>
+#include <pthread.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct lw_recoder {
+    const struct lw_atlas_map *atlas_map;
+    void (*wake)(void *context);
+    void *context;
+    pthread_t thread;
+    /* The thread's. */
+    struct lw_tile_codec *codec;
+    uint8_t *payload, *delta; /* lw_tile_codec_bound() each */
+    float rgb[LW_TILE_TEXELS_MAX * 3];
+    struct coarse {
+        struct lw_tile_dct_history *history; /* NULL: none was made */
+        uint64_t version;                    /* that was last made; 0: nothing builds on it */
+    } * coarse;                              /* by tile id */
+
+    pthread_mutex_t mutex; /* guards what follows */
+    pthread_cond_t asked_for;
+    uint64_t asked, done, collected; /* jobs so far: each at its number modulo LW_RECODER_JOBS_MAX */
+    bool stops;
+    struct lw_recoder_job job[LW_RECODER_JOBS_MAX];
+    struct lw_recoder_result made[LW_RECODER_JOBS_MAX]; /* of those that are done */
+};
+
+static enum lw_status read_tile(const struct lw_blob *blob, struct lw_message *out_message) {
+    struct lw_frame_header header;
+    enum lw_status status = lw_frame_read_header(blob->bytes, LW_FRAME_BODY_MAX, &header, NULL);
+    if (status == LW_OK)
+        status = lw_message_decode(header, blob->bytes + LW_FRAME_HEADER_SIZE, out_message, NULL);
+    if (status == LW_OK && (out_message->type != LW_MESSAGE_TILE || out_message->tile.base ||
+                            out_message->tile.codec != LW_TILE_CODEC_DCT)) {
+        lw_message_finish(out_message);
+        return LW_BAD_DATA;
+    }
+    return status;
+}
+
+/* NULL is no failure that anybody must hear of: there are other ways to the version. */
+static struct lw_blob *make_delta(struct lw_recoder *r, const struct lw_recoder_job *job) {
+    const struct lw_tile_place *place = &r->atlas_map->place[job->tile];
+    struct lw_message from, to;
+    struct lw_blob *blob = NULL;
+    size_t size;
+    if (read_tile(job->from, &from) != LW_OK) return NULL;
+    if (read_tile(job->to, &to) != LW_OK) {
+        lw_message_finish(&from);
+        return NULL;
+    }
+    if (lw_tile_codec_encode_between(r->codec, from.tile.payload, from.tile.payload_size, to.tile.payload,
+                                     to.tile.payload_size, place->width, place->height, r->payload,
+                                     lw_tile_codec_bound(), &size) == LW_OK &&
+        size < to.tile.payload_size) {
+        struct lw_message delta = {.type = LW_MESSAGE_TILE, .tile = to.tile};
+        delta.tile.base = job->base;
+        delta.tile.payload = r->payload;
+        delta.tile.payload_size = size;
+        if (lw_blob_from_message(&delta, &blob) != LW_OK) blob = NULL;
+    }
+    lw_message_finish(&to);
+    lw_message_finish(&from);
+    return blob;
+}
+
+/* Any whose power of two the scale of the tile is: then this one has the same. */
+static float dark_for(float scale) { return 0.75f * scale; }
+
+static float coarse_step(uint32_t q) {
+    return exp2f(1 - (float)(q < LW_RECODER_COARSER_Q ? 0 : q - LW_RECODER_COARSER_Q) / 8);
+}
+
+static enum lw_status encode_coarse(struct lw_recoder *r, uint32_t id, const struct lw_message_tile *tile,
+                                    struct lw_tile_dct_coded *out_coded) {
+    const struct lw_tile_place *place = &r->atlas_map->place[id];
+    struct coarse *coarse = &r->coarse[id];
+    const size_t size = lw_tile_dct_history_size(place->height);
+    enum lw_status status = lw_tile_codec_decode(r->codec, tile->codec, tile->payload, tile->payload_size,
+                                                 tile->scale, place->width, place->height, NULL, r->rgb);
+    if (status != LW_OK) return status;
+    if (!coarse->history) {
+        coarse->history = aligned_alloc(_Alignof(struct lw_tile_dct_history), size);
+        if (!coarse->history) return LW_NO_MEMORY;
+        memset(coarse->history, 0, size);
+    }
+    /* What is not covered is as smooth as it was made, and counts like the rest. */
+    return lw_tile_codec_encode_dct(r->codec,
+                                    &(struct lw_tile_dct_source){r->rgb, NULL, place->width, place->height,
+                                                                 coarse_step(tile->payload[1]),
+                                                                 dark_for(tile->scale)},
+                                    coarse->history, r->payload, r->delta, lw_tile_codec_bound(), out_coded);
+}
+
+static void make_coarse(struct lw_recoder *r, const struct lw_recoder_job *job,
+                        struct lw_recoder_result *out) {
+    struct coarse *coarse = &r->coarse[job->tile];
+    struct lw_message m;
+    struct lw_tile_dct_coded coded = {0};
+    if (read_tile(job->to, &m) != LW_OK) return;
+    const bool smaller =
+        encode_coarse(r, job->tile, &m.tile, &coded) == LW_OK && coded.size < m.tile.payload_size;
+    struct lw_message made = {.type = LW_MESSAGE_TILE, .tile = m.tile};
+    made.tile.version = job->version;
+    made.tile.scale = coded.scale;
+    made.tile.payload = r->payload;
+    made.tile.payload_size = coded.size;
+    if (smaller && lw_blob_from_message(&made, &out->blob) != LW_OK) out->blob = NULL;
+    if (out->blob && coarse->version && coded.delta_size && coded.delta_size < coded.size) {
+        made.tile.base = out->delta_base = coarse->version;
+        made.tile.payload = r->delta;
+        made.tile.payload_size = coded.delta_size;
+        if (lw_blob_from_message(&made, &out->delta) != LW_OK) out->delta = NULL;
+    }
+    coarse->version = out->blob ? job->version : 0; /* nobody has it: nobody may build on it */
+    lw_message_finish(&m);
+}
+
+static void *work(void *context) {
+    struct lw_recoder *r = context;
+    pthread_mutex_lock(&r->mutex);
+    while (!r->stops) {
+        if (r->done == r->asked) {
+            pthread_cond_wait(&r->asked_for, &r->mutex);
+            continue;
+        }
+        const uint64_t at = r->done % LW_RECODER_JOBS_MAX;
+        const struct lw_recoder_job job = r->job[at];
+        pthread_mutex_unlock(&r->mutex);
+        struct lw_recoder_result made = {
+            .tile = job.tile, .coarse = job.coarse, .base = job.base, .version = job.version};
+        if (job.from)
+            made.blob = make_delta(r, &job);
+        else
+            make_coarse(r, &job, &made);
+        pthread_mutex_lock(&r->mutex);
+        r->made[at] = made;
+        r->done++;
+        if (r->done == r->asked || r->done == r->collected + 1) r->wake(r->context);
+    }
+    pthread_mutex_unlock(&r->mutex);
+    return NULL;
+}
+
+static void free_recoder(struct lw_recoder *r) {
+    for (uint32_t t = 0; r->coarse && t < r->atlas_map->tile_count; t++) free(r->coarse[t].history);
+    free(r->coarse);
+    lw_tile_codec_destroy(r->codec);
+    free(r->delta);
+    free(r->payload);
+    free(r);
+}
+
+enum lw_status lw_recoder_create(const struct lw_atlas_map *atlas_map, void (*wake)(void *context),
+                                 void *context, struct lw_recoder **out_recoder) {
+    struct lw_recoder *r = calloc(1, sizeof *r);
+    if (!r) return LW_NO_MEMORY;
+    *r = (struct lw_recoder){.atlas_map = atlas_map, .wake = wake, .context = context};
+    enum lw_status status = lw_tile_codec_create(&r->codec);
+    r->payload = malloc(lw_tile_codec_bound());
+    r->delta = malloc(lw_tile_codec_bound());
+    r->coarse = calloc((size_t)atlas_map->tile_count + 1, sizeof *r->coarse);
+    if (status == LW_OK && !(r->payload && r->delta && r->coarse)) status = LW_NO_MEMORY;
+    if (status != LW_OK) {
+        free_recoder(r);
+        return status;
+    }
+    pthread_mutex_init(&r->mutex, NULL); /* glibc's initialisers cannot fail */
+    pthread_cond_init(&r->asked_for, NULL);
+    if (pthread_create(&r->thread, NULL, work, r) != 0) {
+        pthread_cond_destroy(&r->asked_for);
+        pthread_mutex_destroy(&r->mutex);
+        free_recoder(r);
+        return LW_OS;
+    }
+    *out_recoder = r;
+    return LW_OK;
+}
+
+static void unref_job(struct lw_recoder_job *job) {
+    lw_blob_unref(job->from);
+    lw_blob_unref(job->to);
+}
+
+void lw_recoder_destroy(struct lw_recoder *r) {
+    if (!r) return;
+    pthread_mutex_lock(&r->mutex);
+    r->stops = true;
+    pthread_cond_signal(&r->asked_for);
+    pthread_mutex_unlock(&r->mutex);
+    pthread_join(r->thread, NULL);
+    for (struct lw_recoder_result result; lw_recoder_collect(r, &result);) {
+        lw_blob_unref(result.blob);
+        lw_blob_unref(result.delta);
+    }
+    for (; r->done < r->asked; r->done++) unref_job(&r->job[r->done % LW_RECODER_JOBS_MAX]);
+    pthread_cond_destroy(&r->asked_for);
+    pthread_mutex_destroy(&r->mutex);
+    free_recoder(r);
+}
+
+bool lw_recoder_ask(struct lw_recoder *r, const struct lw_recoder_job *job) {
+    pthread_mutex_lock(&r->mutex);
+    const bool fits = r->asked - r->collected < LW_RECODER_JOBS_MAX;
+    if (fits) {
+        struct lw_recoder_job *at = &r->job[r->asked % LW_RECODER_JOBS_MAX];
+        *at = *job;
+        if (at->from) lw_blob_ref(at->from);
+        lw_blob_ref(at->to);
+        r->asked++;
+        pthread_cond_signal(&r->asked_for);
+    }
+    pthread_mutex_unlock(&r->mutex);
+    return fits;
+}
+
+bool lw_recoder_collect(struct lw_recoder *r, struct lw_recoder_result *out_result) {
+    pthread_mutex_lock(&r->mutex);
+    const bool any = r->collected < r->done;
+    struct lw_recoder_job job;
+    if (any) {
+        const uint64_t at = r->collected++ % LW_RECODER_JOBS_MAX;
+        job = r->job[at];
+        *out_result = r->made[at];
+    }
+    pthread_mutex_unlock(&r->mutex);
+    if (any) unref_job(&job);
+    return any;
+}
