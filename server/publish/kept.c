@@ -78,7 +78,8 @@ static enum lw_status take_tile(struct reader *reader, struct lw_message *messag
     struct lw_message_tile *tile = &message->tile;
     struct lw_snapshot *snapshot = reader->snapshot;
     const uint32_t id = lw_atlas_map_find_tile(reader->map, tile->object, tile->level, tile->tile).v;
-    if (id == UINT32_MAX || snapshot->tile[id].blob || tile->base || tile->version > lw_snapshot_version(snapshot->frame))
+    if (id == UINT32_MAX || snapshot->tile[id].blob || tile->base ||
+        tile->version > lw_snapshot_version(snapshot->frame))
         return lw_status_fail(err, LW_BAD_DATA,
                               "object %u, level %u, tile %u: there is none, or it came twice, or it "
                               "is of a later frame",

@@ -1,14 +1,18 @@
 /* bench_fanout: what it costs the network's thread to hand a snapshot to many sessions.
  *
- *     bench_fanout [--clients N] [--payload BYTES] [--tiles N] [--seconds S]
+ *     bench_fanout [--clients N] [--payload BYTES] [--tiles N] [--seconds S] [--never N]
  *
  * The server that ships, on loopback, with snapshots made by hand in which every tile is new; the next comes when all have the
  * last. One thread plays all clients: it says hello for them and drops what arrives. The rows: the server; and, as what the
  * system itself costs, the same bytes to as many connections by nothing but epoll_wait() and writev() of 128 KiB. Compare
- * CPU time within a run: all three threads share the machine. */
+ * CPU time within a run: all three threads share the machine.
+ * With --never N something else is asked: what N more clients that never read cost those who do. Rounds with and without them
+ * take turns, on one server; of each, how long it takes from the moment at which a snapshot is handed over until a client has the last byte
+ * of it, by client and snapshot. The ratio of the medians of several rounds holds on a busy machine too. */
 #include "tests/support/support.h"
 
 #include "common/clock.h"
+#include "common/histogram.h"
 #include "common/log.h"
 #include "common/options.h"
 #include "server/serve/server.h"
@@ -27,13 +31,14 @@
 #include <sys/uio.h>
 #include <unistd.h>
 
-#define EVENTS      256
-#define DROP_BYTES  (4u << 20) /* at once, of one connection */
-#define BATCH_BLOBS 64
-#define BATCH_BYTES (128u << 10) /* as the server's */
+#define EVENTS       256
+#define DROP_BYTES   (4u << 20) /* at once, of one connection */
+#define BATCH_BLOBS  64
+#define NEVER_ROUNDS 9            /* with and without, each */
+#define BATCH_BYTES  (128u << 10) /* as the server's */
 
 struct bench {
-    int64_t clients, payload, tiles;
+    int64_t clients, payload, tiles, never;
     double seconds;
     struct lw_scene *scene;
     struct lw_atlas_map map;
@@ -184,13 +189,23 @@ static void await_tiles(const struct bench *b, uint64_t tiles) {
     while (stats_of(b).tiles_sent < tiles) usleep(200);
 }
 
-static struct row run_server(struct bench *b, struct lw_server_stats *out_stats) {
+static void start_server(struct bench *b) {
     static const uint8_t package[1000] = {1};
     const struct lw_server_desc desc = {
         .atlas_map = &b->map, .package = package, .package_size = sizeof package};
     struct lw_error err = {0};
     if (lw_server_create(&desc, &b->server, &err) != LW_OK) exit(lw_log_failure(&err));
     if (pthread_create(&b->serving, NULL, serve, b) != 0) give_up("a thread");
+}
+
+static void end_server(struct bench *b) {
+    lw_server_stop(b->server);
+    pthread_join(b->serving, NULL);
+    lw_server_destroy(b->server);
+}
+
+static struct row run_server(struct bench *b, struct lw_server_stats *out_stats) {
+    start_server(b);
     const uint64_t package_size = ask_size(lw_server_port(b->server)), before = resident_bytes();
     for (int64_t i = 0; i < b->clients; i++) {
         b->client[i] = dial(lw_server_port(b->server));
@@ -213,11 +228,106 @@ static struct row run_server(struct bench *b, struct lw_server_stats *out_stats)
     row.cpu_s = 1e-9 * (double)(out_stats->loop_cpu_ns - from.loop_cpu_ns);
     row.tiles = out_stats->tiles_sent - from.tiles_sent;
     row.bytes = out_stats->bytes_sent - from.bytes_sent;
-    lw_server_stop(b->server);
-    pthread_join(b->serving, NULL);
-    lw_server_destroy(b->server);
+    end_server(b);
     for (int64_t i = 0; i < b->clients; i++) close(b->client[i]);
     return row;
+}
+
+/* ---- those who never read ---- */
+
+/* What has come for a client, by its socket. */
+static void take(struct bench *b, int timeout_ms, uint64_t *got, void (*call)(void *, int client),
+                 void *context) {
+    struct epoll_event event[EVENTS];
+    const int ready = epoll_wait(b->epoll, event, EVENTS, timeout_ms);
+    for (int i = 0; i < ready; i++) {
+        const ssize_t size = recv(event[i].data.fd, NULL, DROP_BYTES, MSG_TRUNC | MSG_DONTWAIT);
+        if (size <= 0) continue;
+        got[event[i].data.fd] += (uint64_t)size;
+        if (call) call(context, event[i].data.fd);
+    }
+}
+
+struct waiting {
+    const uint64_t *got;
+    uint64_t due, published_ns; /* bytes that a client has when it has all */
+    int64_t left;
+    struct lw_histogram latency;
+    bool counts;
+};
+
+static void note_arrival(void *context, int client) {
+    struct waiting *w = context;
+    if (w->got[client] != w->due) return;
+    w->left--;
+    if (w->counts) lw_histogram_add(&w->latency, lw_clock_ns() - w->published_ns);
+}
+
+/* One round: p50 and p99, ns. */
+static void run_never_round(struct bench *b, uint64_t package_size, bool with, uint64_t *frame, uint64_t *got,
+                            uint64_t *due, double out_quantile[2]) {
+    int *silent = calloc((size_t)b->never, sizeof *silent);
+    if (!silent) give_up("memory");
+    for (int64_t i = 0; with && i < b->never; i++)
+        greet(silent[i] = dial(lw_server_port(b->server)), package_size);
+    struct waiting w = {.got = got};
+    const uint64_t began_ns = lw_clock_ns();
+    for (double elapsed_s = 0; elapsed_s < b->seconds;
+         elapsed_s = 1e-9 * (double)(lw_clock_ns() - began_ns)) {
+        w.counts = elapsed_s > b->seconds / 3; /* sockets that nobody reads are full by then */
+        w.left = b->clients;
+        w.due = *due += b->snapshot_bytes + b->frame->size;
+        w.published_ns = lw_clock_ns();
+        publish(b, ++*frame);
+        while (w.left) take(b, 1000, got, note_arrival, &w);
+        usleep(5000);
+    }
+    out_quantile[0] = (double)lw_histogram_quantile(&w.latency, 0.5);
+    out_quantile[1] = (double)lw_histogram_quantile(&w.latency, 0.99);
+    for (int64_t i = 0; with && i < b->never; i++) close(silent[i]);
+    free(silent);
+    usleep(100000);
+}
+
+static int by_size(const void *x, const void *y) {
+    const double a = *(const double *)x, b = *(const double *)y;
+    return (a > b) - (a < b);
+}
+
+static void run_never(struct bench *b) {
+    static uint64_t got[1 << 16];
+    static double quantile[2][2][NEVER_ROUNDS]; /* without and with; p50 and p99 */
+    start_server(b);
+    const uint64_t package_size = ask_size(lw_server_port(b->server));
+    uint64_t frame = 1, due = 0;
+    publish(b, frame);
+    for (int64_t i = 0; i < b->clients; i++) {
+        b->client[i] = dial(lw_server_port(b->server));
+        if (b->client[i] >= (int)(sizeof got / sizeof *got)) give_up("sockets");
+        greet(b->client[i], package_size);
+        watch(b, b->client[i]);
+    }
+    const uint64_t end_ns = lw_clock_ns() + 2000000000u; /* all have the first one, and welcomes */
+    while (lw_clock_ns() < end_ns) take(b, 50, got, NULL, NULL);
+    memset(got, 0, sizeof got);
+    for (int round = 0; round < 2 * NEVER_ROUNDS; round++) {
+        double pair[2];
+        run_never_round(b, package_size, round % 2, &frame, got, &due, pair);
+        for (int q = 0; q < 2; q++) quantile[round % 2][q][round / 2] = pair[q];
+    }
+    end_server(b);
+    for (int64_t i = 0; i < b->clients; i++) close(b->client[i]);
+    printf("%lld clients that read, %u tiles of %lld bytes, %d rounds of %g s each\n\n| | p50 ms | p99 ms |\n"
+           "|---|---|---|\n",
+           (long long)b->clients, b->map.tile_count, (long long)b->payload, NEVER_ROUNDS, b->seconds);
+    for (int with = 0; with < 2; with++) {
+        for (int q = 0; q < 2; q++) qsort(quantile[with][q], NEVER_ROUNDS, sizeof(double), by_size);
+        printf("| %lld never read | %.2f | %.2f |\n", with ? (long long)b->never : 0,
+               1e-6 * quantile[with][0][NEVER_ROUNDS / 2], 1e-6 * quantile[with][1][NEVER_ROUNDS / 2]);
+    }
+    printf("\nratio of medians: p50 %.2f, p99 %.2f\n",
+           quantile[1][0][NEVER_ROUNDS / 2] / quantile[0][0][NEVER_ROUNDS / 2],
+           quantile[1][1][NEVER_ROUNDS / 2] / quantile[0][1][NEVER_ROUNDS / 2]);
 }
 
 /* ---- nothing but the system ---- */
@@ -318,12 +428,9 @@ static void print_row(const char *name, const struct row *row) {
            1e-9 * (double)row->bytes / row->cpu_s, 100 * row->cpu_s / row->wall_s);
 }
 
-static void run(struct bench *b) {
+static void run_rows(struct bench *b) {
     struct lw_server_stats stats;
-    make_blobs(b);
-    b->client = calloc((size_t)b->clients, sizeof *b->client);
-    b->epoll = epoll_create1(EPOLL_CLOEXEC);
-    if (!b->client || b->epoll < 0 || pthread_create(&b->dropping, NULL, drop, b) != 0) give_up("clients");
+    if (pthread_create(&b->dropping, NULL, drop, b) != 0) give_up("a thread");
     struct row server = run_server(b, &stats), bare = run_bare(b);
     b->over = true;
     pthread_join(b->dropping, NULL);
@@ -338,6 +445,17 @@ static void run(struct bench *b) {
     printf("memory: %.1f MB, %.1f KB a session; loop lag p99 %.1f ms, largest %.1f ms\n",
            1e-6 * (double)server.resident, 1e-3 * (double)server.resident / (double)b->clients,
            1e-6 * (double)stats.loop_lag_p99_ns, 1e-6 * (double)stats.loop_lag_max_ns);
+}
+
+static void run(struct bench *b) {
+    make_blobs(b);
+    b->client = calloc((size_t)b->clients, sizeof *b->client);
+    b->epoll = epoll_create1(EPOLL_CLOEXEC);
+    if (!b->client || b->epoll < 0) give_up("clients");
+    if (b->never)
+        run_never(b);
+    else
+        run_rows(b);
     for (uint32_t t = 0; t < b->map.tile_count; t++) lw_blob_unref(b->blob[t]);
     free(b->blob);
     lw_blob_unref(b->frame);
@@ -346,7 +464,6 @@ static void run(struct bench *b) {
     lw_atlas_map_finish(&b->map);
     lw_scene_destroy(b->scene);
 }
-
 int main(int argc, char **argv) {
     struct bench b = {.clients = 1000, .payload = 1300, .tiles = 256, .seconds = 6};
     struct lw_error err = {0};
@@ -358,8 +475,10 @@ int main(int argc, char **argv) {
          &b.payload, 1, LW_MESSAGE_PAYLOAD_MAX, NULL},
         {"tiles", "N", "of level 0; with the coarser ones a third more (default 256)", LW_OPTION_INT,
          &b.tiles, 1, 4096, NULL},
-        {"seconds", "S", "of each row (default 6: delays are told every 5)", LW_OPTION_REAL, &b.seconds, 0.01,
-         3600, NULL},
+        {"never", "N", "clients more that never read, in every other round: tell what that costs the others",
+         LW_OPTION_INT, &b.never, 0, 9000, NULL},
+        {"seconds", "S", "of each row or round (default 6: delays are told every 5)", LW_OPTION_REAL,
+         &b.seconds, 0.01, 3600, NULL},
     };
     const struct lw_options options = {.program = "bench_fanout",
                                        .synopsis = "[OPTIONS]",

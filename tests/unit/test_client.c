@@ -533,6 +533,76 @@ static void test_reconnect(void **state) {
     finish_world(&w);
 }
 
+/* Every other tile is as it was in frame 1. */
+static struct lw_snapshot *change_half(const struct world *w, const struct lw_snapshot *first,
+                                       uint64_t frame) {
+    struct lw_snapshot *snapshot = make_snapshot(w, frame);
+    for (uint32_t t = 1; t < w->map.tile_count; t += 2) {
+        lw_blob_unref(snapshot->tile[t].blob);
+        snapshot->tile[t] = (struct lw_snapshot_tile){.version = 1, .blob = lw_blob_ref(first->tile[t].blob)};
+    }
+    return snapshot;
+}
+
+/* A client that reads nothing for longer than the server waits is closed; it comes back and gets what has changed, not what it has. */
+static void test_who_stopped_reading_comes_back(void **state) {
+    (void)state;
+    struct world w = make_world();
+    struct lw_server *server;
+    struct lw_server_stats served;
+    struct lw_client_stats before, after;
+    struct lw_client *client;
+    struct lw_error err = {0};
+    pthread_t thread;
+    lw_support_ok(lw_server_create(&(struct lw_server_desc){.host = "127.0.0.1",
+                                                            .atlas_map = &w.map,
+                                                            .package = w.package,
+                                                            .package_size = w.package_size,
+                                                            .bounces = 3,
+                                                            .target_error = 0.25f,
+                                                            .stall_timeout_ms = 300},
+                                   &server, &err),
+                  &err);
+    assert_int_equal(pthread_create(&thread, NULL, serve, server), 0);
+    struct lw_snapshot *first = make_snapshot(&w, 1);
+    lw_server_publish(server, first);
+    lw_support_ok(
+        lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1", .port = lw_server_port(server)},
+                         &client, &err),
+        &err);
+    const int little = 1;
+    assert_int_equal(setsockopt(lw_client_descriptor(client), SOL_SOCKET, SO_RCVBUF, &little, sizeof little),
+                     0);
+    poll_until_tiles(client, w.map.tile_count);
+    uint64_t frame = 1;
+    const uint64_t end_ns = lw_clock_ns() + WAIT_NS;
+    do { /* nobody polls */
+        struct lw_snapshot *snapshot = change_half(&w, first, ++frame);
+        lw_server_publish(server, snapshot);
+        lw_snapshot_unref(snapshot);
+        usleep(20000);
+        lw_server_get_stats(server, &served);
+        assert_true(lw_clock_ns() < end_ns);
+    } while (served.sessions_now);
+    while (lw_client_poll(client, 100, &err) == LW_OK) assert_true(lw_clock_ns() < end_ns);
+    lw_client_get_stats(client, &before);
+    err = (struct lw_error){0};
+    lw_support_ok(lw_client_reconnect(client, &err), &err);
+    do {
+        assert_true(lw_clock_ns() < end_ns);
+        lw_support_ok(lw_client_poll(client, 100, &err), &err);
+        lw_client_get_stats(client, &after);
+    } while (after.settled_frame < frame);
+    assert_int_equal(after.tiles - before.tiles, (w.map.tile_count + 1) / 2);
+    for (uint32_t t = 0; t < w.map.tile_count; t++) expect_tile(client, &w, t, t % 2 ? 1 : frame);
+    lw_client_destroy(client);
+    lw_snapshot_unref(first);
+    lw_server_stop(server);
+    pthread_join(thread, NULL);
+    lw_server_destroy(server);
+    finish_world(&w);
+}
+
 /* Waits for the scene and returns the bytes that it took. */
 static uint64_t fetch_scene(const struct running *r, const char *folder, uint32_t objects) {
     struct lw_client *client;
@@ -1390,6 +1460,7 @@ int main(void) {
         cmocka_unit_test(test_unknown_types_are_skipped),
         cmocka_unit_test(test_what_comes_with_the_welcome),
         cmocka_unit_test(test_reconnect),
+        cmocka_unit_test(test_who_stopped_reading_comes_back),
         cmocka_unit_test(test_cache),
         cmocka_unit_test(test_parts),
         cmocka_unit_test(test_a_package_in_the_cache),
