@@ -31,6 +31,7 @@ static inline uint32_t lw_change_region(uint32_t x, uint32_t y) {
 struct lw_change_packet {
     float direct_square; /* sum of squared differences of direct light; of the channel that differs most */
     struct lw_vec3 indirect[LW_CHANGE_REGIONS]; /* sum of differences */
+    float indirect_square[LW_CHANGE_REGIONS];   /* sum of their squared lengths */
 };
 
 /* What a block's estimates are off the mean that they entered, over its texels of a region: running means over some sixteen solves

@@ -294,7 +294,9 @@ static struct lw_change_packet compare_packet(const struct lw_passes *p, const s
         const float others = lanes > 1 ? (sum - size) / (float)(lanes - 1) : size;
         const float bound = DIFFERENCE_MAX * fmaxf(block->light, others);
         struct lw_vec3 *region = &found.indirect[quarter_of(tile, launch->texel[lane])];
-        *region = lw_vec3_mad(*region, off[lane], size > bound ? bound / size : 1);
+        const struct lw_vec3 bounded = lw_vec3_scale(off[lane], size > bound ? bound / size : 1);
+        *region = lw_vec3_add(*region, bounded);
+        found.indirect_square[quarter_of(tile, launch->texel[lane])] += lw_vec3_dot(bounded, bounded);
     }
     return found;
 }

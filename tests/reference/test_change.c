@@ -1,4 +1,5 @@
 /* Light that changes: what changed is right again soon, what did not costs nothing. */
+#include "server/solve/tiles.h"
 #include "tests/reference/room.h"
 
 #include <stdio.h>
@@ -325,6 +326,32 @@ static void test_a_lamp_goes_out(void **state) {
     room_finish(&s);
 }
 
+/* A block at rest whose texels' indirect light comes out otherwise, by `each` up or down, in the mean over a region by 1/8. */
+static bool wakes(float each) {
+    struct lw_packet packet[LW_PACKETS_MAX];
+    struct lw_solve_block block = {
+        .covered_count = 256, .packet = packet, .packet_count = LW_PACKETS_MAX, .resting = true, .light = 1};
+    for (uint32_t set = 0; set < LW_PACKETS_MAX; set++) {
+        packet[set].count = LW_TRACE_WIDTH;
+        for (uint32_t k = 0; k < LW_TRACE_WIDTH; k++) /* every fourth texel in both directions */
+            packet[set].texel[k] = (uint8_t)((set / 4 + k / 4 * 4) * LW_TILE_BLOCK + set % 4 + k % 4 * 4);
+        for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++) {
+            block.change.packet[set].indirect[r].y = 4 * 0.125f;
+            block.change.packet[set].indirect_square[r] = 4 * each * each;
+        }
+    }
+    lw_change_wake(&block, 0.02f);
+    return !block.resting;
+}
+
+/* What each texel finds for itself is noise of others' light; what they find together has changed. */
+static void test_noise_is_no_change(void **state) {
+    (void)state;
+    assert_true(wakes(0.125f));
+    assert_true(wakes(0.5f));
+    assert_false(wakes(1)); /* the mean of 64 is off by 1/8 */
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_a_lamp_goes_out),
@@ -336,6 +363,7 @@ int main(void) {
         cmocka_unit_test(test_nothing_is_solved_for_what_lights_nothing),
         cmocka_unit_test(test_filtered_light_changes_sooner),
         cmocka_unit_test(test_follows_a_lamp),
+        cmocka_unit_test(test_noise_is_no_change),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
