@@ -14,9 +14,14 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Of a frame's budget, what goes into asking what has changed once some has been found, and at most before. */
-#define ASKING_SHARE 0.5
-#define SEARCH_SHARE 2.0
+/* Of a frame's budget, what goes into asking what has changed once some has been found, and at most before; what is left for solving at
+ * least. */
+#define ASKING_SHARE  0.5
+#define SEARCH_SHARE  1.0
+#define SOLVING_SHARE 0.5
+
+/* What moves after so many frames in which nothing did begins to. */
+#define STILL_FRAMES 4u
 
 struct cell_solver {
     struct lw_solver base;
@@ -38,9 +43,12 @@ struct cell_solver {
     struct lw_schedule schedule;
     uint32_t frames, frames_since_move;
     uint32_t moves;            /* frames in which something had moved */
+    uint32_t began;            /* of these, the last before which nothing had for a while */
     uint32_t still_rounds;     /* since something was solved */
     uint32_t unchanged_rounds; /* since any light that serves was known to be out of date */
     double texel_ns;           /* wall time that one takes, in the mean of late */
+    double budget_s;           /* of this frame; 0: none */
+    bool yields;               /* this frame solves nothing, and only asks what has changed */
     bool forgetful; /* the tiles' estimates are not those of their last solve: a checkpoint keeps none */
     unsigned
         pose_due;  /* what of the pose has changed since rays, lights and tiles were last placed: LW_POSE_* */
@@ -122,8 +130,21 @@ static bool is_changing(const struct cell_solver *s) {
 /* For how long a frame may ask those that have not been asked about a movement: there should be time to solve what is found. */
 static bool is_time_over(const struct cell_solver *s, uint64_t began_ns, bool found) {
     const double budgets = found ? ASKING_SHARE : SEARCH_SHARE;
-    return s->desc.frame_budget_s > 0 &&
-           (double)(lw_clock_ns() - began_ns) > budgets * s->desc.frame_budget_s * 1e9;
+    return s->budget_s > 0 && (double)(lw_clock_ns() - began_ns) > budgets * s->budget_s * 1e9;
+}
+
+/* What the blocks of a tile that have woken are together. */
+static void note_woken(struct lw_solve_tile *tile) {
+    double square = 0;
+    tile->woken_count = 0;
+    LW_TILES_EACH_BLOCK (tile, block) {
+        const double share = fmin(1, (double)block->change.strength);
+        if (!block->change.woken) continue;
+        square += share * share * block->covered_count;
+        tile->woken_count += block->covered_count;
+    }
+    tile->woken = tile->woken_count > 0;
+    tile->urgency = tile->woken ? (float)(square / tile->woken_count) : 0;
 }
 
 /* Wakes blocks at rest whose light is no longer what it was; where something begins to move, asks those that are awake too. Who
@@ -135,7 +156,8 @@ static void find_change(struct cell_solver *s, const struct lw_passes *passes,
     bool found = false, begun = false;
     const bool active =
         s->still_rounds <= LW_PACKETS_MAX; /* until all have been asked about the last solve */
-    lw_change_order_sort(&s->order, &s->tiles, &s->schedule, s->desc.frame_budget_s > 0);
+    const bool hurried = s->budget_s > 0, spreads = hurried && s->schedule.urgent > 0;
+    lw_change_order_sort(&s->order, &s->tiles, &s->schedule, hurried);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shadow, bounce)
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[s->order.turn[i].tile];
@@ -147,18 +169,19 @@ static void find_change(struct cell_solver *s, const struct lw_passes *passes,
             continue; /* but one is asked in any case */
         tile->unasked = false;
         LW_TILES_EACH_BLOCK (tile, block) {
-            asked |= lw_change_choose(block, s->moves, s->schedule.tick, s->schedule.ended, active);
+            asked |= lw_change_choose(block, s->moves, s->began, s->schedule.tick, s->schedule.ended, active,
+                                      spreads);
         }
         if (!asked) continue;
         lw_passes_compare(passes, tile, &count);
         LW_TILES_EACH_BLOCK (tile, block) {
-            more |= lw_change_choose_more(block, s->desc.target_error);
+            more |= lw_change_choose_more(block, s->desc.target_error, hurried);
         }
         if (more) lw_passes_compare(passes, tile, &count);
         LW_TILES_EACH_BLOCK (tile, block) {
             if (block->covered_count) lw_change_wake(block, s->desc.target_error);
-            tile->woken |= block->change.woken;
         }
+        note_woken(tile);
         if (tile->woken) __atomic_store_n(&found, true, __ATOMIC_RELAXED);
         lw_tiles_sum_up(tile);
         shadow += count.shadow;
@@ -177,7 +200,8 @@ static void weigh_direct(struct cell_solver *s, const struct lw_passes *passes,
         struct lw_passes_count count = {0};
         bool asked = false;
         LW_TILES_EACH_BLOCK (tile, block) {
-            block->due = tile->due && !block->resting;
+            block->due =
+                tile->due && !block->resting && (!tile->urgent || block->change.woken || !block->frames);
             if (block->due && s->moves)
                 asked |= lw_change_choose_due(block, s->moves, s->unchanged_rounds <= CHANGING_ROUNDS);
         }
@@ -316,10 +340,16 @@ static void count_tiles(const struct cell_solver *s, struct lw_solver_stats *sta
     for (uint32_t i = 0; i < s->tiles.count; i++) stats->tiles_converged += s->tiles.tile[i].resting;
 }
 
-/* How many texels a frame may solve. The first frame lights everything. */
-static uint64_t texels_in_time(const struct cell_solver *s) {
-    if (!(s->desc.frame_budget_s > 0) || s->frames == 0) return UINT64_MAX;
-    return (uint64_t)(s->desc.frame_budget_s * 1e9 / fmax(s->texel_ns, 1));
+/* How many texels a frame may solve, of what has woken and in all. The first frame lights everything. Before all have been asked, what
+ * has woken is solved alone. */
+static struct lw_schedule_room room_in_time(const struct cell_solver *s, uint64_t asking_ns) {
+    if (!(s->budget_s > 0) || s->frames == 0) return (struct lw_schedule_room){UINT64_MAX, UINT64_MAX};
+    const double left_ns = fmax(s->budget_s * 1e9 - (double)asking_ns, SOLVING_SHARE * s->budget_s * 1e9);
+    const uint64_t texels = 1 + (uint64_t)(left_ns / fmax(s->texel_ns, 1));
+    bool waits = s->yields;
+    for (uint32_t i = 0; i < s->tiles.count && !waits; i++)
+        waits = s->moves && s->tiles.tile[i].serves && s->tiles.tile[i].unasked;
+    return (struct lw_schedule_room){s->yields ? 0 : texels, waits ? 0 : texels};
 }
 
 /* What a texel takes now, in wall time: a running mean over some ten frames' worth. */
@@ -332,7 +362,7 @@ static void note_texel_cost(struct cell_solver *s, const struct lw_solver_stats 
 /* Whether the frame has anything to solve. Where it has not, the pose waits, and with it the probes' rays. */
 static bool choose_tiles(struct cell_solver *s, struct lw_solver_stats *stats) {
     struct lw_schedule_count count;
-    lw_schedule_choose(&s->schedule, &s->tiles, texels_in_time(s), &count);
+    lw_schedule_choose(&s->schedule, &s->tiles, room_in_time(s, stats->change_ns), &count);
     stats->tiles_wanted = count.wanted;
     stats->tiles_feeding = count.feeding;
     return count.due > 0;
@@ -410,6 +440,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
         lw_pose_copy(&s->pose, pose, s->desc.scene);
         s->pose_due |= moved;
         s->moves++;
+        if (s->frames_since_move > STILL_FRAMES) s->began = s->moves;
         s->frames_since_move = 0;
     }
     const bool looked_at = lw_schedule_is_looked_at(&s->schedule);
@@ -424,7 +455,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     if (s->moves && looked_at) find_change(s, &passes, &stats);
     stats.change_ns = lw_clock_ns() - asked;
     const bool solves = choose_tiles(s, &stats);
-    s->still_rounds = solves ? 0 : s->still_rounds + 1;
+    s->still_rounds = solves ? 0 : s->still_rounds + s->schedule.ended;
     if (!solves) {
         run_finish(s, &passes, number, &stats); /* of what was solved before but not shown */
         if (stats.tiles_shown) status = show(s, number, &stats, err);
@@ -488,6 +519,16 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
 
 struct lw_tiles *lw_cell_solver_tiles(struct lw_solver *solver) {
     return &((struct cell_solver *)solver)->tiles;
+}
+
+void lw_cell_solver_give(struct lw_solver *solver, double budget_s, bool yields) {
+    struct cell_solver *s = (struct cell_solver *)solver;
+    s->budget_s = budget_s;
+    s->yields = yields;
+}
+
+unsigned lw_cell_solver_hurry(const struct lw_solver *solver) {
+    return ((const struct cell_solver *)solver)->schedule.hurry;
 }
 
 void lw_cell_solver_review(struct lw_solver *solver) {
@@ -704,6 +745,7 @@ enum lw_status lw_cell_solver_create_over(struct lw_geometry *geometry, const st
     s->base.ops = &ops;
     s->geometry = geometry;
     s->desc = *desc;
+    s->budget_s = desc->frame_budget_s;
     s->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
     if (!(s->desc.tracing_range_m > 0)) s->desc.tracing_range_m = INFINITY;
     enum lw_status status = build(s, pose, err);

@@ -31,6 +31,13 @@ LW_MUST_CHECK enum lw_status lw_cell_solver_create_over(struct lw_geometry *geom
 /** What it holds, between two frames. Of that, `beside` of blocks may be written. */
 struct lw_tiles *lw_cell_solver_tiles(struct lw_solver *solver);
 
+/** Gives the frames to come so much wall time for solving, about; 0: as long as it takes. yields: they solve
+ * nothing, and only ask what has changed. */
+void lw_cell_solver_give(struct lw_solver *solver, double budget_s, bool yields);
+
+/** How much has changed of what the last frame had no time for, in a few steps; 0: it had for all. */
+unsigned lw_cell_solver_hurry(const struct lw_solver *solver);
+
 /** Asks of every block at rest whether it may be, as `beside` is now. */
 void lw_cell_solver_review(struct lw_solver *solver);
 

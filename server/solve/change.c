@@ -16,6 +16,9 @@ static const float counted[2][LW_TILES_PARTS] = {
 #define COHERENT 2.0f
 /* Where something begins to move and one packet finds that so much of the light has changed, the others need not be asked. */
 #define STRONG 1.0f
+/* Where one packet has woken a block in a hurry and less than this share of its light has changed, the others are asked before it forgets
+ * any: a packet's sixteen texels are few for noise. */
+#define SURE 0.25f
 /* Of drift: what one solve brings; of its mean square, what its mean is more than by chance (4 standard errors); solves after a
  * movement in which it counts. */
 #define DRIFT_WEIGHT 0.0625f
@@ -39,14 +42,28 @@ static void ask(struct lw_change_block *change, uint16_t packets) {
     change->unchecked &= (uint16_t)~packets;
 }
 
-bool lw_change_choose(struct lw_solve_block *block, uint32_t moves, uint32_t tick, bool turn, bool active) {
+/* Along the rays that there are: what arrives may have changed. */
+static void ask_again(struct lw_solve_block *block) {
+    struct lw_change_block *change = &block->change;
+    change->compare = take_turn(block);
+    change->asked |= change->compare;
+    change->reread = true;
+}
+
+bool lw_change_choose(struct lw_solve_block *block, uint32_t moves, uint32_t began, uint32_t tick, bool turn,
+                      bool active, bool spreads) {
     struct lw_change_block *change = &block->change;
     const bool moved = change->moves != moves, missed = tick - change->tick > ROUNDS_MAX;
     change->compare = change->retrace = 0;
-    change->fresh = false;
+    change->fresh = change->reread = false;
     change->tick = tick;
     if (!block->packet_count || !block->frames) return false;
-    change->begins = moved && (missed || (block->resting ? !change->unchecked : !change->moving));
+    change->begins =
+        moved && (missed || change->moves < began || (block->resting ? !change->unchecked : !change->moving));
+    if (!change->begins && spreads && !change->woken && !(turn && block->resting)) {
+        ask_again(block);
+        return true;
+    }
     if (!block->resting && !change->begins) return false;
     if (moved) change->unchecked = all_packets(block);
     change->moves = moves;
@@ -125,6 +142,13 @@ static bool is_too_much(const struct lw_solve_block *block, const struct off *of
     return off->direct > may_be || COHERENT * mean_over(off->indirect) > may_be;
 }
 
+/* What share of a block's light is out of date, about. */
+static float share_of(const struct lw_solve_block *block, const struct off *off) {
+    const float light = block->light + block->beside,
+                all = fmaxf(off->direct, COHERENT * mean_over(off->indirect));
+    return light > 0 ? all / light : 1;
+}
+
 /* Whether a block would have to wake if all of it were as these packets are, or, of all packets, as it is. */
 static bool has_changed(const struct lw_solve_block *block, uint16_t packets, float target_error) {
     const struct off off = add_up(block, packets);
@@ -133,15 +157,15 @@ static bool has_changed(const struct lw_solve_block *block, uint16_t packets, fl
 
 /* Packets whose mean stands for the block: what begins to move is not told by what was found before. */
 static uint16_t witnesses(const struct lw_solve_block *block) {
-    return block->change.begins ? block->change.asked : all_packets(block);
+    return block->change.begins || block->change.reread ? block->change.asked : all_packets(block);
 }
 
-bool lw_change_choose_more(struct lw_solve_block *block, float target_error) {
+bool lw_change_choose_more(struct lw_solve_block *block, float target_error, bool hurried) {
     struct lw_change_block *change = &block->change;
     const uint16_t asked = change->compare, found = witnesses(block);
     change->compare = 0;
-    if (!asked || !has_changed(block, found, target_error)) return false;
-    if (change->begins && has_changed(block, found, STRONG)) return false;
+    if (!asked || change->reread || !has_changed(block, found, target_error)) return false;
+    if (change->begins && (hurried || has_changed(block, found, STRONG))) return false;
     ask(change, all_packets(block) & (uint16_t)~asked);
     return change->compare != 0;
 }
@@ -149,7 +173,10 @@ bool lw_change_choose_more(struct lw_solve_block *block, float target_error) {
 void lw_change_wake(struct lw_solve_block *block, float target_error) {
     struct lw_change_block *change = &block->change;
     change->compare = 0;
-    if (!(block->resting || change->begins) || !has_changed(block, witnesses(block), target_error)) return;
+    const struct off off = add_up(block, witnesses(block));
+    if (!(block->resting || change->begins || change->reread) || !is_too_much(block, &off, target_error))
+        return;
+    change->strength = share_of(block, &off);
     change->judged = witnesses(block);
     block->resting = false;
     block->stale = change->woken = true;
@@ -163,7 +190,13 @@ void lw_change_review(struct lw_solve_block *block, float target_error) {
 bool lw_change_choose_due(struct lw_solve_block *block, uint32_t moves, bool changing) {
     struct lw_change_block *change = &block->change;
     const bool moved = moves != change->moves;
-    if (!block->packet_count || !block->frames || change->fresh) return false;
+    if (!block->packet_count || !block->frames) return false;
+    if (change->woken && change->strength < SURE && change->judged != all_packets(block)) {
+        ask(change, all_packets(block) & (uint16_t)~change->judged);
+        change->judged = all_packets(block);
+        return true;
+    }
+    if (change->fresh || change->woken) return false;
     if (moved) change->unchecked = all_packets(block);
     if (moved)
         ask(change, change->asked ? change->asked : take_turn(block));

@@ -8,6 +8,7 @@
  * moved since; where not, what arrives along the rays' ends is read again, which costs no ray: so a change follows the
  * bounces. What nobody looks at and what lights nobody's view is not asked.
  *   where something begins to move   one packet, and all at once if that one has found a difference
+ *   in a hurry, where others' light has just changed   one packet in turn, along the rays that there are
  *   at rest   one packet in turn, so that all have been asked 16 rounds after the last movement
  *   awake     one packet before each solve while something moves; all, along the rays that there are, while light changes
  * One packet may lie on another surface of the block than what has changed, and miss it. So the estimates of a block that is solved
@@ -51,7 +52,9 @@ struct lw_change_block {
     uint16_t judged;            /* those whose mean stands for the block, if they have woken it */
     uint16_t unchecked;         /* whose rays were not traced again since something moved */
     bool fresh;                 /* asked in this frame */
+    bool reread;                /* in this frame, along the rays that there are */
     bool woken;                 /* since it was last solved */
+    float strength;             /* if so: how much of its light has changed, about */
     bool begins;                /* in this frame, something moves after a while in which nothing did */
     bool moving;                /* something had moved when it was last solved */
     uint32_t next;              /* packet, in turn */
@@ -68,13 +71,16 @@ struct lw_change_block {
 struct lw_solve_block;
 
 /** Chooses the packets that are asked of a block before it is known what this frame solves: mostly one, or none; of a block that does
- * not rest only where something begins to move. moves: of the scene, so far; tick: counts rounds (schedule.h); turn: a round
- * begins; active: light elsewhere may be changing. Returns whether there are any. */
-bool lw_change_choose(struct lw_solve_block *block, uint32_t moves, uint32_t tick, bool turn, bool active);
+ * not rest only where something begins to move. moves: of the scene, so far; began: those when it last began to move; tick: counts rounds
+ * (schedule.h); turn: a round begins; active: light elsewhere may be changing; spreads: it has changed in the last frame, and what follows
+ * from that is not to wait for its turn: one packet of every block is asked along the rays that there are. Returns whether there are any. */
+bool lw_change_choose(struct lw_solve_block *block, uint32_t moves, uint32_t began, uint32_t tick, bool turn,
+                      bool active, bool spreads);
 
 /** After their answers: chooses the packets that are to be asked besides, before lw_change_wake(): all, if those asked have found so
- * much that the block might have to wake, but not so much that it must. Returns whether there are any. */
-bool lw_change_choose_more(struct lw_solve_block *block, float target_error);
+ * much that the block might have to wake, but not so much that it must. hurried: where something begins to move none are: one packet is
+ * enough to wake. Returns whether there are any. */
+bool lw_change_choose_more(struct lw_solve_block *block, float target_error, bool hurried);
 
 /** Notes what the estimates of a solve are off their means, in the mean over the texels of a region. */
 void lw_change_note_drift(struct lw_solve_block *block, int part, uint32_t region, float off);
@@ -82,7 +88,7 @@ void lw_change_note_drift(struct lw_solve_block *block, int part, uint32_t regio
 /** Wakes a block if what its packets have found is more than its target error allows. */
 void lw_change_wake(struct lw_solve_block *block, float target_error);
 
-/** Chooses the packets of a block that is to be solved, unless it was asked in this frame: one where something has moved since; all,
+/** Chooses the packets of a block that is to be solved, unless it was asked in this frame or has woken: one where something has moved since; all,
  * which then costs no ray, where light elsewhere is changing. */
 bool lw_change_choose_due(struct lw_solve_block *block, uint32_t moves, bool changing);
 

@@ -50,6 +50,7 @@ struct layers {
     struct layer layer[LW_LIGHT_GROUPS_MAX];
     uint32_t count;
     uint32_t still_frames; /* since any layer's light moved */
+    uint32_t yields;       /* frames in a row in which a layer has waited for another */
     bool sums;             /* what is shown is in the planes below; else it is the one layer's own */
     float *direct[3], *indirect[3], *light[3];
     uint64_t *solved_frame; /* per lw_tile_id: that last changed them */
@@ -349,6 +350,37 @@ static enum lw_status begin_sums(struct layers *s, struct lw_error *err) {
     return LW_OK;
 }
 
+/* Where light has just changed more in one layer than in another, the other waits with what else it has, for so many frames in a row; of
+ * the time it has this share, to ask what has changed. */
+#define YIELDS_MAX   16u
+#define YIELDS_SHARE 0.25
+/* Frames after the first in which there was no time for all that had changed may take so many times theirs: to filter, weld and encode what
+ * is shown takes half as long as a budget. */
+#define HURRY_SHARE 2.0
+
+/* Shares out the time of a frame. */
+static void give_time(struct layers *s, bool moved) {
+    uint32_t running = 0, first = 0;
+    unsigned most = 0;
+    if (!(s->desc.frame_budget_s > 0)) return;
+    for (struct layer *layer = s->layer; layer < s->layer + s->count; layer++) {
+        const unsigned hurry = layer->ran ? lw_cell_solver_hurry(layer->solver) : 0;
+        running += layer->ran;
+        most = hurry > most ? hurry : most;
+    }
+    if (moved || s->yields >= YIELDS_MAX) most = 0;
+    for (const struct layer *layer = s->layer; layer < s->layer + s->count; layer++)
+        first += layer->ran && lw_cell_solver_hurry(layer->solver) >= most;
+    s->yields = first < running ? s->yields + 1 : 0;
+    const double shares = first + YIELDS_SHARE * (running - first),
+                 budget_s = (most ? HURRY_SHARE : 1) * s->desc.frame_budget_s;
+    for (struct layer *layer = s->layer; layer < s->layer + s->count; layer++) {
+        if (!layer->ran) continue;
+        const bool yields = lw_cell_solver_hurry(layer->solver) < most;
+        lw_cell_solver_give(layer->solver, (yields ? YIELDS_SHARE : 1) / shares * budget_s, yields);
+    }
+}
+
 static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose, uint64_t number,
                             struct lw_solver_stats *out_stats, struct lw_error *err) {
     struct layers *s = (struct layers *)solver;
@@ -359,9 +391,10 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
         if (status != LW_OK) return status;
     }
     bool moved = false;
+    for (struct layer *layer = s->layer; layer < s->layer + s->count; layer++) layer->ran = runs(s, layer);
+    give_time(s, stats.moved);
     for (struct layer *layer = s->layer; layer < s->layer + s->count; layer++) {
         struct lw_solver_stats of_layer;
-        layer->ran = runs(s, layer);
         if (!layer->ran) continue;
         if (s->count > 1) measure(s, layer);
         enum lw_status status =
@@ -526,7 +559,6 @@ static enum lw_status build_layer(struct layers *s, uint32_t k, struct lw_error 
     struct lw_solver_desc desc = s->desc;
     desc.scene = &layer->scene;
     desc.threads = (unsigned)s->threads;
-    desc.frame_budget_s /= s->count;
     if (k > 0) desc.seed = lw_random_hash2(desc.seed, k); /* noise of one layer does not repeat another's */
     return lw_cell_solver_create_over(&s->geometry, &desc, &layer->pose, &layer->solver, err);
 }

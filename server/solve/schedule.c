@@ -17,8 +17,6 @@
 #define READINGS_MEMORY 8.0f
 /* Fewer readings than this light nothing that can be seen: a thousandth of what a tile gets in a scene all in view. */
 #define READINGS_MIN 0.001f
-/* What has just changed may take so many times the limit of a frame. */
-#define WOKEN_SHARE 3u
 /* Of the coarsest levels that are looked at; farther ones keep up with what moves as these do. */
 #define PERIOD_LOG_MAX 3u
 
@@ -127,6 +125,13 @@ static bool is_looked_at(const struct lw_schedule *schedule, const struct lw_sol
     return schedule->everything || schedule->wanted[tile->id.v];
 }
 
+/* Rounds that take many frames are no reason to show what is out of date so many times later. */
+static uint32_t rounds_of(const struct lw_schedule *schedule, const struct lw_solve_tile *tile,
+                          uint32_t period) {
+    while (tile->stale && period > 1 && period * schedule->frames > LW_SCHEDULE_PERIOD_MAX) period /= 2;
+    return period;
+}
+
 static void begin_round(struct lw_schedule *schedule, struct lw_tiles *tiles) {
     schedule->tick++;
     schedule->count = (struct lw_schedule_count){0};
@@ -143,65 +148,79 @@ static void begin_round(struct lw_schedule *schedule, struct lw_tiles *tiles) {
         if (!tile->covered_count) continue;
         schedule->count.wanted += looked_at;
         schedule->count.feeding += !looked_at && period;
-        tile->waiting = !tile->resting && (tile->frames == 0 || (period && is_turn(schedule, tile, period)));
+        tile->waiting =
+            !tile->resting &&
+            (tile->frames == 0 || (period && is_turn(schedule, tile, rounds_of(schedule, tile, period))));
     }
+    schedule->frames = 0;
 }
 
-enum rank { WOKEN_IN_VIEW, WOKEN, STALE, OTHER };
+/* What has changed most first: for as many texels it is the most to see. */
+enum rank { WOKEN_MOST, WOKEN_MORE, WOKEN_LESS, WOKEN_UNSEEN, STALE, OTHER };
+/* Mean square of the share of light that has changed. */
+#define MOST 0.25f
+#define MORE 0.0625f
+#define LESS 0.01f
 
 static enum rank rank_of(const struct lw_schedule *schedule, const struct lw_solve_tile *tile) {
-    if (tile->woken) return is_looked_at(schedule, tile) ? WOKEN_IN_VIEW : WOKEN;
-    return tile->stale ? STALE : OTHER;
+    if (!tile->woken) return tile->stale ? STALE : OTHER;
+    if (tile->urgency < LESS) return STALE;
+    if (!is_looked_at(schedule, tile)) return WOKEN_UNSEEN;
+    return tile->urgency >= MOST ? WOKEN_MOST : tile->urgency >= MORE ? WOKEN_MORE : WOKEN_LESS;
 }
 
-/* Of tiles that wait, takes those of a rank until there are so many texels. */
+/* Of tiles that wait, takes those of a rank until there are so many texels; of those that have woken, the blocks that have, if time is
+ * short. */
 static void take(const struct lw_schedule *schedule, struct lw_tiles *tiles, enum rank rank, uint64_t texels,
                  uint64_t *taken) {
+    const bool urgent = rank < STALE && texels != UINT64_MAX;
     for (uint32_t i = 0; i < tiles->count; i++) {
         struct lw_solve_tile *tile = &tiles->tile[i];
-        if (!tile->waiting || rank_of(schedule, tile) != rank) continue;
-        if (*taken && *taken + tile->covered_count > texels) continue;
+        if (!(tile->waiting || tile->woken) || tile->due || tile->resting || rank_of(schedule, tile) != rank)
+            continue;
+        const uint32_t count = urgent ? tile->woken_count : tile->covered_count;
+        if (!texels || (*taken && *taken + count > texels)) continue;
         tile->due = true;
-        *taken += tile->covered_count;
+        tile->urgent = urgent;
+        *taken += count;
     }
 }
 
-/* Takes what the frame solves of what waits; returns whether that is what has just changed, alone. */
-static bool take_all(const struct lw_schedule *schedule, struct lw_tiles *tiles, uint64_t texels) {
+/* Takes what the frame solves of what waits. */
+static void take_all(const struct lw_schedule *schedule, struct lw_tiles *tiles,
+                     struct lw_schedule_room room) {
     uint64_t taken = 0;
-    for (uint32_t i = 0; i < tiles->count; i++) {
-        struct lw_solve_tile *tile = &tiles->tile[i];
-        tile->waiting |= tile->woken && !tile->resting;
-        tile->due = false;
-    }
-    const uint64_t more = texels < UINT64_MAX / WOKEN_SHARE ? WOKEN_SHARE * texels : UINT64_MAX;
-    take(schedule, tiles, WOKEN_IN_VIEW, more, &taken);
-    take(schedule, tiles, WOKEN, more, &taken);
-    const bool woken = taken && texels != UINT64_MAX;
-    if (!woken) take(schedule, tiles, STALE, texels, &taken);
-    if (!woken) take(schedule, tiles, OTHER, texels, &taken);
-    return woken;
+    for (uint32_t i = 0; i < tiles->count; i++) tiles->tile[i].due = tiles->tile[i].urgent = false;
+    for (enum rank rank = WOKEN_MOST; rank <= WOKEN_UNSEEN; rank++)
+        take(schedule, tiles, rank, room.woken, &taken);
+    take(schedule, tiles, STALE, room.all, &taken);
+    take(schedule, tiles, OTHER, room.all, &taken);
 }
 
-void lw_schedule_choose(struct lw_schedule *schedule, struct lw_tiles *tiles, uint64_t texels,
+void lw_schedule_choose(struct lw_schedule *schedule, struct lw_tiles *tiles, struct lw_schedule_room room,
                         struct lw_schedule_count *out_count) {
     if (schedule->ended) begin_round(schedule, tiles);
-    const bool woken = take_all(schedule, tiles, texels);
+    schedule->frames++;
+    take_all(schedule, tiles, room);
     struct lw_schedule_count count = schedule->count;
     schedule->ended = true;
+    schedule->hurry = schedule->urgent = 0;
     for (uint32_t i = 0; i < tiles->count; i++) {
         struct lw_solve_tile *tile = &tiles->tile[i];
-        tile->woken = false;
-        tile->waiting &= !tile->due;
-        schedule->ended &= !tile->waiting;
+        tile->woken &= !tile->due && !tile->resting;
+        tile->waiting &= !tile->due || tile->urgent;
+        schedule->ended &= !tile->waiting && !tile->woken;
+        if (tile->woken && STALE - rank_of(schedule, tile) > schedule->hurry)
+            schedule->hurry = STALE - rank_of(schedule, tile);
         count.due += tile->due;
+        schedule->urgent += tile->urgent;
     }
     for (uint32_t i = 0; i < tiles->count; i++) {
         struct lw_solve_tile *tile = &tiles->tile[i];
         const bool in_turn = is_looked_at(schedule, tile) || tile->frames == 0 || tile->begins ||
                              shows_unwanted(schedule, tile->object);
         /* At rest all may be seen. */
-        tile->shows = count.due == 0 || (in_turn && (schedule->ended || (woken && tile->due)));
+        tile->shows = (count.due == 0 && schedule->ended) || (in_turn && (schedule->ended || tile->urgent));
     }
     *out_count = count;
 }

@@ -31,7 +31,11 @@ struct lw_schedule {
     bool looked_at;  /* something is, resting or not */
     bool watched;    /* in this frame, something that is looked at does not rest */
     bool ended;      /* the round has: the next frame begins another */
+    unsigned
+        hurry; /* how much has changed of what has woken and the last frame had no time for; 0: there is nothing */
     uint32_t tick;   /* counts the rounds; period and age are measured in it */
+    uint32_t urgent; /* tiles that the last frame solved because they had woken */
+    uint32_t frames; /* of the round under way; of the last one, as one begins */
     uint8_t *wanted; /* per lw_tile_id: 0, or 1 + the finest level that is looked at */
     uint32_t *
         ends; /* per lw_tile_id: bounce rays of this frame that ended there, by weight, of those that are counted */
@@ -40,6 +44,11 @@ struct lw_schedule {
     uint32_t ids;     /* lw_tile_ids of the scene */
     uint32_t samples; /* bounce rays per texel */
     struct lw_schedule_count count; /* as the round began */
+};
+
+/* Texels that a frame has time for, about. */
+struct lw_schedule_room {
+    uint64_t woken, all; /* of what has woken; with what else waits */
 };
 
 void lw_schedule_init(struct lw_schedule *schedule, uint32_t ids, uint32_t indirect_samples);
@@ -58,9 +67,9 @@ static inline bool lw_schedule_is_looked_at(const struct lw_schedule *schedule) 
  * is looked at. */
 void lw_schedule_serve(const struct lw_schedule *schedule, struct lw_tiles *tiles, bool feeds_all);
 
-/** Sets `due` and `shows` of every tile, for the frame that begins. texels: that it has time for, about; at least one tile is due, if
- * any waits. */
-void lw_schedule_choose(struct lw_schedule *schedule, struct lw_tiles *tiles, uint64_t texels,
+/** Sets `due`, `urgent` and `shows` of every tile, for the frame that begins. At least one tile is due, if any waits for which there is
+ * room at all. */
+void lw_schedule_choose(struct lw_schedule *schedule, struct lw_tiles *tiles, struct lw_schedule_room room,
                         struct lw_schedule_count *out_count);
 
 /** Counts a due tile's bounce rays. end: of the whole scene, `samples` words per texel (transport.h). */

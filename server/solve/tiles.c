@@ -246,6 +246,8 @@ static void begin_block(struct lw_solve_block *block) {
 static void set_hidden(struct lw_solve_tile *tile, bool hidden) {
     tile->hidden = hidden;
     tile->woken = !hidden; /* first among what waits for a frame */
+    tile->urgency = 1;
+    tile->woken_count = tile->covered_count;
     tile->begins = !hidden;
     tile->waiting = false;
     LW_TILES_EACH_BLOCK (tile, block) {

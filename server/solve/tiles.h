@@ -56,12 +56,16 @@ struct lw_solve_tile {
     bool hidden; /* as its object is: it rests, and begins anew when it is shown */
     bool begins; /* it has, and nothing of it has been shown since */
     uint32_t covered_count;
-    uint32_t frames;       /* the fewest of its blocks */
-    float error;           /* relative standard error of luminance, over all its blocks */
-    bool resting;          /* all its blocks do */
-    bool serves;           /* it is looked at, or lights what is (schedule.h) */
-    bool stale;            /* one of its blocks is */
-    bool woken;            /* one of its blocks has found in this frame that its light has changed */
+    uint32_t frames; /* the fewest of its blocks */
+    float error;     /* relative standard error of luminance, over all its blocks */
+    bool resting;    /* all its blocks do */
+    bool serves;     /* it is looked at, or lights what is (schedule.h) */
+    bool stale;      /* one of its blocks is */
+    bool woken;      /* one of its blocks has found that its light has changed, and was not solved since */
+    float
+        urgency; /* if so: mean square over those blocks of the share of light that has changed, at most 1 */
+    uint32_t woken_count;  /* texels of those blocks */
+    bool urgent;           /* the frame under way solves those blocks alone, and shows them at once */
     bool unasked;          /* since something moved last */
     bool waiting;          /* the round under way has yet to solve it (schedule.h) */
     bool due;              /* the frame under way solves it (schedule.h): its blocks that do not rest */

@@ -1,4 +1,5 @@
 /* Tiles that nobody looks at: what is looked at is lit as if all were solved, what lights it follows, the rest rests. */
+#include "server/solve/schedule.h"
 #include "tests/reference/room.h"
 
 #include <stdlib.h>
@@ -319,6 +320,40 @@ static void test_a_round_in_many_frames(void **state) {
     room_finish(&s);
 }
 
+/* Frames with room for one tile: of those whose light has changed, the one of which most has is solved and shown, the next in the next
+ * frame, and only then, in its round, what has hardly changed. */
+static void test_what_has_changed_most_comes_first(void **state) {
+    (void)state;
+    static const float urgency[] = {0, 0.02f, 0.5f, 0.001f};
+    struct lw_solve_tile tile[4];
+    struct lw_tiles tiles = {.count = 4, .tile = tile};
+    struct lw_schedule schedule;
+    struct lw_schedule_count count;
+    const struct lw_schedule_room room = {60, 60};
+    lw_schedule_init(&schedule, 4, 1);
+    for (uint32_t i = 0; i < 4; i++)
+        tile[i] = (struct lw_solve_tile){.id = {i},
+                                         .covered_count = 100,
+                                         .frames = 1,
+                                         .stale = i > 0,
+                                         .woken = i > 0,
+                                         .woken_count = 50,
+                                         .urgency = urgency[i]};
+    static const uint32_t order[] = {2, 1};
+    for (uint32_t k = 0; k < 2; k++) {
+        lw_schedule_choose(&schedule, &tiles, room, &count);
+        assert_int_equal(count.due, 1);
+        assert_true(tile[order[k]].due && tile[order[k]].urgent && tile[order[k]].shows);
+        assert_int_equal(schedule.hurry > 0, k == 0);
+    }
+    lw_schedule_choose(&schedule, &tiles, room, &count);
+    assert_true(count.due == 1 && !tile[0].due && !tile[3].urgent);
+    lw_schedule_choose(&schedule, &tiles, (struct lw_schedule_room){60, 0}, &count);
+    assert_int_equal(count.due, 0); /* what others in a hurry leave no time for */
+    assert_false(schedule.ended);
+    lw_schedule_finish(&schedule);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_wanted_tiles_are_lit_as_in_a_whole_solve),
@@ -330,6 +365,7 @@ int main(void) {
         cmocka_unit_test(test_wakes_to_the_light_of_today),
         cmocka_unit_test(test_changes_reach_what_is_looked_at),
         cmocka_unit_test(test_a_round_in_many_frames),
+        cmocka_unit_test(test_what_has_changed_most_comes_first),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
