@@ -222,23 +222,24 @@ static enum lw_status read_scene(struct daemon *d, struct lw_error *err) {
 static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
     enum lw_status status = lw_layers_create(
-        &(struct lw_solver_desc){.scene = &d->state.scene,
-                                 .atlas_map = &d->atlas_map,
-                                 .bounces = (uint32_t)s->bounces,
-                                 .tracing_range_m = (float)s->tracing_range,
-                                 .cell_size_m = (float)s->cell_size,
-                                 .probe_spacing_m = (float)s->probe_spacing,
-                                 .probe_form = (enum lw_probe_form_kind)s->probe_form,
-                                 .denoise = s->denoise == 1,
-                                 .direct_samples = (uint32_t)s->direct_samples,
-                                 .indirect_samples = (uint32_t)s->indirect_samples,
-                                 .target_error = (float)s->error,
-                                 .threads = (unsigned)s->scene.threads,
-                                 .seed = (uint32_t)s->seed,
-                                 .frame_budget_s = s->clock == CLOCK_REAL && isfinite(s->frame_budget_ms)
-                                                       ? s->frame_budget_ms * 1e-3
-                                                       : 0,
-                                 .cancel = &d->cancel},
+        &(struct lw_solver_desc){
+            .scene = &d->state.scene,
+            .atlas_map = &d->atlas_map,
+            .bounces = (uint32_t)s->bounces,
+            .tracing_range_m = (float)s->tracing_range,
+            .cell_size_m = (float)s->cell_size,
+            .probe_spacing_m = (float)s->probe_spacing,
+            .probe_form = (enum lw_probe_form_kind)s->probe_form,
+            .denoise = s->denoise == 1,
+            .direct_samples = (uint32_t)s->direct_samples,
+            .indirect_samples = (uint32_t)s->indirect_samples,
+            .target_error = (float)s->error,
+            .threads = (unsigned)s->scene.threads,
+            .seed = (uint32_t)s->seed,
+            .frame_budget_s =
+                s->clock == CLOCK_REAL && isfinite(s->frame_budget_ms) ? s->frame_budget_ms * 1e-3 : 0,
+            .cancel = &d->cancel,
+            .awaited = s->clock == CLOCK_REAL ? lw_server_updates_wait(d->server) : NULL},
         &d->light_groups, &d->pose, &d->solver, err);
     if (status != LW_OK) return status;
     if (s->light == LIGHT_SEEN) { /* by nobody, to begin with */

@@ -246,6 +246,10 @@ size_t lw_server_take_updates(struct lw_server *server, uint64_t frame, struct l
     return lw_updates_take(&server->shared.updates, frame, out_change, out_change_count);
 }
 
+const _Atomic bool *lw_server_updates_wait(const struct lw_server *server) {
+    return &server->shared.updates.waiting;
+}
+
 static void on_busy(uv_idle_t *handle) { (void)handle; }
 
 /* Whoever is due once the loop would wait: it must not. */

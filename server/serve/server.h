@@ -78,6 +78,8 @@ bool lw_server_take_wanted(struct lw_server *server, struct lw_server_wanted *ou
  * Returns how many updates; some may be without a change. [any] */
 size_t lw_server_take_updates(struct lw_server *server, uint64_t frame, struct lw_scene_change **out_change,
                               size_t *out_change_count);
+/** True while updates wait to be taken. Valid as long as the server. [any] */
+const _Atomic bool *lw_server_updates_wait(const struct lw_server *server);
 /** Asks the loop to refuse new sessions, say goodbye and return from lw_server_run(). [any], and from signal handlers
  * by way of the loop's own SIGINT/SIGTERM watchers, which lw_server_run() installs. */
 void lw_server_stop(struct lw_server *server);

@@ -35,6 +35,7 @@ static bool add(struct lw_updates *u, const struct lw_updates_entry *entry,
     u->entry[u->entry_count++] = *entry;
     if (count) memcpy(u->change + u->change_count, change, count * sizeof *change);
     u->change_count += count;
+    u->waiting = true;
     return true;
 }
 
@@ -59,6 +60,7 @@ size_t lw_updates_take(struct lw_updates *u, uint64_t frame, struct lw_scene_cha
     size_t count = u->entry_count - u->taken_count;
     for (size_t i = u->taken_count; i < u->entry_count; i++) u->entry[i].frame = frame;
     u->taken_count = u->entry_count;
+    u->waiting = false;
     *out_change = u->change;
     *out_change_count = u->change_count;
     u->change = NULL;

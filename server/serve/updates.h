@@ -6,6 +6,7 @@
 
 #include "common/scene/scene_change.h"
 
+#include <stdatomic.h>
 #include <uv.h>
 
 #define LW_UPDATES_MAX         1024u        /* that may wait for a frame */
@@ -19,6 +20,7 @@ struct lw_updates {
     size_t change_count, change_capacity;
     struct lw_updates_entry *entry; /* in order: first those that were taken, then those that wait */
     size_t taken_count, entry_count, entry_capacity;
+    _Atomic bool waiting; /* some are; [any] may read it */
 };
 
 /** Errors: LW_OS. */

@@ -282,6 +282,7 @@ static void run_gather(struct cell_solver *s, const struct lw_passes *passes, ui
 static void run_finish(struct cell_solver *s, const struct lw_passes *passes, uint64_t frame,
                        struct lw_solver_stats *stats) {
     uint32_t shown = 0;
+    if (s->desc.awaited && *s->desc.awaited && s->frames > 0) lw_schedule_put_off(&s->schedule, &s->tiles);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shown)
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];

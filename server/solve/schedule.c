@@ -215,14 +215,26 @@ void lw_schedule_choose(struct lw_schedule *schedule, struct lw_tiles *tiles, st
         count.due += tile->due;
         schedule->urgent += tile->urgent;
     }
+    const bool whole = schedule->ended || (schedule->owing && !schedule->urgent);
+    schedule->owed = schedule->owing;
+    schedule->owing &= !whole;
     for (uint32_t i = 0; i < tiles->count; i++) {
         struct lw_solve_tile *tile = &tiles->tile[i];
         const bool in_turn = is_looked_at(schedule, tile) || tile->frames == 0 || tile->begins ||
                              shows_unwanted(schedule, tile->object);
         /* At rest all may be seen. */
-        tile->shows = (count.due == 0 && schedule->ended) || (in_turn && (schedule->ended || tile->urgent));
+        tile->shows = (count.due == 0 && schedule->ended) || (in_turn && (whole || tile->urgent));
     }
     *out_count = count;
+}
+
+void lw_schedule_put_off(struct lw_schedule *schedule, struct lw_tiles *tiles) {
+    if (schedule->owed) return;
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        struct lw_solve_tile *tile = &tiles->tile[i];
+        schedule->owing |= tile->shows && !tile->urgent;
+        tile->shows &= tile->urgent;
+    }
 }
 
 void lw_schedule_note_ends(struct lw_schedule *schedule, const struct lw_tiles *tiles,

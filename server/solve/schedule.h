@@ -27,10 +27,11 @@ struct lw_schedule_count {
 };
 
 struct lw_schedule {
-    bool everything; /* until somebody says otherwise; what follows is empty until then */
-    bool looked_at;  /* something is, resting or not */
-    bool watched;    /* in this frame, something that is looked at does not rest */
-    bool ended;      /* the round has: the next frame begins another */
+    bool everything;  /* until somebody says otherwise; what follows is empty until then */
+    bool looked_at;   /* something is, resting or not */
+    bool watched;     /* in this frame, something that is looked at does not rest */
+    bool ended;       /* the round has: the next frame begins another */
+    bool owing, owed; /* what a round has solved was not shown at its end; before this frame */
     unsigned
         hurry; /* how much has changed of what has woken and the last frame had no time for; 0: there is nothing */
     uint32_t tick;   /* counts the rounds; period and age are measured in it */
@@ -71,6 +72,9 @@ void lw_schedule_serve(const struct lw_schedule *schedule, struct lw_tiles *tile
  * room at all. */
 void lw_schedule_choose(struct lw_schedule *schedule, struct lw_tiles *tiles, struct lw_schedule_room room,
                         struct lw_schedule_count *out_count);
+
+/** Leaves what need not be shown in this frame for the next one in which nothing is urgent, but not twice. */
+void lw_schedule_put_off(struct lw_schedule *schedule, struct lw_tiles *tiles);
 
 /** Counts a due tile's bounce rays. end: of the whole scene, `samples` words per texel (transport.h). */
 void lw_schedule_note_ends(struct lw_schedule *schedule, const struct lw_tiles *tiles,

@@ -43,6 +43,8 @@ struct lw_solver_desc {
     double
         frame_budget_s; /* wall time in which a frame solves, about; 0: as long as it takes, the same bytes every time */
     const _Atomic bool *cancel; /* may be NULL; once true, a frame under way ends within a tile */
+    const _Atomic bool *
+        awaited; /* may be NULL; while true, changes wait for the end of the frame under way, which shows nothing that may wait */
 };
 
 /** What one frame cost. Times are wall time of the calling thread. */

@@ -354,6 +354,28 @@ static void test_what_has_changed_most_comes_first(void **state) {
     lw_schedule_finish(&schedule);
 }
 
+/* At the end of a round somebody waits for the frame to end: the round is shown in the next frame, whoever waits then. */
+static void test_a_round_is_put_off_once(void **state) {
+    (void)state;
+    struct room room = two_rooms();
+    struct room_solution s;
+    uint64_t frame = 0;
+    _Atomic bool awaited = false;
+    room_solve(&s, &room,
+               (struct lw_solver_desc){
+                   .bounces = 1, .target_error = -1, .frame_budget_s = 1e-12, .awaited = &awaited},
+               0);
+    solve_on(&s, &frame, 1);
+    const uint32_t tiles = s.stats.tiles_solved;
+    solve_on(&s, &frame, tiles - 1);
+    awaited = true;
+    solve_on(&s, &frame, 1);
+    assert_int_equal(s.stats.tiles_shown, 0);
+    solve_on(&s, &frame, 1);
+    assert_int_equal(s.stats.tiles_shown, tiles);
+    room_finish(&s);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_wanted_tiles_are_lit_as_in_a_whole_solve),
@@ -366,6 +388,7 @@ int main(void) {
         cmocka_unit_test(test_changes_reach_what_is_looked_at),
         cmocka_unit_test(test_a_round_in_many_frames),
         cmocka_unit_test(test_what_has_changed_most_comes_first),
+        cmocka_unit_test(test_a_round_is_put_off_once),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
