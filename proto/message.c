@@ -104,6 +104,8 @@ static enum lw_status check_welcome(const struct lw_message_welcome *w, struct l
     if (w->bounces > LW_MESSAGE_BOUNCES_MAX) return invalid(err, "bounces", "is over 64");
     if (!isfinite(w->target_error) || w->target_error < 0)
         return invalid(err, "target_error", "is not a finite number >= 0");
+    if (!(w->noise_shown >= 0 && w->noise_shown <= 1))
+        return invalid(err, "noise_shown", "is not from 0 to 1");
     enum lw_status status = check_parts(w, err);
     return status != LW_OK ? status : check_text(w->name, LW_MESSAGE_NAME_MAX, "name", err);
 }
@@ -292,6 +294,7 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
         wire->welcome.package_compressed_size = m->welcome.package_compressed_size;
         wire->welcome.bounces = m->welcome.bounces;
         wire->welcome.target_error = m->welcome.target_error;
+        wire->welcome.noise_shown = m->welcome.noise_shown;
         wire->welcome.run = m->welcome.run;
         wire->welcome.n_part_size = wire->welcome.n_part_compressed_size = m->welcome.part_count;
         wire->welcome.part_size = (uint64_t *)m->welcome.part_size;
@@ -648,6 +651,7 @@ static enum lw_status read_welcome(const Lightwell__Wire__Welcome *w, struct lw_
                                              .package_compressed_size = w->package_compressed_size,
                                              .bounces = w->bounces,
                                              .target_error = w->target_error,
+                                             .noise_shown = w->noise_shown,
                                              .run = w->run,
                                              .part_size = w->part_size,
                                              .part_compressed_size = w->part_compressed_size,

@@ -56,7 +56,8 @@ struct lw_message_welcome {
     uint64_t package_compressed_size; /* bytes of its zstd form, which the chunks carry */
     uint32_t bounces;                 /* indirect bounces that a complete tile has */
     float target_error;               /* relative standard error below which a tile counts as converged */
-    uint64_t run;                     /* of the server: versions and frames compare within it; 0: not told */
+    float noise_shown; /* share of a tile's error that a filter leaves in its texels; 0: not told */
+    uint64_t run;      /* of the server: versions and frames compare within it; 0: not told */
     const uint64_t *part_size, *part_compressed_size; /* of each part; they add up to those of the package */
     const struct lw_package_hash *part_hash;
     size_t part_count; /* 0: the package is one part, of which nothing more is told */

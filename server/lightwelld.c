@@ -16,6 +16,7 @@
 #include "server/publish/keeper.h"
 #include "server/publish/publisher.h"
 #include "server/serve/server.h"
+#include "server/solve/denoise.h"
 #include "server/solve/layers.h"
 
 #include <errno.h>
@@ -219,6 +220,9 @@ static enum lw_status read_scene(struct daemon *d, struct lw_error *err) {
     return status;
 }
 
+/* What the solver's filter leaves of a tile's noise. */
+static float noise_shown(const struct settings *s) { return s->denoise == 1 ? LW_DENOISE_NOISE_SHOWN : 1; }
+
 static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
     enum lw_status status = lw_layers_create(
@@ -253,6 +257,7 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
                                                              .atlas_map = &d->atlas_map,
                                                              .solver = d->solver,
                                                              .target_error = (float)s->error,
+                                                             .noise_shown = noise_shown(s),
                                                              .codec = s->codec == CODEC_DCT
                                                                           ? LW_TILE_CODEC_DCT
                                                                           : LW_TILE_CODEC_HALF_ZSTD,
@@ -552,6 +557,7 @@ static enum lw_status run(struct daemon *d, struct lw_error *err) {
                                                   .package_size = d->package_size,
                                                   .bounces = (uint32_t)s->bounces,
                                                   .target_error = (float)s->error,
+                                                  .noise_shown = noise_shown(s),
                                                   .scene = d->scene,
                                                   .rate_limit_bytes_hz = (uint64_t)(s->link_rate * 1e6 / 8),
                                                   .features = s->codec == CODEC_DCT ? LW_FEATURE_DCT : 0},

@@ -126,6 +126,7 @@ static enum lw_status handle_welcome(struct lw_client *c, const struct lw_messag
     c->package_compressed_size = welcome->package_compressed_size;
     c->stats.bounces = welcome->bounces;
     c->stats.target_error = welcome->target_error;
+    c->stats.noise_shown = welcome->noise_shown > 0 ? welcome->noise_shown : 1;
     c->may_update = welcome->features & LW_FEATURE_CONTROL;
     c->may_hold = welcome->features & LW_FEATURE_RESUME;
     const bool same_run = welcome->run && welcome->run == c->run;

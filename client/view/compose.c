@@ -71,7 +71,8 @@ struct lw_compose_source lw_compose_source_of(const struct lw_client *client) {
                                       .tile = client_tile,
                                       .sky = lw_vec3(stats.sky[0], stats.sky[1], stats.sky[2]),
                                       .bounces = stats.bounces,
-                                      .target_error = stats.target_error};
+                                      .target_error = stats.target_error,
+                                      .noise_shown = stats.noise_shown};
 }
 
 _Static_assert(LW_LIGHTMAP_LEVEL_MAX == LW_ATLAS_READ_MAX, "charts are apart on all levels that views read");
@@ -184,9 +185,8 @@ static void begin(struct lw_compose *compose, const struct lw_compose_source *so
     for (uint32_t t = 0; t < map->tile_count; t++) {
         struct lw_client_tile tile = source->tile(source->context, (lw_tile_id){t});
         compose->here[t] = tile.version != 0;
-        compose->calm[t] = compose->unfiltered || tile.error <= LW_ATLAS_MIDDLE_ERROR ? 0
-                           : tile.error > LW_ATLAS_COARSE_ERROR                       ? 2
-                                                                                      : 1;
+        compose->calm[t] =
+            compose->unfiltered ? 0 : (uint8_t)lw_atlas_calm_level(tile.error, source->noise_shown);
     }
     struct level *level = compose->level;
     for (uint32_t o = 0; o < map->object_count; o++) {

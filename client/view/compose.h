@@ -21,6 +21,8 @@ struct lw_compose_source {
         sky; /* W/(m^2 sr): what a ray that meets nothing sees, with the scene's environment on top */
     uint32_t bounces;   /* of a complete tile */
     float target_error; /* of a converged one */
+    float
+        noise_shown; /* share of a tile's error that is left in its texels: above some noise, coarser levels are read */
 };
 
 /** The light that a client has received so far; good until its next poll. */

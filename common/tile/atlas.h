@@ -16,10 +16,16 @@
 
 /* Coarser levels stand in only until finer ones arrive: up to here charts lie apart (common/scene/lightmap.h). */
 #define LW_ATLAS_READ_MAX 2u
-/* Views read tiles of more relative error than these at level 2 (16 times the samples), or at level 1; so the server tells them
- * when a tile's error crosses one. */
-#define LW_ATLAS_COARSE_ERROR 0.25f
-#define LW_ATLAS_MIDDLE_ERROR 0.1f
+/* Views read tiles that show more relative noise than these at level 2 (16 times the samples), or at level 1; so the server
+ * tells them when a tile crosses one. */
+#define LW_ATLAS_COARSE_NOISE 0.25f
+#define LW_ATLAS_MIDDLE_NOISE 0.1f
+
+/** The finest level at which views bear a tile of a relative error of which the share `noise_shown` is left in its texels. */
+static inline unsigned lw_atlas_calm_level(float error, float noise_shown) {
+    const float noise = error * noise_shown;
+    return noise <= LW_ATLAS_MIDDLE_NOISE ? 0 : noise > LW_ATLAS_COARSE_NOISE ? 2 : 1;
+}
 
 /** A tile of the whole scene: objects in order, levels from fine to coarse, rows, columns. */
 typedef struct {

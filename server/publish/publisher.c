@@ -51,6 +51,7 @@ enum lw_status lw_publisher_create(const struct lw_publisher_desc *desc,
     struct lw_publisher *p = calloc(1, sizeof *p);
     if (!p) return LW_NO_MEMORY;
     p->desc = *desc;
+    if (!(p->desc.noise_shown > 0)) p->desc.noise_shown = 1;
     if (!(p->desc.step_widest > 0)) p->desc.step_widest = LW_PUBLISHER_STEP_WIDEST;
     p->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
     p->levels = calloc((size_t)desc->atlas_map->object_count + 1, sizeof *p->levels);
@@ -209,8 +210,9 @@ static enum lw_status encode_tile(struct lw_publisher *p, struct worker *worker,
     if (!sent->version) memset(sent->history, 0, size);
     return lw_tile_codec_encode_dct(
         worker->codec,
-        &(struct lw_tile_dct_source){worker->rgb, worker->covered, place->width, place->height,
-                                     lw_publisher_step(error, place->level, p->desc.step_widest), p->dark},
+        &(struct lw_tile_dct_source){
+            worker->rgb, worker->covered, place->width, place->height,
+            lw_publisher_step(error, p->desc.noise_shown, place->level, p->desc.step_widest), p->dark},
         sent->history, worker->payload, worker->delta, lw_tile_codec_bound(), out_coded);
 }
 
@@ -276,8 +278,8 @@ static enum lw_status send_tile(struct lw_publisher *p, struct worker *worker, l
 /* That a tile has reached the target is news too: clients wait for it. So is that views read it at another level. */
 static bool is_of_another_class(const struct lw_publisher *p, float error, float sent_error) {
     return (error <= p->desc.target_error && sent_error > p->desc.target_error) ||
-           (error > LW_ATLAS_MIDDLE_ERROR) != (sent_error > LW_ATLAS_MIDDLE_ERROR) ||
-           (error > LW_ATLAS_COARSE_ERROR) != (sent_error > LW_ATLAS_COARSE_ERROR);
+           lw_atlas_calm_level(error, p->desc.noise_shown) !=
+               lw_atlas_calm_level(sent_error, p->desc.noise_shown);
 }
 
 static void consider_tile(struct lw_publisher *p, struct worker *worker, lw_tile_id id, uint64_t frame) {

@@ -24,8 +24,8 @@
 #define LW_PUBLISHER_STEP_MIN    0x1p-5f /* 1 % or so: under what is seen, and under the error at rest */
 #define LW_PUBLISHER_STEP_WIDEST 0.1f
 
-static inline float lw_publisher_step(float error, uint32_t level, float widest) {
-    if (level == 0 && error > LW_ATLAS_MIDDLE_ERROR) return 2 * widest;
+static inline float lw_publisher_step(float error, float noise_shown, uint32_t level, float widest) {
+    if (level == 0 && lw_atlas_calm_level(error, noise_shown) > 0) return 2 * widest;
     const float step = level == 0 ? error : 2 * ldexpf(error, -(int)level);
     return fminf(fmaxf(step, LW_PUBLISHER_STEP_MIN), widest);
 }
@@ -40,6 +40,8 @@ struct lw_publisher_desc {
     const struct lw_atlas_map *atlas_map;
     struct lw_solver *solver;
     float target_error;
+    float
+        noise_shown; /* share of a tile's error that the solver's filter leaves in what is shown; 0: it has none, as 1 */
     uint32_t codec;    /* LW_TILE_CODEC_HALF_ZSTD or LW_TILE_CODEC_DCT */
     float step_widest; /* the latter's; 0: LW_PUBLISHER_STEP_WIDEST */
     unsigned threads;  /* 0: all */

@@ -477,7 +477,8 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
                                                   .name = "lightwelld " LW_VERSION,
                                                   .package_size = desc->package_size,
                                                   .bounces = desc->bounces,
-                                                  .target_error = desc->target_error};
+                                                  .target_error = desc->target_error,
+                                                  .noise_shown = desc->noise_shown};
     lw_package_hash(desc->package, desc->package_size, &shared->welcome.package_hash);
     if (getrandom(&shared->welcome.run, sizeof shared->welcome.run, 0) != (ssize_t)sizeof shared->welcome.run)
         shared->welcome.run = 0; /* then nobody takes up where another run ended */

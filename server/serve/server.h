@@ -30,6 +30,7 @@ struct lw_server_desc {
     size_t package_size;
     uint32_t bounces;   /* for the welcome */
     float target_error; /* for the welcome */
+    float noise_shown;  /* likewise; 0: nothing filters */
     uint64_t features;  /* LW_FEATURE_* that a client must have: what its tiles are made of */
     const struct lw_scene
         *scene;            /* what updates are checked against, immutable; NULL: no session may send any */

@@ -20,6 +20,7 @@
 #include "server/publish/levels.h"
 #include "server/publish/publisher.h"
 #include "server/solve/cell_solver.h"
+#include "server/solve/denoise.h"
 #include "tests/bench/bench_setup.h"
 #ifdef LW_HAVE_JXL
 #include "tests/bench/bench_jxl.h"
@@ -215,8 +216,9 @@ static enum lw_status dct_encode(struct coder *coder, const struct tile *tile, f
 
 /* As the publisher does. */
 static enum lw_status noise_encode(struct coder *coder, const struct tile *tile, struct coded *out) {
-    return dct_encode(coder, tile, lw_publisher_step(tile->error, tile->level, LW_PUBLISHER_STEP_WIDEST),
-                      out);
+    return dct_encode(
+        coder, tile,
+        lw_publisher_step(tile->error, LW_DENOISE_NOISE_SHOWN, tile->level, LW_PUBLISHER_STEP_WIDEST), out);
 }
 
 static enum lw_status change_encode(struct coder *coder, const struct tile *tile, struct coded *out) {
@@ -224,9 +226,10 @@ static enum lw_status change_encode(struct coder *coder, const struct tile *tile
     coder->history = *tile->before;
     enum lw_status status = lw_tile_codec_encode_dct(
         coder->tile,
-        &(struct lw_tile_dct_source){tile->rgb, tile->covered, tile->width, tile->height,
-                                     lw_publisher_step(tile->error, tile->level, LW_PUBLISHER_STEP_WIDEST),
-                                     coder->dark},
+        &(struct lw_tile_dct_source){
+            tile->rgb, tile->covered, tile->width, tile->height,
+            lw_publisher_step(tile->error, LW_DENOISE_NOISE_SHOWN, tile->level, LW_PUBLISHER_STEP_WIDEST),
+            coder->dark},
         &coder->history, out->bytes, coder->delta, sizeof out->bytes, &result);
     out->is_delta = result.delta_size && result.delta_size < result.size;
     out->size = out->is_delta ? result.delta_size : result.size;
@@ -252,9 +255,10 @@ static enum lw_status keep_history(struct coder *coder, struct coded *scratch, c
     memset(tile->before, 0, sizeof *tile->before);
     return lw_tile_codec_encode_dct(
         coder->tile,
-        &(struct lw_tile_dct_source){before->rgb, before->covered, tile->width, tile->height,
-                                     lw_publisher_step(before->error, tile->level, LW_PUBLISHER_STEP_WIDEST),
-                                     coder->dark},
+        &(struct lw_tile_dct_source){
+            before->rgb, before->covered, tile->width, tile->height,
+            lw_publisher_step(before->error, LW_DENOISE_NOISE_SHOWN, tile->level, LW_PUBLISHER_STEP_WIDEST),
+            coder->dark},
         tile->before, scratch->bytes, coder->delta, sizeof scratch->bytes, &result);
 }
 

@@ -123,7 +123,8 @@ static enum lw_status measure(struct scene *s, const char *name, bool moving, st
             &tracer, err);
     if (status == LW_OK) status = lw_path_film_init(&film, s->view.width, s->view.height, err);
 
-    const struct lw_compose_source source = {.context = s, .level = level, .tile = tile, .sky = {1, 1, 1}};
+    const struct lw_compose_source source = {
+        .context = s, .level = level, .tile = tile, .sky = {1, 1, 1}, .noise_shown = 1};
     const struct lw_path_view paths = {.camera = s->view.camera, .bounces = (uint32_t)o->bounces};
     for (int64_t i = 0; status == LW_OK && i < o->rounds; i++) { /* by turns: all meet the same machine */
         struct lw_compose_report report;

@@ -9,6 +9,7 @@
 #include "common/tile/tile_codec.h"
 #include "server/publish/publisher.h"
 #include "server/solve/cell_solver.h"
+#include "server/solve/denoise.h"
 #include "tests/bench/bench_setup.h"
 #include "tests/support/seam_walk.h"
 
@@ -44,6 +45,7 @@ struct coded_solver {
     const struct lw_solver *inner;
     struct lw_tile_codec *codec;
     uint8_t *payload;
+    float noise_shown;
     uint8_t covered[LW_TILE_TEXELS_MAX];
     float rgb[LW_TILE_TEXELS_MAX * 3], light[3][LW_TILE_TEXELS_MAX];
 };
@@ -59,11 +61,12 @@ static void read_coded(const struct lw_solver *solver, lw_tile_id id, struct lw_
     struct lw_tile_dct_coded result;
     enum lw_status status = lw_tile_codec_encode_dct(
         coded->codec,
-        &(struct lw_tile_dct_source){.rgb = coded->rgb,
-                                     .covered = coded->covered,
-                                     .width = tile->width,
-                                     .height = tile->height,
-                                     .step = lw_publisher_step(tile->error, 0, LW_PUBLISHER_STEP_WIDEST)},
+        &(struct lw_tile_dct_source){
+            .rgb = coded->rgb,
+            .covered = coded->covered,
+            .width = tile->width,
+            .height = tile->height,
+            .step = lw_publisher_step(tile->error, coded->noise_shown, 0, LW_PUBLISHER_STEP_WIDEST)},
         NULL, coded->payload, NULL, lw_tile_codec_bound(), &result);
     if (status == LW_OK)
         status = lw_tile_codec_decode(coded->codec, LW_TILE_CODEC_DCT, coded->payload, result.size,
@@ -75,10 +78,12 @@ static void read_coded(const struct lw_solver *solver, lw_tile_id id, struct lw_
     }
 }
 
-static enum lw_status coded_create(const struct lw_solver *inner, struct coded_solver **out_coded) {
+static enum lw_status coded_create(const struct lw_solver *inner, bool denoise,
+                                   struct coded_solver **out_coded) {
     struct coded_solver *coded = calloc(1, sizeof *coded);
     if (!coded) return LW_NO_MEMORY;
     coded->inner = inner;
+    coded->noise_shown = denoise ? LW_DENOISE_NOISE_SHOWN : 1;
     coded->ops = *inner->ops;
     coded->ops.read_tile = read_coded;
     coded->solver.ops = &coded->ops;
@@ -166,7 +171,7 @@ static enum lw_status run(void *context, const char *path, struct lw_error *err)
                                                                 .denoise = s->denoise,
                                                                 .seed = 1},
                                        &job.pose, &job.solver, err);
-    if (status == LW_OK && s->codec) status = coded_create(job.solver, &job.coded);
+    if (status == LW_OK && s->codec) status = coded_create(job.solver, s->denoise, &job.coded);
     printf("\n### %s%s\n\n"
            "| after | level | points | %s mean / median | welded mean / median | within 1 %% | within 5 %% | "
            "dark "

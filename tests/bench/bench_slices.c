@@ -9,6 +9,7 @@
 #include "common/tile/tile_codec.h"
 #include "server/publish/publisher.h"
 #include "server/solve/cell_solver.h"
+#include "server/solve/denoise.h"
 #include "tests/bench/bench_meter.h"
 #include "tests/bench/bench_setup.h"
 
@@ -58,6 +59,7 @@ static enum lw_status set_up(struct job *job, struct lw_error *err) {
                                                              .atlas_map = &job->map,
                                                              .solver = job->solver,
                                                              .target_error = 0.02f,
+                                                             .noise_shown = LW_DENOISE_NOISE_SHOWN,
                                                              .codec = LW_TILE_CODEC_DCT,
                                                              .threads = 1},
                                  &job->publisher);

@@ -13,6 +13,7 @@
 #include "common/tile/tile_codec.h"
 #include "server/publish/publisher.h"
 #include "server/solve/cell_solver.h"
+#include "server/solve/denoise.h"
 #include "tests/bench/bench_meter.h"
 #include "tests/bench/bench_setup.h"
 
@@ -77,6 +78,7 @@ static enum lw_status start(const struct job *job, unsigned threads, struct runn
                                                              .atlas_map = &job->map,
                                                              .solver = out->solver,
                                                              .target_error = 0.02f,
+                                                             .noise_shown = LW_DENOISE_NOISE_SHOWN,
                                                              .codec = LW_TILE_CODEC_DCT,
                                                              .threads = threads},
                                  &out->publisher);

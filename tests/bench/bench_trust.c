@@ -115,7 +115,8 @@ static enum lw_status solve(struct scene *s, uint32_t seed, float *out_rgb, stru
             .tile = tile,
             .sky = lw_vec3(s->scene->sky[0], s->scene->sky[1], s->scene->sky[2]),
             .bounces = (uint32_t)settings->bounces,
-            .target_error = 1};
+            .target_error = 1,
+            .noise_shown = 1};
         read_levels(s, solver);
         lw_compose_render(s->compose, &source, &s->pose, &s->view, out_rgb, &report);
     }

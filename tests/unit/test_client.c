@@ -175,7 +175,8 @@ static void test_session(void **state) {
                                   .package = w.package,
                                   .package_size = w.package_size,
                                   .bounces = 3,
-                                  .target_error = 0.25f};
+                                  .target_error = 0.25f,
+                                  .noise_shown = 0.5f};
     lw_support_ok(lw_server_create(&desc, &server, &err), &err);
     assert_int_equal(pthread_create(&thread, NULL, serve, server), 0);
 
@@ -213,7 +214,8 @@ static void test_session(void **state) {
         assert_int_equal(stats.server_cpu_ns, 7 * frame);
         assert_true(stats.decode_ns > 0);
         assert_int_equal(stats.bounces, 3);
-        assert_true(stats.target_error == 0.25f && stats.time_s == 0.5 * (double)frame && stats.sky[2] == 3);
+        assert_true(stats.target_error == 0.25f && stats.noise_shown == 0.5f);
+        assert_true(stats.time_s == 0.5 * (double)frame && stats.sky[2] == 3);
         assert_true(stats.light_age_ns >= 1000000 && stats.light_age_ns < WAIT_NS);
         assert_true(before_ns <= stats.connected_ns && stats.connected_ns <= stats.package_ns &&
                     stats.package_ns <= stats.first_ns);

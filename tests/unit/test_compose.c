@@ -90,7 +90,8 @@ static void world_init(struct world *w, struct lw_scene *scene) {
                                            .tile = world_tile,
                                            .sky = {0.25f, 0.5f, 1.0f},
                                            .bounces = BOUNCES,
-                                           .target_error = 0.02f};
+                                           .target_error = 0.02f,
+                                           .noise_shown = 1};
     make_compose(w, 1);
 }
 
@@ -489,6 +490,10 @@ static void test_noisy_tiles_are_read_coarser(void **state) {
         assert_near(rgb[0], 0.5f * (float)(1 + k) / LW_PI, 1e-6f);
         assert_true(report.complete && report.tiles_needed == 1); /* what the view needs stays the fine one */
     }
+    w.source.noise_shown = 0.2f; /* of what is filtered less is to be seen */
+    render(&w, &view, rgb);
+    assert_near(rgb[0], 0.5f * 2 / LW_PI, 1e-6f);
+    w.source.noise_shown = 1;
     /* for those who measure, the fine one is read, too */
     struct lw_error err = {0};
     lw_compose_destroy(w.compose);

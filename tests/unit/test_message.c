@@ -56,6 +56,7 @@ static const struct lw_message samples[] = {
                  .package_compressed_size = LW_MESSAGE_COMPRESSED_MAX,
                  .bounces = LW_MESSAGE_BOUNCES_MAX,
                  .target_error = 0.05f,
+                 .noise_shown = 0.25f,
                  .run = FAR}},
     {.type = LW_MESSAGE_REFUSAL, .refusal = {LW_REFUSAL_FULL, "no more sessions"}},
     {.type = LW_MESSAGE_REFUSAL, .refusal = {(enum lw_refusal)LW_MESSAGE_REFUSAL_MAX, ""}},
@@ -124,6 +125,7 @@ static void expect_equal(const struct lw_message *a, const struct lw_message *b)
         assert_int_equal(a->welcome.package_compressed_size, b->welcome.package_compressed_size);
         assert_int_equal(a->welcome.bounces, b->welcome.bounces);
         assert_true(a->welcome.target_error == b->welcome.target_error);
+        assert_true(a->welcome.noise_shown == b->welcome.noise_shown);
         assert_int_equal(a->welcome.run, b->welcome.run);
         break;
     case LW_MESSAGE_REFUSAL:
@@ -453,6 +455,11 @@ static void test_welcome(void **state) {
     expect_decode(LW_MESSAGE_WELCOME, &b, "target_error");
     put_welcome(&b, 16, 1, 1, NAN);
     expect_decode(LW_MESSAGE_WELCOME, &b, "target_error");
+    for (int i = 0; i < 3; i++) {
+        put_welcome(&b, 16, 1, 1, 0);
+        put_float(&b, 14, (const float[]){-0.1f, 1.1f, NAN}[i]);
+        expect_decode(LW_MESSAGE_WELCOME, &b, "noise_shown is not from 0 to 1");
+    }
     put_welcome(&b, 16, 1, 1, 0);
     put_number(&b, 8, LW_MESSAGE_BOUNCES_MAX + 1);
     expect_decode(LW_MESSAGE_WELCOME, &b, "bounces is over 64");

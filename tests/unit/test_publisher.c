@@ -231,7 +231,11 @@ static void test_steps(void **state) {
               {0.06f, 3, LW_PUBLISHER_STEP_MIN},
               {0, 0, LW_PUBLISHER_STEP_MIN}};
     for (size_t i = 0; i < sizeof of / sizeof *of; i++)
-        assert_float_equal(lw_publisher_step(of[i].error, of[i].level, 0.2f), of[i].step, 1e-6f);
+        assert_float_equal(lw_publisher_step(of[i].error, 1, of[i].level, 0.2f), of[i].step, 1e-6f);
+    /* what a filter leaves is what counts as noise, but not at rest */
+    assert_float_equal(lw_publisher_step(0.45f, 0.2f, 0, 0.2f), 0.2f, 1e-6f);
+    assert_float_equal(lw_publisher_step(0.55f, 0.2f, 0, 0.2f), 0.4f, 1e-6f);
+    assert_float_equal(lw_publisher_step(0.09f, 0.2f, 0, 0.2f), 0.09f, 1e-6f);
 }
 
 /* The scale follows the whole scene's white. */

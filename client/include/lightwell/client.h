@@ -183,6 +183,8 @@ struct lw_client_stats {
     uint64_t light_age_ns;
     uint32_t bounces;   /* that a complete tile has */
     float target_error; /* below which a tile counts as converged */
+    float
+        noise_shown; /* about what share of a tile's error is left in its texels, once the server has filtered them */
     float sky[3];
     uint64_t changed_frame; /* the last one that said something of materials or of what is hidden; 0: none */
 };
