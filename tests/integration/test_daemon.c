@@ -333,7 +333,7 @@ static void rest_costs_nothing(void **state) {
 /* ---- peers that misbehave ---- */
 
 static const uint8_t hello[] = {14, 0,    0, 0,   1,   0,   0,   0,   8,   1,   0x10,
-                                8,  0x1a, 8, 's', 't', 'r', 'a', 'n', 'g', 'e', 'r'},
+                                32, 0x1a, 8, 's', 't', 'r', 'a', 'n', 'g', 'e', 'r'},
                      old_hello[] = {12,   0, 0,   0,   1,   0,   0,   0,   8,   1,
                                     0x1a, 8, 's', 't', 'r', 'a', 'n', 'g', 'e', 'r'},
                      package_request[] = {0, 0, 0, 0, 4, 0, 0, 0}; /* the old one offers no features */
