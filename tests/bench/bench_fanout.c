@@ -8,7 +8,7 @@
  * CPU time within a run: all three threads share the machine.
  * With --never N something else is asked: what N more clients that never read cost those who do. Rounds with and without them
  * take turns, on one server; of each, how long it takes from the moment at which a snapshot is handed over until a client has the last byte
- * of it, by client and snapshot. The ratio of the medians of several rounds holds on a busy machine too. */
+ * of it, by client and snapshot. What else runs on the machine only adds to that: on a busy one trust the quietest rounds. */
 #include "tests/support/support.h"
 
 #include "common/clock.h"
@@ -34,7 +34,7 @@
 #define EVENTS       256
 #define DROP_BYTES   (4u << 20) /* at once, of one connection */
 #define BATCH_BLOBS  64
-#define NEVER_ROUNDS 9            /* with and without, each */
+#define NEVER_ROUNDS 16           /* with and without, each */
 #define BATCH_BYTES  (128u << 10) /* as the server's */
 
 struct bench {
@@ -317,17 +317,19 @@ static void run_never(struct bench *b) {
     }
     end_server(b);
     for (int64_t i = 0; i < b->clients; i++) close(b->client[i]);
-    printf("%lld clients that read, %u tiles of %lld bytes, %d rounds of %g s each\n\n| | p50 ms | p99 ms |\n"
-           "|---|---|---|\n",
+    printf("%lld clients that read, %u tiles of %lld bytes, %d rounds of %g s each\n\n"
+           "| | p50 ms | p99 ms | p99 ms of the quietest quarter |\n|---|---|---|---|\n",
            (long long)b->clients, b->map.tile_count, (long long)b->payload, NEVER_ROUNDS, b->seconds);
     for (int with = 0; with < 2; with++) {
         for (int q = 0; q < 2; q++) qsort(quantile[with][q], NEVER_ROUNDS, sizeof(double), by_size);
-        printf("| %lld never read | %.2f | %.2f |\n", with ? (long long)b->never : 0,
-               1e-6 * quantile[with][0][NEVER_ROUNDS / 2], 1e-6 * quantile[with][1][NEVER_ROUNDS / 2]);
+        printf("| %lld never read | %.2f | %.2f | %.2f |\n", with ? (long long)b->never : 0,
+               1e-6 * quantile[with][0][NEVER_ROUNDS / 2], 1e-6 * quantile[with][1][NEVER_ROUNDS / 2],
+               1e-6 * quantile[with][1][NEVER_ROUNDS / 4]);
     }
-    printf("\nratio of medians: p50 %.2f, p99 %.2f\n",
+    printf("\nwith over without: p50 %.2f, p99 %.2f, p99 of the quietest quarter %.2f\n",
            quantile[1][0][NEVER_ROUNDS / 2] / quantile[0][0][NEVER_ROUNDS / 2],
-           quantile[1][1][NEVER_ROUNDS / 2] / quantile[0][1][NEVER_ROUNDS / 2]);
+           quantile[1][1][NEVER_ROUNDS / 2] / quantile[0][1][NEVER_ROUNDS / 2],
+           quantile[1][1][NEVER_ROUNDS / 4] / quantile[0][1][NEVER_ROUNDS / 4]);
 }
 
 /* ---- nothing but the system ---- */
