@@ -137,14 +137,15 @@ static bool is_time_over(const struct cell_solver *s, uint64_t began_ns, bool fo
 static void note_woken(struct lw_solve_tile *tile) {
     double square = 0;
     tile->woken_count = 0;
+    tile->woken = false;
     LW_TILES_EACH_BLOCK (tile, block) {
         const double share = fmin(1, (double)block->change.strength);
-        if (!block->change.woken) continue;
+        tile->woken |= block->change.woken;
+        if (!lw_change_is_urgent(&block->change)) continue;
         square += share * share * block->covered_count;
         tile->woken_count += block->covered_count;
     }
-    tile->woken = tile->woken_count > 0;
-    tile->urgency = tile->woken ? (float)(square / tile->woken_count) : 0;
+    tile->urgency = tile->woken_count ? (float)(square / tile->woken_count) : 0;
 }
 
 /* Wakes blocks at rest whose light is no longer what it was; where something begins to move, asks those that are awake too. Who
@@ -179,7 +180,7 @@ static void find_change(struct cell_solver *s, const struct lw_passes *passes,
         }
         if (more) lw_passes_compare(passes, tile, &count);
         LW_TILES_EACH_BLOCK (tile, block) {
-            if (block->covered_count) lw_change_wake(block, s->desc.target_error);
+            if (block->covered_count) lw_change_wake(block, s->desc.target_error, hurried);
         }
         note_woken(tile);
         if (tile->woken) __atomic_store_n(&found, true, __ATOMIC_RELAXED);
@@ -200,8 +201,8 @@ static void weigh_direct(struct cell_solver *s, const struct lw_passes *passes,
         struct lw_passes_count count = {0};
         bool asked = false;
         LW_TILES_EACH_BLOCK (tile, block) {
-            block->due =
-                tile->due && !block->resting && (!tile->urgent || block->change.woken || !block->frames);
+            block->due = tile->due && !block->resting &&
+                         (!tile->urgent || lw_change_is_urgent(&block->change) || !block->frames);
             if (block->due && s->moves)
                 asked |= lw_change_choose_due(block, s->moves, s->unchanged_rounds <= CHANGING_ROUNDS);
         }

@@ -18,7 +18,9 @@ static const float counted[2][LW_TILES_PARTS] = {
 #define STRONG 1.0f
 /* Where one packet has woken a block in a hurry and less than this share of its light has changed, the others are asked before it forgets
  * any: a packet's sixteen texels are few for noise. */
-#define SURE 0.25f
+#define SURE 0.1f
+/* And less than this is not heard of in a hurry: the noise of a packet would wake half of all blocks. Their turns will find it. */
+#define HASTY 0.06f
 /* Of drift: what one solve brings; of its mean square, what its mean is more than by chance (4 standard errors); solves after a
  * movement in which it counts. */
 #define DRIFT_WEIGHT 0.0625f
@@ -170,10 +172,11 @@ bool lw_change_choose_more(struct lw_solve_block *block, float target_error, boo
     return change->compare != 0;
 }
 
-void lw_change_wake(struct lw_solve_block *block, float target_error) {
+void lw_change_wake(struct lw_solve_block *block, float target_error, bool hurried) {
     struct lw_change_block *change = &block->change;
     change->compare = 0;
     const struct off off = add_up(block, witnesses(block));
+    if (hurried && (change->begins || change->reread)) target_error = fmaxf(target_error, HASTY);
     if (!(block->resting || change->begins || change->reread) || !is_too_much(block, &off, target_error))
         return;
     change->strength = share_of(block, &off);
@@ -184,7 +187,7 @@ void lw_change_wake(struct lw_solve_block *block, float target_error) {
 
 void lw_change_review(struct lw_solve_block *block, float target_error) {
     block->change.begins = false;
-    lw_change_wake(block, target_error);
+    lw_change_wake(block, target_error, false);
 }
 
 bool lw_change_choose_due(struct lw_solve_block *block, uint32_t moves, bool changing) {

@@ -82,11 +82,18 @@ bool lw_change_choose(struct lw_solve_block *block, uint32_t moves, uint32_t beg
  * enough to wake. Returns whether there are any. */
 bool lw_change_choose_more(struct lw_solve_block *block, float target_error, bool hurried);
 
+/* A block of whose light so much has changed is solved before all else. */
+#define LW_CHANGE_URGENT 0.03f
+static inline bool lw_change_is_urgent(const struct lw_change_block *change) {
+    return change->woken && change->strength >= LW_CHANGE_URGENT;
+}
+
 /** Notes what the estimates of a solve are off their means, in the mean over the texels of a region. */
 void lw_change_note_drift(struct lw_solve_block *block, int part, uint32_t region, float off);
 
-/** Wakes a block if what its packets have found is more than its target error allows. */
-void lw_change_wake(struct lw_solve_block *block, float target_error);
+/** Wakes a block if what its packets have found is more than its target error allows; hurried: where that is of few packets, and more than
+ * their noise may be. */
+void lw_change_wake(struct lw_solve_block *block, float target_error, bool hurried);
 
 /** Chooses the packets of a block that is to be solved, unless it was asked in this frame or has woken: one where something has moved since; all,
  * which then costs no ray, where light elsewhere is changing. */

@@ -357,6 +357,9 @@ static enum lw_status begin_sums(struct layers *s, struct lw_error *err) {
 /* Frames after the first in which there was no time for all that had changed may take so many times theirs: to filter, weld and encode what
  * is shown takes half as long as a budget. */
 #define HURRY_SHARE 2.0
+/* And the first frame of a movement, after so many still ones, this share: something of it is to be seen soon. */
+#define BEGIN_SHARE  0.5
+#define STILL_FRAMES 4u
 
 /* Shares out the time of a frame. */
 static void give_time(struct layers *s, bool moved) {
@@ -373,7 +376,10 @@ static void give_time(struct layers *s, bool moved) {
         first += layer->ran && lw_cell_solver_hurry(layer->solver) >= most;
     s->yields = first < running ? s->yields + 1 : 0;
     const double shares = first + YIELDS_SHARE * (running - first),
-                 budget_s = (most ? HURRY_SHARE : 1) * s->desc.frame_budget_s;
+                 budgets = most                                      ? HURRY_SHARE
+                           : moved && s->still_frames > STILL_FRAMES ? BEGIN_SHARE
+                                                                     : 1,
+                 budget_s = budgets * s->desc.frame_budget_s;
     for (struct layer *layer = s->layer; layer < s->layer + s->count; layer++) {
         if (!layer->ran) continue;
         const bool yields = lw_cell_solver_hurry(layer->solver) < most;

@@ -160,11 +160,10 @@ enum rank { WOKEN_MOST, WOKEN_MORE, WOKEN_LESS, WOKEN_UNSEEN, STALE, OTHER };
 /* Mean square of the share of light that has changed. */
 #define MOST 0.25f
 #define MORE 0.0625f
-#define LESS 0.01f
 
 static enum rank rank_of(const struct lw_schedule *schedule, const struct lw_solve_tile *tile) {
     if (!tile->woken) return tile->stale ? STALE : OTHER;
-    if (tile->urgency < LESS) return STALE;
+    if (!(tile->urgency > 0)) return STALE;
     if (!is_looked_at(schedule, tile)) return WOKEN_UNSEEN;
     return tile->urgency >= MOST ? WOKEN_MOST : tile->urgency >= MORE ? WOKEN_MORE : WOKEN_LESS;
 }

@@ -340,7 +340,7 @@ static bool wakes(float each) {
             block.change.packet[set].indirect_square[r] = 4 * each * each;
         }
     }
-    lw_change_wake(&block, 0.02f);
+    lw_change_wake(&block, 0.02f, false);
     return !block.resting;
 }
 

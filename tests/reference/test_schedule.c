@@ -324,7 +324,7 @@ static void test_a_round_in_many_frames(void **state) {
  * frame, and only then, in its round, what has hardly changed. */
 static void test_what_has_changed_most_comes_first(void **state) {
     (void)state;
-    static const float urgency[] = {0, 0.02f, 0.5f, 0.001f};
+    static const float urgency[] = {0, 0.02f, 0.5f, 0};
     struct lw_solve_tile tile[4];
     struct lw_tiles tiles = {.count = 4, .tile = tile};
     struct lw_schedule schedule;
