@@ -48,6 +48,7 @@ struct cell_solver {
     uint32_t unchanged_rounds; /* since any light that serves was known to be out of date */
     double texel_ns;           /* wall time that one takes, in the mean of late */
     double budget_s;           /* of this frame; 0: none */
+    bool hasty;                /* what has just begun comes before all else */
     bool yields;               /* this frame solves nothing, and only asks what has changed */
     bool forgetful; /* the tiles' estimates are not those of their last solve: a checkpoint keeps none */
     unsigned
@@ -157,7 +158,7 @@ static void find_change(struct cell_solver *s, const struct lw_passes *passes,
     bool found = false, begun = false;
     const bool active =
         s->still_rounds <= LW_PACKETS_MAX; /* until all have been asked about the last solve */
-    const bool hurried = s->budget_s > 0, spreads = hurried && s->schedule.urgent > 0;
+    const bool hurried = s->budget_s > 0, spreads = hurried && s->hasty && s->schedule.urgent > 0;
     lw_change_order_sort(&s->order, &s->tiles, &s->schedule, hurried);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shadow, bounce)
     for (uint32_t i = 0; i < s->tiles.count; i++) {
@@ -349,7 +350,7 @@ static struct lw_schedule_room room_in_time(const struct cell_solver *s, uint64_
     const double left_ns = fmax(s->budget_s * 1e9 - (double)asking_ns, SOLVING_SHARE * s->budget_s * 1e9);
     const uint64_t texels = 1 + (uint64_t)(left_ns / fmax(s->texel_ns, 1));
     bool waits = s->yields;
-    for (uint32_t i = 0; i < s->tiles.count && !waits; i++)
+    for (uint32_t i = 0; i < s->tiles.count && s->hasty && !waits; i++)
         waits = s->moves && s->tiles.tile[i].serves && s->tiles.tile[i].unasked;
     return (struct lw_schedule_room){s->yields ? 0 : texels, waits ? 0 : texels};
 }
@@ -523,10 +524,11 @@ struct lw_tiles *lw_cell_solver_tiles(struct lw_solver *solver) {
     return &((struct cell_solver *)solver)->tiles;
 }
 
-void lw_cell_solver_give(struct lw_solver *solver, double budget_s, bool yields) {
+void lw_cell_solver_give(struct lw_solver *solver, double budget_s, bool yields, bool hasty) {
     struct cell_solver *s = (struct cell_solver *)solver;
     s->budget_s = budget_s;
     s->yields = yields;
+    s->hasty = hasty;
 }
 
 unsigned lw_cell_solver_hurry(const struct lw_solver *solver) {
@@ -748,6 +750,7 @@ enum lw_status lw_cell_solver_create_over(struct lw_geometry *geometry, const st
     s->geometry = geometry;
     s->desc = *desc;
     s->budget_s = desc->frame_budget_s;
+    s->hasty = true;
     s->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
     if (!(s->desc.tracing_range_m > 0)) s->desc.tracing_range_m = INFINITY;
     enum lw_status status = build(s, pose, err);

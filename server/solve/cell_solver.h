@@ -32,8 +32,9 @@ LW_MUST_CHECK enum lw_status lw_cell_solver_create_over(struct lw_geometry *geom
 struct lw_tiles *lw_cell_solver_tiles(struct lw_solver *solver);
 
 /** Gives the frames to come so much wall time for solving, about; 0: as long as it takes. yields: they solve
- * nothing, and only ask what has changed. */
-void lw_cell_solver_give(struct lw_solver *solver, double budget_s, bool yields);
+ * nothing, and only ask what has changed. hasty: something has begun to move, after a while in which nothing did: what follows from that comes
+ * before all else. */
+void lw_cell_solver_give(struct lw_solver *solver, double budget_s, bool yields, bool hasty);
 
 /** How much has changed of what the last frame had no time for, in a few steps; 0: it had for all. */
 unsigned lw_cell_solver_hurry(const struct lw_solver *solver);

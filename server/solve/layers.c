@@ -50,8 +50,9 @@ struct layers {
     struct layer layer[LW_LIGHT_GROUPS_MAX];
     uint32_t count;
     uint32_t still_frames; /* since any layer's light moved */
-    uint32_t yields;       /* frames in a row in which a layer has waited for another */
-    bool sums;             /* what is shown is in the planes below; else it is the one layer's own */
+    bool hasty; /* a movement has begun and not gone on, and not all that it has changed was solved since */
+    uint32_t yields; /* frames in a row in which a layer has waited for another */
+    bool sums;       /* what is shown is in the planes below; else it is the one layer's own */
     float *direct[3], *indirect[3], *light[3];
     uint64_t *solved_frame; /* per lw_tile_id: that last changed them */
     int threads;
@@ -371,7 +372,9 @@ static void give_time(struct layers *s, bool moved) {
         running += layer->ran;
         most = hurry > most ? hurry : most;
     }
-    if (moved || s->yields >= YIELDS_MAX) most = 0;
+    /* Under steady movement all that is looked at has its turn. */
+    s->hasty = moved ? s->still_frames > STILL_FRAMES : s->hasty && (most || s->still_frames <= STILL_FRAMES);
+    if (moved || !s->hasty || s->yields >= YIELDS_MAX) most = 0;
     for (const struct layer *layer = s->layer; layer < s->layer + s->count; layer++)
         first += layer->ran && lw_cell_solver_hurry(layer->solver) >= most;
     s->yields = first < running ? s->yields + 1 : 0;
@@ -383,7 +386,7 @@ static void give_time(struct layers *s, bool moved) {
     for (struct layer *layer = s->layer; layer < s->layer + s->count; layer++) {
         if (!layer->ran) continue;
         const bool yields = lw_cell_solver_hurry(layer->solver) < most;
-        lw_cell_solver_give(layer->solver, (yields ? YIELDS_SHARE : 1) / shares * budget_s, yields);
+        lw_cell_solver_give(layer->solver, (yields ? YIELDS_SHARE : 1) / shares * budget_s, yields, s->hasty);
     }
 }
 
