@@ -7,7 +7,8 @@
  * difference has none of the noise of the estimates themselves. Direct light and bounce rays are traced again where something has
  * moved since; where not, what arrives along the rays' ends is read again, which costs no ray: so a change follows the
  * bounces. What nobody looks at and what lights nobody's view is not asked.
- *   where something begins to move   one packet, and all at once if that one has found a difference
+ *   where something begins to move   one packet, and all at once if that one has found a difference; in a hurry, not those before they
+ *                                    are solved, and then only if it was a small one
  *   in a hurry, where others' light has just changed   one packet in turn, along the rays that there are
  *   at rest   one packet in turn, so that all have been asked 16 rounds after the last movement
  *   awake     one packet before each solve while something moves; all, along the rays that there are, while light changes

@@ -10,8 +10,9 @@
  * without light for rays to end on, and everything has a coarse level to show.
  *
  * What is to be solved makes a round. A frame takes of it what it has time for, first what has changed most lately; what
- * a round has solved is shown together at its end, filtered and welded once. But where something begins to change, a frame
- * solves that and nothing else, and shows it at once. Without a limit of time a round is a frame.
+ * a round has solved is shown together at its end, filtered and welded once. But where blocks have found that their light has
+ * changed (change.h), those are solved before all else, tiles in which it has most first, and shown at once. Without a limit of time a round is
+ * a frame.
  *
  * The choice is a function of the wanted tiles and of the limits, frame by frame, and of nothing else: never of time or thread. */
 #ifndef LW_SOLVE_SCHEDULE_H
