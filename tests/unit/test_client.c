@@ -164,6 +164,34 @@ static void poll_until_tiles(struct lw_client *client, uint64_t tiles) {
     } while (stats.tiles < tiles);
 }
 
+struct running {
+    struct lw_server *server;
+    pthread_t thread;
+};
+
+/* desc: beside the address and the world. */
+static struct running start_server_with(const struct world *w, struct lw_server_desc desc) {
+    struct running r;
+    struct lw_error err = {0};
+    desc.host = "127.0.0.1";
+    desc.atlas_map = &w->map;
+    desc.package = w->package;
+    desc.package_size = w->package_size;
+    lw_support_ok(lw_server_create(&desc, &r.server, &err), &err);
+    assert_int_equal(pthread_create(&r.thread, NULL, serve, r.server), 0);
+    return r;
+}
+
+static struct running start_server(const struct world *w, uint16_t port) {
+    return start_server_with(w, (struct lw_server_desc){.port = port});
+}
+
+static void stop_server(struct running *r) {
+    lw_server_stop(r->server);
+    assert_int_equal(pthread_join(r->thread, NULL), 0);
+    lw_server_destroy(r->server);
+}
+
 static void test_session(void **state) {
     (void)state;
     struct world w = make_world();
@@ -271,18 +299,10 @@ static struct lw_client_answer await_answer(struct lw_client *client) {
 static void test_updates(void **state) {
     (void)state;
     struct world w = make_world();
-    struct lw_server *server;
     struct lw_client *client, *other;
     struct lw_error err = {0};
-    pthread_t thread;
-    lw_support_ok(lw_server_create(&(struct lw_server_desc){.host = "127.0.0.1",
-                                                            .atlas_map = &w.map,
-                                                            .package = w.package,
-                                                            .package_size = w.package_size,
-                                                            .scene = w.scene},
-                                   &server, &err),
-                  &err);
-    assert_int_equal(pthread_create(&thread, NULL, serve, server), 0);
+    struct running r = start_server_with(&w, (struct lw_server_desc){.scene = w.scene});
+    struct lw_server *server = r.server;
     struct lw_client_desc desc = {.host = "127.0.0.1", .port = lw_server_port(server), .control = true};
     lw_support_ok(lw_client_create(&desc, &client, &err), &err);
     while (!lw_client_scene(client)) lw_support_ok(lw_client_poll(client, 100, &err), &err);
@@ -344,37 +364,11 @@ static void test_updates(void **state) {
     assert_true(lw_client_get_light(client, UINT32_MAX).intensity.x == 0);
     lw_client_destroy(other);
     lw_client_destroy(client);
-    lw_server_stop(server);
-    assert_int_equal(pthread_join(thread, NULL), 0);
-    lw_server_destroy(server);
+    stop_server(&r);
     finish_world(&w);
 }
 
 /* ---- coming back ---- */
-
-struct running {
-    struct lw_server *server;
-    pthread_t thread;
-};
-
-static struct running start_server(const struct world *w, uint16_t port) {
-    struct running r;
-    struct lw_error err = {0};
-    struct lw_server_desc desc = {.host = "127.0.0.1",
-                                  .port = port,
-                                  .atlas_map = &w->map,
-                                  .package = w->package,
-                                  .package_size = w->package_size};
-    lw_support_ok(lw_server_create(&desc, &r.server, &err), &err);
-    assert_int_equal(pthread_create(&r.thread, NULL, serve, r.server), 0);
-    return r;
-}
-
-static void stop_server(struct running *r) {
-    lw_server_stop(r->server);
-    assert_int_equal(pthread_join(r->thread, NULL), 0);
-    lw_server_destroy(r->server);
-}
 
 static void publish(const struct running *r, struct lw_snapshot *snapshot) {
     lw_server_publish(r->server, snapshot);
@@ -550,22 +544,13 @@ static struct lw_snapshot *change_half(const struct world *w, const struct lw_sn
 static void test_who_stopped_reading_comes_back(void **state) {
     (void)state;
     struct world w = make_world();
-    struct lw_server *server;
     struct lw_server_stats served;
     struct lw_client_stats before, after;
     struct lw_client *client;
     struct lw_error err = {0};
-    pthread_t thread;
-    lw_support_ok(lw_server_create(&(struct lw_server_desc){.host = "127.0.0.1",
-                                                            .atlas_map = &w.map,
-                                                            .package = w.package,
-                                                            .package_size = w.package_size,
-                                                            .bounces = 3,
-                                                            .target_error = 0.25f,
-                                                            .stall_timeout_ms = 300},
-                                   &server, &err),
-                  &err);
-    assert_int_equal(pthread_create(&thread, NULL, serve, server), 0);
+    struct running r = start_server_with(
+        &w, (struct lw_server_desc){.bounces = 3, .target_error = 0.25f, .stall_timeout_ms = 300});
+    struct lw_server *server = r.server;
     struct lw_snapshot *first = make_snapshot(&w, 1);
     lw_server_publish(server, first);
     lw_support_ok(
@@ -599,9 +584,7 @@ static void test_who_stopped_reading_comes_back(void **state) {
     for (uint32_t t = 0; t < w.map.tile_count; t++) expect_tile(client, &w, t, t % 2 ? 1 : frame);
     lw_client_destroy(client);
     lw_snapshot_unref(first);
-    lw_server_stop(server);
-    pthread_join(thread, NULL);
-    lw_server_destroy(server);
+    stop_server(&r);
     finish_world(&w);
 }
 
