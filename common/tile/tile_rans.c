@@ -16,7 +16,7 @@
 #define SLOT_BITS   10u
 #define STATE_LOW   0x10000u     /* a state below takes a word */
 #define NONE        (PLACES - 1) /* no list is that long */
-#define FAR         104u         /* sizes from here on are followed by a word */
+#define FAR         LW_TILE_RANS_FAR
 #define NEAR_MAX    LW_TILE_RANS_NEAR_MAX
 #define LANE_LEVELS 64u /* a lane is worth so many levels */
 #define CLASSES     15u

@@ -20,9 +20,6 @@
 #define SEARCH_SHARE  1.0
 #define SOLVING_SHARE 0.5
 
-/* What moves after so many frames in which nothing did begins to. */
-#define STILL_FRAMES 4u
-
 struct cell_solver {
     struct lw_solver base;
     struct lw_solver_desc desc;
@@ -443,7 +440,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
         lw_pose_copy(&s->pose, pose, s->desc.scene);
         s->pose_due |= moved;
         s->moves++;
-        if (s->frames_since_move > STILL_FRAMES) s->began = s->moves;
+        if (s->frames_since_move > LW_CELL_SOLVER_STILL_FRAMES) s->began = s->moves;
         s->frames_since_move = 0;
     }
     const bool looked_at = lw_schedule_is_looked_at(&s->schedule);

@@ -31,6 +31,9 @@ LW_MUST_CHECK enum lw_status lw_cell_solver_create_over(struct lw_geometry *geom
 /** What it holds, between two frames. Of that, `beside` of blocks may be written. */
 struct lw_tiles *lw_cell_solver_tiles(struct lw_solver *solver);
 
+/* What moves after so many frames in which nothing did begins to. */
+#define LW_CELL_SOLVER_STILL_FRAMES 4u
+
 /** Gives the frames to come so much wall time for solving, about; 0: as long as it takes. yields: they solve
  * nothing, and only ask what has changed. hasty: something has begun to move, after a while in which nothing did: what follows from that comes
  * before all else. */

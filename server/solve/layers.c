@@ -358,9 +358,8 @@ static enum lw_status begin_sums(struct layers *s, struct lw_error *err) {
 /* Frames after the first in which there was no time for all that had changed may take so many times theirs: to filter, weld and encode what
  * is shown takes half as long as a budget. */
 #define HURRY_SHARE 2.0
-/* And the first frame of a movement, after so many still ones, this share: something of it is to be seen soon. */
-#define BEGIN_SHARE  0.5
-#define STILL_FRAMES 4u
+/* And the first frame of a movement this share: something of it is to be seen soon. */
+#define BEGIN_SHARE 0.5
 
 /* Shares out the time of a frame. */
 static void give_time(struct layers *s, bool moved) {
@@ -373,15 +372,16 @@ static void give_time(struct layers *s, bool moved) {
         most = hurry > most ? hurry : most;
     }
     /* Under steady movement all that is looked at has its turn. */
-    s->hasty = moved ? s->still_frames > STILL_FRAMES : s->hasty && (most || s->still_frames <= STILL_FRAMES);
+    s->hasty = moved ? s->still_frames > LW_CELL_SOLVER_STILL_FRAMES
+                     : s->hasty && (most || s->still_frames <= LW_CELL_SOLVER_STILL_FRAMES);
     if (moved || !s->hasty || s->yields >= YIELDS_MAX) most = 0;
     for (const struct layer *layer = s->layer; layer < s->layer + s->count; layer++)
         first += layer->ran && lw_cell_solver_hurry(layer->solver) >= most;
     s->yields = first < running ? s->yields + 1 : 0;
     const double shares = first + YIELDS_SHARE * (running - first),
-                 budgets = most                                      ? HURRY_SHARE
-                           : moved && s->still_frames > STILL_FRAMES ? BEGIN_SHARE
-                                                                     : 1,
+                 budgets = most                                                     ? HURRY_SHARE
+                           : moved && s->still_frames > LW_CELL_SOLVER_STILL_FRAMES ? BEGIN_SHARE
+                                                                                    : 1,
                  budget_s = budgets * s->desc.frame_budget_s;
     for (struct layer *layer = s->layer; layer < s->layer + s->count; layer++) {
         if (!layer->ran) continue;
