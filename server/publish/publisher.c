@@ -163,22 +163,22 @@ static float find_dark(const struct lw_publisher *p, const struct lw_pose *pose)
     return LW_PUBLISHER_DARK_SHARE * lw_levels_quantile(bin, LW_PUBLISHER_WHITE_QUANTILE);
 }
 
-/* Error and bounces of a tile of any level: of the level-0 tiles below it, the worst. */
-static void quality(const struct lw_publisher *p, const struct lw_tile_place *place, float *out_error,
-                    uint32_t *out_bounces) {
-    const struct lw_atlas_map *map = p->desc.atlas_map;
+float lw_publisher_error(const struct lw_atlas_map *map, const struct lw_solver *solver, lw_tile_id id,
+                         uint32_t *out_bounces) {
+    const struct lw_tile_place *place = &map->place[id.v];
     const struct lw_atlas_level *fine = &map->atlas[place->object].level[0];
-    *out_error = 0;
-    *out_bounces = UINT32_MAX;
+    float error = 0;
+    uint32_t bounces = UINT32_MAX;
     uint32_t x0 = place->x << place->level, y0 = place->y << place->level;
     for (uint32_t y = y0; y < y0 + (1u << place->level) && y < fine->tiles_y; y++)
         for (uint32_t x = x0; x < x0 + (1u << place->level) && x < fine->tiles_x; x++) {
             struct lw_solver_tile tile;
-            p->desc.solver->ops->read_tile(p->desc.solver, lw_atlas_map_find(map, place->object, 0, x, y),
-                                           &tile);
-            *out_error = fmaxf(*out_error, tile.error);
-            *out_bounces = tile.bounces < *out_bounces ? tile.bounces : *out_bounces;
+            solver->ops->read_tile(solver, lw_atlas_map_find(map, place->object, 0, x, y), &tile);
+            error = fmaxf(error, tile.error);
+            bounces = tile.bounces < bounces ? tile.bounces : bounces;
         }
+    if (out_bounces) *out_bounces = bounces;
+    return error;
 }
 
 /* Root mean square of the relative difference, with a floor of a hundredth of the tile's mean under the divisor. *out_mean: of
@@ -288,9 +288,8 @@ static void consider_tile(struct lw_publisher *p, struct worker *worker, lw_tile
     if (worker->status != LW_OK || !p->changed[place->object] ||
         !lw_levels_has_changed(&p->levels[place->object], place))
         return;
-    float error;
     uint32_t bounces;
-    quality(p, place, &error, &bounces);
+    const float error = lw_publisher_error(p->desc.atlas_map, p->desc.solver, id, &bounces);
     lw_levels_store_tile(&p->levels[place->object], place, worker->rgb, worker->covered);
     float threshold = fmaxf(LW_PUBLISHER_VISIBLE_CHANGE, LW_PUBLISHER_NOISE_SHARE * error), change = 1;
     if (sent->version) {

@@ -61,6 +61,11 @@ LW_MUST_CHECK enum lw_status lw_publisher_create(const struct lw_publisher_desc 
                                                  struct lw_publisher **out_publisher);
 void lw_publisher_destroy(struct lw_publisher *publisher);
 
+/** Error of a tile of any level, as it is sent: of the level-0 tiles below it the worst. out_bounces: likewise, the least; may be
+ * NULL. [any] while no frame is solved. */
+float lw_publisher_error(const struct lw_atlas_map *map, const struct lw_solver *solver, lw_tile_id id,
+                         uint32_t *out_bounces);
+
 /** Publishes a solved frame. rays_total: traced since the start. *out_snapshot: a new reference.
  * Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_publisher_publish(struct lw_publisher *publisher, const struct lw_pose *pose,

@@ -112,21 +112,16 @@ static struct lw_client_tile own_tile(const void *context, lw_tile_id id) {
     return ((const struct job *)context)->tile[id.v];
 }
 
-/* A tile of a coarser level has the worst error of those of level 0 below it, as on the wire. */
 static void take_light(struct job *job, const struct lw_solver *solver) {
     const struct lw_atlas_map *map = &job->map;
-    for (uint32_t id = 0; id < map->tile_count; id++)
-        job->tile[id] = (struct lw_client_tile){.version = 1, .bounces = 2};
     for (uint32_t id = 0; id < map->tile_count; id++) {
         const struct lw_tile_place *place = &map->place[id];
-        if (place->level) continue;
         struct lw_solver_tile tile;
+        job->tile[id] = (struct lw_client_tile){
+            .version = 1, .bounces = 2, .error = lw_publisher_error(map, solver, (lw_tile_id){id}, NULL)};
+        if (place->level) continue;
         solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
         lw_levels_load_tile(&job->levels[place->object], place, &tile);
-        for (uint32_t l = 0; l < map->atlas[place->object].level_count; l++) {
-            const uint32_t above = lw_atlas_map_find(map, place->object, l, place->x >> l, place->y >> l).v;
-            job->tile[above].error = fmaxf(job->tile[above].error, tile.error);
-        }
     }
     for (uint32_t o = 0; o < map->object_count; o++)
         if (map->atlas[o].tile_count) lw_levels_build(&job->levels[o]);
