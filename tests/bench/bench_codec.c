@@ -13,7 +13,8 @@
  * "step for 45 dB": of the tiles of N frames, the widest of the codec's steps, one for all tiles, with that log-PSNR.
  * "what changed": for a client that has the tile as it was a frame before, coded in the same way; encoding makes both forms.
  * JPEG XL, where libjxl is installed: log2(1 + E/y0)/10 as an sRGB picture of its own for each tile.
- * --dump writes the tiles: u32 set, width, height; f32 error; f32 rgb[width*height*3]; u8 covered[width*height]. */
+ * --dump writes the tiles: u32 set, width, height; f32 error, dark (as the publisher has it); f32 rgb[width*height*3];
+ * u8 covered[width*height]. */
 #include "common/clock.h"
 #include "common/tile/tile_codec.h"
 #include "common/tile/tile_dct.h"
@@ -64,21 +65,6 @@ static void *copy(const void *from, size_t size) {
     return to ? memcpy(to, from, size) : NULL;
 }
 
-/* The worst error of the level-0 tiles below a tile. */
-static float error_of(const struct job *job, const struct lw_tile_place *place) {
-    const struct lw_atlas_level *fine = &job->map.atlas[place->object].level[0];
-    const uint32_t x0 = place->x << place->level, y0 = place->y << place->level, side = 1u << place->level;
-    float error = 0;
-    for (uint32_t y = y0; y < y0 + side && y < fine->tiles_y; y++)
-        for (uint32_t x = x0; x < x0 + side && x < fine->tiles_x; x++) {
-            struct lw_solver_tile tile;
-            job->solver->ops->read_tile(job->solver, lw_atlas_map_find(&job->map, place->object, 0, x, y),
-                                        &tile);
-            error = fmaxf(error, tile.error);
-        }
-    return error;
-}
-
 static enum lw_status take_object(struct job *job, uint32_t object, struct tile *set) {
     const struct lw_atlas *atlas = &job->map.atlas[object];
     const uint32_t first = job->map.first_tile[object];
@@ -100,7 +86,7 @@ static enum lw_status take_object(struct job *job, uint32_t object, struct tile 
         set[i] = (struct tile){place->width,
                                place->height,
                                place->level,
-                               error_of(job, place),
+                               lw_publisher_error(&job->map, job->solver, (lw_tile_id){i}, NULL),
                                copy(rgb, texels * 3 * sizeof *rgb),
                                copy(covered, texels),
                                NULL};
@@ -164,6 +150,9 @@ static enum lw_status find_y0(struct job *job, const struct tile *set) {
     return LW_OK;
 }
 
+/* As the publisher has it. */
+static float dark_of(const struct job *job) { return 100 * job->y0 * LW_PUBLISHER_DARK_SHARE; }
+
 /* ---- the codecs, each as a pair of functions over one tile ---- */
 
 struct coded {
@@ -180,7 +169,7 @@ struct coder {
     uint8_t delta[LW_TILE_DCT_BOUND];
     ZSTD_CCtx *compress;
     ZSTD_DCtx *decompress;
-    float dark; /* as the publisher has it */
+    float dark;
     float y0;
     float step; /* of sought_encode() */
 #ifdef LW_HAVE_JXL
@@ -497,10 +486,8 @@ static enum lw_status report(const struct job *job, struct coder *coder, struct 
 
 static enum lw_status compare(const struct job *job, const char *path) {
     static struct coder coder;
-    coder = (struct coder){.compress = ZSTD_createCCtx(),
-                           .decompress = ZSTD_createDCtx(),
-                           .dark = 100 * job->y0 * LW_PUBLISHER_DARK_SHARE,
-                           .y0 = job->y0};
+    coder = (struct coder){
+        .compress = ZSTD_createCCtx(), .decompress = ZSTD_createDCtx(), .dark = dark_of(job), .y0 = job->y0};
     struct coded *coded = malloc(((size_t)job->map.tile_count + 1) * sizeof *coded);
     char label[64];
     enum lw_status status = lw_tile_codec_create(&coder.tile);
@@ -534,8 +521,9 @@ static enum lw_status dump(const struct job *job, FILE *file) {
         for (uint32_t i = 0; job->set[s] && i < job->map.tile_count; i++) {
             const struct tile *t = &job->set[s][i];
             const uint32_t head[] = {s, t->width, t->height};
+            const float noise[] = {t->error, dark_of(job)};
             const size_t texels = (size_t)t->width * t->height;
-            good &= fwrite(head, sizeof head, 1, file) == 1 && fwrite(&t->error, 4, 1, file) == 1 &&
+            good &= fwrite(head, sizeof head, 1, file) == 1 && fwrite(noise, sizeof noise, 1, file) == 1 &&
                     fwrite(t->rgb, 12, texels, file) == texels &&
                     fwrite(t->covered, 1, texels, file) == texels;
         }

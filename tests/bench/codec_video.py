@@ -29,8 +29,8 @@ VIDEO = [("libx264", "H.264 ultrafast", ["-preset", "ultrafast"], "yuv420p10le",
 def read_tiles(path):
     sets = [[] for _ in SETS]
     with open(path, "rb") as file:
-        while head := file.read(16):
-            number, width, height, _ = struct.unpack("<IIIf", head)
+        while head := file.read(20):
+            number, width, height, *_ = struct.unpack("<IIIff", head)
             rgb = array.array("f", file.read(12 * width * height))
             sets[number].append((width, height, rgb, file.read(width * height)))
     return sets
