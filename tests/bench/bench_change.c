@@ -89,19 +89,6 @@ static enum lw_status set_moving(struct lw_scene *scene, const char *name, float
 
 /* ---- solving ---- */
 
-static enum lw_status create(const struct job *job, double error, uint32_t seed, struct solution *s,
-                             struct lw_error *err) {
-    return lw_cell_solver_create(&(struct lw_solver_desc){.scene = job->scene,
-                                                          .atlas_map = &job->map,
-                                                          .bounces = 2,
-                                                          .tracing_range_m = INFINITY,
-                                                          .direct_samples = 1,
-                                                          .indirect_samples = 2,
-                                                          .target_error = (float)error,
-                                                          .seed = seed},
-                                 &job->pose, &s->solver, err);
-}
-
 /* Solves so many frames more, or fewer if all rests before; what is counted is counted from here on. */
 static enum lw_status go_on(const struct job *job, struct solution *s, int64_t frames, struct lw_error *err) {
     s->rays = 0;
@@ -151,7 +138,8 @@ static struct errors compare(const float *x, const float *truth, const float *be
 static enum lw_status solve_anew(const struct job *job, double error, uint32_t seed, int64_t frames,
                                  struct solution *out, struct lw_error *err) {
     *out = (struct solution){0};
-    enum lw_status status = create(job, error, seed, out, err);
+    const struct lw_solver_desc desc = bench_light_desc(job->scene, &job->map, error, seed);
+    enum lw_status status = lw_cell_solver_create(&desc, &job->pose, &out->solver, err);
     return status == LW_OK ? go_on(job, out, frames, err) : status;
 }
 
@@ -229,9 +217,7 @@ static enum lw_status run(void *context, const char *path, struct lw_error *err)
     printf("| %s, %s | ", bench_label(path, label, sizeof label), job.settings->object);
     fflush(stdout);
     if (status == LW_OK) status = measure(&job, err);
-    lw_pose_finish(&job.pose);
-    lw_atlas_map_finish(&job.map);
-    lw_scene_destroy(job.scene);
+    bench_close(job.scene, &job.pose, &job.map);
     return status;
 }
 

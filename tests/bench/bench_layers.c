@@ -41,15 +41,8 @@ static enum lw_status create(const struct job *job, const char *group_names, dou
     struct lw_light_groups groups;
     enum lw_status status = lw_light_groups_init(&groups, job->scene, &job->pose, group_names, err);
     if (status != LW_OK) return status;
-    return lw_layers_create(&(struct lw_solver_desc){.scene = job->scene,
-                                                     .atlas_map = &job->map,
-                                                     .bounces = 2,
-                                                     .tracing_range_m = INFINITY,
-                                                     .direct_samples = 1,
-                                                     .indirect_samples = 2,
-                                                     .target_error = (float)error,
-                                                     .seed = seed},
-                            &groups, &job->pose, out_solver, err);
+    const struct lw_solver_desc desc = bench_light_desc(job->scene, &job->map, error, seed);
+    return lw_layers_create(&desc, &groups, &job->pose, out_solver, err);
 }
 
 /* One frame, whose rays and texels count for the row. */

@@ -3,6 +3,18 @@
 #include <math.h>
 #include <stdlib.h>
 
+struct lw_solver_desc bench_light_desc(const struct lw_scene *scene, const struct lw_atlas_map *map,
+                                       double error, uint32_t seed) {
+    return (struct lw_solver_desc){.scene = scene,
+                                   .atlas_map = map,
+                                   .bounces = 2,
+                                   .tracing_range_m = INFINITY,
+                                   .direct_samples = 1,
+                                   .indirect_samples = 2,
+                                   .target_error = (float)error,
+                                   .seed = seed};
+}
+
 float *bench_read_light(const struct lw_solver *solver, const struct lw_atlas_map *map, size_t *out_count) {
     size_t count = 0;
     float *light = NULL;

@@ -1,8 +1,12 @@
-/* bench_light.h: the light that a solver has found, and how far it is off another's. */
+/* bench_light.h: what is solved to be compared, the light that a solver has found, and how far it is off another's. */
 #ifndef LW_TESTS_BENCH_LIGHT_H
 #define LW_TESTS_BENCH_LIGHT_H
 
 #include "server/solve/solver.h"
+
+/** A solve as lightwelld's by default, but for its filter, until tiles have that relative error; < 0: it never rests. */
+struct lw_solver_desc bench_light_desc(const struct lw_scene *scene, const struct lw_atlas_map *map,
+                                       double error, uint32_t seed);
 
 /** The light of all covered texels, unfiltered, three values each; the caller frees. *out_count: values. NULL: no memory. */
 float *bench_read_light(const struct lw_solver *solver, const struct lw_atlas_map *map, size_t *out_count);

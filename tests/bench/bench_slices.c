@@ -6,11 +6,7 @@
  * 4th, 16th and 64th tile, spread over all objects, or as many in a row, as the parts of a round do that has a budget. CPU
  * milliseconds with one worker, medians over the rounds: of the solve (direct light and its sums), of each step of a frame's end, of them together,
  * and how much that is of a whole frame's. */
-#include "common/tile/tile_codec.h"
-#include "server/publish/publisher.h"
-#include "server/solve/cell_solver.h"
-#include "server/solve/denoise.h"
-#include "tests/bench/bench_meter.h"
+#include "tests/bench/bench_runner.h"
 #include "tests/bench/bench_setup.h"
 
 #include <math.h>
@@ -36,60 +32,43 @@ struct job {
     struct lw_scene *scene;
     struct lw_pose pose;
     struct lw_atlas_map map;
-    struct lw_solver *solver;
-    struct lw_publisher *publisher;
+    struct bench_runner runner;
     uint8_t *wanted;
     uint32_t tiles; /* of level 0 */
-    uint64_t frames;
     struct bench_meter_frame cost[PARTS][ROUNDS_MAX];
     struct lw_solver_stats solved[PARTS]; /* in the last round */
 };
 
 static enum lw_status set_up(struct job *job, struct lw_error *err) {
-    enum lw_status status = lw_cell_solver_create(&(struct lw_solver_desc){.scene = job->scene,
-                                                                           .atlas_map = &job->map,
-                                                                           .direct_samples = 1,
-                                                                           .indirect_samples = 1,
-                                                                           .target_error = -1,
-                                                                           .threads = 1,
-                                                                           .denoise = true},
-                                                  &job->pose, &job->solver, err);
-    if (status != LW_OK) return status;
-    status = lw_publisher_create(&(struct lw_publisher_desc){.scene = job->scene,
-                                                             .atlas_map = &job->map,
-                                                             .solver = job->solver,
-                                                             .target_error = 0.02f,
-                                                             .noise_shown = LW_DENOISE_NOISE_SHOWN,
-                                                             .codec = LW_TILE_CODEC_DCT,
-                                                             .threads = 1},
-                                 &job->publisher);
     for (uint32_t id = 0; id < job->map.tile_count; id++) job->tiles += job->map.place[id].level == 0;
     job->wanted = malloc((size_t)job->map.tile_count + 1);
-    if (!job->wanted) status = LW_NO_MEMORY;
-    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "%u tiles", job->map.tile_count);
+    if (!job->wanted) return lw_status_fail(err, LW_NO_MEMORY, "%u tiles", job->map.tile_count);
+    return bench_runner_init(&job->runner,
+                             &(struct lw_solver_desc){.scene = job->scene,
+                                                      .atlas_map = &job->map,
+                                                      .direct_samples = 1,
+                                                      .indirect_samples = 1,
+                                                      .target_error = -1,
+                                                      .threads = 1,
+                                                      .denoise = true},
+                             &job->pose, err);
 }
 
 /* Solves and publishes every part-th tile, or a part of them in a row. */
 static enum lw_status slice(struct job *job, uint32_t part, bool spread, struct bench_meter_frame *out_cost,
                             struct lw_solver_stats *out_solved, struct lw_error *err) {
-    const uint32_t turn = (uint32_t)job->frames % part;
+    const uint32_t turn = (uint32_t)job->runner.frames % part;
     for (uint32_t id = 0, n = 0; id < job->map.tile_count; id++) {
         job->wanted[id] = 0;
         if (job->map.place[id].level) continue;
         job->wanted[id] = (spread ? n % part : n * part / job->tiles) == turn;
         n++;
     }
-    struct lw_publisher_stats published;
-    struct lw_snapshot *snapshot = NULL;
-    enum lw_status status = job->solver->ops->want(job->solver, job->wanted, err);
-    bench_meter_begin(&(struct bench_meter_desc){.stride = UINT32_MAX});
+    enum lw_status status = job->runner.solver->ops->want(job->runner.solver, job->wanted, err);
     if (status == LW_OK)
-        status = job->solver->ops->frame(job->solver, &job->pose, ++job->frames, out_solved, err);
-    if (status == LW_OK)
-        status = lw_publisher_publish(job->publisher, &job->pose, job->frames, 0, 0, out_solved->tiles_solved,
-                                      &snapshot, &published);
-    bench_meter_end(out_cost);
-    lw_snapshot_unref(snapshot);
+        status = bench_runner_frame(&job->runner, &job->pose,
+                                    &(struct bench_meter_desc){.stride = UINT32_MAX}, out_cost, err);
+    *out_solved = job->runner.solved;
     return status;
 }
 
@@ -138,8 +117,7 @@ static enum lw_status run(void *context, const char *path, struct lw_error *err)
     char label[64];
     if (status == LW_OK) print_table(&job, bench_label(path, label, sizeof label));
     free(job.wanted);
-    lw_publisher_destroy(job.publisher);
-    if (job.solver) job.solver->ops->destroy(job.solver);
+    bench_runner_finish(&job.runner);
     bench_close(job.scene, &job.pose, &job.map);
     return status;
 }

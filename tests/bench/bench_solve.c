@@ -10,11 +10,7 @@
  * Where packets are too many, those of every n-th tile stand for all; their time is then that of the same tiles.
  * Rates and shares are CPU time with one worker; speed-ups are wall time and want an idle machine. Medians over the rounds,
  * ratios within a round. What the columns mean: CONTRIBUTING.md, "Measuring". */
-#include "common/tile/tile_codec.h"
-#include "server/publish/publisher.h"
-#include "server/solve/cell_solver.h"
-#include "server/solve/denoise.h"
-#include "tests/bench/bench_meter.h"
+#include "tests/bench/bench_runner.h"
 #include "tests/bench/bench_setup.h"
 
 #include <math.h>
@@ -32,14 +28,6 @@ struct settings {
     int64_t rounds, bounces, direct_samples, indirect_samples;
 };
 
-/* One of the two contenders. */
-struct runner {
-    struct lw_solver *solver;
-    struct lw_publisher *publisher;
-    struct lw_solver_stats solved; /* in its last frame */
-    uint64_t frames;
-};
-
 struct round {
     struct bench_meter_frame one, all; /* of the second frame */
     double raw_s[2], sampled_s[2];     /* of the first: bare rays, and the pass that shot them */
@@ -53,56 +41,26 @@ struct job {
     struct lw_scene *scene;
     struct lw_pose pose;
     struct lw_atlas_map map;
-    struct runner one, all;
+    struct bench_runner one, all;
     unsigned threads;
     uint32_t stride;
     struct lw_trace_replay *replay[2][THREADS_MAX];
     struct round round[ROUNDS_MAX];
 };
 
-static enum lw_status start(const struct job *job, unsigned threads, struct runner *out,
+static enum lw_status start(const struct job *job, unsigned threads, struct bench_runner *out,
                             struct lw_error *err) {
     const struct settings *s = job->settings;
-    enum lw_status status =
-        lw_cell_solver_create(&(struct lw_solver_desc){.scene = job->scene,
-                                                       .atlas_map = &job->map,
-                                                       .bounces = (uint32_t)s->bounces,
-                                                       .direct_samples = (uint32_t)s->direct_samples,
-                                                       .indirect_samples = (uint32_t)s->indirect_samples,
-                                                       .target_error = -1,
-                                                       .threads = threads,
-                                                       .denoise = true},
-                              &job->pose, &out->solver, err);
-    if (status != LW_OK) return status;
-    status = lw_publisher_create(&(struct lw_publisher_desc){.scene = job->scene,
-                                                             .atlas_map = &job->map,
-                                                             .solver = out->solver,
-                                                             .target_error = 0.02f,
-                                                             .noise_shown = LW_DENOISE_NOISE_SHOWN,
-                                                             .codec = LW_TILE_CODEC_DCT,
-                                                             .threads = threads},
-                                 &out->publisher);
-    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "publisher");
-}
-
-static void stop(struct runner *runner) {
-    lw_publisher_destroy(runner->publisher);
-    if (runner->solver) runner->solver->ops->destroy(runner->solver);
-}
-
-static enum lw_status frame(const struct job *job, struct runner *runner, const struct bench_meter_desc *desc,
-                            struct bench_meter_frame *out, struct lw_error *err) {
-    struct lw_publisher_stats published;
-    struct lw_snapshot *snapshot = NULL;
-    bench_meter_begin(desc);
-    enum lw_status status =
-        runner->solver->ops->frame(runner->solver, &job->pose, ++runner->frames, &runner->solved, err);
-    if (status == LW_OK)
-        status = lw_publisher_publish(runner->publisher, &job->pose, runner->frames, 0, 0,
-                                      runner->solved.tiles_solved, &snapshot, &published);
-    bench_meter_end(out);
-    lw_snapshot_unref(snapshot);
-    return status;
+    return bench_runner_init(out,
+                             &(struct lw_solver_desc){.scene = job->scene,
+                                                      .atlas_map = &job->map,
+                                                      .bounces = (uint32_t)s->bounces,
+                                                      .direct_samples = (uint32_t)s->direct_samples,
+                                                      .indirect_samples = (uint32_t)s->indirect_samples,
+                                                      .target_error = -1,
+                                                      .threads = threads,
+                                                      .denoise = true},
+                             &job->pose, err);
 }
 
 static enum lw_status first_frame(struct job *job, struct round *round, struct lw_error *err) {
@@ -112,8 +70,8 @@ static enum lw_status first_frame(struct job *job, struct round *round, struct l
         noted.replay[k] = job->replay[k];
         for (unsigned t = 0; t < job->threads; t++) lw_trace_replay_clear(job->replay[k][t]);
     }
-    enum lw_status status = frame(job, &job->all, &noted, &ignored, err);
-    if (status == LW_OK) status = frame(job, &job->one, &timed, &one, err);
+    enum lw_status status = bench_runner_frame(&job->all, &job->pose, &noted, &ignored, err);
+    if (status == LW_OK) status = bench_runner_frame(&job->one, &job->pose, &timed, &one, err);
     if (status != LW_OK) return status;
     for (int k = 0; k < 2; k++) {
         struct lw_trace_replay_cost cost = {0};
@@ -131,8 +89,8 @@ static enum lw_status first_frame(struct job *job, struct round *round, struct l
 
 static enum lw_status second_frame(struct job *job, struct round *round, struct lw_error *err) {
     const struct bench_meter_desc plain = {.stride = UINT32_MAX};
-    enum lw_status status = frame(job, &job->all, &plain, &round->all, err);
-    if (status == LW_OK) status = frame(job, &job->one, &plain, &round->one, err);
+    enum lw_status status = bench_runner_frame(&job->all, &job->pose, &plain, &round->all, err);
+    if (status == LW_OK) status = bench_runner_frame(&job->one, &job->pose, &plain, &round->one, err);
     for (int k = 0; k < 2; k++) round->rays[k] = round->one.rays[k];
     return status;
 }
@@ -243,8 +201,8 @@ static enum lw_status measure(struct job *job, struct lw_error *err) {
     enum lw_status status = start(job, 1, &job->one, err);
     if (status == LW_OK) status = start(job, job->threads, &job->all, err);
     for (uint32_t i = 0; status == LW_OK && i < WARM_UP; i++) {
-        status = frame(job, &job->one, &plain, &ignored, err);
-        if (status == LW_OK) status = frame(job, &job->all, &plain, &ignored, err);
+        status = bench_runner_frame(&job->one, &job->pose, &plain, &ignored, err);
+        if (status == LW_OK) status = bench_runner_frame(&job->all, &job->pose, &plain, &ignored, err);
     }
     if (status == LW_OK) status = make_room(job, err);
     for (int64_t i = 0; status == LW_OK && i < job->settings->rounds; i++) {
@@ -275,8 +233,8 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
     }
     for (int k = 0; k < 2; k++)
         for (unsigned t = 0; t < job->threads; t++) lw_trace_replay_destroy(job->replay[k][t]);
-    stop(&job->one);
-    stop(&job->all);
+    bench_runner_finish(&job->one);
+    bench_runner_finish(&job->all);
     bench_close(job->scene, &job->pose, &job->map);
     free(job);
     return status;
