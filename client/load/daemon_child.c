@@ -9,10 +9,10 @@
 #include <limits.h>
 #include <poll.h>
 #include <signal.h>
-#include <spawn.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/prctl.h>
 #include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
@@ -22,8 +22,6 @@
 #define START_S        30u
 #define STOP_NS        5000000000ull
 #define POLL_MS        50
-
-extern char **environ;
 
 struct lw_daemon_child {
     pid_t pid;
@@ -46,6 +44,39 @@ static enum lw_status make_port_file(struct lw_daemon_child *c, struct lw_error 
     }
     close(file);
     return LW_OK;
+}
+
+/* In the child; what fails goes to `failure`. Only what signal handlers may call: other threads may hold any lock. */
+static _Noreturn void become(const char *program, char *const *arguments, int in, int out, int failure,
+                             pid_t parent) {
+    setpgid(0, 0); /* Ctrl-C is for our parent, who ends us when what is measured has been kept */
+    prctl(PR_SET_PDEATHSIG, SIGTERM);  /* whatever ends it, if only SIGKILL */
+    if (getppid() != parent) _exit(1); /* it ended before */
+    /* what we say on stderr is for those who look for why we ended; sessions that come and go are not */
+    const int null = open("/dev/null", O_WRONLY | O_CLOEXEC);
+    if (null >= 0 && dup2(in, STDIN_FILENO) >= 0 && dup2(out, STDOUT_FILENO) >= 0 &&
+        dup2(null, STDERR_FILENO) >= 0)
+        execvp(program, arguments);
+    const int error = errno;
+    (void)!write(failure, &error, sizeof error);
+    _exit(1);
+}
+
+/* posix_spawn() cannot bind the child's life to ours. Returns errno, 0: it runs. The signal comes when the thread that calls
+ * this ends. */
+static int fork_and_exec(struct lw_daemon_child *c, const char *program, const char *const *arguments, int in,
+                         int out) {
+    int failure[2], error = 0;
+    if (pipe2(failure, O_CLOEXEC) < 0) return errno;
+    const pid_t parent = getpid(), pid = fork();
+    if (pid == 0) become(program, (char *const *)arguments, in, out, failure[1], parent);
+    if (pid < 0) error = errno;
+    close(failure[1]);
+    while (pid > 0 && read(failure[0], &error, sizeof error) < 0 && errno == EINTR) continue;
+    close(failure[0]);
+    if (pid > 0 && error) waitpid(pid, NULL, 0);
+    c->pid = error ? 0 : pid;
+    return error;
 }
 
 static enum lw_status spawn(struct lw_daemon_child *c, const struct lw_daemon_child_desc *desc,
@@ -91,29 +122,12 @@ static enum lw_status spawn(struct lw_daemon_child *c, const struct lw_daemon_ch
         close(in[0]), close(in[1]);
         return lw_status_fail(err, LW_OS, "cannot make a pipe: %s", strerror(errno));
     }
-    posix_spawn_file_actions_t actions;
-    posix_spawnattr_t attributes;
-    posix_spawn_file_actions_init(&actions);
-    posix_spawnattr_init(&attributes);
-    /* a group of its own: Ctrl-C is for us, who end it when what is measured has been kept */
-    int failed = posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
-    if (!failed) failed = posix_spawn_file_actions_adddup2(&actions, in[0], STDIN_FILENO);
-    if (!failed) failed = posix_spawn_file_actions_adddup2(&actions, out[1], STDOUT_FILENO);
-    /* what it says on stderr is for those who look for why it ended; sessions that come and go are not */
-    if (!failed) failed = posix_spawn_file_actions_addopen(&actions, STDERR_FILENO, "/dev/null", O_WRONLY, 0);
-    if (!failed)
-        failed = posix_spawnp(&c->pid, program, &actions, &attributes, (char *const *)arguments, environ);
-    posix_spawnattr_destroy(&attributes);
-    posix_spawn_file_actions_destroy(&actions);
+    const int failed = fork_and_exec(c, program, arguments, in[0], out[1]);
     close(in[0]);
     close(out[1]);
     c->to = in[1];
     c->from = out[0];
-    if (failed) {
-        c->pid = 0;
-        return lw_status_fail(err, LW_OS, "cannot start %.300s: %s", program, strerror(failed));
-    }
-    return LW_OK;
+    return failed ? lw_status_fail(err, LW_OS, "cannot start %.300s: %s", program, strerror(failed)) : LW_OK;
 }
 
 static bool has_ended(struct lw_daemon_child *c) {

@@ -30,7 +30,8 @@ struct lw_daemon_report {
 
 struct lw_daemon_child;
 
-/** Starts a server on a free port of 127.0.0.1 and waits until it listens.
+/** Starts a server on a free port of 127.0.0.1 and waits until it listens. It ends when the calling thread does, however that
+ * comes about.
  * Errors: LW_OS if lightwelld, beside this program or in PATH, does not start; its own failure; LW_TIMED_OUT. */
 LW_MUST_CHECK enum lw_status lw_daemon_child_start(const struct lw_daemon_child_desc *desc,
                                                    struct lw_daemon_child **out_child, struct lw_error *err);
