@@ -5,6 +5,7 @@
 #include "common/progress.h"
 #include "server/solve/change_order.h"
 #include "server/solve/checkpoint.h"
+#include "server/solve/correction.h"
 #include "server/solve/denoise.h"
 #include "server/solve/passes.h"
 #include "server/solve/schedule.h"
@@ -41,6 +42,10 @@ struct cell_solver {
     uint32_t frames, frames_since_move;
     uint32_t moves;            /* frames in which something had moved */
     uint32_t began;            /* of these, the last before which nothing had for a while */
+    bool shone;                /* what last began to move shines, or was light itself */
+    uint32_t passes;           /* frames that are yet to correct all blocks along the rays that there are */
+    bool solved_urgent;        /* blocks that had woken were, since the last of these began */
+    uint32_t corrected;        /* tiles, in the last frame */
     uint32_t still_rounds;     /* since something was solved */
     uint32_t unchanged_rounds; /* since any light that serves was known to be out of date */
     double texel_ns;           /* wall time that one takes, in the mean of late */
@@ -98,6 +103,9 @@ static enum lw_status place(struct cell_solver *s, struct lw_solver_stats *stats
     return LW_OK;
 }
 
+/* Frames have a time to keep. */
+static bool is_hurried(const struct cell_solver *s) { return s->budget_s > 0; }
+
 static bool cancelled(const struct cell_solver *s) { return s->desc.cancel && *s->desc.cancel; }
 
 static bool has_work(const struct cell_solver *s, const struct lw_solve_tile *tile) {
@@ -125,10 +133,41 @@ static bool is_changing(const struct cell_solver *s) {
     return false;
 }
 
+/* Whether the layer's light itself is another, or comes from elsewhere. */
+static bool lights_differ(const struct cell_solver *s, const struct lw_pose *now) {
+    const struct lw_scene *scene = s->desc.scene;
+    const struct lw_lights *lights = &s->lights;
+    if (lw_pose_difference(now, &s->pose, scene) & (LW_POSE_LIGHTS | LW_POSE_SKY)) return true;
+    for (uint32_t m = 0; m < scene->material_count; m++)
+        if (memcmp(now->material[m].emission, s->pose.material[m].emission, sizeof now->material->emission))
+            return true;
+    for (uint32_t o = 0; o < scene->object_count; o++) {
+        if (memcmp(&now->object_to_world[o], &s->pose.object_to_world[o], sizeof *now->object_to_world) ==
+                0 &&
+            now->object_hidden[o] == s->pose.object_hidden[o])
+            continue;
+        for (uint32_t e = lights->first_emitter[o]; e < lights->first_emitter[o + 1]; e++)
+            if (lights->luminance[e] > 0) return true;
+    }
+    return false;
+}
+
+/* Whether something that is looked at is yet to be asked about the last movement. */
+static bool is_unasked(const struct cell_solver *s) {
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        const struct lw_solve_tile *tile = &s->tiles.tile[i];
+        if (tile->unasked && tile->serves && lw_schedule_looks_at(&s->schedule, tile)) return true;
+    }
+    return false;
+}
+
+/* Direct light has changed everywhere: all packets are asked about it, so that it need not be solved. */
+static bool asks_all(const struct cell_solver *s) { return is_hurried(s) && s->hasty && s->shone; }
+
 /* For how long a frame may ask those that have not been asked about a movement: there should be time to solve what is found. */
 static bool is_time_over(const struct cell_solver *s, uint64_t began_ns, bool found) {
-    const double budgets = found ? ASKING_SHARE : SEARCH_SHARE;
-    return s->budget_s > 0 && (double)(lw_clock_ns() - began_ns) > budgets * s->budget_s * 1e9;
+    const double budgets = found && !asks_all(s) ? ASKING_SHARE : SEARCH_SHARE;
+    return is_hurried(s) && (double)(lw_clock_ns() - began_ns) > budgets * s->budget_s * 1e9;
 }
 
 /* What the blocks of a tile that have woken are together. */
@@ -152,12 +191,12 @@ static void find_change(struct cell_solver *s, const struct lw_passes *passes,
                         struct lw_solver_stats *stats) {
     const uint64_t began_ns = lw_clock_ns();
     uint64_t shadow = 0, bounce = 0;
-    bool found = false, begun = false;
+    bool found = false, begun = false, direct = false;
     const bool active =
         s->still_rounds <= LW_PACKETS_MAX; /* until all have been asked about the last solve */
-    const bool hurried = s->budget_s > 0, spreads = hurried && s->hasty && s->schedule.urgent > 0;
+    const bool hurried = is_hurried(s), spreads = hurried && s->hasty && s->passes > 0 && !is_unasked(s);
     lw_change_order_sort(&s->order, &s->tiles, &s->schedule, hurried);
-#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shadow, bounce)
+#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shadow, bounce) reduction(|| : direct)
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[s->order.turn[i].tile];
         struct lw_passes_count count = {0};
@@ -169,14 +208,16 @@ static void find_change(struct cell_solver *s, const struct lw_passes *passes,
         tile->unasked = false;
         LW_TILES_EACH_BLOCK (tile, block) {
             asked |= lw_change_choose(block, s->moves, s->began, s->schedule.tick, s->schedule.ended, active,
-                                      spreads);
+                                      spreads, asks_all(s));
         }
         if (!asked) continue;
-        lw_passes_compare(passes, tile, &count);
+        tile->corrected = lw_passes_compare(passes, tile, &count);
+        direct |= tile->corrected;
         LW_TILES_EACH_BLOCK (tile, block) {
             more |= lw_change_choose_more(block, s->desc.target_error, hurried);
         }
-        if (more) lw_passes_compare(passes, tile, &count);
+        if (more) tile->corrected |= lw_passes_compare(passes, tile, &count);
+        tile->corrected |= lw_correction_indirect(&s->tiles, tile, s->desc.target_error, true);
         LW_TILES_EACH_BLOCK (tile, block) {
             if (block->covered_count) lw_change_wake(block, s->desc.target_error, hurried);
         }
@@ -187,6 +228,27 @@ static void find_change(struct cell_solver *s, const struct lw_passes *passes,
         bounce += count.bounce;
     }
     count_rays(stats, shadow, bounce);
+    /* As many as there are bounces, once direct light has changed, and again once nothing urgent is left to solve. */
+    s->solved_urgent |= s->schedule.urgent > 0;
+    if (direct || (s->solved_urgent && !s->passes && !s->schedule.hurry)) {
+        s->passes = s->desc.bounces;
+        s->solved_urgent = false;
+    } else if (spreads) {
+        s->passes--;
+    }
+}
+
+/* What bounces off tiles whose light has been corrected; returns how many those are. */
+static uint32_t pass_on(struct cell_solver *s, const struct lw_passes *passes) {
+    uint32_t count = 0;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : count)
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        const struct lw_solve_tile *tile = &s->tiles.tile[i];
+        count += tile->corrected;
+        for (uint32_t bounce = 0; tile->corrected && bounce < s->desc.bounces; bounce++)
+            lw_passes_radiate(passes, tile, bounce);
+    }
+    return count;
 }
 
 /* Blocks that are due: what this frame begins with. */
@@ -201,12 +263,15 @@ static void weigh_direct(struct cell_solver *s, const struct lw_passes *passes,
         LW_TILES_EACH_BLOCK (tile, block) {
             block->due = tile->due && !block->resting &&
                          (!tile->urgent || lw_change_is_urgent(&block->change) || !block->frames);
-            if (block->due && s->moves)
-                asked |= lw_change_choose_due(block, s->moves, s->unchanged_rounds <= CHANGING_ROUNDS);
+            if (block->due && s->moves) asked |= lw_change_choose_due(block, s->moves);
         }
-        if (asked) lw_passes_compare(passes, tile, &count);
+        if (asked) {
+            (void)lw_passes_compare(passes, tile, &count);
+            (void)lw_correction_indirect(&s->tiles, tile, s->desc.target_error, true);
+        }
         LW_TILES_EACH_BLOCK (tile, block) {
-            if (block->due) lw_change_weigh_direct(block, s->moves, s->desc.denoise);
+            if (block->due)
+                lw_change_weigh_direct(block, s->moves, s->desc.denoise, is_hurried(s) && s->hasty);
         }
         if (tile->due) tile->solved_tick = s->schedule.tick;
         shadow += count.shadow;
@@ -252,24 +317,29 @@ static void run_radiate(struct cell_solver *s, const struct lw_passes *passes, u
         if (has_work(s, &s->tiles.tile[i])) lw_passes_radiate(passes, &s->tiles.tile[i], bounce);
 }
 
-/* What follows the light that has just changed: with which weight this frame's estimates of bounces enter their means. */
-static void weigh_indirect(struct cell_solver *s, const struct lw_passes *passes) {
-    const float most = s->has_probes ? (float)probe_history_max(s) : INFINITY;
+/* Light of earlier frames follows what direct light is now; along rays that new ones are about to take the place of. */
+static void run_reread(struct cell_solver *s, const struct lw_passes *passes) {
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
+    for (uint32_t i = 0; i < s->tiles.count; i++)
+        if (has_work(s, &s->tiles.tile[i])) lw_passes_reread(passes, &s->tiles.tile[i]);
+}
+
+/* With which weight this frame's estimates of bounces enter their means. */
+static void weigh_indirect(struct cell_solver *s) {
+    const float most = s->has_probes ? (float)probe_history_max(s) : INFINITY;
+#pragma omp parallel for schedule(static) num_threads(s->threads)
     for (uint32_t i = 0; i < s->tiles.count; i++) {
-        struct lw_solve_tile *tile = &s->tiles.tile[i];
-        if (!has_work(s, tile)) continue;
-        if (s->moves && s->desc.bounces) lw_passes_arrive(passes, tile, 1, 1);
-        LW_TILES_EACH_BLOCK (tile, block)
+        if (!has_work(s, &s->tiles.tile[i])) continue;
+        LW_TILES_EACH_BLOCK (&s->tiles.tile[i], block)
             if (block->due) lw_change_weigh_indirect(block, most, s->desc.denoise);
     }
 }
 
-/* Bounces from the second on change only now: that counts in the next frame. */
+/* Bounces from the second on change only now. */
 static void run_arrive(struct cell_solver *s, const struct lw_passes *passes) {
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
     for (uint32_t i = 0; i < s->tiles.count; i++)
-        if (has_work(s, &s->tiles.tile[i])) lw_passes_arrive(passes, &s->tiles.tile[i], 2, s->desc.bounces);
+        if (has_work(s, &s->tiles.tile[i])) lw_passes_arrive(passes, &s->tiles.tile[i]);
 }
 
 static void run_gather(struct cell_solver *s, const struct lw_passes *passes, uint32_t bounce) {
@@ -278,9 +348,21 @@ static void run_gather(struct cell_solver *s, const struct lw_passes *passes, ui
         if (has_work(s, &s->tiles.tile[i])) lw_passes_gather(passes, &s->tiles.tile[i], bounce);
 }
 
+/* Where something has just begun to move, what has been corrected is to be seen at once. */
+static void show_corrections(struct cell_solver *s) {
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        struct lw_solve_tile *tile = &s->tiles.tile[i];
+        bool unseen = false;
+        LW_TILES_EACH_BLOCK (tile, block) unseen |= tile->corrected && block->unseen;
+        tile->shows |= unseen && is_hurried(s) && s->hasty && lw_schedule_looks_at(&s->schedule, tile);
+        tile->corrected = false;
+    }
+}
+
 static void run_finish(struct cell_solver *s, const struct lw_passes *passes, uint64_t frame,
                        struct lw_solver_stats *stats) {
     uint32_t shown = 0;
+    show_corrections(s);
     if (s->desc.awaited && *s->desc.awaited && s->frames > 0) lw_schedule_put_off(&s->schedule, &s->tiles);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shown)
     for (uint32_t i = 0; i < s->tiles.count; i++) {
@@ -315,7 +397,9 @@ static void settle_tile(const struct cell_solver *s, struct lw_solve_tile *tile)
         if (!block->due || !block->covered_count) continue;
         block->resting = settled(s, block);
         block->stale = !block->resting && lw_change_is_stale(block, s->desc.target_error);
+        block->change.woken &= !block->resting;
     }
+    note_woken(tile);
     lw_tiles_sum_up(tile);
 }
 
@@ -420,7 +504,8 @@ static struct lw_passes passes_of(struct cell_solver *s) {
                               .direct_samples = s->desc.direct_samples,
                               .indirect_samples = s->desc.indirect_samples,
                               .seed = s->desc.seed,
-                              .tracing_range_m = s->desc.tracing_range_m};
+                              .tracing_range_m = s->desc.tracing_range_m,
+                              .target_error = s->desc.target_error};
 }
 
 static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose, uint64_t number,
@@ -437,10 +522,14 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
         s->view_due |= memcmp(s->pose.object_hidden, pose->object_hidden,
                               s->desc.scene->object_count * sizeof *pose->object_hidden) != 0;
         lw_change_order_note(&s->order, &s->tiles, s->desc.scene, &s->pose, pose);
+        const bool shines = lights_differ(s, pose);
         lw_pose_copy(&s->pose, pose, s->desc.scene);
         s->pose_due |= moved;
         s->moves++;
-        if (s->frames_since_move > LW_CELL_SOLVER_STILL_FRAMES) s->began = s->moves;
+        if (s->frames_since_move > LW_CELL_SOLVER_STILL_FRAMES) {
+            s->began = s->moves;
+            s->shone = shines;
+        }
         s->frames_since_move = 0;
     }
     const bool looked_at = lw_schedule_is_looked_at(&s->schedule);
@@ -450,13 +539,15 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     if (status == LW_OK && s->pose_due && (looked_at || s->view_due)) status = place(s, &stats, err);
     if (status != LW_OK) return status;
     lw_schedule_serve(&s->schedule, &s->tiles, s->has_probes);
-    s->unchanged_rounds = is_changing(s) ? 0 : s->unchanged_rounds + s->schedule.ended;
     const uint64_t asked = lw_clock_ns();
     if (s->moves && looked_at) find_change(s, &passes, &stats);
     stats.change_ns = lw_clock_ns() - asked;
-    const bool solves = choose_tiles(s, &stats);
-    s->still_rounds = solves ? 0 : s->still_rounds + s->schedule.ended;
+    s->unchanged_rounds = is_changing(s) || s->corrected ? 0 : s->unchanged_rounds + s->schedule.ended;
+    const bool solves = choose_tiles(s, &stats),
+               changing = s->moves && s->unchanged_rounds <= CHANGING_ROUNDS;
+    s->still_rounds = solves || s->corrected ? 0 : s->still_rounds + s->schedule.ended;
     if (!solves) {
+        s->corrected = pass_on(s, &passes);
         run_finish(s, &passes, number, &stats); /* of what was solved before but not shown */
         if (stats.tiles_shown) status = show(s, number, &stats, err);
         if (status != LW_OK) return status;
@@ -471,6 +562,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
         memset(s->tiles.radiance_change[bounce], 0, s->tiles.block_count * sizeof(struct lw_vec3));
     const uint64_t weighed = lw_clock_ns();
     weigh_direct(s, &passes, &stats);
+    s->corrected = pass_on(s, &passes);
     stats.change_ns += lw_clock_ns() - weighed;
     stats.pose_ns = lw_clock_ns() - t0 - stats.probe_ns - stats.change_ns;
     struct lw_progress progress;
@@ -483,8 +575,9 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     if (s->desc.bounces) run_radiate(s, &passes, 0);
     uint64_t t2 = lw_clock_ns();
     stats.direct_ns = t2 - t1;
+    if (s->desc.bounces && changing) run_reread(s, &passes);
     if (s->desc.bounces) run_trace_ends(s, &passes, &stats);
-    weigh_indirect(s, &passes);
+    weigh_indirect(s);
     stats.scatter_ns = lw_clock_ns() - t2;
     if (s->progress) lw_progress_finish(s->progress);
     s->progress = NULL;
@@ -505,7 +598,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
         stats.probe_ns += projected - t;
         stats.scatter_ns += lw_clock_ns() - projected;
     }
-    if (s->moves && s->desc.bounces > 1) run_arrive(s, &passes);
+    if (s->desc.bounces > 1 && changing) run_arrive(s, &passes);
     if (cancelled(s)) return LW_CLOSED;
     run_finish(s, &passes, number, &stats);
     if (stats.tiles_shown) status = show(s, number, &stats, err);
@@ -529,7 +622,8 @@ void lw_cell_solver_give(struct lw_solver *solver, double budget_s, bool yields,
 }
 
 unsigned lw_cell_solver_hurry(const struct lw_solver *solver) {
-    return ((const struct cell_solver *)solver)->schedule.hurry;
+    const struct cell_solver *s = (const struct cell_solver *)solver;
+    return asks_all(s) && is_unasked(s) ? LW_CELL_SOLVER_HURRY_MOST : s->schedule.hurry;
 }
 
 void lw_cell_solver_review(struct lw_solver *solver) {
@@ -634,6 +728,7 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
     s->frames_since_move = remembered.frames_since_move;
     s->moves = remembered.moves;
     s->forgetful = true;
+    s->unchanged_rounds = CHANGING_ROUNDS + 1;
     s->welds.fresh = true;
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];

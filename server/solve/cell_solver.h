@@ -39,7 +39,9 @@ struct lw_tiles *lw_cell_solver_tiles(struct lw_solver *solver);
  * before all else. */
 void lw_cell_solver_give(struct lw_solver *solver, double budget_s, bool yields, bool hasty);
 
-/** How much has changed of what the last frame had no time for, in a few steps; 0: it had for all. */
+/** How much has changed of what the last frame had no time for, in a few steps; 0: it had for all. The last one: its lights have moved, and not
+ * all that is looked at knows. */
+#define LW_CELL_SOLVER_HURRY_MOST 16u
 unsigned lw_cell_solver_hurry(const struct lw_solver *solver);
 
 /** Asks of every block at rest whether it may be, as `beside` is now. */

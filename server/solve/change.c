@@ -19,6 +19,8 @@ static const float counted[2][LW_TILES_PARTS] = {
 /* Where one packet has woken a block in a hurry and less than this share of its light has changed, the others are asked before it forgets
  * any: a packet's sixteen texels are few for noise. */
 #define SURE 0.1f
+/* What has been solved because it had woken is as if so much of that had changed yet. */
+#define AGAIN 0.5f
 /* And less than this is not heard of in a hurry: the noise of a packet would wake half of all blocks. Their turns will find it. */
 #define HASTY 0.06f
 /* Of drift: what one solve brings; of its mean square, what its mean is more than by chance (4 standard errors); solves after a
@@ -29,45 +31,61 @@ static const float counted[2][LW_TILES_PARTS] = {
 /* A block that nobody looked at for so many rounds is asked as if nothing had moved for a while before. */
 #define ROUNDS_MAX 16u
 
-static uint16_t all_packets(const struct lw_solve_block *block) {
-    return (uint16_t)((1u << block->packet_count) - 1);
+/* What changes on one surface says nothing of another. Where something begins to move, one packet of so many of a block's surfaces is
+ * asked, and so many at most. */
+#define SURFACES_EACH 2u
+#define WITNESSES_MAX 4u
+
+static uint32_t witnesses_of(const struct lw_solve_block *block) {
+    uint32_t surfaces = 0;
+    for (uint32_t set = 0; set < block->packet_count; set += block->packet[set].group) surfaces++;
+    const uint32_t wanted = (surfaces + SURFACES_EACH - 1) / SURFACES_EACH;
+    return wanted < WITNESSES_MAX ? wanted : WITNESSES_MAX;
 }
 
-static uint16_t take_turn(struct lw_solve_block *block) {
-    return (uint16_t)(1u << block->change.next++ % block->packet_count);
+/* So many packets. Those of a surface follow each other: if they are far apart in their row, they are of different ones. */
+static uint16_t take_turn(struct lw_solve_block *block, uint32_t count) {
+    const uint32_t turns = block->packet_count / count;
+    uint16_t packets = 0;
+    for (uint32_t set = block->change.next++ % turns; set < block->packet_count; set += turns)
+        packets |= (uint16_t)(1u << set);
+    return packets;
 }
 
 static void ask(struct lw_change_block *change, uint16_t packets) {
     change->compare = packets;
+    change->told |= packets;
     change->asked |= packets;
     change->retrace = packets & change->unchecked;
+    change->direct |= change->retrace;
     change->unchecked &= (uint16_t)~packets;
 }
 
 /* Along the rays that there are: what arrives may have changed. */
 static void ask_again(struct lw_solve_block *block) {
     struct lw_change_block *change = &block->change;
-    change->compare = take_turn(block);
+    change->compare = lw_change_all_packets(block);
+    change->told |= change->compare;
     change->asked |= change->compare;
     change->reread = true;
 }
 
 bool lw_change_choose(struct lw_solve_block *block, uint32_t moves, uint32_t began, uint32_t tick, bool turn,
-                      bool active, bool spreads) {
+                      bool active, bool spreads, bool shone) {
     struct lw_change_block *change = &block->change;
-    const bool moved = change->moves != moves, missed = tick - change->tick > ROUNDS_MAX;
-    change->compare = change->retrace = 0;
+    const bool moved = change->moves != moves, missed = tick - change->tick > ROUNDS_MAX,
+               first = change->moves < began;
+    change->compare = change->retrace = change->direct = 0;
     change->fresh = change->reread = false;
     change->tick = tick;
     if (!block->packet_count || !block->frames) return false;
-    change->begins =
-        moved && (missed || change->moves < began || (block->resting ? !change->unchecked : !change->moving));
+    change->begins = moved && (missed || first || (block->resting ? !change->unchecked : !change->moving));
     if (!change->begins && spreads && !change->woken && !(turn && block->resting)) {
         ask_again(block);
         return true;
     }
     if (!block->resting && !change->begins) return false;
-    if (moved) change->unchecked = all_packets(block);
+    if (moved) change->unchecked = lw_change_all_packets(block);
     change->moves = moves;
     change->moving = true;
     if (change->begins) change->asked = 0;
@@ -76,7 +94,10 @@ bool lw_change_choose(struct lw_solve_block *block, uint32_t moves, uint32_t beg
     if (!change->begins &&
         (!turn || (tick + lw_random_hash(block->tile_id)) % LW_PACKETS_MAX >= block->packet_count))
         return false;
-    ask(change, take_turn(block));
+    if (first && shone)
+        change->direct = change->asked = lw_change_all_packets(block);
+    else
+        ask(change, take_turn(block, first ? witnesses_of(block) : 1));
     change->fresh = true;
     return true;
 }
@@ -115,7 +136,7 @@ static struct off add_up(const struct lw_solve_block *block, uint16_t packets) {
         off.direct += change->packet[set].direct_square;
         texels += block->packet[set].count;
         for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++)
-            off.indirect[r] = lw_vec3_add(off.indirect[r], change->packet[set].indirect[r]),
+            off.indirect[r] = lw_vec3_add(off.indirect[r], lw_change_both_orders(&change->packet[set], r)),
             square[r] += change->packet[set].indirect_square[r];
         for (uint32_t lane = 0; lane < block->packet[set].count; lane++) {
             const uint32_t texel = block->packet[set].texel[lane];
@@ -139,15 +160,21 @@ static float mean_over(const struct lw_vec3 region[LW_CHANGE_REGIONS]) {
     return sqrtf(square / LW_CHANGE_REGIONS);
 }
 
+/* Of indirect light: what it is off, and may be off besides. */
+static float off_indirect(const struct lw_solve_block *block,
+                          const struct lw_vec3 region[LW_CHANGE_REGIONS]) {
+    return hypotf(mean_over(region), block->change.doubt);
+}
+
 static bool is_too_much(const struct lw_solve_block *block, const struct off *off, float target_error) {
     const float may_be = (block->light + block->beside) * fmaxf(target_error, 0);
-    return off->direct > may_be || COHERENT * mean_over(off->indirect) > may_be;
+    return off->direct > may_be || COHERENT * off_indirect(block, off->indirect) > may_be;
 }
 
 /* What share of a block's light is out of date, about. */
 static float share_of(const struct lw_solve_block *block, const struct off *off) {
     const float light = block->light + block->beside,
-                all = fmaxf(off->direct, COHERENT * mean_over(off->indirect));
+                all = fmaxf(off->direct, COHERENT * off_indirect(block, off->indirect));
     return light > 0 ? all / light : 1;
 }
 
@@ -159,27 +186,35 @@ static bool has_changed(const struct lw_solve_block *block, uint16_t packets, fl
 
 /* Packets whose mean stands for the block: what begins to move is not told by what was found before. */
 static uint16_t witnesses(const struct lw_solve_block *block) {
-    return block->change.begins || block->change.reread ? block->change.asked : all_packets(block);
+    return block->change.begins || block->change.reread ? block->change.asked : lw_change_all_packets(block);
+}
+
+void lw_change_note_rest(struct lw_solve_block *block) {
+    struct lw_change_block *change = &block->change;
+    const struct off off = add_up(block, lw_change_all_packets(block));
+    memcpy(change->stale_indirect, off.indirect, sizeof off.indirect);
+    memset(change->packet, 0, sizeof change->packet);
+    change->asked = change->told = 0;
 }
 
 bool lw_change_choose_more(struct lw_solve_block *block, float target_error, bool hurried) {
     struct lw_change_block *change = &block->change;
     const uint16_t asked = change->compare, found = witnesses(block);
-    change->compare = 0;
+    change->compare = change->direct = 0;
     if (!asked || change->reread || !has_changed(block, found, target_error)) return false;
     if (change->begins && (hurried || has_changed(block, found, STRONG))) return false;
-    ask(change, all_packets(block) & (uint16_t)~asked);
+    ask(change, lw_change_all_packets(block) & (uint16_t)~asked);
     return change->compare != 0;
 }
 
 void lw_change_wake(struct lw_solve_block *block, float target_error, bool hurried) {
     struct lw_change_block *change = &block->change;
-    change->compare = 0;
+    change->compare = change->direct = 0;
     const struct off off = add_up(block, witnesses(block));
     if (hurried && (change->begins || change->reread)) target_error = fmaxf(target_error, HASTY);
     if (!(block->resting || change->begins || change->reread) || !is_too_much(block, &off, target_error))
         return;
-    change->strength = share_of(block, &off);
+    change->strength = fminf(1, share_of(block, &off));
     change->judged = witnesses(block);
     block->resting = false;
     block->stale = change->woken = true;
@@ -190,22 +225,19 @@ void lw_change_review(struct lw_solve_block *block, float target_error) {
     lw_change_wake(block, target_error, false);
 }
 
-bool lw_change_choose_due(struct lw_solve_block *block, uint32_t moves, bool changing) {
+bool lw_change_choose_due(struct lw_solve_block *block, uint32_t moves) {
     struct lw_change_block *change = &block->change;
     const bool moved = moves != change->moves;
     if (!block->packet_count || !block->frames) return false;
-    if (change->woken && change->strength < SURE && change->judged != all_packets(block)) {
-        ask(change, all_packets(block) & (uint16_t)~change->judged);
-        change->judged = all_packets(block);
+    if (change->woken && change->strength < SURE && change->judged != lw_change_all_packets(block)) {
+        ask(change, lw_change_all_packets(block) & (uint16_t)~change->judged);
+        change->judged = lw_change_all_packets(block);
         return true;
     }
     if (change->fresh || change->woken) return false;
-    if (moved) change->unchecked = all_packets(block);
-    if (moved)
-        ask(change, change->asked ? change->asked : take_turn(block));
-    else if (changing)
-        ask(change, all_packets(block));
-    return moved || changing;
+    if (moved) change->unchecked = lw_change_all_packets(block);
+    if (moved) ask(change, change->asked ? change->asked : take_turn(block, 1));
+    return moved;
 }
 
 static float room_for(const struct lw_solve_block *block, int part, float stale, bool filtered) {
@@ -239,7 +271,7 @@ static void add_drift(struct lw_change_block *change, struct off *off) {
     }
 }
 
-void lw_change_weigh_direct(struct lw_solve_block *block, uint32_t moves, bool filtered) {
+void lw_change_weigh_direct(struct lw_solve_block *block, uint32_t moves, bool filtered, bool hurried) {
     struct lw_change_block *change = &block->change;
     struct off off = add_up(block, change->woken ? change->judged : change->asked);
     change->still_solves = moves != change->solved_moves ? 0 : change->still_solves + 1;
@@ -251,16 +283,19 @@ void lw_change_weigh_direct(struct lw_solve_block *block, uint32_t moves, bool f
     memset(change->packet, 0, sizeof change->packet);
     change->moving = moves != change->solved_moves;
     change->moves = change->solved_moves = moves;
-    change->compare = change->retrace = change->asked = change->unchecked = 0;
-    change->woken = false;
+    change->compare = change->retrace = change->direct = change->asked = change->told = change->unchecked = 0;
+    change->strength = hurried && change->woken ? AGAIN * change->strength : 0;
+    change->woken = change->strength >= LW_CHANGE_URGENT;
 }
 
 void lw_change_weigh_indirect(struct lw_solve_block *block, float most_frames, bool filtered) {
     struct lw_change_block *change = &block->change;
-    const float room = room_for(block, LW_TILES_INDIRECT, mean_over(change->stale_indirect), filtered);
+    const float room =
+        room_for(block, LW_TILES_INDIRECT, off_indirect(block, change->stale_indirect), filtered);
     const float weight = lw_memory_take(&block->indirect, fminf(room, most_frames));
     for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++)
         change->stale_indirect[r] = lw_vec3_scale(change->stale_indirect[r], 1 - weight);
+    change->doubt *= 1 - weight;
 }
 
 bool lw_change_is_stale(const struct lw_solve_block *block, float target_error) {

@@ -1,5 +1,5 @@
 /* change.h: how much a block's light has changed since it was last solved.
- * Flow:    movement -> [choose packets] -> lw_passes_compare() -> [judge] -> which blocks wake, what their means forget
+ * Flow:    movement -> [choose packets] -> lw_passes_compare() -> correction.h -> [judge] -> which blocks wake, what their means forget
  * Threads: a block's change is read and written by the one worker that has its tile.
  *
  * The samples of a block's last frame are taken again now, with the same random numbers, and compared with what they were then
@@ -7,16 +7,19 @@
  * difference has none of the noise of the estimates themselves. Direct light and bounce rays are traced again where something has
  * moved since; where not, what arrives along the rays' ends is read again, which costs no ray: so a change follows the
  * bounces. What nobody looks at and what lights nobody's view is not asked.
- *   where something begins to move   one packet, and all at once if that one has found a difference; in a hurry, not those before they
- *                                    are solved, and then only if it was a small one
- *   in a hurry, where others' light has just changed   one packet in turn, along the rays that there are
+ *   where something begins to move   one packet, or up to four of a block of several surfaces, and all at once if these have found a
+ *                                    difference; in a hurry, not those before they are solved, and then only if it was a small one
+ *   in a hurry, where lights begin to move             all packets, about direct light alone
+ *   in a hurry, where others' light has just changed   all packets, along the rays that there are
  *   at rest   one packet in turn, so that all have been asked 16 rounds after the last movement
  *   awake     one packet before each solve while something moves; all, along the rays that there are, while light changes
- * One packet may lie on another surface of the block than what has changed, and miss it. So the estimates of a block that is solved
+ * Of what they find the means are corrected (correction.h); what follows is about the rest, and the doubt that a correction leaves.
+ * The packets asked may lie on another surface of the block than what has changed, and miss it. So the estimates of a block that is solved
  * after a movement are held against their means as well, for nothing: where they stay off to one side, the means are out of date.
  * A block wakes when what its packets have found adds up to more than its target error.
- * What a block gets along its new rays from others that are solved in the same frame changes in that frame: the mean by which the
- * radiance of each block differs from the frame before is looked up at the ends of all rays (lw_passes_arrive()).
+ * Others that are solved in the same frame change what arrives in that frame: of direct light that is read along the block's old rays
+ * before new ones are traced (lw_passes_reread()); of bounces, the mean by which the radiance of each block differs from the frame
+ * before is looked up at the ends of the new ones (lw_passes_arrive()).
  * A block with no change in its samples may still be wrong by what fewer than one ray in 512 of it would see. */
 #ifndef LW_SOLVE_CHANGE_H
 #define LW_SOLVE_CHANGE_H
@@ -29,12 +32,19 @@ static inline uint32_t lw_change_region(uint32_t x, uint32_t y) {
     return (y % LW_TILE_BLOCK >= LW_TILE_BLOCK / 2) * 2 + (x % LW_TILE_BLOCK >= LW_TILE_BLOCK / 2);
 }
 
+/* Of indirect light: its first bounce, and all later ones. */
+enum { LW_CHANGE_FIRST, LW_CHANGE_LATER, LW_CHANGE_ORDERS };
+
 /* What the texels of a packet have found; E in W/m^2. */
 struct lw_change_packet {
     float direct_square; /* sum of squared differences of direct light; of the channel that differs most */
-    struct lw_vec3 indirect[LW_CHANGE_REGIONS]; /* sum of differences */
-    float indirect_square[LW_CHANGE_REGIONS];   /* sum of their squared lengths */
+    struct lw_vec3 indirect[LW_CHANGE_ORDERS][LW_CHANGE_REGIONS]; /* sum of differences */
+    float indirect_square[LW_CHANGE_REGIONS]; /* sum of the squared lengths of both orders' together */
 };
+
+static inline struct lw_vec3 lw_change_both_orders(const struct lw_change_packet *packet, uint32_t region) {
+    return lw_vec3_add(packet->indirect[LW_CHANGE_FIRST][region], packet->indirect[LW_CHANGE_LATER][region]);
+}
 
 /* What a block's estimates are off the mean that they entered, over its texels of a region: running means over some sixteen solves
  * of that and of its square. Noise comes to nothing in the first; what stays is light that has changed unnoticed. */
@@ -49,7 +59,9 @@ struct lw_change_block {
     struct lw_change_packet
         packet[LW_PACKETS_MAX]; /* the last comparison since the block was solved; else 0 */
     uint16_t compare, retrace;  /* packets, a bit each: asked now; of these, with new rays */
+    uint16_t direct;            /* asked now about direct light */
     uint16_t asked;             /* since the block was solved, or something began to move */
+    uint16_t told;              /* since what was found was last taken over */
     uint16_t judged;            /* those whose mean stands for the block, if they have woken it */
     uint16_t unchecked;         /* whose rays were not traced again since something moved */
     bool fresh;                 /* asked in this frame */
@@ -65,6 +77,7 @@ struct lw_change_block {
     /* By how much the means are out of date (memory.h). */
     float stale_direct;                               /* root mean square over the texels */
     struct lw_vec3 stale_indirect[LW_CHANGE_REGIONS]; /* mean over the texels of a region */
+    float doubt; /* standard error of what was taken over of indirect light */
     struct lw_change_drift drift[LW_CHANGE_PARTS][LW_CHANGE_REGIONS];
     uint32_t still_solves; /* since something had moved */
 };
@@ -73,10 +86,11 @@ struct lw_solve_block;
 
 /** Chooses the packets that are asked of a block before it is known what this frame solves: mostly one, or none; of a block that does
  * not rest only where something begins to move. moves: of the scene, so far; began: those when it last began to move; tick: counts rounds
- * (schedule.h); turn: a round begins; active: light elsewhere may be changing; spreads: it has changed in the last frame, and what follows
- * from that is not to wait for its turn: one packet of every block is asked along the rays that there are. Returns whether there are any. */
+ * (schedule.h); turn: a round begins; active: light elsewhere may be changing; spreads: it has changed in the last frames, and what follows
+ * from that is not to wait for its turn: all packets are asked along the rays that there are. shone: lights have begun to move: all packets
+ * are asked about direct light. Returns whether there are any. */
 bool lw_change_choose(struct lw_solve_block *block, uint32_t moves, uint32_t began, uint32_t tick, bool turn,
-                      bool active, bool spreads);
+                      bool active, bool spreads, bool shone);
 
 /** After their answers: chooses the packets that are to be asked besides, before lw_change_wake(): all, if those asked have found so
  * much that the block might have to wake, but not so much that it must. hurried: where something begins to move none are: one packet is
@@ -92,18 +106,21 @@ static inline bool lw_change_is_urgent(const struct lw_change_block *change) {
 /** Notes what the estimates of a solve are off their means, in the mean over the texels of a region. */
 void lw_change_note_drift(struct lw_solve_block *block, int part, uint32_t region, float off);
 
+/** Keeps what is left of what all packets have found as out of date. */
+void lw_change_note_rest(struct lw_solve_block *block);
+
 /** Wakes a block if what its packets have found is more than its target error allows; hurried: where that is of few packets, and more than
  * their noise may be. */
 void lw_change_wake(struct lw_solve_block *block, float target_error, bool hurried);
 
-/** Chooses the packets of a block that is to be solved, unless it was asked in this frame or has woken: one where something has moved since; all,
- * which then costs no ray, where light elsewhere is changing. */
-bool lw_change_choose_due(struct lw_solve_block *block, uint32_t moves, bool changing);
+/** Chooses the packets of a block that is to be solved, unless it was asked in this frame or has woken: one where
+ * something has moved since. Returns whether there are any. */
+bool lw_change_choose_due(struct lw_solve_block *block, uint32_t moves);
 
 /** Begins a due block's frame with what its packets have found, which is then forgotten; sets the weight of its next estimate of
  * direct light. filtered: what is shown is (denoise.h), so that noise matters less, and means remember less of light that has
- * changed. */
-void lw_change_weigh_direct(struct lw_solve_block *block, uint32_t moves, bool filtered);
+ * changed. hurried: what has changed much is woken again, with half the strength: its new light has hardly any samples. */
+void lw_change_weigh_direct(struct lw_solve_block *block, uint32_t moves, bool filtered, bool hurried);
 
 /** After lw_passes_arrive() of the first bounce: that of indirect light. most: frames that it may remember in any case. */
 void lw_change_weigh_indirect(struct lw_solve_block *block, float most, bool filtered);

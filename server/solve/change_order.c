@@ -36,7 +36,8 @@ void lw_change_order_note(struct lw_change_order *order, struct lw_tiles *tiles,
         struct lw_solve_tile *tile = &tiles->tile[i];
         const uint32_t object = tile->object;
         tile->unasked = true;
-        if (object == last || !object_has_changed(was, is, object)) continue;
+        tile->moved = object_has_changed(was, is, object);
+        if (object == last || !tile->moved) continue;
         last = object;
         add_places(order, lw_affine_point(&was->object_to_world[object], tile->centre_os),
                    lw_affine_point(&is->object_to_world[object], tile->centre_os));
@@ -51,7 +52,7 @@ static float rank_of(const struct lw_change_order *order, const struct lw_schedu
         distance = fminf(distance,
                          lw_vec3_length(lw_vec3_sub(tile->centre_ws, order->place_ws[k])) - tile->radius_m);
     const bool looked_at = schedule->everything || schedule->wanted[tile->id.v];
-    return fmaxf(distance, 0) + (looked_at ? 0 : FLT_MAX / 2);
+    return (tile->moved ? -1 : fmaxf(distance, 0)) + (looked_at ? 0 : FLT_MAX / 2);
 }
 
 static int compare_turns(const void *a, const void *b) {

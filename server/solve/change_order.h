@@ -2,8 +2,8 @@
  * Flow:    pose before, pose now -> [note what moved] -> [order] -> the tiles as find_change() of the cell solver asks them
  * Threads: [solver].
  *
- * What is looked at is asked before what lights it, and what is near to what has moved before what is far: there a change is most
- * likely found, and most to be seen. */
+ * What is looked at is asked before what lights it, what has moved itself first, and what is near to it before what is far: there a
+ * change is most likely found, and most to be seen. */
 #ifndef LW_SOLVE_CHANGE_ORDER_H
 #define LW_SOLVE_CHANGE_ORDER_H
 

@@ -30,8 +30,10 @@ struct block_record {
     struct lw_vec3 stale_indirect[LW_CHANGE_REGIONS];
     float light, noise[LW_TILES_PARTS], error;
     uint32_t covered_count, frames, unseen;
+    float doubt;
+    uint32_t unused; /* 0 */
 };
-_Static_assert(sizeof(struct block_record) == 112, "no padding, which would have any value");
+_Static_assert(sizeof(struct block_record) == 120, "no padding, which would have any value");
 
 /* ---- what is in it -------------------------------------------------------------------------------------------- */
 
@@ -103,7 +105,8 @@ static void put_blocks(struct lw_checked_file_writer *writer, const struct lw_ti
             .error = block->error,
             .covered_count = block->covered_count,
             .frames = block->frames,
-            .unseen = block->unseen};
+            .unseen = block->unseen,
+            .doubt = change->doubt};
         memcpy(record.stale_indirect, change->stale_indirect, sizeof record.stale_indirect);
         lw_checked_file_put(writer, &record, sizeof record);
     }
@@ -171,6 +174,7 @@ static enum lw_status take_blocks(struct lw_checked_file_reader *reader, struct 
         block->direct = record.direct;
         block->indirect = record.indirect;
         block->change.stale_direct = record.stale_direct;
+        block->change.doubt = record.doubt;
         memcpy(block->change.stale_indirect, record.stale_indirect, sizeof record.stale_indirect);
         block->light = record.light;
         memcpy(block->noise, record.noise, sizeof record.noise);

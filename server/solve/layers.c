@@ -355,6 +355,8 @@ static enum lw_status begin_sums(struct layers *s, struct lw_error *err) {
  * the time it has this share, to ask what has changed. */
 #define YIELDS_MAX   16u
 #define YIELDS_SHARE 0.25
+/* While lights of the other have moved and not all that is looked at knows: next to nothing. */
+#define YIELDS_SHARE_LEAST 1e-3
 /* Frames after the first in which there was no time for all that had changed may take so many times theirs: to filter, weld and encode what
  * is shown takes half as long as a budget. */
 #define HURRY_SHARE 2.0
@@ -378,7 +380,8 @@ static void give_time(struct layers *s, bool moved) {
     for (const struct layer *layer = s->layer; layer < s->layer + s->count; layer++)
         first += layer->ran && lw_cell_solver_hurry(layer->solver) >= most;
     s->yields = first < running ? s->yields + 1 : 0;
-    const double shares = first + YIELDS_SHARE * (running - first),
+    const double left = most == LW_CELL_SOLVER_HURRY_MOST ? YIELDS_SHARE_LEAST : YIELDS_SHARE,
+                 shares = first + left * (running - first),
                  budgets = most                                                     ? HURRY_SHARE
                            : moved && s->still_frames > LW_CELL_SOLVER_STILL_FRAMES ? BEGIN_SHARE
                                                                                     : 1,
@@ -386,7 +389,7 @@ static void give_time(struct layers *s, bool moved) {
     for (struct layer *layer = s->layer; layer < s->layer + s->count; layer++) {
         if (!layer->ran) continue;
         const bool yields = lw_cell_solver_hurry(layer->solver) < most;
-        lw_cell_solver_give(layer->solver, (yields ? YIELDS_SHARE : 1) / shares * budget_s, yields, s->hasty);
+        lw_cell_solver_give(layer->solver, (yields ? left : 1) / shares * budget_s, yields, s->hasty);
     }
 }
 

@@ -62,6 +62,7 @@ static uint32_t deal(struct member *member, uint32_t count, struct lw_packet *ou
     qsort(member, count, sizeof *member, compare_turns);
     for (uint32_t k = 0; k < packets; k++) {
         out[k].count = 0;
+        out[k].group = (uint8_t)packets;
         for (uint32_t i = k; i < count; i += packets) out[k].texel[out[k].count++] = member[i].texel;
     }
     return packets;

@@ -19,6 +19,7 @@
 
 struct lw_packet {
     uint8_t count;                 /* of its lanes, from the first */
+    uint8_t group;                 /* packets of its group, which follow each other */
     uint8_t texel[LW_TRACE_WIDTH]; /* within the block: 16 y + x */
 };
 

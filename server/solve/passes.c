@@ -3,6 +3,7 @@
 #include "common/colour.h"
 #include "common/light/direction.h"
 #include "common/wide.h"
+#include "server/solve/correction.h"
 #include "server/solve/direct.h"
 #include "server/solve/sampling.h"
 #include "server/solve/transport.h"
@@ -60,7 +61,7 @@ void lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile, str
                 const uint32_t texel = tile->first + launch[set].texel[lane];
                 const struct lw_vec3 now = lw_vec3(e[0][lane], e[1][lane], e[2][lane]);
                 blend(p->tiles->direct, texel, now, block->direct.weight);
-                store(p->tiles->estimate[LW_TILES_DIRECT], texel, now);
+                store(p->tiles->estimate[LW_TILES_ESTIMATE_DIRECT], texel, now);
             }
         }
     }
@@ -220,8 +221,13 @@ static void prefetch_ends(const struct lw_passes *p, uint32_t texel, uint32_t bo
         if (!(end[s] & LW_END_PROBE)) __builtin_prefetch(p->tiles->radiance[bounce - 1] + (size_t)end[s] * 4);
 }
 
+/* Where a bounce's estimates are summed. */
+static int estimate_of(uint32_t bounce) {
+    return LW_TILES_ESTIMATE_BOUNCES + (bounce == 1 ? LW_CHANGE_FIRST : LW_CHANGE_LATER);
+}
+
 void lw_passes_gather(const struct lw_passes *p, const struct lw_solve_tile *tile, uint32_t bounce) {
-    float *const *estimate = p->tiles->estimate[LW_TILES_INDIRECT];
+    float *const *estimate = p->tiles->estimate[estimate_of(bounce)];
     const uint32_t count = tile->width * tile->height;
     for (uint32_t i = 0; i < count; i++) {
         const uint32_t texel = tile->first + i;
@@ -230,7 +236,7 @@ void lw_passes_gather(const struct lw_passes *p, const struct lw_solve_tile *til
         if (!block->due || !p->tiles->covered[texel]) continue;
         const struct lw_vec3 e = gather_texel(p, texel, bounce);
         blend(p->tiles->order[bounce - 1], texel, e, block->indirect.weight);
-        store(estimate, texel, bounce == 1 ? e : lw_vec3_add(lw_texels_vector(estimate, texel), e));
+        store(estimate, texel, bounce <= 2 ? e : lw_vec3_add(lw_texels_vector(estimate, texel), e));
     }
 }
 
@@ -246,114 +252,166 @@ static uint32_t quarter_of(const struct lw_solve_tile *tile, uint32_t texel) {
 
 static float most_of(struct lw_vec3 v) { return fmaxf(fabsf(v.x), fmaxf(fabsf(v.y), fabsf(v.z))); }
 
-/* Takes the samples of a packet's last solve again, up to where its rays end. Needs the site's frame. */
-static void repeat_packet(const struct lw_passes *p, const struct lw_solve_tile *tile,
+/* Takes the samples of direct light of a packet's last solve again. Needs the site's frame. */
+static void repeat_direct(const struct lw_passes *p, const struct lw_solve_tile *tile,
                           struct lw_launch *launch, struct lw_launch_site *site, float out_direct[3][LANES],
                           struct lw_passes_count *count) {
-    const uint8_t *usable = p->texels->usable;
     launch->frames--; /* the numbers of that solve */
-    lw_launch_choose(launch, tile, usable, p->seed, launch->frames * p->direct_samples);
+    lw_launch_choose(launch, tile, p->texels->usable, p->seed, launch->frames * p->direct_samples);
     lw_direct_light(p, tile, launch, site, out_direct, count);
+    launch->frames++;
+}
+
+/* Likewise its bounce rays, up to where they end. */
+static void repeat_bounces(const struct lw_passes *p, const struct lw_solve_tile *tile,
+                           struct lw_launch *launch, struct lw_launch_site *site,
+                           struct lw_passes_count *count) {
     if (!p->tiles->bounces) return;
-    lw_launch_choose(launch, tile, usable, p->seed, launch->frames * p->indirect_samples / PLACE_SHARE);
+    launch->frames--;
+    lw_launch_choose(launch, tile, p->texels->usable, p->seed,
+                     launch->frames * p->indirect_samples / PLACE_SHARE);
     struct flights flights = {.count = 0};
     trace_packet(p, tile, launch, site, &flights, count);
     land(p, &flights, count);
+    launch->frames++;
 }
 
-static struct lw_vec3 gather_orders(const struct lw_passes *p, uint32_t texel) {
+static struct lw_vec3 gather_order(const struct lw_passes *p, uint32_t texel, int order) {
+    const uint32_t last = order == LW_CHANGE_FIRST ? 1 : p->tiles->bounces;
     struct lw_vec3 e = {0};
-    for (uint32_t bounce = 1; bounce <= p->tiles->bounces; bounce++)
+    for (uint32_t bounce = order == LW_CHANGE_FIRST ? 1 : 2; bounce <= last && bounce <= p->tiles->bounces;
+         bounce++)
         e = lw_vec3_add(e, gather_texel(p, texel, bounce));
     return e;
 }
 
-/* direct: estimated anew, or NULL */
-static struct lw_change_packet compare_packet(const struct lw_passes *p, const struct lw_solve_tile *tile,
-                                              const struct lw_solve_block *block,
-                                              const struct lw_launch *launch, const float (*direct)[LANES],
-                                              const struct lw_change_packet *before) {
-    struct lw_change_packet found = {.direct_square = direct ? 0 : before->direct_square};
+/* direct: estimated anew; all: so are the block's other packets. Returns whether the light has been corrected. */
+static bool compare_direct(const struct lw_passes *p, const struct lw_solve_tile *tile,
+                           struct lw_solve_block *block, uint32_t set, const struct lw_launch *launch,
+                           const float direct[3][LANES], bool all) {
     const uint32_t lanes = (uint32_t)__builtin_popcount(launch->active);
+    float *square = &block->change.packet[set].direct_square;
     struct lw_vec3 off[LANES];
+    *square = 0;
+    for (uint32_t lane = 0; lane < lanes; lane++) {
+        const uint32_t texel = tile->first + launch->texel[lane];
+        off[lane] = lw_vec3_sub(lw_vec3(direct[0][lane], direct[1][lane], direct[2][lane]),
+                                lw_texels_vector(p->tiles->estimate[LW_TILES_ESTIMATE_DIRECT], texel));
+        *square += most_of(off[lane]) * most_of(off[lane]);
+    }
+    if (!all || !(*square > 0)) return false;
+    *square = lw_correction_direct(p->tiles, tile, block, launch, off);
+    return true;
+}
+
+static void compare_indirect(const struct lw_passes *p, const struct lw_solve_tile *tile,
+                             struct lw_solve_block *block, uint32_t set, const struct lw_launch *launch) {
+    struct lw_change_packet found = {.direct_square = block->change.packet[set].direct_square};
+    const uint32_t lanes = (uint32_t)__builtin_popcount(launch->active);
+    struct lw_vec3 off[LANES], of_order[LW_CHANGE_ORDERS][LANES];
     float sum = 0;
     for (uint32_t lane = 0; lane < lanes; lane++) {
         const uint32_t texel = tile->first + launch->texel[lane];
-        if (direct) {
-            const struct lw_vec3 now = lw_vec3(direct[0][lane], direct[1][lane], direct[2][lane]);
-            const float d =
-                most_of(lw_vec3_sub(now, lw_texels_vector(p->tiles->estimate[LW_TILES_DIRECT], texel)));
-            found.direct_square += d * d;
+        off[lane] = lw_vec3(0, 0, 0);
+        for (int order = 0; order < LW_CHANGE_ORDERS; order++) {
+            of_order[order][lane] =
+                lw_vec3_sub(gather_order(p, texel, order),
+                            lw_texels_vector(p->tiles->estimate[LW_TILES_ESTIMATE_BOUNCES + order], texel));
+            off[lane] = lw_vec3_add(off[lane], of_order[order][lane]);
         }
-        off[lane] = lw_vec3_sub(gather_orders(p, texel),
-                                lw_texels_vector(p->tiles->estimate[LW_TILES_INDIRECT], texel));
         sum += most_of(off[lane]);
     }
     for (uint32_t lane = 0; lane < lanes; lane++) {
         const float size = most_of(off[lane]);
         const float others = lanes > 1 ? (sum - size) / (float)(lanes - 1) : size;
         const float bound = DIFFERENCE_MAX * fmaxf(block->light, others);
-        struct lw_vec3 *region = &found.indirect[quarter_of(tile, launch->texel[lane])];
-        const struct lw_vec3 bounded = lw_vec3_scale(off[lane], size > bound ? bound / size : 1);
-        *region = lw_vec3_add(*region, bounded);
-        found.indirect_square[quarter_of(tile, launch->texel[lane])] += lw_vec3_dot(bounded, bounded);
+        const uint32_t region = quarter_of(tile, launch->texel[lane]);
+        const float share = size > bound ? bound / size : 1;
+        for (int order = 0; order < LW_CHANGE_ORDERS; order++)
+            found.indirect[order][region] =
+                lw_vec3_mad(found.indirect[order][region], of_order[order][lane], share);
+        found.indirect_square[region] += share * share * lw_vec3_dot(off[lane], off[lane]);
     }
-    return found;
+    block->change.packet[set] = found;
 }
 
-void lw_passes_compare(const struct lw_passes *p, struct lw_solve_tile *tile, struct lw_passes_count *count) {
+bool lw_passes_compare(const struct lw_passes *p, struct lw_solve_tile *tile, struct lw_passes_count *count) {
     struct lw_launch launch;
     struct lw_launch_site site;
+    bool corrected = false;
     lw_footprint_frame_init(&site.frame, &p->pose->object_to_world[tile->object]);
-    LW_TILES_EACH_BLOCK (tile, block)
+    LW_TILES_EACH_BLOCK (tile, block) {
+        const struct lw_change_block *change = &block->change;
+        const bool all = change->direct == lw_change_all_packets(block);
         for (uint32_t set = 0; set < block->packet_count; set++) {
-            if (!(block->change.compare >> set & 1)) continue;
-            const bool retrace = block->change.retrace >> set & 1;
+            const uint16_t bit = (uint16_t)(1u << set);
+            if (!((change->compare | change->direct) & bit)) continue;
             float direct[3][LANES];
             lw_launch_init(&launch, tile, block, set);
-            if (retrace) repeat_packet(p, tile, &launch, &site, direct, count);
-            block->change.packet[set] =
-                compare_packet(p, tile, block, &launch, retrace ? direct : NULL, &block->change.packet[set]);
+            if (change->direct & bit) {
+                repeat_direct(p, tile, &launch, &site, direct, count);
+                corrected |= compare_direct(p, tile, block, set, &launch, direct, all);
+            }
+            if (change->retrace & bit) repeat_bounces(p, tile, &launch, &site, count);
+            if (change->compare & bit) compare_indirect(p, tile, block, set, &launch);
         }
+    }
+    return corrected;
 }
 
-/* The mean by which what arrives along a texel's rays differs from the frame before. */
-static struct lw_vec3 change_at(const struct lw_passes *p, uint32_t texel, uint32_t first, uint32_t last) {
+void lw_passes_reread(const struct lw_passes *p, struct lw_solve_tile *tile) {
+    struct lw_passes_count none = {0};
+    LW_TILES_EACH_BLOCK (tile, block) {
+        struct lw_change_block *change = &block->change;
+        change->retrace = change->direct = 0;
+        change->compare = change->told = change->asked =
+            block->due && block->frames ? lw_change_all_packets(block) : 0;
+    }
+    (void)lw_passes_compare(p, tile, &none);
+    (void)lw_correction_indirect(p->tiles, tile, p->target_error, false);
+    LW_TILES_EACH_BLOCK (tile, block)
+        if (block->due) lw_change_note_rest(block);
+}
+
+/* The mean by which what arrives along a texel's rays of bounces from the second on differs from the frame before. */
+static struct lw_vec3 change_at(const struct lw_passes *p, uint32_t texel) {
     const uint32_t n = p->indirect_samples;
     const uint32_t *end = p->end + (size_t)texel * n;
     struct lw_vec3 sum = {0};
     for (uint32_t s = 0; s < n; s++) {
         if (end[s] & LW_END_PROBE) continue; /* or nothing */
         const uint32_t block = p->tiles->block_of_texel[end[s]];
-        for (uint32_t bounce = first; bounce <= last; bounce++)
+        for (uint32_t bounce = 2; bounce <= p->tiles->bounces; bounce++)
             sum = lw_vec3_add(sum, p->tiles->radiance_change[bounce - 1][block]);
     }
     return lw_vec3_scale(sum, LW_PI / (float)n);
 }
 
-static void arrive_at(const struct lw_passes *p, const struct lw_solve_tile *tile,
-                      struct lw_solve_block *block, uint32_t first, uint32_t last, float weight) {
-    struct lw_vec3 sum[LW_CHANGE_REGIONS] = {{0}};
-    uint32_t texels[LW_CHANGE_REGIONS] = {0};
+/* weight: of the mean that is out of date by what is found. */
+static void note_arrival(const struct lw_passes *p, const struct lw_solve_tile *tile,
+                         struct lw_solve_block *block, float weight) {
     for (uint32_t set = 0; set < block->packet_count; set++) {
+        struct lw_change_packet *found = &block->change.packet[set];
         struct lw_launch launch;
         lw_launch_init(&launch, tile, block, set);
+        *found = (struct lw_change_packet){0};
         for (uint32_t lane = 0; lane < block->packet[set].count; lane++) {
             const uint32_t region = quarter_of(tile, launch.texel[lane]);
-            sum[region] =
-                lw_vec3_add(sum[region], change_at(p, tile->first + launch.texel[lane], first, last));
-            texels[region]++;
+            const struct lw_vec3 off = lw_vec3_scale(change_at(p, tile->first + launch.texel[lane]), weight);
+            struct lw_vec3 *sum = &found->indirect[LW_CHANGE_LATER][region];
+            *sum = lw_vec3_add(*sum, off);
+            found->indirect_square[region] += lw_vec3_dot(off, off);
         }
     }
-    for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++)
-        if (texels[r])
-            block->change.stale_indirect[r] =
-                lw_vec3_mad(block->change.stale_indirect[r], sum[r], weight / (float)texels[r]);
+    block->change.told = block->change.asked = lw_change_all_packets(block);
 }
 
-void lw_passes_arrive(const struct lw_passes *p, struct lw_solve_tile *tile, uint32_t first, uint32_t last) {
+void lw_passes_arrive(const struct lw_passes *p, struct lw_solve_tile *tile) {
     LW_TILES_EACH_BLOCK (tile, block)
-        if (block->due) arrive_at(p, tile, block, first, last, first == 1 ? 1 : 1 - block->indirect.weight);
+        if (block->due) note_arrival(p, tile, block, 1 - block->indirect.weight);
+    (void)lw_correction_indirect(p->tiles, tile, p->target_error, false);
+    LW_TILES_EACH_BLOCK (tile, block)
+        if (block->due) lw_change_note_rest(block);
 }
 
 void lw_passes_recall(const struct lw_passes *p, const struct lw_solve_tile *tile,
@@ -365,12 +423,15 @@ void lw_passes_recall(const struct lw_passes *p, const struct lw_solve_tile *til
         for (uint32_t set = 0; block->frames && set < block->packet_count; set++) {
             float direct[3][LANES];
             lw_launch_init(&launch, tile, block, set);
-            repeat_packet(p, tile, &launch, &site, direct, count);
+            repeat_direct(p, tile, &launch, &site, direct, count);
+            repeat_bounces(p, tile, &launch, &site, count);
             for (uint32_t lane = 0; lane < block->packet[set].count; lane++) {
                 const uint32_t texel = tile->first + launch.texel[lane];
-                store(p->tiles->estimate[LW_TILES_DIRECT], texel,
+                store(p->tiles->estimate[LW_TILES_ESTIMATE_DIRECT], texel,
                       lw_vec3(direct[0][lane], direct[1][lane], direct[2][lane]));
-                store(p->tiles->estimate[LW_TILES_INDIRECT], texel, gather_orders(p, texel));
+                for (int order = 0; order < LW_CHANGE_ORDERS; order++)
+                    store(p->tiles->estimate[LW_TILES_ESTIMATE_BOUNCES + order], texel,
+                          gather_order(p, texel, order));
             }
         }
 }
@@ -399,10 +460,19 @@ void lw_passes_radiate(const struct lw_passes *p, const struct lw_solve_tile *ti
 
 /* ---- sums ---- */
 
+/* What the last solve had of one part of a texel's light. */
+static struct lw_vec3 estimate_at(const struct lw_tiles *tiles, int part, uint32_t texel) {
+    if (part == LW_TILES_DIRECT) return lw_texels_vector(tiles->estimate[LW_TILES_ESTIMATE_DIRECT], texel);
+    struct lw_vec3 e = {0};
+    for (int order = 0; order < LW_CHANGE_ORDERS; order++)
+        e = lw_vec3_add(e, lw_texels_vector(tiles->estimate[LW_TILES_ESTIMATE_BOUNCES + order], texel));
+    return e;
+}
+
 /* Running mean and spread of the frames' estimates (Welford 1962), forgetting as the sums do. */
 static void note_estimate(struct lw_tiles *tiles, uint32_t texel, float weight) {
-    const struct lw_vec3 e = lw_vec3_add(lw_texels_vector(tiles->estimate[LW_TILES_DIRECT], texel),
-                                         lw_texels_vector(tiles->estimate[LW_TILES_INDIRECT], texel));
+    const struct lw_vec3 e =
+        lw_vec3_add(estimate_at(tiles, LW_TILES_DIRECT, texel), estimate_at(tiles, LW_TILES_INDIRECT, texel));
     const float x = lw_colour_luminance(e), off = x - tiles->mean[texel];
     tiles->mean[texel] += off * weight;
     tiles->spread[texel] = (1 - weight) * (tiles->spread[texel] + weight * off * off);
@@ -437,8 +507,8 @@ static void add_up_block(struct lw_tiles *tiles, const struct lw_solve_tile *til
             luminance += (double)tiles->mean[texel];
             texels[lw_change_region(x, y)]++;
             for (int part = 0; part < LW_TILES_PARTS; part++) {
-                const float off = lw_colour_luminance(lw_vec3_sub(
-                    lw_texels_vector(tiles->estimate[part], texel), lw_texels_vector(sum[part], texel)));
+                const float off = lw_colour_luminance(
+                    lw_vec3_sub(estimate_at(tiles, part, texel), lw_texels_vector(sum[part], texel)));
                 square[part] += (double)off * (double)off;
                 drift[part][lw_change_region(x, y)] += off;
             }

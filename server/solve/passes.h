@@ -34,6 +34,7 @@ struct lw_passes {
     uint32_t *end; /* indirect_samples words per texel of the global numbering (transport.h) */
     uint32_t direct_samples, indirect_samples, seed;
     float tracing_range_m;
+    float target_error; /* of what rests */
 };
 
 /** Rays shot for a tile. */
@@ -53,14 +54,17 @@ void lw_passes_trace_ends(const struct lw_passes *passes, const struct lw_solve_
 void lw_passes_gather(const struct lw_passes *passes, const struct lw_solve_tile *tile, uint32_t bounce);
 
 /** Takes samples of the last solve of a tile's blocks again, with the same random numbers, in the packets that their change says
- * (change.h), and notes there how far the estimates differ. Rays that are traced anew replace the ends of those packets. */
-void lw_passes_compare(const struct lw_passes *passes, struct lw_solve_tile *tile,
+ * (change.h), and notes there how far the estimates differ. Rays that are traced anew replace the ends of those packets. Where all packets
+ * are asked about direct light, that is corrected (correction.h). Returns whether any was. */
+bool lw_passes_compare(const struct lw_passes *passes, struct lw_solve_tile *tile,
                        struct lw_passes_count *count);
 
-/** Adds to what a tile's due blocks are out of date by what the radiance that arrives along their rays differs by from the frame
- * before, of bounces `first` to `last`. The first is asked of before the blocks' weights are known, others after. */
-void lw_passes_arrive(const struct lw_passes *passes, struct lw_solve_tile *tile, uint32_t first,
-                      uint32_t last);
+/** Before the bounce rays of a tile's due blocks are traced: corrects indirect light by what now arrives along those of the last solve. */
+void lw_passes_reread(const struct lw_passes *passes, struct lw_solve_tile *tile);
+
+/** After the last bounce: corrects indirect light of due blocks, as far as it is that of earlier frames, by what the radiance of bounces
+ * differs by from the frame before, from the first on, along the rays of now. */
+void lw_passes_arrive(const struct lw_passes *passes, struct lw_solve_tile *tile);
 
 /** Sets tiles->estimate to what the last solve of a tile's blocks had, if nothing has changed since. */
 void lw_passes_recall(const struct lw_passes *passes, const struct lw_solve_tile *tile,

@@ -121,10 +121,6 @@ static uint32_t period_of(const struct lw_schedule *schedule, const struct lw_so
     return schedule->watched && tile->serves ? feeding_period(schedule->readings[tile->id.v]) : 0;
 }
 
-static bool is_looked_at(const struct lw_schedule *schedule, const struct lw_solve_tile *tile) {
-    return schedule->everything || schedule->wanted[tile->id.v];
-}
-
 /* Rounds that take many frames are no reason to show what is out of date so many times later. */
 static uint32_t rounds_of(const struct lw_schedule *schedule, const struct lw_solve_tile *tile,
                           uint32_t period) {
@@ -140,7 +136,7 @@ static void begin_round(struct lw_schedule *schedule, struct lw_tiles *tiles) {
     for (uint32_t i = 0; i < tiles->count; i++) {
         struct lw_solve_tile *tile = &tiles->tile[i];
         const uint32_t period = period_of(schedule, tile);
-        const bool looked_at = is_looked_at(schedule, tile);
+        const bool looked_at = lw_schedule_looks_at(schedule, tile);
         if (!schedule->everything)
             schedule->weight[tile->id.v] = looked_at ? WEIGHT_WANTED
                                            : period  ? feeding_weight(schedule->readings[tile->id.v], period)
@@ -164,7 +160,7 @@ enum rank { WOKEN_MOST, WOKEN_MORE, WOKEN_LESS, WOKEN_UNSEEN, STALE, OTHER };
 static enum rank rank_of(const struct lw_schedule *schedule, const struct lw_solve_tile *tile) {
     if (!tile->woken) return tile->stale ? STALE : OTHER;
     if (!(tile->urgency > 0)) return STALE;
-    if (!is_looked_at(schedule, tile)) return WOKEN_UNSEEN;
+    if (!lw_schedule_looks_at(schedule, tile)) return WOKEN_UNSEEN;
     return tile->urgency >= MOST ? WOKEN_MOST : tile->urgency >= MORE ? WOKEN_MORE : WOKEN_LESS;
 }
 
@@ -219,7 +215,7 @@ void lw_schedule_choose(struct lw_schedule *schedule, struct lw_tiles *tiles, st
     schedule->owing &= !whole;
     for (uint32_t i = 0; i < tiles->count; i++) {
         struct lw_solve_tile *tile = &tiles->tile[i];
-        const bool in_turn = is_looked_at(schedule, tile) || tile->frames == 0 || tile->begins ||
+        const bool in_turn = lw_schedule_looks_at(schedule, tile) || tile->frames == 0 || tile->begins ||
                              shows_unwanted(schedule, tile->object);
         /* At rest all may be seen. */
         tile->shows = (count.due == 0 && schedule->ended) || (in_turn && (whole || tile->urgent));

@@ -65,6 +65,12 @@ static inline bool lw_schedule_is_looked_at(const struct lw_schedule *schedule) 
     return schedule->everything || schedule->looked_at;
 }
 
+/** Whether anybody looks at a tile. */
+static inline bool lw_schedule_looks_at(const struct lw_schedule *schedule,
+                                        const struct lw_solve_tile *tile) {
+    return schedule->everything || schedule->wanted[tile->id.v];
+}
+
 /** Sets `serves` of every tile. feeds_all: rays end where texels cannot be counted (at probes), so that every tile may light what
  * is looked at. */
 void lw_schedule_serve(const struct lw_schedule *schedule, struct lw_tiles *tiles, bool feeds_all);

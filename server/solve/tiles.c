@@ -19,7 +19,7 @@ static bool allocate_sums(struct lw_tiles *tiles) {
         ok &= (tiles->radiance_change[k] =
                    calloc((size_t)tiles->block_count + 1, sizeof *tiles->radiance_change[k])) != NULL;
     }
-    for (int k = 0; k < LW_TILES_PARTS; k++)
+    for (int k = 0; k < LW_TILES_ESTIMATES; k++)
         for (int c = 0; c < 3; c++) ok &= (tiles->estimate[k][c] = calloc(count, sizeof(float))) != NULL;
     ok &= (tiles->mean = calloc(count, sizeof(float))) != NULL;
     ok &= (tiles->spread = calloc(count, sizeof(float))) != NULL;
@@ -189,7 +189,7 @@ void lw_tiles_finish(struct lw_tiles *tiles) {
         free(tiles->radiance[k]);
         free(tiles->radiance_change[k]);
     }
-    for (int k = 0; k < LW_TILES_PARTS; k++)
+    for (int k = 0; k < LW_TILES_ESTIMATES; k++)
         for (int c = 0; c < 3; c++) free(tiles->estimate[k][c]);
     free(tiles->mean);
     free(tiles->spread);

@@ -15,6 +15,11 @@
 /* Of estimates. */
 enum { LW_TILES_DIRECT, LW_TILES_INDIRECT, LW_TILES_PARTS };
 _Static_assert(LW_TILES_PARTS == LW_CHANGE_PARTS, "each has a memory");
+enum {
+    LW_TILES_ESTIMATE_DIRECT,
+    LW_TILES_ESTIMATE_BOUNCES, /* and LW_CHANGE_* */
+    LW_TILES_ESTIMATES = LW_TILES_ESTIMATE_BOUNCES + LW_CHANGE_ORDERS
+};
 
 /* Sixteen by sixteen texels of a tile: what is solved, forgets and rests as one. */
 struct lw_solve_block {
@@ -37,6 +42,11 @@ struct lw_solve_block {
         [LW_TILES_PARTS]; /* relative variances of one frame's estimates of a texel; < 0: not known yet */
     float error;          /* relative standard error of luminance */
 };
+
+/* A bit for each of a block's packets. */
+static inline uint16_t lw_change_all_packets(const struct lw_solve_block *block) {
+    return (uint16_t)((1u << block->packet_count) - 1);
+}
 
 /* Blocks of a full tile's side. */
 #define LW_TILE_BLOCKS (LW_TILE_SIDE / LW_TILE_BLOCK)
@@ -66,7 +76,9 @@ struct lw_solve_tile {
         urgency; /* if so: mean square over those blocks of the share of light that has changed, at most 1 */
     uint32_t woken_count;  /* texels of those blocks */
     bool urgent;           /* the frame under way solves those blocks alone, and shows them at once */
-    bool unasked;          /* since something moved last */
+    bool corrected;        /* its indirect light, in this frame, by what packets have found (change.h) */
+    bool moved;            /* its object has, when something moved last */
+    bool unasked;          /* since then */
     bool waiting;          /* the round under way has yet to solve it (schedule.h) */
     bool due;              /* the frame under way solves it (schedule.h): its blocks that do not rest */
     bool shows;            /* what was solved is to be seen in this frame, not merely read by other tiles */
@@ -92,7 +104,8 @@ struct lw_tiles {
     struct lw_vec3
         *radiance_change[LW_SOLVER_BOUNCES_MAX]; /* per block: by how much that differs, in the mean, from the
                                                                frame before */
-    float *estimate[LW_TILES_PARTS][3]; /* E as the last frame in which a texel was solved had it by itself */
+    float *estimate[LW_TILES_ESTIMATES]
+                   [3];     /* E as the last frame in which a texel was solved had it by itself */
     float *mean, *spread;   /* of the luminance of such estimates: running mean, sum of squared deviations */
     const uint8_t *covered; /* the texels' own */
 };

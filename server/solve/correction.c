@@ -1,0 +1,304 @@
+#include "server/solve/correction.h"
+
+#include "common/colour.h"
+
+#include <math.h>
+
+#define LANES LW_TRACE_WIDTH
+/* Of the variance of what a surface has found, what counts against believing it: noise is averaged by those who look, change is not. */
+#define NOISE_COUNTS 0.125f
+/* Indirect light is in doubt by this share of its correction at least: few rays may all have missed the same bright spot. */
+#define DOUBT_MIN 0.25f
+/* Shares of a block's light: less is not corrected; nor is less than this of what may be off at rest; less is not shown for its own sake. */
+#define TAKEN_MIN       2e-3f
+#define TAKEN_OF_TARGET 0.25f
+#define SHOWN_MIN       2e-2f
+
+static float luminance(float r, float g, float b) { return lw_colour_luminance(lw_vec3(r, g, b)); }
+
+/* ---- direct light ---- */
+
+/* Square by square, what is left of the differences of one channel when the plane that fits them best is taken off. */
+static float roughness(const struct lw_solve_tile *tile, const struct lw_launch *launch,
+                       const struct lw_vec3 off[LANES], uint32_t lanes, int channel) {
+    const float n = (float)lanes;
+    float x = 0, y = 0, d = 0, xx = 1, xy = 0, yy = 1, xd = 0, yd = 0, dd = 0;
+    for (uint32_t lane = 0; lane < lanes; lane++) {
+        x += (float)(launch->texel[lane] % tile->width) / n;
+        y += (float)(launch->texel[lane] / tile->width) / n;
+        d += (&off[lane].x)[channel] / n;
+    }
+    for (uint32_t lane = 0; lane < lanes; lane++) {
+        const float u = (float)(launch->texel[lane] % tile->width) - x,
+                    v = (float)(launch->texel[lane] / tile->width) - y, w = (&off[lane].x)[channel] - d;
+        xx += u * u, xy += u * v, yy += v * v;
+        xd += u * w, yd += v * w, dd += w * w;
+    }
+    if (lanes <= 3) return dd + n * d * d;
+    const float determinant = xx * yy - xy * xy, along_x = (yy * xd - xy * yd) / determinant,
+                along_y = (xx * yd - xy * xd) / determinant;
+    return fmaxf(dd - along_x * xd - along_y * yd, 0) * n / (n - 3);
+}
+
+static void add_direct(struct lw_tiles *tiles, struct lw_solve_block *block, uint32_t texel,
+                       struct lw_vec3 off) {
+    float was[3], is[3];
+    for (int c = 0; c < 3; c++) {
+        was[c] = tiles->direct[c][texel];
+        is[c] = tiles->direct[c][texel] = fmaxf(was[c] + (&off.x)[c], 0);
+        tiles->estimate[LW_TILES_ESTIMATE_DIRECT][c][texel] += (&off.x)[c];
+    }
+    const float brighter = luminance(is[0] - was[0], is[1] - was[1], is[2] - was[2]);
+    tiles->mean[texel] += brighter;
+    block->luminance += (double)brighter;
+}
+
+float lw_correction_direct(struct lw_tiles *tiles, const struct lw_solve_tile *tile,
+                           struct lw_solve_block *block, const struct lw_launch *launch,
+                           const struct lw_vec3 off[LW_TRACE_WIDTH]) {
+    const uint32_t lanes = (uint32_t)__builtin_popcount(launch->active);
+    float most = 0;
+    for (uint32_t lane = 0; lane < lanes; lane++)
+        add_direct(tiles, block, tile->first + launch->texel[lane], off[lane]);
+    for (int c = 0; c < 3; c++) most = fmaxf(most, roughness(tile, launch, off, lanes, c));
+    block->unseen = true;
+    return most;
+}
+
+/* ---- indirect light: what is known ---- */
+
+/* What those packets of a surface have found that were told, by the quarters of the block. */
+struct finding {
+    struct lw_vec3 sum[LW_CHANGE_ORDERS][LW_CHANGE_REGIONS];
+    float square[LW_CHANGE_REGIONS];
+    uint32_t lanes[LW_CHANGE_REGIONS];
+};
+
+static void count_lanes(const struct lw_packet *packet, uint32_t lanes[LW_CHANGE_REGIONS]) {
+    for (uint32_t lane = 0; lane < packet->count; lane++)
+        lanes[lw_change_region(packet->texel[lane] % LW_TILE_BLOCK, packet->texel[lane] / LW_TILE_BLOCK)]++;
+}
+
+/* Packets of the surface whose first is `first`. */
+#define EACH_PACKET(block, first, set)                                                                       \
+    for (uint32_t set = (first); set < (first) + (block)->packet[first].group; set++)
+#define EACH_SURFACE(block, first)                                                                           \
+    for (uint32_t first = 0; first < (block)->packet_count; first += (block)->packet[first].group)
+
+static struct finding find(const struct lw_solve_block *block, uint32_t first) {
+    struct finding f = {.lanes = {0}};
+    EACH_PACKET(block, first, set) {
+        const struct lw_change_packet *packet = &block->change.packet[set];
+        if (!(block->change.told >> set & 1)) continue;
+        count_lanes(&block->packet[set], f.lanes);
+        for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++) {
+            f.square[r] += packet->indirect_square[r];
+            for (int order = 0; order < LW_CHANGE_ORDERS; order++)
+                f.sum[order][r] = lw_vec3_add(f.sum[order][r], packet->indirect[order][r]);
+        }
+    }
+    return f;
+}
+
+/* Mean difference of so many texels, and the square of its standard error. */
+struct mean {
+    struct lw_vec3 of[LW_CHANGE_ORDERS], all;
+    float square, error;
+    uint32_t lanes;
+};
+
+static struct mean mean_of(const struct finding *f, uint32_t first, uint32_t last) {
+    struct mean m = {.lanes = 0};
+    float square = 0;
+    for (uint32_t r = first; r <= last; r++) {
+        m.lanes += f->lanes[r];
+        square += f->square[r];
+        for (int order = 0; order < LW_CHANGE_ORDERS; order++)
+            m.of[order] = lw_vec3_add(m.of[order], f->sum[order][r]);
+    }
+    if (!m.lanes) return m;
+    const float n = (float)m.lanes;
+    for (int order = 0; order < LW_CHANGE_ORDERS; order++) {
+        m.of[order] = lw_vec3_scale(m.of[order], 1 / n);
+        m.all = lw_vec3_add(m.all, m.of[order]);
+    }
+    m.square = lw_vec3_dot(m.all, m.all);
+    m.error = m.lanes > 1 ? fmaxf(square / n - m.square, 0) / (n - 1) : m.square;
+    return m;
+}
+
+static struct mean mean_of_surface(const struct finding *f) { return mean_of(f, 0, LW_CHANGE_REGIONS - 1); }
+
+/* Mean square by which the surfaces of a tile have changed, less what is noise, and what that may be by chance (a standard deviation, if
+ * nothing has changed). */
+static float spread_of(const struct lw_solve_tile *tile) {
+    double square = 0, chance = 0, lanes = 0;
+    LW_TILES_EACH_BLOCK (tile, block) {
+        if (!block->change.told) continue;
+        EACH_SURFACE(block, first) {
+            const struct finding f = find(block, first);
+            const struct mean m = mean_of_surface(&f);
+            const double noise = (double)m.lanes * (double)m.error;
+            square += (double)m.lanes * (double)m.square - noise;
+            chance += 2 * noise * noise;
+            lanes += m.lanes;
+        }
+    }
+    return lanes > 0 ? (float)fmax((square - sqrt(chance)) / lanes, 0) : 0;
+}
+
+/* ---- indirect light: what is done ---- */
+
+/* W/m^2 to be added to the mean of a surface's texels in each quarter of the block. */
+struct shift {
+    struct lw_vec3 of[LW_CHANGE_ORDERS][LW_CHANGE_REGIONS];
+};
+
+/* Returns what is believed of what a surface has found, 0 to 1. spread: of its tile. */
+static float choose_shift(const struct finding *f, const struct mean *whole, float spread,
+                          struct shift *out) {
+    const float believed = spread / (spread + NOISE_COUNTS * whole->error);
+    for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++) {
+        const struct mean part = mean_of(f, r, r);
+        const struct lw_vec3 off = lw_vec3_sub(part.all, whole->all);
+        const float square = lw_vec3_dot(off, off),
+                    own = part.lanes > 1 && square > part.error ? 1 - part.error / square : 0;
+        for (int order = 0; order < LW_CHANGE_ORDERS; order++)
+            out->of[order][r] = lw_vec3_mad(lw_vec3_scale(whole->of[order], believed),
+                                            lw_vec3_sub(part.of[order], whole->of[order]), own);
+    }
+    return believed;
+}
+
+/* What packets have found is less by what has been taken over. */
+static void take_from(struct lw_solve_block *block, uint32_t first, const struct shift *shift) {
+    EACH_PACKET(block, first, set) {
+        struct lw_change_packet *packet = &block->change.packet[set];
+        uint32_t lanes[LW_CHANGE_REGIONS] = {0};
+        if (!(block->change.asked >> set & 1)) continue;
+        count_lanes(&block->packet[set], lanes);
+        for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++) {
+            const float n = (float)lanes[r];
+            const struct lw_vec3 both =
+                lw_vec3_add(shift->of[LW_CHANGE_FIRST][r], shift->of[LW_CHANGE_LATER][r]);
+            packet->indirect_square[r] +=
+                n * lw_vec3_dot(both, both) - 2 * lw_vec3_dot(both, lw_change_both_orders(packet, r));
+            for (int order = 0; order < LW_CHANGE_ORDERS; order++)
+                packet->indirect[order][r] = lw_vec3_mad(packet->indirect[order][r], shift->of[order][r], -n);
+        }
+    }
+}
+
+/* Light of a texel's later bounces. */
+static float later_of(const struct lw_tiles *tiles, int c, uint32_t texel) {
+    float sum = 0;
+    for (uint32_t k = 1; k < tiles->bounces; k++) sum += tiles->order[k][c][texel];
+    return sum;
+}
+
+/* Light of `texels` texels together. */
+struct sum {
+    double light[LW_CHANGE_ORDERS];
+    uint32_t texels;
+};
+
+/* Light that comes is added evenly; of light that goes each texel loses the same share, so that none has less than none. */
+static float shifted(float value, float shift, double light, uint32_t texels) {
+    if (shift >= 0) return value + shift;
+    const double left = light + (double)shift * texels;
+    return left > 0 ? value * (float)(left / light) : 0;
+}
+
+/* Returns by how much the texel is brighter. */
+static float shift_texel(struct lw_tiles *tiles, uint32_t texel, int c, const struct sum *sum,
+                         const float shift[LW_CHANGE_ORDERS]) {
+    const float first = tiles->order[0][c][texel], later = later_of(tiles, c, texel),
+                first_now = shifted(first, shift[LW_CHANGE_FIRST], sum->light[LW_CHANGE_FIRST], sum->texels),
+                later_now = shifted(later, shift[LW_CHANGE_LATER], sum->light[LW_CHANGE_LATER], sum->texels);
+    tiles->order[0][c][texel] = first_now;
+    for (uint32_t k = 1; k < tiles->bounces; k++) {
+        float *light = &tiles->order[k][c][texel];
+        *light = later > 0 ? *light * (later_now / later) : k == 1 ? later_now : 0;
+    }
+    tiles->indirect[c][texel] += first_now - first + later_now - later;
+    return first_now - first + later_now - later;
+}
+
+/* The texels of a surface, with the quarter that each lies in. */
+struct places {
+    uint32_t texel[LW_TILE_BLOCK * LW_TILE_BLOCK], count;
+    uint8_t region[LW_TILE_BLOCK * LW_TILE_BLOCK];
+};
+
+static void list_places(const struct lw_solve_tile *tile, const struct lw_solve_block *block, uint32_t first,
+                        struct places *out) {
+    out->count = 0;
+    EACH_PACKET(block, first, set) {
+        struct lw_launch launch;
+        lw_launch_init(&launch, tile, block, set);
+        for (uint32_t lane = 0; lane < block->packet[set].count; lane++) {
+            const uint32_t texel = launch.texel[lane];
+            out->texel[out->count] = tile->first + texel;
+            out->region[out->count++] = (uint8_t)lw_change_region(texel % tile->width, texel / tile->width);
+        }
+    }
+}
+
+static void shift_surface(struct lw_tiles *tiles, struct lw_solve_block *block, const struct places *places,
+                          const struct shift *shift, bool estimates) {
+    static const float weight[3] = {0.2126f, 0.7152f, 0.0722f};
+    for (int c = 0; c < 3; c++) {
+        struct sum sum[LW_CHANGE_REGIONS] = {{{0}, 0}};
+        for (uint32_t i = 0; i < places->count; i++) {
+            struct sum *region = &sum[places->region[i]];
+            region->light[LW_CHANGE_FIRST] += (double)tiles->order[0][c][places->texel[i]];
+            region->light[LW_CHANGE_LATER] += (double)later_of(tiles, c, places->texel[i]);
+            region->texels++;
+        }
+        for (uint32_t i = 0; i < places->count; i++) {
+            const uint32_t texel = places->texel[i], r = places->region[i];
+            const float by[LW_CHANGE_ORDERS] = {(&shift->of[LW_CHANGE_FIRST][r].x)[c],
+                                                (&shift->of[LW_CHANGE_LATER][r].x)[c]};
+            const float brighter = weight[c] * shift_texel(tiles, texel, c, &sum[r], by);
+            tiles->mean[texel] += brighter;
+            block->luminance += (double)brighter;
+            for (int order = 0; estimates && order < LW_CHANGE_ORDERS; order++)
+                tiles->estimate[LW_TILES_ESTIMATE_BOUNCES + order][c][texel] += by[order];
+        }
+    }
+}
+
+static bool correct_surface(struct lw_tiles *tiles, const struct lw_solve_tile *tile,
+                            struct lw_solve_block *block, uint32_t first, float spread, float least,
+                            bool estimates) {
+    const struct finding f = find(block, first);
+    const struct mean whole = mean_of_surface(&f);
+    if (!whole.lanes) return false;
+    struct shift shift;
+    struct places places;
+    const float believed = choose_shift(&f, &whole, spread, &shift), all = block->light + block->beside,
+                square = believed * believed * whole.square, light = all * all;
+    if (!(square > least * least * light)) return false;
+    list_places(tile, block, first, &places);
+    shift_surface(tiles, block, &places, &shift, estimates);
+    take_from(block, first, &shift);
+    const bool much = square > SHOWN_MIN * SHOWN_MIN * light;
+    const float doubt = believed * whole.error + (much ? DOUBT_MIN * DOUBT_MIN * square : 0),
+                share = (float)places.count / (float)block->covered_count;
+    block->change.doubt = sqrtf(block->change.doubt * block->change.doubt + share * doubt);
+    block->unseen |= much;
+    return true;
+}
+
+bool lw_correction_indirect(struct lw_tiles *tiles, struct lw_solve_tile *tile, float target_error,
+                            bool estimates) {
+    const float spread = tiles->bounces ? spread_of(tile) : 0,
+                least = fmaxf(TAKEN_MIN, TAKEN_OF_TARGET * target_error);
+    bool any = false;
+    LW_TILES_EACH_BLOCK (tile, block) {
+        if (spread > 0 && block->change.told) EACH_SURFACE(block, first)
+        any |= correct_surface(tiles, tile, block, first, spread, least, estimates);
+        block->change.told = 0;
+    }
+    return any;
+}

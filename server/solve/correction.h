@@ -1,0 +1,30 @@
+/* correction.h: light that has changed is corrected by how much it has, before it is solved again.
+ * Flow:    what packets have found (passes.c) -> [correction] -> sums, estimates and running means of a tile's texels
+ * Threads: a tile is corrected by the one worker that has it; what it sends out stays until lw_passes_radiate().
+ *
+ * Samples that are taken again with the same random numbers (change.h) differ by what has changed, and not by their noise. So the mean
+ * of many solves plus that difference is an estimate of the light of now with hardly more noise than the mean had: the old light is
+ * a control variate for the new one. Nothing has to be forgotten but what the difference itself is in doubt by.
+ *   direct    texel by texel, where all packets of a block were asked; in doubt is what a plane through a packet's differences
+ *             leaves: edges of shadows
+ *   indirect  surface by surface of a block, and by quarters of it as far as these differ by more than chance. A texel has few rays,
+ *             and packets share theirs: what a surface has found is believed as far as its tile's surfaces have changed by more than
+ *             their standard errors (empirical Bayes, Efron and Morris 1975)
+ * Estimates are corrected with the means that they entered, so that what was taken over is not found again. */
+#ifndef LW_SOLVE_CORRECTION_H
+#define LW_SOLVE_CORRECTION_H
+
+#include "server/solve/launch.h"
+
+/** Adds to the direct light of a packet's texels what it was found to differ by, W/m^2, a lane each. Returns the sum over them of the squares
+ * that stay in doubt. */
+float lw_correction_direct(struct lw_tiles *tiles, const struct lw_solve_tile *tile,
+                           struct lw_solve_block *block, const struct lw_launch *launch,
+                           const struct lw_vec3 off[LW_TRACE_WIDTH]);
+
+/** Adds to the indirect light of a tile what its packets were told since they were last asked here (change.told), and takes it from what
+ * they have found, but what is too little to matter where errors of target_error may stay. estimates: those of the last solve stay in use, and are corrected as well. Returns whether there was anything. */
+bool lw_correction_indirect(struct lw_tiles *tiles, struct lw_solve_tile *tile, float target_error,
+                            bool estimates);
+
+#endif

@@ -1,0 +1,189 @@
+/* Light that has changed is corrected by how much it has: as much as was found, no more, and no texel below none. */
+#include "server/solve/cell_solver.h"
+#include "server/solve/correction.h"
+#include "tests/reference/room.h"
+
+#include <string.h>
+
+/* A room that has been lit, and one tile of its floor. */
+struct lit {
+    struct room_solution s;
+    struct lw_tiles *tiles;
+    struct lw_solve_tile *tile;
+    struct lw_solve_block *block; /* all of it floor */
+    uint32_t x, y;                /* its first texel */
+};
+
+static struct room make_room(void) {
+    struct room room = {.texels_per_metre = 12};
+    room_box(&room, lw_vec3(4, 2, 4), 0.5f, 0);
+    room.light[0] = (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {4, 4, 4}};
+    room.light_position[0] = lw_vec3(1, 1.6f, 1);
+    room.light_count = 1;
+    return room;
+}
+
+static void light_room(struct lit *lit) {
+    const struct room room = make_room();
+    room_solve(
+        &lit->s, &room,
+        (struct lw_solver_desc){.bounces = 3, .direct_samples = 1, .indirect_samples = 4, .target_error = -1},
+        30);
+    lit->tiles = lw_cell_solver_tiles(lit->s.solver);
+    lit->tile = &lit->tiles->tile[lit->tiles->slot_of_id[lit->s.map.first_tile[0]]];
+    lit->block = NULL;
+    LW_TILES_EACH_BLOCK (lit->tile, block)
+        if (block->covered_count == LW_TILE_BLOCK * LW_TILE_BLOCK) lit->block = block;
+    assert_non_null(lit->block);
+    const uint32_t b = (uint32_t)(lit->block - lit->tile->block);
+    lit->x = b % lit->tile->block_columns * LW_TILE_BLOCK;
+    lit->y = b / lit->tile->block_columns * LW_TILE_BLOCK;
+}
+
+/* Sums over the block's texels. */
+struct sums {
+    double direct[3], order[3][3], indirect[3], estimate[LW_TILES_ESTIMATES][3], mean;
+    float least;
+};
+
+static struct sums add_up(const struct lit *lit) {
+    struct sums sums = {.least = 0};
+    const struct lw_tiles *t = lit->tiles;
+    for (uint32_t y = 0; y < LW_TILE_BLOCK; y++)
+        for (uint32_t x = 0; x < LW_TILE_BLOCK; x++) {
+            const uint32_t texel = lit->tile->first + (lit->y + y) * lit->tile->width + lit->x + x;
+            for (int c = 0; c < 3; c++) {
+                sums.direct[c] += (double)t->direct[c][texel];
+                sums.indirect[c] += (double)t->indirect[c][texel];
+                sums.least = fminf(sums.least, t->direct[c][texel]);
+                for (int k = 0; k < 3; k++) {
+                    sums.order[k][c] += (double)t->order[k][c][texel];
+                    sums.least = fminf(sums.least, t->order[k][c][texel]);
+                }
+                for (int k = 0; k < LW_TILES_ESTIMATES; k++)
+                    sums.estimate[k][c] += (double)t->estimate[k][c][texel];
+            }
+            sums.mean += (double)t->mean[texel];
+        }
+    return sums;
+}
+
+/* As if all packets of the block had found that every texel's indirect light is off by `first` and `later`, and by `noise` up or down
+ * besides. */
+static void find(struct lit *lit, float first, float later, float noise) {
+    struct lw_change_block *change = &lit->block->change;
+    change->told = change->asked = lw_change_all_packets(lit->block);
+    for (uint32_t set = 0; set < lit->block->packet_count; set++) {
+        struct lw_change_packet *packet = &change->packet[set];
+        memset(packet, 0, sizeof *packet);
+        for (uint32_t lane = 0; lane < lit->block->packet[set].count; lane++) {
+            const uint32_t texel = lit->block->packet[set].texel[lane],
+                           r = lw_change_region(texel % LW_TILE_BLOCK, texel / LW_TILE_BLOCK);
+            const float sign = lane % 2 ? noise : -noise, all = first + later + sign;
+            packet->indirect[LW_CHANGE_FIRST][r] = lw_vec3_add(
+                packet->indirect[LW_CHANGE_FIRST][r], lw_vec3(first + sign, first + sign, first + sign));
+            packet->indirect[LW_CHANGE_LATER][r] =
+                lw_vec3_add(packet->indirect[LW_CHANGE_LATER][r], lw_vec3(later, later, later));
+            packet->indirect_square[r] += 3 * all * all;
+        }
+    }
+}
+
+static double texels(const struct lit *lit) { return lit->block->covered_count; }
+
+static void test_light_that_comes(void **state) {
+    (void)state;
+    struct lit lit;
+    light_room(&lit);
+    const struct sums before = add_up(&lit);
+    const double luminance = lit.block->luminance;
+    find(&lit, 0.02f, 0.01f, 0);
+    assert_true(lw_correction_indirect(lit.tiles, lit.tile, 0.02f, true));
+    const struct sums after = add_up(&lit);
+    for (int c = 0; c < 3; c++) {
+        expect_near(after.order[0][c] - before.order[0][c], 0.02 * texels(&lit), 1e-3);
+        expect_near(after.order[1][c] + after.order[2][c] - before.order[1][c] - before.order[2][c],
+                    0.01 * texels(&lit), 1e-3);
+        expect_near(after.indirect[c] - before.indirect[c], 0.03 * texels(&lit), 1e-3);
+        expect_near(after.estimate[LW_TILES_ESTIMATE_BOUNCES][c] -
+                        before.estimate[LW_TILES_ESTIMATE_BOUNCES][c],
+                    0.02 * texels(&lit), 1e-3);
+        assert_true(after.direct[c] == before.direct[c]);
+    }
+    expect_near(after.mean - before.mean, 0.03 * texels(&lit), 1e-3);
+    expect_near(lit.block->luminance - luminance, 0.03 * texels(&lit), 1e-3);
+    /* What has been taken over is not found again. */
+    lit.block->change.told = lw_change_all_packets(lit.block);
+    assert_false(lw_correction_indirect(lit.tiles, lit.tile, 0.02f, true));
+    room_finish(&lit.s);
+}
+
+/* More than there is: what is left is none, nowhere less. */
+static void test_light_that_goes(void **state) {
+    (void)state;
+    struct lit lit;
+    light_room(&lit);
+    const struct sums before = add_up(&lit);
+    const float half = (float)(-0.5 * before.order[0][1] / texels(&lit));
+    find(&lit, half, 0, 0);
+    assert_true(lw_correction_indirect(lit.tiles, lit.tile, 0.02f, true));
+    const struct sums after = add_up(&lit);
+    expect_near(after.order[0][1], 0.5 * before.order[0][1], 0.01);
+    find(&lit, -1e3f, -1e3f, 0);
+    assert_true(lw_correction_indirect(lit.tiles, lit.tile, 0.02f, true));
+    const struct sums none = add_up(&lit);
+    assert_true(none.indirect[1] < 1e-3 * before.indirect[1] && none.least >= 0);
+    room_finish(&lit.s);
+}
+
+/* What chance explains is not taken for light; nor is what may be off at rest. */
+static void test_noise_is_left(void **state) {
+    (void)state;
+    struct lit lit;
+    light_room(&lit);
+    const struct sums before = add_up(&lit);
+    const float light = lit.block->light;
+    find(&lit, 0.05f * light, 0, 5 * light); /* 256 texels: known to a third of the light */
+    assert_false(lw_correction_indirect(lit.tiles, lit.tile, 0.02f, true));
+    find(&lit, 0.01f * light, 0, 0);
+    assert_false(lw_correction_indirect(lit.tiles, lit.tile, 0.1f, true));
+    const struct sums after = add_up(&lit);
+    assert_memory_equal(&after, &before, sizeof after);
+    room_finish(&lit.s);
+}
+
+/* What differs along a plane is in no doubt; the edge of a shadow is. */
+static void test_direct_light(void **state) {
+    (void)state;
+    struct lit lit;
+    struct lw_launch launch;
+    struct lw_vec3 slope[LW_TRACE_WIDTH], edge[LW_TRACE_WIDTH], gone[LW_TRACE_WIDTH];
+    light_room(&lit);
+    lw_launch_init(&launch, lit.tile, lit.block, 0);
+    float square = 0;
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+        const float x = (float)(launch.texel[lane] % lit.tile->width),
+                    y = (float)(launch.texel[lane] / lit.tile->width);
+        slope[lane] = lw_vec3(0.1f + 0.01f * x - 0.005f * y, 0.1f, 0.002f * y);
+        edge[lane] = lw_vec3(0, x < (float)lit.x + 8 ? 0.2f : 0, 0);
+        gone[lane] = lw_vec3(-1e3f, -1e3f, -1e3f);
+        square += edge[lane].y * edge[lane].y;
+    }
+    const struct sums before = add_up(&lit);
+    const float even = lw_correction_direct(lit.tiles, lit.tile, lit.block, &launch, slope);
+    const struct sums after = add_up(&lit);
+    assert_true(even < 1e-3f * square);
+    expect_near(after.direct[1] - before.direct[1], 0.1 * LW_TRACE_WIDTH, 1e-3);
+    const float rough = lw_correction_direct(lit.tiles, lit.tile, lit.block, &launch, edge);
+    assert_true(rough > 0.05f * square && rough < square);
+    lw_correction_direct(lit.tiles, lit.tile, lit.block, &launch, gone);
+    assert_true(add_up(&lit).least >= 0);
+    room_finish(&lit.s);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_light_that_comes), cmocka_unit_test(test_light_that_goes),
+        cmocka_unit_test(test_noise_is_left), cmocka_unit_test(test_direct_light)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
