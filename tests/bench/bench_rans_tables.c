@@ -289,7 +289,7 @@ static void merge(double (*count)[TOKENS], uint32_t contexts, uint32_t tables, u
     }
     for (; groups > tables; groups--) {
         uint32_t a = 0, b = 1;
-        double least = INFINITY;
+        double least = (double)INFINITY;
         for (uint32_t i = 0; i < groups; i++)
             for (uint32_t j = i + 1; j < groups; j++) {
                 double both[TOKENS] = {0};
