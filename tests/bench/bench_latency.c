@@ -1,6 +1,7 @@
 /* bench_latency: how long a change of the scene takes to reach a client, and to become the light that it leads to.
  *
- *     bench_latency [--updates N] [--settle S] [--frames N] [--daemon "OPTIONS"] [--json] [SCENE ["CAMERA COMMAND"...]]
+ *     bench_latency [--updates N] [--settle S] [--frames N] [--daemon "OPTIONS"] [--truth FOLDER] [--json]
+ *                   [SCENE ["CAMERA COMMAND"...]]
  *
  * A lightwelld of its own with its default settings, its animation held, and one client on loopback that wants what a picture of
  * 1280 x 720 from that camera takes. Once the light rests, the client sends the change (a command of lightwellctl; the camera
@@ -16,22 +17,29 @@
  * after, whatever the server remembers. Agreement is the cosine of E1 - E0 and E1' - E0': where it is small, p is noise; more --fresh
  * frames help.
  *
+ * --truth keeps those four servers' light in files, for runs of the same thing.
+ *
  * The machine's load shows in CPU times: of the server's process, from the sending of the update on. */
 #include "tests/bench/bench_setup.h"
 #include "tests/support/process.h"
 
 #include "client/control/ctl_command.h"
 #include "client/view/stage.h"
+#include "common/checked_file.h"
 #include "common/clock.h"
 #include "common/log.h"
 #include "common/options.h"
 
+#include <errno.h>
 #include <float.h>
+#include <inttypes.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
+#include <xxhash.h>
 
 #define WIDTH         1280u
 #define HEIGHT        720u
@@ -53,6 +61,27 @@
 static const char *const atrium[] = {"lamp shift lantern -1.5 0 0", "vase shift amphora 0.6 0 0",
                                      "main light sun intensity 52 45 34.5"};
 
+/* What a server that never knew anything else sends of one state, and what the picture takes of it. */
+struct fresh {
+    float *light;    /* CHANNELS per texel */
+    uint8_t *shown;  /* per texel: in the picture */
+    uint8_t *wanted; /* per tile: by the picture */
+};
+
+/* In front of a fresh's arrays in its file. */
+struct fresh_header {
+    struct lw_checked_file_kind kind;
+    uint64_t key;
+};
+static const struct lw_checked_file_kind fresh_kind = {{'l', 'w', 'f', 'r', 'e', 's', 'h', '\n'}, 1};
+
+/* A state of the scene. */
+struct state {
+    const char *text;                     /* the camera and the command: the file's key has it */
+    const struct lw_scene_change *change; /* that leads to it */
+    bool undone;                          /* made and taken back */
+};
+
 /* A moment after an update at which new tiles were there. */
 struct moment {
     double ms, server_cpu_ms, client_cpu_ms;
@@ -61,13 +90,14 @@ struct moment {
 };
 
 struct bench {
-    const char *scene, *daemon_options;
+    const char *scene, *daemon_options, *truth; /* truth: a folder, or NULL */
     int64_t updates, frames, fresh_frames;
     double settle_s;
     bool json;
     struct lw_process server;
     clockid_t server_clock;
     struct lw_client *client;
+    struct lw_client *introduced; /* by a server that has ended: has the scene */
     struct lw_camera_view camera;
     struct lw_atlas_map map;
     /* per tile */
@@ -139,7 +169,6 @@ static void lay_out_squares(struct bench *b) {
 }
 
 static void lay_out(struct bench *b, const struct lw_scene *scene) {
-    if (b->first) return;
     if (lw_atlas_map_init(&b->map, scene) != LW_OK) give_up("no memory");
     b->first = room(b->map.object_count, sizeof *b->first);
     for (uint32_t o = 0; o < b->map.object_count; o++) {
@@ -169,7 +198,8 @@ static void read_light(const struct bench *b, const struct lw_client *client, fl
 }
 
 /* The first surface behind a pixel. */
-static void show_hit(struct bench *b, const struct lw_scene *scene, const struct lw_hit16 *hits, unsigned i) {
+static void show_hit(const struct bench *b, const struct lw_scene *scene, const struct lw_hit16 *hits,
+                     unsigned i, uint8_t *shown) {
     const uint32_t o = hits->object[i];
     if (o == LW_TRACE_MISS || !b->map.atlas[o].level_count) return;
     const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
@@ -181,10 +211,10 @@ static void show_hit(struct bench *b, const struct lw_scene *scene, const struct
     if (hits->back[i]) uv.y += (float)mesh->back_offset;
     const struct lw_atlas_level *at = &b->map.atlas[o].level[level];
     const uint32_t x = (uint32_t)uv.x >> level, y = (uint32_t)uv.y >> level;
-    if (x < at->width && y < at->height) b->shown[b->first[o] + (size_t)y * at->width + x] = 1;
+    if (x < at->width && y < at->height) shown[b->first[o] + (size_t)y * at->width + x] = 1;
 }
 
-static void show_pixels(struct bench *b, const struct lw_stage *stage) {
+static void show_pixels(const struct bench *b, const struct lw_stage *stage, uint8_t *shown) {
     const struct lw_camera_plane plane = lw_camera_plane(&b->camera, WIDTH, HEIGHT);
     struct lw_ray16 rays = {.salt = 0};
     struct lw_hit16 hits;
@@ -196,12 +226,12 @@ static void show_pixels(struct bench *b, const struct lw_stage *stage) {
                                  lw_camera_direction(&plane, (float)(x + i) + 0.5f, (float)y + 0.5f),
                                  INFINITY);
             lw_trace_closest16(stage->trace, LW_TRACE_VIEW | LW_TRACE_COHERENT, UINT16_MAX, &rays, &hits);
-            for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) show_hit(b, stage->scene, &hits, i);
+            for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) show_hit(b, stage->scene, &hits, i, shown);
         }
 }
 
-/* Adds what the picture takes of what a client has now. */
-static void look(struct bench *b, struct lw_client *client) {
+/* What the picture takes of what a client has now. */
+static void look(const struct bench *b, struct lw_client *client, struct fresh *out) {
     const struct lw_compose_view view = {.camera = b->camera, .width = WIDTH, .height = HEIGHT};
     struct lw_compose_report report;
     struct lw_stage stage;
@@ -214,8 +244,8 @@ static void look(struct bench *b, struct lw_client *client) {
     lw_compose_render(stage.compose, &source, &stage.pose, &view, picture, &report);
     lw_compose_survey(stage.compose, &source, &stage.pose, &view);
     const uint8_t *needed = lw_compose_needed(stage.compose), *around = lw_compose_around(stage.compose);
-    for (uint32_t t = 0; t < b->map.tile_count; t++) b->wanted[t] |= (uint8_t)(needed[t] | around[t]);
-    show_pixels(b, &stage);
+    for (uint32_t t = 0; t < b->map.tile_count; t++) out->wanted[t] = (uint8_t)(needed[t] | around[t]);
+    show_pixels(b, &stage, out->shown);
     lw_stage_finish(&stage);
     free(picture);
 }
@@ -357,10 +387,20 @@ static void read_update(struct bench *b, const struct lw_scene *scene, const cha
 
 static const struct lw_scene_change reset = {.kind = LW_SCENE_CHANGE_RESET};
 
+/* Hears of the scene from a server that nothing is wanted of. */
+static void introduce(struct bench *b) {
+    struct lw_process server;
+    struct lw_client_stats stats;
+    serve(b, "", &server);
+    b->introduced = join(server.port, true);
+    while (!lw_client_scene(b->introduced)) poll_one(b->introduced, POLL_MS, &stats);
+    (void)lw_process_stop(&server, SIGTERM, 30);
+    lay_out(b, lw_client_scene(b->introduced));
+}
+
 /* The light of a server to which the change is made before its first frame, and undone in the same moment if it is `undone`: what
  * was moved once is another object for rays, wherever it is. Frames begin with lines on our stdin, which is its. */
-static void solve_fresh(struct bench *b, const char *text, bool undone, unsigned seed, float **out_light,
-                        struct lw_scene_change *out_change) {
+static void solve_fresh(const struct bench *b, const struct state *state, unsigned seed, struct fresh *out) {
     struct lw_process server;
     struct lw_client_stats stats = {0};
     struct lw_error err = {0};
@@ -371,9 +411,8 @@ static void solve_fresh(struct bench *b, const char *text, bool undone, unsigned
     serve(b, options, &server);
     struct lw_client *client = join(server.port, false);
     while (!lw_client_scene(client)) poll_one(client, POLL_MS, &stats);
-    lay_out(b, lw_client_scene(client));
-    read_update(b, lw_client_scene(client), text, out_change);
-    must(lw_client_update(client, (struct lw_scene_change[]){*out_change, reset}, undone ? 2 : 1, NULL, &err),
+    must(lw_client_update(client, (struct lw_scene_change[]){*state->change, reset}, state->undone ? 2 : 1,
+                          NULL, &err),
          &err);
     for (int i = 0; i < 3; i++) poll_one(client, POLL_MS, &stats); /* it hears of that */
     for (int64_t i = 0; i < b->fresh_frames; i++)
@@ -383,12 +422,92 @@ static void solve_fresh(struct bench *b, const char *text, bool undone, unsigned
         poll_one(client, POLL_MS, &stats);
         if (lw_clock_ns() > limit_ns) give_up("the light of one state does not come");
     }
-    read_light(b, client, *out_light);
-    look(b, client);
+    read_light(b, client, out->light);
+    look(b, client, out);
     lw_client_destroy(client);
     close(line[1]);
     close(line[0]);
     (void)lw_process_stop(&server, SIGTERM, 30);
+}
+
+/* ---- kept in files ---- */
+
+/* Of all that a fresh depends on, but for the server's own code. */
+static uint64_t key_of(const struct bench *b, const struct state *state, unsigned seed) {
+    char text[2048];
+    const int length = snprintf(text, sizeof text, "%s\n%s\n%d\n%u\n%s\n%s\n%" PRId64 "\n%zu\n%" PRIu32,
+                                b->scene, state->text, state->undone, seed, b->daemon_options, FRESH_OPTIONS,
+                                b->fresh_frames, b->texel_count, b->map.tile_count);
+    if (length < 0 || (size_t)length >= sizeof text)
+        give_up("the scene's and the update's names are too long");
+    return XXH3_64bits(text, (size_t)length);
+}
+
+static enum lw_status read_fresh(const struct bench *b, const char *path, uint64_t key, struct fresh *out,
+                                 struct lw_error *err) {
+    struct lw_checked_file_reader file;
+    struct fresh_header header;
+    enum lw_status status = lw_checked_file_read_begin(&file, path, &fresh_kind, "fresh light", err);
+    if (status == LW_OK) status = lw_checked_file_take(&file, &header, sizeof header);
+    if (status == LW_OK && header.key != key)
+        status = lw_status_fail(
+            err, LW_BAD_DATA, "%s: holds the light of something else (key %016" PRIx64 ")", path, header.key);
+    if (status == LW_OK)
+        status = lw_checked_file_take(&file, out->light, CHANNELS * b->texel_count * sizeof *out->light);
+    if (status == LW_OK) status = lw_checked_file_take(&file, out->shown, b->texel_count);
+    if (status == LW_OK) status = lw_checked_file_take(&file, out->wanted, b->map.tile_count);
+    if (status == LW_OK && file.left)
+        status = lw_status_fail(err, LW_BAD_DATA, "%s: has %" PRIu64 " bytes too many", path, file.left);
+    lw_checked_file_read_end(&file);
+    return status;
+}
+
+static enum lw_status write_fresh(const struct bench *b, const char *path, uint64_t key,
+                                  const struct fresh *fresh, struct lw_error *err) {
+    struct lw_checked_file_writer file;
+    enum lw_status status = lw_checked_file_write_begin(&file, path, err);
+    if (status != LW_OK) return status;
+    lw_checked_file_put(&file, &(struct fresh_header){fresh_kind, key}, sizeof(struct fresh_header));
+    lw_checked_file_put(&file, fresh->light, CHANNELS * b->texel_count * sizeof *fresh->light);
+    lw_checked_file_put(&file, fresh->shown, b->texel_count);
+    lw_checked_file_put(&file, fresh->wanted, b->map.tile_count);
+    return lw_checked_file_write_end(&file);
+}
+
+static enum lw_status make_folder(const char *path, struct lw_error *err) {
+    if ((mkdir(path, 0777) != 0 && errno != EEXIST) || access(path, W_OK | X_OK) != 0)
+        return lw_status_fail(err, LW_CANNOT_CREATE, "--truth %s: %m", path);
+    return LW_OK;
+}
+
+/* From its file, if there is one; otherwise solved, and kept if --truth says so. */
+static void get_fresh(const struct bench *b, const struct state *state, unsigned seed, struct fresh *out) {
+    char path[512];
+    struct lw_error err = {0};
+    if (!b->truth) {
+        solve_fresh(b, state, seed, out);
+        return;
+    }
+    const uint64_t key = key_of(b, state, seed);
+    if ((size_t)snprintf(path, sizeof path, "%s/%016" PRIx64 ".fresh", b->truth, key) >= sizeof path)
+        give_up("--truth is too long");
+    if (access(path, F_OK) == 0) {
+        must(read_fresh(b, path, key, out, &err), &err);
+    } else {
+        solve_fresh(b, state, seed, out);
+        must(write_fresh(b, path, key, out, &err), &err);
+    }
+}
+
+/* Its light, and what it shows and wants beside what is shown and wanted already. */
+static void add_fresh(struct bench *b, const struct state *state, unsigned seed, float *out_light) {
+    struct fresh fresh = {out_light, room(b->texel_count, sizeof *fresh.shown),
+                          room(b->map.tile_count, sizeof *fresh.wanted)};
+    get_fresh(b, state, seed, &fresh);
+    for (size_t i = 0; i < b->texel_count; i++) b->shown[i] |= fresh.shown[i];
+    for (uint32_t t = 0; t < b->map.tile_count; t++) b->wanted[t] |= fresh.wanted[t];
+    free(fresh.shown);
+    free(fresh.wanted);
 }
 
 /* ---- updates ---- */
@@ -624,9 +743,10 @@ static void measure(struct bench *b, const char *text, bool first) {
     struct lw_scene_change change;
     struct outcome outcome[UPDATES_MAX];
     struct lw_client_stats stats;
+    read_update(b, lw_client_scene(b->introduced), text, &change);
     for (unsigned i = 0; i < 2; i++) {
-        solve_fresh(b, text, true, 2 + i, &b->before[i], &change);
-        solve_fresh(b, text, false, 2 + i, &b->after[i], &change);
+        add_fresh(b, &(struct state){text, &change, true}, 2 + i, b->before[i]);
+        add_fresh(b, &(struct state){text, &change, false}, 2 + i, b->after[i]);
     }
     weigh(b);
     find_touched(b);
@@ -668,6 +788,11 @@ int main(int argc, char **argv) {
          LW_OPTION_INT, &b.fresh_frames, 1, 1e6, NULL},
         {"daemon", "OPTIONS", "for lightwelld, separated by blanks (default: none)", LW_OPTION_STRING,
          &b.daemon_options, 0, 0, NULL},
+        {"truth", "FOLDER",
+         "keep the light to compare with there, and take it from there where it was kept by a run of the "
+         "same "
+         "SCENE, CAMERA COMMAND, --fresh and --daemon (default: solve it in every run)",
+         LW_OPTION_STRING, &b.truth, 0, 0, NULL},
         {"json", NULL, "print one JSON object", LW_OPTION_FLAG, &b.json, 0, 0, NULL},
     };
     const struct lw_options options = {.program = "bench_latency",
@@ -686,6 +811,8 @@ int main(int argc, char **argv) {
     b.scene = argument[0];
     const char *const *update = count ? argument + 1 : atrium;
     const size_t updates = count ? count - 1 : sizeof atrium / sizeof *atrium;
+    if (b.truth) must(make_folder(b.truth, &err), &err);
+    introduce(&b);
     print_head(&b);
     for (size_t i = 0; i < updates; i++) measure(&b, update[i], i == 0);
     if (b.json) printf("]}\n");
