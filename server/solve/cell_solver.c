@@ -170,6 +170,21 @@ static bool is_time_over(const struct cell_solver *s, uint64_t began_ns, bool fo
     return is_hurried(s) && (double)(lw_clock_ns() - began_ns) > budgets * s->budget_s * 1e9;
 }
 
+static bool settled(const struct cell_solver *s, const struct lw_solve_block *block) {
+    return (block->frames >= LW_CELL_SOLVER_FRAMES_MIN && block->error <= s->desc.target_error &&
+            !lw_change_is_stale(block, s->desc.target_error)) ||
+           (s->desc.frames_max && block->frames >= s->desc.frames_max);
+}
+
+/* Of a block that the frame has not solved. */
+static bool may_rest(const struct cell_solver *s, const struct lw_solve_tile *tile,
+                     const struct lw_solve_block *block) {
+    return block->covered_count == 0 || tile->hidden || settled(s, block);
+}
+
+/* A block at rest whose light has been corrected rests on with so many times its target error: less of the light, and it is noisier. */
+#define RESTS_ON 1.5f
+
 /* What the blocks of a tile that have woken are together. */
 static void note_woken(struct lw_solve_tile *tile) {
     double square = 0;
@@ -218,8 +233,12 @@ static void find_change(struct cell_solver *s, const struct lw_passes *passes,
         }
         if (more) tile->corrected |= lw_passes_compare(passes, tile, &count);
         tile->corrected |= lw_correction_indirect(&s->tiles, tile, s->desc.target_error, true);
+        if (tile->corrected) lw_passes_judge(passes, tile);
         LW_TILES_EACH_BLOCK (tile, block) {
-            if (block->covered_count) lw_change_wake(block, s->desc.target_error, hurried);
+            if (!block->covered_count) continue;
+            lw_change_wake(block, s->desc.target_error, hurried);
+            if (tile->corrected && block->error > RESTS_ON * s->desc.target_error)
+                block->resting = block->resting && may_rest(s, tile, block);
         }
         note_woken(tile);
         if (tile->woken) __atomic_store_n(&found, true, __ATOMIC_RELAXED);
@@ -377,18 +396,6 @@ static void run_finish(struct cell_solver *s, const struct lw_passes *passes, ui
         shown += tile->solved_frame == frame;
     }
     stats->tiles_shown = shown;
-}
-
-static bool settled(const struct cell_solver *s, const struct lw_solve_block *block) {
-    return (block->frames >= LW_CELL_SOLVER_FRAMES_MIN && block->error <= s->desc.target_error &&
-            !lw_change_is_stale(block, s->desc.target_error)) ||
-           (s->desc.frames_max && block->frames >= s->desc.frames_max);
-}
-
-/* Of a block that the frame has not solved. */
-static bool may_rest(const struct cell_solver *s, const struct lw_solve_tile *tile,
-                     const struct lw_solve_block *block) {
-    return block->covered_count == 0 || tile->hidden || settled(s, block);
 }
 
 /* Blocks whose error is low enough rest until their light changes. */

@@ -37,7 +37,8 @@ enum { LW_CHANGE_FIRST, LW_CHANGE_LATER, LW_CHANGE_ORDERS };
 
 /* What the texels of a packet have found; E in W/m^2. */
 struct lw_change_packet {
-    float direct_square; /* sum of squared differences of direct light; of the channel that differs most */
+    float direct_square;   /* sum of squared differences of direct light; of the channel that differs most */
+    struct lw_vec3 direct; /* mean by which direct light was corrected */
     struct lw_vec3 indirect[LW_CHANGE_ORDERS][LW_CHANGE_REGIONS]; /* sum of differences */
     float indirect_square[LW_CHANGE_REGIONS]; /* sum of the squared lengths of both orders' together */
 };

@@ -14,6 +14,16 @@
 #define TAKEN_OF_TARGET 0.25f
 #define SHOWN_MIN       2e-2f
 
+/* Packets of the surface whose first is `first`. */
+#define EACH_PACKET(block, first, set)                                                                       \
+    for (uint32_t set = (first); set < (first) + (block)->packet[first].group; set++)
+#define EACH_SURFACE(block, first)                                                                           \
+    for (uint32_t first = 0; first < (block)->packet_count; first += (block)->packet[first].group)
+
+static float most(struct lw_vec3 v) { return fmaxf(v.x, fmaxf(v.y, v.z)); }
+
+static float most_square(struct lw_vec3 v) { return most(lw_vec3_mul(v, v)); }
+
 static float luminance(float r, float g, float b) { return lw_colour_luminance(lw_vec3(r, g, b)); }
 
 /* ---- direct light ---- */
@@ -53,16 +63,82 @@ static void add_direct(struct lw_tiles *tiles, struct lw_solve_block *block, uin
     block->luminance += (double)brighter;
 }
 
-float lw_correction_direct(struct lw_tiles *tiles, const struct lw_solve_tile *tile,
-                           struct lw_solve_block *block, const struct lw_launch *launch,
-                           const struct lw_vec3 off[LW_TRACE_WIDTH]) {
+void lw_correction_direct(struct lw_tiles *tiles, const struct lw_solve_tile *tile,
+                          struct lw_solve_block *block, uint32_t set, const struct lw_launch *launch,
+                          const struct lw_vec3 off[LW_TRACE_WIDTH]) {
     const uint32_t lanes = (uint32_t)__builtin_popcount(launch->active);
-    float most = 0;
-    for (uint32_t lane = 0; lane < lanes; lane++)
+    struct lw_change_packet *packet = &block->change.packet[set];
+    packet->direct = lw_vec3(0, 0, 0);
+    packet->direct_square = 0;
+    for (uint32_t lane = 0; lane < lanes; lane++) {
         add_direct(tiles, block, tile->first + launch->texel[lane], off[lane]);
-    for (int c = 0; c < 3; c++) most = fmaxf(most, roughness(tile, launch, off, lanes, c));
+        packet->direct = lw_vec3_mad(packet->direct, off[lane], 1 / (float)lanes);
+    }
+    for (int c = 0; c < 3; c++)
+        packet->direct_square = fmaxf(packet->direct_square, roughness(tile, launch, off, lanes, c));
     block->unseen = true;
-    return most;
+}
+
+/* Variance of what the packets of a surface were corrected by, of the channel in which it is most. */
+static float variance_of(const struct lw_solve_block *block, uint32_t first) {
+    const float n = block->packet[first].group;
+    struct lw_vec3 mean = {0}, square = {0};
+    EACH_PACKET(block, first, set) mean = lw_vec3_mad(mean, block->change.packet[set].direct, 1 / n);
+    EACH_PACKET(block, first, set) {
+        const struct lw_vec3 off = lw_vec3_sub(block->change.packet[set].direct, mean);
+        square = lw_vec3_mad(square, lw_vec3_mul(off, off), 1 / fmaxf(n - 1, 1));
+    }
+    return most(square);
+}
+
+static bool was_corrected(const struct lw_solve_block *block) {
+    return block->packet_count && block->change.direct == lw_change_all_packets(block);
+}
+
+/* What a tile's packets were corrected by: the mean square of a texel; of the squares, the share that is in doubt where packets lie among
+ * others. */
+struct doubt {
+    float square, share;
+};
+
+static struct doubt doubt_of(const struct lw_solve_tile *tile) {
+    double square = 0, texels = 0, among = 0, variance = 0;
+    LW_TILES_EACH_BLOCK (tile, block) {
+        if (was_corrected(block)) EACH_SURFACE(block, first) {
+                const uint32_t n = block->packet[first].group;
+                if (n > 1) variance += n * (double)variance_of(block, first);
+                EACH_PACKET(block, first, set) {
+                    const double own = (double)most_square(block->change.packet[set].direct);
+                    if (n > 1) among += own;
+                    square += block->packet[set].count * own;
+                    texels += block->packet[set].count;
+                }
+            }
+    }
+    return (struct doubt){.square = texels > 0 ? (float)(square / texels) : 0,
+                          .share = among > 0 ? (float)fmin(1, variance / among) : 1};
+}
+
+/* What changes may be missed by samples that are as noisy as the block's are, but is not more than the tile has changed elsewhere. */
+static float may_be_missed(const struct lw_solve_block *block, const struct doubt *doubt) {
+    const float noise = block->noise[LW_TILES_DIRECT];
+    return noise < 0 ? doubt->square : fminf(noise * block->light * block->light, doubt->square);
+}
+
+void lw_correction_doubt_direct(struct lw_solve_tile *tile) {
+    const struct doubt doubt = doubt_of(tile);
+    LW_TILES_EACH_BLOCK (tile, block) {
+        const float missed = may_be_missed(block, &doubt);
+        if (was_corrected(block)) EACH_SURFACE(block, first) {
+                const bool alone = block->packet[first].group < 2;
+                const float variance = variance_of(block, first);
+                EACH_PACKET(block, first, set) {
+                    struct lw_change_packet *packet = &block->change.packet[set];
+                    const float off = alone ? doubt.share * most_square(packet->direct) : variance;
+                    packet->direct_square += block->packet[set].count * fmaxf(off, missed);
+                }
+            }
+    }
 }
 
 /* ---- indirect light: what is known ---- */
@@ -78,12 +154,6 @@ static void count_lanes(const struct lw_packet *packet, uint32_t lanes[LW_CHANGE
     for (uint32_t lane = 0; lane < packet->count; lane++)
         lanes[lw_change_region(packet->texel[lane] % LW_TILE_BLOCK, packet->texel[lane] / LW_TILE_BLOCK)]++;
 }
-
-/* Packets of the surface whose first is `first`. */
-#define EACH_PACKET(block, first, set)                                                                       \
-    for (uint32_t set = (first); set < (first) + (block)->packet[first].group; set++)
-#define EACH_SURFACE(block, first)                                                                           \
-    for (uint32_t first = 0; first < (block)->packet_count; first += (block)->packet[first].group)
 
 static struct finding find(const struct lw_solve_block *block, uint32_t first) {
     struct finding f = {.lanes = {0}};
@@ -209,16 +279,20 @@ static float shifted(float value, float shift, double light, uint32_t texels) {
     return left > 0 ? value * (float)(left / light) : 0;
 }
 
+/* Under this share of what they become, a texel's later bounces do not tell how that is to be shared out among them. */
+#define SHARED_MIN 1e-6f
+
 /* Returns by how much the texel is brighter. */
 static float shift_texel(struct lw_tiles *tiles, uint32_t texel, int c, const struct sum *sum,
                          const float shift[LW_CHANGE_ORDERS]) {
     const float first = tiles->order[0][c][texel], later = later_of(tiles, c, texel),
                 first_now = shifted(first, shift[LW_CHANGE_FIRST], sum->light[LW_CHANGE_FIRST], sum->texels),
                 later_now = shifted(later, shift[LW_CHANGE_LATER], sum->light[LW_CHANGE_LATER], sum->texels);
+    const bool shared = later > 0 && later >= SHARED_MIN * later_now;
     tiles->order[0][c][texel] = first_now;
     for (uint32_t k = 1; k < tiles->bounces; k++) {
         float *light = &tiles->order[k][c][texel];
-        *light = later > 0 ? *light * (later_now / later) : k == 1 ? later_now : 0;
+        *light = shared ? *light * (later_now / later) : k == 1 ? later_now : 0;
     }
     tiles->indirect[c][texel] += first_now - first + later_now - later;
     return first_now - first + later_now - later;

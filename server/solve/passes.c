@@ -252,6 +252,12 @@ static uint32_t quarter_of(const struct lw_solve_tile *tile, uint32_t texel) {
 
 static float most_of(struct lw_vec3 v) { return fmaxf(fabsf(v.x), fmaxf(fabsf(v.y), fabsf(v.z))); }
 
+/* An estimate beyond float's range is in no mean (blend()), and tells nothing. */
+static struct lw_vec3 difference(struct lw_vec3 now, struct lw_vec3 then) {
+    const struct lw_vec3 off = lw_vec3_sub(now, then);
+    return lw_vec3_is_finite(off) ? off : lw_vec3(0, 0, 0);
+}
+
 /* Takes the samples of direct light of a packet's last solve again. Needs the site's frame. */
 static void repeat_direct(const struct lw_passes *p, const struct lw_solve_tile *tile,
                           struct lw_launch *launch, struct lw_launch_site *site, float out_direct[3][LANES],
@@ -295,18 +301,20 @@ static bool compare_direct(const struct lw_passes *p, const struct lw_solve_tile
     *square = 0;
     for (uint32_t lane = 0; lane < lanes; lane++) {
         const uint32_t texel = tile->first + launch->texel[lane];
-        off[lane] = lw_vec3_sub(lw_vec3(direct[0][lane], direct[1][lane], direct[2][lane]),
-                                lw_texels_vector(p->tiles->estimate[LW_TILES_ESTIMATE_DIRECT], texel));
+        off[lane] = difference(lw_vec3(direct[0][lane], direct[1][lane], direct[2][lane]),
+                               lw_texels_vector(p->tiles->estimate[LW_TILES_ESTIMATE_DIRECT], texel));
         *square += most_of(off[lane]) * most_of(off[lane]);
     }
+    block->change.packet[set].direct = lw_vec3(0, 0, 0);
     if (!all || !(*square > 0)) return false;
-    *square = lw_correction_direct(p->tiles, tile, block, launch, off);
+    lw_correction_direct(p->tiles, tile, block, set, launch, off);
     return true;
 }
 
 static void compare_indirect(const struct lw_passes *p, const struct lw_solve_tile *tile,
                              struct lw_solve_block *block, uint32_t set, const struct lw_launch *launch) {
-    struct lw_change_packet found = {.direct_square = block->change.packet[set].direct_square};
+    struct lw_change_packet found = {.direct_square = block->change.packet[set].direct_square,
+                                     .direct = block->change.packet[set].direct};
     const uint32_t lanes = (uint32_t)__builtin_popcount(launch->active);
     struct lw_vec3 off[LANES], of_order[LW_CHANGE_ORDERS][LANES];
     float sum = 0;
@@ -315,8 +323,8 @@ static void compare_indirect(const struct lw_passes *p, const struct lw_solve_ti
         off[lane] = lw_vec3(0, 0, 0);
         for (int order = 0; order < LW_CHANGE_ORDERS; order++) {
             of_order[order][lane] =
-                lw_vec3_sub(gather_order(p, texel, order),
-                            lw_texels_vector(p->tiles->estimate[LW_TILES_ESTIMATE_BOUNCES + order], texel));
+                difference(gather_order(p, texel, order),
+                           lw_texels_vector(p->tiles->estimate[LW_TILES_ESTIMATE_BOUNCES + order], texel));
             off[lane] = lw_vec3_add(off[lane], of_order[order][lane]);
         }
         sum += most_of(off[lane]);
@@ -356,6 +364,7 @@ bool lw_passes_compare(const struct lw_passes *p, struct lw_solve_tile *tile, st
             if (change->compare & bit) compare_indirect(p, tile, block, set, &launch);
         }
     }
+    if (corrected) lw_correction_doubt_direct(tile);
     return corrected;
 }
 

@@ -170,20 +170,163 @@ static void test_direct_light(void **state) {
         square += edge[lane].y * edge[lane].y;
     }
     const struct sums before = add_up(&lit);
-    const float even = lw_correction_direct(lit.tiles, lit.tile, lit.block, &launch, slope);
+    const struct lw_change_packet *found = &lit.block->change.packet[0];
+    lw_correction_direct(lit.tiles, lit.tile, lit.block, 0, &launch, slope);
     const struct sums after = add_up(&lit);
-    assert_true(even < 1e-3f * square);
+    assert_true(found->direct_square < 1e-3f * square);
     expect_near(after.direct[1] - before.direct[1], 0.1 * LW_TRACE_WIDTH, 1e-3);
-    const float rough = lw_correction_direct(lit.tiles, lit.tile, lit.block, &launch, edge);
-    assert_true(rough > 0.05f * square && rough < square);
-    lw_correction_direct(lit.tiles, lit.tile, lit.block, &launch, gone);
+    lw_correction_direct(lit.tiles, lit.tile, lit.block, 0, &launch, edge);
+    assert_true(found->direct_square > 0.05f * square && found->direct_square < square);
+    lw_correction_direct(lit.tiles, lit.tile, lit.block, 0, &launch, gone);
     assert_true(add_up(&lit).least >= 0);
     room_finish(&lit.s);
 }
 
+/* Packets that lie among each other see the same light: what they differ by is chance. */
+static void test_packets_that_differ(void **state) {
+    (void)state;
+    struct lit lit;
+    struct lw_launch launch;
+    struct lw_vec3 off[LW_TRACE_WIDTH];
+    light_room(&lit);
+    for (int differ = 0; differ < 2; differ++) {
+        float doubt = 0;
+        lit.block->change.direct = lw_change_all_packets(lit.block);
+        lit.block->noise[LW_TILES_DIRECT] = 0;
+        for (uint32_t set = 0; set < lit.block->packet_count; set++) {
+            const float x = differ && set % 2 ? 0 : 0.2f;
+            for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) off[lane] = lw_vec3(0, x, 0);
+            lw_launch_init(&launch, lit.tile, lit.block, set);
+            lw_correction_direct(lit.tiles, lit.tile, lit.block, set, &launch, off);
+        }
+        lw_correction_doubt_direct(lit.tile);
+        for (uint32_t set = 0; set < lit.block->packet_count; set++)
+            doubt += lit.block->change.packet[set].direct_square;
+        const double variance = differ ? 0.01 : 0; /* of 0 and 0.2 */
+        if (fabs((double)doubt / texels(&lit) - variance) > 0.1 * variance + 1e-6)
+            fail_msg("%g W/m^2 in doubt", sqrt((double)doubt / texels(&lit)));
+    }
+    room_finish(&lit.s);
+}
+
+/* Samples as noisy as the light is bright may all have missed what the rest of the tile has seen change. */
+static void test_what_may_be_missed(void **state) {
+    (void)state;
+    struct lit lit;
+    struct lw_launch launch;
+    struct lw_vec3 off[LW_TRACE_WIDTH];
+    light_room(&lit);
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) off[lane] = lw_vec3(0.2f, 0, 0);
+    for (int noisy = 0; noisy < 2; noisy++) {
+        LW_TILES_EACH_BLOCK (lit.tile, block) {
+            block->change.direct = lw_change_all_packets(block);
+            block->noise[LW_TILES_DIRECT] = noisy ? 1 : 0;
+            memset(block->change.packet, 0, sizeof block->change.packet);
+            for (uint32_t set = 0; block != lit.block && set < block->packet_count; set++) {
+                lw_launch_init(&launch, lit.tile, block, set);
+                lw_correction_direct(lit.tiles, lit.tile, block, set, &launch, off);
+            }
+        }
+        lw_correction_doubt_direct(lit.tile);
+        const float doubt = lit.block->change.packet[0].direct_square / LW_TRACE_WIDTH;
+        if (noisy)
+            assert_true(doubt > 0.02f && doubt < 0.04f);
+        else
+            assert_true(doubt == 0);
+    }
+    room_finish(&lit.s);
+}
+
+/* Light that has all but gone is no measure for how what comes is shared out. */
+static void test_light_from_next_to_none(void **state) {
+    (void)state;
+    struct lit lit;
+    light_room(&lit);
+    for (uint32_t i = 0; i < lit.tile->width * lit.tile->height; i++)
+        for (int c = 0; c < 3; c++) {
+            lit.tiles->order[1][c][lit.tile->first + i] = 2e-38f;
+            lit.tiles->order[2][c][lit.tile->first + i] = 0;
+        }
+    const struct sums before = add_up(&lit);
+    find(&lit, 0, 10, 0);
+    assert_true(lw_correction_indirect(lit.tiles, lit.tile, 0.02f, true));
+    const struct sums after = add_up(&lit);
+    for (int c = 0; c < 3; c++) {
+        expect_near(after.indirect[c] - before.indirect[c], 10 * texels(&lit), 1e-3);
+        expect_near(after.order[1][c] + after.order[2][c], 10 * texels(&lit), 1e-3);
+    }
+    room_finish(&lit.s);
+}
+
+static void light_until_rest(struct room_solution *s, uint64_t *frame) {
+    struct lw_error err = {0};
+    for (unsigned idle = 0, i = 0; idle < 20; i++) {
+        lw_support_ok(s->solver->ops->frame(s->solver, &s->pose, ++*frame, &s->stats, &err), &err);
+        idle = s->stats.tiles_solved ? 0 : idle + 1;
+        assert_true(i < 5000);
+    }
+}
+
+#define LAMPS 81u
+
+static float lamp_intensity(uint32_t lamp, bool on) { return lamp % 2 ? 0.01f : on ? 0.2f : 0; }
+
+/* Many lamps, half of which may be on: a sample of direct light is of one of them, and tells nothing of the others. */
+static struct room make_room_of_lamps(bool on) {
+    struct room room = {.texels_per_metre = 3};
+    room_box(&room, lw_vec3(2, 2, 2), 0.3f, 0);
+    for (room.light_count = 0; room.light_count < LAMPS; room.light_count++) {
+        const float x = 0.2f + 0.2f * (float)(room.light_count % 9),
+                    z = 0.2f + 0.2f * (float)(room.light_count / 9);
+        const float intensity = lamp_intensity(room.light_count, on);
+        room.light[room.light_count] =
+            (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {intensity, intensity, intensity}};
+        room.light_position[room.light_count] = lw_vec3(x, 1.8f, z);
+    }
+    return room;
+}
+
+static void test_lights_that_come_and_go(void **state) {
+    (void)state;
+    struct room_solution right[2], s;
+    uint64_t frame = 0;
+    for (int on = 0; on < 2; on++) {
+        const struct room room = make_room_of_lamps(on);
+        room_solve(&right[on], &room, (struct lw_solver_desc){.bounces = 2, .target_error = -1}, 400);
+    }
+    struct room room = make_room_of_lamps(true);
+    room_solve_layers(&s, room_scene(&room), room.texels_per_metre,
+                      (struct lw_solver_desc){.bounces = 2,
+                                              .target_error = 0.05f,
+                                              .denoise = true,
+                                              .frame_budget_s = 1e3,
+                                              .indirect_samples = 2},
+                      NULL, 0);
+    for (unsigned cycle = 0; cycle < 20; cycle++)
+        for (int on = 1; on >= 0; on--) {
+            for (uint32_t i = 0; i < LAMPS; i++) {
+                const float intensity = lamp_intensity(i, on);
+                s.pose.light[i].intensity = lw_vec3(intensity, intensity, intensity);
+            }
+            light_until_rest(&s, &frame);
+            for (uint32_t o = 0; o < room.quad_count; o++) {
+                const struct room_mean is = room_object_mean(&s, o), be = room_object_mean(&right[on], o);
+                if (!(fabs(is.total - be.total) < 0.05 * be.total))
+                    fail_msg("cycle %u, half of the lamps %s, side %u: direct %.4f, indirect %.4f, but for "
+                             "%.4f, %.4f",
+                             cycle, on ? "on" : "off", o, is.direct, is.indirect, be.direct, be.indirect);
+            }
+        }
+    room_finish(&s);
+    room_finish(&right[1]);
+    room_finish(&right[0]);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_light_that_comes), cmocka_unit_test(test_light_that_goes),
-        cmocka_unit_test(test_noise_is_left), cmocka_unit_test(test_direct_light)};
+        cmocka_unit_test(test_light_that_comes),        cmocka_unit_test(test_light_that_goes),
+        cmocka_unit_test(test_noise_is_left),           cmocka_unit_test(test_direct_light),
+        cmocka_unit_test(test_packets_that_differ),     cmocka_unit_test(test_what_may_be_missed),
+        cmocka_unit_test(test_light_from_next_to_none), cmocka_unit_test(test_lights_that_come_and_go)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

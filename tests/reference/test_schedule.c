@@ -314,7 +314,7 @@ static void test_a_round_in_many_frames(void **state) {
     const double before = room_object_mean(&s, 6 + FLOOR).direct;
     dim(&s, 1, 2);
     solve_on(&s, &frame, 1);
-    assert_true(s.stats.tiles_shown > 0 && s.stats.tiles_shown <= s.stats.tiles_solved);
+    assert_true(s.stats.tiles_shown > 0 && s.stats.tiles_shown < tiles); /* corrected, or solved */
     solve_on(&s, &frame, 2 * tiles);
     expect_near(room_object_mean(&s, 6 + FLOOR).direct, 2 * before, 0.01);
     room_finish(&s);
