@@ -1,0 +1,94 @@
+/* latency_light.h: what bench_latency judges light by: fresh light of the states before and after a change, and how far other light has come.
+ * Flow:    scene, camera -> introduce, look from -> [states -> fresh servers or kept files -> pair] -> judge -> p, error of a client's light
+ * Threads: main() only. What fails ends the program, and says why.
+ *
+ * Light is read at level LW_ATLAS_READ_MAX, or at the coarsest level of objects that have fewer: LATENCY_CHANNELS values per texel,
+ * object by object. It is judged in squares of 4 x 4 texels: d is the sum over those of a square's texels that the picture shows of what is in
+ * brackets, each value times w: one over the texel's mean light before and after (plus the median's of all, in the square), what is over twice that
+ * light being clipped. */
+#ifndef LW_TESTS_BENCH_LATENCY_LIGHT_H
+#define LW_TESTS_BENCH_LATENCY_LIGHT_H
+
+#include "tests/support/process.h"
+
+#include "client/view/camera.h"
+#include "lightwell/client.h"
+
+#define LATENCY_CHANNELS    3u
+#define LATENCY_POLL_MS     100u
+#define LATENCY_LIMIT_NS    240000000000ull /* for the light to settle */
+#define LATENCY_PATIENCE_NS 120000000000ull /* for the scene, for the first light, for an answer */
+
+/* Zeroed but for what is asked for. */
+struct latency_light {
+    /* what is asked for */
+    const char *scene, *daemon_options;
+    const char *truth; /* a folder for fresh light; NULL: one for this run */
+    int64_t fresh_frames;
+    /* of the scene */
+    struct lw_client *introduced; /* by a server that has ended: has the scene */
+    struct lw_camera_view camera;
+    struct lw_atlas_map map;
+    size_t texel_count;
+    size_t *first;    /* texel of each object */
+    uint32_t *square; /* of each texel */
+    size_t square_count;
+    uint8_t *wanted; /* per tile: by the pictures of all states so far */
+    /* of the pair that is judged by */
+    const struct latency_pair *pair;
+    double agreement;             /* cosine of E1 - E0 and E1' - E0' */
+    double *change[2], *progress; /* E1 - E0, E1' - E0', a client's E - E0: d of them */
+    float *weight, *most;         /* w, 0 where nothing is shown; what light is clipped at */
+};
+
+/* A state of the scene. */
+struct latency_state {
+    const char *text;                     /* that tells it from others, with the camera */
+    double time_s;                        /* that the animation is held at; `text` has it where it is not 0 */
+    const struct lw_scene_change *change; /* that leads to it; NULL: none */
+    bool undone;                          /* made and taken back */
+};
+
+/* Light on both sides of a change, by two seeds: E0 and E0', E1 and E1'. */
+struct latency_pair {
+    float *before[2], *after[2];
+    uint8_t *shown; /* per texel: in a picture of either state */
+};
+
+void latency_must(enum lw_status status, struct lw_error *err);
+_Noreturn void latency_give_up(const char *what);
+/** calloc() that never fails. */
+void *latency_room(size_t count, size_t size);
+
+/** Hears of the scene from a server that nothing is wanted of. */
+void latency_light_introduce(struct latency_light *l);
+const struct lw_scene *latency_light_scene(const struct latency_light *l);
+/** The level that an object's light is read at. */
+uint32_t latency_light_level(const struct latency_light *l, uint32_t object);
+/** Looks from a camera of the scene, where the pose has it, or from a place as --camera of lightwell-view has it. */
+void latency_light_look_from(struct latency_light *l, const struct lw_pose *pose, const char *camera);
+
+/** Starts a server of the scene with --daemon's options behind these. */
+void latency_light_serve(const struct latency_light *l, const char *options, struct lw_process *out_server);
+/** Starts one, and a client of it that has its first light, and from then on wants what the pictures of all states so far take. */
+void latency_light_watch(const struct latency_light *l, const char *options, struct lw_process *out_server,
+                         struct lw_client **out_client);
+void latency_light_poll(struct lw_client *client, unsigned ms, struct lw_client_stats *out_stats);
+void latency_light_read(const struct latency_light *l, const struct lw_client *client, float *out);
+
+/** Has both states' light, from the folder for it or else by servers that know nothing else. */
+void latency_light_solve(struct latency_light *l, const struct latency_state *before,
+                         const struct latency_state *after, struct latency_pair *out_pair);
+void latency_pair_finish(struct latency_pair *pair);
+
+/** Judges by a pair, which must stay, from now on. */
+void latency_light_judge(struct latency_light *l, const struct latency_pair *pair);
+/** p(E) = sum d(E - E0) d(E1' - E0') / sum d(E1 - E0) d(E1' - E0'): 0 for light as before, 1 for light as after. */
+double latency_light_share(struct latency_light *l, const float *light);
+/** d(E - E1), or by the other seed d(E - E1'): LATENCY_CHANNELS values per square. */
+void latency_light_rest(const struct latency_light *l, const float *light, unsigned seed, double *out);
+/** The sum of the products of two rests, relative to sum d(E1 - E0) d(E1' - E0'). Of one light by both seeds: its mean squared error, 1 for light as
+ * before, 0 for light as after, and the seeds' noise is not in it. Of two lights whose noise differs: theirs is not in it either. */
+double latency_light_error(const struct latency_light *l, const double *rest, const double *other);
+
+#endif
