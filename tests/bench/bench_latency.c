@@ -393,6 +393,10 @@ static void measure_updates(struct bench *b, const char *const *update, size_t c
     print_head(b);
     for (size_t i = 0; i < count; i++) measure(b, update[i], i == 0);
     if (b->json) printf("]}\n");
+    free(b->touched);
+    free(b->version);
+    free(b->now);
+    free(b->moment);
 }
 
 int main(int argc, char **argv) {
@@ -458,5 +462,6 @@ int main(int argc, char **argv) {
         measure_updates(&b, argument + 1, count - 1);
     else
         measure_updates(&b, atrium, sizeof atrium / sizeof *atrium);
+    latency_light_finish(&b.light);
     return 0;
 }

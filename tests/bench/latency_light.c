@@ -278,14 +278,29 @@ void latency_light_introduce(struct latency_light *l) {
     struct lw_process server;
     struct lw_client_stats stats;
     struct lw_error err = {0};
-    if (!l->truth) l->truth = strdup(lw_support_temporary("truth"));
-    if (!l->truth) latency_give_up("no memory");
+    if (!l->truth) {
+        snprintf(l->folder, sizeof l->folder, "%s", lw_support_temporary("truth"));
+        l->truth = l->folder;
+    }
     latency_must(make_folder(l->truth, &err), &err);
     latency_light_serve(l, "--freeze 0", &server);
     l->introduced = join(server.port, true);
     while (!latency_light_scene(l)) latency_light_poll(l->introduced, LATENCY_POLL_MS, &stats);
     (void)lw_process_stop(&server, SIGTERM, 30);
     lay_out(l, latency_light_scene(l));
+}
+
+void latency_light_finish(struct latency_light *l) {
+    lw_client_destroy(l->introduced);
+    lw_atlas_map_finish(&l->map);
+    free(l->first);
+    free(l->square);
+    free(l->wanted);
+    for (int k = 0; k < 2; k++) free(l->change[k]);
+    free(l->progress);
+    free(l->weight);
+    free(l->most);
+    *l = (struct latency_light){0};
 }
 
 const struct lw_scene *latency_light_scene(const struct latency_light *l) {

@@ -19,7 +19,7 @@
 #define LATENCY_LIMIT_NS    240000000000ull /* for the light to settle */
 #define LATENCY_PATIENCE_NS 120000000000ull /* for the scene, for the first light, for an answer */
 
-/* Zeroed but for what is asked for. */
+/* Zeroed but for what is asked for, then introduced, used and finished. */
 struct latency_light {
     /* what is asked for */
     const char *scene, *daemon_options;
@@ -27,6 +27,7 @@ struct latency_light {
     int64_t fresh_frames;
     /* of the scene */
     struct lw_client *introduced; /* by a server that has ended: has the scene */
+    char folder[128];             /* for this run */
     struct lw_camera_view camera;
     struct lw_atlas_map map;
     size_t texel_count;
@@ -62,6 +63,7 @@ void *latency_room(size_t count, size_t size);
 
 /** Hears of the scene from a server that nothing is wanted of. */
 void latency_light_introduce(struct latency_light *l);
+void latency_light_finish(struct latency_light *l);
 const struct lw_scene *latency_light_scene(const struct latency_light *l);
 /** The level that an object's light is read at. */
 uint32_t latency_light_level(const struct latency_light *l, uint32_t object);
