@@ -20,6 +20,8 @@
 #define ASKING_SHARE  0.5
 #define SEARCH_SHARE  1.0
 #define SOLVING_SHARE 0.5
+/* While lights keep moving: what goes into correcting what they light. */
+#define SWEEP_SHARE 0.5
 
 struct cell_solver {
     struct lw_solver base;
@@ -40,9 +42,15 @@ struct cell_solver {
     struct lw_progress *progress; /* of the first frame, which may be long; else NULL */
     struct lw_schedule schedule;
     uint32_t frames, frames_since_move;
-    uint32_t moves;            /* frames in which something had moved */
-    uint32_t began;            /* of these, the last before which nothing had for a while */
-    bool shone;                /* what last began to move shines, or was light itself */
+    uint32_t moves;       /* frames in which something had moved */
+    uint32_t began;       /* of these, the last before which nothing had for a while */
+    bool shone;           /* what last began to move shines, or was light itself */
+    uint32_t light_moves; /* `moves` when the layer's own light last did */
+    struct {
+        uint32_t next;  /* tile */
+        uint32_t moves; /* `light_moves` as it began */
+        bool ended;     /* in this frame */
+    } sweep;
     uint32_t passes;           /* frames that are yet to correct all blocks along the rays that there are */
     bool solved_urgent;        /* blocks that had woken were, since the last of these began */
     uint32_t corrected;        /* tiles, in the last frame */
@@ -257,6 +265,51 @@ static void find_change(struct cell_solver *s, const struct lw_passes *passes,
     }
 }
 
+/* Corrects all light of a tile: direct light by new shadow rays, indirect light along the rays that there are. */
+static void correct_tile(struct cell_solver *s, const struct lw_passes *passes, struct lw_solve_tile *tile,
+                         struct lw_passes_count *count) {
+    bool asked = false;
+    LW_TILES_EACH_BLOCK (tile, block) asked |= lw_change_choose_all(block, s->moves);
+    if (!asked) return;
+    tile->corrected |= lw_passes_compare(passes, tile, count);
+    tile->corrected |= lw_correction_indirect(&s->tiles, tile, s->desc.target_error, true);
+    if (tile->corrected) lw_passes_judge(passes, tile);
+    LW_TILES_EACH_BLOCK (tile, block) {
+        if (block->resting && block->covered_count) lw_change_wake(block, s->desc.target_error, true);
+        block->change.compare = block->change.direct = 0;
+    }
+    note_woken(tile);
+    lw_tiles_sum_up(tile);
+}
+
+/* While lights keep moving, a round is too long to wait for: a share of each frame goes round what is looked at, and corrects it. What
+ * that comes to is shown at its end. It goes on until all has been corrected since the last movement. */
+static void sweep(struct cell_solver *s, const struct lw_passes *passes, struct lw_solver_stats *stats) {
+    const uint64_t began_ns = lw_clock_ns(),
+                   until_ns = began_ns + (uint64_t)(SWEEP_SHARE * s->budget_s * 1e9);
+    uint64_t shadow = 0, bounce = 0;
+    s->sweep.ended = false;
+    if (!is_hurried(s) || s->hasty) s->sweep.moves = s->light_moves; /* all are asked at once, or solved */
+    if (s->sweep.next == 0 && s->sweep.moves == s->light_moves) return;
+    if (s->sweep.next == 0) s->sweep.moves = s->light_moves;
+    uint32_t next = s->sweep.next;
+#pragma omp parallel num_threads(s->threads) reduction(+ : shadow, bounce)
+    for (;;) {
+        const uint32_t i = __atomic_fetch_add(&next, 1, __ATOMIC_RELAXED);
+        struct lw_passes_count count = {0};
+        if (i >= s->tiles.count) break;
+        struct lw_solve_tile *tile = &s->tiles.tile[i];
+        if (!tile->serves || !lw_schedule_looks_at(&s->schedule, tile)) continue;
+        correct_tile(s, passes, tile, &count);
+        shadow += count.shadow;
+        bounce += count.bounce;
+        if (lw_clock_ns() > until_ns) break;
+    }
+    s->sweep.ended = next >= s->tiles.count;
+    s->sweep.next = s->sweep.ended ? 0 : next;
+    count_rays(stats, shadow, bounce);
+}
+
 /* What bounces off tiles whose light has been corrected; returns how many those are. */
 static uint32_t pass_on(struct cell_solver *s, const struct lw_passes *passes) {
     uint32_t count = 0;
@@ -367,13 +420,14 @@ static void run_gather(struct cell_solver *s, const struct lw_passes *passes, ui
         if (has_work(s, &s->tiles.tile[i])) lw_passes_gather(passes, &s->tiles.tile[i], bounce);
 }
 
-/* Where something has just begun to move, what has been corrected is to be seen at once. */
+/* Where something has just begun to move, what has been corrected is to be seen at once; where it goes on, at the end of a sweep. */
 static void show_corrections(struct cell_solver *s) {
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
+        const bool is_to_be_seen = s->sweep.ended || (tile->corrected && is_hurried(s) && s->hasty);
         bool unseen = false;
-        LW_TILES_EACH_BLOCK (tile, block) unseen |= tile->corrected && block->unseen;
-        tile->shows |= unseen && is_hurried(s) && s->hasty && lw_schedule_looks_at(&s->schedule, tile);
+        LW_TILES_EACH_BLOCK (tile, block) unseen |= is_to_be_seen && block->unseen;
+        tile->shows |= unseen && lw_schedule_looks_at(&s->schedule, tile);
         tile->corrected = false;
     }
 }
@@ -533,6 +587,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
         lw_pose_copy(&s->pose, pose, s->desc.scene);
         s->pose_due |= moved;
         s->moves++;
+        if (shines) s->light_moves = s->moves;
         if (s->frames_since_move > LW_CELL_SOLVER_STILL_FRAMES) {
             s->began = s->moves;
             s->shone = shines;
@@ -547,7 +602,10 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     if (status != LW_OK) return status;
     lw_schedule_serve(&s->schedule, &s->tiles, s->has_probes);
     const uint64_t asked = lw_clock_ns();
-    if (s->moves && looked_at) find_change(s, &passes, &stats);
+    if (s->moves && looked_at) {
+        find_change(s, &passes, &stats);
+        sweep(s, &passes, &stats);
+    }
     stats.change_ns = lw_clock_ns() - asked;
     s->unchanged_rounds = is_changing(s) || s->corrected ? 0 : s->unchanged_rounds + s->schedule.ended;
     const bool solves = choose_tiles(s, &stats),

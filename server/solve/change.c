@@ -102,6 +102,17 @@ bool lw_change_choose(struct lw_solve_block *block, uint32_t moves, uint32_t beg
     return true;
 }
 
+bool lw_change_choose_all(struct lw_solve_block *block, uint32_t moves) {
+    struct lw_change_block *change = &block->change;
+    change->compare = change->retrace = change->direct = 0;
+    if (!block->packet_count || !block->frames) return false;
+    change->begins = false;
+    change->moves = moves;
+    ask_again(block);
+    change->direct = change->compare;
+    return true;
+}
+
 /* How far light is off what it was. */
 struct off {
     float direct;
@@ -133,7 +144,7 @@ static struct off add_up(const struct lw_solve_block *block, uint16_t packets) {
     float square[LW_CHANGE_REGIONS] = {0};
     for (uint32_t set = 0; set < block->packet_count; set++) {
         if (!(packets >> set & 1)) continue;
-        off.direct += change->packet[set].direct_square;
+        off.direct += change->packet[set].direct_square + change->packet[set].direct_doubt;
         texels += block->packet[set].count;
         for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++)
             off.indirect[r] = lw_vec3_add(off.indirect[r], lw_change_both_orders(&change->packet[set], r)),

@@ -11,6 +11,7 @@
  *                                    difference; in a hurry, not those before they are solved, and then only if it was a small one
  *   in a hurry, where lights begin to move             all packets, about direct light alone
  *   in a hurry, where others' light has just changed   all packets, along the rays that there are
+ *   while lights keep moving                           all packets, about both, some tiles a frame
  *   at rest   one packet in turn, so that all have been asked 16 rounds after the last movement
  *   awake     one packet before each solve while something moves; all, along the rays that there are, while light changes
  * Of what they find the means are corrected (correction.h); what follows is about the rest, and the doubt that a correction leaves.
@@ -37,8 +38,10 @@ enum { LW_CHANGE_FIRST, LW_CHANGE_LATER, LW_CHANGE_ORDERS };
 
 /* What the texels of a packet have found; E in W/m^2. */
 struct lw_change_packet {
-    float direct_square;   /* sum of squared differences of direct light; of the channel that differs most */
-    struct lw_vec3 direct; /* mean by which direct light was corrected */
+    float direct_square; /* sum of squared differences of direct light; of the channel that differs most */
+    /* Of what direct light was corrected by since the block was solved (correction.h): */
+    struct lw_vec3 direct;            /* mean */
+    float direct_rough, direct_doubt; /* sums of squares: that no plane explains; that are in doubt in all */
     struct lw_vec3 indirect[LW_CHANGE_ORDERS][LW_CHANGE_REGIONS]; /* sum of differences */
     float indirect_square[LW_CHANGE_REGIONS]; /* sum of the squared lengths of both orders' together */
 };
@@ -92,6 +95,9 @@ struct lw_solve_block;
  * are asked about direct light. Returns whether there are any. */
 bool lw_change_choose(struct lw_solve_block *block, uint32_t moves, uint32_t began, uint32_t tick, bool turn,
                       bool active, bool spreads, bool shone);
+
+/** Chooses all packets, about direct light and along the rays that there are. Returns whether there are any. */
+bool lw_change_choose_all(struct lw_solve_block *block, uint32_t moves);
 
 /** After their answers: chooses the packets that are to be asked besides, before lw_change_wake(): all, if those asked have found so
  * much that the block might have to wake, but not so much that it must. hurried: where something begins to move none are: one packet is

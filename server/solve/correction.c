@@ -50,13 +50,22 @@ static float roughness(const struct lw_solve_tile *tile, const struct lw_launch 
     return fmaxf(dd - along_x * xd - along_y * yd, 0) * n / (n - 3);
 }
 
+/* What was once `then` is `now`: light that comes is added; of light that goes, the mean loses the same share as the sample, so that its noise
+ * becomes less with it. */
+static float changed(float mean, float then, float now) {
+    if (now >= then || !(then > 0)) return fmaxf(mean + now - then, 0);
+    return mean * fmaxf(now, 0) / then;
+}
+
 static void add_direct(struct lw_tiles *tiles, struct lw_solve_block *block, uint32_t texel,
                        struct lw_vec3 off) {
     float was[3], is[3];
     for (int c = 0; c < 3; c++) {
+        float *estimate = &tiles->estimate[LW_TILES_ESTIMATE_DIRECT][c][texel];
+        const float then = *estimate;
+        *estimate += (&off.x)[c];
         was[c] = tiles->direct[c][texel];
-        is[c] = tiles->direct[c][texel] = fmaxf(was[c] + (&off.x)[c], 0);
-        tiles->estimate[LW_TILES_ESTIMATE_DIRECT][c][texel] += (&off.x)[c];
+        is[c] = tiles->direct[c][texel] = changed(was[c], then, *estimate);
     }
     const float brighter = luminance(is[0] - was[0], is[1] - was[1], is[2] - was[2]);
     tiles->mean[texel] += brighter;
@@ -68,14 +77,14 @@ void lw_correction_direct(struct lw_tiles *tiles, const struct lw_solve_tile *ti
                           const struct lw_vec3 off[LW_TRACE_WIDTH]) {
     const uint32_t lanes = (uint32_t)__builtin_popcount(launch->active);
     struct lw_change_packet *packet = &block->change.packet[set];
-    packet->direct = lw_vec3(0, 0, 0);
+    float rough = 0;
     packet->direct_square = 0;
     for (uint32_t lane = 0; lane < lanes; lane++) {
         add_direct(tiles, block, tile->first + launch->texel[lane], off[lane]);
         packet->direct = lw_vec3_mad(packet->direct, off[lane], 1 / (float)lanes);
     }
-    for (int c = 0; c < 3; c++)
-        packet->direct_square = fmaxf(packet->direct_square, roughness(tile, launch, off, lanes, c));
+    for (int c = 0; c < 3; c++) rough = fmaxf(rough, roughness(tile, launch, off, lanes, c));
+    packet->direct_rough += rough;
     block->unseen = true;
 }
 
@@ -135,7 +144,8 @@ void lw_correction_doubt_direct(struct lw_solve_tile *tile) {
                 EACH_PACKET(block, first, set) {
                     struct lw_change_packet *packet = &block->change.packet[set];
                     const float off = alone ? doubt.share * most_square(packet->direct) : variance;
-                    packet->direct_square += block->packet[set].count * fmaxf(off, missed);
+                    packet->direct_doubt =
+                        packet->direct_rough + block->packet[set].count * fmaxf(off, missed);
                 }
             }
     }

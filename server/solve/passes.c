@@ -305,7 +305,6 @@ static bool compare_direct(const struct lw_passes *p, const struct lw_solve_tile
                                lw_texels_vector(p->tiles->estimate[LW_TILES_ESTIMATE_DIRECT], texel));
         *square += most_of(off[lane]) * most_of(off[lane]);
     }
-    block->change.packet[set].direct = lw_vec3(0, 0, 0);
     if (!all || !(*square > 0)) return false;
     lw_correction_direct(p->tiles, tile, block, set, launch, off);
     return true;
@@ -313,11 +312,12 @@ static bool compare_direct(const struct lw_passes *p, const struct lw_solve_tile
 
 static void compare_indirect(const struct lw_passes *p, const struct lw_solve_tile *tile,
                              struct lw_solve_block *block, uint32_t set, const struct lw_launch *launch) {
-    struct lw_change_packet found = {.direct_square = block->change.packet[set].direct_square,
-                                     .direct = block->change.packet[set].direct};
+    struct lw_change_packet found = block->change.packet[set];
     const uint32_t lanes = (uint32_t)__builtin_popcount(launch->active);
     struct lw_vec3 off[LANES], of_order[LW_CHANGE_ORDERS][LANES];
     float sum = 0;
+    memset(found.indirect, 0, sizeof found.indirect);
+    memset(found.indirect_square, 0, sizeof found.indirect_square);
     for (uint32_t lane = 0; lane < lanes; lane++) {
         const uint32_t texel = tile->first + launch->texel[lane];
         off[lane] = lw_vec3(0, 0, 0);
