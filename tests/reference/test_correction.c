@@ -362,6 +362,8 @@ static void test_a_lamp_that_walks(void **state) {
     for (uint32_t o = 0; o < room.quad_count; o++) {
         const double is = room_object_mean(&s, o).total, now = room_object_mean(&right[0], o).total,
                      then = room_object_mean(&right[1], o).total;
+        if (!(is > 0.9 * fmin(now, then) && is < 1.1 * fmax(now, then)))
+            fail_msg("side %u: %.4f, but now %.4f, then %.4f", o, is, now, then);
     }
     room_finish(&right[1]);
     room_finish(&right[0]);
