@@ -83,3 +83,6 @@ unwalkable "0 to 2 s, which 9 is not in" "$work/walk.gltf" 0,4,4:0,0,0:50 --time
 unwalkable "not 'x'" "$work/walk.gltf" 0,4,4:0,0,0:50 --times 1,x
 unwalkable "no camera \"lamp\"" "$work/walk.gltf" lamp --times 1
 unwalkable "a scene and a camera" "$work/walk.gltf"
+sed 's/{"mesh": 1,/{"mesh": 1, "camera": 0,/; s/^ "materials"/ "cameras": [{"type": "perspective", "name": "rider", "perspective": {"yfov": 1, "znear": 0.1}}],\n&/' \
+    "$work/walk.gltf" >"$work/rider.gltf"
+unwalkable "camera \"rider\" moves" "$work/rider.gltf" rider --times 1

@@ -7,6 +7,7 @@
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #define TIMES_MAX  64u
 #define PASSES_MAX 64u
@@ -26,6 +27,7 @@ struct stop {
     double agreement;
     double due_s;   /* scene time, not wrapped, of the next sight */
     uint64_t frame; /* that is waited for; 0: its time has not come */
+    double late_s;  /* of that frame */
     size_t seen;
     struct sight sight[PASSES_MAX];
     double lasting; /* error that is the same in all passes: without their noise */
@@ -68,15 +70,28 @@ static enum lw_status check(struct walk *w, struct lw_error *err) {
         return lw_status_fail(err, LW_USAGE, "%s: has no animation, so that nothing walks", w->light->scene);
     if (w->desc->passes < 2 || w->desc->passes > PASSES_MAX)
         return lw_status_fail(err, LW_USAGE, "--updates: 2 to %u passes", PASSES_MAX);
+    if (w->duration_s < BACK_S)
+        return lw_status_fail(err, LW_USAGE,
+                              "%s: its animation of %g s is over before there is a %g s before",
+                              w->light->scene, w->duration_s, BACK_S);
     return read_times(w, err);
 }
 
-static void look_from(struct walk *w) {
+/* From one place all the time. */
+static enum lw_status look_from(struct walk *w, struct lw_error *err) {
+    const struct lw_scene *scene = latency_light_scene(w->light);
     struct lw_pose pose;
-    struct lw_error err = {0};
-    latency_must(lw_pose_init(&pose, latency_light_scene(w->light)), &err);
+    uint32_t camera;
+    enum lw_status status = lw_pose_init(&pose, scene);
+    if (status != LW_OK) return lw_status_fail(err, status, "pose");
     latency_light_look_from(w->light, &pose, w->desc->camera);
+    if (!strchr(w->desc->camera, ':') && lw_camera_find(scene, w->desc->camera, &camera, err) == LW_OK &&
+        pose.node_moves[scene->camera[camera].node])
+        status =
+            lw_status_fail(err, LW_USAGE, "camera \"%s\" moves: say a place, as --camera of lightwell-view",
+                           w->desc->camera);
     lw_pose_finish(&pose);
+    return status;
 }
 
 static enum lw_status solve(struct walk *w, struct stop *stop, struct lw_error *err) {
@@ -112,14 +127,16 @@ static void follow(struct scene_clock *clock, double duration_s, double time_s) 
 /* Judges the light of the first frame at or after the stop's time, once all of it is there. */
 static void see(struct walk *w, struct stop *stop, const struct lw_client *client,
                 const struct lw_client_stats *stats, double now_s) {
-    if (!stop->frame && now_s >= stop->due_s) stop->frame = stats->frame;
+    if (!stop->frame && now_s >= stop->due_s) {
+        stop->frame = stats->frame;
+        stop->late_s = now_s - stop->due_s;
+    }
     if (!stop->frame || stats->settled_frame < stop->frame) return;
     const double age_ms = 1e-6 * (double)stats->light_age_ns;
     latency_light_read(w->light, client, w->now);
     latency_light_judge(w->light, &stop->pair);
-    struct sight sight = {.late_ms = 1e3 * (now_s - stop->due_s),
-                          .age_ms = age_ms,
-                          .share = latency_light_share(w->light, w->now)};
+    struct sight sight = {
+        .late_ms = 1e3 * stop->late_s, .age_ms = age_ms, .share = latency_light_share(w->light, w->now)};
     for (unsigned k = 0; k < 2; k++) {
         sight.rest[k] = latency_room(LATENCY_CHANNELS * w->light->square_count, sizeof *sight.rest[k]);
         latency_light_rest(w->light, w->now, k, sight.rest[k]);
@@ -233,7 +250,7 @@ void latency_walk(struct latency_light *light, const struct latency_walk_desc *d
     struct lw_error err = {0};
     w.stop = latency_room(TIMES_MAX, sizeof *w.stop);
     latency_must(check(&w, &err), &err);
-    look_from(&w);
+    latency_must(look_from(&w, &err), &err);
     for (size_t i = 0; i < w.stop_count; i++) latency_must(solve(&w, &w.stop[i], &err), &err);
     w.now = latency_room(LATENCY_CHANNELS * light->texel_count, sizeof *w.now);
     walk(&w);
