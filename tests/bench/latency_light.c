@@ -307,15 +307,16 @@ const struct lw_scene *latency_light_scene(const struct latency_light *l) {
     return lw_client_scene(l->introduced);
 }
 
-void latency_light_look_from(struct latency_light *l, const struct lw_pose *pose, const char *camera) {
+bool latency_light_look_from(struct latency_light *l, const struct lw_pose *pose, const char *camera) {
     struct lw_error err = {0};
     uint32_t index;
     if (strchr(camera, ':')) {
         latency_must(lw_camera_parse(camera, &l->camera, &err), &err);
-    } else {
-        latency_must(lw_camera_find(latency_light_scene(l), camera, &index, &err), &err);
-        l->camera = lw_camera_of_scene(latency_light_scene(l), pose, index);
+        return false;
     }
+    latency_must(lw_camera_find(latency_light_scene(l), camera, &index, &err), &err);
+    l->camera = lw_camera_of_scene(latency_light_scene(l), pose, index);
+    return pose->node_moves[latency_light_scene(l)->camera[index].node];
 }
 
 /* ---- fresh light ---- */

@@ -67,8 +67,9 @@ void latency_light_finish(struct latency_light *l);
 const struct lw_scene *latency_light_scene(const struct latency_light *l);
 /** The level that an object's light is read at. */
 uint32_t latency_light_level(const struct latency_light *l, uint32_t object);
-/** Looks from a camera of the scene, where the pose has it, or from a place as --camera of lightwell-view has it. */
-void latency_light_look_from(struct latency_light *l, const struct lw_pose *pose, const char *camera);
+/** Looks from a camera of the scene, where the pose has it, or from a place as --camera of lightwell-view has it. Returns whether
+ * the animation moves that camera. */
+bool latency_light_look_from(struct latency_light *l, const struct lw_pose *pose, const char *camera);
 
 /** Starts a server of the scene with --daemon's options behind these. */
 void latency_light_serve(const struct latency_light *l, const char *options, struct lw_process *out_server);

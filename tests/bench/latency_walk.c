@@ -7,7 +7,6 @@
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 
 #define TIMES_MAX  64u
 #define PASSES_MAX 64u
@@ -79,14 +78,10 @@ static enum lw_status check(struct walk *w, struct lw_error *err) {
 
 /* From one place all the time. */
 static enum lw_status look_from(struct walk *w, struct lw_error *err) {
-    const struct lw_scene *scene = latency_light_scene(w->light);
     struct lw_pose pose;
-    uint32_t camera;
-    enum lw_status status = lw_pose_init(&pose, scene);
+    enum lw_status status = lw_pose_init(&pose, latency_light_scene(w->light));
     if (status != LW_OK) return lw_status_fail(err, status, "pose");
-    latency_light_look_from(w->light, &pose, w->desc->camera);
-    if (!strchr(w->desc->camera, ':') && lw_camera_find(scene, w->desc->camera, &camera, err) == LW_OK &&
-        pose.node_moves[scene->camera[camera].node])
+    if (latency_light_look_from(w->light, &pose, w->desc->camera))
         status =
             lw_status_fail(err, LW_USAGE, "camera \"%s\" moves: say a place, as --camera of lightwell-view",
                            w->desc->camera);
