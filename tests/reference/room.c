@@ -183,6 +183,16 @@ void room_solve(struct room_solution *solution, const struct room *room, struct 
     room_solve_scene(solution, room_scene(room), room->texels_per_metre, desc, frames);
 }
 
+void room_solve_until_rest(struct room_solution *solution, uint64_t *frame) {
+    struct lw_error err = {0};
+    const struct lw_solver_ops *ops = solution->solver->ops;
+    for (unsigned quiet = 0, f = 0; quiet < 20; f++) {
+        assert_true(f < 3000);
+        lw_support_ok(ops->frame(solution->solver, &solution->pose, ++*frame, &solution->stats, &err), &err);
+        quiet = solution->stats.tiles_solved ? 0 : quiet + 1;
+    }
+}
+
 void room_finish(struct room_solution *solution) {
     solution->solver->ops->destroy(solution->solver);
     lw_pose_finish(&solution->pose);

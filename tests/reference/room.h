@@ -74,6 +74,9 @@ void room_solve_layers(struct room_solution *solution, struct lw_scene *scene, f
                        struct lw_solver_desc desc, const char *light_groups, unsigned frames);
 void room_finish(struct room_solution *solution);
 
+/** Solves on, the pose as it is now, until nothing more is solved; fails if that takes too long. *frame: the last one's number. */
+void room_solve_until_rest(struct room_solution *solution, uint64_t *frame);
+
 /** Ends the test unless the light of two solutions of one scene is the same, bit for bit. Returns how many tiles that is. */
 uint32_t room_expect_same(const struct room_solution *a, const struct room_solution *b);
 

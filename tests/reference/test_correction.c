@@ -258,15 +258,6 @@ static void test_light_from_next_to_none(void **state) {
     room_finish(&lit.s);
 }
 
-static void light_until_rest(struct room_solution *s, uint64_t *frame) {
-    struct lw_error err = {0};
-    for (unsigned idle = 0, i = 0; idle < 20; i++) {
-        lw_support_ok(s->solver->ops->frame(s->solver, &s->pose, ++*frame, &s->stats, &err), &err);
-        idle = s->stats.tiles_solved ? 0 : idle + 1;
-        assert_true(i < 5000);
-    }
-}
-
 #define LAMPS 81u
 
 static float lamp_intensity(uint32_t lamp, bool on) { return lamp % 2 ? 0.01f : on ? 0.2f : 0; }
@@ -308,7 +299,7 @@ static void test_lights_that_come_and_go(void **state) {
                 const float intensity = lamp_intensity(i, on);
                 s.pose.light[i].intensity = lw_vec3(intensity, intensity, intensity);
             }
-            light_until_rest(&s, &frame);
+            room_solve_until_rest(&s, &frame);
             for (uint32_t o = 0; o < room.quad_count; o++) {
                 const struct room_mean is = room_object_mean(&s, o), be = room_object_mean(&right[on], o);
                 if (!(fabs(is.total - be.total) < 0.05 * be.total))

@@ -31,15 +31,6 @@ static void begin(struct room_solution *s, const char *groups, unsigned frames) 
     room_solve_layers(s, room_scene(&room), room.texels_per_metre, desc, groups, frames);
 }
 
-/* Solves until nothing more is solved. */
-static void settle(struct room_solution *s, uint64_t *frame) {
-    for (unsigned quiet = 0, f = 0; quiet < 20; f++) {
-        assert_true(f < 3000);
-        lw_support_ok(s->solver->ops->frame(s->solver, &s->pose, ++*frame, &s->stats, NULL), NULL);
-        quiet = s->stats.tiles_solved ? 0 : quiet + 1;
-    }
-}
-
 /* One frame; returns its rays. */
 static uint64_t step(struct room_solution *s, uint64_t *frame) {
     lw_support_ok(s->solver->ops->frame(s->solver, &s->pose, ++*frame, &s->stats, NULL), NULL);
@@ -89,7 +80,7 @@ static void expect_light_of(const struct room_solution *s, const struct room *ro
     struct room_solution anew;
     uint64_t frame = 0;
     room_solve_scene(&anew, room_scene(room), room->texels_per_metre, desc, 0);
-    settle(&anew, &frame);
+    room_solve_until_rest(&anew, &frame);
     expect_same_light(s, &anew, tolerance);
     room_finish(&anew);
 }
@@ -101,12 +92,12 @@ static void test_the_sum_is_the_light_of_all(void **state) {
     struct room_solution one;
     uint64_t frame = 0;
     begin(&one, "none", 0);
-    settle(&one, &frame);
+    room_solve_until_rest(&one, &frame);
     for (unsigned i = 0; i < sizeof groups / sizeof *groups; i++) {
         struct room_solution parted;
         begin(&parted, groups[i], 0);
         frame = 0;
-        settle(&parted, &frame);
+        room_solve_until_rest(&parted, &frame);
         expect_same_light(&parted, &one, 0.01);
         room_finish(&parted);
     }
@@ -119,7 +110,7 @@ static void test_another_weight_takes_no_ray(void **state) {
     struct room_solution s;
     uint64_t frame = 0;
     begin(&s, "right", 0);
-    settle(&s, &frame);
+    room_solve_until_rest(&s, &frame);
     struct picture before = look(&s);
     const struct lw_vec3 on = s.pose.light[1].intensity;
 
@@ -159,12 +150,12 @@ static void test_a_group_has_one_weight(void **state) {
     struct room_solution s;
     uint64_t frame = 0;
     begin(&s, "left,right", 0);
-    settle(&s, &frame);
+    room_solve_until_rest(&s, &frame);
     for (int i = 0; i < 2; i++) s.pose.light[i].intensity = lw_vec3_scale(s.pose.light[i].intensity, 0.3f);
     assert_int_equal(step(&s, &frame), 0);
     s.pose.light[1].intensity = lw_vec3(0, 0, 0);
     assert_true(step(&s, &frame) > 0);
-    settle(&s, &frame);
+    room_solve_until_rest(&s, &frame);
     struct room room = make_room();
     room.light[0].intensity[0] = room.light[0].intensity[1] = room.light[0].intensity[2] = 1.2f;
     room.light_count = 1;
@@ -178,10 +169,10 @@ static void test_light_that_stands_rests(void **state) {
     struct room_solution s, joint;
     uint64_t frame = 0, rays = 0, joint_rays = 0;
     begin(&s, "right", 0);
-    settle(&s, &frame);
+    room_solve_until_rest(&s, &frame);
     begin(&joint, "none", 0);
     uint64_t joint_frame = 0;
-    settle(&joint, &joint_frame);
+    room_solve_until_rest(&joint, &joint_frame);
     for (unsigned i = 0; i < 20; i++) {
         s.pose.light[1].position_ws.x -= 0.02f;
         joint.pose.light[1].position_ws.x -= 0.02f;
@@ -192,7 +183,7 @@ static void test_light_that_stands_rests(void **state) {
     s.pose.light[1].intensity = lw_vec3(0, 0, 0); /* what is left was not touched */
     assert_int_equal(step(&s, &frame), 0);
     s.pose.light[1].intensity = lw_vec3(3, 0, 1);
-    settle(&s, &frame);
+    room_solve_until_rest(&s, &frame);
     struct room room = make_room();
     room.light_position[1] = s.pose.light[1].position_ws;
     expect_light_of(&s, &room, AFTER_CHANGE);
@@ -208,7 +199,7 @@ static void test_what_is_hidden_rests(void **state) {
     uint64_t frame = 0;
     begin(&s, "right", 0);
     s.pose.object_hidden[PLATE] = true;
-    settle(&s, &frame);
+    room_solve_until_rest(&s, &frame);
     s.pose.light[1].position_ws.x -= 0.2f;
     for (unsigned i = 0; i < LW_CELL_SOLVER_FADE_FRAMES + 8; i++) step(&s, &frame);
     s.solver->ops->read_tile(s.solver, (lw_tile_id){s.map.first_tile[PLATE]}, &tile);
@@ -222,7 +213,7 @@ static void test_switched_off_in_between(void **state) {
     struct room_solution s;
     uint64_t frame = 0;
     begin(&s, "left", 0);
-    settle(&s, &frame);
+    room_solve_until_rest(&s, &frame);
     const struct lw_vec3 on = s.pose.light[0].intensity;
     s.pose.light[0].intensity = lw_vec3(0, 0, 0);
     for (unsigned i = 0; i < 8; i++) {
@@ -231,7 +222,7 @@ static void test_switched_off_in_between(void **state) {
         step(&s, &frame);
     }
     s.pose.light[0].intensity = on;
-    settle(&s, &frame);
+    room_solve_until_rest(&s, &frame);
     struct room room = make_room();
     room.quad[PLATE].corner.x += 0.8f;
     expect_light_of(&s, &room, AFTER_CHANGE);
@@ -253,7 +244,7 @@ static void test_out_of_the_dark(void **state) {
     assert_true(room_object_mean(&s, 0).total == 0);
     assert_int_equal(step(&s, &frame), 0);
     for (int c = 0; c < 3; c++) s.pose.material[PANEL].emission[c] = 6;
-    settle(&s, &frame);
+    room_solve_until_rest(&s, &frame);
     room.quad[PANEL].emission = 6;
     expect_light_of(&s, &room, AFTER_CHANGE);
     room_finish(&s);
