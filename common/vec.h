@@ -54,6 +54,10 @@ static inline struct lw_vec3 lw_vec3_normalize(struct lw_vec3 a) {
     float length = lw_vec3_length(a);
     return length > 1e-30f ? lw_vec3_scale(a, 1.0f / length) : lw_vec3(0, 0, 1);
 }
+/** The length of the component that is longest. */
+static inline float lw_vec3_max_abs(struct lw_vec3 a) {
+    return fmaxf(fabsf(a.x), fmaxf(fabsf(a.y), fabsf(a.z)));
+}
 static inline bool lw_vec3_is_finite(struct lw_vec3 a) {
     return isfinite(a.x) && isfinite(a.y) && isfinite(a.z);
 }

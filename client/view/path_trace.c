@@ -123,8 +123,6 @@ static const struct lw_mesh *mesh_of(const struct job *job, uint32_t object) {
     return &scene->mesh[scene->object[object].mesh];
 }
 
-static float largest_of(struct lw_vec3 v) { return fmaxf(fabsf(v.x), fmaxf(fabsf(v.y), fabsf(v.z))); }
-
 /* Puts path number `which` onto the surface that lane `i` has met, from where it goes on unless all light is swallowed. */
 static void arrive(const struct job *job, struct bundle *b, uint16_t which, const struct lw_hit16 *hits,
                    unsigned i, const struct lw_surface *surface) {
@@ -141,8 +139,8 @@ static void arrive(const struct job *job, struct bundle *b, uint16_t which, cons
     path->normal = lw_vec3_scale(lw_vec3_normalize(lw_affine_vector(&place->to_normal, shading)), side);
     face = lw_vec3_scale(lw_vec3_normalize(lw_affine_vector(&place->to_normal, face)), side);
     float largest =
-        fmaxf(largest_of(mesh->position[vertex[0]]),
-              fmaxf(largest_of(mesh->position[vertex[1]]), largest_of(mesh->position[vertex[2]])));
+        fmaxf(lw_vec3_max_abs(mesh->position[vertex[0]]),
+              fmaxf(lw_vec3_max_abs(mesh->position[vertex[1]]), lw_vec3_max_abs(mesh->position[vertex[2]])));
     struct lw_vec3 start = lw_scene_shadow_origin(mesh, hits->triangle[i], hits->u[i], hits->v[i], back);
     path->origin = lw_trace_lift(lw_affine_point(&place->to_world, start), face,
                                  place->growth * largest + place->shift_m);

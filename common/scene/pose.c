@@ -236,6 +236,12 @@ unsigned lw_pose_difference(const struct lw_pose *a, const struct lw_pose *b, co
     return difference;
 }
 
+bool lw_pose_object_differs(const struct lw_pose *a, const struct lw_pose *b, uint32_t object) {
+    return memcmp(&a->object_to_world[object], &b->object_to_world[object], sizeof *a->object_to_world) !=
+               0 ||
+           a->object_hidden[object] != b->object_hidden[object];
+}
+
 bool lw_pose_equal(const struct lw_pose *a, const struct lw_pose *b, const struct lw_scene *scene) {
     return lw_pose_difference(a, b, scene) == 0;
 }

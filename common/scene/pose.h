@@ -58,6 +58,9 @@ enum lw_pose_change {
 /** What differs between two moments of a scene, bit for bit: LW_POSE_* or 0. Time and cameras do not count. */
 unsigned lw_pose_difference(const struct lw_pose *a, const struct lw_pose *b, const struct lw_scene *scene);
 
+/** Whether an object is elsewhere, or has come or gone. */
+bool lw_pose_object_differs(const struct lw_pose *a, const struct lw_pose *b, uint32_t object);
+
 /** Whether the scene looks the same at both moments: lw_pose_difference() is 0. */
 bool lw_pose_equal(const struct lw_pose *a, const struct lw_pose *b, const struct lw_scene *scene);
 

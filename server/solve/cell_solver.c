@@ -150,10 +150,7 @@ static bool lights_differ(const struct cell_solver *s, const struct lw_pose *now
         if (memcmp(now->material[m].emission, s->pose.material[m].emission, sizeof now->material->emission))
             return true;
     for (uint32_t o = 0; o < scene->object_count; o++) {
-        if (memcmp(&now->object_to_world[o], &s->pose.object_to_world[o], sizeof *now->object_to_world) ==
-                0 &&
-            now->object_hidden[o] == s->pose.object_hidden[o])
-            continue;
+        if (!lw_pose_object_differs(now, &s->pose, o)) continue;
         for (uint32_t e = lights->first_emitter[o]; e < lights->first_emitter[o + 1]; e++)
             if (lights->luminance[e] > 0) return true;
     }
@@ -208,6 +205,12 @@ static void note_woken(struct lw_solve_tile *tile) {
     tile->urgency = tile->woken_count ? (float)(square / tile->woken_count) : 0;
 }
 
+/* After their answers: indirect light of a tile is corrected, and what has been is judged anew. */
+static void take_over(struct cell_solver *s, const struct lw_passes *passes, struct lw_solve_tile *tile) {
+    tile->corrected |= lw_correction_indirect(&s->tiles, tile, s->desc.target_error, true);
+    if (tile->corrected) lw_passes_judge(passes, tile);
+}
+
 /* Wakes blocks at rest whose light is no longer what it was; where something begins to move, asks those that are awake too. Who
  * is not asked for want of time is in the next frame. */
 static void find_change(struct cell_solver *s, const struct lw_passes *passes,
@@ -240,8 +243,7 @@ static void find_change(struct cell_solver *s, const struct lw_passes *passes,
             more |= lw_change_choose_more(block, s->desc.target_error, hurried);
         }
         if (more) tile->corrected |= lw_passes_compare(passes, tile, &count);
-        tile->corrected |= lw_correction_indirect(&s->tiles, tile, s->desc.target_error, true);
-        if (tile->corrected) lw_passes_judge(passes, tile);
+        take_over(s, passes, tile);
         LW_TILES_EACH_BLOCK (tile, block) {
             if (!block->covered_count) continue;
             lw_change_wake(block, s->desc.target_error, hurried);
@@ -272,8 +274,7 @@ static void correct_tile(struct cell_solver *s, const struct lw_passes *passes, 
     LW_TILES_EACH_BLOCK (tile, block) asked |= lw_change_choose_all(block, s->moves);
     if (!asked) return;
     tile->corrected |= lw_passes_compare(passes, tile, count);
-    tile->corrected |= lw_correction_indirect(&s->tiles, tile, s->desc.target_error, true);
-    if (tile->corrected) lw_passes_judge(passes, tile);
+    take_over(s, passes, tile);
     LW_TILES_EACH_BLOCK (tile, block) {
         if (block->resting && block->covered_count) lw_change_wake(block, s->desc.target_error, true);
         block->change.compare = block->change.direct = 0;

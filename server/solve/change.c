@@ -162,12 +162,11 @@ static struct off add_up(const struct lw_solve_block *block, uint16_t packets) {
     return off;
 }
 
-static float most(struct lw_vec3 v) { return fmaxf(fabsf(v.x), fmaxf(fabsf(v.y), fabsf(v.z))); }
-
 /* Root mean square over the regions. */
 static float mean_over(const struct lw_vec3 region[LW_CHANGE_REGIONS]) {
     float square = 0;
-    for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++) square += most(region[r]) * most(region[r]);
+    for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++)
+        square += lw_vec3_max_abs(region[r]) * lw_vec3_max_abs(region[r]);
     return sqrtf(square / LW_CHANGE_REGIONS);
 }
 
@@ -278,7 +277,8 @@ static void add_drift(struct lw_change_block *change, struct off *off) {
         const float direct = take_drift(&change->drift[LW_TILES_DIRECT][r]),
                     indirect = take_drift(&change->drift[LW_TILES_INDIRECT][r]);
         off->direct = fmaxf(off->direct, direct);
-        if (indirect > most(off->indirect[r])) off->indirect[r] = lw_vec3(indirect, indirect, indirect);
+        if (indirect > lw_vec3_max_abs(off->indirect[r]))
+            off->indirect[r] = lw_vec3(indirect, indirect, indirect);
     }
 }
 

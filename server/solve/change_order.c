@@ -18,12 +18,6 @@ static void add_places(struct lw_change_order *order, struct lw_vec3 was, struct
     order->place_ws[order->place_count++] = is;
 }
 
-static bool object_has_changed(const struct lw_pose *was, const struct lw_pose *is, uint32_t object) {
-    return memcmp(&was->object_to_world[object], &is->object_to_world[object], sizeof *is->object_to_world) !=
-               0 ||
-           was->object_hidden[object] != is->object_hidden[object];
-}
-
 void lw_change_order_note(struct lw_change_order *order, struct lw_tiles *tiles, const struct lw_scene *scene,
                           const struct lw_pose *was, const struct lw_pose *is) {
     uint32_t last = UINT32_MAX;
@@ -36,7 +30,7 @@ void lw_change_order_note(struct lw_change_order *order, struct lw_tiles *tiles,
         struct lw_solve_tile *tile = &tiles->tile[i];
         const uint32_t object = tile->object;
         tile->unasked = true;
-        tile->moved = object_has_changed(was, is, object);
+        tile->moved = lw_pose_object_differs(was, is, object);
         if (object == last || !tile->moved) continue;
         last = object;
         add_places(order, lw_affine_point(&was->object_to_world[object], tile->centre_os),
@@ -51,7 +45,7 @@ static float rank_of(const struct lw_change_order *order, const struct lw_schedu
     for (uint32_t k = 0; k < order->place_count; k++)
         distance = fminf(distance,
                          lw_vec3_length(lw_vec3_sub(tile->centre_ws, order->place_ws[k])) - tile->radius_m);
-    const bool looked_at = schedule->everything || schedule->wanted[tile->id.v];
+    const bool looked_at = lw_schedule_looks_at(schedule, tile);
     return (tile->moved ? -1 : fmaxf(distance, 0)) + (looked_at ? 0 : FLT_MAX / 2);
 }
 

@@ -20,9 +20,7 @@
 #define EACH_SURFACE(block, first)                                                                           \
     for (uint32_t first = 0; first < (block)->packet_count; first += (block)->packet[first].group)
 
-static float most(struct lw_vec3 v) { return fmaxf(v.x, fmaxf(v.y, v.z)); }
-
-static float most_square(struct lw_vec3 v) { return most(lw_vec3_mul(v, v)); }
+static float most_square(struct lw_vec3 v) { return lw_vec3_max_abs(lw_vec3_mul(v, v)); }
 
 static float luminance(float r, float g, float b) { return lw_colour_luminance(lw_vec3(r, g, b)); }
 
@@ -97,7 +95,7 @@ static float variance_of(const struct lw_solve_block *block, uint32_t first) {
         const struct lw_vec3 off = lw_vec3_sub(block->change.packet[set].direct, mean);
         square = lw_vec3_mad(square, lw_vec3_mul(off, off), 1 / fmaxf(n - 1, 1));
     }
-    return most(square);
+    return lw_vec3_max_abs(square);
 }
 
 static bool was_corrected(const struct lw_solve_block *block) {

@@ -250,8 +250,6 @@ static uint32_t quarter_of(const struct lw_solve_tile *tile, uint32_t texel) {
     return lw_change_region(texel % tile->width, texel / tile->width);
 }
 
-static float most_of(struct lw_vec3 v) { return fmaxf(fabsf(v.x), fmaxf(fabsf(v.y), fabsf(v.z))); }
-
 /* An estimate beyond float's range is in no mean (blend()), and tells nothing. */
 static struct lw_vec3 difference(struct lw_vec3 now, struct lw_vec3 then) {
     const struct lw_vec3 off = lw_vec3_sub(now, then);
@@ -303,7 +301,7 @@ static bool compare_direct(const struct lw_passes *p, const struct lw_solve_tile
         const uint32_t texel = tile->first + launch->texel[lane];
         off[lane] = difference(lw_vec3(direct[0][lane], direct[1][lane], direct[2][lane]),
                                lw_texels_vector(p->tiles->estimate[LW_TILES_ESTIMATE_DIRECT], texel));
-        *square += most_of(off[lane]) * most_of(off[lane]);
+        *square += lw_vec3_max_abs(off[lane]) * lw_vec3_max_abs(off[lane]);
     }
     if (!all || !(*square > 0)) return false;
     lw_correction_direct(p->tiles, tile, block, set, launch, off);
@@ -327,10 +325,10 @@ static void compare_indirect(const struct lw_passes *p, const struct lw_solve_ti
                            lw_texels_vector(p->tiles->estimate[LW_TILES_ESTIMATE_BOUNCES + order], texel));
             off[lane] = lw_vec3_add(off[lane], of_order[order][lane]);
         }
-        sum += most_of(off[lane]);
+        sum += lw_vec3_max_abs(off[lane]);
     }
     for (uint32_t lane = 0; lane < lanes; lane++) {
-        const float size = most_of(off[lane]);
+        const float size = lw_vec3_max_abs(off[lane]);
         const float others = lanes > 1 ? (sum - size) / (float)(lanes - 1) : size;
         const float bound = DIFFERENCE_MAX * fmaxf(block->light, others);
         const uint32_t region = quarter_of(tile, launch->texel[lane]);

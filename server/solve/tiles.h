@@ -76,7 +76,7 @@ struct lw_solve_tile {
         urgency; /* if so: mean square over those blocks of the share of light that has changed, at most 1 */
     uint32_t woken_count;  /* texels of those blocks */
     bool urgent;           /* the frame under way solves those blocks alone, and shows them at once */
-    bool corrected;        /* its indirect light, in this frame, by what packets have found (change.h) */
+    bool corrected;        /* its light, in this frame, by what packets have found (correction.h) */
     bool moved;            /* its object has, when something moved last */
     bool unasked;          /* since then */
     bool waiting;          /* the round under way has yet to solve it (schedule.h) */
