@@ -7,6 +7,7 @@
 #include "common/light/spherical_triangle.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 #define HIDDEN_SHARE 0.02f /* of a textured emitter's full emission, in its choice */
 /* An emitter is sampled by solid angle within so many times its longest edge, squared, of its middle: farther away its points
@@ -228,6 +229,20 @@ void lw_lights_set_pose(struct lw_lights *lights, const struct lw_pose *pose) {
     }
     note_bounds(lights);
     if (lights->tree.count) lw_light_tree_refit(&lights->tree, lights->bounds);
+}
+
+bool lw_lights_differ(const struct lw_lights *lights, const struct lw_pose *was, const struct lw_pose *is) {
+    const struct lw_scene *scene = lights->scene;
+    if (lw_pose_difference(was, is, scene) & (LW_POSE_LIGHTS | LW_POSE_SKY)) return true;
+    for (uint32_t m = 0; m < scene->material_count; m++)
+        if (memcmp(was->material[m].emission, is->material[m].emission, sizeof is->material->emission) != 0)
+            return true;
+    for (uint32_t o = 0; o < scene->object_count; o++) {
+        if (!lw_pose_object_differs(was, is, o)) continue;
+        for (uint32_t e = lights->first_emitter[o]; e < lights->first_emitter[o + 1]; e++)
+            if (lights->luminance[e] > 0) return true;
+    }
+    return false;
 }
 
 /* A group for so many emitters, up to so many groups: there a frame's cost ends to grow with their number. */

@@ -54,6 +54,9 @@ LW_MUST_CHECK enum lw_status lw_lights_set_materials(struct lw_lights *lights, c
 /** Moves what moves; what is hidden gives no light. The pose must outlive the next call. */
 void lw_lights_set_pose(struct lw_lights *lights, const struct lw_pose *pose);
 
+/** Whether the light itself is another from one pose to the other, or comes from elsewhere. */
+bool lw_lights_differ(const struct lw_lights *lights, const struct lw_pose *was, const struct lw_pose *is);
+
 /** Light from one direction, ready for one shadow ray. */
 struct lw_light_sample {
     struct lw_vec3 direction; /* unit, from the point to the light */

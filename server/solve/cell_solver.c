@@ -3,10 +3,9 @@
 #include "common/clock.h"
 #include "common/log.h"
 #include "common/progress.h"
-#include "server/solve/change_order.h"
 #include "server/solve/checkpoint.h"
-#include "server/solve/correction.h"
 #include "server/solve/denoise.h"
+#include "server/solve/follow.h"
 #include "server/solve/passes.h"
 #include "server/solve/schedule.h"
 
@@ -15,13 +14,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Of a frame's budget, what goes into asking what has changed once some has been found, and at most before; what is left for solving at
- * least. */
-#define ASKING_SHARE  0.5
-#define SEARCH_SHARE  1.0
+/* Of a frame's budget, what is left for solving at least, however long it takes to ask what has changed. */
 #define SOLVING_SHARE 0.5
-/* While lights keep moving: what goes into correcting what they light. */
-#define SWEEP_SHARE 0.5
 
 struct cell_solver {
     struct lw_solver base;
@@ -41,30 +35,16 @@ struct cell_solver {
     struct lw_pose pose;          /* the last one given */
     struct lw_progress *progress; /* of the first frame, which may be long; else NULL */
     struct lw_schedule schedule;
-    uint32_t frames, frames_since_move;
-    uint32_t moves;       /* frames in which something had moved */
-    uint32_t began;       /* of these, the last before which nothing had for a while */
-    bool shone;           /* what last began to move shines, or was light itself */
-    uint32_t light_moves; /* `moves` when the layer's own light last did */
-    struct {
-        uint32_t next;  /* tile */
-        uint32_t moves; /* `light_moves` as it began */
-        bool ended;     /* in this frame */
-    } sweep;
-    uint32_t passes;           /* frames that are yet to correct all blocks along the rays that there are */
-    bool solved_urgent;        /* blocks that had woken were, since the last of these began */
-    uint32_t corrected;        /* tiles, in the last frame */
-    uint32_t still_rounds;     /* since something was solved */
-    uint32_t unchanged_rounds; /* since any light that serves was known to be out of date */
-    double texel_ns;           /* wall time that one takes, in the mean of late */
-    double budget_s;           /* of this frame; 0: none */
-    bool hasty;                /* what has just begun comes before all else */
-    bool yields;               /* this frame solves nothing, and only asks what has changed */
-    bool forgetful; /* the tiles' estimates are not those of their last solve: a checkpoint keeps none */
+    struct lw_follow follow;
+    uint32_t frames;
+    double texel_ns; /* wall time that one takes, in the mean of late */
+    double budget_s; /* of this frame; 0: none */
+    bool hasty;      /* what has just begun comes before all else */
+    bool yields;     /* this frame solves nothing, and only asks what has changed */
+    bool forgetful;  /* the tiles' estimates are not those of their last solve: a checkpoint keeps none */
     unsigned
         pose_due;  /* what of the pose has changed since rays, lights and tiles were last placed: LW_POSE_* */
     bool view_due; /* likewise: which objects are hidden */
-    struct lw_change_order order;
 };
 
 /* Of the above, what a checkpoint keeps. */
@@ -111,9 +91,6 @@ static enum lw_status place(struct cell_solver *s, struct lw_solver_stats *stats
     return LW_OK;
 }
 
-/* Frames have a time to keep. */
-static bool is_hurried(const struct cell_solver *s) { return s->budget_s > 0; }
-
 static bool cancelled(const struct cell_solver *s) { return s->desc.cancel && *s->desc.cancel; }
 
 static bool has_work(const struct cell_solver *s, const struct lw_solve_tile *tile) {
@@ -122,235 +99,17 @@ static bool has_work(const struct cell_solver *s, const struct lw_solve_tile *ti
 
 /* The frames for which probes may remember, that many frames after a movement. */
 static uint32_t probe_history_max(const struct cell_solver *s) {
-    return s->moves ? LW_CELL_SOLVER_HISTORY_PROBES - 1 + s->frames_since_move / 2 : UINT32_MAX;
+    const struct lw_follow *follow = &s->follow;
+    return follow->moves ? LW_CELL_SOLVER_HISTORY_PROBES - 1 + follow->frames_since_move / 2 : UINT32_MAX;
 }
 
-static void count_rays(struct lw_solver_stats *stats, uint64_t shadow, uint64_t bounce) {
-    stats->rays_shadow += shadow;
-    stats->rays_bounce += bounce;
+static void count_rays(struct lw_solver_stats *stats, const struct lw_passes_count *count) {
+    stats->rays_shadow += count->shadow;
+    stats->rays_bounce += count->bounce;
 }
 
-/* ---- what has changed (change.h) ---- */
-
-/* So many rounds after the last light that was known to be out of date, what it lights has followed. */
-#define CHANGING_ROUNDS 2u
-
-static bool is_changing(const struct cell_solver *s) {
-    for (uint32_t i = 0; i < s->tiles.count; i++)
-        if (s->tiles.tile[i].serves && s->tiles.tile[i].stale) return true;
-    return false;
-}
-
-/* Whether the layer's light itself is another, or comes from elsewhere. */
-static bool lights_differ(const struct cell_solver *s, const struct lw_pose *now) {
-    const struct lw_scene *scene = s->desc.scene;
-    const struct lw_lights *lights = &s->lights;
-    if (lw_pose_difference(now, &s->pose, scene) & (LW_POSE_LIGHTS | LW_POSE_SKY)) return true;
-    for (uint32_t m = 0; m < scene->material_count; m++)
-        if (memcmp(now->material[m].emission, s->pose.material[m].emission, sizeof now->material->emission))
-            return true;
-    for (uint32_t o = 0; o < scene->object_count; o++) {
-        if (!lw_pose_object_differs(now, &s->pose, o)) continue;
-        for (uint32_t e = lights->first_emitter[o]; e < lights->first_emitter[o + 1]; e++)
-            if (lights->luminance[e] > 0) return true;
-    }
-    return false;
-}
-
-/* Whether something that is looked at is yet to be asked about the last movement. */
-static bool is_unasked(const struct cell_solver *s) {
-    for (uint32_t i = 0; i < s->tiles.count; i++) {
-        const struct lw_solve_tile *tile = &s->tiles.tile[i];
-        if (tile->unasked && tile->serves && lw_schedule_looks_at(&s->schedule, tile)) return true;
-    }
-    return false;
-}
-
-/* Direct light has changed everywhere: all packets are asked about it, so that it need not be solved. */
-static bool asks_all(const struct cell_solver *s) { return is_hurried(s) && s->hasty && s->shone; }
-
-/* For how long a frame may ask those that have not been asked about a movement: there should be time to solve what is found. */
-static bool is_time_over(const struct cell_solver *s, uint64_t began_ns, bool found) {
-    const double budgets = found && !asks_all(s) ? ASKING_SHARE : SEARCH_SHARE;
-    return is_hurried(s) && (double)(lw_clock_ns() - began_ns) > budgets * s->budget_s * 1e9;
-}
-
-static bool settled(const struct cell_solver *s, const struct lw_solve_block *block) {
-    return (block->frames >= LW_CELL_SOLVER_FRAMES_MIN && block->error <= s->desc.target_error &&
-            !lw_change_is_stale(block, s->desc.target_error)) ||
-           (s->desc.frames_max && block->frames >= s->desc.frames_max);
-}
-
-/* Of a block that the frame has not solved. */
-static bool may_rest(const struct cell_solver *s, const struct lw_solve_tile *tile,
-                     const struct lw_solve_block *block) {
-    return block->covered_count == 0 || tile->hidden || settled(s, block);
-}
-
-/* A block at rest whose light has been corrected rests on with so many times its target error: less of the light, and it is noisier. */
-#define RESTS_ON 1.5f
-
-/* What the blocks of a tile that have woken are together. */
-static void note_woken(struct lw_solve_tile *tile) {
-    double square = 0;
-    tile->woken_count = 0;
-    tile->woken = false;
-    LW_TILES_EACH_BLOCK (tile, block) {
-        const double share = fmin(1, (double)block->change.strength);
-        tile->woken |= block->change.woken;
-        if (!lw_change_is_urgent(&block->change)) continue;
-        square += share * share * block->covered_count;
-        tile->woken_count += block->covered_count;
-    }
-    tile->urgency = tile->woken_count ? (float)(square / tile->woken_count) : 0;
-}
-
-/* After their answers: indirect light of a tile is corrected, and what has been is judged anew. */
-static void take_over(struct cell_solver *s, const struct lw_passes *passes, struct lw_solve_tile *tile) {
-    tile->corrected |= lw_correction_indirect(&s->tiles, tile, s->desc.target_error, true);
-    if (tile->corrected) lw_passes_judge(passes, tile);
-}
-
-/* Wakes blocks at rest whose light is no longer what it was; where something begins to move, asks those that are awake too. Who
- * is not asked for want of time is in the next frame. */
-static void find_change(struct cell_solver *s, const struct lw_passes *passes,
-                        struct lw_solver_stats *stats) {
-    const uint64_t began_ns = lw_clock_ns();
-    uint64_t shadow = 0, bounce = 0;
-    bool found = false, begun = false, direct = false;
-    const bool active =
-        s->still_rounds <= LW_PACKETS_MAX; /* until all have been asked about the last solve */
-    const bool hurried = is_hurried(s), spreads = hurried && s->hasty && s->passes > 0 && !is_unasked(s);
-    lw_change_order_sort(&s->order, &s->tiles, &s->schedule, hurried);
-#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shadow, bounce) reduction(|| : direct)
-    for (uint32_t i = 0; i < s->tiles.count; i++) {
-        struct lw_solve_tile *tile = &s->tiles.tile[s->order.turn[i].tile];
-        struct lw_passes_count count = {0};
-        bool asked = false, more = false;
-        if (!tile->serves) continue;
-        if (tile->unasked && is_time_over(s, began_ns, __atomic_load_n(&found, __ATOMIC_RELAXED)) &&
-            __atomic_exchange_n(&begun, true, __ATOMIC_RELAXED))
-            continue; /* but one is asked in any case */
-        tile->unasked = false;
-        LW_TILES_EACH_BLOCK (tile, block) {
-            asked |= lw_change_choose(block, s->moves, s->began, s->schedule.tick, s->schedule.ended, active,
-                                      spreads, asks_all(s));
-        }
-        if (!asked) continue;
-        tile->corrected = lw_passes_compare(passes, tile, &count);
-        direct |= tile->corrected;
-        LW_TILES_EACH_BLOCK (tile, block) {
-            more |= lw_change_choose_more(block, s->desc.target_error, hurried);
-        }
-        if (more) tile->corrected |= lw_passes_compare(passes, tile, &count);
-        take_over(s, passes, tile);
-        LW_TILES_EACH_BLOCK (tile, block) {
-            if (!block->covered_count) continue;
-            lw_change_wake(block, s->desc.target_error, hurried);
-            if (tile->corrected && block->error > RESTS_ON * s->desc.target_error)
-                block->resting = block->resting && may_rest(s, tile, block);
-        }
-        note_woken(tile);
-        if (tile->woken) __atomic_store_n(&found, true, __ATOMIC_RELAXED);
-        lw_tiles_sum_up(tile);
-        shadow += count.shadow;
-        bounce += count.bounce;
-    }
-    count_rays(stats, shadow, bounce);
-    /* As many as there are bounces, once direct light has changed, and again once nothing urgent is left to solve. */
-    s->solved_urgent |= s->schedule.urgent > 0;
-    if (direct || (s->solved_urgent && !s->passes && !s->schedule.hurry)) {
-        s->passes = s->desc.bounces;
-        s->solved_urgent = false;
-    } else if (spreads) {
-        s->passes--;
-    }
-}
-
-/* Corrects all light of a tile: direct light by new shadow rays, indirect light along the rays that there are. */
-static void correct_tile(struct cell_solver *s, const struct lw_passes *passes, struct lw_solve_tile *tile,
-                         struct lw_passes_count *count) {
-    bool asked = false;
-    LW_TILES_EACH_BLOCK (tile, block) asked |= lw_change_choose_all(block, s->moves);
-    if (!asked) return;
-    tile->corrected |= lw_passes_compare(passes, tile, count);
-    take_over(s, passes, tile);
-    LW_TILES_EACH_BLOCK (tile, block) {
-        if (block->resting && block->covered_count) lw_change_wake(block, s->desc.target_error, true);
-        block->change.compare = block->change.direct = 0;
-    }
-    note_woken(tile);
-    lw_tiles_sum_up(tile);
-}
-
-/* While lights keep moving, a round is too long to wait for: a share of each frame goes round what is looked at, and corrects it. What
- * that comes to is shown at its end. It goes on until all has been corrected since the last movement. */
-static void sweep(struct cell_solver *s, const struct lw_passes *passes, struct lw_solver_stats *stats) {
-    const uint64_t began_ns = lw_clock_ns(),
-                   until_ns = began_ns + (uint64_t)(SWEEP_SHARE * s->budget_s * 1e9);
-    uint64_t shadow = 0, bounce = 0;
-    s->sweep.ended = false;
-    if (!is_hurried(s) || s->hasty) s->sweep.moves = s->light_moves; /* all are asked at once, or solved */
-    if (s->sweep.next == 0 && s->sweep.moves == s->light_moves) return;
-    if (s->sweep.next == 0) s->sweep.moves = s->light_moves;
-    uint32_t next = s->sweep.next;
-#pragma omp parallel num_threads(s->threads) reduction(+ : shadow, bounce)
-    for (;;) {
-        const uint32_t i = __atomic_fetch_add(&next, 1, __ATOMIC_RELAXED);
-        struct lw_passes_count count = {0};
-        if (i >= s->tiles.count) break;
-        struct lw_solve_tile *tile = &s->tiles.tile[i];
-        if (!tile->serves || !lw_schedule_looks_at(&s->schedule, tile)) continue;
-        correct_tile(s, passes, tile, &count);
-        shadow += count.shadow;
-        bounce += count.bounce;
-        if (lw_clock_ns() > until_ns) break;
-    }
-    s->sweep.ended = next >= s->tiles.count;
-    s->sweep.next = s->sweep.ended ? 0 : next;
-    count_rays(stats, shadow, bounce);
-}
-
-/* What bounces off tiles whose light has been corrected; returns how many those are. */
-static uint32_t pass_on(struct cell_solver *s, const struct lw_passes *passes) {
-    uint32_t count = 0;
-#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : count)
-    for (uint32_t i = 0; i < s->tiles.count; i++) {
-        const struct lw_solve_tile *tile = &s->tiles.tile[i];
-        count += tile->corrected;
-        for (uint32_t bounce = 0; tile->corrected && bounce < s->desc.bounces; bounce++)
-            lw_passes_radiate(passes, tile, bounce);
-    }
-    return count;
-}
-
-/* Blocks that are due: what this frame begins with. */
-static void weigh_direct(struct cell_solver *s, const struct lw_passes *passes,
-                         struct lw_solver_stats *stats) {
-    uint64_t shadow = 0, bounce = 0;
-#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shadow, bounce)
-    for (uint32_t i = 0; i < s->tiles.count; i++) {
-        struct lw_solve_tile *tile = &s->tiles.tile[i];
-        struct lw_passes_count count = {0};
-        bool asked = false;
-        LW_TILES_EACH_BLOCK (tile, block) {
-            block->due = tile->due && !block->resting &&
-                         (!tile->urgent || lw_change_is_urgent(&block->change) || !block->frames);
-            if (block->due && s->moves) asked |= lw_change_choose_due(block, s->moves);
-        }
-        if (asked) {
-            (void)lw_passes_compare(passes, tile, &count);
-            (void)lw_correction_indirect(&s->tiles, tile, s->desc.target_error, true);
-        }
-        LW_TILES_EACH_BLOCK (tile, block) {
-            if (block->due)
-                lw_change_weigh_direct(block, s->moves, s->desc.denoise, is_hurried(s) && s->hasty);
-        }
-        if (tile->due) tile->solved_tick = s->schedule.tick;
-        shadow += count.shadow;
-        bounce += count.bounce;
-    }
-    count_rays(stats, shadow, bounce);
+static struct lw_rest rest_of(const struct cell_solver *s) {
+    return (struct lw_rest){.target_error = s->desc.target_error, .frames_max = s->desc.frames_max};
 }
 
 /* ---- the passes ---- */
@@ -421,22 +180,9 @@ static void run_gather(struct cell_solver *s, const struct lw_passes *passes, ui
         if (has_work(s, &s->tiles.tile[i])) lw_passes_gather(passes, &s->tiles.tile[i], bounce);
 }
 
-/* Where something has just begun to move, what has been corrected is to be seen at once; where it goes on, at the end of a sweep. */
-static void show_corrections(struct cell_solver *s) {
-    for (uint32_t i = 0; i < s->tiles.count; i++) {
-        struct lw_solve_tile *tile = &s->tiles.tile[i];
-        const bool is_to_be_seen = s->sweep.ended || (tile->corrected && is_hurried(s) && s->hasty);
-        bool unseen = false;
-        LW_TILES_EACH_BLOCK (tile, block) unseen |= is_to_be_seen && block->unseen;
-        tile->shows |= unseen && lw_schedule_looks_at(&s->schedule, tile);
-        tile->corrected = false;
-    }
-}
-
 static void run_finish(struct cell_solver *s, const struct lw_passes *passes, uint64_t frame,
                        struct lw_solver_stats *stats) {
     uint32_t shown = 0;
-    show_corrections(s);
     if (s->desc.awaited && *s->desc.awaited && s->frames > 0) lw_schedule_put_off(&s->schedule, &s->tiles);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shown)
     for (uint32_t i = 0; i < s->tiles.count; i++) {
@@ -455,13 +201,14 @@ static void run_finish(struct cell_solver *s, const struct lw_passes *passes, ui
 
 /* Blocks whose error is low enough rest until their light changes. */
 static void settle_tile(const struct cell_solver *s, struct lw_solve_tile *tile) {
+    const struct lw_rest rest = rest_of(s);
     LW_TILES_EACH_BLOCK (tile, block) {
         if (!block->due || !block->covered_count) continue;
-        block->resting = settled(s, block);
+        block->resting = lw_rest_has_enough(&rest, block);
         block->stale = !block->resting && lw_change_is_stale(block, s->desc.target_error);
         block->change.woken &= !block->resting;
     }
-    note_woken(tile);
+    lw_follow_sum_woken(tile);
     lw_tiles_sum_up(tile);
 }
 
@@ -478,7 +225,7 @@ static void settle(struct cell_solver *s, struct lw_solver_stats *stats) {
 
 /* While what is remembered of the time before a movement may still show. */
 static bool is_fading(const struct cell_solver *s) {
-    return s->moves && s->frames_since_move < LW_CELL_SOLVER_FADE_FRAMES;
+    return s->follow.moves && s->follow.frames_since_move < LW_CELL_SOLVER_FADE_FRAMES;
 }
 
 static void count_tiles(const struct cell_solver *s, struct lw_solver_stats *stats) {
@@ -494,7 +241,7 @@ static struct lw_schedule_room room_in_time(const struct cell_solver *s, uint64_
     const uint64_t texels = 1 + (uint64_t)(left_ns / fmax(s->texel_ns, 1));
     bool waits = s->yields;
     for (uint32_t i = 0; i < s->tiles.count && s->hasty && !waits; i++)
-        waits = s->moves && s->tiles.tile[i].serves && s->tiles.tile[i].unasked;
+        waits = s->follow.moves && s->tiles.tile[i].serves && s->tiles.tile[i].unasked;
     return (struct lw_schedule_room){s->yields ? 0 : texels, waits ? 0 : texels};
 }
 
@@ -514,6 +261,17 @@ static bool choose_tiles(struct cell_solver *s, struct lw_solver_stats *stats) {
     return count.due > 0;
 }
 
+/* Of the tiles that are due, the blocks; of an urgent one those alone that have woken. */
+static void choose_blocks(struct cell_solver *s) {
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        struct lw_solve_tile *tile = &s->tiles.tile[i];
+        LW_TILES_EACH_BLOCK (tile, block)
+            block->due = tile->due && !block->resting &&
+                         (!tile->urgent || lw_change_is_urgent(&block->change) || !block->frames);
+        if (tile->due) tile->solved_tick = s->schedule.tick;
+    }
+}
+
 /* Estimates of the last solves, before anything moves from where it was then. */
 static void recall(struct cell_solver *s, const struct lw_passes *passes, struct lw_solver_stats *stats) {
     uint64_t shadow = 0, bounce = 0;
@@ -524,7 +282,7 @@ static void recall(struct cell_solver *s, const struct lw_passes *passes, struct
         shadow += count.shadow;
         bounce += count.bounce;
     }
-    count_rays(stats, shadow, bounce);
+    count_rays(stats, &(struct lw_passes_count){shadow, bounce});
     s->forgetful = false;
 }
 
@@ -570,6 +328,16 @@ static struct lw_passes passes_of(struct cell_solver *s) {
                               .target_error = s->desc.target_error};
 }
 
+static struct lw_follow_frame following_of(const struct cell_solver *s, const struct lw_passes *passes) {
+    return (struct lw_follow_frame){.passes = passes,
+                                    .schedule = &s->schedule,
+                                    .rest = rest_of(s),
+                                    .budget_s = s->budget_s,
+                                    .hasty = s->hasty,
+                                    .filtered = s->desc.denoise,
+                                    .threads = s->threads};
+}
+
 static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose, uint64_t number,
                             struct lw_solver_stats *out_stats, struct lw_error *err) {
     struct cell_solver *s = (struct cell_solver *)solver;
@@ -578,22 +346,15 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     const struct lw_passes passes = passes_of(s);
     const unsigned moved = lw_pose_difference(pose, &s->pose, s->desc.scene);
     stats.moved = moved != 0;
-    s->frames_since_move++;
+    s->follow.frames_since_move++;
     if (stats.moved) {
         if (s->forgetful) recall(s, &passes, &stats);
         s->view_due |= memcmp(s->pose.object_hidden, pose->object_hidden,
                               s->desc.scene->object_count * sizeof *pose->object_hidden) != 0;
-        lw_change_order_note(&s->order, &s->tiles, s->desc.scene, &s->pose, pose);
-        const bool shines = lights_differ(s, pose);
+        lw_follow_move(&s->follow, &s->tiles, s->desc.scene, &s->pose, pose,
+                       lw_lights_differ(&s->lights, &s->pose, pose));
         lw_pose_copy(&s->pose, pose, s->desc.scene);
         s->pose_due |= moved;
-        s->moves++;
-        if (shines) s->light_moves = s->moves;
-        if (s->frames_since_move > LW_CELL_SOLVER_STILL_FRAMES) {
-            s->began = s->moves;
-            s->shone = shines;
-        }
-        s->frames_since_move = 0;
     }
     const bool looked_at = lw_schedule_is_looked_at(&s->schedule);
     /* What appears is lit at once, whoever looks: there is nothing without light (schedule.h). That what went was gone must be
@@ -602,18 +363,17 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     if (status == LW_OK && s->pose_due && (looked_at || s->view_due)) status = place(s, &stats, err);
     if (status != LW_OK) return status;
     lw_schedule_serve(&s->schedule, &s->tiles, s->has_probes);
-    const uint64_t asked = lw_clock_ns();
-    if (s->moves && looked_at) {
-        find_change(s, &passes, &stats);
-        sweep(s, &passes, &stats);
-    }
-    stats.change_ns = lw_clock_ns() - asked;
-    s->unchanged_rounds = is_changing(s) || s->corrected ? 0 : s->unchanged_rounds + s->schedule.ended;
-    const bool solves = choose_tiles(s, &stats),
-               changing = s->moves && s->unchanged_rounds <= CHANGING_ROUNDS;
-    s->still_rounds = solves || s->corrected ? 0 : s->still_rounds + s->schedule.ended;
+    const struct lw_follow_frame following = following_of(s, &passes);
+    struct lw_passes_count asked = {0};
+    const uint64_t asked_ns = lw_clock_ns();
+    lw_follow_ask(&s->follow, &following, &asked);
+    stats.change_ns = lw_clock_ns() - asked_ns;
+    const bool solves = choose_tiles(s, &stats), changing = lw_follow_is_changing(&s->follow);
+    lw_follow_note_work(&s->follow, solves, s->schedule.ended);
     if (!solves) {
-        s->corrected = pass_on(s, &passes);
+        count_rays(&stats, &asked);
+        lw_follow_pass_on(&s->follow, &following);
+        lw_follow_show(&s->follow, &following);
         run_finish(s, &passes, number, &stats); /* of what was solved before but not shown */
         if (stats.tiles_shown) status = show(s, number, &stats, err);
         if (status != LW_OK) return status;
@@ -623,12 +383,14 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     }
     if (s->pose_due) status = place(s, &stats, err);
     if (status != LW_OK) return status;
-    /* Only now: what place() makes of new materials, find_change() has found already. */
+    /* Only now: what place() makes of new materials has been asked about already. */
     for (uint32_t bounce = 0; bounce < s->desc.bounces; bounce++)
         memset(s->tiles.radiance_change[bounce], 0, s->tiles.block_count * sizeof(struct lw_vec3));
     const uint64_t weighed = lw_clock_ns();
-    weigh_direct(s, &passes, &stats);
-    s->corrected = pass_on(s, &passes);
+    choose_blocks(s);
+    lw_follow_weigh(&s->follow, &following, &asked);
+    count_rays(&stats, &asked);
+    lw_follow_pass_on(&s->follow, &following);
     stats.change_ns += lw_clock_ns() - weighed;
     stats.pose_ns = lw_clock_ns() - t0 - stats.probe_ns - stats.change_ns;
     struct lw_progress progress;
@@ -666,6 +428,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     }
     if (s->desc.bounces > 1 && changing) run_arrive(s, &passes);
     if (cancelled(s)) return LW_CLOSED;
+    lw_follow_show(&s->follow, &following);
     run_finish(s, &passes, number, &stats);
     if (stats.tiles_shown) status = show(s, number, &stats, err);
     if (status != LW_OK) return status;
@@ -689,23 +452,26 @@ void lw_cell_solver_give(struct lw_solver *solver, double budget_s, bool yields,
 
 unsigned lw_cell_solver_hurry(const struct lw_solver *solver) {
     const struct cell_solver *s = (const struct cell_solver *)solver;
-    return asks_all(s) && is_unasked(s) ? LW_CELL_SOLVER_HURRY_MOST : s->schedule.hurry;
+    const bool hasty = s->budget_s > 0 && s->hasty;
+    return hasty && lw_follow_is_behind(&s->follow, &s->tiles, &s->schedule) ? LW_CELL_SOLVER_HURRY_MOST
+                                                                             : s->schedule.hurry;
 }
 
 void lw_cell_solver_review(struct lw_solver *solver) {
     struct cell_solver *s = (struct cell_solver *)solver;
     const struct lw_passes passes = passes_of(s);
+    const struct lw_rest rest = rest_of(s);
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         lw_passes_judge(&passes, tile);
         LW_TILES_EACH_BLOCK (tile, block) {
             if (!block->resting || !block->covered_count) continue;
-            block->resting = may_rest(s, tile, block);
+            block->resting = lw_rest_may(&rest, tile, block);
             lw_change_review(block, s->desc.target_error);
         }
         lw_tiles_sum_up(tile);
     }
-    s->still_rounds = 0;
+    s->follow.still_rounds = 0;
 }
 
 static enum lw_status want(struct lw_solver *solver, const uint8_t *wanted, struct lw_error *err) {
@@ -776,7 +542,7 @@ static uint32_t list_parts(const struct cell_solver *s, struct remembered *remem
 static enum lw_status save(const struct lw_solver *solver, const char *path, const uint8_t key[16],
                            struct lw_error *err) {
     const struct cell_solver *s = (const struct cell_solver *)solver;
-    struct remembered remembered = {s->frames, s->frames_since_move, s->moves};
+    struct remembered remembered = {s->frames, s->follow.frames_since_move, s->follow.moves};
     struct lw_checkpoint_part part[PARTS_MAX];
     const uint32_t parts = list_parts(s, &remembered, part);
     return lw_checkpoint_save(path, key, &s->tiles, part, parts, err);
@@ -786,21 +552,20 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
                            uint64_t *out_frames, struct lw_error *err) {
     struct cell_solver *s = (struct cell_solver *)solver;
     struct remembered remembered;
+    const struct lw_rest rest = rest_of(s);
     struct lw_checkpoint_part part[PARTS_MAX];
     const uint32_t parts = list_parts(s, &remembered, part);
     enum lw_status status = lw_checkpoint_load(path, key, &s->tiles, part, parts, err);
     if (status != LW_OK) return status;
     s->frames = remembered.frames;
-    s->frames_since_move = remembered.frames_since_move;
-    s->moves = remembered.moves;
+    lw_follow_resume(&s->follow, remembered.moves, remembered.frames_since_move);
     s->forgetful = true;
-    s->unchanged_rounds = CHANGING_ROUNDS + 1;
     s->welds.fresh = true;
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         LW_TILES_EACH_BLOCK (tile, block) {
-            block->resting = may_rest(s, tile, block);
-            block->change.moves = s->moves;
+            block->resting = lw_rest_may(&rest, tile, block);
+            block->change.moves = s->follow.moves;
         }
         lw_tiles_sum_up(tile);
     }
@@ -833,7 +598,7 @@ static void destroy(struct lw_solver *solver) {
     lw_tiles_finish(&s->tiles);
     lw_geometry_finish(&s->own_geometry);
     lw_pose_finish(&s->pose);
-    lw_change_order_finish(&s->order);
+    lw_follow_finish(&s->follow);
     free(s->end);
     free(s);
 }
@@ -894,7 +659,7 @@ static enum lw_status build(struct cell_solver *s, const struct lw_pose *pose, s
         return lw_status_fail(err, status, "probes");
     if (s->desc.denoise && (status = set_up_denoise(s, err)) != LW_OK) return status;
     s->end = calloc((size_t)texels->count * s->desc.indirect_samples + 1, sizeof *s->end);
-    if (!s->end || lw_change_order_init(&s->order, s->tiles.count) != LW_OK)
+    if (!s->end || lw_follow_init(&s->follow, s->tiles.count) != LW_OK)
         return lw_status_fail(err, LW_NO_MEMORY, "%u texels", texels->count);
     return LW_OK;
 }

@@ -8,8 +8,6 @@
 #include "server/solve/solver.h"
 #include "server/solve/tiles.h"
 
-/* A block rests at the target error, but never before it has seen this many frames. */
-#define LW_CELL_SOLVER_FRAMES_MIN 16u
 /* While something moves, probes remember so many frames. */
 #define LW_CELL_SOLVER_HISTORY_PROBES 16
 /* Frames after a movement until probes are taken to have forgotten the time before. */
@@ -30,9 +28,6 @@ LW_MUST_CHECK enum lw_status lw_cell_solver_create_over(struct lw_geometry *geom
 
 /** What it holds, between two frames. Of that, `beside` of blocks may be written. */
 struct lw_tiles *lw_cell_solver_tiles(struct lw_solver *solver);
-
-/* What moves after so many frames in which nothing did begins to. */
-#define LW_CELL_SOLVER_STILL_FRAMES 4u
 
 /** Gives the frames to come so much wall time for solving, about; 0: as long as it takes. yields: they solve
  * nothing, and only ask what has changed. hasty: something has begun to move, after a while in which nothing did: what follows from that comes

@@ -1,5 +1,5 @@
 /* change_order.h: in which order tiles are asked what has changed, where a frame has no time to ask all.
- * Flow:    pose before, pose now -> [note what moved] -> [order] -> the tiles as find_change() of the cell solver asks them
+ * Flow:    pose before, pose now -> [note what moved] -> [order] -> the tiles as they are asked (follow.h)
  * Threads: [solver].
  *
  * What is looked at is asked before what lights it, what has moved itself first, and what is near to it before what is far: there a

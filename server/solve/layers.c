@@ -4,6 +4,7 @@
 #include "common/log.h"
 #include "common/random.h"
 #include "server/solve/cell_solver.h"
+#include "server/solve/follow.h"
 
 #include <limits.h>
 #include <math.h>
@@ -374,17 +375,17 @@ static void give_time(struct layers *s, bool moved) {
         most = hurry > most ? hurry : most;
     }
     /* Under steady movement all that is looked at has its turn. */
-    s->hasty = moved ? s->still_frames > LW_CELL_SOLVER_STILL_FRAMES
-                     : s->hasty && (most || s->still_frames <= LW_CELL_SOLVER_STILL_FRAMES);
+    s->hasty = moved ? s->still_frames > LW_FOLLOW_STILL_FRAMES
+                     : s->hasty && (most || s->still_frames <= LW_FOLLOW_STILL_FRAMES);
     if (moved || !s->hasty || s->yields >= YIELDS_MAX) most = 0;
     for (const struct layer *layer = s->layer; layer < s->layer + s->count; layer++)
         first += layer->ran && lw_cell_solver_hurry(layer->solver) >= most;
     s->yields = first < running ? s->yields + 1 : 0;
     const double left = most == LW_CELL_SOLVER_HURRY_MOST ? YIELDS_SHARE_LEAST : YIELDS_SHARE,
                  shares = first + left * (running - first),
-                 budgets = most                                                     ? HURRY_SHARE
-                           : moved && s->still_frames > LW_CELL_SOLVER_STILL_FRAMES ? BEGIN_SHARE
-                                                                                    : 1,
+                 budgets = most                                                ? HURRY_SHARE
+                           : moved && s->still_frames > LW_FOLLOW_STILL_FRAMES ? BEGIN_SHARE
+                                                                               : 1,
                  budget_s = budgets * s->desc.frame_budget_s;
     for (struct layer *layer = s->layer; layer < s->layer + s->count; layer++) {
         if (!layer->ran) continue;
