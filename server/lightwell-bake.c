@@ -9,6 +9,7 @@
 #include "common/scene/lightmap.h"
 #include "common/scene/package.h"
 #include "common/scene/scene_open.h"
+#include "common/wait_policy.h"
 #include "server/bake/bake.h"
 #include "server/bake/glb_scene.h"
 #include "server/bake/manifest.h"
@@ -498,6 +499,7 @@ int main(int argc, char **argv) {
     struct lw_error err = {0};
     bool done = false;
     lw_log_init(PROGRAM, LW_LOG_INFO);
+    lw_wait_passively(argv);
     enum lw_status status = parse(&b.settings, argc, argv, &done, &err);
     if (status == LW_OK && !done) {
         lw_interrupt_watch(on_signal);

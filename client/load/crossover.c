@@ -3,6 +3,7 @@
 #include "client/load/crossover_report.h"
 #include "common/interrupt.h"
 #include "common/log.h"
+#include "common/wait_policy.h"
 
 #include <signal.h>
 #include <stdio.h>
@@ -14,15 +15,6 @@ static volatile sig_atomic_t signalled;
 
 /* The first signal ends the measurement, the second the program. */
 static void on_signal(int number) { signalled = number; }
-
-/* OpenMP's idle threads spin for a while by default, which is CPU time that nobody used. Its library reads this when the
- * program starts: so it is started once more. The server inherits it. */
-static void wait_passively(char **argv) {
-    if (getenv("OMP_WAIT_POLICY") || setenv("OMP_WAIT_POLICY", "passive", 1) != 0) return;
-    execv("/proc/self/exe", argv);
-    lw_log(LW_LOG_WARNING,
-           "idle threads spin: CPU times are too high (cannot start anew with OMP_WAIT_POLICY=passive)");
-}
 
 static void write_command(int argc, char **argv, char *out, size_t size) {
     size_t length = (size_t)snprintf(out, size, "lightwell-load");
@@ -67,7 +59,7 @@ int lw_crossover_command(int argc, char **argv) {
     bool done = false;
     enum lw_status status = lw_crossover_options_parse(argc, argv, &options, &done, &err);
     if (status == LW_OK && !done) {
-        wait_passively(argv - 1); /* argv[-1] is the program's own name: see crossover.h */
+        lw_wait_passively(argv - 1); /* argv[-1] is the program's own name: see crossover.h */
         write_command(argc, argv, command, sizeof command);
         status = run(&options, command, &err);
     }

@@ -3,9 +3,11 @@
 #include "client/view/view_options.h"
 #include "client/view/window.h"
 #include "common/log.h"
+#include "common/wait_policy.h"
 
 int main(int argc, char **argv) {
     lw_log_init("lightwell-view", LW_LOG_INFO);
+    lw_wait_passively(argv);
     struct lw_view_options options;
     struct lw_error err = {0};
     bool done = false;

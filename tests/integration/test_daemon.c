@@ -900,6 +900,41 @@ static void every_way_to_solve_serves(void **state) {
         fail_msg("%g with probes, %g without", probed, traced);
 }
 
+/* ---- beside other programs ---- */
+
+/* Whether a file of a process in /proc holds `text`. */
+static bool proc_holds(const struct lw_process *process, const char *file, const char *text) {
+    char path[64], content[65536];
+    snprintf(path, sizeof path, "/proc/%d/%s", (int)process->pid, file);
+    const int fd = open(path, O_RDONLY | O_CLOEXEC);
+    assert_true(fd >= 0);
+    size_t length = 0;
+    for (ssize_t got; (got = read(fd, content + length, sizeof content - length)) > 0;) length += (size_t)got;
+    close(fd);
+    return memmem(content, length, text, strlen(text)) != NULL;
+}
+
+static void expect_waiting(const char *policy, const char *expected) {
+    struct lw_process daemon;
+    char variable[64];
+    snprintf(variable, sizeof variable, "OMP_WAIT_POLICY=%s", expected);
+    assert_int_equal(policy ? setenv("OMP_WAIT_POLICY", policy, 1) : unsetenv("OMP_WAIT_POLICY"), 0);
+    lw_process_serve(&daemon, RESTS);
+    assert_true(proc_holds(&daemon, "environ", variable));
+    assert_true(proc_holds(&daemon, "comm", "lightwelld\n"));
+    stop(&daemon);
+}
+
+static void idle_threads_sleep_unless_told_otherwise(void **state) {
+    (void)state;
+    const char *was = getenv("OMP_WAIT_POLICY");
+    char *kept = was ? strdup(was) : NULL;
+    expect_waiting(NULL, "passive");
+    expect_waiting("active", "active");
+    assert_int_equal(kept ? setenv("OMP_WAIT_POLICY", kept, 1) : unsetenv("OMP_WAIT_POLICY"), 0);
+    free(kept);
+}
+
 int main(void) {
     lw_log_init("test_daemon", LW_LOG_WARNING);
     const struct CMUnitTest tests[] = {
@@ -925,6 +960,7 @@ int main(void) {
         cmocka_unit_test_teardown(the_city_moves_frame_by_frame, end_all),
         cmocka_unit_test_teardown(a_frozen_scene_holds_still, end_all),
         cmocka_unit_test_teardown(every_way_to_solve_serves, end_all),
+        cmocka_unit_test_teardown(idle_threads_sleep_unless_told_otherwise, end_all),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
