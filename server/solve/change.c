@@ -70,34 +70,36 @@ static void ask_again(struct lw_solve_block *block) {
     change->reread = true;
 }
 
-bool lw_change_choose(struct lw_solve_block *block, uint32_t moves, uint32_t began, uint32_t tick, bool turn,
-                      bool active, bool spreads, bool shone) {
+bool lw_change_choose(struct lw_solve_block *block, const struct lw_change_round *round) {
     struct lw_change_block *change = &block->change;
-    const bool moved = change->moves != moves, missed = tick - change->tick > ROUNDS_MAX,
-               first = change->moves < began;
+    const bool moved = change->moves != round->moves, missed = round->tick - change->tick > ROUNDS_MAX,
+               first = change->moves < round->began,
+               lit = (missed || first) && change->moves < round->light_moves;
     change->compare = change->retrace = change->direct = 0;
     change->fresh = change->reread = false;
-    change->tick = tick;
+    change->tick = round->tick;
     if (!block->packet_count || !block->frames) return false;
     change->begins = moved && (missed || first || (block->resting ? !change->unchecked : !change->moving));
-    if (!change->begins && spreads && !change->woken && !(turn && block->resting)) {
+    if (!change->begins && round->spreads && !change->woken && !(round->turn && block->resting)) {
         ask_again(block);
         return true;
     }
     if (!block->resting && !change->begins) return false;
     if (moved) change->unchecked = lw_change_all_packets(block);
-    change->moves = moves;
+    change->moves = round->moves;
     change->moving = true;
     if (change->begins) change->asked = 0;
-    if (!change->unchecked && !active) return false;
+    if (!change->unchecked && !round->active) return false;
     /* Each packet once in LW_PACKETS_MAX rounds, however few a block has. */
-    if (!change->begins &&
-        (!turn || (tick + lw_random_hash(block->tile_id)) % LW_PACKETS_MAX >= block->packet_count))
+    if (!change->begins && (!round->turn || (round->tick + lw_random_hash(block->tile_id)) % LW_PACKETS_MAX >=
+                                                block->packet_count))
         return false;
-    if (first && shone)
+    if (lit) {
+        if (!round->hurried) ask_again(block);
         change->direct = change->asked = lw_change_all_packets(block);
-    else
+    } else {
         ask(change, take_turn(block, first ? witnesses_of(block) : 1));
+    }
     change->fresh = true;
     return true;
 }

@@ -9,8 +9,8 @@
  * bounces. What nobody looks at and what lights nobody's view is not asked.
  *   where something begins to move   one packet, or up to four of a block of several surfaces, and all at once if these have found a
  *                                    difference; in a hurry, not those before they are solved, and then only if it was a small one
- *   in a hurry, where lights begin to move             all packets, about direct light alone
- *   in a hurry, where others' light has just changed   all packets, along the rays that there are
+ *   where lights begin to move, or have since the block last served   all packets, about direct light; without hurry, both
+ *   where others' light has just changed               all packets, along the rays that there are
  *   while lights keep moving                           all packets, about both, some tiles a frame
  *   at rest   one packet in turn, so that all have been asked 16 rounds after the last movement
  *   awake     one packet before each solve while something moves; all, along the rays that there are, while light changes
@@ -88,13 +88,21 @@ struct lw_change_block {
 
 struct lw_solve_block;
 
+/* What is asked of all blocks in a frame. */
+struct lw_change_round {
+    uint32_t moves, began,
+        light_moves; /* of the scene, so far; when it last began to move; when its lights last did */
+    uint32_t tick;   /* counts the rounds (schedule.h) */
+    bool turn;       /* a round begins */
+    bool active;     /* light elsewhere may be changing */
+    bool spreads; /* it has changed in the last frames: what follows from that is not to wait for its turn */
+    bool hurried; /* time is short */
+};
+
 /** Chooses the packets that are asked of a block before it is known what this frame solves: mostly one, or none; of a block that does
- * not rest only where something begins to move. moves: of the scene, so far; began: those when it last began to move; tick: counts rounds
- * (schedule.h); turn: a round begins; active: light elsewhere may be changing; spreads: it has changed in the last frames, and what follows
- * from that is not to wait for its turn: all packets are asked along the rays that there are. shone: lights have begun to move: all packets
- * are asked about direct light. Returns whether there are any. */
-bool lw_change_choose(struct lw_solve_block *block, uint32_t moves, uint32_t began, uint32_t tick, bool turn,
-                      bool active, bool spreads, bool shone);
+ * not rest only where something begins to move. Where light spreads, all along the rays that there are; where lights have begun to move, or
+ * have since the block last served, all about direct light, and, if there is time, along the rays. Returns whether there are any. */
+bool lw_change_choose(struct lw_solve_block *block, const struct lw_change_round *round);
 
 /** Chooses all packets, about direct light and along the rays that there are. Returns whether there are any. */
 bool lw_change_choose_all(struct lw_solve_block *block, uint32_t moves);

@@ -7,8 +7,11 @@
 #define LANES LW_TRACE_WIDTH
 /* Of the variance of what a surface has found, what counts against believing it: noise is averaged by those who look, change is not. */
 #define NOISE_COUNTS 0.125f
-/* Indirect light is in doubt by this share of its correction at least: few rays may all have missed the same bright spot. */
-#define DOUBT_MIN 0.25f
+/* Indirect light is in doubt by this share of its correction: few rays may all have missed the same bright spot. And by this share of the
+ * variance of what a surface has found: that is noise, of what its rays end on, which the samples of the next solves have as well.
+ * (Counted in full, it kept means at three frames for as long as light was taken to be changing: docs/results/dynamic.md.) */
+#define DOUBT_MIN   0.25f
+#define DOUBT_NOISE 0.1f
 /* Shares of a block's light: less is not corrected; nor is less than this of what may be off at rest; less is not shown for its own sake. */
 #define TAKEN_MIN       2e-3f
 #define TAKEN_OF_TARGET 0.25f
@@ -365,7 +368,7 @@ static bool correct_surface(struct lw_tiles *tiles, const struct lw_solve_tile *
     shift_surface(tiles, block, &places, &shift, estimates);
     take_from(block, first, &shift);
     const bool much = square > SHOWN_MIN * SHOWN_MIN * light;
-    const float doubt = believed * whole.error + (much ? DOUBT_MIN * DOUBT_MIN * square : 0),
+    const float doubt = DOUBT_NOISE * believed * whole.error + (much ? DOUBT_MIN * DOUBT_MIN * square : 0),
                 share = (float)places.count / (float)block->covered_count;
     block->change.doubt = sqrtf(block->change.doubt * block->change.doubt + share * doubt);
     block->unseen |= much;

@@ -27,7 +27,7 @@ void lw_follow_move(struct lw_follow *follow, struct lw_tiles *tiles, const stru
     lw_change_order_note(&follow->order, tiles, scene, was, is);
     follow->moves++;
     if (shines) follow->light_moves = follow->moves;
-    if (follow->frames_since_move > LW_FOLLOW_STILL_FRAMES) {
+    if (follow->moves == 1 || follow->frames_since_move > LW_FOLLOW_STILL_FRAMES) {
         follow->began = follow->moves;
         follow->shone = shines;
     }
@@ -41,6 +41,9 @@ void lw_follow_resume(struct lw_follow *follow, uint32_t moves, uint32_t frames_
 }
 
 static bool is_hurried(const struct lw_follow_frame *frame) { return frame->budget_s > 0; }
+
+/* What follows from a movement need not wait for its turn. */
+static bool is_at_once(const struct lw_follow_frame *frame) { return !is_hurried(frame) || frame->hasty; }
 
 static bool is_hasty(const struct lw_follow_frame *frame) { return is_hurried(frame) && frame->hasty; }
 
@@ -92,8 +95,7 @@ bool lw_follow_is_behind(const struct lw_follow *follow, const struct lw_tiles *
 struct search {
     const struct lw_follow_frame *frame;
     uint64_t began_ns;
-    bool active;       /* light elsewhere may be changing: until all have been asked about the last solve */
-    bool spreads;      /* light that has been corrected is yet to arrive */
+    struct lw_change_round round;
     bool begun, found; /* by any worker: a question that there was no time for, a change */
 };
 
@@ -109,16 +111,13 @@ static bool is_time_over(const struct lw_follow *follow, struct search *search) 
 }
 
 /* Asks one tile; adds its rays to count. Returns whether its direct light has been corrected. */
-static bool ask_tile(const struct lw_follow *follow, struct search *search, struct lw_solve_tile *tile,
-                     struct lw_passes_count *count) {
+static bool ask_tile(struct search *search, struct lw_solve_tile *tile, struct lw_passes_count *count) {
     const struct lw_follow_frame *frame = search->frame;
     const float target_error = frame->rest.target_error;
-    const bool hurried = is_hurried(frame), shone = asks_all(follow, frame);
+    const bool hurried = is_hurried(frame);
     bool asked = false, more = false;
     tile->unasked = false;
-    LW_TILES_EACH_BLOCK (tile, block)
-        asked |= lw_change_choose(block, follow->moves, follow->began, frame->schedule->tick,
-                                  frame->schedule->ended, search->active, search->spreads, shone);
+    LW_TILES_EACH_BLOCK (tile, block) asked |= lw_change_choose(block, &search->round);
     if (!asked) return false;
     const bool direct = tile->corrected = lw_passes_compare(frame->passes, tile, count);
     LW_TILES_EACH_BLOCK (tile, block) more |= lw_change_choose_more(block, target_error, hurried);
@@ -140,11 +139,17 @@ static bool ask_tile(const struct lw_follow *follow, struct search *search, stru
 static void ask(struct lw_follow *follow, const struct lw_follow_frame *frame,
                 struct lw_passes_count *count) {
     struct lw_tiles *tiles = frame->passes->tiles;
-    struct search search = {.frame = frame,
-                            .began_ns = lw_clock_ns(),
-                            .active = follow->still_rounds <= LW_PACKETS_MAX,
-                            .spreads =
-                                is_hasty(frame) && follow->passes > 0 && !is_unasked(tiles, frame->schedule)};
+    struct search search = {
+        .frame = frame,
+        .began_ns = lw_clock_ns(),
+        .round = {.moves = follow->moves,
+                  .began = follow->began,
+                  .light_moves = follow->light_moves,
+                  .tick = frame->schedule->tick,
+                  .turn = frame->schedule->ended,
+                  .active = follow->still_rounds <= LW_PACKETS_MAX, /* not all were asked */
+                  .spreads = is_at_once(frame) && follow->passes > 0 && !is_unasked(tiles, frame->schedule),
+                  .hurried = is_hurried(frame)}};
     uint64_t shadow = 0, bounce = 0;
     bool direct = false;
     lw_change_order_sort(&follow->order, tiles, frame->schedule, is_hurried(frame));
@@ -153,7 +158,7 @@ static void ask(struct lw_follow *follow, const struct lw_follow_frame *frame,
         struct lw_solve_tile *tile = &tiles->tile[follow->order.turn[i].tile];
         struct lw_passes_count of_tile = {0};
         if (!tile->serves || (tile->unasked && is_time_over(follow, &search))) continue;
-        direct |= ask_tile(follow, &search, tile, &of_tile);
+        direct |= ask_tile(&search, tile, &of_tile);
         shadow += of_tile.shadow;
         bounce += of_tile.bounce;
     }
@@ -164,7 +169,7 @@ static void ask(struct lw_follow *follow, const struct lw_follow_frame *frame,
     if (direct || (follow->solved_urgent && !follow->passes && !frame->schedule->hurry)) {
         follow->passes = tiles->bounces;
         follow->solved_urgent = false;
-    } else if (search.spreads) {
+    } else if (search.round.spreads) {
         follow->passes--;
     }
 }
@@ -287,7 +292,7 @@ void lw_follow_show(const struct lw_follow *follow, const struct lw_follow_frame
     struct lw_tiles *tiles = frame->passes->tiles;
     for (uint32_t i = 0; i < tiles->count; i++) {
         struct lw_solve_tile *tile = &tiles->tile[i];
-        const bool is_to_be_seen = follow->sweep.ended || (tile->corrected && is_hasty(frame));
+        const bool is_to_be_seen = follow->sweep.ended || (tile->corrected && is_at_once(frame));
         bool unseen = false;
         LW_TILES_EACH_BLOCK (tile, block) unseen |= is_to_be_seen && block->unseen;
         tile->shows |= unseen && lw_schedule_looks_at(frame->schedule, tile);

@@ -326,6 +326,87 @@ static void test_a_lamp_goes_out(void **state) {
     room_finish(&s);
 }
 
+/* ---- memories of other light ---- */
+
+#define SEEDS 4u
+
+/* The room's lamp, which may be off, and one at the far end, a quarter as strong. */
+static struct room room_of_two_lamps(void) {
+    struct room room = make_room(8, 1.4f);
+    for (int c = 0; c < 3; c++) room.light[0].intensity[c] = 20;
+    room.light[1] = (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {5, 5, 5}};
+    room.light_position[1] = lw_vec3(6, 1.2f, 0.8f);
+    room.light_count = 2;
+    return room;
+}
+
+static void light_up(struct room_solution *s, bool lit) {
+    s->pose.light[0].intensity = lit ? lw_vec3(20, 20, 20) : lw_vec3(0, 0, 0);
+}
+
+/* Mean square by which texels of the floor are off, each relative to its square's light. */
+struct errors {
+    const struct squares *truth;
+    double square, area;
+};
+
+static void add_error(void *user, struct lw_vec3 p, double area, double direct, double indirect) {
+    struct errors *errors = user;
+    const double light = errors->truth->light[(int)(p.x * 2) * 4 + (int)(p.z * 2)],
+                 off = light > 0 ? (direct + indirect) / light - 1 : 0;
+    errors->square += area * off * off;
+    errors->area += area;
+}
+
+/* After six frames with the lamp on or off; before, for `before` frames, it was the other way round. */
+static double error_after(const struct squares *truth, bool lit, unsigned before, uint32_t seed) {
+    struct lw_solver_desc seeded = desc;
+    struct room_solution s;
+    uint64_t frame = 0;
+    seeded.seed = seed;
+    const struct room room = room_of_two_lamps();
+    room_solve(&s, &room, seeded, 0);
+    light_up(&s, !lit);
+    solve_on(&s, &frame, before);
+    light_up(&s, lit);
+    solve_on(&s, &frame, 6);
+    struct errors errors = {.truth = truth};
+    room_each_texel(&s, 0, add_error, &errors);
+    room_finish(&s);
+    return errors.square / errors.area;
+}
+
+static void expect_about_as_anew(bool lit, unsigned before, double times) {
+    struct lw_solver_desc exact = desc;
+    struct room_solution s;
+    double was = 0, anew = 0;
+    exact.target_error = -1;
+    exact.seed = 1000;
+    uint64_t frame = 0;
+    const struct room room = room_of_two_lamps();
+    room_solve(&s, &room, exact, 0);
+    light_up(&s, lit);
+    solve_on(&s, &frame, 300);
+    const struct squares truth = light_of_floor(&s);
+    room_finish(&s);
+    for (uint32_t seed = 1; seed <= SEEDS; seed++) {
+        was += error_after(&truth, lit, before, seed);
+        anew += error_after(&truth, lit, 0, seed);
+    }
+    if (!(was <= times * anew))
+        fail_msg("%g times the error of a solve that begins: the lamp was %s after %u frames", was / anew,
+                 lit ? "lit" : "put out", before);
+}
+
+/* What is remembered of other light should be worth something, or at least do no harm: a solve that has just begun and must forget is a
+ * frame behind. */
+static void test_memory_does_no_harm(void **state) {
+    (void)state;
+    expect_about_as_anew(false, 1, 2.2);
+    expect_about_as_anew(false, 30, 1.2);
+    expect_about_as_anew(true, 30, 1.1);
+}
+
 /* A block at rest whose texels' indirect light comes out otherwise, by `each` up or down, in the mean over a region by 1/8. */
 static bool wakes(float each) {
     struct lw_packet packet[LW_PACKETS_MAX];
@@ -363,6 +444,7 @@ int main(void) {
         cmocka_unit_test(test_nothing_is_solved_for_what_lights_nothing),
         cmocka_unit_test(test_filtered_light_changes_sooner),
         cmocka_unit_test(test_follows_a_lamp),
+        cmocka_unit_test(test_memory_does_no_harm),
         cmocka_unit_test(test_noise_is_no_change),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
