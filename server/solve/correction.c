@@ -11,7 +11,7 @@
  * variance of what a surface has found: that is noise, of what its rays end on, which the samples of the next solves have as well.
  * (Counted in full, it kept means at three frames for as long as light was taken to be changing: docs/results/dynamic.md.) */
 #define DOUBT_MIN   0.25f
-#define DOUBT_NOISE 0.1f
+#define DOUBT_NOISE 0.3f
 /* Shares of a block's light: less is not corrected; nor is less than this of what may be off at rest; less is not shown for its own sake. */
 #define TAKEN_MIN       2e-3f
 #define TAKEN_OF_TARGET 0.25f
