@@ -286,12 +286,15 @@ static void on_session_closed(void *context) {
     stop_when_empty(server);
 }
 
-static void begin_stop(struct lw_server *server) {
+/* signalled: without a watcher the next signal has its default effect: whoever cannot wait asks twice. Else watchers stay until the end:
+ * who goes away ends our input, and then sends a signal. */
+static void begin_stop(struct lw_server *server, bool signalled) {
+    if (signalled) {
+        uv_signal_stop(&server->interrupt);
+        uv_signal_stop(&server->terminate);
+    }
     if (server->stopping) return;
     server->stopping = true;
-    /* without a watcher the next signal has its default effect: whoever cannot wait asks twice */
-    uv_signal_stop(&server->interrupt);
-    uv_signal_stop(&server->terminate);
     uv_close((uv_handle_t *)&server->listener, NULL);
     for (struct lw_session *s = server->shared.first, *next; s; s = next) {
         next = lw_session_next(s);
@@ -303,7 +306,7 @@ static void begin_stop(struct lw_server *server) {
 static void on_signal(uv_signal_t *handle, int number) {
     struct lw_server *server = handle->data;
     lw_log(LW_LOG_INFO, "%s: stopping", number == SIGINT ? "interrupted" : "asked to end");
-    begin_stop(server);
+    begin_stop(server, true);
 }
 
 static void on_wake(uv_async_t *handle) {
@@ -315,7 +318,7 @@ static void on_wake(uv_async_t *handle) {
     uv_mutex_unlock(&server->mutex);
     if (snapshot) adopt(server, snapshot);
     lw_session_collect(&server->shared);
-    if (stop) begin_stop(server);
+    if (stop) begin_stop(server, false);
 }
 
 static void on_tick(uv_timer_t *handle) {
