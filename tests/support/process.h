@@ -34,7 +34,7 @@ int lw_process_finish(struct lw_process *process, unsigned limit_s);
 /** Sends a signal and finishes. */
 int lw_process_stop(struct lw_process *process, int signal_number, unsigned limit_s);
 
-/** Kills and forgets all that still run: for a teardown after a test that failed. */
+/** Kills and forgets all that still run, and what they left in $TMPDIR: for a teardown after a test that failed. */
 void lw_process_kill_all(void);
 
 /** What it has said so far on stdout, on stderr; the caller frees. */
