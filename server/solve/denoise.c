@@ -16,8 +16,11 @@
 #define APART_MAX 2.2f
 /* How far from each other's plane, in shares of their distance. */
 #define PLANE_MAX 0.1f
-/* Estimates fewer than this know too little of their own variance: the neighbours' differences stand in. */
-#define HISTORY_MIN 4u
+/* Fewer estimates than this know nothing of their own variance: the neighbours' differences stand in. */
+#define HISTORY_MIN 2u
+/* There, direct light counts for so many times what indirect light does at most, if there is any: where it differs by more,
+ * that is the edge of a shadow. */
+#define DIRECT_MAX 10.0f
 /* The variance of texels that exchange nothing: that of a pair stays negative. */
 #define NO_PART (-1e30f)
 /* Until it is guessed. */
@@ -224,12 +227,14 @@ LW_WIDE_INLINE bool load_pair(const uint8_t *from, lanes *out) {
     return true;
 }
 
-/* Colours, and the variance of each texel's mean over the frames: of a row's texels in one block. */
+/* Colours, and the variance of each texel's mean over the frames: of a row's texels in one block. And the luminance of
+ * indirect light alone. */
 LW_WIDE_INLINE void load_run(const struct lw_tiles *tiles, size_t from, uint32_t n, float per_frame,
-                             float unknown, const struct planes *out, size_t to) {
+                             float unknown, const struct planes *out, float *out_indirect, size_t to) {
     const float *const restrict spread = tiles->spread + from;
     const uint8_t *const restrict covered = tiles->covered + from;
-    float *const restrict y = out->p[Y] + to, *const restrict variance = out->p[VARIANCE] + to;
+    float *const restrict y = out->p[Y] + to, *const restrict variance = out->p[VARIANCE] + to,
+                          *const restrict y_indirect = out_indirect + to;
     for (int c = 0; c < 3; c++) {
         const float *const restrict direct = tiles->direct[c] + from, *const restrict indirect =
                                                                           tiles->indirect[c] + from;
@@ -238,25 +243,30 @@ LW_WIDE_INLINE void load_run(const struct lw_tiles *tiles, size_t from, uint32_t
         for (uint32_t i = 0; i < n; i++) v[i] = direct[i] + indirect[i];
     }
     const float *const restrict r = out->p[R] + to, *const restrict g = out->p[G] + to,
-                                *const restrict b = out->p[B] + to;
+                                *const restrict b = out->p[B] + to,
+                                *const restrict ri = tiles->indirect[R] + from,
+                                *const restrict gi = tiles->indirect[G] + from,
+                                *const restrict bi = tiles->indirect[B] + from;
 #pragma omp simd
     for (uint32_t i = 0; i < n; i++) {
         const float own = lw_colour_luminance(lw_vec3(r[i], g[i], b[i])), v = spread[i] * per_frame + unknown;
         y[i] = covered[i] ? own : -1;
+        y_indirect[i] = lw_colour_luminance(lw_vec3(ri[i], gi[i], bi[i]));
         variance[i] = covered[i] ? v : NO_PART;
     }
 }
 
 LW_WIDE static void load_block_row(const struct lw_tiles *tiles, size_t from, uint32_t n, float per_frame,
-                                   float unknown, const struct planes *out, size_t to) {
+                                   float unknown, const struct planes *out, float *out_indirect, size_t to) {
     if (n == LW_TILE_BLOCK)
-        load_run(tiles, from, LW_TILE_BLOCK, per_frame, unknown, out, to); /* one vector, as most are */
+        load_run(tiles, from, LW_TILE_BLOCK, per_frame, unknown, out, out_indirect,
+                 to); /* one vector, as most are */
     else
-        load_run(tiles, from, n, per_frame, unknown, out, to);
+        load_run(tiles, from, n, per_frame, unknown, out, out_indirect, to);
 }
 
-/* False: no texel's variance is to be guessed. */
-static bool load_rows(const struct job *job, const struct planes *out) {
+/* False: no texel's variance is to be guessed. out_indirect: a plane. */
+static bool load_rows(const struct job *job, const struct planes *out, float *out_indirect) {
     const struct lw_tiles *tiles = job->denoise->tiles;
     const uint32_t first = job->x > LW_DENOISE_REACH ? job->x - LW_DENOISE_REACH : 0,
                    right = job->x + job->width + LW_DENOISE_REACH,
@@ -278,29 +288,35 @@ static bool load_rows(const struct job *job, const struct planes *out) {
             const float remembered = block->indirect.frames;
             const bool few = remembered < HISTORY_MIN;
             load_block_row(tiles, texel, next - x, few ? 0 : 1 / (remembered - 1), few ? UNKNOWN : 0, out,
-                           to);
+                           out_indirect, to);
             guess |= few;
         }
     }
     return guess;
 }
 
-/* Where frames are few: half the mean square of the differences to the neighbours. */
-LW_WIDE static void guess_row(struct row row, const struct planes *v, const struct tap tap[DIRECTIONS]) {
+/* After a first frame: half the mean squares of the differences to the neighbours. */
+LW_WIDE static void guess_row(struct row row, const struct planes *v, const float *indirect,
+                              const struct tap tap[DIRECTIONS]) {
     for (uint32_t i = 0; i < row.count; i += LANES) {
-        const float *y = v->p[Y] + row.plane + i;
+        const float *y = v->p[Y] + row.plane + i, *yi = indirect + row.plane + i;
         float *variance = v->p[VARIANCE] + row.plane + i;
-        const lanes own = load(y), given = load(variance);
-        lanes square = {0}, weights = {0}, w;
+        const lanes own = load(y), own_indirect = load(yi), given = load(variance);
+        lanes by_direct = {0}, by_indirect = {0}, weights = {0}, w;
         for (int k = 0; k < DIRECTIONS; k++)
             for (int back = 0; back < 2; back++) {
                 if (!load_pair(row.pair + i + tap[k].pair - (back ? tap[k].pair_offset : 0), &w)) continue;
-                const lanes there = load(y + (back ? -tap[k].offset : tap[k].offset)), off = there - own;
+                const ptrdiff_t offset = back ? -tap[k].offset : tap[k].offset;
+                const lanes there = load(y + offset), off_indirect = load(yi + offset) - own_indirect,
+                            off_direct = there - own - off_indirect;
                 w = choose(there < 0, every(0), w);
-                square += w * off * off;
+                by_direct += w * off_direct * off_direct;
+                by_indirect += w * off_indirect * off_indirect;
                 weights += w;
             }
-        const lanes guess = 0.5f * square / choose(weights > 0, weights, every(1));
+        const lanes most = choose(by_indirect > 0, DIRECT_MAX * by_indirect, by_direct),
+                    guess = 0.5f * (by_indirect + choose(by_direct < most, by_direct, most)) /
+                            choose(weights > 0, weights, every(1));
         store(variance, choose(given >= UNKNOWN, guess, given));
     }
 }
@@ -396,8 +412,9 @@ static void filter(const struct job *job, struct lw_denoise_planes *planes) {
     struct tap tap[DIRECTIONS];
     list_taps(job, 0, tap);
     uint32_t around = LW_DENOISE_REACH - 1;
-    if (load_rows(job, &in)) {
-        EACH_ROW(job, around, y) guess_row(row_at(job, y, around), &in, tap);
+    float *const indirect = out.p[Y]; /* until the first pass */
+    if (load_rows(job, &in, indirect)) {
+        EACH_ROW(job, around, y) guess_row(row_at(job, y, around), &in, indirect, tap);
     }
     around--;
     EACH_ROW(job, around, y) smooth_row(row_at(job, y, around), in.p[VARIANCE], out.p[VARIANCE], tap);

@@ -114,15 +114,12 @@ static double error_of(const struct room_solution *s, const struct room_solution
     return error / square;
 }
 
-static void test_error_falls(void **state) {
-    (void)state;
-    struct room room = lit_box();
+/* limit: what the filter leaves of the error, at most. */
+static void expect_error_falls(const struct room *room, const unsigned frames[3], const double limit[3]) {
     struct room_solution truth, s;
-    solve(&truth, &room, 2, 200, 2);
-    static const unsigned frames[] = {1, 4, 16};
-    static const double limit[] = {0.5, 0.5, 0.6};
+    solve(&truth, room, 2, 200, 2);
     for (int f = 0; f < 3; f++) {
-        solve(&s, &room, 1, frames[f], 2);
+        solve(&s, room, 1, frames[f], 2);
         const double before = error_of(&s, &truth, false), after = error_of(&s, &truth, true);
         print_message("%u frames: relative squared error %.5f, filtered %.5f\n", frames[f], before, after);
         if (!(after < limit[f] * before))
@@ -130,6 +127,27 @@ static void test_error_falls(void **state) {
         room_finish(&s);
     }
     room_finish(&truth);
+}
+
+static void test_error_falls(void **state) {
+    (void)state;
+    const struct room room = lit_box();
+    expect_error_falls(&room, (const unsigned[]){1, 4, 16}, (const double[]){0.5, 0.5, 0.6});
+}
+
+/* Shadows of a lamp without extent, and the noise of indirect light: edges are told from noise as soon as there are two
+ * frames. */
+static void test_shadows_stay_among_noise(void **state) {
+    (void)state;
+    struct room room = {.texels_per_metre = 12};
+    room_box(&room, lw_vec3(2, 2, 3), 0.3f, 0);
+    for (uint32_t i = 0; i < 5; i++)
+        room_quad(&room, lw_vec3(0.1f + 0.4f * (float)i, 1, 0.2f), lw_vec3(0, 0, 2.6f), lw_vec3(0.2f, 0, 0),
+                  0.3f, 0);
+    room.light[0] = (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {4, 4, 4}};
+    room.light_position[0] = lw_vec3(1, 1.8f, 1.5f);
+    room.light_count = 1;
+    expect_error_falls(&room, (const unsigned[]){1, 2, 3}, (const double[]){0.8, 0.65, 0.6});
 }
 
 static void test_same_bytes_at_any_thread_count(void **state) {
@@ -201,6 +219,7 @@ int main(void) {
         cmocka_unit_test(test_filter_fades_out),
         cmocka_unit_test(test_edges_without_noise_stay),
         cmocka_unit_test(test_error_falls),
+        cmocka_unit_test(test_shadows_stay_among_noise),
         cmocka_unit_test(test_same_bytes_at_any_thread_count),
         cmocka_unit_test(test_parts_of_a_frame_show_the_same),
     };
