@@ -18,6 +18,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <jansson.h>
+#include <poll.h>
 #include <pthread.h>
 #include <signal.h>
 #include <stdio.h>
@@ -454,16 +455,23 @@ static int hand_over(const struct lw_error *err, int failure_fd) {
     return lw_status_exit_code(err->status);
 }
 
+/* Ties our life to that of the program that started us. It may have ended before: then nobody reads what we would hand over. */
+static enum lw_status follow_starter(int failure_fd, struct lw_error *err) {
+    signal(SIGPIPE, SIG_IGN);
+    prctl(PR_SET_PDEATHSIG, SIGTERM);
+    struct pollfd end = {.fd = failure_fd};
+    if (poll(&end, 1, 0) == 1 && end.revents & POLLERR)
+        return lw_status_fail(err, LW_CLOSED, "the program that started this one has ended");
+    return LW_OK;
+}
+
 int main(int argc, char **argv) {
     struct lw_error err = {0};
     struct arguments arguments = {.scale = 1};
     bool done = false;
     lw_log_init(PROGRAM, LW_LOG_INFO);
     enum lw_status status = parse(argc, argv, &arguments, &done, &err);
-    if (status == LW_OK && arguments.failure_fd) {
-        signal(SIGPIPE, SIG_IGN);
-        prctl(PR_SET_PDEATHSIG, SIGTERM);
-    }
+    if (status == LW_OK && arguments.failure_fd) status = follow_starter((int)arguments.failure_fd, &err);
     if (status == LW_OK && !done) status = run(&arguments, &err);
     if (status == LW_OK) return 0;
     return arguments.failure_fd ? hand_over(&err, (int)arguments.failure_fd) : lw_log_failure(&err);

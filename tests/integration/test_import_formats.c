@@ -290,6 +290,19 @@ static void the_spawner_survives(void **state) {
     assert_null(strchr(err.text, '\n'));
 }
 
+/* Who spawned it may have ended before its death could be followed: the other end of the pipe is closed then. */
+static void an_orphan_ends(void **state) {
+    (void)state;
+    int ends[2];
+    char option[32];
+    write_text("sheet.obj", "v 0 0 0\nv 2 0 0\nv 2 0 -2\nv 0 0 -2\nf 1 2 3 4\n");
+    assert_int_equal(pipe(ends), 0);
+    close(ends[0]);
+    snprintf(option, sizeof option, "--failure-fd %d", ends[1]);
+    expect_program("sheet.obj", option, lw_status_exit_code(LW_CLOSED), "started this one has ended");
+    close(ends[1]);
+}
+
 /* ---- options ---- */
 
 static void scale_and_sides_reach_the_package(void **state) {
@@ -338,6 +351,7 @@ int main(void) {
         cmocka_unit_test_teardown(what_hurts_the_reader_is_one_line, clean_up),
         cmocka_unit_test_teardown(the_corpus_ends_in_a_scene_or_one_line, clean_up),
         cmocka_unit_test_teardown(the_spawner_survives, clean_up),
+        cmocka_unit_test_teardown(an_orphan_ends, clean_up),
         cmocka_unit_test_teardown(scale_and_sides_reach_the_package, clean_up),
         cmocka_unit_test_teardown(what_lies_too_far_out_is_told, clean_up),
     };
