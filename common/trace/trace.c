@@ -2,6 +2,7 @@
 
 #include "common/random.h"
 #include "common/trace/trace_context.h"
+#include "common/trace/trace_isa.h"
 #include "common/wide.h"
 
 #include <pthread.h>
@@ -400,13 +401,13 @@ enum lw_status lw_trace_create(const struct lw_scene *scene, const struct lw_pos
     trace->mover_of_object = calloc(count, sizeof *trace->mover_of_object);
     trace->mover = calloc(count, sizeof *trace->mover);
     trace->left = calloc(count, sizeof *trace->left);
-    /* One build thread: a structure that does not depend on timing gives bytes that do not either. */
-    trace->device = rtcNewDevice("threads=1");
     enum lw_status status = LW_NO_MEMORY;
-    if (!trace->geometry || !trace->mover_of_object || !trace->mover || !trace->left || !trace->device) {
+    if (!trace->geometry || !trace->mover_of_object || !trace->mover || !trace->left) {
         lw_status_fail(err, status, "building the rays' structure");
         goto fail;
     }
+    status = lw_trace_isa_open(&trace->device, err);
+    if (status != LW_OK) goto fail;
     rtcSetDeviceMemoryMonitorFunction(trace->device, count_memory, trace);
     status = build(trace, pose);
     if (status != LW_OK) {
@@ -466,7 +467,11 @@ enum lw_status lw_trace_settle(struct lw_trace *trace, bool wait, struct lw_erro
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "building the rays' structure");
 }
 
-/* Lanes that are not active get a ray of no length: Embree's kernels for AVX2 look at them, and stop at what is no ray. */
+/* The end of a ray that meets nothing. Where packets of sixteen are not native, Embree 3.13 never reads `valid`: it traces
+ * each lane whose ray ends at its beginning or later, and stops at what is no ray (filterSOA of its
+ * kernels/bvh/bvh_intersector_stream_filters.cpp, which fills packets up with such rays itself). */
+#define EMPTY_FAR (-INFINITY)
+
 static void load_rays(struct RTCRay16 *dst, const struct lw_ray16 *src, uint16_t active) {
     memcpy(dst->org_x, src->org_x, sizeof dst->org_x);
     memcpy(dst->org_y, src->org_y, sizeof dst->org_y);
@@ -484,8 +489,13 @@ static void load_rays(struct RTCRay16 *dst, const struct lw_ray16 *src, uint16_t
         const int i = __builtin_ctz(rest);
         dst->org_x[i] = dst->org_y[i] = dst->org_z[i] = dst->dir_x[i] = dst->dir_y[i] = 0;
         dst->dir_z[i] = 1;
-        dst->tnear[i] = dst->tfar[i] = 0;
+        dst->tnear[i] = 0;
+        dst->tfar[i] = EMPTY_FAR;
     }
+}
+
+static void empty_rest(const int valid[16], float tfar[16]) {
+    for (int i = 0; i < 16; i++) tfar[i] = valid[i] ? tfar[i] : EMPTY_FAR;
 }
 
 static void load_valid(int valid[16], uint16_t active) {
@@ -549,17 +559,27 @@ static void find_sides(const struct lw_trace *trace, const int valid[16], const 
     }
 }
 
+/* Rays that are not valid keep what they have met. */
+static void intersect_valid(const int valid[16], RTCScene scene, struct lw_trace_context *context,
+                            struct RTCRayHit16 *rh) {
+    float met[16];
+    memcpy(met, rh->ray.tfar, sizeof met);
+    empty_rest(valid, rh->ray.tfar);
+    rtcIntersect16(valid, scene, &context->rtc, rh);
+    for (int i = 0; i < 16; i++) rh->ray.tfar[i] = valid[i] ? rh->ray.tfar[i] : met[i];
+}
+
 /* Closest hits of the valid rays, with the side that each is met from. */
 static void intersect(const struct lw_trace *trace, unsigned flags, bool every_hit, const int valid[16],
                       struct RTCRayHit16 *rh, uint8_t back[16]) {
     struct lw_trace_context context;
     _Alignas(64) int reach[16];
     init_context(&context, left_of(trace), flags, every_hit);
-    rtcIntersect16(valid, trace->fixed, &context.rtc, rh);
+    intersect_valid(valid, trace->fixed, &context, rh);
     memcpy(reach, valid, sizeof reach);
     if (trace->moving && reach_movers(trace, &rh->ray, reach)) {
         init_context(&context, NULL, flags & ~(unsigned)LW_TRACE_COHERENT, every_hit);
-        rtcIntersect16(reach, trace->moving, &context.rtc, rh);
+        intersect_valid(reach, trace->moving, &context, rh);
     }
     find_sides(trace, valid, rh, back);
 }
@@ -603,6 +623,14 @@ void lw_trace_closest16(const struct lw_trace *trace, unsigned flags, uint16_t a
            sizeof out_hits->object); /* geometries are attached by object index */
 }
 
+/* Bit i set: valid ray i has met something. */
+static uint16_t occluded_lanes(const int valid[16], const float tfar[16]) {
+    uint16_t lanes = 0;
+    for (int i = 0; i < 16; i++)
+        if (valid[i] && tfar[i] < 0) lanes |= (uint16_t)(1u << i);
+    return lanes;
+}
+
 uint16_t lw_trace_occluded16(const struct lw_trace *trace, unsigned flags, uint16_t active,
                              const struct lw_ray16 *rays) {
     _Alignas(64) int valid[16];
@@ -613,18 +641,20 @@ uint16_t lw_trace_occluded16(const struct lw_trace *trace, unsigned flags, uint1
     load_rays(&ray, rays, active);
     init_context(&context, left_of(trace), flags, every_hit);
     rtcOccluded16(valid, trace->fixed, &context.rtc, &ray);
-    for (int i = 0; i < 16; i++) valid[i] = valid[i] && ray.tfar[i] >= 0 ? -1 : 0;
+    uint16_t occluded = occluded_lanes(valid, ray.tfar);
+    load_valid(valid, active & (uint16_t)~occluded);
     if (trace->moving && reach_movers(trace, &ray, valid)) {
         /* Without the coherent flag: in a scene with instances Embree 3.13.5's rtcOccluded16 with it does not return for
          * some packets (its loop over the octants of directions finds no ray in one and stays there). */
         init_context(&context, NULL, flags & ~(unsigned)LW_TRACE_COHERENT, every_hit);
+        empty_rest(valid, ray.tfar);
         rtcOccluded16(valid, trace->moving, &context.rtc, &ray);
+        occluded |= occluded_lanes(valid, ray.tfar);
     }
-    uint16_t occluded = 0;
-    for (int i = 0; i < 16; i++)
-        if (active >> i & 1 && ray.tfar[i] < 0) occluded |= (uint16_t)(1u << i);
     return occluded;
 }
+
+const char *lw_trace_isa(const struct lw_trace *trace) { return lw_trace_isa_of(trace->device); }
 
 size_t lw_trace_memory_bytes(const struct lw_trace *trace) {
     int64_t bytes = trace->memory_bytes;

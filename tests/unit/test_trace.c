@@ -4,6 +4,7 @@
 #include "common/trace/trace.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 struct fixture {
@@ -295,6 +296,99 @@ static void test_views_look_through_backs(void **state) {
     }
 }
 
+/* Lanes that are not active may hold anything; whatever it is, they are misses, and the others meet what they meet alone. */
+static void test_lanes_that_are_not_active_meet_nothing(void **state) {
+    (void)state;
+    for (int moving = 0; moving < 2; moving++) {
+        struct fixture f;
+        struct lw_error err = {0};
+        f.scene = lw_support_squares(2, 1);
+        lw_support_ok(lw_pose_init(&f.pose, f.scene), NULL);
+        f.pose.node_moves[f.scene->object[1].node] = moving;
+        /* square 0 runs through the origin, upright; square 1 lies across it, seen from below */
+        f.pose.object_to_world[0] = (struct lw_affine){{{2, 0, 0, 0}, {0, 0, 2, 0}, {0, -2, 0, 0}}};
+        f.pose.object_to_world[1] = (struct lw_affine){{{3, 0, 0, 0}, {0, -3, 0, 0.25f}, {0, 0, -3, 0}}};
+        lw_support_ok(lw_trace_create(f.scene, &f.pose, &f.trace, &err), &err);
+        uint32_t r = 1;
+        for (unsigned packet = 0; packet < 400; packet++) {
+            const unsigned flags = packet & 3; /* light and view, coherent or not */
+            const uint16_t active = (uint16_t)lw_random_hash2(3, packet);
+            struct lw_ray16 rays;
+            struct lw_hit16 hits, one;
+            random_packet(&r, flags & LW_TRACE_COHERENT, &rays);
+            for (uint32_t i = 0; i < LW_TRACE_WIDTH; i++) {
+                if (active >> i & 1 || packet % 5 == 0) continue;
+                const float bad = packet % 5 == 1   ? 0
+                                  : packet % 5 == 2 ? NAN
+                                  : packet % 5 == 3 ? -1
+                                                    : INFINITY;
+                lw_trace_set_ray(&rays, i, lw_vec3(bad, bad, bad), lw_vec3(bad, bad, bad), bad);
+                rays.t_near[i] = bad;
+            }
+            lw_trace_closest16(f.trace, flags, active, &rays, &hits);
+            const uint16_t occluded = lw_trace_occluded16(f.trace, flags, active, &rays);
+            assert_int_equal(occluded & ~active, 0);
+            for (int i = 0; i < LW_TRACE_WIDTH; i++) {
+                if (!(active >> i & 1)) {
+                    assert_int_equal(hits.object[i], LW_TRACE_MISS);
+                    assert_int_equal(hits.back[i], 0);
+                    continue;
+                }
+                assert_int_equal(occluded >> i & 1, hits.object[i] != LW_TRACE_MISS);
+                lw_trace_closest16(f.trace, flags, (uint16_t)(1u << i), &rays, &one);
+                assert_int_equal(hits.object[i], one.object[i]);
+                assert_int_equal(hits.back[i], one.back[i]);
+            }
+        }
+        stop(&f);
+    }
+}
+
+static void test_the_environment_chooses_the_instruction_set(void **state) {
+    (void)state;
+    static const char *const set[] = {"sse4.2", "avx2", "avx512"};
+    const char *given = getenv("LW_TRACE_ISA");
+    char *before = given ? strdup(given) : NULL;
+    struct fixture f;
+    unsigned opened = 0;
+    start(&f, lw_support_squares(1, 1));
+    if (before && *before) assert_string_equal(lw_trace_isa(f.trace), before);
+    for (size_t i = 0; i < sizeof set / sizeof *set; i++) {
+        struct lw_error err = {0};
+        struct lw_trace *trace;
+        setenv("LW_TRACE_ISA", set[i], 1);
+        const enum lw_status status = lw_trace_create(f.scene, &f.pose, &trace, &err);
+        if (status == LW_UNAVAILABLE) {
+            print_message("%s\n", err.text);
+            assert_non_null(strstr(err.text, "this processor lacks"));
+            assert_non_null(strstr(err.text, set[i]));
+            continue;
+        }
+        lw_support_ok(status, &err);
+        assert_string_equal(lw_trace_isa(trace), set[i]);
+        lw_trace_destroy(trace);
+        opened++;
+    }
+#ifdef __x86_64__
+    assert_true(opened > 0 || !__builtin_cpu_supports("sse4.2"));
+#endif
+    static const char *const unknown[] = {"avx", "AVX2", "avx512 ", "avx2,verbose=3"};
+    for (size_t i = 0; i < sizeof unknown / sizeof *unknown; i++) {
+        struct lw_error err = {0};
+        struct lw_trace *trace;
+        setenv("LW_TRACE_ISA", unknown[i], 1);
+        assert_int_equal(lw_trace_create(f.scene, &f.pose, &trace, &err), LW_USAGE);
+        assert_non_null(strstr(err.text, "LW_TRACE_ISA"));
+        assert_non_null(strstr(err.text, unknown[i]));
+    }
+    if (before)
+        setenv("LW_TRACE_ISA", before, 1);
+    else
+        unsetenv("LW_TRACE_ISA");
+    free(before);
+    stop(&f);
+}
+
 static void test_masked_surfaces_let_rays_pass(void **state) {
     (void)state;
     struct fixture f;
@@ -339,6 +433,8 @@ int main(void) {
         cmocka_unit_test(test_hidden_from_the_beginning),
         cmocka_unit_test(test_movers_are_met_as_in_a_flat_scene),
         cmocka_unit_test(test_views_look_through_backs),
+        cmocka_unit_test(test_lanes_that_are_not_active_meet_nothing),
+        cmocka_unit_test(test_the_environment_chooses_the_instruction_set),
         cmocka_unit_test(test_masked_surfaces_let_rays_pass),
         cmocka_unit_test(test_blended_surfaces_stop_their_share_of_rays),
     };
