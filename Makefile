@@ -22,8 +22,8 @@ test: deps build ## the fast tests: unit, golden, reference, integration
 	@ctest --test-dir build/release -L '^(unit|golden|reference|integration)$$' -j 2 \
 	  --no-tests=error --output-on-failure --timeout 120
 
-test-long: deps-all ## sanitizers, both compilers, other processors, long tests, a short run of each fuzzer
-	@scripts/check.sh gcc clang dev tsan arm64 isa long fuzz
+test-long: deps-all ## sanitizers, both compilers, other processors and instruction sets, long tests, a short run of each fuzzer
+	@scripts/check.sh gcc clang dev tsan arm64 rays-all isa long fuzz
 
 bench: build ## what each kernel costs and how far it is from bare rays: one table, and bench.json
 	@tests/bench/bench.py $(BENCH_SCENES)

@@ -4,8 +4,10 @@
 #   dev          unit and golden tests under ASan and UBSan
 #   tsan         tests of threaded code under ThreadSanitizer
 #   arm64        compile all but the tests for arm64 without a warning
-#   isa          tests of kernels that pick their instructions at run time, on processors with SSE2 alone and with AVX2,
-#                which qemu-user emulates
+#   rays         tests that trace, with each of Embree's instruction sets (LW_TRACE_ISA) that this processor has and `make
+#                test` did not take; rays-all: all fast tests
+#   isa          tests of our own kernels that pick their instructions at run time (LW_WIDE), on processors with SSE2 alone
+#                and with AVX2, which qemu-user emulates: it has no AVX-512, and Embree follows the emulated processor
 #   long         tests labelled `long`, against the release build
 #   fuzz         each fuzzer from its corpus, for FUZZ_SECONDS (default 30)
 set -euo pipefail
@@ -17,6 +19,25 @@ run_tests() {
     local preset=$1
     shift
     ctest --test-dir "build/$preset" --no-tests=error --output-on-failure --timeout 120 -j "$jobs" "$@"
+}
+
+fast='^(unit|golden|reference|integration)$'
+short_rays='^test_(trace|transport|direct|bounces|packets|burial|probes|hybrid|compose|gbuffer|svgf|camera|path_trace|view)$'
+
+# with_each_isa CTEST-ARGUMENTS...: the release build's tests with every instruction set but the default one
+with_each_isa() {
+    local default set
+    default=$(env -u LW_TRACE_ISA build/release/bin/trace_isa_name)
+    for set in sse4.2 avx2 avx512; do
+        if [ "$set" = "$default" ]; then
+            echo "check: rays with $set: as in make test"
+        elif LW_TRACE_ISA=$set build/release/bin/trace_isa_name >build/trace-isa.log 2>&1; then
+            echo "check: rays with $set"
+            LW_TRACE_ISA=$set run_tests release "$@"
+        else
+            echo "check: rays with $set: skipped: $(cat build/trace-isa.log)"
+        fi
+    done
 }
 
 compile_with() {
@@ -44,6 +65,10 @@ for stage in "$@"; do
         ninja -C build/arm64 -t targets all | sed -n 's/^\(\(common\|proto\|server\|client\)[^:]*\.o\): C_COMPILER.*/\1/p' |
             xargs ninja -C build/arm64 -j "$jobs"
         ;;
+    rays | rays-all)
+        scripts/build.sh release
+        if [ "$stage" = rays ]; then with_each_isa -R "$short_rays"; else with_each_isa -L "$fast"; fi
+        ;;
     isa)
         scripts/build.sh release
         for processor in Opteron_G1 Haswell; do
@@ -69,7 +94,7 @@ for stage in "$@"; do
         done
         ;;
     *)
-        echo "check: no stage \"$stage\"; there are gcc, clang, dev, tsan, arm64, isa, long, fuzz" >&2
+        echo "check: no stage \"$stage\"; there are gcc, clang, dev, tsan, arm64, rays, rays-all, isa, long, fuzz" >&2
         exit 64
         ;;
     esac

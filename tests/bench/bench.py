@@ -63,6 +63,12 @@ def default_scenes():
     return ["builtin:cornell", "builtin:atrium", "builtin:city:2"] + ([sponza] if os.path.exists(sponza) else [])
 
 
+def processor():
+    with open("/proc/cpuinfo") as file:
+        names = [line.split(":", 1)[1].strip() for line in file if line.startswith("model name")]
+    return names[0] if names else platform.machine()
+
+
 def measure(tools, scene, rounds):
     """One scene's figures."""
     out = {"kernels": {}}
@@ -91,15 +97,20 @@ def main():
     parser.add_argument("--out", default="bench.json")
     parser.add_argument("scene", nargs="*", default=default_scenes())
     options = parser.parse_args()
+    isa = subprocess.run([options.bin + "/trace_isa_name"], capture_output=True, text=True)
+    if isa.returncode != 0:
+        sys.exit("bench: " + isa.stderr.strip())
     report = {"commit": git("rev-parse", "HEAD") + ("+" if git("status", "--porcelain") else ""),
               "date": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()), "processors": os.cpu_count(),
-              "machine": platform.machine(), "rounds": options.rounds, "scenes": {}}
+              "processor": processor(), "isa": isa.stdout.strip(), "machine": platform.machine(), "rounds": options.rounds, "scenes": {}}
     for scene in options.scene:
         report["scenes"][os.path.basename(scene)] = measure(options.bin, scene, options.rounds)
     with open(options.out, "w") as file:
         json.dump(report, file, indent=1)
         file.write("\n")
-    print("\n%s\n\n| scene | %s |\n|---|%s" % (report["commit"] or "not a checkout", " | ".join(SHOWN), "---|" * len(SHOWN)))
+    print("\n%s, rays with %s, %d x %s\n" % (report["commit"] or "not a checkout", report["isa"], report["processors"],
+                                             report["processor"]))
+    print("| scene | %s |\n|---|%s" % (" | ".join(SHOWN), "---|" * len(SHOWN)))
     for scene, figures in report["scenes"].items():
         print("| %s | %s |" % (scene, " | ".join("%.2f" % figures[name] for name in SHOWN)))
     print("\nalso in %s" % options.out)
