@@ -1,7 +1,7 @@
 #include "server/solve/launch.h"
 
+#include "common/sampling.h"
 #include "common/wide.h"
-#include "server/solve/sampling.h"
 
 #define LANES LW_TRACE_WIDTH
 /* Packets whose normals agree to this cosine run parallel enough for Embree's coherent traversal. */

@@ -2,10 +2,10 @@
 
 #include "common/colour.h"
 #include "common/light/direction.h"
+#include "common/sampling.h"
 #include "common/wide.h"
 #include "server/solve/correction.h"
 #include "server/solve/direct.h"
-#include "server/solve/sampling.h"
 #include "server/solve/transport.h"
 
 #include <string.h>

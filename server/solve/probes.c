@@ -1,8 +1,8 @@
 #include "server/solve/probes.h"
 
 #include "common/light/direction.h"
+#include "common/sampling.h"
 #include "server/solve/octahedral.h"
-#include "server/solve/sampling.h"
 #include "server/solve/transport.h"
 
 #include <stdlib.h>

@@ -20,9 +20,9 @@
 #include "common/clock.h"
 #include "common/colour.h"
 #include "common/light/direction.h"
+#include "common/sampling.h"
 #include "server/solve/cell_solver.h"
 #include "server/solve/passes.h"
-#include "server/solve/sampling.h"
 #include "server/solve/transport.h"
 #include "tests/bench/bench_setup.h"
 

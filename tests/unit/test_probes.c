@@ -2,10 +2,10 @@
 #include "tests/support/support.h"
 
 #include "common/light/direction.h"
+#include "common/sampling.h"
 #include "common/trace/trace.h"
 #include "server/solve/octahedral.h"
 #include "server/solve/probes.h"
-#include "server/solve/sampling.h"
 #include "server/solve/transport.h"
 
 #include <math.h>

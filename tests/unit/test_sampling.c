@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "server/solve/sampling.h"
+#include "common/sampling.h"
 
 #include <string.h>
 

@@ -5,8 +5,8 @@
  * sequence that the sets deal out among themselves is stratified as a whole only: a texel's share of it is as good as
  * random.) The sequence goes on from frame to frame.
  * Threads: pure functions, [any]. */
-#ifndef LW_SOLVE_SAMPLING_H
-#define LW_SOLVE_SAMPLING_H
+#ifndef LW_COMMON_SAMPLING_H
+#define LW_COMMON_SAMPLING_H
 
 #include "common/random.h"
 

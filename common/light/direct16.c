@@ -1,0 +1,174 @@
+#include "common/light/direct16.h"
+
+#include "common/light/lights16.h"
+#include "common/sampling.h"
+#include "common/wide.h"
+
+#include <string.h>
+
+#define LANES LW_TRACE_WIDTH
+
+static uint32_t seed_of(const struct lw_direct16 *d, uint32_t use) {
+    return lw_sampling_seed(d->seed, d->object, d->block, use);
+}
+
+/* Short of the lamp itself, which would be in its own way. */
+LW_WIDE static void aim(const struct lw_light_sample16 *restrict sample, struct lw_ray16 *restrict rays) {
+    memcpy(rays->dir_x, sample->dir_x, sizeof rays->dir_x);
+    memcpy(rays->dir_y, sample->dir_y, sizeof rays->dir_y);
+    memcpy(rays->dir_z, sample->dir_z, sizeof rays->dir_z);
+    for (int i = 0; i < LANES; i++) rays->t_far[i] = sample->distance_m[i] * 0.9999f;
+}
+
+LW_WIDE static void add_lit(uint16_t lit, const struct lw_light_sample16 *restrict sample, float weight,
+                            float (*restrict sum)[LANES]) {
+    for (int i = 0; i < LANES; i++) {
+        const float w = lit >> i & 1 ? weight : 0;
+        sum[0][i] += sample->e[0][i] * w;
+        sum[1][i] += sample->e[1][i] * w;
+        sum[2][i] += sample->e[2][i] * w;
+    }
+}
+
+/* Adds what arrives of a sample's light: a shadow ray for each lane that any could reach. */
+static void add_visible(struct lw_direct16 *d, const struct lw_light_sample16 *sample, uint32_t salt,
+                        float weight) {
+    struct lw_ray16 rays;
+    const uint16_t active = lw_light_sample16_lit(sample) & d->active;
+    if (!active) return;
+    memcpy(rays.org_x, d->points->x, sizeof rays.org_x);
+    memcpy(rays.org_y, d->points->y, sizeof rays.org_y);
+    memcpy(rays.org_z, d->points->z, sizeof rays.org_z);
+    memset(rays.t_near, 0, sizeof rays.t_near);
+    aim(sample, &rays);
+    rays.salt = salt;
+    const uint16_t occluded =
+        lw_trace_occluded16(d->trace, d->coherent ? LW_TRACE_COHERENT : LW_TRACE_LIGHT, active, &rays);
+    d->rays += (uint64_t)__builtin_popcount(active);
+    add_lit(active & (uint16_t)~occluded, sample, weight, d->e);
+}
+
+/* Sixteen numbers as one, in halves: in a row each would wait for the one before. */
+#define FOLD(name, of_two)                                                                                   \
+    LW_WIDE_INLINE float name(const float v[LANES]) {                                                        \
+        float half[LANES / 2];                                                                               \
+        for (int i = 0; i < 8; i++) half[i] = of_two(v[i], v[i + 8]);                                        \
+        for (int i = 0; i < 4; i++) half[i] = of_two(half[i], half[i + 4]);                                  \
+        for (int i = 0; i < 2; i++) half[i] = of_two(half[i], half[i + 2]);                                  \
+        return of_two(half[0], half[1]);                                                                     \
+    }
+#define LESS(a, b) ((a) < (b) ? (a) : (b))
+#define MORE(a, b) ((a) > (b) ? (a) : (b))
+#define PLUS(a, b) ((a) + (b))
+FOLD(least_of, LESS)
+FOLD(most_of, MORE)
+FOLD(sum_of, PLUS)
+
+/* Where the points lie and face. */
+LW_WIDE static struct lw_light_region region_of(const struct lw_points16 *at) {
+    const struct lw_vec3 low = lw_vec3(least_of(at->x), least_of(at->y), least_of(at->z)),
+                         high = lw_vec3(most_of(at->x), most_of(at->y), most_of(at->z)),
+                         normal = lw_vec3_normalize(lw_vec3(sum_of(at->nx), sum_of(at->ny), sum_of(at->nz)));
+    float cosine[LANES];
+    for (int i = 0; i < LANES; i++)
+        cosine[i] = LESS(1, at->nx[i] * normal.x + at->ny[i] * normal.y + at->nz[i] * normal.z);
+    return (struct lw_light_region){lw_vec3_scale(lw_vec3_add(low, high), 0.5f), normal,
+                                    0.5f * lw_vec3_length(lw_vec3_sub(high, low)), least_of(cosine)};
+}
+
+/* The lanes that have chosen the same light as the first of `lanes`. */
+static uint16_t alike(const uint32_t light[LANES], uint16_t lanes) {
+    const uint32_t first = light[__builtin_ctz(lanes)];
+    uint16_t same = 0;
+    for (uint32_t lane = 0; lane < LANES; lane++) same |= (uint16_t)((light[lane] == first) << lane);
+    return same & lanes;
+}
+
+/* Samples of a near group, of which each lane chooses a light. */
+static void sample_near_group(const struct lw_direct16 *d, uint32_t group, float pick, const float point[2],
+                              struct lw_light_sample16 *out) {
+    const struct lw_lights *lights = d->lights;
+    const struct lw_points16 *at = d->points;
+    uint32_t light[LANES];
+    float probability[LANES];
+    uint16_t lanes = d->active;
+    lw_light_tree_choose16(&lights->tree, group, at, pick, lanes, light, probability);
+    while (lanes) {
+        const uint16_t same = alike(light, lanes);
+        const uint32_t chosen = light[__builtin_ctz(same)];
+        if (chosen != UINT32_MAX)
+            lw_lights_sample_near16(lights, chosen, probability, point[0], point[1], at, same, out);
+        lanes &= (uint16_t)~same;
+    }
+}
+
+/* The groups that light a packet. Of those that are far one light is chosen for all of it. */
+struct cut {
+    struct lw_light_choice far[LW_LIGHTS_EXACT_MAX], near[LW_LIGHTS_EXACT_MAX];
+    uint32_t far_count, near_count;
+};
+
+static void cut_tree(const struct lw_direct16 *d, uint32_t index, struct cut *cut) {
+    const struct lw_lights *lights = d->lights;
+    const uint32_t seed = seed_of(d, LW_SAMPLING_EMITTER_PICK);
+    const struct lw_light_region region = region_of(d->points);
+    uint32_t group[LW_LIGHTS_EXACT_MAX];
+    const uint32_t count = lw_lights_split(lights, &region, group);
+    cut->far_count = cut->near_count = 0;
+    for (uint32_t g = 0; g < count; g++) {
+        float pick[2]; /* of a sequence of the group's own: most groups stay over the frames */
+        lw_sampling_point(lw_random_hash2(seed, group[g]), index, d->set, pick);
+        const bool far = lw_light_tree_is_far(&lights->tree, group[g], &region);
+        *(far ? &cut->far[cut->far_count++] : &cut->near[cut->near_count++]) =
+            (struct lw_light_choice){.group = group[g], .pick = pick[0]};
+    }
+    lw_light_tree_choose_each(&lights->tree, &region, cut->far, cut->far_count);
+}
+
+void lw_direct16_groups(struct lw_direct16 *d, uint32_t sample, float weight) {
+    if (!d->lights->tree.count) return;
+    const uint32_t seed = seed_of(d, LW_SAMPLING_EMITTER);
+    float point[2], probability[LANES];
+    struct lw_light_sample16 light = {.e = {{0}}};
+    struct cut cut;
+    cut_tree(d, sample, &cut);
+    for (const struct lw_light_choice *c = cut.far; c < cut.far + cut.far_count; c++) {
+        if (c->light == UINT32_MAX) continue;
+        lw_sampling_point(lw_random_hash2(seed, c->group), sample, d->set, point);
+        for (uint32_t lane = 0; lane < LANES; lane++) probability[lane] = c->probability;
+        lw_lights_sample_near16(d->lights, c->light, probability, point[0], point[1], d->points, d->active,
+                                &light);
+        add_visible(d, &light, sample, weight);
+    }
+    for (const struct lw_light_choice *c = cut.near; c < cut.near + cut.near_count; c++) {
+        memset(light.e, 0, sizeof light.e);
+        lw_sampling_point(lw_random_hash2(seed, c->group), sample, d->set, point);
+        sample_near_group(d, c->group, c->pick, point, &light);
+        add_visible(d, &light, sample, weight);
+    }
+}
+
+/* Whether points and spots are so many that a few of them stand for all. */
+static bool is_many(const struct lw_lights *lights) { return lights->near_count > LW_LIGHTS_EXACT_MAX; }
+
+void lw_direct16_punctual(struct lw_direct16 *d, uint32_t sample, float weight) {
+    const struct lw_scene *scene = d->lights->scene;
+    for (uint32_t l = 0; l < scene->light_count; l++) {
+        if (is_many(d->lights) && scene->light[l].kind != LW_LIGHT_DIRECTIONAL) continue;
+        float point[2];
+        struct lw_light_sample16 light;
+        lw_sampling_point(seed_of(d, LW_SAMPLING_PUNCTUAL + l), sample, d->set, point);
+        lw_lights_sample_punctual16(d->lights, l, point[0], point[1], d->points, &light);
+        add_visible(d, &light, sample, weight);
+    }
+}
+
+void lw_direct16_sky(struct lw_direct16 *d, uint32_t sample, float weight) {
+    if (!(d->lights->sky_luminance > 0)) return;
+    float point[2];
+    struct lw_light_sample16 light;
+    lw_sampling_point(seed_of(d, LW_SAMPLING_SKY), sample, d->set, point);
+    const struct lw_sky_draw draw = lw_lights_draw_sky(d->lights, point[0], point[1]);
+    lw_lights_place_sky16(d->lights, &draw, d->points, &light);
+    add_visible(d, &light, sample, weight);
+}
