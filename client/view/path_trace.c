@@ -1,5 +1,7 @@
 #include "client/view/path_trace.h"
 
+#include "common/colour.h"
+#include "common/light/direct16.h"
 #include "common/light/direction.h"
 #include "common/random.h"
 
@@ -56,6 +58,7 @@ struct job {
  * The wider numbers are shared, the less the noise of a region averages out over it. */
 struct bundle {
     uint32_t seed, index; /* of the sequences that the paths share */
+    uint32_t set, sample; /* of those of sampling.h */
     uint32_t salt;
     unsigned going; /* paths that go on from a surface: order[0 .. going - 1] */
     uint16_t order[BUNDLE + LANES];
@@ -64,6 +67,7 @@ struct bundle {
         struct lw_vec3 normal;     /* shading normal, on the side that the path came from */
         struct lw_vec3 throughput; /* the surface's albedo included */
         struct lw_vec3 radiance;   /* gathered so far */
+        struct lw_vec3 near;       /* of it: by its first hit; with a clamp */
         uint32_t x, y;             /* pixel */
     } path[BUNDLE];
 };
@@ -239,10 +243,49 @@ static void light16(const struct job *job, struct bundle *b, const uint16_t *whi
         }
 }
 
+/* A sample of each light or group of lights, for the surfaces that packets of the bundle have met first. */
+static void light16_by_all(const struct job *job, struct bundle *b, const uint16_t *which, unsigned lanes,
+                           struct lw_path_count *count) {
+    struct lw_points16 points;
+    float e[3][LANES] = {{0}};
+    for (unsigned i = 0; i < LANES; i++) {
+        const struct path *path = &b->path[which[i < lanes ? i : 0]];
+        points.x[i] = path->origin.x, points.y[i] = path->origin.y, points.z[i] = path->origin.z;
+        points.nx[i] = path->normal.x, points.ny[i] = path->normal.y, points.nz[i] = path->normal.z;
+    }
+    struct lw_direct16 direct = {.lights = job->tracer->lights,
+                                 .trace = job->tracer->trace,
+                                 .points = &points,
+                                 .active = (uint16_t)((1u << lanes) - 1u),
+                                 .coherent = true,
+                                 .seed = b->seed,
+                                 .set = b->set,
+                                 .e = e};
+    lw_direct16_punctual(&direct, b->sample, 1);
+    lw_direct16_groups(&direct, b->sample, 1);
+    lw_direct16_sky(&direct, b->sample, 1);
+    count->rays_shadow += direct.rays;
+    for (unsigned i = 0; i < lanes; i++) {
+        struct path *path = &b->path[which[i]];
+        const struct lw_vec3 reflected = lw_vec3_mul(path->throughput, lw_vec3(e[0][i], e[1][i], e[2][i]));
+        path->radiance = lw_vec3_mad(path->radiance, reflected, 1 / LW_PI);
+    }
+}
+
+/* Scales down what paths bring from beyond their first hits. */
+static void clamp_far(struct bundle *b, unsigned paths, float limit) {
+    for (unsigned i = 0; i < paths; i++) {
+        struct path *path = &b->path[i];
+        const struct lw_vec3 far = lw_vec3_sub(path->radiance, path->near);
+        const float luminance = lw_colour_luminance(far);
+        if (luminance > limit) path->radiance = lw_vec3_mad(path->near, far, limit / luminance);
+    }
+}
+
 /* What a bounce ray meets that shines by itself; rays towards lamps may have found it too. */
-static struct lw_vec3 shine(const struct job *job, const struct path *path, const struct lw_ray16 *rays,
-                            const struct lw_hit16 *hits, unsigned i, const struct lw_surface *surface) {
-    const enum lw_path_method method = job->view->method;
+static struct lw_vec3 shine(const struct job *job, enum lw_path_method method, const struct path *path,
+                            const struct lw_ray16 *rays, const struct lw_hit16 *hits, unsigned i,
+                            const struct lw_surface *surface) {
     if (method == LW_PATH_METHOD_LAMPS) return lw_vec3(0, 0, 0);
     const struct lw_lights *lights = job->tracer->lights;
     const struct lw_vec3 direction = lw_vec3(rays->dir_x[i], rays->dir_y[i], rays->dir_z[i]);
@@ -256,8 +299,10 @@ static struct lw_vec3 shine(const struct job *job, const struct path *path, cons
     return lw_vec3_scale(radiance, weight_of(own, pdf));
 }
 
+/* method: how the light of the surfaces that rays leave is found. */
 static void bounce16(const struct job *job, struct bundle *b, const uint16_t *which, unsigned lanes,
-                     struct lw_vec3 local, unsigned flags, bool last, struct lw_path_count *count) {
+                     struct lw_vec3 local, unsigned flags, enum lw_path_method method, bool last,
+                     struct lw_path_count *count) {
     const struct lw_scene *scene = job->tracer->scene;
     struct lw_ray16 rays = {.salt = b->salt};
     struct lw_hit16 hits;
@@ -279,7 +324,7 @@ static void bounce16(const struct job *job, struct bundle *b, const uint16_t *wh
             if (last && !(m->emission[0] + m->emission[1] + m->emission[2] > 0)) continue;
             surface_at(job, &hits, i, &surface);
         }
-        struct lw_vec3 seen = shine(job, path, &rays, &hits, i, miss ? NULL : &surface);
+        struct lw_vec3 seen = shine(job, method, path, &rays, &hits, i, miss ? NULL : &surface);
         path->radiance = lw_vec3_add(path->radiance, lw_vec3_mul(seen, path->throughput));
         if (!miss && !last) arrive(job, b, lane_path[i], &hits, i, &surface);
     }
@@ -291,29 +336,35 @@ static unsigned lanes_from(unsigned first, unsigned count) {
 
 static void trace_bundle(const struct job *job, struct bundle *b, unsigned paths,
                          struct lw_path_count *count) {
-    const enum lw_path_method method = job->view->method;
-    const bool ask_lamps = method != LW_PATH_METHOD_BOUNCE || job->tracer->scene->light_count > 0;
+    const struct lw_path_view *view = job->view;
+    const bool ask_lamps = view->method != LW_PATH_METHOD_BOUNCE || job->tracer->scene->light_count > 0;
     b->going = 0;
     for (unsigned first = 0; first < paths; first += LANES)
         look16(job, b, (uint16_t)first, lanes_from(first, paths), count);
     /* Rays of the last surface bring light only where they may meet what shines. */
     const bool rays_may_shine = job->tracer->lights->shining_count || job->tracer->lights->sky_luminance > 0;
+    const bool arrived = b->going > 0;
     for (uint32_t depth = 0; b->going; depth++) {
-        const bool last = depth == job->view->bounces;
+        const bool last = depth == view->bounces, by_all = depth == 0 && view->all_lights;
+        const enum lw_path_method method = by_all ? LW_PATH_METHOD_LAMPS : view->method;
         const unsigned flags = depth == 0 ? LW_TRACE_COHERENT : 0;
         const unsigned going = b->going;
         float pick[2], lamp[2], bounce[2];
         draw(b, USE_PICK, depth, pick);
         draw(b, USE_LAMP, depth, lamp);
         draw(b, USE_BOUNCE, depth, bounce);
-        for (unsigned first = 0; ask_lamps && first < going; first += LANES)
+        for (unsigned first = 0; by_all && first < going; first += LANES)
+            light16_by_all(job, b, b->order + first, lanes_from(first, going), count);
+        for (unsigned first = 0; !by_all && ask_lamps && first < going; first += LANES)
             light16(job, b, b->order + first, lanes_from(first, going), pick[0], lamp, count);
+        for (unsigned i = 0; depth == 0 && i < paths; i++) b->path[i].near = b->path[i].radiance;
         if (last && (method == LW_PATH_METHOD_LAMPS || !rays_may_shine)) break;
         b->going = 0;
         for (unsigned first = 0; first < going; first += LANES)
             bounce16(job, b, b->order + first, lanes_from(first, going), lw_direction_cosine(bounce), flags,
-                     last, count);
+                     method, last, count);
     }
+    if (arrived && view->clamp > 0) clamp_far(b, paths, view->clamp);
 }
 
 /* The pixels of a bundle: first + step * (0..3), both ways. `members` bundles of one seed walk one sequence together. */
@@ -353,6 +404,8 @@ static void trace_tile(const struct job *job, uint32_t left, uint32_t top, uint3
             const uint32_t sample = job->view->first_sample + s;
             b.seed = lw_random_hash4(job->view->seed, sample & 1u, at.seed_x, at.seed_y);
             b.index = (sample >> 1) * at.members + at.member;
+            b.set = at.member;
+            b.sample = sample >> 1;
             b.salt = sample;
             trace_bundle(job, &b, paths, count);
             for (unsigned i = 0; i < paths; i++) {

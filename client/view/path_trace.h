@@ -65,6 +65,12 @@ struct lw_path_view {
     enum lw_path_pixel pixel;
     enum lw_path_method method;
     enum lw_path_pattern pattern;
+    /* At first hits a sample and a shadow ray for each light or group of lights (direct16.h), in place of one sample of all of
+     * them; what bounce rays from there meet does not count as light then. */
+    bool all_lights;
+    /* The most luminance, W/(m^2 sr), that one path may bring from beyond its first hit: brighter ones are scaled down to it.
+     * Loses light, and the noise of few bright paths. 0: no limit. */
+    float clamp;
 };
 
 struct lw_path_count {

@@ -1,6 +1,7 @@
 /* The path tracer against closed forms. Tolerances come from the spread over seeds: pixels of a picture share random
  * numbers, pictures of different seeds do not. */
 #include "client/load/path_world.h"
+#include "common/colour.h"
 #include "common/scene/builtin.h"
 #include "tests/reference/room.h"
 
@@ -386,6 +387,17 @@ static void test_a_transparent_lamp_shines_its_share(void **state) {
 
 static void test_methods_agree(void **state) {
     (void)state;
+    static const struct {
+        enum lw_path_method method;
+        enum lw_path_pattern pattern;
+        bool all_lights;
+    } way[] = {{LW_PATH_METHOD_BOTH, LW_PATH_PATTERN_SQUARE, false},
+               {LW_PATH_METHOD_LAMPS, LW_PATH_PATTERN_SQUARE, false},
+               {LW_PATH_METHOD_BOUNCE, LW_PATH_PATTERN_SQUARE, false},
+               {LW_PATH_METHOD_BOTH, LW_PATH_PATTERN_INTERLEAVED, false},
+               {LW_PATH_METHOD_BOTH, LW_PATH_PATTERN_SQUARE, true},
+               {LW_PATH_METHOD_BOTH, LW_PATH_PATTERN_INTERLEAVED, true}};
+    enum { WAYS = sizeof way / sizeof *way };
     struct lw_scene *scene;
     struct lw_error err = {0};
     lw_support_ok(lw_builtin_build("builtin:cornell", &scene, &err), &err);
@@ -393,24 +405,64 @@ static void test_methods_agree(void **state) {
     struct set set;
     set_up(&set, scene, 2);
     struct lw_path_view view = {.camera = lw_camera_of_scene(scene, &set.world.pose, 0), .bounces = 2};
-    struct mean mean[4];
-    for (int method = 0; method < 4; method++) {
-        view.method = method == 3 ? LW_PATH_METHOD_BOTH : (enum lw_path_method)method;
-        view.pattern = method == 3 ? LW_PATH_PATTERN_INTERLEAVED : LW_PATH_PATTERN_SQUARE;
-        mean[method] = mean_of(&set, view, 32, method == LW_PATH_METHOD_BOUNCE ? 128 : 32);
-        assert_true(mean[method].error < 0.01 * mean[method].value);
+    struct mean mean[WAYS];
+    for (int w = 0; w < WAYS; w++) {
+        view.method = way[w].method;
+        view.pattern = way[w].pattern;
+        view.all_lights = way[w].all_lights;
+        mean[w] = mean_of(&set, view, 32, view.method == LW_PATH_METHOD_BOUNCE ? 128 : 32);
+        assert_true(mean[w].error < 0.01 * mean[w].value);
     }
-    for (int a = 0; a < 4; a++)
+    for (int a = 0; a < WAYS; a++)
         for (int b = 0; b < a; b++) {
             double both = sqrt(mean[a].error * mean[a].error + mean[b].error * mean[b].error);
             if (!(fabs(mean[a].value - mean[b].value) <= SIGMA * both))
-                fail_msg("method %d: %.6g +- %.2g, method %d: %.6g +- %.2g", a, mean[a].value, mean[a].error,
-                         b, mean[b].value, mean[b].error);
+                fail_msg("way %d: %.6g +- %.2g, way %d: %.6g +- %.2g", a, mean[a].value, mean[a].error, b,
+                         mean[b].value, mean[b].error);
         }
     tear_down(&set);
 }
 
-static void same_bytes(enum lw_path_pattern pattern) {
+/* One path a pixel: what it brings beyond its first hit, which is what no bounce leaves out, is within the limit; what was within
+ * it stays as it was. */
+static void test_clamp(void **state) {
+    (void)state;
+    enum { SIDE = 64 };
+    const float limit = 0.02f;
+    struct lw_scene *scene;
+    struct lw_error err = {0};
+    lw_support_ok(lw_builtin_build("builtin:cornell", &scene, &err), &err);
+    struct set set;
+    set_up(&set, scene, 2);
+    struct lw_path_view view = {
+        .camera = lw_camera_of_scene(scene, &set.world.pose, 0), .bounces = 2, .all_lights = true};
+    struct lw_path_film free = render(&set, &view, SIDE, SIDE, 1);
+    view.clamp = limit;
+    struct lw_path_film clamped = render(&set, &view, SIDE, SIDE, 1);
+    view.clamp = 0;
+    view.bounces = 0;
+    struct lw_path_film near = render(&set, &view, SIDE, SIDE, 1);
+    unsigned brighter = 0, dimmer = 0;
+    for (int i = 0; i < SIDE * SIDE; i++) {
+        struct lw_vec3 far[2];
+        for (int k = 0; k < 2; k++) {
+            const float *rgb = (k ? clamped : free).half[0] + 3 * i, *first = near.half[0] + 3 * i;
+            far[k] = lw_vec3(rgb[0] - first[0], rgb[1] - first[1], rgb[2] - first[2]);
+        }
+        const float before = lw_colour_luminance(far[0]), after = lw_colour_luminance(far[1]);
+        /* differences of floats as large as what is seen */
+        const float rounding = 4e-6f * (limit + lw_colour_luminance(lw_vec3(1, 1, 1)) * near.half[0][3 * i]);
+        assert_float_equal(after, fminf(before, limit), rounding);
+        *(before > limit ? &brighter : &dimmer) += 1;
+    }
+    assert_true(brighter > 100 && dimmer > 100);
+    lw_path_film_finish(&near);
+    lw_path_film_finish(&clamped);
+    lw_path_film_finish(&free);
+    tear_down(&set);
+}
+
+static void same_bytes(enum lw_path_pattern pattern, bool all_lights) {
     struct lw_path_film film[3];
     const size_t size = (size_t)150 * 70 * 3 * sizeof(float);
     for (unsigned i = 0; i < 3; i++) {
@@ -422,7 +474,9 @@ static void same_bytes(enum lw_path_pattern pattern) {
         struct lw_path_view view = {.camera = lw_camera_of_scene(scene, &set.world.pose, 0),
                                     .bounces = 3,
                                     .seed = 5,
-                                    .pattern = pattern};
+                                    .pattern = pattern,
+                                    .all_lights = all_lights,
+                                    .clamp = all_lights ? 0.1f : 0};
         film[i] = render(&set, &view, 150, 70, i == 2 ? 1 : 7);
         if (i == 2) lw_path_trace_render(set.world.tracer, &view, 6, &film[i], NULL); /* in two calls */
         tear_down(&set);
@@ -436,8 +490,9 @@ static void same_bytes(enum lw_path_pattern pattern) {
 
 static void test_same_bytes(void **state) {
     (void)state;
-    same_bytes(LW_PATH_PATTERN_SQUARE);
-    same_bytes(LW_PATH_PATTERN_INTERLEAVED);
+    same_bytes(LW_PATH_PATTERN_SQUARE, false);
+    same_bytes(LW_PATH_PATTERN_INTERLEAVED, false);
+    same_bytes(LW_PATH_PATTERN_INTERLEAVED, true);
 }
 
 static void test_pictures_go_on_with_the_sequence(void **state) {
@@ -527,6 +582,7 @@ int main(void) {
         cmocka_unit_test(test_panes_pass_their_share),
         cmocka_unit_test(test_a_transparent_lamp_shines_its_share),
         cmocka_unit_test(test_methods_agree),
+        cmocka_unit_test(test_clamp),
         cmocka_unit_test(test_same_bytes),
         cmocka_unit_test(test_pictures_go_on_with_the_sequence),
         cmocka_unit_test(test_convergence),
