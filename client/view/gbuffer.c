@@ -7,7 +7,7 @@
 #define TILE       32u /* pixels; the side of what a thread takes */
 #define SQUARE     4u  /* pixels; the side of a packet */
 #define LAYERS_MAX 16u /* as compose.h and path_trace.h have it */
-#define PLANES     17u
+#define PLANES     20u
 
 /* A share of light that no picture shows. */
 #define TRANSMITTANCE_MIN 1e-4f
@@ -31,6 +31,7 @@ static void place_planes(struct lw_gbuffer *g, size_t pixels) {
     place3(g->plane.albedo, &at, pixels);
     place3(g->plane.emission, &at, pixels);
     place3(g->plane.before, &at, pixels);
+    place3(g->plane.origin, &at, pixels);
 }
 
 enum lw_status lw_gbuffer_init(struct lw_gbuffer *gbuffer, const struct lw_gbuffer_desc *desc,
@@ -43,9 +44,10 @@ enum lw_status lw_gbuffer_init(struct lw_gbuffer *gbuffer, const struct lw_gbuff
     const size_t pixels = (size_t)g.width * g.height, objects = desc->scene->object_count;
     g.plane.object = calloc(pixels, sizeof *g.plane.object);
     g.memory = calloc(pixels * (PLANES - 1), sizeof *g.memory);
+    g.layered = calloc(pixels, sizeof *g.layered);
     g.place = calloc(objects + 1, sizeof *g.place); /* one more: no objects is no failure */
     g.light = calloc((size_t)desc->scene->light_count + 1, sizeof *g.light);
-    if (!g.plane.object || !g.memory || !g.place || !g.light) {
+    if (!g.plane.object || !g.memory || !g.layered || !g.place || !g.light) {
         lw_gbuffer_finish(&g);
         return lw_status_fail(err, LW_NO_MEMORY, "no memory for the first hits of %ux%u pixels", desc->width,
                               desc->height);
@@ -58,19 +60,10 @@ enum lw_status lw_gbuffer_init(struct lw_gbuffer *gbuffer, const struct lw_gbuff
 void lw_gbuffer_finish(struct lw_gbuffer *gbuffer) {
     free(gbuffer->light);
     free(gbuffer->place);
+    free(gbuffer->layered);
     free(gbuffer->memory);
     free(gbuffer->plane.object);
     *gbuffer = (struct lw_gbuffer){0};
-}
-
-/* The cofactors: what lw_affine_cofactor_normal() multiplies normals by. */
-static struct lw_affine to_normal(const struct lw_affine *t) {
-    struct lw_affine out = {0};
-    for (int column = 0; column < 3; column++) {
-        struct lw_vec3 n = lw_affine_cofactor_normal(t, lw_vec3(column == 0, column == 1, column == 2));
-        out.m[0][column] = n.x, out.m[1][column] = n.y, out.m[2][column] = n.z;
-    }
-    return out;
 }
 
 static bool is_same_light(const struct lw_light_state *a, const struct lw_light_state *b) {
@@ -82,10 +75,10 @@ static void begin(struct lw_gbuffer *g, const struct lw_pose *pose, const struct
     bool still = g->started && memcmp(camera, &g->camera, sizeof *camera) == 0;
     for (uint32_t o = 0; o < g->scene->object_count; o++) {
         struct lw_gbuffer_place *place = &g->place[o];
-        place->before = g->started ? place->now : pose->object_to_world[o];
-        place->now = pose->object_to_world[o];
-        place->to_normal = to_normal(&place->now);
-        place->moved = memcmp(&place->now, &place->before, sizeof place->now) != 0;
+        const struct lw_affine *now = &pose->object_to_world[o];
+        place->before = g->started ? place->now.to_world : *now;
+        place->now = lw_place_of(now);
+        place->moved = memcmp(now, &place->before, sizeof *now) != 0;
         still &= !place->moved;
     }
     for (uint32_t l = 0; l < g->scene->light_count; l++) {
@@ -104,14 +97,17 @@ struct pixel {
     float weight; /* of the layer below: how much of its own reflection reaches the eye */
     uint32_t object;
     float depth, slope[2], apart;
-    struct lw_vec3 normal, before;
+    struct lw_vec3 normal, before, origin;
+    bool layered;
 };
 
 static void store3(float *const plane[3], size_t at, struct lw_vec3 v) {
     plane[0][at] = v.x, plane[1][at] = v.y, plane[2][at] = v.z;
 }
 
-static void store(const struct lw_gbuffer_planes *p, size_t at, const struct pixel *pixel) {
+static void store(const struct lw_gbuffer *g, size_t at, const struct pixel *pixel) {
+    const struct lw_gbuffer_planes *p = &g->plane;
+    g->layered[at] = pixel->layered;
     p->object[at] = pixel->object;
     p->depth[at] = pixel->depth;
     p->slope[0][at] = pixel->slope[0];
@@ -121,6 +117,7 @@ static void store(const struct lw_gbuffer_planes *p, size_t at, const struct pix
     store3(p->albedo, at, pixel->albedo);
     store3(p->emission, at, pixel->emission);
     store3(p->before, at, pixel->before);
+    store3(p->origin, at, pixel->origin);
 }
 
 static const struct lw_mesh *mesh_of(const struct lw_gbuffer *g, uint32_t object) {
@@ -135,12 +132,9 @@ static void take(const struct lw_gbuffer *g, const struct lw_camera_plane *plane
                  unsigned i, struct lw_vec3 direction, const struct lw_surface *surface,
                  struct pixel *pixel) {
     const struct lw_gbuffer_place *place = &g->place[hits->object[i]];
-    const float side = hits->back[i] ? -1.0f : 1.0f;
-    struct lw_vec3 shading = surface->normal, face = surface->geometric_normal;
-    if (lw_vec3_dot(shading, face) <= 0.01f) shading = face; /* as in the path tracer */
-    shading = lw_vec3_scale(lw_vec3_normalize(lw_affine_vector(&place->to_normal, shading)), side);
-    face = lw_vec3_normalize(lw_affine_vector(&place->to_normal, face));
-
+    const struct lw_place_point point =
+        lw_place_point(&place->now, mesh_of(g, hits->object[i]), hits, i, surface);
+    const struct lw_vec3 face = point.face;
     const float along = lw_vec3_dot(face, direction), length = lw_vec3_length(direction);
     const float sine = fabsf(along) > SINE_MIN * length ? along : copysignf(SINE_MIN * length, along);
     pixel->object = hits->object[i];
@@ -148,7 +142,8 @@ static void take(const struct lw_gbuffer *g, const struct lw_camera_plane *plane
     pixel->slope[0] = lw_vec3_dot(face, plane->right) / sine * pixel->depth;
     pixel->slope[1] = -lw_vec3_dot(face, plane->up) / sine * pixel->depth;
     pixel->apart = fabsf(sine) * hits->t[i] / plane->pixel;
-    pixel->normal = shading;
+    pixel->normal = point.normal;
+    pixel->origin = point.origin;
     struct lw_vec3 now = lw_vec3_mad(g->camera.position, direction, hits->t[i]);
     pixel->before = place->moved ? lw_affine_point(&place->before, surface->position) : now;
 }
@@ -175,6 +170,7 @@ static bool meet(const struct lw_gbuffer *g, const struct lw_camera_plane *plane
         take(g, plane, hits, i, direction, &surface, pixel);
     }
     pixel->transmittance -= share;
+    pixel->layered |= blend;
     return blend && pixel->transmittance > TRANSMITTANCE_MIN;
 }
 
@@ -205,8 +201,7 @@ static void render_square(const struct lw_gbuffer *g, const struct lw_camera_pla
         going = go_on;
     }
     for (unsigned i = 0; i < LW_TRACE_WIDTH; i++)
-        if (active >> i & 1u)
-            store(&g->plane, (size_t)(y + i / SQUARE) * g->width + x + i % SQUARE, &pixel[i]);
+        if (active >> i & 1u) store(g, (size_t)(y + i / SQUARE) * g->width + x + i % SQUARE, &pixel[i]);
 }
 
 void lw_gbuffer_render(struct lw_gbuffer *gbuffer, const struct lw_pose *pose,

@@ -5,12 +5,13 @@
  * Rays go through the centres of pixels, as in compose.h and path_trace.h (LW_PATH_PIXEL_CENTRE), so that
  *     radiance = albedo x E/pi + emission
  * holds for the mean of the path tracer's samples. BLEND surfaces are blended front to back: albedo and emission are sums
- * over all layers and the sky behind them, the rest belongs to the layer that weighs most. */
+ * over all layers and the sky behind them, the rest belongs to the layer that weighs most. Where there is one layer, paths may start
+ * from here instead of the eye (path_trace.h, first_hits). */
 #ifndef LW_CLIENT_VIEW_GBUFFER_H
 #define LW_CLIENT_VIEW_GBUFFER_H
 
 #include "client/view/camera.h"
-#include "common/trace/trace.h"
+#include "client/view/place.h"
 
 /** Planes of width * height values each, row 0 on top. */
 struct lw_gbuffer_planes {
@@ -25,6 +26,7 @@ struct lw_gbuffer_planes {
     float *albedo[3];
     float *emission[3]; /* W/(m^2 sr) */
     float *before[3];   /* where the point was in the render before this one, world space, m */
+    float *origin[3];   /* where rays of light start: the point, lifted off its surface, m */
 };
 
 struct lw_gbuffer {
@@ -32,6 +34,7 @@ struct lw_gbuffer {
     struct lw_camera_view camera; /* of the last render */
     bool still;                   /* nothing has changed since the render before: camera, objects, lights */
     struct lw_gbuffer_planes plane;
+    uint8_t *layered; /* 1: the pixel shows more than one surface */
 
     /* inside */
     const struct lw_scene *scene;
@@ -39,8 +42,8 @@ struct lw_gbuffer {
     int threads;
     bool started;
     struct lw_gbuffer_place {
-        struct lw_affine now, before;
-        struct lw_affine to_normal; /* normals alone, of any length */
+        struct lw_place now;
+        struct lw_affine before;
         bool moved;
     } * place;                    /* per object */
     struct lw_light_state *light; /* of the last render */

@@ -18,18 +18,11 @@ _Static_assert(SQUARE *SQUARE == LANES, "a bundle starts as one packet");
 /* What a pair of random numbers is for. */
 enum use { USE_PIXEL, USE_LAYER, USE_PICK, USE_LAMP, USE_BOUNCE, USE_COUNT };
 
-/* Where an object is. */
-struct place {
-    struct lw_affine to_world;
-    struct lw_affine to_normal; /* normals alone, of any length */
-    float growth, shift_m;      /* |world coordinate| <= growth |object coordinate| + shift_m */
-};
-
 struct lw_path_trace {
     const struct lw_scene *scene;
     const struct lw_trace *trace;
     const struct lw_lights *lights;
-    struct place *place; /* per object */
+    struct lw_place *place; /* per object */
     int threads;
 };
 
@@ -96,26 +89,9 @@ void lw_path_trace_destroy(struct lw_path_trace *tracer) {
     free(tracer);
 }
 
-static struct place place_of(const struct lw_affine *t) {
-    struct place place = {.to_world = *t};
-    for (int column = 0; column < 3; column++) {
-        struct lw_vec3 axis = lw_vec3(column == 0, column == 1, column == 2);
-        struct lw_vec3 n = lw_affine_cofactor_normal(t, axis);
-        place.to_normal.m[0][column] = n.x;
-        place.to_normal.m[1][column] = n.y;
-        place.to_normal.m[2][column] = n.z;
-    }
-    for (int row = 0; row < 3; row++) {
-        const float *m = t->m[row];
-        place.growth = fmaxf(place.growth, fabsf(m[0]) + fabsf(m[1]) + fabsf(m[2]));
-        place.shift_m = fmaxf(place.shift_m, fabsf(m[3]));
-    }
-    return place;
-}
-
 void lw_path_trace_set_pose(struct lw_path_trace *tracer, const struct lw_pose *pose) {
     for (uint32_t o = 0; o < tracer->scene->object_count; o++)
-        tracer->place[o] = place_of(&pose->object_to_world[o]);
+        tracer->place[o] = lw_place_of(&pose->object_to_world[o]);
 }
 
 static void draw(const struct bundle *b, enum use use, uint32_t depth, float out[2]) {
@@ -134,20 +110,10 @@ static void arrive(const struct job *job, struct bundle *b, uint16_t which, cons
     path->throughput = lw_vec3_mul(path->throughput, surface->albedo);
     if (!(path->throughput.x + path->throughput.y + path->throughput.z > 0)) return;
 
-    const struct place *place = &job->tracer->place[hits->object[i]];
-    const struct lw_mesh *mesh = mesh_of(job, hits->object[i]);
-    const uint32_t *vertex = mesh->triangle[hits->triangle[i]];
-    const bool back = hits->back[i];
-    const float side = back ? -1.0f : 1.0f;
-    struct lw_vec3 face = surface->geometric_normal, shading = lw_scene_light_normal(surface->normal, face);
-    path->normal = lw_vec3_scale(lw_vec3_normalize(lw_affine_vector(&place->to_normal, shading)), side);
-    face = lw_vec3_scale(lw_vec3_normalize(lw_affine_vector(&place->to_normal, face)), side);
-    float largest =
-        fmaxf(lw_vec3_max_abs(mesh->position[vertex[0]]),
-              fmaxf(lw_vec3_max_abs(mesh->position[vertex[1]]), lw_vec3_max_abs(mesh->position[vertex[2]])));
-    struct lw_vec3 start = lw_scene_shadow_origin(mesh, hits->triangle[i], hits->u[i], hits->v[i], back);
-    path->origin = lw_trace_lift(lw_affine_point(&place->to_world, start), face,
-                                 place->growth * largest + place->shift_m);
+    const struct lw_place_point point =
+        lw_place_point(&job->tracer->place[hits->object[i]], mesh_of(job, hits->object[i]), hits, i, surface);
+    path->normal = point.normal;
+    path->origin = point.origin;
     b->order[b->going++] = which;
 }
 
@@ -166,7 +132,7 @@ static void look16(const struct job *job, struct bundle *b, uint16_t first, unsi
     float jitter[2], choice[2], transmittance[LANES];
     draw(b, USE_PIXEL, 0, jitter);
     draw(b, USE_LAYER, 0, choice);
-    if (view->pixel == LW_PATH_PIXEL_CENTRE) jitter[0] = jitter[1] = 0.5f;
+    if (view->pixel == LW_PATH_PIXEL_CENTRE || view->first_hits) jitter[0] = jitter[1] = 0.5f;
     for (unsigned i = 0; i < lanes; i++) {
         struct path *path = &b->path[first + i];
         struct lw_vec3 direction =
@@ -206,6 +172,29 @@ static void look16(const struct job *job, struct bundle *b, uint16_t first, unsi
         }
         going = go_on;
     }
+}
+
+static struct lw_vec3 load3(float *const plane[3], size_t at) {
+    return lw_vec3(plane[0][at], plane[1][at], plane[2][at]);
+}
+
+/* Takes the first hits of a bundle that has none but single surfaces; whether it is one. */
+static bool take_first_hits(const struct job *job, struct bundle *b, unsigned paths) {
+    const struct lw_gbuffer *g = job->view->first_hits;
+    if (!g) return false;
+    for (unsigned i = 0; i < paths; i++)
+        if (g->layered[(size_t)b->path[i].y * g->width + b->path[i].x]) return false;
+    for (unsigned i = 0; i < paths; i++) {
+        struct path *path = &b->path[i];
+        const size_t at = (size_t)path->y * g->width + path->x;
+        path->radiance = load3(g->plane.emission, at);
+        path->throughput = load3(g->plane.albedo, at);
+        if (!(path->throughput.x + path->throughput.y + path->throughput.z > 0)) continue;
+        path->normal = load3(g->plane.normal, at);
+        path->origin = load3(g->plane.origin, at);
+        b->order[b->going++] = (uint16_t)i;
+    }
+    return true;
 }
 
 /* Power heuristic (Veach 1997, 9.2.4): the weight of a sample that was drawn with density `own` where `other` could have
@@ -339,8 +328,11 @@ static void trace_bundle(const struct job *job, struct bundle *b, unsigned paths
     const struct lw_path_view *view = job->view;
     const bool ask_lamps = view->method != LW_PATH_METHOD_BOUNCE || job->tracer->scene->light_count > 0;
     b->going = 0;
-    for (unsigned first = 0; first < paths; first += LANES)
-        look16(job, b, (uint16_t)first, lanes_from(first, paths), count);
+    if (!take_first_hits(job, b, paths))
+        for (unsigned first = 0; first < paths; first += LANES)
+            look16(job, b, (uint16_t)first, lanes_from(first, paths), count);
+    else
+        count->paths += paths;
     /* Rays of the last surface bring light only where they may meet what shines. */
     const bool rays_may_shine = job->tracer->lights->shining_count || job->tracer->lights->sky_luminance > 0;
     const bool arrived = b->going > 0;

@@ -9,7 +9,7 @@
 #ifndef LW_CLIENT_VIEW_PATH_TRACE_H
 #define LW_CLIENT_VIEW_PATH_TRACE_H
 
-#include "client/view/camera.h"
+#include "client/view/gbuffer.h"
 #include "client/view/path_film.h"
 #include "common/light/lights.h"
 #include "common/trace/trace.h"
@@ -71,6 +71,9 @@ struct lw_path_view {
     /* The most luminance, W/(m^2 sr), that one path may bring from beyond its first hit: brighter ones are scaled down to it.
      * Loses light, and the noise of few bright paths. 0: no limit. */
     float clamp;
+    /* First hits that another has traced already, by the same pose and camera, of as many pixels as the film. Rays from the eye
+     * are left out, but where pixels show several surfaces. Then a pixel is its centre. NULL: none. */
+    const struct lw_gbuffer *first_hits;
 };
 
 struct lw_path_count {

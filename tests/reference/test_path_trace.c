@@ -495,6 +495,53 @@ static void test_same_bytes(void **state) {
     same_bytes(LW_PATH_PATTERN_INTERLEAVED, true);
 }
 
+/* Paths that start from first hits that are there already are the same paths, behind panes as well. */
+static void test_first_hits_may_be_given(void **state) {
+    (void)state;
+    enum { SIDE = 48 };
+    for (int panes = 0; panes < 2; panes++) {
+        struct lw_scene *scene;
+        struct lw_error err = {0};
+        lw_support_ok(lw_builtin_build("builtin:cornell", &scene, &err), &err);
+        if (panes)
+            for (uint32_t m = 0; m < scene->material_count; m += 2) {
+                scene->material[m].alpha_mode = LW_ALPHA_BLEND;
+                scene->material[m].base_colour[3] = 0.5f;
+            }
+        struct set set;
+        set_up(&set, scene, 2);
+        struct lw_path_view view = {.camera = lw_camera_of_scene(scene, &set.world.pose, 0),
+                                    .bounces = 2,
+                                    .pixel = LW_PATH_PIXEL_CENTRE};
+        struct lw_gbuffer gbuffer;
+        lw_support_ok(
+            lw_gbuffer_init(&gbuffer,
+                            &(struct lw_gbuffer_desc){
+                                .scene = scene, .trace = set.world.trace, .width = SIDE, .height = SIDE},
+                            &err),
+            &err);
+        lw_gbuffer_render(&gbuffer, &set.world.pose, &view.camera);
+        unsigned layered = 0;
+        for (int i = 0; i < SIDE * SIDE; i++) layered += gbuffer.layered[i];
+        assert_true(panes ? layered > SIDE : layered == 0);
+        struct lw_path_film film[2];
+        for (int given = 0; given < 2; given++) {
+            struct lw_path_count count = {0};
+            view.first_hits = given ? &gbuffer : NULL;
+            lw_support_ok(lw_path_film_init(&film[given], SIDE, SIDE, &err), &err);
+            lw_path_trace_render(set.world.tracer, &view, 2, &film[given], &count);
+            assert_int_equal(count.paths, 2 * SIDE * SIDE);
+            if (given && !panes) assert_int_equal(count.rays_primary, 0);
+        }
+        for (int half = 0; half < 2; half++)
+            assert_memory_equal(film[0].half[half], film[1].half[half],
+                                (size_t)SIDE * SIDE * 3 * sizeof(float));
+        for (int i = 0; i < 2; i++) lw_path_film_finish(&film[i]);
+        lw_gbuffer_finish(&gbuffer);
+        tear_down(&set);
+    }
+}
+
 static void test_pictures_go_on_with_the_sequence(void **state) {
     (void)state;
     enum { SIDE = 40 };
@@ -583,6 +630,7 @@ int main(void) {
         cmocka_unit_test(test_a_transparent_lamp_shines_its_share),
         cmocka_unit_test(test_methods_agree),
         cmocka_unit_test(test_clamp),
+        cmocka_unit_test(test_first_hits_may_be_given),
         cmocka_unit_test(test_same_bytes),
         cmocka_unit_test(test_pictures_go_on_with_the_sequence),
         cmocka_unit_test(test_convergence),
