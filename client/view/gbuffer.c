@@ -217,3 +217,65 @@ void lw_gbuffer_render(struct lw_gbuffer *gbuffer, const struct lw_pose *pose,
                 render_square(gbuffer, &plane, x, y);
     }
 }
+
+enum lw_status lw_gbuffer_init_thin(struct lw_gbuffer *thin, const struct lw_gbuffer *full, uint32_t step,
+                                    struct lw_error *err) {
+    enum lw_status status =
+        lw_gbuffer_init(thin,
+                        &(struct lw_gbuffer_desc){.scene = full->scene,
+                                                  .trace = full->trace,
+                                                  .width = (full->width + step - 1) / step,
+                                                  .height = (full->height + step - 1) / step,
+                                                  .threads = (unsigned)full->threads},
+                        err);
+    if (status == LW_OK)
+        thin->lattice =
+            (struct lw_gbuffer_lattice){.step = step, .width = full->width, .height = full->height};
+    return status;
+}
+
+/* Pixels of the lattice are step times as wide: slopes per pixel are steeper by that, and less is a pixel's breadth. */
+static void thin_row(const struct lw_gbuffer *thin, const struct lw_gbuffer *full, uint32_t row) {
+    const struct lw_gbuffer_lattice *l = &thin->lattice;
+    const struct lw_gbuffer_planes *to = &thin->plane, *from = &full->plane;
+    const float step = (float)l->step, narrower = 1 / step;
+    const uint32_t y = row * l->step + l->y < full->height ? row * l->step + l->y : full->height - 1;
+    for (uint32_t column = 0; column < thin->width; column++) {
+        const uint32_t x = column * l->step + l->x < full->width ? column * l->step + l->x : full->width - 1;
+        const size_t at = (size_t)row * thin->width + column, of = (size_t)y * full->width + x;
+        to->object[at] = from->object[of];
+        to->depth[at] = from->depth[of];
+        for (int c = 0; c < 2; c++) to->slope[c][at] = step * from->slope[c][of];
+        to->apart[at] = narrower * from->apart[of];
+        for (int c = 0; c < 3; c++) {
+            to->normal[c][at] = from->normal[c][of];
+            to->albedo[c][at] = from->albedo[c][of];
+            to->emission[c][at] = from->emission[c][of];
+            to->before[c][at] = from->before[c][of];
+            to->origin[c][at] = from->origin[c][of];
+        }
+        thin->layered[at] = full->layered[of];
+    }
+}
+
+void lw_gbuffer_thin(struct lw_gbuffer *thin, const struct lw_gbuffer *full, uint32_t x, uint32_t y) {
+    thin->still = full->still && thin->lattice.x == x && thin->lattice.y == y;
+    thin->camera = full->camera;
+    thin->lattice.x = x;
+    thin->lattice.y = y;
+#pragma omp parallel for schedule(static) num_threads(full->threads)
+    for (uint32_t row = 0; row < thin->height; row++) thin_row(thin, full, row);
+}
+
+struct lw_camera_plane lw_gbuffer_aim(const struct lw_gbuffer *g) {
+    const struct lw_gbuffer_lattice *l = &g->lattice;
+    if (!l->step) return lw_camera_plane(&g->camera, g->width, g->height);
+    struct lw_camera_plane plane = lw_camera_plane(&g->camera, l->width, l->height);
+    const float step = (float)l->step;
+    plane.right = lw_vec3_scale(plane.right, step);
+    plane.up = lw_vec3_scale(plane.up, step);
+    plane.half_width = (plane.half_width - (float)l->x - 0.5f) / step + 0.5f;
+    plane.half_height = (plane.half_height - (float)l->y - 0.5f) / step + 0.5f;
+    plane.pixel *= step;
+    return plane;
+}

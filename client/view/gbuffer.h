@@ -29,8 +29,15 @@ struct lw_gbuffer_planes {
     float *origin[3];   /* where rays of light start: the point, lifted off its surface, m */
 };
 
+/** Which pixels of a picture there are: every step-th, both ways, from (x, y) on. step 0: all of them. */
+struct lw_gbuffer_lattice {
+    uint32_t step, x, y;
+    uint32_t width, height; /* of the picture */
+};
+
 struct lw_gbuffer {
     uint32_t width, height;
+    struct lw_gbuffer_lattice lattice;
     struct lw_camera_view camera; /* of the last render */
     bool still;                   /* nothing has changed since the render before: camera, objects, lights */
     struct lw_gbuffer_planes plane;
@@ -62,6 +69,17 @@ LW_MUST_CHECK enum lw_status lw_gbuffer_init(struct lw_gbuffer *gbuffer, const s
                                              struct lw_error *err);
 /** A zeroed one is fine. */
 void lw_gbuffer_finish(struct lw_gbuffer *gbuffer);
+
+/** One for every step-th pixel of pictures of full->width x full->height, for lw_gbuffer_thin() alone. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_gbuffer_init_thin(struct lw_gbuffer *thin, const struct lw_gbuffer *full,
+                                                  uint32_t step, struct lw_error *err);
+
+/** Takes every step-th pixel of the last render of `full`, from (x, y) on; both under step. Lattice pixels beyond the picture's
+ * edge repeat its last. */
+void lw_gbuffer_thin(struct lw_gbuffer *thin, const struct lw_gbuffer *full, uint32_t x, uint32_t y);
+
+/** The picture plane by which pixel (i, j) is seen through (i + 0.5, j + 0.5), on a lattice as well. */
+struct lw_camera_plane lw_gbuffer_aim(const struct lw_gbuffer *gbuffer);
 
 /** Fills the planes. `before` is by the pose of the previous call; in the first one, nothing has moved. */
 void lw_gbuffer_render(struct lw_gbuffer *gbuffer, const struct lw_pose *pose,

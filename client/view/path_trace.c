@@ -414,7 +414,9 @@ void lw_path_trace_render(const struct lw_path_trace *tracer, const struct lw_pa
                           uint32_t samples, struct lw_path_film *film, struct lw_path_count *count) {
     const struct job job = {.tracer = tracer,
                             .view = view,
-                            .plane = lw_camera_plane(&view->camera, film->width, film->height),
+                            .plane = view->first_hits
+                                         ? lw_gbuffer_aim(view->first_hits)
+                                         : lw_camera_plane(&view->camera, film->width, film->height),
                             .film = film};
     const uint32_t columns = (film->width + TILE - 1) / TILE, rows = (film->height + TILE - 1) / TILE;
     uint64_t paths = 0, primary = 0, shadow = 0, bounce = 0;

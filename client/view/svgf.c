@@ -39,6 +39,8 @@
 #define ROUNDING_SHARE 1e-4f
 #define WEIGHT_MIN     1e-30f
 
+#define STRANGE_WEIGHT 1e-4f /* of light of another surface, for a pixel that has no better */
+
 #define CHUNK 256u /* pixels of a row whose sums stay in the first-level cache */
 
 /* What a pixel hands on to the next frame. One cache line: it is read by where things were, not in order. */
@@ -62,8 +64,10 @@ struct light {
 struct lw_svgf {
     uint32_t width, height;
     int threads;
+    unsigned levels; /* passes over the picture */
     bool started;
     struct lw_camera_view camera; /* of the frame before */
+    struct lw_camera_plane aim;   /* likewise */
     struct past *past, *next;
     struct light light[2];
     float *count;
@@ -78,6 +82,7 @@ enum lw_status lw_svgf_create(const struct lw_svgf_desc *desc, struct lw_svgf **
     svgf->width = desc->width;
     svgf->height = desc->height;
     svgf->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
+    svgf->levels = desc->time_alone ? 0 : LEVELS;
     svgf->past = aligned_alloc(64, (pixels + 1) * sizeof *svgf->past);
     svgf->next = aligned_alloc(64, (pixels + 1) * sizeof *svgf->next);
     svgf->memory = calloc(9 * pixels + 1, sizeof *svgf->memory);
@@ -112,7 +117,7 @@ struct job {
     const struct lw_gbuffer *gbuffer;
     const float *radiance;
     struct lw_camera_view before; /* the camera of the frame before */
-    float pixels_per_slope;       /* of that camera: pixels per tangent of an angle */
+    struct lw_camera_plane aim;   /* likewise */
 };
 
 static struct lw_vec3 load3(float *const plane[3], size_t at) {
@@ -147,9 +152,9 @@ static bool find_before(const struct job *job, struct lw_vec3 point, float *out_
     struct lw_vec3 away = lw_vec3_sub(point, c->position);
     const float z = lw_vec3_dot(away, c->forward);
     if (!(z > 0)) return false;
-    const float scale = job->pixels_per_slope / z;
-    *out_x = 0.5f * (float)job->svgf->width + lw_vec3_dot(away, c->right) * scale - 0.5f;
-    *out_y = 0.5f * (float)job->svgf->height - lw_vec3_dot(away, c->up) * scale - 0.5f;
+    const float scale = 1 / (job->aim.pixel * z);
+    *out_x = job->aim.half_width + lw_vec3_dot(away, c->right) * scale - 0.5f;
+    *out_y = job->aim.half_height - lw_vec3_dot(away, c->up) * scale - 0.5f;
     *out_depth = 1 / z;
     return *out_x > -1 && *out_y > -1 && *out_x < (float)job->svgf->width &&
            *out_y < (float)job->svgf->height;
@@ -466,25 +471,34 @@ static void filter_row(const struct job *job, unsigned level, uint32_t y) {
         filter_chunk(job, &svgf->light[level & 1u], &svgf->light[~level & 1u], x, y, 1 << level);
 }
 
-static void deliver_row(const struct job *job, uint32_t y, float *out_rgb) {
-    const struct lw_svgf *svgf = job->svgf;
-    const struct lw_gbuffer_planes *g = &job->gbuffer->plane;
-    const struct light *light = &svgf->light[LEVELS & 1u];
-    for (size_t at = (size_t)y * svgf->width, end = at + svgf->width; at < end; at++)
-        for (int c = 0; c < 3; c++) {
-            const float rgb = light->rgb[c][at] * g->albedo[c][at] + g->emission[c][at];
-            out_rgb[3 * at + (size_t)c] = rgb > 0 ? rgb : 0;
-        }
+/* Light as it leaves the filter. */
+static const struct light *filtered_light(const struct lw_svgf *svgf) {
+    return &svgf->light[svgf->levels & 1u];
 }
 
-void lw_svgf_filter(struct lw_svgf *svgf, const struct lw_gbuffer *gbuffer, const float *radiance,
-                    float *out_rgb) {
-    const struct lw_camera_view before = svgf->started ? svgf->camera : gbuffer->camera;
+static void deliver(const struct lw_gbuffer_planes *g, size_t at, const float light[3], float *out_rgb) {
+    for (int c = 0; c < 3; c++) {
+        const float rgb = light[c] * g->albedo[c][at] + g->emission[c][at];
+        out_rgb[3 * at + (size_t)c] = rgb > 0 ? rgb : 0;
+    }
+}
+
+static void deliver_row(const struct job *job, uint32_t y, float *out_rgb) {
+    const struct light *light = filtered_light(job->svgf);
+    const uint32_t width = job->svgf->width;
+    for (size_t at = (size_t)y * width, end = at + width; at < end; at++)
+        deliver(&job->gbuffer->plane, at,
+                (const float[3]){light->rgb[0][at], light->rgb[1][at], light->rgb[2][at]}, out_rgb);
+}
+
+static void accumulate_and_filter(struct lw_svgf *svgf, const struct lw_gbuffer *gbuffer,
+                                  const float *radiance, float *out_rgb) {
+    const struct lw_camera_plane aim = lw_gbuffer_aim(gbuffer);
     const struct job job = {.svgf = svgf,
                             .gbuffer = gbuffer,
                             .radiance = radiance,
-                            .before = before,
-                            .pixels_per_slope = 0.5f * (float)svgf->height / tanf(0.5f * before.fov_y)};
+                            .before = svgf->started ? svgf->camera : gbuffer->camera,
+                            .aim = svgf->started ? svgf->aim : aim};
 #pragma omp parallel num_threads(svgf->threads)
     {
 #pragma omp for schedule(dynamic, 8)
@@ -493,18 +507,75 @@ void lw_svgf_filter(struct lw_svgf *svgf, const struct lw_gbuffer *gbuffer, cons
 #pragma omp for schedule(dynamic, 8)
             for (uint32_t y = 0; y < svgf->height; y++) shorten_row(&job, y);
         }
+        if (svgf->levels) {
 #pragma omp for schedule(dynamic, 8)
-        for (uint32_t y = 0; y < svgf->height; y++) estimate_row(&job, y);
-        for (unsigned level = 0; level < LEVELS; level++) {
+            for (uint32_t y = 0; y < svgf->height; y++) estimate_row(&job, y);
+        }
+        for (unsigned level = 0; level < svgf->levels; level++) {
 #pragma omp for schedule(dynamic, 8)
             for (uint32_t y = 0; y < svgf->height; y++) filter_row(&job, level, y);
         }
+        if (out_rgb) {
 #pragma omp for schedule(dynamic, 8)
-        for (uint32_t y = 0; y < svgf->height; y++) deliver_row(&job, y, out_rgb);
+            for (uint32_t y = 0; y < svgf->height; y++) deliver_row(&job, y, out_rgb);
+        }
     }
     struct past *past = svgf->past;
     svgf->past = svgf->next;
     svgf->next = past;
     svgf->camera = gbuffer->camera;
+    svgf->aim = aim;
     svgf->started = true;
+}
+
+void lw_svgf_filter(struct lw_svgf *svgf, const struct lw_gbuffer *gbuffer, const float *radiance,
+                    float *out_rgb) {
+    accumulate_and_filter(svgf, gbuffer, radiance, out_rgb);
+}
+
+/* ---- to all pixels of a picture of which every few were filtered ---- */
+
+/* How well a pixel of the lattice knows the light of one of the picture, beside how near it is. (dx, dy): from it to that one, in
+ * pixels of the lattice. Something is left where it lies on another surface: where all do, the nearest serve. */
+static float kinship(const struct lw_gbuffer_planes *thin, size_t q, const struct lw_gbuffer_planes *full,
+                     size_t p, float dx, float dy) {
+    if (thin->object[q] == LW_TRACE_MISS) return 0;
+    const float off = full->depth[p] - thin->depth[q] - thin->slope[0][q] * dx - thin->slope[1][q] * dy;
+    const float cosine = full->normal[0][p] * thin->normal[0][q] + full->normal[1][p] * thin->normal[1][q] +
+                         full->normal[2][p] * thin->normal[2][q];
+    const float x = fabsf(off) * thin->apart[q] / SIGMA_PLANE + NORMAL_POWER * (1 - cosine);
+    return (thin->object[q] == full->object[p] ? falloff(x) : 0) + STRANGE_WEIGHT;
+}
+
+static void spread_row(const struct lw_svgf *svgf, const struct lw_gbuffer *thin,
+                       const struct lw_gbuffer *full, uint32_t y, float *out_rgb) {
+    const struct light *light = filtered_light(svgf);
+    const float scale = 1 / (float)thin->lattice.step;
+    const float v = ((float)y - (float)thin->lattice.y) * scale;
+    const int top = (int)floorf(v);
+    for (uint32_t x = 0; x < full->width; x++) {
+        const size_t at = (size_t)y * full->width + x;
+        const float u = ((float)x - (float)thin->lattice.x) * scale;
+        const int left = (int)floorf(u);
+        float sum[3] = {0}, weights = 0;
+        for (int i = 0; i < 4 && full->plane.object[at] != LW_TRACE_MISS; i++) {
+            const int column = left + (i & 1), row = top + (i >> 1);
+            if (column < 0 || row < 0 || column >= (int)thin->width || row >= (int)thin->height) continue;
+            const float dx = u - (float)column, dy = v - (float)row;
+            const size_t q = (size_t)row * thin->width + (size_t)column;
+            const float weight =
+                (1 - fabsf(dx)) * (1 - fabsf(dy)) * kinship(&thin->plane, q, &full->plane, at, dx, dy);
+            for (int c = 0; c < 3; c++) sum[c] += weight * light->rgb[c][q];
+            weights += weight;
+        }
+        for (int c = 0; c < 3; c++) sum[c] /= weights > WEIGHT_MIN ? weights : 1;
+        deliver(&full->plane, at, sum, out_rgb);
+    }
+}
+
+void lw_svgf_filter_thin(struct lw_svgf *svgf, const struct lw_gbuffer *thin, const struct lw_gbuffer *full,
+                         const float *radiance, float *out_rgb) {
+    accumulate_and_filter(svgf, thin, radiance, NULL);
+#pragma omp parallel for schedule(dynamic, 8) num_threads(svgf->threads)
+    for (uint32_t y = 0; y < full->height; y++) spread_row(svgf, thin, full, y, out_rgb);
 }

@@ -19,6 +19,7 @@
 struct lw_svgf_desc {
     uint32_t width, height; /* pixels */
     unsigned threads;       /* 0: all */
+    bool time_alone;        /* histories are re-projected and averaged; the picture is not filtered */
 };
 
 struct lw_svgf;
@@ -39,5 +40,14 @@ void lw_svgf_reset(struct lw_svgf *svgf);
  * Cost      no allocation */
 void lw_svgf_filter(struct lw_svgf *svgf, const struct lw_gbuffer *gbuffer, const float *radiance,
                     float *out_rgb);
+
+/** Filters every step-th pixel of a picture and brings the light to all of them: each takes it from the four nearest, as far as
+ * they lie on its surface, and has its own albedo and emission.
+ *
+ * thin      of this frame, of the filter's size: what lw_gbuffer_thin() took from `full`
+ * radiance  of thin's pixels
+ * out_rgb   full->width * full->height * 3 floats */
+void lw_svgf_filter_thin(struct lw_svgf *svgf, const struct lw_gbuffer *thin, const struct lw_gbuffer *full,
+                         const float *radiance, float *out_rgb);
 
 #endif

@@ -1,15 +1,13 @@
-/* bench_svgf: how near a path tracer of few samples comes to the truth with and without the denoiser, and what that costs.
+/* bench_renderers: how near each path renderer (path_renderer.h) comes to the truth with few samples, and what that costs.
  *
- *     bench_svgf [OPTIONS] SCENE[@PX,PY,PZ:TX,TY,TZ:FOV]...
+ *     bench_renderers [OPTIONS] SCENE[@PX,PY,PZ:TX,TY,TZ:FOV]...
  *
  * A camera moves and turns through each scene for --frames pictures while its animation runs; the last one is compared with
  * a path trace of --truth samples. One table in Markdown per scene: relMSE = mean((x-t)^2 / (t^2 + eps)), eps = 1 % of the
- * mean of t^2, less what the truth's own noise adds; CPU seconds per picture, and those of first hits and filter as shares
- * of the path tracing. With -o DIR also the pictures: raw, filtered, truth. */
-#include "client/view/path_trace.h"
-#include "client/view/svgf.h"
+ * mean of t^2, less what the truth's own noise adds; CPU seconds per picture: of first hits and paths, and of the filter.
+ * With -o DIR also the pictures: of each renderer, and the truth. */
+#include "client/view/path_renderer.h"
 #include "client/view/tonemap.h"
-#include "common/clock.h"
 #include "common/image/image.h"
 #include "common/scene/scene_motion.h"
 #include "tests/bench/bench_setup.h"
@@ -24,8 +22,7 @@ struct settings {
     struct lw_scene_open open;
     int64_t bounces, truth, frames, width, height, spp_min, spp_max;
     double move_m, turn_deg, step_s, start_s;
-    int pattern; /* enum lw_path_pattern */
-    int motion;  /* enum lw_scene_motion */
+    int motion; /* enum lw_scene_motion */
     const char *folder;
 };
 
@@ -37,12 +34,10 @@ struct scene {
     struct lw_lights lights;
     struct lw_path_trace *tracer;
     struct lw_camera_view camera; /* of the first frame */
-    float *truth, *raw, *filtered;
+    float *truth;
     double truth_error; /* relMSE */
     double eps;
 };
-
-static double cpu_s(void) { return 1e-9 * (double)lw_clock_process_cpu_ns(); }
 
 static size_t value_count(const struct scene *s) {
     return (size_t)s->settings->width * (size_t)s->settings->height * 3;
@@ -121,53 +116,38 @@ static enum lw_status write_picture(const struct scene *s, const char *name, con
     return status;
 }
 
-static enum lw_status measure(struct scene *s, const char *name, uint32_t spp, struct lw_error *err) {
+static enum lw_status measure(struct scene *s, const char *name, enum lw_path_renderer_kind kind,
+                              uint32_t spp, struct lw_error *err) {
     const struct settings *o = s->settings;
-    struct lw_path_film film = {0};
-    struct lw_gbuffer gbuffer = {0};
-    struct lw_svgf *svgf = NULL;
-    double path_s = 0, hits_s = 0, filter_s = 0;
-    enum lw_status status = lw_path_film_init(&film, (uint32_t)o->width, (uint32_t)o->height, err);
-    if (status == LW_OK)
-        status = lw_gbuffer_init(&gbuffer,
-                                 &(struct lw_gbuffer_desc){.scene = s->scene,
-                                                           .trace = s->trace,
-                                                           .width = film.width,
-                                                           .height = film.height,
-                                                           .threads = (unsigned)o->open.threads},
-                                 err);
-    if (status == LW_OK)
-        status = lw_svgf_create(&(struct lw_svgf_desc){.width = film.width,
-                                                       .height = film.height,
-                                                       .threads = (unsigned)o->open.threads},
-                                &svgf, err);
+    struct lw_path_renderer *renderer;
+    struct lw_path_frame_cost cost = {0};
+    const float *rgb = NULL;
+    enum lw_status status =
+        lw_path_renderer_create(&(struct lw_path_renderer_desc){.kind = kind,
+                                                                .scene = s->scene,
+                                                                .trace = s->trace,
+                                                                .tracer = s->tracer,
+                                                                .width = (uint32_t)o->width,
+                                                                .height = (uint32_t)o->height,
+                                                                .bounces = (uint32_t)o->bounces,
+                                                                .threads = (unsigned)o->open.threads},
+                                &renderer, err);
+    if (status != LW_OK) return status;
     for (int64_t f = 0; status == LW_OK && f < o->frames; f++) {
         status = go_to(s, f, err);
         if (status != LW_OK) break;
-        struct lw_path_view view = view_at(s, f);
-        view.first_sample = (uint32_t)f * spp;
-        view.pattern = (enum lw_path_pattern)o->pattern;
-        const double start = cpu_s();
-        lw_path_film_clear(&film);
-        lw_path_trace_render(s->tracer, &view, spp, &film, NULL);
-        lw_path_film_resolve(&film, s->raw);
-        const double traced = cpu_s();
-        lw_gbuffer_render(&gbuffer, &s->pose, &view.camera);
-        const double met = cpu_s();
-        lw_svgf_filter(svgf, &gbuffer, s->raw, s->filtered);
-        path_s += traced - start, hits_s += met - traced, filter_s += cpu_s() - met;
+        const struct lw_path_frame frame = {
+            .pose = &s->pose, .camera = camera_at(s, f), .samples = spp, .seed = 1, .number = (uint32_t)f};
+        rgb = lw_path_renderer_frame(renderer, &frame, &cost);
     }
     if (status == LW_OK) {
-        const double n = (double)o->frames, raw = error_of(s, s->raw), filtered = error_of(s, s->filtered);
-        printf("| %u | %.4g | %.4g | %.1f | %.3f | %.3f | %.3f | %.1f %% |\n", spp, raw, filtered,
-               raw / filtered, path_s / n, hits_s / n, filter_s / n, 100 * (hits_s + filter_s) / path_s);
+        const double n = (double)o->frames, total_s = (cost.trace_s + cost.filter_s) / n;
+        printf("| %s | %u | %.4g | %.3f | %.3f | %.3f |\n", lw_path_renderer_name(kind), spp,
+               error_of(s, rgb), cost.trace_s / n, cost.filter_s / n, total_s);
         fflush(stdout);
-        status = write_picture(s, name, "raw", spp, s->raw, err);
+        status = write_picture(s, name, lw_path_renderer_name(kind), spp, rgb, err);
     }
-    if (status == LW_OK) status = write_picture(s, name, "filtered", spp, s->filtered, err);
-    lw_svgf_destroy(svgf);
-    lw_gbuffer_finish(&gbuffer);
-    lw_path_film_finish(&film);
+    lw_path_renderer_destroy(renderer);
     return status;
 }
 
@@ -196,16 +176,11 @@ static enum lw_status set_up(struct scene *s, const char *name, struct lw_error 
     else
         s->camera = lw_camera_default(s->scene, &s->pose, s->trace, aspect);
     s->truth = malloc(value_count(s) * sizeof *s->truth);
-    s->raw = malloc(value_count(s) * sizeof *s->raw);
-    s->filtered = malloc(value_count(s) * sizeof *s->filtered);
-    if (!s->truth || !s->raw || !s->filtered)
-        return lw_status_fail(err, LW_NO_MEMORY, "no memory for pictures");
+    if (!s->truth) return lw_status_fail(err, LW_NO_MEMORY, "no memory for pictures");
     return status;
 }
 
 static void tear_down(struct scene *s) {
-    free(s->filtered);
-    free(s->raw);
     free(s->truth);
     lw_path_trace_destroy(s->tracer);
     lw_lights_finish(&s->lights);
@@ -221,12 +196,13 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
     if (status == LW_OK) {
         printf("\n%s, %dx%d, %d frames; relMSE of the truth %.2g\n\n", name, (int)settings->width,
                (int)settings->height, (int)settings->frames, s.truth_error);
-        printf("| spp | raw | filtered | ratio | paths, CPU s | hits | filter | share |\n");
-        printf("|---|---|---|---|---|---|---|---|\n");
+        printf("| renderer | spp | relMSE | paths, CPU s | filter, CPU s | frame, CPU s |\n");
+        printf("|---|---|---|---|---|---|\n");
         status = write_picture(&s, name, "truth", settings->truth, s.truth, err);
     }
     for (int64_t spp = settings->spp_min; status == LW_OK && spp <= settings->spp_max; spp *= 2)
-        status = measure(&s, name, (uint32_t)spp, err);
+        for (int kind = 0; status == LW_OK && kind < LW_PATH_RENDERER_COUNT; kind++)
+            status = measure(&s, name, (enum lw_path_renderer_kind)kind, (uint32_t)spp, err);
     tear_down(&s);
     return status;
 }
@@ -249,8 +225,7 @@ int main(int argc, char **argv) {
                          .move_m = 0.02,
                          .turn_deg = 0.5,
                          .step_s = 1 / 30.0,
-                         .motion = LW_SCENE_MOTION_ALL,
-                         .pattern = LW_PATH_PATTERN_INTERLEAVED};
+                         .motion = LW_SCENE_MOTION_ALL};
     const struct lw_option table[] = {
         {"bounces", "N", "indirect bounces (default 2)", LW_OPTION_INT, &s.bounces, 0,
          LW_PATH_TRACE_BOUNCES_MAX, NULL},
@@ -270,12 +245,10 @@ int main(int argc, char **argv) {
          &s.step_s, 0, 1e9, NULL},
         {"motion", "static|light|object|all", "what moves but the camera (default all)", LW_OPTION_CHOICE,
          &s.motion, 0, 0, NULL},
-        {"pattern", "square|interleaved", "pixels that share random numbers (default interleaved)",
-         LW_OPTION_CHOICE, &s.pattern, 0, 0, NULL},
         {"o", "DIR", "write the pictures there", LW_OPTION_STRING, &s.folder, 0, 0, NULL}};
     return bench_main(
-        &(struct bench_program){.name = "bench_svgf",
-                                .about = "The error of few paths per pixel with and without the denoiser.",
+        &(struct bench_program){.name = "bench_renderers",
+                                .about = "The error and cost of few paths per pixel, by each path renderer.",
                                 .operand = "SCENE[@CAMERA]",
                                 .table = table,
                                 .count = sizeof table / sizeof table[0],

@@ -1,0 +1,169 @@
+#include "client/view/path_renderer.h"
+
+#include "client/view/svgf.h"
+#include "common/clock.h"
+#include "common/colour.h"
+#include "common/random.h"
+
+#include <stdlib.h>
+
+#define CLAMP_MEANS                                                                                          \
+    10.0f /* of the picture's mean luminance: what a path brings from beyond its first hit, at most */
+#define GLANCE_SIDE 64u /* pixels of the picture whose mean counts before there is another */
+#define STEP        2u  /* every STEP-th pixel of a quarter */
+
+struct lw_path_renderer {
+    struct lw_path_renderer_desc desc;
+    struct lw_path_film film; /* of the pixels that have paths */
+    float *radiance;          /* of those */
+    float *rgb;               /* of all; `radiance` where those are the same */
+    struct lw_gbuffer gbuffer, thin;
+    struct lw_svgf *svgf;
+    float mean; /* luminance of the last picture; 0: there is none, or it was black */
+};
+
+static const struct {
+    const char *name, *about;
+} words[] = {
+#define X(tag, name, about) {name, about},
+    LW_PATH_RENDERER_MAP(X)
+#undef X
+};
+
+const char *lw_path_renderer_name(enum lw_path_renderer_kind kind) { return words[kind].name; }
+const char *lw_path_renderer_about(enum lw_path_renderer_kind kind) { return words[kind].about; }
+bool lw_path_renderer_remembers(enum lw_path_renderer_kind kind) {
+    return kind >= LW_PATH_RENDERER_REPROJECTED;
+}
+
+static bool is_thin(const struct lw_path_renderer *r) {
+    return r->desc.kind == LW_PATH_RENDERER_SVGF_QUARTER;
+}
+
+static enum lw_status init_memory(struct lw_path_renderer *r, struct lw_error *err) {
+    const struct lw_path_renderer_desc *d = &r->desc;
+    struct lw_svgf_desc svgf = {.width = d->width,
+                                .height = d->height,
+                                .threads = d->threads,
+                                .time_alone = d->kind == LW_PATH_RENDERER_REPROJECTED};
+    enum lw_status status = LW_OK;
+    if (lw_path_renderer_remembers(d->kind))
+        status = lw_gbuffer_init(&r->gbuffer,
+                                 &(struct lw_gbuffer_desc){.scene = d->scene,
+                                                           .trace = d->trace,
+                                                           .width = d->width,
+                                                           .height = d->height,
+                                                           .threads = d->threads},
+                                 err);
+    if (status == LW_OK && is_thin(r)) {
+        status = lw_gbuffer_init_thin(&r->thin, &r->gbuffer, STEP, err);
+        svgf.width = r->thin.width, svgf.height = r->thin.height;
+    }
+    if (status == LW_OK && lw_path_renderer_remembers(d->kind)) status = lw_svgf_create(&svgf, &r->svgf, err);
+    if (status == LW_OK) status = lw_path_film_init(&r->film, svgf.width, svgf.height, err);
+    if (status != LW_OK) return status;
+    r->radiance = calloc((size_t)svgf.width * svgf.height * 3, sizeof *r->radiance);
+    r->rgb = is_thin(r) ? calloc((size_t)d->width * d->height * 3, sizeof *r->rgb) : r->radiance;
+    return r->radiance && r->rgb ? LW_OK
+                                 : lw_status_fail(err, LW_NO_MEMORY, "no memory for pictures of %ux%u pixels",
+                                                  d->width, d->height);
+}
+
+enum lw_status lw_path_renderer_create(const struct lw_path_renderer_desc *desc,
+                                       struct lw_path_renderer **out_renderer, struct lw_error *err) {
+    struct lw_path_renderer *r = calloc(1, sizeof *r);
+    if (!r) return lw_status_fail(err, LW_NO_MEMORY, "no memory for a renderer");
+    r->desc = *desc;
+    enum lw_status status = init_memory(r, err);
+    if (status == LW_OK)
+        *out_renderer = r;
+    else
+        lw_path_renderer_destroy(r);
+    return status;
+}
+
+void lw_path_renderer_destroy(struct lw_path_renderer *r) {
+    if (!r) return;
+    if (r->rgb != r->radiance) free(r->rgb);
+    free(r->radiance);
+    lw_path_film_finish(&r->film);
+    lw_svgf_destroy(r->svgf);
+    lw_gbuffer_finish(&r->thin);
+    lw_gbuffer_finish(&r->gbuffer);
+    free(r);
+}
+
+static float mean_luminance(const float *rgb, size_t pixels) {
+    double sum = 0;
+    for (size_t i = 0; i < pixels; i++)
+        sum += (double)lw_colour_luminance(lw_vec3(rgb[3 * i], rgb[3 * i + 1], rgb[3 * i + 2]));
+    return (float)(sum / (double)pixels);
+}
+
+/* The mean of a picture of few pixels; 0 without memory for it. */
+static float glance(const struct lw_path_renderer *r, const struct lw_path_view *like) {
+    struct lw_path_view view = *like;
+    struct lw_path_film film;
+    const uint32_t height = GLANCE_SIDE * r->desc.height / r->desc.width;
+    view.first_hits = NULL;
+    if (lw_path_film_init(&film, GLANCE_SIDE, height ? height : 1, NULL) != LW_OK) return 0;
+    lw_path_trace_render(r->desc.tracer, &view, 2, &film, NULL);
+    for (size_t i = 0; i < (size_t)film.width * film.height * 3; i++)
+        film.half[0][i] = 0.5f * (film.half[0][i] + film.half[1][i]);
+    const float mean = mean_luminance(film.half[0], (size_t)film.width * film.height);
+    lw_path_film_finish(&film);
+    return mean;
+}
+
+static struct lw_path_view view_of(struct lw_path_renderer *r, const struct lw_path_frame *frame) {
+    const bool remembers = lw_path_renderer_remembers(r->desc.kind);
+    struct lw_path_view view = {.camera = frame->camera,
+                                .bounces = r->desc.bounces,
+                                .pixel = LW_PATH_PIXEL_CENTRE,
+                                .all_lights = r->desc.kind != LW_PATH_RENDERER_RAW};
+    if (remembers) {
+        /* what a filter averages, over time and neighbours, is one sample of the light */
+        view.seed = frame->seed;
+        view.first_sample = frame->number * frame->samples;
+        view.pattern = LW_PATH_PATTERN_INTERLEAVED;
+    } else {
+        /* one sequence goes on while the picture rests; every other frame has its own */
+        view.seed = lw_random_hash2(frame->seed, frame->resting ? 0 : frame->number);
+    }
+    if (view.all_lights) view.clamp = CLAMP_MEANS * (r->mean > 0 ? r->mean : glance(r, &view));
+    return view;
+}
+
+/* Which pixel of each square has paths in a frame: all take turns, neighbours in time far apart. */
+static void thin_out(struct lw_path_renderer *r, uint32_t number) {
+    static const uint8_t x[] = {0, 1, 1, 0}, y[] = {0, 1, 0, 1};
+    lw_gbuffer_thin(&r->thin, &r->gbuffer, x[number % 4], y[number % 4]);
+}
+
+const float *lw_path_renderer_frame(struct lw_path_renderer *r, const struct lw_path_frame *frame,
+                                    struct lw_path_frame_cost *out_cost) {
+    const bool remembers = lw_path_renderer_remembers(r->desc.kind);
+    const uint64_t began_ns = lw_clock_process_cpu_ns();
+    struct lw_path_view view = view_of(r, frame);
+    if (remembers) {
+        lw_gbuffer_render(&r->gbuffer, frame->pose, &frame->camera);
+        if (is_thin(r)) thin_out(r, frame->number);
+        view.first_hits = is_thin(r) ? &r->thin : &r->gbuffer;
+    }
+    if (remembers || !frame->resting) lw_path_film_clear(&r->film);
+    lw_path_trace_render(r->desc.tracer, &view, frame->samples, &r->film, NULL);
+    lw_path_film_resolve(&r->film, r->radiance);
+    const uint64_t traced_ns = lw_clock_process_cpu_ns();
+    if (is_thin(r))
+        lw_svgf_filter_thin(r->svgf, &r->thin, &r->gbuffer, r->radiance, r->rgb);
+    else if (remembers)
+        lw_svgf_filter(r->svgf, &r->gbuffer, r->radiance, r->rgb);
+    if (view.all_lights) r->mean = mean_luminance(r->rgb, (size_t)r->desc.width * r->desc.height);
+    if (out_cost) {
+        out_cost->trace_s += 1e-9 * (double)(traced_ns - began_ns);
+        out_cost->filter_s += 1e-9 * (double)(lw_clock_process_cpu_ns() - traced_ns);
+    }
+    return r->rgb;
+}
+
+uint32_t lw_path_renderer_samples(const struct lw_path_renderer *r) { return r->film.samples; }
