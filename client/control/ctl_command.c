@@ -31,19 +31,24 @@ static const char help[] =
     "upright as the"
     " first object of the mesh in the file, turned about y; prints which object it is\n"
     "  remove NAME: an object; it is a spare from then on\n"
-    "  light NAME on|off: on is as bright as the scene has it\n"
-    "  light NAME intensity R G B: W/sr, or W/m2 for a directional light\n"
+    "  light NAME on|off: a light or an emissive material; on is as bright as the scene has it\n"
+    "  light NAME intensity R G B: W/sr, of a directional light W/m2, of a material W/(m2 sr)\n"
     "  light NAME colour R G B: as bright as it is, in this colour\n"
-    "  light NAME position X Y Z, light NAME direction X Y Z: where it is, where it shines\n"
+    "  light NAME position X Y Z, light NAME direction X Y Z: where it is, where it shines; no material\n"
     "  light NAME restore: all of that as the scene has it\n"
+    "  (light #NUMBER is a light; a name that a light and an emissive material share is refused: say #NUMBER "
+    "for the "
+    "light, or material NAME emission)\n"
     "  sky R G B, sky restore: W/(m2 sr) from everywhere outside\n"
     "  material NAME albedo R G B: factor of its base colour, 0 to 1\n"
-    "  material NAME emission R G B: W/(m2 sr)\n"
+    "  material NAME emission R G B: W/(m2 sr), times its emission texture; any material\n"
     "  material NAME restore: both as the scene has them\n"
     "  clock play|pause, clock seek SECONDS, clock rate R: the scene's animation; R seconds of it a second\n"
     "  reset: all of that as when the server started";
 
 const char *lw_ctl_command_help(void) { return help; }
+
+static struct lw_vec3 vector_of(const float *v) { return lw_vec3(v[0], v[1], v[2]); }
 
 /* As the first object of each mesh stands when the scene begins; a mesh that has none stands as it is. */
 static enum lw_status stand_meshes(struct lw_ctl_command_state *state) {
@@ -64,7 +69,8 @@ enum lw_status lw_ctl_command_state_init(struct lw_ctl_command_state *state, con
     state->object_to_world = malloc((scene->object_count + 1ul) * sizeof *state->object_to_world);
     state->mesh_to_world = malloc((scene->mesh_count + 1ul) * sizeof *state->mesh_to_world);
     state->light = malloc((scene->light_count + 1ul) * sizeof *state->light);
-    if (!state->object_to_world || !state->mesh_to_world || !state->light) {
+    state->emission = malloc((scene->material_count + 1ul) * sizeof *state->emission);
+    if (!state->object_to_world || !state->mesh_to_world || !state->light || !state->emission) {
         lw_ctl_command_state_finish(state);
         return LW_NO_MEMORY;
     }
@@ -76,10 +82,14 @@ enum lw_status lw_ctl_command_state_init(struct lw_ctl_command_state *state, con
         return status;
     }
     for (uint32_t l = 0; l < scene->light_count; l++) state->light[l] = lw_client_get_light(client, l);
+    for (uint32_t m = 0; m < scene->material_count; m++)
+        state->emission[m] = (struct lw_ctl_emission){vector_of(scene->material[m].emission),
+                                                      lw_client_own_emission(client, m)};
     return LW_OK;
 }
 
 void lw_ctl_command_state_finish(struct lw_ctl_command_state *state) {
+    free(state->emission);
     free(state->light);
     free(state->mesh_to_world);
     free(state->object_to_world);
@@ -252,49 +262,105 @@ static enum lw_status add(const struct call *c) {
 
 /* ---- lights, materials, sky, clock ---- */
 
-static enum lw_status set_intensity(const struct call *c, struct lw_vec3 intensity) {
-    c->state->light[c->change->target].intensity = intensity;
-    return set_values(c, LW_SCENE_CHANGE_LIGHT_INTENSITY, (float[]){intensity.x, intensity.y, intensity.z},
-                      3);
+static enum lw_status set_vector(const struct call *c, enum lw_scene_change_kind kind, struct lw_vec3 v) {
+    return set_values(c, kind, (float[]){v.x, v.y, v.z}, 3);
 }
 
-static struct lw_vec3 own_intensity(const struct call *c) {
-    const float *i = c->state->scene->light[c->change->target].intensity;
-    return lw_vec3(i[0], i[1], i[2]);
+/* What shines: of a light its intensity, of a material its emission. */
+struct shine {
+    enum lw_scene_change_kind kind; /* that changes it */
+    struct lw_vec3 *now, own;       /* own: as the scene has it */
+};
+
+static enum lw_status set_shine(const struct call *c, const struct shine *s, struct lw_vec3 to) {
+    *s->now = to;
+    return set_vector(c, s->kind, to);
 }
 
 /* As bright as it is; as the scene has it, if it is off. */
-static enum lw_status colour_light(const struct call *c) {
-    float rgb[3];
-    enum lw_status status = read_numbers(c, 2, 3, rgb);
-    if (status != LW_OK) return status;
-    const struct lw_vec3 colour = lw_vec3(rgb[0], rgb[1], rgb[2]);
+static enum lw_status colour_shine(const struct call *c, const struct shine *s, struct lw_vec3 colour) {
     const float own = lw_colour_luminance(colour);
-    float luminance = lw_colour_luminance(c->state->light[c->change->target].intensity);
-    if (!(luminance > 0)) luminance = lw_colour_luminance(own_intensity(c));
+    float luminance = lw_colour_luminance(*s->now);
+    if (!(luminance > 0)) luminance = lw_colour_luminance(s->own);
     if (!(own > 0)) return lw_status_fail(c->err, LW_USAGE, "a colour has at least one channel above 0");
-    return set_intensity(c, lw_vec3_scale(colour, luminance / own));
+    return set_shine(c, s, lw_vec3_scale(colour, luminance / own));
+}
+
+/* on, off, intensity, colour: lights and materials alike. LW_OK with *out_done false: it is another word. */
+static enum lw_status change_shine(const struct call *c, const struct shine *s, bool *out_done) {
+    const char *what = c->word[1];
+    float v[3];
+    *out_done = true;
+    if (c->count == 2 && strcmp(what, "on") == 0) return set_shine(c, s, s->own);
+    if (c->count == 2 && strcmp(what, "off") == 0) return set_shine(c, s, lw_vec3(0, 0, 0));
+    const bool colour = strcmp(what, "colour") == 0;
+    if (c->count == 5 && (colour || strcmp(what, "intensity") == 0)) {
+        enum lw_status status = read_numbers(c, 2, 3, v);
+        if (status != LW_OK) return status;
+        return colour ? colour_shine(c, s, vector_of(v)) : set_shine(c, s, vector_of(v));
+    }
+    *out_done = false;
+    return LW_OK;
+}
+
+static enum lw_status change_light(const struct call *c, const char *right) {
+    const char *what = c->word[1];
+    const uint32_t l = c->change->target;
+    const struct shine shine = {LW_SCENE_CHANGE_LIGHT_INTENSITY, &c->state->light[l].intensity,
+                                vector_of(c->state->scene->light[l].intensity)};
+    bool done;
+    enum lw_status status = change_shine(c, &shine, &done);
+    if (done) return status;
+    if (c->count == 2 && strcmp(what, "restore") == 0) {
+        *shine.now = shine.own;
+        return set_values(c, LW_SCENE_CHANGE_LIGHT_RESTORE, NULL, 0);
+    }
+    if (c->count == 5 && strcmp(what, "position") == 0)
+        return take_values(c, LW_SCENE_CHANGE_LIGHT_POSITION, 2, 3);
+    if (c->count == 5 && strcmp(what, "direction") == 0)
+        return take_values(c, LW_SCENE_CHANGE_LIGHT_DIRECTION, 2, 3);
+    return misused(c, right);
+}
+
+/* Its albedo stays as it is, whatever is done to its light. */
+static enum lw_status change_emission(const struct call *c, const char *right) {
+    const char *what = c->word[1];
+    struct lw_ctl_emission *emission = &c->state->emission[c->change->target];
+    const struct shine shine = {LW_SCENE_CHANGE_MATERIAL_EMISSION, &emission->now, emission->own};
+    bool done;
+    enum lw_status status = change_shine(c, &shine, &done);
+    if (done) return status;
+    if (c->count == 2 && strcmp(what, "restore") == 0) return set_shine(c, &shine, shine.own);
+    if (c->count == 5 && (strcmp(what, "position") == 0 || strcmp(what, "direction") == 0))
+        return lw_status_fail(c->err, LW_USAGE,
+                              "\"%.60s\" is a material: move or turn the objects that have it", c->word[0]);
+    return misused(c, right);
+}
+
+static bool is_lit(struct lw_vec3 v) { return v.x > 0 || v.y > 0 || v.z > 0; }
+
+/* Lights, and materials that shine now or do so in the scene's file. */
+static enum lw_status find_shining(const struct call *c, enum lw_scene_change_of *out_of) {
+    const struct lw_scene *scene = c->state->scene;
+    bool *shines = malloc((scene->material_count + 1ul) * sizeof *shines);
+    if (!shines) return lw_status_fail(c->err, LW_NO_MEMORY, "materials");
+    for (uint32_t m = 0; m < scene->material_count; m++)
+        shines[m] = is_lit(c->state->emission[m].now) || is_lit(c->state->emission[m].own);
+    enum lw_status status =
+        lw_ctl_names_find_shining(scene, shines, c->word[0], out_of, &c->change->target, c->err);
+    free(shines);
+    return status;
 }
 
 static enum lw_status light(const struct call *c) {
     static const char right[] =
         "light NAME on|off|restore, or light NAME intensity|colour|position|direction "
         "and three numbers";
+    enum lw_scene_change_of of;
     if (c->count != 2 && c->count != 5) return misused(c, right);
-    enum lw_status status = find(c, LW_SCENE_CHANGE_OF_LIGHT);
+    enum lw_status status = find_shining(c, &of);
     if (status != LW_OK) return status;
-    const char *what = c->word[1];
-    if (c->count == 2) {
-        if (strcmp(what, "on") == 0) return set_intensity(c, own_intensity(c));
-        if (strcmp(what, "off") == 0) return set_intensity(c, lw_vec3(0, 0, 0));
-        if (strcmp(what, "restore") == 0) return set_values(c, LW_SCENE_CHANGE_LIGHT_RESTORE, NULL, 0);
-        return misused(c, right);
-    }
-    if (strcmp(what, "intensity") == 0) return take_values(c, LW_SCENE_CHANGE_LIGHT_INTENSITY, 2, 3);
-    if (strcmp(what, "colour") == 0) return colour_light(c);
-    if (strcmp(what, "position") == 0) return take_values(c, LW_SCENE_CHANGE_LIGHT_POSITION, 2, 3);
-    if (strcmp(what, "direction") == 0) return take_values(c, LW_SCENE_CHANGE_LIGHT_DIRECTION, 2, 3);
-    return misused(c, right);
+    return of == LW_SCENE_CHANGE_OF_LIGHT ? change_light(c, right) : change_emission(c, right);
 }
 
 static enum lw_status sky(const struct call *c) {
@@ -310,13 +376,17 @@ static enum lw_status material(const struct call *c) {
     enum lw_status status = find(c, LW_SCENE_CHANGE_OF_MATERIAL);
     if (status != LW_OK) return status;
     const char *what = c->word[1];
-    if (c->count == 2 && strcmp(what, "restore") == 0)
+    struct lw_ctl_emission *emission = &c->state->emission[c->change->target];
+    if (c->count == 2 && strcmp(what, "restore") == 0) {
+        emission->now = emission->own;
         return set_values(c, LW_SCENE_CHANGE_MATERIAL_RESTORE, NULL, 0);
+    }
     if (c->count == 5 && strcmp(what, "albedo") == 0)
         return take_values(c, LW_SCENE_CHANGE_MATERIAL_BASE_COLOUR, 2, 3);
-    if (c->count == 5 && strcmp(what, "emission") == 0)
-        return take_values(c, LW_SCENE_CHANGE_MATERIAL_EMISSION, 2, 3);
-    return misused(c, right);
+    if (c->count != 5 || strcmp(what, "emission") != 0) return misused(c, right);
+    status = take_values(c, LW_SCENE_CHANGE_MATERIAL_EMISSION, 2, 3);
+    if (status == LW_OK) emission->now = vector_of(c->change->value);
+    return status;
 }
 
 static enum lw_status set_clock(const struct call *c) {
@@ -349,6 +419,29 @@ bool lw_ctl_command_is(const char *word) {
     return strcmp(word, "list") == 0;
 }
 
+/* One that begins like the word, or is a slip or two away from it; NULL: none. */
+static const char *nearest(const char *word) {
+    const char *best = NULL;
+    unsigned least = 2 + (unsigned)strlen(word) / 4;
+    for (size_t i = 0; i <= COMMANDS; i++) {
+        const char *name = i < COMMANDS ? command[i].name : "list";
+        const unsigned d =
+            *word && strncmp(name, word, strlen(word)) == 0 ? 0 : lw_ctl_names_distance(name, word);
+        if (d < least) best = name, least = d;
+    }
+    return best;
+}
+
+enum lw_status lw_ctl_command_fail_unknown(const char *word, struct lw_error *err) {
+    const char *near = nearest(word);
+    if (near)
+        return lw_status_fail(
+            err, LW_USAGE, "there is no command \"%.60s\": near is \"%s\" (lightwellctl --help lists them)",
+            word, near);
+    return lw_status_fail(err, LW_USAGE, "there is no command \"%.60s\" (lightwellctl --help lists them)",
+                          word);
+}
+
 enum lw_status lw_ctl_command_parse(struct lw_ctl_command_state *state, const char *const *word, size_t count,
                                     struct lw_scene_change *out_change, struct lw_error *err) {
     struct lw_scene_change change = {0};
@@ -362,9 +455,9 @@ enum lw_status lw_ctl_command_parse(struct lw_ctl_command_state *state, const ch
             *out_change = change;
         return status;
     }
-    return lw_status_fail(err, LW_USAGE, "there is no command \"%.60s\" %s", word[0],
-                          strcmp(word[0], "list") == 0 ? "among others: it stands alone"
-                                                       : "(lightwellctl --help lists them)");
+    if (strcmp(word[0], "list") == 0)
+        return lw_status_fail(err, LW_USAGE, "list stands alone, not among other commands");
+    return lw_ctl_command_fail_unknown(word[0], err);
 }
 
 enum lw_status lw_ctl_command_split(char *line, const char *out_word[LW_CTL_COMMAND_WORDS_MAX],

@@ -8,12 +8,18 @@
 
 #define LW_CTL_COMMAND_WORDS_MAX 16u
 
+/** What a material shines by, W/(m^2 sr) per channel: now, and as the scene has it. */
+struct lw_ctl_emission {
+    struct lw_vec3 now, own;
+};
+
 /** The scene as the commands so far leave it: a second command goes on from where the first one ends. */
 struct lw_ctl_command_state {
     const struct lw_scene *scene;
     struct lw_affine *object_to_world; /* per object */
     struct lw_affine *mesh_to_world;   /* per mesh: as its first object stands when the scene begins */
     struct lw_client_light *light;     /* per light */
+    struct lw_ctl_emission *emission;  /* per material */
 };
 
 /** Takes over what a client has received; its scene must be there. Errors: LW_NO_MEMORY. */
@@ -24,6 +30,9 @@ void lw_ctl_command_state_finish(struct lw_ctl_command_state *state);
 
 /** Whether a word names a command. */
 bool lw_ctl_command_is(const char *word);
+
+/** Says that there is no such command, and which is near. Returns LW_USAGE. */
+enum lw_status lw_ctl_command_fail_unknown(const char *word, struct lw_error *err);
 
 /** What --help says of the commands: a line each. */
 const char *lw_ctl_command_help(void);

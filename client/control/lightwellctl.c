@@ -89,14 +89,10 @@ static enum lw_status parse(struct ctl *c, int argc, char **argv, bool *out_done
     if (c->batch && c->word_count)
         return lw_status_fail(err, LW_USAGE,
                               "--batch takes its commands from stdin, not from the command line");
-    if (c->word_count && !lw_ctl_command_is(c->word[0]))
-        return lw_status_fail(err, LW_USAGE, "there is no command \"%.60s\": lightwellctl --help lists them",
-                              c->word[0]);
+    if (c->word_count && !lw_ctl_command_is(c->word[0])) return lw_ctl_command_fail_unknown(c->word[0], err);
     c->address = address[0];
     if (!strchr(c->address, ':'))
-        return lw_status_fail(err, LW_USAGE,
-                              "\"%.60s\" is neither HOST:PORT nor a command: lightwellctl --help lists them",
-                              c->address);
+        return lw_ctl_command_fail_unknown(c->address, err); /* not HOST:PORT either */
     status = lw_options_address(c->address, c->host, sizeof c->host, &c->port, err);
     if (status == LW_OK && !c->batch && !c->word_count)
         return lw_status_fail(err, LW_USAGE, "a command is missing: lightwellctl --help lists them");

@@ -581,6 +581,13 @@ struct lw_client_light lw_client_get_light(const struct lw_client *c, uint32_t l
     return (struct lw_client_light){state->position_ws, state->direction_ws, state->intensity};
 }
 
+struct lw_vec3 lw_client_own_emission(const struct lw_client *c, uint32_t material) {
+    const struct lw_scene *own = c->replica ? lw_replica_own_scene(c->replica) : NULL;
+    if (!own || material >= own->material_count) return lw_vec3(0, 0, 0);
+    const float *emission = own->material[material].emission;
+    return lw_vec3(emission[0], emission[1], emission[2]);
+}
+
 struct lw_client_level lw_client_get_level(const struct lw_client *c, uint32_t object, uint32_t level) {
     return c->replica ? lw_replica_get_level(c->replica, object, level) : (struct lw_client_level){0};
 }

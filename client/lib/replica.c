@@ -245,6 +245,7 @@ enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_messag
 bool lw_replica_has_first(const struct lw_replica *r) { return r->coarsest_missing == 0; }
 
 const struct lw_scene *lw_replica_scene(const struct lw_replica *r) { return &r->now; }
+const struct lw_scene *lw_replica_own_scene(const struct lw_replica *r) { return r->scene; }
 
 bool lw_replica_object_hidden(const struct lw_replica *r, uint32_t object) {
     return object < r->scene->object_count && (r->pose.object_hidden[object] || r->unlit[object]);

@@ -41,6 +41,8 @@ bool lw_replica_has_first(const struct lw_replica *replica);
 
 /** The scene, with the materials and the sky of the newest frame. */
 const struct lw_scene *lw_replica_scene(const struct lw_replica *replica);
+/** The same as its package has it. */
+const struct lw_scene *lw_replica_own_scene(const struct lw_replica *replica);
 bool lw_replica_object_hidden(const struct lw_replica *replica, uint32_t object);
 enum lw_client_object_state lw_replica_object_state(const struct lw_replica *replica, uint32_t object);
 /** A light of the scene as the newest frame has it. */

@@ -73,15 +73,31 @@ static bool find_spare(const struct lw_scene_roster *r, uint32_t mesh, uint32_t 
     return false;
 }
 
+/* A name that --spares and a shell take between quotes, and that fits into a line of ASCII. */
+static bool is_plain(const char *name) {
+    static const char plain[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-. ";
+    const size_t length = strspn(name, plain);
+    return length && length < 64 && !name[length];
+}
+
+static enum lw_scene_change_code refuse_add(const struct lw_scene *scene, uint32_t mesh,
+                                            struct lw_error *err) {
+    const char *name = scene->mesh[mesh].name, *why = lw_scene_change_text(LW_SCENE_CHANGE_NO_SPARE);
+    const char *quote = strchr(name, ' ') ? "\"" : "";
+    if (is_plain(name))
+        lw_status_fail(err, LW_BAD_DATA, "mesh \"%s\": %s: start lightwelld with --spares %s%s=N%s", name,
+                       why, quote, name, quote);
+    else
+        lw_status_fail(err, LW_BAD_DATA, "mesh %u: %s: start lightwelld with --spares \"#%u=N\"", mesh, why,
+                       mesh);
+    return LW_SCENE_CHANGE_NO_SPARE;
+}
+
 enum lw_scene_change_code lw_scene_roster_take(struct lw_scene_roster *r, const struct lw_scene_change *c,
                                                uint32_t *out_object, struct lw_error *err) {
     switch ((enum lw_scene_change_kind)c->kind) {
     case LW_SCENE_CHANGE_OBJECT_ADD:
-        if (!find_spare(r, c->target, out_object)) {
-            lw_status_fail(err, LW_BAD_DATA, "OBJECT_ADD %u: %s", c->target,
-                           lw_scene_change_text(LW_SCENE_CHANGE_NO_SPARE));
-            return LW_SCENE_CHANGE_NO_SPARE;
-        }
+        if (!find_spare(r, c->target, out_object)) return refuse_add(r->scene, c->target, err);
         set(r, *out_object, false);
         return LW_SCENE_CHANGE_OK;
     case LW_SCENE_CHANGE_OBJECT_TRANSFORM:

@@ -359,6 +359,9 @@ static void test_updates(void **state) {
     assert_false(lw_client_object_hidden(client, UINT32_MAX));
     assert_true(now->material[0].base_colour[2] == 0.75f && now->material[0].emission[1] == 5);
     assert_true(now->material[0].base_colour[3] == before.base_colour[3] && now->sky[0] == 7);
+    const struct lw_vec3 own = lw_client_own_emission(client, 0); /* what the scene has stays known */
+    assert_true(own.x == before.emission[0] && own.y == before.emission[1] && own.z == before.emission[2]);
+    assert_true(before.emission[1] != 5 && lw_client_own_emission(client, UINT32_MAX).x == 0);
     assert_true(lw_client_scene(other)->material[0].base_colour[2] ==
                 before.base_colour[2]); /* not polled yet */
     assert_true(lw_client_get_light(client, UINT32_MAX).intensity.x == 0);

@@ -7,8 +7,11 @@
 #include <stdio.h>
 #include <string.h>
 
-/* Three squares of 1 m, at x = 0, 2 and 4, and a light of (10, 10, 10) at (0, 2, 0). */
+/* Three squares of 1 m, at x = 0, 2 and 4, a light of (10, 10, 10) at (0, 2, 0), and materials: "grey" is dark,
+ * "tube" shines by (1, 2, 3), and two are called "globe". */
 static struct lw_scene *scene;
+static struct lw_material paint[4];
+static struct lw_ctl_emission emission[4];
 static struct lw_affine place[3], like;
 static struct lw_client_light light;
 static struct lw_ctl_command_state state;
@@ -22,11 +25,17 @@ static int begin(void **unused) {
         place[i] = LW_AFFINE_IDENTITY;
         place[i].m[0][3] = 2 * (float)i;
     }
+    memset(paint, 0, sizeof paint);
+    memset(emission, 0, sizeof emission);
+    for (int i = 0; i < 4; i++) paint[i].name = (const char *[]){"grey", "tube", "globe", "globe"}[i];
+    emission[1].now = emission[1].own = lw_vec3(1, 2, 3);
+    emission[2].own = emission[3].now = lw_vec3(1, 1, 1); /* one is off; the other was painted bright */
+    scene->material = paint, scene->material_count = 4;
     light = (struct lw_client_light){.intensity = {10, 10, 10}};
     like = LW_AFFINE_IDENTITY;
     like.m[1][1] = 3;
     like.m[1][3] = 100; /* where the first one stands is of no account */
-    state = (struct lw_ctl_command_state){scene, place, &like, &light};
+    state = (struct lw_ctl_command_state){scene, place, &like, &light, emission};
     return 0;
 }
 
@@ -122,6 +131,9 @@ static void lights_materials_sky_and_clock(void **unused) {
     change_of("light lamp position 1 2 3", LW_SCENE_CHANGE_LIGHT_POSITION, 0);
     change_of("light lamp direction 0 -1 0", LW_SCENE_CHANGE_LIGHT_DIRECTION, 0);
     change_of("light lamp restore", LW_SCENE_CHANGE_LIGHT_RESTORE, 0);
+    change_of("light lamp intensity 40 40 40", LW_SCENE_CHANGE_LIGHT_INTENSITY, 0);
+    c = change_of("light lamp colour 1 1 1", LW_SCENE_CHANGE_LIGHT_INTENSITY, 0);
+    assert_true(fabsf(c.value[2] - 40) < 1e-4f); /* as the command before has made it */
     c = change_of("material grey albedo 0.1 0.2 0.3", LW_SCENE_CHANGE_MATERIAL_BASE_COLOUR, 0);
     assert_true(c.value[2] == 0.3f);
     change_of("material #0 emission 1 2 3", LW_SCENE_CHANGE_MATERIAL_EMISSION, 0);
@@ -135,13 +147,60 @@ static void lights_materials_sky_and_clock(void **unused) {
     change_of("reset", LW_SCENE_CHANGE_RESET, 0);
 }
 
+static void assert_shines(const char *line, uint32_t material, float r, float g, float b) {
+    struct lw_scene_change c = change_of(line, LW_SCENE_CHANGE_MATERIAL_EMISSION, material);
+    assert_true(fabsf(c.value[0] - r) < 1e-5f && fabsf(c.value[1] - g) < 1e-5f &&
+                fabsf(c.value[2] - b) < 1e-5f);
+}
+
+static void emissive_materials_are_lights(void **unused) {
+    (void)unused;
+    assert_shines("light tube off", 1, 0, 0, 0);
+    assert_shines("light tube on", 1, 1, 2, 3);
+    assert_shines("light tube intensity 4 5 6", 1, 4, 5, 6);
+    assert_shines("light tube restore", 1, 1, 2, 3); /* and its albedo stays */
+    assert_shines("material tube emission 7 7 7", 1, 7, 7, 7);
+    assert_shines("light tube colour 2 2 2", 1, 7, 7, 7);
+    change_of("material tube restore", LW_SCENE_CHANGE_MATERIAL_RESTORE, 1);
+    const float luminance = 0.2126f + 2 * 0.7152f + 3 * 0.0722f;
+    assert_shines("light tube colour 5 5 5", 1, luminance, luminance, luminance);
+    assert_shines("light tube off", 1, 0, 0, 0);
+    assert_shines("light tube colour 1 1 1", 1, luminance, luminance,
+                  luminance); /* off: as the scene has it */
+    fails("light tube position 1 2 3", "\"tube\" is a material");
+    fails("light tube dim", "say light NAME");
+    fails("light tub off",
+          "no light or emissive material is called \"tub\": near are \"tube\" (material #1)");
+    fails("light ube off", "\"tube\" (material #1)");
+    fails("light grey off", "no light or emissive material is called \"grey\"");
+    fails(
+        "light globe on",
+        "2 lights or emissive materials are called \"globe\": say which by number: material #2, material #3");
+    paint[1].name = "lamp";
+    fails("light lamp off", "light #0, material #1 (of a material: material #NUMBER emission R G B)");
+    change_of("light #0 off", LW_SCENE_CHANGE_LIGHT_INTENSITY, 0);
+    paint[1].name = "tube";
+    change_of("material grey emission 1 0 0", LW_SCENE_CHANGE_MATERIAL_EMISSION, 0);
+    assert_shines("light grey off", 0, 0, 0, 0); /* it shone, by a command before */
+    scene->light_count = 0;
+    memset(emission, 0, sizeof emission);
+    fails("light tube off", "no light or emissive material is called \"tube\": the scene has none");
+    scene->light_count = 1;
+}
+
 static void what_is_wrong_is_said_in_a_line(void **unused) {
     (void)unused;
     fails("hide chair", "2 objects are called \"chair\": say which by number: #0, #1");
     fails("hide \"round tabel\"", "near are \"round table\" (#2)");
     fails("hide table", "near are \"round table\" (#2)");
+    fails("hide zzzzzzzz", "no object is called \"zzzzzzzz\": the scene has \"chair\" (#0), \"chair\" (#1), "
+                           "\"round table\" (#2)");
+    struct lw_object *const three = scene->object, many[6]; /* more than a line names */
+    for (int i = 0; i < 6; i++) many[i] = three[i / 2];
+    scene->object = many, scene->object_count = 6;
     fails("hide zzzzzzzz", "lightwellctl list");
-    fails("light lam off", "no light is called \"lam\": near are \"lamp\" (#0)");
+    scene->object = three, scene->object_count = 3;
+    fails("light lam off", "no light or emissive material is called \"lam\": near are \"lamp\" (light #0)");
     fails("hide #3", "the scene has 3");
     fails("hide #", "not a number behind #");
     fails("hide #-1", "not a number behind #");
@@ -158,7 +217,10 @@ static void what_is_wrong_is_said_in_a_line(void **unused) {
     fails("clock stop", "say clock");
     fails("reset all", "say reset");
     fails("list", "stands alone");
-    fails("fly", "there is no command \"fly\"");
+    fails("fly", "there is no command \"fly\" (lightwellctl --help lists them)");
+    fails("lst", "there is no command \"lst\": near is \"list\"");
+    fails("colck play", "near is \"clock\"");
+    fails("mat grey", "near is \"material\"");
     fails("hide \"chair", "does not end");
     fails("a b c d e f g h i j k l m n o p q", "too many words");
     fails("", "missing");
@@ -178,6 +240,7 @@ int main(void) {
         cmocka_unit_test_setup_teardown(objects_move_about_their_middle_one_command_after_another, begin,
                                         finish),
         cmocka_unit_test_setup_teardown(lights_materials_sky_and_clock, begin, finish),
+        cmocka_unit_test_setup_teardown(emissive_materials_are_lights, begin, finish),
         cmocka_unit_test_setup_teardown(what_is_wrong_is_said_in_a_line, begin, finish),
         cmocka_unit_test_setup_teardown(commands_are_known_by_name, begin, finish),
     };

@@ -37,6 +37,14 @@ static enum lw_scene_change_code take(struct lw_scene_roster *roster, enum lw_sc
     return code;
 }
 
+static void expect_none_left(struct lw_scene_roster *roster, const char *text) {
+    struct lw_error err = {0};
+    uint32_t object;
+    const struct lw_scene_change add = change_of(LW_SCENE_CHANGE_OBJECT_ADD, 0, there);
+    assert_int_equal(lw_scene_roster_take(roster, &add, &object, &err), LW_SCENE_CHANGE_NO_SPARE);
+    assert_string_equal(err.text, text);
+}
+
 static void expect_added(struct lw_scene_roster *roster, uint32_t object) {
     uint32_t added = UINT32_MAX;
     assert_int_equal(take(roster, LW_SCENE_CHANGE_OBJECT_ADD, 0, &added), LW_SCENE_CHANGE_OK);
@@ -132,6 +140,14 @@ static void the_first_spare_is_taken_until_none_is_left(void **state) {
     for (uint32_t o = 130; o < 200; o++) expect_added(&roster, o);
     assert_int_equal(take(&roster, LW_SCENE_CHANGE_OBJECT_ADD, 0, &object), LW_SCENE_CHANGE_NO_SPARE);
     assert_int_equal(object, 77);
+    expect_none_left(
+        &roster, "mesh \"square\": no spare of this mesh is left: start lightwelld with --spares square=N");
+    scene->mesh[0].name = "a b";
+    expect_none_left(&roster,
+                     "mesh \"a b\": no spare of this mesh is left: start lightwelld with --spares \"a b=N\"");
+    scene->mesh[0].name = "a,b";
+    expect_none_left(&roster,
+                     "mesh 0: no spare of this mesh is left: start lightwelld with --spares \"#0=N\"");
     assert_int_equal(take(&roster, LW_SCENE_CHANGE_OBJECT_REMOVE, 190, &object), LW_SCENE_CHANGE_OK);
     assert_int_equal(take(&roster, LW_SCENE_CHANGE_OBJECT_REMOVE, 3, &object), LW_SCENE_CHANGE_OK);
     assert_int_equal(object, 3);
