@@ -13,7 +13,7 @@ server='' server_pid='' address=''
 
 # end PID: asks it to end, insists after the limit; returns its exit code
 end() {
-    kill -TERM "$1"
+    kill -TERM "$1" 2>/dev/null # unless it has ended by itself
     for ((i = 0; i < limit * 10; i++)); do
         kill -0 "$1" 2>/dev/null || break
         sleep 0.1
@@ -176,6 +176,7 @@ start_server() {
         sleep 0.1
     done
     if [ ! -s port ]; then
+        stop_server
         problem="\"$2\" does not serve: $(tail -3 server.log)"
         return 1
     fi
