@@ -81,7 +81,7 @@ static bool is_among(const struct among *a, enum lw_scene_change_of of, uint32_t
     return of != LW_SCENE_CHANGE_OF_MATERIAL || !a->shines || a->shines[i];
 }
 
-/* One of what an error lists: its name if that is not NULL, and its number, with its kind where there are several. */
+/* One of what an error lists: its name if that is not NULL, its kind where there are several, its number. */
 static void append(char *text, size_t capacity, const struct among *a, enum lw_scene_change_of of, uint32_t i,
                    const char *name) {
     size_t length = strlen(text);

@@ -15,13 +15,14 @@ const char *lw_ctl_names_of(const struct lw_scene *scene, enum lw_scene_change_o
 LW_MUST_CHECK enum lw_status lw_ctl_names_find(const struct lw_scene *scene, enum lw_scene_change_of of,
                                                const char *text, uint32_t *out_index, struct lw_error *err);
 
-/** Finds what shines: a light, or a material of those that `shines` (per material) says yes of. #number is a light's.
+/** Finds what shines: a light, or a material where shines[material] is true. #number is a light's.
  * Errors: as above; a name that two have is refused, be one of them a light and one a material. */
 LW_MUST_CHECK enum lw_status lw_ctl_names_find_shining(const struct lw_scene *scene, const bool *shines,
                                                        const char *text, enum lw_scene_change_of *out_of,
                                                        uint32_t *out_index, struct lw_error *err);
 
-/** Edits from one to the other: characters put in, left out, exchanged (Levenshtein 1965). UINT32_MAX: one is too long. */
+/** Edits from one to the other: characters put in, left out, exchanged (Levenshtein 1965).
+ * UINT32_MAX: one is too long. */
 unsigned lw_ctl_names_distance(const char *a, const char *b);
 
 #endif

@@ -1,7 +1,7 @@
 #!/bin/bash
-# Runs the commands of the documents with the programs of a build, as documents.table says, and lists what came of them.
-# documents.sh SOURCE BIN WORK SECONDS    SOURCE: the project; BIN: its programs; WORK: a folder that is made anew;
-#                                         SECONDS: a command's time limit
+# Runs the commands of the documents, as documents.table says, and lists what came of them.
+# documents.sh SOURCE BIN WORK SECONDS
+#   SOURCE: the project; BIN: its programs; WORK: a folder, which is made anew; SECONDS: a command's limit
 set -u
 export LC_ALL=C
 source=$1 bin=$2 work=$3 limit=$4
@@ -9,16 +9,19 @@ here=$(cd "$(dirname "$0")" && pwd)
 table=$here/documents.table
 documents=(README.md docs/operations.md docs/baking.md docs/client_guide.md)
 failures=0
-server='' server_pid='' address=''
+server='' server_pid='' address=127.0.0.1:1 # where nobody serves
 
 # end PID: asks it to end, insists after the limit; returns its exit code
 end() {
     kill -TERM "$1" 2>/dev/null # unless it has ended by itself
     for ((i = 0; i < limit * 10; i++)); do
-        kill -0 "$1" 2>/dev/null || break
+        if ! kill -0 "$1" 2>/dev/null; then
+            wait "$1"
+            return
+        fi
         sleep 0.1
     done
-    kill -KILL "$1" 2>/dev/null # only if it has not ended
+    kill -KILL "$1"
     wait "$1"
 }
 
@@ -32,8 +35,8 @@ trap 'exit 1' INT TERM HUP
 
 # ---- what the documents and the table say ----
 
-# DOCUMENT<tab>LINE<tab>COMMAND of each indented block, and of each fenced one of a shell. Comments and prompts are left
-# out, continued lines are joined, blanks are one.
+# DOCUMENT<tab>LINE<tab>COMMAND of each indented block, and of each fenced one of a shell. Comments and
+# prompts are left out, continued lines are joined, several blanks are one.
 commands_of() {
     awk -v document="$1" '
         function emit(text) {
@@ -42,7 +45,7 @@ commands_of() {
             gsub(/[ \t]+/, " ", text); sub(/^ /, "", text); sub(/ $/, "", text)
             if (text != "") print document "\t" first "\t" text
         }
-        /^```/ { shell = !fence && $0 ~ /^```(sh|bash|shell|console)[ \t]*$/; fence = !fence; blank = 0; next }
+        /^```/ { fence = !fence; shell = /^```(sh|bash|shell|console)[ \t]*$/; blank = 0; next }
         fence && !shell { next }
         /^[ \t]*$/ { blank = 1; next }
         !fence && !/^(    |\t)/ { block = 0; blank = 0; next }
@@ -74,6 +77,7 @@ read_table() {
             ;;
         *)
             id=$line
+            [ -z "${row_line["$id"]+x}" ] || complain "documents.table:$number: a second row of $id"
             rows+=("$id")
             row_line["$id"]=$number
             ;;
@@ -91,84 +95,96 @@ complain() {
 number_at() { od -An -v "-t$1" -j "$2" -N 4 "$3" | tr -d ' '; }
 hex_at() { od -An -v -tx1 -j "$1" -N "$2" "$3" | tr -d ' \n'; }
 
-# size_of_exr FILE: WxH, from the data window in its header
+# size_of_exr FILE: WxH, from the data window in its header: xMin, yMin, xMax, yMax
 size_of_exr() {
-    local at
+    local at x y
     at=$(head -c 4096 "$1" | grep -abo 'dataWindow' | head -1 | cut -d: -f1)
     [ -n "$at" ] || return
     at=$((at + 21)) # behind "dataWindow", "box2i", their zeros and the size
-    echo $(($(number_at d4 $((at + 8)) "$1") - $(number_at d4 $at "$1") + 1))x$(($(number_at d4 $((at + 12)) "$1") - $(number_at d4 $((at + 4)) "$1") + 1))
+    x=$(($(number_at d4 $((at + 8)) "$1") - $(number_at d4 $at "$1") + 1))
+    y=$(($(number_at d4 $((at + 12)) "$1") - $(number_at d4 $((at + 4)) "$1") + 1))
+    echo ${x}x$y
 }
 
 size_of_png() { echo $((16#$(hex_at 16 4 "$1")))x$((16#$(hex_at 20 4 "$1"))); }
 
 # check_file FILE [WxH]: prints what is wrong with it
 check_file() {
-    local file=$1 wanted=${2:-} size=''
+    local file=$1 wanted=${2:-} head size=''
     [ -s "$file" ] || { echo "$file was not written, or is empty" && return; }
+    head=$(hex_at 0 8 "$file")
     case $file in
     *.png)
-        [ "$(hex_at 0 8 "$file")" = 89504e470d0a1a0a ] && [ "$(tail -c 8 "$file" | head -c 4)" = IEND ] ||
-            { echo "$file is no whole PNG" && return; }
+        if [ "$head" != 89504e470d0a1a0a ] || [ "$(tail -c 8 "$file" | head -c 4)" != IEND ]; then
+            echo "$file is no whole PNG" && return
+        fi
         size=$(size_of_png "$file")
         ;;
     *.exr)
-        [ "$(hex_at 0 4 "$file")" = 762f3101 ] || { echo "$file is no OpenEXR file" && return; }
+        [ "${head::8}" = 762f3101 ] || { echo "$file is no OpenEXR file" && return; }
         size=$(size_of_exr "$file")
-        [[ $size =~ ^[1-9][0-9]{0,4}x[1-9][0-9]{0,4}$ ]] || { echo "$file has no plausible size ($size)" && return; }
+        [[ $size =~ ^[1-9][0-9]{0,4}x[1-9][0-9]{0,4}$ ]] ||
+            { echo "$file has no plausible size: $size" && return; }
         ;;
     *.glb)
-        [ "$(hex_at 0 8 "$file")" = 676c544602000000 ] && [ "$(number_at u4 8 "$file")" = "$(stat -c %s "$file")" ] ||
+        if [ "$head" != 676c544602000000 ] || [ "$(number_at u4 8 "$file")" != "$(stat -c %s "$file")" ]; then
             echo "$file is no whole glTF 2.0 file"
+        fi
         ;;
-    *.json) [ "$(head -c 1 "$file")$(tail -c 2 "$file" | tr -d '\n')" = '{}' ] || echo "$file is no JSON object" ;;
+    *.json)
+        [ "$(head -c 1 "$file")$(tail -c 2 "$file" | tr -d '\n')" = '{}' ] || echo "$file is no JSON object"
+        ;;
     esac
     [ -z "$wanted" ] || [ "$size" = "$wanted" ] || echo "$file has $size pixels, not $wanted"
 }
 
 # ---- programs ----
 
-# The programs as the commands name them, with and without a folder. Where a command leaves the address to the default, or
-# names it, they take the test's own.
+# The programs as the commands name them, with and without a folder. Where a command names the default
+# address, or leaves it out, they take that of the test's own server.
 make_programs() {
     local program
     mkdir -p "$work/build/release/bin" "$work/tmp"
     for program in lightwelld lightwellctl lightwell-view lightwell-bake lightwell-load lightwell-import; do
-        [ -x "$bin/$program" ] || { echo "$bin/$program is missing: build the target \"programs\"" && exit 1; }
+        if [ ! -x "$bin/$program" ]; then
+            echo "$bin/$program is missing: build the target \"programs\""
+            exit 1
+        fi
         {
             echo '#!/bin/bash'
-            echo 'words=("${@//127.0.0.1:7780/$LW_ADDRESS}") path_trace=0'
-            echo 'for word in "$@"; do if [ "$word" = --path-trace ]; then path_trace=1; fi; done'
+            echo 'words=("${@//127.0.0.1:7780/$ADDRESS}")'
             case $program in
             lightwelld) echo 'words+=(--listen 127.0.0.1:0 --port-file port)' ;;
-            lightwellctl) echo 'words=("$LW_ADDRESS" "${words[@]}")' ;;
-            lightwell-view) echo '[ $path_trace = 1 ] || words=("$LW_ADDRESS" "${words[@]}")' ;;
+            lightwellctl) echo 'words=("$ADDRESS" "${words[@]}")' ;;
+            lightwell-view) echo '[[ "$*" = *--path-trace* ]] || words=("$ADDRESS" "${words[@]}")' ;;
             esac
             echo "exec '$bin/$program' \"\${words[@]}\""
         } >"$work/build/release/bin/$program"
         chmod +x "$work/build/release/bin/$program"
     done
-    export PATH=$work/build/release/bin:$PATH TMPDIR=$work/tmp XDG_CACHE_HOME=$work/cache SDL_VIDEODRIVER=dummy SOURCE=$source
+    export PATH=$work/build/release/bin:$PATH TMPDIR=$work/tmp XDG_CACHE_HOME=$work/cache SOURCE=$source
+    export SDL_VIDEODRIVER=dummy ADDRESS=none
     unset DISPLAY WAYLAND_DISPLAY
 }
 
 # The scenes that the documents stand in for the reader's own.
 make_scenes() {
-    "$bin/lightwell-bake" builtin:cornell -o made --samples 1 --texels-per-metre 4 --gltf-out scene.glb >made.log 2>&1 ||
+    local made=(--samples 1 --texels-per-metre 4 --gltf-out scene.glb)
+    timeout -k 5 "$limit" "$bin/lightwell-bake" builtin:cornell -o made "${made[@]}" >made.log 2>&1 ||
         { cat made.log && exit 1; }
     cp scene.glb room.glb
 }
 
 shortened() { # ID COMMAND
-    if [ -n "${value["$1/short"]+x}" ]; then sed -E "${value["$1/short"]}" <<<"$2"; else printf '%s\n' "$2"; fi
+    sed -E "${value["$1/short"]:-}" <<<"$2"
 }
 
-# start_server ID COMMAND: unless it runs already; one at a time. Prints nothing; says why not in $problem.
+# start_server ID COMMAND: unless it runs already; one at a time. Says in $problem why it does not serve.
 start_server() {
     [ "$server" != "$1" ] || return 0
     stop_server || { problem="the server before ended with $?" && return 1; }
     rm -f port
-    LW_ADDRESS=none setpriv --pdeathsig TERM bash -c "exec $(shortened "$1" "$2")" >server.log 2>&1 </dev/null &
+    setpriv --pdeathsig TERM bash -c "exec $(shortened "$1" "$2")" >server.log 2>&1 </dev/null &
     server=$1 server_pid=$!
     for ((i = 0; i < limit * 10; i++)); do
         [ ! -s port ] || break
@@ -193,11 +209,11 @@ check_synopsis() {
     done
 }
 
-# run_for SECONDS COMMAND: a client, which is ended so long after the server has welcomed it; returns its exit code
+# run_for SECONDS COMMAND: a client, ended so long after the server has welcomed it; returns its exit code
 run_for() {
     local pid before
     before=$(grep -c ' joined$' server.log)
-    LW_ADDRESS=$address setpriv --pdeathsig TERM bash -c "exec $2" &
+    ADDRESS=$address setpriv --pdeathsig TERM bash -c "exec $2" &
     pid=$!
     for ((i = 0; i < limit * 10; i++)); do
         [ "$(grep -c ' joined$' server.log)" = "$before" ] || break
@@ -210,19 +226,22 @@ run_for() {
 
 # run_command ID COMMAND: sets $problem, empty if all is well
 run_command() {
-    local id=$1 command code wanted=${value["$1/exit"]:-0} entry file size timeout=(timeout -k 5 "$limit")
+    local id=$1 command code wanted=${value["$1/exit"]:-0} entry file size
     command=$(shortened "$id" "$2")
     while read -r file size; do
         if [ -n "$file" ]; then rm -rf $file; fi
     done <<<"${value["$id/file"]:-}"
     if [ -n "${value["$id/lasts"]+x}" ]; then
-        run_for "${value["$id/lasts"]}" "$command" >command.log 2>&1 </dev/null && code=0 || code=$?
+        run_for "${value["$id/lasts"]}" "$command" >command.log 2>&1 </dev/null
     else
-        LW_ADDRESS=$address timeout -k 5 "$limit" bash -c "$command" >command.log 2>&1 </dev/null && code=0 || code=$?
+        ADDRESS=$address timeout -k 5 "$limit" bash -c "$command" >command.log 2>&1 </dev/null
     fi
+    code=$?
     if [ "$code" != "$wanted" ]; then problem="exit code $code, not $wanted"; fi
     while read -r entry; do
-        if [ -n "$entry" ] && ! grep -qE -- "$entry" command.log; then problem+=${problem:+; }"it does not print \"$entry\""; fi
+        if [ -n "$entry" ] && ! grep -qE -- "$entry" command.log; then
+            problem+=${problem:+; }"it does not print \"$entry\""
+        fi
     done <<<"${value["$id/prints"]:-}"
     while read -r entry size; do
         [ -n "$entry" ] || continue
@@ -231,7 +250,9 @@ run_command() {
             if [ -n "$code" ]; then problem+=${problem:+; }$code; fi
         done
     done <<<"${value["$id/file"]:-}"
-    if [ -n "$problem" ]; then problem+=$'\n'"         ran: $command"$'\n'$(tail -12 command.log | sed 's/^/         | /'); fi
+    if [ -n "$problem" ]; then
+        problem+=$'\n'"         ran: $command"$'\n'$(tail -12 command.log | sed 's/^/         | /')
+    fi
 }
 
 seconds_since() {
@@ -241,14 +262,15 @@ seconds_since() {
 
 # Whether a text stands in the section of a document above a line.
 said_above() { # DOCUMENT LINE TEXT
-    head -$(($2 - 1)) "$source/$1" | awk '/^#+ / { text = "" } { text = text "\n" $0 } END { print text }' | grep -qF -- "$3"
+    head -$(($2 - 1)) "$source/$1" |
+        awk '/^#+ / { text = "" } { text = text "\n" $0 } END { print text }' | grep -qF -- "$3"
 }
 
 check_command() { # DOCUMENT LINE COMMAND
     local id="$1: $3" how=ok note='' began=$EPOCHREALTIME
     problem=''
     if [ -z "${row_line["$id"]+x}" ]; then
-        complain "$1:$2: new command, say in tests/integration/documents.table how it is checked: $3"
+        complain "$1:$2: new command, say in ${table#"$source/"} how it is checked: $3"
         return
     fi
     row_used["$id"]=1
@@ -263,7 +285,7 @@ check_command() { # DOCUMENT LINE COMMAND
         local on=${value["$id/server"]:-}
         if [ -z "$on" ]; then
             stop_server || problem="the server before ended with $?"
-            address=127.0.0.1:1 # nobody serves there
+            address=127.0.0.1:1
         elif ! said_above "$1" "$2" "$on"; then
             problem="the section does not say that it is for \"$on\""
         elif start_server "$1: $on" "$on"; then
@@ -275,7 +297,8 @@ check_command() { # DOCUMENT LINE COMMAND
         complain "$1:$2: $3"$'\n'"         $problem"
         return
     fi
-    printf '%-8s %5.1f s  %s:%s: %s%s\n' $how "$(seconds_since "$began")" "$1" "$2" "$3" "${note:+ ($note)}"
+    printf '%-8s %5.1f s  %s:%s: %s%s\n' \
+        $how "$(seconds_since "$began")" "$1" "$2" "$3" "${note:+ ($note)}"
     if [ $how = short ]; then printf '         %9sran: %s\n' '' "$(shortened "$id" "$3")"; fi
 }
 
@@ -290,7 +313,8 @@ while IFS=$'\t' read -r document line command <&3; do
 done 3< <(for document in "${documents[@]}"; do commands_of "$document"; done)
 stop_server || complain "the last server ended with $?, not 0"
 for id in "${rows[@]}"; do
-    [ -n "${row_used["$id"]+x}" ] || complain "documents.table:${row_line["$id"]}: no document has this command any more: $id"
+    [ -n "${row_used["$id"]+x}" ] ||
+        complain "documents.table:${row_line["$id"]}: no document has this command any more: $id"
 done
 [ $failures = 0 ] || echo "documents: $failures of the commands or rows above failed"
 [ $failures = 0 ]
