@@ -44,8 +44,9 @@ static void lay_out(struct lw_crossover *x) {
     x->frames = (uint64_t)fmax(LW_CROSSOVER_PICTURES, round(x->options.seconds * LW_VIEWS_HZ));
     for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES; p++)
         x->picture[p] = x->warm_frames + 1 + (2 * p + 1) * (x->frames - 1) / (2 * LW_CROSSOVER_PICTURES);
-    /* a filtered picture takes all frames before it, at full size: fewer are looked at */
-    const uint32_t eyes = x->options.denoise ? LW_CROSSOVER_EYES / 2 : LW_CROSSOVER_EYES;
+    /* a picture that builds on others takes all frames before it, at full size: fewer are looked at */
+    const bool remembers = lw_path_renderer_remembers(x->options.opponent);
+    const uint32_t eyes = remembers ? LW_CROSSOVER_EYES / 2 : LW_CROSSOVER_EYES;
     x->eyes = most < eyes ? most : eyes;
     x->stride = lw_truth_stride(x->options.width, x->options.height);
     x->lattice_width = x->options.width / x->stride;
@@ -108,8 +109,8 @@ static enum lw_status set_sides(struct lw_crossover_run *run, struct lw_error *e
                                                  .stride = x->stride,
                                                  .bounces = o->bounces,
                                                  .threads = (unsigned)o->scene.threads,
-                                                 .rests = run->still,
-                                                 .denoise = o->denoise};
+                                                 .kind = o->opponent,
+                                                 .rests = run->still};
     const struct lw_cache_contender_desc cache = {.views = x->views,
                                                   .width = o->width,
                                                   .height = o->height,
@@ -123,7 +124,7 @@ static enum lw_status set_sides(struct lw_crossover_run *run, struct lw_error *e
     for (int s = 0; s < LW_CROSSOVER_SIDES && status == LW_OK; s++) {
         struct lw_crossover_side *side = &x->side[s];
         side->traces = s == LW_CROSSOVER_PATHS || o->self_test;
-        side->name = side->traces ? "path tracer" : "shared cache";
+        side->name = side->traces ? lw_path_renderer_name(o->opponent) : "shared cache";
         status = side->traces ? lw_path_contender_create(&paths, &side->contender, err)
                               : lw_cache_contender_create(&cache, &side->contender, err);
     }

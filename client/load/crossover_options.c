@@ -117,7 +117,8 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
         .scene = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG}, .spread = 0.5, .seconds = 2};
     const char *scene[1] = {NULL}, *users = DEFAULT_USERS, *error = "relmse:0.1", *size = "1280x720",
                *fixed = NULL;
-    int motion = LW_SCENE_MOTION_LIGHT, views = LW_VIEWS_WALK, light = 0;
+    int motion = LW_SCENE_MOTION_LIGHT, views = LW_VIEWS_WALK, light = 0, opponent = LW_PATH_RENDERER_SVGF,
+        denoise = 1;
     int64_t bounces = 2, seed = 1, repeats = 3, truth = 256;
     const struct lw_option table[] = {
         {"users", "LIST", "user counts to measure, growing (default " DEFAULT_USERS ")", LW_OPTION_STRING,
@@ -149,9 +150,14 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
          "seen: the server lights what users look at, and what lights it (default; with one look at the "
          "whole beside it, which only-seen leaves out). whole: all of the scene",
          LW_OPTION_CHOICE, &light, 0, 0, NULL},
-        {"denoise", NULL,
-         "filter both sides: the path tracer over time and picture, the lightmap in its charts",
-         LW_OPTION_FLAG, &o.denoise, 0, 0, NULL},
+        {"opponent", "raw|lights|reprojected|svgf|svgf-quarter",
+         "what each user would run instead: raw paths; with all lights at first hits and a clamp; and "
+         "histories "
+         "re-projected; and filtered over time and picture (default svgf); and with paths for a quarter of "
+         "the "
+         "pixels",
+         LW_OPTION_CHOICE, &opponent, 0, 0, NULL},
+        {"denoise", "off|on", "filter the lightmaps (default on)", LW_OPTION_CHOICE, &denoise, 0, 0, NULL},
         {"seconds", "S", "of scene time that are measured, after one that is not (default 2)", LW_OPTION_REAL,
          &o.seconds, 0.2, 600, NULL},
         {"repeats", "N", "measurements of cost, each with other random numbers (default 3)", LW_OPTION_INT,
@@ -181,6 +187,8 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
     o.scene.path = scene[0];
     o.motion = (enum lw_scene_motion)motion;
     o.views = (enum lw_views_kind)views;
+    o.opponent = (enum lw_path_renderer_kind)opponent;
+    o.denoise = denoise;
     o.whole = light == 1;
     o.look_whole = light == 0;
     o.bounces = (uint32_t)bounces;

@@ -4,6 +4,7 @@
 #define LW_CLIENT_LOAD_CROSSOVER_OPTIONS_H
 
 #include "client/load/views.h"
+#include "client/view/path_renderer.h"
 #include "common/scene/scene_motion.h"
 #include "common/scene/scene_open.h"
 
@@ -28,10 +29,11 @@ struct lw_crossover_options {
     double fixed_density; /* times the scene's default */
     double fixed_rest;    /* error at which tiles rest */
     bool one_error;       /* no curve: that error alone */
-    bool denoise;         /* both sides filtered */
-    bool self_test;       /* a path tracer on both sides */
-    bool whole;           /* the cache lights all of the scene */
-    bool look_whole;      /* it lights what is looked at; one look at the whole beside it */
+    enum lw_path_renderer_kind opponent;
+    bool denoise;    /* the lightmaps are filtered */
+    bool self_test;  /* a path tracer on both sides */
+    bool whole;      /* the cache lights all of the scene */
+    bool look_whole; /* it lights what is looked at; one look at the whole beside it */
 };
 
 /** Reads the command line; argv[0] is "crossover". --help and --version print and set *out_done.

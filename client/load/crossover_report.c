@@ -246,9 +246,10 @@ static void print_head(const struct lw_crossover *x, FILE *f, const char *comman
             "against paths "
             "traced to convergence, at one pixel in %u of %u frames and %u user%s (the truth's own noise, "
             "%.2g, is taken out: "
-            "`client/load/truth.h`). %s filter on either side.%s\n\n",
+            "`client/load/truth.h`). Opponent: %s (%s). The lightmaps are %s.%s\n\n",
             x->stride * x->stride, LW_CROSSOVER_PICTURES, x->eyes, x->eyes > 1 ? "s" : "", mean_noise(x),
-            x->options.denoise ? "A" : "No",
+            lw_path_renderer_name(x->options.opponent), lw_path_renderer_about(x->options.opponent),
+            x->options.denoise ? "filtered" : "not filtered",
             x->options.motion == LW_SCENE_MOTION_STATIC
                 ? " Nothing moves in the scene: what the cache spends at the start is spread over all frames."
                 : " The first second is not measured.");

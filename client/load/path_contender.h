@@ -1,4 +1,4 @@
-/* path_contender.h: the opponent: every user traces paths on a machine of his own.
+/* path_contender.h: the opponents: every user renders paths on a machine of his own (path_renderer.h).
  * Flow:    scene, views -> [path_contender] -> pictures, CPU time
  * Threads: as contender.h. */
 #ifndef LW_CLIENT_LOAD_PATH_CONTENDER_H
@@ -6,15 +6,17 @@
 
 #include "client/load/contender.h"
 #include "client/load/views.h"
+#include "client/view/path_renderer.h"
 
 struct lw_path_contender_desc {
     const struct lw_scene *scene;
     const struct lw_views *views;
     uint32_t width, height, stride, bounces;
     unsigned threads; /* 0: all */
-    /* Nothing moves, neither scene nor views: samples add up from frame to frame until there are `samples` of them. */
+    enum lw_path_renderer_kind kind;
+    /* Nothing moves, neither scene nor views: samples of renderers that do not remember add up from frame to frame until there are
+     * `samples` of them. */
     bool rests;
-    bool denoise; /* svgf.h over the path traced frames */
 };
 
 /** Errors: LW_NO_MEMORY, LW_INTERNAL. */

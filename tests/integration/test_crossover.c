@@ -121,8 +121,8 @@ static void given_settings_of_the_whole_take_one_sequence(void **state) {
     struct lw_process process;
     char arguments[500];
     const char *folder = lw_support_temporary("whole");
-    snprintf(arguments, sizeof arguments, SMALL "--settings 2:1+1@0.5,0.1 --light whole --views centre -o %s",
-             folder);
+    snprintf(arguments, sizeof arguments,
+             SMALL "--opponent raw --settings 2:1+1@0.5,0.1 --light whole --views centre -o %s", folder);
     int code = run(arguments, &process);
     char *said = lw_process_err(&process);
     if (code != 0) fail_msg("%s", said);
@@ -146,7 +146,7 @@ static void both_sides_may_be_filtered(void **state) {
     struct lw_process process;
     char arguments[500];
     const char *folder = lw_support_temporary("filtered");
-    snprintf(arguments, sizeof arguments, SMALL "--denoise --settings 1:1+1 -o %s", folder);
+    snprintf(arguments, sizeof arguments, SMALL "--opponent svgf --settings 1:1+1 -o %s", folder);
     int code = run(arguments, &process);
     char *said = lw_process_err(&process);
     if (code != 0) fail_msg("%s", said);
