@@ -203,6 +203,7 @@ static const char *nearest_name(const struct lw_options *options, const char *wo
     unsigned limit = 1 + (unsigned)strlen(word) / 3, best_distance = limit + 1;
     const char *best = NULL;
     for (size_t i = 0; i < options->count + 2; i++) {
+        if (i < options->count && !options->table[i].help) continue;
         const char *name = i < options->count    ? options->table[i].name
                            : i == options->count ? "help"
                                                  : "version";
@@ -302,7 +303,7 @@ static void print_help(const struct lw_options *options) {
         {.name = "version", .help = "Print the version and end.", .kind = LW_OPTION_FLAG}};
     unsigned columns = help_columns(), indent = 0;
     for (size_t i = 0; i < options->count; i++) {
-        unsigned length = heading_length(&options->table[i]) + 2;
+        unsigned length = options->table[i].help ? heading_length(&options->table[i]) + 2 : 0;
         if (length > indent && length <= HELP_INDENT_MAX) indent = length;
     }
     if (indent < heading_length(&own[1]) + 2) indent = heading_length(&own[1]) + 2;
@@ -312,7 +313,8 @@ static void print_help(const struct lw_options *options) {
         putchar('\n');
     }
     printf("Options:\n");
-    for (size_t i = 0; i < options->count; i++) print_option(&options->table[i], indent, columns);
+    for (size_t i = 0; i < options->count; i++)
+        if (options->table[i].help) print_option(&options->table[i], indent, columns);
     for (size_t i = 0; i < 2; i++) print_option(&own[i], indent, columns);
 }
 
@@ -414,22 +416,32 @@ enum lw_status lw_options_parse(const struct lw_options *options, int argc, char
     return LW_OK;
 }
 
+/* Digits alone are a port, text without a port a host. */
 enum lw_status lw_options_address(const char *text, char *out_host, size_t host_size, uint16_t *out_port,
                                   struct lw_error *err) {
-    const char *host = text, *colon = strrchr(text, ':');
-    size_t host_length = colon ? (size_t)(colon - text) : 0;
-    if (colon && host[0] == '[' && host_length >= 2 && host[host_length - 1] == ']') {
+    const char *colon = strrchr(text, ':'), *bracket = strrchr(text, ']'), *host = text, *port = NULL;
+    size_t host_length = strlen(text);
+    if (colon && (!bracket || colon > bracket)) {
+        port = colon + 1;
+        host_length = (size_t)(colon - text);
+    } else if (host_length && !text[strspn(text, "0123456789")]) {
+        port = text;
+        host = LW_OPTIONS_HOST;
+        host_length = strlen(host);
+    }
+    if (host[0] == '[' && host_length >= 2 && host[host_length - 1] == ']') {
         host++;
         host_length -= 2;
-    } else if (colon && memchr(host, ':', host_length)) {
-        return lw_status_fail(err, LW_USAGE,
-                              "address \"%.200s\": write an IPv6 address in brackets, e.g. [::1]:7780", text);
+    } else if (memchr(host, ':', host_length)) {
+        return lw_status_fail(
+            err, LW_USAGE, "address \"%.200s\": write an IPv6 address in brackets, e.g. [::1] or [::1]:7780",
+            text);
     }
     if (!host_length || memchr(host, '[', host_length) || memchr(host, ']', host_length))
-        return lw_status_fail(err, LW_USAGE, "address \"%.200s\" is not HOST:PORT, e.g. 127.0.0.1:7780",
-                              text);
-    int64_t port;
-    if (colon[1] == '+' || colon[1] == '-' || !parse_int(colon + 1, &port) || port > UINT16_MAX)
+        return lw_status_fail(err, LW_USAGE,
+                              "address \"%.200s\" is not HOST:PORT, HOST or PORT, e.g. 127.0.0.1:7780", text);
+    int64_t number = LW_OPTIONS_PORT;
+    if (port && (*port == '+' || *port == '-' || !parse_int(port, &number) || number > UINT16_MAX))
         return lw_status_fail(err, LW_USAGE, "address \"%.200s\": the port is a whole number from 0 to 65535",
                               text);
     if (host_length >= host_size)
@@ -438,6 +450,6 @@ enum lw_status lw_options_address(const char *text, char *out_host, size_t host_
                               host_size - 1);
     memcpy(out_host, host, host_length);
     out_host[host_length] = 0;
-    *out_port = (uint16_t)port;
+    *out_port = (uint16_t)number;
     return LW_OK;
 }

@@ -19,7 +19,8 @@ enum lw_option_kind {
 struct lw_option {
     const char *name;     /* without dashes: "frame-rate"; one letter ("o") is written -o */
     const char *argument; /* as shown in help: "HZ"; NULL for a flag */
-    const char *help;     /* one sentence; says the default */
+    const char *
+        help; /* one sentence; says the default. NULL: for our own programs, so --help and hints leave it out */
     enum lw_option_kind kind;
     void *value;     /* of the kind's type; holds the default before parsing */
     double min, max; /* numbers only: min < max; both may be infinite for REAL and RGB */
@@ -46,8 +47,12 @@ LW_MUST_CHECK enum lw_status lw_options_parse(const struct lw_options *options, 
                                               size_t *out_positional_count, bool *out_done,
                                               struct lw_error *err);
 
-/** Splits "HOST:PORT" or "[v6]:PORT" (brackets removed; port 0 is allowed). Errors: LW_USAGE naming the text.
- * host_size includes the terminator. */
+#define LW_OPTIONS_HOST    "127.0.0.1"
+#define LW_OPTIONS_PORT    7780
+#define LW_OPTIONS_ADDRESS LW_OPTIONS_HOST ":7780"
+
+/** Where a server is, or shall be: "HOST:PORT", "[v6]:PORT" (brackets removed; port 0 is allowed), "HOST" or "[v6]" at
+ * LW_OPTIONS_PORT, "PORT" at LW_OPTIONS_HOST. Errors: LW_USAGE naming the text. host_size includes the terminator. */
 LW_MUST_CHECK enum lw_status lw_options_address(const char *text, char *out_host, size_t host_size,
                                                 uint16_t *out_port, struct lw_error *err);
 

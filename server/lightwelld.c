@@ -33,10 +33,9 @@
 #include <time.h>
 #include <unistd.h>
 
-#define DEFAULT_ADDRESS "127.0.0.1:7780"
-#define TARGET_ERROR    0.02f
-#define SOLVER_NICE     5  /* behind the loop */
-#define STEP_HZ         30 /* scene time advances by 1/30 s a frame under --clock step */
+#define TARGET_ERROR 0.02f
+#define SOLVER_NICE  5  /* behind the loop */
+#define STEP_HZ      30 /* scene time advances by 1/30 s a frame under --clock step */
 
 enum clock_kind { CLOCK_REAL, CLOCK_STEP, CLOCK_MANUAL };
 enum light_kind { LIGHT_WHOLE, LIGHT_SEEN };
@@ -104,7 +103,7 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
         length += snprintf(about + length, sizeof about - (size_t)length, "\n  %s  %s", lw_builtin_name(i),
                            lw_builtin_about(i));
     const struct lw_option table[] = {
-        {"listen", "HOST:PORT", "where to serve (default " DEFAULT_ADDRESS "; port 0 picks one)",
+        {"listen", "HOST:PORT", "where to serve (default " LW_OPTIONS_ADDRESS "; port 0 picks one)",
          LW_OPTION_STRING, &s->listen, 0, 0, NULL},
         {"port-file", "FILE", "write the port there once it serves", LW_OPTION_STRING, &s->port_file, 0, 0,
          NULL},
@@ -584,7 +583,7 @@ static void finish(struct daemon *d) {
 
 int main(int argc, char **argv) {
     struct daemon d = {
-        .settings = {.listen = DEFAULT_ADDRESS,
+        .settings = {.listen = LW_OPTIONS_ADDRESS,
                      .bounces = 2,
                      .tracing_range = (double)INFINITY,
                      .direct_samples = 1,

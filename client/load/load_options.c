@@ -1,12 +1,12 @@
 #include "client/load/load_options.h"
 
 #include "common/options.h"
+#include "common/scene/scene_open.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#define DEFAULT_ADDRESS  "127.0.0.1:7780"
 #define DEFAULT_RAMP_HZ  500
 #define SLOW_KBPS_MIN    1
 #define SLOW_KBPS_MAX    1e6
@@ -42,7 +42,12 @@ static enum lw_status parse_reader(const char *text, struct lw_load_options *out
 }
 
 static enum lw_status interpret(const struct raw *raw, struct lw_load_options *out, struct lw_error *err) {
-    const char *address = raw->address ? raw->address : DEFAULT_ADDRESS;
+    const char *address = raw->address ? raw->address : LW_OPTIONS_ADDRESS;
+    if (lw_scene_open_is_scene(address))
+        return lw_status_fail(err, LW_USAGE,
+                              "\"%.200s\" is a scene, not a server: \"lightwelld %.200s\" lights it, "
+                              "then lightwell-load finds that",
+                              address, address);
     enum lw_status status = lw_options_address(address, out->host, sizeof out->host, &out->port, err);
     if (status == LW_OK) status = parse_reader(raw->reader, out, err);
     if (status != LW_OK) return status;
@@ -171,10 +176,11 @@ enum lw_status lw_load_options_parse(int argc, char **argv, struct lw_load_optio
     };
     const struct lw_options options = {
         .program = "lightwell-load",
-        .synopsis = "[HOST:PORT] [OPTIONS]",
+        .synopsis = "[HOST:PORT | HOST | PORT] [OPTIONS]",
         .about =
-            "Loads a lightwelld (default " DEFAULT_ADDRESS
-            ") with many users at the same time, checks every byte that they get and reports how long "
+            "Loads a lightwelld (default " LW_OPTIONS_ADDRESS
+            "; HOST alone: its port 7780, PORT alone: this machine) with many users at the same time, checks "
+            "every byte that they get and reports how long "
             "things took. Exit code 0: all that must hold did; 1: it did not, or the run was cut short.\n"
             "lightwell-load crossover SCENE asks from how many users on one server is cheaper than a path "
             "tracer for each: lightwell-load crossover --help",

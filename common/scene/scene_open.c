@@ -1,6 +1,8 @@
 #include "common/scene/scene_open.h"
 
 #include <string.h>
+#include <strings.h>
+#include <sys/stat.h>
 
 static void override_lights(struct lw_scene *scene, const struct lw_scene_open *open) {
     if (open->sky_given) memcpy(scene->sky, open->sky, sizeof scene->sky);
@@ -10,6 +12,18 @@ static void override_lights(struct lw_scene *scene, const struct lw_scene_open *
         if (open->sun_angle_given || light->angular_diameter == 0)
             light->angular_diameter = (float)(open->sun_angle_deg * (double)LW_PI / 180);
     }
+}
+
+bool lw_scene_open_is_scene(const char *text) {
+    /* packages, and what lightwell-import reads: server/import/scene_format.h */
+    static const char *const endings[] = {".lwscene", ".gltf", ".glb", ".obj",
+                                          ".ply",     ".fbx",  ".dae", ".stl"};
+    struct stat st;
+    const char *ending = strrchr(text, '.');
+    for (size_t i = 0; ending && i < sizeof endings / sizeof *endings; i++)
+        if (strcasecmp(ending, endings[i]) == 0) return true;
+    return strncmp(text, "builtin:", strlen("builtin:")) == 0 ||
+           (stat(text, &st) == 0 && S_ISREG(st.st_mode));
 }
 
 enum lw_status lw_scene_open(const struct lw_scene_open *open, struct lw_scene **out_scene,

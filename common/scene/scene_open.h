@@ -40,6 +40,10 @@ struct lw_scene_open {
      LW_OPTION_REAL, &(open)->sun_angle_deg, 0, 90, &(open)->sun_angle_given}
 /* clang-format on */
 
+/** Whether text is meant as a scene where a server's address is expected: it is an existing file, is called like a file of a
+ * scene, or begins with "builtin:". */
+bool lw_scene_open_is_scene(const char *text);
+
 /** Opens a scene; overrides become part of it, and so of the package that clients get.
  * Errors: as lw_import_spawn(); LW_BAD_DATA where nothing shines. */
 LW_MUST_CHECK enum lw_status lw_scene_open(const struct lw_scene_open *open, struct lw_scene **out_scene,

@@ -1,5 +1,5 @@
 /* The importer as a whole: real scenes, files and folders, the program lightwell-import, and the code that spawns it. */
-#include "tests/support/support.h"
+#include "tests/support/process.h"
 
 #include "common/clock.h"
 #include "common/log.h"
@@ -534,6 +534,17 @@ static void memory_is_bounded(void **state) {
     lw_support_fails(spawn(&desc, &s, &scene, &err), LW_NO_MEMORY, &err, "out of memory");
 }
 
+static void help_tells_people_what_is_for_people(void **state) {
+    (void)state;
+    struct lw_process process;
+    lw_process_start(&process, "lightwell-import", "--help");
+    assert_int_equal(lw_process_finish(&process, 60), 0);
+    char *help = lw_process_out(&process);
+    assert_non_null(strstr(help, "--texels-per-metre"));
+    assert_null(strstr(help, "--failure-fd"));
+    free(help);
+}
+
 int main(void) {
     lw_log_init("test_import", LW_LOG_WARNING);
     const struct CMUnitTest tests[] = {
@@ -556,6 +567,7 @@ int main(void) {
         cmocka_unit_test(crashes_are_told_from_refusals),
         cmocka_unit_test(cancelling_stops_the_importer),
         cmocka_unit_test(memory_is_bounded),
+        cmocka_unit_test(help_tells_people_what_is_for_people),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

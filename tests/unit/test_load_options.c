@@ -75,7 +75,8 @@ static void test_refuses(void **state) {
         {"--reader slow:nan", "kilobytes per second"},
         {"--odd-readers 1", "--odd-readers works with"},
         {"--reader never --users 3 --odd-readers 4", "4 of 3 users"},
-        {"localhost", "HOST:PORT"},
+        {"::1", "[::1]:7780"},
+        {"scene.glb", "lightwelld scene.glb"},
         {"a:1 b:2", "unexpected argument"},
         {"--ramp -1", "--ramp"},
     };

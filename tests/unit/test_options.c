@@ -15,6 +15,7 @@ static struct values {
     double range, rate;
     float sky[3];
     int clock;
+    int64_t hidden;
 } values;
 
 static const struct lw_option table[] = {
@@ -67,6 +68,12 @@ static const struct lw_option table[] = {
      .kind = LW_OPTION_CHOICE,
      .value = &values.clock},
     {.name = "o", .argument = "FILE", .help = "Output.", .kind = LW_OPTION_STRING, .value = &values.out},
+    {.name = "between-our-own-programs",
+     .argument = "N",
+     .kind = LW_OPTION_INT,
+     .value = &values.hidden,
+     .min = 0,
+     .max = 9},
 };
 static const char *positional[2];
 static size_t positional_count;
@@ -250,6 +257,14 @@ static enum lw_status parse_and_print(const char *line) {
     return status;
 }
 
+static void an_option_without_help_is_taken_and_not_told(void **state) {
+    (void)state;
+    lw_support_ok(parse("a --between-our-own-programs 7"), &err);
+    assert_int_equal(values.hidden, 7);
+    refused("--between-our-own-program 7",
+            "unknown option --between-our-own-program; --help lists the options");
+}
+
 static void help_is_made_from_the_table(void **state) {
     (void)state;
     lw_support_ok(parse_and_print("--help"), &err); /* the missing SCENE does not matter */
@@ -257,6 +272,7 @@ static void help_is_made_from_the_table(void **state) {
     assert_memory_equal(printed, "Usage: tester SCENE [OPTIONS]\n\n", 31);
     assert_non_null(strstr(printed, "\nExamples:\n  tester a.glb --sky 1,1,1\n\nOptions:\n"));
     for (size_t i = 0; i < sizeof table / sizeof *table; i++) {
+        if (!table[i].help) continue;
         char heading[64];
         snprintf(heading, sizeof heading, "\n  %s%s%s%s  ", table[i].name[1] ? "--" : "-", table[i].name,
                  table[i].argument ? " " : "", table[i].argument ? table[i].argument : "");
@@ -264,6 +280,7 @@ static void help_is_made_from_the_table(void **state) {
     }
     assert_non_null(strstr(printed, "Indirect bounces (default 2). [from 0 to 16]\n"));
     assert_non_null(strstr(printed, "up, or inf]\n"));
+    assert_null(strstr(printed, "own-programs"));
     assert_non_null(strstr(printed, "  --help"));
     assert_non_null(strstr(printed, "  --version"));
     for (char *line = strtok(printed, "\n"); line; line = strtok(NULL, "\n")) {
@@ -296,9 +313,19 @@ static void addresses_split(void **state) {
     assert_int_equal(port, 0);
     lw_support_ok(lw_options_address("a-name-of-15-ch:65535", host, sizeof host, &port, &err), &err);
     assert_int_equal(port, 65535);
+    lw_support_ok(lw_options_address("example.org", host, sizeof host, &port, &err), &err);
+    assert_string_equal(host, "example.org");
+    assert_int_equal(port, LW_OPTIONS_PORT);
+    port = 0;
+    lw_support_ok(lw_options_address("[::1]", host, sizeof host, &port, &err), &err);
+    assert_string_equal(host, "::1");
+    assert_int_equal(port, LW_OPTIONS_PORT);
+    lw_support_ok(lw_options_address("99", host, sizeof host, &port, &err), &err);
+    assert_string_equal(host, LW_OPTIONS_HOST);
+    assert_int_equal(port, 99);
     static const char *const bad[] = {"",
                                       ":",
-                                      "host",
+                                      "65536",
                                       ":80",
                                       "host:",
                                       "host:x",
@@ -309,7 +336,9 @@ static void addresses_split(void **state) {
                                       "host: 1",
                                       "::1:80",
                                       "[]:80",
-                                      "[::1]",
+                                      "::1",
+                                      "[]",
+                                      "[::1",
                                       "[::1]80",
                                       "[::1:80",
                                       "]:80",
@@ -337,6 +366,7 @@ int main(void) {
         cmocka_unit_test(choices_are_whole_words),
         cmocka_unit_test(mistakes_are_named),
         cmocka_unit_test(two_dashes_end_the_options),
+        cmocka_unit_test(an_option_without_help_is_taken_and_not_told),
         cmocka_unit_test(help_is_made_from_the_table),
         cmocka_unit_test(version_is_one_line),
         cmocka_unit_test(addresses_split),

@@ -1,6 +1,7 @@
 #include "tests/support/support.h"
 
 #include "client/view/view_options.h"
+#include "server/import/scene_format.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -31,6 +32,40 @@ static void test_defaults(void **state) {
     assert_int_equal(o.curve, LW_TONEMAP_REINHARD);
     assert_true(o.auto_exposure);
     assert_null(o.path.open.path);
+}
+
+static void test_addresses(void **state) {
+    (void)state;
+    struct lw_view_options o;
+    struct lw_error err;
+    lw_support_ok(parse("example.org", &o, &err), &err);
+    assert_string_equal(o.host, "example.org");
+    assert_int_equal(o.port, 7780);
+    lw_support_ok(parse("99", &o, &err), &err);
+    assert_string_equal(o.host, "127.0.0.1");
+    assert_int_equal(o.port, 99);
+}
+
+/* What people try first is answered with what they want. */
+static void test_a_scene_is_no_server(void **state) {
+    (void)state;
+    static const char *const scene[] = {"builtin:city:2", "room.lwscene", "a.b/ROOM.GLB",
+#define X(name, text, ending, other) "room" ending, "room" other,
+                                        LW_SCENE_FORMAT_MAP(X)
+#undef X
+    };
+    struct lw_view_options o;
+    struct lw_error err;
+    char serve[128], trace[128];
+    for (size_t i = 0; i < sizeof scene / sizeof *scene; i++) {
+        snprintf(serve, sizeof serve, "\"lightwelld %s\"", scene[i]);
+        snprintf(trace, sizeof trace, "lightwell-view --path-trace %s --out", scene[i]);
+        lw_support_fails(parse(scene[i], &o, &err), LW_USAGE, &err, serve);
+        if (!strstr(err.text, trace)) fail_msg("%s: %s", scene[i], err.text);
+    }
+    const char *file = lw_support_temporary("scene-without-an-ending");
+    lw_support_write_file(file, "x", 1);
+    lw_support_fails(parse(file, &o, &err), LW_USAGE, &err, "is a scene, not a server");
 }
 
 static void test_path_trace(void **state) {
@@ -165,6 +200,8 @@ static void test_errors_name_the_option(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_defaults),
+        cmocka_unit_test(test_addresses),
+        cmocka_unit_test(test_a_scene_is_no_server),
         cmocka_unit_test(test_path_trace),
         cmocka_unit_test(test_everything),
         cmocka_unit_test(test_errors_name_the_option),
