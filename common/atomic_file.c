@@ -42,6 +42,17 @@ static int open_temporary(struct lw_atomic_file *file) {
     return EEXIST;
 }
 
+/* Says which folder is missing: that is what people can mend. */
+static enum lw_status fail_to_open(const struct lw_atomic_file *file, int error, struct lw_error *err) {
+    const char *slash = strrchr(file->path, '/');
+    if (error == EISDIR)
+        return lw_status_fail(err, LW_CANNOT_CREATE, "%s: is a folder; name a file", file->path);
+    if (slash && (error == ENOENT || error == ENOTDIR))
+        return lw_status_fail(err, LW_CANNOT_CREATE, "%s: there is no folder %.*s; make it first", file->path,
+                              (int)(slash - file->path), file->path);
+    return fail(file, error == ENOMEM ? LW_NO_MEMORY : LW_CANNOT_CREATE, error, err);
+}
+
 enum lw_status lw_atomic_file_open(struct lw_atomic_file *file, const char *path, struct lw_error *err) {
     *file = (struct lw_atomic_file){.fd = -1};
     /* a link stays a link: write what it points to */
@@ -59,8 +70,21 @@ enum lw_status lw_atomic_file_open(struct lw_atomic_file *file, const char *path
     } else
         error = open_temporary(file);
     if (!error) return LW_OK;
-    enum lw_status status = fail(file, error == ENOMEM ? LW_NO_MEMORY : LW_CANNOT_CREATE, error, err);
+    enum lw_status status = fail_to_open(file, error, err);
     release(file);
+    return status;
+}
+
+enum lw_status lw_atomic_file_check(const char *path, struct lw_error *err) {
+    struct stat st;
+    struct lw_atomic_file file;
+    /* a reader of a pipe would take our coming and going for all there is */
+    if (stat(path, &st) == 0 && !S_ISREG(st.st_mode) && !S_ISDIR(st.st_mode)) {
+        if (access(path, W_OK) == 0) return LW_OK;
+        return lw_status_fail(err, LW_CANNOT_CREATE, "%s: %s", path, strerror(errno));
+    }
+    enum lw_status status = lw_atomic_file_open(&file, path, err);
+    if (status == LW_OK) lw_atomic_file_abandon(&file);
     return status;
 }
 

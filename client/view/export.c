@@ -1,8 +1,16 @@
 #include "client/view/export.h"
 
+#include "common/atomic_file.h"
 #include "common/image/image.h"
 
 #include <stdlib.h>
+
+enum lw_status lw_export_check(const struct lw_view_options *o, struct lw_error *err) {
+    if (o->format == LW_VIEW_NO_FILE) return LW_OK;
+    enum lw_status status = lw_atomic_file_check(o->out, err);
+    if (status != LW_OK) lw_status_context(err, "--out");
+    return status;
+}
 
 enum lw_status lw_export_picture(const struct lw_view_options *o, const float *rgb, struct lw_error *err) {
     const size_t pixel_count = (size_t)o->width * o->height;

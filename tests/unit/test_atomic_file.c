@@ -115,12 +115,43 @@ static void a_place_that_goes_away_is_told(void **state) {
     assert_int_equal(file.fd, -1);
 }
 
+static void a_check_leaves_nothing(void **state) {
+    (void)state;
+    struct lw_error err = {0};
+    lw_support_ok(lw_atomic_file_check("/dev/null", &err), &err);
+    unlink(path);
+    lw_support_ok(lw_atomic_file_check(path, &err), &err);
+    assert_int_equal(files_in_folder(), 0);
+    write_whole("old");
+    lw_support_ok(lw_atomic_file_check(path, &err), &err);
+    assert_holds("old");
+    assert_int_equal(files_in_folder(), 1);
+
+    lw_support_fails(lw_atomic_file_check(folder, &err), LW_CANNOT_CREATE, &err, "is a folder; name a file");
+    char inner[sizeof path + 16], text[sizeof inner + 64];
+    const char *const no_folder[] = {"missing", "file"}; /* not there; not one */
+    for (int i = 0; i < 2; i++) {
+        err = (struct lw_error){0};
+        snprintf(inner, sizeof inner, "%s/%s/view.png", folder, no_folder[i]);
+        snprintf(text, sizeof text, "there is no folder %s/%s; make it first", folder, no_folder[i]);
+        lw_support_fails(lw_atomic_file_check(inner, &err), LW_CANNOT_CREATE, &err, text);
+    }
+}
+
+/* A reader that waits for what comes through it must not see us come and go. */
+static void a_check_leaves_pipes_alone(void **state) {
+    (void)state;
+    struct lw_error err = {0};
+    unlink(path);
+    assert_int_equal(mkfifo(path, 0600), 0);
+    lw_support_ok(lw_atomic_file_check(path, &err), &err); /* nobody reads: an open() would wait */
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_file_appears_with_commit),
-        cmocka_unit_test(an_abandoned_file_leaves_the_old_one),
-        cmocka_unit_test(two_writers_do_not_mix),
-        cmocka_unit_test(a_place_that_goes_away_is_told),
+        cmocka_unit_test(a_file_appears_with_commit), cmocka_unit_test(an_abandoned_file_leaves_the_old_one),
+        cmocka_unit_test(two_writers_do_not_mix),     cmocka_unit_test(a_place_that_goes_away_is_told),
+        cmocka_unit_test(a_check_leaves_nothing),     cmocka_unit_test(a_check_leaves_pipes_alone),
     };
     return cmocka_run_group_tests(tests, make_folder, remove_folder);
 }
