@@ -4,6 +4,7 @@
 #include "common/log.h"
 
 #include <inttypes.h>
+#include <math.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <string.h>
@@ -52,6 +53,10 @@ static void write_state(char *out, size_t out_size, const struct lw_progress *p,
     }
 }
 
+static bool is_wanted(const struct lw_progress *p) {
+    return (!p->wanted || *p->wanted) && lw_log_shows(LW_LOG_INFO);
+}
+
 static void show_bar(const struct lw_progress *p, uint64_t done, const char *state) {
     unsigned columns = terminal_columns();
     size_t text =
@@ -77,12 +82,14 @@ void lw_progress_init(struct lw_progress *p, const char *stage, uint64_t total) 
     p->started_ns = lw_clock_ns();
     atomic_init(&p->done, 0);
     atomic_init(&p->shown_ns, 0);
+    p->wanted = NULL;
 }
 
 void lw_progress_step(struct lw_progress *p, uint64_t steps) {
     uint64_t done = atomic_fetch_add_explicit(&p->done, steps, memory_order_relaxed) + steps;
+    if (!is_wanted(p)) return; /* first: the clock costs more */
     uint64_t now = lw_clock_ns(), elapsed = now - p->started_ns;
-    if (elapsed < QUIET_NS || !lw_log_shows(LW_LOG_INFO)) return;
+    if (elapsed < QUIET_NS) return;
     uint64_t shown = atomic_load_explicit(&p->shown_ns, memory_order_relaxed);
     bool bar = on_terminal();
     /* another thread may have read the clock later and shown since: then shown > now */
@@ -102,8 +109,20 @@ void lw_progress_step(struct lw_progress *p, uint64_t steps) {
 
 void lw_progress_finish(struct lw_progress *p) {
     uint64_t elapsed = lw_clock_ns() - p->started_ns;
-    if (elapsed < QUIET_NS) return;
+    if (elapsed < QUIET_NS || !is_wanted(p)) return;
     char time[32];
     write_duration(time, sizeof time, (double)elapsed / SECOND_NS);
     lw_log(LW_LOG_INFO, "%s: done in %s", p->stage, time); /* wipes the bar */
+}
+
+void lw_progress_stop(struct lw_progress *p) {
+    uint64_t elapsed = lw_clock_ns() - p->started_ns, done = p->done;
+    if (elapsed < QUIET_NS || !is_wanted(p)) return;
+    char time[32];
+    write_duration(time, sizeof time, (double)elapsed / SECOND_NS);
+    if (p->total) /* rounded down: 99.9 % is not all */
+        lw_log(LW_LOG_INFO, "%s: stopped at %.0f %% after %s", p->stage,
+               floor(100.0 * (double)(done < p->total ? done : p->total) / (double)p->total), time);
+    else
+        lw_log(LW_LOG_INFO, "%s: stopped at %" PRIu64 " after %s", p->stage, done, time);
 }

@@ -5,6 +5,7 @@
 #ifndef LW_COMMON_PROGRESS_H
 #define LW_COMMON_PROGRESS_H
 
+#include <signal.h>
 #include <stdatomic.h>
 #include <stdint.h>
 
@@ -14,6 +15,8 @@ struct lw_progress {
     _Atomic uint64_t done;
     uint64_t started_ns;
     _Atomic uint64_t shown_ns; /* when a line was last shown; 0: never */
+    /* May be NULL; lw_progress_init() makes it so. While it is 0 the stage shows nothing: nobody waits for its end. */
+    const volatile sig_atomic_t *wanted;
 };
 
 /** Starts a stage. stage must outlive p. */
@@ -22,5 +25,7 @@ void lw_progress_init(struct lw_progress *p, const char *stage, uint64_t total);
 void lw_progress_step(struct lw_progress *p, uint64_t steps);
 /** Ends the stage; if it took over a second, shows how long. Call after the last step of every thread. */
 void lw_progress_finish(struct lw_progress *p);
+/** Ends a stage whose work is not done; shows how far it came, and how long that took. */
+void lw_progress_stop(struct lw_progress *p);
 
 #endif

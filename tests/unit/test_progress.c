@@ -133,6 +133,48 @@ static void more_steps_than_announced_stay_at_the_end(void **state) {
     assert_string_equal(shown(), "tester: packing: 100 %, 0.0 s left\n");
 }
 
+static void a_stage_that_is_stopped_is_not_done(void **state) {
+    (void)state;
+    struct lw_progress p;
+    lw_progress_init(&p, "baking", 100);
+    lw_progress_step(&p, 12);
+    pass_ms(30000);
+    lw_progress_stop(&p);
+    assert_string_equal(shown(), "tester: baking: stopped at 12 % after 30 s\n");
+    lw_progress_init(&p, "baking", 1000);
+    lw_progress_step(&p, 999);
+    pass_ms(2000);
+    lw_progress_stop(&p);
+    assert_string_equal(shown(), "tester: baking: stopped at 99 % after 2.0 s\n");
+    lw_progress_init(&p, "reading", 0);
+    lw_progress_step(&p, 7);
+    pass_ms(2000);
+    lw_progress_stop(&p);
+    assert_string_equal(shown(), "tester: reading: stopped at 7 after 2.0 s\n");
+    lw_progress_init(&p, "packing", 2);
+    pass_ms(999);
+    lw_progress_stop(&p);
+    assert_string_equal(shown(), "");
+}
+
+static void nothing_is_shown_before_somebody_waits(void **state) {
+    (void)state;
+    volatile sig_atomic_t wanted = 0;
+    struct lw_progress p;
+    lw_progress_init(&p, "finishing", 10);
+    p.wanted = &wanted;
+    pass_ms(4000);
+    lw_progress_step(&p, 4);
+    lw_progress_finish(&p);
+    lw_progress_stop(&p);
+    assert_string_equal(shown(), "");
+    wanted = 1;
+    lw_progress_step(&p, 1);
+    assert_string_equal(shown(), "tester: finishing: 50 %, 4.0 s left\n");
+    lw_progress_finish(&p);
+    assert_string_equal(shown(), "tester: finishing: done in 4.0 s\n");
+}
+
 static void a_quiet_program_shows_none(void **state) {
     (void)state;
     lw_log_init("tester", LW_LOG_WARNING);
@@ -214,6 +256,8 @@ int main(void) {
         PLAIN(long_times_change_their_unit),
         PLAIN(an_unknown_total_shows_the_count),
         PLAIN(more_steps_than_announced_stay_at_the_end),
+        PLAIN(a_stage_that_is_stopped_is_not_done),
+        PLAIN(nothing_is_shown_before_somebody_waits),
         PLAIN(a_quiet_program_shows_none),
         TERMINAL(a_terminal_gets_a_bar_that_is_redrawn),
         TERMINAL(a_narrow_terminal_loses_the_bar_not_the_line),
