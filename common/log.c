@@ -1,5 +1,6 @@
 #include "common/log.h"
 
+#include <errno.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
@@ -39,6 +40,25 @@ void lw_log(enum lw_log_level level, const char *format, ...) {
     /* one call per line: stdio holds stderr's lock for all of it, so lines of several threads never
      * interleave; a log that cannot be written has nobody to tell */
     (void)!fwrite(line, 1, length, stderr);
+}
+
+static char *append(char *at, const char *end, const char *text) {
+    while (*text && at < end) *at++ = *text++;
+    return at;
+}
+
+/* Nothing that is not async-signal-safe: no stdio, whose lock the interrupted thread may hold. */
+void lw_log_in_handler(const char *text) {
+    if (!lw_log_shows(LW_LOG_INFO)) return;
+    const int error = errno;
+    char line[512], *end = line + sizeof line - 1;
+    char *at = append(line, end, isatty(STDERR_FILENO) ? "\r\033[K" : "");
+    at = append(at, end, program_name);
+    at = append(at, end, ": ");
+    at = append(at, end, text);
+    *at++ = '\n';
+    (void)!write(STDERR_FILENO, line, (size_t)(at - line));
+    errno = error;
 }
 
 int lw_log_failure(const struct lw_error *err) {

@@ -1,6 +1,7 @@
 /* lightwell-bake.c: the solver used offline: lightmaps as files, for any engine.
  * Flow:    options -> scene -> solver -> frames until there is enough light -> EXRs, .glb, index.json
  * Threads: main; the solver's own workers inside a frame. */
+#include "common/atomic_file.h"
 #include "common/interrupt.h"
 #include "common/log.h"
 #include "common/options.h"
@@ -65,6 +66,14 @@ struct baker {
 static volatile sig_atomic_t signalled;
 
 static void on_signal(int number) { signalled = number; }
+
+#define AGAIN   "; Ctrl-C again ends it at once"
+#define NOTHING "stopped before the lighting began; nothing is written"
+static const struct lw_interrupt_phase reading = {.answer = "stopping"};
+static const struct lw_interrupt_phase preparing = {.answer = NOTHING, .ends = true};
+static const struct lw_interrupt_phase lighting = {
+    .answer = "stopping: finishing the samples under way, then writing the maps" AGAIN};
+static const struct lw_interrupt_phase writing = {.answer = "the maps are lit, and being written" AGAIN};
 
 /* ---- options -------------------------------------------------------------------------------------------------- */
 
@@ -177,19 +186,17 @@ static enum lw_status prepare_places(struct baker *b, struct lw_error *err) {
     const struct settings *s = &b->settings;
     struct stat st;
     if (mkdir(s->output, 0777) != 0 && errno != EEXIST)
-        return lw_status_fail(err, LW_CANNOT_CREATE, "%s: %s", s->output, strerror(errno));
+        return lw_status_fail(err, LW_CANNOT_CREATE, "-o %s: %s", s->output,
+                              errno == ENOENT ? "the folder that it shall be in is not there; make that first"
+                                              : strerror(errno));
     if (stat(s->output, &st) != 0 || !S_ISDIR(st.st_mode))
-        return lw_status_fail(err, LW_CANNOT_CREATE, "%s: is not a folder", s->output);
+        return lw_status_fail(err, LW_CANNOT_CREATE, "-o %s: is not a folder", s->output);
     if (access(s->output, W_OK | X_OK) != 0)
-        return lw_status_fail(err, LW_CANNOT_CREATE, "%s: %s", s->output, strerror(errno));
+        return lw_status_fail(err, LW_CANNOT_CREATE, "-o %s: %s", s->output, strerror(errno));
     if (!(b->state_path = join(s->output, STATE_NAME))) return out_of_memory(err);
     if (!s->gltf_out) return LW_OK;
-    char *copy = strdup(s->gltf_out);
-    if (!copy) return out_of_memory(err);
-    enum lw_status status = LW_OK;
-    if (access(dirname(copy), W_OK | X_OK) != 0)
-        status = lw_status_fail(err, LW_CANNOT_CREATE, "%s: %s", s->gltf_out, strerror(errno));
-    free(copy);
+    enum lw_status status = lw_atomic_file_check(s->gltf_out, err);
+    if (status != LW_OK) lw_status_context(err, "--gltf-out");
     return status;
 }
 
@@ -263,6 +270,8 @@ static enum lw_status refuse_spares(const struct baker *b, struct lw_error *err)
 
 static enum lw_status read_scene(struct baker *b, struct lw_error *err) {
     enum lw_status status = lw_scene_open(&b->settings.scene, &b->scene, err);
+    lw_interrupt_enter(&preparing);
+    if (status == LW_OK && signalled) status = LW_CLOSED;
     if (status == LW_OK) status = refuse_spares(b, err);
     if (status != LW_OK) return status;
     if ((status = make_key(b, err)) != LW_OK) return status;
@@ -289,6 +298,7 @@ static enum lw_status set_up_solver(struct baker *b, struct lw_error *err) {
                                                        .target_error = s->samples ? -1 : (float)s->error,
                                                        .frames_max = (uint32_t)s->samples,
                                                        .threads = (unsigned)s->scene.threads,
+                                                       .finishing = &signalled,
                                                        .seed = (uint32_t)s->seed},
                               &b->pose, &b->solver, err);
     if (status != LW_OK) return status;
@@ -313,7 +323,9 @@ static enum lw_status solve(struct baker *b, struct lw_error *err) {
         return status;
     }
     if (frames) lw_log(LW_LOG_INFO, "going on after %llu samples", (unsigned long long)frames);
+    lw_interrupt_enter(&lighting);
     status = lw_bake_run(&b->bake, frames, &b->result, err);
+    lw_interrupt_enter(&writing);
     if (status == LW_OK && b->settings.denoise) status = b->solver->ops->filter(b->solver, err);
     return status;
 }
@@ -431,7 +443,10 @@ static enum lw_status write_all(struct baker *b, struct lw_error *err) {
         status = write_map(b, o, err);
         lw_progress_step(&progress, 1);
     }
-    lw_progress_finish(&progress);
+    if (status == LW_OK)
+        lw_progress_finish(&progress);
+    else
+        lw_progress_stop(&progress);
     if (status == LW_OK && b->settings.gltf_out)
         status = lw_glb_scene_write(&b->glb, b->settings.gltf_out, err);
     if (status != LW_OK) return status;
@@ -466,8 +481,6 @@ static enum lw_status run(struct baker *b, struct lw_error *err) {
     enum lw_status status = prepare_places(b, err);
     if (status == LW_OK) status = read_scene(b, err);
     if (status == LW_OK) status = set_up_solver(b, err);
-    if (status == LW_OK && signalled)
-        status = lw_status_fail(err, LW_CLOSED, "%s: stopped before it was lit", b->settings.scene.path);
     if (status == LW_OK) status = solve(b, err);
     if (status == LW_OK) status = write_all(b, err);
     if (status != LW_OK) return status;
@@ -502,14 +515,14 @@ int main(int argc, char **argv) {
     lw_wait_passively(argv);
     enum lw_status status = parse(&b.settings, argc, argv, &done, &err);
     if (status == LW_OK && !done) {
-        lw_interrupt_watch(on_signal);
+        lw_interrupt_watch(on_signal, &reading);
         status = run(&b, &err);
         finish(&b);
     }
-    if (status == LW_CLOSED) {
-        lw_log(LW_LOG_INFO, "stopped before there was light; nothing is written");
-        return lw_status_exit_code(LW_TIMED_OUT);
+    if (status == LW_CLOSED && signalled) {
+        lw_log(LW_LOG_INFO, NOTHING);
+        return LW_INTERRUPT_EXIT_CODE;
     }
     if (status != LW_OK) return lw_log_failure(&err);
-    return b.result.stopped ? lw_status_exit_code(LW_TIMED_OUT) : 0;
+    return b.result.stopped ? LW_INTERRUPT_EXIT_CODE : 0;
 }

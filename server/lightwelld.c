@@ -603,7 +603,7 @@ int main(int argc, char **argv) {
     lw_wait_passively(argv);
     enum lw_status status = parse(&d.settings, argc, argv, &done, &err);
     if (status == LW_OK && !done) {
-        lw_interrupt_watch(on_early_signal);
+        lw_interrupt_watch(on_early_signal, NULL);
         status = run(&d, &err);
         finish(&d);
         if (status == LW_CLOSED) status = LW_OK; /* stopped by a signal before it served */

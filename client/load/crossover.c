@@ -39,7 +39,7 @@ static enum lw_status run(const struct lw_crossover_options *options, const char
     static struct lw_crossover crossover; /* some 100 kB: no place on the stack */
     enum lw_status status = lw_crossover_report_prepare(options->folder, err);
     if (status != LW_OK) return status;
-    lw_interrupt_watch(on_signal);
+    lw_interrupt_watch(on_signal, NULL);
     status = lw_crossover_measure(options, &signalled, &crossover, err);
     if (crossover.side[LW_CROSSOVER_PATHS].point_count || status == LW_OK) {
         struct lw_error report_err = {0};

@@ -3,15 +3,31 @@
 #include "client/view/export.h"
 #include "client/view/stage.h"
 #include "common/clock.h"
+#include "common/interrupt.h"
 #include "common/log.h"
 #include "common/progress.h"
 
 #include <inttypes.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 
 #define POLL_MS            50u
 #define CONNECT_TIMEOUT_MS 5000u
+
+static volatile sig_atomic_t stop;
+
+static void on_signal(int number) {
+    (void)number;
+    stop = 1;
+}
+
+static const struct lw_interrupt_phase dark = {.answer = "stopped before there was light; nothing is written",
+                                               .ends = true};
+static const struct lw_interrupt_phase waiting = {
+    .answer = "stopping: writing what there is; Ctrl-C again ends it at once"};
+static const struct lw_interrupt_phase writing = {
+    .answer = "the picture is being written; Ctrl-C again ends it at once"};
 
 struct headless {
     const struct lw_view_options *options;
@@ -22,6 +38,7 @@ struct headless {
     struct lw_compose_view view;
     struct lw_compose_report report;
     struct lw_client_stats stats; /* as of the picture */
+    bool stopped;                 /* by a signal, before the wait was over */
     float *rgb;
 };
 
@@ -104,6 +121,8 @@ static bool serves_the_wait(const struct headless *h, const struct lw_compose_re
     return false;
 }
 
+static bool shows_light(const struct lw_compose_report *r) { return r->tiles_needed > r->tiles_missing; }
+
 static uint32_t tiles_served(const struct headless *h, const struct lw_compose_report *r) {
     uint32_t lacking = r->tiles_missing + r->tiles_unfinished;
     if (h->options->wait == LW_VIEW_WAIT_CONVERGED && r->tiles_noisy > r->tiles_unfinished)
@@ -154,16 +173,32 @@ static enum lw_status wait_for_light(struct headless *h, struct lw_error *err) {
         } else {
             h->report = report;
         }
+        if (shows_light(&h->report)) lw_interrupt_enter(&waiting);
+        if (stop) {
+            h->stopped = true;
+            status = take_picture(h, err);
+            break;
+        }
         show_progress(&progress, judged_by_tiles ? tiles_served(h, &h->report) : h->stats.tiles);
         if (lw_clock_ns() > h->deadline_ns) return fail_late(h, err);
         bool moved;
         status = lw_client_poll(h->client, POLL_MS, err);
+        if (status == LW_CLOSED && stop) {
+            /* Ctrl-C has reached the server, too; what it has sent is still here */
+            *err = (struct lw_error){0};
+            status = LW_OK;
+            continue;
+        }
         if (status == LW_OK) status = lw_stage_follow(&h->stage, &moved, err);
         if (status == LW_OK) status = look(h, err);
         if (status != LW_OK) lw_status_context(err, "waiting for the light");
     }
     h->waited_ns = lw_clock_ns();
-    if (status == LW_OK) lw_progress_finish(&progress);
+    lw_interrupt_enter(&writing);
+    if (h->stopped)
+        lw_progress_stop(&progress);
+    else if (status == LW_OK)
+        lw_progress_finish(&progress);
     return status;
 }
 
@@ -183,18 +218,35 @@ static enum lw_status print_report(const struct headless *h, struct lw_error *er
            s->frame, s->time_s, s->frames, s->tiles, s->bytes, s->rays_total);
     printf(" \"tiles_used\": %u, \"tiles_missing\": %u, \"tiles_unfinished\": %u, \"tiles_noisy\": %u, "
            "\"max_error\": %.6g, \"target_error\": %.6g, \"bounces\": %u, \"complete\": %s, \"converged\": "
-           "%s,\n",
+           "%s, \"stopped\": %s,\n",
            r->tiles_needed, r->tiles_missing, r->tiles_unfinished, r->tiles_noisy, (double)r->max_error,
            (double)s->target_error, s->bounces, r->complete ? "true" : "false",
-           r->converged ? "true" : "false");
+           r->converged ? "true" : "false", h->stopped ? "true" : "false");
     printf(" \"width\": %u, \"height\": %u, \"mean_rgb\": [%.9g, %.9g, %.9g]}\n", h->view.width,
            h->view.height, mean[0], mean[1], mean[2]);
     if (fflush(stdout) != 0) return lw_status_fail(err, LW_IO, "cannot write the report to stdout");
     return LW_OK;
 }
 
-enum lw_status lw_headless_run(const struct lw_view_options *options, struct lw_error *err) {
+static void tell(const struct headless *h) {
+    const struct lw_compose_report *r = &h->report;
+    if (h->stopped)
+        lw_log(LW_LOG_WARNING, "stopped: of %u tiles of the picture %u are not there, %u lack bounces",
+               r->tiles_needed, r->tiles_missing, r->tiles_unfinished);
+    if (h->options->json) return;
+    lw_log(LW_LOG_INFO, "%s: %ux%u, %u tiles, %s", h->options->out, h->view.width, h->view.height,
+           r->tiles_needed,
+           r->converged  ? "converged"
+           : r->complete ? "complete"
+                         : "not yet complete");
+}
+
+enum lw_status lw_headless_run(const struct lw_view_options *options, bool *out_stopped,
+                               struct lw_error *err) {
     struct headless h = {.options = options, .view = {.width = options->width, .height = options->height}};
+    enum lw_status status = lw_export_check(options, err);
+    if (status != LW_OK) return status;
+    lw_interrupt_watch(on_signal, &dark);
     h.started_ns = lw_clock_ns();
     double patience_s = options->timeout_s + (options->wait == LW_VIEW_WAIT_SECONDS ? options->wait_s : 0.0);
     h.deadline_ns = h.started_ns + (uint64_t)(patience_s * 1e9);
@@ -204,7 +256,7 @@ enum lw_status lw_headless_run(const struct lw_view_options *options, struct lw_
         return lw_status_fail(err, LW_NO_MEMORY, "no memory for a picture of %ux%u pixels", h.view.width,
                               h.view.height);
     bool moved;
-    enum lw_status status = connect_to_server(&h, err);
+    status = connect_to_server(&h, err);
     if (status == LW_OK) status = receive_scene(&h, err);
     if (status == LW_OK) status = lw_stage_init(&h.stage, h.client, options->threads, err);
     if (status == LW_OK) status = lw_stage_follow(&h.stage, &moved, err);
@@ -214,12 +266,8 @@ enum lw_status lw_headless_run(const struct lw_view_options *options, struct lw_
     if (status == LW_OK) status = wait_for_light(&h, err);
     if (status == LW_OK) status = lw_export_picture(options, h.rgb, err);
     if (status == LW_OK && options->json) status = print_report(&h, err);
-    if (status == LW_OK && !options->json)
-        lw_log(LW_LOG_INFO, "%s: %ux%u, %u tiles, %s", options->out, h.view.width, h.view.height,
-               h.report.tiles_needed,
-               h.report.converged  ? "converged"
-               : h.report.complete ? "complete"
-                                   : "not yet complete");
+    if (status == LW_OK) tell(&h);
+    *out_stopped = h.stopped;
     lw_stage_finish(&h.stage);
     lw_client_destroy(h.client);
     free(h.rgb);

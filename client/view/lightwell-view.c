@@ -2,6 +2,7 @@
 #include "client/view/path_command.h"
 #include "client/view/view_options.h"
 #include "client/view/window.h"
+#include "common/interrupt.h"
 #include "common/log.h"
 #include "common/wait_policy.h"
 
@@ -10,11 +11,12 @@ int main(int argc, char **argv) {
     lw_wait_passively(argv);
     struct lw_view_options options;
     struct lw_error err = {0};
-    bool done = false;
+    bool done = false, stopped = false;
     enum lw_status status = lw_view_options_parse(argc, argv, &options, &done, &err);
     if (status == LW_OK && !done)
-        status = options.path.open.path ? lw_path_command_run(&options, &err)
-                 : options.headless     ? lw_headless_run(&options, &err)
+        status = options.path.open.path ? lw_path_command_run(&options, &stopped, &err)
+                 : options.headless     ? lw_headless_run(&options, &stopped, &err)
                                         : lw_window_run(&options, &err);
-    return status == LW_OK ? 0 : lw_log_failure(&err);
+    if (status != LW_OK) return lw_log_failure(&err);
+    return stopped ? LW_INTERRUPT_EXIT_CODE : 0;
 }

@@ -13,7 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Samples per pixel between two looks at the error and at the signals; even, so that both halves get as many. */
+/* Samples per pixel between two looks at the error; even, so that both halves get as many. */
 #define STEP 4u
 /* Before so many the estimate of the error is itself mostly noise. */
 #define SAMPLES_MIN 16u
@@ -25,6 +25,13 @@ static void on_signal(int number) {
     stop = 1;
 }
 
+#define AGAIN   "; Ctrl-C again ends it at once"
+#define NOTHING "stopped before the first sample; nothing is written"
+static const struct lw_interrupt_phase reading = {.answer = "stopping"};
+static const struct lw_interrupt_phase beginning = {.answer = NOTHING, .ends = true};
+static const struct lw_interrupt_phase tracing = {.answer = "stopping: writing what has been traced" AGAIN};
+static const struct lw_interrupt_phase writing = {.answer = "all is traced, and being written" AGAIN};
+
 struct command {
     const struct lw_view_options *options;
     struct lw_scene *scene;
@@ -34,10 +41,16 @@ struct command {
     struct lw_path_trace *tracer;
     struct lw_path_view view;
     struct lw_path_film film;
+    float *undo; /* half of the film, as it was before a sample */
     struct lw_path_count count;
     double error; /* of the film */
+    bool stopped; /* by a signal, before there was enough */
     uint64_t wall_ns, cpu_ns;
 };
+
+static size_t half_bytes(const struct lw_view_options *o) {
+    return (size_t)o->width * o->height * 3 * sizeof(float);
+}
 
 static enum lw_status set_up(struct command *c, struct lw_error *err) {
     const struct lw_view_options *o = c->options;
@@ -45,6 +58,8 @@ static enum lw_status set_up(struct command *c, struct lw_error *err) {
     open.cancel = &stop;
     enum lw_status status = lw_scene_open(&open, &c->scene, err);
     if (status != LW_OK) return status;
+    lw_interrupt_enter(&beginning);
+    if (stop) return LW_CLOSED;
     status = lw_pose_init(&c->pose, c->scene);
     if (status != LW_OK) return lw_status_fail(err, status, "no memory for the scene's pose");
     lw_pose_evaluate(&c->pose, c->scene, o->path.time_s);
@@ -59,6 +74,7 @@ static enum lw_status set_up(struct command *c, struct lw_error *err) {
     c->view.bounces = o->path.bounces;
     c->view.seed = o->path.seed;
     c->view.pixel = o->path.pixel;
+    c->view.cancel = &stop;
     status = lw_path_trace_create(&(struct lw_path_trace_desc){.scene = c->scene,
                                                                .trace = c->trace,
                                                                .lights = &c->lights,
@@ -66,11 +82,14 @@ static enum lw_status set_up(struct command *c, struct lw_error *err) {
                                                                .threads = o->threads},
                                   &c->tracer, err);
     if (status != LW_OK) return status;
+    c->undo = malloc(half_bytes(o));
+    if (c->undo == NULL) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the picture");
     return lw_path_film_init(&c->film, o->width, o->height, err);
 }
 
 static void tear_down(struct command *c) {
     lw_path_film_finish(&c->film);
+    free(c->undo);
     lw_path_trace_destroy(c->tracer);
     lw_lights_finish(&c->lights);
     lw_trace_destroy(c->trace);
@@ -93,18 +112,33 @@ static bool is_enough(const struct command *c) {
     return path->error > 0 && c->film.samples >= SAMPLES_MIN && c->error <= path->error;
 }
 
+/* One more of every pixel; where a signal comes before that is done, of none. */
+static void add_sample(struct command *c) {
+    float *half = c->film.half[c->film.samples & 1u];
+    memcpy(c->undo, half, half_bytes(c->options));
+    if (!lw_path_trace_render(c->tracer, &c->view, 1, &c->film, &c->count))
+        memcpy(half, c->undo, half_bytes(c->options));
+}
+
 static void trace_until_enough(struct command *c) {
     struct lw_progress progress;
     const uint64_t start_ns = lw_clock_ns(), start_cpu_ns = lw_clock_process_cpu_ns();
     lw_progress_init(&progress, "tracing paths", foresee(c));
     while (!stop && !is_enough(c)) {
-        const uint32_t rest = c->options->path.samples - c->film.samples, step = rest < STEP ? rest : STEP;
-        lw_path_trace_render(c->tracer, &c->view, step, &c->film, &c->count);
-        c->error = lw_path_film_error(&c->film);
+        add_sample(c);
+        lw_interrupt_enter(&tracing);
+        const uint32_t samples = c->film.samples;
+        if (stop || samples % STEP == 0 || samples == c->options->path.samples)
+            c->error = lw_path_film_error(&c->film);
         progress.total = foresee(c);
-        lw_progress_step(&progress, step);
+        lw_progress_step(&progress, samples - progress.done);
     }
-    lw_progress_finish(&progress);
+    lw_interrupt_enter(&writing);
+    c->stopped = !is_enough(c);
+    if (c->stopped)
+        lw_progress_stop(&progress);
+    else
+        lw_progress_finish(&progress);
     c->wall_ns = lw_clock_ns() - start_ns;
     c->cpu_ns = lw_clock_process_cpu_ns() - start_cpu_ns;
 }
@@ -117,7 +151,7 @@ static enum lw_status print_report(const struct command *c, const float *rgb, st
     char error[32] = "null"; /* one sample says nothing about its own error */
     if (isfinite(c->error)) snprintf(error, sizeof error, "%.6g", c->error);
     printf("{\"samples\": %u, \"bounces\": %u, \"error\": %s, \"target_error\": %.6g, \"stopped\": %s,\n",
-           c->film.samples, c->view.bounces, error, c->options->path.error, stop ? "true" : "false");
+           c->film.samples, c->view.bounces, error, c->options->path.error, c->stopped ? "true" : "false");
     printf(" \"seconds\": %.6f, \"cpu_seconds\": %.6f, \"paths\": %" PRIu64
            ", \"paths_per_cpu_second\": %.6g,\n",
            seconds, cpu_seconds, n->paths, cpu_seconds > 0 ? (double)n->paths / cpu_seconds : 0.0);
@@ -131,12 +165,11 @@ static enum lw_status print_report(const struct command *c, const float *rgb, st
 
 static enum lw_status deliver(const struct command *c, struct lw_error *err) {
     const struct lw_view_options *o = c->options;
-    if (c->film.samples == 0) return lw_status_fail(err, LW_CLOSED, "stopped before the first sample");
     float *rgb = malloc((size_t)o->width * o->height * 3 * sizeof *rgb);
     if (rgb == NULL) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the picture");
     lw_path_film_resolve(&c->film, rgb);
     enum lw_status status = lw_export_picture(o, rgb, err);
-    if (status == LW_OK && stop)
+    if (status == LW_OK && c->stopped)
         lw_log(LW_LOG_WARNING, "stopped: the picture has %u samples per pixel, an estimated error of %.3g",
                c->film.samples, c->error);
     if (status == LW_OK && !o->json)
@@ -149,14 +182,23 @@ static enum lw_status deliver(const struct command *c, struct lw_error *err) {
     return status;
 }
 
-enum lw_status lw_path_command_run(const struct lw_view_options *options, struct lw_error *err) {
+enum lw_status lw_path_command_run(const struct lw_view_options *options, bool *out_stopped,
+                                   struct lw_error *err) {
     struct command c = {.options = options, .error = (double)INFINITY};
-    lw_interrupt_watch(on_signal);
-    enum lw_status status = set_up(&c, err);
+    enum lw_status status = lw_export_check(options, err);
+    if (status != LW_OK) return status;
+    lw_interrupt_watch(on_signal, &reading);
+    status = set_up(&c, err);
     if (status == LW_OK) {
         trace_until_enough(&c);
         status = deliver(&c, err);
     }
     tear_down(&c);
+    if (status == LW_CLOSED && stop) {
+        lw_log(LW_LOG_INFO, NOTHING);
+        c.stopped = true;
+        status = LW_OK;
+    }
+    *out_stopped = c.stopped;
     return status;
 }

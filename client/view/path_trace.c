@@ -410,7 +410,7 @@ static void trace_tile(const struct job *job, uint32_t left, uint32_t top, uint3
     }
 }
 
-void lw_path_trace_render(const struct lw_path_trace *tracer, const struct lw_path_view *view,
+bool lw_path_trace_render(const struct lw_path_trace *tracer, const struct lw_path_view *view,
                           uint32_t samples, struct lw_path_film *film, struct lw_path_count *count) {
     const struct job job = {.tracer = tracer,
                             .view = view,
@@ -420,17 +420,24 @@ void lw_path_trace_render(const struct lw_path_trace *tracer, const struct lw_pa
                             .film = film};
     const uint32_t columns = (film->width + TILE - 1) / TILE, rows = (film->height + TILE - 1) / TILE;
     uint64_t paths = 0, primary = 0, shadow = 0, bounce = 0;
+    bool whole = true;
 #pragma omp parallel for schedule(dynamic) num_threads(tracer->threads)                                      \
-    reduction(+ : paths, primary, shadow, bounce)
+    reduction(+ : paths, primary, shadow, bounce) reduction(&& : whole)
     for (uint32_t t = 0; t < columns * rows; t++) {
         struct lw_path_count c = {0};
+        if (view->cancel && *view->cancel) {
+            whole = false;
+            continue;
+        }
         trace_tile(&job, t % columns * TILE, t / columns * TILE, samples, &c);
         paths += c.paths, primary += c.rays_primary, shadow += c.rays_shadow, bounce += c.rays_bounce;
     }
+    if (!whole) return false;
     film->samples += samples;
-    if (count == NULL) return;
+    if (count == NULL) return true;
     count->paths += paths;
     count->rays_primary += primary;
     count->rays_shadow += shadow;
     count->rays_bounce += bounce;
+    return true;
 }

@@ -14,6 +14,8 @@
 #include "common/light/lights.h"
 #include "common/trace/trace.h"
 
+#include <signal.h>
+
 #define LW_PATH_TRACE_BOUNCES_MAX 64u
 #define LW_PATH_TRACE_LAYERS_MAX                                                                             \
     16u /* BLEND surfaces along one ray from the eye; the last one counts as opaque */
@@ -74,18 +76,21 @@ struct lw_path_view {
     /* First hits that another has traced already, by the same pose and camera, of as many pixels as the film. Rays from the eye
      * are left out, but where pixels show several surfaces. Then a pixel is its centre. NULL: none. */
     const struct lw_gbuffer *first_hits;
+    const volatile sig_atomic_t
+        *cancel; /* may be NULL; once it is not 0, a render ends within some milliseconds */
 };
 
 struct lw_path_count {
     uint64_t paths, rays_primary, rays_shadow, rays_bounce;
 };
 
-/** Adds `samples` paths to every pixel of a film.
+/** Adds `samples` paths to every pixel of a film. False: it was cancelled; some pixels of the film have got theirs and
+ * others have not, and neither film->samples nor count has changed.
  *
  * count   may be NULL; added to
  * Errors  none; a sample that is not finite counts as black
  * Cost    no allocation */
-void lw_path_trace_render(const struct lw_path_trace *tracer, const struct lw_path_view *view,
+bool lw_path_trace_render(const struct lw_path_trace *tracer, const struct lw_path_view *view,
                           uint32_t samples, struct lw_path_film *film, struct lw_path_count *count);
 
 #endif

@@ -86,8 +86,12 @@ enum lw_status lw_bake_run(const struct lw_bake_desc *desc, uint64_t frames,
         if (result.stopped || result.limited) break;
         if (desc->state_interval_s > 0 && seconds_since(run.saved_ns) >= desc->state_interval_s) save(&run);
     }
-    lw_progress_finish(&run.progress);
+    if (result.tiles_open)
+        lw_progress_stop(&run.progress);
+    else
+        lw_progress_finish(&run.progress);
     result.seconds = seconds_since(run.began_ns);
+    if (result.stopped && desc->state_path) lw_log(LW_LOG_INFO, "saving the state, for a bake that goes on");
     save(&run);
     *out_result = result;
     return LW_OK;

@@ -32,8 +32,8 @@ struct cell_solver {
     bool has_probes;
     struct lw_denoise denoise; /* empty unless the desc asks for it */
     uint32_t *end;
-    struct lw_pose pose;          /* the last one given */
-    struct lw_progress *progress; /* of the first frame, which may be long; else NULL */
+    struct lw_pose pose;         /* the last one given */
+    struct lw_progress progress; /* of a frame */
     struct lw_schedule schedule;
     struct lw_follow follow;
     uint32_t frames;
@@ -59,6 +59,18 @@ static enum lw_status find_seams(struct cell_solver *s) {
     lw_seams_light_finish(&s->welds);
     s->seams_found = s->geometry->seams_found;
     return lw_seams_light_init(&s->welds, &s->geometry->seams);
+}
+
+/* A step is a tile in a pass over all that are due. Shown of the first frame, which may be long, and while somebody waits
+ * for the end of one. */
+static void begin_progress(struct cell_solver *s) {
+    static const sig_atomic_t never = 0;
+    const uint32_t passes = 1 + (s->desc.bounces ? 1 + s->desc.bounces : 0);
+    uint64_t due = 0;
+    for (uint32_t i = 0; i < s->tiles.count; i++) due += s->tiles.tile[i].due;
+    lw_progress_init(&s->progress, s->frames ? "finishing the samples under way" : "lighting the first frame",
+                     due * passes);
+    if (s->frames) s->progress.wanted = s->desc.finishing ? s->desc.finishing : &never;
 }
 
 /* What all tiles send out, from their sums. */
@@ -123,7 +135,7 @@ static void run_direct(struct cell_solver *s, const struct lw_passes *passes, st
         struct lw_passes_count count = {0};
         lw_passes_direct(passes, tile, &count);
         shadow += count.shadow;
-        if (s->progress) lw_progress_step(s->progress, 1);
+        lw_progress_step(&s->progress, 1);
     }
     stats->rays_shadow += shadow;
 }
@@ -138,7 +150,7 @@ static void run_trace_ends(struct cell_solver *s, const struct lw_passes *passes
         lw_passes_trace_ends(passes, &s->tiles.tile[i], &count);
         lw_schedule_note_ends(&s->schedule, &s->tiles, &s->tiles.tile[i], s->end);
         bounce += count.bounce;
-        if (s->progress) lw_progress_step(s->progress, 1);
+        lw_progress_step(&s->progress, 1);
     }
     stats->rays_bounce += bounce;
 }
@@ -176,8 +188,11 @@ static void run_arrive(struct cell_solver *s, const struct lw_passes *passes) {
 
 static void run_gather(struct cell_solver *s, const struct lw_passes *passes, uint32_t bounce) {
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
-    for (uint32_t i = 0; i < s->tiles.count; i++)
-        if (has_work(s, &s->tiles.tile[i])) lw_passes_gather(passes, &s->tiles.tile[i], bounce);
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        if (!has_work(s, &s->tiles.tile[i])) continue;
+        lw_passes_gather(passes, &s->tiles.tile[i], bounce);
+        lw_progress_step(&s->progress, 1);
+    }
 }
 
 static void run_finish(struct cell_solver *s, const struct lw_passes *passes, uint64_t frame,
@@ -393,11 +408,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     lw_follow_pass_on(&s->follow, &following);
     stats.change_ns += lw_clock_ns() - weighed;
     stats.pose_ns = lw_clock_ns() - t0 - stats.probe_ns - stats.change_ns;
-    struct lw_progress progress;
-    if (s->frames == 0) {
-        lw_progress_init(&progress, "lighting the first frame", s->tiles.count * (s->desc.bounces ? 2u : 1u));
-        s->progress = &progress;
-    }
+    begin_progress(s);
     uint64_t t1 = lw_clock_ns();
     run_direct(s, &passes, &stats);
     if (s->desc.bounces) run_radiate(s, &passes, 0);
@@ -407,8 +418,6 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     if (s->desc.bounces) run_trace_ends(s, &passes, &stats);
     weigh_indirect(s);
     stats.scatter_ns = lw_clock_ns() - t2;
-    if (s->progress) lw_progress_finish(s->progress);
-    s->progress = NULL;
     if (s->has_probes) {
         uint64_t t = lw_clock_ns();
         stats.rays_probe += lw_probes_gather(&s->probes, s->geometry->trace, &s->geometry->texels, s->frames,
@@ -427,11 +436,15 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
         stats.scatter_ns += lw_clock_ns() - projected;
     }
     if (s->desc.bounces > 1 && changing) run_arrive(s, &passes);
-    if (cancelled(s)) return LW_CLOSED;
+    if (cancelled(s)) {
+        lw_progress_stop(&s->progress);
+        return LW_CLOSED;
+    }
     lw_follow_show(&s->follow, &following);
     run_finish(s, &passes, number, &stats);
     if (stats.tiles_shown) status = show(s, number, &stats, err);
     if (status != LW_OK) return status;
+    lw_progress_finish(&s->progress);
     settle(s, &stats);
     note_texel_cost(s, &stats);
     s->frames++;

@@ -234,7 +234,9 @@ static void resumed_is_uninterrupted(void **state) {
 
     interrupt(parts, "--samples 160");
     char *said = lw_process_err(&process);
+    assert_non_null(strstr(said, "stopping: finishing the samples under way, then writing the maps"));
     assert_non_null(strstr(said, "not finished"));
+    assert_null(strstr(said, "baking: done"));
     free(said);
     json_t *index = read_index(parts); /* what is done is kept, and says that it is not all */
     assert_true(json_is_false(json_object_get(index, "complete")));
@@ -334,9 +336,11 @@ static void limits_end_a_bake_with_what_is_there(void **state) {
     (void)state;
     char out[256];
     snprintf(out, sizeof out, "%s", lw_support_temporary("limited"));
-    assert_int_equal(bake(CORNELL " -o %s --error 0.0005 --time-limit 0.5", out), 0);
+    assert_int_equal(bake(CORNELL " -o %s --error 0.0005 --time-limit 1.1", out), 0);
     char *said = lw_process_err(&process);
     assert_non_null(strstr(said, "short of --error 0.0005"));
+    assert_non_null(strstr(said, "baking: stopped at "));
+    assert_null(strstr(said, "baking: done"));
     assert_non_null(strstr(said, "noisiest: "));
     free(said);
     expect_finite(out);
@@ -362,12 +366,12 @@ static void wrong_use_is_refused(void **state) {
     bake_fails(64, "--convention", "builtin:cornell -o x --convention unity");
     bake_fails(64, ".glb", "builtin:cornell -o x --gltf-out room.gltf");
     bake_fails(64, "--gltf-lights", "builtin:cornell -o x --gltf-lights");
-    bake_fails(73, "/nowhere/maps", "builtin:cornell -o /nowhere/maps");
+    bake_fails(73, "-o /nowhere/maps: the folder", "builtin:cornell -o /nowhere/maps");
     snprintf(arguments, sizeof arguments, "%s -o %s", squares, lw_support_temporary("a-file"));
     bake_fails(73, "not a folder", arguments);
     snprintf(arguments, sizeof arguments, "%s -o %s --gltf-out /nowhere/room.glb", squares,
              lw_support_temporary("out"));
-    bake_fails(73, "/nowhere/room.glb", arguments);
+    bake_fails(73, "--gltf-out: /nowhere/room.glb: there is no folder /nowhere", arguments);
     snprintf(arguments, sizeof arguments, "/nowhere/room.gltf -o %s", lw_support_temporary("out"));
     bake_fails(66, "/nowhere/room.gltf", arguments);
 }

@@ -1,13 +1,18 @@
-/* lightwell-view --headless against a real lightwelld. */
+/* lightwell-view --headless against a real lightwelld; --path-trace; both under signals. */
 #include "tests/support/process.h"
 
 #include "common/image/image.h"
 
+#include <arpa/inet.h>
 #include <math.h>
+#include <netinet/in.h>
+#include <poll.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #define VIEW_LIMIT_S 120
@@ -115,11 +120,99 @@ static void test_failures(void **state) {
     view_fails(arguments, 64, "no camera \"nobody\"");
     snprintf(arguments, sizeof arguments, "%s --headless --json --wait converged --timeout 0.5", address);
     view_fails(arguments, 75, "--timeout");
-    snprintf(arguments, sizeof arguments, "%s --headless --size 16x16 --wait first --out /nowhere/view.png",
-             address);
-    view_fails(arguments, 73, "/nowhere/view.png");
+    /* before anybody is asked: there is no server */
+    view_fails("127.0.0.1:1 --headless --wait first --out /nowhere/view.png", 73,
+               "--out: /nowhere/view.png: there is no folder /nowhere");
+    snprintf(arguments, sizeof arguments, "127.0.0.1:1 --headless --out %s",
+             lw_support_temporary("folder.png"));
+    assert_int_equal(mkdir(lw_support_temporary("folder.png"), 0700), 0);
+    view_fails(arguments, 73, "is a folder");
+    view_fails("room.glb", 64, "\"lightwelld room.glb\" lights it");
     view_fails("127.0.0.1:1 --headless --json", 69, "127.0.0.1:1");
     view_fails(address, 69, "no display: use --headless");
+}
+
+/* ---- signals ---- */
+
+/* Waits until it has said something on stderr. */
+static void wait_for(const char *text) {
+    for (int tenths = 0; tenths < 10 * VIEW_LIMIT_S; tenths++) {
+        char *err = lw_process_err(&view);
+        const bool said = strstr(err, text) != NULL;
+        free(err);
+        if (said) return;
+        if (!lw_process_runs(&view)) fail_msg("it ended: %s", lw_process_err(&view));
+        usleep(100000);
+    }
+    fail_msg("it never said \"%s\"", text);
+}
+
+/* Whether a process has a handler for SIGINT by now. */
+static bool takes_signals(pid_t pid) {
+    char path[64], line[256];
+    unsigned long long caught = 0;
+    snprintf(path, sizeof path, "/proc/%d/status", (int)pid);
+    FILE *file = fopen(path, "r");
+    assert_non_null(file);
+    while (fgets(line, sizeof line, file))
+        if (sscanf(line, "SigCgt: %llx", &caught) == 1) break;
+    fclose(file);
+    return caught >> (SIGINT - 1) & 1;
+}
+
+/* Stops it by a signal; it must answer, and end with the code of those that were stopped. */
+static void stop_view(int signal_number, const char *answer) {
+    int code = lw_process_stop(&view, signal_number, STOP_LIMIT_S);
+    char *err = lw_process_err(&view);
+    if (code != 75 || !strstr(err, answer)) fail_msg("ended with %d: %s", code, err);
+    free(err);
+}
+
+static void expect_png(const char *path) {
+    size_t size;
+    uint8_t *bytes = lw_support_read_file(path, &size);
+    assert_true(size > 8);
+    assert_memory_equal(bytes, "\x89PNG\r\n\x1a\n", 8);
+    free(bytes);
+}
+
+static void test_a_wait_that_is_stopped_writes_what_there_is(void **state) {
+    (void)state;
+    char arguments[512], png[256];
+    snprintf(png, sizeof png, "%s", lw_support_temporary("waited.png"));
+    snprintf(arguments, sizeof arguments, "%s --headless --size 64x64 --wait seconds:1000 --json --out %s",
+             address, png);
+    lw_process_start(&view, "lightwell-view", arguments);
+    wait_for("tiles received: ");
+    stop_view(SIGINT, "stopping: writing what there is");
+    char *json = lw_process_out(&view), *err = lw_process_err(&view);
+    assert_non_null(strstr(json, "\"stopped\": true"));
+    assert_true(number_of(json, "tiles_used") > number_of(json, "tiles_missing"));
+    assert_non_null(strstr(err, "warning: stopped: of "));
+    assert_null(strstr(err, "done in"));
+    expect_png(png);
+    free(err);
+    free(json);
+}
+
+/* Somebody who takes the connection and never says a word. */
+static void test_a_wait_in_the_dark_that_is_stopped_writes_nothing(void **state) {
+    (void)state;
+    struct sockaddr_in name = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    socklen_t size = sizeof name;
+    int listening = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    assert_int_equal(bind(listening, (struct sockaddr *)&name, sizeof name), 0);
+    assert_int_equal(listen(listening, 1), 0);
+    assert_int_equal(getsockname(listening, (struct sockaddr *)&name, &size), 0);
+    char arguments[512], png[256];
+    snprintf(png, sizeof png, "%s", lw_support_temporary("dark.png"));
+    snprintf(arguments, sizeof arguments, "%u --headless --out %s", ntohs(name.sin_port), png);
+    lw_process_start(&view, "lightwell-view", arguments);
+    struct pollfd waiting = {.fd = listening, .events = POLLIN};
+    assert_int_equal(poll(&waiting, 1, VIEW_LIMIT_S * 1000), 1);
+    stop_view(SIGTERM, "stopped before there was light; nothing is written");
+    assert_int_not_equal(access(png, F_OK), 0);
+    close(listening);
 }
 
 /* ---- --path-trace, which asks no server ---- */
@@ -190,30 +283,45 @@ static void test_path_trace_is_stopped(void **state) {
     snprintf(arguments, sizeof arguments,
              "--path-trace builtin:cornell --size 64x64 --spp 1000000 --json --out %s", png);
     lw_process_start(&view, "lightwell-view", arguments);
-    char *err = NULL;
-    for (int tenths = 0; tenths < 300; tenths++) { /* a progress line: it traces */
-        usleep(100000);
-        err = lw_process_err(&view);
-        if (strstr(err, "tracing paths") != NULL) break;
-        free(err);
-        err = NULL;
-    }
-    assert_non_null(err);
-    free(err);
-    int code = lw_process_stop(&view, SIGINT, STOP_LIMIT_S);
-    if (code != 0) fail_msg("ended with %d: %s", code, lw_process_err(&view));
-    char *json = lw_process_out(&view);
-    err = lw_process_err(&view);
+    wait_for("tracing paths: ");
+    stop_view(SIGINT, "stopping: writing what has been traced");
+    char *json = lw_process_out(&view), *err = lw_process_err(&view);
     assert_non_null(strstr(json, "\"stopped\": true"));
     assert_non_null(strstr(err, "stopped: the picture has"));
-    double samples = number_of(json, "samples");
-    assert_true(samples >= 4 && samples < 1000000);
-    size_t size;
-    uint8_t *bytes = lw_support_read_file(png, &size);
-    assert_memory_equal(bytes, "\x89PNG\r\n\x1a\n", 8);
-    free(bytes);
+    assert_non_null(strstr(err, "tracing paths: stopped at 0 % after"));
+    assert_null(strstr(err, "done in"));
+    const unsigned samples = (unsigned)number_of(json, "samples");
+    assert_true(samples >= 1 && samples < 1000000);
     free(err);
     free(json);
+
+    /* whole samples alone are in it: it is the picture of so many */
+    char whole[256];
+    snprintf(whole, sizeof whole, "%s", lw_support_temporary("whole.png"));
+    snprintf(arguments, sizeof arguments, "--path-trace builtin:cornell --size 64x64 --spp %u --out %s",
+             samples, whole);
+    assert_int_equal(run_view(arguments), 0);
+    size_t size[2];
+    uint8_t *bytes[2] = {lw_support_read_file(png, &size[0]), lw_support_read_file(whole, &size[1])};
+    assert_int_equal(size[0], size[1]);
+    assert_memory_equal(bytes[0], bytes[1], size[0]);
+    free(bytes[0]);
+    free(bytes[1]);
+}
+
+/* Of so many pixels not even one sample is done when the signal comes: it does not wait for that. */
+static void test_path_trace_is_stopped_before_its_first_sample(void **state) {
+    (void)state;
+    char arguments[512], png[256];
+    snprintf(png, sizeof png, "%s", lw_support_temporary("never.png"));
+    snprintf(arguments, sizeof arguments,
+             "--path-trace builtin:cornell --size 2000x2000 --bounces 64 --spp 64 --out %s", png);
+    lw_process_start(&view, "lightwell-view", arguments);
+    lw_process_sleep_ms(300);
+    for (int i = 0; i < VIEW_LIMIT_S * 100 && !takes_signals(view.pid); i++) lw_process_sleep_ms(10);
+    stop_view(SIGINT, "stopped before the first sample; nothing is written");
+    assert_int_not_equal(access(png, F_OK), 0);
+    lw_process_left_nothing();
 }
 
 static void test_path_trace_failures(void **state) {
@@ -221,8 +329,9 @@ static void test_path_trace_failures(void **state) {
     view_fails("--path-trace /nowhere/room.glb --json", 66, "/nowhere/room.glb");
     view_fails("--path-trace builtin:cornell --size 8x8 --json --camera-name nobody", 64,
                "no camera \"nobody\"");
-    view_fails("--path-trace builtin:cornell --size 8x8 --spp 1 --out /nowhere/view.png", 73,
-               "/nowhere/view.png");
+    /* before the scene is read: there is none */
+    view_fails("--path-trace /nowhere/room.glb --out /nowhere/view.png", 73,
+               "--out: /nowhere/view.png: there is no folder /nowhere");
 }
 
 int main(void) {
@@ -230,9 +339,12 @@ int main(void) {
         cmocka_unit_test(test_complete_picture),
         cmocka_unit_test(test_png),
         cmocka_unit_test(test_failures),
+        cmocka_unit_test(test_a_wait_that_is_stopped_writes_what_there_is),
+        cmocka_unit_test(test_a_wait_in_the_dark_that_is_stopped_writes_nothing),
         cmocka_unit_test(test_path_trace),
         cmocka_unit_test(test_path_trace_to_an_error),
         cmocka_unit_test(test_path_trace_is_stopped),
+        cmocka_unit_test(test_path_trace_is_stopped_before_its_first_sample),
         cmocka_unit_test(test_path_trace_failures),
     };
     return cmocka_run_group_tests(tests, start_daemon, stop_daemon);

@@ -488,6 +488,31 @@ static void same_bytes(enum lw_path_pattern pattern, bool all_lights) {
     for (int i = 0; i < 3; i++) lw_path_film_finish(&film[i]);
 }
 
+static void test_a_cancelled_render_adds_no_sample(void **state) {
+    (void)state;
+    struct lw_scene *scene;
+    struct lw_error err = {0};
+    lw_support_ok(lw_builtin_build("builtin:cornell", &scene, &err), &err);
+    struct set set;
+    set_up(&set, scene, 2);
+    volatile sig_atomic_t cancel = 0;
+    struct lw_path_view view = {
+        .camera = lw_camera_of_scene(scene, &set.world.pose, 0), .bounces = 1, .seed = 5, .cancel = &cancel};
+    struct lw_path_film film = render(&set, &view, 150, 70, 2);
+    assert_int_equal(film.samples, 2);
+    cancel = 1;
+    struct lw_path_count count = {0};
+    assert_false(lw_path_trace_render(set.world.tracer, &view, 1, &film, &count));
+    assert_int_equal(film.samples, 2);
+    assert_true(count.paths == 0 && count.rays_primary == 0);
+    cancel = 0;
+    assert_true(lw_path_trace_render(set.world.tracer, &view, 1, &film, &count));
+    assert_int_equal(film.samples, 3);
+    assert_int_equal(count.paths, 150 * 70);
+    lw_path_film_finish(&film);
+    tear_down(&set);
+}
+
 static void test_same_bytes(void **state) {
     (void)state;
     same_bytes(LW_PATH_PATTERN_SQUARE, false);
@@ -632,6 +657,7 @@ int main(void) {
         cmocka_unit_test(test_clamp),
         cmocka_unit_test(test_first_hits_may_be_given),
         cmocka_unit_test(test_same_bytes),
+        cmocka_unit_test(test_a_cancelled_render_adds_no_sample),
         cmocka_unit_test(test_pictures_go_on_with_the_sequence),
         cmocka_unit_test(test_convergence),
     };
