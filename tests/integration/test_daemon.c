@@ -712,7 +712,7 @@ static void bad_options_are_named(void **state) {
         {"--sun-angle 91", "--sun-angle"},
         {"--error 2", "--error"},
         {"--frames 0", "--frames"},
-        {"--listen 127.0.0.1", "--listen"},
+        {"--listen ::1", "--listen"},
         {"--listen 127.0.0.1:65536", "--listen"},
         {"--animate --freeze 1", "--freeze"},
         {"--no-such-option", "--no-such-option"},
@@ -742,7 +742,7 @@ static void bad_scenes_and_files_are_named(void **state) {
     fails(RESTS "--listen no-such-host.invalid:7780", 68, "no-such-host.invalid", "");
     snprintf(arguments, sizeof arguments, RESTS "--listen 127.0.0.1:0 --port-file %s",
              lw_support_temporary("tmp"));
-    fails(arguments, 73, "--port-file", "directory");
+    fails(arguments, 73, "--port-file", "is a folder");
 }
 
 static void a_scene_without_light_asks_for_a_sky(void **state) {
