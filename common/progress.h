@@ -5,8 +5,8 @@
 #ifndef LW_COMMON_PROGRESS_H
 #define LW_COMMON_PROGRESS_H
 
-#include <signal.h>
 #include <stdatomic.h>
+#include <stdbool.h>
 #include <stdint.h>
 
 struct lw_progress {
@@ -15,8 +15,8 @@ struct lw_progress {
     _Atomic uint64_t done;
     uint64_t started_ns;
     _Atomic uint64_t shown_ns; /* when a line was last shown; 0: never */
-    /* May be NULL; lw_progress_init() makes it so. While it is 0 the stage shows nothing: nobody waits for its end. */
-    const volatile sig_atomic_t *wanted;
+    /* May be NULL; lw_progress_init() makes it so. While it is false the stage shows nothing: nobody waits for its end. */
+    const _Atomic bool *wanted;
 };
 
 /** Starts a stage. stage must outlive p. */

@@ -65,7 +65,13 @@ struct baker {
 /* A handler can reach nothing but globals. */
 static volatile sig_atomic_t signalled;
 
-static void on_signal(int number) { signalled = number; }
+/* Threads other than the one that a signal interrupts read an atomic. */
+static _Atomic bool signalled_to_threads;
+
+static void on_signal(int number) {
+    signalled = number;
+    signalled_to_threads = true;
+}
 
 #define AGAIN   "; Ctrl-C again ends it at once"
 #define NOTHING "stopped before the lighting began; nothing is written"
@@ -298,7 +304,7 @@ static enum lw_status set_up_solver(struct baker *b, struct lw_error *err) {
                                                        .target_error = s->samples ? -1 : (float)s->error,
                                                        .frames_max = (uint32_t)s->samples,
                                                        .threads = (unsigned)s->scene.threads,
-                                                       .finishing = &signalled,
+                                                       .finishing = &signalled_to_threads,
                                                        .seed = (uint32_t)s->seed},
                               &b->pose, &b->solver, err);
     if (status != LW_OK) return status;

@@ -20,9 +20,13 @@
 
 static volatile sig_atomic_t stop;
 
+/* Threads other than the one that a signal interrupts read an atomic. */
+static _Atomic bool stop_threads;
+
 static void on_signal(int number) {
     (void)number;
     stop = 1;
+    stop_threads = true;
 }
 
 #define AGAIN   "; Ctrl-C again ends it at once"
@@ -74,7 +78,7 @@ static enum lw_status set_up(struct command *c, struct lw_error *err) {
     c->view.bounces = o->path.bounces;
     c->view.seed = o->path.seed;
     c->view.pixel = o->path.pixel;
-    c->view.cancel = &stop;
+    c->view.cancel = &stop_threads;
     status = lw_path_trace_create(&(struct lw_path_trace_desc){.scene = c->scene,
                                                                .trace = c->trace,
                                                                .lights = &c->lights,

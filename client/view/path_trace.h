@@ -14,7 +14,7 @@
 #include "common/light/lights.h"
 #include "common/trace/trace.h"
 
-#include <signal.h>
+#include <stdatomic.h>
 
 #define LW_PATH_TRACE_BOUNCES_MAX 64u
 #define LW_PATH_TRACE_LAYERS_MAX                                                                             \
@@ -76,8 +76,7 @@ struct lw_path_view {
     /* First hits that another has traced already, by the same pose and camera, of as many pixels as the film. Rays from the eye
      * are left out, but where pixels show several surfaces. Then a pixel is its centre. NULL: none. */
     const struct lw_gbuffer *first_hits;
-    const volatile sig_atomic_t
-        *cancel; /* may be NULL; once it is not 0, a render ends within some milliseconds */
+    const _Atomic bool *cancel; /* may be NULL; once true, a render ends within some milliseconds */
 };
 
 struct lw_path_count {

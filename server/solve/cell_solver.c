@@ -64,7 +64,7 @@ static enum lw_status find_seams(struct cell_solver *s) {
 /* A step is a tile in a pass over all that are due. Shown of the first frame, which may be long, and while somebody waits
  * for the end of one. */
 static void begin_progress(struct cell_solver *s) {
-    static const sig_atomic_t never = 0;
+    static const _Atomic bool never = false;
     const uint32_t passes = 1 + (s->desc.bounces ? 1 + s->desc.bounces : 0);
     uint64_t due = 0;
     for (uint32_t i = 0; i < s->tiles.count; i++) due += s->tiles.tile[i].due;

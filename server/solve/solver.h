@@ -7,7 +7,6 @@
 #include "common/scene/pose.h"
 #include "common/tile/atlas.h"
 
-#include <signal.h>
 #include <stdatomic.h>
 
 #define LW_SOLVER_BOUNCES_MAX 16u
@@ -43,8 +42,8 @@ struct lw_solver_desc {
         denoise; /* filters what is shown, in every frame (denoise.h); direct and indirect stay as they are */
     double
         frame_budget_s; /* wall time in which a frame solves, about; 0: as long as it takes, the same bytes every time */
-    const _Atomic bool *cancel;             /* may be NULL; once true, a frame under way ends within a tile */
-    const volatile sig_atomic_t *finishing; /* may be NULL; once it is not 0, frames say how far they are */
+    const _Atomic bool *cancel;    /* may be NULL; once true, a frame under way ends within a tile */
+    const _Atomic bool *finishing; /* may be NULL; once true, frames say how far they are */
     const _Atomic bool *
         awaited; /* may be NULL; while true, changes wait for the end of the frame under way, which shows nothing that may wait */
 };

@@ -495,17 +495,17 @@ static void test_a_cancelled_render_adds_no_sample(void **state) {
     lw_support_ok(lw_builtin_build("builtin:cornell", &scene, &err), &err);
     struct set set;
     set_up(&set, scene, 2);
-    volatile sig_atomic_t cancel = 0;
+    _Atomic bool cancel = false;
     struct lw_path_view view = {
         .camera = lw_camera_of_scene(scene, &set.world.pose, 0), .bounces = 1, .seed = 5, .cancel = &cancel};
     struct lw_path_film film = render(&set, &view, 150, 70, 2);
     assert_int_equal(film.samples, 2);
-    cancel = 1;
+    cancel = true;
     struct lw_path_count count = {0};
     assert_false(lw_path_trace_render(set.world.tracer, &view, 1, &film, &count));
     assert_int_equal(film.samples, 2);
     assert_true(count.paths == 0 && count.rays_primary == 0);
-    cancel = 0;
+    cancel = false;
     assert_true(lw_path_trace_render(set.world.tracer, &view, 1, &film, &count));
     assert_int_equal(film.samples, 3);
     assert_int_equal(count.paths, 150 * 70);

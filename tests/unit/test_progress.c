@@ -159,7 +159,7 @@ static void a_stage_that_is_stopped_is_not_done(void **state) {
 
 static void nothing_is_shown_before_somebody_waits(void **state) {
     (void)state;
-    volatile sig_atomic_t wanted = 0;
+    _Atomic bool wanted = false;
     struct lw_progress p;
     lw_progress_init(&p, "finishing", 10);
     p.wanted = &wanted;
@@ -168,7 +168,7 @@ static void nothing_is_shown_before_somebody_waits(void **state) {
     lw_progress_finish(&p);
     lw_progress_stop(&p);
     assert_string_equal(shown(), "");
-    wanted = 1;
+    wanted = true;
     lw_progress_step(&p, 1);
     assert_string_equal(shown(), "tester: finishing: 50 %, 4.0 s left\n");
     lw_progress_finish(&p);
