@@ -13,8 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define DEFAULT_ADDRESS "127.0.0.1:7780"
-#define POLL_MS         50u
+#define POLL_MS 50u
 
 struct ctl {
     const char *address, *cache_folder; /* "": none */
@@ -37,7 +36,7 @@ struct ctl {
 /* Options may stand anywhere, negative numbers and "--" belong to the commands: these are taken out before the table sees
  * the rest, which is options and the address. */
 static enum lw_status parse(struct ctl *c, int argc, char **argv, bool *out_done, struct lw_error *err) {
-    const char *address[1] = {DEFAULT_ADDRESS};
+    const char *address[1] = {LW_OPTIONS_ADDRESS};
     char **rest = calloc((size_t)argc + 1, sizeof *rest);
     c->word = calloc((size_t)argc + 1, sizeof *c->word);
     if (!rest || !c->word) {
@@ -89,10 +88,11 @@ static enum lw_status parse(struct ctl *c, int argc, char **argv, bool *out_done
     if (c->batch && c->word_count)
         return lw_status_fail(err, LW_USAGE,
                               "--batch takes its commands from stdin, not from the command line");
-    if (c->word_count && !lw_ctl_command_is(c->word[0])) return lw_ctl_command_fail_unknown(c->word[0], err);
     c->address = address[0];
-    if (!strchr(c->address, ':'))
-        return lw_ctl_command_fail_unknown(c->address, err); /* not HOST:PORT either */
+    /* A word that stands before no command is one that is misspelt rather than a HOST. */
+    const bool commands = c->batch || (c->word_count && lw_ctl_command_is(c->word[0]));
+    if (!commands && !strchr(c->address, ':')) return lw_ctl_command_fail_unknown(c->address, err);
+    if (c->word_count && !commands) return lw_ctl_command_fail_unknown(c->word[0], err);
     status = lw_options_address(c->address, c->host, sizeof c->host, &c->port, err);
     if (status == LW_OK && !c->batch && !c->word_count)
         return lw_status_fail(err, LW_USAGE, "a command is missing: lightwellctl --help lists them");

@@ -13,6 +13,10 @@
 
 static volatile sig_atomic_t signalled;
 
+static const struct lw_interrupt_phase measuring = {
+    .answer =
+        "stopping: what is measured is written after the frame under way; Ctrl-C again ends it at once"};
+
 /* The first signal ends the measurement, the second the program. */
 static void on_signal(int number) { signalled = number; }
 
@@ -39,7 +43,7 @@ static enum lw_status run(const struct lw_crossover_options *options, const char
     static struct lw_crossover crossover; /* some 100 kB: no place on the stack */
     enum lw_status status = lw_crossover_report_prepare(options->folder, err);
     if (status != LW_OK) return status;
-    lw_interrupt_watch(on_signal, NULL);
+    lw_interrupt_watch(on_signal, &measuring);
     status = lw_crossover_measure(options, &signalled, &crossover, err);
     if (crossover.side[LW_CROSSOVER_PATHS].point_count || status == LW_OK) {
         struct lw_error report_err = {0};
