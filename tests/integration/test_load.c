@@ -1,7 +1,7 @@
 /* The real lightwell-load against the real lightwelld. */
 #include "tests/support/process.h"
 
-#include "common/sanitizer.h"
+#include "common/clock.h"
 
 #include <jansson.h>
 #include <math.h>
@@ -10,12 +10,24 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define LIMIT_S 60 /* for what takes a few seconds on a quiet machine */
+#define LIMIT_S   60   /* for what takes a few seconds on a quiet machine */
+#define WINDOW_MS 1000 /* of a run that is cut short */
 
-#define CORNELL     "builtin:cornell --texels-per-metre 8 --clock step "
-#define NEVER_RESTS CORNELL "--error 1e-6 --frame-rate 60 "
+#define NEVER_RESTS       "builtin:cornell --texels-per-metre 8 --error 1e-6 --frame-rate 60 --threads 1 --json "
+#define ALL_OF_EACH_FRAME NEVER_RESTS "--codec half" /* what fills a link soon on a slow machine too */
 
-static void serve(struct lw_process *daemon, const char *arguments) { lw_process_serve(daemon, arguments); }
+static struct lw_process shared; /* a daemon of NEVER_RESTS, for all tests that leave it as it is */
+
+static int serve_shared(void **state) {
+    (void)state;
+    lw_process_serve(&shared, NEVER_RESTS);
+    return 0;
+}
+
+static int stop_shared(void **state) {
+    (void)state;
+    return lw_process_stop(&shared, SIGTERM, LIMIT_S);
+}
 
 static void start_load(struct lw_process *load, const struct lw_process *daemon, const char *arguments) {
     char all[256];
@@ -56,28 +68,40 @@ static void expect_end(const json_t *report, const char *end) {
     assert_string_equal(json_string_value(json_object_get(report, "end")), end);
 }
 
-/* One run against a daemon of its own, to its end. */
-static json_t *load(const char *scene, const char *arguments, int exit_code) {
-    struct lw_process daemon, load;
-    serve(&daemon, scene);
-    start_load(&load, &daemon, arguments);
+/* One run to its end. */
+static json_t *load(const struct lw_process *daemon, const char *arguments) {
+    struct lw_process load;
+    start_load(&load, daemon, arguments);
     int code = lw_process_finish(&load, LIMIT_S);
     char *complaints = lw_process_err(&load);
-    if (code != exit_code) fail_msg("exit code %d, not %d; it says: %s", code, exit_code, complaints);
+    if (code != 0) fail_msg("exit code %d; it says: %s", code, complaints);
     free(complaints);
-    json_t *report = report_of(&load);
-    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
-    return report;
+    return report_of(&load);
+}
+
+/* Until there are so many users, and then for the window and some frames, however busy the machine is. */
+static void wait_for_users(const struct lw_process *daemon, unsigned users) {
+    const uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
+    while (lw_process_newest(daemon, "sessions") != users) {
+        if (lw_clock_ns() > end_ns) fail_msg("no %u users within %d s", users, LIMIT_S);
+        lw_process_sleep_ms(10);
+    }
+    const double last = lw_process_newest(daemon, "frame") + 10;
+    lw_process_sleep_ms(WINDOW_MS);
+    while (lw_process_newest(daemon, "frame") < last) {
+        if (lw_clock_ns() > end_ns) fail_msg("no frames within %d s", LIMIT_S);
+        lw_process_sleep_ms(10);
+    }
 }
 
 static void test_fifty_users(void **state) {
     (void)state;
-    json_t *r = load(NEVER_RESTS,
-                     "--users 50 --seconds 3 --min-frames-per-s 0.01 --max-first-view-ms 60000 --json", 0);
+    json_t *r =
+        load(&shared, "--users 50 --seconds 2 --min-frames-per-s 0.01 --max-first-view-ms 60000 --json");
     expect_end(r, "time");
     expect_no_errors(r);
     assert_true(number(r, "welcomed") == 50 && number(r, "users_at_end") == 50);
-    assert_true(number(r, "measured_s") >= 3);
+    assert_true(number(r, "measured_s") >= 2);
     assert_true(time_of(r, "connect_ms", "count") == 50 && time_of(r, "first_view_ms", "count") == 50);
     assert_true(time_of(r, "first_view_ms", "p50") > 0);
     double frames = number(r, "frames_published");
@@ -93,12 +117,12 @@ static void test_fifty_users(void **state) {
 
 static void test_paths(void **state) {
     (void)state;
-    static const char *const paths[] = {"walk", "still", "teleport"};
+    static const char *const paths[] = {"walk --seconds 1.5", "still --seconds 1.5",
+                                        "teleport --seconds 3.5"}; /* which stays for two */
     for (int i = 0; i < 3; i++) {
         char arguments[128];
-        snprintf(arguments, sizeof arguments, "--users 10 --seconds 3 --path %s --decode-all --json",
-                 paths[i]);
-        json_t *r = load(NEVER_RESTS, arguments, 0);
+        snprintf(arguments, sizeof arguments, "--users 10 --path %s --decode-all --json", paths[i]);
+        json_t *r = load(&shared, arguments);
         expect_no_errors(r);
         assert_true(time_of(r, "first_view_ms", "count") == 10);
         if (i == 2) assert_true(time_of(r, "next_view_ms", "count") > 0);
@@ -109,9 +133,9 @@ static void test_paths(void **state) {
 
 static void test_churn(void **state) {
     (void)state;
-    json_t *r = load(NEVER_RESTS, "--users 20 --seconds 3 --churn 20 --download --json", 0);
+    json_t *r = load(&shared, "--users 20 --seconds 2 --churn 20 --download --json");
     expect_no_errors(r);
-    assert_true(number(r, "left") >= 50 && number(r, "left") <= 60);
+    assert_true(number(r, "left") >= 30 && number(r, "left") <= 40);
     assert_true(number(r, "asked") == 20 + number(r, "left"));
     assert_true(time_of(r, "download_ms", "count") > 0);
     json_decref(r);
@@ -120,47 +144,52 @@ static void test_churn(void **state) {
 /* A few slow readers among fast ones: nobody is lost, and the fast ones have their frames. */
 static void test_slow_readers(void **state) {
     (void)state;
-    json_t *r = load(NEVER_RESTS, "--users 10 --odd-readers 3 --reader slow:50 --seconds 3 --json", 0);
+    struct lw_process daemon;
+    lw_process_serve(&daemon, ALL_OF_EACH_FRAME);
+    json_t *r = load(&daemon, "--users 10 --odd-readers 3 --reader slow:50 --seconds 2 --json");
     expect_no_errors(r);
     assert_true(number(r, "welcomed") == 10 && number(r, "users_at_end") == 10);
     assert_true(time_of(r, "first_view_ms", "count") == 7);
     assert_true(number(r, "frames_per_s_p1") > 0);
     json_decref(r);
-    r = load(NEVER_RESTS, "--users 3 --reader slow:50 --seconds 4 --json", 0);
+    r = load(&daemon, "--users 3 --reader slow:50 --seconds 2 --json");
     expect_no_errors(r);
     /* what was read at once, before the clock began to tick, is one fifth of a second's worth */
     assert_true(number(r, "bytes") <= 3 * 50e3 * (number(r, "measured_s") + 0.5));
     assert_true(number(r, "bytes") > 3 * 50e3 * 0.2 * number(r, "measured_s"));
     assert_true(number(r, "welcomed") == 3 && number(r, "users_at_end") == 3);
     json_decref(r);
+    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
 }
 
 /* The server drops who does not read after 15 s; the others do not notice. */
 static void test_never_readers(void **state) {
     (void)state;
-    json_t *r =
-        load(NEVER_RESTS "--codec half ", /* what fills a link soon on a slow machine too */
-             "--users 10 --odd-readers 3 --reader never --seconds 22 --min-frames-per-s 0.01 --json", 0);
+    struct lw_process daemon;
+    lw_process_serve(&daemon, ALL_OF_EACH_FRAME);
+    json_t *r = load(&daemon,
+                     "--users 10 --odd-readers 3 --reader never --seconds 22 --min-frames-per-s 0.01 --json");
     expect_end(r, "time");
     expect_no_errors(r);
     assert_true(number(r, "stopped") == 3 && number(r, "dropped") == 3);
     assert_true(time_of(r, "drop_ms", "p50") >= 15000 && time_of(r, "drop_ms", "max") < 22500);
     assert_true(number(r, "users_at_end") == 7);
     json_decref(r);
+    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
 }
 
 static void test_server_killed(void **state) {
     (void)state;
     struct lw_process daemon, load;
-    serve(&daemon, NEVER_RESTS);
-    start_load(&load, &daemon, "--users 20 --seconds 50 --json");
-    lw_process_sleep_ms(2000);
+    lw_process_serve(&daemon, NEVER_RESTS);
+    start_load(&load, &daemon, "--users 20 --seconds 600 --json");
+    wait_for_users(&daemon, 20);
     assert_int_equal(lw_process_stop(&daemon, SIGKILL, LIMIT_S), -SIGKILL);
-    assert_int_equal(lw_process_finish(&load, 10), 1);
+    assert_int_equal(lw_process_finish(&load, LIMIT_S), 1);
     json_t *r = report_of(&load);
     expect_end(r, "server_gone");
     assert_true(number(r, "lost") == 20);
-    assert_true(number(r, "measured_s") > 0.5 && number(r, "measured_s") < 20 && number(r, "frames") > 0);
+    assert_true(number(r, "measured_s") > 0.5 && number(r, "frames") > 0);
     json_decref(r);
     char *complaints = lw_process_err(&load);
     assert_non_null(strstr(complaints, "the server is gone after"));
@@ -171,16 +200,17 @@ static void test_server_killed(void **state) {
 static void test_server_restarted(void **state) {
     (void)state;
     struct lw_process daemon, load;
-    char again[128];
-    serve(&daemon, NEVER_RESTS);
+    char again[256];
+    lw_process_serve(&daemon, NEVER_RESTS);
     snprintf(again, sizeof again, NEVER_RESTS "--listen 127.0.0.1:%u", (unsigned)daemon.port);
-    start_load(&load, &daemon, "--users 50 --seconds 8 --reconnect --json");
-    lw_process_sleep_ms(2000);
+    start_load(&load, &daemon, "--users 50 --seconds 600 --reconnect --json");
+    wait_for_users(&daemon, 50);
     assert_int_equal(lw_process_stop(&daemon, SIGKILL, LIMIT_S), -SIGKILL);
-    serve(&daemon, again);
-    assert_int_equal(lw_process_finish(&load, LIMIT_S), 0);
+    lw_process_serve(&daemon, again);
+    wait_for_users(&daemon, 50);
+    assert_int_equal(lw_process_stop(&load, SIGINT, LIMIT_S), 1);
     json_t *r = report_of(&load);
-    expect_end(r, "time");
+    expect_end(r, "interrupted");
     expect_no_errors(r);
     assert_true(number(r, "broken") == 50 && number(r, "returned") == 50);
     assert_true(number(r, "welcomed") == 100 && number(r, "users_at_end") == 50 && number(r, "lost") == 0);
@@ -191,17 +221,15 @@ static void test_server_restarted(void **state) {
 
 static void test_interrupted(void **state) {
     (void)state;
-    struct lw_process daemon, load;
-    serve(&daemon, NEVER_RESTS);
-    start_load(&load, &daemon, "--users 20 --seconds 50 --json");
-    lw_process_sleep_ms(2000);
-    assert_int_equal(lw_process_stop(&load, SIGINT, 10), 1);
+    struct lw_process load;
+    start_load(&load, &shared, "--users 20 --seconds 600 --json");
+    wait_for_users(&shared, 20);
+    assert_int_equal(lw_process_stop(&load, SIGINT, LIMIT_S), 1);
     json_t *r = report_of(&load);
     expect_end(r, "interrupted");
     assert_true(number(r, "welcomed") == 20 && number(r, "measured_s") > 0.5);
     expect_no_errors(r);
     json_decref(r);
-    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
 }
 
 static void expect_failure(const char *arguments, int exit_code, const char *text) {
@@ -226,9 +254,8 @@ static void test_bad_input(void **state) {
 
 static void test_thresholds(void **state) {
     (void)state;
-    struct lw_process daemon, load;
-    serve(&daemon, NEVER_RESTS);
-    start_load(&load, &daemon, "--users 5 --seconds 1 --min-frames-per-s 100000 --max-first-view-ms 0");
+    struct lw_process load;
+    start_load(&load, &shared, "--users 5 --seconds 1 --min-frames-per-s 100000 --max-first-view-ms 0");
     assert_int_equal(lw_process_finish(&load, LIMIT_S), 1);
     char *complaints = lw_process_err(&load), *out = lw_process_out(&load);
     assert_non_null(strstr(complaints, "--min-frames-per-s 100000 does not hold"));
@@ -238,7 +265,6 @@ static void test_thresholds(void **state) {
     assert_non_null(strstr(out, "errors       none"));
     free(complaints);
     free(out);
-    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
 }
 
 static int kill_all(void **state) {
@@ -247,18 +273,22 @@ static int kill_all(void **state) {
     return 0;
 }
 
-int main(void) {
+/* With an argument: the long test alone. Those with a server of their own come last: what they leave running where they fail
+ * is killed, and the shared one with it. */
+int main(int argc, char **argv) {
+    const struct CMUnitTest long_tests[] = {cmocka_unit_test_teardown(test_never_readers, kill_all)};
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test_teardown(test_fifty_users, kill_all),
-        cmocka_unit_test_teardown(test_paths, kill_all),
-        cmocka_unit_test_teardown(test_churn, kill_all),
+        cmocka_unit_test(test_fifty_users), cmocka_unit_test(test_paths),
+        cmocka_unit_test(test_churn),       cmocka_unit_test(test_interrupted),
+        cmocka_unit_test(test_thresholds),  cmocka_unit_test(test_bad_input),
+    };
+    const struct CMUnitTest own_server_tests[] = {
         cmocka_unit_test_teardown(test_slow_readers, kill_all),
-        cmocka_unit_test_teardown(test_never_readers, kill_all),
         cmocka_unit_test_teardown(test_server_killed, kill_all),
         cmocka_unit_test_teardown(test_server_restarted, kill_all),
-        cmocka_unit_test_teardown(test_interrupted, kill_all),
-        cmocka_unit_test_teardown(test_bad_input, kill_all),
-        cmocka_unit_test_teardown(test_thresholds, kill_all),
     };
-    return cmocka_run_group_tests(tests, NULL, NULL);
+    (void)argv;
+    if (argc > 1) return cmocka_run_group_tests(long_tests, NULL, NULL);
+    return cmocka_run_group_tests(tests, serve_shared, stop_shared) +
+           cmocka_run_group_tests(own_server_tests, NULL, NULL);
 }
