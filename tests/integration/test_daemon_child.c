@@ -14,7 +14,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#define LIMIT_S 20u
+#define LIMIT_S 60u
 
 static char package[256];
 static bool parent_is_gone;

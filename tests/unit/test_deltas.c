@@ -162,7 +162,7 @@ static void add_real(struct fixture *f, uint64_t version) {
 }
 
 static void wait_until_made(struct fixture *f) {
-    for (uint64_t end_ns = lw_clock_ns() + 10000000000ull; !lw_deltas_collect(&f->deltas); usleep(100))
+    for (uint64_t end_ns = lw_clock_ns() + 60000000000ull; !lw_deltas_collect(&f->deltas); usleep(100))
         assert_true(lw_clock_ns() < end_ns);
     pthread_mutex_lock(&f->mutex);
     assert_true(f->woken);

@@ -27,7 +27,7 @@
 /* A server in a thread of its own, raw sockets here. Snapshots are made by hand: the payloads only have to be bytes. */
 
 #define OBJECTS      3u
-#define WAIT_MS      10000
+#define WAIT_MS      60000
 #define PAYLOAD_SIZE 20000u
 #define PACKAGE_SIZE 300000u
 #define CLIENT_TOKEN 0x1122334455667788u
@@ -1002,7 +1002,7 @@ static void test_slow_reader(void **state) {
         uint64_t start_ns = lw_clock_ns();
         expect_frame(fast, frame, frame == 1 ? 1 : 2);
         expect_tiles(fast, f->map.tile_count, frame);
-        assert_true(lw_clock_ns() - start_ns < 5000000000u);
+        assert_true(lw_clock_ns() - start_ns < 10000000000u); /* no stalled peer's time */
     }
     /* the slow one gets the newest in the end, and fewer tiles than there were: it skipped versions */
     struct lw_message m;
@@ -1514,7 +1514,7 @@ static void test_stop_while_sending(void **state) {
     expect_refusal(reading, LW_REFUSAL_SHUTDOWN);
     expect_refusal(silent, LW_REFUSAL_SHUTDOWN);
     join(f); /* does not wait for the one that does not read for long */
-    assert_true(lw_clock_ns() - start_ns < 5000000000u);
+    assert_true(lw_clock_ns() - start_ns < 10000000000u);
     close(slow);
     discard(f);
 }
