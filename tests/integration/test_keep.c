@@ -16,7 +16,7 @@
 #define TARGET  0.3f
 #define CORNELL                                                                                              \
     "builtin:cornell --texels-per-metre 8 --clock step --json --light whole --error 0.3 --frame-rate 200 "
-#define ATRIUM "builtin:atrium --texels-per-metre 2 --clock step --json --light whole --frame-rate 200 "
+#define ATRIUM "builtin:atrium --texels-per-metre 0.5 --clock step --json --light whole --frame-rate 200 "
 
 struct run {
     struct lw_process daemon;

