@@ -18,9 +18,10 @@ run: deps ## light the built-in atrium; the server says what to do next
 	@scripts/build.sh release programs
 	@exec build/release/bin/lightwelld builtin:atrium --animate
 
+# three at a time for two cores: some wait more than they compute
 test: deps build ## the fast tests: unit, golden, reference, integration
-	@ctest --test-dir build/release -L '^(unit|golden|reference|integration)$$' -j 2 \
-	  --no-tests=error --output-on-failure --timeout 120
+	@ctest --test-dir build/release -L '^(unit|golden|reference|integration)$$' -j 3 \
+	  --no-tests=error --output-on-failure --timeout 600
 
 test-long: deps-all ## sanitizers, both compilers, other processors and instruction sets, long tests, a short run of each fuzzer
 	@scripts/check.sh gcc clang dev tsan arm64 rays-all isa long fuzz

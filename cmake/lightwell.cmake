@@ -70,20 +70,22 @@ function(lw_test_environment name)
   endif()
 endfunction()
 
-# lw_test(LABEL NAME LIBS ... [TIMEOUT seconds] [WRAP symbols] [THREADED]): tests/LABEL/NAME.c with cmocka, one process,
-# a ctest entry with a time limit. WRAP names functions that the test replaces (__wrap_x, __real_x). THREADED also runs
-# it under ThreadSanitizer (label `threaded`).
+# The time limit of every test, seconds: it ends what hangs and judges nothing. Twenty times what the longest takes on two quiet
+# cores, so that a slow and busy machine does not reach it.
+set(LW_TEST_TIMEOUT 600)
+if(LW_SANITIZE)
+  math(EXPR LW_TEST_TIMEOUT "4 * ${LW_TEST_TIMEOUT}") # instrumented code is slower
+endif()
+
+# lw_test(LABEL NAME LIBS ... [WRAP symbols] [COST seconds] [THREADED] [LONG]): tests/LABEL/NAME.c with cmocka, one process,
+# a ctest entry with a time limit. WRAP names functions that the test replaces (__wrap_x, __real_x). COST says about how long
+# it takes if that is long: such tests start first. THREADED also runs it under ThreadSanitizer (label `threaded`). LONG: with
+# an argument it runs other tests, NAME_long (label `long`).
 function(lw_test label name)
-  cmake_parse_arguments(arg "THREADED" "TIMEOUT" "LIBS;WRAP" ${ARGN})
-  if(NOT arg_TIMEOUT)
-    set(arg_TIMEOUT 60)
-  endif()
+  cmake_parse_arguments(arg "THREADED;LONG" "COST" "LIBS;WRAP" ${ARGN})
   set(labels ${label})
   if(arg_THREADED)
     list(APPEND labels threaded)
-  endif()
-  if(LW_SANITIZE)
-    math(EXPR arg_TIMEOUT "4 * ${arg_TIMEOUT}") # instrumented code is slower
   endif()
   add_executable(${name} ${name}.c)
   target_link_libraries(${name} PRIVATE lw_flags lw_test_support ${arg_LIBS} cmocka::cmocka)
@@ -91,8 +93,16 @@ function(lw_test label name)
     target_link_options(${name} PRIVATE -Wl,--wrap=${symbol})
   endforeach()
   add_test(NAME ${name} COMMAND ${name})
-  set_tests_properties(${name} PROPERTIES LABELS "${labels}" TIMEOUT ${arg_TIMEOUT})
+  set_tests_properties(${name} PROPERTIES LABELS "${labels}" TIMEOUT ${LW_TEST_TIMEOUT})
+  if(arg_COST)
+    set_tests_properties(${name} PROPERTIES COST ${arg_COST})
+  endif()
   lw_test_environment(${name})
+  if(arg_LONG)
+    add_test(NAME ${name}_long COMMAND ${name} long)
+    set_tests_properties(${name}_long PROPERTIES LABELS long TIMEOUT ${LW_TEST_TIMEOUT})
+    lw_test_environment(${name}_long)
+  endif()
 endfunction()
 
 # lw_fuzzer(NAME LIBS ...): tests/fuzz/NAME.c defines LLVMFuzzerTestOneInput. In ctest its corpus,
@@ -110,6 +120,6 @@ function(lw_fuzzer name)
     target_sources(${name} PRIVATE ${PROJECT_SOURCE_DIR}/tests/fuzz/replay.c)
     add_test(NAME ${name} COMMAND ${name} ${corpus})
   endif()
-  set_tests_properties(${name} PROPERTIES LABELS unit TIMEOUT 120)
+  set_tests_properties(${name} PROPERTIES LABELS unit TIMEOUT ${LW_TEST_TIMEOUT})
   lw_test_environment(${name})
 endfunction()

@@ -180,7 +180,7 @@ static void an_interruption_keeps_what_is_there(void **state) {
         lw_process_sleep_ms(50);
     }
     kill(process.pid, SIGINT); /* timeout(1) sends two at once, which are one */
-    assert_int_equal(lw_process_stop(&process, SIGINT, 30), 0);
+    assert_int_equal(lw_process_stop(&process, SIGINT, LIMIT_S), 0);
     char *report = read_text(folder, "report.md"), *csv = read_text(folder, "settings.csv");
     assert_non_null(strstr(report, "interrupted"));
     assert_non_null(strstr(csv, "paths,1,"));
@@ -214,15 +214,20 @@ static void fails_with_one_line(void **state) {
     }
 }
 
-int main(void) {
+/* Each whole run takes seconds by the clock. With an argument: the long tests alone. */
+int main(int argc, char **argv) {
+    const struct CMUnitTest long_tests[] = {
+        cmocka_unit_test_teardown(given_settings_of_the_whole_take_one_sequence, end_all),
+        cmocka_unit_test_teardown(both_sides_may_be_filtered, end_all),
+    };
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(measures_and_reports, end_all),
         cmocka_unit_test_teardown(equals_are_equal, end_all),
         cmocka_unit_test_teardown(settings_may_be_given_and_plots_missing, end_all),
-        cmocka_unit_test_teardown(given_settings_of_the_whole_take_one_sequence, end_all),
-        cmocka_unit_test_teardown(both_sides_may_be_filtered, end_all),
         cmocka_unit_test_teardown(an_interruption_keeps_what_is_there, end_all),
         cmocka_unit_test_teardown(fails_with_one_line, end_all),
     };
+    (void)argv;
+    if (argc > 1) return cmocka_run_group_tests(long_tests, NULL, NULL);
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -376,17 +376,18 @@ static void test_sponza(void **state) {
     expect_welded("Sponza", scene, 0, 1, 16, 0.006, 0.11, 2, (const double[]){0.11, 0.10}, 10000);
 }
 
-/* With an argument: the long test alone. */
+/* With an argument: the long tests alone. */
 int main(int argc, char **argv) {
-    const struct CMUnitTest long_tests[] = {cmocka_unit_test(test_sponza)};
-
+    const struct CMUnitTest long_tests[] = {
+        cmocka_unit_test(test_atrium),
+        cmocka_unit_test(test_sponza),
+    };
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_slats),
         cmocka_unit_test(test_ball),
         cmocka_unit_test(test_what_is_a_seam),
         cmocka_unit_test(test_t_junction),
         cmocka_unit_test(test_parts_of_a_frame),
-        cmocka_unit_test(test_atrium),
     };
     (void)argv;
     if (argc > 1) return cmocka_run_group_tests(long_tests, NULL, NULL);
