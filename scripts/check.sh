@@ -18,7 +18,7 @@ jobs=${LW_JOBS:-$(nproc)}
 run_tests() {
     local preset=$1
     shift
-    ctest --test-dir "build/$preset" --no-tests=error --output-on-failure  -j "$jobs" "$@"
+    ctest --test-dir "build/$preset" --no-tests=error --output-on-failure -j "$jobs" "$@"
 }
 
 fast='^(unit|golden|reference|integration)$'
