@@ -41,6 +41,10 @@ struct lw_error {
     char text[LW_ERROR_TEXT_SIZE]; /* one line, no final newline; names the file, field or option */
 };
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /** Text of a status, e.g. "malformed or unsupported data". Never NULL. [any] */
 const char *lw_status_text(enum lw_status status);
 
@@ -59,5 +63,9 @@ enum lw_status lw_status_fail(struct lw_error *err, enum lw_status status, const
 /** Puts "context: " in front of the text of an error that holds a cause; otherwise does nothing.
  * Where both do not fit, the context is cut: the cause says more. */
 void lw_status_context(struct lw_error *err, const char *format, ...) LW_PRINTF(2, 3);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

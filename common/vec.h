@@ -23,9 +23,16 @@ struct lw_affine {
     float m[3][4];
 };
 
+#ifdef __cplusplus
+#define LW_AFFINE_IDENTITY (lw_affine{{{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}}})
+#else
 #define LW_AFFINE_IDENTITY ((struct lw_affine){{{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}}})
+#endif
 
-static inline struct lw_vec3 lw_vec3(float x, float y, float z) { return (struct lw_vec3){x, y, z}; }
+static inline struct lw_vec3 lw_vec3(float x, float y, float z) {
+    const struct lw_vec3 v = {x, y, z};
+    return v;
+}
 static inline struct lw_vec3 lw_vec3_add(struct lw_vec3 a, struct lw_vec3 b) {
     return lw_vec3(a.x + b.x, a.y + b.y, a.z + b.z);
 }

@@ -5,7 +5,7 @@
 set -euo pipefail
 
 packages=(
-    gcc libc6-dev cmake ninja-build pkg-config make git
+    gcc g++ libc6-dev cmake ninja-build pkg-config make git
     libembree-dev libtbb-dev libuv1-dev
     libprotobuf-c-dev protobuf-c-compiler protobuf-compiler
     libzstd-dev libxxhash-dev libjansson-dev

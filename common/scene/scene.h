@@ -166,6 +166,10 @@ struct lw_scene {
     void *storage; /* owns every array above; see lw_scene_destroy() */
 };
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /** An empty scene that allocates from itself. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_scene_create(struct lw_scene **out_scene);
 void lw_scene_destroy(struct lw_scene *scene);
@@ -238,8 +242,9 @@ void lw_scene_facet(const struct lw_scene *scene, const struct lw_mesh *mesh, ui
 /** What corners weigh at a point: 1 - u - v, u, v of barycentrics u, v. */
 static inline struct lw_vec2 lw_scene_facet_mean(const struct lw_vec2 corner[3], const float weight[3]) {
     const float *w = weight;
-    return (struct lw_vec2){w[0] * corner[0].x + w[1] * corner[1].x + w[2] * corner[2].x,
-                            w[0] * corner[0].y + w[1] * corner[1].y + w[2] * corner[2].y};
+    const struct lw_vec2 mean = {w[0] * corner[0].x + w[1] * corner[1].x + w[2] * corner[2].x,
+                                 w[0] * corner[0].y + w[1] * corner[1].y + w[2] * corner[2].y};
+    return mean;
 }
 
 /** The four texels that a bilinear look-up mixes, a row after the other. */
@@ -281,5 +286,9 @@ struct lw_vec3 lw_scene_shadow_origin(const struct lw_mesh *mesh, uint32_t trian
 /** Alpha alone, for visibility, as in struct lw_surface. */
 float lw_scene_alpha(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle, float u,
                      float v);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

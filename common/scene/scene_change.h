@@ -80,6 +80,10 @@ enum lw_scene_change_code {
 #undef X
 };
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /** What a code means; of one that is unknown, that it is. Never NULL. */
 const char *lw_scene_change_text(uint32_t code);
 
@@ -91,5 +95,9 @@ uint32_t lw_scene_change_targets(const struct lw_scene *scene, enum lw_scene_cha
  * Returns LW_SCENE_CHANGE_OK, or why not, with LW_BAD_DATA and one line of under 200 bytes of ASCII in *err. */
 enum lw_scene_change_code lw_scene_change_check(const struct lw_scene *scene,
                                                 const struct lw_scene_change *change, struct lw_error *err);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -57,6 +57,10 @@ struct lw_atlas_map {
     struct lw_tile_place *place; /* per tile id */
 };
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 void lw_atlas_init(struct lw_atlas *atlas, uint32_t width, uint32_t height);
 
 /** Errors: LW_NO_MEMORY. */
@@ -71,5 +75,9 @@ lw_tile_id lw_atlas_map_find_tile(const struct lw_atlas_map *map, uint32_t objec
                                   uint32_t tile);
 /** That number of a tile. id: of a tile of the map */
 uint32_t lw_atlas_map_number(const struct lw_atlas_map *map, lw_tile_id id);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -1,18 +1,25 @@
 /* client.h: liblightwell: live lightmaps from a lightwelld, for your own renderer.
  *
+ *     struct lw_client_desc desc = {0};
+ *     desc.host = "127.0.0.1";
+ *     desc.port = 7780;
  *     struct lw_client *client;
- *     struct lw_error err = {0};
- *     if (lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1", .port = 7780}, &client, &err)) ...
+ *     struct lw_error err = {LW_OK, ""};
+ *     if (lw_client_create(&desc, &client, &err) != LW_OK) ...
  *     while (lw_client_scene(client) == NULL) lw_client_poll(client, 100, &err);
  *     every frame: lw_client_poll(client, 0, &err), then read atlases and transforms, draw albedo/pi * E + emission.
  *
- * Threads: one thread at a time per client; no threads of its own. */
+ * For C, and for C++ from C++17 on. Threads: one thread at a time per client; no threads of its own. */
 #ifndef LIGHTWELL_CLIENT_H
 #define LIGHTWELL_CLIENT_H
 
 #include "common/scene/scene.h"
 #include "common/scene/scene_change.h"
 #include "common/tile/atlas.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
 
 struct lw_client;
 
@@ -193,5 +200,9 @@ struct lw_client_stats {
     uint64_t changed_frame; /* the last one that said something of materials or of what is hidden; 0: none */
 };
 void lw_client_get_stats(const struct lw_client *client, struct lw_client_stats *out_stats);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif
