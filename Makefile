@@ -1,6 +1,7 @@
 # A thin face over CMake. `make help` lists what there is.
 .DEFAULT_GOAL := build
-.PHONY: help deps deps-all build run test test-long bench fuzz format lint clean
+PREFIX ?= /usr/local
+.PHONY: help deps deps-all build install run test test-long bench fuzz format lint clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -13,6 +14,12 @@ deps-all:
 
 build: ## build programs, tests and benches (release) into build/release/bin
 	@scripts/build.sh release
+
+# It builds no more than is missing: often root installs what somebody else has built.
+install: ## install programs, library and documents below $(DESTDIR)$(PREFIX); PREFIX is /usr/local unless set
+	@if [ -e build/release/build.ninja ]; then cmake --build build/release --target programs; \
+	  else scripts/build.sh release programs; fi
+	@DESTDIR="$(DESTDIR)" cmake --install build/release --prefix "$(PREFIX)"
 
 run: deps ## light the built-in atrium; the server says what to do next
 	@scripts/build.sh release programs

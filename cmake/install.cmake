@@ -1,4 +1,5 @@
-# What `cmake --install` adds to the programs: liblightwell for other people's renderers (docs/client_guide.md).
+# What `make install` adds to the programs: liblightwell for other people's renderers (docs/client_guide.md), and
+# documents.
 
 include(GNUInstallDirs)
 set(lw_include_dir ${CMAKE_INSTALL_INCLUDEDIR}/lightwell-${PROJECT_VERSION})
@@ -18,3 +19,8 @@ file(RELATIVE_PATH lw_to_prefix /${CMAKE_INSTALL_LIBDIR}/pkgconfig /)
 string(REGEX REPLACE "/$" "" lw_to_prefix ${lw_to_prefix})
 configure_file(cmake/lightwell.pc.in ${PROJECT_BINARY_DIR}/lightwell.pc @ONLY)
 install(FILES ${PROJECT_BINARY_DIR}/lightwell.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig COMPONENT client)
+
+# Documents name each other by their place in this tree, so they keep it, too.
+install(FILES LICENSE README.md CHANGELOG.md CONTRIBUTING.md DESTINATION ${CMAKE_INSTALL_DOCDIR})
+install(FILES proto/lightwell.proto proto/wire_format.md DESTINATION ${CMAKE_INSTALL_DOCDIR}/proto)
+install(DIRECTORY docs DESTINATION ${CMAKE_INSTALL_DOCDIR})

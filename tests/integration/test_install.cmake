@@ -1,10 +1,14 @@
-# Installs liblightwell, moves it, and uses it by what pkg-config says alone: each header by itself, and the example of
-# docs/client_guide.md, in C and in C++.
-# Given: SOURCE_DIR, BINARY_DIR, COMPILER_C, COMPILER_CXX, FLAGS (of sanitizers), LIBDIR, PKG_CONFIG
+# Installs into new folders and uses what is there:
+# * liblightwell, moved, by what pkg-config says alone: each header by itself, and the example of docs/client_guide.md,
+#   in C and in C++;
+# * everything, below a DESTDIR: lightwelld lights a scene file.
+# Given: SOURCE_DIR, BINARY_DIR, COMPILER_C, COMPILER_CXX, FLAGS (of sanitizers), BINDIR, LIBDIR, DOCDIR, PKG_CONFIG
 
 cmake_minimum_required(VERSION 3.25)
 set(work ${BINARY_DIR}/tests/integration/install)
 file(REMOVE_RECURSE ${work})
+
+# ---- the library ----
 
 execute_process(COMMAND ${CMAKE_COMMAND} --install ${BINARY_DIR} --component client --prefix ${work}/first
   OUTPUT_QUIET COMMAND_ERROR_IS_FATAL ANY)
@@ -90,3 +94,27 @@ foreach(language C CXX)
     message(FATAL_ERROR "the example, as ${language}, ended with ${code}: ${told}")
   endif()
 endforeach()
+
+# ---- everything ----
+
+execute_process(COMMAND ${CMAKE_COMMAND} -E env DESTDIR=${work}/root
+  ${CMAKE_COMMAND} --install ${BINARY_DIR} --prefix /opt/lightwell
+  OUTPUT_QUIET COMMAND_ERROR_IS_FATAL ANY)
+set(prefix ${work}/root/opt/lightwell)
+foreach(program lightwelld lightwellctl lightwell-view lightwell-bake lightwell-import lightwell-load)
+  execute_process(COMMAND ${prefix}/${BINDIR}/${program} --version OUTPUT_QUIET COMMAND_ERROR_IS_FATAL ANY)
+endforeach()
+foreach(file ${LIBDIR}/liblightwell.a ${DOCDIR}/LICENSE ${DOCDIR}/README.md ${DOCDIR}/docs/operations.md)
+  if(NOT EXISTS ${prefix}/${file})
+    message(FATAL_ERROR "${prefix}/${file} is not installed")
+  endif()
+endforeach()
+
+# The daemon has nothing but its own folder to find the importer in.
+set(ENV{PATH} ${work}/moved)
+execute_process(COMMAND ${prefix}/${BINDIR}/lightwelld ${SOURCE_DIR}/tests/fuzz/corpus/fuzz_gltf/base.gltf
+  --sky 1,1,1 --light whole --clock step --frames 1 --listen 127.0.0.1:0 --threads 2
+  TIMEOUT 60 RESULT_VARIABLE code ERROR_VARIABLE told)
+if(NOT code EQUAL 0)
+  message(FATAL_ERROR "the installed lightwelld ended with ${code}: ${told}")
+endif()
