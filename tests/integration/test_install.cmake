@@ -114,7 +114,7 @@ endforeach()
 set(ENV{PATH} ${work}/moved)
 execute_process(COMMAND ${prefix}/${BINDIR}/lightwelld ${SOURCE_DIR}/tests/fuzz/corpus/fuzz_gltf/base.gltf
   --sky 1,1,1 --light whole --clock step --frames 1 --listen 127.0.0.1:0 --threads 2
-  TIMEOUT 60 RESULT_VARIABLE code ERROR_VARIABLE told)
+  TIMEOUT 120 RESULT_VARIABLE code ERROR_VARIABLE told)
 if(NOT code EQUAL 0)
   message(FATAL_ERROR "the installed lightwelld ended with ${code}: ${told}")
 endif()
