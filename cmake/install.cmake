@@ -1,5 +1,5 @@
-# What `make install` adds to the programs: liblightwell for other people's renderers (docs/client_guide.md), and
-# documents.
+# What `make install` adds to the programs: liblightwell for other people's renderers (docs/client_guide.md),
+# and documents.
 
 include(GNUInstallDirs)
 set(lw_include_dir ${CMAKE_INSTALL_INCLUDEDIR}/lightwell-${PROJECT_VERSION})

@@ -1,8 +1,9 @@
 # Installs into new folders and uses what is there:
-# * liblightwell, moved, by what pkg-config says alone: each header by itself, and the example of docs/client_guide.md,
-#   in C and in C++;
+# * liblightwell, moved, by what pkg-config says alone: each header by itself, and the example of
+#   docs/client_guide.md, in C and in C++;
 # * everything, below a DESTDIR: lightwelld lights a scene file.
-# Given: SOURCE_DIR, BINARY_DIR, COMPILER_C, COMPILER_CXX, FLAGS (of sanitizers), BINDIR, LIBDIR, DOCDIR, PKG_CONFIG
+# Given: SOURCE_DIR, BINARY_DIR, COMPILER_C, COMPILER_CXX, FLAGS (of sanitizers), BINDIR, LIBDIR, DOCDIR,
+# PKG_CONFIG
 
 cmake_minimum_required(VERSION 3.25)
 set(work ${BINARY_DIR}/tests/integration/install)
@@ -88,7 +89,8 @@ foreach(language C CXX)
   set(source ${work}/example.${suffix_${language}})
   set(example ${work}/example_${language})
   file(WRITE ${source} "${program}")
-  execute_process(COMMAND ${compile} ${example_may} ${source} -o ${example} ${libs} COMMAND_ERROR_IS_FATAL ANY)
+  execute_process(COMMAND ${compile} ${example_may} ${source} -o ${example} ${libs}
+    COMMAND_ERROR_IS_FATAL ANY)
   execute_process(COMMAND ${example} RESULT_VARIABLE code ERROR_VARIABLE told)
   if(NOT code EQUAL 7 OR NOT told MATCHES "127.0.0.1")
     message(FATAL_ERROR "the example, as ${language}, ended with ${code}: ${told}")
