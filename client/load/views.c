@@ -59,8 +59,9 @@ static enum lw_status stroll(struct lw_views *v, const struct lw_pose *pose) {
     struct lw_vec3 low, high, ahead = lw_vec3(start.forward.x, 0, start.forward.z);
     if (!lw_pose_bounds(pose, v->desc.scene, &low, &high)) low = high = start.position;
     float diagonal_m = lw_vec3_length(lw_vec3_sub(high, low));
+    float slope = start.forward.y / fmaxf(lw_vec3_length(ahead), 1e-3f);
     ahead = lw_vec3_length(ahead) > 1e-3f ? lw_vec3_normalize(ahead) : lw_vec3(0, 0, -1);
-    float length_m = 0.5f * fminf(free_distance(v->desc.trace, start.position, ahead), diagonal_m);
+    float length_m = 0.5f * fminf(free_distance(v->desc.trace, start.position, start.forward), diagonal_m);
     /* files in centimetres: a walker's pace by his height, as the eye's height by the scene's */
     float pace_m_s = WALK_M_S * fmaxf(1, 0.15f * (high.y - low.y) / EYE_HEIGHT_M);
     float period_s = fminf(fmaxf(2 * length_m / pace_m_s, 2.0f), (float)WALK_S_MAX);
@@ -74,12 +75,12 @@ static enum lw_status stroll(struct lw_views *v, const struct lw_pose *pose) {
         float yaw = LOOK_ASIDE * sinf((float)looks * phase);
         struct lw_vec3 aside = lw_vec3_cross(ahead, lw_vec3(0, 1, 0));
         struct lw_vec3 look = lw_vec3_mad(lw_vec3_scale(ahead, cosf(yaw)), aside, sinf(yaw));
+        look.y = slope; /* of a view from outside and above */
         v->path[f] = lw_camera_look_at(at, lw_vec3_add(at, look), start.fov_y);
     }
     v->path_frames = frames;
-    snprintf(v->about, sizeof v->about,
-             "a walk to and fro along %.1f m of the longest free line of sight (%.1f s)", (double)length_m,
-             (double)frames / LW_VIEWS_HZ);
+    snprintf(v->about, sizeof v->about, "a walk to and fro along %.1f m from the default view (%.1f s)",
+             (double)length_m, (double)frames / LW_VIEWS_HZ);
     return LW_OK;
 }
 

@@ -127,6 +127,8 @@ static void test_of_scene(void **state) {
     lw_scene_destroy(scene);
 }
 
+/* ---- the default view ---- */
+
 static struct lw_camera_view default_view(struct lw_scene *scene, float aspect) {
     struct lw_pose pose;
     struct lw_trace *trace;
@@ -134,9 +136,56 @@ static struct lw_camera_view default_view(struct lw_scene *scene, float aspect) 
     lw_support_ok(lw_pose_init(&pose, scene), NULL);
     lw_support_ok(lw_trace_create(scene, &pose, &trace, &err), &err);
     struct lw_camera_view view = lw_camera_default(scene, &pose, trace, aspect);
+    struct lw_camera_view again = lw_camera_default(scene, &pose, trace, aspect);
+    assert_memory_equal(&view, &again, sizeof view);
+    assert_float_equal(lw_vec3_length(view.forward), 1, 1e-5f);
     lw_trace_destroy(trace);
     lw_pose_finish(&pose);
     return view;
+}
+
+/* Which way squares face once they are turned, from +Y: a cube's top, bottom, left, right, back, front. */
+static const struct lw_vec3 facing[6] = {{0, 1, 0}, {0, -1, 0}, {-1, 0, 0}, {1, 0, 0}, {0, 0, -1}, {0, 0, 1}};
+static void turn(struct lw_node *node, int side) {
+    const float h = sqrtf(0.5f);
+    const float rotation[6][4] = {{0, 0, 0, 1},  {1, 0, 0, 0},  {0, 0, h, h},
+                                  {0, 0, -h, h}, {-h, 0, 0, h}, {h, 0, 0, h}};
+    memcpy(node->rotation, rotation[side], sizeof node->rotation);
+}
+
+static void move(struct lw_node *node, struct lw_vec3 to) {
+    node->translation[0] = to.x;
+    node->translation[1] = to.y;
+    node->translation[2] = to.z;
+}
+
+/* Puts squares of a scene together as sides of a cube that face outwards, or inwards. */
+static void make_cube(struct lw_scene *scene, uint32_t first, uint32_t count, struct lw_vec3 centre,
+                      float side_m, bool inwards) {
+    for (uint32_t i = 0; i < count; i++) {
+        turn(&scene->node[first + i], (int)i);
+        move(&scene->node[first + i],
+             lw_vec3_mad(centre, facing[i], inwards ? -0.5f * side_m : 0.5f * side_m));
+    }
+}
+
+/* How much of the picture's width or height a box takes, whichever is more; all of it must be in the picture. */
+static float extent_of(const struct lw_camera_view *view, float aspect, struct lw_vec3 low,
+                       struct lw_vec3 high) {
+    float left = 1, right = -1, bottom = 1, top = -1, edge = tanf(view->fov_y / 2);
+    for (int i = 0; i < 8; i++) {
+        struct lw_vec3 corner =
+            lw_vec3(i & 1 ? high.x : low.x, i & 2 ? high.y : low.y, i & 4 ? high.z : low.z);
+        struct lw_vec3 to = lw_vec3_sub(corner, view->position);
+        float depth = lw_vec3_dot(to, view->forward);
+        assert_true(depth > 0);
+        float x = lw_vec3_dot(to, view->right) / (depth * edge * aspect),
+              y = lw_vec3_dot(to, view->up) / (depth * edge);
+        assert_true(fabsf(x) < 1 && fabsf(y) < 1);
+        left = fminf(left, x), right = fmaxf(right, x);
+        bottom = fminf(bottom, y), top = fmaxf(top, y);
+    }
+    return 0.5f * fmaxf(right - left, top - bottom);
 }
 
 static void test_default_from_outside(void **state) {
@@ -144,36 +193,112 @@ static void test_default_from_outside(void **state) {
     struct lw_scene *scene = lw_support_squares(3, 4); /* a row of 20 x 4 m, open to all sides */
     for (float aspect = 0.5f; aspect <= 2.0f; aspect += 0.5f) {
         struct lw_camera_view view = default_view(scene, aspect);
-        assert_true(view.position.y > 0);
-        for (int i = 0; i < 4; i++) { /* all corners of the bounds are in the picture */
-            struct lw_vec3 corner = lw_vec3(i & 1 ? 18.0f : -2.0f, 0, i & 2 ? 2.0f : -2.0f);
-            struct lw_vec3 to = lw_vec3_sub(corner, view.position);
-            float depth = lw_vec3_dot(to, view.forward), edge = tanf(view.fov_y / 2);
-            assert_true(depth > 0);
-            assert_true(fabsf(lw_vec3_dot(to, view.up)) < edge * depth);
-            assert_true(fabsf(lw_vec3_dot(to, view.right)) < edge * aspect * depth);
-        }
+        assert_true(view.position.y > 1); /* in front of the squares, not on edge */
+        assert_in_range(extent_of(&view, aspect, lw_vec3(-2, 0, -2), lw_vec3(18, 0, 2)) * 100, 80, 100);
     }
     lw_scene_destroy(scene);
 }
 
-static void test_default_inside_a_room(void **state) {
+static void test_default_fits_any_size(void **state) {
     (void)state;
-    struct lw_scene *scene = lw_support_squares(6, 4); /* six sides of a 4 m cube, facing inwards */
-    const float h = sqrtf(0.5f);
-    const float place[6][3] = {{0, 0, 0}, {0, 4, 0}, {2, 2, 0}, {-2, 2, 0}, {0, 2, 2}, {0, 2, -2}};
-    const float turn[6][4] = {{0, 0, 0, 1},  {1, 0, 0, 0},  {0, 0, h, h},
-                              {0, 0, -h, h}, {-h, 0, 0, h}, {h, 0, 0, h}};
-    for (int i = 0; i < 6; i++) {
-        for (int k = 0; k < 3; k++) scene->node[i].translation[k] = place[i][k];
-        for (int k = 0; k < 4; k++) scene->node[i].rotation[k] = turn[i][k];
+    for (float side_m = 1e-3f; side_m < 1e6f; side_m *= 100) {
+        struct lw_scene *scene = lw_support_squares(6, side_m);
+        struct lw_vec3 centre = lw_vec3(3 * side_m, side_m, -side_m), half = lw_vec3(side_m, side_m, side_m);
+        half = lw_vec3_scale(half, 0.5f);
+        make_cube(scene, 0, 6, centre, side_m, false);
+        scene->sky[0] = scene->sky[1] = scene->sky[2] = 1;
+        for (float aspect = 0.5f; aspect <= 2.0f; aspect += 0.5f) {
+            struct lw_camera_view view = default_view(scene, aspect);
+            float extent = extent_of(&view, aspect, lw_vec3_sub(centre, half), lw_vec3_add(centre, half));
+            assert_in_range(extent * 100, 80, 100);
+            int sides = 0; /* that are seen */
+            for (int i = 0; i < 6; i++) {
+                struct lw_vec3 from = lw_vec3_mad(centre, facing[i], 0.5f * side_m);
+                sides += lw_vec3_dot(lw_vec3_sub(view.position, from), facing[i]) > 0;
+            }
+            assert_int_equal(sides, 3);
+            assert_true(view.position.y > centre.y);
+        }
+        lw_scene_destroy(scene);
     }
+}
+
+static void test_default_inside_a_closed_room(void **state) {
+    (void)state;
+    struct lw_scene *scene = lw_support_squares(6, 4);
+    make_cube(scene, 0, 6, lw_vec3(0, 2, 0), 4, true);
     struct lw_camera_view view = default_view(scene, 1.5f);
     assert_true(fabsf(view.position.x) < 2 && fabsf(view.position.z) < 2);
-    assert_true(view.position.y > 0 && view.position.y < 4);
+    assert_true(view.position.y > 1 && view.position.y < 3);
+    assert_float_equal(view.right.y, 0, 1e-5f);
     /* looks across the room, not at the wall beside it */
     struct lw_vec3 ahead = lw_vec3_mad(view.position, view.forward, 2.0f);
     assert_true(fabsf(ahead.x) < 2 && fabsf(ahead.z) < 2);
+    lw_scene_destroy(scene);
+}
+
+static void test_default_into_an_open_room(void **state) {
+    (void)state;
+    /* A side is taken out of the room: one that faces -X, which is at its right. */
+    struct lw_scene *scene = lw_support_squares(6, 4);
+    make_cube(scene, 0, 6, lw_vec3(0, 2, 0), 4, true);
+    scene->object[2] = scene->object[--scene->object_count];
+    for (int both = 0; both < 2; both++) { /* whether or not the walls' outer sides can be seen */
+        scene->material[0].double_sided = both != 0;
+        struct lw_camera_view view = default_view(scene, 16.0f / 9);
+        assert_true(view.position.x > 2 && view.forward.x < -0.8f);
+        assert_in_range(extent_of(&view, 16.0f / 9, lw_vec3(-2, 0, -2), lw_vec3(2, 4, 2)) * 100, 80, 100);
+    }
+    lw_scene_destroy(scene);
+}
+
+static void test_default_sees_fronts(void **state) {
+    (void)state;
+    for (int side = 0; side < 6; side++) {
+        struct lw_scene *scene = lw_support_squares(1, 4);
+        turn(&scene->node[0], side);
+        scene->sky[0] = scene->sky[1] = scene->sky[2] = 1;
+        struct lw_camera_view view = default_view(scene, 1);
+        assert_true(lw_vec3_dot(view.position, facing[side]) > 1);
+        lw_scene_destroy(scene);
+    }
+}
+
+static void test_default_sees_the_lit_side(void **state) {
+    (void)state;
+    for (float z = -5; z <= 5; z += 10) {
+        struct lw_scene *scene = lw_support_squares(1, 4);
+        turn(&scene->node[0], 5);
+        scene->material[0].double_sided = true;
+        struct lw_vec3 lamp = lw_vec3(1, 1, z);
+        move(&scene->node[1], lamp);
+        struct lw_camera_view view = default_view(scene, 1);
+        assert_true(view.position.z * z > 0);
+        lw_scene_destroy(scene);
+    }
+}
+
+static void test_default_finds_what_stands_on_wide_ground(void **state) {
+    (void)state;
+    /* Twenty cubes of 2 m in 10 x 8 m, and a kilometre of ground. */
+    struct lw_scene *scene = lw_support_squares(121, 2);
+    for (uint32_t i = 0; i < 20; i++)
+        make_cube(scene, 6 * i, 6, lw_vec3(100 + 2.5f * (float)(i % 4), 1, 50 + 2.5f * (float)(i / 4)), 2,
+                  false);
+    move(&scene->node[120], lw_vec3(0, 0, 0));
+    for (int i = 0; i < 3; i++) scene->node[120].scale[i] = 500;
+    scene->sky[0] = scene->sky[1] = scene->sky[2] = 1;
+    struct lw_camera_view view = default_view(scene, 1.5f);
+    assert_in_range(extent_of(&view, 1.5f, lw_vec3(99, 0, 49), lw_vec3(108.5f, 2, 61)) * 100, 50, 100);
+    lw_scene_destroy(scene);
+}
+
+static void test_default_of_nothing(void **state) {
+    (void)state;
+    struct lw_scene *scene = lw_support_squares(1, 4);
+    scene->object_count = 0;
+    struct lw_camera_view view = default_view(scene, 1);
+    assert_true(lw_vec3_is_finite(view.position));
     lw_scene_destroy(scene);
 }
 
@@ -185,7 +310,13 @@ int main(void) {
         cmocka_unit_test(test_find),
         cmocka_unit_test(test_of_scene),
         cmocka_unit_test(test_default_from_outside),
-        cmocka_unit_test(test_default_inside_a_room),
+        cmocka_unit_test(test_default_fits_any_size),
+        cmocka_unit_test(test_default_inside_a_closed_room),
+        cmocka_unit_test(test_default_into_an_open_room),
+        cmocka_unit_test(test_default_sees_fronts),
+        cmocka_unit_test(test_default_sees_the_lit_side),
+        cmocka_unit_test(test_default_finds_what_stands_on_wide_ground),
+        cmocka_unit_test(test_default_of_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
