@@ -1,4 +1,4 @@
-/* font.h: letters for the overlay; five by seven pixels, ASCII.
+/* font.h: letters for the overlay; five by seven pixels and two below the line, ASCII.
  * Threads: pure functions, [any]. */
 #ifndef LW_CLIENT_VIEW_FONT_H
 #define LW_CLIENT_VIEW_FONT_H
@@ -6,9 +6,10 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define LW_FONT_WIDTH   5
-#define LW_FONT_HEIGHT  7
-#define LW_FONT_ADVANCE 6
+#define LW_FONT_WIDTH    5
+#define LW_FONT_HEIGHT   9
+#define LW_FONT_BASELINE 7 /* rows above the line */
+#define LW_FONT_ADVANCE  6
 
 /** Pixels to draw on. */
 struct lw_font_canvas {

@@ -2,6 +2,7 @@
 
 #include "client/view/flight.h"
 #include "client/view/font.h"
+#include "client/view/overlay.h"
 #include "client/view/pace.h"
 #include "client/view/picture.h"
 #include "client/view/seeker.h"
@@ -19,14 +20,18 @@
 #define IDLE_WAIT_MS      8
 #define REST_AFTER_NS     200000000u /* without motion: then the picture sharpens */
 #define FIGURES_EVERY_NS  500000000u
+#define KEYS_SHOWN_NS     20000000000u /* of the first picture, unless somebody presses a key before */
 #define RADIANS_PER_PIXEL 0.0025f
 #define FAST              4.0f
 #define STEP_S_MAX        0.1f /* a hitch must not throw the camera across the room */
 
-#define PANEL_WIDTH  460
-#define PANEL_HEIGHT 116
-#define PANEL_LINES  4
 #define TEXT_SCALE   2
+#define PANEL_MARGIN 10
+#define PANEL_PITCH  (TEXT_SCALE * (LW_FONT_HEIGHT + 2))
+#define PANEL_WIDTH  520
+#define PANEL_HEIGHT (LW_OVERLAY_KEYS * PANEL_PITCH + 2 * PANEL_MARGIN)
+#define PANEL_LINES  4
+#define PANEL_INSET  12          /* from the window's edges */
 #define TEXT_COLOUR  0xfff2f2f2u /* ARGB, as the rest */
 #define HINT_COLOUR  0xffffc860u
 #define PANEL_COLOUR 0xa0101418u
@@ -59,10 +64,13 @@ struct window {
     struct lw_camera_view start;
     uint32_t next_camera;
     bool captured, hide_figures, quit;
+    bool show_keys;
+    uint64_t keys_until_ns; /* 0: until somebody hides them */
 
     struct lw_picture picture;
     struct lw_pace pace;
-    bool stale; /* the picture is not of what is there now */
+    bool stale;  /* the picture is not of what is there now */
+    bool redraw; /* the overlay is not */
     uint64_t moved_ns, stepped_ns;
     uint64_t seen_tiles, seen_frame;
     struct figures figures;
@@ -132,6 +140,7 @@ static enum lw_status stage_incoming(struct window *w, struct lw_error *err) {
     w->seen_tiles = w->seen_frame = w->figures.bytes = 0;
     lw_seeker_reset(w->seeker);
     if (!first) lw_log(LW_LOG_INFO, "%s: connected again", w->address);
+    if (first && w->show_keys) w->keys_until_ns = lw_clock_ns() + KEYS_SHOWN_NS;
     return first ? choose_start(w, err) : LW_OK;
 }
 
@@ -187,7 +196,14 @@ static void capture(struct window *w, bool on) {
     SDL_SetRelativeMouseMode(on ? SDL_TRUE : SDL_FALSE);
 }
 
+static void show_keys(struct window *w, bool on) {
+    w->show_keys = on;
+    w->keys_until_ns = 0;
+    w->redraw = true;
+}
+
 static void press(struct window *w, SDL_Keycode key) {
+    show_keys(w, key == SDLK_h && !w->show_keys);
     if (key == SDLK_ESCAPE) {
         if (w->captured)
             capture(w, false);
@@ -242,6 +258,7 @@ static enum lw_status take_events(struct window *w, int wait_ms, struct lw_error
             break;
         case SDL_MOUSEBUTTONDOWN:
             capture(w, true);
+            show_keys(w, false);
             break;
         case SDL_MOUSEMOTION:
             if (!w->captured || !w->staged) break;
@@ -287,18 +304,20 @@ static void fill(const struct lw_font_canvas *canvas, int x, int y, int width, i
             canvas->pixel[(size_t)j * canvas->stride + (size_t)i] = colour;
 }
 
+/* Places of a panel in the window other than pixels from its upper left corner. */
+enum { MIDDLE = -1, LOW = -2 };
+
 /* Draws lines of text, and a bar below them unless its fraction is negative, on a panel at (x, y) of the window. */
 static void show_panel(struct window *w, int x, int y, const char *const *line, int count, float fraction,
                        uint32_t colour) {
-    static const int margin = 10, pitch = TEXT_SCALE * (LW_FONT_HEIGHT + 4);
-    int width = fraction >= 0 ? PANEL_WIDTH - 2 * margin : 0;
+    int width = fraction >= 0 ? PANEL_WIDTH - 2 * PANEL_MARGIN : 0;
     for (int i = 0; i < count; i++) {
         int needed = lw_font_width(line[i], TEXT_SCALE);
         if (needed > width) width = needed;
     }
-    if (width > PANEL_WIDTH - 2 * margin) width = PANEL_WIDTH - 2 * margin;
-    int height = count * pitch + (fraction >= 0 ? pitch : 0);
-    SDL_Rect part = {0, 0, width + 2 * margin, height + 2 * margin - 4};
+    if (width > PANEL_WIDTH - 2 * PANEL_MARGIN) width = PANEL_WIDTH - 2 * PANEL_MARGIN;
+    int height = count * PANEL_PITCH + (fraction >= 0 ? PANEL_PITCH : 0);
+    SDL_Rect part = {0, 0, width + 2 * PANEL_MARGIN, height + 2 * PANEL_MARGIN - 4};
     void *pixels;
     int pitch_bytes;
     if (SDL_LockTexture(w->panel, &part, &pixels, &pitch_bytes) != 0) return;
@@ -306,16 +325,21 @@ static void show_panel(struct window *w, int x, int y, const char *const *line, 
         .pixel = pixels, .width = part.w, .height = part.h, .stride = (size_t)pitch_bytes / sizeof(uint32_t)};
     fill(&canvas, 0, 0, part.w, part.h, PANEL_COLOUR);
     for (int i = 0; i < count; i++)
-        lw_font_draw(&canvas, margin, margin + i * pitch, TEXT_SCALE, colour, line[i]);
+        lw_font_draw(&canvas, PANEL_MARGIN, PANEL_MARGIN + i * PANEL_PITCH, TEXT_SCALE, colour, line[i]);
     if (fraction >= 0) {
-        int top = margin + count * pitch, full = (int)((float)width * fminf(fraction, 1));
-        fill(&canvas, margin, top, width, pitch / 2, 0xff303840u);
-        fill(&canvas, margin, top, full, pitch / 2, BAR_COLOUR);
+        int top = PANEL_MARGIN + count * PANEL_PITCH, full = (int)((float)width * fminf(fraction, 1));
+        fill(&canvas, PANEL_MARGIN, top, width, PANEL_PITCH / 2, 0xff303840u);
+        fill(&canvas, PANEL_MARGIN, top, full, PANEL_PITCH / 2, BAR_COLOUR);
     }
     SDL_UnlockTexture(w->panel);
-    if (x < 0) x = ((int)w->width - part.w) / 2;
-    if (y < 0) y = ((int)w->height - part.h) / 2;
+    if (x == MIDDLE) x = ((int)w->width - part.w) / 2;
+    if (y == MIDDLE) y = ((int)w->height - part.h) / 2;
+    if (y == LOW) y = (int)w->height - part.h - PANEL_INSET;
     SDL_RenderCopy(w->renderer, w->panel, &part, &(SDL_Rect){x, y, part.w, part.h});
+}
+
+static void draw_keys(struct window *w) {
+    if (w->show_keys) show_panel(w, PANEL_INSET, LOW, lw_overlay_keys, LW_OVERLAY_KEYS, -1, TEXT_COLOUR);
 }
 
 static void clear_screen(struct window *w) {
@@ -325,7 +349,8 @@ static void clear_screen(struct window *w) {
 
 static void show_message(struct window *w, const char *text, float fraction) {
     clear_screen(w);
-    show_panel(w, -1, -1, (const char *const[]){text}, 1, fraction, TEXT_COLOUR);
+    draw_keys(w);
+    show_panel(w, MIDDLE, MIDDLE, (const char *const[]){text}, 1, fraction, TEXT_COLOUR);
     SDL_RenderPresent(w->renderer);
 }
 
@@ -353,38 +378,26 @@ static void take_figures(struct window *w, const struct lw_client_stats *stats, 
     f->since_ns = now_ns;
 }
 
-static void write_state(const struct window *w, const struct lw_client_stats *stats, char *out,
-                        size_t out_size) {
-    const struct lw_compose_report *r = &w->picture.report;
-    if (w->lost) {
-        snprintf(out, out_size, w->incoming ? "server is back: receiving" : "server gone: looking for it");
-    } else if (stats->first_ns == 0) {
-        snprintf(out, out_size, "waiting for the first light");
-    } else if (!r->complete) {
-        snprintf(out, out_size, "%u of %u tiles to come", r->tiles_missing + r->tiles_unfinished,
-                 r->tiles_needed);
-    } else {
-        snprintf(out, out_size, r->converged ? "converged" : "complete, error %.1f %%",
-                 (double)r->max_error * 100.0);
-    }
-}
-
 static void show_figures(struct window *w) {
     struct lw_client_stats stats;
     lw_client_get_stats(w->client, &stats);
     take_figures(w, &stats, lw_clock_ns());
-    char line[PANEL_LINES][64];
+    char line[PANEL_LINES][LW_OVERLAY_LINE_SIZE];
     snprintf(line[0], sizeof line[0], "%3.0f frames/s  %ux%u", w->figures.pictures_per_s, w->picture.width,
              w->picture.height);
     snprintf(line[1], sizeof line[1], "%.0f kbit/s", w->figures.kbit_per_s);
     snprintf(line[2], sizeof line[2], "light %.0f ms old", (double)stats.light_age_ns * 1e-6);
-    write_state(w, &stats, line[3], sizeof line[3]);
-    bool hint = w->lost || stats.first_ns == 0;
+    const struct lw_overlay_state state = {.lost = w->lost,
+                                           .receiving = w->incoming != NULL,
+                                           .lit = stats.first_ns != 0,
+                                           .report = w->picture.report};
+    lw_overlay_state(&state, line[3]);
+    bool hint = state.lost || !state.lit;
     if (!w->hide_figures)
-        show_panel(w, 12, 12, (const char *const[]){line[0], line[1], line[2], line[3]}, PANEL_LINES, -1,
-                   hint ? HINT_COLOUR : TEXT_COLOUR);
+        show_panel(w, PANEL_INSET, PANEL_INSET, (const char *const[]){line[0], line[1], line[2], line[3]},
+                   PANEL_LINES, -1, hint ? HINT_COLOUR : TEXT_COLOUR);
     else if (hint)
-        show_panel(w, 12, 12, (const char *const[]){line[3]}, 1, -1, HINT_COLOUR);
+        show_panel(w, PANEL_INSET, PANEL_INSET, (const char *const[]){line[3]}, 1, -1, HINT_COLOUR);
 }
 
 /* Renders if there is something new or something to sharpen; returns whether it did. */
@@ -414,6 +427,7 @@ static void show_picture(struct window *w) {
     SDL_Rect part = {0, 0, (int)w->picture.width, (int)w->picture.height};
     SDL_RenderCopy(w->renderer, w->screen, &part, NULL);
     show_figures(w);
+    draw_keys(w);
     SDL_RenderPresent(w->renderer);
 }
 
@@ -474,7 +488,9 @@ static enum lw_status run_loop(struct window *w, struct lw_error *err) {
         struct lw_camera_view camera = lw_flight_view(&w->flight);
         status = lw_stage_look(&w->stage, &camera, w->width, w->height, err);
         if (status != LW_OK) return status;
-        if (busy || now_ns - w->figures.since_ns >= FIGURES_EVERY_NS) show_picture(w);
+        if (w->keys_until_ns != 0 && now_ns > w->keys_until_ns) show_keys(w, false);
+        if (busy || w->redraw || now_ns - w->figures.since_ns >= FIGURES_EVERY_NS) show_picture(w);
+        w->redraw = false;
     }
     return LW_OK;
 }
@@ -488,7 +504,7 @@ static bool has_display(void) {
 enum lw_status lw_window_run(const struct lw_view_options *options, struct lw_error *err) {
     if (!has_display() || SDL_Init(SDL_INIT_VIDEO) != 0)
         return lw_status_fail(err, LW_UNAVAILABLE, "no display: use --headless");
-    struct window w = {.options = options};
+    struct window w = {.options = options, .show_keys = true};
     lw_picture_init(&w.picture, options->curve, options->auto_exposure, options->stops, options->threads);
     enum lw_status status = connect_first(&w, err);
     if (status == LW_OK) status = open_window(&w, err);

@@ -1,0 +1,26 @@
+/* overlay.h: what the window says: how far its picture is, and its keys.
+ * Flow:    client and composer's report -> [overlay] -> lines of text for the window
+ * Threads: pure functions, [any]. */
+#ifndef LW_CLIENT_VIEW_OVERLAY_H
+#define LW_CLIENT_VIEW_OVERLAY_H
+
+#include "client/view/compose.h"
+
+#define LW_OVERLAY_LINE_SIZE 64
+
+/** The keys of the window, a line each. */
+#define LW_OVERLAY_KEYS 9
+extern const char *const lw_overlay_keys[LW_OVERLAY_KEYS];
+
+struct lw_overlay_state {
+    bool lost;      /* the server is gone, */
+    bool receiving; /* and back, with a scene that is on its way */
+    bool lit;       /* the first light is there */
+    struct lw_compose_report report;
+};
+
+/** How far the picture is, in one line. An error is told once it says something: the estimate from the first few samples
+ * of a tile is near 100 % whatever the tile looks like. */
+void lw_overlay_state(const struct lw_overlay_state *state, char out[LW_OVERLAY_LINE_SIZE]);
+
+#endif

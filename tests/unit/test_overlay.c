@@ -1,0 +1,52 @@
+#include "tests/support/support.h"
+
+#include "client/view/overlay.h"
+
+#include <string.h>
+
+static void assert_says(const struct lw_overlay_state *state, const char *expected) {
+    char text[LW_OVERLAY_LINE_SIZE];
+    lw_overlay_state(state, text);
+    assert_string_equal(text, expected);
+}
+
+static void test_state(void **unused) {
+    (void)unused;
+    struct lw_overlay_state s = {0};
+    assert_says(&s, "waiting for the first light");
+    s.lit = true;
+    s.report = (struct lw_compose_report){
+        .tiles_needed = 90, .tiles_missing = 5, .tiles_unfinished = 7, .max_error = 1};
+    assert_says(&s, "12 of 90 tiles to come");
+    s.report = (struct lw_compose_report){.tiles_needed = 90, .tiles_noisy = 9, .max_error = 1};
+    s.report.complete = true;
+    assert_says(&s, "sharpening"); /* nothing is known of the error yet */
+    s.report.max_error = INFINITY;
+    assert_says(&s, "sharpening");
+    s.report.max_error = NAN;
+    assert_says(&s, "sharpening");
+    s.report.max_error = 0.123f;
+    assert_says(&s, "sharpening, error 12.3 %");
+    s.report.converged = true;
+    assert_says(&s, "converged");
+    s.lost = true;
+    assert_says(&s, "server gone: looking for it");
+    s.receiving = true;
+    assert_says(&s, "server is back: receiving");
+}
+
+static void test_keys(void **unused) {
+    (void)unused;
+    for (int i = 0; i < LW_OVERLAY_KEYS; i++) {
+        assert_true(strlen(lw_overlay_keys[i]) < LW_OVERLAY_LINE_SIZE);
+        assert_null(strchr(lw_overlay_keys[i], '\n'));
+    }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_state),
+        cmocka_unit_test(test_keys),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
