@@ -200,10 +200,10 @@ static struct lw_camera_view frame(const struct box *box, struct lw_vec3 forward
 }
 
 static void consider_outside(struct judge *j, const struct box *box) {
-    /* People look at things from the front and from a little above. */
+    /* People look at things from the front, level or from a little above. */
     static const struct {
         float degrees, prior;
-    } height[HEIGHTS] = {{25, 1}, {0, 0.95f}, {50, 0.9f}, {85, 0.7f}, {-40, 0.5f}};
+    } height[HEIGHTS] = {{25, 1}, {0, 1}, {50, 0.9f}, {85, 0.7f}, {-40, 0.5f}};
     for (unsigned h = 0; h < HEIGHTS; h++)
         for (unsigned turn = 0; turn < TURNS; turn++) {
             float up = height[h].degrees / 180 * LW_PI, about = 2 * LW_PI * (float)turn / TURNS;

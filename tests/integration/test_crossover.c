@@ -146,7 +146,8 @@ static void both_sides_may_be_filtered(void **state) {
     struct lw_process process;
     char arguments[500];
     const char *folder = lw_support_temporary("filtered");
-    snprintf(arguments, sizeof arguments, SMALL "--opponent svgf --settings 1:1+1 -o %s", folder);
+    snprintf(arguments, sizeof arguments, SMALL "--opponent svgf --settings 1:1+1 --views centre -o %s",
+             folder);
     int code = run(arguments, &process);
     char *said = lw_process_err(&process);
     if (code != 0) fail_msg("%s", said);
