@@ -20,6 +20,7 @@ struct call {
 static const char help[] =
     "Commands (NAME is a name, or #NUMBER as list prints it; lengths in metres):\n"
     "  list: objects, meshes with spares, lights, materials and cameras\n"
+    "  status: whether the server answers; it downloads nothing\n"
     "  move NAME X Y Z: an object, the middle of its box to this place\n"
     "  shift NAME DX DY DZ: an object, by so much\n"
     "  turn NAME x|y|z DEGREES: about its middle, by so much\n"
@@ -413,18 +414,24 @@ static const struct {
                {"clock", set_clock}, {"reset", reset}};
 #define COMMANDS (sizeof command / sizeof *command)
 
+/* They change nothing, and stand alone. */
+static const char *const question[] = {"list", "status"};
+#define QUESTIONS (sizeof question / sizeof *question)
+
+static const char *name_of(size_t i) { return i < COMMANDS ? command[i].name : question[i - COMMANDS]; }
+
 bool lw_ctl_command_is(const char *word) {
-    for (size_t i = 0; i < COMMANDS; i++)
-        if (strcmp(word, command[i].name) == 0) return true;
-    return strcmp(word, "list") == 0;
+    for (size_t i = 0; i < COMMANDS + QUESTIONS; i++)
+        if (strcmp(word, name_of(i)) == 0) return true;
+    return false;
 }
 
 /* One that begins like the word, or is a slip or two away from it; NULL: none. */
 static const char *nearest(const char *word) {
     const char *best = NULL;
     unsigned least = 2 + (unsigned)strlen(word) / 4;
-    for (size_t i = 0; i <= COMMANDS; i++) {
-        const char *name = i < COMMANDS ? command[i].name : "list";
+    for (size_t i = 0; i < COMMANDS + QUESTIONS; i++) {
+        const char *name = name_of(i);
         const unsigned d =
             *word && strncmp(name, word, strlen(word)) == 0 ? 0 : lw_ctl_names_distance(name, word);
         if (d < least) best = name, least = d;
@@ -455,8 +462,8 @@ enum lw_status lw_ctl_command_parse(struct lw_ctl_command_state *state, const ch
             *out_change = change;
         return status;
     }
-    if (strcmp(word[0], "list") == 0)
-        return lw_status_fail(err, LW_USAGE, "list stands alone, not among other commands");
+    if (lw_ctl_command_is(word[0]))
+        return lw_status_fail(err, LW_USAGE, "%s stands alone, not among other commands", word[0]);
     return lw_ctl_command_fail_unknown(word[0], err);
 }
 

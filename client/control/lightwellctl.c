@@ -108,18 +108,23 @@ static enum lw_status poll_until_deadline(struct ctl *c, const char *what, struc
     return lw_client_poll(c->client, POLL_MS, err);
 }
 
-/* Until it is known what there is, and where it is now. */
+/* Until the server has welcomed us. */
 static enum lw_status connect_to_server(struct ctl *c, struct lw_error *err) {
     const double connect_s = c->timeout_s < 5 ? c->timeout_s : 5;
-    enum lw_status status =
-        lw_client_create(&(struct lw_client_desc){.host = c->host,
-                                                  .port = c->port,
-                                                  .name = "lightwellctl",
-                                                  .timeout_ms = (unsigned)(connect_s * 1e3) + 1,
-                                                  .cache_folder = *c->cache_folder ? c->cache_folder : NULL,
-                                                  .wants_nothing = true,
-                                                  .control = true},
-                         &c->client, err);
+    return lw_client_create(
+        &(struct lw_client_desc){.host = c->host,
+                                 .port = c->port,
+                                 .name = "lightwellctl",
+                                 .timeout_ms = (unsigned)(connect_s * 1e3) + 1,
+                                 .cache_folder = *c->cache_folder ? c->cache_folder : NULL,
+                                 .wants_nothing = true,
+                                 .control = true},
+        &c->client, err);
+}
+
+/* Until it is known what there is, and where it is now. */
+static enum lw_status await_scene(struct ctl *c, struct lw_error *err) {
+    enum lw_status status = LW_OK;
     struct lw_client_stats stats = {0};
     while (status == LW_OK && (!lw_client_scene(c->client) || !stats.frame)) {
         status = poll_until_deadline(c, lw_client_scene(c->client) ? "the first frame" : "the scene", err);
@@ -321,13 +326,26 @@ static enum lw_status change_scene(struct ctl *c, struct lw_error *err) {
     return status;
 }
 
+/* Whether the command line is this question and nothing else. */
+static bool asks(const struct ctl *c, const char *question) {
+    return !c->batch && c->word_count == 1 && strcmp(c->word[0], question) == 0;
+}
+
+static enum lw_status print_status(const struct ctl *c, struct lw_error *err) {
+    if (c->json) return print_json(json_pack("{s:s, s:b}", "address", c->address, "serving", true), err);
+    printf("%s: serving\n", c->address);
+    return fflush(stdout) ? lw_status_fail(err, LW_IO, "cannot write to stdout") : LW_OK;
+}
+
 static enum lw_status run(struct ctl *c, struct lw_error *err) {
     c->deadline_ns = lw_clock_ns() + (uint64_t)(c->timeout_s * 1e9);
     c->change = calloc(LW_CLIENT_CHANGES_MAX, sizeof *c->change);
     if (!c->change) return lw_status_fail(err, LW_NO_MEMORY, "changes");
     enum lw_status status = connect_to_server(c, err);
+    if (status == LW_OK && asks(c, "status")) return print_status(c, err);
+    if (status == LW_OK) status = await_scene(c, err);
     if (status != LW_OK) return status;
-    if (c->batch || c->word_count != 1 || strcmp(c->word[0], "list") != 0) return change_scene(c, err);
+    if (!asks(c, "list")) return change_scene(c, err);
     if (c->json) return print_json(list_json(c), err);
     struct count *count = count_objects(c);
     if (!count) return lw_status_fail(err, LW_NO_MEMORY, "the list");

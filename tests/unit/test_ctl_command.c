@@ -217,6 +217,7 @@ static void what_is_wrong_is_said_in_a_line(void **unused) {
     fails("clock stop", "say clock");
     fails("reset all", "say reset");
     fails("list", "stands alone");
+    fails("status", "stands alone");
     fails("fly", "there is no command \"fly\" (lightwellctl --help lists them)");
     fails("lst", "there is no command \"lst\": near is \"list\"");
     fails("colck play", "near is \"clock\"");
