@@ -135,11 +135,19 @@ static void read_update(struct latency_light *l, const char *text, struct lw_sce
     (void)latency_light_look_from(l, &pose, word[0]); /* the animation is held */
     struct lw_ctl_command_state state = {.scene = scene,
                                          .object_to_world = pose.object_to_world,
-                                         .light = latency_room(scene->light_count, sizeof *state.light)};
+                                         .light = latency_room(scene->light_count, sizeof *state.light),
+                                         .emission =
+                                             latency_room(scene->material_count, sizeof *state.emission)};
     for (uint32_t i = 0; i < scene->light_count; i++)
         state.light[i] = (struct lw_client_light){pose.light[i].position_ws, pose.light[i].direction_ws,
                                                   pose.light[i].intensity};
+    for (uint32_t m = 0; m < scene->material_count; m++) {
+        const float *emission = scene->material[m].emission;
+        const struct lw_vec3 own = lw_vec3(emission[0], emission[1], emission[2]);
+        state.emission[m] = (struct lw_ctl_emission){own, own};
+    }
     latency_must(lw_ctl_command_parse(&state, word + 1, count - 1, out_change, &err), &err);
+    free(state.emission);
     free(state.light);
     lw_pose_finish(&pose);
 }
