@@ -1,7 +1,6 @@
 #include "client/load/crossover_crowd.h"
 
 #include "common/log.h"
-#include "common/progress.h"
 
 #include <stdlib.h>
 
@@ -288,7 +287,7 @@ enum lw_status lw_crossover_crowd(struct lw_crossover_run *run, struct lw_error 
     lw_progress_init(&progress, "counting users", (uint64_t)(1e6 * foresee(x)));
     for (uint32_t i = 0; i < x->options.repeats && status == LW_OK && !lw_crossover_run_stopped(run); i++)
         status = measure_repeat(run, &progress, i, err);
-    lw_progress_finish(&progress);
+    lw_crossover_run_end(run, status, &progress);
     if (!x->repeats_done) return status;
     conclude(x);
     struct lw_crossover_point *point = chosen_point(x, LW_CROSSOVER_SHARED);

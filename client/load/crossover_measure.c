@@ -7,7 +7,6 @@
 #include "client/load/path_contender.h"
 #include "client/load/real_run.h"
 #include "common/log.h"
-#include "common/progress.h"
 
 #include <math.h>
 
@@ -88,7 +87,7 @@ static enum lw_status find_truths(struct lw_crossover_run *run, struct lw_error 
             lw_progress_step(&progress, 1);
         }
     }
-    lw_progress_finish(&progress);
+    lw_crossover_run_end(run, status, &progress);
     lw_path_world_finish(&world);
     if (status == LW_OK && !lw_crossover_run_stopped(run)) status = leave_out_dark(x, err);
     return status;

@@ -1,7 +1,5 @@
 #include "client/load/crossover_run.h"
 
-#include "common/progress.h"
-
 #include <stdlib.h>
 
 /* Costs are linear in samples: those of many are worked out from those of these. */
@@ -9,6 +7,14 @@
 #define MORE 4u
 
 bool lw_crossover_run_stopped(const struct lw_crossover_run *run) { return run->cancel && *run->cancel; }
+
+void lw_crossover_run_end(const struct lw_crossover_run *run, enum lw_status status,
+                          struct lw_progress *progress) {
+    if (status == LW_OK && !lw_crossover_run_stopped(run))
+        lw_progress_finish(progress);
+    else
+        lw_progress_stop(progress);
+}
 
 int lw_crossover_run_picture(const struct lw_crossover *x, uint64_t frame) {
     for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES; p++)
@@ -94,7 +100,7 @@ enum lw_status lw_crossover_run_sequence(struct lw_crossover_run *run, struct lw
                 lw_crossover_run_judge(x, contender, (uint32_t)picture, shown, shown_count, out_errors, err);
     }
     contender->ops->stop(contender);
-    lw_progress_finish(&progress);
+    lw_crossover_run_end(run, status, &progress);
     if (status != LW_OK) return status;
     if (out_cost) {
         struct lw_cost per_frame = {0};

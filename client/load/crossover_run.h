@@ -4,6 +4,7 @@
 #define LW_CLIENT_LOAD_CROSSOVER_RUN_H
 
 #include "client/load/crossover_measure.h"
+#include "common/progress.h"
 
 struct lw_crossover_run {
     struct lw_crossover *x;
@@ -13,6 +14,10 @@ struct lw_crossover_run {
 
 /** Whether a signal asked to stop. Loops then end early, with LW_OK; what they were to find is not there. */
 bool lw_crossover_run_stopped(const struct lw_crossover_run *run);
+
+/** Ends the progress of a part: it is done, or was stopped or failed. */
+void lw_crossover_run_end(const struct lw_crossover_run *run, enum lw_status status,
+                          struct lw_progress *progress);
 
 /** Index of the picture that is compared with the truth in this frame; -1: none is. */
 int lw_crossover_run_picture(const struct lw_crossover *x, uint64_t frame);

@@ -174,7 +174,7 @@ static void an_interruption_keeps_what_is_there(void **state) {
     lw_process_start(&process, "lightwell-load", arguments);
     for (int i = 0;; i++) {
         char *said = lw_process_err(&process);
-        bool begun = strstr(said, "shared cache") || strstr(said, "path tracer, 2 paths");
+        bool begun = strstr(said, "shared cache") || strstr(said, "svgf, 1 path");
         free(said);
         if (begun) break;
         if (i > LIMIT_S * 20) fail_msg("nothing was measured in %d s", LIMIT_S);
