@@ -386,11 +386,14 @@ static void show_figures(struct window *w) {
     snprintf(line[0], sizeof line[0], "%3.0f frames/s  %ux%u", w->figures.pictures_per_s, w->picture.width,
              w->picture.height);
     snprintf(line[1], sizeof line[1], "%.0f kbit/s", w->figures.kbit_per_s);
-    snprintf(line[2], sizeof line[2], "light %.0f ms old", (double)stats.light_age_ns * 1e-6);
     const struct lw_overlay_state state = {.lost = w->lost,
                                            .receiving = w->incoming != NULL,
                                            .lit = stats.first_ns != 0,
                                            .report = w->picture.report};
+    if (state.lit)
+        snprintf(line[2], sizeof line[2], "light %.0f ms old", (double)stats.light_age_ns * 1e-6);
+    else
+        snprintf(line[2], sizeof line[2], "no light yet");
     lw_overlay_state(&state, line[3]);
     bool hint = state.lost || !state.lit;
     if (!w->hide_figures)
