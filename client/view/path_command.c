@@ -78,6 +78,7 @@ static enum lw_status set_up(struct command *c, struct lw_error *err) {
     c->view.bounces = o->path.bounces;
     c->view.seed = o->path.seed;
     c->view.pixel = o->path.pixel;
+    c->view.part = o->path.part;
     c->view.cancel = &stop_threads;
     status = lw_path_trace_create(&(struct lw_path_trace_desc){.scene = c->scene,
                                                                .trace = c->trace,

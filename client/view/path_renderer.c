@@ -14,11 +14,18 @@
 
 struct lw_path_renderer {
     struct lw_path_renderer_desc desc;
-    struct lw_path_film film; /* of the pixels that have paths */
-    float *radiance;          /* of those */
-    float *rgb;               /* of all; `radiance` where those are the same */
-    struct lw_gbuffer gbuffer, thin;
+    struct lw_path_film film;
+    float *rgb; /* the picture */
+    struct lw_gbuffer gbuffer;
     struct lw_svgf *svgf;
+    /* light that arrives by bounces, of a quarter of the pixels */
+    struct quarter {
+        struct lw_gbuffer gbuffer;
+        struct lw_path_film film;
+        struct lw_svgf *svgf;
+        float *radiance; /* of its pixels */
+        float *rgb;      /* of all pixels */
+    } quarter;
     float mean; /* luminance of the last picture; 0: there is none, or it was black */
 };
 
@@ -36,37 +43,64 @@ bool lw_path_renderer_remembers(enum lw_path_renderer_kind kind) {
     return kind >= LW_PATH_RENDERER_REPROJECTED;
 }
 
-static bool is_thin(const struct lw_path_renderer *r) {
+static bool has_quarter(const struct lw_path_renderer *r) {
     return r->desc.kind == LW_PATH_RENDERER_SVGF_QUARTER;
+}
+
+static float *new_picture(uint32_t width, uint32_t height) {
+    return calloc((size_t)width * height * 3, sizeof(float));
+}
+
+static enum lw_status no_memory(const struct lw_path_renderer *r, struct lw_error *err) {
+    return lw_status_fail(err, LW_NO_MEMORY, "no memory for pictures of %ux%u pixels", r->desc.width,
+                          r->desc.height);
+}
+
+static enum lw_status init_quarter(struct lw_path_renderer *r, struct lw_error *err) {
+    struct quarter *q = &r->quarter;
+    enum lw_status status = lw_gbuffer_init_thin(&q->gbuffer, &r->gbuffer, STEP, err);
+    if (status != LW_OK) return status;
+    const uint32_t width = q->gbuffer.width, height = q->gbuffer.height;
+    status = lw_svgf_create(
+        &(struct lw_svgf_desc){
+            .width = width, .height = height, .threads = r->desc.threads, .reflected_alone = true},
+        &q->svgf, err);
+    if (status == LW_OK) status = lw_path_film_init(&q->film, width, height, err);
+    if (status != LW_OK) return status;
+    q->radiance = new_picture(width, height);
+    q->rgb = new_picture(r->desc.width, r->desc.height);
+    return q->radiance && q->rgb ? LW_OK : no_memory(r, err);
+}
+
+static void finish_quarter(struct quarter *q) {
+    free(q->rgb);
+    free(q->radiance);
+    lw_path_film_finish(&q->film);
+    lw_svgf_destroy(q->svgf);
+    lw_gbuffer_finish(&q->gbuffer);
 }
 
 static enum lw_status init_memory(struct lw_path_renderer *r, struct lw_error *err) {
     const struct lw_path_renderer_desc *d = &r->desc;
-    struct lw_svgf_desc svgf = {.width = d->width,
-                                .height = d->height,
-                                .threads = d->threads,
-                                .time_alone = d->kind == LW_PATH_RENDERER_REPROJECTED};
-    enum lw_status status = LW_OK;
-    if (lw_path_renderer_remembers(d->kind))
-        status = lw_gbuffer_init(&r->gbuffer,
-                                 &(struct lw_gbuffer_desc){.scene = d->scene,
-                                                           .trace = d->trace,
-                                                           .width = d->width,
-                                                           .height = d->height,
-                                                           .threads = d->threads},
-                                 err);
-    if (status == LW_OK && is_thin(r)) {
-        status = lw_gbuffer_init_thin(&r->thin, &r->gbuffer, STEP, err);
-        svgf.width = r->thin.width, svgf.height = r->thin.height;
-    }
-    if (status == LW_OK && lw_path_renderer_remembers(d->kind)) status = lw_svgf_create(&svgf, &r->svgf, err);
-    if (status == LW_OK) status = lw_path_film_init(&r->film, svgf.width, svgf.height, err);
+    enum lw_status status = lw_path_film_init(&r->film, d->width, d->height, err);
     if (status != LW_OK) return status;
-    r->radiance = calloc((size_t)svgf.width * svgf.height * 3, sizeof *r->radiance);
-    r->rgb = is_thin(r) ? calloc((size_t)d->width * d->height * 3, sizeof *r->rgb) : r->radiance;
-    return r->radiance && r->rgb ? LW_OK
-                                 : lw_status_fail(err, LW_NO_MEMORY, "no memory for pictures of %ux%u pixels",
-                                                  d->width, d->height);
+    r->rgb = new_picture(d->width, d->height);
+    if (!r->rgb) return no_memory(r, err);
+    if (!lw_path_renderer_remembers(d->kind)) return LW_OK;
+    status = lw_gbuffer_init(&r->gbuffer,
+                             &(struct lw_gbuffer_desc){.scene = d->scene,
+                                                       .trace = d->trace,
+                                                       .width = d->width,
+                                                       .height = d->height,
+                                                       .threads = d->threads},
+                             err);
+    if (status == LW_OK)
+        status = lw_svgf_create(&(struct lw_svgf_desc){.width = d->width,
+                                                       .height = d->height,
+                                                       .threads = d->threads,
+                                                       .time_alone = d->kind == LW_PATH_RENDERER_REPROJECTED},
+                                &r->svgf, err);
+    return status == LW_OK && has_quarter(r) ? init_quarter(r, err) : status;
 }
 
 enum lw_status lw_path_renderer_create(const struct lw_path_renderer_desc *desc,
@@ -84,12 +118,11 @@ enum lw_status lw_path_renderer_create(const struct lw_path_renderer_desc *desc,
 
 void lw_path_renderer_destroy(struct lw_path_renderer *r) {
     if (!r) return;
-    if (r->rgb != r->radiance) free(r->rgb);
-    free(r->radiance);
-    lw_path_film_finish(&r->film);
+    finish_quarter(&r->quarter);
     lw_svgf_destroy(r->svgf);
-    lw_gbuffer_finish(&r->thin);
     lw_gbuffer_finish(&r->gbuffer);
+    free(r->rgb);
+    lw_path_film_finish(&r->film);
     free(r);
 }
 
@@ -134,31 +167,47 @@ static struct lw_path_view view_of(struct lw_path_renderer *r, const struct lw_p
     return view;
 }
 
-/* Which pixel of each square has paths in a frame: all take turns, neighbours in time far apart. */
-static void thin_out(struct lw_path_renderer *r, uint32_t number) {
-    static const uint8_t x[] = {0, 1, 1, 0}, y[] = {0, 1, 0, 1};
-    lw_gbuffer_thin(&r->thin, &r->gbuffer, x[number % 4], y[number % 4]);
+/* Traces what bounces bring to the quarter; its pixels take turns within their squares. */
+static void trace_quarter(struct lw_path_renderer *r, const struct lw_path_view *like, uint32_t number,
+                          uint32_t samples) {
+    static const uint8_t x[] = {0, 1, 1, 0}, y[] = {0, 1, 0, 1}; /* neighbours in time far apart */
+    struct quarter *q = &r->quarter;
+    struct lw_path_view view = *like;
+    lw_gbuffer_thin(&q->gbuffer, &r->gbuffer, x[number % 4], y[number % 4]);
+    view.part = LW_PATH_PART_INDIRECT;
+    view.first_hits = &q->gbuffer;
+    lw_path_film_clear(&q->film);
+    lw_path_trace_render(r->desc.tracer, &view, samples, &q->film, NULL);
+    lw_path_film_resolve(&q->film, q->radiance);
+}
+
+static void add(float *rgb, const float *more, size_t values) {
+    for (size_t i = 0; i < values; i++) rgb[i] += more[i];
 }
 
 const float *lw_path_renderer_frame(struct lw_path_renderer *r, const struct lw_path_frame *frame,
                                     struct lw_path_frame_cost *out_cost) {
     const bool remembers = lw_path_renderer_remembers(r->desc.kind);
+    const size_t pixels = (size_t)r->desc.width * r->desc.height;
     const uint64_t began_ns = lw_clock_process_cpu_ns();
     struct lw_path_view view = view_of(r, frame);
-    if (remembers) {
-        lw_gbuffer_render(&r->gbuffer, frame->pose, &frame->camera);
-        if (is_thin(r)) thin_out(r, frame->number);
-        view.first_hits = is_thin(r) ? &r->thin : &r->gbuffer;
+    if (remembers) lw_gbuffer_render(&r->gbuffer, frame->pose, &frame->camera);
+    if (has_quarter(r)) {
+        trace_quarter(r, &view, frame->number, frame->samples);
+        view.part = LW_PATH_PART_DIRECT;
     }
+    if (remembers) view.first_hits = &r->gbuffer;
     if (remembers || !frame->resting) lw_path_film_clear(&r->film);
     lw_path_trace_render(r->desc.tracer, &view, frame->samples, &r->film, NULL);
-    lw_path_film_resolve(&r->film, r->radiance);
+    lw_path_film_resolve(&r->film, r->rgb);
     const uint64_t traced_ns = lw_clock_process_cpu_ns();
-    if (is_thin(r))
-        lw_svgf_filter_thin(r->svgf, &r->thin, &r->gbuffer, r->radiance, r->rgb);
-    else if (remembers)
-        lw_svgf_filter(r->svgf, &r->gbuffer, r->radiance, r->rgb);
-    if (view.all_lights) r->mean = mean_luminance(r->rgb, (size_t)r->desc.width * r->desc.height);
+    if (remembers) lw_svgf_filter(r->svgf, &r->gbuffer, r->rgb, r->rgb);
+    if (has_quarter(r)) {
+        struct quarter *q = &r->quarter;
+        lw_svgf_filter_thin(q->svgf, &q->gbuffer, &r->gbuffer, q->radiance, q->rgb);
+        add(r->rgb, q->rgb, 3 * pixels);
+    }
+    if (view.all_lights) r->mean = mean_luminance(r->rgb, pixels);
     if (out_cost) {
         out_cost->trace_s += 1e-9 * (double)(traced_ns - began_ns);
         out_cost->filter_s += 1e-9 * (double)(lw_clock_process_cpu_ns() - traced_ns);

@@ -16,7 +16,7 @@
     X(LIGHTS, "lights", "all lights at first hits, a clamp")                                                 \
     X(REPROJECTED, "reprojected", "lights, and histories of up to 32 frames")                                \
     X(SVGF, "svgf", "lights, and SVGF over time and picture")                                                \
-    X(SVGF_QUARTER, "svgf-quarter", "svgf with paths for a quarter of the pixels, and guided upsampling")
+    X(SVGF_QUARTER, "svgf-quarter", "svgf, bounces for a quarter of the pixels with guided upsampling")
 
 enum lw_path_renderer_kind {
 #define X(tag, name, about) LW_PATH_RENDERER_##tag,
@@ -51,9 +51,10 @@ void lw_path_renderer_destroy(struct lw_path_renderer *renderer);
 struct lw_path_frame {
     const struct lw_pose *pose;
     struct lw_camera_view camera;
-    uint32_t samples; /* paths per pixel, or per pixel of the quarter, that this frame adds */
-    uint32_t seed;    /* of those that remember: the same in all frames */
-    uint32_t number;  /* of the frame, from 0 */
+    uint32_t
+        samples;   /* paths per pixel that this frame adds; bounces of a quarter, for as many of its pixels */
+    uint32_t seed; /* of those that remember: the same in all frames */
+    uint32_t number; /* of the frame, from 0 */
     bool resting; /* nothing has moved since the last frame: samples of those that do not remember add up */
 };
 

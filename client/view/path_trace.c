@@ -333,23 +333,29 @@ static void trace_bundle(const struct job *job, struct bundle *b, unsigned paths
             look16(job, b, (uint16_t)first, lanes_from(first, paths), count);
     else
         count->paths += paths;
+    const bool indirect = view->part == LW_PATH_PART_INDIRECT, arrived = b->going > 0;
+    const uint32_t bounces = view->part == LW_PATH_PART_DIRECT ? 0 : view->bounces;
+    for (unsigned i = 0; indirect && i < paths; i++) b->path[i].radiance = lw_vec3(0, 0, 0);
     /* Rays of the last surface bring light only where they may meet what shines. */
     const bool rays_may_shine = job->tracer->lights->shining_count || job->tracer->lights->sky_luminance > 0;
-    const bool arrived = b->going > 0;
     for (uint32_t depth = 0; b->going; depth++) {
-        const bool last = depth == view->bounces, by_all = depth == 0 && view->all_lights;
-        const enum lw_path_method method = by_all ? LW_PATH_METHOD_LAMPS : view->method;
-        const unsigned flags = depth == 0 ? LW_TRACE_COHERENT : 0;
+        const bool first_hit = depth == 0, last = depth == bounces;
+        const bool by_all = first_hit && view->all_lights, unlit = first_hit && indirect;
+        const enum lw_path_method method = by_all || unlit ? LW_PATH_METHOD_LAMPS : view->method;
+        const unsigned flags = first_hit ? LW_TRACE_COHERENT : 0;
         const unsigned going = b->going;
         float pick[2], lamp[2], bounce[2];
         draw(b, USE_PICK, depth, pick);
         draw(b, USE_LAMP, depth, lamp);
         draw(b, USE_BOUNCE, depth, bounce);
-        for (unsigned first = 0; by_all && first < going; first += LANES)
-            light16_by_all(job, b, b->order + first, lanes_from(first, going), count);
-        for (unsigned first = 0; !by_all && ask_lamps && first < going; first += LANES)
-            light16(job, b, b->order + first, lanes_from(first, going), pick[0], lamp, count);
-        for (unsigned i = 0; depth == 0 && i < paths; i++) b->path[i].near = b->path[i].radiance;
+        for (unsigned first = 0; !unlit && first < going; first += LANES) {
+            const unsigned lanes = lanes_from(first, going);
+            if (by_all)
+                light16_by_all(job, b, b->order + first, lanes, count);
+            else if (ask_lamps)
+                light16(job, b, b->order + first, lanes, pick[0], lamp, count);
+        }
+        for (unsigned i = 0; first_hit && i < paths; i++) b->path[i].near = b->path[i].radiance;
         if (last && (method == LW_PATH_METHOD_LAMPS || !rays_may_shine)) break;
         b->going = 0;
         for (unsigned first = 0; first < going; first += LANES)

@@ -32,6 +32,13 @@ enum lw_path_method {
     LW_PATH_METHOD_BOUNCE /* by bounce rays that happen to meet them; point, spot and directional lights by lamps */
 };
 
+/** Which light counts; direct and indirect add up to all. */
+enum lw_path_part {
+    LW_PATH_PART_ALL,
+    LW_PATH_PART_DIRECT,  /* what is seen to shine, and what lights shine on that the eye sees */
+    LW_PATH_PART_INDIRECT /* what arrives there by bounces */
+};
+
 /** Which 16 pixels share random numbers, so that their rays run parallel. */
 enum lw_path_pattern {
     LW_PATH_PATTERN_SQUARE, /* 4 x 4 neighbours: the fastest, for pictures of many samples */
@@ -67,6 +74,7 @@ struct lw_path_view {
     enum lw_path_pixel pixel;
     enum lw_path_method method;
     enum lw_path_pattern pattern;
+    enum lw_path_part part;
     /* At first hits a sample and a shadow ray for each light or group of lights (direct16.h), in place of one sample of all of
      * them; what bounce rays from there meet does not count as light then. */
     bool all_lights;

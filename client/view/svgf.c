@@ -65,6 +65,7 @@ struct lw_svgf {
     uint32_t width, height;
     int threads;
     unsigned levels; /* passes over the picture */
+    float emission;  /* whether it counts: 1 or 0 */
     bool started;
     struct lw_camera_view camera; /* of the frame before */
     struct lw_camera_plane aim;   /* likewise */
@@ -83,6 +84,7 @@ enum lw_status lw_svgf_create(const struct lw_svgf_desc *desc, struct lw_svgf **
     svgf->height = desc->height;
     svgf->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
     svgf->levels = desc->time_alone ? 0 : LEVELS;
+    svgf->emission = desc->reflected_alone ? 0 : 1;
     svgf->past = aligned_alloc(64, (pixels + 1) * sizeof *svgf->past);
     svgf->next = aligned_alloc(64, (pixels + 1) * sizeof *svgf->next);
     svgf->memory = calloc(9 * pixels + 1, sizeof *svgf->memory);
@@ -130,11 +132,12 @@ static float luminance_of(const float rgb[3]) { return lw_colour_luminance(lw_ve
 
 /* What arrives at a pixel's surface, as far as its albedo tells. A channel that reflects nothing knows nothing: it is taken
  * to be as bright as the others. Black in all channels: false. */
-static bool divide(const struct lw_gbuffer_planes *g, const float *radiance, size_t at, float out[3]) {
+static bool divide(const struct job *job, size_t at, float out[3]) {
+    const struct lw_gbuffer_planes *g = &job->gbuffer->plane;
     float sum = 0, known = 0;
     for (int c = 0; c < 3; c++) {
         const float albedo = g->albedo[c][at];
-        const float reflected = radiance[3 * at + (size_t)c] - g->emission[c][at];
+        const float reflected = job->radiance[3 * at + (size_t)c] - job->svgf->emission * g->emission[c][at];
         out[c] = albedo >= ALBEDO_MIN ? reflected / albedo : 0;
         if (!isfinite(out[c])) out[c] = 0;
         if (albedo >= ALBEDO_MIN) sum += out[c], known += 1;
@@ -223,7 +226,7 @@ static void accumulate_row(const struct job *job, uint32_t y) {
         const size_t at = (size_t)y * svgf->width + x;
         struct past *next = &svgf->next[at];
         float now[3];
-        if (g->object[at] == LW_TRACE_MISS || !divide(g, job->radiance, at, now)) {
+        if (g->object[at] == LW_TRACE_MISS || !divide(job, at, now)) {
             *next = (struct past){.object = LW_TRACE_MISS};
             for (int c = 0; c < 3; c++) light->rgb[c][at] = 0;
             light->variance[at] = 0;
@@ -476,9 +479,10 @@ static const struct light *filtered_light(const struct lw_svgf *svgf) {
     return &svgf->light[svgf->levels & 1u];
 }
 
-static void deliver(const struct lw_gbuffer_planes *g, size_t at, const float light[3], float *out_rgb) {
+static void deliver(const struct lw_svgf *svgf, const struct lw_gbuffer_planes *g, size_t at,
+                    const float light[3], float *out_rgb) {
     for (int c = 0; c < 3; c++) {
-        const float rgb = light[c] * g->albedo[c][at] + g->emission[c][at];
+        const float rgb = light[c] * g->albedo[c][at] + svgf->emission * g->emission[c][at];
         out_rgb[3 * at + (size_t)c] = rgb > 0 ? rgb : 0;
     }
 }
@@ -487,7 +491,7 @@ static void deliver_row(const struct job *job, uint32_t y, float *out_rgb) {
     const struct light *light = filtered_light(job->svgf);
     const uint32_t width = job->svgf->width;
     for (size_t at = (size_t)y * width, end = at + width; at < end; at++)
-        deliver(&job->gbuffer->plane, at,
+        deliver(job->svgf, &job->gbuffer->plane, at,
                 (const float[3]){light->rgb[0][at], light->rgb[1][at], light->rgb[2][at]}, out_rgb);
 }
 
@@ -569,7 +573,7 @@ static void spread_row(const struct lw_svgf *svgf, const struct lw_gbuffer *thin
             weights += weight;
         }
         for (int c = 0; c < 3; c++) sum[c] /= weights > WEIGHT_MIN ? weights : 1;
-        deliver(&full->plane, at, sum, out_rgb);
+        deliver(svgf, &full->plane, at, sum, out_rgb);
     }
 }
 

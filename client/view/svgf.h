@@ -20,6 +20,7 @@ struct lw_svgf_desc {
     uint32_t width, height; /* pixels */
     unsigned threads;       /* 0: all */
     bool time_alone;        /* histories are re-projected and averaged; the picture is not filtered */
+    bool reflected_alone;   /* radiance, in and out, is without what surfaces emit */
 };
 
 struct lw_svgf;

@@ -12,7 +12,7 @@
 struct raw {
     const char *address, *camera, *size, *wait, *exposure;
     int64_t samples, bounces, seed;
-    int curve, pixel;
+    int curve, pixel, part;
     bool samples_given;
 };
 
@@ -153,6 +153,7 @@ static enum lw_status interpret(const struct raw *raw, struct lw_view_options *o
     out->path.bounces = (uint32_t)raw->bounces;
     out->path.seed = (uint32_t)raw->seed;
     out->path.pixel = (enum lw_path_pixel)raw->pixel;
+    out->path.part = (enum lw_path_part)raw->part;
     out->curve = (enum lw_tonemap_curve)raw->curve;
     return status == LW_OK ? check_together(out, raw, err) : status;
 }
@@ -256,6 +257,11 @@ enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_optio
          .help = "The mean over a pixel's square (default), or what its centre sees, as --headless shows it.",
          .kind = LW_OPTION_CHOICE,
          .value = &raw.pixel},
+        {.name = "show",
+         .argument = LW_VIEW_PART_CHOICES,
+         .help = "All light (default); what shines and what lights shine on; or what arrives by bounces.",
+         .kind = LW_OPTION_CHOICE,
+         .value = &raw.part},
         {.name = "time",
          .argument = "SECONDS",
          .help = "Moment of the scene's animation (default 0).",

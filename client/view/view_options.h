@@ -24,7 +24,8 @@ enum lw_view_format { LW_VIEW_NO_FILE, LW_VIEW_EXR, LW_VIEW_PNG };
 
 /* How many samples a pixel takes by --path-trace where nobody says. */
 #define LW_VIEW_SPP           64
-#define LW_VIEW_PIXEL_CHOICES "box|centre" /* in the order of enum lw_path_pixel */
+#define LW_VIEW_PIXEL_CHOICES "box|centre"          /* in the order of enum lw_path_pixel */
+#define LW_VIEW_PART_CHOICES  "all|direct|indirect" /* in the order of enum lw_path_part */
 
 /** What --path-trace takes. */
 struct lw_view_path {
@@ -33,6 +34,7 @@ struct lw_view_path {
     double error;              /* relative, at which to stop; 0: none */
     uint32_t bounces, seed;
     enum lw_path_pixel pixel;
+    enum lw_path_part part;
     double time_s; /* of the scene's animation */
 };
 

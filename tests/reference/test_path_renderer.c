@@ -83,7 +83,7 @@ static double error_of(const float *rgb, const float *truth) {
     return sum / VALUES;
 }
 
-/* Measured: 0.101 twice, since there is one lamp, 0.0046, 0.0011, 0.0045. */
+/* Measured: 0.101 twice, since there is one lamp, 0.0046, 0.0011, 0.0019. */
 static void test_each_is_nearer_to_the_truth(void **state) {
     (void)state;
     struct set set;
@@ -107,7 +107,7 @@ static void test_each_is_nearer_to_the_truth(void **state) {
     assert_true(error[LW_PATH_RENDERER_LIGHTS] < 1.1 * error[LW_PATH_RENDERER_RAW]);
     assert_true(error[LW_PATH_RENDERER_REPROJECTED] < 0.15 * error[LW_PATH_RENDERER_LIGHTS]);
     assert_true(error[LW_PATH_RENDERER_SVGF] < 0.5 * error[LW_PATH_RENDERER_REPROJECTED]);
-    assert_true(error[LW_PATH_RENDERER_SVGF_QUARTER] < 0.15 * error[LW_PATH_RENDERER_LIGHTS]);
+    assert_true(error[LW_PATH_RENDERER_SVGF_QUARTER] < 0.7 * error[LW_PATH_RENDERER_REPROJECTED]);
     lw_path_film_finish(&film);
     tear_down(&set);
 }

@@ -423,6 +423,51 @@ static void test_methods_agree(void **state) {
     tear_down(&set);
 }
 
+/* What the eye sees shine and what lights shine on, and what bounces bring there, are all of the same paths' light. Without all
+ * lights at first hits the bounce rays that look for lights there are others' too: means agree, not pixels. */
+static void test_parts_add_up(void **state) {
+    (void)state;
+    enum { SIDE = 48 };
+    struct lw_scene *scene;
+    struct lw_error err = {0};
+    lw_support_ok(lw_builtin_build("builtin:cornell", &scene, &err), &err);
+    scene->sky[0] = 0.1f;
+    struct set set;
+    set_up(&set, scene, 2);
+    struct lw_path_view view = {
+        .camera = lw_camera_of_scene(scene, &set.world.pose, 0), .bounces = 2, .all_lights = true};
+    struct lw_path_film film[3];
+    for (int part = 0; part < 3; part++) {
+        view.part = (enum lw_path_part)part;
+        film[part] = render(&set, &view, SIDE, SIDE, 2);
+    }
+    double indirect = 0;
+    for (int i = 0; i < SIDE * SIDE * 3; i++) {
+        const float all = film[LW_PATH_PART_ALL].half[0][i], direct = film[LW_PATH_PART_DIRECT].half[0][i],
+                    rest = film[LW_PATH_PART_INDIRECT].half[0][i];
+        assert_float_equal(direct + rest, all, 1e-5f * (1 + all));
+        assert_true(direct >= 0 && rest >= 0);
+        indirect += (double)rest;
+    }
+    assert_true(indirect > 0);
+    for (int part = 0; part < 3; part++) lw_path_film_finish(&film[part]);
+
+    view.all_lights = false;
+    struct mean mean[3];
+    for (int part = 0; part < 3; part++) {
+        view.part = (enum lw_path_part)part;
+        mean[part] = mean_of(&set, view, 32, 32);
+    }
+    const double sum = mean[LW_PATH_PART_DIRECT].value + mean[LW_PATH_PART_INDIRECT].value;
+    const double error = sqrt(pow(mean[0].error, 2) + pow(mean[1].error, 2) + pow(mean[2].error, 2));
+    if (!(fabs(sum - mean[LW_PATH_PART_ALL].value) <= SIGMA * error))
+        fail_msg("direct and indirect: %.6g, all: %.6g +- %.2g", sum, mean[LW_PATH_PART_ALL].value, error);
+    view.bounces = 0;
+    view.part = LW_PATH_PART_INDIRECT;
+    assert_true(mean_of(&set, view, 16, 2).value == 0);
+    tear_down(&set);
+}
+
 /* One path a pixel: what it brings beyond its first hit, which is what no bounce leaves out, is within the limit; what was within
  * it stays as it was. */
 static void test_clamp(void **state) {
@@ -654,6 +699,7 @@ int main(void) {
         cmocka_unit_test(test_panes_pass_their_share),
         cmocka_unit_test(test_a_transparent_lamp_shines_its_share),
         cmocka_unit_test(test_methods_agree),
+        cmocka_unit_test(test_parts_add_up),
         cmocka_unit_test(test_clamp),
         cmocka_unit_test(test_first_hits_may_be_given),
         cmocka_unit_test(test_same_bytes),
