@@ -9,10 +9,12 @@
 #include "common/log.h"
 
 #include <math.h>
+#include <stdlib.h>
 
 #define WARM_S      1
 #define REAL_WARM_S 20 /* at most */
 #define REAL_MORE_S 4
+#define LAG_S       1.0 /* how late light is that tells whether a row tests motion */
 
 /* ---- before ---- */
 
@@ -69,27 +71,66 @@ static enum lw_status leave_out_dark(struct lw_crossover *x, struct lw_error *er
     return LW_OK;
 }
 
+/* A picture's truths, and how far light of a second before is off them. */
+static enum lw_status find_truth(struct lw_crossover_run *run, struct lw_path_world *world, uint32_t picture,
+                                 double lag[LW_CROSSOVER_EYES], struct lw_progress *progress,
+                                 struct lw_error *err) {
+    struct lw_crossover *x = run->x;
+    const double now_s = (double)(x->picture[picture] - 1) / LW_VIEWS_HZ;
+    const size_t pixels = (size_t)x->lattice_width * x->lattice_height;
+    const bool moves = x->options.motion != LW_SCENE_MOTION_STATIC;
+    uint32_t *object = calloc(pixels * x->eyes, sizeof *object);
+    enum lw_status status = object ? lw_path_world_set_time(world, now_s, err)
+                                   : lw_status_fail(err, LW_NO_MEMORY, "no memory for views");
+    for (uint32_t late = 0; late <= moves && status == LW_OK; late++) {
+        if (late) status = lw_path_world_set_time(world, now_s - LAG_S, err);
+        for (uint32_t eye = 0; eye < x->eyes && status == LW_OK && !lw_crossover_run_stopped(run); eye++) {
+            const struct lw_camera_view camera = lw_views_at(x->views, eye, x->picture[picture]);
+            struct lw_truth *truth = &x->truth[picture][eye];
+            uint32_t *of_eye = object + pixels * eye;
+            /* other seeds than any side's: the truth's noise must know nothing of theirs */
+            const uint32_t seed = ~x->options.seed, samples = x->options.truth_samples;
+            if (late) {
+                status = lw_truth_lag_error(truth, of_eye, world, &camera, samples, seed ^ 1, &lag[eye], err);
+            } else {
+                status = lw_truth_init(truth, world, &camera, x->lattice_width, x->lattice_height, samples,
+                                       seed, err);
+                if (status == LW_OK)
+                    status = lw_truth_look(world, &camera, x->lattice_width, x->lattice_height, of_eye, err);
+            }
+            lw_progress_step(progress, 1);
+        }
+    }
+    free(object);
+    return status;
+}
+
+static double mean_lag(const struct lw_crossover *x,
+                       const double lag[LW_CROSSOVER_PICTURES][LW_CROSSOVER_EYES]) {
+    double sum = 0;
+    if (x->options.motion == LW_SCENE_MOTION_STATIC) return (double)NAN;
+    for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES; p++)
+        for (uint32_t eye = 0; eye < x->eyes; eye++) sum += x->dark[p][eye] ? 0 : lag[p][eye];
+    return sum / (LW_CROSSOVER_PICTURES * x->eyes - x->dark_count);
+}
+
 static enum lw_status find_truths(struct lw_crossover_run *run, struct lw_error *err) {
     struct lw_crossover *x = run->x;
     struct lw_path_world world;
     struct lw_progress progress;
+    double lag[LW_CROSSOVER_PICTURES][LW_CROSSOVER_EYES] = {{0}};
+    const bool moves = x->options.motion != LW_SCENE_MOTION_STATIC;
     enum lw_status status = lw_path_world_init(&world, x->densities.scene, x->options.bounces,
                                                (unsigned)x->options.scene.threads, err);
     if (status != LW_OK) return status;
-    lw_progress_init(&progress, "tracing the truth", LW_CROSSOVER_PICTURES * x->eyes);
-    for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES && status == LW_OK; p++) {
-        status = lw_path_world_set_time(&world, (double)(x->picture[p] - 1) / LW_VIEWS_HZ, err);
-        for (uint32_t eye = 0; eye < x->eyes && status == LW_OK && !lw_crossover_run_stopped(run); eye++) {
-            struct lw_camera_view camera = lw_views_at(x->views, eye, x->picture[p]);
-            /* another seed than any side's: the truth's noise must know nothing of theirs */
-            status = lw_truth_init(&x->truth[p][eye], &world, &camera, x->lattice_width, x->lattice_height,
-                                   x->options.truth_samples, ~x->options.seed, err);
-            lw_progress_step(&progress, 1);
-        }
-    }
+    lw_progress_init(&progress, "tracing the truth", LW_CROSSOVER_PICTURES * x->eyes * (moves ? 2 : 1));
+    for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES && status == LW_OK; p++)
+        status = find_truth(run, &world, p, lag[p], &progress, err);
     lw_crossover_run_end(run, status, &progress);
     lw_path_world_finish(&world);
-    if (status == LW_OK && !lw_crossover_run_stopped(run)) status = leave_out_dark(x, err);
+    if (status != LW_OK || lw_crossover_run_stopped(run)) return status;
+    status = leave_out_dark(x, err);
+    if (status == LW_OK) x->lag_error = mean_lag(x, lag);
     return status;
 }
 

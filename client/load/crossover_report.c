@@ -19,6 +19,8 @@
 
 extern char **environ;
 
+#define LAG_TIMES 3.0 /* the error asked for: at least so much must light be off that is late */
+
 /* ---- files ---- */
 
 static enum lw_status save(const char *folder, const char *name, const char *text, size_t size,
@@ -200,17 +202,18 @@ static enum lw_status write_json(const struct lw_crossover *x, const char *comma
                                                  "paths_point", x->target[t].best[LW_CROSSOVER_PATHS],
                                                  "shared_point", x->target[t].best[LW_CROSSOVER_SHARED]));
     json_t *root = json_pack(
-        "{s:s, s:s, s:s, s:I, s:s, s:s, s:i, s:i, s:i, s:f, s:f, s:s?, s:o, s:o, s:o, s:o, s:o, s:o, s:o, "
-        "s:o}",
+        "{s:s, s:s, s:s, s:I, s:s, s:s, s:i, s:i, s:i, s:f, s:o, s:f, s:s?, s:o, s:o, s:o, s:o, s:o, s:o, "
+        "s:o, s:o}",
         "command", command, "scene", x->options.scene.path, "version", LW_VERSION, "triangles",
         (json_int_t)x->densities.triangles, "motion", lw_crossover_motion_name(x->options.motion), "views",
         x->views ? lw_views_about(x->views) : "", "width", (int)x->options.width, "height",
         (int)x->options.height, "bounces", (int)x->options.bounces, "truth_noise",
-        x->eyes ? mean_noise(x) : 0.0, "texels_per_metre", x->densities.texels_per_metre, "shortfall",
-        x->shortfall, "targets", targets, "paths", json_side(&x->side[LW_CROSSOVER_PATHS]), "shared",
-        json_side(&x->side[LW_CROSSOVER_SHARED]), "users", counts, "ratio_first",
-        json_figure(&x->first_ratio), "marginal", json_figure(&x->marginal), "ratio_first_whole_scene",
-        x->whole_done ? json_real(x->whole_ratio) : json_null(), "crossover_users",
+        x->eyes ? mean_noise(x) : 0.0, "relmse_of_light_a_second_late",
+        isfinite(x->lag_error) ? json_real(x->lag_error) : json_null(), "texels_per_metre",
+        x->densities.texels_per_metre, "shortfall", x->shortfall, "targets", targets, "paths",
+        json_side(&x->side[LW_CROSSOVER_PATHS]), "shared", json_side(&x->side[LW_CROSSOVER_SHARED]), "users",
+        counts, "ratio_first", json_figure(&x->first_ratio), "marginal", json_figure(&x->marginal),
+        "ratio_first_whole_scene", x->whole_done ? json_real(x->whole_ratio) : json_null(), "crossover_users",
         json_figure(&x->crossover));
     char *text =
         root ? json_dumps(root, JSON_INDENT(1) | JSON_PRESERVE_ORDER | JSON_REAL_PRECISION(8)) : NULL;
@@ -253,6 +256,18 @@ static void print_head(const struct lw_crossover *x, FILE *f, const char *comman
             x->options.motion == LW_SCENE_MOTION_STATIC
                 ? " Nothing moves in the scene: what the cache spends at the start is spread over all frames."
                 : " The first second is not measured.");
+}
+
+/* Whether the views tell moving light from light that stands: an error that light of a second ago has, too, asks for no motion. */
+static void print_lag(const struct lw_crossover *x, FILE *f) {
+    if (!isfinite(x->lag_error)) return;
+    fprintf(f,
+            " Light that is a second late has relMSE %.3g in these views (where they show the same at both "
+            "moments, and nothing that shines).",
+            x->lag_error);
+    if (x->lag_error < LAG_TIMES * x->target[0].error)
+        fprintf(f, " **That is under %g times the error asked for: this run does not test motion.**",
+                LAG_TIMES);
 }
 
 /* What views do to an error, random numbers aside. */
@@ -305,6 +320,7 @@ static void print_result(const struct lw_crossover *x, FILE *f) {
     if (x->dark_count) fprintf(f, " %u more show next to nothing, and are not judged.", x->dark_count);
     print_spread(x, f);
     print_errors(x, f);
+    print_lag(x, f);
     fprintf(f, "\n\n");
     fprintf(f, "* one shared solve over path tracers, %u user%s: **r = ", x->count[0].users,
             x->count[0].users > 1 ? "s" : "");

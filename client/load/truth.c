@@ -66,6 +66,58 @@ bool lw_truth_is_dark(const struct lw_truth *truth, double mean_square) {
     return truth->mean_square <= DARK_SHARE * mean_square;
 }
 
+enum lw_status lw_truth_look(const struct lw_path_world *world, const struct lw_camera_view *camera,
+                             uint32_t width, uint32_t height, uint32_t *out_object, struct lw_error *err) {
+    struct lw_gbuffer gbuffer;
+    enum lw_status status =
+        lw_gbuffer_init(&gbuffer,
+                        &(struct lw_gbuffer_desc){
+                            .scene = world->scene, .trace = world->trace, .width = width, .height = height},
+                        err);
+    if (status != LW_OK) return status;
+    lw_gbuffer_render(&gbuffer, &world->pose, camera);
+    for (size_t i = 0; i < (size_t)width * height; i++) {
+        float *const *emission = gbuffer.plane.emission;
+        const bool shines = emission[0][i] + emission[1][i] + emission[2][i] > 0;
+        out_object[i] = shines ? LW_TRACE_MISS : gbuffer.plane.object[i];
+    }
+    lw_gbuffer_finish(&gbuffer);
+    return LW_OK;
+}
+
+/* The mean of (x - t)^2, relative, over pixels of the same object; (a - x)(b - x) by halves of both leaves all noise out. */
+static double lag_error(const struct lw_truth *truth, const struct lw_path_film *late, const uint32_t *now,
+                        const uint32_t *then) {
+    const double floor = floor_of(truth), scale = 2.0 / late->samples;
+    double sum = 0;
+    size_t count = 0;
+    for (size_t i = 0; i < value_count(truth); i++) {
+        if (now[i / 3] == LW_TRACE_MISS || now[i / 3] != then[i / 3]) continue;
+        sum += (scale * (double)late->half[0][i] - (double)truth->half[0][i]) *
+               (scale * (double)late->half[1][i] - (double)truth->half[1][i]) /
+               (at(truth, i) * at(truth, i) + floor);
+        count++;
+    }
+    return count && floor > 0 ? sum / (double)count : 0;
+}
+
+enum lw_status lw_truth_lag_error(const struct lw_truth *truth, const uint32_t *object,
+                                  const struct lw_path_world *world, const struct lw_camera_view *camera,
+                                  uint32_t samples, uint32_t seed, double *out_error, struct lw_error *err) {
+    struct lw_path_film film = {0};
+    uint32_t *then = malloc((size_t)truth->width * truth->height * sizeof *then);
+    enum lw_status status = then ? lw_path_film_init(&film, truth->width, truth->height, err)
+                                 : lw_status_fail(err, LW_NO_MEMORY, "no memory for a view");
+    if (status == LW_OK) status = lw_truth_look(world, camera, truth->width, truth->height, then, err);
+    if (status == LW_OK) {
+        lw_path_world_render(world, &(struct lw_path_view){.camera = *camera, .seed = seed}, samples, &film);
+        *out_error = lag_error(truth, &film, object, then);
+    }
+    lw_path_film_finish(&film);
+    free(then);
+    return status;
+}
+
 void lw_truth_pick(const float *rgb, uint32_t width, uint32_t height, uint32_t stride, float *out_lattice) {
     for (uint32_t y = stride / 2; y < height; y += stride)
         for (uint32_t x = stride / 2; x < width; x += stride, out_lattice += 3)

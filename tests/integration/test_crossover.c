@@ -57,6 +57,7 @@ static void measures_and_reports(void **state) {
 
     char *report = read_text(folder, "report.md");
     assert_non_null(strstr(report, "one shared solve over path tracers, 1 user"));
+    assert_non_null(strstr(report, "Light that is a second late has relMSE"));
     assert_non_null(strstr(report, "| solve |"));
     /* errors of a repeat stand beside the path tracer's for the same views */
     assert_non_null(strstr(report, "where the path tracer has"));

@@ -2,6 +2,7 @@
 
 #include "client/load/truth.h"
 #include "common/random.h"
+#include "common/scene/builtin.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -78,12 +79,64 @@ static void dark_views_are_known_by_the_others(void **state) {
     assert_true(lw_truth_is_dark(&(struct lw_truth){.mean_square = 0}, 0)); /* where all is dark, too */
 }
 
+/* A Cornell box whose lamp is half as bright again at another moment: where it does not shine all light is off by a half. */
+static void light_that_is_late_is_off_by_what_has_changed(void **state) {
+    (void)state;
+    enum { SIDE = 32, SAMPLES = 512 };
+    struct lw_truth truth;
+    struct lw_error err = {0};
+    static uint32_t object[SIDE * SIDE];
+    double expected = 0, got = 0;
+    unsigned count = 0;
+    for (int late = 0; late < 2; late++) {
+        struct lw_scene *scene;
+        struct lw_path_world world;
+        lw_support_ok(lw_builtin_build("builtin:cornell", &scene, &err), &err);
+        for (uint32_t m = 0; late && m < scene->material_count; m++)
+            for (int c = 0; c < 3; c++) scene->material[m].emission[c] *= 1.5f;
+        lw_support_ok(lw_path_world_init(&world, scene, 1, 0, &err), &err);
+        const struct lw_camera_view camera = lw_camera_of_scene(scene, &world.pose, 0);
+        if (late) {
+            lw_support_ok(lw_truth_lag_error(&truth, object, &world, &camera, SAMPLES, 9, &got, &err), &err);
+        } else {
+            lw_support_ok(lw_truth_init(&truth, &world, &camera, SIDE, SIDE, SAMPLES, 5, &err), &err);
+            lw_support_ok(lw_truth_look(&world, &camera, SIDE, SIDE, object, &err), &err);
+        }
+        lw_path_world_finish(&world);
+        lw_scene_destroy(scene);
+    }
+    for (int i = 0; i < 3 * SIDE * SIDE; i++) {
+        if (object[i / 3] == LW_TRACE_MISS) continue;
+        const double t = 0.5 * ((double)truth.half[0][i] + (double)truth.half[1][i]);
+        expected += 0.25 * t * t / (t * t + 0.01 * truth.mean_square);
+        count++;
+    }
+    expected /= count;
+    assert_true(count > SIDE * SIDE &&
+                count < 3 * SIDE * SIDE); /* the lamp is in the picture, and the dark beyond */
+    assert_true(fabs(got / expected - 1) < 0.03);
+    /* of other objects nothing is known */
+    for (int i = 0; i < SIDE * SIDE; i++)
+        object[i] = object[i] == LW_TRACE_MISS ? LW_TRACE_MISS : object[i] + 1;
+    struct lw_scene *scene;
+    struct lw_path_world world;
+    lw_support_ok(lw_builtin_build("builtin:cornell", &scene, &err), &err);
+    lw_support_ok(lw_path_world_init(&world, scene, 1, 0, &err), &err);
+    const struct lw_camera_view camera = lw_camera_of_scene(scene, &world.pose, 0);
+    lw_support_ok(lw_truth_lag_error(&truth, object, &world, &camera, 2, 9, &got, &err), &err);
+    assert_true(got == 0);
+    lw_path_world_finish(&world);
+    lw_scene_destroy(scene);
+    lw_truth_finish(&truth);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(strides),
         cmocka_unit_test(the_lattice_is_in_the_middle_of_its_squares),
         cmocka_unit_test(the_truths_noise_is_taken_out),
         cmocka_unit_test(black_is_no_error),
+        cmocka_unit_test(light_that_is_late_is_off_by_what_has_changed),
         cmocka_unit_test(dark_views_are_known_by_the_others),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
