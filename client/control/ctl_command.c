@@ -426,8 +426,7 @@ bool lw_ctl_command_is(const char *word) {
     return false;
 }
 
-/* One that begins like the word, or is a slip or two away from it; NULL: none. */
-static const char *nearest(const char *word) {
+const char *lw_ctl_command_near(const char *word) {
     const char *best = NULL;
     unsigned least = 2 + (unsigned)strlen(word) / 4;
     for (size_t i = 0; i < COMMANDS + QUESTIONS; i++) {
@@ -440,7 +439,7 @@ static const char *nearest(const char *word) {
 }
 
 enum lw_status lw_ctl_command_fail_unknown(const char *word, struct lw_error *err) {
-    const char *near = nearest(word);
+    const char *near = lw_ctl_command_near(word);
     if (near)
         return lw_status_fail(
             err, LW_USAGE, "there is no command \"%.60s\": near is \"%s\" (lightwellctl --help lists them)",

@@ -31,6 +31,9 @@ void lw_ctl_command_state_finish(struct lw_ctl_command_state *state);
 /** Whether a word names a command. */
 bool lw_ctl_command_is(const char *word);
 
+/** The command that begins like a word, or is a slip or two away from it; NULL: none. */
+const char *lw_ctl_command_near(const char *word);
+
 /** Says that there is no such command, and which is near. Returns LW_USAGE. */
 enum lw_status lw_ctl_command_fail_unknown(const char *word, struct lw_error *err);
 

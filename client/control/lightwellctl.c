@@ -33,6 +33,11 @@ struct ctl {
 
 /* ---- the command line ---- */
 
+/* Whether it can be no command: HOST:PORT, or a PORT alone. */
+static bool is_address(const char *text) {
+    return strchr(text, ':') || strspn(text, "0123456789") == strlen(text);
+}
+
 /* Options may stand anywhere, negative numbers and "--" belong to the commands: these are taken out before the table sees
  * the rest, which is options and the address. */
 static enum lw_status parse(struct ctl *c, int argc, char **argv, bool *out_done, struct lw_error *err) {
@@ -76,7 +81,8 @@ static enum lw_status parse(struct ctl *c, int argc, char **argv, bool *out_done
          1e6, NULL},
     };
     const struct lw_options options = {.program = "lightwellctl",
-                                       .synopsis = "[HOST:PORT] COMMAND [-- COMMAND]... [OPTIONS]",
+                                       .synopsis =
+                                           "[HOST:PORT | HOST | PORT] COMMAND [-- COMMAND]... [OPTIONS]",
                                        .about = about,
                                        .table = table,
                                        .count = sizeof table / sizeof *table,
@@ -89,10 +95,11 @@ static enum lw_status parse(struct ctl *c, int argc, char **argv, bool *out_done
         return lw_status_fail(err, LW_USAGE,
                               "--batch takes its commands from stdin, not from the command line");
     c->address = address[0];
-    /* A word that stands before no command is one that is misspelt rather than a HOST. */
-    const bool commands = c->batch || (c->word_count && lw_ctl_command_is(c->word[0]));
-    if (!commands && !strchr(c->address, ':')) return lw_ctl_command_fail_unknown(c->address, err);
-    if (c->word_count && !commands) return lw_ctl_command_fail_unknown(c->word[0], err);
+    if (!c->batch && (!c->word_count || !lw_ctl_command_is(c->word[0]))) {
+        /* "lihgt lamp off" misspells its first word, "HOST lsit" its second */
+        const bool first = !is_address(c->address) && (!c->word_count || lw_ctl_command_near(c->address));
+        if (first || c->word_count) return lw_ctl_command_fail_unknown(first ? c->address : c->word[0], err);
+    }
     status = lw_options_address(c->address, c->host, sizeof c->host, &c->port, err);
     if (status == LW_OK && !c->batch && !c->word_count)
         return lw_status_fail(err, LW_USAGE, "a command is missing: lightwellctl --help lists them");

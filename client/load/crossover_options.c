@@ -120,6 +120,7 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
     int motion = LW_SCENE_MOTION_LIGHT, views = LW_VIEWS_WALK, light = 0, opponent = LW_PATH_RENDERER_SVGF,
         denoise = 1;
     int64_t bounces = 2, seed = 1, repeats = 3, truth = 256;
+    _Static_assert(LW_PATH_RENDERER_COUNT == 5, "--opponent names them all, in order");
     const struct lw_option table[] = {
         {"users", "LIST", "user counts to measure, growing (default " DEFAULT_USERS ")", LW_OPTION_STRING,
          &users, 0, 0, NULL},

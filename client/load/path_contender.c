@@ -7,8 +7,10 @@
 
 #include <stdlib.h>
 
-/* Frames that a picture of one that remembers draws on: from here on it gets no better where something moves. */
-#define HISTORY 16u
+/* Frames before a picture that are rendered for it: as many as a history counts where nothing else takes noise away; with the
+ * filter over the picture, half of them differ by less than the views do. */
+#define HISTORY          32u
+#define HISTORY_FILTERED 16u
 
 struct path_contender {
     struct lw_contender base;
@@ -148,11 +150,11 @@ enum lw_status lw_path_contender_create(const struct lw_path_contender_desc *des
     struct path_contender *c = calloc(1, sizeof *c);
     if (!c) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the path tracer");
     const bool remembers = lw_path_renderer_remembers(desc->kind);
-    c->base = (struct lw_contender){.ops = &ops,
-                                    .history = desc->rests ? UINT32_MAX
-                                               : remembers ? HISTORY
-                                                           : 0,
-                                    .keeps = desc->rests || remembers};
+    const uint32_t history = desc->rests                                  ? UINT32_MAX
+                             : !remembers                                 ? 0
+                             : desc->kind == LW_PATH_RENDERER_REPROJECTED ? HISTORY
+                                                                          : HISTORY_FILTERED;
+    c->base = (struct lw_contender){.ops = &ops, .history = history, .keeps = desc->rests || remembers};
     c->desc = *desc;
     enum lw_status status = lw_path_world_init(&c->world, desc->scene, desc->bounces, desc->threads, err);
     if (status != LW_OK) {

@@ -2,7 +2,7 @@
 
 enum lw_status lw_path_world_init(struct lw_path_world *world, const struct lw_scene *scene, uint32_t bounces,
                                   unsigned threads, struct lw_error *err) {
-    *world = (struct lw_path_world){.scene = scene, .bounces = bounces};
+    *world = (struct lw_path_world){.scene = scene, .bounces = bounces, .threads = threads};
     enum lw_status status = lw_pose_init(&world->pose, scene);
     if (status == LW_OK) status = lw_trace_create(scene, &world->pose, &world->trace, err);
     if (status == LW_OK) status = lw_lights_init(&world->lights, scene, &world->pose);

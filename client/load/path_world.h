@@ -13,6 +13,7 @@ struct lw_path_world {
     struct lw_lights lights;
     struct lw_path_trace *tracer;
     uint32_t bounces;
+    unsigned threads; /* 0: all */
 };
 
 /** At time 0. The scene must outlive it. Zeroed on failure. Errors: LW_NO_MEMORY, LW_INTERNAL. */

@@ -69,11 +69,13 @@ bool lw_truth_is_dark(const struct lw_truth *truth, double mean_square) {
 enum lw_status lw_truth_look(const struct lw_path_world *world, const struct lw_camera_view *camera,
                              uint32_t width, uint32_t height, uint32_t *out_object, struct lw_error *err) {
     struct lw_gbuffer gbuffer;
-    enum lw_status status =
-        lw_gbuffer_init(&gbuffer,
-                        &(struct lw_gbuffer_desc){
-                            .scene = world->scene, .trace = world->trace, .width = width, .height = height},
-                        err);
+    enum lw_status status = lw_gbuffer_init(&gbuffer,
+                                            &(struct lw_gbuffer_desc){.scene = world->scene,
+                                                                      .trace = world->trace,
+                                                                      .width = width,
+                                                                      .height = height,
+                                                                      .threads = world->threads},
+                                            err);
     if (status != LW_OK) return status;
     lw_gbuffer_render(&gbuffer, &world->pose, camera);
     for (size_t i = 0; i < (size_t)width * height; i++) {

@@ -59,9 +59,12 @@ static enum lw_status stroll(struct lw_views *v, const struct lw_pose *pose) {
     struct lw_vec3 low, high, ahead = lw_vec3(start.forward.x, 0, start.forward.z);
     if (!lw_pose_bounds(pose, v->desc.scene, &low, &high)) low = high = start.position;
     float diagonal_m = lw_vec3_length(lw_vec3_sub(high, low));
-    float slope = start.forward.y / fmaxf(lw_vec3_length(ahead), 1e-3f);
-    ahead = lw_vec3_length(ahead) > 1e-3f ? lw_vec3_normalize(ahead) : lw_vec3(0, 0, -1);
-    float length_m = 0.5f * fminf(free_distance(v->desc.trace, start.position, start.forward), diagonal_m);
+    const float level = lw_vec3_length(ahead), slope = start.forward.y / fmaxf(level, 1e-3f);
+    ahead = level > 1e-3f ? lw_vec3_normalize(ahead) : lw_vec3(0, 0, -1);
+    /* neither past what is in sight nor into what stands in the way */
+    const float sight_m = level * free_distance(v->desc.trace, start.position, start.forward),
+                way_m = free_distance(v->desc.trace, start.position, ahead);
+    float length_m = 0.5f * fminf(fminf(sight_m, way_m), diagonal_m);
     /* files in centimetres: a walker's pace by his height, as the eye's height by the scene's */
     float pace_m_s = WALK_M_S * fmaxf(1, 0.15f * (high.y - low.y) / EYE_HEIGHT_M);
     float period_s = fminf(fmaxf(2 * length_m / pace_m_s, 2.0f), (float)WALK_S_MAX);

@@ -24,6 +24,7 @@ struct lw_path_renderer {
         struct lw_path_film film;
         struct lw_svgf *svgf;
         float *radiance; /* of its pixels */
+        uint32_t turn;   /* which pixel of each square it has */
         float *rgb;      /* of all pixels */
     } quarter;
     float mean; /* luminance of the last picture; 0: there is none, or it was black */
@@ -138,11 +139,9 @@ static float glance(const struct lw_path_renderer *r, const struct lw_path_view 
     struct lw_path_view view = *like;
     struct lw_path_film film;
     const uint32_t height = GLANCE_SIDE * r->desc.height / r->desc.width;
-    view.first_hits = NULL;
     if (lw_path_film_init(&film, GLANCE_SIDE, height ? height : 1, NULL) != LW_OK) return 0;
     lw_path_trace_render(r->desc.tracer, &view, 2, &film, NULL);
-    for (size_t i = 0; i < (size_t)film.width * film.height * 3; i++)
-        film.half[0][i] = 0.5f * (film.half[0][i] + film.half[1][i]);
+    lw_path_film_resolve(&film, film.half[0]);
     const float mean = mean_luminance(film.half[0], (size_t)film.width * film.height);
     lw_path_film_finish(&film);
     return mean;
@@ -167,13 +166,15 @@ static struct lw_path_view view_of(struct lw_path_renderer *r, const struct lw_p
     return view;
 }
 
-/* Traces what bounces bring to the quarter; its pixels take turns within their squares. */
+/* Traces what bounces bring to the quarter. Its pixels take turns within their squares while anything moves; at rest a history of
+ * many frames wants them in one place. */
 static void trace_quarter(struct lw_path_renderer *r, const struct lw_path_view *like, uint32_t number,
                           uint32_t samples) {
     static const uint8_t x[] = {0, 1, 1, 0}, y[] = {0, 1, 0, 1}; /* neighbours in time far apart */
     struct quarter *q = &r->quarter;
     struct lw_path_view view = *like;
-    lw_gbuffer_thin(&q->gbuffer, &r->gbuffer, x[number % 4], y[number % 4]);
+    if (!r->gbuffer.still) q->turn = number % 4;
+    lw_gbuffer_thin(&q->gbuffer, &r->gbuffer, x[q->turn], y[q->turn]);
     view.part = LW_PATH_PART_INDIRECT;
     view.first_hits = &q->gbuffer;
     lw_path_film_clear(&q->film);

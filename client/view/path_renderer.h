@@ -14,7 +14,7 @@
 #define LW_PATH_RENDERER_MAP(X)                                                                              \
     X(RAW, "raw", "paths as they are: one sample of all lights at each vertex")                              \
     X(LIGHTS, "lights", "all lights at first hits, a clamp")                                                 \
-    X(REPROJECTED, "reprojected", "lights, and histories of up to 32 frames")                                \
+    X(REPROJECTED, "reprojected", "lights, and histories of up to 32 frames, longer where nothing moves")    \
     X(SVGF, "svgf", "lights, and SVGF over time and picture")                                                \
     X(SVGF_QUARTER, "svgf-quarter", "svgf, bounces for a quarter of the pixels with guided upsampling")
 

@@ -249,6 +249,7 @@ static void light16_by_all(const struct job *job, struct bundle *b, const uint16
                                  .coherent = true,
                                  .seed = b->seed,
                                  .set = b->set,
+                                 .salt = b->salt,
                                  .e = e};
     lw_direct16_punctual(&direct, b->sample, 1);
     lw_direct16_groups(&direct, b->sample, 1);

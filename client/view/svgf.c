@@ -543,7 +543,6 @@ void lw_svgf_filter(struct lw_svgf *svgf, const struct lw_gbuffer *gbuffer, cons
  * pixels of the lattice. Something is left where it lies on another surface: where all do, the nearest serve. */
 static float kinship(const struct lw_gbuffer_planes *thin, size_t q, const struct lw_gbuffer_planes *full,
                      size_t p, float dx, float dy) {
-    if (thin->object[q] == LW_TRACE_MISS) return 0;
     const float off = full->depth[p] - thin->depth[q] - thin->slope[0][q] * dx - thin->slope[1][q] * dy;
     const float cosine = full->normal[0][p] * thin->normal[0][q] + full->normal[1][p] * thin->normal[1][q] +
                          full->normal[2][p] * thin->normal[2][q];
@@ -567,6 +566,7 @@ static void spread_row(const struct lw_svgf *svgf, const struct lw_gbuffer *thin
             if (column < 0 || row < 0 || column >= (int)thin->width || row >= (int)thin->height) continue;
             const float dx = u - (float)column, dy = v - (float)row;
             const size_t q = (size_t)row * thin->width + (size_t)column;
+            if (!(svgf->count[q] > 0)) continue; /* nothing there, or black: it knows nothing of light */
             const float weight =
                 (1 - fabsf(dx)) * (1 - fabsf(dy)) * kinship(&thin->plane, q, &full->plane, at, dx, dy);
             for (int c = 0; c < 3; c++) sum[c] += weight * light->rgb[c][q];

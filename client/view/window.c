@@ -333,8 +333,10 @@ static void show_panel(struct window *w, int x, int y, const char *const *line, 
     }
     SDL_UnlockTexture(w->panel);
     if (x == MIDDLE) x = ((int)w->width - part.w) / 2;
-    if (y == MIDDLE) y = ((int)w->height - part.h) / 2;
-    if (y == LOW) y = (int)w->height - part.h - PANEL_INSET;
+    if (y == MIDDLE)
+        y = ((int)w->height - part.h) / 2;
+    else if (y == LOW)
+        y = (int)w->height - part.h - PANEL_INSET;
     SDL_RenderCopy(w->renderer, w->panel, &part, &(SDL_Rect){x, y, part.w, part.h});
 }
 

@@ -31,8 +31,7 @@ LW_WIDE static void add_lit(uint16_t lit, const struct lw_light_sample16 *restri
 }
 
 /* Adds what arrives of a sample's light: a shadow ray for each lane that any could reach. */
-static void add_visible(struct lw_direct16 *d, const struct lw_light_sample16 *sample, uint32_t salt,
-                        float weight) {
+static void add_visible(struct lw_direct16 *d, const struct lw_light_sample16 *sample, float weight) {
     struct lw_ray16 rays;
     const uint16_t active = lw_light_sample16_lit(sample) & d->active;
     if (!active) return;
@@ -41,7 +40,7 @@ static void add_visible(struct lw_direct16 *d, const struct lw_light_sample16 *s
     memcpy(rays.org_z, d->points->z, sizeof rays.org_z);
     memset(rays.t_near, 0, sizeof rays.t_near);
     aim(sample, &rays);
-    rays.salt = salt;
+    rays.salt = d->salt;
     const uint16_t occluded =
         lw_trace_occluded16(d->trace, d->coherent ? LW_TRACE_COHERENT : LW_TRACE_LIGHT, active, &rays);
     d->rays += (uint64_t)__builtin_popcount(active);
@@ -138,17 +137,17 @@ void lw_direct16_groups(struct lw_direct16 *d, uint32_t sample, float weight) {
         for (uint32_t lane = 0; lane < LANES; lane++) probability[lane] = c->probability;
         lw_lights_sample_near16(d->lights, c->light, probability, point[0], point[1], d->points, d->active,
                                 &light);
-        add_visible(d, &light, sample, weight);
+        add_visible(d, &light, weight);
     }
     for (const struct lw_light_choice *c = cut.near; c < cut.near + cut.near_count; c++) {
         memset(light.e, 0, sizeof light.e);
         lw_sampling_point(lw_random_hash2(seed, c->group), sample, d->set, point);
         sample_near_group(d, c->group, c->pick, point, &light);
-        add_visible(d, &light, sample, weight);
+        add_visible(d, &light, weight);
     }
 }
 
-/* Whether points and spots are so many that a few of them stand for all. */
+/* Whether there are too many points and spots for a shadow ray each: a few of them stand for all. */
 static bool is_many(const struct lw_lights *lights) { return lights->near_count > LW_LIGHTS_EXACT_MAX; }
 
 void lw_direct16_punctual(struct lw_direct16 *d, uint32_t sample, float weight) {
@@ -159,7 +158,7 @@ void lw_direct16_punctual(struct lw_direct16 *d, uint32_t sample, float weight) 
         struct lw_light_sample16 light;
         lw_sampling_point(seed_of(d, LW_SAMPLING_PUNCTUAL + l), sample, d->set, point);
         lw_lights_sample_punctual16(d->lights, l, point[0], point[1], d->points, &light);
-        add_visible(d, &light, sample, weight);
+        add_visible(d, &light, weight);
     }
 }
 
@@ -170,5 +169,5 @@ void lw_direct16_sky(struct lw_direct16 *d, uint32_t sample, float weight) {
     lw_sampling_point(seed_of(d, LW_SAMPLING_SKY), sample, d->set, point);
     const struct lw_sky_draw draw = lw_lights_draw_sky(d->lights, point[0], point[1]);
     lw_lights_place_sky16(d->lights, &draw, d->points, &light);
-    add_visible(d, &light, sample, weight);
+    add_visible(d, &light, weight);
 }

@@ -22,6 +22,7 @@ struct lw_direct16 {
     uint16_t active;
     bool coherent;                     /* rays from neighbours to one light run (nearly) parallel */
     uint32_t seed, object, block, set; /* of the random numbers; set: 0 to 15 */
+    uint32_t salt;                     /* of the shadow rays (trace.h) */
     float (*e)[LW_TRACE_WIDTH];        /* three rows, W/m^2: added to */
     uint64_t rays;                     /* shadow rays: added to */
 };

@@ -21,6 +21,7 @@ void lw_direct_light(const struct lw_passes *passes, const struct lw_solve_tile 
                                  .object = tile->object,
                                  .block = launch->block,
                                  .set = launch->set,
+                                 .salt = launch->frames,
                                  .e = out_e};
     memset(out_e, 0, 3 * sizeof *out_e);
     lw_direct16_punctual(&direct, launch->frames, 1);
@@ -30,6 +31,7 @@ void lw_direct_light(const struct lw_passes *passes, const struct lw_solve_tile 
             lw_launch_place(launch, tile, site);
             direct.coherent = site->coherent;
         }
+        direct.salt = first + s;
         lw_direct16_groups(&direct, first + s, weight);
         lw_direct16_sky(&direct, first + s, weight);
     }

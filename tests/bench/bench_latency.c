@@ -132,6 +132,7 @@ static void read_update(struct latency_light *l, const char *text, struct lw_sce
         latency_give_up("an update is too long");
     latency_must(lw_ctl_command_split(line, word, &count, &err), &err);
     if (count < 2) latency_give_up("an update is a camera and a command: \"main hide amphora\"");
+    if (strcmp(word[1], "add") == 0) latency_give_up("an update changes what is there: add does not");
     (void)latency_light_look_from(l, &pose, word[0]); /* the animation is held */
     struct lw_ctl_command_state state = {.scene = scene,
                                          .object_to_world = pose.object_to_world,

@@ -194,20 +194,26 @@ static void test_sky(void **state) {
     expect_floor(&room, sky_e, 1e-5);
 }
 
-static double mean_floor(const struct room *room, struct mean *out, uint32_t samples) {
+/* By one sample of all lights, or by one of each. */
+static double mean_floor_by(const struct room *room, bool all_lights, struct mean *out, uint32_t samples) {
     struct set set;
     set_up(&set, room_scene(room), 2);
     struct lw_path_view view = floor_view();
     view.pixel = LW_PATH_PIXEL_BOX;
+    view.all_lights = all_lights;
     *out = mean_of(&set, view, 24, samples);
     tear_down(&set);
     return out->value;
 }
 
+static double mean_floor(const struct room *room, struct mean *out, uint32_t samples) {
+    return mean_floor_by(room, false, out, samples);
+}
+
 /* Light is linear, however the one that is asked is chosen. */
 static void test_all_lamps_together(void **state) {
     (void)state;
-    double want = 0;
+    double want = 0, variance = 0; /* of want */
     struct lw_light lamp[3] = {point_light(), spot_light(), sun_light()};
     for (int c = 0; c < 3; c++) lamp[2].intensity[c] = 2;
     struct room all = floor_room();
@@ -217,12 +223,16 @@ static void test_all_lamps_together(void **state) {
         add_light(&one, lamp[i]);
         add_light(&all, lamp[i]);
         want += mean_floor(&one, &mean, 16);
+        variance += mean.error * mean.error;
     }
     all.sky = 0.5f;
     want += 0.5 * 0.5; /* albedo times its radiance */
-    mean_floor(&all, &mean, 64);
-    assert_true(mean.error < 0.01 * want);
-    expect_mean(mean, want);
+    for (int all_lights = 0; all_lights < 2; all_lights++) {
+        mean_floor_by(&all, all_lights, &mean, 64);
+        assert_true(mean.error < 0.01 * want);
+        mean.error = sqrt(mean.error * mean.error + variance);
+        expect_mean(mean, want);
+    }
 }
 
 /* A floor that a mirroring, shearing, stretching transform has put there is the same floor. */
@@ -352,10 +362,35 @@ static void test_panes_pass_their_share(void **state) {
             room.quad[1 + i].alpha_mode = LW_ALPHA_BLEND;
             room.quad[1 + i].alpha = 0.5f;
         }
-        struct mean mean;
-        mean_floor(&room, &mean, 16);
-        expect_mean(mean, 0.5 / acos(-1.0) * 1000 * pow(0.5, panes));
-        assert_true(mean.error < 0.01 * mean.value);
+        for (int all_lights = 0; all_lights < 2; all_lights++) {
+            struct mean mean;
+            mean_floor_by(&room, all_lights, &mean, 16);
+            expect_mean(mean, 0.5 / acos(-1.0) * 1000 * pow(0.5, panes));
+            assert_true(mean.error < 0.01 * mean.value);
+        }
+    }
+}
+
+/* Each sample of a light that always lies in one direction meets a decision of its own at a pane. */
+static void test_samples_meet_panes_apart(void **state) {
+    (void)state;
+    enum { SIDE = 24 };
+    struct room room = floor_room();
+    add_light(&room, point_light());
+    room_quad(&room, lw_vec3(-40.3f, 0.5f, -4.1f), lw_vec3(44, 0, 0), lw_vec3(0, 0, 8), 0, 0);
+    room.quad[1].alpha_mode = LW_ALPHA_BLEND;
+    room.quad[1].alpha = 0.5f;
+    for (int all_lights = 0; all_lights < 2; all_lights++) {
+        struct set set;
+        set_up(&set, room_scene(&room), 2);
+        struct lw_path_view view = floor_view();
+        view.all_lights = all_lights;
+        struct lw_path_film film = render(&set, &view, SIDE, SIDE, 2);
+        unsigned differ = 0;
+        for (int i = 0; i < SIDE * SIDE; i++) differ += film.half[0][3 * i] != film.half[1][3 * i];
+        assert_true(differ > SIDE * SIDE / 4 && differ < SIDE * SIDE * 3 / 4); /* a half, within many sigma */
+        lw_path_film_finish(&film);
+        tear_down(&set);
     }
 }
 
@@ -697,6 +732,7 @@ int main(void) {
         cmocka_unit_test(test_backs_are_not_there_for_the_eye),
         cmocka_unit_test(test_backs_are_black_for_light),
         cmocka_unit_test(test_panes_pass_their_share),
+        cmocka_unit_test(test_samples_meet_panes_apart),
         cmocka_unit_test(test_a_transparent_lamp_shines_its_share),
         cmocka_unit_test(test_methods_agree),
         cmocka_unit_test(test_parts_add_up),
