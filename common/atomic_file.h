@@ -15,7 +15,8 @@ struct lw_atomic_file {
     char *temporary_path; /* NULL: written directly */
 };
 
-/** Whether a file could be written now, for programs that have long work before they write it. Leaves nothing behind.
+/** Whether a file could be written now, for programs that have long work before they write it. Leaves nothing
+ * behind.
  * Errors: as lw_atomic_file_open(). */
 LW_MUST_CHECK enum lw_status lw_atomic_file_check(const char *path, struct lw_error *err);
 

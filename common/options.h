@@ -51,8 +51,9 @@ LW_MUST_CHECK enum lw_status lw_options_parse(const struct lw_options *options, 
 #define LW_OPTIONS_PORT    7780
 #define LW_OPTIONS_ADDRESS LW_OPTIONS_HOST ":7780"
 
-/** Where a server is, or shall be: "HOST:PORT", "[v6]:PORT" (brackets removed; port 0 is allowed), "HOST" or "[v6]" at
- * LW_OPTIONS_PORT, "PORT" at LW_OPTIONS_HOST. Errors: LW_USAGE naming the text. host_size includes the terminator. */
+/** Where a server is, or shall be: "HOST:PORT", "[v6]:PORT" (brackets removed; port 0 is allowed), "HOST" or
+ * "[v6]" at LW_OPTIONS_PORT, "PORT" at LW_OPTIONS_HOST. Errors: LW_USAGE naming the text. host_size includes
+ * the terminator. */
 LW_MUST_CHECK enum lw_status lw_options_address(const char *text, char *out_host, size_t host_size,
                                                 uint16_t *out_port, struct lw_error *err);
 

@@ -15,7 +15,8 @@ struct lw_progress {
     _Atomic uint64_t done;
     uint64_t started_ns;
     _Atomic uint64_t shown_ns; /* when a line was last shown; 0: never */
-    /* May be NULL; lw_progress_init() makes it so. While it is false the stage shows nothing: nobody waits for its end. */
+    /* May be NULL; lw_progress_init() makes it so. While it is false the stage shows nothing: nobody waits
+     * for its end. */
     const _Atomic bool *wanted;
 };
 

@@ -45,7 +45,7 @@ static void lay_out(struct lw_crossover *x) {
     x->frames = (uint64_t)fmax(LW_CROSSOVER_PICTURES, round(x->options.seconds * LW_VIEWS_HZ));
     for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES; p++)
         x->picture[p] = x->warm_frames + 1 + (2 * p + 1) * (x->frames - 1) / (2 * LW_CROSSOVER_PICTURES);
-    /* a picture that builds on others takes all frames before it, at full size: fewer are looked at */
+    /* a picture that builds on others takes all frames before it, at full size: fewer eyes judge */
     const bool remembers = lw_path_renderer_remembers(x->options.opponent);
     const uint32_t eyes = remembers ? LW_CROSSOVER_EYES / 2 : LW_CROSSOVER_EYES;
     x->eyes = most < eyes ? most : eyes;

@@ -258,7 +258,8 @@ static void print_head(const struct lw_crossover *x, FILE *f, const char *comman
                 : " The first second is not measured.");
 }
 
-/* Whether the views tell moving light from light that stands: an error that light of a second ago has, too, asks for no motion. */
+/* Whether the views tell moving light from light that stands: an error that light of a second ago has, too,
+ * asks for no motion. */
 static void print_lag(const struct lw_crossover *x, FILE *f) {
     if (!isfinite(x->lag_error)) return;
     fprintf(f,

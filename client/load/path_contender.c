@@ -7,8 +7,8 @@
 
 #include <stdlib.h>
 
-/* Frames before a picture that are rendered for it: as many as a history counts where nothing else takes noise away; with the
- * filter over the picture, half of them differ by less than the views do. */
+/* Frames before a picture that are rendered for it: as many as a history counts where nothing else takes
+ * noise away; with the filter over the picture, half of them differ by less than the views do. */
 #define HISTORY          32u
 #define HISTORY_FILTERED 16u
 
@@ -81,7 +81,8 @@ static enum lw_status set_users(struct lw_contender *contender, uint32_t users, 
     return LW_OK;
 }
 
-/* How many paths a frame adds: those of the setting; where a picture rests, a sixteenth, up to those in all. */
+/* How many paths a frame adds: those of the setting; where a picture rests, a sixteenth, up to those in
+ * all. */
 static uint32_t samples_now(const struct path_contender *c, const struct screen *screen) {
     if (!c->desc.rests || lw_path_renderer_remembers(c->desc.kind)) return c->setting.samples;
     uint32_t left = c->setting.samples - lw_path_renderer_samples(screen->renderer),

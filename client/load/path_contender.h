@@ -14,8 +14,8 @@ struct lw_path_contender_desc {
     uint32_t width, height, stride, bounces;
     unsigned threads; /* 0: all */
     enum lw_path_renderer_kind kind;
-    /* Nothing moves, neither scene nor views: samples of renderers that do not remember add up from frame to frame until there are
-     * `samples` of them. */
+    /* Nothing moves, neither scene nor views: samples of renderers that do not remember add up from frame to
+     * frame until there are `samples` of them. */
     bool rests;
 };
 

@@ -87,7 +87,8 @@ enum lw_status lw_truth_look(const struct lw_path_world *world, const struct lw_
     return LW_OK;
 }
 
-/* The mean of (x - t)^2, relative, over pixels of the same object; (a - x)(b - x) by halves of both leaves all noise out. */
+/* The mean of (x - t)^2, relative, over pixels of the same object; (a - x)(b - x) by halves of both leaves
+ * all noise out. */
 static double lag_error(const struct lw_truth *truth, const struct lw_path_film *late, const uint32_t *now,
                         const uint32_t *then) {
     const double floor = floor_of(truth), scale = 2.0 / late->samples;

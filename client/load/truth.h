@@ -40,14 +40,16 @@ double lw_truth_error(const struct lw_truth *truth, const float *rgb);
  * beyond measure there. */
 bool lw_truth_is_dark(const struct lw_truth *truth, double mean_square);
 
-/** Which object each pixel of a lattice shows at the world's present moment; LW_TRACE_MISS where it shines or is the sky.
+/** Which object each pixel of a lattice shows at the world's present moment; LW_TRACE_MISS where it shines or
+ * is the sky.
  * out_object  width * height. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_truth_look(const struct lw_path_world *world,
                                            const struct lw_camera_view *camera, uint32_t width,
                                            uint32_t height, uint32_t *out_object, struct lw_error *err);
 
-/** relMSE of the light of another moment, which the world has been set to: what a picture that lags by so long would be off, if it
- * were right otherwise. Pixels count that show the same object at both moments, and nothing that shines.
+/** relMSE of the light of another moment, which the world has been set to: what a picture that lags by so
+ * long would be off, if it were right otherwise. Pixels count that show the same object at both moments, and
+ * nothing that shines.
  * object   as lw_truth_look() has found it at the truth's moment
  * samples  even; seed  another than the truth's. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_truth_lag_error(const struct lw_truth *truth, const uint32_t *object,

@@ -11,8 +11,9 @@
 #define LW_VIEWS_HZ 30
 
 enum lw_views_kind {
-    /* Along the first animated camera of the scene. A scene without one is walked from where lw_camera_default() stands
-     * to where it looks, half of the way and back at 1.4 m/s, looking left and right. */
+    /* Along the first animated camera of the scene. A scene without one is walked from where
+     * lw_camera_default() stands to where it looks, half of the way and back at 1.4 m/s, looking left and
+     * right. */
     LW_VIEWS_WALK,
     /* Standing at places spread evenly over the scene's box, outside of geometry, looking at its centre
      * (Vandersanden 2023, ch. 5). */

@@ -31,16 +31,17 @@ struct lw_camera_view lw_camera_of_scene(const struct lw_scene *scene, const str
 LW_MUST_CHECK enum lw_status lw_camera_find(const struct lw_scene *scene, const char *name,
                                             uint32_t *out_camera, struct lw_error *err);
 
-/** A view for a scene that brings no camera: the best of some hundred, by how many parts of the scene a small picture shows,
- * how large, and how well they are lit; backs of single-sided surfaces show nothing. Some frame the scene's box from outside,
- * all around it; others frame the box of nearly all triangles, so that a wide ground does not make an object small; others
- * look from eye height inside that box, and count the less the more the place is open to the sides. Same scene, pose and
- * aspect: same view.
+/** A view for a scene that brings no camera: the best of some hundred, by how many parts of the scene a small
+ * picture shows, how large, and how well they are lit; backs of single-sided surfaces show nothing. Some
+ * frame the scene's box from outside, all around it; others frame the box of nearly all triangles, so that a
+ * wide ground does not make an object small; others look from eye height inside that box, and count the less
+ * the more the place is open to the sides. Same scene, pose and aspect: same view.
  *
  * pose     whose bounds are framed: without dynamic objects, which may be anywhere
  * trace    of the same scene and pose
  * aspect   width / height of the picture
- * Cost     some 100,000 rays on the calling thread; allocates, and without memory takes a fixed view from outside */
+ * Cost     some 100,000 rays on the calling thread; allocates, and without memory takes a fixed view from
+ *          outside */
 struct lw_camera_view lw_camera_default(const struct lw_scene *scene, const struct lw_pose *pose,
                                         const struct lw_trace *trace, float aspect);
 

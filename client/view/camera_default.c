@@ -1,9 +1,10 @@
-/* The view of a scene that brings no camera. Candidates around its box and inside it are judged by small pictures.
+/* The view of a scene that brings no camera. Candidates around its box and inside it are judged by small
+ * pictures.
  *
- * What a picture is worth follows viewpoint entropy (Vazquez et al. 2001): a part of the scene that takes the share p of the
- * picture adds p (1 - ln p). So many parts are better than few, and large ones better than small ones. A part is what of an
- * object faces about the same way: how finely it is divided into triangles does not count. Its share is the less, the less
- * light it has and the nearer it is to the eye. */
+ * What a picture is worth follows viewpoint entropy (Vazquez et al. 2001): a part of the scene that takes the
+ * share p of the picture adds p (1 - ln p). So many parts are better than few, and large ones better than
+ * small ones. A part is what of an object faces about the same way: how finely it is divided into triangles
+ * does not count. Its share is the less, the less light it has and the nearer it is to the eye. */
 #include "client/view/camera.h"
 #include "client/view/path_trace.h"
 
@@ -83,7 +84,8 @@ static bool meets_box(const struct box *box, struct lw_vec3 from, struct lw_vec3
     return near <= far;
 }
 
-/* Whether a hit shows something: backs of single-sided surfaces are in the way of light, and not to be seen. */
+/* Whether a hit shows something: backs of single-sided surfaces are in the way of light, and not to be
+ * seen. */
 static bool shows(const struct judge *j, const struct lw_hit16 *hits, unsigned lane) {
     if (hits->object[lane] == LW_TRACE_MISS) return false;
     const struct lw_mesh *mesh = &j->scene->mesh[j->scene->object[hits->object[lane]].mesh];
@@ -103,7 +105,8 @@ static uint32_t part_of(const struct judge *j, uint32_t object, uint32_t triangl
 
 static float luminance(const float *rgb) { return 0.2126f * rgb[0] + 0.7152f * rgb[1] + 0.0722f * rgb[2]; }
 
-/* Finds the pixels that show something, in order of their parts. out_used: pixels that do, or look into the box. */
+/* Finds the pixels that show something, in order of their parts. out_used: pixels that do, or look into the
+ * box. */
 static uint32_t look(const struct judge *j, const struct candidate *c, struct seen *out, uint32_t *out_used) {
     const struct lw_camera_plane plane = lw_camera_plane(&c->view, j->width, j->height);
     const uint32_t count = j->width * j->height;
@@ -175,8 +178,9 @@ static void consider(struct judge *j, struct lw_camera_view view, const struct b
 
 /* ---- from outside ---- */
 
-/* The view in a direction from as near as a box fits into the picture. A corner at x to the right and z towards the eye is
- * in it if |x - x0| <= slope (distance - z): that bounds distance + x0 / slope and distance - x0 / slope from below. */
+/* The view in a direction from as near as a box fits into the picture. A corner at x to the right and z
+ * towards the eye is in it if |x - x0| <= slope (distance - z): that bounds distance + x0 / slope and
+ * distance - x0 / slope from below. */
 static struct lw_camera_view frame(const struct box *box, struct lw_vec3 forward, float aspect) {
     struct lw_camera_view view = lw_camera_look_at(lw_vec3(0, 0, 0), forward, FOV_OUTSIDE);
     struct lw_vec3 size = lw_vec3_sub(box->high, box->low), centre = lw_vec3_mad(box->low, size, 0.5f);
@@ -214,8 +218,8 @@ static void consider_outside(struct judge *j, const struct box *box) {
 
 /* ---- from inside ---- */
 
-/* How far one sees from a point, at most far_m; 0 where what is met does not show. Returns the share of directions in which
- * something is seen. */
+/* How far one sees from a point, at most far_m; 0 where what is met does not show. Returns the share of
+ * directions in which something is seen. */
 static float free_distances(const struct judge *j, struct lw_vec3 from, const struct lw_vec3 *dir,
                             float far_m, float *out) {
     unsigned seen = 0;
@@ -237,7 +241,8 @@ static float free_distances(const struct judge *j, struct lw_vec3 from, const st
 static void consider_inside(struct judge *j, const struct box *box) {
     struct lw_vec3 size = lw_vec3_sub(box->high, box->low), dir[DIRECTIONS];
     const float far_m = lw_vec3_length(size);
-    /* Files in centimetres make people of two storeys' height: the eye then goes by the scene, not by the metre. */
+    /* Files in centimetres make people of two storeys' height: the eye then goes by the scene, not by the
+     * metre. */
     const float eye_m = fminf(fmaxf(EYE_HEIGHT_M, 0.15f * size.y), 0.5f * size.y);
     /* Level ones, then as many up and as many down by 30 degrees. */
     static const float rise[3] = {0, 0.5f, -0.5f};
@@ -245,7 +250,8 @@ static void consider_inside(struct judge *j, const struct box *box) {
         float angle = 2 * LW_PI * (float)i / LOOKS, y = rise[i / LOOKS], r = sqrtf(1 - y * y);
         dir[i] = lw_vec3(r * sinf(angle), y, r * cosf(angle));
     }
-    /* The middle may be inside a column: of places around it the one with most room and fewest ways out is taken. */
+    /* The middle may be inside a column: of places around it the one with most room and fewest ways out is
+     * taken. */
     struct lw_vec3 best = box->low;
     float best_free_m[DIRECTIONS], best_sum_m = 0, prior = 0;
     for (unsigned place = 0; place < PLACES * PLACES; place++) {
@@ -281,7 +287,8 @@ static int by_value(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* The box of nearly all triangles: without the ground that goes on to the horizon. False if there is no triangle. */
+/* The box of nearly all triangles: without the ground that goes on to the horizon. False if there is no
+ * triangle. */
 static bool find_body(const struct lw_scene *scene, const struct lw_pose *pose, const struct box *whole,
                       struct box *out) {
     uint64_t total = 0, passed = 0;

@@ -6,7 +6,8 @@
 
 #include "client/view/view_options.h"
 
-/** Whether the file that the options name could be written, before the long work. Errors: lw_atomic_file_check()'s. */
+/** Whether the file that the options name could be written, before the long work. Errors:
+ * lw_atomic_file_check()'s. */
 LW_MUST_CHECK enum lw_status lw_export_check(const struct lw_view_options *options, struct lw_error *err);
 
 /** Writes a picture as the options say, or nothing if they name no file.

@@ -234,7 +234,8 @@ enum lw_status lw_gbuffer_init_thin(struct lw_gbuffer *thin, const struct lw_gbu
     return status;
 }
 
-/* Pixels of the lattice are step times as wide: slopes per pixel are steeper by that, and less is a pixel's breadth. */
+/* Pixels of the lattice are step times as wide: slopes per pixel are steeper by that, and less is a pixel's
+ * breadth. */
 static void thin_row(const struct lw_gbuffer *thin, const struct lw_gbuffer *full, uint32_t row) {
     const struct lw_gbuffer_lattice *l = &thin->lattice;
     const struct lw_gbuffer_planes *to = &thin->plane, *from = &full->plane;

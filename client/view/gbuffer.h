@@ -5,8 +5,8 @@
  * Rays go through the centres of pixels, as in compose.h and path_trace.h (LW_PATH_PIXEL_CENTRE), so that
  *     radiance = albedo x E/pi + emission
  * holds for the mean of the path tracer's samples. BLEND surfaces are blended front to back: albedo and emission are sums
- * over all layers and the sky behind them, the rest belongs to the layer that weighs most. Where there is one layer, paths may start
- * from here instead of the eye (path_trace.h, first_hits). */
+ * over all layers and the sky behind them, the rest belongs to the layer that weighs most. Where there is one
+ * layer, paths may start from here instead of the eye (path_trace.h, first_hits). */
 #ifndef LW_CLIENT_VIEW_GBUFFER_H
 #define LW_CLIENT_VIEW_GBUFFER_H
 
@@ -70,12 +70,13 @@ LW_MUST_CHECK enum lw_status lw_gbuffer_init(struct lw_gbuffer *gbuffer, const s
 /** A zeroed one is fine. */
 void lw_gbuffer_finish(struct lw_gbuffer *gbuffer);
 
-/** One for every step-th pixel of pictures of full->width x full->height, for lw_gbuffer_thin() alone. Errors: LW_NO_MEMORY. */
+/** One for every step-th pixel of pictures of full->width x full->height, for lw_gbuffer_thin() alone.
+ * Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_gbuffer_init_thin(struct lw_gbuffer *thin, const struct lw_gbuffer *full,
                                                   uint32_t step, struct lw_error *err);
 
-/** Takes every step-th pixel of the last render of `full`, from (x, y) on; both under step. Lattice pixels beyond the picture's
- * edge repeat its last. */
+/** Takes every step-th pixel of the last render of `full`, from (x, y) on; both under step. Lattice pixels
+ * beyond the picture's edge repeat its last. */
 void lw_gbuffer_thin(struct lw_gbuffer *thin, const struct lw_gbuffer *full, uint32_t x, uint32_t y);
 
 /** The picture plane by which pixel (i, j) is seen through (i + 0.5, j + 0.5), on a lattice as well. */

@@ -19,8 +19,8 @@ struct lw_overlay_state {
     struct lw_compose_report report;
 };
 
-/** How far the picture is, in one line. An error is told once it says something: the estimate from the first few samples
- * of a tile is near 100 % whatever the tile looks like. */
+/** How far the picture is, in one line. An error is told once it says something: the estimate from the first
+ * few samples of a tile is near 100 % whatever the tile looks like. */
 void lw_overlay_state(const struct lw_overlay_state *state, char out[LW_OVERLAY_LINE_SIZE]);
 
 #endif

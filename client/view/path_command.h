@@ -6,10 +6,12 @@
 
 #include "client/view/view_options.h"
 
-/** Opens the scene, path traces the view, writes it. The first SIGINT or SIGTERM ends the tracing (interrupt.h): the samples that
- * every pixel has by then are written, if there is one; before that it may end the program at once.
+/** Opens the scene, path traces the view, writes it. The first SIGINT or SIGTERM ends the tracing
+ * (interrupt.h): the samples that every pixel has by then are written, if there is one; before that it may
+ * end the program at once.
  * out_stopped  whether a signal kept it from taking all samples
- * Errors       LW_CANNOT_CREATE before anything else is done; as lw_scene_open(); LW_USAGE for an unknown camera; the image
+ * Errors       LW_CANNOT_CREATE before anything else is done; as lw_scene_open(); LW_USAGE for an unknown
+ *              camera; the image
  *              writer's */
 LW_MUST_CHECK enum lw_status lw_path_command_run(const struct lw_view_options *options, bool *out_stopped,
                                                  struct lw_error *err);

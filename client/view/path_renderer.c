@@ -166,8 +166,8 @@ static struct lw_path_view view_of(struct lw_path_renderer *r, const struct lw_p
     return view;
 }
 
-/* Traces what bounces bring to the quarter. Its pixels take turns within their squares while anything moves; at rest a history of
- * many frames wants them in one place. */
+/* Traces what bounces bring to the quarter. Its pixels take turns within their squares while anything moves;
+ * at rest a history of many frames wants them in one place. */
 static void trace_quarter(struct lw_path_renderer *r, const struct lw_path_view *like, uint32_t number,
                           uint32_t samples) {
     static const uint8_t x[] = {0, 1, 1, 0}, y[] = {0, 1, 0, 1}; /* neighbours in time far apart */

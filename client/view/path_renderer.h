@@ -1,16 +1,18 @@
-/* path_renderer.h: moving pictures by paths from the eye, in the ways in which people render them: raw, over time, filtered.
+/* path_renderer.h: moving pictures by paths from the eye, in the ways in which people render them: raw, over
+ * time, filtered.
  * Flow:    scene, pose, camera -> [path_renderer: path_trace, gbuffer, svgf] -> radiance of a frame
- * Threads: one thread at a time per renderer; works on several inside. Same inputs, same bytes, at any number.
+ * Threads: one thread at a time per renderer; works on several inside. Same inputs, same bytes, at any
+ * number.
  *
- * They are what the shared cache is measured against (docs/results/crossover.md), each as strong as we can make it. Rays go
- * through the centres of pixels. */
+ * They are what the shared cache is measured against (docs/results/crossover.md), each as strong as we can
+ * make it. Rays go through the centres of pixels. */
 #ifndef LW_CLIENT_VIEW_PATH_RENDERER_H
 #define LW_CLIENT_VIEW_PATH_RENDERER_H
 
 #include "client/view/path_trace.h"
 
-/* tag, short name, what it does. Each from LIGHTS on takes a shadow ray for each light or group of lights at first hits and limits
- * what a path brings from beyond them to ten times the picture's mean. */
+/* tag, short name, what it does. Each from LIGHTS on takes a shadow ray for each light or group of lights at
+ * first hits and limits what a path brings from beyond them to ten times the picture's mean. */
 #define LW_PATH_RENDERER_MAP(X)                                                                              \
     X(RAW, "raw", "paths as they are: one sample of all lights at each vertex")                              \
     X(LIGHTS, "lights", "all lights at first hits, a clamp")                                                 \
@@ -69,7 +71,8 @@ struct lw_path_frame_cost {
 const float *lw_path_renderer_frame(struct lw_path_renderer *renderer, const struct lw_path_frame *frame,
                                     struct lw_path_frame_cost *out_cost);
 
-/** Samples of a pixel that the last picture is made of, where nothing moves and the renderer does not remember. */
+/** Samples of a pixel that the last picture is made of, where nothing moves and the renderer does not
+ * remember. */
 uint32_t lw_path_renderer_samples(const struct lw_path_renderer *renderer);
 
 #endif

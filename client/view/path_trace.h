@@ -75,14 +75,15 @@ struct lw_path_view {
     enum lw_path_method method;
     enum lw_path_pattern pattern;
     enum lw_path_part part;
-    /* At first hits a sample and a shadow ray for each light or group of lights (direct16.h), in place of one sample of all of
-     * them; what bounce rays from there meet does not count as light then. */
+    /* At first hits a sample and a shadow ray for each light or group of lights (direct16.h), in place of one
+     * sample of all of them; what bounce rays from there meet does not count as light then. */
     bool all_lights;
-    /* The most luminance, W/(m^2 sr), that one path may bring from beyond its first hit: brighter ones are scaled down to it.
-     * Loses light, and the noise of few bright paths. 0: no limit. */
+    /* The most luminance, W/(m^2 sr), that one path may bring from beyond its first hit: brighter ones are
+     * scaled down to it. Loses light, and the noise of few bright paths. 0: no limit. */
     float clamp;
-    /* First hits that another has traced already, by the same pose and camera, of as many pixels as the film. Rays from the eye
-     * are left out, but where pixels show several surfaces. Then a pixel is its centre. NULL: none. */
+    /* First hits that another has traced already, by the same pose and camera, of as many pixels as the film.
+     * Rays from the eye are left out, but where pixels show several surfaces. Then a pixel is its centre.
+     * NULL: none. */
     const struct lw_gbuffer *first_hits;
     const _Atomic bool *cancel; /* may be NULL; once true, a render ends within some milliseconds */
 };
@@ -91,8 +92,8 @@ struct lw_path_count {
     uint64_t paths, rays_primary, rays_shadow, rays_bounce;
 };
 
-/** Adds `samples` paths to every pixel of a film. False: it was cancelled; some pixels of the film have got theirs and
- * others have not, and neither film->samples nor count has changed.
+/** Adds `samples` paths to every pixel of a film. False: it was cancelled; some pixels of the film have got
+ * theirs and others have not, and neither film->samples nor count has changed.
  *
  * count   may be NULL; added to
  * Errors  none; a sample that is not finite counts as black

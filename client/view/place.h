@@ -1,4 +1,5 @@
-/* place.h: where an object is, ready for surface points that rays have met, and where rays of light start there.
+/* place.h: where an object is, ready for surface points that rays have met, and where rays of light start
+ * there.
  * Flow:    pose -> [place] -> path_trace, gbuffer
  * Threads: values, [any]. */
 #ifndef LW_CLIENT_VIEW_PLACE_H

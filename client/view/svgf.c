@@ -539,8 +539,9 @@ void lw_svgf_filter(struct lw_svgf *svgf, const struct lw_gbuffer *gbuffer, cons
 
 /* ---- to all pixels of a picture of which every few were filtered ---- */
 
-/* How well a pixel of the lattice knows the light of one of the picture, beside how near it is. (dx, dy): from it to that one, in
- * pixels of the lattice. Something is left where it lies on another surface: where all do, the nearest serve. */
+/* How well a pixel of the lattice knows the light of one of the picture, beside how near it is. (dx, dy):
+ * from it to that one, in pixels of the lattice. Something is left where it lies on another surface: where
+ * all do, the nearest serve. */
 static float kinship(const struct lw_gbuffer_planes *thin, size_t q, const struct lw_gbuffer_planes *full,
                      size_t p, float dx, float dy) {
     const float off = full->depth[p] - thin->depth[q] - thin->slope[0][q] * dx - thin->slope[1][q] * dy;

@@ -42,8 +42,8 @@ void lw_svgf_reset(struct lw_svgf *svgf);
 void lw_svgf_filter(struct lw_svgf *svgf, const struct lw_gbuffer *gbuffer, const float *radiance,
                     float *out_rgb);
 
-/** Filters every step-th pixel of a picture and brings the light to all of them: each takes it from the four nearest, as far as
- * they lie on its surface, and has its own albedo and emission.
+/** Filters every step-th pixel of a picture and brings the light to all of them: each takes it from the four
+ * nearest, as far as they lie on its surface, and has its own albedo and emission.
  *
  * thin      of this frame, of the filter's size: what lw_gbuffer_thin() took from `full`
  * radiance  of thin's pixels

@@ -40,8 +40,8 @@ struct lw_scene_open {
      LW_OPTION_REAL, &(open)->sun_angle_deg, 0, 90, &(open)->sun_angle_given}
 /* clang-format on */
 
-/** Whether text is meant as a scene where a server's address is expected: it is an existing file, is called like a file of a
- * scene, or begins with "builtin:". */
+/** Whether text is meant as a scene where a server's address is expected: it is an existing file, is called
+ * like a file of a scene, or begins with "builtin:". */
 bool lw_scene_open_is_scene(const char *text);
 
 /** Opens a scene; overrides become part of it, and so of the package that clients get.

@@ -467,9 +467,10 @@ enum lw_status lw_trace_settle(struct lw_trace *trace, bool wait, struct lw_erro
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "building the rays' structure");
 }
 
-/* The end of a ray that meets nothing. Where packets of sixteen are not native, Embree 3.13 never reads `valid`: it traces
- * each lane whose ray ends at its beginning or later, and stops at what is no ray (filterSOA of its
- * kernels/bvh/bvh_intersector_stream_filters.cpp, which fills packets up with such rays itself). */
+/* The end of a ray that meets nothing. Where packets of sixteen are not native, Embree 3.13 never reads
+ * `valid`: it traces each lane whose ray ends at its beginning or later, and stops at what is no ray
+ * (filterSOA of its kernels/bvh/bvh_intersector_stream_filters.cpp, which fills packets up with such rays
+ * itself). */
 #define EMPTY_FAR (-INFINITY)
 
 static void load_rays(struct RTCRay16 *dst, const struct lw_ray16 *src, uint16_t active) {

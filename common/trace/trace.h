@@ -73,9 +73,10 @@ struct lw_trace;
 
 /** Builds the acceleration structure. scene must outlive it.
  * Same scene and pose: same structure, whatever the machine's thread count.
- * LW_TRACE_ISA in the environment (sse4.2, avx2, avx512) chooses the kernels' instruction set; without it they use the best
- * that the processor has.
- * Errors: LW_NO_MEMORY; LW_INTERNAL with Embree's message; of LW_TRACE_ISA: LW_USAGE for another name, LW_UNAVAILABLE for a
+ * LW_TRACE_ISA in the environment (sse4.2, avx2, avx512) chooses the kernels' instruction set; without it
+ * they use the best that the processor has.
+ * Errors: LW_NO_MEMORY; LW_INTERNAL with Embree's message; of LW_TRACE_ISA: LW_USAGE for another name,
+ * LW_UNAVAILABLE for a
  *         set that the processor lacks. */
 LW_MUST_CHECK enum lw_status lw_trace_create(const struct lw_scene *scene, const struct lw_pose *pose,
                                              struct lw_trace **out_trace, struct lw_error *err);
@@ -104,8 +105,8 @@ void lw_trace_closest16(const struct lw_trace *trace, unsigned flags, uint16_t a
 uint16_t lw_trace_occluded16(const struct lw_trace *trace, unsigned flags, uint16_t active,
                              const struct lw_ray16 *rays);
 
-/** The instruction set that Embree took: "sse2", "sse4.2", "avx", "avx2", "avx512"; "native" on other processors than
- * x86-64. [any] */
+/** The instruction set that Embree took: "sse2", "sse4.2", "avx", "avx2", "avx512"; "native" on other
+ * processors than x86-64. [any] */
 const char *lw_trace_isa(const struct lw_trace *trace);
 
 /** Bytes that Embree holds. [any] */

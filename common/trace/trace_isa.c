@@ -15,7 +15,8 @@ static bool is_choice(const char *name) {
     return false;
 }
 
-/* Embree tells the widest packet that it traces at once; sets of equal width differ by what the processor has. */
+/* Embree tells the widest packet that it traces at once; sets of equal width differ by what the processor
+ * has. */
 const char *lw_trace_isa_of(RTCDevice device) {
 #ifdef __x86_64__
     if (rtcGetDeviceProperty(device, RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED)) return "avx512";

@@ -158,8 +158,8 @@ static enum lw_status parse(int argc, char **argv, struct arguments *arguments, 
          .help = "Write the report to stdout as JSON.",
          .kind = LW_OPTION_FLAG,
          .value = &arguments->json},
-        /* For programs that start this one: the reason of a failure goes to this descriptor, not to stderr, and it ends
-         * when they end. */
+        /* For programs that start this one: the reason of a failure goes to this descriptor, not to stderr,
+         * and it ends when they end. */
         {.name = "failure-fd",
          .argument = "N",
          .kind = LW_OPTION_INT,

@@ -61,8 +61,8 @@ static enum lw_status find_seams(struct cell_solver *s) {
     return lw_seams_light_init(&s->welds, &s->geometry->seams);
 }
 
-/* A step is a tile in a pass over all that are due. Shown of the first frame, which may be long, and while somebody waits
- * for the end of one. */
+/* A step is a tile in a pass over all that are due. Shown of the first frame, which may be long, and while
+ * somebody waits for the end of one. */
 static void begin_progress(struct cell_solver *s) {
     static const _Atomic bool never = false;
     const uint32_t passes = 1 + (s->desc.bounces ? 1 + s->desc.bounces : 0);

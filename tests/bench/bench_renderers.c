@@ -1,11 +1,13 @@
-/* bench_renderers: how near each path renderer (path_renderer.h) comes to the truth with few samples, and what that costs.
+/* bench_renderers: how near each path renderer (path_renderer.h) comes to the truth with few samples, and
+ * what that costs.
  *
  *     bench_renderers [OPTIONS] SCENE[@PX,PY,PZ:TX,TY,TZ:FOV]...
  *
- * A camera moves and turns through each scene for --frames pictures while its animation runs; the last one is compared with
- * a path trace of --truth samples. One table in Markdown per scene: relMSE = mean((x-t)^2 / (t^2 + eps)), eps = 1 % of the
- * mean of t^2, less what the truth's own noise adds; CPU seconds per picture: of first hits and paths, and of the filter.
- * With -o DIR also the pictures: of each renderer, and the truth. */
+ * A camera moves and turns through each scene for --frames pictures while its animation runs; the last
+ * one is compared with a path trace of --truth samples. One table in Markdown per scene: relMSE =
+ * mean((x-t)^2 / (t^2 + eps)), eps = 1 % of the mean of t^2, less what the truth's own noise adds; CPU
+ * seconds per picture: of first hits and paths, and of the filter. With -o DIR also the pictures: of
+ * each renderer, and the truth. */
 #include "client/view/path_renderer.h"
 #include "client/view/tonemap.h"
 #include "common/image/image.h"

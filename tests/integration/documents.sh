@@ -1,7 +1,7 @@
 #!/bin/bash
 # Runs the commands of the documents, as documents.table says, and lists what came of them.
 # documents.sh SOURCE BIN WORK SECONDS
-#   SOURCE: the project; BIN: its programs; WORK: a folder, which is made anew; SECONDS: a command's limit
+#   SOURCE: the project; BIN: its programs; WORK: a folder, which is emptied first; SECONDS: a command's limit
 set -u
 export LC_ALL=C
 source=$1 bin=$2 work=$3 limit=$4

@@ -221,7 +221,8 @@ static struct image path_traced(const char *scene, double time_s) {
     return image;
 }
 
-/* How far the daemon's picture is from the truth, over blocks, relative to the truth's mean: root mean square. */
+/* How far the daemon's picture is from the truth, over blocks, relative to the truth's mean: root mean
+ * square. */
 static double difference(const struct image *truth) {
     struct image live = live_picture();
     assert_true(live.width == truth->width && live.height == truth->height);
@@ -249,8 +250,8 @@ static double brightness(void) {
     return sum / (live.width * live.height * 3.0);
 }
 
-/* Looks until the picture is that near, and returns how near it is then. What only this picture shows is lit from when it is asked
- * for. */
+/* Looks until the picture is that near, and returns how near it is then. What only this picture shows is lit
+ * from when it is asked for. */
 static double wait_until_near(const struct image *truth, double near) {
     for (const uint64_t limit_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;;) {
         const double now = difference(truth);

@@ -79,7 +79,7 @@ static json_t *load(const struct lw_process *daemon, const char *arguments) {
     return report_of(&load);
 }
 
-/* Until there are so many users, and then for the window and some frames, however busy the machine is. */
+/* Until there are `users` users, and then for the window and some frames, however busy the machine is. */
 static void wait_for_users(const struct lw_process *daemon, unsigned users) {
     const uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
     while (lw_process_newest(daemon, "sessions") != users) {
@@ -273,8 +273,8 @@ static int kill_all(void **state) {
     return 0;
 }
 
-/* With an argument: the long test alone. Those with a server of their own come last: what they leave running where they fail
- * is killed, and the shared one with it. */
+/* With an argument: the long test alone. Those with a server of their own come last: what they leave running
+ * where they fail is killed, and the shared one with it. */
 int main(int argc, char **argv) {
     const struct CMUnitTest long_tests[] = {cmocka_unit_test_teardown(test_never_readers, kill_all)};
     const struct CMUnitTest tests[] = {

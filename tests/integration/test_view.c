@@ -295,7 +295,7 @@ static void test_path_trace_is_stopped(void **state) {
     free(err);
     free(json);
 
-    /* whole samples alone are in it: it is the picture of so many */
+    /* whole samples alone are in it: it is the picture of their number */
     char whole[256];
     snprintf(whole, sizeof whole, "%s", lw_support_temporary("whole.png"));
     snprintf(arguments, sizeof arguments, "--path-trace builtin:cornell --size 64x64 --spp %u --out %s",
@@ -309,7 +309,7 @@ static void test_path_trace_is_stopped(void **state) {
     free(bytes[1]);
 }
 
-/* Of so many pixels not even one sample is done when the signal comes: it does not wait for that. */
+/* At this size not even one sample is done when the signal comes: it does not wait for that. */
 static void test_path_trace_is_stopped_before_its_first_sample(void **state) {
     (void)state;
     char arguments[512], png[256];

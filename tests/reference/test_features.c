@@ -236,7 +236,8 @@ static void expect_furnace_in(const struct lw_affine *matrix, float texels_per_m
         area += m.texels;
     }
     assert_true(area > 100);
-    /* unweighted mean over faces of equal light: the scatter is that of area sampling in corners, 0.35 % over seeds */
+    /* unweighted mean over faces of equal light: the scatter is that of area sampling in corners, 0.35 % over
+     * seeds */
     if (fabs(mean / (PI * 1.5) - 1) > 0.02) fail_msg("furnace reads %g, expected %g", mean, PI * 1.5);
     room_finish(&solution);
 }

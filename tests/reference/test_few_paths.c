@@ -66,8 +66,8 @@ static double error_of(const float *rgb, const float *truth) {
     return sum / VALUES;
 }
 
-/* How much less the error of the last picture of the way is than without the filter. What the noise of the truth's samples adds to
- * the error is known and taken off: the more is left of it, the more samples. */
+/* How much less the error of the last picture of the way is than without the filter. What the noise of the
+ * truth's samples adds to the error is known and taken off: the more is left of it, the more samples. */
 static double gain(const char *name, uint32_t truth_samples) {
     struct set set;
     struct lw_error err = {0};

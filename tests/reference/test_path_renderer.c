@@ -1,4 +1,5 @@
-/* The path renderers against converged paths: a camera moves and turns through a scene, one path per pixel and frame. */
+/* The path renderers against converged paths: a camera moves and turns through a scene, one path per pixel
+ * and frame. */
 #include "client/load/path_world.h"
 #include "client/view/path_renderer.h"
 #include "client/view/svgf.h"
@@ -127,8 +128,8 @@ static void test_threads_do_not_matter(void **state) {
     }
 }
 
-/* Light without noise comes through a quarter as it is where it is even, and each pixel has its own albedo and emission, beside
- * other surfaces as well; whichever pixel of the square is taken. */
+/* Light without noise comes through a quarter as it is where it is even, and each pixel has its own albedo
+ * and emission, beside other surfaces as well; whichever pixel of the square is taken. */
 static void test_a_quarter_tells_even_light(void **state) {
     (void)state;
     struct set set;

@@ -458,8 +458,9 @@ static void test_methods_agree(void **state) {
     tear_down(&set);
 }
 
-/* What the eye sees shine and what lights shine on, and what bounces bring there, are all of the same paths' light. Without all
- * lights at first hits the bounce rays that look for lights there are others' too: means agree, not pixels. */
+/* What the eye sees shine and what lights shine on, and what bounces bring there, are all of the same paths'
+ * light. Without all lights at first hits the bounce rays that look for lights there are others' too: means
+ * agree, not pixels. */
 static void test_parts_add_up(void **state) {
     (void)state;
     enum { SIDE = 48 };
@@ -503,8 +504,8 @@ static void test_parts_add_up(void **state) {
     tear_down(&set);
 }
 
-/* One path a pixel: what it brings beyond its first hit, which is what no bounce leaves out, is within the limit; what was within
- * it stays as it was. */
+/* One path a pixel: what it brings beyond its first hit, which is what no bounce leaves out, is within the
+ * limit; what was within it stays as it was. */
 static void test_clamp(void **state) {
     (void)state;
     enum { SIDE = 64 };

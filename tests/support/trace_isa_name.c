@@ -1,5 +1,5 @@
-/* Prints the instruction set that rays are traced with, as LW_TRACE_ISA or the processor says; where the processor lacks what
- * LW_TRACE_ISA names, the line that says so, with exit code 69. */
+/* Prints the instruction set that rays are traced with, as LW_TRACE_ISA or the processor says; where the
+ * processor lacks what LW_TRACE_ISA names, the line that says so, with exit code 69. */
 #include "tests/support/support.h"
 
 #include "common/trace/trace.h"

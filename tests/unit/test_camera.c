@@ -169,7 +169,8 @@ static void make_cube(struct lw_scene *scene, uint32_t first, uint32_t count, st
     }
 }
 
-/* How much of the picture's width or height a box takes, whichever is more; all of it must be in the picture. */
+/* How much of the picture's width or height a box takes, whichever is more; all of it must be in the
+ * picture. */
 static float extent_of(const struct lw_camera_view *view, float aspect, struct lw_vec3 low,
                        struct lw_vec3 high) {
     float left = 1, right = -1, bottom = 1, top = -1, edge = tanf(view->fov_y / 2);

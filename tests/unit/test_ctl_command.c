@@ -7,8 +7,8 @@
 #include <stdio.h>
 #include <string.h>
 
-/* Three squares of 1 m, at x = 0, 2 and 4, a light of (10, 10, 10) at (0, 2, 0), and materials: "grey" is dark,
- * "tube" shines by (1, 2, 3), and two are called "globe". */
+/* Three squares of 1 m, at x = 0, 2 and 4, a light of (10, 10, 10) at (0, 2, 0), and materials: "grey" is
+ * dark, "tube" shines by (1, 2, 3), and two are called "globe". */
 static struct lw_scene *scene;
 static struct lw_material paint[4];
 static struct lw_ctl_emission emission[4];

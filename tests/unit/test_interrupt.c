@@ -15,7 +15,8 @@
 
 #define LIMIT_MS 30000
 
-/* The time, s, in the test's process and in its children: signals are as far apart as the test says, however busy the machine is. */
+/* The time, s, in the test's process and in its children: signals are as far apart as the test says, however
+ * busy the machine is. */
 static volatile time_t *seconds;
 
 int __wrap_clock_gettime(clockid_t clock, struct timespec *time);

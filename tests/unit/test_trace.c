@@ -296,7 +296,8 @@ static void test_views_look_through_backs(void **state) {
     }
 }
 
-/* Lanes that are not active may hold anything; whatever it is, they are misses, and the others meet what they meet alone. */
+/* Lanes that are not active may hold anything; whatever it is, they are misses, and the others meet what they
+ * meet alone. */
 static void test_lanes_that_are_not_active_meet_nothing(void **state) {
     (void)state;
     for (int moving = 0; moving < 2; moving++) {

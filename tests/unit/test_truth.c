@@ -79,7 +79,8 @@ static void dark_views_are_known_by_the_others(void **state) {
     assert_true(lw_truth_is_dark(&(struct lw_truth){.mean_square = 0}, 0)); /* where all is dark, too */
 }
 
-/* A Cornell box whose lamp is half as bright again at another moment: where it does not shine all light is off by a half. */
+/* A Cornell box whose lamp is half as bright again at another moment: where it does not shine all light is
+ * off by a half. */
 static void light_that_is_late_is_off_by_what_has_changed(void **state) {
     (void)state;
     enum { SIDE = 32, SAMPLES = 512 };

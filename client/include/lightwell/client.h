@@ -103,7 +103,7 @@ struct lw_client_light {
 /** Errors: none; a light that is not there is all zero. */
 struct lw_client_light lw_client_get_light(const struct lw_client *client, uint32_t light);
 
-/** What a material shone by when the server began, W/(m^2 sr); lw_client_scene() has its emission of now.
+/** What a material shone by when the server began, W/(m^2 sr); lw_client_scene() has its current emission.
  * Errors: none; a material that is not there gives zeros. */
 struct lw_vec3 lw_client_own_emission(const struct lw_client *client, uint32_t material);
 
