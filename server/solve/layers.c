@@ -344,10 +344,25 @@ static bool take(struct layers *s, const struct lw_pose *pose) {
     return reweighed;
 }
 
+/* What is shown without sums, the first layer's light: a sum is compared with it to see whether it is another. */
+static void show_first(struct layers *s) {
+    const struct lw_tiles *tiles = tiles_of(s->layer);
+    const size_t size = s->geometry.texels.count * sizeof(float);
+    for (int c = 0; c < 3; c++) {
+        memcpy(s->direct[c], tiles->direct[c], size);
+        memcpy(s->indirect[c], tiles->indirect[c], size);
+        memcpy(s->light[c], tiles->light[c], size);
+    }
+    for (uint32_t id = 0; id < s->desc.atlas_map->tile_count; id++)
+        if (s->desc.atlas_map->place[id].level == 0)
+            s->solved_frame[id] = tile_of(s->layer, (lw_tile_id){id})->solved_frame;
+}
+
 static enum lw_status begin_sums(struct layers *s, struct lw_error *err) {
     if (s->sums) return LW_OK;
     if (!allocate_sums(s))
         return lw_status_fail(err, LW_NO_MEMORY, "sums of %u texels", s->geometry.texels.count);
+    show_first(s);
     s->sums = true;
     return LW_OK;
 }

@@ -145,6 +145,35 @@ static void test_another_weight_takes_no_ray(void **state) {
 }
 
 /* Two lamps of a group dim together for nothing; one of them alone is solved anew, and comes out right. */
+/* All light in one layer, switched off at once: everything that was lit is shown dark in that frame, and light comes back. */
+static void test_the_last_light_goes_out(void **state) {
+    (void)state;
+    struct room_solution s;
+    uint64_t frame = 0;
+    struct room room = make_room();
+    room.light_count = 1;
+    room.quad[PANEL].emission = 0;
+    room_solve_layers(&s, room_scene(&room), room.texels_per_metre, desc, "none", 0);
+    room_solve_until_rest(&s, &frame);
+    struct picture before = look(&s);
+    const struct lw_vec3 on = s.pose.light[0].intensity;
+    s.pose.light[0].intensity = lw_vec3(0, 0, 0);
+    assert_int_equal(step(&s, &frame), 0);
+    assert_true(s.stats.tiles_shown > 0);
+    struct picture off = look(&s);
+    for (int c = 0; c < 3; c++)
+        for (size_t i = 0; i < off.count; i++) assert_true(off.light[c][i] == 0);
+    s.pose.light[0].intensity = on;
+    step(&s, &frame);
+    assert_true(s.stats.tiles_shown > 0);
+    struct picture again = look(&s);
+    for (int c = 0; c < 3; c++) assert_true(same(&before, &again, c));
+    forget(&again);
+    forget(&off);
+    forget(&before);
+    room_finish(&s);
+}
+
 static void test_a_group_has_one_weight(void **state) {
     (void)state;
     struct room_solution s;
@@ -336,6 +365,7 @@ int main(void) {
         cmocka_unit_test(test_bad_names),
         cmocka_unit_test(test_the_sum_is_the_light_of_all),
         cmocka_unit_test(test_another_weight_takes_no_ray),
+        cmocka_unit_test(test_the_last_light_goes_out),
         cmocka_unit_test(test_a_group_has_one_weight),
         cmocka_unit_test(test_light_that_stands_rests),
         cmocka_unit_test(test_what_is_hidden_rests),
