@@ -9,7 +9,7 @@ help: ## this list
 deps: ## install the Debian packages that a build and its tests need
 	@scripts/deps.sh
 
-deps-all:
+deps-all: ## those, and what the sanitizers, fuzzers and other processors of test-long need
 	@scripts/deps.sh --all
 
 build: ## build programs, tests and benches (release) into build/release/bin

@@ -13,6 +13,7 @@
 #include "common/scene/scene_spares.h"
 #include "common/scene/scene_state.h"
 #include "common/tile/tile_codec.h"
+#include "common/trace/trace.h"
 #include "common/wait_policy.h"
 #include "server/publish/keeper.h"
 #include "server/publish/publisher.h"
@@ -602,6 +603,7 @@ int main(int argc, char **argv) {
     lw_log_init("lightwelld", LW_LOG_INFO);
     lw_wait_passively(argv);
     enum lw_status status = parse(&d.settings, argc, argv, &done, &err);
+    if (status == LW_OK && !done) status = lw_trace_check_isa(&err); /* before anybody is served */
     if (status == LW_OK && !done) {
         lw_interrupt_watch(on_early_signal, NULL);
         status = run(&d, &err);

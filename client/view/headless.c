@@ -39,6 +39,7 @@ struct headless {
     struct lw_compose_report report;
     struct lw_client_stats stats; /* as of the picture */
     bool stopped;                 /* by a signal, before the wait was over */
+    bool late;                    /* the wait took too long, but there is light */
     float *rgb;
 };
 
@@ -180,7 +181,11 @@ static enum lw_status wait_for_light(struct headless *h, struct lw_error *err) {
             break;
         }
         show_progress(&progress, judged_by_tiles ? tiles_served(h, &h->report) : h->stats.tiles);
-        if (lw_clock_ns() > h->deadline_ns) return fail_late(h, err);
+        if (lw_clock_ns() > h->deadline_ns) {
+            h->late = shows_light(&h->report) && take_picture(h, err) == LW_OK;
+            lw_progress_stop(&progress);
+            return fail_late(h, err);
+        }
         bool moved;
         status = lw_client_poll(h->client, POLL_MS, err);
         if (status == LW_CLOSED && stop) {
@@ -230,15 +235,16 @@ static enum lw_status print_report(const struct headless *h, struct lw_error *er
 
 static void tell(const struct headless *h) {
     const struct lw_compose_report *r = &h->report;
-    if (h->stopped)
+    if (h->stopped && !r->complete)
         lw_log(LW_LOG_WARNING, "stopped: of %u tiles of the picture %u are not there, %u lack bounces",
                r->tiles_needed, r->tiles_missing, r->tiles_unfinished);
     if (h->options->json) return;
     lw_log(LW_LOG_INFO, "%s: %ux%u, %u tiles, %s", h->options->out, h->view.width, h->view.height,
            r->tiles_needed,
-           r->converged  ? "converged"
-           : r->complete ? "complete"
-                         : "not yet complete");
+           h->late        ? "written as it is"
+           : r->converged ? "converged"
+           : r->complete  ? "complete"
+                          : "not yet complete");
 }
 
 enum lw_status lw_headless_run(const struct lw_view_options *options, bool *out_stopped,
@@ -264,9 +270,13 @@ enum lw_status lw_headless_run(const struct lw_view_options *options, bool *out_
         status =
             lw_view_options_camera(options, h.stage.scene, &h.stage.pose, h.stage.trace, &h.view.camera, err);
     if (status == LW_OK) status = wait_for_light(&h, err);
-    if (status == LW_OK) status = lw_export_picture(options, h.rgb, err);
-    if (status == LW_OK && options->json) status = print_report(&h, err);
-    if (status == LW_OK) tell(&h);
+    if (status == LW_OK || h.late) {
+        struct lw_error *failure = h.late ? NULL : err; /* that it is late is said already */
+        enum lw_status shown = lw_export_picture(options, h.rgb, failure);
+        if (shown == LW_OK && options->json) shown = print_report(&h, failure);
+        if (shown == LW_OK) tell(&h);
+        if (!h.late) status = shown;
+    }
     *out_stopped = h.stopped;
     lw_stage_finish(&h.stage);
     lw_client_destroy(h.client);

@@ -196,7 +196,7 @@ enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_optio
          .value = &raw.wait},
         {.name = "timeout",
          .argument = "SECONDS",
-         .help = "Give up waiting (exit code 75) after so long (default 120).",
+         .help = "Wait no longer than this: what there is is written, with exit code 75 (default 120).",
          .kind = LW_OPTION_REAL,
          .value = &o.timeout_s,
          .min = 0.1,

@@ -391,6 +391,13 @@ static enum lw_status free_objects(struct lw_trace *trace, const struct lw_pose 
     return LW_OK;
 }
 
+enum lw_status lw_trace_check_isa(struct lw_error *err) {
+    RTCDevice device;
+    enum lw_status status = lw_trace_isa_open(&device, err);
+    if (status == LW_OK) rtcReleaseDevice(device);
+    return status;
+}
+
 enum lw_status lw_trace_create(const struct lw_scene *scene, const struct lw_pose *pose,
                                struct lw_trace **out_trace, struct lw_error *err) {
     struct lw_trace *trace = calloc(1, sizeof *trace);

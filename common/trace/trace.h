@@ -71,6 +71,9 @@ struct lw_hit16 {
 
 struct lw_trace;
 
+/** Checks LW_TRACE_ISA as lw_trace_create() does, before the work that leads there. [any] */
+LW_MUST_CHECK enum lw_status lw_trace_check_isa(struct lw_error *err);
+
 /** Builds the acceleration structure. scene must outlive it.
  * Same scene and pose: same structure, whatever the machine's thread count.
  * LW_TRACE_ISA in the environment (sse4.2, avx2, avx512) chooses the kernels' instruction set; without it
