@@ -4,21 +4,26 @@
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
+#include <termios.h>
 #include <unistd.h>
 
 /* The one exception to "no globals but tables of constants": a log line has no context to carry them, and
  * they are written once, before threads start. */
 static const char *program_name = "lightwell";
 static enum lw_log_level most_talkative = LW_LOG_INFO;
-static bool on_terminal; /* isatty() may not be called in a signal's handler */
 
 void lw_log_init(const char *program, enum lw_log_level level) {
     program_name = program;
     most_talkative = level;
-    on_terminal = isatty(STDERR_FILENO);
 }
 
 bool lw_log_shows(enum lw_log_level level) { return level <= most_talkative; }
+
+/* isatty(), by what may be called in a signal's handler. */
+static bool is_terminal(void) {
+    struct termios settings;
+    return tcgetattr(STDERR_FILENO, &settings) == 0;
+}
 
 void lw_log(enum lw_log_level level, const char *format, ...) {
     if (!lw_log_shows(level)) return;
@@ -28,7 +33,7 @@ void lw_log(enum lw_log_level level, const char *format, ...) {
                                         [LW_LOG_DEBUG] = "debug: "};
     char line[1024];
     /* a progress bar may stand on this line of the terminal: wipe it */
-    const char *wipe = on_terminal ? "\r\033[K" : "";
+    const char *wipe = is_terminal() ? "\r\033[K" : "";
     int head = snprintf(line, sizeof line, "%s%.100s: %s", wipe, program_name, kinds[level]);
     if (head < 0) return;
     va_list args;
@@ -54,7 +59,7 @@ void lw_log_in_handler(const char *text) {
     if (!lw_log_shows(LW_LOG_INFO)) return;
     const int error = errno;
     char line[512], *end = line + sizeof line - 1;
-    char *at = append(line, end, on_terminal ? "\r\033[K" : "");
+    char *at = append(line, end, is_terminal() ? "\r\033[K" : "");
     at = append(at, end, program_name);
     at = append(at, end, ": ");
     at = append(at, end, text);
