@@ -57,6 +57,7 @@ struct settings {
 
 struct daemon {
     struct settings settings;
+    const char *program; /* as it was called */
     struct lw_scene *scene;
     struct lw_scene_state state; /* of it, by updates: what is lit */
     uint8_t *package;
@@ -485,7 +486,9 @@ static enum lw_status serve(struct daemon *d, struct lw_error *err) {
     snprintf(address, sizeof address, strchr(s->host, ':') ? "[%s]:%u" : "%s:%u", s->host,
              lw_server_port(d->server));
     lw_log(LW_LOG_INFO, "serving %s at %s", s->scene.path, address);
-    lw_log(LW_LOG_INFO, "look at it: lightwell-view %s     stop it: Ctrl-C", address);
+    const char *name = strrchr(d->program, '/'); /* the viewer lies beside it */
+    lw_log(LW_LOG_INFO, "look at it: %.*slightwell-view %s     stop it: Ctrl-C",
+           name ? (int)(name + 1 - d->program) : 0, d->program, address);
     if (pthread_create(&d->solver_thread, NULL, solve_in_thread, d) != 0) {
         remove_port_file(d);
         return lw_status_fail(err, LW_OS, "cannot start the solver's thread");
@@ -602,6 +605,7 @@ int main(int argc, char **argv) {
     bool done = false;
     lw_log_init("lightwelld", LW_LOG_INFO);
     lw_wait_passively(argv);
+    d.program = argv[0];
     enum lw_status status = parse(&d.settings, argc, argv, &done, &err);
     if (status == LW_OK && !done) status = lw_trace_check_isa(&err); /* before anybody is served */
     if (status == LW_OK && !done) {
