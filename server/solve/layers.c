@@ -344,7 +344,8 @@ static bool take(struct layers *s, const struct lw_pose *pose) {
     return reweighed;
 }
 
-/* What is shown without sums, the first layer's light: a sum is compared with it to see whether it is another. */
+/* What is shown without sums, the first layer's light: a sum is compared with it to see whether it is
+ * another. */
 static void show_first(struct layers *s) {
     const struct lw_tiles *tiles = tiles_of(s->layer);
     const size_t size = s->geometry.texels.count * sizeof(float);

@@ -55,17 +55,6 @@ static void trace(struct set *set, int frame, uint32_t seed, uint32_t samples, f
     lw_path_film_resolve(&set->film, out_rgb);
 }
 
-static double error_of(const float *rgb, const float *truth) {
-    double square = 0, sum = 0;
-    for (size_t i = 0; i < VALUES; i++) square += (double)truth[i] * (double)truth[i];
-    const double eps = 0.01 * square / VALUES;
-    for (size_t i = 0; i < VALUES; i++) {
-        const double t = (double)truth[i], off = (double)rgb[i] - t;
-        sum += off * off / (t * t + eps);
-    }
-    return sum / VALUES;
-}
-
 /* How much less the error of the last picture of the way is than without the filter. What the noise of the
  * truth's samples adds to the error is known and taken off: the more is left of it, the more samples. */
 static double gain(const char *name, uint32_t truth_samples) {
@@ -93,8 +82,8 @@ static double gain(const char *name, uint32_t truth_samples) {
     }
     trace(&set, FRAMES - 1, 2, truth_samples, truth);
     const double truth_error = lw_path_film_error(&set.film);
-    const double before = error_of(raw, truth) - truth_error * truth_error,
-                 after = error_of(out, truth) - truth_error * truth_error;
+    const double before = lw_support_relmse(raw, truth, VALUES) - truth_error * truth_error,
+                 after = lw_support_relmse(out, truth, VALUES) - truth_error * truth_error;
     print_message("%s: relMSE %.4g -> %.4g\n", name, before, after);
     lw_svgf_destroy(svgf);
     lw_gbuffer_finish(&gbuffer);

@@ -145,7 +145,8 @@ static void test_another_weight_takes_no_ray(void **state) {
 }
 
 /* Two lamps of a group dim together for nothing; one of them alone is solved anew, and comes out right. */
-/* All light in one layer, switched off at once: everything that was lit is shown dark in that frame, and light comes back. */
+/* All light in one layer, switched off at once: everything that was lit is shown dark in that frame, and
+ * light comes back. */
 static void test_the_last_light_goes_out(void **state) {
     (void)state;
     struct room_solution s;

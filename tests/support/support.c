@@ -155,3 +155,14 @@ struct lw_scene *lw_support_squares(unsigned count, float side_m) {
     scene->light_count = 1;
     return scene;
 }
+
+double lw_support_relmse(const float *rgb, const float *truth, size_t values) {
+    double square = 0, sum = 0;
+    for (size_t i = 0; i < values; i++) square += (double)truth[i] * (double)truth[i];
+    const double eps = 0.01 * square / (double)values;
+    for (size_t i = 0; i < values; i++) {
+        const double t = (double)truth[i], off = (double)rgb[i] - t;
+        sum += off * off / (t * t + eps);
+    }
+    return sum / (double)values;
+}
