@@ -119,6 +119,7 @@ static enum lw_status find_truths(struct lw_crossover_run *run, struct lw_error 
     struct lw_path_world world;
     struct lw_progress progress;
     double lag[LW_CROSSOVER_PICTURES][LW_CROSSOVER_EYES] = {{0}};
+    x->lag_error = (double)NAN;
     const bool moves = x->options.motion != LW_SCENE_MOTION_STATIC;
     enum lw_status status = lw_path_world_init(&world, x->densities.scene, x->options.bounces,
                                                (unsigned)x->options.scene.threads, err);

@@ -78,8 +78,7 @@ struct lw_crossover {
     uint32_t eyes;
     struct lw_truth truth[LW_CROSSOVER_PICTURES][LW_CROSSOVER_EYES];
     double mean_square; /* of all truths */
-    double
-        lag_error; /* relMSE of light that is a second late in the views that are judged; NAN: nothing moves */
+    double lag_error;   /* relMSE of light a second late, in judged views; NAN: nothing moves, or not known */
     bool dark[LW_CROSSOVER_PICTURES][LW_CROSSOVER_EYES]; /* next to nothing is seen: not judged */
     uint32_t dark_count;
     struct lw_crossover_side side[LW_CROSSOVER_SIDES];

@@ -29,6 +29,11 @@ struct lw_gbuffer_planes {
     float *origin[3];   /* where rays of light start: the point, lifted off its surface, m */
 };
 
+/** A pixel's value of three planes. */
+static inline struct lw_vec3 lw_gbuffer_load3(float *const plane[3], size_t at) {
+    return lw_vec3(plane[0][at], plane[1][at], plane[2][at]);
+}
+
 /** Which pixels of a picture there are: every step-th, both ways, from (x, y) on. step 0: all of them. */
 struct lw_gbuffer_lattice {
     uint32_t step, x, y;

@@ -271,9 +271,8 @@ enum lw_status lw_headless_run(const struct lw_view_options *options, bool *out_
             lw_view_options_camera(options, h.stage.scene, &h.stage.pose, h.stage.trace, &h.view.camera, err);
     if (status == LW_OK) status = wait_for_light(&h, err);
     if (status == LW_OK || h.late) {
-        struct lw_error *failure = h.late ? NULL : err; /* that it is late is said already */
-        enum lw_status shown = lw_export_picture(options, h.rgb, failure);
-        if (shown == LW_OK && options->json) shown = print_report(&h, failure);
+        enum lw_status shown = lw_export_picture(options, h.rgb, err);
+        if (shown == LW_OK && options->json) shown = print_report(&h, err);
         if (shown == LW_OK) tell(&h);
         if (!h.late) status = shown;
     }

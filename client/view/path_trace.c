@@ -174,10 +174,6 @@ static void look16(const struct job *job, struct bundle *b, uint16_t first, unsi
     }
 }
 
-static struct lw_vec3 load3(float *const plane[3], size_t at) {
-    return lw_vec3(plane[0][at], plane[1][at], plane[2][at]);
-}
-
 /* Takes the first hits of a bundle that has none but single surfaces; whether it is one. */
 static bool take_first_hits(const struct job *job, struct bundle *b, unsigned paths) {
     const struct lw_gbuffer *g = job->view->first_hits;
@@ -187,11 +183,11 @@ static bool take_first_hits(const struct job *job, struct bundle *b, unsigned pa
     for (unsigned i = 0; i < paths; i++) {
         struct path *path = &b->path[i];
         const size_t at = (size_t)path->y * g->width + path->x;
-        path->radiance = load3(g->plane.emission, at);
-        path->throughput = load3(g->plane.albedo, at);
+        path->radiance = lw_gbuffer_load3(g->plane.emission, at);
+        path->throughput = lw_gbuffer_load3(g->plane.albedo, at);
         if (!(path->throughput.x + path->throughput.y + path->throughput.z > 0)) continue;
-        path->normal = load3(g->plane.normal, at);
-        path->origin = load3(g->plane.origin, at);
+        path->normal = lw_gbuffer_load3(g->plane.normal, at);
+        path->origin = lw_gbuffer_load3(g->plane.origin, at);
         b->order[b->going++] = (uint16_t)i;
     }
     return true;

@@ -122,10 +122,6 @@ struct job {
     struct lw_camera_plane aim;   /* likewise */
 };
 
-static struct lw_vec3 load3(float *const plane[3], size_t at) {
-    return lw_vec3(plane[0][at], plane[1][at], plane[2][at]);
-}
-
 static float luminance_of(const float rgb[3]) { return lw_colour_luminance(lw_vec3(rgb[0], rgb[1], rgb[2])); }
 
 /* ---- over time ---- */
@@ -184,8 +180,8 @@ static void read_past(const struct job *job, size_t at, struct past *out) {
     const struct lw_gbuffer_planes *g = &job->gbuffer->plane;
     float x, y, depth, weights = 0;
     *out = (struct past){0};
-    if (!svgf->started || !find_before(job, load3(g->before, at), &x, &y, &depth)) return;
-    const struct lw_vec3 normal = load3(g->normal, at);
+    if (!svgf->started || !find_before(job, lw_gbuffer_load3(g->before, at), &x, &y, &depth)) return;
+    const struct lw_vec3 normal = lw_gbuffer_load3(g->normal, at);
     const int left = (int)floorf(x), top = (int)floorf(y);
     const float fx = x - (float)left, fy = y - (float)top;
     for (int i = 0; i < 4; i++) {
