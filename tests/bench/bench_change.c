@@ -8,6 +8,7 @@
  * both. With --truth also the errors, against a solve of N frames that never rests: over all texels, and over those alone whose
  * light the movement changed by over a tenth. relMSE as in docs/results/crossover.md, over texels, but none counts for more
  * than 1. */
+#include "common/clock.h"
 #include "server/solve/cell_solver.h"
 #include "tests/bench/bench_light.h"
 #include "tests/bench/bench_setup.h"
@@ -38,6 +39,7 @@ struct solution {
     struct lw_solver *solver;
     uint64_t frame, rays, first_rays, first_texels;
     int64_t count; /* frames of the last call of go_on() */
+    double cpu_s;  /* of those, all threads */
 };
 
 /* ---- the object and its movement ---- */
@@ -93,10 +95,13 @@ static enum lw_status set_moving(struct lw_scene *scene, const char *name, float
 static enum lw_status go_on(const struct job *job, struct solution *s, int64_t frames, struct lw_error *err) {
     s->rays = 0;
     s->count = 0;
+    s->cpu_s = 0;
     for (int64_t i = 0, idle = 0; i < frames && idle < IDLE; i++, idle++) {
         struct lw_solver_stats stats;
+        const uint64_t began_ns = lw_clock_process_cpu_ns();
         enum lw_status status = s->solver->ops->frame(s->solver, &job->pose, ++s->frame, &stats, err);
         if (status != LW_OK) return status;
+        s->cpu_s += 1e-9 * (double)(lw_clock_process_cpu_ns() - began_ns);
         s->rays += stats.rays_shadow + stats.rays_bounce;
         if (i == 0) s->first_rays = s->rays, s->first_texels = stats.texels_solved;
         if (!stats.tiles_solved) continue;
@@ -192,8 +197,9 @@ static enum lw_status measure(struct job *job, struct lw_error *err) {
     if (status == LW_OK) status = go_on(job, &s, set->frames, err);
     if (status == LW_OK) status = solve_anew(job, set->error, 2, set->frames, &anew, err);
     if (status == LW_OK)
-        printf("%.3f M | %.2f M | %.1f | %.3f M | %llu | %lld, %lld |", 1e-6 * (double)s.rays,
-               1e-6 * (double)anew.rays, (double)anew.rays / (double)s.rays, 1e-6 * (double)s.first_rays,
+        printf("%.3f M | %.2f M | %.1f | %.2f | %.2f | %.1f | %.3f M | %llu | %lld, %lld |",
+               1e-6 * (double)s.rays, 1e-6 * (double)anew.rays, (double)anew.rays / (double)s.rays, s.cpu_s,
+               anew.cpu_s, anew.cpu_s / s.cpu_s, 1e-6 * (double)s.first_rays,
                (unsigned long long)s.first_texels, (long long)s.count, (long long)anew.count);
     if (status == LW_OK && set->truth_frames) status = print_errors(job, &s, &anew, before, err);
     printf("\n");
@@ -239,10 +245,12 @@ int main(int argc, char **argv) {
             .table = table,
             .count = sizeof table / sizeof table[0],
             .open = &s.open,
-            .heading = "| scene, object | rays | rays anew | quotient | of the first frame | texels that it "
-                       "solves | frames: followed, anew | relMSE: followed, anew | of changed texels | "
-                       "changed |\n"
-                       "|---|---|---|---|---|---|---|---|---|---|",
+            .heading =
+                "| scene, object | rays | rays of a fresh solve | quotient | CPU s | of a fresh solve | "
+                "quotient | of the first frame | texels that it "
+                "solves | frames: followed, fresh | relMSE: followed, fresh | of changed texels | "
+                "changed |\n"
+                "|---|---|---|---|---|---|---|---|---|---|---|---|---|",
             .context = &s,
             .run = run},
         argc, argv);
