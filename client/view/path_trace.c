@@ -5,6 +5,7 @@
 #include "common/light/direction.h"
 #include "common/random.h"
 
+#include <assert.h>
 #include <omp.h>
 #include <stdlib.h>
 
@@ -32,6 +33,9 @@ struct job {
     const struct lw_path_view *view;
     struct lw_camera_plane plane;
     struct lw_path_film *film;
+    struct {
+        uint32_t left, top, right, bottom;
+    } part; /* of the whole picture: what the film holds. Paths know their pixels by the whole picture */
 };
 
 /* The paths of a square of 4 x 4 pixels. They share all random numbers: from equal normals they bounce in parallel, and all
@@ -382,6 +386,11 @@ static struct layout lay_out(enum lw_path_pattern pattern, uint32_t left, uint32
 }
 _Static_assert(TILE == 2 * BUNDLE, "a tile is 2 x 2 blocks of interleaved bundles");
 
+/* Where the film keeps a path's pixel. */
+static size_t film_value(const struct job *job, const struct path *path) {
+    return 3 * ((size_t)(path->y - job->part.top) * job->film->width + (path->x - job->part.left));
+}
+
 static void trace_tile(const struct job *job, uint32_t left, uint32_t top, uint32_t samples,
                        struct lw_path_count *count) {
     const struct lw_path_film *film = job->film;
@@ -391,10 +400,12 @@ static void trace_tile(const struct job *job, uint32_t left, uint32_t top, uint3
         unsigned paths = 0;
         for (uint32_t i = 0; i < BUNDLE; i++) {
             uint32_t x = at.first_x + i % SQUARE * at.step, y = at.first_y + i / SQUARE * at.step;
-            if (x >= film->width || y >= film->height) continue;
+            if (x < job->part.left || x >= job->part.right || y < job->part.top || y >= job->part.bottom)
+                continue;
             b.path[paths].x = x;
             b.path[paths++].y = y;
         }
+        if (!paths) continue;
         for (uint32_t s = film->samples; s < film->samples + samples; s++) {
             const uint32_t sample = job->view->first_sample + s;
             b.seed = lw_random_hash4(job->view->seed, sample & 1u, at.seed_x, at.seed_y);
@@ -405,7 +416,7 @@ static void trace_tile(const struct job *job, uint32_t left, uint32_t top, uint3
             trace_bundle(job, &b, paths, count);
             for (unsigned i = 0; i < paths; i++) {
                 const struct path *path = &b.path[i];
-                float *sum = film->half[s & 1u] + 3 * ((size_t)path->y * film->width + path->x);
+                float *sum = film->half[s & 1u] + film_value(job, path);
                 if (!lw_vec3_is_finite(path->radiance)) continue;
                 sum[0] += path->radiance.x, sum[1] += path->radiance.y, sum[2] += path->radiance.z;
             }
@@ -415,13 +426,22 @@ static void trace_tile(const struct job *job, uint32_t left, uint32_t top, uint3
 
 bool lw_path_trace_render(const struct lw_path_trace *tracer, const struct lw_path_view *view,
                           uint32_t samples, struct lw_path_film *film, struct lw_path_count *count) {
+    const struct lw_path_crop *crop = &view->crop;
+    const uint32_t width = crop->width ? crop->width : film->width;
+    const uint32_t height = crop->height ? crop->height : film->height;
+    assert(film->width <= width && crop->x <= width - film->width);
+    assert(film->height <= height && crop->y <= height - film->height);
     const struct job job = {.tracer = tracer,
                             .view = view,
-                            .plane = view->first_hits
-                                         ? lw_gbuffer_aim(view->first_hits)
-                                         : lw_camera_plane(&view->camera, film->width, film->height),
-                            .film = film};
-    const uint32_t columns = (film->width + TILE - 1) / TILE, rows = (film->height + TILE - 1) / TILE;
+                            .plane = view->first_hits ? lw_gbuffer_aim(view->first_hits)
+                                                      : lw_camera_plane(&view->camera, width, height),
+                            .film = film,
+                            .part = {crop->x, crop->y, crop->x + film->width, crop->y + film->height}};
+    assert(!view->first_hits || (view->first_hits->width == width && view->first_hits->height == height));
+    /* Tiles of the whole picture that the film has pixels of. */
+    const uint32_t left = job.part.left / TILE, top = job.part.top / TILE;
+    const uint32_t columns = (job.part.right + TILE - 1) / TILE - left;
+    const uint32_t rows = (job.part.bottom + TILE - 1) / TILE - top;
     uint64_t paths = 0, primary = 0, shadow = 0, bounce = 0;
     bool whole = true;
 #pragma omp parallel for schedule(dynamic) num_threads(tracer->threads)                                      \
@@ -432,7 +452,7 @@ bool lw_path_trace_render(const struct lw_path_trace *tracer, const struct lw_pa
             whole = false;
             continue;
         }
-        trace_tile(&job, t % columns * TILE, t / columns * TILE, samples, &c);
+        trace_tile(&job, (left + t % columns) * TILE, (top + t / columns) * TILE, samples, &c);
         paths += c.paths, primary += c.rays_primary, shadow += c.rays_shadow, bounce += c.rays_bounce;
     }
     if (!whole) return false;

@@ -65,8 +65,17 @@ void lw_path_trace_destroy(struct lw_path_trace *tracer);
 /** Takes another pose, to which trace and lights have been set. */
 void lw_path_trace_set_pose(struct lw_path_trace *tracer, const struct lw_pose *pose);
 
+/** The part of a picture that a film holds: from pixel (x, y) on, as wide and high as the film, of
+ * width x height pixels. Its samples are those of the same pixels of the whole picture: byte for byte where x
+ * and y are multiples of 16 and the part ends at such, too, or with the picture; elsewhere rays travel in other
+ * packets, and a hit may round differently. All zero: the film is the whole picture. */
+struct lw_path_crop {
+    uint32_t x, y, width, height;
+};
+
 struct lw_path_view {
     struct lw_camera_view camera;
+    struct lw_path_crop crop;
     uint32_t bounces; /* of indirect light; up to LW_PATH_TRACE_BOUNCES_MAX */
     uint32_t seed;
     uint32_t
@@ -81,9 +90,9 @@ struct lw_path_view {
     /* The most luminance, W/(m^2 sr), that one path may bring from beyond its first hit: brighter ones are
      * scaled down to it. Loses light, and the noise of few bright paths. 0: no limit. */
     float clamp;
-    /* First hits that another has traced already, by the same pose and camera, of as many pixels as the film.
-     * Rays from the eye are left out, but where pixels show several surfaces. Then a pixel is its centre.
-     * NULL: none. */
+    /* First hits that another has traced already, by the same pose and camera, of as many pixels as the whole
+     * picture. Rays from the eye are left out, but where pixels show several surfaces. Then a pixel is its
+     * centre. NULL: none. */
     const struct lw_gbuffer *first_hits;
     const _Atomic bool *cancel; /* may be NULL; once true, a render ends within some milliseconds */
 };
@@ -92,8 +101,8 @@ struct lw_path_count {
     uint64_t paths, rays_primary, rays_shadow, rays_bounce;
 };
 
-/** Adds `samples` paths to every pixel of a film. False: it was cancelled; some pixels of the film have got
- * theirs and others have not, and neither film->samples nor count has changed.
+/** Adds `samples` paths to every pixel of a film, which lies within the whole picture. False: it was cancelled;
+ * some pixels of the film have got theirs and others have not, and neither film->samples nor count has changed.
  *
  * count   may be NULL; added to
  * Errors  none; a sample that is not finite counts as black

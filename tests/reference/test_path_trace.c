@@ -674,6 +674,99 @@ static void test_pictures_go_on_with_the_sequence(void **state) {
     }
 }
 
+/* Edges of a shining square across pixels: these show the share of their square that it covers. */
+static void test_a_pixel_is_its_square(void **state) {
+    (void)state;
+    enum { SIDE = 16, SAMPLES = 1024 };
+    const float half_m = 5.3f * 2 / SIDE; /* 5 pixels from the middle and 0.3 of the next */
+    struct room room = {0};
+    room_quad(&room, lw_vec3(-half_m, 0, -half_m), lw_vec3(0, 0, 2 * half_m), lw_vec3(2 * half_m, 0, 0), 0,
+              2);
+    struct set set;
+    set_up(&set, room_scene(&room), 2);
+    for (int centre = 0; centre < 2; centre++) {
+        struct lw_path_view view = floor_view();
+        view.pixel = centre ? LW_PATH_PIXEL_CENTRE : LW_PATH_PIXEL_BOX;
+        struct lw_path_film film = render(&set, &view, SIDE, SIDE, SAMPLES);
+        for (int y = 0; y < SIDE; y++)
+            for (int x = 0; x < SIDE; x++) {
+                double share = 1;
+                for (int axis = 0; axis < 2; axis++) {
+                    const double from_middle = fabs((axis ? y : x) + 0.5 - SIDE / 2);
+                    if (from_middle > 6)
+                        share = 0;
+                    else if (from_middle > 5)
+                        share *= centre ? 0 : 0.3;
+                }
+                const size_t i = 3 * ((size_t)y * SIDE + (size_t)x);
+                const double got = ((double)film.half[0][i] + (double)film.half[1][i]) / SAMPLES;
+                /* a sequence of low discrepancy: its error falls about as 1 / n */
+                if (!(fabs(got - 2 * share) <= 0.02)) fail_msg("(%d, %d): %g, not %g", x, y, got, 2 * share);
+            }
+        lw_path_film_finish(&film);
+    }
+    tear_down(&set);
+}
+
+static size_t differences(const struct lw_path_film *whole, const struct lw_path_film *part, uint32_t left,
+                          uint32_t top) {
+    size_t count = 0;
+    for (int half = 0; half < 2; half++)
+        for (uint32_t y = 0; y < part->height; y++)
+            for (uint32_t x = 0; x < 3 * part->width; x++)
+                count += part->half[half][(size_t)y * 3 * part->width + x] !=
+                         whole->half[half][(size_t)(top + y) * 3 * whole->width + 3 * left + x];
+    return count;
+}
+
+static void test_a_part_is_like_the_whole(void **state) {
+    (void)state;
+    enum { WIDTH = 150, HEIGHT = 70 };
+    static const struct {
+        uint32_t left, top, width, height;
+        bool same;
+    } part[] = {
+        {0, 0, WIDTH, HEIGHT, true},     {64, 16, 32, 16, true}, {112, 48, WIDTH - 112, HEIGHT - 48, true},
+        {0, 48, WIDTH, 16, true},        {75, 35, 1, 1, false},  {61, 13, 37, 21, false},
+        {WIDTH - 1, 0, 1, HEIGHT, false}};
+    struct lw_scene *scene;
+    struct lw_error err = {0};
+    lw_support_ok(lw_builtin_build("builtin:cornell", &scene, &err), &err);
+    struct set set;
+    set_up(&set, scene, 2);
+    struct lw_gbuffer gbuffer;
+    lw_support_ok(
+        lw_gbuffer_init(&gbuffer,
+                        &(struct lw_gbuffer_desc){
+                            .scene = scene, .trace = set.world.trace, .width = WIDTH, .height = HEIGHT},
+                        &err),
+        &err);
+    const struct lw_camera_view camera = lw_camera_of_scene(scene, &set.world.pose, 0);
+    lw_gbuffer_render(&gbuffer, &set.world.pose, &camera);
+    for (int kind = 0; kind < 3; kind++) {
+        struct lw_path_view view = {.camera = camera,
+                                    .bounces = 2,
+                                    .seed = 3,
+                                    .pattern = kind ? LW_PATH_PATTERN_INTERLEAVED : LW_PATH_PATTERN_SQUARE,
+                                    .first_hits = kind == 2 ? &gbuffer : NULL};
+        struct lw_path_film whole = render(&set, &view, WIDTH, HEIGHT, 4);
+        for (size_t i = 0; i < sizeof part / sizeof part[0]; i++) {
+            view.crop = (struct lw_path_crop){part[i].left, part[i].top, WIDTH, HEIGHT};
+            struct lw_path_film film = render(&set, &view, part[i].width, part[i].height, 3);
+            struct lw_path_count count = {0};
+            lw_path_trace_render(set.world.tracer, &view, 1, &film, &count);
+            assert_int_equal(count.paths, part[i].width * part[i].height);
+            const size_t off = differences(&whole, &film, part[i].left, part[i].top);
+            const size_t bound = part[i].same ? 0 : 6 * part[i].width * part[i].height / 100;
+            if (off > bound) fail_msg("part %zu: %zu values are not the whole picture's", i, off);
+            lw_path_film_finish(&film);
+        }
+        lw_path_film_finish(&whole);
+    }
+    lw_gbuffer_finish(&gbuffer);
+    tear_down(&set);
+}
+
 /* Root of relMSE against a picture that is as good as the truth. */
 static double true_error(const struct lw_path_film *film, const struct lw_path_film *truth) {
     const size_t count = (size_t)film->width * film->height * 3;
@@ -742,6 +835,8 @@ int main(void) {
         cmocka_unit_test(test_same_bytes),
         cmocka_unit_test(test_a_cancelled_render_adds_no_sample),
         cmocka_unit_test(test_pictures_go_on_with_the_sequence),
+        cmocka_unit_test(test_a_pixel_is_its_square),
+        cmocka_unit_test(test_a_part_is_like_the_whole),
         cmocka_unit_test(test_convergence),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
