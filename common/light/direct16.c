@@ -153,6 +153,7 @@ static bool is_many(const struct lw_lights *lights) { return lights->near_count 
 void lw_direct16_punctual(struct lw_direct16 *d, uint32_t sample, float weight) {
     const struct lw_scene *scene = d->lights->scene;
     for (uint32_t l = 0; l < scene->light_count; l++) {
+        if (!lw_lights_includes(d->lights, l)) continue;
         if (is_many(d->lights) && scene->light[l].kind != LW_LIGHT_DIRECTIONAL) continue;
         float point[2];
         struct lw_light_sample16 light;

@@ -61,12 +61,20 @@ static float choice_luminance(const struct lw_material *m, struct lw_vec3 mean) 
                  HIDDEN_SHARE * lw_colour_luminance(lw_vec3(m->emission[0], m->emission[1], m->emission[2])));
 }
 
-static uint32_t count_emitters(const struct lw_scene *scene) {
+/* Whether triangles of a material are emitters here. */
+static bool is_emitter(const struct lw_lights *lights, uint32_t material) {
+    return is_emissive(&lights->scene->material[material]) &&
+           (!lights->part.material || lights->part.material[material] == lights->part.value);
+}
+
+static bool has_sky(const struct lw_lights *lights) { return !lights->part.light || lights->part.sky; }
+
+static uint32_t count_emitters(const struct lw_lights *lights) {
+    const struct lw_scene *scene = lights->scene;
     uint64_t count = 0;
     for (uint32_t o = 0; o < scene->object_count; o++) {
         const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
-        for (uint32_t t = 0; t < mesh->triangle_count; t++)
-            count += is_emissive(&scene->material[mesh->material[t]]);
+        for (uint32_t t = 0; t < mesh->triangle_count; t++) count += is_emitter(lights, mesh->material[t]);
     }
     return count < UINT32_MAX ? (uint32_t)count : UINT32_MAX;
 }
@@ -79,7 +87,7 @@ static void list_emitters(struct lw_lights *lights) {
         lights->first_emitter[o] = n;
         for (uint32_t t = 0; t < mesh->triangle_count; t++) {
             const struct lw_material *material = &scene->material[mesh->material[t]];
-            if (!is_emissive(material)) continue;
+            if (!is_emitter(lights, mesh->material[t])) continue;
             lights->radiance[n] = mean_radiance(scene, mesh, t);
             lights->luminance[n] = choice_luminance(material, lights->radiance[n]);
             lights->emitter[n++] =
@@ -91,6 +99,7 @@ static void list_emitters(struct lw_lights *lights) {
 
 static void list_punctual(struct lw_lights *lights) {
     for (uint32_t i = 0; i < lights->scene->light_count; i++) {
+        if (!lw_lights_includes(lights, i)) continue;
         if (lights->scene->light[i].kind == LW_LIGHT_DIRECTIONAL)
             lights->sun[lights->sun_count++] = i;
         else
@@ -100,8 +109,9 @@ static void list_punctual(struct lw_lights *lights) {
 
 static void weigh_sky(struct lw_lights *lights) {
     const float *sky = lights->scene->sky;
+    lights->sky_luminance = lights->bright_share = 0;
+    if (!has_sky(lights)) return;
     lights->sky_luminance = lw_colour_luminance(lw_vec3(sky[0], sky[1], sky[2])) + lights->environment.mean;
-    lights->bright_share = 0;
     if (lights->environment.excess > 0)
         lights->bright_share = fminf(
             fmaxf(lights->environment.excess / lights->sky_luminance, BRIGHT_SHARE_MIN), BRIGHT_SHARE_MAX);
@@ -109,7 +119,14 @@ static void weigh_sky(struct lw_lights *lights) {
 
 enum lw_status lw_lights_init(struct lw_lights *lights, const struct lw_scene *scene,
                               const struct lw_pose *pose) {
-    *lights = (struct lw_lights){.scene = scene, .emitter_count = count_emitters(scene)};
+    return lw_lights_init_part(lights, scene, pose, &(struct lw_lights_part){0});
+}
+
+enum lw_status lw_lights_init_part(struct lw_lights *lights, const struct lw_scene *scene,
+                                   const struct lw_pose *pose, const struct lw_lights_part *part) {
+    static const struct lw_environment none;
+    *lights = (struct lw_lights){.scene = scene, .part = *part};
+    lights->emitter_count = count_emitters(lights);
     const size_t count = lights->emitter_count ? lights->emitter_count : 1;
     lights->emitter = calloc(count, sizeof *lights->emitter);
     lights->radiance = calloc(count, sizeof *lights->radiance);
@@ -120,7 +137,8 @@ enum lw_status lw_lights_init(struct lw_lights *lights, const struct lw_scene *s
     lights->bounds = calloc(count + scene->light_count, sizeof *lights->bounds);
     if (!lights->emitter || !lights->radiance || !lights->luminance || !lights->first_emitter ||
         !lights->near || !lights->sun || !lights->bounds ||
-        lw_environment_importance_init(&lights->environment, &scene->environment) != LW_OK) {
+        lw_environment_importance_init(&lights->environment, has_sky(lights) ? &scene->environment : &none) !=
+            LW_OK) {
         lw_lights_finish(lights);
         return LW_NO_MEMORY;
     }
@@ -153,8 +171,9 @@ void lw_lights_finish(struct lw_lights *lights) {
 /* Which triangles shine is another question than how much, and decides how large everything is: all of it anew. */
 enum lw_status lw_lights_set_materials(struct lw_lights *lights, const struct lw_pose *pose) {
     const struct lw_scene *scene = lights->scene;
+    const struct lw_lights_part part = lights->part;
     lw_lights_finish(lights);
-    return lw_lights_init(lights, scene, pose);
+    return lw_lights_init_part(lights, scene, pose, &part);
 }
 
 static void place_emitter(struct lw_emitter *e, const struct lw_scene *scene, const struct lw_pose *pose,

@@ -25,8 +25,16 @@ struct lw_emitter {
     uint32_t object, triangle;
 };
 
+/** Which lights take part; the others count as dark. Zeroed: all. */
+struct lw_lights_part {
+    const uint8_t *light, *material; /* an entry for each of the scene's; they outlive the lights */
+    uint8_t value;                   /* those whose entry is this take part */
+    bool sky;                        /* so do sky and environment */
+};
+
 struct lw_lights {
     const struct lw_scene *scene;
+    struct lw_lights_part part;
     struct lw_emitter *emitter;
     uint32_t emitter_count;
     struct lw_vec3 *radiance;              /* mean of each emitter, W/(m^2 sr) */
@@ -44,9 +52,17 @@ struct lw_lights {
     float bright_share; /* of the sky's samples: those that go where the environment stands out of its mean */
 };
 
-/** Errors: LW_NO_MEMORY. */
+/** All lights of a scene. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_lights_init(struct lw_lights *lights, const struct lw_scene *scene,
                                             const struct lw_pose *pose);
+/** Some of them. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_lights_init_part(struct lw_lights *lights, const struct lw_scene *scene,
+                                                 const struct lw_pose *pose,
+                                                 const struct lw_lights_part *part);
+/** Whether a punctual light takes part. */
+static inline bool lw_lights_includes(const struct lw_lights *lights, uint32_t light) {
+    return !lights->part.light || lights->part.light[light] == lights->part.value;
+}
 void lw_lights_finish(struct lw_lights *lights);
 /** Takes over the scene's materials and sky after they have changed, and the pose. Errors: LW_NO_MEMORY; then there are
  * no lights, and only lw_lights_finish() or another lw_lights_init() makes sense. */

@@ -1,0 +1,187 @@
+/* Who draws a light: the rule, names, bits of the wire; parts of the lights add up to all. */
+#include "common/colour.h"
+#include "common/light/client_lights.h"
+#include "common/random.h"
+#include "common/scene/builtin.h"
+#include "tests/support/support.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+struct stage {
+    struct lw_scene *scene;
+    struct lw_pose pose;
+};
+
+static void begin(struct stage *s, const char *name) {
+    struct lw_error err = {0};
+    lw_support_ok(lw_builtin_build(name, &s->scene, &err), &err);
+    lw_support_ok(lw_pose_init(&s->pose, s->scene), NULL);
+}
+
+static void end(struct stage *s) {
+    lw_pose_finish(&s->pose);
+    lw_scene_destroy(s->scene);
+}
+
+static uint32_t find_material(const struct lw_scene *scene, bool shines) {
+    for (uint32_t m = 0; m < scene->material_count; m++)
+        if ((scene->material[m].emission[0] > 0) == shines) return m;
+    fail_msg("no such material");
+    return 0;
+}
+
+static void small_emitters_and_punctual_lights(void **state) {
+    (void)state;
+    struct stage s;
+    struct lw_error err = {0};
+    struct lw_client_lights client;
+    begin(&s, "builtin:atrium");
+    lw_support_ok(lw_client_lights_init(&client, s.scene, &s.pose, "auto", &err), &err);
+    assert_int_equal(client.drawn_lights, s.scene->light_count);
+    uint32_t emissive = 0;
+    for (uint32_t m = 0; m < s.scene->material_count; m++) {
+        const bool shines = s.scene->material[m].emission[0] > 0;
+        emissive += shines;
+        assert_int_equal(client.material[m], shines); /* lamp and lantern are small */
+    }
+    assert_true(emissive > 0);
+    assert_int_equal(client.drawn_materials, emissive);
+    assert_true(lw_client_lights_any(&client));
+    lw_client_lights_finish(&client);
+
+    /* the same lamps ten times as large are the server's */
+    for (uint32_t o = 0; o < s.scene->object_count; o++)
+        for (int c = 0; c < 12; c++) s.pose.object_to_world[o].m[c / 4][c % 4] *= 10;
+    lw_support_ok(lw_client_lights_init(&client, s.scene, &s.pose, NULL, &err), &err);
+    assert_int_equal(client.drawn_materials, 0);
+    lw_client_lights_finish(&client);
+    assert_false(lw_client_lights_any(&client));
+    end(&s);
+}
+
+/* One large emitter among small pieces of the same material makes it the server's. */
+static void connected_pieces_count(void **state) {
+    (void)state;
+    struct stage s;
+    struct lw_error err = {0};
+    struct lw_client_lights client;
+    begin(&s, "builtin:cornell");
+    const uint32_t lamp = find_material(s.scene, true);
+    lw_support_ok(lw_client_lights_init(&client, s.scene, &s.pose, "auto", &err), &err);
+    assert_int_equal(client.material[lamp], 1);
+    lw_client_lights_finish(&client);
+    const uint32_t wall = find_material(s.scene, false);
+    const float emission[3] = {1, 1, 1};
+    memcpy(s.scene->material[wall].emission, emission, sizeof emission);
+    lw_support_ok(lw_client_lights_init(&client, s.scene, &s.pose, "auto", &err), &err);
+    assert_int_equal(client.material[lamp], 1);
+    assert_int_equal(client.material[wall], 0); /* walls of 5.5 m */
+    lw_client_lights_finish(&client);
+    end(&s);
+}
+
+static void names_choose(void **state) {
+    (void)state;
+    struct stage s;
+    struct lw_error err = {0};
+    struct lw_client_lights client;
+    begin(&s, "builtin:atrium");
+    const uint32_t lamp = find_material(s.scene, true), dark = find_material(s.scene, false);
+    lw_support_ok(lw_client_lights_init(&client, s.scene, &s.pose, "none", &err), &err);
+    assert_false(lw_client_lights_any(&client));
+    lw_client_lights_finish(&client);
+    char names[256];
+    snprintf(names, sizeof names, "%s,%s", s.scene->light[0].name, s.scene->material[lamp].name);
+    lw_support_ok(lw_client_lights_init(&client, s.scene, &s.pose, names, &err), &err);
+    assert_int_equal(client.light[0], 1);
+    assert_int_equal(client.material[lamp], 1);
+    lw_client_lights_finish(&client);
+    assert_int_equal(lw_client_lights_init(&client, s.scene, &s.pose, "nobody", &err), LW_USAGE);
+    assert_non_null(strstr(err.text, "nobody"));
+    err = (struct lw_error){0};
+    assert_int_equal(lw_client_lights_init(&client, s.scene, &s.pose, s.scene->material[dark].name, &err),
+                     LW_USAGE);
+    assert_non_null(strstr(err.text, "does not shine"));
+    assert_null(client.light);
+    end(&s);
+}
+
+static void bits_go_round(void **state) {
+    (void)state;
+    struct stage s;
+    struct lw_error err = {0};
+    struct lw_client_lights client, read;
+    uint8_t light[64], material[64];
+    begin(&s, "builtin:atrium");
+    lw_support_ok(lw_client_lights_init(&client, s.scene, &s.pose, "auto", &err), &err);
+    const size_t lights = lw_client_lights_bytes(s.scene->light_count),
+                 materials = lw_client_lights_bytes(s.scene->material_count);
+    assert_true(lights <= sizeof light && materials <= sizeof material);
+    lw_client_lights_write(&client, light, material);
+    lw_support_ok(lw_client_lights_read(&read, s.scene, light, lights, material, materials, &err), &err);
+    assert_memory_equal(read.light, client.light, s.scene->light_count);
+    assert_memory_equal(read.material, client.material, s.scene->material_count);
+    assert_int_equal(read.drawn_materials, client.drawn_materials);
+    lw_client_lights_finish(&read);
+    lw_support_ok(lw_client_lights_read(&read, s.scene, NULL, 0, NULL, 0, &err), &err);
+    assert_false(lw_client_lights_any(&read));
+    lw_client_lights_finish(&read);
+    assert_int_equal(lw_client_lights_read(&read, s.scene, light, lights + 1, NULL, 0, &err), LW_PROTOCOL);
+    err = (struct lw_error){0};
+    assert_true(s.scene->material_count % 8); /* or there is no bit past the last */
+    material[materials - 1] |= 0x80;
+    assert_int_equal(lw_client_lights_read(&read, s.scene, NULL, 0, material, materials, &err), LW_PROTOCOL);
+    lw_client_lights_finish(&client);
+    end(&s);
+}
+
+/* Unoccluded E of a point, each part by itself and all together, of many samples. */
+static double irradiance(const struct lw_lights *lights, struct lw_vec3 point, struct lw_vec3 normal) {
+    enum { SAMPLES = 40000 };
+    double sum = 0;
+    for (uint32_t i = 0; i < SAMPLES; i++) {
+        const struct lw_light_sample sample = lw_lights_sample(
+            lights, point, normal, lw_random_unit(lw_random_hash3(1, i, 0)),
+            lw_random_unit(lw_random_hash3(1, i, 1)), lw_random_unit(lw_random_hash3(1, i, 2)));
+        sum += (double)(lw_colour_luminance(sample.irradiance_normal) *
+                        fmaxf(0, lw_vec3_dot(sample.direction, normal)));
+    }
+    return sum / SAMPLES;
+}
+
+static void parts_add_up(void **state) {
+    (void)state;
+    struct stage s;
+    struct lw_error err = {0};
+    struct lw_client_lights client;
+    struct lw_lights all, part[2];
+    begin(&s, "builtin:atrium");
+    lw_support_ok(lw_client_lights_init(&client, s.scene, &s.pose, "auto", &err), &err);
+    lw_support_ok(lw_lights_init(&all, s.scene, &s.pose), NULL);
+    for (int drawn = 0; drawn < 2; drawn++) {
+        const struct lw_lights_part of = lw_client_lights_part(&client, drawn);
+        lw_support_ok(lw_lights_init_part(&part[drawn], s.scene, &s.pose, &of), NULL);
+        lw_support_ok(lw_lights_set_materials(&part[drawn], &s.pose), NULL); /* the part stays */
+    }
+    assert_int_equal(part[0].emitter_count + part[1].emitter_count, all.emitter_count);
+    assert_true(part[1].emitter_count > 0);
+    assert_int_equal(part[1].sun_count + part[1].near_count, s.scene->light_count);
+    assert_true(part[0].sky_luminance == all.sky_luminance && part[1].sky_luminance == 0);
+    const struct lw_vec3 point = lw_vec3(0.3f, 1.5f, 0.4f), up = lw_vec3(0, 1, 0);
+    const double both = irradiance(&part[0], point, up) + irradiance(&part[1], point, up),
+                 whole = irradiance(&all, point, up);
+    assert_true(fabs(both / whole - 1) < 0.03);
+    for (int drawn = 0; drawn < 2; drawn++) lw_lights_finish(&part[drawn]);
+    lw_lights_finish(&all);
+    lw_client_lights_finish(&client);
+    end(&s);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(small_emitters_and_punctual_lights), cmocka_unit_test(connected_pieces_count),
+        cmocka_unit_test(names_choose), cmocka_unit_test(bits_go_round), cmocka_unit_test(parts_add_up)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
