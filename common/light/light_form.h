@@ -9,4 +9,8 @@ enum lw_light_form {
     LW_LIGHT_FORM_COUNT
 };
 
+/* Sets of forms: a bit for each. */
+static inline unsigned lw_light_form_bit(enum lw_light_form form) { return 1u << form; }
+#define LW_LIGHT_FORMS_FULL (1u << LW_LIGHT_FORM_FULL)
+
 #endif

@@ -1,6 +1,7 @@
 #include "server/solve/cell_solver.h"
 
 #include "common/clock.h"
+#include "common/light/client_lights.h"
 #include "common/log.h"
 #include "common/progress.h"
 #include "server/solve/checkpoint.h"
@@ -25,9 +26,11 @@ struct cell_solver {
     struct lw_geometry own_geometry; /* unless it is shared */
     struct lw_cells cells;
     struct lw_tiles tiles;
-    struct lw_seams_light welds;
-    uint32_t seams_found; /* of the geometry: those that the welds are of */
-    struct lw_lights lights;
+    struct lw_seams_light welds[LW_LIGHT_FORM_COUNT]; /* SPLIT: only with client lights */
+    unsigned forms;                                   /* that are shown (light_form.h) */
+    bool shows_all;                 /* one of them is new: the next frame shows everything */
+    uint32_t seams_found;           /* of the geometry: those that the welds are of */
+    struct lw_lights lights, drawn; /* without client lights, and those; drawn: zeroed where there are none */
     struct lw_probes probes;
     bool has_probes;
     struct lw_denoise denoise; /* empty unless the desc asks for it */
@@ -52,13 +55,19 @@ struct remembered {
     uint32_t frames, frames_since_move, moves;
 };
 
+static bool parts_drawn(const struct cell_solver *s) { return lw_client_lights_any(s->desc.client_lights); }
+
 /* Seams that hold an object which has begun to move may do so a little longer where frames have a time to keep. */
 static enum lw_status find_seams(struct cell_solver *s) {
     enum lw_status status = lw_geometry_find_seams(s->geometry, &s->tiles, s->desc.frame_budget_s > 0);
     if (status != LW_OK || s->seams_found == s->geometry->seams_found) return status;
-    lw_seams_light_finish(&s->welds);
     s->seams_found = s->geometry->seams_found;
-    return lw_seams_light_init(&s->welds, &s->geometry->seams);
+    for (int f = 0; f < LW_LIGHT_FORM_COUNT && status == LW_OK; f++) {
+        lw_seams_light_finish(&s->welds[f]);
+        if (f == LW_LIGHT_FORM_FULL || parts_drawn(s))
+            status = lw_seams_light_init(&s->welds[f], &s->geometry->seams, f);
+    }
+    return status;
 }
 
 /* A step is a tile in a pass over all that are due. Shown of the first frame, which may be long, and while
@@ -89,9 +98,12 @@ static enum lw_status place(struct cell_solver *s, struct lw_solver_stats *stats
     if (s->pose_due & LW_POSE_DYNAMIC) lw_tiles_recount(&s->tiles, s->threads);
     if (s->pose_due & (LW_POSE_MATERIALS | LW_POSE_SKY))
         status = lw_lights_set_materials(&s->lights, &s->pose);
+    if (status == LW_OK && s->pose_due & (LW_POSE_MATERIALS | LW_POSE_SKY) && parts_drawn(s))
+        status = lw_lights_set_materials(&s->drawn, &s->pose);
     if (status != LW_OK) return lw_status_fail(err, status, "taking over what has changed");
     if (s->pose_due & LW_POSE_MATERIALS) radiate_all(s);
     lw_lights_set_pose(&s->lights, &s->pose);
+    if (parts_drawn(s)) lw_lights_set_pose(&s->drawn, &s->pose);
     lw_tiles_set_pose(&s->tiles, &s->cells, &s->pose);
     if (s->has_probes) {
         uint64_t t = lw_clock_ns();
@@ -205,13 +217,15 @@ static void run_finish(struct cell_solver *s, const struct lw_passes *passes, ui
         if (tile->due) lw_passes_finish_tile(passes, tile);
         LW_TILES_EACH_BLOCK (tile, block) {
             block->unseen |= tile->due && block->due && block->covered_count;
-            if (!block->unseen || !tile->shows) continue;
+            if (!(block->unseen && tile->shows) && !(s->shows_all && block->covered_count && block->frames))
+                continue;
             block->unseen = tile->begins = false;
             block->shown_frame = tile->solved_frame = frame;
         }
         shown += tile->solved_frame == frame;
     }
     stats->tiles_shown = shown;
+    s->shows_all = false;
 }
 
 /* Blocks whose error is low enough rest until their light changes. */
@@ -306,8 +320,8 @@ static enum lw_status weld(struct cell_solver *s, uint64_t number, struct lw_err
     const struct lw_seams *seams = &s->geometry->seams;
     enum lw_status status = find_seams(s);
     if (status != LW_OK) return lw_status_fail(err, status, "seams");
-    lw_seams_weld(seams, &s->welds, &s->tiles, number, s->threads);
-    lw_seam_gutters_fill(&seams->gutters, &s->tiles, number, s->threads);
+    lw_seams_weld(seams, s->welds, s->forms, &s->tiles, number, s->threads);
+    lw_seam_gutters_fill(&seams->gutters, &s->tiles, number, s->forms, s->threads);
     return LW_OK;
 }
 
@@ -316,9 +330,9 @@ static enum lw_status show(struct cell_solver *s, uint64_t number, struct lw_sol
                            struct lw_error *err) {
     const uint64_t t0 = lw_clock_ns();
     if (s->desc.denoise)
-        lw_denoise_run(&s->denoise, number, s->threads);
+        lw_denoise_run(&s->denoise, number, s->forms, s->threads);
     else
-        lw_tiles_show(&s->tiles, number, s->threads);
+        lw_tiles_show(&s->tiles, number, s->forms, s->threads);
     const uint64_t t1 = lw_clock_ns();
     enum lw_status status = weld(s, number, err);
     stats->denoise_ns = t1 - t0;
@@ -331,6 +345,7 @@ static struct lw_passes passes_of(struct cell_solver *s) {
                               .pose = &s->pose,
                               .trace = s->geometry->trace,
                               .lights = &s->lights,
+                              .drawn = parts_drawn(s) ? &s->drawn : NULL,
                               .texels = &s->geometry->texels,
                               .cells = &s->cells,
                               .probes = s->has_probes ? &s->probes : NULL,
@@ -367,7 +382,8 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
         s->view_due |= memcmp(s->pose.object_hidden, pose->object_hidden,
                               s->desc.scene->object_count * sizeof *pose->object_hidden) != 0;
         lw_follow_move(&s->follow, &s->tiles, s->desc.scene, &s->pose, pose,
-                       lw_lights_differ(&s->lights, &s->pose, pose));
+                       lw_lights_differ(&s->lights, &s->pose, pose) ||
+                           (parts_drawn(s) && lw_lights_differ(&s->drawn, &s->pose, pose)));
         lw_pose_copy(&s->pose, pose, s->desc.scene);
         s->pose_due |= moved;
     }
@@ -494,6 +510,13 @@ static enum lw_status want(struct lw_solver *solver, const uint8_t *wanted, stru
                            : lw_status_fail(err, status, "schedule of %u texels", s->geometry->texels.count);
 }
 
+static void show_forms(struct lw_solver *solver, unsigned forms) {
+    struct cell_solver *s = (struct cell_solver *)solver;
+    if (!parts_drawn(s)) forms = LW_LIGHT_FORMS_FULL;
+    s->shows_all |= (forms & ~s->forms) != 0;
+    s->forms = forms;
+}
+
 static enum lw_status set_up_denoise(struct cell_solver *s, struct lw_error *err) {
     if (s->denoise.pairs) return LW_OK;
     enum lw_status status = lw_geometry_weigh_pairs(s->geometry);
@@ -516,7 +539,7 @@ static enum lw_status filter(struct lw_solver *solver, struct lw_error *err) {
         LW_TILES_EACH_BLOCK (tile, block) block->shown_frame = last;
         tile->solved_frame = last;
     }
-    lw_denoise_run(&s->denoise, last, s->threads);
+    lw_denoise_run(&s->denoise, last, s->forms, s->threads);
     return weld(s, last, err);
 }
 
@@ -534,20 +557,24 @@ static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_s
     for (int c = 0; c < 3; c++) {
         out_tile->direct[c] = s->tiles.direct[c] + tile->first;
         out_tile->indirect[c] = s->tiles.indirect[c] + tile->first;
-        out_tile->light[c] = s->tiles.light[c] + tile->first;
+        out_tile->light[c] = s->tiles.light[LW_LIGHT_FORM_FULL][c] + tile->first;
+        if (s->forms & lw_light_form_bit(LW_LIGHT_FORM_SPLIT))
+            out_tile->split[c] = s->tiles.light[LW_LIGHT_FORM_SPLIT][c] + tile->first;
         out_tile->albedo[c] = tile->mesh->albedo[c] + tile->local;
     }
 }
 
 /* What a frame reads of those before it, beside the tiles. */
-#define PARTS_MAX (2 + LW_PROBES_PARTS)
+#define PARTS_MAX (1 + LW_LIGHT_FORM_COUNT + LW_PROBES_PARTS)
 static uint32_t list_parts(const struct cell_solver *s, struct remembered *remembered,
                            struct lw_checkpoint_part out_part[PARTS_MAX]) {
     uint32_t n = 0;
     out_part[n++] = (struct lw_checkpoint_part){remembered, sizeof *remembered};
-    if (s->welds.member_count)
-        out_part[n++] = (struct lw_checkpoint_part){s->welds.correction, (size_t)s->welds.member_count * 3 *
-                                                                             sizeof *s->welds.correction};
+    for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
+        if (s->welds[f].member_count)
+            out_part[n++] =
+                (struct lw_checkpoint_part){s->welds[f].correction, (size_t)s->welds[f].member_count * 3 *
+                                                                        sizeof *s->welds[f].correction};
     if (s->has_probes) n += lw_probes_list_parts(&s->probes, out_part + n);
     return n;
 }
@@ -573,7 +600,7 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
     s->frames = remembered.frames;
     lw_follow_resume(&s->follow, remembered.moves, remembered.frames_since_move);
     s->forgetful = true;
-    s->welds.fresh = true;
+    for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) s->welds[f].fresh = true;
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         LW_TILES_EACH_BLOCK (tile, block) {
@@ -590,9 +617,9 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
 
 static size_t memory_bytes(const struct lw_solver *solver) {
     const struct cell_solver *s = (const struct cell_solver *)solver;
-    const size_t per_texel = sizeof(float) * (3 + 3 + 3 + (3 + 4) * (size_t)s->desc.bounces + 8) +
-                             sizeof(uint32_t) + sizeof(uint32_t) * s->desc.indirect_samples;
-    return per_texel * s->tiles.texel_count + lw_seams_light_memory_bytes(&s->welds) +
+    const size_t per_texel = lw_tiles_texel_bytes(&s->tiles) + sizeof(uint32_t) * s->desc.indirect_samples;
+    return per_texel * s->tiles.texel_count + lw_seams_light_memory_bytes(&s->welds[LW_LIGHT_FORM_FULL]) +
+           lw_seams_light_memory_bytes(&s->welds[LW_LIGHT_FORM_SPLIT]) +
            lw_denoise_memory_bytes(&s->denoise) + lw_schedule_memory_bytes(&s->schedule) +
            s->tiles.block_count * sizeof *s->tiles.block +
            (s->has_probes ? lw_probes_memory_bytes(&s->probes) : 0) +
@@ -606,7 +633,8 @@ static void destroy(struct lw_solver *solver) {
     lw_denoise_finish(&s->denoise);
     lw_probes_finish(&s->probes);
     lw_lights_finish(&s->lights);
-    lw_seams_light_finish(&s->welds);
+    lw_lights_finish(&s->drawn);
+    for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) lw_seams_light_finish(&s->welds[f]);
     lw_schedule_finish(&s->schedule);
     lw_tiles_finish(&s->tiles);
     lw_geometry_finish(&s->own_geometry);
@@ -619,6 +647,7 @@ static void destroy(struct lw_solver *solver) {
 static const struct lw_solver_ops ops = {.name = "cells",
                                          .frame = frame,
                                          .want = want,
+                                         .show = show_forms,
                                          .filter = filter,
                                          .read_tile = read_tile,
                                          .save = save,
@@ -643,6 +672,15 @@ static enum lw_status place_probes(struct cell_solver *s, struct lw_vec3 lo, str
     return LW_OK;
 }
 
+static enum lw_status init_lights(struct cell_solver *s) {
+    const struct lw_client_lights *client = s->desc.client_lights;
+    if (!parts_drawn(s)) return lw_lights_init(&s->lights, s->desc.scene, &s->pose);
+    const struct lw_lights_part served = lw_client_lights_part(client, false),
+                                drawn = lw_client_lights_part(client, true);
+    enum lw_status status = lw_lights_init_part(&s->lights, s->desc.scene, &s->pose, &served);
+    return status == LW_OK ? lw_lights_init_part(&s->drawn, s->desc.scene, &s->pose, &drawn) : status;
+}
+
 static enum lw_status build(struct cell_solver *s, const struct lw_pose *pose, struct lw_error *err) {
     const struct lw_scene *scene = s->desc.scene;
     enum lw_status status = lw_pose_init(&s->pose, scene);
@@ -660,10 +698,11 @@ static enum lw_status build(struct cell_solver *s, const struct lw_pose *pose, s
     if ((status = lw_tiles_init(&s->tiles, scene, s->desc.atlas_map, texels, s->desc.bounces, s->threads)) !=
         LW_OK)
         return lw_status_fail(err, status, "%u texels", texels->count);
+    if (parts_drawn(s) && (status = lw_tiles_part_drawn(&s->tiles)) != LW_OK)
+        return lw_status_fail(err, status, "%u texels", texels->count);
     if ((status = find_seams(s)) != LW_OK)
         return lw_status_fail(err, status, "seams of %u texels", texels->count);
-    if ((status = lw_lights_init(&s->lights, scene, &s->pose)) != LW_OK)
-        return lw_status_fail(err, status, "lights");
+    if ((status = init_lights(s)) != LW_OK) return lw_status_fail(err, status, "lights");
     lw_tiles_set_pose(&s->tiles, &s->cells, &s->pose);
     lw_schedule_init(&s->schedule, s->desc.atlas_map->tile_count, s->desc.indirect_samples);
 
@@ -687,6 +726,7 @@ enum lw_status lw_cell_solver_create_over(struct lw_geometry *geometry, const st
     s->desc = *desc;
     s->budget_s = desc->frame_budget_s;
     s->hasty = true;
+    s->forms = LW_LIGHT_FORMS_FULL;
     s->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
     if (!(s->desc.tracing_range_m > 0)) s->desc.tracing_range_m = INFINITY;
     enum lw_status status = build(s, pose, err);

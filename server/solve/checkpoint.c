@@ -37,7 +37,7 @@ _Static_assert(sizeof(struct block_record) == 120, "no padding, which would have
 
 /* ---- what is in it -------------------------------------------------------------------------------------------- */
 
-#define PLANES_MAX (3 * (3 + LW_SOLVER_BOUNCES_MAX) + 2)
+#define PLANES_MAX (3 * (3 + LW_SOLVER_BOUNCES_MAX + 2) + 4)
 
 /* The planes that the next frame reads. Those that it writes first (radiance, estimate) are left out. */
 static uint32_t list_planes(const struct lw_tiles *tiles, float *out_plane[PLANES_MAX]) {
@@ -45,11 +45,16 @@ static uint32_t list_planes(const struct lw_tiles *tiles, float *out_plane[PLANE
     for (int c = 0; c < 3; c++) {
         out_plane[n++] = tiles->direct[c];
         out_plane[n++] = tiles->indirect[c];
-        out_plane[n++] = tiles->light[c];
+        out_plane[n++] = tiles->light[LW_LIGHT_FORM_FULL][c];
         for (uint32_t k = 0; k < tiles->bounces; k++) out_plane[n++] = tiles->order[k][c];
     }
     out_plane[n++] = tiles->mean;
     out_plane[n++] = tiles->spread;
+    for (int c = 0; c < 3 && tiles->drawn[c]; c++) {
+        out_plane[n++] = tiles->drawn[c];
+        out_plane[n++] = tiles->light[LW_LIGHT_FORM_SPLIT][c];
+    }
+    if (tiles->split_mean) out_plane[n++] = tiles->split_mean, out_plane[n++] = tiles->split_spread;
     return n;
 }
 

@@ -10,7 +10,7 @@
 
 #include "server/solve/tiles.h"
 
-#define LW_CHECKPOINT_VERSION  4u
+#define LW_CHECKPOINT_VERSION  5u
 #define LW_CHECKPOINT_KEY_SIZE 16u /* bytes */
 
 /** Memory that belongs to the state beside the tiles. */

@@ -58,30 +58,45 @@ static float changed(float mean, float then, float now) {
     return mean * fmaxf(now, 0) / then;
 }
 
+/* Of one channel: what is drawn and what is not change each by itself. *out_served: by how much the latter is brighter. Returns the same
+ * of both. */
+static float add_channel(struct lw_tiles *tiles, uint32_t texel, int c, float off, float off_drawn,
+                         float *out_served) {
+    float *estimate = &tiles->estimate[LW_TILES_ESTIMATE_DIRECT][c][texel], *mean = &tiles->direct[c][texel];
+    const float then = *estimate, was = *mean;
+    *estimate += off;
+    if (!tiles->drawn[c]) return *out_served = (*mean = changed(was, then, *estimate)) - was;
+    float *drawn_estimate = &tiles->drawn_estimate[c][texel], *drawn = &tiles->drawn[c][texel];
+    const float drawn_then = *drawn_estimate, served = was - *drawn;
+    *drawn_estimate += off_drawn;
+    *drawn = changed(*drawn, drawn_then, *drawn_estimate);
+    const float served_now = changed(served, then - drawn_then, *estimate - *drawn_estimate);
+    *mean = *drawn + served_now;
+    *out_served = served_now - served;
+    return *mean - was;
+}
+
 static void add_direct(struct lw_tiles *tiles, struct lw_solve_block *block, uint32_t texel,
-                       struct lw_vec3 off) {
-    float was[3], is[3];
-    for (int c = 0; c < 3; c++) {
-        float *estimate = &tiles->estimate[LW_TILES_ESTIMATE_DIRECT][c][texel];
-        const float then = *estimate;
-        *estimate += (&off.x)[c];
-        was[c] = tiles->direct[c][texel];
-        is[c] = tiles->direct[c][texel] = changed(was[c], then, *estimate);
-    }
-    const float brighter = luminance(is[0] - was[0], is[1] - was[1], is[2] - was[2]);
+                       struct lw_vec3 off, struct lw_vec3 off_drawn) {
+    float more[3], served[3];
+    for (int c = 0; c < 3; c++)
+        more[c] = add_channel(tiles, texel, c, (&off.x)[c], (&off_drawn.x)[c], &served[c]);
+    const float brighter = luminance(more[0], more[1], more[2]);
     tiles->mean[texel] += brighter;
     block->luminance += (double)brighter;
+    if (tiles->split_mean) tiles->split_mean[texel] += luminance(served[0], served[1], served[2]);
 }
 
 void lw_correction_direct(struct lw_tiles *tiles, const struct lw_solve_tile *tile,
                           struct lw_solve_block *block, uint32_t set, const struct lw_launch *launch,
-                          const struct lw_vec3 off[LW_TRACE_WIDTH]) {
+                          const struct lw_vec3 off[LW_TRACE_WIDTH], const struct lw_vec3 *off_drawn) {
     const uint32_t lanes = (uint32_t)__builtin_popcount(launch->active);
     struct lw_change_packet *packet = &block->change.packet[set];
     float rough = 0;
     packet->direct_square = 0;
     for (uint32_t lane = 0; lane < lanes; lane++) {
-        add_direct(tiles, block, tile->first + launch->texel[lane], off[lane]);
+        add_direct(tiles, block, tile->first + launch->texel[lane], off[lane],
+                   off_drawn ? off_drawn[lane] : lw_vec3(0, 0, 0));
         packet->direct = lw_vec3_mad(packet->direct, off[lane], 1 / (float)lanes);
     }
     for (int c = 0; c < 3; c++) rough = fmaxf(rough, roughness(tile, launch, off, lanes, c));
@@ -346,6 +361,7 @@ static void shift_surface(struct lw_tiles *tiles, struct lw_solve_block *block, 
                                                 (&shift->of[LW_CHANGE_LATER][r].x)[c]};
             const float brighter = weight[c] * shift_texel(tiles, texel, c, &sum[r], by);
             tiles->mean[texel] += brighter;
+            if (tiles->split_mean) tiles->split_mean[texel] += brighter;
             block->luminance += (double)brighter;
             for (int order = 0; estimates && order < LW_CHANGE_ORDERS; order++)
                 tiles->estimate[LW_TILES_ESTIMATE_BOUNCES + order][c][texel] += by[order];

@@ -17,11 +17,12 @@
 
 #include "server/solve/launch.h"
 
-/** Adds to the direct light of the texels of packet `set` what it was found to differ by, W/m^2, a lane each. What the packet has found
+/** Adds to the direct light of the texels of packet `set` what it was found to differ by, W/m^2, a lane each; off_drawn: of that,
+ * what client lights give; NULL: there are none. What the packet has found
  * is then what stays in doubt. */
 void lw_correction_direct(struct lw_tiles *tiles, const struct lw_solve_tile *tile,
                           struct lw_solve_block *block, uint32_t set, const struct lw_launch *launch,
-                          const struct lw_vec3 off[LW_TRACE_WIDTH]);
+                          const struct lw_vec3 off[LW_TRACE_WIDTH], const struct lw_vec3 *off_drawn);
 
 /** After that, of all packets of a tile that were asked about it: adds what is in doubt because packets of a surface differ. */
 void lw_correction_doubt_direct(struct lw_solve_tile *tile);

@@ -146,6 +146,7 @@ struct planes {
 
 /* The rectangle of a tile's texels that is filtered. */
 struct job {
+    enum lw_light_form form;
     const struct lw_denoise *denoise;
     const struct lw_solve_tile *tile;
     const struct lw_mesh_texels *mesh;
@@ -229,9 +230,11 @@ LW_WIDE_INLINE bool load_pair(const uint8_t *from, lanes *out) {
 
 /* Colours, and the variance of each texel's mean over the frames: of a row's texels in one block. And the luminance of
  * indirect light alone. */
-LW_WIDE_INLINE void load_run(const struct lw_tiles *tiles, size_t from, uint32_t n, float per_frame,
-                             float unknown, const struct planes *out, float *out_indirect, size_t to) {
-    const float *const restrict spread = tiles->spread + from;
+LW_WIDE_INLINE void load_run(const struct lw_tiles *tiles, enum lw_light_form form, size_t from, uint32_t n,
+                             float per_frame, float unknown, const struct planes *out, float *out_indirect,
+                             size_t to) {
+    const bool split = form == LW_LIGHT_FORM_SPLIT;
+    const float *const restrict spread = (split ? tiles->split_spread : tiles->spread) + from;
     const uint8_t *const restrict covered = tiles->covered + from;
     float *const restrict y = out->p[Y] + to, *const restrict variance = out->p[VARIANCE] + to,
                           *const restrict y_indirect = out_indirect + to;
@@ -241,6 +244,10 @@ LW_WIDE_INLINE void load_run(const struct lw_tiles *tiles, size_t from, uint32_t
         float *const restrict v = out->p[c] + to;
 #pragma omp simd
         for (uint32_t i = 0; i < n; i++) v[i] = direct[i] + indirect[i];
+        if (!split) continue;
+        const float *const restrict drawn = tiles->drawn[c] + from;
+#pragma omp simd
+        for (uint32_t i = 0; i < n; i++) v[i] -= drawn[i];
     }
     const float *const restrict r = out->p[R] + to, *const restrict g = out->p[G] + to,
                                 *const restrict b = out->p[B] + to,
@@ -256,13 +263,14 @@ LW_WIDE_INLINE void load_run(const struct lw_tiles *tiles, size_t from, uint32_t
     }
 }
 
-LW_WIDE static void load_block_row(const struct lw_tiles *tiles, size_t from, uint32_t n, float per_frame,
-                                   float unknown, const struct planes *out, float *out_indirect, size_t to) {
+LW_WIDE static void load_block_row(const struct lw_tiles *tiles, enum lw_light_form form, size_t from,
+                                   uint32_t n, float per_frame, float unknown, const struct planes *out,
+                                   float *out_indirect, size_t to) {
     if (n == LW_TILE_BLOCK)
-        load_run(tiles, from, LW_TILE_BLOCK, per_frame, unknown, out, out_indirect,
+        load_run(tiles, form, from, LW_TILE_BLOCK, per_frame, unknown, out, out_indirect,
                  to); /* one vector, as most are */
     else
-        load_run(tiles, from, n, per_frame, unknown, out, out_indirect, to);
+        load_run(tiles, form, from, n, per_frame, unknown, out, out_indirect, to);
 }
 
 /* False: no texel's variance is to be guessed. out_indirect: a plane. */
@@ -287,8 +295,8 @@ static bool load_rows(const struct job *job, const struct planes *out, float *ou
             }
             const float remembered = block->indirect.frames;
             const bool few = remembered < HISTORY_MIN;
-            load_block_row(tiles, texel, next - x, few ? 0 : 1 / (remembered - 1), few ? UNKNOWN : 0, out,
-                           out_indirect, to);
+            load_block_row(tiles, job->form, texel, next - x, few ? 0 : 1 / (remembered - 1),
+                           few ? UNKNOWN : 0, out, out_indirect, to);
             guess |= few;
         }
     }
@@ -401,7 +409,7 @@ static void store_rows(const struct job *job, const struct planes *in) {
         for (uint32_t x = job->x; x < job->x + job->width; x++) {
             const uint32_t texel = tile->first + (y - top) * tile->width + x - left;
             if (!tiles->covered[texel] || !job->denoise->marked[tiles->block_of_texel[texel]]) continue;
-            for (int c = 0; c < 3; c++) tiles->light[c][texel] = in->p[c][row + x - job->x];
+            for (int c = 0; c < 3; c++) tiles->light[job->form][c][texel] = in->p[c][row + x - job->x];
         }
     }
 }
@@ -437,7 +445,7 @@ static void filter(const struct job *job, struct lw_denoise_planes *planes) {
 /* ---- which blocks --------------------------------------------------------------------------------------------- */
 
 enum lw_status lw_denoise_init(struct lw_denoise *denoise, const struct lw_denoise_pairs *pairs,
-                               const struct lw_atlas_map *map, const struct lw_tiles *tiles, int threads) {
+                               const struct lw_atlas_map *map, struct lw_tiles *tiles, int threads) {
     *denoise = (struct lw_denoise){.pairs = pairs, .map = map, .tiles = tiles, .threads = threads};
     denoise->marked = calloc((size_t)tiles->block_count + 1, sizeof *denoise->marked);
     denoise->planes = calloc((size_t)threads, sizeof *denoise->planes);
@@ -514,7 +522,7 @@ static bool find_job(const struct lw_denoise *d, const struct lw_solve_tile *til
     return true;
 }
 
-void lw_denoise_run(struct lw_denoise *denoise, uint64_t frame, int threads) {
+void lw_denoise_run(struct lw_denoise *denoise, uint64_t frame, unsigned forms, int threads) {
     assert(threads <= denoise->threads);
     mark_all(denoise, frame);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
@@ -522,7 +530,8 @@ void lw_denoise_run(struct lw_denoise *denoise, uint64_t frame, int threads) {
         struct lw_solve_tile *tile = &denoise->tiles->tile[i];
         struct job job;
         if (!find_job(denoise, tile, &job)) continue;
-        filter(&job, &denoise->planes[omp_get_thread_num()]);
+        for (job.form = 0; job.form < LW_LIGHT_FORM_COUNT; job.form++)
+            if (forms & lw_light_form_bit(job.form)) filter(&job, &denoise->planes[omp_get_thread_num()]);
         tile->solved_frame = frame;
         LW_TILES_EACH_BLOCK (tile, block)
             if (denoise->marked[block - denoise->tiles->block]) block->shown_frame = frame;

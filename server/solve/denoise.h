@@ -1,5 +1,5 @@
 /* denoise.h: an edge-aware filter over what is shown: noise goes, light stays.
- * Flow:    texels -> [pairs]; each frame: tiles (light, variance) that it shows -> [denoise] -> tiles->light
+ * Flow:    texels -> [pairs]; each frame: tiles (light, variance) that it shows -> [denoise] -> tiles->light, form by form
  * Threads: [solver], parallel inside; the same bytes at any thread count.
  * After:   Dammertz et al. 2010 (a-trous wavelets), Schied et al. 2017 (edges of luminance in units of the noise).
  *
@@ -43,7 +43,7 @@ void lw_denoise_pairs_finish(struct lw_denoise_pairs *pairs);
 struct lw_denoise {
     const struct lw_denoise_pairs *pairs; /* outlives it */
     const struct lw_atlas_map *map;       /* likewise */
-    const struct lw_tiles *tiles;         /* likewise; of the texels that the pairs are of */
+    struct lw_tiles *tiles;               /* likewise; of the texels that the pairs are of */
     uint8_t *marked;                      /* per block: this frame filters it */
     struct lw_denoise_planes *planes;     /* per worker */
     int threads;
@@ -51,13 +51,13 @@ struct lw_denoise {
 
 /** threads: workers at most. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_denoise_init(struct lw_denoise *denoise, const struct lw_denoise_pairs *pairs,
-                                             const struct lw_atlas_map *map, const struct lw_tiles *tiles,
+                                             const struct lw_atlas_map *map, struct lw_tiles *tiles,
                                              int threads);
 void lw_denoise_finish(struct lw_denoise *denoise);
 
-/** Writes tiles->light of every block shown in frame `frame` and of those beside them, whose shown_frame becomes `frame` too, as
+/** Writes tiles->light, in the forms asked for (light_form.h), of every block shown in frame `frame` and of those beside them, whose shown_frame becomes `frame` too, as
  * does their tiles' solved_frame: direct + indirect light, filtered. Call after the last tile is finished. */
-void lw_denoise_run(struct lw_denoise *denoise, uint64_t frame, int threads);
+void lw_denoise_run(struct lw_denoise *denoise, uint64_t frame, unsigned forms, int threads);
 
 /** Bytes held, but for the pairs. */
 size_t lw_denoise_memory_bytes(const struct lw_denoise *denoise);

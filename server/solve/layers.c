@@ -1,6 +1,7 @@
 #include "server/solve/layers.h"
 
 #include "common/colour.h"
+#include "common/light/client_lights.h"
 #include "common/log.h"
 #include "common/random.h"
 #include "server/solve/cell_solver.h"
@@ -53,8 +54,10 @@ struct layers {
     uint32_t still_frames; /* since any layer's light moved */
     bool hasty; /* a movement has begun and not gone on, and not all that it has changed was solved since */
     uint32_t yields; /* frames in a row in which a layer has waited for another */
+    bool shows_all;  /* a form is new: the next frame shows everything */
     bool sums;       /* what is shown is in the planes below; else it is the one layer's own */
-    float *direct[3], *indirect[3], *light[3];
+    unsigned forms;  /* that are shown (light_form.h) */
+    float *direct[3], *indirect[3], *light[LW_LIGHT_FORM_COUNT][3]; /* SPLIT: NULL without client lights */
     uint64_t *solved_frame; /* per lw_tile_id: that last changed them */
     int threads;
 };
@@ -179,13 +182,17 @@ static const struct lw_solve_tile *tile_of(const struct layer *layer, lw_tile_id
     return &tiles->tile[tiles->slot_of_id[id.v]];
 }
 
+static bool parts_drawn(const struct layers *s) { return lw_client_lights_any(s->desc.client_lights); }
+
 static bool allocate_sums(struct layers *s) {
     const size_t count = s->geometry.texels.count + 1ul;
     bool ok = true;
     for (int c = 0; c < 3; c++) {
         ok &= (s->direct[c] = calloc(count, sizeof(float))) != NULL;
         ok &= (s->indirect[c] = calloc(count, sizeof(float))) != NULL;
-        ok &= (s->light[c] = calloc(count, sizeof(float))) != NULL;
+        for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
+            if (f == LW_LIGHT_FORM_FULL || parts_drawn(s))
+                ok &= (s->light[f][c] = calloc(count, sizeof(float))) != NULL;
     }
     ok &= (s->solved_frame = calloc(s->desc.atlas_map->tile_count + 1ul, sizeof *s->solved_frame)) != NULL;
     return ok;
@@ -210,7 +217,10 @@ static bool sum_plane(const struct layers *s, lw_tile_id id, int c,
 
 static float *direct_of(const struct lw_tiles *tiles, int c) { return tiles->direct[c]; }
 static float *indirect_of(const struct lw_tiles *tiles, int c) { return tiles->indirect[c]; }
-static float *light_of(const struct lw_tiles *tiles, int c) { return tiles->light[c]; }
+static float *full_of(const struct lw_tiles *tiles, int c) { return tiles->light[LW_LIGHT_FORM_FULL][c]; }
+static float *split_of(const struct lw_tiles *tiles, int c) { return tiles->light[LW_LIGHT_FORM_SPLIT][c]; }
+static float *(*const light_of[LW_LIGHT_FORM_COUNT])(const struct lw_tiles *tiles, int c) = {full_of,
+                                                                                             split_of};
 
 /* Sums a tile; returns whether what is shown of it is another than before. */
 static bool sum_tile(const struct layers *s, lw_tile_id id) {
@@ -218,7 +228,8 @@ static bool sum_tile(const struct layers *s, lw_tile_id id) {
     for (int c = 0; c < 3; c++) {
         sum_plane(s, id, c, direct_of, s->direct[c]);
         sum_plane(s, id, c, indirect_of, s->indirect[c]);
-        other |= sum_plane(s, id, c, light_of, s->light[c]);
+        for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
+            if (s->forms & lw_light_form_bit(f)) other |= sum_plane(s, id, c, light_of[f], s->light[f][c]);
     }
     return other;
 }
@@ -352,7 +363,8 @@ static void show_first(struct layers *s) {
     for (int c = 0; c < 3; c++) {
         memcpy(s->direct[c], tiles->direct[c], size);
         memcpy(s->indirect[c], tiles->indirect[c], size);
-        memcpy(s->light[c], tiles->light[c], size);
+        for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
+            if (s->light[f][c]) memcpy(s->light[f][c], tiles->light[f][c], size);
     }
     for (uint32_t id = 0; id < s->desc.atlas_map->tile_count; id++)
         if (s->desc.atlas_map->place[id].level == 0)
@@ -434,7 +446,8 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
         add_stats(&stats, &of_layer);
     }
     s->still_frames = moved ? 0 : s->still_frames + 1;
-    if (s->sums) stats.tiles_shown = sum_tiles(s, number, reweighed);
+    if (s->sums) stats.tiles_shown = sum_tiles(s, number, reweighed || s->shows_all);
+    s->shows_all = false;
     count_tiles(s, &stats);
     *out_stats = stats;
     return LW_OK;
@@ -446,6 +459,14 @@ static enum lw_status want(struct lw_solver *solver, const uint8_t *wanted, stru
     for (uint32_t k = 0; k < s->count && status == LW_OK; k++)
         status = s->layer[k].solver->ops->want(s->layer[k].solver, wanted, err);
     return status;
+}
+
+static void show(struct lw_solver *solver, unsigned forms) {
+    struct layers *s = (struct layers *)solver;
+    if (!parts_drawn(s)) forms = LW_LIGHT_FORMS_FULL;
+    s->shows_all |= (forms & ~s->forms) != 0;
+    s->forms = forms;
+    for (uint32_t k = 0; k < s->count; k++) s->layer[k].solver->ops->show(s->layer[k].solver, forms);
 }
 
 static uint64_t last_frame(const struct layers *s) {
@@ -477,7 +498,9 @@ static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_s
     for (int c = 0; c < 3; c++) {
         out_tile->direct[c] = s->direct[c] + first;
         out_tile->indirect[c] = s->indirect[c] + first;
-        out_tile->light[c] = s->light[c] + first;
+        out_tile->light[c] = s->light[LW_LIGHT_FORM_FULL][c] + first;
+        if (s->forms & lw_light_form_bit(LW_LIGHT_FORM_SPLIT))
+            out_tile->split[c] = s->light[LW_LIGHT_FORM_SPLIT][c] + first;
     }
     for (uint32_t k = 1; k < s->count; k++) {
         const uint32_t frames = tile_of(&s->layer[k], id)->frames;
@@ -539,7 +562,8 @@ static size_t memory_bytes(const struct lw_solver *solver) {
     size_t bytes = lw_geometry_memory_bytes(&s->geometry);
     for (uint32_t k = 0; k < s->count; k++)
         bytes += s->layer[k].solver->ops->memory_bytes(s->layer[k].solver);
-    return bytes + (s->sums ? s->geometry.texels.count * 9 * sizeof(float) : 0);
+    const size_t planes = parts_drawn(s) ? 4 : 3;
+    return bytes + (s->sums ? s->geometry.texels.count * 3 * planes * sizeof(float) : 0);
 }
 
 static void destroy(struct lw_solver *solver) {
@@ -555,7 +579,7 @@ static void destroy(struct lw_solver *solver) {
     for (int c = 0; c < 3; c++) {
         free(s->direct[c]);
         free(s->indirect[c]);
-        free(s->light[c]);
+        for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) free(s->light[f][c]);
     }
     free(s->solved_frame);
     lw_geometry_finish(&s->geometry);
@@ -567,6 +591,7 @@ static void destroy(struct lw_solver *solver) {
 static const struct lw_solver_ops ops = {.name = "layers",
                                          .frame = frame,
                                          .want = want,
+                                         .show = show,
                                          .filter = filter,
                                          .read_tile = read_tile,
                                          .save = save,
@@ -621,6 +646,7 @@ enum lw_status lw_layers_create(const struct lw_solver_desc *desc, struct lw_lig
     *groups = (struct lw_light_groups){0};
     s->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
     s->still_frames = LW_CELL_SOLVER_FADE_FRAMES;
+    s->forms = LW_LIGHT_FORMS_FULL;
     enum lw_status status = build(s, pose, err);
     if (status != LW_OK) {
         destroy(&s->base);

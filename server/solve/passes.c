@@ -41,10 +41,21 @@ static void blend(float *const dst[3], uint32_t texel, struct lw_vec3 value, flo
     dst[2][texel] += (value.z - dst[2][texel]) * weight;
 }
 
+static struct lw_vec3 lane_of(const float e[3][LANES], uint32_t lane) {
+    return lw_vec3(e[0][lane], e[1][lane], e[2][lane]);
+}
+
 static void store(float *const dst[3], uint32_t texel, struct lw_vec3 value) {
     dst[0][texel] = value.x;
     dst[1][texel] = value.y;
     dst[2][texel] = value.z;
+}
+
+/* The estimate that a texel's direct light has had last. */
+static void store_direct(const struct lw_passes *p, uint32_t texel, const struct lw_direct_estimate *e,
+                         uint32_t lane) {
+    store(p->tiles->estimate[LW_TILES_ESTIMATE_DIRECT], texel, lane_of(e->all, lane));
+    if (p->drawn) store(p->tiles->drawn_estimate, texel, lane_of(e->drawn, lane));
 }
 
 void lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile, struct lw_passes_count *count) {
@@ -55,13 +66,15 @@ void lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile, str
         if (!block->due) continue;
         lw_launch_block(tile, block, p->texels->usable, p->seed, block->frames * p->direct_samples, launch);
         for (uint32_t set = 0; set < block->packet_count; set++) {
-            float e[3][LANES];
-            lw_direct_light(p, tile, &launch[set], &site, e, count);
+            struct lw_direct_estimate e;
+            lw_direct_light(p, tile, &launch[set], &site, &e, count);
             for (uint32_t lane = 0; lane < block->packet[set].count; lane++) {
                 const uint32_t texel = tile->first + launch[set].texel[lane];
-                const struct lw_vec3 now = lw_vec3(e[0][lane], e[1][lane], e[2][lane]);
+                const struct lw_vec3 now = lane_of(e.all, lane);
+                if (p->drawn && lw_vec3_is_finite(now))
+                    blend(p->tiles->drawn, texel, lane_of(e.drawn, lane), block->direct.weight);
                 blend(p->tiles->direct, texel, now, block->direct.weight);
-                store(p->tiles->estimate[LW_TILES_ESTIMATE_DIRECT], texel, now);
+                store_direct(p, texel, &e, lane);
             }
         }
     }
@@ -258,8 +271,8 @@ static struct lw_vec3 difference(struct lw_vec3 now, struct lw_vec3 then) {
 
 /* Takes the samples of direct light of a packet's last solve again. Needs the site's frame. */
 static void repeat_direct(const struct lw_passes *p, const struct lw_solve_tile *tile,
-                          struct lw_launch *launch, struct lw_launch_site *site, float out_direct[3][LANES],
-                          struct lw_passes_count *count) {
+                          struct lw_launch *launch, struct lw_launch_site *site,
+                          struct lw_direct_estimate *out_direct, struct lw_passes_count *count) {
     launch->frames--; /* the numbers of that solve */
     lw_launch_choose(launch, tile, p->texels->usable, p->seed, launch->frames * p->direct_samples);
     lw_direct_light(p, tile, launch, site, out_direct, count);
@@ -292,19 +305,22 @@ static struct lw_vec3 gather_order(const struct lw_passes *p, uint32_t texel, in
 /* direct: estimated anew; all: so are the block's other packets. Returns whether the light has been corrected. */
 static bool compare_direct(const struct lw_passes *p, const struct lw_solve_tile *tile,
                            struct lw_solve_block *block, uint32_t set, const struct lw_launch *launch,
-                           const float direct[3][LANES], bool all) {
+                           const struct lw_direct_estimate *direct, bool all) {
     const uint32_t lanes = (uint32_t)__builtin_popcount(launch->active);
     float *square = &block->change.packet[set].direct_square;
-    struct lw_vec3 off[LANES];
+    struct lw_vec3 off[LANES], off_drawn[LANES];
     *square = 0;
     for (uint32_t lane = 0; lane < lanes; lane++) {
         const uint32_t texel = tile->first + launch->texel[lane];
-        off[lane] = difference(lw_vec3(direct[0][lane], direct[1][lane], direct[2][lane]),
+        off[lane] = difference(lane_of(direct->all, lane),
                                lw_texels_vector(p->tiles->estimate[LW_TILES_ESTIMATE_DIRECT], texel));
+        if (p->drawn)
+            off_drawn[lane] =
+                difference(lane_of(direct->drawn, lane), lw_texels_vector(p->tiles->drawn_estimate, texel));
         *square += lw_vec3_max_abs(off[lane]) * lw_vec3_max_abs(off[lane]);
     }
     if (!all || !(*square > 0)) return false;
-    lw_correction_direct(p->tiles, tile, block, set, launch, off);
+    lw_correction_direct(p->tiles, tile, block, set, launch, off, p->drawn ? off_drawn : NULL);
     return true;
 }
 
@@ -352,11 +368,11 @@ bool lw_passes_compare(const struct lw_passes *p, struct lw_solve_tile *tile, st
         for (uint32_t set = 0; set < block->packet_count; set++) {
             const uint16_t bit = (uint16_t)(1u << set);
             if (!((change->compare | change->direct) & bit)) continue;
-            float direct[3][LANES];
+            struct lw_direct_estimate direct;
             lw_launch_init(&launch, tile, block, set);
             if (change->direct & bit) {
-                repeat_direct(p, tile, &launch, &site, direct, count);
-                corrected |= compare_direct(p, tile, block, set, &launch, direct, all);
+                repeat_direct(p, tile, &launch, &site, &direct, count);
+                corrected |= compare_direct(p, tile, block, set, &launch, &direct, all);
             }
             if (change->retrace & bit) repeat_bounces(p, tile, &launch, &site, count);
             if (change->compare & bit) compare_indirect(p, tile, block, set, &launch);
@@ -428,14 +444,13 @@ void lw_passes_recall(const struct lw_passes *p, const struct lw_solve_tile *til
     lw_footprint_frame_init(&site.frame, &p->pose->object_to_world[tile->object]);
     LW_TILES_EACH_BLOCK (tile, block)
         for (uint32_t set = 0; block->frames && set < block->packet_count; set++) {
-            float direct[3][LANES];
+            struct lw_direct_estimate direct;
             lw_launch_init(&launch, tile, block, set);
-            repeat_direct(p, tile, &launch, &site, direct, count);
+            repeat_direct(p, tile, &launch, &site, &direct, count);
             repeat_bounces(p, tile, &launch, &site, count);
             for (uint32_t lane = 0; lane < block->packet[set].count; lane++) {
                 const uint32_t texel = tile->first + launch.texel[lane];
-                store(p->tiles->estimate[LW_TILES_ESTIMATE_DIRECT], texel,
-                      lw_vec3(direct[0][lane], direct[1][lane], direct[2][lane]));
+                store_direct(p, texel, &direct, lane);
                 for (int order = 0; order < LW_CHANGE_ORDERS; order++)
                     store(p->tiles->estimate[LW_TILES_ESTIMATE_BOUNCES + order], texel,
                           gather_order(p, texel, order));
@@ -476,13 +491,22 @@ static struct lw_vec3 estimate_at(const struct lw_tiles *tiles, int part, uint32
     return e;
 }
 
-/* Running mean and spread of the frames' estimates (Welford 1962), forgetting as the sums do. */
+/* Running mean and spread (Welford 1962), forgetting as the sums do. */
+static void note_luminance(float *mean, float *spread, float x, float weight) {
+    const float off = x - *mean;
+    *mean += off * weight;
+    *spread = (1 - weight) * (*spread + weight * off * off);
+}
+
+/* Of the frames' estimates. */
 static void note_estimate(struct lw_tiles *tiles, uint32_t texel, float weight) {
     const struct lw_vec3 e =
         lw_vec3_add(estimate_at(tiles, LW_TILES_DIRECT, texel), estimate_at(tiles, LW_TILES_INDIRECT, texel));
-    const float x = lw_colour_luminance(e), off = x - tiles->mean[texel];
-    tiles->mean[texel] += off * weight;
-    tiles->spread[texel] = (1 - weight) * (tiles->spread[texel] + weight * off * off);
+    note_luminance(&tiles->mean[texel], &tiles->spread[texel], lw_colour_luminance(e), weight);
+    if (!tiles->split_mean) return;
+    const struct lw_vec3 split = lw_vec3_sub(e, lw_texels_vector(tiles->drawn_estimate, texel));
+    note_luminance(&tiles->split_mean[texel], &tiles->split_spread[texel], lw_colour_luminance(split),
+                   weight);
 }
 
 /* What has seen no light yet: what light it may have missed falls with the samples that found none, as 1/N. A scene that

@@ -26,7 +26,8 @@ struct lw_passes {
     const struct lw_scene *scene;
     const struct lw_pose *pose;
     const struct lw_trace *trace;
-    const struct lw_lights *lights;
+    const struct lw_lights *lights; /* without the client lights */
+    const struct lw_lights *drawn;  /* those; NULL: there are none, and lights are all */
     const struct lw_texels *texels;
     const struct lw_cells *cells;
     const struct lw_probes *probes; /* NULL: the tracing range is infinite */

@@ -242,8 +242,24 @@ static void note_shown(struct lw_tiles *tiles, uint32_t texel, uint64_t frame) {
     __atomic_store_n(&tiles->tile[tiles->slot_of_id[id]].solved_frame, frame, __ATOMIC_RELAXED);
 }
 
+/* light: three planes of one form. */
+static void fill_beyond(const struct lw_seam_gutter *gutter, float *const light[3]) {
+    for (int c = 0; c < 3; c++) {
+        float sum = 0;
+        for (int k = 0; k < 4; k++) sum += gutter->weight[k] * light[c][gutter->from[k]];
+        light[c][gutter->texel] = sum;
+    }
+}
+
+static void fill_copies(const struct lw_seam_copy *first, const struct lw_seam_copy *end,
+                        float *const light[3]) {
+    for (int c = 0; c < 3; c++)
+        for (const struct lw_seam_copy *copy = first; copy < end; copy++)
+            light[c][copy->texel] = light[c][copy->from];
+}
+
 void lw_seam_gutters_fill(const struct lw_seam_gutters *gutters, struct lw_tiles *tiles, uint64_t frame,
-                          int threads) {
+                          unsigned forms, int threads) {
 #pragma omp parallel num_threads(threads)
     {
 #pragma omp for schedule(static)
@@ -252,11 +268,8 @@ void lw_seam_gutters_fill(const struct lw_seam_gutters *gutters, struct lw_tiles
             bool shown = false;
             for (int k = 0; k < 4 && !shown; k++) shown = is_shown(tiles, gutter->from[k], frame);
             if (!shown) continue;
-            for (int c = 0; c < 3; c++) {
-                float sum = 0;
-                for (int k = 0; k < 4; k++) sum += gutter->weight[k] * tiles->light[c][gutter->from[k]];
-                tiles->light[c][gutter->texel] = sum;
-            }
+            for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
+                if (forms & lw_light_form_bit(f)) fill_beyond(gutter, tiles->light[f]);
             note_shown(tiles, gutter->texel, frame);
         }
 #pragma omp for schedule(dynamic, 64)
@@ -264,11 +277,8 @@ void lw_seam_gutters_fill(const struct lw_seam_gutters *gutters, struct lw_tiles
             if (tiles->block[b].shown_frame != frame) continue;
             const struct lw_seam_copy *const first = gutters->copy + gutters->first_copy[b],
                                              *const end = gutters->copy + gutters->first_copy[b + 1];
-            for (int c = 0; c < 3; c++) {
-                float *light = tiles->light[c];
-                for (const struct lw_seam_copy *copy = first; copy < end; copy++)
-                    light[copy->texel] = light[copy->from];
-            }
+            for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
+                if (forms & lw_light_form_bit(f)) fill_copies(first, end, tiles->light[f]);
             for (const struct lw_seam_copy *copy = first; copy < end; copy++)
                 if (tiles->block_of_texel[copy->texel] != b) note_shown(tiles, copy->texel, frame);
         }

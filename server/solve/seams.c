@@ -371,10 +371,13 @@ size_t lw_seams_memory_bytes(const struct lw_seams *s) {
 
 /* ---- the light of one solve ---- */
 
-enum lw_status lw_seams_light_init(struct lw_seams_light *light, const struct lw_seams *seams) {
+enum lw_status lw_seams_light_init(struct lw_seams_light *light, const struct lw_seams *seams,
+                                   enum lw_light_form form) {
     const size_t members = (size_t)seams->member_count + 1;
-    *light = (struct lw_seams_light){
-        .member_count = seams->member_count, .component_count = seams->component_count, .fresh = true};
+    *light = (struct lw_seams_light){.form = form,
+                                     .member_count = seams->member_count,
+                                     .component_count = seams->component_count,
+                                     .fresh = true};
     light->active = calloc((size_t)seams->component_count + 1, 1);
     light->light = calloc(members, sizeof *light->light);
     light->welded = calloc(members, sizeof *light->welded);
@@ -427,8 +430,8 @@ static void load(const struct job *job) {
         const bool shown = tiles->block[tiles->block_of_texel[texel]].shown_frame == job->frame;
         if (job->seams->guess[m].count || !(shown || job->light->fresh)) continue;
         for (int c = 0; c < 3; c++)
-            job->light->light[m][c] =
-                shown ? tiles->light[c][texel] : tiles->direct[c][texel] + tiles->indirect[c][texel];
+            job->light->light[m][c] = shown ? tiles->light[job->light->form][c][texel]
+                                            : lw_tiles_sum(tiles, job->light->form, c, texel);
     }
 }
 
@@ -573,7 +576,7 @@ static void weld_component(const struct job *job) {
     const bool welds = find_keep(job, keep);
     for (uint32_t m = job->first; m < job->last; m++)
         for (int c = 0; c < 3; c++)
-            job->tiles->light[c][member[m].texel] =
+            job->tiles->light[light->form][c][member[m].texel] =
                 welds ? light->welded[m][c] * member[m].root_ease * keep[c] : light->light[m][c];
 }
 
@@ -588,8 +591,8 @@ static void show(const struct lw_seams *s, const struct lw_seams_light *light, s
         }
 }
 
-void lw_seams_weld(const struct lw_seams *s, struct lw_seams_light *light, struct lw_tiles *tiles,
-                   uint64_t frame, int threads) {
+static void weld_form(const struct lw_seams *s, struct lw_seams_light *light, struct lw_tiles *tiles,
+                      uint64_t frame, int threads) {
 #pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
     for (uint32_t c = 0; c < s->component_count; c++) {
         const struct job job = {.seams = s,
@@ -606,6 +609,14 @@ void lw_seams_weld(const struct lw_seams *s, struct lw_seams_light *light, struc
         else if (light->fresh)
             load(&job);
     }
-    show(s, light, tiles, frame);
     light->fresh = false;
+}
+
+/* What is shown is noted at the end: a form's welding reads what the filter has shown, not what another's has. */
+void lw_seams_weld(const struct lw_seams *s, struct lw_seams_light light[LW_LIGHT_FORM_COUNT], unsigned forms,
+                   struct lw_tiles *tiles, uint64_t frame, int threads) {
+    struct lw_seams_light *last = NULL;
+    for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
+        if (forms & lw_light_form_bit(f)) weld_form(s, last = &light[f], tiles, frame, threads);
+    if (last) show(s, last, tiles, frame);
 }

@@ -32,8 +32,9 @@ struct lw_seams {
     uint64_t rows_left_out;
 };
 
-/** What welding knows of the light of one solve. */
+/** What welding knows of the light of one solve, in one form. */
 struct lw_seams_light {
+    enum lw_light_form form;
     uint32_t member_count, component_count;
     uint8_t *active;   /* per component: the frame has changed its light */
     float (*light)[4]; /* per member: the tiles' own, not welded; W/m^2, and nothing */
@@ -52,15 +53,16 @@ void lw_seams_finish(struct lw_seams *seams);
 size_t lw_seams_memory_bytes(const struct lw_seams *seams);
 
 /** Errors: LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_seams_light_init(struct lw_seams_light *light, const struct lw_seams *seams);
+LW_MUST_CHECK enum lw_status lw_seams_light_init(struct lw_seams_light *light, const struct lw_seams *seams,
+                                                 enum lw_light_form form);
 void lw_seams_light_finish(struct lw_seams_light *light);
 
 /** Bytes held. */
 size_t lw_seams_light_memory_bytes(const struct lw_seams_light *light);
 
-/** Welds tiles->light around the blocks shown in frame `frame`: covered texels, and gutters beyond seams. shown_frame of all blocks
+/** Welds tiles->light, in the forms asked for (light_form.h; light: by form), around the blocks shown in frame `frame`: covered texels, and gutters beyond seams. shown_frame of all blocks
  * that it writes becomes `frame`, as does their tiles' solved_frame. Gutters are filled after it (lw_seam_gutters_fill). */
-void lw_seams_weld(const struct lw_seams *seams, struct lw_seams_light *light, struct lw_tiles *tiles,
-                   uint64_t frame, int threads);
+void lw_seams_weld(const struct lw_seams *seams, struct lw_seams_light light[LW_LIGHT_FORM_COUNT],
+                   unsigned forms, struct lw_tiles *tiles, uint64_t frame, int threads);
 
 #endif

@@ -4,6 +4,7 @@
 #ifndef LW_SOLVE_SOLVER_H
 #define LW_SOLVE_SOLVER_H
 
+#include "common/light/light_form.h"
 #include "common/scene/pose.h"
 #include "common/tile/atlas.h"
 
@@ -22,6 +23,8 @@ enum lw_probe_projection {
     LW_PROBE_PROJECTION_STEP       /* one longest side of the scene ahead: the same, cheaper */
 };
 
+struct lw_client_lights;
+
 /** Zero means default, where zero makes no sense as a value. */
 struct lw_solver_desc {
     const struct lw_scene *scene;         /* outlives the solver */
@@ -38,6 +41,8 @@ struct lw_solver_desc {
     uint32_t frames_max;       /* frames after which a tile rests in any case; 0: no limit */
     unsigned threads;          /* 0: all */
     uint32_t seed;
+    /* Whose direct light can be left out of what is shown (client_lights.h); outlives the solver. NULL: nobody's. */
+    const struct lw_client_lights *client_lights;
     bool
         denoise; /* filters what is shown, in every frame (denoise.h); direct and indirect stay as they are */
     double
@@ -66,9 +71,10 @@ struct lw_solver_tile {
     const float *direct[3];   /* E of bounce 0, W/m^2 per channel; width*height each */
     const float *indirect[3]; /* sum over bounces 1..N */
     const float *light[3];    /* what is shown: direct + indirect, filtered and welded as the desc says */
-    const float *albedo[3];   /* mean over each texel */
-    const uint8_t *covered;   /* 1: a texel with surface; others hold 0 */
-    const uint8_t *filled;    /* 1: a gutter, with the light and albedo of its chart; NULL: there are none */
+    const float *split[3];  /* the same without the direct light of client lights; NULL: not shown (show()) */
+    const float *albedo[3]; /* mean over each texel */
+    const uint8_t *covered; /* 1: a texel with surface; others hold 0 */
+    const uint8_t *filled;  /* 1: a gutter, with the light and albedo of its chart; NULL: there are none */
     uint32_t width, height;
     uint32_t bounces;      /* indirect bounces that it holds */
     uint32_t frames;       /* frames whose samples it has seen */
@@ -91,6 +97,10 @@ struct lw_solver_ops {
      * NULL: everything, as in a new solver. What nobody looks at keeps its sums; when somebody does again they count as
      * far as they are right: in full if nothing has moved since. Errors: LW_NO_MEMORY; nothing is changed then. */
     enum lw_status (*want)(struct lw_solver *solver, const uint8_t *wanted, struct lw_error *err);
+    /** Says in which forms light is shown (light_form.h), from the next frame on: a set of bits, not empty. A form that was not
+     * shown before is made of everything in that frame, whether it solves anything or not; one that no longer is stays as
+     * it was. FULL alone, to begin with; without client lights nothing else is ever shown. */
+    void (*show)(struct lw_solver *solver, unsigned forms);
     /** Filters the noise out of every tile's light, between two frames and whatever the desc says of it: for those who
      * read once, at the end. The next frame begins from the sums as ever. Errors: LW_NO_MEMORY. */
     enum lw_status (*filter)(struct lw_solver *solver, struct lw_error *err);

@@ -10,7 +10,7 @@ static bool allocate_sums(struct lw_tiles *tiles) {
     for (int c = 0; c < 3; c++) {
         ok &= (tiles->direct[c] = calloc(count, sizeof(float))) != NULL;
         ok &= (tiles->indirect[c] = calloc(count, sizeof(float))) != NULL;
-        ok &= (tiles->light[c] = calloc(count, sizeof(float))) != NULL;
+        ok &= (tiles->light[LW_LIGHT_FORM_FULL][c] = calloc(count, sizeof(float))) != NULL;
         for (uint32_t k = 0; k < tiles->bounces; k++)
             ok &= (tiles->order[k][c] = calloc(count, sizeof(float))) != NULL;
     }
@@ -24,6 +24,25 @@ static bool allocate_sums(struct lw_tiles *tiles) {
     ok &= (tiles->mean = calloc(count, sizeof(float))) != NULL;
     ok &= (tiles->spread = calloc(count, sizeof(float))) != NULL;
     return ok;
+}
+
+enum lw_status lw_tiles_part_drawn(struct lw_tiles *tiles) {
+    const size_t count = tiles->texel_count ? tiles->texel_count : 1;
+    bool ok = true;
+    for (int c = 0; c < 3; c++) {
+        ok &= (tiles->drawn[c] = calloc(count, sizeof(float))) != NULL;
+        ok &= (tiles->drawn_estimate[c] = calloc(count, sizeof(float))) != NULL;
+        ok &= (tiles->light[LW_LIGHT_FORM_SPLIT][c] = calloc(count, sizeof(float))) != NULL;
+    }
+    ok &= (tiles->split_mean = calloc(count, sizeof(float))) != NULL;
+    ok &= (tiles->split_spread = calloc(count, sizeof(float))) != NULL;
+    return ok ? LW_OK : LW_NO_MEMORY;
+}
+
+size_t lw_tiles_texel_bytes(const struct lw_tiles *tiles) {
+    const size_t planes =
+        3 * (3 + LW_TILES_ESTIMATES + (size_t)tiles->bounces) + 4 * (size_t)tiles->bounces + 2;
+    return sizeof(uint32_t) + sizeof(float) * (planes + (tiles->drawn[0] ? 11 : 0));
 }
 
 struct box {
@@ -182,7 +201,9 @@ void lw_tiles_finish(struct lw_tiles *tiles) {
     for (int c = 0; c < 3; c++) {
         free(tiles->direct[c]);
         free(tiles->indirect[c]);
-        free(tiles->light[c]);
+        free(tiles->drawn[c]);
+        free(tiles->drawn_estimate[c]);
+        for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) free(tiles->light[f][c]);
         for (uint32_t k = 0; k < LW_SOLVER_BOUNCES_MAX; k++) free(tiles->order[k][c]);
     }
     for (uint32_t k = 0; k < LW_SOLVER_BOUNCES_MAX; k++) {
@@ -193,6 +214,8 @@ void lw_tiles_finish(struct lw_tiles *tiles) {
         for (int c = 0; c < 3; c++) free(tiles->estimate[k][c]);
     free(tiles->mean);
     free(tiles->spread);
+    free(tiles->split_mean);
+    free(tiles->split_spread);
     free(tiles->slot_of_id);
     free(tiles->block_of_texel);
     free(tiles->packet);
@@ -213,14 +236,16 @@ void lw_tiles_sum_up(struct lw_solve_tile *tile) {
     }
 }
 
-void lw_tiles_show(struct lw_tiles *tiles, uint64_t frame, int threads) {
+void lw_tiles_show(struct lw_tiles *tiles, uint64_t frame, unsigned forms, int threads) {
 #pragma omp parallel for schedule(dynamic) num_threads(threads)
     for (uint32_t t = 0; t < tiles->count; t++) {
         const struct lw_solve_tile *tile = &tiles->tile[t];
         if (tile->solved_frame != frame) continue;
         for (uint32_t i = tile->first; i < tile->first + tile->width * tile->height; i++) {
             if (!tiles->covered[i] || tiles->block[tiles->block_of_texel[i]].shown_frame != frame) continue;
-            for (int c = 0; c < 3; c++) tiles->light[c][i] = tiles->direct[c][i] + tiles->indirect[c][i];
+            for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
+                for (int c = 0; c < 3 && forms & lw_light_form_bit(f); c++)
+                    tiles->light[f][c][i] = lw_tiles_sum(tiles, f, c, i);
         }
     }
 }

@@ -96,7 +96,11 @@ struct lw_tiles {
     uint32_t *block_of_texel; /* index into block */
     float *direct[3];         /* E of bounce 0 per texel, W/m^2 */
     float *indirect[3];       /* sum over bounces 1..N */
-    float *light[3]; /* what is shown: direct + indirect when that last was, filtered and welded; W/m^2 */
+    /* Of direct, and of its last estimate, what client lights give. NULL: there are none. */
+    float *drawn[3], *drawn_estimate[3];
+    /* What is shown, form by form: direct + indirect, SPLIT without what is drawn; when that last was; filtered and
+     * welded; W/m^2. SPLIT: NULL as drawn is. */
+    float *light[LW_LIGHT_FORM_COUNT][3];
     float *order[LW_SOLVER_BOUNCES_MAX][3]; /* E of each bounce order 1..N alone (index 0: order 1) */
     /* What each texel sends out of bounce order 0..N-1, for the next one: 4 floats each, W/(m^2 sr). One plane per order,
      * so that what a tile sends stays while it is not solved. */
@@ -105,9 +109,10 @@ struct lw_tiles {
         *radiance_change[LW_SOLVER_BOUNCES_MAX]; /* per block: by how much that differs, in the mean, from the
                                                                frame before */
     float *estimate[LW_TILES_ESTIMATES]
-                   [3];     /* E as the last frame in which a texel was solved had it by itself */
-    float *mean, *spread;   /* of the luminance of such estimates: running mean, sum of squared deviations */
-    const uint8_t *covered; /* the texels' own */
+                   [3];   /* E as the last frame in which a texel was solved had it by itself */
+    float *mean, *spread; /* of the luminance of such estimates: running mean, sum of squared deviations */
+    float *split_mean, *split_spread; /* the same without what is drawn; NULL as drawn is */
+    const uint8_t *covered;           /* the texels' own */
 };
 
 /** Errors: LW_NO_MEMORY. */
@@ -116,11 +121,30 @@ LW_MUST_CHECK enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct 
                                            uint32_t bounces, int threads);
 void lw_tiles_finish(struct lw_tiles *tiles);
 
+/** Makes room for what client lights give, apart. Errors: LW_NO_MEMORY; finish the tiles then. */
+LW_MUST_CHECK enum lw_status lw_tiles_part_drawn(struct lw_tiles *tiles);
+
+/** Bytes for each texel. */
+size_t lw_tiles_texel_bytes(const struct lw_tiles *tiles);
+
+/** Direct light that the server keeps in both forms: without what is drawn. */
+static inline float lw_tiles_served(const struct lw_tiles *tiles, int c, uint32_t texel) {
+    return tiles->direct[c][texel] - (tiles->drawn[c] ? tiles->drawn[c][texel] : 0);
+}
+
+/** Direct + indirect light as one form has it, W/m^2: neither filtered nor welded. */
+static inline float lw_tiles_sum(const struct lw_tiles *tiles, enum lw_light_form form, int c,
+                                 uint32_t texel) {
+    const float direct =
+        form == LW_LIGHT_FORM_SPLIT ? lw_tiles_served(tiles, c, texel) : tiles->direct[c][texel];
+    return direct + tiles->indirect[c][texel];
+}
+
 /** Counts anew what the texels cover, of which none has gone; a block that covers more than before starts from the beginning. */
 void lw_tiles_recount(struct lw_tiles *tiles, int threads);
 
-/** Shows the sums of the blocks of frame `frame` (shown_frame) as they are. */
-void lw_tiles_show(struct lw_tiles *tiles, uint64_t frame, int threads);
+/** Shows the sums of the blocks of frame `frame` (shown_frame) as they are. forms: which (light_form.h). */
+void lw_tiles_show(struct lw_tiles *tiles, uint64_t frame, unsigned forms, int threads);
 
 #define LW_TILES_EACH_BLOCK(tile, block)                                                                     \
     for (struct lw_solve_block *block = (tile)->block, *const end_ = block + (tile)->block_columns *         \

@@ -154,12 +154,14 @@ NOTE(BENCH_ENCODE, void, lw_levels_store_tile,
         add(kernel, began, now());                                                                           \
     }
 
-HOLD(BENCH_DENOISE, lw_denoise_run, (struct lw_denoise * denoise, uint64_t frame, int threads),
-     (denoise, frame, threads))
+HOLD(BENCH_DENOISE, lw_denoise_run,
+     (struct lw_denoise * denoise, uint64_t frame, unsigned forms, int threads),
+     (denoise, frame, forms, threads))
 HOLD(BENCH_WELD, lw_seams_weld,
-     (const struct lw_seams *seams, struct lw_seams_light *light, struct lw_tiles *tiles, uint64_t frame,
-      int threads),
-     (seams, light, tiles, frame, threads))
+     (const struct lw_seams *seams, struct lw_seams_light *light, unsigned forms, struct lw_tiles *tiles,
+      uint64_t frame, int threads),
+     (seams, light, forms, tiles, frame, threads))
 HOLD(BENCH_GUTTERS, lw_seam_gutters_fill,
-     (const struct lw_seam_gutters *gutters, struct lw_tiles *tiles, uint64_t frame, int threads),
-     (gutters, tiles, frame, threads))
+     (const struct lw_seam_gutters *gutters, struct lw_tiles *tiles, uint64_t frame, unsigned forms,
+      int threads),
+     (gutters, tiles, frame, forms, threads))

@@ -171,13 +171,13 @@ static void test_direct_light(void **state) {
     }
     const struct sums before = add_up(&lit);
     const struct lw_change_packet *found = &lit.block->change.packet[0];
-    lw_correction_direct(lit.tiles, lit.tile, lit.block, 0, &launch, slope);
+    lw_correction_direct(lit.tiles, lit.tile, lit.block, 0, &launch, slope, NULL);
     const struct sums after = add_up(&lit);
     assert_true(found->direct_rough < 1e-3f * square);
     expect_near(after.direct[1] - before.direct[1], 0.1 * LW_TRACE_WIDTH, 1e-3);
-    lw_correction_direct(lit.tiles, lit.tile, lit.block, 0, &launch, edge);
+    lw_correction_direct(lit.tiles, lit.tile, lit.block, 0, &launch, edge, NULL);
     assert_true(found->direct_rough > 0.05f * square && found->direct_rough < square);
-    lw_correction_direct(lit.tiles, lit.tile, lit.block, 0, &launch, gone);
+    lw_correction_direct(lit.tiles, lit.tile, lit.block, 0, &launch, gone, NULL);
     assert_true(add_up(&lit).least >= 0);
     room_finish(&lit.s);
 }
@@ -197,7 +197,7 @@ static void test_packets_that_differ(void **state) {
             const float x = differ && set % 2 ? 0 : 0.2f;
             for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) off[lane] = lw_vec3(0, x, 0);
             lw_launch_init(&launch, lit.tile, lit.block, set);
-            lw_correction_direct(lit.tiles, lit.tile, lit.block, set, &launch, off);
+            lw_correction_direct(lit.tiles, lit.tile, lit.block, set, &launch, off, NULL);
         }
         lw_correction_doubt_direct(lit.tile);
         for (uint32_t set = 0; set < lit.block->packet_count; set++)
@@ -224,7 +224,7 @@ static void test_what_may_be_missed(void **state) {
             memset(block->change.packet, 0, sizeof block->change.packet);
             for (uint32_t set = 0; block != lit.block && set < block->packet_count; set++) {
                 lw_launch_init(&launch, lit.tile, block, set);
-                lw_correction_direct(lit.tiles, lit.tile, block, set, &launch, off);
+                lw_correction_direct(lit.tiles, lit.tile, block, set, &launch, off, NULL);
             }
         }
         lw_correction_doubt_direct(lit.tile);
