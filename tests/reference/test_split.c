@@ -1,0 +1,231 @@
+/* Light in two forms: all of it is what is left without the direct light of client lights, and that. */
+#include "common/light/client_lights.h"
+#include "tests/reference/room.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+enum { BOTH = 1u << LW_LIGHT_FORM_FULL | 1u << LW_LIGHT_FORM_SPLIT, SPLIT = 1u << LW_LIGHT_FORM_SPLIT };
+enum { PLATE = 6, FACES = 6 };
+
+/* Two lamps, a panel under the ceiling that shines, a sky through nothing, and a plate in between. */
+static struct room make_room(void) {
+    struct room room = {.texels_per_metre = 6};
+    room_box(&room, lw_vec3(4, 2, 2), 0.5f, 0);
+    room_quad(&room, lw_vec3(1.4f, 0.4f, 0.8f), lw_vec3(0, 0, 0.4f), lw_vec3(0.4f, 0, 0), 0.5f, 0);
+    room.quad[PLATE].double_sided = true;
+    room_quad(&room, lw_vec3(2, 1.9f, 0.8f), lw_vec3(0.4f, 0, 0), lw_vec3(0, 0, 0.4f), 0.5f, 6);
+    room.light[0] = (struct lw_light){.name = "left", .kind = LW_LIGHT_POINT, .intensity = {4, 4, 4}};
+    room.light_position[0] = lw_vec3(1, 1.6f, 1);
+    room.light[1] = (struct lw_light){.name = "right", .kind = LW_LIGHT_POINT, .intensity = {3, 0, 1}};
+    room.light_position[1] = lw_vec3(3, 1.6f, 1);
+    room.light_count = 2;
+    return room;
+}
+
+static const struct lw_solver_desc plain = {
+    .bounces = 2, .direct_samples = 1, .indirect_samples = 4, .target_error = 0.05f};
+
+struct parted {
+    struct room_solution s;
+    struct lw_client_lights client;
+    uint64_t frame;
+};
+
+static void begin(struct parted *p, const struct room *room, struct lw_solver_desc desc, const char *drawn,
+                  const char *groups) {
+    struct lw_error err = {0};
+    struct lw_scene *scene = room_scene(room);
+    struct lw_pose pose;
+    lw_support_ok(lw_pose_init(&pose, scene), NULL);
+    lw_support_ok(lw_client_lights_init(&p->client, scene, &pose, drawn, &err), &err);
+    lw_pose_finish(&pose);
+    desc.client_lights = &p->client;
+    room_solve_layers(&p->s, scene, room->texels_per_metre, desc, groups, 0);
+    p->frame = 0;
+}
+
+static void end(struct parted *p) {
+    room_finish(&p->s);
+    lw_client_lights_finish(&p->client);
+}
+
+static void show(struct parted *p, unsigned forms) { p->s.solver->ops->show(p->s.solver, forms); }
+
+static void step(struct parted *p, unsigned frames) {
+    for (unsigned i = 0; i < frames; i++)
+        lw_support_ok(p->s.solver->ops->frame(p->s.solver, &p->s.pose, ++p->frame, &p->s.stats, NULL), NULL);
+}
+
+/* Of an object, the mean over its covered texels of what is shown, red channel; and of the squares of what the two
+ * forms differ by. */
+struct shown {
+    double full, split, difference_square;
+};
+
+static struct shown look(const struct parted *p, uint32_t object) {
+    struct shown shown = {0};
+    double count = 0;
+    const struct lw_atlas_level *level = &p->s.map.atlas[object].level[0];
+    for (uint32_t t = 0; t < level->tiles_x * level->tiles_y; t++) {
+        struct lw_solver_tile tile;
+        p->s.solver->ops->read_tile(p->s.solver, (lw_tile_id){p->s.map.first_tile[object] + t}, &tile);
+        for (uint32_t i = 0; i < tile.width * tile.height; i++) {
+            if (!tile.covered[i]) continue;
+            const double full = (double)tile.light[0][i],
+                         split = (double)(tile.split[0] ? tile.split[0][i] : 0);
+            shown.full += full;
+            shown.split += split;
+            shown.difference_square += (full - split) * (full - split);
+            count++;
+        }
+    }
+    shown.full /= count, shown.split /= count, shown.difference_square /= count;
+    return shown;
+}
+
+/* The forms differ, over each face of the room, by the direct light of a room that has the client lights alone. */
+static void expect_difference(const struct parted *p, const struct room *drawn, double tolerance) {
+    struct room_solution direct;
+    struct lw_solver_desc desc = plain;
+    uint64_t frame = 0;
+    desc.bounces = 0;
+    room_solve_scene(&direct, room_scene(drawn), drawn->texels_per_metre, desc, 0);
+    room_solve_until_rest(&direct, &frame);
+    for (uint32_t o = 0; o < FACES; o++) {
+        const struct shown shown = look(p, o);
+        expect_near(shown.full - shown.split, room_object_mean(&direct, o).direct, tolerance);
+    }
+    room_finish(&direct);
+}
+
+static void test_forms_differ_by_what_clients_draw(void **state) {
+    (void)state;
+    const char *const groups[] = {"none", "left;right"};
+    struct room room = make_room(), left = make_room();
+    left.light_count = 1;
+    left.quad[7].emission = 0;
+    for (int denoise = 0; denoise < 2; denoise++)
+        for (int g = 0; g < 2; g++) {
+            struct parted p;
+            struct lw_solver_desc desc = plain;
+            desc.denoise = denoise;
+            begin(&p, &room, desc, "left", groups[g]);
+            show(&p, BOTH);
+            room_solve_until_rest(&p.s, &p.frame);
+            expect_difference(&p, &left, 0.02);
+            end(&p);
+        }
+}
+
+/* Nothing but client lights, and no bounces: nothing is left. */
+static void test_nothing_is_left_without_bounces(void **state) {
+    (void)state;
+    struct room room = make_room();
+    struct parted p;
+    struct lw_solver_desc desc = plain;
+    desc.bounces = 0;
+    begin(&p, &room, desc, NULL, "none");
+    assert_int_equal(p.client.drawn_lights, 2);
+    assert_int_equal(p.client.drawn_materials, 1); /* the panel is small */
+    show(&p, BOTH);
+    step(&p, 8);
+    for (uint32_t o = 0; o < FACES; o++) {
+        const struct shown shown = look(&p, o);
+        assert_true(shown.full > 0.01 && fabs(shown.split) < 1e-5 * shown.full);
+    }
+    end(&p);
+}
+
+/* A lamp that is drawn moves, is dimmed, goes out: in each frame after, the forms differ by its light as it is now. */
+static void test_drawn_lights_change(void **state) {
+    (void)state;
+    const char *const groups[] = {"none", "left;right"};
+    for (int g = 0; g < 2; g++) {
+        struct room room = make_room(), left = make_room();
+        struct parted p;
+        begin(&p, &room, plain, "left", groups[g]);
+        show(&p, BOTH);
+        room_solve_until_rest(&p.s, &p.frame);
+        left.light_count = 1;
+        left.quad[7].emission = 0;
+
+        left.light_position[0] = p.s.pose.light[0].position_ws = lw_vec3(1.2f, 1.2f, 1.1f);
+        step(&p, 1); /* what has changed is corrected by samples taken again */
+        step(&p, 40);
+        expect_difference(&p, &left, 0.03);
+
+        p.s.pose.light[0].intensity = lw_vec3(1, 1, 1);
+        for (int c = 0; c < 3; c++) left.light[0].intensity[c] = 1;
+        step(&p, 40);
+        expect_difference(&p, &left, 0.03);
+
+        const double before = look(&p, 0).split;
+        p.s.pose.light[0].intensity = lw_vec3(0, 0, 0);
+        step(&p, 1);
+        struct shown dark = look(&p, 0);
+        assert_true(sqrt(dark.difference_square) < 0.01 * dark.full);
+        assert_true(dark.split < before); /* its bounces are gone as well, or go */
+        room_solve_until_rest(&p.s, &p.frame);
+        dark = look(&p, 0);
+        assert_true(sqrt(dark.difference_square) < 0.01 * dark.full);
+        end(&p);
+    }
+}
+
+/* A form that is asked for when all rests comes whole in the next frame, by no ray, and is what it would have been. */
+static void test_a_form_may_come_late(void **state) {
+    (void)state;
+    const char *const groups[] = {"none", "left;right"};
+    for (int g = 0; g < 2; g++) {
+        struct room room = make_room();
+        struct parted early, late;
+        begin(&early, &room, plain, "left", groups[g]);
+        begin(&late, &room, plain, "left", groups[g]);
+        show(&early, SPLIT);
+        room_solve_until_rest(&early.s, &early.frame);
+        room_solve_until_rest(&late.s, &late.frame);
+        struct lw_solver_tile tile;
+        late.s.solver->ops->read_tile(late.s.solver, (lw_tile_id){late.s.map.first_tile[0]}, &tile);
+        assert_null(tile.split[0]);
+        show(&late, SPLIT);
+        step(&late, 1);
+        assert_int_equal(late.s.stats.rays_shadow + late.s.stats.rays_bounce, 0);
+        assert_true(late.s.stats.tiles_shown > 0);
+        late.s.solver->ops->read_tile(late.s.solver, (lw_tile_id){late.s.map.first_tile[0]}, &tile);
+        assert_int_equal(tile.solved_frame, late.frame);
+        for (uint32_t o = 0; o < FACES; o++) expect_near(look(&late, o).split, look(&early, o).split, 0.005);
+        const double split = look(&late, 0).split, full = look(&late, 0).full;
+        show(&late, LW_LIGHT_FORMS_FULL);
+        step(&late, 1);
+        expect_near(look(&late, 0).full, full, 0.005);
+        show(&late, BOTH);
+        step(&late, 1);
+        expect_near(look(&late, 0).split, split, 0.005);
+        end(&early);
+        end(&late);
+    }
+}
+
+/* Without client lights there is one form, whatever is asked for. */
+static void test_no_client_lights(void **state) {
+    (void)state;
+    struct room room = make_room();
+    struct parted p;
+    begin(&p, &room, plain, "none", "none");
+    show(&p, BOTH);
+    step(&p, 2);
+    struct lw_solver_tile tile;
+    p.s.solver->ops->read_tile(p.s.solver, (lw_tile_id){p.s.map.first_tile[0]}, &tile);
+    assert_null(tile.split[0]);
+    assert_true(look(&p, 0).full > 0);
+    end(&p);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_forms_differ_by_what_clients_draw),
+        cmocka_unit_test(test_nothing_is_left_without_bounces), cmocka_unit_test(test_drawn_lights_change),
+        cmocka_unit_test(test_a_form_may_come_late), cmocka_unit_test(test_no_client_lights)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
