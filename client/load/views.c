@@ -97,8 +97,8 @@ static enum lw_status walk(struct lw_views *v, struct lw_pose *pose) {
 
 /* ---- standing ---- */
 
-/* Outside of geometry, and not with the nose at a wall: of the rays that meet something few meet its back. */
-static bool is_free(const struct lw_trace *trace, struct lw_vec3 at, float clearance_m, uint32_t seed) {
+/* Of the rays that meet something few meet its back. */
+bool lw_views_is_free(const struct lw_trace *trace, struct lw_vec3 at, float clearance_m, uint32_t seed) {
     uint32_t met = 0, backs = 0;
     for (uint32_t first = 0; first < PROBES; first += LW_TRACE_WIDTH) {
         struct lw_ray16 rays = {.salt = 0};
@@ -141,7 +141,7 @@ static enum lw_status stand(struct lw_views *v, const struct lw_pose *pose, stru
             float from = (&low.x)[c] + (1 - share) * ((&group.x)[c] - (&low.x)[c]);
             to[c] = from + share * (&size.x)[c] * (0.02f + 0.96f * uniform(v->desc.seed, try, c));
         }
-        if (!is_free(v->desc.trace, at, clearance_m, try)) continue;
+        if (!lw_views_is_free(v->desc.trace, at, clearance_m, try)) continue;
         v->place[user] = lw_camera_look_at(at, centre, FOV_Y);
         if (user++ == 0) { /* the others are about the first */
             group = at;

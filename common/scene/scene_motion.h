@@ -1,4 +1,4 @@
-/* scene_motion.h: which of a scene's movers move: to measure what a still scene, a moving light or a moving object costs.
+/* scene_motion.h: which of a scene's movers move, and how: to measure what a still scene, a moving light or a moving object costs.
  * Flow:    scene -> [scene_motion: channels kept, dropped, made] -> scene
  * Threads: while the scene is being built. */
 #ifndef LW_COMMON_SCENE_MOTION_H
@@ -6,18 +6,43 @@
 
 #include "common/scene/scene.h"
 
+/* The first four keep what the scene's own animation says; the others replace it by one mover of a stated speed. */
 enum lw_scene_motion {
-    LW_SCENE_MOTION_STATIC, /* nothing */
-    LW_SCENE_MOTION_LIGHT,  /* what carries a light or an emissive surface */
-    LW_SCENE_MOTION_OBJECT, /* objects that carry none */
-    LW_SCENE_MOTION_ALL     /* both */
+    LW_SCENE_MOTION_STATIC,      /* nothing */
+    LW_SCENE_MOTION_LIGHT,       /* what carries a light or an emissive surface */
+    LW_SCENE_MOTION_OBJECT,      /* objects that carry none */
+    LW_SCENE_MOTION_ALL,         /* both */
+    LW_SCENE_MOTION_LAMP_WALK,   /* a lamp goes to and fro at a walker's pace */
+    LW_SCENE_MOTION_SUN_SWING,   /* the sun swings sideways */
+    LW_SCENE_MOTION_LAMP_SWITCH, /* a lamp goes off and on at once */
+    LW_SCENE_MOTION_CARRY,       /* an object is carried to and fro */
+    LW_SCENE_MOTION_COUNT
 };
+
+/* Of the last four. Their movers turn round at 0 s and every 7 to 9 s after, so that speed is constant from 0 to 7 s. */
+#define LW_SCENE_MOTION_WALK_M_S    1.5f
+#define LW_SCENE_MOTION_CARRY_M_S   1.0f
+#define LW_SCENE_MOTION_SWING_DEG_S 6.0f
+#define LW_SCENE_MOTION_OFF_S       3.0f /* the lamp goes off, and on again */
+#define LW_SCENE_MOTION_ON_S        5.0f
+
+/** "static", "light", "object", "all", "lamp-walk", "sun-swing", "lamp-switch", "carry". */
+const char *lw_scene_motion_name(enum lw_scene_motion motion);
+/** The motion of a name; false if there is none. */
+bool lw_scene_motion_find(const char *name, enum lw_scene_motion *out_motion);
+#define LW_SCENE_MOTION_CHOICES                                                                              \
+    "static|light|object|all|lamp-walk|sun-swing|lamp-switch|carry" /* in the order of the enum */
 
 /** What was done, for people. */
 struct lw_scene_motion_report {
     uint32_t kept, dropped; /* channels */
     const char *light;  /* name of the light or lamp that was set moving because none did; NULL: none was */
     const char *object; /* likewise of the object */
+    /* Of the last four motions, else 0: */
+    float speed_m_s;   /* of the lamp or object, from 0 to 7 s */
+    float speed_deg_s; /* of the sun's direction, likewise */
+    float switch_m; /* a lamp that has no surface goes off by being so far away; else its surface shrinks */
+    struct lw_vec3 from_ws, to_ws; /* m: between which lamp or object move */
 };
 
 /** Drops the animation that does not belong to a motion; cameras keep theirs, and so does the animation's length. Where
@@ -26,9 +51,37 @@ struct lw_scene_motion_report {
  *    longest side, less (down to 0.5 %) where a point or spot would come nearer to a surface than a tenth of its radius; where there is neither, the strongest directional light swings by 5 degrees to either side;
  *  - an object: of those that measure at most half the scene's longest side the one with the largest surface turns
  *    about its vertical axis.
+ * The last four motions drop all animation but cameras'. Its length becomes 16 s where no camera moves or it is below
+ * 12 s. Their mover:
+ *  - lamp-walk: the lamp that lw_scene_motion_find_way() names, along that way;
+ *  - sun-swing: the strongest directional light; its direction turns on a great circle, sideways, by 24 degrees to
+ *    either side of where it is;
+ *  - lamp-switch: the same lamp as lamp-walk's, where it stands in the middle of the way. Lights' intensities cannot be animated: an emissive object
+ *    shrinks to a thousandth of its size about its middle and so to a millionth of its light, a point or spot light is
+ *    put a thousand times the scene's longest side away. Both between one moment and the next;
+ *  - carry: the object that lw_scene_motion_find_way() names, along that way.
  * Errors: LW_BAD_DATA where nothing of the scene can; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_scene_motion_set(struct lw_scene *scene, enum lw_scene_motion motion,
                                                  struct lw_scene_motion_report *out_report,
                                                  struct lw_error *err);
+
+/** A straight way to and fro, of constant speed. */
+struct lw_scene_motion_way {
+    uint32_t light, object;        /* what goes along it: one of them, the other is LW_SCENE_NONE */
+    struct lw_vec3 from_ws, to_ws; /* of its middle; m */
+    float speed_m_s;
+};
+
+/** The way of lamp-walk or carry in a scene to which no motion has been set yet.
+ * Lamp: the brightest emissive object that the scene animates, else the strongest point or spot light that it does; else
+ * the strongest point or spot light; else the brightest emissive object. Object: of those without emission, at most 3 m
+ * and half the scene's longest side long, the one with the largest surface, animated ones first.
+ * Way: builtin:atrium, builtin:city and Sponza have theirs in a table; elsewhere it is the longest free level line through where the
+ * mover stands, of 16 directions. Where that is too short for 8 s, speed is less.
+ * Errors: LW_BAD_DATA where the scene has no such mover, or no room for it; LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_scene_motion_find_way(const struct lw_scene *scene,
+                                                      enum lw_scene_motion motion,
+                                                      struct lw_scene_motion_way *out_way,
+                                                      struct lw_error *err);
 
 #endif
