@@ -12,8 +12,15 @@
 #define SEED        20u
 #define FOV_DEG     60.0f
 #define EYE_M       1.6f
-#define EYE_SHARE   0.4f /* of a box that is lower than a room */
-#define NEAR_WAY_M  5.0f /* of the lamp's way: where two of three candidates stand */
+#define EYE_SHARE   0.4f  /* of a box that is lower than a room */
+#define NEAR_WAY_M  4.0f  /* of a point of interest, level: where candidates stand */
+#define LOOK_WAY_M  12.0f /* as far off are points at which they look */
+#define LOOK_ASIDE  (25.0f * LW_PI / 180)
+#define ALL_OVER    6u  /* one of as many stands anywhere */
+#define POINTS      16u /* of the lamp's way, and of each mover's */
+#define POINTS_MAX  512u
+#define FIRST_S     2.0 /* when the scene's movers count */
+#define LAST_S      6.0
 #define WAY_M       1.0f /* nearer to it nobody stands: the lamp would fill the view */
 #define SIGHT_M     1.5f
 #define NEAR_M      0.7f
@@ -32,6 +39,7 @@
 #define SAMPLES     16u
 #define BOUNCES     2u
 #define DARK_SHARE  0.01f /* of the median's luminance: as good as black */
+#define BOX_SLACK   0.1f  /* a mover may stand elsewhere */
 #define PACKETS     9u    /* rays of a first look, by sixteen */
 
 struct candidate {
@@ -43,8 +51,10 @@ struct search {
     const struct lw_scene *scene;
     struct lw_path_world world;
     struct lw_vec3 low, high;
-    struct lw_scene_motion_way way;
-    bool has_way;
+    /* Points of interest: the lamp's way, then where the scene's own movers are. */
+    struct lw_vec3 point[POINTS_MAX];
+    float radius[POINTS_MAX]; /* m, level; of what is there */
+    uint32_t points, of_way;
     float eye_m, unit; /* what a metre is worth in a scene that is smaller than a room */
     float drift_m;
 };
@@ -57,8 +67,79 @@ struct table {
     struct lw_fixed_view view[LW_FIXED_VIEWS_COUNT];
 };
 
+static const struct table tables[] = {
+    {"atrium",
+     {31.2f, 11.29f, 19.2f},
+     {
+         {{10.37f, 1.60f, 8.38f}, {14.60f, 2.64f, 5.93f}, 60, "the dark end of the lamp's gallery"},
+         {{-10.60f, 1.60f, 6.83f},
+          {-5.69f, 0.78f, 7.29f},
+          60,
+          "along the lamp's gallery, the court to the left"},
+         {{-2.15f, 1.60f, -7.69f}, {-7.10f, 0.90f, -7.83f}, 60, "the opposite gallery, patches of sun"},
+         {{-9.50f, 1.60f, 3.00f}, {-5.00f, 1.30f, 7.50f}, 60, "from the court into the lamp's gallery"},
+         {{6.46f, 1.45f, 4.25f}, {2.81f, 1.84f, 7.65f}, 60, "through an arch: lamp and hanging lamp"},
+         {{4.20f, 1.45f, -1.71f}, {2.64f, 0.68f, 2.98f}, 60, "the court's floor and the lamp's arches"},
+         {{13.76f, 6.45f, -0.58f}, {12.42f, 5.73f, -5.34f}, 60, "the upper gallery, the balustrade's shadow"},
+         {{-1.13f, 1.45f, 3.62f}, {2.93f, 2.25f, 0.81f}, 60, "the court, armillary and sunlit arches"},
+         {{-1.43f, 2.02f, -0.88f}, {2.41f, 1.37f, 2.25f}, 60, "under the armillary: basin and its shadows"},
+         {{6.17f, 1.60f, 8.16f}, {1.19f, 2.05f, 8.22f}, 60, "along the lamp's gallery, both lamps"},
+         {{1.46f, 1.60f, 6.09f}, {-2.97f, 2.45f, 8.25f}, 60, "beside the lamp's way: vault and wall"},
+         {{1.71f, 1.45f, 3.85f}, {3.15f, 1.67f, 5.77f}, 60, "columns before the lit wall"},
+     }},
+    {"city",
+     {576, 88.6f, 576},
+     {
+         {{-36.38f, 1.45f, -2.24f},
+          {-37.09f, 0.45f, 2.61f},
+          60,
+          "the roadway by which car and tram come, shady fronts"},
+         {{-27.74f, 2.06f, -4.75f}, {-29.62f, 3.26f, -0.27f}, 60, "shady fronts from the other pavement"},
+         {{-18.71f, 1.45f, -2.68f}, {-19.17f, 1.08f, 2.29f}, 60, "awnings across the roadway"},
+         {{-22.70f, 1.60f, -4.56f}, {-26.69f, 0.83f, -1.65f}, 60, "up the street, over the roadway"},
+         {{-25.46f, 1.60f, -4.26f}, {-21.97f, 1.71f, -0.68f}, 60, "down the street, the crossing"},
+         {{-32.06f, 1.45f, -3.62f}, {-36.96f, 0.50f, -3.49f}, 60, "roadway and pavement with the lantern"},
+         {{-34.93f, 1.45f, -0.75f},
+          {-30.39f, 1.24f, -2.84f},
+          60,
+          "the middle of the roadway, down the street"},
+         {{-13.62f, 1.45f, -0.82f},
+          {-18.35f, 2.33f, -2.18f},
+          60,
+          "the whole street, which the car comes along"},
+         {{-26.66f, 1.45f, -1.09f}, {-30.08f, 2.66f, -4.53f}, 60, "sunny fronts and the lantern's pavement"},
+         {{-36.34f, 1.45f, -3.78f}, {-32.34f, 2.42f, -6.61f}, 60, "a lamp post before sunny fronts"},
+         {{-39.58f, 1.45f, -4.30f}, {-34.60f, 1.36f, -5.00f}, 60, "along the pavement"},
+         {{53.97f, 1.45f, 62.99f}, {57.49f, 0.68f, 59.53f}, 60, "a sunny crossing far from the traffic"},
+     }},
+    {"Sponza",
+     {37.19f, 15.55f, 22.88f},
+     {
+         {{-7.14f, 1.57f, 3.32f}, {-2.21f, 0.74f, 3.49f}, 60, "the lamp's aisle from its one end"},
+         {{9.48f, 1.57f, 4.36f}, {4.61f, 0.43f, 4.47f}, 60, "the lamp's aisle from its other end"},
+         {{-9.75f, 1.57f, 3.57f}, {-4.78f, 1.67f, 3.05f}, 60, "the aisle's arches, a curtain"},
+         {{0.89f, 1.57f, 4.96f}, {-3.60f, 0.64f, 2.96f}, 60, "curtains from behind, low"},
+         {{4.94f, 1.57f, 4.92f}, {-0.04f, 1.69f, 4.50f}, 60, "along the wall of the lamp's aisle"},
+         {{-3.75f, 1.57f, 4.99f},
+          {-8.51f, 2.73f, 3.98f},
+          60,
+          "vault and curtain at the lamp's turning point"},
+         {{3.05f, 1.57f, 5.04f}, {-1.40f, 1.12f, 2.80f}, 60, "curtains from behind, one end of the nave lit"},
+         {{-1.50f, 1.57f, -1.21f}, {-1.79f, 1.63f, 2.03f}, 60, "curtains of the shady side from the nave"},
+         {{4.30f, 1.57f, -1.47f}, {-0.42f, 2.60f, -0.19f}, 60, "along the nave, a little sun on its floor"},
+         {{-7.18f, 1.57f, -0.54f}, {-2.58f, 2.27f, -2.37f}, 60, "sunlit curtains and a brazier"},
+         {{-11.07f, 1.57f, 0.77f}, {-6.22f, 0.71f, -0.09f}, 60, "the edge of the sun along the nave"},
+         {{3.57f, 1.45f, -1.02f}, {1.47f, 0.90f, -2.69f}, 60, "floor and curtains in the sun"},
+     }},
+};
+
 static const struct table *find_table(const struct lw_scene *scene, struct lw_vec3 low, struct lw_vec3 high) {
-    (void)scene, (void)low, (void)high;
+    const float box_m[3] = {high.x - low.x, high.y - low.y, high.z - low.z};
+    for (size_t i = 0; i < sizeof tables / sizeof *tables; i++) {
+        bool fits = strcmp(tables[i].scene, scene->name) == 0;
+        for (int c = 0; c < 3; c++) fits &= fabsf(box_m[c] - tables[i].box_m[c]) <= BOX_SLACK * box_m[c];
+        if (fits) return &tables[i];
+    }
     return NULL;
 }
 
@@ -110,25 +191,30 @@ static float distance(const struct search *s, struct lw_vec3 from, struct lw_vec
     return hits.t[0];
 }
 
-static float distance_to_way(const struct lw_scene_motion_way *way, struct lw_vec3 p) {
-    const struct lw_vec3 ab = lw_vec3_sub(way->to_ws, way->from_ws);
-    const float length2 = lw_vec3_dot(ab, ab);
-    const float t =
-        length2 > 0 ? fminf(1, fmaxf(0, lw_vec3_dot(lw_vec3_sub(p, way->from_ws), ab) / length2)) : 0;
-    return lw_vec3_length(lw_vec3_sub(p, lw_vec3_mad(way->from_ws, ab, t)));
+/* Whether what moves would stand in the way. */
+static bool is_in_way(const struct search *s, struct lw_vec3 p) {
+    for (uint32_t i = 0; i < s->points; i++)
+        if (lw_vec3_length(lw_vec3_sub(p, s->point[i])) < WAY_M * s->unit + s->radius[i]) return true;
+    return false;
 }
 
-/* A place over a floor, two of three near the lamp's way. */
-static bool find_place(const struct search *s, uint32_t try, struct lw_vec3 *out) {
+/* Half of them on the lamp's way, the others at movers. */
+static struct lw_vec3 random_point(const struct search *s, uint32_t try, uint32_t dimension) {
+    const bool way = s->of_way && (s->of_way == s->points || uniform(try, dimension) < 0.5f);
+    const uint32_t first = way ? 0 : s->of_way, count = way ? s->of_way : s->points - s->of_way;
+    return s->point[first + (uint32_t)(uniform(try, dimension + 1) * (float)count) % count];
+}
+
+/* A place over a floor. */
+static bool find_place(const struct search *s, uint32_t try, bool all_over, struct lw_vec3 *out) {
     const struct lw_vec3 size = lw_vec3_sub(s->high, s->low);
     struct lw_vec3 at = lw_vec3(s->low.x + size.x * uniform(try, 0), s->low.y + size.y * uniform(try, 1),
                                 s->low.z + size.z * uniform(try, 2));
-    if (s->has_way && try % 3) {
-        const struct lw_vec3 ab = lw_vec3_sub(s->way.to_ws, s->way.from_ws);
+    if (!all_over) {
         const float r = NEAR_WAY_M * s->unit;
-        at = lw_vec3_mad(s->way.from_ws, ab, uniform(try, 0));
-        at = lw_vec3_add(at, lw_vec3(r * (2 * uniform(try, 1) - 1), s->eye_m * uniform(try, 3),
-                                     r * (2 * uniform(try, 2) - 1)));
+        at = lw_vec3_add(random_point(s, try, 6),
+                         lw_vec3(r * (2 * uniform(try, 1) - 1), s->eye_m * uniform(try, 3),
+                                 r * (2 * uniform(try, 2) - 1)));
     }
     bool floor;
     const float above = distance(s, at, lw_vec3(0, -1, 0), &floor);
@@ -139,16 +225,35 @@ static bool find_place(const struct search *s, uint32_t try, struct lw_vec3 *out
 }
 
 static bool is_free(const struct search *s, struct lw_vec3 at, uint32_t seed) {
-    return lw_views_is_free(s->world.trace, at, CLEARANCE_M * s->unit, seed) &&
-           !(s->has_way && distance_to_way(&s->way, at) < WAY_M * s->unit);
+    return lw_views_is_free(s->world.trace, at, CLEARANCE_M * s->unit, seed) && !is_in_way(s, at);
+}
+
+/* Towards a point of interest that is near and not hidden, more or less; or anywhere. */
+static bool find_direction(const struct search *s, uint32_t try, bool all_over, struct lw_vec3 from,
+                           struct lw_vec3 *out) {
+    float yaw = 2 * LW_PI * uniform(try, 4);
+    const float pitch = PITCH * (2 * uniform(try, 5) - 1);
+    if (!all_over) {
+        const struct lw_vec3 there = lw_vec3_sub(random_point(s, try, 8), from);
+        const float far_m = lw_vec3_length(there);
+        bool floor;
+        if (far_m > LOOK_WAY_M * s->unit ||
+            distance(s, from, lw_vec3_scale(there, 1 / far_m), &floor) < far_m - 0.8f * s->unit)
+            return false;
+        yaw = atan2f(there.z, there.x) + LOOK_ASIDE * (2 * uniform(try, 4) - 1);
+    }
+    *out = lw_vec3(cosf(yaw) * cosf(pitch), sinf(pitch), sinf(yaw) * cosf(pitch));
+    return true;
 }
 
 static bool find_candidate(const struct search *s, uint32_t try, struct candidate *out) {
     struct candidate c = {.luminance = 0};
-    if (!find_place(s, try, &c.position) || !is_free(s, c.position, try)) return false;
-    const float yaw = 2 * LW_PI * uniform(try, 4), pitch = PITCH * (2 * uniform(try, 5) - 1);
-    const struct lw_vec3 d = lw_vec3(cosf(yaw) * cosf(pitch), sinf(pitch), sinf(yaw) * cosf(pitch));
+    struct lw_vec3 d;
     bool floor;
+    const bool all_over = s->points == 0 || try % ALL_OVER == 0;
+    if (!find_place(s, try, all_over, &c.position) || !is_free(s, c.position, try) ||
+        !find_direction(s, try, all_over, c.position, &d))
+        return false;
     const float sight = distance(s, c.position, d, &floor);
     if (!(sight >= SIGHT_M * s->unit)) return false;
     c.target = lw_vec3_mad(c.position, d, fminf(sight, 5 * s->unit));
@@ -159,6 +264,30 @@ static bool find_candidate(const struct search *s, uint32_t try, struct candidat
     if (look.sky_share > SKY_SHARE || look.near_share > NEAR_SHARE) return false;
     *out = c;
     return true;
+}
+
+/* Of the lamp's way, and of what the scene's own animation moves. */
+static enum lw_status find_points(struct search *s) {
+    struct lw_scene_motion_way way;
+    if (lw_scene_motion_find_way(s->scene, LW_SCENE_MOTION_LAMP_WALK, &way, NULL) == LW_OK)
+        for (; s->of_way < POINTS; s->of_way++)
+            s->point[s->of_way] = lw_vec3_mad(way.from_ws, lw_vec3_sub(way.to_ws, way.from_ws),
+                                              (float)s->of_way / (float)(POINTS - 1));
+    s->points = s->of_way;
+    struct lw_pose pose;
+    enum lw_status status = lw_pose_init(&pose, s->scene);
+    for (uint32_t k = 0; status == LW_OK && k < POINTS; k++) {
+        lw_pose_evaluate(&pose, s->scene, FIRST_S + (LAST_S - FIRST_S) * k / (POINTS - 1));
+        for (uint32_t o = 0; o < s->scene->object_count && s->points < POINTS_MAX; o++) {
+            if (lw_scene_is_spare(s->scene, o) || !lw_pose_object_moves(&pose, s->scene, o)) continue;
+            struct lw_vec3 low = lw_vec3(INFINITY, INFINITY, INFINITY), high = lw_vec3_scale(low, -1);
+            lw_pose_object_bounds(&pose, s->scene, o, &low, &high);
+            s->radius[s->points] = 0.5f * fmaxf(high.x - low.x, high.z - low.z);
+            s->point[s->points++] = lw_vec3_scale(lw_vec3_add(low, high), 0.5f);
+        }
+    }
+    lw_pose_finish(&pose);
+    return status;
 }
 
 static enum lw_status light_up(const struct search *s, struct candidate *c, struct lw_error *err) {
@@ -255,8 +384,8 @@ enum lw_status lw_fixed_views_pick(struct lw_fixed_views *views, const struct lw
         s.eye_m = fminf(EYE_M, EYE_SHARE * (s.high.y - s.low.y));
         s.unit = s.eye_m / EYE_M;
         s.drift_m = found.drift_m = drift_of(s.low, s.high);
-        s.has_way = lw_scene_motion_find_way(scene, LW_SCENE_MOTION_LAMP_WALK, &s.way, NULL) == LW_OK;
-        status = pick(&s, &found, err);
+        status = find_points(&s);
+        status = status == LW_OK ? pick(&s, &found, err) : lw_status_fail(err, status, "no memory for views");
     }
     lw_path_world_finish(&s.world);
     if (status == LW_OK) *views = found;

@@ -315,9 +315,11 @@ static const struct known_way {
     float longest_m;
     float from_ws[3], to_ws[3];
 } known_ways[] = {
-    {"atrium", LW_SCENE_MOTION_LAMP_WALK, 31.0f, {-6.5f, 1.5f, 3.2f}, {5.5f, 1.5f, 3.2f}},
-    {"atrium", LW_SCENE_MOTION_CARRY, 31.0f, {-5.0f, 1.3f, -3.0f}, {3.0f, 1.3f, -3.0f}},
-    {"Sponza", LW_SCENE_MOTION_LAMP_WALK, 30.0f, {-7.0f, 1.6f, -0.4f}, {5.0f, 1.6f, -0.4f}},
+    /* along the wall of the gallery in the shade, where the scene itself has its lantern */
+    {"atrium", LW_SCENE_MOTION_LAMP_WALK, 31.2f, {-7.5f, 1.5f, 8.3f}, {4.5f, 1.5f, 8.3f}},
+    {"atrium", LW_SCENE_MOTION_CARRY, 31.2f, {-5.0f, 1.3f, 6.9f}, {3.0f, 1.3f, 6.9f}},
+    /* the aisle beside the nave, along its curtains: the sun, which is far stronger, does not get there */
+    {"Sponza", LW_SCENE_MOTION_LAMP_WALK, 37.2f, {-6.0f, 1.5f, 2.9f}, {6.0f, 1.5f, 2.9f}},
 };
 
 static float longest_side(const struct lw_scene *scene, const struct lw_pose *pose) {
@@ -328,6 +330,13 @@ static float longest_side(const struct lw_scene *scene, const struct lw_pose *po
 
 static bool node_moves(const struct lw_pose *pose, uint32_t node) {
     return node != LW_SCENE_NONE && pose->node_moves[node];
+}
+
+/* What it sends out, W: a spot within the middle of its cone's edge. */
+static float power_of(const struct lw_light *light) {
+    const float cone =
+        light->kind == LW_LIGHT_SPOT ? 1 - cosf(0.5f * (light->inner_cone + light->outer_cone)) : 2;
+    return 2 * LW_PI * cone * luminance(light->intensity);
 }
 
 static enum lw_status choose_lamp(const struct lw_scene *scene, const struct lw_pose *pose,
@@ -341,7 +350,7 @@ static enum lw_status choose_lamp(const struct lw_scene *scene, const struct lw_
         if (emission > brightest[still]) brightest[still] = emission, glowing[still] = o;
     }
     for (uint32_t l = 0; l < scene->light_count; l++) {
-        const float power = luminance(scene->light[l].intensity);
+        const float power = power_of(&scene->light[l]);
         const bool still = !node_moves(pose, scene->light[l].node);
         if (scene->light[l].kind != LW_LIGHT_DIRECTIONAL && power > strongest[still])
             strongest[still] = power, light[still] = l;

@@ -73,7 +73,7 @@ struct lw_scene_motion_way {
 };
 
 /** The way of lamp-walk or carry in a scene to which no motion has been set yet.
- * Lamp: the brightest emissive object that the scene animates, else the strongest point or spot light that it does; else
+ * Lamp: the brightest emissive object that the scene animates, else the strongest point or spot light (W) that it does; else
  * the strongest point or spot light; else the brightest emissive object. Object: of those without emission, at most 3 m
  * and half the scene's longest side long, the one with the largest surface, animated ones first.
  * Way: builtin:atrium, builtin:city and Sponza have theirs in a table; elsewhere it is the longest free level line through where the

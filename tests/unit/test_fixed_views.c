@@ -1,0 +1,154 @@
+#include "tests/support/support.h"
+
+#include "client/load/fixed_views.h"
+#include "client/load/path_world.h"
+#include "client/load/views.h"
+#include "common/scene/builtin.h"
+#include "common/scene/scene_open.h"
+
+#include <math.h>
+#include <string.h>
+
+#define WIDTH  48u
+#define HEIGHT 27u
+
+static struct lw_scene *build(const char *name) {
+    struct lw_scene *scene;
+    struct lw_error err = {0};
+    lw_support_ok(lw_builtin_build(name, &scene, &err), &err);
+    return scene;
+}
+
+/* Of a small picture; how many of its pixels show something. */
+static double look(const struct lw_path_world *world, const struct lw_camera_view *camera,
+                   uint32_t *out_pixels) {
+    struct lw_path_film film;
+    float rgb[WIDTH * HEIGHT * 3];
+    double sum = 0;
+    lw_support_ok(lw_path_film_init(&film, WIDTH, HEIGHT, NULL), NULL);
+    lw_path_world_render(world, &(struct lw_path_view){.camera = *camera, .seed = 3}, 16, &film);
+    lw_path_film_resolve(&film, rgb);
+    *out_pixels = 0;
+    for (uint32_t i = 0; i < WIDTH * HEIGHT; i++) {
+        *out_pixels += rgb[3 * i] + rgb[3 * i + 1] + rgb[3 * i + 2] > 0;
+        sum += (double)(0.2126f * rgb[3 * i] + 0.7152f * rgb[3 * i + 1] + 0.0722f * rgb[3 * i + 2]);
+    }
+    lw_path_film_finish(&film);
+    return sum / (WIDTH * HEIGHT);
+}
+
+static float sight(const struct lw_path_world *world, const struct lw_camera_view *camera) {
+    struct lw_ray16 rays = {.salt = 0};
+    struct lw_hit16 hits;
+    lw_trace_set_ray(&rays, 0, camera->position, camera->forward, INFINITY);
+    lw_trace_closest16(world->trace, LW_TRACE_VIEW, 1, &rays, &hits);
+    return hits.object[0] == LW_TRACE_MISS ? INFINITY : hits.t[0];
+}
+
+/* Free where they stand and where they drift to, something that is lit in sight, from dark to bright. */
+static void check(const struct lw_scene *scene, const struct lw_fixed_views *views) {
+    struct lw_path_world world;
+    struct lw_error err = {0};
+    lw_support_ok(lw_path_world_init(&world, scene, 2, 0, &err), &err);
+    double darkest = INFINITY, brightest = 0;
+    for (uint32_t i = 0; i < LW_FIXED_VIEWS_COUNT; i++) {
+        for (int k = 0; k < 4; k++) {
+            const struct lw_camera_view camera = lw_fixed_views_at(views, i, k);
+            if (!lw_views_is_free(world.trace, camera.position, 0.25f, i))
+                fail_msg("%s: view %u: no free place at %d s", scene->name, i, k);
+        }
+        const struct lw_camera_view camera = lw_fixed_views_at(views, i, 0);
+        uint32_t pixels;
+        const double luminance = look(&world, &camera, &pixels);
+        if (!(sight(&world, &camera) >= 1.49f)) fail_msg("%s: view %u: nose at a wall", scene->name, i);
+        if (pixels < WIDTH * HEIGHT / 4) fail_msg("%s: view %u: black", scene->name, i);
+        darkest = fmin(darkest, luminance);
+        brightest = fmax(brightest, luminance);
+    }
+    if (!(brightest > 5 * darkest)) fail_msg("%s: from %g to %g alone", scene->name, darkest, brightest);
+    lw_path_world_finish(&world);
+}
+
+static void tables_show_something(void **state) {
+    (void)state;
+    static const char *const name[] = {"builtin:atrium", "builtin:city"};
+    for (size_t i = 0; i < sizeof name / sizeof *name; i++) {
+        struct lw_scene *scene = build(name[i]);
+        struct lw_fixed_views views;
+        struct lw_error err = {0};
+        lw_support_ok(lw_fixed_views_init(&views, scene, 0, &err), &err);
+        assert_true(views.from_table);
+        check(scene, &views);
+        lw_scene_destroy(scene);
+    }
+}
+
+static void sponza_has_a_table(void **state) {
+    (void)state;
+    const struct lw_scene_open open = {.path = lw_support_scene("sponza/Sponza_lit.gltf"),
+                                       .sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG,
+                                       .texels_per_metre = 2};
+    struct lw_scene *scene;
+    struct lw_fixed_views views;
+    struct lw_error err = {0};
+    lw_support_ok(lw_scene_open(&open, &scene, &err), &err);
+    lw_support_ok(lw_fixed_views_init(&views, scene, 0, &err), &err);
+    assert_true(views.from_table);
+    check(scene, &views);
+    lw_scene_destroy(scene);
+}
+
+/* Another scene of a table's name gets no views that stand somewhere in it. */
+static void a_name_is_not_enough(void **state) {
+    (void)state;
+    struct lw_scene *scene = build("builtin:cornell");
+    struct lw_fixed_views views, again;
+    struct lw_error err = {0};
+    scene->name = "atrium";
+    lw_support_ok(lw_fixed_views_init(&views, scene, 0, &err), &err);
+    assert_false(views.from_table);
+    lw_support_ok(lw_fixed_views_pick(&again, scene, 1, &err), &err);
+    for (uint32_t i = 0; i < LW_FIXED_VIEWS_COUNT; i++)
+        assert_memory_equal(&views.view[i].position, &again.view[i].position, sizeof again.view[i].position);
+    lw_scene_destroy(scene);
+}
+
+static void every_second_view_drifts(void **state) {
+    (void)state;
+    struct lw_fixed_views views = {.drift_m = 0.3f};
+    for (uint32_t i = 0; i < LW_FIXED_VIEWS_COUNT; i++)
+        views.view[i] = (struct lw_fixed_view){{0, 1, 0}, {0, 1, -4}, 60, ""};
+    for (uint32_t i = 0; i < LW_FIXED_VIEWS_COUNT; i++) {
+        float farthest = 0, fastest = 0;
+        for (int k = 0; k < 400; k++) {
+            const struct lw_vec3 at = lw_fixed_views_at(&views, i, 0.01 * k).position,
+                                 next = lw_fixed_views_at(&views, i, 0.01 * (k + 1)).position;
+            assert_float_equal(at.z, 0, 1e-6f);
+            farthest = fmaxf(farthest, fabsf(at.x));
+            fastest = fmaxf(fastest, lw_vec3_length(lw_vec3_sub(next, at)) / 0.01f);
+        }
+        assert_float_equal(farthest, lw_fixed_views_drifts(i) ? 0.3f : 0, 1e-4f);
+        assert_true(fastest < 0.5f);
+        assert_int_equal(fastest > 0.4f, lw_fixed_views_drifts(i));
+    }
+}
+
+static void a_scene_with_nothing_to_see_is_refused(void **state) {
+    (void)state;
+    struct lw_scene *scene = lw_support_squares(1, 1); /* a square in the void: sky alone */
+    struct lw_fixed_views views;
+    struct lw_error err = {0};
+    lw_support_fails(lw_fixed_views_init(&views, scene, 0, &err), LW_BAD_DATA, &err, "of 12 views found");
+    lw_scene_destroy(scene);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(tables_show_something),
+        cmocka_unit_test(sponza_has_a_table),
+        cmocka_unit_test(a_name_is_not_enough),
+        cmocka_unit_test(every_second_view_drifts),
+        cmocka_unit_test(a_scene_with_nothing_to_see_is_refused),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
