@@ -3,7 +3,9 @@
 #include "common/scene/builtin.h"
 #include "common/scene/pose.h"
 #include "common/scene/scene_motion.h"
+#include "common/scene/scene_open.h"
 
+#include <math.h>
 #include <string.h>
 
 static struct lw_scene *build(const char *name) {
@@ -209,11 +211,214 @@ static void a_scene_that_cannot_is_refused(void **state) {
     lw_scene_destroy(scene);
 }
 
+/* ---- one mover of a stated speed ---- */
+
+static struct lw_scene *build_sponza(void) {
+    const struct lw_scene_open open = {.path = lw_support_scene("sponza/Sponza_lit.gltf"),
+                                       .sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG,
+                                       .texels_per_metre = 2};
+    struct lw_scene *scene;
+    struct lw_error err = {0};
+    lw_support_ok(lw_scene_open(&open, &scene, &err), &err);
+    return scene;
+}
+
+/* The one that is named, in the middle of its box; or its light. */
+static struct lw_vec3 place_of(const struct lw_scene *scene, const struct lw_pose *pose, const char *name) {
+    for (uint32_t l = 0; l < scene->light_count; l++)
+        if (strcmp(scene->light[l].name, name) == 0) return pose->light[l].position_ws;
+    for (uint32_t o = 0; o < scene->object_count; o++) {
+        if (strcmp(scene->object[o].name, name) != 0) continue;
+        struct lw_vec3 low = lw_vec3(INFINITY, INFINITY, INFINITY), high = lw_vec3_scale(low, -1);
+        lw_pose_object_bounds(pose, scene, o, &low, &high);
+        return lw_vec3_scale(lw_vec3_add(low, high), 0.5f);
+    }
+    fail_msg("no %s", name);
+    return lw_vec3(0, 0, 0);
+}
+
+static struct lw_vec3 sun_of(const struct lw_scene *scene, const struct lw_pose *pose, const char *name) {
+    for (uint32_t l = 0; l < scene->light_count; l++)
+        if (strcmp(scene->light[l].name, name) == 0) return pose->light[l].direction_ws;
+    fail_msg("no %s", name);
+    return lw_vec3(0, 0, 0);
+}
+
+/* Its speed is the one that is reported, all the time from 2 to 6 s; sets what else moves to still. */
+static void check_speed(struct lw_scene *scene, enum lw_scene_motion motion, float least, float most) {
+    const bool sun = motion == LW_SCENE_MOTION_SUN_SWING;
+    const struct lw_scene_motion_report report = set(scene, motion);
+    const char *name = motion == LW_SCENE_MOTION_CARRY ? report.object : report.light;
+    assert_non_null(name);
+    const float promised = sun ? report.speed_deg_s : report.speed_m_s;
+    assert_true(promised >= least && promised <= most);
+    struct lw_pose pose;
+    struct lw_vec3 before = lw_vec3(0, 0, 0);
+    lw_support_ok(lw_pose_init(&pose, scene), NULL);
+    for (int k = 0; k <= 40; k++) {
+        lw_pose_evaluate(&pose, scene, 2 + 0.1 * k);
+        const struct lw_vec3 at = sun ? sun_of(scene, &pose, name) : place_of(scene, &pose, name);
+        if (!sun && motion == LW_SCENE_MOTION_LAMP_WALK) { /* on its way */
+            const struct lw_vec3 way = lw_vec3_sub(report.to_ws, report.from_ws);
+            const float share = lw_vec3_dot(lw_vec3_sub(at, report.from_ws), way) / lw_vec3_dot(way, way);
+            assert_true(share > 0.1f && share < 0.9f);
+            assert_true(lw_vec3_length(lw_vec3_sub(at, lw_vec3_mad(report.from_ws, way, share))) < 0.01f);
+        }
+        const float step = sun ? 2 * asinf(0.5f * lw_vec3_length(lw_vec3_sub(at, before))) * 180 / LW_PI
+                               : lw_vec3_length(lw_vec3_sub(at, before));
+        if (k > 0) assert_float_equal(step / 0.1f, promised, 0.02f * promised);
+        before = at;
+    }
+    lw_pose_finish(&pose);
+}
+
+static void movers_keep_their_speed(void **state) {
+    (void)state;
+    static const struct {
+        const char *scene;
+        enum lw_scene_motion motion;
+        float least, most;
+    } cases[] = {
+        {"builtin:atrium", LW_SCENE_MOTION_LAMP_WALK, 1.5f, 1.5f},
+        {"builtin:atrium", LW_SCENE_MOTION_SUN_SWING, 6, 6},
+        {"builtin:atrium", LW_SCENE_MOTION_CARRY, 1, 1},
+        {"builtin:city", LW_SCENE_MOTION_LAMP_WALK, 1.5f, 1.5f},
+        {"builtin:city", LW_SCENE_MOTION_SUN_SWING, 6, 6},
+        {"builtin:cornell", LW_SCENE_MOTION_LAMP_WALK, 0.01f, 1.5f}, /* no room for a walker's pace */
+        {"builtin:cornell", LW_SCENE_MOTION_CARRY, 0.001f, 1},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct lw_scene *scene = build(cases[i].scene);
+        check_speed(scene, cases[i].motion, cases[i].least, cases[i].most);
+        lw_scene_destroy(scene);
+    }
+}
+
+static void movers_of_sponza_keep_their_speed(void **state) {
+    (void)state;
+    struct lw_scene *scene = build_sponza();
+    check_speed(scene, LW_SCENE_MOTION_LAMP_WALK, 1.5f, 1.5f);
+    lw_scene_destroy(scene);
+    scene = build_sponza();
+    check_speed(scene, LW_SCENE_MOTION_SUN_SWING, 6, 6);
+    lw_scene_destroy(scene);
+}
+
+/* Nothing but cameras and the mover moves. */
+static void other_movers_stand(void **state) {
+    (void)state;
+    struct lw_scene *scene = build("builtin:atrium");
+    set(scene, LW_SCENE_MOTION_LAMP_WALK);
+    struct moved moved = moved_in(scene);
+    assert_int_equal(moved.lamps, 1);
+    assert_int_equal(moved.objects + moved.lights, 0);
+    lw_scene_destroy(scene);
+    scene = build("builtin:city");
+    set(scene, LW_SCENE_MOTION_SUN_SWING);
+    moved = moved_in(scene);
+    assert_int_equal(moved.lights, 1);
+    assert_int_equal(moved.objects + moved.lamps, 0);
+    lw_scene_destroy(scene);
+    scene = build("builtin:atrium");
+    set(scene, LW_SCENE_MOTION_CARRY);
+    moved = moved_in(scene);
+    assert_int_equal(moved.objects, 1);
+    assert_int_equal(moved.lamps + moved.lights, 0);
+    lw_scene_destroy(scene);
+}
+
+static bool same_at(const struct lw_scene *scene, struct lw_pose *a, struct lw_pose *b, double first_s,
+                    double second_s) {
+    lw_pose_evaluate(a, scene, first_s);
+    lw_pose_evaluate(b, scene, second_s);
+    return lw_pose_equal(a, b, scene);
+}
+
+/* Nothing changes but at 3 and 5 s, and then it is dark, and as it was. */
+static void check_switch(struct lw_scene *scene, bool shrinks) {
+    const struct lw_scene_motion_report report = set(scene, LW_SCENE_MOTION_LAMP_SWITCH);
+    struct lw_pose a, b;
+    lw_support_ok(lw_pose_init(&a, scene), NULL);
+    lw_support_ok(lw_pose_init(&b, scene), NULL);
+    assert_true(same_at(scene, &a, &b, 0, 2.99));
+    assert_false(same_at(scene, &a, &b, 2.99, 3));
+    assert_true(same_at(scene, &a, &b, 3, 4.99));
+    assert_true(same_at(scene, &a, &b, 0, 5));
+    assert_true(same_at(scene, &a, &b, 5, 7.9));
+    lw_pose_evaluate(&a, scene, 1);
+    lw_pose_evaluate(&b, scene, 4);
+    const struct lw_vec3 lit = place_of(scene, &a, report.light), dark = place_of(scene, &b, report.light);
+    const float off = lw_vec3_length(lw_vec3_sub(lit, dark));
+    assert_int_equal(report.switch_m == 0, shrinks);
+    assert_float_equal(off, report.switch_m, 1e-3f + 1e-3f * report.switch_m);
+    if (!shrinks) assert_true(off > 1000);
+    for (uint32_t o = 0; shrinks && o < scene->object_count; o++) {
+        if (strcmp(scene->object[o].name, report.light) != 0) continue;
+        struct lw_vec3 low = lw_vec3(INFINITY, INFINITY, INFINITY), high = lw_vec3_scale(low, -1);
+        lw_pose_object_bounds(&b, scene, o, &low, &high);
+        assert_true(lw_vec3_length(lw_vec3_sub(high, low)) < 0.01f);
+    }
+    lw_pose_finish(&b);
+    lw_pose_finish(&a);
+}
+
+static void a_lamp_goes_off_and_on(void **state) {
+    (void)state;
+    struct lw_scene *scene = build("builtin:atrium");
+    check_switch(scene, true);
+    lw_scene_destroy(scene);
+    scene = lw_support_squares(3, 1);
+    check_switch(scene, false);
+    lw_scene_destroy(scene);
+}
+
+static void a_scene_without_the_mover_is_refused(void **state) {
+    (void)state;
+    struct lw_scene_motion_report report;
+    struct lw_error err = {0};
+    struct lw_scene *scene = lw_support_squares(1, 1);
+    enum lw_status status = lw_scene_motion_set(scene, LW_SCENE_MOTION_SUN_SWING, &report, &err);
+    lw_support_fails(status, LW_BAD_DATA, &err, "no sun");
+    err = (struct lw_error){0};
+    status = lw_scene_motion_set(scene, LW_SCENE_MOTION_CARRY, &report, &err);
+    lw_support_fails(status, LW_BAD_DATA, &err, "small enough to be carried");
+    scene->light_count = 0;
+    scene->sky[0] = 1;
+    for (int m = LW_SCENE_MOTION_LAMP_WALK; m <= LW_SCENE_MOTION_LAMP_SWITCH; m += 2) {
+        err = (struct lw_error){0};
+        status = lw_scene_motion_set(scene, (enum lw_scene_motion)m, &report, &err);
+        lw_support_fails(status, LW_BAD_DATA, &err, "no lamp");
+    }
+    lw_scene_destroy(scene);
+}
+
+static void motions_have_names(void **state) {
+    (void)state;
+    for (int m = 0; m < LW_SCENE_MOTION_COUNT; m++) {
+        enum lw_scene_motion found;
+        const char *name = lw_scene_motion_name((enum lw_scene_motion)m);
+        assert_true(lw_scene_motion_find(name, &found));
+        assert_int_equal(found, m);
+        assert_non_null(strstr(LW_SCENE_MOTION_CHOICES, name));
+    }
+    enum lw_scene_motion found;
+    assert_false(lw_scene_motion_find("lamp", &found));
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_scene_keeps_what_belongs),      cmocka_unit_test(a_still_scene_gets_one_mover),
-        cmocka_unit_test(a_light_goes_round_level),        cmocka_unit_test(an_object_turns_in_place),
-        cmocka_unit_test(a_light_keeps_clear_of_surfaces), cmocka_unit_test(a_scene_that_cannot_is_refused),
+        cmocka_unit_test(a_scene_keeps_what_belongs),
+        cmocka_unit_test(a_still_scene_gets_one_mover),
+        cmocka_unit_test(a_light_goes_round_level),
+        cmocka_unit_test(an_object_turns_in_place),
+        cmocka_unit_test(a_light_keeps_clear_of_surfaces),
+        cmocka_unit_test(a_scene_that_cannot_is_refused),
+        cmocka_unit_test(movers_keep_their_speed),
+        cmocka_unit_test(movers_of_sponza_keep_their_speed),
+        cmocka_unit_test(other_movers_stand),
+        cmocka_unit_test(a_lamp_goes_off_and_on),
+        cmocka_unit_test(a_scene_without_the_mover_is_refused),
+        cmocka_unit_test(motions_have_names),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
