@@ -1,19 +1,22 @@
-/* fixed_views.h: twelve views of a scene from which it is judged, the same whatever moves and whoever renders.
+/* fixed_views.h: twelve views of a scene from which it is judged, the same for each motion and renderer.
  * Flow:    scene, its box -> [fixed_views: table, or the rule] -> camera of a view at a time
  * Threads: found by one; lookups [any].
  *
- * The rule, lw_fixed_views_pick(): candidates stand at eye height over a floor, at a place that is free, and look in a
- * random direction; two of three stand near the way of the lamp that LW_SCENE_MOTION_LAMP_WALK moves, so that what
- * moves is seen or lights what is seen. The middle of a view is free for 1.5 m, little of it is very near, and at
- * most a third of it is sky. A path tracer renders each small (96 x 54 pixels, 16 paths); sorted by mean luminance they fall into
- * twelve bins of as many candidates, and of each bin the one is taken that stands the farthest from those taken
- * before. The seed is fixed.
+ * The rule, lw_fixed_views_pick(): candidates stand at eye height over a floor, at a free place. Points of
+ * interest are those of the lamp's way (LW_SCENE_MOTION_LAMP_WALK) and where the scene's own animation has
+ * objects from 2 to 6 s; five of six candidates stand within 4 m of one, out of the way of what moves, and look
+ * towards one that they see, 25 degrees aside at most. The others stand and look anywhere. The middle of a view
+ * is free for 1.5 m, at most a tenth of it is nearer than 0.7 m and a third of it sky.
  *
- * The tables of builtin:atrium, builtin:city and Sponza are that rule's views (bench_views prints them), looked at
- * by a person; those that showed nothing worth a look gave way to others of about the same darkness.
+ * A path tracer renders 96 candidates, 96 x 54 pixels, 16 paths each. Sorted by mean luminance they fall into
+ * twelve bins; of each the one is taken that stands the farthest from those taken before. The seed is fixed.
  *
- * Views are sorted from dark to bright. Every second one (of odd number) drifts sideways, so that reprojection and
- * codecs have something to do: drift_m * sin(2 pi t / 4 s); the others stand. */
+ * The tables of builtin:atrium, builtin:city and Sponza began as views of runs of that rule, as it was tuned.
+ * They were looked at: those that showed little, or nothing of what moves, gave way to others by hand. So
+ * `bench_views --pick` prints views of the same kind, not the same numbers. They go roughly from dark to bright.
+ *
+ * Every second view (of odd number) drifts sideways by drift_m * sin(2 pi t / 4 s), so that reprojection and
+ * codecs have something to do; the others stand. */
 #ifndef LW_CLIENT_LOAD_FIXED_VIEWS_H
 #define LW_CLIENT_LOAD_FIXED_VIEWS_H
 
@@ -33,13 +36,14 @@ struct lw_fixed_views {
     bool from_table; /* else by the rule */
 };
 
-/** The views of a scene: from the table, by the scene's name and its box, or else by the rule. Give it the scene
- * before lw_scene_motion_set(): what moves does not change the views then.
- * threads  0: all. Errors: LW_BAD_DATA where no place is free or nothing is lit; LW_NO_MEMORY, LW_INTERNAL. */
+/** The views of a scene: from the table, by the scene's name and its box, or else by the rule. Give it the
+ * scene before lw_scene_motion_set(): what moves does not change the views then.
+ * threads  0: all
+ * Errors   LW_BAD_DATA where no place is free or nothing is lit; LW_NO_MEMORY, LW_INTERNAL */
 LW_MUST_CHECK enum lw_status lw_fixed_views_init(struct lw_fixed_views *views, const struct lw_scene *scene,
                                                  unsigned threads, struct lw_error *err);
 
-/** By the rule alone. Threads and errors as above. Some 15 s on two cores. */
+/** By the rule alone. Threads and errors as above. 30 CPU s in the atrium. */
 LW_MUST_CHECK enum lw_status lw_fixed_views_pick(struct lw_fixed_views *views, const struct lw_scene *scene,
                                                  unsigned threads, struct lw_error *err);
 

@@ -44,7 +44,8 @@ struct lw_camera_view lw_views_at(const struct lw_views *views, uint32_t user, u
 /** Whether no camera ever moves. */
 bool lw_views_rest(const struct lw_views *views);
 
-/** Whether a place is outside of geometry, and nothing nearer than clearance_m, by 32 rays all around. seed: turns them. */
+/** Whether a place is outside of geometry and nothing is nearer than clearance_m, by 32 rays all around.
+ * seed: turns them. */
 bool lw_views_is_free(const struct lw_trace *trace, struct lw_vec3 at, float clearance_m, uint32_t seed);
 
 /** What they are, for people: "a walk along camera \"walk\"". Lives with views. */

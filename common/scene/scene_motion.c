@@ -107,8 +107,8 @@ static enum lw_status add_mover(struct lw_scene *scene, uint32_t parent, uint32_
     return LW_OK;
 }
 
-/* A mover and one channel on it, with its keys' times. What hangs on its second node moves about the point that the nodes'
- * translations name. */
+/* A mover and one channel on it, with its keys' times. What hangs on its second node moves about the point that
+ * the nodes' translations name. */
 static enum lw_status add_channel(struct lw_scene *scene, uint32_t parent, enum lw_channel_path path,
                                   uint32_t *out_node, float **out_value) {
     if (!(scene->duration_s > 0)) scene->duration_s = LOOP_S;
@@ -308,7 +308,7 @@ static enum lw_status move_an_object(struct lw_scene *scene, const struct lw_pos
 
 /* ---- one mover of a stated speed ---- */
 
-/* Ways that have been looked at, of scenes that measurements name. The box tells them from others of that name. */
+/* Ways in scenes that measurements name. Their longest side tells them from others of that name. */
 static const struct known_way {
     const char *scene;
     enum lw_scene_motion motion;
@@ -402,7 +402,7 @@ static struct lw_vec3 middle_of(const struct lw_scene *scene, const struct lw_po
                            lw_vec3_scale(lw_vec3_add(e.low, e.high), 0.5f));
 }
 
-/* Where a line p + t d meets a triangle, by solving p + t d = a + u (b - a) + v (c - a); NAN where it does not. */
+/* The t where a line p + t d meets a triangle: solves p + t d = a + u (b - a) + w (c - a). NAN: it does not. */
 static float meet(struct lw_vec3 p, struct lw_vec3 d, const struct lw_vec3 v[3]) {
     const struct lw_vec3 e = lw_vec3_sub(v[1], v[0]), f = lw_vec3_sub(v[2], v[0]), q = lw_vec3_sub(p, v[0]);
     const struct lw_vec3 df = lw_vec3_cross(d, f), qe = lw_vec3_cross(q, e);
@@ -496,7 +496,7 @@ static uint32_t rounds_of(const struct lw_scene *scene) {
     return (uint32_t)fmaxf(1, roundf(scene->duration_s / ROW_S));
 }
 
-/* The topmost of the nodes above one that were animated: what is carried goes with all that hangs on it. LW_SCENE_NONE: none was. */
+/* The topmost animated node above one: what is carried goes with all that hangs there. LW_SCENE_NONE: none was. */
 static uint32_t root_of(const struct lw_scene *scene, const struct lw_pose *was, uint32_t node) {
     uint32_t root = LW_SCENE_NONE;
     for (; node_moves(was, node); node = scene->node[node].parent) root = node;

@@ -1,4 +1,5 @@
-/* scene_motion.h: which of a scene's movers move, and how: to measure what a still scene, a moving light or a moving object costs.
+/* scene_motion.h: which of a scene's movers move, and how: to measure what a still scene, a moving light or a
+ *                 moving object costs.
  * Flow:    scene -> [scene_motion: channels kept, dropped, made] -> scene
  * Threads: while the scene is being built. */
 #ifndef LW_COMMON_SCENE_MOTION_H
@@ -6,7 +7,7 @@
 
 #include "common/scene/scene.h"
 
-/* The first four keep what the scene's own animation says; the others replace it by one mover of a stated speed. */
+/* The first four keep what the scene's own animation says; the others replace it by one mover of stated speed. */
 enum lw_scene_motion {
     LW_SCENE_MOTION_STATIC,      /* nothing */
     LW_SCENE_MOTION_LIGHT,       /* what carries a light or an emissive surface */
@@ -19,7 +20,7 @@ enum lw_scene_motion {
     LW_SCENE_MOTION_COUNT
 };
 
-/* Of the last four. Their movers turn round at 0 s and every 7 to 9 s after, so that speed is constant from 0 to 7 s. */
+/* Of the last four. Movers turn round at 0 s and every 7 to 11 s after: speed is constant from 0 to 7 s. */
 #define LW_SCENE_MOTION_WALK_M_S    1.5f
 #define LW_SCENE_MOTION_CARRY_M_S   1.0f
 #define LW_SCENE_MOTION_SWING_DEG_S 6.0f
@@ -51,15 +52,16 @@ struct lw_scene_motion_report {
  *    longest side, less (down to 0.5 %) where a point or spot would come nearer to a surface than a tenth of its radius; where there is neither, the strongest directional light swings by 5 degrees to either side;
  *  - an object: of those that measure at most half the scene's longest side the one with the largest surface turns
  *    about its vertical axis.
- * The last four motions drop all animation but cameras'. Its length becomes 16 s where no camera moves or it is below
- * 12 s. Their mover:
- *  - lamp-walk: the lamp that lw_scene_motion_find_way() names, along that way;
- *  - sun-swing: the strongest directional light; its direction turns on a great circle, sideways, by 24 degrees to
- *    either side of where it is;
- *  - lamp-switch: the same lamp as lamp-walk's, where it stands in the middle of the way. Lights' intensities cannot be animated: an emissive object
- *    shrinks to a thousandth of its size about its middle and so to a millionth of its light, a point or spot light is
- *    put a thousand times the scene's longest side away. Both between one moment and the next;
- *  - carry: the object that lw_scene_motion_find_way() names, along that way.
+ * The last four motions drop all animation but cameras'. Its length becomes 16 s where no camera moves or it
+ * is below 12 s. Their mover:
+ *  - lamp-walk: the lamp of lw_scene_motion_find_way(), along that way;
+ *  - sun-swing: the strongest directional light; its direction turns on a great circle, sideways, by 24 degrees
+ *    to either side of where it is;
+ *  - lamp-switch: the same lamp, in the middle of that way. Intensities cannot be animated: an emissive object
+ *    shrinks to a thousandth of its size about its middle, so to a millionth of its light; a point or spot light
+ *    is put a thousand times the scene's longest side away. Both from one moment to the next. So a renderer is
+ *    told of a mover, not of a lamp that is dimmed;
+ *  - carry: the object of lw_scene_motion_find_way(), along that way.
  * Errors: LW_BAD_DATA where nothing of the scene can; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_scene_motion_set(struct lw_scene *scene, enum lw_scene_motion motion,
                                                  struct lw_scene_motion_report *out_report,
@@ -73,11 +75,13 @@ struct lw_scene_motion_way {
 };
 
 /** The way of lamp-walk or carry in a scene to which no motion has been set yet.
- * Lamp: the brightest emissive object that the scene animates, else the strongest point or spot light (W) that it does; else
- * the strongest point or spot light; else the brightest emissive object. Object: of those without emission, at most 3 m
- * and half the scene's longest side long, the one with the largest surface, animated ones first.
- * Way: builtin:atrium, builtin:city and Sponza have theirs in a table; elsewhere it is the longest free level line through where the
- * mover stands, of 16 directions. Where that is too short for 8 s, speed is less.
+ * Lamp:   the brightest emissive object that the scene animates, else the strongest point or spot light (W) that
+ *         it does, else the strongest that stands, else the brightest emissive object that stands.
+ * Object: of those without emission, at most 3 m and half the scene's longest side long, the one with the
+ *         largest surface; animated ones first.
+ * Way:    in builtin:atrium and Sponza (the lamp's) from a table, recognised by name and size. Elsewhere it is
+ *         the first free level line of 16 directions, through where the mover stands at 0 s, that is long enough
+ *         for 8 s, else the longest: then speed is less.
  * Errors: LW_BAD_DATA where the scene has no such mover, or no room for it; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_scene_motion_find_way(const struct lw_scene *scene,
                                                       enum lw_scene_motion motion,

@@ -2,10 +2,11 @@
  *
  *     bench_views [OPTIONS] SCENE...
  *
- * Prints the views as the rows of the table in fixed_views.c, each with its mean luminance; with --pick those that the rule finds,
- * whether or not there is a table. With --motion NAME and --lag also, per view, relMSE (truth.h) of light that is a
- * second late, emitters masked, at --moments times from 2 to 6 s: whether a measurement of that motion tells old light
- * from new. With -o DIR a picture of each view. */
+ * Prints the views as rows of a table in fixed_views.c, each with its mean luminance; with --pick those that the
+ * rule finds, whether or not there is a table. With --motion NAME and --lag also, per view, relMSE of light that
+ * is a second late, at --moments times from 2 to 6 s: whether a measurement of that motion tells old light from
+ * new. Pixels count that show the same object both times and do not shine; eps is 1 % of the mean square of
+ * those, of the view or of all views. With -o DIR a picture of each view. */
 #include "client/load/fixed_views.h"
 #include "client/load/truth.h"
 #include "client/view/tonemap.h"
@@ -40,6 +41,12 @@ struct scene {
     struct lw_path_world world;
 };
 
+/* Now and late. */
+struct pair {
+    struct lw_truth light[2];
+    uint32_t *object; /* LW_TRACE_MISS: shines, or shows another object then */
+};
+
 static enum lw_status write_picture(const struct scene *s, uint32_t view, const struct lw_truth *truth,
                                     struct lw_error *err) {
     char path[512], label[64];
@@ -71,23 +78,105 @@ static double luminance_of(const struct lw_truth *truth) {
     return 3 * sum / (double)values;
 }
 
-/* The light of a second ago, in the picture of now. */
-static enum lw_status measure_lag(struct scene *s, uint32_t view, double time_s, double *out_error,
-                                  struct lw_error *err) {
+/* The light of now and of a second ago, in the picture of now. */
+static enum lw_status trace_pair(struct scene *s, uint32_t view, uint32_t moment, double time_s,
+                                 struct pair *pair, struct lw_error *err) {
     const struct settings *o = s->settings;
     const uint32_t width = (uint32_t)o->width, height = (uint32_t)o->height, samples = (uint32_t)o->samples;
     const struct lw_camera_view camera = lw_fixed_views_at(&s->views, view, time_s);
-    struct lw_truth truth = {0};
-    uint32_t *object = malloc((size_t)width * height * sizeof *object);
-    enum lw_status status = object ? lw_path_world_set_time(&s->world, time_s, err)
-                                   : lw_status_fail(err, LW_NO_MEMORY, "no memory for a view");
-    if (status == LW_OK) status = lw_truth_init(&truth, &s->world, &camera, width, height, samples, 1, err);
-    if (status == LW_OK) status = lw_truth_look(&s->world, &camera, width, height, object, err);
-    if (status == LW_OK) status = lw_path_world_set_time(&s->world, time_s - LATE_S, err);
-    if (status == LW_OK)
-        status = lw_truth_lag_error(&truth, object, &s->world, &camera, samples, 2, out_error, err);
-    lw_truth_finish(&truth);
-    free(object);
+    const size_t pixels = (size_t)width * height;
+    uint32_t *then = malloc(pixels * sizeof *then);
+    pair->object = malloc(pixels * sizeof *pair->object);
+    enum lw_status status =
+        then && pair->object ? LW_OK : lw_status_fail(err, LW_NO_MEMORY, "no memory for a view");
+    for (int late = 0; status == LW_OK && late < 2; late++) {
+        status = lw_path_world_set_time(&s->world, time_s - late * LATE_S, err);
+        if (status == LW_OK)
+            status = lw_truth_init(&pair->light[late], &s->world, &camera, width, height, samples,
+                                   1 + 2 * (moment * LW_FIXED_VIEWS_COUNT + view) + (uint32_t)late, err);
+        if (status == LW_OK)
+            status = lw_truth_look(&s->world, &camera, width, height, late ? then : pair->object, err);
+    }
+    for (size_t i = 0; status == LW_OK && i < pixels; i++)
+        if (then[i] != pair->object[i]) pair->object[i] = LW_TRACE_MISS;
+    free(then);
+    return status;
+}
+
+static double value_of(const struct lw_truth *t, size_t i) {
+    return 0.5 * ((double)t->half[0][i] + (double)t->half[1][i]);
+}
+
+/* Of the pixels that count. */
+static double mean_square_of(const struct pair *pair) {
+    const size_t values = (size_t)pair->light[0].width * pair->light[0].height * 3;
+    double sum = 0;
+    size_t count = 0;
+    for (size_t i = 0; i < values; i++)
+        if (pair->object[i / 3] != LW_TRACE_MISS) {
+            sum += (double)pair->light[0].half[0][i] * (double)pair->light[0].half[1][i];
+            count++;
+        }
+    return count ? sum / (double)count : 0;
+}
+
+/* relMSE with a given eps, by independent halves: noise adds nothing in the mean. */
+static double error_of(const struct pair *pair, double eps) {
+    const struct lw_truth *now = &pair->light[0], *late = &pair->light[1];
+    const size_t values = (size_t)now->width * now->height * 3;
+    double sum = 0;
+    size_t count = 0;
+    for (size_t i = 0; i < values; i++) {
+        if (pair->object[i / 3] == LW_TRACE_MISS) continue;
+        const double t = value_of(now, i);
+        sum += ((double)late->half[0][i] - (double)now->half[0][i]) *
+               ((double)late->half[1][i] - (double)now->half[1][i]) / (t * t + eps);
+        count++;
+    }
+    return count ? sum / (double)count : 0;
+}
+
+static void free_pairs(struct pair *pair, size_t count) {
+    for (size_t i = 0; pair && i < count; i++) {
+        lw_truth_finish(&pair[i].light[0]);
+        lw_truth_finish(&pair[i].light[1]);
+        free(pair[i].object);
+    }
+    free(pair);
+}
+
+static void print_lag(const struct scene *s, const struct pair *pair, size_t moments) {
+    double mean_square = 0, own = 0, shared = 0;
+    const size_t count = moments * LW_FIXED_VIEWS_COUNT;
+    for (size_t i = 0; i < count; i++) mean_square += mean_square_of(&pair[i]) / (double)count;
+    puts("| view | eps of the view | eps of all views |\n|---|---|---|");
+    for (size_t v = 0; v < LW_FIXED_VIEWS_COUNT; v++) {
+        double by_own = 0, by_all = 0;
+        for (size_t k = 0; k < moments; k++) {
+            const struct pair *p = &pair[v * moments + k];
+            by_own += error_of(p, 0.01 * mean_square_of(p)) / (double)moments;
+            by_all += error_of(p, 0.01 * mean_square) / (double)moments;
+        }
+        printf("| %zu | %.4f | %.4f |\n", v, by_own, by_all);
+        own += by_own / LW_FIXED_VIEWS_COUNT;
+        shared += by_all / LW_FIXED_VIEWS_COUNT;
+    }
+    printf("| all, %s, %s | %.4f | %.4f |\n", s->name,
+           lw_scene_motion_name((enum lw_scene_motion)s->settings->motion), own, shared);
+}
+
+static enum lw_status measure_lag(struct scene *s, struct lw_error *err) {
+    const size_t moments = (size_t)s->settings->moments, count = moments * LW_FIXED_VIEWS_COUNT;
+    struct pair *pair = calloc(count, sizeof *pair);
+    enum lw_status status = pair ? LW_OK : lw_status_fail(err, LW_NO_MEMORY, "no memory for views");
+    for (size_t i = 0; status == LW_OK && i < count; i++) {
+        const size_t k = i % moments;
+        const double share = moments > 1 ? (double)k / (double)(moments - 1) : 0.5;
+        status = trace_pair(s, (uint32_t)(i / moments), (uint32_t)k, FIRST_S + share * (LAST_S - FIRST_S),
+                            &pair[i], err);
+    }
+    if (status == LW_OK) print_lag(s, pair, moments);
+    free_pairs(pair, count);
     return status;
 }
 
@@ -98,7 +187,7 @@ static void print_view(const struct lw_fixed_view *v, uint32_t i, double luminan
            luminance);
 }
 
-static enum lw_status look_at_view(struct scene *s, uint32_t i, double *sum, struct lw_error *err) {
+static enum lw_status look_at_view(struct scene *s, uint32_t i, struct lw_error *err) {
     const struct settings *o = s->settings;
     const struct lw_camera_view camera = lw_fixed_views_at(&s->views, i, o->at_s);
     struct lw_truth truth = {0};
@@ -110,13 +199,6 @@ static enum lw_status look_at_view(struct scene *s, uint32_t i, double *sum, str
     print_view(&s->views.view[i], i, luminance_of(&truth));
     if (o->folder) status = write_picture(s, i, &truth, err);
     lw_truth_finish(&truth);
-    for (int64_t k = 0; o->lag && status == LW_OK && k < o->moments; k++) {
-        double error = 0;
-        const double share = o->moments > 1 ? (double)k / (double)(o->moments - 1) : 0.5;
-        status = measure_lag(s, i, FIRST_S + share * (LAST_S - FIRST_S), &error, err);
-        printf(" %.4f", error);
-        *sum += error;
-    }
     puts("");
     fflush(stdout);
     return status;
@@ -130,16 +212,11 @@ static enum lw_status look(struct scene *s, struct lw_error *err) {
         status =
             lw_path_world_init(&s->world, s->scene, (uint32_t)o->bounces, (unsigned)o->open.threads, err);
     if (status != LW_OK) return status;
-    double sum = 0;
     printf("%s, %s: %s%s, %g m/s, %g degrees/s\n", s->name,
            lw_scene_motion_name((enum lw_scene_motion)o->motion), report.light ? report.light : "",
            report.object ? report.object : "", (double)report.speed_m_s, (double)report.speed_deg_s);
-    for (uint32_t i = 0; status == LW_OK && i < LW_FIXED_VIEWS_COUNT; i++)
-        status = look_at_view(s, i, &sum, err);
-    if (status == LW_OK && o->lag)
-        printf("%s, %s: light a second late: relMSE %.4f\n", s->name,
-               lw_scene_motion_name((enum lw_scene_motion)o->motion),
-               sum / (double)(LW_FIXED_VIEWS_COUNT * o->moments));
+    for (uint32_t i = 0; status == LW_OK && i < LW_FIXED_VIEWS_COUNT; i++) status = look_at_view(s, i, err);
+    if (status == LW_OK && o->lag) status = measure_lag(s, err);
     return status;
 }
 
