@@ -4,16 +4,17 @@
  *
  * The rule, lw_fixed_views_pick(): candidates stand at eye height over a floor, at a free place. Points of
  * interest are those of the lamp's way (LW_SCENE_MOTION_LAMP_WALK) and where the scene's own animation has
- * objects from 2 to 6 s; five of six candidates stand within 4 m of one, out of the way of what moves, and look
- * towards one that they see, 25 degrees aside at most. The others stand and look anywhere. The middle of a view
- * is free for 1.5 m, at most a tenth of it is nearer than 0.7 m and a third of it sky.
+ * objects from 2 to 6 s; five of six candidates stand within 4 m of one, out of the way of what moves, and
+ * look towards one that they see, 25 degrees aside at most. The others stand and look anywhere. The middle of
+ * a view is free for 1.5 m, at most a tenth of it is nearer than 0.7 m and a third of it sky.
  *
  * A path tracer renders 96 candidates, 96 x 54 pixels, 16 paths each. Sorted by mean luminance they fall into
  * twelve bins; of each the one is taken that stands the farthest from those taken before. The seed is fixed.
  *
  * The tables of builtin:atrium, builtin:city and Sponza began as views of runs of that rule, as it was tuned.
  * They were looked at: those that showed little, or nothing of what moves, gave way to others by hand. So
- * `bench_views --pick` prints views of the same kind, not the same numbers. They go roughly from dark to bright.
+ * `bench_views --pick` prints views of the same kind, not the same numbers. They go roughly from dark to
+ * bright.
  *
  * Every second view (of odd number) drifts sideways by drift_m * sin(2 pi t / 4 s), so that reprojection and
  * codecs have something to do; the others stand. */

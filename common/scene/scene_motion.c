@@ -107,8 +107,8 @@ static enum lw_status add_mover(struct lw_scene *scene, uint32_t parent, uint32_
     return LW_OK;
 }
 
-/* A mover and one channel on it, with its keys' times. What hangs on its second node moves about the point that
- * the nodes' translations name. */
+/* A mover and one channel on it, with its keys' times. What hangs on its second node moves about the point
+ * that the nodes' translations name. */
 static enum lw_status add_channel(struct lw_scene *scene, uint32_t parent, enum lw_channel_path path,
                                   uint32_t *out_node, float **out_value) {
     if (!(scene->duration_s > 0)) scene->duration_s = LOOP_S;
@@ -317,7 +317,7 @@ static const struct known_way {
 } known_ways[] = {
     /* along the wall of the gallery in the shade, where the scene itself has its lantern */
     {"atrium", LW_SCENE_MOTION_LAMP_WALK, 31.2f, {-7.5f, 1.5f, 8.3f}, {4.5f, 1.5f, 8.3f}},
-    {"atrium", LW_SCENE_MOTION_CARRY, 31.2f, {-5.0f, 1.3f, 6.9f}, {3.0f, 1.3f, 6.9f}},
+    {"atrium", LW_SCENE_MOTION_CARRY, 31.2f, {7.0f, 1.2f, 1.5f}, {-1.0f, 1.2f, 1.5f}},
     /* the aisle beside the nave, along its curtains: the sun, which is far stronger, does not get there */
     {"Sponza", LW_SCENE_MOTION_LAMP_WALK, 37.2f, {-6.0f, 1.5f, 2.9f}, {6.0f, 1.5f, 2.9f}},
 };
@@ -402,7 +402,7 @@ static struct lw_vec3 middle_of(const struct lw_scene *scene, const struct lw_po
                            lw_vec3_scale(lw_vec3_add(e.low, e.high), 0.5f));
 }
 
-/* The t where a line p + t d meets a triangle: solves p + t d = a + u (b - a) + w (c - a). NAN: it does not. */
+/* The t where a line p + t d meets a triangle: p + t d = a + u (b - a) + w (c - a). NAN: it does not. */
 static float meet(struct lw_vec3 p, struct lw_vec3 d, const struct lw_vec3 v[3]) {
     const struct lw_vec3 e = lw_vec3_sub(v[1], v[0]), f = lw_vec3_sub(v[2], v[0]), q = lw_vec3_sub(p, v[0]);
     const struct lw_vec3 df = lw_vec3_cross(d, f), qe = lw_vec3_cross(q, e);
@@ -496,7 +496,7 @@ static uint32_t rounds_of(const struct lw_scene *scene) {
     return (uint32_t)fmaxf(1, roundf(scene->duration_s / ROW_S));
 }
 
-/* The topmost animated node above one: what is carried goes with all that hangs there. LW_SCENE_NONE: none was. */
+/* The topmost animated node above one: what is carried takes along all that hangs there. */
 static uint32_t root_of(const struct lw_scene *scene, const struct lw_pose *was, uint32_t node) {
     uint32_t root = LW_SCENE_NONE;
     for (; node_moves(was, node); node = scene->node[node].parent) root = node;

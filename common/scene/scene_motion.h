@@ -7,7 +7,7 @@
 
 #include "common/scene/scene.h"
 
-/* The first four keep what the scene's own animation says; the others replace it by one mover of stated speed. */
+/* The first four keep what the scene's own animation says; the others replace it by one mover. */
 enum lw_scene_motion {
     LW_SCENE_MOTION_STATIC,      /* nothing */
     LW_SCENE_MOTION_LIGHT,       /* what carries a light or an emissive surface */
@@ -55,12 +55,12 @@ struct lw_scene_motion_report {
  * The last four motions drop all animation but cameras'. Its length becomes 16 s where no camera moves or it
  * is below 12 s. Their mover:
  *  - lamp-walk: the lamp of lw_scene_motion_find_way(), along that way;
- *  - sun-swing: the strongest directional light; its direction turns on a great circle, sideways, by 24 degrees
- *    to either side of where it is;
- *  - lamp-switch: the same lamp, in the middle of that way. Intensities cannot be animated: an emissive object
- *    shrinks to a thousandth of its size about its middle, so to a millionth of its light; a point or spot light
- *    is put a thousand times the scene's longest side away. Both from one moment to the next. So a renderer is
- *    told of a mover, not of a lamp that is dimmed;
+ *  - sun-swing: the strongest directional light; its direction turns on a great circle, sideways, by 24
+ *    degrees to either side of where it is;
+ *  - lamp-switch: the same lamp, in the middle of that way. Intensities cannot be animated: an emissive
+ *    object shrinks to a thousandth of its size about its middle, so to a millionth of its light; a point or
+ *    spot light is put a thousand times the scene's longest side away. Both from one moment to the next. So a
+ *    renderer is told of a mover, not of a lamp that is dimmed;
  *  - carry: the object of lw_scene_motion_find_way(), along that way.
  * Errors: LW_BAD_DATA where nothing of the scene can; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_scene_motion_set(struct lw_scene *scene, enum lw_scene_motion motion,
@@ -75,13 +75,13 @@ struct lw_scene_motion_way {
 };
 
 /** The way of lamp-walk or carry in a scene to which no motion has been set yet.
- * Lamp:   the brightest emissive object that the scene animates, else the strongest point or spot light (W) that
- *         it does, else the strongest that stands, else the brightest emissive object that stands.
+ * Lamp:   the brightest emissive object that the scene animates, else the strongest point or spot light (W)
+ *         that it does, else the strongest that stands, else the brightest emissive object that stands.
  * Object: of those without emission, at most 3 m and half the scene's longest side long, the one with the
  *         largest surface; animated ones first.
- * Way:    in builtin:atrium and Sponza (the lamp's) from a table, recognised by name and size. Elsewhere it is
- *         the first free level line of 16 directions, through where the mover stands at 0 s, that is long enough
- *         for 8 s, else the longest: then speed is less.
+ * Way:    in builtin:atrium and Sponza (the lamp's) from a table, recognised by name and size. Elsewhere it
+ *         is the first free level line of 16 directions, through where the mover stands at 0 s, that is long
+ *         enough for 8 s, else the longest: then speed is less.
  * Errors: LW_BAD_DATA where the scene has no such mover, or no room for it; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_scene_motion_find_way(const struct lw_scene *scene,
                                                       enum lw_scene_motion motion,
