@@ -6,8 +6,8 @@
  * the rule finds, whether or not there is a table. With --motion NAME and --lag also, per view, relMSE of
  * light that is a second late, at --moments times from 2 to 6 s: whether a measurement of that motion tells
  * old light from new. Pixels count that show the same object both times and do not shine; eps is 1 % of the
- * mean square of those, of the view or of all views. With few samples noise in the divisor makes it too large:
- * take off what --motion static has. With -o DIR a picture of each view. */
+ * mean square of those, of the view or of all views. With few samples noise in the divisor makes it too
+ * large: take off what --motion static has. With -o DIR a picture of each view. */
 #include "client/load/fixed_views.h"
 #include "client/load/truth.h"
 #include "client/view/tonemap.h"
