@@ -106,6 +106,10 @@ static enum lw_status check_welcome(const struct lw_message_welcome *w, struct l
         return invalid(err, "target_error", "is not a finite number >= 0");
     if (!(w->noise_shown >= 0 && w->noise_shown <= 1))
         return invalid(err, "noise_shown", "is not from 0 to 1");
+    if (w->client_lights_size > LW_MESSAGE_CLIENT_LIGHTS_MAX)
+        return invalid(err, "client_lights", "is over 131072 bytes");
+    if (w->client_materials_size > LW_MESSAGE_CLIENT_MATERIALS_MAX)
+        return invalid(err, "client_materials", "is over 8192 bytes");
     enum lw_status status = check_parts(w, err);
     return status != LW_OK ? status : check_text(w->name, LW_MESSAGE_NAME_MAX, "name", err);
 }
@@ -301,6 +305,10 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
         wire->welcome.part_compressed_size = (uint64_t *)m->welcome.part_compressed_size;
         wire->welcome.part_hash = (ProtobufCBinaryData){m->welcome.part_count * sizeof *m->welcome.part_hash,
                                                         (uint8_t *)m->welcome.part_hash};
+        wire->welcome.client_lights =
+            (ProtobufCBinaryData){m->welcome.client_lights_size, (uint8_t *)m->welcome.client_lights};
+        wire->welcome.client_materials =
+            (ProtobufCBinaryData){m->welcome.client_materials_size, (uint8_t *)m->welcome.client_materials};
         break;
     case LW_MESSAGE_REFUSAL:
         wire->refusal.code = (uint32_t)m->refusal.code;
@@ -656,7 +664,11 @@ static enum lw_status read_welcome(const Lightwell__Wire__Welcome *w, struct lw_
                                              .part_size = w->part_size,
                                              .part_compressed_size = w->part_compressed_size,
                                              .part_hash = (const void *)w->part_hash.data,
-                                             .part_count = w->n_part_size};
+                                             .part_count = w->n_part_size,
+                                             .client_lights = w->client_lights.data,
+                                             .client_lights_size = w->client_lights.len,
+                                             .client_materials = w->client_materials.data,
+                                             .client_materials_size = w->client_materials.len};
     memcpy(m->welcome.package_hash.bytes, w->package_hash.data, sizeof m->welcome.package_hash.bytes);
     return LW_OK;
 }

@@ -8,6 +8,7 @@
 #ifndef LW_PROTO_MESSAGE_H
 #define LW_PROTO_MESSAGE_H
 
+#include "common/light/light_form.h"
 #include "common/scene/package.h"
 #include "common/scene/scene_change.h"
 #include "common/vec.h"
@@ -26,6 +27,8 @@
 #define LW_MESSAGE_CHUNK_MAX      (1u << 18)                   /* bytes of package data */
 #define LW_MESSAGE_PAYLOAD_MAX    (1u << 18)                   /* bytes of a tile */
 #define LW_MESSAGE_BOUNCES_MAX    64u
+#define LW_MESSAGE_CLIENT_LIGHTS_MAX    (LW_SCENE_LIGHTS_MAX / 8)    /* bytes: a bit for each */
+#define LW_MESSAGE_CLIENT_MATERIALS_MAX (LW_SCENE_MATERIALS_MAX / 8) /* likewise */
 #define LW_MESSAGE_REFUSAL_MAX    65535u /* largest code; those not named below are refusals all the same */
 #define LW_MESSAGE_FIELDS_MAX     64u    /* protobuf fields of a body, a packed list counting as one */
 #define LW_MESSAGE_COMPRESSED_MAX                                                                            \
@@ -36,6 +39,7 @@
 #define LW_FEATURE_RESUME  4u  /* says what it has */
 #define LW_FEATURE_PARTS   16u /* reads packages of several parts */
 #define LW_FEATURE_DCT     32u /* reads tiles of LW_TILE_CODEC_DCT; 1 and 8 were earlier forms of them */
+#define LW_FEATURE_DRAWS   64u /* draws the direct light of client lights: tiles come without it */
 #define LW_FEATURES_READ                                                                                     \
     (LW_FEATURE_DCT | LW_FEATURE_RESUME |                                                                    \
      LW_FEATURE_PARTS) /* all that our clients know and need not ask for */
@@ -61,6 +65,10 @@ struct lw_message_welcome {
     const uint64_t *part_size, *part_compressed_size; /* of each part; they add up to those of the package */
     const struct lw_package_hash *part_hash;
     size_t part_count; /* 0: the package is one part, of which nothing more is told */
+    /* Whose direct light the client draws: a bit for each light and material, the low ones of each byte first; bytes
+     * that are missing count as 0. */
+    const uint8_t *client_lights, *client_materials;
+    size_t client_lights_size, client_materials_size;
 };
 
 /* Values are forever. */
@@ -138,7 +146,7 @@ struct lw_message_frame {
 struct lw_message_tile {
     uint32_t object, level, tile;
     uint64_t version; /* the frame that encoded it; grows per tile */
-    uint32_t layer;   /* 0: direct and indirect together. Others are reserved. */
+    uint32_t layer;   /* enum lw_light_form; others are reserved */
     uint32_t codec;   /* LW_TILE_CODEC_* */
     float scale;
     uint32_t bounces; /* indirect bounces that it holds */

@@ -189,6 +189,36 @@ static const struct golden {
      {.type = LW_MESSAGE_HELLO, .hello = {.version = 1, .name = "stranger", .rate_limit_bytes_hz = 125000}}},
     {"holds.bin", {.type = LW_MESSAGE_HOLDS, .holds = {held, 1}}},
     {"holds_two.bin", {.type = LW_MESSAGE_HOLDS, .holds = {much_held, 2}}},
+    {"hello_draws.bin",
+     {.type = LW_MESSAGE_HELLO,
+      .hello = {.version = 1, .features = LW_FEATURE_DCT | LW_FEATURE_DRAWS, .name = "stranger"}}},
+    {"welcome_draws.bin",
+     {.type = LW_MESSAGE_WELCOME,
+      .welcome = {.version = 1,
+                  .features = LW_FEATURE_DCT | LW_FEATURE_DRAWS,
+                  .session = 42,
+                  .name = "lightwelld 0.1.0",
+                  .package_hash = {{0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 255}},
+                  .package_size = 1000000,
+                  .package_compressed_size = 300000,
+                  .bounces = 2,
+                  .target_error = 0.0625f,
+                  .client_lights = (const uint8_t[]){5, 2},
+                  .client_lights_size = 2,
+                  .client_materials = (const uint8_t[]){8},
+                  .client_materials_size = 1}}},
+    {"tile_split.bin",
+     {.type = LW_MESSAGE_TILE,
+      .tile = {.object = 2,
+               .level = 3,
+               .version = 300,
+               .layer = LW_LIGHT_FORM_SPLIT,
+               .codec = LW_TILE_CODEC_HALF_ZSTD,
+               .scale = 4,
+               .bounces = 2,
+               .error = 0.125f,
+               .payload = tile_payload,
+               .payload_size = sizeof tile_payload}}},
     {"settled.bin", {.type = LW_MESSAGE_SETTLED, .settled = {300}}},
     {"ack.bin", {.type = LW_MESSAGE_ACK, .ack = {300}}},
     {"ping.bin", {.type = LW_MESSAGE_PING, .ping = {0x0123456789abcdef}}},
@@ -213,6 +243,8 @@ static const struct {
      "2c000000 0200 0000 0801 2a10 00000000000000000000000000000000 3009 3802 "
      "5a08 0800000000000000 6208 0200000000000000",
      "differ in length"},
+    {"invalid_welcome_client_lights.bin",
+     "1d000000 0200 0000 0801 2a10 00000000000000000000000000000000 3009 3802 7d00000080", "wrong type"},
     {"invalid_refusal_code.bin", "00000000 0300 0000", "code"},
     {"invalid_chunk_empty.bin", "02000000 0500 0000 0801", "data"},
     {"invalid_interest_lengths.bin", "06000000 0600 0000 120400000000", "differ in length"},
@@ -314,7 +346,7 @@ static void test_folder(void **state) {
 
 /* Reads the n-th hex listing of wire_format.md: hex digits up to the two spaces before the explanation. */
 static size_t read_example(const char *document, unsigned n, uint8_t *dst) {
-    const char *at = strstr(document, "## 6. Examples");
+    const char *at = strstr(document, "## 7. Examples");
     assert_non_null(at);
     for (unsigned i = 0; i < 2 * n + 1; i++) { /* fences come in pairs */
         at = strstr(at, "```\n");
@@ -340,10 +372,20 @@ static size_t read_example(const char *document, unsigned n, uint8_t *dst) {
 
 static void test_examples_of_the_document(void **state) {
     (void)state;
-    static const char *const file[] = {
-        "hello.bin", "tile.bin",   "tile_delta.bin", "settled.bin",           "interest_stand_ins.bin",
-        "ack.bin",   "update.bin", "updated.bin",    "update_add_remove.bin", "updated_added.bin",
-        "holds.bin"};
+    static const char *const file[] = {"hello.bin",
+                                       "tile.bin",
+                                       "tile_delta.bin",
+                                       "settled.bin",
+                                       "interest_stand_ins.bin",
+                                       "ack.bin",
+                                       "update.bin",
+                                       "updated.bin",
+                                       "update_add_remove.bin",
+                                       "updated_added.bin",
+                                       "hello_draws.bin",
+                                       "welcome_draws.bin",
+                                       "tile_split.bin",
+                                       "holds.bin"};
     size_t size;
     char *document = (char *)lw_support_read_file(lw_support_source("proto/wire_format.md"), &size);
     for (unsigned i = 0; i < sizeof file / sizeof *file; i++) {

@@ -57,7 +57,11 @@ static const struct lw_message samples[] = {
                  .bounces = LW_MESSAGE_BOUNCES_MAX,
                  .target_error = 0.05f,
                  .noise_shown = 0.25f,
-                 .run = FAR}},
+                 .run = FAR,
+                 .client_lights = bytes_of_data,
+                 .client_lights_size = sizeof bytes_of_data,
+                 .client_materials = bytes_of_data,
+                 .client_materials_size = 1}},
     {.type = LW_MESSAGE_REFUSAL, .refusal = {LW_REFUSAL_FULL, "no more sessions"}},
     {.type = LW_MESSAGE_REFUSAL, .refusal = {(enum lw_refusal)LW_MESSAGE_REFUSAL_MAX, ""}},
     {.type = LW_MESSAGE_PACKAGE_REQUEST, .package_request.offset = LW_MESSAGE_COMPRESSED_MAX},
@@ -127,6 +131,12 @@ static void expect_equal(const struct lw_message *a, const struct lw_message *b)
         assert_true(a->welcome.target_error == b->welcome.target_error);
         assert_true(a->welcome.noise_shown == b->welcome.noise_shown);
         assert_int_equal(a->welcome.run, b->welcome.run);
+        assert_int_equal(a->welcome.client_lights_size, b->welcome.client_lights_size);
+        assert_memory_equal(a->welcome.client_lights, b->welcome.client_lights,
+                            a->welcome.client_lights_size);
+        assert_int_equal(a->welcome.client_materials_size, b->welcome.client_materials_size);
+        assert_memory_equal(a->welcome.client_materials, b->welcome.client_materials,
+                            a->welcome.client_materials_size);
         break;
     case LW_MESSAGE_REFUSAL:
         assert_int_equal(a->refusal.code, b->refusal.code);
@@ -463,6 +473,15 @@ static void test_welcome(void **state) {
     put_welcome(&b, 16, 1, 1, 0);
     put_number(&b, 8, LW_MESSAGE_BOUNCES_MAX + 1);
     expect_decode(LW_MESSAGE_WELCOME, &b, "bounces is over 64");
+    for (size_t over = 0; over < 2; over++) { /* one bit for each that a scene may have */
+        static const uint8_t bits[LW_SCENE_LIGHTS_MAX / 8 + 1];
+        put_welcome(&b, 16, 1, 1, 0);
+        put_list(&b, 15, bits, LW_SCENE_LIGHTS_MAX / 8 + over);
+        expect_decode(LW_MESSAGE_WELCOME, &b, over ? "client_lights is over 131072 bytes" : NULL);
+        put_welcome(&b, 16, 1, 1, 0);
+        put_list(&b, 16, bits, LW_SCENE_MATERIALS_MAX / 8 + over);
+        expect_decode(LW_MESSAGE_WELCOME, &b, over ? "client_materials is over 8192 bytes" : NULL);
+    }
 }
 
 static void test_refusal_code(void **state) {
