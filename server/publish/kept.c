@@ -11,6 +11,7 @@ static const struct lw_checked_file_kind kind = {{'l', 'w', 'k', 'e', 'p', 't', 
 struct header {
     struct lw_checked_file_kind kind;
     uint32_t steady;
+    uint32_t forms; /* bit per enum lw_light_form, one at least */
     uint64_t frame;
     uint8_t key[LW_KEPT_KEY_SIZE];
 };
@@ -22,14 +23,17 @@ enum lw_status lw_kept_save(const char *path, const uint8_t key[LW_KEPT_KEY_SIZE
     struct lw_checked_file_writer writer;
     enum lw_status status = lw_checked_file_write_begin(&writer, path, err);
     if (status != LW_OK) return status;
-    struct header header = {.kind = kind, .steady = steady, .frame = snapshot->frame};
+    struct header header = {
+        .kind = kind, .steady = steady, .forms = snapshot->forms, .frame = snapshot->frame};
     memcpy(header.key, key, sizeof header.key);
     lw_checked_file_put(&writer, &header, sizeof header);
     lw_checked_file_put(&writer, snapshot->frame_full->bytes, snapshot->frame_full->size);
-    for (uint32_t i = 0; i < snapshot->tile_count; i++) {
-        const struct lw_blob *blob = snapshot->tile[i].blob;
-        if (blob) lw_checked_file_put(&writer, blob->bytes, blob->size);
-    }
+    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++)
+        for (uint32_t i = 0; lw_snapshot_has(snapshot, (enum lw_light_form)f) && i < snapshot->tile_count;
+             i++) {
+            const struct lw_blob *blob = snapshot->tile[f][i].blob;
+            if (blob) lw_checked_file_put(&writer, blob->bytes, blob->size);
+        }
     return lw_checked_file_write_end(&writer);
 }
 
@@ -46,7 +50,7 @@ static enum lw_status check_header(const struct header *header, const uint8_t ke
     if (memcmp(header->key, key, LW_KEPT_KEY_SIZE) != 0)
         return lw_status_fail(err, LW_BAD_DATA,
                               "is of another scene, of other options or of another release");
-    if (header->steady > 1 || !header->frame)
+    if (header->steady > 1 || !header->frame || !header->forms || header->forms >> LW_LIGHT_FORM_COUNT)
         return lw_status_fail(err, LW_BAD_DATA, "has a header that makes no sense");
     return LW_OK;
 }
@@ -78,16 +82,20 @@ static enum lw_status take_tile(struct reader *reader, struct lw_message *messag
     struct lw_message_tile *tile = &message->tile;
     struct lw_snapshot *snapshot = reader->snapshot;
     const uint32_t id = lw_atlas_map_find_tile(reader->map, tile->object, tile->level, tile->tile).v;
-    if (id == UINT32_MAX || snapshot->tile[id].blob || tile->base ||
+    if (tile->layer >= LW_LIGHT_FORM_COUNT || !lw_snapshot_has(snapshot, (enum lw_light_form)tile->layer))
+        return lw_status_fail(err, LW_BAD_DATA, "holds a tile of layer %u, which it does not have",
+                              tile->layer);
+    if (id == UINT32_MAX || snapshot->tile[tile->layer][id].blob || tile->base ||
         tile->version > lw_snapshot_version(snapshot->frame))
         return lw_status_fail(err, LW_BAD_DATA,
                               "object %u, level %u, tile %u: there is none, or it came twice, or it "
                               "is of a later frame",
                               tile->object, tile->level, tile->tile);
     tile->error = fmaxf(tile->error, reader->error_min);
-    enum lw_status status = lw_blob_from_message(message, &snapshot->tile[id].blob);
+    struct lw_snapshot_tile *taken = &snapshot->tile[tile->layer][id];
+    enum lw_status status = lw_blob_from_message(message, &taken->blob);
     if (status != LW_OK) return lw_status_fail(err, status, "a tile");
-    snapshot->tile[id].version = tile->version;
+    taken->version = tile->version;
     return LW_OK;
 }
 
@@ -122,7 +130,7 @@ static enum lw_status read_bytes(struct reader *reader, const uint8_t *bytes, si
     memcpy(&header, bytes, sizeof header);
     enum lw_status status = check_header(&header, key, err);
     if (status != LW_OK) return status;
-    status = lw_snapshot_create(reader->map->tile_count, &reader->snapshot);
+    status = lw_snapshot_create(reader->map->tile_count, header.forms, &reader->snapshot);
     if (status != LW_OK) return lw_status_fail(err, status, "out of memory");
     reader->snapshot->frame = header.frame;
     if (header.steady) reader->error_min = 0;

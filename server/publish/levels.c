@@ -240,16 +240,19 @@ void lw_levels_store_tile(const struct lw_levels *levels, const struct lw_tile_p
 
 #define BIN_SHIFT 21u /* of a float's bits: eight of the exponent and two below them stay */
 
+void lw_levels_count_value(uint64_t bin[LW_LEVELS_BINS], float value, uint64_t weight) {
+    uint32_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    bin[bits >> BIN_SHIFT & (LW_LEVELS_BINS - 1)] += weight;
+}
+
 void lw_levels_count_values(const struct lw_levels *levels, uint64_t bin[LW_LEVELS_BINS]) {
     if (!levels->count) return;
     const uint32_t level = levels->count > PLACEHOLDER_LEVEL ? PLACEHOLDER_LEVEL : levels->count - 1;
     const struct lw_levels_image *image = &levels->level[level];
     for (size_t i = 0; i < (size_t)image->width * image->height; i++)
-        for (size_t c = 0; image->covered[i] == 1 && c < 3; c++) {
-            uint32_t bits;
-            memcpy(&bits, &image->rgb[i * 3 + c], sizeof bits);
-            bin[bits >> BIN_SHIFT & (LW_LEVELS_BINS - 1)] += (uint64_t)1 << 2 * (PLACEHOLDER_LEVEL - level);
-        }
+        for (size_t c = 0; image->covered[i] == 1 && c < 3; c++)
+            lw_levels_count_value(bin, image->rgb[i * 3 + c], (uint64_t)1 << 2 * (PLACEHOLDER_LEVEL - level));
 }
 
 float lw_levels_quantile(const uint64_t bin[LW_LEVELS_BINS], double share) {

@@ -44,7 +44,9 @@ void lw_levels_store_tile(const struct lw_levels *levels, const struct lw_tile_p
 /* Ranges of E: by the first bits of a float, four to a doubling. */
 #define LW_LEVELS_BINS 1024u
 
-/** Adds the values of a coarse level's texels with surface to how many lie in each range. */
+/** Adds a value, `weight` times, to how many lie in each range. */
+void lw_levels_count_value(uint64_t bin[LW_LEVELS_BINS], float value, uint64_t weight);
+/** Adds the values of a coarse level's texels with surface. */
 void lw_levels_count_values(const struct lw_levels *levels, uint64_t bin[LW_LEVELS_BINS]);
 /** Where the range begins under which this share of what was counted lies; 0: nothing was. */
 float lw_levels_quantile(const uint64_t bin[LW_LEVELS_BINS], double share);

@@ -20,31 +20,111 @@ struct sent_tile {
     struct lw_tile_dct_history *history; /* what deltas build on */
 };
 
+#define BLOCK_SIDE (1u << 3) /* texels: what a texel of the level that white is found on covers */
+
+/* Means of all light over squares of a tile; covered: texels with surface there. */
+struct blocks {
+    float rgb[LW_TILE_TEXELS_MAX / (BLOCK_SIDE * BLOCK_SIDE)][3];
+    uint32_t covered[LW_TILE_TEXELS_MAX / (BLOCK_SIDE * BLOCK_SIDE)];
+};
+
 struct worker {
     struct lw_tile_codec *codec;
     uint8_t *payload, *delta; /* lw_tile_codec_bound() each */
     float rgb[LW_TILE_TEXELS_MAX * 3];
     uint8_t covered[LW_TILE_TEXELS_MAX];
-    uint64_t tiles, bytes, saturated;
+    struct {
+        uint64_t tiles, bytes;
+    } encoded[LW_LIGHT_FORM_COUNT];
+    uint64_t saturated;
     enum lw_status status;
 };
+
+/* One form of all tiles. */
+struct form {
+    enum lw_light_form layer;
+    bool is_published;        /* a snapshot has had it */
+    struct lw_levels *levels; /* per object */
+    struct sent_tile *sent;   /* per tile id */
+    bool *changed;            /* per object: this frame has news of it */
+    struct blocks *all_light; /* per tile id of level 0, split form alone */
+    float dark;               /* W/m^2: looks black in this frame */
+};
+
+/* What an object's tiles do in this frame. */
+enum news { AS_SOLVED, HELD_BACK, ANEW /* the first light since it was a spare */ };
 
 struct lw_publisher {
     struct lw_publisher_desc desc;
     int threads;
-    struct lw_levels *levels; /* per object */
-    struct sent_tile *sent;   /* per tile id */
-    bool *changed;            /* per object: this frame solved one of its tiles */
-    bool *anew;               /* per object: the first light since it was a spare */
-    uint64_t *unlit;          /* per object: 0; SPARE; or the frame since which it is none, until it is lit */
-    struct worker *worker;    /* per thread */
-    struct lw_pose previous;  /* the last one published */
+    struct form *form[LW_LIGHT_FORM_COUNT]; /* NULL: not published */
+    enum news *news;                        /* per object */
+    uint64_t *unlit;         /* per object: 0; SPARE; or the frame since which it is none, until it is lit */
+    struct worker *worker;   /* per thread */
+    struct lw_pose previous; /* the last one published */
     uint64_t previous_frame;
     uint64_t saturated;
-    float dark; /* W/m^2: looks black in this frame */
 };
 
 #define SPARE UINT64_MAX
+
+static void destroy_form(const struct lw_atlas_map *map, struct form *form) {
+    if (!form) return;
+    for (uint32_t o = 0; form->levels && o < map->object_count; o++) lw_levels_finish(&form->levels[o]);
+    for (uint32_t t = 0; form->sent && t < map->tile_count; t++) {
+        free(form->sent[t].rgb);
+        free(form->sent[t].history);
+        lw_blob_unref(form->sent[t].blob);
+        lw_blob_unref(form->sent[t].delta);
+    }
+    free(form->all_light);
+    free(form->changed);
+    free(form->sent);
+    free(form->levels);
+    free(form);
+}
+
+static enum lw_status create_form(const struct lw_atlas_map *map, enum lw_light_form layer,
+                                  struct form **out_form) {
+    struct form *form = calloc(1, sizeof *form);
+    if (!form) return LW_NO_MEMORY;
+    form->layer = layer;
+    form->levels = calloc((size_t)map->object_count + 1, sizeof *form->levels);
+    form->sent = calloc((size_t)map->tile_count + 1, sizeof *form->sent);
+    form->changed = calloc((size_t)map->object_count + 1, sizeof *form->changed);
+    if (layer == LW_LIGHT_FORM_SPLIT)
+        form->all_light = calloc((size_t)map->tile_count + 1, sizeof *form->all_light);
+    enum lw_status status =
+        form->levels && form->sent && form->changed && (form->all_light || layer != LW_LIGHT_FORM_SPLIT)
+            ? LW_OK
+            : LW_NO_MEMORY;
+    for (uint32_t o = 0; status == LW_OK && o < map->object_count; o++)
+        status = lw_levels_init(&form->levels[o], &map->atlas[o]);
+    if (status == LW_OK)
+        *out_form = form;
+    else
+        destroy_form(map, form);
+    return status;
+}
+
+enum lw_status lw_publisher_set_forms(struct lw_publisher *p, uint32_t forms) {
+    struct form *made[LW_LIGHT_FORM_COUNT] = {0};
+    enum lw_status status = LW_OK;
+    for (unsigned f = 0; status == LW_OK && f < LW_LIGHT_FORM_COUNT; f++)
+        if (forms >> f & 1 && !p->form[f])
+            status = create_form(p->desc.atlas_map, (enum lw_light_form)f, &made[f]);
+    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++) {
+        if (status != LW_OK) {
+            destroy_form(p->desc.atlas_map, made[f]);
+        } else if (made[f]) {
+            p->form[f] = made[f];
+        } else if (!(forms >> f & 1)) {
+            destroy_form(p->desc.atlas_map, p->form[f]);
+            p->form[f] = NULL;
+        }
+    }
+    return status;
+}
 
 enum lw_status lw_publisher_create(const struct lw_publisher_desc *desc,
                                    struct lw_publisher **out_publisher) {
@@ -54,14 +134,11 @@ enum lw_status lw_publisher_create(const struct lw_publisher_desc *desc,
     if (!(p->desc.noise_shown > 0)) p->desc.noise_shown = 1;
     if (!(p->desc.step_widest > 0)) p->desc.step_widest = LW_PUBLISHER_STEP_WIDEST;
     p->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
-    p->levels = calloc((size_t)desc->atlas_map->object_count + 1, sizeof *p->levels);
-    p->sent = calloc((size_t)desc->atlas_map->tile_count + 1, sizeof *p->sent);
-    p->changed = calloc((size_t)desc->atlas_map->object_count + 1, sizeof *p->changed);
-    p->anew = calloc((size_t)desc->atlas_map->object_count + 1, sizeof *p->anew);
+    p->news = calloc((size_t)desc->atlas_map->object_count + 1, sizeof *p->news);
     p->unlit = calloc((size_t)desc->atlas_map->object_count + 1, sizeof *p->unlit);
     p->worker = calloc((size_t)p->threads, sizeof *p->worker);
     enum lw_status status = LW_NO_MEMORY;
-    if (!p->levels || !p->sent || !p->changed || !p->anew || !p->unlit || !p->worker) goto fail;
+    if (!p->news || !p->unlit || !p->worker) goto fail;
     if ((status = lw_pose_init(&p->previous, desc->scene)) != LW_OK) goto fail;
     for (int i = 0; i < p->threads; i++) {
         if ((status = lw_tile_codec_create(&p->worker[i].codec)) != LW_OK) goto fail;
@@ -69,8 +146,7 @@ enum lw_status lw_publisher_create(const struct lw_publisher_desc *desc,
         if (!(p->worker[i].payload = malloc(lw_tile_codec_bound()))) goto fail;
         if (!(p->worker[i].delta = malloc(lw_tile_codec_bound()))) goto fail;
     }
-    for (uint32_t o = 0; o < desc->atlas_map->object_count; o++)
-        if ((status = lw_levels_init(&p->levels[o], &desc->atlas_map->atlas[o])) != LW_OK) goto fail;
+    if ((status = lw_publisher_set_forms(p, 1u << LW_LIGHT_FORM_FULL)) != LW_OK) goto fail;
     *out_publisher = p;
     return LW_OK;
 fail:
@@ -80,14 +156,7 @@ fail:
 
 void lw_publisher_destroy(struct lw_publisher *p) {
     if (!p) return;
-    for (uint32_t o = 0; p->levels && o < p->desc.atlas_map->object_count; o++)
-        lw_levels_finish(&p->levels[o]);
-    for (uint32_t t = 0; p->sent && t < p->desc.atlas_map->tile_count; t++) {
-        free(p->sent[t].rgb);
-        free(p->sent[t].history);
-        lw_blob_unref(p->sent[t].blob);
-        lw_blob_unref(p->sent[t].delta);
-    }
+    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++) destroy_form(p->desc.atlas_map, p->form[f]);
     for (int i = 0; p->worker && i < p->threads; i++) {
         lw_tile_codec_destroy(p->worker[i].codec);
         free(p->worker[i].payload);
@@ -96,10 +165,7 @@ void lw_publisher_destroy(struct lw_publisher *p) {
     lw_pose_finish(&p->previous);
     free(p->worker);
     free(p->unlit);
-    free(p->anew);
-    free(p->changed);
-    free(p->sent);
-    free(p->levels);
+    free(p->news);
     free(p);
 }
 
@@ -108,8 +174,19 @@ static uint32_t level0_tiles(const struct lw_atlas *atlas) {
     return atlas->level[0].tiles_x * atlas->level[0].tiles_y;
 }
 
+static void sum_blocks(const struct lw_solver_tile *tile, struct blocks *out) {
+    const uint32_t columns = (tile->width + BLOCK_SIDE - 1) / BLOCK_SIDE;
+    memset(out, 0, sizeof *out);
+    for (uint32_t i = 0; i < tile->width * tile->height; i++) {
+        if (!tile->covered[i]) continue;
+        const uint32_t b = i / tile->width / BLOCK_SIDE * columns + i % tile->width / BLOCK_SIDE;
+        for (int c = 0; c < 3; c++) out->rgb[b][c] += tile->direct[c][i] + tile->indirect[c][i];
+        out->covered[b]++;
+    }
+}
+
 /* Brings an object's pyramid up to date with the solver; false if the frame did not touch it. */
-static bool refresh_levels(struct lw_publisher *p, uint32_t object, uint64_t frame) {
+static bool refresh_levels(const struct lw_publisher *p, struct form *form, uint32_t object, uint64_t frame) {
     const struct lw_atlas_map *map = p->desc.atlas_map;
     const struct lw_solver *solver = p->desc.solver;
     const uint32_t first = map->first_tile[object];
@@ -118,11 +195,13 @@ static bool refresh_levels(struct lw_publisher *p, uint32_t object, uint64_t fra
     bool changed = false;
     for (uint32_t id = first; id < first + count; id++) {
         solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
-        if (tile.solved_frame != frame && p->sent[id].version) continue;
-        lw_levels_load_tile(&p->levels[object], &map->place[id], &tile);
+        if (tile.solved_frame != frame && form->sent[id].version) continue;
+        if (form->all_light) sum_blocks(&tile, &form->all_light[id]);
+        if (form->layer == LW_LIGHT_FORM_SPLIT) memcpy(tile.light, tile.split, sizeof tile.light);
+        lw_levels_load_tile(&form->levels[object], &map->place[id], &tile);
         changed = true;
     }
-    if (changed) lw_levels_build(&p->levels[object]);
+    if (changed) lw_levels_build(&form->levels[object]);
     return changed;
 }
 
@@ -144,22 +223,38 @@ static bool is_lit(const struct lw_publisher *p, uint32_t object, uint64_t since
 /* An object that was a spare is sent once all of it has light, and then in any case: clients wait for that. */
 static void note_unlit(struct lw_publisher *p, const struct lw_pose *pose, uint32_t object, uint64_t frame) {
     uint64_t *unlit = &p->unlit[object];
-    p->anew[object] = false;
+    p->news[object] = AS_SOLVED;
     if (pose->object_spare[object])
         *unlit = SPARE;
     else if (*unlit == SPARE)
         *unlit = frame;
     if (!*unlit || *unlit == SPARE) return;
-    p->anew[object] = is_lit(p, object, *unlit);
-    p->changed[object] = p->anew[object];
-    if (p->anew[object]) *unlit = 0;
+    p->news[object] = is_lit(p, object, *unlit) ? ANEW : HELD_BACK;
+    if (p->news[object] == ANEW) *unlit = 0;
+}
+
+static void count_blocks(const struct lw_atlas_map *map, const struct form *form, uint32_t object,
+                         uint64_t bin[LW_LEVELS_BINS]) {
+    const uint32_t first = map->first_tile[object];
+    const uint32_t count = map->atlas[object].level_count ? level0_tiles(&map->atlas[object]) : 0;
+    for (uint32_t id = first; id < first + count; id++) {
+        const struct blocks *blocks = &form->all_light[id];
+        for (size_t b = 0; b < sizeof blocks->covered / sizeof *blocks->covered; b++)
+            for (int c = 0; blocks->covered[b] && c < 3; c++)
+                lw_levels_count_value(bin, blocks->rgb[b][c] / (float)blocks->covered[b], 1);
+    }
 }
 
 /* What is hidden has no light, or that of another time. */
-static float find_dark(const struct lw_publisher *p, const struct lw_pose *pose) {
+static float find_dark(const struct lw_atlas_map *map, const struct form *form, const struct lw_pose *pose) {
     uint64_t bin[LW_LEVELS_BINS] = {0};
-    for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++)
-        if (!pose->object_hidden[o]) lw_levels_count_values(&p->levels[o], bin);
+    for (uint32_t o = 0; o < map->object_count; o++) {
+        if (pose->object_hidden[o]) continue;
+        if (form->all_light)
+            count_blocks(map, form, o, bin);
+        else
+            lw_levels_count_values(&form->levels[o], bin);
+    }
     return LW_PUBLISHER_DARK_SHARE * lw_levels_quantile(bin, LW_PUBLISHER_WHITE_QUANTILE);
 }
 
@@ -195,7 +290,8 @@ static float find_change(const float *now, const float *then, size_t count, floa
     return (float)sqrt(sum / (double)count);
 }
 
-static enum lw_status encode_tile(struct lw_publisher *p, struct worker *worker, struct sent_tile *sent,
+static enum lw_status encode_tile(const struct lw_publisher *p, struct worker *worker,
+                                  const struct form *form, struct sent_tile *sent,
                                   const struct lw_tile_place *place, float error,
                                   struct lw_tile_dct_coded *out_coded) {
     if (p->desc.codec != LW_TILE_CODEC_DCT) {
@@ -212,7 +308,7 @@ static enum lw_status encode_tile(struct lw_publisher *p, struct worker *worker,
         worker->codec,
         &(struct lw_tile_dct_source){
             worker->rgb, worker->covered, place->width, place->height,
-            lw_publisher_step(error, p->desc.noise_shown, place->level, p->desc.step_widest), p->dark},
+            lw_publisher_step(error, p->desc.noise_shown, place->level, p->desc.step_widest), form->dark},
         sent->history, worker->payload, worker->delta, lw_tile_codec_bound(), out_coded);
 }
 
@@ -241,21 +337,22 @@ static enum lw_status make_tile_blobs(const struct lw_publisher *p, struct worke
     return status;
 }
 
-static enum lw_status send_tile(struct lw_publisher *p, struct worker *worker, lw_tile_id id, uint64_t frame,
-                                float error, uint32_t bounces, float change) {
+static enum lw_status send_tile(const struct lw_publisher *p, struct worker *worker, const struct form *form,
+                                lw_tile_id id, uint64_t frame, float error, uint32_t bounces, float change) {
     const struct lw_tile_place *place = &p->desc.atlas_map->place[id.v];
-    struct sent_tile *sent = &p->sent[id.v];
+    struct sent_tile *sent = &form->sent[id.v];
     const size_t floats = (size_t)place->width * place->height * 3;
     if (!sent->rgb && !(sent->rgb = malloc(floats * sizeof *sent->rgb))) return LW_NO_MEMORY;
     struct lw_tile_dct_coded coded;
     struct lw_blob *blob, *delta;
-    enum lw_status status = encode_tile(p, worker, sent, place, error, &coded);
+    enum lw_status status = encode_tile(p, worker, form, sent, place, error, &coded);
     if (status == LW_OK)
         status = make_tile_blobs(p, worker, sent,
                                  &(struct lw_message_tile){.object = place->object,
                                                            .level = place->level,
                                                            .tile = lw_atlas_map_number(p->desc.atlas_map, id),
                                                            .version = lw_snapshot_version(frame),
+                                                           .layer = form->layer,
                                                            .bounces = bounces,
                                                            .error = error},
                                  &coded, &blob, &delta);
@@ -269,8 +366,8 @@ static enum lw_status send_tile(struct lw_publisher *p, struct worker *worker, l
     sent->version = lw_snapshot_version(frame);
     sent->error = error;
     sent->change = change;
-    worker->tiles++;
-    worker->bytes += delta ? delta->size : blob->size;
+    worker->encoded[form->layer].tiles++;
+    worker->encoded[form->layer].bytes += delta ? delta->size : blob->size;
     worker->saturated += coded.saturated;
     return LW_OK;
 }
@@ -282,30 +379,43 @@ static bool is_of_another_class(const struct lw_publisher *p, float error, float
                lw_atlas_calm_level(sent_error, p->desc.noise_shown);
 }
 
-static void consider_tile(struct lw_publisher *p, struct worker *worker, lw_tile_id id, uint64_t frame) {
+static void consider_tile(const struct lw_publisher *p, struct worker *worker, const struct form *form,
+                          lw_tile_id id, uint64_t frame) {
     const struct lw_tile_place *place = &p->desc.atlas_map->place[id.v];
-    const struct sent_tile *sent = &p->sent[id.v];
-    if (worker->status != LW_OK || !p->changed[place->object] ||
-        !lw_levels_has_changed(&p->levels[place->object], place))
+    const struct sent_tile *sent = &form->sent[id.v];
+    const struct lw_levels *levels = &form->levels[place->object];
+    if (worker->status != LW_OK || !form->changed[place->object] || !lw_levels_has_changed(levels, place))
         return;
     uint32_t bounces;
     const float error = lw_publisher_error(p->desc.atlas_map, p->desc.solver, id, &bounces);
-    lw_levels_store_tile(&p->levels[place->object], place, worker->rgb, worker->covered);
+    lw_levels_store_tile(levels, place, worker->rgb, worker->covered);
     float threshold = fmaxf(LW_PUBLISHER_VISIBLE_CHANGE, LW_PUBLISHER_NOISE_SHARE * error), change = 1;
     if (sent->version) {
         float mean;
         change = find_change(worker->rgb, sent->rgb, (size_t)place->width * place->height * 3, &mean);
-        if (!is_of_another_class(p, error, sent->error) && !p->anew[place->object] && change <= threshold)
+        if (!is_of_another_class(p, error, sent->error) && p->news[place->object] != ANEW &&
+            change <= threshold)
             return;
-        change *= mean / (mean + p->dark + 1e-30f); /* what is dark may move much and be seen little */
+        change *= mean / (mean + form->dark + 1e-30f); /* what is dark may move much and be seen little */
     }
-    worker->status = send_tile(p, worker, id, frame, error, bounces, change);
+    worker->status = send_tile(p, worker, form, id, frame, error, bounces, change);
 }
 
-static void encode_tiles(struct lw_publisher *p, uint64_t frame) {
+static void encode_tiles(struct lw_publisher *p, const struct form *form, uint64_t frame) {
 #pragma omp parallel for schedule(dynamic, 4) num_threads(p->threads)
     for (uint32_t id = 0; id < p->desc.atlas_map->tile_count; id++)
-        consider_tile(p, &p->worker[omp_get_thread_num()], (lw_tile_id){id}, frame);
+        consider_tile(p, &p->worker[omp_get_thread_num()], form, (lw_tile_id){id}, frame);
+}
+
+static void refresh_form(struct lw_publisher *p, struct form *form, const struct lw_pose *pose,
+                         uint64_t frame, bool has_light) {
+    has_light |= !form->is_published;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(p->threads)
+    for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++) {
+        form->changed[o] = has_light && refresh_levels(p, form, o, frame);
+        if (p->news[o] != AS_SOLVED) form->changed[o] = p->news[o] == ANEW;
+    }
+    if (has_light) form->dark = find_dark(p->desc.atlas_map, form, pose);
 }
 
 /* What a frame says of the pose: all of it, or what moved since the one before. */
@@ -446,7 +556,9 @@ static enum lw_status make_snapshot(struct lw_publisher *p, const struct lw_pose
                                     struct lw_message_frame *frame, struct lw_snapshot **out_snapshot) {
     const uint32_t tile_count = p->desc.atlas_map->tile_count;
     struct lw_snapshot *snapshot;
-    enum lw_status status = lw_snapshot_create(tile_count, &snapshot);
+    uint32_t forms = 0;
+    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++) forms |= (uint32_t)(p->form[f] != NULL) << f;
+    enum lw_status status = lw_snapshot_create(tile_count, forms, &snapshot);
     if (status != LW_OK) return status;
     snapshot->frame = frame->frame;
     snapshot->time_s = frame->time_s;
@@ -461,14 +573,17 @@ static enum lw_status make_snapshot(struct lw_publisher *p, const struct lw_pose
         lw_snapshot_unref(snapshot);
         return status;
     }
-    for (uint32_t t = 0; t < tile_count; t++)
-        if (p->sent[t].blob)
-            snapshot->tile[t] =
-                (struct lw_snapshot_tile){.version = p->sent[t].version,
-                                          .blob = lw_blob_ref(p->sent[t].blob),
-                                          .base = p->sent[t].base,
-                                          .delta = p->sent[t].delta ? lw_blob_ref(p->sent[t].delta) : NULL,
-                                          .change = p->sent[t].change};
+    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++)
+        for (uint32_t t = 0; p->form[f] && t < tile_count; t++) {
+            const struct sent_tile *sent = &p->form[f]->sent[t];
+            if (!sent->blob) continue;
+            snapshot->tile[f][t] =
+                (struct lw_snapshot_tile){.version = sent->version,
+                                          .blob = lw_blob_ref(sent->blob),
+                                          .base = sent->base,
+                                          .delta = sent->delta ? lw_blob_ref(sent->delta) : NULL,
+                                          .change = sent->change};
+        }
     *out_snapshot = snapshot;
     return LW_OK;
 }
@@ -480,22 +595,25 @@ enum lw_status lw_publisher_publish(struct lw_publisher *p, const struct lw_pose
     /* The first time there may be light that no frame of this solver has made. */
     const bool has_light = tiles_solved > 0 || !p->previous_frame;
     uint64_t t0 = lw_clock_ns();
-#pragma omp parallel for schedule(dynamic, 1) num_threads(p->threads)
-    for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++) {
-        p->changed[o] = has_light && refresh_levels(p, o, frame);
-        note_unlit(p, pose, o, frame);
-    }
-    if (has_light) p->dark = find_dark(p, pose);
+    for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++) note_unlit(p, pose, o, frame);
+    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++)
+        if (p->form[f]) refresh_form(p, p->form[f], pose, frame, has_light);
     uint64_t t1 = lw_clock_ns();
     for (int i = 0; i < p->threads; i++) {
         p->worker[i].status = LW_OK;
-        p->worker[i].tiles = p->worker[i].bytes = p->worker[i].saturated = 0;
+        p->worker[i].saturated = 0;
+        memset(p->worker[i].encoded, 0, sizeof p->worker[i].encoded);
     }
-    encode_tiles(p, frame);
+    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++)
+        if (p->form[f]) encode_tiles(p, p->form[f], frame);
     for (int i = 0; i < p->threads; i++) {
         if (p->worker[i].status != LW_OK) return p->worker[i].status;
-        stats.tiles_encoded += p->worker[i].tiles;
-        stats.bytes_encoded += p->worker[i].bytes;
+        for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++) {
+            stats.tiles_encoded += p->worker[i].encoded[f].tiles;
+            stats.bytes_encoded += p->worker[i].encoded[f].bytes;
+        }
+        stats.split_tiles_encoded += p->worker[i].encoded[LW_LIGHT_FORM_SPLIT].tiles;
+        stats.split_bytes_encoded += p->worker[i].encoded[LW_LIGHT_FORM_SPLIT].bytes;
         p->saturated += p->worker[i].saturated;
     }
     uint64_t t2 = lw_clock_ns();
@@ -514,19 +632,30 @@ enum lw_status lw_publisher_publish(struct lw_publisher *p, const struct lw_pose
     if (status != LW_OK) return status;
     lw_pose_copy(&p->previous, pose, p->desc.scene);
     p->previous_frame = frame;
+    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++)
+        if (p->form[f]) p->form[f]->is_published = true;
     *out_stats = stats;
     return LW_OK;
 }
 
+static size_t form_bytes(const struct lw_atlas_map *map, const struct form *form) {
+    size_t bytes = form->all_light ? map->tile_count * sizeof *form->all_light : 0;
+    for (uint32_t o = 0; o < map->object_count; o++)
+        for (uint32_t l = 0; l < form->levels[o].count; l++)
+            bytes += (size_t)form->levels[o].level[l].width * form->levels[o].level[l].height * 13;
+    for (uint32_t t = 0; t < map->tile_count; t++) {
+        const struct sent_tile *sent = &form->sent[t];
+        if (sent->rgb)
+            bytes += (size_t)map->place[t].width * map->place[t].height * 12 + sent->blob->size +
+                     (sent->delta ? sent->delta->size : 0) +
+                     (sent->history ? lw_tile_dct_history_size(map->place[t].height) : 0);
+    }
+    return bytes;
+}
+
 size_t lw_publisher_memory_bytes(const struct lw_publisher *p) {
     size_t bytes = 0;
-    for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++)
-        for (uint32_t l = 0; l < p->levels[o].count; l++)
-            bytes += (size_t)p->levels[o].level[l].width * p->levels[o].level[l].height * 13;
-    for (uint32_t t = 0; t < p->desc.atlas_map->tile_count; t++)
-        if (p->sent[t].rgb)
-            bytes += (size_t)p->desc.atlas_map->place[t].width * p->desc.atlas_map->place[t].height * 12 +
-                     p->sent[t].blob->size + (p->sent[t].delta ? p->sent[t].delta->size : 0) +
-                     (p->sent[t].history ? lw_tile_dct_history_size(p->desc.atlas_map->place[t].height) : 0);
+    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++)
+        if (p->form[f]) bytes += form_bytes(p->desc.atlas_map, p->form[f]);
     return bytes;
 }

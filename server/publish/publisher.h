@@ -1,5 +1,5 @@
 /* publisher.h: turns what a frame changed into encoded tiles and an immutable snapshot.
- * Flow:    solver tiles -> [levels, changed tiles, encoded once] -> snapshot -> sessions
+ * Flow:    solver tiles -> [per form of light: levels, changed tiles, encoded once] -> snapshot -> sessions
  * Threads: one thread calls (the solver's); workers inside. */
 #ifndef LW_PUBLISH_PUBLISHER_H
 #define LW_PUBLISH_PUBLISHER_H
@@ -31,7 +31,8 @@ static inline float lw_publisher_step(float error, float noise_shown, uint32_t l
 }
 
 /* White is the E that 99 % of the values of coarse texels are under; what has under this share of it looks black beside it, and
- * the lossy codec keeps its difference, not its ratio. It is a fifth of the hundredth that losses are measured against. */
+ * the lossy codec keeps its difference, not its ratio. It is a fifth of the hundredth that losses are measured against. White is
+ * that of all light in either form: what is drawn over a tile is as bright as what is in it. */
 #define LW_PUBLISHER_WHITE_QUANTILE 0.99
 #define LW_PUBLISHER_DARK_SHARE     (1 / 512.0f)
 
@@ -50,6 +51,7 @@ struct lw_publisher_desc {
 struct lw_publisher_stats {
     uint64_t tiles_encoded;
     uint64_t bytes_encoded; /* of this frame, for a client that has the tiles of the one before */
+    uint64_t split_tiles_encoded, split_bytes_encoded; /* of these: those of LW_LIGHT_FORM_SPLIT */
     uint64_t levels_ns, encode_ns;
     uint64_t saturated; /* channels that did not fit the tile codec's range, so far */
 };
@@ -60,6 +62,11 @@ struct lw_publisher;
 LW_MUST_CHECK enum lw_status lw_publisher_create(const struct lw_publisher_desc *desc,
                                                  struct lw_publisher **out_publisher);
 void lw_publisher_destroy(struct lw_publisher *publisher);
+
+/** Which forms are published from the next frame on: bit per enum lw_light_form, LW_LIGHT_FORM_FULL alone at first. The solver must
+ * show them (solver.h). Of a form that was not published before the next snapshot has every tile in a new version; what is
+ * known of one that no longer is, is freed. Errors: LW_NO_MEMORY; then nothing has changed. */
+LW_MUST_CHECK enum lw_status lw_publisher_set_forms(struct lw_publisher *publisher, uint32_t forms);
 
 /** Error of a tile of any level, as it is sent: of the level-0 tiles below it the worst. out_bounces: likewise, the least; may be
  * NULL. [any] while no frame is solved. */

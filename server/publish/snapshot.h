@@ -49,13 +49,20 @@ struct lw_snapshot {
         *frame_full; /* LW_MESSAGE_FRAME with every transform and light, for who joins or skipped frames */
     struct lw_blob *settled; /* LW_MESSAGE_SETTLED; NULL: sessions are not told */
     uint64_t previous_frame; /* the frame that frame_delta builds on */
+    uint32_t forms;          /* bit per enum lw_light_form: those of which it has the tiles */
     uint32_t tile_count;
-    struct lw_snapshot_tile tile[]; /* by lw_tile_id */
+    struct lw_snapshot_tile *tile[LW_LIGHT_FORM_COUNT]; /* by form, by lw_tile_id; NULL: not of this form */
 };
 
 /** An empty snapshot with one reference: frame 0, no frame messages, tiles of version 0. Who builds it fills it in before
- * others see it; the references of the blobs put into it become its own. Errors: LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_snapshot_create(uint32_t tile_count, struct lw_snapshot **out_snapshot);
+ * others see it; the references of the blobs put into it become its own. forms: bit per enum lw_light_form.
+ * Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_snapshot_create(uint32_t tile_count, uint32_t forms,
+                                                struct lw_snapshot **out_snapshot);
+/** Whether it has the tiles of a form. */
+static inline bool lw_snapshot_has(const struct lw_snapshot *snapshot, enum lw_light_form form) {
+    return snapshot->forms >> form & 1;
+}
 struct lw_snapshot *lw_snapshot_ref(struct lw_snapshot *snapshot); /* returns snapshot */
 void lw_snapshot_unref(struct lw_snapshot *snapshot);              /* NULL is fine */
 

@@ -38,7 +38,6 @@ struct lw_server {
     uint16_t port;
     uint32_t sessions_max;
     uint32_t *order;
-    struct lw_recoder *recoder; /* NULL: tiles are of a codec that has no deltas */
     struct lw_session_shared shared;
 
     uv_mutex_t mutex;               /* guards what follows; held for an assignment only */
@@ -158,23 +157,33 @@ static enum lw_status make_order(const struct lw_atlas_map *map, uint32_t **out_
 
 /* ---- hand-over ---- */
 
-/* Lists what a snapshot changes, in the order in which it goes to those who had all of the one before. */
-static void note_changed(struct lw_server *server, const struct lw_snapshot *before,
+/* Lists what a snapshot changes of a form, in the order in which it goes to those who had all of the one before. */
+static void note_changed(const struct lw_server *server, struct lw_session_form *form,
                          const struct lw_snapshot *after) {
-    struct lw_session_shared *shared = &server->shared;
-    lw_urgency_list_begin(&shared->urgency);
+    const struct lw_snapshot *before = form->snapshot;
+    lw_urgency_list_begin(&form->urgency);
     for (uint32_t i = 0; i < after->tile_count; i++) {
         const uint32_t id = server->order[i];
-        const struct lw_snapshot_tile *tile = &after->tile[id];
-        const uint64_t had = before ? before->tile[id].version : 0;
+        const struct lw_snapshot_tile *tile = &after->tile[form->form][id];
+        const uint64_t had = before ? before->tile[form->form][id].version : 0;
         if (tile->version <= had) continue;
-        lw_deltas_add(&shared->deltas, id, tile);
-        lw_urgency_note(&shared->urgency, id, lw_snapshot_frame_of(tile->version), tile->change);
-        lw_urgency_list(&shared->urgency, id,
-                        lw_urgency_of(&shared->urgency, id, lw_snapshot_frame_of(had), after->frame));
+        lw_deltas_add(&form->deltas, id, tile);
+        lw_urgency_note(&form->urgency, id, lw_snapshot_frame_of(tile->version), tile->change);
+        lw_urgency_list(&form->urgency, id,
+                        lw_urgency_of(&form->urgency, id, lw_snapshot_frame_of(had), after->frame));
     }
-    shared->changed_count = shared->urgency.listed_count;
-    lw_urgency_list_end(&shared->urgency, shared->changed);
+    form->changed_count = form->urgency.listed_count;
+    lw_urgency_list_end(&form->urgency, form->changed);
+}
+
+static bool is_served(const struct lw_session_form *form) { return form->changed; }
+
+static void adopt_form(const struct lw_server *server, struct lw_session_form *form,
+                       struct lw_snapshot *snapshot) {
+    note_changed(server, form, snapshot);
+    lw_snapshot_unref(form->snapshot);
+    form->snapshot = lw_snapshot_ref(snapshot);
+    form->generation++;
 }
 
 /* Those that the snapshot shows. */
@@ -193,7 +202,9 @@ static void answer_updates(struct lw_session_shared *shared) {
 static void adopt(struct lw_server *server, struct lw_snapshot *snapshot) {
     struct lw_session_shared *shared = &server->shared;
     assert(snapshot->tile_count == shared->atlas_map->tile_count);
-    note_changed(server, shared->snapshot, snapshot);
+    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++)
+        if (is_served(&shared->form[f]) && lw_snapshot_has(snapshot, (enum lw_light_form)f))
+            adopt_form(server, &shared->form[f], snapshot);
     lw_snapshot_unref(shared->snapshot);
     shared->snapshot = snapshot;
     shared->generation++;
@@ -240,6 +251,8 @@ bool lw_server_take_wanted(struct lw_server *server, struct lw_server_wanted *ou
     if (news) uv_async_send(&server->wake); /* there may be more by now */
     return news;
 }
+
+uint32_t lw_server_forms_taken(const struct lw_server *server) { return server->shared.forms_taken; }
 
 size_t lw_server_take_updates(struct lw_server *server, uint64_t frame, struct lw_scene_change **out_change,
                               size_t *out_change_count) {
@@ -463,6 +476,45 @@ static void wake_loop(void *context) {
     uv_async_send(&server->wake);
 }
 
+static enum lw_status init_form(struct lw_server *server, const struct lw_server_desc *desc,
+                                enum lw_light_form which) {
+    struct lw_session_form *form = &server->shared.form[which];
+    const uint32_t tiles = desc->atlas_map->tile_count;
+    form->form = which;
+    form->changed = malloc((tiles ? tiles : 1) * sizeof *form->changed);
+    enum lw_status status = form->changed ? LW_OK : LW_NO_MEMORY;
+    if (status == LW_OK && (desc->features & LW_FEATURE_DCT))
+        status = lw_recoder_create(desc->atlas_map, wake_loop, server, &form->recoder);
+    if (status == LW_OK) status = lw_deltas_init(&form->deltas, tiles, form->recoder);
+    return status == LW_OK ? lw_urgency_init(&form->urgency, desc->atlas_map) : status;
+}
+
+static void finish_form(struct lw_session_form *form) {
+    lw_snapshot_unref(form->snapshot);
+    lw_deltas_finish(&form->deltas);
+    lw_urgency_finish(&form->urgency);
+    free(form->changed);
+}
+
+static bool any_bit(const uint8_t *bits, size_t size) {
+    for (size_t i = 0; i < size; i++)
+        if (bits[i]) return true;
+    return false;
+}
+
+/* Whose direct light clients draw; if there are any the second form is served. */
+static enum lw_status init_split(struct lw_server *server, const struct lw_server_desc *desc) {
+    struct lw_message_welcome *welcome = &server->shared.welcome;
+    if (!any_bit(desc->client_lights, desc->client_lights_size) &&
+        !any_bit(desc->client_materials, desc->client_materials_size))
+        return LW_OK;
+    welcome->client_lights = desc->client_lights;
+    welcome->client_lights_size = desc->client_lights_size;
+    welcome->client_materials = desc->client_materials;
+    welcome->client_materials_size = desc->client_materials_size;
+    return init_form(server, desc, LW_LIGHT_FORM_SPLIT);
+}
+
 static enum lw_status init_shared(struct lw_server *server, const struct lw_server_desc *desc) {
     struct lw_session_shared *shared = &server->shared;
     shared->atlas_map = desc->atlas_map;
@@ -486,15 +538,12 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     if (getrandom(&shared->welcome.run, sizeof shared->welcome.run, 0) != (ssize_t)sizeof shared->welcome.run)
         shared->welcome.run = 0; /* then nobody takes up where another run ended */
     uint32_t tiles = desc->atlas_map->tile_count;
-    shared->changed = malloc((tiles ? tiles : 1) * sizeof *shared->changed);
-    enum lw_status status = shared->changed ? make_order(desc->atlas_map, &server->order) : LW_NO_MEMORY;
+    enum lw_status status = make_order(desc->atlas_map, &server->order);
     if (status == LW_OK && !(shared->listed = calloc(tiles / 64 + 1, sizeof *shared->listed)))
         status = LW_NO_MEMORY;
     if (status == LW_OK) status = lw_wanted_init(&shared->wanted, desc->atlas_map);
-    if (status == LW_OK && (desc->features & LW_FEATURE_DCT))
-        status = lw_recoder_create(desc->atlas_map, wake_loop, server, &server->recoder);
-    if (status == LW_OK) status = lw_deltas_init(&shared->deltas, tiles, server->recoder);
-    if (status == LW_OK) status = lw_urgency_init(&shared->urgency, desc->atlas_map);
+    if (status == LW_OK) status = init_form(server, desc, LW_LIGHT_FORM_FULL);
+    if (status == LW_OK) status = init_split(server, desc);
     if (status == LW_OK && shared->scene) status = lw_scene_roster_init(&shared->roster, shared->scene);
     shared->order = server->order;
     return status == LW_OK ? compress_package(shared, desc->package, desc->package_size) : status;
@@ -600,8 +649,10 @@ static void close_handle(uv_handle_t *handle, void *context) {
 void lw_server_destroy(struct lw_server *server) {
     if (!server) return;
     struct lw_session_shared *shared = &server->shared;
-    lw_recoder_destroy(server->recoder); /* it wakes the loop, which goes now */
-    shared->deltas.recoder = NULL;
+    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++) {
+        lw_recoder_destroy(shared->form[f].recoder); /* it wakes the loop, which goes now */
+        shared->form[f].recoder = shared->form[f].deltas.recoder = NULL;
+    }
     if (server->loop.data) {
         while (shared->first) lw_session_close(shared->first, "the server ends");
         uv_walk(&server->loop, close_handle, NULL);
@@ -615,13 +666,11 @@ void lw_server_destroy(struct lw_server *server) {
     free(shared->chunk);
     free((void *)shared->welcome.part_size); /* and part_compressed_size */
     free((void *)shared->welcome.part_hash);
-    free(shared->changed);
+    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++) finish_form(&shared->form[f]);
     free(shared->listed);
     free(server->order);
     free_wanted(&server->wanted);
     lw_wanted_finish(&shared->wanted);
-    lw_deltas_finish(&shared->deltas);
-    lw_urgency_finish(&shared->urgency);
     lw_updates_finish(&shared->updates);
     lw_scene_roster_finish(&shared->roster);
     uv_mutex_destroy(&shared->stats_mutex);

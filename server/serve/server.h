@@ -2,8 +2,8 @@
  * Flow:    snapshots -> [server: per session, what it lacks] -> writev -> link
  *          what each session wants -> [server] -> what any of them wants -> solver
  *          updates of the scene -> [server: checked, in order] -> solver -> published -> answered
- * Threads: the loop owns all sessions [loop]; lw_server_publish(), lw_server_take_wanted(), lw_server_take_updates() and
- *          lw_server_stop() are [any]: they hand over and wake the loop, and never wait for it. */
+ * Threads: the loop owns all sessions [loop]; lw_server_publish(), lw_server_take_wanted(), lw_server_forms_taken(),
+ *          lw_server_take_updates() and lw_server_stop() are [any]: they hand over and wake the loop, and never wait for it. */
 #ifndef LW_SERVE_SERVER_H
 #define LW_SERVE_SERVER_H
 
@@ -32,6 +32,9 @@ struct lw_server_desc {
     float target_error; /* for the welcome */
     float noise_shown;  /* likewise; 0: nothing filters */
     uint64_t features;  /* LW_FEATURE_* that a client must have: what its tiles are made of */
+    /* For the welcome: who draws (message.h). Without a bit set there is LW_LIGHT_FORM_FULL alone. They outlive it. */
+    const uint8_t *client_lights, *client_materials;
+    size_t client_lights_size, client_materials_size;
     const struct lw_scene
         *scene;            /* what updates are checked against, immutable; NULL: no session may send any */
     uint32_t sessions_max; /* 0: LW_SERVER_SESSIONS_MAX */
@@ -43,7 +46,8 @@ struct lw_server_desc {
 /** Sessions are peers that were welcomed; refused counts the refusals sent. */
 struct lw_server_stats {
     uint64_t sessions_now, sessions_total, bytes_sent, tiles_sent, refused;
-    uint64_t loop_cpu_ns; /* CPU time of the loop's thread; 0 before lw_server_run() */
+    uint64_t sessions_drawing; /* of those now: they get LW_LIGHT_FORM_SPLIT */
+    uint64_t loop_cpu_ns;      /* CPU time of the loop's thread; 0 before lw_server_run() */
     /* Of the last whole window of LW_SERVER_WINDOW_S with connections; 0 before there was one. */
     uint64_t loop_lag_p99_ns, loop_lag_max_ns; /* how late the loop came to what was due */
     uint64_t ack_p99_ns; /* from the moment the loop had a frame to a session's ACK of it */
@@ -73,6 +77,9 @@ struct lw_server_wanted {
 /** Takes what sessions want if it is not what was last taken; before the first time, that is nothing. One taker, at its
  * own pace: changes in between are put together. Returns whether there is news. [any] */
 bool lw_server_take_wanted(struct lw_server *server, struct lw_server_wanted *out_wanted);
+/** In which forms sessions take light now: bit per enum lw_light_form; 0: nobody takes any. A session gets frames once there is a
+ * snapshot with its form. [any] */
+uint32_t lw_server_forms_taken(const struct lw_server *server);
 /** Takes the updates that sessions have sent, for frame `frame`: they are answered once that one, or a later one, has been
  * handed over by lw_server_publish(). One taker, at the beginning of each frame.
  * *out_change: their changes, in order, all passed by lw_scene_change_check(); the taker's to free().

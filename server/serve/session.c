@@ -63,6 +63,7 @@ struct lw_session {
     uv_shutdown_t shutdown;
     struct lw_session_shared *shared;
     struct lw_session *previous, *next;
+    struct lw_session_form *form;   /* of light, that it gets */
     struct lw_session_queue *queue; /* in which it waits for its turn; NULL: in none */
     struct lw_session *previous_due, *next_due;
     enum state state;
@@ -169,7 +170,7 @@ static struct lw_blob *next_chunk(struct lw_session *s) {
 }
 
 static struct lw_blob *next_frame(struct lw_session *s) {
-    const struct lw_snapshot *snapshot = s->shared->snapshot;
+    const struct lw_snapshot *snapshot = s->form->snapshot;
     if (s->frame_sent == snapshot->frame) return NULL;
     bool builds_on = snapshot->frame_delta && s->frame_sent && s->frame_sent == snapshot->previous_frame;
     struct lw_blob *blob = builds_on ? snapshot->frame_delta : snapshot->frame_full;
@@ -188,21 +189,25 @@ static bool is_set(const uint64_t *bits, uint32_t tile) { return bits[tile / 64]
 
 static bool takes_coarse(const struct lw_session *s) { return s->is_narrow && !s->refines; }
 
+static const struct lw_snapshot_tile *newest_of(const struct lw_session *s, uint32_t tile) {
+    return &s->form->snapshot->tile[s->form->form][tile];
+}
+
 /* The version of a tile that will do. */
 static uint64_t wanted_version(const struct lw_session *s, uint32_t tile) {
-    const uint64_t newest = s->shared->snapshot->tile[tile].version;
+    const uint64_t newest = newest_of(s, tile)->version;
     return takes_coarse(s) ? lw_snapshot_coarse_version(newest) : newest;
 }
 
 static bool lacks(const struct lw_session *s, uint32_t tile) {
     const struct lw_atlas_map *map = s->shared->atlas_map;
-    const struct lw_snapshot_tile *now = &s->shared->snapshot->tile[tile];
+    const struct lw_snapshot_tile *now = newest_of(s, tile);
     if (!now->blob || wanted_version(s, tile) <= s->sent[tile]) return false;
     if (!s->wanted || is_set(s->wanted + bit_words(map), tile)) return true;
     const bool covers = is_set(s->wanted, tile);
     if (covers && map->place[tile].level <= LW_ATLAS_READ_MAX) return true;
     if (!covers && !(s->interest.stand_ins && is_coarsest(map, tile))) return false;
-    return lw_urgency_is_due_to_stand_in(&s->shared->urgency, tile, lw_snapshot_frame_of(s->sent[tile]),
+    return lw_urgency_is_due_to_stand_in(&s->form->urgency, tile, lw_snapshot_frame_of(s->sent[tile]),
                                          lw_snapshot_frame_of(now->version));
 }
 
@@ -215,8 +220,8 @@ static void end_walk(struct lw_session *s) {
 
 /* Makes the list of what a session lacks of the newest snapshot. */
 static void walk_lacked(struct lw_session *s) {
-    struct lw_session_shared *shared = s->shared;
-    struct lw_urgency *urgency = &shared->urgency;
+    const struct lw_session_shared *shared = s->shared;
+    struct lw_urgency *urgency = &s->form->urgency;
     end_walk(s);
     lw_urgency_list_begin(urgency);
     for (uint32_t i = 0; i < shared->atlas_map->tile_count; i++) {
@@ -224,7 +229,7 @@ static void walk_lacked(struct lw_session *s) {
         if (!lacks(s, id)) continue;
         lw_urgency_list(
             urgency, id,
-            lw_urgency_of(urgency, id, lw_snapshot_frame_of(s->sent[id]), shared->snapshot->frame));
+            lw_urgency_of(urgency, id, lw_snapshot_frame_of(s->sent[id]), s->form->snapshot->frame));
     }
     if (!urgency->listed_count) return;
     if (!(s->lacked = malloc(urgency->listed_count * sizeof *s->lacked))) {
@@ -237,26 +242,24 @@ static void walk_lacked(struct lw_session *s) {
 
 /* Whoever has not had all of the last snapshot when the next one comes, and not for want of turns, is on a narrow link. */
 static void judge_link(struct lw_session *s) {
-    const struct lw_session_shared *shared = s->shared;
-    if (s->judged == shared->generation) return;
-    s->judged = shared->generation;
-    if (s->walk_left && s->link_was_full && shared->deltas.recoder) s->is_narrow = true;
+    if (s->judged == s->form->generation) return;
+    s->judged = s->form->generation;
+    if (s->walk_left && s->link_was_full && s->form->recoder) s->is_narrow = true;
     s->link_was_full = false;
 }
 
 /* A session that had everything looks at what changed, in the order that all such sessions share; any other has its own. */
 static void start_walk(struct lw_session *s) {
-    const struct lw_session_shared *shared = s->shared;
-    const bool had_all = s->walk_left == 0 && s->generation + 1 == shared->generation;
+    const bool had_all = s->walk_left == 0 && s->generation + 1 == s->form->generation;
     judge_link(s);
-    s->generation = shared->generation;
+    s->generation = s->form->generation;
     s->refines = false;
     if (!had_all) {
         walk_lacked(s);
         return;
     }
     end_walk(s);
-    s->walk_left = shared->changed_count;
+    s->walk_left = s->form->changed_count;
 }
 
 /* What it will want next is asked for together. */
@@ -264,18 +267,17 @@ static void prepare_ahead(struct lw_session *s, const uint32_t *list) {
     const uint32_t count = s->walk_left < AHEAD ? s->walk_left : AHEAD;
     for (uint32_t i = 1; i < count; i++) {
         const uint32_t id = list[s->walk_cursor + i];
-        if (lacks(s, id)) lw_deltas_prepare(&s->shared->deltas, id, s->sent[id], takes_coarse(s));
+        if (lacks(s, id)) lw_deltas_prepare(&s->form->deltas, id, s->sent[id], takes_coarse(s));
     }
 }
 
 static struct lw_blob *next_tile_of_walk(struct lw_session *s) {
-    struct lw_session_shared *shared = s->shared;
-    const uint32_t *list = s->lacked ? s->lacked : shared->changed;
+    const uint32_t *list = s->lacked ? s->lacked : s->form->changed;
     for (; s->walk_left; s->walk_cursor++, s->walk_left--) {
         const uint32_t id = list[s->walk_cursor];
         if (!s->delta_follows && !lacks(s, id)) continue;
         struct lw_delta delta;
-        if (lw_deltas_next(&shared->deltas, id, s->sent[id], takes_coarse(s), &delta) == LW_DELTAS_WAIT) {
+        if (lw_deltas_next(&s->form->deltas, id, s->sent[id], takes_coarse(s), &delta) == LW_DELTAS_WAIT) {
             prepare_ahead(s, list);
             s->waits = true;
             return NULL;
@@ -309,13 +311,18 @@ static struct lw_blob *next_tile(struct lw_session *s) {
 static struct lw_blob *next_settled(struct lw_session *s) {
     if (!s->settled_due || s->waits) return NULL;
     s->settled_due = false;
-    return s->shared->snapshot->settled ? lw_blob_ref(s->shared->snapshot->settled) : NULL;
+    return s->form->snapshot->settled ? lw_blob_ref(s->form->snapshot->settled) : NULL;
 }
 
 /* Whether the rate limit lets light through, or the package: what may be large and can wait. */
 static bool is_allowed(struct lw_session *s) {
     if (s->rate_limit_bytes_hz && s->allowance <= 0) s->is_paced = s->link_was_full = true;
     return !s->is_paced;
+}
+
+/* Newcomers wait for a snapshot with their form: what there is of it may be of a time when somebody else took it. */
+static bool has_current_light(const struct lw_session *s) {
+    return s->form->snapshot && (s->frame_sent || s->form->snapshot == s->shared->snapshot);
 }
 
 /* A reference to the next blob to send, or NULL if the session lacks nothing, or may not have it now. */
@@ -326,9 +333,9 @@ static struct lw_blob *next_blob(struct lw_session *s, bool *out_tile) {
     if (blob || s->state == LEAVING) return blob;
     if ((blob = next_pong(s))) return blob;
     const bool framed = s->state == STREAMING && !s->partial_chunk &&
-                        s->next_chunk == s->shared->chunk_count && s->shared->snapshot;
+                        s->next_chunk == s->shared->chunk_count && has_current_light(s);
     if (framed) {
-        if (s->generation != s->shared->generation) start_walk(s);
+        if (s->generation != s->form->generation) start_walk(s);
         if ((blob = next_frame(s))) return blob;
     }
     if ((blob = next_answer(s))) return blob; /* after the frame that shows what it answers */
@@ -367,6 +374,11 @@ static void mark(struct lw_session *s) {
                 break;
         }
     }
+}
+
+/* One session more, or less, that takes light in this form. */
+static void count_taker(struct lw_session_form *form, _Atomic uint32_t *forms_taken, bool more) {
+    if (more ? !form->session_count++ : !--form->session_count) *forms_taken ^= 1u << form->form;
 }
 
 static void count_in(struct lw_session *s, const struct interest *interest) {
@@ -574,7 +586,9 @@ void lw_session_serve_paced(struct lw_session_shared *shared) {
 }
 
 void lw_session_collect(struct lw_session_shared *shared) {
-    if (!lw_deltas_collect(&shared->deltas)) return;
+    bool any = false;
+    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++) any |= lw_deltas_collect(&shared->form[f].deltas);
+    if (!any) return;
     while (shared->waiting.first) lw_session_set_due(shared->waiting.first, false);
 }
 
@@ -621,12 +635,21 @@ static void unlink_session(struct lw_session *s) {
     s->shared->connection_count--;
 }
 
+static void count_session(const struct lw_session *s, int64_t change) {
+    struct lw_server_stats *stats = &s->shared->stats;
+    count(s->shared, &stats->sessions_now, change);
+    if (s->form->form == LW_LIGHT_FORM_SPLIT) count(s->shared, &stats->sessions_drawing, change);
+}
+
 /* No longer one of those who are served. */
 static void end_service(struct lw_session *s) {
-    if (s->state == STREAMING) count_out(s, &s->interest);
+    if (s->state == STREAMING) {
+        count_out(s, &s->interest);
+        count_taker(s->form, &s->shared->forms_taken, false);
+    }
     if (s->controls) lw_updates_forget(&s->shared->updates, s);
     s->controls = false;
-    if (s->welcomed) count(s->shared, &s->shared->stats.sessions_now, -1);
+    if (s->welcomed) count_session(s, -1);
     s->welcomed = false;
 }
 
@@ -667,6 +690,19 @@ void lw_session_refuse(struct lw_session *s, enum lw_refusal code, const char *f
 
 /* ---- what the peer says ---- */
 
+/* Who draws direct light gets the rest; all others get all of it, and are not told who would draw what. */
+static void choose_form(struct lw_session *s, const struct lw_message_hello *hello,
+                        struct lw_message_welcome *welcome) {
+    if ((hello->features & LW_FEATURE_DRAWS) &&
+        (welcome->client_lights_size || welcome->client_materials_size)) {
+        s->form = &s->shared->form[LW_LIGHT_FORM_SPLIT];
+        welcome->features |= LW_FEATURE_DRAWS;
+        return;
+    }
+    welcome->client_lights = welcome->client_materials = NULL;
+    welcome->client_lights_size = welcome->client_materials_size = 0;
+}
+
 static void handle_hello(struct lw_session *s, const struct lw_message_hello *hello) {
     snprintf(s->name, sizeof s->name, "%s", hello->name && *hello->name ? hello->name : "nameless");
     if (hello->version != LW_WIRE_VERSION) {
@@ -689,6 +725,7 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
     }
     struct lw_message message = {.type = LW_MESSAGE_WELCOME, .welcome = s->shared->welcome};
     message.welcome.session = s->number;
+    choose_form(s, hello, &message.welcome);
     s->controls = s->local && s->shared->scene && (hello->features & LW_FEATURE_CONTROL);
     if (s->controls) message.welcome.features |= LW_FEATURE_CONTROL;
     s->resumes = hello->features & LW_FEATURE_RESUME;
@@ -706,7 +743,7 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
     s->welcomed = true;
     lw_session_set_due(s, true);
     count(s->shared, &s->shared->stats.sessions_total, 1);
-    count(s->shared, &s->shared->stats.sessions_now, 1);
+    count_session(s, 1);
     lw_log(LW_LOG_INFO, "session %" PRIu64 ": %s (%s) joined", s->number, s->address, s->name);
 }
 
@@ -735,7 +772,7 @@ static bool make_sent(struct lw_session *s) {
 
 /* What an earlier session of the peer was sent counts as sent. */
 static void handle_holds(struct lw_session *s, const struct lw_message_holds *holds) {
-    const struct lw_snapshot *snapshot = s->shared->snapshot;
+    const struct lw_snapshot *snapshot = s->form->snapshot;
     if (!make_sent(s)) {
         lw_session_close(s, "out of memory");
         return;
@@ -743,7 +780,7 @@ static void handle_holds(struct lw_session *s, const struct lw_message_holds *ho
     for (size_t i = 0; i < holds->tile_count; i++) {
         struct lw_message_held t = holds->tile[i];
         uint32_t id = lw_atlas_map_find_tile(s->shared->atlas_map, t.object, t.level, t.tile).v;
-        if (id == UINT32_MAX || !snapshot || t.version > snapshot->tile[id].version) {
+        if (id == UINT32_MAX || !snapshot || t.version > snapshot->tile[s->form->form][id].version) {
             lw_session_refuse(s, LW_REFUSAL_PROTOCOL,
                               "message HOLDS: there is no object %u, level %u, tile %u of version %" PRIu64,
                               t.object, t.level, t.tile, t.version);
@@ -796,6 +833,7 @@ static void handle_package_request(struct lw_session *s, const struct lw_message
     s->state = STREAMING;
     lw_session_set_due(s, true);
     count_in(s, &s->interest);
+    count_taker(s->form, &s->shared->forms_taken, true);
 }
 
 /* Notes what a session wants. A peer may say so as often as it likes: the first one holds at once, later ones wait for the
@@ -1083,6 +1121,7 @@ enum lw_status lw_session_accept(struct lw_session_shared *shared, uv_stream_t *
     }
     s->tcp.data = s;
     s->shared = shared;
+    s->form = &shared->form[LW_LIGHT_FORM_FULL];
     s->interest.everything = true;
     s->number = ++shared->number;
     s->since_ns = lw_clock_ns();

@@ -30,18 +30,26 @@ struct lw_session_shared {
     uint32_t chunk_count;
     const uint32_t *order;        /* tile ids: every object's coarsest level first */
     uint64_t *listed;             /* bit per tile, all 0: for whoever looks for those that a list has twice */
-    struct lw_wanted wanted;      /* by all sessions that are streamed to */
+    struct lw_wanted wanted;      /* by all sessions that are streamed to, whatever their form */
     const struct lw_scene *scene; /* what updates are checked against; NULL: there are none */
     struct lw_scene_roster roster; /* of it, after all updates so far */
     struct lw_updates updates;     /* of all sessions */
     uint64_t epoch; /* counts ticks and snapshots seen: in each, a session may change its mind once */
     struct lw_snapshot *snapshot; /* newest; NULL before the first */
     uint64_t generation;          /* counts the snapshots that the loop has seen */
-    uint32_t *
-        changed; /* tile ids, the most urgent first, that the newest snapshot changed against the one before */
-    uint32_t changed_count;
-    struct lw_deltas deltas; /* that lead to the newest snapshot */
-    struct lw_urgency urgency;
+    struct lw_session_form {
+        enum lw_light_form form;
+        uint32_t session_count;       /* that are streamed to */
+        struct lw_snapshot *snapshot; /* newest that has this form; NULL before the first */
+        uint64_t generation;          /* counts those */
+        uint32_t *changed; /* tile ids, the most urgent first, that it changed against the one before */
+        uint32_t changed_count;
+        struct lw_recoder *recoder; /* NULL: tiles are of a codec that has no deltas */
+        struct lw_deltas deltas;    /* that lead to that snapshot */
+        struct lw_urgency urgency;
+    } form
+        [LW_LIGHT_FORM_COUNT]; /* by enum lw_light_form; the split one is there if there are client lights */
+    _Atomic uint32_t forms_taken; /* bit per form: some session is streamed to in it */
     struct lw_session_recent {
         uint64_t frame, at_ns;
     } recent[LW_SESSION_RECENT]; /* by generation: when the loop got each of the last snapshots */

@@ -151,7 +151,7 @@ static void copy_tile(const struct lw_levels *from, struct lw_levels *to, const 
 
 static enum lw_status take_sent(struct job *job, const struct lw_snapshot *snapshot, struct lw_error *err) {
     for (uint32_t id = 0; id < snapshot->tile_count; id++) {
-        const struct lw_snapshot_tile *tile = &snapshot->tile[id];
+        const struct lw_snapshot_tile *tile = &snapshot->tile[LW_LIGHT_FORM_FULL][id];
         if (tile->version != lw_snapshot_version(snapshot->frame)) continue;
         const struct lw_tile_place *place = &job->map.place[id];
         copy_tile(&job->levels[place->object], &job->sent_levels[place->object], place);

@@ -128,7 +128,7 @@ static void *serve(void *server) {
 static struct lw_snapshot *make_snapshot(const struct world *w, uint64_t frame) {
     struct lw_snapshot *snapshot;
     uint8_t *payload = malloc(lw_tile_codec_bound());
-    lw_support_ok(lw_snapshot_create(w->map.tile_count, &snapshot), NULL);
+    lw_support_ok(lw_snapshot_create(w->map.tile_count, 1u << LW_LIGHT_FORM_FULL, &snapshot), NULL);
     snapshot->frame = frame;
     struct lw_message_transform moved = {.object = 1, .object_to_world = LW_AFFINE_IDENTITY};
     moved.object_to_world.m[1][3] = (float)frame;
@@ -146,8 +146,8 @@ static struct lw_snapshot *make_snapshot(const struct world *w, uint64_t frame) 
     lw_support_ok(lw_blob_from_message(&m, &snapshot->settled), NULL);
     for (uint32_t t = 0; t < w->map.tile_count; t++) {
         m = tile_message(w, t, frame, payload);
-        snapshot->tile[t].version = frame;
-        lw_support_ok(lw_blob_from_message(&m, &snapshot->tile[t].blob), NULL);
+        snapshot->tile[LW_LIGHT_FORM_FULL][t].version = frame;
+        lw_support_ok(lw_blob_from_message(&m, &snapshot->tile[LW_LIGHT_FORM_FULL][t].blob), NULL);
     }
     free(payload);
     return snapshot;
@@ -389,9 +389,9 @@ static void lose_connection(struct lw_client *client) {
 static struct lw_snapshot *make_next_snapshot(const struct world *w, const struct lw_snapshot *before) {
     struct lw_snapshot *snapshot = make_snapshot(w, before->frame + 1);
     for (uint32_t t = 1; t < w->map.tile_count; t++) {
-        lw_blob_unref(snapshot->tile[t].blob);
-        snapshot->tile[t] = before->tile[t];
-        lw_blob_ref(snapshot->tile[t].blob);
+        lw_blob_unref(snapshot->tile[LW_LIGHT_FORM_FULL][t].blob);
+        snapshot->tile[LW_LIGHT_FORM_FULL][t] = before->tile[LW_LIGHT_FORM_FULL][t];
+        lw_blob_ref(snapshot->tile[LW_LIGHT_FORM_FULL][t].blob);
     }
     return snapshot;
 }
@@ -414,9 +414,9 @@ static struct lw_snapshot *make_spare_snapshot(const struct world *w, uint64_t f
          t++) { /* of it nothing has come but the coarsest level, long ago */
         if (w->map.place[t].object != object) continue;
         const struct lw_message tile = tile_message(w, t, coarsest, payload);
-        snapshot->tile[t].version = coarsest;
-        lw_blob_unref(snapshot->tile[t].blob);
-        lw_support_ok(lw_blob_from_message(&tile, &snapshot->tile[t].blob), NULL);
+        snapshot->tile[LW_LIGHT_FORM_FULL][t].version = coarsest;
+        lw_blob_unref(snapshot->tile[LW_LIGHT_FORM_FULL][t].blob);
+        lw_support_ok(lw_blob_from_message(&tile, &snapshot->tile[LW_LIGHT_FORM_FULL][t].blob), NULL);
     }
     free(payload);
     return snapshot;
@@ -537,8 +537,9 @@ static struct lw_snapshot *change_half(const struct world *w, const struct lw_sn
                                        uint64_t frame) {
     struct lw_snapshot *snapshot = make_snapshot(w, frame);
     for (uint32_t t = 1; t < w->map.tile_count; t += 2) {
-        lw_blob_unref(snapshot->tile[t].blob);
-        snapshot->tile[t] = (struct lw_snapshot_tile){.version = 1, .blob = lw_blob_ref(first->tile[t].blob)};
+        lw_blob_unref(snapshot->tile[LW_LIGHT_FORM_FULL][t].blob);
+        snapshot->tile[LW_LIGHT_FORM_FULL][t] = (struct lw_snapshot_tile){
+            .version = 1, .blob = lw_blob_ref(first->tile[LW_LIGHT_FORM_FULL][t].blob)};
     }
     return snapshot;
 }

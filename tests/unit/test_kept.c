@@ -44,7 +44,7 @@ static int init_world(void **state) {
     w = (struct world){.scene = lw_support_squares(3, 1), .path = lw_support_temporary("shown")};
     w.scene->mesh[0].atlas_width = w.scene->mesh[0].atlas_height = 64;
     lw_support_ok(lw_atlas_map_init(&w.map, w.scene), NULL);
-    lw_support_ok(lw_snapshot_create(w.map.tile_count, &w.snapshot), NULL);
+    lw_support_ok(lw_snapshot_create(w.map.tile_count, 1u << LW_LIGHT_FORM_FULL, &w.snapshot), NULL);
     struct lw_message frame = {
         .type = LW_MESSAGE_FRAME,
         .frame = {.frame = FRAME, .rays_total = 1000, .server_cpu_ns = 2000, .time_s = 7}};
@@ -56,7 +56,7 @@ static int init_world(void **state) {
     w.snapshot->frame = FRAME;
     for (uint32_t o = 0; o < 2; o++) {
         const uint32_t id = lw_atlas_map_find(&w.map, o, 0, 0, 0).v;
-        w.snapshot->tile[id] =
+        w.snapshot->tile[LW_LIGHT_FORM_FULL][id] =
             (struct lw_snapshot_tile){.version = FRAME - 1, .blob = tile_blob(o, 0.01f + (float)o)};
     }
     *state = &w;
@@ -89,7 +89,7 @@ static struct lw_snapshot *keep_and_load(const struct world *w, bool steady) {
 static float error_of(const struct lw_snapshot *snapshot, uint32_t id) {
     struct lw_message tile;
     size_t size;
-    decode(snapshot->tile[id].blob, &tile, &size);
+    decode(snapshot->tile[LW_LIGHT_FORM_FULL][id].blob, &tile, &size);
     const float error = tile.tile.error;
     lw_message_finish(&tile);
     return error;
@@ -102,12 +102,16 @@ static void steady_light_comes_back_as_it_was(void **state) {
     assert_non_null(again->settled);
     assert_null(again->frame_delta);
     for (uint32_t i = 0; i < w->map.tile_count; i++) {
-        assert_int_equal(again->tile[i].version, w->snapshot->tile[i].version);
-        assert_true(!again->tile[i].blob == !w->snapshot->tile[i].blob);
-        if (!again->tile[i].blob) continue;
-        assert_int_equal(again->tile[i].blob->size, w->snapshot->tile[i].blob->size);
-        assert_memory_equal(again->tile[i].blob->bytes, w->snapshot->tile[i].blob->bytes,
-                            again->tile[i].blob->size);
+        assert_int_equal(again->tile[LW_LIGHT_FORM_FULL][i].version,
+                         w->snapshot->tile[LW_LIGHT_FORM_FULL][i].version);
+        assert_true(!again->tile[LW_LIGHT_FORM_FULL][i].blob ==
+                    !w->snapshot->tile[LW_LIGHT_FORM_FULL][i].blob);
+        if (!again->tile[LW_LIGHT_FORM_FULL][i].blob) continue;
+        assert_int_equal(again->tile[LW_LIGHT_FORM_FULL][i].blob->size,
+                         w->snapshot->tile[LW_LIGHT_FORM_FULL][i].blob->size);
+        assert_memory_equal(again->tile[LW_LIGHT_FORM_FULL][i].blob->bytes,
+                            w->snapshot->tile[LW_LIGHT_FORM_FULL][i].blob->bytes,
+                            again->tile[LW_LIGHT_FORM_FULL][i].blob->size);
     }
     struct lw_message frame;
     size_t size;
@@ -186,8 +190,9 @@ static void what_is_written_wrongly_is_refused(void **state) {
     free(bytes);
     const uint32_t first = lw_atlas_map_find(&w->map, 0, 0, 0, 0).v,
                    second = lw_atlas_map_find(&w->map, 1, 0, 0, 0).v;
-    lw_blob_unref(w->snapshot->tile[second].blob);
-    w->snapshot->tile[second].blob = lw_blob_ref(w->snapshot->tile[first].blob);
+    lw_blob_unref(w->snapshot->tile[LW_LIGHT_FORM_FULL][second].blob);
+    w->snapshot->tile[LW_LIGHT_FORM_FULL][second].blob =
+        lw_blob_ref(w->snapshot->tile[LW_LIGHT_FORM_FULL][first].blob);
     lw_support_ok(lw_kept_save(w->path, key, w->snapshot, true, NULL), NULL);
     refused(w, key, "it came twice");
 }

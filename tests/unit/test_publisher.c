@@ -116,7 +116,7 @@ static void test_deltas(void **state) {
     for (uint64_t frame = 1; frame <= 6; frame++) {
         set_light(frame, 5);
         struct lw_snapshot *s = publish(&w, frame);
-        const struct lw_snapshot_tile *tile = &s->tile[0];
+        const struct lw_snapshot_tile *tile = &s->tile[LW_LIGHT_FORM_FULL][0];
         assert_int_equal(tile->version, lw_snapshot_version(frame));
         whole_size += decode(&w, tile->blob, frame, 0, frame > 1 ? NULL : &levels, joined, &scale);
         assert_true(frame > 1 ? tile->delta && tile->base == lw_snapshot_version(frame - 1) : !tile->delta);
@@ -128,13 +128,13 @@ static void test_deltas(void **state) {
     }
     assert_true(delta_size < whole_size * 2 / 3);
     struct lw_snapshot *s = publish(&w, 7); /* nothing moved: what was sent stays as it is */
-    assert_int_equal(s->tile[0].version, lw_snapshot_version(6));
-    assert_int_equal(s->tile[0].base, lw_snapshot_version(5));
+    assert_int_equal(s->tile[LW_LIGHT_FORM_FULL][0].version, lw_snapshot_version(6));
+    assert_int_equal(s->tile[LW_LIGHT_FORM_FULL][0].base, lw_snapshot_version(5));
     lw_snapshot_unref(s);
     set_light(8, 5000); /* nothing of what was sent is of use */
     s = publish(&w, 8);
-    assert_int_equal(s->tile[0].version, lw_snapshot_version(8));
-    assert_null(s->tile[0].delta);
+    assert_int_equal(s->tile[LW_LIGHT_FORM_FULL][0].version, lw_snapshot_version(8));
+    assert_null(s->tile[LW_LIGHT_FORM_FULL][0].delta);
     lw_snapshot_unref(s);
     finish_world(&w);
 }
@@ -180,15 +180,15 @@ static void test_an_object_that_was_a_spare(void **state) {
     s = publish(&w, 5);
     expect_object(s->frame_full, 0, 0, 1);
     expect_object(s->frame_delta, 0, 0, 1);
-    assert_int_equal(s->tile[0].version, lw_snapshot_version(1)); /* not solved yet */
+    assert_int_equal(s->tile[LW_LIGHT_FORM_FULL][0].version, lw_snapshot_version(1)); /* not solved yet */
     lw_snapshot_unref(s);
     solved_frame = 6;
     s = publish(&w, 6);
-    assert_int_equal(s->tile[0].version, lw_snapshot_version(6));
+    assert_int_equal(s->tile[LW_LIGHT_FORM_FULL][0].version, lw_snapshot_version(6));
     lw_snapshot_unref(s);
     solved_frame = 7;
     s = publish(&w, 7); /* and only then */
-    assert_int_equal(s->tile[0].version, lw_snapshot_version(6));
+    assert_int_equal(s->tile[LW_LIGHT_FORM_FULL][0].version, lw_snapshot_version(6));
     lw_snapshot_unref(s);
     finish_world(&w);
 }
@@ -208,7 +208,8 @@ static void test_another_class_of_error(void **state) {
         error = step[frame - 1].error;
         solved_frame = frame;
         struct lw_snapshot *s = publish(&w, frame);
-        assert_int_equal(s->tile[0].version == lw_snapshot_version(frame), step[frame - 1].is_sent);
+        assert_int_equal(s->tile[LW_LIGHT_FORM_FULL][0].version == lw_snapshot_version(frame),
+                         step[frame - 1].is_sent);
         lw_snapshot_unref(s);
     }
     finish_world(&w);
@@ -249,7 +250,7 @@ static void test_dark_beside_white(void **state) {
     for (uint32_t i = 0; i < SIDE * SIDE / 32; i++)
         for (int c = 0; c < 3; c++) light[c][i] = 2048; /* makes a mean of 64 and a white of 2,048 */
     struct lw_snapshot *s = publish(&w, 1);
-    decode(&w, s->tile[0].blob, 1, 0, NULL, rgb, &scale);
+    decode(&w, s->tile[LW_LIGHT_FORM_FULL][0].blob, 1, 0, NULL, rgb, &scale);
     assert_true(scale >= 2048 * 0.8f * LW_PUBLISHER_DARK_SHARE);
     lw_snapshot_unref(s);
     finish_world(&w);
@@ -264,9 +265,9 @@ static void test_halves_have_no_deltas(void **state) {
     for (uint64_t frame = 1; frame <= 2; frame++) {
         set_light(frame, 5);
         struct lw_snapshot *s = publish(&w, frame);
-        decode(&w, s->tile[0].blob, frame, 0, NULL, rgb, &scale);
+        decode(&w, s->tile[LW_LIGHT_FORM_FULL][0].blob, frame, 0, NULL, rgb, &scale);
         assert_true(fabsf(rgb[0] / light[0][0] - 1) < 0.001f);
-        assert_null(s->tile[0].delta);
+        assert_null(s->tile[LW_LIGHT_FORM_FULL][0].delta);
         lw_snapshot_unref(s);
     }
     finish_world(&w);

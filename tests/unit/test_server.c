@@ -126,7 +126,7 @@ static struct lw_blob *frame_blob(uint64_t frame, double time_s) {
 static struct lw_snapshot *make_snapshot(const struct fixture *f, uint64_t frame, uint64_t previous) {
     static const uint8_t payload[PAYLOAD_SIZE] = {1};
     struct lw_snapshot *snapshot;
-    lw_support_ok(lw_snapshot_create(f->map.tile_count, &snapshot), NULL);
+    lw_support_ok(lw_snapshot_create(f->map.tile_count, 1u << LW_LIGHT_FORM_FULL, &snapshot), NULL);
     snapshot->frame = frame;
     snapshot->previous_frame = previous;
     snapshot->frame_full = frame_blob(frame, 1);
@@ -134,16 +134,17 @@ static struct lw_snapshot *make_snapshot(const struct fixture *f, uint64_t frame
     for (uint32_t t = 0; t < f->map.tile_count; t++) {
         const struct lw_tile_place *p = &f->map.place[t];
         const struct lw_atlas_level *level = &f->map.atlas[p->object].level[p->level];
-        snapshot->tile[t].version = frame;
-        snapshot->tile[t].blob = blob_of(&(struct lw_message){.type = LW_MESSAGE_TILE,
-                                                              .tile = {.object = p->object,
-                                                                       .level = p->level,
-                                                                       .tile = p->y * level->tiles_x + p->x,
-                                                                       .version = frame,
-                                                                       .codec = 1,
-                                                                       .scale = 1,
-                                                                       .payload = payload,
-                                                                       .payload_size = sizeof payload}});
+        snapshot->tile[LW_LIGHT_FORM_FULL][t].version = frame;
+        snapshot->tile[LW_LIGHT_FORM_FULL][t].blob =
+            blob_of(&(struct lw_message){.type = LW_MESSAGE_TILE,
+                                         .tile = {.object = p->object,
+                                                  .level = p->level,
+                                                  .tile = p->y * level->tiles_x + p->x,
+                                                  .version = frame,
+                                                  .codec = 1,
+                                                  .scale = 1,
+                                                  .payload = payload,
+                                                  .payload_size = sizeof payload}});
     }
     return snapshot;
 }
@@ -512,8 +513,9 @@ static void test_newer_snapshot(void **state) {
     struct lw_snapshot *second = make_snapshot(f, 2, 1); /* one tile changes, the rest stay as they are */
     for (uint32_t t = 0; t < f->map.tile_count; t++) {
         if (t == 5) continue;
-        lw_blob_unref(second->tile[t].blob);
-        second->tile[t] = (struct lw_snapshot_tile){.version = 1, .blob = lw_blob_ref(first->tile[t].blob)};
+        lw_blob_unref(second->tile[LW_LIGHT_FORM_FULL][t].blob);
+        second->tile[LW_LIGHT_FORM_FULL][t] = (struct lw_snapshot_tile){
+            .version = 1, .blob = lw_blob_ref(first->tile[LW_LIGHT_FORM_FULL][t].blob)};
     }
     lw_snapshot_unref(first);
     publish(f, second);
@@ -537,12 +539,12 @@ static void test_deltas(void **state) {
     for (uint32_t t = 0; t < f->map.tile_count; t++) {
         struct lw_message m;
         struct lw_frame_header header;
-        const struct lw_blob *blob = second->tile[t].blob;
+        const struct lw_blob *blob = second->tile[LW_LIGHT_FORM_FULL][t].blob;
         lw_support_ok(lw_frame_read_header(blob->bytes, LW_FRAME_BODY_MAX, &header, NULL), NULL);
         lw_support_ok(lw_message_decode(header, blob->bytes + LW_FRAME_HEADER_SIZE, &m, NULL), NULL);
         m.tile.base = 1;
-        second->tile[t].delta = blob_of(&m);
-        second->tile[t].base = t == 5 ? 7 : 1;
+        second->tile[LW_LIGHT_FORM_FULL][t].delta = blob_of(&m);
+        second->tile[LW_LIGHT_FORM_FULL][t].base = t == 5 ? 7 : 1;
         lw_message_finish(&m);
     }
     lw_server_publish(f->server, second);
@@ -590,14 +592,15 @@ static void test_deltas_to_catch_up(void **state) {
     for (uint64_t frame = 1; frame <= FRAMES; frame++) { /* of tile 0 of object 0 there are deltas */
         struct lw_snapshot *snapshot = make_snapshot(f, frame, frame - 1);
         if (frame > 1) {
-            snapshot->tile[0].base = frame - 1;
-            snapshot->tile[0].delta = blob_of(&(struct lw_message){.type = LW_MESSAGE_TILE,
-                                                                   .tile = {.version = frame,
-                                                                            .base = frame - 1,
-                                                                            .codec = 3,
-                                                                            .scale = 1,
-                                                                            .payload = little,
-                                                                            .payload_size = sizeof little}});
+            snapshot->tile[LW_LIGHT_FORM_FULL][0].base = frame - 1;
+            snapshot->tile[LW_LIGHT_FORM_FULL][0].delta =
+                blob_of(&(struct lw_message){.type = LW_MESSAGE_TILE,
+                                             .tile = {.version = frame,
+                                                      .base = frame - 1,
+                                                      .codec = 3,
+                                                      .scale = 1,
+                                                      .payload = little,
+                                                      .payload_size = sizeof little}});
         }
         publish(f, snapshot);
         int s = dial_and_stream(f); /* so that the loop has seen it */
@@ -647,13 +650,13 @@ static struct lw_snapshot *make_moving(const struct fixture *f, struct lw_tile_c
                                     .scale = coded.scale,
                                     .payload = payload,
                                     .payload_size = coded.size}};
-    lw_blob_unref(snapshot->tile[0].blob);
-    snapshot->tile[0].blob = blob_of(&m);
+    lw_blob_unref(snapshot->tile[LW_LIGHT_FORM_FULL][0].blob);
+    snapshot->tile[LW_LIGHT_FORM_FULL][0].blob = blob_of(&m);
     if (coded.delta_size) {
-        m.tile.base = snapshot->tile[0].base = previous;
+        m.tile.base = snapshot->tile[LW_LIGHT_FORM_FULL][0].base = previous;
         m.tile.payload = delta;
         m.tile.payload_size = coded.delta_size;
-        snapshot->tile[0].delta = blob_of(&m);
+        snapshot->tile[LW_LIGHT_FORM_FULL][0].delta = blob_of(&m);
     }
     free(delta);
     free(payload);
@@ -824,7 +827,7 @@ static void test_stand_ins_wait(void **state) {
     for (uint64_t frame = 1; frame <= old; frame++) {
         struct lw_snapshot *snapshot = make_snapshot(f, frame, frame - 1);
         for (uint32_t t = 0; t < f->map.tile_count; t++)
-            snapshot->tile[t].change =
+            snapshot->tile[LW_LIGHT_FORM_FULL][t].change =
                 frame == far ? 2 * LW_URGENCY_STAND_IN_OFF : LW_URGENCY_STAND_IN_OFF / 10;
         publish(f, snapshot);
         struct lw_message m;
@@ -972,7 +975,7 @@ static void test_blobs_are_shared(void **state) {
         assert_true(lw_clock_ns() < end_ns);
         most = 0;
         for (uint32_t t = 0; t < snapshot->tile_count; t++) {
-            uint32_t references = snapshot->tile[t].blob->references;
+            uint32_t references = snapshot->tile[LW_LIGHT_FORM_FULL][t].blob->references;
             if (references > most) most = references;
         }
         usleep(1000);
@@ -982,7 +985,7 @@ static void test_blobs_are_shared(void **state) {
     lw_server_stop(f->server);
     join(f);
     for (uint32_t t = 0; t < snapshot->tile_count; t++)
-        assert_int_equal(snapshot->tile[t].blob->references, 1);
+        assert_int_equal(snapshot->tile[LW_LIGHT_FORM_FULL][t].blob->references, 1);
     assert_int_equal(snapshot->references, 1);
     lw_snapshot_unref(snapshot);
     discard(f);
@@ -1143,8 +1146,9 @@ static void test_the_most_visible_change_goes_first(void **state) {
     /* whole tiles of level 0, one of each object, move the more the later they come; the others little */
     const uint32_t tile[OBJECTS] = {0, 13, 26};
     struct lw_snapshot *snapshot = make_snapshot(f, 4, 2);
-    for (uint32_t i = 0; i < f->map.tile_count; i++) snapshot->tile[i].change = 0.001f;
-    for (uint32_t o = 0; o < OBJECTS; o++) snapshot->tile[tile[o]].change = 0.1f * (float)(o + 1);
+    for (uint32_t i = 0; i < f->map.tile_count; i++) snapshot->tile[LW_LIGHT_FORM_FULL][i].change = 0.001f;
+    for (uint32_t o = 0; o < OBJECTS; o++)
+        snapshot->tile[LW_LIGHT_FORM_FULL][tile[o]].change = 0.1f * (float)(o + 1);
     publish(f, snapshot);
     expect_frame(s, 4, 2);
     expect(s, LW_MESSAGE_TILE, &m);
@@ -1153,8 +1157,8 @@ static void test_the_most_visible_change_goes_first(void **state) {
     lw_message_finish(&m);
     /* now all but that one lag behind; the first moves again and overtakes the second */
     snapshot = make_snapshot(f, 6, 4);
-    for (uint32_t i = 0; i < f->map.tile_count; i++) snapshot->tile[i].change = 0.001f;
-    snapshot->tile[tile[0]].change = 0.2f;
+    for (uint32_t i = 0; i < f->map.tile_count; i++) snapshot->tile[LW_LIGHT_FORM_FULL][i].change = 0.001f;
+    snapshot->tile[LW_LIGHT_FORM_FULL][tile[0]].change = 0.2f;
     publish(f, snapshot);
     for (bool framed = false; !framed;) {
         assert_true(get(s, &m));
