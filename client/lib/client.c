@@ -1,6 +1,7 @@
 #include "client/include/lightwell/client.h"
 
 #include "client/lib/download.h"
+#include "client/lib/draws.h"
 #include "client/lib/link.h"
 #include "client/lib/package_cache.h"
 #include "client/lib/replica.h"
@@ -20,7 +21,7 @@ struct lw_client {
     char *host, *name, *cache_folder; /* as given */
     uint16_t port;
     unsigned timeout_ms;
-    bool control;
+    bool control, draws_direct;
     uint64_t rate_limit_bytes_hz;
     struct lw_link link;
     bool welcomed;
@@ -31,6 +32,7 @@ struct lw_client {
     uint64_t package_compressed_size;
     uint64_t run;  /* of the server */
     bool may_hold; /* we may say what we have */
+    struct lw_draws draws;
     struct lw_want want;
     bool may_update;
     uint64_t updates_sent;
@@ -82,13 +84,19 @@ static void keep_package(const struct lw_client *c) {
                                           (size_t)(d->part[i].end - begin), NULL);
 }
 
+/* There is a scene: which light of it will come? */
+static enum lw_status begin_light(struct lw_client *c, struct lw_error *err) {
+    lw_replica_set_form(c->replica, c->draws.taken_up ? LW_LIGHT_FORM_SPLIT : LW_LIGHT_FORM_FULL);
+    return lw_draws_set_scene(&c->draws, lw_replica_scene(c->replica), err);
+}
+
 /* The download is complete. */
 static enum lw_status take_package(struct lw_client *c, struct lw_error *err) {
     enum lw_status status = lw_replica_create(c->download.bytes, c->download.size, &c->replica, err);
     if (status == LW_OK && c->cache_folder) keep_package(c);
     lw_download_finish(&c->download);
     c->stats.package_ns = lw_clock_ns();
-    return status;
+    return status == LW_OK ? begin_light(c, err) : status;
 }
 
 static enum lw_status begin_download(struct lw_client *c, const struct lw_message_welcome *welcome,
@@ -115,6 +123,18 @@ static enum lw_status load_cached(struct lw_client *c, const struct lw_message_w
     return status;
 }
 
+/* From the session before, another client, the folder, or the server. */
+static enum lw_status find_scene(struct lw_client *c, const struct lw_message_welcome *welcome, bool same_run,
+                                 struct lw_error *err) {
+    if (c->replica) return take_up_scene(c, welcome, same_run, err);
+    c->package_hash = welcome->package_hash;
+    if (has_scene(c->scene_of, &welcome->package_hash)) {
+        c->stats.package_ns = lw_clock_ns();
+        return lw_replica_create_beside(c->scene_of->replica, &c->replica, err);
+    }
+    return load_cached(c, welcome, err);
+}
+
 static enum lw_status handle_welcome(struct lw_client *c, const struct lw_message_welcome *welcome,
                                      struct lw_error *err) {
     if (c->welcomed) return out_of_order(err, LW_MESSAGE_WELCOME);
@@ -131,14 +151,10 @@ static enum lw_status handle_welcome(struct lw_client *c, const struct lw_messag
     c->may_hold = welcome->features & LW_FEATURE_RESUME;
     const bool same_run = welcome->run && welcome->run == c->run;
     c->run = welcome->run;
-    if (c->replica) return take_up_scene(c, welcome, same_run, err);
-    c->package_hash = welcome->package_hash;
-    if (has_scene(c->scene_of, &welcome->package_hash)) {
-        c->stats.package_ns = lw_clock_ns();
-        return lw_replica_create_beside(c->scene_of->replica, &c->replica, err);
-    }
-    enum lw_status status = load_cached(c, welcome, err);
-    return status != LW_OK || c->replica ? status : begin_download(c, welcome, same_run, err);
+    enum lw_status status = lw_draws_begin(&c->draws, welcome, c->draws_direct, err);
+    if (status == LW_OK) status = find_scene(c, welcome, same_run, err);
+    if (status != LW_OK) return status;
+    return c->replica ? begin_light(c, err) : begin_download(c, welcome, same_run, err);
 }
 
 static enum lw_status handle_refusal(const struct lw_client *c, const struct lw_message_refusal *refusal,
@@ -435,7 +451,9 @@ static enum lw_status shake_hands(struct lw_client *c, struct lw_error *err) {
     uint64_t deadline_ns = lw_clock_ns() + c->timeout_ms * 1000000ull;
     struct lw_message hello = {.type = LW_MESSAGE_HELLO,
                                .hello = {.version = LW_WIRE_VERSION,
-                                         .features = LW_FEATURES_READ | (c->control ? LW_FEATURE_CONTROL : 0),
+                                         .features = LW_FEATURES_READ |
+                                                     (c->control ? LW_FEATURE_CONTROL : 0) |
+                                                     (c->draws_direct ? LW_FEATURE_DRAWS : 0),
                                          .name = c->name,
                                          .rate_limit_bytes_hz = c->rate_limit_bytes_hz}};
     if (lw_message_validate(&hello, NULL) != LW_OK)
@@ -495,6 +513,7 @@ enum lw_status lw_client_create(const struct lw_client_desc *desc, struct lw_cli
     c->port = desc->port;
     c->timeout_ms = desc->timeout_ms ? desc->timeout_ms : TIMEOUT_DEFAULT_MS;
     c->control = desc->control;
+    c->draws_direct = desc->draws_direct;
     c->rate_limit_bytes_hz = desc->rate_limit_bytes_hz;
     lw_want_init(&c->want);
     c->want.now.everything = !desc->wants_nothing;
@@ -515,6 +534,7 @@ void lw_client_destroy(struct lw_client *c) {
     if (!c) return;
     lw_replica_destroy(c->replica);
     lw_download_finish(&c->download);
+    lw_draws_finish(&c->draws);
     lw_link_finish(&c->link);
     lw_want_finish(&c->want);
     for (uint32_t i = 0; i < c->answer_count; i++)
@@ -579,6 +599,10 @@ struct lw_client_light lw_client_get_light(const struct lw_client *c, uint32_t l
     const struct lw_light_state *state = c->replica ? lw_replica_light(c->replica, light) : NULL;
     if (!state) return (struct lw_client_light){0};
     return (struct lw_client_light){state->position_ws, state->direction_ws, state->intensity};
+}
+
+const struct lw_client_draws *lw_client_draws(const struct lw_client *c) {
+    return c->draws.has_scene ? &c->draws.of : NULL;
 }
 
 struct lw_vec3 lw_client_own_emission(const struct lw_client *c, uint32_t material) {

@@ -14,8 +14,9 @@ struct lw_replica {
     struct lw_atlas_map map;
     struct lw_pose pose;
     struct lw_tile_codec *codec;
+    enum lw_light_form form; /* of the tiles */
     bool has_map, has_pose;
-    float *texels;                      /* all levels of all objects, one after another */
+    float *texels; /* all levels of all objects, one after another */
     size_t *first_texel;                /* per object and level */
     bool *unlit;                        /* by object: since it was a spare, its coarsest level has not come */
     struct lw_client_tile *tile;        /* by tile id */
@@ -29,6 +30,16 @@ static size_t *first_texel_of(const struct lw_replica *r, uint32_t object, uint3
     return &r->first_texel[(size_t)object * LW_ATLAS_LEVELS_MAX + level];
 }
 
+static void count_coarsest(struct lw_replica *r) {
+    r->coarsest_missing = 0;
+    for (uint32_t o = 0; o < r->map.object_count; o++) {
+        const struct lw_atlas *atlas = &r->map.atlas[o];
+        if (!atlas->level_count) continue; /* a mesh without lightmap */
+        const struct lw_atlas_level *coarsest = &atlas->level[atlas->level_count - 1];
+        r->coarsest_missing += coarsest->tiles_x * coarsest->tiles_y;
+    }
+}
+
 /* Objects are at most 2^20 and an atlas at most 2^28 texels with a third on top: 64 bits hold the sum. */
 static uint64_t place_levels(struct lw_replica *r) {
     uint64_t texels = 0;
@@ -38,9 +49,6 @@ static uint64_t place_levels(struct lw_replica *r) {
             *first_texel_of(r, o, l) = (size_t)texels;
             texels += (uint64_t)atlas->level[l].width * atlas->level[l].height;
         }
-        if (!atlas->level_count) continue; /* a mesh without lightmap */
-        const struct lw_atlas_level *coarsest = &atlas->level[atlas->level_count - 1];
-        r->coarsest_missing += coarsest->tiles_x * coarsest->tiles_y;
     }
     return texels;
 }
@@ -53,7 +61,8 @@ static enum lw_status make_room(struct lw_replica *r, struct lw_error *err) {
     if (!r->first_texel || !r->unlit || !r->tile || !r->levels) return LW_NO_MEMORY;
     for (uint32_t o = 0; o < r->map.object_count; o++)
         r->unlit[o] = lw_scene_is_spare(r->scene, o) && r->map.atlas[o].level_count > 0;
-    uint64_t texels = place_levels(r);
+    const uint64_t texels = place_levels(r);
+    count_coarsest(r);
     if (texels > LW_REPLICA_BYTES_MAX / (CHANNELS * sizeof(float)))
         return lw_status_fail(err, LW_BAD_DATA,
                               "scene package: atlases of %llu texels, over the limit of %llu GiB",
@@ -185,6 +194,19 @@ static void copy_into_level(struct lw_replica *r, const struct lw_tile_place *pl
                CHANNELS * place->width * sizeof(float));
 }
 
+void lw_replica_set_form(struct lw_replica *r, enum lw_light_form form) {
+    if (r->form == form) return;
+    r->form = form;
+    memset(r->decoded, 0, sizeof r->decoded);
+    for (uint32_t t = 0; t < r->map.tile_count; t++) {
+        if (!r->tile[t].version) continue;
+        copy_into_level(r, &r->map.place[t]);
+        r->tile[t] = (struct lw_client_tile){0};
+    }
+    count_coarsest(r);
+    lw_replica_begin_run(r); /* versions go on growing for who compares them */
+}
+
 /* Only a tile whose newest version came in codec 4 has levels. */
 static enum lw_status decode(struct lw_replica *r, const struct lw_message_tile *t, lw_tile_id id,
                              const struct lw_tile_place *place) {
@@ -213,7 +235,12 @@ enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_messag
     if (t->version > UINT64_MAX - r->version_base)
         return lw_status_fail(err, LW_PROTOCOL, "message TILE: versions have come to their end");
     const uint64_t version = r->version_base + t->version;
-    if (t->layer != 0 || version <= known->version) return LW_OK;
+    if (t->layer >= LW_LIGHT_FORM_COUNT) return LW_OK;
+    if (t->layer != (uint32_t)r->form)
+        return lw_status_fail(err, LW_PROTOCOL,
+                              "message TILE: it is of layer %u in a session that gets layer %u", t->layer,
+                              (unsigned)r->form);
+    if (version <= known->version) return LW_OK;
     if (!lw_tile_codec_is_known(t->codec))
         return lw_status_fail(err, LW_PROTOCOL, "message TILE: codec %u is unknown", t->codec);
     if (t->base && (r->version_base + t->base != known->version || !r->levels[id.v]))

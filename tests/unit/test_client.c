@@ -125,6 +125,24 @@ static void *serve(void *server) {
     return NULL;
 }
 
+#define SPLIT_OFF 10u /* versions, by which the light of split tiles looks newer than it is */
+
+/* Adds split tiles, which hold other light. */
+static struct lw_snapshot *add_split(const struct world *w, struct lw_snapshot *snapshot) {
+    uint8_t *payload = malloc(lw_tile_codec_bound());
+    snapshot->forms |= 1u << LW_LIGHT_FORM_SPLIT;
+    snapshot->tile[LW_LIGHT_FORM_SPLIT] = calloc(w->map.tile_count, sizeof(struct lw_snapshot_tile));
+    for (uint32_t t = 0; t < w->map.tile_count; t++) {
+        struct lw_snapshot_tile *tile = &snapshot->tile[LW_LIGHT_FORM_SPLIT][t];
+        struct lw_message m = tile_message(w, t, snapshot->frame + SPLIT_OFF, payload);
+        m.tile.layer = LW_LIGHT_FORM_SPLIT;
+        m.tile.version = tile->version = snapshot->frame;
+        lw_support_ok(lw_blob_from_message(&m, &tile->blob), NULL);
+    }
+    free(payload);
+    return snapshot;
+}
+
 static struct lw_snapshot *make_snapshot(const struct world *w, uint64_t frame) {
     struct lw_snapshot *snapshot;
     uint8_t *payload = malloc(lw_tile_codec_bound());
@@ -532,6 +550,82 @@ static void test_reconnect(void **state) {
     finish_world(&w);
 }
 
+static const uint8_t drawn_lights[] = {1}, drawn_materials[] = {2};
+
+static struct running start_drawn(const struct world *w, uint16_t port) {
+    return start_server_with(w, (struct lw_server_desc){.port = port,
+                                                        .client_lights = drawn_lights,
+                                                        .client_lights_size = 1,
+                                                        .client_materials = drawn_materials,
+                                                        .client_materials_size = 1});
+}
+
+/* A client that draws gets the other form, beside one that does not; nothing of one form stands in for the other. */
+static void test_draws(void **state) {
+    (void)state;
+    struct world w = make_world();
+    struct lw_client *plain, *client;
+    struct lw_client_stats stats;
+    struct lw_error err = {0};
+    assert_true(w.scene->light_count >= 1 && w.scene->material_count >= 2);
+    struct running r = start_drawn(&w, 0);
+    const uint16_t port = lw_server_port(r.server);
+    struct lw_snapshot *seventh = make_snapshot(&w, 7);
+    publish(&r, lw_snapshot_ref(seventh));
+    struct lw_client_desc desc = {.host = "127.0.0.1", .port = port};
+    lw_support_ok(lw_client_create(&desc, &plain, &err), &err);
+    desc.draws_direct = true;
+    lw_support_ok(lw_client_create(&desc, &client, &err), &err);
+    assert_null(lw_client_draws(client)); /* of which scene? */
+    poll_until_tiles(plain, w.map.tile_count);
+    assert_null(lw_client_draws(plain));
+    while (!lw_client_scene(client)) lw_support_ok(lw_client_poll(client, 100, &err), &err);
+    const struct lw_client_draws *draws = lw_client_draws(client);
+    assert_int_equal(draws->light_count, w.scene->light_count);
+    assert_int_equal(draws->material_count, w.scene->material_count);
+    for (uint32_t i = 0; i < draws->light_count; i++) assert_int_equal(draws->light[i], i == 0);
+    for (uint32_t i = 0; i < draws->material_count; i++) assert_int_equal(draws->material[i], i == 1);
+    lw_support_ok(lw_client_poll(client, 20, &err), &err);
+    lw_client_get_stats(client, &stats);
+    assert_int_equal(stats.frame, 0); /* nobody took this form before */
+    struct lw_snapshot *eighth = add_split(&w, make_snapshot(&w, 8));
+    publish(&r, lw_snapshot_ref(eighth));
+    poll_until_tiles(client, w.map.tile_count);
+    poll_until_tiles(plain, 2 * w.map.tile_count);
+    for (uint32_t t = 0; t < w.map.tile_count; t++) {
+        expect_texels(client, &w, t, 8 + SPLIT_OFF);
+        expect_tile(plain, &w, t, 8);
+    }
+    /* the link breaks: nothing of what is here is sent again, though the other form had version 7 too */
+    assert_int_equal(shutdown(lw_client_descriptor(client), SHUT_RDWR), 0);
+    lose_connection(client);
+    lw_support_ok(lw_client_reconnect(client, &err), &err);
+    assert_non_null(lw_client_draws(client));
+    lw_support_ok(lw_client_poll(client, 100, &err), &err);
+    lw_support_ok(lw_client_poll(client, 100, &err), &err);
+    lw_client_get_stats(client, &stats);
+    assert_int_equal(stats.tiles, w.map.tile_count);
+    /* a server that has no client lights: what is there lacks what nobody draws now */
+    stop_server(&r);
+    lose_connection(client);
+    r = start_server(&w, port);
+    lw_support_ok(lw_client_reconnect(client, &err), &err);
+    assert_null(lw_client_draws(client));
+    for (uint32_t t = 0; t < w.map.tile_count; t++) expect_tile(client, &w, t, 0);
+    publish(&r, make_snapshot(&w, 2));
+    poll_until_tiles(client, 2 * w.map.tile_count);
+    for (uint32_t t = 0; t < w.map.tile_count; t++) {
+        expect_texels(client, &w, t, 2);
+        assert_true(lw_client_get_tile(client, (lw_tile_id){t}).version > 8); /* they go on growing */
+    }
+    lw_snapshot_unref(seventh);
+    lw_snapshot_unref(eighth);
+    lw_client_destroy(client);
+    lw_client_destroy(plain);
+    stop_server(&r);
+    finish_world(&w);
+}
+
 /* Every other tile is as it was in frame 1. */
 static struct lw_snapshot *change_half(const struct world *w, const struct lw_snapshot *first,
                                        uint64_t frame) {
@@ -828,13 +922,16 @@ static void end(struct script *s) {
 }
 
 /* Plays the script to a client until it fails, as it must. *out_created says whether there was a welcome. */
-static void expect_failure(struct script *s, enum lw_status expected, const char *text, bool created) {
+static void expect_failure_of(struct script *s, bool draws, enum lw_status expected, const char *text,
+                              bool created) {
     struct lw_client *client = NULL;
     struct lw_error err = {0};
     begin(s);
     uint64_t end_ns = lw_clock_ns() + WAIT_NS;
     enum lw_status status = lw_client_create(
-        &(struct lw_client_desc){.host = "127.0.0.1", .port = s->port, .timeout_ms = 400}, &client, &err);
+        &(struct lw_client_desc){
+            .host = "127.0.0.1", .port = s->port, .timeout_ms = 400, .draws_direct = draws},
+        &client, &err);
     assert_int_equal(client != NULL, created);
     while (status == LW_OK) {
         assert_true(lw_clock_ns() < end_ns);
@@ -844,6 +941,10 @@ static void expect_failure(struct script *s, enum lw_status expected, const char
     assert_non_null(strstr(err.text, "127.0.0.1:"));
     lw_client_destroy(client);
     end(s);
+}
+
+static void expect_failure(struct script *s, enum lw_status expected, const char *text, bool created) {
+    expect_failure_of(s, false, expected, text, created);
 }
 
 static void test_no_server(void **state) {
@@ -1042,6 +1143,51 @@ static void say_beginning(struct script *s, const struct world *w) {
     struct lw_message welcome = welcome_of(w);
     say(s, &welcome);
     say_package(s, w);
+}
+
+/* Light that the client would count twice, or miss, ends the session; so does what no scene has. */
+static void test_forms_out_of_place(void **state) {
+    (void)state;
+    struct world w = make_world();
+    struct script s = {0};
+    uint8_t *payload = malloc(lw_tile_codec_bound());
+    struct lw_message tile = tile_message(&w, 0, 1, payload), plain = welcome_of(&w), draws = plain;
+    draws.welcome.features = LW_FEATURE_DRAWS;
+    draws.welcome.client_lights = drawn_lights;
+    draws.welcome.client_lights_size = 1;
+    say(&s, &draws);
+    say_package(&s, &w);
+    expect_failure(&s, LW_PROTOCOL, "draws direct light, which was not offered", false);
+    say(&s, &draws);
+    say_package(&s, &w);
+    say(&s, &tile);
+    expect_failure_of(&s, true, LW_PROTOCOL, "it is of layer 0 in a session that gets layer 1", true);
+    tile.tile.layer = LW_LIGHT_FORM_SPLIT;
+    for (int i = 0; i < 2; i++) {
+        say(&s, &plain);
+        say_package(&s, &w);
+        say(&s, &tile);
+        expect_failure_of(&s, i, LW_PROTOCOL, "it is of layer 1 in a session that gets layer 0", true);
+    }
+    uint8_t bits[LW_SCENE_LIGHTS_MAX / 8] = {0};
+    const uint32_t lights = w.scene->light_count, materials = w.scene->material_count;
+    bits[lights / 8] = (uint8_t)(1u << lights % 8);
+    draws.welcome.client_lights = bits;
+    draws.welcome.client_lights_size = lights / 8 + 1;
+    say(&s, &draws);
+    say_package(&s, &w);
+    expect_failure_of(&s, true, LW_PROTOCOL, "client_lights has light", true);
+    bits[lights / 8] = 0;
+    bits[materials / 8] = (uint8_t)(1u << materials % 8);
+    draws.welcome.client_lights = NULL;
+    draws.welcome.client_lights_size = 0;
+    draws.welcome.client_materials = bits;
+    draws.welcome.client_materials_size = LW_SCENE_MATERIALS_MAX / 8; /* many bytes, that are 0 */
+    say(&s, &draws);
+    say_package(&s, &w);
+    expect_failure_of(&s, true, LW_PROTOCOL, "client_materials has material", true);
+    free(payload);
+    finish_world(&w);
 }
 
 static void test_messages_out_of_place(void **state) {
@@ -1290,7 +1436,7 @@ static void test_stale_tiles(void **state) {
     static const struct {
         uint64_t version, expected;
         uint32_t layer;
-    } steps[] = {{5, 5, 0}, {5, 5, 0}, {4, 5, 0}, {9, 5, 1}, {6, 6, 0}};
+    } steps[] = {{5, 5, 0}, {5, 5, 0}, {4, 5, 0}, {9, 5, 2}, {6, 6, 0}};
     for (size_t i = 0; i < sizeof steps / sizeof *steps; i++) {
         struct lw_message m = tile_message(&w, 0, steps[i].version, payload);
         m.tile.layer = steps[i].layer;
@@ -1450,6 +1596,7 @@ int main(void) {
         cmocka_unit_test(test_unknown_types_are_skipped),
         cmocka_unit_test(test_what_comes_with_the_welcome),
         cmocka_unit_test(test_reconnect),
+        cmocka_unit_test(test_draws),
         cmocka_unit_test(test_who_stopped_reading_comes_back),
         cmocka_unit_test(test_cache),
         cmocka_unit_test(test_parts),
@@ -1457,6 +1604,7 @@ int main(void) {
         cmocka_unit_test(test_backoff),
         cmocka_unit_test(test_download_goes_on),
         cmocka_unit_test(test_damaged_package),
+        cmocka_unit_test(test_forms_out_of_place),
         cmocka_unit_test(test_messages_out_of_place),
         cmocka_unit_test(test_tiles_that_build_on_others),
         cmocka_unit_test(test_bytes_gone_wrong),

@@ -24,13 +24,16 @@
 #include <uv.h>
 #include <zstd.h>
 
-/* A server in a thread of its own, raw sockets here. Snapshots are made by hand: the payloads only have to be bytes. */
+/* A server in a thread of its own, raw sockets here. Snapshots are made by hand: the payloads only have to be bytes. Peers ask for one
+ * form of light, which snapshots have; the server knows both. */
 
 #define OBJECTS      3u
 #define WAIT_MS      60000
 #define PAYLOAD_SIZE 20000u
 #define PACKAGE_SIZE 300000u
 #define CLIENT_TOKEN 0x1122334455667788u
+
+static enum lw_light_form form;
 
 struct fixture {
     struct lw_scene *scene;
@@ -40,6 +43,8 @@ struct fixture {
     pthread_t thread;
     enum lw_status result;
 };
+
+static const uint8_t client_lights[] = {2, 1}; /* the second and the ninth */
 
 static void *serve(void *context) {
     struct fixture *f = context;
@@ -66,6 +71,8 @@ static struct fixture *start(const struct lw_server_desc *extra) {
     struct lw_error err = {0};
     desc.host = "127.0.0.1";
     desc.atlas_map = &f->map;
+    desc.client_lights = client_lights;
+    desc.client_lights_size = sizeof client_lights;
     if (!desc.package) {
         desc.package = f->package;
         desc.package_size = PACKAGE_SIZE;
@@ -126,7 +133,7 @@ static struct lw_blob *frame_blob(uint64_t frame, double time_s) {
 static struct lw_snapshot *make_snapshot(const struct fixture *f, uint64_t frame, uint64_t previous) {
     static const uint8_t payload[PAYLOAD_SIZE] = {1};
     struct lw_snapshot *snapshot;
-    lw_support_ok(lw_snapshot_create(f->map.tile_count, 1u << LW_LIGHT_FORM_FULL, &snapshot), NULL);
+    lw_support_ok(lw_snapshot_create(f->map.tile_count, 1u << form, &snapshot), NULL);
     snapshot->frame = frame;
     snapshot->previous_frame = previous;
     snapshot->frame_full = frame_blob(frame, 1);
@@ -134,10 +141,11 @@ static struct lw_snapshot *make_snapshot(const struct fixture *f, uint64_t frame
     for (uint32_t t = 0; t < f->map.tile_count; t++) {
         const struct lw_tile_place *p = &f->map.place[t];
         const struct lw_atlas_level *level = &f->map.atlas[p->object].level[p->level];
-        snapshot->tile[LW_LIGHT_FORM_FULL][t].version = frame;
-        snapshot->tile[LW_LIGHT_FORM_FULL][t].blob =
+        snapshot->tile[form][t].version = frame;
+        snapshot->tile[form][t].blob =
             blob_of(&(struct lw_message){.type = LW_MESSAGE_TILE,
-                                         .tile = {.object = p->object,
+                                         .tile = {.layer = form,
+                                                  .object = p->object,
                                                   .level = p->level,
                                                   .tile = p->y * level->tiles_x + p->x,
                                                   .version = frame,
@@ -175,7 +183,9 @@ static void put_bytes(int s, const void *bytes, size_t size) {
 }
 
 static void put(int s, const struct lw_message *message) {
-    struct lw_blob *blob = blob_of(message);
+    struct lw_message m = *message;
+    if (m.type == LW_MESSAGE_HELLO && form == LW_LIGHT_FORM_SPLIT) m.hello.features |= LW_FEATURE_DRAWS;
+    struct lw_blob *blob = blob_of(&m);
     put_bytes(s, blob->bytes, blob->size);
     lw_blob_unref(blob);
 }
@@ -193,6 +203,18 @@ static bool get_bytes(int s, uint8_t *dst, size_t size) {
     return true;
 }
 
+/* Whether it is in the form that peers ask for. What each WELCOME then has beside the rest is taken out. */
+static void check_form(struct lw_message *m) {
+    const bool draws = form == LW_LIGHT_FORM_SPLIT;
+    if (m->type == LW_MESSAGE_TILE) assert_int_equal(m->tile.layer, form);
+    if (m->type != LW_MESSAGE_WELCOME) return;
+    assert_int_equal(m->welcome.features & LW_FEATURE_DRAWS, draws ? LW_FEATURE_DRAWS : 0);
+    assert_int_equal(m->welcome.client_lights_size, draws ? sizeof client_lights : 0);
+    if (draws) assert_memory_equal(m->welcome.client_lights, client_lights, sizeof client_lights);
+    assert_int_equal(m->welcome.client_materials_size, 0);
+    m->welcome.features &= ~(uint64_t)LW_FEATURE_DRAWS;
+}
+
 /* Reads the next message; false at the end of the stream. */
 static bool get(int s, struct lw_message *out) {
     static uint8_t body[LW_FRAME_BODY_MAX];
@@ -203,6 +225,7 @@ static bool get(int s, struct lw_message *out) {
     lw_support_ok(lw_frame_read_header(bytes, LW_FRAME_BODY_MAX, &header, &err), &err);
     if (!get_bytes(s, body, header.body_size)) return false;
     lw_support_ok(lw_message_decode(header, body, out, &err), &err);
+    check_form(out);
     return true;
 }
 
@@ -513,9 +536,9 @@ static void test_newer_snapshot(void **state) {
     struct lw_snapshot *second = make_snapshot(f, 2, 1); /* one tile changes, the rest stay as they are */
     for (uint32_t t = 0; t < f->map.tile_count; t++) {
         if (t == 5) continue;
-        lw_blob_unref(second->tile[LW_LIGHT_FORM_FULL][t].blob);
-        second->tile[LW_LIGHT_FORM_FULL][t] = (struct lw_snapshot_tile){
-            .version = 1, .blob = lw_blob_ref(first->tile[LW_LIGHT_FORM_FULL][t].blob)};
+        lw_blob_unref(second->tile[form][t].blob);
+        second->tile[form][t] =
+            (struct lw_snapshot_tile){.version = 1, .blob = lw_blob_ref(first->tile[form][t].blob)};
     }
     lw_snapshot_unref(first);
     publish(f, second);
@@ -539,12 +562,12 @@ static void test_deltas(void **state) {
     for (uint32_t t = 0; t < f->map.tile_count; t++) {
         struct lw_message m;
         struct lw_frame_header header;
-        const struct lw_blob *blob = second->tile[LW_LIGHT_FORM_FULL][t].blob;
+        const struct lw_blob *blob = second->tile[form][t].blob;
         lw_support_ok(lw_frame_read_header(blob->bytes, LW_FRAME_BODY_MAX, &header, NULL), NULL);
         lw_support_ok(lw_message_decode(header, blob->bytes + LW_FRAME_HEADER_SIZE, &m, NULL), NULL);
         m.tile.base = 1;
-        second->tile[LW_LIGHT_FORM_FULL][t].delta = blob_of(&m);
-        second->tile[LW_LIGHT_FORM_FULL][t].base = t == 5 ? 7 : 1;
+        second->tile[form][t].delta = blob_of(&m);
+        second->tile[form][t].base = t == 5 ? 7 : 1;
         lw_message_finish(&m);
     }
     lw_server_publish(f->server, second);
@@ -592,10 +615,11 @@ static void test_deltas_to_catch_up(void **state) {
     for (uint64_t frame = 1; frame <= FRAMES; frame++) { /* of tile 0 of object 0 there are deltas */
         struct lw_snapshot *snapshot = make_snapshot(f, frame, frame - 1);
         if (frame > 1) {
-            snapshot->tile[LW_LIGHT_FORM_FULL][0].base = frame - 1;
-            snapshot->tile[LW_LIGHT_FORM_FULL][0].delta =
+            snapshot->tile[form][0].base = frame - 1;
+            snapshot->tile[form][0].delta =
                 blob_of(&(struct lw_message){.type = LW_MESSAGE_TILE,
-                                             .tile = {.version = frame,
+                                             .tile = {.layer = form,
+                                                      .version = frame,
                                                       .base = frame - 1,
                                                       .codec = 3,
                                                       .scale = 1,
@@ -645,18 +669,19 @@ static struct lw_snapshot *make_moving(const struct fixture *f, struct lw_tile_c
                   NULL);
     struct lw_snapshot *snapshot = make_snapshot(f, frame, previous);
     struct lw_message m = {.type = LW_MESSAGE_TILE,
-                           .tile = {.version = frame,
+                           .tile = {.layer = form,
+                                    .version = frame,
                                     .codec = LW_TILE_CODEC_DCT,
                                     .scale = coded.scale,
                                     .payload = payload,
                                     .payload_size = coded.size}};
-    lw_blob_unref(snapshot->tile[LW_LIGHT_FORM_FULL][0].blob);
-    snapshot->tile[LW_LIGHT_FORM_FULL][0].blob = blob_of(&m);
+    lw_blob_unref(snapshot->tile[form][0].blob);
+    snapshot->tile[form][0].blob = blob_of(&m);
     if (coded.delta_size) {
-        m.tile.base = snapshot->tile[LW_LIGHT_FORM_FULL][0].base = previous;
+        m.tile.base = snapshot->tile[form][0].base = previous;
         m.tile.payload = delta;
         m.tile.payload_size = coded.delta_size;
-        snapshot->tile[LW_LIGHT_FORM_FULL][0].delta = blob_of(&m);
+        snapshot->tile[form][0].delta = blob_of(&m);
     }
     free(delta);
     free(payload);
@@ -673,6 +698,7 @@ static void test_a_jump_to_catch_up(void **state) {
     struct fixture *f = start(&(struct lw_server_desc){.features = LW_FEATURE_DCT});
     struct lw_tile_codec *codec;
     lw_support_ok(lw_tile_codec_create(&codec), NULL);
+    memset(&history, 0, sizeof history);
     for (uint64_t frame = 1; frame <= FRAMES; frame++) {
         struct lw_snapshot *snapshot = make_moving(f, codec, &history, frame, frame - 1);
         if (frame == FRAMES)
@@ -723,6 +749,7 @@ static void test_a_narrow_link(void **state) {
     struct lw_tile_codec *codec;
     struct lw_message m;
     lw_support_ok(lw_tile_codec_create(&codec), NULL);
+    memset(&history, 0, sizeof history);
     int s = dial(f);
     put(s, &(struct lw_message){.type = LW_MESSAGE_HELLO,
                                 .hello = {.version = LW_WIRE_VERSION, .features = LW_FEATURE_DCT}});
@@ -827,7 +854,7 @@ static void test_stand_ins_wait(void **state) {
     for (uint64_t frame = 1; frame <= old; frame++) {
         struct lw_snapshot *snapshot = make_snapshot(f, frame, frame - 1);
         for (uint32_t t = 0; t < f->map.tile_count; t++)
-            snapshot->tile[LW_LIGHT_FORM_FULL][t].change =
+            snapshot->tile[form][t].change =
                 frame == far ? 2 * LW_URGENCY_STAND_IN_OFF : LW_URGENCY_STAND_IN_OFF / 10;
         publish(f, snapshot);
         struct lw_message m;
@@ -975,7 +1002,7 @@ static void test_blobs_are_shared(void **state) {
         assert_true(lw_clock_ns() < end_ns);
         most = 0;
         for (uint32_t t = 0; t < snapshot->tile_count; t++) {
-            uint32_t references = snapshot->tile[LW_LIGHT_FORM_FULL][t].blob->references;
+            uint32_t references = snapshot->tile[form][t].blob->references;
             if (references > most) most = references;
         }
         usleep(1000);
@@ -985,7 +1012,7 @@ static void test_blobs_are_shared(void **state) {
     lw_server_stop(f->server);
     join(f);
     for (uint32_t t = 0; t < snapshot->tile_count; t++)
-        assert_int_equal(snapshot->tile[LW_LIGHT_FORM_FULL][t].blob->references, 1);
+        assert_int_equal(snapshot->tile[form][t].blob->references, 1);
     assert_int_equal(snapshot->references, 1);
     lw_snapshot_unref(snapshot);
     discard(f);
@@ -1146,9 +1173,8 @@ static void test_the_most_visible_change_goes_first(void **state) {
     /* whole tiles of level 0, one of each object, move the more the later they come; the others little */
     const uint32_t tile[OBJECTS] = {0, 13, 26};
     struct lw_snapshot *snapshot = make_snapshot(f, 4, 2);
-    for (uint32_t i = 0; i < f->map.tile_count; i++) snapshot->tile[LW_LIGHT_FORM_FULL][i].change = 0.001f;
-    for (uint32_t o = 0; o < OBJECTS; o++)
-        snapshot->tile[LW_LIGHT_FORM_FULL][tile[o]].change = 0.1f * (float)(o + 1);
+    for (uint32_t i = 0; i < f->map.tile_count; i++) snapshot->tile[form][i].change = 0.001f;
+    for (uint32_t o = 0; o < OBJECTS; o++) snapshot->tile[form][tile[o]].change = 0.1f * (float)(o + 1);
     publish(f, snapshot);
     expect_frame(s, 4, 2);
     expect(s, LW_MESSAGE_TILE, &m);
@@ -1157,8 +1183,8 @@ static void test_the_most_visible_change_goes_first(void **state) {
     lw_message_finish(&m);
     /* now all but that one lag behind; the first moves again and overtakes the second */
     snapshot = make_snapshot(f, 6, 4);
-    for (uint32_t i = 0; i < f->map.tile_count; i++) snapshot->tile[LW_LIGHT_FORM_FULL][i].change = 0.001f;
-    snapshot->tile[LW_LIGHT_FORM_FULL][tile[0]].change = 0.2f;
+    for (uint32_t i = 0; i < f->map.tile_count; i++) snapshot->tile[form][i].change = 0.001f;
+    snapshot->tile[form][tile[0]].change = 0.2f;
     publish(f, snapshot);
     for (bool framed = false; !framed;) {
         assert_true(get(s, &m));
@@ -1867,8 +1893,152 @@ static void test_answers_that_nobody_reads_end_the_session(void **state) {
     end(f);
 }
 
+/* ---- forms of light ---- */
+
+/* Both forms, or one, of all tiles. */
+static struct lw_snapshot *make_forms(const struct fixture *f, uint64_t frame, uint64_t previous,
+                                      uint32_t forms) {
+    struct lw_snapshot *of[LW_LIGHT_FORM_COUNT] = {0}, *snapshot = NULL;
+    const enum lw_light_form before = form;
+    for (unsigned i = 0; i < LW_LIGHT_FORM_COUNT; i++) {
+        form = (enum lw_light_form)i;
+        if (forms >> i & 1) snapshot = of[i] = make_snapshot(f, frame, previous);
+    }
+    form = before;
+    for (unsigned i = 0; i < LW_LIGHT_FORM_COUNT; i++) {
+        if (!of[i] || of[i] == snapshot) continue;
+        snapshot->tile[i] = of[i]->tile[i];
+        of[i]->tile[i] = NULL;
+        lw_snapshot_unref(of[i]);
+    }
+    snapshot->forms = forms;
+    return snapshot;
+}
+
+static int dial_in(const struct fixture *f, enum lw_light_form as) {
+    form = as;
+    return dial_and_stream(f);
+}
+
+static void expect_light_in(const struct fixture *f, int s, enum lw_light_form as, uint64_t frame) {
+    form = as;
+    expect_light(f, s, frame);
+}
+
+static void wait_for_forms(const struct fixture *f, uint32_t forms) {
+    for (uint64_t end_ns = lw_clock_ns() + WAIT_MS * 1000000ull; lw_server_forms_taken(f->server) != forms;
+         usleep(1000))
+        assert_true(lw_clock_ns() < end_ns);
+}
+
+/* Each gets its own form, whatever the others get; who comes when nobody has taken its form waits for it. */
+static void test_forms_beside_each_other(void **state) {
+    (void)state;
+    enum { FULL = 1u << LW_LIGHT_FORM_FULL, SPLIT = 1u << LW_LIGHT_FORM_SPLIT };
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    assert_int_equal(lw_server_forms_taken(f->server), 0);
+    publish(f, make_forms(f, 1, 0, FULL));
+    int full = dial_in(f, LW_LIGHT_FORM_FULL);
+    expect_light_in(f, full, LW_LIGHT_FORM_FULL, 1);
+    assert_int_equal(lw_server_forms_taken(f->server), FULL);
+    int split = dial_in(f, LW_LIGHT_FORM_SPLIT);
+    wait_for_forms(f, FULL | SPLIT);
+    assert_int_equal(stats_of(f).sessions_now, 2);
+    assert_int_equal(stats_of(f).sessions_drawing, 1);
+    expect_silence(split, 50);
+    publish(f, make_forms(f, 2, 1, FULL | SPLIT));
+    expect_light_in(f, split, LW_LIGHT_FORM_SPLIT, 2);
+    form = LW_LIGHT_FORM_FULL;
+    expect_frame(full, 2, 2); /* as a difference: it had all of the one before */
+    expect_tiles(full, f->map.tile_count, 2);
+    /* one form is left out: its sessions keep what they have, and a newcomer gets nothing of old */
+    publish(f, make_forms(f, 3, 2, FULL));
+    expect_frame(full, 3, 2);
+    expect_tiles(full, f->map.tile_count, 3);
+    int late = dial_in(f, LW_LIGHT_FORM_SPLIT);
+    expect_silence(split, 50);
+    expect_silence(late, 0);
+    publish(f, make_forms(f, 4, 3, FULL | SPLIT));
+    expect_light_in(f, split, LW_LIGHT_FORM_SPLIT, 4);
+    expect_light_in(f, late, LW_LIGHT_FORM_SPLIT, 4);
+    form = LW_LIGHT_FORM_FULL;
+    expect_frame(full, 4, 2);
+    expect_tiles(full, f->map.tile_count, 4);
+    close(full);
+    wait_for_forms(f, SPLIT);
+    close(split);
+    wait_for_sessions(f, 1);
+    assert_int_equal(lw_server_forms_taken(f->server), SPLIT);
+    close(late);
+    wait_for_forms(f, 0);
+    assert_int_equal(stats_of(f).sessions_drawing, 0);
+    end(f);
+    form = LW_LIGHT_FORM_FULL;
+}
+
+/* Who has not asked for light takes no form. */
+static void test_a_form_is_taken_with_the_package(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    form = LW_LIGHT_FORM_SPLIT;
+    int s = dial_and_greet(f);
+    expect_silence(s, 20);
+    assert_int_equal(lw_server_forms_taken(f->server), 0);
+    ask_for_package(s, 0);
+    wait_for_forms(f, 1u << LW_LIGHT_FORM_SPLIT);
+    close(s);
+    wait_for_forms(f, 0);
+    end(f);
+    form = LW_LIGHT_FORM_FULL;
+}
+
+/* A server without client lights takes the offer of nobody. */
+static void test_no_client_lights(void **state) {
+    (void)state;
+    static const uint8_t none[] = {0, 0};
+    for (int i = 0; i < 2; i++) {
+        struct lw_server *server;
+        struct fixture *f = start(&(struct lw_server_desc){0});
+        struct lw_server_desc desc = {.host = "127.0.0.1",
+                                      .atlas_map = &f->map,
+                                      .package = f->package,
+                                      .package_size = PACKAGE_SIZE,
+                                      .client_lights = i ? none : NULL,
+                                      .client_lights_size = i ? sizeof none : 0};
+        lw_server_stop(f->server);
+        join(f);
+        lw_support_ok(lw_server_create(&desc, &server, NULL), NULL);
+        f->server = server;
+        assert_int_equal(pthread_create(&f->thread, NULL, serve, f), 0);
+        close(dial_and_greet_with(f, LW_FEATURE_DRAWS)); /* which looks at what is taken up */
+        end(f);
+    }
+}
+
+static int ask_for_split(void **state) {
+    (void)state;
+    form = LW_LIGHT_FORM_SPLIT;
+    return 0;
+}
+
 int main(void) {
+    const struct CMUnitTest in_split_form[] = {
+        cmocka_unit_test(test_join),
+        cmocka_unit_test(test_what_is_held_is_not_sent),
+        cmocka_unit_test(test_newer_snapshot),
+        cmocka_unit_test(test_deltas),
+        cmocka_unit_test(test_deltas_to_catch_up),
+        cmocka_unit_test(test_a_jump_to_catch_up),
+        cmocka_unit_test(test_a_narrow_link),
+        cmocka_unit_test(test_settled),
+        cmocka_unit_test(test_stand_ins_wait),
+        cmocka_unit_test(test_blobs_are_shared),
+        cmocka_unit_test(test_the_most_visible_change_goes_first),
+    };
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_forms_beside_each_other),
+        cmocka_unit_test(test_a_form_is_taken_with_the_package),
+        cmocka_unit_test(test_no_client_lights),
         cmocka_unit_test(test_updates_are_answered_with_their_frame),
         cmocka_unit_test(test_wrong_updates_are_answered_and_nothing_of_them_is_done),
         cmocka_unit_test(test_spares_are_given_out_in_order),
@@ -1916,5 +2086,6 @@ int main(void) {
         cmocka_unit_test(test_address_errors),
         cmocka_unit_test(test_idle_takes_no_time),
     };
-    return cmocka_run_group_tests(tests, NULL, NULL);
+    const int failed = cmocka_run_group_tests(tests, NULL, NULL);
+    return failed + cmocka_run_group_tests(in_split_form, ask_for_split, NULL);
 }

@@ -34,8 +34,9 @@ struct lw_client_desc {
     /* A folder for scene packages: one that is there, by its hash, is not downloaded, and one that was downloaded is kept
      * there, if that is possible; what was not used for longest goes when there is over 1 GiB. NULL: none. */
     const char *cache_folder;
-    bool wants_nothing;           /* until lw_client_want() says otherwise; else it wants everything */
-    bool control;                 /* it may call lw_client_update() */
+    bool wants_nothing; /* until lw_client_want() says otherwise; else it wants everything */
+    bool control;       /* it may call lw_client_update() */
+    bool draws_direct;  /* it draws the direct light that lw_client_draws() lists: levels come without it */
     uint64_t rate_limit_bytes_hz; /* that the server is to send at most; 0: whatever the link takes */
 };
 
@@ -106,6 +107,19 @@ struct lw_client_light lw_client_get_light(const struct lw_client *client, uint3
 /** What a material shone by when the server began, W/(m^2 sr); lw_client_scene() has its current emission.
  * Errors: none; a material that is not there gives zeros. */
 struct lw_vec3 lw_client_own_emission(const struct lw_client *client, uint32_t material);
+
+/** Whose direct light is the client's to draw: 1 for each light and each material of the scene whose emission it is. */
+struct lw_client_draws {
+    uint32_t light_count, material_count; /* as in the scene */
+    const uint8_t *light, *material;
+};
+/** Levels then hold all light but that: add, at each point, the direct light of these lights as the newest frame has them
+ * (lw_client_get_light(), the scene's materials), by the equations of proto/wire_format.md, section 6. The same as long as the
+ * session lasts; lw_client_reconnect() may bring another list, or none. Valid until that, or lw_client_destroy().
+ *
+ * NULL: nothing; levels hold all light. So it is without desc.draws_direct, with a server that has no such lights or is older, and
+ * before the scene is there. */
+const struct lw_client_draws *lw_client_draws(const struct lw_client *client);
 
 /** One level of one object's atlas. */
 struct lw_client_level {
