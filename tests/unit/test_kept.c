@@ -10,6 +10,7 @@
 
 #define FRAME        41u
 #define TARGET_ERROR 0.02f
+#define BOTH         (1u << LW_LIGHT_FORM_FULL | 1u << LW_LIGHT_FORM_SPLIT)
 
 static const uint8_t key[LW_KEPT_KEY_SIZE] = "sixteen bytes..", other_key[LW_KEPT_KEY_SIZE] = "and others";
 
@@ -26,9 +27,10 @@ static struct lw_blob *blob_of(const struct lw_message *message) {
     return blob;
 }
 
-static struct lw_blob *tile_blob(uint32_t object, float error) {
+static struct lw_blob *tile_blob(uint32_t object, enum lw_light_form form, float error) {
     return blob_of(&(struct lw_message){.type = LW_MESSAGE_TILE,
                                         .tile = {.object = object,
+                                                 .layer = form,
                                                  .version = FRAME - 1,
                                                  .codec = LW_TILE_CODEC_HALF_ZSTD,
                                                  .scale = 1,
@@ -38,13 +40,13 @@ static struct lw_blob *tile_blob(uint32_t object, float error) {
                                                  .payload_size = 5}});
 }
 
-/* A frame of two messages; light for all objects but the last. */
+/* A frame of two messages; light for all objects but the last, in two forms for the first. */
 static int init_world(void **state) {
     static struct world w;
     w = (struct world){.scene = lw_support_squares(3, 1), .path = lw_support_temporary("shown")};
     w.scene->mesh[0].atlas_width = w.scene->mesh[0].atlas_height = 64;
     lw_support_ok(lw_atlas_map_init(&w.map, w.scene), NULL);
-    lw_support_ok(lw_snapshot_create(w.map.tile_count, 1u << LW_LIGHT_FORM_FULL, &w.snapshot), NULL);
+    lw_support_ok(lw_snapshot_create(w.map.tile_count, BOTH, &w.snapshot), NULL);
     struct lw_message frame = {
         .type = LW_MESSAGE_FRAME,
         .frame = {.frame = FRAME, .rays_total = 1000, .server_cpu_ns = 2000, .time_s = 7}};
@@ -56,9 +58,11 @@ static int init_world(void **state) {
     w.snapshot->frame = FRAME;
     for (uint32_t o = 0; o < 2; o++) {
         const uint32_t id = lw_atlas_map_find(&w.map, o, 0, 0, 0).v;
-        w.snapshot->tile[LW_LIGHT_FORM_FULL][id] =
-            (struct lw_snapshot_tile){.version = FRAME - 1, .blob = tile_blob(o, 0.01f + (float)o)};
+        w.snapshot->tile[LW_LIGHT_FORM_FULL][id] = (struct lw_snapshot_tile){
+            .version = FRAME - 1, .blob = tile_blob(o, LW_LIGHT_FORM_FULL, 0.01f + (float)o)};
     }
+    w.snapshot->tile[LW_LIGHT_FORM_SPLIT][lw_atlas_map_find(&w.map, 0, 0, 0, 0).v] =
+        (struct lw_snapshot_tile){.version = FRAME - 1, .blob = tile_blob(0, LW_LIGHT_FORM_SPLIT, 0.01f)};
     *state = &w;
     return 0;
 }
@@ -101,18 +105,16 @@ static void steady_light_comes_back_as_it_was(void **state) {
     assert_int_equal(again->frame, FRAME);
     assert_non_null(again->settled);
     assert_null(again->frame_delta);
-    for (uint32_t i = 0; i < w->map.tile_count; i++) {
-        assert_int_equal(again->tile[LW_LIGHT_FORM_FULL][i].version,
-                         w->snapshot->tile[LW_LIGHT_FORM_FULL][i].version);
-        assert_true(!again->tile[LW_LIGHT_FORM_FULL][i].blob ==
-                    !w->snapshot->tile[LW_LIGHT_FORM_FULL][i].blob);
-        if (!again->tile[LW_LIGHT_FORM_FULL][i].blob) continue;
-        assert_int_equal(again->tile[LW_LIGHT_FORM_FULL][i].blob->size,
-                         w->snapshot->tile[LW_LIGHT_FORM_FULL][i].blob->size);
-        assert_memory_equal(again->tile[LW_LIGHT_FORM_FULL][i].blob->bytes,
-                            w->snapshot->tile[LW_LIGHT_FORM_FULL][i].blob->bytes,
-                            again->tile[LW_LIGHT_FORM_FULL][i].blob->size);
-    }
+    assert_int_equal(again->forms, BOTH);
+    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++)
+        for (uint32_t i = 0; i < w->map.tile_count; i++) {
+            const struct lw_snapshot_tile *is = &again->tile[f][i], *was = &w->snapshot->tile[f][i];
+            assert_int_equal(is->version, was->version);
+            assert_true(!is->blob == !was->blob);
+            if (!is->blob) continue;
+            assert_int_equal(is->blob->size, was->blob->size);
+            assert_memory_equal(is->blob->bytes, was->blob->bytes, is->blob->size);
+        }
     struct lw_message frame;
     size_t size;
     decode(again->frame_full, &frame, &size);
@@ -195,6 +197,15 @@ static void what_is_written_wrongly_is_refused(void **state) {
         lw_blob_ref(w->snapshot->tile[LW_LIGHT_FORM_FULL][first].blob);
     lw_support_ok(lw_kept_save(w->path, key, w->snapshot, true, NULL), NULL);
     refused(w, key, "it came twice");
+    w->snapshot->forms = 1u << LW_LIGHT_FORM_FULL;
+    struct lw_snapshot_tile *tile = &w->snapshot->tile[LW_LIGHT_FORM_FULL][second];
+    lw_blob_unref(tile->blob);
+    tile->blob = tile_blob(1, LW_LIGHT_FORM_SPLIT, 0);
+    lw_support_ok(lw_kept_save(w->path, key, w->snapshot, true, NULL), NULL);
+    refused(w, key, "holds a tile of layer 1, which it does not have");
+    w->snapshot->forms = 0;
+    lw_support_ok(lw_kept_save(w->path, key, w->snapshot, true, NULL), NULL);
+    refused(w, key, "has a header that makes no sense");
 }
 
 int main(void) {

@@ -10,7 +10,7 @@
 #define SIDE 64u
 
 /* A solver whose only object holds what the test says. */
-static float light[3][SIDE * SIDE], error;
+static float light[3][SIDE * SIDE], split[3][SIDE * SIDE], nothing[SIDE * SIDE], error;
 static uint8_t covered[SIDE * SIDE];
 static uint64_t solved_frame;
 
@@ -18,6 +18,9 @@ static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_s
     (void)solver;
     assert_int_equal(id.v, 0);
     *tile = (struct lw_solver_tile){.light = {light[0], light[1], light[2]},
+                                    .split = {split[0], split[1], split[2]},
+                                    .direct = {light[0], light[1], light[2]},
+                                    .indirect = {nothing, nothing, nothing},
                                     .covered = covered,
                                     .width = SIDE,
                                     .height = SIDE,
@@ -76,12 +79,16 @@ static void set_light(uint64_t frame, float brightness) {
     solved_frame = frame;
 }
 
-static struct lw_snapshot *publish(struct world *w, uint64_t frame) {
+static struct lw_publisher_stats stats; /* of the last frame */
+
+static struct lw_snapshot *publish_solved(struct world *w, uint64_t frame, uint64_t tiles_solved) {
     struct lw_snapshot *snapshot;
-    struct lw_publisher_stats stats;
-    lw_support_ok(lw_publisher_publish(w->publisher, &w->pose, frame, 1, 1, 1, &snapshot, &stats), NULL);
+    lw_support_ok(lw_publisher_publish(w->publisher, &w->pose, frame, 1, 1, tiles_solved, &snapshot, &stats),
+                  NULL);
     return snapshot;
 }
+
+static struct lw_snapshot *publish(struct world *w, uint64_t frame) { return publish_solved(w, frame, 1); }
 
 /* What a client makes of a blob; returns the payload's size. */
 static size_t decode(const struct world *w, const struct lw_blob *blob, uint64_t version, uint64_t base,
@@ -256,6 +263,90 @@ static void test_dark_beside_white(void **state) {
     finish_world(&w);
 }
 
+#define FULL  (1u << LW_LIGHT_FORM_FULL)
+#define SPLIT (1u << LW_LIGHT_FORM_SPLIT)
+
+static void expect_form(const struct world *w, const struct lw_snapshot *s, enum lw_light_form form,
+                        uint64_t version, float value) {
+    static float rgb[SIDE * SIDE * 3];
+    float scale;
+    struct lw_frame_header header;
+    struct lw_message m;
+    assert_true(lw_snapshot_has(s, form));
+    const struct lw_blob *blob = s->tile[form][0].blob;
+    assert_int_equal(s->tile[form][0].version, lw_snapshot_version(version));
+    decode(w, blob, version, 0, NULL, rgb, &scale);
+    assert_true(fabsf(rgb[0] / value - 1) < 0.001f);
+    lw_support_ok(lw_frame_read_header(blob->bytes, LW_FRAME_BODY_MAX, &header, NULL), NULL);
+    lw_support_ok(lw_message_decode(header, blob->bytes + LW_FRAME_HEADER_SIZE, &m, NULL), NULL);
+    assert_int_equal(m.tile.layer, form);
+    lw_message_finish(&m);
+}
+
+/* A form is published while it is to be, whole from the next frame on, though nothing was solved. */
+static void test_forms(void **state) {
+    (void)state;
+    struct world w;
+    init_world(&w, LW_TILE_CODEC_HALF_ZSTD);
+    set_light(1, 5);
+    for (uint32_t i = 0; i < SIDE * SIDE; i++)
+        for (int c = 0; c < 3; c++) split[c][i] = 0.25f * light[c][i];
+    struct lw_snapshot *s = publish(&w, 1);
+    assert_int_equal(s->forms, FULL);
+    assert_null(s->tile[LW_LIGHT_FORM_SPLIT]);
+    assert_int_equal(stats.split_tiles_encoded, 0);
+    lw_snapshot_unref(s);
+    const size_t one = lw_publisher_memory_bytes(w.publisher);
+    lw_support_ok(lw_publisher_set_forms(w.publisher, FULL | SPLIT), NULL);
+    s = publish_solved(&w, 2, 0);
+    assert_int_equal(s->forms, FULL | SPLIT);
+    expect_form(&w, s, LW_LIGHT_FORM_FULL, 1, light[0][0]);
+    expect_form(&w, s, LW_LIGHT_FORM_SPLIT, 2, split[0][0]);
+    assert_true(stats.split_tiles_encoded == w.map.tile_count &&
+                stats.tiles_encoded == stats.split_tiles_encoded &&
+                stats.bytes_encoded == stats.split_bytes_encoded);
+    assert_true(lw_publisher_memory_bytes(w.publisher) > 3 * one / 2);
+    lw_snapshot_unref(s);
+    s = publish_solved(&w, 3, 0); /* nothing is news */
+    expect_form(&w, s, LW_LIGHT_FORM_SPLIT, 2, split[0][0]);
+    assert_int_equal(stats.tiles_encoded, 0);
+    lw_snapshot_unref(s);
+    lw_support_ok(lw_publisher_set_forms(w.publisher, SPLIT), NULL);
+    set_light(4, 10); /* a client light is brighter: the rest is as it was */
+    s = publish(&w, 4);
+    assert_int_equal(s->forms, SPLIT);
+    expect_form(&w, s, LW_LIGHT_FORM_SPLIT, 2, split[0][0]);
+    lw_snapshot_unref(s);
+    lw_support_ok(lw_publisher_set_forms(w.publisher, FULL), NULL);
+    s = publish_solved(&w, 5, 0);
+    assert_int_equal(s->forms, FULL);
+    expect_form(&w, s, LW_LIGHT_FORM_FULL, 5, light[0][0]);
+    lw_snapshot_unref(s);
+    assert_true(lw_publisher_memory_bytes(w.publisher) < 5 * one / 4);
+    finish_world(&w);
+}
+
+/* What is drawn over a tile is as bright as what is in it: black goes by all light. */
+static void test_dark_beside_what_is_drawn(void **state) {
+    (void)state;
+    static float rgb[SIDE * SIDE * 3];
+    struct world w;
+    init_world(&w, LW_TILE_CODEC_DCT);
+    lw_support_ok(lw_publisher_set_forms(w.publisher, SPLIT), NULL);
+    set_light(1, 1);
+    float scale;
+    for (uint32_t i = 0; i < SIDE * SIDE; i++)
+        for (int c = 0; c < 3; c++) {
+            split[c][i] = 1;
+            if (i < SIDE * SIDE / 32) light[c][i] = 2048;
+        }
+    struct lw_snapshot *s = publish(&w, 1);
+    decode(&w, s->tile[LW_LIGHT_FORM_SPLIT][0].blob, 1, 0, NULL, rgb, &scale);
+    assert_true(scale >= 512 * LW_PUBLISHER_DARK_SHARE); /* 2,048 over a quarter of a square's rows */
+    lw_snapshot_unref(s);
+    finish_world(&w);
+}
+
 static void test_halves_have_no_deltas(void **state) {
     (void)state;
     static float rgb[SIDE * SIDE * 3];
@@ -280,6 +371,8 @@ int main(void) {
         cmocka_unit_test(test_another_class_of_error),
         cmocka_unit_test(test_steps),
         cmocka_unit_test(test_dark_beside_white),
+        cmocka_unit_test(test_forms),
+        cmocka_unit_test(test_dark_beside_what_is_drawn),
         cmocka_unit_test(test_halves_have_no_deltas),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
