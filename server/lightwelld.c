@@ -4,6 +4,7 @@
 #include "common/atomic_file.h"
 #include "common/clock.h"
 #include "common/interrupt.h"
+#include "common/light/client_lights.h"
 #include "common/log.h"
 #include "common/options.h"
 #include "common/scene/builtin.h"
@@ -37,6 +38,8 @@
 #define TARGET_ERROR 0.02f
 #define SOLVER_NICE  5  /* behind the loop */
 #define STEP_HZ      30 /* scene time advances by 1/30 s a frame under --clock step */
+/* A form of light that nobody takes any more is kept up for so long, as clients come back after a broken link. */
+#define FORM_LINGERS_NS 10000000000u
 
 enum clock_kind { CLOCK_REAL, CLOCK_STEP, CLOCK_MANUAL };
 enum light_kind { LIGHT_WHOLE, LIGHT_SEEN };
@@ -44,7 +47,7 @@ enum codec_kind { CODEC_HALF, CODEC_DCT };
 
 struct settings {
     struct lw_scene_open scene;
-    const char *listen, *port_file, *keep, *spares, *light_groups;
+    const char *listen, *port_file, *keep, *spares, *light_groups, *client_lights;
     int64_t bounces, direct_samples, indirect_samples, seed, frames;
     int probe_form, denoise;
     double tracing_range, cell_size, probe_spacing, frame_rate, frame_budget_ms, freeze_s, error, link_rate,
@@ -65,6 +68,8 @@ struct daemon {
     struct lw_atlas_map atlas_map;
     struct lw_pose pose;
     struct lw_light_groups light_groups; /* until the solver has them */
+    struct lw_client_lights client_lights;
+    uint8_t *light_bits, *material_bits; /* the same for the WELCOME */
     struct lw_solver *solver;
     struct lw_publisher *publisher;
     struct lw_server *server;
@@ -75,9 +80,12 @@ struct daemon {
     _Atomic bool lit;             /* the solver has had a frame */
     struct lw_error solver_error; /* read after the thread is joined */
     uint64_t started_ns, rays_total;
-    uint64_t first;     /* number of the first frame: 1, unless frames of an earlier run were kept */
-    uint64_t published; /* the last frame that was */
-    bool moved;         /* something has, since then */
+    uint64_t first;      /* number of the first frame: 1, unless frames of an earlier run were kept */
+    uint64_t published;  /* the last frame that was */
+    bool moved;          /* something has, since then */
+    uint32_t forms;      /* of light that are shown and published: bit per enum lw_light_form */
+    uint32_t forms_kept; /* those of the last run's light */
+    uint64_t taken_ns[LW_LIGHT_FORM_COUNT]; /* when somebody last took it */
 };
 
 /* Signals before the loop watches for them: a handler can reach nothing but globals. The first is for the importer's
@@ -149,6 +157,12 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "layer for all "
          "(default: what the scene's animation moves)",
          LW_OPTION_STRING, &s->light_groups, 0, 0, NULL},
+        {"client-lights", "NAMES",
+         "lights whose direct light clients draw at their pixels, if they can; all others get it in tiles. "
+         "auto: suns, points, "
+         "spots and small emissive surfaces (default). none; or names of lights and emissive materials, "
+         "apart by commas",
+         LW_OPTION_STRING, &s->client_lights, 0, 0, NULL},
         {"codec", "half|dct",
          "dct: tiles as exact as their noise lets them be (default). half: 16-bit floats, twenty to "
          "sixty times the bytes, for clients that read nothing else",
@@ -200,6 +214,46 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
     return status;
 }
 
+static enum lw_status choose_client_lights(struct daemon *d, struct lw_error *err) {
+    const struct lw_scene *scene = d->scene;
+    struct lw_client_lights *client = &d->client_lights;
+    enum lw_status status = lw_client_lights_init(client, scene, &d->pose, d->settings.client_lights, err);
+    if (status != LW_OK) return status;
+    d->light_bits = calloc(lw_client_lights_bytes(scene->light_count) + 1, 1);
+    d->material_bits = calloc(lw_client_lights_bytes(scene->material_count) + 1, 1);
+    if (!d->light_bits || !d->material_bits) return lw_status_fail(err, LW_NO_MEMORY, "client lights");
+    lw_client_lights_write(client, d->light_bits, d->material_bits);
+    return LW_OK;
+}
+
+static unsigned count_suns(const struct daemon *d) {
+    unsigned suns = 0;
+    for (uint32_t l = 0; l < d->client_lights.light_count; l++)
+        suns += d->client_lights.light[l] && d->scene->light[l].kind == LW_LIGHT_DIRECTIONAL;
+    return suns;
+}
+
+static void tell_client_lights(const struct daemon *d) {
+    const struct lw_client_lights *client = &d->client_lights;
+    if (!lw_client_lights_any(client)) {
+        lw_log(LW_LOG_INFO, "clients draw no direct light: all of it is in tiles");
+        return;
+    }
+    const struct {
+        const char *thing;
+        unsigned count;
+    } of[] = {{"sun", count_suns(d)},
+              {"lamp", client->drawn_lights - count_suns(d)},
+              {"emissive material", client->drawn_materials}};
+    char text[128];
+    int length = 0;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++)
+        if (of[i].count)
+            length += snprintf(text + length, sizeof text - (size_t)length, "%s%u %s%s", length ? ", " : "",
+                               of[i].count, of[i].thing, of[i].count == 1 ? "" : "s");
+    lw_log(LW_LOG_INFO, "clients draw the direct light of %s, if they can", text);
+}
+
 static enum lw_status read_scene(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
     enum lw_status status = lw_scene_open(&s->scene, &d->scene, err);
@@ -218,8 +272,11 @@ static enum lw_status read_scene(struct daemon *d, struct lw_error *err) {
         return lw_status_fail(err, status, "poses");
     lw_scene_state_pose(&d->state, 0, &d->pose);
     status = lw_light_groups_init(&d->light_groups, d->scene, &d->pose, s->light_groups, err);
-    if (status != LW_OK) lw_status_context(err, "--light-groups");
-    return status;
+    if (status != LW_OK) {
+        lw_status_context(err, "--light-groups");
+        return status;
+    }
+    return choose_client_lights(d, err);
 }
 
 /* What the solver's filter leaves of a tile's noise. */
@@ -231,6 +288,7 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
         &(struct lw_solver_desc){
             .scene = &d->state.scene,
             .atlas_map = &d->atlas_map,
+            .client_lights = &d->client_lights,
             .bounces = (uint32_t)s->bounces,
             .tracing_range_m = (float)s->tracing_range,
             .cell_size_m = (float)s->cell_size,
@@ -296,7 +354,8 @@ static void print_frame(const struct daemon *d, uint64_t frame, const struct fra
         "\"rays_probe\":%llu,\"rays_total\":%llu,\"texels_solved\":%llu,\"tiles_solved\":%u,\"tiles_"
         "converged\":%u,"
         "\"tiles\":%u,\"tiles_wanted\":%u,\"tiles_feeding\":%u,\"tiles_encoded\":%llu,\"bytes_encoded\":%llu,"
-        "\"saturated\":%llu,\"changes\":%zu,\"sessions\":%llu,"
+        "\"split_tiles_encoded\":%llu,\"split_bytes_encoded\":%llu,"
+        "\"saturated\":%llu,\"changes\":%zu,\"sessions\":%llu,\"sessions_drawing\":%llu,"
         "\"tiles_sent\":%llu,\"bytes_sent\":%llu,\"solve_cpu_ms\":%.3f,\"publish_cpu_ms\":%.3f,\"loop_cpu_"
         "ms\":%.3f,"
         "\"cpu_ms\":%.3f,\"loop_lag_p99_ms\":%.3f,\"loop_lag_max_ms\":%.3f,\"ack_p99_ms\":%.3f,"
@@ -310,13 +369,15 @@ static void print_frame(const struct daemon *d, uint64_t frame, const struct fra
         (unsigned long long)d->rays_total, (unsigned long long)solve->texels_solved, solve->tiles_solved,
         solve->tiles_converged, solve->tiles, solve->tiles_wanted, solve->tiles_feeding,
         (unsigned long long)publish->tiles_encoded, (unsigned long long)publish->bytes_encoded,
+        (unsigned long long)publish->split_tiles_encoded, (unsigned long long)publish->split_bytes_encoded,
         (unsigned long long)publish->saturated, cost->changes, (unsigned long long)serve.sessions_now,
-        (unsigned long long)serve.tiles_sent, (unsigned long long)serve.bytes_sent,
-        (double)cost->solve_cpu_ns * 1e-6, (double)cost->publish_cpu_ns * 1e-6,
-        (double)serve.loop_cpu_ns * 1e-6, (double)lw_clock_process_cpu_ns() * 1e-6,
-        (double)serve.loop_lag_p99_ns * 1e-6, (double)serve.loop_lag_max_ns * 1e-6,
-        (double)serve.ack_p99_ns * 1e-6, (unsigned long long)serve.waiting_bytes,
-        (unsigned long long)serve.waiting_bytes_max, (unsigned long long)serve.socket_bytes);
+        (unsigned long long)serve.sessions_drawing, (unsigned long long)serve.tiles_sent,
+        (unsigned long long)serve.bytes_sent, (double)cost->solve_cpu_ns * 1e-6,
+        (double)cost->publish_cpu_ns * 1e-6, (double)serve.loop_cpu_ns * 1e-6,
+        (double)lw_clock_process_cpu_ns() * 1e-6, (double)serve.loop_lag_p99_ns * 1e-6,
+        (double)serve.loop_lag_max_ns * 1e-6, (double)serve.ack_p99_ns * 1e-6,
+        (unsigned long long)serve.waiting_bytes, (unsigned long long)serve.waiting_bytes_max,
+        (unsigned long long)serve.socket_bytes);
     fflush(stdout);
 }
 
@@ -354,6 +415,27 @@ static enum lw_status follow_clients(struct daemon *d, struct lw_error *err) {
     return status;
 }
 
+/* The forms that clients take, and those that they took a moment ago; while nobody is there, those of before. */
+static uint32_t choose_forms(struct daemon *d) {
+    const uint32_t taken = lw_server_forms_taken(d->server);
+    const uint64_t now_ns = lw_clock_ns();
+    uint32_t forms = taken;
+    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++) {
+        if (taken >> f & 1) d->taken_ns[f] = now_ns;
+        if (d->taken_ns[f] && now_ns - d->taken_ns[f] < FORM_LINGERS_NS) forms |= d->forms & 1u << f;
+    }
+    return taken ? forms : d->forms;
+}
+
+static enum lw_status show_forms(struct daemon *d, uint32_t forms, struct lw_error *err) {
+    if (forms == d->forms) return LW_OK;
+    enum lw_status status = lw_publisher_set_forms(d->publisher, forms);
+    if (status != LW_OK) return lw_status_fail(err, status, "publisher");
+    d->solver->ops->show(d->solver, forms);
+    d->forms = forms;
+    return LW_OK;
+}
+
 /* Where things are is news for whoever is there, even if nothing of what they look at was solved; and whoever has sent an
  * update waits for its frame. */
 static bool has_news(struct daemon *d, const struct lw_solver_stats *solve, size_t updates) {
@@ -371,13 +453,16 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
     uint64_t began = lw_clock_ns(), cpu_began = work_cpu_ns(d);
     const size_t updates = simulate(d, frame, &cost.changes);
     enum lw_status status = follow_clients(d, err);
+    const uint32_t forms_before = d->forms;
+    if (status == LW_OK) status = show_forms(d, choose_forms(d), err);
     if (status == LW_OK) status = d->solver->ops->frame(d->solver, &d->pose, frame, &solve, err);
     if (status != LW_OK) return status;
     uint64_t cpu_solved = work_cpu_ns(d);
     cost.solve_cpu_ns = cpu_solved - cpu_began;
     d->rays_total += solve.rays_shadow + solve.rays_bounce + solve.rays_probe;
-    /* A frame in which nothing was solved and nothing moved changes nothing: no snapshot, no bytes. */
-    const bool news = has_news(d, &solve, updates) || !d->lit;
+    /* A frame in which nothing was solved and nothing moved changes nothing: no snapshot, no bytes. But whoever takes a form
+     * that nobody took waits for one. */
+    const bool news = has_news(d, &solve, updates) || !d->lit || (d->forms & ~forms_before);
     *out_rested = !news && !solve.tiles_solved;
     if (news) {
         status = lw_publisher_publish(d->publisher, &d->pose, frame, lw_clock_ns() - began, d->rays_total,
@@ -456,7 +541,7 @@ static void *solve_in_thread(void *argument) {
                (double)d->package_size * 1e-6);
         d->first = 1;
         if (d->settings.keep) d->first += lw_keeper_resume(&d->keeper, &d->atlas_map, d->solver);
-        solve_frames(d);
+        if (!d->forms_kept || show_forms(d, d->forms_kept, &d->solver_error) == LW_OK) solve_frames(d);
     }
     lw_server_stop(d->server);
     return NULL;
@@ -486,6 +571,7 @@ static enum lw_status serve(struct daemon *d, struct lw_error *err) {
     snprintf(address, sizeof address, strchr(s->host, ':') ? "[%s]:%u" : "%s:%u", s->host,
              lw_server_port(d->server));
     lw_log(LW_LOG_INFO, "serving %s at %s", s->scene.path, address);
+    tell_client_lights(d);
     const char *name = strrchr(d->program, '/'); /* the viewer lies beside it */
     lw_log(LW_LOG_INFO, "look at it: %.*slightwell-view %s     stop it: Ctrl-C",
            name ? (int)(name + 1 - d->program) : 0, d->program, address);
@@ -505,20 +591,26 @@ static enum lw_status serve(struct daemon *d, struct lw_error *err) {
     return status;
 }
 
+/* In hex; returns how many characters. */
+static int print_hash(char *dst, const void *bytes, size_t size) {
+    struct lw_package_hash hash;
+    int length = 0;
+    lw_package_hash(bytes, size, &hash);
+    for (size_t i = 0; i < sizeof hash.bytes; i++) length += snprintf(dst + length, 3, "%02x", hash.bytes[i]);
+    return length;
+}
+
 /* What decides the light that is shown: the scene, as it is before updates, and the options that are not part of it. When to
  * rest, whom to serve and how fast are not among them. */
 static void make_key(const struct daemon *d, uint8_t out_key[LW_KEPT_KEY_SIZE]) {
     const struct settings *s = &d->settings;
     struct lw_package_hash hash;
     char text[512];
-    int length = 0;
-    lw_package_hash(d->package, d->package_size, &hash);
-    for (size_t i = 0; i < sizeof hash.bytes; i++)
-        length += snprintf(text + length, sizeof text - (size_t)length, "%02x", hash.bytes[i]);
     const char *groups = s->light_groups ? s->light_groups : "";
-    lw_package_hash((const uint8_t *)groups, strlen(groups), &hash);
-    for (size_t i = 0; i < sizeof hash.bytes; i++)
-        length += snprintf(text + length, sizeof text - (size_t)length, "%02x", hash.bytes[i]);
+    int length = print_hash(text, d->package, d->package_size);
+    length += print_hash(text + length, groups, strlen(groups));
+    length += print_hash(text + length, d->light_bits, lw_client_lights_bytes(d->scene->light_count));
+    length += print_hash(text + length, d->material_bits, lw_client_lights_bytes(d->scene->material_count));
     length +=
         snprintf(text + length, sizeof text - (size_t)length,
                  " " LW_VERSION " bounces %lld samples %lld %lld seed %lld range %a cell %a probes %d %a "
@@ -543,6 +635,7 @@ static enum lw_status recall_light(struct daemon *d, struct lw_error *err) {
     if (!snapshot) return LW_OK;
     lw_server_publish(d->server, snapshot);
     d->published = snapshot->frame;
+    d->forms_kept = snapshot->forms;
     lw_snapshot_unref(snapshot);
     return LW_OK;
 }
@@ -553,19 +646,23 @@ static enum lw_status run(struct daemon *d, struct lw_error *err) {
     enum lw_status status = read_scene(d, err);
     if (status != LW_OK) return status;
     /* The port before the long work: an address in use should be known at once. */
-    status =
-        lw_server_create(&(struct lw_server_desc){.host = s->host,
-                                                  .port = s->port,
-                                                  .atlas_map = &d->atlas_map,
-                                                  .package = d->package,
-                                                  .package_size = d->package_size,
-                                                  .bounces = (uint32_t)s->bounces,
-                                                  .target_error = (float)s->error,
-                                                  .noise_shown = noise_shown(s),
-                                                  .scene = d->scene,
-                                                  .rate_limit_bytes_hz = (uint64_t)(s->link_rate * 1e6 / 8),
-                                                  .features = s->codec == CODEC_DCT ? LW_FEATURE_DCT : 0},
-                         &d->server, err);
+    status = lw_server_create(
+        &(struct lw_server_desc){.host = s->host,
+                                 .port = s->port,
+                                 .atlas_map = &d->atlas_map,
+                                 .package = d->package,
+                                 .package_size = d->package_size,
+                                 .bounces = (uint32_t)s->bounces,
+                                 .target_error = (float)s->error,
+                                 .noise_shown = noise_shown(s),
+                                 .client_lights = d->light_bits,
+                                 .client_lights_size = lw_client_lights_bytes(d->scene->light_count),
+                                 .client_materials = d->material_bits,
+                                 .client_materials_size = lw_client_lights_bytes(d->scene->material_count),
+                                 .scene = d->scene,
+                                 .rate_limit_bytes_hz = (uint64_t)(s->link_rate * 1e6 / 8),
+                                 .features = s->codec == CODEC_DCT ? LW_FEATURE_DCT : 0},
+        &d->server, err);
     if (status != LW_OK) return status;
     if (s->keep && (status = recall_light(d, err)) != LW_OK) return status;
     if (signalled) return lw_status_fail(err, LW_CLOSED, "%s: stopped before it was lit", s->scene.path);
@@ -578,6 +675,9 @@ static void finish(struct daemon *d) {
     lw_publisher_destroy(d->publisher);
     if (d->solver) d->solver->ops->destroy(d->solver);
     lw_light_groups_finish(&d->light_groups);
+    lw_client_lights_finish(&d->client_lights);
+    free(d->light_bits);
+    free(d->material_bits);
     lw_pose_finish(&d->pose);
     lw_scene_state_finish(&d->state);
     lw_atlas_map_finish(&d->atlas_map);
@@ -587,6 +687,7 @@ static void finish(struct daemon *d) {
 
 int main(int argc, char **argv) {
     struct daemon d = {
+        .forms = 1u << LW_LIGHT_FORM_FULL,
         .settings = {.listen = LW_OPTIONS_ADDRESS,
                      .bounces = 2,
                      .tracing_range = (double)INFINITY,

@@ -1,0 +1,243 @@
+/* The real lightwelld with clients that draw direct light beside clients that do not. */
+#include "tests/support/process.h"
+
+#include "client/include/lightwell/client.h"
+#include "common/clock.h"
+#include "common/log.h"
+
+#include <math.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+
+#define LIMIT_S 60
+#define TARGET  0.3f
+#define CORNELL                                                                                              \
+    "builtin:cornell --texels-per-metre 8 --clock step --json --light whole --error 0.3 --frame-rate 200 "
+
+enum { FULL, SPLIT, CLIENTS };
+static struct lw_client *client[CLIENTS];
+static struct lw_process server;
+
+static int end_all(void **state) {
+    (void)state;
+    for (int i = 0; i < CLIENTS; i++) {
+        lw_client_destroy(client[i]);
+        client[i] = NULL;
+    }
+    lw_process_kill_all();
+    return 0;
+}
+
+static void join(int i) {
+    struct lw_error err = {0};
+    lw_support_ok(lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1",
+                                                            .port = server.port,
+                                                            .name = "test_two_forms",
+                                                            .draws_direct = i == SPLIT,
+                                                            .control = true,
+                                                            .timeout_ms = LIMIT_S * 1000},
+                                   &client[i], &err),
+                  &err);
+}
+
+static void leave(int i) {
+    lw_client_destroy(client[i]);
+    client[i] = NULL;
+}
+
+static void poll_all(void) {
+    struct lw_error err = {0};
+    for (int i = 0; i < CLIENTS; i++)
+        if (client[i]) lw_support_ok(lw_client_poll(client[i], 5, &err), &err);
+}
+
+/* The client has every tile, at rest, and the server has nothing left to send. */
+static bool is_at_rest(int i) {
+    const struct lw_atlas_map *map = lw_client_atlas_map(client[i]);
+    struct lw_client_stats stats;
+    lw_client_get_stats(client[i], &stats);
+    if (!map || !stats.frame || stats.settled_frame != stats.frame) return false;
+    for (uint32_t t = 0; t < map->tile_count; t++) {
+        const struct lw_client_tile tile = lw_client_get_tile(client[i], (lw_tile_id){t});
+        if (!tile.version || tile.error > TARGET) return false;
+    }
+    return true;
+}
+
+static void wait_for_rest(int i) {
+    const uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
+    while (!is_at_rest(i)) {
+        poll_all();
+        if (lw_clock_ns() > end_ns) fail_msg("not at rest within %d s", LIMIT_S);
+    }
+}
+
+/* Over the texels of all finest levels. */
+static double total_light(int i) {
+    double sum = 0;
+    for (uint32_t o = 0; o < lw_client_atlas_map(client[i])->object_count; o++) {
+        const struct lw_client_level level = lw_client_get_level(client[i], o, 0);
+        for (uint32_t t = 0; t < 3 * level.width * level.height; t++) sum += (double)level.rgb[t];
+    }
+    return sum;
+}
+
+static bool said(const char *text) {
+    char *err = lw_process_err(&server);
+    const bool found = strstr(err, text) != NULL;
+    free(err);
+    return found;
+}
+
+static uint64_t tiles_of(int i) {
+    struct lw_client_stats stats;
+    lw_client_get_stats(client[i], &stats);
+    return stats.tiles;
+}
+
+/* Light is counted once: what the second form lacks is what the lamp, the only light, gives directly. */
+static void full_is_split_and_what_is_drawn(void **state) {
+    (void)state;
+    double light[2][CLIENTS];
+    for (int bounces = 0; bounces <= 2; bounces += 2) {
+        char arguments[300];
+        snprintf(arguments, sizeof arguments, CORNELL "--bounces %d", bounces);
+        lw_process_serve(&server, arguments);
+        assert_true(said("clients draw the direct light of 1 emissive material, if they can"));
+        for (int i = 0; i < CLIENTS; i++) join(i);
+        for (int i = 0; i < CLIENTS; i++) wait_for_rest(i);
+        for (int i = 0; i < CLIENTS; i++) light[bounces / 2][i] = total_light(i);
+        assert_null(lw_client_draws(client[FULL]));
+        const struct lw_client_draws *draws = lw_client_draws(client[SPLIT]);
+        uint32_t shining = 0, drawn = 0;
+        for (uint32_t m = 0; m < draws->material_count; m++) {
+            shining += lw_client_scene(client[SPLIT])->material[m].emission[0] > 0;
+            drawn += draws->material[m];
+        }
+        assert_true(shining == 1 && drawn == 1);
+        assert_true(lw_process_newest(&server, "sessions_drawing") == 1);
+        assert_int_equal(lw_process_stop(&server, SIGTERM, 20), 0);
+        for (int i = 0; i < CLIENTS; i++) leave(i);
+    }
+    print_message("direct light: full %.1f, split %.3f; with bounces: full %.1f, split %.1f\n",
+                  light[0][FULL], light[0][SPLIT], light[1][FULL], light[1][SPLIT]);
+    assert_true(light[0][FULL] > 0 && light[1][SPLIT] > 0.05 * light[1][FULL]);
+    assert_true(light[0][SPLIT] < 1e-3 * light[0][FULL]);
+    assert_true(fabs(light[1][FULL] - light[1][SPLIT] - light[0][FULL]) < 0.03 * light[1][FULL]);
+}
+
+/* A form that nobody took is there with the next frame, though nothing is solved any more. */
+static void a_form_that_is_taken_late_comes_at_once(void **state) {
+    (void)state;
+    lw_process_serve(&server, CORNELL);
+    join(FULL);
+    wait_for_rest(FULL);
+    while (lw_process_newest(&server, "tiles_solved") > 0) poll_all();
+    const double rays = lw_process_newest(&server, "rays_total");
+    const uint64_t tiles = tiles_of(FULL), joined_ns = lw_clock_ns();
+    join(SPLIT);
+    wait_for_rest(SPLIT);
+    print_message("light after %.0f ms\n", 1e-6 * (double)(lw_clock_ns() - joined_ns));
+    poll_all();
+    assert_true(lw_process_newest(&server, "rays_total") == rays);
+    assert_int_equal(tiles_of(FULL), tiles); /* what they have is as it was */
+    /* and who comes back finds it still there */
+    struct lw_error err = {0};
+    const uint64_t before = tiles_of(SPLIT);
+    assert_int_equal(shutdown(lw_client_descriptor(client[SPLIT]), SHUT_RDWR), 0);
+    while (lw_client_poll(client[SPLIT], 10, &err) == LW_OK) {
+    }
+    err = (struct lw_error){0};
+    lw_support_ok(lw_client_reconnect(client[SPLIT], &err), &err);
+    wait_for_rest(SPLIT);
+    assert_int_equal(tiles_of(SPLIT), before);
+}
+
+/* A lamp that a client draws is switched: both forms follow. */
+static void both_forms_follow_changes(void **state) {
+    (void)state;
+    lw_process_serve(&server, CORNELL);
+    for (int i = 0; i < CLIENTS; i++) join(i);
+    for (int i = 0; i < CLIENTS; i++) wait_for_rest(i);
+    double light[CLIENTS];
+    for (int i = 0; i < CLIENTS; i++) light[i] = total_light(i);
+    struct lw_scene_change half = {.kind = LW_SCENE_CHANGE_MATERIAL_EMISSION, .value_count = 3};
+    const struct lw_scene *scene = lw_client_scene(client[FULL]);
+    for (uint32_t m = 0; m < scene->material_count; m++)
+        for (int c = 0; scene->material[m].emission[0] > 0 && c < 3; c++) {
+            half.target = m;
+            half.value[c] = 0.5f * scene->material[m].emission[c];
+        }
+    struct lw_error err = {0};
+    lw_support_ok(lw_client_update(client[FULL], &half, 1, NULL, &err), &err);
+    const uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
+    for (int i = 0; i < CLIENTS; i++)
+        while (!is_at_rest(i) || fabs(total_light(i) - 0.5 * light[i]) > 0.05 * light[i]) {
+            poll_all();
+            assert_true(lw_clock_ns() < end_ns);
+        }
+}
+
+/* Whoever's link takes little gets all of it in the end. */
+static void a_narrow_link_carries_the_second_form(void **state) {
+    (void)state;
+    lw_process_serve(&server, CORNELL "--link-rate 0.3");
+    join(SPLIT);
+    wait_for_rest(SPLIT);
+    assert_true(total_light(SPLIT) > 0);
+}
+
+static void kept_light_is_there_in_both_forms(void **state) {
+    (void)state;
+    char arguments[500];
+    double light[CLIENTS];
+    snprintf(arguments, sizeof arguments, CORNELL "--keep %s", lw_support_temporary("two_forms"));
+    lw_process_serve(&server, arguments);
+    for (int i = 0; i < CLIENTS; i++) join(i);
+    for (int i = 0; i < CLIENTS; i++) wait_for_rest(i);
+    for (int i = 0; i < CLIENTS; i++) light[i] = total_light(i);
+    assert_int_equal(lw_process_stop(&server, SIGTERM, 20), 0);
+    for (int i = 0; i < CLIENTS; i++) leave(i);
+    lw_process_serve(&server, arguments);
+    for (int i = 0; i < CLIENTS; i++) join(i);
+    for (int i = 0; i < CLIENTS; i++) wait_for_rest(i);
+    while (!said("first light")) poll_all(); /* what they have until then is the last run's */
+    for (int i = 0; i < CLIENTS; i++) wait_for_rest(i);
+    assert_true(said("showing frame") && said("going on after"));
+    for (int i = 0; i < CLIENTS; i++) assert_true(fabs(total_light(i) - light[i]) < 0.01 * light[i]);
+    assert_true(lw_process_newest(&server, "rays_total") == 0);
+    assert_int_equal(lw_process_stop(&server, SIGTERM, 20), 0);
+    for (int i = 0; i < CLIENTS; i++) leave(i);
+    /* the split form is of other lights then */
+    snprintf(arguments, sizeof arguments, CORNELL "--client-lights none --keep %s",
+             lw_support_temporary("two_forms"));
+    lw_process_serve(&server, arguments);
+    join(SPLIT);
+    wait_for_rest(SPLIT);
+    assert_true(said("clients draw no direct light") && !said("showing frame"));
+    assert_null(lw_client_draws(client[SPLIT]));
+    assert_true(fabs(total_light(SPLIT) - light[FULL]) < 0.05 * light[FULL]);
+}
+
+static void what_does_not_shine_is_named(void **state) {
+    (void)state;
+    lw_process_start(&server, "lightwelld", "builtin:cornell --listen 127.0.0.1:0 --client-lights nosuch");
+    assert_int_equal(lw_process_finish(&server, LIMIT_S), 64);
+    assert_true(said("--client-lights") && said("nosuch"));
+}
+
+int main(void) {
+    lw_log_init("test_two_forms", LW_LOG_WARNING);
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_teardown(full_is_split_and_what_is_drawn, end_all),
+        cmocka_unit_test_teardown(a_form_that_is_taken_late_comes_at_once, end_all),
+        cmocka_unit_test_teardown(both_forms_follow_changes, end_all),
+        cmocka_unit_test_teardown(a_narrow_link_carries_the_second_form, end_all),
+        cmocka_unit_test_teardown(kept_light_is_there_in_both_forms, end_all),
+        cmocka_unit_test_teardown(what_does_not_shine_is_named, end_all),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
