@@ -14,23 +14,23 @@
 #include "common/vec.h"
 #include "proto/frame.h"
 
-#define LW_MESSAGE_NAME_MAX       64u   /* bytes of a client's or server's name */
-#define LW_MESSAGE_TEXT_MAX       256u  /* bytes of a refusal's text */
-#define LW_MESSAGE_TRANSFORMS_MAX 8192u /* in one frame message; a frame with more sends several */
-#define LW_MESSAGE_LIGHTS_MAX     8192u
-#define LW_MESSAGE_VISIBLE_MAX    8192u /* objects hidden, and as many shown */
-#define LW_MESSAGE_MATERIALS_MAX  4096u
-#define LW_MESSAGE_CHANGES_MAX    1024u /* of an update */
-#define LW_MESSAGE_INTEREST_MAX   4096u
-#define LW_MESSAGE_HOLDS_MAX      2048u
-#define LW_MESSAGE_PARTS_MAX      (LW_SCENE_TEXTURES_MAX + 2u) /* of a package */
-#define LW_MESSAGE_CHUNK_MAX      (1u << 18)                   /* bytes of package data */
-#define LW_MESSAGE_PAYLOAD_MAX    (1u << 18)                   /* bytes of a tile */
-#define LW_MESSAGE_BOUNCES_MAX    64u
+#define LW_MESSAGE_NAME_MAX             64u   /* bytes of a client's or server's name */
+#define LW_MESSAGE_TEXT_MAX             256u  /* bytes of a refusal's text */
+#define LW_MESSAGE_TRANSFORMS_MAX       8192u /* in one frame message; a frame with more sends several */
+#define LW_MESSAGE_LIGHTS_MAX           8192u
+#define LW_MESSAGE_VISIBLE_MAX          8192u /* objects hidden, and as many shown */
+#define LW_MESSAGE_MATERIALS_MAX        4096u
+#define LW_MESSAGE_CHANGES_MAX          1024u /* of an update */
+#define LW_MESSAGE_INTEREST_MAX         4096u
+#define LW_MESSAGE_HOLDS_MAX            2048u
+#define LW_MESSAGE_PARTS_MAX            (LW_SCENE_TEXTURES_MAX + 2u) /* of a package */
+#define LW_MESSAGE_CHUNK_MAX            (1u << 18)                   /* bytes of package data */
+#define LW_MESSAGE_PAYLOAD_MAX          (1u << 18)                   /* bytes of a tile */
+#define LW_MESSAGE_BOUNCES_MAX          64u
 #define LW_MESSAGE_CLIENT_LIGHTS_MAX    (LW_SCENE_LIGHTS_MAX / 8)    /* bytes: a bit for each */
 #define LW_MESSAGE_CLIENT_MATERIALS_MAX (LW_SCENE_MATERIALS_MAX / 8) /* likewise */
-#define LW_MESSAGE_REFUSAL_MAX    65535u /* largest code; those not named below are refusals all the same */
-#define LW_MESSAGE_FIELDS_MAX     64u    /* protobuf fields of a body, a packed list counting as one */
+#define LW_MESSAGE_REFUSAL_MAX          65535u /* largest code; those not named below are refusals all the same */
+#define LW_MESSAGE_FIELDS_MAX           64u /* protobuf fields of a body, a packed list counting as one */
 #define LW_MESSAGE_COMPRESSED_MAX                                                                            \
     (LW_PACKAGE_SIZE_MAX + (LW_PACKAGE_SIZE_MAX >> 8)) /* zstd's bound for a package */
 
