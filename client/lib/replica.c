@@ -16,7 +16,7 @@ struct lw_replica {
     struct lw_tile_codec *codec;
     enum lw_light_form form; /* of the tiles */
     bool has_map, has_pose;
-    float *texels; /* all levels of all objects, one after another */
+    float *texels;                      /* all levels of all objects, one after another */
     size_t *first_texel;                /* per object and level */
     bool *unlit;                        /* by object: since it was a spare, its coarsest level has not come */
     struct lw_client_tile *tile;        /* by tile id */
