@@ -3,6 +3,7 @@
  * Threads: main; the solver's own workers inside a frame. */
 #include "common/atomic_file.h"
 #include "common/interrupt.h"
+#include "common/light/client_lights.h"
 #include "common/log.h"
 #include "common/options.h"
 #include "common/progress.h"
@@ -35,10 +36,10 @@
 
 struct settings {
     struct lw_scene_open scene;
-    const char *output, *gltf_out;
+    const char *output, *gltf_out, *client_lights;
     int64_t samples, bounces, seed;
     double error, time_s, limit_s, interval_s, tracing_range, cell_size, probe_spacing;
-    bool samples_given, error_given, as_float, gltf_lights, gltf_split_sides, denoise, restart;
+    bool samples_given, error_given, as_float, gltf_lights, gltf_split_sides, denoise, restart, indirect_only;
     int convention, probe_form;
 };
 
@@ -48,6 +49,9 @@ struct baker {
     struct lw_scene *scene;
     struct lw_atlas_map atlas_map;
     struct lw_pose pose;
+    struct lw_client_lights left_out; /* whose direct light the maps lack; zeroed: nobody's */
+    char *left_out_names;             /* NULL likewise; apart by commas */
+    enum lw_light_form form;          /* of the maps */
     struct lw_solver *solver;
     struct lw_bake_desc bake;
     struct lw_bake_result result;
@@ -87,6 +91,8 @@ static enum lw_status check(const struct settings *s, struct lw_error *err) {
     if (!s->output) return lw_status_fail(err, LW_USAGE, "-o DIR is missing: say where the maps shall go");
     if (s->samples_given && s->error_given)
         return lw_status_fail(err, LW_USAGE, "--samples and --error exclude each other");
+    if (s->client_lights && !s->indirect_only)
+        return lw_status_fail(err, LW_USAGE, "--client-lights is for --indirect-only");
     if ((s->gltf_lights || s->gltf_split_sides) && !s->gltf_out)
         return lw_status_fail(err, LW_USAGE, "--gltf-%s is for --gltf-out FILE.glb",
                               s->gltf_lights ? "lights" : "split-sides");
@@ -128,6 +134,13 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          NULL},
         {"denoise", NULL, "filter the noise out of the maps; keeps each object's mean (default: off)",
          LW_OPTION_FLAG, &s->denoise, 0, 0, NULL},
+        {"indirect-only", NULL,
+         "leave out the direct light of lamps that the engine draws itself; --gltf-out keeps those lamps",
+         LW_OPTION_FLAG, &s->indirect_only, 0, 0, NULL},
+        {"client-lights", "lamps|auto|NAMES",
+         "which: lamps, all suns, points and spots (default); auto: small emissive surfaces too; or names of "
+         "lights and emissive materials, apart by commas",
+         LW_OPTION_STRING, &s->client_lights, 0, 0, NULL},
         {"convention", LW_CONVENTION_CHOICES,
          "what a texel means: irradiance E (default); radiosity: albedo x E; three: E; godot: E/pi; "
          "babylon: albedo/pi x E",
@@ -136,7 +149,8 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          &s->as_float, 0, 0, NULL},
         {"gltf-out", "FILE.glb", "also write the scene with lightmap coordinates and maps on its materials",
          LW_OPTION_STRING, &s->gltf_out, 0, 0, NULL},
-        {"gltf-lights", NULL, "keep the lamps in that file (default: left out, their light is in the maps)",
+        {"gltf-lights", NULL,
+         "keep all lamps in that file (default: those whose light is in the maps are left out)",
          LW_OPTION_FLAG, &s->gltf_lights, 0, 0, NULL},
         {"gltf-split-sides", NULL,
          "write double-sided triangles there once for each side, so that each shows its own light",
@@ -257,6 +271,12 @@ static enum lw_status make_key(struct baker *b, struct lw_error *err) {
                  " " LW_VERSION " bounces %lld seed %lld range %a cell %a probes %d %a time %a denoise %d",
                  (long long)s->bounces, (long long)s->seed, s->tracing_range, s->cell_size, s->probe_form,
                  s->probe_spacing, s->time_s, s->denoise);
+    if (b->left_out_names) { /* which ones: no text is long enough for all names */
+        lw_package_hash((const uint8_t *)b->left_out_names, strlen(b->left_out_names), &hash);
+        length += snprintf(text + length, sizeof text - (size_t)length, " left out ");
+        for (size_t i = 0; i < sizeof hash.bytes; i++)
+            length += snprintf(text + length, sizeof text - (size_t)length, "%02x", hash.bytes[i]);
+    }
     lw_package_hash((const uint8_t *)text, (size_t)length, &hash);
     memcpy(b->bake.key, hash.bytes, sizeof b->bake.key);
     return LW_OK;
@@ -274,17 +294,53 @@ static enum lw_status refuse_spares(const struct baker *b, struct lw_error *err)
     return LW_OK;
 }
 
+static void list_names(const struct baker *b, FILE *out) {
+    const char *between = "";
+    for (uint32_t l = 0; l < b->left_out.light_count; l++) {
+        if (!b->left_out.light[l]) continue;
+        fprintf(out, "%s%s", between, b->scene->light[l].name);
+        between = ",";
+    }
+    for (uint32_t m = 0; m < b->left_out.material_count; m++) {
+        if (!b->left_out.material[m]) continue;
+        fprintf(out, "%s%s", between, b->scene->material[m].name);
+        between = ",";
+    }
+}
+
+/* Engines light scenes with lamps, and few with what emits: that stays in the maps unless it is asked for. */
+static enum lw_status choose_left_out(struct baker *b, struct lw_error *err) {
+    const struct settings *s = &b->settings;
+    if (!s->indirect_only) return LW_OK;
+    enum lw_status status = lw_client_lights_init(&b->left_out, b->scene, &b->pose,
+                                                  s->client_lights ? s->client_lights : "lamps", err);
+    if (status != LW_OK) return status;
+    if (!lw_client_lights_any(&b->left_out))
+        return lw_status_fail(
+            err, LW_USAGE,
+            "--indirect-only: %s has no lamp that an engine would draw; --client-lights says which "
+            "lights and emissive materials are meant",
+            s->scene.path);
+    size_t size;
+    FILE *out = open_memstream(&b->left_out_names, &size);
+    if (!out) return out_of_memory(err);
+    list_names(b, out);
+    b->form = LW_LIGHT_FORM_SPLIT;
+    return fclose(out) == 0 ? LW_OK : out_of_memory(err);
+}
+
 static enum lw_status read_scene(struct baker *b, struct lw_error *err) {
     enum lw_status status = lw_scene_open(&b->settings.scene, &b->scene, err);
     lw_interrupt_enter(&preparing);
     if (status == LW_OK && signalled) status = LW_CLOSED;
     if (status == LW_OK) status = refuse_spares(b, err);
     if (status != LW_OK) return status;
-    if ((status = make_key(b, err)) != LW_OK) return status;
     if ((status = lw_atlas_map_init(&b->atlas_map, b->scene)) != LW_OK)
         return lw_status_fail(err, status, "tiles");
     if ((status = lw_pose_init(&b->pose, b->scene)) != LW_OK) return lw_status_fail(err, status, "poses");
     lw_pose_evaluate(&b->pose, b->scene, b->settings.time_s);
+    if ((status = choose_left_out(b, err)) != LW_OK) return status;
+    if ((status = make_key(b, err)) != LW_OK) return status;
     if ((status = lw_map_names_init(&b->names, b->scene)) != LW_OK) return out_of_memory(err);
     return LW_OK;
 }
@@ -294,6 +350,7 @@ static enum lw_status set_up_solver(struct baker *b, struct lw_error *err) {
     enum lw_status status =
         lw_cell_solver_create(&(struct lw_solver_desc){.scene = b->scene,
                                                        .atlas_map = &b->atlas_map,
+                                                       .client_lights = &b->left_out,
                                                        .bounces = (uint32_t)s->bounces,
                                                        .tracing_range_m = (float)s->tracing_range,
                                                        .cell_size_m = (float)s->cell_size,
@@ -308,6 +365,7 @@ static enum lw_status set_up_solver(struct baker *b, struct lw_error *err) {
                                                        .seed = (uint32_t)s->seed},
                               &b->pose, &b->solver, err);
     if (status != LW_OK) return status;
+    b->solver->ops->show(b->solver, lw_light_form_bit(b->form));
     b->bake.solver = b->solver;
     b->bake.atlas_map = &b->atlas_map;
     b->bake.pose = &b->pose;
@@ -363,7 +421,8 @@ static enum lw_status write_exr(struct baker *b, const struct lw_map *map, bool 
                                                    {"sceneTime", time},
                                                    {"samples", samples},
                                                    {"error", error},
-                                                   {"backOffset", back}};
+                                                   {"backOffset", back},
+                                                   {"leftOut", b->left_out_names}};
     char *path = join(b->settings.output, b->names.file[map->object]);
     if (!path) return out_of_memory(err);
     enum lw_status status = lw_image_write_exr_with(
@@ -374,7 +433,8 @@ static enum lw_status write_exr(struct baker *b, const struct lw_map *map, bool 
                                .channels = 4,
                                .half = half,
                                .attribute = attribute,
-                               .attribute_count = sizeof attribute / sizeof *attribute},
+                               .attribute_count =
+                                   sizeof attribute / sizeof *attribute - (b->left_out_names ? 0 : 1)},
         err);
     free(path);
     return status;
@@ -385,8 +445,8 @@ static enum lw_status add_to_glb(struct baker *b, const struct lw_map *map, stru
     struct lw_map irradiance = {0};
     uint8_t *rgb;
     float scale;
-    enum lw_status status = lw_map_build(&irradiance, b->scene, &b->atlas_map, b->solver, map->object,
-                                         lw_convention_get(LW_CONVENTION_IRRADIANCE), err);
+    enum lw_status status = lw_map_build(&irradiance, b->scene, &b->atlas_map, b->solver, b->form,
+                                         map->object, lw_convention_get(LW_CONVENTION_IRRADIANCE), err);
     if (status != LW_OK) return status;
     status = lw_map_to_8_bit(&irradiance, &rgb, &scale);
     if (status == LW_OK) {
@@ -401,7 +461,7 @@ static enum lw_status add_to_glb(struct baker *b, const struct lw_map *map, stru
 static enum lw_status write_map(struct baker *b, uint32_t object, struct lw_error *err) {
     struct lw_map map;
     enum lw_status status =
-        lw_map_build(&map, b->scene, &b->atlas_map, b->solver, object, b->convention, err);
+        lw_map_build(&map, b->scene, &b->atlas_map, b->solver, b->form, object, b->convention, err);
     if (status != LW_OK) return status;
     const bool half = map.fits_half && !b->settings.as_float;
     b->maps_as_float += !map.fits_half;
@@ -426,6 +486,7 @@ static enum lw_status begin_index(struct baker *b, struct lw_error *err) {
                                           .samples = (uint32_t)s->samples,
                                           .bounces = (uint32_t)s->bounces,
                                           .denoised = s->denoise,
+                                          .left_out = s->indirect_only ? &b->left_out : NULL,
                                           .seed = (uint32_t)s->seed,
                                           .error = (float)s->error};
     if (lw_manifest_init(&b->manifest, &desc) != LW_OK) return out_of_memory(err);
@@ -437,7 +498,8 @@ static enum lw_status begin_index(struct baker *b, struct lw_error *err) {
                                                                .convention = b->convention,
                                                                .map_folder = b->map_folder,
                                                                .split_sides = s->gltf_split_sides,
-                                                               .with_lights = s->gltf_lights});
+                                                               .with_lights = s->gltf_lights,
+                                                               .drawn = b->left_out.light});
     return status == LW_OK ? LW_OK : out_of_memory(err);
 }
 
@@ -469,6 +531,11 @@ static void report(const struct baker *b) {
     lw_log(LW_LOG_INFO, "%u maps in %s (%s, %s)%s%s; %.0f s, %.1f M rays", b->names.count, s->output,
            b->convention->quantity, b->convention->units, s->gltf_out ? ", scene in " : "",
            s->gltf_out ? s->gltf_out : "", r->seconds, (double)r->rays * 1e-6);
+    const uint32_t lamps = b->left_out.drawn_lights, materials = b->left_out.drawn_materials;
+    if (s->indirect_only)
+        lw_log(LW_LOG_INFO,
+               "without the direct light of %u lamp%s and %u emissive material%s: the engine draws that",
+               lamps, lamps == 1 ? "" : "s", materials, materials == 1 ? "" : "s");
     if (b->maps_as_float && !s->as_float)
         lw_log(LW_LOG_INFO, "%u of them with 32 bits: 16 would lose light", b->maps_as_float);
     if (!r->tiles_open) return;
@@ -500,6 +567,8 @@ static void finish(struct baker *b) {
     lw_manifest_finish(&b->manifest);
     lw_map_names_finish(&b->names);
     if (b->solver) b->solver->ops->destroy(b->solver);
+    lw_client_lights_finish(&b->left_out);
+    free(b->left_out_names);
     lw_pose_finish(&b->pose);
     lw_atlas_map_finish(&b->atlas_map);
     lw_scene_destroy(b->scene);

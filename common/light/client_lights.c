@@ -172,6 +172,8 @@ enum lw_status lw_client_lights_init(struct lw_client_lights *client, const stru
     if (status == LW_OK && (!names || strcmp(names, "auto") == 0)) {
         status = choose_small(client, scene, pose);
         if (status != LW_OK) lw_status_fail(err, status, "no memory for the pieces of emitters");
+    } else if (status == LW_OK && strcmp(names, "lamps") == 0) {
+        memset(client->light, 1, scene->light_count);
     } else if (status == LW_OK && strcmp(names, "none") != 0) {
         status = choose_named(client, scene, names, err);
     }

@@ -23,9 +23,9 @@ struct lw_client_lights {
     uint32_t drawn_lights, drawn_materials;
 };
 
-/** names    "auto": suns, points, spots, and emissive materials in small pieces; "none"; or names of lights and
- *           emissive materials, apart by commas. NULL: as "auto". What does not shine now by a material stays
- *           the server's
+/** names    "auto": suns, points, spots, and emissive materials in small pieces; "lamps": suns, points and spots
+ *           alone; "none"; or names of lights and emissive materials, apart by commas. NULL: as "auto". What does
+ *           not shine now by a material stays the server's
  *  pose     where the pieces are measured
  *  Errors   LW_USAGE for a name that the scene does not have, or of a material that does not shine; LW_NO_MEMORY.
  *           *client is zeroed then */

@@ -507,16 +507,28 @@ static bool holds_light(const json_t *node) {
     return json_object_get(json_object_get(node, "extensions"), "KHR_lights_punctual") != NULL;
 }
 
+static bool keeps_light(const struct lw_glb_scene *g, uint32_t light) {
+    return g->desc.with_lights || (g->desc.drawn && g->desc.drawn[light]);
+}
+
+static uint32_t count_kept_lights(const struct lw_glb_scene *g) {
+    uint32_t count = 0;
+    for (uint32_t l = 0; l < g->desc.scene->light_count; l++) count += keeps_light(g, l);
+    return count;
+}
+
 static void hang_lights(struct lw_glb_scene *g, json_t *nodes) {
     const struct lw_scene *scene = g->desc.scene;
-    if (!scene->light_count || !g->desc.with_lights) return;
+    if (!count_kept_lights(g)) return;
     json_t *lights = json_array();
     for (uint32_t l = 0; l < scene->light_count; l++) {
         const struct lw_light *light = &scene->light[l];
+        if (!keeps_light(g, l)) continue;
         json_t *node =
             place_for(g, nodes, light->node, !holds_light(json_array_get(nodes, light->node)), light->name);
+        set(node, "extensions",
+            json_pack("{s:{s:I}}", "KHR_lights_punctual", "light", (json_int_t)json_array_size(lights)));
         json_array_append_new(lights, make_light(light));
-        set(node, "extensions", json_pack("{s:{s:I}}", "KHR_lights_punctual", "light", (json_int_t)l));
     }
     lw_glb_use_extension(&g->glb, "KHR_lights_punctual");
     set(g->glb.root, "extensions", json_pack("{s:{s:o}}", "KHR_lights_punctual", "lights", lights));
@@ -573,9 +585,10 @@ enum lw_status lw_glb_scene_write(struct lw_glb_scene *g, const char *path, stru
     add_nodes(g);
     add_animation(g);
     set(json_object_get(g->glb.root, "asset"), "extras",
-        json_pack("{s:{s:s, s:s, s:s, s:b, s:[f,f,f]}}", "lightwell", "convention", g->desc.convention->name,
-                  "quantity", g->desc.convention->quantity, "units", g->desc.convention->units,
-                  "lamps_left_out", (int)(scene->light_count > 0 && !g->desc.with_lights), "sky",
-                  (double)scene->sky[0], (double)scene->sky[1], (double)scene->sky[2]));
+        json_pack(
+            "{s:{s:s, s:s, s:s, s:b, s:b, s:[f,f,f]}}", "lightwell", "convention", g->desc.convention->name,
+            "quantity", g->desc.convention->quantity, "units", g->desc.convention->units, "lamps_left_out",
+            (int)(count_kept_lights(g) < scene->light_count), "indirect_only", (int)(g->desc.drawn != NULL),
+            "sky", (double)scene->sky[0], (double)scene->sky[1], (double)scene->sky[2]));
     return lw_glb_write(&g->glb, path, err);
 }

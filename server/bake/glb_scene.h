@@ -16,6 +16,8 @@ struct lw_glb_scene_desc {
     const char *map_folder;                 /* of the EXRs, relative to the .glb: "" or "maps/" */
     bool split_sides; /* double-sided triangles twice, single-sided, so that each side shows its own light */
     bool with_lights; /* keeps the punctual lights, whose light the maps hold already */
+    const uint8_t
+        *drawn; /* per light, 1: kept in any case, because the maps lack its direct light; NULL: none */
 };
 
 /* A mesh of the scene in the file: what the objects that use it share. */

@@ -1,6 +1,7 @@
 #include "server/bake/manifest.h"
 
 #include "common/atomic_file.h"
+#include "common/light/client_lights.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -16,6 +17,18 @@ json_t *lw_manifest_text(const char *text) {
     return string;
 }
 
+/* Names of lights and materials whose direct light is not in the maps; null: of none. */
+static json_t *list_left_out(const struct lw_scene *scene, const struct lw_client_lights *left_out) {
+    if (!left_out) return json_null();
+    json_t *lights = json_array(), *materials = json_array();
+    for (uint32_t l = 0; l < scene->light_count; l++)
+        if (left_out->light[l]) json_array_append_new(lights, lw_manifest_text(scene->light[l].name));
+    for (uint32_t m = 0; m < scene->material_count; m++)
+        if (left_out->material[m])
+            json_array_append_new(materials, lw_manifest_text(scene->material[m].name));
+    return json_pack("{s:o, s:o}", "lights", lights, "materials", materials);
+}
+
 enum lw_status lw_manifest_init(struct lw_manifest *manifest, const struct lw_manifest_desc *desc) {
     const struct lw_bake_result *result = desc->result;
     json_t *aim = desc->samples ? json_pack("{s:I}", "samples", (json_int_t)desc->samples)
@@ -25,7 +38,7 @@ enum lw_status lw_manifest_init(struct lw_manifest *manifest, const struct lw_ma
     manifest->root = json_pack(
         "{s:i, s:s, s:o, s:s, s:s, s:s, s:{s:s, s:i, s:s}, s:b, s:o, s:f, s:b, s:I, s:I, s:o, s:I, s:f, s:I, "
         "s:I, "
-        "s:o}",
+        "s:o, s:o}",
         "format", LW_MANIFEST_FORMAT, "program", "lightwell " LW_VERSION, "scene",
         lw_manifest_text(desc->scene_path), "convention", desc->convention->name, "quantity",
         desc->convention->quantity, "units", desc->convention->units, "uv", "attribute", "TEXCOORD_1", "set",
@@ -33,7 +46,8 @@ enum lw_status lw_manifest_init(struct lw_manifest *manifest, const struct lw_ma
         aim, "time_s", desc->time_s, "denoised", (int)desc->denoised, "bounces", (json_int_t)desc->bounces,
         "seed", (json_int_t)desc->seed, "tracing_range_m", range, "frames", (json_int_t)result->frames,
         "seconds", result->seconds, "rays", (json_int_t)result->rays, "tiles_open",
-        (json_int_t)result->tiles_open, "maps", json_incref(manifest->maps));
+        (json_int_t)result->tiles_open, "left_out", list_left_out(desc->scene, desc->left_out), "maps",
+        json_incref(manifest->maps));
     if (manifest->root && manifest->maps) return LW_OK;
     lw_manifest_finish(manifest);
     return LW_NO_MEMORY;

@@ -20,6 +20,7 @@ struct lw_manifest_desc {
     uint32_t samples, bounces, seed; /* samples 0: `error` was the aim */
     float error;
     bool denoised;
+    const struct lw_client_lights *left_out; /* whose direct light the maps lack; NULL: they hold all light */
 };
 
 struct lw_manifest {

@@ -44,8 +44,8 @@ static void convert_tile(struct lw_solver_tile *tile, const struct lw_convention
 }
 
 static void load_tiles(struct lw_map *map, struct lw_levels *levels, const struct lw_atlas_map *atlas_map,
-                       const struct lw_solver *solver, const struct lw_convention *convention,
-                       float plane[3][LW_TILE_TEXELS_MAX]) {
+                       const struct lw_solver *solver, enum lw_light_form form,
+                       const struct lw_convention *convention, float plane[3][LW_TILE_TEXELS_MAX]) {
     double squares = 0;
     map->samples = UINT32_MAX;
     const struct lw_atlas_level *level = &atlas_map->atlas[map->object].level[0];
@@ -53,6 +53,7 @@ static void load_tiles(struct lw_map *map, struct lw_levels *levels, const struc
         const lw_tile_id id = {atlas_map->first_tile[map->object] + level->first_tile + t};
         struct lw_solver_tile tile;
         solver->ops->read_tile(solver, id, &tile);
+        if (form == LW_LIGHT_FORM_SPLIT) memcpy(tile.light, tile.split, sizeof tile.light);
         convert_tile(&tile, convention, plane);
         lw_levels_load_tile(levels, &atlas_map->place[id.v], &tile);
         uint32_t covered = 0;
@@ -109,7 +110,8 @@ static bool is_finite(const struct lw_map *map) {
 
 enum lw_status lw_map_build(struct lw_map *map, const struct lw_scene *scene,
                             const struct lw_atlas_map *atlas_map, const struct lw_solver *solver,
-                            uint32_t object, const struct lw_convention *convention, struct lw_error *err) {
+                            enum lw_light_form form, uint32_t object, const struct lw_convention *convention,
+                            struct lw_error *err) {
     const struct lw_mesh *mesh = &scene->mesh[scene->object[object].mesh];
     struct lw_levels levels;
     *map = (struct lw_map){.object = object,
@@ -122,7 +124,7 @@ enum lw_status lw_map_build(struct lw_map *map, const struct lw_scene *scene,
     map->rgba = calloc((size_t)map->width * map->height, 4 * sizeof *map->rgba);
     bool ok = plane && map->rgba;
     if (ok) {
-        load_tiles(map, &levels, atlas_map, solver, convention, plane);
+        load_tiles(map, &levels, atlas_map, solver, form, convention, plane);
         lw_levels_build(&levels);
         fill_map(map, &levels);
         ok = measure(map);

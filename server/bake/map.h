@@ -24,11 +24,13 @@ struct lw_map {
     bool fits_half;       /* see LW_MAP_HALF_LOSS_MAX; also: nothing beyond 65504 */
 };
 
-/** Builds the map of an object from the solver's tiles. Errors: LW_NO_MEMORY; LW_INTERNAL: light that is not finite. */
+/** Builds the map of an object from the solver's tiles. form: one that the solver shows.
+ * Errors: LW_NO_MEMORY; LW_INTERNAL: light that is not finite. */
 LW_MUST_CHECK enum lw_status lw_map_build(struct lw_map *map, const struct lw_scene *scene,
                                           const struct lw_atlas_map *atlas_map,
-                                          const struct lw_solver *solver, uint32_t object,
-                                          const struct lw_convention *convention, struct lw_error *err);
+                                          const struct lw_solver *solver, enum lw_light_form form,
+                                          uint32_t object, const struct lw_convention *convention,
+                                          struct lw_error *err);
 void lw_map_finish(struct lw_map *map);
 
 /** A map in 8 bits a channel: texel / 255 * scale is the light, linear. Largest values are cut off: 0.1 % of the surface

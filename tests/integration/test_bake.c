@@ -85,6 +85,7 @@ static const char *save_squares(void) {
     return path;
 }
 
+/* Of the lamp. */
 static double irradiance_at(struct lw_vec3 p) {
     const double x = (double)(LAMP_X - p.x), y = (double)(LAMP_Y - p.y), z = (double)(LAMP_Z - p.z);
     const double d2 = x * x + y * y + z * z;
@@ -111,9 +112,10 @@ static double sample(const struct picture *picture, float u, float v) {
     return sum;
 }
 
-/* Points all over an object, their lightmap coordinates from the .glb, their light from the EXR. */
+/* Points all over an object, their lightmap coordinates from the .glb, their light from the EXR: `factor` times that of
+ * as many lamps, and of a sky of that radiance. */
 static void check_object(const struct lw_scene *scene, const struct lw_pose *pose, uint32_t o,
-                         const char *exr, double factor) {
+                         const char *exr, double factor, double lamps, double sky) {
     const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
     struct picture picture;
     struct lw_error err = {0};
@@ -132,7 +134,8 @@ static void check_object(const struct lw_scene *scene, const struct lw_pose *pos
                     v += mesh->uv[1][n].y * w[k];
                 }
                 p = lw_affine_point(&pose->object_to_world[o], p);
-                const double want = irradiance_at(p) * factor, got = sample(&picture, u, v);
+                const double want = (lamps * irradiance_at(p) + M_PI * sky) * factor,
+                             got = sample(&picture, u, v);
                 /* half a thousandth by 16 bits, the rest by bilinear interpolation over 2 cm; a texel is the mean over its
                  * area, which eight places of it stand for, so the samples are a multiple of eight */
                 if (!(fabs(got / want - 1) < 0.003))
@@ -166,8 +169,8 @@ static void maps_hold_the_light_where_the_glb_says(void **state) {
         lw_support_ok(lw_gltf_load(glb, &scene, &err), &err);
         lw_support_ok(lw_pose_init(&pose, scene), NULL);
         assert_int_equal(scene->object_count, 2);
-        check_object(scene, &pose, 0, in(out, "square_0.exr"), cases[i].factor);
-        check_object(scene, &pose, 1, in(out, "square_1.exr"), cases[i].factor);
+        check_object(scene, &pose, 0, in(out, "square_0.exr"), cases[i].factor, 1, 0);
+        check_object(scene, &pose, 1, in(out, "square_1.exr"), cases[i].factor, 1, 0);
         lw_pose_finish(&pose);
         lw_scene_destroy(scene);
         json_t *index = read_index(out), *map = json_array_get(json_object_get(index, "maps"), 1);
@@ -179,6 +182,46 @@ static void maps_hold_the_light_where_the_glb_says(void **state) {
         assert_string_equal(json_string_value(json_object_get(map, "type")), i % 2 ? "float" : "half");
         json_decref(index);
     }
+}
+
+/* The lamp's own light is the engine's, which has the lamp from the .glb; the sky's is in the maps, in each
+ * convention. */
+static void indirect_only_leaves_the_lamp_to_the_engine(void **state) {
+    (void)state;
+    static const struct {
+        const char *convention;
+        double factor;
+    } cases[] = {
+        {"irradiance", 1}, {"radiosity", 0.5}, {"three", 1}, {"godot", 1 / M_PI}, {"babylon", 0.5 / M_PI}};
+    const char *squares = save_squares();
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        char out[256], glb[256];
+        snprintf(out, sizeof out, "%s", lw_support_temporary("rest"));
+        snprintf(glb, sizeof glb, "%s", lw_support_temporary("rest.glb"));
+        assert_int_equal(bake("%s -o %s --sky 0.2,0.2,0.2 --samples 16 --bounces 0 --threads 2 "
+                              "--indirect-only --convention %s --gltf-out %s%s",
+                              squares, out, cases[i].convention, glb, i ? "" : " --client-lights lamps"),
+                         0);
+        struct lw_scene *scene;
+        struct lw_pose pose;
+        struct lw_error err = {0};
+        lw_support_ok(lw_gltf_load(glb, &scene, &err), &err);
+        lw_support_ok(lw_pose_init(&pose, scene), NULL);
+        check_object(scene, &pose, 0, in(out, "square_0.exr"), cases[i].factor, 0, 0.2);
+        check_object(scene, &pose, 1, in(out, "square_1.exr"), cases[i].factor, 0, 0.2);
+        assert_int_equal(scene->light_count, 1);
+        assert_true(fabsf(scene->light[0].intensity[0] - 10) < 1e-4f);
+        assert_true(fabsf(pose.light[0].position_ws.y - LAMP_Y) < 1e-5f);
+        lw_pose_finish(&pose);
+        lw_scene_destroy(scene);
+        json_t *index = read_index(out), *left_out = json_object_get(index, "left_out");
+        assert_int_equal(json_array_size(json_object_get(left_out, "lights")), 1);
+        assert_int_equal(json_array_size(json_object_get(left_out, "materials")), 0);
+        json_decref(index);
+    }
+    char *said = lw_process_err(&process);
+    assert_non_null(strstr(said, "without the direct light of 1 lamp and 0"));
+    free(said);
 }
 
 /* ---- stopping and going on ------------------------------------------------------------------------------------ */
@@ -366,6 +409,10 @@ static void wrong_use_is_refused(void **state) {
     bake_fails(64, "--convention", "builtin:cornell -o x --convention unity");
     bake_fails(64, ".glb", "builtin:cornell -o x --gltf-out room.gltf");
     bake_fails(64, "--gltf-lights", "builtin:cornell -o x --gltf-lights");
+    bake_fails(64, "--indirect-only", "builtin:cornell -o x --client-lights auto");
+    bake_fails(64, "builtin:cornell has no lamp", "builtin:cornell -o x --indirect-only");
+    bake_fails(64, "has no lamp", "builtin:cornell -o x --indirect-only --client-lights none");
+    bake_fails(64, "called \"moon\"", "builtin:cornell -o x --indirect-only --client-lights moon");
     bake_fails(73, "-o /nowhere/maps: the folder", "builtin:cornell -o /nowhere/maps");
     snprintf(arguments, sizeof arguments, "%s -o %s", squares, lw_support_temporary("a-file"));
     bake_fails(73, "not a folder", arguments);
@@ -414,6 +461,7 @@ int main(void) {
 #define T(name) cmocka_unit_test_teardown(name, tear_down)
     const struct CMUnitTest tests[] = {
         T(maps_hold_the_light_where_the_glb_says),
+        T(indirect_only_leaves_the_lamp_to_the_engine),
         T(resumed_is_uninterrupted),
         T(denoise_takes_noise_and_leaves_light),
         T(an_unfinished_bake_is_not_mixed_with_another),

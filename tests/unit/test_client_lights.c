@@ -92,6 +92,10 @@ static void names_choose(void **state) {
     lw_support_ok(lw_client_lights_init(&client, s.scene, &s.pose, "none", &err), &err);
     assert_false(lw_client_lights_any(&client));
     lw_client_lights_finish(&client);
+    lw_support_ok(lw_client_lights_init(&client, s.scene, &s.pose, "lamps", &err), &err);
+    assert_int_equal(client.drawn_lights, s.scene->light_count);
+    assert_int_equal(client.drawn_materials, 0);
+    lw_client_lights_finish(&client);
     char names[256];
     snprintf(names, sizeof names, "%s,%s", s.scene->light[0].name, s.scene->material[lamp].name);
     lw_support_ok(lw_client_lights_init(&client, s.scene, &s.pose, names, &err), &err);

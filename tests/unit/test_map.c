@@ -73,7 +73,9 @@ static int tear_down(void **state) {
 
 static void build(struct lw_map *map, enum lw_convention_kind kind) {
     struct lw_error err = {0};
-    lw_support_ok(lw_map_build(map, scene, &atlas_map, &fake.base, 0, lw_convention_get(kind), &err), &err);
+    lw_support_ok(lw_map_build(map, scene, &atlas_map, &fake.base, LW_LIGHT_FORM_FULL, 0,
+                               lw_convention_get(kind), &err),
+                  &err);
 }
 
 static void texels_are_where_they_belong(void **state) {
@@ -153,9 +155,9 @@ static void light_that_is_not_finite_is_never_written(void **state) {
     struct lw_map map;
     struct lw_error err = {0};
     fake.gain = NAN;
-    lw_support_fails(
-        lw_map_build(&map, scene, &atlas_map, &fake.base, 0, lw_convention_get(LW_CONVENTION_THREE), &err),
-        LW_INTERNAL, &err, "not finite");
+    lw_support_fails(lw_map_build(&map, scene, &atlas_map, &fake.base, LW_LIGHT_FORM_FULL, 0,
+                                  lw_convention_get(LW_CONVENTION_THREE), &err),
+                     LW_INTERNAL, &err, "not finite");
 }
 
 static void eight_bits_keep_the_light_in_the_mean(void **state) {
