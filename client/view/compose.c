@@ -1,5 +1,6 @@
 #include "client/view/compose.h"
 
+#include "common/colour.h"
 #include "common/scene/environment.h"
 #include "common/scene/lightmap.h"
 
@@ -7,8 +8,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define SCREEN_TILE 32u /* pixels; the unit that a thread takes */
-#define BLOCK       4u  /* pixels; one packet is BLOCK x BLOCK */
+#define SCREEN_TILE 32u   /* pixels; the unit that a thread takes */
+#define LISTED      1024u /* the same, of pixels in a list */
+#define BLOCK       4u    /* pixels; one packet is BLOCK x BLOCK */
 
 _Static_assert(BLOCK *BLOCK == LW_TRACE_WIDTH, "a packet is one block of pixels");
 
@@ -20,6 +22,9 @@ _Static_assert(BLOCK *BLOCK == LW_TRACE_WIDTH, "a packet is one block of pixels"
 /* A survey sees so much more than the view, in each direction, and is so many pixels wide or high. */
 #define SURVEY_MARGIN 1.4f
 #define SURVEY_SIDE   128u
+
+/* A pixel of light, in the sums of what tiles show: whole numbers, so that no order of threads changes them. */
+#define PIXEL_LIGHT 256.0f
 
 /* One level of one object, with the pointers of this render. */
 struct level {
@@ -47,7 +52,11 @@ struct lw_compose {
     uint8_t *calm;      /* per tile: the finest level at which its noise is bearable */
     uint8_t *needed;    /* per tile; written by all threads, only ever with 1 */
     uint8_t *around;    /* the same, by the last survey */
+    uint64_t *shown;    /* per tile: how much of the last render's light is its; PIXEL_LIGHT a pixel */
     float *survey;      /* its pixels, which nobody sees */
+
+    uint64_t pixel_count; /* of the last render */
+    bool surveys;         /* a survey shows nothing */
 
     /* this render's */
     const struct lw_pose *pose;
@@ -124,9 +133,10 @@ enum lw_status lw_compose_create(const struct lw_compose_desc *desc, struct lw_c
     compose->calm = calloc((size_t)map->tile_count + 1, 1);
     compose->needed = calloc((size_t)map->tile_count + 1, 1);
     compose->around = calloc((size_t)map->tile_count + 1, 1);
+    compose->shown = calloc((size_t)map->tile_count + 1, sizeof *compose->shown);
     compose->survey = calloc((size_t)SURVEY_SIDE * SURVEY_SIDE * 3, sizeof *compose->survey);
     if (!compose->level || !compose->object || !compose->coarsest || !compose->here || !compose->calm ||
-        !compose->needed || !compose->around || !compose->survey)
+        !compose->needed || !compose->around || !compose->shown || !compose->survey)
         goto fail;
     if (!find_coarsest(compose)) goto fail;
     lay_out_levels(compose);
@@ -139,6 +149,7 @@ fail:
 
 void lw_compose_destroy(struct lw_compose *compose) {
     if (compose == NULL) return;
+    free(compose->shown);
     free(compose->needed);
     free(compose->calm);
     free(compose->here);
@@ -368,6 +379,9 @@ struct packet {
     struct lw_vec3 radiance[LW_TRACE_WIDTH];
     float transmittance[LW_TRACE_WIDTH];
     float pixel_size; /* at depth 1 */
+    /* of the layer that reflects most to the eye: its luminance there and the tile it is from */
+    float reflected[LW_TRACE_WIDTH];
+    uint32_t tile[LW_TRACE_WIDTH];
 };
 
 /* Finds out what a hit is to be shaded from, and starts to fetch it. */
@@ -433,7 +447,10 @@ static bool shade(struct lw_compose *compose, struct packet *p, const struct lw_
         struct lw_vec3 reflected =
             lw_vec3_scale(lw_vec3_mul(surface.albedo, irradiance(compose, look)), 1.0f / LW_PI);
         struct lw_vec3 leaving = lw_vec3_add(reflected, surface.emission);
-        *radiance = lw_vec3_mad(*radiance, leaving, p->transmittance[i] * alpha);
+        const float weight = p->transmittance[i] * alpha, light = weight * lw_colour_luminance(reflected);
+        *radiance = lw_vec3_mad(*radiance, leaving, weight);
+        if (light > p->reflected[i] && look->object->level_count > 0)
+            p->reflected[i] = light, p->tile[i] = look->footprint.tile[0];
         p->transmittance[i] *= 1.0f - alpha;
     }
     if (!(p->transmittance[i] > TRANSMITTANCE_MIN)) return false;
@@ -452,52 +469,91 @@ static void fill(float value, float out[16]) {
     for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) out[i] = value;
 }
 
-static uint16_t aim(struct packet *p, const struct lw_compose_view *view, const struct lw_camera_plane *plane,
-                    uint32_t x, uint32_t y) {
+/* The pixels of a packet. */
+struct places {
+    uint32_t x[LW_TRACE_WIDTH], y[LW_TRACE_WIDTH];
+    uint16_t active; /* the others are not in the picture */
+};
+
+static void aim(struct packet *p, const struct lw_compose_view *view, const struct lw_camera_plane *plane,
+                const struct places *at) {
     float across[LW_TRACE_WIDTH], upward[LW_TRACE_WIDTH];
     const struct lw_vec3 from = view->camera.position, middle = plane->middle, right = plane->right,
                          up = plane->up;
     for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
-        across[i] = (float)(int32_t)(x + i % BLOCK) + 0.5f + view->offset_x - plane->half_width;
-        upward[i] = plane->half_height - ((float)(int32_t)(y + i / BLOCK) + 0.5f + view->offset_y);
+        across[i] = (float)(int32_t)at->x[i] + 0.5f + view->offset_x - plane->half_width;
+        upward[i] = plane->half_height - ((float)(int32_t)at->y[i] + 0.5f + view->offset_y);
     }
     aim_axis(middle.x, right.x, up.x, across, upward, p->rays.dir_x);
     aim_axis(middle.y, right.y, up.y, across, upward, p->rays.dir_y);
     aim_axis(middle.z, right.z, up.z, across, upward, p->rays.dir_z);
     fill(from.x, p->rays.org_x), fill(from.y, p->rays.org_y), fill(from.z, p->rays.org_z);
     fill(0, p->rays.t_near), fill(INFINITY, p->rays.t_far), fill(1, p->transmittance);
+    fill(0, p->reflected);
     p->rays.salt = 0;
     p->pixel_size = plane->pixel;
-    uint16_t active = 0;
+    for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) p->radiance[i] = lw_vec3(0, 0, 0);
+}
+
+/* Adds what each pixel shows of a tile's light; neighbours mostly show the same one. */
+static void note_shown(struct lw_compose *compose, const struct packet *p, uint16_t active) {
+    uint64_t sum = 0;
+    uint32_t tile = 0;
     for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
-        p->radiance[i] = lw_vec3(0, 0, 0);
-        if (x + i % BLOCK < view->width && y + i / BLOCK < view->height) active |= (uint16_t)(1u << i);
+        if (!(active >> i & 1u) || !(p->reflected[i] > 0)) continue;
+        const float all = lw_colour_luminance(p->radiance[i]);
+        const uint64_t light = (uint64_t)(PIXEL_LIGHT * fminf(1, p->reflected[i] / all) + 0.5f);
+        if (p->tile[i] != tile && sum > 0) {
+            __atomic_fetch_add(&compose->shown[tile], sum, __ATOMIC_RELAXED);
+            sum = 0;
+        }
+        tile = p->tile[i];
+        sum += light;
     }
-    return active;
+    if (sum > 0) __atomic_fetch_add(&compose->shown[tile], sum, __ATOMIC_RELAXED);
+}
+
+static void render_packet(struct lw_compose *compose, const struct lw_compose_view *view,
+                          const struct lw_camera_plane *plane, const struct places *at,
+                          struct patches *patches, struct packet *p) {
+    uint16_t going = at->active;
+    aim(p, view, plane, at);
+    for (unsigned layer = 0; going && layer < LW_COMPOSE_LAYERS_MAX; layer++) {
+        struct lw_hit16 hits;
+        uint16_t go_on = 0;
+        lw_trace_closest16(compose->trace, LW_TRACE_VIEW | LW_TRACE_COHERENT, going, &p->rays, &hits);
+        patches->packet++;
+        for (unsigned i = 0; i < LW_TRACE_WIDTH; i++)
+            if (going >> i & 1u) look_at(compose, patches, p, &hits, i, &p->look[i]);
+        for (unsigned i = 0; i < LW_TRACE_WIDTH; i++)
+            if ((going >> i & 1u) && shade(compose, p, &hits, i, layer + 1 == LW_COMPOSE_LAYERS_MAX))
+                go_on |= (uint16_t)(1u << i);
+        going = go_on;
+    }
 }
 
 static void render_block(struct lw_compose *compose, const struct lw_compose_view *view,
                          const struct lw_camera_plane *plane, uint32_t x, uint32_t y, struct patches *patches,
                          float *out_rgb) {
     struct packet p;
-    uint16_t active = aim(&p, view, plane, x, y), going = active;
-    for (unsigned layer = 0; going && layer < LW_COMPOSE_LAYERS_MAX; layer++) {
-        struct lw_hit16 hits;
-        uint16_t go_on = 0;
-        lw_trace_closest16(compose->trace, LW_TRACE_VIEW | LW_TRACE_COHERENT, going, &p.rays, &hits);
-        patches->packet++;
-        for (unsigned i = 0; i < LW_TRACE_WIDTH; i++)
-            if (going >> i & 1u) look_at(compose, patches, &p, &hits, i, &p.look[i]);
-        for (unsigned i = 0; i < LW_TRACE_WIDTH; i++)
-            if ((going >> i & 1u) && shade(compose, &p, &hits, i, layer + 1 == LW_COMPOSE_LAYERS_MAX))
-                go_on |= (uint16_t)(1u << i);
-        going = go_on;
-    }
+    struct places at = {.active = 0};
     for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
-        if (!(active >> i & 1u)) continue;
-        float *pixel = out_rgb + 3 * ((size_t)(y + i / BLOCK) * view->width + x + i % BLOCK);
+        at.x[i] = x + i % BLOCK, at.y[i] = y + i / BLOCK;
+        if (at.x[i] < view->width && at.y[i] < view->height) at.active |= (uint16_t)(1u << i);
+    }
+    render_packet(compose, view, plane, &at, patches, &p);
+    if (!compose->surveys) note_shown(compose, &p, at.active);
+    for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
+        if (!(at.active >> i & 1u)) continue;
+        float *pixel = out_rgb + 3 * ((size_t)at.y[i] * view->width + at.x[i]);
         pixel[0] = p.radiance[i].x, pixel[1] = p.radiance[i].y, pixel[2] = p.radiance[i].z;
     }
+}
+
+static void forget_patches(struct patches *patches) {
+    patches->packet = 0;
+    for (unsigned i = 0; i < PATCHES; i++)
+        patches->patch[i].object = LW_TRACE_MISS, patches->patch[i].packet = 0;
 }
 
 static void render(struct lw_compose *compose, const struct lw_compose_view *view,
@@ -508,9 +564,7 @@ static void render(struct lw_compose *compose, const struct lw_compose_view *vie
     for (uint32_t t = 0; t < columns * rows; t++) {
         uint32_t left = t % columns * SCREEN_TILE, top = t / columns * SCREEN_TILE;
         struct patches patches;
-        patches.packet = 0;
-        for (unsigned i = 0; i < PATCHES; i++)
-            patches.patch[i].object = LW_TRACE_MISS, patches.patch[i].packet = 0;
+        forget_patches(&patches);
         for (uint32_t y = top; y < top + SCREEN_TILE && y < view->height; y += BLOCK)
             for (uint32_t x = left; x < left + SCREEN_TILE && x < view->width; x += BLOCK)
                 render_block(compose, view, plane, x, y, &patches, out_rgb);
@@ -521,9 +575,37 @@ void lw_compose_render(struct lw_compose *compose, const struct lw_compose_sourc
                        const struct lw_pose *pose, const struct lw_compose_view *view, float *out_rgb,
                        struct lw_compose_report *out_report) {
     begin(compose, source, pose);
+    memset(compose->shown, 0, compose->map->tile_count * sizeof *compose->shown);
+    compose->pixel_count = (uint64_t)view->width * view->height;
     const struct lw_camera_plane plane = lw_camera_plane(&view->camera, view->width, view->height);
     render(compose, view, &plane, out_rgb);
     lw_compose_check(compose, source, out_report);
+}
+
+void lw_compose_render_more(struct lw_compose *compose, const struct lw_compose_view *view,
+                            const uint32_t *pixel, size_t pixel_count, float *out_rgb) {
+    const struct lw_camera_plane plane = lw_camera_plane(&view->camera, view->width, view->height);
+    const size_t chunks = (pixel_count + LISTED - 1) / LISTED;
+#pragma omp parallel for schedule(dynamic) num_threads(compose->threads)
+    for (size_t chunk = 0; chunk < chunks; chunk++) {
+        struct patches patches;
+        forget_patches(&patches);
+        const size_t end = (chunk + 1) * LISTED < pixel_count ? (chunk + 1) * LISTED : pixel_count;
+        for (size_t first = chunk * LISTED; first < end; first += LW_TRACE_WIDTH) {
+            struct packet p;
+            struct places at = {.active = 0};
+            for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
+                const uint32_t place = pixel[first + i < end ? first + i : end - 1];
+                at.x[i] = place % view->width, at.y[i] = place / view->width;
+                if (first + i < end) at.active |= (uint16_t)(1u << i);
+            }
+            render_packet(compose, view, &plane, &at, &patches, &p);
+            for (unsigned i = 0; first + i < end && i < LW_TRACE_WIDTH; i++) {
+                float *rgb = out_rgb + 3 * (first + i);
+                rgb[0] = p.radiance[i].x, rgb[1] = p.radiance[i].y, rgb[2] = p.radiance[i].z;
+            }
+        }
+    }
 }
 
 static void swap_needed(struct lw_compose *compose) {
@@ -545,18 +627,33 @@ void lw_compose_survey(struct lw_compose *compose, const struct lw_compose_sourc
     plane.pixel = lw_camera_plane(&view->camera, view->width, view->height).pixel;
     swap_needed(compose);
     begin(compose, source, pose);
+    compose->surveys = true;
     render(compose, &wide, &plane, compose->survey);
+    compose->surveys = false;
     swap_needed(compose);
+}
+
+/* What is to be seen of a tile's error: the share that the server's filter leaves, in texels that are means of finer ones
+ * where views read it coarser. */
+static double shown_error(const struct lw_compose *compose, const struct lw_compose_source *source,
+                          uint32_t t, float error) {
+    const unsigned calm = compose->unfiltered ? 0 : lw_atlas_calm_level(error, source->noise_shown),
+                   level = compose->map->place[t].level;
+    const double shown = ldexp((double)(error * source->noise_shown), -(int)(calm > level ? calm : level));
+    return shown < 1 ? shown : 1;
 }
 
 void lw_compose_check(const struct lw_compose *compose, const struct lw_compose_source *source,
                       struct lw_compose_report *out_report) {
     struct lw_compose_report report = {0};
+    double shown = 0;
     for (uint32_t t = 0; t < compose->map->tile_count; t++) {
         if (!compose->needed[t]) continue;
         struct lw_client_tile tile = source->tile(source->context, (lw_tile_id){t});
         report.tiles_needed++;
-        if (tile.version == 0) {
+        const bool missing = tile.version == 0;
+        shown += (double)compose->shown[t] * (missing ? 1 : shown_error(compose, source, t, tile.error));
+        if (missing) {
             report.tiles_missing++;
             continue;
         }
@@ -564,8 +661,11 @@ void lw_compose_check(const struct lw_compose *compose, const struct lw_compose_
         report.tiles_noisy += !(tile.error <= source->target_error);
         report.max_error = fmaxf(report.max_error, tile.error);
     }
+    report.shown_error =
+        (float)(shown / ((double)PIXEL_LIGHT * (double)(compose->pixel_count ? compose->pixel_count : 1)));
     report.complete = report.tiles_missing == 0 && report.tiles_unfinished == 0;
     report.converged = report.complete && report.tiles_noisy == 0;
+    report.good = report.converged || (report.complete && report.shown_error <= LW_COMPOSE_GOOD_ERROR);
     *out_report = report;
 }
 

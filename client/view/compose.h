@@ -49,6 +49,9 @@ struct lw_compose_view {
     float offset_x, offset_y; /* where in the pixel its ray goes, from the centre; pixels */
 };
 
+/* A picture that shows less error is good to look at (docs/results/look.md). */
+#define LW_COMPOSE_GOOD_ERROR 0.026f
+
 /** How well the light that arrived serves a view. */
 struct lw_compose_report {
     uint32_t tiles_needed;
@@ -56,8 +59,12 @@ struct lw_compose_report {
     uint32_t tiles_unfinished; /* there, with fewer bounces than a complete tile has */
     uint32_t tiles_noisy;      /* there, with more error than the target */
     float max_error;           /* of the needed tiles that are there */
-    bool complete;             /* nothing missing or unfinished */
-    bool converged;            /* and nothing noisy */
+    float
+        shown_error; /* relative; the mean over the pixels: of their tiles' errors, what the filter leaves, by
+                        * how much of the pixel is the tile's light; 1 where it is not there */
+    bool complete;   /* nothing missing or unfinished */
+    bool good;       /* and what is shown of the error is at most LW_COMPOSE_GOOD_ERROR; or converged */
+    bool converged;  /* and nothing noisy */
 };
 
 /** Renders a view.
@@ -68,6 +75,15 @@ struct lw_compose_report {
 void lw_compose_render(struct lw_compose *compose, const struct lw_compose_source *source,
                        const struct lw_pose *pose, const struct lw_compose_view *view, float *out_rgb,
                        struct lw_compose_report *out_report);
+
+/** Renders listed pixels once more, as the last lw_compose_render() saw pose and light, whose pointers must still be good. What they
+ * need is needed, too.
+ *
+ * view      of that render, perhaps with another offset
+ * pixel     row * width + column; neighbours next to each other are the quickest
+ * out_rgb   pixel_count * 3 floats, in the order of the list */
+void lw_compose_render_more(struct lw_compose *compose, const struct lw_compose_view *view,
+                            const uint32_t *pixel, size_t pixel_count, float *out_rgb);
 
 /** Finds the tiles that a view and what lies around it would need, with few rays; lw_compose_needed() stays as it is. */
 void lw_compose_survey(struct lw_compose *compose, const struct lw_compose_source *source,

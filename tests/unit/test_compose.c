@@ -507,6 +507,82 @@ static void test_noisy_tiles_are_read_coarser(void **state) {
     world_finish(&w);
 }
 
+/* What a picture shows of its tiles' errors: by pixels, by what the filter leaves, by the level that is read. */
+static void test_shown_error(void **state) {
+    (void)state;
+    struct world w;
+    float rgb[WIDTH * HEIGHT * 3];
+    world_init(&w, squares(2, 64, false));
+    fill_constant(&w, 0, 3), fill_constant(&w, 1, 3);
+    struct lw_compose_view view = look_down(); /* on object 0 */
+    w.source.noise_shown = 0.5f;
+    for (uint32_t t = 0; t < w.map.tile_count; t++) w.tile[t].error = 0.04f;
+    struct lw_compose_report report = render(&w, &view, rgb);
+    assert_near(report.shown_error, 0.02f, 1e-3f);
+    assert_true(report.complete && report.good && !report.converged && report.tiles_noisy > 0);
+    for (uint32_t t = w.map.first_tile[1]; t < w.map.tile_count; t++) w.tile[t].error = 1; /* not in view */
+    report = render(&w, &view, rgb);
+    assert_near(report.shown_error, 0.02f, 1e-3f);
+    for (uint32_t t = 0; t < w.map.first_tile[1]; t++) w.tile[t].error = 0.1f;
+    lw_compose_check(w.compose, &w.source, &report); /* without a ray */
+    assert_near(report.shown_error, 0.05f, 1e-3f);
+    assert_true(report.complete && !report.good);
+    /* beyond what views bear they read coarser texels, which have less of it */
+    for (uint32_t t = 0; t < w.map.first_tile[1]; t++) w.tile[t].error = 1;
+    lw_compose_check(w.compose, &w.source, &report);
+    assert_near(report.shown_error, 0.125f, 1e-3f);
+    for (uint32_t t = 0; t < w.map.first_tile[1]; t++) w.tile[t].error = NAN;
+    lw_compose_check(w.compose, &w.source, &report);
+    assert_near(report.shown_error, 1, 1e-3f);
+    /* a survey, which nobody sees, changes nothing */
+    for (uint32_t t = 0; t < w.map.tile_count; t++) w.tile[t].error = 0.04f;
+    lw_compose_survey(w.compose, &w.source, &w.pose, &view);
+    lw_compose_check(w.compose, &w.source, &report);
+    assert_near(report.shown_error, 0.02f, 1e-3f);
+    /* a target above it: converged is good */
+    for (uint32_t t = 0; t < w.map.tile_count; t++) w.tile[t].error = 0.1f;
+    w.source.target_error = 0.2f;
+    lw_compose_check(w.compose, &w.source, &report);
+    assert_true(report.converged && report.good && report.shown_error > LW_COMPOSE_GOOD_ERROR);
+    for (uint32_t t = 0; t < w.map.first_tile[1]; t++) w.tile[t].version = 0;
+    lw_compose_check(w.compose, &w.source, &report);
+    assert_near(report.shown_error, 1, 1e-3f);
+    assert_false(report.good);
+    world_finish(&w);
+
+    /* what a surface emits is exact: half of this pixel's light is the tile's */
+    struct lw_scene *scene = squares(1, 64, false);
+    for (int c = 0; c < 3; c++) scene->material[0].emission[c] = 0.5f * 3.0f / LW_PI;
+    world_init(&w, scene);
+    fill_constant(&w, 0, 3);
+    for (uint32_t t = 0; t < w.map.tile_count; t++) w.tile[t].error = 0.08f;
+    report = render(&w, &view, rgb);
+    assert_near(report.shown_error, 0.04f, 1e-2f);
+    world_finish(&w);
+}
+
+static void test_render_more(void **state) {
+    (void)state;
+    struct world w;
+    float rgb[WIDTH * HEIGHT * 3], other[WIDTH * HEIGHT * 3], listed[WIDTH * HEIGHT * 3];
+    uint32_t list[WIDTH * HEIGHT];
+    world_init(&w, squares(1, 64, false));
+    for (size_t i = 0; i < (size_t)64 * 64 * 3; i++) w.rgb[0][i] = 1 + (float)(i % 97);
+    struct lw_compose_view view = look(0.3f, 1.5f, 0.2f, 0, 0, 0, 90);
+    struct lw_compose_report report = render(&w, &view, rgb);
+    view.offset_x = 0.25f, view.offset_y = -0.375f;
+    render(&w, &view, other);
+    for (uint32_t i = 0; i < WIDTH * HEIGHT; i++) list[i] = i * 7 % (WIDTH * HEIGHT); /* no order */
+    const uint32_t needed = report.tiles_needed;
+    lw_compose_render_more(w.compose, &view, list, WIDTH * HEIGHT - 5, listed);
+    for (uint32_t i = 0; i < WIDTH * HEIGHT - 5; i++)
+        for (size_t c = 0; c < 3; c++) assert_near(listed[3 * i + c], other[3 * (size_t)list[i] + c], 1e-4f);
+    lw_compose_check(w.compose, &w.source, &report);
+    assert_true(report.tiles_needed >= needed);
+    lw_compose_render_more(w.compose, &view, list, 0, NULL); /* nothing asked, nothing done */
+    world_finish(&w);
+}
+
 static void test_nothing_there(void **state) {
     (void)state;
     struct world w;
@@ -720,6 +796,8 @@ int main(void) {
         cmocka_unit_test(test_missing_tile),
         cmocka_unit_test(test_survey),
         cmocka_unit_test(test_noisy_tiles_are_read_coarser),
+        cmocka_unit_test(test_shown_error),
+        cmocka_unit_test(test_render_more),
         cmocka_unit_test(test_nothing_there),
         cmocka_unit_test(test_garbage_texels),
         cmocka_unit_test(test_backs),
