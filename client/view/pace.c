@@ -33,3 +33,8 @@ void lw_pace_size(const struct lw_pace *pace, uint32_t window_width, uint32_t wi
     *out_width = scaled(window_width, scale);
     *out_height = scaled(window_height, scale);
 }
+
+uint64_t lw_pace_spare_ns(const struct lw_pace *pace, uint64_t pixels) {
+    const double spare = LW_PACE_FRAME_MS * 1e6 - pace->ns_per_pixel * (double)pixels;
+    return pace->ns_per_pixel > 0 && spare > 0 ? (uint64_t)spare : 0;
+}

@@ -16,6 +16,9 @@ struct lw_pace {
 /** Takes in what a render cost. */
 void lw_pace_note(struct lw_pace *pace, uint64_t pixels, uint64_t ns);
 
+/** How much of a frame's time is left after so many pixels; 0 while nothing is measured. */
+uint64_t lw_pace_spare_ns(const struct lw_pace *pace, uint64_t pixels);
+
 /** The largest size of the window's shape that renders in time; never more than the window's. */
 void lw_pace_size(const struct lw_pace *pace, uint32_t window_width, uint32_t window_height,
                   uint32_t *out_width, uint32_t *out_height);

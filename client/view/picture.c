@@ -1,5 +1,7 @@
 #include "client/view/picture.h"
 
+#include "common/clock.h"
+
 #include <omp.h>
 #include <stdlib.h>
 #include <string.h>
@@ -20,6 +22,7 @@ void lw_picture_init(struct lw_picture *picture, enum lw_tonemap_curve curve, bo
 }
 
 void lw_picture_finish(struct lw_picture *picture) {
+    lw_antialias_finish(&picture->antialias);
     free(picture->rgba);
     free(picture->sample);
     free(picture->sum);
@@ -31,13 +34,16 @@ enum lw_status lw_picture_resize(struct lw_picture *picture, uint32_t width, uin
     float *sum = malloc(count * 3 * sizeof *sum);
     float *sample = malloc(count * 3 * sizeof *sample);
     uint32_t *rgba = malloc(count * sizeof *rgba);
-    if (sum == NULL || sample == NULL || rgba == NULL) {
+    struct lw_antialias antialias = {0};
+    if (sum == NULL || sample == NULL || rgba == NULL ||
+        lw_antialias_reserve(&antialias, count, err) != LW_OK) {
         free(rgba);
         free(sample);
         free(sum);
         return lw_status_fail(err, LW_NO_MEMORY, "no memory for a window of %ux%u pixels", width, height);
     }
     lw_picture_finish(picture);
+    picture->antialias = antialias;
     picture->sum = sum;
     picture->sample = sample;
     picture->rgba = rgba;
@@ -64,8 +70,27 @@ static void meter(struct lw_picture *picture) {
     picture->stops_known = true;
 }
 
+/* More samples where the first one has edges, as many as there is time for. */
+static void refine_edges(struct lw_picture *picture, struct lw_stage *stage,
+                         const struct lw_compose_view *view, uint64_t sample_ns, uint64_t time_ns) {
+    const uint64_t start_ns = lw_clock_ns();
+    struct lw_antialias *a = &picture->antialias;
+    lw_antialias_find(a, picture->sum, view->width, view->height, picture->threads);
+    const uint64_t found_ns = lw_clock_ns();
+    const double edge_ns = LW_ANTIALIAS_EDGE_COST * (double)sample_ns * (double)a->edge_count /
+                           ((double)view->width * view->height),
+                 left_ns = (double)time_ns - (double)(found_ns - start_ns);
+    unsigned samples = 0;
+    while (samples < LW_ANTIALIAS_EDGE_SAMPLES && edge_ns * (samples + 1) <= left_ns) samples++;
+    if (samples < 2) samples = 0; /* one more is no better than the first */
+    lw_antialias_refine(a, stage->compose, view, samples, picture->sum);
+    picture->edge_samples = samples;
+    picture->edge_ns = lw_clock_ns() - start_ns;
+}
+
 void lw_picture_render(struct lw_picture *picture, struct lw_stage *stage,
-                       const struct lw_camera_view *camera, uint32_t width, uint32_t height, bool fresh) {
+                       const struct lw_camera_view *camera, uint32_t width, uint32_t height, bool fresh,
+                       uint64_t edge_time_ns) {
     struct lw_compose_source source = lw_compose_source_of(stage->client);
     if (fresh || width != picture->width || height != picture->height) picture->samples = 0;
     picture->width = width;
@@ -78,9 +103,13 @@ void lw_picture_render(struct lw_picture *picture, struct lw_stage *stage,
     size_t count = (size_t)width * height * 3;
     float *target = picture->samples == 0 ? picture->sum : picture->sample;
     struct lw_compose_report report;
+    const uint64_t start_ns = lw_clock_ns();
     lw_compose_render(stage->compose, &source, &stage->pose, &view, target, &report);
+    picture->edge_ns = 0;
     if (picture->samples == 0) {
         picture->report = report;
+        picture->edge_samples = 0;
+        if (edge_time_ns > 0) refine_edges(picture, stage, &view, lw_clock_ns() - start_ns, edge_time_ns);
         if (picture->auto_exposure) meter(picture);
     } else {
         for (size_t i = 0; i < count; i++) picture->sum[i] += picture->sample[i];

@@ -4,6 +4,7 @@
 #ifndef LW_CLIENT_VIEW_PICTURE_H
 #define LW_CLIENT_VIEW_PICTURE_H
 
+#include "client/view/antialias.h"
 #include "client/view/stage.h"
 #include "client/view/tonemap.h"
 
@@ -15,7 +16,10 @@ struct lw_picture {
     unsigned samples;       /* in it */
     float *sum;             /* of the samples */
     float *sample;
-    uint32_t *rgba; /* bytes R, G, B, 255; width * height */
+    struct lw_antialias antialias;
+    unsigned edge_samples; /* of the pixels at edges, beside `samples`, in the first one */
+    uint64_t edge_ns;      /* what they took in the last render */
+    uint32_t *rgba;        /* bytes R, G, B, 255; width * height */
     struct lw_compose_report report;
     struct lw_tonemap tonemap;
     bool auto_exposure;
@@ -33,9 +37,11 @@ LW_MUST_CHECK enum lw_status lw_picture_resize(struct lw_picture *picture, uint3
                                                struct lw_error *err);
 
 /** Renders one more sample of each pixel, or the first if the view, the light or the size is another.
- * fresh   something changed: start again */
+ * fresh         something changed: start again
+ * edge_time_ns  what more samples of the first one's edges may take, about; they come by two or more, or not at all */
 void lw_picture_render(struct lw_picture *picture, struct lw_stage *stage,
-                       const struct lw_camera_view *camera, uint32_t width, uint32_t height, bool fresh);
+                       const struct lw_camera_view *camera, uint32_t width, uint32_t height, bool fresh,
+                       uint64_t edge_time_ns);
 
 /** Lets the eye adapt for some seconds. Returns whether the exposure still changes visibly. */
 bool lw_picture_adapt(struct lw_picture *picture, float seconds);

@@ -416,7 +416,11 @@ static bool renew_picture(struct window *w, float seconds) {
     bool render = w->stale || sharpen;
     if (render) {
         struct lw_camera_view camera = lw_flight_view(&w->flight);
-        lw_picture_render(&w->picture, &w->stage, &camera, width, height, w->stale);
+        /* at rest all pixels have more samples soon */
+        const bool whole = width == w->width && height == w->height;
+        const uint64_t edge_time_ns =
+            !at_rest && whole ? lw_pace_spare_ns(&w->pace, (uint64_t)width * height) : 0;
+        lw_picture_render(&w->picture, &w->stage, &camera, width, height, w->stale, edge_time_ns);
         w->stale = false;
         w->figures.pictures++;
     }
@@ -424,7 +428,8 @@ static bool renew_picture(struct window *w, float seconds) {
     lw_picture_develop(&w->picture);
     SDL_Rect part = {0, 0, (int)w->picture.width, (int)w->picture.height};
     SDL_UpdateTexture(w->screen, &part, w->picture.rgba, (int)(w->picture.width * sizeof *w->picture.rgba));
-    if (render) lw_pace_note(&w->pace, (uint64_t)width * height, lw_clock_ns() - start_ns);
+    if (render) /* edges take what is left: they do not count */
+        lw_pace_note(&w->pace, (uint64_t)width * height, lw_clock_ns() - start_ns - w->picture.edge_ns);
     return true;
 }
 

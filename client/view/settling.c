@@ -1,0 +1,13 @@
+#include "client/view/settling.h"
+
+bool lw_settling_note(struct lw_settling *s, float error, double renewed, uint64_t now_ns) {
+    if (!s->started) *s = (struct lw_settling){error, renewed, now_ns, now_ns, true};
+    if (error < LW_SETTLING_FALL * s->least) {
+        s->least = error;
+        s->least_renewed = renewed;
+        s->least_ns = now_ns;
+    }
+    const uint64_t waited_ns = now_ns - s->least_ns;
+    return waited_ns >= LW_SETTLING_MIN_NS && waited_ns >= s->least_ns - s->began_ns &&
+           (renewed - s->least_renewed >= LW_SETTLING_RENEWALS || waited_ns >= LW_SETTLING_MAX_NS);
+}
