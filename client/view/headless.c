@@ -1,6 +1,8 @@
 #include "client/view/headless.h"
 
+#include "client/view/antialias.h"
 #include "client/view/export.h"
+#include "client/view/settling.h"
 #include "client/view/stage.h"
 #include "common/clock.h"
 #include "common/interrupt.h"
@@ -8,6 +10,7 @@
 #include "common/progress.h"
 
 #include <inttypes.h>
+#include <math.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -37,6 +40,9 @@ struct headless {
     struct lw_stage stage;
     struct lw_compose_view view;
     struct lw_compose_report report;
+    struct lw_antialias antialias;
+    struct lw_settling settling;
+    bool settled;                 /* the error that is shown falls no more */
     struct lw_client_stats stats; /* as of the picture */
     bool stopped;                 /* by a signal, before the wait was over */
     bool late;                    /* the wait took too long, but there is light */
@@ -107,6 +113,29 @@ static enum lw_status take_picture(struct headless *h, struct lw_error *err) {
     return look(h, err);
 }
 
+/* The same picture with all its samples; without memory for them it stays as it is. */
+static void finish_picture(struct headless *h) {
+    const uint32_t samples = h->options->samples_per_pixel;
+    struct lw_error err = {0};
+    if (samples == 1) return;
+    if (lw_antialias_reserve(&h->antialias, pixel_count(h), &err) != LW_OK) {
+        lw_log(LW_LOG_WARNING, "%s: the picture has one", err.text);
+        return;
+    }
+    struct lw_compose_source source = lw_compose_source_of(h->stage.client);
+    struct lw_compose_report report; /* what is told stays that of the picture that served the wait */
+    uint64_t start_ns = lw_clock_ns();
+    lw_antialias_render(&h->antialias, h->stage.compose, &source, &h->stage.pose, &h->view, samples, h->rgb,
+                        &report);
+    h->compose_ns = lw_clock_ns() - start_ns;
+}
+
+static void note_error(struct headless *h, const struct lw_compose_report *report) {
+    if (h->stats.first_ns != 0 && report->complete)
+        h->settled = lw_settling_note(&h->settling, report->shown_error,
+                                      (double)h->stats.tiles / fmax(1, report->tiles_needed), lw_clock_ns());
+}
+
 static bool serves_the_wait(const struct headless *h, const struct lw_compose_report *report) {
     if (h->stats.first_ns == 0) return false;
     switch (h->options->wait) {
@@ -114,6 +143,8 @@ static bool serves_the_wait(const struct headless *h, const struct lw_compose_re
         return true;
     case LW_VIEW_WAIT_COMPLETE:
         return report->complete;
+    case LW_VIEW_WAIT_GOOD:
+        return report->good || (report->complete && h->settled);
     case LW_VIEW_WAIT_CONVERGED:
         return report->converged;
     case LW_VIEW_WAIT_SECONDS:
@@ -145,6 +176,12 @@ static enum lw_status fail_late(const struct headless *h, struct lw_error *err) 
             "the view is not complete after %g s: of %u tiles %u are not there, %u lack bounces "
             "(--timeout)",
             limit_s, r->tiles_needed, r->tiles_missing, r->tiles_unfinished);
+    if (h->options->wait == LW_VIEW_WAIT_GOOD)
+        return lw_status_fail(
+            err, LW_TIMED_OUT,
+            "the view is not good after %g s: the error that is shown is %.1f %%, not yet %.1f "
+            "%% (--timeout)",
+            limit_s, 100 * (double)r->shown_error, 100 * (double)LW_COMPOSE_GOOD_ERROR);
     return lw_status_fail(
         err, LW_TIMED_OUT,
         "the view has not converged after %g s: of %u tiles %u have an error above %g, the worst %g "
@@ -155,8 +192,9 @@ static enum lw_status fail_late(const struct headless *h, struct lw_error *err) 
 /* Takes pictures until one serves the wait. What it needs is known from the picture itself, and may change with every
  * object that moves; while nothing arrives that the last one needed, none is taken. */
 static enum lw_status wait_for_light(struct headless *h, struct lw_error *err) {
-    bool judged_by_tiles =
-        h->options->wait == LW_VIEW_WAIT_COMPLETE || h->options->wait == LW_VIEW_WAIT_CONVERGED;
+    bool judged_by_tiles = h->options->wait == LW_VIEW_WAIT_COMPLETE ||
+                           h->options->wait == LW_VIEW_WAIT_GOOD ||
+                           h->options->wait == LW_VIEW_WAIT_CONVERGED;
     struct lw_progress progress;
     enum lw_status status = take_picture(h, err); /* tells the server what it needs, too */
     if (judged_by_tiles)
@@ -168,6 +206,7 @@ static enum lw_status wait_for_light(struct headless *h, struct lw_error *err) {
         struct lw_compose_source source = lw_compose_source_of(h->stage.client);
         struct lw_compose_report report;
         lw_compose_check(h->stage.compose, &source, &report);
+        note_error(h, &report);
         if (serves_the_wait(h, &report)) {
             status = take_picture(h, err);
             if (status != LW_OK || serves_the_wait(h, &h->report)) break;
@@ -183,6 +222,7 @@ static enum lw_status wait_for_light(struct headless *h, struct lw_error *err) {
         show_progress(&progress, judged_by_tiles ? tiles_served(h, &h->report) : h->stats.tiles);
         if (lw_clock_ns() > h->deadline_ns) {
             h->late = shows_light(&h->report) && take_picture(h, err) == LW_OK;
+            if (h->late) finish_picture(h);
             lw_progress_stop(&progress);
             return fail_late(h, err);
         }
@@ -200,6 +240,7 @@ static enum lw_status wait_for_light(struct headless *h, struct lw_error *err) {
     }
     h->waited_ns = lw_clock_ns();
     lw_interrupt_enter(&writing);
+    if (status == LW_OK) finish_picture(h);
     if (h->stopped)
         lw_progress_stop(&progress);
     else if (status == LW_OK)
@@ -222,13 +263,15 @@ static enum lw_status print_report(const struct headless *h, struct lw_error *er
            ", \"bytes\": %" PRIu64 ", \"rays_total\": %" PRIu64 ",\n",
            s->frame, s->time_s, s->frames, s->tiles, s->bytes, s->rays_total);
     printf(" \"tiles_used\": %u, \"tiles_missing\": %u, \"tiles_unfinished\": %u, \"tiles_noisy\": %u, "
-           "\"max_error\": %.6g, \"target_error\": %.6g, \"bounces\": %u, \"complete\": %s, \"converged\": "
-           "%s, \"stopped\": %s,\n",
+           "\"max_error\": %.6g, \"target_error\": %.6g, \"shown_error\": %.6g, \"good_error\": %.6g,\n",
            r->tiles_needed, r->tiles_missing, r->tiles_unfinished, r->tiles_noisy, (double)r->max_error,
-           (double)s->target_error, s->bounces, r->complete ? "true" : "false",
-           r->converged ? "true" : "false", h->stopped ? "true" : "false");
-    printf(" \"width\": %u, \"height\": %u, \"mean_rgb\": [%.9g, %.9g, %.9g]}\n", h->view.width,
-           h->view.height, mean[0], mean[1], mean[2]);
+           (double)s->target_error, (double)r->shown_error, (double)LW_COMPOSE_GOOD_ERROR);
+    printf(" \"bounces\": %u, \"complete\": %s, \"good\": %s, \"settled\": %s, \"converged\": %s, "
+           "\"stopped\": %s,\n",
+           s->bounces, r->complete ? "true" : "false", r->good ? "true" : "false",
+           h->settled ? "true" : "false", r->converged ? "true" : "false", h->stopped ? "true" : "false");
+    printf(" \"width\": %u, \"height\": %u, \"samples_per_pixel\": %u, \"mean_rgb\": [%.9g, %.9g, %.9g]}\n",
+           h->view.width, h->view.height, h->options->samples_per_pixel, mean[0], mean[1], mean[2]);
     if (fflush(stdout) != 0) return lw_status_fail(err, LW_IO, "cannot write the report to stdout");
     return LW_OK;
 }
@@ -239,10 +282,17 @@ static void tell(const struct headless *h) {
         lw_log(LW_LOG_WARNING, "stopped: of %u tiles of the picture %u are not there, %u lack bounces",
                r->tiles_needed, r->tiles_missing, r->tiles_unfinished);
     if (h->options->json) return;
+    if (!h->late && h->settled && r->complete && !r->good)
+        lw_log(LW_LOG_INFO,
+               "the error that is shown falls no more: it is %.1f %%, above the %.1f %% that is good; "
+               "--freeze holds "
+               "a scene still",
+               100 * (double)r->shown_error, 100 * (double)LW_COMPOSE_GOOD_ERROR);
     lw_log(LW_LOG_INFO, "%s: %ux%u, %u tiles, %s", h->options->out, h->view.width, h->view.height,
            r->tiles_needed,
            h->late        ? "written as it is"
            : r->converged ? "converged"
+           : r->good      ? "good"
            : r->complete  ? "complete"
                           : "not yet complete");
 }
@@ -277,6 +327,7 @@ enum lw_status lw_headless_run(const struct lw_view_options *options, bool *out_
         if (!h.late) status = shown;
     }
     *out_stopped = h.stopped;
+    lw_antialias_finish(&h.antialias);
     lw_stage_finish(&h.stage);
     lw_client_destroy(h.client);
     free(h.rgb);

@@ -28,8 +28,9 @@ void lw_overlay_state(const struct lw_overlay_state *state, char out[LW_OVERLAY_
                  r->tiles_needed);
     else if (r->converged)
         snprintf(out, size, "converged");
-    else if (r->max_error <= ERROR_TOLD)
-        snprintf(out, size, "sharpening, error %.1f %%", (double)r->max_error * 100.0);
+    else if (r->shown_error <= ERROR_TOLD)
+        snprintf(out, size, "%s, error %.1f %%", r->good ? "good" : "sharpening",
+                 (double)r->shown_error * 100.0);
     else
         snprintf(out, size, "sharpening");
 }

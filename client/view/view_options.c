@@ -1,5 +1,6 @@
 #include "client/view/view_options.h"
 
+#include "client/view/antialias.h"
 #include "common/options.h"
 
 #include <stdlib.h>
@@ -11,7 +12,7 @@
 /* What the table fills and nobody else sees. */
 struct raw {
     const char *address, *camera, *size, *wait, *exposure;
-    int64_t samples, bounces, seed;
+    int64_t samples, bounces, seed, samples_per_pixel;
     int curve, pixel, part;
     bool samples_given;
 };
@@ -20,7 +21,7 @@ struct raw {
  * --path-trace, like all that are not named here. */
 static const char *const of_every_way[] = {"camera",   "camera-name", "size",    "tonemap",
                                            "exposure", "threads",     "version", NULL};
-static const char *const of_a_server[] = {"headless", "wait", "timeout", "cache", NULL};
+static const char *const of_a_server[] = {"headless", "wait", "timeout", "cache", "samples-per-pixel", NULL};
 static const char *const of_files[] = {"out", "json", NULL}; /* --headless and --path-trace */
 
 static bool is_among(const char *name, const char *const *list) {
@@ -63,6 +64,7 @@ static enum lw_status parse_size(const char *text, struct lw_view_options *out, 
 static enum lw_status parse_wait(const char *text, struct lw_view_options *out, struct lw_error *err) {
     static const char *const names[] = {[LW_VIEW_WAIT_FIRST] = "first",
                                         [LW_VIEW_WAIT_COMPLETE] = "complete",
+                                        [LW_VIEW_WAIT_GOOD] = "good",
                                         [LW_VIEW_WAIT_CONVERGED] = "converged"};
     for (size_t i = 0; i < sizeof names / sizeof names[0]; i++)
         if (strcmp(text, names[i]) == 0) {
@@ -73,8 +75,8 @@ static enum lw_status parse_wait(const char *text, struct lw_view_options *out, 
         out->wait = LW_VIEW_WAIT_SECONDS;
         return parse_number("wait seconds", text + 8, 0, SECONDS_MAX, &out->wait_s, err);
     }
-    return lw_status_fail(err, LW_USAGE, "--wait: \"%.60s\" is none of first, complete, converged, seconds:S",
-                          text);
+    return lw_status_fail(err, LW_USAGE,
+                          "--wait: \"%.60s\" is none of first, complete, good, converged, seconds:S", text);
 }
 
 static enum lw_status parse_out(struct lw_view_options *out, struct lw_error *err) {
@@ -148,6 +150,7 @@ static enum lw_status interpret(const struct raw *raw, struct lw_view_options *o
         out->stops = (float)stops;
     }
     out->threads = (unsigned)out->path.open.threads;
+    out->samples_per_pixel = (uint32_t)raw->samples_per_pixel;
     out->path.samples = (uint32_t)raw->samples;
     if (out->path.error > 0 && !raw->samples_given) out->path.samples = LW_PATH_FILM_SAMPLES_MAX;
     out->path.bounces = (uint32_t)raw->bounces;
@@ -162,7 +165,8 @@ enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_optio
                                      bool *out_done, struct lw_error *err) {
     struct lw_view_options o = {.timeout_s = 120, .path.open.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG};
     struct raw raw = {.size = "1280x720",
-                      .wait = "complete",
+                      .wait = "good",
+                      .samples_per_pixel = LW_VIEW_SAMPLES_PER_PIXEL,
                       .exposure = "auto",
                       .samples = LW_VIEW_SPP,
                       .bounces = 2,
@@ -188,10 +192,11 @@ enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_optio
          .kind = LW_OPTION_STRING,
          .value = &raw.size},
         {.name = "wait",
-         .argument = "first|complete|converged|seconds:S",
-         .help = "What to wait for: any light at all; every tile of the view with all bounces (default); "
-                 "with an error "
-                 "below the server's target; or so many seconds.",
+         .argument = "first|complete|good|converged|seconds:S",
+         .help =
+             "What to wait for: any light at all; every tile of the view with all bounces; that it is good "
+             "to look at, by its estimated error, or gets no better (default); that every tile's error is "
+             "below the server's target; or so many seconds.",
          .kind = LW_OPTION_STRING,
          .value = &raw.wait},
         {.name = "timeout",
@@ -201,6 +206,14 @@ enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_optio
          .value = &o.timeout_s,
          .min = 0.1,
          .max = SECONDS_MAX},
+        {.name = "samples-per-pixel",
+         .argument = "N",
+         .help =
+             "Places of each pixel's square that --headless takes the mean of (default 16; 1: its centre).",
+         .kind = LW_OPTION_INT,
+         .value = &raw.samples_per_pixel,
+         .min = 1,
+         .max = LW_ANTIALIAS_SAMPLES_MAX},
         {.name = "cache",
          .argument = "FOLDER",
          .help = "Keep scene packages there, so that none is downloaded twice (default: nowhere).",

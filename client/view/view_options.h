@@ -16,9 +16,13 @@
 enum lw_view_wait {
     LW_VIEW_WAIT_FIRST,     /* every object's coarsest light is there */
     LW_VIEW_WAIT_COMPLETE,  /* every tile that the view needs is there with all bounces */
-    LW_VIEW_WAIT_CONVERGED, /* and its error is below the server's target */
+    LW_VIEW_WAIT_GOOD,      /* and little of their error is to be seen, or it falls no more (settling.h) */
+    LW_VIEW_WAIT_CONVERGED, /* and all of their errors are below the server's target */
     LW_VIEW_WAIT_SECONDS    /* so long after connecting, and the first light is there */
 };
+
+/* Samples of a headless picture's pixels where nobody says. */
+#define LW_VIEW_SAMPLES_PER_PIXEL 16
 
 enum lw_view_format { LW_VIEW_NO_FILE, LW_VIEW_EXR, LW_VIEW_PNG };
 
@@ -47,8 +51,9 @@ struct lw_view_options {
     const char *camera_name;      /* NULL: none; points into argv */
     uint32_t width, height;
     enum lw_view_wait wait;
-    double wait_s;   /* of LW_VIEW_WAIT_SECONDS */
-    const char *out; /* NULL: none; points into argv */
+    double wait_s;              /* of LW_VIEW_WAIT_SECONDS */
+    uint32_t samples_per_pixel; /* of --headless; 1: what its centre sees */
+    const char *out;            /* NULL: none; points into argv */
     enum lw_view_format format;
     enum lw_tonemap_curve curve;
     bool auto_exposure;

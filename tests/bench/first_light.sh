@@ -28,7 +28,7 @@ for scene in "$@"; do
     "$bin/lightwelld" "$scene" --freeze 0 --listen 127.0.0.1:0 --port-file "$work/port" >/dev/null 2>"$work/log" &
     daemon=$!
     for _ in $(seq 600); do grep -q "first light" "$work/log" && break; sleep 0.1; done
-    "$bin/lightwell-view" "127.0.0.1:$(cat "$work/port")" --headless --size 1280x720 --wait complete --json \
+    "$bin/lightwell-view" "127.0.0.1:$(cat "$work/port")" --headless --size 1280x720 --wait complete --samples-per-pixel 1 --json \
         --out "$work/view.png" >"$work/view" 2>"$work/view.log" || { cat "$work/view.log" >&2; exit 1; }
     peak_mb=$(awk '/VmHWM/ { printf "%.0f", $2 / 1024 }' "/proc/$daemon/status")
     kill "$daemon" && wait "$daemon" || true

@@ -52,7 +52,7 @@ def camera_option(camera):
 
 
 def view(tools, address, camera, *options):
-    return [tools + "/lightwell-view", address, "--headless", *camera_option(camera), "--size", SIZE, "--timeout", "600",
+    return [tools + "/lightwell-view", address, "--headless", *camera_option(camera), "--size", SIZE, "--samples-per-pixel", "1", "--timeout", "600",
             *options]
 
 
@@ -109,7 +109,7 @@ def main():
             moment = float(options[options.index("--freeze") + 1]) if still else (frames - 1) / 30
             truth = os.path.join(folder, "truth.exr")
             run([tools + "/lightwell-view", "--path-trace", scene, "--time", str(moment), "--spp", SPP, "--bounces", "2",
-                 "--pixel", "centre", *camera_option(camera), "--size", SIZE, "--out", truth] + scene_options)
+                 "--pixel", "centre", *camera_option(camera), "--size", SIZE, "--samples-per-pixel", "1", "--out", truth] + scene_options)
             whole = None
             for mode in "whole", "seen":
                 picture, lines = light(tools, scene, mode, camera, frames, options, folder)

@@ -96,6 +96,22 @@ static void test_complete_picture(void **state) {
     free(json);
 }
 
+/* The default waits until little error is to be seen, and takes the mean of 16 places of each pixel. */
+static void test_good_picture(void **state) {
+    (void)state;
+    char arguments[512];
+    snprintf(arguments, sizeof arguments, "%s --headless --timeout 60 --size 161x90 --json --out %s", address,
+             lw_support_temporary("good.exr"));
+    int code = run_view(arguments);
+    if (code != 0) fail_msg("ended with %d: %s", code, lw_process_err(&view));
+    char *json = lw_process_out(&view);
+    assert_non_null(strstr(json, "\"complete\": true"));
+    assert_non_null(strstr(json, "\"good\": true"));
+    assert_true(number_of(json, "shown_error") <= number_of(json, "good_error"));
+    assert_true(number_of(json, "samples_per_pixel") == 16);
+    free(json);
+}
+
 static void test_png(void **state) {
     (void)state;
     char arguments[512];
@@ -130,6 +146,12 @@ static void test_late(void **state) {
     uint8_t *png = lw_support_read_file(path, &size);
     assert_memory_equal(png, "\x89PNG\r\n\x1a\n", 8);
     free(png);
+    snprintf(arguments, sizeof arguments, "127.0.0.1:%u --headless --wait good --timeout 0.2 --json",
+             slow.port);
+    const int good = run_view(arguments);
+    err = lw_process_err(&view);
+    if (good != 0 && (good != 75 || !strstr(err, "(--timeout)"))) fail_msg("%d: %s", good, err);
+    free(err);
     assert_int_equal(lw_process_stop(&slow, SIGTERM, 60), 0);
 }
 
@@ -357,6 +379,7 @@ static void test_path_trace_failures(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_complete_picture),
+        cmocka_unit_test(test_good_picture),
         cmocka_unit_test(test_png),
         cmocka_unit_test(test_late),
         cmocka_unit_test(test_failures),

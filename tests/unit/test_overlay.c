@@ -16,17 +16,21 @@ static void test_state(void **unused) {
     assert_says(&s, "waiting for the first light");
     s.lit = true;
     s.report = (struct lw_compose_report){
-        .tiles_needed = 90, .tiles_missing = 5, .tiles_unfinished = 7, .max_error = 1};
+        .tiles_needed = 90, .tiles_missing = 5, .tiles_unfinished = 7, .shown_error = 1};
     assert_says(&s, "12 of 90 tiles to come");
-    s.report = (struct lw_compose_report){.tiles_needed = 90, .tiles_noisy = 9, .max_error = 1};
+    s.report = (struct lw_compose_report){.tiles_needed = 90, .tiles_noisy = 9, .shown_error = 1};
     s.report.complete = true;
     assert_says(&s, "sharpening"); /* nothing is known of the error yet */
-    s.report.max_error = INFINITY;
+    s.report.shown_error = INFINITY;
     assert_says(&s, "sharpening");
-    s.report.max_error = NAN;
+    s.report.shown_error = NAN;
     assert_says(&s, "sharpening");
-    s.report.max_error = 0.123f;
+    s.report.shown_error = 0.123f;
+    s.report.max_error = 1; /* of one tile, perhaps of a single pixel */
     assert_says(&s, "sharpening, error 12.3 %");
+    s.report.shown_error = 0.019f;
+    s.report.good = true;
+    assert_says(&s, "good, error 1.9 %");
     s.report.converged = true;
     assert_says(&s, "converged");
     s.lost = true;

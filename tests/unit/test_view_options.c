@@ -119,14 +119,18 @@ static void test_everything(void **state) {
     assert_float_equal(o.stops, -1.5f, 0);
     assert_int_equal(o.threads, 2);
     assert_float_equal(o.timeout_s, 7, 0);
-    const char *waits[] = {"first", "complete", "converged"};
-    for (int i = 0; i < 3; i++) {
+    const char *waits[] = {"first", "complete", "good", "converged"};
+    for (int i = 0; i < 4; i++) {
         char line[64];
         snprintf(line, sizeof line, "--headless --out x.png --wait %s", waits[i]);
         lw_support_ok(parse(line, &o, &err), &err);
         assert_int_equal(o.wait, i);
         assert_int_equal(o.format, LW_VIEW_PNG);
+        assert_int_equal(o.samples_per_pixel, 16);
     }
+    lw_support_ok(parse("--headless --json --samples-per-pixel 1", &o, &err), &err);
+    assert_int_equal(o.samples_per_pixel, 1);
+    assert_int_equal(o.wait, LW_VIEW_WAIT_GOOD); /* where nobody says */
 }
 
 static void test_errors_name_the_option(void **state) {
@@ -149,6 +153,9 @@ static void test_errors_name_the_option(void **state) {
         {"--headless --json --wait seconds:", "--wait"},
         {"--headless --json --wait seconds:-1", "--wait"},
         {"--headless --json --wait seconds:nan", "--wait"},
+        {"--headless --json --samples-per-pixel 0", "--samples-per-pixel"},
+        {"--headless --json --samples-per-pixel 1025", "--samples-per-pixel"},
+        {"--headless --json --samples-per-pixel many", "--samples-per-pixel"},
         {"--headless --json --exposure bright", "--exposure"},
         {"--headless --json --exposure 61", "--exposure"},
         {"--headless --json --tonemap filmic", "--tonemap"},
@@ -159,6 +166,8 @@ static void test_errors_name_the_option(void **state) {
         {"--out view.png", "--out"},
         {"--json", "--json"},
         {"--wait first", "--wait"},
+        {"--samples-per-pixel 4", "--samples-per-pixel"},
+        {"--path-trace room.glb --json --samples-per-pixel 4", "--samples-per-pixel"},
         {"localhost:99999", "99999"},
         {"--path-trace room.glb", "--out"},
         {"--path-trace room.glb --json --spp 0", "--spp"},
