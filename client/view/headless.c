@@ -17,6 +17,7 @@
 
 #define POLL_MS            50u
 #define CONNECT_TIMEOUT_MS 5000u
+#define MOVES_NS           10000000000u /* what has not moved for so long stands still */
 
 static volatile sig_atomic_t stop;
 
@@ -42,7 +43,9 @@ struct headless {
     struct lw_compose_report report;
     struct lw_antialias antialias;
     struct lw_settling settling;
-    bool settled;                 /* the error that is shown falls no more */
+    bool settled;                 /* things move, and the error that is shown falls no more */
+    uint64_t moved_ns;            /* when something moved last; 0: never */
+    double time_s;                /* of the scene, then */
     struct lw_client_stats stats; /* as of the picture */
     bool stopped;                 /* by a signal, before the wait was over */
     bool late;                    /* the wait took too long, but there is light */
@@ -130,7 +133,21 @@ static void finish_picture(struct headless *h) {
     h->compose_ns = lw_clock_ns() - start_ns;
 }
 
+static void note_motion(struct headless *h, bool moved) {
+    struct lw_client_stats stats;
+    lw_client_get_stats(h->client, &stats);
+    if (h->stage.scene->duration_s > 0 && stats.time_s != h->time_s) moved = true;
+    if (moved) h->moved_ns = lw_clock_ns();
+    h->time_s = stats.time_s;
+}
+
+/* The error of light at rest falls, if only by and by: it is waited for. */
 static void note_error(struct headless *h, const struct lw_compose_report *report) {
+    if (h->moved_ns == 0 || lw_clock_ns() - h->moved_ns > MOVES_NS) {
+        h->settling = (struct lw_settling){0};
+        h->settled = false;
+        return;
+    }
     if (h->stats.first_ns != 0 && report->complete)
         h->settled = lw_settling_note(&h->settling, report->shown_error,
                                       (double)h->stats.tiles / fmax(1, report->tiles_needed), lw_clock_ns());
@@ -197,6 +214,7 @@ static enum lw_status wait_for_light(struct headless *h, struct lw_error *err) {
                            h->options->wait == LW_VIEW_WAIT_CONVERGED;
     struct lw_progress progress;
     enum lw_status status = take_picture(h, err); /* tells the server what it needs, too */
+    h->time_s = h->stats.time_s;
     if (judged_by_tiles)
         lw_progress_init(&progress, "waiting for the light", h->report.tiles_needed);
     else
@@ -235,6 +253,7 @@ static enum lw_status wait_for_light(struct headless *h, struct lw_error *err) {
             continue;
         }
         if (status == LW_OK) status = lw_stage_follow(&h->stage, &moved, err);
+        if (status == LW_OK) note_motion(h, moved);
         if (status == LW_OK) status = look(h, err);
         if (status != LW_OK) lw_status_context(err, "waiting for the light");
     }
