@@ -23,6 +23,10 @@
  * slivers alone (client/view/compose.c): that has steps twice as wide. */
 #define LW_PUBLISHER_STEP_MIN    0x1p-5f /* 1 % or so: under what is seen, and under the error at rest */
 #define LW_PUBLISHER_STEP_WIDEST 0.1f
+/* Of LW_LIGHT_FORM_SPLIT they are so many times as wide: what clients draw has no error of its own, so that the picture is as
+ * far off as with tiles of all light, or less (tests/bench/bench_split.c). Steps that follow each block's share of what is drawn
+ * were tried: 1.5 % fewer bits, for 1 dB. */
+#define LW_PUBLISHER_SPLIT_WIDER 1.25f
 
 static inline float lw_publisher_step(float error, float noise_shown, uint32_t level, float widest) {
     if (level == 0 && lw_atlas_calm_level(error, noise_shown) > 0) return 2 * widest;

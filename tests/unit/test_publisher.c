@@ -326,6 +326,35 @@ static void test_forms(void **state) {
     finish_world(&w);
 }
 
+static uint8_t step_q(const struct lw_blob *blob) {
+    struct lw_frame_header header;
+    struct lw_message m;
+    lw_support_ok(lw_frame_read_header(blob->bytes, LW_FRAME_BODY_MAX, &header, NULL), NULL);
+    lw_support_ok(lw_message_decode(header, blob->bytes + LW_FRAME_HEADER_SIZE, &m, NULL), NULL);
+    const uint8_t q = m.tile.payload[1]; /* a step is 2^(1 - q/8) */
+    lw_message_finish(&m);
+    return q;
+}
+
+/* What clients draw has no error: the rest may have a larger one, as long as it does not follow the noise. */
+static void test_split_steps_are_wider(void **state) {
+    (void)state;
+    struct world w;
+    init_world(&w, LW_TILE_CODEC_DCT);
+    lw_support_ok(lw_publisher_set_forms(w.publisher, FULL | SPLIT), NULL);
+    for (uint64_t frame = 1; frame <= 2; frame++) {
+        error = frame == 1 ? 0.2f : 0.04f;
+        set_light(frame, frame == 1 ? 5 : 5000); /* so far apart that nothing goes on from the first */
+        memcpy(split, light, sizeof split);
+        struct lw_snapshot *s = publish(&w, frame);
+        const int wider =
+            step_q(s->tile[LW_LIGHT_FORM_FULL][0].blob) - step_q(s->tile[LW_LIGHT_FORM_SPLIT][0].blob);
+        assert_true(frame == 1 ? wider == 2 || wider == 3 : wider == 0);
+        lw_snapshot_unref(s);
+    }
+    finish_world(&w);
+}
+
 /* What is drawn over a tile is as bright as what is in it: black goes by all light. */
 static void test_dark_beside_what_is_drawn(void **state) {
     (void)state;
@@ -372,6 +401,7 @@ int main(void) {
         cmocka_unit_test(test_steps),
         cmocka_unit_test(test_dark_beside_white),
         cmocka_unit_test(test_forms),
+        cmocka_unit_test(test_split_steps_are_wider),
         cmocka_unit_test(test_dark_beside_what_is_drawn),
         cmocka_unit_test(test_halves_have_no_deltas),
     };
