@@ -515,6 +515,7 @@ static void show_forms(struct lw_solver *solver, unsigned forms) {
     if (!parts_drawn(s)) forms = LW_LIGHT_FORMS_FULL;
     s->shows_all |= (forms & ~s->forms) != 0;
     s->forms = forms;
+    if (lw_tiles_judge_forms(&s->tiles, forms, s->threads)) lw_cell_solver_review(solver);
 }
 
 static enum lw_status set_up_denoise(struct cell_solver *s, struct lw_error *err) {

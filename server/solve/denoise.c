@@ -10,6 +10,9 @@
 
 /* Luminance may differ by so many standard deviations of the difference before texels stop to exchange. */
 #define SIGMAS 4.0f
+/* SPLIT has no edges of drawn light: where few frames say what the noise is, they may as well say too little of it. By
+ * 1 + this / frames more, most of its error after one to four frames goes (docs/results/denoise.md). */
+#define SPLIT_WIDER 2.0f
 /* Normals: cos^NORMAL_POWER, as in Schied et al. 2017. */
 #define NORMAL_SQUARINGS 6 /* 2^6 = 64 */
 /* Two texels a step apart lie that many of their steps' lengths apart in the world at most: the diagonal, and half. */
@@ -273,6 +276,12 @@ LW_WIDE static void load_block_row(const struct lw_tiles *tiles, enum lw_light_f
         load_run(tiles, form, from, n, per_frame, unknown, out, out_indirect, to);
 }
 
+/* By how much the variance of a texel that has had so many frames is taken to be more than it is estimated. */
+static float doubt_of(enum lw_light_form form, float frames) {
+    const float wider = form == LW_LIGHT_FORM_SPLIT ? 1 + SPLIT_WIDER / frames : 1;
+    return wider * wider;
+}
+
 /* False: no texel's variance is to be guessed. out_indirect: a plane. */
 static bool load_rows(const struct job *job, const struct planes *out, float *out_indirect) {
     const struct lw_tiles *tiles = job->denoise->tiles;
@@ -295,16 +304,17 @@ static bool load_rows(const struct job *job, const struct planes *out, float *ou
             }
             const float remembered = block->indirect.frames;
             const bool few = remembered < HISTORY_MIN;
-            load_block_row(tiles, job->form, texel, next - x, few ? 0 : 1 / (remembered - 1),
-                           few ? UNKNOWN : 0, out, out_indirect, to);
+            load_block_row(tiles, job->form, texel, next - x,
+                           few ? 0 : doubt_of(job->form, remembered) / (remembered - 1), few ? UNKNOWN : 0,
+                           out, out_indirect, to);
             guess |= few;
         }
     }
     return guess;
 }
 
-/* After a first frame: half the mean squares of the differences to the neighbours. */
-LW_WIDE static void guess_row(struct row row, const struct planes *v, const float *indirect,
+/* After a first frame: half the mean squares of the differences to the neighbours, times `doubt`. */
+LW_WIDE static void guess_row(struct row row, const struct planes *v, const float *indirect, float doubt,
                               const struct tap tap[DIRECTIONS]) {
     for (uint32_t i = 0; i < row.count; i += LANES) {
         const float *y = v->p[Y] + row.plane + i, *yi = indirect + row.plane + i;
@@ -323,7 +333,7 @@ LW_WIDE static void guess_row(struct row row, const struct planes *v, const floa
                 weights += w;
             }
         const lanes most = choose(by_indirect > 0, DIRECT_MAX * by_indirect, by_direct),
-                    guess = 0.5f * (by_indirect + choose(by_direct < most, by_direct, most)) /
+                    guess = 0.5f * doubt * (by_indirect + choose(by_direct < most, by_direct, most)) /
                             choose(weights > 0, weights, every(1));
         store(variance, choose(given >= UNKNOWN, guess, given));
     }
@@ -422,7 +432,8 @@ static void filter(const struct job *job, struct lw_denoise_planes *planes) {
     uint32_t around = LW_DENOISE_REACH - 1;
     float *const indirect = out.p[Y]; /* until the first pass */
     if (load_rows(job, &in, indirect)) {
-        EACH_ROW(job, around, y) guess_row(row_at(job, y, around), &in, indirect, tap);
+        EACH_ROW(job, around, y)
+        guess_row(row_at(job, y, around), &in, indirect, doubt_of(job->form, 1), tap);
     }
     around--;
     EACH_ROW(job, around, y) smooth_row(row_at(job, y, around), in.p[VARIANCE], out.p[VARIANCE], tap);

@@ -534,7 +534,7 @@ static void add_up_block(struct lw_tiles *tiles, const struct lw_solve_tile *til
             const uint32_t texel = tile->first + y * tile->width + x;
             if (!tiles->covered[texel]) continue;
             note_estimate(tiles, texel, block->indirect.weight);
-            variance += (double)tiles->spread[texel];
+            variance += (double)tiles->judged_spread[texel];
             luminance += (double)tiles->mean[texel];
             texels[lw_change_region(x, y)]++;
             for (int part = 0; part < LW_TILES_PARTS; part++) {

@@ -76,9 +76,9 @@ struct lw_solver_tile {
     const uint8_t *covered; /* 1: a texel with surface; others hold 0 */
     const uint8_t *filled;  /* 1: a gutter, with the light and albedo of its chart; NULL: there are none */
     uint32_t width, height;
-    uint32_t bounces;      /* indirect bounces that it holds */
-    uint32_t frames;       /* frames whose samples it has seen */
-    float error;           /* relative standard error, estimated */
+    uint32_t bounces; /* indirect bounces that it holds */
+    uint32_t frames;  /* frames whose samples it has seen */
+    float error;      /* relative standard error, estimated; of SPLIT alone (show()) against all light too */
     uint64_t solved_frame; /* last frame that changed what is shown of it; 0: never */
 };
 
@@ -97,9 +97,11 @@ struct lw_solver_ops {
      * NULL: everything, as in a new solver. What nobody looks at keeps its sums; when somebody does again they count as
      * far as they are right: in full if nothing has moved since. Errors: LW_NO_MEMORY; nothing is changed then. */
     enum lw_status (*want)(struct lw_solver *solver, const uint8_t *wanted, struct lw_error *err);
-    /** Says in which forms light is shown (light_form.h), from the next frame on: a set of bits, not empty. A form that was not
-     * shown before is made of everything in that frame, whether it solves anything or not; one that no longer is stays as
-     * it was. FULL alone, to begin with; without client lights nothing else is ever shown. */
+    /** Says in which forms light is shown (light_form.h), from the next frame on: a set of bits, not empty. A form
+     * that was not shown before is made of everything in that frame, whether it solves anything or not; one that no
+     * longer is stays as it was. FULL alone, to begin with; without client lights nothing else is ever shown.
+     * While SPLIT is shown alone errors are those of its noise, against all light. Tiles at rest for which that makes
+     * a difference go on when FULL is shown again. */
     void (*show)(struct lw_solver *solver, unsigned forms);
     /** Filters the noise out of every tile's light, between two frames and whatever the desc says of it: for those who
      * read once, at the end. The next frame begins from the sums as ever. Errors: LW_NO_MEMORY. */

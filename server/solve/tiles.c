@@ -23,6 +23,7 @@ static bool allocate_sums(struct lw_tiles *tiles) {
         for (int c = 0; c < 3; c++) ok &= (tiles->estimate[k][c] = calloc(count, sizeof(float))) != NULL;
     ok &= (tiles->mean = calloc(count, sizeof(float))) != NULL;
     ok &= (tiles->spread = calloc(count, sizeof(float))) != NULL;
+    tiles->judged_spread = tiles->spread;
     return ok;
 }
 
@@ -37,6 +38,23 @@ enum lw_status lw_tiles_part_drawn(struct lw_tiles *tiles) {
     ok &= (tiles->split_mean = calloc(count, sizeof(float))) != NULL;
     ok &= (tiles->split_spread = calloc(count, sizeof(float))) != NULL;
     return ok ? LW_OK : LW_NO_MEMORY;
+}
+
+bool lw_tiles_judge_forms(struct lw_tiles *tiles, unsigned forms, int threads) {
+    const float *before = tiles->judged_spread;
+    tiles->judged_spread =
+        forms == lw_light_form_bit(LW_LIGHT_FORM_SPLIT) ? tiles->split_spread : tiles->spread;
+    if (tiles->judged_spread == before) return false;
+#pragma omp parallel for schedule(static) num_threads(threads)
+    for (uint32_t t = 0; t < tiles->count; t++) {
+        const struct lw_solve_tile *tile = &tiles->tile[t];
+        LW_TILES_EACH_BLOCK (tile, block) block->variance = 0;
+        for (uint32_t i = 0; i < tile->width * tile->height; i++)
+            if (tiles->covered[tile->first + i])
+                lw_tiles_block(tile, i % tile->width, i / tile->width)->variance +=
+                    (double)tiles->judged_spread[tile->first + i];
+    }
+    return true;
 }
 
 size_t lw_tiles_texel_bytes(const struct lw_tiles *tiles) {

@@ -112,7 +112,10 @@ struct lw_tiles {
                    [3];   /* E as the last frame in which a texel was solved had it by itself */
     float *mean, *spread; /* of the luminance of such estimates: running mean, sum of squared deviations */
     float *split_mean, *split_spread; /* the same without what is drawn; NULL as drawn is */
-    const uint8_t *covered;           /* the texels' own */
+    /* That of the two by which errors are measured, always against all light: split_spread while no other form is
+     * shown. What clients draw has no noise, and only feeds bounces then. */
+    const float *judged_spread;
+    const uint8_t *covered; /* the texels' own */
 };
 
 /** Errors: LW_NO_MEMORY. */
@@ -123,6 +126,10 @@ void lw_tiles_finish(struct lw_tiles *tiles);
 
 /** Makes room for what client lights give, apart. Errors: LW_NO_MEMORY; finish the tiles then. */
 LW_MUST_CHECK enum lw_status lw_tiles_part_drawn(struct lw_tiles *tiles);
+
+/** Chooses judged_spread by the forms that are shown (light_form.h), and sums the variance of blocks again if it is
+ * another. Returns whether it is; their errors are those of before until lw_passes_judge(). */
+bool lw_tiles_judge_forms(struct lw_tiles *tiles, unsigned forms, int threads);
 
 /** Bytes for each texel. */
 size_t lw_tiles_texel_bytes(const struct lw_tiles *tiles);

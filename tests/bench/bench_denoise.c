@@ -4,9 +4,12 @@
  *
  * relMSE = mean((x-t)^2 / (t^2 + eps)) of luminance over all covered texels, eps = 1 % of the mean of t^2, t from a solve
  * of N frames with another seed and no filter. Times are of the processor, with one worker, filter included: what others do
- * on the machine does not count. "mean" is the largest change of an object's mean light by the filter. */
+ * on the machine does not count. "mean" is the largest change of an object's mean light by the filter.
+ * --form split: of light without the direct light of client lights ("auto"); besides, the same error against all light
+ * of the place, which is what a picture shows: mean((x-t)^2 / (T^2 + eps)), T and eps of all light. */
 #include "common/clock.h"
 #include "common/colour.h"
+#include "common/light/client_lights.h"
 #include "server/solve/cell_solver.h"
 #include "tests/bench/bench_setup.h"
 
@@ -17,24 +20,31 @@
 #include <time.h>
 
 static const double moments_s[] = {0.25, 1, 4};
+static const uint32_t moments_frames[] = {1, 4, 16};
 #define MOMENTS (sizeof moments_s / sizeof *moments_s)
+_Static_assert(sizeof moments_frames / sizeof *moments_frames == MOMENTS, "either");
 
 struct settings {
     struct lw_scene_open open;
     int64_t truth;
+    int form;
+    bool by_frames;
 };
 
 struct job {
     struct lw_scene *scene;
     struct lw_atlas_map map;
     struct lw_pose pose;
-    float *truth; /* luminance of the covered texels, in the order of tile ids */
+    struct lw_client_lights client;
+    enum lw_light_form form;
+    bool by_frames;
+    float *truth, *whole; /* luminance of the covered texels, in the order of tile ids; whole: of all light */
     size_t texels;
-    double eps;
+    double eps, whole_eps;
 };
 
 struct moment {
-    double seconds, filter_ms, error, mean_change;
+    double seconds, filter_ms, error, whole_error, mean_change;
     uint32_t frames;
 };
 
@@ -42,16 +52,19 @@ static double cpu_s(void) { return 1e-9 * (double)lw_clock_process_cpu_ns(); }
 
 static enum lw_status create(const struct job *job, uint32_t seed, bool denoise,
                              struct lw_solver **out_solver, struct lw_error *err) {
-    return lw_cell_solver_create(&(struct lw_solver_desc){.scene = job->scene,
-                                                          .atlas_map = &job->map,
-                                                          .bounces = 2,
-                                                          .direct_samples = 1,
-                                                          .indirect_samples = 1,
-                                                          .target_error = -1,
-                                                          .threads = 1,
-                                                          .seed = seed,
-                                                          .denoise = denoise},
-                                 &job->pose, out_solver, err);
+    enum lw_status status = lw_cell_solver_create(&(struct lw_solver_desc){.scene = job->scene,
+                                                                           .atlas_map = &job->map,
+                                                                           .client_lights = &job->client,
+                                                                           .bounces = 2,
+                                                                           .direct_samples = 1,
+                                                                           .indirect_samples = 1,
+                                                                           .target_error = -1,
+                                                                           .threads = 1,
+                                                                           .seed = seed,
+                                                                           .denoise = denoise},
+                                                  &job->pose, out_solver, err);
+    if (status == LW_OK) (*out_solver)->ops->show(*out_solver, (1u << LW_LIGHT_FORM_COUNT) - 1);
+    return status;
 }
 
 static float luminance(const float *const plane[3], uint32_t i) {
@@ -59,7 +72,8 @@ static float luminance(const float *const plane[3], uint32_t i) {
 }
 
 /* Without `out`, only counts. */
-static size_t read_light(const struct job *job, const struct lw_solver *solver, float *out) {
+static size_t read_light(const struct job *job, const struct lw_solver *solver, enum lw_light_form form,
+                         float *out) {
     size_t n = 0;
     for (uint32_t id = 0; id < job->map.tile_count; id++) {
         if (job->map.place[id].level) continue;
@@ -67,7 +81,7 @@ static size_t read_light(const struct job *job, const struct lw_solver *solver, 
         solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
         for (uint32_t i = 0; i < tile.width * tile.height; i++) {
             if (!tile.covered[i]) continue;
-            if (out) out[n] = luminance(tile.light, i);
+            if (out) out[n] = luminance(form == LW_LIGHT_FORM_SPLIT ? tile.split : tile.light, i);
             n++;
         }
     }
@@ -93,21 +107,28 @@ static double mean_change(const struct job *job, const struct lw_solver *solver)
     return worst;
 }
 
+static double eps_of(const float *truth, size_t texels) {
+    double square = 0;
+    for (size_t i = 0; i < texels; i++) square += (double)truth[i] * (double)truth[i];
+    return 0.01 * square / (double)texels;
+}
+
 static enum lw_status solve_truth(struct job *job, uint32_t frames, struct lw_error *err) {
     struct lw_solver *solver;
     struct lw_solver_stats stats;
     enum lw_status status = create(job, 7, false, &solver, err);
     if (status != LW_OK) return status;
-    job->texels = read_light(job, solver, NULL);
+    job->texels = read_light(job, solver, job->form, NULL);
     for (uint32_t f = 1; status == LW_OK && f <= frames; f++)
         status = solver->ops->frame(solver, &job->pose, f, &stats, err);
     job->truth = malloc((job->texels + 1) * sizeof *job->truth);
-    if (status == LW_OK && !job->truth) status = lw_status_fail(err, LW_NO_MEMORY, "truth");
+    job->whole = malloc((job->texels + 1) * sizeof *job->whole);
+    if (status == LW_OK && !(job->truth && job->whole)) status = lw_status_fail(err, LW_NO_MEMORY, "truth");
     if (status == LW_OK) {
-        double square = 0;
-        read_light(job, solver, job->truth);
-        for (size_t i = 0; i < job->texels; i++) square += (double)job->truth[i] * (double)job->truth[i];
-        job->eps = 0.01 * square / (double)job->texels;
+        read_light(job, solver, job->form, job->truth);
+        read_light(job, solver, LW_LIGHT_FORM_FULL, job->whole);
+        job->eps = eps_of(job->truth, job->texels);
+        job->whole_eps = eps_of(job->whole, job->texels);
     }
     solver->ops->destroy(solver);
     return status;
@@ -126,23 +147,25 @@ static enum lw_status measure(const struct job *job, bool denoise, struct moment
     double seconds = 0, filter_ms = 0;
     uint32_t frames = 0;
     for (size_t m = 0; m < MOMENTS && status == LW_OK; m++) {
-        while (status == LW_OK && seconds < moments_s[m]) {
+        while (status == LW_OK && (job->by_frames ? frames < moments_frames[m] : seconds < moments_s[m])) {
             struct lw_solver_stats stats;
             const double began = cpu_s();
             status = solver->ops->frame(solver, &job->pose, ++frames, &stats, err);
             seconds += cpu_s() - began;
             filter_ms += (double)stats.denoise_ns * 1e-6;
         }
-        double error = 0;
-        read_light(job, solver, light);
+        double error = 0, whole_error = 0;
+        read_light(job, solver, job->form, light);
         for (size_t i = 0; i < job->texels; i++) {
-            const double t = (double)job->truth[i], off = (double)light[i] - t;
+            const double t = (double)job->truth[i], whole = (double)job->whole[i], off = (double)light[i] - t;
             error += off * off / (t * t + job->eps);
+            whole_error += off * off / (whole * whole + job->whole_eps);
         }
         out_moment[m] = (struct moment){.seconds = seconds,
                                         .filter_ms = filter_ms / frames,
                                         .error = error / (double)job->texels,
-                                        .mean_change = mean_change(job, solver),
+                                        .whole_error = whole_error / (double)job->texels,
+                                        .mean_change = job->form ? (double)NAN : mean_change(job, solver),
                                         .frames = frames};
     }
     solver->ops->destroy(solver);
@@ -153,31 +176,36 @@ static enum lw_status measure(const struct job *job, bool denoise, struct moment
 static void print_table(const struct job *job, const char *path, uint32_t truth, const struct moment *plain,
                         const struct moment *filtered) {
     char label[64];
-    printf("\n### %s\n\n%zu texels; truth: %u frames.\n\n"
-           "| seconds | frames | relMSE | frames, filtered | relMSE, filtered | ratio | filter ms (wall) | "
-           "frame ms | mean, "
-           "filtered | mean, welded alone |\n|---|---|---|---|---|---|---|---|---|---|\n",
-           bench_label(path, label, sizeof label), job->texels, truth);
+    printf(
+        "\n### %s\n\n%zu texels; truth: %u frames.\n\n"
+        "| seconds | frames | relMSE | against all light | frames, filtered | relMSE, filtered | against all "
+        "light | ratio | filter ms (wall) | frame ms | mean, filtered | mean, welded alone |\n"
+        "|---|---|---|---|---|---|---|---|---|---|---|---|\n",
+        bench_label(path, label, sizeof label), job->texels, truth);
     for (size_t m = 0; m < MOMENTS; m++)
-        printf("| %.2f | %u | %.4f | %u | %.4f | %.2f | %.1f | %.1f | %.2g %% | %.2g %% |\n", moments_s[m],
-               plain[m].frames, plain[m].error, filtered[m].frames, filtered[m].error,
-               plain[m].error / filtered[m].error, filtered[m].filter_ms,
-               filtered[m].seconds * 1e3 / filtered[m].frames, 100 * filtered[m].mean_change,
-               100 * plain[m].mean_change);
+        printf("| %.2f | %u | %.4f | %.4f | %u | %.4f | %.4f | %.2f | %.1f | %.1f | %.2g %% | %.2g %% |\n",
+               plain[m].seconds, plain[m].frames, plain[m].error, plain[m].whole_error, filtered[m].frames,
+               filtered[m].error, filtered[m].whole_error, plain[m].error / filtered[m].error,
+               filtered[m].filter_ms, filtered[m].seconds * 1e3 / filtered[m].frames,
+               100 * filtered[m].mean_change, 100 * plain[m].mean_change);
     fflush(stdout);
 }
 
 static enum lw_status run(void *context, const char *path, struct lw_error *err) {
     const struct settings *s = context;
-    struct job job = {0};
+    struct job job = {.form = (enum lw_light_form)s->form, .by_frames = s->by_frames};
     struct moment plain[MOMENTS], filtered[MOMENTS];
     enum lw_status status =
         bench_open(&s->open, path, BENCH_MOTION_OWN, 0, &job.scene, &job.pose, &job.map, err);
+    if (status == LW_OK)
+        status = lw_client_lights_init(&job.client, job.scene, &job.pose, job.form ? "auto" : "none", err);
     if (status == LW_OK) status = solve_truth(&job, (uint32_t)s->truth, err);
     if (status == LW_OK) status = measure(&job, false, plain, err);
     if (status == LW_OK) status = measure(&job, true, filtered, err);
     if (status == LW_OK) print_table(&job, path, (uint32_t)s->truth, plain, filtered);
+    lw_client_lights_finish(&job.client);
     free(job.truth);
+    free(job.whole);
     bench_close(job.scene, &job.pose, &job.map);
     return status;
 }
@@ -186,7 +214,11 @@ int main(int argc, char **argv) {
     struct settings s = {.truth = 256};
     const struct lw_option table[] = {{"truth", "N",
                                        "frames of the solve that errors are measured against (default 256)",
-                                       LW_OPTION_INT, &s.truth, 2, 100000, NULL}};
+                                       LW_OPTION_INT, &s.truth, 2, 100000, NULL},
+                                      {"form", "full|split", "light that is measured (default full)",
+                                       LW_OPTION_CHOICE, &s.form, 0, 0, NULL},
+                                      {"by-frames", NULL, "after 1, 4 and 16 frames, not after equal times",
+                                       LW_OPTION_FLAG, &s.by_frames, 0, 0, NULL}};
     return bench_main(
         &(struct bench_program){.name = "bench_denoise",
                                 .about = "Error at equal times with and without the filter, as tables.",

@@ -222,10 +222,103 @@ static void test_no_client_lights(void **state) {
     end(&p);
 }
 
+static uint64_t rays_until_rest(struct parted *p) {
+    uint64_t rays = 0;
+    for (unsigned quiet = 0; quiet < 20; quiet = p->s.stats.tiles_solved ? 0 : quiet + 1) {
+        step(p, 1);
+        rays += p->s.stats.rays_shadow + p->s.stats.rays_bounce;
+    }
+    return rays;
+}
+
+/* The filter goes by the noise of what it shows: that of a panel which clients draw does not wash out the shadows of lamps which
+ * the server keeps. */
+static void test_noise_of_what_is_drawn_filters_nothing(void **state) {
+    (void)state;
+    struct room room = make_room(), lamps = make_room();
+    struct parted p, sharp;
+    struct lw_solver_desc desc = plain;
+    double change = 0, light = 0;
+    room.texels_per_metre = lamps.texels_per_metre = 12;
+    room.quad[7].emission = 200; /* the one material that shines; all are called "grey" */
+    lamps.quad[7].emission = 0;
+    desc.bounces = 0;
+    begin(&sharp, &lamps, desc, "none", "none");
+    desc.denoise = true;
+    begin(&p, &room, desc, "grey", "none");
+    assert_int_equal(p.client.drawn_lights + 10 * p.client.drawn_materials, 10);
+    show(&p, BOTH);
+    step(&p, 16);
+    step(&sharp, 16);
+    for (uint32_t id = 0; id < p.s.map.tile_count; id++) {
+        struct lw_solver_tile x, y;
+        if (p.s.map.place[id].level || p.s.map.place[id].object >= FACES) continue;
+        p.s.solver->ops->read_tile(p.s.solver, (lw_tile_id){id}, &x);
+        sharp.s.solver->ops->read_tile(sharp.s.solver, (lw_tile_id){id}, &y);
+        for (uint32_t i = 0; i < x.width * x.height; i++) {
+            const double off = x.covered[i] ? (double)(x.split[0][i] - y.light[0][i]) : 0;
+            change += off * off;
+            light += x.covered[i] ? (double)(y.light[0][i] * y.light[0][i]) : 0;
+        }
+    }
+    print_message("relative squared change %.2g\n", change / light);
+    assert_true(change / light < 1.4e-4);
+    end(&p);
+    end(&sharp);
+}
+
+/* Standard error of the split form at a texel of the floor, against all light: by another solve of the same error. */
+static double error_between(const struct parted *a, const struct parted *b) {
+    double square = 0, light = 0, count = 0;
+    const struct lw_atlas_level *level = &a->s.map.atlas[0].level[0];
+    for (uint32_t t = 0; t < level->tiles_x * level->tiles_y; t++) {
+        struct lw_solver_tile x, y;
+        a->s.solver->ops->read_tile(a->s.solver, (lw_tile_id){a->s.map.first_tile[0] + t}, &x);
+        b->s.solver->ops->read_tile(b->s.solver, (lw_tile_id){b->s.map.first_tile[0] + t}, &y);
+        for (uint32_t i = 0; i < x.width * x.height; i++) {
+            if (!x.covered[i]) continue;
+            const double off = (double)(x.split[0][i] - y.split[0][i]);
+            square += off * off / 2;
+            light += (double)(y.direct[0][i] + y.indirect[0][i]);
+            count++;
+        }
+    }
+    return sqrt(square / count) / (light / count);
+}
+
+/* Noise of what clients draw costs no ray while all who look draw it; when others come, it does. */
+static void test_noise_of_what_is_shown_counts(void **state) {
+    (void)state;
+    struct room room = make_room();
+    struct parted split, both;
+    struct lw_solver_desc desc = plain;
+    room.quad[7].emission = 40; /* near the ceiling and the plate: a good deal of noise */
+    room.texels_per_metre = 4;
+    desc.target_error = 0.02f;
+    begin(&split, &room, desc, NULL, "none");
+    desc.seed = 5;
+    begin(&both, &room, desc, NULL, "none");
+    show(&split, SPLIT);
+    show(&both, BOTH);
+    const uint64_t rays = rays_until_rest(&split), more = rays_until_rest(&both);
+    print_message("%.3g rays of %.3g; error %.4f\n", (double)rays, (double)more,
+                  error_between(&split, &both));
+    assert_true(rays < 0.9 * (double)more);
+    assert_true(error_between(&split, &both) < (double)desc.target_error);
+    show(&split, BOTH);
+    step(&split, 1);
+    assert_true(split.s.stats.tiles_solved > 0 && split.s.stats.tiles_converged < split.s.stats.tiles);
+    end(&split);
+    end(&both);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_forms_differ_by_what_clients_draw),
-        cmocka_unit_test(test_nothing_is_left_without_bounces), cmocka_unit_test(test_drawn_lights_change),
-        cmocka_unit_test(test_a_form_may_come_late), cmocka_unit_test(test_no_client_lights)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_forms_differ_by_what_clients_draw),
+                                       cmocka_unit_test(test_nothing_is_left_without_bounces),
+                                       cmocka_unit_test(test_drawn_lights_change),
+                                       cmocka_unit_test(test_a_form_may_come_late),
+                                       cmocka_unit_test(test_no_client_lights),
+                                       cmocka_unit_test(test_noise_of_what_is_drawn_filters_nothing),
+                                       cmocka_unit_test(test_noise_of_what_is_shown_counts)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
