@@ -156,6 +156,40 @@ static void a_form_that_is_taken_late_comes_at_once(void **state) {
     assert_int_equal(tiles_of(SPLIT), before);
 }
 
+/* The same while a scene moves, by the real clock, and where only what is looked at is lit. */
+static void who_draws_joins_a_scene_that_moves(void **state) {
+    (void)state;
+    struct lw_client_stats stats;
+    lw_process_serve(&server, "builtin:atrium --texels-per-metre 1 --json");
+    assert_true(said("clients draw the direct light of 1 sun, 2 emissive materials, if they can"));
+    const uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
+    for (int i = 0; i < CLIENTS; i++) {
+        const uint64_t joined_ns = lw_clock_ns();
+        join(i);
+        do {
+            poll_all();
+            lw_client_get_stats(client[i], &stats);
+            assert_true(lw_clock_ns() < end_ns);
+        } while (!stats.first_ns);
+        print_message("%s: light after %.0f ms, %.0f ms behind the scene\n", i == SPLIT ? "split" : "full",
+                      1e-6 * (double)(stats.first_ns - joined_ns),
+                      1e-6 * (double)(stats.first_ns - stats.package_ns));
+    }
+    leave(FULL);
+    const uint64_t frame = stats.frame;
+    while (stats.frame < frame + 30) { /* the lamp goes on, and so does its light */
+        poll_all();
+        lw_client_get_stats(client[SPLIT], &stats);
+        assert_true(lw_clock_ns() < end_ns);
+    }
+    uint64_t newest = 0;
+    for (uint32_t t = 0; t < lw_client_atlas_map(client[SPLIT])->tile_count; t++) {
+        const uint64_t version = lw_client_get_tile(client[SPLIT], (lw_tile_id){t}).version;
+        newest = version > newest ? version : newest;
+    }
+    assert_true(newest > 2 * frame); /* versions are two a frame */
+}
+
 /* A lamp that a client draws is switched: both forms follow. */
 static void both_forms_follow_changes(void **state) {
     (void)state;
@@ -234,6 +268,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(full_is_split_and_what_is_drawn, end_all),
         cmocka_unit_test_teardown(a_form_that_is_taken_late_comes_at_once, end_all),
+        cmocka_unit_test_teardown(who_draws_joins_a_scene_that_moves, end_all),
         cmocka_unit_test_teardown(both_forms_follow_changes, end_all),
         cmocka_unit_test_teardown(a_narrow_link_carries_the_second_form, end_all),
         cmocka_unit_test_teardown(kept_light_is_there_in_both_forms, end_all),
