@@ -744,7 +744,8 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
     lw_session_set_due(s, true);
     count(s->shared, &s->shared->stats.sessions_total, 1);
     count_session(s, 1);
-    lw_log(LW_LOG_INFO, "session %" PRIu64 ": %s (%s) joined", s->number, s->address, s->name);
+    lw_log(LW_LOG_INFO, "session %" PRIu64 ": %s (%s) joined%s", s->number, s->address, s->name,
+           s->form->form == LW_LIGHT_FORM_SPLIT ? ", draws direct light" : "");
 }
 
 /* A request from inside a chunk: the rest of that chunk becomes a message of its own. */
