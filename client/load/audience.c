@@ -59,7 +59,7 @@ static enum lw_status join(struct lw_audience *a, struct lw_error *err) {
     struct lw_audience_user user = {.looked_ns = 0};
     const struct lw_client_desc desc = {.host = "127.0.0.1",
                                         .port = a->port,
-                                        .name = "lightwell-load crossover",
+                                        .name = "lightwell-load scaling",
                                         .wants_nothing = !a->wants_everything,
                                         .scene_of = a->count ? a->user[0].client : NULL};
     enum lw_status status = lw_client_create(&desc, &user.client, err);

@@ -1,6 +1,6 @@
-/* lightwell-load.c: how much a server carries (a swarm of sessions), and from how many users on it pays (crossover). */
-#include "client/load/crossover.h"
+/* lightwell-load.c: how much a server carries (a swarm of sessions), and from how many users on it pays (scaling). */
 #include "client/load/load_options.h"
+#include "client/load/scaling.h"
 #include "client/load/swarm.h"
 #include "common/log.h"
 
@@ -25,6 +25,6 @@ static int run_swarm(int argc, char **argv) {
 
 int main(int argc, char **argv) {
     lw_log_init("lightwell-load", LW_LOG_INFO);
-    if (argc > 1 && strcmp(argv[1], "crossover") == 0) return lw_crossover_command(argc - 1, argv + 1);
+    if (argc > 1 && strcmp(argv[1], "scaling") == 0) return lw_scaling_command(argc - 1, argv + 1);
     return run_swarm(argc, argv);
 }

@@ -182,8 +182,8 @@ enum lw_status lw_load_options_parse(int argc, char **argv, struct lw_load_optio
             "; HOST alone: its port 7780, PORT alone: this machine) with many users at the same time, checks "
             "every byte that they get and reports how long "
             "things took. Exit code 0: all that must hold did; 1: it did not, or the run was cut short.\n"
-            "lightwell-load crossover SCENE asks from how many users on one server is cheaper than a path "
-            "tracer for each: lightwell-load crossover --help",
+            "lightwell-load scaling SCENE asks from how many users on one server is cheaper than a path "
+            "tracer for each: lightwell-load scaling --help",
         .table = table,
         .count = sizeof table / sizeof table[0],
         .positional = &raw.address,

@@ -1,11 +1,11 @@
-#include "client/load/crossover_measure.h"
+#include "client/load/scaling_measure.h"
 
 #include "client/load/cache_contender.h"
-#include "client/load/crossover_crowd.h"
-#include "client/load/crossover_run.h"
-#include "client/load/crossover_search.h"
 #include "client/load/path_contender.h"
 #include "client/load/real_run.h"
+#include "client/load/scaling_crowd.h"
+#include "client/load/scaling_run.h"
+#include "client/load/scaling_search.h"
 #include "common/log.h"
 
 #include <math.h>
@@ -18,8 +18,8 @@
 
 /* ---- before ---- */
 
-static enum lw_status set_views(struct lw_crossover *x, struct lw_error *err) {
-    const struct lw_crossover_options *o = &x->options;
+static enum lw_status set_views(struct lw_scaling *x, struct lw_error *err) {
+    const struct lw_scaling_options *o = &x->options;
     struct lw_pose pose;
     struct lw_trace *trace = NULL;
     if (lw_pose_init(&pose, x->densities.scene) != LW_OK)
@@ -39,26 +39,26 @@ static enum lw_status set_views(struct lw_crossover *x, struct lw_error *err) {
     return status;
 }
 
-static void lay_out(struct lw_crossover *x) {
+static void lay_out(struct lw_scaling *x) {
     const uint32_t most = x->options.users[x->options.user_counts - 1];
     x->warm_frames = WARM_S * LW_VIEWS_HZ;
-    x->frames = (uint64_t)fmax(LW_CROSSOVER_PICTURES, round(x->options.seconds * LW_VIEWS_HZ));
-    for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES; p++)
-        x->picture[p] = x->warm_frames + 1 + (2 * p + 1) * (x->frames - 1) / (2 * LW_CROSSOVER_PICTURES);
+    x->frames = (uint64_t)fmax(LW_SCALING_PICTURES, round(x->options.seconds * LW_VIEWS_HZ));
+    for (uint32_t p = 0; p < LW_SCALING_PICTURES; p++)
+        x->picture[p] = x->warm_frames + 1 + (2 * p + 1) * (x->frames - 1) / (2 * LW_SCALING_PICTURES);
     /* a picture that builds on others takes all frames before it, at full size: fewer eyes judge */
     const bool remembers = lw_path_renderer_remembers(x->options.opponent);
-    const uint32_t eyes = remembers ? LW_CROSSOVER_EYES / 2 : LW_CROSSOVER_EYES;
+    const uint32_t eyes = remembers ? LW_SCALING_EYES / 2 : LW_SCALING_EYES;
     x->eyes = most < eyes ? most : eyes;
     x->stride = lw_truth_stride(x->options.width, x->options.height);
     x->lattice_width = x->options.width / x->stride;
     x->lattice_height = x->options.height / x->stride;
 }
 
-static enum lw_status leave_out_dark(struct lw_crossover *x, struct lw_error *err) {
-    const uint32_t views = LW_CROSSOVER_PICTURES * x->eyes;
-    for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES; p++)
+static enum lw_status leave_out_dark(struct lw_scaling *x, struct lw_error *err) {
+    const uint32_t views = LW_SCALING_PICTURES * x->eyes;
+    for (uint32_t p = 0; p < LW_SCALING_PICTURES; p++)
         for (uint32_t eye = 0; eye < x->eyes; eye++) x->mean_square += x->truth[p][eye].mean_square / views;
-    for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES; p++)
+    for (uint32_t p = 0; p < LW_SCALING_PICTURES; p++)
         for (uint32_t eye = 0; eye < x->eyes; eye++) {
             x->dark[p][eye] = lw_truth_is_dark(&x->truth[p][eye], x->mean_square);
             x->dark_count += x->dark[p][eye];
@@ -72,10 +72,10 @@ static enum lw_status leave_out_dark(struct lw_crossover *x, struct lw_error *er
 }
 
 /* A picture's truths, and how far light of a second before is off them. */
-static enum lw_status find_truth(struct lw_crossover_run *run, struct lw_path_world *world, uint32_t picture,
-                                 double lag[LW_CROSSOVER_EYES], struct lw_progress *progress,
+static enum lw_status find_truth(struct lw_scaling_run *run, struct lw_path_world *world, uint32_t picture,
+                                 double lag[LW_SCALING_EYES], struct lw_progress *progress,
                                  struct lw_error *err) {
-    struct lw_crossover *x = run->x;
+    struct lw_scaling *x = run->x;
     const double now_s = (double)(x->picture[picture] - 1) / LW_VIEWS_HZ;
     const size_t pixels = (size_t)x->lattice_width * x->lattice_height;
     const bool moves = x->options.motion != LW_SCENE_MOTION_STATIC;
@@ -84,7 +84,7 @@ static enum lw_status find_truth(struct lw_crossover_run *run, struct lw_path_wo
                                    : lw_status_fail(err, LW_NO_MEMORY, "no memory for views");
     for (uint32_t late = 0; late <= moves && status == LW_OK; late++) {
         if (late) status = lw_path_world_set_time(world, now_s - LAG_S, err);
-        for (uint32_t eye = 0; eye < x->eyes && status == LW_OK && !lw_crossover_run_stopped(run); eye++) {
+        for (uint32_t eye = 0; eye < x->eyes && status == LW_OK && !lw_scaling_run_stopped(run); eye++) {
             const struct lw_camera_view camera = lw_views_at(x->views, eye, x->picture[picture]);
             struct lw_truth *truth = &x->truth[picture][eye];
             uint32_t *of_eye = object + pixels * eye;
@@ -105,31 +105,30 @@ static enum lw_status find_truth(struct lw_crossover_run *run, struct lw_path_wo
     return status;
 }
 
-static double mean_lag(const struct lw_crossover *x,
-                       const double lag[LW_CROSSOVER_PICTURES][LW_CROSSOVER_EYES]) {
+static double mean_lag(const struct lw_scaling *x, const double lag[LW_SCALING_PICTURES][LW_SCALING_EYES]) {
     double sum = 0;
     if (x->options.motion == LW_SCENE_MOTION_STATIC) return (double)NAN;
-    for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES; p++)
+    for (uint32_t p = 0; p < LW_SCALING_PICTURES; p++)
         for (uint32_t eye = 0; eye < x->eyes; eye++) sum += x->dark[p][eye] ? 0 : lag[p][eye];
-    return sum / (LW_CROSSOVER_PICTURES * x->eyes - x->dark_count);
+    return sum / (LW_SCALING_PICTURES * x->eyes - x->dark_count);
 }
 
-static enum lw_status find_truths(struct lw_crossover_run *run, struct lw_error *err) {
-    struct lw_crossover *x = run->x;
+static enum lw_status find_truths(struct lw_scaling_run *run, struct lw_error *err) {
+    struct lw_scaling *x = run->x;
     struct lw_path_world world;
     struct lw_progress progress;
-    double lag[LW_CROSSOVER_PICTURES][LW_CROSSOVER_EYES] = {{0}};
+    double lag[LW_SCALING_PICTURES][LW_SCALING_EYES] = {{0}};
     x->lag_error = (double)NAN;
     const bool moves = x->options.motion != LW_SCENE_MOTION_STATIC;
     enum lw_status status = lw_path_world_init(&world, x->densities.scene, x->options.bounces,
                                                (unsigned)x->options.scene.threads, err);
     if (status != LW_OK) return status;
-    lw_progress_init(&progress, "tracing the truth", LW_CROSSOVER_PICTURES * x->eyes * (moves ? 2 : 1));
-    for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES && status == LW_OK; p++)
+    lw_progress_init(&progress, "tracing the truth", LW_SCALING_PICTURES * x->eyes * (moves ? 2 : 1));
+    for (uint32_t p = 0; p < LW_SCALING_PICTURES && status == LW_OK; p++)
         status = find_truth(run, &world, p, lag[p], &progress, err);
-    lw_crossover_run_end(run, status, &progress);
+    lw_scaling_run_end(run, status, &progress);
     lw_path_world_finish(&world);
-    if (status != LW_OK || lw_crossover_run_stopped(run)) return status;
+    if (status != LW_OK || lw_scaling_run_stopped(run)) return status;
     status = leave_out_dark(x, err);
     if (status == LW_OK) x->lag_error = mean_lag(x, lag);
     return status;
@@ -140,9 +139,9 @@ static enum lw_status find_package(void *context, double density, const char **o
     return lw_scene_densities_find(context, density, out_path, err);
 }
 
-static enum lw_status set_sides(struct lw_crossover_run *run, struct lw_error *err) {
-    struct lw_crossover *x = run->x;
-    const struct lw_crossover_options *o = &x->options;
+static enum lw_status set_sides(struct lw_scaling_run *run, struct lw_error *err) {
+    struct lw_scaling *x = run->x;
+    const struct lw_scaling_options *o = &x->options;
     const struct lw_path_contender_desc paths = {.scene = x->densities.scene,
                                                  .views = x->views,
                                                  .width = o->width,
@@ -162,9 +161,9 @@ static enum lw_status set_sides(struct lw_crossover_run *run, struct lw_error *e
                                                   .package = find_package,
                                                   .context = &x->densities};
     enum lw_status status = LW_OK;
-    for (int s = 0; s < LW_CROSSOVER_SIDES && status == LW_OK; s++) {
-        struct lw_crossover_side *side = &x->side[s];
-        side->traces = s == LW_CROSSOVER_PATHS || o->self_test;
+    for (int s = 0; s < LW_SCALING_SIDES && status == LW_OK; s++) {
+        struct lw_scaling_side *side = &x->side[s];
+        side->traces = s == LW_SCALING_PATHS || o->self_test;
         side->name = side->traces ? lw_path_renderer_name(o->opponent) : "shared cache";
         status = side->traces ? lw_path_contender_create(&paths, &side->contender, err)
                               : lw_cache_contender_create(&cache, &side->contender, err);
@@ -175,22 +174,21 @@ static enum lw_status set_sides(struct lw_crossover_run *run, struct lw_error *e
 /* ---- by the wall clock ---- */
 
 /* What the chosen path tracer's picture of the same view and moment is off. */
-static enum lw_status judge_paths(const struct lw_crossover *x, const struct lw_path_world *world,
+static enum lw_status judge_paths(const struct lw_scaling *x, const struct lw_path_world *world,
                                   const struct lw_camera_view *camera, const struct lw_truth *truth,
                                   double *out_error, struct lw_error *err) {
     struct lw_path_film film;
     enum lw_status status = lw_path_film_init(&film, x->lattice_width, x->lattice_height, err);
     if (status != LW_OK) return status;
     lw_path_world_render(world, &(struct lw_path_view){.camera = *camera, .seed = x->options.seed},
-                         x->chosen[LW_CROSSOVER_PATHS].samples, &film);
+                         x->chosen[LW_SCALING_PATHS].samples, &film);
     lw_path_film_resolve(&film, film.half[0]);
     *out_error = lw_truth_error(truth, film.half[0]);
     lw_path_film_finish(&film);
     return LW_OK;
 }
 
-static enum lw_status judge_real(struct lw_crossover *x, const struct lw_real_run *real,
-                                 struct lw_error *err) {
+static enum lw_status judge_real(struct lw_scaling *x, const struct lw_real_run *real, struct lw_error *err) {
     struct lw_path_world world;
     enum lw_status status = lw_path_world_init(&world, x->densities.scene, x->options.bounces,
                                                (unsigned)x->options.scene.threads, err);
@@ -219,10 +217,10 @@ static enum lw_status judge_real(struct lw_crossover *x, const struct lw_real_ru
     return status;
 }
 
-static enum lw_status run_by_the_clock(struct lw_crossover_run *run, struct lw_error *err) {
-    struct lw_crossover *x = run->x;
-    const struct lw_crossover_options *o = &x->options;
-    const struct lw_setting *setting = &x->chosen[LW_CROSSOVER_SHARED];
+static enum lw_status run_by_the_clock(struct lw_scaling_run *run, struct lw_error *err) {
+    struct lw_scaling *x = run->x;
+    const struct lw_scaling_options *o = &x->options;
+    const struct lw_setting *setting = &x->chosen[LW_SCALING_SHARED];
     struct lw_real_run real;
     const char *package;
     enum lw_status status = lw_scene_densities_find(&x->densities, setting->density, &package, err);
@@ -244,11 +242,11 @@ static enum lw_status run_by_the_clock(struct lw_crossover_run *run, struct lw_e
                                                         .cancel = run->cancel},
                              &real, err);
     if (status != LW_OK) return status;
-    x->real = (struct lw_crossover_real){.users = x->count[0].users,
-                                         .frames_hz = real.frames_hz,
-                                         .views_hz = real.views_hz,
-                                         .server_cpu_s = real.server_cpu_s,
-                                         .light_age_s = real.light_age_s};
+    x->real = (struct lw_scaling_real){.users = x->count[0].users,
+                                       .frames_hz = real.frames_hz,
+                                       .views_hz = real.views_hz,
+                                       .server_cpu_s = real.server_cpu_s,
+                                       .light_age_s = real.light_age_s};
     status = judge_real(x, &real, err);
     x->real.done = status == LW_OK;
     lw_real_run_finish(&real);
@@ -257,9 +255,9 @@ static enum lw_status run_by_the_clock(struct lw_crossover_run *run, struct lw_e
 
 /* ---- the whole ---- */
 
-static enum lw_status measure(struct lw_crossover_run *run, struct lw_error *err) {
-    struct lw_crossover *x = run->x;
-    const struct lw_crossover_options *o = &x->options;
+static enum lw_status measure(struct lw_scaling_run *run, struct lw_error *err) {
+    struct lw_scaling *x = run->x;
+    const struct lw_scaling_options *o = &x->options;
     struct lw_scene_open open = o->scene;
     open.cancel = run->cancel;
     enum lw_status status = lw_scene_densities_init(&x->densities, &open, o->motion, err);
@@ -270,25 +268,25 @@ static enum lw_status measure(struct lw_crossover_run *run, struct lw_error *err
     lw_log(LW_LOG_INFO, "%s: %llu triangles, %s", o->scene.path, (unsigned long long)x->densities.triangles,
            lw_views_about(x->views));
     status = find_truths(run, err);
-    if (status == LW_OK && !lw_crossover_run_stopped(run)) status = set_sides(run, err);
-    if (status == LW_OK && !lw_crossover_run_stopped(run)) status = lw_crossover_search(run, err);
-    if (status == LW_OK && !lw_crossover_run_stopped(run)) status = lw_crossover_crowd(run, err);
-    if (status == LW_OK && !lw_crossover_run_stopped(run) && x->repeats_done && !o->self_test)
+    if (status == LW_OK && !lw_scaling_run_stopped(run)) status = set_sides(run, err);
+    if (status == LW_OK && !lw_scaling_run_stopped(run)) status = lw_scaling_search(run, err);
+    if (status == LW_OK && !lw_scaling_run_stopped(run)) status = lw_scaling_crowd(run, err);
+    if (status == LW_OK && !lw_scaling_run_stopped(run) && x->repeats_done && !o->self_test)
         status = run_by_the_clock(run, err);
     return status;
 }
 
-enum lw_status lw_crossover_measure(const struct lw_crossover_options *options,
-                                    const volatile sig_atomic_t *cancel, struct lw_crossover *x,
-                                    struct lw_error *err) {
-    *x = (struct lw_crossover){.options = *options};
-    struct lw_crossover_run run = {.x = x, .cancel = cancel};
+enum lw_status lw_scaling_measure(const struct lw_scaling_options *options,
+                                  const volatile sig_atomic_t *cancel, struct lw_scaling *x,
+                                  struct lw_error *err) {
+    *x = (struct lw_scaling){.options = *options};
+    struct lw_scaling_run run = {.x = x, .cancel = cancel};
     enum lw_status status = measure(&run, err);
-    if (lw_crossover_run_stopped(&run)) {
+    if (lw_scaling_run_stopped(&run)) {
         if (!x->repeats_done) x->shortfall = "interrupted";
         status = LW_OK; /* whatever the signal did to a side */
     }
-    for (int s = 0; s < LW_CROSSOVER_SIDES; s++) {
+    for (int s = 0; s < LW_SCALING_SIDES; s++) {
         if (x->side[s].point_count &&
             x->side[s].point[0].later) { /* the repeats that were to tell never came */
             x->side[s].point_count = 0;
@@ -300,10 +298,10 @@ enum lw_status lw_crossover_measure(const struct lw_crossover_options *options,
     return status;
 }
 
-void lw_crossover_finish(struct lw_crossover *x) {
-    for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES; p++)
-        for (uint32_t eye = 0; eye < LW_CROSSOVER_EYES; eye++) lw_truth_finish(&x->truth[p][eye]);
+void lw_scaling_finish(struct lw_scaling *x) {
+    for (uint32_t p = 0; p < LW_SCALING_PICTURES; p++)
+        for (uint32_t eye = 0; eye < LW_SCALING_EYES; eye++) lw_truth_finish(&x->truth[p][eye]);
     lw_views_destroy(x->views);
     lw_scene_densities_finish(&x->densities);
-    *x = (struct lw_crossover){0};
+    *x = (struct lw_scaling){0};
 }

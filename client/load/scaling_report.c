@@ -1,4 +1,4 @@
-#include "client/load/crossover_report.h"
+#include "client/load/scaling_report.h"
 
 #include "common/atomic_file.h"
 #include "common/log.h"
@@ -30,7 +30,7 @@ static enum lw_status save(const char *folder, const char *name, const char *tex
     return lw_atomic_file_save(path, text, size, err);
 }
 
-enum lw_status lw_crossover_report_prepare(const char *folder, struct lw_error *err) {
+enum lw_status lw_scaling_report_prepare(const char *folder, struct lw_error *err) {
     static const char note[] = "Being measured.\n";
     if (mkdir(folder, 0777) < 0 && errno != EEXIST)
         return lw_status_fail(err, LW_CANNOT_CREATE, "%s: cannot make the folder: %s", folder,
@@ -62,7 +62,7 @@ static enum lw_status end(struct text *text, const char *folder, const char *nam
 
 /* ---- words ---- */
 
-static void describe_setting(const struct lw_crossover_side *side, const struct lw_setting *s, char *out,
+static void describe_setting(const struct lw_scaling_side *side, const struct lw_setting *s, char *out,
                              size_t size) {
     if (side->traces)
         snprintf(out, size, "%u path%s per pixel", s->samples, s->samples > 1 ? "s" : "");
@@ -71,7 +71,7 @@ static void describe_setting(const struct lw_crossover_side *side, const struct 
                  s->indirect_samples, s->rest_error);
 }
 
-static void print_figure(FILE *f, const struct lw_crossover_figure *figure) {
+static void print_figure(FILE *f, const struct lw_scaling_figure *figure) {
     if (!isfinite(figure->mean))
         fprintf(f, "none");
     else if (figure->half > 0)
@@ -94,19 +94,19 @@ static void read_processor(char *out, size_t size) {
     if (f) fclose(f);
 }
 
-static double mean_noise(const struct lw_crossover *x) {
+static double mean_noise(const struct lw_scaling *x) {
     double sum = 0;
-    for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES; p++)
+    for (uint32_t p = 0; p < LW_SCALING_PICTURES; p++)
         for (uint32_t eye = 0; eye < x->eyes; eye++) sum += x->truth[p][eye].noise;
-    return sum / (LW_CROSSOVER_PICTURES * x->eyes);
+    return sum / (LW_SCALING_PICTURES * x->eyes);
 }
 
 /* The error that a path tracer has for the cost of a point of the shared side: along its own points, by logarithms.
  * INFINITY: that does not pay for its cheapest picture; NAN: not known. */
-static double paths_error_at(const struct lw_crossover_side *paths, double cost_s) {
-    const struct lw_crossover_point *below = NULL, *above = NULL;
+static double paths_error_at(const struct lw_scaling_side *paths, double cost_s) {
+    const struct lw_scaling_point *below = NULL, *above = NULL;
     for (uint32_t i = 0; i < paths->point_count; i++) {
-        const struct lw_crossover_point *p = &paths->point[i];
+        const struct lw_scaling_point *p = &paths->point[i];
         double c = lw_cost_total(&p->cost);
         if (c <= cost_s && (!below || c > lw_cost_total(&below->cost))) below = p;
         if (c > cost_s && (!above || c < lw_cost_total(&above->cost))) above = p;
@@ -120,42 +120,40 @@ static double paths_error_at(const struct lw_crossover_side *paths, double cost_
 
 /* ---- tables ---- */
 
-static enum lw_status write_users_csv(const struct lw_crossover *x, struct lw_error *err) {
+static enum lw_status write_users_csv(const struct lw_scaling *x, struct lw_error *err) {
     struct text text;
-    if (!begin(&text)) return lw_status_fail(err, LW_NO_MEMORY, "no memory for crossover.csv");
+    if (!begin(&text)) return lw_status_fail(err, LW_NO_MEMORY, "no memory for scaling.csv");
     fprintf(text.stream, "users,repeat,paths_cpu_s_per_frame,shared_cpu_s_per_frame,ratio");
     for (int s = 0; s < LW_STAGE_COUNT; s++)
         fprintf(text.stream, ",mean %s cpu_s", lw_stage_name((enum lw_stage)s));
     fprintf(text.stream, ",mean bytes\n");
     for (uint32_t c = 0; c < x->count_done; c++)
         for (uint32_t i = 0; i < x->repeats_done; i++) {
-            const struct lw_crossover_count *count = &x->count[c];
-            double paths = count->cost_s[LW_CROSSOVER_PATHS][i],
-                   shared = count->cost_s[LW_CROSSOVER_SHARED][i];
+            const struct lw_scaling_count *count = &x->count[c];
+            double paths = count->cost_s[LW_SCALING_PATHS][i], shared = count->cost_s[LW_SCALING_SHARED][i];
             fprintf(text.stream, "%u,%u,%.6g,%.6g,%.6g", count->users, i + 1, paths, shared, shared / paths);
             for (int s = 0; s < LW_STAGE_COUNT; s++) fprintf(text.stream, ",%.6g", count->cost.cpu_s[s]);
             fprintf(text.stream, ",%.6g\n", count->cost.bytes);
         }
-    return end(&text, x->options.folder, "crossover.csv", err);
+    return end(&text, x->options.folder, "scaling.csv", err);
 }
 
-static enum lw_status write_points_csv(const struct lw_crossover *x, struct lw_error *err) {
+static enum lw_status write_points_csv(const struct lw_scaling *x, struct lw_error *err) {
     struct text text;
     if (!begin(&text)) return lw_status_fail(err, LW_NO_MEMORY, "no memory for settings.csv");
     fprintf(text.stream,
             "side,samples,density,direct_samples,indirect_samples,rest_error,relmse,cpu_s_per_frame\n");
-    for (int s = 0; s < LW_CROSSOVER_SIDES; s++)
+    for (int s = 0; s < LW_SCALING_SIDES; s++)
         for (uint32_t i = 0; i < x->side[s].point_count; i++) {
-            const struct lw_crossover_point *p = &x->side[s].point[i];
-            fprintf(text.stream, "%s,%u,%g,%u,%u,%g,%.6g,%.6g\n",
-                    s == LW_CROSSOVER_PATHS ? "paths" : "shared", p->setting.samples, p->setting.density,
-                    p->setting.direct_samples, p->setting.indirect_samples, p->setting.rest_error, p->error,
-                    lw_cost_total(&p->cost));
+            const struct lw_scaling_point *p = &x->side[s].point[i];
+            fprintf(text.stream, "%s,%u,%g,%u,%u,%g,%.6g,%.6g\n", s == LW_SCALING_PATHS ? "paths" : "shared",
+                    p->setting.samples, p->setting.density, p->setting.direct_samples,
+                    p->setting.indirect_samples, p->setting.rest_error, p->error, lw_cost_total(&p->cost));
         }
     return end(&text, x->options.folder, "settings.csv", err);
 }
 
-static json_t *json_figure(const struct lw_crossover_figure *f) {
+static json_t *json_figure(const struct lw_scaling_figure *f) {
     if (!isfinite(f->mean)) return json_null();
     return json_pack("{s:f, s:f}", "mean", f->mean, "half_width_95", f->half);
 }
@@ -167,13 +165,13 @@ static json_t *json_cost(const struct lw_cost *cost) {
     return object;
 }
 
-static json_t *json_setting(const struct lw_crossover_side *side, const struct lw_setting *s) {
+static json_t *json_setting(const struct lw_scaling_side *side, const struct lw_setting *s) {
     if (side->traces) return json_pack("{s:i}", "samples", (int)s->samples);
     return json_pack("{s:f, s:i, s:i, s:f}", "density", s->density, "direct_samples", (int)s->direct_samples,
                      "indirect_samples", (int)s->indirect_samples, "rest_error", s->rest_error);
 }
 
-static json_t *json_side(const struct lw_crossover_side *side) {
+static json_t *json_side(const struct lw_scaling_side *side) {
     json_t *points = json_array();
     for (uint32_t i = 0; i < side->point_count; i++)
         json_array_append_new(points, json_pack("{s:o, s:f, s:f}", "setting",
@@ -183,13 +181,13 @@ static json_t *json_side(const struct lw_crossover_side *side) {
     return json_pack("{s:s, s:o}", "name", side->name, "points", points);
 }
 
-static enum lw_status write_json(const struct lw_crossover *x, const char *command, struct lw_error *err) {
+static enum lw_status write_json(const struct lw_scaling *x, const char *command, struct lw_error *err) {
     json_t *counts = json_array(), *targets = json_array();
     for (uint32_t c = 0; c < x->count_done; c++) {
         json_t *paths = json_array(), *shared = json_array();
         for (uint32_t i = 0; i < x->repeats_done; i++) {
-            json_array_append_new(paths, json_real(x->count[c].cost_s[LW_CROSSOVER_PATHS][i]));
-            json_array_append_new(shared, json_real(x->count[c].cost_s[LW_CROSSOVER_SHARED][i]));
+            json_array_append_new(paths, json_real(x->count[c].cost_s[LW_SCALING_PATHS][i]));
+            json_array_append_new(shared, json_real(x->count[c].cost_s[LW_SCALING_SHARED][i]));
         }
         json_array_append_new(counts, json_pack("{s:i, s:o, s:o, s:o, s:o, s:f}", "users",
                                                 (int)x->count[c].users, "paths_cpu_s", paths, "shared_cpu_s",
@@ -199,26 +197,26 @@ static enum lw_status write_json(const struct lw_crossover *x, const char *comma
     }
     for (uint32_t t = 0; t < x->target_count; t++)
         json_array_append_new(targets, json_pack("{s:f, s:i, s:i}", "relmse", x->target[t].error,
-                                                 "paths_point", x->target[t].best[LW_CROSSOVER_PATHS],
-                                                 "shared_point", x->target[t].best[LW_CROSSOVER_SHARED]));
+                                                 "paths_point", x->target[t].best[LW_SCALING_PATHS],
+                                                 "shared_point", x->target[t].best[LW_SCALING_SHARED]));
     json_t *root = json_pack(
         "{s:s, s:s, s:s, s:I, s:s, s:s, s:i, s:i, s:i, s:f, s:o, s:f, s:s?, s:o, s:o, s:o, s:o, s:o, s:o, "
         "s:o, s:o}",
         "command", command, "scene", x->options.scene.path, "version", LW_VERSION, "triangles",
-        (json_int_t)x->densities.triangles, "motion", lw_crossover_motion_name(x->options.motion), "views",
+        (json_int_t)x->densities.triangles, "motion", lw_scaling_motion_name(x->options.motion), "views",
         x->views ? lw_views_about(x->views) : "", "width", (int)x->options.width, "height",
         (int)x->options.height, "bounces", (int)x->options.bounces, "truth_noise",
         x->eyes ? mean_noise(x) : 0.0, "relmse_of_light_a_second_late",
         isfinite(x->lag_error) ? json_real(x->lag_error) : json_null(), "texels_per_metre",
         x->densities.texels_per_metre, "shortfall", x->shortfall, "targets", targets, "paths",
-        json_side(&x->side[LW_CROSSOVER_PATHS]), "shared", json_side(&x->side[LW_CROSSOVER_SHARED]), "users",
+        json_side(&x->side[LW_SCALING_PATHS]), "shared", json_side(&x->side[LW_SCALING_SHARED]), "users",
         counts, "ratio_first", json_figure(&x->first_ratio), "marginal", json_figure(&x->marginal),
         "ratio_first_whole_scene", x->whole_done ? json_real(x->whole_ratio) : json_null(), "crossover_users",
         json_figure(&x->crossover));
     char *text =
         root ? json_dumps(root, JSON_INDENT(1) | JSON_PRESERVE_ORDER | JSON_REAL_PRECISION(8)) : NULL;
-    enum lw_status status = text ? save(x->options.folder, "crossover.json", text, strlen(text), err)
-                                 : lw_status_fail(err, LW_NO_MEMORY, "no memory for crossover.json");
+    enum lw_status status = text ? save(x->options.folder, "scaling.json", text, strlen(text), err)
+                                 : lw_status_fail(err, LW_NO_MEMORY, "no memory for scaling.json");
     free(text);
     json_decref(root);
     return status;
@@ -226,18 +224,18 @@ static enum lw_status write_json(const struct lw_crossover *x, const char *comma
 
 /* ---- the report ---- */
 
-static void print_head(const struct lw_crossover *x, FILE *f, const char *command) {
+static void print_head(const struct lw_scaling *x, FILE *f, const char *command) {
     char processor[200], day[32];
     read_processor(processor, sizeof processor);
     time_t now = time(NULL);
     struct tm utc;
     strftime(day, sizeof day, "%Y-%m-%d", gmtime_r(&now, &utc));
-    fprintf(f, "# Crossover: %s\n\n    %s\n\n", x->options.scene.path, command);
+    fprintf(f, "# Scaling run: %s\n\n    %s\n\n", x->options.scene.path, command);
     fprintf(f, "%s, %ld processors, %s, lightwell " LW_VERSION ".\n\n", processor,
             sysconf(_SC_NPROCESSORS_ONLN), day);
     fprintf(f, "%llu triangles, %.3g lightmap texels per metre at density ×1, %u indirect bounces. ",
             (unsigned long long)x->densities.triangles, x->densities.texels_per_metre, x->options.bounces);
-    fprintf(f, "Motion: %s", lw_crossover_motion_name(x->options.motion));
+    fprintf(f, "Motion: %s", lw_scaling_motion_name(x->options.motion));
     if (x->densities.report.light)
         fprintf(f, "; light \"%s\" was set moving, since none did", x->densities.report.light);
     if (x->densities.report.object)
@@ -250,7 +248,7 @@ static void print_head(const struct lw_crossover *x, FILE *f, const char *comman
             "traced to convergence, at one pixel in %u of %u frames and %u user%s (the truth's own noise, "
             "%.2g, is taken out: "
             "`client/load/truth.h`). Opponent: %s (%s). The lightmaps are %s.%s\n\n",
-            x->stride * x->stride, LW_CROSSOVER_PICTURES, x->eyes, x->eyes > 1 ? "s" : "", mean_noise(x),
+            x->stride * x->stride, LW_SCALING_PICTURES, x->eyes, x->eyes > 1 ? "s" : "", mean_noise(x),
             lw_path_renderer_name(x->options.opponent), lw_path_renderer_about(x->options.opponent),
             x->options.denoise ? "filtered" : "not filtered",
             x->options.motion == LW_SCENE_MOTION_STATIC
@@ -260,7 +258,7 @@ static void print_head(const struct lw_crossover *x, FILE *f, const char *comman
 
 /* Whether the views tell moving light from light that stands: an error that light of a second ago has, too,
  * asks for no motion. */
-static void print_lag(const struct lw_crossover *x, FILE *f) {
+static void print_lag(const struct lw_scaling *x, FILE *f) {
     if (!isfinite(x->lag_error)) return;
     fprintf(f,
             " Light that is a second late has relMSE %.3g in these views (where they show the same at both "
@@ -272,14 +270,14 @@ static void print_lag(const struct lw_crossover *x, FILE *f) {
 }
 
 /* What views do to an error, random numbers aside. */
-static void print_spread(const struct lw_crossover *x, FILE *f) {
-    double least[LW_CROSSOVER_SIDES], most[LW_CROSSOVER_SIDES];
-    for (int s = 0; s < LW_CROSSOVER_SIDES; s++) {
+static void print_spread(const struct lw_scaling *x, FILE *f) {
+    double least[LW_SCALING_SIDES], most[LW_SCALING_SIDES];
+    for (int s = 0; s < LW_SCALING_SIDES; s++) {
         const int best = x->target[0].best[s];
-        const struct lw_crossover_errors *errors = &x->side[s].point[best].errors;
+        const struct lw_scaling_errors *errors = &x->side[s].point[best].errors;
         least[s] = (double)INFINITY;
         most[s] = -(double)INFINITY;
-        for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES; p++)
+        for (uint32_t p = 0; p < LW_SCALING_PICTURES; p++)
             for (uint32_t eye = 0; eye < x->eyes; eye++) {
                 if (!errors->judged[p][eye]) continue;
                 least[s] = fmin(least[s], errors->of[p][eye]);
@@ -293,8 +291,8 @@ static void print_spread(const struct lw_crossover *x, FILE *f) {
 }
 
 /* Of the repeats, whose views differ: the shared side's errors, and the path tracer's for the same views. */
-static void print_errors(const struct lw_crossover *x, FILE *f) {
-    if (x->side[LW_CROSSOVER_SHARED].traces || !isfinite(x->shared_error[0])) return;
+static void print_errors(const struct lw_scaling *x, FILE *f) {
+    if (x->side[LW_SCALING_SHARED].traces || !isfinite(x->shared_error[0])) return;
     fprintf(f, " In the repeats");
     if (!x->options.whole) fprintf(f, ", with %u of the users", x->count[0].users);
     fprintf(f, ": ");
@@ -304,11 +302,11 @@ static void print_errors(const struct lw_crossover *x, FILE *f) {
     fprintf(f, ".");
 }
 
-static void print_result(const struct lw_crossover *x, FILE *f) {
+static void print_result(const struct lw_scaling *x, FILE *f) {
     if (x->shortfall) fprintf(f, "**No figures for counts of users: %s.**\n\n", x->shortfall);
     if (!x->repeats_done) return;
     char setting[2][160];
-    for (int s = 0; s < LW_CROSSOVER_SIDES; s++)
+    for (int s = 0; s < LW_SCALING_SIDES; s++)
         describe_setting(&x->side[s], &x->chosen[s], setting[s], sizeof setting[s]);
     fprintf(f, "## Result\n\n");
     if (x->options.fixed_samples)
@@ -317,7 +315,7 @@ static void print_result(const struct lw_crossover *x, FILE *f) {
         fprintf(f, "At relMSE %.3g: ", x->target[0].error);
     fprintf(f, "%s (relMSE %.3g) against %s (relMSE %.3g), over the same %u views.", setting[0],
             x->chosen_error[0], setting[1], x->chosen_error[1],
-            LW_CROSSOVER_PICTURES * x->eyes - x->dark_count);
+            LW_SCALING_PICTURES * x->eyes - x->dark_count);
     if (x->dark_count) fprintf(f, " %u more show next to nothing, and are not judged.", x->dark_count);
     print_spread(x, f);
     print_errors(x, f);
@@ -355,8 +353,8 @@ static void print_result(const struct lw_crossover *x, FILE *f) {
     fprintf(f, "\n\n");
     fprintf(f, "| users | path tracers, CPU s | shared, CPU s | ratio |\n|---|---|---|---|\n");
     for (uint32_t c = 0; c < x->count_done; c++) {
-        double cost[LW_CROSSOVER_SIDES] = {0};
-        for (int s = 0; s < LW_CROSSOVER_SIDES; s++)
+        double cost[LW_SCALING_SIDES] = {0};
+        for (int s = 0; s < LW_SCALING_SIDES; s++)
             for (uint32_t i = 0; i < x->repeats_done; i++)
                 cost[s] += x->count[c].cost_s[s][i] / x->repeats_done;
         fprintf(f, "| %u | %.3g | %.3g | ", x->count[c].users, cost[0], cost[1]);
@@ -367,9 +365,9 @@ static void print_result(const struct lw_crossover *x, FILE *f) {
 }
 
 /* With one user and with all of them; one column if that is the same. */
-static void print_stages(const struct lw_crossover *x, FILE *f) {
-    if (!x->repeats_done || x->side[LW_CROSSOVER_SHARED].traces) return;
-    const struct lw_crossover_count *last = &x->count[x->count_done - 1], *column[2] = {&x->count[0], last};
+static void print_stages(const struct lw_scaling *x, FILE *f) {
+    if (!x->repeats_done || x->side[LW_SCALING_SHARED].traces) return;
+    const struct lw_scaling_count *last = &x->count[x->count_done - 1], *column[2] = {&x->count[0], last};
     const int columns = x->count_done > 1 ? 2 : 1;
     fprintf(f, "## Where the shared side's time goes\n\nCPU ms per frame.\n\n| stage |");
     for (int i = 0; i < columns; i++)
@@ -385,8 +383,8 @@ static void print_stages(const struct lw_crossover *x, FILE *f) {
             8e-6 * LW_VIEWS_HZ * last->cost.bytes / last->users, 1e-6 * last->cost.rays);
 }
 
-static void print_real(const struct lw_crossover *x, FILE *f) {
-    const struct lw_crossover_real *r = &x->real;
+static void print_real(const struct lw_scaling *x, FILE *f) {
+    const struct lw_scaling_real *r = &x->real;
     if (!r->done) return;
     fprintf(f,
             "## By the wall clock\n\nThe same with scene time as wall time, server and %u client%s on this "
@@ -397,20 +395,20 @@ static void print_real(const struct lw_crossover *x, FILE *f) {
             "unfiltered and without any lag, have %.3g there. These are other views than above, seconds "
             "later.\n\n",
             r->users, r->users > 1 ? "s" : "", r->frames_hz, r->server_cpu_s, r->views_hz,
-            1e3 * r->light_age_s, r->error, x->chosen[LW_CROSSOVER_PATHS].samples,
-            x->chosen[LW_CROSSOVER_PATHS].samples > 1 ? "s" : "", r->paths_error);
+            1e3 * r->light_age_s, r->error, x->chosen[LW_SCALING_PATHS].samples,
+            x->chosen[LW_SCALING_PATHS].samples > 1 ? "s" : "", r->paths_error);
 }
 
-static void print_targets(const struct lw_crossover *x, FILE *f) {
+static void print_targets(const struct lw_scaling *x, FILE *f) {
     fprintf(f,
             "## Error and cost\n\nThe cheapest setting of each side that reaches an error, for one user of "
             "%u:\n\n",
             x->eyes);
     fprintf(f, "| relMSE | path tracer | CPU s | shared | CPU s | ratio |\n|---|---|---|---|---|---|\n");
     for (uint32_t t = 0; t < x->target_count; t++) {
-        double cost[LW_CROSSOVER_SIDES] = {(double)NAN, (double)NAN};
+        double cost[LW_SCALING_SIDES] = {(double)NAN, (double)NAN};
         fprintf(f, "| %.3g |", x->target[t].error);
-        for (int s = 0; s < LW_CROSSOVER_SIDES; s++) {
+        for (int s = 0; s < LW_SCALING_SIDES; s++) {
             int best = x->target[t].best[s];
             char setting[160] = "not reached";
             if (best >= 0) {
@@ -434,15 +432,15 @@ static void print_targets(const struct lw_crossover *x, FILE *f) {
                "| setting | relMSE | CPU s per frame | "
                "path tracer at that "
                "cost |\n|---|---|---|---|---|\n");
-    for (int s = 0; s < LW_CROSSOVER_SIDES; s++)
+    for (int s = 0; s < LW_SCALING_SIDES; s++)
         for (uint32_t i = 0; i < x->side[s].point_count; i++) {
-            const struct lw_crossover_point *p = &x->side[s].point[i];
+            const struct lw_scaling_point *p = &x->side[s].point[i];
             char setting[160];
             describe_setting(&x->side[s], &p->setting, setting, sizeof setting);
             fprintf(f, "| %s | %s | %.4g | %.4g | ", x->side[s].name, setting, p->error,
                     lw_cost_total(&p->cost));
-            double equal = s == LW_CROSSOVER_SHARED
-                               ? paths_error_at(&x->side[LW_CROSSOVER_PATHS], lw_cost_total(&p->cost))
+            double equal = s == LW_SCALING_SHARED
+                               ? paths_error_at(&x->side[LW_SCALING_PATHS], lw_cost_total(&p->cost))
                                : (double)NAN;
             if (isinf(equal))
                 fprintf(f, "no picture |\n");
@@ -454,7 +452,7 @@ static void print_targets(const struct lw_crossover *x, FILE *f) {
     fprintf(f, "\n");
 }
 
-static void print_notes(const struct lw_crossover *x, FILE *f) {
+static void print_notes(const struct lw_scaling *x, FILE *f) {
     fprintf(f,
             "## What is counted\n\n"
             "* Path tracers: posing the scene and tracing every pixel, once per user. They share nothing, so "
@@ -466,11 +464,10 @@ static void print_notes(const struct lw_crossover *x, FILE *f) {
             "views of %u "
             "a frame, in turn, stand for all. Kernel time of the loopback is in send and receive.\n"
             "* Neither: start-up, import, showing a picture.\n",
-            x->eyes, LW_CROSSOVER_SHOWN_MAX, LW_CROSSOVER_SHOWN_MAX);
+            x->eyes, LW_SCALING_SHOWN_MAX, LW_SCALING_SHOWN_MAX);
 }
 
-static enum lw_status write_markdown(const struct lw_crossover *x, const char *command,
-                                     struct lw_error *err) {
+static enum lw_status write_markdown(const struct lw_scaling *x, const char *command, struct lw_error *err) {
     struct text text;
     if (!begin(&text)) return lw_status_fail(err, LW_NO_MEMORY, "no memory for report.md");
     if (x->eyes) {
@@ -493,26 +490,26 @@ static void plot_both(FILE *f, const char *name, const char *commands) {
             name, commands, name);
 }
 
-static enum lw_status write_plots(const struct lw_crossover *x, struct lw_error *err) {
+static enum lw_status write_plots(const struct lw_scaling *x, struct lw_error *err) {
     struct text text;
-    if (!begin(&text)) return lw_status_fail(err, LW_NO_MEMORY, "no memory for crossover.gp");
+    if (!begin(&text)) return lw_status_fail(err, LW_NO_MEMORY, "no memory for scaling.gp");
     fprintf(text.stream, "set datafile separator ','\nset logscale xy\nset grid\nset key top left\n");
     if (x->repeats_done)
         plot_both(text.stream, "cost",
                   "set xlabel 'users'\nset ylabel 'CPU s per frame'\n"
-                  "plot 'crossover.csv' skip 1 using 1:3 with linespoints lw 2 title 'a path tracer each', "
-                  "'crossover.csv' skip 1 using 1:4 with linespoints lw 2 title 'shared'\n");
+                  "plot 'scaling.csv' skip 1 using 1:3 with linespoints lw 2 title 'a path tracer each', "
+                  "'scaling.csv' skip 1 using 1:4 with linespoints lw 2 title 'shared'\n");
     plot_both(
         text.stream, "error",
         "set xlabel 'CPU s per frame, one user'\nset ylabel 'relMSE'\nset key top right\n"
         "plot 'settings.csv' skip 1 using (strcol(1) eq 'paths' ? $8 : NaN):7 with points pt 7 title 'path "
         "tracer', "
         "'settings.csv' skip 1 using (strcol(1) eq 'shared' ? $8 : NaN):7 with points pt 5 title 'shared'\n");
-    return end(&text, x->options.folder, "crossover.gp", err);
+    return end(&text, x->options.folder, "scaling.gp", err);
 }
 
 static void run_gnuplot(const char *folder) {
-    const char *const arguments[] = {"gnuplot", "crossover.gp", NULL};
+    const char *const arguments[] = {"gnuplot", "scaling.gp", NULL};
     posix_spawn_file_actions_t actions;
     pid_t pid;
     int result = 0;
@@ -522,19 +519,19 @@ static void run_gnuplot(const char *folder) {
     posix_spawn_file_actions_destroy(&actions);
     if (!failed && waitpid(pid, &result, 0) < 0) failed = errno;
     if (failed)
-        lw_log(LW_LOG_WARNING, "no plots: cannot run gnuplot: %s (crossover.gp in %s makes them)",
+        lw_log(LW_LOG_WARNING, "no plots: cannot run gnuplot: %s (scaling.gp in %s makes them)",
                strerror(failed), folder);
     else if (result != 0)
-        lw_log(LW_LOG_WARNING, "no plots: gnuplot failed (crossover.gp in %s)", folder);
+        lw_log(LW_LOG_WARNING, "no plots: gnuplot failed (scaling.gp in %s)", folder);
 }
 
-enum lw_status lw_crossover_report_write(const struct lw_crossover *x, const char *command,
-                                         struct lw_error *err) {
+enum lw_status lw_scaling_report_write(const struct lw_scaling *x, const char *command,
+                                       struct lw_error *err) {
     enum lw_status status = write_users_csv(x, err);
     if (status == LW_OK) status = write_points_csv(x, err);
     if (status == LW_OK) status = write_json(x, command, err);
     if (status == LW_OK) status = write_markdown(x, command, err);
     if (status == LW_OK) status = write_plots(x, err);
-    if (status == LW_OK && x->side[LW_CROSSOVER_PATHS].point_count) run_gnuplot(x->options.folder);
+    if (status == LW_OK && x->side[LW_SCALING_PATHS].point_count) run_gnuplot(x->options.folder);
     return status;
 }

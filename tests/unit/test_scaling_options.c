@@ -1,10 +1,10 @@
 #include "tests/support/support.h"
 
-#include "client/load/crossover_options.h"
+#include "client/load/scaling_options.h"
 
-static enum lw_status parse(const char *option, const char *value, struct lw_crossover_options *o,
+static enum lw_status parse(const char *option, const char *value, struct lw_scaling_options *o,
                             struct lw_error *err) {
-    char *argv[] = {(char *)"crossover",
+    char *argv[] = {(char *)"scaling",
                     (char *)"builtin:cornell",
                     (char *)"-o",
                     (char *)"out",
@@ -12,12 +12,12 @@ static enum lw_status parse(const char *option, const char *value, struct lw_cro
                     (char *)value,
                     NULL};
     bool done;
-    return lw_crossover_options_parse(option ? 6 : 4, argv, o, &done, err);
+    return lw_scaling_options_parse(option ? 6 : 4, argv, o, &done, err);
 }
 
 static void defaults(void **state) {
     (void)state;
-    struct lw_crossover_options o;
+    struct lw_scaling_options o;
     struct lw_error err = {0};
     lw_support_ok(parse(NULL, NULL, &o, &err), &err);
     assert_int_equal(o.user_counts, 9);
@@ -30,7 +30,7 @@ static void defaults(void **state) {
 
 static void values(void **state) {
     (void)state;
-    struct lw_crossover_options o;
+    struct lw_scaling_options o;
     struct lw_error err = {0};
     lw_support_ok(parse("--error", "match:5", &o, &err), &err);
     assert_true(o.match_samples == 5 && o.error == 0);
@@ -86,16 +86,15 @@ static void bad_values_are_named(void **state) {
         {"--repeats", "0", "--repeats"},
     };
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
-        struct lw_crossover_options o;
+        struct lw_scaling_options o;
         struct lw_error err = {0};
         lw_support_fails(parse(bad[i].option, bad[i].value, &o, &err), LW_USAGE, &err, bad[i].text);
     }
-    struct lw_crossover_options o;
+    struct lw_scaling_options o;
     struct lw_error err = {0};
-    char *argv[] = {(char *)"crossover", (char *)"builtin:cornell", NULL};
+    char *argv[] = {(char *)"scaling", (char *)"builtin:cornell", NULL};
     bool done;
-    lw_support_fails(lw_crossover_options_parse(2, argv, &o, &done, &err), LW_USAGE, &err,
-                     "-o DIR is missing");
+    lw_support_fails(lw_scaling_options_parse(2, argv, &o, &done, &err), LW_USAGE, &err, "-o DIR is missing");
 }
 
 int main(void) {

@@ -1,6 +1,6 @@
-#include "client/load/crossover.h"
+#include "client/load/scaling.h"
 
-#include "client/load/crossover_report.h"
+#include "client/load/scaling_report.h"
 #include "common/interrupt.h"
 #include "common/log.h"
 #include "common/wait_policy.h"
@@ -28,7 +28,7 @@ static void write_command(int argc, char **argv, char *out, size_t size) {
     }
 }
 
-static void print_result(const struct lw_crossover *x) {
+static void print_result(const struct lw_scaling *x) {
     printf("report: %s/report.md\n", x->options.folder);
     if (x->shortfall) printf("no figures for counts of users: %s\n", x->shortfall);
     if (!x->repeats_done) return;
@@ -38,32 +38,32 @@ static void print_result(const struct lw_crossover *x) {
     printf("crossover at %.4g +- %.2g users\n", x->crossover.mean, x->crossover.half);
 }
 
-static enum lw_status run(const struct lw_crossover_options *options, const char *command,
+static enum lw_status run(const struct lw_scaling_options *options, const char *command,
                           struct lw_error *err) {
-    static struct lw_crossover crossover; /* some 100 kB: no place on the stack */
-    enum lw_status status = lw_crossover_report_prepare(options->folder, err);
+    static struct lw_scaling scaling; /* some 100 kB: no place on the stack */
+    enum lw_status status = lw_scaling_report_prepare(options->folder, err);
     if (status != LW_OK) return status;
     lw_interrupt_watch(on_signal, &measuring);
-    status = lw_crossover_measure(options, &signalled, &crossover, err);
-    if (crossover.side[LW_CROSSOVER_PATHS].point_count || status == LW_OK) {
+    status = lw_scaling_measure(options, &signalled, &scaling, err);
+    if (scaling.side[LW_SCALING_PATHS].point_count || status == LW_OK) {
         struct lw_error report_err = {0};
-        enum lw_status written = lw_crossover_report_write(&crossover, command, &report_err);
+        enum lw_status written = lw_scaling_report_write(&scaling, command, &report_err);
         if (status == LW_OK && written != LW_OK) *err = report_err;
         if (status == LW_OK) status = written;
     }
-    if (status == LW_OK) print_result(&crossover);
-    lw_crossover_finish(&crossover);
+    if (status == LW_OK) print_result(&scaling);
+    lw_scaling_finish(&scaling);
     return status;
 }
 
-int lw_crossover_command(int argc, char **argv) {
-    struct lw_crossover_options options;
+int lw_scaling_command(int argc, char **argv) {
+    struct lw_scaling_options options;
     struct lw_error err = {0};
     char command[2048];
     bool done = false;
-    enum lw_status status = lw_crossover_options_parse(argc, argv, &options, &done, &err);
+    enum lw_status status = lw_scaling_options_parse(argc, argv, &options, &done, &err);
     if (status == LW_OK && !done) {
-        lw_wait_passively(argv - 1); /* argv[-1] is the program's own name: see crossover.h */
+        lw_wait_passively(argv - 1); /* argv[-1] is the program's own name: see scaling.h */
         write_command(argc, argv, command, sizeof command);
         status = run(&options, command, &err);
     }

@@ -1,4 +1,4 @@
-#include "client/load/crossover_options.h"
+#include "client/load/scaling_options.h"
 
 #include <errno.h>
 #include <stdio.h>
@@ -14,7 +14,7 @@
 #define REST_MAX      10.0
 #define DEFAULT_USERS "1,2,4,8,16,32,64,128,256"
 
-const char *lw_crossover_motion_name(enum lw_scene_motion motion) {
+const char *lw_scaling_motion_name(enum lw_scene_motion motion) {
     static const char *const name[] = {"static", "light", "object", "all"};
     return name[motion];
 }
@@ -31,17 +31,17 @@ static bool read_count(const char **text, uint64_t max, uint64_t *out) {
     return true;
 }
 
-static enum lw_status parse_users(const char *text, struct lw_crossover_options *o, struct lw_error *err) {
+static enum lw_status parse_users(const char *text, struct lw_scaling_options *o, struct lw_error *err) {
     const char *at = text;
     for (o->user_counts = 0;; at++) {
         uint64_t users;
         if (!read_count(&at, UINT32_MAX, &users) || (*at && *at != ','))
             return lw_status_fail(err, LW_USAGE, "--users: \"%s\" is no list of counts such as 1,2,4", text);
-        if (users < 1 || users > LW_CROSSOVER_USERS_MAX)
+        if (users < 1 || users > LW_SCALING_USERS_MAX)
             return lw_status_fail(err, LW_USAGE, "--users: %llu is not within 1..%u",
-                                  (unsigned long long)users, LW_CROSSOVER_USERS_MAX);
-        if (o->user_counts == LW_CROSSOVER_COUNTS_MAX)
-            return lw_status_fail(err, LW_USAGE, "--users: over %u counts", LW_CROSSOVER_COUNTS_MAX);
+                                  (unsigned long long)users, LW_SCALING_USERS_MAX);
+        if (o->user_counts == LW_SCALING_COUNTS_MAX)
+            return lw_status_fail(err, LW_USAGE, "--users: over %u counts", LW_SCALING_COUNTS_MAX);
         if (o->user_counts && users <= o->users[o->user_counts - 1])
             return lw_status_fail(err, LW_USAGE, "--users: the counts must grow");
         o->users[o->user_counts++] = (uint32_t)users;
@@ -49,7 +49,7 @@ static enum lw_status parse_users(const char *text, struct lw_crossover_options 
     }
 }
 
-static enum lw_status parse_error(const char *text, struct lw_crossover_options *o, struct lw_error *err) {
+static enum lw_status parse_error(const char *text, struct lw_scaling_options *o, struct lw_error *err) {
     static const char expected[] = "relmse:E with 0 < E <= 10, or match:SPP with 1..65536 paths per pixel";
     if (strncmp(text, "relmse:", 7) == 0) {
         char *end;
@@ -67,7 +67,7 @@ static enum lw_status parse_error(const char *text, struct lw_crossover_options 
     return lw_status_fail(err, LW_USAGE, "--error: \"%s\" is not %s", text, expected);
 }
 
-static enum lw_status parse_size(const char *text, struct lw_crossover_options *o, struct lw_error *err) {
+static enum lw_status parse_size(const char *text, struct lw_scaling_options *o, struct lw_error *err) {
     const char *at = text;
     uint64_t width, height;
     bool good =
@@ -90,7 +90,7 @@ static bool read_real(const char **text, double min, double max, double *out) {
 }
 
 /* "5:8+10@2,0.2": paths per pixel, direct and indirect samples per texel, density, error at which tiles rest. */
-static enum lw_status parse_fixed(const char *text, struct lw_crossover_options *o, struct lw_error *err) {
+static enum lw_status parse_fixed(const char *text, struct lw_scaling_options *o, struct lw_error *err) {
     const char *at = text;
     uint64_t samples, direct, indirect;
     bool good = read_count(&at, 1024, &samples) && *at++ == ':' && read_count(&at, 1024, &direct) &&
@@ -111,9 +111,9 @@ static enum lw_status parse_fixed(const char *text, struct lw_crossover_options 
     return LW_OK;
 }
 
-enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_crossover_options *out_options,
-                                          bool *out_done, struct lw_error *err) {
-    struct lw_crossover_options o = {
+enum lw_status lw_scaling_options_parse(int argc, char **argv, struct lw_scaling_options *out_options,
+                                        bool *out_done, struct lw_error *err) {
+    struct lw_scaling_options o = {
         .scene = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG}, .spread = 0.5, .seconds = 2};
     const char *scene[1] = {NULL}, *users = DEFAULT_USERS, *error = "relmse:0.1", *size = "1280x720",
                *fixed = NULL;
@@ -162,18 +162,18 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
         {"seconds", "S", "of scene time that are measured, after one that is not (default 2)", LW_OPTION_REAL,
          &o.seconds, 0.2, 600, NULL},
         {"repeats", "N", "measurements of cost, each with other random numbers (default 3)", LW_OPTION_INT,
-         &repeats, 1, LW_CROSSOVER_REPEATS_MAX, NULL},
+         &repeats, 1, LW_SCALING_REPEATS_MAX, NULL},
         {"bounces", "N", "indirect bounces on both sides (default 2)", LW_OPTION_INT, &bounces, 0, 16, NULL},
         {"truth-samples", "N", "paths per pixel of the truth (default 256)", LW_OPTION_INT, &truth, 2,
          1 << 19, NULL},
         {"seed", "N", "of all random numbers (default 1)", LW_OPTION_INT, &seed, 0, UINT32_MAX, NULL},
         {"self-test", NULL, "a path tracer on both sides: r(1) must come out as 1", LW_OPTION_FLAG,
          &o.self_test, 0, 0, NULL},
-        {"o", "DIR", "folder for report.md, crossover.csv, crossover.json and the plots", LW_OPTION_STRING,
+        {"o", "DIR", "folder for report.md, scaling.csv, scaling.json and the plots", LW_OPTION_STRING,
          &o.folder, 0, 0, NULL},
         LW_SCENE_OPEN_OPTIONS(&o.scene),
     };
-    const struct lw_options options = {.program = "lightwell-load crossover",
+    const struct lw_options options = {.program = "lightwell-load scaling",
                                        .synopsis = "SCENE -o DIR [OPTIONS]",
                                        .about = "Measures from how many users on one shared lightwelld is "
                                                 "cheaper than a path tracer for each, at "

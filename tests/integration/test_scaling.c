@@ -1,4 +1,4 @@
-/* lightwell-load crossover with the real lightwelld, on the smallest scene and pictures. */
+/* lightwell-load scaling with the real lightwelld, on the smallest scene and pictures. */
 #include "tests/support/process.h"
 
 #include <dirent.h>
@@ -17,7 +17,7 @@
 
 static int run(const char *arguments, struct lw_process *process) {
     char all[600];
-    snprintf(all, sizeof all, "crossover %s", arguments);
+    snprintf(all, sizeof all, "scaling %s", arguments);
     lw_process_start(process, "lightwell-load", all);
     return lw_process_finish(process, LIMIT_S);
 }
@@ -45,7 +45,7 @@ static void measures_and_reports(void **state) {
     (void)state;
     struct lw_process process;
     char arguments[500];
-    const char *folder = lw_support_temporary("crossover");
+    const char *folder = lw_support_temporary("scaling");
     snprintf(arguments, sizeof arguments, SMALL "-o %s", folder);
     int code = run(arguments, &process);
     char *said = lw_process_err(&process), *result = lw_process_out(&process);
@@ -64,12 +64,12 @@ static void measures_and_reports(void **state) {
     assert_non_null(strstr(report, "with all of the scene lit"));
     assert_non_null(strstr(report, "| compose |"));
     free(report);
-    char *csv = read_text(folder, "crossover.csv");
+    char *csv = read_text(folder, "scaling.csv");
     unsigned lines = 0;
     for (const char *c = csv; *c; c++) lines += *c == '\n';
     assert_int_equal(lines, 1 + 3 * 2);
     free(csv);
-    char *json = read_text(folder, "crossover.json");
+    char *json = read_text(folder, "scaling.json");
     assert_non_null(strstr(json, "\"crossover_users\""));
     free(json);
     lw_process_left_nothing();
@@ -170,7 +170,7 @@ static void an_interruption_keeps_what_is_there(void **state) {
     const char *folder = lw_support_temporary("interrupted");
     snprintf(
         arguments, sizeof arguments,
-        "crossover builtin:cornell --texels-per-metre 12 --size 80x45 --seconds 60 --truth-samples 16 -o %s",
+        "scaling builtin:cornell --texels-per-metre 12 --size 80x45 --seconds 60 --truth-samples 16 -o %s",
         folder);
     lw_process_start(&process, "lightwell-load", arguments);
     for (int i = 0;; i++) {

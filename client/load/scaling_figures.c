@@ -1,4 +1,4 @@
-#include "client/load/crossover_figures.h"
+#include "client/load/scaling_figures.h"
 
 #include <math.h>
 
@@ -10,12 +10,12 @@ static double student(uint32_t freedom) {
     return t[freedom < last ? freedom : last];
 }
 
-double lw_crossover_figures_error(const struct lw_crossover_errors *errors,
-                                  const struct lw_crossover_errors *where) {
+double lw_scaling_figures_error(const struct lw_scaling_errors *errors,
+                                const struct lw_scaling_errors *where) {
     double sum = 0;
     uint32_t count = 0;
-    for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES; p++)
-        for (uint32_t eye = 0; eye < LW_CROSSOVER_EYES; eye++) {
+    for (uint32_t p = 0; p < LW_SCALING_PICTURES; p++)
+        for (uint32_t eye = 0; eye < LW_SCALING_EYES; eye++) {
             if (!errors->judged[p][eye] || !where->judged[p][eye]) continue;
             sum += errors->of[p][eye];
             count++;
@@ -23,8 +23,8 @@ double lw_crossover_figures_error(const struct lw_crossover_errors *errors,
     return count ? sum / count : (double)NAN;
 }
 
-struct lw_crossover_figure lw_crossover_figures_mean(const double *value, uint32_t count) {
-    struct lw_crossover_figure f = {0};
+struct lw_scaling_figure lw_scaling_figures_mean(const double *value, uint32_t count) {
+    struct lw_scaling_figure f = {0};
     double square = 0;
     for (uint32_t i = 0; i < count; i++) f.mean += value[i] / count;
     if (count < 2 || !isfinite(f.mean)) return f;
@@ -33,8 +33,8 @@ struct lw_crossover_figure lw_crossover_figures_mean(const double *value, uint32
     return f;
 }
 
-void lw_crossover_figures_line(const uint32_t *users, const double *cost, uint32_t count, double *out_fixed,
-                               double *out_slope) {
+void lw_scaling_figures_line(const uint32_t *users, const double *cost, uint32_t count, double *out_fixed,
+                             double *out_slope) {
     double w = 0, wn = 0, wc = 0, wnn = 0, wnc = 0;
     for (uint32_t i = 0; i < count; i++) {
         double n = users[i], weight = 1 / n;
@@ -46,6 +46,6 @@ void lw_crossover_figures_line(const uint32_t *users, const double *cost, uint32
     *out_fixed = (wc - *out_slope * wn) / w;
 }
 
-double lw_crossover_figures_cross(double fixed, double slope, double alone) {
+double lw_scaling_figures_cross(double fixed, double slope, double alone) {
     return alone > slope ? fmax(0, fixed) / (alone - slope) : (double)INFINITY;
 }

@@ -1,4 +1,4 @@
-#include "client/load/crossover_run.h"
+#include "client/load/scaling_run.h"
 
 #include <stdlib.h>
 
@@ -6,25 +6,25 @@
 #define FEW  1u
 #define MORE 4u
 
-bool lw_crossover_run_stopped(const struct lw_crossover_run *run) { return run->cancel && *run->cancel; }
+bool lw_scaling_run_stopped(const struct lw_scaling_run *run) { return run->cancel && *run->cancel; }
 
-void lw_crossover_run_end(const struct lw_crossover_run *run, enum lw_status status,
-                          struct lw_progress *progress) {
-    if (status == LW_OK && !lw_crossover_run_stopped(run))
+void lw_scaling_run_end(const struct lw_scaling_run *run, enum lw_status status,
+                        struct lw_progress *progress) {
+    if (status == LW_OK && !lw_scaling_run_stopped(run))
         lw_progress_finish(progress);
     else
         lw_progress_stop(progress);
 }
 
-int lw_crossover_run_picture(const struct lw_crossover *x, uint64_t frame) {
-    for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES; p++)
+int lw_scaling_run_picture(const struct lw_scaling *x, uint64_t frame) {
+    for (uint32_t p = 0; p < LW_SCALING_PICTURES; p++)
         if (x->picture[p] == frame) return (int)p;
     return -1;
 }
 
-enum lw_status lw_crossover_run_judge(const struct lw_crossover *x, const struct lw_contender *contender,
-                                      uint32_t picture, const uint32_t *shown, uint32_t shown_count,
-                                      struct lw_crossover_errors *errors, struct lw_error *err) {
+enum lw_status lw_scaling_run_judge(const struct lw_scaling *x, const struct lw_contender *contender,
+                                    uint32_t picture, const uint32_t *shown, uint32_t shown_count,
+                                    struct lw_scaling_errors *errors, struct lw_error *err) {
     float *lattice = malloc((size_t)x->lattice_width * x->lattice_height * 3 * sizeof *lattice);
     if (!lattice) return lw_status_fail(err, LW_NO_MEMORY, "no memory for a picture");
     for (uint32_t k = 0; k < shown_count; k++) {
@@ -39,7 +39,7 @@ enum lw_status lw_crossover_run_judge(const struct lw_crossover *x, const struct
 
 /* ---- a sequence ---- */
 
-struct lw_cost lw_crossover_run_of_one(const struct lw_cost *cost, double users) {
+struct lw_cost lw_scaling_run_of_one(const struct lw_cost *cost, double users) {
     struct lw_cost one = *cost;
     for (int s = 0; s < LW_STAGE_COUNT; s++)
         if (lw_stage_is_per_user((enum lw_stage)s)) one.cpu_s[s] /= users;
@@ -48,48 +48,48 @@ struct lw_cost lw_crossover_run_of_one(const struct lw_cost *cost, double users)
 }
 
 /* Who is shown: all in a picture's frame and where pictures build on each other, else one in turn. */
-static uint32_t choose_shown(const struct lw_crossover *x, const struct lw_contender *contender,
-                             uint64_t frame, uint32_t *out_shown) {
+static uint32_t choose_shown(const struct lw_scaling *x, const struct lw_contender *contender, uint64_t frame,
+                             uint32_t *out_shown) {
     for (uint32_t i = 0; i < x->eyes; i++) out_shown[i] = i;
-    if (contender->keeps || lw_crossover_run_picture(x, frame) >= 0) return x->eyes;
+    if (contender->keeps || lw_scaling_run_picture(x, frame) >= 0) return x->eyes;
     out_shown[0] = (uint32_t)(frame % x->eyes);
     return 1; /* also where nothing is measured: who is shown says what he looks at */
 }
 
-static bool is_needed(const struct lw_crossover *x, const struct lw_contender *contender, uint64_t frame) {
+static bool is_needed(const struct lw_scaling *x, const struct lw_contender *contender, uint64_t frame) {
     if (contender->history == UINT32_MAX) return true;
-    for (uint32_t p = 0; p < LW_CROSSOVER_PICTURES; p++)
+    for (uint32_t p = 0; p < LW_SCALING_PICTURES; p++)
         if (frame <= x->picture[p] && x->picture[p] - frame <= contender->history) return true;
     return false;
 }
 
-static uint64_t count_needed(const struct lw_crossover *x, const struct lw_contender *contender) {
+static uint64_t count_needed(const struct lw_scaling *x, const struct lw_contender *contender) {
     uint64_t count = 0;
     for (uint64_t frame = 1; frame <= x->warm_frames + x->frames; frame++)
         count += is_needed(x, contender, frame);
     return count;
 }
 
-enum lw_status lw_crossover_run_sequence(struct lw_crossover_run *run, struct lw_contender *contender,
-                                         const struct lw_setting *setting, uint32_t seed,
-                                         struct lw_cost *out_cost, struct lw_crossover_errors *out_errors,
-                                         struct lw_error *err) {
-    const struct lw_crossover *x = run->x;
+enum lw_status lw_scaling_run_sequence(struct lw_scaling_run *run, struct lw_contender *contender,
+                                       const struct lw_setting *setting, uint32_t seed,
+                                       struct lw_cost *out_cost, struct lw_scaling_errors *out_errors,
+                                       struct lw_error *err) {
+    const struct lw_scaling *x = run->x;
     const bool from_start = x->options.motion == LW_SCENE_MOTION_STATIC;
     struct lw_cost sum = {0};
     double measured = 0;
-    *out_errors = (struct lw_crossover_errors){.of = {{0}}};
+    *out_errors = (struct lw_scaling_errors){.of = {{0}}};
     struct lw_progress progress;
     lw_progress_init(&progress, contender->ops->name, count_needed(x, contender));
     enum lw_status status = contender->ops->start(contender, setting, out_cost == NULL, seed, err);
     if (status == LW_OK) status = contender->ops->set_users(contender, x->eyes, err);
     for (uint64_t frame = 1; status == LW_OK && frame <= x->warm_frames + x->frames; frame++) {
-        if (lw_crossover_run_stopped(run)) break;
+        if (lw_scaling_run_stopped(run)) break;
         if (!is_needed(x, contender, frame)) continue;
-        uint32_t shown[LW_CROSSOVER_EYES];
+        uint32_t shown[LW_SCALING_EYES];
         const bool counts = from_start || frame > x->warm_frames;
         const uint32_t shown_count = choose_shown(x, contender, frame, shown);
-        const int picture = lw_crossover_run_picture(x, frame);
+        const int picture = lw_scaling_run_picture(x, frame);
         struct lw_cost cost = {0};
         status = contender->ops->step(contender, frame, shown, shown_count, &cost, err);
         lw_cost_add(&sum, &cost, counts);
@@ -97,29 +97,29 @@ enum lw_status lw_crossover_run_sequence(struct lw_crossover_run *run, struct lw
         lw_progress_step(&progress, 1);
         if (status == LW_OK && picture >= 0)
             status =
-                lw_crossover_run_judge(x, contender, (uint32_t)picture, shown, shown_count, out_errors, err);
+                lw_scaling_run_judge(x, contender, (uint32_t)picture, shown, shown_count, out_errors, err);
     }
     contender->ops->stop(contender);
-    lw_crossover_run_end(run, status, &progress);
+    lw_scaling_run_end(run, status, &progress);
     if (status != LW_OK) return status;
     if (out_cost) {
         struct lw_cost per_frame = {0};
         lw_cost_add(&per_frame, &sum, measured > 0 ? 1 / measured : 0);
-        *out_cost = lw_crossover_run_of_one(&per_frame, x->eyes);
+        *out_cost = lw_scaling_run_of_one(&per_frame, x->eyes);
     }
     return LW_OK;
 }
 
 /* ---- path tracers' cost ---- */
 
-static enum lw_status trace_each(struct lw_crossover_run *run, struct lw_contender *contender,
-                                 uint32_t samples, uint32_t picture, uint32_t seed, double *out_per_eye_s,
+static enum lw_status trace_each(struct lw_scaling_run *run, struct lw_contender *contender, uint32_t samples,
+                                 uint32_t picture, uint32_t seed, double *out_per_eye_s,
                                  struct lw_error *err) {
-    const struct lw_crossover *x = run->x;
+    const struct lw_scaling *x = run->x;
     /* where a frame's cost depends on the one before, the last of two is measured */
     const uint64_t before = contender->keeps ? 1 : 0;
     enum lw_status status = LW_OK;
-    for (uint32_t eye = 0; eye < x->eyes && status == LW_OK && !lw_crossover_run_stopped(run); eye++) {
+    for (uint32_t eye = 0; eye < x->eyes && status == LW_OK && !lw_scaling_run_stopped(run); eye++) {
         struct lw_cost cost = {0};
         status = contender->ops->start(contender, &(struct lw_setting){.samples = samples}, false, seed, err);
         if (status == LW_OK) status = contender->ops->set_users(contender, 1, err);
@@ -133,22 +133,21 @@ static enum lw_status trace_each(struct lw_crossover_run *run, struct lw_contend
     return status;
 }
 
-enum lw_status lw_crossover_run_trace(struct lw_crossover_run *run, struct lw_contender *contender,
-                                      const struct lw_setting *setting, uint32_t picture, uint32_t seed,
-                                      double out_per_eye_s[LW_CROSSOVER_EYES], struct lw_error *err) {
-    const struct lw_crossover *x = run->x;
+enum lw_status lw_scaling_run_trace(struct lw_scaling_run *run, struct lw_contender *contender,
+                                    const struct lw_setting *setting, uint32_t picture, uint32_t seed,
+                                    double out_per_eye_s[LW_SCALING_EYES], struct lw_error *err) {
+    const struct lw_scaling *x = run->x;
     if (contender->history == UINT32_MAX) { /* what a frame costs depends on all before */
         struct lw_cost cost;
-        struct lw_crossover_errors ignored;
-        enum lw_status status =
-            lw_crossover_run_sequence(run, contender, setting, seed, &cost, &ignored, err);
+        struct lw_scaling_errors ignored;
+        enum lw_status status = lw_scaling_run_sequence(run, contender, setting, seed, &cost, &ignored, err);
         for (uint32_t eye = 0; status == LW_OK && eye < x->eyes; eye++)
             out_per_eye_s[eye] = lw_cost_total(&cost);
         return status;
     }
     if (setting->samples <= MORE)
         return trace_each(run, contender, setting->samples, picture, seed, out_per_eye_s, err);
-    double few_s[LW_CROSSOVER_EYES], more_s[LW_CROSSOVER_EYES];
+    double few_s[LW_SCALING_EYES], more_s[LW_SCALING_EYES];
     enum lw_status status = trace_each(run, contender, FEW, picture, seed, few_s, err);
     if (status == LW_OK) status = trace_each(run, contender, MORE, picture, seed, more_s, err);
     for (uint32_t eye = 0; status == LW_OK && eye < x->eyes; eye++)

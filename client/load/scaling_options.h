@@ -1,21 +1,21 @@
-/* crossover_options.h: the command line of lightwell-load crossover.
+/* scaling_options.h: the command line of lightwell-load scaling.
  * Threads: main() only. */
-#ifndef LW_CLIENT_LOAD_CROSSOVER_OPTIONS_H
-#define LW_CLIENT_LOAD_CROSSOVER_OPTIONS_H
+#ifndef LW_CLIENT_LOAD_SCALING_OPTIONS_H
+#define LW_CLIENT_LOAD_SCALING_OPTIONS_H
 
 #include "client/load/views.h"
 #include "client/view/path_renderer.h"
 #include "common/scene/scene_motion.h"
 #include "common/scene/scene_open.h"
 
-#define LW_CROSSOVER_USERS_MAX   4096u
-#define LW_CROSSOVER_COUNTS_MAX  32u /* user counts in one run */
-#define LW_CROSSOVER_REPEATS_MAX 20u
+#define LW_SCALING_USERS_MAX   4096u
+#define LW_SCALING_COUNTS_MAX  32u /* user counts in one run */
+#define LW_SCALING_REPEATS_MAX 20u
 
-struct lw_crossover_options {
+struct lw_scaling_options {
     struct lw_scene_open scene;
-    const char *folder;                                   /* -o */
-    uint32_t users[LW_CROSSOVER_COUNTS_MAX], user_counts; /* increasing */
+    const char *folder;                                 /* -o */
+    uint32_t users[LW_SCALING_COUNTS_MAX], user_counts; /* increasing */
     enum lw_scene_motion motion;
     enum lw_views_kind views;
     double spread;
@@ -36,12 +36,12 @@ struct lw_crossover_options {
     bool look_whole; /* it lights what is looked at; one look at the whole beside it */
 };
 
-/** Reads the command line; argv[0] is "crossover". --help and --version print and set *out_done.
+/** Reads the command line; argv[0] is "scaling". --help and --version print and set *out_done.
  * Errors: LW_USAGE naming the option and what it accepts. */
-LW_MUST_CHECK enum lw_status lw_crossover_options_parse(int argc, char **argv,
-                                                        struct lw_crossover_options *out_options,
-                                                        bool *out_done, struct lw_error *err);
+LW_MUST_CHECK enum lw_status lw_scaling_options_parse(int argc, char **argv,
+                                                      struct lw_scaling_options *out_options, bool *out_done,
+                                                      struct lw_error *err);
 
-const char *lw_crossover_motion_name(enum lw_scene_motion motion);
+const char *lw_scaling_motion_name(enum lw_scene_motion motion);
 
 #endif

@@ -1,0 +1,12 @@
+/* scaling_crowd.h: what more and more users cost, at settings that were chosen.
+ * Threads: main() only. For scaling_*.c alone. */
+#ifndef LW_CLIENT_LOAD_SCALING_CROWD_H
+#define LW_CLIENT_LOAD_SCALING_CROWD_H
+
+#include "client/load/scaling_run.h"
+
+/** Measures all counts of users, as often as the options say, and draws the figures from it. Each repeat has other random
+ * numbers and begins with another user. A side that reached no setting leaves a shortfall. Errors: the sides'. */
+LW_MUST_CHECK enum lw_status lw_scaling_crowd(struct lw_scaling_run *run, struct lw_error *err);
+
+#endif
