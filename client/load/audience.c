@@ -105,6 +105,15 @@ enum lw_status lw_audience_follow(struct lw_audience *a, struct lw_error *err) {
     return moved ? lw_trace_set_pose(a->trace, &a->pose, err) : LW_OK;
 }
 
+enum lw_status lw_audience_forget(struct lw_audience *a, uint32_t user, struct lw_error *err) {
+    struct lw_audience_user *u = &a->user[user];
+    const uint32_t tiles = u->attention.tile_count;
+    lw_attention_finish(&u->attention);
+    u->looked_ns = 0;
+    if (lw_attention_init(&u->attention, tiles) == LW_OK) return LW_OK;
+    return lw_status_fail(err, LW_NO_MEMORY, "no memory for what a user looks at");
+}
+
 void lw_audience_show(struct lw_audience *a, uint32_t user, const struct lw_camera_view *camera,
                       float *out_rgb) {
     const struct lw_compose_source source = lw_compose_source_of(a->user[user].client);

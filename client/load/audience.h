@@ -1,4 +1,5 @@
-/* audience.h: the users of one server in one process: a client each, and one scene, rays and composer for all.
+/* audience.h: the users of one server in one process: a client each, and one scene, rays and composer for
+ * all.
  * Flow:    server -> clients -> [audience] -> pictures
  * Threads: one thread at a time; pictures are composed by several inside. */
 #ifndef LW_CLIENT_LOAD_AUDIENCE_H
@@ -42,13 +43,20 @@ LW_MUST_CHECK enum lw_status lw_audience_set_count(struct lw_audience *audience,
 
 struct lw_client_stats lw_audience_stats(const struct lw_audience *audience, uint32_t user);
 
-/** Moves objects to where the server says they are, by the first client. Errors: LW_NO_MEMORY, LW_INTERNAL. */
+/** Moves objects to where the server says they are, by the first client. Errors: LW_NO_MEMORY, LW_INTERNAL.
+ * */
 LW_MUST_CHECK enum lw_status lw_audience_follow(struct lw_audience *audience, struct lw_error *err);
+
+/** A user forgets what he has looked at, and says what he looks at next as soon as he looks. Errors:
+ * LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_audience_forget(struct lw_audience *audience, uint32_t user,
+                                                struct lw_error *err);
 
 /** Composes what a user sees of the light that he has. out_rgb: width * height * 3 floats. */
 void lw_audience_show(struct lw_audience *audience, uint32_t user, const struct lw_camera_view *camera,
                       float *out_rgb);
-/** Tells a user's client what that view needs, if it is due; his next lw_client_poll() tells the server. now_ns: of
+/** Tells a user's client what that view needs, if it is due; his next lw_client_poll() tells the server.
+ * now_ns: of
  * whatever clock frames go by, > 0. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_audience_look(struct lw_audience *audience, uint32_t user,
                                               const struct lw_camera_view *camera, uint64_t now_ns,

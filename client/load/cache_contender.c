@@ -3,17 +3,21 @@
 #include "client/load/audience.h"
 #include "client/load/daemon_child.h"
 #include "client/load/truth.h"
+#include "client/load/views.h"
 #include "common/clock.h"
 
 #include <stdlib.h>
+#include <time.h>
 
-#define FRAME_S 60u /* for the tiles of a frame that is published */
+#define FRAME_S 60u        /* for the tiles of a frame that is published */
+#define TELL_NS 150000000u /* until a server knows what is wanted: 100 ms, and its way */
 
 struct cache_contender {
     struct lw_contender base;
     struct lw_cache_contender_desc desc;
     struct lw_daemon_child *daemon;
     struct lw_daemon_report report; /* of the last step */
+    double server_cpu_s;            /* of its process, at the end of the last step */
     struct lw_audience audience;
     float **rgb; /* of the shown users; whole pictures */
     uint32_t rgb_count;
@@ -42,6 +46,7 @@ static enum lw_status start(struct lw_contender *contender, const struct lw_sett
     enum lw_status status = c->desc.package(c->desc.context, setting->density, &package, err);
     if (status != LW_OK) return status;
     c->report = (struct lw_daemon_report){0};
+    c->server_cpu_s = 0;
     status =
         lw_daemon_child_start(&(struct lw_daemon_child_desc){.package = package,
                                                              .bounces = c->desc.bounces,
@@ -60,16 +65,25 @@ static enum lw_status start(struct lw_contender *contender, const struct lw_sett
 }
 
 static enum lw_status set_users(struct lw_contender *contender, uint32_t users, struct lw_error *err) {
-    return lw_audience_set_count(&self(contender)->audience, users, err);
+    struct lw_audience *audience = &self(contender)->audience;
+    const bool fewer = users <= audience->count;
+    enum lw_status status = lw_audience_set_count(audience, users, err);
+    for (uint32_t user = 0; fewer && status == LW_OK && user < audience->count; user++)
+        status = lw_audience_forget(audience, user, err);
+    return status;
 }
 
-/* All clients take in what was published, each in its turn; what one thread spends on it is what they spend. */
+/* All clients take in what was published, each in its turn; what one thread spends on it is what they spend.
+ * */
 static enum lw_status receive(struct cache_contender *c, struct lw_cost *cost, struct lw_error *err) {
     for (uint32_t user = 0; user < c->audience.count; user++) {
         const struct lw_client_stats before = lw_audience_stats(&c->audience, user);
         const uint64_t cpu_ns = lw_clock_thread_cpu_ns(), end_ns = lw_clock_ns() + FRAME_S * 1000000000ull;
+        /* once in any case: where nothing has come, there is what is wanted to be told */
+        enum lw_status status = lw_client_poll(c->audience.user[user].client, 0, err);
+        if (status != LW_OK) return status;
         while (lw_audience_stats(&c->audience, user).settled_frame < c->report.published) {
-            enum lw_status status = lw_client_poll(c->audience.user[user].client, 100, err);
+            status = lw_client_poll(c->audience.user[user].client, 100, err);
             if (status != LW_OK) return status;
             if (lw_clock_ns() > end_ns)
                 return lw_status_fail(err, LW_TIMED_OUT, "a frame has not arrived in %u s", FRAME_S);
@@ -98,16 +112,40 @@ static enum lw_status need_pictures(struct cache_contender *c, uint32_t count, s
 
 static uint64_t scene_ns(uint64_t frame) { return frame * 1000000000ull / LW_VIEWS_HZ; }
 
-/* Those who came say what they look at. */
-static enum lw_status greet(struct cache_contender *c, uint64_t frame, struct lw_error *err) {
+/* Whose eye a client is: that of the one who is shown by him, or his own. */
+static uint32_t eye_of(const struct cache_contender *c, uint32_t user, const uint32_t *shown,
+                       uint32_t shown_count) {
+    for (uint32_t i = 0; i < shown_count; i++)
+        if (shown[i] % c->audience.count == user) return shown[i];
+    return user;
+}
+
+/* A client tells what it wants at most every 100 ms by the wall clock (client/lib/want.h), and has just said
+ * that it wants
+ * nothing: frames that took less would all go by unlit. */
+static enum lw_status await_told(struct cache_contender *c, struct lw_error *err) {
     enum lw_status status = LW_OK;
-    for (uint32_t user = 0; user < c->audience.count && status == LW_OK; user++) {
-        if (c->audience.user[user].looked_ns) continue;
-        const struct lw_camera_view camera = lw_views_at(c->desc.views, user, frame);
-        status = lw_audience_look(&c->audience, user, &camera, scene_ns(frame), err);
-        if (status == LW_OK) status = lw_client_poll(c->audience.user[user].client, 0, err);
+    for (uint64_t end_ns = lw_clock_ns() + TELL_NS; status == LW_OK && lw_clock_ns() < end_ns;) {
+        nanosleep(&(struct timespec){.tv_nsec = 10000000}, NULL);
+        for (uint32_t user = 0; user < c->audience.count && status == LW_OK; user++)
+            status = lw_client_poll(c->audience.user[user].client, 0, err);
     }
     return status;
+}
+
+/* Those who came say what they look at. */
+static enum lw_status greet(struct cache_contender *c, uint64_t frame, const uint32_t *shown,
+                            uint32_t shown_count, struct lw_error *err) {
+    enum lw_status status = LW_OK;
+    bool any = false;
+    for (uint32_t user = 0; user < c->audience.count && status == LW_OK; user++) {
+        if (c->audience.user[user].looked_ns) continue;
+        const uint32_t eye = eye_of(c, user, shown, shown_count);
+        const struct lw_camera_view camera = c->desc.cameras.at(c->desc.cameras.context, eye, frame);
+        status = lw_audience_look(&c->audience, user, &camera, scene_ns(frame), err);
+        any = true;
+    }
+    return status == LW_OK && any && !c->audience.wants_everything ? await_told(c, err) : status;
 }
 
 static enum lw_status show(struct cache_contender *c, uint64_t frame, const uint32_t *shown,
@@ -117,7 +155,7 @@ static enum lw_status show(struct cache_contender *c, uint64_t frame, const uint
     enum lw_status status = lw_audience_follow(&c->audience, err);
     uint64_t moved = lw_clock_process_cpu_ns();
     for (uint32_t i = 0; status == LW_OK && i < shown_count; i++) {
-        struct lw_camera_view camera = lw_views_at(c->desc.views, shown[i], frame);
+        struct lw_camera_view camera = c->desc.cameras.at(c->desc.cameras.context, shown[i], frame);
         const uint32_t user = shown[i] % c->audience.count;
         lw_audience_show(&c->audience, user, &camera, c->rgb[i]);
         status = lw_audience_look(&c->audience, user, &camera, scene_ns(frame), err);
@@ -132,7 +170,7 @@ static enum lw_status step(struct lw_contender *contender, uint64_t frame, const
                            uint32_t shown_count, struct lw_cost *cost, struct lw_error *err) {
     struct cache_contender *c = self(contender);
     const struct lw_daemon_report before = c->report;
-    enum lw_status status = greet(c, frame, err);
+    enum lw_status status = greet(c, frame, shown, shown_count, err);
     if (status == LW_OK) status = lw_daemon_child_step(c->daemon, &c->report, err);
     if (status != LW_OK) return status;
     if (c->report.frame != frame)
@@ -144,6 +182,12 @@ static enum lw_status step(struct lw_contender *contender, uint64_t frame, const
     cost->cpu_s[LW_STAGE_SEND] += c->report.loop_cpu_s - before.loop_cpu_s;
     cost->rays += c->report.rays - before.rays;
     status = receive(c, cost, err);
+    /* what other threads of the server do, whatever frame it belongs to */
+    const double server_cpu_s = lw_daemon_child_cpu_s(c->daemon),
+                 reported_s = c->report.solve_cpu_s + c->report.publish_cpu_s + c->report.loop_cpu_s -
+                              before.loop_cpu_s;
+    if (c->server_cpu_s > 0) cost->cpu_s[LW_STAGE_BETWEEN] += server_cpu_s - c->server_cpu_s - reported_s;
+    c->server_cpu_s = server_cpu_s;
     if (status == LW_OK) status = need_pictures(c, shown_count, err);
     if (status == LW_OK && shown_count) status = show(c, frame, shown, shown_count, cost, err);
     return status;
@@ -152,6 +196,12 @@ static enum lw_status step(struct lw_contender *contender, uint64_t frame, const
 static void picture(const struct lw_contender *contender, uint32_t index, float *out_lattice) {
     const struct cache_contender *c = (const struct cache_contender *)contender;
     lw_truth_pick(c->rgb[index], c->desc.width, c->desc.height, c->desc.stride, out_lattice);
+}
+
+static void elsewhere(const struct lw_contender *contender, double *out_cpu_s, double *out_bytes) {
+    const struct cache_contender *c = (const struct cache_contender *)contender;
+    *out_cpu_s = c->daemon ? lw_daemon_child_cpu_s(c->daemon) : 0;
+    *out_bytes = c->daemon ? (double)lw_daemon_child_memory_bytes(c->daemon) : 0;
 }
 
 static void destroy(struct lw_contender *contender) {
@@ -164,6 +214,7 @@ static const struct lw_contender_ops ops = {.name = "shared cache",
                                             .set_users = set_users,
                                             .step = step,
                                             .picture = picture,
+                                            .elsewhere = elsewhere,
                                             .stop = stop,
                                             .destroy = destroy};
 

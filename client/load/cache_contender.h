@@ -8,10 +8,9 @@
 #define LW_CLIENT_LOAD_CACHE_CONTENDER_H
 
 #include "client/load/contender.h"
-#include "client/load/views.h"
 
 struct lw_cache_contender_desc {
-    const struct lw_views *views;
+    struct lw_contender_cameras cameras;
     uint32_t width, height, stride, bounces;
     unsigned threads; /* 0: all */
     bool denoise;

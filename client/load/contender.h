@@ -4,6 +4,7 @@
 #ifndef LW_CLIENT_LOAD_CONTENDER_H
 #define LW_CLIENT_LOAD_CONTENDER_H
 
+#include "client/view/camera.h"
 #include "common/status.h"
 
 #include <stdint.h>
@@ -12,6 +13,7 @@
 #define LW_STAGE_MAP(X)                                                                                      \
     X(SOLVE, "solve", false)                                                                                 \
     X(ENCODE, "encode", false)                                                                               \
+    X(BETWEEN, "between frames", false)                                                                      \
     X(SEND, "send", true)                                                                                    \
     X(RECEIVE, "receive", true)                                                                              \
     X(DECODE, "decode", true)                                                                                \
@@ -37,6 +39,12 @@ struct lw_cost {
 void lw_cost_add(struct lw_cost *sum, const struct lw_cost *cost, double times);
 double lw_cost_total(const struct lw_cost *cost);
 
+/** Where a user's eye is in a frame. Frames count from 1; scene time is (frame - 1) / 30 s. */
+struct lw_contender_cameras {
+    const void *context;
+    struct lw_camera_view (*at)(const void *context, uint32_t user, uint64_t frame);
+};
+
 /** How much a side spends on its pictures. A side reads what is its own. */
 struct lw_setting {
     uint32_t samples; /* path tracer: paths per pixel and frame */
@@ -51,24 +59,33 @@ struct lw_contender;
 struct lw_contender_ops {
     const char *name;
     /** Begins a sequence at frame 0, with nothing cached and nobody there.
-     * lattice: only every stride-th pixel is worked out, where a side can leave out the rest; costs then mean nothing. */
+     * lattice: only every stride-th pixel is worked out, where a side can leave out the rest; costs then
+     * mean nothing. */
     enum lw_status (*start)(struct lw_contender *contender, const struct lw_setting *setting, bool lattice,
                             uint32_t seed, struct lw_error *err);
-    /** Lets users join or leave, so that there are so many. */
+    /** Lets users join or leave, so that there are so many. If no more than before, those who stay forget
+     * what they have
+     * looked at: they may be another one's eye from now on. */
     enum lw_status (*set_users)(struct lw_contender *contender, uint32_t users, struct lw_error *err);
-    /** Advances to a frame, the next one unless the side forgets all from frame to frame, and shows it to some of the
+    /** Advances to a frame, the next one unless the side forgets all from frame to frame, and shows it to
+     * some of the
      * users; what every user costs is scaled from those to all of them. Adds to *cost. */
     enum lw_status (*step)(struct lw_contender *contender, uint64_t frame, const uint32_t *shown,
                            uint32_t shown_count, struct lw_cost *cost, struct lw_error *err);
     /** The lattice of the picture that shown[index] saw in the last step. */
     void (*picture)(const struct lw_contender *contender, uint32_t index, float *out_lattice);
+    /** CPU seconds that its other processes have spent since start(), and the most memory that they held,
+     * bytes; 0 of one
+     * that is gone. NULL: it has none. */
+    void (*elsewhere)(const struct lw_contender *contender, double *out_cpu_s, double *out_bytes);
     void (*stop)(struct lw_contender *contender);
     void (*destroy)(struct lw_contender *contender);
 };
 
 struct lw_contender {
     const struct lw_contender_ops *ops;
-    /* Frames before a picture that must have been stepped through for it to be what a user sees; UINT32_MAX: all. */
+    /* Frames before a picture that must have been stepped through for it to be what a user sees; UINT32_MAX:
+     * all. */
     uint32_t history;
     bool keeps; /* pictures build on those before: the same users must be shown in every frame */
 };

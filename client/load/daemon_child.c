@@ -241,6 +241,17 @@ double lw_daemon_child_cpu_s(const struct lw_daemon_child *c) {
     return 1e-9 * (double)lw_clock_read_ns(clock);
 }
 
+uint64_t lw_daemon_child_memory_bytes(const struct lw_daemon_child *c) {
+    char path[64], line[256];
+    unsigned long long kilobytes = 0;
+    snprintf(path, sizeof path, "/proc/%ld/status", (long)c->pid);
+    FILE *f = c->pid ? fopen(path, "re") : NULL;
+    while (f && fgets(line, sizeof line, f))
+        if (sscanf(line, "VmHWM: %llu kB", &kilobytes) == 1) break;
+    if (f) fclose(f);
+    return 1024 * (uint64_t)kilobytes;
+}
+
 /* ---- the end ---- */
 
 void lw_daemon_child_stop(struct lw_daemon_child *c) {

@@ -30,19 +30,25 @@ struct lw_daemon_report {
 
 struct lw_daemon_child;
 
-/** Starts a server on a free port of 127.0.0.1 and waits until it listens. It ends when the calling thread does, however that
+/** Starts a server on a free port of 127.0.0.1 and waits until it listens. It ends when the calling thread
+ * does, however that
  * comes about.
- * Errors: LW_OS if lightwelld, beside this program or in PATH, does not start; its own failure; LW_TIMED_OUT. */
+ * Errors: LW_OS if lightwelld, beside this program or in PATH, does not start; its own failure;
+ * LW_TIMED_OUT. */
 LW_MUST_CHECK enum lw_status lw_daemon_child_start(const struct lw_daemon_child_desc *desc,
                                                    struct lw_daemon_child **out_child, struct lw_error *err);
 uint16_t lw_daemon_child_port(const struct lw_daemon_child *child);
 
-/** Has it solve the next frame and waits for that. Errors: LW_CLOSED if it ended; LW_TIMED_OUT; LW_PROTOCOL. */
+/** Has it solve the next frame and waits for that. Errors: LW_CLOSED if it ended; LW_TIMED_OUT; LW_PROTOCOL.
+ * */
 LW_MUST_CHECK enum lw_status lw_daemon_child_step(struct lw_daemon_child *child,
                                                   struct lw_daemon_report *out_report, struct lw_error *err);
 
 /** CPU seconds of its process so far, all threads; 0 if it is gone. */
 double lw_daemon_child_cpu_s(const struct lw_daemon_child *child);
+
+/** The most memory that its process has held so far, bytes (VmHWM); 0 if it is gone. */
+uint64_t lw_daemon_child_memory_bytes(const struct lw_daemon_child *child);
 
 /** Ends it, by force if it does not within 5 s. NULL is fine. */
 void lw_daemon_child_stop(struct lw_daemon_child *child);

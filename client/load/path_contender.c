@@ -2,6 +2,7 @@
 
 #include "client/load/path_world.h"
 #include "client/load/truth.h"
+#include "client/load/views.h"
 #include "common/clock.h"
 #include "common/random.h"
 
@@ -95,15 +96,15 @@ static void render(struct path_contender *c, struct screen *screen, uint64_t fra
                    struct lw_path_frame_cost *cost) {
     const uint32_t samples = samples_now(c, screen);
     if (!samples) return;
-    screen->rgb =
-        lw_path_renderer_frame(screen->renderer,
-                               &(struct lw_path_frame){.pose = &c->world.pose,
-                                                       .camera = lw_views_at(c->desc.views, user, frame),
-                                                       .samples = samples,
-                                                       .seed = lw_random_hash2(c->seed, user),
-                                                       .number = (uint32_t)(frame - 1),
-                                                       .resting = c->desc.rests},
-                               cost);
+    screen->rgb = lw_path_renderer_frame(
+        screen->renderer,
+        &(struct lw_path_frame){.pose = &c->world.pose,
+                                .camera = c->desc.cameras.at(c->desc.cameras.context, user, frame),
+                                .samples = samples,
+                                .seed = lw_random_hash2(c->seed, user),
+                                .number = (uint32_t)(frame - 1),
+                                .resting = c->desc.rests},
+        cost);
 }
 
 static enum lw_status step(struct lw_contender *contender, uint64_t frame, const uint32_t *shown,

@@ -5,12 +5,11 @@
 #define LW_CLIENT_LOAD_PATH_CONTENDER_H
 
 #include "client/load/contender.h"
-#include "client/load/views.h"
 #include "client/view/path_renderer.h"
 
 struct lw_path_contender_desc {
     const struct lw_scene *scene;
-    const struct lw_views *views;
+    struct lw_contender_cameras cameras;
     uint32_t width, height, stride, bounces;
     unsigned threads; /* 0: all */
     enum lw_path_renderer_kind kind;

@@ -9,7 +9,8 @@
 #define LW_SCALING_PICTURES 3u /* frames that are compared with the truth */
 #define LW_SCALING_EYES     4u /* users who are, at most */
 
-/** relMSE of what each eye saw in each picture's frame. From one view to another it differs by a factor of ten and more,
+/** relMSE of what each eye saw in each picture's frame. From one view to another it differs by a factor of
+ * ten and more,
  * by random numbers by a few percent: two sides are compared over the same views. */
 struct lw_scaling_errors {
     double of[LW_SCALING_PICTURES][LW_SCALING_EYES];
@@ -26,7 +27,8 @@ struct lw_scaling_figure {
 };
 struct lw_scaling_figure lw_scaling_figures_mean(const double *value, uint32_t count);
 
-/** cost = fixed + users * slope, by least squares weighted by 1 / users, since deviations grow with them. With one count
+/** cost = fixed + users * slope, by least squares weighted by 1 / users, since deviations grow with them.
+ * With one count
  * of users, all is fixed. */
 void lw_scaling_figures_line(const uint32_t *users, const double *cost, uint32_t count, double *out_fixed,
                              double *out_slope);
@@ -34,7 +36,8 @@ void lw_scaling_figures_line(const uint32_t *users, const double *cost, uint32_t
 /** Users from which on fixed + users * slope is less than users * alone; INFINITY if it never is. */
 double lw_scaling_figures_cross(double fixed, double slope, double alone);
 
-/** How many rungs the next, denser ladder has, where the one at `rung` was the last that gained: one more than those
+/** How many rungs the next, denser ladder has, where the one at `rung` was the last that gained: one more
+ * than those
  * that have, and no more than before. */
 static inline uint32_t lw_scaling_figures_rungs(uint32_t rung, uint32_t rung_count) {
     return rung + 2 < rung_count ? rung + 2 : rung_count;

@@ -143,7 +143,7 @@ static enum lw_status set_sides(struct lw_scaling_run *run, struct lw_error *err
     struct lw_scaling *x = run->x;
     const struct lw_scaling_options *o = &x->options;
     const struct lw_path_contender_desc paths = {.scene = x->densities.scene,
-                                                 .views = x->views,
+                                                 .cameras = lw_views_cameras(x->views),
                                                  .width = o->width,
                                                  .height = o->height,
                                                  .stride = x->stride,
@@ -151,7 +151,7 @@ static enum lw_status set_sides(struct lw_scaling_run *run, struct lw_error *err
                                                  .threads = (unsigned)o->scene.threads,
                                                  .kind = o->opponent,
                                                  .rests = run->still};
-    const struct lw_cache_contender_desc cache = {.views = x->views,
+    const struct lw_cache_contender_desc cache = {.cameras = lw_views_cameras(x->views),
                                                   .width = o->width,
                                                   .height = o->height,
                                                   .stride = x->stride,

@@ -5,7 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define MOTIONS       "static|light|object|all"
 #define SIDE_MAX      8192u
 #define SAMPLES_MAX   65536u
 #define DENSITY_MIN   0.01
@@ -13,11 +12,6 @@
 #define REST_MIN      1e-4
 #define REST_MAX      10.0
 #define DEFAULT_USERS "1,2,4,8,16,32,64,128,256"
-
-const char *lw_scaling_motion_name(enum lw_scene_motion motion) {
-    static const char *const name[] = {"static", "light", "object", "all"};
-    return name[motion];
-}
 
 /* Reads a whole number and moves *text behind it. */
 static bool read_count(const char **text, uint64_t max, uint64_t *out) {
@@ -124,7 +118,7 @@ enum lw_status lw_scaling_options_parse(int argc, char **argv, struct lw_scaling
     const struct lw_option table[] = {
         {"users", "LIST", "user counts to measure, growing (default " DEFAULT_USERS ")", LW_OPTION_STRING,
          &users, 0, 0, NULL},
-        {"motion", MOTIONS,
+        {"motion", LW_SCENE_MOTION_CHOICES,
          "what moves (default light). Where nothing of the scene's own animation belongs to it, a light or "
          "an "
          "object is set moving",

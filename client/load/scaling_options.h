@@ -42,6 +42,4 @@ LW_MUST_CHECK enum lw_status lw_scaling_options_parse(int argc, char **argv,
                                                       struct lw_scaling_options *out_options, bool *out_done,
                                                       struct lw_error *err);
 
-const char *lw_scaling_motion_name(enum lw_scene_motion motion);
-
 #endif

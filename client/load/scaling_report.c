@@ -1,23 +1,20 @@
 #include "client/load/scaling_report.h"
 
+#include "client/load/gnuplot.h"
 #include "common/atomic_file.h"
 #include "common/log.h"
 
 #include <errno.h>
 #include <jansson.h>
 #include <math.h>
-#include <spawn.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <sys/utsname.h>
-#include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
-
-extern char **environ;
 
 #define LAG_TIMES 3.0 /* the error asked for: at least so much must light be off that is late */
 
@@ -203,7 +200,7 @@ static enum lw_status write_json(const struct lw_scaling *x, const char *command
         "{s:s, s:s, s:s, s:I, s:s, s:s, s:i, s:i, s:i, s:f, s:o, s:f, s:s?, s:o, s:o, s:o, s:o, s:o, s:o, "
         "s:o, s:o}",
         "command", command, "scene", x->options.scene.path, "version", LW_VERSION, "triangles",
-        (json_int_t)x->densities.triangles, "motion", lw_scaling_motion_name(x->options.motion), "views",
+        (json_int_t)x->densities.triangles, "motion", lw_scene_motion_name(x->options.motion), "views",
         x->views ? lw_views_about(x->views) : "", "width", (int)x->options.width, "height",
         (int)x->options.height, "bounces", (int)x->options.bounces, "truth_noise",
         x->eyes ? mean_noise(x) : 0.0, "relmse_of_light_a_second_late",
@@ -235,7 +232,7 @@ static void print_head(const struct lw_scaling *x, FILE *f, const char *command)
             sysconf(_SC_NPROCESSORS_ONLN), day);
     fprintf(f, "%llu triangles, %.3g lightmap texels per metre at density ×1, %u indirect bounces. ",
             (unsigned long long)x->densities.triangles, x->densities.texels_per_metre, x->options.bounces);
-    fprintf(f, "Motion: %s", lw_scaling_motion_name(x->options.motion));
+    fprintf(f, "Motion: %s", lw_scene_motion_name(x->options.motion));
     if (x->densities.report.light)
         fprintf(f, "; light \"%s\" was set moving, since none did", x->densities.report.light);
     if (x->densities.report.object)
@@ -508,23 +505,6 @@ static enum lw_status write_plots(const struct lw_scaling *x, struct lw_error *e
     return end(&text, x->options.folder, "scaling.gp", err);
 }
 
-static void run_gnuplot(const char *folder) {
-    const char *const arguments[] = {"gnuplot", "scaling.gp", NULL};
-    posix_spawn_file_actions_t actions;
-    pid_t pid;
-    int result = 0;
-    posix_spawn_file_actions_init(&actions);
-    int failed = posix_spawn_file_actions_addchdir_np(&actions, folder);
-    if (!failed) failed = posix_spawnp(&pid, arguments[0], &actions, NULL, (char *const *)arguments, environ);
-    posix_spawn_file_actions_destroy(&actions);
-    if (!failed && waitpid(pid, &result, 0) < 0) failed = errno;
-    if (failed)
-        lw_log(LW_LOG_WARNING, "no plots: cannot run gnuplot: %s (scaling.gp in %s makes them)",
-               strerror(failed), folder);
-    else if (result != 0)
-        lw_log(LW_LOG_WARNING, "no plots: gnuplot failed (scaling.gp in %s)", folder);
-}
-
 enum lw_status lw_scaling_report_write(const struct lw_scaling *x, const char *command,
                                        struct lw_error *err) {
     enum lw_status status = write_users_csv(x, err);
@@ -532,6 +512,7 @@ enum lw_status lw_scaling_report_write(const struct lw_scaling *x, const char *c
     if (status == LW_OK) status = write_json(x, command, err);
     if (status == LW_OK) status = write_markdown(x, command, err);
     if (status == LW_OK) status = write_plots(x, err);
-    if (status == LW_OK && x->side[LW_SCALING_PATHS].point_count) run_gnuplot(x->options.folder);
+    if (status == LW_OK && x->side[LW_SCALING_PATHS].point_count)
+        lw_gnuplot_run(x->options.folder, "scaling.gp");
     return status;
 }

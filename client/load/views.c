@@ -188,6 +188,14 @@ struct lw_camera_view lw_views_at(const struct lw_views *v, uint32_t user, uint6
     return v->path[(frame - 1 + offset) % v->path_frames];
 }
 
+static struct lw_camera_view look_up(const void *context, uint32_t user, uint64_t frame) {
+    return lw_views_at(context, user, frame);
+}
+
+struct lw_contender_cameras lw_views_cameras(const struct lw_views *v) {
+    return (struct lw_contender_cameras){.context = v, .at = look_up};
+}
+
 bool lw_views_rest(const struct lw_views *v) { return v->place != NULL || v->path_frames == 1; }
 
 const char *lw_views_about(const struct lw_views *v) { return v->about; }

@@ -6,7 +6,7 @@
 #ifndef LW_CLIENT_LOAD_VIEWS_H
 #define LW_CLIENT_LOAD_VIEWS_H
 
-#include "client/view/camera.h"
+#include "client/load/contender.h"
 
 #define LW_VIEWS_HZ 30
 
@@ -40,6 +40,9 @@ LW_MUST_CHECK enum lw_status lw_views_create(const struct lw_views_desc *desc, s
 void lw_views_destroy(struct lw_views *views);
 
 struct lw_camera_view lw_views_at(const struct lw_views *views, uint32_t user, uint64_t frame);
+
+/** The same as lw_views_at(); views must outlive it. */
+struct lw_contender_cameras lw_views_cameras(const struct lw_views *views);
 
 /** Whether no camera ever moves. */
 bool lw_views_rest(const struct lw_views *views);
