@@ -1,4 +1,7 @@
-/* lightwell-load.c: how much a server carries (a swarm of sessions), and from how many users on it pays (scaling). */
+/* lightwell-load.c: how much a server carries (a swarm of sessions), what it costs beside what users would
+ * run instead
+ * (crossover), and from how many users on it pays (scaling). */
+#include "client/crossover/crossover.h"
 #include "client/load/load_options.h"
 #include "client/load/scaling.h"
 #include "client/load/swarm.h"
@@ -25,6 +28,7 @@ static int run_swarm(int argc, char **argv) {
 
 int main(int argc, char **argv) {
     lw_log_init("lightwell-load", LW_LOG_INFO);
+    if (argc > 1 && strcmp(argv[1], "crossover") == 0) return lw_crossover_command(argc - 1, argv + 1);
     if (argc > 1 && strcmp(argv[1], "scaling") == 0) return lw_scaling_command(argc - 1, argv + 1);
     return run_swarm(argc, argv);
 }

@@ -182,8 +182,9 @@ enum lw_status lw_load_options_parse(int argc, char **argv, struct lw_load_optio
             "; HOST alone: its port 7780, PORT alone: this machine) with many users at the same time, checks "
             "every byte that they get and reports how long "
             "things took. Exit code 0: all that must hold did; 1: it did not, or the run was cut short.\n"
-            "lightwell-load scaling SCENE asks from how many users on one server is cheaper than a path "
-            "tracer for each: lightwell-load scaling --help",
+            "lightwell-load crossover SCENE compares one server with what users would run instead, at equal "
+            "error; lightwell-load scaling SCENE asks from how many users on it is cheaper. Both have "
+            "--help.",
         .table = table,
         .count = sizeof table / sizeof table[0],
         .positional = &raw.address,

@@ -1,0 +1,68 @@
+#include "client/crossover/crossover.h"
+
+#include "client/crossover/crossover_report.h"
+#include "client/crossover/crossover_run.h"
+#include "common/interrupt.h"
+#include "common/log.h"
+#include "common/wait_policy.h"
+
+#include <signal.h>
+#include <stdio.h>
+#include <string.h>
+
+static volatile sig_atomic_t signalled;
+
+static const struct lw_interrupt_phase measuring = {
+    .answer = "stopping: what is measured stays, and the same command goes on; Ctrl-C again ends it at once"};
+
+/* The first signal ends the measurement, the second the program. */
+static void on_signal(int number) { signalled = number; }
+
+static void write_command(int argc, char **argv, char *out, size_t size) {
+    size_t length = (size_t)snprintf(out, size, "lightwell-load");
+    for (int i = 0; i < argc && length < size; i++) {
+        int more = snprintf(out + length, size - length, strchr(argv[i], ' ') ? " '%s'" : " %s", argv[i]);
+        length += more > 0 ? (size_t)more : 0;
+    }
+}
+
+static enum lw_status report_only(const char *folder, struct lw_error *err) {
+    struct lw_crossover_store store;
+    enum lw_status status = lw_crossover_store_open(&store, folder, true, err);
+    if (status == LW_OK) status = lw_crossover_report_write(&store, err);
+    lw_crossover_store_finish(&store);
+    return status;
+}
+
+static enum lw_status measure(const struct lw_crossover_options *options, const char *command,
+                              struct lw_error *err) {
+    static struct lw_crossover_run run; /* some 100 kB: no place on the stack */
+    lw_interrupt_watch(on_signal, &measuring);
+    enum lw_status status = lw_crossover_run(&run, options, command, &signalled, err);
+    if (run.store.expense_count) {
+        struct lw_error report_err = {0};
+        const enum lw_status written = lw_crossover_report_write(&run.store, &report_err);
+        if (status == LW_OK && written != LW_OK) *err = report_err;
+        if (status == LW_OK) status = written;
+    }
+    lw_crossover_run_finish(&run);
+    return status;
+}
+
+int lw_crossover_command(int argc, char **argv) {
+    struct lw_crossover_options options;
+    struct lw_error err = {0};
+    char command[2048];
+    bool done = false;
+    enum lw_status status = lw_crossover_options_parse(argc, argv, &options, &done, &err);
+    if (status == LW_OK && !done) {
+        lw_wait_passively(argv - 1); /* argv[-1] is the program's own name: see crossover.h */
+        write_command(argc, argv, command, sizeof command);
+        status = options.report_only ? report_only(options.folder, &err) : measure(&options, command, &err);
+    }
+    if (signalled) {
+        lw_log(LW_LOG_INFO, "interrupted; the same command goes on");
+        return LW_INTERRUPT_EXIT_CODE;
+    }
+    return status == LW_OK ? 0 : lw_log_failure(&err);
+}

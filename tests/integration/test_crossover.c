@@ -1,0 +1,214 @@
+/* lightwell-load crossover with the real lightwelld, on the smallest scene and pictures. */
+#include "tests/support/process.h"
+
+#include <dirent.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#define LIMIT_S 120
+#define SMALL                                                                                                \
+    "crossover builtin:cornell --texels-per-metre 40 --size 64x36 --truth-samples 8 --repeats 1 --warm 1 "   \
+    "--densities 1 --alone 1 "
+
+static int run(const char *arguments, struct lw_process *process) {
+    lw_process_start(process, "lightwell-load", arguments);
+    return lw_process_finish(process, LIMIT_S);
+}
+
+static char *read_text(const char *folder, const char *name) {
+    char path[300];
+    size_t size;
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    return (char *)lw_support_read_file(path, &size);
+}
+
+static unsigned count_lines(const char *text, const char *start) {
+    unsigned count = 0;
+    for (const char *line = text; *line; line = strchr(line, '\n') ? strchr(line, '\n') + 1 : "")
+        count += strncmp(line, start, strlen(start)) == 0;
+    return count;
+}
+
+static int end_all(void **state) {
+    (void)state;
+    lw_process_kill_all();
+    return 0;
+}
+
+static void expect(int code, int expected, const struct lw_process *process) {
+    if (code == expected) return;
+    char *said = lw_process_err(process);
+    fail_msg("exit code %d: %s", code, said);
+}
+
+static void measures_reports_and_goes_on(void **state) {
+    (void)state;
+    struct lw_process process;
+    char arguments[500];
+    const char *folder = lw_support_temporary("row");
+    snprintf(arguments, sizeof arguments, SMALL "-o %s", folder);
+    expect(run(arguments, &process), 0, &process);
+    char *result = lw_process_out(&process);
+    assert_non_null(strstr(result, "at the error of svgf, relMSE"));
+    free(result);
+
+    char *report = read_text(folder, "report.md"), *costs = read_text(folder, "costs.csv"),
+         *samples = read_text(folder, "samples.csv");
+    assert_non_null(strstr(report, "* at the error of svgf-quarter, FLIP"));
+    assert_non_null(strstr(report, "Light that is a second late has relMSE"));
+    assert_non_null(strstr(report, "![Strips](strips.png)"));
+    assert_null(strstr(report, "traced no ray"));
+    /* twelve views and the line of all; the cache's one view alone, at each of two settings */
+    assert_int_equal(count_lines(costs, "svgf,1 path,0,"), 13);
+    assert_int_equal(count_lines(costs, "cache,x1 1+1 rest 0.2,0,"), 2);
+    assert_int_equal(count_lines(samples, "svgf-quarter,1 path,0,"), 24);
+    assert_int_equal(count_lines(samples, "cache,x1 1+2 rest 0.02,0,"), 24);
+    free(samples);
+    lw_process_left_nothing();
+
+    /* the last line is torn off: that unit, and no other, is measured again */
+    char path[300];
+    snprintf(path, sizeof path, "%s/costs.csv", folder);
+    lw_support_write_file(path, costs, strlen(costs) - 5);
+    expect(run(arguments, &process), 0, &process);
+    char *said = lw_process_err(&process), *again = read_text(folder, "costs.csv");
+    assert_non_null(strstr(said, "repeat 1, cache, x1 1+2 rest 0.02:"));
+    assert_null(strstr(said, "repeat 1, svgf"));
+    assert_null(strstr(said, "repeat 1, cache, x1 1+1"));
+    assert_int_equal(count_lines(again, "cache,x1 1+2 rest 0.02,0,"), 2);
+    assert_int_equal(count_lines(again, "svgf,1 path,0,"), 13);
+    free(said);
+
+    /* from the tables alone */
+    snprintf(path, sizeof path, "%s/report.md", folder);
+    assert_int_equal(unlink(path), 0);
+    snprintf(arguments, sizeof arguments, "crossover --report-only -o %s", folder);
+    expect(run(arguments, &process), 0, &process);
+    free(report);
+    report = read_text(folder, "report.md");
+    assert_non_null(strstr(report, "lamp-walk"));
+    free(report);
+    free(again);
+    free(costs);
+
+    /* another row does not mix with it */
+    snprintf(arguments, sizeof arguments, SMALL "--motion static -o %s", folder);
+    expect(run(arguments, &process), 64, &process);
+    said = lw_process_err(&process);
+    assert_non_null(strstr(said, "holds a row whose motion is lamp-walk, not static"));
+    free(said);
+}
+
+/* Waits for a text on stderr. */
+static void await_text(const struct lw_process *process, const char *text) {
+    for (int i = 0;; i++) {
+        char *said = lw_process_err(process);
+        const bool there = strstr(said, text) != NULL;
+        free(said);
+        if (there) return;
+        if (i > LIMIT_S * 20) fail_msg("no \"%s\" in %d s", text, LIMIT_S);
+        lw_process_sleep_ms(50);
+    }
+}
+
+static void an_interruption_keeps_what_is_there(void **state) {
+    (void)state;
+    struct lw_process process;
+    char arguments[500];
+    const char *folder = lw_support_temporary("interrupted");
+    snprintf(arguments, sizeof arguments, SMALL "-o %s", folder);
+    lw_process_start(&process, "lightwell-load", arguments);
+    await_text(&process, "repeat 1, svgf, 1 path:");
+    assert_int_equal(lw_process_stop(&process, SIGINT, LIMIT_S), 75);
+    char *costs = read_text(folder, "costs.csv");
+    assert_int_equal(count_lines(costs, "svgf,1 path,0,"), 13);
+    free(costs);
+    lw_process_left_nothing();
+}
+
+/* The lightwelld that a process has started; 0: none. */
+static pid_t server_of(pid_t parent) {
+    DIR *folder = opendir("/proc");
+    pid_t found = 0;
+    for (struct dirent *entry; folder && !found && (entry = readdir(folder));) {
+        char path[300], name[64] = "";
+        long of = 0;
+        snprintf(path, sizeof path, "/proc/%.200s/stat", entry->d_name);
+        FILE *f = entry->d_name[0] >= '1' && entry->d_name[0] <= '9' ? fopen(path, "r") : NULL;
+        if (f && fscanf(f, "%*d %63s %*c %ld", name, &of) == 2 && of == parent &&
+            strcmp(name, "(lightwelld)") == 0)
+            found = (pid_t)atol(entry->d_name);
+        if (f) fclose(f);
+    }
+    if (folder) closedir(folder);
+    return found;
+}
+
+static void a_server_that_dies_is_told_and_the_rest_measured(void **state) {
+    (void)state;
+    struct lw_process process;
+    char arguments[500];
+    const char *folder = lw_support_temporary("dies");
+    snprintf(arguments, sizeof arguments, SMALL "-o %s", folder);
+    lw_process_start(&process, "lightwell-load", arguments);
+    pid_t server = 0;
+    for (int i = 0; !(server = server_of(process.pid)); i++) {
+        if (i > LIMIT_S * 50) fail_msg("no server in %d s", LIMIT_S);
+        lw_process_sleep_ms(20);
+    }
+    kill(server, SIGKILL); /* the first setting's */
+    assert_int_equal(lw_process_finish(&process, LIMIT_S) == 0, 0);
+    char *said = lw_process_err(&process), *report = read_text(folder, "report.md");
+    assert_non_null(strstr(said, "cache, x1 1+1 rest 0.2: not measured: "));
+    assert_non_null(strstr(said, "repeat 1, cache, x1 1+2 rest 0.02:"));
+    assert_non_null(strstr(report, "## What failed"));
+    assert_non_null(strstr(report, "| cache, x1 1+1 rest 0.2 | 1 | "));
+    free(report);
+    free(said);
+    expect(run(arguments, &process), 0, &process); /* and the next time it does not */
+    report = read_text(folder, "report.md");
+    assert_null(strstr(report, "## What failed"));
+    free(report);
+}
+
+static void fails_with_one_line(void **state) {
+    (void)state;
+    struct lw_process process;
+    char arguments[500];
+    static const struct {
+        const char *scene, *folder, *text; /* folder: NULL is a good one */
+        int code;
+    } bad[] = {
+        {"builtin:cornell", "/proc/nowhere", "cannot make the folder", 73},
+        {"builtin:nothing", NULL, "builtin:nothing", 66},
+        {"builtin:cornell --size 8x8", NULL, "--size", 64},
+        {"--report-only", "/nowhere/at/all", "/nowhere/at/all", 66},
+    };
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        snprintf(arguments, sizeof arguments, "crossover %s -o %s", bad[i].scene,
+                 bad[i].folder ? bad[i].folder : lw_support_temporary("bad"));
+        assert_int_equal(run(arguments, &process), bad[i].code);
+        char *said = lw_process_err(&process);
+        assert_non_null(strstr(said, bad[i].text));
+        assert_null(strchr(strchr(said, '\n') + 1, '\n'));
+        free(said);
+    }
+}
+
+/* Each whole run takes seconds by the clock. With an argument: the long tests alone. */
+int main(int argc, char **argv) {
+    const struct CMUnitTest long_tests[] = {
+        cmocka_unit_test_teardown(a_server_that_dies_is_told_and_the_rest_measured, end_all),
+    };
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_teardown(measures_reports_and_goes_on, end_all),
+        cmocka_unit_test_teardown(an_interruption_keeps_what_is_there, end_all),
+        cmocka_unit_test_teardown(fails_with_one_line, end_all),
+    };
+    (void)argv;
+    if (argc > 1) return cmocka_run_group_tests(long_tests, NULL, NULL);
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,106 @@
+#include "tests/support/support.h"
+
+#include "client/crossover/crossover_options.h"
+
+#include <math.h>
+
+static enum lw_status parse(const char *option, const char *value, struct lw_crossover_options *o,
+                            struct lw_error *err) {
+    char *argv[] = {(char *)"crossover",
+                    (char *)"builtin:cornell",
+                    (char *)"-o",
+                    (char *)"out",
+                    (char *)option,
+                    (char *)value,
+                    NULL};
+    bool done;
+    return lw_crossover_options_parse(option ? 6 : 4, argv, o, &done, err);
+}
+
+static void defaults_are_the_quick_form(void **state) {
+    (void)state;
+    struct lw_crossover_options o;
+    struct lw_error err = {0};
+    lw_support_ok(parse(NULL, NULL, &o, &err), &err);
+    assert_int_equal(o.opponent_count, 2);
+    assert_int_equal(o.opponent[0], LW_PATH_RENDERER_SVGF);
+    assert_int_equal(o.opponent[1], LW_PATH_RENDERER_SVGF_QUARTER);
+    assert_int_equal(o.motion, LW_SCENE_MOTION_LAMP_WALK);
+    assert_int_equal(o.repeats, 2);
+    assert_true(o.width == 640 && o.height == 360);
+    assert_true(o.density_count == 4 && o.density[0] == 0.25 && o.density[3] == 2);
+    assert_true(isinf(o.minutes_max) && !o.report_only);
+}
+
+static void values(void **state) {
+    (void)state;
+    struct lw_crossover_options o;
+    struct lw_error err = {0};
+    lw_support_ok(parse("--opponents", "raw,svgf", &o, &err), &err);
+    assert_true(o.opponent_count == 2 && o.opponent[0] == LW_PATH_RENDERER_RAW);
+    lw_support_ok(parse("--paths", "1,2,8", &o, &err), &err);
+    assert_true(o.paths_count == 3 && o.paths[2] == 8);
+    lw_support_ok(parse("--densities", "0.5", &o, &err), &err);
+    assert_true(o.density_count == 1 && o.density[0] == 0.5);
+    lw_support_ok(parse("--motion", "carry", &o, &err), &err);
+    assert_int_equal(o.motion, LW_SCENE_MOTION_CARRY);
+    lw_support_ok(parse("--truth-samples", "9", &o, &err), &err);
+    assert_int_equal(o.truth_samples, 16);
+}
+
+static void bad_values_are_named(void **state) {
+    (void)state;
+    static const struct {
+        const char *option, *value, *text;
+    } bad[] = {
+        {"--opponents", "svgf,fast", "--opponents: \"fast\" is none of"},
+        {"--opponents", "svgf,svgf", "svgf is there twice"},
+        {"--opponents", "", "--opponents"},
+        {"--paths", "0", "--paths"},
+        {"--paths", "1,,2", "--paths"},
+        {"--paths", "257", "--paths"},
+        {"--densities", "1,0.5", "must grow"},
+        {"--densities", "nan", "--densities"},
+        {"--densities", "0.001", "--densities"},
+        {"--densities", "1x", "--densities"},
+        {"--size", "64x31", "--size"},
+        {"--size", "63x36", "--size"},
+        {"--size", "64x36x", "--size"},
+        {"--size", "9000x9000", "--size"},
+        {"--motion", "fast", "--motion"},
+        {"--warm", "0.9", "--warm"},
+        {"--alone", "0", "--alone"},
+        {"--alone", "13", "--alone"},
+        {"--repeats", "21", "--repeats"},
+    };
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        struct lw_crossover_options o;
+        struct lw_error err = {0};
+        lw_support_fails(parse(bad[i].option, bad[i].value, &o, &err), LW_USAGE, &err, bad[i].text);
+    }
+}
+
+static void what_is_missing_is_named(void **state) {
+    (void)state;
+    struct lw_crossover_options o;
+    struct lw_error err = {0};
+    bool done;
+    char *no_folder[] = {(char *)"crossover", (char *)"builtin:cornell", NULL};
+    lw_support_fails(lw_crossover_options_parse(2, no_folder, &o, &done, &err), LW_USAGE, &err,
+                     "-o DIR is missing");
+    char *no_scene[] = {(char *)"crossover", (char *)"-o", (char *)"out", NULL};
+    err = (struct lw_error){0};
+    lw_support_fails(lw_crossover_options_parse(3, no_scene, &o, &done, &err), LW_USAGE, &err,
+                     "SCENE is missing");
+    char *report[] = {(char *)"crossover", (char *)"--report-only", (char *)"-o", (char *)"out", NULL};
+    err = (struct lw_error){0};
+    lw_support_ok(lw_crossover_options_parse(4, report, &o, &done, &err), &err);
+    assert_true(o.report_only);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(defaults_are_the_quick_form),
+                                       cmocka_unit_test(values), cmocka_unit_test(bad_values_are_named),
+                                       cmocka_unit_test(what_is_missing_is_named)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

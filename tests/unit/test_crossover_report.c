@@ -1,0 +1,166 @@
+#include "tests/support/support.h"
+
+#include "client/crossover/crossover_analysis.h"
+#include "client/crossover/crossover_report.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define REPEATS 2u
+
+static void put(struct lw_crossover_store *store, const char *renderer, const char *setting, uint32_t repeat,
+                double error, double alone_s, double all_s) {
+    struct lw_crossover_sample sample[LW_CROSSOVER_VIEWS];
+    struct lw_crossover_expense expense[LW_CROSSOVER_VIEWS + 1];
+    struct lw_crossover_unit unit = {.repeat = repeat};
+    struct lw_error err = {0};
+    const bool is_cache = strcmp(renderer, "cache") == 0;
+    snprintf(unit.renderer, sizeof unit.renderer, "%s", renderer);
+    snprintf(unit.setting, sizeof unit.setting, "%s", setting);
+    for (uint32_t v = 0; v < LW_CROSSOVER_VIEWS; v++) {
+        const double brighter = 1 + 0.1 * v; /* views differ by the same for all renderers */
+        sample[v] = (struct lw_crossover_sample){
+            .unit = unit,
+            .view = v,
+            .frame = 61,
+            .coin = {error * brighter, 2 * error, error / 2, 5 * error * brighter, (double)NAN}};
+        expense[v] = lw_crossover_store_expense(&unit, 1, v);
+        expense[v].frames = 8;
+        expense[v].cpu_s[is_cache ? LW_STAGE_SOLVE : LW_STAGE_TRACE] = alone_s * brighter;
+    }
+    /* of the cache every third view is looked at alone */
+    uint32_t count = 0;
+    for (uint32_t v = 0; v < LW_CROSSOVER_VIEWS; v++)
+        if (!is_cache || v % 3 == 0) expense[count++] = expense[v];
+    expense[count] = lw_crossover_store_expense(&unit, is_cache ? LW_CROSSOVER_VIEWS : 1, LW_CROSSOVER_ALL);
+    expense[count].samples = LW_CROSSOVER_VIEWS;
+    expense[count].cpu_s[is_cache ? LW_STAGE_SOLVE : LW_STAGE_TRACE] = all_s;
+    expense[count].extra[LW_CROSSOVER_EXTRA_START_CPU] = is_cache ? 6 : 0.5;
+    lw_support_ok(lw_crossover_store_append(store, sample, LW_CROSSOVER_VIEWS, expense, count + 1, &err),
+                  &err);
+}
+
+/* A row by hand: the cache's denser setting reaches svgf's error, none that of svgf-quarter. */
+static const char *make_row(const char *name, double late) {
+    const char *folder = lw_support_temporary(name);
+    struct lw_crossover_store store;
+    struct lw_crossover_late line = {.view = 0, .frame = 61, .late = 30, .relmse = late};
+    struct lw_error err = {0};
+    lw_support_ok(lw_crossover_store_open(&store, folder, false, &err), &err);
+    lw_support_ok(lw_crossover_store_set(&store, "scene", "builtin:hand", &err), &err);
+    lw_support_ok(lw_crossover_store_set(&store, "motion", "lamp-walk", &err), &err);
+    lw_support_ok(lw_crossover_store_set(&store, "dark views", "2 5", &err), &err);
+    lw_support_ok(lw_crossover_store_set_late(&store, &line, 1, &err), &err);
+    for (uint32_t r = 0; r < REPEATS; r++) {
+        put(&store, "svgf", "1 path", r, 0.04, 2, 0);
+        put(&store, "svgf-quarter", "1 path", r, 0.01, 1, 0);
+        put(&store, "cache", "x0.5 1+1 rest 0.2", r, 0.08, 0.2, 0.75);
+        put(&store, "cache", "x1 1+1 rest 0.2", r, 0.03, 1, 3.2);
+    }
+    const struct lw_crossover_unit failed = {"cache", "x2 1+1 rest 0.2", 0};
+    lw_support_ok(lw_crossover_store_fail(&store, &failed, "lightwelld has ended", &err), &err);
+    lw_crossover_store_finish(&store);
+    return folder;
+}
+
+static void ratios_are_those_of_the_tables(void **state) {
+    (void)state;
+    const char *folder = make_row("hand", 1);
+    struct lw_crossover_store store;
+    struct lw_crossover_analysis a;
+    struct lw_error err = {0};
+    lw_support_ok(lw_crossover_store_open(&store, folder, true, &err), &err);
+    lw_support_ok(lw_crossover_analysis_init(&a, &store, &err), &err);
+    assert_int_equal(a.point_count, 4);
+    assert_true(a.late_error == 1);
+    const struct lw_crossover_point *svgf = lw_crossover_analysis_find(&a, "svgf", NULL),
+                                    *quarter = lw_crossover_analysis_find(&a, "svgf-quarter", NULL);
+    const double error = svgf->mean[LW_CROSSOVER_COIN_RELMSE].value;
+    assert_true(fabs(error - 0.04 * 1.55) < 1e-9);
+    const struct lw_crossover_point *cache =
+        lw_crossover_analysis_cheapest(&a, LW_CROSSOVER_COIN_RELMSE, error);
+    assert_non_null(cache);
+    assert_string_equal(cache->setting, "x1 1+1 rest 0.2");
+    assert_null(lw_crossover_analysis_cheapest(&a, LW_CROSSOVER_COIN_RELMSE,
+                                               quarter->mean[LW_CROSSOVER_COIN_RELMSE].value));
+    /* paired: views cost both sides the same share more, so that nothing is left to chance */
+    const struct lw_crossover_ratio ratio =
+        lw_crossover_analysis_compare(cache, svgf, LW_CROSSOVER_COIN_RELMSE);
+    assert_true(fabs(ratio.r1.value - 0.5) < 1e-9 && fabs(ratio.r1.low - 0.5) < 1e-9 &&
+                fabs(ratio.r1.high - 0.5) < 1e-9);
+    assert_true(fabs(ratio.error.value - 0.75) < 1e-9 && fabs(ratio.error.high - 0.75) < 1e-9);
+    /* C1: views 0, 3, 6, 9, which cost 1.45 in the mean; A: all views, 2 * 1.55 */
+    assert_true(fabs(ratio.m.value - (3.2 - 1.45) / 11 / 3.1) < 1e-9);
+    assert_true(ratio.m.low < ratio.m.value && ratio.m.value < ratio.m.high);
+    /* 6 CPU s of start over 60 s of 30 frames */
+    assert_true(fabs(lw_crossover_analysis_session(cache, 60, 1) - (1.45 + 6.0 / 1800)) < 1e-9);
+    assert_true(fabs(lw_crossover_analysis_session(cache, 60, 12) - (3.2 + 6.0 / 1800) / 12) < 1e-9);
+    assert_true(fabs(lw_crossover_analysis_session(svgf, 10, 12) - (3.1 + 0.5 / 300)) < 1e-9);
+    const double at = lw_crossover_analysis_crossing(&a, LW_CROSSOVER_COIN_RELMSE, error);
+    assert_true(at > 0.29 && at < 1.45);
+    lw_crossover_analysis_finish(&a);
+    lw_crossover_store_finish(&store);
+}
+
+static char *report_of(const char *folder) {
+    struct lw_crossover_store store;
+    struct lw_error err = {0};
+    char path[300];
+    size_t size;
+    lw_support_ok(lw_crossover_store_open(&store, folder, true, &err), &err);
+    lw_support_ok(lw_crossover_report_write(&store, &err), &err);
+    lw_crossover_store_finish(&store);
+    snprintf(path, sizeof path, "%s/report.md", folder);
+    return (char *)lw_support_read_file(path, &size);
+}
+
+static void assert_says(const char *report, const char *text) {
+    if (!strstr(report, text)) fail_msg("no \"%s\" in %s", text, report);
+}
+
+static void first_lines_say_the_opponents_own_error(void **state) {
+    (void)state;
+    char *report = report_of(make_row("report", 1));
+    assert_says(report, "* at the error of svgf, relMSE 0.062: r(1) = 0.5");
+    assert_says(
+        report,
+        "* at the error of svgf-quarter, relMSE 0.0155: **not reached**: the best is relMSE 0.0465 at "
+        "x1 1+1 rest 0.2");
+    assert_says(report, "* at the error of svgf, FLIP 0.31: r(1) = 0.5");
+    assert_says(report, "| 0.02 | svgf-quarter, 1 path: 1.55 CPU s | not reached |");
+    assert_says(report, "| cache, x2 1+1 rest 0.2 | 1 | lightwelld has ended |");
+    assert_says(report, "are not judged: 2 5.");
+    assert_null(strstr(report, "void"));
+    free(report);
+}
+
+/* Light that is a second late must err by three times the target: 3 * 0.062 = 0.186. */
+static void a_row_that_does_not_test_motion_is_void(void **state) {
+    (void)state;
+    char *report = report_of(make_row("void", 0.18));
+    assert_says(report, "has relMSE 0.18");
+    assert_says(report, "times the error of svgf (1 path): **void** there");
+    assert_null(strstr(report, "times the error of svgf-quarter"));
+    assert_says(report, "| 0.1 (void) |");
+    assert_says(report, "| 0.02 |");
+    free(report);
+}
+
+static void nothing_measured_is_said(void **state) {
+    (void)state;
+    struct lw_crossover_store store;
+    struct lw_error err = {0};
+    lw_support_ok(lw_crossover_store_open(&store, lw_support_temporary("nothing"), false, &err), &err);
+    lw_support_fails(lw_crossover_report_write(&store, &err), LW_BAD_DATA, &err, "nothing is measured");
+    lw_crossover_store_finish(&store);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(ratios_are_those_of_the_tables),
+                                       cmocka_unit_test(first_lines_say_the_opponents_own_error),
+                                       cmocka_unit_test(a_row_that_does_not_test_motion_is_void),
+                                       cmocka_unit_test(nothing_measured_is_said)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
