@@ -45,8 +45,10 @@ bin=build/release/bin
 programs='lightwelld lightwellctl lightwell-view lightwell-bake lightwell-import lightwell-load'
 missing=$(for program in $programs; do [ -x $bin/$program ] || echo $program; done)
 if [ -z "$missing" ]; then
-    options=$(for program in $programs 'lightwell-load scaling' 'lightwell-load crossover'; do $bin/$program --help; done |
-        grep -oP -- '--[a-z][a-z-]*' | sort -u)
+    options=$({
+        for program in $programs 'lightwell-load scaling' 'lightwell-load crossover'; do $bin/$program --help; done
+        sed -n '/^#/p' scripts/crossover.sh
+    } | grep -oP -- '--[a-z][a-z-]*' | sort -u)
     for document in README.md docs/operations.md docs/baking.md docs/importing.md docs/planning.md; do
         unknown=$(grep -oP -- '(?<![\w-])--[a-z][a-z-]*' $document | sort -u | comm -23 - <(echo "$options") || true)
         if [ -n "$unknown" ]; then complain "$document: no program has ${unknown//$'\n'/, }"; fi

@@ -212,11 +212,11 @@ check_synopsis() {
 # run_for SECONDS COMMAND: a client, ended so long after the server has welcomed it; returns its exit code
 run_for() {
     local pid before
-    before=$(grep -c ' joined$' server.log)
+    before=$(grep -c ' joined' server.log)
     ADDRESS=$address setpriv --pdeathsig TERM bash -c "exec $2" &
     pid=$!
     for ((i = 0; i < limit * 10; i++)); do
-        [ "$(grep -c ' joined$' server.log)" = "$before" ] || break
+        [ "$(grep -c ' joined' server.log)" = "$before" ] || break
         kill -0 $pid 2>/dev/null || break
         sleep 0.1
     done
