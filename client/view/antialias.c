@@ -64,6 +64,7 @@ void lw_antialias_render(struct lw_antialias *a, struct lw_compose *compose,
         struct lw_compose_view one = *view;
         struct lw_compose_report report;
         lw_antialias_offset(k, samples, &one.offset_x, &one.offset_y);
+        one.sample = view->sample + k;
         float *rgb = k == 0 ? out_rgb : a->sample;
         lw_compose_render(compose, source, pose, &one, rgb, &report);
         if (k == 0)
@@ -125,6 +126,7 @@ void lw_antialias_refine(struct lw_antialias *a, struct lw_compose *compose,
     for (uint32_t k = 0; k < samples; k++) {
         struct lw_compose_view one = *view;
         lw_antialias_offset(k, samples, &one.offset_x, &one.offset_y);
+        one.sample = view->sample + 1 + k;
         lw_compose_render_more(compose, &one, a->edge, a->edge_count, a->sample);
         const float factor = k + 1 == samples ? scale : 1;
         for (size_t i = 0; i < a->edge_count; i++)

@@ -1,5 +1,7 @@
 #include "client/view/compose.h"
 
+#include "client/view/direct_pixels.h"
+#include "client/view/place.h"
 #include "common/colour.h"
 #include "common/scene/environment.h"
 #include "common/scene/lightmap.h"
@@ -13,6 +15,9 @@
 #define BLOCK       4u    /* pixels; one packet is BLOCK x BLOCK */
 
 _Static_assert(BLOCK *BLOCK == LW_TRACE_WIDTH, "a packet is one block of pixels");
+_Static_assert(SCREEN_TILE == BLOCK * LW_DIRECT_PIXELS_SIDE,
+               "direct light is worked out for one screen tile");
+_Static_assert(LISTED == LW_DIRECT_PIXELS_BLOCKS * LW_TRACE_WIDTH, "or for as many pixels of a list");
 
 /* A share of light that no 8-bit picture shows. */
 #define TRANSMITTANCE_MIN 1e-4f
@@ -38,6 +43,34 @@ struct object {
     uint32_t level_count;
 };
 
+/* Sixteen pixels on their way through the layers in front of them. */
+struct packet {
+    struct lw_ray16 rays;
+    struct lw_vec3 radiance[LW_TRACE_WIDTH];
+    struct lw_vec3
+        reflects[LW_TRACE_WIDTH]; /* of the layer at hand: radiance that the eye sees, over E there */
+    float base[LW_TRACE_WIDTH];   /* E there, luminance */
+    float transmittance[LW_TRACE_WIDTH];
+    float pixel_size; /* at depth 1 */
+    /* of the layer that reflects most of the tiles' light to the eye: its luminance there, the tile it is from */
+    float reflected[LW_TRACE_WIDTH];
+    uint32_t tile[LW_TRACE_WIDTH];
+};
+
+/* The pixels of a packet. */
+struct places {
+    uint32_t x[LW_TRACE_WIDTH], y[LW_TRACE_WIDTH];
+    uint16_t active; /* the others are not in the picture */
+};
+
+/* A thread's memory where direct light is worked out: of one screen tile, or as many pixels of a list. */
+struct worker {
+    struct lw_direct_tile *tile;
+    struct places at[LW_DIRECT_PIXELS_BLOCKS];
+    struct packet packet[LW_DIRECT_PIXELS_BLOCKS];
+    uint16_t going[LW_DIRECT_PIXELS_BLOCKS];
+};
+
 struct lw_compose {
     const struct lw_scene *scene;
     const struct lw_atlas_map *map;
@@ -58,10 +91,15 @@ struct lw_compose {
     uint64_t pixel_count; /* of the last render */
     bool surveys;         /* a survey shows nothing */
 
+    struct lw_direct_pixels *direct; /* NULL: all light is in the tiles */
+    struct lw_place *place;          /* per object; with direct alone */
+    struct worker *worker;           /* per thread; likewise */
+
     /* this render's */
     const struct lw_pose *pose;
     struct lw_vec3 sky;
     struct lw_vec3 stand_in; /* irradiance where nothing at all has arrived */
+    float mean;              /* irradiance of what has arrived, luminance; 0: nothing */
 };
 
 static struct lw_client_level client_level(const void *context, uint32_t object, uint32_t level) {
@@ -112,6 +150,20 @@ static void lay_out_levels(struct lw_compose *compose) {
     }
 }
 
+static bool init_direct(struct lw_compose *compose, const struct lw_compose_desc *desc) {
+    compose->place = calloc((size_t)desc->scene->object_count + 1, sizeof *compose->place);
+    compose->worker = aligned_alloc(64, (size_t)compose->threads * sizeof *compose->worker);
+    if (!compose->place || !compose->worker) return false;
+    memset(compose->worker, 0, (size_t)compose->threads * sizeof *compose->worker);
+    for (int i = 0; i < compose->threads; i++)
+        if (lw_direct_tile_create(&compose->worker[i].tile) != LW_OK) return false;
+    return lw_direct_pixels_create(&(struct lw_direct_pixels_desc){.scene = desc->scene,
+                                                                   .trace = desc->trace,
+                                                                   .drawn = desc->drawn,
+                                                                   .threads = compose->threads},
+                                   desc->pose, &compose->direct, NULL) == LW_OK;
+}
+
 enum lw_status lw_compose_create(const struct lw_compose_desc *desc, struct lw_compose **out_compose,
                                  struct lw_error *err) {
     const struct lw_atlas_map *map = desc->map;
@@ -139,6 +191,7 @@ enum lw_status lw_compose_create(const struct lw_compose_desc *desc, struct lw_c
         !compose->needed || !compose->around || !compose->shown || !compose->survey)
         goto fail;
     if (!find_coarsest(compose)) goto fail;
+    if (lw_client_lights_any(desc->drawn) && !init_direct(compose, desc)) goto fail;
     lay_out_levels(compose);
     *out_compose = compose;
     return LW_OK;
@@ -149,6 +202,11 @@ fail:
 
 void lw_compose_destroy(struct lw_compose *compose) {
     if (compose == NULL) return;
+    lw_direct_pixels_destroy(compose->direct);
+    for (int i = 0; compose->worker != NULL && i < compose->threads; i++)
+        lw_direct_tile_destroy(compose->worker[i].tile);
+    free(compose->worker);
+    free(compose->place);
     free(compose->shown);
     free(compose->needed);
     free(compose->calm);
@@ -170,7 +228,7 @@ static bool is_light(struct lw_vec3 c) {
 
 /* The average of what has arrived of the objects' coarsest levels; before anything has, light that shows a surface
  * as its albedo. */
-static struct lw_vec3 average_irradiance(const struct lw_compose *compose) {
+static struct lw_vec3 average_irradiance(const struct lw_compose *compose, bool *out_known) {
     double sum[3] = {0}, count = 0;
     for (uint32_t o = 0; o < compose->map->object_count; o++) {
         const struct object *object = &compose->object[o];
@@ -185,8 +243,8 @@ static struct lw_vec3 average_irradiance(const struct lw_compose *compose) {
             count += 1;
         }
     }
-    if (count > 0 && sum[0] + sum[1] + sum[2] > 0)
-        return lw_vec3((float)(sum[0] / count), (float)(sum[1] / count), (float)(sum[2] / count));
+    *out_known = count > 0 && sum[0] + sum[1] + sum[2] > 0;
+    if (*out_known) return lw_vec3((float)(sum[0] / count), (float)(sum[1] / count), (float)(sum[2] / count));
     return lw_vec3(LW_PI, LW_PI, LW_PI);
 }
 
@@ -209,7 +267,9 @@ static void begin(struct lw_compose *compose, const struct lw_compose_source *so
     memset(compose->needed, 0, map->tile_count);
     compose->pose = pose;
     compose->sky = source->sky;
-    compose->stand_in = average_irradiance(compose);
+    bool known;
+    compose->stand_in = average_irradiance(compose, &known);
+    compose->mean = known ? lw_colour_luminance(compose->stand_in) : 0;
 }
 
 /* The texels that a bilinear lookup reads, how it weighs them, and the tiles that hold them. */
@@ -306,7 +366,34 @@ struct patch {
     float grazing;         /* COSINE_MIN of that */
     float texels;          /* of level 0 on twice the triangle */
     unsigned coarsest;     /* no coarser level serves */
+    /* with direct light: */
+    bool flat;                /* all normals are the face's */
+    struct lw_vec3 corner[3]; /* world space, m */
+    struct lw_vec3 face;      /* unit normal */
+    float largest_m;          /* of lw_trace_lift() */
 };
+
+/* Whether corners' normals are the face's, but for rounding. */
+static bool is_flat(const struct lw_mesh *mesh, const uint32_t vertex[3], struct lw_vec3 face) {
+    for (int k = 0; k < 3; k++)
+        if (!(lw_vec3_dot(mesh->normal[vertex[k]], face) > 0.99999f)) return false;
+    return true;
+}
+
+/* What of a triangle the points that light arrives at are made of. */
+static void place_patch(const struct lw_compose *compose, uint32_t o, const struct lw_mesh *mesh,
+                        struct lw_vec3 normal_os, struct patch *out) {
+    const struct lw_place *place = &compose->place[o];
+    const uint32_t *vertex = out->facet.vertex;
+    float largest = 0;
+    out->flat = is_flat(mesh, vertex, lw_vec3_normalize(normal_os));
+    out->face = lw_vec3_normalize(out->normal);
+    for (int k = 0; k < 3; k++) {
+        out->corner[k] = lw_affine_point(&place->to_world, mesh->position[vertex[k]]);
+        largest = fmaxf(largest, lw_vec3_max_abs(mesh->position[vertex[k]]));
+    }
+    out->largest_m = place->growth * largest + place->shift_m;
+}
 
 static void find_patch(const struct lw_compose *compose, uint32_t o, uint32_t triangle, struct patch *out) {
     const uint32_t m = compose->scene->object[o].mesh;
@@ -325,6 +412,7 @@ static void find_patch(const struct lw_compose *compose, uint32_t o, uint32_t tr
         fabsf((uv[1].x - uv[0].x) * (uv[2].y - uv[0].y) - (uv[1].y - uv[0].y) * (uv[2].x - uv[0].x));
     out->coarsest =
         compose->coarsest[m] && lw_vec3_length(normal_os) > 1e-30f ? compose->coarsest[m][triangle] : 0;
+    if (compose->direct) place_patch(compose, o, mesh, normal_os, out);
 }
 
 /* The level of which a texel is as large as the pixel where its ray meets the surface, or smaller.
@@ -372,18 +460,6 @@ struct look {
     struct footprint footprint; /* in that */
 };
 
-/* Sixteen pixels on their way through the layers in front of them. */
-struct packet {
-    struct lw_ray16 rays;
-    struct look look[LW_TRACE_WIDTH];
-    struct lw_vec3 radiance[LW_TRACE_WIDTH];
-    float transmittance[LW_TRACE_WIDTH];
-    float pixel_size; /* at depth 1 */
-    /* of the layer that reflects most to the eye: its luminance there and the tile it is from */
-    float reflected[LW_TRACE_WIDTH];
-    uint32_t tile[LW_TRACE_WIDTH];
-};
-
 /* Finds out what a hit is to be shaded from, and starts to fetch it. */
 static void look_at(const struct lw_compose *compose, struct patches *patches, const struct packet *p,
                     const struct lw_hit16 *hits, unsigned i, struct look *out) {
@@ -427,10 +503,10 @@ static struct lw_vec3 irradiance(struct lw_compose *compose, const struct look *
 }
 
 /* Takes in one hit; true if the ray goes on behind it. */
-static bool shade(struct lw_compose *compose, struct packet *p, const struct lw_hit16 *hits, unsigned i,
-                  bool last) {
-    const struct look *look = &p->look[i];
+static bool shade(struct lw_compose *compose, struct packet *p, const struct look *look,
+                  const struct lw_hit16 *hits, unsigned i, bool last) {
     struct lw_vec3 *radiance = &p->radiance[i];
+    p->reflects[i] = lw_vec3(0, 0, 0);
     if (look->patch == NULL) {
         struct lw_vec3 direction = lw_vec3(p->rays.dir_x[i], p->rays.dir_y[i], p->rays.dir_z[i]);
         struct lw_vec3 outside =
@@ -444,13 +520,15 @@ static bool shade(struct lw_compose *compose, struct packet *p, const struct lw_
     float alpha = 1.0f;
     if (facet->material->alpha_mode == LW_ALPHA_BLEND && !last) alpha = surface.alpha;
     if (alpha > 0) {
-        struct lw_vec3 reflected =
-            lw_vec3_scale(lw_vec3_mul(surface.albedo, irradiance(compose, look)), 1.0f / LW_PI);
+        const struct lw_vec3 e = irradiance(compose, look);
+        struct lw_vec3 reflected = lw_vec3_scale(lw_vec3_mul(surface.albedo, e), 1.0f / LW_PI);
         struct lw_vec3 leaving = lw_vec3_add(reflected, surface.emission);
         const float weight = p->transmittance[i] * alpha, light = weight * lw_colour_luminance(reflected);
         *radiance = lw_vec3_mad(*radiance, leaving, weight);
         if (light > p->reflected[i] && look->object->level_count > 0)
             p->reflected[i] = light, p->tile[i] = look->footprint.tile[0];
+        p->base[i] = lw_colour_luminance(e);
+        p->reflects[i] = lw_vec3_scale(surface.albedo, weight * (1.0f / LW_PI));
         p->transmittance[i] *= 1.0f - alpha;
     }
     if (!(p->transmittance[i] > TRANSMITTANCE_MIN)) return false;
@@ -468,12 +546,6 @@ static void aim_axis(float middle, float right, float up, const float across[16]
 static void fill(float value, float out[16]) {
     for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) out[i] = value;
 }
-
-/* The pixels of a packet. */
-struct places {
-    uint32_t x[LW_TRACE_WIDTH], y[LW_TRACE_WIDTH];
-    uint16_t active; /* the others are not in the picture */
-};
 
 static void aim(struct packet *p, const struct lw_compose_view *view, const struct lw_camera_plane *plane,
                 const struct places *at) {
@@ -513,22 +585,47 @@ static void note_shown(struct lw_compose *compose, const struct packet *p, uint1
     if (sum > 0) __atomic_fetch_add(&compose->shown[tile], sum, __ATOMIC_RELAXED);
 }
 
+/* Takes in the nearest hits of a packet's rays; returns the rays that go on behind them. */
+static uint16_t meet(struct lw_compose *compose, struct packet *p, uint16_t going, bool last,
+                     struct patches *patches, struct look look[LW_TRACE_WIDTH], struct lw_hit16 *hits) {
+    uint16_t go_on = 0;
+    lw_trace_closest16(compose->trace, LW_TRACE_VIEW | LW_TRACE_COHERENT, going, &p->rays, hits);
+    patches->packet++;
+    for (unsigned i = 0; i < LW_TRACE_WIDTH; i++)
+        if (going >> i & 1u) look_at(compose, patches, p, hits, i, &look[i]);
+    for (unsigned i = 0; i < LW_TRACE_WIDTH; i++)
+        if ((going >> i & 1u) && shade(compose, p, &look[i], hits, i, last)) go_on |= (uint16_t)(1u << i);
+    return go_on;
+}
+
+/* All that a packet sees, of light that tiles hold. */
 static void render_packet(struct lw_compose *compose, const struct lw_compose_view *view,
                           const struct lw_camera_plane *plane, const struct places *at,
                           struct patches *patches, struct packet *p) {
+    struct look look[LW_TRACE_WIDTH];
+    struct lw_hit16 hits;
     uint16_t going = at->active;
     aim(p, view, plane, at);
-    for (unsigned layer = 0; going && layer < LW_COMPOSE_LAYERS_MAX; layer++) {
-        struct lw_hit16 hits;
-        uint16_t go_on = 0;
-        lw_trace_closest16(compose->trace, LW_TRACE_VIEW | LW_TRACE_COHERENT, going, &p->rays, &hits);
-        patches->packet++;
-        for (unsigned i = 0; i < LW_TRACE_WIDTH; i++)
-            if (going >> i & 1u) look_at(compose, patches, p, &hits, i, &p->look[i]);
-        for (unsigned i = 0; i < LW_TRACE_WIDTH; i++)
-            if ((going >> i & 1u) && shade(compose, p, &hits, i, layer + 1 == LW_COMPOSE_LAYERS_MAX))
-                go_on |= (uint16_t)(1u << i);
-        going = go_on;
+    for (unsigned layer = 1; going && layer <= LW_COMPOSE_LAYERS_MAX; layer++)
+        going = meet(compose, p, going, layer == LW_COMPOSE_LAYERS_MAX, patches, look, &hits);
+}
+
+static void place_block(const struct lw_compose_view *view, uint32_t x, uint32_t y, struct places *out) {
+    out->active = 0;
+    for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
+        out->x[i] = x + i % BLOCK, out->y[i] = y + i / BLOCK;
+        if (out->x[i] < view->width && out->y[i] < view->height) out->active |= (uint16_t)(1u << i);
+    }
+}
+
+/* Puts a packet into the picture. */
+static void show(struct lw_compose *compose, const struct lw_compose_view *view, const struct packet *p,
+                 const struct places *at, float *out_rgb) {
+    if (!compose->surveys) note_shown(compose, p, at->active);
+    for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
+        if (!(at->active >> i & 1u)) continue;
+        float *pixel = out_rgb + 3 * ((size_t)at->y[i] * view->width + at->x[i]);
+        pixel[0] = p->radiance[i].x, pixel[1] = p->radiance[i].y, pixel[2] = p->radiance[i].z;
     }
 }
 
@@ -536,18 +633,92 @@ static void render_block(struct lw_compose *compose, const struct lw_compose_vie
                          const struct lw_camera_plane *plane, uint32_t x, uint32_t y, struct patches *patches,
                          float *out_rgb) {
     struct packet p;
-    struct places at = {.active = 0};
-    for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
-        at.x[i] = x + i % BLOCK, at.y[i] = y + i / BLOCK;
-        if (at.x[i] < view->width && at.y[i] < view->height) at.active |= (uint16_t)(1u << i);
-    }
+    struct places at;
+    place_block(view, x, y, &at);
     render_packet(compose, view, plane, &at, patches, &p);
-    if (!compose->surveys) note_shown(compose, &p, at.active);
-    for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
-        if (!(at.active >> i & 1u)) continue;
-        float *pixel = out_rgb + 3 * ((size_t)at.y[i] * view->width + at.x[i]);
-        pixel[0] = p.radiance[i].x, pixel[1] = p.radiance[i].y, pixel[2] = p.radiance[i].z;
+    show(compose, view, &p, &at, out_rgb);
+}
+
+/* The point of a surface that a pixel shows, as rays of light start there. */
+static struct lw_place_point point_of(const struct lw_compose *compose, const struct look *look,
+                                      const struct lw_hit16 *hits, unsigned i) {
+    const struct patch *patch = look->patch;
+    const struct lw_mesh *mesh = patch->facet.mesh;
+    if (patch->flat) {
+        const struct lw_vec3 face = lw_vec3_scale(patch->face, hits->back[i] ? -1.0f : 1.0f);
+        struct lw_vec3 at = lw_vec3_scale(patch->corner[0], look->weight[0]);
+        at = lw_vec3_mad(at, patch->corner[1], look->weight[1]);
+        at = lw_vec3_mad(at, patch->corner[2], look->weight[2]);
+        return (struct lw_place_point){lw_trace_lift(at, face, patch->largest_m), face, face};
     }
+    struct lw_surface surface;
+    surface.normal =
+        lw_scene_normal(mesh, patch->triangle, hits->u[i], hits->v[i], &surface.geometric_normal);
+    return lw_place_point(&compose->place[patch->object], mesh, hits, i, &surface);
+}
+
+static void note_points(const struct lw_compose *compose, const struct packet *p, uint16_t going,
+                        const struct look look[LW_TRACE_WIDTH], const struct lw_hit16 *hits,
+                        struct lw_direct_block *out) {
+    struct lw_points16 *at = &out->points;
+    for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
+        if (!(going >> i & 1u) || !look[i].patch) continue;
+        if (!(p->reflects[i].x + p->reflects[i].y + p->reflects[i].z > 0)) continue;
+        const struct lw_place_point point = point_of(compose, &look[i], hits, i);
+        at->x[i] = point.origin.x, at->y[i] = point.origin.y, at->z[i] = point.origin.z;
+        at->nx[i] = point.normal.x, at->ny[i] = point.normal.y, at->nz[i] = point.normal.z;
+        out->base[i] = p->base[i];
+        out->active |= (uint16_t)(1u << i);
+    }
+}
+
+static void add_direct(struct packet *p, const struct lw_direct_block *block) {
+    for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
+        if (!(block->active >> i & 1u)) continue;
+        const struct lw_vec3 e = lw_vec3(block->e[0][i], block->e[1][i], block->e[2][i]);
+        p->radiance[i] = lw_vec3_add(p->radiance[i], lw_vec3_mul(p->reflects[i], e));
+    }
+}
+
+/* The packets at w->at with direct light, layer by layer. */
+static void render_lit(struct lw_compose *compose, const struct lw_compose_view *view,
+                       const struct lw_camera_plane *plane, struct patches *patches, struct worker *w) {
+    struct look look[LW_TRACE_WIDTH];
+    bool any = false;
+    for (uint32_t b = 0; b < LW_DIRECT_PIXELS_BLOCKS; b++) {
+        w->going[b] = w->at[b].active;
+        if (!w->going[b]) continue;
+        aim(&w->packet[b], view, plane, &w->at[b]);
+        any = true;
+    }
+    for (unsigned layer = 1; any && layer <= LW_COMPOSE_LAYERS_MAX; layer++) {
+        any = false;
+        for (uint32_t b = 0; b < LW_DIRECT_PIXELS_BLOCKS; b++) {
+            struct lw_hit16 hits;
+            w->tile->block[b].active = 0;
+            if (!w->going[b]) continue;
+            const uint16_t met = w->going[b];
+            w->going[b] =
+                meet(compose, &w->packet[b], met, layer == LW_COMPOSE_LAYERS_MAX, patches, look, &hits);
+            note_points(compose, &w->packet[b], met, look, &hits, &w->tile->block[b]);
+            any |= w->going[b] != 0;
+        }
+        lw_direct_pixels_light(compose->direct, w->tile);
+        for (uint32_t b = 0; b < LW_DIRECT_PIXELS_BLOCKS; b++) add_direct(&w->packet[b], &w->tile->block[b]);
+    }
+}
+
+static void render_lit_tile(struct lw_compose *compose, const struct lw_compose_view *view,
+                            const struct lw_camera_plane *plane, uint32_t left, uint32_t top,
+                            struct patches *patches, struct worker *w, float *out_rgb) {
+    w->tile->x = left, w->tile->y = top;
+    w->tile->listed = false;
+    for (uint32_t b = 0; b < LW_DIRECT_PIXELS_BLOCKS; b++)
+        place_block(view, left + b % LW_DIRECT_PIXELS_SIDE * BLOCK, top + b / LW_DIRECT_PIXELS_SIDE * BLOCK,
+                    &w->at[b]);
+    render_lit(compose, view, plane, patches, w);
+    for (uint32_t b = 0; b < LW_DIRECT_PIXELS_BLOCKS; b++)
+        if (w->at[b].active) show(compose, view, &w->packet[b], &w->at[b], out_rgb);
 }
 
 static void forget_patches(struct patches *patches) {
@@ -556,8 +727,9 @@ static void forget_patches(struct patches *patches) {
         patches->patch[i].object = LW_TRACE_MISS, patches->patch[i].packet = 0;
 }
 
+/* direct: whether the lights are drawn that the client draws. */
 static void render(struct lw_compose *compose, const struct lw_compose_view *view,
-                   const struct lw_camera_plane *plane, float *out_rgb) {
+                   const struct lw_camera_plane *plane, bool direct, float *out_rgb) {
     uint32_t columns = (view->width + SCREEN_TILE - 1) / SCREEN_TILE;
     uint32_t rows = (view->height + SCREEN_TILE - 1) / SCREEN_TILE;
 #pragma omp parallel for schedule(dynamic) num_threads(compose->threads)
@@ -565,10 +737,29 @@ static void render(struct lw_compose *compose, const struct lw_compose_view *vie
         uint32_t left = t % columns * SCREEN_TILE, top = t / columns * SCREEN_TILE;
         struct patches patches;
         forget_patches(&patches);
+        if (direct) {
+            render_lit_tile(compose, view, plane, left, top, &patches, &compose->worker[omp_get_thread_num()],
+                            out_rgb);
+            continue;
+        }
         for (uint32_t y = top; y < top + SCREEN_TILE && y < view->height; y += BLOCK)
             for (uint32_t x = left; x < left + SCREEN_TILE && x < view->width; x += BLOCK)
                 render_block(compose, view, plane, x, y, &patches, out_rgb);
     }
+}
+
+static void begin_direct(struct lw_compose *compose, uint32_t sample) {
+    for (uint32_t o = 0; o < compose->scene->object_count; o++)
+        compose->place[o] = lw_place_of(&compose->pose->object_to_world[o]);
+    for (int i = 0; i < compose->threads; i++) compose->worker[i].tile->rays = 0;
+    lw_direct_pixels_begin(compose->direct, compose->pose, compose->mean, sample);
+}
+
+/* Of the last picture. */
+static uint64_t count_shadow_rays(const struct lw_compose *compose) {
+    uint64_t rays = 0;
+    for (int i = 0; i < compose->threads; i++) rays += compose->worker[i].tile->rays;
+    return rays;
 }
 
 void lw_compose_render(struct lw_compose *compose, const struct lw_compose_source *source,
@@ -577,33 +768,68 @@ void lw_compose_render(struct lw_compose *compose, const struct lw_compose_sourc
     begin(compose, source, pose);
     memset(compose->shown, 0, compose->map->tile_count * sizeof *compose->shown);
     compose->pixel_count = (uint64_t)view->width * view->height;
+    if (compose->direct) begin_direct(compose, view->sample);
     const struct lw_camera_plane plane = lw_camera_plane(&view->camera, view->width, view->height);
-    render(compose, view, &plane, out_rgb);
+    render(compose, view, &plane, compose->direct != NULL, out_rgb);
     lw_compose_check(compose, source, out_report);
+    if (compose->direct) out_report->shadow_rays = count_shadow_rays(compose);
+}
+
+/* The packet of the pixels of a list from `first` to `end`. */
+static void place_listed(const struct lw_compose_view *view, const uint32_t *pixel, size_t first, size_t end,
+                         struct places *out) {
+    out->active = 0;
+    for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
+        const uint32_t place = pixel[first + i < end ? first + i : end - 1];
+        out->x[i] = place % view->width, out->y[i] = place / view->width;
+        if (first + i < end) out->active |= (uint16_t)(1u << i);
+    }
+}
+
+static void list(const struct packet *p, uint16_t active, float *out_rgb) {
+    for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
+        if (!(active >> i & 1u)) continue;
+        float *pixel = out_rgb + 3 * (size_t)i;
+        pixel[0] = p->radiance[i].x, pixel[1] = p->radiance[i].y, pixel[2] = p->radiance[i].z;
+    }
+}
+
+static void render_lit_list(struct lw_compose *compose, const struct lw_compose_view *view,
+                            const struct lw_camera_plane *plane, const uint32_t *pixel, size_t first,
+                            size_t end, struct patches *patches, struct worker *w, float *out_rgb) {
+    w->tile->x = (uint32_t)first, w->tile->y = UINT32_MAX; /* no place of a screen tile */
+    w->tile->listed = true;
+    for (uint32_t b = 0; b < LW_DIRECT_PIXELS_BLOCKS; b++) {
+        const size_t at = first + b * LW_TRACE_WIDTH;
+        w->at[b].active = 0;
+        if (at < end) place_listed(view, pixel, at, end, &w->at[b]);
+    }
+    render_lit(compose, view, plane, patches, w);
+    for (uint32_t b = 0; b < LW_DIRECT_PIXELS_BLOCKS; b++)
+        if (w->at[b].active) list(&w->packet[b], w->at[b].active, out_rgb + 3 * (first + b * LW_TRACE_WIDTH));
 }
 
 void lw_compose_render_more(struct lw_compose *compose, const struct lw_compose_view *view,
                             const uint32_t *pixel, size_t pixel_count, float *out_rgb) {
     const struct lw_camera_plane plane = lw_camera_plane(&view->camera, view->width, view->height);
     const size_t chunks = (pixel_count + LISTED - 1) / LISTED;
+    if (compose->direct) begin_direct(compose, view->sample);
 #pragma omp parallel for schedule(dynamic) num_threads(compose->threads)
     for (size_t chunk = 0; chunk < chunks; chunk++) {
         struct patches patches;
         forget_patches(&patches);
         const size_t end = (chunk + 1) * LISTED < pixel_count ? (chunk + 1) * LISTED : pixel_count;
+        if (compose->direct) {
+            render_lit_list(compose, view, &plane, pixel, chunk * LISTED, end, &patches,
+                            &compose->worker[omp_get_thread_num()], out_rgb);
+            continue;
+        }
         for (size_t first = chunk * LISTED; first < end; first += LW_TRACE_WIDTH) {
             struct packet p;
-            struct places at = {.active = 0};
-            for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
-                const uint32_t place = pixel[first + i < end ? first + i : end - 1];
-                at.x[i] = place % view->width, at.y[i] = place / view->width;
-                if (first + i < end) at.active |= (uint16_t)(1u << i);
-            }
+            struct places at;
+            place_listed(view, pixel, first, end, &at);
             render_packet(compose, view, &plane, &at, &patches, &p);
-            for (unsigned i = 0; first + i < end && i < LW_TRACE_WIDTH; i++) {
-                float *rgb = out_rgb + 3 * (first + i);
-                rgb[0] = p.radiance[i].x, rgb[1] = p.radiance[i].y, rgb[2] = p.radiance[i].z;
-            }
+            list(&p, at.active, out_rgb + 3 * first);
         }
     }
 }
@@ -628,7 +854,7 @@ void lw_compose_survey(struct lw_compose *compose, const struct lw_compose_sourc
     swap_needed(compose);
     begin(compose, source, pose);
     compose->surveys = true;
-    render(compose, &wide, &plane, compose->survey);
+    render(compose, &wide, &plane, false, compose->survey);
     compose->surveys = false;
     swap_needed(compose);
 }

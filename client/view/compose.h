@@ -1,11 +1,13 @@
 /* compose.h: the picture: one primary ray per pixel, albedo/pi * irradiance + emission at what it meets.
  * Flow:    replica (levels, tiles), trace, pose, camera -> [compose] -> linear radiance; which tiles the view needs
+ *          direct_pixels adds the direct light of the lights that the client draws
  * Threads: one thread at a time per lw_compose; renders on several threads inside. Same inputs, same bytes, at any
  *          number of them. */
 #ifndef LW_CLIENT_VIEW_COMPOSE_H
 #define LW_CLIENT_VIEW_COMPOSE_H
 
 #include "client/view/camera.h"
+#include "common/light/client_lights.h"
 #include "common/tile/atlas.h"
 #include "common/trace/trace.h"
 #include "lightwell/client.h"
@@ -34,6 +36,10 @@ struct lw_compose_desc {
     const struct lw_trace *trace; /* of the same scene; at the pose of each render */
     unsigned threads;             /* 0: all */
     bool unfiltered; /* noisy tiles are read at the level that a pixel needs, too, instead of a coarser one */
+    /* Lights whose direct light is worked out at the pixels, as what is received lacks it (direct_pixels.h). NULL: none. Its
+     * arrays must outlive the composer, not itself. pose: of the scene, for the creation alone; only with drawn lights. */
+    const struct lw_client_lights *drawn;
+    const struct lw_pose *pose;
 };
 
 struct lw_compose;
@@ -47,6 +53,7 @@ struct lw_compose_view {
     struct lw_camera_view camera;
     uint32_t width, height;   /* pixels */
     float offset_x, offset_y; /* where in the pixel its ray goes, from the centre; pixels */
+    uint32_t sample; /* number of the picture among those that are averaged: of the shadow rays' places */
 };
 
 /* A picture that shows less error is good to look at (docs/results/look.md). */
@@ -65,11 +72,12 @@ struct lw_compose_report {
     bool complete;   /* nothing missing or unfinished */
     bool good;       /* and what is shown of the error is at most LW_COMPOSE_GOOD_ERROR; or converged */
     bool converged;  /* and nothing noisy */
+    uint64_t shadow_rays; /* towards drawn lights; of a render alone */
 };
 
 /** Renders a view.
  *
- * pose      object_to_world alone is read
+ * pose      object_to_world alone is read; with drawn lights, they and what is hidden as well
  * out_rgb   width * height * 3 floats, row 0 on top: W/(m^2 sr) per linear-sRGB channel, finite
  * Errors    none: where light has not arrived, coarser light stands in, then the scene's average */
 void lw_compose_render(struct lw_compose *compose, const struct lw_compose_source *source,

@@ -8,8 +8,11 @@
  *   raw      the view's rays in the flat structure, with nothing asked of what they meet: Embree and little else
  *   rays     the same in the structure of this row, as the view traces them
  *   compose  the whole picture; its rate over that of raw: compose_over_raw
+ *   drawn    the whole picture with the direct light of client lights (common/light/client_lights.h); its time over that
+ *            of compose: drawn_over_compose
  *   path     the path tracer, one path per pixel
- * With -o DIR the pictures as EXR, for bench_compare. */
+ * With -o DIR the pictures as EXR, for bench_compare; with --dark no light is in their texels, so that the ones with
+ * client lights are what "lightwell-view --path-trace --show direct" shows. */
 #include "client/view/compose.h"
 #include "client/view/path_trace.h"
 #include "common/clock.h"
@@ -24,15 +27,17 @@
 #include <string.h>
 
 #define ROUNDS_MAX 99
-#define PATH_EVERY 4   /* rounds: paths take so much longer */
-#define BLOCK      4u  /* pixels; the side of a packet */
-#define TILE       32u /* pixels; the side of what a thread takes */
+#define PATH_EVERY 4    /* rounds: paths take so much longer */
+#define BLOCK      4u   /* pixels; the side of a packet */
+#define LIGHT      9.0f /* W/m^2, mean: what shaded stone has in the atrium; the sun is ten times as much */
+#define TILE       32u  /* pixels; the side of what a thread takes */
 
 struct settings {
     struct lw_scene_open open;
     int64_t width, height, rounds, bounces;
     double time_s;
-    const char *folder;
+    const char *folder, *lights;
+    bool dark;
 };
 
 struct scene {
@@ -43,6 +48,7 @@ struct scene {
     struct lw_atlas_map map;
     struct lw_trace *flat;
     struct lw_compose_view view;
+    struct lw_client_lights drawn;
     float *light; /* enough for the largest level; every level reads it */
     float *picture;
 };
@@ -100,11 +106,11 @@ static enum lw_status measure(struct scene *s, const char *name, bool moving, st
     const struct settings *o = s->settings;
     const unsigned threads = (unsigned)s->threads;
     struct lw_trace *trace = NULL;
-    struct lw_compose *compose = NULL;
+    struct lw_compose *compose = NULL, *drawing = NULL;
     struct lw_path_trace *tracer = NULL;
     struct lw_lights lights = {0};
     struct lw_path_film film = {0};
-    double time_s[4][ROUNDS_MAX] = {0};
+    double time_s[5][ROUNDS_MAX] = {0};
     bool *node_moves = s->pose.node_moves, *none = calloc((size_t)s->scene->node_count + 1, sizeof *none);
     if (none == NULL) return LW_NO_MEMORY;
     if (!moving) s->pose.node_moves = none;
@@ -115,6 +121,14 @@ static enum lw_status measure(struct scene *s, const char *name, bool moving, st
         status = lw_compose_create(
             &(struct lw_compose_desc){.scene = s->scene, .map = &s->map, .trace = trace, .threads = threads},
             &compose, err);
+    if (status == LW_OK)
+        status = lw_compose_create(&(struct lw_compose_desc){.scene = s->scene,
+                                                             .map = &s->map,
+                                                             .trace = trace,
+                                                             .threads = threads,
+                                                             .drawn = &s->drawn,
+                                                             .pose = &s->pose},
+                                   &drawing, err);
     if (status == LW_OK) status = lw_lights_init(&lights, s->scene, &s->pose);
     if (status == LW_OK)
         status = lw_path_trace_create(
@@ -123,38 +137,49 @@ static enum lw_status measure(struct scene *s, const char *name, bool moving, st
             &tracer, err);
     if (status == LW_OK) status = lw_path_film_init(&film, s->view.width, s->view.height, err);
 
+    uint64_t shadow_rays = 0;
+    const float *sky = s->scene->sky;
     const struct lw_compose_source source = {
-        .context = s, .level = level, .tile = tile, .sky = {1, 1, 1}, .noise_shown = 1};
+        .context = s, .level = level, .tile = tile, .sky = lw_vec3(sky[0], sky[1], sky[2]), .noise_shown = 1};
     const struct lw_path_view paths = {.camera = s->view.camera, .bounces = (uint32_t)o->bounces};
     for (int64_t i = 0; status == LW_OK && i < o->rounds; i++) { /* by turns: all meet the same machine */
         struct lw_compose_report report;
-        uint64_t at_ns[4] = {lw_clock_process_cpu_ns()};
+        uint64_t at_ns[5] = {lw_clock_process_cpu_ns()};
         trace_all(s, s->flat, LW_TRACE_LIGHT | LW_TRACE_COHERENT);
         at_ns[1] = lw_clock_process_cpu_ns();
         trace_all(s, trace, LW_TRACE_VIEW | LW_TRACE_COHERENT);
         at_ns[2] = lw_clock_process_cpu_ns();
         lw_compose_render(compose, &source, &s->pose, &s->view, s->picture, &report);
         at_ns[3] = lw_clock_process_cpu_ns();
-        for (int k = 0; k < 3; k++) time_s[k][i] = 1e-9 * (double)(at_ns[k + 1] - at_ns[k]);
+        lw_compose_render(drawing, &source, &s->pose, &s->view, s->picture, &report);
+        at_ns[4] = lw_clock_process_cpu_ns();
+        shadow_rays = report.shadow_rays;
+        for (int k = 0; k < 4; k++) time_s[k][i] = 1e-9 * (double)(at_ns[k + 1] - at_ns[k]);
         if (i % PATH_EVERY != 0) continue;
         lw_path_trace_render(tracer, &paths, 1, &film, NULL);
-        time_s[3][i / PATH_EVERY] = 1e-9 * (double)(lw_clock_process_cpu_ns() - at_ns[3]);
+        time_s[4][i / PATH_EVERY] = 1e-9 * (double)(lw_clock_process_cpu_ns() - at_ns[4]);
     }
     if (status == LW_OK) {
-        double over_raw[ROUNDS_MAX];
+        double over_raw[ROUNDS_MAX], over_compose[ROUNDS_MAX];
         const size_t rounds = (size_t)o->rounds;
-        for (size_t i = 0; i < rounds; i++) over_raw[i] = time_s[0][i] / time_s[2][i];
+        for (size_t i = 0; i < rounds; i++) {
+            over_raw[i] = time_s[0][i] / time_s[2][i];
+            over_compose[i] = time_s[3][i] / time_s[2][i];
+        }
         const double raw = bench_median(time_s[0], rounds), rays = bench_median(time_s[1], rounds),
-                     whole = bench_median(time_s[2], rounds),
-                     path = bench_median(time_s[3], (rounds + PATH_EVERY - 1) / PATH_EVERY);
-        printf("| %s | %s | %.1f | %.1f | %.1f | %.2f | %.0f |\n", name, moving ? "moving" : "still",
-               1e3 * raw, 1e3 * rays, 1e3 * whole, bench_median(over_raw, rounds), 1e3 * path);
+                     whole = bench_median(time_s[2], rounds), drawn = bench_median(time_s[3], rounds),
+                     path = bench_median(time_s[4], (rounds + PATH_EVERY - 1) / PATH_EVERY);
+        printf("| %s | %s | %.1f | %.1f | %.1f | %.2f | %.1f | %.2f | %.2f | %.0f |\n", name,
+               moving ? "moving" : "still", 1e3 * raw, 1e3 * rays, 1e3 * whole,
+               bench_median(over_raw, rounds), 1e3 * drawn, bench_median(over_compose, rounds),
+               (double)shadow_rays / ((double)s->view.width * s->view.height), 1e3 * path);
         fflush(stdout);
         status = write_picture(s, name, moving ? "moving" : "still", err);
     }
     lw_path_film_finish(&film);
     lw_path_trace_destroy(tracer);
     lw_lights_finish(&lights);
+    lw_compose_destroy(drawing);
     lw_compose_destroy(compose);
     lw_trace_destroy(trace);
     return status;
@@ -170,7 +195,8 @@ static enum lw_status make_light(struct scene *s) {
     s->picture = malloc((size_t)s->view.width * s->view.height * 3 * sizeof *s->picture);
     if (s->light == NULL || s->picture == NULL) return LW_NO_MEMORY;
     for (size_t i = 0; i < texels * 3; i++)
-        s->light[i] = 0.5f + lw_random_unit(lw_random_hash2(1, (uint32_t)i));
+        s->light[i] =
+            s->settings->dark ? 0 : LIGHT * (0.5f + lw_random_unit(lw_random_hash2(1, (uint32_t)i)));
     return LW_OK;
 }
 
@@ -199,6 +225,7 @@ static enum lw_status set_up(struct scene *s, const char *name, struct lw_error 
         s->view.camera = lw_camera_of_scene(s->scene, &s->pose, 0);
     else
         s->view.camera = lw_camera_default(s->scene, &s->pose, s->flat, (float)o->width / (float)o->height);
+    if (status == LW_OK) status = lw_client_lights_init(&s->drawn, s->scene, &s->pose, o->lights, err);
     return status == LW_OK ? make_light(s) : status;
 }
 
@@ -212,6 +239,7 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
     if (status == LW_OK) status = measure(&s, name, true, err);
     free(s.picture);
     free(s.light);
+    lw_client_lights_finish(&s.drawn);
     lw_trace_destroy(s.flat);
     bench_close(s.scene, &s.pose, &s.map);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "%s: %s", name, lw_status_text(status));
@@ -227,6 +255,9 @@ int main(int argc, char **argv) {
         {"bounces", "N", "of the path tracer (default 2)", LW_OPTION_INT, &s.bounces, 0,
          LW_PATH_TRACE_BOUNCES_MAX, NULL},
         {"time", "SECONDS", "of the animation (default 0)", LW_OPTION_REAL, &s.time_s, 0, 1e9, NULL},
+        {"client-lights", "auto|none|NAMES", "whose direct light is drawn at pixels (default auto)",
+         LW_OPTION_STRING, &s.lights, 0, 0, NULL},
+        {"dark", NULL, "no light in the texels", LW_OPTION_FLAG, &s.dark, 0, 0, NULL},
         {"o", "DIR", "write the pictures there", LW_OPTION_STRING, &s.folder, 0, 0, NULL}};
     return bench_main(
         &(struct bench_program){.name = "bench_compose",
@@ -237,8 +268,8 @@ int main(int argc, char **argv) {
                                 .open = &s.open,
                                 .context = &s,
                                 .heading = "| scene | motion | raw | rays | compose | compose_over_raw | "
-                                           "path |\n"
-                                           "|---|---|---|---|---|---|---|",
+                                           "drawn | drawn_over_compose | shadow rays a pixel | path |\n"
+                                           "|---|---|---|---|---|---|---|---|---|---|",
                                 .run = run},
         argc, argv);
 }

@@ -1,0 +1,875 @@
+#include "client/view/direct_pixels.h"
+
+#include "client/view/emitter_clusters.h"
+#include "common/colour.h"
+#include "common/light/lights16.h"
+#include "common/sampling.h"
+#include "common/wide.h"
+
+#include <float.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define LANES  LW_TRACE_WIDTH
+#define BLOCKS LW_DIRECT_PIXELS_BLOCKS
+#define SIDE   (4u * LW_DIRECT_PIXELS_SIDE) /* pixels of a tile */
+#define KEPT   LW_DIRECT_PIXELS_LIGHTS_MAX
+
+/* Shadow rays of a pixel: the first; SOME where its neighbours' first ones differ; SAMPLES where even those do, in a
+ * penumbra that is too narrow for a mean over neighbours. */
+#define SOME    4u
+#define SAMPLES 8u
+/* Of the light at hand over all that a pixel has by then: from which on a pixel has rays of its own, and SAMPLES of them. */
+#define SHARE_SEEN  0.02f
+#define SHARE_NOISY 0.06f
+/* Sequences of random numbers that blocks choose from. */
+#define VARIANTS 8u
+
+/* Lights that give less than this share of the tile's light together have one shadow ray for all of them; those that
+ * give less than TAIL_MIN, none. */
+#define TAIL_MAX 4e-3f
+#define TAIL_MIN 1e-3f
+
+/* Half the side of the window over which a wide penumbra is averaged, at most, pixels. */
+#define WINDOW 3
+
+/* What draws a light. */
+enum kind { KIND_SUN, KIND_NEAR, KIND_CLUSTER };
+
+/* All lights, structure of arrays, for the choice of those that count. */
+struct candidates {
+    uint32_t count;
+    float *x, *y, *z; /* m */
+    float *radius_m;
+    float *intensity; /* luminance, W/sr, the most in any direction; suns: W/m^2 */
+    float *axis_x, *axis_y, *axis_z, *cos_reach, *sin_reach; /* of a spot; cos_reach -1: all around */
+    uint32_t *index;                                         /* of the scene's light or of the cluster */
+    uint8_t *kind;
+};
+
+struct box {
+    struct lw_vec3 low, high;
+};
+
+struct lw_direct_pixels {
+    struct lw_direct_pixels_desc desc;
+    struct lw_client_lights drawn; /* desc.drawn, by value: its owner may move */
+    struct lw_lights lights;
+    struct lw_emitter_clusters clusters;
+    bool ready; /* lights and clusters are there */
+    bool fresh; /* the latter have not been placed yet */
+    struct candidates candidates;
+    float *memory;           /* of the candidates' numbers */
+    uint32_t capacity;       /* of the candidates */
+    struct lw_affine *place; /* per object: where its emitters were at the last picture */
+    bool *hidden;
+    struct box *box;      /* per mesh, object space */
+    bool *dirty;          /* per cluster: it has to be placed again */
+    float (*emission)[3]; /* per material */
+    bool blends;          /* there are surfaces that let part of the light pass */
+    float white;
+    float point[VARIANTS][SAMPLES][LANES][2];
+    struct lw_vec3 (*sun)[VARIANTS][SAMPLES][LANES]; /* directions; one per candidate that is a sun */
+    uint32_t seed;
+};
+
+/* ---- setting up ---- */
+
+static bool has_blend(const struct lw_scene *scene) {
+    for (uint32_t m = 0; m < scene->material_count; m++)
+        if (scene->material[m].alpha_mode == LW_ALPHA_BLEND) return true;
+    return false;
+}
+
+static void note_materials(struct lw_direct_pixels *d) {
+    for (uint32_t m = 0; m < d->desc.scene->material_count; m++)
+        memcpy(d->emission[m], d->desc.scene->material[m].emission, sizeof d->emission[m]);
+}
+
+static bool materials_differ(const struct lw_direct_pixels *d) {
+    for (uint32_t m = 0; m < d->desc.scene->material_count; m++)
+        if (d->desc.drawn->material[m] &&
+            memcmp(d->emission[m], d->desc.scene->material[m].emission, sizeof d->emission[m]) != 0)
+            return true;
+    return false;
+}
+
+static struct lw_vec3 least(struct lw_vec3 a, struct lw_vec3 b) {
+    return lw_vec3(fminf(a.x, b.x), fminf(a.y, b.y), fminf(a.z, b.z));
+}
+static struct lw_vec3 most(struct lw_vec3 a, struct lw_vec3 b) {
+    return lw_vec3(fmaxf(a.x, b.x), fmaxf(a.y, b.y), fmaxf(a.z, b.z));
+}
+
+static struct box mesh_box(const struct lw_mesh *mesh) {
+    struct box box = {mesh->position[0], mesh->position[0]};
+    for (uint32_t v = 1; v < mesh->vertex_count; v++)
+        box = (struct box){least(box.low, mesh->position[v]), most(box.high, mesh->position[v])};
+    return box;
+}
+
+/* Whether a mesh at a place may come within a distance of a point. */
+static bool is_close(const struct box *box, const struct lw_affine *to_world, struct lw_vec3 point, float m) {
+    struct lw_vec3 low = {INFINITY, INFINITY, INFINITY}, high = {-INFINITY, -INFINITY, -INFINITY};
+    for (int k = 0; k < 8; k++) {
+        const struct lw_vec3 corner = lw_affine_point(to_world, lw_vec3(k & 1 ? box->high.x : box->low.x,
+                                                                        k & 2 ? box->high.y : box->low.y,
+                                                                        k & 4 ? box->high.z : box->low.z));
+        low = least(low, corner), high = most(high, corner);
+    }
+    return point.x >= low.x - m && point.y >= low.y - m && point.z >= low.z - m && point.x <= high.x + m &&
+           point.y <= high.y + m && point.z <= high.z + m;
+}
+
+/* Marks the clusters that an object was or is part of, or close to. */
+static void mark_close(struct lw_direct_pixels *d, uint32_t object, const struct lw_affine *now) {
+    const struct box *box = &d->box[d->desc.scene->object[object].mesh];
+    for (uint32_t i = 0; i < d->clusters.count; i++) {
+        const struct lw_emitter_cluster *c = &d->clusters.cluster[i];
+        const uint32_t own = d->lights.emitter[d->clusters.side[c->first].emitter].object;
+        if (d->dirty[i] || (own != object && !is_close(box, &d->place[object], c->centre, c->reach_m) &&
+                            !is_close(box, now, c->centre, c->reach_m)))
+            continue;
+        d->dirty[i] = true;
+    }
+}
+
+/* Notes where objects are, and places the clusters again for which that matters. */
+static void follow(struct lw_direct_pixels *d, const struct lw_pose *pose, bool all) {
+    bool moved = all;
+    for (uint32_t i = 0; i < d->clusters.count; i++) d->dirty[i] = all;
+    for (uint32_t o = 0; o < d->desc.scene->object_count; o++) {
+        const struct lw_affine *now = &pose->object_to_world[o];
+        if (pose->object_hidden[o] == d->hidden[o] && memcmp(&d->place[o], now, sizeof *now) == 0) continue;
+        if (!all) mark_close(d, o, now);
+        d->place[o] = *now;
+        d->hidden[o] = pose->object_hidden[o];
+        moved = true;
+    }
+    if (!moved) return;
+    lw_lights_set_pose(&d->lights, pose);
+#pragma omp parallel for schedule(dynamic) num_threads(d->desc.threads)
+    for (uint32_t i = 0; i < d->clusters.count; i++)
+        if (d->dirty[i]) lw_emitter_clusters_place(&d->clusters, i, d->desc.trace);
+}
+
+static bool allocate_candidates(struct lw_direct_pixels *d) {
+    struct candidates *c = &d->candidates;
+    enum { PLANES = 10 };
+    const size_t count = (size_t)d->desc.scene->light_count + d->clusters.count + LANES;
+    if (count <= d->capacity) return true;
+    free(d->memory), free(c->index), free(c->kind);
+    d->capacity = 0;
+    d->memory = calloc(count * PLANES, sizeof *d->memory);
+    c->index = calloc(count, sizeof *c->index);
+    c->kind = calloc(count, sizeof *c->kind);
+    if (!d->memory || !c->index || !c->kind) return false;
+    d->capacity = (uint32_t)count;
+    float **plane[PLANES] = {&c->x,      &c->y,      &c->z,      &c->radius_m,  &c->intensity,
+                             &c->axis_x, &c->axis_y, &c->axis_z, &c->cos_reach, &c->sin_reach};
+    for (size_t k = 0; k < PLANES; k++) *plane[k] = d->memory + k * count;
+    return true;
+}
+
+static bool build(struct lw_direct_pixels *d, const struct lw_pose *pose) {
+    lw_emitter_clusters_finish(&d->clusters);
+    lw_lights_finish(&d->lights);
+    const struct lw_lights_part part = lw_client_lights_part(d->desc.drawn, true);
+    d->ready = lw_lights_init_part(&d->lights, d->desc.scene, pose, &part) == LW_OK &&
+               lw_emitter_clusters_init(&d->clusters, &d->lights) == LW_OK && allocate_candidates(d);
+    free(d->dirty);
+    d->dirty = calloc(d->clusters.count + 1ul, sizeof *d->dirty);
+    d->ready = d->ready && d->dirty;
+    if (!d->ready) d->candidates.count = 0;
+    note_materials(d);
+    d->fresh = true;
+    return d->ready;
+}
+
+enum lw_status lw_direct_pixels_create(const struct lw_direct_pixels_desc *desc, const struct lw_pose *pose,
+                                       struct lw_direct_pixels **out_direct, struct lw_error *err) {
+    const struct lw_scene *scene = desc->scene;
+    struct lw_direct_pixels *d = calloc(1, sizeof *d);
+    if (d) {
+        size_t suns = 0;
+        for (uint32_t l = 0; l < scene->light_count; l++)
+            suns += desc->drawn->light[l] && scene->light[l].kind == LW_LIGHT_DIRECTIONAL;
+        d->desc = *desc;
+        d->drawn = *desc->drawn;
+        d->desc.drawn = &d->drawn;
+        d->blends = has_blend(scene);
+        d->place = calloc(scene->object_count + 1ul, sizeof *d->place);
+        d->hidden = calloc(scene->object_count + 1ul, sizeof *d->hidden);
+        d->box = calloc(scene->mesh_count + 1ul, sizeof *d->box);
+        d->emission = calloc(scene->material_count + 1ul, sizeof *d->emission);
+        d->sun = calloc(suns + 1, sizeof *d->sun);
+        for (uint32_t m = 0; d->box && m < scene->mesh_count; m++) d->box[m] = mesh_box(&scene->mesh[m]);
+        if (d->place && d->hidden && d->box && d->emission && d->sun && build(d, pose)) {
+            *out_direct = d;
+            return LW_OK;
+        }
+    }
+    lw_direct_pixels_destroy(d);
+    return lw_status_fail(err, LW_NO_MEMORY, "no memory for the lights of the view");
+}
+
+void lw_direct_pixels_destroy(struct lw_direct_pixels *d) {
+    if (!d) return;
+    lw_emitter_clusters_finish(&d->clusters);
+    lw_lights_finish(&d->lights);
+    free(d->candidates.kind);
+    free(d->candidates.index);
+    free(d->memory);
+    free(d->sun);
+    free(d->emission);
+    free(d->dirty);
+    free(d->box);
+    free(d->hidden);
+    free(d->place);
+    free(d);
+}
+
+/* ---- a picture ---- */
+
+static void add_candidate(struct candidates *c, enum kind kind, uint32_t index, struct lw_vec3 centre,
+                          float radius_m, float intensity) {
+    if (!(intensity > 0 && intensity < INFINITY) || !lw_vec3_is_finite(centre)) return;
+    const uint32_t i = c->count++;
+    c->x[i] = centre.x, c->y[i] = centre.y, c->z[i] = centre.z;
+    c->radius_m[i] = radius_m;
+    c->intensity[i] = intensity;
+    c->axis_x[i] = c->axis_y[i] = c->axis_z[i] = 0;
+    c->cos_reach[i] = -1;
+    c->sin_reach[i] = 0;
+    c->index[i] = index;
+    c->kind[i] = (uint8_t)kind;
+}
+
+static void aim_spot(struct candidates *c, const struct lw_light *light, struct lw_vec3 direction) {
+    const uint32_t i = c->count - 1;
+    c->axis_x[i] = direction.x, c->axis_y[i] = direction.y, c->axis_z[i] = direction.z;
+    c->cos_reach[i] = cosf(light->outer_cone);
+    c->sin_reach[i] = sinf(light->outer_cone);
+}
+
+static void aim_sun(struct lw_direct_pixels *d, uint32_t sun, uint32_t light) {
+    for (uint32_t v = 0; v < VARIANTS; v++)
+        for (uint32_t k = 0; k < SAMPLES; k++)
+            for (uint32_t i = 0; i < LANES; i++)
+                d->sun[sun][v][k][i] = lw_lights_sample_punctual(&d->lights, light, d->point[v][k][i][0],
+                                                                 d->point[v][k][i][1], lw_vec3(0, 0, 0))
+                                           .direction;
+}
+
+/* Suns come first: their candidate's number is that of their directions. */
+static void list_candidates(struct lw_direct_pixels *d, const struct lw_pose *pose) {
+    const struct lw_scene *scene = d->desc.scene;
+    struct candidates *c = &d->candidates;
+    c->count = 0;
+    for (int suns = 1; suns >= 0; suns--) {
+        for (uint32_t l = 0; l < scene->light_count; l++) {
+            const struct lw_light *light = &scene->light[l];
+            const struct lw_light_state *state = &pose->light[l];
+            const bool is_sun = light->kind == LW_LIGHT_DIRECTIONAL;
+            if (!d->desc.drawn->light[l] || is_sun != (suns == 1)) continue;
+            const uint32_t before = c->count;
+            add_candidate(c, is_sun ? KIND_SUN : KIND_NEAR, l, is_sun ? lw_vec3(0, 0, 0) : state->position_ws,
+                          0, lw_colour_luminance(state->intensity));
+            if (c->count == before) continue;
+            if (is_sun) aim_sun(d, before, l);
+            if (light->kind == LW_LIGHT_SPOT) aim_spot(c, light, state->direction_ws);
+        }
+    }
+    for (uint32_t i = 0; i < d->clusters.count; i++) {
+        const struct lw_emitter_cluster *cluster = &d->clusters.cluster[i];
+        add_candidate(c, KIND_CLUSTER, i, cluster->centre, cluster->radius_m, cluster->intensity);
+    }
+}
+
+void lw_direct_pixels_begin(struct lw_direct_pixels *d, const struct lw_pose *pose, float white,
+                            uint32_t sample) {
+    d->white = white > 0 && white < INFINITY ? white : 0;
+    d->seed = lw_random_hash2(sample, 0x5eed);
+    for (uint32_t v = 0; v < VARIANTS; v++)
+        for (uint32_t k = 0; k < SAMPLES; k++)
+            for (uint32_t i = 0; i < LANES; i++)
+                lw_sampling_point(lw_random_hash2(d->seed, v), k, i, d->point[v][k][i]);
+    if (materials_differ(d) || !d->ready) build(d, pose);
+    if (!d->ready) return;
+    follow(d, pose, d->fresh);
+    d->fresh = false;
+    d->lights.punctual = pose->light;
+    list_candidates(d, pose);
+}
+
+/* ---- a tile ---- */
+
+struct chosen {
+    uint32_t candidate;
+    float bound; /* of its E within the tile */
+};
+
+/* Pixels of a tile are numbered block by block: 16 block + lane. */
+struct lw_direct_work {
+    float e[BLOCKS][LANES];               /* of the light at hand, without shadows; times its colour */
+    uint16_t facing[BLOCKS];              /* bit i: e > 0 */
+    uint16_t seen[BLOCKS], noisy[BLOCKS]; /* bit i: e is at least SHARE_SEEN, SHARE_NOISY of all */
+    uint16_t flat[BLOCKS];                /* bit i: pixel i belongs to a quad on one surface */
+    uint8_t lit[BLOCKS * LANES], taken[BLOCKS * LANES]; /* shadow rays */
+    float share[BLOCKS * LANES];
+    uint8_t state[BLOCKS];
+    float
+        part[BLOCKS]
+            [LW_EMITTER_CLUSTERS_POINTS]; /* lw_emitter_clusters_share() of blocks, or of all in the first */
+    uint32_t shared[BLOCKS];              /* the number of the job that has filled it */
+    uint32_t jobs;
+    struct lw_ray16 rays;
+    uint16_t pixel[LANES]; /* of those */
+    uint32_t waiting;
+    float *bound; /* of each candidate */
+    struct chosen *order;
+    uint32_t bound_capacity;
+};
+
+enum lw_status lw_direct_tile_create(struct lw_direct_tile **out_tile) {
+    struct lw_direct_tile *tile = aligned_alloc(64, (sizeof *tile + 63) / 64 * 64);
+    struct lw_direct_work *work = aligned_alloc(64, (sizeof *work + 63) / 64 * 64);
+    if (!tile || !work) {
+        free(work);
+        free(tile);
+        return LW_NO_MEMORY;
+    }
+    memset(tile, 0, sizeof *tile);
+    memset(work, 0, sizeof *work);
+    tile->work = work;
+    *out_tile = tile;
+    return LW_OK;
+}
+
+void lw_direct_tile_destroy(struct lw_direct_tile *tile) {
+    if (!tile) return;
+    free(tile->work->bound);
+    free(tile->work->order);
+    free(tile->work);
+    free(tile);
+}
+
+struct region {
+    struct lw_vec3 low, high, middle;
+    float radius_m;
+};
+
+static bool find_region(const struct lw_direct_tile *tile, struct region *out) {
+    struct lw_vec3 low = {INFINITY, INFINITY, INFINITY}, high = {-INFINITY, -INFINITY, -INFINITY};
+    bool any = false;
+    for (uint32_t b = 0; b < BLOCKS; b++) {
+        const struct lw_direct_block *block = &tile->block[b];
+        for (uint32_t i = 0; block->active && i < LANES; i++) {
+            if (!(block->active >> i & 1u)) continue;
+            const float x = block->points.x[i], y = block->points.y[i], z = block->points.z[i];
+            low = lw_vec3(x < low.x ? x : low.x, y < low.y ? y : low.y, z < low.z ? z : low.z);
+            high = lw_vec3(x > high.x ? x : high.x, y > high.y ? y : high.y, z > high.z ? z : high.z);
+            any = true;
+        }
+    }
+    out->low = low, out->high = high;
+    out->middle = lw_vec3_scale(lw_vec3_add(low, high), 0.5f);
+    out->radius_m = 0.5f * lw_vec3_length(lw_vec3_sub(high, low));
+    return any;
+}
+
+/* The most that each candidate may give within a region; and what the near ones give there, roughly, together. */
+LW_WIDE static void bound_all(const struct candidates *restrict c, uint32_t first, uint32_t count,
+                              struct region at, float *restrict bound, float *restrict typical) {
+    for (uint32_t i = first; i < count; i++) {
+        const float dx = c->x[i] - at.middle.x, dy = c->y[i] - at.middle.y, dz = c->z[i] - at.middle.z;
+        const float bx = fmaxf(0, fmaxf(at.low.x - c->x[i], c->x[i] - at.high.x)),
+                    by = fmaxf(0, fmaxf(at.low.y - c->y[i], c->y[i] - at.high.y)),
+                    bz = fmaxf(0, fmaxf(at.low.z - c->z[i], c->z[i] - at.high.z));
+        const float d2 = dx * dx + dy * dy + dz * dz, apart = sqrtf(bx * bx + by * by + bz * bz);
+        const float beyond = apart - c->radius_m[i],
+                    nearest = beyond > c->radius_m[i] ? beyond : c->radius_m[i];
+        const float near2 = nearest * nearest > 1e-4f ? nearest * nearest : 1e-4f;
+        /* a spot: whether the region's ball lies off its cone. Along the axis and aside: */
+        const float along = -(dx * c->axis_x[i] + dy * c->axis_y[i] + dz * c->axis_z[i]),
+                    aside2 = d2 - along * along, aside = sqrtf(aside2 > 0 ? aside2 : 0);
+        const bool outside = aside * c->cos_reach[i] - along * c->sin_reach[i] > at.radius_m;
+        const bool none = outside & (c->cos_reach[i] > -1);
+        bound[i] = none ? 0 : c->intensity[i] / near2;
+        typical[i] = none ? 0 : c->intensity[i] / (d2 + at.radius_m * at.radius_m + near2);
+    }
+}
+
+static int by_bound(const void *left, const void *right) {
+    const struct chosen *a = left, *b = right;
+    if (a->bound != b->bound) return a->bound > b->bound ? -1 : 1;
+    return a->candidate < b->candidate ? -1 : a->candidate > b->candidate;
+}
+
+/* The lights that count, strongest first; behind them those that share a ray. */
+struct choice {
+    uint32_t kept, count; /* of work->order; those from kept on share */
+    float rest;           /* sum of their bounds */
+};
+
+static struct choice choose(const struct lw_direct_pixels *d, struct lw_direct_work *w,
+                            const struct region *region) {
+    const struct candidates *c = &d->candidates;
+    struct choice choice = {0};
+    if (w->bound_capacity < c->count) {
+        free(w->bound), free(w->order);
+        w->bound = malloc(2ul * c->count * sizeof *w->bound);
+        w->order = malloc(c->count * sizeof *w->order);
+        w->bound_capacity = w->bound && w->order ? c->count : 0;
+        if (!w->bound_capacity) return choice;
+    }
+    float *typical = w->bound + c->count, white = d->white;
+    uint32_t suns = 0;
+    while (suns < c->count && c->kind[suns] == KIND_SUN) w->bound[suns] = c->intensity[suns], suns++;
+    bound_all(c, suns, c->count, *region, w->bound, typical);
+    for (uint32_t i = suns; i < c->count; i++) white += typical[i];
+    for (uint32_t i = 0; i < c->count; i++)
+        if (w->bound[i] > 0) w->order[choice.count++] = (struct chosen){i, w->bound[i]};
+    qsort(w->order, choice.count, sizeof *w->order, by_bound);
+    choice.kept = choice.count;
+    while (choice.kept > KEPT ||
+           (choice.kept > 0 && choice.rest + w->order[choice.kept - 1].bound <= TAIL_MAX * white))
+        choice.rest += w->order[--choice.kept].bound;
+    if (choice.rest <= TAIL_MIN * white) choice.count = choice.kept;
+    return choice;
+}
+
+/* E without shadows of a light at a block's points; returns the bits of those that it reaches. */
+static uint16_t light_block(const struct lw_direct_pixels *d, uint32_t candidate,
+                            const struct lw_direct_block *block, float e[LANES]) {
+    const uint32_t index = d->candidates.index[candidate];
+    if (d->candidates.kind[candidate] == KIND_CLUSTER) {
+        lw_emitter_clusters_light16(&d->clusters.cluster[index], &block->points, e);
+    } else {
+        struct lw_light_sample16 sample;
+        lw_lights_sample_punctual16(&d->lights, index, 0, 0, &block->points, &sample);
+        const struct lw_vec3 i = d->lights.punctual[index].intensity;
+        const float scale = 1 / (i.x + i.y + i.z);
+        for (uint32_t k = 0; k < LANES; k++)
+            e[k] = (sample.e[0][k] + sample.e[1][k] + sample.e[2][k]) * scale;
+    }
+    uint32_t facing = 0;
+    for (uint32_t k = 0; k < LANES; k++) facing |= (e[k] > 0 ? 1u : 0u) << k;
+    return (uint16_t)facing & block->active;
+}
+
+static struct lw_vec3 colour_of(const struct lw_direct_pixels *d, uint32_t candidate) {
+    const uint32_t index = d->candidates.index[candidate];
+    return d->candidates.kind[candidate] == KIND_CLUSTER ? d->clusters.cluster[index].colour
+                                                         : d->lights.punctual[index].intensity;
+}
+
+/* Which quads of 2 x 2 pixels lie on one flat piece of surface. */
+static uint16_t find_flat(const struct lw_direct_block *block) {
+    const struct lw_points16 *p = &block->points;
+    uint16_t flat = 0;
+    for (uint32_t q = 0; q < 4; q++) {
+        const uint32_t first = (q & 1) * 2 + (q >> 1) * 8;
+        const uint16_t quad = (uint16_t)(0x33u << first);
+        bool same = (block->active & quad) == quad;
+        for (uint32_t k = 1; k < 4 && same; k++) {
+            const uint32_t i = first + (k & 1) + (k >> 1) * 4;
+            const float dx = p->x[i] - p->x[first], dy = p->y[i] - p->y[first], dz = p->z[i] - p->z[first];
+            const float nx = p->nx[first], ny = p->ny[first], nz = p->nz[first];
+            const float off = dx * nx + dy * ny + dz * nz;
+            same = nx * p->nx[i] + ny * p->ny[i] + nz * p->nz[i] > 0.97f &&
+                   off * off <= 0.03f * (dx * dx + dy * dy + dz * dz);
+        }
+        if (same) flat |= quad;
+    }
+    return flat;
+}
+
+/* The light at hand, for one tile. */
+struct job {
+    const struct lw_direct_pixels *direct;
+    struct lw_direct_tile *tile;
+    struct lw_direct_work *work;
+    uint32_t candidate;
+    uint32_t seed;
+    bool wide;       /* shadow rays of a pixel may differ */
+    bool far;        /* the tile is small, seen from the light */
+    uint32_t number; /* of this job among those of the tile's memory */
+};
+
+static void flush(struct job *job) {
+    struct lw_direct_work *w = job->work;
+    if (!w->waiting) return;
+    const uint16_t active = (uint16_t)((1u << w->waiting) - 1u);
+    const uint16_t occluded =
+        lw_trace_occluded16(job->direct->desc.trace, LW_TRACE_COHERENT, active, &w->rays);
+    for (uint32_t i = 0; i < w->waiting; i++) w->lit[w->pixel[i]] += !(occluded >> i & 1u);
+    job->tile->rays += w->waiting;
+    w->waiting = 0;
+}
+
+/* Which parts of a cluster a block sees: once for a tile that is small from there. */
+static const float *share_of(struct job *job, uint32_t block, struct lw_vec3 point) {
+    struct lw_direct_work *w = job->work;
+    const uint32_t slot = job->far ? 0 : block;
+    if (w->shared[slot] != job->number) {
+        w->shared[slot] = job->number;
+        const struct lw_direct_pixels *d = job->direct;
+        lw_emitter_clusters_share(&d->clusters.cluster[d->candidates.index[job->candidate]], point,
+                                  w->part[slot]);
+    }
+    return w->part[slot];
+}
+
+/* Puts a pixel's shadow ray number k into the packet. */
+static void shoot(struct job *job, uint32_t pixel, uint32_t k) {
+    struct lw_direct_work *w = job->work;
+    const struct lw_direct_pixels *d = job->direct;
+    const uint32_t block = pixel / LANES, lane = pixel % LANES, index = d->candidates.index[job->candidate];
+    const uint32_t variant = lw_random_hash2(job->seed, block) % VARIANTS;
+    const struct lw_points16 *p = &job->tile->block[block].points;
+    const struct lw_vec3 origin = lw_vec3(p->x[lane], p->y[lane], p->z[lane]);
+    const float *point = d->point[variant][k][lane];
+    struct lw_vec3 way;
+    float end = 0.9999f; /* short of the lamp itself, which would be in its own way */
+    w->taken[pixel]++;
+    switch ((enum kind)d->candidates.kind[job->candidate]) {
+    case KIND_SUN:
+        way = d->sun[job->candidate][variant][k][lane];
+        end = INFINITY;
+        break;
+    case KIND_NEAR:
+        way = lw_vec3_sub(d->lights.punctual[index].position_ws, origin);
+        break;
+    case KIND_CLUSTER:
+    default:
+        if (!lw_emitter_clusters_aim(&d->clusters, &d->clusters.cluster[index], share_of(job, block, origin),
+                                     origin, lw_vec3(p->nx[lane], p->ny[lane], p->nz[lane]), point[0],
+                                     point[1], &way, &end))
+            return;
+        break;
+    }
+    w->pixel[w->waiting] = (uint16_t)pixel;
+    lw_trace_set_ray(&w->rays, w->waiting, origin, way, end);
+    if (++w->waiting == LANES) flush(job);
+}
+
+/* One ray for each flat quad, and for each pixel elsewhere. */
+static void shoot_sparsely(struct job *job) {
+    struct lw_direct_work *w = job->work;
+    for (uint32_t b = 0; b < BLOCKS; b++) {
+        const uint16_t facing = w->facing[b];
+        if (!facing) continue;
+        const uint32_t turn = lw_random_hash2(job->seed, b) >> 8;
+        for (uint32_t q = 0; q < 4; q++) {
+            const uint32_t first = (q & 1) * 2 + (q >> 1) * 8;
+            const uint16_t quad = (uint16_t)(0x33u << first);
+            if ((facing & w->flat[b] & quad) == quad) {
+                const uint32_t k = turn >> 2 * q & 3;
+                shoot(job, b * LANES + first + (k & 1) + (k >> 1) * 4, 0);
+                continue;
+            }
+            for (uint32_t k = 0; k < 4; k++) {
+                const uint32_t i = first + (k & 1) + (k >> 1) * 4;
+                if (facing >> i & 1u) shoot(job, b * LANES + i, 0);
+            }
+        }
+    }
+    flush(job);
+}
+
+/* What the rays of a block have found. */
+enum { DARK = 1, LIT = 2 };
+
+static void judge_blocks(struct lw_direct_work *w) {
+    for (uint32_t b = 0; b < BLOCKS; b++) {
+        w->state[b] = 0;
+        if (!w->facing[b]) continue;
+        for (uint32_t p = b * LANES; p < (b + 1) * LANES; p++)
+            if (w->taken[p]) w->state[b] |= w->lit[p] ? LIT : DARK;
+    }
+}
+
+/* All states of a block and of those around it. */
+static unsigned states_around(const struct lw_direct_work *w, bool listed, uint32_t b) {
+    if (listed) return w->state[b];
+    const int side = (int)LW_DIRECT_PIXELS_SIDE, x = (int)b % side, y = (int)b / side;
+    unsigned states = 0;
+    for (int j = y > 0 ? y - 1 : 0; j <= (y + 1 < side ? y + 1 : y); j++)
+        for (int i = x > 0 ? x - 1 : 0; i <= (x + 1 < side ? x + 1 : x); i++)
+            states |= w->state[j * side + i];
+    return states;
+}
+
+static uint32_t pixel_at(int x, int y) {
+    const uint32_t u = (uint32_t)x, v = (uint32_t)y;
+    return ((v / 4 * LW_DIRECT_PIXELS_SIDE + u / 4) * 16) + v % 4 * 4 + u % 4;
+}
+
+static int column_of(uint32_t pixel) { return (int)(pixel / LANES % LW_DIRECT_PIXELS_SIDE * 4 + pixel % 4); }
+static int row_of(uint32_t pixel) {
+    return (int)(pixel / LANES / LW_DIRECT_PIXELS_SIDE * 4 + pixel % LANES / 4);
+}
+
+static bool is_partial(const struct lw_direct_work *w, uint32_t pixel) {
+    return w->lit[pixel] > 0 && w->lit[pixel] < w->taken[pixel];
+}
+
+/* What the rays of a pixel and of those around it have found. */
+struct around {
+    unsigned states;
+    uint32_t partial, all; /* pixels that have found both; that have any */
+};
+
+static int larger(int a, int b) { return a > b ? a : b; }
+static int smaller(int a, int b) { return a < b ? a : b; }
+
+/* r: half the side of the window */
+static struct around look_around(const struct lw_direct_work *w, uint32_t pixel, int r) {
+    const int x = column_of(pixel), y = row_of(pixel), last = (int)SIDE - 1;
+    struct around a = {0};
+    for (int j = larger(y - r, 0); j <= smaller(y + r, last); j++)
+        for (int i = larger(x - r, 0); i <= smaller(x + r, last); i++) {
+            const uint32_t p = pixel_at(i, j);
+            a.states |= (w->lit[p] ? LIT : 0u) | (w->lit[p] < w->taken[p] ? DARK : 0u);
+            a.partial += is_partial(w, p);
+            a.all += w->taken[p] > 0;
+        }
+    return a;
+}
+
+/* Whether a neighbourhood lies within a penumbra: so many of its pixels have found both light and shadow. The wider the
+ * window, the more of them, as the mean over a bend is no pixel's own. r: half the window's side */
+static bool is_wide(uint32_t partial, uint32_t all, uint32_t r) {
+    return 100 * partial >= (30 + 15 * r) * all;
+}
+
+/* Whether a pixel takes more than `taken` rays. */
+static bool wants_more(const struct lw_direct_work *w, bool listed, uint32_t pixel, uint32_t taken) {
+    if (w->taken[pixel] != taken || !((taken == 1 ? w->seen : w->noisy)[pixel / LANES] >> pixel % LANES & 1))
+        return false;
+    if (listed) return taken == 1; /* of a mixed block */
+    if (taken == 1) return look_around(w, pixel, 2).states == (DARK | LIT);
+    const struct around a = look_around(w, pixel, 1);
+    return a.partial > 0 && !is_wide(a.partial, a.all, 1);
+}
+
+/* Brings pixels of mixed blocks that have `taken` rays, and whose neighbourhood is mixed, to `count`. */
+static void refine(struct job *job, uint32_t taken, uint32_t count) {
+    struct lw_direct_work *w = job->work;
+    uint16_t more[BLOCKS]; /* by the rays of before */
+    for (uint32_t b = 0; b < BLOCKS; b++) {
+        more[b] = 0;
+        if (w->state[b] != (DARK | LIT)) continue;
+        for (uint32_t i = 0; i < LANES; i++)
+            if ((w->facing[b] >> i & 1u) && wants_more(w, job->tile->listed, b * LANES + i, taken))
+                more[b] |= (uint16_t)(1u << i);
+    }
+    for (uint32_t k = taken; k < count; k++) {
+        w->rays.salt = lw_random_hash2(job->seed, k);
+        for (uint32_t b = 0; b < BLOCKS; b++)
+            for (uint32_t i = 0; more[b] && i < LANES; i++)
+                if (more[b] >> i & 1u) shoot(job, b * LANES + i, k);
+        flush(job);
+    }
+}
+
+/* Gives pixels without a ray what their quad's ray has found. */
+static void spread(struct lw_direct_work *w, uint32_t b) {
+    for (uint32_t q = 0; q < 4; q++) {
+        const uint32_t first = b * LANES + (q & 1) * 2 + (q >> 1) * 8;
+        const uint32_t at[4] = {first, first + 1, first + 4, first + 5};
+        float share = 0;
+        for (int k = 0; k < 4; k++)
+            if (w->taken[at[k]]) share = (float)w->lit[at[k]] / (float)w->taken[at[k]];
+        for (int k = 0; k < 4; k++)
+            w->share[at[k]] = w->taken[at[k]] ? (float)w->lit[at[k]] / (float)w->taken[at[k]] : share;
+    }
+}
+
+static bool is_one_surface(const struct lw_direct_tile *tile, uint32_t a, uint32_t b) {
+    const struct lw_points16 *p = &tile->block[a / LANES].points, *q = &tile->block[b / LANES].points;
+    const uint32_t i = a % LANES, j = b % LANES;
+    const float dx = q->x[j] - p->x[i], dy = q->y[j] - p->y[i], dz = q->z[j] - p->z[i];
+    const float off = dx * p->nx[i] + dy * p->ny[i] + dz * p->nz[i];
+    return p->nx[i] * q->nx[j] + p->ny[i] * q->ny[j] + p->nz[i] * q->nz[j] > 0.95f &&
+           off * off <= 0.05f * (dx * dx + dy * dy + dz * dz);
+}
+
+/* The mean over the widest window around a pixel that lies within a penumbra on one surface. */
+static float smooth(const struct job *job, uint32_t pixel) {
+    const struct lw_direct_work *w = job->work;
+    const int x = column_of(pixel), y = row_of(pixel), side = (int)SIDE;
+    float mean = w->share[pixel], sum = mean;
+    uint32_t partial = is_partial(w, pixel), all = 1;
+    for (int r = 1; r <= WINDOW; r++) {
+        for (int j = -r; j <= r; j++)
+            for (int i = -r; i <= r; i += j == -r || j == r ? 1 : 2 * r) {
+                if (x + i < 0 || y + j < 0 || x + i >= side || y + j >= side) continue;
+                const uint32_t p = pixel_at(x + i, y + j);
+                if (!w->taken[p] || !is_one_surface(job->tile, pixel, p)) continue;
+                sum += w->share[p];
+                partial += is_partial(w, p);
+                all++;
+            }
+        if (!is_wide(partial, all, (uint32_t)r)) break;
+        mean = sum / (float)all;
+    }
+    return mean;
+}
+
+static void resolve(const struct job *job) {
+    struct lw_direct_work *w = job->work;
+    const struct lw_vec3 colour = colour_of(job->direct, job->candidate);
+    for (uint32_t b = 0; b < BLOCKS; b++)
+        if (w->facing[b]) spread(w, b);
+    for (uint32_t b = 0; b < BLOCKS; b++) {
+        if (!w->facing[b]) continue;
+        struct lw_direct_block *block = &job->tile->block[b];
+        for (uint32_t i = 0; i < LANES; i++) {
+            if (!(w->facing[b] >> i & 1u)) continue;
+            const uint32_t p = b * LANES + i;
+            const bool alone = job->tile->listed || w->taken[p] < 2;
+            const float share = alone ? w->share[p] : smooth(job, p);
+            const float e = w->e[b][i] * share;
+            block->e[0][i] += e * colour.x, block->e[1][i] += e * colour.y, block->e[2][i] += e * colour.z;
+        }
+    }
+}
+
+static bool has_extent(const struct lw_direct_pixels *d, uint32_t candidate) {
+    switch ((enum kind)d->candidates.kind[candidate]) {
+    case KIND_SUN:
+        return d->desc.scene->light[d->candidates.index[candidate]].angular_diameter > 0;
+    case KIND_NEAR:
+        return false;
+    case KIND_CLUSTER:
+        break;
+    }
+    return true;
+}
+
+/* Whether all of a region sees a light from much the same direction. */
+static bool is_far(const struct candidates *c, uint32_t i, const struct region *region) {
+    const struct lw_vec3 way = lw_vec3_sub(lw_vec3(c->x[i], c->y[i], c->z[i]), region->middle);
+    return lw_vec3_length(way) > 6 * region->radius_m;
+}
+
+/* How much of a block's light is that at hand. */
+static void weigh(struct lw_direct_work *w, uint32_t b, const struct lw_direct_block *block,
+                  float luminance) {
+    uint32_t seen = 0, noisy = 0;
+    for (uint32_t i = 0; w->facing[b] && i < LANES; i++) {
+        const float e = w->e[b][i] * luminance;
+        const float all =
+            block->base[i] + lw_colour_luminance(lw_vec3(block->e[0][i], block->e[1][i], block->e[2][i])) + e;
+        seen |= (e >= SHARE_SEEN * all ? 1u : 0u) << i;
+        noisy |= (e >= SHARE_NOISY * all ? 1u : 0u) << i;
+    }
+    w->seen[b] = (uint16_t)seen & w->facing[b];
+    w->noisy[b] = (uint16_t)noisy & w->facing[b];
+}
+
+static void add_light(const struct lw_direct_pixels *d, struct lw_direct_tile *tile,
+                      const struct region *region, uint32_t candidate) {
+    struct lw_direct_work *w = tile->work;
+    struct job job = {.direct = d,
+                      .tile = tile,
+                      .work = w,
+                      .candidate = candidate,
+                      .number = ++w->jobs,
+                      .far = is_far(&d->candidates, candidate, region),
+                      .seed = lw_random_hash4(d->seed, tile->x, tile->y, candidate),
+                      .wide = d->blends || has_extent(d, candidate)};
+    const struct lw_vec3 colour = colour_of(d, candidate);
+    bool any = false;
+    for (uint32_t b = 0; b < BLOCKS; b++) {
+        w->facing[b] = tile->block[b].active ? light_block(d, candidate, &tile->block[b], w->e[b]) : 0;
+        weigh(w, b, &tile->block[b], lw_colour_luminance(colour));
+        any |= w->facing[b] != 0;
+    }
+    if (!any) return;
+    memset(w->lit, 0, sizeof w->lit);
+    memset(w->taken, 0, sizeof w->taken);
+    w->rays.salt = job.seed;
+    shoot_sparsely(&job);
+    judge_blocks(w);
+    bool mixed[BLOCKS], some = false;
+    for (uint32_t b = 0; b < BLOCKS; b++) {
+        mixed[b] = w->seen[b] && states_around(w, tile->listed, b) == (DARK | LIT);
+        some |= mixed[b];
+    }
+    for (uint32_t b = 0; some && b < BLOCKS; b++) {
+        if (!mixed[b]) continue;
+        for (uint32_t i = 0; i < LANES; i++)
+            if ((w->seen[b] >> i & 1u) && !w->taken[b * LANES + i]) shoot(&job, b * LANES + i, 0);
+        w->state[b] = DARK | LIT;
+    }
+    flush(&job);
+    if (some && job.wide) {
+        refine(&job, 1, SOME);
+        refine(&job, 1, SOME); /* what only these have shown to be close to a penumbra */
+        refine(&job, SOME, SAMPLES);
+    }
+    resolve(&job);
+}
+
+/* One of the weak lights for each block, by what it may give. */
+static void add_rest(const struct lw_direct_pixels *d, struct lw_direct_tile *tile,
+                     const struct choice *choice) {
+    struct lw_direct_work *w = tile->work;
+    for (uint32_t b = 0; b < BLOCKS; b++) {
+        struct lw_direct_block *block = &tile->block[b];
+        if (!block->active) continue;
+        const uint32_t seed = lw_random_hash4(d->seed, tile->x, tile->y, b);
+        float pick = lw_random_unit(seed) * choice->rest;
+        uint32_t at = choice->kept;
+        while (at + 1 < choice->count && pick >= w->order[at].bound) pick -= w->order[at++].bound;
+        struct job job = {.direct = d,
+                          .tile = tile,
+                          .work = w,
+                          .candidate = w->order[at].candidate,
+                          .seed = seed,
+                          .number = ++w->jobs};
+        w->facing[b] = light_block(d, job.candidate, block, w->e[b]);
+        if (!w->facing[b]) continue;
+        const struct lw_vec3 colour =
+            lw_vec3_scale(colour_of(d, job.candidate), choice->rest / w->order[at].bound);
+        memset(w->lit + b * LANES, 0, LANES);
+        w->rays.salt = seed;
+        for (uint32_t i = 0; i < LANES; i++)
+            if (w->facing[b] >> i & 1u) shoot(&job, b * LANES + i, 0);
+        flush(&job);
+        for (uint32_t i = 0; i < LANES; i++) {
+            if (!w->lit[b * LANES + i]) continue;
+            const float e = w->e[b][i];
+            block->e[0][i] += e * colour.x, block->e[1][i] += e * colour.y, block->e[2][i] += e * colour.z;
+        }
+    }
+}
+
+static void clear(struct lw_direct_tile *tile) {
+    for (uint32_t b = 0; b < BLOCKS; b++) memset(tile->block[b].e, 0, sizeof tile->block[b].e);
+}
+
+/* What overflowed is no light. */
+static void clean(struct lw_direct_tile *tile) {
+    for (uint32_t b = 0; b < BLOCKS; b++)
+        for (uint32_t c = 0; c < 3; c++)
+            for (uint32_t i = 0; i < LANES; i++) {
+                float *e = &tile->block[b].e[c][i];
+                *e = *e >= 0 && *e <= FLT_MAX ? *e : 0;
+            }
+}
+
+void lw_direct_pixels_light(const struct lw_direct_pixels *d, struct lw_direct_tile *tile) {
+    struct region region;
+    clear(tile);
+    if (!d->ready || !d->candidates.count || !find_region(tile, &region)) return;
+    const struct choice choice = choose(d, tile->work, &region);
+    for (uint32_t b = 0; b < BLOCKS; b++)
+        tile->work->flat[b] = tile->block[b].active && !tile->listed ? find_flat(&tile->block[b]) : 0;
+    for (uint32_t i = 0; i < choice.kept; i++) add_light(d, tile, &region, tile->work->order[i].candidate);
+    if (choice.count > choice.kept) add_rest(d, tile, &choice);
+    clean(tile);
+}

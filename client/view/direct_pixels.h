@@ -1,0 +1,73 @@
+/* direct_pixels.h: the direct light of chosen lights at the points that pixels see, with as few shadow rays as show no
+ * noise.
+ * Flow:    points of a screen tile, lights at the pose -> [direct_pixels] -> E of each point -> compose
+ * Threads: create, set_pose and begin by one thread; light [any], with a tile for each worker. Same inputs, same bytes.
+ *
+ * Of each light that counts at the tile its E without shadows is computed (lights16.h, emitter_clusters.h), and times
+ * the share of it that shadow rays see. One ray stands for 2 x 2 pixels that lie side by side on one surface. Where rays
+ * of a packet of 4 x 4 pixels or of those around it disagree, each pixel has one; and where those of neighbours
+ * disagree and the light has an extent, up to eight, stratified over the light for a pixel and for 4 x 4 of them. Where
+ * a penumbra is several pixels wide, a pixel is the mean of its neighbours in it. Nothing is kept from picture to
+ * picture. Light that is weak beside what else arrives at a pixel has fewer rays: its noise is not seen. */
+#ifndef LW_CLIENT_VIEW_DIRECT_PIXELS_H
+#define LW_CLIENT_VIEW_DIRECT_PIXELS_H
+
+#include "common/light/client_lights.h"
+#include "common/points16.h"
+#include "common/trace/trace.h"
+
+#define LW_DIRECT_PIXELS_SIDE   8u /* blocks of 4 x 4 pixels along a screen tile's side */
+#define LW_DIRECT_PIXELS_BLOCKS (LW_DIRECT_PIXELS_SIDE * LW_DIRECT_PIXELS_SIDE)
+/* Lights of a tile that have shadow rays of their own; what is beyond them shares a ray a pixel. */
+#define LW_DIRECT_PIXELS_LIGHTS_MAX 24u
+
+struct lw_direct_pixels;
+
+struct lw_direct_pixels_desc {
+    const struct lw_scene *scene;
+    const struct lw_trace *trace; /* of the same scene, at the pose of each picture */
+    const struct lw_client_lights *drawn;
+    int threads; /* for what is worked out for a picture as a whole */
+};
+
+/** Scene, trace and the arrays of `drawn` must outlive it. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_direct_pixels_create(const struct lw_direct_pixels_desc *desc,
+                                                     const struct lw_pose *pose,
+                                                     struct lw_direct_pixels **out_direct,
+                                                     struct lw_error *err);
+void lw_direct_pixels_destroy(struct lw_direct_pixels *direct);
+
+/** Gets ready for a picture: takes over lights, objects and emissive materials as they are now.
+ * pose    must stay until the picture is done
+ * white   mean irradiance of what is seen, luminance, W/m^2: what is less than a thousandth of that may be left out
+ * sample  number of the picture among those that are averaged; each has random numbers of its own
+ * Without memory for materials that have changed it draws no emitters. */
+void lw_direct_pixels_begin(struct lw_direct_pixels *direct, const struct lw_pose *pose, float white,
+                            uint32_t sample);
+
+/** Sixteen pixels, 4 x 4, row by row. */
+struct lw_direct_block {
+    struct lw_points16 points; /* world space, lifted off their surfaces; any finite ones where not active */
+    float base
+        [LW_TRACE_WIDTH]; /* E of other light there, luminance, W/m^2: beside it, weak light may be noisy */
+    float e[3][LW_TRACE_WIDTH]; /* W/m^2; written where active, else 0 */
+    uint16_t active;
+};
+
+/** A screen tile of up to 8 x 8 blocks, row by row, and a worker's scratch memory. */
+struct lw_direct_tile {
+    struct lw_direct_block block[LW_DIRECT_PIXELS_BLOCKS];
+    uint32_t x, y; /* of its first pixel: of the random numbers */
+    bool listed;   /* its blocks are pixels from anywhere, in no order: each is by itself */
+    uint64_t rays; /* shadow rays: added to */
+    struct lw_direct_work *work;
+};
+
+/** Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_direct_tile_create(struct lw_direct_tile **out_tile);
+void lw_direct_tile_destroy(struct lw_direct_tile *tile);
+
+/** Fills e of all blocks. Finite, not negative. */
+void lw_direct_pixels_light(const struct lw_direct_pixels *direct, struct lw_direct_tile *tile);
+
+#endif

@@ -1,0 +1,18 @@
+/* drawn_lights.h: what a client is to draw by itself, as a viewer's composer takes it.
+ * Flow:    client -> [drawn_lights] -> stage, audience -> compose
+ * Threads: those of the client. */
+#ifndef LW_CLIENT_VIEW_DRAWN_LIGHTS_H
+#define LW_CLIENT_VIEW_DRAWN_LIGHTS_H
+
+#include "common/light/client_lights.h"
+#include "lightwell/client.h"
+
+/** Copies lw_client_draws() of a client that has its scene. Nothing to draw: a zeroed one. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_drawn_lights_init(struct lw_client_lights *drawn,
+                                                  const struct lw_client *client);
+
+/** Moves the drawn lights of a pose to where the newest frame has them; whether that changes any. */
+bool lw_drawn_lights_follow(const struct lw_client_lights *drawn, const struct lw_client *client,
+                            struct lw_pose *pose);
+
+#endif
