@@ -26,6 +26,7 @@ static void leave(struct lw_audience *a) {
 
 void lw_audience_finish(struct lw_audience *a) {
     lw_compose_destroy(a->compose);
+    lw_client_lights_finish(&a->drawn);
     lw_trace_destroy(a->trace);
     if (a->scene) lw_pose_finish(&a->pose);
     while (a->count) leave(a); /* the first one, whose scene it is, goes last */
@@ -47,10 +48,14 @@ static enum lw_status set_stage(struct lw_audience *a, struct lw_error *err) {
     a->scene = scene;
     status = lw_trace_create(scene, &a->pose, &a->trace, err);
     if (status != LW_OK) return status;
+    status = lw_drawn_lights_init(&a->drawn, a->user[0].client);
+    if (status != LW_OK) return lw_status_fail(err, status, "no memory for the lights of the view");
     return lw_compose_create(&(struct lw_compose_desc){.scene = scene,
                                                        .map = lw_client_atlas_map(a->user[0].client),
                                                        .trace = a->trace,
                                                        .threads = a->threads,
+                                                       .drawn = &a->drawn,
+                                                       .pose = &a->pose,
                                                        .unfiltered = a->unfiltered},
                              &a->compose, err);
 }
@@ -61,6 +66,7 @@ static enum lw_status join(struct lw_audience *a, struct lw_error *err) {
                                         .port = a->port,
                                         .name = "lightwell-load scaling",
                                         .wants_nothing = !a->wants_everything,
+                                        .draws_direct = a->draws_direct,
                                         .scene_of = a->count ? a->user[0].client : NULL};
     enum lw_status status = lw_client_create(&desc, &user.client, err);
     if (status != LW_OK) return status;
@@ -102,6 +108,7 @@ enum lw_status lw_audience_follow(struct lw_audience *a, struct lw_error *err) {
         moved |= memcmp(&a->pose.object_to_world[o], there, sizeof *there) != 0;
         a->pose.object_to_world[o] = *there;
     }
+    lw_drawn_lights_follow(&a->drawn, a->user[0].client, &a->pose);
     return moved ? lw_trace_set_pose(a->trace, &a->pose, err) : LW_OK;
 }
 

@@ -7,6 +7,7 @@
 
 #include "client/view/attention.h"
 #include "client/view/compose.h"
+#include "client/view/drawn_lights.h"
 
 #define LW_AUDIENCE_LOOK_NS 100000000u /* between two times that a client hears what is looked at */
 
@@ -15,7 +16,9 @@ struct lw_audience {
     uint32_t width, height;
     unsigned threads;
     bool wants_everything; /* nobody says what he looks at */
-    bool unfiltered;       /* noisy tiles are read at full resolution (compose.h) */
+    bool
+        draws_direct; /* users draw the direct light of client lights; set before the first joins. Default: tiles hold it */
+    bool unfiltered; /* noisy tiles are read at full resolution (compose.h) */
     struct lw_audience_user {
         struct lw_client *client;
         struct lw_attention attention;
@@ -28,6 +31,7 @@ struct lw_audience {
     struct lw_pose pose;
     struct lw_trace *trace;
     struct lw_compose *compose;
+    struct lw_client_lights drawn;
 };
 
 /** Nobody is there yet. Finish it in any case. */
@@ -43,8 +47,8 @@ LW_MUST_CHECK enum lw_status lw_audience_set_count(struct lw_audience *audience,
 
 struct lw_client_stats lw_audience_stats(const struct lw_audience *audience, uint32_t user);
 
-/** Moves objects to where the server says they are, by the first client. Errors: LW_NO_MEMORY, LW_INTERNAL.
- * */
+/** Moves objects and drawn lights to where the server says they are, by the first client.
+ * Errors: LW_NO_MEMORY, LW_INTERNAL. */
 LW_MUST_CHECK enum lw_status lw_audience_follow(struct lw_audience *audience, struct lw_error *err);
 
 /** A user forgets what he has looked at, and says what he looks at next as soon as he looks. Errors:

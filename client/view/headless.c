@@ -67,7 +67,8 @@ static enum lw_status connect_to_server(struct headless *h, struct lw_error *err
                                                   .name = "lightwell-view --headless",
                                                   .timeout_ms = limit_ms,
                                                   .cache_folder = h->options->cache_folder,
-                                                  .wants_nothing = true},
+                                                  .wants_nothing = true,
+                                                  .draws_direct = h->options->draws_direct},
                          &h->client, err);
     h->welcomed_ns = lw_clock_ns();
     return status;

@@ -98,6 +98,7 @@ void lw_picture_render(struct lw_picture *picture, struct lw_stage *stage,
     struct lw_compose_view view = {.camera = *camera,
                                    .width = width,
                                    .height = height,
+                                   .sample = picture->samples,
                                    .offset_x = sample_offset(picture->samples, 0.75487767f),
                                    .offset_y = sample_offset(picture->samples, 0.56984029f)};
     size_t count = (size_t)width * height * 3;

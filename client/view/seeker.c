@@ -14,6 +14,7 @@ struct lw_seeker {
     char host[256];
     const char *name, *cache_folder;
     uint16_t port;
+    bool draws_direct;
     bool seeking, under_way;
     unsigned attempt; /* since the link last held */
     uint64_t next_ns;
@@ -31,7 +32,8 @@ static void *attempt(void *argument) {
                                                   .name = seeker->name,
                                                   .timeout_ms = CONNECT_TIMEOUT_MS,
                                                   .cache_folder = seeker->cache_folder,
-                                                  .wants_nothing = true},
+                                                  .wants_nothing = true,
+                                                  .draws_direct = seeker->draws_direct},
                          &client, &err) == LW_OK)
         seeker->client = client;
     atomic_store_explicit(&seeker->done, true, memory_order_release);
@@ -39,13 +41,14 @@ static void *attempt(void *argument) {
 }
 
 enum lw_status lw_seeker_create(const char *host, uint16_t port, const char *name, const char *cache_folder,
-                                struct lw_seeker **out_seeker, struct lw_error *err) {
+                                bool draws_direct, struct lw_seeker **out_seeker, struct lw_error *err) {
     struct lw_seeker *seeker = calloc(1, sizeof *seeker);
     if (seeker == NULL) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the connection");
     snprintf(seeker->host, sizeof seeker->host, "%s", host);
     seeker->port = port;
     seeker->name = name;
     seeker->cache_folder = cache_folder;
+    seeker->draws_direct = draws_direct;
     lw_seeker_reset(seeker);
     *out_seeker = seeker;
     return LW_OK;

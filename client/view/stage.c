@@ -16,10 +16,17 @@ enum lw_status lw_stage_init(struct lw_stage *stage, struct lw_client *client, u
     }
     status = lw_trace_create(stage->scene, &stage->pose, &stage->trace, err);
     if (status != LW_OK) goto fail;
+    status = lw_drawn_lights_init(&stage->drawn, client);
+    if (status != LW_OK) {
+        lw_status_fail(err, status, "no memory for the lights of the view");
+        goto fail;
+    }
     status = lw_compose_create(&(struct lw_compose_desc){.scene = stage->scene,
                                                          .map = lw_client_atlas_map(client),
                                                          .trace = stage->trace,
-                                                         .threads = threads},
+                                                         .threads = threads,
+                                                         .drawn = &stage->drawn,
+                                                         .pose = &stage->pose},
                                &stage->compose, err);
     if (status != LW_OK) goto fail;
     status = lw_attention_init(&stage->attention, lw_client_atlas_map(client)->tile_count);
@@ -36,6 +43,7 @@ fail:
 void lw_stage_finish(struct lw_stage *stage) {
     lw_attention_finish(&stage->attention);
     lw_compose_destroy(stage->compose);
+    lw_client_lights_finish(&stage->drawn);
     lw_trace_destroy(stage->trace);
     if (stage->scene != NULL) lw_pose_finish(&stage->pose);
     *stage = (struct lw_stage){0};
@@ -84,6 +92,7 @@ enum lw_status lw_stage_follow(struct lw_stage *stage, bool *out_moved, struct l
         enum lw_status status = lw_trace_set_pose(stage->trace, &stage->pose, err);
         if (status != LW_OK) return status;
     }
+    moved |= lw_drawn_lights_follow(&stage->drawn, stage->client, &stage->pose);
     *out_moved = moved || stage->changed_frame != stats.changed_frame;
     stage->changed_frame = stats.changed_frame;
     return LW_OK;

@@ -6,6 +6,7 @@
 
 #include "client/view/attention.h"
 #include "client/view/compose.h"
+#include "client/view/drawn_lights.h"
 #include "lightwell/client.h"
 
 struct lw_stage {
@@ -14,7 +15,8 @@ struct lw_stage {
     struct lw_pose pose;
     struct lw_trace *trace;
     struct lw_compose *compose;
-    uint64_t changed_frame; /* of the materials that the last picture had */
+    struct lw_client_lights drawn; /* whose direct light the composer draws, if the client asked for that */
+    uint64_t changed_frame;        /* of the materials that the last picture had */
     struct lw_attention attention;
     uint64_t looked_ns; /* when the client last heard what is looked at */
 };
@@ -27,7 +29,7 @@ LW_MUST_CHECK enum lw_status lw_stage_init(struct lw_stage *stage, struct lw_cli
 void lw_stage_finish(struct lw_stage *stage);
 
 /** Moves objects and cameras to where the client has them now, hides and shows.
- * out_moved   whether an object went anywhere, or materials changed
+ * out_moved   whether an object went anywhere, or materials or lights changed
  * Errors: LW_NO_MEMORY; LW_INTERNAL. */
 LW_MUST_CHECK enum lw_status lw_stage_follow(struct lw_stage *stage, bool *out_moved, struct lw_error *err);
 

@@ -13,7 +13,7 @@
 struct raw {
     const char *address, *camera, *size, *wait, *exposure;
     int64_t samples, bounces, seed, samples_per_pixel;
-    int curve, pixel, part;
+    int curve, pixel, part, direct;
     bool samples_given;
 };
 
@@ -22,6 +22,7 @@ struct raw {
 static const char *const of_every_way[] = {"camera",   "camera-name", "size",    "tonemap",
                                            "exposure", "threads",     "version", NULL};
 static const char *const of_a_server[] = {"headless", "wait", "timeout", "cache", "samples-per-pixel", NULL};
+static const char *const of_viewers[] = {"direct", NULL};    /* --headless and the window */
 static const char *const of_files[] = {"out", "json", NULL}; /* --headless and --path-trace */
 
 static bool is_among(const char *name, const char *const *list) {
@@ -98,13 +99,14 @@ static enum lw_status check_way(const struct lw_view_options *o, const struct lw
     for (size_t i = 0; i < count; i++) {
         const char *name = table[i].name;
         if (!*table[i].given || is_among(name, of_every_way)) continue;
-        const bool served = is_among(name, of_a_server), file = is_among(name, of_files);
+        const bool viewer = is_among(name, of_viewers);
+        const bool served = viewer || is_among(name, of_a_server), file = is_among(name, of_files);
         if (path && served)
             return lw_status_fail(err, LW_USAGE, "--%s is of no use with --path-trace, which asks no server",
                                   name);
         if (!path && !served && !file)
             return lw_status_fail(err, LW_USAGE, "--%s works with --path-trace only", name);
-        if (!path && !o->headless)
+        if (!path && !o->headless && !viewer)
             return lw_status_fail(err, LW_USAGE, "--%s works with --headless%s only", name,
                                   file ? " and --path-trace" : "");
     }
@@ -157,6 +159,7 @@ static enum lw_status interpret(const struct raw *raw, struct lw_view_options *o
     out->path.seed = (uint32_t)raw->seed;
     out->path.pixel = (enum lw_path_pixel)raw->pixel;
     out->path.part = (enum lw_path_part)raw->part;
+    out->draws_direct = raw->direct == 0;
     out->curve = (enum lw_tonemap_curve)raw->curve;
     return status == LW_OK ? check_together(out, raw, err) : status;
 }
@@ -219,6 +222,13 @@ enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_optio
          .help = "Keep scene packages there, so that none is downloaded twice (default: nowhere).",
          .kind = LW_OPTION_STRING,
          .value = &o.cache_folder},
+        {.name = "direct",
+         .argument = LW_VIEW_DIRECT_CHOICES,
+         .help = "Direct light of suns and lamps: drawn here, with sharp shadows, where the server leaves it "
+                 "to viewers "
+                 "(auto, default); or as its tiles have it.",
+         .kind = LW_OPTION_CHOICE,
+         .value = &raw.direct},
         {.name = "out",
          .argument = "FILE",
          .help = "FILE.exr: linear radiance, 32-bit float. FILE.png: tone mapped.",

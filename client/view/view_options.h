@@ -31,6 +31,8 @@ enum lw_view_format { LW_VIEW_NO_FILE, LW_VIEW_EXR, LW_VIEW_PNG };
 #define LW_VIEW_PIXEL_CHOICES "box|centre"          /* in the order of enum lw_path_pixel */
 #define LW_VIEW_PART_CHOICES  "all|direct|indirect" /* in the order of enum lw_path_part */
 
+#define LW_VIEW_DIRECT_CHOICES "auto|tiles"
+
 /** What --path-trace takes. */
 struct lw_view_path {
     struct lw_scene_open open; /* open.path is the scene; NULL: no path tracing */
@@ -61,6 +63,7 @@ struct lw_view_options {
     unsigned threads; /* 0: all */
     double timeout_s;
     const char *cache_folder; /* of scene packages; NULL: none; points into argv */
+    bool draws_direct;        /* the direct light of the server's client lights is drawn here */
     struct lw_view_path path;
 };
 

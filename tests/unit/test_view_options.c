@@ -34,6 +34,23 @@ static void test_defaults(void **state) {
     assert_null(o.path.open.path);
 }
 
+/* A window takes it, and --headless; what asks no server does not. */
+static void test_direct(void **state) {
+    (void)state;
+    struct lw_view_options o;
+    struct lw_error err = {0};
+    lw_support_ok(parse("", &o, &err), &err);
+    assert_true(o.draws_direct);
+    lw_support_ok(parse("--direct tiles", &o, &err), &err);
+    assert_false(o.draws_direct);
+    lw_support_ok(parse("--headless --json --direct auto", &o, &err), &err);
+    assert_true(o.draws_direct);
+    lw_support_fails(parse("--direct none", &o, &err), LW_USAGE, &err, "--direct");
+    err = (struct lw_error){0};
+    lw_support_fails(parse("--path-trace builtin:cornell --json --direct tiles", &o, &err), LW_USAGE, &err,
+                     "--direct");
+}
+
 static void test_addresses(void **state) {
     (void)state;
     struct lw_view_options o;
@@ -209,6 +226,7 @@ static void test_errors_name_the_option(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_defaults),
+        cmocka_unit_test(test_direct),
         cmocka_unit_test(test_addresses),
         cmocka_unit_test(test_a_scene_is_no_server),
         cmocka_unit_test(test_path_trace),
