@@ -245,12 +245,17 @@ LW_WIDE_INLINE void load_run(const struct lw_tiles *tiles, enum lw_light_form fo
         const float *const restrict direct = tiles->direct[c] + from, *const restrict indirect =
                                                                           tiles->indirect[c] + from;
         float *const restrict v = out->p[c] + to;
+        if (split) {
+            const float *const restrict drawn = tiles->drawn[c] + from;
 #pragma omp simd
-        for (uint32_t i = 0; i < n; i++) v[i] = direct[i] + indirect[i];
-        if (!split) continue;
-        const float *const restrict drawn = tiles->drawn[c] + from;
+            for (uint32_t i = 0; i < n; i++) {
+                const float served = direct[i] - drawn[i];
+                v[i] = (served > 0 ? served : 0) + indirect[i];
+            }
+        } else {
 #pragma omp simd
-        for (uint32_t i = 0; i < n; i++) v[i] -= drawn[i];
+            for (uint32_t i = 0; i < n; i++) v[i] = direct[i] + indirect[i];
+        }
     }
     const float *const restrict r = out->p[R] + to, *const restrict g = out->p[G] + to,
                                 *const restrict b = out->p[B] + to,

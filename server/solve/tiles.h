@@ -134,9 +134,12 @@ bool lw_tiles_judge_forms(struct lw_tiles *tiles, unsigned forms, int threads);
 /** Bytes for each texel. */
 size_t lw_tiles_texel_bytes(const struct lw_tiles *tiles);
 
-/** Direct light that the server keeps in both forms: without what is drawn. */
+/** Direct light that the server keeps in both forms: without what is drawn. Never less than none, whatever rounding
+ * says. */
 static inline float lw_tiles_served(const struct lw_tiles *tiles, int c, uint32_t texel) {
-    return tiles->direct[c][texel] - (tiles->drawn[c] ? tiles->drawn[c][texel] : 0);
+    if (!tiles->drawn[c]) return tiles->direct[c][texel];
+    const float served = tiles->direct[c][texel] - tiles->drawn[c][texel];
+    return served > 0 ? served : 0;
 }
 
 /** Direct + indirect light as one form has it, W/m^2: neither filtered nor welded. */
