@@ -20,6 +20,8 @@ struct lw_crossover_options {
     uint32_t paths[LW_CROSSOVER_PATHS_MAX], paths_count; /* per pixel, of opponents that do not filter */
     double density[LW_CROSSOVER_DENSITIES_MAX];          /* times the scene's default; growing */
     uint32_t density_count;
+    bool pixels,
+        tiles; /* the cache's forms: users draw the direct light of client lights; tiles hold all light */
     uint32_t width, height, bounces, seed, repeats, truth_samples;
     uint32_t alone;     /* views of a repeat that a user looks at alone */
     double warm_s;      /* scene time before the first judged frame */

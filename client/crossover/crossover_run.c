@@ -291,6 +291,25 @@ static void plan_paths(const struct lw_crossover_options *o, struct lw_crossover
     }
 }
 
+/* The samples that are tried at a density. */
+static void plan_rungs(struct lw_crossover_plan *plan, uint32_t *count, uint32_t d, double density,
+                       bool draws) {
+    for (size_t r = 0; r < RUNGS && *count < PLANS_MAX; r++) {
+        struct lw_crossover_plan *next = &plan[(*count)++];
+        *next = (struct lw_crossover_plan){.is_cache = true,
+                                           .unit = {.renderer = "cache"},
+                                           .density = d,
+                                           .rung = (uint32_t)r,
+                                           .setting = {.density = density,
+                                                       .draws = draws,
+                                                       .direct_samples = rungs[r].direct,
+                                                       .indirect_samples = rungs[r].indirect,
+                                                       .rest_error = rungs[r].rest}};
+        snprintf(next->unit.setting, sizeof next->unit.setting, "x%g %u+%u rest %g%s", density,
+                 rungs[r].direct, rungs[r].indirect, rungs[r].rest, draws ? "" : " tiles");
+    }
+}
+
 static enum lw_status plan_cache(struct lw_crossover_run *run, struct lw_crossover_plan *plan,
                                  uint32_t *count, struct lw_error *err) {
     const struct lw_crossover_options *o = run->options;
@@ -304,19 +323,8 @@ static enum lw_status plan_cache(struct lw_crossover_run *run, struct lw_crossov
                                    at ? "; " : "", density, 1e-6 * texels);
             continue;
         }
-        for (size_t r = 0; r < RUNGS && *count < PLANS_MAX; r++) {
-            struct lw_crossover_plan *next = &plan[(*count)++];
-            *next = (struct lw_crossover_plan){.is_cache = true,
-                                               .unit = {.renderer = "cache"},
-                                               .density = d,
-                                               .rung = (uint32_t)r,
-                                               .setting = {.density = density,
-                                                           .direct_samples = rungs[r].direct,
-                                                           .indirect_samples = rungs[r].indirect,
-                                                           .rest_error = rungs[r].rest}};
-            snprintf(next->unit.setting, sizeof next->unit.setting, "x%g %u+%u rest %g", density,
-                     rungs[r].direct, rungs[r].indirect, rungs[r].rest);
-        }
+        if (o->pixels) plan_rungs(plan, count, d, density, true);
+        if (o->tiles) plan_rungs(plan, count, d, density, false);
     }
     return note(run, err, "densities left out", "%s", left_out);
 }
@@ -344,7 +352,8 @@ static bool cannot_help(const struct lw_crossover_run *run, const struct lw_cros
                         uint32_t count, const struct lw_crossover_plan *next) {
     for (uint32_t i = 0; next->is_cache && i + next->rung < count && next->rung; i++) {
         const struct lw_crossover_plan *few = &plan[i], *more = &plan[i + next->rung];
-        if (!few->is_cache || few->density >= next->density || few->rung || more->rung != next->rung)
+        if (!few->is_cache || few->density >= next->density || few->rung || more->rung != next->rung ||
+            few->setting.draws != next->setting.draws)
             continue;
         const bool gains = !(error_of(run, &more->unit, LW_CROSSOVER_COIN_RELMSE) >
                              GAIN_MIN * error_of(run, &few->unit, LW_CROSSOVER_COIN_RELMSE)) ||

@@ -61,6 +61,7 @@ static enum lw_status start(struct lw_contender *contender, const struct lw_sett
     if (status == LW_OK)
         lw_audience_init(&c->audience, lw_daemon_child_port(c->daemon), c->desc.width, c->desc.height,
                          c->desc.threads, setting->whole, !c->desc.denoise);
+    c->audience.draws_direct = setting->draws;
     return status;
 }
 

@@ -51,6 +51,7 @@ struct lw_setting {
     double density;   /* cache: lightmap texels per length, times the scene's default */
     uint32_t direct_samples, indirect_samples; /* cache: per texel and frame */
     double rest_error;                         /* cache: at which a tile rests */
+    bool draws; /* cache: users draw the direct light of client lights (client_lights.h) */
     bool whole; /* cache: all of the scene is lit, not what is looked at and what lights it */
 };
 
