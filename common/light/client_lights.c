@@ -202,31 +202,3 @@ void lw_client_lights_write(const struct lw_client_lights *client, uint8_t *out_
     write_bits(client->light, client->light_count, out_light);
     write_bits(client->material, client->material_count, out_material);
 }
-
-static enum lw_status read_bits(const uint8_t *bits, size_t size, uint32_t count, const char *what,
-                                uint8_t *drawn, struct lw_error *err) {
-    if (!size) return LW_OK;
-    if (size != lw_client_lights_bytes(count))
-        return lw_status_fail(err, LW_PROTOCOL, "%zu bytes say which of %u %s clients draw", size, count,
-                              what);
-    if (count % 8 && bits[size - 1] >> count % 8)
-        return lw_status_fail(err, LW_PROTOCOL, "clients are to draw %s that the scene does not have", what);
-    for (uint32_t i = 0; i < count; i++) drawn[i] = bits[i / 8] >> i % 8 & 1;
-    return LW_OK;
-}
-
-enum lw_status lw_client_lights_read(struct lw_client_lights *client, const struct lw_scene *scene,
-                                     const uint8_t *light, size_t light_size, const uint8_t *material,
-                                     size_t material_size, struct lw_error *err) {
-    enum lw_status status = allocate(client, scene, err);
-    if (status == LW_OK)
-        status = read_bits(light, light_size, scene->light_count, "lights", client->light, err);
-    if (status == LW_OK)
-        status =
-            read_bits(material, material_size, scene->material_count, "materials", client->material, err);
-    if (status == LW_OK)
-        count_drawn(client);
-    else
-        lw_client_lights_finish(client);
-    return status;
-}

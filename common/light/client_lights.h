@@ -1,5 +1,5 @@
 /* client_lights.h: the lights whose direct light clients draw at their pixels: "client lights".
- * Flow:    scene, pose, --client-lights -> [client_lights] -> solver, WELCOME; WELCOME -> [client_lights] -> composer
+ * Flow:    scene, pose, --client-lights -> [client_lights] -> solver, WELCOME (client/lib reads it) -> composer
  * Threads: built by one; then [any].
  *
  * Shadows of small sources have edges that belong to the pixel, and cost a shadow ray or a shadow map there.
@@ -52,12 +52,5 @@ static inline size_t lw_client_lights_bytes(uint32_t count) { return (count + 7u
 
 /** out_light, out_material: lw_client_lights_bytes() of the scene's counts; all written. */
 void lw_client_lights_write(const struct lw_client_lights *client, uint8_t *out_light, uint8_t *out_material);
-
-/** Reads them. A size of 0: none of that kind. Errors: LW_PROTOCOL where a size or a bit is of what the scene does
- * not have; LW_NO_MEMORY. *client is zeroed then. */
-LW_MUST_CHECK enum lw_status lw_client_lights_read(struct lw_client_lights *client,
-                                                   const struct lw_scene *scene, const uint8_t *light,
-                                                   size_t light_size, const uint8_t *material,
-                                                   size_t material_size, struct lw_error *err);
 
 #endif
