@@ -207,7 +207,8 @@ struct image {
 static struct image live_picture(void) {
     char live[128];
     struct image image;
-    snprintf(live, sizeof live, "%s --headless --wait complete --timeout %d", address, LIMIT_S);
+    snprintf(live, sizeof live, "%s --headless --wait complete --samples-per-pixel 1 --timeout %d", address,
+             LIMIT_S);
     image.rgb = picture(live, "live.exr", &image.width, &image.height);
     return image;
 }
