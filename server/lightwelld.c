@@ -157,11 +157,12 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "layer for all "
          "(default: what the scene's animation moves)",
          LW_OPTION_STRING, &s->light_groups, 0, 0, NULL},
-        {"client-lights", "NAMES",
+        {"client-lights", "auto|lamps|none|NAMES",
          "lights whose direct light clients draw at their pixels, if they can; all others get it in tiles. "
          "auto: suns, points, "
-         "spots and small emissive surfaces (default). none; or names of lights and emissive materials, "
-         "apart by commas",
+         "spots and small emissive surfaces (default). lamps: without the surfaces. none; or names of lights "
+         "and "
+         "emissive materials, apart by commas",
          LW_OPTION_STRING, &s->client_lights, 0, 0, NULL},
         {"codec", "half|dct",
          "dct: tiles as exact as their noise lets them be (default). half: 16-bit floats, twenty to "
@@ -415,10 +416,12 @@ static enum lw_status follow_clients(struct daemon *d, struct lw_error *err) {
     return status;
 }
 
-/* The forms that clients take, and those that they took a moment ago; while nobody is there, those of before. */
-static uint32_t choose_forms(struct daemon *d) {
+/* The forms that clients take, and those that they took a moment ago; while nobody is there, those of before. A moment
+ * of the clock that the scene goes by: which forms are shown decides what is solved. */
+static uint32_t choose_forms(struct daemon *d, uint64_t frame) {
     const uint32_t taken = lw_server_forms_taken(d->server);
-    const uint64_t now_ns = lw_clock_ns();
+    const uint64_t now_ns =
+        d->settings.clock == CLOCK_REAL ? lw_clock_ns() : 1 + (uint64_t)(1e9 * wall_time(d, frame));
     uint32_t forms = taken;
     for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++) {
         if (taken >> f & 1) d->taken_ns[f] = now_ns;
@@ -454,7 +457,7 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
     const size_t updates = simulate(d, frame, &cost.changes);
     enum lw_status status = follow_clients(d, err);
     const uint32_t forms_before = d->forms;
-    if (status == LW_OK) status = show_forms(d, choose_forms(d), err);
+    if (status == LW_OK) status = show_forms(d, choose_forms(d, frame), err);
     if (status == LW_OK) status = d->solver->ops->frame(d->solver, &d->pose, frame, &solve, err);
     if (status != LW_OK) return status;
     uint64_t cpu_solved = work_cpu_ns(d);

@@ -131,6 +131,9 @@ static enum lw_status choose_named(struct lw_client_lights *client, const struct
     for (const char *at = names;; at++) {
         const size_t length = strcspn(at, ",");
         bool found = false, dark = false;
+        if (!length)
+            return lw_status_fail(err, LW_USAGE, "--client-lights: \"%.100s\" has a name of no letters",
+                                  names);
         for (uint32_t i = 0; i < scene->light_count; i++)
             if (is_called(scene->light[i].name, at, length)) client->light[i] = found = true;
         for (uint32_t m = 0; m < scene->material_count; m++) {

@@ -53,7 +53,10 @@ struct cell_solver {
 /* Of the above, what a checkpoint keeps. */
 struct remembered {
     uint32_t frames, frames_since_move, moves;
+    uint32_t judges_split; /* errors are those of the split form */
 };
+
+static bool judges_split(const struct cell_solver *s) { return s->tiles.judged_spread != s->tiles.spread; }
 
 static bool parts_drawn(const struct cell_solver *s) { return lw_client_lights_any(s->desc.client_lights); }
 
@@ -583,7 +586,7 @@ static uint32_t list_parts(const struct cell_solver *s, struct remembered *remem
 static enum lw_status save(const struct lw_solver *solver, const char *path, const uint8_t key[16],
                            struct lw_error *err) {
     const struct cell_solver *s = (const struct cell_solver *)solver;
-    struct remembered remembered = {s->frames, s->follow.frames_since_move, s->follow.moves};
+    struct remembered remembered = {s->frames, s->follow.frames_since_move, s->follow.moves, judges_split(s)};
     struct lw_checkpoint_part part[PARTS_MAX];
     const uint32_t parts = list_parts(s, &remembered, part);
     return lw_checkpoint_save(path, key, &s->tiles, part, parts, err);
@@ -602,6 +605,11 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
     lw_follow_resume(&s->follow, remembered.moves, remembered.frames_since_move);
     s->forgetful = true;
     for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) s->welds[f].fresh = true;
+    if (remembered.judges_split != judges_split(s)) {
+        const struct lw_passes passes = passes_of(s);
+        lw_tiles_sum_variance(&s->tiles, s->threads);
+        for (uint32_t i = 0; i < s->tiles.count; i++) lw_passes_judge(&passes, &s->tiles.tile[i]);
+    }
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         LW_TILES_EACH_BLOCK (tile, block) {

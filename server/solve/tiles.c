@@ -45,6 +45,11 @@ bool lw_tiles_judge_forms(struct lw_tiles *tiles, unsigned forms, int threads) {
     tiles->judged_spread =
         forms == lw_light_form_bit(LW_LIGHT_FORM_SPLIT) ? tiles->split_spread : tiles->spread;
     if (tiles->judged_spread == before) return false;
+    lw_tiles_sum_variance(tiles, threads);
+    return true;
+}
+
+void lw_tiles_sum_variance(struct lw_tiles *tiles, int threads) {
 #pragma omp parallel for schedule(static) num_threads(threads)
     for (uint32_t t = 0; t < tiles->count; t++) {
         const struct lw_solve_tile *tile = &tiles->tile[t];
@@ -54,7 +59,6 @@ bool lw_tiles_judge_forms(struct lw_tiles *tiles, unsigned forms, int threads) {
                 lw_tiles_block(tile, i % tile->width, i / tile->width)->variance +=
                     (double)tiles->judged_spread[tile->first + i];
     }
-    return true;
 }
 
 size_t lw_tiles_texel_bytes(const struct lw_tiles *tiles) {

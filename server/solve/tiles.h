@@ -131,6 +131,9 @@ LW_MUST_CHECK enum lw_status lw_tiles_part_drawn(struct lw_tiles *tiles);
  * another. Returns whether it is; their errors are those of before until lw_passes_judge(). */
 bool lw_tiles_judge_forms(struct lw_tiles *tiles, unsigned forms, int threads);
 
+/** Sums the variance of all blocks again, from judged_spread. */
+void lw_tiles_sum_variance(struct lw_tiles *tiles, int threads);
+
 /** Bytes for each texel. */
 size_t lw_tiles_texel_bytes(const struct lw_tiles *tiles);
 

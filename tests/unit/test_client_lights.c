@@ -105,6 +105,9 @@ static void names_choose(void **state) {
     assert_int_equal(lw_client_lights_init(&client, s.scene, &s.pose, "nobody", &err), LW_USAGE);
     assert_non_null(strstr(err.text, "nobody"));
     err = (struct lw_error){0};
+    snprintf(names, sizeof names, "%s,", s.scene->light[0].name);
+    assert_int_equal(lw_client_lights_init(&client, s.scene, &s.pose, names, &err), LW_USAGE);
+    err = (struct lw_error){0};
     assert_int_equal(lw_client_lights_init(&client, s.scene, &s.pose, s.scene->material[dark].name, &err),
                      LW_USAGE);
     assert_non_null(strstr(err.text, "does not shine"));

@@ -48,8 +48,9 @@ LW_MUST_CHECK enum lw_status lw_client_create(const struct lw_client_desc *desc,
 void lw_client_destroy(struct lw_client *client);
 
 /** Connects again after lw_client_poll() has failed, and keeps what has arrived: scene, light, what is wanted. A server that
- * still runs sends what has changed since; one that was started again sends its light anew, and what is here stays
- * until that comes. A scene package that was cut short goes on from where it was, if the server is the same.
+ * still runs sends what has changed since; one that was started again sends its light again, and what is here stays
+ * until that comes. Where the server now leaves other lights to clients than before (lw_client_draws()), tiles are
+ * dropped and come again. A scene package that was cut short goes on from where it was, if the server is the same.
  * Versions of tiles go on growing; numbers of frames (lw_client_stats) begin anew with the server. Updates that were not
  * answered never will be, and may have been made or not.
  *
