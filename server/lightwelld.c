@@ -38,7 +38,8 @@
 #define TARGET_ERROR 0.02f
 #define SOLVER_NICE  5  /* behind the loop */
 #define STEP_HZ      30 /* scene time advances by 1/30 s a frame under --clock step */
-/* A form of light that nobody takes any more is kept up for so long, as clients come back after a broken link. */
+/* A form of light that nobody takes any more is kept up for so long, as clients come back after a broken
+ * link. */
 #define FORM_LINGERS_NS 10000000000u
 
 enum clock_kind { CLOCK_REAL, CLOCK_STEP, CLOCK_MANUAL };
@@ -416,8 +417,8 @@ static enum lw_status follow_clients(struct daemon *d, struct lw_error *err) {
     return status;
 }
 
-/* The forms that clients take, and those that they took a moment ago; while nobody is there, those of before. A moment
- * of the clock that the scene goes by: which forms are shown decides what is solved. */
+/* The forms that clients take, and those that they took a moment ago; while nobody is there, those of
+ * before. A moment of the clock that the scene goes by: which forms are shown decides what is solved. */
 static uint32_t choose_forms(struct daemon *d, uint64_t frame) {
     const uint32_t taken = lw_server_forms_taken(d->server);
     const uint64_t now_ns =

@@ -26,8 +26,8 @@ void lw_replica_begin_run(struct lw_replica *replica);
 /** The version of a tile as the present run of the server counts; 0: it is not of this run. */
 uint64_t lw_replica_version_of_run(const struct lw_replica *replica, lw_tile_id tile);
 
-/** Tiles are of this form from now on; what is there of another is forgotten, as light would be missing or there twice. A new
- * replica takes LW_LIGHT_FORM_FULL. */
+/** Tiles are of this form from now on; what is there of another is forgotten, as light would be missing or
+ * there twice. A new replica takes LW_LIGHT_FORM_FULL. */
 void lw_replica_set_form(struct lw_replica *replica, enum lw_light_form form);
 
 /** Takes over transforms, lights, what is hidden, materials and sky. Errors: LW_PROTOCOL for an object, light or material

@@ -1,4 +1,5 @@
-/* scaling.h: lightwell-load scaling SCENE: from how many users on one shared solve is cheaper than a path tracer each.
+/* scaling.h: lightwell-load scaling SCENE: from how many users on one shared solve is cheaper than a path
+ * tracer each.
  * Threads: main() only. */
 #ifndef LW_CLIENT_LOAD_SCALING_H
 #define LW_CLIENT_LOAD_SCALING_H

@@ -5,8 +5,9 @@
 
 #include "client/load/scaling_run.h"
 
-/** Measures all counts of users, as often as the options say, and draws the figures from it. Each repeat has other random
- * numbers and begins with another user. A side that reached no setting leaves a shortfall. Errors: the sides'. */
+/** Measures all counts of users, as often as the options say, and draws the figures from it. Each repeat
+ * has other random numbers and begins with another user. A side that reached no setting leaves a shortfall.
+ * Errors: the sides'. */
 LW_MUST_CHECK enum lw_status lw_scaling_crowd(struct lw_scaling_run *run, struct lw_error *err);
 
 #endif

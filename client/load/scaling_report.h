@@ -1,11 +1,13 @@
-/* scaling_report.h: a measurement as files: report.md, scaling.csv, settings.csv, scaling.json, and plots by gnuplot.
+/* scaling_report.h: a measurement as files: report.md, scaling.csv, settings.csv, scaling.json, and plots
+ * by gnuplot.
  * Threads: main() only. */
 #ifndef LW_CLIENT_LOAD_SCALING_REPORT_H
 #define LW_CLIENT_LOAD_SCALING_REPORT_H
 
 #include "client/load/scaling_measure.h"
 
-/** Makes the folder if it is not there, and looks whether files can be written in it: to be known before the measurement.
+/** Makes the folder if it is not there, and looks whether files can be written in it: to be known before
+ * the measurement.
  * Errors: LW_CANNOT_CREATE naming it. */
 LW_MUST_CHECK enum lw_status lw_scaling_report_prepare(const char *folder, struct lw_error *err);
 

@@ -41,8 +41,8 @@ lw_scaling_run_sequence(struct lw_scaling_run *run, struct lw_contender *contend
                         const struct lw_setting *setting, uint32_t seed, struct lw_cost *out_cost,
                         struct lw_scaling_errors *out_errors, struct lw_error *err);
 
-/** What each eye's path tracer spends on a frame, CPU seconds. frame_of: which picture's frame is traced; those that
- * build on each other are all traced. Errors: the side's. */
+/** What each eye's path tracer spends on a frame, CPU seconds. frame_of: which picture's frame is traced;
+ * those that build on each other are all traced. Errors: the side's. */
 LW_MUST_CHECK enum lw_status lw_scaling_run_trace(struct lw_scaling_run *run, struct lw_contender *contender,
                                                   const struct lw_setting *setting, uint32_t picture,
                                                   uint32_t seed, double out_per_eye_s[LW_SCALING_EYES],

@@ -28,7 +28,8 @@ _Static_assert(LISTED == LW_DIRECT_PIXELS_BLOCKS * LW_TRACE_WIDTH, "or for as ma
 #define SURVEY_MARGIN 1.4f
 #define SURVEY_SIDE   128u
 
-/* A pixel of light, in the sums of what tiles show: whole numbers, so that no order of threads changes them. */
+/* A pixel of light, in the sums of what tiles show: whole numbers, so that no order of threads changes
+ * them. */
 #define PIXEL_LIGHT 256.0f
 
 /* One level of one object, with the pointers of this render. */
@@ -859,8 +860,8 @@ void lw_compose_survey(struct lw_compose *compose, const struct lw_compose_sourc
     swap_needed(compose);
 }
 
-/* What is to be seen of a tile's error: the share that the server's filter leaves, in texels that are means of finer ones
- * where views read it coarser. */
+/* What is to be seen of a tile's error: the share that the server's filter leaves, in texels that are means
+ * of finer ones where views read it coarser. */
 static double shown_error(const struct lw_compose *compose, const struct lw_compose_source *source,
                           uint32_t t, float error) {
     const unsigned calm = compose->unfiltered ? 0 : lw_atlas_calm_level(error, source->noise_shown),

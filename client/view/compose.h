@@ -84,8 +84,8 @@ void lw_compose_render(struct lw_compose *compose, const struct lw_compose_sourc
                        const struct lw_pose *pose, const struct lw_compose_view *view, float *out_rgb,
                        struct lw_compose_report *out_report);
 
-/** Renders listed pixels once more, as the last lw_compose_render() saw pose and light, whose pointers must still be good. What they
- * need is needed, too.
+/** Renders listed pixels once more, as the last lw_compose_render() saw pose and light, whose pointers must
+ * still be good. What they need is needed, too.
  *
  * view      of that render, perhaps with another offset
  * pixel     row * width + column; neighbours next to each other are the quickest

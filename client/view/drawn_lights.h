@@ -7,7 +7,8 @@
 #include "common/light/client_lights.h"
 #include "lightwell/client.h"
 
-/** Copies lw_client_draws() of a client that has its scene. Nothing to draw: a zeroed one. Errors: LW_NO_MEMORY. */
+/** Copies lw_client_draws() of a client that has its scene. Nothing to draw: a zeroed one. Errors:
+ * LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_drawn_lights_init(struct lw_client_lights *drawn,
                                                   const struct lw_client *client);
 

@@ -67,8 +67,8 @@ void lw_path_trace_set_pose(struct lw_path_trace *tracer, const struct lw_pose *
 
 /** The part of a picture that a film holds: from pixel (x, y) on, as wide and high as the film, of
  * width x height pixels. Its samples are those of the same pixels of the whole picture: byte for byte where x
- * and y are multiples of 16 and the part ends at such, too, or with the picture; elsewhere rays travel in other
- * packets, and a hit may round differently. All zero: the film is the whole picture. */
+ * and y are multiples of 16 and the part ends at such, too, or with the picture; elsewhere rays travel in
+ * other packets, and a hit may round differently. All zero: the film is the whole picture. */
 struct lw_path_crop {
     uint32_t x, y, width, height;
 };
@@ -101,8 +101,9 @@ struct lw_path_count {
     uint64_t paths, rays_primary, rays_shadow, rays_bounce;
 };
 
-/** Adds `samples` paths to every pixel of a film, which lies within the whole picture. False: it was cancelled;
- * some pixels of the film have got theirs and others have not, and neither film->samples nor count has changed.
+/** Adds `samples` paths to every pixel of a film, which lies within the whole picture. False: it was
+ * cancelled; some pixels of the film have got theirs and others have not, and neither film->samples nor
+ * count has changed.
  *
  * count   may be NULL; added to
  * Errors  none; a sample that is not finite counts as black

@@ -38,7 +38,8 @@ LW_MUST_CHECK enum lw_status lw_picture_resize(struct lw_picture *picture, uint3
 
 /** Renders one more sample of each pixel, or the first if the view, the light or the size is another.
  * fresh         something changed: start again
- * edge_time_ns  what more samples of the first one's edges may take, about; they come by two or more, or not at all */
+ * edge_time_ns  what more samples of the first one's edges may take, about; they come by two or more, or
+ *               not at all */
 void lw_picture_render(struct lw_picture *picture, struct lw_stage *stage,
                        const struct lw_camera_view *camera, uint32_t width, uint32_t height, bool fresh,
                        uint64_t edge_time_ns);

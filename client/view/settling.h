@@ -22,9 +22,10 @@ struct lw_settling {
     bool started;
 };
 
-/** Takes in an error, and how often what has it was renewed so far. Returns whether the error has not fallen for
- * LW_SETTLING_MIN_NS, for LW_SETTLING_RENEWALS (or LW_SETTLING_MAX_NS), and for as long again as it has taken to fall there:
- * the error of a mean falls to 0.71 in that time, so what has not fallen to 0.9 is held up by what moves. */
+/** Takes in an error, and how often what has it was renewed so far. Returns whether the error has not
+ * fallen for LW_SETTLING_MIN_NS, for LW_SETTLING_RENEWALS (or LW_SETTLING_MAX_NS), and for as long again as
+ * it has taken to fall there: the error of a mean falls to 0.71 in that time, so what has not fallen to 0.9
+ * is held up by what moves. */
 bool lw_settling_note(struct lw_settling *settling, float error, double renewed, uint64_t now_ns);
 
 #endif

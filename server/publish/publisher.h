@@ -23,9 +23,9 @@
  * slivers alone (client/view/compose.c): that has steps twice as wide. */
 #define LW_PUBLISHER_STEP_MIN    0x1p-5f /* 1 % or so: under what is seen, and under the error at rest */
 #define LW_PUBLISHER_STEP_WIDEST 0.1f
-/* Of LW_LIGHT_FORM_SPLIT they are so many times as wide: what clients draw has no error of its own, so that the picture is as
- * far off as with tiles of all light, or less (tests/bench/bench_split.c). Steps that follow each block's share of what is drawn
- * were tried: 1.5 % fewer bits, for 1 dB. */
+/* Of LW_LIGHT_FORM_SPLIT they are so many times as wide: what clients draw has no error of its own, so that
+ * the picture is as far off as with tiles of all light, or less (tests/bench/bench_split.c). Steps that
+ * follow each block's share of what is drawn were tried: 1.5 % fewer bits, for 1 dB. */
 #define LW_PUBLISHER_SPLIT_WIDER 1.25f
 
 static inline float lw_publisher_step(float error, float noise_shown, uint32_t level, float widest) {
@@ -35,8 +35,9 @@ static inline float lw_publisher_step(float error, float noise_shown, uint32_t l
 }
 
 /* White is the E that 99 % of the values of coarse texels are under; what has under this share of it looks black beside it, and
- * the lossy codec keeps its difference, not its ratio. It is a fifth of the hundredth that losses are measured against. White is
- * that of all light in either form: what is drawn over a tile is as bright as what is in it. */
+ * the lossy codec keeps its difference, not its ratio. It is a fifth of the hundredth that losses are
+ * measured against. White is that of all light in either form: what is drawn over a tile is as bright as
+ * what is in it. */
 #define LW_PUBLISHER_WHITE_QUANTILE 0.99
 #define LW_PUBLISHER_DARK_SHARE     (1 / 512.0f)
 
@@ -67,9 +68,10 @@ LW_MUST_CHECK enum lw_status lw_publisher_create(const struct lw_publisher_desc 
                                                  struct lw_publisher **out_publisher);
 void lw_publisher_destroy(struct lw_publisher *publisher);
 
-/** Which forms are published from the next frame on: bit per enum lw_light_form, LW_LIGHT_FORM_FULL alone at first. The solver must
- * show them (solver.h). Of a form that was not published before the next snapshot has every tile in a new version; what is
- * known of one that no longer is, is freed. Errors: LW_NO_MEMORY; then nothing has changed. */
+/** Which forms are published from the next frame on: bit per enum lw_light_form, LW_LIGHT_FORM_FULL alone
+ * at first. The solver must show them (solver.h). Of a form that was not published before the next snapshot
+ * has every tile in a new version; what is known of one that no longer is, is freed. Errors: LW_NO_MEMORY;
+ * then nothing has changed. */
 LW_MUST_CHECK enum lw_status lw_publisher_set_forms(struct lw_publisher *publisher, uint32_t forms);
 
 /** Error of a tile of any level, as it is sent: of the level-0 tiles below it the worst. out_bounces: likewise, the least; may be

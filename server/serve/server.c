@@ -157,7 +157,8 @@ static enum lw_status make_order(const struct lw_atlas_map *map, uint32_t **out_
 
 /* ---- hand-over ---- */
 
-/* Lists what a snapshot changes of a form, in the order in which it goes to those who had all of the one before. */
+/* Lists what a snapshot changes of a form, in the order in which it goes to those who had all of the one
+ * before. */
 static void note_changed(const struct lw_server *server, struct lw_session_form *form,
                          const struct lw_snapshot *after) {
     const struct lw_snapshot *before = form->snapshot;

@@ -320,7 +320,8 @@ static bool is_allowed(struct lw_session *s) {
     return !s->is_paced;
 }
 
-/* Newcomers wait for a snapshot with their form: what there is of it may be of a time when somebody else took it. */
+/* Newcomers wait for a snapshot with their form: what there is of it may be of a time when somebody else
+ * took it. */
 static bool has_current_light(const struct lw_session *s) {
     return s->form->snapshot && (s->frame_sent || s->form->snapshot == s->shared->snapshot);
 }

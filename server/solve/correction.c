@@ -58,8 +58,8 @@ static float changed(float mean, float then, float now) {
     return mean * fmaxf(now, 0) / then;
 }
 
-/* Of one channel: what is drawn and what is not change each by itself. *out_served: by how much the latter is brighter. Returns the same
- * of both. */
+/* Of one channel: what is drawn and what is not change each by itself. *out_served: by how much the latter
+ * is brighter. Returns the same of both. */
 static float add_channel(struct lw_tiles *tiles, uint32_t texel, int c, float off, float off_drawn,
                          float *out_served) {
     float *estimate = &tiles->estimate[LW_TILES_ESTIMATE_DIRECT][c][texel], *mean = &tiles->direct[c][texel];

@@ -17,9 +17,9 @@
 
 #include "server/solve/launch.h"
 
-/** Adds to the direct light of the texels of packet `set` what it was found to differ by, W/m^2, a lane each; off_drawn: of that,
- * what client lights give; NULL: there are none. What the packet has found
- * is then what stays in doubt. */
+/** Adds to the direct light of the texels of packet `set` what it was found to differ by, W/m^2, a lane
+ * each; off_drawn: of that, what client lights give; NULL: there are none. What the packet has found is
+ * then what stays in doubt. */
 void lw_correction_direct(struct lw_tiles *tiles, const struct lw_solve_tile *tile,
                           struct lw_solve_block *block, uint32_t set, const struct lw_launch *launch,
                           const struct lw_vec3 off[LW_TRACE_WIDTH], const struct lw_vec3 *off_drawn);

@@ -1,5 +1,6 @@
 /* denoise.h: an edge-aware filter over what is shown: noise goes, light stays.
- * Flow:    texels -> [pairs]; each frame: tiles (light, variance) that it shows -> [denoise] -> tiles->light, form by form
+ * Flow:    texels -> [pairs]; each frame: tiles (light, variance) that it shows -> [denoise] ->
+ *          tiles->light, form by form
  * Threads: [solver], parallel inside; the same bytes at any thread count.
  * After:   Dammertz et al. 2010 (a-trous wavelets), Schied et al. 2017 (edges of luminance in units of the noise).
  *
@@ -55,8 +56,9 @@ LW_MUST_CHECK enum lw_status lw_denoise_init(struct lw_denoise *denoise, const s
                                              int threads);
 void lw_denoise_finish(struct lw_denoise *denoise);
 
-/** Writes tiles->light, in the forms asked for (light_form.h), of every block shown in frame `frame` and of those beside them, whose shown_frame becomes `frame` too, as
- * does their tiles' solved_frame: direct + indirect light, filtered. Call after the last tile is finished. */
+/** Writes tiles->light, in the forms asked for (light_form.h), of every block shown in frame `frame` and of
+ * those beside them, whose shown_frame becomes `frame` too, as does their tiles' solved_frame: direct +
+ * indirect light, filtered. Call after the last tile is finished. */
 void lw_denoise_run(struct lw_denoise *denoise, uint64_t frame, unsigned forms, int threads);
 
 /** Bytes held, but for the pairs. */

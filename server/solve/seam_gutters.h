@@ -32,8 +32,8 @@ void lw_seam_gutters_finish(struct lw_seam_gutters *gutters);
 /** Bytes held. */
 size_t lw_seam_gutters_memory_bytes(const struct lw_seam_gutters *gutters);
 
-/** Fills them, in the forms asked for (light_form.h), from tiles->light of covered texels in the blocks shown in frame `frame`, which the solved_frame of their tiles
- * becomes. */
+/** Fills them, in the forms asked for (light_form.h), from tiles->light of covered texels in the blocks
+ * shown in frame `frame`, which the solved_frame of their tiles becomes. */
 void lw_seam_gutters_fill(const struct lw_seam_gutters *gutters, struct lw_tiles *tiles, uint64_t frame,
                           unsigned forms, int threads);
 

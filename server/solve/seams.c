@@ -612,7 +612,8 @@ static void weld_form(const struct lw_seams *s, struct lw_seams_light *light, st
     light->fresh = false;
 }
 
-/* What is shown is noted at the end: a form's welding reads what the filter has shown, not what another's has. */
+/* What is shown is noted at the end: a form's welding reads what the filter has shown, not what another's
+ * has. */
 void lw_seams_weld(const struct lw_seams *s, struct lw_seams_light light[LW_LIGHT_FORM_COUNT], unsigned forms,
                    struct lw_tiles *tiles, uint64_t frame, int threads) {
     struct lw_seams_light *last = NULL;

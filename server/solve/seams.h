@@ -60,8 +60,9 @@ void lw_seams_light_finish(struct lw_seams_light *light);
 /** Bytes held. */
 size_t lw_seams_light_memory_bytes(const struct lw_seams_light *light);
 
-/** Welds tiles->light, in the forms asked for (light_form.h; light: by form), around the blocks shown in frame `frame`: covered texels, and gutters beyond seams. shown_frame of all blocks
- * that it writes becomes `frame`, as does their tiles' solved_frame. Gutters are filled after it (lw_seam_gutters_fill). */
+/** Welds tiles->light, in the forms asked for (light_form.h; light: by form), around the blocks shown in
+ * frame `frame`: covered texels, and gutters beyond seams. shown_frame of all blocks that it writes becomes
+ * `frame`, as does their tiles' solved_frame. Gutters are filled after it (lw_seam_gutters_fill). */
 void lw_seams_weld(const struct lw_seams *seams, struct lw_seams_light light[LW_LIGHT_FORM_COUNT],
                    unsigned forms, struct lw_tiles *tiles, uint64_t frame, int threads);
 

@@ -127,8 +127,8 @@ void lw_tiles_finish(struct lw_tiles *tiles);
 /** Makes room for what client lights give, apart. Errors: LW_NO_MEMORY; finish the tiles then. */
 LW_MUST_CHECK enum lw_status lw_tiles_part_drawn(struct lw_tiles *tiles);
 
-/** Chooses judged_spread by the forms that are shown (light_form.h), and sums the variance of blocks again if it is
- * another. Returns whether it is; their errors are those of before until lw_passes_judge(). */
+/** Chooses judged_spread by the forms that are shown (light_form.h), and sums the variance of blocks again
+ * if it is another. Returns whether it is; their errors are those of before until lw_passes_judge(). */
 bool lw_tiles_judge_forms(struct lw_tiles *tiles, unsigned forms, int threads);
 
 /** Sums the variance of all blocks again, from judged_spread. */
@@ -137,8 +137,8 @@ void lw_tiles_sum_variance(struct lw_tiles *tiles, int threads);
 /** Bytes for each texel. */
 size_t lw_tiles_texel_bytes(const struct lw_tiles *tiles);
 
-/** Direct light that the server keeps in both forms: without what is drawn. Never less than none, whatever rounding
- * says. */
+/** Direct light that the server keeps in both forms: without what is drawn. Never less than none, whatever
+ * rounding says. */
 static inline float lw_tiles_served(const struct lw_tiles *tiles, int c, uint32_t texel) {
     if (!tiles->drawn[c]) return tiles->direct[c][texel];
     const float served = tiles->direct[c][texel] - tiles->drawn[c][texel];

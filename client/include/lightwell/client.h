@@ -48,11 +48,12 @@ LW_MUST_CHECK enum lw_status lw_client_create(const struct lw_client_desc *desc,
 void lw_client_destroy(struct lw_client *client);
 
 /** Connects again after lw_client_poll() has failed, and keeps what has arrived: scene, light, what is wanted. A server that
- * still runs sends what has changed since; one that was started again sends its light again, and what is here stays
- * until that comes. Where the server now leaves other lights to clients than before (lw_client_draws()), tiles are
- * dropped and come again. A scene package that was cut short goes on from where it was, if the server is the same.
- * Versions of tiles go on growing; numbers of frames (lw_client_stats) begin anew with the server. Updates that were not
- * answered never will be, and may have been made or not.
+ * still runs sends what has changed since; one that was started again sends its light again, and what is
+ * here stays until that comes. Where the server now leaves other lights to clients than before
+ * (lw_client_draws()), tiles are dropped and come again. A scene package that was cut short goes on from
+ * where it was, if the server is the same. Versions of tiles go on growing; numbers of frames
+ * (lw_client_stats) begin anew with the server. Updates that were not answered never will be, and may have
+ * been made or not.
  *
  * Wait lw_client_backoff_ms() before each attempt; may be called until it succeeds.
  * Errors: as lw_client_create(); LW_BAD_DATA if there is another scene now: for that one, create another client. */
@@ -109,17 +110,19 @@ struct lw_client_light lw_client_get_light(const struct lw_client *client, uint3
  * Errors: none; a material that is not there gives zeros. */
 struct lw_vec3 lw_client_own_emission(const struct lw_client *client, uint32_t material);
 
-/** Whose direct light is the client's to draw: 1 for each light and each material of the scene whose emission it is. */
+/** Whose direct light is the client's to draw: 1 for each light and each material of the scene whose
+ * emission it is. */
 struct lw_client_draws {
     uint32_t light_count, material_count; /* as in the scene */
     const uint8_t *light, *material;
 };
-/** Levels then hold all light but that: add, at each point, the direct light of these lights as the newest frame has them
- * (lw_client_get_light(), the scene's materials), by the equations of proto/wire_format.md, section 6. The same as long as the
- * session lasts; lw_client_reconnect() may bring another list, or none. Valid until that, or lw_client_destroy().
+/** Levels then hold all light but that: add, at each point, the direct light of these lights as the newest
+ * frame has them (lw_client_get_light(), the scene's materials), by the equations of proto/wire_format.md,
+ * section 6. The same as long as the session lasts; lw_client_reconnect() may bring another list, or none.
+ * Valid until that, or lw_client_destroy().
  *
- * NULL: nothing; levels hold all light. So it is without desc.draws_direct, with a server that has no such lights or is older, and
- * before the scene is there. */
+ * NULL: nothing; levels hold all light. So it is without desc.draws_direct, with a server that has no such
+ * lights or is older, and before the scene is there. */
 const struct lw_client_draws *lw_client_draws(const struct lw_client *client);
 
 /** One level of one object's atlas. */
