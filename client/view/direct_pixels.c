@@ -20,6 +20,7 @@
 #define SOME    4u
 #define SAMPLES 8u
 /* Of the light at hand over all that a pixel has by then: from which on a pixel has rays of its own, and SAMPLES of them. */
+#define SHARE_FAINT 0.005f /* from which on 2 x 2 pixels have one */
 #define SHARE_SEEN  0.02f
 #define SHARE_NOISY 0.06f
 /* Sequences of random numbers that blocks choose from. */
@@ -311,13 +312,16 @@ struct chosen {
 
 /* Pixels of a tile are numbered block by block: 16 block + lane. */
 struct lw_direct_work {
-    float e[BLOCKS][LANES];               /* of the light at hand, without shadows; times its colour */
-    uint16_t facing[BLOCKS];              /* bit i: e > 0 */
-    uint16_t seen[BLOCKS], noisy[BLOCKS]; /* bit i: e is at least SHARE_SEEN, SHARE_NOISY of all */
-    uint16_t flat[BLOCKS];                /* bit i: pixel i belongs to a quad on one surface */
+    float e[BLOCKS][LANES];  /* of the light at hand, without shadows; times its colour */
+    uint16_t facing[BLOCKS]; /* bit i: e > 0 */
+    /* bit i: e is at least SHARE_FAINT, SHARE_SEEN, SHARE_NOISY of all */
+    uint16_t faint[BLOCKS], seen[BLOCKS], noisy[BLOCKS];
+    uint16_t flat[BLOCKS];                              /* bit i: pixel i belongs to a quad on one surface */
+    bool whole[BLOCKS];                                 /* the block lies on one flat piece of surface */
     uint8_t lit[BLOCKS * LANES], taken[BLOCKS * LANES]; /* shadow rays */
     float share[BLOCKS * LANES];
-    uint8_t state[BLOCKS];
+    uint8_t state[BLOCKS];                  /* what rays of the block have found: LIT, DARK */
+    uint32_t lit_row[SIDE], dark_row[SIDE]; /* bit x: a ray of that pixel has found light, shadow */
     float
         part[BLOCKS]
             [LW_EMITTER_CLUSTERS_POINTS]; /* lw_emitter_clusters_share() of blocks, or of all in the first */
@@ -464,6 +468,14 @@ static struct lw_vec3 colour_of(const struct lw_direct_pixels *d, uint32_t candi
                                                          : d->lights.punctual[index].intensity;
 }
 
+/* Whether a point lies on the flat piece of surface around another. */
+static bool is_flat(const struct lw_points16 *p, uint32_t a, uint32_t b) {
+    const float dx = p->x[b] - p->x[a], dy = p->y[b] - p->y[a], dz = p->z[b] - p->z[a];
+    const float off = dx * p->nx[a] + dy * p->ny[a] + dz * p->nz[a];
+    return p->nx[a] * p->nx[b] + p->ny[a] * p->ny[b] + p->nz[a] * p->nz[b] > 0.97f &&
+           off * off <= 0.03f * (dx * dx + dy * dy + dz * dz);
+}
+
 /* Which quads of 2 x 2 pixels lie on one flat piece of surface. */
 static uint16_t find_flat(const struct lw_direct_block *block) {
     const struct lw_points16 *p = &block->points;
@@ -471,19 +483,27 @@ static uint16_t find_flat(const struct lw_direct_block *block) {
     for (uint32_t q = 0; q < 4; q++) {
         const uint32_t first = (q & 1) * 2 + (q >> 1) * 8;
         const uint16_t quad = (uint16_t)(0x33u << first);
-        bool same = (block->active & quad) == quad;
-        for (uint32_t k = 1; k < 4 && same; k++) {
-            const uint32_t i = first + (k & 1) + (k >> 1) * 4;
-            const float dx = p->x[i] - p->x[first], dy = p->y[i] - p->y[first], dz = p->z[i] - p->z[first];
-            const float nx = p->nx[first], ny = p->ny[first], nz = p->nz[first];
-            const float off = dx * nx + dy * ny + dz * nz;
-            same = nx * p->nx[i] + ny * p->ny[i] + nz * p->nz[i] > 0.97f &&
-                   off * off <= 0.03f * (dx * dx + dy * dy + dz * dz);
-        }
-        if (same) flat |= quad;
+        if ((block->active & quad) == quad && is_flat(p, first, first + 1) && is_flat(p, first, first + 4) &&
+            is_flat(p, first, first + 5))
+            flat |= quad;
     }
     return flat;
 }
+
+/* Whether a block whose quads are flat is so as a whole. */
+static bool is_whole(const struct lw_direct_block *block) {
+    const struct lw_points16 *p = &block->points;
+    return is_flat(p, 0, 2) && is_flat(p, 0, 8) && is_flat(p, 0, 10) && is_flat(p, 0, 3) &&
+           is_flat(p, 0, 12) && is_flat(p, 0, 15) && is_flat(p, 15, 3) && is_flat(p, 15, 12);
+}
+
+static int column_of(uint32_t pixel) { return (int)(pixel / LANES % LW_DIRECT_PIXELS_SIDE * 4 + pixel % 4); }
+static int row_of(uint32_t pixel) {
+    return (int)(pixel / LANES / LW_DIRECT_PIXELS_SIDE * 4 + pixel % LANES / 4);
+}
+
+/* What rays have found. */
+enum { DARK = 1, LIT = 2 };
 
 /* The light at hand, for one tile. */
 struct job {
@@ -497,13 +517,21 @@ struct job {
     uint32_t number; /* of this job among those of the tile's memory */
 };
 
+/* Notes what a pixel's ray has found. */
+static void note(struct lw_direct_work *w, uint32_t pixel, bool lit) {
+    const uint32_t bit = 1u << column_of(pixel);
+    w->lit[pixel] += lit;
+    w->state[pixel / LANES] |= lit ? LIT : DARK;
+    (lit ? w->lit_row : w->dark_row)[row_of(pixel)] |= bit;
+}
+
 static void flush(struct job *job) {
     struct lw_direct_work *w = job->work;
     if (!w->waiting) return;
     const uint16_t active = (uint16_t)((1u << w->waiting) - 1u);
     const uint16_t occluded =
         lw_trace_occluded16(job->direct->desc.trace, LW_TRACE_COHERENT, active, &w->rays);
-    for (uint32_t i = 0; i < w->waiting; i++) w->lit[w->pixel[i]] += !(occluded >> i & 1u);
+    for (uint32_t i = 0; i < w->waiting; i++) note(w, w->pixel[i], !(occluded >> i & 1u));
     job->tile->rays += w->waiting;
     w->waiting = 0;
 }
@@ -545,8 +573,10 @@ static void shoot(struct job *job, uint32_t pixel, uint32_t k) {
     default:
         if (!lw_emitter_clusters_aim(&d->clusters, &d->clusters.cluster[index], share_of(job, block, origin),
                                      origin, lw_vec3(p->nx[lane], p->ny[lane], p->nz[lane]), point[0],
-                                     point[1], &way, &end))
+                                     point[1], &way, &end)) {
+            note(w, pixel, false);
             return;
+        }
         break;
     }
     w->pixel[w->waiting] = (uint16_t)pixel;
@@ -554,45 +584,45 @@ static void shoot(struct job *job, uint32_t pixel, uint32_t k) {
     if (++w->waiting == LANES) flush(job);
 }
 
-/* One ray for each flat quad, and for each pixel elsewhere. */
-static void shoot_sparsely(struct job *job) {
+/* One ray for each quad of a block that has none yet, and for each pixel of those that are not flat. */
+static void shoot_quads(struct job *job, uint32_t b) {
+    struct lw_direct_work *w = job->work;
+    const uint32_t turn = lw_random_hash2(job->seed, b) >> 8;
+    for (uint32_t q = 0; q < 4; q++) {
+        const uint32_t first = (q & 1) * 2 + (q >> 1) * 8, at = b * LANES + first;
+        const uint16_t quad = (uint16_t)(0x33u << first);
+        if ((w->facing[b] & w->flat[b] & quad) == quad) {
+            const uint32_t k = turn >> 2 * q & 3;
+            if (!(w->taken[at] | w->taken[at + 1] | w->taken[at + 4] | w->taken[at + 5]))
+                shoot(job, at + (k & 1) + (k >> 1) * 4, 0);
+            continue;
+        }
+        for (uint32_t k = 0; k < 4; k++) {
+            const uint32_t i = first + (k & 1) + (k >> 1) * 4;
+            if (w->facing[b] >> i & 1u) shoot(job, b * LANES + i, 0);
+        }
+    }
+}
+
+/* One ray for each flat block, or flat quad, and for each pixel elsewhere. Rays of blocks in a row or column go through
+ * all rows and columns of pixels, so that a straight shadow of a pixel's width is found somewhere. */
+static void shoot_sparsely(struct job *job, bool divided[BLOCKS]) {
     struct lw_direct_work *w = job->work;
     for (uint32_t b = 0; b < BLOCKS; b++) {
-        const uint16_t facing = w->facing[b];
-        if (!facing) continue;
-        const uint32_t turn = lw_random_hash2(job->seed, b) >> 8;
-        for (uint32_t q = 0; q < 4; q++) {
-            const uint32_t first = (q & 1) * 2 + (q >> 1) * 8;
-            const uint16_t quad = (uint16_t)(0x33u << first);
-            if ((facing & w->flat[b] & quad) == quad) {
-                const uint32_t k = turn >> 2 * q & 3;
-                shoot(job, b * LANES + first + (k & 1) + (k >> 1) * 4, 0);
-                continue;
-            }
-            for (uint32_t k = 0; k < 4; k++) {
-                const uint32_t i = first + (k & 1) + (k >> 1) * 4;
-                if (facing >> i & 1u) shoot(job, b * LANES + i, 0);
-            }
+        const uint32_t u = b % LW_DIRECT_PIXELS_SIDE, v = b / LW_DIRECT_PIXELS_SIDE;
+        divided[b] = w->facing[b] != 0xffff || !w->whole[b];
+        if (!divided[b]) {
+            const uint32_t x = (v + 2 * u + (job->seed >> 8)) & 3, y = (u + 2 * v + (job->seed >> 12)) & 3;
+            shoot(job, b * LANES + 4 * y + x, 0);
+        } else if (w->facing[b]) {
+            shoot_quads(job, b);
         }
     }
     flush(job);
 }
 
-/* What the rays of a block have found. */
-enum { DARK = 1, LIT = 2 };
-
-static void judge_blocks(struct lw_direct_work *w) {
-    for (uint32_t b = 0; b < BLOCKS; b++) {
-        w->state[b] = 0;
-        if (!w->facing[b]) continue;
-        for (uint32_t p = b * LANES; p < (b + 1) * LANES; p++)
-            if (w->taken[p]) w->state[b] |= w->lit[p] ? LIT : DARK;
-    }
-}
-
 /* All states of a block and of those around it. */
-static unsigned states_around(const struct lw_direct_work *w, bool listed, uint32_t b) {
-    if (listed) return w->state[b];
+static unsigned states_around(const struct lw_direct_work *w, uint32_t b) {
     const int side = (int)LW_DIRECT_PIXELS_SIDE, x = (int)b % side, y = (int)b / side;
     unsigned states = 0;
     for (int j = y > 0 ? y - 1 : 0; j <= (y + 1 < side ? y + 1 : y); j++)
@@ -601,41 +631,70 @@ static unsigned states_around(const struct lw_direct_work *w, bool listed, uint3
     return states;
 }
 
+/* Where blocks disagree with those around them they have a ray for each quad; what these find may lead on. */
+static void divide(struct job *job, bool divided[BLOCKS]) {
+    struct lw_direct_work *w = job->work;
+    for (bool again = true; again;) {
+        again = false;
+        for (uint32_t b = 0; b < BLOCKS; b++) {
+            if (divided[b] || !w->faint[b] || states_around(w, b) != (DARK | LIT)) continue;
+            shoot_quads(job, b);
+            divided[b] = again = true;
+        }
+        flush(job);
+    }
+}
+
 static uint32_t pixel_at(int x, int y) {
     const uint32_t u = (uint32_t)x, v = (uint32_t)y;
     return ((v / 4 * LW_DIRECT_PIXELS_SIDE + u / 4) * 16) + v % 4 * 4 + u % 4;
-}
-
-static int column_of(uint32_t pixel) { return (int)(pixel / LANES % LW_DIRECT_PIXELS_SIDE * 4 + pixel % 4); }
-static int row_of(uint32_t pixel) {
-    return (int)(pixel / LANES / LW_DIRECT_PIXELS_SIDE * 4 + pixel % LANES / 4);
 }
 
 static bool is_partial(const struct lw_direct_work *w, uint32_t pixel) {
     return w->lit[pixel] > 0 && w->lit[pixel] < w->taken[pixel];
 }
 
-/* What the rays of a pixel and of those around it have found. */
-struct around {
-    unsigned states;
-    uint32_t partial, all; /* pixels that have found both; that have any */
-};
+/* A row of pixels, or each that is up to r columns from one of it. */
+static uint32_t widen(uint32_t row, int r) {
+    for (int k = 0; k < r; k++) row |= row << 1 | row >> 1;
+    return row;
+}
 
-static int larger(int a, int b) { return a > b ? a : b; }
-static int smaller(int a, int b) { return a < b ? a : b; }
+/* The pixels that have both light and shadow in the square window of half side r around them. */
+static void find_mixed(const struct lw_direct_work *w, int r, uint32_t out_row[SIDE]) {
+    uint32_t lit[SIDE], dark[SIDE];
+    for (uint32_t y = 0; y < SIDE; y++) lit[y] = widen(w->lit_row[y], r), dark[y] = widen(w->dark_row[y], r);
+    for (int y = 0; y < (int)SIDE; y++) {
+        uint32_t any_lit = 0, any_dark = 0;
+        for (int j = y > r ? y - r : 0; j <= y + r && j < (int)SIDE; j++)
+            any_lit |= lit[j], any_dark |= dark[j];
+        out_row[y] = any_lit & any_dark;
+    }
+}
 
-/* r: half the side of the window */
-static struct around look_around(const struct lw_direct_work *w, uint32_t pixel, int r) {
-    const int x = column_of(pixel), y = row_of(pixel), last = (int)SIDE - 1;
-    struct around a = {0};
-    for (int j = larger(y - r, 0); j <= smaller(y + r, last); j++)
-        for (int i = larger(x - r, 0); i <= smaller(x + r, last); i++) {
-            const uint32_t p = pixel_at(i, j);
-            a.states |= (w->lit[p] ? LIT : 0u) | (w->lit[p] < w->taken[p] ? DARK : 0u);
-            a.partial += is_partial(w, p);
-            a.all += w->taken[p] > 0;
+/* The pixels of a block, of rows of the tile. */
+static uint16_t of_block(const uint32_t row[SIDE], uint32_t b) {
+    const uint32_t x = b % LW_DIRECT_PIXELS_SIDE * 4, y = b / LW_DIRECT_PIXELS_SIDE * 4;
+    uint32_t bits = 0;
+    for (uint32_t k = 0; k < 4; k++) bits |= (row[y + k] >> x & 15u) << 4 * k;
+    return (uint16_t)bits;
+}
+
+/* Pixels close to others that disagree have rays of their own. Rays of quads side by side are up to three pixels apart. */
+static void shoot_pixels(struct job *job) {
+    struct lw_direct_work *w = job->work;
+    for (int pass = 0; pass < 2; pass++) {
+        uint32_t mixed[SIDE];
+        find_mixed(w, 3, mixed);
+        for (uint32_t b = 0; b < BLOCKS; b++) {
+            uint32_t left = w->seen[b] ? w->seen[b] & of_block(mixed, b) : 0;
+            for (; left; left &= left - 1) {
+                const uint32_t pixel = b * LANES + (uint32_t)__builtin_ctz(left);
+                if (!w->taken[pixel]) shoot(job, pixel, 0);
+            }
         }
-    return a;
+        flush(job);
+    }
 }
 
 /* Whether a neighbourhood lies within a penumbra: so many of its pixels have found both light and shadow. The wider the
@@ -644,42 +703,57 @@ static bool is_wide(uint32_t partial, uint32_t all, uint32_t r) {
     return 100 * partial >= (30 + 15 * r) * all;
 }
 
-/* Whether a pixel takes more than `taken` rays. */
-static bool wants_more(const struct lw_direct_work *w, bool listed, uint32_t pixel, uint32_t taken) {
-    if (w->taken[pixel] != taken || !((taken == 1 ? w->seen : w->noisy)[pixel / LANES] >> pixel % LANES & 1))
-        return false;
-    if (listed) return taken == 1; /* of a mixed block */
-    if (taken == 1) return look_around(w, pixel, 2).states == (DARK | LIT);
-    const struct around a = look_around(w, pixel, 1);
-    return a.partial > 0 && !is_wide(a.partial, a.all, 1);
+/* Whether a pixel lies at the edge of a penumbra that is too narrow for a mean over neighbours. */
+static bool is_narrow(const struct lw_direct_work *w, uint32_t pixel) {
+    const int x = column_of(pixel), y = row_of(pixel);
+    const uint32_t window = widen(1u << x, 1);
+    uint32_t partial = 0, all = 0;
+    for (int j = y > 0 ? y - 1 : 0; j <= y + 1 && j < (int)SIDE; j++) {
+        partial += (uint32_t)__builtin_popcount(w->lit_row[j] & w->dark_row[j] & window);
+        all += (uint32_t)__builtin_popcount((w->lit_row[j] | w->dark_row[j]) & window);
+    }
+    return partial > 0 && !is_wide(partial, all, 1);
 }
 
-/* Brings pixels of mixed blocks that have `taken` rays, and whose neighbourhood is mixed, to `count`. */
+/* The pixels of a block that take more than `taken` rays. mixed: those close to light and shadow */
+static uint16_t find_wanting(const struct job *job, const uint32_t mixed[SIDE], uint32_t b, uint32_t taken) {
+    const struct lw_direct_work *w = job->work;
+    const bool listed = job->tile->listed; /* its blocks are no neighbourhoods: a mixed one is enough */
+    if (listed && (w->state[b] != (DARK | LIT) || taken != 1)) return 0;
+    uint32_t wanting = 0, left = taken == 1 ? w->seen[b] : w->noisy[b];
+    if (left && !listed) left &= of_block(mixed, b);
+    for (; left; left &= left - 1) {
+        const uint32_t i = (uint32_t)__builtin_ctz(left), pixel = b * LANES + i;
+        if (w->taken[pixel] == taken && (taken == 1 || is_narrow(w, pixel))) wanting |= 1u << i;
+    }
+    return (uint16_t)wanting;
+}
+
+/* Brings pixels that have `taken` rays, and whose neighbourhood is mixed, to `count`. */
 static void refine(struct job *job, uint32_t taken, uint32_t count) {
     struct lw_direct_work *w = job->work;
     uint16_t more[BLOCKS]; /* by the rays of before */
-    for (uint32_t b = 0; b < BLOCKS; b++) {
-        more[b] = 0;
-        if (w->state[b] != (DARK | LIT)) continue;
-        for (uint32_t i = 0; i < LANES; i++)
-            if ((w->facing[b] >> i & 1u) && wants_more(w, job->tile->listed, b * LANES + i, taken))
-                more[b] |= (uint16_t)(1u << i);
-    }
+    uint32_t mixed[SIDE];
+    find_mixed(w, 2, mixed);
+    for (uint32_t b = 0; b < BLOCKS; b++) more[b] = find_wanting(job, mixed, b, taken);
     for (uint32_t k = taken; k < count; k++) {
         w->rays.salt = lw_random_hash2(job->seed, k);
         for (uint32_t b = 0; b < BLOCKS; b++)
-            for (uint32_t i = 0; more[b] && i < LANES; i++)
-                if (more[b] >> i & 1u) shoot(job, b * LANES + i, k);
+            for (uint32_t left = more[b]; left; left &= left - 1)
+                shoot(job, b * LANES + (uint32_t)__builtin_ctz(left), k);
         flush(job);
     }
 }
 
-/* Gives pixels without a ray what their quad's ray has found. */
+/* Gives pixels without a ray what their quad's ray, or the block's, has found. */
 static void spread(struct lw_direct_work *w, uint32_t b) {
+    float of_block = 0;
+    for (uint32_t p = b * LANES; p < (b + 1) * LANES; p++)
+        if (w->taken[p]) of_block = (float)w->lit[p] / (float)w->taken[p];
     for (uint32_t q = 0; q < 4; q++) {
         const uint32_t first = b * LANES + (q & 1) * 2 + (q >> 1) * 8;
         const uint32_t at[4] = {first, first + 1, first + 4, first + 5};
-        float share = 0;
+        float share = of_block;
         for (int k = 0; k < 4; k++)
             if (w->taken[at[k]]) share = (float)w->lit[at[k]] / (float)w->taken[at[k]];
         for (int k = 0; k < 4; k++)
@@ -700,6 +774,9 @@ static bool is_one_surface(const struct lw_direct_tile *tile, uint32_t a, uint32
 static float smooth(const struct job *job, uint32_t pixel) {
     const struct lw_direct_work *w = job->work;
     const int x = column_of(pixel), y = row_of(pixel), side = (int)SIDE;
+    uint32_t near = 0;
+    for (int j = y > 0 ? y - 1 : 0; j <= y + 1 && j < side; j++) near |= w->lit_row[j] & w->dark_row[j];
+    if (!(near & widen(1u << x, 1))) return w->share[pixel];
     float mean = w->share[pixel], sum = mean;
     uint32_t partial = is_partial(w, pixel), all = 1;
     for (int r = 1; r <= WINDOW; r++) {
@@ -718,22 +795,29 @@ static float smooth(const struct job *job, uint32_t pixel) {
     return mean;
 }
 
+/* Adds a share of the light at hand to a block. */
+LW_WIDE static void add_part(const float *restrict share, const float *restrict e, struct lw_vec3 colour,
+                             uint16_t facing, float (*restrict out)[LANES]) {
+    for (uint32_t i = 0; i < LANES; i++) {
+        const float part = facing >> i & 1u ? e[i] * share[i] : 0;
+        out[0][i] += part * colour.x, out[1][i] += part * colour.y, out[2][i] += part * colour.z;
+    }
+}
+
 static void resolve(const struct job *job) {
     struct lw_direct_work *w = job->work;
     const struct lw_vec3 colour = colour_of(job->direct, job->candidate);
     for (uint32_t b = 0; b < BLOCKS; b++)
         if (w->facing[b]) spread(w, b);
     for (uint32_t b = 0; b < BLOCKS; b++) {
-        if (!w->facing[b]) continue;
-        struct lw_direct_block *block = &job->tile->block[b];
-        for (uint32_t i = 0; i < LANES; i++) {
-            if (!(w->facing[b] >> i & 1u)) continue;
-            const uint32_t p = b * LANES + i;
-            const bool alone = job->tile->listed || w->taken[p] < 2;
-            const float share = alone ? w->share[p] : smooth(job, p);
-            const float e = w->e[b][i] * share;
-            block->e[0][i] += e * colour.x, block->e[1][i] += e * colour.y, block->e[2][i] += e * colour.z;
+        if (!w->facing[b] || w->state[b] == DARK) continue;
+        float share[LANES];
+        memcpy(share, w->share + b * LANES, sizeof share);
+        for (uint32_t left = job->tile->listed ? 0 : w->facing[b]; left; left &= left - 1) {
+            const uint32_t i = (uint32_t)__builtin_ctz(left);
+            if (w->taken[b * LANES + i] > 1) share[i] = smooth(job, b * LANES + i);
         }
+        add_part(share, w->e[b], colour, w->facing[b], job->tile->block[b].e);
     }
 }
 
@@ -756,18 +840,36 @@ static bool is_far(const struct candidates *c, uint32_t i, const struct region *
 }
 
 /* How much of a block's light is that at hand. */
+LW_WIDE static void find_shares(const float *restrict e, const float *restrict base,
+                                const float (*restrict sum)[LANES], float luminance, float *restrict out) {
+    for (uint32_t i = 0; i < LANES; i++) {
+        const float own = e[i] * luminance;
+        const float all = base[i] + lw_colour_luminance(lw_vec3(sum[0][i], sum[1][i], sum[2][i])) + own;
+        out[i] = all > 0 ? own / all : 1;
+    }
+}
+
 static void weigh(struct lw_direct_work *w, uint32_t b, const struct lw_direct_block *block,
                   float luminance) {
-    uint32_t seen = 0, noisy = 0;
-    for (uint32_t i = 0; w->facing[b] && i < LANES; i++) {
-        const float e = w->e[b][i] * luminance;
-        const float all =
-            block->base[i] + lw_colour_luminance(lw_vec3(block->e[0][i], block->e[1][i], block->e[2][i])) + e;
-        seen |= (e >= SHARE_SEEN * all ? 1u : 0u) << i;
-        noisy |= (e >= SHARE_NOISY * all ? 1u : 0u) << i;
+    uint32_t faint = 0, seen = 0, noisy = 0;
+    float share[LANES];
+    if (w->facing[b]) {
+        find_shares(w->e[b], block->base, block->e, luminance, share);
+        for (uint32_t i = 0; i < LANES; i++) {
+            faint |= (share[i] >= SHARE_FAINT ? 1u : 0u) << i;
+            seen |= (share[i] >= SHARE_SEEN ? 1u : 0u) << i;
+            noisy |= (share[i] >= SHARE_NOISY ? 1u : 0u) << i;
+        }
     }
+    w->faint[b] = (uint16_t)faint & w->facing[b];
     w->seen[b] = (uint16_t)seen & w->facing[b];
     w->noisy[b] = (uint16_t)noisy & w->facing[b];
+}
+
+static bool is_mixed(const struct lw_direct_work *w) {
+    unsigned states = 0;
+    for (uint32_t b = 0; b < BLOCKS; b++) states |= w->state[b];
+    return states == (DARK | LIT);
 }
 
 static void add_light(const struct lw_direct_pixels *d, struct lw_direct_tile *tile,
@@ -791,25 +893,22 @@ static void add_light(const struct lw_direct_pixels *d, struct lw_direct_tile *t
     if (!any) return;
     memset(w->lit, 0, sizeof w->lit);
     memset(w->taken, 0, sizeof w->taken);
+    memset(w->state, 0, sizeof w->state);
+    memset(w->lit_row, 0, sizeof w->lit_row);
+    memset(w->dark_row, 0, sizeof w->dark_row);
     w->rays.salt = job.seed;
-    shoot_sparsely(&job);
-    judge_blocks(w);
-    bool mixed[BLOCKS], some = false;
-    for (uint32_t b = 0; b < BLOCKS; b++) {
-        mixed[b] = w->seen[b] && states_around(w, tile->listed, b) == (DARK | LIT);
-        some |= mixed[b];
-    }
-    for (uint32_t b = 0; some && b < BLOCKS; b++) {
-        if (!mixed[b]) continue;
-        for (uint32_t i = 0; i < LANES; i++)
-            if ((w->seen[b] >> i & 1u) && !w->taken[b * LANES + i]) shoot(&job, b * LANES + i, 0);
-        w->state[b] = DARK | LIT;
-    }
-    flush(&job);
-    if (some && job.wide) {
-        refine(&job, 1, SOME);
-        refine(&job, 1, SOME); /* what only these have shown to be close to a penumbra */
-        refine(&job, SOME, SAMPLES);
+    bool divided[BLOCKS];
+    shoot_sparsely(&job, divided);
+    if (is_mixed(w)) {
+        if (!tile->listed) {
+            divide(&job, divided);
+            shoot_pixels(&job);
+        }
+        if (job.wide) {
+            refine(&job, 1, SOME);
+            refine(&job, 1, SOME); /* what only these have shown to be close to a penumbra */
+            refine(&job, SOME, SAMPLES);
+        }
     }
     resolve(&job);
 }
@@ -862,13 +961,18 @@ static void clean(struct lw_direct_tile *tile) {
             }
 }
 
+static void note_flat(const struct lw_direct_tile *tile, uint32_t b) {
+    struct lw_direct_work *w = tile->work;
+    w->flat[b] = tile->block[b].active && !tile->listed ? find_flat(&tile->block[b]) : 0;
+    w->whole[b] = w->flat[b] == 0xffff && is_whole(&tile->block[b]);
+}
+
 void lw_direct_pixels_light(const struct lw_direct_pixels *d, struct lw_direct_tile *tile) {
     struct region region;
     clear(tile);
     if (!d->ready || !d->candidates.count || !find_region(tile, &region)) return;
     const struct choice choice = choose(d, tile->work, &region);
-    for (uint32_t b = 0; b < BLOCKS; b++)
-        tile->work->flat[b] = tile->block[b].active && !tile->listed ? find_flat(&tile->block[b]) : 0;
+    for (uint32_t b = 0; b < BLOCKS; b++) note_flat(tile, b);
     for (uint32_t i = 0; i < choice.kept; i++) add_light(d, tile, &region, tile->work->order[i].candidate);
     if (choice.count > choice.kept) add_rest(d, tile, &choice);
     clean(tile);
