@@ -599,7 +599,9 @@ static void shoot_quads(struct job *job, uint32_t b) {
         }
         for (uint32_t k = 0; k < 4; k++) {
             const uint32_t i = first + (k & 1) + (k >> 1) * 4;
-            if (w->facing[b] >> i & 1u) shoot(job, b * LANES + i, 0);
+            if (!(w->facing[b] >> i & 1u)) continue;
+            shoot(job, b * LANES + i, 0);
+            if (!(w->seen[b] & quad) && !job->tile->listed) break; /* weak light: one is enough */
         }
     }
 }
@@ -611,6 +613,11 @@ static void shoot_sparsely(struct job *job, bool divided[BLOCKS]) {
     for (uint32_t b = 0; b < BLOCKS; b++) {
         const uint32_t u = b % LW_DIRECT_PIXELS_SIDE, v = b / LW_DIRECT_PIXELS_SIDE;
         divided[b] = w->facing[b] != 0xffff || !w->whole[b];
+        if (w->facing[b] && !w->faint[b] && !job->tile->listed) { /* one will do, wherever it starts */
+            shoot(job, b * LANES + (uint32_t)__builtin_ctz(w->facing[b]), 0);
+            divided[b] = true;
+            continue;
+        }
         if (!divided[b]) {
             const uint32_t x = (v + 2 * u + (job->seed >> 8)) & 3, y = (u + 2 * v + (job->seed >> 12)) & 3;
             shoot(job, b * LANES + 4 * y + x, 0);
@@ -729,12 +736,12 @@ static uint16_t find_wanting(const struct job *job, const uint32_t mixed[SIDE], 
     return (uint16_t)wanting;
 }
 
-/* Brings pixels that have `taken` rays, and whose neighbourhood is mixed, to `count`. */
-static void refine(struct job *job, uint32_t taken, uint32_t count) {
+/* Brings pixels that have `taken` rays, and whose neighbourhood is mixed, to `count`. reach: half its side */
+static void refine(struct job *job, int reach, uint32_t taken, uint32_t count) {
     struct lw_direct_work *w = job->work;
     uint16_t more[BLOCKS]; /* by the rays of before */
     uint32_t mixed[SIDE];
-    find_mixed(w, 2, mixed);
+    find_mixed(w, reach, mixed);
     for (uint32_t b = 0; b < BLOCKS; b++) more[b] = find_wanting(job, mixed, b, taken);
     for (uint32_t k = taken; k < count; k++) {
         w->rays.salt = lw_random_hash2(job->seed, k);
@@ -905,9 +912,9 @@ static void add_light(const struct lw_direct_pixels *d, struct lw_direct_tile *t
             shoot_pixels(&job);
         }
         if (job.wide) {
-            refine(&job, 1, SOME);
-            refine(&job, 1, SOME); /* what only these have shown to be close to a penumbra */
-            refine(&job, SOME, SAMPLES);
+            refine(&job, 1, 1, SOME);
+            refine(&job, 1, 1, SOME); /* what only these have shown to be close to a penumbra */
+            refine(&job, 2, SOME, SAMPLES);
         }
     }
     resolve(&job);
