@@ -4,9 +4,9 @@
  * Threads: create, set_pose and begin by one thread; light [any], with a tile for each worker. Same inputs, same bytes.
  *
  * Of each light that counts at the tile its E without shadows is computed (lights16.h, emitter_clusters.h), and times
- * the share of it that shadow rays see. One ray stands for 2 x 2 pixels that lie side by side on one surface. Where rays
- * of a packet of 4 x 4 pixels or of those around it disagree, each pixel has one; and where those of neighbours
- * disagree and the light has an extent, up to eight, stratified over the light for a pixel and for 4 x 4 of them. Where
+ * the share of it that shadow rays see. One ray stands for 4 x 4 pixels on one flat piece of surface; where it and those
+ * around it disagree, for 2 x 2; within three pixels of where these disagree, each pixel has one; and where those of
+ * neighbours disagree and the light has an extent, up to eight, stratified over the light for a pixel and for 4 x 4 of them. Where
  * a penumbra is several pixels wide, a pixel is the mean of its neighbours in it. Nothing is kept from picture to
  * picture. Light that is weak beside what else arrives at a pixel has fewer rays: its noise is not seen. */
 #ifndef LW_CLIENT_VIEW_DIRECT_PIXELS_H
