@@ -50,7 +50,7 @@ static void check(const struct lw_scene *scene, const struct lw_fixed_views *vie
     struct lw_path_world world;
     struct lw_error err = {0};
     lw_support_ok(lw_path_world_init(&world, scene, 2, 0, &err), &err);
-    double darkest = INFINITY, brightest = 0;
+    double darkest = (double)INFINITY, brightest = 0;
     for (uint32_t i = 0; i < LW_FIXED_VIEWS_COUNT; i++) {
         for (int k = 0; k < 4; k++) {
             const struct lw_camera_view camera = lw_fixed_views_at(views, i, k);
