@@ -24,16 +24,21 @@
 
 /* ---- crops ---- */
 
+/* Where the right half begins. */
+static uint32_t middle_of(uint32_t width) { return (width / 2 + STEP - 1) / STEP * STEP; }
+
 uint32_t lw_crossover_truth_side(uint32_t width, uint32_t height) {
-    (void)width;
-    const uint32_t side = height * 4 / 15 / STEP * STEP; /* 96 of 360 */
+    const uint32_t right = width - middle_of(width); /* never the wider half */
+    uint32_t side = height * 4 / 15;                 /* 96 of 360 */
+    if (side > right) side = right;
+    side = side / STEP * STEP;
     return side < STEP ? STEP : side > SIDE_MAX ? SIDE_MAX : side;
 }
 
 struct lw_crossover_crop lw_crossover_truth_crop(uint32_t width, uint32_t height, uint32_t view,
                                                  uint32_t index) {
     const uint32_t side = lw_crossover_truth_side(width, height);
-    const uint32_t middle = (width / 2 + STEP - 1) / STEP * STEP;
+    const uint32_t middle = middle_of(width);
     const uint32_t from = index ? middle : 0, to = index ? width : middle;
     const uint32_t across = (to - from - side) / STEP + 1, down = (height - side) / STEP + 1;
     return (struct lw_crossover_crop){.x = from + STEP * (lw_random_hash4(PLACES, view, index, 0) % across),

@@ -57,7 +57,7 @@ struct lw_crossover_truth_desc {
     const volatile sig_atomic_t *cancel;
 };
 
-/** Where the crops of a view are in pictures of that size. */
+/** Where the crops of a view are in pictures of that size, 64x32 or more: they fit into their halves. */
 uint32_t lw_crossover_truth_side(uint32_t width, uint32_t height);
 struct lw_crossover_crop lw_crossover_truth_crop(uint32_t width, uint32_t height, uint32_t view,
                                                  uint32_t index);

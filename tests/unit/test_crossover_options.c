@@ -1,6 +1,7 @@
 #include "tests/support/support.h"
 
 #include "client/crossover/crossover_options.h"
+#include "client/crossover/crossover_truth.h"
 
 #include <math.h>
 
@@ -98,9 +99,33 @@ static void what_is_missing_is_named(void **state) {
     assert_true(o.report_only);
 }
 
+static void crops_fit_into_pictures_of_all_sizes(void **state) {
+    (void)state;
+    static const char *const sizes[] = {"64x360", "360x64",  "96x96",   "64x32",   "70x40",
+                                        "70x400", "180x400", "640x360", "64x8192", "8192x64"};
+    for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
+        struct lw_crossover_options o;
+        struct lw_error err = {0};
+        lw_support_ok(parse("--size", sizes[i], &o, &err), &err);
+        const uint32_t side = lw_crossover_truth_side(o.width, o.height);
+        assert_true(side >= 16 && side <= 96 && side % 16 == 0);
+        for (uint32_t view = 0; view < LW_CROSSOVER_VIEWS; view++) {
+            const struct lw_crossover_crop left = lw_crossover_truth_crop(o.width, o.height, view, 0),
+                                           right = lw_crossover_truth_crop(o.width, o.height, view, 1);
+            assert_true(left.x % 16 == 0 && left.y % 16 == 0 && right.x % 16 == 0 && right.y % 16 == 0);
+            assert_true(left.x < o.width && left.x + side <= right.x);
+            assert_true(right.x < o.width && right.x + side <= o.width);
+            assert_true(left.y < o.height && left.y + side <= o.height);
+            assert_true(right.y < o.height && right.y + side <= o.height);
+        }
+    }
+    assert_int_equal(lw_crossover_truth_side(640, 360), 96);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(defaults_are_the_quick_form),
                                        cmocka_unit_test(values), cmocka_unit_test(bad_values_are_named),
-                                       cmocka_unit_test(what_is_missing_is_named)};
+                                       cmocka_unit_test(what_is_missing_is_named),
+                                       cmocka_unit_test(crops_fit_into_pictures_of_all_sizes)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
