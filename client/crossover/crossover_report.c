@@ -59,6 +59,17 @@ static bool tests_motion(const struct report *r, double error) {
 
 static bool is_static(const struct report *r) { return strcmp(get(r, "motion", ""), "static") == 0; }
 
+/* What the users cost together is measured over the frames after a step, what one costs alone when the step is
+ * over: no ratio is made of the two. */
+static bool has_ratios(const struct report *r) { return strcmp(get(r, "motion", ""), "lamp-switch") != 0; }
+
+static void print_ratio(const struct report *r, FILE *f, const struct lw_bootstrap_interval *ratio) {
+    if (has_ratios(r))
+        print_interval(f, ratio);
+    else
+        fprintf(f, "–");
+}
+
 /* ---- at the opponents' own error ---- */
 
 static const struct lw_crossover_point *filtered(const struct report *r, const char *name) {
@@ -73,10 +84,14 @@ static void say_not_reached(FILE *f, const struct report *r, const struct lw_cro
         return;
     }
     const struct lw_crossover_ratio ratio = lw_crossover_analysis_compare(best, opponent, coin);
-    fprintf(f, "**not reached**: the best is %s %.3g at %s, for ", coin_word(coin), best->mean[coin].value,
+    fprintf(f, "**not reached**: the best is %s %.3g at %s", coin_word(coin), best->mean[coin].value,
             best->setting);
-    print_interval(f, &ratio.r1);
-    fprintf(f, " of its cost (error ");
+    if (has_ratios(r)) {
+        fprintf(f, ", for ");
+        print_interval(f, &ratio.r1);
+        fprintf(f, " of its cost");
+    }
+    fprintf(f, " (error ");
     print_interval(f, &ratio.error);
     fprintf(f, " times its)");
 }
@@ -92,9 +107,9 @@ static void say_against(FILE *f, const struct report *r, const struct lw_crossov
     }
     const struct lw_crossover_ratio ratio = lw_crossover_analysis_compare(cache, opponent, coin);
     fprintf(f, "r(1) = ");
-    print_interval(f, &ratio.r1);
+    print_ratio(r, f, &ratio.r1);
     fprintf(f, ", m = ");
-    print_interval(f, &ratio.m);
+    print_ratio(r, f, &ratio.m);
     fprintf(f, " (%s, %s %.3g)", cache->setting, coin_word(coin), cache->mean[coin].value);
 }
 
@@ -157,11 +172,14 @@ static void print_against(const struct report *r) {
                 fprintf(r->f, " | %s | ", cache->setting);
                 print_interval(r->f, &cache->mean[coins[c]]);
                 fprintf(r->f, " | ");
-                print_interval(r->f, &ratio.r1);
+                print_ratio(r, r->f, &ratio.r1);
                 fprintf(r->f, " | ");
-                print_interval(r->f, &ratio.m);
-                fprintf(r->f, " | at %.3g of its cost |\n",
-                        lw_crossover_analysis_crossing(&r->a, coins[c], error) / o->cost_s.value);
+                print_ratio(r, r->f, &ratio.m);
+                if (has_ratios(r))
+                    fprintf(r->f, " | at %.3g of its cost |\n",
+                            lw_crossover_analysis_crossing(&r->a, coins[c], error) / o->cost_s.value);
+                else
+                    fprintf(r->f, " | – |\n");
             } else {
                 const struct lw_crossover_point *best = lw_crossover_analysis_best(&r->a, coins[c]);
                 fprintf(r->f, " | not reached: %s is best | ", best ? best->setting : "none");
@@ -192,9 +210,9 @@ static void print_fixed(const struct report *r) {
             fprintf(r->f, "not reached | ");
         if (o && c) {
             const struct lw_crossover_ratio ratio = lw_crossover_analysis_compare(c, o, coin);
-            print_interval(r->f, &ratio.r1);
+            print_ratio(r, r->f, &ratio.r1);
             fprintf(r->f, " | ");
-            print_interval(r->f, &ratio.m);
+            print_ratio(r, r->f, &ratio.m);
             fprintf(r->f, " |\n");
         } else {
             fprintf(r->f, "– | – |\n");
@@ -530,6 +548,10 @@ static void print_head(const struct report *r) {
     fprintf(r->f, "# Crossover: %s, %s\n\n", get(r, "scene", "?"), get(r, "motion", "?"));
     print_first_lines(r, r->f, "* ");
     fprintf(r->f, "\n");
+    if (!has_ratios(r))
+        fprintf(r->f,
+                "No r(1) and no m: what a step costs belongs to all users together, and this row is about "
+                "the errors after it.\n\n");
     print_gate(r);
     fprintf(r->f, "    %s\n\n%s, %s. ", get(r, "command", "?"), get(r, "machine", "?"), get(r, "day", "?"));
     fprintf(

@@ -99,7 +99,8 @@ static void ratios_are_those_of_the_tables(void **state) {
     assert_true(fabs(lw_crossover_analysis_session(cache, 60, 12) - (3.2 + 6.0 / 1800) / 12) < 1e-9);
     assert_true(fabs(lw_crossover_analysis_session(svgf, 10, 12) - (3.1 + 0.5 / 300)) < 1e-9);
     const double at = lw_crossover_analysis_crossing(&a, LW_CROSSOVER_COIN_RELMSE, error);
-    assert_true(at > 0.29 && at < 1.45);
+    /* from (0.29 s, 0.124) to (1.45 s, 0.0465), as far as 0.062 */
+    assert_true(fabs(at - 0.29 * pow(5, log(2) / log(8.0 / 3))) < 1e-9);
     lw_crossover_analysis_finish(&a);
     lw_crossover_store_finish(&store);
 }
@@ -136,6 +137,26 @@ static void first_lines_say_the_opponents_own_error(void **state) {
     free(report);
 }
 
+/* What all cost is of the frames after the step, what one costs of later ones. */
+static void a_step_has_no_ratios(void **state) {
+    (void)state;
+    const char *folder = make_row("step", 1);
+    struct lw_crossover_store store;
+    struct lw_error err = {0};
+    lw_support_ok(lw_crossover_store_open(&store, folder, false, &err), &err);
+    lw_support_ok(lw_crossover_store_set(&store, "motion", "lamp-switch", &err), &err);
+    lw_crossover_store_finish(&store);
+    char *report = report_of(folder);
+    assert_says(report,
+                "* at the error of svgf, relMSE 0.062: r(1) = –, m = – (x1 1+1 rest 0.2, relMSE 0.0465)");
+    assert_says(report, "the best is relMSE 0.0465 at x1 1+1 rest 0.2 (error 3 (3 to 3) times its)");
+    assert_says(report, "No r(1) and no m: what a step costs belongs to all users together");
+    assert_says(report, ") | – | – | – |\n| svgf, 1 path");
+    assert_says(report, "x1 1+1 rest 0.2: 1.45 CPU s | – | – |");
+    assert_null(strstr(report, "of its cost"));
+    free(report);
+}
+
 /* Light that is a second late must err by three times the target: 3 * 0.062 = 0.186. */
 static void a_row_that_does_not_test_motion_is_void(void **state) {
     (void)state;
@@ -161,6 +182,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(ratios_are_those_of_the_tables),
                                        cmocka_unit_test(first_lines_say_the_opponents_own_error),
                                        cmocka_unit_test(a_row_that_does_not_test_motion_is_void),
+                                       cmocka_unit_test(a_step_has_no_ratios),
                                        cmocka_unit_test(nothing_measured_is_said)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
