@@ -1,6 +1,7 @@
 #include "client/crossover/crossover_analysis.h"
 
 #include "client/load/views.h"
+#include "common/log.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -60,18 +61,18 @@ static void add_expense(struct lw_crossover_expense *mean, struct counts *counts
 
 static enum lw_status gather(struct lw_crossover_analysis *a, const struct lw_crossover_store *s,
                              struct lw_error *err) {
-    static const char too_many[] = "%s: over %u settings";
     uint32_t(*frames)[LW_CROSSOVER_COIN_COUNT][LW_CROSSOVER_VIEWS * LW_CROSSOVER_REPEATS_MAX] =
         calloc(LW_CROSSOVER_POINTS_MAX, sizeof *frames);
     struct counts(*counts)[2] = calloc(LW_CROSSOVER_POINTS_MAX, sizeof *counts);
     enum lw_status status =
         frames && counts ? LW_OK : lw_status_fail(err, LW_NO_MEMORY, "no memory for figures");
+    bool beyond = false;
     for (size_t i = 0; status == LW_OK && i < s->expense_count; i++) {
         const struct lw_crossover_expense *e = &s->expense[i];
         struct lw_crossover_point *p = point_of(a, &e->unit);
         if (!p) {
-            status = lw_status_fail(err, LW_BAD_DATA, too_many, s->folder, LW_CROSSOVER_POINTS_MAX);
-            break;
+            beyond = true;
+            continue;
         }
         struct counts *of = counts[p - a->point];
         if (e->view == LW_CROSSOVER_ALL) {
@@ -91,6 +92,10 @@ static enum lw_status gather(struct lw_crossover_analysis *a, const struct lw_cr
         for (int c = 0; c < LW_CROSSOVER_COIN_COUNT; c++)
             add_to_mean(&p->error[c][cell], &frames[p - a->point][c][cell], sample->coin[c]);
     }
+    if (beyond)
+        lw_log(LW_LOG_WARNING,
+               "%s: over %u settings: those that were measured later are left out of the report", s->folder,
+               LW_CROSSOVER_POINTS_MAX);
     free(frames);
     free(counts);
     return status;
@@ -174,7 +179,7 @@ static const struct lw_crossover_point *cheapest(const struct lw_crossover_analy
     const struct lw_crossover_point *best = NULL;
     for (uint32_t i = 0; i < a->point_count; i++) {
         const struct lw_crossover_point *p = &a->point[i];
-        if (p->is_cache != cache || !(p->mean[coin].value <= error)) continue;
+        if (p->is_cache != cache || isnan(p->cost_s.value) || !(p->mean[coin].value <= error)) continue;
         if (!best || p->cost_s.value < best->cost_s.value) best = p;
     }
     return best;

@@ -40,7 +40,8 @@ struct lw_crossover_analysis {
     double late_error;
 };
 
-/** Errors: LW_NO_MEMORY, LW_BAD_DATA (nothing measured, or over LW_CROSSOVER_POINTS_MAX settings). */
+/** Settings beyond the first LW_CROSSOVER_POINTS_MAX are left out, with a line of log.
+ * Errors: LW_NO_MEMORY, LW_BAD_DATA (nothing measured). */
 LW_MUST_CHECK enum lw_status lw_crossover_analysis_init(struct lw_crossover_analysis *analysis,
                                                         const struct lw_crossover_store *store,
                                                         struct lw_error *err);
@@ -50,7 +51,7 @@ void lw_crossover_analysis_finish(struct lw_crossover_analysis *analysis);
 const struct lw_crossover_point *lw_crossover_analysis_find(const struct lw_crossover_analysis *analysis,
                                                             const char *renderer, const char *setting);
 
-/** The cache's cheapest setting whose error is at most that; NULL: none reaches it. */
+/** The cache's cheapest setting whose error is at most that, of those whose cost is known; NULL: none reaches it. */
 const struct lw_crossover_point *lw_crossover_analysis_cheapest(const struct lw_crossover_analysis *analysis,
                                                                 enum lw_crossover_coin coin, double error);
 /** The cache's setting with the least error; NULL: there is none. */

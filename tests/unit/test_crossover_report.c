@@ -33,7 +33,7 @@ static void put(struct lw_crossover_store *store, const char *renderer, const ch
     /* of the cache every third view is looked at alone */
     uint32_t count = 0;
     for (uint32_t v = 0; v < LW_CROSSOVER_VIEWS; v++)
-        if (!is_cache || v % 3 == 0) expense[count++] = expense[v];
+        if (!isnan(alone_s) && (!is_cache || v % 3 == 0)) expense[count++] = expense[v];
     expense[count] = lw_crossover_store_expense(&unit, is_cache ? LW_CROSSOVER_VIEWS : 1, LW_CROSSOVER_ALL);
     expense[count].samples = LW_CROSSOVER_VIEWS;
     expense[count].cpu_s[is_cache ? LW_STAGE_SOLVE : LW_STAGE_TRACE] = all_s;
@@ -169,6 +169,49 @@ static void a_row_that_does_not_test_motion_is_void(void **state) {
     free(report);
 }
 
+/* Nobody was alone with it. */
+static void a_setting_without_a_cost_is_not_the_cheapest(void **state) {
+    (void)state;
+    struct lw_crossover_store store;
+    struct lw_crossover_analysis a;
+    struct lw_error err = {0};
+    lw_support_ok(lw_crossover_store_open(&store, lw_support_temporary("costless"), false, &err), &err);
+    put(&store, "cache", "x0.5 1+1 rest 0.2", 0, 0.01, (double)NAN, 3);
+    put(&store, "cache", "x1 1+1 rest 0.2", 0, 0.02, 1, 3.2);
+    put(&store, "raw", "1 path", 0, 0.01, (double)NAN, 0);
+    lw_support_ok(lw_crossover_analysis_init(&a, &store, &err), &err);
+    assert_int_equal(a.point_count, 3);
+    const struct lw_crossover_point *cache = lw_crossover_analysis_cheapest(&a, LW_CROSSOVER_COIN_RELMSE, 1);
+    assert_non_null(cache);
+    assert_string_equal(cache->setting, "x1 1+1 rest 0.2");
+    assert_null(lw_crossover_analysis_opponent(&a, LW_CROSSOVER_COIN_RELMSE, 1));
+    lw_crossover_analysis_finish(&a);
+    lw_crossover_store_finish(&store);
+}
+
+static void settings_beyond_the_limit_are_left_out(void **state) {
+    (void)state;
+    struct lw_crossover_store store;
+    struct lw_crossover_analysis a;
+    struct lw_error err = {0};
+    const char *folder = lw_support_temporary("many");
+    lw_support_ok(lw_crossover_store_open(&store, folder, false, &err), &err);
+    for (uint32_t i = 0; i < LW_CROSSOVER_POINTS_MAX + 2; i++) {
+        char setting[LW_CROSSOVER_NAME_SIZE];
+        snprintf(setting, sizeof setting, "%u paths", i + 1);
+        put(&store, "raw", setting, 0, 1.0 / (i + 1), i + 1, 0);
+    }
+    lw_support_ok(lw_crossover_analysis_init(&a, &store, &err), &err);
+    assert_int_equal(a.point_count, LW_CROSSOVER_POINTS_MAX);
+    const struct lw_crossover_point *last = lw_crossover_analysis_find(&a, "raw", "64 paths");
+    assert_non_null(last);
+    assert_true(fabs(last->cost_s.value - 64 * 1.55) < 1e-9);
+    assert_null(lw_crossover_analysis_find(&a, "raw", "65 paths"));
+    lw_crossover_analysis_finish(&a);
+    lw_crossover_store_finish(&store);
+    free(report_of(folder));
+}
+
 static void nothing_measured_is_said(void **state) {
     (void)state;
     struct lw_crossover_store store;
@@ -183,6 +226,8 @@ int main(void) {
                                        cmocka_unit_test(first_lines_say_the_opponents_own_error),
                                        cmocka_unit_test(a_row_that_does_not_test_motion_is_void),
                                        cmocka_unit_test(a_step_has_no_ratios),
+                                       cmocka_unit_test(a_setting_without_a_cost_is_not_the_cheapest),
+                                       cmocka_unit_test(settings_beyond_the_limit_are_left_out),
                                        cmocka_unit_test(nothing_measured_is_said)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
