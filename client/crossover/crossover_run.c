@@ -395,7 +395,7 @@ static enum lw_status measure_unit(struct lw_crossover_run *run, const struct lw
 static enum lw_status leave_out(struct lw_crossover_run *run, const struct lw_crossover_plan *plan,
                                 struct lw_error *err) {
     const char *before = lw_crossover_store_get(&run->store, "samples left out");
-    if (before && strstr(before, plan->unit.setting)) return LW_OK;
+    if (before && lw_crossover_store_lists(before, plan->unit.setting)) return LW_OK;
     lw_log(LW_LOG_INFO, "cache, %s: left out: such samples gained under %.0f %% at a lower density",
            plan->unit.setting, 100 * (1 - GAIN_MIN));
     return note(run, err, "samples left out", "%s%s%s", before ? before : "", before && *before ? "; " : "",

@@ -569,6 +569,16 @@ const char *lw_crossover_store_get(const struct lw_crossover_store *s, const cha
     return NULL;
 }
 
+bool lw_crossover_store_lists(const char *list, const char *entry) {
+    const size_t size = strlen(entry);
+    for (const char *at = list; at;) {
+        const char *end = strstr(at, "; ");
+        if ((end ? (size_t)(end - at) : strlen(at)) == size && memcmp(at, entry, size) == 0) return true;
+        at = end ? end + 2 : NULL;
+    }
+    return false;
+}
+
 enum lw_status lw_crossover_store_set(struct lw_crossover_store *s, const char *key, const char *value,
                                       struct lw_error *err) {
     struct lw_crossover_note note = {.key = ""};

@@ -141,12 +141,14 @@ LW_MUST_CHECK enum lw_status lw_crossover_store_set_late(struct lw_crossover_sto
                                                          const struct lw_crossover_late *late, size_t count,
                                                          struct lw_error *err);
 
-/** Sets a value of row.csv, which is written at once. Commas and ends of lines become blanks.
- * Errors: as above. */
+/** Sets a value of row.csv, which is written at once. Commas stay; ends of lines and other control characters
+ * become "?". Errors: as above. */
 LW_MUST_CHECK enum lw_status lw_crossover_store_set(struct lw_crossover_store *store, const char *key,
                                                     const char *value, struct lw_error *err);
 /** NULL: not set. */
 const char *lw_crossover_store_get(const struct lw_crossover_store *store, const char *key);
+/** Whether one entry of a list apart by "; " is this, as a whole. */
+bool lw_crossover_store_lists(const char *list, const char *entry);
 
 /** Says that a unit failed; text NULL: it did not, after all. Errors: as above. */
 LW_MUST_CHECK enum lw_status lw_crossover_store_fail(struct lw_crossover_store *store,

@@ -196,8 +196,20 @@ static void notes_and_failures_stay(void **state) {
     lw_crossover_store_finish(&store);
 }
 
+static void a_list_has_whole_entries(void **state) {
+    (void)state;
+    const char *list = "x1 1+2 rest 0.02 tiles; x2 1+2 rest 0.02";
+    assert_true(lw_crossover_store_lists(list, "x1 1+2 rest 0.02 tiles"));
+    assert_true(lw_crossover_store_lists(list, "x2 1+2 rest 0.02"));
+    assert_false(lw_crossover_store_lists(list, "x1 1+2 rest 0.02"));
+    assert_false(lw_crossover_store_lists(list, "2 1+2 rest 0.02"));
+    assert_false(lw_crossover_store_lists(list, "x2 1+2 rest 0.02 tiles"));
+    assert_false(lw_crossover_store_lists("", "x2 1+2 rest 0.02"));
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_list_has_whole_entries),
         cmocka_unit_test(what_was_measured_is_there_again),
         cmocka_unit_test(a_unit_that_was_cut_off_is_measured_again),
         cmocka_unit_test(other_tables_are_refused_by_line),
