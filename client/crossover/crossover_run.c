@@ -3,7 +3,9 @@
 #include "client/crossover/crossover_unit.h"
 #include "client/load/views.h"
 #include "common/clock.h"
+#include "common/file_read.h"
 #include "common/log.h"
+#include "common/scene/package.h"
 
 #include <errno.h>
 #include <math.h>
@@ -91,7 +93,7 @@ static void lay_out(struct lw_crossover_run *run) {
     run->window = run->judged[1] > window ? run->judged[1] - window + 1 : 1;
 }
 
-/* A property of the row that later runs must share. */
+/* A property of the row that later runs must share. What is measured without a note of it may be of another. */
 static enum lw_status bind_row(struct lw_crossover_run *run, struct lw_error *err, const char *key,
                                const char *format, ...) LW_PRINTF(4, 5);
 static enum lw_status bind_row(struct lw_crossover_run *run, struct lw_error *err, const char *key,
@@ -101,16 +103,42 @@ static enum lw_status bind_row(struct lw_crossover_run *run, struct lw_error *er
     va_start(arguments, format);
     vsnprintf(note.value, sizeof note.value, format, arguments);
     va_end(arguments);
+    lw_status_one_line(note.value);
     const char *before = lw_crossover_store_get(&run->store, key);
+    if (!before && run->store.expense_count)
+        return lw_status_fail(err, LW_USAGE,
+                              "%s holds a row that does not note its %s, here %s: choose another folder",
+                              run->store.folder, key, note.value);
     if (before && strcmp(before, note.value) != 0)
         return lw_status_fail(err, LW_USAGE, "%s holds a row whose %s is %s, not %s: choose another folder",
                               run->store.folder, key, before, note.value);
     return lw_crossover_store_set(&run->store, key, note.value, err);
 }
 
+/* The options of opening a scene. */
+static enum lw_status bind_scene(struct lw_crossover_run *run, struct lw_error *err) {
+    const struct lw_scene_open *open = &run->options->scene;
+    const float *sky = open->sky;
+    enum lw_status status = open->atlas_side_max > 0
+                                ? bind_row(run, err, "atlas-max", "%lld", (long long)open->atlas_side_max)
+                                : bind_row(run, err, "atlas-max", "the default");
+    if (status == LW_OK)
+        status = open->sky_given ? bind_row(run, err, "sky", "%.9g,%.9g,%.9g", (double)sky[0], (double)sky[1],
+                                            (double)sky[2])
+                                 : bind_row(run, err, "sky", "the scene's");
+    if (status == LW_OK)
+        status =
+            bind_row(run, err, "environment", "%s", open->environment ? open->environment : "the scene's");
+    if (status == LW_OK)
+        status = open->sun_angle_given ? bind_row(run, err, "sun-angle", "%.9g", open->sun_angle_deg)
+                                       : bind_row(run, err, "sun-angle", "the scene's");
+    return status;
+}
+
 static enum lw_status bind(struct lw_crossover_run *run, struct lw_error *err) {
     const struct lw_crossover_options *o = run->options;
-    enum lw_status status = bind_row(run, err, "scene", "%s", o->scene.path);
+    enum lw_status status = bind_row(run, err, "version", LW_VERSION);
+    if (status == LW_OK) status = bind_row(run, err, "scene", "%s", o->scene.path);
     if (status == LW_OK) status = bind_row(run, err, "motion", "%s", lw_scene_motion_name(o->motion));
     if (status == LW_OK) status = bind_row(run, err, "size", "%ux%u", o->width, o->height);
     if (status == LW_OK) status = bind_row(run, err, "bounces", "%u", o->bounces);
@@ -121,7 +149,24 @@ static enum lw_status bind(struct lw_crossover_run *run, struct lw_error *err) {
     if (status == LW_OK)
         status = bind_row(run, err, "texels per metre",
                           o->scene.texels_per_metre > 0 ? "%g" : "the default's", o->scene.texels_per_metre);
-    return status;
+    return status == LW_OK ? bind_scene(run, err) : status;
+}
+
+/* What the scene holds once it is opened, by the package at density 1: the light and the lightmap too. */
+static enum lw_status bind_content(struct lw_crossover_run *run, struct lw_error *err) {
+    const char *path = run->densities.package[0].path;
+    uint8_t *bytes;
+    size_t size;
+    struct lw_package_hash hash;
+    enum lw_status status = lw_file_read(path, LW_PACKAGE_SIZE_MAX, true, &bytes, &size, err);
+    if (status != LW_OK) {
+        lw_status_context(err, "%s", path);
+        return status;
+    }
+    lw_package_hash(bytes, size, &hash);
+    free(bytes);
+    for (size_t i = 0; i < sizeof hash.bytes; i++) snprintf(run->content + 2 * i, 3, "%02x", hash.bytes[i]);
+    return bind_row(run, err, "scene's content", "%s", run->content);
 }
 
 static void read_processor(char *out, size_t size) {
@@ -234,6 +279,7 @@ static enum lw_status open_scene(struct lw_crossover_run *run, struct lw_error *
     const double began_s = all_cpu_s();
     enum lw_status status = lw_scene_densities_init(&run->densities, &open, run->options->motion, err);
     run->build_cpu_s[0] = all_cpu_s() - began_s;
+    if (status == LW_OK) status = bind_content(run, err);
     if (status == LW_OK)
         status = note(run, err, "triangles", "%llu", (unsigned long long)run->densities.triangles);
     if (status == LW_OK) status = note(run, err, "density", "%.4g", run->densities.texels_per_metre);
@@ -265,6 +311,7 @@ static enum lw_status prepare(struct lw_crossover_run *run, const char *command,
         &run->truth,
         &(struct lw_crossover_truth_desc){.options = o,
                                           .scene = run->densities.scene,
+                                          .content = run->content,
                                           .cameras = {.context = &run->views, .at = lw_crossover_run_camera},
                                           .folder = o->folder,
                                           .judged = run->judged,

@@ -23,6 +23,7 @@ struct lw_crossover_run {
     const volatile sig_atomic_t *cancel;
     struct lw_crossover_store store;
     struct lw_scene_densities densities;
+    char content[33]; /* the hash of its first package, in hexadecimal digits */
     double build_cpu_s[LW_CROSSOVER_DENSITIES_MAX + 1]; /* of packages as they were made, in their order */
     struct lw_fixed_views views;
     struct lw_crossover_truth truth;

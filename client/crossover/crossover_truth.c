@@ -84,9 +84,10 @@ static void key_of(const struct lw_crossover_truth_desc *d, const struct lw_cros
                    const struct wish *w, char out[KEY_SIZE]) {
     const struct lw_camera_view camera = d->cameras.at(d->cameras.context, w->view, w->frame);
     snprintf(out, KEY_SIZE,
-             "lightwell reference 1: %.200s %s %ux%u bounces %u samples %u seed %u camera %g,%g,%g side %u "
+             "lightwell " LW_VERSION
+             " reference 2: %.40s %.150s %s %ux%u bounces %u samples %u seed %u camera %g,%g,%g side %u "
              "crops %u,%u %u,%u objects %u\n",
-             d->options->scene.path, lw_scene_motion_name(d->options->motion), d->options->width,
+             d->content, d->options->scene.path, lw_scene_motion_name(d->options->motion), d->options->width,
              d->options->height, d->options->bounces, w->samples, d->options->seed, (double)camera.position.x,
              (double)camera.position.y, (double)camera.position.z, t->side, t->crop[w->view][0].x,
              t->crop[w->view][0].y, t->crop[w->view][1].x, t->crop[w->view][1].y, d->scene->object_count);

@@ -50,6 +50,7 @@ struct lw_crossover_truth {
 struct lw_crossover_truth_desc {
     const struct lw_crossover_options *options;
     const struct lw_scene *scene;
+    const char *content; /* tells scenes apart, their light and lightmaps too; goes into the files' heads */
     struct lw_contender_cameras cameras;
     const char *folder; /* of the row: files go to its folder "reference" */
     const uint32_t *judged;

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "client/crossover/crossover_store.h"
+#include "client/crossover/crossover_run.h"
 
 #include <math.h>
 #include <signal.h>
@@ -207,8 +207,71 @@ static void a_list_has_whole_entries(void **state) {
     assert_false(lw_crossover_store_lists("", "x2 1+2 rest 0.02"));
 }
 
+/* Goes as far as opening the scene, which is not there: options are compared before. */
+static void run_row(const char *folder, const struct lw_crossover_options *options, const char *refused) {
+    struct lw_crossover_run run;
+    struct lw_crossover_options o = *options;
+    struct lw_error err = {0};
+    volatile sig_atomic_t cancel = 0;
+    o.folder = folder;
+    const enum lw_status status = lw_crossover_run(&run, &o, "command", &cancel, &err);
+    lw_crossover_run_finish(&run);
+    if (refused)
+        lw_support_fails(status, LW_USAGE, &err, refused);
+    else
+        assert_true(status != LW_OK && !strstr(err.text, "holds a row"));
+}
+
+static void another_row_is_refused_by_what_differs(void **state) {
+    (void)state;
+    const struct lw_crossover_options first = {.scene = {.path = "none.lwscene", .sun_angle_deg = 0.53},
+                                               .width = 64,
+                                               .height = 36,
+                                               .minutes_max = (double)INFINITY};
+    struct lw_crossover_options other = first;
+    struct lw_crossover_store store;
+    struct lw_error err = {0};
+    const char *folder = lw_support_temporary("bound");
+    run_row(folder, &first, NULL);
+    run_row(folder, &first, NULL);
+    other.scene.sky_given = true;
+    other.scene.sky[1] = 0.5f;
+    run_row(folder, &other, "whose sky is the scene's, not 0,0.5,0");
+    other = first;
+    other.scene.environment = "day.exr";
+    run_row(folder, &other, "whose environment is the scene's, not day.exr");
+    other = first;
+    other.scene.sun_angle_given = true;
+    run_row(folder, &other, "whose sun-angle is the scene's, not 0.53");
+    other = first;
+    other.scene.atlas_side_max = 512;
+    run_row(folder, &other, "whose atlas-max is the default, not 512");
+    run_row(folder, &first, NULL);
+    lw_support_ok(lw_crossover_store_open(&store, folder, false, &err), &err);
+    lw_support_ok(lw_crossover_store_set(&store, "version", "0.0.1", &err), &err);
+    lw_crossover_store_finish(&store);
+    run_row(folder, &first, "whose version is 0.0.1, not " LW_VERSION);
+}
+
+/* Of a version that did not note what is noted now. */
+static void a_row_without_notes_is_refused_once_it_holds_figures(void **state) {
+    (void)state;
+    const struct lw_crossover_options o = {.scene = {.path = "none.lwscene"}, .width = 64, .height = 36};
+    struct lw_crossover_store store;
+    struct lw_error err = {0};
+    const char *folder = lw_support_temporary("unbound");
+    const struct lw_crossover_unit unit = {.renderer = "raw", .setting = "1 path"};
+    const struct lw_crossover_expense all = lw_crossover_store_expense(&unit, 1, LW_CROSSOVER_ALL);
+    lw_support_ok(lw_crossover_store_open(&store, folder, false, &err), &err);
+    lw_support_ok(lw_crossover_store_append(&store, NULL, 0, &all, 1, &err), &err);
+    lw_crossover_store_finish(&store);
+    run_row(folder, &o, "holds a row that does not note its version");
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(another_row_is_refused_by_what_differs),
+        cmocka_unit_test(a_row_without_notes_is_refused_once_it_holds_figures),
         cmocka_unit_test(a_list_has_whole_entries),
         cmocka_unit_test(what_was_measured_is_there_again),
         cmocka_unit_test(a_unit_that_was_cut_off_is_measured_again),
