@@ -298,10 +298,10 @@ static enum lw_status prepare(struct lw_crossover_run *run, const char *command,
     const struct lw_crossover_options *o = run->options;
     enum lw_status status = lw_crossover_store_open(&run->store, o->folder, false, err);
     if (status == LW_OK) status = bind(run, err);
-    if (status == LW_OK) status = note_machine(run, command, err);
     if (status == LW_OK) status = make_folder(o->folder, "pictures", err);
     if (status == LW_OK) status = find_views(run, err);
     if (status == LW_OK) status = open_scene(run, err);
+    if (status == LW_OK) status = note_machine(run, command, err); /* of a run that is not refused */
     if (status != LW_OK) return status;
     lay_out(run);
     lw_log(LW_LOG_INFO, "%s, %s: %llu triangles, twelve views %s", o->scene.path,
@@ -393,8 +393,7 @@ static double error_of(const struct lw_crossover_run *run, const struct lw_cross
 }
 
 /* Whether more samples have gained nothing at a density below: at a denser one they cost four times as much.
- * By repeat 0
- * alone, so that all repeats, and a run that goes on, leave out the same. */
+ * By repeat 0 alone, so that all repeats, and a run that goes on, leave out the same. */
 static bool cannot_help(const struct lw_crossover_run *run, const struct lw_crossover_plan *plan,
                         uint32_t count, const struct lw_crossover_plan *next) {
     for (uint32_t i = 0; next->is_cache && i + next->rung < count && next->rung; i++) {
