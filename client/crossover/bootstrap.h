@@ -1,12 +1,10 @@
 /* bootstrap.h: intervals of figures that are measured over views and repeats.
  * Flow:    cells (view, repeat), a statistic -> [bootstrap: draws with replacement] -> value, 95 % interval
  * Threads: pure functions, [any].
- * After:   Efron and Tibshirani 1993, ch. 13 (percentile intervals); Davison and Hinkley 1997, 3.8
- *          (clusters: views are
- *          drawn whole, then repeats within each).
+ * After:   Efron and Tibshirani 1993, ch. 13 (percentile intervals); Davison and Hinkley 1997, 3.8 (clusters:
+ *          views are drawn whole, then repeats within each).
  *
- * It is paired: a draw takes the same cells of all renderers, so that what a view does to all of them
- * cancels. */
+ * It is paired: a draw takes the same cells of all renderers, so that what a view does to all of them cancels. */
 #ifndef LW_CLIENT_CROSSOVER_BOOTSTRAP_H
 #define LW_CLIENT_CROSSOVER_BOOTSTRAP_H
 

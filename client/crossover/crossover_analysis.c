@@ -226,8 +226,7 @@ static double r1_of(const void *context, const double *weight) {
 }
 
 /* C12 belongs to a repeat: it counts as often as that repeat's cells were drawn. C1 and A are of all cells
- * that have them:
- * views differ less by the cache's cost of one more user than by anything of the opponent. */
+ * that have them: views differ less by the cache's cost of one more user than by anything of the opponent. */
 static double m_of(const void *context, const double *weight) {
     const struct pair *pair = context;
     const uint32_t repeats = pair->cache->repeats, cells = LW_CROSSOVER_VIEWS * repeats;

@@ -4,8 +4,7 @@
  *          -> report
  * Threads: pure functions of the store, [any].
  *
- *     r(1)  what a user costs who has the cache alone, over an opponent's frame, in the same views and
- *     repeats
+ *     r(1)  what a user costs who has the cache alone, over an opponent's frame, in the same views and repeats
  *     m     what one more of twelve users costs, over an opponent's frame: ((C12 - C1) / 11) / A */
 #ifndef LW_CLIENT_CROSSOVER_CROSSOVER_ANALYSIS_H
 #define LW_CLIENT_CROSSOVER_CROSSOVER_ANALYSIS_H
@@ -69,15 +68,13 @@ struct lw_crossover_ratio lw_crossover_analysis_compare(const struct lw_crossove
                                                         const struct lw_crossover_point *opponent,
                                                         enum lw_crossover_coin coin);
 
-/** What a user's frame costs when all start-up is spread over a session of that length, of 30 frames a
- * second, CPU s;
- * `users` share the server's part. NAN: not known. */
+/** What a user's frame costs when all start-up is spread over a session of that length, of 30 frames a second,
+ * CPU s; `users` share the server's part. NAN: not known. */
 double lw_crossover_analysis_session(const struct lw_crossover_point *point, double session_s,
                                      uint32_t users);
 
-/** CPU s a frame of one user at which the cache's settings, by increasing cost, first reach an error;
- * between two of
- * them along a line in logarithms. NAN: they do not. */
+/** CPU s a frame of one user at which the cache's settings, by increasing cost, first reach an error; between
+ * two of them along a line in logarithms. NAN: they do not. */
 double lw_crossover_analysis_crossing(const struct lw_crossover_analysis *analysis,
                                       enum lw_crossover_coin coin, double error);
 

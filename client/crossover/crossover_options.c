@@ -14,8 +14,7 @@
 #define PATHS_MAX   256u
 
 /* Copies the next word of a list apart by commas and moves *text behind it; false: none is left. A word that
- * does not
- * fit is cut, which makes it none that is known. */
+ * does not fit is cut, which makes it none that is known. */
 static bool next_word(const char **text, char *out, size_t size) {
     if (!*text) return false;
     const size_t length = strcspn(*text, ",");

@@ -411,7 +411,7 @@ static void print_not_measured(const struct report *r) {
 
 /* ---- pictures ---- */
 
-/* The dearest setting that costs no more than an opponent; else the cheapest. */
+/* Of the settings that cost no more than an opponent the one with the least error; else the cheapest. */
 static const struct lw_crossover_point *at_equal_cost(const struct report *r,
                                                       const struct lw_crossover_point *opponent) {
     const struct lw_crossover_point *best = NULL, *least = NULL;

@@ -7,8 +7,7 @@
 #include "client/crossover/crossover_store.h"
 
 /** Writes the report of all whole units, from the tables alone; pictures where their files are there. Prints
- * its first
- * figures on stdout.
+ * its first figures on stdout.
  * Errors: LW_BAD_DATA where nothing is measured; LW_IO, LW_CANNOT_CREATE, LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_crossover_report_write(const struct lw_crossover_store *store,
                                                        struct lw_error *err);

@@ -5,10 +5,9 @@
  * Threads: main() only.
  *
  * Frames are of 1/30 s of scene time, on both sides, whatever the machine manages. Path renderers go through
- * the frames
- * that their histories need, a user at a time. The cache is one server with twelve clients, one a view, from
- * frame 1 on;
- * after the judged frames all but one of them leave, and that one looks at some of the views by himself. */
+ * the frames that their histories need, a user at a time. The cache is one server with twelve clients, one a
+ * view, from frame 1 on; after the judged frames all but one of them leave, and that one looks at some of the
+ * views alone. */
 #ifndef LW_CLIENT_CROSSOVER_CROSSOVER_RUN_H
 #define LW_CLIENT_CROSSOVER_CROSSOVER_RUN_H
 
@@ -34,11 +33,10 @@ struct lw_crossover_run {
 };
 
 /** Opens the scene and what an earlier run has left, traces what references are missing, measures what units
- * are.
- * A unit that fails is entered as such, and the next one begins. Finish it in any case.
- * Errors: LW_USAGE where the folder holds another row; LW_CLOSED if cancelled; LW_TIMED_OUT if time was up
- * before all
- * was measured; those of opening and of disks. */
+ * are. A unit that fails is entered as such, and the next one begins. Finish it in any case.
+ * Errors: LW_USAGE where the folder holds another row, naming what differs: an option, the scene's content, the
+ * version; LW_CLOSED if cancelled; LW_TIMED_OUT if time was up before all was measured; those of opening and of
+ * disks. */
 LW_MUST_CHECK enum lw_status lw_crossover_run(struct lw_crossover_run *run,
                                               const struct lw_crossover_options *options, const char *command,
                                               const volatile sig_atomic_t *cancel, struct lw_error *err);

@@ -3,14 +3,11 @@
  * Threads: one thread at a time.
  *
  * A unit is one renderer at one setting in one repeat. Its lines are written at once, samples first, and
- * flushed to
- * the disk; the line of its costs that says `all` ends it. A unit that lacks a line counts as not measured:
- * opening
- * takes its lines out, and a line without its end. Cells that are not known are empty.
+ * flushed to the disk; the line of its costs that says `all` ends it. A unit that lacks a line counts as not
+ * measured: opening takes its lines out, and a line without its end. Cells that are not known are empty.
  *
  *     samples.csv   renderer,setting,repeat,view,frame, a column per coin
- *     costs.csv     renderer,setting,repeat,users,view, CPU seconds per frame of all these users by stage,
- *     the rest
+ *     costs.csv     renderer,setting,repeat,users,view, CPU seconds per frame of all these users by stage, ...
  *     late.csv      view,frame,late,relmse: how far the reference itself is off one of N frames earlier
  *     row.csv       key,value: what was measured, and of what the report has to tell
  *     failures.csv  renderer,setting,repeat,text */
@@ -64,7 +61,7 @@ struct lw_crossover_sample {
     X(BUILD_CPU, "build_cpu_s", "start: import, lightmap coordinates, package")                              \
     X(START_CPU, "start_cpu_s", "start: the server until its first frame, or a user's rays' structure")      \
     X(JOIN_CPU, "join_cpu_s", "start: the first client's scene and rays' structure")                         \
-    X(WARM_CPU, "warm_cpu_s", "all processes, of the frames before the ones measured")                       \
+    X(WARM_CPU, "warm_cpu_s", "the server alone, of the frames before the ones measured")                    \
     X(WARM_FRAMES, "warm_frames", "how many these are")                                                      \
     X(START_WALL, "start_wall_s", "wall seconds until the first frame begins")                               \
     X(LAG, "lag_s", "age of the light that fits the first judged frame best, over all views")                \
@@ -117,10 +114,8 @@ struct lw_crossover_store {
 };
 
 /** Makes the folder if it is not there, reads what is there and gets ready to append. read_only: neither is
- * made nor
- * changed. Finish it in any case.
- * Errors: LW_CANNOT_CREATE, LW_IO, LW_NO_INPUT (read_only and no such folder), LW_BAD_DATA naming file and
- * line,
+ * made nor changed. Finish it in any case.
+ * Errors: LW_CANNOT_CREATE, LW_IO, LW_NO_INPUT (read_only and no such folder), LW_BAD_DATA naming file and line,
  * LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_crossover_store_open(struct lw_crossover_store *store, const char *folder,
                                                      bool read_only, struct lw_error *err);

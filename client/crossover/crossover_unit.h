@@ -17,8 +17,7 @@ struct lw_crossover_plan {
 
 /** Measures and appends it. Pictures are kept of repeat 0.
  * Errors: LW_CLOSED with *run->cancel set: cancelled; LW_IO, LW_CANNOT_CREATE: what was measured before is
- * there; else
- * the renderer's own. */
+ * there; else the renderer's own. */
 LW_MUST_CHECK enum lw_status lw_crossover_unit_measure(struct lw_crossover_run *run,
                                                        const struct lw_crossover_plan *plan,
                                                        struct lw_error *err);
