@@ -4,7 +4,8 @@
  * After:   Efron and Tibshirani 1993, ch. 13 (percentile intervals); Davison and Hinkley 1997, 3.8 (clusters:
  *          views are drawn whole, then repeats within each).
  *
- * It is paired: a draw takes the same cells of all renderers, so that what a view does to all of them cancels. */
+ * It is paired: a draw takes the same cells of all renderers, so that what a view does to all of them
+ * cancels. */
 #ifndef LW_CLIENT_CROSSOVER_BOOTSTRAP_H
 #define LW_CLIENT_CROSSOVER_BOOTSTRAP_H
 

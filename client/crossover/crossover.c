@@ -2,6 +2,7 @@
 
 #include "client/crossover/crossover_report.h"
 #include "client/crossover/crossover_run.h"
+#include "client/load/command_line.h"
 #include "common/interrupt.h"
 #include "common/log.h"
 #include "common/wait_policy.h"
@@ -17,14 +18,6 @@ static const struct lw_interrupt_phase measuring = {
 
 /* The first signal ends the measurement, the second the program. */
 static void on_signal(int number) { signalled = number; }
-
-static void write_command(int argc, char **argv, char *out, size_t size) {
-    size_t length = (size_t)snprintf(out, size, "lightwell-load");
-    for (int i = 0; i < argc && length < size; i++) {
-        int more = snprintf(out + length, size - length, strchr(argv[i], ' ') ? " '%s'" : " %s", argv[i]);
-        length += more > 0 ? (size_t)more : 0;
-    }
-}
 
 static enum lw_status report_only(const char *folder, struct lw_error *err) {
     struct lw_crossover_store store;
@@ -57,7 +50,7 @@ int lw_crossover_command(int argc, char **argv) {
     enum lw_status status = lw_crossover_options_parse(argc, argv, &options, &done, &err);
     if (status == LW_OK && !done) {
         lw_wait_passively(argv - 1); /* argv[-1] is the program's own name: see crossover.h */
-        write_command(argc, argv, command, sizeof command);
+        lw_command_line_write(argc, argv, command, sizeof command);
         status = options.report_only ? report_only(options.folder, &err) : measure(&options, command, &err);
     }
     if (signalled) {

@@ -50,7 +50,8 @@ void lw_crossover_analysis_finish(struct lw_crossover_analysis *analysis);
 const struct lw_crossover_point *lw_crossover_analysis_find(const struct lw_crossover_analysis *analysis,
                                                             const char *renderer, const char *setting);
 
-/** The cache's cheapest setting whose error is at most that, of those whose cost is known; NULL: none reaches it. */
+/** The cache's cheapest setting whose error is at most that, of those whose cost is known; NULL: none
+ * reaches it. */
 const struct lw_crossover_point *lw_crossover_analysis_cheapest(const struct lw_crossover_analysis *analysis,
                                                                 enum lw_crossover_coin coin, double error);
 /** The cache's setting with the least error; NULL: there is none. */
@@ -68,8 +69,8 @@ struct lw_crossover_ratio lw_crossover_analysis_compare(const struct lw_crossove
                                                         const struct lw_crossover_point *opponent,
                                                         enum lw_crossover_coin coin);
 
-/** What a user's frame costs when all start-up is spread over a session of that length, of 30 frames a second,
- * CPU s; `users` share the server's part. NAN: not known. */
+/** What a user's frame costs when all start-up is spread over a session of that length, of 30 frames a
+ * second, CPU s; `users` share the server's part. NAN: not known. */
 double lw_crossover_analysis_session(const struct lw_crossover_point *point, double session_s,
                                      uint32_t users);
 

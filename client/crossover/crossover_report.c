@@ -59,8 +59,8 @@ static bool tests_motion(const struct report *r, double error) {
 
 static bool is_static(const struct report *r) { return strcmp(get(r, "motion", ""), "static") == 0; }
 
-/* What the users cost together is measured over the frames after a step, what one costs alone when the step is
- * over: no ratio is made of the two. */
+/* What the users cost together is measured over the frames after a step, what one costs alone when the step
+ * is over: no ratio is made of the two. */
 static bool has_ratios(const struct report *r) { return strcmp(get(r, "motion", ""), "lamp-switch") != 0; }
 
 static void print_ratio(const struct report *r, FILE *f, const struct lw_bootstrap_interval *ratio) {

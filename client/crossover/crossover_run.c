@@ -93,7 +93,8 @@ static void lay_out(struct lw_crossover_run *run) {
     run->window = run->judged[1] > window ? run->judged[1] - window + 1 : 1;
 }
 
-/* A property of the row that later runs must share. What is measured without a note of it may be of another. */
+/* A property of the row that later runs must share. What is measured without a note of it may be of
+ * another. */
 static enum lw_status bind_row(struct lw_crossover_run *run, struct lw_error *err, const char *key,
                                const char *format, ...) LW_PRINTF(4, 5);
 static enum lw_status bind_row(struct lw_crossover_run *run, struct lw_error *err, const char *key,

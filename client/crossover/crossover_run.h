@@ -34,9 +34,9 @@ struct lw_crossover_run {
 
 /** Opens the scene and what an earlier run has left, traces what references are missing, measures what units
  * are. A unit that fails is entered as such, and the next one begins. Finish it in any case.
- * Errors: LW_USAGE where the folder holds another row, naming what differs: an option, the scene's content, the
- * version; LW_CLOSED if cancelled; LW_TIMED_OUT if time was up before all was measured; those of opening and of
- * disks. */
+ * Errors: LW_USAGE where the folder holds another row, naming what differs: an option, the scene's content,
+ * the version; LW_CLOSED if cancelled; LW_TIMED_OUT if time was up before all was measured; those of
+ * opening and of disks. */
 LW_MUST_CHECK enum lw_status lw_crossover_run(struct lw_crossover_run *run,
                                               const struct lw_crossover_options *options, const char *command,
                                               const volatile sig_atomic_t *cancel, struct lw_error *err);

@@ -115,8 +115,8 @@ struct lw_crossover_store {
 
 /** Makes the folder if it is not there, reads what is there and gets ready to append. read_only: neither is
  * made nor changed. Finish it in any case.
- * Errors: LW_CANNOT_CREATE, LW_IO, LW_NO_INPUT (read_only and no such folder), LW_BAD_DATA naming file and line,
- * LW_NO_MEMORY. */
+ * Errors: LW_CANNOT_CREATE, LW_IO, LW_NO_INPUT (read_only and no such folder), LW_BAD_DATA naming file and
+ * line, LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_crossover_store_open(struct lw_crossover_store *store, const char *folder,
                                                      bool read_only, struct lw_error *err);
 void lw_crossover_store_finish(struct lw_crossover_store *store);

@@ -16,7 +16,7 @@
 
 #define STEP        16u /* crops begin and end at multiples of it: their samples are the whole picture's */
 #define SIDE_MAX    96u
-#define LATE_SHARE  4u /* late references have so many times fewer paths */
+#define LATE_SHARE  4u /* late references have a quarter of the paths */
 #define DARK_SHARE  1e-4
 #define FLOOR_SHARE 0.01
 #define KEY_SIZE    512u
@@ -71,7 +71,7 @@ struct lw_view_error_truth lw_crossover_truth_of(const struct lw_crossover_truth
 
 /* One reference to be had. */
 struct wish {
-    uint32_t view, frame, late; /* the camera's; so many frames before, for the scene */
+    uint32_t view, frame, late; /* the camera's; frames by which the scene is older */
     uint32_t samples;
     struct lw_crossover_reference *out;
 };

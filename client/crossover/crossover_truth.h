@@ -75,8 +75,8 @@ struct lw_view_error_truth lw_crossover_truth_of(const struct lw_crossover_truth
                                                  const struct lw_crossover_reference *reference,
                                                  uint32_t crop);
 
-/** relMSE of a view's light of an earlier moment, nothing that shines: the mean of (l - t)^2 / (t^2 + epsilon),
- * by halves of both. NAN: no pixel counts. */
+/** relMSE of a view's light of an earlier moment, nothing that shines: the mean of (l - t)^2 / (t^2 +
+ * epsilon), by halves of both. NAN: no pixel counts. */
 double lw_crossover_truth_late_error(const struct lw_crossover_truth *truth, uint32_t late, uint32_t view);
 
 /** Takes a view's crops out of a whole picture. out: crops * side * side * 3 floats. */

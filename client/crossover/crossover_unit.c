@@ -21,7 +21,7 @@
 #define ALONE_STRIDE  5u /* views are sorted by brightness: those of a repeat are spread over all */
 #define CLIP_VIEW     7u /* drifts, neither dark nor the brightest */
 #define CLIP_FRAMES   12u
-#define CLIP_HALVED   2u /* clips are so many times smaller than pictures */
+#define CLIP_HALVED   2u /* clips have half the width and height of pictures */
 #define FLOOR_SHARE   0.01
 
 struct lw_crossover_job {

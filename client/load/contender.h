@@ -64,7 +64,7 @@ struct lw_contender_ops {
      * mean nothing. */
     enum lw_status (*start)(struct lw_contender *contender, const struct lw_setting *setting, bool lattice,
                             uint32_t seed, struct lw_error *err);
-    /** Lets users join or leave, so that there are so many. If no more than before, those who stay forget
+    /** Lets users join or leave until there are `users`. If no more than before, those who stay forget
      * what they have
      * looked at: they may be another one's eye from now on. */
     enum lw_status (*set_users)(struct lw_contender *contender, uint32_t users, struct lw_error *err);

@@ -1,5 +1,6 @@
 #include "client/load/scaling.h"
 
+#include "client/load/command_line.h"
 #include "client/load/scaling_report.h"
 #include "common/interrupt.h"
 #include "common/log.h"
@@ -19,14 +20,6 @@ static const struct lw_interrupt_phase measuring = {
 
 /* The first signal ends the measurement, the second the program. */
 static void on_signal(int number) { signalled = number; }
-
-static void write_command(int argc, char **argv, char *out, size_t size) {
-    size_t length = (size_t)snprintf(out, size, "lightwell-load");
-    for (int i = 0; i < argc && length < size; i++) {
-        int more = snprintf(out + length, size - length, strchr(argv[i], ' ') ? " '%s'" : " %s", argv[i]);
-        length += more > 0 ? (size_t)more : 0;
-    }
-}
 
 static void print_result(const struct lw_scaling *x) {
     printf("report: %s/report.md\n", x->options.folder);
@@ -64,7 +57,7 @@ int lw_scaling_command(int argc, char **argv) {
     enum lw_status status = lw_scaling_options_parse(argc, argv, &options, &done, &err);
     if (status == LW_OK && !done) {
         lw_wait_passively(argv - 1); /* argv[-1] is the program's own name: see scaling.h */
-        write_command(argc, argv, command, sizeof command);
+        lw_command_line_write(argc, argv, command, sizeof command);
         status = run(&options, command, &err);
     }
     return status == LW_OK ? 0 : lw_log_failure(&err);

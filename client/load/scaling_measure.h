@@ -1,10 +1,12 @@
 /* scaling_measure.h: the measurement behind lightwell-load scaling.
- * Flow:    options -> scene, views, truths -> [both sides: settings tried, the cheapest chosen, users added] -> figures
+ * Flow:    options -> scene, views, truths -> [both sides: settings tried, the cheapest chosen, users
+ *          added] -> figures
  * Threads: main() only.
  *
- * Time goes in frames of 1/30 s on both sides, whatever the machine manages; cost is CPU seconds per such frame. In a
- * moving scene the first second is not measured: caches are warm and histories long, as in a world that runs on. In a still
- * one everything is, from the first frame on: that is what the cache pays once and a path tracer for ever. */
+ * Time goes in frames of 1/30 s on both sides, whatever the machine manages; cost is CPU seconds per such
+ * frame. In a moving scene the first second is not measured: caches are warm and histories long, as in a
+ * world that runs on. In a still one everything is, from the first frame on: that is what the cache pays
+ * once and a path tracer for ever. */
 #ifndef LW_CLIENT_LOAD_SCALING_MEASURE_H
 #define LW_CLIENT_LOAD_SCALING_MEASURE_H
 

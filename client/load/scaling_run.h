@@ -30,7 +30,7 @@ LW_MUST_CHECK enum lw_status lw_scaling_run_judge(const struct lw_scaling *x,
                                                   const uint32_t *shown, uint32_t shown_count,
                                                   struct lw_scaling_errors *errors, struct lw_error *err);
 
-/** What one of so many users pays alone. */
+/** What one of `users` users pays alone. */
 struct lw_cost lw_scaling_run_of_one(const struct lw_cost *cost, double users);
 
 /** Goes through the frames once with all eyes.

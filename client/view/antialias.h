@@ -39,7 +39,7 @@ void lw_antialias_finish(struct lw_antialias *antialias);
  * the centre, to 1/2^24; one alone is the centre itself. */
 void lw_antialias_offset(uint32_t index, uint32_t count, float *out_x, float *out_y);
 
-/** Renders a view with so many samples of every pixel, their mean.
+/** Renders a view as the mean of `samples` samples of every pixel.
  *
  * view        its offset is not read
  * samples     from 1 on; 1: lw_compose_render()

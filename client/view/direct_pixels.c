@@ -15,19 +15,20 @@
 #define SIDE   (4u * LW_DIRECT_PIXELS_SIDE) /* pixels of a tile */
 #define KEPT   LW_DIRECT_PIXELS_LIGHTS_MAX
 
-/* Shadow rays of a pixel: the first; SOME where its neighbours' first ones differ; SAMPLES where even those do, in a
- * penumbra that is too narrow for a mean over neighbours. */
+/* Shadow rays of a pixel: the first; SOME where its neighbours' first ones differ; SAMPLES where even those
+ * do, in a penumbra that is too narrow for a mean over neighbours. */
 #define SOME    4u
 #define SAMPLES 8u
-/* Of the light at hand over all that a pixel has by then: from which on a pixel has rays of its own, and SAMPLES of them. */
+/* Of the light at hand over all that a pixel has by then: from which on a pixel has rays of its own, and
+ * SAMPLES of them. */
 #define SHARE_FAINT 0.005f /* from which on 2 x 2 pixels have one */
 #define SHARE_SEEN  0.02f
 #define SHARE_NOISY 0.06f
 /* Sequences of random numbers that blocks choose from. */
 #define VARIANTS 8u
 
-/* Lights that give less than this share of the tile's light together have one shadow ray for all of them; those that
- * give less than TAIL_MIN, none. */
+/* Lights that give less than this share of the tile's light together have one shadow ray for all of them;
+ * those that give less than TAIL_MIN, none. */
 #define TAIL_MAX 4e-3f
 #define TAIL_MIN 1e-3f
 
@@ -382,7 +383,8 @@ static bool find_region(const struct lw_direct_tile *tile, struct region *out) {
     return any;
 }
 
-/* The most that each candidate may give within a region; and what the near ones give there, roughly, together. */
+/* The most that each candidate may give within a region; and what the near ones give there, roughly,
+ * together. */
 LW_WIDE static void bound_all(const struct candidates *restrict c, uint32_t first, uint32_t count,
                               struct region at, float *restrict bound, float *restrict typical) {
     for (uint32_t i = first; i < count; i++) {
@@ -606,8 +608,9 @@ static void shoot_quads(struct job *job, uint32_t b) {
     }
 }
 
-/* One ray for each flat block, or flat quad, and for each pixel elsewhere. Rays of blocks in a row or column go through
- * all rows and columns of pixels, so that a straight shadow of a pixel's width is found somewhere. */
+/* One ray for each flat block, or flat quad, and for each pixel elsewhere. Rays of blocks in a row or
+ * column go through all rows and columns of pixels, so that a straight shadow of a pixel's width is found
+ * somewhere. */
 static void shoot_sparsely(struct job *job, bool divided[BLOCKS]) {
     struct lw_direct_work *w = job->work;
     for (uint32_t b = 0; b < BLOCKS; b++) {
@@ -687,7 +690,8 @@ static uint16_t of_block(const uint32_t row[SIDE], uint32_t b) {
     return (uint16_t)bits;
 }
 
-/* Pixels close to others that disagree have rays of their own. Rays of quads side by side are up to three pixels apart. */
+/* Pixels close to others that disagree have rays of their own. Rays of quads side by side are up to three
+ * pixels apart. */
 static void shoot_pixels(struct job *job) {
     struct lw_direct_work *w = job->work;
     for (int pass = 0; pass < 2; pass++) {
@@ -704,8 +708,9 @@ static void shoot_pixels(struct job *job) {
     }
 }
 
-/* Whether a neighbourhood lies within a penumbra: so many of its pixels have found both light and shadow. The wider the
- * window, the more of them, as the mean over a bend is no pixel's own. r: half the window's side */
+/* Whether a neighbourhood lies within a penumbra: so many of its pixels have found both light and shadow.
+ * The wider the window, the more of them, as the mean over a bend is no pixel's own. r: half the window's
+ * side */
 static bool is_wide(uint32_t partial, uint32_t all, uint32_t r) {
     return 100 * partial >= (30 + 15 * r) * all;
 }

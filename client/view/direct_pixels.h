@@ -1,14 +1,16 @@
-/* direct_pixels.h: the direct light of chosen lights at the points that pixels see, with as few shadow rays as show no
- * noise.
+/* direct_pixels.h: the direct light of chosen lights at the points that pixels see, with as few shadow rays
+ * as show no noise.
  * Flow:    points of a screen tile, lights at the pose -> [direct_pixels] -> E of each point -> compose
- * Threads: create, set_pose and begin by one thread; light [any], with a tile for each worker. Same inputs, same bytes.
+ * Threads: create, set_pose and begin by one thread; light [any], with a tile for each worker. Same inputs,
+ * same bytes.
  *
- * Of each light that counts at the tile its E without shadows is computed (lights16.h, emitter_clusters.h), and times
- * the share of it that shadow rays see. One ray stands for 4 x 4 pixels on one flat piece of surface; where it and those
- * around it disagree, for 2 x 2; within three pixels of where these disagree, each pixel has one; and where those of
- * neighbours disagree and the light has an extent, up to eight, stratified over the light for a pixel and for 4 x 4 of them. Where
- * a penumbra is several pixels wide, a pixel is the mean of its neighbours in it. Nothing is kept from picture to
- * picture. Light that is weak beside what else arrives at a pixel has fewer rays: its noise is not seen. */
+ * Of each light that counts at the tile its E without shadows is computed (lights16.h, emitter_clusters.h),
+ * and times the share of it that shadow rays see. One ray stands for 4 x 4 pixels on one flat piece of
+ * surface; where it and those around it disagree, for 2 x 2; within three pixels of where these disagree,
+ * each pixel has one; and where those of neighbours disagree and the light has an extent, up to eight,
+ * stratified over the light for a pixel and for 4 x 4 of them. Where a penumbra is several pixels wide, a
+ * pixel is the mean of its neighbours in it. Nothing is kept from picture to picture. Light that is weak
+ * beside what else arrives at a pixel has fewer rays: its noise is not seen. */
 #ifndef LW_CLIENT_VIEW_DIRECT_PIXELS_H
 #define LW_CLIENT_VIEW_DIRECT_PIXELS_H
 
@@ -39,7 +41,8 @@ void lw_direct_pixels_destroy(struct lw_direct_pixels *direct);
 
 /** Gets ready for a picture: takes over lights, objects and emissive materials as they are now.
  * pose    must stay until the picture is done
- * white   mean irradiance of what is seen, luminance, W/m^2: what is less than a thousandth of that may be left out
+ * white   mean irradiance of what is seen, luminance, W/m^2: what is less than a thousandth of that may be
+ *         left out
  * sample  number of the picture among those that are averaged; each has random numbers of its own
  * Without memory for materials that have changed it draws no emitters. */
 void lw_direct_pixels_begin(struct lw_direct_pixels *direct, const struct lw_pose *pose, float white,

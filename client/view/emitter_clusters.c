@@ -241,7 +241,8 @@ static void quarter(struct lw_emitter_cluster *cluster, uint32_t f) {
     }
 }
 
-/* A panel of few triangles is more than a few points, from nearby: quarters single sides while all of them have room. */
+/* A panel of few triangles is more than a few points, from nearby: quarters single sides while all of them
+ * have room. */
 static void quarter_all(struct lw_emitter_cluster *cluster) {
     static const struct lw_vec2 whole[3] = {{0, 0}, {1, 0}, {0, 1}};
     for (uint32_t f = 0; f < cluster->facet_count; f++) memcpy(cluster->facet[f].corner, whole, sizeof whole);
@@ -348,8 +349,8 @@ static void fill_map(const struct lw_emitter_clusters *clusters, struct lw_emitt
     if (!(cluster->intensity < INFINITY)) cluster->intensity = 0;
 }
 
-/* Places on the cluster, each for as much power: sides follow each other facet by facet, so that neighbours in this list
- * are neighbours on the cluster. */
+/* Places on the cluster, each for as much power: sides follow each other facet by facet, so that neighbours
+ * in this list are neighbours on the cluster. */
 static void spread_points(const struct lw_emitter_clusters *clusters, struct lw_emitter_cluster *cluster) {
     float power = 0, running = 0;
     for (uint32_t i = cluster->first; i < cluster->first + cluster->count; i++)
@@ -531,7 +532,8 @@ LW_WIDE static void light_far(const struct lw_emitter_cluster *cluster, const fl
     }
 }
 
-/* A facet is as bright as a disc of its area that faces the point: E = L A cos cos' / (d^2 + A / pi), at most pi L. */
+/* A facet is as bright as a disc of its area that faces the point: E = L A cos cos' / (d^2 + A / pi), at
+ * most pi L. */
 LW_WIDE_INLINE float facet_light(const struct lw_emitter_facet *f, struct lw_vec3 point,
                                  struct lw_vec3 normal) {
     const struct lw_vec3 to = lw_vec3_sub(f->centre, point);
@@ -583,7 +585,8 @@ void lw_emitter_clusters_light16(const struct lw_emitter_cluster *cluster, const
     for (int i = 0; i < LANES; i++) out[i] = out[i] > 0 && out[i] < FLT_MAX ? out[i] : 0;
 }
 
-/* A side of a facet that faces the point, by power, from the chosen one on. What is left of u is even in [0, 1). */
+/* A side of a facet that faces the point, by power, from the chosen one on. What is left of u is even in
+ * [0, 1). */
 static const struct lw_emitter_side *pick_side(const struct lw_emitter_clusters *clusters,
                                                const struct lw_emitter_facet *facet, struct lw_vec3 point,
                                                float *u) {

@@ -5,10 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-static bool shines(const struct lw_material *m) {
-    return m->emission[0] > 0 || m->emission[1] > 0 || m->emission[2] > 0;
-}
-
 /* ---- small emitters ---- */
 
 /* A corner of an emissive triangle. */
@@ -49,7 +45,7 @@ static uint32_t list_corners(const struct lw_scene *scene, const struct lw_pose 
     const struct lw_mesh *mesh = &scene->mesh[scene->object[object].mesh];
     uint32_t count = 0;
     for (uint32_t t = 0; t < mesh->triangle_count; t++) {
-        if (!shines(&scene->material[mesh->material[t]])) continue;
+        if (!lw_material_shines(&scene->material[mesh->material[t]])) continue;
         for (int k = 0; k < 3; k++, count++)
             out[count] = (struct corner){.at_ws = lw_affine_point(&pose->object_to_world[object],
                                                                   mesh->position[mesh->triangle[t][k]]),
@@ -86,7 +82,7 @@ static size_t count_corners(const struct lw_scene *scene, uint32_t object) {
     const struct lw_mesh *mesh = &scene->mesh[scene->object[object].mesh];
     size_t count = 0;
     for (uint32_t t = 0; t < mesh->triangle_count; t++)
-        if (shines(&scene->material[mesh->material[t]])) count += 3;
+        if (lw_material_shines(&scene->material[mesh->material[t]])) count += 3;
     return count;
 }
 
@@ -113,7 +109,8 @@ static enum lw_status judge_object(const struct lw_scene *scene, const struct lw
 static enum lw_status choose_small(struct lw_client_lights *client, const struct lw_scene *scene,
                                    const struct lw_pose *pose) {
     memset(client->light, 1, scene->light_count);
-    for (uint32_t m = 0; m < scene->material_count; m++) client->material[m] = shines(&scene->material[m]);
+    for (uint32_t m = 0; m < scene->material_count; m++)
+        client->material[m] = lw_material_shines(&scene->material[m]);
     enum lw_status status = LW_OK;
     for (uint32_t o = 0; o < scene->object_count && status == LW_OK; o++)
         if (!lw_scene_is_spare(scene, o)) status = judge_object(scene, pose, o, client->material);
@@ -138,7 +135,7 @@ static enum lw_status choose_named(struct lw_client_lights *client, const struct
             if (is_called(scene->light[i].name, at, length)) client->light[i] = found = true;
         for (uint32_t m = 0; m < scene->material_count; m++) {
             if (!is_called(scene->material[m].name, at, length)) continue;
-            if (shines(&scene->material[m]))
+            if (lw_material_shines(&scene->material[m]))
                 client->material[m] = found = true;
             else
                 dark = true;

@@ -1,5 +1,6 @@
 /* client_lights.h: the lights whose direct light clients draw at their pixels: "client lights".
- * Flow:    scene, pose, --client-lights -> [client_lights] -> solver, WELCOME (client/lib reads it) -> composer
+ * Flow:    scene, pose, --client-lights -> [client_lights] -> solver, WELCOME (client/lib reads it) ->
+ *          composer
  * Threads: built by one; then [any].
  *
  * Shadows of small sources have edges that belong to the pixel, and cost a shadow ray or a shadow map there.
@@ -23,12 +24,12 @@ struct lw_client_lights {
     uint32_t drawn_lights, drawn_materials;
 };
 
-/** names    "auto": suns, points, spots, and emissive materials in small pieces; "lamps": suns, points and spots
- *           alone; "none"; or names of lights and emissive materials, apart by commas. NULL: as "auto". What does
- *           not shine now by a material stays the server's
+/** names    "auto": suns, points, spots, and emissive materials in small pieces; "lamps": suns, points and
+ *           spots alone; "none"; or names of lights and emissive materials, apart by commas. NULL: as
+ *           "auto". What does not shine now by a material stays the server's
  *  pose     where the pieces are measured
- *  Errors   LW_USAGE for a name that the scene does not have, or of a material that does not shine; LW_NO_MEMORY.
- *           *client is zeroed then */
+ *  Errors   LW_USAGE for a name that the scene does not have, or of a material that does not shine, or of no
+ *           letters; LW_NO_MEMORY. *client is zeroed then */
 LW_MUST_CHECK enum lw_status lw_client_lights_init(struct lw_client_lights *client,
                                                    const struct lw_scene *scene, const struct lw_pose *pose,
                                                    const char *names, struct lw_error *err);

@@ -22,10 +22,6 @@
 #define BRIGHT_SHARE_MIN 0.1f
 #define BRIGHT_SHARE_MAX 0.5f
 
-static bool is_emissive(const struct lw_material *m) {
-    return m->emission[0] > 0 || m->emission[1] > 0 || m->emission[2] > 0;
-}
-
 /* Whether a triangle shines the same all over. */
 static bool is_uniform(const struct lw_material *m) {
     return m->emission_texture.texture == LW_SCENE_NONE && m->alpha_mode == LW_ALPHA_OPAQUE;
@@ -63,7 +59,7 @@ static float choice_luminance(const struct lw_material *m, struct lw_vec3 mean) 
 
 /* Whether triangles of a material are emitters here. */
 static bool is_emitter(const struct lw_lights *lights, uint32_t material) {
-    return is_emissive(&lights->scene->material[material]) &&
+    return lw_material_shines(&lights->scene->material[material]) &&
            (!lights->part.material || lights->part.material[material] == lights->part.value);
 }
 

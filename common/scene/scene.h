@@ -197,6 +197,11 @@ LW_MUST_CHECK enum lw_status lw_scene_add_object(struct lw_scene *scene, uint32_
  * Errors: LW_BAD_DATA naming the element and field; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_scene_validate(const struct lw_scene *scene, struct lw_error *err);
 
+/** Whether its surfaces shine. */
+static inline bool lw_material_shines(const struct lw_material *m) {
+    return m->emission[0] > 0 || m->emission[1] > 0 || m->emission[2] > 0;
+}
+
 /** Whether an object is a spare, to begin with. */
 static inline bool lw_scene_is_spare(const struct lw_scene *scene, uint32_t object) {
     return scene->object[object].node == LW_SCENE_NONE;

@@ -2,7 +2,8 @@
  * Flow:    snapshots -> [server: per session, what it lacks] -> writev -> link
  *          what each session wants -> [server] -> what any of them wants -> solver
  *          updates of the scene -> [server: checked, in order] -> solver -> published -> answered
- * Threads: the loop owns all sessions [loop]; lw_server_publish(), lw_server_take_wanted(), lw_server_forms_taken(),
+ * Threads: the loop owns all sessions [loop]; lw_server_publish(), lw_server_take_wanted(),
+ * lw_server_forms_taken(),
  *          lw_server_take_updates() and lw_server_stop() are [any]: they hand over and wake the loop, and never wait for it. */
 #ifndef LW_SERVE_SERVER_H
 #define LW_SERVE_SERVER_H
@@ -77,8 +78,8 @@ struct lw_server_wanted {
 /** Takes what sessions want if it is not what was last taken; before the first time, that is nothing. One taker, at its
  * own pace: changes in between are put together. Returns whether there is news. [any] */
 bool lw_server_take_wanted(struct lw_server *server, struct lw_server_wanted *out_wanted);
-/** In which forms sessions take light now: bit per enum lw_light_form; 0: nobody takes any. A session gets frames once there is a
- * snapshot with its form. [any] */
+/** In which forms sessions take light now: bit per enum lw_light_form; 0: nobody takes any. A session gets
+ * frames once there is a snapshot with its form. [any] */
 uint32_t lw_server_forms_taken(const struct lw_server *server);
 /** Takes the updates that sessions have sent, for frame `frame`: they are answered once that one, or a later one, has been
  * handed over by lw_server_publish(). One taker, at the beginning of each frame.

@@ -11,8 +11,8 @@
  *   drawn    the whole picture with the direct light of client lights (common/light/client_lights.h); its time over that
  *            of compose: drawn_over_compose
  *   path     the path tracer, one path per pixel
- * With -o DIR the pictures as EXR, for bench_compare; with --dark no light is in their texels, so that the ones with
- * client lights are what "lightwell-view --path-trace --show direct" shows. */
+ * With -o DIR the pictures as EXR, for bench_compare; with --dark no light is in their texels, so that the
+ * ones with client lights are what "lightwell-view --path-trace --show direct" shows. */
 #include "client/view/compose.h"
 #include "client/view/path_trace.h"
 #include "common/clock.h"

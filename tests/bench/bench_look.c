@@ -2,12 +2,14 @@
  *
  *     bench_look [OPTIONS] SCENE[@PX,PY,PZ:TX,TY,TZ:FOV | @CAMERA]...
  *
- * Solves a scene that stands still, with the filter, and composes the view through the centres of the pixels after 1, 2, 4, ...
- * frames; light is as the solver shows it, not coded. Two tables in Markdown. The first compares each picture with the
- * last one: solve s is CPU time so far; shown error, good and max error are lw_compose_report's; relMSE = mean((x - t)^2 / (t^2 +
- * eps)), eps = 1 % of the mean of t^2; FLIP at 67 pixels per degree, by the viewer's tone curve and the last picture's exposure.
- * The second composes the last light with more samples, of every pixel and at edges: CPU time over that of one sample, and relMSE
- * against as many samples of every pixel as --truth says, medians of --rounds. With -o DIR the pictures as PNG. */
+ * Solves a scene that stands still, with the filter, and composes the view through the centres of the
+ * pixels after 1, 2, 4, ... frames; light is as the solver shows it, not coded. Two tables in Markdown. The
+ * first compares each picture with the last one: solve s is CPU time so far; shown error, good and max
+ * error are lw_compose_report's; relMSE = mean((x - t)^2 / (t^2 + eps)), eps = 1 % of the mean of t^2; FLIP
+ * at 67 pixels per degree, by the viewer's tone curve and the last picture's exposure. The second composes
+ * the last light with more samples, of every pixel and at edges: CPU time over that of one sample, and
+ * relMSE against as many samples of every pixel as --truth says, medians of --rounds. With -o DIR the
+ * pictures as PNG. */
 #include "client/view/antialias.h"
 #include "client/view/tonemap.h"
 #include "common/clock.h"

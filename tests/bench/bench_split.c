@@ -2,7 +2,8 @@
  *
  *     bench_split [--frames N] [--at SECONDS] SCENE...
  *
- * Each scene is solved as lightwelld does by default, at one moment; its tiles of levels 0 to 2 are taken in both forms.
+ * Each scene is solved as lightwelld does by default, at one moment; its tiles of levels 0 to 2 are taken
+ * in both forms.
  *   bits      per texel that a look-up may read
  *   log-PSNR  of log2(1 + E/y0)/log2(101) over those texels, y0 = 1 % of white. E is all light in either form: what a
  *             client draws is added to both sides, without an error of its own */

@@ -112,8 +112,8 @@ static double sample(const struct picture *picture, float u, float v) {
     return sum;
 }
 
-/* Points all over an object, their lightmap coordinates from the .glb, their light from the EXR: `factor` times that of
- * as many lamps, and of a sky of that radiance. */
+/* Points all over an object, their lightmap coordinates from the .glb, their light from the EXR: `factor`
+ * times that of as many lamps, and of a sky of that radiance. */
 static void check_object(const struct lw_scene *scene, const struct lw_pose *pose, uint32_t o,
                          const char *exr, double factor, double lamps, double sky) {
     const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];

@@ -75,8 +75,9 @@ static void measures_and_reports(void **state) {
     lw_process_left_nothing();
 }
 
-/* The harness against itself: with the same path tracer on both sides nobody wins. CPU time of so little work is noisy on a
- * busy machine: the bound is wide, but what could go wrong (costs counted twice, users forgotten) is a factor of 2. */
+/* The harness against itself: with the same path tracer on both sides nobody wins. CPU time of so little
+ * work is noisy on a busy machine: the bound is wide, but what could go wrong (costs counted twice, users
+ * forgotten) is a factor of 2. */
 static void equals_are_equal(void **state) {
     (void)state;
     struct lw_process process;
@@ -116,7 +117,8 @@ static void settings_may_be_given_and_plots_missing(void **state) {
     free(report);
 }
 
-/* Where the whole scene is lit, given settings take one sequence of the server's frames a repeat, and all eyes judge. */
+/* Where the whole scene is lit, given settings take one sequence of the server's frames a repeat, and all
+ * eyes judge. */
 static void given_settings_of_the_whole_take_one_sequence(void **state) {
     (void)state;
     struct lw_process process;

@@ -32,6 +32,20 @@ void room_box(struct room *room, struct lw_vec3 s, float albedo, float emission)
     room_quad(room, x, z, y, albedo, emission);
 }
 
+struct room room_with_two_lamps(void) {
+    struct room room = {.texels_per_metre = 12};
+    room_box(&room, lw_vec3(4, 2, 2), 0.5f, 0);
+    room_quad(&room, lw_vec3(1.4f, 0.4f, 0.8f), lw_vec3(0, 0, 0.4f), lw_vec3(0.4f, 0, 0), 0.5f, 0);
+    room.quad[ROOM_PLATE].double_sided = true;
+    room_quad(&room, lw_vec3(2, 1.9f, 0.8f), lw_vec3(0.4f, 0, 0), lw_vec3(0, 0, 0.4f), 0.5f, 6);
+    room.light[0] = (struct lw_light){.name = "left", .kind = LW_LIGHT_POINT, .intensity = {4, 4, 4}};
+    room.light_position[0] = lw_vec3(1, 1.6f, 1);
+    room.light[1] = (struct lw_light){.name = "right", .kind = LW_LIGHT_POINT, .intensity = {3, 0, 1}};
+    room.light_position[1] = lw_vec3(3, 1.6f, 1);
+    room.light_count = 2;
+    return room;
+}
+
 /* A quad's corners about its rim; a disc's centre, then its rim. */
 static void place_vertices(const struct room_quad *quad, struct lw_vec3 *out_position) {
     if (!quad->segments) {

@@ -46,6 +46,10 @@ void room_disc(struct room *room, struct lw_vec3 centre, struct lw_vec3 radius_u
                float albedo, float emission);
 /** The six inner faces of a box from (0,0,0) to size. */
 void room_box(struct room *room, struct lw_vec3 size, float albedo, float emission);
+/** 4 x 2 x 2 m at 12 texels a metre: point lights "left" and "right", a double-sided plate (ROOM_PLATE)
+ * over the floor, and a panel that glows (ROOM_PANEL) under the ceiling; after the six faces of room_box(). */
+struct room room_with_two_lamps(void);
+enum { ROOM_FACES = 6, ROOM_PLATE = ROOM_FACES, ROOM_PANEL };
 
 /** A room with everything that a solve needs. */
 struct room_solution {

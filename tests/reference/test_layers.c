@@ -4,30 +4,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { PLATE = 6, PANEL }; /* after the six faces of room_box() */
-
-/* Two lamps, a glowing panel under the ceiling, and a plate in between. */
-static struct room make_room(void) {
-    struct room room = {.texels_per_metre = 12};
-    room_box(&room, lw_vec3(4, 2, 2), 0.5f, 0);
-    room_quad(&room, lw_vec3(1.4f, 0.4f, 0.8f), lw_vec3(0, 0, 0.4f), lw_vec3(0.4f, 0, 0), 0.5f, 0);
-    room.quad[PLATE].double_sided = true;
-    room_quad(&room, lw_vec3(2, 1.9f, 0.8f), lw_vec3(0.4f, 0, 0), lw_vec3(0, 0, 0.4f), 0.5f, 6);
-    room.light[0] = (struct lw_light){.name = "left", .kind = LW_LIGHT_POINT, .intensity = {4, 4, 4}};
-    room.light_position[0] = lw_vec3(1, 1.6f, 1);
-    room.light[1] = (struct lw_light){.name = "right", .kind = LW_LIGHT_POINT, .intensity = {3, 0, 1}};
-    room.light_position[1] = lw_vec3(3, 1.6f, 1);
-    room.light_count = 2;
-    return room;
-}
-
 static const struct lw_solver_desc desc = {
     .bounces = 2, .direct_samples = 1, .indirect_samples = 4, .target_error = 0.05f};
 /* Of an object's light after a change: blocks rest with up to target_error of it out of date. */
 #define AFTER_CHANGE 0.05
 
 static void begin(struct room_solution *s, const char *groups, unsigned frames) {
-    const struct room room = make_room();
+    const struct room room = room_with_two_lamps();
     room_solve_layers(s, room_scene(&room), room.texels_per_metre, desc, groups, frames);
 }
 
@@ -71,7 +54,7 @@ static bool same(const struct picture *a, const struct picture *b, int c) {
 /* Means of the objects of two solves agree. */
 static void expect_same_light(const struct room_solution *a, const struct room_solution *b,
                               double tolerance) {
-    for (uint32_t o = 0; o < PLATE; o++)
+    for (uint32_t o = 0; o < ROOM_PLATE; o++)
         expect_near(room_object_mean(a, o).total, room_object_mean(b, o).total, tolerance);
 }
 
@@ -119,7 +102,7 @@ static void test_another_weight_takes_no_ray(void **state) {
     assert_true(s.stats.tiles_shown > 0 && s.stats.moved);
     assert_int_equal(step(&s, &frame), 0);
     assert_int_equal(s.stats.tiles_shown, 0);
-    struct room room = make_room();
+    struct room room = room_with_two_lamps();
     room.light_count = 1;
     expect_light_of(&s, &room, 0.01);
     struct picture off = look(&s);
@@ -151,9 +134,9 @@ static void test_the_last_light_goes_out(void **state) {
     (void)state;
     struct room_solution s;
     uint64_t frame = 0;
-    struct room room = make_room();
+    struct room room = room_with_two_lamps();
     room.light_count = 1;
-    room.quad[PANEL].emission = 0;
+    room.quad[ROOM_PANEL].emission = 0;
     room_solve_layers(&s, room_scene(&room), room.texels_per_metre, desc, "none", 0);
     room_solve_until_rest(&s, &frame);
     struct picture before = look(&s);
@@ -186,7 +169,7 @@ static void test_a_group_has_one_weight(void **state) {
     s.pose.light[1].intensity = lw_vec3(0, 0, 0);
     assert_true(step(&s, &frame) > 0);
     room_solve_until_rest(&s, &frame);
-    struct room room = make_room();
+    struct room room = room_with_two_lamps();
     room.light[0].intensity[0] = room.light[0].intensity[1] = room.light[0].intensity[2] = 1.2f;
     room.light_count = 1;
     expect_light_of(&s, &room, AFTER_CHANGE);
@@ -214,7 +197,7 @@ static void test_light_that_stands_rests(void **state) {
     assert_int_equal(step(&s, &frame), 0);
     s.pose.light[1].intensity = lw_vec3(3, 0, 1);
     room_solve_until_rest(&s, &frame);
-    struct room room = make_room();
+    struct room room = room_with_two_lamps();
     room.light_position[1] = s.pose.light[1].position_ws;
     expect_light_of(&s, &room, AFTER_CHANGE);
     room_finish(&joint);
@@ -228,11 +211,11 @@ static void test_what_is_hidden_rests(void **state) {
     struct lw_solver_tile tile;
     uint64_t frame = 0;
     begin(&s, "right", 0);
-    s.pose.object_hidden[PLATE] = true;
+    s.pose.object_hidden[ROOM_PLATE] = true;
     room_solve_until_rest(&s, &frame);
     s.pose.light[1].position_ws.x -= 0.2f;
     for (unsigned i = 0; i < LW_CELL_SOLVER_FADE_FRAMES + 8; i++) step(&s, &frame);
-    s.solver->ops->read_tile(s.solver, (lw_tile_id){s.map.first_tile[PLATE]}, &tile);
+    s.solver->ops->read_tile(s.solver, (lw_tile_id){s.map.first_tile[ROOM_PLATE]}, &tile);
     assert_int_equal(tile.frames, 0);
     room_finish(&s);
 }
@@ -247,14 +230,14 @@ static void test_switched_off_in_between(void **state) {
     const struct lw_vec3 on = s.pose.light[0].intensity;
     s.pose.light[0].intensity = lw_vec3(0, 0, 0);
     for (unsigned i = 0; i < 8; i++) {
-        s.pose.object_dynamic[PLATE] = true;
-        s.pose.object_to_world[PLATE].m[0][3] += 0.1f;
+        s.pose.object_dynamic[ROOM_PLATE] = true;
+        s.pose.object_to_world[ROOM_PLATE].m[0][3] += 0.1f;
         step(&s, &frame);
     }
     s.pose.light[0].intensity = on;
     room_solve_until_rest(&s, &frame);
-    struct room room = make_room();
-    room.quad[PLATE].corner.x += 0.8f;
+    struct room room = room_with_two_lamps();
+    room.quad[ROOM_PLATE].corner.x += 0.8f;
     expect_light_of(&s, &room, AFTER_CHANGE);
     room_finish(&s);
 }
@@ -264,18 +247,18 @@ static void test_out_of_the_dark(void **state) {
     (void)state;
     struct room_solution s;
     uint64_t frame = 0;
-    struct room room = make_room();
+    struct room room = room_with_two_lamps();
     room.light_count = 1;
     for (int c = 0; c < 3; c++) room.light[0].intensity[c] = 0;
-    room.quad[PANEL].emission = 0;
+    room.quad[ROOM_PANEL].emission = 0;
     room_solve_layers(&s, room_scene(&room), room.texels_per_metre, desc, NULL, 0);
     step(&s, &frame);
     assert_true(s.stats.tiles_shown > 0);
     assert_true(room_object_mean(&s, 0).total == 0);
     assert_int_equal(step(&s, &frame), 0);
-    for (int c = 0; c < 3; c++) s.pose.material[PANEL].emission[c] = 6;
+    for (int c = 0; c < 3; c++) s.pose.material[ROOM_PANEL].emission[c] = 6;
     room_solve_until_rest(&s, &frame);
-    room.quad[PANEL].emission = 6;
+    room.quad[ROOM_PANEL].emission = 6;
     expect_light_of(&s, &room, AFTER_CHANGE);
     room_finish(&s);
 }
@@ -311,7 +294,7 @@ static void test_comes_back(void **state) {
 /* ---- groups ---- */
 
 static void expect_groups(const char *names, uint32_t count, uint32_t left, uint32_t right, uint32_t sky) {
-    const struct room room = make_room();
+    const struct room room = room_with_two_lamps();
     struct lw_scene *scene = room_scene(&room);
     struct lw_pose pose;
     struct lw_light_groups groups;
@@ -346,7 +329,7 @@ static void test_bad_names(void **state) {
                {"", "\"\""},
                {"left;", "\"\""},
                {"left;right;sky;grey", "more than 3"}};
-    const struct room room = make_room();
+    const struct room room = room_with_two_lamps();
     struct lw_scene *scene = room_scene(&room);
     struct lw_pose pose;
     lw_support_ok(lw_pose_init(&pose, scene), NULL);

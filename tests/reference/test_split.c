@@ -6,20 +6,10 @@
 #include <string.h>
 
 enum { BOTH = 1u << LW_LIGHT_FORM_FULL | 1u << LW_LIGHT_FORM_SPLIT, SPLIT = 1u << LW_LIGHT_FORM_SPLIT };
-enum { PLATE = 6, FACES = 6 };
 
-/* Two lamps, a panel under the ceiling that shines, a sky through nothing, and a plate in between. */
 static struct room make_room(void) {
-    struct room room = {.texels_per_metre = 6};
-    room_box(&room, lw_vec3(4, 2, 2), 0.5f, 0);
-    room_quad(&room, lw_vec3(1.4f, 0.4f, 0.8f), lw_vec3(0, 0, 0.4f), lw_vec3(0.4f, 0, 0), 0.5f, 0);
-    room.quad[PLATE].double_sided = true;
-    room_quad(&room, lw_vec3(2, 1.9f, 0.8f), lw_vec3(0.4f, 0, 0), lw_vec3(0, 0, 0.4f), 0.5f, 6);
-    room.light[0] = (struct lw_light){.name = "left", .kind = LW_LIGHT_POINT, .intensity = {4, 4, 4}};
-    room.light_position[0] = lw_vec3(1, 1.6f, 1);
-    room.light[1] = (struct lw_light){.name = "right", .kind = LW_LIGHT_POINT, .intensity = {3, 0, 1}};
-    room.light_position[1] = lw_vec3(3, 1.6f, 1);
-    room.light_count = 2;
+    struct room room = room_with_two_lamps();
+    room.texels_per_metre = 6;
     return room;
 }
 
@@ -57,8 +47,8 @@ static void step(struct parted *p, unsigned frames) {
         lw_support_ok(p->s.solver->ops->frame(p->s.solver, &p->s.pose, ++p->frame, &p->s.stats, NULL), NULL);
 }
 
-/* Of an object, the mean over its covered texels of what is shown, red channel; and of the squares of what the two
- * forms differ by. */
+/* Of an object, the mean over its covered texels of what is shown, red channel; and of the squares of what
+ * the two forms differ by. */
 struct shown {
     double full, split, difference_square;
 };
@@ -84,7 +74,8 @@ static struct shown look(const struct parted *p, uint32_t object) {
     return shown;
 }
 
-/* The forms differ, over each face of the room, by the direct light of a room that has the client lights alone. */
+/* The forms differ, over each face of the room, by the direct light of a room that has the client lights
+ * alone. */
 static void expect_difference(const struct parted *p, const struct room *drawn, double tolerance) {
     struct room_solution direct;
     struct lw_solver_desc desc = plain;
@@ -92,7 +83,7 @@ static void expect_difference(const struct parted *p, const struct room *drawn, 
     desc.bounces = 0;
     room_solve_scene(&direct, room_scene(drawn), drawn->texels_per_metre, desc, 0);
     room_solve_until_rest(&direct, &frame);
-    for (uint32_t o = 0; o < FACES; o++) {
+    for (uint32_t o = 0; o < ROOM_FACES; o++) {
         const struct shown shown = look(p, o);
         expect_near(shown.full - shown.split, room_object_mean(&direct, o).direct, tolerance);
     }
@@ -104,7 +95,7 @@ static void test_forms_differ_by_what_clients_draw(void **state) {
     const char *const groups[] = {"none", "left;right"};
     struct room room = make_room(), left = make_room();
     left.light_count = 1;
-    left.quad[7].emission = 0;
+    left.quad[ROOM_PANEL].emission = 0;
     for (int denoise = 0; denoise < 2; denoise++)
         for (int g = 0; g < 2; g++) {
             struct parted p;
@@ -130,14 +121,15 @@ static void test_nothing_is_left_without_bounces(void **state) {
     assert_int_equal(p.client.drawn_materials, 1); /* the panel is small */
     show(&p, BOTH);
     step(&p, 8);
-    for (uint32_t o = 0; o < FACES; o++) {
+    for (uint32_t o = 0; o < ROOM_FACES; o++) {
         const struct shown shown = look(&p, o);
         assert_true(shown.full > 0.01 && fabs(shown.split) < 1e-5 * shown.full);
     }
     end(&p);
 }
 
-/* A lamp that is drawn moves, is dimmed, goes out: in each frame after, the forms differ by its light as it is now. */
+/* A lamp that is drawn moves, is dimmed, goes out: in each frame after, the forms differ by its light as it
+ * is now. */
 static void test_drawn_lights_change(void **state) {
     (void)state;
     const char *const groups[] = {"none", "left;right"};
@@ -148,7 +140,7 @@ static void test_drawn_lights_change(void **state) {
         show(&p, BOTH);
         room_solve_until_rest(&p.s, &p.frame);
         left.light_count = 1;
-        left.quad[7].emission = 0;
+        left.quad[ROOM_PANEL].emission = 0;
 
         left.light_position[0] = p.s.pose.light[0].position_ws = lw_vec3(1.2f, 1.2f, 1.1f);
         step(&p, 1); /* what has changed is corrected by samples taken again */
@@ -173,7 +165,8 @@ static void test_drawn_lights_change(void **state) {
     }
 }
 
-/* A form that is asked for when all rests comes whole in the next frame, by no ray, and is what it would have been. */
+/* A form that is asked for when all rests comes whole in the next frame, by no ray, and is what it would
+ * have been. */
 static void test_a_form_may_come_late(void **state) {
     (void)state;
     const char *const groups[] = {"none", "left;right"};
@@ -194,7 +187,8 @@ static void test_a_form_may_come_late(void **state) {
         assert_true(late.s.stats.tiles_shown > 0);
         late.s.solver->ops->read_tile(late.s.solver, (lw_tile_id){late.s.map.first_tile[0]}, &tile);
         assert_int_equal(tile.solved_frame, late.frame);
-        for (uint32_t o = 0; o < FACES; o++) expect_near(look(&late, o).split, look(&early, o).split, 0.005);
+        for (uint32_t o = 0; o < ROOM_FACES; o++)
+            expect_near(look(&late, o).split, look(&early, o).split, 0.005);
         const double split = look(&late, 0).split, full = look(&late, 0).full;
         show(&late, LW_LIGHT_FORMS_FULL);
         step(&late, 1);
@@ -231,8 +225,8 @@ static uint64_t rays_until_rest(struct parted *p) {
     return rays;
 }
 
-/* The filter goes by the noise of what it shows: that of a panel which clients draw does not wash out the shadows of lamps which
- * the server keeps. */
+/* The filter goes by the noise of what it shows: that of a panel which clients draw does not wash out the
+ * shadows of lamps which the server keeps. */
 static void test_noise_of_what_is_drawn_filters_nothing(void **state) {
     (void)state;
     struct room room = make_room(), lamps = make_room();
@@ -240,8 +234,8 @@ static void test_noise_of_what_is_drawn_filters_nothing(void **state) {
     struct lw_solver_desc desc = plain;
     double change = 0, light = 0;
     room.texels_per_metre = lamps.texels_per_metre = 12;
-    room.quad[7].emission = 200; /* the one material that shines; all are called "grey" */
-    lamps.quad[7].emission = 0;
+    room.quad[ROOM_PANEL].emission = 200; /* the one material that shines; all are called "grey" */
+    lamps.quad[ROOM_PANEL].emission = 0;
     desc.bounces = 0;
     begin(&sharp, &lamps, desc, "none", "none");
     desc.denoise = true;
@@ -252,7 +246,7 @@ static void test_noise_of_what_is_drawn_filters_nothing(void **state) {
     step(&sharp, 16);
     for (uint32_t id = 0; id < p.s.map.tile_count; id++) {
         struct lw_solver_tile x, y;
-        if (p.s.map.place[id].level || p.s.map.place[id].object >= FACES) continue;
+        if (p.s.map.place[id].level || p.s.map.place[id].object >= ROOM_FACES) continue;
         p.s.solver->ops->read_tile(p.s.solver, (lw_tile_id){id}, &x);
         sharp.s.solver->ops->read_tile(sharp.s.solver, (lw_tile_id){id}, &y);
         for (uint32_t i = 0; i < x.width * x.height; i++) {
@@ -267,7 +261,8 @@ static void test_noise_of_what_is_drawn_filters_nothing(void **state) {
     end(&sharp);
 }
 
-/* Standard error of the split form at a texel of the floor, against all light: by another solve of the same error. */
+/* Standard error of the split form at a texel of the floor, against all light: by another solve of the same
+ * error. */
 static double error_between(const struct parted *a, const struct parted *b) {
     double square = 0, light = 0, count = 0;
     const struct lw_atlas_level *level = &a->s.map.atlas[0].level[0];
@@ -292,7 +287,7 @@ static void test_noise_of_what_is_shown_counts(void **state) {
     struct room room = make_room();
     struct parted split, both;
     struct lw_solver_desc desc = plain;
-    room.quad[7].emission = 40; /* near the ceiling and the plate: a good deal of noise */
+    room.quad[ROOM_PANEL].emission = 40; /* near the ceiling and the plate: a good deal of noise */
     room.texels_per_metre = 4;
     desc.target_error = 0.02f;
     begin(&split, &room, desc, NULL, "none");

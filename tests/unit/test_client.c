@@ -560,7 +560,8 @@ static struct running start_drawn(const struct world *w, uint16_t port) {
                                                         .client_materials_size = 1});
 }
 
-/* A client that draws gets the other form, beside one that does not; nothing of one form stands in for the other. */
+/* A client that draws gets the other form, beside one that does not; nothing of one form stands in for the
+ * other. */
 static void test_draws(void **state) {
     (void)state;
     struct world w = make_world();

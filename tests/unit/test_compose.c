@@ -507,7 +507,8 @@ static void test_noisy_tiles_are_read_coarser(void **state) {
     world_finish(&w);
 }
 
-/* What a picture shows of its tiles' errors: by pixels, by what the filter leaves, by the level that is read. */
+/* What a picture shows of its tiles' errors: by pixels, by what the filter leaves, by the level that is
+ * read. */
 static void test_shown_error(void **state) {
     (void)state;
     struct world w;

@@ -24,8 +24,8 @@
 #include <uv.h>
 #include <zstd.h>
 
-/* A server in a thread of its own, raw sockets here. Snapshots are made by hand: the payloads only have to be bytes. Peers ask for one
- * form of light, which snapshots have; the server knows both. */
+/* A server in a thread of its own, raw sockets here. Snapshots are made by hand: the payloads only have to
+ * be bytes. Peers ask for one form of light, which snapshots have; the server knows both. */
 
 #define OBJECTS      3u
 #define WAIT_MS      60000

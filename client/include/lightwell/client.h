@@ -52,7 +52,7 @@ void lw_client_destroy(struct lw_client *client);
  * here stays until that comes. Where the server now leaves other lights to clients than before
  * (lw_client_draws()), tiles are dropped and come again. A scene package that was cut short goes on from
  * where it was, if the server is the same. Versions of tiles go on growing; numbers of frames
- * (lw_client_stats) begin anew with the server. Updates that were not answered never will be, and may have
+ * (lw_client_stats) start again with the server. Updates that were not answered never will be, and may have
  * been made or not.
  *
  * Wait lw_client_backoff_ms() before each attempt; may be called until it succeeds.
