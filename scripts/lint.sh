@@ -22,6 +22,13 @@ forbid proto '(server|client)/' 'proto knows common alone'
 forbid server '(client|lightwell)/' 'the server does not know the client'
 forbid client 'server/' 'the client does not know the server'
 forbid server/solve 'server/(publish|serve)/|proto/|uv' 'solve knows no network'
+# Rooms of the solver: surface <- state <- transport <- adapt <- frame, state <- filter <- frame.
+own='server/solve/[a-z_]+\.h'
+forbid server/solve/surface "server/solve/(state|transport|adapt|filter)/|$own" 'surface knows no light'
+forbid server/solve/state "server/solve/(transport|adapt|filter)/|$own" 'state knows no rays'
+forbid server/solve/transport "server/solve/(adapt|filter)/|$own" 'transport does not know what follows from it'
+forbid server/solve/adapt "server/solve/filter/|$own" 'adapt does not know the frame'
+forbid server/solve/filter "server/solve/(transport|adapt)/|$own" 'filters know sums alone'
 forbid server/publish 'server/serve/' 'publish knows no sessions'
 forbid server/serve '(embree|common/trace/)' 'serve traces no rays'
 for folder in common proto client tests server/solve server/publish server/serve; do forbid "$folder" 'assimp/' 'only server/import uses Assimp'; done

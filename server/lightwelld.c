@@ -19,8 +19,8 @@
 #include "server/publish/keeper.h"
 #include "server/publish/publisher.h"
 #include "server/serve/server.h"
-#include "server/solve/denoise.h"
-#include "server/solve/layers.h"
+#include "server/solve/filter/denoise.h"
+#include "server/solve/light_layers.h"
 
 #include <errno.h>
 #include <poll.h>
@@ -286,7 +286,7 @@ static float noise_shown(const struct settings *s) { return s->denoise == 1 ? LW
 
 static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
-    enum lw_status status = lw_layers_create(
+    enum lw_status status = lw_light_layers_create(
         &(struct lw_solver_desc){
             .scene = &d->state.scene,
             .atlas_map = &d->atlas_map,

@@ -3,8 +3,8 @@
 #include "common/clock.h"
 #include "common/log.h"
 #include "common/progress.h"
+#include "server/solve/adapt/converged.h"
 #include "server/solve/cell_solver.h"
-#include "server/solve/rest.h"
 
 #include <unistd.h>
 
@@ -20,8 +20,8 @@ enum lw_status lw_bake_resume(const struct lw_bake_desc *desc, uint64_t *out_fra
 static double frames_left(const struct lw_bake_desc *desc, const struct lw_solver_tile *tile) {
     if (desc->samples) return tile->frames < desc->samples ? desc->samples - tile->frames : 0;
     const double seen = tile->frames ? tile->frames : 1, ratio = (double)tile->error / (double)desc->error;
-    if (tile->frames >= LW_REST_FRAMES_MIN && ratio <= 1) return 0;
-    return fmax(fmax(1, LW_REST_FRAMES_MIN - seen), seen * ratio * ratio - seen);
+    if (tile->frames >= LW_CONVERGED_FRAMES_MIN && ratio <= 1) return 0;
+    return fmax(fmax(1, LW_CONVERGED_FRAMES_MIN - seen), seen * ratio * ratio - seen);
 }
 
 /* Texels times frames that lie ahead. */

@@ -4,11 +4,14 @@
 #include "common/light/client_lights.h"
 #include "common/log.h"
 #include "common/progress.h"
-#include "server/solve/checkpoint.h"
-#include "server/solve/denoise.h"
-#include "server/solve/follow.h"
-#include "server/solve/passes.h"
-#include "server/solve/schedule.h"
+#include "server/solve/adapt/estimates.h"
+#include "server/solve/adapt/follow.h"
+#include "server/solve/adapt/schedule.h"
+#include "server/solve/adapt/verify.h"
+#include "server/solve/filter/denoise.h"
+#include "server/solve/state/checkpoint.h"
+#include "server/solve/transport/bounces.h"
+#include "server/solve/transport/direct_light.h"
 
 #include <math.h>
 #include <omp.h>
@@ -87,10 +90,10 @@ static void begin_progress(struct cell_solver *s) {
 
 /* What all tiles send out, from their sums. */
 static void radiate_all(struct cell_solver *s) {
-    const struct lw_passes passes = {.tiles = &s->tiles};
+    const struct lw_transport passes = {.tiles = &s->tiles};
     for (uint32_t bounce = 0; bounce < s->desc.bounces; bounce++) {
 #pragma omp parallel for schedule(static) num_threads(s->threads)
-        for (uint32_t i = 0; i < s->tiles.count; i++) lw_passes_radiate(&passes, &s->tiles.tile[i], bounce);
+        for (uint32_t i = 0; i < s->tiles.count; i++) lw_bounces_radiate(&passes, &s->tiles.tile[i], bounce);
     }
 }
 
@@ -130,57 +133,58 @@ static uint32_t probe_history_max(const struct cell_solver *s) {
     return follow->moves ? LW_CELL_SOLVER_HISTORY_PROBES - 1 + follow->frames_since_move / 2 : UINT32_MAX;
 }
 
-static void count_rays(struct lw_solver_stats *stats, const struct lw_passes_count *count) {
+static void count_rays(struct lw_solver_stats *stats, const struct lw_ray_count *count) {
     stats->rays_shadow += count->shadow;
     stats->rays_bounce += count->bounce;
 }
 
-static struct lw_rest rest_of(const struct cell_solver *s) {
-    return (struct lw_rest){.target_error = s->desc.target_error, .frames_max = s->desc.frames_max};
+static struct lw_converged rest_of(const struct cell_solver *s) {
+    return (struct lw_converged){.target_error = s->desc.target_error, .frames_max = s->desc.frames_max};
 }
 
 /* ---- the passes ---- */
 
-static void run_direct(struct cell_solver *s, const struct lw_passes *passes, struct lw_solver_stats *stats) {
+static void run_direct(struct cell_solver *s, const struct lw_transport *passes,
+                       struct lw_solver_stats *stats) {
     uint64_t shadow = 0;
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shadow)
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         if (!has_work(s, tile)) continue;
-        struct lw_passes_count count = {0};
-        lw_passes_direct(passes, tile, &count);
+        struct lw_ray_count count = {0};
+        lw_direct_light_solve(passes, tile, &count);
         shadow += count.shadow;
         lw_progress_step(&s->progress, 1);
     }
     stats->rays_shadow += shadow;
 }
 
-static void run_trace_ends(struct cell_solver *s, const struct lw_passes *passes,
+static void run_trace_ends(struct cell_solver *s, const struct lw_transport *passes,
                            struct lw_solver_stats *stats) {
     uint64_t bounce = 0;
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : bounce)
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         if (!has_work(s, &s->tiles.tile[i])) continue;
-        struct lw_passes_count count = {0};
-        lw_passes_trace_ends(passes, &s->tiles.tile[i], &count);
-        lw_schedule_note_ends(&s->schedule, &s->tiles, &s->tiles.tile[i], s->end);
+        struct lw_ray_count count = {0};
+        lw_bounces_trace(passes, &s->tiles.tile[i], &count);
+        lw_schedule_note_hits(&s->schedule, &s->tiles, &s->tiles.tile[i], s->end);
         bounce += count.bounce;
         lw_progress_step(&s->progress, 1);
     }
     stats->rays_bounce += bounce;
 }
 
-static void run_radiate(struct cell_solver *s, const struct lw_passes *passes, uint32_t bounce) {
+static void run_radiate(struct cell_solver *s, const struct lw_transport *passes, uint32_t bounce) {
 #pragma omp parallel for schedule(static) num_threads(s->threads)
     for (uint32_t i = 0; i < s->tiles.count; i++)
-        if (has_work(s, &s->tiles.tile[i])) lw_passes_radiate(passes, &s->tiles.tile[i], bounce);
+        if (has_work(s, &s->tiles.tile[i])) lw_bounces_radiate(passes, &s->tiles.tile[i], bounce);
 }
 
 /* Light of earlier frames follows what direct light is now; along rays that new ones are about to take the place of. */
-static void run_reread(struct cell_solver *s, const struct lw_passes *passes) {
+static void run_reread(struct cell_solver *s, const struct lw_transport *passes) {
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
     for (uint32_t i = 0; i < s->tiles.count; i++)
-        if (has_work(s, &s->tiles.tile[i])) lw_passes_reread(passes, &s->tiles.tile[i]);
+        if (has_work(s, &s->tiles.tile[i])) lw_verify_reread(passes, &s->tiles.tile[i]);
 }
 
 /* With which weight this frame's estimates of bounces enter their means. */
@@ -190,34 +194,34 @@ static void weigh_indirect(struct cell_solver *s) {
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         if (!has_work(s, &s->tiles.tile[i])) continue;
         LW_TILES_EACH_BLOCK (&s->tiles.tile[i], block)
-            if (block->due) lw_change_weigh_indirect(block, most, s->desc.denoise);
+            if (block->due) lw_gradient_weigh_indirect(block, most, s->desc.denoise);
     }
 }
 
 /* Bounces from the second on change only now. */
-static void run_arrive(struct cell_solver *s, const struct lw_passes *passes) {
+static void run_arrive(struct cell_solver *s, const struct lw_transport *passes) {
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
     for (uint32_t i = 0; i < s->tiles.count; i++)
-        if (has_work(s, &s->tiles.tile[i])) lw_passes_arrive(passes, &s->tiles.tile[i]);
+        if (has_work(s, &s->tiles.tile[i])) lw_verify_arrive(passes, &s->tiles.tile[i]);
 }
 
-static void run_gather(struct cell_solver *s, const struct lw_passes *passes, uint32_t bounce) {
+static void run_gather(struct cell_solver *s, const struct lw_transport *passes, uint32_t bounce) {
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         if (!has_work(s, &s->tiles.tile[i])) continue;
-        lw_passes_gather(passes, &s->tiles.tile[i], bounce);
+        lw_bounces_gather(passes, &s->tiles.tile[i], bounce);
         lw_progress_step(&s->progress, 1);
     }
 }
 
-static void run_finish(struct cell_solver *s, const struct lw_passes *passes, uint64_t frame,
+static void run_finish(struct cell_solver *s, const struct lw_transport *passes, uint64_t frame,
                        struct lw_solver_stats *stats) {
     uint32_t shown = 0;
     if (s->desc.awaited && *s->desc.awaited && s->frames > 0) lw_schedule_put_off(&s->schedule, &s->tiles);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shown)
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
-        if (tile->due) lw_passes_finish_tile(passes, tile);
+        if (tile->due) lw_estimates_finish_tile(passes, tile);
         LW_TILES_EACH_BLOCK (tile, block) {
             block->unseen |= tile->due && block->due && block->covered_count;
             if (!(block->unseen && tile->shows) && !(s->shows_all && block->covered_count && block->frames))
@@ -233,11 +237,11 @@ static void run_finish(struct cell_solver *s, const struct lw_passes *passes, ui
 
 /* Blocks whose error is low enough rest until their light changes. */
 static void settle_tile(const struct cell_solver *s, struct lw_solve_tile *tile) {
-    const struct lw_rest rest = rest_of(s);
+    const struct lw_converged rest = rest_of(s);
     LW_TILES_EACH_BLOCK (tile, block) {
         if (!block->due || !block->covered_count) continue;
-        block->resting = lw_rest_has_enough(&rest, block);
-        block->stale = !block->resting && lw_change_is_stale(block, s->desc.target_error);
+        block->resting = lw_converged_is(&rest, block);
+        block->stale = !block->resting && lw_gradient_is_stale(block, s->desc.target_error);
         block->change.woken &= !block->resting;
     }
     lw_follow_sum_woken(tile);
@@ -299,22 +303,22 @@ static void choose_blocks(struct cell_solver *s) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         LW_TILES_EACH_BLOCK (tile, block)
             block->due = tile->due && !block->resting &&
-                         (!tile->urgent || lw_change_is_urgent(&block->change) || !block->frames);
+                         (!tile->urgent || lw_gradient_is_urgent(&block->change) || !block->frames);
         if (tile->due) tile->solved_tick = s->schedule.tick;
     }
 }
 
 /* Estimates of the last solves, before anything moves from where it was then. */
-static void recall(struct cell_solver *s, const struct lw_passes *passes, struct lw_solver_stats *stats) {
+static void recall(struct cell_solver *s, const struct lw_transport *passes, struct lw_solver_stats *stats) {
     uint64_t shadow = 0, bounce = 0;
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shadow, bounce)
     for (uint32_t i = 0; i < s->tiles.count; i++) {
-        struct lw_passes_count count = {0};
-        lw_passes_recall(passes, &s->tiles.tile[i], &count);
+        struct lw_ray_count count = {0};
+        lw_verify_recall(passes, &s->tiles.tile[i], &count);
         shadow += count.shadow;
         bounce += count.bounce;
     }
-    count_rays(stats, &(struct lw_passes_count){shadow, bounce});
+    count_rays(stats, &(struct lw_ray_count){shadow, bounce});
     s->forgetful = false;
 }
 
@@ -343,25 +347,25 @@ static enum lw_status show(struct cell_solver *s, uint64_t number, struct lw_sol
     return status;
 }
 
-static struct lw_passes passes_of(struct cell_solver *s) {
-    return (struct lw_passes){.scene = s->desc.scene,
-                              .pose = &s->pose,
-                              .trace = s->geometry->trace,
-                              .lights = &s->lights,
-                              .drawn = parts_drawn(s) ? &s->drawn : NULL,
-                              .texels = &s->geometry->texels,
-                              .cells = &s->cells,
-                              .probes = s->has_probes ? &s->probes : NULL,
-                              .tiles = &s->tiles,
-                              .end = s->end,
-                              .direct_samples = s->desc.direct_samples,
-                              .indirect_samples = s->desc.indirect_samples,
-                              .seed = s->desc.seed,
-                              .tracing_range_m = s->desc.tracing_range_m,
-                              .target_error = s->desc.target_error};
+static struct lw_transport passes_of(struct cell_solver *s) {
+    return (struct lw_transport){.scene = s->desc.scene,
+                                 .pose = &s->pose,
+                                 .trace = s->geometry->trace,
+                                 .lights = &s->lights,
+                                 .drawn = parts_drawn(s) ? &s->drawn : NULL,
+                                 .texels = &s->geometry->texels,
+                                 .cells = &s->cells,
+                                 .probes = s->has_probes ? &s->probes : NULL,
+                                 .tiles = &s->tiles,
+                                 .end = s->end,
+                                 .direct_samples = s->desc.direct_samples,
+                                 .indirect_samples = s->desc.indirect_samples,
+                                 .seed = s->desc.seed,
+                                 .tracing_range_m = s->desc.tracing_range_m,
+                                 .target_error = s->desc.target_error};
 }
 
-static struct lw_follow_frame following_of(const struct cell_solver *s, const struct lw_passes *passes) {
+static struct lw_follow_frame following_of(const struct cell_solver *s, const struct lw_transport *passes) {
     return (struct lw_follow_frame){.passes = passes,
                                     .schedule = &s->schedule,
                                     .rest = rest_of(s),
@@ -376,7 +380,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     struct cell_solver *s = (struct cell_solver *)solver;
     struct lw_solver_stats stats = {0};
     uint64_t t0 = lw_clock_ns();
-    const struct lw_passes passes = passes_of(s);
+    const struct lw_transport passes = passes_of(s);
     const unsigned moved = lw_pose_difference(pose, &s->pose, s->desc.scene);
     stats.moved = moved != 0;
     s->follow.frames_since_move++;
@@ -398,7 +402,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     if (status != LW_OK) return status;
     lw_schedule_serve(&s->schedule, &s->tiles, s->has_probes);
     const struct lw_follow_frame following = following_of(s, &passes);
-    struct lw_passes_count asked = {0};
+    struct lw_ray_count asked = {0};
     const uint64_t asked_ns = lw_clock_ns();
     lw_follow_ask(&s->follow, &following, &asked);
     stats.change_ns = lw_clock_ns() - asked_ns;
@@ -491,15 +495,15 @@ unsigned lw_cell_solver_hurry(const struct lw_solver *solver) {
 
 void lw_cell_solver_review(struct lw_solver *solver) {
     struct cell_solver *s = (struct cell_solver *)solver;
-    const struct lw_passes passes = passes_of(s);
-    const struct lw_rest rest = rest_of(s);
+    const struct lw_transport passes = passes_of(s);
+    const struct lw_converged rest = rest_of(s);
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
-        lw_passes_judge(&passes, tile);
+        lw_estimates_judge(&passes, tile);
         LW_TILES_EACH_BLOCK (tile, block) {
             if (!block->resting || !block->covered_count) continue;
-            block->resting = lw_rest_may(&rest, tile, block);
-            lw_change_review(block, s->desc.target_error);
+            block->resting = lw_converged_may(&rest, tile, block);
+            lw_gradient_review(block, s->desc.target_error);
         }
         lw_tiles_sum_up(tile);
     }
@@ -596,7 +600,7 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
                            uint64_t *out_frames, struct lw_error *err) {
     struct cell_solver *s = (struct cell_solver *)solver;
     struct remembered remembered;
-    const struct lw_rest rest = rest_of(s);
+    const struct lw_converged rest = rest_of(s);
     struct lw_checkpoint_part part[PARTS_MAX];
     const uint32_t parts = list_parts(s, &remembered, part);
     enum lw_status status = lw_checkpoint_load(path, key, &s->tiles, part, parts, err);
@@ -606,14 +610,14 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
     s->forgetful = true;
     for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) s->welds[f].fresh = true;
     if (remembered.judges_split != judges_split(s)) {
-        const struct lw_passes passes = passes_of(s);
+        const struct lw_transport passes = passes_of(s);
         lw_tiles_sum_variance(&s->tiles, s->threads);
-        for (uint32_t i = 0; i < s->tiles.count; i++) lw_passes_judge(&passes, &s->tiles.tile[i]);
+        for (uint32_t i = 0; i < s->tiles.count; i++) lw_estimates_judge(&passes, &s->tiles.tile[i]);
     }
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         LW_TILES_EACH_BLOCK (tile, block) {
-            block->resting = lw_rest_may(&rest, tile, block);
+            block->resting = lw_converged_may(&rest, tile, block);
             block->change.moves = s->follow.moves;
         }
         lw_tiles_sum_up(tile);

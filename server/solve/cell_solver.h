@@ -6,7 +6,7 @@
 
 #include "server/solve/geometry.h"
 #include "server/solve/solver.h"
-#include "server/solve/tiles.h"
+#include "server/solve/state/tiles.h"
 
 /* While something moves, probes remember so many frames. */
 #define LW_CELL_SOLVER_HISTORY_PROBES 16

@@ -1,7 +1,7 @@
 #include "server/solve/geometry.h"
 
 #include "common/log.h"
-#include "server/solve/burial.h"
+#include "server/solve/surface/invalid_texels.h"
 
 #include <pthread.h>
 #include <stdatomic.h>
@@ -28,7 +28,8 @@ enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_sc
     lw_pose_copy(&geometry->pose, pose, scene);
     if ((status = lw_trace_create(scene, &geometry->pose, &geometry->trace, err)) != LW_OK) return status;
     if ((status = lw_texels_init(&geometry->texels, scene, (unsigned)threads, err)) != LW_OK) return status;
-    const uint64_t buried = lw_burial_find(&geometry->texels, &geometry->pose, geometry->trace, threads);
+    const uint64_t buried =
+        lw_invalid_texels_find(&geometry->texels, &geometry->pose, geometry->trace, threads);
     if (buried)
         lw_log(LW_LOG_INFO, "%llu of %u texels lie inside other objects and are left out",
                (unsigned long long)buried, geometry->texels.count);
@@ -116,8 +117,8 @@ enum lw_status lw_geometry_set_pose(struct lw_geometry *geometry, const struct l
         status = later ? lw_trace_set_pose_soon(geometry->trace, pose, err)
                        : lw_trace_set_pose(geometry->trace, pose, err);
     if (status == LW_OK && (moved & LW_POSE_DYNAMIC))
-        status =
-            lw_burial_review(&geometry->texels, &geometry->pose, pose, geometry->trace, geometry->threads);
+        status = lw_invalid_texels_review(&geometry->texels, &geometry->pose, pose, geometry->trace,
+                                          geometry->threads);
     lw_pose_copy(&geometry->pose, pose, geometry->scene);
     if (status == LW_OK && recoloured) status = lw_texels_set_albedo(&geometry->texels, geometry->threads);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "taking over what has changed");
@@ -155,6 +156,6 @@ size_t lw_geometry_memory_bytes(const struct lw_geometry *geometry) {
     }
     return texels->count * (3 + sizeof *texels->source) + /* covered, usable, filled; source */
            mesh_texels * (14 * sizeof(float) + 2 * sizeof(uint32_t) + 1) +
-           places * sizeof(struct lw_footprint_place) + geometry->pairs.bytes +
+           places * sizeof(struct lw_sample_points_place) + geometry->pairs.bytes +
            lw_seams_memory_bytes(&geometry->seams) + lw_trace_memory_bytes(geometry->trace);
 }

@@ -5,8 +5,8 @@
 #define LW_SOLVE_GEOMETRY_H
 
 #include "common/trace/trace.h"
-#include "server/solve/denoise.h"
-#include "server/solve/seams.h"
+#include "server/solve/filter/denoise.h"
+#include "server/solve/filter/seams.h"
 
 struct lw_geometry {
     const struct lw_scene *scene;

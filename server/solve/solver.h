@@ -7,21 +7,11 @@
 #include "common/light/light_form.h"
 #include "common/scene/pose.h"
 #include "common/tile/atlas.h"
+#include "server/solve/transport/probe_form.h"
 
 #include <stdatomic.h>
 
 #define LW_SOLVER_BOUNCES_MAX 16u
-
-/** How a probe keeps what it sees (probe_form.h). */
-enum lw_probe_form_kind { LW_PROBE_FORM_OCTAHEDRAL = 0, LW_PROBE_FORM_SH };
-
-/** In which direction a probe is asked for what a ray beside it runs towards: that of the point where the ray will
- * arrive. Where that is, is guessed: */
-enum lw_probe_projection {
-    LW_PROBE_PROJECTION_DEPTH = 0, /* by the distances that the probe sees */
-    LW_PROBE_PROJECTION_BOX,       /* at the scene's box: distant-point projection (Vandersanden 2023, 3.6) */
-    LW_PROBE_PROJECTION_STEP       /* one longest side of the scene ahead: the same, cheaper */
-};
 
 struct lw_client_lights;
 

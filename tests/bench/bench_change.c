@@ -19,7 +19,7 @@
 #include <string.h>
 
 #define CHANGED 0.1f /* of a texel's light */
-#define IDLE    20   /* frames without a solve after which all has been asked (server/solve/change.h) */
+#define IDLE    20 /* frames without a solve after which all has been asked (server/solve/adapt/gradient.h) */
 
 struct settings {
     struct lw_scene_open open;

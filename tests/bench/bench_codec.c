@@ -21,7 +21,7 @@
 #include "server/publish/levels.h"
 #include "server/publish/publisher.h"
 #include "server/solve/cell_solver.h"
-#include "server/solve/denoise.h"
+#include "server/solve/filter/denoise.h"
 #include "tests/bench/bench_setup.h"
 #ifdef LW_HAVE_JXL
 #include "tests/bench/bench_jxl.h"

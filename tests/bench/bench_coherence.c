@@ -22,8 +22,8 @@
 #include "common/light/direction.h"
 #include "common/sampling.h"
 #include "server/solve/cell_solver.h"
-#include "server/solve/passes.h"
-#include "server/solve/transport.h"
+#include "server/solve/transport/bounces.h"
+#include "server/solve/transport/ray_hit.h"
 #include "tests/bench/bench_setup.h"
 
 #include <math.h>
@@ -77,14 +77,14 @@ static struct {
 typedef float plane[LW_TILE_SIDE * LW_TILE_SIDE];
 
 struct bundle {
-    const struct lw_passes *passes;
+    const struct lw_transport *passes;
     const struct lw_solve_tile *tile;
     const struct way *way;
-    struct lw_footprint_frame frame;
+    struct lw_sample_points_frame frame;
     uint32_t use; /* of random numbers: tells ways and truths apart */
 };
 
-static float radiance_of(const struct lw_passes *p, uint32_t texel) {
+static float radiance_of(const struct lw_transport *p, uint32_t texel) {
     if (texel == LW_TEXEL_NONE) return 0;
     float sum = 0;
     for (uint32_t k = 0; k < p->tiles->bounces; k++) {
@@ -116,22 +116,22 @@ static struct lw_vec3 draw(const struct bundle *b, uint32_t block, uint32_t texe
 /* Up to sixteen texels of a tile: one ray each, added to the sums. */
 static void trace_packet(const struct bundle *b, const uint32_t texel[LANES], uint16_t active, uint32_t block,
                          uint32_t set, uint32_t sample, float *sum) {
-    const struct lw_passes *p = b->passes;
+    const struct lw_transport *p = b->passes;
     const struct lw_solve_tile *tile = b->tile;
     if (!active) return;
-    struct lw_footprint_lanes lanes;
+    struct lw_sample_points_lanes lanes;
     struct lw_ray16 rays;
     struct lw_hit16 hits;
     uint32_t local_texel[LANES], place[LANES];
-    const uint32_t turn = lw_random_hash4(b->use, block, sample / LW_FOOTPRINT_PLACES, set);
+    const uint32_t turn = lw_random_hash4(b->use, block, sample / LW_SAMPLE_POINTS_MAX, set);
     for (uint32_t lane = 0; lane < LANES; lane++) {
         const uint32_t i = texel[active >> lane & 1 ? lane : (uint32_t)__builtin_ctz(active)];
         local_texel[lane] = tile->local + i;
         place[lane] = tile->mesh->footprint.first[tile->local + i] +
-                      lw_footprint_choose(p->texels->usable[tile->first + i], sample, turn);
+                      lw_sample_points_choose(p->texels->usable[tile->first + i], sample, turn);
     }
-    lw_footprint_load(&tile->mesh->footprint, tile->mesh->position, local_texel, place, &lanes);
-    lw_footprint_to_world(&b->frame, &lanes);
+    lw_sample_points_load(&tile->mesh->footprint, tile->mesh->position, local_texel, place, &lanes);
+    lw_sample_points_to_world(&b->frame, &lanes);
     const struct lw_points16 *at = &lanes.at;
     const bool each = b->way->own || b->way->cells;
     struct lw_vec3 local = draw(b, block, texel[__builtin_ctz(active)], set, sample);
@@ -243,10 +243,10 @@ static void trace_truth(struct bundle *b, plane truth[2]) {
     }
 }
 
-static void experiment(const struct lw_passes *p, const struct lw_solve_tile *tile) {
+static void experiment(const struct lw_transport *p, const struct lw_solve_tile *tile) {
     struct bundle b = {.passes = p, .tile = tile};
     static plane truth[2], sum[WAYS];
-    lw_footprint_frame_init(&b.frame, &p->pose->object_to_world[tile->object]);
+    lw_sample_points_frame_init(&b.frame, &p->pose->object_to_world[tile->object]);
     trace_truth(&b, truth);
     count_means(&b);
     memset(sum, 0, sizeof sum);
@@ -267,17 +267,17 @@ static void experiment(const struct lw_passes *p, const struct lw_solve_tile *ti
 
 /* ---- the hook: what the tiles hold is the solver's, in the midst of a frame ---- */
 
-void __real_lw_passes_trace_ends(const struct lw_passes *p, const struct lw_solve_tile *tile,
-                                 struct lw_passes_count *count);
-void __wrap_lw_passes_trace_ends(const struct lw_passes *p, const struct lw_solve_tile *tile,
-                                 struct lw_passes_count *count);
-_Static_assert(__builtin_types_compatible_p(__typeof__(lw_passes_trace_ends),
-                                            __typeof__(__wrap_lw_passes_trace_ends)),
-               "the parameters of lw_passes_trace_ends have changed");
+void __real_lw_bounces_trace(const struct lw_transport *p, const struct lw_solve_tile *tile,
+                             struct lw_ray_count *count);
+void __wrap_lw_bounces_trace(const struct lw_transport *p, const struct lw_solve_tile *tile,
+                             struct lw_ray_count *count);
+_Static_assert(__builtin_types_compatible_p(__typeof__(lw_bounces_trace),
+                                            __typeof__(__wrap_lw_bounces_trace)),
+               "the parameters of lw_bounces_trace have changed");
 
-void __wrap_lw_passes_trace_ends(const struct lw_passes *p, const struct lw_solve_tile *tile,
-                                 struct lw_passes_count *count) {
-    __real_lw_passes_trace_ends(p, tile, count);
+void __wrap_lw_bounces_trace(const struct lw_transport *p, const struct lw_solve_tile *tile,
+                             struct lw_ray_count *count) {
+    __real_lw_bounces_trace(p, tile, count);
     if (!lab.armed || tile->id.v % lab.stride != 0) return;
     lab.texels += tile->covered_count;
     experiment(p, tile);

@@ -7,7 +7,7 @@
  * half; relMSE over all texels of the last frame, unfiltered, against a solve of that moment that never rests; memory. */
 #include "common/clock.h"
 #include "common/scene/scene_motion.h"
-#include "server/solve/layers.h"
+#include "server/solve/light_layers.h"
 #include "tests/bench/bench_light.h"
 #include "tests/bench/bench_setup.h"
 
@@ -42,7 +42,7 @@ static enum lw_status create(const struct job *job, const char *group_names, dou
     enum lw_status status = lw_light_groups_init(&groups, job->scene, &job->pose, group_names, err);
     if (status != LW_OK) return status;
     const struct lw_solver_desc desc = bench_light_desc(job->scene, &job->map, error, seed);
-    return lw_layers_create(&desc, &groups, &job->pose, out_solver, err);
+    return lw_light_layers_create(&desc, &groups, &job->pose, out_solver, err);
 }
 
 /* One frame, whose rays and texels count for the row. */

@@ -16,7 +16,7 @@
 #include "common/scene/builtin_stage.h"
 #include "common/scene/lightmap.h"
 #include "server/solve/cell_solver.h"
-#include "server/solve/passes.h"
+#include "server/solve/transport/direct_light.h"
 #include "tests/bench/bench_setup.h"
 
 #include <math.h>
@@ -51,19 +51,19 @@ static struct {
     uint64_t cpu_ns, rays;
 } meter;
 
-void __real_lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile,
-                             struct lw_passes_count *count);
-void __wrap_lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile,
-                             struct lw_passes_count *count);
-_Static_assert(__builtin_types_compatible_p(__typeof__(lw_passes_direct),
-                                            __typeof__(__wrap_lw_passes_direct)),
-               "the parameters of lw_passes_direct have changed");
+void __real_lw_direct_light_solve(const struct lw_transport *p, struct lw_solve_tile *tile,
+                                  struct lw_ray_count *count);
+void __wrap_lw_direct_light_solve(const struct lw_transport *p, struct lw_solve_tile *tile,
+                                  struct lw_ray_count *count);
+_Static_assert(__builtin_types_compatible_p(__typeof__(lw_direct_light_solve),
+                                            __typeof__(__wrap_lw_direct_light_solve)),
+               "the parameters of lw_direct_light_solve have changed");
 
-void __wrap_lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile,
-                             struct lw_passes_count *count) {
+void __wrap_lw_direct_light_solve(const struct lw_transport *p, struct lw_solve_tile *tile,
+                                  struct lw_ray_count *count) {
     if (tile->object == meter.lamps) return;
     const uint64_t began_ns = lw_clock_thread_cpu_ns();
-    __real_lw_passes_direct(p, tile, count);
+    __real_lw_direct_light_solve(p, tile, count);
     meter.cpu_ns += lw_clock_thread_cpu_ns() - began_ns;
     meter.rays += count->shadow;
 }

@@ -2,9 +2,11 @@
 
 #include "common/clock.h"
 #include "server/publish/levels.h"
-#include "server/solve/denoise.h"
-#include "server/solve/passes.h"
-#include "server/solve/seams.h"
+#include "server/solve/adapt/estimates.h"
+#include "server/solve/filter/denoise.h"
+#include "server/solve/filter/seams.h"
+#include "server/solve/transport/bounces.h"
+#include "server/solve/transport/direct_light.h"
 
 #include <math.h>
 #include <omp.h>
@@ -111,31 +113,31 @@ static void end_tile(int pass, const struct lw_solve_tile *tile, uint64_t began_
         __real_##name arguments;                                                                             \
     }
 
-WRAP(void, lw_passes_direct,
-     (const struct lw_passes *p, struct lw_solve_tile *tile, struct lw_passes_count *count))
-void __wrap_lw_passes_direct(const struct lw_passes *p, struct lw_solve_tile *tile,
-                             struct lw_passes_count *count) {
+WRAP(void, lw_direct_light_solve,
+     (const struct lw_transport *p, struct lw_solve_tile *tile, struct lw_ray_count *count))
+void __wrap_lw_direct_light_solve(const struct lw_transport *p, struct lw_solve_tile *tile,
+                                  struct lw_ray_count *count) {
     uint64_t began_ns = 0;
     begin_tile(BENCH_DIRECT, tile, &began_ns);
-    __real_lw_passes_direct(p, tile, count);
+    __real_lw_direct_light_solve(p, tile, count);
     end_tile(BENCH_DIRECT, tile, began_ns, count->shadow);
 }
 
-WRAP(void, lw_passes_trace_ends,
-     (const struct lw_passes *p, const struct lw_solve_tile *tile, struct lw_passes_count *count))
-void __wrap_lw_passes_trace_ends(const struct lw_passes *p, const struct lw_solve_tile *tile,
-                                 struct lw_passes_count *count) {
+WRAP(void, lw_bounces_trace,
+     (const struct lw_transport *p, const struct lw_solve_tile *tile, struct lw_ray_count *count))
+void __wrap_lw_bounces_trace(const struct lw_transport *p, const struct lw_solve_tile *tile,
+                             struct lw_ray_count *count) {
     uint64_t began_ns = 0;
     begin_tile(BENCH_TRACE_ENDS, tile, &began_ns);
-    __real_lw_passes_trace_ends(p, tile, count);
+    __real_lw_bounces_trace(p, tile, count);
     end_tile(BENCH_TRACE_ENDS, tile, began_ns, count->bounce);
 }
 
-NOTE(BENCH_GATHER, void, lw_passes_gather,
-     (const struct lw_passes *p, const struct lw_solve_tile *tile, uint32_t bounce), (p, tile, bounce))
-NOTE(BENCH_RADIATE, void, lw_passes_radiate,
-     (const struct lw_passes *p, const struct lw_solve_tile *tile, uint32_t bounce), (p, tile, bounce))
-NOTE(BENCH_FINISH, void, lw_passes_finish_tile, (const struct lw_passes *p, struct lw_solve_tile *tile),
+NOTE(BENCH_GATHER, void, lw_bounces_gather,
+     (const struct lw_transport *p, const struct lw_solve_tile *tile, uint32_t bounce), (p, tile, bounce))
+NOTE(BENCH_RADIATE, void, lw_bounces_radiate,
+     (const struct lw_transport *p, const struct lw_solve_tile *tile, uint32_t bounce), (p, tile, bounce))
+NOTE(BENCH_FINISH, void, lw_estimates_finish_tile, (const struct lw_transport *p, struct lw_solve_tile *tile),
      (p, tile))
 NOTE(BENCH_LEVELS, void, lw_levels_build, (struct lw_levels * levels), (levels))
 NOTE(BENCH_ENCODE, void, lw_levels_store_tile,

@@ -7,7 +7,7 @@
  * their middle, in metres: the median texel's square and that of the ninth in ten; the length of a square's mean normal, in
  * the mean over texels; and how many of the triangles are read up to level 0, 1 and 2, as coarser ones mix other light in. */
 #include "common/scene/lightmap.h"
-#include "server/solve/texels.h"
+#include "server/solve/surface/texels.h"
 #include "tests/bench/bench_setup.h"
 
 #include <math.h>

@@ -2,7 +2,7 @@
 
 #include "common/tile/tile_codec.h"
 #include "server/solve/cell_solver.h"
-#include "server/solve/denoise.h"
+#include "server/solve/filter/denoise.h"
 
 enum lw_status bench_runner_init(struct bench_runner *runner, const struct lw_solver_desc *desc,
                                  const struct lw_pose *pose, struct lw_error *err) {

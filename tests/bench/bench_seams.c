@@ -9,7 +9,7 @@
 #include "common/tile/tile_codec.h"
 #include "server/publish/publisher.h"
 #include "server/solve/cell_solver.h"
-#include "server/solve/denoise.h"
+#include "server/solve/filter/denoise.h"
 #include "tests/bench/bench_setup.h"
 #include "tests/support/seam_walk.h"
 

@@ -31,7 +31,7 @@
 #include "server/publish/publisher.h"
 #include "server/serve/server.h"
 #include "server/solve/cell_solver.h"
-#include "server/solve/denoise.h"
+#include "server/solve/filter/denoise.h"
 #include "tests/bench/bench_setup.h"
 
 #include <limits.h>

@@ -13,7 +13,7 @@
 #include "common/clock.h"
 #include "common/random.h"
 #include "server/solve/cell_solver.h"
-#include "server/solve/tiles.h"
+#include "server/solve/state/tiles.h"
 #include "tests/bench/bench_setup.h"
 
 #include <math.h>

@@ -1,7 +1,7 @@
 #include "tests/reference/room.h"
 
 #include "common/scene/lightmap.h"
-#include "server/solve/texels.h"
+#include "server/solve/surface/texels.h"
 
 #include <math.h>
 #include <string.h>
@@ -183,7 +183,7 @@ void room_solve_layers(struct room_solution *solution, struct lw_scene *scene, f
     struct lw_light_groups groups;
     prepare(solution, scene, texels_per_metre, &desc, 0);
     lw_support_ok(lw_light_groups_init(&groups, scene, &solution->pose, light_groups, &err), &err);
-    lw_support_ok(lw_layers_create(&desc, &groups, &solution->pose, &solution->solver, &err), &err);
+    lw_support_ok(lw_light_layers_create(&desc, &groups, &solution->pose, &solution->solver, &err), &err);
     solve(solution, frames);
 }
 

@@ -3,7 +3,7 @@
 #define LW_TESTS_ROOM_H
 
 #include "server/solve/cell_solver.h"
-#include "server/solve/layers.h"
+#include "server/solve/light_layers.h"
 #include "tests/support/support.h"
 
 #include <math.h>

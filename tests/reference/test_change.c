@@ -1,5 +1,6 @@
 /* Light that changes: what changed is right again soon, what did not costs nothing. */
-#include "server/solve/tiles.h"
+#include "server/solve/adapt/gradient.h"
+#include "server/solve/state/tiles.h"
 #include "tests/reference/room.h"
 
 #include <stdio.h>
@@ -431,7 +432,7 @@ static bool wakes(float each) {
             block.change.packet[set].indirect_square[r] = 4 * each * each;
         }
     }
-    lw_change_wake(&block, 0.02f, false);
+    lw_gradient_wake(&block, 0.02f, false);
     return !block.resting;
 }
 

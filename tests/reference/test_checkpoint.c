@@ -2,7 +2,7 @@
  * something else is refused, and nothing of it taken. */
 #include "tests/reference/room.h"
 
-#include "server/solve/checkpoint.h"
+#include "server/solve/state/checkpoint.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,5 +1,5 @@
 /* Tiles that nobody looks at: what is looked at is lit as if all were solved, what lights it follows, the rest rests. */
-#include "server/solve/schedule.h"
+#include "server/solve/adapt/schedule.h"
 #include "tests/reference/room.h"
 
 #include <stdlib.h>

@@ -4,7 +4,7 @@
 #define LW_TESTS_SEAM_WALK_H
 
 #include "server/publish/levels.h"
-#include "server/solve/seam_edges.h"
+#include "server/solve/surface/seam_edges.h"
 
 /** The light of a solve as clients get it. */
 struct seam_walk {

@@ -1,7 +1,7 @@
 #include "tests/support/support.h"
 
-#include "server/solve/cells.h"
-#include "server/solve/transport.h"
+#include "server/solve/state/cells.h"
+#include "server/solve/transport/ray_hit.h"
 
 #include <math.h>
 
@@ -47,12 +47,12 @@ static void test_ends_carry_probe_and_direction(void **state) {
     for (int i = 0; i < 500; i++) {
         float z = -1 + 2 * ((float)i + 0.5f) / 500, angle = 2.4f * (float)i, r = sqrtf(1 - z * z);
         struct lw_vec3 d = lw_vec3(r * cosf(angle), r * sinf(angle), z);
-        uint32_t end = lw_end_pack_probe((uint32_t)i * 65u, d);
-        assert_true(end != LW_END_NOTHING && (end & LW_END_PROBE));
-        assert_int_equal(lw_end_probe(end), (uint32_t)i * 65u);
-        assert_true(lw_vec3_dot(lw_end_direction(end), d) > 0.9998f); /* a degree */
+        uint32_t end = lw_ray_hit_pack_probe((uint32_t)i * 65u, d);
+        assert_true(end != LW_RAY_HIT_NOTHING && (end & LW_RAY_HIT_PROBE));
+        assert_int_equal(lw_ray_hit_probe(end), (uint32_t)i * 65u);
+        assert_true(lw_vec3_dot(lw_ray_hit_direction(end), d) > 0.9998f); /* a degree */
     }
-    assert_true(lw_end_pack_probe(0x7fff, lw_vec3(1, 1, -0.0001f)) != LW_END_NOTHING);
+    assert_true(lw_ray_hit_pack_probe(0x7fff, lw_vec3(1, 1, -0.0001f)) != LW_RAY_HIT_NOTHING);
 }
 
 int main(void) {

@@ -3,7 +3,7 @@
 #include "common/clock.h"
 #include "common/scene/lightmap.h"
 #include "server/solve/geometry.h"
-#include "server/solve/tiles.h"
+#include "server/solve/state/tiles.h"
 
 #include <string.h>
 

@@ -1,5 +1,5 @@
 /* packets: every covered texel of a block belongs to one packet; packets are full; those on one surface take turns. */
-#include "server/solve/packets.h"
+#include "server/solve/surface/packets.h"
 #include "tests/support/support.h"
 
 #include <math.h>

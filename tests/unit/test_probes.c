@@ -4,9 +4,9 @@
 #include "common/light/direction.h"
 #include "common/sampling.h"
 #include "common/trace/trace.h"
-#include "server/solve/octahedral.h"
-#include "server/solve/probes.h"
-#include "server/solve/transport.h"
+#include "server/solve/transport/octahedral.h"
+#include "server/solve/transport/probes.h"
+#include "server/solve/transport/ray_hit.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -241,7 +241,7 @@ static void test_probes_with_nowhere_to_go_are_dead(void **state) {
     /* Deep inside the block nobody answers; beside it, never the dead one. */
     for (uint32_t i = 0; i < 200; i++) {
         uint32_t end = lw_probes_ask(&probes, lw_vec3(-0.3f, 0.5f, 0.5f), direction(i), lw_random_hash(i));
-        assert_true(end == LW_PROBES_UNSEEN || lw_end_probe(end) != inside);
+        assert_true(end == LW_PROBES_UNSEEN || lw_ray_hit_probe(end) != inside);
         assert_int_equal(lw_probes_ask(&probes, lw_vec3(0.5f, 0.5f, 0.5f), direction(i), lw_random_hash(i)),
                          LW_PROBES_UNSEEN);
     }
@@ -264,7 +264,7 @@ static void test_visibility_ends_at_walls(void **state) {
     for (uint32_t i = 0; i < 2000; i++) {
         uint32_t end =
             lw_probes_ask(&probes, lw_vec3(0.3f, 0.6f, 0.4f), direction(i % DIRECTIONS), lw_random_hash(i));
-        if (end != LW_PROBES_UNSEEN) assert_true(probes.probe[lw_end_probe(end)].position_ws.x > 0);
+        if (end != LW_PROBES_UNSEEN) assert_true(probes.probe[lw_ray_hit_probe(end)].position_ws.x > 0);
     }
     lw_probes_finish(&probes);
     hall_finish(&hall);
@@ -295,9 +295,9 @@ static void test_who_answers_sees_the_end(void **state) {
             uint32_t end = lw_probes_ask(&probes, from[r], d[r], lw_random_hash(i + r));
             if (end == LW_PROBES_UNSEEN) continue;
             struct lw_vec3 hit = lw_vec3_mad(from[r], d[r], hits.t[r]);
-            struct lw_vec3 seen = lw_vec3_sub(hit, probes.probe[lw_end_probe(end)].position_ws);
+            struct lw_vec3 seen = lw_vec3_sub(hit, probes.probe[lw_ray_hit_probe(end)].position_ws);
             answered++;
-            wrong += lw_vec3_dot(lw_vec3_normalize(seen), lw_end_direction(end)) < 0.92f; /* two cells */
+            wrong += lw_vec3_dot(lw_vec3_normalize(seen), lw_ray_hit_direction(end)) < 0.92f; /* two cells */
         }
     }
     assert_true(answered > 2000);

@@ -1,0 +1,405 @@
+#include "server/solve/adapt/control_variate.h"
+
+#include "common/colour.h"
+
+#include <math.h>
+
+#define LANES LW_TRACE_WIDTH
+/* Of the variance of what a surface has found, what counts against believing it: noise is averaged by those who look, change is not. */
+#define NOISE_COUNTS 0.125f
+/* Indirect light is in doubt by this share of its correction: few rays may all have missed the same bright spot. And by this share of the
+ * variance of what a surface has found: that is noise, of what its rays end on, which the samples of the next solves have as well.
+ * (Counted in full, it kept means at three frames for as long as light was taken to be changing: docs/results/dynamic.md.) */
+#define DOUBT_MIN   0.25f
+#define DOUBT_NOISE 0.3f
+/* Shares of a block's light: less is not corrected; nor is less than this of what may be off at rest; less is not shown for its own sake. */
+#define TAKEN_MIN       2e-3f
+#define TAKEN_OF_TARGET 0.25f
+#define SHOWN_MIN       2e-2f
+
+/* Packets of the surface whose first is `first`. */
+#define EACH_PACKET(block, first, set)                                                                       \
+    for (uint32_t set = (first); set < (first) + (block)->packet[first].group; set++)
+#define EACH_SURFACE(block, first)                                                                           \
+    for (uint32_t first = 0; first < (block)->packet_count; first += (block)->packet[first].group)
+
+static float most_square(struct lw_vec3 v) { return lw_vec3_max_abs(lw_vec3_mul(v, v)); }
+
+static float luminance(float r, float g, float b) { return lw_colour_luminance(lw_vec3(r, g, b)); }
+
+/* ---- direct light ---- */
+
+/* Square by square, what is left of the differences of one channel when the plane that fits them best is taken off. */
+static float roughness(const struct lw_solve_tile *tile, const struct lw_ray_launch *launch,
+                       const struct lw_vec3 off[LANES], uint32_t lanes, int channel) {
+    const float n = (float)lanes;
+    float x = 0, y = 0, d = 0, xx = 1, xy = 0, yy = 1, xd = 0, yd = 0, dd = 0;
+    for (uint32_t lane = 0; lane < lanes; lane++) {
+        x += (float)(launch->texel[lane] % tile->width) / n;
+        y += (float)(launch->texel[lane] / tile->width) / n;
+        d += (&off[lane].x)[channel] / n;
+    }
+    for (uint32_t lane = 0; lane < lanes; lane++) {
+        const float u = (float)(launch->texel[lane] % tile->width) - x,
+                    v = (float)(launch->texel[lane] / tile->width) - y, w = (&off[lane].x)[channel] - d;
+        xx += u * u, xy += u * v, yy += v * v;
+        xd += u * w, yd += v * w, dd += w * w;
+    }
+    if (lanes <= 3) return dd + n * d * d;
+    const float determinant = xx * yy - xy * xy, along_x = (yy * xd - xy * yd) / determinant,
+                along_y = (xx * yd - xy * xd) / determinant;
+    return fmaxf(dd - along_x * xd - along_y * yd, 0) * n / (n - 3);
+}
+
+/* What was once `then` is `now`: light that comes is added; of light that goes, the mean loses the same share as the sample, so that its noise
+ * becomes less with it. */
+static float changed(float mean, float then, float now) {
+    if (now >= then || !(then > 0)) return fmaxf(mean + now - then, 0);
+    return mean * fmaxf(now, 0) / then;
+}
+
+/* Of one channel: what is drawn and what is not change each by itself. *out_served: by how much the latter
+ * is brighter. Returns the same of both. */
+static float add_channel(struct lw_tiles *tiles, uint32_t texel, int c, float off, float off_drawn,
+                         float *out_served) {
+    float *estimate = &tiles->estimate[LW_TILES_ESTIMATE_DIRECT][c][texel], *mean = &tiles->direct[c][texel];
+    const float then = *estimate, was = *mean;
+    *estimate += off;
+    if (!tiles->drawn[c]) return *out_served = (*mean = changed(was, then, *estimate)) - was;
+    float *drawn_estimate = &tiles->drawn_estimate[c][texel], *drawn = &tiles->drawn[c][texel];
+    const float drawn_then = *drawn_estimate, served = was - *drawn;
+    *drawn_estimate += off_drawn;
+    *drawn = changed(*drawn, drawn_then, *drawn_estimate);
+    const float served_now = changed(served, then - drawn_then, *estimate - *drawn_estimate);
+    *mean = *drawn + served_now;
+    *out_served = served_now - served;
+    return *mean - was;
+}
+
+static void add_direct(struct lw_tiles *tiles, struct lw_solve_block *block, uint32_t texel,
+                       struct lw_vec3 off, struct lw_vec3 off_drawn) {
+    float more[3], served[3];
+    for (int c = 0; c < 3; c++)
+        more[c] = add_channel(tiles, texel, c, (&off.x)[c], (&off_drawn.x)[c], &served[c]);
+    const float brighter = luminance(more[0], more[1], more[2]);
+    tiles->mean[texel] += brighter;
+    block->luminance += (double)brighter;
+    if (tiles->split_mean) tiles->split_mean[texel] += luminance(served[0], served[1], served[2]);
+}
+
+void lw_control_variate_direct(struct lw_tiles *tiles, const struct lw_solve_tile *tile,
+                               struct lw_solve_block *block, uint32_t set, const struct lw_ray_launch *launch,
+                               const struct lw_vec3 off[LW_TRACE_WIDTH], const struct lw_vec3 *off_drawn) {
+    const uint32_t lanes = (uint32_t)__builtin_popcount(launch->active);
+    struct lw_change_packet *packet = &block->change.packet[set];
+    float rough = 0;
+    packet->direct_square = 0;
+    for (uint32_t lane = 0; lane < lanes; lane++) {
+        add_direct(tiles, block, tile->first + launch->texel[lane], off[lane],
+                   off_drawn ? off_drawn[lane] : lw_vec3(0, 0, 0));
+        packet->direct = lw_vec3_mad(packet->direct, off[lane], 1 / (float)lanes);
+    }
+    for (int c = 0; c < 3; c++) rough = fmaxf(rough, roughness(tile, launch, off, lanes, c));
+    packet->direct_rough += rough;
+    block->unseen = true;
+}
+
+/* Variance of what the packets of a surface were corrected by, of the channel in which it is most. */
+static float variance_of(const struct lw_solve_block *block, uint32_t first) {
+    const float n = block->packet[first].group;
+    struct lw_vec3 mean = {0}, square = {0};
+    EACH_PACKET(block, first, set) mean = lw_vec3_mad(mean, block->change.packet[set].direct, 1 / n);
+    EACH_PACKET(block, first, set) {
+        const struct lw_vec3 off = lw_vec3_sub(block->change.packet[set].direct, mean);
+        square = lw_vec3_mad(square, lw_vec3_mul(off, off), 1 / fmaxf(n - 1, 1));
+    }
+    return lw_vec3_max_abs(square);
+}
+
+static bool was_corrected(const struct lw_solve_block *block) {
+    return block->packet_count && block->change.direct == lw_change_all_packets(block);
+}
+
+/* What a tile's packets were corrected by: the mean square of a texel; of the squares, the share that is in doubt where packets lie among
+ * others. */
+struct doubt {
+    float square, share;
+};
+
+static struct doubt doubt_of(const struct lw_solve_tile *tile) {
+    double square = 0, texels = 0, among = 0, variance = 0;
+    LW_TILES_EACH_BLOCK (tile, block) {
+        if (was_corrected(block)) EACH_SURFACE(block, first) {
+                const uint32_t n = block->packet[first].group;
+                if (n > 1) variance += n * (double)variance_of(block, first);
+                EACH_PACKET(block, first, set) {
+                    const double own = (double)most_square(block->change.packet[set].direct);
+                    if (n > 1) among += own;
+                    square += block->packet[set].count * own;
+                    texels += block->packet[set].count;
+                }
+            }
+    }
+    return (struct doubt){.square = texels > 0 ? (float)(square / texels) : 0,
+                          .share = among > 0 ? (float)fmin(1, variance / among) : 1};
+}
+
+/* What changes may be missed by samples that are as noisy as the block's are, but is not more than the tile has changed elsewhere. */
+static float may_be_missed(const struct lw_solve_block *block, const struct doubt *doubt) {
+    const float noise = block->noise[LW_TILES_DIRECT];
+    return noise < 0 ? doubt->square : fminf(noise * block->light * block->light, doubt->square);
+}
+
+void lw_control_variate_doubt_direct(struct lw_solve_tile *tile) {
+    const struct doubt doubt = doubt_of(tile);
+    LW_TILES_EACH_BLOCK (tile, block) {
+        const float missed = may_be_missed(block, &doubt);
+        if (was_corrected(block)) EACH_SURFACE(block, first) {
+                const bool alone = block->packet[first].group < 2;
+                const float variance = variance_of(block, first);
+                EACH_PACKET(block, first, set) {
+                    struct lw_change_packet *packet = &block->change.packet[set];
+                    const float off = alone ? doubt.share * most_square(packet->direct) : variance;
+                    packet->direct_doubt =
+                        packet->direct_rough + block->packet[set].count * fmaxf(off, missed);
+                }
+            }
+    }
+}
+
+/* ---- indirect light: what is known ---- */
+
+/* What those packets of a surface have found that were told, by the quarters of the block. */
+struct finding {
+    struct lw_vec3 sum[LW_CHANGE_ORDERS][LW_CHANGE_REGIONS];
+    float square[LW_CHANGE_REGIONS];
+    uint32_t lanes[LW_CHANGE_REGIONS];
+};
+
+static void count_lanes(const struct lw_packet *packet, uint32_t lanes[LW_CHANGE_REGIONS]) {
+    for (uint32_t lane = 0; lane < packet->count; lane++)
+        lanes[lw_change_region(packet->texel[lane] % LW_TILE_BLOCK, packet->texel[lane] / LW_TILE_BLOCK)]++;
+}
+
+static struct finding find(const struct lw_solve_block *block, uint32_t first) {
+    struct finding f = {.lanes = {0}};
+    EACH_PACKET(block, first, set) {
+        const struct lw_change_packet *packet = &block->change.packet[set];
+        if (!(block->change.told >> set & 1)) continue;
+        count_lanes(&block->packet[set], f.lanes);
+        for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++) {
+            f.square[r] += packet->indirect_square[r];
+            for (int order = 0; order < LW_CHANGE_ORDERS; order++)
+                f.sum[order][r] = lw_vec3_add(f.sum[order][r], packet->indirect[order][r]);
+        }
+    }
+    return f;
+}
+
+/* Mean difference of so many texels, and the square of its standard error. */
+struct mean {
+    struct lw_vec3 of[LW_CHANGE_ORDERS], all;
+    float square, error;
+    uint32_t lanes;
+};
+
+static struct mean mean_of(const struct finding *f, uint32_t first, uint32_t last) {
+    struct mean m = {.lanes = 0};
+    float square = 0;
+    for (uint32_t r = first; r <= last; r++) {
+        m.lanes += f->lanes[r];
+        square += f->square[r];
+        for (int order = 0; order < LW_CHANGE_ORDERS; order++)
+            m.of[order] = lw_vec3_add(m.of[order], f->sum[order][r]);
+    }
+    if (!m.lanes) return m;
+    const float n = (float)m.lanes;
+    for (int order = 0; order < LW_CHANGE_ORDERS; order++) {
+        m.of[order] = lw_vec3_scale(m.of[order], 1 / n);
+        m.all = lw_vec3_add(m.all, m.of[order]);
+    }
+    m.square = lw_vec3_dot(m.all, m.all);
+    m.error = m.lanes > 1 ? fmaxf(square / n - m.square, 0) / (n - 1) : m.square;
+    return m;
+}
+
+static struct mean mean_of_surface(const struct finding *f) { return mean_of(f, 0, LW_CHANGE_REGIONS - 1); }
+
+/* Mean square by which the surfaces of a tile have changed, less what is noise, and what that may be by chance (a standard deviation, if
+ * nothing has changed). */
+static float spread_of(const struct lw_solve_tile *tile) {
+    double square = 0, chance = 0, lanes = 0;
+    LW_TILES_EACH_BLOCK (tile, block) {
+        if (!block->change.told) continue;
+        EACH_SURFACE(block, first) {
+            const struct finding f = find(block, first);
+            const struct mean m = mean_of_surface(&f);
+            const double noise = (double)m.lanes * (double)m.error;
+            square += (double)m.lanes * (double)m.square - noise;
+            chance += 2 * noise * noise;
+            lanes += m.lanes;
+        }
+    }
+    return lanes > 0 ? (float)fmax((square - sqrt(chance)) / lanes, 0) : 0;
+}
+
+/* ---- indirect light: what is done ---- */
+
+/* W/m^2 to be added to the mean of a surface's texels in each quarter of the block. */
+struct shift {
+    struct lw_vec3 of[LW_CHANGE_ORDERS][LW_CHANGE_REGIONS];
+};
+
+/* Returns what is believed of what a surface has found, 0 to 1. spread: of its tile. */
+static float choose_shift(const struct finding *f, const struct mean *whole, float spread,
+                          struct shift *out) {
+    const float believed = spread / (spread + NOISE_COUNTS * whole->error);
+    for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++) {
+        const struct mean part = mean_of(f, r, r);
+        const struct lw_vec3 off = lw_vec3_sub(part.all, whole->all);
+        const float square = lw_vec3_dot(off, off),
+                    own = part.lanes > 1 && square > part.error ? 1 - part.error / square : 0;
+        for (int order = 0; order < LW_CHANGE_ORDERS; order++)
+            out->of[order][r] = lw_vec3_mad(lw_vec3_scale(whole->of[order], believed),
+                                            lw_vec3_sub(part.of[order], whole->of[order]), own);
+    }
+    return believed;
+}
+
+/* What packets have found is less by what has been taken over. */
+static void take_from(struct lw_solve_block *block, uint32_t first, const struct shift *shift) {
+    EACH_PACKET(block, first, set) {
+        struct lw_change_packet *packet = &block->change.packet[set];
+        uint32_t lanes[LW_CHANGE_REGIONS] = {0};
+        if (!(block->change.asked >> set & 1)) continue;
+        count_lanes(&block->packet[set], lanes);
+        for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++) {
+            const float n = (float)lanes[r];
+            const struct lw_vec3 both =
+                lw_vec3_add(shift->of[LW_CHANGE_FIRST][r], shift->of[LW_CHANGE_LATER][r]);
+            packet->indirect_square[r] +=
+                n * lw_vec3_dot(both, both) - 2 * lw_vec3_dot(both, lw_change_both_orders(packet, r));
+            for (int order = 0; order < LW_CHANGE_ORDERS; order++)
+                packet->indirect[order][r] = lw_vec3_mad(packet->indirect[order][r], shift->of[order][r], -n);
+        }
+    }
+}
+
+/* Light of a texel's later bounces. */
+static float later_of(const struct lw_tiles *tiles, int c, uint32_t texel) {
+    float sum = 0;
+    for (uint32_t k = 1; k < tiles->bounces; k++) sum += tiles->order[k][c][texel];
+    return sum;
+}
+
+/* Light of `texels` texels together. */
+struct sum {
+    double light[LW_CHANGE_ORDERS];
+    uint32_t texels;
+};
+
+/* Light that comes is added evenly; of light that goes each texel loses the same share, so that none has less than none. */
+static float shifted(float value, float shift, double light, uint32_t texels) {
+    if (shift >= 0) return value + shift;
+    const double left = light + (double)shift * texels;
+    return left > 0 ? value * (float)(left / light) : 0;
+}
+
+/* Under this share of what they become, a texel's later bounces do not tell how that is to be shared out among them. */
+#define SHARED_MIN 1e-6f
+
+/* Returns by how much the texel is brighter. */
+static float shift_texel(struct lw_tiles *tiles, uint32_t texel, int c, const struct sum *sum,
+                         const float shift[LW_CHANGE_ORDERS]) {
+    const float first = tiles->order[0][c][texel], later = later_of(tiles, c, texel),
+                first_now = shifted(first, shift[LW_CHANGE_FIRST], sum->light[LW_CHANGE_FIRST], sum->texels),
+                later_now = shifted(later, shift[LW_CHANGE_LATER], sum->light[LW_CHANGE_LATER], sum->texels);
+    const bool shared = later > 0 && later >= SHARED_MIN * later_now;
+    tiles->order[0][c][texel] = first_now;
+    for (uint32_t k = 1; k < tiles->bounces; k++) {
+        float *light = &tiles->order[k][c][texel];
+        *light = shared ? *light * (later_now / later) : k == 1 ? later_now : 0;
+    }
+    tiles->indirect[c][texel] += first_now - first + later_now - later;
+    return first_now - first + later_now - later;
+}
+
+/* The texels of a surface, with the quarter that each lies in. */
+struct places {
+    uint32_t texel[LW_TILE_BLOCK * LW_TILE_BLOCK], count;
+    uint8_t region[LW_TILE_BLOCK * LW_TILE_BLOCK];
+};
+
+static void list_places(const struct lw_solve_tile *tile, const struct lw_solve_block *block, uint32_t first,
+                        struct places *out) {
+    out->count = 0;
+    EACH_PACKET(block, first, set) {
+        struct lw_ray_launch launch;
+        lw_ray_launch_init(&launch, tile, block, set);
+        for (uint32_t lane = 0; lane < block->packet[set].count; lane++) {
+            const uint32_t texel = launch.texel[lane];
+            out->texel[out->count] = tile->first + texel;
+            out->region[out->count++] = (uint8_t)lw_change_region(texel % tile->width, texel / tile->width);
+        }
+    }
+}
+
+static void shift_surface(struct lw_tiles *tiles, struct lw_solve_block *block, const struct places *places,
+                          const struct shift *shift, bool estimates) {
+    static const float weight[3] = {0.2126f, 0.7152f, 0.0722f};
+    for (int c = 0; c < 3; c++) {
+        struct sum sum[LW_CHANGE_REGIONS] = {{{0}, 0}};
+        for (uint32_t i = 0; i < places->count; i++) {
+            struct sum *region = &sum[places->region[i]];
+            region->light[LW_CHANGE_FIRST] += (double)tiles->order[0][c][places->texel[i]];
+            region->light[LW_CHANGE_LATER] += (double)later_of(tiles, c, places->texel[i]);
+            region->texels++;
+        }
+        for (uint32_t i = 0; i < places->count; i++) {
+            const uint32_t texel = places->texel[i], r = places->region[i];
+            const float by[LW_CHANGE_ORDERS] = {(&shift->of[LW_CHANGE_FIRST][r].x)[c],
+                                                (&shift->of[LW_CHANGE_LATER][r].x)[c]};
+            const float brighter = weight[c] * shift_texel(tiles, texel, c, &sum[r], by);
+            tiles->mean[texel] += brighter;
+            if (tiles->split_mean) tiles->split_mean[texel] += brighter;
+            block->luminance += (double)brighter;
+            for (int order = 0; estimates && order < LW_CHANGE_ORDERS; order++)
+                tiles->estimate[LW_TILES_ESTIMATE_BOUNCES + order][c][texel] += by[order];
+        }
+    }
+}
+
+static bool correct_surface(struct lw_tiles *tiles, const struct lw_solve_tile *tile,
+                            struct lw_solve_block *block, uint32_t first, float spread, float least,
+                            bool estimates) {
+    const struct finding f = find(block, first);
+    const struct mean whole = mean_of_surface(&f);
+    if (!whole.lanes) return false;
+    struct shift shift;
+    struct places places;
+    const float believed = choose_shift(&f, &whole, spread, &shift), all = block->light + block->beside,
+                square = believed * believed * whole.square, light = all * all;
+    if (!(square > least * least * light)) return false;
+    list_places(tile, block, first, &places);
+    shift_surface(tiles, block, &places, &shift, estimates);
+    take_from(block, first, &shift);
+    const bool much = square > SHOWN_MIN * SHOWN_MIN * light;
+    const float doubt = DOUBT_NOISE * believed * whole.error + (much ? DOUBT_MIN * DOUBT_MIN * square : 0),
+                share = (float)places.count / (float)block->covered_count;
+    block->change.doubt = sqrtf(block->change.doubt * block->change.doubt + share * doubt);
+    block->unseen |= much;
+    return true;
+}
+
+bool lw_control_variate_indirect(struct lw_tiles *tiles, struct lw_solve_tile *tile, float target_error,
+                                 bool estimates) {
+    const float spread = tiles->bounces ? spread_of(tile) : 0,
+                least = fmaxf(TAKEN_MIN, TAKEN_OF_TARGET * target_error);
+    bool any = false;
+    LW_TILES_EACH_BLOCK (tile, block) {
+        if (spread > 0 && block->change.told) EACH_SURFACE(block, first)
+        any |= correct_surface(tiles, tile, block, first, spread, least, estimates);
+        block->change.told = 0;
+    }
+    return any;
+}

@@ -1,0 +1,135 @@
+#include "server/solve/adapt/estimates.h"
+
+#include "common/colour.h"
+#include "server/solve/adapt/gradient.h"
+
+/* This many samples without light count as an error of 1; a full tile converges after some 25 frames at 0.02. */
+#define DARK_SAMPLES 2000.0
+/* What is known of a block's noise holds while its light is within this factor of what it was. */
+#define LIKE 4.0
+/* Of a block's estimated noise, what each frame brings. */
+#define NOISE_WEIGHT 0.125f
+
+/* What the last solve had of one part of a texel's light. */
+static struct lw_vec3 estimate_at(const struct lw_tiles *tiles, int part, uint32_t texel) {
+    if (part == LW_TILES_DIRECT) return lw_texels_vector(tiles->estimate[LW_TILES_ESTIMATE_DIRECT], texel);
+    struct lw_vec3 e = {0};
+    for (int order = 0; order < LW_CHANGE_ORDERS; order++)
+        e = lw_vec3_add(e, lw_texels_vector(tiles->estimate[LW_TILES_ESTIMATE_BOUNCES + order], texel));
+    return e;
+}
+
+/* Running mean and spread (Welford 1962), forgetting as the sums do. */
+static void note_luminance(float *mean, float *spread, float x, float weight) {
+    const float off = x - *mean;
+    *mean += off * weight;
+    *spread = (1 - weight) * (*spread + weight * off * off);
+}
+
+/* Of the frames' estimates. */
+static void note_estimate(struct lw_tiles *tiles, uint32_t texel, float weight) {
+    const struct lw_vec3 e =
+        lw_vec3_add(estimate_at(tiles, LW_TILES_DIRECT, texel), estimate_at(tiles, LW_TILES_INDIRECT, texel));
+    note_luminance(&tiles->mean[texel], &tiles->spread[texel], lw_colour_luminance(e), weight);
+    if (!tiles->split_mean) return;
+    const struct lw_vec3 split = lw_vec3_sub(e, lw_texels_vector(tiles->drawn_estimate, texel));
+    note_luminance(&tiles->split_mean[texel], &tiles->split_spread[texel], lw_colour_luminance(split),
+                   weight);
+}
+
+/* What has seen no light yet: what light it may have missed falls with the samples that found none, as 1/N. A scene that
+ * casts no light on it at all is found dark as soon as one that hides its light behind a pinhole could be. */
+static float error_of_darkness(double samples) { return (float)fmin(1.0, DARK_SAMPLES / fmax(1, samples)); }
+
+/* What an estimate is off the mean that it has entered with weight 1/m is (m-1)/m of what it is off the others' mean, which
+ * has a noise of its own: V (m-1)/m in the mean of squares. */
+static void note_noise(float *noise, double off_square, double light, const struct lw_history *memory) {
+    if (memory->frames < 2 || !(light > 0)) return;
+    const float now = (float)(off_square / (light * light)) * memory->frames / (memory->frames - 1);
+    *noise = *noise < 0 ? now : *noise + (now - *noise) * NOISE_WEIGHT;
+}
+
+static void add_up_block(struct lw_tiles *tiles, const struct lw_solve_tile *tile, uint32_t column,
+                         uint32_t row) {
+    struct lw_solve_block *block = &tile->block[row * tile->block_columns + column];
+    const uint32_t right = (column + 1) * LW_TILE_BLOCK, below = (row + 1) * LW_TILE_BLOCK;
+    double variance = 0, luminance = 0, square[LW_TILES_PARTS] = {0};
+    float drift[LW_TILES_PARTS][LW_CHANGE_REGIONS] = {{0}};
+    uint32_t texels[LW_CHANGE_REGIONS] = {0};
+    float *const *const sum[LW_TILES_PARTS] = {tiles->direct, tiles->indirect};
+    for (uint32_t y = row * LW_TILE_BLOCK; y < below && y < tile->height; y++)
+        for (uint32_t x = column * LW_TILE_BLOCK; x < right && x < tile->width; x++) {
+            const uint32_t texel = tile->first + y * tile->width + x;
+            if (!tiles->covered[texel]) continue;
+            note_estimate(tiles, texel, block->indirect.weight);
+            variance += (double)tiles->judged_spread[texel];
+            luminance += (double)tiles->mean[texel];
+            texels[lw_change_region(x, y)]++;
+            for (int part = 0; part < LW_TILES_PARTS; part++) {
+                const float off = lw_colour_luminance(
+                    lw_vec3_sub(estimate_at(tiles, part, texel), lw_texels_vector(sum[part], texel)));
+                square[part] += (double)off * (double)off;
+                drift[part][lw_change_region(x, y)] += off;
+            }
+        }
+    const double each = 1.0 / block->covered_count;
+    note_noise(&block->noise[LW_TILES_DIRECT], square[LW_TILES_DIRECT] * each, luminance * each,
+               &block->direct);
+    note_noise(&block->noise[LW_TILES_INDIRECT], square[LW_TILES_INDIRECT] * each, luminance * each,
+               &block->indirect);
+    for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++)
+        for (int part = 0; texels[r] && part < LW_TILES_PARTS; part++)
+            lw_gradient_note_drift(block, part, r, drift[part][r] / (float)texels[r]);
+    block->frames++;
+    block->variance = variance;
+    block->luminance = luminance;
+}
+
+void lw_estimates_judge(const struct lw_transport *t, struct lw_solve_tile *tile) {
+    if (!tile->covered_count) return;
+    const uint32_t samples =
+        t->direct_samples > t->indirect_samples ? t->direct_samples : t->indirect_samples;
+    double luminance = 0, looks = 0, square = 0;
+    LW_TILES_EACH_BLOCK (tile, block) {
+        luminance += block->luminance;
+        looks += (double)block->frames * samples * block->covered_count;
+    }
+    const double tile_mean = luminance / tile->covered_count;
+    LW_TILES_EACH_BLOCK (tile, block) {
+        const double n = block->covered_count, light = n > 0 ? fmax(block->luminance / n, tile_mean) : 0;
+        if (!(n > 0)) continue;
+        if (!(light < LIKE * (double)block->light && (double)block->light < LIKE * light))
+            block->noise[LW_TILES_DIRECT] = block->noise[LW_TILES_INDIRECT] = -1;
+        block->light = (float)light;
+        /* variance is that of one estimate; the mean of h of them has 1/(h-1) of it (Bessel's correction in it). */
+        const double others = (double)block->indirect.frames - 1;
+        if (others < 1)
+            block->error = 1;
+        else if (light > 0)
+            block->error =
+                (float)fmin(1, sqrt(block->variance / n / others) / (light + (double)block->beside));
+        else
+            block->error = error_of_darkness(looks);
+        square += n * (double)block->error * (double)block->error;
+    }
+    tile->error = (float)sqrt(square / tile->covered_count);
+}
+
+void lw_estimates_finish_tile(const struct lw_transport *t, struct lw_solve_tile *tile) {
+    struct lw_tiles *tiles = t->tiles;
+    for (uint32_t i = 0; i < tile->width * tile->height; i++) {
+        const uint32_t texel = tile->first + i;
+        if (!tiles->covered[texel]) continue;
+        for (int c = 0; c < 3; c++) {
+            float sum = 0;
+            for (uint32_t k = 0; k < tiles->bounces; k++) sum += tiles->order[k][c][texel];
+            tiles->indirect[c][texel] = sum;
+        }
+    }
+    for (uint32_t row = 0; row < tile->block_rows; row++)
+        for (uint32_t column = 0; column < tile->block_columns; column++) {
+            const struct lw_solve_block *block = &tile->block[row * tile->block_columns + column];
+            if (block->due && block->covered_count) add_up_block(tiles, tile, column, row);
+        }
+    lw_estimates_judge(t, tile);
+}

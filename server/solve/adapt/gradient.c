@@ -1,0 +1,316 @@
+#include "server/solve/adapt/gradient.h"
+
+#include "common/random.h"
+#include "server/solve/state/tiles.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Of the noise's variance, what counts against light that is out of date. Noise is each texel's own: pixels, and far more a filter,
+ * average it over many; light is out of date over many at once, most so where it is indirect. Of what the filter leaves, these
+ * bring a change through in a quarter of the frames for a tenth more error while a lamp walks (docs/results/dynamic.md). */
+static const float counted[2][LW_TILES_PARTS] = {
+    [false] = {[LW_TILES_DIRECT] = 1.0f / 4, [LW_TILES_INDIRECT] = 1.0f / 16},
+    [true] = {[LW_TILES_DIRECT] = 1.0f / 64, [LW_TILES_INDIRECT] = 1.0f / 256}};
+/* Indirect light is out of date over the whole block, where noise is each texel's own: less of it is borne at rest. */
+#define COHERENT 2.0f
+/* Where something begins to move and one packet finds that so much of the light has changed, the others need not be asked. */
+#define STRONG 1.0f
+/* Where one packet has woken a block in a hurry and less than this share of its light has changed, the others are asked before it forgets
+ * any: a packet's sixteen texels are few for noise. */
+#define SURE 0.1f
+/* What has been solved because it had woken is as if so much of that had changed yet. */
+#define AGAIN 0.5f
+/* And less than this is not heard of in a hurry: the noise of a packet would wake half of all blocks. Their turns will find it. */
+#define HASTY 0.06f
+/* Of drift: what one solve brings; of its mean square, what its mean is more than by chance (4 standard errors); solves after a
+ * movement in which it counts. */
+#define DRIFT_WEIGHT 0.0625f
+#define DRIFT_SHARE  0.6f
+#define DRIFT_SOLVES 64u
+/* A block that nobody looked at for so many rounds is asked as if nothing had moved for a while before. */
+#define ROUNDS_MAX 16u
+
+/* What changes on one surface says nothing of another. Where something begins to move, one packet of so many of a block's surfaces is
+ * asked, and so many at most. */
+#define SURFACES_EACH 2u
+#define WITNESSES_MAX 4u
+
+static uint32_t witnesses_of(const struct lw_solve_block *block) {
+    uint32_t surfaces = 0;
+    for (uint32_t set = 0; set < block->packet_count; set += block->packet[set].group) surfaces++;
+    const uint32_t wanted = (surfaces + SURFACES_EACH - 1) / SURFACES_EACH;
+    return wanted < WITNESSES_MAX ? wanted : WITNESSES_MAX;
+}
+
+/* So many packets. Those of a surface follow each other: if they are far apart in their row, they are of different ones. */
+static uint16_t take_turn(struct lw_solve_block *block, uint32_t count) {
+    const uint32_t turns = block->packet_count / count;
+    uint16_t packets = 0;
+    for (uint32_t set = block->change.next++ % turns; set < block->packet_count; set += turns)
+        packets |= (uint16_t)(1u << set);
+    return packets;
+}
+
+static void ask(struct lw_change_block *change, uint16_t packets) {
+    change->compare = packets;
+    change->told |= packets;
+    change->asked |= packets;
+    change->retrace = packets & change->unchecked;
+    change->direct |= change->retrace;
+    change->unchecked &= (uint16_t)~packets;
+}
+
+/* Along the rays that there are: what arrives may have changed. */
+static void ask_again(struct lw_solve_block *block) {
+    struct lw_change_block *change = &block->change;
+    change->compare = lw_change_all_packets(block);
+    change->told |= change->compare;
+    change->asked |= change->compare;
+    change->reread = true;
+}
+
+bool lw_gradient_choose(struct lw_solve_block *block, const struct lw_gradient_round *round) {
+    struct lw_change_block *change = &block->change;
+    const bool moved = change->moves != round->moves, missed = round->tick - change->tick > ROUNDS_MAX,
+               first = change->moves < round->began,
+               lit = (missed || first) && change->moves < round->light_moves;
+    change->compare = change->retrace = change->direct = 0;
+    change->fresh = change->reread = false;
+    change->tick = round->tick;
+    if (!block->packet_count || !block->frames) return false;
+    change->begins = moved && (missed || first || (block->resting ? !change->unchecked : !change->moving));
+    if (!change->begins && round->spreads && !change->woken && !(round->turn && block->resting)) {
+        ask_again(block);
+        return true;
+    }
+    if (!block->resting && !change->begins) return false;
+    if (moved) change->unchecked = lw_change_all_packets(block);
+    change->moves = round->moves;
+    change->moving = true;
+    if (change->begins) change->asked = 0;
+    if (!change->unchecked && !round->active) return false;
+    /* Each packet once in LW_PACKETS_MAX rounds, however few a block has. */
+    if (!change->begins && (!round->turn || (round->tick + lw_random_hash(block->tile_id)) % LW_PACKETS_MAX >=
+                                                block->packet_count))
+        return false;
+    if (lit) {
+        if (!round->hurried) ask_again(block);
+        change->direct = change->asked = lw_change_all_packets(block);
+    } else {
+        ask(change, take_turn(block, first ? witnesses_of(block) : 1));
+    }
+    change->fresh = true;
+    return true;
+}
+
+bool lw_gradient_choose_all(struct lw_solve_block *block, uint32_t moves) {
+    struct lw_change_block *change = &block->change;
+    change->compare = change->retrace = change->direct = 0;
+    if (!block->packet_count || !block->frames) return false;
+    change->begins = false;
+    change->moves = moves;
+    ask_again(block);
+    change->direct = change->compare;
+    return true;
+}
+
+/* How far light is off what it was. */
+struct off {
+    float direct;
+    struct lw_vec3 indirect[LW_CHANGE_REGIONS];
+};
+
+/* What rays end on has noise too, and new noise whenever it is solved: texels differ each in its own way, where light that changes
+ * does so for many. Of the sums, the share that chance does not explain: the squares of the regions' means, less those of their standard
+ * errors. (Without that, noise that was taken for change shortened memories, which made noise: indirect light of the atrium never
+ * came to rest after a movement. Twice the errors overlooks changes.) */
+static float share_known(const struct off *sum, const float square[LW_CHANGE_REGIONS],
+                         const uint32_t lanes[LW_CHANGE_REGIONS]) {
+    float means = 0, errors = 0;
+    for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++) {
+        if (lanes[r] < 2) continue;
+        const float n = (float)lanes[r],
+                    mean_square = lw_vec3_dot(sum->indirect[r], sum->indirect[r]) / (n * n);
+        means += mean_square;
+        errors += fmaxf(square[r] / n - mean_square, 0) / (n - 1);
+    }
+    return means > 0 ? sqrtf(fmaxf(0, 1 - errors / means)) : 1;
+}
+
+/* What a block's means are out of date by, and what the packets of a mask have found, in the mean over their texels. */
+static struct off add_up(const struct lw_solve_block *block, uint16_t packets) {
+    const struct lw_change_block *change = &block->change;
+    struct off off = {0};
+    uint32_t texels = 0, lanes[LW_CHANGE_REGIONS] = {0};
+    float square[LW_CHANGE_REGIONS] = {0};
+    for (uint32_t set = 0; set < block->packet_count; set++) {
+        if (!(packets >> set & 1)) continue;
+        off.direct += change->packet[set].direct_square + change->packet[set].direct_doubt;
+        texels += block->packet[set].count;
+        for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++)
+            off.indirect[r] = lw_vec3_add(off.indirect[r], lw_change_both_orders(&change->packet[set], r)),
+            square[r] += change->packet[set].indirect_square[r];
+        for (uint32_t lane = 0; lane < block->packet[set].count; lane++) {
+            const uint32_t texel = block->packet[set].texel[lane];
+            lanes[lw_change_region(texel % LW_TILE_BLOCK, texel / LW_TILE_BLOCK)]++;
+        }
+    }
+    const float known = share_known(&off, square, lanes);
+    off.direct = change->stale_direct + (texels ? sqrtf(off.direct / (float)texels) : 0);
+    for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++)
+        off.indirect[r] =
+            lw_vec3_mad(change->stale_indirect[r], off.indirect[r], lanes[r] ? known / (float)lanes[r] : 0);
+    return off;
+}
+
+/* Root mean square over the regions. */
+static float mean_over(const struct lw_vec3 region[LW_CHANGE_REGIONS]) {
+    float square = 0;
+    for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++)
+        square += lw_vec3_max_abs(region[r]) * lw_vec3_max_abs(region[r]);
+    return sqrtf(square / LW_CHANGE_REGIONS);
+}
+
+/* Of indirect light: what it is off, and may be off besides. */
+static float off_indirect(const struct lw_solve_block *block,
+                          const struct lw_vec3 region[LW_CHANGE_REGIONS]) {
+    return hypotf(mean_over(region), block->change.doubt);
+}
+
+static bool is_too_much(const struct lw_solve_block *block, const struct off *off, float target_error) {
+    const float may_be = (block->light + block->beside) * fmaxf(target_error, 0);
+    return off->direct > may_be || COHERENT * off_indirect(block, off->indirect) > may_be;
+}
+
+/* What share of a block's light is out of date, about. */
+static float share_of(const struct lw_solve_block *block, const struct off *off) {
+    const float light = block->light + block->beside,
+                all = fmaxf(off->direct, COHERENT * off_indirect(block, off->indirect));
+    return light > 0 ? all / light : 1;
+}
+
+/* Whether a block would have to wake if all of it were as these packets are, or, of all packets, as it is. */
+static bool has_changed(const struct lw_solve_block *block, uint16_t packets, float target_error) {
+    const struct off off = add_up(block, packets);
+    return is_too_much(block, &off, target_error);
+}
+
+/* Packets whose mean stands for the block: what begins to move is not told by what was found before. */
+static uint16_t witnesses(const struct lw_solve_block *block) {
+    return block->change.begins || block->change.reread ? block->change.asked : lw_change_all_packets(block);
+}
+
+void lw_gradient_note_rest(struct lw_solve_block *block) {
+    struct lw_change_block *change = &block->change;
+    const struct off off = add_up(block, lw_change_all_packets(block));
+    memcpy(change->stale_indirect, off.indirect, sizeof off.indirect);
+    memset(change->packet, 0, sizeof change->packet);
+    change->asked = change->told = 0;
+}
+
+bool lw_gradient_choose_more(struct lw_solve_block *block, float target_error, bool hurried) {
+    struct lw_change_block *change = &block->change;
+    const uint16_t asked = change->compare, found = witnesses(block);
+    change->compare = change->direct = 0;
+    if (!asked || change->reread || !has_changed(block, found, target_error)) return false;
+    if (change->begins && (hurried || has_changed(block, found, STRONG))) return false;
+    ask(change, lw_change_all_packets(block) & (uint16_t)~asked);
+    return change->compare != 0;
+}
+
+void lw_gradient_wake(struct lw_solve_block *block, float target_error, bool hurried) {
+    struct lw_change_block *change = &block->change;
+    change->compare = change->direct = 0;
+    const struct off off = add_up(block, witnesses(block));
+    if (hurried && (change->begins || change->reread)) target_error = fmaxf(target_error, HASTY);
+    if (!(block->resting || change->begins || change->reread) || !is_too_much(block, &off, target_error))
+        return;
+    change->strength = fminf(1, share_of(block, &off));
+    change->judged = witnesses(block);
+    block->resting = false;
+    block->stale = change->woken = true;
+}
+
+void lw_gradient_review(struct lw_solve_block *block, float target_error) {
+    block->change.begins = false;
+    lw_gradient_wake(block, target_error, false);
+}
+
+bool lw_gradient_choose_due(struct lw_solve_block *block, uint32_t moves) {
+    struct lw_change_block *change = &block->change;
+    const bool moved = moves != change->moves;
+    if (!block->packet_count || !block->frames) return false;
+    if (change->woken && change->strength < SURE && change->judged != lw_change_all_packets(block)) {
+        ask(change, lw_change_all_packets(block) & (uint16_t)~change->judged);
+        change->judged = lw_change_all_packets(block);
+        return true;
+    }
+    if (change->fresh || change->woken) return false;
+    if (moved) change->unchecked = lw_change_all_packets(block);
+    if (moved) ask(change, change->asked ? change->asked : take_turn(block, 1));
+    return moved;
+}
+
+static float room_for(const struct lw_solve_block *block, int part, float stale, bool filtered) {
+    const float noise = block->noise[part];
+    if (!(stale > 0)) return INFINITY;
+    if (noise < 0) return 1; /* not known before there are two */
+    return lw_history_max(counted[filtered][part] * noise * block->light * block->light, stale);
+}
+
+void lw_gradient_note_drift(struct lw_solve_block *block, int part, uint32_t region, float off) {
+    struct lw_change_drift *drift = &block->change.drift[part][region];
+    drift->mean += (off - drift->mean) * DRIFT_WEIGHT;
+    drift->square += (off * off - drift->square) * DRIFT_WEIGHT;
+}
+
+/* What a region's mean is off for sure, which is then begun anew; else 0. */
+static float take_drift(struct lw_change_drift *drift) {
+    const float off = fabsf(drift->mean);
+    if (!(off * off > DRIFT_SHARE * drift->square)) return 0;
+    *drift = (struct lw_change_drift){0, 0};
+    return off;
+}
+
+/* Adds what estimates have been off their means to what those are known to be out of date. */
+static void add_drift(struct lw_change_block *change, struct off *off) {
+    for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++) {
+        const float direct = take_drift(&change->drift[LW_TILES_DIRECT][r]),
+                    indirect = take_drift(&change->drift[LW_TILES_INDIRECT][r]);
+        off->direct = fmaxf(off->direct, direct);
+        if (indirect > lw_vec3_max_abs(off->indirect[r]))
+            off->indirect[r] = lw_vec3(indirect, indirect, indirect);
+    }
+}
+
+void lw_gradient_weigh_direct(struct lw_solve_block *block, uint32_t moves, bool filtered, bool hurried) {
+    struct lw_change_block *change = &block->change;
+    struct off off = add_up(block, change->woken ? change->judged : change->asked);
+    change->still_solves = moves != change->solved_moves ? 0 : change->still_solves + 1;
+    if (moves && change->still_solves < DRIFT_SOLVES) add_drift(change, &off);
+    const float weight =
+        lw_history_take(&block->direct, room_for(block, LW_TILES_DIRECT, off.direct, filtered));
+    change->stale_direct = off.direct * (1 - weight);
+    memcpy(change->stale_indirect, off.indirect, sizeof off.indirect);
+    memset(change->packet, 0, sizeof change->packet);
+    change->moving = moves != change->solved_moves;
+    change->moves = change->solved_moves = moves;
+    change->compare = change->retrace = change->direct = change->asked = change->told = change->unchecked = 0;
+    change->strength = hurried && change->woken ? AGAIN * change->strength : 0;
+    change->woken = change->strength >= LW_GRADIENT_URGENT;
+}
+
+void lw_gradient_weigh_indirect(struct lw_solve_block *block, float most_frames, bool filtered) {
+    struct lw_change_block *change = &block->change;
+    const float room =
+        room_for(block, LW_TILES_INDIRECT, off_indirect(block, change->stale_indirect), filtered);
+    const float weight = lw_history_take(&block->indirect, fminf(room, most_frames));
+    for (uint32_t r = 0; r < LW_CHANGE_REGIONS; r++)
+        change->stale_indirect[r] = lw_vec3_scale(change->stale_indirect[r], 1 - weight);
+    change->doubt *= 1 - weight;
+}
+
+bool lw_gradient_is_stale(const struct lw_solve_block *block, float target_error) {
+    return has_changed(block, 0, target_error);
+}

@@ -1,0 +1,69 @@
+/* seams.h: makes the light on both sides of a lightmap's seams agree.
+ * Flow:    seam_edges -> [seams: rows, components]; each frame: tiles' light -> [weld] -> tiles' light -> publish
+ * Threads: init by one; weld by one caller, workers inside; same bytes at any number of them.
+ *
+ * Charts sample a surface at places of their own, and what a bilinear look-up reads on a border is half gutter. So the
+ * two sides of a seam read differently by what the light varies over half a texel. At points along each seam, some three a texel,
+ * we ask that both look-ups read the same: a row of a linear system over the texels that they touch. Of all corrections
+ * that fulfil the rows the smallest is taken, in the least squares sense, a gutter's counting less than a covered texel's;
+ * Kaczmarz's projections (1937), row by row, tend to it; conjugate gradients hasten them (Bjorck and Elfving 1979). A
+ * correction moves both sides by the same amount towards each other, so that the mean of the light stays; a tenth of it is
+ * let go each time. (Iwanicki 2013 solves the like for a baker, by conjugate gradients.)
+ *
+ * Rows that share texels, at whatever remove, make a component; a frame welds those in whose blocks it shows something.
+ * Rows and gutters are geometry, and serve any number of solves over the same texels. */
+#ifndef LW_FILTER_SEAMS_H
+#define LW_FILTER_SEAMS_H
+
+#include "server/solve/filter/seam_gutters.h"
+
+#define LW_SEAMS_ROWS_MAX (1u << 22) /* 64 bytes each; what is beyond stays unwelded */
+
+/** Where what is to be welded lies. */
+struct lw_seams {
+    uint32_t row_count, member_count, component_count, block_count;
+    struct lw_seams_row *row;           /* component by component */
+    struct lw_seams_member *member;     /* likewise: the texels that rows or guesses read */
+    struct lw_seams_guess *guess;       /* per member: what fills it if it is a gutter */
+    uint32_t *block;                    /* component by component: of lw_tiles, those that hold its members */
+    uint32_t *first_row, *first_member; /* per component, and one more */
+    uint32_t *first_block;              /* likewise */
+    struct lw_seam_gutters gutters;     /* that no row reads */
+    uint64_t rows_left_out;
+};
+
+/** What welding knows of the light of one solve, in one form. */
+struct lw_seams_light {
+    enum lw_light_form form;
+    uint32_t member_count, component_count;
+    uint8_t *active;   /* per component: the frame has changed its light */
+    float (*light)[4]; /* per member: the tiles' own, not welded; W/m^2, and nothing */
+    float (*welded)[4], (*scratch[3])[4];
+    float *correction; /* 3 per member: what the last welding added; the next one goes on from there */
+    bool fresh;        /* light[] holds nothing yet: tiles at rest read as their direct and indirect light */
+};
+
+/** Finds the seams of a scene. tiles: any over these texels. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_seams_init(struct lw_seams *seams, const struct lw_scene *scene,
+                                           const struct lw_pose *pose, const struct lw_texels *texels,
+                                           const struct lw_tiles *tiles);
+void lw_seams_finish(struct lw_seams *seams);
+
+/** Bytes held. */
+size_t lw_seams_memory_bytes(const struct lw_seams *seams);
+
+/** Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_seams_light_init(struct lw_seams_light *light, const struct lw_seams *seams,
+                                                 enum lw_light_form form);
+void lw_seams_light_finish(struct lw_seams_light *light);
+
+/** Bytes held. */
+size_t lw_seams_light_memory_bytes(const struct lw_seams_light *light);
+
+/** Welds tiles->light, in the forms asked for (light_form.h; light: by form), around the blocks shown in
+ * frame `frame`: covered texels, and gutters beyond seams. shown_frame of all blocks that it writes becomes
+ * `frame`, as does their tiles' solved_frame. Gutters are filled after it (lw_seam_gutters_fill). */
+void lw_seams_weld(const struct lw_seams *seams, struct lw_seams_light light[LW_LIGHT_FORM_COUNT],
+                   unsigned forms, struct lw_tiles *tiles, uint64_t frame, int threads);
+
+#endif

@@ -1,0 +1,216 @@
+#include "server/solve/state/checkpoint.h"
+
+#include "common/checked_file.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+static const struct lw_checked_file_kind kind = {{'l', 'w', 's', 'o', 'l', 'v', 'e', '\n'},
+                                                 LW_CHECKPOINT_VERSION};
+
+struct header {
+    struct lw_checked_file_kind kind;
+    uint32_t tile_count, texel_count, bounces;
+    uint8_t key[LW_CHECKPOINT_KEY_SIZE];
+    uint64_t body_size; /* bytes between header and checksum */
+};
+
+/* What a tile remembers; which texels it has follows from its id. */
+struct record {
+    uint32_t id;
+    float error;
+    uint64_t solved_frame;
+};
+
+/* What a block does; in the order of the tiles' ids. Without gaps between its fields. */
+struct block_record {
+    double variance, luminance;
+    struct lw_history direct, indirect;
+    float stale_direct;
+    struct lw_vec3 stale_indirect[LW_CHANGE_REGIONS];
+    float light, noise[LW_TILES_PARTS], error;
+    uint32_t covered_count, frames, unseen;
+    float doubt;
+    uint32_t unused; /* 0 */
+};
+_Static_assert(sizeof(struct block_record) == 120, "no padding, which would have any value");
+
+/* ---- what is in it -------------------------------------------------------------------------------------------- */
+
+#define PLANES_MAX (3 * (3 + LW_TILES_BOUNCES_MAX + 2) + 4)
+
+/* The planes that the next frame reads. Those that it writes first (radiance, estimate) are left out. */
+static uint32_t list_planes(const struct lw_tiles *tiles, float *out_plane[PLANES_MAX]) {
+    uint32_t n = 0;
+    for (int c = 0; c < 3; c++) {
+        out_plane[n++] = tiles->direct[c];
+        out_plane[n++] = tiles->indirect[c];
+        out_plane[n++] = tiles->light[LW_LIGHT_FORM_FULL][c];
+        for (uint32_t k = 0; k < tiles->bounces; k++) out_plane[n++] = tiles->order[k][c];
+    }
+    out_plane[n++] = tiles->mean;
+    out_plane[n++] = tiles->spread;
+    for (int c = 0; c < 3 && tiles->drawn[c]; c++) {
+        out_plane[n++] = tiles->drawn[c];
+        out_plane[n++] = tiles->light[LW_LIGHT_FORM_SPLIT][c];
+    }
+    if (tiles->split_mean) out_plane[n++] = tiles->split_mean, out_plane[n++] = tiles->split_spread;
+    return n;
+}
+
+static struct header make_header(const uint8_t key[LW_CHECKPOINT_KEY_SIZE], const struct lw_tiles *tiles,
+                                 const struct lw_checkpoint_part *part, uint32_t part_count) {
+    float *plane[PLANES_MAX];
+    struct header header = {.kind = kind,
+                            .tile_count = tiles->count,
+                            .texel_count = tiles->texel_count,
+                            .bounces = tiles->bounces};
+    memcpy(header.key, key, sizeof header.key);
+    header.body_size = (uint64_t)tiles->count * sizeof(struct record) +
+                       (uint64_t)tiles->block_count * sizeof(struct block_record) +
+                       (uint64_t)list_planes(tiles, plane) * tiles->texel_count * sizeof(float);
+    for (uint32_t i = 0; i < part_count; i++) header.body_size += part[i].size;
+    return header;
+}
+
+static int by_id(const void *a, const void *b) {
+    const struct record *x = a, *y = b;
+    return (x->id > y->id) - (x->id < y->id);
+}
+
+/* ---- writing -------------------------------------------------------------------------------------------------- */
+
+static void put_records(struct lw_checked_file_writer *writer, const struct lw_tiles *tiles) {
+    struct record *record = calloc((size_t)tiles->count + 1, sizeof *record);
+    if (!record) {
+        writer->status = lw_status_fail(writer->err, LW_NO_MEMORY, "%u tiles", tiles->count);
+        return;
+    }
+    for (uint32_t i = 0; i < tiles->count; i++)
+        record[i] = (struct record){.id = tiles->tile[i].id.v,
+                                    .error = tiles->tile[i].error,
+                                    .solved_frame = tiles->tile[i].solved_frame};
+    qsort(record, tiles->count, sizeof *record, by_id);
+    lw_checked_file_put(writer, record, (size_t)tiles->count * sizeof *record);
+    free(record);
+}
+
+static void put_blocks(struct lw_checked_file_writer *writer, const struct lw_tiles *tiles) {
+    for (uint32_t i = 0; i < tiles->block_count; i++) {
+        const struct lw_solve_block *block = &tiles->block[i];
+        const struct lw_change_block *change = &block->change;
+        struct block_record record = {
+            .variance = block->variance,
+            .luminance = block->luminance,
+            .direct = block->direct,
+            .indirect = block->indirect,
+            .stale_direct = change->stale_direct,
+            .light = block->light,
+            .noise = {block->noise[LW_TILES_DIRECT], block->noise[LW_TILES_INDIRECT]},
+            .error = block->error,
+            .covered_count = block->covered_count,
+            .frames = block->frames,
+            .unseen = block->unseen,
+            .doubt = change->doubt};
+        memcpy(record.stale_indirect, change->stale_indirect, sizeof record.stale_indirect);
+        lw_checked_file_put(writer, &record, sizeof record);
+    }
+}
+
+enum lw_status lw_checkpoint_save(const char *path, const uint8_t key[LW_CHECKPOINT_KEY_SIZE],
+                                  const struct lw_tiles *tiles, const struct lw_checkpoint_part *part,
+                                  uint32_t part_count, struct lw_error *err) {
+    struct lw_checked_file_writer writer;
+    enum lw_status status = lw_checked_file_write_begin(&writer, path, err);
+    if (status != LW_OK) return status;
+    const struct header header = make_header(key, tiles, part, part_count);
+    lw_checked_file_put(&writer, &header, sizeof header);
+    put_records(&writer, tiles);
+    put_blocks(&writer, tiles);
+    float *plane[PLANES_MAX];
+    const uint32_t planes = list_planes(tiles, plane);
+    for (uint32_t i = 0; i < planes; i++)
+        lw_checked_file_put(&writer, plane[i], (size_t)tiles->texel_count * sizeof(float));
+    for (uint32_t i = 0; i < part_count; i++) lw_checked_file_put(&writer, part[i].bytes, part[i].size);
+    return lw_checked_file_write_end(&writer);
+}
+
+/* ---- reading -------------------------------------------------------------------------------------------------- */
+
+static enum lw_status take_header(struct lw_checked_file_reader *reader, const struct header *wanted) {
+    struct header header;
+    enum lw_status status = lw_checked_file_take(reader, &header, sizeof header);
+    if (status != LW_OK) return status;
+    if (memcmp(&header, wanted, sizeof header) != 0 || reader->left != header.body_size)
+        return lw_status_fail(reader->err, LW_BAD_DATA, "%s: is of another scene or of other options",
+                              reader->path);
+    return LW_OK;
+}
+
+static enum lw_status take_records(struct lw_checked_file_reader *reader, struct lw_tiles *tiles) {
+    struct record *record = calloc((size_t)tiles->count + 1, sizeof *record);
+    if (!record) return lw_status_fail(reader->err, LW_NO_MEMORY, "%u tiles", tiles->count);
+    enum lw_status status = lw_checked_file_take(reader, record, (size_t)tiles->count * sizeof *record);
+    for (uint32_t i = 0; i < tiles->count && status == LW_OK; i++) {
+        struct lw_solve_tile *tile = &tiles->tile[i];
+        const struct record *r =
+            bsearch(&(struct record){.id = tile->id.v}, record, tiles->count, sizeof *record, by_id);
+        if (!r) {
+            status = lw_status_fail(reader->err, LW_BAD_DATA, "%s: lacks tile %u", reader->path, tile->id.v);
+            break;
+        }
+        tile->error = r->error;
+        tile->solved_frame = r->solved_frame;
+    }
+    free(record);
+    return status;
+}
+
+static enum lw_status take_blocks(struct lw_checked_file_reader *reader, struct lw_tiles *tiles) {
+    for (uint32_t i = 0; i < tiles->block_count; i++) {
+        struct lw_solve_block *block = &tiles->block[i];
+        struct block_record record;
+        enum lw_status status = lw_checked_file_take(reader, &record, sizeof record);
+        if (status != LW_OK) return status;
+        if (record.covered_count != block->covered_count)
+            return lw_status_fail(reader->err, LW_BAD_DATA, "%s: is of other texels", reader->path);
+        block->variance = record.variance;
+        block->luminance = record.luminance;
+        block->direct = record.direct;
+        block->indirect = record.indirect;
+        block->change.stale_direct = record.stale_direct;
+        block->change.doubt = record.doubt;
+        memcpy(block->change.stale_indirect, record.stale_indirect, sizeof record.stale_indirect);
+        block->light = record.light;
+        memcpy(block->noise, record.noise, sizeof record.noise);
+        block->error = record.error;
+        block->frames = record.frames;
+        block->unseen = record.unseen != 0;
+    }
+    return LW_OK;
+}
+
+static enum lw_status take_body(struct lw_checked_file_reader *reader, struct lw_tiles *tiles,
+                                const struct lw_checkpoint_part *part, uint32_t part_count) {
+    float *plane[PLANES_MAX];
+    const uint32_t planes = list_planes(tiles, plane);
+    enum lw_status status = take_records(reader, tiles);
+    if (status == LW_OK) status = take_blocks(reader, tiles);
+    for (uint32_t i = 0; i < planes && status == LW_OK; i++)
+        status = lw_checked_file_take(reader, plane[i], (size_t)tiles->texel_count * sizeof(float));
+    for (uint32_t i = 0; i < part_count && status == LW_OK; i++)
+        status = lw_checked_file_take(reader, part[i].bytes, part[i].size);
+    return status;
+}
+
+enum lw_status lw_checkpoint_load(const char *path, const uint8_t key[LW_CHECKPOINT_KEY_SIZE],
+                                  struct lw_tiles *tiles, const struct lw_checkpoint_part *part,
+                                  uint32_t part_count, struct lw_error *err) {
+    struct lw_checked_file_reader reader;
+    enum lw_status status = lw_checked_file_read_begin(&reader, path, &kind, "checkpoint", err);
+    const struct header wanted = make_header(key, tiles, part, part_count);
+    if (status == LW_OK) status = take_header(&reader, &wanted);
+    if (status == LW_OK) status = take_body(&reader, tiles, part, part_count);
+    lw_checked_file_read_end(&reader);
+    return status;
+}

@@ -1,0 +1,323 @@
+#include "server/solve/state/tiles.h"
+
+#include "common/colour.h"
+
+#include <stdlib.h>
+
+static bool allocate_sums(struct lw_tiles *tiles) {
+    const size_t count = tiles->texel_count ? tiles->texel_count : 1;
+    bool ok = true;
+    for (int c = 0; c < 3; c++) {
+        ok &= (tiles->direct[c] = calloc(count, sizeof(float))) != NULL;
+        ok &= (tiles->indirect[c] = calloc(count, sizeof(float))) != NULL;
+        ok &= (tiles->light[LW_LIGHT_FORM_FULL][c] = calloc(count, sizeof(float))) != NULL;
+        for (uint32_t k = 0; k < tiles->bounces; k++)
+            ok &= (tiles->order[k][c] = calloc(count, sizeof(float))) != NULL;
+    }
+    for (uint32_t k = 0; k < tiles->bounces; k++) {
+        ok &= (tiles->radiance[k] = calloc(count, 4 * sizeof(float))) != NULL;
+        ok &= (tiles->radiance_change[k] =
+                   calloc((size_t)tiles->block_count + 1, sizeof *tiles->radiance_change[k])) != NULL;
+    }
+    for (int k = 0; k < LW_TILES_ESTIMATES; k++)
+        for (int c = 0; c < 3; c++) ok &= (tiles->estimate[k][c] = calloc(count, sizeof(float))) != NULL;
+    ok &= (tiles->mean = calloc(count, sizeof(float))) != NULL;
+    ok &= (tiles->spread = calloc(count, sizeof(float))) != NULL;
+    tiles->judged_spread = tiles->spread;
+    return ok;
+}
+
+enum lw_status lw_tiles_part_drawn(struct lw_tiles *tiles) {
+    const size_t count = tiles->texel_count ? tiles->texel_count : 1;
+    bool ok = true;
+    for (int c = 0; c < 3; c++) {
+        ok &= (tiles->drawn[c] = calloc(count, sizeof(float))) != NULL;
+        ok &= (tiles->drawn_estimate[c] = calloc(count, sizeof(float))) != NULL;
+        ok &= (tiles->light[LW_LIGHT_FORM_SPLIT][c] = calloc(count, sizeof(float))) != NULL;
+    }
+    ok &= (tiles->split_mean = calloc(count, sizeof(float))) != NULL;
+    ok &= (tiles->split_spread = calloc(count, sizeof(float))) != NULL;
+    return ok ? LW_OK : LW_NO_MEMORY;
+}
+
+bool lw_tiles_judge_forms(struct lw_tiles *tiles, unsigned forms, int threads) {
+    const float *before = tiles->judged_spread;
+    tiles->judged_spread =
+        forms == lw_light_form_bit(LW_LIGHT_FORM_SPLIT) ? tiles->split_spread : tiles->spread;
+    if (tiles->judged_spread == before) return false;
+    lw_tiles_sum_variance(tiles, threads);
+    return true;
+}
+
+void lw_tiles_sum_variance(struct lw_tiles *tiles, int threads) {
+#pragma omp parallel for schedule(static) num_threads(threads)
+    for (uint32_t t = 0; t < tiles->count; t++) {
+        const struct lw_solve_tile *tile = &tiles->tile[t];
+        LW_TILES_EACH_BLOCK (tile, block) block->variance = 0;
+        for (uint32_t i = 0; i < tile->width * tile->height; i++)
+            if (tiles->covered[tile->first + i])
+                lw_tiles_block(tile, i % tile->width, i / tile->width)->variance +=
+                    (double)tiles->judged_spread[tile->first + i];
+    }
+}
+
+size_t lw_tiles_texel_bytes(const struct lw_tiles *tiles) {
+    const size_t planes =
+        3 * (3 + LW_TILES_ESTIMATES + (size_t)tiles->bounces) + 4 * (size_t)tiles->bounces + 2;
+    return sizeof(uint32_t) + sizeof(float) * (planes + (tiles->drawn[0] ? 11 : 0));
+}
+
+struct box {
+    struct lw_vec3 lo, hi;
+};
+
+static const struct box nothing = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+
+static void box_add(struct box *box, struct lw_vec3 lo, struct lw_vec3 hi) {
+    box->lo = lw_vec3(fminf(box->lo.x, lo.x), fminf(box->lo.y, lo.y), fminf(box->lo.z, lo.z));
+    box->hi = lw_vec3(fmaxf(box->hi.x, hi.x), fmaxf(box->hi.y, hi.y), fmaxf(box->hi.z, hi.z));
+}
+
+static void box_sphere(const struct box *box, struct lw_vec3 *out_centre, float *out_radius) {
+    *out_centre = lw_vec3_scale(lw_vec3_add(box->lo, box->hi), 0.5f);
+    *out_radius = 0.5f * lw_vec3_length(lw_vec3_sub(box->hi, box->lo));
+}
+
+#define EACH_TEXEL(tile, column, row, x, y)                                                                  \
+    for (uint32_t y = (row)*LW_TILE_BLOCK; y < (tile)->height && y < ((row) + 1) * LW_TILE_BLOCK; y++)       \
+        for (uint32_t x = (column)*LW_TILE_BLOCK; x < (tile)->width && x < ((column) + 1) * LW_TILE_BLOCK;   \
+             x++)
+
+/* What a block covers, and the box of its texels. */
+static struct box bound_block(const struct lw_solve_tile *tile, uint32_t column, uint32_t row,
+                              const uint8_t *covered) {
+    struct lw_solve_block *block = &tile->block[row * tile->block_columns + column];
+    const struct lw_mesh_texels *mesh = tile->mesh;
+    struct box box = nothing;
+    block->covered_count = 0;
+    EACH_TEXEL (tile, column, row, x, y) {
+        const uint32_t i = y * tile->width + x;
+        if (!covered[tile->first + i]) continue;
+        const struct lw_vec3 p = lw_texels_vector(mesh->position, tile->local + i);
+        box_add(&box, p, p);
+        block->covered_count++;
+    }
+    return box;
+}
+
+static void bound_tile(struct lw_solve_tile *tile, const uint8_t *covered) {
+    struct box box = nothing;
+    tile->covered_count = 0;
+    for (uint32_t row = 0; row < tile->block_rows; row++)
+        for (uint32_t column = 0; column < tile->block_columns; column++) {
+            const struct box part = bound_block(tile, column, row, covered);
+            box_add(&box, part.lo, part.hi);
+            tile->covered_count += tile->block[row * tile->block_columns + column].covered_count;
+        }
+    if (tile->covered_count) box_sphere(&box, &tile->centre_os, &tile->radius_os);
+}
+
+static uint32_t side_of(uint32_t block, uint32_t texels) {
+    const uint32_t left = texels - block * LW_TILE_BLOCK;
+    return left < LW_TILE_BLOCK ? left : LW_TILE_BLOCK;
+}
+
+static void deal_packets(const struct lw_solve_tile *tile, const uint8_t *covered) {
+    for (uint32_t row = 0; row < tile->block_rows; row++)
+        for (uint32_t column = 0; column < tile->block_columns; column++) {
+            struct lw_solve_block *block = &tile->block[row * tile->block_columns + column];
+            const uint32_t i = row * LW_TILE_BLOCK * tile->width + column * LW_TILE_BLOCK;
+            block->packet_count =
+                lw_packets_deal(tile->mesh, tile->local + i, tile->width, side_of(column, tile->width),
+                                side_of(row, tile->height), covered + tile->first + i, block->packet);
+        }
+}
+
+static uint32_t blocks_along(uint32_t texels) { return (texels + LW_TILE_BLOCK - 1) / LW_TILE_BLOCK; }
+
+enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scene,
+                             const struct lw_atlas_map *map, const struct lw_texels *texels, uint32_t bounces,
+                             int threads) {
+    *tiles = (struct lw_tiles){.bounces = bounces, .texel_count = texels->count, .covered = texels->covered};
+    for (uint32_t id = 0; id < map->tile_count; id++) {
+        if (map->place[id].level != 0) continue;
+        tiles->count++;
+        tiles->block_count += blocks_along(map->place[id].width) * blocks_along(map->place[id].height);
+    }
+    tiles->tile = calloc((size_t)tiles->count + 1, sizeof *tiles->tile);
+    tiles->block = calloc((size_t)tiles->block_count + 1, sizeof *tiles->block);
+    tiles->block_of_texel = malloc(((size_t)tiles->texel_count + 1) * sizeof *tiles->block_of_texel);
+    tiles->slot_of_id = malloc(((size_t)map->tile_count + 1) * sizeof *tiles->slot_of_id);
+    tiles->packet = malloc(((size_t)tiles->block_count * LW_PACKETS_MAX + 1) * sizeof *tiles->packet);
+    if (!tiles->tile || !tiles->block || !tiles->packet || !tiles->block_of_texel || !tiles->slot_of_id ||
+        !allocate_sums(tiles)) {
+        lw_tiles_finish(tiles);
+        return LW_NO_MEMORY;
+    }
+    uint32_t n = 0, blocks = 0;
+    for (uint32_t id = 0; id < map->tile_count; id++) {
+        const struct lw_tile_place *place = &map->place[id];
+        tiles->slot_of_id[id] = UINT32_MAX;
+        if (place->level != 0) continue;
+        const struct lw_mesh_texels *mesh = &texels->mesh[scene->object[place->object].mesh];
+        struct lw_solve_tile *tile = &tiles->tile[n++];
+        *tile = (struct lw_solve_tile){.id = {id},
+                                       .object = place->object,
+                                       .x = place->x,
+                                       .y = place->y,
+                                       .width = place->width,
+                                       .height = place->height,
+                                       .mesh = mesh,
+                                       .local = lw_texels_tile_start(mesh, place->x, place->y),
+                                       .block = tiles->block + blocks,
+                                       .block_columns = blocks_along(place->width),
+                                       .block_rows = blocks_along(place->height),
+                                       .error = 1};
+        tile->first = texels->first[place->object] + tile->local;
+        for (uint32_t i = 0; i < tile->width * tile->height; i++)
+            tiles->block_of_texel[tile->first + i] =
+                (uint32_t)(lw_tiles_block(tile, i % tile->width, i / tile->width) - tiles->block);
+        blocks += tile->block_columns * tile->block_rows;
+        bound_tile(tile, texels->covered);
+        LW_TILES_EACH_BLOCK (tile, block) {
+            block->tile_id = id;
+            block->packet = tiles->packet + (size_t)(block - tiles->block) * LW_PACKETS_MAX;
+            block->error = 1;
+            block->noise[LW_TILES_DIRECT] = block->noise[LW_TILES_INDIRECT] = -1;
+            block->resting = block->covered_count == 0;
+        }
+        tile->resting = tile->covered_count == 0;
+    }
+#pragma omp parallel for schedule(dynamic) num_threads(threads)
+    for (uint32_t i = 0; i < tiles->count; i++) deal_packets(&tiles->tile[i], tiles->covered);
+    return LW_OK;
+}
+
+/* Texels are only ever given back (burial.h), so that as many as before are the same ones. */
+static bool covers_as_before(const struct lw_solve_tile *tile, const uint8_t *covered) {
+    uint32_t count = 0;
+    for (uint32_t i = 0; i < tile->width * tile->height; i++) count += covered[tile->first + i];
+    return count == tile->covered_count;
+}
+
+static void recount_tile(struct lw_solve_tile *tile, const uint8_t *covered) {
+    uint32_t before[LW_TILE_BLOCKS * LW_TILE_BLOCKS];
+    LW_TILES_EACH_BLOCK (tile, block) before[block - tile->block] = block->covered_count;
+    bound_tile(tile, covered);
+    LW_TILES_EACH_BLOCK (tile, block) {
+        if (block->covered_count == before[block - tile->block]) continue;
+        block->direct.frames = block->indirect.frames = 0;
+        block->resting = block->covered_count == 0 || tile->hidden;
+    }
+    lw_tiles_sum_up(tile);
+    deal_packets(tile, covered);
+}
+
+void lw_tiles_recount(struct lw_tiles *tiles, int threads) {
+#pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
+    for (uint32_t i = 0; i < tiles->count; i++)
+        if (!covers_as_before(&tiles->tile[i], tiles->covered)) recount_tile(&tiles->tile[i], tiles->covered);
+}
+
+void lw_tiles_finish(struct lw_tiles *tiles) {
+    for (int c = 0; c < 3; c++) {
+        free(tiles->direct[c]);
+        free(tiles->indirect[c]);
+        free(tiles->drawn[c]);
+        free(tiles->drawn_estimate[c]);
+        for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) free(tiles->light[f][c]);
+        for (uint32_t k = 0; k < LW_TILES_BOUNCES_MAX; k++) free(tiles->order[k][c]);
+    }
+    for (uint32_t k = 0; k < LW_TILES_BOUNCES_MAX; k++) {
+        free(tiles->radiance[k]);
+        free(tiles->radiance_change[k]);
+    }
+    for (int k = 0; k < LW_TILES_ESTIMATES; k++)
+        for (int c = 0; c < 3; c++) free(tiles->estimate[k][c]);
+    free(tiles->mean);
+    free(tiles->spread);
+    free(tiles->split_mean);
+    free(tiles->split_spread);
+    free(tiles->slot_of_id);
+    free(tiles->block_of_texel);
+    free(tiles->packet);
+    free(tiles->block);
+    free(tiles->tile);
+    *tiles = (struct lw_tiles){0};
+}
+
+void lw_tiles_sum_up(struct lw_solve_tile *tile) {
+    tile->resting = true;
+    tile->stale = false;
+    tile->frames = tile->covered_count ? UINT32_MAX : 0;
+    LW_TILES_EACH_BLOCK (tile, block) {
+        if (!block->covered_count) continue;
+        tile->resting &= block->resting;
+        tile->stale |= block->stale;
+        if (block->frames < tile->frames) tile->frames = block->frames;
+    }
+}
+
+void lw_tiles_show(struct lw_tiles *tiles, uint64_t frame, unsigned forms, int threads) {
+#pragma omp parallel for schedule(dynamic) num_threads(threads)
+    for (uint32_t t = 0; t < tiles->count; t++) {
+        const struct lw_solve_tile *tile = &tiles->tile[t];
+        if (tile->solved_frame != frame) continue;
+        for (uint32_t i = tile->first; i < tile->first + tile->width * tile->height; i++) {
+            if (!tiles->covered[i] || tiles->block[tiles->block_of_texel[i]].shown_frame != frame) continue;
+            for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++)
+                for (int c = 0; c < 3 && forms & lw_light_form_bit(f); c++)
+                    tiles->light[f][c][i] = lw_tiles_sum(tiles, f, c, i);
+        }
+    }
+}
+
+static int by_cell(const void *a, const void *b) {
+    const struct lw_solve_tile *x = a, *y = b;
+    if (x->cell != y->cell) return x->cell < y->cell ? -1 : 1;
+    return x->id.v < y->id.v ? -1 : x->id.v > y->id.v;
+}
+
+static void begin_block(struct lw_solve_block *block) {
+    block->unseen = false;
+    block->frames = 0;
+    block->direct = block->indirect = (struct lw_history){0};
+    block->change = (struct lw_change_block){0};
+    block->variance = block->luminance = 0;
+    block->noise[LW_TILES_DIRECT] = block->noise[LW_TILES_INDIRECT] = -1;
+    block->error = 1;
+    block->resting = block->covered_count == 0;
+    block->stale = false;
+}
+
+static void set_hidden(struct lw_solve_tile *tile, bool hidden) {
+    tile->hidden = hidden;
+    tile->woken = !hidden; /* first among what waits for a frame */
+    tile->urgency = 1;
+    tile->woken_count = tile->covered_count;
+    tile->begins = !hidden;
+    tile->waiting = false;
+    LW_TILES_EACH_BLOCK (tile, block) {
+        if (!hidden)
+            begin_block(block);
+        else
+            block->resting = true;
+    }
+    lw_tiles_sum_up(tile);
+}
+
+void lw_tiles_set_pose(struct lw_tiles *tiles, const struct lw_cells *cells, const struct lw_pose *pose) {
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        struct lw_solve_tile *tile = &tiles->tile[i];
+        const struct lw_affine *t = &pose->object_to_world[tile->object];
+        if (tile->hidden != pose->object_hidden[tile->object]) set_hidden(tile, !tile->hidden);
+        float longest = 0; /* no direction is stretched more than by the Frobenius norm */
+        for (int r = 0; r < 3; r++)
+            for (int c = 0; c < 3; c++) longest += t->m[r][c] * t->m[r][c];
+        tile->centre_ws = lw_affine_point(t, tile->centre_os);
+        tile->radius_m = tile->radius_os * sqrtf(longest);
+        tile->cell = lw_cells_at(cells, tile->centre_ws);
+    }
+    qsort(tiles->tile, tiles->count, sizeof *tiles->tile, by_cell);
+    for (uint32_t i = 0; i < tiles->count; i++) tiles->slot_of_id[tiles->tile[i].id.v] = i;
+}

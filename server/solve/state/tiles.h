@@ -1,0 +1,197 @@
+/* tiles.h: what the solver keeps per level-0 tile and per texel: sums of light, their history, their noise.
+ * Flow:    passes -> [tiles] -> publish
+ * A tile is what is wanted, encoded and sent; its blocks of 16 x 16 texels are what is solved, forgets and rests.
+ * Threads: a tile is written by the one worker that solves it; radiance is read by all after the barrier. */
+#ifndef LW_STATE_TILES_H
+#define LW_STATE_TILES_H
+
+#include "common/light/light_form.h"
+#include "server/solve/state/cells.h"
+#include "server/solve/state/change.h"
+#include "server/solve/state/history.h"
+#include "server/solve/surface/packets.h"
+#include "server/solve/surface/texels.h"
+
+/* Of estimates. */
+enum { LW_TILES_DIRECT, LW_TILES_INDIRECT, LW_TILES_PARTS };
+_Static_assert(LW_TILES_PARTS == LW_CHANGE_PARTS, "each has a memory");
+enum {
+    LW_TILES_ESTIMATE_DIRECT,
+    LW_TILES_ESTIMATE_BOUNCES, /* and LW_CHANGE_* */
+    LW_TILES_ESTIMATES = LW_TILES_ESTIMATE_BOUNCES + LW_CHANGE_ORDERS
+};
+
+/* Of bounce orders that tiles can hold. */
+#define LW_TILES_BOUNCES_MAX 16u
+
+/* Sixteen by sixteen texels of a tile: what is solved, forgets and rests as one. */
+struct lw_solve_block {
+    uint32_t tile_id;         /* lw_tile_id */
+    uint32_t covered_count;   /* texels; 0: the rest means nothing */
+    struct lw_packet *packet; /* of its covered texels */
+    uint32_t packet_count;
+    bool resting, due;    /* due: the frame under way solves it */
+    bool stale;           /* it does not rest because its light has changed, whatever its noise */
+    bool unseen;          /* it was solved since it was last shown */
+    uint64_t shown_frame; /* last frame that changed what is shown of it */
+    uint32_t frames;      /* solved since the sequence began: where the random numbers go on */
+    struct lw_history direct, indirect;
+    struct lw_change_block change;
+    double variance;  /* sum over its texels: of one frame's estimate, luminance, about the running mean */
+    double luminance; /* sum over its texels, of E */
+    float light;      /* luminance of E: its own mean, or the tile's if that is more */
+    float beside; /* luminance of E that it has from elsewhere (layers.h): errors are measured against both */
+    float noise
+        [LW_TILES_PARTS]; /* relative variances of one frame's estimates of a texel; < 0: not known yet */
+    float error;          /* relative standard error of luminance */
+};
+
+/* A bit for each of a block's packets. */
+static inline uint16_t lw_change_all_packets(const struct lw_solve_block *block) {
+    return (uint16_t)((1u << block->packet_count) - 1);
+}
+
+/* Blocks of a full tile's side. */
+#define LW_TILE_BLOCKS (LW_TILE_SIDE / LW_TILE_BLOCK)
+
+struct lw_solve_tile {
+    lw_tile_id id;
+    uint32_t object, x, y, width, height; /* place in the object's level 0; tile column and row; texels */
+    const struct lw_mesh_texels *mesh;
+    uint32_t local, first;        /* first texel within the mesh; within the global numbering */
+    struct lw_solve_block *block; /* row by row */
+    uint32_t block_columns, block_rows;
+    uint32_t cell;
+    struct lw_vec3 centre_ws; /* of the sphere that holds all its texels, as the pose has it */
+    float radius_m;
+    struct lw_vec3 centre_os; /* the same in object space */
+    float radius_os;
+    bool hidden; /* as its object is: it rests, and begins anew when it is shown */
+    bool begins; /* it has, and nothing of it has been shown since */
+    uint32_t covered_count;
+    uint32_t frames; /* the fewest of its blocks */
+    float error;     /* relative standard error of luminance, over all its blocks */
+    bool resting;    /* all its blocks do */
+    bool serves;     /* it is looked at, or lights what is (schedule.h) */
+    bool stale;      /* one of its blocks is */
+    bool woken;      /* one of its blocks has found that its light has changed, and was not solved since */
+    float
+        urgency; /* if so: mean square over those blocks of the share of light that has changed, at most 1 */
+    uint32_t woken_count;  /* texels of those blocks */
+    bool urgent;           /* the frame under way solves those blocks alone, and shows them at once */
+    bool corrected;        /* its light, in this frame, by what packets have found (correction.h) */
+    bool moved;            /* its object has, when something moved last */
+    bool unasked;          /* since then */
+    bool waiting;          /* the round under way has yet to solve it (schedule.h) */
+    bool due;              /* the frame under way solves it (schedule.h): its blocks that do not rest */
+    bool shows;            /* what was solved is to be seen in this frame, not merely read by other tiles */
+    uint32_t solved_tick;  /* of the schedule, when it was last solved */
+    uint64_t solved_frame; /* last frame that showed one of its blocks */
+};
+
+struct lw_tiles {
+    uint32_t count, bounces, texel_count;
+    struct lw_solve_tile *tile; /* in the order in which they are solved: by cell */
+    uint32_t *slot_of_id; /* lw_tile_id -> index into tile, or UINT32_MAX for ids that are not level 0 */
+    struct lw_solve_block *block; /* of all tiles, in the order of their ids */
+    uint32_t block_count;
+    struct lw_packet *packet; /* LW_PACKETS_MAX for each block */
+    uint32_t *block_of_texel; /* index into block */
+    float *direct[3];         /* E of bounce 0 per texel, W/m^2 */
+    float *indirect[3];       /* sum over bounces 1..N */
+    /* Of direct, and of its last estimate, what client lights give. NULL: there are none. */
+    float *drawn[3], *drawn_estimate[3];
+    /* What is shown, form by form: direct + indirect, SPLIT without what is drawn; when that last was; filtered and
+     * welded; W/m^2. SPLIT: NULL as drawn is. */
+    float *light[LW_LIGHT_FORM_COUNT][3];
+    float *order[LW_TILES_BOUNCES_MAX][3]; /* E of each bounce order 1..N alone (index 0: order 1) */
+    /* What each texel sends out of bounce order 0..N-1, for the next one: 4 floats each, W/(m^2 sr). One plane per order,
+     * so that what a tile sends stays while it is not solved. */
+    float *radiance[LW_TILES_BOUNCES_MAX];
+    struct lw_vec3
+        *radiance_change[LW_TILES_BOUNCES_MAX]; /* per block: by how much that differs, in the mean, from the
+                                                               frame before */
+    float *estimate[LW_TILES_ESTIMATES]
+                   [3];   /* E as the last frame in which a texel was solved had it by itself */
+    float *mean, *spread; /* of the luminance of such estimates: running mean, sum of squared deviations */
+    float *split_mean, *split_spread; /* the same without what is drawn; NULL as drawn is */
+    /* That of the two by which errors are measured, always against all light: split_spread while no other form is
+     * shown. What clients draw has no noise, and only feeds bounces then. */
+    const float *judged_spread;
+    const uint8_t *covered; /* the texels' own */
+};
+
+/** Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scene,
+                                           const struct lw_atlas_map *map, const struct lw_texels *texels,
+                                           uint32_t bounces, int threads);
+void lw_tiles_finish(struct lw_tiles *tiles);
+
+/** Makes room for what client lights give, apart. Errors: LW_NO_MEMORY; finish the tiles then. */
+LW_MUST_CHECK enum lw_status lw_tiles_part_drawn(struct lw_tiles *tiles);
+
+/** Chooses judged_spread by the forms that are shown (light_form.h), and sums the variance of blocks again
+ * if it is another. Returns whether it is; their errors are those of before until lw_estimates_judge(). */
+bool lw_tiles_judge_forms(struct lw_tiles *tiles, unsigned forms, int threads);
+
+/** Sums the variance of all blocks again, from judged_spread. */
+void lw_tiles_sum_variance(struct lw_tiles *tiles, int threads);
+
+/** Bytes for each texel. */
+size_t lw_tiles_texel_bytes(const struct lw_tiles *tiles);
+
+/** Direct light that the server keeps in both forms: without what is drawn. Never less than none, whatever
+ * rounding says. */
+static inline float lw_tiles_served(const struct lw_tiles *tiles, int c, uint32_t texel) {
+    if (!tiles->drawn[c]) return tiles->direct[c][texel];
+    const float served = tiles->direct[c][texel] - tiles->drawn[c][texel];
+    return served > 0 ? served : 0;
+}
+
+/** Direct + indirect light as one form has it, W/m^2: neither filtered nor welded. */
+static inline float lw_tiles_sum(const struct lw_tiles *tiles, enum lw_light_form form, int c,
+                                 uint32_t texel) {
+    const float direct =
+        form == LW_LIGHT_FORM_SPLIT ? lw_tiles_served(tiles, c, texel) : tiles->direct[c][texel];
+    return direct + tiles->indirect[c][texel];
+}
+
+/** Blends an estimate into a mean. One beyond float's range would stay there for good, and is left out. */
+static inline void lw_tiles_blend(float *const dst[3], uint32_t texel, struct lw_vec3 value, float weight) {
+    if (!lw_vec3_is_finite(value)) return;
+    dst[0][texel] += (value.x - dst[0][texel]) * weight;
+    dst[1][texel] += (value.y - dst[1][texel]) * weight;
+    dst[2][texel] += (value.z - dst[2][texel]) * weight;
+}
+
+static inline void lw_tiles_store(float *const dst[3], uint32_t texel, struct lw_vec3 value) {
+    dst[0][texel] = value.x;
+    dst[1][texel] = value.y;
+    dst[2][texel] = value.z;
+}
+
+/** Counts anew what the texels cover, of which none has gone; a block that covers more than before starts from the beginning. */
+void lw_tiles_recount(struct lw_tiles *tiles, int threads);
+
+/** Shows the sums of the blocks of frame `frame` (shown_frame) as they are. forms: which (light_form.h). */
+void lw_tiles_show(struct lw_tiles *tiles, uint64_t frame, unsigned forms, int threads);
+
+#define LW_TILES_EACH_BLOCK(tile, block)                                                                     \
+    for (struct lw_solve_block *block = (tile)->block, *const end_ = block + (tile)->block_columns *         \
+                                                                                 (tile)->block_rows;         \
+         block < end_; block++)
+
+/** The block of a tile that its texel (x, y) lies in. */
+static inline struct lw_solve_block *lw_tiles_block(const struct lw_solve_tile *tile, uint32_t x,
+                                                    uint32_t y) {
+    return &tile->block[y / LW_TILE_BLOCK * tile->block_columns + x / LW_TILE_BLOCK];
+}
+
+/** What its blocks say of a tile: frames, whether it rests. */
+void lw_tiles_sum_up(struct lw_solve_tile *tile);
+
+/** Places every tile in the world and sorts them by cell. What is hidden rests; what is so no longer begins anew, and is solved
+ * at once, whoever looks: its sums are of light that is over, or of another place. */
+void lw_tiles_set_pose(struct lw_tiles *tiles, const struct lw_cells *cells, const struct lw_pose *pose);
+
+#endif

@@ -1,0 +1,396 @@
+#include "server/solve/surface/invalid_texels.h"
+
+#include "common/light/direction.h"
+#include "common/progress.h"
+#include "common/random.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+/* A place is buried when what it sees is backs, all but one ray of these, and near ones: a roof that is only modelled
+ * from outside shows its back to the floor below, but a lamp may hang in between. So far ones count only where it
+ * matters, beside a wall: under a house of the size of the scene its foot's outer side is to have no dark rim. */
+#define RAYS        8
+#define BURIED_RAYS 7
+#define NEAR        0.1f /* of the scene's longest side */
+#define RIM         4.0f /* texels beside a wall: a look-up at level 2 reads as far */
+#define RIM_RAYS    8
+/* Closer to another surface than this many times the lift, a place may find itself on the surface's other side. */
+#define TOUCHING 8
+/* A texel whose surroundings are clear this many texel sizes around it is looked at no further. */
+#define CLEAR 2
+
+struct box {
+    struct lw_vec3 low, high;
+};
+
+struct search {
+    struct lw_texels *texels;
+    const struct lw_pose *pose;
+    const struct lw_trace *trace;
+    float near_m, far_m; /* far: beyond all of the scene */
+    /* where objects that have become movers stood; of a first look none */
+    struct box *left;
+    uint32_t left_count;
+};
+
+/* Sixteen texels in a row of one object. */
+struct row {
+    const struct lw_mesh_texels *mesh;
+    struct lw_sample_points_frame frame;
+    uint32_t object, first;
+    uint8_t usable[LW_TRACE_WIDTH];
+    struct lw_sample_points_lanes place; /* one place of each, in world space */
+    float lift[LW_TRACE_WIDTH];          /* m */
+};
+
+/* Unpacks place k of every texel that has one; returns their mask. */
+static uint16_t load_places(struct row *row, uint16_t wanted, uint32_t k) {
+    const struct lw_sample_points *footprint = &row->mesh->footprint;
+    uint32_t texel[LW_TRACE_WIDTH], place[LW_TRACE_WIDTH];
+    uint16_t active = 0;
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
+        if (wanted >> lane & 1 && row->usable[lane] >> k & 1) active |= (uint16_t)(1u << lane);
+    if (!active) return 0;
+    /* those that are not active repeat one that is */
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+        texel[lane] = row->first + (active >> lane & 1 ? lane : (uint32_t)__builtin_ctz(active));
+        place[lane] = footprint->first[texel[lane]] + k;
+    }
+    lw_sample_points_load(footprint, row->mesh->position, texel, place, &row->place);
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
+        row->lift[lane] =
+            row->place.lift[lane] * row->frame.stretch + LW_TRACE_LIFT * row->frame.offset_m + 1e-30f;
+    lw_sample_points_to_world(&row->frame, &row->place);
+    return active;
+}
+
+static struct lw_vec3 origin_of(const struct row *row, uint32_t lane) {
+    return lw_vec3(row->place.at.x[lane], row->place.at.y[lane], row->place.at.z[lane]);
+}
+static struct lw_vec3 face_of(const struct row *row, uint32_t lane) {
+    return lw_vec3(row->place.gx[lane], row->place.gy[lane], row->place.gz[lane]);
+}
+static float texel_size(const struct row *row, uint32_t lane) {
+    return 2 * row->mesh->footprint.reach[row->first + lane] * row->frame.stretch;
+}
+
+static bool buries(const struct search *s, const struct lw_hit16 *hits, uint32_t lane, float reach_m) {
+    const uint32_t object = hits->object[lane];
+    if (object == LW_TRACE_MISS || !hits->back[lane] || hits->t[lane] > reach_m) return false;
+    const struct lw_scene *scene = s->texels->scene;
+    const struct lw_mesh *mesh = &scene->mesh[scene->object[object].mesh];
+    return !lw_pose_object_moves(s->pose, scene, object) &&
+           !scene->material[mesh->material[hits->triangle[lane]]].double_sided;
+}
+
+/* Shoots direction r of a cosine-weighted set from the loaded places, as far as there is anything. */
+static void look(const struct search *s, const struct row *row, uint16_t active, uint32_t r,
+                 struct lw_hit16 *out_hits) {
+    struct lw_ray16 rays = {.salt = 0};
+    float point[2];
+    lw_random_sobol2(r, 0, point);
+    struct lw_vec3 local = lw_direction_cosine(point);
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
+        if (active >> lane & 1)
+            lw_trace_set_ray(&rays, lane, origin_of(row, lane), lw_direction_about(face_of(row, lane), local),
+                             s->far_m);
+    lw_trace_closest16(s->trace, LW_TRACE_COHERENT, active, &rays, out_hits);
+}
+
+/* One ray from each place: enough to see that a texel stands free. Returns the mask of those that may not. */
+static uint16_t find_suspects(const struct search *s, struct row *row, uint16_t active) {
+    uint16_t suspects = 0;
+    for (uint32_t r = 0; r < RAYS; r++) {
+        const uint16_t loaded = load_places(row, active, r);
+        struct lw_hit16 hits;
+        if (!loaded) continue;
+        look(s, row, loaded, r, &hits);
+        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
+            if (loaded >> lane & 1 &&
+                (buries(s, &hits, lane, s->far_m) ||
+                 (hits.object[lane] != LW_TRACE_MISS && hits.t[lane] < CLEAR * texel_size(row, lane))))
+                suspects |= (uint16_t)(1u << lane);
+    }
+    return suspects;
+}
+
+/* Texels beside the back of a wall, looked for a quarter of a texel above the surface. */
+static uint16_t find_rim(const struct search *s, struct row *row, uint16_t suspects) {
+    const uint16_t active = load_places(row, suspects, 0);
+    uint16_t rim = 0;
+    for (uint32_t r = 0; r < RIM_RAYS; r++) {
+        const float angle = 2 * LW_PI * (float)r / RIM_RAYS;
+        struct lw_ray16 rays = {.salt = 0};
+        struct lw_hit16 hits;
+        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+            if (!(active >> lane & 1)) continue;
+            const float size = texel_size(row, lane);
+            struct lw_vec3 t, b;
+            lw_vec3_frame(face_of(row, lane), &t, &b);
+            lw_trace_set_ray(&rays, lane, lw_vec3_mad(origin_of(row, lane), face_of(row, lane), 0.25f * size),
+                             lw_vec3_mad(lw_vec3_scale(t, cosf(angle)), b, sinf(angle)), RIM * size);
+        }
+        lw_trace_closest16(s->trace, 0, active, &rays, &hits);
+        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
+            if (active >> lane & 1 && buries(s, &hits, lane, s->far_m)) rim |= (uint16_t)(1u << lane);
+    }
+    return rim;
+}
+
+/* Most places stand free, and two rays say so: those that one ray too many leaves are asked no further. */
+static uint16_t find_buried(const struct search *s, const struct row *row, uint16_t active, uint16_t rim) {
+    int free_rays[LW_TRACE_WIDTH] = {0};
+    uint16_t buried = active;
+    for (uint32_t r = 0; r < RAYS && buried; r++) {
+        struct lw_hit16 hits;
+        look(s, row, buried, r, &hits);
+        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
+            if (buried >> lane & 1 && !buries(s, &hits, lane, rim >> lane & 1 ? s->far_m : s->near_m) &&
+                ++free_rays[lane] > RAYS - BURIED_RAYS)
+                buried &= (uint16_t) ~(1u << lane);
+    }
+    return buried;
+}
+
+/* Places that another surface runs through: short rays across them meet it. */
+static uint16_t find_touching(const struct search *s, const struct row *row, uint16_t active) {
+    uint16_t touching = 0;
+    for (int axis = 0; axis < 2; axis++) {
+        struct lw_ray16 rays = {.salt = 0};
+        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+            if (!(active >> lane & 1)) continue;
+            struct lw_vec3 t, b;
+            lw_vec3_frame(face_of(row, lane), &t, &b);
+            struct lw_vec3 half = lw_vec3_scale(axis ? b : t, TOUCHING * row->lift[lane]);
+            lw_trace_set_ray(&rays, lane, lw_vec3_sub(origin_of(row, lane), half), half, 2);
+        }
+        touching |= lw_trace_occluded16(s->trace, 0, active, &rays);
+    }
+    return touching;
+}
+
+/* Places that were raised off a bulge (lw_scene_shadow_origin) past something else: looking back down they meet it. */
+static uint16_t find_cut_off(const struct search *s, const struct row *row, uint16_t active) {
+    struct lw_ray16 rays = {.salt = 0};
+    struct lw_hit16 hits;
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
+        if (active >> lane & 1)
+            lw_trace_set_ray(&rays, lane, origin_of(row, lane), lw_vec3_scale(face_of(row, lane), -1),
+                             s->near_m);
+    lw_trace_closest16(s->trace, 0, active, &rays, &hits);
+    uint16_t cut_off = 0;
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
+        if (active >> lane & 1 && hits.object[lane] != LW_TRACE_MISS &&
+            hits.t[lane] > TOUCHING * row->lift[lane] &&
+            (hits.object[lane] != row->object || buries(s, &hits, lane, s->near_m)))
+            cut_off |= (uint16_t)(1u << lane);
+    return cut_off;
+}
+
+/* Where another surface runs through a texel, such as a wall that stands on a floor, light on its far side is not for those
+ * who look at this one: keeps the places on the side that has more of them. Looked along a quarter of a texel above the
+ * surface, so that a bulge does not part itself. */
+static void keep_one_side(const struct search *s, struct row *row, uint16_t suspects) {
+    struct lw_vec3 first[LW_TRACE_WIDTH];
+    uint8_t beyond[LW_TRACE_WIDTH] = {0};
+    uint16_t begun = 0;
+    for (uint32_t k = 0; k < LW_SAMPLE_POINTS_MAX; k++) {
+        const uint16_t loaded = load_places(row, suspects, k), active = loaded & begun;
+        struct lw_ray16 rays = {.salt = 0};
+        struct lw_hit16 hits;
+        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+            if (!(loaded >> lane & 1)) continue;
+            struct lw_vec3 raised =
+                lw_vec3_mad(origin_of(row, lane), face_of(row, lane), 0.25f * texel_size(row, lane));
+            if (begun >> lane & 1)
+                lw_trace_set_ray(&rays, lane, first[lane], lw_vec3_sub(raised, first[lane]), 1);
+            else
+                first[lane] = raised;
+        }
+        begun |= loaded;
+        if (!active) continue;
+        lw_trace_closest16(s->trace, 0, active, &rays, &hits);
+        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
+            if (active >> lane & 1 && hits.object[lane] != LW_TRACE_MISS &&
+                !lw_pose_object_moves(s->pose, s->texels->scene, hits.object[lane]))
+                beyond[lane] |= (uint8_t)(1u << k);
+    }
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+        const uint8_t near = row->usable[lane] & (uint8_t)~beyond[lane];
+        if (!beyond[lane]) continue;
+        row->usable[lane] = __builtin_popcount(beyond[lane]) > __builtin_popcount(near) ? beyond[lane] : near;
+    }
+}
+
+/* Takes the places that light cannot reach out of the row's masks. */
+static void examine(const struct search *s, struct row *row, uint16_t suspects) {
+    uint8_t out[LW_TRACE_WIDTH] = {0}, doubtful[LW_TRACE_WIDTH] = {0};
+    const uint16_t rim = find_rim(s, row, suspects);
+    for (uint32_t k = 0; k < LW_SAMPLE_POINTS_MAX; k++) {
+        const uint16_t active = load_places(row, suspects, k);
+        if (!active) continue;
+        const uint16_t buried = find_buried(s, row, active, rim), open = active & (uint16_t)~buried;
+        uint16_t doubt = 0;
+        if (open) doubt = find_touching(s, row, open) | find_cut_off(s, row, open);
+        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+            out[lane] |= (uint8_t)((buried >> lane & 1u) << k);
+            doubtful[lane] |= (uint8_t)((doubt >> lane & 1u) << k);
+        }
+    }
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+        row->usable[lane] &= (uint8_t)~out[lane];
+        /* A doubtful place is better than none. */
+        if (row->usable[lane] & ~doubtful[lane]) row->usable[lane] &= (uint8_t)~doubtful[lane];
+    }
+    keep_one_side(s, row, suspects);
+}
+
+static uint8_t all_places(const struct lw_mesh_texels *mesh, uint32_t i) {
+    return (uint8_t)((1u << (mesh->footprint.first[i + 1] - mesh->footprint.first[i])) - 1);
+}
+
+static bool has_lost_places(const struct lw_mesh_texels *mesh, uint32_t i, uint8_t usable) {
+    return mesh->covered[i] && usable != all_places(mesh, i);
+}
+
+static void unbury(const struct lw_mesh_texels *mesh, uint32_t i, uint8_t *covered, uint8_t *usable) {
+    *covered = 1;
+    *usable = all_places(mesh, i);
+}
+
+/* Whether the straight line from p by d comes within a margin of the box. */
+static bool meets(const struct box *box, float margin, struct lw_vec3 p, struct lw_vec3 d) {
+    const float at[3] = {p.x, p.y, p.z}, by[3] = {d.x, d.y, d.z},
+                low[3] = {box->low.x, box->low.y, box->low.z},
+                high[3] = {box->high.x, box->high.y, box->high.z};
+    float enter = 0, leave = 1;
+    for (int c = 0; c < 3; c++) {
+        const float inverse = 1 / (fabsf(by[c]) > 1e-30f ? by[c] : 1e-30f);
+        const float a = (low[c] - margin - at[c]) * inverse, b = (high[c] + margin - at[c]) * inverse;
+        enter = fmaxf(enter, fminf(a, b));
+        leave = fminf(leave, fmaxf(a, b));
+    }
+    return enter <= leave;
+}
+
+/* Whether what is no longer there may have been met from one of the texel's places: rays from its middle stand for theirs. */
+static bool may_be_freed(const struct search *s, const struct row *row, uint32_t i) {
+    const struct lw_affine *to_world = &s->pose->object_to_world[row->object];
+    const struct lw_vec3 p = lw_affine_point(to_world, lw_texels_vector(row->mesh->position, i)),
+                         n = lw_affine_normal(to_world, lw_texels_vector(row->mesh->geometric, i));
+    const float size = 2 * row->mesh->footprint.reach[i] * row->frame.stretch, margin = 2 * size;
+    for (uint32_t k = 0; k < s->left_count; k++) {
+        const struct box *box = &s->left[k];
+        if (meets(box, margin + RIM * size, p, lw_vec3(0, 0, 0)) ||
+            meets(box, margin, p, lw_vec3_scale(n, -s->near_m)))
+            return true;
+        for (uint32_t r = 0; r < RAYS; r++) {
+            float point[2];
+            lw_random_sobol2(r, 0, point);
+            const struct lw_vec3 d = lw_direction_about(n, lw_direction_cosine(point));
+            if (meets(box, margin, p, lw_vec3_scale(d, s->far_m))) return true;
+        }
+    }
+    return false;
+}
+
+/* Returns how many texels of the object are gone. again: only those are looked at that had lost a place before; returns how many
+ * these are. */
+static uint64_t find_in_object(const struct search *s, uint32_t object, bool again) {
+    struct row row = {.mesh = &s->texels->mesh[s->texels->scene->object[object].mesh], .object = object};
+    lw_sample_points_frame_init(&row.frame, &s->pose->object_to_world[object]);
+    uint8_t *covered = s->texels->covered + s->texels->first[object],
+            *usable = s->texels->usable + s->texels->first[object];
+    uint64_t count = 0;
+    for (row.first = 0; row.first < row.mesh->texel_count; row.first += LW_TRACE_WIDTH) {
+        uint16_t active = 0;
+        memset(row.usable, 0, sizeof row.usable);
+        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH && row.first + lane < row.mesh->texel_count; lane++) {
+            const uint32_t i = row.first + lane;
+            if (again) {
+                if (!has_lost_places(row.mesh, i, usable[i]) || !may_be_freed(s, &row, i)) continue;
+                unbury(row.mesh, i, &covered[i], &usable[i]);
+                count++;
+            } else if (!covered[i]) {
+                continue;
+            }
+            active |= (uint16_t)(1u << lane);
+            row.usable[lane] = usable[row.first + lane];
+        }
+        if (!active) continue;
+        const uint16_t suspects = find_suspects(s, &row, active);
+        if (!suspects) continue;
+        examine(s, &row, suspects);
+        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+            if (!(suspects >> lane & 1)) continue;
+            usable[row.first + lane] = row.usable[lane];
+            if (row.usable[lane]) continue;
+            covered[row.first + lane] = 0;
+            count += !again;
+        }
+    }
+    return count;
+}
+
+static struct search begin(struct lw_texels *texels, const struct lw_pose *pose,
+                           const struct lw_trace *trace) {
+    struct lw_vec3 low = {0}, high = {0};
+    lw_pose_bounds(pose, texels->scene, &low, &high);
+    const struct lw_vec3 size = lw_vec3_sub(high, low);
+    const float longest = fmaxf(size.x, fmaxf(size.y, size.z));
+    return (struct search){
+        .texels = texels, .pose = pose, .trace = trace, .near_m = NEAR * longest, .far_m = 2 * longest};
+}
+
+uint64_t lw_invalid_texels_find(struct lw_texels *texels, const struct lw_pose *pose,
+                                const struct lw_trace *trace, int threads) {
+    const uint32_t objects = texels->scene->object_count;
+    const struct search search = begin(texels, pose, trace);
+    uint64_t count = 0;
+    struct lw_progress progress;
+    lw_progress_init(&progress, "looking inside objects", objects);
+#pragma omp parallel for schedule(dynamic, 1) num_threads(threads) reduction(+ : count)
+    for (uint32_t o = 0; o < objects; o++) {
+        if (!lw_pose_object_moves(pose, texels->scene, o)) count += find_in_object(&search, o, false);
+        lw_progress_step(&progress, 1);
+    }
+    lw_progress_finish(&progress);
+    if (count) lw_texels_link(texels, threads);
+    return count;
+}
+
+static void unbury_all(struct lw_texels *texels, uint32_t object) {
+    const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[object].mesh];
+    const uint32_t first = texels->first[object];
+    for (uint32_t i = 0; i < mesh->texel_count; i++)
+        if (mesh->covered[i]) unbury(mesh, i, &texels->covered[first + i], &texels->usable[first + i]);
+}
+
+enum lw_status lw_invalid_texels_review(struct lw_texels *texels, const struct lw_pose *before,
+                                        const struct lw_pose *pose, const struct lw_trace *trace,
+                                        int threads) {
+    const struct lw_scene *scene = texels->scene;
+    struct search search = begin(texels, pose, trace);
+    /* what an object buried it may have buried by rays as long as then */
+    const struct search then = begin(texels, before, trace);
+    search.near_m = fmaxf(search.near_m, then.near_m);
+    search.far_m = fmaxf(search.far_m, then.far_m);
+    search.left = malloc((scene->object_count + 1ul) * sizeof *search.left);
+    if (!search.left) return LW_NO_MEMORY;
+    for (uint32_t o = 0; o < scene->object_count; o++) {
+        if (!lw_pose_object_moves(pose, scene, o) || lw_pose_object_moves(before, scene, o)) continue;
+        struct box *box = &search.left[search.left_count++];
+        *box = (struct box){{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+        lw_pose_object_bounds(before, scene, o, &box->low, &box->high);
+        unbury_all(texels, o);
+        lw_texels_link_object(texels, o);
+    }
+#pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
+    for (uint32_t o = 0; o < scene->object_count; o++) {
+        if (!search.left_count || lw_pose_object_moves(pose, scene, o)) continue;
+        if (find_in_object(&search, o, true)) lw_texels_link_object(texels, o);
+    }
+    free(search.left);
+    return LW_OK;
+}

@@ -1,0 +1,34 @@
+/* packets.h: which texels of a block trace their rays together.
+ * Flow:    texels of a mesh, what is covered -> [packets] -> passes
+ * Threads: pure function, [any].
+ *
+ * The sixteen texels of a packet share each direction, about normals of their own. Their rays are as coherent as these texels
+ * are near one another and look the same way, and cost the less the more lanes are filled; but neighbours that share
+ * directions share their error, which no filter then removes. So the covered texels of a block, which charts of several
+ * surfaces may share, are halved until each group lies on one surface; the packets of a group then take turns with its texels, so that
+ * neighbours belong to different ones. On a block that is one flat surface packet k takes every fourth texel in both
+ * directions. Groups are cut at multiples of sixteen: a block has as few packets as its texels fill. */
+#ifndef LW_SURFACE_PACKETS_H
+#define LW_SURFACE_PACKETS_H
+
+#include "common/trace/trace.h"
+#include "server/solve/surface/texels.h"
+
+/* Of a block of 16 x 16 texels. */
+#define LW_PACKETS_MAX (LW_TILE_BLOCK * LW_TILE_BLOCK / LW_TRACE_WIDTH)
+
+struct lw_packet {
+    uint8_t count;                 /* of its lanes, from the first */
+    uint8_t group;                 /* packets of its group, which follow each other */
+    uint8_t texel[LW_TRACE_WIDTH]; /* within the block: 16 y + x */
+};
+
+/** Deals out the covered texels of one block.
+ * first    the block's first texel within the mesh
+ * stride   from one of its rows to the next; width, height: of the block, in texels
+ * covered  of the block's first texel, rows as above: what takes part
+ * Returns how many packets there are, 0 to LW_PACKETS_MAX. */
+uint32_t lw_packets_deal(const struct lw_mesh_texels *mesh, uint32_t first, uint32_t stride, uint32_t width,
+                         uint32_t height, const uint8_t *covered, struct lw_packet out[LW_PACKETS_MAX]);
+
+#endif

@@ -1,0 +1,570 @@
+#include "server/solve/surface/texels.h"
+
+#include "common/progress.h"
+#include "common/union_find.h"
+
+#include <omp.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define TEXELS_MAX  (1u << 30)
+#define GRAZED_AREA 0.125f /* texels^2 */
+#define ALBEDO_SIDE 4      /* the albedo of a texel is the mean of 4 x 4 points of it */
+
+/* While a mesh is rasterised: which triangle a texel takes, and where on it. */
+struct claim {
+    uint32_t triangle; /* LW_TEXEL_NONE: nobody */
+    float u, v;        /* barycentrics of the sample */
+    float area;        /* of the claiming triangle inside the texel, texels^2; 2 if it holds the centre */
+    float area_sum;    /* of all triangles inside the texel */
+    uint32_t
+        chart; /* of that triangle; else the chart whose look-ups read the texel; LW_TEXEL_NONE: nobody's */
+    float read_area; /* of the reading triangle within a texel of the centre, texels^2 */
+    bool back;
+    uint32_t
+        spot[LW_SAMPLE_POINTS_MAX]; /* the triangle that holds each spot of the texel; SPOT_BACK: its back */
+};
+#define SPOT_BACK 0x80000000u
+_Static_assert(LW_SCENE_TRIANGLES_MAX <= SPOT_BACK, "a spot's word holds triangle and side");
+
+static struct lw_vec2 minus(struct lw_vec2 a, struct lw_vec2 b) {
+    return (struct lw_vec2){a.x - b.x, a.y - b.y};
+}
+static float cross2(struct lw_vec2 a, struct lw_vec2 b) { return a.x * b.y - a.y * b.x; }
+
+/* Barycentrics (of corners 1 and 2) of a point in the plane; false for a triangle without area. */
+static bool barycentrics(const struct lw_vec2 corner[3], struct lw_vec2 p, float *out_u, float *out_v) {
+    struct lw_vec2 e1 = minus(corner[1], corner[0]), e2 = minus(corner[2], corner[0]),
+                   d = minus(p, corner[0]);
+    float area = cross2(e1, e2);
+    if (area == 0) return false;
+    *out_u = cross2(d, e2) / area;
+    *out_v = cross2(e1, d) / area;
+    return true;
+}
+
+/* Moves barycentrics that rounding has put outside back onto the triangle. */
+static void clamp_barycentrics(float *u, float *v) {
+    *u = fmaxf(0, *u);
+    *v = fmaxf(0, *v);
+    float sum = *u + *v;
+    if (sum <= 1) return;
+    *u /= sum;
+    *v /= sum;
+}
+
+/* The part of a polygon with sign * (coordinate - limit) <= 0 (Sutherland and Hodgman 1974). */
+static int clip(const struct lw_vec2 *in, int count, bool along_y, float limit, float sign,
+                struct lw_vec2 *out) {
+    int n = 0;
+    for (int i = 0; i < count; i++) {
+        struct lw_vec2 a = in[i], b = in[(i + 1) % count];
+        float da = sign * ((along_y ? a.y : a.x) - limit), db = sign * ((along_y ? b.y : b.x) - limit);
+        if (da <= 0) out[n++] = a;
+        if ((da < 0 && db > 0) || (da > 0 && db < 0)) {
+            float t = da / (da - db);
+            out[n++] = (struct lw_vec2){a.x + t * (b.x - a.x), a.y + t * (b.y - a.y)};
+        }
+    }
+    return n;
+}
+
+/* Area and centroid of a triangle inside the square at (x, y). */
+static float clip_to_square(const struct lw_vec2 corner[3], float x, float y, float side,
+                            struct lw_vec2 *out_centroid) {
+    struct lw_vec2 a[8], b[8];
+    int n = clip(corner, 3, false, x, -1, a);
+    n = clip(a, n, false, x + side, 1, b);
+    n = clip(b, n, true, y, -1, a);
+    n = clip(a, n, true, y + side, 1, b);
+    float doubled = 0, cx = 0, cy = 0;
+    for (int i = 2; i < n; i++) {
+        float part = fabsf(cross2(minus(b[i - 1], b[0]), minus(b[i], b[0])));
+        doubled += part;
+        cx += part * (b[0].x + b[i - 1].x + b[i].x);
+        cy += part * (b[0].y + b[i - 1].y + b[i].y);
+    }
+    if (!(doubled > 0)) return 0;
+    *out_centroid = (struct lw_vec2){cx / (3 * doubled), cy / (3 * doubled)};
+    return 0.5f * doubled;
+}
+
+static void lightmap_corners(const struct lw_mesh *mesh, uint32_t triangle, bool back,
+                             struct lw_vec2 out_corner[3]) {
+    for (int i = 0; i < 3; i++) {
+        out_corner[i] = mesh->lightmap_uv[mesh->triangle[triangle][i]];
+        if (back) out_corner[i].y += (float)mesh->back_offset;
+    }
+}
+
+static uint32_t floor_clamped(float x, uint32_t limit) {
+    return x <= 0 ? 0 : x >= (float)limit ? limit : (uint32_t)x;
+}
+
+/* Lets a triangle claim the spots of a texel that it holds; on the edge of two, the first has it. */
+static void claim_spots(struct claim *c, const struct lw_vec2 corner[3], uint32_t x, uint32_t y,
+                        uint32_t triangle, bool back) {
+    for (uint32_t k = 0; k < LW_SAMPLE_POINTS_MAX; k++) {
+        if (c->spot[k] != LW_TEXEL_NONE) continue;
+        struct lw_vec2 spot = lw_sample_points_spot(k);
+        float u, v;
+        if (barycentrics(corner, (struct lw_vec2){(float)x + spot.x, (float)y + spot.y}, &u, &v) && u >= 0 &&
+            v >= 0 && u + v <= 1)
+            c->spot[k] = triangle | (back ? SPOT_BACK : 0);
+    }
+}
+
+/* The number of a triangle's chart until charts are joined. */
+static uint32_t chart_of(const struct lw_mesh *mesh, uint32_t triangle, bool back) {
+    return mesh->triangle[triangle][0] + (back ? mesh->vertex_count : 0);
+}
+
+/* Lets a triangle claim the texels that it overlaps. Who holds a texel's centre gets it and is sampled there; where
+ * nobody does, the largest part gets it and is sampled at the part's middle: never on the chart's very edge, which may
+ * lie in the plane of the next wall. */
+static void claim_texels(struct claim *claim, const struct lw_mesh_texels *texels, const struct lw_mesh *mesh,
+                         uint32_t triangle, uint32_t *parent, bool back) {
+    const uint32_t chart = chart_of(mesh, triangle, back);
+    struct lw_vec2 corner[3];
+    lightmap_corners(mesh, triangle, back, corner);
+    float x_min = fminf(corner[0].x, fminf(corner[1].x, corner[2].x)),
+          x_max = fmaxf(corner[0].x, fmaxf(corner[1].x, corner[2].x)),
+          y_min = fminf(corner[0].y, fminf(corner[1].y, corner[2].y)),
+          y_max = fmaxf(corner[0].y, fmaxf(corner[1].y, corner[2].y));
+    uint32_t x0 = floor_clamped(x_min, texels->width - 1), x1 = floor_clamped(x_max, texels->width - 1);
+    uint32_t y0 = floor_clamped(y_min, texels->height - 1), y1 = floor_clamped(y_max, texels->height - 1);
+    for (uint32_t y = y0; y <= y1; y++)
+        for (uint32_t x = x0; x <= x1; x++) {
+            struct lw_vec2 sample;
+            float u, v, area = clip_to_square(corner, (float)x, (float)y, 1, &sample);
+            if (!(area > 0)) continue;
+            struct claim *c = &claim[lw_texels_index(texels, x, y)];
+            c->area_sum += area;
+            if (c->chart != LW_TEXEL_NONE) lw_union_find_join(parent, c->chart, chart);
+            c->chart = chart;
+            claim_spots(c, corner, x, y, triangle, back);
+            struct lw_vec2 centre = {(float)x + 0.5f, (float)y + 0.5f};
+            if (!barycentrics(corner, centre, &u, &v)) continue;
+            if (u >= 0 && v >= 0 && u + v <= 1)
+                area = 2;
+            else
+                barycentrics(corner, sample, &u, &v);
+            if (c->triangle != LW_TEXEL_NONE && c->area >= area) continue;
+            clamp_barycentrics(&u, &v);
+            c->triangle = triangle;
+            c->u = u;
+            c->v = v;
+            c->area = area;
+            c->back = back;
+        }
+}
+
+/* Gives the texels that a triangle does not cover, but bilinear look-ups on it read, to its chart: those whose centre it comes
+ * nearer to than a texel. Slivers lie so close together that a gutter touches two of them; one alone reads it. */
+static void claim_gutters(struct claim *claim, const struct lw_mesh_texels *texels,
+                          const struct lw_mesh *mesh, uint32_t triangle, uint32_t *parent, bool back) {
+    (void)parent;
+    struct lw_vec2 corner[3], unused;
+    lightmap_corners(mesh, triangle, back, corner);
+    uint32_t x0 =
+                 floor_clamped(fminf(corner[0].x, fminf(corner[1].x, corner[2].x)) - 0.5f, texels->width - 1),
+             x1 =
+                 floor_clamped(fmaxf(corner[0].x, fmaxf(corner[1].x, corner[2].x)) + 0.5f, texels->width - 1),
+             y0 = floor_clamped(fminf(corner[0].y, fminf(corner[1].y, corner[2].y)) - 0.5f,
+                                texels->height - 1),
+             y1 = floor_clamped(fmaxf(corner[0].y, fmaxf(corner[1].y, corner[2].y)) + 0.5f,
+                                texels->height - 1);
+    for (uint32_t y = y0; y <= y1; y++)
+        for (uint32_t x = x0; x <= x1; x++) {
+            struct claim *c = &claim[lw_texels_index(texels, x, y)];
+            if (c->triangle != LW_TEXEL_NONE) continue;
+            const float area = clip_to_square(corner, (float)x - 0.5f, (float)y - 0.5f, 2, &unused);
+            if (!(area > c->read_area)) continue;
+            c->read_area = area;
+            c->chart = chart_of(mesh, triangle, back);
+        }
+}
+
+/* Drops texels that a chart only grazes where a neighbour has more of it: their light is the neighbour's, continued. */
+static void drop_grazed(struct claim *claim, const struct lw_mesh_texels *texels) {
+    for (uint32_t y = 0; y < texels->height; y++)
+        for (uint32_t x = 0; x < texels->width; x++) {
+            struct claim *c = &claim[lw_texels_index(texels, x, y)];
+            if (c->triangle == LW_TEXEL_NONE || c->area > 1 || c->area_sum >= GRAZED_AREA) continue;
+            for (uint32_t j = y ? y - 1 : 0; j <= y + 1 && j < texels->height; j++)
+                for (uint32_t i = x ? x - 1 : 0; i <= x + 1 && i < texels->width; i++)
+                    if (claim[lw_texels_index(texels, i, j)].area_sum >= GRAZED_AREA &&
+                        claim[lw_texels_index(texels, i, j)].chart == c->chart)
+                        c->triangle = LW_TEXEL_NONE;
+        }
+}
+
+/* Mean albedo of the part of a texel's square that lies on the claiming triangle (points beyond it are moved onto
+ * it), weighted by how much surface is there: cut-out parts do not count. */
+static struct lw_vec3 mean_albedo(const struct lw_scene *scene, const struct lw_mesh *mesh,
+                                  const struct claim *c, uint32_t x, uint32_t y) {
+    struct lw_vec2 corner[3];
+    lightmap_corners(mesh, c->triangle, c->back, corner);
+    const struct lw_material *material = &scene->material[mesh->material[c->triangle]];
+    struct lw_vec3 sum = {0}, plain = {0};
+    float weights = 0;
+    const int side =
+        material->base_colour_texture.texture == LW_SCENE_NONE && !mesh->colour ? 1 : ALBEDO_SIDE;
+    for (int j = 0; j < side; j++)
+        for (int i = 0; i < side; i++) {
+            struct lw_vec2 p = {(float)x + ((float)i + 0.5f) / (float)side,
+                                (float)y + ((float)j + 0.5f) / (float)side};
+            float u = c->u, v = c->v;
+            barycentrics(corner, p, &u, &v);
+            clamp_barycentrics(&u, &v);
+            struct lw_surface surface;
+            lw_scene_surface(scene, mesh, c->triangle, u, v, &surface);
+            float weight = material->alpha_mode == LW_ALPHA_OPAQUE ? 1
+                           : material->alpha_mode == LW_ALPHA_MASK
+                               ? (float)(surface.alpha >= material->alpha_cutoff)
+                               : surface.alpha;
+            plain = lw_vec3_add(plain, surface.albedo);
+            sum = lw_vec3_mad(sum, surface.albedo, weight);
+            weights += weight;
+        }
+    return weights > 0 ? lw_vec3_scale(sum, 1 / weights) : lw_vec3_scale(plain, 1.0f / (float)(side * side));
+}
+
+static void store(float *const dst[3], uint32_t i, struct lw_vec3 v) {
+    dst[0][i] = v.x;
+    dst[1][i] = v.y;
+    dst[2][i] = v.z;
+}
+
+/* A point of a triangle as a place from which rays start. */
+static struct lw_sample_points_point point_at(const struct lw_mesh *mesh, uint32_t triangle, float u, float v,
+                                              bool back) {
+    struct lw_vec3 face, normal = lw_scene_normal(mesh, triangle, u, v, &face);
+    normal = lw_scene_light_normal(normal, face);
+    float side = back ? -1.0f : 1.0f;
+    return (struct lw_sample_points_point){.origin = lw_scene_shadow_origin(mesh, triangle, u, v, back),
+                                           .normal = lw_vec3_scale(normal, side),
+                                           .geometric = lw_vec3_scale(face, side)};
+}
+
+static float largest_coordinate(const struct lw_mesh *mesh, uint32_t triangle) {
+    float largest = 0;
+    for (int i = 0; i < 3; i++) {
+        struct lw_vec3 p = mesh->position[mesh->triangle[triangle][i]];
+        largest = fmaxf(largest, fmaxf(fabsf(p.x), fmaxf(fabsf(p.y), fabsf(p.z))));
+    }
+    return largest;
+}
+
+static uint32_t place_count(const struct claim *c) {
+    if (c->triangle == LW_TEXEL_NONE) return 0;
+    uint32_t count = 0;
+    for (uint32_t k = 0; k < LW_SAMPLE_POINTS_MAX; k++) count += c->spot[k] != LW_TEXEL_NONE;
+    return count ? count : 1; /* too narrow to hold a spot: the texel's own sample */
+}
+
+static void place_footprint(struct lw_mesh_texels *texels, const struct lw_mesh *mesh, const struct claim *c,
+                            uint32_t x, uint32_t y) {
+    const uint32_t i = lw_texels_index(texels, x, y);
+    struct lw_sample_points_point point[LW_SAMPLE_POINTS_MAX];
+    uint32_t count = 0;
+    float largest = largest_coordinate(mesh, c->triangle);
+    for (uint32_t k = 0; k < LW_SAMPLE_POINTS_MAX; k++) {
+        if (c->spot[k] == LW_TEXEL_NONE) continue;
+        const uint32_t triangle = c->spot[k] & ~SPOT_BACK;
+        const bool back = c->spot[k] & SPOT_BACK;
+        struct lw_vec2 corner[3], spot = lw_sample_points_spot(k);
+        float u = 0, v = 0;
+        lightmap_corners(mesh, triangle, back, corner);
+        barycentrics(corner, (struct lw_vec2){(float)x + spot.x, (float)y + spot.y}, &u, &v);
+        clamp_barycentrics(&u, &v);
+        point[count++] = point_at(mesh, triangle, u, v, back);
+        largest = fmaxf(largest, largest_coordinate(mesh, triangle));
+    }
+    if (!count) point[count++] = point_at(mesh, c->triangle, c->u, c->v, c->back);
+    lw_sample_points_pack(&texels->footprint, i, lw_texels_vector(texels->position, i), largest, point,
+                          count);
+}
+
+/* The nearest covered texel within two texels: of a chart, or of any for LW_TEXEL_NONE. */
+static uint32_t nearest_covered(const struct lw_mesh_texels *mesh, const uint8_t *covered, uint32_t chart,
+                                uint32_t x, uint32_t y) {
+    uint32_t best = LW_TEXEL_NONE;
+    int best_distance2 = 9;
+    for (int dy = -2; dy <= 2; dy++)
+        for (int dx = -2; dx <= 2; dx++) {
+            int64_t nx = (int64_t)x + dx, ny = (int64_t)y + dy;
+            if (nx < 0 || ny < 0 || nx >= mesh->width || ny >= mesh->height) continue;
+            uint32_t neighbour = lw_texels_index(mesh, (uint32_t)nx, (uint32_t)ny);
+            if (!covered[neighbour] || dx * dx + dy * dy >= best_distance2) continue;
+            if (chart != LW_TEXEL_NONE && mesh->chart[neighbour] != chart) continue;
+            best = neighbour;
+            best_distance2 = dx * dx + dy * dy;
+        }
+    return best;
+}
+
+/* What a look-up that touches a texel without surface reads there: its own chart, where that has anything near. */
+static uint32_t source_of(const struct lw_mesh_texels *mesh, const uint8_t *covered, uint32_t x, uint32_t y) {
+    const uint32_t chart = mesh->chart[lw_texels_index(mesh, x, y)],
+                   own = nearest_covered(mesh, covered, chart, x, y);
+    return own != LW_TEXEL_NONE ? own : nearest_covered(mesh, covered, LW_TEXEL_NONE, x, y);
+}
+
+static bool evaluate(struct lw_mesh_texels *texels, const struct lw_scene *scene, const struct lw_mesh *mesh,
+                     const struct claim *claim) {
+    struct lw_sample_points *footprint = &texels->footprint;
+    for (uint32_t i = 0; i < texels->texel_count; i++)
+        footprint->first[i + 1] = footprint->first[i] + place_count(&claim[i]);
+    const size_t places = footprint->first[texels->texel_count];
+    if (!(footprint->place = malloc((places + 1) * sizeof *footprint->place))) return false;
+    for (uint32_t y = 0; y < texels->height; y++)
+        for (uint32_t x = 0; x < texels->width; x++) {
+            uint32_t i = lw_texels_index(texels, x, y);
+            const struct claim *c = &claim[i];
+            texels->chart[i] = c->chart;
+            if (c->triangle == LW_TEXEL_NONE) continue;
+            struct lw_surface surface;
+            lw_scene_surface(scene, mesh, c->triangle, c->u, c->v, &surface);
+            struct lw_sample_points_point point = point_at(mesh, c->triangle, c->u, c->v, c->back);
+            texels->covered[i] = 1;
+            store(texels->position, i, surface.position);
+            store(texels->normal, i, point.normal);
+            store(texels->geometric, i, point.geometric);
+            store(texels->albedo, i, mean_albedo(scene, mesh, c, x, y));
+            place_footprint(texels, mesh, c, x, y);
+        }
+    for (uint32_t y = 0; y < texels->height; y++)
+        for (uint32_t x = 0; x < texels->width; x++) {
+            const uint32_t i = lw_texels_index(texels, x, y);
+            const uint32_t source = texels->covered[i] ? i : source_of(texels, texels->covered, x, y);
+            if (source != LW_TEXEL_NONE) store(texels->albedo, i, lw_texels_vector(texels->albedo, source));
+        }
+    return true;
+}
+
+static uint16_t quarter_texels(float x) {
+    float q = x * 4.0f + 0.5f;
+    return q <= 0 ? 0 : q >= 65535.0f ? 65535 : (uint16_t)q;
+}
+
+static void list_triangles(struct lw_mesh_texels *texels, const struct lw_scene *scene,
+                           const struct lw_mesh *mesh) {
+    for (uint32_t t = 0; t < mesh->triangle_count; t++) {
+        struct lw_triangle_uv *record = &texels->triangle[t];
+        for (int i = 0; i < 3; i++) {
+            struct lw_vec2 uv = mesh->lightmap_uv[mesh->triangle[t][i]];
+            record->u[i] = quarter_texels(uv.x);
+            record->v[i] = quarter_texels(uv.y);
+        }
+        record->double_sided = mesh->back_offset && scene->material[mesh->material[t]].double_sided;
+    }
+}
+
+static bool allocate(struct lw_mesh_texels *texels, const struct lw_mesh *mesh) {
+    const size_t count = texels->texel_count;
+    bool ok = true;
+    for (int c = 0; c < 3; c++) {
+        ok &= (texels->position[c] = calloc(count, sizeof(float))) != NULL;
+        ok &= (texels->normal[c] = calloc(count, sizeof(float))) != NULL;
+        ok &= (texels->geometric[c] = calloc(count, sizeof(float))) != NULL;
+        ok &= (texels->albedo[c] = calloc(count, sizeof(float))) != NULL;
+    }
+    ok &= (texels->covered = calloc(count, 1)) != NULL;
+    ok &= (texels->chart = calloc(count, sizeof *texels->chart)) != NULL;
+    ok &= (texels->footprint.first = calloc(count + 1, sizeof *texels->footprint.first)) != NULL;
+    ok &= (texels->footprint.reach = calloc(count, sizeof(float))) != NULL;
+    ok &= (texels->footprint.lift = calloc(count, sizeof(float))) != NULL;
+    ok &= (texels->triangle = calloc(mesh->triangle_count + 1, sizeof *texels->triangle)) != NULL;
+    return ok;
+}
+
+/* Names charts, fronts and backs apart, by one of their vertices: what shares a vertex is one chart; and so, when texels have
+ * been claimed, is what shares a texel, for charts that were merged share no vertex. */
+static void find_charts(const struct lw_mesh *mesh, uint32_t *parent) {
+    for (uint32_t v = 0; v < 2 * mesh->vertex_count; v++) parent[v] = v;
+    for (uint32_t t = 0; t < mesh->triangle_count; t++)
+        for (uint32_t side = 0; side < 2 * mesh->vertex_count; side += mesh->vertex_count)
+            for (int k = 1; k < 3; k++)
+                lw_union_find_join(parent, side + mesh->triangle[t][0], side + mesh->triangle[t][k]);
+}
+
+/* What rasterises a triangle. */
+typedef void claim_triangle(struct claim *claim, const struct lw_mesh_texels *texels,
+                            const struct lw_mesh *mesh, uint32_t triangle, uint32_t *parent, bool back);
+
+static void claim_all(struct claim *claim, const struct lw_mesh_texels *texels, const struct lw_scene *scene,
+                      const struct lw_mesh *mesh, uint32_t *parent, claim_triangle *each) {
+    for (uint32_t t = 0; t < mesh->triangle_count; t++) {
+        each(claim, texels, mesh, t, parent, false);
+        if (mesh->back_offset && scene->material[mesh->material[t]].double_sided)
+            each(claim, texels, mesh, t, parent, true);
+    }
+    for (uint32_t i = 0; i < texels->texel_count; i++)
+        if (claim[i].chart != LW_TEXEL_NONE) claim[i].chart = lw_union_find_root(parent, claim[i].chart);
+}
+
+static bool build_mesh(struct lw_mesh_texels *texels, const struct lw_scene *scene,
+                       const struct lw_mesh *mesh) {
+    struct claim *claim = malloc((size_t)texels->texel_count * sizeof *claim);
+    uint32_t *parent = malloc((2 * (size_t)mesh->vertex_count + 1) * sizeof *parent);
+    if (!claim || !parent || !allocate(texels, mesh)) {
+        free(claim);
+        free(parent);
+        return false;
+    }
+    find_charts(mesh, parent);
+    for (uint32_t i = 0; i < texels->texel_count; i++) {
+        claim[i] = (struct claim){.triangle = LW_TEXEL_NONE, .chart = LW_TEXEL_NONE};
+        memset(claim[i].spot, 0xff, sizeof claim[i].spot); /* LW_TEXEL_NONE */
+    }
+    claim_all(claim, texels, scene, mesh, parent, claim_texels);
+    claim_all(claim, texels, scene, mesh, parent, claim_gutters);
+    drop_grazed(claim, texels);
+    const bool ok = evaluate(texels, scene, mesh, claim);
+    free(claim);
+    free(parent);
+    list_triangles(texels, scene, mesh);
+    return ok;
+}
+
+/* Whether a material that the mesh uses is another than when its albedo was taken. */
+static bool is_recoloured(const struct lw_texels *texels, const struct lw_mesh *mesh) {
+    for (uint32_t t = 0; t < mesh->triangle_count; t++) {
+        const uint32_t m = mesh->material[t];
+        if (memcmp(texels->base_colour[m], texels->scene->material[m].base_colour,
+                   sizeof texels->base_colour[m]))
+            return true;
+    }
+    return false;
+}
+
+static void note_colours(struct lw_texels *texels) {
+    for (uint32_t m = 0; m < texels->scene->material_count; m++)
+        memcpy(texels->base_colour[m], texels->scene->material[m].base_colour, sizeof texels->base_colour[m]);
+}
+
+enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *scene, unsigned threads,
+                              struct lw_error *err) {
+    *texels = (struct lw_texels){.scene = scene};
+    texels->mesh = calloc(scene->mesh_count + 1, sizeof *texels->mesh);
+    texels->first = calloc(scene->object_count + 1, sizeof *texels->first);
+    texels->base_colour = calloc(scene->material_count + 1ul, sizeof *texels->base_colour);
+    bool ok = texels->mesh && texels->first && texels->base_colour;
+    uint64_t count = 0;
+    for (uint32_t o = 0; ok && o < scene->object_count; o++) {
+        const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
+        texels->mesh[scene->object[o].mesh] =
+            (struct lw_mesh_texels){.width = mesh->atlas_width,
+                                    .height = mesh->atlas_height,
+                                    .texel_count = mesh->atlas_width * mesh->atlas_height,
+                                    .back_offset = mesh->back_offset};
+        texels->first[o] = (uint32_t)count;
+        count += (uint64_t)mesh->atlas_width * mesh->atlas_height;
+        if (count > TEXELS_MAX) {
+            lw_texels_finish(texels);
+            return lw_status_fail(err, LW_BAD_DATA, "the scene has over %u texels: lower --texels-per-metre",
+                                  TEXELS_MAX);
+        }
+    }
+    texels->count = (uint32_t)count;
+
+    int failures = 0;
+    struct lw_progress progress;
+    lw_progress_init(&progress, "placing texels", count);
+#pragma omp parallel for schedule(dynamic, 1) num_threads(threads ? (int)threads : omp_get_max_threads())             \
+    reduction(+ : failures)
+    for (uint32_t m = 0; m < scene->mesh_count; m++) {
+        if (ok && texels->mesh[m].texel_count && !build_mesh(&texels->mesh[m], scene, &scene->mesh[m]))
+            failures++;
+        lw_progress_step(&progress, texels->mesh[m].texel_count);
+    }
+    lw_progress_finish(&progress);
+    texels->covered = malloc(count + 1);
+    texels->usable = malloc(count + 1);
+    texels->filled = malloc(count + 1);
+    texels->source = malloc((count + 1) * sizeof *texels->source);
+    if (!ok || failures || !texels->covered || !texels->usable || !texels->filled || !texels->source) {
+        lw_texels_finish(texels);
+        return lw_status_fail(err, LW_NO_MEMORY, "%u texels", (unsigned)count);
+    }
+    note_colours(texels);
+    for (uint32_t o = 0; o < scene->object_count; o++) {
+        const struct lw_mesh_texels *mesh = &texels->mesh[scene->object[o].mesh];
+        memcpy(texels->covered + texels->first[o], mesh->covered, mesh->texel_count);
+        for (uint32_t i = 0; i < mesh->texel_count; i++)
+            texels->usable[texels->first[o] + i] =
+                (uint8_t)((1u << (mesh->footprint.first[i + 1] - mesh->footprint.first[i])) - 1);
+    }
+    lw_texels_link(texels, threads ? (int)threads : omp_get_max_threads());
+    return LW_OK;
+}
+
+static void free_mesh(struct lw_mesh_texels *mesh) {
+    for (int c = 0; c < 3; c++) {
+        free(mesh->position[c]);
+        free(mesh->normal[c]);
+        free(mesh->geometric[c]);
+        free(mesh->albedo[c]);
+    }
+    free(mesh->covered);
+    free(mesh->chart);
+    free(mesh->footprint.first);
+    free(mesh->footprint.place);
+    free(mesh->footprint.reach);
+    free(mesh->footprint.lift);
+    free(mesh->triangle);
+}
+
+enum lw_status lw_texels_set_albedo(struct lw_texels *texels, int threads) {
+    const struct lw_scene *scene = texels->scene;
+    int failures = 0;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(threads) reduction(+ : failures)
+    for (uint32_t m = 0; m < scene->mesh_count; m++) {
+        struct lw_mesh_texels *mesh = &texels->mesh[m];
+        if (!mesh->texel_count || !is_recoloured(texels, &scene->mesh[m])) continue;
+        struct lw_mesh_texels fresh = {.width = mesh->width,
+                                       .height = mesh->height,
+                                       .texel_count = mesh->texel_count,
+                                       .back_offset = mesh->back_offset};
+        if (build_mesh(&fresh, scene, &scene->mesh[m]))
+            for (int c = 0; c < 3; c++)
+                memcpy(mesh->albedo[c], fresh.albedo[c], mesh->texel_count * sizeof(float));
+        else
+            failures++;
+        free_mesh(&fresh);
+    }
+    if (failures) return LW_NO_MEMORY;
+    note_colours(texels);
+    return LW_OK;
+}
+
+void lw_texels_link_object(struct lw_texels *texels, uint32_t object) {
+    const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[object].mesh];
+    const uint32_t first = texels->first[object];
+    const uint8_t *covered = texels->covered + first;
+    for (uint32_t y = 0; y < mesh->height; y++)
+        for (uint32_t x = 0; x < mesh->width; x++) {
+            uint32_t i = lw_texels_index(mesh, x, y),
+                     source = covered[i] ? i : source_of(mesh, covered, x, y);
+            texels->source[first + i] = source == LW_TEXEL_NONE ? LW_TEXEL_NONE : first + source;
+            texels->filled[first + i] = !covered[i] && source != LW_TEXEL_NONE;
+        }
+}
+
+void lw_texels_link(struct lw_texels *texels, int threads) {
+#pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
+    for (uint32_t o = 0; o < texels->scene->object_count; o++) lw_texels_link_object(texels, o);
+}
+
+void lw_texels_finish(struct lw_texels *texels) {
+    for (uint32_t m = 0; texels->mesh && m < texels->scene->mesh_count; m++) free_mesh(&texels->mesh[m]);
+    free(texels->source);
+    free(texels->covered);
+    free(texels->usable);
+    free(texels->filled);
+    free(texels->first);
+    free(texels->base_colour);
+    free(texels->mesh);
+    *texels = (struct lw_texels){0};
+}

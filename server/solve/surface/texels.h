@@ -1,0 +1,116 @@
+/* texels.h: where the light is computed: position, normals, albedo and footprint of every texel of every atlas.
+ * Flow:    scene with lightmap UVs -> [texels] -> passes; hit -> [texels] -> index of the texel that was hit
+ * Threads: built once; then [any].
+ *
+ * Texels lie tile by tile (level 0), row by row within a tile, so that a tile is one run of memory. Geometry is kept
+ * once per mesh, in object space; each object has a run of its own in the global numbering. */
+#ifndef LW_SURFACE_TEXELS_H
+#define LW_SURFACE_TEXELS_H
+
+#include "common/scene/scene.h"
+#include "common/tile/atlas.h"
+#include "server/solve/surface/sample_points.h"
+
+#define LW_TEXEL_NONE UINT32_MAX
+
+/** The lightmap coordinates of one triangle, in quarter texels; 16 bytes, one load per hit. */
+struct lw_triangle_uv {
+    uint16_t u[3], v[3];
+    uint16_t double_sided, unused;
+};
+
+/** Texels of one mesh; arrays of texel_count. */
+struct lw_mesh_texels {
+    uint32_t width, height, texel_count;
+    float *position[3];  /* object space, m; on the surface */
+    float *normal[3];    /* shading normal, object space, unit */
+    float *geometric[3]; /* normal of the triangle, object space, unit, on the side that this texel lights */
+    float *albedo[3];    /* mean over the texel; a gutter has that of the texel that stands for it */
+    uint8_t *covered;    /* 1: the texel's square overlaps a triangle */
+    uint32_t
+        *chart; /* that covers the texel, or else reads it in bilinear look-ups; LW_TEXEL_NONE: none does */
+    struct lw_sample_points footprint; /* where on the texel its rays start */
+    struct lw_triangle_uv *triangle;
+    uint32_t back_offset;
+};
+
+struct lw_texels {
+    const struct lw_scene *scene;
+    struct lw_mesh_texels *mesh; /* per mesh */
+    float (*base_colour)[3];     /* per material: the factor that is in albedo */
+    uint32_t *first;             /* per object: its first texel in the global numbering */
+    uint32_t count;              /* of the global numbering, all objects */
+    uint8_t *covered; /* per texel of the global numbering: has surface, and light can reach it (burial.h) */
+    uint8_t *
+        usable; /* per texel of the global numbering: mask of its places that light can reach; 0: not covered */
+    uint8_t *filled; /* per texel of the global numbering: 1: not covered, but another texel stands for it */
+    uint32_t *
+        source; /* per texel: the covered one that stands for it: itself, the nearest within 2 texels, first of its chart,
+                   or NONE */
+};
+
+/** Rasterises every mesh that an object uses. Errors: LW_NO_MEMORY; LW_BAD_DATA for more than 2^30 texels in all. */
+LW_MUST_CHECK enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *scene,
+                                            unsigned threads, struct lw_error *err);
+void lw_texels_finish(struct lw_texels *texels);
+
+/** Takes over the albedo of meshes of which a material has changed its base colour: rasterises them anew, at the price of
+ * their share of lw_texels_init(). Errors: LW_NO_MEMORY; some meshes may then have their new albedo already. */
+LW_MUST_CHECK enum lw_status lw_texels_set_albedo(struct lw_texels *texels, int threads);
+
+/** Sets every texel's source, and what is filled, from what is covered now. */
+void lw_texels_link(struct lw_texels *texels, int threads);
+/** Likewise, for one object. */
+void lw_texels_link_object(struct lw_texels *texels, uint32_t object);
+
+/** One texel's entry of a planar array of vectors. */
+static inline struct lw_vec3 lw_texels_vector(float *const plane[3], uint32_t i) {
+    return lw_vec3(plane[0][i], plane[1][i], plane[2][i]);
+}
+
+/** First texel of a level-0 tile within its mesh. */
+static inline uint32_t lw_texels_tile_start(const struct lw_mesh_texels *mesh, uint32_t tile_x,
+                                            uint32_t tile_y) {
+    uint32_t rows = mesh->height - tile_y * LW_TILE_SIDE;
+    if (rows > LW_TILE_SIDE) rows = LW_TILE_SIDE;
+    return tile_y * LW_TILE_SIDE * mesh->width + tile_x * LW_TILE_SIDE * rows;
+}
+
+/** Index within the mesh of texel (x, y), both inside the atlas. */
+static inline uint32_t lw_texels_index(const struct lw_mesh_texels *mesh, uint32_t x, uint32_t y) {
+    uint32_t tile_x = x / LW_TILE_SIDE, tile_y = y / LW_TILE_SIDE,
+             columns = mesh->width - tile_x * LW_TILE_SIDE;
+    if (columns > LW_TILE_SIDE) columns = LW_TILE_SIDE;
+    return lw_texels_tile_start(mesh, tile_x, tile_y) + (y % LW_TILE_SIDE) * columns + x % LW_TILE_SIDE;
+}
+
+/** Where a triangle of an object lies in the lightmap. */
+static inline const struct lw_triangle_uv *lw_texels_triangle(const struct lw_texels *texels, uint32_t object,
+                                                              uint32_t triangle) {
+    return &texels->mesh[texels->scene->object[object].mesh].triangle[triangle];
+}
+
+/** The texel (global index) whose square a hit lies in, or NONE: the back of a single-sided surface. Its source is the
+ * one to read. u, v: barycentrics of the triangle's 2nd and 3rd vertex. */
+static inline uint32_t lw_texels_under(const struct lw_texels *texels, uint32_t object, uint32_t triangle,
+                                       float u, float v, bool back) {
+    const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[object].mesh];
+    const struct lw_triangle_uv *t = lw_texels_triangle(texels, object, triangle);
+    if (back && !t->double_sided) return LW_TEXEL_NONE;
+    float w = 1.0f - u - v;
+    uint32_t x = (uint32_t)(0.25f * (w * t->u[0] + u * t->u[1] + v * t->u[2]));
+    uint32_t y =
+        (uint32_t)(0.25f * (w * t->v[0] + u * t->v[1] + v * t->v[2])) + (back ? mesh->back_offset : 0);
+    if (x >= mesh->width) x = mesh->width - 1;
+    if (y >= mesh->height) y = mesh->height - 1;
+    return texels->first[object] + lw_texels_index(mesh, x, y);
+}
+
+/** The texel (global index) to read for a hit, or NONE: nothing to read there, or a back as above. */
+static inline uint32_t lw_texels_at(const struct lw_texels *texels, uint32_t object, uint32_t triangle,
+                                    float u, float v, bool back) {
+    const uint32_t texel = lw_texels_under(texels, object, triangle, u, v, back);
+    return texel == LW_TEXEL_NONE ? LW_TEXEL_NONE : texels->source[texel];
+}
+
+#endif

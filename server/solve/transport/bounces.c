@@ -1,0 +1,231 @@
+#include "server/solve/transport/bounces.h"
+
+#include "common/light/direction.h"
+#include "common/sampling.h"
+#include "common/wide.h"
+#include "server/solve/transport/ray_hit.h"
+
+#define LANES LW_TRACE_WIDTH
+/* This many bounce rays in a row start at the same place of their texel: finding it costs as much as half a ray. */
+#define PLACE_SHARE 2u
+/* Texels ahead of the current one whose ray hits are prefetched. */
+#define GATHER_AHEAD 12u
+
+/* The same direction about each lane's normal. */
+LW_WIDE static void aim(const struct lw_points16 *restrict at, struct lw_vec3 local, float t_far,
+                        struct lw_ray16 *restrict rays) {
+    for (uint32_t lane = 0; lane < LANES; lane++) {
+        const struct lw_vec3 d = lw_direction_about(lw_vec3(at->nx[lane], at->ny[lane], at->nz[lane]), local);
+        rays->dir_x[lane] = d.x;
+        rays->dir_y[lane] = d.y;
+        rays->dir_z[lane] = d.z;
+        rays->t_far[lane] = t_far;
+    }
+}
+
+/* A packet's bounce rays on their way to the texels that they end on. Every step reads memory that lies anywhere: it is sent for while
+ * the next packets are traced. */
+struct flight {
+    struct lw_ray16 rays;
+    struct lw_hit16 hits;
+    uint32_t texel[LANES], end[LANES];
+    uint32_t sample; /* of the frame */
+    uint16_t active;
+    unsigned flags;
+};
+#define FLIGHTS 3u /* traced; ended; about to be noted */
+struct flights {
+    struct flight flight[FLIGHTS];
+    uint32_t count;
+};
+
+/* Where a lane's ray ended, if it met something; not yet the texel that stands for it. */
+static uint32_t end_of(const struct lw_transport *t, const struct lw_hit16 *hits, uint32_t lane) {
+    if (hits->object[lane] == LW_TRACE_MISS) return LW_RAY_HIT_NOTHING;
+    return lw_texels_under(t->texels, hits->object[lane], hits->triangle[lane], hits->u[lane], hits->v[lane],
+                           hits->back[lane]);
+}
+
+/* Asks a probe about a ray that has run as far as the tracing range; false if none sees where it stands. random: a
+ * word of the ray's own. */
+static bool ask_probes(const struct lw_transport *t, const struct lw_ray16 *rays, uint32_t lane,
+                       uint32_t random, uint32_t *out_end) {
+    const struct lw_vec3 d = lw_vec3(rays->dir_x[lane], rays->dir_y[lane], rays->dir_z[lane]);
+    const struct lw_vec3 point =
+        lw_vec3_mad(lw_vec3(rays->org_x[lane], rays->org_y[lane], rays->org_z[lane]), d, rays->t_far[lane]);
+    /* Outside the box there is nothing but what has moved there: a ray that costs next to nothing. */
+    if (!lw_cells_contain(&t->probes->grid, point)) return false;
+    *out_end = lw_probes_ask(t->probes, point, d, random);
+    return *out_end != LW_PROBES_UNSEEN;
+}
+
+/* Ends of a packet's rays: what they hit, else what a probe knows, else what they hit further on. */
+static void find_ends(const struct lw_transport *t, struct flight *f, struct lw_ray_count *count) {
+    uint16_t unseen = 0;
+    for (uint32_t lane = 0; lane < LANES; lane++) {
+        if (!(f->active >> lane & 1)) continue;
+        f->end[lane] = end_of(t, &f->hits, lane);
+        if (f->hits.object[lane] != LW_TRACE_MISS || !t->probes) continue;
+        const uint32_t random =
+            lw_random_hash3(t->seed, f->texel[lane], f->rays.salt ^ LW_SAMPLING_PROBE << 24);
+        if (ask_probes(t, &f->rays, lane, random, &f->end[lane])) continue;
+        f->rays.t_near[lane] = f->rays.t_far[lane];
+        f->rays.t_far[lane] = INFINITY;
+        unseen |= (uint16_t)(1u << lane);
+    }
+    if (unseen) {
+        lw_trace_closest16(t->trace, f->flags, unseen, &f->rays, &f->hits);
+        for (uint32_t lane = 0; lane < LANES; lane++)
+            if (unseen >> lane & 1) f->end[lane] = end_of(t, &f->hits, lane);
+        count->bounce += (uint64_t)__builtin_popcount(unseen);
+    }
+    for (uint32_t lane = 0; lane < LANES; lane++)
+        if (f->active >> lane & 1 && !(f->end[lane] & LW_RAY_HIT_PROBE))
+            __builtin_prefetch(&t->texels->source[f->end[lane]]);
+}
+_Static_assert((LW_RAY_HIT_NOTHING & LW_RAY_HIT_PROBE) != 0 && LW_TEXEL_NONE == LW_RAY_HIT_NOTHING,
+               "no texels either");
+
+/* Notes the texels that stand for those that a packet's rays have met. */
+static void note_ends(const struct lw_transport *t, const struct flight *f) {
+    for (uint32_t lane = 0; lane < LANES; lane++)
+        if (f->active >> lane & 1)
+            t->end[(size_t)f->texel[lane] * t->indirect_samples + f->sample] =
+                f->end[lane] & LW_RAY_HIT_PROBE ? f->end[lane] : t->texels->source[f->end[lane]];
+}
+
+/* One step for the two packets before the one that has been traced last. */
+static void move_on(const struct lw_transport *t, struct flights *flights, struct lw_ray_count *count) {
+    if (flights->count > 1) find_ends(t, &flights->flight[(flights->count - 2) % FLIGHTS], count);
+    if (flights->count > 2) note_ends(t, &flights->flight[(flights->count - 3) % FLIGHTS]);
+}
+
+/* The steps that are left. */
+static void land(const struct lw_transport *t, struct flights *flights, struct lw_ray_count *count) {
+    if (flights->count > 0) find_ends(t, &flights->flight[(flights->count - 1) % FLIGHTS], count);
+    for (uint32_t k = flights->count < 2 ? flights->count : 2; k > 0; k--)
+        note_ends(t, &flights->flight[(flights->count - k) % FLIGHTS]);
+    flights->count = 0;
+}
+
+/* Where the rays of a packet's texels end in one frame. Needs its places for the first of them. */
+static void trace_packet(const struct lw_transport *t, const struct lw_solve_tile *tile,
+                         struct lw_ray_launch *launch, struct lw_ray_launch_site *site,
+                         struct flights *flights, struct lw_ray_count *count) {
+    const uint32_t seed = lw_sampling_seed(t->seed, tile->object, launch->block, LW_SAMPLING_BOUNCE);
+    for (uint32_t s = 0; s < t->indirect_samples; s++) {
+        const uint32_t sample = launch->frames * t->indirect_samples + s;
+        if (s > 0 && s % PLACE_SHARE == 0)
+            lw_ray_launch_choose(launch, tile, t->texels->usable, t->seed, sample / PLACE_SHARE);
+        if (s % PLACE_SHARE == 0) lw_ray_launch_place(launch, tile, site);
+        struct flight *f = &flights->flight[flights->count++ % FLIGHTS];
+        float point[2];
+        for (uint32_t lane = 0; lane < LANES; lane++) f->texel[lane] = tile->first + launch->texel[lane];
+        f->sample = s;
+        f->active = launch->active;
+        f->flags = site->coherent ? LW_TRACE_COHERENT : LW_TRACE_LIGHT;
+        lw_sampling_point(seed, sample, launch->set, point);
+        lw_ray_launch_start(site, &f->rays);
+        aim(&site->lanes.at, lw_direction_cosine(point), t->tracing_range_m, &f->rays);
+        f->rays.salt = sample;
+        lw_trace_closest16(t->trace, f->flags, f->active, &f->rays, &f->hits);
+        count->bounce += (uint64_t)__builtin_popcount(f->active);
+        for (uint32_t lane = 0; lane < LANES; lane++)
+            if (f->hits.object[lane] != LW_TRACE_MISS)
+                __builtin_prefetch(
+                    lw_texels_triangle(t->texels, f->hits.object[lane], f->hits.triangle[lane]));
+        move_on(t, flights, count);
+    }
+}
+
+void lw_bounces_trace(const struct lw_transport *t, const struct lw_solve_tile *tile,
+                      struct lw_ray_count *count) {
+    struct lw_ray_launch launch[LW_PACKETS_MAX];
+    struct lw_ray_launch_site site;
+    struct flights flights = {.count = 0};
+    lw_sample_points_frame_init(&site.frame, &t->pose->object_to_world[tile->object]);
+    LW_TILES_EACH_BLOCK (tile, block) {
+        if (!block->due) continue;
+        lw_ray_launch_block(tile, block, t->texels->usable, t->seed,
+                            block->frames * t->indirect_samples / PLACE_SHARE, launch);
+        for (uint32_t set = 0; set < block->packet_count; set++)
+            trace_packet(t, tile, &launch[set], &site, &flights, count);
+    }
+    land(t, &flights, count);
+}
+
+static struct lw_vec3 radiance_at(const struct lw_transport *t, uint32_t end, uint32_t bounce) {
+    if (end == LW_RAY_HIT_NOTHING) return lw_vec3(0, 0, 0);
+    if (end & LW_RAY_HIT_PROBE)
+        return lw_probes_radiance(t->probes, bounce - 1, lw_ray_hit_probe(end), lw_ray_hit_direction(end));
+    const float *l = t->tiles->radiance[bounce - 1] + (size_t)end * 4;
+    return lw_vec3(l[0], l[1], l[2]);
+}
+
+struct lw_vec3 lw_bounces_at(const struct lw_transport *t, uint32_t texel, uint32_t bounce) {
+    const uint32_t n = t->indirect_samples;
+    const uint32_t *end = t->end + (size_t)texel * n;
+    struct lw_vec3 sum = {0};
+    for (uint32_t s = 0; s < n; s++) sum = lw_vec3_add(sum, radiance_at(t, end[s], bounce));
+    return lw_vec3_scale(sum, LW_PI / (float)n);
+}
+
+/* Ends lie anywhere in memory: what a few texels from here will read is sent for. */
+static void prefetch_ends(const struct lw_transport *t, uint32_t texel, uint32_t bounce) {
+    const uint32_t *end = t->end + (size_t)texel * t->indirect_samples;
+    for (uint32_t s = 0; s < t->indirect_samples; s++)
+        if (!(end[s] & LW_RAY_HIT_PROBE))
+            __builtin_prefetch(t->tiles->radiance[bounce - 1] + (size_t)end[s] * 4);
+}
+
+/* Where a bounce's estimates are summed. */
+static int estimate_of(uint32_t bounce) {
+    return LW_TILES_ESTIMATE_BOUNCES + (bounce == 1 ? LW_CHANGE_FIRST : LW_CHANGE_LATER);
+}
+
+void lw_bounces_gather(const struct lw_transport *t, const struct lw_solve_tile *tile, uint32_t bounce) {
+    float *const *estimate = t->tiles->estimate[estimate_of(bounce)];
+    const uint32_t count = tile->width * tile->height;
+    for (uint32_t i = 0; i < count; i++) {
+        const uint32_t texel = tile->first + i;
+        if (i + GATHER_AHEAD < count) prefetch_ends(t, texel + GATHER_AHEAD, bounce);
+        const struct lw_solve_block *block = lw_tiles_block(tile, i % tile->width, i / tile->width);
+        if (!block->due || !t->tiles->covered[texel]) continue;
+        const struct lw_vec3 e = lw_bounces_at(t, texel, bounce);
+        lw_tiles_blend(t->tiles->order[bounce - 1], texel, e, block->indirect.weight);
+        lw_tiles_store(estimate, texel, bounce <= 2 ? e : lw_vec3_add(lw_texels_vector(estimate, texel), e));
+    }
+}
+
+void lw_bounces_repeat(const struct lw_transport *t, const struct lw_solve_tile *tile,
+                       struct lw_ray_launch *launch, struct lw_ray_launch_site *site,
+                       struct lw_ray_count *count) {
+    if (!t->tiles->bounces) return;
+    launch->frames--;
+    lw_ray_launch_choose(launch, tile, t->texels->usable, t->seed,
+                         launch->frames * t->indirect_samples / PLACE_SHARE);
+    struct flights flights = {.count = 0};
+    trace_packet(t, tile, launch, site, &flights, count);
+    land(t, &flights, count);
+    launch->frames++;
+}
+
+void lw_bounces_radiate(const struct lw_transport *t, const struct lw_solve_tile *tile, uint32_t bounce) {
+    float *const *e = bounce == 0 ? t->tiles->direct : t->tiles->order[bounce - 1];
+    float *const *albedo = tile->mesh->albedo;
+    struct lw_vec3 *change = t->tiles->radiance_change[bounce];
+    for (uint32_t i = 0; i < tile->width * tile->height; i++) {
+        const uint32_t texel = tile->first + i;
+        float *l = t->tiles->radiance[bounce] + (size_t)texel * 4;
+        const struct lw_vec3 now = lw_vec3_scale(
+            lw_vec3_mul(lw_texels_vector(e, texel), lw_texels_vector(albedo, tile->local + i)), 1 / LW_PI);
+        if (t->tiles->covered[texel]) {
+            const uint32_t block = t->tiles->block_of_texel[texel];
+            change[block] = lw_vec3_mad(change[block], lw_vec3_sub(now, lw_vec3(l[0], l[1], l[2])),
+                                        1 / (float)t->tiles->block[block].covered_count);
+        }
+        l[0] = now.x;
+        l[1] = now.y;
+        l[2] = now.z;
+    }
+}

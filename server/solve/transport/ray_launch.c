@@ -1,0 +1,67 @@
+#include "server/solve/transport/ray_launch.h"
+
+#include "common/sampling.h"
+#include "common/wide.h"
+
+#define LANES LW_TRACE_WIDTH
+/* Packets whose normals agree to this cosine run parallel enough for Embree's coherent traversal. */
+#define COHERENT_COSINE 0.95f
+
+void lw_ray_launch_init(struct lw_ray_launch *launch, const struct lw_solve_tile *tile,
+                        const struct lw_solve_block *block, uint32_t set) {
+    const struct lw_packet *from = &block->packet[set];
+    const uint32_t index = (uint32_t)(block - tile->block), x = index % tile->block_columns,
+                   y = index / tile->block_columns;
+    const uint32_t corner = y * LW_TILE_BLOCK * tile->width + x * LW_TILE_BLOCK;
+    launch->set = set;
+    /* Numbered over the whole atlas, so that no two blocks of an object share a sequence. */
+    launch->block = (tile->y * LW_TILE_BLOCKS + y) << 16 | (tile->x * LW_TILE_BLOCKS + x);
+    launch->frames = block->frames;
+    launch->active = (uint16_t)((1u << from->count) - 1);
+    for (uint32_t lane = 0; lane < LANES; lane++) {
+        const uint32_t texel = from->texel[lane < from->count ? lane : 0];
+        launch->texel[lane] = corner + texel / LW_TILE_BLOCK * tile->width + texel % LW_TILE_BLOCK;
+    }
+}
+
+void lw_ray_launch_choose(struct lw_ray_launch *launch, const struct lw_solve_tile *tile,
+                          const uint8_t *usable, uint32_t seed, uint32_t sample) {
+    const uint32_t turn = lw_random_hash4(seed ^ tile->object, launch->block, sample / LW_SAMPLE_POINTS_MAX,
+                                          LW_SAMPLING_FOOTPRINT << 8 | launch->set);
+    for (uint32_t lane = 0; lane < LANES; lane++) {
+        const uint32_t texel = launch->texel[lane];
+        launch->place[lane] = tile->mesh->footprint.first[tile->local + texel] +
+                              lw_sample_points_choose(usable[tile->first + texel], sample, turn);
+    }
+}
+
+void lw_ray_launch_block(const struct lw_solve_tile *tile, const struct lw_solve_block *block,
+                         const uint8_t *usable, uint32_t seed, uint32_t sample,
+                         struct lw_ray_launch out[LW_PACKETS_MAX]) {
+    for (uint32_t set = 0; set < block->packet_count; set++) {
+        lw_ray_launch_init(&out[set], tile, block, set);
+        lw_ray_launch_choose(&out[set], tile, usable, seed, sample);
+        for (uint32_t lane = 0; lane < LANES; lane++)
+            __builtin_prefetch(&tile->mesh->footprint.place[out[set].place[lane]]);
+    }
+}
+
+/* Whether normals agree so far that rays about them run parallel enough. */
+LW_WIDE static bool agree(const struct lw_points16 *at) {
+    int32_t apart = 0;
+    for (uint32_t lane = 0; lane < LANES; lane++)
+        apart |=
+            at->nx[0] * at->nx[lane] + at->ny[0] * at->ny[lane] + at->nz[0] * at->nz[lane] > COHERENT_COSINE
+                ? 0
+                : -1;
+    return apart == 0;
+}
+
+void lw_ray_launch_place(const struct lw_ray_launch *launch, const struct lw_solve_tile *tile,
+                         struct lw_ray_launch_site *site) {
+    uint32_t texel[LANES];
+    for (uint32_t lane = 0; lane < LANES; lane++) texel[lane] = tile->local + launch->texel[lane];
+    lw_sample_points_load(&tile->mesh->footprint, tile->mesh->position, texel, launch->place, &site->lanes);
+    lw_sample_points_to_world(&site->frame, &site->lanes);
+    site->coherent = agree(&site->lanes.at);
+}

@@ -1,0 +1,46 @@
+/* transport.h: what direct light and bounces of a frame read.
+ * Flow:    texels, lights -> [direct_light] -> radiance -> [bounces: trace] -> [bounces: gather] x bounces -> estimates
+ * Threads: each call on it works on one tile; tiles are independent within a pass, passes are barriers apart. [any worker]
+ *
+ * Estimators (E: irradiance, N: samples; all means are unbiased):
+ *   punctual light    E += V E_normal cos                 one shadow ray each; where points and spots are many, they are
+ *                                                         split with the emitters into groups, of which one light each
+ *                                                         stands for all of its group, over its probability
+ *   emissive triangle E += (1/N) sum V L cos / p          split into groups likewise; p: probability of the triangle in
+ *                                                         its group times 1 / its solid angle; where it is far, times
+ *                                                         d^2 / (its area cos')
+ *   sky, environment  E += (1/N) sum V L cos / p          p = (1 - a) cos/pi + a p_bright: cosine-weighted, and where the
+ *                                                         environment stands out; a constant sky has a = 0
+ *   bounce k          E_k += (pi/N) sum L_{k-1}(end)      cosine-weighted directions
+ * (Uniform directions would need (2 pi/N) sum L cos; the 1/(N pi) of Vandersanden 2023, algorithm 3, is neither.) */
+#ifndef LW_TRANSPORT_TRANSPORT_H
+#define LW_TRANSPORT_TRANSPORT_H
+
+#include "common/light/lights.h"
+#include "common/trace/trace.h"
+#include "server/solve/state/tiles.h"
+#include "server/solve/transport/probes.h"
+
+/** What the transport of a frame reads. */
+struct lw_transport {
+    const struct lw_scene *scene;
+    const struct lw_pose *pose;
+    const struct lw_trace *trace;
+    const struct lw_lights *lights; /* without the client lights */
+    const struct lw_lights *drawn;  /* those; NULL: there are none, and lights are all */
+    const struct lw_texels *texels;
+    const struct lw_cells *cells;
+    const struct lw_probes *probes; /* NULL: the tracing range is infinite */
+    struct lw_tiles *tiles;
+    uint32_t *end; /* indirect_samples words per texel of the global numbering (ray_hit.h) */
+    uint32_t direct_samples, indirect_samples, seed;
+    float tracing_range_m;
+    float target_error; /* of what rests */
+};
+
+/** Rays shot for a tile. */
+struct lw_ray_count {
+    uint64_t shadow, bounce;
+};
+
+#endif

@@ -1,0 +1,265 @@
+/* Texels as areas: shadow edges through them, smooth normals on coarse meshes, rooms apart by thin walls at any scale. */
+#include "tests/reference/room.h"
+
+#include "server/solve/surface/texels.h"
+
+#include <math.h>
+#include <string.h>
+
+#define DENSITY 4 /* texels per metre: coarse, so that edges fall inside texels */
+
+/* A floor of 8 m x 8 m under a sun at the zenith and a half plane whose edge runs through (at, 0) at `angle` to Z. */
+struct edge {
+    double at, sine, cosine;
+    double worst, sum, want, area; /* of the texels: largest error of one; means */
+};
+
+static double lit(const struct edge *e, double x, double z) {
+    return (x - e->at) * e->cosine + z * e->sine > 0 ? 1 : 0;
+}
+
+static void compare_with_lit_share(void *user, struct lw_vec3 p, double area, double direct,
+                                   double indirect) {
+    (void)indirect;
+    struct edge *e = user;
+    if (area < 0.999) return;
+    const int side = 64;
+    double share = 0;
+    for (int i = 0; i < side; i++)
+        for (int j = 0; j < side; j++)
+            share += lit(e, (double)p.x + ((i + 0.5) / side - 0.5) / DENSITY,
+                         (double)p.z + ((j + 0.5) / side - 0.5) / DENSITY);
+    share /= side * side;
+    e->worst = fmax(e->worst, fabs(direct - share));
+    e->sum += direct;
+    e->want += share;
+    e->area += 1;
+}
+
+static void expect_shadow_edge(double at, double angle) {
+    struct room room = {.texels_per_metre = DENSITY};
+    struct edge edge = {.at = at, .sine = sin(angle), .cosine = cos(angle)};
+    room_quad(&room, lw_vec3(-4, 0, -4), lw_vec3(0, 0, 8), lw_vec3(8, 0, 0), 0.5f, 0);
+    /* the half plane behind the edge, facing up; its back must not look as if it buried the floor */
+    const struct lw_vec3 along = lw_vec3((float)-edge.sine * 40, 0, (float)edge.cosine * 40),
+                         away = lw_vec3((float)-edge.cosine * 40, 0, (float)-edge.sine * 40);
+    struct lw_vec3 corner = lw_vec3_mad(lw_vec3((float)at, 3, 0), along, 0.5f);
+    room_quad(&room, lw_vec3_add(corner, away), lw_vec3_scale(along, -1), lw_vec3_scale(away, -1), 0, 0);
+    room.quad[1].double_sided = true;
+    room.light[room.light_count++] = (struct lw_light){.kind = LW_LIGHT_DIRECTIONAL, .intensity = {1, 1, 1}};
+    struct room_solution solution;
+    room_solve(&solution, &room, (struct lw_solver_desc){.direct_samples = 1}, 16);
+    room_each_texel(&solution, 0, compare_with_lit_share, &edge);
+    assert_true(edge.area >= 31 * 31);
+    /* A straight edge splits the eight places as it splits the square: to 1/16 along an axis, to little over 1/8 aslant. */
+    if (edge.worst > (angle == 0 ? 0.07 : 0.16))
+        fail_msg("edge at %g, %g rad: a texel is off by %.3f", at, angle, edge.worst);
+    expect_near(edge.sum / edge.area, edge.want / edge.area, 0.005);
+    room_finish(&solution);
+}
+
+static void test_texels_hold_the_lit_share_of_a_shadow_edge(void **state) {
+    (void)state;
+    const double angle[] = {0, 0.5, 0.7854, 1.5708, 2.6};
+    for (unsigned i = 0; i < sizeof angle / sizeof *angle; i++) expect_shadow_edge(0.1 + 0.07 * i, angle[i]);
+}
+
+/* Many samples a frame go through the places within the frame. */
+static void test_samples_of_one_frame_spread_over_the_texel(void **state) {
+    (void)state;
+    struct room room = {.texels_per_metre = DENSITY};
+    room_quad(&room, lw_vec3(-4, 0, -4), lw_vec3(0, 0, 8), lw_vec3(8, 0, 0), 0.5f, 0);
+    room_quad(&room, lw_vec3(0.1f, 1e-3f, -4), lw_vec3(0, 0, 8), lw_vec3(8, 0, 0), 0, 0);
+    room.quad[1].double_sided = true;
+    room.sky = 1;
+    struct room_solution solution;
+    struct edge edge = {.at = 0.1, .cosine = -1};
+    room_solve(&solution, &room, (struct lw_solver_desc){.direct_samples = 8}, 1);
+    /* the floor sees the sky where the plate, a millimetre above it, does not cover it: as the sun above */
+    solution.scene->sky[0] = 1;
+    room_each_texel(&solution, 0, compare_with_lit_share, &edge);
+    room_finish(&solution);
+    assert_true(edge.sum > 0);
+    expect_near(edge.sum / edge.area / acos(-1.0), edge.want / edge.area, 0.01);
+}
+
+#define SEGMENTS 16
+#define RINGS    8
+#define TURN     0.19f
+
+/* A sphere of radius 1 with smooth normals and few faces. */
+static struct lw_scene *coarse_sphere(void) {
+    struct lw_scene *scene;
+    lw_support_ok(lw_scene_create(&scene), NULL);
+    scene->name = "sphere";
+    scene->mesh_count = scene->material_count = scene->object_count = scene->light_count = 1;
+    scene->node_count = 2;
+    scene->mesh = lw_scene_alloc(scene, 1, sizeof *scene->mesh);
+    scene->material = lw_scene_alloc(scene, 1, sizeof *scene->material);
+    scene->object = lw_scene_alloc(scene, 1, sizeof *scene->object);
+    scene->node = lw_scene_alloc(scene, 2, sizeof *scene->node);
+    scene->light = lw_scene_alloc(scene, 1, sizeof *scene->light);
+    struct lw_vec3 *position = lw_scene_alloc(scene, (RINGS + 1) * SEGMENTS, sizeof *position);
+    uint32_t(*triangle)[3] = lw_scene_alloc(scene, 2 * SEGMENTS * (RINGS - 1), sizeof *triangle);
+    uint32_t *material = lw_scene_alloc(scene, 2 * SEGMENTS * (RINGS - 1), sizeof *material), n = 0;
+    assert_true(position && triangle && material);
+    for (uint32_t r = 0; r <= RINGS; r++)
+        for (uint32_t s = 0; s < SEGMENTS; s++) {
+            double polar = acos(-1.0) * r / RINGS, around = 2 * acos(-1.0) * s / SEGMENTS;
+            position[r * SEGMENTS + s] = lw_vec3((float)(sin(polar) * cos(around)), (float)cos(polar),
+                                                 (float)(-sin(polar) * sin(around)));
+        }
+    for (uint32_t r = 0; r < RINGS; r++)
+        for (uint32_t s = 0; s < SEGMENTS; s++) {
+            uint32_t a = r * SEGMENTS + s, b = r * SEGMENTS + (s + 1) % SEGMENTS;
+            if (r < RINGS - 1)
+                memcpy(triangle[n++], (uint32_t[3]){a, a + SEGMENTS, b + SEGMENTS}, sizeof *triangle);
+            if (r > 0) memcpy(triangle[n++], (uint32_t[3]){a, b + SEGMENTS, b}, sizeof *triangle);
+        }
+    scene->mesh[0] = (struct lw_mesh){.name = "sphere",
+                                      .vertex_count = (RINGS + 1) * SEGMENTS,
+                                      .triangle_count = n,
+                                      .position = position,
+                                      .normal = position,
+                                      .triangle = triangle,
+                                      .material = material};
+    scene->material[0] = (struct lw_material){
+        .name = "grey",
+        .base_colour = {0.5f, 0.5f, 0.5f, 1},
+        .base_colour_texture = {.texture = LW_SCENE_NONE, .transform = {1, 0, 0, 0, 1, 0}},
+        .emission_texture = {.texture = LW_SCENE_NONE, .transform = {1, 0, 0, 0, 1, 0}}};
+    scene->object[0] = (struct lw_object){.name = "sphere"};
+    for (int i = 0; i < 2; i++)
+        scene->node[i] = (struct lw_node){
+            .name = "", .parent = LW_SCENE_NONE, .rotation = {0, 0, 0, 1}, .scale = {1, 1, 1}};
+    /* a sun along -Z, turned so that its terminator runs through the middle of faces */
+    scene->node[1].rotation[1] = sinf(0.5f * TURN);
+    scene->node[1].rotation[3] = cosf(0.5f * TURN);
+    scene->light[0] =
+        (struct lw_light){.name = "sun", .node = 1, .kind = LW_LIGHT_DIRECTIONAL, .intensity = {1, 1, 1}};
+    return scene;
+}
+
+/* Every texel of the sphere gets the cosine of its shading normals with the sun: nothing is in the sun's way but the
+ * face itself, whose edges a smooth normal denies. */
+static void test_a_coarse_sphere_shades_smoothly(void **state) {
+    (void)state;
+    struct room_solution solution;
+    struct lw_scene *scene = coarse_sphere();
+    room_solve_scene(&solution, scene, 16, (struct lw_solver_desc){.direct_samples = 1}, 32);
+    struct lw_error err = {0};
+    struct lw_texels texels;
+    lw_support_ok(lw_texels_init(&texels, scene, 1, &err), &err);
+    const struct lw_mesh_texels *mesh = &texels.mesh[0];
+    unsigned lit_texels = 0, near_terminator = 0;
+    double sum = 0, want_sum = 0;
+    for (uint32_t t = 0; t < solution.map.atlas[0].level[0].tiles_x * solution.map.atlas[0].level[0].tiles_y;
+         t++) {
+        struct lw_solver_tile tile;
+        solution.solver->ops->read_tile(solution.solver, (lw_tile_id){t}, &tile);
+        const uint32_t start = lw_texels_tile_start(mesh, t % solution.map.atlas[0].level[0].tiles_x,
+                                                    t / solution.map.atlas[0].level[0].tiles_x);
+        for (uint32_t i = 0; i < tile.width * tile.height; i++) {
+            if (!tile.covered[i]) continue;
+            const double cosine =
+                (double)(mesh->normal[2][start + i] * cosf(TURN) + mesh->normal[0][start + i] * sinf(TURN));
+            /* a texel spans 0.06 rad and its normals the more; the mean of the clamped cosine lies off the middle's */
+            if (fabs((double)tile.direct[0][i] - fmax(0, cosine)) > 0.05)
+                fail_msg("cosine %.3f, E %.3f", cosine, (double)tile.direct[0][i]);
+            sum += (double)tile.direct[0][i];
+            want_sum += fmax(0, cosine);
+            lit_texels += cosine > 0.05;
+            near_terminator += cosine > 0.05 && cosine < 0.3;
+        }
+    }
+    assert_true(lit_texels > 500 && near_terminator > 100);
+    expect_near(sum, want_sum, 0.01);
+    lw_texels_finish(&texels);
+    room_finish(&solution);
+}
+
+/* Two rooms in one shell, apart by a wall; one is lit. The walls are of two faces, `thick` apart. */
+static double leak(double scale, struct lw_vec3 offset, double thick) {
+    struct room room = {.texels_per_metre = (float)(6 / scale)};
+    const float s = (float)scale, t = (float)(0.5 * thick * scale);
+    const struct lw_vec3 x = lw_vec3(4 * s, 0, 0), y = lw_vec3(0, 2 * s, 0), z = lw_vec3(0, 0, 2 * s),
+                         o = offset;
+    room_quad(&room, o, z, x, 0.7f, 0);                 /* floor of both */
+    room_quad(&room, lw_vec3_add(o, y), x, z, 0.7f, 0); /* ceiling of both */
+    room_quad(&room, o, x, y, 0.7f, 0);                 /* z = 0, facing +Z */
+    room_quad(&room, lw_vec3_add(o, z), y, x, 0.7f, 0);
+    room_quad(&room, o, y, z, 0.7f, 0); /* x = 0, facing +X */
+    room_quad(&room, lw_vec3_add(o, x), z, y, 0.7f, 0);
+    const struct lw_vec3 left = lw_vec3_add(o, lw_vec3(2 * s - t, 0, 0)),
+                         right = lw_vec3_add(o, lw_vec3(2 * s + t, 0, 0));
+    room_quad(&room, left, z, y, 0.7f, 0);  /* facing -X */
+    room_quad(&room, right, y, z, 0.7f, 0); /* facing +X */
+    room.light[0] = (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {s * s, s * s, s * s}};
+    room.light_position[0] = lw_vec3_add(o, lw_vec3(s, 1.5f * s, s));
+    room.light_count = 1;
+    struct room_solution solution;
+    room_solve(&solution, &room, (struct lw_solver_desc){.bounces = 3, .indirect_samples = 4}, 16);
+    const double lit_side = room_object_mean(&solution, 4).total,
+                 dark_side = room_object_mean(&solution, 5).total,
+                 wall = room_object_mean(&solution, 7).total,
+                 brightest = room_object_mean(&solution, 6).total;
+    room_finish(&solution);
+    assert_true(lit_side > 0.1 && brightest > 0.1);
+    return fmax(dark_side, wall) / lit_side;
+}
+
+static void test_no_light_leaks_between_two_rooms(void **state) {
+    (void)state;
+    const struct {
+        double scale, offset, thick;
+    } cases[] = {{1, 0, 0.1},     {1, 0, 1e-3},  {1e-3, 0, 0.1}, {1e-3, 1, 0.1}, {1e5, 0, 0.1},
+                 {1e5, 1e5, 0.1}, {1, 1e4, 0.1}, {1, 1e5, 0.2},  {1, 10, 0},     {1e3, 0, 1e-5}};
+    for (unsigned i = 0; i < sizeof cases / sizeof *cases; i++) {
+        const float at = (float)cases[i].offset;
+        double share = leak(cases[i].scale, lw_vec3(at, 0.7f * at, -at), cases[i].thick);
+        if (share > 1e-4)
+            fail_msg("scale %g at %g, wall %g: %.2g of the light passes", cases[i].scale, cases[i].offset,
+                     cases[i].thick, share);
+    }
+}
+
+static void count_mixed(void *user, struct lw_vec3 p, double area, double direct, double indirect) {
+    (void)p, (void)area, (void)indirect;
+    unsigned *count = user;
+    count[direct < 1 ? 0 : direct > 99 ? 1 : 2]++;
+}
+
+/* A wall through the middle of texels, with a roof on one side of it: the sun outside does not light the floor inside, nor
+ * the other way round; each texel belongs to the side that has more of it. */
+static void test_a_wall_parts_the_texels_under_it(void **state) {
+    (void)state;
+    for (int i = 0; i < 2; i++) {
+        const float x = i ? 0.15f : 0.1f; /* texels of 0.25 m begin at 0 */
+        struct room room = {.texels_per_metre = 4};
+        room_quad(&room, lw_vec3(-2, 0, -2), lw_vec3(0, 0, 4), lw_vec3(4, 0, 0), 0, 0);
+        room_quad(&room, lw_vec3(x, 0, -3), lw_vec3(0, 0, 6), lw_vec3(0, 1, 0), 0, 0);
+        room_quad(&room, lw_vec3(-3, 1, -3), lw_vec3(0, 0, 6), lw_vec3(3 + x, 0, 0), 0, 0);
+        room.quad[1].double_sided = room.quad[2].double_sided = true;
+        room.light[0] = (struct lw_light){.kind = LW_LIGHT_DIRECTIONAL, .intensity = {100, 100, 100}};
+        room.light_count = 1;
+        struct room_solution solution;
+        unsigned count[3] = {0};
+        room_solve(&solution, &room, (struct lw_solver_desc){0}, 16);
+        room_each_texel(&solution, 0, count_mixed, count);
+        assert_int_equal(count[2], 0);
+        assert_int_equal(count[0], 16 * (i ? 9 : 8));
+        assert_int_equal(count[1], 16 * (i ? 7 : 8));
+        room_finish(&solution);
+    }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_texels_hold_the_lit_share_of_a_shadow_edge),
+        cmocka_unit_test(test_samples_of_one_frame_spread_over_the_texel),
+        cmocka_unit_test(test_a_coarse_sphere_shades_smoothly),
+        cmocka_unit_test(test_no_light_leaks_between_two_rooms),
+        cmocka_unit_test(test_a_wall_parts_the_texels_under_it),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,87 @@
+#include "tests/support/support.h"
+
+#include "common/scene/builtin.h"
+#include "common/scene/lightmap.h"
+#include "server/solve/surface/invalid_texels.h"
+
+#include <string.h>
+
+static uint32_t object_named(const struct lw_scene *scene, const char *name) {
+    for (uint32_t o = 0; o < scene->object_count; o++)
+        if (strcmp(scene->object[o].name, name) == 0) return o;
+    fail_msg("no object %s", name);
+    return 0;
+}
+
+/* Texels of an object that have surface; all: whether light reaches it or not. */
+static uint32_t covered(const struct lw_texels *texels, uint32_t object, bool all) {
+    const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[object].mesh];
+    uint32_t count = 0;
+    for (uint32_t i = 0; i < mesh->texel_count; i++)
+        count += all ? mesh->covered[i] : texels->covered[texels->first[object] + i];
+    return count;
+}
+
+/* The floor under the two blocks of the Cornell box comes to light as they go, one after the other. */
+static void what_was_buried_comes_to_light(void **state) {
+    (void)state;
+    struct lw_scene *scene;
+    struct lw_pose pose;
+    struct lw_trace *trace;
+    struct lw_texels texels;
+    struct lw_error err = {0};
+    lw_support_ok(lw_builtin_build("builtin:cornell", &scene, &err), &err);
+    const uint32_t floor = object_named(scene, "floor"), tall = object_named(scene, "tall block"),
+                   small = object_named(scene, "short block");
+    /* slabs: only what is close above a texel buries it */
+    scene->node[scene->object[tall].node].scale[1] = scene->node[scene->object[small].node].scale[1] = 0.01f;
+    lw_support_ok(lw_lightmap_build(scene, &(struct lw_lightmap_desc){.texels_per_metre = 20}, NULL, &err),
+                  &err);
+    lw_support_ok(lw_pose_init(&pose, scene), NULL);
+    lw_support_ok(lw_trace_create(scene, &pose, &trace, &err), &err);
+    lw_support_ok(lw_texels_init(&texels, scene, 1, &err), &err);
+    const uint32_t all = covered(&texels, floor, true);
+    assert_true(lw_invalid_texels_find(&texels, &pose, trace, 1) > 0);
+    const uint32_t with_both = covered(&texels, floor, false);
+    assert_true(with_both < all); /* some 0.6 m x 0.6 m under each */
+    struct lw_pose before;
+    lw_support_ok(lw_pose_init(&before, scene), NULL);
+    lw_support_ok(lw_invalid_texels_review(&texels, &before, &pose, trace, 1),
+                  NULL); /* nothing has changed */
+    assert_int_equal(covered(&texels, floor, false), with_both);
+
+    pose.object_dynamic[tall] = pose.object_hidden[tall] = true;
+    lw_support_ok(lw_trace_set_pose(trace, &pose, &err), &err);
+    lw_support_ok(lw_invalid_texels_review(&texels, &before, &pose, trace, 1), NULL);
+    const uint32_t with_one = covered(&texels, floor, false);
+    assert_true(with_both < with_one && with_one < all);
+    assert_int_equal(covered(&texels, tall, false), covered(&texels, tall, true)); /* its foot, too */
+    assert_true(covered(&texels, small, false) <= covered(&texels, small, true));
+
+    lw_pose_copy(&before, &pose, scene);
+    pose.object_dynamic[small] = true;
+    pose.object_to_world[small].m[1][3] += 5;
+    lw_support_ok(lw_trace_set_pose(trace, &pose, &err), &err);
+    lw_support_ok(lw_invalid_texels_review(&texels, &before, &pose, trace, 1), NULL);
+    const uint32_t with_none = covered(&texels, floor, false);
+    assert_true(with_one < with_none);
+
+    /* as if there had never been a block: what the walls bury stays so */
+    struct lw_texels fresh;
+    lw_support_ok(lw_texels_init(&fresh, scene, 1, &err), &err);
+    lw_invalid_texels_find(&fresh, &pose, trace, 1);
+    assert_int_equal(with_none, covered(&fresh, floor, false));
+    assert_memory_equal(texels.covered, fresh.covered, texels.count);
+    assert_memory_equal(texels.usable, fresh.usable, texels.count);
+    lw_texels_finish(&fresh);
+    lw_texels_finish(&texels);
+    lw_trace_destroy(trace);
+    lw_pose_finish(&before);
+    lw_pose_finish(&pose);
+    lw_scene_destroy(scene);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(what_was_buried_comes_to_light)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
