@@ -18,6 +18,7 @@ forbid() {
 }
 
 forbid common '(proto|server|client)/' 'common knows nobody'
+forbid common/scene 'common/(lightmap|builtin|open)/' 'the scene knows neither lightmaps nor builtin scenes'
 forbid proto '(server|client)/' 'proto knows common alone'
 forbid server '(client|lightwell)/' 'the server does not know the client'
 forbid client 'server/' 'the client does not know the server'

@@ -2,15 +2,15 @@
  * Flow:    options -> scene -> solver -> frames until there is enough light -> EXRs, .glb, index.json
  * Threads: main; the solver's own workers inside a frame. */
 #include "common/atomic_file.h"
+#include "common/builtin/builtin.h"
 #include "common/interrupt.h"
 #include "common/light/client_lights.h"
+#include "common/lightmap/lightmap.h"
 #include "common/log.h"
+#include "common/open/scene_open.h"
 #include "common/options.h"
 #include "common/progress.h"
-#include "common/scene/builtin.h"
-#include "common/scene/lightmap.h"
 #include "common/scene/package.h"
-#include "common/scene/scene_open.h"
 #include "common/wait_policy.h"
 #include "server/bake/bake.h"
 #include "server/bake/glb_scene.h"

@@ -2,15 +2,15 @@
  * Threads: main is the loop [loop]; one solver thread [solver] simulates, solves and publishes. They share the server's
  *          hand-over and two flags, nothing else. */
 #include "common/atomic_file.h"
+#include "common/builtin/builtin.h"
 #include "common/clock.h"
 #include "common/interrupt.h"
 #include "common/light/client_lights.h"
+#include "common/lightmap/lightmap.h"
 #include "common/log.h"
+#include "common/open/scene_open.h"
 #include "common/options.h"
-#include "common/scene/builtin.h"
-#include "common/scene/lightmap.h"
 #include "common/scene/package.h"
-#include "common/scene/scene_open.h"
 #include "common/scene/scene_spares.h"
 #include "common/scene/scene_state.h"
 #include "common/tile/tile_codec.h"

@@ -5,8 +5,8 @@
 
 #include "client/crossover/crossover_store.h"
 #include "client/view/path_renderer.h"
+#include "common/open/scene_open.h"
 #include "common/scene/scene_motion.h"
-#include "common/scene/scene_open.h"
 
 #define LW_CROSSOVER_DENSITIES_MAX 8u
 #define LW_CROSSOVER_PATHS_MAX     8u

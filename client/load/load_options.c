@@ -1,7 +1,7 @@
 #include "client/load/load_options.h"
 
+#include "common/open/scene_open.h"
 #include "common/options.h"
-#include "common/scene/scene_open.h"
 
 #include <math.h>
 #include <stdlib.h>

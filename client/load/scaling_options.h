@@ -5,8 +5,8 @@
 
 #include "client/load/views.h"
 #include "client/view/path_renderer.h"
+#include "common/open/scene_open.h"
 #include "common/scene/scene_motion.h"
-#include "common/scene/scene_open.h"
 
 #define LW_SCALING_USERS_MAX   4096u
 #define LW_SCALING_COUNTS_MAX  32u /* user counts in one run */

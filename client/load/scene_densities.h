@@ -4,8 +4,8 @@
 #ifndef LW_CLIENT_LOAD_SCENE_DENSITIES_H
 #define LW_CLIENT_LOAD_SCENE_DENSITIES_H
 
+#include "common/open/scene_open.h"
 #include "common/scene/scene_motion.h"
-#include "common/scene/scene_open.h"
 
 #include <limits.h>
 

@@ -3,8 +3,8 @@
 #include "client/view/direct_pixels.h"
 #include "client/view/place.h"
 #include "common/colour.h"
+#include "common/lightmap/lightmap.h"
 #include "common/scene/environment.h"
-#include "common/scene/lightmap.h"
 
 #include <omp.h>
 #include <stdlib.h>

@@ -6,7 +6,7 @@
 #include "client/view/camera.h"
 #include "client/view/path_trace.h"
 #include "client/view/tonemap.h"
-#include "common/scene/scene_open.h"
+#include "common/open/scene_open.h"
 #include "common/status.h"
 
 #include <stdint.h>

@@ -76,7 +76,7 @@ struct lw_mesh {
     const uint32_t (*triangle)[3];  /* vertex indices */
     const uint32_t *material;       /* per triangle */
 
-    /* Lightmap (common/scene/lightmap.h). Atlas coordinates are in texels: texel (i, j) has its centre at
+    /* Lightmap (common/lightmap/lightmap.h). Atlas coordinates are in texels: texel (i, j) has its centre at
      * (i + 0.5, j + 0.5). A mesh with double-sided triangles keeps the light of their backs in a second copy of the
      * chart layout, back_offset rows further down; back_offset = 0 if the mesh has no back. */
     const struct lw_vec2 *lightmap_uv;  /* per vertex; NULL before lw_lightmap_build() */

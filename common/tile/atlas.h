@@ -14,7 +14,7 @@
 #define LW_ATLAS_COARSEST   16u /* texels */
 #define LW_ATLAS_LEVELS_MAX 12u
 
-/* Coarser levels stand in only until finer ones arrive: up to here charts lie apart (common/scene/lightmap.h). */
+/* Coarser levels stand in only until finer ones arrive: up to here charts lie apart (common/lightmap/lightmap.h). */
 #define LW_ATLAS_READ_MAX 2u
 /* Views read tiles that show more relative noise than these at level 2 (16 times the samples), or at level 1; so the server
  * tells them when a tile crosses one. */

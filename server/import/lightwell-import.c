@@ -1,11 +1,11 @@
 /* lightwell-import: turns a scene file into a scene package (.lwscene), with lightmap UVs.
  * Flow:    a file in one of LW_SCENE_FORMAT_MAP, or builtin:NAME -> scene -> lightmap UVs -> package */
+#include "common/builtin/builtin.h"
 #include "common/clock.h"
+#include "common/lightmap/lightmap.h"
 #include "common/log.h"
 #include "common/options.h"
 #include "common/progress.h"
-#include "common/scene/builtin.h"
-#include "common/scene/lightmap.h"
 #include "common/scene/package.h"
 #include "common/scene/pose.h"
 #include "common/trace/trace.h"

@@ -5,7 +5,7 @@
  * makes it the light at its middle, not that of the part of it which has surface. Bilinear lookups on the rim must read a
  * continuation of the chart. On level 0 the solver has filled two texels around it, chart by chart. On levels 1 and 2 what
  * is left next to covered texels is filled with the mean of their covered neighbours: charts lie in blocks of 4 x 4 texels
- * with a gutter (common/scene/lightmap.h), so all of this is of the same chart, but for slivers. Coarser levels are
+ * with a gutter (common/lightmap/lightmap.h), so all of this is of the same chart, but for slivers. Coarser levels are
  * placeholders and are filled completely.
  *
  * Down to level 2 only what hangs on the tiles loaded since the last time is built; what is coarser, a 48th of all texels, as a whole. */

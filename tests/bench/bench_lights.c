@@ -10,11 +10,11 @@
  *   relmse          of the texels' E: mean((x - a)(x - b) / (t^2 + eps)): a, b two truths with seeds of their own after
  *                   --truth frames, t their mean, eps 1 % of the mean of t^2: their own noise drops out.
  *   bias            mean of x over that of t, less 1 */
+#include "common/builtin/builtin_stage.h"
 #include "common/clock.h"
 #include "common/colour.h"
+#include "common/lightmap/lightmap.h"
 #include "common/random.h"
-#include "common/scene/builtin_stage.h"
-#include "common/scene/lightmap.h"
 #include "server/solve/cell_solver.h"
 #include "server/solve/transport/direct_light.h"
 #include "tests/bench/bench_setup.h"

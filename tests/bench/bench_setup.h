@@ -3,8 +3,8 @@
 #ifndef LW_TESTS_BENCH_SETUP_H
 #define LW_TESTS_BENCH_SETUP_H
 
+#include "common/open/scene_open.h"
 #include "common/scene/pose.h"
-#include "common/scene/scene_open.h"
 #include "common/tile/atlas.h"
 
 /** A program that does the same with each of its SCENEs. */

@@ -3,7 +3,7 @@
 #include "tests/support/process.h"
 
 #include "common/image/image.h"
-#include "common/scene/lightmap.h"
+#include "common/lightmap/lightmap.h"
 #include "common/scene/package.h"
 #include "common/scene/pose.h"
 #include "server/import/gltf.h"

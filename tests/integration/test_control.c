@@ -2,10 +2,10 @@
  * has it. */
 #include "tests/support/process.h"
 
+#include "common/builtin/builtin.h"
 #include "common/clock.h"
 #include "common/image/image.h"
-#include "common/scene/builtin.h"
-#include "common/scene/lightmap.h"
+#include "common/lightmap/lightmap.h"
 #include "common/scene/package.h"
 #include "common/scene/pose.h"
 #include "common/scene/scene.h"

@@ -2,10 +2,10 @@
 #include "tests/support/process.h"
 
 #include "common/clock.h"
+#include "common/lightmap/lightmap.h"
 #include "common/log.h"
+#include "common/open/import_spawn.h"
 #include "common/sanitizer.h"
-#include "common/scene/import_spawn.h"
-#include "common/scene/lightmap.h"
 #include "common/scene/package.h"
 #include "common/scene/pose.h"
 #include "server/import/gltf.h"

@@ -4,8 +4,8 @@
 #include "tests/support/support.h"
 
 #include "common/log.h"
+#include "common/open/import_spawn.h"
 #include "common/sanitizer.h"
-#include "common/scene/import_spawn.h"
 #include "common/scene/package.h"
 #include "common/scene/pose.h"
 #include "server/import/foreign.h"

@@ -1,7 +1,7 @@
 /* Opening scenes with an environment: the EXR is read by the importer's process, for scene files and for packages. */
 #include "common/image/image.h"
+#include "common/open/scene_open.h"
 #include "common/scene/package.h"
-#include "common/scene/scene_open.h"
 #include "tests/support/support.h"
 
 #include <math.h>

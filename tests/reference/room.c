@@ -1,6 +1,6 @@
 #include "tests/reference/room.h"
 
-#include "common/scene/lightmap.h"
+#include "common/lightmap/lightmap.h"
 #include "server/solve/surface/texels.h"
 
 #include <math.h>

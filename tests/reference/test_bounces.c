@@ -1,7 +1,7 @@
 /* Indirect light against closed forms and against itself: the closed furnace, threads, linearity, rest. */
 #include "tests/reference/room.h"
 
-#include "common/scene/builtin.h"
+#include "common/builtin/builtin.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -3,8 +3,8 @@
 
 #include "client/view/compose.h"
 #include "client/view/path_trace.h"
-#include "common/scene/builtin.h"
-#include "common/scene/lightmap.h"
+#include "common/builtin/builtin.h"
+#include "common/lightmap/lightmap.h"
 
 #include <math.h>
 #include <stdlib.h>

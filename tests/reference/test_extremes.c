@@ -1,5 +1,5 @@
 /* Scenes at the edge of what there can be: hardly any texels, hardly any extent, no light, a million lights. */
-#include "common/scene/lightmap.h"
+#include "common/lightmap/lightmap.h"
 #include "tests/reference/room.h"
 
 #define LIGHTS (1u << 20)

@@ -1,7 +1,7 @@
 /* The denoiser against converged paths: a camera moves and turns through a scene whose objects move, one path per pixel. */
 #include "client/load/path_world.h"
 #include "client/view/svgf.h"
-#include "common/scene/builtin.h"
+#include "common/builtin/builtin.h"
 #include "tests/support/support.h"
 
 #include <math.h>

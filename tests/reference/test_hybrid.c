@@ -1,7 +1,7 @@
 /* The hybrid: bounce rays of finite range, which ask probes. Against closed forms and against rays without an end. */
 #include "tests/reference/room.h"
 
-#include "common/scene/builtin.h"
+#include "common/builtin/builtin.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -3,7 +3,7 @@
 #include "client/load/path_world.h"
 #include "client/view/path_renderer.h"
 #include "client/view/svgf.h"
-#include "common/scene/builtin.h"
+#include "common/builtin/builtin.h"
 #include "tests/support/support.h"
 
 #include <math.h>

@@ -1,8 +1,8 @@
 /* The path tracer against closed forms. Tolerances come from the spread over seeds: pixels of a picture share random
  * numbers, pictures of different seeds do not. */
 #include "client/load/path_world.h"
+#include "common/builtin/builtin.h"
 #include "common/colour.h"
-#include "common/scene/builtin.h"
 #include "tests/reference/room.h"
 
 #include <string.h>

@@ -1,8 +1,8 @@
 /* Seams: walks every seam of a scene and reads both sides as the viewer does. */
 #include "tests/reference/room.h"
 
-#include "common/scene/builtin.h"
-#include "common/scene/scene_open.h"
+#include "common/builtin/builtin.h"
+#include "common/open/scene_open.h"
 #include "tests/support/seam_walk.h"
 
 #include <math.h>

@@ -1,6 +1,6 @@
 #include "tests/support/seam_walk.h"
 
-#include "common/scene/lightmap.h"
+#include "common/lightmap/lightmap.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "common/scene/builtin.h"
+#include "common/builtin/builtin.h"
 #include "common/scene/package.h"
 #include "common/scene/pose.h"
 #include "common/trace/trace.h"

@@ -1,8 +1,8 @@
 /* Who draws a light: the rule, names, bits of the wire; parts of the lights add up to all. */
+#include "common/builtin/builtin.h"
 #include "common/colour.h"
 #include "common/light/client_lights.h"
 #include "common/random.h"
-#include "common/scene/builtin.h"
 #include "tests/support/support.h"
 
 #include <math.h>

@@ -3,8 +3,8 @@
 #include "client/load/fixed_views.h"
 #include "client/load/path_world.h"
 #include "client/load/views.h"
-#include "common/scene/builtin.h"
-#include "common/scene/scene_open.h"
+#include "common/builtin/builtin.h"
+#include "common/open/scene_open.h"
 
 #include <math.h>
 #include <string.h>

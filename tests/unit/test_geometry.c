@@ -1,7 +1,7 @@
 #include "tests/support/support.h"
 
 #include "common/clock.h"
-#include "common/scene/lightmap.h"
+#include "common/lightmap/lightmap.h"
 #include "server/solve/geometry.h"
 #include "server/solve/state/tiles.h"
 

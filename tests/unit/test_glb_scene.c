@@ -2,7 +2,7 @@
  * (second texture coordinates, extensions, extras) is looked up in the JSON. */
 #include "tests/support/support.h"
 
-#include "common/scene/lightmap.h"
+#include "common/lightmap/lightmap.h"
 #include "common/scene/pose.h"
 #include "server/bake/glb_scene.h"
 #include "server/import/gltf.h"

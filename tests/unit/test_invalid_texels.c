@@ -1,7 +1,7 @@
 #include "tests/support/support.h"
 
-#include "common/scene/builtin.h"
-#include "common/scene/lightmap.h"
+#include "common/builtin/builtin.h"
+#include "common/lightmap/lightmap.h"
 #include "server/solve/surface/invalid_texels.h"
 
 #include <string.h>

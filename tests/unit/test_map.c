@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "common/scene/lightmap.h"
+#include "common/lightmap/lightmap.h"
 #include "server/bake/map.h"
 
 #include <math.h>

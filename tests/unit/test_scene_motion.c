@@ -1,9 +1,9 @@
 #include "tests/support/support.h"
 
-#include "common/scene/builtin.h"
+#include "common/builtin/builtin.h"
+#include "common/open/scene_open.h"
 #include "common/scene/pose.h"
 #include "common/scene/scene_motion.h"
-#include "common/scene/scene_open.h"
 
 #include <math.h>
 #include <string.h>

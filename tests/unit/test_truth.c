@@ -1,8 +1,8 @@
 #include "tests/support/support.h"
 
 #include "client/load/truth.h"
+#include "common/builtin/builtin.h"
 #include "common/random.h"
-#include "common/scene/builtin.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -1,7 +1,7 @@
 #include "tests/support/support.h"
 
 #include "client/load/views.h"
-#include "common/scene/builtin.h"
+#include "common/builtin/builtin.h"
 
 struct place {
     struct lw_scene *scene;

@@ -1,0 +1,52 @@
+/* scene_open.h: the one way in which programs open a scene, with the options that they share for it.
+ * Flow:    command line, SCENE -> [scene_open: import in a process of its own, overrides] -> scene
+ * Threads: main() only. */
+#ifndef LW_COMMON_SCENE_OPEN_H
+#define LW_COMMON_SCENE_OPEN_H
+
+#include "common/lightmap/lightmap.h"
+#include "common/open/import_spawn.h"
+#include "common/options.h"
+
+#define LW_SCENE_OPEN_SUN_DIAMETER_DEG                                                                       \
+    0.53 /* of directional lights, where nobody says otherwise: the sun's */
+
+/** What the shared options say. {0} with sun_angle_deg set to the constant above is all defaults. */
+struct lw_scene_open {
+    const char *path;        /* .lwscene, any format that lightwell-import reads, or "builtin:NAME" */
+    double texels_per_metre; /* 0: the importer's default */
+    int64_t atlas_side_max;  /* texels; 0: the importer's default */
+    int64_t threads;         /* 0: all */
+    bool sky_given, sun_angle_given;
+    float sky[3];            /* W/(m^2 sr) */
+    const char *environment; /* an equirectangular EXR, in place of the scene's; or NULL */
+    double sun_angle_deg;
+    const volatile sig_atomic_t *cancel; /* may be NULL */
+};
+
+/** The rows of an option table (common/options.h) that fill these settings; `open` is a struct lw_scene_open *. */
+/* clang-format off */
+#define LW_SCENE_OPEN_OPTIONS(open)                                                                            \
+    {"texels-per-metre", "D", "lightmap density (default: for 400,000 texels, or half as many as triangles)",  \
+     LW_OPTION_REAL, &(open)->texels_per_metre, LW_LIGHTMAP_DENSITY_MIN, LW_LIGHTMAP_DENSITY_MAX, NULL},       \
+    {"atlas-max", "N", "longest side of an atlas, texels (default 4096)", LW_OPTION_INT,                       \
+     &(open)->atlas_side_max, LW_LIGHTMAP_SIDE_MIN, LW_SCENE_ATLAS_SIDE_MAX, NULL},                            \
+    {"threads", "N", "worker threads (default: all processors)", LW_OPTION_INT, &(open)->threads, 1, 1024, NULL},\
+    {"sky", "R,G,B", "radiance of the sky, W/(m^2 sr), instead of the scene's", LW_OPTION_RGB,                 \
+     (open)->sky, 0, 1e9, &(open)->sky_given},                                                                 \
+    {"environment", "FILE.exr", "equirectangular radiance around the scene, W/(m^2 sr), on top of the sky",    \
+     LW_OPTION_STRING, &(open)->environment, 0, 0, NULL},                                                      \
+    {"sun-angle", "DEG", "angular diameter of directional lights (default: the file's, else 0.53)",            \
+     LW_OPTION_REAL, &(open)->sun_angle_deg, 0, 90, &(open)->sun_angle_given}
+/* clang-format on */
+
+/** Whether text is meant as a scene where a server's address is expected: it is an existing file, is called
+ * like a file of a scene, or begins with "builtin:". */
+bool lw_scene_open_is_scene(const char *text);
+
+/** Opens a scene; overrides become part of it, and so of the package that clients get.
+ * Errors: as lw_import_spawn(); LW_BAD_DATA where nothing shines. */
+LW_MUST_CHECK enum lw_status lw_scene_open(const struct lw_scene_open *open, struct lw_scene **out_scene,
+                                           struct lw_error *err);
+
+#endif
