@@ -14,8 +14,8 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#define INPUT_START (256u << 10) /* bytes; grows to the largest message */
-#define SECOND_NS   1000000000ull
+#define INPUT_SIZE (256u << 10) /* bytes in one read */
+#define SECOND_NS  1000000000ull
 
 /* Milliseconds until a deadline, rounded up so that waiting does not spin, and 0 once it has passed. */
 static int milliseconds_until(uint64_t deadline_ns) {
@@ -89,18 +89,19 @@ enum lw_status lw_link_connect(struct lw_link *link, const char *host, uint16_t 
     int failure = errno;
     freeaddrinfo(found);
     if (link->socket < 0) return connect_failure(err, link->address, failure);
-    link->input = malloc(INPUT_START);
+    link->input = malloc(INPUT_SIZE);
     if (!link->input) {
         lw_link_finish(link);
         return lw_status_fail(err, LW_NO_MEMORY, "cannot connect to %s: out of memory", link->address);
     }
-    link->input_capacity = INPUT_START;
+    link->reader.body_max = LW_FRAME_BODY_MAX;
     link->heard_ns = link->pinged_ns = link->looked_ns = lw_clock_ns();
     return LW_OK;
 }
 
 void lw_link_finish(struct lw_link *link) {
     if (link->socket >= 0) close(link->socket);
+    lw_message_reader_clear(&link->reader);
     free(link->input);
     link->socket = -1;
     link->input = NULL;
@@ -178,30 +179,18 @@ enum lw_status lw_link_wait(struct lw_link *link, uint64_t deadline_ns, struct l
     }
 }
 
-/* Room for a whole message behind input_begin: what is declared is within the limit, checked in lw_link_take(). */
-static enum lw_status make_room(struct lw_link *link, size_t message_size, struct lw_error *err) {
-    memmove(link->input, link->input + link->input_begin, link->input_end - link->input_begin);
-    link->input_end -= link->input_begin;
-    link->input_begin = 0;
-    if (message_size <= link->input_capacity) return LW_OK;
-    uint8_t *grown = realloc(link->input, message_size);
-    if (!grown) return lw_status_fail(err, LW_NO_MEMORY, "%s: out of memory for a message", link->address);
-    link->input = grown;
-    link->input_capacity = message_size;
-    return LW_OK;
-}
-
 enum lw_status lw_link_receive(struct lw_link *link, size_t *out_size, struct lw_error *err) {
     *out_size = 0;
-    if (link->input_begin == link->input_end) link->input_begin = link->input_end = 0;
+    if (lw_message_reader_keep(&link->reader) != LW_OK)
+        return lw_status_fail(err, LW_NO_MEMORY, "%s: out of memory for a message", link->address);
     ssize_t size;
     do {
-        size = recv(link->socket, link->input + link->input_end, link->input_capacity - link->input_end, 0);
+        size = recv(link->socket, link->input, INPUT_SIZE, 0);
     } while (size < 0 && errno == EINTR);
     if (size < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) return LW_OK;
     if (size < 0) return closed(link, strerror(errno), err);
     if (size == 0) return closed(link, "it ended the session", err);
-    link->input_end += (size_t)size;
+    lw_message_reader_lend(&link->reader, link->input, (size_t)size);
     link->bytes_received += (uint64_t)size;
     link->heard_ns = link->looked_ns = lw_clock_ns();
     *out_size = (size_t)size;
@@ -210,15 +199,5 @@ enum lw_status lw_link_receive(struct lw_link *link, size_t *out_size, struct lw
 
 enum lw_status lw_link_take(struct lw_link *link, struct lw_frame_header *out_header,
                             const uint8_t **out_body, struct lw_error *err) {
-    const uint8_t *at = link->input + link->input_begin;
-    size_t size = link->input_end - link->input_begin;
-    *out_body = NULL;
-    if (size < LW_FRAME_HEADER_SIZE) return make_room(link, LW_FRAME_HEADER_SIZE, err);
-    enum lw_status status = lw_frame_read_header(at, LW_FRAME_BODY_MAX, out_header, err);
-    if (status != LW_OK) return status;
-    size_t message_size = LW_FRAME_HEADER_SIZE + (size_t)out_header->body_size;
-    if (size < message_size) return make_room(link, message_size, err);
-    link->input_begin += message_size;
-    *out_body = at + LW_FRAME_HEADER_SIZE;
-    return LW_OK;
+    return lw_message_reader_take(&link->reader, out_header, out_body, err);
 }

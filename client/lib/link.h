@@ -5,6 +5,7 @@
 #define LIGHTWELL_LINK_H
 
 #include "proto/message.h"
+#include "proto/message_reader.h"
 
 #define LW_LINK_ADDRESS_SIZE 300u
 #define LW_LINK_OUTBOX_SIZE                                                                                  \
@@ -15,8 +16,8 @@
 struct lw_link {
     int socket;
     char address[LW_LINK_ADDRESS_SIZE]; /* HOST:PORT, for people */
-    uint8_t *input;                     /* bytes [begin, end) are not taken yet */
-    size_t input_begin, input_end, input_capacity;
+    uint8_t *input;                     /* what was read last */
+    struct lw_message_reader reader;    /* to it that is lent */
     uint8_t outbox[LW_LINK_OUTBOX_SIZE];
     size_t outbox_size;
     uint64_t bytes_received;

@@ -3,6 +3,7 @@
 #include "client/include/lightwell/client.h"
 #include "common/clock.h"
 #include "common/random.h"
+#include "proto/message_reader.h"
 
 #include <assert.h>
 #include <errno.h>
@@ -48,8 +49,7 @@ struct lw_load_session {
     unsigned attempt;
     uint64_t quiet_ns; /* STOPPED or LEAVING since */
 
-    uint8_t *input; /* the beginning of a message that is not whole yet */
-    size_t input_size, input_capacity;
+    struct lw_message_reader input;
     double allowance; /* bytes that a slow reader may read now */
     uint64_t allowed_ns;
     bool paused;
@@ -84,7 +84,7 @@ struct lw_load_session *lw_load_session_next(const struct lw_load_session *s) {
 static void on_closed(uv_handle_t *handle) {
     struct lw_load_session *s = handle->data;
     s->shared->session_count--;
-    free(s->input);
+    lw_message_reader_clear(&s->input);
     if (s->held) s->shared->held_bytes -= lw_tile_held_bytes_max(&s->shared->scene->map);
     lw_tile_held_destroy(s->held);
     free(s->known);
@@ -570,77 +570,40 @@ static void handle_message(struct lw_load_session *s, const struct lw_message *m
 
 /* ---- reading ---- */
 
-/* Takes one message off the front; returns its bytes, or 0 if it is not whole yet or breaks the session. */
-static size_t take_message(struct lw_load_session *s, const uint8_t *data, size_t size, uint64_t now_ns) {
+/* Takes one message; returns whether there was one that did not break the session. */
+static bool take_message(struct lw_load_session *s, uint64_t now_ns) {
     struct lw_frame_header header;
     struct lw_message message;
     struct lw_error err = {0};
-    if (size < LW_FRAME_HEADER_SIZE) return 0;
-    enum lw_status status = lw_frame_read_header(data, LW_FRAME_BODY_MAX, &header, &err);
-    if (status == LW_OK && size - LW_FRAME_HEADER_SIZE < header.body_size) return 0;
+    const uint8_t *body;
+    enum lw_status status = lw_message_reader_take(&s->input, &header, &body, &err);
+    if (status == LW_OK && !body) return false;
     /* types that we do not know are from a newer server */
     bool known = status == LW_OK && lw_message_name(header.type);
-    if (known) status = lw_message_decode(header, data + LW_FRAME_HEADER_SIZE, &message, &err);
+    if (known) status = lw_message_decode(header, body, &message, &err);
     if (status != LW_OK) {
         fail(s, status == LW_NO_MEMORY ? LW_LOAD_FAULT_SYSTEM : LW_LOAD_FAULT_MESSAGE, "%s", err.text);
-        return 0;
+        return false;
     }
     if (known) {
         handle_message(s, &message, now_ns);
         lw_message_finish(&message);
     }
-    return LW_FRAME_HEADER_SIZE + (size_t)header.body_size;
-}
-
-static size_t take_messages(struct lw_load_session *s, const uint8_t *data, size_t size, uint64_t now_ns) {
-    size_t taken = 0, message;
-    if (s->welcomed_ns && s->run != s->shared->run) { /* others have heard of its end before us */
-        fail(s, LW_LOAD_FAULT_LOST, "the server was started again");
-        return 0;
-    }
-    while (s->state < STOPPED && (message = take_message(s, data + taken, size - taken, now_ns)))
-        taken += message;
-    return taken;
-}
-
-static bool append_input(struct lw_load_session *s, const uint8_t *data, size_t size) {
-    size_t needed = s->input_size + size;
-    if (needed > s->input_capacity) {
-        size_t capacity = needed > 2 * s->input_capacity ? needed : 2 * s->input_capacity;
-        uint8_t *grown = realloc(s->input, capacity);
-        if (!grown) return false;
-        s->input = grown;
-        s->input_capacity = capacity;
-    }
-    memcpy(s->input + s->input_size, data, size);
-    s->input_size = needed;
     return true;
 }
 
-static void drop_input(struct lw_load_session *s) {
-    free(s->input);
-    s->input = NULL;
-    s->input_size = s->input_capacity = 0;
-}
-
 static void receive(struct lw_load_session *s, const uint8_t *data, size_t size, uint64_t now_ns) {
-    bool whole = s->input_size == 0; /* most messages come in one piece and need no copy */
-    if (whole) {
-        size_t taken = take_messages(s, data, size, now_ns);
-        data += taken;
-        size -= taken;
-    }
-    if (s->state >= STOPPED) return;
-    if (size && !append_input(s, data, size)) {
-        fail(s, LW_LOAD_FAULT_SYSTEM, "out of memory for a message");
+    if (s->welcomed_ns && s->run != s->shared->run) { /* others have heard of its end before us */
+        fail(s, LW_LOAD_FAULT_LOST, "the server was started again");
         return;
     }
-    if (!whole) {
-        size_t taken = take_messages(s, s->input, s->input_size, now_ns);
-        s->input_size -= taken;
-        memmove(s->input, s->input + taken, s->input_size);
+    lw_message_reader_lend(&s->input, data, size);
+    while (s->state < STOPPED && take_message(s, now_ns)) {
     }
-    if (!s->input_size) drop_input(s);
+    if (s->state >= STOPPED)
+        lw_message_reader_clear(&s->input);
+    else if (lw_message_reader_keep(&s->input) != LW_OK)
+        fail(s, LW_LOAD_FAULT_SYSTEM, "out of memory for a message");
 }
 
 static void on_alloc(uv_handle_t *handle, size_t suggested, uv_buf_t *out_buffer) {
@@ -743,6 +706,7 @@ static enum lw_status start(struct lw_load_shared *shared, uint32_t number, enum
         return cannot_start(shared, result);
     }
     s->tcp.data = s;
+    s->input.body_max = LW_FRAME_BODY_MAX;
     s->shared = shared;
     s->number = number;
     s->reader = reader;
@@ -852,7 +816,7 @@ void lw_load_session_leave(struct lw_load_session *s, bool graceful) {
     if (graceful && reads && uv_shutdown(&s->goodbye, (uv_stream_t *)&s->tcp, on_goodbye) == 0) {
         set_over(s, LEAVING);
         s->quiet_ns = now_ns;
-        drop_input(s);
+        lw_message_reader_clear(&s->input);
     } else {
         close_session(s, !graceful);
     }
