@@ -419,6 +419,11 @@ enum lw_status lw_options_parse(const struct lw_options *options, int argc, char
 /* Digits alone are a port, text without a port a host. */
 enum lw_status lw_options_address(const char *text, char *out_host, size_t host_size, uint16_t *out_port,
                                   struct lw_error *err) {
+    return lw_options_address_or(text, LW_OPTIONS_PORT, out_host, host_size, out_port, err);
+}
+
+enum lw_status lw_options_address_or(const char *text, uint16_t port_default, char *out_host,
+                                     size_t host_size, uint16_t *out_port, struct lw_error *err) {
     const char *colon = strrchr(text, ':'), *bracket = strrchr(text, ']'), *host = text, *port = NULL;
     size_t host_length = strlen(text);
     if (colon && (!bracket || colon > bracket)) {
@@ -440,7 +445,7 @@ enum lw_status lw_options_address(const char *text, char *out_host, size_t host_
     if (!host_length || memchr(host, '[', host_length) || memchr(host, ']', host_length))
         return lw_status_fail(err, LW_USAGE,
                               "address \"%.200s\" is not HOST:PORT, HOST or PORT, e.g. 127.0.0.1:7780", text);
-    int64_t number = LW_OPTIONS_PORT;
+    int64_t number = port_default;
     if (port && (*port == '+' || *port == '-' || !parse_int(port, &number) || number > UINT16_MAX))
         return lw_status_fail(err, LW_USAGE, "address \"%.200s\": the port is a whole number from 0 to 65535",
                               text);

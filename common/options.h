@@ -57,4 +57,9 @@ LW_MUST_CHECK enum lw_status lw_options_parse(const struct lw_options *options, 
 LW_MUST_CHECK enum lw_status lw_options_address(const char *text, char *out_host, size_t host_size,
                                                 uint16_t *out_port, struct lw_error *err);
 
+/** The same with another port where the text names none. */
+LW_MUST_CHECK enum lw_status lw_options_address_or(const char *text, uint16_t port_default, char *out_host,
+                                                   size_t host_size, uint16_t *out_port,
+                                                   struct lw_error *err);
+
 #endif

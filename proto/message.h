@@ -78,7 +78,8 @@ enum lw_refusal {
     LW_REFUSAL_PROTOCOL = 3, /* the peer's bytes make no sense */
     LW_REFUSAL_SHUTDOWN = 4,
     LW_REFUSAL_TIMEOUT = 5,
-    LW_REFUSAL_FEATURES = 6 /* the peer lacks one that is needed */
+    LW_REFUSAL_FEATURES = 6,   /* the peer lacks one that is needed */
+    LW_REFUSAL_NOT_ALLOWED = 8 /* it may not do what it asked for */
 };
 
 struct lw_message_refusal {

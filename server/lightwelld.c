@@ -10,6 +10,7 @@
 #include "common/log.h"
 #include "common/open/scene_open.h"
 #include "common/options.h"
+#include "common/program_path.h"
 #include "common/scene/package.h"
 #include "common/scene/scene_spares.h"
 #include "common/scene/scene_state.h"
@@ -35,6 +36,8 @@
 #include <time.h>
 #include <unistd.h>
 
+#define HTTP_PORT    7781
+#define HTTP_ADDRESS LW_OPTIONS_HOST ":7781"
 #define TARGET_ERROR 0.02f
 #define SOLVER_NICE  5  /* behind the loop */
 #define STEP_HZ      30 /* scene time advances by 1/30 s a frame under --clock step */
@@ -48,15 +51,18 @@ enum codec_kind { CODEC_HALF, CODEC_DCT };
 
 struct settings {
     struct lw_scene_open scene;
-    const char *listen, *port_file, *keep, *spares, *light_groups, *client_lights;
+    const char *listen, *port_file, *http, *http_port_file, *http_hosts, *http_origins, *web_root;
+    const char *keep, *spares, *light_groups, *client_lights;
     int64_t bounces, direct_samples, indirect_samples, seed, frames;
     int probe_form, denoise;
     double tracing_range, cell_size, probe_spacing, frame_rate, frame_budget_ms, freeze_s, error, link_rate,
         tile_step;
     bool animate, freeze, json;
     int clock, light, codec;
-    char host[256];
-    uint16_t port;
+    char host[256], http_host[256]; /* http_host "": none */
+    uint16_t port, http_port;
+    bool http_given;
+    char found_root[1024]; /* where the browser client lies, unless web_root says so */
 };
 
 struct daemon {
@@ -102,6 +108,14 @@ static void on_early_signal(int number) {
 /* The solver asks as well: that closes the gap between the last look at the flag and the loop's own watchers. */
 static bool should_stop(const struct daemon *d) { return d->stopping || signalled_to_threads; }
 
+static enum lw_status parse_http(struct settings *s, struct lw_error *err) {
+    if (strcmp(s->http, "none") == 0) return LW_OK;
+    const enum lw_status status =
+        lw_options_address_or(s->http, HTTP_PORT, s->http_host, sizeof s->http_host, &s->http_port, err);
+    if (status != LW_OK) lw_status_context(err, "--http");
+    return status;
+}
+
 static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out_done, struct lw_error *err) {
     const char *scene[1] = {NULL};
     char about[1024];
@@ -118,6 +132,22 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          LW_OPTION_STRING, &s->listen, 0, 0, NULL},
         {"port-file", "FILE", "write the port there once it serves", LW_OPTION_STRING, &s->port_file, 0, 0,
          NULL},
+        {"http", "HOST:PORT|none",
+         "where to serve the browser client, and WebSockets at /ws (default " HTTP_ADDRESS
+         "; port 0 picks one)",
+         LW_OPTION_STRING, &s->http, 0, 0, &s->http_given},
+        {"http-port-file", "FILE", "write that port there once it serves", LW_OPTION_STRING,
+         &s->http_port_file, 0, 0, NULL},
+        {"http-host", "NAMES",
+         "names, apart by commas, that browsers may know this server by (default: its address, localhost)",
+         LW_OPTION_STRING, &s->http_hosts, 0, 0, NULL},
+        {"http-origin", "ORIGINS",
+         "origins, apart by commas, whose pages may open WebSockets, such as https://example.org (default: "
+         "our "
+         "own pages alone)",
+         LW_OPTION_STRING, &s->http_origins, 0, 0, NULL},
+        {"web-root", "FOLDER", "the browser client's files (default: share/lightwell/web beside bin)",
+         LW_OPTION_STRING, &s->web_root, 0, 0, NULL},
         {"bounces", "N", "indirect bounces (default 2)", LW_OPTION_INT, &s->bounces, 0, LW_SOLVER_BOUNCES_MAX,
          NULL},
         {"tracing-range", "METRES",
@@ -212,8 +242,11 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
     if (s->animate && s->freeze)
         return lw_status_fail(err, LW_USAGE, "--animate and --freeze exclude each other");
     status = lw_options_address(s->listen, s->host, sizeof s->host, &s->port, err);
-    if (status != LW_OK) lw_status_context(err, "--listen");
-    return status;
+    if (status != LW_OK) {
+        lw_status_context(err, "--listen");
+        return status;
+    }
+    return parse_http(s, err);
 }
 
 static enum lw_status choose_client_lights(struct daemon *d, struct lw_error *err) {
@@ -551,36 +584,63 @@ static void *solve_in_thread(void *argument) {
     return NULL;
 }
 
-static enum lw_status write_port_file(const struct daemon *d, struct lw_error *err) {
-    if (!d->settings.port_file) return LW_OK;
+static enum lw_status write_port(const char *path, const char *option, unsigned port, struct lw_error *err) {
+    if (!path) return LW_OK;
     char text[16];
-    int length = snprintf(text, sizeof text, "%u\n", lw_server_port(d->server));
-    enum lw_status status = lw_atomic_file_save(d->settings.port_file, text, (size_t)length, err);
-    if (status != LW_OK) lw_status_context(err, "--port-file");
+    int length = snprintf(text, sizeof text, "%u\n", port);
+    enum lw_status status = lw_atomic_file_save(path, text, (size_t)length, err);
+    if (status != LW_OK) lw_status_context(err, "%s", option);
     return status;
 }
 
 /* A pipe or a device was written to, but is not ours to remove. */
-static void remove_port_file(const struct daemon *d) {
-    const char *path = d->settings.port_file;
+static void remove_port(const char *path) {
     struct stat st;
     if (path && lstat(path, &st) == 0 && S_ISREG(st.st_mode)) unlink(path);
 }
 
+static void remove_port_files(const struct daemon *d) {
+    remove_port(d->settings.port_file);
+    remove_port(d->settings.http_port_file);
+}
+
+static enum lw_status write_port_files(const struct daemon *d, struct lw_error *err) {
+    const struct settings *s = &d->settings;
+    const unsigned http_port = lw_server_http_port(d->server);
+    enum lw_status status = write_port(s->port_file, "--port-file", lw_server_port(d->server), err);
+    if (status == LW_OK && http_port)
+        status = write_port(s->http_port_file, "--http-port-file", http_port, err);
+    if (status != LW_OK) remove_port_files(d);
+    return status;
+}
+
+/* An address as in a URL. */
+static void format_address(char *dst, size_t size, const char *host, unsigned port) {
+    snprintf(dst, size, strchr(host, ':') ? "[%s]:%u" : "%s:%u", host, port);
+}
+
+static void tell_http(const struct daemon *d) {
+    const struct settings *s = &d->settings;
+    char address[sizeof s->http_host + 16];
+    if (!lw_server_http_port(d->server)) return;
+    format_address(address, sizeof address, s->http_host, lw_server_http_port(d->server));
+    lw_log(LW_LOG_INFO, "in a browser: http://%s/", address);
+}
+
 static enum lw_status serve(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
-    enum lw_status status = write_port_file(d, err);
+    enum lw_status status = write_port_files(d, err);
     if (status != LW_OK) return status;
     char address[sizeof s->host + 16];
-    snprintf(address, sizeof address, strchr(s->host, ':') ? "[%s]:%u" : "%s:%u", s->host,
-             lw_server_port(d->server));
+    format_address(address, sizeof address, s->host, lw_server_port(d->server));
     lw_log(LW_LOG_INFO, "serving %s at %s", s->scene.path, address);
     tell_client_lights(d);
     const char *name = strrchr(d->program, '/'); /* the viewer lies beside it */
     lw_log(LW_LOG_INFO, "look at it: %.*slightwell-view %s     stop it: Ctrl-C",
            name ? (int)(name + 1 - d->program) : 0, d->program, address);
+    tell_http(d);
     if (pthread_create(&d->solver_thread, NULL, solve_in_thread, d) != 0) {
-        remove_port_file(d);
+        remove_port_files(d);
         return lw_status_fail(err, LW_OS, "cannot start the solver's thread");
     }
     status = lw_server_run(d->server, err);
@@ -591,7 +651,7 @@ static enum lw_status serve(struct daemon *d, struct lw_error *err) {
         *err = d->solver_error;
         status = err->status;
     }
-    remove_port_file(d);
+    remove_port_files(d);
     return status;
 }
 
@@ -644,30 +704,50 @@ static enum lw_status recall_light(struct daemon *d, struct lw_error *err) {
     return LW_OK;
 }
 
+/* Of an install tree, or of the build. "": there is none. */
+static void find_web_root(char *dst, size_t size) {
+    static const char *const beside[] = {"../share/lightwell/web", "../web"};
+    *dst = '\0';
+    for (size_t i = 0; i < sizeof beside / sizeof *beside && !*dst; i++) {
+        lw_program_path(beside[i], dst, size);
+        if (strcmp(dst, beside[i]) == 0) *dst = '\0'; /* it is not there */
+    }
+}
+
+static enum lw_status create_server(struct daemon *d, struct lw_error *err) {
+    struct settings *s = &d->settings;
+    find_web_root(s->found_root, sizeof s->found_root);
+    struct lw_server_desc desc = {.host = s->host,
+                                  .port = s->port,
+                                  .http_host = *s->http_host ? s->http_host : NULL,
+                                  .http_port = s->http_port,
+                                  .http_hosts = s->http_hosts,
+                                  .http_origins = s->http_origins,
+                                  .http_root = s->web_root ? s->web_root : s->found_root,
+                                  .http_may_fail = !s->http_given,
+                                  .atlas_map = &d->atlas_map,
+                                  .package = d->package,
+                                  .package_size = d->package_size,
+                                  .bounces = (uint32_t)s->bounces,
+                                  .target_error = (float)s->error,
+                                  .noise_shown = noise_shown(s),
+                                  .client_lights = d->light_bits,
+                                  .client_lights_size = lw_client_lights_bytes(d->scene->light_count),
+                                  .client_materials = d->material_bits,
+                                  .client_materials_size = lw_client_lights_bytes(d->scene->material_count),
+                                  .scene = d->scene,
+                                  .rate_limit_bytes_hz = (uint64_t)(s->link_rate * 1e6 / 8),
+                                  .features = s->codec == CODEC_DCT ? LW_FEATURE_DCT : 0};
+    return lw_server_create(&desc, &d->server, err);
+}
+
 static enum lw_status run(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
     d->started_ns = lw_clock_ns();
     enum lw_status status = read_scene(d, err);
     if (status != LW_OK) return status;
     /* The port before the long work: an address in use should be known at once. */
-    status = lw_server_create(
-        &(struct lw_server_desc){.host = s->host,
-                                 .port = s->port,
-                                 .atlas_map = &d->atlas_map,
-                                 .package = d->package,
-                                 .package_size = d->package_size,
-                                 .bounces = (uint32_t)s->bounces,
-                                 .target_error = (float)s->error,
-                                 .noise_shown = noise_shown(s),
-                                 .client_lights = d->light_bits,
-                                 .client_lights_size = lw_client_lights_bytes(d->scene->light_count),
-                                 .client_materials = d->material_bits,
-                                 .client_materials_size = lw_client_lights_bytes(d->scene->material_count),
-                                 .scene = d->scene,
-                                 .rate_limit_bytes_hz = (uint64_t)(s->link_rate * 1e6 / 8),
-                                 .features = s->codec == CODEC_DCT ? LW_FEATURE_DCT : 0},
-        &d->server, err);
-    if (status != LW_OK) return status;
+    if ((status = create_server(d, err)) != LW_OK) return status;
     if (s->keep && (status = recall_light(d, err)) != LW_OK) return status;
     if (signalled) return lw_status_fail(err, LW_CLOSED, "%s: stopped before it was lit", s->scene.path);
     return serve(d, err);
@@ -693,6 +773,7 @@ int main(int argc, char **argv) {
     struct daemon d = {
         .forms = 1u << LW_LIGHT_FORM_FULL,
         .settings = {.listen = LW_OPTIONS_ADDRESS,
+                     .http = HTTP_ADDRESS,
                      .bounces = 2,
                      .tracing_range = (double)INFINITY,
                      .direct_samples = 1,

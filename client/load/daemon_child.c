@@ -93,6 +93,8 @@ static enum lw_status spawn(struct lw_daemon_child *c, const struct lw_daemon_ch
                                  desc->package,
                                  "--listen",
                                  "127.0.0.1:0",
+                                 "--http",
+                                 "none",
                                  "--port-file",
                                  c->port_file,
                                  "--clock",

@@ -3,6 +3,8 @@
 #include "common/clock.h"
 #include "common/log.h"
 #include "server/serve/session.h"
+#include "server/serve/tcp_transport.h"
+#include "server/serve/web_server.h"
 
 #include <assert.h>
 #include <inttypes.h>
@@ -21,10 +23,11 @@
 #define TURN_NS           4000000u /* of sending, before the loop looks at what else has come */
 #define COMPRESSION_LEVEL 3
 #define ADDRESS_SIZE      300u
+#define DESCRIPTORS_MAX   65536u
 
 struct lw_server {
     uv_loop_t loop;
-    uv_tcp_t listener;
+    uv_tcp_t listener, http_listener;
     uv_async_t wake;
     uv_prepare_t prepare; /* before the loop waits */
     uv_check_t check;     /* after it has waited */
@@ -35,10 +38,11 @@ struct lw_server {
     struct lw_histogram loop_lag;
     uv_signal_t interrupt, terminate;
     bool stopping;
-    uint16_t port;
-    uint32_t sessions_max;
+    uint16_t port, http_port;
     uint32_t *order;
     struct lw_session_shared shared;
+    struct lw_tcp_transport_shared tcp;
+    struct lw_web_server *web; /* NULL: there is no HTTP */
 
     uv_mutex_t mutex;               /* guards what follows; held for an assignment only */
     struct lw_snapshot *latest;     /* handed over, not yet seen by the loop */
@@ -287,6 +291,10 @@ static void on_check(uv_check_t *handle) {
 
 /* ---- the end ---- */
 
+static void close_handle(uv_handle_t *handle) {
+    if (handle->type != UV_UNKNOWN_HANDLE && !uv_is_closing(handle)) uv_close(handle, NULL);
+}
+
 static void stop_when_empty(struct lw_server *server) {
     if (server->stopping && !server->shared.first) uv_stop(&server->loop);
 }
@@ -309,7 +317,8 @@ static void begin_stop(struct lw_server *server, bool signalled) {
     }
     if (server->stopping) return;
     server->stopping = true;
-    uv_close((uv_handle_t *)&server->listener, NULL);
+    close_handle((uv_handle_t *)&server->listener);
+    close_handle((uv_handle_t *)&server->http_listener);
     for (struct lw_session *s = server->shared.first, *next; s; s = next) {
         next = lw_session_next(s);
         lw_session_refuse(s, LW_REFUSAL_SHUTDOWN, "the server ends");
@@ -382,7 +391,8 @@ static void on_lag(uv_timer_t *handle) {
     if (now_ns - server->window_ns >= LW_SERVER_WINDOW_S * 1000000000ull) end_window(server, now_ns);
 }
 
-static void start_timers(struct lw_server *server) {
+static void on_session_opened(void *context) {
+    struct lw_server *server = context;
     if (uv_is_active((uv_handle_t *)&server->tick)) return;
     server->lagged_ns = server->window_ns = lw_clock_ns();
     uv_timer_start(&server->tick, on_tick, TICK_MS, TICK_MS);
@@ -391,18 +401,12 @@ static void start_timers(struct lw_server *server) {
 
 static void on_connection(uv_stream_t *listener, int result) {
     struct lw_server *server = listener->data;
-    struct lw_session *session;
-    if (result < 0) {
+    if (result < 0)
         lw_log(LW_LOG_WARNING, "cannot accept a connection: %s", uv_strerror(result));
-        return;
-    }
-    if (lw_session_accept(&server->shared, listener, &session) != LW_OK) {
+    else if (listener == (uv_stream_t *)&server->http_listener)
+        lw_web_server_accept(server->web, listener);
+    else if (lw_tcp_transport_accept(&server->tcp, listener) != LW_OK)
         lw_log(LW_LOG_WARNING, "cannot accept a connection: too many of them");
-        return;
-    }
-    start_timers(server);
-    if (server->shared.connection_count - server->shared.leaving_count > server->sessions_max)
-        lw_session_refuse(session, LW_REFUSAL_FULL, "the server has its %u sessions", server->sessions_max);
 }
 
 /* ---- create, run, destroy ---- */
@@ -411,27 +415,29 @@ static void format_address(char *dst, const char *host, unsigned port) {
     snprintf(dst, ADDRESS_SIZE, strchr(host, ':') ? "[%s]:%u" : "%s:%u", host, port);
 }
 
-static enum lw_status listen_failure(struct lw_error *err, const char *address, int result) {
+/* option: which one names another address */
+static enum lw_status listen_failure(struct lw_error *err, const char *address, const char *option,
+                                     int result) {
     switch (result) {
     case UV_EADDRINUSE:
-        return lw_status_fail(
-            err, LW_UNAVAILABLE,
-            "%s is already in use: another lightwelld? choose another with --listen HOST:PORT", address);
+        return lw_status_fail(err, LW_UNAVAILABLE,
+                              "%s is already in use: another lightwelld? choose another with %s HOST:PORT",
+                              address, option);
     case UV_EADDRNOTAVAIL:
         return lw_status_fail(err, LW_UNAVAILABLE,
-                              "%s is not an address of this machine: choose another with --listen HOST:PORT",
-                              address);
+                              "%s is not an address of this machine: choose another with %s HOST:PORT",
+                              address, option);
     case UV_EACCES:
         return lw_status_fail(err, LW_UNAVAILABLE,
-                              "%s needs more rights: choose a port above 1023 with --listen HOST:PORT",
-                              address);
+                              "%s needs more rights: choose a port above 1023 with %s HOST:PORT", address,
+                              option);
     default:
         return lw_status_fail(err, LW_OS, "%s: cannot listen: %s", address, uv_strerror(result));
     }
 }
 
-static enum lw_status start_listening(struct lw_server *server, const char *host, uint16_t port,
-                                      struct lw_error *err) {
+static enum lw_status start_listening(uv_tcp_t *listener, const char *host, uint16_t port, const char *option,
+                                      uint16_t *out_port, struct lw_error *err) {
     char address[ADDRESS_SIZE], service[8];
     format_address(address, host, port);
     snprintf(service, sizeof service, "%u", (unsigned)port);
@@ -440,15 +446,36 @@ static enum lw_status start_listening(struct lw_server *server, const char *host
     if (result != 0)
         return lw_status_fail(err, LW_NO_HOST, "%s: cannot find the address to listen on: %s", address,
                               gai_strerror(result));
-    result = uv_tcp_bind(&server->listener, found->ai_addr, 0);
+    result = uv_tcp_bind(listener, found->ai_addr, 0);
     freeaddrinfo(found);
-    if (result == 0) result = uv_listen((uv_stream_t *)&server->listener, BACKLOG, on_connection);
+    if (result == 0) result = uv_listen((uv_stream_t *)listener, BACKLOG, on_connection);
     struct sockaddr_storage bound = {0};
     int length = sizeof bound;
-    if (result == 0) result = uv_tcp_getsockname(&server->listener, (struct sockaddr *)&bound, &length);
-    if (result < 0) return listen_failure(err, address, result);
-    server->port = ntohs(bound.ss_family == AF_INET6 ? ((struct sockaddr_in6 *)&bound)->sin6_port
-                                                     : ((struct sockaddr_in *)&bound)->sin_port);
+    if (result == 0) result = uv_tcp_getsockname(listener, (struct sockaddr *)&bound, &length);
+    if (result < 0) return listen_failure(err, address, option, result);
+    *out_port = ntohs(bound.ss_family == AF_INET6 ? ((struct sockaddr_in6 *)&bound)->sin6_port
+                                                  : ((struct sockaddr_in *)&bound)->sin_port);
+    return LW_OK;
+}
+
+static enum lw_status start_http(struct lw_server *server, const struct lw_server_desc *desc,
+                                 struct lw_error *err) {
+    const struct lw_web_server_desc web = {.loop = &server->loop,
+                                           .sessions = &server->shared,
+                                           .root = desc->http_root,
+                                           .host = desc->http_host,
+                                           .hosts = desc->http_hosts,
+                                           .origins = desc->http_origins};
+    struct lw_error cause = {0};
+    if (!desc->http_host) return LW_OK;
+    enum lw_status status = start_listening(&server->http_listener, desc->http_host, desc->http_port,
+                                            "--http", &server->http_port, &cause);
+    if (status == LW_OK) status = lw_web_server_create(&web, &server->web, &cause);
+    if (status == LW_OK) return LW_OK;
+    server->http_port = 0;
+    close_handle((uv_handle_t *)&server->http_listener);
+    if (!desc->http_may_fail) return lw_status_fail(err, status, "%s", cause.text);
+    lw_log(LW_LOG_WARNING, "browsers are not served: %s", cause.text);
     return LW_OK;
 }
 
@@ -457,6 +484,7 @@ static enum lw_status init_handles(struct lw_server *server, struct lw_error *er
     if (result < 0) return lw_status_fail(err, LW_OS, "cannot start an event loop: %s", uv_strerror(result));
     server->loop.data = server; /* says that there is a loop to close */
     if ((result = uv_tcp_init(&server->loop, &server->listener)) < 0 ||
+        (result = uv_tcp_init(&server->loop, &server->http_listener)) < 0 ||
         (result = uv_async_init(&server->loop, &server->wake, on_wake)) < 0 ||
         (result = uv_timer_init(&server->loop, &server->tick)) < 0 ||
         (result = uv_timer_init(&server->loop, &server->lag)) < 0 ||
@@ -466,7 +494,8 @@ static enum lw_status init_handles(struct lw_server *server, struct lw_error *er
         (result = uv_signal_init(&server->loop, &server->interrupt)) < 0 ||
         (result = uv_signal_init(&server->loop, &server->terminate)) < 0)
         return lw_status_fail(err, LW_OS, "cannot start an event loop: %s", uv_strerror(result));
-    server->listener.data = server->wake.data = server->tick.data = server->lag.data = server;
+    server->listener.data = server->http_listener.data = server->wake.data = server->tick.data =
+        server->lag.data = server;
     server->prepare.data = server->check.data = server->busy.data = server;
     server->interrupt.data = server->terminate.data = server;
     return LW_OK;
@@ -521,8 +550,11 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     shared->atlas_map = desc->atlas_map;
     shared->scene = desc->scene;
     shared->epoch = 1;
+    shared->sessions_max = desc->sessions_max ? desc->sessions_max : LW_SERVER_SESSIONS_MAX;
+    shared->on_open = on_session_opened;
     shared->on_close = on_session_closed;
     shared->server = server;
+    server->tcp.sessions = shared;
     shared->rate_limit_bytes_hz = desc->rate_limit_bytes_hz;
     shared->hello_timeout_ns =
         1000000ull * (desc->hello_timeout_ms ? desc->hello_timeout_ms : 1000 * LW_SERVER_HELLO_TIMEOUT_S);
@@ -550,11 +582,12 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     return status == LW_OK ? compress_package(shared, desc->package, desc->package_size) : status;
 }
 
-/* Every session is a descriptor. Failing to get more of them is no failure: accept() will say so when they run out. */
-static void raise_descriptor_limit(void) {
+/* Every session is a descriptor. Failing to get more of them is no failure: accept() will say so when they run out. More than
+ * these are of no use, and libwebsockets keeps a table of as many as there may be. */
+static void set_descriptor_limit(void) {
     struct rlimit limit;
-    if (getrlimit(RLIMIT_NOFILE, &limit) != 0 || limit.rlim_cur == limit.rlim_max) return;
-    limit.rlim_cur = limit.rlim_max;
+    if (getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
+    limit.rlim_cur = limit.rlim_max < DESCRIPTORS_MAX ? limit.rlim_max : DESCRIPTORS_MAX;
     (void)setrlimit(RLIMIT_NOFILE, &limit);
 }
 
@@ -578,11 +611,12 @@ enum lw_status lw_server_create(const struct lw_server_desc *desc, struct lw_ser
         free(server);
         goto no_memory;
     }
-    server->sessions_max = desc->sessions_max ? desc->sessions_max : LW_SERVER_SESSIONS_MAX;
-    raise_descriptor_limit();
+    set_descriptor_limit();
     enum lw_status status = init_handles(server, err);
     if (status == LW_OK)
-        status = start_listening(server, desc->host ? desc->host : "127.0.0.1", desc->port, err);
+        status = start_listening(&server->listener, desc->host ? desc->host : "127.0.0.1", desc->port,
+                                 "--listen", &server->port, err);
+    if (status == LW_OK) status = start_http(server, desc, err);
     if (status == LW_OK && (status = init_shared(server, desc)) != LW_OK)
         lw_status_fail(err, status, "cannot prepare the scene package for clients: %s",
                        lw_status_text(status));
@@ -596,6 +630,7 @@ no_memory:
 }
 
 uint16_t lw_server_port(const struct lw_server *server) { return server->port; }
+uint16_t lw_server_http_port(const struct lw_server *server) { return server->http_port; }
 
 enum lw_status lw_server_run(struct lw_server *server, struct lw_error *err) {
     signal(SIGPIPE, SIG_IGN); /* libuv writes to closed sockets without asking for silence */
@@ -642,9 +677,14 @@ void lw_server_get_stats(const struct lw_server *server, struct lw_server_stats 
     uv_mutex_unlock(own);
 }
 
-static void close_handle(uv_handle_t *handle, void *context) {
-    (void)context;
-    if (!uv_is_closing(handle)) uv_close(handle, NULL);
+/* Ours alone: libwebsockets closes its own. */
+static void close_handles(struct lw_server *server) {
+    uv_handle_t *const handles[] = {(uv_handle_t *)&server->listener,  (uv_handle_t *)&server->http_listener,
+                                    (uv_handle_t *)&server->wake,      (uv_handle_t *)&server->prepare,
+                                    (uv_handle_t *)&server->check,     (uv_handle_t *)&server->busy,
+                                    (uv_handle_t *)&server->tick,      (uv_handle_t *)&server->lag,
+                                    (uv_handle_t *)&server->interrupt, (uv_handle_t *)&server->terminate};
+    for (size_t i = 0; i < sizeof handles / sizeof *handles; i++) close_handle(handles[i]);
 }
 
 void lw_server_destroy(struct lw_server *server) {
@@ -656,9 +696,11 @@ void lw_server_destroy(struct lw_server *server) {
     }
     if (server->loop.data) {
         while (shared->first) lw_session_close(shared->first, "the server ends");
-        uv_walk(&server->loop, close_handle, NULL);
+        lw_web_server_close(server->web);
+        close_handles(server);
         while (uv_run(&server->loop, UV_RUN_DEFAULT) != 0) {
         }
+        lw_web_server_destroy(server->web);
         uv_loop_close(&server->loop);
     }
     lw_snapshot_unref(server->latest);

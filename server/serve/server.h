@@ -1,4 +1,4 @@
-/* server.h: sessions over TCP on one libuv loop: hello, package, then tiles of the newest snapshot, coarse first.
+/* server.h: sessions over TCP and WebSocket on one libuv loop: hello, package, then tiles of the newest snapshot, coarse first.
  * Flow:    snapshots -> [server: per session, what it lacks] -> writev -> link
  *          what each session wants -> [server] -> what any of them wants -> solver
  *          updates of the scene -> [server: checked, in order] -> solver -> published -> answered
@@ -24,8 +24,12 @@
 #define LW_SERVER_LOOKS_HZ    4u    /* looks at time limits and at what waits */
 
 struct lw_server_desc {
-    const char *host;                     /* numeric or a name */
-    uint16_t port;                        /* 0: the system picks one */
+    const char *host; /* numeric or a name */
+    uint16_t port;    /* 0: the system picks one */
+    /* HTTP and WebSocket, if http_host is not NULL: web_server.h says what the strings mean. */
+    const char *http_host, *http_root, *http_hosts, *http_origins;
+    uint16_t http_port;                   /* 0: the system picks one */
+    bool http_may_fail;                   /* then there is a warning, and no HTTP */
     const struct lw_atlas_map *atlas_map; /* outlives the server */
     const uint8_t *package;               /* outlives the server */
     size_t package_size;
@@ -65,6 +69,8 @@ LW_MUST_CHECK enum lw_status lw_server_create(const struct lw_server_desc *desc,
                                               struct lw_server **out_server, struct lw_error *err);
 /** The port that it listens on. */
 uint16_t lw_server_port(const struct lw_server *server);
+/** The same for HTTP; 0: it does not serve that. */
+uint16_t lw_server_http_port(const struct lw_server *server);
 /** Serves until lw_server_stop(), SIGINT or SIGTERM; a second signal has its default effect. SIGPIPE is ignored from here
  * on, in the whole process. Call from one thread, once; that thread is the loop. Errors: LW_OS. */
 LW_MUST_CHECK enum lw_status lw_server_run(struct lw_server *server, struct lw_error *err);

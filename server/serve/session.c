@@ -2,29 +2,22 @@
 
 #include "common/clock.h"
 #include "common/log.h"
+#include "proto/message_reader.h"
 
 #include <assert.h>
 #include <inttypes.h>
 #include <math.h>
-#if defined(__linux__)
-#include <linux/sockios.h>
-#endif
-#include <netinet/in.h>
-#include <netinet/tcp.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/ioctl.h>
 
 #define BATCH_BLOBS      64u
 #define BATCH_BYTES      (LW_SERVER_QUEUE_MAX / 2) /* one more chunk or tile keeps within LW_SERVER_QUEUE_MAX */
 #define TURN_BATCHES     4u                        /* written at once before others get their turn */
 #define LINGER_NS        1000000000u               /* from a refusal to the close */
-#define KEEPALIVE_S      30u
-#define NOTSENT_LOWAT    (128 << 10) /* bytes; what the kernel holds cannot be replaced by a newer version */
-#define AHEAD            32u         /* tiles for which a session asks the recoder at once */
-#define FULL_GRACE_COUNT 1024u       /* refused connections that may wait for their close */
+#define AHEAD            32u                       /* tiles for which a session asks the recoder at once */
+#define FULL_GRACE_COUNT 1024u                     /* refused connections that may wait for their close */
 
 _Static_assert(BATCH_BYTES + LW_SESSION_CHUNK + 64 <= LW_SERVER_QUEUE_MAX, "a batch keeps within the queue");
 _Static_assert(LW_SESSION_CHUNK <= LW_MESSAGE_CHUNK_MAX, "a chunk is a legal message");
@@ -34,15 +27,7 @@ enum state {
     WELCOMED,  /* may ask for the package */
     STREAMING, /* package chunks, then frames and tiles */
     LEAVING,   /* was refused: what it sends is dropped */
-    CLOSED     /* waits for libuv */
-};
-
-/* A write that libuv has not finished: it holds the blobs meanwhile. */
-struct pending_write {
-    uv_write_t request;
-    uint64_t bytes;
-    uint32_t blob_count;
-    struct lw_blob *blob[];
+    CLOSED     /* waits for its link */
 };
 
 /* One UPDATED. */
@@ -59,26 +44,25 @@ struct interest {
 };
 
 struct lw_session {
-    uv_tcp_t tcp;
-    uv_shutdown_t shutdown;
+    struct lw_session_transport *link;
     struct lw_session_shared *shared;
     struct lw_session *previous, *next;
     struct lw_session_form *form;   /* of light, that it gets */
     struct lw_session_queue *queue; /* in which it waits for its turn; NULL: in none */
     struct lw_session *previous_due, *next_due;
     enum state state;
-    bool shutdown_sent, welcomed;
-    bool local;    /* the peer is on this machine */
-    bool controls; /* and may send updates */
+    bool ended, welcomed;
+    bool controls; /* may send updates */
     bool resumes;  /* may say what it has */
     uint64_t number;
-    char address[64], name[LW_MESSAGE_NAME_MAX + 1];
+    struct lw_session_peer peer;
+    char name[LW_MESSAGE_NAME_MAX + 1];
     uint64_t since_ns; /* connected; in LEAVING: refused */
-
-    uint8_t *input; /* the beginning of a message that is not whole yet */
-    size_t input_size, input_capacity;
+    struct lw_message_reader input;
 
     struct lw_blob *control; /* welcome or refusal */
+    enum lw_refusal refusal; /* in LEAVING */
+    char refusal_text[LW_MESSAGE_TEXT_MAX + 1];
     bool pong_due;
     uint64_t pong_token;
     struct answer *first_answer, *last_answer; /* to updates, not sent yet */
@@ -112,8 +96,9 @@ struct lw_session {
     uint64_t allowed_ns;          /* as of then */
     bool is_paced;                /* something would have been sent but for that */
 
-    struct pending_write *pending;
-    uint64_t given;      /* bytes handed to libuv so far */
+    bool is_writing;     /* the link has not taken all yet */
+    uint64_t writing;    /* bytes of that */
+    uint64_t given;      /* bytes handed to the link so far */
     uint64_t taken_last; /* of these the peer's, when progress was last looked at */
     uint64_t progress_ns;
 };
@@ -427,7 +412,6 @@ struct batch {
     uint32_t blob_count, tile_count;
     size_t bytes;
     struct lw_blob *blob[BATCH_BLOBS];
-    uv_buf_t buffer[BATCH_BLOBS];
 };
 
 static void take_batch(struct lw_session *s, struct batch *batch) {
@@ -437,91 +421,46 @@ static void take_batch(struct lw_session *s, struct batch *batch) {
         bool tile;
         struct lw_blob *blob = next_blob(s, &tile);
         if (!blob) break;
-        batch->blob[batch->blob_count] = blob;
-        batch->buffer[batch->blob_count++] = uv_buf_init((char *)blob->bytes, (unsigned)blob->size);
+        batch->blob[batch->blob_count++] = blob;
         batch->bytes += blob->size;
         batch->tile_count += tile;
         s->allowance -= (double)blob->size;
     }
 }
 
-static void unref_all(struct lw_blob **blob, uint32_t blob_count) {
-    for (uint32_t i = 0; i < blob_count; i++) lw_blob_unref(blob[i]);
-}
-
 /* A client that leaves with light unread on its link resets it: nothing went wrong. */
 static const char *reason(int result) {
-    return result == UV_ECONNRESET || result == UV_EPIPE ? "closed by the peer" : uv_strerror(result);
+    return result == UV_ECONNRESET || result == UV_EPIPE || result == UV_EOF ? "closed by the peer"
+                                                                             : uv_strerror(result);
 }
 
-static void on_written(uv_write_t *request, int result) {
-    struct lw_session *s = request->data;
-    struct pending_write *pending = s->pending;
-    s->pending = NULL;
-    if (result == 0) count(s->shared, &s->shared->stats.bytes_sent, (int64_t)pending->bytes);
-    unref_all(pending->blob, pending->blob_count);
-    free(pending);
+void lw_session_written(struct lw_session *s, int result, bool was_full) {
+    s->is_writing = false;
     if (s->state == CLOSED) return;
-    if (result < 0)
+    if (result < 0) {
         lw_session_close(s, reason(result));
-    else
-        lw_session_set_due(s, false);
-}
-
-/* Leaves the rest of a batch, from byte `written` on, to libuv. Takes over the batch's references. */
-static int queue_rest(struct lw_session *s, struct batch *batch, size_t written) {
-    uint32_t first = 0;
-    size_t rest = batch->bytes - written;
-    for (; written >= batch->buffer[first].len; first++) {
-        written -= batch->buffer[first].len;
-        lw_blob_unref(batch->blob[first]);
+        return;
     }
-    batch->buffer[first].base += written;
-    batch->buffer[first].len -= written;
-    uint32_t left = batch->blob_count - first;
-    struct pending_write *pending = malloc(sizeof *pending + left * sizeof(struct lw_blob *));
-    int result = UV_ENOMEM;
-    if (pending) {
-        pending->request.data = s;
-        pending->bytes = rest;
-        pending->blob_count = left;
-        memcpy(pending->blob, batch->blob + first, left * sizeof(struct lw_blob *));
-        result = uv_write(&pending->request, (uv_stream_t *)&s->tcp, batch->buffer + first, left, on_written);
-    }
-    if (result == 0) {
-        s->pending = pending;
-        s->link_was_full = true;
-    } else {
-        free(pending);
-        unref_all(batch->blob + first, left);
-    }
-    return result;
+    count(s->shared, &s->shared->stats.bytes_sent, (int64_t)s->writing);
+    s->link_was_full |= was_full;
+    lw_session_set_due(s, false);
 }
 
 /* Returns 0 or libuv's error. */
-static int write_batch(struct lw_session *s, struct batch *batch) {
-    int result = uv_try_write((uv_stream_t *)&s->tcp, batch->buffer, batch->blob_count);
-    if (result < 0 && result != UV_EAGAIN) {
-        unref_all(batch->blob, batch->blob_count);
-        return result;
-    }
-    size_t written = result < 0 ? 0 : (size_t)result;
+static int write_batch(struct lw_session *s, const struct batch *batch) {
+    const int written = s->link->ops->write(s->link, batch->blob, batch->blob_count);
+    if (written < 0) return written;
     s->given += batch->bytes;
+    s->writing = batch->bytes - (size_t)written;
+    s->is_writing = s->writing > 0;
     count(s->shared, &s->shared->stats.tiles_sent, batch->tile_count);
-    count(s->shared, &s->shared->stats.bytes_sent, (int64_t)written);
-    if (written < batch->bytes) return queue_rest(s, batch, written);
-    unref_all(batch->blob, batch->blob_count);
+    count(s->shared, &s->shared->stats.bytes_sent, written);
     return 0;
-}
-
-static void on_shutdown(uv_shutdown_t *request, int result) {
-    (void)request; /* the peer's own close, or the time limit, ends the session */
-    (void)result;
 }
 
 /* Writes until the link is full, nothing is left, or others should have their turn. */
 static bool write_batches(struct lw_session *s) {
-    for (unsigned round = 0; round < TURN_BATCHES && !s->pending && s->state != CLOSED; round++) {
+    for (unsigned round = 0; round < TURN_BATCHES && !s->is_writing && s->state != CLOSED; round++) {
         struct batch batch;
         take_batch(s, &batch);
         if (!batch.blob_count) return true;
@@ -567,12 +506,11 @@ static void pump(struct lw_session *s) {
         enqueue(s, &s->shared->paced);
     else if (has_all && s->waits)
         enqueue(s, &s->shared->waiting);
-    else if (!has_all && !s->pending)
+    else if (!has_all && !s->is_writing)
         lw_session_set_due(s, false); /* more than one turn's */
-    if (has_all && s->state == LEAVING && !s->shutdown_sent) {
-        s->shutdown_sent = true;
-        if (uv_shutdown(&s->shutdown, (uv_stream_t *)&s->tcp, on_shutdown) < 0)
-            lw_session_close(s, "link is gone");
+    if (has_all && s->state == LEAVING && !s->ended) {
+        s->ended = true; /* the peer's own close, or the time limit, ends the session */
+        if (s->link->ops->end(s->link, s->refusal, s->refusal_text) < 0) lw_session_close(s, "link is gone");
     }
 }
 
@@ -609,14 +547,13 @@ void lw_session_serve_due(struct lw_session_shared *shared, uint64_t deadline_ns
 
 /* ---- the end ---- */
 
-static void on_closed(uv_handle_t *handle) {
-    struct lw_session *s = handle->data;
+void lw_session_closed(struct lw_session *s) {
     struct lw_session_shared *shared = s->shared;
-    assert(!s->pending); /* libuv cancels writes before it calls back */
+    assert(s->state == CLOSED);
     lw_blob_unref(s->control);
     for (struct lw_blob *blob; (blob = next_answer(s));) lw_blob_unref(blob);
     lw_blob_unref(s->partial_chunk);
-    free(s->input);
+    lw_message_reader_clear(&s->input);
     free(s->sent);
     free(s->lacked);
     free(s->wanted);
@@ -657,23 +594,27 @@ static void end_service(struct lw_session *s) {
 void lw_session_close(struct lw_session *s, const char *reason) {
     if (s->state == CLOSED) return;
     if (s->welcomed)
-        lw_log(LW_LOG_INFO, "session %" PRIu64 ": %s (%s) left: %s", s->number, s->address, s->name, reason);
+        lw_log(LW_LOG_INFO, "session %" PRIu64 ": %s (%s) left: %s", s->number, s->peer.address, s->name,
+               reason);
     end_service(s);
     if (s->state == LEAVING) s->shared->leaving_count--;
     dequeue(s);
     s->state = CLOSED;
     unlink_session(s);
-    uv_close((uv_handle_t *)&s->tcp, on_closed);
+    s->link->ops->close(s->link);
 }
+
+void lw_session_lost(struct lw_session *s, int result) { lw_session_close(s, reason(result)); }
 
 void lw_session_refuse(struct lw_session *s, enum lw_refusal code, const char *format, ...) {
     if (s->state == LEAVING || s->state == CLOSED) return;
-    char text[LW_MESSAGE_TEXT_MAX + 1];
+    char *text = s->refusal_text;
     va_list args;
     va_start(args, format);
-    vsnprintf(text, sizeof text, format, args);
+    vsnprintf(text, sizeof s->refusal_text, format, args);
     va_end(args);
-    lw_log(LW_LOG_INFO, "session %" PRIu64 ": %s (%s) %s: %s", s->number, s->address, s->name,
+    s->refusal = code;
+    lw_log(LW_LOG_INFO, "session %" PRIu64 ": %s (%s) %s: %s", s->number, s->peer.address, s->name,
            s->welcomed ? "sent away" : "refused", text);
     end_service(s);
     count(s->shared, &s->shared->stats.refused, 1);
@@ -727,7 +668,7 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
     struct lw_message message = {.type = LW_MESSAGE_WELCOME, .welcome = s->shared->welcome};
     message.welcome.session = s->number;
     choose_form(s, hello, &message.welcome);
-    s->controls = s->local && s->shared->scene && (hello->features & LW_FEATURE_CONTROL);
+    s->controls = s->peer.may_control && s->shared->scene && (hello->features & LW_FEATURE_CONTROL);
     if (s->controls) message.welcome.features |= LW_FEATURE_CONTROL;
     s->resumes = hello->features & LW_FEATURE_RESUME;
     if (s->resumes) message.welcome.features |= LW_FEATURE_RESUME;
@@ -745,7 +686,7 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
     lw_session_set_due(s, true);
     count(s->shared, &s->shared->stats.sessions_total, 1);
     count_session(s, 1);
-    lw_log(LW_LOG_INFO, "session %" PRIu64 ": %s (%s) joined%s", s->number, s->address, s->name,
+    lw_log(LW_LOG_INFO, "session %" PRIu64 ": %s (%s) joined%s", s->number, s->peer.address, s->name,
            s->form->form == LW_LIGHT_FORM_SPLIT ? ", draws direct light" : "");
 }
 
@@ -943,7 +884,6 @@ static void handle_message(struct lw_session *s, const struct lw_message *m) {
     bool in_order = m->type == LW_MESSAGE_HELLO             ? s->state == EXPECTS_HELLO
                     : m->type == LW_MESSAGE_PACKAGE_REQUEST ? s->state == WELCOMED
                     : m->type == LW_MESSAGE_HOLDS           ? s->state == WELCOMED && s->resumes
-                    : m->type == LW_MESSAGE_UPDATE          ? s->controls
                                                             : s->state == WELCOMED || s->state == STREAMING;
     if (!in_order) {
         lw_session_refuse(s, LW_REFUSAL_PROTOCOL, "message %s: out of order",
@@ -964,7 +904,11 @@ static void handle_message(struct lw_session *s, const struct lw_message *m) {
         handle_interest(s, &m->interest);
         break;
     case LW_MESSAGE_UPDATE:
-        handle_update(s, &m->update);
+        if (s->controls)
+            handle_update(s, &m->update);
+        else
+            lw_session_refuse(s, LW_REFUSAL_NOT_ALLOWED,
+                              "message UPDATE: this session may not change the scene");
         break;
     case LW_MESSAGE_PING:
         s->pong_due = true;
@@ -982,128 +926,40 @@ static void handle_message(struct lw_session *s, const struct lw_message *m) {
     }
 }
 
-/* Takes one message off the front; returns its bytes, 0 if it is not whole yet or the session came to its end. */
-static size_t take_message(struct lw_session *s, const uint8_t *data, size_t size) {
+/* Takes one message; false: none is whole yet, or the session came to its end. */
+static bool take_message(struct lw_session *s) {
     struct lw_frame_header header;
     struct lw_message message;
     struct lw_error err = {0};
-    if (size < LW_FRAME_HEADER_SIZE) return 0;
-    enum lw_status status = lw_frame_read_header(data, LW_FRAME_CLIENT_BODY_MAX, &header, &err);
-    if (status == LW_OK && size - LW_FRAME_HEADER_SIZE < header.body_size) return 0;
-    if (status == LW_OK) status = lw_message_decode(header, data + LW_FRAME_HEADER_SIZE, &message, &err);
+    const uint8_t *body;
+    enum lw_status status = lw_message_reader_take(&s->input, &header, &body, &err);
+    if (status == LW_OK && !body) return false;
+    if (status == LW_OK) status = lw_message_decode(header, body, &message, &err);
     if (status == LW_NO_MEMORY) {
         lw_session_close(s, "out of memory");
-        return 0;
+        return false;
     }
     if (status != LW_OK) {
         lw_session_refuse(s, LW_REFUSAL_PROTOCOL, "%s", err.text);
-        return 0;
+        return false;
     }
     handle_message(s, &message);
     lw_message_finish(&message);
-    return LW_FRAME_HEADER_SIZE + header.body_size;
-}
-
-/* Takes all whole messages off the front; returns their bytes. */
-static size_t take_messages(struct lw_session *s, const uint8_t *data, size_t size) {
-    size_t taken = 0, message;
-    while (s->state < LEAVING && (message = take_message(s, data + taken, size - taken))) taken += message;
-    return taken;
-}
-
-/* Doubling, so that a message that comes byte by byte is not copied as often. What is kept is less than one message. */
-static bool append_input(struct lw_session *s, const uint8_t *data, size_t size) {
-    size_t needed = s->input_size + size;
-    if (needed > s->input_capacity) {
-        size_t capacity = needed > 2 * s->input_capacity ? needed : 2 * s->input_capacity;
-        uint8_t *grown = realloc(s->input, capacity);
-        if (!grown) return false;
-        s->input = grown;
-        s->input_capacity = capacity;
-    }
-    memcpy(s->input + s->input_size, data, size);
-    s->input_size = needed;
     return true;
 }
 
-static void receive(struct lw_session *s, const uint8_t *data, size_t size) {
-    bool whole = s->input_size == 0; /* most messages come in one piece and need no copy */
-    if (whole) {
-        size_t taken = take_messages(s, data, size);
-        data += taken;
-        size -= taken;
-    }
+void lw_session_receive(struct lw_session *s, const uint8_t *bytes, size_t size) {
     if (s->state >= LEAVING) return;
-    if (size && !append_input(s, data, size)) {
+    lw_message_reader_lend(&s->input, bytes, size);
+    while (s->state < LEAVING && take_message(s)) {
+    }
+    if (s->state >= LEAVING)
+        lw_message_reader_clear(&s->input);
+    else if (lw_message_reader_keep(&s->input) != LW_OK)
         lw_session_close(s, "out of memory");
-        return;
-    }
-    if (!whole) {
-        size_t taken = take_messages(s, s->input, s->input_size);
-        s->input_size -= taken;
-        memmove(s->input, s->input + taken, s->input_size);
-    }
-    if (!s->input_size) {
-        free(s->input);
-        s->input = NULL;
-        s->input_capacity = 0;
-    }
-}
-
-static void on_alloc(uv_handle_t *handle, size_t suggested, uv_buf_t *out_buffer) {
-    struct lw_session *s = handle->data;
-    (void)suggested;
-    *out_buffer = uv_buf_init((char *)s->shared->read_buffer, sizeof s->shared->read_buffer);
-}
-
-static void on_read(uv_stream_t *stream, ssize_t size, const uv_buf_t *buffer) {
-    struct lw_session *s = stream->data;
-    if (size == UV_EOF) {
-        lw_session_close(s, "closed by the peer");
-    } else if (size < 0) {
-        lw_session_close(s, reason((int)size));
-    } else if (size > 0 && s->state < LEAVING) {
-        receive(s, (const uint8_t *)buffer->base, (size_t)size);
-    }
 }
 
 /* ---- the beginning ---- */
-
-/* 127.0.0.0/8, ::1, and the former as ::ffff:127.0.0.0/104. */
-static bool is_loopback(const struct sockaddr *peer) {
-    if (peer->sa_family == AF_INET)
-        return ntohl(((const struct sockaddr_in *)peer)->sin_addr.s_addr) >> 24 == 127;
-    if (peer->sa_family != AF_INET6) return false;
-    const struct in6_addr *address = &((const struct sockaddr_in6 *)peer)->sin6_addr;
-    return IN6_IS_ADDR_LOOPBACK(address) || (IN6_IS_ADDR_V4MAPPED(address) && address->s6_addr[12] == 127);
-}
-
-static void name_peer(struct lw_session *s) {
-    struct sockaddr_storage peer = {0};
-    int length = sizeof peer;
-    char host[48] = "?";
-    unsigned port = 0;
-    if (uv_tcp_getpeername(&s->tcp, (struct sockaddr *)&peer, &length) == 0) {
-        if (peer.ss_family == AF_INET6) {
-            uv_ip6_name((struct sockaddr_in6 *)&peer, host, sizeof host);
-            port = ntohs(((struct sockaddr_in6 *)&peer)->sin6_port);
-        } else {
-            uv_ip4_name((struct sockaddr_in *)&peer, host, sizeof host);
-            port = ntohs(((struct sockaddr_in *)&peer)->sin_port);
-        }
-    }
-    s->local = is_loopback((const struct sockaddr *)&peer);
-    snprintf(s->address, sizeof s->address, peer.ss_family == AF_INET6 ? "[%s]:%u" : "%s:%u", host, port);
-}
-
-static void set_options(struct lw_session *s) {
-    int descriptor, low_water = NOTSENT_LOWAT;
-    /* none of these can fail on a connected socket in a way that matters */
-    (void)uv_tcp_nodelay(&s->tcp, 1);
-    (void)uv_tcp_keepalive(&s->tcp, 1, KEEPALIVE_S);
-    if (uv_fileno((uv_handle_t *)&s->tcp, &descriptor) == 0)
-        (void)setsockopt(descriptor, IPPROTO_TCP, TCP_NOTSENT_LOWAT, &low_water, sizeof low_water);
-}
 
 static void link_session(struct lw_session *s) {
     struct lw_session_shared *shared = s->shared;
@@ -1113,52 +969,30 @@ static void link_session(struct lw_session *s) {
     shared->connection_count++;
 }
 
-enum lw_status lw_session_accept(struct lw_session_shared *shared, uv_stream_t *listener,
-                                 struct lw_session **out_session) {
-    struct lw_session *s = calloc(1, sizeof *s);
-    if (!s) return LW_NO_MEMORY;
-    if (uv_tcp_init(listener->loop, &s->tcp) < 0) {
-        free(s);
-        return LW_OS;
-    }
-    s->tcp.data = s;
+struct lw_session *lw_session_open(struct lw_session_shared *shared, struct lw_session_transport *link,
+                                   const struct lw_session_peer *peer) {
+    struct lw_session *s = shared->leaving_count > FULL_GRACE_COUNT ? NULL : calloc(1, sizeof *s);
+    if (!s) return NULL;
+    s->link = link;
     s->shared = shared;
+    s->peer = *peer;
+    s->input.body_max = LW_FRAME_CLIENT_BODY_MAX;
     s->form = &shared->form[LW_LIGHT_FORM_FULL];
     s->interest.everything = true;
     s->number = ++shared->number;
     s->since_ns = lw_clock_ns();
     snprintf(s->name, sizeof s->name, "no hello yet");
     link_session(s);
-    int result = uv_accept(listener, (uv_stream_t *)&s->tcp);
-    if (result == 0) {
-        name_peer(s);
-        set_options(s);
-        result = uv_read_start((uv_stream_t *)&s->tcp, on_alloc, on_read);
-    }
-    if (result < 0 || shared->leaving_count > FULL_GRACE_COUNT) {
-        lw_session_close(s, "could not be accepted");
-        return LW_OS;
-    }
-    *out_session = s;
-    return LW_OK;
-}
-
-/* Bytes in the system's socket that the peer's system has not taken. */
-static size_t socket_waiting(const struct lw_session *s) {
-#ifdef SIOCOUTQ
-    uv_os_fd_t fd;
-    int waiting;
-    if (uv_fileno((const uv_handle_t *)&s->tcp, &fd) == 0 && ioctl(fd, SIOCOUTQ, &waiting) == 0)
-        return (size_t)waiting;
-#else
-    (void)s;
-#endif
-    return 0;
+    shared->on_open(shared->server);
+    if (shared->connection_count - shared->leaving_count > shared->sessions_max)
+        lw_session_refuse(s, LW_REFUSAL_FULL, "the server has its %u sessions", shared->sessions_max);
+    return s;
 }
 
 /* Progress is what the peer takes: our own socket would take megabytes for one who reads nothing. */
 static bool is_stalled(struct lw_session *s, uint64_t now_ns, struct lw_session_waiting *waiting) {
-    const size_t ours = uv_stream_get_write_queue_size((uv_stream_t *)&s->tcp), socket = socket_waiting(s);
+    size_t ours, socket;
+    s->link->ops->waiting(s->link, &ours, &socket);
     waiting->bytes += ours;
     waiting->socket_bytes += socket;
     if (waiting->bytes_max < ours) waiting->bytes_max = ours;

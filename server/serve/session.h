@@ -1,6 +1,6 @@
 /* session.h: one connected peer: what it said, what it was sent, what it gets next.
- * Flow:    link -> messages -> [session] -> what it lacks of the newest snapshot -> writev -> link
- * Threads: everything here is [loop]. For server.c alone. */
+ * Flow:    transport -> messages -> [session] -> what it lacks of the newest snapshot -> transport
+ * Threads: everything here is [loop]. For server.c and the transports alone. */
 #ifndef LW_SERVE_SESSION_H
 #define LW_SERVE_SESSION_H
 
@@ -8,6 +8,7 @@
 #include "common/scene/scene_roster.h"
 #include "server/serve/deltas.h"
 #include "server/serve/server.h"
+#include "server/serve/session_transport.h"
 #include "server/serve/updates.h"
 #include "server/serve/urgency.h"
 #include "server/serve/wanted.h"
@@ -67,17 +68,30 @@ struct lw_session_shared {
     uint32_t leaving_count;          /* those that were refused and are about to close */
     uint64_t number;                 /* of the last session */
     uv_mutex_t stats_mutex;
-    struct lw_server_stats stats;   /* guarded by stats_mutex */
-    void (*on_close)(void *server); /* a connection is gone */
+    struct lw_server_stats stats; /* guarded by stats_mutex */
+    uint32_t sessions_max;
+    void (*on_open)(void *server);  /* there is a connection */
+    void (*on_close)(void *server); /* one is gone */
     void *server;
-    uint8_t read_buffer[64u << 10]; /* libuv hands a read over before it starts the next */
 };
 
 #define LW_SESSION_CHUNK (64u << 10) /* bytes of package data in a PACKAGE_CHUNK */
 
-/** Takes the next connection of a listener. Errors: LW_NO_MEMORY, LW_OS; then there is no session. */
-LW_MUST_CHECK enum lw_status lw_session_accept(struct lw_session_shared *shared, uv_stream_t *listener,
-                                               struct lw_session **out_session);
+/** A session on a link that is there; the link outlives it. It may be refused at once. NULL: there is no memory, or too many
+ * wait for their close. */
+struct lw_session *lw_session_open(struct lw_session_shared *shared, struct lw_session_transport *link,
+                                   const struct lw_session_peer *peer);
+
+/* What a transport tells of its link. */
+/** Bytes have come. */
+void lw_session_receive(struct lw_session *session, const uint8_t *bytes, size_t size);
+/** The link has taken what write() left over, or result is libuv's error.
+ * was_full  the link took no more for a time; not told by one that takes everything later */
+void lw_session_written(struct lw_session *session, int result, bool was_full);
+/** The peer has ended the link, or result is libuv's error. */
+void lw_session_lost(struct lw_session *session, int result);
+/** The link is gone, after its close(): frees the session. */
+void lw_session_closed(struct lw_session *session);
 
 /** Gives it a turn: there may be something to send. Call when a new snapshot is there.
  * asked  for an answer: it does not wait for those who did not, nor they for it */
@@ -108,7 +122,7 @@ void lw_session_tick(struct lw_session *session, uint64_t now_ns, struct lw_sess
 void lw_session_refuse(struct lw_session *session, enum lw_refusal code, const char *format, ...)
     LW_PRINTF(3, 4);
 
-/** Closes at once; memory goes when libuv has let go of the handle. */
+/** Closes at once; memory goes with lw_session_closed(). */
 void lw_session_close(struct lw_session *session, const char *reason);
 
 struct lw_session *lw_session_next(const struct lw_session *session);

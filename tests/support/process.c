@@ -174,9 +174,9 @@ void lw_process_serve(struct lw_process *process, const char *arguments) {
     char line[2048], name[32], port_file[128];
     snprintf(name, sizeof name, "port.%u", ++served);
     snprintf(port_file, sizeof port_file, "%s", lw_support_temporary(name));
-    /* the last --listen counts */
-    assert_true((size_t)snprintf(line, sizeof line, "--listen 127.0.0.1:0 --port-file %s %s", port_file,
-                                 arguments) < sizeof line);
+    /* the last --listen and --http count */
+    assert_true((size_t)snprintf(line, sizeof line, "--listen 127.0.0.1:0 --http none --port-file %s %s",
+                                 port_file, arguments) < sizeof line);
     lw_process_start(process, "lightwelld", line);
     snprintf(process->port_file, sizeof process->port_file, "%s", port_file);
     uint64_t deadline_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;

@@ -320,6 +320,8 @@ static void addresses_split(void **state) {
     lw_support_ok(lw_options_address("[::1]", host, sizeof host, &port, &err), &err);
     assert_string_equal(host, "::1");
     assert_int_equal(port, LW_OPTIONS_PORT);
+    lw_support_ok(lw_options_address_or("[::1]", 5, host, sizeof host, &port, &err), &err);
+    assert_int_equal(port, 5);
     lw_support_ok(lw_options_address("99", host, sizeof host, &port, &err), &err);
     assert_string_equal(host, LW_OPTIONS_HOST);
     assert_int_equal(port, 99);

@@ -1857,7 +1857,7 @@ static void test_updates_want_the_role(void **state) {
     struct fixture *f = start_controlled();
     int s = dial_and_greet(f); /* without the feature */
     update(s, 1, &hide_1, 1);
-    expect_refusal(s, LW_REFUSAL_PROTOCOL);
+    expect_refusal(s, LW_REFUSAL_NOT_ALLOWED);
     s = dial(f); /* before hello */
     update(s, 1, &hide_1, 1);
     expect_refusal(s, LW_REFUSAL_PROTOCOL);
@@ -1871,7 +1871,7 @@ static void test_updates_want_the_role(void **state) {
     assert_int_equal(m.welcome.features, 0);
     lw_message_finish(&m);
     update(s, 1, &hide_1, 1);
-    expect_refusal(s, LW_REFUSAL_PROTOCOL);
+    expect_refusal(s, LW_REFUSAL_NOT_ALLOWED);
     end(f);
 }
 

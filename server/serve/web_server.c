@@ -1,0 +1,411 @@
+#include "server/serve/web_server.h"
+
+#include "server/serve/http_origin.h"
+#include "server/serve/tcp_transport.h"
+#include "server/serve/web_files.h"
+#include "server/serve/ws_transport.h"
+
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <unistd.h>
+
+#define ENDPOINT     "/ws"
+#define HEADERS_SIZE 2048u       /* of an answer */
+#define PIECE        (64u << 10) /* of its body, written at once */
+#define ROOM         LWS_PRE + PIECE
+#define RECEIVE_SIZE (16u << 10) /* bytes handed on at once */
+
+/* lws_http_get_uri_and_method() */
+enum method { GET = 0, HEAD = 7 };
+
+struct lw_web_server {
+    struct lws_context *context;
+    struct lws_vhost *vhost;
+    struct lws_protocols protocols[3];
+    struct lw_web_files files;
+    char *host, *hosts, *origins;
+    struct lw_ws_transport_shared sockets;
+    uint32_t connection_count; /* that are no sessions */
+    uint8_t room[ROOM];        /* what is being written: libwebsockets keeps what is left of it */
+};
+
+/* One peer: requests, one after another, or a session. */
+struct connection {
+    struct lw_web_server *server;
+    struct lw_ws_transport *socket; /* it is a WebSocket */
+    const uint8_t *body;            /* of the answer: what is left of it */
+    size_t body_size;
+    char host[LW_HTTP_ORIGIN_MAX];
+};
+
+/* Where there is no client. */
+static const char page[] =
+    "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>lightwelld</title>\n"
+    "<h1>lightwelld serves light here</h1>\n"
+    "<p>The browser client is not installed: its folder is missing or empty. Start lightwelld with "
+    "<code>--web-root FOLDER</code>, or build the client and install it.</p>\n"
+    "<p>Programs connect by TCP, or by WebSocket at <code>" ENDPOINT "</code>.</p></html>\n";
+
+/* ---- answers ---- */
+
+static bool add_header(struct lws *wsi, uint8_t **at, uint8_t *end, const char *name, const char *value) {
+    return lws_add_http_header_by_name(wsi, (const unsigned char *)name, (const unsigned char *)value,
+                                       (int)strlen(value), at, end) == 0;
+}
+
+/* What a page of ours may do: nothing but our own files and our own WebSocket. The Host was looked at before. */
+static bool add_policy(struct lws *wsi, const struct connection *c, uint8_t **at, uint8_t *end) {
+    char policy[3 * LW_HTTP_ORIGIN_MAX + 300];
+    snprintf(policy, sizeof policy,
+             "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src 'self'; style-src 'self'; "
+             "img-src 'self' data: blob:; connect-src 'self' ws://%s wss://%s; base-uri 'none'; "
+             "form-action 'none'; frame-ancestors 'none'",
+             c->host, c->host);
+    return add_header(wsi, at, end, "content-security-policy:", policy);
+}
+
+static bool add_common(struct lws *wsi, uint8_t **at, uint8_t *end) {
+    return add_header(wsi, at, end, "x-content-type-options:", "nosniff") &&
+           add_header(wsi, at, end, "referrer-policy:", "no-referrer") &&
+           add_header(wsi, at, end, "cross-origin-opener-policy:", "same-origin") &&
+           add_header(wsi, at, end, "cross-origin-embedder-policy:", "require-corp") &&
+           add_header(wsi, at, end, "cross-origin-resource-policy:", "same-origin");
+}
+
+/* Writes headers from server->room on. Returns 0, or -1: the connection is to be closed. */
+static int write_headers(struct lws *wsi, struct connection *c, unsigned status, const char *type,
+                         size_t size, const char *cache, const char *tag) {
+    uint8_t *begin = c->server->room + LWS_PRE, *at = begin, *end = begin + HEADERS_SIZE;
+    char length[24];
+    snprintf(length, sizeof length, "%zu", size);
+    bool done = lws_add_http_header_status(wsi, status, &at, end) == 0 && add_common(wsi, &at, end) &&
+                add_header(wsi, &at, end, "cache-control:", cache);
+    if (done && tag) done = add_header(wsi, &at, end, "etag:", tag);
+    if (done && type)
+        done = add_header(wsi, &at, end, "content-type:", type) &&
+               add_header(wsi, &at, end, "content-length:", length);
+    if (done && type && strncmp(type, "text/html", 9) == 0) done = add_policy(wsi, c, &at, end);
+    if (done && status == 405) done = add_header(wsi, &at, end, "allow:", "GET, HEAD");
+    if (done && status >= 400 && status != 404) done = add_header(wsi, &at, end, "connection:", "close");
+    if (!done || lws_finalize_http_header(wsi, &at, end)) return -1;
+    return lws_write(wsi, begin, (size_t)(at - begin), LWS_WRITE_HTTP_HEADERS) < 0 ? -1 : 0;
+}
+
+/* The next request may come. */
+static int end_answer(struct lws *wsi) { return lws_http_transaction_completed(wsi) ? -1 : 0; }
+
+/* A short answer in one go; after it the connection is closed: what else the peer sends makes no difference. */
+static int refuse(struct lws *wsi, struct connection *c, unsigned status, const char *text) {
+    const size_t size = strlen(text);
+    if (write_headers(wsi, c, status, "text/plain; charset=utf-8", size, "no-store", NULL) < 0) return -1;
+    memcpy(c->server->room + LWS_PRE, text, size);
+    (void)lws_write(wsi, c->server->room + LWS_PRE, size, LWS_WRITE_HTTP_FINAL);
+    return -1;
+}
+
+static int write_body(struct lws *wsi, struct connection *c) {
+    const size_t size = c->body_size < PIECE ? c->body_size : PIECE;
+    const bool last = size == c->body_size;
+    memcpy(c->server->room + LWS_PRE, c->body, size);
+    if (lws_write(wsi, c->server->room + LWS_PRE, size, last ? LWS_WRITE_HTTP_FINAL : LWS_WRITE_HTTP) < 0)
+        return -1;
+    c->body += size;
+    c->body_size -= size;
+    if (last) return end_answer(wsi);
+    lws_set_timeout(wsi, PENDING_TIMEOUT_HTTP_CONTENT, LW_WEB_SERVER_ANSWER_S);
+    lws_callback_on_writable(wsi);
+    return 0;
+}
+
+static int answer(struct lws *wsi, struct connection *c, unsigned status, const char *type,
+                  const uint8_t *bytes, size_t size, const char *tag, bool head) {
+    if (write_headers(wsi, c, status, type, size, tag ? "no-cache" : "no-store", tag) < 0) return -1;
+    if (head || !size) return end_answer(wsi);
+    c->body = bytes;
+    c->body_size = size;
+    lws_set_timeout(wsi, PENDING_TIMEOUT_HTTP_CONTENT, LW_WEB_SERVER_ANSWER_S);
+    lws_callback_on_writable(wsi);
+    return 0;
+}
+
+/* ---- requests ---- */
+
+/* A header's text; false: it is absent, or longer than fits. */
+static bool get_header(struct lws *wsi, enum lws_token_indexes which, char *dst, size_t size) {
+    return lws_hdr_total_length(wsi, which) > 0 && lws_hdr_copy(wsi, dst, (int)size, which) > 0;
+}
+
+static bool has_header(struct lws *wsi, enum lws_token_indexes which) {
+    return lws_hdr_total_length(wsi, which) > 0;
+}
+
+/* By the address that the connection is at. */
+static bool is_own_address(struct lws *wsi, const char *name) {
+    struct sockaddr_storage address = {0};
+    socklen_t length = sizeof address;
+    char text[64] = "";
+    if (getsockname(lws_get_socket_fd(wsi), (struct sockaddr *)&address, &length) != 0) return false;
+    if (address.ss_family == AF_INET6)
+        uv_ip6_name((const struct sockaddr_in6 *)&address, text, sizeof text);
+    else if (address.ss_family == AF_INET)
+        uv_ip4_name((const struct sockaddr_in *)&address, text, sizeof text);
+    const char *v4 = strncasecmp(text, "::ffff:", 7) == 0 ? text + 7 : text;
+    return strcasecmp(text, name) == 0 || strcasecmp(v4, name) == 0;
+}
+
+/* Notes the Host, which must be one of ours. */
+static bool check_host(struct lws *wsi, struct connection *c) {
+    char name[LW_HTTP_ORIGIN_MAX];
+    *c->host = '\0';
+    if (!get_header(wsi, WSI_TOKEN_HOST, c->host, sizeof c->host) ||
+        !lw_http_origin_host_name(c->host, name, sizeof name) ||
+        !(lw_http_origin_is_loopback(name) || strcasecmp(name, c->server->host) == 0 ||
+          lw_http_origin_is_listed(c->server->hosts, name) || is_own_address(wsi, name))) {
+        *c->host = '\0';
+        return false;
+    }
+    return true;
+}
+
+static int refuse_host(struct lws *wsi, struct connection *c) {
+    return refuse(wsi, c, 403,
+                  "This server does not go by that name: lightwelld --http-host NAME adds one.\n");
+}
+
+static bool check_origin(struct lws *wsi, const struct connection *c) {
+    char origin[LW_HTTP_ORIGIN_MAX];
+    if (!has_header(wsi, WSI_TOKEN_ORIGIN)) return true; /* no browser */
+    return get_header(wsi, WSI_TOKEN_ORIGIN, origin, sizeof origin) &&
+           (lw_http_origin_is_same(origin, c->host) || lw_http_origin_is_listed(c->server->origins, origin));
+}
+
+static int handle_request(struct lws *wsi, struct connection *c, const char *path) {
+    struct lw_web_server *server = c->server;
+    char *uri, tag[64];
+    int uri_length;
+    const int method = lws_http_get_uri_and_method(wsi, &uri, &uri_length);
+    if (!check_host(wsi, c)) return refuse_host(wsi, c);
+    if (method != GET && method != HEAD) return refuse(wsi, c, 405, "There is GET and HEAD.\n");
+    if (has_header(wsi, WSI_TOKEN_HTTP_CONTENT_LENGTH) || has_header(wsi, WSI_TOKEN_HTTP_TRANSFER_ENCODING))
+        return refuse(wsi, c, 400, "A request has no body here.\n");
+    if (strcmp(path, ENDPOINT) == 0) return refuse(wsi, c, 426, "This is for WebSockets.\n");
+    const struct lw_web_file *file = lw_web_files_find(&server->files, path);
+    if (!file && !server->files.count && strcmp(path, "/") == 0)
+        return answer(wsi, c, 200, "text/html; charset=utf-8", (const uint8_t *)page, sizeof page - 1, NULL,
+                      method == HEAD);
+    if (!file) {
+        static const char text[] = "There is no such page.\n";
+        return answer(wsi, c, 404, "text/plain; charset=utf-8", (const uint8_t *)text, sizeof text - 1, NULL,
+                      method == HEAD);
+    }
+    if (get_header(wsi, WSI_TOKEN_HTTP_IF_NONE_MATCH, tag, sizeof tag) && strstr(tag, file->tag))
+        return answer(wsi, c, 304, NULL, NULL, 0, file->tag, true);
+    return answer(wsi, c, 200, file->type, file->bytes, file->size, file->tag, method == HEAD);
+}
+
+/* Returns 0: libwebsockets goes on with the handshake. */
+static int handle_upgrade(struct lws *wsi, struct connection *c, const char *what) {
+    char path[sizeof ENDPOINT + 1];
+    if (!check_host(wsi, c)) return refuse_host(wsi, c);
+    if (strcasecmp(what, "websocket") != 0 || !get_header(wsi, WSI_TOKEN_GET_URI, path, sizeof path) ||
+        strcmp(path, ENDPOINT) != 0)
+        return refuse(wsi, c, 404, "WebSockets are at " ENDPOINT ".\n");
+    if (!check_origin(wsi, c))
+        return refuse(wsi, c, 403,
+                      "Pages of that origin may not connect: lightwelld --http-origin ORIGIN adds one.\n");
+    if (!has_header(wsi, WSI_TOKEN_PROTOCOL))
+        return refuse(wsi, c, 400, "The WebSocket's protocol must be " LW_WS_TRANSPORT_PROTOCOL ".\n");
+    return 0;
+}
+
+/* ---- events ---- */
+
+static struct connection *connection_of(struct lws *wsi) { return lws_get_opaque_user_data(wsi); }
+
+static void count_connection(struct lw_web_server *server, int change) {
+    server->connection_count += (uint32_t)change;
+}
+
+static void forget(struct lws *wsi, struct connection *c) {
+    lws_set_opaque_user_data(wsi, NULL);
+    if (!c->socket) count_connection(c->server, -1);
+    lw_ws_transport_destroy(c->socket);
+    free(c);
+}
+
+static int on_http(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in, size_t size) {
+    (void)user;
+    (void)size;
+    struct connection *c = wsi ? connection_of(wsi) : NULL;
+    if (!c) return 0;
+    switch (reason) {
+    case LWS_CALLBACK_HTTP:
+        return handle_request(wsi, c, in);
+    case LWS_CALLBACK_HTTP_WRITEABLE:
+        return c->body_size ? write_body(wsi, c) : 0;
+    case LWS_CALLBACK_HTTP_CONFIRM_UPGRADE:
+        return handle_upgrade(wsi, c, in);
+    case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION: /* of a WebSocket that asked for no protocol of ours */
+    case LWS_CALLBACK_HTTP_BODY:
+        return -1;
+    case LWS_CALLBACK_WSI_DESTROY:
+        forget(wsi, c);
+        return 0;
+    default:
+        return 0;
+    }
+}
+
+static int open_socket(struct lws *wsi, struct connection *c) {
+    c->socket = lw_ws_transport_open(&c->server->sockets, wsi);
+    if (!c->socket) return -1;
+    count_connection(c->server, -1);
+    return 0;
+}
+
+/* The protocol has bytes alone. */
+static int refuse_text(struct lws *wsi) {
+    static unsigned char reason[] = "messages must be binary";
+    lws_close_reason(wsi, LWS_CLOSE_STATUS_UNACCEPTABLE_OPCODE, reason, sizeof reason - 1);
+    return -1;
+}
+
+static int on_socket(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in, size_t size) {
+    (void)user;
+    struct connection *c = wsi ? connection_of(wsi) : NULL;
+    if (!c) return 0;
+    switch (reason) {
+    case LWS_CALLBACK_ESTABLISHED:
+        return open_socket(wsi, c);
+    case LWS_CALLBACK_RECEIVE:
+        return lws_frame_is_binary(wsi) ? lw_ws_transport_receive(c->socket, in, size) : refuse_text(wsi);
+    case LWS_CALLBACK_SERVER_WRITEABLE:
+        return lw_ws_transport_writeable(c->socket);
+    case LWS_CALLBACK_CLOSED:
+        if (c->socket) lw_ws_transport_lost(c->socket);
+        return 0;
+    case LWS_CALLBACK_WSI_DESTROY:
+        forget(wsi, c);
+        return 0;
+    default:
+        return 0;
+    }
+}
+
+/* ---- connections ---- */
+
+static void on_handle_closed(uv_handle_t *handle) { free(handle); }
+
+/* The next connection as a descriptor of its own; -1: there is none. */
+static int take_descriptor(uv_stream_t *listener) {
+    int descriptor = -1;
+    uv_os_fd_t accepted;
+    uv_tcp_t *tcp = malloc(sizeof *tcp);
+    if (!tcp) return -1;
+    if (uv_tcp_init(listener->loop, tcp) < 0) {
+        free(tcp);
+        return -1;
+    }
+    if (uv_accept(listener, (uv_stream_t *)tcp) == 0 && uv_fileno((uv_handle_t *)tcp, &accepted) == 0)
+        descriptor = fcntl(accepted, F_DUPFD_CLOEXEC, 0);
+    uv_close((uv_handle_t *)tcp, on_handle_closed);
+    return descriptor;
+}
+
+void lw_web_server_accept(struct lw_web_server *server, uv_stream_t *listener) {
+    const int descriptor = take_descriptor(listener);
+    if (descriptor < 0) return;
+    struct connection *c =
+        server->connection_count < LW_WEB_SERVER_CONNECTIONS_MAX ? calloc(1, sizeof *c) : NULL;
+    struct lws *wsi = c ? lws_adopt_socket_vhost(server->vhost, descriptor) : NULL;
+    if (!c) close(descriptor);
+    if (!wsi) { /* libwebsockets has closed it */
+        free(c);
+        return;
+    }
+    c->server = server;
+    count_connection(server, 1);
+    lws_set_opaque_user_data(wsi, c);
+    lws_set_timeout(wsi, PENDING_TIMEOUT_ESTABLISH_WITH_SERVER, LW_WEB_SERVER_REQUEST_S);
+    lws_cancel_service(server->context); /* it looks at its timers after events of its own alone */
+}
+
+/* ---- beginning and end ---- */
+
+static enum lw_status read_files(struct lw_web_server *server, const char *root, struct lw_error *err) {
+    struct lw_error cause = {0};
+    const enum lw_status status = root ? lw_web_files_read(root, &server->files, &cause) : LW_NO_INPUT;
+    if (status == LW_OK || status == LW_NO_INPUT) return LW_OK;
+    return lw_status_fail(err, status, "%s", cause.text);
+}
+
+static char *copy(const char *text) { return strdup(text ? text : ""); }
+
+static enum lw_status start(struct lw_web_server *server, uv_loop_t *loop, struct lw_error *err) {
+    void *loops[] = {loop};
+    server->protocols[0] = (struct lws_protocols){.name = "http", .callback = on_http};
+    server->protocols[1] = (struct lws_protocols){
+        .name = LW_WS_TRANSPORT_PROTOCOL, .callback = on_socket, .rx_buffer_size = RECEIVE_SIZE};
+    lws_set_log_level(0, NULL); /* peers could fill a log */
+    const struct lws_context_creation_info info = {
+        .port = CONTEXT_PORT_NO_LISTEN_SERVER,
+        .protocols = server->protocols,
+        .options = LWS_SERVER_OPTION_LIBUV | LWS_SERVER_OPTION_EXPLICIT_VHOSTS |
+                   LWS_SERVER_OPTION_SKIP_SERVER_CANONICAL_NAME | LWS_SERVER_OPTION_DISABLE_OS_CA_CERTS,
+        .foreign_loops = loops,
+        .user = server,
+        .timeout_secs = LW_WEB_SERVER_REQUEST_S,
+        .timeout_secs_ah_idle = LW_WEB_SERVER_REQUEST_S,
+        .keepalive_timeout = LW_WEB_SERVER_REQUEST_S,
+        .max_http_header_data = LW_WEB_SERVER_HEADER_MAX,
+        .max_http_header_data2 = LW_WEB_SERVER_HEADER_MAX,
+        .pt_serv_buf_size = RECEIVE_SIZE,
+        .gid = (gid_t)-1,
+        .uid = (uid_t)-1};
+    server->context = lws_create_context(&info);
+    if (server->context) server->vhost = lws_create_vhost(server->context, &info);
+    if (server->vhost) return LW_OK;
+    return lw_status_fail(
+        err, LW_OS,
+        "cannot start HTTP: is libwebsockets' part for libuv installed (libwebsockets-evlib-uv)?");
+}
+
+enum lw_status lw_web_server_create(const struct lw_web_server_desc *desc, struct lw_web_server **out_server,
+                                    struct lw_error *err) {
+    struct lw_web_server *server = calloc(1, sizeof *server);
+    if (!server) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    server->sockets.sessions = desc->sessions;
+    server->host = copy(desc->host);
+    server->hosts = copy(desc->hosts);
+    server->origins = copy(desc->origins);
+    enum lw_status status = server->host && server->hosts && server->origins
+                                ? read_files(server, desc->root, err)
+                                : lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    if (status == LW_OK) status = start(server, desc->loop, err);
+    if (status == LW_OK) {
+        *out_server = server;
+        return LW_OK;
+    }
+    lw_web_server_close(server);
+    for (int i = 0; i < 10; i++) (void)uv_run(desc->loop, UV_RUN_NOWAIT); /* handles of libwebsockets */
+    lw_web_server_destroy(server);
+    return status;
+}
+
+void lw_web_server_close(struct lw_web_server *server) {
+    if (server && server->context) lws_context_destroy(server->context);
+}
+
+/* The second call frees what the first one has closed. */
+void lw_web_server_destroy(struct lw_web_server *server) {
+    if (!server) return;
+    if (server->context) lws_context_destroy(server->context);
+    lw_web_files_finish(&server->files);
+    free(server->host);
+    free(server->hosts);
+    free(server->origins);
+    free(server);
+}

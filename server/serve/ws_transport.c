@@ -1,0 +1,158 @@
+#include "server/serve/ws_transport.h"
+
+#include "server/serve/tcp_transport.h"
+
+#include <assert.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define BLOBS_MAX  64u  /* that wait at once */
+#define REASON_MAX 123u /* bytes of text in a Close: RFC 6455, 5.5 */
+
+struct lw_ws_transport {
+    struct lw_session_transport transport;
+    struct lws *wsi;
+    struct lw_ws_transport_shared *shared;
+    struct lw_session *session;
+    struct lw_blob *blob[BLOBS_MAX]; /* from first on not written yet; of that one, `written` bytes are */
+    uint32_t first, blob_count;
+    size_t written, waiting;
+    bool was_full;
+    bool in_event; /* of this WebSocket: its return value closes it, nothing else may */
+    bool closing;  /* the session wants it to */
+    bool lost;     /* nothing can be written any more */
+};
+
+static struct lw_ws_transport *link_of(struct lw_session_transport *transport) {
+    return (struct lw_ws_transport *)transport;
+}
+
+/* ---- what the session asks for ---- */
+
+static int write_blobs(struct lw_session_transport *transport, struct lw_blob *const *blob, uint32_t count) {
+    struct lw_ws_transport *link = link_of(transport);
+    assert(link->first == link->blob_count && count <= BLOBS_MAX);
+    memcpy(link->blob, blob, count * sizeof(struct lw_blob *));
+    link->first = 0;
+    link->blob_count = count;
+    link->written = 0;
+    for (uint32_t i = 0; i < count; i++) link->waiting += blob[i]->size;
+    lws_callback_on_writable(link->wsi);
+    return 0;
+}
+
+static void read_on(struct lw_session_transport *transport, bool on) {
+    struct lw_ws_transport *link = link_of(transport);
+    if (!link->lost) lws_rx_flow_control(link->wsi, on);
+}
+
+/* A Close with a reason. To return from writeable() would not do: a debug build of libwebsockets, as Debian's is, then
+ * closes twice, the second time at once. */
+static int end_writing(struct lw_session_transport *transport, enum lw_refusal code, const char *text) {
+    struct lw_ws_transport *link = link_of(transport);
+    char reason[REASON_MAX];
+    size_t size = strlen(text);
+    assert(!link->in_event);
+    if (link->lost) return 0;
+    if (size > REASON_MAX)
+        for (size = REASON_MAX; size && ((unsigned char)text[size] & 0xc0) == 0x80;)
+            size--; /* whole characters */
+    memcpy(reason, text, size);
+    lws_close_reason(link->wsi, (enum lws_close_status)(LW_WS_TRANSPORT_REFUSED + (unsigned)code),
+                     (unsigned char *)reason, size);
+    lws_set_timeout(link->wsi, PENDING_TIMEOUT_USER_OK, LWS_TO_KILL_SYNC);
+    return 0;
+}
+
+static void close_link(struct lw_session_transport *transport) {
+    struct lw_ws_transport *link = link_of(transport);
+    link->closing = true;
+    if (link->lost || link->in_event) return;
+    lws_set_timeout(link->wsi, PENDING_TIMEOUT_USER_OK, LWS_TO_KILL_SYNC);
+}
+
+static void waiting(const struct lw_session_transport *transport, size_t *out_ours, size_t *out_socket) {
+    const struct lw_ws_transport *link = (const struct lw_ws_transport *)transport;
+    *out_ours = link->waiting;
+    *out_socket = link->lost ? 0 : lw_tcp_transport_socket_waiting(lws_get_socket_fd(link->wsi));
+}
+
+static const struct lw_session_transport_ops ops = {write_blobs, read_on, end_writing, close_link, waiting};
+
+/* ---- events ---- */
+
+struct lw_ws_transport *lw_ws_transport_open(struct lw_ws_transport_shared *shared, struct lws *wsi) {
+    struct lw_ws_transport *link = calloc(1, sizeof *link);
+    if (!link) return NULL;
+    *link = (struct lw_ws_transport){.transport = {&ops}, .wsi = wsi, .shared = shared, .in_event = true};
+    struct lw_session_peer peer = lw_tcp_transport_peer(lws_get_socket_fd(wsi));
+    peer.may_control = false;
+    lw_tcp_transport_set_options(lws_get_socket_fd(wsi));
+    link->session = lw_session_open(shared->sessions, &link->transport, &peer);
+    link->in_event = false;
+    if (link->session) return link;
+    free(link);
+    return NULL;
+}
+
+int lw_ws_transport_receive(struct lw_ws_transport *link, const void *bytes, size_t size) {
+    if (link->closing) return -1;
+    link->in_event = true;
+    lw_session_receive(link->session, bytes, size);
+    link->in_event = false;
+    return link->closing ? -1 : 0;
+}
+
+/* As much as fits into one message; returns its bytes. */
+static size_t fill(struct lw_ws_transport *link) {
+    uint8_t *message = link->shared->message + LWS_PRE;
+    size_t size = 0;
+    while (link->first < link->blob_count && size < LW_WS_TRANSPORT_MESSAGE) {
+        struct lw_blob *blob = link->blob[link->first];
+        const size_t left = blob->size - link->written, room = LW_WS_TRANSPORT_MESSAGE - size,
+                     piece = left < room ? left : room;
+        memcpy(message + size, blob->bytes + link->written, piece);
+        size += piece;
+        link->written += piece;
+        if (link->written < blob->size) break;
+        link->written = 0;
+        link->first++;
+        lw_blob_unref(blob);
+    }
+    link->waiting -= size;
+    return size;
+}
+
+static int write_next(struct lw_ws_transport *link) {
+    const size_t size = fill(link);
+    if (size && lws_write(link->wsi, link->shared->message + LWS_PRE, size, LWS_WRITE_BINARY) < 0) return -1;
+    link->was_full |= lws_partial_buffered(link->wsi);
+    if (link->first < link->blob_count) {
+        lws_callback_on_writable(link->wsi);
+    } else if (size) {
+        lw_session_written(link->session, 0, link->was_full);
+        link->was_full = false;
+    }
+    return 0;
+}
+
+int lw_ws_transport_writeable(struct lw_ws_transport *link) {
+    if (link->closing) return -1;
+    link->in_event = true;
+    const int result = write_next(link);
+    link->in_event = false;
+    return result < 0 || link->closing ? -1 : 0;
+}
+
+void lw_ws_transport_lost(struct lw_ws_transport *link) {
+    link->lost = true;
+    lw_session_lost(link->session, UV_EOF);
+}
+
+void lw_ws_transport_destroy(struct lw_ws_transport *link) {
+    if (!link) return;
+    if (!link->lost) lw_ws_transport_lost(link);
+    for (uint32_t i = link->first; i < link->blob_count; i++) lw_blob_unref(link->blob[i]);
+    lw_session_closed(link->session);
+    free(link);
+}
