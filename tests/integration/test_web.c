@@ -1,0 +1,643 @@
+/* The real lightwelld over HTTP and WebSocket: its files, who may connect, a session as over TCP, peers that misbehave. */
+#include "tests/support/process.h"
+#include "tests/support/web_peer.h"
+
+#include "common/clock.h"
+#include "proto/message.h"
+#include "proto/message_reader.h"
+
+#include <poll.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <sys/resource.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#define LIMIT_S 60
+#define RESTS                                                                                                \
+    "builtin:cornell --texels-per-metre 8 --clock step --json --light whole --error 0.3 --http 127.0.0.1:0 "
+#define REQUEST_S    10u   /* LW_WEB_SERVER_REQUEST_S */
+#define CONNECTIONS  1024u /* LW_WEB_SERVER_CONNECTIONS_MAX */
+#define WASM_SIZE    300000u
+#define MESSAGES_MAX 4096u
+
+static struct lw_process daemon_process;
+static uint16_t web_port;
+
+static void serve(const char *arguments) {
+    char line[1024], text[16] = "";
+    const char *port_file = lw_support_temporary("http-port");
+    snprintf(line, sizeof line, RESTS "--http-port-file %s %s", port_file, arguments);
+    lw_process_serve(&daemon_process, line);
+    FILE *file = fopen(port_file, "r"); /* written before the other one is looked at, or soon after */
+    for (int i = 0; !file && i < 1000; i++) {
+        lw_process_sleep_ms(10);
+        file = fopen(port_file, "r");
+    }
+    assert_non_null(file);
+    assert_non_null(fgets(text, sizeof text, file));
+    fclose(file);
+    web_port = (uint16_t)atoi(text);
+    assert_true(web_port > 0);
+}
+
+static void stop(void) {
+    const int code = lw_process_stop(&daemon_process, SIGTERM, LIMIT_S);
+    if (code != 0) fail_msg("ended with %d: %s", code, lw_process_err(&daemon_process));
+}
+
+static int end_all(void **state) {
+    (void)state;
+    lw_process_kill_all();
+    return 0;
+}
+
+/* A folder with an index, a page in a folder, and what must not be served. */
+static const char *make_root(void) {
+    static char root[512];
+    static uint8_t wasm[WASM_SIZE];
+    char path[600];
+    snprintf(root, sizeof root, "%s", lw_support_temporary("web"));
+    mkdir(root, 0700);
+    for (uint32_t i = 0; i < sizeof wasm; i++) wasm[i] = (uint8_t)(i * 2654435761u >> 24);
+    snprintf(path, sizeof path, "%s/js", root);
+    mkdir(path, 0700);
+    snprintf(path, sizeof path, "%s/index.html", root);
+    lw_support_write_file(path, "<p>index</p>", 12);
+    snprintf(path, sizeof path, "%s/js/tiles.wasm", root);
+    lw_support_write_file(path, wasm, sizeof wasm);
+    snprintf(path, sizeof path, "%s/js/index.html", root);
+    lw_support_write_file(path, "<p>inner</p>", 12);
+    snprintf(path, sizeof path, "%s/.hidden", root);
+    lw_support_write_file(path, "secret", 6);
+    snprintf(path, sizeof path, "%s/link", root);
+    (void)unlink(path);
+    assert_int_equal(symlink("/etc/passwd", path), 0);
+    snprintf(path, sizeof path, "%s/../outside", root);
+    lw_support_write_file(path, "secret", 6);
+    return root;
+}
+
+static void serve_root(const char *arguments) {
+    char line[1024];
+    snprintf(line, sizeof line, "--web-root %s %s", make_root(), arguments);
+    serve(line);
+}
+
+/* ---- HTTP ---- */
+
+/* The status of the answer to a request with a Host that is right. *out_answer may be NULL; the caller frees it. */
+static unsigned ask(const char *method, const char *path, const char *lines, char **out_answer,
+                    size_t *out_size) {
+    char request[4096];
+    unsigned status = 0;
+    snprintf(request, sizeof request, "%s %s HTTP/1.1\r\nHost: 127.0.0.1:%u\r\n%s\r\n", method, path,
+             (unsigned)web_port, lines);
+    const int s = lw_web_peer_dial(web_port);
+    char *answer = lw_web_peer_ask(s, request, strcmp(method, "HEAD") == 0, out_size);
+    close(s);
+    (void)sscanf(answer, "HTTP/1.%*u %u", &status);
+    if (out_answer)
+        *out_answer = answer;
+    else
+        free(answer);
+    return status;
+}
+
+static const char *body_of(const char *answer) {
+    const char *end = strstr(answer, "\r\n\r\n");
+    assert_non_null(end);
+    return end + 4;
+}
+
+static void expect_header(const char *answer, const char *line) {
+    if (!strcasestr(answer, line)) fail_msg("no \"%s\" in: %s", line, answer);
+}
+
+static void test_files(void **state) {
+    (void)state;
+    serve_root("");
+    char *answer, tag[200];
+    size_t size, size_of_file;
+    assert_int_equal(ask("GET", "/", "", &answer, NULL), 200);
+    assert_string_equal(body_of(answer), "<p>index</p>");
+    expect_header(answer, "\r\ncontent-type: text/html");
+    expect_header(answer, "\r\nx-content-type-options: nosniff\r\n");
+    expect_header(answer, "\r\ncontent-security-policy: default-src 'none'; script-src 'self'");
+    expect_header(answer, "\r\ncache-control: no-cache\r\n");
+    const char *etag = strcasestr(answer, "\r\netag: ");
+    assert_non_null(etag);
+    snprintf(tag, sizeof tag, "If-None-Match: %.34s\r\n", etag + 8);
+    free(answer);
+    assert_int_equal(ask("GET", "/", tag, &answer, NULL), 304);
+    assert_string_equal(body_of(answer), "");
+    free(answer);
+    assert_int_equal(ask("GET", "/js/tiles.wasm", tag, &answer, &size), 200); /* another file's tag */
+    expect_header(answer, "\r\ncontent-type: application/wasm\r\n");
+    uint8_t *wasm = lw_support_read_file(lw_support_temporary("web/js/tiles.wasm"), &size_of_file);
+    assert_int_equal(size, (size_t)(body_of(answer) - answer) + WASM_SIZE);
+    assert_memory_equal(body_of(answer), wasm, WASM_SIZE);
+    free(wasm);
+    free(answer);
+    assert_int_equal(ask("HEAD", "/js/tiles.wasm", "", &answer, NULL), 200);
+    expect_header(answer, "\r\ncontent-length: 300000\r\n");
+    assert_string_equal(body_of(answer), "");
+    free(answer);
+    assert_int_equal(ask("GET", "/js/", "", &answer, NULL), 200);
+    assert_string_equal(body_of(answer), "<p>inner</p>");
+    free(answer);
+    stop();
+}
+
+static void test_what_is_no_file(void **state) {
+    (void)state;
+    serve_root("");
+    static const char *const paths[] = {"/nothing",
+                                        "/js",
+                                        "/index.html/",
+                                        "/.hidden",
+                                        "/link",
+                                        "/../outside",
+                                        "/js/../../outside",
+                                        "/%2e%2e/outside",
+                                        "/..%2foutside",
+                                        "/js/%2e%2e/%2e%2e/outside",
+                                        "//etc/passwd",
+                                        "/%00/index.html",
+                                        "/index.html%00",
+                                        "/./.hidden",
+                                        "/js/..%5c..%5coutside"};
+    for (size_t i = 0; i < sizeof paths / sizeof *paths; i++) {
+        char *answer;
+        const unsigned status = ask("GET", paths[i], "", &answer, NULL);
+        if (status < 400 && status != 0 && strcmp(body_of(answer), "<p>index</p>") != 0)
+            fail_msg("%s: %s", paths[i], answer);
+        if (strstr(answer, "secret") || strstr(answer, "root:")) fail_msg("%s: %s", paths[i], answer);
+        free(answer);
+    }
+    assert_int_equal(ask("GET", "/nothing", "", NULL, NULL), 404);
+    assert_int_equal(ask("GET", "/ws", "", NULL, NULL), 426);
+    static const char *const methods[] = {"POST", "PUT", "DELETE", "OPTIONS", "PATCH"};
+    for (size_t i = 0; i < sizeof methods / sizeof *methods; i++)
+        assert_int_equal(ask(methods[i], "/", "", NULL, NULL), 405);
+    assert_int_equal(ask("GET", "/", "Content-Length: 5\r\n\r\nhello", NULL, NULL), 400);
+    assert_int_equal(ask("GET", "/", "Transfer-Encoding: chunked\r\n\r\n0\r\n\r\n", NULL, NULL), 400);
+    assert_int_equal(ask("GET", "/", "", NULL, NULL), 200);
+    stop();
+}
+
+static unsigned ask_host(const char *host) {
+    char request[1024];
+    unsigned status = 0;
+    snprintf(request, sizeof request, "GET / HTTP/1.1\r\n%s%s%s\r\n", host ? "Host: " : "", host ? host : "",
+             host ? "\r\n" : "");
+    const int s = lw_web_peer_dial(web_port);
+    char *answer = lw_web_peer_ask(s, request, false, NULL);
+    (void)sscanf(answer, "HTTP/1.%*u %u", &status);
+    free(answer);
+    close(s);
+    return status;
+}
+
+static void test_hosts(void **state) {
+    (void)state;
+    serve_root("--http-host light.example,Other.Example");
+    assert_int_equal(ask_host("localhost"), 200);
+    assert_int_equal(ask_host("localhost:99"), 200); /* a port that is forwarded */
+    assert_int_equal(ask_host("127.0.0.1"), 200);
+    assert_int_equal(ask_host("[::1]:7781"), 200);
+    assert_int_equal(ask_host("LIGHT.example:80"), 200);
+    assert_int_equal(ask_host("other.example"), 200);
+    assert_int_equal(ask_host("evil.example"), 403);
+    assert_int_equal(ask_host("light.example.evil.example"), 403);
+    assert_int_equal(ask_host("localhost.evil.example"), 403);
+    assert_int_equal(ask_host("10.0.0.1"), 403);
+    assert_int_equal(ask_host("localhost:99 evil"), 403);
+    assert_int_equal(ask_host(NULL), 403);
+    stop();
+}
+
+/* The program has no client beside it here: a page says so. */
+static void test_no_client(void **state) {
+    (void)state;
+    char *answer, line[600];
+    snprintf(line, sizeof line, "--web-root %s", lw_support_temporary("no-such-folder"));
+    serve(line);
+    assert_int_equal(ask("GET", "/", "", &answer, NULL), 200);
+    assert_non_null(strstr(body_of(answer), "--web-root"));
+    free(answer);
+    assert_int_equal(ask("GET", "/index.html", "", NULL, NULL), 404);
+    stop();
+}
+
+static void test_port_in_use(void **state) {
+    (void)state;
+    serve("");
+    struct lw_process other;
+    char line[256];
+    snprintf(line, sizeof line, "builtin:cornell --listen 127.0.0.1:0 --http 127.0.0.1:%u",
+             (unsigned)web_port);
+    lw_process_start(&other, "lightwelld", line);
+    assert_int_equal(lw_process_finish(&other, LIMIT_S), 69);
+    char *said = lw_process_err(&other);
+    assert_non_null(strstr(said, "choose another with --http HOST:PORT"));
+    free(said);
+    stop();
+}
+
+/* ---- WebSocket ---- */
+
+static unsigned upgrade(const char *path, const char *lines) {
+    char all[1024];
+    const int s = lw_web_peer_dial(web_port);
+    snprintf(all, sizeof all, "Host: 127.0.0.1:%u\r\n%s", (unsigned)web_port, lines);
+    const unsigned status = lw_web_peer_upgrade(s, path, all);
+    close(s);
+    return status;
+}
+
+#define PROTOCOL "Sec-WebSocket-Protocol: lightwell\r\n"
+
+static void test_who_may_open(void **state) {
+    (void)state;
+    serve("--http-origin https://a.example,http://b.example:81");
+    char own[128], other_port[128];
+    snprintf(own, sizeof own, PROTOCOL "Origin: http://127.0.0.1:%u\r\n", (unsigned)web_port);
+    snprintf(other_port, sizeof other_port, PROTOCOL "Origin: http://127.0.0.1:%u\r\n",
+             (unsigned)web_port ^ 1u);
+    assert_int_equal(upgrade("/ws", PROTOCOL), 101);
+    assert_int_equal(upgrade("/ws", own), 101);
+    assert_int_equal(upgrade("/ws", "Sec-WebSocket-Protocol: other, lightwell\r\n"), 101);
+    assert_int_equal(upgrade("/ws", PROTOCOL "Origin: https://a.example\r\n"), 101);
+    assert_int_equal(upgrade("/ws", PROTOCOL "Origin: http://B.example:81\r\n"), 101);
+    assert_int_equal(upgrade("/ws", PROTOCOL "Origin: http://b.example\r\n"), 403);
+    assert_int_equal(upgrade("/ws", PROTOCOL "Origin: http://evil.example\r\n"), 403);
+    assert_int_equal(upgrade("/ws", PROTOCOL "Origin: null\r\n"), 403);
+    assert_int_equal(upgrade("/ws", PROTOCOL "Origin: file://127.0.0.1\r\n"), 403);
+    assert_int_equal(upgrade("/ws", other_port), 403); /* another program's page */
+    assert_int_equal(upgrade("/ws", ""), 400);
+    assert_int_equal(upgrade("/other", PROTOCOL), 404);
+    assert_int_equal(upgrade("/", PROTOCOL), 404);
+    assert_true(upgrade("/ws", "Sec-WebSocket-Protocol: other\r\n") != 101);
+    const int s = lw_web_peer_dial(web_port);
+    assert_int_equal(lw_web_peer_upgrade(s, "/ws", "Host: evil.example\r\n" PROTOCOL), 403);
+    close(s);
+    const int h2 = lw_web_peer_dial(web_port);
+    char *answer =
+        lw_web_peer_ask(h2,
+                        "GET /ws HTTP/1.1\r\nHost: localhost\r\nConnection: Upgrade, HTTP2-Settings\r\n"
+                        "Upgrade: h2c\r\nHTTP2-Settings: AAMAAABkAAQAAP__\r\n\r\n",
+                        false, NULL);
+    assert_non_null(strstr(answer, " 404 "));
+    free(answer);
+    close(h2);
+    stop();
+}
+
+/* One end of a session, over either kind of link. */
+struct peer {
+    int socket;
+    bool is_web;
+    struct lw_message_reader reader;
+    uint8_t *lent; /* to it */
+    unsigned close_code;
+    char close_reason[128];
+};
+
+static struct peer dial(bool is_web) {
+    return (struct peer){.socket =
+                             is_web ? lw_web_peer_open(web_port) : lw_web_peer_dial(daemon_process.port),
+                         .is_web = is_web,
+                         .reader.body_max = LW_FRAME_BODY_MAX};
+}
+
+static void hang_up(struct peer *p) {
+    close(p->socket);
+    lw_message_reader_clear(&p->reader);
+    free(p->lent);
+}
+
+static void put_bytes(struct peer *p, const uint8_t *bytes, size_t size) {
+    if (p->is_web)
+        assert_true(lw_web_peer_write(p->socket, true, WEB_PEER_BINARY, bytes, size, size));
+    else
+        assert_int_equal(send(p->socket, bytes, size, MSG_NOSIGNAL), (ssize_t)size);
+}
+
+static void put(struct peer *p, const struct lw_message *message) {
+    uint8_t *bytes;
+    size_t size;
+    lw_support_ok(lw_message_encode_alloc(message, &bytes, &size), NULL);
+    put_bytes(p, bytes, size);
+    free(bytes);
+}
+
+/* Reads what comes next of the stream; false: there is no more. */
+static bool read_more(struct peer *p) {
+    struct lw_web_peer_frame frame = {0};
+    lw_support_ok(lw_message_reader_keep(&p->reader), NULL);
+    free(p->lent);
+    p->lent = NULL;
+    if (p->is_web) {
+        if (!lw_web_peer_read(p->socket, &frame)) return false;
+        if (frame.opcode == WEB_PEER_CLOSE) {
+            p->close_code = frame.size >= 2 ? (unsigned)(frame.bytes[0] << 8 | frame.bytes[1]) : 1005;
+            if (frame.size > 2)
+                snprintf(p->close_reason, sizeof p->close_reason, "%s", (const char *)frame.bytes + 2);
+            free(frame.bytes);
+            return false;
+        }
+        assert_int_equal(frame.opcode, WEB_PEER_BINARY);
+    } else {
+        struct pollfd wait = {.fd = p->socket, .events = POLLIN};
+        frame.bytes = malloc(65536);
+        assert_non_null(frame.bytes);
+        assert_int_equal(poll(&wait, 1, LIMIT_S * 1000), 1);
+        const ssize_t size = recv(p->socket, frame.bytes, 65536, 0);
+        if (size <= 0) {
+            free(frame.bytes);
+            return false;
+        }
+        frame.size = (size_t)size;
+    }
+    p->lent = frame.bytes;
+    lw_message_reader_lend(&p->reader, frame.bytes, frame.size);
+    return true;
+}
+
+/* The next message; false: the session is over. */
+static bool get(struct peer *p, struct lw_frame_header *header, const uint8_t **body) {
+    for (;;) {
+        lw_support_ok(lw_message_reader_take(&p->reader, header, body, NULL), NULL);
+        if (*body) return true;
+        if (!read_more(p)) return false;
+    }
+}
+
+static void expect_refusal(struct peer *p, enum lw_refusal code) {
+    struct lw_frame_header header;
+    const uint8_t *body;
+    struct lw_message m;
+    do {
+        assert_true(get(p, &header, &body));
+    } while (header.type != LW_MESSAGE_REFUSAL);
+    lw_support_ok(lw_message_decode(header, body, &m, NULL), NULL);
+    assert_int_equal(m.refusal.code, code);
+    if (p->is_web) { /* the reason is the beginning of the text */
+        char text[LW_MESSAGE_TEXT_MAX + 1];
+        snprintf(text, sizeof text, "%s", m.refusal.text);
+        assert_false(read_more(p));
+        assert_int_equal(p->close_code, 4000 + code);
+        assert_true(*p->close_reason && strncmp(text, p->close_reason, strlen(p->close_reason)) == 0);
+    }
+    lw_message_finish(&m);
+    hang_up(p);
+}
+
+static const struct lw_message hello = {
+    .type = LW_MESSAGE_HELLO,
+    .hello = {.version = LW_WIRE_VERSION, .features = LW_FEATURES_READ | LW_FEATURE_CONTROL, .name = "web"}};
+static const struct lw_message request = {.type = LW_MESSAGE_PACKAGE_REQUEST};
+
+/* The messages of a session up to SETTLED, without the WELCOME, which is looked at. */
+static size_t take_session(struct peer *p, uint8_t **out_bytes) {
+    size_t size = 0, capacity = 0;
+    uint8_t *all = NULL;
+    for (uint16_t type = 0; type != LW_MESSAGE_SETTLED;) {
+        struct lw_frame_header header;
+        const uint8_t *body;
+        assert_true(get(p, &header, &body));
+        type = header.type;
+        if (type == LW_MESSAGE_WELCOME) {
+            struct lw_message m;
+            lw_support_ok(lw_message_decode(header, body, &m, NULL), NULL);
+            assert_int_equal(m.welcome.features & LW_FEATURE_CONTROL, p->is_web ? 0 : LW_FEATURE_CONTROL);
+            lw_message_finish(&m);
+            continue;
+        }
+        if (size + header.body_size + 2 > capacity) {
+            capacity = 2 * (size + header.body_size + 2);
+            all = realloc(all, capacity);
+            assert_non_null(all);
+        }
+        memcpy(all + size, &header.type, 2);
+        memcpy(all + size + 2, body, header.body_size);
+        size += 2 + header.body_size;
+    }
+    *out_bytes = all;
+    return size;
+}
+
+static void wait_for_rest(void) {
+    for (uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
+         lw_process_newest(&daemon_process, "tiles_solved") > 0; lw_process_sleep_ms(20))
+        assert_true(lw_clock_ns() < end_ns);
+}
+
+/* Chunks, frame and tiles are the same bytes in the same order, however the messages are cut. */
+static void test_same_as_tcp(void **state) {
+    (void)state;
+    serve("");
+    wait_for_rest();
+    uint8_t *over_tcp, *over_web;
+    struct peer tcp = dial(false);
+    put(&tcp, &hello);
+    put(&tcp, &request);
+    const size_t tcp_size = take_session(&tcp, &over_tcp);
+    assert_true(tcp_size > 3000);
+    hang_up(&tcp);
+    for (int pieces = 0; pieces < 3; pieces++) {
+        uint8_t *hello_bytes, *request_bytes, both[200];
+        size_t hello_size, request_size;
+        lw_support_ok(lw_message_encode_alloc(&hello, &hello_bytes, &hello_size), NULL);
+        lw_support_ok(lw_message_encode_alloc(&request, &request_bytes, &request_size), NULL);
+        const size_t size = hello_size + request_size;
+        assert_true(size < sizeof both);
+        memcpy(both, hello_bytes, hello_size);
+        memcpy(both + hello_size, request_bytes, request_size);
+        free(hello_bytes);
+        free(request_bytes);
+        struct peer web = dial(true);
+        if (pieces == 0) /* two messages in one, between an empty one and a ping */
+            assert_true(lw_web_peer_write(web.socket, true, WEB_PEER_BINARY, "", 0, 0));
+        if (pieces == 0) put_bytes(&web, both, size);
+        for (size_t i = 0; i < size && pieces == 1; i++) put_bytes(&web, both + i, 1);
+        for (size_t i = 0; i < size && pieces == 2; i++) /* frames of one message */
+            assert_true(lw_web_peer_write(web.socket, i + 1 == size, i ? WEB_PEER_MORE : WEB_PEER_BINARY,
+                                          both + i, 1, 1));
+        const size_t web_size = take_session(&web, &over_web);
+        assert_int_equal(web_size, tcp_size);
+        assert_memory_equal(over_web, over_tcp, tcp_size);
+        free(over_web);
+        hang_up(&web);
+    }
+    free(over_tcp);
+    stop();
+}
+
+static void test_a_web_session_changes_nothing(void **state) {
+    (void)state;
+    serve("");
+    static const struct lw_scene_change hide = {.kind = LW_SCENE_CHANGE_OBJECT_HIDE, .target = 1};
+    struct peer web = dial(true);
+    put(&web, &hello);
+    put(&web, &(struct lw_message){.type = LW_MESSAGE_UPDATE, .update = {1, &hide, 1}});
+    expect_refusal(&web, LW_REFUSAL_NOT_ALLOWED);
+    stop();
+}
+
+/* Ours is 4,000 and more, libwebsockets' less. */
+static unsigned close_code_after(int s) {
+    struct lw_web_peer_frame frame;
+    unsigned code = 0;
+    while (!code && lw_web_peer_read(s, &frame)) {
+        if (frame.opcode == WEB_PEER_CLOSE)
+            code = frame.size >= 2 ? (unsigned)(frame.bytes[0] << 8 | frame.bytes[1]) : 1005;
+        free(frame.bytes);
+    }
+    close(s);
+    return code;
+}
+
+static void test_misbehaviour(void **state) {
+    (void)state;
+    serve("");
+    struct peer good = dial(true);
+    put(&good, &hello);
+
+    struct peer web = dial(true);
+    put_bytes(&web, (const uint8_t *)"GET / HTTP/1.1\r\n\r\n", 18);
+    expect_refusal(&web, LW_REFUSAL_PROTOCOL);
+    int s = lw_web_peer_open(web_port); /* text */
+    assert_true(lw_web_peer_write(s, true, WEB_PEER_TEXT, "hello", 5, 5));
+    assert_int_equal(close_code_after(s), 1003);
+    web = dial(true); /* a frame of 4 EiB: its beginning is looked at as it comes */
+    static uint8_t noise[20000];
+    memset(noise, 0xff, sizeof noise);
+    assert_true(lw_web_peer_write(web.socket, true, WEB_PEER_BINARY, noise, sizeof noise, 1ull << 62));
+    expect_refusal(&web, LW_REFUSAL_PROTOCOL);
+    s = lw_web_peer_open(web_port); /* a length that RFC 6455 has not */
+    assert_true(lw_web_peer_write(s, true, WEB_PEER_BINARY, noise, 100, UINT64_MAX));
+    assert_true(lw_web_peer_closes(s, LIMIT_S * 1000));
+    close(s);
+    s = lw_web_peer_open(web_port); /* a reserved kind of frame */
+    assert_true(lw_web_peer_write(s, true, (enum web_peer_opcode)5, "x", 1, 1));
+    assert_true(lw_web_peer_closes(s, LIMIT_S * 1000));
+    close(s);
+    s = lw_web_peer_open(web_port); /* a ping over the limit of 125 bytes */
+    assert_true(lw_web_peer_write(s, true, WEB_PEER_PING, noise, 2000, 2000));
+    assert_true(lw_web_peer_closes(s, LIMIT_S * 1000));
+    close(s);
+    s = lw_web_peer_open(web_port); /* going on with what was not begun */
+    assert_true(lw_web_peer_write(s, true, WEB_PEER_MORE, "x", 1, 1));
+    assert_true(lw_web_peer_closes(s, LIMIT_S * 1000));
+    close(s);
+    s = lw_web_peer_open(web_port); /* bytes that are no frames */
+    assert_int_equal(send(s, noise, sizeof noise, MSG_NOSIGNAL), (ssize_t)sizeof noise);
+    assert_true(lw_web_peer_closes(s, LIMIT_S * 1000));
+    close(s);
+    for (int i = 0; i < 50; i++) { /* resets in the middle of what is sent */
+        web = dial(true);
+        put(&web, &hello);
+        put(&web, &request);
+        const struct linger at_once = {1, 0};
+        (void)setsockopt(web.socket, SOL_SOCKET, SO_LINGER, &at_once, sizeof at_once);
+        hang_up(&web);
+    }
+    s = lw_web_peer_open(web_port); /* a polite end */
+    assert_true(lw_web_peer_write(s, true, WEB_PEER_CLOSE, "\x03\xe8", 2, 2));
+    assert_int_equal(close_code_after(s), 1000);
+
+    uint8_t *bytes; /* who is none the wiser */
+    put(&good, &request);
+    assert_true(take_session(&good, &bytes) > 0);
+    free(bytes);
+    hang_up(&good);
+    stop();
+}
+
+/* Requests that never come to their end, WebSockets that never say HELLO; all at once, as each takes its time. */
+static void test_slow_peers(void **state) {
+    (void)state;
+    serve("");
+    enum { SILENT, HALF, DRIP, KEPT, HELLO_LESS, COUNT };
+    int s[COUNT];
+    bool open[COUNT];
+    for (int i = 0; i < COUNT; i++) {
+        s[i] = i == HELLO_LESS ? lw_web_peer_open(web_port) : lw_web_peer_dial(web_port);
+        open[i] = true;
+    }
+    assert_true(lw_web_peer_put(s[HALF], "GET / HTTP/1.1\r\nHost: localh"));
+    char *answer = lw_web_peer_ask(s[KEPT], "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n", false, NULL);
+    assert_non_null(strstr(answer, " 200 "));
+    free(answer);
+    const char *drip =
+        "GET / HTTP/1.1\r\nHost: localhost\r\nX-Pad: aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa";
+    unsigned left = COUNT;
+    for (unsigned i = 0; left && i < 2 * (REQUEST_S + 5); i++) {
+        if (open[DRIP] && drip[i]) {
+            const char piece[2] = {drip[i], 0};
+            (void)lw_web_peer_put(s[DRIP], piece);
+        }
+        for (int p = 0; p < COUNT; p++)
+            if (open[p] && lw_web_peer_closes(s[p], 500 / COUNT)) {
+                open[p] = false;
+                left--;
+                if (i < REQUEST_S) fail_msg("peer %d was closed after %u half seconds", p, i);
+            }
+    }
+    for (int p = 0; p < COUNT; p++) {
+        if (open[p]) fail_msg("peer %d is still there", p);
+        close(s[p]);
+    }
+    stop();
+}
+
+static void test_connections_have_a_limit(void **state) {
+    (void)state;
+    struct rlimit limit;
+    if (getrlimit(RLIMIT_NOFILE, &limit) == 0 && limit.rlim_cur < limit.rlim_max) {
+        limit.rlim_cur = limit.rlim_max;
+        (void)setrlimit(RLIMIT_NOFILE, &limit);
+    }
+    serve("");
+    static int s[CONNECTIONS];
+    for (unsigned i = 0; i < CONNECTIONS; i++) s[i] = lw_web_peer_dial(web_port);
+    int more = lw_web_peer_dial(web_port);
+    assert_true(lw_web_peer_closes(more, 2000));
+    close(more);
+    close(s[0]);
+    for (uint64_t end_ns = lw_clock_ns() + 5000000000ull;;) { /* there is room again, for a session too */
+        more = lw_web_peer_dial(web_port);
+        char *answer = lw_web_peer_ask(more, "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n", false, NULL);
+        const bool served = strstr(answer, " 200 ");
+        free(answer);
+        close(more);
+        if (served) break;
+        assert_true(lw_clock_ns() < end_ns);
+        lw_process_sleep_ms(10);
+    }
+    for (unsigned i = 1; i < CONNECTIONS; i++) close(s[i]);
+    stop();
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_teardown(test_files, end_all),
+        cmocka_unit_test_teardown(test_what_is_no_file, end_all),
+        cmocka_unit_test_teardown(test_hosts, end_all),
+        cmocka_unit_test_teardown(test_no_client, end_all),
+        cmocka_unit_test_teardown(test_port_in_use, end_all),
+        cmocka_unit_test_teardown(test_who_may_open, end_all),
+        cmocka_unit_test_teardown(test_same_as_tcp, end_all),
+        cmocka_unit_test_teardown(test_a_web_session_changes_nothing, end_all),
+        cmocka_unit_test_teardown(test_misbehaviour, end_all),
+        cmocka_unit_test_teardown(test_slow_peers, end_all),
+        cmocka_unit_test_teardown(test_connections_have_a_limit, end_all),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
