@@ -190,7 +190,7 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          LW_OPTION_STRING, &s->light_groups, 0, 0, NULL},
         {"client-lights", "auto|lamps|none|NAMES",
          "lights whose direct light clients draw at their pixels, if they can; all others get it in tiles. "
-         "auto: suns, points, "
+         "auto: what the scene's file says, else suns, points, "
          "spots and small emissive surfaces (default). lamps: without the surfaces. none; or names of lights "
          "and "
          "emissive materials, apart by commas",

@@ -106,6 +106,17 @@ static enum lw_status judge_object(const struct lw_scene *scene, const struct lw
     return ok ? LW_OK : LW_NO_MEMORY;
 }
 
+/* What the scene says about a light counts more than the rule. */
+static void obey_scene(struct lw_client_lights *client, const struct lw_scene *scene) {
+    for (uint32_t i = 0; i < scene->light_count; i++)
+        if (scene->light[i].drawn_by) client->light[i] = scene->light[i].drawn_by == LW_DRAWN_BY_CLIENTS;
+    for (uint32_t m = 0; m < scene->material_count; m++) {
+        const struct lw_material *material = &scene->material[m];
+        if (material->drawn_by && lw_material_shines(material))
+            client->material[m] = material->drawn_by == LW_DRAWN_BY_CLIENTS;
+    }
+}
+
 static enum lw_status choose_small(struct lw_client_lights *client, const struct lw_scene *scene,
                                    const struct lw_pose *pose) {
     memset(client->light, 1, scene->light_count);
@@ -114,6 +125,7 @@ static enum lw_status choose_small(struct lw_client_lights *client, const struct
     enum lw_status status = LW_OK;
     for (uint32_t o = 0; o < scene->object_count && status == LW_OK; o++)
         if (!lw_scene_is_spare(scene, o)) status = judge_object(scene, pose, o, client->material);
+    obey_scene(client, scene);
     return status;
 }
 

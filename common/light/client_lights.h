@@ -24,7 +24,8 @@ struct lw_client_lights {
     uint32_t drawn_lights, drawn_materials;
 };
 
-/** names    "auto": suns, points, spots, and emissive materials in small pieces; "lamps": suns, points and
+/** names    "auto": suns, points, spots, and emissive materials in small pieces, but where the scene says who
+ *           draws a light or what shines (drawn_by); "lamps": suns, points and
  *           spots alone; "none"; or names of lights and emissive materials, apart by commas. NULL: as
  *           "auto". What does not shine now by a material stays the server's
  *  pose     where the pieces are measured

@@ -49,12 +49,17 @@ _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__,
     X(KEY_VALUES, "key values", 4, NO_LIMIT)                                                                 \
     X(PIXELS, "pixels", 4, NO_LIMIT)                                                                         \
     X(ENVIRONMENTS, "environments", 12, 1)                                                                   \
-    X(ENVIRONMENT_TEXELS, "environment texels", 12, NO_LIMIT)
+    X(ENVIRONMENT_TEXELS, "environment texels", 12, NO_LIMIT)                                                \
+    X(LIGHT_DRAWERS, "light drawers", 4, LW_SCENE_LIGHTS_MAX)                                                \
+    X(MATERIAL_DRAWERS, "material drawers", 4, LW_SCENE_MATERIALS_MAX)
 
-/* Version 1 ends with the pixels, version 2 has an environment, in version 3 pixels are filtered. Each scene is written in one of
- * them, so that there is one way to say it: with textures in version 3. Those of before are read as well. */
+/* Version 1 ends with the pixels, version 2 has an environment, in version 3 pixels are filtered, version 4 says who draws
+ * lights. Each scene is written in one of them, so that there is one way to say it: where the file says who draws a light
+ * in version 4, else with textures in version 3. Those of before are read as well. */
 #define SECTION_COUNT_V1 20u
+#define SECTION_COUNT_V2 22u
 #define VERSION_FILTERED 3u
+#define VERSION_DRAWERS  4u
 
 enum section_id {
 #define X(id, name, size, limit) SECTION_##id,
@@ -307,6 +312,14 @@ static void environment_record(struct codec *c, struct lw_environment *environme
     if (!environment->rgb) fail(c, "has no texels");
 }
 
+static void light_drawer_record(struct codec *c, struct lw_light *light) {
+    choice(c, &light->drawn_by, LW_DRAWN_BY_SERVER, "who draws it");
+}
+
+static void material_drawer_record(struct codec *c, struct lw_material *material) {
+    choice(c, &material->drawn_by, LW_DRAWN_BY_SERVER, "who draws it");
+}
+
 static void begin_record(struct codec *c, enum section_id id, uint32_t record) {
     c->record_section = id;
     c->record = record;
@@ -336,11 +349,29 @@ static void all_records(struct codec *c, struct lw_scene *scene) {
     const uint64_t environments =
         c->mode == READ ? c->section[SECTION_ENVIRONMENTS].count : scene->environment.width > 0;
     RECORDS(c, ENVIRONMENTS, &scene->environment, environments, environment_record)
+    if (c->version < VERSION_DRAWERS) return;
+    RECORDS(c, LIGHT_DRAWERS, scene->light, scene->light_count, light_drawer_record)
+    RECORDS(c, MATERIAL_DRAWERS, scene->material, scene->material_count, material_drawer_record)
 }
 
 /* How many sections a version has; 0: it is not known. */
 static uint32_t sections_of(uint32_t version) {
-    return version == 1 ? SECTION_COUNT_V1 : version == 2 || version == VERSION_FILTERED ? SECTION_COUNT : 0;
+    static const uint32_t of[LW_PACKAGE_VERSION + 1] = {0, SECTION_COUNT_V1, SECTION_COUNT_V2,
+                                                        SECTION_COUNT_V2, SECTION_COUNT};
+    return version <= LW_PACKAGE_VERSION ? of[version] : 0;
+}
+
+static bool says_who_draws(const struct lw_scene *scene) {
+    for (uint32_t i = 0; i < scene->light_count; i++)
+        if (scene->light[i].drawn_by) return true;
+    for (uint32_t i = 0; i < scene->material_count; i++)
+        if (scene->material[i].drawn_by) return true;
+    return false;
+}
+
+static uint32_t version_of(const struct lw_scene *scene) {
+    if (says_who_draws(scene)) return VERSION_DRAWERS;
+    return scene->texture_count ? VERSION_FILTERED : scene->environment.width ? 2 : 1;
 }
 
 static uint64_t align(uint64_t offset) { return (offset + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT; }
@@ -388,7 +419,7 @@ enum lw_status lw_package_write(const struct lw_scene *scene, uint8_t **out_byte
     enum lw_status status = lw_scene_validate(scene, err);
     if (status) return status;
     struct lw_scene copy = *scene; /* records of the original are only read */
-    const uint32_t version = scene->texture_count ? VERSION_FILTERED : scene->environment.width ? 2 : 1;
+    const uint32_t version = version_of(scene);
     struct codec c = {.mode = MEASURE, .err = err, .version = version, .section_count = sections_of(version)};
     all_records(&c, &copy);
     for (uint32_t i = 0; i < c.section_count; i++) {
@@ -529,6 +560,9 @@ static enum lw_status read_in_place(struct lw_scene *scene, uint8_t *bytes, size
             return lw_status_fail(err, LW_BAD_DATA, "section %s has %llu elements, but %llu are in use",
                                   kinds[i].name, (unsigned long long)c.section[i].count,
                                   (unsigned long long)c.section[i].cursor);
+    if (version == VERSION_DRAWERS && !says_who_draws(scene))
+        return lw_status_fail(err, LW_BAD_DATA,
+                              "no light and no material says who draws it: then the version is 1 to 3");
     return lw_scene_validate(scene, err);
 }
 

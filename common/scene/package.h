@@ -8,7 +8,8 @@
 #include "common/scene/scene.h"
 
 #define LW_PACKAGE_VERSION                                                                                   \
-    3u /* the newest; scenes without textures are written as version 1, or 2 with an environment */
+    4u /* the newest; scenes that do not say who draws a light are written as version 1, 2 with an environment,    \
+        * or 3 with textures */
 #define LW_PACKAGE_SIZE_MAX (4ull << 30) /* bytes */
 
 /** Content address of a package: XXH3-128 of its bytes, big-endian. */

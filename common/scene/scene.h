@@ -53,6 +53,9 @@ enum lw_alpha_mode {
     LW_ALPHA_BLEND /* lets the fraction 1 - alpha of light pass */
 };
 
+/** What a file says about a light's direct light: common/light/client_lights.h. */
+enum lw_drawn_by { LW_DRAWN_BY_RULE /* nothing */, LW_DRAWN_BY_CLIENTS, LW_DRAWN_BY_SERVER };
+
 /** Diffuse reflection base_colour/pi, plus emission. A single-sided surface reflects and emits from its front. */
 struct lw_material {
     const char *name;
@@ -63,6 +66,7 @@ struct lw_material {
     float alpha_cutoff;
     uint8_t alpha_mode; /* enum lw_alpha_mode */
     uint8_t double_sided;
+    uint8_t drawn_by; /* enum lw_drawn_by */
 };
 
 /** A triangle mesh in object space. Its lightmap UVs are shared by all objects that use it. */
@@ -120,6 +124,7 @@ struct lw_light {
     float intensity[3];           /* colour x intensity */
     float inner_cone, outer_cone; /* spot: half angles, radians; inner is the smaller */
     float angular_diameter;       /* directional: radians; 0 is a point at infinity */
+    uint8_t drawn_by;             /* enum lw_drawn_by */
 };
 
 struct lw_camera {

@@ -180,6 +180,8 @@ static enum lw_status check_material(const struct lw_scene *scene, const struct 
     if (status) return status;
     if (material->alpha_mode > LW_ALPHA_BLEND)
         return refuse(e, "alpha_mode %u is none", material->alpha_mode);
+    if (material->drawn_by > LW_DRAWN_BY_SERVER)
+        return refuse(e, "drawn_by is %u, not 0, 1 or 2", material->drawn_by);
     if (material->double_sided > 1)
         return refuse(e, "double_sided is %u, not 0 or 1", material->double_sided);
     return LW_OK;
@@ -307,6 +309,8 @@ static enum lw_status check_light(const struct lw_scene *scene, const struct lw_
     if (!status) status = check_node_index(scene, light->node, e);
     if (status) return status;
     if (light->kind > LW_LIGHT_DIRECTIONAL) return refuse(e, "kind %u is none", light->kind);
+    if (light->drawn_by > LW_DRAWN_BY_SERVER)
+        return refuse(e, "drawn_by is %u, not 0, 1 or 2", light->drawn_by);
     status = check_range(e, "intensity", light->intensity, 3, 0, LW_SCENE_RADIANCE_MAX);
     if (!status) status = check_range(e, "inner_cone", &light->inner_cone, 1, 0, LW_PI / 2);
     if (!status) status = check_range(e, "outer_cone", &light->outer_cone, 1, 0, LW_PI / 2);

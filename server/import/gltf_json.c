@@ -1,5 +1,7 @@
 #include "server/import/gltf_json.h"
 
+#include "common/scene/scene.h"
+
 #include <float.h>
 #include <math.h>
 
@@ -105,4 +107,21 @@ enum lw_status lw_gltf_json_extension(const json_t *object, const char *name, co
     if (!extensions || !lw_gltf_json_object(extensions, name, out, err)) return LW_OK;
     lw_status_context(err, "extensions");
     return err->status;
+}
+
+enum lw_status lw_gltf_json_drawn_by(const json_t *object, uint8_t *out, struct lw_error *err) {
+    const json_t *extras = json_object_get(object, "extras"), *ours = NULL;
+    bool clients = false;
+    if (!extras || !json_is_object(extras)) return LW_OK;
+    if (lw_gltf_json_object(extras, "lightwell", &ours, err)) {
+        lw_status_context(err, "extras");
+        return err->status;
+    }
+    if (!ours || !json_object_get(ours, "clientLight")) return LW_OK;
+    if (lw_gltf_json_flag(ours, "clientLight", &clients, err)) {
+        lw_status_context(err, "extras: lightwell");
+        return err->status;
+    }
+    *out = clients ? LW_DRAWN_BY_CLIENTS : LW_DRAWN_BY_SERVER;
+    return LW_OK;
 }

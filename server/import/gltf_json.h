@@ -29,6 +29,9 @@ LW_MUST_CHECK enum lw_status lw_gltf_json_real(const json_t *object, const char 
 LW_MUST_CHECK enum lw_status lw_gltf_json_reals(const json_t *object, const char *key, size_t count,
                                                 double min, double max, float *out, struct lw_error *err);
 
+/** object.extras.lightwell.clientLight as an enum lw_drawn_by. Extras of other programs may be anything. */
+LW_MUST_CHECK enum lw_status lw_gltf_json_drawn_by(const json_t *object, uint8_t *out, struct lw_error *err);
+
 /** object.extensions[name], or *out untouched. */
 LW_MUST_CHECK enum lw_status lw_gltf_json_extension(const json_t *object, const char *name,
                                                     const json_t **out, struct lw_error *err);

@@ -303,7 +303,8 @@ static enum lw_status convert_material(struct lw_gltf_materials *materials, cons
         if (lw_gltf_json_string(object, "name", &name, err) ||
             read_base_colour(materials, object, out, out_bright, err) ||
             read_emission(materials, object, out, err) || read_alpha(object, out, err) ||
-            lw_gltf_json_object(object, "normalTexture", &normal_map, err))
+            lw_gltf_json_object(object, "normalTexture", &normal_map, err) ||
+            lw_gltf_json_drawn_by(object, &out->drawn_by, err))
             return err->status;
         if (normal_map) lw_gltf_document_warn(materials->document, LW_GLTF_WARN_NORMAL_MAP);
     }

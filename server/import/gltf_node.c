@@ -225,7 +225,8 @@ static enum lw_status read_light(struct conversion *conversion, const json_t *ob
     if (lw_gltf_json_require(object, "type", err) || lw_gltf_json_string(object, "type", &type, err) ||
         lw_gltf_json_string(object, "name", &name, err) ||
         lw_gltf_json_reals(object, "color", 3, 0, HUGE_VAL, colour, err) ||
-        lw_gltf_json_real(object, "intensity", 0, HUGE_VAL, &intensity, err))
+        lw_gltf_json_real(object, "intensity", 0, HUGE_VAL, &intensity, err) ||
+        lw_gltf_json_drawn_by(object, &out->drawn_by, err))
         return err->status;
     if (strcmp(type, "point") == 0)
         out->kind = LW_LIGHT_POINT;

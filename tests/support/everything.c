@@ -30,8 +30,16 @@ static void add_textures(struct lw_scene *scene) {
 static void add_materials(struct lw_scene *scene) {
     const struct lw_texture_use none = {LW_SCENE_NONE, 0, {1, 0, 0, 0, 1, 0}};
     const struct lw_material materials[] = {
-        {"plain", {0.25f, 0.5f, 0.75f, 1}, none, {0, 0, 0}, none, 0.5f, LW_ALPHA_OPAQUE, 0},
-        {"leaf 葉", {1, 1, 1, 1}, {0, 1, {2, 0, 0.5f, 0, -1, 1}}, {0, 0, 0}, none, 0.25f, LW_ALPHA_MASK, 1},
+        {"plain", {0.25f, 0.5f, 0.75f, 1}, none, {0, 0, 0}, none, 0.5f, LW_ALPHA_OPAQUE, 0, 0},
+        {"leaf 葉",
+         {1, 1, 1, 1},
+         {0, 1, {2, 0, 0.5f, 0, -1, 1}},
+         {0, 0, 0},
+         none,
+         0.25f,
+         LW_ALPHA_MASK,
+         1,
+         0},
         {"lamp",
          {0, 0, 0, 0.5f},
          {2, 0, {1, 0, 0, 0, 1, 0}},
@@ -39,6 +47,7 @@ static void add_materials(struct lw_scene *scene) {
          {1, 1, {0, 1, 0, 1, 0, 0}},
          0,
          LW_ALPHA_BLEND,
+         0,
          0},
     };
     scene->material = KEEP(scene, materials);
@@ -106,9 +115,9 @@ static void add_nodes(struct lw_scene *scene) {
     scene->object = KEEP(scene, objects);
     scene->object_count = COUNT(objects);
     const struct lw_light lights[] = {
-        {"point", 3, LW_LIGHT_POINT, {1, 2, 3}, 0, 0, 0},
-        {"spot", 2, LW_LIGHT_SPOT, {4, 5, 6}, 0.1f, 0.75f, 0},
-        {"sun", 0, LW_LIGHT_DIRECTIONAL, {100000, 90000, 80000}, 0, 0, 0.0093f},
+        {"point", 3, LW_LIGHT_POINT, {1, 2, 3}, 0, 0, 0, 0},
+        {"spot", 2, LW_LIGHT_SPOT, {4, 5, 6}, 0.1f, 0.75f, 0, 0},
+        {"sun", 0, LW_LIGHT_DIRECTIONAL, {100000, 90000, 80000}, 0, 0, 0.0093f, 0},
     };
     scene->light = KEEP(scene, lights);
     scene->light_count = COUNT(lights);

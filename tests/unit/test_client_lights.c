@@ -115,6 +115,42 @@ static void names_choose(void **state) {
     end(&s);
 }
 
+static void the_scene_says_who_draws(void **state) {
+    (void)state;
+    struct stage s;
+    struct lw_error err = {0};
+    struct lw_client_lights client;
+    begin(&s, "builtin:atrium");
+    const uint32_t lamp = find_material(s.scene, true), dark = find_material(s.scene, false);
+    s.scene->light[0].drawn_by = LW_DRAWN_BY_SERVER;
+    s.scene->material[lamp].drawn_by = LW_DRAWN_BY_SERVER;
+    s.scene->material[dark].drawn_by = LW_DRAWN_BY_CLIENTS; /* does not shine */
+    lw_support_ok(lw_client_lights_init(&client, s.scene, &s.pose, "auto", &err), &err);
+    assert_int_equal(client.light[0], 0);
+    assert_int_equal(client.drawn_lights, s.scene->light_count - 1);
+    assert_int_equal(client.material[lamp], 0);
+    assert_int_equal(client.material[dark], 0);
+    lw_client_lights_finish(&client);
+
+    /* who runs the server has the last word */
+    char names[256];
+    snprintf(names, sizeof names, "%s,%s", s.scene->light[0].name, s.scene->material[lamp].name);
+    lw_support_ok(lw_client_lights_init(&client, s.scene, &s.pose, names, &err), &err);
+    assert_int_equal(client.light[0], 1);
+    assert_int_equal(client.material[lamp], 1);
+    lw_client_lights_finish(&client);
+
+    /* a lamp ten times as large, but the scene says */
+    s.scene->material[lamp].drawn_by = LW_DRAWN_BY_CLIENTS;
+    for (uint32_t o = 0; o < s.scene->object_count; o++)
+        for (int c = 0; c < 12; c++) s.pose.object_to_world[o].m[c / 4][c % 4] *= 10;
+    lw_support_ok(lw_client_lights_init(&client, s.scene, &s.pose, NULL, &err), &err);
+    assert_int_equal(client.material[lamp], 1);
+    assert_int_equal(client.drawn_materials, 1);
+    lw_client_lights_finish(&client);
+    end(&s);
+}
+
 static void bits_are_least_significant_first(void **state) {
     (void)state;
     uint8_t light[3] = {1, 0, 1}, material[9] = {0, 1, 0, 0, 0, 0, 0, 0, 1};
@@ -174,7 +210,7 @@ static void parts_add_up(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(small_emitters_and_punctual_lights), cmocka_unit_test(connected_pieces_count),
-        cmocka_unit_test(names_choose), cmocka_unit_test(bits_are_least_significant_first),
-        cmocka_unit_test(parts_add_up)};
+        cmocka_unit_test(the_scene_says_who_draws),           cmocka_unit_test(names_choose),
+        cmocka_unit_test(bits_are_least_significant_first),   cmocka_unit_test(parts_add_up)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

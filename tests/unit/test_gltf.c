@@ -246,6 +246,12 @@ static const struct {
     {",'spot':{}", "", "lights[0]: spot: is required"},
     {"'spot':{}", "'spot':{'outerConeAngle':0}", "outerConeAngle must be greater than 0"},
     {"'color':[1,0.5,0.25]", "'color':[1,0.5]", "lights[0]: color: must be an array of 3 numbers"},
+    {"'intensity':8", "'intensity':8,'extras':{'lightwell':{'clientLight':1}}",
+     "lights[0]: extras: lightwell: clientLight: must be true or false"},
+    {"'intensity':8", "'intensity':8,'extras':{'lightwell':true}",
+     "lights[0]: extras: lightwell: must be an object"},
+    {"'doubleSided':true", "'doubleSided':true,'extras':{'lightwell':{'clientLight':'yes'}}",
+     "materials[0]: extras: lightwell: clientLight: must be true or false"},
     {"{'light':0}", "{'light':1}", "nodes[2]: light: must be an index"},
     {"{'light':0}", "{}", "nodes[2]: light: is required"},
     {"'lights':[", "'lights':[1,", "lights[0]: must be an object"},
@@ -615,6 +621,23 @@ static void nodes_share_meshes_and_lights(void **state) {
     lw_scene_destroy(scene);
 }
 
+static void extras_say_who_draws_a_light(void **state) {
+    (void)state;
+    struct lw_scene *scene;
+    LOAD(scene, base_data, {"'intensity':8", "'intensity':8,'extras':{'lightwell':{'clientLight':false}}"},
+         {"'doubleSided':true", "'doubleSided':true,'extras':{'lightwell':{'clientLight':true}}"});
+    assert_int_equal(scene->light[0].drawn_by, LW_DRAWN_BY_SERVER);
+    assert_int_equal(scene->material[0].drawn_by, LW_DRAWN_BY_CLIENTS);
+    lw_scene_destroy(scene);
+    /* extras of others, which may be anything, and ours that say something else */
+    LOAD(scene, base_data, {"'intensity':8", "'intensity':8,'extras':['clientLight']"},
+         {"'doubleSided':true",
+          "'doubleSided':true,'extras':{'clientLight':true,'lightwell':{'lightmap':''}}"});
+    assert_int_equal(scene->light[0].drawn_by, LW_DRAWN_BY_RULE);
+    assert_int_equal(scene->material[0].drawn_by, LW_DRAWN_BY_RULE);
+    lw_scene_destroy(scene);
+}
+
 static void only_the_default_scene_counts(void **state) {
     (void)state;
     struct lw_scene *scene;
@@ -975,6 +998,7 @@ int main(void) {
         cmocka_unit_test(triangles_without_area_are_left_out),
         cmocka_unit_test(a_mesh_keeps_a_material_per_triangle),
         cmocka_unit_test(nodes_share_meshes_and_lights),
+        cmocka_unit_test(extras_say_who_draws_a_light),
         cmocka_unit_test(only_the_default_scene_counts),
         cmocka_unit_test(a_matrix_is_column_major),
         cmocka_unit_test(a_texture_transform_moves_its_coordinates),

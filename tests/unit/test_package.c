@@ -467,7 +467,7 @@ static void fields_lie_where_the_document_says(void **state) {
 /* One lie each: the name of a place, and what is said about it. */
 #define LIE_MAP(X)                                                                                           \
     X("does not begin with LWSCENE", b[0] = 'l')                                                             \
-    X("has version 4; this program reads versions 1 to 3", set_u32(b + 8, 4))                                \
+    X("has version 5; this program reads versions 1 to 4", set_u32(b + 8, 5))                                \
     X("has 22 sections; version 1 has 20", set_u32(b + 8, 1))                                                \
     X("has 21 sections; version 3 has 22", set_u32(b + 12, 21))                                              \
     X("section environments has 0 elements, not 1: without one", set_u32(b + 8, 2))                          \
@@ -712,6 +712,48 @@ static void version_3_has_textures(void **state) {
     lw_support_fails(read_exactly(bytes, size, &err), LW_BAD_DATA, &err,
                      "section textures has 0 elements: without one, the version is 1 or 2");
     free(bytes);
+    lw_scene_destroy(scene);
+}
+
+/* Who draws a light or what shines; and version 4 that does not say it, which is one of the others. */
+static void version_4_says_who_draws(void **state) {
+    (void)state;
+    struct lw_scene *scene = lw_support_everything(), *read;
+    struct lw_error err = {0};
+    size_t size, again_size;
+    assert_true(scene->light_count > 1 && scene->material_count > 1);
+    scene->light[1].drawn_by = LW_DRAWN_BY_SERVER;
+    scene->material[0].drawn_by = LW_DRAWN_BY_CLIENTS;
+    uint8_t *bytes = write_package(scene, &size);
+    assert_int_equal(bytes[8], 4);
+    assert_int_equal(bytes[12], 24);
+    uint8_t *lights = bytes + section_offset(bytes, 23), *materials = bytes + section_offset(bytes, 24);
+    const uint32_t of_light[2] = {0, 2}, of_material[2] = {1, 0};
+    assert_memory_equal(lights, of_light, sizeof of_light);
+    assert_memory_equal(materials, of_material, sizeof of_material);
+    lw_support_ok(lw_package_read(bytes, size, &read, &err), &err);
+    assert_same_scene(scene, read);
+    assert_int_equal(read->light[0].drawn_by, LW_DRAWN_BY_RULE);
+    assert_int_equal(read->light[1].drawn_by, LW_DRAWN_BY_SERVER);
+    assert_int_equal(read->material[0].drawn_by, LW_DRAWN_BY_CLIENTS);
+    assert_int_equal(read->material[1].drawn_by, LW_DRAWN_BY_RULE);
+    uint8_t *again = write_package(read, &again_size);
+    assert_int_equal(again_size, size);
+    assert_memory_equal(again, bytes, size);
+    free(again);
+    lw_scene_destroy(read);
+
+    set_u32(lights, 3);
+    lw_support_fails(read_exactly(bytes, size, &err), LW_BAD_DATA, &err,
+                     "section light drawers, record 0: who draws it is 3; the largest is 2");
+    err = (struct lw_error){0};
+    set_u32(lights, 0), set_u32(lights + 4, 0), set_u32(materials, 0);
+    lw_support_fails(read_exactly(bytes, size, &err), LW_BAD_DATA, &err,
+                     "no light and no material says who draws it: then the version is 1 to 3");
+    free(bytes);
+    scene->material[0].drawn_by = 3;
+    err = (struct lw_error){0};
+    lw_support_fails(lw_scene_validate(scene, &err), LW_BAD_DATA, &err, "drawn_by is 3");
     lw_scene_destroy(scene);
 }
 
@@ -1007,6 +1049,7 @@ int main(void) {
         cmocka_unit_test(textures_of_version_1_are_read),
         cmocka_unit_test(parts_are_textures),
         cmocka_unit_test(version_3_has_textures),
+        cmocka_unit_test(version_4_says_who_draws),
         cmocka_unit_test(an_environment_comes_back),
         cmocka_unit_test(lies_about_an_environment_are_named),
         cmocka_unit_test(an_environment_cut_off_or_flipped_is_refused_or_sound),
