@@ -124,6 +124,9 @@ static enum lw_status bind_scene(struct lw_crossover_run *run, struct lw_error *
                                 ? bind_row(run, err, "atlas-max", "%lld", (long long)open->atlas_side_max)
                                 : bind_row(run, err, "atlas-max", "the default");
     if (status == LW_OK)
+        status = open->texels_max > 0 ? bind_row(run, err, "max-texels", "%lld", (long long)open->texels_max)
+                                      : bind_row(run, err, "max-texels", "the default");
+    if (status == LW_OK)
         status = open->sky_given ? bind_row(run, err, "sky", "%.9g,%.9g,%.9g", (double)sky[0], (double)sky[1],
                                             (double)sky[2])
                                  : bind_row(run, err, "sky", "the scene's");
@@ -264,6 +267,7 @@ static enum lw_status find_views(struct lw_crossover_run *run, struct lw_error *
     struct lw_scene *scene;
     struct lw_scene_open open = run->options->scene;
     open.cancel = run->cancel;
+    open.lightmap_unused = true;
     enum lw_status status = lw_scene_open(&open, &scene, err); /* as it is before anything is set moving */
     if (status != LW_OK) return status;
     status = lw_fixed_views_init(&run->views, scene, (unsigned)open.threads, err);

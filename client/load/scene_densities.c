@@ -38,7 +38,10 @@ static enum lw_status open_scene(const struct lw_scene_densities *d, double dens
                                  struct lw_scene **out_scene, struct lw_scene_motion_report *out_report,
                                  struct lw_error *err) {
     struct lw_scene_open open = d->open;
-    if (density != 1) open.texels_per_metre = density * d->texels_per_metre;
+    if (density != 1) {
+        open.texels_per_metre = density * d->texels_per_metre;
+        open.texels_max = 0; /* of density 1 */
+    }
     struct lw_scene *scene;
     enum lw_status status = lw_scene_open(&open, &scene, err);
     if (status != LW_OK) return status;

@@ -60,6 +60,7 @@ static enum lw_status set_up(struct command *c, struct lw_error *err) {
     const struct lw_view_options *o = c->options;
     struct lw_scene_open open = o->path.open;
     open.cancel = &stop;
+    open.lightmap_unused = true;
     enum lw_status status = lw_scene_open(&open, &c->scene, err);
     if (status != LW_OK) return status;
     lw_interrupt_enter(&beginning);

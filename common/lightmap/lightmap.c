@@ -17,13 +17,15 @@
 /* Density is sought twice more after the first guess: covered texels are nearly, not quite, its square. */
 #define DENSITY_ROUNDS 3
 
+/* A density below this share of what is wanted is told: counting ends within a few percent. */
+#define BOUNDED_UNDER 0.97
+
 /* Steps of bisection for a mesh that does not fit: its density is within a percent of the best. */
 #define FIT_STEPS 7
 
-/* Where the density is chosen for a number of texels: the most of them that one object takes before the others have
- * DENSITY_GAIN_MAX times the even density. */
-#define SHARE_MAX        0.5
-#define DENSITY_GAIN_MAX 16.0
+/* Where the number of texels bounds the density: the most of them that one object takes before the others have the
+ * density that is wanted. */
+#define SHARE_MAX 0.5
 /* Halvings of the density before a mesh is given up: by then every chart has the smallest rectangle there is. */
 #define HALVINGS_MAX 64
 
@@ -56,6 +58,7 @@ struct drive {
     struct lw_scene *scene;
     struct job *job; /* most triangles first, so that no thread is left with a long one at the end */
     uint32_t job_count, side_max;
+    double density_max, texels_max; /* texels per metre; of all objects, INFINITY: no bound */
     int threads;
 };
 
@@ -280,7 +283,7 @@ static enum lw_status place(struct job *job) {
 
 /* Lays one mesh out at a density. */
 static enum lw_status lay_out(const struct drive *drive, struct job *job, double texels_per_metre) {
-    double scale = texels_per_metre * job->relative * job->metres_per_unit;
+    double scale = fmin(texels_per_metre * job->relative, drive->density_max) * job->metres_per_unit;
     free(job->uv);
     job->uv = NULL;
     enum lw_status status = try_file(drive, job, scale);
@@ -331,16 +334,34 @@ static double total_texels(const struct drive *drive) {
 }
 
 /* Without a number asked for. Every chart takes a few texels whatever the density: a scene of millions of triangles that
- * is squeezed into the same few texels as a room has spent them all on slivers, at metres a texel. */
-static double default_target(const struct drive *drive) {
+ * is squeezed into the same texels as a room has spent them all on slivers, at metres a texel. */
+static double default_most(const struct drive *drive) {
     double triangles = 0;
     for (uint32_t i = 0; i < drive->job_count; i++)
         triangles += (double)drive->job[i].mesh->triangle_count * (double)drive->job[i].object_count;
-    return fmax((double)LW_LIGHTMAP_TEXEL_TARGET, 0.5 * triangles);
+    return fmax((double)LW_LIGHTMAP_TEXELS_MAX, 0.5 * triangles);
 }
 
 static double clamp_density(double density) {
     return density < (double)FLT_MIN ? (double)FLT_MIN : density > 1e9 ? 1e9 : density;
+}
+
+/* What is wanted, and what bounds it. */
+static void choose_density(struct drive *drive, const struct lw_lightmap_desc *desc) {
+    const double area = total_surface(drive);
+    const bool given = desc->texels_per_metre > 0;
+    drive->texels_max = desc->texels_max ? (double)desc->texels_max
+                        : given          ? (double)INFINITY
+                                         : default_most(drive);
+    double density = given ? (double)desc->texels_per_metre : LW_LIGHTMAP_DENSITY_DEFAULT;
+    if (!given && area > 0)
+        density = fmax(density, sqrt(fmin((double)LW_LIGHTMAP_TEXELS_MIN, drive->texels_max) / area));
+    drive->density_max = clamp_density(density);
+}
+
+/* Before anything is laid out: charts cover about as many texels as surfaces have, and more at their borders. */
+static bool is_too_much(const struct drive *drive) {
+    return total_surface(drive) * drive->density_max * drive->density_max > drive->texels_max;
 }
 
 /* Texels of all objects at a density, none with more than `most`. */
@@ -352,10 +373,10 @@ static double estimate(const struct drive *drive, double density, double most) {
 }
 
 /* Densities relative to `even`, which would give every metre the same: where one object (the ground to the horizon) would
- * take more than SHARE_MAX of the texels, it gets that share, and the others what it leaves, up to DENSITY_GAIN_MAX times
- * the even density; what they cannot use goes back to it. */
-static void share_texels(struct drive *drive, double even, double target) {
-    double density = even * DENSITY_GAIN_MAX, most = SHARE_MAX * target;
+ * take more than SHARE_MAX of the texels, it gets that share, and the others what it leaves, up to the density that is
+ * wanted; what they cannot use goes back to it. */
+static void share_texels(struct drive *drive, double even) {
+    double density = drive->density_max, target = drive->texels_max, most = SHARE_MAX * target;
     const bool useful = estimate(drive, density, most) >= target;
     double low = useful ? even : most, high = useful ? density : target;
     for (int i = 0; i < 60; i++) {
@@ -376,12 +397,13 @@ static void share_texels(struct drive *drive, double even, double target) {
     }
 }
 
-/* The density at which the scene has `target` texels, found by laying out and counting. */
-static enum lw_status lay_out_for_target(struct drive *drive, double target, struct lw_progress *progress,
-                                         struct lw_error *err) {
-    double area = total_surface(drive), density = clamp_density(area > 0 ? sqrt(target / area) : 1);
+/* The density at which the scene has texels_max texels, found by laying out and counting. */
+static enum lw_status lay_out_bounded(struct drive *drive, struct lw_progress *progress,
+                                      struct lw_error *err) {
+    double area = total_surface(drive), target = drive->texels_max;
+    double density = fmin(clamp_density(area > 0 ? sqrt(target / area) : 1), drive->density_max);
     enum lw_status status = LW_OK;
-    share_texels(drive, density, target);
+    share_texels(drive, density);
     for (int round = 0; status == LW_OK; round++) {
         status = lay_out_all(drive, density, progress, err);
         double texels = status == LW_OK ? total_texels(drive) : 0;
@@ -389,6 +411,15 @@ static enum lw_status lay_out_for_target(struct drive *drive, double target, str
         density = clamp_density(density * sqrt(target / texels));
     }
     return status;
+}
+
+/* At the density that is wanted, if the texels suffice. */
+static enum lw_status lay_out_scene(struct drive *drive, struct lw_progress *progress, struct lw_error *err) {
+    if (!is_too_much(drive)) {
+        enum lw_status status = lay_out_all(drive, drive->density_max, progress, err);
+        if (status != LW_OK || total_texels(drive) <= drive->texels_max) return status;
+    }
+    return lay_out_bounded(drive, progress, err);
 }
 
 /* New vertices: one for each pair of an old vertex and a place in the atlas. */
@@ -474,9 +505,10 @@ static enum lw_status keep_file(struct lw_scene *scene, struct lw_mesh *mesh, co
     return LW_OK;
 }
 
-static void report(const struct job *job, struct lw_lightmap_report *out) {
+static void report(const struct drive *drive, const struct job *job, struct lw_lightmap_report *out) {
     const struct lw_mesh *mesh = job->mesh;
     struct lw_lightmap_map map = map_of(job);
+    const double reached = job->scale / job->metres_per_unit;
     *out = (struct lw_lightmap_report){
         .mesh = job->mesh_index,
         .atlas_width = mesh->atlas_width,
@@ -484,9 +516,12 @@ static void report(const struct job *job, struct lw_lightmap_report *out) {
         .chart_count = job->from_file ? 0 : job->charts.chart_count,
         .texels_covered = (uint32_t)job->covered,
         .coverage = (float)((double)job->covered / ((double)mesh->atlas_width * (double)mesh->atlas_height)),
-        .texels_per_metre = (float)(job->scale / job->metres_per_unit),
+        .texels_per_metre = (float)reached,
         .from_file = job->from_file,
         .capped = job->capped,
+        .bounded = !job->capped && reached < BOUNDED_UNDER * drive->density_max,
+        .density_wanted = (float)drive->density_max,
+        .texels_max = isfinite(drive->texels_max) ? (uint32_t)drive->texels_max : 0,
     };
     lw_lightmap_check_stretch(&map, &out->stretch_rms, &out->stretch_max);
 }
@@ -507,7 +542,7 @@ static enum lw_status commit(struct drive *drive, struct lw_lightmap_report *out
         before.atlas_width = mesh->atlas_width;
         before.atlas_height = mesh->atlas_height;
         job->mesh = &before;
-        report(job, &out_report[job->mesh_index]);
+        report(drive, job, &out_report[job->mesh_index]);
     }
     return LW_OK;
 }
@@ -526,13 +561,9 @@ enum lw_status lw_lightmap_build(struct lw_scene *scene, const struct lw_lightma
     for (uint32_t i = 0; i < drive.job_count; i++) triangles += drive.job[i].mesh->triangle_count;
     for (uint32_t m = 0; out_report && m < scene->mesh_count; m++)
         out_report[m] = (struct lw_lightmap_report){.mesh = m};
-    bool given = desc->texels_per_metre > 0;
-    lw_progress_init(&progress, "unwrapping", triangles * (given ? 1 : DENSITY_ROUNDS));
-    if (status == LW_OK && given)
-        status = lay_out_all(&drive, clamp_density((double)desc->texels_per_metre), &progress, err);
-    else if (status == LW_OK)
-        status = lay_out_for_target(
-            &drive, desc->texel_target ? (double)desc->texel_target : default_target(&drive), &progress, err);
+    choose_density(&drive, desc);
+    lw_progress_init(&progress, "unwrapping", triangles * (is_too_much(&drive) ? DENSITY_ROUNDS : 1));
+    if (status == LW_OK) status = lay_out_scene(&drive, &progress, err);
     lw_progress_finish(&progress);
     if (status == LW_OK) status = commit(&drive, out_report, err);
     for (uint32_t i = 0; i < drive.job_count; i++) finish_job(&drive.job[i]);

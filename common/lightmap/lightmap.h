@@ -24,16 +24,28 @@
 #define LW_LIGHTMAP_DENSITY_MAX 1e6
 #define LW_LIGHTMAP_SIDE_MIN    16u /* of atlas_side_max, texels */
 
+/* Without a density asked for. docs/results/density.md says why these. */
+#define LW_LIGHTMAP_DENSITY_DEFAULT 5.0      /* texels per metre */
+#define LW_LIGHTMAP_TEXELS_MIN      20000u   /* a scene of a few square metres has a higher density */
+#define LW_LIGHTMAP_TEXELS_MAX      1000000u /* or half the triangles of all objects, if that is more */
+
+/* For --help of every program that has the options. */
+#define LW_LIGHTMAP_DENSITY_HELP                                                                             \
+    "texels per metre of the lightmaps (default: 5, or more where a scene would have under 20,000 texels)"
+#define LW_LIGHTMAP_TEXELS_HELP                                                                              \
+    "texels of all lightmaps at most, about; a scene that needs more gets fewer per metre (default: none "   \
+    "with "                                                                                                  \
+    "--texels-per-metre, else 1,000,000 or half the triangles, whichever is more)"
+
 struct lw_lightmap_desc {
-    /* 0: chosen so that the scene has about texel_target covered texels; the same for all objects unless one of them, such
-     * as a ground that reaches to the horizon, would take over half of these */
-    float texels_per_metre;
-    uint32_t
-        texel_target; /* 0: LW_LIGHTMAP_TEXEL_TARGET, or half the triangles of all objects if that is more */
+    float texels_per_metre; /* 0: LW_LIGHTMAP_DENSITY_DEFAULT, or what gives LW_LIGHTMAP_TEXELS_MIN */
+    uint32_t texels_max; /* covered texels of all objects, about; what would have more gets a lower density,
+                              * which is that of all objects unless one of them, such as a ground that reaches to
+                              * the horizon, would take over half of these. 0: with texels_per_metre none, else
+                              * LW_LIGHTMAP_TEXELS_MAX, or half the triangles of all objects if that is more */
     uint32_t atlas_side_max; /* texels; 0: 4096. A mesh that needs more gets a lower density. */
     unsigned threads;        /* 0: all */
 };
-#define LW_LIGHTMAP_TEXEL_TARGET 400000u
 
 /** What became of one mesh. */
 struct lw_lightmap_report {
@@ -46,6 +58,9 @@ struct lw_lightmap_report {
     float texels_per_metre;         /* reached */
     bool from_file;                 /* the file's second UV set was in [0,1], free of overlaps, and used */
     bool capped;                    /* atlas_side_max lowered its density */
+    bool bounded;                   /* the number of texels did, to under density_wanted */
+    float density_wanted;           /* texels per metre */
+    uint32_t texels_max;            /* of the scene; 0: no bound */
 };
 
 /** Builds lightmap UVs for every mesh that an object uses: from UV set 1 where it is fit, else by unwrapping.

@@ -43,10 +43,10 @@ struct importer {
 
 static enum lw_status load_package(const struct lw_import_spawn_desc *desc, struct lw_scene **out_scene,
                                    struct lw_error *err) {
-    if (desc->texels_per_metre > 0 || desc->atlas_side_max)
+    if (desc->texels_per_metre > 0 || desc->texels_max || desc->atlas_side_max)
         lw_log(LW_LOG_WARNING,
-               "%s: a scene package has its lightmap already; --texels-per-metre and --atlas-max are "
-               "ignored",
+               "%s: a scene package has its lightmap already; --texels-per-metre, --max-texels and "
+               "--atlas-max are ignored",
                desc->scene);
     return lw_package_load(desc->scene, out_scene, err);
 }
@@ -89,20 +89,24 @@ static int set_attributes(posix_spawnattr_t *attributes) {
 
 static enum lw_status start(struct importer *importer, struct lw_error *err) {
     const struct lw_import_spawn_desc *desc = importer->desc;
-    char density[64], side[32], threads[32], failure[32], environment[PATH_MAX + sizeof "--environment="];
+    char density[64], most[32], side[32], threads[32], failure[32],
+        environment[PATH_MAX + sizeof "--environment="];
     snprintf(density, sizeof density, "--texels-per-metre=%.9g", desc->texels_per_metre);
+    snprintf(most, sizeof most, "--max-texels=%u", desc->texels_max);
     snprintf(side, sizeof side, "--atlas-max=%u", desc->atlas_side_max);
     snprintf(threads, sizeof threads, "--threads=%u", desc->threads);
     snprintf(failure, sizeof failure, "--failure-fd=%d", FAILURE_FD);
     if (desc->environment && strlen(desc->environment) >= PATH_MAX)
         return lw_status_fail(err, LW_NO_INPUT, "%.200s...: the path is too long", desc->environment);
     snprintf(environment, sizeof environment, "--environment=%s", desc->environment ? desc->environment : "");
-    const char *arguments[12] = {importer->program, "-o", importer->package, failure};
+    const char *arguments[14] = {importer->program, "-o", importer->package, failure};
     size_t count = 4;
     if (desc->texels_per_metre > 0) arguments[count++] = density;
+    if (desc->texels_max) arguments[count++] = most;
     if (desc->atlas_side_max) arguments[count++] = side;
     if (desc->threads) arguments[count++] = threads;
     if (desc->environment) arguments[count++] = environment;
+    if (desc->lightmap_unused) arguments[count++] = "--lightmap-unused";
     arguments[count++] = "--";
     arguments[count++] = desc->scene;
 

@@ -16,8 +16,10 @@ struct lw_import_spawn_desc {
     const char *scene;       /* a .lwscene, any file that lightwell-import reads, or "builtin:NAME" */
     const char *environment; /* an equirectangular EXR for the scene; NULL: the scene's own, or none */
     double texels_per_metre; /* 0: the importer's default */
+    uint32_t texels_max;     /* 0: the importer's default */
     uint32_t atlas_side_max; /* texels; 0: the importer's default */
     unsigned threads;        /* 0: all */
+    bool lightmap_unused;    /* nothing is said about how coarse it is */
     uint64_t memory_max; /* bytes; 0: LW_IMPORT_SPAWN_MEMORY_MAX. Not imposed where a sanitizer needs more. */
     const char *program; /* NULL: lightwell-import beside this program, else in PATH */
     const volatile sig_atomic_t

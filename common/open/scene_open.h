@@ -15,8 +15,10 @@
 struct lw_scene_open {
     const char *path;        /* .lwscene, any format that lightwell-import reads, or "builtin:NAME" */
     double texels_per_metre; /* 0: the importer's default */
+    int64_t texels_max;      /* 0: the importer's default */
     int64_t atlas_side_max;  /* texels; 0: the importer's default */
     int64_t threads;         /* 0: all */
+    bool lightmap_unused;    /* nothing is said about how coarse it is */
     bool sky_given, sun_angle_given;
     float sky[3];            /* W/(m^2 sr) */
     const char *environment; /* an equirectangular EXR, in place of the scene's; or NULL */
@@ -27,8 +29,10 @@ struct lw_scene_open {
 /** The rows of an option table (common/options.h) that fill these settings; `open` is a struct lw_scene_open *. */
 /* clang-format off */
 #define LW_SCENE_OPEN_OPTIONS(open)                                                                            \
-    {"texels-per-metre", "D", "lightmap density (default: for 400,000 texels, or half as many as triangles)",  \
-     LW_OPTION_REAL, &(open)->texels_per_metre, LW_LIGHTMAP_DENSITY_MIN, LW_LIGHTMAP_DENSITY_MAX, NULL},       \
+    {"texels-per-metre", "D", LW_LIGHTMAP_DENSITY_HELP, LW_OPTION_REAL, &(open)->texels_per_metre,             \
+     LW_LIGHTMAP_DENSITY_MIN, LW_LIGHTMAP_DENSITY_MAX, NULL},                                                  \
+    {"max-texels", "N", LW_LIGHTMAP_TEXELS_HELP, LW_OPTION_INT, &(open)->texels_max, 1, LW_SCENE_TEXELS_MAX,   \
+     NULL},                                                                                                    \
     {"atlas-max", "N", "longest side of an atlas, texels (default 4096)", LW_OPTION_INT,                       \
      &(open)->atlas_side_max, LW_LIGHTMAP_SIDE_MIN, LW_SCENE_ATLAS_SIDE_MAX, NULL},                            \
     {"threads", "N", "worker threads (default: all processors)", LW_OPTION_INT, &(open)->threads, 1, 1024, NULL},\

@@ -43,8 +43,8 @@ struct arguments {
     double texels_per_metre;
     double scale, read_seconds;
     int sides; /* enum lw_foreign_sides */
-    int64_t atlas_side_max, threads, failure_fd;
-    bool json, report;
+    int64_t texels_max, atlas_side_max, threads, failure_fd;
+    bool json, report, lightmap_unused;
 };
 
 /* ---- progress of stages that cannot say how far they are ---- */
@@ -100,12 +100,18 @@ static enum lw_status parse(int argc, char **argv, struct arguments *arguments, 
          .value = &arguments->output},
         {.name = "texels-per-metre",
          .argument = "D",
-         .help = "Density of the lightmaps. Default: so that the scene has about 400,000 texels, or half as "
-                 "many as triangles if that is more.",
+         .help = LW_LIGHTMAP_DENSITY_HELP,
          .kind = LW_OPTION_REAL,
          .value = &arguments->texels_per_metre,
          .min = LW_LIGHTMAP_DENSITY_MIN,
          .max = LW_LIGHTMAP_DENSITY_MAX},
+        {.name = "max-texels",
+         .argument = "N",
+         .help = LW_LIGHTMAP_TEXELS_HELP,
+         .kind = LW_OPTION_INT,
+         .value = &arguments->texels_max,
+         .min = 1,
+         .max = LW_SCENE_TEXELS_MAX},
         {.name = "atlas-max",
          .argument = "N",
          .help = "Largest side of a lightmap in texels; an object that needs more gets fewer per metre. "
@@ -158,6 +164,8 @@ static enum lw_status parse(int argc, char **argv, struct arguments *arguments, 
          .help = "Write the report to stdout as JSON.",
          .kind = LW_OPTION_FLAG,
          .value = &arguments->json},
+        /* For programs that start this one: they do not look at the lightmaps, and want no warning about them. */
+        {.name = "lightmap-unused", .kind = LW_OPTION_FLAG, .value = &arguments->lightmap_unused},
         /* For programs that start this one: the reason of a failure goes to this descriptor, not to stderr,
          * and it ends when they end. */
         {.name = "failure-fd",
@@ -241,6 +249,7 @@ static enum lw_status keep_lightmaps(const struct lw_scene *scene, struct lw_lig
 static enum lw_status build_lightmaps(const struct arguments *arguments, struct lw_scene *scene,
                                       struct lw_lightmap_report *report, struct lw_error *err) {
     const struct lw_lightmap_desc desc = {.texels_per_metre = (float)arguments->texels_per_metre,
+                                          .texels_max = (uint32_t)arguments->texels_max,
                                           .atlas_side_max = (uint32_t)arguments->atlas_side_max,
                                           .threads = (unsigned)arguments->threads};
     if (lw_package_is(arguments->scene)) return keep_lightmaps(scene, report);
@@ -420,6 +429,26 @@ static enum lw_status warn_of_rounding(const struct arguments *arguments, const 
     return LW_OK;
 }
 
+/* One line for all, by the largest texels. */
+static void warn_of_bound(const struct arguments *arguments, const struct lw_scene *scene,
+                          const struct lw_lightmap_report *report) {
+    uint32_t count = 0, coarsest = 0;
+    for (uint32_t o = 0; o < scene->object_count; o++) {
+        const struct lw_lightmap_report *r = &report[scene->object[o].mesh];
+        if (!r->bounded) continue;
+        if (!count++ || r->texels_per_metre < report[scene->object[coarsest].mesh].texels_per_metre)
+            coarsest = o;
+    }
+    if (!count) return;
+    const struct lw_lightmap_report *r = &report[scene->object[coarsest].mesh];
+    lw_log(LW_LOG_WARNING,
+           "%s: %.2g m texels (object \"%s\", the coarsest of %u): %.3g texels a metre were wanted, and %u "
+           "texels in "
+           "all are the most; set --max-texels or --texels-per-metre",
+           arguments->scene, 1 / (double)r->texels_per_metre, scene->object[coarsest].name, count,
+           (double)r->density_wanted, r->texels_max);
+}
+
 static enum lw_status run(const struct arguments *arguments, struct lw_error *err) {
     uint64_t started_ns = lw_clock_ns();
     struct lw_scene *scene = NULL;
@@ -433,6 +462,7 @@ static enum lw_status run(const struct arguments *arguments, struct lw_error *er
     report = calloc(scene->mesh_count + 1ul, sizeof *report);
     if (!report) status = lw_status_fail(err, LW_NO_MEMORY, "%s: out of memory", arguments->scene);
     if (!status) status = build_lightmaps(arguments, scene, report, err);
+    if (!status && !arguments->lightmap_unused) warn_of_bound(arguments, scene, report);
     if (!status) status = warn_of_rounding(arguments, scene, report, err);
     if (!status) status = write_package(arguments, scene, err);
     if (!status)

@@ -27,7 +27,7 @@ independent solves each, so that noise drops out and bias stays (it may come out
 one block of 8 × 8 texels in a hundred exceeds, noise in it: compare with the row `inf`, which is the noise alone. **frame
 ms**: median processor time of a frame with one worker; **/ inf**: as a ratio. **Mrays**: bounce and probe rays of the
 last frame. Default spacing: some 1,000 probes. Densities are low, so that probes weigh more against texels than they do
-with the 400,000 texels of a default scene, and half of the frames are among the first eight of a probe, in which each of them
+with 400,000 texels, and half of the frames are among the first eight of a probe, in which each of them
 gathers; later one in four does.
 TEXT
     for scene in "$@"; do

@@ -398,8 +398,22 @@ static void density_reaches_the_importer(void **state) {
                         &s, &fine, &err),
                   &err);
     assert_true(fine->mesh[0].atlas_width > coarse->mesh[0].atlas_width);
-    lw_scene_destroy(fine);
     lw_scene_destroy(coarse);
+
+    /* a bound on texels is told once, in metres */
+    lw_support_ok(spawn(&(struct lw_import_spawn_desc){.scene = "builtin:cornell", .texels_max = 2000}, &s,
+                        &coarse, &err),
+                  &err);
+    const char *told = strstr(s.talk, "m texels (object \"");
+    assert_non_null(told);
+    assert_null(strstr(told + 1, "m texels (object \""));
+    assert_non_null(strstr(told, "2000 texels in all are the most; set --max-texels or --texels-per-metre"));
+    assert_true(coarse->mesh[0].atlas_width < fine->mesh[0].atlas_width);
+    lw_scene_destroy(coarse);
+    lw_scene_destroy(fine);
+    lw_support_ok(spawn(&(struct lw_import_spawn_desc){.scene = "builtin:cornell"}, &s, &fine, &err), &err);
+    assert_null(strstr(s.talk, "texels"));
+    lw_scene_destroy(fine);
 
     /* whatever the daemon takes, the importer takes */
     const struct lw_import_spawn_desc least = {.scene = "builtin:cornell",

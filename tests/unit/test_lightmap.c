@@ -543,37 +543,104 @@ static void ugly_meshes_are_laid_out(void **state) {
     lw_scene_destroy(scene);
 }
 
-static void any_size_of_scene_meets_the_target(void **state) {
-    const float scale[] = {1e-3f, 1, 1e5f};
-    for (int i = 0; i < 3; i++) {
-        struct shape *s = fresh(state);
-        cube(s, 1);
-        struct lw_scene *scene = scene_of(s, &scale[i], 1);
-        struct lw_lightmap_report r = build(scene, 0, 0);
-        assert_true(r.texels_covered > LW_LIGHTMAP_TEXEL_TARGET * 0.95f);
-        assert_true(r.texels_covered < LW_LIGHTMAP_TEXEL_TARGET * 1.05f);
+static struct lw_lightmap_report build_default(struct lw_scene *scene, uint32_t texels_max) {
+    struct lw_lightmap_report r;
+    struct lw_error err = {0};
+    const struct lw_lightmap_desc desc = {.texels_max = texels_max, .threads = 1};
+    lw_support_ok(lw_lightmap_build(scene, &desc, &r, &err), &err);
+    return r;
+}
+
+static struct lw_scene *cube_of_side(void **state, float side_m) {
+    struct shape *s = fresh(state);
+    cube(s, 1);
+    return scene_of(s, &side_m, 1);
+}
+
+static void the_default_is_a_density(void **state) {
+    const float side_m[] = {30, 60};
+    for (int i = 0; i < 2; i++) {
+        struct lw_scene *scene = cube_of_side(state, side_m[i]);
+        struct lw_lightmap_report r = build_default(scene, 0);
+        const double texels = 6 * pow((double)side_m[i] * LW_LIGHTMAP_DENSITY_DEFAULT, 2);
+        assert_in_range(r.texels_covered, (uint32_t)(texels * 0.97), (uint32_t)(texels * 1.05));
+        assert_float_equal(r.texels_per_metre, LW_LIGHTMAP_DENSITY_DEFAULT, 1e-4);
+        assert_float_equal(r.density_wanted, LW_LIGHTMAP_DENSITY_DEFAULT, 1e-6);
+        assert_int_equal(r.texels_max, LW_LIGHTMAP_TEXELS_MAX);
+        assert_false(r.bounded);
         lw_scene_destroy(scene);
     }
 }
 
-/* A grid of 3,200 triangles, 600 times: what a room needs would be a fifth of a texel for each. */
+static void a_small_scene_has_texels_enough(void **state) {
+    const float side_m[] = {1e-3f, 1, 10};
+    for (int i = 0; i < 3; i++) {
+        struct lw_scene *scene = cube_of_side(state, side_m[i]);
+        struct lw_lightmap_report r = build_default(scene, 0);
+        assert_in_range(r.texels_covered, (uint32_t)(LW_LIGHTMAP_TEXELS_MIN * 0.9),
+                        (uint32_t)(LW_LIGHTMAP_TEXELS_MIN * 1.1));
+        assert_false(r.bounded);
+        lw_scene_destroy(scene);
+    }
+    struct lw_scene *scene = cube_of_side(state, 1); /* the bound is stronger */
+    struct lw_lightmap_report r = build_default(scene, 10000);
+    assert_in_range(r.texels_covered, 9000, 11000);
+    lw_scene_destroy(scene);
+}
+
+static void texels_bound_the_density(void **state) {
+    struct lw_scene *scene = cube_of_side(state, 1e5f);
+    struct lw_lightmap_report r = build_default(scene, 0);
+    assert_in_range(r.texels_covered, (uint32_t)(LW_LIGHTMAP_TEXELS_MAX * 0.95),
+                    (uint32_t)(LW_LIGHTMAP_TEXELS_MAX * 1.05));
+    assert_true(r.bounded);
+    lw_scene_destroy(scene);
+
+    scene = cube_of_side(state, 60);
+    r = build_default(scene, 50000);
+    assert_in_range(r.texels_covered, 47500, 52500);
+    assert_true(r.bounded);
+    assert_int_equal(r.texels_max, 50000);
+    lw_scene_destroy(scene);
+
+    /* one that is asked for has no bound but its own */
+    for (uint32_t most = 0; most <= 50000; most += 50000) {
+        struct lw_error err = {0};
+        scene = cube_of_side(state, 60);
+        const struct lw_lightmap_desc desc = {.texels_per_metre = 12, .texels_max = most, .threads = 1};
+        lw_support_ok(lw_lightmap_build(scene, &desc, &r, &err), &err);
+        assert_int_equal(r.bounded, most > 0);
+        assert_float_equal(r.density_wanted, 12, 1e-6);
+        if (most)
+            assert_in_range(r.texels_covered, 47500, 52500);
+        else
+            assert_float_equal(r.texels_per_metre, 12, 1e-4);
+        lw_scene_destroy(scene);
+    }
+}
+
+/* A grid of 3,200 triangles, 3,000 times, on cylinders large enough to be bounded: what suffices for fewer would be under
+ * half a texel for each. */
 static void many_triangles_get_texels(void **state) {
     struct shape *s = fresh(state);
     grid(s, cylinder, 40, 40);
-    struct lw_scene *scene = scene_of(s, NULL, 600);
-    struct lw_lightmap_report r = build(scene, 0, 0);
+    struct lw_scene *scene = scene_of(s, NULL, 3000);
+    for (uint32_t n = 0; n < scene->node_count; n++)
+        for (int k = 0; k < 3; k++) scene->node[n].scale[k] = 100;
+    struct lw_lightmap_report r = build_default(scene, 0);
+    assert_true(r.bounded);
     assert_in_range(r.texels_covered, (uint32_t)(1600 * 0.95), (uint32_t)(1600 * 1.05));
     lw_scene_destroy(scene);
 }
 
-/* A ground of 300 m and a plate of 10 m: even densities would leave the plate 450 of the 400,000 texels. */
+/* A ground of 3 km and a plate of 10 m: even densities would leave the plate 11 of the 1,000,000 texels. */
 static void a_ground_does_not_starve_the_rest(void **state) {
     struct shape *s = fresh(state);
-    quad(s, lw_vec3(0, 0, 0), lw_vec3(300, 0, 0), lw_vec3(0, 300, 0));
+    quad(s, lw_vec3(0, 0, 0), lw_vec3(3000, 0, 0), lw_vec3(0, 3000, 0));
     struct lw_scene *scene = scene_of(s, NULL, 2);
     struct lw_mesh *mesh = lw_scene_alloc(scene, 2, sizeof *mesh);
     struct lw_vec3 *small = lw_scene_alloc(scene, s->vertex_count, sizeof *small);
-    for (uint32_t v = 0; v < s->vertex_count; v++) small[v] = lw_vec3_scale(s->position[v], 1.0f / 30);
+    for (uint32_t v = 0; v < s->vertex_count; v++) small[v] = lw_vec3_scale(s->position[v], 1.0f / 300);
     mesh[0] = mesh[1] = scene->mesh[0];
     mesh[1].position = small;
     scene->mesh = mesh;
@@ -582,11 +649,13 @@ static void a_ground_does_not_starve_the_rest(void **state) {
     struct lw_lightmap_report r[2];
     struct lw_error err = {0};
     lw_support_ok(lw_lightmap_build(scene, &(struct lw_lightmap_desc){0}, r, &err), &err);
-    assert_true(r[0].texels_covered + r[1].texels_covered > LW_LIGHTMAP_TEXEL_TARGET * 0.95f);
-    assert_true(r[0].texels_covered + r[1].texels_covered < LW_LIGHTMAP_TEXEL_TARGET * 1.05f);
-    /* The plate takes 16 times the even density of 2.1 per metre; the ground keeps what that leaves. */
-    assert_true(r[1].texels_per_metre > 30 && r[1].texels_per_metre < 36);
-    assert_true(r[0].texels_per_metre > 1.5f && r[0].texels_per_metre < 2.1f);
+    assert_in_range(r[0].texels_covered + r[1].texels_covered, (uint32_t)(LW_LIGHTMAP_TEXELS_MAX * 0.95),
+                    (uint32_t)(LW_LIGHTMAP_TEXELS_MAX * 1.05));
+    /* The plate has the density that is wanted; the ground has what that leaves. */
+    assert_float_equal(r[1].texels_per_metre, LW_LIGHTMAP_DENSITY_DEFAULT, 0.2);
+    assert_false(r[1].bounded);
+    assert_true(r[0].bounded);
+    assert_true(r[0].texels_per_metre > 0.28f && r[0].texels_per_metre < 0.36f);
     lw_scene_destroy(scene);
 }
 
@@ -673,7 +742,9 @@ int main(void) {
         cmocka_unit_test(too_much_is_capped),
         cmocka_unit_test(what_cannot_fit_is_named),
         cmocka_unit_test(ugly_meshes_are_laid_out),
-        cmocka_unit_test(any_size_of_scene_meets_the_target),
+        cmocka_unit_test(the_default_is_a_density),
+        cmocka_unit_test(a_small_scene_has_texels_enough),
+        cmocka_unit_test(texels_bound_the_density),
         cmocka_unit_test(many_triangles_get_texels),
         cmocka_unit_test(a_ground_does_not_starve_the_rest),
         cmocka_unit_test(threads_do_not_matter),
