@@ -445,6 +445,12 @@ static struct choice choose(const struct lw_direct_pixels *d, struct lw_direct_w
     return choice;
 }
 
+LW_WIDE static uint32_t find_positive(const float *restrict e) {
+    uint32_t bits = 0;
+    for (uint32_t k = 0; k < LANES; k++) bits |= e[k] > 0 ? 1u << k : 0;
+    return bits;
+}
+
 /* E without shadows of a light at a block's points; returns the bits of those that it reaches. */
 static uint16_t light_block(const struct lw_direct_pixels *d, uint32_t candidate,
                             const struct lw_direct_block *block, float e[LANES]) {
@@ -459,9 +465,7 @@ static uint16_t light_block(const struct lw_direct_pixels *d, uint32_t candidate
         for (uint32_t k = 0; k < LANES; k++)
             e[k] = (sample.e[0][k] + sample.e[1][k] + sample.e[2][k]) * scale;
     }
-    uint32_t facing = 0;
-    for (uint32_t k = 0; k < LANES; k++) facing |= (e[k] > 0 ? 1u : 0u) << k;
-    return (uint16_t)facing & block->active;
+    return (uint16_t)find_positive(e) & block->active;
 }
 
 static struct lw_vec3 colour_of(const struct lw_direct_pixels *d, uint32_t candidate) {
@@ -851,31 +855,30 @@ static bool is_far(const struct candidates *c, uint32_t i, const struct region *
     return lw_vec3_length(way) > 6 * region->radius_m;
 }
 
-/* How much of a block's light is that at hand. */
-LW_WIDE static void find_shares(const float *restrict e, const float *restrict base,
-                                const float (*restrict sum)[LANES], float luminance, float *restrict out) {
+/* The pixels where the light at hand is at least a share of all. */
+struct weight {
+    uint32_t faint, seen, noisy;
+};
+LW_WIDE static struct weight find_weights(const float *restrict e, const float *restrict base,
+                                          const float (*restrict sum)[LANES], float luminance) {
+    struct weight w = {0};
     for (uint32_t i = 0; i < LANES; i++) {
         const float own = e[i] * luminance;
         const float all = base[i] + lw_colour_luminance(lw_vec3(sum[0][i], sum[1][i], sum[2][i])) + own;
-        out[i] = all > 0 ? own / all : 1;
+        w.faint |= own >= SHARE_FAINT * all ? 1u << i : 0;
+        w.seen |= own >= SHARE_SEEN * all ? 1u << i : 0;
+        w.noisy |= own >= SHARE_NOISY * all ? 1u << i : 0;
     }
+    return w;
 }
 
 static void weigh(struct lw_direct_work *w, uint32_t b, const struct lw_direct_block *block,
                   float luminance) {
-    uint32_t faint = 0, seen = 0, noisy = 0;
-    float share[LANES];
-    if (w->facing[b]) {
-        find_shares(w->e[b], block->base, block->e, luminance, share);
-        for (uint32_t i = 0; i < LANES; i++) {
-            faint |= (share[i] >= SHARE_FAINT ? 1u : 0u) << i;
-            seen |= (share[i] >= SHARE_SEEN ? 1u : 0u) << i;
-            noisy |= (share[i] >= SHARE_NOISY ? 1u : 0u) << i;
-        }
-    }
-    w->faint[b] = (uint16_t)faint & w->facing[b];
-    w->seen[b] = (uint16_t)seen & w->facing[b];
-    w->noisy[b] = (uint16_t)noisy & w->facing[b];
+    struct weight weight = {0};
+    if (w->facing[b]) weight = find_weights(w->e[b], block->base, block->e, luminance);
+    w->faint[b] = (uint16_t)weight.faint & w->facing[b];
+    w->seen[b] = (uint16_t)weight.seen & w->facing[b];
+    w->noisy[b] = (uint16_t)weight.noisy & w->facing[b];
 }
 
 static bool is_mixed(const struct lw_direct_work *w) {

@@ -298,8 +298,7 @@ static void place_facet(struct lw_emitter_clusters *clusters, struct lw_emitter_
 LW_WIDE_INLINE void map_place(struct lw_vec3 d, float *x, float *y) {
     const float scale = 1 / (fabsf(d.x) + fabsf(d.y) + fabsf(d.z) + 1e-30f);
     const float a = d.x * scale, b = d.y * scale;
-    const float fold_a = (1 - fabsf(b)) * (a < 0 ? -1.0f : 1.0f),
-                fold_b = (1 - fabsf(a)) * (b < 0 ? -1.0f : 1.0f);
+    const float fold_a = copysignf(1 - fabsf(b), a), fold_b = copysignf(1 - fabsf(a), b);
     *x = (0.5f + 0.5f * (d.z < 0 ? fold_a : a)) * MAP;
     *y = (0.5f + 0.5f * (d.z < 0 ? fold_b : b)) * MAP;
 }
@@ -312,18 +311,6 @@ static struct lw_vec3 map_direction(uint32_t x, uint32_t y) {
         d.y = (1 - fabsf(a)) * (b < 0 ? -1.0f : 1.0f);
     }
     return lw_vec3_normalize(d);
-}
-
-LW_WIDE_INLINE float map_read(const float *map, struct lw_vec3 d) {
-    float x, y;
-    map_place(d, &x, &y);
-    const int last = (int)MAP - 1, side = (int)MAP + 1;
-    int i = (int)x, j = (int)y;
-    i = i < 0 ? 0 : i > last ? last : i;
-    j = j < 0 ? 0 : j > last ? last : j;
-    const float u = x - (float)i, v = y - (float)j;
-    const float *at = map + j * side + i;
-    return (1 - v) * ((1 - u) * at[0] + u * at[1]) + v * ((1 - u) * at[side] + u * at[side + 1]);
 }
 
 static float side_power(const struct lw_emitter_clusters *clusters, const struct lw_emitter_side *side) {
@@ -520,16 +507,53 @@ LW_WIDE_INLINE float far_m2(const struct lw_emitter_cluster *cluster) {
     return m * m > 1e-12f ? m * m : 1e-12f;
 }
 
-LW_WIDE static void light_far(const struct lw_emitter_cluster *cluster, const float *restrict map,
-                              const struct lw_points16 *restrict at, float *restrict out) {
-    const struct lw_vec3 centre = cluster->centre;
+/* Where sixteen directions lie in the map: whole steps, below the last, and what is beyond them; and what is
+ * left of E but the intensity. A loop by itself: with the reads in it, it is no vectors. */
+LW_WIDE static void aim_map(struct lw_vec3 centre, const struct lw_points16 *restrict at, float *restrict u,
+                            float *restrict v, int *restrict cell, float *restrict scale) {
     for (int i = 0; i < LANES; i++) {
         const struct lw_vec3 from = lw_vec3(at->x[i] - centre.x, at->y[i] - centre.y, at->z[i] - centre.z);
         const float d2 = lw_vec3_dot(from, from) + 1e-20f;
         const float facing = -(from.x * at->nx[i] + from.y * at->ny[i] + from.z * at->nz[i]);
-        const float e = map_read(map, from) * facing / (d2 * sqrtf(d2));
-        out[i] = facing > 0 ? e : 0;
+        float x, y;
+        map_place(from, &x, &y);
+        /* not negative, and no more than MAP */
+        const int last = (int)MAP - 1, a = (int)x < last ? (int)x : last, b = (int)y < last ? (int)y : last;
+        u[i] = x - (float)a, v[i] = y - (float)b;
+        cell[i] = b * ((int)MAP + 1) + a;
+        scale[i] = facing > 0 ? facing / (d2 * sqrtf(d2)) : 0;
     }
+}
+
+/* Bilinear, from one cell of the map for all. */
+LW_WIDE static void read_cell(const float *restrict at, const float *restrict u, const float *restrict v,
+                              const float *restrict scale, float *restrict out) {
+    const float a = at[0], b = at[1], c = at[MAP + 1], d = at[MAP + 2];
+    for (int i = 0; i < LANES; i++)
+        out[i] = ((1 - v[i]) * ((1 - u[i]) * a + u[i] * b) + v[i] * ((1 - u[i]) * c + u[i] * d)) * scale[i];
+}
+
+LW_WIDE static void read_cells(const float *restrict map, const int *restrict cell, const float *restrict u,
+                               const float *restrict v, const float *restrict scale, float *restrict out) {
+    for (int i = 0; i < LANES; i++) {
+        const float *at = map + cell[i];
+        out[i] =
+            ((1 - v[i]) * ((1 - u[i]) * at[0] + u[i] * at[1]) +
+             v[i] * ((1 - u[i]) * at[MAP + 1] + u[i] * at[MAP + 2])) *
+            scale[i];
+    }
+}
+
+static void light_far(const struct lw_emitter_cluster *cluster, const float *map,
+                      const struct lw_points16 *at, float *out) {
+    float u[LANES], v[LANES], scale[LANES];
+    int cell[LANES], differ = 0;
+    aim_map(cluster->centre, at, u, v, cell, scale);
+    for (int i = 1; i < LANES; i++) differ |= cell[i] ^ cell[0];
+    if (differ)
+        read_cells(map, cell, u, v, scale, out);
+    else
+        read_cell(map + cell[0], u, v, scale, out);
 }
 
 /* A facet is as bright as a disc of its area that faces the point: E = L A cos cos' / (d^2 + A / pi), at
@@ -554,35 +578,45 @@ LW_WIDE static void light_near(const struct lw_emitter_cluster *cluster,
     }
 }
 
-/* Squares of distances from the centre over that from which on the cluster is a point. */
-LW_WIDE static void measure_far(const struct lw_emitter_cluster *cluster,
-                                const struct lw_points16 *restrict at, float *restrict far) {
+/* Squares of distances from the centre over that from which on the cluster is a point; returns how many
+ * are that far. */
+LW_WIDE static uint32_t measure_far(const struct lw_emitter_cluster *cluster,
+                                    const struct lw_points16 *restrict at, float *restrict far) {
     const struct lw_vec3 c = cluster->centre;
     const float scale = 1 / far_m2(cluster);
+    uint32_t count = 0;
     for (int i = 0; i < LANES; i++) {
         const struct lw_vec3 d = lw_vec3(at->x[i] - c.x, at->y[i] - c.y, at->z[i] - c.z);
         far[i] = lw_vec3_dot(d, d) * scale;
+        count += far[i] >= 1 ? 1u : 0u;
     }
+    return count;
+}
+
+LW_WIDE static void mix_near(const float *restrict far, const float *restrict near,
+                             const float *restrict open, float *restrict out) {
+    for (int i = 0; i < LANES; i++) {
+        const float s = (FAR_RADII * sqrtf(far[i]) - NEAR_RADII) * (1 / (FAR_RADII - NEAR_RADII));
+        const float mixed = near[i] + (s > 0 ? s : 0) * (open[i] - near[i]);
+        out[i] = far[i] >= 1 ? out[i] : mixed;
+    }
+}
+
+LW_WIDE static void clean(float *restrict e) {
+    for (int i = 0; i < LANES; i++) e[i] = e[i] > 0 && e[i] < FLT_MAX ? e[i] : 0;
 }
 
 void lw_emitter_clusters_light16(const struct lw_emitter_cluster *cluster, const struct lw_points16 *points,
                                  float out[16]) {
-    float far[LANES], near[LANES];
-    uint32_t count = 0;
-    measure_far(cluster, points, far);
-    for (int i = 0; i < LANES; i++) count += far[i] >= 1;
+    float far[LANES], near[LANES], open[LANES];
+    const uint32_t count = measure_far(cluster, points, far);
     if (count > 0) light_far(cluster, cluster->map, points, out);
     if (count < LANES) {
-        float open[LANES];
         light_near(cluster, points, near);
         light_far(cluster, cluster->open, points, open);
-        for (int i = 0; i < LANES; i++) {
-            const float s = (FAR_RADII * sqrtf(far[i]) - NEAR_RADII) * (1 / (FAR_RADII - NEAR_RADII));
-            const float mixed = near[i] + (s > 0 ? s : 0) * (open[i] - near[i]);
-            out[i] = far[i] >= 1 ? out[i] : mixed;
-        }
+        mix_near(far, near, open, out);
     }
-    for (int i = 0; i < LANES; i++) out[i] = out[i] > 0 && out[i] < FLT_MAX ? out[i] : 0;
+    clean(out);
 }
 
 /* A side of a facet that faces the point, by power, from the chosen one on. What is left of u is even in
