@@ -24,13 +24,15 @@
 #define SHARE_FAINT 0.005f /* from which on 2 x 2 pixels have one */
 #define SHARE_SEEN  0.02f
 #define SHARE_NOISY 0.06f
+/* A block is one point for lights at more than so many times its radius. */
+#define EVEN_RADII 8.0f
 /* Sequences of random numbers that blocks choose from. */
 #define VARIANTS 8u
 
-/* Lights that give less than this share of the tile's light together have one shadow ray for all of them;
- * those that give less than TAIL_MIN, none. */
-#define TAIL_MAX 4e-3f
+/* Lights that may give less than this share of the tile's light together have no shadow ray. */
 #define TAIL_MIN 1e-3f
+/* A light that gives less than this share of a block's has a ray there by chance, and counts more then. */
+#define SHARE_CHANCE 1e-3f
 
 /* Half the side of the window over which a wide penumbra is averaged, at most, pixels. */
 #define WINDOW 3
@@ -311,6 +313,22 @@ struct chosen {
     float bound; /* of its E within the tile */
 };
 
+/* Blocks of a tile, each as one point. */
+struct summary {
+    struct lw_points16 middle[BLOCKS / LANES]; /* mean points and normals; any finite ones of empty blocks */
+    float radius_m[BLOCKS];                    /* how far points lie from the middle, at most */
+    float spread[BLOCKS];                      /* how far normals differ from the mean, at most */
+    float found[BLOCKS];                       /* E so far, luminance, mean */
+};
+
+/* A light at the blocks of a tile; luminance, W/m^2. */
+struct outlook {
+    float full[BLOCKS];     /* E at the middle of what faces the light */
+    float expected[BLOCKS]; /* E at the middle */
+    float most[BLOCKS];     /* E anywhere in the block, as far as the middle tells */
+    float near[BLOCKS];     /* distance over the block's radius */
+};
+
 /* Pixels of a tile are numbered block by block: 16 block + lane. */
 struct lw_direct_work {
     float e[BLOCKS][LANES];  /* of the light at hand, without shadows; times its colour */
@@ -331,7 +349,10 @@ struct lw_direct_work {
     struct lw_ray16 rays;
     uint16_t pixel[LANES]; /* of those */
     uint32_t waiting;
-    float *bound; /* of each candidate */
+    struct summary summary;
+    struct outlook outlook[KEPT]; /* of work->order */
+    float weak[3][BLOCKS];        /* E of weak lights, W/m^2 */
+    float *bound;                 /* of each candidate */
     struct chosen *order;
     uint32_t bound_capacity;
 };
@@ -412,7 +433,7 @@ static int by_bound(const void *left, const void *right) {
     return a->candidate < b->candidate ? -1 : a->candidate > b->candidate;
 }
 
-/* The lights that count, strongest first; behind them those that share a ray. */
+/* The lights that may count, those first that may give most; behind the first KEPT those that share a ray. */
 struct choice {
     uint32_t kept, count; /* of work->order; those from kept on share */
     float rest;           /* sum of their bounds */
@@ -429,7 +450,7 @@ static struct choice choose(const struct lw_direct_pixels *d, struct lw_direct_w
         w->bound_capacity = w->bound && w->order ? c->count : 0;
         if (!w->bound_capacity) return choice;
     }
-    float *typical = w->bound + c->count, white = d->white;
+    float *typical = w->bound + c->count, white = d->white, tail = 0;
     uint32_t suns = 0;
     while (suns < c->count && c->kind[suns] == KIND_SUN) w->bound[suns] = c->intensity[suns], suns++;
     bound_all(c, suns, c->count, *region, w->bound, typical);
@@ -437,11 +458,10 @@ static struct choice choose(const struct lw_direct_pixels *d, struct lw_direct_w
     for (uint32_t i = 0; i < c->count; i++)
         if (w->bound[i] > 0) w->order[choice.count++] = (struct chosen){i, w->bound[i]};
     qsort(w->order, choice.count, sizeof *w->order, by_bound);
-    choice.kept = choice.count;
-    while (choice.kept > KEPT ||
-           (choice.kept > 0 && choice.rest + w->order[choice.kept - 1].bound <= TAIL_MAX * white))
-        choice.rest += w->order[--choice.kept].bound;
-    if (choice.rest <= TAIL_MIN * white) choice.count = choice.kept;
+    while (choice.count > 0 && tail + w->order[choice.count - 1].bound <= TAIL_MIN * white)
+        tail += w->order[--choice.count].bound;
+    choice.kept = choice.count < KEPT ? choice.count : KEPT;
+    for (uint32_t i = choice.kept; i < choice.count; i++) choice.rest += w->order[i].bound;
     return choice;
 }
 
@@ -451,21 +471,21 @@ LW_WIDE static uint32_t find_positive(const float *restrict e) {
     return bits;
 }
 
-/* E without shadows of a light at a block's points; returns the bits of those that it reaches. */
-static uint16_t light_block(const struct lw_direct_pixels *d, uint32_t candidate,
-                            const struct lw_direct_block *block, float e[LANES]) {
+/* E without shadows of a light, over its colour; returns the bits of points that it reaches. */
+static uint16_t light_points(const struct lw_direct_pixels *d, uint32_t candidate,
+                             const struct lw_points16 *points, float e[LANES]) {
     const uint32_t index = d->candidates.index[candidate];
     if (d->candidates.kind[candidate] == KIND_CLUSTER) {
-        lw_emitter_clusters_light16(&d->clusters.cluster[index], &block->points, e);
+        lw_emitter_clusters_light16(&d->clusters.cluster[index], points, e);
     } else {
         struct lw_light_sample16 sample;
-        lw_lights_sample_punctual16(&d->lights, index, 0, 0, &block->points, &sample);
+        lw_lights_sample_punctual16(&d->lights, index, 0, 0, points, &sample);
         const struct lw_vec3 i = d->lights.punctual[index].intensity;
         const float scale = 1 / (i.x + i.y + i.z);
         for (uint32_t k = 0; k < LANES; k++)
             e[k] = (sample.e[0][k] + sample.e[1][k] + sample.e[2][k]) * scale;
     }
-    return (uint16_t)find_positive(e) & block->active;
+    return (uint16_t)find_positive(e);
 }
 
 static struct lw_vec3 colour_of(const struct lw_direct_pixels *d, uint32_t candidate) {
@@ -820,13 +840,26 @@ LW_WIDE static void add_part(const float *restrict share, const float *restrict 
     }
 }
 
+static bool is_mixed(const struct lw_direct_work *w) {
+    unsigned states = 0;
+    for (uint32_t b = 0; b < BLOCKS; b++) states |= w->state[b];
+    return states == (DARK | LIT);
+}
+
 static void resolve(const struct job *job) {
     struct lw_direct_work *w = job->work;
     const struct lw_vec3 colour = colour_of(job->direct, job->candidate);
+    if (!is_mixed(w)) { /* all of the tile is lit, or dark */
+        static const float all[LANES] = {1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1};
+        for (uint32_t b = 0; b < BLOCKS; b++)
+            if (w->facing[b] && w->state[b] == LIT)
+                add_part(all, w->e[b], colour, w->facing[b], job->tile->block[b].e);
+        return;
+    }
     for (uint32_t b = 0; b < BLOCKS; b++)
         if (w->facing[b]) spread(w, b);
     for (uint32_t b = 0; b < BLOCKS; b++) {
-        if (!w->facing[b] || w->state[b] == DARK) continue;
+        if (!w->facing[b]) continue;
         float share[LANES];
         memcpy(share, w->share + b * LANES, sizeof share);
         for (uint32_t left = job->tile->listed ? 0 : w->facing[b]; left; left &= left - 1) {
@@ -881,14 +914,211 @@ static void weigh(struct lw_direct_work *w, uint32_t b, const struct lw_direct_b
     w->noisy[b] = (uint16_t)weight.noisy & w->facing[b];
 }
 
-static bool is_mixed(const struct lw_direct_work *w) {
-    unsigned states = 0;
-    for (uint32_t b = 0; b < BLOCKS; b++) states |= w->state[b];
-    return states == (DARK | LIT);
+/* ---- blocks as one point ---- */
+
+LW_WIDE static void summarise_block(const struct lw_direct_block *restrict block, uint32_t b,
+                                    struct summary *restrict out) {
+    const struct lw_points16 *restrict p = &block->points;
+    float weight[LANES], count = 0, x = 0, y = 0, z = 0, nx = 0, ny = 0, nz = 0, base = 0;
+    for (uint32_t i = 0; i < LANES; i++) weight[i] = block->active >> i & 1u ? 1 : 0;
+    for (uint32_t i = 0; i < LANES; i++) {
+        const float k = weight[i];
+        count += k, base += k * block->base[i];
+        x += k * p->x[i], y += k * p->y[i], z += k * p->z[i];
+        nx += k * p->nx[i], ny += k * p->ny[i], nz += k * p->nz[i];
+    }
+    const float scale = count > 0 ? 1 / count : 0;
+    x *= scale, y *= scale, z *= scale, nx *= scale, ny *= scale, nz *= scale;
+    float far2 = 0, spread2 = 0;
+    for (uint32_t i = 0; i < LANES; i++) {
+        const float k = weight[i], dx = k * (p->x[i] - x), dy = k * (p->y[i] - y), dz = k * (p->z[i] - z);
+        const float ox = k * (p->nx[i] - nx), oy = k * (p->ny[i] - ny), oz = k * (p->nz[i] - nz);
+        const float d2 = dx * dx + dy * dy + dz * dz, o2 = ox * ox + oy * oy + oz * oz;
+        far2 = far2 > d2 ? far2 : d2, spread2 = spread2 > o2 ? spread2 : o2;
+    }
+    struct lw_points16 *at = &out->middle[b / LANES];
+    const uint32_t lane = b % LANES;
+    at->x[lane] = x, at->y[lane] = y, at->z[lane] = z;
+    at->nx[lane] = nx, at->ny[lane] = ny, at->nz[lane] = nz;
+    out->radius_m[b] = sqrtf(far2), out->spread[b] = sqrtf(spread2);
+    out->found[b] = base * scale;
 }
 
+/* The middles as points that face a light; the cosine there, the most anywhere in the block, and the distance
+ * over the radius. */
+LW_WIDE static void turn_to(const struct lw_points16 *restrict p, const float *restrict radius_m,
+                            const float *restrict spread, struct lw_vec3 light, float light_radius_m,
+                            struct lw_points16 *restrict out, float *restrict cosine, float *restrict most,
+                            float *restrict near) {
+    for (uint32_t i = 0; i < LANES; i++) {
+        const float x = light.x - p->x[i], y = light.y - p->y[i], z = light.z - p->z[i];
+        const float m = sqrtf(x * x + y * y + z * z + 1e-20f), scale = 1 / m;
+        const float apart = m - light_radius_m;
+        out->x[i] = p->x[i], out->y[i] = p->y[i], out->z[i] = p->z[i];
+        out->nx[i] = x * scale, out->ny[i] = y * scale, out->nz[i] = z * scale;
+        const float c = (p->nx[i] * x + p->ny[i] * y + p->nz[i] * z) * scale;
+        const float limit = c + spread[i] + (radius_m[i] + light_radius_m) * scale;
+        cosine[i] = c > 0 ? c : 0;
+        most[i] = limit > 1 ? 1 : limit > 0 ? limit : 0;
+        near[i] = (apart > 0 ? apart : 0) / (radius_m[i] + 1e-20f);
+    }
+}
+
+/* What a light may give to each block; returns the sum of what it is expected to give. */
+static float look_out(const struct lw_direct_pixels *d, const struct summary *summary, uint32_t candidate,
+                      float luminance, struct outlook *out) {
+    const struct candidates *c = &d->candidates;
+    const struct lw_vec3 light = lw_vec3(c->x[candidate], c->y[candidate], c->z[candidate]);
+    float sum = 0;
+    for (uint32_t k = 0; k < BLOCKS / LANES; k++) {
+        struct lw_points16 at;
+        float cosine[LANES], e[LANES];
+        turn_to(&summary->middle[k], summary->radius_m + k * LANES, summary->spread + k * LANES, light,
+                c->radius_m[candidate], &at, cosine, out->most + k * LANES, out->near + k * LANES);
+        light_points(d, candidate, &at, e);
+        for (uint32_t i = 0; i < LANES; i++) {
+            out->full[k * LANES + i] = e[i] * luminance;
+            out->expected[k * LANES + i] = e[i] * cosine[i] * luminance;
+            out->most[k * LANES + i] *= e[i] * luminance;
+            sum += out->expected[k * LANES + i];
+        }
+    }
+    return sum;
+}
+
+/* ---- a light ---- */
+
+/* The mean of what a block has. */
+LW_WIDE static float mean_found(const struct lw_direct_block *restrict block) {
+    float sum = 0, count = 0;
+    for (uint32_t i = 0; i < LANES; i++) {
+        const float k = block->active >> i & 1u ? 1 : 0;
+        sum += k * (block->base[i] +
+                    lw_colour_luminance(lw_vec3(block->e[0][i], block->e[1][i], block->e[2][i])));
+        count += k;
+    }
+    return count > 0 ? sum / count : 0;
+}
+
+/* How a block takes a light. */
+enum part { PART_NONE, PART_WEAK, PART_FULL };
+
+/* Weak: the light is so far and such a small part of what arrives that one place will do for all of a block,
+ * but for normals. Not that of a spot, whose edge may cross it. */
+static enum part part_for(const struct job *job, const struct outlook *outlook, uint32_t b) {
+    const struct lw_direct_pixels *d = job->direct;
+    const struct lw_direct_work *w = job->work;
+    if (!job->tile->block[b].active) return PART_NONE;
+    if (!outlook || job->tile->listed || d->candidates.cos_reach[job->candidate] > -1) return PART_FULL;
+    if (!(outlook->near[b] > EVEN_RADII)) return PART_FULL;
+    if (!(outlook->most[b] > 0)) return PART_NONE;
+    const float faint = SHARE_FAINT * (w->summary.found[b] + outlook->most[b]);
+    return outlook->most[b] < faint ? PART_WEAK : PART_FULL;
+}
+
+/* Adds E to a block's pixels by their own normals. way: to the light, unit length */
+LW_WIDE static void add_by_normals(struct lw_direct_block *restrict block, struct lw_vec3 way,
+                                   struct lw_vec3 e) {
+    const struct lw_points16 *restrict p = &block->points;
+    for (uint32_t i = 0; i < LANES; i++) {
+        const float cosine = p->nx[i] * way.x + p->ny[i] * way.y + p->nz[i] * way.z;
+        const float k = cosine > 0 ? cosine : 0;
+        block->e[0][i] += k * e.x, block->e[1][i] += k * e.y, block->e[2][i] += k * e.z;
+    }
+}
+
+/* Blocks, two by two, of which this light is a small part: one ray, or less, says whether it arrives. */
+enum { GROUP_SIDE = LW_DIRECT_PIXELS_SIDE / 2, GROUPS = GROUP_SIDE * GROUP_SIDE };
+
+static uint32_t group_of(uint32_t b) {
+    return b / LW_DIRECT_PIXELS_SIDE / 2 * GROUP_SIDE + b % LW_DIRECT_PIXELS_SIDE / 2;
+}
+
+/* What a group's ray has found counts for: 1, more where chance has chosen it; 0: nothing arrives. */
+static void shoot_weakly(struct job *job, const struct outlook *outlook, const uint8_t part[BLOCKS],
+                         float out_weight[GROUPS]) {
+    struct lw_direct_work *w = job->work;
+    float share[GROUPS] = {0};
+    uint16_t pixel[GROUPS] = {0};
+    for (uint32_t b = 0; b < BLOCKS; b++) {
+        if (part[b] != PART_WEAK) continue;
+        const uint32_t g = group_of(b);
+        const float own = outlook->most[b] / (w->summary.found[b] + outlook->most[b]);
+        if (!(own > share[g])) continue;
+        share[g] = own;
+        pixel[g] = (uint16_t)(b * LANES);
+    }
+    for (uint32_t g = 0; g < GROUPS; g++) {
+        const uint32_t random = lw_random_hash2(job->seed, g), b = pixel[g] / LANES;
+        const float chance = share[g] / SHARE_CHANCE;
+        out_weight[g] = 0;
+        if (lw_random_unit(random) >= chance) continue;
+        out_weight[g] = chance < 1 ? 1 / chance : 1;
+        uint32_t lane = random % LANES;
+        while (!(job->tile->block[b].active >> lane & 1u)) lane = (lane + 1) % LANES;
+        pixel[g] = (uint16_t)(pixel[g] + lane);
+        w->lit[pixel[g]] = 0;
+        shoot(job, pixel[g], 0);
+    }
+    flush(job);
+    for (uint32_t g = 0; g < GROUPS; g++)
+        if (out_weight[g] > 0 && !w->lit[pixel[g]]) out_weight[g] = 0;
+}
+
+static void add_weak(struct job *job, const struct outlook *outlook, const uint8_t part[BLOCKS],
+                     struct lw_vec3 colour) {
+    struct lw_direct_work *w = job->work;
+    const struct candidates *c = &job->direct->candidates;
+    const struct lw_vec3 light = lw_vec3(c->x[job->candidate], c->y[job->candidate], c->z[job->candidate]);
+    const float scale = 1 / lw_colour_luminance(colour);
+    float weight[GROUPS];
+    shoot_weakly(job, outlook, part, weight);
+    for (uint32_t b = 0; b < BLOCKS; b++) {
+        const float k = weight[group_of(b)];
+        if (part[b] != PART_WEAK || !(k > 0)) continue;
+        w->summary.found[b] += k * outlook->expected[b];
+        if (w->whole[b]) {
+            const float e = k * outlook->expected[b] * scale;
+            w->weak[0][b] += e * colour.x, w->weak[1][b] += e * colour.y, w->weak[2][b] += e * colour.z;
+            continue;
+        }
+        const struct lw_points16 *at = &w->summary.middle[b / LANES];
+        const uint32_t i = b % LANES;
+        const struct lw_vec3 way = lw_vec3_sub(light, lw_vec3(at->x[i], at->y[i], at->z[i]));
+        add_by_normals(&job->tile->block[b], lw_vec3_normalize(way),
+                       lw_vec3_scale(colour, k * outlook->full[b] * scale));
+    }
+}
+
+static void add_full(struct job *job) {
+    struct lw_direct_work *w = job->work;
+    memset(w->lit, 0, sizeof w->lit);
+    memset(w->taken, 0, sizeof w->taken);
+    memset(w->state, 0, sizeof w->state);
+    memset(w->lit_row, 0, sizeof w->lit_row);
+    memset(w->dark_row, 0, sizeof w->dark_row);
+    w->rays.salt = job->seed;
+    bool divided[BLOCKS];
+    shoot_sparsely(job, divided);
+    if (is_mixed(w)) {
+        if (!job->tile->listed) {
+            divide(job, divided);
+            shoot_pixels(job);
+        }
+        if (job->wide) {
+            refine(job, 1, 1, SOME);
+            refine(job, 1, 1, SOME); /* what only these have shown to be close to a penumbra */
+            refine(job, 2, SOME, SAMPLES);
+        }
+    }
+    resolve(job);
+    for (uint32_t b = 0; b < BLOCKS; b++)
+        if (w->facing[b]) w->summary.found[b] = mean_found(&job->tile->block[b]);
+}
+
+/* outlook: NULL where it has none */
 static void add_light(const struct lw_direct_pixels *d, struct lw_direct_tile *tile,
-                      const struct region *region, uint32_t candidate) {
+                      const struct region *region, uint32_t candidate, const struct outlook *outlook) {
     struct lw_direct_work *w = tile->work;
     struct job job = {.direct = d,
                       .tile = tile,
@@ -899,33 +1129,19 @@ static void add_light(const struct lw_direct_pixels *d, struct lw_direct_tile *t
                       .seed = lw_random_hash4(d->seed, tile->x, tile->y, candidate),
                       .wide = d->blends || has_extent(d, candidate)};
     const struct lw_vec3 colour = colour_of(d, candidate);
-    bool any = false;
+    uint8_t part[BLOCKS];
+    bool full = false, weak = false;
     for (uint32_t b = 0; b < BLOCKS; b++) {
-        w->facing[b] = tile->block[b].active ? light_block(d, candidate, &tile->block[b], w->e[b]) : 0;
+        part[b] = (uint8_t)part_for(&job, outlook, b);
+        w->facing[b] = part[b] == PART_FULL ? light_points(d, candidate, &tile->block[b].points, w->e[b]) &
+                                                  tile->block[b].active
+                                            : 0;
         weigh(w, b, &tile->block[b], lw_colour_luminance(colour));
-        any |= w->facing[b] != 0;
+        full |= w->facing[b] != 0;
+        weak |= part[b] == PART_WEAK;
     }
-    if (!any) return;
-    memset(w->lit, 0, sizeof w->lit);
-    memset(w->taken, 0, sizeof w->taken);
-    memset(w->state, 0, sizeof w->state);
-    memset(w->lit_row, 0, sizeof w->lit_row);
-    memset(w->dark_row, 0, sizeof w->dark_row);
-    w->rays.salt = job.seed;
-    bool divided[BLOCKS];
-    shoot_sparsely(&job, divided);
-    if (is_mixed(w)) {
-        if (!tile->listed) {
-            divide(&job, divided);
-            shoot_pixels(&job);
-        }
-        if (job.wide) {
-            refine(&job, 1, 1, SOME);
-            refine(&job, 1, 1, SOME); /* what only these have shown to be close to a penumbra */
-            refine(&job, 2, SOME, SAMPLES);
-        }
-    }
-    resolve(&job);
+    if (full) add_full(&job);
+    if (weak) add_weak(&job, outlook, part, colour);
 }
 
 /* One of the weak lights for each block, by what it may give. */
@@ -945,7 +1161,7 @@ static void add_rest(const struct lw_direct_pixels *d, struct lw_direct_tile *ti
                           .candidate = w->order[at].candidate,
                           .seed = seed,
                           .number = ++w->jobs};
-        w->facing[b] = light_block(d, job.candidate, block, w->e[b]);
+        w->facing[b] = light_points(d, job.candidate, &block->points, w->e[b]) & block->active;
         if (!w->facing[b]) continue;
         const struct lw_vec3 colour =
             lw_vec3_scale(colour_of(d, job.candidate), choice->rest / w->order[at].bound);
@@ -966,14 +1182,14 @@ static void clear(struct lw_direct_tile *tile) {
     for (uint32_t b = 0; b < BLOCKS; b++) memset(tile->block[b].e, 0, sizeof tile->block[b].e);
 }
 
-/* What overflowed is no light. */
-static void clean(struct lw_direct_tile *tile) {
-    for (uint32_t b = 0; b < BLOCKS; b++)
-        for (uint32_t c = 0; c < 3; c++)
-            for (uint32_t i = 0; i < LANES; i++) {
-                float *e = &tile->block[b].e[c][i];
-                *e = *e >= 0 && *e <= FLT_MAX ? *e : 0;
-            }
+/* Adds what all of a block gets. Where nothing is, and what overflowed, is no light. */
+LW_WIDE static void finish(struct lw_direct_block *restrict block, float red, float green, float blue) {
+    const float more[3] = {red, green, blue};
+    for (uint32_t c = 0; c < 3; c++)
+        for (uint32_t i = 0; i < LANES; i++) {
+            const float e = block->e[c][i] + more[c];
+            block->e[c][i] = (block->active >> i & 1u) && e >= 0 && e <= FLT_MAX ? e : 0;
+        }
 }
 
 static void note_flat(const struct lw_direct_tile *tile, uint32_t b) {
@@ -982,13 +1198,42 @@ static void note_flat(const struct lw_direct_tile *tile, uint32_t b) {
     w->whole[b] = w->flat[b] == 0xffff && is_whole(&tile->block[b]);
 }
 
+/* Looks at the lights kept, and brings them into the order of what they are expected to give. */
+static void look_at_lights(const struct lw_direct_pixels *d, const struct lw_direct_tile *tile,
+                           const struct choice *choice, uint32_t turn[KEPT]) {
+    struct lw_direct_work *w = tile->work;
+    float sum[KEPT];
+    for (uint32_t i = 0; i < choice->kept; i++) {
+        const uint32_t candidate = w->order[i].candidate;
+        uint32_t at = i;
+        sum[i] = d->candidates.kind[candidate] == KIND_SUN
+                     ? INFINITY
+                     : look_out(d, &w->summary, candidate, lw_colour_luminance(colour_of(d, candidate)),
+                                &w->outlook[i]);
+        for (; at > 0 && sum[turn[at - 1]] < sum[i]; at--) turn[at] = turn[at - 1];
+        turn[at] = i;
+    }
+}
+
 void lw_direct_pixels_light(const struct lw_direct_pixels *d, struct lw_direct_tile *tile) {
+    struct lw_direct_work *w = tile->work;
     struct region region;
+    uint32_t turn[KEPT];
     clear(tile);
     if (!d->ready || !d->candidates.count || !find_region(tile, &region)) return;
-    const struct choice choice = choose(d, tile->work, &region);
-    for (uint32_t b = 0; b < BLOCKS; b++) note_flat(tile, b);
-    for (uint32_t i = 0; i < choice.kept; i++) add_light(d, tile, &region, tile->work->order[i].candidate);
+    const struct choice choice = choose(d, w, &region);
+    for (uint32_t b = 0; b < BLOCKS; b++) {
+        note_flat(tile, b);
+        summarise_block(&tile->block[b], b, &w->summary);
+    }
+    memset(w->weak, 0, sizeof w->weak);
+    look_at_lights(d, tile, &choice, turn);
+    for (uint32_t i = 0; i < choice.kept; i++) {
+        const uint32_t candidate = w->order[turn[i]].candidate;
+        const bool is_sun = d->candidates.kind[candidate] == KIND_SUN;
+        add_light(d, tile, &region, candidate, is_sun ? NULL : &w->outlook[turn[i]]);
+    }
     if (choice.count > choice.kept) add_rest(d, tile, &choice);
-    clean(tile);
+    for (uint32_t b = 0; b < BLOCKS; b++)
+        finish(&tile->block[b], w->weak[0][b], w->weak[1][b], w->weak[2][b]);
 }

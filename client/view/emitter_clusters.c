@@ -537,10 +537,9 @@ LW_WIDE static void read_cells(const float *restrict map, const int *restrict ce
                                const float *restrict v, const float *restrict scale, float *restrict out) {
     for (int i = 0; i < LANES; i++) {
         const float *at = map + cell[i];
-        out[i] =
-            ((1 - v[i]) * ((1 - u[i]) * at[0] + u[i] * at[1]) +
-             v[i] * ((1 - u[i]) * at[MAP + 1] + u[i] * at[MAP + 2])) *
-            scale[i];
+        out[i] = ((1 - v[i]) * ((1 - u[i]) * at[0] + u[i] * at[1]) +
+                  v[i] * ((1 - u[i]) * at[MAP + 1] + u[i] * at[MAP + 2])) *
+                 scale[i];
     }
 }
 
