@@ -553,13 +553,14 @@ enum lw_status lw_message_encode(const struct lw_message *message, uint8_t *dst,
     if (lw_message_validate(message, NULL) != LW_OK) return LW_INTERNAL;
     size_t size = lw_message_size(message), words = list_words(message);
     if (dst_capacity < size || size - LW_FRAME_HEADER_SIZE > body_max(message->type)) return LW_INTERNAL;
-    void *lists = NULL;
-    if (words && !(lists = malloc(words * 4))) return LW_NO_MEMORY;
+    void *lists = message->scratch && message->scratch_size >= words * 4 ? message->scratch : NULL,
+         *own = NULL;
+    if (words && !lists && !(lists = own = malloc(words * 4))) return LW_NO_MEMORY;
     union wire wire;
     fill_scalars(&wire, message);
-    if (lists) fill_lists(&wire, message, lists);
+    if (words) fill_lists(&wire, message, lists);
     size_t body_size = protobuf_c_message_pack(&wire.base, dst + LW_FRAME_HEADER_SIZE);
-    free(lists);
+    free(own);
     assert(body_size == size - LW_FRAME_HEADER_SIZE);
     lw_frame_write_header(
         dst, (struct lw_frame_header){.body_size = (uint32_t)body_size, .type = (uint16_t)message->type});
@@ -582,20 +583,55 @@ enum lw_status lw_message_encode_alloc(const struct lw_message *message, uint8_t
 
 /* ---- decoding ---- */
 
+/* What a decoded message owns. */
 struct storage {
+    struct lw_message_memory *memory; /* NULL: all comes from malloc() */
+    bool out_of_memory; /* protobuf-c answers NULL to a body without memory and to one without sense */
     ProtobufCMessage *proto;
     void *list[3];
 };
 
-/* Tells a body without memory from one without sense: protobuf-c answers both with NULL. */
-static void *counted_alloc(void *out_of_memory, size_t size) {
-    void *memory = malloc(size ? size : 1);
-    if (!memory) *(bool *)out_of_memory = true;
-    return memory;
+/* From the block while there is room; what there is no room for makes the block grow before the next message. */
+static void *take(struct lw_message_memory *memory, size_t size) {
+    const size_t bytes = (size + _Alignof(max_align_t) - 1) / _Alignof(max_align_t) * _Alignof(max_align_t);
+    if (!memory) return malloc(size ? size : 1);
+    if (bytes < size) return NULL;
+    memory->asked += bytes;
+    if (bytes > memory->size - memory->used) return malloc(size ? size : 1);
+    memory->used += bytes;
+    return memory->block + memory->used - bytes;
 }
-static void counted_free(void *out_of_memory, void *memory) {
-    (void)out_of_memory;
-    free(memory);
+
+static void give_back(struct lw_message_memory *memory, void *bytes) {
+    const uint8_t *at = bytes;
+    if (!memory || !memory->block || at < memory->block || at >= memory->block + memory->size) free(bytes);
+}
+
+static void *storage_alloc(void *context, size_t size) {
+    struct storage *storage = context;
+    void *bytes = take(storage->memory, size);
+    if (!bytes) storage->out_of_memory = true;
+    return bytes;
+}
+static void storage_free(void *context, void *bytes) {
+    give_back(((const struct storage *)context)->memory, bytes);
+}
+
+/* No message is alive: the block may go elsewhere. Without memory for a larger one it stays. */
+static void begin_memory(struct lw_message_memory *memory) {
+    const size_t wanted = memory->asked < LW_MESSAGE_MEMORY_MAX ? memory->asked : LW_MESSAGE_MEMORY_MAX;
+    memory->used = memory->asked = 0;
+    if (wanted <= memory->size) return;
+    uint8_t *larger = malloc(2 * wanted);
+    if (!larger) return;
+    free(memory->block);
+    memory->block = larger;
+    memory->size = 2 * wanted;
+}
+
+void lw_message_memory_finish(struct lw_message_memory *memory) {
+    free(memory->block);
+    *memory = (struct lw_message_memory){0};
 }
 
 static bool skip_varint(const uint8_t *body, size_t size, size_t *at, uint64_t *out_value) {
@@ -682,7 +718,7 @@ static enum lw_status read_interest(const Lightwell__Wire__Interest *w, struct l
     m->interest = (struct lw_message_interest){
         .everything = w->everything, .stand_ins = w->stand_ins, .tile_count = count};
     if (!count) return LW_OK;
-    struct lw_message_interest_tile *tile = storage->list[0] = malloc(count * sizeof *tile);
+    struct lw_message_interest_tile *tile = storage->list[0] = storage_alloc(storage, count * sizeof *tile);
     if (!tile) return LW_NO_MEMORY;
     for (size_t i = 0; i < count; i++)
         tile[i] = (struct lw_message_interest_tile){w->object[i], w->level[i], w->tile[i]};
@@ -698,7 +734,7 @@ static enum lw_status read_holds(const Lightwell__Wire__Holds *w, struct lw_mess
     if (count > LW_MESSAGE_HOLDS_MAX) return invalid(err, "tile", "has over 2048 entries");
     m->holds = (struct lw_message_holds){.tile_count = count};
     if (!count) return LW_OK;
-    struct lw_message_held *tile = storage->list[0] = malloc(count * sizeof *tile);
+    struct lw_message_held *tile = storage->list[0] = storage_alloc(storage, count * sizeof *tile);
     if (!tile) return LW_NO_MEMORY;
     for (size_t i = 0; i < count; i++)
         tile[i] = (struct lw_message_held){w->object[i], w->level[i], w->tile[i], w->version[i]};
@@ -723,7 +759,8 @@ static enum lw_status read_frame_state(const Lightwell__Wire__Frame *w, struct l
     m->frame.spare_count = w->spares;
     m->frame.material_count = materials;
     if (!materials) return LW_OK;
-    struct lw_message_material *material = storage->list[2] = malloc(materials * sizeof *material);
+    struct lw_message_material *material = storage->list[2] =
+        storage_alloc(storage, materials * sizeof *material);
     if (!material) return LW_NO_MEMORY;
     for (size_t i = 0; i < materials; i++) {
         material[i].material = w->material[i];
@@ -757,7 +794,8 @@ static enum lw_status read_frame(const Lightwell__Wire__Frame *w, struct lw_mess
                                          .transform_count = transforms,
                                          .light_count = lights};
     if (transforms) {
-        struct lw_message_transform *transform = storage->list[0] = malloc(transforms * sizeof *transform);
+        struct lw_message_transform *transform = storage->list[0] =
+            storage_alloc(storage, transforms * sizeof *transform);
         if (!transform) return LW_NO_MEMORY;
         for (size_t i = 0; i < transforms; i++) {
             transform[i].object = w->transform_object[i];
@@ -767,7 +805,7 @@ static enum lw_status read_frame(const Lightwell__Wire__Frame *w, struct lw_mess
         m->frame.transform = transform;
     }
     if (lights) {
-        struct lw_message_light *light = storage->list[1] = malloc(lights * sizeof *light);
+        struct lw_message_light *light = storage->list[1] = storage_alloc(storage, lights * sizeof *light);
         if (!light) return LW_NO_MEMORY;
         for (size_t i = 0; i < lights; i++)
             light[i] =
@@ -785,8 +823,9 @@ static enum lw_status read_update(const Lightwell__Wire__Update *w, struct lw_me
         return invalid(err, "kind, target and value_count", "differ in length");
     if (count > LW_MESSAGE_CHANGES_MAX) return invalid(err, "kind", "has over 1024 entries");
     m->update = (struct lw_message_update){.request = w->request, .change_count = count};
-    if (count && !(storage->list[0] = calloc(count, sizeof *m->update.change))) return LW_NO_MEMORY;
-    struct lw_scene_change *change = storage->list[0];
+    struct lw_scene_change *change = storage->list[0] = storage_alloc(storage, count * sizeof *change);
+    if (!change) return LW_NO_MEMORY;
+    memset(change, 0, count * sizeof *change);
     size_t values = 0;
     for (size_t i = 0; i < count; i++) {
         const uint32_t value_count = w->value_count[i];
@@ -870,17 +909,18 @@ static enum lw_status read_wire(const union wire *w, struct lw_message *m, struc
     return LW_INTERNAL;
 }
 
-static enum lw_status decode_body(struct lw_frame_header header, const uint8_t *body, struct lw_message *m,
+static enum lw_status decode_body(struct lw_frame_header header, const uint8_t *body,
+                                  struct lw_message_memory *memory, struct lw_message *m,
                                   struct lw_error *err) {
     enum lw_status status = check_fields(body, header.body_size, err);
     if (status != LW_OK) return status;
-    struct storage *storage = m->storage = calloc(1, sizeof *storage);
+    struct storage *storage = m->storage = take(memory, sizeof *storage);
     if (!storage) return LW_NO_MEMORY;
-    bool out_of_memory = false;
-    ProtobufCAllocator allocator = {counted_alloc, counted_free, &out_of_memory};
+    *storage = (struct storage){.memory = memory};
+    ProtobufCAllocator allocator = {storage_alloc, storage_free, storage};
     storage->proto =
         protobuf_c_message_unpack(descriptor_of(header.type), &allocator, header.body_size, body);
-    if (!storage->proto && out_of_memory) return LW_NO_MEMORY;
+    if (!storage->proto && storage->out_of_memory) return LW_NO_MEMORY;
     if (!storage->proto)
         return lw_status_fail(err, LW_PROTOCOL, "does not decode: a field has the wrong type");
     status = read_wire((const union wire *)storage->proto, m, storage, err);
@@ -889,10 +929,17 @@ static enum lw_status decode_body(struct lw_frame_header header, const uint8_t *
 
 enum lw_status lw_message_decode(struct lw_frame_header header, const uint8_t *body,
                                  struct lw_message *out_message, struct lw_error *err) {
+    return lw_message_decode_with(header, body, NULL, out_message, err);
+}
+
+enum lw_status lw_message_decode_with(struct lw_frame_header header, const uint8_t *body,
+                                      struct lw_message_memory *memory, struct lw_message *out_message,
+                                      struct lw_error *err) {
     const char *name = lw_message_name(header.type);
     if (!name) return lw_status_fail(err, LW_PROTOCOL, "message type %u is unknown", (unsigned)header.type);
     struct lw_message message = {.type = (enum lw_message_type)header.type};
-    enum lw_status status = decode_body(header, body, &message, err);
+    if (memory) begin_memory(memory);
+    enum lw_status status = decode_body(header, body, memory, &message, err);
     if (status != LW_OK) {
         if (status == LW_NO_MEMORY) lw_status_fail(err, status, "out of memory");
         lw_status_context(err, "message %s", name);
@@ -906,10 +953,11 @@ enum lw_status lw_message_decode(struct lw_frame_header header, const uint8_t *b
 void lw_message_finish(struct lw_message *message) {
     struct storage *storage = message->storage;
     if (!storage) return;
-    if (storage->proto) protobuf_c_message_free_unpacked(storage->proto, NULL);
-    free(storage->list[0]);
-    free(storage->list[1]);
-    free(storage->list[2]);
-    free(storage);
+    struct lw_message_memory *memory = storage->memory;
+    ProtobufCAllocator allocator = {storage_alloc, storage_free, storage};
+    if (storage->proto) protobuf_c_message_free_unpacked(storage->proto, &allocator);
+    for (size_t i = 0; i < sizeof storage->list / sizeof *storage->list; i++)
+        give_back(memory, storage->list[i]);
+    give_back(memory, storage);
     message->storage = NULL;
 }

@@ -212,8 +212,20 @@ struct lw_message {
         struct lw_message_updated updated;
         struct lw_message_holds holds;
     };
-    void *storage; /* what decoding allocated */
+    void *storage;       /* what decoding allocated */
+    void *scratch;       /* for encoding lists: 4 bytes for each of their numbers; NULL: malloc() */
+    size_t scratch_size; /* bytes */
 };
+
+#define LW_MESSAGE_MEMORY_MAX (4u << 20) /* bytes of a message; of larger ones not all is kept */
+
+/** Memory for decoding that one message leaves to the next; zeroed to begin with. It grows to what messages need: then
+ * decoding allocates nothing. */
+struct lw_message_memory {
+    uint8_t *block;
+    size_t size, used, asked; /* bytes; asked: by the present message */
+};
+void lw_message_memory_finish(struct lw_message_memory *memory);
 
 /** The type's name as in wire_format.md, e.g. "TILE"; NULL for a type that this version does not know. */
 const char *lw_message_name(uint16_t type);
@@ -236,6 +248,11 @@ LW_MUST_CHECK enum lw_status lw_message_validate(const struct lw_message *messag
 /** Decodes one body whose header was read. Errors: LW_PROTOCOL naming message and field; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_message_decode(struct lw_frame_header header, const uint8_t *body,
                                                struct lw_message *out_message, struct lw_error *err);
+/** The same with memory that is used again; NULL: as lw_message_decode(). Of one memory a message is alive at a time:
+ * finish it before the next is decoded. */
+LW_MUST_CHECK enum lw_status lw_message_decode_with(struct lw_frame_header header, const uint8_t *body,
+                                                    struct lw_message_memory *memory,
+                                                    struct lw_message *out_message, struct lw_error *err);
 void lw_message_finish(struct lw_message *message);
 
 #endif
