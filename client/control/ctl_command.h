@@ -4,7 +4,7 @@
 #ifndef LW_CLIENT_CTL_COMMAND_H
 #define LW_CLIENT_CTL_COMMAND_H
 
-#include "lightwell/client.h"
+#include "client/lib/client.h"
 
 #define LW_CTL_COMMAND_WORDS_MAX 16u
 

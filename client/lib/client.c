@@ -1,4 +1,4 @@
-#include "client/include/lightwell/client.h"
+#include "client/lib/client.h"
 
 #include "client/lib/download.h"
 #include "client/lib/draws.h"
@@ -15,15 +15,23 @@
 
 #define TIMEOUT_DEFAULT_MS 5000u
 #define POLL_BYTES_MAX     (8u << 20)
-#define POLL_NS_MAX        20000000u
+#define BUDGET_DEFAULT_NS  20000000u
+
+#define WANTED_SCRATCH_SIZE                                                                                  \
+    (3 * LW_CLIENT_WANT_MAX * sizeof(uint32_t)) /* an object, a level, a number for each tile */
 
 struct lw_client {
     char *host, *name, *cache_folder; /* as given */
     uint16_t port;
     unsigned timeout_ms;
     bool control, draws_direct;
-    uint64_t rate_limit_bytes_hz;
+    uint64_t rate_limit_bytes_hz, budget_ns;
+    struct lw_client_watch watch;
+    bool watch_has_scene;
     struct lw_link link;
+    struct lw_message_memory memory;         /* of the message that is being taken */
+    struct lw_message_interest_tile *wanted; /* LW_CLIENT_WANT_MAX: of the INTEREST that is being sent */
+    uint32_t *wanted_scratch;                /* and what writing it takes */
     bool welcomed;
     struct lw_download download; /* until the replica is there */
     struct lw_replica *replica;  /* NULL before the package is complete */
@@ -86,6 +94,12 @@ static void keep_package(const struct lw_client *c) {
 
 /* There is a scene: which light of it will come? */
 static enum lw_status begin_light(struct lw_client *c, struct lw_error *err) {
+    if (!c->watch_has_scene) {
+        c->watch_has_scene = true;
+        enum lw_status status = c->watch.scene ? c->watch.scene(c->watch.context, c, err) : LW_OK;
+        if (status != LW_OK) return status;
+        lw_replica_set_watch(c->replica, c->watch.tile, c->watch.context);
+    }
     lw_replica_set_form(c->replica, c->draws.taken_up ? LW_LIGHT_FORM_SPLIT : LW_LIGHT_FORM_FULL);
     return lw_draws_set_scene(&c->draws, lw_replica_scene(c->replica), err);
 }
@@ -275,18 +289,20 @@ static enum lw_status take_one(struct lw_client *c, bool *out_taken, struct lw_e
     enum lw_status status = lw_link_take(&c->link, &header, &body, err);
     *out_taken = status == LW_OK && body;
     if (!*out_taken || !lw_message_name(header.type)) return status;
-    status = lw_message_decode(header, body, &message, err);
+    status = lw_message_decode_with(header, body, &c->memory, &message, err);
     if (status != LW_OK) return status;
     status = handle_message(c, &message, err);
     lw_message_finish(&message);
     return status;
 }
 
-/* Handles what has been read. Before the welcome it stops there: what follows belongs to lw_client_poll(). */
-static enum lw_status take_buffered(struct lw_client *c, bool *out_any, struct lw_error *err) {
+/* Handles what has been read until a time (lw_clock_ns), but one message at least. Before the welcome it stops there: what
+ * follows belongs to lw_client_poll(). */
+static enum lw_status take_buffered(struct lw_client *c, uint64_t end_ns, bool *out_any,
+                                    struct lw_error *err) {
     const bool was_welcomed = c->welcomed;
     *out_any = false;
-    for (bool taken = true; taken && c->welcomed == was_welcomed;) {
+    for (bool taken = true; taken && c->welcomed == was_welcomed && (!*out_any || lw_clock_ns() < end_ns);) {
         enum lw_status status = take_one(c, &taken, err);
         if (status != LW_OK) {
             lw_status_context(err, "%s", c->link.address);
@@ -298,8 +314,8 @@ static enum lw_status take_buffered(struct lw_client *c, bool *out_any, struct l
 }
 
 /* Reads and handles what is there, within the bounds of one call. */
-static enum lw_status take_all(struct lw_client *c, struct lw_error *err) {
-    uint64_t end_ns = lw_clock_ns() + POLL_NS_MAX, end_bytes = c->link.bytes_received + POLL_BYTES_MAX;
+static enum lw_status take_all(struct lw_client *c, uint64_t end_ns, struct lw_error *err) {
+    const uint64_t end_bytes = c->link.bytes_received + POLL_BYTES_MAX;
     const bool was_welcomed = c->welcomed;
     size_t size = 1;
     struct lw_error link_err = {0};
@@ -308,7 +324,7 @@ static enum lw_status take_all(struct lw_client *c, struct lw_error *err) {
         bool any;
         link_status = lw_link_receive(&c->link, &size, &link_err);
         /* also after the link's end: a refusal may be the last message */
-        enum lw_status status = take_buffered(c, &any, err);
+        enum lw_status status = take_buffered(c, end_ns, &any, err);
         c->stats.bytes = c->bytes_before + c->link.bytes_received;
         if (status != LW_OK) return status;
         if (c->welcomed != was_welcomed) return LW_OK;
@@ -327,20 +343,23 @@ static enum lw_status tell_want(struct lw_client *c, struct lw_error *err) {
     const struct lw_want_list *now = &c->want.now;
     const uint64_t now_ns = lw_clock_ns();
     if (c->link.outbox_size || !lw_want_is_due(&c->want, now_ns)) return LW_OK;
-    struct lw_message_interest_tile *tile = malloc(((size_t)now->count + 1) * sizeof *tile);
-    if (!tile) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    if (!c->wanted) c->wanted = malloc(LW_CLIENT_WANT_MAX * sizeof *c->wanted);
+    if (!c->wanted_scratch) c->wanted_scratch = malloc(WANTED_SCRATCH_SIZE);
+    if (!c->wanted || !c->wanted_scratch) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
     for (uint32_t i = 0; i < now->count; i++) {
         const struct lw_atlas_map *map = lw_replica_atlas_map(c->replica);
         const struct lw_tile_place *place = &map->place[now->tile[i].v];
-        tile[i] = (struct lw_message_interest_tile){place->object, place->level,
-                                                    lw_atlas_map_number(map, now->tile[i])};
+        c->wanted[i] = (struct lw_message_interest_tile){place->object, place->level,
+                                                         lw_atlas_map_number(map, now->tile[i])};
     }
-    struct lw_message message = {
-        .type = LW_MESSAGE_INTEREST,
-        .interest = {
-            .everything = now->everything, .stand_ins = true, .tile = tile, .tile_count = now->count}};
+    struct lw_message message = {.type = LW_MESSAGE_INTEREST,
+                                 .interest = {.everything = now->everything,
+                                              .stand_ins = true,
+                                              .tile = c->wanted,
+                                              .tile_count = now->count},
+                                 .scratch = c->wanted_scratch,
+                                 .scratch_size = WANTED_SCRATCH_SIZE};
     enum lw_status status = lw_link_send(&c->link, &message, err);
-    free(tile);
     if (status == LW_OK && lw_want_tell(&c->want, now_ns) != LW_OK)
         return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
     return status;
@@ -447,6 +466,13 @@ static enum lw_status tell_held(struct lw_client *c, struct lw_error *err) {
     return status;
 }
 
+/* Until there is something to read, or a deadline. */
+static enum lw_status wait_for_server(struct lw_client *c, uint64_t deadline_ns, struct lw_error *err) {
+    if (!c->watch.wait || deadline_ns <= lw_clock_ns()) return lw_link_wait(&c->link, deadline_ns, err);
+    c->watch.wait(c->watch.context, c->link.socket, c->link.outbox_size > 0, deadline_ns);
+    return lw_link_wait(&c->link, 0, err); /* it pings, too */
+}
+
 static enum lw_status shake_hands(struct lw_client *c, struct lw_error *err) {
     uint64_t deadline_ns = lw_clock_ns() + c->timeout_ms * 1000000ull;
     struct lw_message hello = {.type = LW_MESSAGE_HELLO,
@@ -466,8 +492,8 @@ static enum lw_status shake_hands(struct lw_client *c, struct lw_error *err) {
         if (lw_clock_ns() >= deadline_ns)
             return lw_status_fail(err, LW_TIMED_OUT, "%s does not answer: is it a lightwelld?",
                                   c->link.address);
-        status = lw_link_wait(&c->link, deadline_ns, &cause);
-        if (status == LW_OK) status = take_all(c, &cause);
+        status = wait_for_server(c, deadline_ns, &cause);
+        if (status == LW_OK) status = take_all(c, deadline_ns, &cause);
     }
     if (status == LW_OK) status = tell_want(c, &cause); /* before tiles can come */
     if (status == LW_OK) status = tell_held(c, &cause);
@@ -480,13 +506,20 @@ static enum lw_status shake_hands(struct lw_client *c, struct lw_error *err) {
 }
 
 static enum lw_status connect_and_greet(struct lw_client *c, struct lw_error *err) {
-    enum lw_status status = lw_link_connect(&c->link, c->host, c->port, c->timeout_ms, err);
+    struct lw_link *fresh = malloc(sizeof *fresh); /* the client's own may be looked at meanwhile */
+    if (!fresh) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    if (c->watch.leave) c->watch.leave(c->watch.context);
+    enum lw_status status = lw_link_connect(fresh, c->host, c->port, c->timeout_ms, err);
+    if (c->watch.enter) c->watch.enter(c->watch.context);
+    if (status == LW_OK) c->link = *fresh;
+    free(fresh);
     return status == LW_OK ? shake_hands(c, err) : status;
 }
 
 enum lw_status lw_client_reconnect(struct lw_client *c, struct lw_error *err) {
     const uint64_t bytes_before = c->bytes_before + c->link.bytes_received;
     lw_link_finish(&c->link);
+    c->link.bytes_received = c->link.outbox_size = 0;
     c->bytes_before = bytes_before;
     c->welcomed = c->may_update = false;
     c->unanswered = 0;
@@ -515,6 +548,8 @@ enum lw_status lw_client_create(const struct lw_client_desc *desc, struct lw_cli
     c->control = desc->control;
     c->draws_direct = desc->draws_direct;
     c->rate_limit_bytes_hz = desc->rate_limit_bytes_hz;
+    c->budget_ns = desc->budget_ns ? desc->budget_ns : BUDGET_DEFAULT_NS;
+    c->watch = desc->watch;
     lw_want_init(&c->want);
     c->want.now.everything = !desc->wants_nothing;
     c->host = strdup(desc->host);
@@ -541,6 +576,9 @@ void lw_client_destroy(struct lw_client *c) {
         free((uint32_t *)c->answer[(c->answer_first + i) % LW_CLIENT_UPDATES_MAX].added);
     free(c->added);
     free(c->answer);
+    free(c->wanted);
+    free(c->wanted_scratch);
+    lw_message_memory_finish(&c->memory);
     free(c->host);
     free(c->name);
     free(c->cache_folder);
@@ -548,12 +586,13 @@ void lw_client_destroy(struct lw_client *c) {
 }
 
 static enum lw_status wait_and_take(struct lw_client *c, unsigned timeout_ms, struct lw_error *err) {
-    bool any; /* what came along with the welcome */
-    enum lw_status status = take_buffered(c, &any, err);
+    const uint64_t began_ns = lw_clock_ns();
+    bool any; /* what came along with the welcome, or there was no time for */
+    enum lw_status status = take_buffered(c, began_ns + c->budget_ns, &any, err);
     if (status == LW_OK) status = tell_want(c, err);
-    if (status == LW_OK)
-        status = lw_link_wait(&c->link, any ? 0 : lw_clock_ns() + timeout_ms * 1000000ull, err);
-    if (status == LW_OK) status = take_all(c, err);
+    if (status == LW_OK) status = wait_for_server(c, any ? 0 : lw_clock_ns() + timeout_ms * 1000000ull, err);
+    const uint64_t now_ns = lw_clock_ns(), end_ns = (any ? began_ns : now_ns) + c->budget_ns;
+    if (status == LW_OK && now_ns < end_ns) status = take_all(c, end_ns, err);
     if (status != LW_OK || c->frame_acked == c->stats.frame) return status;
     c->frame_acked = c->stats.frame;
     struct lw_message ack = {.type = LW_MESSAGE_ACK, .ack.frame = c->stats.frame};

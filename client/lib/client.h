@@ -1,4 +1,4 @@
-/* client.h: liblightwell: live lightmaps from a lightwelld, for your own renderer.
+/* client.h: a live copy of the light of a lightwelld, for our own programs; liblightwell (lightwell/lightwell.h) is made of it.
  *
  *     struct lw_client_desc desc = {0};
  *     desc.host = "127.0.0.1";
@@ -9,7 +9,7 @@
  *     while (lw_client_scene(client) == NULL) lw_client_poll(client, 100, &err);
  *     every frame: lw_client_poll(client, 0, &err), then read atlases and transforms, draw albedo/pi * E + emission.
  *
- * For C, and for C++ from C++17 on. Threads: one thread at a time per client; no threads of its own. */
+ * Threads: one thread at a time per client; no threads of its own. */
 #ifndef LIGHTWELL_CLIENT_H
 #define LIGHTWELL_CLIENT_H
 
@@ -17,11 +17,21 @@
 #include "common/scene/scene_change.h"
 #include "common/tile/atlas.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 struct lw_client;
+
+/** Who follows a client from within lw_client_create(), lw_client_reconnect() and lw_client_poll(); each may be NULL. */
+struct lw_client_watch {
+    void *context;
+    /** The scene has arrived: once, before any tile of it. */
+    enum lw_status (*scene)(void *context, const struct lw_client *client, struct lw_error *err);
+    /** The texels of a tile have changed. */
+    void (*tile)(void *context, lw_tile_id tile);
+    /** Waits instead of the client until a descriptor can be read (or written), or the deadline (lw_clock_ns) has passed. */
+    void (*wait)(void *context, int descriptor, bool for_writing, uint64_t deadline_ns);
+    /** What lies between needs nothing of the client, and may take long: connecting. */
+    void (*leave)(void *context);
+    void (*enter)(void *context);
+};
 
 struct lw_client_desc {
     const char *host;
@@ -38,6 +48,8 @@ struct lw_client_desc {
     bool control;       /* it may call lw_client_update() */
     bool draws_direct;  /* it draws the direct light that lw_client_draws() lists: levels come without it */
     uint64_t rate_limit_bytes_hz; /* that the server is to send at most; 0: whatever the link takes */
+    uint64_t budget_ns;           /* lw_client_poll() takes no further message in after this; 0: 20 ms */
+    struct lw_client_watch watch;
 };
 
 /** Connects and says hello; returns once the server has welcomed us.
@@ -218,9 +230,5 @@ struct lw_client_stats {
     uint64_t changed_frame; /* the last one that said something of materials or of what is hidden; 0: none */
 };
 void lw_client_get_stats(const struct lw_client *client, struct lw_client_stats *out_stats);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

@@ -4,7 +4,7 @@
 #ifndef LIGHTWELL_DRAWS_H
 #define LIGHTWELL_DRAWS_H
 
-#include "client/include/lightwell/client.h"
+#include "client/lib/client.h"
 #include "proto/message.h"
 
 struct lw_draws {

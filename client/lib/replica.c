@@ -20,7 +20,10 @@ struct lw_replica {
     size_t *first_texel;                /* per object and level */
     bool *unlit;                        /* by object: since it was a spare, its coarsest level has not come */
     struct lw_client_tile *tile;        /* by tile id */
-    struct lw_tile_dct_levels **levels; /* by tile id: what deltas build on; NULL while there is nothing */
+    struct lw_tile_dct_levels **levels; /* by tile id: what deltas build on; NULL before there was anything */
+    bool *has_levels;                   /* by tile id: they are those of the newest version */
+    lw_replica_watch *watch;            /* NULL: nobody */
+    void *watch_context;
     uint64_t version_base, version_max; /* what is added to versions of this run; the largest so far */
     uint32_t coarsest_missing;          /* tiles of coarsest levels that have not arrived */
     float decoded[LW_TILE_TEXELS_MAX * CHANNELS];
@@ -58,7 +61,8 @@ static enum lw_status make_room(struct lw_replica *r, struct lw_error *err) {
     r->unlit = calloc((size_t)r->map.object_count + 1, sizeof *r->unlit);
     r->tile = calloc((size_t)r->map.tile_count + 1, sizeof *r->tile);
     r->levels = calloc((size_t)r->map.tile_count + 1, sizeof *r->levels);
-    if (!r->first_texel || !r->unlit || !r->tile || !r->levels) return LW_NO_MEMORY;
+    r->has_levels = calloc((size_t)r->map.tile_count + 1, sizeof *r->has_levels);
+    if (!r->first_texel || !r->unlit || !r->tile || !r->levels || !r->has_levels) return LW_NO_MEMORY;
     for (uint32_t o = 0; o < r->map.object_count; o++)
         r->unlit[o] = lw_scene_is_spare(r->scene, o) && r->map.atlas[o].level_count > 0;
     const uint64_t texels = place_levels(r);
@@ -116,6 +120,7 @@ void lw_replica_destroy(struct lw_replica *r) {
     if (!r) return;
     for (uint32_t i = 0; r->levels && i < r->map.tile_count; i++) free(r->levels[i]);
     free(r->levels);
+    free(r->has_levels);
     free(r->texels);
     free(r->tile);
     free(r->unlit);
@@ -126,6 +131,11 @@ void lw_replica_destroy(struct lw_replica *r) {
     if (r->has_map) lw_atlas_map_finish(&r->map);
     if (r->scene && !r->beside) lw_scene_destroy(r->scene);
     free(r);
+}
+
+void lw_replica_set_watch(struct lw_replica *r, lw_replica_watch *watch, void *context) {
+    r->watch = watch;
+    r->watch_context = context;
 }
 
 void lw_replica_begin_run(struct lw_replica *r) { r->version_base = r->version_max; }
@@ -202,6 +212,7 @@ void lw_replica_set_form(struct lw_replica *r, enum lw_light_form form) {
         if (!r->tile[t].version) continue;
         copy_into_level(r, &r->map.place[t]);
         r->tile[t] = (struct lw_client_tile){0};
+        if (r->watch) r->watch(r->watch_context, (lw_tile_id){t});
     }
     count_coarsest(r);
     lw_replica_begin_run(r); /* versions go on growing for who compares them */
@@ -214,11 +225,11 @@ static enum lw_status decode(struct lw_replica *r, const struct lw_message_tile 
     if (t->base)
         return lw_tile_codec_decode_delta(r->codec, t->codec, t->payload, t->payload_size, t->scale,
                                           place->width, place->height, *levels, r->decoded);
-    if (t->codec != LW_TILE_CODEC_DCT) {
-        free(*levels);
-        *levels = NULL;
-    } else if (!*levels && !(*levels = aligned_alloc(_Alignof(struct lw_tile_dct_levels),
-                                                     lw_tile_dct_levels_size(place->height)))) {
+    r->has_levels[id.v] = t->codec == LW_TILE_CODEC_DCT;
+    if (r->has_levels[id.v] && !*levels &&
+        !(*levels =
+              aligned_alloc(_Alignof(struct lw_tile_dct_levels), lw_tile_dct_levels_size(place->height)))) {
+        r->has_levels[id.v] = false;
         return LW_NO_MEMORY;
     }
     return lw_tile_codec_decode(r->codec, t->codec, t->payload, t->payload_size, t->scale, place->width,
@@ -243,7 +254,7 @@ enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_messag
     if (version <= known->version) return LW_OK;
     if (!lw_tile_codec_is_known(t->codec))
         return lw_status_fail(err, LW_PROTOCOL, "message TILE: codec %u is unknown", t->codec);
-    if (t->base && (r->version_base + t->base != known->version || !r->levels[id.v]))
+    if (t->base && (r->version_base + t->base != known->version || !r->has_levels[id.v]))
         return lw_status_fail(
             err, LW_PROTOCOL,
             "message TILE: object %u, level %u, tile %u: it builds on a version that is not here", t->object,
@@ -266,6 +277,7 @@ enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_messag
     if (is_coarsest && !r->pose.object_spare[t->object]) r->unlit[t->object] = false;
     *known = (struct lw_client_tile){.version = version, .bounces = t->bounces, .error = t->error};
     if (version > r->version_max) r->version_max = version;
+    if (r->watch) r->watch(r->watch_context, id);
     return LW_OK;
 }
 

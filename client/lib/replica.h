@@ -4,7 +4,7 @@
 #ifndef LIGHTWELL_REPLICA_H
 #define LIGHTWELL_REPLICA_H
 
-#include "client/include/lightwell/client.h"
+#include "client/lib/client.h"
 #include "common/scene/pose.h"
 #include "proto/message.h"
 
@@ -20,6 +20,11 @@ LW_MUST_CHECK enum lw_status lw_replica_create(const uint8_t *package, size_t si
 LW_MUST_CHECK enum lw_status lw_replica_create_beside(const struct lw_replica *other,
                                                       struct lw_replica **out_replica, struct lw_error *err);
 void lw_replica_destroy(struct lw_replica *replica);
+
+/** Told of each tile whose texels have changed; it has the replica's thread, and calls nothing that changes the replica. */
+typedef void lw_replica_watch(void *context, lw_tile_id tile);
+/** watch: NULL for nobody */
+void lw_replica_set_watch(struct lw_replica *replica, lw_replica_watch *watch, void *context);
 
 /** The server has begun anew: versions that come from now on are newer than all that are there, however small. */
 void lw_replica_begin_run(struct lw_replica *replica);

@@ -14,35 +14,52 @@ void lw_want_finish(struct lw_want *want) {
 }
 
 void lw_want_forget(struct lw_want *want) {
-    free(want->told.tile);
-    want->told = (struct lw_want_list){.everything = true};
+    want->told.everything = true;
+    want->told.count = 0;
     want->told_ns = 0;
 }
 
-static int by_id(const void *a, const void *b) {
-    const lw_tile_id *x = a, *y = b;
-    return (x->v > y->v) - (x->v < y->v);
+static bool make_room(struct lw_want_list *list, size_t count) {
+    if (count <= list->capacity) return true;
+    lw_tile_id *grown = realloc(list->tile, count * sizeof *grown);
+    if (!grown) return false;
+    list->tile = grown;
+    list->capacity = count;
+    return true;
+}
+
+/* Shell's sort, by Ciura's gaps: qsort() may allocate. A list that is sorted already costs one look at each tile and gap. */
+static void sort(lw_tile_id *tile, size_t count) {
+    static const uint16_t gaps[] = {1750, 701, 301, 132, 57, 23, 10, 4, 1};
+    for (size_t g = 0; g < sizeof gaps / sizeof *gaps; g++)
+        for (size_t i = gaps[g]; i < count; i++) {
+            const lw_tile_id moved = tile[i];
+            size_t to = i;
+            for (; to >= gaps[g] && tile[to - gaps[g]].v > moved.v; to -= gaps[g])
+                tile[to] = tile[to - gaps[g]];
+            tile[to] = moved;
+        }
 }
 
 enum lw_status lw_want_set(struct lw_want *want, const lw_tile_id *tile, size_t count, uint32_t most) {
-    lw_tile_id *sorted = malloc((count + 1) * sizeof *sorted);
-    if (!sorted) return LW_NO_MEMORY;
+    struct lw_want_list *now = &want->now;
+    if (!make_room(now, count)) return LW_NO_MEMORY;
     uint32_t different = 0;
     if (count) {
-        memcpy(sorted, tile, count * sizeof *sorted);
-        qsort(sorted, count, sizeof *sorted, by_id);
+        memcpy(now->tile, tile, count * sizeof *tile);
+        sort(now->tile, count);
         for (size_t i = 0; i < count; i++)
-            if (different == 0 || sorted[i].v != sorted[different - 1].v) sorted[different++] = sorted[i];
+            if (different == 0 || now->tile[i].v != now->tile[different - 1].v)
+                now->tile[different++] = now->tile[i];
     }
-    free(want->now.tile);
-    want->now = (struct lw_want_list){.count = different, .tile = sorted};
-    if (different > most) lw_want_set_everything(want);
+    now->everything = different > most;
+    now->count = now->everything ? 0 : different;
     return LW_OK;
 }
 
 void lw_want_set_everything(struct lw_want *want) {
-    free(want->now.tile);
-    want->now = (struct lw_want_list){.everything = true};
+    want->now.everything = true;
+    want->now.count = 0;
 }
 
 /* How many of a's tiles b lacks. */
@@ -67,12 +84,11 @@ bool lw_want_is_due(const struct lw_want *want, uint64_t now_ns) {
 }
 
 enum lw_status lw_want_tell(struct lw_want *want, uint64_t now_ns) {
-    lw_tile_id *copy = malloc(((size_t)want->now.count + 1) * sizeof *copy);
-    if (!copy) return LW_NO_MEMORY;
-    if (want->now.count) memcpy(copy, want->now.tile, want->now.count * sizeof *copy);
-    free(want->told.tile);
-    want->told = want->now;
-    want->told.tile = copy;
+    struct lw_want_list *now = &want->now, *told = &want->told;
+    if (!make_room(told, now->count)) return LW_NO_MEMORY;
+    if (now->count) memcpy(told->tile, now->tile, now->count * sizeof *now->tile);
+    told->everything = now->everything;
+    told->count = now->count;
     want->told_ns = now_ns;
     return LW_OK;
 }

@@ -14,6 +14,8 @@ struct lw_want_list {
     bool everything;
     uint32_t count;
     lw_tile_id *tile; /* by id, each once */
+    size_t
+        capacity; /* tiles that there is room for: lists that are no longer than earlier ones allocate nothing */
 };
 
 struct lw_want {

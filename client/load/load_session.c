@@ -1,6 +1,6 @@
 #include "client/load/load_session.h"
 
-#include "client/include/lightwell/client.h"
+#include "client/lib/client.h"
 #include "common/clock.h"
 #include "common/random.h"
 #include "proto/message_reader.h"

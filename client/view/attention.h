@@ -4,7 +4,7 @@
 #ifndef LW_CLIENT_VIEW_ATTENTION_H
 #define LW_CLIENT_VIEW_ATTENTION_H
 
-#include "lightwell/client.h"
+#include "client/lib/client.h"
 
 #define LW_ATTENTION_KEEP_NS 2000000000u /* a tile that was in the picture is wanted for so long after */
 

@@ -6,11 +6,11 @@
 #ifndef LW_CLIENT_VIEW_COMPOSE_H
 #define LW_CLIENT_VIEW_COMPOSE_H
 
+#include "client/lib/client.h"
 #include "client/view/camera.h"
 #include "common/light/client_lights.h"
 #include "common/tile/atlas.h"
 #include "common/trace/trace.h"
-#include "lightwell/client.h"
 
 #define LW_COMPOSE_LAYERS_MAX 16u /* BLEND surfaces along one ray; the last one counts as opaque */
 

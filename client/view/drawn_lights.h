@@ -4,8 +4,8 @@
 #ifndef LW_CLIENT_VIEW_DRAWN_LIGHTS_H
 #define LW_CLIENT_VIEW_DRAWN_LIGHTS_H
 
+#include "client/lib/client.h"
 #include "common/light/client_lights.h"
-#include "lightwell/client.h"
 
 /** Copies lw_client_draws() of a client that has its scene. Nothing to draw: a zeroed one. Errors:
  * LW_NO_MEMORY. */

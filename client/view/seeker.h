@@ -3,7 +3,7 @@
 #ifndef LW_CLIENT_VIEW_SEEKER_H
 #define LW_CLIENT_VIEW_SEEKER_H
 
-#include "lightwell/client.h"
+#include "client/lib/client.h"
 
 struct lw_seeker;
 

@@ -4,10 +4,10 @@
 #ifndef LW_CLIENT_VIEW_STAGE_H
 #define LW_CLIENT_VIEW_STAGE_H
 
+#include "client/lib/client.h"
 #include "client/view/attention.h"
 #include "client/view/compose.h"
 #include "client/view/drawn_lights.h"
-#include "lightwell/client.h"
 
 struct lw_stage {
     struct lw_client *client; /* not owned */

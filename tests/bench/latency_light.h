@@ -11,8 +11,8 @@
 
 #include "tests/support/process.h"
 
+#include "client/lib/client.h"
 #include "client/view/camera.h"
-#include "lightwell/client.h"
 
 #define LATENCY_CHANNELS    3u
 #define LATENCY_POLL_MS     100u

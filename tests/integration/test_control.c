@@ -2,6 +2,7 @@
  * has it. */
 #include "tests/support/process.h"
 
+#include "client/lib/client.h"
 #include "common/builtin/builtin.h"
 #include "common/clock.h"
 #include "common/image/image.h"
@@ -9,7 +10,6 @@
 #include "common/scene/package.h"
 #include "common/scene/pose.h"
 #include "common/scene/scene.h"
-#include "lightwell/client.h"
 
 #include <math.h>
 #include <signal.h>

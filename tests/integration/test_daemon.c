@@ -1,7 +1,7 @@
 /* The real lightwelld, with clients of liblightwell and peers that misbehave. */
 #include "tests/support/process.h"
 
-#include "client/include/lightwell/client.h"
+#include "client/lib/client.h"
 #include "common/clock.h"
 #include "common/log.h"
 #include "common/sanitizer.h"

@@ -1,7 +1,7 @@
 /* The real lightwelld, ended and started again with --keep. */
 #include "tests/support/process.h"
 
-#include "client/include/lightwell/client.h"
+#include "client/lib/client.h"
 #include "common/clock.h"
 #include "common/log.h"
 

@@ -1,7 +1,7 @@
 /* The real lightwelld under --light seen: it lights what its clients look at, and what lights that. */
 #include "tests/support/process.h"
 
-#include "client/include/lightwell/client.h"
+#include "client/lib/client.h"
 #include "common/clock.h"
 #include "common/log.h"
 

@@ -1,8 +1,8 @@
 /* Objects that come and go in a real lightwelld, as its clients see them. */
 #include "tests/support/process.h"
 
+#include "client/lib/client.h"
 #include "common/clock.h"
-#include "lightwell/client.h"
 
 #include <math.h>
 #include <signal.h>

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "client/include/lightwell/client.h"
+#include "client/lib/client.h"
 #include "client/lib/link.h"
 #include "client/lib/package_cache.h"
 #include "client/lib/replica.h"
