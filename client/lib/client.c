@@ -469,7 +469,8 @@ static enum lw_status tell_held(struct lw_client *c, struct lw_error *err) {
 /* Until there is something to read, or a deadline. */
 static enum lw_status wait_for_server(struct lw_client *c, uint64_t deadline_ns, struct lw_error *err) {
     if (!c->watch.wait || deadline_ns <= lw_clock_ns()) return lw_link_wait(&c->link, deadline_ns, err);
-    c->watch.wait(c->watch.context, c->link.socket, c->link.outbox_size > 0, deadline_ns);
+    if (!c->watch.wait(c->watch.context, c->link.socket, c->link.outbox_size > 0, deadline_ns))
+        return lw_status_fail(err, LW_CLOSED, "the session is to end");
     return lw_link_wait(&c->link, 0, err); /* it pings, too */
 }
 

@@ -26,8 +26,9 @@ struct lw_client_watch {
     enum lw_status (*scene)(void *context, const struct lw_client *client, struct lw_error *err);
     /** The texels of a tile have changed. */
     void (*tile)(void *context, lw_tile_id tile);
-    /** Waits instead of the client until a descriptor can be read (or written), or the deadline (lw_clock_ns) has passed. */
-    void (*wait)(void *context, int descriptor, bool for_writing, uint64_t deadline_ns);
+    /** Waits instead of the client until a descriptor can be read (or written), or the deadline (lw_clock_ns) has passed;
+     * false: the session is to end. */
+    bool (*wait)(void *context, int descriptor, bool for_writing, uint64_t deadline_ns);
     /** What lies between needs nothing of the client, and may take long: connecting. */
     void (*leave)(void *context);
     void (*enter)(void *context);

@@ -1,0 +1,521 @@
+/** @file lightwell.h
+ * liblightwell: the live light of a scene from a lightwelld, for your own renderer.
+ *
+ *     struct lw_live_desc desc = {0};
+ *     desc.struct_size = sizeof desc;
+ *     desc.host = "127.0.0.1";
+ *     struct lw_live *live;
+ *     struct lw_live_error err;
+ *     if (lw_live_open(&desc, &live, &err) != LW_LIVE_OK) die(err.text);
+ *     every frame: lw_live_poll(live, 0, &err), then lw_live_take_dirty() and lw_live_read() for what has changed
+ *
+ * For C11 and C++11, and later ones. Units: metres, W/m^2, W/(m^2 sr), linear sRGB; right-handed, +Y up. Matrices
+ * that are "row-major 3x4" transform columns: p' = m[.][0..2] p + m[.][3].
+ *
+ * Structs: one that begins with struct_size is told apart by it: set it to sizeof before the call. Later versions add
+ * fields at the end; a library that is newer or older than the program reads and writes what both know. What is zero in
+ * a struct that you fill is the default.
+ *
+ * Errors: each function that can fail returns a status and puts one line for people into *err, which may be NULL; its
+ * outputs stay as they were. LW_LIVE_USAGE is for a call that is wrong in itself: a NULL, a struct_size that no version
+ * had, an index that is out of range.
+ *
+ * Threads: calls for one lw_live come from one thread at a time, unless it has LW_LIVE_THREAD: then from any. Different
+ * ones do not know each other. No function calls back.
+ *
+ * Memory: once the scene is there and all levels have arrived, lw_live_poll() and the functions for every frame (they
+ * say so) allocate nothing, unless the server sends a message that is longer than all before. */
+#ifndef LIGHTWELL_LIGHTWELL_H
+#define LIGHTWELL_LIGHTWELL_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#if defined(__GNUC__)
+/** Marks what the library exports. */
+#define LW_LIVE_API __attribute__((visibility("default")))
+/** The result is a status: look at it. */
+#define LW_LIVE_CHECK __attribute__((warn_unused_result))
+#else
+#define LW_LIVE_API
+#define LW_LIVE_CHECK
+#endif
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define LW_LIVE_NONE      UINT32_MAX /**< "No such thing", and "all" where a function says so. */
+#define LW_LIVE_WANT_MAX  4096u      /**< Tiles that a client can want one by one. */
+#define LW_LIVE_TILE_SIDE 64u        /**< Texels: light arrives in squares of this side. */
+#define LW_LIVE_VIEWS_MAX 8u         /**< Views of one call of lw_live_want_views(). */
+
+/** What became of a call. */
+enum lw_live_status {
+    LW_LIVE_OK = 0,
+    LW_LIVE_USAGE = 1,       /**< The call is wrong in itself. */
+    LW_LIVE_BAD_DATA = 2,    /**< The server lights another scene now, or its scene makes no sense. */
+    LW_LIVE_NO_HOST = 3,     /**< The host's name is unknown. */
+    LW_LIVE_UNAVAILABLE = 4, /**< Nobody serves there, or the server refuses. */
+    LW_LIVE_INTERNAL = 5,    /**< A defect of the library. */
+    LW_LIVE_NO_MEMORY = 6,   /**< Out of memory. */
+    LW_LIVE_SYSTEM = 7,      /**< The operating system refused something. */
+    LW_LIVE_TIMED_OUT = 8,   /**< The server is silent. */
+    LW_LIVE_PROTOCOL = 9,    /**< What is there is no lightwelld, or of another version, or sends nonsense. */
+    LW_LIVE_CLOSED = 10,     /**< The session is over. */
+    LW_LIVE_NOT_READY = 11   /**< The scene has not arrived yet. */
+};
+
+/** A failure with its detail. A call that succeeds leaves it alone. */
+struct lw_live_error {
+    enum lw_live_status status; /**< Never LW_LIVE_OK after a failure. */
+    char text[512];             /**< One line: names the address, field or argument. */
+};
+
+/** The words of a status, such as "out of memory"; never NULL. [any] */
+LW_LIVE_API const char *lw_live_status_text(enum lw_live_status status);
+/** The library's version, such as "0.1.0". [any] */
+LW_LIVE_API const char *lw_live_version(void);
+
+/* ---- the session ---- */
+
+/** A live copy of the light of a server's scene. */
+struct lw_live;
+
+#define LW_LIVE_THREAD        1u  /**< A thread of the library's own receives, decodes and connects again. */
+#define LW_LIVE_WANTS_NOTHING 2u  /**< Until a call of lw_live_want_*(); else it wants everything. */
+#define LW_LIVE_DRAWS_DIRECT  4u  /**< You draw the direct light of what is_client_light marks. */
+#define LW_LIVE_CONTROL       8u  /**< You may call lw_live_change(). */
+#define LW_LIVE_AS_IT_IS      16u /**< lw_live_read() gives texels as they came: see there. */
+
+/** How to open a session. */
+struct lw_live_desc {
+    size_t struct_size;       /**< sizeof(struct lw_live_desc) */
+    const char *host;         /**< Name or address; NULL: "127.0.0.1". */
+    uint16_t port;            /**< 0: 7780. */
+    uint32_t flags;           /**< LW_LIVE_*, added up. */
+    const char *name;         /**< For the server's log; NULL: "liblightwell". */
+    uint32_t timeout_ms;      /**< For connecting and for the server's welcome; 0: 5000. */
+    uint32_t budget_us;       /**< lw_live_poll() takes nothing more in after this; 0: 4000. */
+    const char *cache_folder; /**< Keeps scene packages, so that none is downloaded twice; NULL: none. */
+    uint64_t rate_limit_bytes_per_s; /**< That the server may send; 0: what the link takes. */
+};
+
+/** Connects, and returns once the server has welcomed us; the scene and its light come with lw_live_poll().
+ * Errors: LW_LIVE_NO_HOST, LW_LIVE_UNAVAILABLE, LW_LIVE_TIMED_OUT, LW_LIVE_PROTOCOL, each naming the address. */
+LW_LIVE_CHECK LW_LIVE_API enum lw_live_status
+lw_live_open(const struct lw_live_desc *desc, struct lw_live **out_live, struct lw_live_error *err);
+
+/** Ends the session and frees all that came from it. With LW_LIVE_THREAD it waits for the thread, which may be
+ * connecting: up to timeout_ms. NULL is fine. */
+LW_LIVE_API void lw_live_close(struct lw_live *live);
+
+/** Takes in what has arrived, for budget_us at most; what is left comes with the next call. Waits up to timeout_ms if
+ * nothing is there. For every frame.
+ *
+ * With LW_LIVE_THREAD the thread does that: the call waits up to timeout_ms until it has taken in something since the
+ * call before, and tells whether the session is alive.
+ * Errors: LW_LIVE_CLOSED, LW_LIVE_TIMED_OUT, LW_LIVE_PROTOCOL, LW_LIVE_SYSTEM, LW_LIVE_NO_MEMORY; what has arrived stays
+ * readable, and lw_live_reconnect() goes on. With LW_LIVE_THREAD only what connecting again cannot mend. */
+LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_poll(struct lw_live *live, uint32_t timeout_ms,
+                                                           struct lw_live_error *err);
+
+/** Connects again after lw_live_poll() has failed. Scene, light and interest stay; a server that still runs sends what
+ * has changed since. Wait lw_live_backoff_ms() before each attempt.
+ * Errors: as lw_live_open(); LW_LIVE_BAD_DATA if the server lights another scene now: open another session;
+ * LW_LIVE_USAGE with LW_LIVE_THREAD, which does it by itself. */
+LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_reconnect(struct lw_live *live,
+                                                                struct lw_live_error *err);
+
+/** How long to wait before an attempt (0, 1, ...) to connect again, in ms: by chance, out of a range that grows to
+ * 500..1000, so that a server is not met by all its clients at once. seed: differs from client to client. [any] */
+LW_LIVE_API uint32_t lw_live_backoff_ms(uint32_t attempt, uint32_t seed);
+
+/** What an event loop of your own may watch for reading, before lw_live_poll(live, 0, ...); -1 with LW_LIVE_THREAD. */
+LW_LIVE_API int lw_live_descriptor(const struct lw_live *live);
+
+/** Where the session stands. */
+struct lw_live_stats {
+    size_t struct_size;     /**< sizeof(struct lw_live_stats) */
+    int is_connected;       /**< 0 while the link is broken. */
+    int has_scene;          /**< The scene is there: lw_live_get_scene() and the rest work. */
+    int has_light;          /**< Every object has light, if only of its coarsest level. */
+    float package_progress; /**< Fraction of the scene that has arrived, 0..1. */
+    uint64_t frame;         /**< The newest frame heard of. */
+    uint64_t settled_frame; /**< The newest frame of which all wanted tiles have arrived. */
+    double time_s;          /**< Scene time of the newest frame. */
+    uint64_t changed_frame; /**< The last frame that changed a material, the sky or what is hidden. */
+    uint64_t session;       /**< Counts connections, from 1 on: is_client_light may differ after it grew. */
+    uint64_t tiles, bytes;  /**< Received. */
+    uint64_t decode_ns;     /**< Spent on decoding tiles. */
+    uint64_t light_age_ns;  /**< Solve time of the newest frame, plus the time since it arrived. */
+    uint32_t dirty_tiles;   /**< That lw_live_take_dirty() would give. */
+    uint32_t bounces;       /**< Indirect bounces of a complete tile. */
+    float target_error;     /**< Relative standard error below which a tile counts as converged. */
+};
+/** Fills in where the session stands. For every frame. */
+LW_LIVE_CHECK LW_LIVE_API enum lw_live_status
+lw_live_get_stats(const struct lw_live *live, struct lw_live_stats *out_stats, struct lw_live_error *err);
+
+/* ---- the scene: all LW_LIVE_NOT_READY before it has arrived; then pointers live as long as the session ---- */
+
+/** How much there is. */
+struct lw_live_scene {
+    size_t struct_size;          /**< sizeof(struct lw_live_scene) */
+    const char *name;            /**< Never NULL, as all names. */
+    uint32_t object_count;       /**< Instances of meshes. */
+    uint32_t mesh_count;         /**< Meshes. */
+    uint32_t node_count;         /**< Nodes of the hierarchy. */
+    uint32_t material_count;     /**< Materials. */
+    uint32_t texture_count;      /**< Textures. */
+    uint32_t light_count;        /**< Punctual lights. */
+    uint32_t camera_count;       /**< Cameras. */
+    float duration_s;            /**< Of the animation, which loops; 0: none. */
+    float sky[3];                /**< W/(m^2 sr) from everywhere outside, as of the newest frame. */
+    uint32_t environment_width;  /**< Texels; 0: no environment. */
+    uint32_t environment_height; /**< Texels. */
+    const float *environment;    /**< RGB, W/(m^2 sr), equirectangular: row 0 is up, the middle +X. */
+};
+/** Counts what the scene has. */
+LW_LIVE_CHECK LW_LIVE_API enum lw_live_status
+lw_live_get_scene(const struct lw_live *live, struct lw_live_scene *out_scene, struct lw_live_error *err);
+
+/** Kinds of things that have names. */
+enum lw_live_kind {
+    LW_LIVE_KIND_OBJECT = 0,   /**< By the object's own name: its node's, or else its mesh's. */
+    LW_LIVE_KIND_NODE = 1,     /**< Nodes. */
+    LW_LIVE_KIND_MESH = 2,     /**< Meshes. */
+    LW_LIVE_KIND_MATERIAL = 3, /**< Materials. */
+    LW_LIVE_KIND_TEXTURE = 4,  /**< Textures. */
+    LW_LIVE_KIND_LIGHT = 5,    /**< Lights. */
+    LW_LIVE_KIND_CAMERA = 6    /**< Cameras. */
+};
+/** Finds things by name: the nth (0, 1, ...) of those that share it, in the scene's order, or LW_LIVE_NONE, also before
+ * the scene is there. Names are as in the file that the server lights; several things may share one. */
+LW_LIVE_API uint32_t lw_live_find(const struct lw_live *live, enum lw_live_kind kind, const char *name,
+                                  uint32_t nth);
+
+/** What the server says of an object. */
+enum lw_live_object_state {
+    LW_LIVE_OBJECT_SHOWN = 0,  /**< It is there. */
+    LW_LIVE_OBJECT_HIDDEN = 1, /**< No ray meets it. */
+    LW_LIVE_OBJECT_SPARE = 2   /**< It stands nowhere and may be added: LW_LIVE_CHANGE_OBJECT_ADD. */
+};
+/** One instance of a mesh, with a lightmap of its own. */
+struct lw_live_object {
+    size_t struct_size;              /**< sizeof(struct lw_live_object) */
+    const char *name;                /**< Its node's name, or else its mesh's. */
+    uint32_t mesh;                   /**< Index. */
+    uint32_t node;                   /**< Index, or LW_LIVE_NONE: a spare. */
+    uint32_t level_count;            /**< Mip levels of its lightmap; 0: it has none. */
+    enum lw_live_object_state state; /**< As of the newest frame. */
+    int is_drawn;                    /**< 0: do not draw it now: hidden, a spare, or not lit yet. */
+    float object_to_world[12];       /**< Row-major 3x4, as of the newest frame. */
+};
+/** An object as it is now. For every frame. */
+LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_get_object(const struct lw_live *live, uint32_t object,
+                                                                 struct lw_live_object *out_object,
+                                                                 struct lw_live_error *err);
+
+/** A triangle mesh in object space; it never changes. */
+struct lw_live_mesh {
+    size_t struct_size;       /**< sizeof(struct lw_live_mesh) */
+    const char *name;         /**< Its name. */
+    uint32_t vertex_count;    /**< Vertices. */
+    uint32_t triangle_count;  /**< Triangles, counter-clockwise seen from the front. */
+    const float *position;    /**< 3 per vertex, m. */
+    const float *normal;      /**< 3 per vertex, unit. */
+    const float *uv[2];       /**< 2 per vertex, or NULL for a set that is absent. */
+    const float *colour;      /**< 4 per vertex, linear, a factor of base colour and alpha; NULL: white. */
+    const uint32_t *triangle; /**< 3 vertices per triangle. */
+    const uint32_t *material; /**< 1 per triangle. */
+    const float *lightmap_uv; /**< 2 per vertex, in texels of level 0; a texel's centre is at .5. */
+    uint32_t atlas_width;     /**< Texels of level 0; 0: no lightmap. */
+    uint32_t atlas_height;    /**< Texels of level 0, backs included. */
+    uint32_t back_offset;     /**< Added to v it gives the light of a triangle's back; 0: no backs. */
+};
+/** A mesh. */
+LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_get_mesh(const struct lw_live *live, uint32_t mesh,
+                                                               struct lw_live_mesh *out_mesh,
+                                                               struct lw_live_error *err);
+
+/** A place in the hierarchy. */
+struct lw_live_node {
+    size_t struct_size; /**< sizeof(struct lw_live_node) */
+    const char *name;   /**< Its name. */
+    uint32_t parent;    /**< Index, smaller than the node's own; or LW_LIVE_NONE. */
+};
+/** A node. */
+LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_get_node(const struct lw_live *live, uint32_t node,
+                                                               struct lw_live_node *out_node,
+                                                               struct lw_live_error *err);
+
+/** A texture as a material uses it. */
+struct lw_live_texture_use {
+    uint32_t texture;   /**< Index, or LW_LIVE_NONE. */
+    uint32_t uv_set;    /**< 0 or 1. */
+    float transform[6]; /**< Row-major 2x3, of (u, v, 1). */
+};
+/** What a material does with alpha. */
+enum lw_live_alpha {
+    LW_LIVE_ALPHA_OPAQUE = 0, /**< Nothing. */
+    LW_LIVE_ALPHA_MASK = 1,   /**< Below alpha_cutoff there is no surface. */
+    LW_LIVE_ALPHA_BLEND = 2   /**< The fraction 1 - alpha of light passes. */
+};
+/** Diffuse reflection base_colour / pi, and emission. */
+struct lw_live_material {
+    size_t struct_size;                             /**< sizeof(struct lw_live_material) */
+    const char *name;                               /**< Its name. */
+    float base_colour[4];                           /**< Albedo and alpha, as of the newest frame. */
+    float emission[3];                              /**< W/(m^2 sr), as of the newest frame. */
+    float first_emission[3];                        /**< The same as the scene began. */
+    struct lw_live_texture_use base_colour_texture; /**< A factor. */
+    struct lw_live_texture_use emission_texture;    /**< A factor. */
+    enum lw_live_alpha alpha;                       /**< What alpha means. */
+    float alpha_cutoff;                             /**< Of LW_LIVE_ALPHA_MASK. */
+    int is_double_sided;                            /**< It reflects and shines on both sides. */
+    int is_client_light; /**< The direct light of its triangles is yours to draw: it is in no texel. */
+};
+/** A material as it is now. For every frame. */
+LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_get_material(const struct lw_live *live,
+                                                                   uint32_t material,
+                                                                   struct lw_live_material *out_material,
+                                                                   struct lw_live_error *err);
+
+/** How a texture goes on beyond its edges. */
+enum lw_live_wrap {
+    LW_LIVE_WRAP_REPEAT = 0, /**< Again. */
+    LW_LIVE_WRAP_CLAMP = 1,  /**< With its last texel. */
+    LW_LIVE_WRAP_MIRROR = 2  /**< Again, mirrored. */
+};
+/** A picture. */
+struct lw_live_texture {
+    size_t struct_size;       /**< sizeof(struct lw_live_texture) */
+    const char *name;         /**< Its name. */
+    uint32_t width;           /**< Texels. */
+    uint32_t height;          /**< Texels. */
+    const uint8_t *rgba;      /**< Row 0 is v = 0; sRGB colour, linear alpha, not premultiplied. */
+    enum lw_live_wrap wrap_s; /**< In u. */
+    enum lw_live_wrap wrap_t; /**< In v. */
+};
+/** A texture. */
+LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_get_texture(const struct lw_live *live,
+                                                                  uint32_t texture,
+                                                                  struct lw_live_texture *out_texture,
+                                                                  struct lw_live_error *err);
+
+/** Kinds of lights. */
+enum lw_live_light_kind {
+    LW_LIVE_LIGHT_POINT = 0, /**< intensity in W/sr: E = I cos / d^2. */
+    LW_LIVE_LIGHT_SPOT =
+        1, /**< The same on its axis; clamp((cos a - cos o) / (cos i - cos o))^2 beside it. */
+    LW_LIVE_LIGHT_DIRECTIONAL = 2 /**< intensity in W/m^2 on a surface that faces it. */
+};
+/** A light. */
+struct lw_live_light {
+    size_t struct_size;           /**< sizeof(struct lw_live_light) */
+    const char *name;             /**< Its name. */
+    enum lw_live_light_kind kind; /**< What it is. */
+    float position_ws[3];         /**< m; not of a directional light. */
+    float direction_ws[3];        /**< Unit, where it shines; not of a point light. */
+    float intensity[3];           /**< As of the newest frame. */
+    float inner_cone;             /**< Spot: half angle, radians. */
+    float outer_cone;             /**< Spot: half angle, radians. */
+    float angular_diameter;       /**< Directional: radians. */
+    int is_client_light;          /**< Its direct light is yours to draw: it is in no texel. */
+};
+/** A light as it is now. For every frame. */
+LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_get_light(const struct lw_live *live, uint32_t light,
+                                                                struct lw_live_light *out_light,
+                                                                struct lw_live_error *err);
+
+/** A camera of the scene, at the newest frame's time. */
+struct lw_live_camera {
+    size_t struct_size;   /**< sizeof(struct lw_live_camera) */
+    const char *name;     /**< Its name. */
+    float position_ws[3]; /**< m */
+    float right_ws[3];    /**< Unit; right, up and forward are orthogonal. */
+    float up_ws[3];       /**< Unit. */
+    float forward_ws[3];  /**< Unit. */
+    float fov_y;          /**< Radians. */
+};
+/** A camera. */
+LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_get_camera(const struct lw_live *live, uint32_t camera,
+                                                                 struct lw_live_camera *out_camera,
+                                                                 struct lw_live_error *err);
+
+/* ---- light ---- */
+
+/** Texels of one level of one object's lightmap. Its layout is for ever. */
+struct lw_live_rect {
+    uint32_t object; /**< Index. */
+    uint32_t level;  /**< 0: the finest. */
+    uint32_t x;      /**< Texels from the left. */
+    uint32_t y;      /**< Texels from row 0. */
+    uint32_t width;  /**< Texels. */
+    uint32_t height; /**< Texels. */
+};
+
+/** The whole of a level, as a rectangle: each level halves both sides of the one before, rounding up.
+ * Errors: LW_LIVE_USAGE for an object or level that is not there; LW_LIVE_NOT_READY. For every frame. */
+LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_get_level(const struct lw_live *live, uint32_t object,
+                                                                uint32_t level, struct lw_live_rect *out_rect,
+                                                                struct lw_live_error *err);
+
+/** Takes rectangles whose texels have changed since they were last taken, oldest first; neighbours come as one. What is
+ * not taken stays for the next call, so that you decide how much a frame uploads. For every frame.
+ *
+ * object      of this one alone, or LW_LIVE_NONE: of all
+ * level       of this one alone, or LW_LIVE_NONE: of all
+ * texels_max  stop before there are more, but take one rectangle at least; 0: no limit
+ * out_rect    room for `capacity` of them
+ * Returns how many there are in out_rect. */
+LW_LIVE_API size_t lw_live_take_dirty(struct lw_live *live, uint32_t object, uint32_t level,
+                                      uint64_t texels_max, struct lw_live_rect *out_rect, size_t capacity);
+
+/** What GPUs sample. */
+enum lw_live_format {
+    LW_LIVE_RGB9E5 = 0,  /**< 4 bytes a texel: GL_RGB9_E5, VK_FORMAT_E5B9G9R9_UFLOAT_PACK32. Up to 65408. */
+    LW_LIVE_RGBA16F = 1, /**< 8 bytes: halves, alpha 1. Up to 65504. */
+    LW_LIVE_RGB32F = 2,  /**< 12 bytes. */
+    LW_LIVE_RGBA32F = 3  /**< 16 bytes, alpha 1. */
+};
+/** What a texel says. */
+enum lw_live_quantity {
+    LW_LIVE_IRRADIANCE = 0,        /**< E, W/m^2: radiance is albedo / pi x E. */
+    LW_LIVE_IRRADIANCE_OVER_PI = 1 /**< E / pi: radiance is albedo times it. */
+};
+/** Where lw_live_read() writes, and how. */
+struct lw_live_texels {
+    size_t struct_size;             /**< sizeof(struct lw_live_texels) */
+    enum lw_live_format format;     /**< Of a texel. */
+    enum lw_live_quantity quantity; /**< What it says. */
+    float scale;                    /**< Multiplies each value, for scenes beyond the format; 0: 1. */
+    void *dst;                      /**< Row 0 of the rectangle first. */
+    size_t dst_size;                /**< Bytes. */
+    size_t row_size;                /**< Bytes from a row to the next; 0: rows lie without gaps. */
+};
+/** Writes the texels of a rectangle. For every frame.
+ *
+ * Where nothing has arrived at that level the texels are interpolated from the finest coarser one that is there, and
+ * where a tile is still noisy from level 1 or 2, whose texels are means: a texture is whole from the first level on.
+ * What changes so is dirty like what arrives. With LW_LIVE_AS_IT_IS texels are as they came, and 0 where none did.
+ * Errors: LW_LIVE_USAGE for a rectangle beyond its level or a dst_size that is too small; LW_LIVE_NOT_READY. */
+LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_read(const struct lw_live *live,
+                                                           const struct lw_live_rect *rect,
+                                                           const struct lw_live_texels *texels,
+                                                           struct lw_live_error *err);
+
+/** Irradiance at a point of an object's lightmap, W/m^2, bilinear in level 0 as lw_live_read() gives it. For every frame.
+ * lightmap_uv: 2, in texels of level 0. out_rgb: 3.
+ * Errors: LW_LIVE_USAGE for an object without lightmap; LW_LIVE_NOT_READY. */
+LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_sample(const struct lw_live *live, uint32_t object,
+                                                             const float *lightmap_uv, float *out_rgb,
+                                                             struct lw_live_error *err);
+
+/** Where a ray meets the scene. */
+struct lw_live_hit {
+    size_t struct_size;   /**< sizeof(struct lw_live_hit) */
+    uint32_t object;      /**< Index; LW_LIVE_NONE: it meets nothing. */
+    uint32_t triangle;    /**< Of the object's mesh. */
+    float distance;       /**< In lengths of the direction. */
+    float position_ws[3]; /**< m */
+    float lightmap_uv[2]; /**< For lw_live_sample(): of the side that the ray meets, if it has light. */
+};
+/** Follows a ray to the nearest triangle of what is drawn, whatever its alpha. It looks at every triangle of each object
+ * whose box the ray meets: for a few points, not for pictures. origin_ws, direction_ws: 3 each; m.
+ * Errors: LW_LIVE_USAGE for numbers that are not finite, or no direction; LW_LIVE_NOT_READY. */
+LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_cast(const struct lw_live *live, const float *origin_ws,
+                                                           const float *direction_ws,
+                                                           struct lw_live_hit *out_hit,
+                                                           struct lw_live_error *err);
+
+/* ---- interest: the server lights and sends what its clients want, and what that takes ---- */
+
+/** One view that you draw. */
+struct lw_live_view {
+    size_t struct_size; /**< sizeof(struct lw_live_view) */
+    float view_projection
+        [16];        /**< World to clip space, column by column: clip = M (x, y, z, 1). Any depth range. */
+    uint32_t width;  /**< Of the picture, pixels. */
+    uint32_t height; /**< Of the picture, pixels. */
+};
+/** Wants what lies in these views, some around them, and what did in the last two seconds, each at the level that a
+ * texture look-up reads there. Where that is more than LW_LIVE_WANT_MAX tiles, all are wanted coarser. It knows the
+ * frustum alone: what is behind a wall counts. Until the next call of lw_live_want_*(). For every frame.
+ *
+ * view   the second lies view[0].struct_size bytes behind the first
+ * count  up to LW_LIVE_VIEWS_MAX; 0: nothing is wanted
+ * Errors: LW_LIVE_USAGE for a matrix that is not finite, or a picture without pixels. */
+LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_want_views(struct lw_live *live,
+                                                                 const struct lw_live_view *view,
+                                                                 size_t count, struct lw_live_error *err);
+/** Wants the tiles that these rectangles touch, and no others; more than LW_LIVE_WANT_MAX of them: everything.
+ * Errors: LW_LIVE_USAGE for one that is beyond its level; LW_LIVE_NOT_READY unless count is 0; LW_LIVE_NO_MEMORY. */
+LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_want_rects(struct lw_live *live,
+                                                                 const struct lw_live_rect *rect,
+                                                                 size_t count, struct lw_live_error *err);
+/** Wants every tile, as a new session does. */
+LW_LIVE_API void lw_live_want_everything(struct lw_live *live);
+
+/* ---- changing the scene ---- */
+
+/** What a change does; the numbers in brackets say what target is, and how many values there are. */
+enum lw_live_change_kind {
+    LW_LIVE_CHANGE_OBJECT_TRANSFORM = 1,     /**< Object to world, row-major 3x4 [object, 12]. */
+    LW_LIVE_CHANGE_OBJECT_RESTORE = 2,       /**< Where the scene has it, and shown [object, 0]. */
+    LW_LIVE_CHANGE_OBJECT_HIDE = 3,          /**< No ray meets it [object, 0]. */
+    LW_LIVE_CHANGE_OBJECT_SHOW = 4,          /**< It is there again [object, 0]. */
+    LW_LIVE_CHANGE_LIGHT_INTENSITY = 5,      /**< RGB in the light's own unit [light, 3]. */
+    LW_LIVE_CHANGE_LIGHT_POSITION = 6,       /**< m, world space [light, 3]. */
+    LW_LIVE_CHANGE_LIGHT_DIRECTION = 7,      /**< Where it shines, of any length [light, 3]. */
+    LW_LIVE_CHANGE_LIGHT_RESTORE = 8,        /**< As the scene has it [light, 0]. */
+    LW_LIVE_CHANGE_MATERIAL_BASE_COLOUR = 9, /**< Factor, 0..1; alpha stays [material, 3]. */
+    LW_LIVE_CHANGE_MATERIAL_EMISSION = 10,   /**< Factor, W/(m^2 sr) [material, 3]. */
+    LW_LIVE_CHANGE_MATERIAL_RESTORE = 11,    /**< As the scene has it [material, 0]. */
+    LW_LIVE_CHANGE_SKY = 12,                 /**< W/(m^2 sr) from everywhere outside [0, 3]. */
+    LW_LIVE_CHANGE_SKY_RESTORE = 13,         /**< As the scene has it [0, 0]. */
+    LW_LIVE_CHANGE_CLOCK_PAUSE = 14,         /**< The animation holds [0, 0]. */
+    LW_LIVE_CHANGE_CLOCK_PLAY = 15,          /**< It goes on [0, 0]. */
+    LW_LIVE_CHANGE_CLOCK_SEEK = 16,          /**< Seconds of the animation [0, 1]. */
+    LW_LIVE_CHANGE_CLOCK_RATE = 17,          /**< Seconds of animation per second [0, 1]. */
+    LW_LIVE_CHANGE_RESET = 18,               /**< All as at the start [0, 0]. */
+    LW_LIVE_CHANGE_OBJECT_ADD = 19,   /**< A spare of the mesh stands there: object to world [mesh, 12]. */
+    LW_LIVE_CHANGE_OBJECT_REMOVE = 20 /**< It becomes a spare [object, 0]. */
+};
+/** One change. */
+struct lw_live_change {
+    size_t struct_size;            /**< sizeof(struct lw_live_change) */
+    enum lw_live_change_kind kind; /**< What it does. */
+    uint32_t target;               /**< Index of the object, light, material or mesh; else 0. */
+    float value[12];               /**< As many as the kind has. */
+};
+/** Changes the scene for everybody: all of these in one frame, or none. change[1] lies change[0].struct_size bytes behind
+ * change[0]; count is up to 1024. out_request may be NULL: the number that the answer carries.
+ * Errors: LW_LIVE_UNAVAILABLE where the server takes none from here (it wants LW_LIVE_CONTROL and its own machine);
+ * LW_LIVE_TIMED_OUT while 1024 are unanswered or the link is busy: poll, then try again; LW_LIVE_USAGE; LW_LIVE_CLOSED. */
+LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_change(struct lw_live *live,
+                                                             const struct lw_live_change *change,
+                                                             size_t count, uint64_t *out_request,
+                                                             struct lw_live_error *err);
+
+/** What became of a call of lw_live_change(). */
+struct lw_live_answer {
+    size_t struct_size;    /**< sizeof(struct lw_live_answer) */
+    uint64_t request;      /**< Its number. */
+    uint32_t code;         /**< 0: done; else refused as a whole. */
+    uint32_t change;       /**< The first one that is wrong, from 0. */
+    uint64_t frame;        /**< The first one that shows it; 0: refused. */
+    const char *text;      /**< One line for people, empty if it was done; valid until the next call. */
+    const uint32_t *added; /**< The object of each LW_LIVE_CHANGE_OBJECT_ADD; valid until the next call. */
+    size_t added_count;    /**< How many. */
+};
+/** Takes the next answer; returns 0 if there is none, or struct_size is wrong. Each change that was sent gets one, unless
+ * the link breaks first. Call it from one thread at a time. */
+LW_LIVE_API int lw_live_next_answer(struct lw_live *live, struct lw_live_answer *out_answer);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

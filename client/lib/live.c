@@ -1,0 +1,516 @@
+#include "client/lib/live.h"
+
+#include "common/clock.h"
+
+#include <errno.h>
+#include <poll.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <unistd.h>
+
+#define PORT_DEFAULT      7780u
+#define BUDGET_DEFAULT_US 4000u
+#define HOLD_NS           500000u /* the thread takes messages in for this long before others have a turn */
+#define WAIT_MS           100u    /* the thread looks at the views that often, whatever arrives */
+
+/* ---- statuses ---- */
+
+static const char *const status_text[] = {
+    "success",           "wrong call",          "malformed data, or another scene",
+    "host name unknown", "service unavailable", "internal error",
+    "out of memory",     "system error",        "timed out",
+    "protocol error",    "connection closed",   "the scene has not arrived yet",
+};
+
+const char *lw_live_status_text(enum lw_live_status status) {
+    return (unsigned)status < sizeof status_text / sizeof *status_text ? status_text[status]
+                                                                       : "unknown status";
+}
+
+const char *lw_live_version(void) { return LW_VERSION; }
+
+static enum lw_live_status public_status(enum lw_status status) {
+    switch (status) {
+    case LW_OK:
+        return LW_LIVE_OK;
+    case LW_USAGE:
+        return LW_LIVE_USAGE;
+    case LW_BAD_DATA:
+        return LW_LIVE_BAD_DATA;
+    case LW_NO_HOST:
+        return LW_LIVE_NO_HOST;
+    case LW_UNAVAILABLE:
+        return LW_LIVE_UNAVAILABLE;
+    case LW_NO_MEMORY:
+        return LW_LIVE_NO_MEMORY;
+    case LW_OS:
+        return LW_LIVE_SYSTEM;
+    case LW_TIMED_OUT:
+        return LW_LIVE_TIMED_OUT;
+    case LW_PROTOCOL:
+        return LW_LIVE_PROTOCOL;
+    case LW_CLOSED:
+        return LW_LIVE_CLOSED;
+    default:
+        return LW_LIVE_INTERNAL;
+    }
+}
+
+enum lw_live_status lw_live_fail(struct lw_live_error *err, enum lw_live_status status, const char *format,
+                                 ...) {
+    if (!err) return status;
+    va_list args;
+    va_start(args, format);
+    vsnprintf(err->text, sizeof err->text, format, args);
+    va_end(args);
+    lw_status_one_line(err->text);
+    err->status = status;
+    return status;
+}
+
+enum lw_live_status lw_live_pass(struct lw_live_error *err, enum lw_status status,
+                                 const struct lw_error *cause) {
+    if (status == LW_OK) return LW_LIVE_OK;
+    return lw_live_fail(err, public_status(status), "%s",
+                        cause && cause->status != LW_OK ? cause->text : lw_status_text(status));
+}
+
+/* ---- structs from outside: the first version of each is the smallest there is ---- */
+
+static size_t size_in(const void *outside) {
+    size_t size = 0;
+    if (outside) memcpy(&size, outside, sizeof size);
+    return size;
+}
+
+bool lw_live_read_struct(void *dst, size_t dst_size, const void *src) {
+    const size_t size = size_in(src);
+    if (size < dst_size) return false;
+    memcpy(dst, src, dst_size);
+    return true;
+}
+
+bool lw_live_write_struct(void *dst, void *src, size_t src_size) {
+    const size_t size = size_in(dst);
+    if (size < src_size) return false;
+    memcpy(src, &size, sizeof size);
+    memcpy(dst, src, src_size);
+    return true;
+}
+
+/* ---- the lock ---- */
+
+void lw_live_lock(const struct lw_live *live) {
+    struct lw_live *l = (struct lw_live *)live;
+    if (!l->has_thread) return;
+    pthread_mutex_lock(&l->turn);
+    pthread_mutex_lock(&l->data);
+    pthread_mutex_unlock(&l->turn);
+}
+
+void lw_live_unlock(const struct lw_live *live) {
+    struct lw_live *l = (struct lw_live *)live;
+    if (l->has_thread) pthread_mutex_unlock(&l->data);
+}
+
+static enum lw_status init_lock(struct lw_live *live) {
+    pthread_condattr_t attributes;
+    if (pthread_mutex_init(&live->turn, NULL) || pthread_mutex_init(&live->data, NULL) ||
+        pthread_condattr_init(&attributes))
+        return LW_NO_MEMORY;
+    pthread_condattr_setclock(&attributes, CLOCK_MONOTONIC);
+    const int failure = pthread_cond_init(&live->news, &attributes);
+    pthread_condattr_destroy(&attributes);
+    return failure ? LW_NO_MEMORY : LW_OK;
+}
+
+/* ---- what the client calls ---- */
+
+static enum lw_status take_scene(void *context, const struct lw_client *client, struct lw_error *err) {
+    struct lw_live *live = context;
+    enum lw_status status = lw_live_tiles_init(&live->tiles, client, live->flags & LW_LIVE_AS_IT_IS);
+    if (status == LW_OK) status = lw_live_interest_init(&live->interest, client);
+    live->scene = lw_client_scene(client);
+    if (status == LW_OK) status = lw_live_scene_init(live);
+    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "%s", lw_status_text(status));
+}
+
+static void take_tile(void *context, lw_tile_id tile) {
+    lw_live_tiles_mark(&((struct lw_live *)context)->tiles, tile);
+}
+
+static void leave(void *context) { lw_live_unlock(context); }
+static void enter(void *context) { lw_live_lock(context); }
+
+static void rouse(const struct lw_live *live) {
+    const uint64_t one = 1;
+    if (live->has_thread) (void)!write(live->wake, &one, sizeof one);
+}
+
+static bool wait_for(void *context, int descriptor, bool for_writing, uint64_t deadline_ns) {
+    struct lw_live *live = context;
+    if (!live->has_thread) { /* the welcome of the first session, on the caller's thread */
+        struct pollfd one = {descriptor, (short)(POLLIN | (for_writing ? POLLOUT : 0)), 0};
+        const uint64_t now_ns = lw_clock_ns();
+        (void)poll(&one, 1, now_ns < deadline_ns ? (int)((deadline_ns - now_ns) / 1000000 + 1) : 0);
+        return true;
+    }
+    struct pollfd wait[2] = {{descriptor, (short)(POLLIN | (for_writing ? POLLOUT : 0)), 0},
+                             {live->wake, POLLIN, 0}};
+    const uint64_t now_ns = lw_clock_ns();
+    lw_live_unlock(live);
+    (void)poll(wait, 2, now_ns < deadline_ns ? (int)((deadline_ns - now_ns) / 1000000 + 1) : 0);
+    uint64_t count;
+    if (wait[1].revents && !atomic_load(&live->stops)) (void)!read(live->wake, &count, sizeof count);
+    lw_live_lock(live);
+    return !atomic_load(&live->stops);
+}
+
+/* ---- the thread ---- */
+
+/* Whether connecting again may help. */
+static bool is_passing(enum lw_status status) {
+    return status == LW_CLOSED || status == LW_TIMED_OUT || status == LW_UNAVAILABLE ||
+           status == LW_NO_HOST || status == LW_OS;
+}
+
+static enum lw_status connect_again(struct lw_live *live, unsigned attempt, struct lw_error *err) {
+    const uint32_t seed = (uint32_t)((uintptr_t)live >> 4) ^ (uint32_t)getpid();
+    if (!wait_for(live, -1, false, lw_clock_ns() + lw_client_backoff_ms(attempt, seed) * 1000000ull))
+        return LW_OK;
+    enum lw_status status = lw_client_reconnect(live->client, err);
+    live->is_connected = status == LW_OK;
+    live->sessions += status == LW_OK;
+    return status;
+}
+
+static enum lw_status take_in(struct lw_live *live, struct lw_error *err) {
+    struct lw_client_stats before, after;
+    enum lw_status status = lw_live_interest_update(&live->interest, live->client, lw_clock_ns());
+    if (status != LW_OK) return lw_status_fail(err, status, "out of memory");
+    lw_client_get_stats(live->client, &before);
+    status = lw_client_poll(live->client, WAIT_MS, err);
+    lw_client_get_stats(live->client, &after);
+    live->is_connected = status == LW_OK;
+    if (after.bytes == before.bytes) return status;
+    live->taken++;
+    pthread_cond_broadcast(&live->news);
+    return status;
+}
+
+static void *run(void *context) {
+    struct lw_live *live = context;
+    unsigned attempt = 0;
+    lw_live_lock(live);
+    while (!atomic_load(&live->stops)) {
+        struct lw_error err = {0};
+        enum lw_status status =
+            live->is_connected ? take_in(live, &err) : connect_again(live, attempt++, &err);
+        if (live->is_connected) attempt = 0;
+        if (status != LW_OK && !is_passing(status) && !atomic_load(&live->stops)) {
+            live->ended = status;
+            live->reason = err;
+            pthread_cond_broadcast(&live->news);
+            break;
+        }
+        lw_live_unlock(live);
+        lw_live_lock(live);
+    }
+    lw_live_unlock(live);
+    return NULL;
+}
+
+static enum lw_status start_thread(struct lw_live *live, struct lw_error *err) {
+    live->wake = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
+    if (live->wake < 0) return lw_status_fail(err, LW_OS, "cannot wake a thread: %s", strerror(errno));
+    live->has_thread = true; /* it locks from its first line on */
+    const int failure = pthread_create(&live->thread, NULL, run, live);
+    if (!failure) return LW_OK;
+    live->has_thread = false;
+    return lw_status_fail(err, LW_OS, "cannot start a thread: %s", strerror(failure));
+}
+
+/* ---- open, poll, close ---- */
+
+static enum lw_status open_client(struct lw_live *live, const struct lw_live_desc *desc,
+                                  struct lw_error *err) {
+    const bool has_thread = desc->flags & LW_LIVE_THREAD;
+    struct lw_client_desc client = {
+        .host = desc->host ? desc->host : "127.0.0.1",
+        .port = desc->port ? desc->port : PORT_DEFAULT,
+        .name = desc->name,
+        .timeout_ms = desc->timeout_ms,
+        .cache_folder = desc->cache_folder,
+        .wants_nothing = desc->flags & LW_LIVE_WANTS_NOTHING,
+        .control = desc->flags & LW_LIVE_CONTROL,
+        .draws_direct = desc->flags & LW_LIVE_DRAWS_DIRECT,
+        .rate_limit_bytes_hz = desc->rate_limit_bytes_per_s,
+        .budget_ns = has_thread ? HOLD_NS : 1000ull * (desc->budget_us ? desc->budget_us : BUDGET_DEFAULT_US),
+        .watch = {.context = live, .scene = take_scene, .tile = take_tile}};
+    if (has_thread) {
+        client.watch.wait = wait_for;
+        client.watch.leave = leave;
+        client.watch.enter = enter;
+    }
+    enum lw_status status = lw_client_create(&client, &live->client, err);
+    if (status != LW_OK) return status;
+    live->is_connected = true;
+    live->sessions = 1;
+    return has_thread ? start_thread(live, err) : LW_OK;
+}
+
+enum lw_live_status lw_live_open(const struct lw_live_desc *desc, struct lw_live **out_live,
+                                 struct lw_live_error *err) {
+    struct lw_live_desc d;
+    const uint32_t flags =
+        LW_LIVE_THREAD | LW_LIVE_WANTS_NOTHING | LW_LIVE_DRAWS_DIRECT | LW_LIVE_CONTROL | LW_LIVE_AS_IT_IS;
+    if (!out_live) return lw_live_fail(err, LW_LIVE_USAGE, "out_live is NULL");
+    if (!lw_live_read_struct(&d, sizeof d, desc))
+        return lw_live_fail(err, LW_LIVE_USAGE, "lw_live_desc: struct_size is not sizeof desc");
+    if (d.flags & ~flags)
+        return lw_live_fail(err, LW_LIVE_USAGE, "lw_live_desc: flags has 0x%x, which is unknown",
+                            (unsigned)(d.flags & ~flags));
+    struct lw_live *live = calloc(1, sizeof *live);
+    if (!live) return lw_live_fail(err, LW_LIVE_NO_MEMORY, "out of memory");
+    live->flags = d.flags;
+    live->wake = -1;
+    struct lw_error cause = {0};
+    enum lw_status status = init_lock(live);
+    if (status == LW_OK) status = open_client(live, &d, &cause);
+    if (status == LW_OK)
+        *out_live = live;
+    else
+        lw_live_close(live);
+    return lw_live_pass(err, status, &cause);
+}
+
+void lw_live_close(struct lw_live *live) {
+    if (!live) return;
+    if (live->has_thread) {
+        atomic_store(&live->stops, true);
+        rouse(live);
+        pthread_join(live->thread, NULL);
+        live->has_thread = false;
+    }
+    lw_client_destroy(live->client);
+    lw_live_tiles_finish(&live->tiles);
+    lw_live_interest_finish(&live->interest);
+    lw_live_scene_finish(live);
+    if (live->wake >= 0) close(live->wake);
+    pthread_cond_destroy(&live->news);
+    pthread_mutex_destroy(&live->data);
+    pthread_mutex_destroy(&live->turn);
+    free(live);
+}
+
+/* Until the thread has taken in something that the caller does not know of. */
+static enum lw_live_status hear(struct lw_live *live, uint32_t timeout_ms, struct lw_live_error *err) {
+    const uint64_t deadline_ns = lw_clock_ns() + timeout_ms * 1000000ull;
+    const struct timespec deadline = {(time_t)(deadline_ns / 1000000000u), (long)(deadline_ns % 1000000000u)};
+    lw_live_lock(live);
+    while (timeout_ms && live->taken == live->told && live->ended == LW_OK)
+        if (pthread_cond_timedwait(&live->news, &live->data, &deadline)) break;
+    live->told = live->taken;
+    enum lw_live_status status = lw_live_pass(err, live->ended, &live->reason);
+    lw_live_unlock(live);
+    return status;
+}
+
+enum lw_live_status lw_live_poll(struct lw_live *live, uint32_t timeout_ms, struct lw_live_error *err) {
+    if (!live) return lw_live_fail(err, LW_LIVE_USAGE, "live is NULL");
+    if (live->has_thread) return hear(live, timeout_ms, err);
+    struct lw_error cause = {0};
+    enum lw_status status = lw_live_interest_update(&live->interest, live->client, lw_clock_ns());
+    if (status == LW_OK) status = lw_client_poll(live->client, timeout_ms, &cause);
+    live->is_connected = status == LW_OK;
+    return lw_live_pass(err, status, &cause);
+}
+
+enum lw_live_status lw_live_reconnect(struct lw_live *live, struct lw_live_error *err) {
+    if (!live) return lw_live_fail(err, LW_LIVE_USAGE, "live is NULL");
+    if (live->has_thread)
+        return lw_live_fail(err, LW_LIVE_USAGE, "with LW_LIVE_THREAD the library connects again by itself");
+    struct lw_error cause = {0};
+    enum lw_status status = lw_client_reconnect(live->client, &cause);
+    live->is_connected = status == LW_OK;
+    live->sessions += status == LW_OK;
+    return lw_live_pass(err, status, &cause);
+}
+
+uint32_t lw_live_backoff_ms(uint32_t attempt, uint32_t seed) { return lw_client_backoff_ms(attempt, seed); }
+
+int lw_live_descriptor(const struct lw_live *live) {
+    return !live || live->has_thread ? -1 : lw_client_descriptor(live->client);
+}
+
+enum lw_live_status lw_live_get_stats(const struct lw_live *live, struct lw_live_stats *out_stats,
+                                      struct lw_live_error *err) {
+    if (!live) return lw_live_fail(err, LW_LIVE_USAGE, "live is NULL");
+    struct lw_client_stats s;
+    lw_live_lock(live);
+    lw_client_get_stats(live->client, &s);
+    struct lw_live_stats stats = {.is_connected = live->is_connected,
+                                  .has_scene = live->scene != NULL,
+                                  .has_light = s.first_ns != 0,
+                                  .package_progress = lw_client_package_progress(live->client),
+                                  .frame = s.frame,
+                                  .settled_frame = s.settled_frame,
+                                  .time_s = s.time_s,
+                                  .changed_frame = s.changed_frame,
+                                  .session = live->sessions,
+                                  .tiles = s.tiles,
+                                  .bytes = s.bytes,
+                                  .decode_ns = s.decode_ns,
+                                  .light_age_ns = s.light_age_ns,
+                                  .dirty_tiles = live->tiles.dirty_count,
+                                  .bounces = s.bounces,
+                                  .target_error = s.target_error};
+    lw_live_unlock(live);
+    if (lw_live_write_struct(out_stats, &stats, sizeof stats)) return LW_LIVE_OK;
+    return lw_live_fail(err, LW_LIVE_USAGE, "lw_live_stats: struct_size is not sizeof *out_stats");
+}
+
+/* ---- what is wanted ---- */
+
+enum lw_live_status lw_live_want_views(struct lw_live *live, const struct lw_live_view *view, size_t count,
+                                       struct lw_live_error *err) {
+    struct lw_live_view views[LW_LIVE_VIEWS_MAX];
+    if (!live || (count && !view)) return lw_live_fail(err, LW_LIVE_USAGE, "live or view is NULL");
+    if (count > LW_LIVE_VIEWS_MAX)
+        return lw_live_fail(err, LW_LIVE_USAGE, "%zu views: there may be %u", count, LW_LIVE_VIEWS_MAX);
+    memset(views, 0, sizeof views); /* compared byte by byte */
+    for (size_t i = 0; i < count; i++) {
+        if (!lw_live_read_struct(&views[i], sizeof views[i], (const char *)view + i * size_in(view)))
+            return lw_live_fail(err, LW_LIVE_USAGE, "lw_live_view %zu: struct_size is not sizeof *view", i);
+        if (!views[i].width || !views[i].height)
+            return lw_live_fail(err, LW_LIVE_USAGE, "view %zu has no pixels", i);
+        for (int k = 0; k < 16; k++)
+            if (!isfinite(views[i].view_projection[k]))
+                return lw_live_fail(err, LW_LIVE_USAGE, "view %zu: view_projection[%d] is not finite", i, k);
+    }
+    lw_live_lock(live);
+    struct lw_live_interest *interest = &live->interest;
+    const bool is_new = !interest->is_active || count != interest->view_count ||
+                        memcmp(views, interest->view, sizeof views) != 0;
+    memcpy(interest->view, views, sizeof views);
+    interest->view_count = (uint32_t)count;
+    interest->is_active = true;
+    interest->has_changed |= is_new;
+    if (is_new && lw_clock_ns() - interest->looked_ns >= LW_LIVE_INTEREST_NS) rouse(live);
+    lw_live_unlock(live);
+    return LW_LIVE_OK;
+}
+
+/* Over the tiles of a rectangle: counts, and writes while there is room. */
+static size_t list_tiles(const struct lw_atlas_map *map, const struct lw_live_rect *rect, lw_tile_id *tile,
+                         size_t count, size_t capacity) {
+    const uint32_t end_x = (rect->x + rect->width + LW_TILE_SIDE - 1) / LW_TILE_SIDE,
+                   end_y = (rect->y + rect->height + LW_TILE_SIDE - 1) / LW_TILE_SIDE;
+    for (uint32_t y = rect->y / LW_TILE_SIDE; y < end_y; y++)
+        for (uint32_t x = rect->x / LW_TILE_SIDE; x < end_x; x++, count++)
+            if (count < capacity) tile[count] = lw_atlas_map_find(map, rect->object, rect->level, x, y);
+    return count;
+}
+
+enum lw_live_status lw_live_want_rects(struct lw_live *live, const struct lw_live_rect *rect, size_t count,
+                                       struct lw_live_error *err) {
+    if (!live || (count && !rect)) return lw_live_fail(err, LW_LIVE_USAGE, "live or rect is NULL");
+    enum lw_live_status result = LW_LIVE_OK;
+    enum lw_status status = LW_OK;
+    size_t tiles = 0;
+    lw_live_lock(live);
+    if (count && !live->scene) result = lw_live_fail(err, LW_LIVE_NOT_READY, "the scene has not arrived yet");
+    for (size_t i = 0; result == LW_LIVE_OK && i < count; i++) {
+        result = lw_live_tiles_check(&live->tiles, &rect[i], err);
+        if (result == LW_LIVE_OK)
+            tiles = list_tiles(live->tiles.map, &rect[i], live->interest.list, tiles, LW_CLIENT_WANT_MAX + 1);
+    }
+    if (result == LW_LIVE_OK) {
+        live->interest.is_active = false;
+        if (tiles > LW_CLIENT_WANT_MAX)
+            lw_client_want_everything(live->client);
+        else
+            status = lw_client_want(live->client, live->interest.list, tiles);
+        rouse(live);
+    }
+    lw_live_unlock(live);
+    return result == LW_LIVE_OK ? lw_live_pass(err, status, NULL) : result;
+}
+
+void lw_live_want_everything(struct lw_live *live) {
+    if (!live) return;
+    lw_live_lock(live);
+    live->interest.is_active = false;
+    lw_client_want_everything(live->client);
+    rouse(live);
+    lw_live_unlock(live);
+}
+
+/* ---- changing the scene ---- */
+
+_Static_assert((int)LW_LIVE_CHANGE_OBJECT_TRANSFORM == LW_SCENE_CHANGE_OBJECT_TRANSFORM &&
+                   (int)LW_LIVE_CHANGE_LIGHT_RESTORE == LW_SCENE_CHANGE_LIGHT_RESTORE &&
+                   (int)LW_LIVE_CHANGE_MATERIAL_RESTORE == LW_SCENE_CHANGE_MATERIAL_RESTORE &&
+                   (int)LW_LIVE_CHANGE_RESET == LW_SCENE_CHANGE_RESET &&
+                   (int)LW_LIVE_CHANGE_OBJECT_REMOVE == LW_SCENE_CHANGE_OBJECT_REMOVE,
+               "numbers of changes are for ever");
+
+/* How many values a kind has; of an unknown one, none: the server says what is wrong with it. */
+static uint32_t value_count(enum lw_live_change_kind kind) {
+#define X(name, number, of, values)                                                                          \
+    if ((int)kind == number) return values;
+    LW_SCENE_CHANGE_MAP(X)
+#undef X
+    return 0;
+}
+
+enum lw_live_status lw_live_change(struct lw_live *live, const struct lw_live_change *change, size_t count,
+                                   uint64_t *out_request, struct lw_live_error *err) {
+    if (!live || (count && !change)) return lw_live_fail(err, LW_LIVE_USAGE, "live or change is NULL");
+    if (count > LW_CLIENT_CHANGES_MAX)
+        return lw_live_fail(err, LW_LIVE_USAGE, "%zu changes: there may be %u", count, LW_CLIENT_CHANGES_MAX);
+    struct lw_scene_change *ours = calloc(count + 1, sizeof *ours);
+    if (!ours) return lw_live_fail(err, LW_LIVE_NO_MEMORY, "out of memory");
+    enum lw_live_status result = LW_LIVE_OK;
+    for (size_t i = 0; i < count && result == LW_LIVE_OK; i++) {
+        struct lw_live_change c;
+        if (!lw_live_read_struct(&c, sizeof c, (const char *)change + i * size_in(change))) {
+            result =
+                lw_live_fail(err, LW_LIVE_USAGE, "lw_live_change %zu: struct_size is not sizeof *change", i);
+            continue;
+        }
+        ours[i] = (struct lw_scene_change){
+            .kind = (uint32_t)c.kind, .target = c.target, .value_count = value_count(c.kind)};
+        memcpy(ours[i].value, c.value, sizeof ours[i].value);
+    }
+    if (result == LW_LIVE_OK) {
+        struct lw_error cause = {0};
+        lw_live_lock(live);
+        enum lw_status status = lw_client_update(live->client, ours, count, out_request, &cause);
+        rouse(live);
+        lw_live_unlock(live);
+        result = lw_live_pass(err, status, &cause);
+    }
+    free(ours);
+    return result;
+}
+
+int lw_live_next_answer(struct lw_live *live, struct lw_live_answer *out_answer) {
+    struct lw_live_answer answer = {0};
+    if (!live || size_in(out_answer) < sizeof answer) return 0;
+    lw_live_lock(live);
+    const bool any = lw_client_next_answer(live->client, &live->answer);
+    lw_live_unlock(live);
+    if (!any) return 0;
+    answer = (struct lw_live_answer){.request = live->answer.request,
+                                     .code = live->answer.code,
+                                     .change = live->answer.change,
+                                     .frame = live->answer.frame,
+                                     .text = live->answer.text,
+                                     .added = live->answer.added,
+                                     .added_count = live->answer.added_count};
+    return lw_live_write_struct(out_answer, &answer, sizeof answer);
+}

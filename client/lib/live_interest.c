@@ -1,0 +1,316 @@
+#include "client/lib/live_interest.h"
+
+#include <float.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define FILTER_TEXELS 1.0f /* a look-up reads so far beyond a triangle's edge */
+
+/* ---- what tiles hold ---- */
+
+/* A corner of a triangle, or of what a tile leaves of it. */
+struct corner {
+    struct lw_vec2 uv;
+    struct lw_vec3 position;
+};
+
+#define CORNERS_MAX 7 /* a triangle cut by four lines */
+
+static struct corner between(const struct corner *a, const struct corner *b, float t) {
+    const struct lw_vec3 way = lw_vec3_sub(b->position, a->position);
+    return (struct corner){{a->uv.x + t * (b->uv.x - a->uv.x), a->uv.y + t * (b->uv.y - a->uv.y)},
+                           lw_vec3_mad(a->position, way, t)};
+}
+
+/* Keeps what lies where sign * (coordinate - line) >= 0 (Sutherland and Hodgman 1974). */
+static int cut(const struct corner *in, int count, bool is_y, float line, float sign, struct corner *out) {
+    int kept = 0;
+    for (int i = 0; i < count; i++) {
+        const struct corner *a = &in[i], *b = &in[(i + 1) % count];
+        const float from = sign * ((is_y ? a->uv.y : a->uv.x) - line),
+                    to = sign * ((is_y ? b->uv.y : b->uv.x) - line);
+        if (from >= 0) out[kept++] = *a;
+        if ((from >= 0) != (to >= 0)) out[kept++] = between(a, b, from / (from - to));
+    }
+    return kept;
+}
+
+struct bounds {
+    struct lw_vec3 low, high;
+};
+
+static void widen(struct bounds *b, struct lw_vec3 p) {
+    b->low = lw_vec3(fminf(b->low.x, p.x), fminf(b->low.y, p.y), fminf(b->low.z, p.z));
+    b->high = lw_vec3(fmaxf(b->high.x, p.x), fmaxf(b->high.y, p.y), fmaxf(b->high.z, p.z));
+}
+
+static const struct bounds nothing = {{FLT_MAX, FLT_MAX, FLT_MAX}, {-FLT_MAX, -FLT_MAX, -FLT_MAX}};
+
+static struct lw_live_box to_box(const struct bounds *b) {
+    if (b->low.x > b->high.x) return (struct lw_live_box){.half = {-1, 0, 0}};
+    return (struct lw_live_box){lw_vec3_scale(lw_vec3_add(b->low, b->high), 0.5f),
+                                lw_vec3_scale(lw_vec3_sub(b->high, b->low), 0.5f)};
+}
+
+/* Widens the boxes of the tiles that a triangle lies in by what lies in them. */
+static void add_triangle(const struct corner corner[3], const struct lw_atlas_level *level,
+                         struct bounds *tile) {
+    float low_x = FLT_MAX, low_y = FLT_MAX, high_x = 0, high_y = 0;
+    for (int i = 0; i < 3; i++) {
+        low_x = fminf(low_x, corner[i].uv.x);
+        low_y = fminf(low_y, corner[i].uv.y);
+        high_x = fmaxf(high_x, corner[i].uv.x);
+        high_y = fmaxf(high_y, corner[i].uv.y);
+    }
+    const float side = (float)LW_TILE_SIDE;
+    const uint32_t first_x = (uint32_t)(fmaxf(low_x - FILTER_TEXELS, 0) / side),
+                   first_y = (uint32_t)(fmaxf(low_y - FILTER_TEXELS, 0) / side);
+    for (uint32_t y = first_y; y < level->tiles_y && (float)y * side <= high_y + FILTER_TEXELS; y++)
+        for (uint32_t x = first_x; x < level->tiles_x && (float)x * side <= high_x + FILTER_TEXELS; x++) {
+            struct corner a[CORNERS_MAX], b[CORNERS_MAX];
+            int count = cut(corner, 3, false, (float)x * side - FILTER_TEXELS, 1, a);
+            count = cut(a, count, false, (float)(x + 1) * side + FILTER_TEXELS, -1, b);
+            count = cut(b, count, true, (float)y * side - FILTER_TEXELS, 1, a);
+            count = cut(a, count, true, (float)(y + 1) * side + FILTER_TEXELS, -1, b);
+            for (int i = 0; i < count; i++) widen(&tile[y * level->tiles_x + x], b[i].position);
+        }
+}
+
+static float area_uv(const struct corner c[3]) {
+    return 0.5f * fabsf((c[1].uv.x - c[0].uv.x) * (c[2].uv.y - c[0].uv.y) -
+                        (c[2].uv.x - c[0].uv.x) * (c[1].uv.y - c[0].uv.y));
+}
+
+static float area_m2(const struct corner c[3]) {
+    return 0.5f * lw_vec3_length(lw_vec3_cross(lw_vec3_sub(c[1].position, c[0].position),
+                                               lw_vec3_sub(c[2].position, c[0].position)));
+}
+
+/* tile: bounds of each, nothing in them yet */
+static void measure_mesh(const struct lw_scene *scene, const struct lw_mesh *mesh,
+                         const struct lw_atlas_level *level, struct bounds *tile,
+                         struct lw_live_mesh_boxes *out) {
+    double texels = 0, m2 = 0;
+    struct bounds around = nothing;
+    for (uint32_t t = 0; t < mesh->triangle_count; t++) {
+        struct corner corner[3];
+        for (int i = 0; i < 3; i++) {
+            const uint32_t v = mesh->triangle[t][i];
+            corner[i] = (struct corner){mesh->lightmap_uv[v], mesh->position[v]};
+            widen(&around, mesh->position[v]);
+        }
+        texels += (double)area_uv(corner);
+        m2 += (double)area_m2(corner);
+        add_triangle(corner, level, tile);
+        if (!mesh->back_offset || !scene->material[mesh->material[t]].double_sided) continue;
+        for (int i = 0; i < 3; i++) corner[i].uv.y += (float)mesh->back_offset;
+        add_triangle(corner, level, tile);
+    }
+    out->texel_m = texels > 0 ? (float)sqrt(m2 / texels) : 0;
+    out->around = to_box(&around);
+}
+
+static enum lw_status measure(struct lw_live_interest *interest, const struct lw_scene *scene) {
+    const struct lw_atlas_map *map = interest->map;
+    uint32_t boxes = 0, largest = 0;
+    for (uint32_t m = 0; m < scene->mesh_count; m++) interest->mesh[m].first = UINT32_MAX;
+    for (uint32_t o = 0; o < scene->object_count; o++) {
+        struct lw_live_mesh_boxes *mesh = &interest->mesh[scene->object[o].mesh];
+        if (mesh->first != UINT32_MAX || !map->atlas[o].level_count) continue;
+        const uint32_t tiles = map->atlas[o].level[0].tiles_x * map->atlas[o].level[0].tiles_y;
+        mesh->first = boxes;
+        boxes += tiles;
+        if (tiles > largest) largest = tiles;
+    }
+    interest->box = calloc((size_t)boxes + 1, sizeof *interest->box);
+    struct bounds *tile = malloc(((size_t)largest + 1) * sizeof *tile);
+    bool *is_measured = calloc((size_t)scene->mesh_count + 1, sizeof *is_measured);
+    const bool has_memory = interest->box && tile && is_measured;
+    for (uint32_t o = 0; has_memory && o < scene->object_count; o++) {
+        const uint32_t m = scene->object[o].mesh;
+        if (is_measured[m] || !map->atlas[o].level_count) continue;
+        is_measured[m] = true;
+        const struct lw_atlas_level *level = &map->atlas[o].level[0];
+        const uint32_t tiles = level->tiles_x * level->tiles_y;
+        for (uint32_t i = 0; i < tiles; i++) tile[i] = nothing;
+        measure_mesh(scene, &scene->mesh[m], level, tile, &interest->mesh[m]);
+        for (uint32_t i = 0; i < tiles; i++) interest->box[interest->mesh[m].first + i] = to_box(&tile[i]);
+    }
+    free(tile);
+    free(is_measured);
+    return has_memory ? LW_OK : LW_NO_MEMORY;
+}
+
+enum lw_status lw_live_interest_init(struct lw_live_interest *interest, const struct lw_client *client) {
+    const struct lw_scene *scene = lw_client_scene(client);
+    const size_t tiles = lw_client_atlas_map(client)->tile_count;
+    interest->map = lw_client_atlas_map(client); /* views may be there already */
+    interest->mesh = calloc((size_t)scene->mesh_count + 1, sizeof *interest->mesh);
+    interest->level = calloc(tiles + 1, sizeof *interest->level);
+    interest->mark = calloc(tiles + 1, sizeof *interest->mark);
+    interest->seen_ns = calloc(tiles + 1, sizeof *interest->seen_ns);
+    interest->list = calloc(LW_CLIENT_WANT_MAX + 1, sizeof *interest->list);
+    interest->has_changed = true;
+    if (!interest->mesh || !interest->level || !interest->mark || !interest->seen_ns || !interest->list)
+        return LW_NO_MEMORY;
+    return measure(interest, scene);
+}
+
+void lw_live_interest_finish(struct lw_live_interest *interest) {
+    free(interest->mesh);
+    free(interest->box);
+    free(interest->level);
+    free(interest->mark);
+    free(interest->seen_ns);
+    free(interest->list);
+    *interest = (struct lw_live_interest){0};
+}
+
+/* ---- what lies in a view ---- */
+
+/* value = dot(n, p) + d of a point p */
+struct linear {
+    struct lw_vec3 n;
+    float d;
+};
+
+/* A view as an object sees it: what is negative of any side lies beyond it, for all of a box. */
+struct frustum {
+    struct linear side[4], depth; /* depth: clip space's w, which grows with the distance to the eye */
+    float texel_pixels;           /* height of a pixel at depth 1, in texels of level 0 */
+};
+
+/* Row r of view_projection times object_to_world. */
+static struct linear row_of(const struct lw_live_view *view, int r, const struct lw_affine *to_world) {
+    const float *m = view->view_projection;
+    float row[4];
+    for (int c = 0; c < 4; c++)
+        row[c] = m[r] * to_world->m[0][c] + m[4 + r] * to_world->m[1][c] + m[8 + r] * to_world->m[2][c];
+    return (struct linear){lw_vec3(row[0], row[1], row[2]), row[3] + m[12 + r]};
+}
+
+static struct frustum frustum_of(const struct lw_live_view *view, const struct lw_affine *to_world,
+                                 float texel_m) {
+    const struct linear x = row_of(view, 0, to_world), y = row_of(view, 1, to_world),
+                        w = row_of(view, 3, to_world);
+    const float wide = 1 + LW_LIVE_INTEREST_AROUND, *m = view->view_projection;
+    struct frustum f = {.depth = w};
+    for (int i = 0; i < 4; i++) {
+        const struct linear *edge = i < 2 ? &x : &y;
+        const float sign = i & 1 ? -1.0f : 1.0f;
+        f.side[i] = (struct linear){lw_vec3_mad(lw_vec3_scale(w.n, wide), edge->n, sign),
+                                    wide * w.d + sign * edge->d};
+    }
+    const float scale = cbrtf(fabsf(lw_affine_determinant(to_world)));
+    const float per_m =
+        lw_vec3_length(lw_vec3(m[1], m[5], m[9])) * (float)view->height / 2; /* pixels, at depth 1 */
+    f.texel_pixels = per_m > 0 && texel_m * scale > 0 ? 1 / (per_m * texel_m * scale) : 0;
+    return f;
+}
+
+static float reach(const struct linear *l, const struct lw_live_box *box) {
+    return fabsf(l->n.x) * box->half.x + fabsf(l->n.y) * box->half.y + fabsf(l->n.z) * box->half.z;
+}
+
+/* Whether some of a box may lie in the view; then how near its nearest corner is. */
+static bool is_within(const struct frustum *f, const struct lw_live_box *box, float *out_depth) {
+    if (box->half.x < 0) return false;
+    for (int i = 0; i < 4; i++)
+        if (lw_vec3_dot(f->side[i].n, box->middle) + f->side[i].d + reach(&f->side[i], box) < 0) return false;
+    const float depth = lw_vec3_dot(f->depth.n, box->middle) + f->depth.d, around = reach(&f->depth, box);
+    *out_depth = depth - around;
+    return depth + around > 0;
+}
+
+/* The level whose texels are as large as pixels, rather finer. Above LW_ATLAS_READ_MAX charts run into each other. */
+static uint8_t level_at(const struct frustum *f, float depth, uint32_t level_count) {
+    const float texels = depth * f->texel_pixels;
+    uint8_t level = 0;
+    while (level < LW_ATLAS_READ_MAX && level + 1u < level_count && texels >= (float)(2u << level)) level++;
+    return level;
+}
+
+static void look_at_object(struct lw_live_interest *interest, const struct lw_client *client, uint32_t object,
+                           uint32_t mesh) {
+    const struct lw_atlas *atlas = &interest->map->atlas[object];
+    const struct lw_live_mesh_boxes *boxes = &interest->mesh[mesh];
+    const uint32_t tiles = atlas->level[0].tiles_x * atlas->level[0].tiles_y;
+    uint8_t *level = interest->level + interest->map->first_tile[object] + atlas->level[0].first_tile;
+    memset(level, UINT8_MAX, tiles);
+    if (lw_client_object_hidden(client, object)) return;
+    for (uint32_t v = 0; v < interest->view_count; v++) {
+        const struct frustum f =
+            frustum_of(&interest->view[v], lw_client_object_to_world(client, object), boxes->texel_m);
+        float depth;
+        if (!is_within(&f, &boxes->around, &depth)) continue;
+        for (uint32_t t = 0; t < tiles; t++) {
+            if (!is_within(&f, &interest->box[boxes->first + t], &depth)) continue;
+            const uint8_t read = level_at(&f, depth, atlas->level_count);
+            if (read < level[t]) level[t] = read;
+        }
+    }
+}
+
+/* ---- lists ---- */
+
+/* Lists a tile that is not in this round's list; counts up to one too many. */
+static void list(struct lw_live_interest *interest, lw_tile_id tile, uint32_t *count) {
+    if (interest->mark[tile.v] == interest->round || *count > LW_CLIENT_WANT_MAX) return;
+    interest->mark[tile.v] = interest->round;
+    interest->list[(*count)++] = tile;
+}
+
+/* What is in the picture, `coarser` levels above what it reads. */
+static uint32_t list_picture(struct lw_live_interest *interest, uint32_t coarser) {
+    const struct lw_atlas_map *map = interest->map;
+    uint32_t count = 0;
+    interest->round++;
+    for (uint32_t o = 0; o < map->object_count; o++) {
+        const struct lw_atlas *atlas = &map->atlas[o];
+        if (!atlas->level_count) continue;
+        const uint32_t first = map->first_tile[o] + atlas->level[0].first_tile;
+        for (uint32_t t = 0; t < atlas->level[0].tiles_x * atlas->level[0].tiles_y; t++) {
+            if (interest->level[first + t] == UINT8_MAX) continue;
+            uint32_t level = interest->level[first + t] + coarser;
+            if (level >= atlas->level_count) level = atlas->level_count - 1;
+            const struct lw_tile_place *p = &map->place[first + t];
+            list(interest, lw_atlas_map_find(map, o, level, p->x >> level, p->y >> level), &count);
+            if (count > LW_CLIENT_WANT_MAX) return count;
+        }
+    }
+    return count;
+}
+
+uint32_t lw_live_interest_list(struct lw_live_interest *interest, const struct lw_client *client,
+                               uint64_t now_ns) {
+    const struct lw_scene *scene = lw_client_scene(client);
+    const struct lw_atlas_map *map = interest->map;
+    for (uint32_t o = 0; o < map->object_count; o++)
+        if (map->atlas[o].level_count) look_at_object(interest, client, o, scene->object[o].mesh);
+    uint32_t count = 0;
+    for (uint32_t coarser = 0; coarser < LW_ATLAS_LEVELS_MAX; coarser++) {
+        count = list_picture(interest, coarser);
+        if (count <= LW_CLIENT_WANT_MAX) break;
+    }
+    if (count > LW_CLIENT_WANT_MAX) return count;
+    for (uint32_t i = 0; i < count; i++) interest->seen_ns[interest->list[i].v] = now_ns;
+    uint32_t with_seen = count;
+    for (uint32_t t = 0; t < map->tile_count; t++)
+        if (interest->seen_ns[t] && now_ns - interest->seen_ns[t] <= LW_LIVE_INTEREST_KEEP_NS)
+            list(interest, (lw_tile_id){t}, &with_seen);
+    return with_seen <= LW_CLIENT_WANT_MAX ? with_seen : count;
+}
+
+enum lw_status lw_live_interest_update(struct lw_live_interest *interest, struct lw_client *client,
+                                       uint64_t now_ns) {
+    const uint64_t since_ns = now_ns - interest->looked_ns;
+    if (!interest->is_active || since_ns < LW_LIVE_INTEREST_NS) return LW_OK;
+    if (!interest->has_changed && since_ns < LW_LIVE_INTEREST_IDLE_NS) return LW_OK;
+    if (!interest->map) return interest->view_count ? LW_OK : lw_client_want(client, NULL, 0);
+    interest->looked_ns = now_ns;
+    interest->has_changed = false;
+    const uint32_t count = lw_live_interest_list(interest, client, now_ns);
+    if (count <= LW_CLIENT_WANT_MAX) return lw_client_want(client, interest->list, count);
+    lw_client_want_everything(client);
+    return LW_OK;
+}

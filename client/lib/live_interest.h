@@ -1,0 +1,59 @@
+/* live_interest.h: which tiles lie in a picture, by the frustum and by boxes around what tiles hold.
+ * Flow:    view, where objects are -> [live_interest] -> lw_client_want()
+ * Threads: one thread at a time. */
+#ifndef LIGHTWELL_LIVE_INTEREST_H
+#define LIGHTWELL_LIVE_INTEREST_H
+
+#include "client/include/lightwell/lightwell.h"
+#include "client/lib/client.h"
+
+#define LW_LIVE_INTEREST_NS      100000000u  /* a view that changes is looked at so often */
+#define LW_LIVE_INTEREST_IDLE_NS 1000000000u /* one that stays: objects may move, what was seen is over */
+#define LW_LIVE_INTEREST_KEEP_NS 2000000000u /* what was in the picture is wanted for so long after */
+#define LW_LIVE_INTEREST_AROUND  0.15f       /* of the picture's half width and height, beyond each edge */
+
+/* What a tile of level 0 holds, object space. */
+struct lw_live_box {
+    struct lw_vec3 middle, half; /* half.x < 0: nothing */
+};
+
+struct lw_live_mesh_boxes {
+    uint32_t first;            /* box of its first tile of level 0 */
+    float texel_m;             /* side of a texel of level 0, object space */
+    struct lw_live_box around; /* all of it */
+};
+
+struct lw_live_interest {
+    const struct lw_atlas_map *map;
+    struct lw_live_mesh_boxes *mesh; /* per mesh */
+    struct lw_live_box *box;
+    uint8_t *
+        level; /* per tile of level 0, by tile id: the level that is read in the picture; UINT8_MAX: not in it */
+    uint32_t *mark;    /* per tile: the round in which it was listed last */
+    uint64_t *seen_ns; /* per tile: when it was in the picture last; 0: never */
+    lw_tile_id *list;  /* LW_CLIENT_WANT_MAX + 1 */
+    uint32_t round;
+
+    struct lw_live_view view[LW_LIVE_VIEWS_MAX];
+    uint32_t view_count;
+    bool is_active, has_changed; /* views say what is wanted; they have changed since they were looked at */
+    uint64_t looked_ns;
+};
+
+/** Finds what each tile holds. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_live_interest_init(struct lw_live_interest *interest,
+                                                   const struct lw_client *client);
+/** A zeroed one is fine. */
+void lw_live_interest_finish(struct lw_live_interest *interest);
+
+/** Lists what lies in the views, where objects are now.
+ * now_ns  growing, > 0
+ * Returns how many tiles `list` has; over LW_CLIENT_WANT_MAX: too many at any level. */
+uint32_t lw_live_interest_list(struct lw_live_interest *interest, const struct lw_client *client,
+                               uint64_t now_ns);
+
+/** Tells the client what the views want, if it is time. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_live_interest_update(struct lw_live_interest *interest,
+                                                     struct lw_client *client, uint64_t now_ns);
+
+#endif

@@ -1,0 +1,35 @@
+/* live_tiles.h: which tiles an engine has not read since they changed, and texels in its formats.
+ * Flow:    replica -> [live_tiles] -> lw_live_take_dirty(), lw_live_read()
+ * Threads: one thread at a time. */
+#ifndef LIGHTWELL_LIVE_TILES_H
+#define LIGHTWELL_LIVE_TILES_H
+
+#include "client/include/lightwell/lightwell.h"
+#include "client/lib/client.h"
+
+struct lw_live_tiles {
+    const struct lw_client *client;
+    const struct lw_atlas_map *map;
+    bool as_it_is;
+    uint8_t *state;   /* per tile: DIRTY, QUEUED */
+    lw_tile_id *ring; /* those that are queued, oldest first: some may have been taken otherwise */
+    uint32_t ring_first, ring_count, dirty_count;
+};
+
+/** Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_live_tiles_init(struct lw_live_tiles *tiles, const struct lw_client *client,
+                                                bool as_it_is);
+/** A zeroed one is fine. */
+void lw_live_tiles_finish(struct lw_live_tiles *tiles);
+
+/** A tile has changed: it is dirty, and so is each finer one that is read from it. */
+void lw_live_tiles_mark(struct lw_live_tiles *tiles, lw_tile_id tile);
+
+/** Whether a rectangle lies within a level. Errors: LW_LIVE_USAGE. */
+enum lw_live_status lw_live_tiles_check(const struct lw_live_tiles *tiles, const struct lw_live_rect *rect,
+                                        struct lw_live_error *err);
+
+/** The level that a tile is read from: its own or a coarser one; UINT32_MAX: none has arrived. */
+uint32_t lw_live_tiles_source(const struct lw_live_tiles *tiles, lw_tile_id tile);
+
+#endif
