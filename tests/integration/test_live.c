@@ -1,0 +1,660 @@
+/* liblightwell as an engine uses it, on a real lightwelld. */
+#include "tests/support/process.h"
+
+#include "client/lib/live.h"
+#include "common/clock.h"
+#include "common/sanitizer.h"
+
+#include <math.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define LIMIT_NS 60000000000ull
+
+/* Some hundred tiles that never rest, so that every frame brings light. */
+#define NEVER_RESTS "builtin:atrium --texels-per-metre 3 --bounces 0 --denoise off --error 1e-6 --light seen "
+#define RESTS       "builtin:cornell --texels-per-metre 20 --clock step --error 0.5 --light whole "
+
+static struct lw_live *live;
+static struct lw_live_error err;
+
+/* Ends the session; what the daemon does goes on. */
+static int end_session(void **state) {
+    (void)state;
+    lw_live_close(live);
+    live = NULL;
+    return 0;
+}
+
+/* One daemon for the tests that only look at a scene that holds still. */
+static const struct lw_process *still_daemon(void) {
+    static struct lw_process daemon;
+    if (!daemon.pid)
+        lw_process_serve(
+            &daemon,
+            "builtin:atrium --texels-per-metre 10 --bounces 0 --denoise off --freeze 1 --light seen");
+    return &daemon;
+}
+
+static int end_all(void **state) {
+    (void)state;
+    lw_live_close(live);
+    live = NULL;
+    lw_process_kill_all();
+    return 0;
+}
+
+static void ok(enum lw_live_status status) {
+    if (status != LW_LIVE_OK) fail_msg("%s: %s", lw_live_status_text(status), err.text);
+}
+
+static void fails(enum lw_live_status status, enum lw_live_status expected, const char *text) {
+    assert_int_equal(status, expected);
+    assert_int_equal(err.status, expected);
+    if (!strstr(err.text, text)) fail_msg("\"%s\" does not say \"%s\"", err.text, text);
+    err = (struct lw_live_error){0};
+}
+
+static struct lw_live_stats stats(void) {
+    struct lw_live_stats s = {.struct_size = sizeof s};
+    ok(lw_live_get_stats(live, &s, &err));
+    return s;
+}
+
+static void open_live(uint16_t port, uint32_t flags) {
+    struct lw_live_desc desc = {
+        .struct_size = sizeof desc, .port = port, .flags = flags, .name = "test_live"};
+    ok(lw_live_open(&desc, &live, &err));
+    const uint64_t end_ns = lw_clock_ns() + LIMIT_NS;
+    while (!stats().has_light || !stats().settled_frame) {
+        assert_true(lw_clock_ns() < end_ns);
+        ok(lw_live_poll(live, 20, &err));
+    }
+}
+
+/* ---- counting allocations: of all threads of this process, libraries' too ---- */
+
+static atomic_bool is_counted;
+static atomic_uint allocations;
+
+#if !LW_SANITIZER
+extern void *__libc_malloc(size_t size);
+extern void *__libc_calloc(size_t count, size_t size);
+extern void *__libc_realloc(void *old, size_t size);
+extern void *__libc_memalign(size_t alignment, size_t size);
+void *malloc(size_t size) {
+    if (atomic_load(&is_counted)) atomic_fetch_add(&allocations, 1);
+    return __libc_malloc(size);
+}
+void *calloc(size_t count, size_t size) {
+    if (atomic_load(&is_counted)) atomic_fetch_add(&allocations, 1);
+    return __libc_calloc(count, size);
+}
+void *realloc(void *old, size_t size) {
+    if (atomic_load(&is_counted)) atomic_fetch_add(&allocations, 1);
+    return __libc_realloc(old, size);
+}
+void *aligned_alloc(size_t alignment, size_t size) {
+    if (atomic_load(&is_counted)) atomic_fetch_add(&allocations, 1);
+    return __libc_memalign(alignment, size);
+}
+#endif
+
+/* ---- what is wrong in itself ---- */
+
+static void test_refuses(void **state) {
+    (void)state;
+    struct lw_live_desc desc = {.port = 1};
+    fails(lw_live_open(&desc, &live, &err), LW_LIVE_USAGE, "struct_size");
+    desc.struct_size = sizeof desc - 1;
+    fails(lw_live_open(&desc, &live, &err), LW_LIVE_USAGE, "struct_size");
+    fails(lw_live_open(NULL, &live, &err), LW_LIVE_USAGE, "struct_size");
+    desc.struct_size = sizeof desc;
+    fails(lw_live_open(&desc, NULL, &err), LW_LIVE_USAGE, "out_live");
+    fails(lw_live_open(&desc, &live, &err), LW_LIVE_UNAVAILABLE, "127.0.0.1:1");
+    desc.flags = 1u << 20;
+    fails(lw_live_open(&desc, &live, &err), LW_LIVE_USAGE, "flags has 0x100000");
+    assert_null(live);
+    assert_int_equal(lw_live_open(&desc, &live, NULL), LW_LIVE_USAGE);
+    fails(lw_live_poll(NULL, 0, &err), LW_LIVE_USAGE, "NULL");
+    for (int s = LW_LIVE_OK; s <= LW_LIVE_NOT_READY; s++)
+        assert_string_not_equal(lw_live_status_text((enum lw_live_status)s), "unknown status");
+    assert_string_equal(lw_live_status_text((enum lw_live_status)99), "unknown status");
+    assert_string_equal(lw_live_version(), LW_VERSION);
+    lw_live_close(NULL);
+}
+
+static void test_before_the_scene(void **state) {
+    (void)state;
+    struct lw_process daemon;
+    lw_process_serve(&daemon, RESTS);
+    struct lw_live_desc desc = {.struct_size = sizeof desc, .port = daemon.port};
+    ok(lw_live_open(&desc, &live, &err));
+    struct lw_live_scene scene = {.struct_size = sizeof scene};
+    struct lw_live_rect rect = {.width = 1, .height = 1};
+    struct lw_live_texels texels = {.struct_size = sizeof texels};
+    float rgb[3] = {0};
+    fails(lw_live_get_scene(live, &scene, &err), LW_LIVE_NOT_READY, "scene");
+    fails(lw_live_read(live, &rect, &texels, &err), LW_LIVE_NOT_READY, "scene");
+    fails(lw_live_sample(live, 0, rgb, rgb, &err), LW_LIVE_NOT_READY, "scene");
+    fails(lw_live_want_rects(live, &rect, 1, &err), LW_LIVE_NOT_READY, "scene");
+    ok(lw_live_want_rects(live, NULL, 0, &err));
+    assert_int_equal(lw_live_find(live, LW_LIVE_KIND_MESH, "room", 0), LW_LIVE_NONE);
+    assert_int_equal(lw_live_take_dirty(live, LW_LIVE_NONE, LW_LIVE_NONE, 0, &rect, 1), 0);
+    assert_false(stats().has_scene);
+    assert_true(stats().is_connected);
+}
+
+/* ---- the scene ---- */
+
+static void test_names_and_things(void **state) {
+    (void)state;
+    open_live(still_daemon()->port, LW_LIVE_DRAWS_DIRECT);
+    struct lw_live_scene scene = {.struct_size = sizeof scene};
+    ok(lw_live_get_scene(live, &scene, &err));
+    const struct lw_scene *own = live->scene;
+    assert_int_equal(scene.object_count, own->object_count);
+    for (uint32_t o = 0; o < scene.object_count; o++) {
+        struct lw_live_object object = {.struct_size = sizeof object};
+        ok(lw_live_get_object(live, o, &object, &err));
+        assert_true(object.is_drawn && object.state == LW_LIVE_OBJECT_SHOWN && object.level_count > 0);
+        /* the same name may come more than once: all of them are found, in order */
+        uint32_t nth = 0, before = LW_LIVE_NONE, found;
+        bool is_found = false;
+        while ((found = lw_live_find(live, LW_LIVE_KIND_OBJECT, object.name, nth)) != LW_LIVE_NONE) {
+            assert_true(nth == 0 || found > before);
+            assert_string_equal(own->object[found].name, object.name);
+            is_found |= found == o;
+            before = found;
+            nth++;
+        }
+        assert_true(is_found);
+        struct lw_live_mesh mesh = {.struct_size = sizeof mesh};
+        ok(lw_live_get_mesh(live, object.mesh, &mesh, &err));
+        assert_ptr_equal(mesh.triangle, own->mesh[object.mesh].triangle);
+        assert_true(mesh.atlas_width > 0 && mesh.lightmap_uv);
+        struct lw_live_node node = {.struct_size = sizeof node};
+        ok(lw_live_get_node(live, object.node, &node, &err));
+        assert_string_equal(node.name, own->node[object.node].name);
+    }
+    assert_int_equal(lw_live_find(live, LW_LIVE_KIND_CAMERA, "main", 0), 0);
+    assert_int_equal(lw_live_find(live, LW_LIVE_KIND_CAMERA, "main", 1), LW_LIVE_NONE);
+    assert_int_equal(lw_live_find(live, LW_LIVE_KIND_CAMERA, "mai", 0), LW_LIVE_NONE);
+    assert_int_equal(lw_live_find(live, (enum lw_live_kind)7, "main", 0), LW_LIVE_NONE);
+    bool any_light = false, any_shines = false;
+    for (uint32_t l = 0; l < scene.light_count; l++) {
+        struct lw_live_light light = {.struct_size = sizeof light};
+        ok(lw_live_get_light(live, l, &light, &err));
+        any_light |= light.is_client_light;
+    }
+    for (uint32_t m = 0; m < scene.material_count; m++) {
+        struct lw_live_material material = {.struct_size = sizeof material};
+        ok(lw_live_get_material(live, m, &material, &err));
+        assert_int_equal(lw_live_find(live, LW_LIVE_KIND_MATERIAL, material.name, 0), m);
+        any_shines |= material.emission[0] > 0;
+    }
+    assert_true(any_light && any_shines);
+    struct lw_live_camera camera = {.struct_size = sizeof camera};
+    ok(lw_live_get_camera(live, 0, &camera, &err));
+    assert_true(fabsf(camera.position_ws[0] + 11.2f) < 1e-3f && fabsf(camera.up_ws[1]) > 0.9f);
+    struct lw_live_texture texture = {.struct_size = sizeof texture};
+    for (uint32_t t = 0; t < scene.texture_count; t++) ok(lw_live_get_texture(live, t, &texture, &err));
+    fails(lw_live_get_texture(live, scene.texture_count, &texture, &err), LW_LIVE_USAGE, "texture");
+    fails(lw_live_get_object(live, 9999, &(struct lw_live_object){.struct_size = 1000}, &err), LW_LIVE_USAGE,
+          "object 9999");
+    fails(lw_live_get_camera(live, 0, &(struct lw_live_camera){0}, &err), LW_LIVE_USAGE, "struct_size");
+}
+
+/* A program that was built with a newer header has structs that end later: what it added stays as it was. */
+static void test_newer_programs(void **state) {
+    (void)state;
+    struct lw_process daemon;
+    lw_process_serve(&daemon, RESTS);
+    open_live(daemon.port, 0);
+    struct {
+        struct lw_live_scene scene;
+        uint64_t newer;
+    } longer = {.scene.struct_size = sizeof longer, .newer = 77};
+    ok(lw_live_get_scene(live, &longer.scene, &err));
+    assert_int_equal(longer.scene.object_count, live->scene->object_count);
+    assert_int_equal(longer.scene.struct_size, sizeof longer);
+    assert_int_equal(longer.newer, 77);
+    struct {
+        struct lw_live_view view;
+        uint64_t newer;
+    } two[2] = {{.view = {.struct_size = sizeof *two, .view_projection = {1}, .width = 4, .height = 4}},
+                {.view = {.struct_size = sizeof *two, .view_projection = {2}, .width = 4, .height = 4}}};
+    ok(lw_live_want_views(live, &two[0].view, 2, &err));
+    assert_true(live->interest.view[1].view_projection[0] == 2);
+}
+
+/* ---- light ---- */
+
+/* All levels 0 to 2 of all objects, uploaded by what is dirty alone. */
+struct textures {
+    float *rgb;
+    size_t *first; /* by object and level */
+    size_t size;
+};
+
+static struct textures make_textures(void) {
+    struct textures t = {.first = calloc(3 * live->scene->object_count, sizeof *t.first)};
+    for (uint32_t o = 0; o < live->scene->object_count; o++)
+        for (uint32_t l = 0; l < 3; l++) {
+            struct lw_live_rect rect;
+            t.first[3 * o + l] = t.size;
+            if (lw_live_get_level(live, o, l, &rect, NULL) == LW_LIVE_OK)
+                t.size += (size_t)rect.width * rect.height;
+        }
+    t.rgb = calloc(t.size + 1, 3 * sizeof *t.rgb);
+    assert_non_null(t.rgb);
+    return t;
+}
+
+static void read_into(const struct textures *t, const struct lw_live_rect *rect) {
+    struct lw_live_rect level;
+    ok(lw_live_get_level(live, rect->object, rect->level, &level, &err));
+    const size_t at = t->first[3 * rect->object + rect->level] + (size_t)rect->y * level.width + rect->x;
+    const size_t row = level.width * 3 * sizeof(float);
+    struct lw_live_texels texels = {.struct_size = sizeof texels,
+                                    .format = LW_LIVE_RGB32F,
+                                    .dst = t->rgb + 3 * at,
+                                    .dst_size = (rect->height - 1) * row + rect->width * 3 * sizeof(float),
+                                    .row_size = row};
+    ok(lw_live_read(live, rect, &texels, &err));
+}
+
+static size_t upload(const struct textures *t, uint64_t texels_max) {
+    struct lw_live_rect rect[8];
+    size_t count, texels = 0;
+    while ((count = lw_live_take_dirty(live, LW_LIVE_NONE, LW_LIVE_NONE, texels_max, rect, 8)) > 0) {
+        for (size_t i = 0; i < count; i++) {
+            texels += (size_t)rect[i].width * rect[i].height;
+            if (rect[i].level < 3) read_into(t, &rect[i]);
+        }
+        if (texels_max) break;
+    }
+    return texels;
+}
+
+/* What arrived piece by piece is what is there. */
+static void test_dirty_rectangles_are_all(void **state) {
+    (void)state;
+    struct lw_process daemon;
+    lw_process_serve(&daemon, NEVER_RESTS "--frames 12");
+    open_live(daemon.port, LW_LIVE_AS_IT_IS);
+    struct textures t = make_textures(), all = make_textures();
+    assert_true(stats().dirty_tiles > 0);
+    for (uint64_t end_ns = lw_clock_ns() + LIMIT_NS;;) {
+        upload(&t, 3 * LW_LIVE_TILE_SIDE * LW_LIVE_TILE_SIDE);
+        if (lw_live_poll(live, 5, &err) != LW_LIVE_OK) break; /* the daemon ends after its frames */
+        assert_true(lw_clock_ns() < end_ns);
+    }
+    assert_int_equal(err.status, LW_LIVE_CLOSED);
+    assert_false(stats().is_connected);
+    upload(&t, 0);
+    assert_int_equal(stats().dirty_tiles, 0);
+    double sum = 0;
+    for (uint32_t o = 0; o < live->scene->object_count; o++)
+        for (uint32_t l = 0; l < 3; l++) {
+            struct lw_live_rect rect;
+            if (lw_live_get_level(live, o, l, &rect, NULL) != LW_LIVE_OK) continue;
+            read_into(&all, &rect);
+            const struct lw_client_level own = lw_client_get_level(live->client, o, l);
+            assert_memory_equal(all.rgb + 3 * all.first[3 * o + l], own.rgb,
+                                sizeof(float) * 3 * own.width * own.height);
+        }
+    assert_memory_equal(t.rgb, all.rgb, t.size * 3 * sizeof *t.rgb);
+    for (size_t i = 0; i < 3 * t.size; i++) sum += (double)t.rgb[i];
+    assert_true(sum > 0);
+    free(t.rgb);
+    free(t.first);
+    free(all.rgb);
+    free(all.first);
+}
+
+static void test_dirty_of_one_object(void **state) {
+    (void)state;
+    struct lw_process daemon;
+    lw_process_serve(&daemon, RESTS "--frames 3");
+    open_live(daemon.port, 0);
+    while (lw_live_poll(live, 20, &err) == LW_LIVE_OK) {
+    }
+    struct lw_live_rect rect[64];
+    const uint32_t before = stats().dirty_tiles;
+    const size_t count = lw_live_take_dirty(live, 1, 0, 0, rect, 64);
+    assert_true(count > 0);
+    for (size_t i = 0; i < count; i++) assert_true(rect[i].object == 1 && rect[i].level == 0);
+    assert_int_equal(lw_live_take_dirty(live, 1, 0, 0, rect, 64), 0);
+    assert_true(stats().dirty_tiles < before);
+    /* the rest in two steps: level 1 first, none twice */
+    size_t level_1 = 0, others = 0, n;
+    while ((n = lw_live_take_dirty(live, LW_LIVE_NONE, 1, 0, rect, 1)) > 0) level_1 += n;
+    while ((n = lw_live_take_dirty(live, LW_LIVE_NONE, LW_LIVE_NONE, 0, rect, 1)) > 0) {
+        assert_true(rect[0].level != 1 && !(rect[0].object == 1 && rect[0].level == 0));
+        others += n;
+    }
+    assert_true(level_1 > 0 && others > 0);
+    assert_int_equal(stats().dirty_tiles, 0);
+    fails(lw_live_read(live, &(struct lw_live_rect){.object = 1, .x = 1, .width = UINT32_MAX, .height = 1},
+                       &(struct lw_live_texels){.struct_size = sizeof(struct lw_live_texels)}, &err),
+          LW_LIVE_USAGE, "do not lie within");
+    uint8_t bytes[16];
+    fails(lw_live_read(live, &(struct lw_live_rect){.width = 2, .height = 2},
+                       &(struct lw_live_texels){
+                           .struct_size = sizeof(struct lw_live_texels), .dst = bytes, .dst_size = 15},
+                       &err),
+          LW_LIVE_USAGE, "dst of 15 bytes");
+    ok(lw_live_read(
+        live, &(struct lw_live_rect){.width = 2, .height = 2},
+        &(struct lw_live_texels){.struct_size = sizeof(struct lw_live_texels), .dst = bytes, .dst_size = 16},
+        &err));
+}
+
+/* A session that wants nothing has the coarsest levels alone: the finest one is whole all the same. */
+static void test_coarse_light_stands_in(void **state) {
+    (void)state;
+    open_live(still_daemon()->port, LW_LIVE_WANTS_NOTHING);
+    uint32_t tiles = 0, lit = 0;
+    for (uint32_t o = 0; o < live->scene->object_count; o++) {
+        struct lw_live_rect level;
+        ok(lw_live_get_level(live, o, 0, &level, &err));
+        if (live->tiles.map->atlas[o].level_count < 2) continue;
+        assert_int_equal(
+            lw_client_get_tile(live->client, lw_atlas_map_find(live->tiles.map, o, 0, 0, 0)).version, 0);
+        float rgb[3];
+        struct lw_live_texels texels = {.struct_size = sizeof texels,
+                                        .format = LW_LIVE_RGB32F,
+                                        .quantity = LW_LIVE_IRRADIANCE_OVER_PI,
+                                        .scale = 3.14159265f,
+                                        .dst = rgb,
+                                        .dst_size = sizeof rgb};
+        for (uint32_t y = 0; y < level.height; y += 7)
+            for (uint32_t x = 0; x < level.width; x += 7, tiles++) {
+                float sampled[3];
+                ok(lw_live_read(live, &(struct lw_live_rect){o, 0, x, y, 1, 1}, &texels, &err));
+                ok(lw_live_sample(live, o, (float[]){(float)x + 0.5f, (float)y + 0.5f}, sampled, &err));
+                assert_true(fabsf(sampled[0] - rgb[0]) <= 1e-5f * fabsf(rgb[0]) + 1e-20f);
+                lit += rgb[0] > 0;
+            }
+    }
+    assert_true(lit > tiles / 2);
+}
+
+/* From the eye of the main camera to what it sees. */
+static void test_a_ray_finds_light(void **state) {
+    (void)state;
+    open_live(still_daemon()->port, 0);
+    struct lw_live_camera camera = {.struct_size = sizeof camera};
+    ok(lw_live_get_camera(live, 0, &camera, &err));
+    struct lw_live_hit hit = {.struct_size = sizeof hit};
+    const float down[3] = {0, -1, 0}, up[3] = {0, 3, 0}, nowhere[3] = {0, 0, 0};
+    ok(lw_live_cast(live, camera.position_ws, down, &hit, &err));
+    assert_int_not_equal(hit.object, LW_LIVE_NONE);
+    assert_true(fabsf(hit.distance - camera.position_ws[1]) < 0.2f && fabsf(hit.position_ws[1]) < 0.2f);
+    float rgb[3];
+    ok(lw_live_sample(live, hit.object, hit.lightmap_uv, rgb, &err));
+    assert_true(rgb[0] > 0 && isfinite(rgb[0]));
+    struct lw_live_mesh mesh = {.struct_size = sizeof mesh};
+    ok(lw_live_get_mesh(live, live->scene->object[hit.object].mesh, &mesh, &err));
+    assert_true(hit.lightmap_uv[0] > 0 && hit.lightmap_uv[0] < (float)mesh.atlas_width);
+    ok(lw_live_cast(live, (float[]){500, 0, 0}, up, &hit, &err));
+    assert_int_equal(hit.object, LW_LIVE_NONE);
+    fails(lw_live_cast(live, up, nowhere, &hit, &err), LW_LIVE_USAGE, "direction");
+}
+
+/* ---- interest ---- */
+
+/* Column by column, as OpenGL's. */
+static struct lw_live_view view_of(const struct lw_live_camera *c, uint32_t width, uint32_t height) {
+    const float up = 1 / tanf(c->fov_y / 2), right = up * (float)height / (float)width;
+    struct lw_live_view view = {.struct_size = sizeof view, .width = width, .height = height};
+    const float *axis[4] = {c->right_ws, c->up_ws, c->forward_ws, c->forward_ws},
+                scale[4] = {right, up, 1, 1};
+    for (int r = 0; r < 4; r++) {
+        float at = 0;
+        for (int k = 0; k < 3; k++) {
+            view.view_projection[4 * k + r] = scale[r] * axis[r][k];
+            at -= axis[r][k] * c->position_ws[k];
+        }
+        view.view_projection[12 + r] = scale[r] * at;
+    }
+    return view;
+}
+
+static bool is_listed(uint32_t count, lw_tile_id tile) {
+    for (uint32_t i = 0; i < count; i++)
+        if (live->interest.list[i].v == tile.v) return true;
+    return false;
+}
+
+static void test_views_want_what_they_show(void **state) {
+    (void)state;
+    open_live(still_daemon()->port, LW_LIVE_WANTS_NOTHING);
+    struct lw_live_camera camera = {.struct_size = sizeof camera};
+    ok(lw_live_get_camera(live, 0, &camera, &err));
+    const uint32_t width = 1280, height = 720;
+    struct lw_live_view view = view_of(&camera, width, height);
+    ok(lw_live_want_views(live, &view, 1, &err));
+    const uint64_t now_ns = lw_clock_ns();
+    const uint32_t count = lw_live_interest_list(&live->interest, live->client, now_ns);
+    uint32_t all = 0, hits = 0;
+    for (uint32_t t = 0; t < live->tiles.map->tile_count; t++) all += live->tiles.map->place[t].level == 0;
+    assert_true(count > 10 && count < all);
+    /* whatever a ray of the picture meets is in the list, at some level */
+    for (uint32_t y = 5; y < height; y += 60)
+        for (uint32_t x = 5; x < width; x += 60) {
+            const float right = tanf(camera.fov_y / 2) * (float)width / (float)height *
+                                (2 * (float)x / (float)width - 1),
+                        up = tanf(camera.fov_y / 2) * (1 - 2 * (float)y / (float)height);
+            float direction[3];
+            for (int k = 0; k < 3; k++)
+                direction[k] = camera.forward_ws[k] + right * camera.right_ws[k] + up * camera.up_ws[k];
+            struct lw_live_hit hit = {.struct_size = sizeof hit};
+            ok(lw_live_cast(live, camera.position_ws, direction, &hit, &err));
+            if (hit.object == LW_LIVE_NONE) continue;
+            bool is_wanted = false;
+            for (uint32_t l = 0; l < 3; l++) {
+                const uint32_t tile_x = (uint32_t)hit.lightmap_uv[0] / LW_TILE_SIDE >> l,
+                               tile_y = (uint32_t)hit.lightmap_uv[1] / LW_TILE_SIDE >> l;
+                const lw_tile_id tile = lw_atlas_map_find(live->tiles.map, hit.object, l, tile_x, tile_y);
+                is_wanted |= tile.v != UINT32_MAX && is_listed(count, tile);
+            }
+            assert_true(is_wanted);
+            hits++;
+        }
+    assert_true(hits > 100);
+    /* a small picture of the same reads coarser levels: fewer tiles */
+    view = view_of(&camera, 32, 18);
+    live->interest.view[0] = view;
+    uint32_t finest = 0, finest_of_small = 0;
+    for (uint32_t i = 0; i < count; i++)
+        finest += live->tiles.map->place[live->interest.list[i].v].level == 0;
+    const uint64_t later_ns = now_ns + 2 * LW_LIVE_INTEREST_KEEP_NS;
+    const uint32_t count_of_small = lw_live_interest_list(&live->interest, live->client, later_ns);
+    for (uint32_t i = 0; i < count_of_small; i++)
+        finest_of_small += live->tiles.map->place[live->interest.list[i].v].level == 0;
+    assert_true(count_of_small <= count && finest_of_small < 3 * finest / 4);
+    /* and the server sends them */
+    const uint64_t tiles = stats().tiles;
+    for (uint64_t end_ns = lw_clock_ns() + LIMIT_NS; stats().tiles < tiles + 10;) {
+        ok(lw_live_want_views(live, &view, 1, &err));
+        ok(lw_live_poll(live, 5, &err));
+        assert_true(lw_clock_ns() < end_ns);
+    }
+    assert_false(live->interest.has_changed);
+    view.view_projection[5] = NAN;
+    fails(lw_live_want_views(live, &view, 1, &err), LW_LIVE_USAGE, "view_projection[5]");
+    view.width = 0;
+    fails(lw_live_want_views(live, &view, 1, &err), LW_LIVE_USAGE, "no pixels");
+    fails(lw_live_want_views(live, &view, 9, &err), LW_LIVE_USAGE, "9 views");
+    struct lw_live_rect rect;
+    ok(lw_live_get_level(live, 0, 0, &rect, &err));
+    ok(lw_live_want_rects(live, &rect, 1, &err));
+    assert_false(live->interest.is_active);
+    rect.width++;
+    fails(lw_live_want_rects(live, &rect, 1, &err), LW_LIVE_USAGE, "do not lie within");
+}
+
+/* ---- no allocation once warm ---- */
+
+static void draw_frames(const struct textures *t, unsigned frames, unsigned *out_texels) {
+    struct lw_live_camera camera = {.struct_size = sizeof camera};
+    ok(lw_live_get_camera(live, 0, &camera, &err));
+    for (unsigned f = 0; f < frames; f++) {
+        camera.position_ws[0] += 0.01f;
+        const struct lw_live_view view = view_of(&camera, 1280, 720);
+        ok(lw_live_want_views(live, &view, 1, &err));
+        ok(lw_live_poll(live, 5, &err));
+        *out_texels += (unsigned)upload(t, 1u << 16);
+        for (uint32_t o = 0; o < live->scene->object_count; o++) {
+            struct lw_live_object object = {.struct_size = sizeof object};
+            ok(lw_live_get_object(live, o, &object, &err));
+        }
+        struct lw_live_stats s = {.struct_size = sizeof s};
+        ok(lw_live_get_stats(live, &s, &err));
+    }
+}
+
+static void test_frames_allocate_nothing(void **state) {
+    (void)state;
+    if (LW_SANITIZER) skip();
+    for (uint32_t flags = 0; flags <= LW_LIVE_THREAD; flags += LW_LIVE_THREAD) {
+        struct lw_process daemon;
+        lw_process_serve(&daemon, NEVER_RESTS);
+        open_live(daemon.port, flags);
+        struct textures t = make_textures();
+        unsigned texels = 0;
+        draw_frames(&t, 400, &texels);
+        texels = 0;
+        atomic_store(&allocations, 0);
+        atomic_store(&is_counted, true);
+        draw_frames(&t, 200, &texels);
+        atomic_store(&is_counted, false);
+        assert_true(texels > 100000); /* light did come */
+        assert_int_equal(atomic_load(&allocations), 0);
+        atomic_store(&is_counted, true);
+        void *volatile one = malloc(1); /* volatile: else the compiler leaves both calls out */
+        free(one);
+        atomic_store(&is_counted, false);
+        assert_int_equal(atomic_load(&allocations), 1); /* and it does count */
+        free(t.rgb);
+        free(t.first);
+        end_all(NULL);
+    }
+}
+
+/* ---- a thread of its own ---- */
+
+static void wait_frames(uint64_t session, uint64_t tiles) {
+    for (uint64_t end_ns = lw_clock_ns() + LIMIT_NS; stats().session < session || stats().tiles < tiles;) {
+        assert_true(lw_clock_ns() < end_ns);
+        ok(lw_live_poll(live, 20, &err));
+    }
+}
+
+static void test_thread_comes_back(void **state) {
+    (void)state;
+    struct lw_process daemon;
+    char arguments[200];
+    lw_process_serve(&daemon, NEVER_RESTS);
+    open_live(daemon.port, LW_LIVE_THREAD);
+    struct textures t = make_textures();
+    assert_int_equal(lw_live_descriptor(live), -1);
+    fails(lw_live_reconnect(live, &err), LW_LIVE_USAGE, "by itself");
+    wait_frames(1, stats().tiles + 50);
+    assert_true(upload(&t, 0) > 0);
+    (void)lw_process_stop(&daemon, SIGTERM, 60);
+    for (uint64_t end_ns = lw_clock_ns() + LIMIT_NS; stats().is_connected;) {
+        ok(lw_live_poll(live, 20, &err));
+        assert_true(lw_clock_ns() < end_ns);
+    }
+    ok(lw_live_poll(live, 0, &err));
+    snprintf(arguments, sizeof arguments, NEVER_RESTS "--listen 127.0.0.1:%u", (unsigned)daemon.port);
+    lw_process_serve(&daemon, arguments);
+    wait_frames(2, stats().tiles + 50);
+    /* another scene: coming back is of no use */
+    (void)lw_process_stop(&daemon, SIGTERM, 60);
+    snprintf(arguments, sizeof arguments, RESTS "--listen 127.0.0.1:%u", (unsigned)daemon.port);
+    lw_process_serve(&daemon, arguments);
+    enum lw_live_status status = LW_LIVE_OK;
+    for (uint64_t end_ns = lw_clock_ns() + LIMIT_NS; status == LW_LIVE_OK;) {
+        assert_true(lw_clock_ns() < end_ns);
+        status = lw_live_poll(live, 20, &err);
+    }
+    fails(status, LW_LIVE_BAD_DATA, "another scene");
+    assert_true(upload(&t, 0) > 0); /* what has arrived stays */
+    free(t.rgb);
+    free(t.first);
+}
+
+static void test_closes_while_connecting(void **state) {
+    (void)state;
+    struct lw_process daemon;
+    lw_process_serve(&daemon, RESTS);
+    open_live(daemon.port, LW_LIVE_THREAD);
+    (void)lw_process_stop(&daemon, SIGTERM, 60);
+    for (uint64_t end_ns = lw_clock_ns() + LIMIT_NS; stats().is_connected;) {
+        (void)!lw_live_poll(live, 20, &err);
+        assert_true(lw_clock_ns() < end_ns);
+    }
+    lw_process_sleep_ms(100);
+    const uint64_t began_ns = lw_clock_ns();
+    lw_live_close(live);
+    live = NULL;
+    assert_true(lw_clock_ns() - began_ns < LIMIT_NS);
+}
+
+/* ---- changes ---- */
+
+static void test_changes_the_scene(void **state) {
+    (void)state;
+    struct lw_process daemon;
+    lw_process_serve(&daemon, NEVER_RESTS "--freeze 1 --light-groups none");
+    open_live(daemon.port, LW_LIVE_CONTROL | LW_LIVE_THREAD);
+    const struct lw_live_change change[2] = {
+        {.struct_size = sizeof *change, .kind = LW_LIVE_CHANGE_OBJECT_HIDE, .target = 3},
+        {.struct_size = sizeof *change, .kind = LW_LIVE_CHANGE_SKY, .value = {1, 2, 3}}};
+    uint64_t request = 0;
+    ok(lw_live_change(live, change, 2, &request, &err));
+    assert_int_equal(request, 1);
+    struct lw_live_answer answer = {.struct_size = sizeof answer};
+    for (uint64_t end_ns = lw_clock_ns() + LIMIT_NS; !lw_live_next_answer(live, &answer);) {
+        ok(lw_live_poll(live, 20, &err));
+        assert_true(lw_clock_ns() < end_ns);
+    }
+    assert_true(answer.request == 1 && answer.code == 0 && answer.frame > 0);
+    assert_string_equal(answer.text, "");
+    struct lw_live_object object = {.struct_size = sizeof object};
+    struct lw_live_scene scene = {.struct_size = sizeof scene};
+    ok(lw_live_get_object(live, 3, &object, &err));
+    ok(lw_live_get_scene(live, &scene, &err));
+    assert_true(object.state == LW_LIVE_OBJECT_HIDDEN && !object.is_drawn && scene.sky[2] == 3);
+    struct lw_live_change bad = {.struct_size = 3};
+    fails(lw_live_change(live, &bad, 1, NULL, &err), LW_LIVE_USAGE, "struct_size");
+    end_all(NULL);
+    lw_process_serve(&daemon, RESTS);
+    open_live(daemon.port, 0);
+    fails(lw_live_change(live, change, 2, NULL, &err), LW_LIVE_UNAVAILABLE, "no updates");
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_teardown(test_refuses, end_session),
+        cmocka_unit_test_teardown(test_names_and_things, end_session),
+        cmocka_unit_test_teardown(test_coarse_light_stands_in, end_session),
+        cmocka_unit_test_teardown(test_a_ray_finds_light, end_session),
+        cmocka_unit_test_teardown(test_views_want_what_they_show, end_all),
+        cmocka_unit_test_teardown(test_before_the_scene, end_all),
+        cmocka_unit_test_teardown(test_newer_programs, end_all),
+        cmocka_unit_test_teardown(test_dirty_rectangles_are_all, end_all),
+        cmocka_unit_test_teardown(test_dirty_of_one_object, end_all),
+        cmocka_unit_test_teardown(test_frames_allocate_nothing, end_all),
+        cmocka_unit_test_teardown(test_thread_comes_back, end_all),
+        cmocka_unit_test_teardown(test_closes_while_connecting, end_all),
+        cmocka_unit_test_teardown(test_changes_the_scene, end_all),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
