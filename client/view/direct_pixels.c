@@ -17,6 +17,7 @@
 
 /* Shadow rays of a pixel: the first; SOME where its neighbours' first ones differ; SAMPLES where even those
  * do, in a penumbra that is too narrow for a mean over neighbours. */
+#define FEW     2u
 #define SOME    4u
 #define SAMPLES 8u
 /* Of the light at hand over all that a pixel has by then: from which on a pixel has rays of its own, and
@@ -755,12 +756,12 @@ static bool is_narrow(const struct lw_direct_work *w, uint32_t pixel) {
 static uint16_t find_wanting(const struct job *job, const uint32_t mixed[SIDE], uint32_t b, uint32_t taken) {
     const struct lw_direct_work *w = job->work;
     const bool listed = job->tile->listed; /* its blocks are no neighbourhoods: a mixed one is enough */
-    if (listed && (w->state[b] != (DARK | LIT) || taken != 1)) return 0;
+    if (listed && (w->state[b] != (DARK | LIT) || taken >= SOME)) return 0;
     uint32_t wanting = 0, left = taken == 1 ? w->seen[b] : w->noisy[b];
     if (left && !listed) left &= of_block(mixed, b);
     for (; left; left &= left - 1) {
         const uint32_t i = (uint32_t)__builtin_ctz(left), pixel = b * LANES + i;
-        if (w->taken[pixel] == taken && (taken == 1 || is_narrow(w, pixel))) wanting |= 1u << i;
+        if (w->taken[pixel] == taken && (taken < SOME || is_narrow(w, pixel))) wanting |= 1u << i;
     }
     return (uint16_t)wanting;
 }
@@ -1106,8 +1107,9 @@ static void add_full(struct job *job) {
             shoot_pixels(job);
         }
         if (job->wide) {
-            refine(job, 1, 1, SOME);
-            refine(job, 1, 1, SOME); /* what only these have shown to be close to a penumbra */
+            refine(job, 1, 1, FEW);
+            refine(job, 1, 1, FEW); /* what only these have shown to be close to a penumbra */
+            refine(job, 1, FEW, SOME);
             refine(job, 2, SOME, SAMPLES);
         }
     }
