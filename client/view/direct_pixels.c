@@ -320,6 +320,7 @@ struct summary {
     float radius_m[BLOCKS];                    /* how far points lie from the middle, at most */
     float spread[BLOCKS];                      /* how far normals differ from the mean, at most */
     float found[BLOCKS];                       /* E so far, luminance, mean */
+    float filled[BLOCKS];                      /* 0: no point is active; else 1 */
 };
 
 /* A light at the blocks of a tile; luminance, W/m^2. */
@@ -784,6 +785,10 @@ static void refine(struct job *job, int reach, uint32_t taken, uint32_t count) {
 
 /* Gives pixels without a ray what their quad's ray, or the block's, has found. */
 static void spread(struct lw_direct_work *w, uint32_t b) {
+    if (w->state[b] != (DARK | LIT)) {
+        for (uint32_t i = 0; i < LANES; i++) w->share[b * LANES + i] = w->state[b] == LIT ? 1 : 0;
+        return;
+    }
     float of_block = 0;
     for (uint32_t p = b * LANES; p < (b + 1) * LANES; p++)
         if (w->taken[p]) of_block = (float)w->lit[p] / (float)w->taken[p];
@@ -943,6 +948,7 @@ LW_WIDE static void summarise_block(const struct lw_direct_block *restrict block
     at->nx[lane] = nx, at->ny[lane] = ny, at->nz[lane] = nz;
     out->radius_m[b] = sqrtf(far2), out->spread[b] = sqrtf(spread2);
     out->found[b] = base * scale;
+    out->filled[b] = count > 0 ? 1 : 0;
 }
 
 /* The middles as points that face a light; the cosine there, the most anywhere in the block, and the distance
@@ -980,7 +986,7 @@ static float look_out(const struct lw_direct_pixels *d, const struct summary *su
         for (uint32_t i = 0; i < LANES; i++) {
             out->full[k * LANES + i] = e[i] * luminance;
             out->expected[k * LANES + i] = e[i] * cosine[i] * luminance;
-            out->most[k * LANES + i] *= e[i] * luminance;
+            out->most[k * LANES + i] *= summary->filled[k * LANES + i] * e[i] * luminance;
             sum += out->expected[k * LANES + i];
         }
     }
@@ -1001,20 +1007,33 @@ LW_WIDE static float mean_found(const struct lw_direct_block *restrict block) {
     return count > 0 ? sum / count : 0;
 }
 
-/* How a block takes a light. */
-enum part { PART_NONE, PART_WEAK, PART_FULL };
+/* How blocks take a light. Weak: it is so far and such a small part of what arrives that one place will do for
+ * all of a block, but for normals. */
+struct parts {
+    float weak[BLOCKS]; /* the most that it may add, over all; 0: not weak */
+    uint32_t full[BLOCKS];
+};
 
-/* Weak: the light is so far and such a small part of what arrives that one place will do for all of a block,
- * but for normals. Not that of a spot, whose edge may cross it. */
-static enum part part_for(const struct job *job, const struct outlook *outlook, uint32_t b) {
-    const struct lw_direct_pixels *d = job->direct;
-    const struct lw_direct_work *w = job->work;
-    if (!job->tile->block[b].active) return PART_NONE;
-    if (!outlook || job->tile->listed || d->candidates.cos_reach[job->candidate] > -1) return PART_FULL;
-    if (!(outlook->near[b] > EVEN_RADII)) return PART_FULL;
-    if (!(outlook->most[b] > 0)) return PART_NONE;
-    const float faint = SHARE_FAINT * (w->summary.found[b] + outlook->most[b]);
-    return outlook->most[b] < faint ? PART_WEAK : PART_FULL;
+/* Returns bit 0: some are weak, bit 1: some are full. */
+LW_WIDE static uint32_t part_blocks(const struct outlook *restrict outlook, const float *restrict found,
+                                    struct parts *restrict out) {
+    uint32_t any = 0;
+    for (uint32_t b = 0; b < BLOCKS; b++) {
+        const float most = outlook->most[b], all = found[b] + most;
+        const bool even = outlook->near[b] > EVEN_RADII, weak = even & (most < SHARE_FAINT * all);
+        out->weak[b] = weak & (most > 0) ? most / all : 0;
+        out->full[b] = weak | (even & !(most > 0)) ? 0 : 1;
+        any |= (out->weak[b] > 0 ? 1u : 0u) | out->full[b] << 1;
+    }
+    return any;
+}
+
+/* Each pixel for itself: the edge of a spot may cross a block. */
+static uint32_t part_light(const struct job *job, const struct outlook *outlook, struct parts *out) {
+    if (outlook && !job->tile->listed && !(job->direct->candidates.cos_reach[job->candidate] > -1))
+        return part_blocks(outlook, job->work->summary.found, out);
+    for (uint32_t b = 0; b < BLOCKS; b++) out->weak[b] = 0, out->full[b] = 1;
+    return 2;
 }
 
 /* Adds E to a block's pixels by their own normals. way: to the light, unit length */
@@ -1028,66 +1047,66 @@ LW_WIDE static void add_by_normals(struct lw_direct_block *restrict block, struc
     }
 }
 
-/* Blocks, two by two, of which this light is a small part: one ray, or less, says whether it arrives. */
+/* Blocks, two by two. */
 enum { GROUP_SIDE = LW_DIRECT_PIXELS_SIDE / 2, GROUPS = GROUP_SIDE * GROUP_SIDE };
 
-static uint32_t group_of(uint32_t b) {
-    return b / LW_DIRECT_PIXELS_SIDE / 2 * GROUP_SIDE + b % LW_DIRECT_PIXELS_SIDE / 2;
+static uint32_t block_of(uint32_t group, uint32_t k) {
+    const uint32_t x = group % GROUP_SIDE * 2 + (k & 1), y = group / GROUP_SIDE * 2 + (k >> 1);
+    return y * LW_DIRECT_PIXELS_SIDE + x;
 }
 
-/* What a group's ray has found counts for: 1, more where chance has chosen it; 0: nothing arrives. */
-static void shoot_weakly(struct job *job, const struct outlook *outlook, const uint8_t part[BLOCKS],
-                         float out_weight[GROUPS]) {
+/* A shadow ray for a group of which this light is a small part; returns its pixel. */
+static uint32_t shoot_weakly(struct job *job, const struct parts *parts, uint32_t group, uint32_t random) {
     struct lw_direct_work *w = job->work;
-    float share[GROUPS] = {0};
-    uint16_t pixel[GROUPS] = {0};
-    for (uint32_t b = 0; b < BLOCKS; b++) {
-        if (part[b] != PART_WEAK) continue;
-        const uint32_t g = group_of(b);
-        const float own = outlook->most[b] / (w->summary.found[b] + outlook->most[b]);
-        if (!(own > share[g])) continue;
-        share[g] = own;
-        pixel[g] = (uint16_t)(b * LANES);
+    uint32_t from = block_of(group, 0), lane = random % LANES;
+    for (uint32_t k = 1; k < 4; k++)
+        if (parts->weak[block_of(group, k)] > parts->weak[from]) from = block_of(group, k);
+    while (!(job->tile->block[from].active >> lane & 1u)) lane = (lane + 1) % LANES;
+    w->lit[from * LANES + lane] = 0;
+    shoot(job, from * LANES + lane, 0);
+    return from * LANES + lane;
+}
+
+/* weight: what the group's ray counts for */
+static void add_to_block(const struct job *job, const struct outlook *outlook, uint32_t b, float weight,
+                         struct lw_vec3 colour) {
+    struct lw_direct_work *w = job->work;
+    w->summary.found[b] += weight * outlook->expected[b];
+    if (w->whole[b]) {
+        const float e = weight * outlook->expected[b];
+        w->weak[0][b] += e * colour.x, w->weak[1][b] += e * colour.y, w->weak[2][b] += e * colour.z;
+        return;
     }
+    const struct candidates *c = &job->direct->candidates;
+    const struct lw_points16 *at = &w->summary.middle[b / LANES];
+    const uint32_t i = b % LANES, from = job->candidate;
+    const struct lw_vec3 way =
+        lw_vec3_sub(lw_vec3(c->x[from], c->y[from], c->z[from]), lw_vec3(at->x[i], at->y[i], at->z[i]));
+    add_by_normals(&job->tile->block[b], lw_vec3_normalize(way),
+                   lw_vec3_scale(colour, weight * outlook->full[b]));
+}
+
+/* colour: of unit luminance */
+static void add_weak(struct job *job, const struct outlook *outlook, const struct parts *parts,
+                     struct lw_vec3 colour) {
+    float weight[GROUPS];
+    uint32_t group[GROUPS], pixel[GROUPS], count = 0;
     for (uint32_t g = 0; g < GROUPS; g++) {
-        const uint32_t random = lw_random_hash2(job->seed, g), b = pixel[g] / LANES;
-        const float chance = share[g] / SHARE_CHANCE;
-        out_weight[g] = 0;
-        if (lw_random_unit(random) >= chance) continue;
-        out_weight[g] = chance < 1 ? 1 / chance : 1;
-        uint32_t lane = random % LANES;
-        while (!(job->tile->block[b].active >> lane & 1u)) lane = (lane + 1) % LANES;
-        pixel[g] = (uint16_t)(pixel[g] + lane);
-        w->lit[pixel[g]] = 0;
-        shoot(job, pixel[g], 0);
+        const float *at = parts->weak + block_of(g, 0), *below = at + LW_DIRECT_PIXELS_SIDE;
+        const float chance = fmaxf(fmaxf(at[0], at[1]), fmaxf(below[0], below[1])) * (1 / SHARE_CHANCE);
+        const uint32_t random = lw_random_hash2(job->seed, g);
+        if (!(lw_random_unit(random) < chance)) continue;
+        weight[count] = chance < 1 ? 1 / chance : 1;
+        group[count] = g;
+        pixel[count++] = shoot_weakly(job, parts, g, random);
     }
     flush(job);
-    for (uint32_t g = 0; g < GROUPS; g++)
-        if (out_weight[g] > 0 && !w->lit[pixel[g]]) out_weight[g] = 0;
-}
-
-static void add_weak(struct job *job, const struct outlook *outlook, const uint8_t part[BLOCKS],
-                     struct lw_vec3 colour) {
-    struct lw_direct_work *w = job->work;
-    const struct candidates *c = &job->direct->candidates;
-    const struct lw_vec3 light = lw_vec3(c->x[job->candidate], c->y[job->candidate], c->z[job->candidate]);
-    const float scale = 1 / lw_colour_luminance(colour);
-    float weight[GROUPS];
-    shoot_weakly(job, outlook, part, weight);
-    for (uint32_t b = 0; b < BLOCKS; b++) {
-        const float k = weight[group_of(b)];
-        if (part[b] != PART_WEAK || !(k > 0)) continue;
-        w->summary.found[b] += k * outlook->expected[b];
-        if (w->whole[b]) {
-            const float e = k * outlook->expected[b] * scale;
-            w->weak[0][b] += e * colour.x, w->weak[1][b] += e * colour.y, w->weak[2][b] += e * colour.z;
-            continue;
+    for (uint32_t n = 0; n < count; n++) {
+        if (!job->work->lit[pixel[n]]) continue;
+        for (uint32_t k = 0; k < 4; k++) {
+            const uint32_t b = block_of(group[n], k);
+            if (parts->weak[b] > 0) add_to_block(job, outlook, b, weight[n], colour);
         }
-        const struct lw_points16 *at = &w->summary.middle[b / LANES];
-        const uint32_t i = b % LANES;
-        const struct lw_vec3 way = lw_vec3_sub(light, lw_vec3(at->x[i], at->y[i], at->z[i]));
-        add_by_normals(&job->tile->block[b], lw_vec3_normalize(way),
-                       lw_vec3_scale(colour, k * outlook->full[b] * scale));
     }
 }
 
@@ -1131,19 +1150,20 @@ static void add_light(const struct lw_direct_pixels *d, struct lw_direct_tile *t
                       .seed = lw_random_hash4(d->seed, tile->x, tile->y, candidate),
                       .wide = d->blends || has_extent(d, candidate)};
     const struct lw_vec3 colour = colour_of(d, candidate);
-    uint8_t part[BLOCKS];
-    bool full = false, weak = false;
-    for (uint32_t b = 0; b < BLOCKS; b++) {
-        part[b] = (uint8_t)part_for(&job, outlook, b);
-        w->facing[b] = part[b] == PART_FULL ? light_points(d, candidate, &tile->block[b].points, w->e[b]) &
-                                                  tile->block[b].active
-                                            : 0;
-        weigh(w, b, &tile->block[b], lw_colour_luminance(colour));
+    const float luminance = lw_colour_luminance(colour);
+    struct parts parts;
+    bool full = false;
+    const uint32_t any = part_light(&job, outlook, &parts);
+    for (uint32_t b = 0; (any & 2u) && b < BLOCKS; b++) {
+        w->facing[b] = 0;
+        if (parts.full[b] && tile->block[b].active)
+            w->facing[b] =
+                light_points(d, candidate, &tile->block[b].points, w->e[b]) & tile->block[b].active;
+        weigh(w, b, &tile->block[b], luminance);
         full |= w->facing[b] != 0;
-        weak |= part[b] == PART_WEAK;
     }
     if (full) add_full(&job);
-    if (weak) add_weak(&job, outlook, part, colour);
+    if (any & 1u) add_weak(&job, outlook, &parts, lw_vec3_scale(colour, 1 / luminance));
 }
 
 /* One of the weak lights for each block, by what it may give. */
