@@ -18,7 +18,8 @@ import time
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 SPONZA = "sponza/Sponza_lit.gltf"
 SPONZA_CAMERA = "@-8,1.8,-0.3:5,4,-0.3:75"  # the only one of the scenes that brings no camera
-SHOWN = ["direct_over_raw", "scatter_over_raw", "compose_over_raw", "drawn_over_compose", "speed_up", "serial_percent"]
+SHOWN = ["direct_over_raw", "scatter_over_raw", "compose_over_raw", "drawn_over_compose", "shadow_rays_a_pixel",
+         "speed_up", "serial_percent"]
 
 
 def git(*words):
@@ -88,6 +89,7 @@ def measure(tools, scene, rounds):
             out["compose"] = row
             out["compose_over_raw"] = row["compose_over_raw"]
             out["drawn_over_compose"] = row["drawn_over_compose"]
+            out["shadow_rays_a_pixel"] = row["shadow_rays_a_pixel"]  # over the bare rays, one a pixel
     return out
 
 
