@@ -253,8 +253,104 @@ static void test_a_wall_parts_the_texels_under_it(void **state) {
     }
 }
 
+/* A strip a fifth of a texel wide has as many places as a whole texel, all of them on it. */
+static void test_a_strip_has_eight_places(void **state) {
+    (void)state;
+    struct room room = {.texels_per_metre = DENSITY};
+    room_quad(&room, lw_vec3(-2, 0, 0), lw_vec3(0, 0, 0.05f), lw_vec3(4, 0, 0), 0.5f, 0);
+    struct room_solution solution;
+    room_solve(&solution, &room, (struct lw_solver_desc){0}, 1);
+    struct lw_error err = {0};
+    struct lw_texels texels;
+    lw_support_ok(lw_texels_init(&texels, solution.scene, 1, &err), &err);
+    const struct lw_mesh_texels *mesh = &texels.mesh[0];
+    const struct lw_sample_points *footprint = &mesh->footprint;
+    unsigned whole = 0;
+    for (uint32_t i = 0; i < mesh->texel_count; i++) {
+        const uint32_t places = footprint->first[i + 1] - footprint->first[i];
+        whole += mesh->covered[i] && places == LW_SAMPLE_POINTS_MAX;
+        for (uint32_t k = 0; k < places; k += LW_TRACE_WIDTH) {
+            struct lw_sample_points_lanes lanes;
+            uint32_t texel[LW_TRACE_WIDTH], place[LW_TRACE_WIDTH];
+            for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+                texel[lane] = i;
+                place[lane] = footprint->first[i] + (lane < places ? lane : 0);
+            }
+            lw_sample_points_load(footprint, mesh->position, texel, place, &lanes);
+            for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
+                assert_true(lanes.at.z[lane] > -1e-4f && lanes.at.z[lane] < 0.0501f);
+        }
+    }
+    assert_true(whole >= 4 * DENSITY - 2); /* those at its ends may have fewer */
+    lw_texels_finish(&texels);
+    room_finish(&solution);
+}
+
+/* The four sides of a bar along x or y, open at both ends. */
+static void bar(struct room *room, struct lw_vec3 low, struct lw_vec3 high, bool along_y, bool double_sided) {
+    const struct lw_vec3 size = lw_vec3_sub(high, low),
+                         a = along_y ? lw_vec3(0, size.y, 0) : lw_vec3(size.x, 0, 0),
+                         b = along_y ? lw_vec3(0, 0, size.z) : lw_vec3(0, size.y, 0),
+                         c = along_y ? lw_vec3(size.x, 0, 0) : lw_vec3(0, 0, size.z);
+    const uint32_t first = room->quad_count;
+    room_quad(room, low, a, c, 0, 0);
+    room_quad(room, lw_vec3_add(low, b), c, a, 0, 0);
+    room_quad(room, low, b, a, 0, 0);
+    room_quad(room, lw_vec3_add(low, c), a, b, 0, 0);
+    for (uint32_t q = first; q < room->quad_count; q++) room->quad[q].double_sided = double_sided;
+}
+
+static void find_darkest(void *user, struct lw_vec3 p, double area, double direct, double indirect) {
+    (void)p, (void)area, (void)indirect;
+    double *darkest = user;
+    darkest[0] = fmin(darkest[0], direct);
+    darkest[1]++;
+}
+
+/* A bar ends inside a post with double-sided faces, both black under an even sky. A face of the bar has E = pi where it is
+ * free and, since the post hides at most half of the sky from it, pi/2 beside it. What is inside is not light of
+ * any texel, wherever these begin. */
+static void test_the_end_of_a_bar_inside_another_is_not_its_light(void **state) {
+    (void)state;
+    for (int i = 0; i < 4; i++) {
+        struct room room = {.texels_per_metre = 10, .sky = 1};
+        bar(&room, lw_vec3(-1 - 0.025f * (float)i, -0.02f, -0.02f), lw_vec3(0.05f, 0.02f, 0.02f), false,
+            false);
+        bar(&room, lw_vec3(0, -1, -0.03f), lw_vec3(0.06f, 1, 0.03f), true, true);
+        struct room_solution solution;
+        room_solve(&solution, &room, (struct lw_solver_desc){.direct_samples = 8}, 64);
+        for (uint32_t face = 0; face < 4; face++) {
+            double darkest[2] = {INFINITY, 0};
+            room_each_texel(&solution, face, find_darkest, darkest);
+            assert_true(darkest[1] >= 10);
+            if (darkest[0] < 0.97 * acos(-1.0) / 2) fail_msg("face %u: a texel reads %.3f", face, darkest[0]);
+        }
+        room_finish(&solution);
+    }
+}
+
+/* A double-sided sheet half a texel above a floor shades it, though only its back is to be seen from there: in its middle no sky is
+ * left within 84 degrees of the zenith, cos^2(84) = 0.011 of pi. */
+static void test_a_sheet_close_to_a_floor_shades_it(void **state) {
+    (void)state;
+    struct room room = {.texels_per_metre = 10, .sky = 1};
+    room_quad(&room, lw_vec3(-1, 0, -1), lw_vec3(0, 0, 2), lw_vec3(2, 0, 0), 0, 0);
+    room_quad(&room, lw_vec3(-0.5f, 0.05f, -0.5f), lw_vec3(0, 0, 1), lw_vec3(1, 0, 0), 0, 0);
+    room.quad[1].double_sided = true;
+    struct room_solution solution;
+    room_solve(&solution, &room, (struct lw_solver_desc){.direct_samples = 8}, 64);
+    double darkest[2] = {INFINITY, 0};
+    room_each_texel(&solution, 0, find_darkest, darkest);
+    assert_true(darkest[0] < 0.02 * acos(-1.0));
+    assert_true(darkest[1] >= 400);
+    room_finish(&solution);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_a_strip_has_eight_places),
+        cmocka_unit_test(test_the_end_of_a_bar_inside_another_is_not_its_light),
+        cmocka_unit_test(test_a_sheet_close_to_a_floor_shades_it),
         cmocka_unit_test(test_texels_hold_the_lit_share_of_a_shadow_edge),
         cmocka_unit_test(test_samples_of_one_frame_spread_over_the_texel),
         cmocka_unit_test(test_a_coarse_sphere_shades_smoothly),

@@ -15,9 +15,14 @@
 #define NEAR        0.1f /* of the scene's longest side */
 #define RIM         4.0f /* texels beside a wall: a look-up at level 2 reads as far */
 #define RIM_RAYS    8
+/* Inside a solid whose faces are double-sided, rays both ways leave it, all but three of these: tubes and boxes may be
+ * open at an end. */
+#define ENCLOSED_RAYS 13
+#define CROSSINGS_MAX 12
 /* Closer to another surface than this many times the lift, a place may find itself on the surface's other side. */
 #define TOUCHING 8
-/* A texel whose surroundings are clear this many texel sizes around it is looked at no further. */
+/* A texel whose surroundings are clear this many texel sizes around it is looked at no further; double-sided solids are
+ * looked for as far. */
 #define CLEAR 2
 
 struct box {
@@ -71,9 +76,8 @@ static struct lw_vec3 origin_of(const struct row *row, uint32_t lane) {
 static struct lw_vec3 face_of(const struct row *row, uint32_t lane) {
     return lw_vec3(row->place.gx[lane], row->place.gy[lane], row->place.gz[lane]);
 }
-static float texel_size(const struct row *row, uint32_t lane) {
-    return 2 * row->mesh->footprint.reach[row->first + lane] * row->frame.stretch;
-}
+/* Not the extent of its places: a texel that a chart only crosses may have one. */
+static float texel_size(const struct row *row) { return row->mesh->texel_m * row->frame.stretch; }
 
 static bool buries(const struct search *s, const struct lw_hit16 *hits, uint32_t lane, float reach_m) {
     const uint32_t object = hits->object[lane];
@@ -109,7 +113,7 @@ static uint16_t find_suspects(const struct search *s, struct row *row, uint16_t 
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
             if (loaded >> lane & 1 &&
                 (buries(s, &hits, lane, s->far_m) ||
-                 (hits.object[lane] != LW_TRACE_MISS && hits.t[lane] < CLEAR * texel_size(row, lane))))
+                 (hits.object[lane] != LW_TRACE_MISS && hits.t[lane] < CLEAR * texel_size(row))))
                 suspects |= (uint16_t)(1u << lane);
     }
     return suspects;
@@ -125,7 +129,7 @@ static uint16_t find_rim(const struct search *s, struct row *row, uint16_t suspe
         struct lw_hit16 hits;
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
             if (!(active >> lane & 1)) continue;
-            const float size = texel_size(row, lane);
+            const float size = texel_size(row);
             struct lw_vec3 t, b;
             lw_vec3_frame(face_of(row, lane), &t, &b);
             lw_trace_set_ray(&rays, lane, lw_vec3_mad(origin_of(row, lane), face_of(row, lane), 0.25f * size),
@@ -151,6 +155,56 @@ static uint16_t find_buried(const struct search *s, const struct row *row, uint1
                 buried &= (uint16_t) ~(1u << lane);
     }
     return buried;
+}
+
+/* By how many the faces that a ray leaves solids by outnumber those by which it enters some: 1 from inside a closed one,
+ * whatever else is in it; 0 from outside, and 1 or -1 from beside a sheet. What may let light through does not count. */
+static void count_exits(const struct search *s, const struct row *row, uint16_t active, struct lw_ray16 *rays,
+                        int out_exits[LW_TRACE_WIDTH]) {
+    const struct lw_scene *scene = s->texels->scene;
+    memset(out_exits, 0, LW_TRACE_WIDTH * sizeof *out_exits);
+    for (uint32_t k = 0; k < CROSSINGS_MAX && active; k++) {
+        struct lw_hit16 hits;
+        lw_trace_closest16(s->trace, 0, active, rays, &hits);
+        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+            if (!(active >> lane & 1)) continue;
+            const uint32_t object = hits.object[lane];
+            if (object == LW_TRACE_MISS) {
+                active &= (uint16_t) ~(1u << lane);
+                continue;
+            }
+            const struct lw_mesh *mesh = &scene->mesh[scene->object[object].mesh];
+            if (!lw_pose_object_moves(s->pose, scene, object) &&
+                scene->material[mesh->material[hits.triangle[lane]]].alpha_mode == LW_ALPHA_OPAQUE)
+                out_exits[lane] += hits.back[lane] ? 1 : -1;
+            rays->t_near[lane] = hits.t[lane] + 4 * row->lift[lane];
+        }
+    }
+}
+
+/* Places inside solids, by generalized winding numbers (Jacobson et al. 2013) of what is near: these bear holes and solids
+ * that overlap, and tell a place under a sheet, from which the way down leads in, or nowhere, from one in a box. So
+ * backs of double-sided surfaces bury, too. What lights the inside of such a solid is nobody's to see. */
+static uint16_t find_enclosed(const struct search *s, const struct row *row, uint16_t active) {
+    const float reach_m = fminf(CLEAR * texel_size(row), s->near_m);
+    int free_rays[LW_TRACE_WIDTH] = {0};
+    uint16_t enclosed = active;
+    for (uint32_t r = 0; r < 2 * RAYS && enclosed; r++) {
+        struct lw_ray16 rays = {.salt = 0};
+        int exits[LW_TRACE_WIDTH];
+        float point[2];
+        lw_random_sobol2(r / 2, 0, point);
+        const struct lw_vec3 local = lw_vec3_scale(lw_direction_cosine(point), r % 2 ? -1 : 1);
+        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
+            if (enclosed >> lane & 1)
+                lw_trace_set_ray(&rays, lane, origin_of(row, lane),
+                                 lw_direction_about(face_of(row, lane), local), reach_m);
+        count_exits(s, row, enclosed, &rays, exits);
+        for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
+            if (enclosed >> lane & 1 && exits[lane] < 1 && ++free_rays[lane] > 2 * RAYS - ENCLOSED_RAYS)
+                enclosed &= (uint16_t) ~(1u << lane);
+    }
+    return enclosed;
 }
 
 /* Places that another surface runs through: short rays across them meet it. */
@@ -202,7 +256,7 @@ static void keep_one_side(const struct search *s, struct row *row, uint16_t susp
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
             if (!(loaded >> lane & 1)) continue;
             struct lw_vec3 raised =
-                lw_vec3_mad(origin_of(row, lane), face_of(row, lane), 0.25f * texel_size(row, lane));
+                lw_vec3_mad(origin_of(row, lane), face_of(row, lane), 0.25f * texel_size(row));
             if (begun >> lane & 1)
                 lw_trace_set_ray(&rays, lane, first[lane], lw_vec3_sub(raised, first[lane]), 1);
             else
@@ -230,8 +284,9 @@ static void examine(const struct search *s, struct row *row, uint16_t suspects) 
     for (uint32_t k = 0; k < LW_SAMPLE_POINTS_MAX; k++) {
         const uint16_t active = load_places(row, suspects, k);
         if (!active) continue;
-        const uint16_t buried = find_buried(s, row, active, rim), open = active & (uint16_t)~buried;
-        uint16_t doubt = 0;
+        uint16_t buried = find_buried(s, row, active, rim), doubt = 0;
+        buried |= find_enclosed(s, row, active & (uint16_t)~buried);
+        const uint16_t open = active & (uint16_t)~buried;
         if (open) doubt = find_touching(s, row, open) | find_cut_off(s, row, open);
         for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
             out[lane] |= (uint8_t)((buried >> lane & 1u) << k);
@@ -279,7 +334,7 @@ static bool may_be_freed(const struct search *s, const struct row *row, uint32_t
     const struct lw_affine *to_world = &s->pose->object_to_world[row->object];
     const struct lw_vec3 p = lw_affine_point(to_world, lw_texels_vector(row->mesh->position, i)),
                          n = lw_affine_normal(to_world, lw_texels_vector(row->mesh->geometric, i));
-    const float size = 2 * row->mesh->footprint.reach[i] * row->frame.stretch, margin = 2 * size;
+    const float size = texel_size(row), margin = 2 * size;
     for (uint32_t k = 0; k < s->left_count; k++) {
         const struct box *box = &s->left[k];
         if (meets(box, margin + RIM * size, p, lw_vec3(0, 0, 0)) ||

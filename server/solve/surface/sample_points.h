@@ -6,15 +6,20 @@
  * The rays of successive samples start at successive places, so that a texel's E tends to its mean over the places.
  * They are points of the (0,2)-sequence: whichever way a shadow's edge runs, its share is right to about 1/8. A place is
  * on the surface of the triangle that the lightmap has there, raised by lw_scene_shadow_origin(); points of the square that no
- * triangle of the chart covers are left out, never moved to its edge, which may lie in the plane of the next wall. */
+ * triangle of the chart covers are left out, never moved to its edge, which may lie in the plane of the next wall. Further
+ * points of the sequence take their turn, so that a narrow chart has eight places as well. */
 #ifndef LW_SURFACE_SAMPLE_POINTS_H
 #define LW_SURFACE_SAMPLE_POINTS_H
 
 #include "common/points16.h"
+#include "common/random.h"
 #include "common/scene/scene.h"
 #include "common/trace/trace.h"
 
 #define LW_SAMPLE_POINTS_MAX 8u
+/* Points of a texel's square of which the first eight on its chart are its places: a strip of an eighth of a
+ * texel has as many. */
+#define LW_SAMPLE_POINTS_SPOTS 64u
 
 /** One place of a texel, in object space; 12 bytes, for they are many. From the lowest bit of the first word:
  * three times 16 bits  offset from the texel's position, signed; 32767 is its reach
@@ -36,11 +41,12 @@ struct lw_sample_points_point {
     struct lw_vec3 origin, normal, geometric; /* object space */
 };
 
-/** Where place k of a texel lies in its unit square. */
+/** Where spot k of LW_SAMPLE_POINTS_SPOTS lies in a texel's unit square. The first eight are in the middle of their
+ * eighths in both directions, those that follow of their 64ths. */
 static inline struct lw_vec2 lw_sample_points_spot(uint32_t k) {
-    static const uint8_t x[LW_SAMPLE_POINTS_MAX] = {1, 9, 5, 13, 3, 11, 7, 15},
-                         y[LW_SAMPLE_POINTS_MAX] = {1, 9, 13, 5, 11, 3, 7, 15};
-    return (struct lw_vec2){(float)x[k] / 16, (float)y[k] / 16};
+    const float middle = k < LW_SAMPLE_POINTS_MAX ? 1.0f / 16 : 1.0f / 128;
+    return (struct lw_vec2){lw_random_unit(lw_random_reverse_bits(k)) + middle,
+                            lw_random_unit(lw_random_reverse_bits(lw_random_pascal(k))) + middle};
 }
 
 /** Packs the places of one texel behind those that are there.

@@ -21,10 +21,12 @@ struct claim {
         chart; /* of that triangle; else the chart whose look-ups read the texel; LW_TEXEL_NONE: nobody's */
     float read_area; /* of the reading triangle within a texel of the centre, texels^2 */
     bool back;
-    uint32_t
-        spot[LW_SAMPLE_POINTS_MAX]; /* the triangle that holds each spot of the texel; SPOT_BACK: its back */
+    /* The first spots that lie on the chart, ascending, and the triangle that holds each; SPOT_BACK: its back */
+    uint32_t spot[LW_SAMPLE_POINTS_MAX];
+    uint8_t number[LW_SAMPLE_POINTS_MAX];
 };
 #define SPOT_BACK 0x80000000u
+_Static_assert(LW_SAMPLE_POINTS_SPOTS <= UINT8_MAX + 1, "a spot's number");
 _Static_assert(LW_SCENE_TRIANGLES_MAX <= SPOT_BACK, "a spot's word holds triangle and side");
 
 static struct lw_vec2 minus(struct lw_vec2 a, struct lw_vec2 b) {
@@ -104,13 +106,21 @@ static uint32_t floor_clamped(float x, uint32_t limit) {
 /* Lets a triangle claim the spots of a texel that it holds; on the edge of two, the first has it. */
 static void claim_spots(struct claim *c, const struct lw_vec2 corner[3], uint32_t x, uint32_t y,
                         uint32_t triangle, bool back) {
-    for (uint32_t k = 0; k < LW_SAMPLE_POINTS_MAX; k++) {
-        if (c->spot[k] != LW_TEXEL_NONE) continue;
-        struct lw_vec2 spot = lw_sample_points_spot(k);
+    const uint32_t last = LW_SAMPLE_POINTS_MAX - 1;
+    uint32_t k = 0; /* of those that are held, how many come before */
+    for (uint32_t number = 0; number < LW_SAMPLE_POINTS_SPOTS; number++) {
+        while (k <= last && c->spot[k] != LW_TEXEL_NONE && c->number[k] < number) k++;
+        if (k > last) break;
+        if (c->spot[k] != LW_TEXEL_NONE && c->number[k] == number) continue;
+        const struct lw_vec2 spot = lw_sample_points_spot(number);
         float u, v;
-        if (barycentrics(corner, (struct lw_vec2){(float)x + spot.x, (float)y + spot.y}, &u, &v) && u >= 0 &&
-            v >= 0 && u + v <= 1)
-            c->spot[k] = triangle | (back ? SPOT_BACK : 0);
+        if (!barycentrics(corner, (struct lw_vec2){(float)x + spot.x, (float)y + spot.y}, &u, &v) || u < 0 ||
+            v < 0 || u + v > 1)
+            continue;
+        memmove(&c->spot[k + 1], &c->spot[k], (last - k) * sizeof c->spot[0]);
+        memmove(&c->number[k + 1], &c->number[k], (last - k) * sizeof c->number[0]);
+        c->spot[k] = triangle | (back ? SPOT_BACK : 0);
+        c->number[k] = (uint8_t)number;
     }
 }
 
@@ -273,7 +283,7 @@ static void place_footprint(struct lw_mesh_texels *texels, const struct lw_mesh 
         if (c->spot[k] == LW_TEXEL_NONE) continue;
         const uint32_t triangle = c->spot[k] & ~SPOT_BACK;
         const bool back = c->spot[k] & SPOT_BACK;
-        struct lw_vec2 corner[3], spot = lw_sample_points_spot(k);
+        struct lw_vec2 corner[3], spot = lw_sample_points_spot(c->number[k]);
         float u = 0, v = 0;
         lightmap_corners(mesh, triangle, back, corner);
         barycentrics(corner, (struct lw_vec2){(float)x + spot.x, (float)y + spot.y}, &u, &v);
@@ -404,6 +414,21 @@ static void claim_all(struct claim *claim, const struct lw_mesh_texels *texels, 
         if (claim[i].chart != LW_TEXEL_NONE) claim[i].chart = lw_union_find_root(parent, claim[i].chart);
 }
 
+/* The side of a texel in space: by the areas of all triangles there and in the lightmap. */
+static float texel_side(const struct lw_mesh *mesh) {
+    double surface = 0, lightmap = 0;
+    for (uint32_t t = 0; t < mesh->triangle_count; t++) {
+        const uint32_t *i = mesh->triangle[t];
+        const struct lw_vec3 a = mesh->position[i[0]];
+        struct lw_vec2 uv[3];
+        lightmap_corners(mesh, t, false, uv);
+        surface += (double)lw_vec3_length(
+            lw_vec3_cross(lw_vec3_sub(mesh->position[i[1]], a), lw_vec3_sub(mesh->position[i[2]], a)));
+        lightmap += (double)fabsf(cross2(minus(uv[1], uv[0]), minus(uv[2], uv[0])));
+    }
+    return lightmap > 0 ? (float)sqrt(surface / lightmap) : 0;
+}
+
 static bool build_mesh(struct lw_mesh_texels *texels, const struct lw_scene *scene,
                        const struct lw_mesh *mesh) {
     struct claim *claim = malloc((size_t)texels->texel_count * sizeof *claim);
@@ -425,6 +450,7 @@ static bool build_mesh(struct lw_mesh_texels *texels, const struct lw_scene *sce
     free(claim);
     free(parent);
     list_triangles(texels, scene, mesh);
+    texels->texel_m = texel_side(mesh);
     return ok;
 }
 

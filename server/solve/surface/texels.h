@@ -22,6 +22,7 @@ struct lw_triangle_uv {
 /** Texels of one mesh; arrays of texel_count. */
 struct lw_mesh_texels {
     uint32_t width, height, texel_count;
+    float texel_m;       /* side of a texel, object space, m: the mean over the mesh */
     float *position[3];  /* object space, m; on the surface */
     float *normal[3];    /* shading normal, object space, unit */
     float *geometric[3]; /* normal of the triangle, object space, unit, on the side that this texel lights */
