@@ -16,6 +16,7 @@ find_package(JPEG REQUIRED) # libjpeg-turbo: JPEG::JPEG
 pkg_check_modules(assimp REQUIRED IMPORTED_TARGET assimp>=5.2)
 pkg_check_modules(jansson REQUIRED IMPORTED_TARGET jansson)
 pkg_check_modules(sdl2 REQUIRED IMPORTED_TARGET sdl2)
+pkg_check_modules(epoxy REQUIRED IMPORTED_TARGET epoxy) # finds the functions of OpenGL and EGL when they are called
 pkg_check_modules(cmocka REQUIRED IMPORTED_TARGET cmocka)
 find_program(PROTOC_C protoc-c REQUIRED)
 find_path(STB_INCLUDE_DIR stb_rect_pack.h PATH_SUFFIXES stb REQUIRED)
@@ -42,4 +43,5 @@ add_library(PNG::png ALIAS PkgConfig::png)
 add_library(assimp::c ALIAS PkgConfig::assimp) # its C interface; Debian's own CMake target names a config we lack
 add_library(jansson::jansson ALIAS PkgConfig::jansson)
 add_library(SDL2::sdl2 ALIAS PkgConfig::sdl2)
+add_library(epoxy::epoxy ALIAS PkgConfig::epoxy)
 add_library(cmocka::cmocka ALIAS PkgConfig::cmocka)

@@ -10,6 +10,7 @@ packages=(
     libprotobuf-c-dev protobuf-c-compiler protobuf-compiler
     libzstd-dev libxxhash-dev libjansson-dev
     libopenexr-dev libpng-dev libjpeg62-turbo-dev libassimp-dev libstb-dev libsdl2-dev
+    libepoxy-dev libegl-dev libegl1 libgl1-mesa-dri
     gnuplot-nox
     libcmocka-dev
 )

@@ -860,6 +860,14 @@ void lw_compose_survey(struct lw_compose *compose, const struct lw_compose_sourc
     swap_needed(compose);
 }
 
+void lw_compose_note(struct lw_compose *compose, const uint8_t *needed, const uint64_t *shown,
+                     uint64_t pixel_count) {
+    _Static_assert(PIXEL_LIGHT == 256.0f, "as the header says");
+    memcpy(compose->needed, needed, compose->map->tile_count * sizeof *needed);
+    memcpy(compose->shown, shown, compose->map->tile_count * sizeof *shown);
+    compose->pixel_count = pixel_count;
+}
+
 /* What is to be seen of a tile's error: the share that the server's filter leaves, in texels that are means
  * of finer ones where views read it coarser. */
 static double shown_error(const struct lw_compose *compose, const struct lw_compose_source *source,

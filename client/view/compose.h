@@ -97,6 +97,14 @@ void lw_compose_render_more(struct lw_compose *compose, const struct lw_compose_
 void lw_compose_survey(struct lw_compose *compose, const struct lw_compose_source *source,
                        const struct lw_pose *pose, const struct lw_compose_view *view);
 
+/** Takes over what a picture of another renderer needed, as if it were the last render.
+ *
+ * needed        as of lw_compose_needed()
+ * shown         for each tile: its share of a pixel's light, 256 a pixel, summed over them
+ * pixel_count   of that sum */
+void lw_compose_note(struct lw_compose *compose, const uint8_t *needed, const uint64_t *shown,
+                     uint64_t pixel_count);
+
 /** Looks again at the tiles that the last render needed, without a ray. */
 void lw_compose_check(const struct lw_compose *compose, const struct lw_compose_source *source,
                       struct lw_compose_report *out_report);

@@ -1,0 +1,391 @@
+#include "client/gl/gl_light.h"
+
+#include "client/gl/gl_program.h"
+#include "common/colour.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define PAGE_SIDE   1024u /* texels; larger where a level is */
+#define BORDERED    (LW_TILE_SIDE + 2)
+#define PACKED_MAX  65408.0f /* of GL_RGB9_E5 */
+#define DRIFT_STOPS 8        /* light is packed again when its mean has moved by so much */
+#define FAR_STOPS   100
+
+struct lw_gl_light_rect {
+    uint32_t x, y, layer, mip, width, height; /* texels of that mip level of the pages */
+};
+
+uint32_t lw_gl_light_pack(const float rgb[3]) {
+    float c[3], most = 0;
+    for (int i = 0; i < 3; i++) {
+        c[i] = rgb[i] > 0 ? (rgb[i] < PACKED_MAX ? rgb[i] : PACKED_MAX) : 0;
+        most = c[i] > most ? c[i] : most;
+    }
+    /* shared exponent e: steps of 2^(e - 24), of which the largest channel has at most 511 */
+    uint32_t bits;
+    memcpy(&bits, &most, sizeof bits);
+    int e = (int)(bits >> 23) - 127 + 16;
+    e = e < 0 ? 0 : e;
+    uint32_t step_bits = (uint32_t)(24 - e + 127) << 23;
+    float steps; /* a unit */
+    memcpy(&steps, &step_bits, sizeof steps);
+    if ((uint32_t)(most * steps + 0.5f) > 511) e++, steps *= 0.5f;
+    uint32_t packed = (uint32_t)e << 27;
+    for (int i = 0; i < 3; i++) packed |= (uint32_t)(c[i] * steps + 0.5f) << (9 * i);
+    return packed;
+}
+
+/* ---- room ---- */
+
+/* Levels with a place of their own. */
+struct order {
+    uint32_t level, height;
+};
+
+static int by_height(const void *a, const void *b) {
+    const struct order *x = a, *y = b;
+    if (x->height != y->height) return x->height > y->height ? -1 : 1;
+    return x->level < y->level ? -1 : 1;
+}
+
+/* Places keep to whole texels of the coarsest mip level. */
+static uint32_t rounded(uint32_t side) {
+    return (side + (1u << LW_ATLAS_READ_MAX) - 1) >> LW_ATLAS_READ_MAX << LW_ATLAS_READ_MAX;
+}
+
+/* Packs them on shelves, the tallest first. */
+static void lay_out(struct lw_gl_light *light, const struct order *order, uint32_t count) {
+    uint32_t x = 0, y = 0, shelf = 0, layer = 0;
+    for (uint32_t i = 0; i < count; i++) {
+        struct lw_gl_light_rect *r = &light->rect[order[i].level];
+        const uint32_t width = rounded(r->width), height = rounded(r->height);
+        if (x + width > light->side) x = 0, y += shelf, shelf = 0;
+        if (y + height > light->side) x = 0, y = 0, shelf = 0, layer++;
+        if (shelf == 0) shelf = height;
+        r->x = x, r->y = y, r->layer = layer;
+        x += width;
+    }
+    light->layers = layer + 1;
+}
+
+/* Levels 1 and 2 lie where level 0 does. */
+static void place_mips(struct lw_gl_light *light) {
+    for (uint32_t o = 0; o < light->map->object_count; o++) {
+        struct lw_gl_light_rect *r = &light->rect[light->first_level[o]];
+        for (uint32_t k = 1; k <= LW_ATLAS_READ_MAX && k < light->map->atlas[o].level_count; k++)
+            r[k].x = r->x >> k, r[k].y = r->y >> k, r[k].layer = r->layer, r[k].mip = k;
+    }
+}
+
+static enum lw_status find_places(struct lw_gl_light *light, uint32_t count, struct lw_error *err) {
+    GLint side_max = 0, layers_max = 0;
+    glGetIntegerv(GL_MAX_TEXTURE_SIZE, &side_max);
+    glGetIntegerv(GL_MAX_ARRAY_TEXTURE_LAYERS, &layers_max);
+    struct order *order = calloc(count + 1ul, sizeof *order);
+    if (order == NULL) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the light of the view");
+    uint32_t placed = 0;
+    light->side = PAGE_SIDE;
+    for (uint32_t o = 0; o < light->map->object_count; o++)
+        for (uint32_t k = 0; k < light->map->atlas[o].level_count; k++) {
+            const uint32_t number = light->first_level[o] + k;
+            const struct lw_gl_light_rect *r = &light->rect[number];
+            if (k == 0 || k > LW_ATLAS_READ_MAX) order[placed++] = (struct order){number, r->height};
+            while (light->side < r->width || light->side < r->height) light->side *= 2;
+        }
+    qsort(order, placed, sizeof *order, by_height);
+    do lay_out(light, order, placed);
+    while (light->layers > (uint32_t)layers_max && (light->side *= 2) <= (uint32_t)side_max);
+    free(order);
+    if (light->side > (uint32_t)side_max || light->layers > (uint32_t)layers_max)
+        return lw_status_fail(
+            err, LW_UNAVAILABLE,
+            "the scene's lightmaps take %u pages of %u x %u texels, the GPU has %d of %d x %d", light->layers,
+            light->side, light->side, layers_max, side_max, side_max);
+    place_mips(light);
+    return LW_OK;
+}
+
+static void list_levels(struct lw_gl_light *light) {
+    uint32_t k = 0;
+    for (uint32_t o = 0; o < light->map->object_count; o++) {
+        light->first_level[o] = k;
+        for (uint32_t i = 0; i < light->map->atlas[o].level_count; i++, k++) {
+            const struct lw_atlas_level *l = &light->map->atlas[o].level[i];
+            light->rect[k] = (struct lw_gl_light_rect){.width = l->width, .height = l->height};
+        }
+    }
+}
+
+void lw_gl_light_place(const struct lw_gl_light *light, uint32_t object, uint32_t back_offset,
+                       uint32_t out_words[4]) {
+    const struct lw_gl_light_rect *r = &light->rect[light->first_level[object]];
+    const uint32_t level_count = light->map->atlas[object].level_count;
+    out_words[0] = light->first_level[object];
+    out_words[1] = level_count | r->layer << 4 | back_offset << 16;
+    out_words[2] = r->x | r->y << 16;
+    out_words[3] = r->width | r->height << 16;
+}
+
+/* A GL_TEXTURE_BUFFER over a buffer of its own. */
+static void make_table(GLenum format, size_t size, const void *data, GLuint *out_buffer,
+                       GLuint *out_texture) {
+    glGenBuffers(1, out_buffer);
+    glBindBuffer(GL_TEXTURE_BUFFER, *out_buffer);
+    glBufferData(GL_TEXTURE_BUFFER, (GLsizeiptr)size, data, data ? GL_STATIC_DRAW : GL_DYNAMIC_DRAW);
+    glGenTextures(1, out_texture);
+    glBindTexture(GL_TEXTURE_BUFFER, *out_texture);
+    glTexBuffer(GL_TEXTURE_BUFFER, format, *out_buffer);
+}
+
+static enum lw_status make_textures(struct lw_gl_light *light, uint32_t count, struct lw_error *err) {
+    const struct lw_atlas_map *map = light->map;
+    uint32_t(*table)[4] = calloc(count + 1ul, sizeof *table), k = 0;
+    if (table == NULL) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the light of the view");
+    for (uint32_t o = 0; o < map->object_count; o++)
+        for (uint32_t i = 0; i < map->atlas[o].level_count; i++, k++) {
+            const struct lw_gl_light_rect *r = &light->rect[k];
+            const struct lw_atlas_level *l = &map->atlas[o].level[i];
+            table[k][0] = r->x | r->y << 16;
+            table[k][1] = r->layer | r->mip << 12 | l->tiles_x << 16;
+            table[k][2] = r->width | r->height << 16;
+            table[k][3] = map->first_tile[o] + l->first_tile;
+        }
+    make_table(GL_RGBA32UI, (count + 1ul) * sizeof *table, table, &light->level_buffer, &light->levels);
+    make_table(GL_R16UI, (map->tile_count + 1ul) * sizeof *light->word, NULL, &light->tile_buffer,
+               &light->tiles);
+    free(table);
+    glGenTextures(1, &light->pages);
+    glBindTexture(GL_TEXTURE_2D_ARRAY, light->pages);
+    glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MIN_FILTER, GL_LINEAR_MIPMAP_NEAREST);
+    glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
+    glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MAX_LEVEL, LW_ATLAS_READ_MAX);
+    glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
+    glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_WRAP_T, GL_CLAMP_TO_EDGE);
+    for (GLint mip = 0; mip <= (GLint)LW_ATLAS_READ_MAX; mip++)
+        glTexImage3D(GL_TEXTURE_2D_ARRAY, mip, GL_RGB9_E5, (GLsizei)(light->side >> mip),
+                     (GLsizei)(light->side >> mip), (GLsizei)light->layers, 0, GL_RGB,
+                     GL_UNSIGNED_INT_5_9_9_9_REV, NULL);
+    return lw_gl_program_check("the scene's lightmaps", err);
+}
+
+enum lw_status lw_gl_light_init(struct lw_gl_light *light, const struct lw_atlas_map *map, bool unfiltered,
+                                struct lw_error *err) {
+    uint32_t count = 0;
+    GLint table_max = 0;
+    for (uint32_t o = 0; o < map->object_count; o++) count += map->atlas[o].level_count;
+    *light = (struct lw_gl_light){.map = map, .unfiltered = unfiltered, .scale = 0};
+    glGetIntegerv(GL_MAX_TEXTURE_BUFFER_SIZE, &table_max);
+    if (map->tile_count >= (uint32_t)table_max || count >= (uint32_t)table_max)
+        return lw_status_fail(err, LW_UNAVAILABLE, "the scene has %u tiles of light, the GPU takes %d",
+                              map->tile_count, table_max);
+    light->first_level = calloc(map->object_count + 1ul, sizeof *light->first_level);
+    light->rect = calloc(count + 1ul, sizeof *light->rect);
+    light->version = calloc(map->tile_count + 1ul, sizeof *light->version);
+    light->calm = calloc(map->tile_count + 1ul, sizeof *light->calm);
+    light->settled = calloc(map->object_count + 1ul, sizeof *light->settled);
+    light->word = calloc(map->tile_count + 1ul, sizeof *light->word);
+    light->queue = calloc(map->tile_count + 1ul, sizeof *light->queue);
+    light->texels = calloc((size_t)BORDERED * BORDERED, sizeof *light->texels);
+    enum lw_status status = LW_OK;
+    if (!light->first_level || !light->rect || !light->version || !light->calm || !light->settled ||
+        !light->word || !light->queue || !light->texels)
+        status = lw_status_fail(err, LW_NO_MEMORY, "no memory for the light of the view");
+    if (status == LW_OK) {
+        list_levels(light);
+        status = find_places(light, count, err);
+    }
+    if (status == LW_OK) status = make_textures(light, count, err);
+    if (status != LW_OK) lw_gl_light_finish(light);
+    return status;
+}
+
+void lw_gl_light_finish(struct lw_gl_light *light) {
+    if (light->pages) glDeleteTextures(1, &light->pages);
+    if (light->levels) glDeleteTextures(1, &light->levels);
+    if (light->tiles) glDeleteTextures(1, &light->tiles);
+    if (light->level_buffer) glDeleteBuffers(1, &light->level_buffer);
+    if (light->tile_buffer) glDeleteBuffers(1, &light->tile_buffer);
+    free(light->texels);
+    free(light->queue);
+    free(light->word);
+    free(light->settled);
+    free(light->calm);
+    free(light->version);
+    free(light->rect);
+    free(light->first_level);
+    *light = (struct lw_gl_light){0};
+}
+
+/* ---- tiles ---- */
+
+/* Whether a tile of a level is in the pages; `self` counts. */
+static bool is_here(const struct lw_gl_light *light, const struct lw_tile_place *place, int64_t x, int64_t y,
+                    uint32_t self) {
+    const struct lw_atlas_level *l = &light->map->atlas[place->object].level[place->level];
+    const uint32_t t =
+        light->map->first_tile[place->object] + l->first_tile + (uint32_t)y * l->tiles_x + (uint32_t)x;
+    return t == self || light->version[t] != 0;
+}
+
+/* Where a texel of the border of a tile is read: in the neighbour, or where that has not arrived at the tile's
+ * own edge, which then stands in for it in look-ups between the two. */
+static int64_t nearest(int64_t at, int64_t first, int64_t count) {
+    if (at < first) return first;
+    return at < first + count ? at : first + count - 1;
+}
+
+/* Packs a tile into light->texels, with a border of a texel wherever the level goes on. */
+static void pack_tile(struct lw_gl_light *light, uint32_t tile, const struct lw_client_level *level,
+                      int64_t left, int64_t top, int64_t right, int64_t bottom) {
+    const struct lw_tile_place *place = &light->map->place[tile];
+    const int64_t x0 = (int64_t)place->x * LW_TILE_SIDE, y0 = (int64_t)place->y * LW_TILE_SIDE;
+    uint32_t *out = light->texels;
+    for (int64_t y = top; y < bottom; y++)
+        for (int64_t x = left; x < right; x++) {
+            const bool inside = x >= x0 && x < x0 + place->width && y >= y0 && y < y0 + place->height;
+            int64_t sx = x, sy = y;
+            if (!inside && !is_here(light, place, x / LW_TILE_SIDE, y / LW_TILE_SIDE, tile))
+                sx = nearest(x, x0, place->width), sy = nearest(y, y0, place->height);
+            const float *rgb = level->rgb + 3 * ((size_t)sy * level->width + (size_t)sx);
+            const float scaled[3] = {rgb[0] * light->scale, rgb[1] * light->scale, rgb[2] * light->scale};
+            *out++ = lw_gl_light_pack(scaled);
+        }
+}
+
+static bool upload(struct lw_gl_light *light, const struct lw_compose_source *source, uint32_t tile) {
+    const struct lw_tile_place *place = &light->map->place[tile];
+    const struct lw_gl_light_rect *r = &light->rect[light->first_level[place->object] + place->level];
+    const struct lw_client_level level = source->level(source->context, place->object, place->level);
+    if (level.rgb == NULL || level.width != r->width || level.height != r->height) return false;
+    int64_t left = (int64_t)place->x * LW_TILE_SIDE, top = (int64_t)place->y * LW_TILE_SIDE,
+            right = left + place->width, bottom = top + place->height;
+    left -= left > 0, top -= top > 0;
+    right += right < r->width, bottom += bottom < r->height;
+    pack_tile(light, tile, &level, left, top, right, bottom);
+    glTexSubImage3D(GL_TEXTURE_2D_ARRAY, (GLint)r->mip, (GLint)(r->x + left), (GLint)(r->y + top),
+                    (GLint)r->layer, (GLsizei)(right - left), (GLsizei)(bottom - top), 1, GL_RGB,
+                    GL_UNSIGNED_INT_5_9_9_9_REV, light->texels);
+    return true;
+}
+
+/* The level to read where `level` is the finest that serves a tile of an object, which is at (x, y) of that. */
+static unsigned level_to_read(const struct lw_gl_light *light, uint32_t object, uint32_t level, uint32_t x,
+                              uint32_t y) {
+    const struct lw_atlas *atlas = &light->map->atlas[object];
+    for (uint32_t k = level; k < atlas->level_count; k++, x /= 2, y /= 2) {
+        const struct lw_atlas_level *l = &atlas->level[k];
+        if (light->version[light->map->first_tile[object] + l->first_tile + y * l->tiles_x + x]) return k;
+    }
+    return LW_GL_LIGHT_NONE;
+}
+
+static void write_words(struct lw_gl_light *light) {
+    for (uint32_t o = 0; o < light->map->object_count; o++) light->settled[o] = true;
+    for (uint32_t t = 0; t < light->map->tile_count; t++) {
+        const struct lw_tile_place *p = &light->map->place[t];
+        const uint32_t last = light->map->atlas[p->object].level_count - 1;
+        unsigned word = (unsigned)light->calm[t] << LW_GL_LIGHT_CALM_SHIFT;
+        for (uint32_t i = 0; i <= LW_ATLAS_READ_MAX; i++) {
+            uint32_t k = i > p->level ? i : p->level;
+            if (k > last) k = last;
+            const unsigned shift = k - p->level;
+            word |= level_to_read(light, p->object, k, p->x >> shift, p->y >> shift) << (4 * i);
+        }
+        light->word[t] = (uint16_t)word;
+        if (light->calm[t] || !light->version[t]) light->settled[p->object] = false;
+    }
+    glBindBuffer(GL_TEXTURE_BUFFER, light->tile_buffer);
+    glBufferData(GL_TEXTURE_BUFFER, (GLsizeiptr)((light->map->tile_count + 1ul) * sizeof *light->word),
+                 light->word, GL_DYNAMIC_DRAW);
+}
+
+/* The average of what has arrived of the objects' coarsest levels. */
+static void take_average(struct lw_gl_light *light, const struct lw_compose_source *source) {
+    double sum[3] = {0}, count = 0;
+    for (uint32_t o = 0; o < light->map->object_count; o++) {
+        const struct lw_atlas *atlas = &light->map->atlas[o];
+        if (atlas->level_count == 0) continue;
+        const uint32_t k = atlas->level_count - 1,
+                       tile = light->map->first_tile[o] + atlas->level[k].first_tile;
+        if (source->tile(source->context, (lw_tile_id){tile}).version == 0) continue;
+        const struct lw_client_level level = source->level(source->context, o, k);
+        for (size_t i = 0; level.rgb && i < (size_t)level.width * level.height; i++) {
+            const float *e = level.rgb + 3 * i;
+            if (!(e[0] >= 0 && e[1] >= 0 && e[2] >= 0 && e[0] + e[1] + e[2] < INFINITY)) continue;
+            for (int c = 0; c < 3; c++) sum[c] += (double)e[c];
+            count += 1;
+        }
+    }
+    const bool known = count > 0 && sum[0] + sum[1] + sum[2] > 0;
+    /* before anything has arrived, light that shows a surface as its albedo */
+    light->stand_in = known
+                          ? lw_vec3((float)(sum[0] / count), (float)(sum[1] / count), (float)(sum[2] / count))
+                          : lw_vec3(LW_PI, LW_PI, LW_PI);
+    light->mean = known ? lw_colour_luminance(light->stand_in) : 0;
+}
+
+/* Pages hold a wide range of light, but not that of every unit: about as much above the scene's mean as below. */
+static bool choose_scale(struct lw_gl_light *light) {
+    int stops = light->mean > 0 ? -(int)lrintf(log2f(light->mean)) : 0;
+    stops = stops > FAR_STOPS ? FAR_STOPS : stops < -FAR_STOPS ? -FAR_STOPS : stops;
+    const int before = light->scale > 0 ? (int)lrintf(log2f(light->scale)) : 0;
+    if (light->scale > 0 && (light->mean == 0 || abs(stops - before) <= DRIFT_STOPS)) return false;
+    light->scale = ldexpf(1, stops);
+    return true;
+}
+
+static int by_number(const void *a, const void *b) {
+    const uint32_t x = *(const uint32_t *)a, y = *(const uint32_t *)b;
+    return x < y ? -1 : x > y;
+}
+
+/* Lists the tiles that are not in the pages as they are now, coarse levels first; returns how many there are. */
+static uint32_t list_waiting(struct lw_gl_light *light, const struct lw_compose_source *source,
+                             bool *out_calmed) {
+    uint32_t count = 0;
+    *out_calmed = false;
+    for (uint32_t t = 0; t < light->map->tile_count; t++) {
+        const struct lw_client_tile tile = source->tile(source->context, (lw_tile_id){t});
+        const uint8_t calm =
+            light->unfiltered ? 0 : (uint8_t)lw_atlas_calm_level(tile.error, source->noise_shown);
+        *out_calmed |= calm != light->calm[t];
+        light->calm[t] = calm;
+        if (tile.version != light->version[t] && tile.version != 0) light->queue[count++] = t;
+    }
+    return count;
+}
+
+static void sort_waiting(struct lw_gl_light *light, uint32_t count) {
+    /* by level, then by number, in one number each: a tile's number is below 2^28 */
+    for (uint32_t i = 0; i < count; i++)
+        light->queue[i] |= (LW_ATLAS_LEVELS_MAX - light->map->place[light->queue[i]].level) << 28;
+    qsort(light->queue, count, sizeof *light->queue, by_number);
+    for (uint32_t i = 0; i < count; i++) light->queue[i] &= (1u << 28) - 1;
+}
+
+void lw_gl_light_take(struct lw_gl_light *light, const struct lw_compose_source *source, uint32_t tiles_max) {
+    bool calmed;
+    uint32_t count = list_waiting(light, source, &calmed);
+    if (count > 0 || light->scale == 0) {
+        take_average(light, source);
+        if (choose_scale(light) && light->uploaded > 0) {
+            memset(light->version, 0, light->map->tile_count * sizeof *light->version);
+            count = list_waiting(light, source, &calmed);
+            tiles_max = 0;
+        }
+    }
+    const uint32_t now = tiles_max == 0 || count < tiles_max ? count : tiles_max;
+    light->waiting = count - now;
+    if (now == 0 && !calmed) return;
+    sort_waiting(light, count);
+    glBindTexture(GL_TEXTURE_2D_ARRAY, light->pages);
+    glPixelStorei(GL_UNPACK_ALIGNMENT, 4);
+    for (uint32_t i = 0; i < now; i++) {
+        const uint32_t t = light->queue[i];
+        if (!upload(light, source, t)) continue;
+        light->version[t] = source->tile(source->context, (lw_tile_id){t}).version;
+        light->uploaded++;
+    }
+    write_words(light);
+}

@@ -1,0 +1,66 @@
+/* gl_light.h: received light as the GPU reads it: every level of every atlas in pages of RGB9E5, and for each tile at
+ * which level it is read now.
+ * Flow:    lw_compose_source -> [gl_light] -> gl_renderer
+ * Threads: that of the context.
+ *
+ * Levels 0, 1 and 2 of an atlas are the mip levels of one place in a page, so that a look-up there needs no table;
+ * coarser ones, which stand in for those until they arrive, have places of their own.
+ *
+ * Which level a point is read at is the composer's rule (client/view/compose.h). The part of it that depends on
+ * what has arrived and on how noisy it is is worked out here, a word for each tile: a point asks the tile of the
+ * level that its pixel needs, and reads the level that the word names. */
+#ifndef LW_CLIENT_GL_LIGHT_H
+#define LW_CLIENT_GL_LIGHT_H
+
+#include "client/view/compose.h"
+
+#include <epoxy/gl.h>
+
+/* The word of a tile: the level to read where the finest one that serves is its own, 1 or 2, four bits each, or
+ * LW_GL_LIGHT_NONE; and at which of these it is calm. */
+#define LW_GL_LIGHT_NONE       15u
+#define LW_GL_LIGHT_CALM_SHIFT 12
+
+struct lw_gl_light {
+    const struct lw_atlas_map *map;
+    bool unfiltered;
+    GLuint pages;         /* GL_TEXTURE_2D_ARRAY of GL_RGB9_E5 */
+    GLuint levels, tiles; /* GL_TEXTURE_BUFFER: a GL_RGBA32UI for each level, a GL_R16UI for each tile */
+    GLuint level_buffer, tile_buffer;
+    uint32_t side, layers;   /* of the pages */
+    uint32_t *first_level;   /* per object: where its levels are in `levels` */
+    float scale;             /* what a page holds is E times this, a power of two */
+    struct lw_vec3 stand_in; /* E where nothing has arrived */
+    float mean;              /* of E that has arrived, luminance; 0: nothing */
+    uint32_t waiting;        /* tiles that have arrived and are not in the pages yet */
+    uint64_t uploaded;       /* tiles, so far */
+
+    struct lw_gl_light_rect *rect; /* per level, as in `levels` */
+    uint64_t *version;             /* per tile: in the pages; 0: not there */
+    uint8_t *calm;                 /* per tile */
+    bool *settled;    /* per object: all of it is there and calm, so that the words say nothing */
+    uint16_t *word;   /* per tile */
+    uint32_t *queue;  /* tiles to upload */
+    uint32_t *texels; /* of one tile and its border */
+};
+
+/** Makes room for all light of a scene. map must outlive it. Zeroed on failure.
+ * unfiltered: as of lw_compose_desc
+ * Errors: LW_NO_MEMORY; LW_UNAVAILABLE if the scene is larger than the GPU's limits allow. */
+LW_MUST_CHECK enum lw_status lw_gl_light_init(struct lw_gl_light *light, const struct lw_atlas_map *map,
+                                              bool unfiltered, struct lw_error *err);
+/** A zeroed one is fine. */
+void lw_gl_light_finish(struct lw_gl_light *light);
+
+/** Takes over what has arrived, coarse levels first.
+ * tiles_max   to upload at most; the rest waits for the next call. 0: all */
+void lw_gl_light_take(struct lw_gl_light *light, const struct lw_compose_source *source, uint32_t tiles_max);
+
+/** Where an object's light is, for the shaders: four words, as their v_atlas. */
+void lw_gl_light_place(const struct lw_gl_light *light, uint32_t object, uint32_t back_offset,
+                       uint32_t out_words[4]);
+
+/** Linear RGB to GL_UNSIGNED_INT_5_9_9_9_REV, nearest; what is negative or NaN is 0, what is too large the largest. */
+uint32_t lw_gl_light_pack(const float rgb[3]);
+
+#endif

@@ -1,0 +1,657 @@
+#include "client/gl/gl_renderer.h"
+
+#include "client/gl/gl_light.h"
+#include "client/gl/gl_program.h"
+#include "client/gl/gl_scene.h"
+#include "client/gl/gl_shaders.h"
+#include "client/gl/gl_target.h"
+
+#include <float.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define SURVEY_SHARE 4u    /* a survey has one pixel for so many, each way */
+#define NEAR_SHARE   1e-6f /* of the scene's diagonal: what is nearer to the eye is not seen */
+#define NEAR_COARSE  1e-4f /* the same, where depth is not stored upside down */
+#define HALF_MAX     65504.0f
+#define OBJECT_WORDS 16u /* of an object on the GPU: three rows of a transform, its atlas */
+
+/* What a batch's program is made of. */
+enum variant {
+    VARIANT_BASE = 1,
+    VARIANT_GLOW = 2,
+    VARIANT_BASE_UV1 = 4,
+    VARIANT_GLOW_UV1 = 8,
+    VARIANT_COLOUR = 16,
+    VARIANT_MASK = 32,
+    VARIANT_BLEND = 64,
+    VARIANT_LIGHTMAP = 128,
+    VARIANT_FEEDBACK = 256,
+    VARIANT_SETTLED = 512,
+    VARIANT_MSAA = 1024,
+    VARIANTS = 2048
+};
+
+/* Texture units. */
+enum { UNIT_BASE, UNIT_GLOW, UNIT_PAGES, UNIT_LEVELS, UNIT_TILES, UNIT_OBJECTS, UNIT_INSTANCES };
+
+struct program {
+    GLuint name;
+    GLint first, eye, clip, base_uv, glow_uv, base_colour, emission, cutoff, stand_in, unscale, finer,
+        coarsest;
+};
+
+struct object {
+    struct lw_affine place;
+    struct lw_vec3 low, high; /* world space */
+    bool mirrored, hidden;
+};
+
+/* Instances of a mesh that stand side by side in the list of instances. */
+struct draw {
+    uint32_t mesh, first, count;
+    bool mirrored, settled;
+    float distance; /* of the nearest part of any, from the eye */
+};
+
+struct lw_gl_renderer {
+    struct lw_gl_renderer_desc desc;
+    struct lw_gl_scene scene;
+    struct lw_gl_light light;
+    struct lw_gl_target picture, survey;
+    struct program program[VARIANTS];
+    GLuint sky, show, empty_array;
+    GLint sky_middle, sky_right, sky_up, sky_far, sky_colour, show_exposure, show_curve;
+    bool upside_down; /* depth is 1 at the eye and 0 far away, of which floats have most to tell */
+    float near_m;
+
+    GLuint objects, object_buffer, instances, instance_buffer;
+    struct object *object;
+    uint32_t *by_mesh;    /* objects in the order of their meshes */
+    uint32_t *first_of;   /* per mesh, and one more: in by_mesh */
+    uint32_t *instance;   /* of the view at hand */
+    struct draw *draw;    /* likewise */
+    struct draw *blended; /* likewise: an instance each */
+    uint32_t draw_count, blended_count, instance_count;
+    bool *blends; /* per mesh: a batch of it is BLEND */
+    struct lw_vec3 sky_radiance;
+    uint32_t *tiles; /* of a survey, as read */
+    size_t tiles_room;
+    struct lw_gl_renderer_figures figures;
+};
+
+/* ---- setting up ---- */
+
+static enum lw_status make_sky_and_show(struct lw_gl_renderer *r, const char *brightest,
+                                        struct lw_error *err) {
+    enum lw_status status =
+        lw_gl_program_create(brightest, lw_gl_shaders_sky_vertex, lw_gl_shaders_sky_fragment, &r->sky, err);
+    if (status == LW_OK)
+        status =
+            lw_gl_program_create("", lw_gl_shaders_show_vertex, lw_gl_shaders_show_fragment, &r->show, err);
+    if (status != LW_OK) return status;
+    r->sky_middle = glGetUniformLocation(r->sky, "u_middle");
+    r->sky_right = glGetUniformLocation(r->sky, "u_right");
+    r->sky_up = glGetUniformLocation(r->sky, "u_up");
+    r->sky_far = glGetUniformLocation(r->sky, "u_far");
+    r->sky_colour = glGetUniformLocation(r->sky, "u_sky");
+    r->show_exposure = glGetUniformLocation(r->show, "u_exposure");
+    r->show_curve = glGetUniformLocation(r->show, "u_curve");
+    glGenVertexArrays(1, &r->empty_array);
+    return LW_OK;
+}
+
+static void brightest(const struct lw_gl_renderer *r, char out[64]) {
+    snprintf(out, 64, "#define BRIGHTEST %.9g\n", (double)(r->desc.exact ? FLT_MAX : HALF_MAX));
+}
+
+/* The program of a variant, made when it is first drawn with. */
+static enum lw_status find_program(struct lw_gl_renderer *r, unsigned variant, const struct program **out,
+                                   struct lw_error *err) {
+    static const char *const names[] = {"BASE",  "GLOW",     "BASE_UV1", "GLOW_UV1", "COLOUR", "MASK",
+                                        "BLEND", "LIGHTMAP", "FEEDBACK", "SETTLED",  "MSAA"};
+    struct program *p = &r->program[variant];
+    *out = p;
+    if (p->name) return LW_OK;
+    char defines[512];
+    brightest(r, defines);
+    snprintf(defines + strlen(defines), sizeof defines - strlen(defines), "#define CENTROID %s\n",
+             variant & VARIANT_MSAA ? "centroid" : "");
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++)
+        if (variant >> i & 1u)
+            snprintf(defines + strlen(defines), sizeof defines - strlen(defines), "#define %s\n", names[i]);
+    enum lw_status status = lw_gl_program_create(defines, lw_gl_shaders_scene_vertex,
+                                                 lw_gl_shaders_scene_fragment, &p->name, err);
+    if (status != LW_OK) return status;
+    p->first = glGetUniformLocation(p->name, "u_first");
+    p->eye = glGetUniformLocation(p->name, "u_eye");
+    p->clip = glGetUniformLocation(p->name, "u_clip");
+    p->base_uv = glGetUniformLocation(p->name, "u_base_uv");
+    p->glow_uv = glGetUniformLocation(p->name, "u_glow_uv");
+    p->base_colour = glGetUniformLocation(p->name, "u_base_colour");
+    p->emission = glGetUniformLocation(p->name, "u_emission");
+    p->cutoff = glGetUniformLocation(p->name, "u_cutoff");
+    p->stand_in = glGetUniformLocation(p->name, "u_stand_in");
+    p->unscale = glGetUniformLocation(p->name, "u_unscale");
+    p->finer = glGetUniformLocation(p->name, "u_finer");
+    p->coarsest = glGetUniformLocation(p->name, "u_coarsest");
+    glUseProgram(p->name);
+    glUniform1i(glGetUniformLocation(p->name, "u_base"), UNIT_BASE);
+    glUniform1i(glGetUniformLocation(p->name, "u_glow"), UNIT_GLOW);
+    glUniform1i(glGetUniformLocation(p->name, "u_pages"), UNIT_PAGES);
+    glUniform1i(glGetUniformLocation(p->name, "u_levels"), UNIT_LEVELS);
+    glUniform1i(glGetUniformLocation(p->name, "u_tiles"), UNIT_TILES);
+    glUniform1i(glGetUniformLocation(p->name, "u_objects"), UNIT_OBJECTS);
+    glUniform1i(glGetUniformLocation(p->name, "u_instances"), UNIT_INSTANCES);
+    glUniform1f(glGetUniformLocation(p->name, "u_page_texel"), 1.0f / (float)r->light.side);
+    return LW_OK;
+}
+
+static void make_table(GLenum format, size_t size, GLuint *out_buffer, GLuint *out_texture) {
+    glGenBuffers(1, out_buffer);
+    glBindBuffer(GL_TEXTURE_BUFFER, *out_buffer);
+    glBufferData(GL_TEXTURE_BUFFER, (GLsizeiptr)size, NULL, GL_DYNAMIC_DRAW);
+    glGenTextures(1, out_texture);
+    glBindTexture(GL_TEXTURE_BUFFER, *out_texture);
+    glTexBuffer(GL_TEXTURE_BUFFER, format, *out_buffer);
+}
+
+static bool allocate(struct lw_gl_renderer *r) {
+    const size_t objects = r->desc.scene->object_count + 1ul, meshes = r->desc.scene->mesh_count + 1ul;
+    r->object = calloc(objects, sizeof *r->object);
+    r->by_mesh = calloc(objects, sizeof *r->by_mesh);
+    r->first_of = calloc(meshes + 1, sizeof *r->first_of);
+    r->instance = calloc(objects, sizeof *r->instance);
+    r->draw = calloc(2 * meshes, sizeof *r->draw); /* of each mesh, mirrored and not */
+    r->blended = calloc(objects, sizeof *r->blended);
+    r->blends = calloc(meshes, sizeof *r->blends);
+    return r->object && r->by_mesh && r->first_of && r->instance && r->draw && r->blended && r->blends;
+}
+
+static void sort_by_mesh(struct lw_gl_renderer *r) {
+    const struct lw_scene *scene = r->desc.scene;
+    for (uint32_t o = 0; o < scene->object_count; o++) r->first_of[scene->object[o].mesh + 1]++;
+    for (uint32_t m = 0; m < scene->mesh_count; m++) r->first_of[m + 1] += r->first_of[m];
+    uint32_t *at = r->instance; /* scratch: the next place of each object's mesh, found from the back */
+    for (uint32_t o = 0; o < scene->object_count; o++) at[o] = o;
+    for (uint32_t o = scene->object_count; o-- > 0;) {
+        const uint32_t m = scene->object[o].mesh;
+        r->by_mesh[--r->first_of[m + 1]] = o;
+    }
+    /* each first_of[m + 1] is now where mesh m begins: move them down by one */
+    for (uint32_t m = 0; m < scene->mesh_count; m++) r->first_of[m] = r->first_of[m + 1];
+    r->first_of[scene->mesh_count] = scene->object_count;
+    for (uint32_t b = 0, m = 0; b < r->scene.batch_count; b++) {
+        while (b >= r->scene.mesh[m].first_batch + r->scene.mesh[m].batch_count) m++;
+        r->blends[m] |= scene->material[r->scene.batch[b].material].alpha_mode == LW_ALPHA_BLEND;
+    }
+}
+
+enum lw_status lw_gl_renderer_create(const struct lw_gl_renderer_desc *desc,
+                                     struct lw_gl_renderer **out_renderer, struct lw_error *err) {
+    if (epoxy_gl_version() < 33)
+        return lw_status_fail(err, LW_UNAVAILABLE, "OpenGL 3.3 is needed, there is %d.%d",
+                              epoxy_gl_version() / 10, epoxy_gl_version() % 10);
+    struct lw_gl_renderer *r = calloc(1, sizeof *r);
+    enum lw_status status = LW_OK;
+    if (r) r->desc = *desc;
+    if (!r || !allocate(r)) status = lw_status_fail(err, LW_NO_MEMORY, "no memory for the view");
+    GLint table_max = 0;
+    glGetIntegerv(GL_MAX_TEXTURE_BUFFER_SIZE, &table_max);
+    if (status == LW_OK && desc->scene->object_count >= (uint32_t)table_max / 4)
+        status = lw_status_fail(err, LW_UNAVAILABLE, "the scene has %u objects, the GPU takes %d",
+                                desc->scene->object_count, table_max / 4);
+    if (status == LW_OK) status = lw_gl_scene_init(&r->scene, desc->scene, desc->exact, err);
+    if (status == LW_OK) status = lw_gl_light_init(&r->light, desc->map, desc->unfiltered, err);
+    char top[64];
+    if (status == LW_OK) brightest(r, top);
+    if (status == LW_OK) status = make_sky_and_show(r, top, err);
+    if (status != LW_OK) {
+        lw_gl_renderer_destroy(r);
+        return status;
+    }
+    const size_t objects = desc->scene->object_count + 1ul;
+    make_table(GL_RGBA32UI, objects * OBJECT_WORDS * sizeof(uint32_t), &r->object_buffer, &r->objects);
+    make_table(GL_R32UI, objects * sizeof(uint32_t), &r->instance_buffer, &r->instances);
+    sort_by_mesh(r);
+    for (uint32_t o = 0; o < desc->scene->object_count; o++) r->object[o].hidden = true; /* not placed yet */
+    r->picture.format = desc->exact ? GL_RGBA32F : GL_RGBA16F;
+    r->survey.format = GL_RG32UI;
+    r->upside_down = epoxy_gl_version() >= 45 || epoxy_has_gl_extension("GL_ARB_clip_control");
+    *out_renderer = r;
+    return LW_OK;
+}
+
+void lw_gl_renderer_destroy(struct lw_gl_renderer *r) {
+    if (r == NULL) return;
+    for (unsigned i = 0; i < VARIANTS; i++)
+        if (r->program[i].name) glDeleteProgram(r->program[i].name);
+    if (r->sky) glDeleteProgram(r->sky);
+    if (r->show) glDeleteProgram(r->show);
+    if (r->empty_array) glDeleteVertexArrays(1, &r->empty_array);
+    if (r->objects) glDeleteTextures(1, &r->objects);
+    if (r->instances) glDeleteTextures(1, &r->instances);
+    if (r->object_buffer) glDeleteBuffers(1, &r->object_buffer);
+    if (r->instance_buffer) glDeleteBuffers(1, &r->instance_buffer);
+    lw_gl_target_finish(&r->survey);
+    lw_gl_target_finish(&r->picture);
+    lw_gl_light_finish(&r->light);
+    lw_gl_scene_finish(&r->scene);
+    free(r->tiles);
+    free(r->blends);
+    free(r->blended);
+    free(r->draw);
+    free(r->instance);
+    free(r->first_of);
+    free(r->by_mesh);
+    free(r->object);
+    free(r);
+}
+
+/* ---- what has changed ---- */
+
+static void find_box(const struct lw_gl_mesh *mesh, struct object *object) {
+    struct lw_vec3 low = {INFINITY, INFINITY, INFINITY}, high = {-INFINITY, -INFINITY, -INFINITY};
+    for (int k = 0; k < 8; k++) {
+        const struct lw_vec3 corner =
+            lw_vec3(k & 1 ? mesh->high.x : mesh->low.x, k & 2 ? mesh->high.y : mesh->low.y,
+                    k & 4 ? mesh->high.z : mesh->low.z);
+        const struct lw_vec3 p = lw_affine_point(&object->place, corner);
+        low = lw_vec3(fminf(low.x, p.x), fminf(low.y, p.y), fminf(low.z, p.z));
+        high = lw_vec3(fmaxf(high.x, p.x), fmaxf(high.y, p.y), fmaxf(high.z, p.z));
+    }
+    object->low = low, object->high = high;
+}
+
+static void place_object(struct lw_gl_renderer *r, uint32_t o, const struct lw_affine *place) {
+    struct object *object = &r->object[o];
+    const uint32_t m = r->desc.scene->object[o].mesh;
+    uint32_t words[OBJECT_WORDS] = {0};
+    object->place = *place;
+    object->mirrored = lw_affine_determinant(place) < 0;
+    find_box(&r->scene.mesh[m], object);
+    memcpy(words, place->m, sizeof place->m);
+    lw_gl_light_place(&r->light, o, r->desc.scene->mesh[m].back_offset, words + 12);
+    glBufferSubData(GL_TEXTURE_BUFFER, (GLintptr)(o * sizeof words), sizeof words, words);
+}
+
+static void take_objects(struct lw_gl_renderer *r, const struct lw_pose *pose) {
+    struct lw_vec3 low = {INFINITY, INFINITY, INFINITY}, high = {-INFINITY, -INFINITY, -INFINITY};
+    glBindBuffer(GL_TEXTURE_BUFFER, r->object_buffer);
+    for (uint32_t o = 0; o < r->desc.scene->object_count; o++) {
+        struct object *object = &r->object[o];
+        const struct lw_affine *now = &pose->object_to_world[o];
+        if (memcmp(now, &object->place, sizeof *now) != 0) place_object(r, o, now);
+        object->hidden = pose->object_hidden[o];
+        if (object->hidden) continue;
+        low = lw_vec3(fminf(low.x, object->low.x), fminf(low.y, object->low.y), fminf(low.z, object->low.z));
+        high = lw_vec3(fmaxf(high.x, object->high.x), fmaxf(high.y, object->high.y),
+                       fmaxf(high.z, object->high.z));
+    }
+    const float diagonal = lw_vec3_length(lw_vec3_sub(high, low));
+    const float share = r->upside_down ? NEAR_SHARE : NEAR_COARSE;
+    r->near_m = diagonal > 0 && diagonal < INFINITY ? share * diagonal : share;
+}
+
+enum lw_status lw_gl_renderer_take(struct lw_gl_renderer *r, const struct lw_compose_source *source,
+                                   const struct lw_pose *pose, uint32_t tiles_max, uint32_t *out_waiting,
+                                   struct lw_error *err) {
+    lw_gl_light_take(&r->light, source, tiles_max);
+    take_objects(r, pose);
+    r->sky_radiance = source->sky;
+    r->figures.tiles_uploaded = r->light.uploaded;
+    if (out_waiting) *out_waiting = r->light.waiting;
+    return lw_gl_program_check("taking over light", err);
+}
+
+/* ---- a view ---- */
+
+struct view {
+    struct lw_vec3 eye, forward, right, up;
+    float half_width, half_height; /* of the picture at depth 1 */
+    float shift_x, shift_y;        /* of the picture, in its own units: -1 to 1 from side to side */
+    struct lw_vec3 side[4];        /* normals of the sides of what is seen, inward */
+    float clip[16];                /* columns */
+    float finer;
+    unsigned variant;
+};
+
+static struct view make_view(const struct lw_gl_renderer *r, const struct lw_compose_view *v) {
+    struct view out = {.eye = v->camera.position,
+                       .forward = v->camera.forward,
+                       .right = v->camera.right,
+                       .up = v->camera.up,
+                       .half_height = tanf(0.5f * v->camera.fov_y),
+                       .shift_x = -2 * v->offset_x / (float)v->width,
+                       .shift_y = 2 * v->offset_y / (float)v->height,
+                       .finer = 1};
+    out.half_width = out.half_height * (float)v->width / (float)v->height;
+    const struct lw_vec3 x = lw_vec3_scale(out.right, 1 / out.half_width),
+                         y = lw_vec3_scale(out.up, 1 / out.half_height), f = out.forward;
+    const float shift_x = out.shift_x, shift_y = out.shift_y, across[4] = {1, -1, 0, 0},
+                along[4] = {0, 0, 1, -1};
+    for (int k = 0; k < 4; k++)
+        out.side[k] = lw_vec3_mad(lw_vec3_mad(lw_vec3_scale(f, 1.01f), x, across[k]), y, along[k]);
+    /* an infinite far plane: depth is near / distance, or one minus twice that */
+    const float axis[3][3] = {{x.x, y.x, f.x}, {x.y, y.y, f.y}, {x.z, y.z, f.z}};
+    for (int k = 0; k < 3; k++) {
+        const float w = axis[k][2];
+        out.clip[4 * k] = axis[k][0] + shift_x * w;
+        out.clip[4 * k + 1] = axis[k][1] + shift_y * w;
+        out.clip[4 * k + 2] = r->upside_down ? 0 : w;
+        out.clip[4 * k + 3] = w;
+    }
+    out.clip[14] = r->upside_down ? r->near_m : -2 * r->near_m;
+    return out;
+}
+
+/* Whether a box may be seen. */
+static bool is_seen(const struct view *v, const struct object *object, float *out_distance) {
+    const struct lw_vec3 low = lw_vec3_sub(object->low, v->eye), high = lw_vec3_sub(object->high, v->eye);
+    for (int k = 0; k < 4; k++) {
+        const struct lw_vec3 n = v->side[k];
+        const struct lw_vec3 most =
+            lw_vec3(n.x > 0 ? high.x : low.x, n.y > 0 ? high.y : low.y, n.z > 0 ? high.z : low.z);
+        if (lw_vec3_dot(n, most) < 0) return false;
+    }
+    const struct lw_vec3 nearest = lw_vec3(fmaxf(fmaxf(low.x, -high.x), 0), fmaxf(fmaxf(low.y, -high.y), 0),
+                                           fmaxf(fmaxf(low.z, -high.z), 0));
+    *out_distance = lw_vec3_length(nearest);
+    return true;
+}
+
+static int near_first(const void *a, const void *b) {
+    const struct draw *x = a, *y = b;
+    return x->distance < y->distance ? -1 : x->distance > y->distance;
+}
+
+static int far_first(const void *a, const void *b) { return near_first(b, a); }
+
+/* How far the middle of an object is, for the order of what is blended. */
+static float middle_distance(const struct view *v, const struct object *object) {
+    const struct lw_vec3 middle = lw_vec3_scale(lw_vec3_add(object->low, object->high), 0.5f);
+    return lw_vec3_length(lw_vec3_sub(middle, v->eye));
+}
+
+static void list_mesh(struct lw_gl_renderer *r, const struct view *v, uint32_t m) {
+    for (int mirrored = 0; mirrored < 2; mirrored++) {
+        struct draw draw = {.mesh = m,
+                            .first = r->instance_count,
+                            .mirrored = mirrored,
+                            .settled = true,
+                            .distance = INFINITY};
+        for (uint32_t i = r->first_of[m]; i < r->first_of[m + 1]; i++) {
+            const uint32_t o = r->by_mesh[i];
+            const struct object *object = &r->object[o];
+            float distance;
+            if (object->hidden || object->mirrored != mirrored || !is_seen(v, object, &distance)) continue;
+            if (r->blends[m])
+                r->blended[r->blended_count++] = (struct draw){.mesh = m,
+                                                               .first = r->instance_count,
+                                                               .count = 1,
+                                                               .mirrored = mirrored,
+                                                               .settled = r->light.settled[o],
+                                                               .distance = middle_distance(v, object)};
+            r->instance[r->instance_count++] = o;
+            draw.distance = fminf(draw.distance, distance);
+            draw.settled &= r->light.settled[o];
+        }
+        draw.count = r->instance_count - draw.first;
+        if (draw.count > 0) r->draw[r->draw_count++] = draw;
+    }
+}
+
+static void list_draws(struct lw_gl_renderer *r, const struct view *v) {
+    r->draw_count = r->blended_count = r->instance_count = 0;
+    for (uint32_t m = 0; m < r->desc.scene->mesh_count; m++) list_mesh(r, v, m);
+    qsort(r->draw, r->draw_count, sizeof *r->draw, near_first);
+    qsort(r->blended, r->blended_count, sizeof *r->blended, far_first);
+    glBindBuffer(GL_TEXTURE_BUFFER, r->instance_buffer);
+    glBufferData(GL_TEXTURE_BUFFER, (GLsizeiptr)((r->desc.scene->object_count + 1ul) * sizeof *r->instance),
+                 NULL, GL_DYNAMIC_DRAW); /* a new one: the old may still be drawn from */
+    glBufferSubData(GL_TEXTURE_BUFFER, 0, (GLsizeiptr)(r->instance_count * sizeof *r->instance), r->instance);
+}
+
+static void bind(GLenum unit, GLenum kind, GLuint texture) {
+    glActiveTexture(GL_TEXTURE0 + unit);
+    glBindTexture(kind, texture);
+}
+
+static unsigned variant_of(const struct lw_gl_mesh *mesh, const struct lw_mesh *original,
+                           const struct lw_material *m) {
+    unsigned variant = mesh->lit ? VARIANT_LIGHTMAP : 0;
+    if (m->base_colour_texture.texture != LW_SCENE_NONE) {
+        variant |= VARIANT_BASE;
+        if (m->base_colour_texture.uv_set == 1) variant |= VARIANT_BASE_UV1;
+    }
+    if (m->emission_texture.texture != LW_SCENE_NONE && lw_material_shines(m)) {
+        variant |= VARIANT_GLOW;
+        if (m->emission_texture.uv_set == 1) variant |= VARIANT_GLOW_UV1;
+    }
+    if (original->colour) variant |= VARIANT_COLOUR;
+    if (m->alpha_mode == LW_ALPHA_MASK) variant |= VARIANT_MASK;
+    if (m->alpha_mode == LW_ALPHA_BLEND) variant |= VARIANT_BLEND;
+    return variant;
+}
+
+static void set_material(const struct lw_gl_renderer *r, const struct program *p,
+                         const struct lw_material *m) {
+    const struct lw_texture_use *base = &m->base_colour_texture, *glow = &m->emission_texture;
+    glUniform4fv(p->base_colour, 1, m->base_colour);
+    glUniform3fv(p->emission, 1, m->emission);
+    glUniform1f(p->cutoff, m->alpha_cutoff);
+    if (base->texture != LW_SCENE_NONE) {
+        bind(UNIT_BASE, GL_TEXTURE_2D, r->scene.texture[base->texture]);
+        glUniform3fv(p->base_uv, 2, base->transform);
+    }
+    if (glow->texture != LW_SCENE_NONE) {
+        bind(UNIT_GLOW, GL_TEXTURE_2D, r->scene.texture[glow->texture]);
+        glUniform3fv(p->glow_uv, 2, glow->transform);
+    }
+}
+
+static enum lw_status draw_batch(struct lw_gl_renderer *r, const struct view *v, const struct draw *d,
+                                 const struct lw_gl_batch *batch, struct lw_error *err) {
+    const struct lw_gl_mesh *mesh = &r->scene.mesh[d->mesh];
+    const struct lw_material *m = &r->desc.scene->material[batch->material];
+    const struct program *p;
+    unsigned variant = v->variant | variant_of(mesh, &r->desc.scene->mesh[d->mesh], m);
+    if (mesh->lit && d->settled && !(variant & VARIANT_FEEDBACK)) variant |= VARIANT_SETTLED;
+    enum lw_status status = find_program(r, variant, &p, err);
+    if (status != LW_OK) return status;
+    glUseProgram(p->name);
+    glUniform3f(p->eye, v->eye.x, v->eye.y, v->eye.z);
+    glUniformMatrix4fv(p->clip, 1, GL_FALSE, v->clip);
+    glUniform3f(p->stand_in, r->light.stand_in.x, r->light.stand_in.y, r->light.stand_in.z);
+    glUniform1f(p->unscale, 1.0f / r->light.scale);
+    glUniform1f(p->finer, v->finer);
+    glUniform1ui(p->coarsest, batch->coarsest);
+    glUniform1i(p->first, (GLint)d->first);
+    set_material(r, p, m);
+    if (m->double_sided)
+        glDisable(GL_CULL_FACE);
+    else
+        glEnable(GL_CULL_FACE);
+    glFrontFace(d->mirrored ? GL_CW : GL_CCW);
+    glDrawElementsInstanced(GL_TRIANGLES, (GLsizei)batch->count, GL_UNSIGNED_INT,
+                            (const void *)(batch->first * sizeof(uint32_t)), (GLsizei)d->count);
+    r->figures.draw_calls++;
+    return LW_OK;
+}
+
+/* blend: the batches that are, or those that are not. */
+static enum lw_status draw_mesh(struct lw_gl_renderer *r, const struct view *v, const struct draw *d,
+                                bool blend, struct lw_error *err) {
+    const struct lw_gl_mesh *mesh = &r->scene.mesh[d->mesh];
+    enum lw_status status = LW_OK;
+    glBindVertexArray(mesh->array);
+    for (uint32_t b = mesh->first_batch; status == LW_OK && b < mesh->first_batch + mesh->batch_count; b++) {
+        const struct lw_gl_batch *batch = &r->scene.batch[b];
+        if ((r->desc.scene->material[batch->material].alpha_mode == LW_ALPHA_BLEND) == blend)
+            status = draw_batch(r, v, d, batch, err);
+    }
+    return status;
+}
+
+static void draw_sky(struct lw_gl_renderer *r, const struct view *v) {
+    if (!r->scene.environment) return; /* an even one is what the picture is cleared to */
+    const struct lw_vec3 middle = lw_vec3_mad(lw_vec3_mad(v->forward, v->right, -v->shift_x * v->half_width),
+                                              v->up, -v->shift_y * v->half_height);
+    glUseProgram(r->sky);
+    glUniform3f(r->sky_middle, middle.x, middle.y, middle.z);
+    glUniform3f(r->sky_right, v->right.x * v->half_width, v->right.y * v->half_width,
+                v->right.z * v->half_width);
+    glUniform3f(r->sky_up, v->up.x * v->half_height, v->up.y * v->half_height, v->up.z * v->half_height);
+    glUniform1f(r->sky_far, r->upside_down ? 0.0f : 1.0f);
+    glUniform3f(r->sky_colour, r->sky_radiance.x, r->sky_radiance.y, r->sky_radiance.z);
+    bind(UNIT_BASE, GL_TEXTURE_2D, r->scene.environment);
+    glDisable(GL_CULL_FACE);
+    glBindVertexArray(r->empty_array);
+    glDrawArrays(GL_TRIANGLES, 0, 3);
+    r->figures.draw_calls++;
+}
+
+static void begin(struct lw_gl_renderer *r) {
+    if (r->upside_down) glClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE);
+    glEnable(GL_DEPTH_TEST);
+    glDepthFunc(r->upside_down ? GL_GEQUAL : GL_LEQUAL);
+    glDepthMask(GL_TRUE);
+    glClearDepth(r->upside_down ? 0 : 1);
+    glDisable(GL_BLEND);
+    glDisable(GL_SCISSOR_TEST);
+    glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
+    glCullFace(GL_BACK);
+    glBlendFuncSeparate(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA, GL_ZERO, GL_ONE);
+    bind(UNIT_PAGES, GL_TEXTURE_2D_ARRAY, r->light.pages);
+    bind(UNIT_LEVELS, GL_TEXTURE_BUFFER, r->light.levels);
+    bind(UNIT_TILES, GL_TEXTURE_BUFFER, r->light.tiles);
+    bind(UNIT_OBJECTS, GL_TEXTURE_BUFFER, r->objects);
+    bind(UNIT_INSTANCES, GL_TEXTURE_BUFFER, r->instances);
+    r->figures.draw_calls = 0;
+}
+
+/* Leaves what others who draw in this context take for granted. */
+static void end(struct lw_gl_renderer *r) {
+    if (r->upside_down) glClipControl(GL_LOWER_LEFT, GL_NEGATIVE_ONE_TO_ONE);
+    glDisable(GL_DEPTH_TEST);
+    glDisable(GL_CULL_FACE);
+    glDisable(GL_BLEND);
+    glDepthMask(GL_TRUE);
+    glFrontFace(GL_CCW);
+    glBindVertexArray(0);
+    glUseProgram(0);
+    glActiveTexture(GL_TEXTURE0);
+}
+
+static enum lw_status draw_scene(struct lw_gl_renderer *r, const struct view *v, struct lw_error *err) {
+    enum lw_status status = LW_OK;
+    const bool light = !(v->variant & VARIANT_FEEDBACK);
+    list_draws(r, v);
+    for (uint32_t i = 0; i < r->draw_count && status == LW_OK; i++)
+        status = draw_mesh(r, v, &r->draw[i], false, err);
+    if (status == LW_OK && light) draw_sky(r, v);
+    if (light) {
+        glEnable(GL_BLEND);
+        glDepthMask(GL_FALSE);
+    }
+    for (uint32_t i = 0; i < r->blended_count && status == LW_OK; i++)
+        status = draw_mesh(r, v, &r->blended[i], true, err);
+    r->figures.objects = r->instance_count;
+    return status;
+}
+
+enum lw_status lw_gl_renderer_draw(struct lw_gl_renderer *r, const struct lw_compose_view *view,
+                                   unsigned samples, struct lw_error *err) {
+    enum lw_status status = lw_gl_target_resize(&r->picture, view->width, view->height, samples, err);
+    if (status != LW_OK) return status;
+    struct view v = make_view(r, view);
+    if (r->picture.samples > 1) v.variant = VARIANT_MSAA;
+    begin(r);
+    lw_gl_target_bind(&r->picture);
+    glClearColor(r->sky_radiance.x, r->sky_radiance.y, r->sky_radiance.z, 1);
+    glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
+    status = draw_scene(r, &v, err);
+    end(r);
+    lw_gl_target_resolve(&r->picture);
+    return status == LW_OK ? lw_gl_program_check("drawing", err) : status;
+}
+
+enum lw_status lw_gl_renderer_read(struct lw_gl_renderer *r, float *out_rgb, struct lw_error *err) {
+    const size_t width = r->picture.width, height = r->picture.height;
+    float *row = malloc(4 * width * sizeof *row);
+    if (row == NULL) return lw_status_fail(err, LW_NO_MEMORY, "no memory for a picture");
+    glBindFramebuffer(GL_READ_FRAMEBUFFER, r->picture.frame);
+    glPixelStorei(GL_PACK_ALIGNMENT, 4);
+    for (size_t y = 0; y < height; y++) {
+        glReadPixels(0, (GLint)(height - 1 - y), (GLsizei)width, 1, GL_RGBA, GL_FLOAT, row);
+        for (size_t x = 0; x < width; x++)
+            memcpy(out_rgb + 3 * (y * width + x), row + 4 * x, 3 * sizeof *row);
+    }
+    free(row);
+    return lw_gl_program_check("reading the picture", err);
+}
+
+void lw_gl_renderer_show(struct lw_gl_renderer *r, enum lw_tonemap_curve curve, float stops, uint32_t width,
+                         uint32_t height) {
+    glViewport(0, 0, (GLsizei)width, (GLsizei)height);
+    glUseProgram(r->show);
+    glUniform1f(r->show_exposure, exp2f(fminf(fmaxf(stops, -LW_TONEMAP_STOPS_MAX), LW_TONEMAP_STOPS_MAX)));
+    glUniform1i(r->show_curve, (GLint)curve);
+    bind(UNIT_BASE, GL_TEXTURE_2D, r->picture.texture);
+    glBindVertexArray(r->empty_array);
+    glDrawArrays(GL_TRIANGLES, 0, 3);
+    glBindVertexArray(0);
+    glUseProgram(0);
+}
+
+/* ---- which tiles a view needs ---- */
+
+enum lw_status lw_gl_renderer_survey(struct lw_gl_renderer *r, const struct lw_compose_view *view,
+                                     uint8_t *out_needed, uint64_t *out_shown, uint64_t *out_pixels,
+                                     struct lw_error *err) {
+    struct lw_compose_view small = *view;
+    small.width = (view->width + SURVEY_SHARE - 1) / SURVEY_SHARE;
+    small.height = (view->height + SURVEY_SHARE - 1) / SURVEY_SHARE;
+    const size_t count = (size_t)small.width * small.height;
+    enum lw_status status = lw_gl_target_resize(&r->survey, small.width, small.height, 1, err);
+    if (status != LW_OK) return status;
+    if (count > r->tiles_room) {
+        uint32_t *tiles = realloc(r->tiles, 2 * count * sizeof *tiles);
+        if (tiles == NULL) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the view");
+        r->tiles = tiles;
+        r->tiles_room = count;
+    }
+    struct view v = make_view(r, &small);
+    v.variant = VARIANT_FEEDBACK;
+    v.finer =
+        (float)count / ((float)view->width * (float)view->height); /* levels are those of the large one */
+    static const GLuint none[4] = {0};
+    begin(r);
+    lw_gl_target_bind(&r->survey);
+    glClearBufferuiv(GL_COLOR, 0, none);
+    glClear(GL_DEPTH_BUFFER_BIT);
+    status = draw_scene(r, &v, err);
+    end(r);
+    glBindFramebuffer(GL_READ_FRAMEBUFFER, r->survey.frame);
+    glReadPixels(0, 0, (GLsizei)small.width, (GLsizei)small.height, GL_RG_INTEGER, GL_UNSIGNED_INT, r->tiles);
+    if (status == LW_OK) status = lw_gl_program_check("drawing", err);
+    for (size_t i = 0; status == LW_OK && i < count; i++) {
+        const uint32_t tile = r->tiles[2 * i] - 1;
+        if (tile >= r->desc.map->tile_count) continue;
+        out_needed[tile] = 1;
+        out_shown[tile] += r->tiles[2 * i + 1];
+    }
+    *out_pixels = count;
+    return status;
+}
+
+const char *lw_gl_renderer_name(const struct lw_gl_renderer *r) {
+    (void)r;
+    const GLubyte *name = glGetString(GL_RENDERER);
+    return name ? (const char *)name : "unknown";
+}
+
+struct lw_gl_renderer_figures lw_gl_renderer_figures(const struct lw_gl_renderer *r) {
+    return r->figures;
+}

@@ -1,0 +1,55 @@
+/* gl_scene.h: meshes and textures of a scene on the GPU, cut into batches that one draw call takes.
+ * Flow:    scene -> [gl_scene] -> gl_renderer
+ * Threads: that of the context.
+ *
+ * A batch is the triangles of a mesh with one material and one coarsest level of their lightmap, of all
+ * instances at once. */
+#ifndef LW_CLIENT_GL_SCENE_H
+#define LW_CLIENT_GL_SCENE_H
+
+#include "common/scene/scene.h"
+
+#include <epoxy/gl.h>
+
+/* Places of vertex attributes. */
+enum lw_gl_attribute {
+    LW_GL_POSITION, /* m, object space */
+    LW_GL_LIGHTMAP, /* texels of level 0 */
+    LW_GL_NORMAL,
+    LW_GL_UV0,
+    LW_GL_UV1,
+    LW_GL_COLOUR,
+};
+
+struct lw_gl_batch {
+    uint32_t material;
+    uint32_t coarsest;     /* level of the lightmap, as of lw_lightmap_coarsest() */
+    uint32_t first, count; /* of indices, within all */
+};
+
+struct lw_gl_mesh {
+    GLuint array; /* vertex array object */
+    uint32_t first_batch, batch_count;
+    struct lw_vec3 low, high; /* object space */
+    bool lit;                 /* it has a lightmap */
+};
+
+struct lw_gl_scene {
+    const struct lw_scene *scene;
+    struct lw_gl_mesh *mesh; /* per mesh */
+    struct lw_gl_batch *batch;
+    uint32_t batch_count;
+    GLuint vertices, indices; /* buffers */
+    GLuint *texture;          /* per texture of the scene; 0: no material uses it */
+    GLuint environment;       /* 0: there is none */
+};
+
+/** Uploads a scene, which must outlive it. Zeroed on failure.
+ * exact: textures are read as the composer reads them, without smaller copies
+ * Errors: LW_NO_MEMORY, of the GPU too; LW_UNAVAILABLE for a texture that the GPU does not take. */
+LW_MUST_CHECK enum lw_status lw_gl_scene_init(struct lw_gl_scene *scene, const struct lw_scene *original,
+                                              bool exact, struct lw_error *err);
+/** A zeroed one is fine. */
+void lw_gl_scene_finish(struct lw_gl_scene *scene);
+
+#endif

@@ -1,0 +1,189 @@
+/* bench_gl: what a picture by OpenGL costs on this machine's CPU, against the composer's of the same view, in one run.
+ *
+ *     bench_gl [OPTIONS] SCENE[@PX,PY,PZ:TX,TY,TZ:FOV]...
+ *
+ * For machines without a GPU, where Mesa draws on the CPU. One table in Markdown, CPU milliseconds of the whole process,
+ * medians over the rounds:
+ *   compose  the composer's picture, all light in tiles
+ *   gl       the same by OpenGL, one sample a pixel; its time over compose's: gl_over_compose
+ *   msaa     the same with 4 samples at edges
+ *   survey   finding the tiles that the view needs
+ *   tiles    to take in 16 tiles of light that have changed */
+#include "client/gl/gl_offscreen.h"
+#include "client/gl/gl_renderer.h"
+#include "common/clock.h"
+#include "tests/bench/bench_setup.h"
+
+#include <epoxy/gl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define ROUNDS_MAX 99
+#define LIGHT      9.0f /* W/m^2 */
+#define CHANGED    16u  /* tiles that change from picture to picture */
+
+enum kind { COMPOSE, GL, MSAA, SURVEY, TILES, KINDS };
+
+struct settings {
+    struct lw_scene_open open;
+    int64_t width, height, rounds;
+    double time_s;
+};
+
+struct scene {
+    const struct settings *settings;
+    struct lw_scene *scene;
+    struct lw_pose pose;
+    struct lw_atlas_map map;
+    struct lw_trace *trace;
+    struct lw_compose *compose;
+    struct lw_gl_renderer *renderer;
+    struct lw_compose_view view;
+    float *light; /* enough for the largest level; every level reads it */
+    uint32_t *version;
+    float *picture;
+    uint8_t *needed;
+    uint64_t *shown;
+};
+
+static struct lw_client_level level(const void *context, uint32_t object, uint32_t k) {
+    const struct scene *s = context;
+    const struct lw_atlas_level *l = &s->map.atlas[object].level[k];
+    return (struct lw_client_level){.width = l->width, .height = l->height, .rgb = s->light};
+}
+
+static struct lw_client_tile tile(const void *context, lw_tile_id id) {
+    return (struct lw_client_tile){.version = ((const struct scene *)context)->version[id.v]};
+}
+
+static enum lw_status set_up(struct scene *s, const char *name, struct lw_error *err) {
+    const struct settings *o = s->settings;
+    enum lw_status status =
+        bench_open(&o->open, name, BENCH_MOTION_OWN, o->time_s, &s->scene, &s->pose, &s->map, err);
+    if (status != LW_OK) return status;
+    const char *camera = strchr(name, '@');
+    s->view = (struct lw_compose_view){.width = (uint32_t)o->width, .height = (uint32_t)o->height};
+    size_t most = 1;
+    for (uint32_t i = 0; i < s->map.object_count; i++)
+        for (uint32_t k = 0; k < s->map.atlas[i].level_count; k++) {
+            const struct lw_atlas_level *l = &s->map.atlas[i].level[k];
+            most = (size_t)l->width * l->height > most ? (size_t)l->width * l->height : most;
+        }
+    s->light = malloc(most * 3 * sizeof *s->light);
+    s->version = malloc((s->map.tile_count + 1ul) * sizeof *s->version);
+    s->picture = malloc((size_t)o->width * (size_t)o->height * 3 * sizeof *s->picture);
+    s->needed = calloc(s->map.tile_count + 1ul, 1);
+    s->shown = calloc(s->map.tile_count + 1ul, sizeof *s->shown);
+    if (!s->light || !s->version || !s->picture || !s->needed || !s->shown) return LW_NO_MEMORY;
+    for (size_t i = 0; i < 3 * most; i++)
+        s->light[i] = LIGHT * (0.5f + (float)(i * 2654435761u >> 22 & 1023u) / 1023);
+    for (uint32_t t = 0; t < s->map.tile_count; t++) s->version[t] = 1;
+    status = lw_trace_create(s->scene, &s->pose, &s->trace, err);
+    if (status == LW_OK)
+        status = lw_compose_create(
+            &(struct lw_compose_desc){
+                .scene = s->scene, .map = &s->map, .trace = s->trace, .threads = (unsigned)o->open.threads},
+            &s->compose, err);
+    if (status == LW_OK)
+        status = lw_gl_renderer_create(&(struct lw_gl_renderer_desc){.scene = s->scene, .map = &s->map},
+                                       &s->renderer, err);
+    if (status != LW_OK) return status;
+    if (camera) return lw_camera_parse(camera + 1, &s->view.camera, err);
+    s->view.camera = s->scene->camera_count ? lw_camera_of_scene(s->scene, &s->pose, 0)
+                                            : lw_camera_default(s->scene, &s->pose, s->trace,
+                                                                (float)o->width / (float)o->height);
+    return LW_OK;
+}
+
+static enum lw_status do_one(struct scene *s, enum kind kind, int64_t round, struct lw_error *err) {
+    const float *sky = s->scene->sky;
+    const struct lw_compose_source source = {
+        .context = s, .level = level, .tile = tile, .sky = lw_vec3(sky[0], sky[1], sky[2]), .noise_shown = 1};
+    struct lw_compose_report report;
+    uint64_t pixel_count;
+    enum lw_status status = LW_OK;
+    switch (kind) {
+    case COMPOSE:
+        lw_compose_render(s->compose, &source, &s->pose, &s->view, s->picture, &report);
+        return LW_OK;
+    case GL:
+    case MSAA:
+        status = lw_gl_renderer_draw(s->renderer, &s->view, kind == MSAA ? 4 : 1, err);
+        break;
+    case SURVEY:
+        return lw_gl_renderer_survey(s->renderer, &s->view, s->needed, s->shown, &pixel_count, err);
+    case TILES:
+        for (uint32_t i = 0; i < CHANGED; i++)
+            s->version[((uint32_t)round * CHANGED + i) % (s->map.tile_count ? s->map.tile_count : 1)]++;
+        status = lw_gl_renderer_take(s->renderer, &source, &s->pose, 0, NULL, err);
+        break;
+    case KINDS:
+        break;
+    }
+    glFinish();
+    return status;
+}
+
+static enum lw_status measure(struct scene *s, const char *name, struct lw_error *err) {
+    double time_ms[KINDS][ROUNDS_MAX], ratio[ROUNDS_MAX];
+    const int64_t rounds = s->settings->rounds;
+    enum lw_status status = do_one(s, TILES, 0, err);
+    for (int64_t i = -1; i < rounds && status == LW_OK; i++) /* once for nothing: shaders are compiled */
+        for (int kind = 0; kind < KINDS && status == LW_OK; kind++) {
+            const uint64_t start_ns = lw_clock_process_cpu_ns();
+            status = do_one(s, (enum kind)kind, i + 1, err);
+            if (i >= 0) time_ms[kind][i] = 1e-6 * (double)(lw_clock_process_cpu_ns() - start_ns);
+        }
+    if (status != LW_OK) return status;
+    for (int64_t i = 0; i < rounds; i++) ratio[i] = time_ms[GL][i] / time_ms[COMPOSE][i];
+    double median[KINDS];
+    for (int kind = 0; kind < KINDS; kind++) median[kind] = bench_median(time_ms[kind], (size_t)rounds);
+    const struct lw_gl_renderer_figures f = lw_gl_renderer_figures(s->renderer);
+    printf("| %s | %.1f | %.1f | %.2f | %.1f | %.1f | %.2f | %u | %u |\n", name, median[COMPOSE], median[GL],
+           bench_median(ratio, (size_t)rounds), median[MSAA], median[SURVEY], median[TILES], f.objects,
+           f.draw_calls);
+    return LW_OK;
+}
+
+static enum lw_status run(void *context, const char *name, struct lw_error *err) {
+    struct scene s = {.settings = context};
+    struct lw_gl_offscreen *offscreen = NULL;
+    enum lw_status status = lw_gl_offscreen_create(&offscreen, err);
+    if (status == LW_OK) status = set_up(&s, name, err);
+    if (status == LW_OK) status = measure(&s, name, err);
+    lw_gl_renderer_destroy(s.renderer);
+    lw_gl_offscreen_destroy(offscreen);
+    lw_compose_destroy(s.compose);
+    lw_trace_destroy(s.trace);
+    free(s.shown);
+    free(s.needed);
+    free(s.picture);
+    free(s.version);
+    free(s.light);
+    if (s.scene) bench_close(s.scene, &s.pose, &s.map);
+    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "%s: %s", name, lw_status_text(status));
+}
+
+int main(int argc, char **argv) {
+    struct settings s = {.width = 1280, .height = 720, .rounds = 9};
+    const struct lw_option table[] = {
+        {"width", "N", "pixels (default 1280)", LW_OPTION_INT, &s.width, 1, 16384, NULL},
+        {"height", "N", "pixels (default 720)", LW_OPTION_INT, &s.height, 1, 16384, NULL},
+        {"rounds", "N", "pictures; the median time of each kind is printed (default 9)", LW_OPTION_INT,
+         &s.rounds, 1, ROUNDS_MAX, NULL},
+        {"time", "SECONDS", "of the animation (default 0)", LW_OPTION_REAL, &s.time_s, 0, 1e9, NULL}};
+    return bench_main(
+        &(struct bench_program){.name = "bench_gl",
+                                .about = "CPU time of a picture by OpenGL, by the composer's.",
+                                .operand = "SCENE[@CAMERA]",
+                                .table = table,
+                                .count = sizeof table / sizeof table[0],
+                                .open = &s.open,
+                                .context = &s,
+                                .heading =
+                                    "| scene | compose | gl | gl_over_compose | msaa | survey | tiles | "
+                                    "objects | draw calls |\n|---|---|---|---|---|---|---|---|---|",
+                                .run = run},
+        argc, argv);
+}

@@ -1,0 +1,419 @@
+/* The picture by OpenGL against the composer's, from the same light. */
+#include "tests/support/support.h"
+
+#include "client/gl/gl_light.h"
+#include "client/gl/gl_offscreen.h"
+#include "client/gl/gl_renderer.h"
+#include "client/view/antialias.h"
+#include "client/view/camera.h"
+#include "client/view/tonemap.h"
+#include "common/image/flip.h"
+#include "common/image/image.h"
+#include "common/open/scene_open.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { WIDTH = 320, HEIGHT = 180, PIXELS = WIDTH * HEIGHT, SAMPLES = 16 };
+
+#define MEAN_MAX (2 / 255.0) /* of pictures as a display shows them */
+#define FLIP_MAX 0.03
+
+struct world {
+    struct lw_gl_offscreen *offscreen; /* NULL: there is no OpenGL here */
+    struct lw_scene *scene;
+    struct lw_pose pose;
+    struct lw_atlas_map map;
+    struct lw_trace *trace;
+    struct lw_compose *compose;
+    struct lw_gl_renderer *renderer;
+    struct lw_compose_source source;
+    struct lw_compose_view view;
+    float **rgb; /* object * LW_ATLAS_LEVELS_MAX + level */
+    struct lw_client_tile *tile;
+    float *by_cpu, *by_gl;
+};
+
+static struct lw_client_level level(const void *context, uint32_t object, uint32_t k) {
+    const struct world *w = context;
+    const struct lw_atlas_level *l = &w->map.atlas[object].level[k];
+    return (struct lw_client_level){
+        .width = l->width, .height = l->height, .rgb = w->rgb[object * LW_ATLAS_LEVELS_MAX + k]};
+}
+
+static struct lw_client_tile tile(const void *context, lw_tile_id id) {
+    return ((const struct world *)context)->tile[id.v];
+}
+
+/* Waves of light that differ from object to object, and by `tint` from level to level. */
+static void fill(struct world *w, uint32_t o, uint32_t k, float tint) {
+    const struct lw_atlas_level *l = &w->map.atlas[o].level[k];
+    float *rgb = calloc((size_t)l->width * l->height * 3, sizeof *rgb);
+    assert_non_null(rgb);
+    w->rgb[o * LW_ATLAS_LEVELS_MAX + k] = rgb;
+    for (uint32_t y = 0; y < l->height; y++)
+        for (uint32_t x = 0; x < l->width; x++, rgb += 3) {
+            const float u = ((float)x + 0.5f) * (float)(1u << k), v = ((float)y + 0.5f) * (float)(1u << k);
+            const float wave = 1.2f + sinf(0.15f * u + (float)o) * cosf(0.11f * v);
+            rgb[0] = 4 * wave, rgb[1] = 5 * wave / (1 + tint * (float)k), rgb[2] = 6 - 2 * wave;
+        }
+}
+
+static void start_renderer(struct world *w) {
+    struct lw_error err = {0};
+    if (lw_gl_offscreen_create(&w->offscreen, &err) != LW_OK) {
+        print_message("no OpenGL here, so it is not tested: %s\n", err.text);
+        skip();
+    }
+    lw_support_ok(
+        lw_gl_renderer_create(&(struct lw_gl_renderer_desc){.scene = w->scene, .map = &w->map, .exact = true},
+                              &w->renderer, &err),
+        &err);
+}
+
+static void start(struct world *w, struct lw_scene *scene, float tint) {
+    struct lw_error err = {0};
+    *w = (struct world){.scene = scene};
+    lw_support_ok(lw_pose_init(&w->pose, scene), NULL);
+    lw_support_ok(lw_atlas_map_init(&w->map, scene), NULL);
+    lw_support_ok(lw_trace_create(scene, &w->pose, &w->trace, &err), &err);
+    w->rgb = calloc((size_t)scene->object_count * LW_ATLAS_LEVELS_MAX, sizeof *w->rgb);
+    w->tile = calloc(w->map.tile_count + 1ul, sizeof *w->tile);
+    w->by_cpu = calloc((size_t)PIXELS * 3, sizeof *w->by_cpu);
+    w->by_gl = calloc((size_t)PIXELS * 3, sizeof *w->by_gl);
+    assert_true(w->rgb && w->tile && w->by_cpu && w->by_gl);
+    for (uint32_t o = 0; o < scene->object_count; o++)
+        for (uint32_t k = 0; k < w->map.atlas[o].level_count; k++) fill(w, o, k, tint);
+    for (uint32_t t = 0; t < w->map.tile_count; t++) w->tile[t] = (struct lw_client_tile){.version = 1};
+    const float *sky = scene->sky;
+    w->source = (struct lw_compose_source){
+        .context = w, .level = level, .tile = tile, .sky = lw_vec3(sky[0], sky[1], sky[2]), .noise_shown = 1};
+    w->view = (struct lw_compose_view){.width = WIDTH, .height = HEIGHT};
+    if (scene->camera_count > 0) w->view.camera = lw_camera_of_scene(scene, &w->pose, 0);
+    lw_support_ok(
+        lw_compose_create(&(struct lw_compose_desc){.scene = scene, .map = &w->map, .trace = w->trace},
+                          &w->compose, &err),
+        &err);
+    start_renderer(w);
+}
+
+static void finish_renderer(struct world *w) {
+    lw_gl_renderer_destroy(w->renderer);
+    lw_gl_offscreen_destroy(w->offscreen);
+}
+
+static void finish(struct world *w) {
+    finish_renderer(w);
+    lw_compose_destroy(w->compose);
+    for (uint32_t i = 0; i < w->scene->object_count * LW_ATLAS_LEVELS_MAX; i++) free(w->rgb[i]);
+    free(w->rgb);
+    free(w->tile);
+    free(w->by_cpu);
+    free(w->by_gl);
+    lw_trace_destroy(w->trace);
+    lw_atlas_map_finish(&w->map);
+    lw_pose_finish(&w->pose);
+    lw_scene_destroy(w->scene);
+}
+
+/* Both pictures, the mean of SAMPLES each. */
+static void draw(struct world *w) {
+    struct lw_error err = {0};
+    struct lw_antialias antialias = {0};
+    struct lw_compose_report report;
+    lw_support_ok(lw_antialias_reserve(&antialias, PIXELS, &err), &err);
+    lw_antialias_render(&antialias, w->compose, &w->source, &w->pose, &w->view, SAMPLES, w->by_cpu, &report);
+    lw_support_ok(lw_gl_renderer_take(w->renderer, &w->source, &w->pose, 0, NULL, &err), &err);
+    memset(w->by_gl, 0, sizeof(float) * 3 * PIXELS);
+    for (uint32_t i = 0; i < SAMPLES; i++) {
+        struct lw_compose_view view = w->view;
+        lw_antialias_offset(i, SAMPLES, &view.offset_x, &view.offset_y);
+        lw_support_ok(lw_gl_renderer_draw(w->renderer, &view, 1, &err), &err);
+        lw_support_ok(lw_gl_renderer_read(w->renderer, antialias.sample, &err), &err);
+        for (size_t k = 0; k < (size_t)3 * PIXELS; k++) w->by_gl[k] += antialias.sample[k] / SAMPLES;
+    }
+    lw_antialias_finish(&antialias);
+}
+
+/* As a display shows them. */
+static void develop(const float *rgb, float stops, float *out) {
+    const float scale = exp2f(stops);
+    for (size_t i = 0; i < PIXELS; i++) {
+        const struct lw_vec3 c = lw_tonemap_apply(
+            LW_TONEMAP_REINHARD, lw_vec3(scale * rgb[3 * i], scale * rgb[3 * i + 1], scale * rgb[3 * i + 2]));
+        out[3 * i] = c.x, out[3 * i + 1] = c.y, out[3 * i + 2] = c.z;
+    }
+}
+
+static uint8_t coded(float linear) {
+    return (uint8_t)(255 *
+                         (linear <= 0.0031308f ? 12.92f * linear : 1.055f * powf(linear, 1 / 2.4f) - 0.055f) +
+                     0.5f);
+}
+
+static void compare(const char *name, struct world *w) {
+    struct lw_error err = {0};
+    const float stops = lw_tonemap_auto_stops(w->by_cpu, PIXELS);
+    float *shown = malloc(sizeof(float) * 6 * PIXELS), *map = malloc(sizeof(float) * PIXELS);
+    assert_true(shown && map);
+    develop(w->by_cpu, stops, shown);
+    develop(w->by_gl, stops, shown + 3ul * PIXELS);
+    double sum = 0;
+    for (size_t i = 0; i < (size_t)3 * PIXELS; i++)
+        sum += abs(coded(shown[i]) - coded(shown[i + 3ul * PIXELS]));
+    lw_support_ok(
+        lw_flip_map(shown, shown + 3ul * PIXELS, WIDTH, HEIGHT, LW_FLIP_PIXELS_PER_DEGREE, map, &err), &err);
+    const double mean = sum / (255.0 * 3 * PIXELS), flip = lw_flip_mean(map, NULL, PIXELS);
+    print_message("%s: mean difference %.2f / 255, FLIP %.4f\n", name, mean * 255, flip);
+    const char *folder = getenv("LW_DUMP");
+    if (folder) {
+        char path[300];
+        uint8_t *c = malloc(6ul * PIXELS);
+        for (size_t i = 0; i < 6ul * PIXELS; i++) c[i] = coded(shown[i]);
+        snprintf(path, sizeof path, "%s/%s.png", folder, strrchr(name, '/') ? strrchr(name, '/') + 1 : name);
+        lw_support_ok(lw_image_write_png(path, c, WIDTH, 2 * HEIGHT, &err), &err);
+        free(c);
+    }
+    free(map);
+    free(shown);
+    assert_true(mean <= MEAN_MAX);
+    assert_true(flip <= FLIP_MAX);
+}
+
+static struct lw_scene *open_scene(const char *name) {
+    struct lw_error err = {0};
+    struct lw_scene *scene;
+    lw_support_ok(
+        lw_scene_open(&(struct lw_scene_open){.path = name, .sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG},
+                      &scene, &err),
+        &err);
+    return scene;
+}
+
+/* The scene from a camera, or its own, with levels that can be told apart. */
+static void test_same_picture(const char *name, const char *camera) {
+    struct world w;
+    struct lw_error err = {0};
+    start(&w, open_scene(name), 0.5f);
+    if (camera) lw_support_ok(lw_camera_parse(camera, &w.view.camera, &err), &err);
+    draw(&w);
+    compare(name, &w);
+    finish(&w);
+}
+
+/* Light that is noisy here and lacks there; of every object the coarsest level has arrived. */
+static void test_atrium(void **state) {
+    (void)state;
+    struct world w;
+    start(&w, open_scene("builtin:atrium"), 0.5f);
+    draw(&w);
+    compare("builtin:atrium", &w);
+    for (uint32_t t = 0; t < w.map.tile_count; t++) {
+        const struct lw_tile_place *p = &w.map.place[t];
+        const uint32_t number = t * 2654435761u >> 16;
+        w.tile[t].error = (float)(number % 5) * 0.08f;
+        w.tile[t].version = 1 + (number % 7 != 0);
+        if (number % 3 == 0 && p->level + 1 < w.map.atlas[p->object].level_count) w.tile[t].version = 0;
+    }
+    finish_renderer(&w);
+    start_renderer(&w);
+    draw(&w);
+    compare("builtin:atrium, part of the light", &w);
+    finish(&w);
+}
+
+static void test_cornell(void **state) {
+    (void)state;
+    test_same_picture("builtin:cornell", NULL);
+}
+
+enum { REPEATED, MASKED, BLENDED, BACK, AWAY, MIRRORED, GLOWING, COLOURED, GLASS, PANELS };
+
+/* A square of each kind, facing up, three in a row; glass hangs over two others. */
+static struct lw_scene *panels(void) {
+    struct lw_scene *scene = lw_support_squares(PANELS, 1);
+    const struct lw_mesh mesh = scene->mesh[0];
+    const struct lw_material material = scene->material[0];
+    scene->mesh = lw_scene_alloc(scene, PANELS, sizeof *scene->mesh);
+    scene->material = lw_scene_alloc(scene, PANELS, sizeof *scene->material);
+    scene->texture = lw_scene_alloc(scene, 2, sizeof *scene->texture);
+    scene->mesh_count = scene->material_count = PANELS;
+    scene->texture_count = 2;
+    uint8_t *rgba = lw_scene_alloc(scene, 16 * 16, 4);
+    struct lw_vec2 *uv = lw_scene_alloc(scene, 4, sizeof *uv);
+    struct lw_vec4 *colour = lw_scene_alloc(scene, 4, sizeof *colour);
+    for (uint32_t i = 0; i < 16 * 16; i++) {
+        const uint8_t texel[4] = {(uint8_t)(40 + 13 * (i % 16)), (uint8_t)(250 - 12 * (i / 16)),
+                                  (uint8_t)(i % 16 > 7 ? 200 : 60), (uint8_t)(16 * (i % 16) + i / 16)};
+        memcpy(rgba + 4ul * i, texel, 4);
+    }
+    for (int i = 0; i < 4; i++) {
+        uv[i] = (struct lw_vec2){2.5f * mesh.uv[0][i].x - 0.5f, 1.5f * mesh.uv[0][i].y - 0.3f};
+        colour[i] = (struct lw_vec4){i & 1 ? 1 : 0.2f, i & 2 ? 0.9f : 0.3f, 0.6f, 1};
+    }
+    for (uint32_t t = 0; t < 2; t++)
+        scene->texture[t] = (struct lw_texture){.name = "",
+                                                .width = 16,
+                                                .height = 16,
+                                                .rgba = rgba,
+                                                .wrap_s = t ? LW_WRAP_CLAMP : LW_WRAP_REPEAT,
+                                                .wrap_t = t ? LW_WRAP_MIRROR : LW_WRAP_REPEAT};
+    for (uint32_t i = 0; i < PANELS; i++) {
+        uint32_t *materials = lw_scene_alloc(scene, 2, sizeof *materials);
+        materials[0] = materials[1] = i;
+        scene->mesh[i] = mesh;
+        scene->mesh[i].material = materials;
+        scene->mesh[i].uv[1] = uv;
+        scene->material[i] = material;
+        scene->object[i].mesh = i;
+        scene->node[i].translation[0] = 1.1f * (float)(i % 3) - 1.1f;
+        scene->node[i].translation[2] = 1.1f * (float)(i / 3) - 1.1f;
+    }
+    struct lw_material *m = scene->material;
+    static const float turned[6] = {1.6f, -1.2f, 0.3f, 1.2f, 1.6f, -0.7f};
+    m[REPEATED].base_colour_texture.texture = 0;
+    memcpy(m[REPEATED].base_colour_texture.transform, turned, sizeof turned);
+    m[MASKED].base_colour_texture.texture = 0, m[MASKED].alpha_mode = LW_ALPHA_MASK;
+    m[BLENDED].base_colour_texture.texture = 1, m[BLENDED].alpha_mode = LW_ALPHA_BLEND;
+    m[BLENDED].base_colour_texture.uv_set = 1;
+    m[BACK].double_sided = 1;
+    m[GLOWING].emission_texture.texture = 1, m[GLOWING].emission_texture.uv_set = 1;
+    for (int c = 0; c < 3; c++) m[GLOWING].emission[c] = 2;
+    scene->mesh[COLOURED].colour = colour;
+    m[GLASS].alpha_mode = LW_ALPHA_BLEND, m[GLASS].base_colour[3] = 0.4f;
+    scene->node[BACK].scale[1] = scene->node[BACK].scale[0] = -1; /* half a turn about Z */
+    scene->node[AWAY].scale[1] = scene->node[AWAY].scale[0] = -1;
+    scene->node[MIRRORED].scale[0] = -1;
+    scene->node[GLASS].translation[0] = 0.6f, scene->node[GLASS].translation[1] = 0.4f;
+    scene->node[GLASS].translation[2] = -0.9f;
+    scene->sky[0] = 0.2f, scene->sky[2] = 0.5f;
+    return scene;
+}
+
+static void test_panels(void **state) {
+    (void)state;
+    struct world w;
+    struct lw_error err = {0};
+    struct lw_scene *scene = panels();
+    lw_support_ok(lw_lightmap_build(scene, &(struct lw_lightmap_desc){.texels_per_metre = 30}, NULL, &err),
+                  &err);
+    start(&w, scene, 0.5f);
+    w.view.camera = lw_camera_look_at(lw_vec3(0.3f, 3, 2.2f), lw_vec3(0, 0, 0.1f), 1);
+    draw(&w);
+    compare("panels", &w);
+    const float *centre =
+        w.by_gl + 3ul * (PIXELS / 2 + WIDTH / 2); /* a back that is not there: the sky is seen */
+    assert_true(fabsf(centre[0] - 0.2f) < 1e-4f && centre[1] < 1e-4f);
+    w.pose.object_hidden[REPEATED] = true; /* things that change */
+    w.pose.object_to_world[COLOURED].m[1][3] = 0.3f;
+    w.pose.object_dynamic[REPEATED] = w.pose.object_dynamic[COLOURED] = true;
+    scene->material[MIRRORED].base_colour[0] = 0.9f;
+    scene->material[COLOURED].emission[1] = 3;
+    lw_support_ok(lw_trace_set_pose(w.trace, &w.pose, &err), &err);
+    draw(&w);
+    compare("panels, changed", &w);
+    finish(&w);
+}
+
+/* Uploads are capped, what waits comes later, and nothing is uploaded twice. */
+static void test_uploads(void **state) {
+    (void)state;
+    struct world w;
+    struct lw_error err = {0};
+    start(&w, open_scene("builtin:cornell"), 0.5f);
+    uint32_t waiting = 0, tile_count = w.map.tile_count, calls = 0;
+    do {
+        const uint32_t before = waiting;
+        lw_support_ok(lw_gl_renderer_take(w.renderer, &w.source, &w.pose, 3, &waiting, &err), &err);
+        assert_int_equal(calls == 0 ? tile_count - 3 : before > 3 ? before - 3 : 0, waiting);
+        assert_true(++calls <= tile_count);
+    } while (waiting > 0);
+    assert_int_equal(lw_gl_renderer_figures(w.renderer).tiles_uploaded, tile_count);
+    draw(&w);
+    assert_int_equal(lw_gl_renderer_figures(w.renderer).tiles_uploaded, tile_count);
+    compare("builtin:cornell, in steps", &w);
+    w.tile[tile_count / 2].version++;
+    draw(&w);
+    assert_int_equal(lw_gl_renderer_figures(w.renderer).tiles_uploaded, tile_count + 1);
+    finish(&w);
+}
+
+/* The tiles of a survey are those that the composer needs, but for few that cover a pixel or two. */
+static void test_survey(void **state) {
+    (void)state;
+    struct world w;
+    struct lw_error err = {0};
+    struct lw_compose_report report;
+    start(&w, open_scene("builtin:cornell"), 0.5f);
+    uint8_t *needed = calloc(w.map.tile_count, 1);
+    uint64_t *shown = calloc(w.map.tile_count, sizeof *shown), pixel_count = 0, lit = 0;
+    assert_true(needed && shown);
+    lw_compose_render(w.compose, &w.source, &w.pose, &w.view, w.by_cpu, &report);
+    lw_support_ok(lw_gl_renderer_take(w.renderer, &w.source, &w.pose, 0, NULL, &err), &err);
+    lw_support_ok(lw_gl_renderer_survey(w.renderer, &w.view, needed, shown, &pixel_count, &err), &err);
+    uint32_t both = 0, one = 0;
+    for (uint32_t t = 0; t < w.map.tile_count; t++) {
+        both += needed[t] && lw_compose_needed(w.compose)[t];
+        one += needed[t] != lw_compose_needed(w.compose)[t];
+        lit += shown[t];
+        if (shown[t]) assert_true(needed[t]);
+    }
+    print_message("%u tiles needed by both, %u by one\n", both, one);
+    assert_int_equal(pixel_count, WIDTH / 4 * HEIGHT / 4);
+    assert_true(both > 3 * one);
+    assert_true(lit <= 256 * pixel_count && lit > 64 * pixel_count);
+    free(shown);
+    free(needed);
+    finish(&w);
+}
+
+/* RGB9E5 is within half a step of what it holds. */
+static void test_pack(void **state) {
+    (void)state;
+    for (int i = -20; i < 16; i++)
+        for (int k = 0; k < 40; k++) {
+            const float most = ldexpf(1 + (float)k / 39.0f, i), rgb[3] = {most, 0.3f * most, 0.001f * most};
+            const uint32_t packed = lw_gl_light_pack(rgb);
+            const float step = ldexpf(1, (int)(packed >> 27) - 24);
+            if (most > 65408) continue;
+            for (int c = 0; c < 3; c++)
+                assert_true(fabsf((float)(packed >> (9 * c) & 511) * step - rgb[c]) <= 0.5f * step);
+            assert_true(step <= fmaxf(most / 255, ldexpf(1, -24)));
+        }
+    const float wrong[3] = {NAN, -1, 1e30f};
+    const uint32_t packed = lw_gl_light_pack(wrong);
+    assert_int_equal(packed & 0x3ffff, 0);
+    assert_int_equal(packed >> 18, 31 << 9 | 511);
+}
+
+/* A picture that no GPU draws fails with a word, and the next one is drawn. */
+static void test_sizes(void **state) {
+    (void)state;
+    struct world w;
+    struct lw_error err = {0};
+    start(&w, open_scene("builtin:cornell"), 0);
+    struct lw_compose_view view = w.view;
+    for (int i = 0; i < 2; i++) {
+        view.width = i ? 1u << 20 : 0;
+        err = (struct lw_error){0};
+        lw_support_fails(lw_gl_renderer_draw(w.renderer, &view, 1, &err), LW_UNAVAILABLE, &err, "pixels");
+    }
+    draw(&w);
+    compare("builtin:cornell, after sizes that cannot be", &w);
+    finish(&w);
+}
+
+static void test_sponza(void **state) {
+    (void)state;
+    test_same_picture(lw_support_scene("sponza/Sponza_lit.gltf"), "-8,1.8,-0.3:5,4,-0.3:75");
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_atrium),  cmocka_unit_test(test_cornell), cmocka_unit_test(test_panels),
+        cmocka_unit_test(test_uploads), cmocka_unit_test(test_survey),  cmocka_unit_test(test_pack),
+        cmocka_unit_test(test_sizes),   cmocka_unit_test(test_sponza),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
