@@ -1,5 +1,7 @@
 #include "client/view/headless.h"
 
+#include "client/gl/gl_offscreen.h"
+#include "client/gl/gl_view.h"
 #include "client/view/antialias.h"
 #include "client/view/export.h"
 #include "client/view/settling.h"
@@ -42,6 +44,8 @@ struct headless {
     struct lw_compose_view view;
     struct lw_compose_report report;
     struct lw_antialias antialias;
+    struct lw_gl_offscreen *offscreen; /* NULL: rays draw */
+    struct lw_gl_view gl;
     struct lw_settling settling;
     bool settled;                 /* things move, and the error that is shown falls no more */
     uint64_t moved_ns;            /* when something moved last; 0: never */
@@ -61,15 +65,16 @@ static size_t pixel_count(const struct headless *h) { return (size_t)h->view.wid
 static enum lw_status connect_to_server(struct headless *h, struct lw_error *err) {
     unsigned limit_ms = CONNECT_TIMEOUT_MS;
     if (h->options->timeout_s * 1e3 < limit_ms) limit_ms = (unsigned)(h->options->timeout_s * 1e3);
-    enum lw_status status =
-        lw_client_create(&(struct lw_client_desc){.host = h->options->host,
-                                                  .port = h->options->port,
-                                                  .name = "lightwell-view --headless",
-                                                  .timeout_ms = limit_ms,
-                                                  .cache_folder = h->options->cache_folder,
-                                                  .wants_nothing = true,
-                                                  .draws_direct = h->options->draws_direct},
-                         &h->client, err);
+    enum lw_status status = lw_client_create(
+        &(struct lw_client_desc){.host = h->options->host,
+                                 .port = h->options->port,
+                                 .name = "lightwell-view --headless",
+                                 .timeout_ms = limit_ms,
+                                 .cache_folder = h->options->cache_folder,
+                                 .wants_nothing = true,
+                                 .draws_direct =
+                                     h->options->draws_direct && h->options->renderer != LW_VIEW_RENDERER_GL},
+        &h->client, err);
     h->welcomed_ns = lw_clock_ns();
     return status;
 }
@@ -109,22 +114,43 @@ static enum lw_status take_picture(struct headless *h, struct lw_error *err) {
     enum lw_status status = lw_view_options_camera(h->options, h->stage.scene, &h->stage.pose, h->stage.trace,
                                                    &h->view.camera, err);
     if (status != LW_OK) return status;
-    struct lw_compose_source source = lw_compose_source_of(h->stage.client);
     uint64_t start_ns = lw_clock_ns();
-    lw_compose_render(h->stage.compose, &source, &h->stage.pose, &h->view, h->rgb, &h->report);
+    if (h->gl.renderer != NULL) {
+        status = lw_gl_view_take(&h->gl, &h->stage, 0, NULL, err);
+        if (status == LW_OK) status = lw_gl_view_survey(&h->gl, &h->stage, &h->view, &h->report, err);
+        if (status != LW_OK) return status;
+    } else {
+        struct lw_compose_source source = lw_compose_source_of(h->stage.client);
+        lw_compose_render(h->stage.compose, &source, &h->stage.pose, &h->view, h->rgb, &h->report);
+    }
     h->compose_ns = lw_clock_ns() - start_ns;
     lw_client_get_stats(h->client, &h->stats);
     return look(h, err);
 }
 
+static enum lw_status start_gl(struct headless *h, struct lw_error *err) {
+    if (h->options->renderer != LW_VIEW_RENDERER_GL) return LW_OK;
+    enum lw_status status = lw_gl_offscreen_create(&h->offscreen, err);
+    if (status == LW_OK) status = lw_gl_view_init(&h->gl, &h->stage, true, err);
+    if (status == LW_OK) lw_log(LW_LOG_INFO, "drawn by %s", lw_gl_renderer_name(h->gl.renderer));
+    if (status != LW_OK) lw_status_context(err, "--renderer gl");
+    return status;
+}
+
 /* The same picture with all its samples; without memory for them it stays as it is. */
-static void finish_picture(struct headless *h) {
+static enum lw_status finish_picture(struct headless *h, struct lw_error *out_err) {
     const uint32_t samples = h->options->samples_per_pixel;
     struct lw_error err = {0};
-    if (samples == 1) return;
+    if (h->gl.renderer != NULL) { /* nothing is in it yet */
+        uint64_t began_ns = lw_clock_ns();
+        enum lw_status status = lw_gl_view_average(&h->gl, &h->view, samples, h->rgb, out_err);
+        h->compose_ns = lw_clock_ns() - began_ns;
+        return status;
+    }
+    if (samples == 1) return LW_OK;
     if (lw_antialias_reserve(&h->antialias, pixel_count(h), &err) != LW_OK) {
         lw_log(LW_LOG_WARNING, "%s: the picture has one", err.text);
-        return;
+        return LW_OK;
     }
     struct lw_compose_source source = lw_compose_source_of(h->stage.client);
     struct lw_compose_report report; /* what is told stays that of the picture that served the wait */
@@ -132,6 +158,7 @@ static void finish_picture(struct headless *h) {
     lw_antialias_render(&h->antialias, h->stage.compose, &source, &h->stage.pose, &h->view, samples, h->rgb,
                         &report);
     h->compose_ns = lw_clock_ns() - start_ns;
+    return LW_OK;
 }
 
 static void note_motion(struct headless *h, bool moved) {
@@ -240,8 +267,8 @@ static enum lw_status wait_for_light(struct headless *h, struct lw_error *err) {
         }
         show_progress(&progress, judged_by_tiles ? tiles_served(h, &h->report) : h->stats.tiles);
         if (lw_clock_ns() > h->deadline_ns) {
-            h->late = shows_light(&h->report) && take_picture(h, err) == LW_OK;
-            if (h->late) finish_picture(h);
+            h->late =
+                shows_light(&h->report) && take_picture(h, err) == LW_OK && finish_picture(h, err) == LW_OK;
             lw_progress_stop(&progress);
             return fail_late(h, err);
         }
@@ -260,7 +287,7 @@ static enum lw_status wait_for_light(struct headless *h, struct lw_error *err) {
     }
     h->waited_ns = lw_clock_ns();
     lw_interrupt_enter(&writing);
-    if (status == LW_OK) finish_picture(h);
+    if (status == LW_OK) status = finish_picture(h, err);
     if (h->stopped)
         lw_progress_stop(&progress);
     else if (status == LW_OK)
@@ -336,6 +363,7 @@ enum lw_status lw_headless_run(const struct lw_view_options *options, bool *out_
     if (status == LW_OK) status = receive_scene(&h, err);
     if (status == LW_OK) status = lw_stage_init(&h.stage, h.client, options->threads, err);
     if (status == LW_OK) status = lw_stage_follow(&h.stage, &moved, err);
+    if (status == LW_OK) status = start_gl(&h, err);
     if (status == LW_OK) /* an unknown camera is said before the wait */
         status =
             lw_view_options_camera(options, h.stage.scene, &h.stage.pose, h.stage.trace, &h.view.camera, err);
@@ -348,6 +376,8 @@ enum lw_status lw_headless_run(const struct lw_view_options *options, bool *out_
     }
     *out_stopped = h.stopped;
     lw_antialias_finish(&h.antialias);
+    lw_gl_view_finish(&h.gl);
+    lw_gl_offscreen_destroy(h.offscreen);
     lw_stage_finish(&h.stage);
     lw_client_destroy(h.client);
     free(h.rgb);

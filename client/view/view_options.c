@@ -13,7 +13,7 @@
 struct raw {
     const char *address, *camera, *size, *wait, *exposure;
     int64_t samples, bounces, seed, samples_per_pixel;
-    int curve, pixel, part, direct;
+    int curve, pixel, part, direct, renderer;
     bool samples_given;
 };
 
@@ -22,8 +22,8 @@ struct raw {
 static const char *const of_every_way[] = {"camera",   "camera-name", "size",    "tonemap",
                                            "exposure", "threads",     "version", NULL};
 static const char *const of_a_server[] = {"headless", "wait", "timeout", "cache", "samples-per-pixel", NULL};
-static const char *const of_viewers[] = {"direct", NULL};    /* --headless and the window */
-static const char *const of_files[] = {"out", "json", NULL}; /* --headless and --path-trace */
+static const char *const of_viewers[] = {"direct", "renderer", NULL}; /* --headless and the window */
+static const char *const of_files[] = {"out", "json", NULL};          /* --headless and --path-trace */
 
 static bool is_among(const char *name, const char *const *list) {
     for (; *list; list++)
@@ -159,6 +159,7 @@ static enum lw_status interpret(const struct raw *raw, struct lw_view_options *o
     out->path.seed = (uint32_t)raw->seed;
     out->path.pixel = (enum lw_path_pixel)raw->pixel;
     out->path.part = (enum lw_path_part)raw->part;
+    out->renderer = (enum lw_view_renderer)raw->renderer;
     out->draws_direct = raw->direct == 0;
     out->curve = (enum lw_tonemap_curve)raw->curve;
     return status == LW_OK ? check_together(out, raw, err) : status;
@@ -229,6 +230,12 @@ enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_optio
                  "(auto, default); or as its tiles have it.",
          .kind = LW_OPTION_CHOICE,
          .value = &raw.direct},
+        {.name = "renderer",
+         .argument = LW_VIEW_RENDERER_CHOICES,
+         .help = "What draws: OpenGL 3.3 (gl), or rays on the CPU (cpu), which are the reference; auto "
+                 "(default): gl in a window where that works, cpu else.",
+         .kind = LW_OPTION_CHOICE,
+         .value = &raw.renderer},
         {.name = "out",
          .argument = "FILE",
          .help = "FILE.exr: linear radiance, 32-bit float. FILE.png: tone mapped.",

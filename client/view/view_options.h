@@ -33,6 +33,10 @@ enum lw_view_format { LW_VIEW_NO_FILE, LW_VIEW_EXR, LW_VIEW_PNG };
 
 #define LW_VIEW_DIRECT_CHOICES "auto|tiles"
 
+/* What draws: OpenGL in a window where there is one, rays else; or what is asked for. */
+enum lw_view_renderer { LW_VIEW_RENDERER_AUTO, LW_VIEW_RENDERER_GL, LW_VIEW_RENDERER_CPU };
+#define LW_VIEW_RENDERER_CHOICES "auto|gl|cpu" /* in the order of enum lw_view_renderer */
+
 /** What --path-trace takes. */
 struct lw_view_path {
     struct lw_scene_open open; /* open.path is the scene; NULL: no path tracing */
@@ -63,7 +67,8 @@ struct lw_view_options {
     unsigned threads; /* 0: all */
     double timeout_s;
     const char *cache_folder; /* of scene packages; NULL: none; points into argv */
-    bool draws_direct;        /* the direct light of the server's client lights is drawn here */
+    enum lw_view_renderer renderer;
+    bool draws_direct; /* the direct light of the server's client lights is drawn here */
     struct lw_view_path path;
 };
 

@@ -61,12 +61,12 @@ static double number_of(const char *json, const char *key) {
     return atof(at + strlen(quoted));
 }
 
-static void test_complete_picture(void **state) {
-    (void)state;
+/* Returns the mean of the picture's red. */
+static double complete_picture(const char *options) {
     char arguments[512];
     snprintf(arguments, sizeof arguments,
-             "%s --headless --wait complete --timeout 60 --size 161x90 --json --out %s", address,
-             lw_support_temporary("view.exr"));
+             "%s --headless --wait complete --timeout 60 --size 161x90 --json --out %s%s", address,
+             lw_support_temporary("view.exr"), options);
     int code = run_view(arguments);
     if (code != 0) fail_msg("ended with %d: %s", code, lw_process_err(&view));
     char *json = lw_process_out(&view);
@@ -94,6 +94,27 @@ static void test_complete_picture(void **state) {
     assert_true(reported > 0 && fabs(sum / (width * height) - reported) < 1e-6 * reported);
     free(rgb);
     free(json);
+    return reported;
+}
+
+static void test_complete_picture(void **state) {
+    (void)state;
+    complete_picture("");
+}
+
+/* By OpenGL the same, but for what the light has changed meanwhile; without OpenGL one line. */
+static void test_gl(void **state) {
+    (void)state;
+    char arguments[256];
+    snprintf(arguments, sizeof arguments, "%s --headless --renderer gl --json", address);
+    setenv("__EGL_VENDOR_LIBRARY_DIRS", "/nowhere", 1);
+    view_fails(arguments, 69, "--renderer gl: ");
+    unsetenv("__EGL_VENDOR_LIBRARY_DIRS");
+    const double by_rays = complete_picture(" --direct tiles"), by_gl = complete_picture(" --renderer gl");
+    char *err = lw_process_err(&view);
+    assert_non_null(strstr(err, "drawn by "));
+    free(err);
+    assert_true(fabs(by_rays - by_gl) < 0.1 * by_rays);
 }
 
 /* The default waits until little error is to be seen, and takes the mean of 16 places of each pixel. */
@@ -379,6 +400,7 @@ static void test_path_trace_failures(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_complete_picture),
+        cmocka_unit_test(test_gl),
         cmocka_unit_test(test_good_picture),
         cmocka_unit_test(test_png),
         cmocka_unit_test(test_late),

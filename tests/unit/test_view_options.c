@@ -35,6 +35,22 @@ static void test_defaults(void **state) {
 }
 
 /* A window takes it, and --headless; what asks no server does not. */
+static void test_renderer(void **state) {
+    (void)state;
+    struct lw_view_options o;
+    struct lw_error err = {0};
+    lw_support_ok(parse("", &o, &err), &err);
+    assert_int_equal(o.renderer, LW_VIEW_RENDERER_AUTO);
+    lw_support_ok(parse("--renderer gl", &o, &err), &err);
+    assert_int_equal(o.renderer, LW_VIEW_RENDERER_GL);
+    lw_support_ok(parse("--headless --json --renderer cpu", &o, &err), &err);
+    assert_int_equal(o.renderer, LW_VIEW_RENDERER_CPU);
+    lw_support_fails(parse("--renderer vulkan", &o, &err), LW_USAGE, &err, "--renderer");
+    err = (struct lw_error){0};
+    lw_support_fails(parse("--path-trace builtin:cornell --json --renderer gl", &o, &err), LW_USAGE, &err,
+                     "--renderer");
+}
+
 static void test_direct(void **state) {
     (void)state;
     struct lw_view_options o;
@@ -226,6 +242,7 @@ static void test_errors_name_the_option(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_defaults),
+        cmocka_unit_test(test_renderer),
         cmocka_unit_test(test_direct),
         cmocka_unit_test(test_addresses),
         cmocka_unit_test(test_a_scene_is_no_server),
