@@ -365,9 +365,10 @@ static void sort_waiting(struct lw_gl_light *light, uint32_t count) {
 }
 
 void lw_gl_light_take(struct lw_gl_light *light, const struct lw_compose_source *source, uint32_t tiles_max) {
+    const bool first = light->scale == 0;
     bool calmed;
     uint32_t count = list_waiting(light, source, &calmed);
-    if (count > 0 || light->scale == 0) {
+    if (count > 0 || first) {
         take_average(light, source);
         if (choose_scale(light) && light->uploaded > 0) {
             memset(light->version, 0, light->map->tile_count * sizeof *light->version);
@@ -377,7 +378,7 @@ void lw_gl_light_take(struct lw_gl_light *light, const struct lw_compose_source 
     }
     const uint32_t now = tiles_max == 0 || count < tiles_max ? count : tiles_max;
     light->waiting = count - now;
-    if (now == 0 && !calmed) return;
+    if (now == 0 && !calmed && !first) return;
     sort_waiting(light, count);
     glBindTexture(GL_TEXTURE_2D_ARRAY, light->pages);
     glPixelStorei(GL_UNPACK_ALIGNMENT, 4);

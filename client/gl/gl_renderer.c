@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define METERED      128u  /* pixels a side: enough for a log average */
 #define SURVEY_SHARE 4u    /* a survey has one pixel for so many, each way */
 #define NEAR_SHARE   1e-6f /* of the scene's diagonal: what is nearer to the eye is not seen */
 #define NEAR_COARSE  1e-4f /* the same, where depth is not stored upside down */
@@ -59,7 +60,7 @@ struct lw_gl_renderer {
     struct lw_gl_renderer_desc desc;
     struct lw_gl_scene scene;
     struct lw_gl_light light;
-    struct lw_gl_target picture, survey;
+    struct lw_gl_target picture, survey, metered;
     struct program program[VARIANTS];
     GLuint sky, show, empty_array;
     GLint sky_middle, sky_right, sky_up, sky_far, sky_colour, show_exposure, show_curve;
@@ -218,6 +219,7 @@ enum lw_status lw_gl_renderer_create(const struct lw_gl_renderer_desc *desc,
     for (uint32_t o = 0; o < desc->scene->object_count; o++) r->object[o].hidden = true; /* not placed yet */
     r->picture.format = desc->exact ? GL_RGBA32F : GL_RGBA16F;
     r->survey.format = GL_RG32UI;
+    r->metered.format = GL_RGBA16F;
     r->upside_down = epoxy_gl_version() >= 45 || epoxy_has_gl_extension("GL_ARB_clip_control");
     *out_renderer = r;
     return LW_OK;
@@ -234,6 +236,7 @@ void lw_gl_renderer_destroy(struct lw_gl_renderer *r) {
     if (r->instances) glDeleteTextures(1, &r->instances);
     if (r->object_buffer) glDeleteBuffers(1, &r->object_buffer);
     if (r->instance_buffer) glDeleteBuffers(1, &r->instance_buffer);
+    lw_gl_target_finish(&r->metered);
     lw_gl_target_finish(&r->survey);
     lw_gl_target_finish(&r->picture);
     lw_gl_light_finish(&r->light);
@@ -577,11 +580,11 @@ enum lw_status lw_gl_renderer_draw(struct lw_gl_renderer *r, const struct lw_com
     return status == LW_OK ? lw_gl_program_check("drawing", err) : status;
 }
 
-enum lw_status lw_gl_renderer_read(struct lw_gl_renderer *r, float *out_rgb, struct lw_error *err) {
-    const size_t width = r->picture.width, height = r->picture.height;
+static enum lw_status read_target(const struct lw_gl_target *target, float *out_rgb, struct lw_error *err) {
+    const size_t width = target->width, height = target->height;
     float *row = malloc(4 * width * sizeof *row);
     if (row == NULL) return lw_status_fail(err, LW_NO_MEMORY, "no memory for a picture");
-    glBindFramebuffer(GL_READ_FRAMEBUFFER, r->picture.frame);
+    glBindFramebuffer(GL_READ_FRAMEBUFFER, target->frame);
     glPixelStorei(GL_PACK_ALIGNMENT, 4);
     for (size_t y = 0; y < height; y++) {
         glReadPixels(0, (GLint)(height - 1 - y), (GLsizei)width, 1, GL_RGBA, GL_FLOAT, row);
@@ -592,8 +595,13 @@ enum lw_status lw_gl_renderer_read(struct lw_gl_renderer *r, float *out_rgb, str
     return lw_gl_program_check("reading the picture", err);
 }
 
+enum lw_status lw_gl_renderer_read(struct lw_gl_renderer *r, float *out_rgb, struct lw_error *err) {
+    return read_target(&r->picture, out_rgb, err);
+}
+
 void lw_gl_renderer_show(struct lw_gl_renderer *r, enum lw_tonemap_curve curve, float stops, uint32_t width,
                          uint32_t height) {
+    glBindFramebuffer(GL_FRAMEBUFFER, 0);
     glViewport(0, 0, (GLsizei)width, (GLsizei)height);
     glUseProgram(r->show);
     glUniform1f(r->show_exposure, exp2f(fminf(fmaxf(stops, -LW_TONEMAP_STOPS_MAX), LW_TONEMAP_STOPS_MAX)));
@@ -603,6 +611,23 @@ void lw_gl_renderer_show(struct lw_gl_renderer *r, enum lw_tonemap_curve curve, 
     glDrawArrays(GL_TRIANGLES, 0, 3);
     glBindVertexArray(0);
     glUseProgram(0);
+}
+
+enum lw_status lw_gl_renderer_meter(struct lw_gl_renderer *r, float *out_stops, struct lw_error *err) {
+    enum { WIDTH = METERED, HEIGHT = METERED };
+    enum lw_status status = lw_gl_target_resize(&r->metered, WIDTH, HEIGHT, 1, err);
+    if (status != LW_OK) return status;
+    float *rgb = malloc(sizeof(float) * 3 * WIDTH * HEIGHT);
+    if (rgb == NULL) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the exposure");
+    glBindFramebuffer(GL_READ_FRAMEBUFFER, r->picture.frame);
+    glBindFramebuffer(GL_DRAW_FRAMEBUFFER, r->metered.frame);
+    glBlitFramebuffer(0, 0, (GLint)r->picture.width, (GLint)r->picture.height, 0, 0, WIDTH, HEIGHT,
+                      GL_COLOR_BUFFER_BIT, GL_LINEAR);
+    status = read_target(&r->metered, rgb, err);
+    glBindFramebuffer(GL_FRAMEBUFFER, 0);
+    if (status == LW_OK) *out_stops = lw_tonemap_auto_stops(rgb, (size_t)WIDTH * HEIGHT);
+    free(rgb);
+    return status;
 }
 
 /* ---- which tiles a view needs ---- */

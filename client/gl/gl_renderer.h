@@ -51,9 +51,14 @@ LW_MUST_CHECK enum lw_status lw_gl_renderer_draw(struct lw_gl_renderer *renderer
 LW_MUST_CHECK enum lw_status lw_gl_renderer_read(struct lw_gl_renderer *renderer, float *out_rgb,
                                                  struct lw_error *err);
 
-/** Draws the last picture, exposed and tone mapped, into the current framebuffer, which has width * height pixels. */
+/** Draws the last picture, exposed and tone mapped, into the window, which has width * height pixels. */
 void lw_gl_renderer_show(struct lw_gl_renderer *renderer, enum lw_tonemap_curve curve, float stops,
                          uint32_t width, uint32_t height);
+
+/** The exposure that lw_tonemap_auto_stops() gives the last picture, from a small copy of it; waits for the GPU.
+ * Errors: as of lw_gl_renderer_draw(). */
+LW_MUST_CHECK enum lw_status lw_gl_renderer_meter(struct lw_gl_renderer *renderer, float *out_stops,
+                                                  struct lw_error *err);
 
 /** Finds the tiles that a view needs, from a small picture of it, and what share of it they are; waits for the GPU.
  * out_needed   a byte for each tile, as of lw_compose_needed(): set, never cleared

@@ -1,10 +1,12 @@
 #include "client/view/window.h"
 
+#include "client/gl/gl_view.h"
 #include "client/view/flight.h"
 #include "client/view/font.h"
 #include "client/view/overlay.h"
 #include "client/view/pace.h"
 #include "client/view/picture.h"
+#include "client/view/screen.h"
 #include "client/view/seeker.h"
 #include "client/view/stage.h"
 #include "common/clock.h"
@@ -23,6 +25,9 @@
 #define KEYS_SHOWN_NS     20000000000u /* of the first picture, unless somebody presses a key before */
 #define RADIANS_PER_PIXEL 0.0025f
 #define FAST              4.0f
+#define TILES_A_PICTURE   48u /* that OpenGL takes over at most: a few ms */
+#define MSAA              4u
+#define SURVEY_EVERY_NS   250000000u
 #define STEP_S_MAX        0.1f /* a hitch must not throw the camera across the room */
 
 #define TEXT_SCALE   2
@@ -46,10 +51,8 @@ struct figures {
 
 struct window {
     const struct lw_view_options *options;
-    SDL_Window *handle;
-    SDL_Renderer *renderer;
-    SDL_Texture *screen; /* as large as the window; a smaller picture fills its corner */
-    SDL_Texture *panel;
+    struct lw_screen screen;
+    uint32_t panel[PANEL_WIDTH * PANEL_HEIGHT]; /* scratch */
     uint32_t width, height;
     char address[280];
 
@@ -57,6 +60,10 @@ struct window {
     bool lost;
     struct lw_stage stage;
     bool staged;
+    struct lw_gl_view gl;       /* of the stage, if the screen is OpenGL's */
+    uint64_t surveyed_ns;       /* when it was last asked what the view needs */
+    bool unsurveyed;            /* the picture is newer */
+    uint32_t waiting;           /* tiles that it has not taken over yet */
     struct lw_client *incoming; /* connected, its scene or first light not there yet */
     struct lw_seeker *seeker;
 
@@ -119,6 +126,30 @@ static enum lw_status choose_start(struct window *w, struct lw_error *err) {
     return LW_OK;
 }
 
+static enum lw_status resize(struct window *w, struct lw_error *err);
+
+static enum lw_status open_screen(struct window *w, bool gl, struct lw_error *err) {
+    char title[320];
+    snprintf(title, sizeof title, "lightwell %s", w->address);
+    return lw_screen_open(&w->screen, title, (int)w->options->width, (int)w->options->height, PANEL_WIDTH,
+                          PANEL_HEIGHT, gl, err);
+}
+
+/* OpenGL has failed: on with the CPU, if nobody has asked for OpenGL. */
+static enum lw_status leave_gl(struct window *w, struct lw_error *err) {
+    if (w->options->renderer == LW_VIEW_RENDERER_GL) {
+        lw_status_context(err, "--renderer gl");
+        return err->status;
+    }
+    lw_log(LW_LOG_WARNING, "%s; drawing on the CPU", err->text);
+    *err = (struct lw_error){0};
+    lw_gl_view_finish(&w->gl);
+    lw_screen_close(&w->screen);
+    enum lw_status status = open_screen(w, false, err);
+    w->width = w->height = 0;
+    return status == LW_OK ? resize(w, err) : status;
+}
+
 /* Shows the incoming client in place of what is shown. */
 static enum lw_status stage_incoming(struct window *w, struct lw_error *err) {
     bool first = !w->staged, moved;
@@ -130,6 +161,7 @@ static enum lw_status stage_incoming(struct window *w, struct lw_error *err) {
         lw_stage_finish(&stage);
         return status;
     }
+    lw_gl_view_finish(&w->gl);
     lw_stage_finish(&w->stage);
     lw_client_destroy(w->client);
     w->stage = stage;
@@ -139,6 +171,10 @@ static enum lw_status stage_incoming(struct window *w, struct lw_error *err) {
     w->staged = w->stale = true;
     w->seen_tiles = w->seen_frame = w->figures.bytes = 0;
     lw_seeker_reset(w->seeker);
+    if (w->screen.context != NULL && lw_gl_view_init(&w->gl, &w->stage, false, err) != LW_OK) {
+        status = leave_gl(w, err);
+        if (status != LW_OK) return status;
+    }
     if (!first) lw_log(LW_LOG_INFO, "%s: connected again", w->address);
     if (first && w->show_keys) w->keys_until_ns = lw_clock_ns() + KEYS_SHOWN_NS;
     return first ? choose_start(w, err) : LW_OK;
@@ -225,19 +261,14 @@ static void press(struct window *w, SDL_Keycode key) {
 
 static enum lw_status resize(struct window *w, struct lw_error *err) {
     int width, height;
-    if (SDL_GetRendererOutputSize(w->renderer, &width, &height) != 0 || width < 1 || height < 1) return LW_OK;
+    if (!lw_screen_size(&w->screen, &width, &height)) return LW_OK;
     if (width > (int)LW_VIEW_SIDE_MAX) width = (int)LW_VIEW_SIDE_MAX;
     if (height > (int)LW_VIEW_SIDE_MAX) height = (int)LW_VIEW_SIDE_MAX;
-    if (w->screen != NULL && (uint32_t)width == w->width && (uint32_t)height == w->height) return LW_OK;
+    if ((uint32_t)width == w->width && (uint32_t)height == w->height) return LW_OK;
     enum lw_status status = lw_picture_resize(&w->picture, (uint32_t)width, (uint32_t)height, err);
     if (status != LW_OK) return status;
-    if (w->screen != NULL) SDL_DestroyTexture(w->screen);
-    w->screen =
-        SDL_CreateTexture(w->renderer, SDL_PIXELFORMAT_RGBA32, SDL_TEXTUREACCESS_STREAMING, width, height);
-    if (w->screen == NULL)
-        return lw_status_fail(err, LW_OS, "cannot make a texture of %dx%d pixels: %s", width, height,
-                              SDL_GetError());
-    SDL_SetTextureScaleMode(w->screen, SDL_ScaleModeLinear);
+    status = lw_screen_resize(&w->screen, width, height, err);
+    if (status != LW_OK) return status;
     w->width = (uint32_t)width;
     w->height = (uint32_t)height;
     w->stale = true;
@@ -317,13 +348,10 @@ static void show_panel(struct window *w, int x, int y, const char *const *line, 
     }
     if (width > PANEL_WIDTH - 2 * PANEL_MARGIN) width = PANEL_WIDTH - 2 * PANEL_MARGIN;
     int height = count * PANEL_PITCH + (fraction >= 0 ? PANEL_PITCH : 0);
-    SDL_Rect part = {0, 0, width + 2 * PANEL_MARGIN, height + 2 * PANEL_MARGIN - 4};
-    void *pixels;
-    int pitch_bytes;
-    if (SDL_LockTexture(w->panel, &part, &pixels, &pitch_bytes) != 0) return;
     struct lw_font_canvas canvas = {
-        .pixel = pixels, .width = part.w, .height = part.h, .stride = (size_t)pitch_bytes / sizeof(uint32_t)};
-    fill(&canvas, 0, 0, part.w, part.h, PANEL_COLOUR);
+        .pixel = w->panel, .width = width + 2 * PANEL_MARGIN, .height = height + 2 * PANEL_MARGIN - 4};
+    canvas.stride = (size_t)canvas.width;
+    fill(&canvas, 0, 0, canvas.width, canvas.height, PANEL_COLOUR);
     for (int i = 0; i < count; i++)
         lw_font_draw(&canvas, PANEL_MARGIN, PANEL_MARGIN + i * PANEL_PITCH, TEXT_SCALE, colour, line[i]);
     if (fraction >= 0) {
@@ -331,29 +359,23 @@ static void show_panel(struct window *w, int x, int y, const char *const *line, 
         fill(&canvas, PANEL_MARGIN, top, width, PANEL_PITCH / 2, 0xff303840u);
         fill(&canvas, PANEL_MARGIN, top, full, PANEL_PITCH / 2, BAR_COLOUR);
     }
-    SDL_UnlockTexture(w->panel);
-    if (x == MIDDLE) x = ((int)w->width - part.w) / 2;
+    if (x == MIDDLE) x = ((int)w->width - canvas.width) / 2;
     if (y == MIDDLE)
-        y = ((int)w->height - part.h) / 2;
+        y = ((int)w->height - canvas.height) / 2;
     else if (y == LOW)
-        y = (int)w->height - part.h - PANEL_INSET;
-    SDL_RenderCopy(w->renderer, w->panel, &part, &(SDL_Rect){x, y, part.w, part.h});
+        y = (int)w->height - canvas.height - PANEL_INSET;
+    lw_screen_draw_panel(&w->screen, w->panel, canvas.width, canvas.height, x, y);
 }
 
 static void draw_keys(struct window *w) {
     if (w->show_keys) show_panel(w, PANEL_INSET, LOW, lw_overlay_keys, LW_OVERLAY_KEYS, -1, TEXT_COLOUR);
 }
 
-static void clear_screen(struct window *w) {
-    SDL_SetRenderDrawColor(w->renderer, 40, 46, 54, 255);
-    SDL_RenderClear(w->renderer);
-}
-
 static void show_message(struct window *w, const char *text, float fraction) {
-    clear_screen(w);
+    lw_screen_clear(&w->screen);
     draw_keys(w);
     show_panel(w, MIDDLE, MIDDLE, (const char *const[]){text}, 1, fraction, TEXT_COLOUR);
-    SDL_RenderPresent(w->renderer);
+    lw_screen_present(&w->screen);
 }
 
 static void show_waiting(struct window *w) {
@@ -405,6 +427,52 @@ static void show_figures(struct window *w) {
         show_panel(w, PANEL_INSET, PANEL_INSET, (const char *const[]){line[3]}, 1, -1, HINT_COLOUR);
 }
 
+/* What the view needs, how well that is served, and how bright the picture is: four times a second. */
+static enum lw_status survey(struct window *w, const struct lw_compose_view *view, struct lw_error *err) {
+    const uint64_t now_ns = lw_clock_ns();
+    w->unsurveyed = now_ns - w->surveyed_ns < SURVEY_EVERY_NS;
+    if (w->unsurveyed) return LW_OK;
+    w->surveyed_ns = now_ns;
+    enum lw_status status = lw_gl_view_survey(&w->gl, &w->stage, view, &w->picture.report, err);
+    if (status != LW_OK || !w->picture.auto_exposure) return status;
+    status = lw_gl_renderer_meter(w->gl.renderer, &w->picture.stops_wanted, err);
+    if (!w->picture.stops_known) w->picture.stops = w->picture.stops_wanted;
+    w->picture.stops_known = status == LW_OK;
+    return status;
+}
+
+/* The same by OpenGL: in full where that is quick enough, and at rest. */
+static enum lw_status renew_by_gl(struct window *w, float seconds, bool *out_busy, struct lw_error *err) {
+    const uint64_t start_ns = lw_clock_ns();
+    const bool at_rest = start_ns - w->moved_ns > REST_AFTER_NS;
+    struct lw_picture *p = &w->picture;
+    uint32_t width = w->width, height = w->height;
+    if (!at_rest) lw_pace_size(&w->pace, w->width, w->height, &width, &height);
+    const unsigned samples = width == w->width ? MSAA : 1;
+    const bool render = w->stale || w->waiting > 0 || p->width != width || p->height != height ||
+                        (w->unsurveyed && start_ns - w->surveyed_ns >= SURVEY_EVERY_NS);
+    const struct lw_compose_view view = {
+        .camera = lw_flight_view(&w->flight), .width = width, .height = height};
+    enum lw_status status = LW_OK;
+    if (render) {
+        status = lw_gl_view_take(&w->gl, &w->stage, TILES_A_PICTURE, &w->waiting, err);
+        if (status == LW_OK) status = lw_gl_renderer_draw(w->gl.renderer, &view, samples, err);
+        if (status == LW_OK) status = survey(w, &view, err);
+        if (status != LW_OK) return status;
+        w->stale = false;
+        w->figures.pictures++;
+        p->width = width, p->height = height, p->samples = samples;
+    }
+    *out_busy = lw_picture_adapt(p, seconds) || render;
+    if (!*out_busy) return LW_OK;
+    lw_gl_renderer_show(w->gl.renderer, w->options->curve, p->stops, w->width, w->height);
+    glFinish(); /* else nothing is known of what it costs */
+    if (render && samples == 1) lw_pace_note(&w->pace, (uint64_t)width * height, lw_clock_ns() - start_ns);
+    if (render && samples > 1) /* without a GPU it costs two or three times as much */
+        lw_pace_note(&w->pace, (uint64_t)width * height, (lw_clock_ns() - start_ns) / 2);
+    return LW_OK;
+}
+
 /* Renders if there is something new or something to sharpen; returns whether it did. */
 static bool renew_picture(struct window *w, float seconds) {
     uint64_t start_ns = lw_clock_ns();
@@ -426,48 +494,41 @@ static bool renew_picture(struct window *w, float seconds) {
     }
     if (!lw_picture_adapt(&w->picture, seconds) && !render) return false;
     lw_picture_develop(&w->picture);
-    SDL_Rect part = {0, 0, (int)w->picture.width, (int)w->picture.height};
-    SDL_UpdateTexture(w->screen, &part, w->picture.rgba, (int)(w->picture.width * sizeof *w->picture.rgba));
+    lw_screen_take(&w->screen, w->picture.rgba, w->picture.width, w->picture.height);
     if (render) /* edges take what is left: they do not count */
         lw_pace_note(&w->pace, (uint64_t)width * height, lw_clock_ns() - start_ns - w->picture.edge_ns);
     return true;
 }
 
 static void show_picture(struct window *w) {
-    SDL_Rect part = {0, 0, (int)w->picture.width, (int)w->picture.height};
-    SDL_RenderCopy(w->renderer, w->screen, &part, NULL);
+    if (w->gl.renderer != NULL)
+        lw_gl_renderer_show(w->gl.renderer, w->options->curve, w->picture.stops, w->width, w->height);
+    else
+        lw_screen_show(&w->screen, w->picture.width, w->picture.height);
     show_figures(w);
     draw_keys(w);
-    SDL_RenderPresent(w->renderer);
+    lw_screen_present(&w->screen);
 }
 
 /* ---- the whole ---- */
 
 static enum lw_status open_window(struct window *w, struct lw_error *err) {
-    char title[320];
-    snprintf(title, sizeof title, "lightwell %s", w->address);
-    w->handle =
-        SDL_CreateWindow(title, SDL_WINDOWPOS_UNDEFINED, SDL_WINDOWPOS_UNDEFINED, (int)w->options->width,
-                         (int)w->options->height, SDL_WINDOW_RESIZABLE | SDL_WINDOW_ALLOW_HIGHDPI);
-    if (w->handle == NULL)
-        return lw_status_fail(err, LW_UNAVAILABLE, "no window: %s; use --headless", SDL_GetError());
-    w->renderer = SDL_CreateRenderer(w->handle, -1, SDL_RENDERER_PRESENTVSYNC);
-    if (w->renderer == NULL) w->renderer = SDL_CreateRenderer(w->handle, -1, SDL_RENDERER_SOFTWARE);
-    if (w->renderer != NULL)
-        w->panel = SDL_CreateTexture(w->renderer, SDL_PIXELFORMAT_ARGB8888, SDL_TEXTUREACCESS_STREAMING,
-                                     PANEL_WIDTH, PANEL_HEIGHT);
-    if (w->panel == NULL)
-        return lw_status_fail(err, LW_UNAVAILABLE, "cannot draw in a window: %s; use --headless",
-                              SDL_GetError());
-    SDL_SetTextureBlendMode(w->panel, SDL_BLENDMODE_BLEND);
+    const bool gl = w->options->renderer != LW_VIEW_RENDERER_CPU;
+    enum lw_status status = open_screen(w, gl, err);
+    if (status != LW_OK) return gl ? leave_gl(w, err) : status;
     return resize(w, err);
+}
+
+/* OpenGL draws what tiles hold. */
+static bool draws_direct(const struct lw_view_options *o) {
+    return o->draws_direct && o->renderer == LW_VIEW_RENDERER_CPU;
 }
 
 static enum lw_status connect_first(struct window *w, struct lw_error *err) {
     const struct lw_view_options *o = w->options;
     snprintf(w->address, sizeof w->address, strchr(o->host, ':') ? "[%s]:%u" : "%s:%u", o->host, o->port);
     enum lw_status status =
-        lw_seeker_create(o->host, o->port, CLIENT_NAME, o->cache_folder, o->draws_direct, &w->seeker, err);
+        lw_seeker_create(o->host, o->port, CLIENT_NAME, o->cache_folder, draws_direct(o), &w->seeker, err);
     if (status != LW_OK) return status;
     return lw_client_create(&(struct lw_client_desc){.host = o->host,
                                                      .port = o->port,
@@ -475,7 +536,7 @@ static enum lw_status connect_first(struct window *w, struct lw_error *err) {
                                                      .timeout_ms = CONNECT_MS,
                                                      .cache_folder = o->cache_folder,
                                                      .wants_nothing = true,
-                                                     .draws_direct = o->draws_direct},
+                                                     .draws_direct = draws_direct(o)},
                             &w->incoming, err);
 }
 
@@ -496,7 +557,11 @@ static enum lw_status run_loop(struct window *w, struct lw_error *err) {
             busy = false;
             continue;
         }
-        busy = renew_picture(w, seconds);
+        if (w->gl.renderer != NULL) {
+            if (renew_by_gl(w, seconds, &busy, err) != LW_OK) status = leave_gl(w, err);
+            if (status != LW_OK) return status;
+        }
+        if (w->gl.renderer == NULL) busy = renew_picture(w, seconds);
         struct lw_camera_view camera = lw_flight_view(&w->flight);
         status = lw_stage_look(&w->stage, &camera, w->width, w->height, err);
         if (status != LW_OK) return status;
@@ -521,15 +586,13 @@ enum lw_status lw_window_run(const struct lw_view_options *options, struct lw_er
     enum lw_status status = connect_first(&w, err);
     if (status == LW_OK) status = open_window(&w, err);
     if (status == LW_OK) status = run_loop(&w, err);
+    lw_gl_view_finish(&w.gl);
     lw_stage_finish(&w.stage);
     lw_client_destroy(w.client);
     lw_client_destroy(w.incoming);
     lw_seeker_destroy(w.seeker);
     lw_picture_finish(&w.picture);
-    if (w.panel != NULL) SDL_DestroyTexture(w.panel);
-    if (w.screen != NULL) SDL_DestroyTexture(w.screen);
-    if (w.renderer != NULL) SDL_DestroyRenderer(w.renderer);
-    if (w.handle != NULL) SDL_DestroyWindow(w.handle);
+    lw_screen_close(&w.screen);
     SDL_Quit();
     return status;
 }

@@ -316,6 +316,17 @@ static void test_panels(void **state) {
     finish(&w);
 }
 
+/* Before any light has arrived surfaces are as bright as their albedo. */
+static void test_no_light(void **state) {
+    (void)state;
+    struct world w;
+    start(&w, open_scene("builtin:cornell"), 0);
+    for (uint32_t t = 0; t < w.map.tile_count; t++) w.tile[t].version = 0;
+    draw(&w);
+    compare("builtin:cornell, without light", &w);
+    finish(&w);
+}
+
 /* Uploads are capped, what waits comes later, and nothing is uploaded twice. */
 static void test_uploads(void **state) {
     (void)state;
@@ -411,9 +422,9 @@ static void test_sponza(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_atrium),  cmocka_unit_test(test_cornell), cmocka_unit_test(test_panels),
-        cmocka_unit_test(test_uploads), cmocka_unit_test(test_survey),  cmocka_unit_test(test_pack),
-        cmocka_unit_test(test_sizes),   cmocka_unit_test(test_sponza),
+        cmocka_unit_test(test_atrium),   cmocka_unit_test(test_cornell), cmocka_unit_test(test_panels),
+        cmocka_unit_test(test_no_light), cmocka_unit_test(test_uploads), cmocka_unit_test(test_survey),
+        cmocka_unit_test(test_pack),     cmocka_unit_test(test_sizes),   cmocka_unit_test(test_sponza),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

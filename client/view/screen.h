@@ -1,0 +1,53 @@
+/* screen.h: the window itself, and what its pixels are drawn with: OpenGL, or SDL's own way for pictures of the CPU.
+ * Flow:    gl_view's or picture's pixels, panels of text -> [screen] -> window
+ * Threads: main() only. */
+#ifndef LW_CLIENT_VIEW_SCREEN_H
+#define LW_CLIENT_VIEW_SCREEN_H
+
+#include "client/gl/gl_panel.h"
+#include "common/status.h"
+
+#include <SDL.h>
+
+struct lw_screen {
+    SDL_Window *handle;
+    SDL_GLContext context; /* NULL: without OpenGL */
+    struct lw_gl_panel gl_panel;
+    SDL_Renderer *renderer; /* without OpenGL, as the next two */
+    SDL_Texture *picture;   /* as large as the window; a smaller picture fills its corner */
+    SDL_Texture *panel;
+    int panel_width, panel_height; /* of the largest panel */
+};
+
+/** Opens a window whose panels are at most so large. Zeroed on failure.
+ * gl   by OpenGL 3.3
+ * Errors: LW_UNAVAILABLE saying what is missing. */
+LW_MUST_CHECK enum lw_status lw_screen_open(struct lw_screen *screen, const char *title, int width,
+                                            int height, int panel_width, int panel_height, bool gl,
+                                            struct lw_error *err);
+/** A zeroed one is fine. What was made in its context must be gone by then. */
+void lw_screen_close(struct lw_screen *screen);
+
+/** Pixels of the window; false where it has none now. */
+bool lw_screen_size(const struct lw_screen *screen, int *out_width, int *out_height);
+
+/** Makes room for the CPU's pictures of the window's size; with OpenGL there is nothing to do. Errors: LW_OS. */
+LW_MUST_CHECK enum lw_status lw_screen_resize(struct lw_screen *screen, int width, int height,
+                                              struct lw_error *err);
+
+/** A plain background. */
+void lw_screen_clear(struct lw_screen *screen);
+
+/** Takes a picture of the CPU, RGBA bytes; without OpenGL alone. */
+void lw_screen_take(struct lw_screen *screen, const uint32_t *rgba, uint32_t width, uint32_t height);
+/** Fills the window with that part of the last one. */
+void lw_screen_show(struct lw_screen *screen, uint32_t width, uint32_t height);
+
+/** Lays a panel of 0xAARRGGBB pixels over what is there. */
+void lw_screen_draw_panel(struct lw_screen *screen, const uint32_t *argb, int width, int height, int x,
+                          int y);
+
+/** Shows what has been drawn. */
+void lw_screen_present(struct lw_screen *screen);
+
+#endif
