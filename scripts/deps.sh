@@ -1,5 +1,6 @@
 #!/bin/bash
-# Installs the Debian 12 packages that lightwell is built from. Does nothing, and needs no network, when all are there.
+# Installs the Debian 12 packages that lightwell is built from, and the npm packages of its browser client. Does nothing, and
+# needs no network, when all are there.
 # scripts/deps.sh          what a build and the fast tests need
 # scripts/deps.sh --all    and the sanitizers, fuzzers, formatters and other processors of the long tests
 set -euo pipefail
@@ -13,7 +14,11 @@ packages=(
     libepoxy-dev libegl-dev libegl1 libgl1-mesa-dri
     gnuplot-nox
     libcmocka-dev
+    clang lld wasi-libc libclang-rt-14-dev-wasm32 # the browser client's tile decoder
+    chromium # the tests of the browser client
 )
+# Node.js may have come from elsewhere, with a npm of its own.
+if ! command -v node >/dev/null || ! command -v npm >/dev/null; then packages+=(nodejs npm ca-certificates); fi
 long_packages=(
     clang libomp-14-dev libclang-rt-14-dev clang-format
     gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user
@@ -30,17 +35,25 @@ for package in "${packages[@]}"; do
     state=$(dpkg-query -W -f='${db:Status-Status}' "$package" 2>/dev/null || true)
     [ "$state" = installed ] || missing+=("$package")
 done
-[ ${#missing[@]} -gt 0 ] || exit 0
 
-as_root=()
-if [ "$(id -u)" -ne 0 ]; then
-    if ! command -v sudo >/dev/null; then
-        echo "deps: missing packages; as root, run: apt-get install ${missing[*]}" >&2
-        exit 77
+install_missing() {
+    local as_root=()
+    if [ "$(id -u)" -ne 0 ]; then
+        if ! command -v sudo >/dev/null; then
+            echo "deps: missing packages; as root, run: apt-get install ${missing[*]}" >&2
+            exit 77
+        fi
+        as_root=(sudo)
     fi
-    as_root=(sudo)
-fi
+    echo "deps: installing ${#missing[@]} Debian packages: ${missing[*]}" >&2
+    "${as_root[@]}" apt-get update
+    "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends "${missing[@]}"
+}
+if [ ${#missing[@]} -gt 0 ]; then install_missing; fi
 
-echo "deps: installing ${#missing[@]} Debian packages: ${missing[*]}" >&2
-"${as_root[@]}" apt-get update
-"${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends "${missing[@]}"
+web=$(dirname "$0")/../client/web
+if [ -e "$web/package-lock.json" ] && [ ! "$web/node_modules/.package-lock.json" -nt "$web/package-lock.json" ]; then
+    echo "deps: installing the npm packages of the browser client" >&2
+    (cd "$web" && npm ci --ignore-scripts --loglevel=error >&2) ||
+        echo "deps: npm could not fetch them; the browser client will be left out" >&2
+fi

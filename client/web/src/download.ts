@@ -1,0 +1,145 @@
+// download.ts: the scene package as it comes in chunks, part by part, with the parts that the browser has
+// already.
+import { LimitError, ProtocolError } from './failure.ts';
+import type { Tiles } from './tiles.ts';
+import type { Welcome } from './wire.ts';
+
+/** A page has no more memory than this for a package. */
+const PACKAGE_MAX = 2 ** 30;
+
+/** Where compressed parts of packages are kept, by hash. */
+export interface PartStore {
+  find(hash: string): Promise<Uint8Array | null>;
+  keep(hash: string, compressed: Uint8Array): void;
+}
+
+export function hex(hash: Uint8Array): string {
+  return Array.from(hash, (byte) => byte.toString(16).padStart(2, '0')).join('');
+}
+
+interface Slot {
+  hash: Uint8Array;
+  begin: number; // in the package
+  size: number;
+  compressedBegin: number;
+  compressedSize: number;
+  held: boolean;
+}
+
+export class Download {
+  private readonly bytes: Uint8Array<ArrayBuffer>;
+  private readonly slots: Slot[] = [];
+  private at = 0; // the slot that is being received
+  private inSlot = 0; // compressed bytes of it that are there
+  private chunks: Uint8Array[] = [];
+
+  constructor(
+    private readonly welcome: Welcome,
+    private readonly tiles: Tiles,
+    private readonly store: PartStore,
+  ) {
+    if (welcome.packageSize > PACKAGE_MAX)
+      throw new LimitError(
+        `the scene has ${Math.ceil(welcome.packageSize / 2 ** 20)} MB, more than a page takes`,
+      );
+    try {
+      this.bytes = new Uint8Array(welcome.packageSize);
+    } catch {
+      throw new LimitError(
+        `this page has no memory for a scene of ${Math.ceil(welcome.packageSize / 2 ** 20)} MB`,
+      );
+    }
+    let begin = 0;
+    let compressedBegin = 0;
+    for (const { size, compressedSize, hash } of welcome.parts) {
+      this.slots.push({ hash, begin, size, compressedBegin, compressedSize, held: false });
+      begin += size;
+      compressedBegin += compressedSize;
+    }
+  }
+
+  isOf(welcome: Welcome): boolean {
+    return (
+      hex(welcome.packageHash) === hex(this.welcome.packageHash) &&
+      welcome.run === this.welcome.run &&
+      !!welcome.run
+    );
+  }
+
+  private fail(what: string): never {
+    throw new ProtocolError(`scene package: ${what}`);
+  }
+
+  /** Takes what is kept. */
+  async begin(): Promise<void> {
+    for (const slot of this.slots) {
+      const compressed = await this.store.find(hex(slot.hash));
+      const part = compressed && this.tiles.decompress(compressed, slot.size);
+      if (!part || hex(this.tiles.hash(part)) !== hex(slot.hash)) continue;
+      this.bytes.set(part, slot.begin);
+      slot.held = true;
+    }
+    this.skipHeld();
+  }
+
+  private skipHeld(): void {
+    while (this.slots[this.at]?.held) this.at++;
+  }
+
+  /** What to ask for: an offset, and the parts that are held. */
+  request(): { offset: number; held: Uint8Array } {
+    const held = new Uint8Array(this.slots.length > 1 ? Math.ceil(this.slots.length / 8) : 0);
+    if (this.slots.length > 1)
+      this.slots.forEach((slot, i) => {
+        if (slot.held) held[i >> 3]! |= 1 << (i & 7);
+      });
+    return { offset: this.received(), held };
+  }
+
+  private received(): number {
+    const slot = this.slots[this.at];
+    return slot ? slot.compressedBegin + this.inSlot : this.welcome.compressedSize;
+  }
+
+  /** 0 to 1. */
+  progress(): number {
+    return this.received() / this.welcome.compressedSize;
+  }
+
+  add(offset: number, data: Uint8Array): void {
+    const slot = this.slots[this.at];
+    if (!slot) return this.fail('more than what was promised');
+    if (offset !== this.received()) this.fail(`a chunk at ${offset} where ${this.received()} was expected`);
+    if (data.length > slot.compressedSize - this.inSlot)
+      this.fail('a chunk that goes over the end of its part');
+    this.chunks.push(data.slice());
+    this.inSlot += data.length;
+    if (this.inSlot === slot.compressedSize) this.finishPart(slot);
+  }
+
+  private finishPart(slot: Slot): void {
+    const compressed = new Uint8Array(slot.compressedSize);
+    let at = 0;
+    for (const chunk of this.chunks) {
+      compressed.set(chunk, at);
+      at += chunk.length;
+    }
+    this.chunks = [];
+    this.inSlot = 0;
+    const part = this.tiles.decompress(compressed, slot.size);
+    if (!part) return this.fail(`a part is not the ${slot.size} bytes of zstd that were promised`);
+    if (hex(this.tiles.hash(part)) !== hex(slot.hash)) this.fail('a part is not the one that was promised');
+    this.bytes.set(part, slot.begin);
+    this.store.keep(hex(slot.hash), compressed);
+    this.at++;
+    this.skipHeld();
+  }
+
+  /** The package, once all of it is there and is what was promised. */
+  finished(): Uint8Array<ArrayBuffer> | null {
+    if (this.at < this.slots.length) return null;
+    if (hex(this.tiles.hash(this.bytes)) !== hex(this.welcome.packageHash))
+      this.fail('it is not the one that was promised');
+    return this.bytes;
+  }
+}

@@ -1,0 +1,390 @@
+// main.ts: the page: canvas, keys, legend, messages.
+// Parameters of the address: camera=PX,PY,PZ:TX,TY,TZ:FOV, camera-name=NAME, exposure=STOPS,
+// tonemap=reinhard|aces|none, server=ws://HOST:PORT/ws (default: where the page comes from), direct=tiles.
+import { Attention } from './attention.ts';
+import { Flight, formatView, frameBox, parseView, viewOf } from './camera.ts';
+import { LimitError } from './failure.ts';
+import type { CameraPlace, FromWorker, ToWorker } from './protocol.ts';
+import { type Curve, Renderer } from './renderer.ts';
+import type { TileBatch } from './replica.ts';
+
+const UPLOAD_MS = 3; // of each picture's time, for tiles
+const SURVEY_MS = 100;
+const SURVEY_STILL_MS = 1000; // while nothing moves
+const STILL_MS = 3000;
+const LEGEND_MS = 500;
+const PIXEL_RATIO_MAX = 2;
+const ADAPTATION_MS = 400; // of the exposure
+const METER_MS = 250;
+
+const HELP = `Drag or one finger: look. Wheel or two fingers: move.
+W A S D, E Q: fly; Shift: faster. 1 to 9: cameras. 0: all of it.
++ and -: exposure; X: automatic. T: tone curve. P: save picture. H: this text.`;
+
+const element = (id: string) => document.getElementById(id)!;
+
+class App {
+  private readonly worker = new Worker('worker.js', { type: 'module' });
+  private readonly canvas = document.querySelector('canvas')!;
+  private readonly parameters = new URLSearchParams(location.search);
+  private readonly flight = new Flight(this.canvas, (key) => this.onKey(key));
+  private gl: WebGL2RenderingContext | null = null;
+  private renderer: Renderer | null = null;
+  private cameras: CameraPlace[] = [];
+  private queue: { batch: TileBatch; at: number; texel: number }[] = [];
+  private attention = new Attention();
+  private framed = false; // the view has been chosen
+  private dirty = true;
+  private movedMs = 0;
+  private surveyedMs = 0;
+  private meteredMs = 0;
+  private drawnMs = 0;
+  private drawn = 0; // pictures since the last legend
+  private legendMs = 0;
+  private legendBytes = 0;
+  private bytes = 0;
+  private waiting = 0;
+  private frameMs = 0;
+  private solveMs = 0;
+  private timeS = 0;
+  private autoExposure = true;
+  private stopsWanted: number | null = null;
+  private progress = 0;
+  private help = true;
+  private state = '';
+  private failure = '';
+  /** For tests and the curious. */
+  readonly stats = {
+    frames: 0,
+    tiles: 0,
+    settled: 0,
+    first: false,
+    uploadMsMax: 0,
+    wanted: 0,
+    missing: 0,
+    pictures: 0,
+  };
+
+  constructor() {
+    const exposure = this.parameters.get('exposure');
+    if (exposure !== null && exposure !== 'auto') this.autoExposure = false;
+    this.worker.onmessage = (event: MessageEvent<FromWorker>) => this.take(event.data);
+    this.worker.onerror = (event) => this.fail(`worker.js: ${event.message || 'it does not load'}`);
+    this.canvas.addEventListener('webglcontextlost', (event) => {
+      event.preventDefault();
+      this.renderer = null;
+      this.gl = null;
+      this.state = 'the graphics context is lost; waiting for it to come back';
+      this.showMessage();
+    });
+    this.canvas.addEventListener('webglcontextrestored', () => {
+      this.queue = [];
+      this.openGraphics();
+      this.tell({ kind: 'lost' });
+    });
+    document.addEventListener('visibilitychange', () =>
+      this.tell({ kind: 'rest', resting: document.hidden }),
+    );
+    window.addEventListener('resize', () => (this.dirty = true));
+    if (!this.openGraphics()) return;
+    const url = this.address();
+    if (!url) return;
+    this.tell({ kind: 'connect', url, draws: false });
+    requestAnimationFrame((now) => this.step(now));
+    this.showMessage();
+  }
+
+  private tell(message: ToWorker, transfer: Transferable[] = []): void {
+    this.worker.postMessage(message, transfer);
+  }
+
+  private fail(text: string): void {
+    this.failure = text;
+    this.showMessage();
+  }
+
+  private openGraphics(): boolean {
+    this.gl = this.canvas.getContext('webgl2', {
+      alpha: false,
+      antialias: false,
+      powerPreference: 'high-performance',
+    });
+    if (!this.gl)
+      this.fail(
+        'This browser shows no WebGL2, which the picture needs. ' +
+          'It may be switched off, or the graphics driver may be too old.',
+      );
+    return !!this.gl;
+  }
+
+  private address(): string | null {
+    const given = this.parameters.get('server');
+    const url = given ?? `${location.protocol === 'https:' ? 'wss' : 'ws'}://${location.host}/ws`;
+    if (!/^wss?:\/\/[^/]+/.test(url)) {
+      this.fail(`server=${url}: it is not ws://HOST:PORT/ws or wss://HOST:PORT/ws`);
+      return null;
+    }
+    const local = /^ws:\/\/(localhost|127\.0\.0\.1|\[::1\])[:/]/.test(`${url}/`);
+    if (location.protocol === 'https:' && url.startsWith('ws:') && !local) {
+      this.fail(
+        `${url}: a page that came by https may not open a connection that is not encrypted. ` +
+          "Give the server's wss:// address, or open this page by http.",
+      );
+      return null;
+    }
+    return url;
+  }
+
+  // ---- what comes from the worker ----
+
+  private take(message: FromWorker): void {
+    if (message.kind === 'traffic') {
+      this.bytes = message.bytes;
+      this.waiting = message.waiting;
+    } else if (message.kind === 'state') {
+      if (message.final) this.failure = message.text;
+      this.state = message.text;
+      this.showMessage();
+    } else if (message.kind === 'progress') {
+      this.progress = message.fraction;
+      this.showMessage();
+    } else if (message.kind === 'scene') this.takeScene(message);
+    else if (message.kind === 'camera') this.goTo(message.place);
+    else if (message.kind === 'frame') {
+      this.renderer?.takeFrame(message.frame, message.visible);
+      this.frameMs = performance.now();
+      this.solveMs = message.frame.solveNs / 1e6;
+      this.timeS = message.frame.timeS;
+      this.stats.frames++;
+      this.dirty = true;
+    } else if (message.kind === 'tiles') {
+      if (message.visible) this.renderer?.setVisible(message.visible);
+      this.renderer?.setMean(message.mean);
+      this.stats.first ||= message.first;
+      this.queue.push({ batch: message.batch, at: 0, texel: 0 });
+    } else this.stats.settled = this.stats.frames;
+  }
+
+  private takeScene(message: Extract<FromWorker, { kind: 'scene' }>): void {
+    if (!this.gl) return;
+    this.queue = [];
+    this.cameras = message.cameras;
+    try {
+      const before = this.renderer;
+      this.renderer = new Renderer(this.gl, message.data);
+      before?.destroy();
+    } catch (error) {
+      if (!(error instanceof LimitError)) throw error;
+      this.renderer = null;
+      this.fail(error.message);
+      return;
+    }
+    this.renderer.stops = Number(this.parameters.get('exposure')) || 0;
+    const curve = this.parameters.get('tonemap');
+    if (curve === 'aces' || curve === 'none') this.renderer.curve = curve;
+    this.attention = new Attention();
+    this.framed = false;
+    document.title = `${message.data.name || 'scene'} – lightwell`;
+    this.showMessage();
+  }
+
+  // ---- the view ----
+
+  /** Once there is a frame: where the address says, the scene's camera, or around all of it. */
+  private frameView(): void {
+    const box = this.renderer!.bounds();
+    if (!box) return;
+    this.framed = true;
+    const size = Math.hypot(...box.high.map((x, i) => x - box.low[i]!));
+    this.flight.speed = size / 15;
+    const given = this.parameters.get('camera');
+    const view = given !== null && parseView(given);
+    if (view) return this.flight.go(view);
+    if (given !== null) this.state = `camera=${given}: it is not PX,PY,PZ:TX,TY,TZ:FOV`;
+    const name = this.parameters.get('camera-name');
+    const index = name === null ? 0 : this.cameras.findIndex((camera) => camera.name === name);
+    if (index < 0) this.state = `camera-name=${name}: the scene has no such camera`;
+    if (this.state) this.showMessage();
+    if (this.cameras[index]) this.tell({ kind: 'camera', index, timeS: this.timeS });
+    else this.goAround();
+  }
+
+  private goAround(): void {
+    const box = this.renderer?.bounds();
+    if (box)
+      this.flight.go(
+        frameBox(box.low, box.high, this.canvas.clientWidth / Math.max(1, this.canvas.clientHeight)),
+      );
+  }
+
+  private goTo(place: CameraPlace): void {
+    this.flight.go(viewOf(place.toWorld, place.fovY));
+  }
+
+  private onKey(key: string): void {
+    const { renderer } = this;
+    if (!renderer) return;
+    if (key >= '1' && key <= '9' && this.cameras[Number(key) - 1])
+      this.tell({ kind: 'camera', index: Number(key) - 1, timeS: this.timeS });
+    else if (key === '0') this.goAround();
+    else if (key === '+' || key === '-' || key === '=') {
+      this.autoExposure = false;
+      renderer.stops += key === '-' ? -0.25 : 0.25;
+    } else if (key === 'x') this.autoExposure = true;
+    else if (key === 't')
+      renderer.curve = ({ reinhard: 'aces', aces: 'none', none: 'reinhard' } as const)[renderer.curve];
+    else if (key === 'h') this.help = !this.help;
+    else if (key === 'p') this.savePicture();
+    else return;
+    this.dirty = true;
+    this.showMessage();
+  }
+
+  private savePicture(): void {
+    this.draw();
+    this.canvas.toBlob((blob) => {
+      if (!blob) return;
+      const link = document.createElement('a');
+      link.href = URL.createObjectURL(blob);
+      link.download = 'lightwell.png';
+      link.click();
+      URL.revokeObjectURL(link.href);
+    });
+  }
+
+  // ---- one picture after another ----
+
+  private step(now: number): void {
+    requestAnimationFrame((next) => this.step(next));
+    const seconds = Math.min(0.1, (now - this.drawnMs) / 1000);
+    this.drawnMs = now;
+    if (!this.renderer || !this.gl || this.gl.isContextLost()) return;
+    if (!this.framed && this.stats.frames) this.frameView();
+    if (this.flight.step(seconds)) {
+      this.dirty = true;
+      this.movedMs = now;
+    }
+    this.takeTiles();
+    this.adapt(now, seconds);
+    if (this.dirty && this.framed) this.draw();
+    this.look(now);
+    if (now - this.legendMs >= LEGEND_MS) this.showLegend(now);
+  }
+
+  /** The picture of now. */
+  draw(): void {
+    const ratio = Math.min(devicePixelRatio, PIXEL_RATIO_MAX);
+    const width = Math.max(1, Math.round(this.canvas.clientWidth * ratio));
+    const height = Math.max(1, Math.round(this.canvas.clientHeight * ratio));
+    if (this.canvas.width !== width || this.canvas.height !== height) {
+      this.canvas.width = width;
+      this.canvas.height = height;
+    }
+    this.renderer?.draw(this.flight.view, width, height);
+    this.dirty = false;
+    this.drawn++;
+    this.stats.pictures++;
+  }
+
+  private takeTiles(): void {
+    const begin = performance.now();
+    let taken = 0;
+    while (this.queue.length && performance.now() < begin + UPLOAD_MS) {
+      const first = this.queue[0]!;
+      const [at, texel] = this.renderer!.takeTiles(first.batch, first.at, first.texel, begin + UPLOAD_MS);
+      taken += at - first.at;
+      first.at = at;
+      first.texel = texel;
+      if (at === first.batch.id.length) this.queue.shift();
+    }
+    if (!taken) return;
+    this.stats.tiles += taken;
+    this.stats.uploadMsMax = Math.max(this.stats.uploadMsMax, performance.now() - begin);
+    this.tell({ kind: 'taken', count: taken });
+    this.dirty = true;
+  }
+
+  private adapt(now: number, seconds: number): void {
+    const { renderer } = this;
+    if (!renderer || !this.autoExposure || !this.stats.first) return;
+    if (now - this.meteredMs >= METER_MS) {
+      const stops = renderer.meter();
+      if (stops !== null) {
+        if (this.stopsWanted === null) renderer.stops = stops;
+        this.stopsWanted = stops;
+        this.meteredMs = now;
+        this.dirty = true;
+      }
+    }
+    const way = (this.stopsWanted ?? renderer.stops) - renderer.stops;
+    if (Math.abs(way) < 0.02) return;
+    renderer.stops += way * (1 - Math.exp((-1000 * seconds) / ADAPTATION_MS));
+    this.dirty = true;
+  }
+
+  /** Says what the view needs. */
+  private look(now: number): void {
+    const { renderer, canvas } = this;
+    if (!renderer || !this.framed) return;
+    const found = renderer.takeSurvey();
+    if (found) {
+      const ids = this.attention.list(found, now);
+      this.stats.wanted = ids.length;
+      this.stats.missing = ids.reduce((count, id) => count + (renderer.hasTile(id) ? 0 : 1), 0);
+      this.tell({ kind: 'want', ids: ids as Uint32Array<ArrayBuffer> });
+    }
+    const still = now - this.movedMs > STILL_MS;
+    if (now - this.surveyedMs < (still ? SURVEY_STILL_MS : SURVEY_MS) || document.hidden) return;
+    this.surveyedMs = now;
+    renderer.beginSurvey(this.flight.view, canvas.width, canvas.height);
+  }
+
+  // ---- what it says ----
+
+  private showLegend(now: number): void {
+    const seconds = (now - this.legendMs) / 1000;
+    const rate = ((this.bytes - this.legendBytes) * 8) / 1000 / seconds;
+    const age = (now - this.frameMs + this.solveMs) / 1000;
+    const parts = [`${Math.round(this.drawn / seconds)} pictures/s`, `${Math.round(rate)} kbit/s`];
+    if (this.stats.frames)
+      parts.push(age < 10 ? `light ${age.toFixed(1)} s old` : `nothing new for ${Math.round(age)} s`);
+    if (this.stats.missing) parts.push(`${this.stats.missing} tiles on their way`);
+    if (this.waiting > 1e6) parts.push(`${(this.waiting / 1e6).toFixed(1)} MB to decode`);
+    element('legend').textContent = this.renderer ? parts.join(' · ') : '';
+    this.legendMs = now;
+    this.legendBytes = this.bytes;
+    this.drawn = 0;
+  }
+
+  private showMessage(): void {
+    const scene = this.renderer ? '' : `receiving the scene: ${Math.round(100 * this.progress)} %`;
+    element('message').textContent = this.failure || this.state || scene;
+    element('help').textContent = this.help && this.renderer && !this.failure ? HELP : '';
+  }
+
+  // ---- for tests ----
+
+  setCurve(curve: Curve): void {
+    if (this.renderer) this.renderer.curve = curve;
+  }
+
+  exposure(): number {
+    return this.renderer?.stops ?? 0;
+  }
+
+  view(): string {
+    return formatView(this.flight.view);
+  }
+
+  message(): string {
+    return element('message').textContent ?? '';
+  }
+
+  loseContext(): { restore(): void } {
+    const extension = this.gl!.getExtension('WEBGL_lose_context')!;
+    extension.loseContext();
+    return { restore: () => extension.restoreContext() };
+  }
+}
+
+(globalThis as unknown as { lightwell: App }).lightwell = new App();

@@ -1,0 +1,42 @@
+// protocol.ts: what page and worker tell each other.
+import type { SceneData } from './geometry.ts';
+import type { TileBatch } from './replica.ts';
+import type { Frame } from './wire.ts';
+
+export interface CameraPlace {
+  name: string;
+  fovY: number;
+  toWorld: number[]; // 3 x 4, row-major
+}
+
+export type ToWorker =
+  | { kind: 'connect'; url: string; draws: boolean }
+  | { kind: 'want'; ids: Uint32Array<ArrayBuffer> }
+  | { kind: 'taken'; count: number }
+  | { kind: 'rest'; resting: boolean }
+  | { kind: 'lost' } // what the page had of scene and light is gone
+  | { kind: 'camera'; index: number; timeS: number }; // go to one of the scene
+
+export type FromWorker =
+  // what a person should know; '': all is well. final: no more attempts
+  | { kind: 'state'; text: string; final: boolean }
+  | { kind: 'progress'; fraction: number }
+  | {
+      kind: 'scene';
+      data: SceneData;
+      cameras: CameraPlace[];
+      draws: boolean;
+      clientLights: Uint8Array;
+      clientMaterials: Uint8Array;
+    }
+  | { kind: 'frame'; frame: Frame; visible: Uint8Array | null }
+  | {
+      kind: 'tiles';
+      batch: TileBatch;
+      mean: [number, number, number];
+      visible: Uint8Array | null;
+      first: boolean;
+    }
+  | { kind: 'camera'; place: CameraPlace }
+  | { kind: 'settled' }
+  | { kind: 'traffic'; bytes: number; waiting: number }; // received since the page began; not decoded yet

@@ -1,0 +1,781 @@
+// renderer.ts: draws the scene in the light that has come.
+// Flow: geometry, frames, tiles -> [renderer] -> picture on the canvas; which tiles the view needs
+import { AtlasMap } from './atlas.ts';
+import type { View } from './camera.ts';
+import { autoStops } from './exposure.ts';
+import { LimitError } from './failure.ts';
+import { type Group, isBlended, MATERIAL_TEXELS, type SceneData } from './geometry.ts';
+import { createProgram, type GL, LaterPixels, nearest, type Program, Table } from './gpu.ts';
+import { AlphaMode, NONE } from './package.ts';
+import { layOut, type Pages } from './pages.ts';
+import type { TileBatch } from './replica.ts';
+import {
+  Attribute,
+  METER_FRAGMENT,
+  OBJECT_TEXELS,
+  SCREEN_VERTEX,
+  SKY_FRAGMENT,
+  SURFACE_FRAGMENT,
+  SURFACE_VERTEX,
+  TONEMAP_FRAGMENT,
+} from './shaders.ts';
+import type { Frame } from './wire.ts';
+
+/** A survey sees so much more than the view, in each direction, and is so many pixels wide or high. */
+const SURVEY_MARGIN = 1.4;
+const SURVEY_SIDE = 192;
+const SPHERE = 5; // numbers for each object
+const METER_WIDTH = 128;
+const METER_HEIGHT = 72;
+const SAMPLES = 4;
+
+export type Curve = 'reinhard' | 'aces' | 'none';
+const CURVES: Curve[] = ['reinhard', 'aces', 'none'];
+
+/** Tiles that a view needs: in the picture, and around it. */
+export interface Survey {
+  inPicture: Uint32Array;
+  around: Uint32Array;
+}
+
+interface Draw {
+  mesh: number;
+  group: Group;
+  defines: string[]; // of its programs
+  programs: Map<string, Program>; // by what is defined besides
+}
+
+/** Pixels to draw into. */
+interface Target {
+  width: number;
+  height: number;
+  framebuffer: WebGLFramebuffer; // to draw into
+  resolved: WebGLFramebuffer;
+  picture: WebGLTexture; // of resolved
+  owned: (() => void)[];
+}
+
+export class Renderer {
+  private readonly programs = new Map<string, Program>();
+  private readonly buffers: WebGLBuffer[] = [];
+  private readonly objects: Table<Float32Array>;
+  private readonly materials: Table<Float32Array>;
+  private readonly levels: Table<Uint32Array>;
+  private readonly tileState: Table<Uint8Array>;
+  private readonly map: AtlasMap;
+  private readonly pages: Pages;
+  private readonly pageTexture: WebGLTexture;
+  private readonly textures: WebGLTexture[];
+  private readonly environment: WebGLTexture | null;
+  private readonly white: WebGLTexture;
+  private readonly vertices: WebGLVertexArrayObject;
+  private readonly nothing: WebGLVertexArrayObject;
+  private readonly instances: WebGLBuffer;
+  private readonly draws: Draw[] = [];
+  private readonly objectsOf: number[][]; // by mesh
+  private readonly visible: Uint8Array;
+  private readonly sphere: Float32Array; // by object, world space: centre, radius, 1 if it is mirrored
+  private readonly surveyPixels: LaterPixels;
+  private readonly meterPixels: LaterPixels;
+  private readonly reversed: boolean;
+  private readonly samples: number;
+  private target: Target | null = null;
+  private surveyTarget: Target | null = null;
+  private meterTarget: Target | null = null;
+  private sky: ArrayLike<number> = [0, 0, 0];
+  private mean: [number, number, number] = [Math.PI, Math.PI, Math.PI];
+  private surveyNumber = 0;
+  private meteredExposure = 1;
+  stops = 0;
+  curve: Curve = 'reinhard';
+  unfiltered = false;
+
+  constructor(
+    private readonly gl: GL,
+    private readonly data: SceneData,
+  ) {
+    if (!gl.getExtension('EXT_color_buffer_float') && !gl.getExtension('EXT_color_buffer_half_float'))
+      throw new LimitError('the graphics here cannot draw into 16-bit floats');
+    const clip = gl.getExtension('EXT_clip_control') as {
+      clipControlEXT(origin: number, depth: number): void;
+    } | null;
+    this.reversed = !!clip;
+    clip?.clipControlEXT(0x8ca1, 0x935f); // LOWER_LEFT, ZERO_TO_ONE
+    gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
+
+    const objects = data.objectMesh.length;
+    this.map = new AtlasMap(data.meshes, data.objectMesh);
+    const sideMax = Math.min(gl.getParameter(gl.MAX_TEXTURE_SIZE) as number, 8192);
+    this.pages = layOut(this.map, objects, sideMax, gl.getParameter(gl.MAX_ARRAY_TEXTURE_LAYERS) as number);
+    this.pageTexture = this.createPages();
+    const floats = (length: number) => new Float32Array(length);
+    const rgba32f: [number, number, number] = [gl.RGBA32F, gl.RGBA, gl.FLOAT];
+    this.objects = new Table(gl, rgba32f, 4, OBJECT_TEXELS * objects, floats);
+    this.materials = new Table(gl, rgba32f, 4, data.materials.length / 4, floats);
+    this.materials.values.set(data.materials);
+    const ints = (length: number) => new Uint32Array(length);
+    this.levels = new Table(
+      gl,
+      [gl.RGBA32UI, gl.RGBA_INTEGER, gl.UNSIGNED_INT],
+      4,
+      this.pages.level.length / 4,
+      ints,
+    );
+    this.levels.values.set(this.pages.level);
+    const bytes = (length: number) => new Uint8Array(length);
+    this.tileState = new Table(gl, [gl.R8UI, gl.RED_INTEGER, gl.UNSIGNED_BYTE], 1, this.map.tileCount, bytes);
+    this.visible = new Uint8Array(objects);
+    this.sphere = new Float32Array(SPHERE * objects);
+    this.objectsOf = data.meshes.map(() => []);
+    data.objectMesh.forEach((mesh, object) => {
+      this.objectsOf[mesh]!.push(object);
+      const first = this.pages.levelFirst[object]!;
+      const at = 4 * (OBJECT_TEXELS * object + 3);
+      this.objects.values.set(
+        [first, this.pages.levelFirst[object + 1]! - first, data.meshes[mesh]!.backOffset, 0],
+        at,
+      );
+    });
+
+    this.white = this.createTexture({
+      width: 1,
+      height: 1,
+      rgba: new Uint8Array(4).fill(255),
+      wrapS: 0,
+      wrapT: 0,
+    });
+    this.textures = data.textures.map((texture) => this.createTexture(texture));
+    this.environment = data.environment && this.createEnvironment(data.environment);
+    this.instances = this.createBuffer();
+    this.nothing = gl.createVertexArray()!;
+    this.vertices = this.createVertices();
+    data.meshes.forEach((shape, mesh) => {
+      for (const group of shape.groups)
+        this.draws.push({ mesh, group, defines: this.definesOf(group), programs: new Map() });
+    });
+    const rank = ({ group }: Draw) => [group.alphaMode, group.base, group.glow, group.doubleSided ? 1 : 0];
+    this.draws.sort((a, b) => {
+      const [x, y] = [rank(a), rank(b)];
+      const i = x.findIndex((value, k) => value !== y[k]);
+      return i < 0 ? a.mesh - b.mesh : x[i]! - y[i]!;
+    });
+    const most = gl.getInternalformatParameter(gl.RENDERBUFFER, gl.RGBA16F, gl.SAMPLES) as Int32Array;
+    this.samples = Math.min(SAMPLES, most[0] ?? 1);
+    this.surveyPixels = new LaterPixels(gl);
+    this.meterPixels = new LaterPixels(gl);
+    if (gl.getError() === gl.OUT_OF_MEMORY)
+      throw new LimitError('the graphics here has no memory for the scene');
+    // the largest is on the GPU now
+    data.index = new Uint32Array(this.keepBlended());
+  }
+
+  /** Gives back what the GPU holds; nothing may be called any more. */
+  destroy(): void {
+    const { gl } = this;
+    for (const target of [this.target, this.surveyTarget, this.meterTarget])
+      for (const release of target?.owned ?? []) release();
+    const tables = [this.objects, this.materials, this.levels, this.tileState].map((table) => table.texture);
+    for (const texture of [...tables, ...this.textures, this.pageTexture, this.white, this.environment])
+      gl.deleteTexture(texture);
+    for (const buffer of this.buffers) gl.deleteBuffer(buffer);
+    gl.deleteVertexArray(this.vertices);
+    gl.deleteVertexArray(this.nothing);
+    for (const program of this.programs.values()) gl.deleteProgram(program.program);
+  }
+
+  // ---- what stays ----
+
+  private createPages(): WebGLTexture {
+    const { gl, pages } = this;
+    const texture = gl.createTexture()!;
+    gl.bindTexture(gl.TEXTURE_2D_ARRAY, texture);
+    gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, gl.RGB9_E5, pages.width, pages.height, pages.layers);
+    nearest(gl, gl.TEXTURE_2D_ARRAY);
+    for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER])
+      gl.texParameteri(gl.TEXTURE_2D_ARRAY, name, gl.LINEAR);
+    return texture;
+  }
+
+  private createTexture(t: SceneData['textures'][number]): WebGLTexture {
+    const { gl } = this;
+    const sideMax = gl.getParameter(gl.MAX_TEXTURE_SIZE) as number;
+    if (t.width > sideMax || t.height > sideMax)
+      throw new LimitError(
+        `the scene has a texture of ${t.width} x ${t.height}; the graphics here takes ${sideMax}`,
+      );
+    const texture = gl.createTexture()!;
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    const levels = Math.floor(Math.log2(Math.max(t.width, t.height))) + 1;
+    gl.texStorage2D(gl.TEXTURE_2D, levels, gl.SRGB8_ALPHA8, t.width, t.height);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, t.width, t.height, gl.RGBA, gl.UNSIGNED_BYTE, t.rgba);
+    gl.generateMipmap(gl.TEXTURE_2D);
+    const wraps = [gl.REPEAT, gl.CLAMP_TO_EDGE, gl.MIRRORED_REPEAT];
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, wraps[t.wrapS]!);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, wraps[t.wrapT]!);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
+    const anisotropy = gl.getExtension('EXT_texture_filter_anisotropic');
+    if (anisotropy) gl.texParameteri(gl.TEXTURE_2D, anisotropy.TEXTURE_MAX_ANISOTROPY_EXT, 8);
+    return texture;
+  }
+
+  private createEnvironment(e: NonNullable<SceneData['environment']>): WebGLTexture {
+    const { gl } = this;
+    const texture = gl.createTexture()!;
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGB9_E5, e.width, e.height);
+    gl.texSubImage2D(
+      gl.TEXTURE_2D,
+      0,
+      0,
+      0,
+      e.width,
+      e.height,
+      gl.RGB,
+      gl.UNSIGNED_INT_5_9_9_9_REV,
+      e.texels,
+    );
+    nearest(gl, gl.TEXTURE_2D);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, gl.REPEAT);
+    for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER])
+      gl.texParameteri(gl.TEXTURE_2D, name, gl.LINEAR);
+    return texture;
+  }
+
+  private createBuffer(): WebGLBuffer {
+    const buffer = this.gl.createBuffer()!;
+    this.buffers.push(buffer);
+    return buffer;
+  }
+
+  private createVertices(): WebGLVertexArrayObject {
+    const { gl, data } = this;
+    const vertices = gl.createVertexArray()!;
+    gl.bindVertexArray(vertices);
+    const put = (
+      values: AllowSharedBufferSource | null,
+      place: number,
+      size: number,
+      type: number = gl.FLOAT,
+    ) => {
+      if (!values) return;
+      gl.bindBuffer(gl.ARRAY_BUFFER, this.createBuffer());
+      gl.bufferData(gl.ARRAY_BUFFER, values, gl.STATIC_DRAW);
+      gl.enableVertexAttribArray(place);
+      if (type === gl.UNSIGNED_INT) gl.vertexAttribIPointer(place, size, type, 0, 0);
+      else gl.vertexAttribPointer(place, size, type, type === gl.BYTE, 0, 0);
+    };
+    put(data.position, Attribute.POSITION, 3);
+    put(data.lightmapUv, Attribute.LIGHTMAP, 2);
+    put(data.uv[0], Attribute.UV0, 2);
+    put(data.uv[1], Attribute.UV1, 2);
+    put(data.colour, Attribute.COLOUR, 4);
+    put(data.tag, Attribute.TAG, 1, gl.UNSIGNED_INT);
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.instances);
+    gl.enableVertexAttribArray(Attribute.OBJECT);
+    gl.vertexAttribDivisor(Attribute.OBJECT, 1);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.createBuffer());
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, data.index, gl.DYNAMIC_DRAW);
+    gl.bindVertexArray(null);
+    gl.vertexAttrib4f(Attribute.COLOUR, 1, 1, 1, 1);
+    return vertices;
+  }
+
+  /** Indices of blended groups alone, which are put in order again and again. */
+  private keepBlended(): number[] {
+    const kept: number[] = [];
+    for (const { group } of this.draws) {
+      if (!isBlended(group)) continue;
+      group.kept = kept.length;
+      for (let i = 0; i < group.count; i++) kept.push(this.data.index[group.first + i]!);
+    }
+    return kept;
+  }
+
+  private definesOf(group: Group): string[] {
+    const defines = this.reversed ? ['REVERSED'] : [];
+    if (group.base !== NONE) defines.push('BASE_TEXTURE');
+    if (group.glow !== NONE) defines.push('GLOW_TEXTURE');
+    if (group.alphaMode === AlphaMode.MASK) defines.push('MASK');
+    if (group.alphaMode === AlphaMode.BLEND) defines.push('BLEND');
+    return defines;
+  }
+
+  private programOf(vertex: string, fragment: string, defines: string[]): Program {
+    const key = `${defines.join()} ${fragment}`;
+    let program = this.programs.get(key);
+    if (!program) {
+      program = createProgram(this.gl, vertex, fragment, defines);
+      this.programs.set(key, program);
+    }
+    return program;
+  }
+
+  // ---- what comes ----
+
+  takeFrame(frame: Frame, visible: Uint8Array | null): void {
+    frame.object.forEach((object, i) => {
+      const at = OBJECT_TEXELS * object;
+      this.objects.values.set(frame.transform.subarray(12 * i, 12 * i + 12), 4 * at);
+      this.objects.touch(at);
+      this.objects.touch(at + OBJECT_TEXELS - 1);
+      this.placeSphere(object);
+    });
+    frame.material.forEach((material, i) => {
+      const at = MATERIAL_TEXELS * material;
+      this.materials.values.set(frame.baseColour.subarray(3 * i, 3 * i + 3), 4 * at);
+      this.materials.values.set(frame.emission.subarray(3 * i, 3 * i + 3), 4 * (at + 1));
+      this.materials.touch(at);
+      this.materials.touch(at + 1);
+    });
+    this.sky = frame.sky;
+    if (visible) this.setVisible(visible);
+  }
+
+  setVisible(visible: Uint8Array): void {
+    this.visible.set(visible);
+  }
+
+  setMean(mean: [number, number, number]): void {
+    this.mean = mean;
+  }
+
+  /** Takes over tiles of a batch from `first` on, texels from `texel` on, until the time is over. Returns
+   * where it stopped. */
+  takeTiles(batch: TileBatch, first: number, texel: number, untilMs: number): [number, number] {
+    const { gl, pages } = this;
+    gl.bindTexture(gl.TEXTURE_2D_ARRAY, this.pageTexture);
+    let at = first;
+    for (; at < batch.id.length && (at === first || performance.now() < untilMs); at++) {
+      const id = batch.id[at]!;
+      const { object, level, x, y, width, height } = this.map.place(id);
+      const place = 4 * (pages.levelFirst[object]! + level);
+      const left = pages.level[place]! & 0xffff;
+      const top = pages.level[place]! >>> 16;
+      const target = gl.TEXTURE_2D_ARRAY;
+      const type = gl.UNSIGNED_INT_5_9_9_9_REV;
+      const layer = pages.level[place + 1]!;
+      gl.texSubImage3D(
+        target,
+        0,
+        left + x,
+        top + y,
+        layer,
+        width,
+        height,
+        1,
+        gl.RGB,
+        type,
+        batch.texels,
+        texel,
+      );
+      texel += width * height;
+      this.tileState.values[id] = 1 + batch.calm[at]!;
+      this.tileState.touch(id);
+    }
+    return [at, texel];
+  }
+
+  /** A box around what is to be seen; null: nothing. */
+  bounds(): { low: [number, number, number]; high: [number, number, number] } | null {
+    const low: [number, number, number] = [Infinity, Infinity, Infinity];
+    const high: [number, number, number] = [-Infinity, -Infinity, -Infinity];
+    this.visible.forEach((shown, object) => {
+      if (!shown) return;
+      const at = SPHERE * object;
+      const radius = this.sphere[at + 3]! / Math.sqrt(3); // the spheres are wide
+      for (let i = 0; i < 3; i++) {
+        low[i] = Math.min(low[i]!, this.sphere[at + i]! - radius);
+        high[i] = Math.max(high[i]!, this.sphere[at + i]! + radius);
+      }
+    });
+    return low[0] <= high[0] ? { low, high } : null;
+  }
+
+  private placeSphere(object: number): void {
+    const m = this.objects.values;
+    const at = 4 * OBJECT_TEXELS * object;
+    const shape = this.data.meshes[this.data.objectMesh[object]!]!;
+    const [x, y, z] = shape.centre;
+    const column = (i: number) => [m[at + i]!, m[at + 4 + i]!, m[at + 8 + i]!] as const;
+    const [a, b, c, d] = [column(0), column(1), column(2), column(3)];
+    const centre = [0, 1, 2].map((i) => a[i]! * x + b[i]! * y + c[i]! * z + d[i]!);
+    // no direction grows by more than all three columns together
+    const radius = shape.radius * Math.hypot(...a, ...b, ...c);
+    const determinant =
+      a[0] * (b[1] * c[2] - b[2] * c[1]) -
+      a[1] * (b[0] * c[2] - b[2] * c[0]) +
+      a[2] * (b[0] * c[1] - b[1] * c[0]);
+    this.sphere.set([...centre, radius, determinant < 0 ? 1 : 0], SPHERE * object);
+  }
+
+  // ---- a picture ----
+
+  private createTarget(width: number, height: number, format: number, samples: number): Target {
+    const { gl } = this;
+    const owned: (() => void)[] = [];
+    const frame = () => {
+      const framebuffer = gl.createFramebuffer()!;
+      gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
+      owned.push(() => gl.deleteFramebuffer(framebuffer));
+      return framebuffer;
+    };
+    const storage = (attachment: number, internal: number, many: number) => {
+      const buffer = gl.createRenderbuffer()!;
+      gl.bindRenderbuffer(gl.RENDERBUFFER, buffer);
+      gl.renderbufferStorageMultisample(gl.RENDERBUFFER, many, internal, width, height);
+      gl.framebufferRenderbuffer(gl.FRAMEBUFFER, attachment, gl.RENDERBUFFER, buffer);
+      owned.push(() => gl.deleteRenderbuffer(buffer));
+    };
+    const picture = gl.createTexture()!;
+    owned.push(() => gl.deleteTexture(picture));
+    gl.bindTexture(gl.TEXTURE_2D, picture);
+    gl.texStorage2D(gl.TEXTURE_2D, 1, format, width, height);
+    nearest(gl, gl.TEXTURE_2D);
+    const resolved = frame();
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, picture, 0);
+    let framebuffer = resolved;
+    if (samples > 1) {
+      framebuffer = frame();
+      storage(gl.COLOR_ATTACHMENT0, format, samples);
+    }
+    storage(gl.DEPTH_ATTACHMENT, gl.DEPTH_COMPONENT32F, samples > 1 ? samples : 0);
+    if (gl.checkFramebufferStatus(gl.FRAMEBUFFER) !== gl.FRAMEBUFFER_COMPLETE && !gl.isContextLost())
+      throw new LimitError(`the graphics here cannot draw a picture of ${width} x ${height}`);
+    return { width, height, framebuffer, resolved, picture, owned };
+  }
+
+  private fitted(
+    target: Target | null,
+    width: number,
+    height: number,
+    format: number,
+    samples: number,
+  ): Target {
+    if (target && target.width === width && target.height === height) return target;
+    for (const release of target?.owned ?? []) release();
+    return this.createTarget(width, height, format, samples);
+  }
+
+  private setView(program: Program, view: View, scale: [number, number], near: number): void {
+    const { gl } = this;
+    gl.uniform3fv(program.at('eye'), view.position);
+    gl.uniform3fv(program.at('right'), view.right);
+    gl.uniform3fv(program.at('up'), view.up);
+    gl.uniform3fv(program.at('forward'), view.forward);
+    gl.uniform2f(program.at('scale'), ...scale);
+    gl.uniform1f(program.at('near'), near);
+  }
+
+  private bind(program: Program, unit: number, name: string, target: number, texture: WebGLTexture): void {
+    const { gl } = this;
+    gl.activeTexture(gl.TEXTURE0 + unit);
+    gl.bindTexture(target, texture);
+    gl.uniform1i(program.at(name), unit);
+  }
+
+  /** Objects in view, by mesh, those that are mirrored apart. */
+  private findVisible(view: View, scale: [number, number]): Map<number, [number[], number[]]> {
+    const found = new Map<number, [number[], number[]]>();
+    const sides = [1 / scale[0], 1 / scale[1]].map((tangent) => [tangent, Math.hypot(1, tangent)] as const);
+    this.objectsOf.forEach((objects, mesh) => {
+      for (const object of objects) {
+        if (!this.visible[object]) continue;
+        const at = SPHERE * object;
+        const radius = this.sphere[at + 3]!;
+        const mirrored = this.sphere[at + 4];
+        const [x, y, z] = view.position.map((from, i) => this.sphere[at + i]! - from) as [
+          number,
+          number,
+          number,
+        ];
+        const along = (axis: readonly number[]) => x * axis[0]! + y * axis[1]! + z * axis[2]!;
+        const depth = along(view.forward);
+        if (depth < -radius) continue;
+        const out = [along(view.right), along(view.up)].some(
+          (offset, i) => Math.abs(offset) - depth * sides[i]![0] > radius * sides[i]![1],
+        );
+        if (out) continue;
+        if (!found.has(mesh)) found.set(mesh, [[], []]);
+        found.get(mesh)![mirrored ? 1 : 0].push(object);
+      }
+    });
+    return found;
+  }
+
+  private near(): number {
+    const box = this.bounds();
+    const size = box ? Math.hypot(...box.high.map((x, i) => x - box.low[i]!)) : 1;
+    return Math.min(0.02, 0.001 * size) * (this.reversed ? 0.1 : 1);
+  }
+
+  private drawSurfaces(
+    view: View,
+    scale: [number, number],
+    extra: string[],
+    set: (program: Program) => void,
+  ): void {
+    const { gl } = this;
+    const found = this.findVisible(view, scale);
+    const ids: number[] = [];
+    const ranges = new Map<number, { first: number; count: number; mirrored: boolean }[]>();
+    for (const [mesh, both] of found)
+      both.forEach((objects, mirrored) => {
+        if (!objects.length) return;
+        if (!ranges.has(mesh)) ranges.set(mesh, []);
+        ranges.get(mesh)!.push({ first: ids.length, count: objects.length, mirrored: mirrored === 1 });
+        for (const object of objects) ids.push(object);
+      });
+    gl.bindVertexArray(this.vertices);
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.instances);
+    gl.bufferData(gl.ARRAY_BUFFER, Uint32Array.from(ids), gl.STREAM_DRAW);
+    gl.enable(gl.DEPTH_TEST);
+    gl.depthFunc(this.reversed ? gl.GEQUAL : gl.LEQUAL);
+    const near = this.near();
+    const extras = extra.join();
+    let current: Program | null = null;
+    let group: Group | null = null;
+    const prepare = (draw: Draw) => {
+      let program = draw.programs.get(extras);
+      if (!program) {
+        program = this.programOf(SURFACE_VERTEX, SURFACE_FRAGMENT, [...draw.defines, ...extra]);
+        draw.programs.set(extras, program);
+      }
+      if (program !== current) {
+        gl.useProgram(program.program);
+        current = program;
+        group = null;
+        this.setView(program, view, scale, near);
+        this.bind(program, 0, 'objects', gl.TEXTURE_2D, this.objects.texture);
+        this.bind(program, 1, 'materials', gl.TEXTURE_2D, this.materials.texture);
+        this.bind(program, 2, 'levels', gl.TEXTURE_2D, this.levels.texture);
+        this.bind(program, 3, 'tileState', gl.TEXTURE_2D, this.tileState.texture);
+        this.bind(program, 4, 'pages', gl.TEXTURE_2D_ARRAY, this.pageTexture);
+        gl.uniform2f(program.at('pageSize'), this.pages.width, this.pages.height);
+        gl.uniform3fv(program.at('standIn'), this.mean);
+        gl.uniform1f(program.at('lightUnit'), this.data.lightUnit);
+        gl.uniform1i(program.at('unfiltered'), this.unfiltered ? 1 : 0);
+        set(program);
+      }
+      if (!group || group.base !== draw.group.base || group.glow !== draw.group.glow) {
+        this.bind(program, 5, 'baseTexture', gl.TEXTURE_2D, this.textures[draw.group.base] ?? this.white);
+        this.bind(program, 6, 'glowTexture', gl.TEXTURE_2D, this.textures[draw.group.glow] ?? this.white);
+      }
+      if (draw.group.doubleSided) gl.disable(gl.CULL_FACE);
+      else gl.enable(gl.CULL_FACE);
+      group = draw.group;
+    };
+    const run = (draw: Draw, first: number, count: number, mirrored: boolean) => {
+      gl.frontFace(mirrored ? gl.CW : gl.CCW);
+      gl.vertexAttribIPointer(Attribute.OBJECT, 1, gl.UNSIGNED_INT, 4, 4 * first);
+      gl.drawElementsInstanced(gl.TRIANGLES, draw.group.count, gl.UNSIGNED_INT, 4 * draw.group.first, count);
+    };
+    const blended: { draw: Draw; at: number; object: number; mirrored: boolean; depth: number }[] = [];
+    for (const draw of this.draws)
+      for (const range of ranges.get(draw.mesh) ?? []) {
+        if (isBlended(draw.group) && !extra.includes('SURVEY')) {
+          for (let i = 0; i < range.count; i++) {
+            const object = ids[range.first + i]!;
+            const depth = Math.hypot(
+              ...view.position.map((from, k) => this.sphere[SPHERE * object + k]! - from),
+            );
+            blended.push({ draw, at: range.first + i, object, mirrored: range.mirrored, depth });
+          }
+          continue;
+        }
+        prepare(draw);
+        run(draw, range.first, range.count, range.mirrored);
+      }
+    blended.sort((a, b) => b.depth - a.depth);
+    gl.enable(gl.BLEND);
+    gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE);
+    gl.depthMask(false);
+    for (const each of blended) {
+      this.putInOrder(each.draw.group, each.object, view);
+      prepare(each.draw);
+      run(each.draw, each.at, 1, each.mirrored);
+    }
+    gl.depthMask(true);
+    gl.disable(gl.BLEND);
+    gl.disable(gl.CULL_FACE);
+    gl.bindVertexArray(null);
+  }
+
+  /** Triangles of a blended group, the farthest first. */
+  private putInOrder(group: Group, object: number, view: View): void {
+    const { gl } = this;
+    const { position, index } = this.data;
+    const m = this.objects.values;
+    const at = 4 * OBJECT_TEXELS * object;
+    const kept = index.subarray(group.kept!, group.kept! + group.count);
+    // distance is the world's: along each row of the transform
+    const distances = new Float64Array(group.count / 3);
+    for (let t = 0; t < distances.length; t++) {
+      let squared = 0;
+      for (let row = 0; row < 3; row++) {
+        let x = m[at + 4 * row + 3]! - view.position[row as 0];
+        for (let k = 0; k < 3; k++) {
+          const axis = m[at + 4 * row + k]! / 3;
+          for (let corner = 0; corner < 3; corner++) x += axis * position[3 * kept[3 * t + corner]! + k]!;
+        }
+        squared += x * x;
+      }
+      distances[t] = squared;
+    }
+    const order = Uint32Array.from(distances.keys()).sort((a, b) => distances[b]! - distances[a]!);
+    const ordered = new Uint32Array(group.count);
+    order.forEach((t, i) => ordered.set(kept.subarray(3 * t, 3 * t + 3), 3 * i));
+    gl.bufferSubData(gl.ELEMENT_ARRAY_BUFFER, 4 * group.first, ordered);
+  }
+
+  private upload(): void {
+    for (const table of [this.objects, this.materials, this.levels, this.tileState]) table.upload();
+  }
+
+  private clear(framebuffer: WebGLFramebuffer, width: number, height: number): void {
+    const { gl } = this;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
+    gl.viewport(0, 0, width, height);
+    gl.clearDepth(this.reversed ? 0 : 1);
+    gl.clear(gl.DEPTH_BUFFER_BIT);
+  }
+
+  private drawScreen(fragment: string, set: (program: Program) => void): void {
+    const { gl } = this;
+    gl.disable(gl.DEPTH_TEST);
+    gl.bindVertexArray(this.nothing);
+    const program = this.programOf(SCREEN_VERTEX, fragment, []);
+    gl.useProgram(program.program);
+    set(program);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+    gl.bindVertexArray(null);
+  }
+
+  /** Draws onto the canvas. */
+  draw(view: View, width: number, height: number): void {
+    const { gl } = this;
+    this.upload();
+    this.target = this.fitted(this.target, width, height, gl.RGBA16F, this.samples);
+    const scaleY = 1 / Math.tan(view.fovY / 2);
+    const scale: [number, number] = [(scaleY * height) / width, scaleY];
+    const exposure = 2 ** this.stops;
+    this.clear(this.target.framebuffer, width, height);
+    this.drawScreen(SKY_FRAGMENT, (program) => {
+      this.setView(program, view, scale, 0);
+      gl.uniform3fv(program.at('sky'), this.sky as Float32Array);
+      gl.uniform1f(program.at('exposure'), exposure);
+      gl.uniform1f(program.at('lightUnit'), this.data.lightUnit);
+      gl.uniform1i(program.at('hasEnvironment'), this.environment ? 1 : 0);
+      this.bind(program, 0, 'environment', gl.TEXTURE_2D, this.environment ?? this.white);
+    });
+    this.drawSurfaces(view, scale, [], (program) => {
+      gl.uniform1f(program.at('exposure'), exposure);
+      gl.uniform1f(program.at('pixelArea'), 1);
+    });
+    if (this.target.framebuffer !== this.target.resolved) {
+      gl.bindFramebuffer(gl.READ_FRAMEBUFFER, this.target.framebuffer);
+      gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, this.target.resolved);
+      gl.blitFramebuffer(0, 0, width, height, 0, 0, width, height, gl.COLOR_BUFFER_BIT, gl.NEAREST);
+    }
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.viewport(0, 0, width, height);
+    this.drawScreen(TONEMAP_FRAGMENT, (program) => {
+      this.bind(program, 0, 'picture', gl.TEXTURE_2D, this.target!.picture);
+      gl.uniform1i(program.at('curve'), CURVES.indexOf(this.curve));
+    });
+  }
+
+  /** The exposure that suits the last picture, in stops: asked for in one frame, there in a later one. null:
+   * not yet, or black. */
+  meter(): number | null {
+    const { gl } = this;
+    if (!this.target) return null;
+    if (this.meterPixels.busy()) {
+      const pixels = this.meterPixels.take();
+      const stops = pixels && autoStops(new Float32Array(pixels));
+      return stops === null ? null : stops + Math.log2(this.meteredExposure);
+    }
+    this.meterTarget ??= this.createTarget(METER_WIDTH, METER_HEIGHT, gl.RGBA16F, 1);
+    this.clear(this.meterTarget.framebuffer, METER_WIDTH, METER_HEIGHT);
+    this.drawScreen(METER_FRAGMENT, (program) =>
+      this.bind(program, 0, 'picture', gl.TEXTURE_2D, this.target!.picture),
+    );
+    this.meteredExposure = 2 ** this.stops;
+    this.meterPixels.start(METER_WIDTH, METER_HEIGHT, gl.RGBA, gl.FLOAT, 16);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    return null;
+  }
+
+  // ---- what the view needs ----
+
+  /** Begins a small picture of a wide view that says which tiles it reads, unless one is under way. width,
+   * height: of the view. */
+  beginSurvey(view: View, width: number, height: number): void {
+    const { gl } = this;
+    if (this.surveyPixels.busy()) return;
+    this.upload();
+    const shrink = Math.min(1, SURVEY_SIDE / Math.max(width, height));
+    const [w, h] = [Math.max(1, Math.round(width * shrink)), Math.max(1, Math.round(height * shrink))];
+    this.surveyTarget = this.fitted(this.surveyTarget, w, h, gl.RGBA32UI, 1);
+    this.surveyNumber++;
+    // another place in the pixels each time
+    const jitter = (step: number, side: number) => ((((this.surveyNumber * step) % 1) - 0.5) * 2) / side;
+    const scaleY = 1 / (SURVEY_MARGIN * Math.tan(view.fovY / 2));
+    const scale: [number, number] = [(scaleY * height) / width, scaleY];
+    const [x, y] = [jitter(0.75487767, w) / scale[0], jitter(0.56984029, h) / scale[1]];
+    const forward = view.forward.map((f, i) => f + x * view.right[i as 0] + y * view.up[i as 0]) as [
+      number,
+      number,
+      number,
+    ];
+    const jittered: View = { ...view, right: view.right, forward };
+    this.clear(this.surveyTarget.framebuffer, w, h);
+    gl.clearBufferuiv(gl.COLOR, 0, [0, 0, 0, 0]);
+    const pixel = (SURVEY_MARGIN * height) / h;
+    this.drawSurfaces(jittered, scale, ['SURVEY'], (program) => {
+      gl.uniform1f(program.at('pixelArea'), 1 / (pixel * pixel));
+      gl.uniform1ui(program.at('surveyNumber'), this.surveyNumber);
+    });
+    this.surveyPixels.start(w, h, gl.RGBA_INTEGER, gl.UNSIGNED_INT, 16);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+  }
+
+  /** What the survey under way has found; null: not yet. */
+  takeSurvey(): Survey | null {
+    const pixels = this.surveyPixels.take();
+    if (!pixels || !this.surveyTarget) return null;
+    const values = new Uint32Array(pixels);
+    const { width, height } = this.surveyTarget;
+    const inPicture = new Set<number>();
+    const around = new Set<number>();
+    const edge = (1 - 1 / SURVEY_MARGIN) / 2;
+    for (let i = 0, at = 0; at < values.length; i++, at += 4) {
+      const tile = values[at]!;
+      if (!tile) continue;
+      const x = ((i % width) + 0.5) / width;
+      const y = (Math.floor(i / width) + 0.5) / height;
+      const set = Math.min(x, y, 1 - x, 1 - y) >= edge ? inPicture : around;
+      const flags = values[at + 1]!;
+      const row = values[at + 2]!;
+      set.add(tile - 1);
+      if (flags & 1) set.add(tile);
+      if (flags & 2) set.add(tile - 1 + row);
+      if (flags === 3) set.add(tile + row);
+    }
+    return { inPicture: Uint32Array.from(inPicture), around: Uint32Array.from(around) };
+  }
+
+  /** How many tiles are there. */
+  tilesHere(): number {
+    let count = 0;
+    for (const state of this.tileState.values) if (state) count++;
+    return count;
+  }
+
+  tileCount(): number {
+    return this.map.tileCount;
+  }
+
+  hasTile(id: number): boolean {
+    return this.tileState.values[id]! > 0;
+  }
+}

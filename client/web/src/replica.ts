@@ -1,0 +1,203 @@
+// replica.ts: what the client has of the lit scene: where things are, and which version of each tile; as
+// client/lib/replica.h. Outlives connections. Texels are not kept: they go on to the renderer.
+import { AtlasMap, calmLevel } from './atlas.ts';
+import { ProtocolError } from './failure.ts';
+import { NONE, type Scene } from './package.ts';
+import type { Levels, Tiles } from './tiles.ts';
+import type { Frame, Tile, TileList } from './wire.ts';
+
+/** Tiles on their way to the renderer. */
+export interface TileBatch {
+  id: Uint32Array<ArrayBuffer>;
+  calm: Uint8Array<ArrayBuffer>; // the finest level at which each one's noise is bearable
+  texels: Uint32Array<ArrayBuffer>; // RGB9E5, one tile behind the other
+}
+
+const fail = (what: string): never => {
+  throw new ProtocolError(what);
+};
+
+export class Replica {
+  readonly map: AtlasMap;
+  private readonly version: BigUint64Array; // by tile; 0: none of this run
+  private readonly levels: Uint32Array; // by tile; 0: none
+  private readonly hiddenNow: Uint8Array;
+  private readonly spare: Uint8Array;
+  private readonly unlit: Uint8Array; // since it was a spare, its coarsest level has not come
+  private readonly coarsestSum = new Map<number, Float64Array>(); // by tile: of its texels
+  private readonly sum = new Float64Array(3);
+  private sumTexels = 0;
+  private coarsestMissing = 0;
+  private visibleChanged = true;
+  private batch: { id: number[]; calm: number[]; texels: Uint32Array[]; size: number } = this.emptyBatch();
+
+  constructor(
+    readonly scene: Scene,
+    private readonly tiles: Tiles,
+    public layer: number,
+  ) {
+    this.map = new AtlasMap(scene.meshes, scene.objectMesh);
+    this.version = new BigUint64Array(this.map.tileCount);
+    this.levels = new Uint32Array(this.map.tileCount);
+    const objects = scene.objectMesh.length;
+    this.hiddenNow = new Uint8Array(objects);
+    this.spare = new Uint8Array(objects);
+    this.unlit = new Uint8Array(objects);
+    for (let o = 0; o < objects; o++) {
+      const levels = this.map.of(o).levels;
+      if (scene.objectNode[o] === NONE) this.hiddenNow[o] = this.spare[o] = 1;
+      if (this.spare[o] && levels.length) this.unlit[o] = 1;
+      const coarsest = levels[levels.length - 1];
+      if (coarsest) this.coarsestMissing += coarsest.tilesX * coarsest.tilesY;
+    }
+  }
+
+  private emptyBatch(): { id: number[]; calm: number[]; texels: Uint32Array[]; size: number } {
+    return { id: [], calm: [], texels: [], size: 0 };
+  }
+
+  destroy(): void {
+    for (const levels of this.levels) if (levels) this.tiles.freeLevels(levels);
+  }
+
+  /** The server has begun again, or nothing of before is left: versions that come now are newer than all that
+   * are there. */
+  beginRun(): void {
+    this.version.fill(0n);
+  }
+
+  takeFrame(frame: Frame): void {
+    const { scene } = this;
+    const check = (list: Uint32Array, limit: number, what: string) => {
+      for (const index of list) if (index >= limit) fail(`message FRAME: ${what} ${index} of ${limit}`);
+    };
+    const objects = scene.objectMesh.length;
+    check(frame.object, objects, 'transform_object');
+    check(frame.light, scene.lights.length, 'light');
+    check(frame.material, scene.materials.length, 'material');
+    check(frame.hidden, objects, 'hidden_object');
+    check(frame.shown, objects, 'shown_object');
+    frame.hidden.forEach((object, i) => this.setHidden(object, 1, i < frame.spares ? 1 : 0));
+    for (const object of frame.shown) this.setHidden(object, 0, 0);
+  }
+
+  private setHidden(object: number, hidden: number, spare: number): void {
+    this.hiddenNow[object] = hidden;
+    this.spare[object] = spare;
+    if (spare) this.unlit[object] = this.map.of(object).levels.length ? 1 : 0;
+    this.visibleChanged = true;
+  }
+
+  /** By object: whether to draw it; null if nothing has changed since the last call. */
+  takeVisible(): Uint8Array<ArrayBuffer> | null {
+    if (!this.visibleChanged) return null;
+    this.visibleChanged = false;
+    return this.hiddenNow.map((hidden, o) => (hidden || this.unlit[o] ? 0 : 1)) as Uint8Array<ArrayBuffer>;
+  }
+
+  /** Decodes a tile into the batch, unless it is not newer than what is there. */
+  takeTile(t: Tile, noiseShown: number): void {
+    const id = this.map.find(t.object, t.level, t.tile);
+    const where = `message TILE: object ${t.object}, level ${t.level}, tile ${t.tile}`;
+    if (id < 0) fail(`${where}: there is none`);
+    if (t.layer >= 2) return;
+    if (t.layer !== this.layer)
+      fail(`${where}: it is of layer ${t.layer} in a session that gets layer ${this.layer}`);
+    if (t.version <= this.version[id]!) return;
+    if (t.codec !== 1 && t.codec !== 4) fail(`${where}: codec ${t.codec} is unknown`);
+    if (t.base && (t.base !== this.version[id] || !this.levels[id]))
+      fail(`${where}: it builds on a version that is not here`);
+    const place = this.map.place(id);
+    if (!this.decode(t, id, place.width, place.height)) {
+      this.version[id] = 0n; // levels are half those of the new version
+      fail(`${where}: the payload is damaged`);
+    }
+    const texels = new Uint32Array(place.width * place.height);
+    const sum = this.tiles.pack(texels);
+    this.version[id] = t.version;
+    if (t.level === this.map.of(t.object).levels.length - 1)
+      this.takeCoarsest(t.object, id, sum, texels.length);
+    this.batch.id.push(id);
+    this.batch.calm.push(calmLevel(t.error, noiseShown));
+    this.batch.texels.push(texels);
+    this.batch.size += texels.length;
+  }
+
+  private decode(t: Tile, id: number, width: number, height: number): boolean {
+    if (t.codec === 1) {
+      if (this.levels[id]) this.tiles.freeLevels(this.levels[id]!);
+      this.levels[id] = 0;
+      return this.tiles.decodeHalf(t.payload, t.scale, width, height);
+    }
+    if (!this.levels[id]) this.levels[id] = this.tiles.createLevels(height);
+    return this.tiles.decode(t.base > 0n, t.payload, t.scale, width, height, this.levels[id] as Levels);
+  }
+
+  private takeCoarsest(object: number, id: number, sum: Float64Array, texels: number): void {
+    const before = this.coarsestSum.get(id);
+    if (!before) {
+      this.sumTexels += texels;
+      this.coarsestMissing--;
+    }
+    for (let c = 0; c < 3; c++) this.sum[c]! += sum[c]! - (before ? before[c]! : 0);
+    this.coarsestSum.set(id, sum);
+    if (this.unlit[object] && !this.spare[object]) {
+      this.unlit[object] = 0;
+      this.visibleChanged = true;
+    }
+  }
+
+  /** Mean irradiance of what has arrived, W/m^2: what shows where nothing has. Before that, light that shows
+   * a surface as its albedo. */
+  meanIrradiance(): [number, number, number] {
+    const all = this.sum[0]! + this.sum[1]! + this.sum[2]!;
+    if (!(this.sumTexels > 0 && all > 0)) return [Math.PI, Math.PI, Math.PI];
+    return [0, 1, 2].map((c) => Math.max(0, this.sum[c]! / this.sumTexels)) as [number, number, number];
+  }
+
+  /** Whether every object's coarsest level is there. */
+  hasFirst(): boolean {
+    return this.coarsestMissing === 0;
+  }
+
+  batchTiles(): number {
+    return this.batch.id.length;
+  }
+
+  takeBatch(): TileBatch {
+    const texels = new Uint32Array(this.batch.size);
+    let at = 0;
+    for (const tile of this.batch.texels) {
+      texels.set(tile, at);
+      at += tile.length;
+    }
+    const batch = { id: Uint32Array.from(this.batch.id), calm: Uint8Array.from(this.batch.calm), texels };
+    this.batch = this.emptyBatch();
+    return batch;
+  }
+
+  /** Tiles by number as messages list them. */
+  listOf(ids: ArrayLike<number>): TileList {
+    const list = {
+      object: new Uint32Array(ids.length),
+      level: new Uint32Array(ids.length),
+      tile: new Uint32Array(ids.length),
+    };
+    for (let i = 0; i < ids.length; i++) {
+      const place = this.map.place(ids[i]!);
+      list.object[i] = place.object;
+      list.level[i] = place.level;
+      list.tile[i] = place.tile;
+    }
+    return list;
+  }
+
+  /** The tiles of this run, for HOLDS. */
+  held(): { ids: number[]; version: BigUint64Array } {
+    const ids: number[] = [];
+    this.version.forEach((version, id) => {
+      if (version) ids.push(id);
+    });
+    return { ids, version: BigUint64Array.from(ids, (id) => this.version[id]!) };
+  }
+}

@@ -1,0 +1,318 @@
+// session.ts: one connection: bytes in, messages out: proto/wire_format.md, section 3. Knows no socket.
+import { Download, hex, type PartStore } from './download.ts';
+import { ProtocolError } from './failure.ts';
+import { readPackage, type Scene } from './package.ts';
+import { Replica, type TileBatch } from './replica.ts';
+import type { Tiles } from './tiles.ts';
+import { Want } from './want.ts';
+import * as wire from './wire.ts';
+
+const PING_MS = 5000;
+const SILENCE_MS = 15000;
+const BATCH_TILES = 64;
+
+// A browser takes whatever comes, so a client that is slow to decode cannot let the link fill up. With more
+// than HIGH bytes waiting it wants no tile, until there are under LOW.
+const BACKLOG_HIGH = 4 << 20;
+const BACKLOG_LOW = 256 << 10;
+// Tiles that the renderer has not taken over yet; no more are decoded until it has.
+const UNTAKEN_MAX = 512;
+
+/** A server ended the session, or refused it; later it may not. */
+export class ClosedError extends Error {}
+
+export interface FrameNews {
+  frame: wire.Frame;
+  visible: Uint8Array<ArrayBuffer> | null;
+}
+
+export interface SessionHost extends PartStore {
+  send(bytes: Uint8Array<ArrayBuffer>): void;
+  progress(fraction: number): void;
+  scene(replica: Replica): void;
+  frame(news: FrameNews): void;
+  tiles(batch: TileBatch, mean: [number, number, number], visible: Uint8Array<ArrayBuffer> | null): void;
+  settled(): void;
+}
+
+/** What outlives a connection. */
+export interface Kept {
+  replica: Replica | null;
+  packageHash: string;
+  run: bigint;
+  download: Download | null;
+}
+
+export function nothingKept(): Kept {
+  return { replica: null, packageHash: '', run: 0n, download: null };
+}
+
+export class Session {
+  private chunks: Uint8Array[] = [];
+  private backlog = 0;
+  private welcome: wire.Welcome | null = null;
+  private asked = false; // for the package
+  private lastFrame = 0n;
+  private readonly want = new Want();
+  private held = false; // no tile is wanted until the backlog is shorter
+  private resting = false; // nobody looks
+  private untaken = 0;
+  private closed = false;
+  private heardMs: number;
+  private pingedMs: number;
+
+  constructor(
+    private readonly kept: Kept,
+    private readonly tiles: Tiles,
+    private readonly host: SessionHost,
+    private readonly features: bigint,
+    nowMs: number,
+  ) {
+    this.heardMs = this.pingedMs = nowMs;
+    host.send(
+      wire.writeHello(
+        features | wire.Feature.RESUME | wire.Feature.PARTS | wire.Feature.DCT,
+        'lightwell web',
+      ),
+    );
+  }
+
+  /** Bytes from the socket; pump() reads them. */
+  push(bytes: Uint8Array, nowMs: number): void {
+    this.heardMs = nowMs;
+    this.chunks.push(bytes);
+    this.backlog += bytes.length;
+    this.mindBacklog();
+  }
+
+  /** Nothing more is read or sent. */
+  close(): void {
+    this.closed = true;
+  }
+
+  /** What the client is to draw itself: a bit for each light and material. */
+  draws(): { clientLights: Uint8Array; clientMaterials: Uint8Array } {
+    const none = new Uint8Array(0);
+    return this.welcome ?? { clientLights: none, clientMaterials: none };
+  }
+
+  /** Bytes that wait to be read. */
+  waiting(): number {
+    return this.backlog;
+  }
+
+  private take(size: number): Uint8Array {
+    this.backlog -= size;
+    const first = this.chunks[0]!;
+    if (first.length > size) {
+      this.chunks[0] = first.subarray(size);
+      return first.subarray(0, size);
+    }
+    if (first.length === size) {
+      this.chunks.shift();
+      return first;
+    }
+    const whole = new Uint8Array(size);
+    let at = 0;
+    while (at < size) {
+      const chunk = this.chunks[0]!;
+      const some = chunk.subarray(0, size - at);
+      whole.set(some, at);
+      at += some.length;
+      if (some.length === chunk.length) this.chunks.shift();
+      else this.chunks[0] = chunk.subarray(some.length);
+    }
+    return whole;
+  }
+
+  private untake(bytes: Uint8Array): void {
+    this.chunks.unshift(bytes);
+    this.backlog += bytes.length;
+  }
+
+  /** Handles messages until the time is over, or the renderer has to take some over first. True: there are
+   * more. */
+  async pump(now: () => number, untilMs: number): Promise<boolean> {
+    let more = false;
+    for (;;) {
+      if (this.closed) return false;
+      if (this.untaken >= UNTAKEN_MAX) break;
+      const message = this.nextMessage();
+      if (!message) break;
+      await this.handle(message.type, message.body);
+      if (this.kept.replica && this.kept.replica.batchTiles() >= BATCH_TILES) this.flush();
+      if (now() >= untilMs) {
+        more = true;
+        break;
+      }
+    }
+    this.flush();
+    this.mindBacklog();
+    return more;
+  }
+
+  private nextMessage(): { type: number; body: Uint8Array } | null {
+    if (this.backlog < wire.HEADER_BYTES) return null;
+    const head = this.take(wire.HEADER_BYTES);
+    const header = wire.readHeader(head, 0);
+    if (this.backlog < header.size) {
+      this.untake(head);
+      return null;
+    }
+    return { type: header.type, body: header.size ? this.take(header.size) : new Uint8Array(0) };
+  }
+
+  private flush(): void {
+    const { replica } = this.kept;
+    if (!replica || !replica.batchTiles()) return;
+    this.untaken += replica.batchTiles();
+    this.host.tiles(replica.takeBatch(), replica.meanIrradiance(), replica.takeVisible());
+  }
+
+  /** The renderer has taken over so many tiles. */
+  taken(count: number): void {
+    this.untaken -= count;
+  }
+
+  private mindBacklog(): void {
+    const held = this.resting || this.backlog > (this.held ? BACKLOG_LOW : BACKLOG_HIGH);
+    if (held === this.held || !this.asked || !this.kept.replica) return;
+    this.held = held;
+    if (held) this.host.send(wire.writeInterest(false, this.kept.replica.listOf([]), false));
+    this.want.forget();
+  }
+
+  /** Nobody looks, or somebody does again. */
+  rest(resting: boolean): void {
+    this.resting = resting;
+    this.mindBacklog();
+  }
+
+  /** The tiles that the view wants; more than a message takes is everything. */
+  setWant(ids: Uint32Array): void {
+    this.want.set(ids);
+  }
+
+  /** To be called now and then: interest, pings, silence. */
+  tick(nowMs: number): void {
+    if (nowMs - this.heardMs > SILENCE_MS) throw new ClosedError('the server has been silent for 15 s');
+    if (!this.welcome) return;
+    if (nowMs - this.pingedMs >= PING_MS) {
+      this.pingedMs = nowMs;
+      this.host.send(wire.writePing(BigInt(Math.floor(nowMs))));
+    }
+    this.tellWant(nowMs);
+  }
+
+  private tellWant(nowMs: number): void {
+    const { replica } = this.kept;
+    if (!replica || !this.asked || this.held || !this.want.isDue(nowMs)) return;
+    const ids = this.want.list();
+    const everything = ids.length > wire.INTEREST_MAX;
+    this.host.send(wire.writeInterest(everything, replica.listOf(everything ? [] : ids), true));
+    this.want.tell(nowMs);
+  }
+
+  private async handle(type: number, body: Uint8Array): Promise<void> {
+    const replica = this.kept.replica;
+    const outOfOrder = (name: string): never => {
+      throw new ProtocolError(`message ${name}: out of order`);
+    };
+    if (type === wire.Type.WELCOME) {
+      if (this.welcome) outOfOrder('WELCOME');
+      return this.takeWelcome(wire.readWelcome(body));
+    }
+    if (type === wire.Type.REFUSAL) return this.takeRefusal(wire.readRefusal(body));
+    if (!this.welcome) throw new ProtocolError('it does not begin with WELCOME: is this a lightwelld?');
+    if (type === wire.Type.PACKAGE_CHUNK) {
+      const { download } = this.kept;
+      if (!download || replica) return outOfOrder('PACKAGE_CHUNK');
+      const chunk = wire.readChunk(body);
+      download.add(chunk.offset, chunk.data);
+      this.host.progress(download.progress());
+      this.finishDownload();
+    } else if (type === wire.Type.FRAME) {
+      if (!replica) return outOfOrder('FRAME');
+      const frame = wire.readFrame(body);
+      if (frame.frame < this.lastFrame)
+        throw new ProtocolError(`message FRAME: ${frame.frame} after ${this.lastFrame}`);
+      replica.takeFrame(frame);
+      this.lastFrame = frame.frame;
+      this.flush();
+      this.host.frame({ frame, visible: replica.takeVisible() });
+      this.host.send(wire.writeAck(frame.frame));
+    } else if (type === wire.Type.TILE) {
+      if (!replica || !this.lastFrame) return outOfOrder('TILE');
+      replica.takeTile(wire.readTile(body), this.welcome.noiseShown);
+    } else if (type === wire.Type.PING) this.host.send(wire.writePong(wire.readToken(body)));
+    else if (type === wire.Type.SETTLED) {
+      if (wire.readSettled(body) !== this.lastFrame) return outOfOrder('SETTLED');
+      this.flush();
+      this.host.settled();
+    } else if (type === wire.Type.UPDATED) outOfOrder('UPDATED');
+    else if (type <= wire.Type.HOLDS && type !== wire.Type.PONG)
+      throw new ProtocolError(`a message of type ${type}, which servers do not send`);
+  }
+
+  private takeRefusal(refusal: { code: number; text: string }): void {
+    const text = refusal.text || 'it did not say why';
+    const { VERSION, PROTOCOL, FEATURES } = wire.Refusal;
+    if ([VERSION, PROTOCOL, FEATURES].includes(refusal.code as 1 | 3 | 6))
+      throw new ProtocolError(`it refused us: ${text}`);
+    throw new ClosedError(`it ended the session: ${text}`);
+  }
+
+  private async takeWelcome(welcome: wire.Welcome): Promise<void> {
+    const offered = this.features | wire.Feature.RESUME | wire.Feature.PARTS | wire.Feature.DCT;
+    if (welcome.features & ~offered)
+      throw new ProtocolError('message WELCOME: features that were not offered');
+    this.welcome = welcome;
+    const { kept } = this;
+    const layer = welcome.features & wire.Feature.DRAWS ? 1 : 0;
+    const sameRun = !!welcome.run && welcome.run === kept.run;
+    const samePackage = hex(welcome.packageHash) === kept.packageHash;
+    kept.run = welcome.run;
+    kept.packageHash = hex(welcome.packageHash);
+    if (kept.replica && (!samePackage || kept.replica.layer !== layer)) {
+      kept.replica.destroy();
+      kept.replica = null;
+    }
+    if (kept.replica) {
+      if (sameRun) this.sendHolds(kept.replica);
+      else kept.replica.beginRun();
+      this.host.send(wire.writePackageRequest(welcome.compressedSize, new Uint8Array(0)));
+      this.asked = true;
+      return;
+    }
+    if (!kept.download?.isOf(welcome)) {
+      kept.download = new Download(welcome, this.tiles, this.host);
+      await kept.download.begin();
+      if (this.closed) return;
+    }
+    const request = kept.download.request();
+    this.host.send(wire.writePackageRequest(request.offset, request.held));
+    this.asked = true;
+    this.finishDownload();
+  }
+
+  private finishDownload(): void {
+    const bytes = this.kept.download?.finished();
+    if (!bytes || !this.welcome) return;
+    this.kept.download = null;
+    const scene: Scene = readPackage(bytes, this.tiles);
+    this.kept.replica = new Replica(scene, this.tiles, this.welcome.features & wire.Feature.DRAWS ? 1 : 0);
+    this.host.scene(this.kept.replica);
+  }
+
+  private sendHolds(replica: Replica): void {
+    if (!(this.welcome!.features & wire.Feature.RESUME)) return replica.beginRun();
+    const { ids, version } = replica.held();
+    for (let at = 0; at < ids.length; at += wire.HOLDS_MAX)
+      this.host.send(
+        wire.writeHolds(
+          replica.listOf(ids.slice(at, at + wire.HOLDS_MAX)),
+          version.slice(at, at + wire.HOLDS_MAX),
+        ),
+      );
+  }
+}

@@ -1,0 +1,206 @@
+// tiles.ts: our own C (wasm/web_tiles.c) as functions: tiles, hashes, pixels.
+import { ZSTDDecoder } from 'zstddec';
+
+import { LimitError } from './failure.ts';
+
+interface Exports {
+  memory: WebAssembly.Memory;
+  lw_web_tiles_init(): void;
+  lw_web_tiles_rgb(): number;
+  lw_web_tiles_packed(): number;
+  lw_web_tiles_alloc(size: number): number;
+  lw_web_tiles_free(at: number): void;
+  lw_web_tiles_levels(height: number): number;
+  lw_web_tiles_decode(
+    kind: number,
+    src: number,
+    size: number,
+    scale: number,
+    w: number,
+    h: number,
+    levels: number,
+  ): number;
+  lw_web_tiles_decode_half(planes: number, scale: number, w: number, h: number): number;
+  lw_web_tiles_pack(texels: number, sum: number): void;
+  lw_web_tiles_unit(): number;
+  lw_web_tiles_hash_begin(): void;
+  lw_web_tiles_hash_add(bytes: number, size: number): void;
+  lw_web_tiles_hash_finish(hash: number): void;
+  lw_web_tiles_unfilter(bytes: number, w: number, h: number, rgba: number): void;
+  lw_web_tiles_coarsest(
+    position: number,
+    uv: number,
+    vertices: number,
+    triangle: number,
+    triangles: number,
+    w: number,
+    h: number,
+    level: number,
+  ): number;
+}
+
+const PAYLOAD_MAX = 1 << 18;
+const TEXELS_MAX = 64 * 64;
+
+/** What deltas of a tile build on: a place in the module's memory. */
+export type Levels = number;
+
+export class Tiles {
+  private readonly wasm: Exports;
+  private readonly payload: number;
+  private readonly sum: number;
+  private readonly zstd: ZSTDDecoder;
+  /** A texel of 1 in a texture is so much light, W/m^2. */
+  readonly unit: number;
+
+  private constructor(instance: WebAssembly.Instance, zstd: ZSTDDecoder) {
+    this.wasm = instance.exports as unknown as Exports;
+    this.zstd = zstd;
+    this.wasm.lw_web_tiles_init();
+    this.payload = this.alloc(PAYLOAD_MAX);
+    this.sum = this.alloc(24);
+    this.unit = this.wasm.lw_web_tiles_unit();
+  }
+
+  static async create(module: BufferSource): Promise<Tiles> {
+    const zstd = new ZSTDDecoder();
+    const [made] = await Promise.all([WebAssembly.instantiate(module, {}), zstd.init()]);
+    return new Tiles(made.instance, zstd);
+  }
+
+  private alloc(size: number): number {
+    const at = this.wasm.lw_web_tiles_alloc(Math.max(size, 1));
+    if (!at) throw new LimitError('this page has no memory left for the scene');
+    return at;
+  }
+
+  /** Copies bytes into the module's memory; to be freed. */
+  private put(bytes: ArrayBufferView): number {
+    const at = this.alloc(bytes.byteLength);
+    new Uint8Array(this.wasm.memory.buffer, at).set(
+      new Uint8Array(bytes.buffer, bytes.byteOffset, bytes.byteLength),
+    );
+    return at;
+  }
+
+  createLevels(height: number): Levels {
+    const levels = this.wasm.lw_web_tiles_levels(height);
+    if (!levels) throw new LimitError('this page has no memory left for tiles');
+    return levels;
+  }
+
+  freeLevels(levels: Levels): void {
+    this.wasm.lw_web_tiles_free(levels);
+  }
+
+  /** Decodes a payload of codec 4. delta: it builds on `levels`, which become those of this version. False:
+   * it is damaged. */
+  decode(
+    delta: boolean,
+    payload: Uint8Array,
+    scale: number,
+    width: number,
+    height: number,
+    levels: Levels,
+  ): boolean {
+    new Uint8Array(this.wasm.memory.buffer, this.payload).set(payload);
+    return (
+      this.wasm.lw_web_tiles_decode(
+        delta ? 2 : 1,
+        this.payload,
+        payload.length,
+        scale,
+        width,
+        height,
+        levels,
+      ) !== 0
+    );
+  }
+
+  /** Decodes a payload of codec 1. */
+  decodeHalf(payload: Uint8Array, scale: number, width: number, height: number): boolean {
+    const planes = this.decompress(payload, 6 * width * height);
+    if (!planes) return false;
+    new Uint8Array(this.wasm.memory.buffer, this.payload).set(planes);
+    return this.wasm.lw_web_tiles_decode_half(this.payload, scale, width, height) !== 0;
+  }
+
+  /** Of what was decoded last, W/m^2, good until the next call. */
+  rgb(texels: number): Float32Array {
+    return new Float32Array(this.wasm.memory.buffer, this.wasm.lw_web_tiles_rgb(), 3 * texels);
+  }
+
+  /** What was decoded last as RGB9E5 into `out`; returns the sum of each channel, W/m^2. */
+  pack(out: Uint32Array): Float64Array {
+    this.wasm.lw_web_tiles_pack(out.length, this.sum);
+    out.set(new Uint32Array(this.wasm.memory.buffer, this.wasm.lw_web_tiles_packed(), out.length));
+    return new Float64Array(this.wasm.memory.buffer.slice(this.sum, this.sum + 24));
+  }
+
+  /** Any number of texels of 3 floats as RGB9E5. */
+  packAll(rgb: Float32Array): Uint32Array {
+    const out = new Uint32Array(rgb.length / 3);
+    for (let at = 0; at < out.length; at += TEXELS_MAX) {
+      const some = out.subarray(at, at + TEXELS_MAX);
+      this.rgb(TEXELS_MAX).set(rgb.subarray(3 * at, 3 * (at + some.length)));
+      this.pack(some);
+    }
+    return out;
+  }
+
+  /** One zstd frame of so many bytes uncompressed; null if it is none. */
+  decompress(frame: Uint8Array, size: number): Uint8Array | null {
+    const bytes = this.zstd.decode(frame, size);
+    return bytes.length === size ? bytes : null;
+  }
+
+  /** XXH3-128, most significant byte first. */
+  hash(bytes: Uint8Array): Uint8Array {
+    this.wasm.lw_web_tiles_hash_begin();
+    for (let at = 0; at < bytes.length; at += PAYLOAD_MAX) {
+      const some = bytes.subarray(at, at + PAYLOAD_MAX);
+      new Uint8Array(this.wasm.memory.buffer, this.payload).set(some);
+      this.wasm.lw_web_tiles_hash_add(this.payload, some.length);
+    }
+    this.wasm.lw_web_tiles_hash_finish(this.payload);
+    return new Uint8Array(this.wasm.memory.buffer, this.payload, 16).slice();
+  }
+
+  /** Pixels of a package of version 3, as RGBA. */
+  unfilter(bytes: Uint8Array, width: number, height: number): Uint8Array<ArrayBuffer> {
+    const at = this.put(bytes);
+    const out = this.alloc(bytes.length);
+    this.wasm.lw_web_tiles_unfilter(at, width, height, out);
+    const rgba = new Uint8Array(this.wasm.memory.buffer, out, bytes.length).slice();
+    this.wasm.lw_web_tiles_free(out);
+    this.wasm.lw_web_tiles_free(at);
+    return rgba as Uint8Array<ArrayBuffer>;
+  }
+
+  /** By triangle: the coarsest level up to 2 on which look-ups read light of its own chart alone. Indices
+   * have been checked. */
+  coarsest(
+    position: Float32Array,
+    lightmapUv: Float32Array,
+    triangle: Uint32Array,
+    width: number,
+    height: number,
+  ): Uint8Array {
+    const triangles = triangle.length / 3;
+    const at = [this.put(position), this.put(lightmapUv), this.put(triangle), this.alloc(triangles)] as const;
+    const ok = this.wasm.lw_web_tiles_coarsest(
+      at[0],
+      at[1],
+      position.length / 3,
+      at[2],
+      triangles,
+      width,
+      height,
+      at[3],
+    );
+    const levels = new Uint8Array(this.wasm.memory.buffer, at[3], triangles).slice();
+    for (const place of at) this.wasm.lw_web_tiles_free(place);
+    if (!ok) throw new LimitError('this page has no memory left for the scene');
+    return levels;
+  }
+}

@@ -1,0 +1,45 @@
+// want.ts: which tiles the client wants, what the server was told of it, and when to tell it again; as
+// client/lib/want.h.
+
+const TELL_MS = 100; // the server is told no more often
+const SHED_MS = 2000; // what is wanted no more is told by then, if it is few:
+const SHED_ONE = 8; // under one tile in so many
+
+export class Want {
+  private now = new Uint32Array(0); // sorted, each once
+  private told: Uint32Array | null = null; // null: nothing yet
+  private toldMs = -Infinity;
+
+  set(ids: Uint32Array): void {
+    this.now = Uint32Array.from(new Set(ids)).sort();
+  }
+
+  list(): Uint32Array {
+    return this.now;
+  }
+
+  /** Another session begins, or the server was told something else. */
+  forget(): void {
+    this.told = null;
+    this.toldMs = -Infinity;
+  }
+
+  isDue(nowMs: number): boolean {
+    if (!this.told) return true;
+    const since = nowMs - this.toldMs;
+    if (since < TELL_MS) return false;
+    const before = this.told;
+    let at = 0;
+    for (const id of this.now) {
+      while (at < before.length && before[at]! < id) at++;
+      if (before[at] !== id) return true; // newly wanted
+    }
+    const shed = before.length - this.now.length;
+    return shed > 0 && (shed >= Math.ceil(before.length / SHED_ONE) || since >= SHED_MS);
+  }
+
+  tell(nowMs: number): void {
+    this.told = this.now;
+    this.toldMs = nowMs;
+  }
+}

@@ -1,0 +1,231 @@
+// worker.ts: the link to the server, beside the page: socket, session, decoding, reconnecting.
+import { ClosedError, nothingKept, Session, type SessionHost } from './session.ts';
+import { LimitError, ProtocolError } from './failure.ts';
+import { buffersOf, buildGeometry } from './geometry.ts';
+import { nodeToWorld } from './pose.ts';
+import type { CameraPlace, FromWorker, ToWorker } from './protocol.ts';
+import type { Replica } from './replica.ts';
+import { Store } from './store.ts';
+import { Tiles } from './tiles.ts';
+import { Feature } from './wire.ts';
+
+const TICK_MS = 50;
+const SLICE_MS = 8; // of decoding, before other events have their turn
+const RETRY_FIRST_MS = 50;
+const RETRY_MAX_MS = 1000;
+
+const post = (message: FromWorker, transfer: Transferable[] = []) =>
+  (self as unknown as DedicatedWorkerGlobalScope).postMessage(message, transfer);
+
+class Link {
+  private readonly kept = nothingKept();
+  private socket: WebSocket | null = null;
+  private session: Session | null = null;
+  private retryMs = RETRY_FIRST_MS;
+  private retry: ReturnType<typeof setTimeout> | undefined;
+  private pumping = false;
+  private resting = false;
+  private over = false;
+  private received = 0;
+
+  constructor(
+    private readonly url: string,
+    private readonly draws: boolean,
+    private readonly tiles: Tiles,
+    private readonly store: Store,
+  ) {
+    setInterval(() => this.guard(() => this.tick()), TICK_MS);
+    this.connect();
+  }
+
+  private connect(): void {
+    if (this.over) return;
+    let socket: WebSocket;
+    try {
+      socket = new WebSocket(this.url, 'lightwell');
+    } catch (error) {
+      this.end(`${this.url}: ${(error as Error).message}`);
+      return;
+    }
+    this.socket = socket;
+    socket.binaryType = 'arraybuffer';
+    socket.onopen = () => {
+      if (socket !== this.socket) return;
+      this.session = new Session(
+        this.kept,
+        this.tiles,
+        this.hostOf(socket),
+        this.draws ? Feature.DRAWS : 0n,
+        performance.now(),
+      );
+      this.session.rest(this.resting);
+    };
+    socket.onmessage = (event: MessageEvent) => {
+      if (socket !== this.socket || !this.session) return;
+      if (!(event.data instanceof ArrayBuffer))
+        return this.end(`${this.url}: text where bytes were expected`);
+      this.received += event.data.byteLength;
+      this.session.push(new Uint8Array(event.data), performance.now());
+      void this.pump();
+    };
+    socket.onclose = () => {
+      if (socket !== this.socket) return;
+      // what has come is still to be read: a refusal may be the last message
+      void this.pump().then(() => this.reconnect(`${this.url} does not answer`));
+    };
+  }
+
+  private hostOf(socket: WebSocket): SessionHost {
+    return {
+      find: (hash) => this.store.find(hash),
+      keep: (hash, bytes) => this.store.keep(hash, bytes),
+      send: (bytes) => {
+        if (socket.readyState === WebSocket.OPEN) socket.send(bytes);
+      },
+      progress: (fraction) => post({ kind: 'progress', fraction }),
+      scene: (replica) => this.postScene(replica),
+      frame: (news) => {
+        this.retryMs = RETRY_FIRST_MS;
+        post({ kind: 'state', text: '', final: false });
+        post({ kind: 'frame', ...news });
+      },
+      tiles: (batch, mean, visible) =>
+        post({ kind: 'tiles', batch, mean, visible, first: this.kept.replica!.hasFirst() }, [
+          batch.texels.buffer,
+        ]),
+      settled: () => post({ kind: 'settled' }),
+    };
+  }
+
+  private postScene(replica: Replica): void {
+    const data = buildGeometry(replica.scene, this.tiles);
+    const { clientLights, clientMaterials } = this.session!.draws();
+    const scene: FromWorker = {
+      kind: 'scene',
+      data,
+      cameras: this.cameras(replica, 0),
+      draws: replica.layer === 1,
+      clientLights,
+      clientMaterials,
+    };
+    post(scene, buffersOf(data));
+  }
+
+  private cameras(replica: Replica, timeS: number): CameraPlace[] {
+    return replica.scene.cameras.map((camera) => ({
+      name: camera.name,
+      fovY: camera.fovY,
+      toWorld: Array.from(nodeToWorld(replica.scene, camera.node, timeS)),
+    }));
+  }
+
+  /** A camera may be carried by the animation. */
+  private postCamera(index: number, timeS: number): void {
+    const place = this.kept.replica && this.cameras(this.kept.replica, timeS)[index];
+    if (place) post({ kind: 'camera', place });
+  }
+
+  /** Reads what is there, a slice at a time. */
+  private async pump(): Promise<void> {
+    if (this.pumping) return;
+    this.pumping = true;
+    try {
+      const now = () => performance.now();
+      while (this.session && (await this.session.pump(now, now() + SLICE_MS)))
+        await new Promise((go) => setTimeout(go, 0));
+    } catch (error) {
+      this.fail(error);
+    } finally {
+      this.pumping = false;
+    }
+  }
+
+  private tick(): void {
+    this.session?.tick(performance.now());
+    post({ kind: 'traffic', bytes: this.received, waiting: this.session?.waiting() ?? 0 });
+  }
+
+  private guard(run: () => void): void {
+    try {
+      run();
+    } catch (error) {
+      this.fail(error);
+    }
+  }
+
+  private fail(error: unknown): void {
+    const text = `${this.url}: ${(error as Error).message}`;
+    if (error instanceof ClosedError) this.reconnect(text);
+    else if (error instanceof ProtocolError || error instanceof LimitError) this.end(text);
+    else
+      this.end(
+        error instanceof RangeError ? `${this.url}: this page has no memory left for the scene` : text,
+      );
+  }
+
+  private drop(): void {
+    const socket = this.socket;
+    this.socket = null;
+    this.session?.close();
+    this.session = null;
+    socket?.close();
+  }
+
+  private end(text: string): void {
+    this.drop();
+    this.over = true;
+    post({ kind: 'state', text, final: true });
+  }
+
+  private reconnect(text: string): void {
+    if (this.over) return;
+    this.drop();
+    post({ kind: 'state', text: `${text}; trying again`, final: false });
+    clearTimeout(this.retry);
+    this.retry = setTimeout(() => this.connect(), this.retryMs * Math.random());
+    this.retryMs = Math.min(2 * this.retryMs, RETRY_MAX_MS);
+  }
+
+  take(message: Exclude<ToWorker, { kind: 'connect' }>): void {
+    this.guard(() => {
+      if (message.kind === 'want') this.session?.setWant(message.ids);
+      else if (message.kind === 'taken') {
+        this.session?.taken(message.count);
+        void this.pump();
+      } else if (message.kind === 'rest') {
+        this.resting = message.resting;
+        this.session?.rest(message.resting);
+      } else if (message.kind === 'camera') this.postCamera(message.index, message.timeS);
+      else this.begin();
+    });
+  }
+
+  /** The page has lost scene and light: all of them again. */
+  private begin(): void {
+    this.kept.replica?.destroy();
+    this.kept.replica = null;
+    this.kept.download = null;
+    this.retryMs = RETRY_FIRST_MS;
+    this.reconnect('the graphics context was lost');
+  }
+}
+
+let link: Promise<Link> | null = null;
+
+async function open(url: string, draws: boolean): Promise<Link> {
+  const response = await fetch('lightwell_tiles.wasm');
+  if (!response.ok) throw new Error(`lightwell_tiles.wasm: ${response.status} ${response.statusText}`);
+  const [tiles, store] = await Promise.all([
+    response.arrayBuffer().then((bytes) => Tiles.create(bytes)),
+    Store.open(),
+  ]);
+  return new Link(url, draws, tiles, store);
+}
+
+self.onmessage = (event: MessageEvent<ToWorker>) => {
+  const message = event.data;
+  if (message.kind === 'connect') {
+    link = open(message.url, message.draws);
+    link.catch((error: Error) => post({ kind: 'state', text: error.message, final: true }));
+  } else void link?.then((it) => it.take(message));
+};

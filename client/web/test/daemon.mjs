@@ -1,0 +1,51 @@
+// daemon.mjs: a real lightwelld for tests, on ports of its own choice.
+import { spawn } from 'node:child_process';
+import { existsSync } from 'node:fs';
+import { join } from 'node:path';
+
+import { root } from './load.mjs';
+
+export const bin = process.env.LW_BIN ?? join(root, 'build/release/bin');
+const START_MS = 240000; // a scene that is unwrapped first, on a busy machine
+
+export function hasDaemon() {
+  return existsSync(join(bin, 'lightwelld'));
+}
+
+/** Starts one; resolves once it listens. frames(n) lights frames under the manual clock. stop() ends it. */
+export function startDaemon(...options) {
+  const addresses = ['--listen', '127.0.0.1:0', '--http', '127.0.0.1:0'];
+  const child = spawn(join(bin, 'lightwelld'), [...addresses, ...options], {
+    env: { ...process.env, OMP_WAIT_POLICY: 'passive' },
+  });
+  let said = '';
+  return new Promise((resolve, reject) => {
+    const limit = setTimeout(() => {
+      child.kill('SIGKILL');
+      reject(new Error(`lightwelld did not start:\n${said}`));
+    }, START_MS);
+    const hear = (data) => {
+      said += data;
+      const address = /serving .* at 127\.0\.0\.1:(\d+)/.exec(said);
+      const page = /http:\/\/127\.0\.0\.1:\d+\//.exec(said);
+      if (!address || !page) return;
+      clearTimeout(limit);
+      resolve({
+        port: Number(address[1]),
+        url: page[0],
+        said: () => said,
+        frames: (count) => child.stdin.write('\n'.repeat(count)),
+        stop: () =>
+          new Promise((ended) => {
+            if (child.exitCode !== null || child.signalCode) return ended();
+            child.once('exit', ended);
+            child.kill('SIGTERM');
+          }),
+      });
+    };
+    child.stdout.on('data', hear);
+    child.stderr.on('data', hear);
+    child.once('error', reject);
+    child.once('exit', (code) => reject(new Error(`lightwelld ended with ${code}:\n${said}`)));
+  });
+}

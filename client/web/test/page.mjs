@@ -1,0 +1,78 @@
+// page.mjs: the page in Debian's Chromium, drawn by SwiftShader.
+import { execFileSync } from 'node:child_process';
+import { existsSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
+import { tmpdir } from 'node:os';
+import { join } from 'node:path';
+import { chromium } from 'playwright-core';
+
+import { bin } from './daemon.mjs';
+
+const program = ['/usr/bin/chromium', '/usr/bin/chromium-browser'].find(existsSync);
+
+export function hasBrowser() {
+  return !!program;
+}
+
+export async function openBrowser(...more) {
+  const graphics = ['--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader'];
+  return chromium.launch({ executablePath: program, args: [...graphics, '--no-sandbox', ...more] });
+}
+
+/** Waits until an expression of the page is true. */
+export async function until(page, what, expression, limitMs = 240000) {
+  await page.waitForFunction(expression, null, { timeout: limitMs, polling: 100 }).catch(async (error) => {
+    const state = await page.evaluate(() =>
+      JSON.stringify({ ...lightwell.stats, message: lightwell.message() }),
+    );
+    throw new Error(`waited for ${what}: ${state}: ${error.message}`);
+  });
+}
+
+/** The picture of now as 3 bytes a pixel, row 0 on top, or that of a PNG file. */
+export async function pixels(page, png) {
+  const url = png ? `data:image/png;base64,${readFileSync(png).toString('base64')}` : null;
+  const base64 = await page.evaluate(async (source) => {
+    if (!source) lightwell.draw();
+    const from = source ?? document.querySelector('canvas').toDataURL();
+    const bytes = Uint8Array.from(atob(from.slice(from.indexOf(',') + 1)), (char) => char.charCodeAt(0));
+    const image = await createImageBitmap(new Blob([bytes]));
+    const canvas = new OffscreenCanvas(image.width, image.height);
+    const context = canvas.getContext('2d');
+    context.drawImage(image, 0, 0);
+    const { data } = context.getImageData(0, 0, image.width, image.height);
+    let text = '';
+    for (let i = 0; i < data.length; i += 4) text += String.fromCharCode(data[i], data[i + 1], data[i + 2]);
+    return btoa(text);
+  }, url);
+  return Buffer.from(base64, 'base64');
+}
+
+/** The CPU's picture of the same light. */
+export async function reference(page, daemon, size, options) {
+  const folder = mkdtempSync(join(tmpdir(), 'lightwell-web-'));
+  const png = join(folder, 'view.png');
+  const args = [`127.0.0.1:${daemon.port}`, '--headless', '--wait', 'complete', '--size', size, '--out', png];
+  try {
+    execFileSync(join(bin, 'lightwell-view'), [...args, ...options], { stdio: 'pipe', timeout: 240000 });
+    if (process.env.LW_WEB_PICTURES)
+      writeFileSync(`${process.env.LW_WEB_PICTURES}-cpu.png`, readFileSync(png));
+    return await pixels(page, png);
+  } finally {
+    rmSync(folder, { recursive: true });
+  }
+}
+
+/** The mean difference of channels in 255ths, and the mean of FLIP. */
+export function compare(width, height, a, b) {
+  const folder = mkdtempSync(join(tmpdir(), 'lightwell-web-'));
+  try {
+    writeFileSync(join(folder, 'a'), a);
+    writeFileSync(join(folder, 'b'), b);
+    const args = [String(width), String(height), join(folder, 'a'), join(folder, 'b')];
+    const said = execFileSync(join(bin, 'compare_pictures'), args, { encoding: 'utf8' });
+    const [difference, flip] = said.split(' ').map(Number);
+    return { difference, flip };
+  } finally {
+    rmSync(folder, { recursive: true });
+  }
+}

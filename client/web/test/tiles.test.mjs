@@ -1,0 +1,82 @@
+// The tile decoder as WebAssembly gives the native decoder's values, byte for byte, and refuses what that
+// refuses.
+import assert from 'node:assert/strict';
+import { existsSync, readdirSync, readFileSync } from 'node:fs';
+import { join } from 'node:path';
+import test from 'node:test';
+
+import { load, root, wasm } from './load.mjs';
+
+const { Tiles } = await load('tiles');
+const tiles = await Tiles.create(wasm());
+const golden = join(root, 'tests/golden/tiles');
+
+function read(name) {
+  const bytes = readFileSync(join(golden, name));
+  return {
+    width: bytes.readUInt32LE(0),
+    height: bytes.readUInt32LE(4),
+    scale: bytes.readFloatLE(8),
+    payload: bytes.subarray(12),
+  };
+}
+
+function decode(name, delta, levels) {
+  const { width, height, scale, payload } = read(name);
+  if (!tiles.decode(delta, payload, scale, width, height, levels)) return null;
+  return Buffer.from(tiles.rgb(width * height).slice().buffer);
+}
+
+const names = readdirSync(golden).filter((name) => name.endsWith('.tile'));
+
+for (const name of names) {
+  const stem = join(golden, name.slice(0, -5));
+  test(`tile ${name}`, () => {
+    const levels = tiles.createLevels(64);
+    const texels = decode(name, false, levels);
+    if (!existsSync(`${stem}.rgb`)) return assert.equal(texels, null);
+    assert.deepEqual(texels, readFileSync(`${stem}.rgb`));
+    if (existsSync(`${stem}.next`)) {
+      assert.deepEqual(
+        decode(name.replace('.tile', '.next'), true, levels),
+        readFileSync(`${stem}.next.rgb`),
+      );
+    }
+    tiles.freeLevels(levels);
+  });
+}
+
+test('there are golden tiles of each kind', () => {
+  assert.ok(names.length > 10);
+});
+
+/** What a GPU makes of RGB9E5. */
+function unpack(texel) {
+  const unit = 2 ** ((texel >>> 27) - 15 - 9);
+  return [0, 9, 18].map((shift) => ((texel >>> shift) & 511) * unit);
+}
+
+test('RGB9E5 is within half a step of the brightest channel', () => {
+  const values = [0, 1e-9, 1e-4, 0.3, 1, 31.97, 32, 100, 1e4, 2e6, 5e6, 1e30];
+  const rgb = Float32Array.from(values.flatMap((v) => [v, v / 3, v / 1000]));
+  const packed = tiles.packAll(rgb);
+  values.forEach((value, i) => {
+    const largest = Math.min(value, tiles.unit * 65408);
+    const step = Math.max(largest / 256, tiles.unit * 2 ** -24);
+    unpack(packed[i]).forEach((channel, c) => {
+      const want = Math.min(rgb[3 * i + c], tiles.unit * 65408);
+      assert.ok(
+        Math.abs(channel * tiles.unit - want) <= step / 2 + 1e-12,
+        `${value}, channel ${c}: ${channel * tiles.unit}`,
+      );
+    });
+  });
+});
+
+test('XXH3-128 as packages are named', () => {
+  // of no bytes, from the specification of XXH3
+  assert.equal(
+    Buffer.from(tiles.hash(new Uint8Array(0))).toString('hex'),
+    '99aa06d3014798d86001c324468d497f',
+  );
+});
