@@ -44,14 +44,33 @@ function(lw_library name)
   target_link_libraries(${name} PUBLIC lw_flags ${arg_PUBLIC} PRIVATE ${arg_PRIVATE})
 endfunction()
 
-# lw_program(NAME SOURCES ... LIBS ...); the target `programs` is all of them
+# lw_program(NAME SOURCES ... LIBS ... [COMMANDS ...]); the target `programs` is all of them. Manual pages (one for each of
+# COMMANDS, the program's first word, too) and completion for bash are what the program prints of its own options.
 add_custom_target(programs)
 function(lw_program name)
-  cmake_parse_arguments(arg "" "" "SOURCES;LIBS" ${ARGN})
+  cmake_parse_arguments(arg "" "" "SOURCES;LIBS;COMMANDS" ${ARGN})
   add_executable(${name} ${arg_SOURCES})
   target_link_libraries(${name} PRIVATE lw_flags ${arg_LIBS})
   add_dependencies(programs ${name})
   install(TARGETS ${name})
+  if(CMAKE_CROSSCOMPILING)
+    return()
+  endif()
+  set(completion ${CMAKE_BINARY_DIR}/completions/${name})
+  set(pages ${CMAKE_BINARY_DIR}/man/${name}.1)
+  set(print COMMAND ${name} --help=man > ${CMAKE_BINARY_DIR}/man/${name}.1 COMMAND ${name} --help=bash > ${completion})
+  foreach(command IN LISTS arg_COMMANDS)
+    list(APPEND pages ${CMAKE_BINARY_DIR}/man/${name}-${command}.1)
+    list(APPEND print COMMAND ${name} ${command} --help=man > ${CMAKE_BINARY_DIR}/man/${name}-${command}.1
+      COMMAND ${name} ${command} --help=bash >> ${completion})
+  endforeach()
+  add_custom_command(OUTPUT ${completion} ${pages}
+    COMMAND ${CMAKE_COMMAND} -E make_directory ${CMAKE_BINARY_DIR}/man ${CMAKE_BINARY_DIR}/completions
+    ${print} DEPENDS ${name} VERBATIM)
+  add_custom_target(${name}-manual ALL DEPENDS ${completion} ${pages})
+  add_dependencies(programs ${name}-manual)
+  install(FILES ${pages} DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
+  install(FILES ${completion} DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions)
 endfunction()
 
 # What every test's process finds in its environment.

@@ -1,5 +1,7 @@
 #include "common/options.h"
 
+#include "common/options_manual.h"
+
 #include <assert.h>
 #include <errno.h>
 #include <inttypes.h>
@@ -44,6 +46,12 @@ static void write_range(char *out, size_t out_size, const struct lw_option *o) {
         snprintf(out, out_size, "up to %s", max);
     else
         snprintf(out, out_size, "from %s to %s", min, max);
+}
+
+void lw_options_range(const struct lw_option *o, char *out, size_t out_size) {
+    char range[96];
+    write_range(range, sizeof range, o);
+    snprintf(out, out_size, "%s%s", range, o->kind == LW_OPTION_REAL && isinf(o->max) ? ", or inf" : "");
 }
 
 static void write_accepted(char *out, size_t out_size, const struct lw_option *o) {
@@ -288,10 +296,9 @@ static void print_option(const struct lw_option *o, unsigned indent, unsigned co
         printf("%*s", (int)(indent - at), "");
     char text[1024], range[96];
     bool number = o->kind == LW_OPTION_INT || o->kind == LW_OPTION_REAL || o->kind == LW_OPTION_RGB;
-    write_range(range, sizeof range, o);
+    lw_options_range(o, range, sizeof range);
     if (number)
-        snprintf(text, sizeof text, "%s [%s%s]", o->help, range,
-                 o->kind == LW_OPTION_REAL && isinf(o->max) ? ", or inf" : "");
+        snprintf(text, sizeof text, "%s [%s]", o->help, range);
     else
         snprintf(text, sizeof text, "%s", o->help);
     print_wrapped(text, indent, indent, columns);
@@ -335,11 +342,23 @@ static bool is_option(const struct lw_options *options, const char *argument) {
     return length > 3 && !strncmp(argument, "--", 2) && find_option(options, argument + 2, length - 2);
 }
 
-static enum lw_status print_and_check(const struct lw_options *options, bool help, struct lw_error *err) {
-    if (help)
-        print_help(options);
-    else
-        printf("%s " LW_VERSION "\n", options->program);
+static void print_version(const struct lw_options *options) {
+    printf("%s " LW_VERSION "\n", options->program);
+}
+
+/* What prints itself and ends the program; the manual is for our own build. */
+static const struct {
+    const char *option;
+    void (*print)(const struct lw_options *options);
+} prints[] = {{"--help", print_help},
+              {"-h", print_help},
+              {"--version", print_version},
+              {"--help=man", lw_options_manual_page},
+              {"--help=bash", lw_options_manual_bash}};
+
+static enum lw_status print_and_check(const struct lw_options *options,
+                                      void (*print)(const struct lw_options *), struct lw_error *err) {
+    print(options);
     if (fflush(stdout) || ferror(stdout))
         return lw_status_fail(err, LW_IO, "cannot write to standard output: %s", strerror(errno));
     return LW_OK;
@@ -355,11 +374,11 @@ static enum lw_status take_option(const struct lw_options *options, int argc, ch
     const struct lw_option *o = find_option(options, name, length);
     if (is_long && length == 1) o = NULL; /* "--o" */
     if (!o) {
-        bool help = !strcmp(argument, "--help") || !strcmp(argument, "-h");
-        if (help || !strcmp(argument, "--version")) {
-            *out_done = true;
-            return print_and_check(options, help, err);
-        }
+        for (size_t i = 0; i < sizeof prints / sizeof *prints; i++)
+            if (!strcmp(argument, prints[i].option)) {
+                *out_done = true;
+                return print_and_check(options, prints[i].print, err);
+            }
         if (!strncmp(argument, "--help=", 7) || !strncmp(argument, "--version=", 10))
             return lw_status_fail(err, LW_USAGE, "%.*s takes no value", (int)strcspn(argument, "="),
                                   argument);

@@ -47,6 +47,9 @@ LW_MUST_CHECK enum lw_status lw_options_parse(const struct lw_options *options, 
                                               size_t *out_positional_count, bool *out_done,
                                               struct lw_error *err);
 
+/** What a number may be: "from 1 to 16". */
+void lw_options_range(const struct lw_option *option, char *out, size_t out_size);
+
 #define LW_OPTIONS_HOST    "127.0.0.1"
 #define LW_OPTIONS_PORT    7780
 #define LW_OPTIONS_ADDRESS LW_OPTIONS_HOST ":7780"

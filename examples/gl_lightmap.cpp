@@ -1,18 +1,17 @@
 // Draws a lit scene with OpenGL 3.3, without a window, and writes a picture:
 //     gl_lightmap [PORT [OUT.ppm [SECONDS]]]
 // from the scene's first camera, SECONDS (default 5) after all of the first light has come. As an engine would, each
-// frame it says what it draws, uploads some of what has changed, and draws. It leaves out
-// blending, textures that shine, and an environment.
+// frame it says what it draws, uploads some of what has changed, and draws. It leaves out blending and environments.
 //     c++ gl_lightmap.cpp -o gl_lightmap $(pkg-config --cflags --libs lightwell epoxy egl)
 #include <epoxy/egl.h>
 #include <epoxy/gl.h>
 #include <lightwell/lightwell.h>
 
-#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
-#include <map>
+#include <ctime>
+#include <fstream>
 #include <vector>
 
 constexpr unsigned width = 1280, height = 720;
@@ -38,50 +37,45 @@ template <class T> T sized() {
 
 static const char *const vertex_source = R"(#version 330 core
 layout(location = 0) in vec3 position;
-layout(location = 1) in vec2 uv0;
-layout(location = 2) in vec2 uv1;
-layout(location = 3) in vec2 lightmap_uv;
+layout(location = 1) in vec2 uv0; layout(location = 2) in vec2 uv1; layout(location = 3) in vec2 lightmap_uv;
 layout(location = 4) in vec4 colour;
-uniform mat4 view_projection;
-uniform mat4x3 object_to_world;
-out vec2 uv[2];
-out vec2 lightmap;
+uniform mat4 view_projection; uniform mat4x3 object_to_world;
+out vec2 uv[2], lightmap;
 out vec4 tint;
 void main() {
-    uv[0] = uv0;
-    uv[1] = uv1;
-    lightmap = lightmap_uv;
-    tint = colour;
+    uv[0] = uv0, uv[1] = uv1, lightmap = lightmap_uv, tint = colour;
     gl_Position = view_projection * vec4(object_to_world * vec4(position, 1), 1);
 })";
 
 static const char *const fragment_source = R"(#version 330 core
-in vec2 uv[2];
-in vec2 lightmap;
+in vec2 uv[2], lightmap;
 in vec4 tint;
 uniform sampler2D base_texture, irradiance_over_pi;
-uniform mat3x2 base_transform;
-uniform int base_set;
-uniform vec4 base_colour;
-uniform vec3 emission;
-uniform float alpha_cutoff, back_offset;
+uniform mat3x2 base_transform; uniform int base_set;
+uniform vec4 base_colour; uniform vec3 emission; uniform float alpha_cutoff, back_offset;
 out vec4 pixel;
 void main() {
     vec4 base = base_colour * tint * texture(base_texture, base_transform * vec3(uv[base_set], 1));
     if (base.a < alpha_cutoff) discard;
     vec2 at = lightmap + vec2(0, gl_FrontFacing ? 0 : back_offset);
     vec3 light = texture(irradiance_over_pi, at / vec2(textureSize(irradiance_over_pi, 0))).rgb;
-    vec3 radiance = base.rgb * light + emission;
+    vec3 radiance = 0.25 * (base.rgb * light + emission);
     pixel = vec4(radiance / (1 + radiance), 1); // Reinhard; the framebuffer is sRGB
 })";
+
+// The getters, one like the other.
+template <class T>
+static T get(lw_live_status (*getter)(const lw_live *, uint32_t, T *, lw_live_error *), const lw_live *live,
+             uint32_t index) {
+    T t = sized<T>();
+    check(getter(live, index, &t, &err));
+    return t;
+}
 
 static GLuint compile(GLenum kind, const char *source) {
     const GLuint shader = glCreateShader(kind);
     glShaderSource(shader, 1, &source, nullptr);
     glCompileShader(shader);
-    GLint is_good;
-    glGetShaderiv(shader, GL_COMPILE_STATUS, &is_good);
-    if (!is_good) die("a shader does not compile");
     return shader;
 }
 
@@ -90,13 +84,9 @@ static void begin_gl() {
     EGLDisplay display =
         eglGetPlatformDisplayEXT(EGL_PLATFORM_SURFACELESS_MESA, EGL_DEFAULT_DISPLAY, nullptr);
     if (!display || !eglInitialize(display, nullptr, nullptr)) die("EGL has no display without a window");
-    const EGLint choice[] = {EGL_SURFACE_TYPE, 0, EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT, EGL_NONE};
     const EGLint version[] = {EGL_CONTEXT_MAJOR_VERSION, 3, EGL_CONTEXT_MINOR_VERSION, 3, EGL_NONE};
-    EGLConfig config;
-    EGLint count = 0;
     eglBindAPI(EGL_OPENGL_API);
-    eglChooseConfig(display, choice, &config, 1, &count);
-    EGLContext context = count ? eglCreateContext(display, config, EGL_NO_CONTEXT, version) : EGL_NO_CONTEXT;
+    EGLContext context = eglCreateContext(display, EGL_NO_CONFIG_KHR, EGL_NO_CONTEXT, version);
     if (!context || !eglMakeCurrent(display, EGL_NO_SURFACE, EGL_NO_SURFACE, context))
         die("there is no OpenGL 3.3");
     GLuint framebuffer, buffer[2];
@@ -109,30 +99,29 @@ static void begin_gl() {
         glFramebufferRenderbuffer(GL_FRAMEBUFFER, i ? GL_DEPTH_ATTACHMENT : GL_COLOR_ATTACHMENT0,
                                   GL_RENDERBUFFER, buffer[i]);
     }
-    if (glCheckFramebufferStatus(GL_FRAMEBUFFER) != GL_FRAMEBUFFER_COMPLETE) die("no framebuffer");
     glViewport(0, 0, width, height);
     glEnable(GL_DEPTH_TEST);
     glEnable(GL_FRAMEBUFFER_SRGB);
     glVertexAttrib4f(4, 1, 1, 1, 1); // meshes without colours are white
 }
 
+struct Run { // of triangles of one material
+    uint32_t material;
+    size_t first_byte;
+    GLsizei index_count;
+};
 struct Mesh {
     GLuint vertices = 0;
     float back_offset = 0;
-    std::map<uint32_t, std::pair<size_t, GLsizei>> ranges; // by material: first byte and count of indices
+    std::vector<Run> runs;
 };
 
 static Mesh upload_mesh(const lw_live_mesh &m) {
     Mesh mesh;
-    std::map<uint32_t, std::vector<uint32_t>> by_material;
     for (uint32_t t = 0; t < m.triangle_count; t++) {
-        std::vector<uint32_t> &list = by_material[m.material[t]];
-        list.insert(list.end(), m.triangle + 3 * t, m.triangle + 3 * t + 3);
-    }
-    std::vector<uint32_t> indices;
-    for (const auto &[material, list] : by_material) {
-        mesh.ranges[material] = {indices.size() * sizeof(uint32_t), GLsizei(list.size())};
-        indices.insert(indices.end(), list.begin(), list.end());
+        if (t == 0 || m.material[t] != m.material[t - 1])
+            mesh.runs.push_back({m.material[t], 3 * sizeof(uint32_t) * t, 0});
+        mesh.runs.back().index_count += 3;
     }
     mesh.back_offset = float(m.back_offset);
     GLuint buffer[6];
@@ -150,8 +139,7 @@ static Mesh upload_mesh(const lw_live_mesh &m) {
         glEnableVertexAttribArray(a);
     }
     glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, buffer[5]);
-    glBufferData(GL_ELEMENT_ARRAY_BUFFER, GLsizeiptr(indices.size() * sizeof(uint32_t)), indices.data(),
-                 GL_STATIC_DRAW);
+    glBufferData(GL_ELEMENT_ARRAY_BUFFER, GLsizeiptr(12) * m.triangle_count, m.triangle, GL_STATIC_DRAW);
     return mesh;
 }
 
@@ -195,31 +183,27 @@ static lw_live_view look_through(const lw_live_camera &c) {
 
 struct Renderer {
     lw_live *live;
+    lw_live_scene scene = sized<lw_live_scene>();
     GLuint program = glCreateProgram(), white = 0;
     std::vector<Mesh> meshes;
     std::vector<GLuint> textures, lightmaps; // lightmaps: per object, level 0
-    std::vector<uint32_t> texels;            // of one upload
 
     explicit Renderer(lw_live *of) : live(of) {
         glAttachShader(program, compile(GL_VERTEX_SHADER, vertex_source));
         glAttachShader(program, compile(GL_FRAGMENT_SHADER, fragment_source));
         glLinkProgram(program);
+        GLint is_good;
+        glGetProgramiv(program, GL_LINK_STATUS, &is_good);
+        if (!is_good) die("the shaders do not compile");
         glUseProgram(program);
         glUniform1i(at("irradiance_over_pi"), 1);
         const uint32_t one = UINT32_MAX;
         white = make_texture(GL_RGBA8, 1, 1, GL_RGBA, GL_UNSIGNED_BYTE, &one);
-        lw_live_scene scene = sized<lw_live_scene>();
         check(lw_live_get_scene(live, &scene, &err));
-        for (uint32_t i = 0; i < scene.mesh_count; i++) {
-            lw_live_mesh mesh = sized<lw_live_mesh>();
-            check(lw_live_get_mesh(live, i, &mesh, &err));
-            meshes.push_back(upload_mesh(mesh));
-        }
-        for (uint32_t i = 0; i < scene.texture_count; i++) {
-            lw_live_texture texture = sized<lw_live_texture>();
-            check(lw_live_get_texture(live, i, &texture, &err));
-            textures.push_back(upload_texture(texture));
-        }
+        for (uint32_t i = 0; i < scene.mesh_count; i++)
+            meshes.push_back(upload_mesh(get(lw_live_get_mesh, live, i)));
+        for (uint32_t i = 0; i < scene.texture_count; i++)
+            textures.push_back(upload_texture(get(lw_live_get_texture, live, i)));
         for (uint32_t i = 0; i < scene.object_count; i++) {
             lw_live_rect r = {};
             (void)!lw_live_get_level(live, i, 0, &r, nullptr); // an object without lightmap: 0 x 0
@@ -236,7 +220,7 @@ struct Renderer {
         const size_t count = lw_live_take_dirty(live, LW_LIVE_NONE, 0, texels_per_frame, rects, 64);
         for (size_t i = 0; i < count; i++) {
             const lw_live_rect &r = rects[i];
-            texels.resize(size_t(r.width) * r.height);
+            std::vector<uint32_t> texels(size_t(r.width) * r.height);
             lw_live_texels to = sized<lw_live_texels>();
             to.quantity = LW_LIVE_IRRADIANCE_OVER_PI;
             to.dst = texels.data();
@@ -248,15 +232,13 @@ struct Renderer {
         }
     }
 
-    void draw(const lw_live_view &view) const {
-        lw_live_scene scene = sized<lw_live_scene>();
+    void draw(const lw_live_view &view) {
         check(lw_live_get_scene(live, &scene, &err));
         glClearColor(scene.sky[0], scene.sky[1], scene.sky[2], 1);
         glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
         glUniformMatrix4fv(at("view_projection"), 1, GL_FALSE, view.view_projection);
         for (uint32_t i = 0; i < scene.object_count; i++) {
-            lw_live_object object = sized<lw_live_object>();
-            check(lw_live_get_object(live, i, &object, &err));
+            const lw_live_object object = get(lw_live_get_object, live, i);
             if (!object.is_drawn) continue;
             const Mesh &mesh = meshes[object.mesh];
             const float *m = object.object_to_world;
@@ -266,9 +248,8 @@ struct Renderer {
             glUniformMatrix4x3fv(at("object_to_world"), 1, GL_TRUE, m);
             glUniform1f(at("back_offset"), mesh.back_offset);
             glBindVertexArray(mesh.vertices);
-            for (const auto &[index, range] : mesh.ranges) {
-                lw_live_material material = sized<lw_live_material>();
-                check(lw_live_get_material(live, index, &material, &err));
+            for (const Run &run : mesh.runs) {
+                const lw_live_material material = get(lw_live_get_material, live, run.material);
                 (material.is_double_sided ? glDisable : glEnable)(GL_CULL_FACE);
                 const lw_live_texture_use &base = material.base_colour_texture;
                 glActiveTexture(GL_TEXTURE0);
@@ -279,31 +260,19 @@ struct Renderer {
                 glBindTexture(GL_TEXTURE_2D, lightmaps[i]);
                 glUniform4fv(at("base_colour"), 1, material.base_colour);
                 glUniform3fv(at("emission"), 1, material.emission);
-                const float cutoff = material.alpha == LW_LIVE_ALPHA_MASK ? material.alpha_cutoff : 0.5f;
-                glUniform1f(at("alpha_cutoff"), material.alpha == LW_LIVE_ALPHA_OPAQUE ? 0 : cutoff);
-                glDrawElements(GL_TRIANGLES, range.second, GL_UNSIGNED_INT,
-                               reinterpret_cast<const void *>(range.first));
+                glUniform1f(at("alpha_cutoff"), material.alpha ? material.alpha_cutoff : 0);
+                glDrawElements(GL_TRIANGLES, run.index_count, GL_UNSIGNED_INT, (const void *)run.first_byte);
             }
         }
     }
 };
-
-static void write_picture(const char *path) {
-    std::vector<unsigned char> rgb(width * height * 3);
-    glReadPixels(0, 0, width, height, GL_RGB, GL_UNSIGNED_BYTE, rgb.data());
-    std::FILE *file = std::fopen(path, "wb");
-    if (!file) die("cannot write the picture");
-    std::fprintf(file, "P6\n%u %u\n255\n", width, height);
-    for (unsigned row = height; row-- > 0;) std::fwrite(&rgb[row * width * 3], 1, width * 3, file);
-    if (std::fclose(file)) die("cannot write the picture");
-}
 
 int main(int argc, char **argv) {
     lw_live_desc desc = sized<lw_live_desc>();
     desc.port = uint16_t(argc > 1 ? std::atoi(argv[1]) : 7780);
     desc.flags = LW_LIVE_THREAD | LW_LIVE_WANTS_NOTHING;
     const char *const path = argc > 2 ? argv[2] : "lightmap.ppm";
-    const std::chrono::duration<double> wait(argc > 3 ? std::atof(argv[3]) : 5);
+    const double wait_s = argc > 3 ? std::atof(argv[3]) : 5;
     lw_live *live;
     lw_live_stats stats = sized<lw_live_stats>();
     check(lw_live_open(&desc, &live, &err));
@@ -313,20 +282,19 @@ int main(int argc, char **argv) {
     }
     begin_gl();
     Renderer renderer(live);
-    const auto began = std::chrono::steady_clock::now();
-    unsigned frames = 0;
-    for (bool is_over = false; !is_over; frames++) {
-        is_over = std::chrono::steady_clock::now() - began >= wait;
-        lw_live_camera camera = sized<lw_live_camera>();
-        check(lw_live_get_camera(live, 0, &camera, &err)); // an engine has its own
-        const lw_live_view view = look_through(camera);
+    const std::time_t began = std::time(nullptr);
+    do {
+        const lw_live_view view = look_through(get(lw_live_get_camera, live, 0)); // an engine has its own
         check(lw_live_want_views(live, &view, 1, &err));
         check(lw_live_poll(live, 0, &err));
         renderer.upload_light();
         renderer.draw(view);
-        glFinish();
-    }
-    write_picture(path);
-    std::printf("%u frames, %s\n", frames, path);
+    } while (std::difftime(std::time(nullptr), began) < wait_s);
+    std::vector<char> rgb(width * height * 3);
+    glReadPixels(0, 0, width, height, GL_RGB, GL_UNSIGNED_BYTE, rgb.data());
+    std::ofstream file(path, std::ios::binary);
+    file << "P6\n" << width << " " << height << "\n255\n";
+    for (unsigned row = height; row-- > 0;) file.write(&rgb[row * width * 3], width * 3);
+    if (!file.flush()) die("cannot write the picture");
     lw_live_close(live);
 }

@@ -1,32 +1,86 @@
 # Installs into new folders and uses what is there:
-# * liblightwell, moved, by what pkg-config says alone: each header by itself, and the example of
-#   docs/client_guide.md, in C and in C++;
-# * everything, below a DESTDIR: lightwelld lights a scene file.
-# Given: SOURCE_DIR, BINARY_DIR, COMPILER_C, COMPILER_CXX, FLAGS (of sanitizers), BINDIR, LIBDIR, DOCDIR,
-# PKG_CONFIG
+# * liblightwell, moved: its symbols are those of its header; header, docs/client_guide.md's example and examples/ are
+#   built in C and in C++, shared and static, by pkg-config and by find_package();
+# * the examples run on a real lightwelld, shared and static;
+# * everything, below a DESTDIR: lightwelld lights a scene file, manual pages and completion are there.
+# Given: SOURCE_DIR, BINARY_DIR, COMPILER_C, COMPILER_CXX, FLAGS (of sanitizers), BINDIR, LIBDIR, DOCDIR, MANDIR,
+# PKG_CONFIG, NM
 
 cmake_minimum_required(VERSION 3.25)
 set(work ${BINARY_DIR}/tests/integration/install)
 file(REMOVE_RECURSE ${work})
 
-# ---- the library ----
+# run(WHAT COMMAND...): ends the test with what it said unless it succeeds; out: its output
+function(run what)
+  execute_process(COMMAND ${ARGN} RESULT_VARIABLE code OUTPUT_VARIABLE told ERROR_VARIABLE told TIMEOUT 300)
+  if(NOT code EQUAL 0)
+    message(FATAL_ERROR "${what} ended with ${code}: ${told}")
+  endif()
+  set(out "${told}" PARENT_SCOPE)
+endfunction()
 
-execute_process(COMMAND ${CMAKE_COMMAND} --install ${BINARY_DIR} --component client --prefix ${work}/first
-  OUTPUT_QUIET COMMAND_ERROR_IS_FATAL ANY)
-file(RENAME ${work}/first ${work}/moved)
+# ---- the library: what is there ----
 
-set(ENV{PKG_CONFIG_PATH} ${work}/moved/${LIBDIR}/pkgconfig)
-foreach(what cflags libs)
-  execute_process(COMMAND ${PKG_CONFIG} --${what} lightwell
-    OUTPUT_VARIABLE ${what} OUTPUT_STRIP_TRAILING_WHITESPACE COMMAND_ERROR_IS_FATAL ANY)
-  separate_arguments(${what} UNIX_COMMAND "${${what}}")
+run("the installation" ${CMAKE_COMMAND} -E env DESTDIR=${work}/first
+  ${CMAKE_COMMAND} --install ${BINARY_DIR} --component client --prefix /opt/lightwell)
+file(RENAME ${work}/first/opt/lightwell ${work}/moved)
+set(moved ${work}/moved)
+
+file(GLOB_RECURSE headers RELATIVE ${moved}/include ${moved}/include/*)
+if(NOT headers STREQUAL "lightwell/lightwell.h")
+  message(FATAL_ERROR "the headers that are installed are ${headers}, not lightwell/lightwell.h alone")
+endif()
+
+# Functions that the header declares, against the names that each library lets others see.
+file(READ ${moved}/include/lightwell/lightwell.h header)
+string(REGEX REPLACE "/\\*[^*]*\\*+([^/*][^*]*\\*+)*/" "" header "${header}")
+string(REGEX MATCHALL "LW_LIVE_API[^(]*" declarations "${header}")
+foreach(declaration IN LISTS declarations)
+  if(declaration MATCHES "(lw_live_[a-z0-9_]+)$")
+    list(APPEND declared ${CMAKE_MATCH_1})
+  endif()
+endforeach()
+list(REMOVE_DUPLICATES declared)
+list(SORT declared)
+list(LENGTH declared count)
+if(count LESS 20)
+  message(FATAL_ERROR "only ${count} functions are found in lightwell.h: ${declared}")
+endif()
+foreach(library "-D;${moved}/${LIBDIR}/liblightwell.so" "${moved}/${LIBDIR}/liblightwell.a")
+  run(nm ${NM} -g --defined-only --format=posix ${library})
+  string(REGEX MATCHALL "(^|\n)[^ \n]+ [A-Z]" rows "${out}")
+  set(seen "")
+  foreach(row IN LISTS rows)
+    string(REGEX REPLACE "^\n|\\[.*|@.*| .*" "" name "${row}")
+    if(name AND NOT name MATCHES "^(__asan|__odr_asan|__ubsan|__tsan|__gcov|__sanitizer|_init$|_fini$)")
+      list(APPEND seen ${name})
+    endif()
+  endforeach()
+  list(SORT seen)
+  if(NOT seen STREQUAL declared)
+    message(FATAL_ERROR "${library} shows\n${seen}\nand its header declares\n${declared}")
+  endif()
+endforeach()
+foreach(link liblightwell.so liblightwell.so.1)
+  if(NOT IS_SYMLINK ${moved}/${LIBDIR}/${link})
+    message(FATAL_ERROR "${link} is no link to a library with a version")
+  endif()
 endforeach()
 
-file(GLOB include_dir ${work}/moved/include/lightwell-*)
-file(GLOB_RECURSE headers RELATIVE ${include_dir} ${include_dir}/*.h)
-if(NOT "lightwell/client.h" IN_LIST headers)
-  message(FATAL_ERROR "lightwell/client.h is not installed in ${include_dir}")
-endif()
+# ---- the library: by pkg-config ----
+
+set(ENV{PKG_CONFIG_PATH} ${moved}/${LIBDIR}/pkgconfig)
+foreach(what cflags libs static)
+  set(ask --${what})
+  if(what STREQUAL "static")
+    set(ask --static --libs)
+  endif()
+  run(pkg-config ${PKG_CONFIG} ${ask} lightwell)
+  string(STRIP "${out}" ${what})
+  separate_arguments(${what} UNIX_COMMAND "${${what}}")
+endforeach()
+list(TRANSFORM static REPLACE "^-llightwell$" "-l:liblightwell.a")
+list(APPEND libs -Wl,-rpath,${moved}/${LIBDIR})
 
 # The example is a function's body after its include; nobody serves at port 1.
 file(READ ${SOURCE_DIR}/docs/client_guide.md guide)
@@ -35,14 +89,13 @@ string(SUBSTRING "${guide}" ${begin} -1 guide)
 string(SUBSTRING "${guide}" 5 -1 guide)
 string(FIND "${guide}" "```" end)
 string(SUBSTRING "${guide}" 0 ${end} example)
-string(REPLACE "#include <lightwell/client.h>" "" body "${example}")
+string(REPLACE "#include <lightwell/lightwell.h>" "" body "${example}")
 string(REPLACE "desc.port = 7780;" "desc.port = 1;" body "${body}")
 if(body STREQUAL example OR NOT body MATCHES "desc.port = 1;")
   message(FATAL_ERROR "docs/client_guide.md: its first example has no include, or connects to another port than 7780")
 endif()
-set(program "#include <lightwell/client.h>
+set(program "#include <lightwell/lightwell.h>
 
-#include <common/clock.h>
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -51,29 +104,19 @@ static void die(const char *text) {
     exit(7);
 }
 
-/* Something of each of the headers that client.h brings, and of clock.h. */
-static void use_each_header(void) {
-    const struct lw_affine place = LW_AFFINE_IDENTITY;
-    struct lw_atlas atlas;
-    struct lw_scene *empty;
-    if (lw_scene_create(&empty) != LW_OK) die(lw_status_text(LW_NO_MEMORY));
-    lw_atlas_init(&atlas, 64, 64);
-    if (lw_scene_change_targets(empty, LW_SCENE_CHANGE_OF_MESH) != 0 || atlas.level_count != 3 ||
-        lw_affine_determinant(&place) < 0.5f || lw_clock_ns() == 0)
-        die(\"the library is another one than its headers say\");
-    lw_scene_destroy(empty);
+static void upload(uint32_t object, uint32_t x, uint32_t y, uint32_t width, uint32_t height, const void *texels) {
+    (void)object, (void)x, (void)y, (void)width, (void)height, (void)texels;
 }
 
 int main(void) {
-    use_each_header();
 ${body}
-    lw_client_destroy(client);
+    lw_live_close(live);
 }
 ")
 
-set(standard_C gnu17)
+set(standard_C c11)
 set(suffix_C c)
-set(standard_CXX c++17)
+set(standard_CXX c++11)
 set(suffix_CXX cpp)
 # that it has variables for the reader alone, and {0}, of which some compilers warn
 set(example_may -Wno-unused-variable -Wno-unused-but-set-variable -Wno-missing-field-initializers)
@@ -81,42 +124,97 @@ foreach(language C CXX)
   set(compile ${COMPILER_${language}} -std=${standard_${language}} -Wall -Wextra -pedantic -Werror
     ${FLAGS} ${cflags})
   set(source ${work}/alone.${suffix_${language}})
-  foreach(header IN LISTS headers)
-    file(WRITE ${source} "#include <${header}>\n#include <${header}>\n")
-    execute_process(COMMAND ${compile} -fsyntax-only ${source} COMMAND_ERROR_IS_FATAL ANY)
-  endforeach()
+  file(WRITE ${source} "#include <lightwell/lightwell.h>\n#include <lightwell/lightwell.h>\n")
+  run("the header alone, as ${language}," ${compile} -fsyntax-only ${source})
 
   set(source ${work}/example.${suffix_${language}})
-  set(example ${work}/example_${language})
   file(WRITE ${source} "${program}")
-  execute_process(COMMAND ${compile} ${example_may} ${source} -o ${example} ${libs}
-    COMMAND_ERROR_IS_FATAL ANY)
-  execute_process(COMMAND ${example} RESULT_VARIABLE code ERROR_VARIABLE told)
-  if(NOT code EQUAL 7 OR NOT told MATCHES "127.0.0.1")
-    message(FATAL_ERROR "the example, as ${language}, ended with ${code}: ${told}")
+  foreach(kind libs static)
+    set(example ${work}/example_${language}_${kind})
+    run("building the guide's example" ${compile} ${example_may} ${source} -o ${example} ${${kind}})
+    execute_process(COMMAND ${example} RESULT_VARIABLE code ERROR_VARIABLE told)
+    if(NOT code EQUAL 7 OR NOT told MATCHES "127.0.0.1")
+      message(FATAL_ERROR "the example, as ${language}, ${kind}, ended with ${code}: ${told}")
+    endif()
+  endforeach()
+endforeach()
+
+# ---- the examples: by find_package(), with warnings as errors ----
+
+file(WRITE ${work}/examples/CMakeLists.txt "cmake_minimum_required(VERSION 3.25)
+project(examples C CXX)
+set(CMAKE_CXX_STANDARD 17)
+find_package(lightwell 0.1 REQUIRED)
+find_package(PkgConfig REQUIRED)
+pkg_check_modules(gl REQUIRED IMPORTED_TARGET epoxy egl)
+add_compile_options(-Wall -Wextra -Werror ${FLAGS})
+add_link_options(${FLAGS})
+foreach(kind lightwell lightwell_static)
+  add_executable(minimal_\${kind} ${SOURCE_DIR}/examples/minimal.c)
+  add_executable(gl_lightmap_\${kind} ${SOURCE_DIR}/examples/gl_lightmap.cpp)
+  target_link_libraries(minimal_\${kind} lightwell::\${kind})
+  target_link_libraries(gl_lightmap_\${kind} lightwell::\${kind} PkgConfig::gl)
+endforeach()
+")
+run("find_package(lightwell)" ${CMAKE_COMMAND} -S ${work}/examples -B ${work}/examples/build -G Ninja
+  -DCMAKE_PREFIX_PATH=${moved} -DCMAKE_C_COMPILER=${COMPILER_C} -DCMAKE_CXX_COMPILER=${COMPILER_CXX})
+run("building examples/" ${CMAKE_COMMAND} --build ${work}/examples/build)
+foreach(limit "minimal.c;60" "gl_lightmap.cpp;300")
+  list(GET limit 0 name)
+  list(GET limit 1 most)
+  file(STRINGS ${SOURCE_DIR}/examples/${name} lines)
+  file(READ ${SOURCE_DIR}/examples/${name} text)
+  string(REGEX MATCHALL "\n" lines "${text}")
+  list(LENGTH lines count)
+  if(count GREATER most)
+    message(FATAL_ERROR "examples/${name} has ${count} lines, over ${most}")
   endif()
 endforeach()
 
 # ---- everything ----
 
-execute_process(COMMAND ${CMAKE_COMMAND} -E env DESTDIR=${work}/root
-  ${CMAKE_COMMAND} --install ${BINARY_DIR} --prefix /opt/lightwell
-  OUTPUT_QUIET COMMAND_ERROR_IS_FATAL ANY)
+run("the installation" ${CMAKE_COMMAND} -E env DESTDIR=${work}/root
+  ${CMAKE_COMMAND} --install ${BINARY_DIR} --prefix /opt/lightwell)
 set(prefix ${work}/root/opt/lightwell)
-foreach(program lightwelld lightwellctl lightwell-view lightwell-bake lightwell-import lightwell-load)
-  execute_process(COMMAND ${prefix}/${BINDIR}/${program} --version OUTPUT_QUIET COMMAND_ERROR_IS_FATAL ANY)
+set(programs lightwelld lightwellctl lightwell-view lightwell-bake lightwell-import lightwell-load)
+foreach(program IN LISTS programs)
+  run(${program} ${prefix}/${BINDIR}/${program} --version)
+  list(APPEND manuals ${MANDIR}/man1/${program}.1)
 endforeach()
-foreach(file ${LIBDIR}/liblightwell.a ${DOCDIR}/LICENSE ${DOCDIR}/README.md ${DOCDIR}/docs/operations.md)
+foreach(file ${LIBDIR}/liblightwell.a ${LIBDIR}/liblightwell.so ${DOCDIR}/LICENSE ${DOCDIR}/README.md
+    ${DOCDIR}/docs/operations.md ${DOCDIR}/examples/minimal.c ${manuals}
+    ${MANDIR}/man1/lightwell-load-scaling.1 ${MANDIR}/man1/lightwell-load-crossover.1
+    share/bash-completion/completions/lightwelld share/bash-completion/completions/lightwell-load)
   if(NOT EXISTS ${prefix}/${file})
     message(FATAL_ERROR "${prefix}/${file} is not installed")
   endif()
 endforeach()
 
+# Bash completes options, their choices, and files.
+function(completes line expected)
+  execute_process(COMMAND bash -c "source ${prefix}/share/bash-completion/completions/$1
+COMP_WORDS=($2 \"$3\") COMP_CWORD=$((\${#COMP_WORDS[@]} - 1))
+_$(echo $1 | tr - _)
+echo \"\${COMPREPLY[*]}\"" _ ${line} OUTPUT_VARIABLE told ERROR_VARIABLE told OUTPUT_STRIP_TRAILING_WHITESPACE)
+  if(NOT told STREQUAL expected)
+    message(FATAL_ERROR "bash completes ${line} to \"${told}\" instead of \"${expected}\"")
+  endif()
+endfunction()
+completes("lightwelld;lightwelld;--frame-" "--frame-rate --frame-budget-ms")
+completes("lightwelld;lightwelld --light;s" "seen")
+completes("lightwell-load;lightwell-load;sc" "scaling")
+
 # The daemon has nothing but its own folder to find the importer in.
+set(path $ENV{PATH})
 set(ENV{PATH} ${work}/moved)
-execute_process(COMMAND ${prefix}/${BINDIR}/lightwelld ${SOURCE_DIR}/tests/fuzz/corpus/fuzz_gltf/base.gltf
-  --sky 1,1,1 --light whole --clock step --frames 1 --listen 127.0.0.1:0 --threads 2
-  TIMEOUT 120 RESULT_VARIABLE code ERROR_VARIABLE told)
-if(NOT code EQUAL 0)
-  message(FATAL_ERROR "the installed lightwelld ended with ${code}: ${told}")
-endif()
+run("the installed lightwelld" ${prefix}/${BINDIR}/lightwelld ${SOURCE_DIR}/tests/fuzz/corpus/fuzz_gltf/base.gltf
+  --sky 1,1,1 --light whole --clock step --frames 1 --listen 127.0.0.1:0 --threads 2)
+set(ENV{PATH} ${path})
+
+# ---- the examples on it ----
+
+foreach(kind lightwell lightwell_static)
+  run("examples/ on lightwelld" bash ${SOURCE_DIR}/tests/integration/examples.sh ${prefix}/${BINDIR}/lightwelld
+    ${work}/examples/build/minimal_${kind} ${work}/examples/build/gl_lightmap_${kind} ${work}/${kind})
+  message(STATUS "${kind}: ${out}")
+endforeach()
