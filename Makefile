@@ -1,7 +1,7 @@
 # A thin face over CMake. `make help` lists what there is.
 .DEFAULT_GOAL := build
 PREFIX ?= /usr/local
-.PHONY: help deps deps-all build install run test test-long bench fuzz format lint clean
+.PHONY: help deps deps-all build install run test test-long bench fuzz reference format lint clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -38,6 +38,10 @@ bench: build ## what each kernel costs and how far it is from bare rays: one tab
 
 fuzz: deps-all ## run each fuzzer for FUZZ_SECONDS (default 60)
 	@FUZZ_SECONDS=$${FUZZ_SECONDS:-60} scripts/check.sh fuzz
+
+reference: deps ## the reference of liblightwell, into build/reference/html
+	@mkdir -p build
+	@doxygen docs/Doxyfile
 
 format: ## lay out the code by .clang-format
 	@git ls-files '*.c' '*.h' | xargs clang-format -i

@@ -14,6 +14,7 @@ packages=(
     libepoxy-dev libegl-dev libegl1 libgl1-mesa-dri
     gnuplot-nox
     libcmocka-dev
+    doxygen # the reference of liblightwell
     clang lld wasi-libc libclang-rt-14-dev-wasm32 # the browser client's tile decoder
     chromium # the tests of the browser client
 )
