@@ -146,8 +146,8 @@ struct lw_live_stats {
     double time_s;          /**< Scene time of the newest frame. */
     uint64_t changed_frame; /**< The last frame that changed a material, the sky or what is hidden. */
     uint64_t session;       /**< Counts connections, from 1 on: is_client_light may differ after it grew. */
-    uint64_t tiles;           /**< Received. */
-    uint64_t bytes;           /**< Received. */
+    uint64_t tiles;         /**< Received. */
+    uint64_t bytes;         /**< Received. */
     uint64_t decode_ns;     /**< Spent on decoding tiles. */
     uint64_t light_age_ns;  /**< Solve time of the newest frame, plus the time since it arrived. */
     uint32_t dirty_tiles;   /**< That lw_live_take_dirty() would give. */
