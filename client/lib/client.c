@@ -106,8 +106,12 @@ static enum lw_status begin_light(struct lw_client *c, struct lw_error *err) {
 
 /* The download is complete. */
 static enum lw_status take_package(struct lw_client *c, struct lw_error *err) {
-    enum lw_status status = lw_replica_create(c->download.bytes, c->download.size, &c->replica, err);
+    struct lw_replica *replica = NULL;
+    if (c->watch.leave) c->watch.leave(c->watch.context);
+    enum lw_status status = lw_replica_create(c->download.bytes, c->download.size, &replica, err);
     if (status == LW_OK && c->cache_folder) keep_package(c);
+    if (c->watch.enter) c->watch.enter(c->watch.context);
+    c->replica = replica;
     lw_download_finish(&c->download);
     c->stats.package_ns = lw_clock_ns();
     return status == LW_OK ? begin_light(c, err) : status;

@@ -129,13 +129,19 @@ static enum lw_status init_lock(struct lw_live *live) {
 
 /* ---- what the client calls ---- */
 
+/* Others find no scene until it is ready, and need not wait for that. */
 static enum lw_status take_scene(void *context, const struct lw_client *client, struct lw_error *err) {
     struct lw_live *live = context;
+    const struct lw_scene *scene = lw_client_scene(client);
+    lw_live_unlock(live);
     enum lw_status status = lw_live_tiles_init(&live->tiles, client, live->flags & LW_LIVE_AS_IT_IS);
     if (status == LW_OK) status = lw_live_interest_init(&live->interest, client);
-    live->scene = lw_client_scene(client);
-    if (status == LW_OK) status = lw_live_scene_init(live);
-    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "%s", lw_status_text(status));
+    if (status == LW_OK) status = lw_live_scene_init(live, scene);
+    lw_live_lock(live);
+    if (status != LW_OK) return lw_status_fail(err, status, "%s", lw_status_text(status));
+    live->scene = scene;
+    live->interest.has_changed = true;
+    return LW_OK;
 }
 
 static void take_tile(void *context, lw_tile_id tile) {
@@ -365,7 +371,7 @@ enum lw_live_status lw_live_get_stats(const struct lw_live *live, struct lw_live
                                   .bytes = s.bytes,
                                   .decode_ns = s.decode_ns,
                                   .light_age_ns = s.light_age_ns,
-                                  .dirty_tiles = live->tiles.dirty_count,
+                                  .dirty_tiles = live->scene ? live->tiles.dirty_count : 0,
                                   .bounces = s.bounces,
                                   .target_error = s.target_error};
     lw_live_unlock(live);
@@ -433,7 +439,7 @@ enum lw_live_status lw_live_want_rects(struct lw_live *live, const struct lw_liv
         if (tiles > LW_CLIENT_WANT_MAX)
             lw_client_want_everything(live->client);
         else
-            status = lw_client_want(live->client, live->interest.list, tiles);
+            status = lw_client_want(live->client, tiles ? live->interest.list : NULL, tiles);
         rouse(live);
     }
     lw_live_unlock(live);

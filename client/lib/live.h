@@ -60,7 +60,7 @@ bool lw_live_read_struct(void *dst, size_t dst_size, const void *src);
 bool lw_live_write_struct(void *dst, void *src, size_t src_size);
 
 /** Prepares what only the scene says. Errors: LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_live_scene_init(struct lw_live *live);
+LW_MUST_CHECK enum lw_status lw_live_scene_init(struct lw_live *live, const struct lw_scene *scene);
 /** A zeroed one is fine. */
 void lw_live_scene_finish(struct lw_live *live);
 

@@ -150,7 +150,6 @@ enum lw_status lw_live_interest_init(struct lw_live_interest *interest, const st
     interest->mark = calloc(tiles + 1, sizeof *interest->mark);
     interest->seen_ns = calloc(tiles + 1, sizeof *interest->seen_ns);
     interest->list = calloc(LW_CLIENT_WANT_MAX + 1, sizeof *interest->list);
-    interest->has_changed = true;
     if (!interest->mesh || !interest->level || !interest->mark || !interest->seen_ns || !interest->list)
         return LW_NO_MEMORY;
     return measure(interest, scene);

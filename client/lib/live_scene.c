@@ -264,8 +264,7 @@ uint32_t lw_live_find(const struct lw_live *live, enum lw_live_kind kind, const 
 
 /* ---- once the scene is there ---- */
 
-enum lw_status lw_live_scene_init(struct lw_live *live) {
-    const struct lw_scene *scene = live->scene;
+enum lw_status lw_live_scene_init(struct lw_live *live, const struct lw_scene *scene) {
     for (unsigned k = 0; k < LW_LIVE_KINDS; k++) {
         struct named of = {scene, (enum lw_live_kind)k};
         const uint32_t count = count_of(scene, of.kind);

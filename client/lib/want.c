@@ -19,8 +19,12 @@ void lw_want_forget(struct lw_want *want) {
     want->told_ns = 0;
 }
 
+#define ROOM_MIN                                                                                             \
+    4096u /* tiles: as many as a list that is told has at most, so that it never grows while a view moves */
+
 static bool make_room(struct lw_want_list *list, size_t count) {
     if (count <= list->capacity) return true;
+    if (count < ROOM_MIN) count = ROOM_MIN;
     lw_tile_id *grown = realloc(list->tile, count * sizeof *grown);
     if (!grown) return false;
     list->tile = grown;
