@@ -81,8 +81,7 @@ static GLuint compile(GLenum kind, const char *source) {
 
 // A context without a window, and a framebuffer to draw into.
 static void begin_gl() {
-    EGLDisplay display =
-        eglGetPlatformDisplayEXT(EGL_PLATFORM_SURFACELESS_MESA, EGL_DEFAULT_DISPLAY, nullptr);
+    EGLDisplay display = eglGetPlatformDisplayEXT(EGL_PLATFORM_SURFACELESS_MESA, nullptr, nullptr);
     if (!display || !eglInitialize(display, nullptr, nullptr)) die("EGL has no display without a window");
     const EGLint version[] = {EGL_CONTEXT_MAJOR_VERSION, 3, EGL_CONTEXT_MINOR_VERSION, 3, EGL_NONE};
     eglBindAPI(EGL_OPENGL_API);
@@ -234,7 +233,8 @@ struct Renderer {
 
     void draw(const lw_live_view &view) {
         check(lw_live_get_scene(live, &scene, &err));
-        glClearColor(scene.sky[0], scene.sky[1], scene.sky[2], 1);
+        glClearColor(scene.sky[0] / (4 + scene.sky[0]), scene.sky[1] / (4 + scene.sky[1]),
+                     scene.sky[2] / (4 + scene.sky[2]), 1);
         glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
         glUniformMatrix4fv(at("view_projection"), 1, GL_FALSE, view.view_projection);
         for (uint32_t i = 0; i < scene.object_count; i++) {
