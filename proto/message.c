@@ -46,6 +46,22 @@ static enum lw_status invalid(struct lw_error *err, const char *field, const cha
     return lw_status_fail(err, LW_PROTOCOL, "%s %s", field, must);
 }
 
+/* Characters without a shape that change how others read, or hide (Unicode 15, categories Cf, Zl and Zp): first and last. */
+static const uint32_t format_characters[][2] = {
+    {0xad, 0xad},       {0x600, 0x605},     {0x61c, 0x61c},     {0x6dd, 0x6dd},     {0x70f, 0x70f},
+    {0x890, 0x891},     {0x8e2, 0x8e2},     {0x180e, 0x180e},   {0x200b, 0x200f},   {0x2028, 0x202e},
+    {0x2060, 0x206f},   {0xfeff, 0xfeff},   {0xfff9, 0xfffb},   {0x110bd, 0x110bd}, {0x110cd, 0x110cd},
+    {0x13430, 0x1343f}, {0x1bca0, 0x1bca3}, {0x1d173, 0x1d17a}, {0xe0000, 0xe007f}};
+
+/* Of a well-formed character. */
+static bool is_format(const unsigned char *s, size_t length) {
+    uint32_t point = length == 1 ? s[0] : s[0] & (0x7fu >> length);
+    for (size_t i = 1; i < length; i++) point = point << 6 | (s[i] & 0x3f);
+    for (size_t i = 0; i < sizeof format_characters / sizeof *format_characters; i++)
+        if (point >= format_characters[i][0] && point <= format_characters[i][1]) return true;
+    return false;
+}
+
 /* Length of the UTF-8 character at s (Unicode 15, table 3-7); 0 if it is malformed or a control character. */
 static size_t utf8_length(const unsigned char *s) {
     if (s[0] < 0x80) return s[0] >= 0x20 && s[0] != 0x7f;
@@ -65,7 +81,8 @@ static enum lw_status check_text(const char *text, size_t size_max, const char *
         return lw_status_fail(err, LW_PROTOCOL, "%s is over %zu bytes", field, size_max);
     for (const unsigned char *s = (const unsigned char *)text; *s;) {
         size_t length = utf8_length(s);
-        if (!length) return invalid(err, field, "is not UTF-8 without control characters");
+        if (!length || is_format(s, length))
+            return invalid(err, field, "is not UTF-8 without control and format characters");
         s += length;
     }
     return LW_OK;

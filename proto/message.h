@@ -79,6 +79,7 @@ enum lw_refusal {
     LW_REFUSAL_SHUTDOWN = 4,
     LW_REFUSAL_TIMEOUT = 5,
     LW_REFUSAL_FEATURES = 6,   /* the peer lacks one that is needed */
+    LW_REFUSAL_RATE = 7,       /* it says too much */
     LW_REFUSAL_NOT_ALLOWED = 8 /* it may not do what it asked for */
 };
 

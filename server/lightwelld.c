@@ -53,6 +53,7 @@ struct settings {
     struct lw_scene_open scene;
     const char *listen, *port_file, *http, *http_port_file, *http_hosts, *http_origins, *web_root;
     const char *keep, *spares, *light_groups, *client_lights;
+    int64_t address_sessions; /* 0: the server's default */
     int64_t bounces, direct_samples, indirect_samples, seed, frames;
     int probe_form, denoise;
     double tracing_range, cell_size, probe_spacing, frame_rate, frame_budget_ms, freeze_s, error, link_rate,
@@ -207,6 +208,10 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "megabits per second to each client at most; a client may ask for less (default: what its link "
          "takes)",
          LW_OPTION_REAL, &s->link_rate, 0.01, 1e6, NULL},
+        {"sessions-per-address", "N",
+         "sessions of one address at most (default: 1,000, and 9,000 of this machine; in all there are "
+         "10,000)",
+         LW_OPTION_INT, &s->address_sessions, 1, LW_SERVER_SESSIONS_MAX, NULL},
         {"seed", "N", "of all random numbers (default 1)", LW_OPTION_INT, &s->seed, 0, UINT32_MAX, NULL},
         {"animate", NULL, "run the scene's animation (default if it has one)", LW_OPTION_FLAG, &s->animate, 0,
          0, NULL},
@@ -736,6 +741,7 @@ static enum lw_status create_server(struct daemon *d, struct lw_error *err) {
                                   .client_materials = d->material_bits,
                                   .client_materials_size = lw_client_lights_bytes(d->scene->material_count),
                                   .scene = d->scene,
+                                  .address_sessions_max = (uint32_t)s->address_sessions,
                                   .rate_limit_bytes_hz = (uint64_t)(s->link_rate * 1e6 / 8),
                                   .features = s->codec == CODEC_DCT ? LW_FEATURE_DCT : 0};
     return lw_server_create(&desc, &d->server, err);

@@ -18,6 +18,7 @@
 #include <zstd.h>
 
 #define BACKLOG           1024
+#define RECEIVE_SIZE      (128 << 10) /* bytes of a peer that the system keeps until they are read */
 #define TICK_MS           (1000u / LW_SERVER_LOOKS_HZ)
 #define LAG_MS            20u
 #define TURN_NS           4000000u /* of sending, before the loop looks at what else has come */
@@ -286,6 +287,8 @@ static void on_prepare(uv_prepare_t *handle) {
 /* A snapshot for a thousand sessions takes longer to hand out than a newcomer, or an UPDATE, should wait. */
 static void on_check(uv_check_t *handle) {
     struct lw_server *server = handle->data;
+    server->tcp.turn++;
+    lw_session_read_on(&server->shared);
     lw_session_serve_due(&server->shared, lw_clock_ns() + TURN_NS);
 }
 
@@ -350,6 +353,7 @@ static void on_tick(uv_timer_t *handle) {
     struct lw_session_waiting waiting = {0};
     uint64_t now_ns = lw_clock_ns();
     shared->epoch++;
+    lw_peer_log_tell(&shared->log, now_ns);
     for (struct lw_session *s = shared->first, *next; s; s = next) {
         next = lw_session_next(s);
         lw_session_tick(s, now_ns, &waiting);
@@ -448,6 +452,9 @@ static enum lw_status start_listening(uv_tcp_t *listener, const char *host, uint
                               gai_strerror(result));
     result = uv_tcp_bind(listener, found->ai_addr, 0);
     freeaddrinfo(found);
+    int receive_size =
+        RECEIVE_SIZE; /* connections have it from the listener; by themselves they grow to megabytes */
+    if (result == 0) result = uv_recv_buffer_size((uv_handle_t *)listener, &receive_size);
     if (result == 0) result = uv_listen((uv_stream_t *)listener, BACKLOG, on_connection);
     struct sockaddr_storage bound = {0};
     int length = sizeof bound;
@@ -545,21 +552,27 @@ static enum lw_status init_split(struct lw_server *server, const struct lw_serve
     return init_form(server, desc, LW_LIGHT_FORM_SPLIT);
 }
 
+static uint64_t timeout_ns(unsigned ms, unsigned default_s) {
+    return 1000000ull * (ms ? ms : 1000 * default_s);
+}
+
 static enum lw_status init_shared(struct lw_server *server, const struct lw_server_desc *desc) {
     struct lw_session_shared *shared = &server->shared;
     shared->atlas_map = desc->atlas_map;
     shared->scene = desc->scene;
     shared->epoch = 1;
     shared->sessions_max = desc->sessions_max ? desc->sessions_max : LW_SERVER_SESSIONS_MAX;
+    shared->address_sessions_max = desc->address_sessions_max;
     shared->on_open = on_session_opened;
     shared->on_close = on_session_closed;
     shared->server = server;
     server->tcp.sessions = shared;
     shared->rate_limit_bytes_hz = desc->rate_limit_bytes_hz;
-    shared->hello_timeout_ns =
-        1000000ull * (desc->hello_timeout_ms ? desc->hello_timeout_ms : 1000 * LW_SERVER_HELLO_TIMEOUT_S);
-    shared->stall_timeout_ns =
-        1000000ull * (desc->stall_timeout_ms ? desc->stall_timeout_ms : 1000 * LW_SERVER_STALL_TIMEOUT_S);
+    shared->hello_timeout_ns = timeout_ns(desc->hello_timeout_ms, LW_SERVER_HELLO_TIMEOUT_S);
+    shared->stall_timeout_ns = timeout_ns(desc->stall_timeout_ms, LW_SERVER_STALL_TIMEOUT_S);
+    shared->excess_timeout_ns = timeout_ns(desc->excess_timeout_ms, LW_SERVER_EXCESS_TIMEOUT_S);
+    shared->package_timeout_ns = timeout_ns(desc->package_timeout_ms, LW_SERVER_PACKAGE_TIMEOUT_S);
+    shared->silence_timeout_ns = timeout_ns(desc->silence_timeout_ms, LW_SERVER_SILENCE_S);
     shared->welcome = (struct lw_message_welcome){.version = LW_WIRE_VERSION,
                                                   .features = desc->features,
                                                   .name = "lightwelld " LW_VERSION,
@@ -611,6 +624,9 @@ enum lw_status lw_server_create(const struct lw_server_desc *desc, struct lw_ser
         free(server);
         goto no_memory;
     }
+    if (getrandom(&server->shared.places.seed, sizeof server->shared.places.seed, 0) < 0)
+        server->shared.places.seed = 1;
+    server->shared.log.seed = server->shared.places.seed;
     set_descriptor_limit();
     enum lw_status status = init_handles(server, err);
     if (status == LW_OK)
@@ -715,6 +731,7 @@ void lw_server_destroy(struct lw_server *server) {
     free_wanted(&server->wanted);
     lw_wanted_finish(&shared->wanted);
     lw_updates_finish(&shared->updates);
+    lw_address_places_finish(&shared->places);
     lw_scene_roster_finish(&shared->roster);
     uv_mutex_destroy(&shared->stats_mutex);
     uv_mutex_destroy(&server->mutex);

@@ -14,6 +14,11 @@
 #define LW_SERVER_SESSIONS_MAX    10000u
 #define LW_SERVER_HELLO_TIMEOUT_S 10u /* a peer that has not said hello by then is refused */
 #define LW_SERVER_STALL_TIMEOUT_S 15u /* a peer that takes no byte for so long though bytes wait is closed */
+#define LW_SERVER_EXCESS_TIMEOUT_S                                                                           \
+    10u /* a peer that says too much (message_rates.h) for so long is refused */
+#define LW_SERVER_PACKAGE_TIMEOUT_S                                                                          \
+    60u                         /* so is one that has not asked for the package by then, unless it controls */
+#define LW_SERVER_SILENCE_S 60u /* a peer that says nothing is pinged after half of it, and refused then */
 #define LW_SERVER_QUEUE_MAX                                                                                  \
     (256u << 10) /* bytes waiting per session before tiles are held back; the newest state
                                             of a tile is chosen when there is room, so a slow reader skips versions */
@@ -43,9 +48,14 @@ struct lw_server_desc {
     const struct lw_scene
         *scene;            /* what updates are checked against, immutable; NULL: no session may send any */
     uint32_t sessions_max; /* 0: LW_SERVER_SESSIONS_MAX */
+    uint32_t
+        address_sessions_max; /* 0: a tenth of them for each address, for the own machine all but a tenth */
     uint64_t rate_limit_bytes_hz; /* to each session; 0: whatever its link takes */
     unsigned hello_timeout_ms;    /* 0: LW_SERVER_HELLO_TIMEOUT_S */
     unsigned stall_timeout_ms;    /* 0: LW_SERVER_STALL_TIMEOUT_S */
+    unsigned excess_timeout_ms;   /* 0: LW_SERVER_EXCESS_TIMEOUT_S */
+    unsigned package_timeout_ms;  /* 0: LW_SERVER_PACKAGE_TIMEOUT_S */
+    unsigned silence_timeout_ms;  /* 0: LW_SERVER_SILENCE_S */
 };
 
 /** Sessions are peers that were welcomed; refused counts the refusals sent. */

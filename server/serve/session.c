@@ -3,6 +3,7 @@
 #include "common/clock.h"
 #include "common/log.h"
 #include "proto/message_reader.h"
+#include "server/serve/message_rates.h"
 
 #include <assert.h>
 #include <inttypes.h>
@@ -16,6 +17,7 @@
 #define BATCH_BYTES      (LW_SERVER_QUEUE_MAX / 2) /* one more chunk or tile keeps within LW_SERVER_QUEUE_MAX */
 #define TURN_BATCHES     4u                        /* written at once before others get their turn */
 #define LINGER_NS        1000000000u               /* from a refusal to the close */
+#define TURN_MESSAGES    256u                      /* handled at once before others get their turn */
 #define AHEAD            32u                       /* tiles for which a session asks the recoder at once */
 #define FULL_GRACE_COUNT 1024u                     /* refused connections that may wait for their close */
 
@@ -52,18 +54,25 @@ struct lw_session {
     struct lw_session *previous_due, *next_due;
     enum state state;
     bool ended, welcomed;
-    bool controls; /* may send updates */
-    bool resumes;  /* may say what it has */
+    bool has_place; /* of its address */
+    bool controls;  /* may send updates */
+    bool resumes;   /* may say what it has */
     uint64_t number;
     struct lw_session_peer peer;
-    char name[LW_MESSAGE_NAME_MAX + 1];
-    uint64_t since_ns; /* connected; in LEAVING: refused */
+    char name[2 * LW_MESSAGE_NAME_MAX + 4]; /* in quotes; "": no HELLO yet */
+    uint64_t since_ns;                      /* connected; in LEAVING: refused */
     struct lw_message_reader input;
+    struct lw_message_rates rates;  /* of what it says */
+    struct lw_session_inbox *inbox; /* in which it is: then nothing is read; NULL: in none */
+    struct lw_session *previous_unread, *next_unread;
+    uint64_t looked_ns; /* when the tick last came */
+    uint64_t heard_ns;  /* when bytes last came */
 
     struct lw_blob *control; /* welcome or refusal */
     enum lw_refusal refusal; /* in LEAVING */
     char refusal_text[LW_MESSAGE_TEXT_MAX + 1];
-    bool pong_due;
+    bool pong_due, ping_due;
+    bool pinged; /* since it was heard */
     uint64_t pong_token;
     struct answer *first_answer, *last_answer; /* to updates, not sent yet */
     uint32_t answer_count;
@@ -113,6 +122,18 @@ static void count(struct lw_session_shared *shared, uint64_t *counter, int64_t c
     uv_mutex_unlock(&shared->stats_mutex);
 }
 
+/* A line about a peer, unless there were many. */
+static void LW_PRINTF(2, 3) tell(const struct lw_session *s, const char *format, ...) {
+    char text[LW_MESSAGE_TEXT_MAX + 100];
+    if (!lw_peer_log_allows(&s->shared->log, &s->peer.at, s->peer.address, lw_clock_ns())) return;
+    va_list args;
+    va_start(args, format);
+    vsnprintf(text, sizeof text, format, args);
+    va_end(args);
+    lw_log(LW_LOG_INFO, "session %" PRIu64 ": %s%s%s %s", s->number, s->peer.address, *s->name ? " " : "",
+           s->name, text);
+}
+
 /* ---- what to send next ---- */
 
 static struct lw_blob *next_pong(struct lw_session *s) {
@@ -121,6 +142,14 @@ static struct lw_blob *next_pong(struct lw_session *s) {
     struct lw_blob *blob = NULL;
     struct lw_message message = {.type = LW_MESSAGE_PONG, .pong.token = s->pong_token};
     return lw_blob_from_message(&message, &blob) == LW_OK ? blob : NULL; /* a client can do without */
+}
+
+static struct lw_blob *next_ping(struct lw_session *s) {
+    if (!s->ping_due) return NULL;
+    s->ping_due = false;
+    struct lw_blob *blob = NULL;
+    struct lw_message message = {.type = LW_MESSAGE_PING, .ping.token = s->number};
+    return lw_blob_from_message(&message, &blob) == LW_OK ? blob : NULL; /* then it is not answered either */
 }
 
 static struct lw_blob *next_answer(struct lw_session *s) {
@@ -317,7 +346,7 @@ static struct lw_blob *next_blob(struct lw_session *s, bool *out_tile) {
     struct lw_blob *blob = s->control;
     s->control = NULL;
     if (blob || s->state == LEAVING) return blob;
-    if ((blob = next_pong(s))) return blob;
+    if ((blob = next_pong(s)) || (blob = next_ping(s))) return blob;
     const bool framed = s->state == STREAMING && !s->partial_chunk &&
                         s->next_chunk == s->shared->chunk_count && has_current_light(s);
     if (framed) {
@@ -490,6 +519,25 @@ static void enqueue(struct lw_session *s, struct lw_session_queue *queue) {
     queue->last = s;
 }
 
+static void leave_inbox(struct lw_session *s) {
+    struct lw_session_inbox *inbox = s->inbox;
+    if (!inbox) return;
+    s->inbox = NULL;
+    *(s->previous_unread ? &s->previous_unread->next_unread : &inbox->first) = s->next_unread;
+    *(s->next_unread ? &s->next_unread->previous_unread : &inbox->last) = s->previous_unread;
+}
+
+/* At its end. The link keeps what it has meanwhile, and so does the peer. */
+static void enter_inbox(struct lw_session *s, struct lw_session_inbox *inbox) {
+    if (!s->inbox) s->link->ops->read(s->link, false);
+    leave_inbox(s);
+    s->inbox = inbox;
+    s->next_unread = NULL;
+    s->previous_unread = inbox->last;
+    *(inbox->last ? &inbox->last->next_unread : &inbox->first) = s;
+    inbox->last = s;
+}
+
 static void renew_allowance(struct lw_session *s, uint64_t now_ns) {
     const double rate_hz = (double)s->rate_limit_bytes_hz, since_s = 1e-9 * (double)(now_ns - s->allowed_ns);
     s->allowance = fmin(s->allowance + rate_hz * since_s, 1e-3 * LW_SERVER_BURST_MS * rate_hz);
@@ -520,8 +568,16 @@ void lw_session_set_due(struct lw_session *s, bool asked) {
     enqueue(s, &due[asked ? 0 : 1]);
 }
 
+static void end_waiting(struct lw_session_shared *shared, uint64_t now_ns) {
+    for (struct lw_session *s = shared->slowed.first, *next; s; s = next) {
+        next = s->next_unread;
+        if (!lw_message_rates_wait(&s->rates, now_ns)) enter_inbox(s, &shared->unread);
+    }
+}
+
 void lw_session_serve_paced(struct lw_session_shared *shared) {
     while (shared->paced.first) lw_session_set_due(shared->paced.first, false);
+    end_waiting(shared, lw_clock_ns());
 }
 
 void lw_session_collect(struct lw_session_shared *shared) {
@@ -532,11 +588,11 @@ void lw_session_collect(struct lw_session_shared *shared) {
 }
 
 bool lw_session_any_due(const struct lw_session_shared *shared) {
-    return shared->due[0].first || shared->due[1].first;
+    return shared->due[0].first || shared->due[1].first || shared->unread.first;
 }
 
 void lw_session_serve_due(struct lw_session_shared *shared, uint64_t deadline_ns) {
-    while (lw_session_any_due(shared) && lw_clock_ns() < deadline_ns)
+    while ((shared->due[0].first || shared->due[1].first) && lw_clock_ns() < deadline_ns)
         for (int q = 0; q < 2; q++) {
             struct lw_session *s = shared->due[q].first;
             if (!s) continue;
@@ -585,6 +641,8 @@ static void end_service(struct lw_session *s) {
         count_out(s, &s->interest);
         count_taker(s->form, &s->shared->forms_taken, false);
     }
+    if (s->has_place) lw_address_places_give(&s->shared->places, &s->peer.at);
+    s->has_place = false;
     if (s->controls) lw_updates_forget(&s->shared->updates, s);
     s->controls = false;
     if (s->welcomed) count_session(s, -1);
@@ -593,12 +651,11 @@ static void end_service(struct lw_session *s) {
 
 void lw_session_close(struct lw_session *s, const char *reason) {
     if (s->state == CLOSED) return;
-    if (s->welcomed)
-        lw_log(LW_LOG_INFO, "session %" PRIu64 ": %s (%s) left: %s", s->number, s->peer.address, s->name,
-               reason);
+    if (s->welcomed) tell(s, "left: %s", reason);
     end_service(s);
     if (s->state == LEAVING) s->shared->leaving_count--;
     dequeue(s);
+    leave_inbox(s);
     s->state = CLOSED;
     unlink_session(s);
     s->link->ops->close(s->link);
@@ -614,9 +671,12 @@ void lw_session_refuse(struct lw_session *s, enum lw_refusal code, const char *f
     vsnprintf(text, sizeof s->refusal_text, format, args);
     va_end(args);
     s->refusal = code;
-    lw_log(LW_LOG_INFO, "session %" PRIu64 ": %s (%s) %s: %s", s->number, s->peer.address, s->name,
-           s->welcomed ? "sent away" : "refused", text);
+    tell(s, "%s: %s", s->welcomed ? "sent away" : "refused", text);
     end_service(s);
+    if (s->inbox) { /* bytes that nobody reads would make its close a reset, which the refusal may not survive */
+        leave_inbox(s);
+        s->link->ops->read(s->link, true);
+    }
     count(s->shared, &s->shared->stats.refused, 1);
     s->state = LEAVING;
     s->since_ns = lw_clock_ns();
@@ -646,7 +706,7 @@ static void choose_form(struct lw_session *s, const struct lw_message_hello *hel
 }
 
 static void handle_hello(struct lw_session *s, const struct lw_message_hello *hello) {
-    snprintf(s->name, sizeof s->name, "%s", hello->name && *hello->name ? hello->name : "nameless");
+    lw_peer_log_quote(s->name, sizeof s->name, hello->name && *hello->name ? hello->name : "nameless");
     if (hello->version != LW_WIRE_VERSION) {
         lw_session_refuse(s, LW_REFUSAL_VERSION, "this server speaks version %u of the protocol, not %u",
                           LW_WIRE_VERSION, hello->version);
@@ -670,6 +730,7 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
     choose_form(s, hello, &message.welcome);
     s->controls = s->peer.may_control && s->shared->scene && (hello->features & LW_FEATURE_CONTROL);
     if (s->controls) message.welcome.features |= LW_FEATURE_CONTROL;
+    lw_message_rates_trust(&s->rates, s->controls);
     s->resumes = hello->features & LW_FEATURE_RESUME;
     if (s->resumes) message.welcome.features |= LW_FEATURE_RESUME;
     if (lw_blob_from_message(&message, &s->control) != LW_OK) {
@@ -686,8 +747,7 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
     lw_session_set_due(s, true);
     count(s->shared, &s->shared->stats.sessions_total, 1);
     count_session(s, 1);
-    lw_log(LW_LOG_INFO, "session %" PRIu64 ": %s (%s) joined%s", s->number, s->peer.address, s->name,
-           s->form->form == LW_LIGHT_FORM_SPLIT ? ", draws direct light" : "");
+    tell(s, "joined%s", s->form->form == LW_LIGHT_FORM_SPLIT ? ", draws direct light" : "");
 }
 
 /* A request from inside a chunk: the rest of that chunk becomes a message of its own. */
@@ -945,18 +1005,50 @@ static bool take_message(struct lw_session *s) {
     }
     handle_message(s, &message);
     lw_message_finish(&message);
+    (void)lw_message_rates_count(&s->rates, header, lw_clock_ns());
     return true;
 }
 
+/* Handles what is there, as far as others do not have to wait for it and the peer keeps to its rates. */
+static void take_messages(struct lw_session *s) {
+    unsigned count = 0;
+    bool more = true;
+    while (s->state < LEAVING && !s->rates.waits && count < TURN_MESSAGES && more) {
+        more = take_message(s);
+        count++;
+    }
+    if (s->state >= LEAVING) {
+        lw_message_reader_clear(&s->input);
+    } else if (lw_message_reader_keep(&s->input) != LW_OK) {
+        lw_session_close(s, "out of memory");
+    } else if (s->rates.waits) {
+        enter_inbox(s, &s->shared->slowed);
+    } else if (more) {
+        enter_inbox(s, &s->shared->unread);
+    } else if (s->inbox) {
+        leave_inbox(s);
+        s->link->ops->read(s->link, true);
+    }
+}
+
+/* With what was kept before: while a session is in an inbox a link may still hand over what it had read. */
 void lw_session_receive(struct lw_session *s, const uint8_t *bytes, size_t size) {
     if (s->state >= LEAVING) return;
+    s->heard_ns = lw_clock_ns();
+    s->pinged = false;
     lw_message_reader_lend(&s->input, bytes, size);
-    while (s->state < LEAVING && take_message(s)) {
-    }
-    if (s->state >= LEAVING)
-        lw_message_reader_clear(&s->input);
+    if (!s->inbox)
+        take_messages(s);
     else if (lw_message_reader_keep(&s->input) != LW_OK)
         lw_session_close(s, "out of memory");
+}
+
+void lw_session_read_on(struct lw_session_shared *shared) {
+    const struct lw_session *last = shared->unread.last; /* each once */
+    for (struct lw_session *s = shared->unread.first, *next; s; s = next) {
+        next = s == last ? NULL : s->next_unread;
+        take_messages(s);
+    }
 }
 
 /* ---- the beginning ---- */
@@ -980,12 +1072,17 @@ struct lw_session *lw_session_open(struct lw_session_shared *shared, struct lw_s
     s->form = &shared->form[LW_LIGHT_FORM_FULL];
     s->interest.everything = true;
     s->number = ++shared->number;
-    s->since_ns = lw_clock_ns();
-    snprintf(s->name, sizeof s->name, "no hello yet");
+    s->since_ns = s->looked_ns = s->heard_ns = lw_clock_ns();
+    lw_message_rates_init(&s->rates, s->since_ns);
     link_session(s);
     shared->on_open(shared->server);
+    const uint32_t share = shared->address_sessions_max
+                               ? shared->address_sessions_max
+                               : lw_address_places_share(&peer->at, shared->sessions_max);
     if (shared->connection_count - shared->leaving_count > shared->sessions_max)
         lw_session_refuse(s, LW_REFUSAL_FULL, "the server has its %u sessions", shared->sessions_max);
+    else if (!(s->has_place = lw_address_places_take(&shared->places, &peer->at, share)))
+        lw_session_refuse(s, LW_REFUSAL_FULL, "this address has its %u sessions", share);
     return s;
 }
 
@@ -1002,12 +1099,31 @@ static bool is_stalled(struct lw_session *s, uint64_t now_ns, struct lw_session_
     return now_ns > s->progress_ns && now_ns - s->progress_ns > s->shared->stall_timeout_ns;
 }
 
+/* Pings a peer that says nothing; true: that did not help. What waits in an inbox was said, though it is not read. */
+static bool is_silent(struct lw_session *s, uint64_t now_ns) {
+    const uint64_t silence_ns = s->inbox || now_ns < s->heard_ns ? 0 : now_ns - s->heard_ns;
+    if (!s->pinged && silence_ns > s->shared->silence_timeout_ns / 2) {
+        s->pinged = s->ping_due = true;
+        lw_session_set_due(s, true);
+    }
+    return silence_ns > s->shared->silence_timeout_ns;
+}
+
 void lw_session_tick(struct lw_session *s, uint64_t now_ns, struct lw_session_waiting *waiting) {
     uint64_t age_ns = now_ns > s->since_ns ? now_ns - s->since_ns : 0;
+    const char *excess =
+        lw_message_rates_judge(&s->rates, now_ns - s->looked_ns, s->shared->excess_timeout_ns);
+    s->looked_ns = now_ns;
     if (s->state == LEAVING && age_ns > LINGER_NS)
         lw_session_close(s, "refused");
     else if (s->state == EXPECTS_HELLO && age_ns > s->shared->hello_timeout_ns)
         lw_session_refuse(s, LW_REFUSAL_TIMEOUT, "no hello in time");
+    else if (s->state != LEAVING && excess)
+        lw_session_refuse(s, LW_REFUSAL_RATE, "%s, for too long", excess);
+    else if (s->state == WELCOMED && !s->controls && age_ns > s->shared->package_timeout_ns)
+        lw_session_refuse(s, LW_REFUSAL_TIMEOUT, "no PACKAGE_REQUEST in time");
+    else if (s->welcomed && is_silent(s, now_ns))
+        lw_session_refuse(s, LW_REFUSAL_TIMEOUT, "nothing was heard, not even a PONG");
     else if (s->state != LEAVING && is_stalled(s, now_ns, waiting))
         lw_session_close(s, "takes no data");
     else if (s->has_waiting)

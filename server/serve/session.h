@@ -7,6 +7,7 @@
 #include "common/histogram.h"
 #include "common/scene/scene_roster.h"
 #include "server/serve/deltas.h"
+#include "server/serve/peer_log.h"
 #include "server/serve/server.h"
 #include "server/serve/session_transport.h"
 #include "server/serve/updates.h"
@@ -55,7 +56,7 @@ struct lw_session_shared {
         uint64_t frame, at_ns;
     } recent[LW_SESSION_RECENT]; /* by generation: when the loop got each of the last snapshots */
     struct lw_histogram ack;     /* ns from then to a session's ACK; the server empties it */
-    uint64_t hello_timeout_ns, stall_timeout_ns;
+    uint64_t hello_timeout_ns, stall_timeout_ns, excess_timeout_ns, package_timeout_ns, silence_timeout_ns;
     uint64_t rate_limit_bytes_hz; /* to each session; 0: none */
 
     struct lw_session *first; /* all connections */
@@ -64,12 +65,18 @@ struct lw_session_shared {
     } due[2]; /* those of them that have a turn coming, in order: who asked, and the others */
     struct lw_session_queue paced;   /* those whose rate limit lets nothing more through for now */
     struct lw_session_queue waiting; /* those who have nothing to send before the recoder has answered */
-    uint32_t connection_count;       /* in that list */
-    uint32_t leaving_count;          /* those that were refused and are about to close */
-    uint64_t number;                 /* of the last session */
+    struct lw_session_inbox {
+        struct lw_session *first, *last;
+    } unread, slowed; /* those with messages that came and had no turn; those whose messages have to wait */
+    uint32_t connection_count; /* in that list */
+    uint32_t leaving_count;    /* those that were refused and are about to close */
+    uint64_t number;           /* of the last session */
     uv_mutex_t stats_mutex;
     struct lw_server_stats stats; /* guarded by stats_mutex */
     uint32_t sessions_max;
+    uint32_t address_sessions_max;   /* of one address; 0: lw_address_places_share() */
+    struct lw_address_places places; /* of sessions that were not refused */
+    struct lw_peer_log log;
     void (*on_open)(void *server);  /* there is a connection */
     void (*on_close)(void *server); /* one is gone */
     void *server;
@@ -100,13 +107,15 @@ void lw_session_set_due(struct lw_session *session, bool asked);
 /** Sends to those who have a turn, each its share, from both queues in turn, until nobody has or the deadline (lw_clock_ns)
  * has passed. Whoever was left out comes first next time. */
 void lw_session_serve_due(struct lw_session_shared *shared, uint64_t deadline_ns);
-/** Gives a turn to whoever's rate limit was in the way. Call some fifty times a second. */
+/** Gives a turn to whoever's rate limit was in the way, of what it gets or of what it says. Call some fifty times a second. */
 void lw_session_serve_paced(struct lw_session_shared *shared);
+/** Handles messages that came and had no turn, a share of each session. */
+void lw_session_read_on(struct lw_session_shared *shared);
 
 /** Takes what the recoder has made, and gives a turn to those who wait for it. */
 void lw_session_collect(struct lw_session_shared *shared);
 
-/** Whether somebody has a turn. */
+/** Whether somebody has a turn, or messages that are to be handled. */
 bool lw_session_any_due(const struct lw_session_shared *shared);
 
 /** Answers an update of the session, which is still there. */

@@ -9,6 +9,7 @@
 
 #include "proto/message.h"
 #include "server/publish/snapshot.h"
+#include "server/serve/address_places.h"
 
 struct lw_session_transport {
     const struct lw_session_transport_ops {
@@ -30,7 +31,8 @@ struct lw_session_transport {
 
 /** Who is at the other end. */
 struct lw_session_peer {
-    char address[64]; /* for people */
+    struct lw_address at;
+    char address[64]; /* for people, with the port */
     bool may_control; /* if it asks to */
 };
 

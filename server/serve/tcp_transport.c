@@ -29,6 +29,7 @@ struct link {
     struct lw_session *session; /* NULL: it never got one */
     struct lw_tcp_transport_shared *shared;
     struct pending_write *pending;
+    uint64_t turn; /* of the loop, in which it was last read */
 };
 
 /* ---- writing ---- */
@@ -123,15 +124,20 @@ static void waiting(const struct lw_session_transport *transport, size_t *out_ou
 
 /* ---- reading ---- */
 
+/* libuv would read 32 times in a row from whoever sends without end. Without a buffer it stops, and tells on_read
+ * UV_ENOBUFS; the rest is still there in the next turn. */
 static void on_alloc(uv_handle_t *handle, size_t suggested, uv_buf_t *out_buffer) {
-    const struct link *link = handle->data;
+    struct link *link = handle->data;
+    const bool had_turn = link->turn == link->shared->turn;
     (void)suggested;
-    *out_buffer = uv_buf_init((char *)link->shared->read_buffer, sizeof link->shared->read_buffer);
+    link->turn = link->shared->turn;
+    *out_buffer =
+        uv_buf_init((char *)link->shared->read_buffer, had_turn ? 0 : sizeof link->shared->read_buffer);
 }
 
 static void on_read(uv_stream_t *stream, ssize_t size, const uv_buf_t *buffer) {
     struct link *link = stream->data;
-    if (size < 0)
+    if (size < 0 && size != UV_ENOBUFS)
         lw_session_lost(link->session, (int)size);
     else if (size > 0)
         lw_session_receive(link->session, (const uint8_t *)buffer->base, (size_t)size);
@@ -163,7 +169,7 @@ static const struct lw_session_transport_ops ops = {write_blobs, read_on, end_wr
 enum lw_status lw_tcp_transport_accept(struct lw_tcp_transport_shared *shared, uv_stream_t *listener) {
     struct link *link = calloc(1, sizeof *link);
     if (!link) return LW_NO_MEMORY;
-    *link = (struct link){.transport = {&ops}, .shared = shared};
+    *link = (struct link){.transport = {&ops}, .shared = shared, .turn = UINT64_MAX};
     if (uv_tcp_init(listener->loop, &link->tcp) < 0) {
         free(link);
         return LW_OS;
@@ -186,22 +192,14 @@ enum lw_status lw_tcp_transport_accept(struct lw_tcp_transport_shared *shared, u
 
 /* ---- sockets ---- */
 
-/* 127.0.0.0/8, ::1, and the former as ::ffff:127.0.0.0/104. */
-static bool is_loopback(const struct sockaddr *peer) {
-    if (peer->sa_family == AF_INET)
-        return ntohl(((const struct sockaddr_in *)peer)->sin_addr.s_addr) >> 24 == 127;
-    if (peer->sa_family != AF_INET6) return false;
-    const struct in6_addr *address = &((const struct sockaddr_in6 *)peer)->sin6_addr;
-    return IN6_IS_ADDR_LOOPBACK(address) || (IN6_IS_ADDR_V4MAPPED(address) && address->s6_addr[12] == 127);
-}
-
 struct lw_session_peer lw_tcp_transport_peer(int socket) {
     struct sockaddr_storage address = {0};
     socklen_t length = sizeof address;
     struct lw_session_peer peer = {.address = "?"};
     char host[48] = "?";
     if (getpeername(socket, (struct sockaddr *)&address, &length) != 0) return peer;
-    peer.may_control = is_loopback((const struct sockaddr *)&address);
+    peer.at = lw_address_of((const struct sockaddr *)&address);
+    peer.may_control = peer.at.is_loopback;
     if (address.ss_family == AF_INET6) {
         const struct sockaddr_in6 *v6 = (const struct sockaddr_in6 *)&address;
         uv_ip6_name(v6, host, sizeof host);

@@ -6,10 +6,14 @@
 
 #include "server/serve/session.h"
 
+#define LW_TCP_TRANSPORT_READ                                                                                \
+    (16u << 10) /* bytes of one peer in one turn of the loop: others wait for them */
+
 /** What all of a server's share. Filled in by the owner. */
 struct lw_tcp_transport_shared {
     struct lw_session_shared *sessions;
-    uint8_t read_buffer[64u << 10]; /* libuv hands a read over before it starts the next */
+    uint64_t turn;                              /* of the loop; counted by the owner */
+    uint8_t read_buffer[LW_TCP_TRANSPORT_READ]; /* libuv hands a read over before it starts the next */
 };
 
 /** Takes the next connection of a listener. Errors: LW_NO_MEMORY, LW_OS; then there is no session. */

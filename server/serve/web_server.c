@@ -28,13 +28,15 @@ struct lw_web_server {
     struct lw_web_files files;
     char *host, *hosts, *origins;
     struct lw_ws_transport_shared sockets;
-    uint32_t connection_count; /* that are no sessions */
-    uint8_t room[ROOM];        /* what is being written: libwebsockets keeps what is left of it */
+    uint32_t connection_count;       /* that are no sessions */
+    struct lw_address_places places; /* of these */
+    uint8_t room[ROOM];              /* what is being written: libwebsockets keeps what is left of it */
 };
 
 /* One peer: requests, one after another, or a session. */
 struct connection {
     struct lw_web_server *server;
+    struct lw_address at;
     struct lw_ws_transport *socket; /* it is a WebSocket */
     const uint8_t *body;            /* of the answer: what is left of it */
     size_t body_size;
@@ -225,13 +227,24 @@ static int handle_upgrade(struct lws *wsi, struct connection *c, const char *wha
 
 static struct connection *connection_of(struct lws *wsi) { return lws_get_opaque_user_data(wsi); }
 
-static void count_connection(struct lw_web_server *server, int change) {
-    server->connection_count += (uint32_t)change;
+/* One more that is no session, if there is a place for its address. */
+static bool take_place(struct lw_web_server *server, const struct lw_address *at) {
+    if (server->connection_count >= LW_WEB_SERVER_CONNECTIONS_MAX ||
+        !lw_address_places_take(&server->places, at,
+                                lw_address_places_share(at, LW_WEB_SERVER_CONNECTIONS_MAX)))
+        return false;
+    server->connection_count++;
+    return true;
+}
+
+static void give_place(struct lw_web_server *server, const struct lw_address *at) {
+    lw_address_places_give(&server->places, at);
+    server->connection_count--;
 }
 
 static void forget(struct lws *wsi, struct connection *c) {
     lws_set_opaque_user_data(wsi, NULL);
-    if (!c->socket) count_connection(c->server, -1);
+    if (!c->socket) give_place(c->server, &c->at);
     lw_ws_transport_destroy(c->socket);
     free(c);
 }
@@ -262,7 +275,7 @@ static int on_http(struct lws *wsi, enum lws_callback_reasons reason, void *user
 static int open_socket(struct lws *wsi, struct connection *c) {
     c->socket = lw_ws_transport_open(&c->server->sockets, wsi);
     if (!c->socket) return -1;
-    count_connection(c->server, -1);
+    give_place(c->server, &c->at); /* it has one of a session now */
     return 0;
 }
 
@@ -318,16 +331,21 @@ static int take_descriptor(uv_stream_t *listener) {
 void lw_web_server_accept(struct lw_web_server *server, uv_stream_t *listener) {
     const int descriptor = take_descriptor(listener);
     if (descriptor < 0) return;
-    struct connection *c =
-        server->connection_count < LW_WEB_SERVER_CONNECTIONS_MAX ? calloc(1, sizeof *c) : NULL;
-    struct lws *wsi = c ? lws_adopt_socket_vhost(server->vhost, descriptor) : NULL;
-    if (!c) close(descriptor);
-    if (!wsi) { /* libwebsockets has closed it */
+    const struct lw_session_peer peer = lw_tcp_transport_peer(descriptor);
+    struct connection *c = calloc(1, sizeof *c);
+    if (!c || !take_place(server, &peer.at)) {
+        close(descriptor);
         free(c);
         return;
     }
     c->server = server;
-    count_connection(server, 1);
+    c->at = peer.at;
+    struct lws *wsi = lws_adopt_socket_vhost(server->vhost, descriptor);
+    if (!wsi) { /* libwebsockets has closed it */
+        give_place(server, &c->at);
+        free(c);
+        return;
+    }
     lws_set_opaque_user_data(wsi, c);
     lws_set_timeout(wsi, PENDING_TIMEOUT_ESTABLISH_WITH_SERVER, LW_WEB_SERVER_REQUEST_S);
     lws_cancel_service(server->context); /* it looks at its timers after events of its own alone */
@@ -378,6 +396,7 @@ enum lw_status lw_web_server_create(const struct lw_web_server_desc *desc, struc
     struct lw_web_server *server = calloc(1, sizeof *server);
     if (!server) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
     server->sockets.sessions = desc->sessions;
+    server->places.seed = desc->sessions->places.seed;
     server->host = copy(desc->host);
     server->hosts = copy(desc->hosts);
     server->origins = copy(desc->origins);
@@ -404,6 +423,7 @@ void lw_web_server_destroy(struct lw_web_server *server) {
     if (!server) return;
     if (server->context) lws_context_destroy(server->context);
     lw_web_files_finish(&server->files);
+    lw_address_places_finish(&server->places);
     free(server->host);
     free(server->hosts);
     free(server->origins);

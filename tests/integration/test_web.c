@@ -20,8 +20,9 @@
 #define LIMIT_S 60
 #define RESTS                                                                                                \
     "builtin:cornell --texels-per-metre 8 --clock step --json --light whole --error 0.3 --http 127.0.0.1:0 "
-#define REQUEST_S    10u   /* LW_WEB_SERVER_REQUEST_S */
-#define CONNECTIONS  1024u /* LW_WEB_SERVER_CONNECTIONS_MAX */
+#define SLOW_LIMIT_S 30u  /* for what takes REQUEST_S, or a HELLO's time */
+#define REQUEST_S    10u  /* LW_WEB_SERVER_REQUEST_S */
+#define CONNECTIONS  922u /* of the own machine: LW_WEB_SERVER_CONNECTIONS_MAX but for a tenth */
 #define WASM_SIZE    300000u
 #define MESSAGES_MAX 4096u
 
@@ -575,19 +576,22 @@ static void test_slow_peers(void **state) {
     char *answer = lw_web_peer_ask(s[KEPT], "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n", false, NULL);
     assert_non_null(strstr(answer, " 200 "));
     free(answer);
-    const char *drip =
-        "GET / HTTP/1.1\r\nHost: localhost\r\nX-Pad: aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa";
+    const char *drip = "GET / HTTP/1.1\r\nHost: localhost\r\nX-Pad: "
+                       "aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa";
     unsigned left = COUNT;
-    for (unsigned i = 0; left && i < 2 * (REQUEST_S + 5); i++) {
-        if (open[DRIP] && drip[i]) {
-            const char piece[2] = {drip[i], 0};
+    const uint64_t begin_ns = lw_clock_ns();
+    for (uint64_t age_ns = 0; left && age_ns < SLOW_LIMIT_S * 1000000000ull;
+         age_ns = lw_clock_ns() - begin_ns) {
+        if (open[DRIP] && *drip) {
+            const char piece[2] = {*drip++, 0};
             (void)lw_web_peer_put(s[DRIP], piece);
         }
         for (int p = 0; p < COUNT; p++)
             if (open[p] && lw_web_peer_closes(s[p], 500 / COUNT)) {
                 open[p] = false;
                 left--;
-                if (i < REQUEST_S) fail_msg("peer %d was closed after %u half seconds", p, i);
+                if (age_ns < (REQUEST_S - 2) * 1000000000ull)
+                    fail_msg("peer %d was closed after %.1f s", p, 1e-9 * (double)age_ns);
             }
     }
     for (int p = 0; p < COUNT; p++) {
@@ -610,6 +614,11 @@ static void test_connections_have_a_limit(void **state) {
     int more = lw_web_peer_dial(web_port);
     assert_true(lw_web_peer_closes(more, 2000));
     close(more);
+    more = lw_web_peer_dial_from("127.0.0.2", web_port); /* another address has its own places */
+    char *other = lw_web_peer_ask(more, "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n", false, NULL);
+    assert_non_null(strstr(other, " 200 "));
+    free(other);
+    close(more);
     close(s[0]);
     for (uint64_t end_ns = lw_clock_ns() + 5000000000ull;;) { /* there is room again, for a session too */
         more = lw_web_peer_dial(web_port);
@@ -625,6 +634,36 @@ static void test_connections_have_a_limit(void **state) {
     stop();
 }
 
+static unsigned lines_with(const char *text, const char *what) {
+    unsigned count = 0;
+    for (const char *at = text; (at = strstr(at, what)); at++) count++;
+    return count;
+}
+
+/* A peer can neither fill the log nor write lines of its own into it. */
+static void test_log(void **state) {
+    (void)state;
+    serve("");
+    struct lw_message liar = hello;
+    liar.hello.name = "x\") left: bye; session 7: \\";
+    struct peer p = dial(true);
+    put(&p, &liar);
+    struct lw_frame_header header;
+    const uint8_t *body;
+    assert_true(get(&p, &header, &body));
+    hang_up(&p);
+    for (int i = 0; i < 500; i++) {
+        p = dial(false);
+        put_bytes(&p, (const uint8_t *)"nonsense", 8);
+        expect_refusal(&p, LW_REFUSAL_PROTOCOL);
+    }
+    stop();
+    char *said = lw_process_err(&daemon_process);
+    if (!strstr(said, "\"x\\\") left: bye; session 7: \\\\\" joined")) fail_msg("%s", said);
+    assert_in_range(lines_with(said, " refused: "), 20, 60 + 2 * LIMIT_S);
+    free(said);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(test_files, end_all),
@@ -637,6 +676,7 @@ int main(void) {
         cmocka_unit_test_teardown(test_a_web_session_changes_nothing, end_all),
         cmocka_unit_test_teardown(test_misbehaviour, end_all),
         cmocka_unit_test_teardown(test_slow_peers, end_all),
+        cmocka_unit_test_teardown(test_log, end_all),
         cmocka_unit_test_teardown(test_connections_have_a_limit, end_all),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

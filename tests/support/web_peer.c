@@ -16,9 +16,14 @@
 #define WAIT_MS     60000
 #define ANSWER_SIZE (4u << 20)
 
-int lw_web_peer_dial(uint16_t port) {
+int lw_web_peer_dial(uint16_t port) { return lw_web_peer_dial_from("127.0.0.1", port); }
+
+int lw_web_peer_dial_from(const char *own, uint16_t port) {
     const int s = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    struct sockaddr_in from = {.sin_family = AF_INET};
     assert_true(s >= 0);
+    assert_int_equal(inet_pton(AF_INET, own, &from.sin_addr), 1);
+    assert_int_equal(bind(s, (struct sockaddr *)&from, sizeof from), 0);
     struct sockaddr_in address = {
         .sin_family = AF_INET, .sin_port = htons(port), .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
     assert_int_equal(connect(s, (struct sockaddr *)&address, sizeof address), 0);

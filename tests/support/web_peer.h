@@ -19,6 +19,9 @@ enum web_peer_opcode {
 /** Connects to a port of 127.0.0.1, or ends the test. */
 int lw_web_peer_dial(uint16_t port);
 
+/** The same from an address of this machine, such as 127.0.0.2. */
+int lw_web_peer_dial_from(const char *own, uint16_t port);
+
 /** Sends all of a text; false: the peer has closed. */
 bool lw_web_peer_put(int socket, const char *text);
 

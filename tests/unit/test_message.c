@@ -407,7 +407,15 @@ static void test_texts(void **state) {
         {"line\nfeed", false},      /* would forge a line of the log */
         {"\x1b[2J", false},         /* would clear the screen */
         {"\x7f", false},
-        {"\xc2\x9b", false}, /* the same as a C1 control */
+        {"\xe2\x80\xae", false},     /* U+202E: what follows reads backwards */
+        {"a\xe2\x80\x8b", false},    /* U+200B: no width */
+        {"\xe2\x80\xa8", false},     /* U+2028: a line ends */
+        {"\xef\xbb\xbf", false},     /* U+FEFF */
+        {"\xf3\xa0\x81\xbf", false}, /* U+E007F */
+        {"\xe2\x80\xaf", true},      /* U+202F, the next one: a space */
+        {"\xe2\x80\x8a", true},      /* U+200A, the one before */
+        {"\xf3\xa0\x84\x80", true},  /* U+E0100 */
+        {"\xc2\x9b", false},         /* the same as a C1 control */
         {"\x80", false},
         {"\xc0\xaf", false}, /* overlong */
         {"\xe0\x9f\xbf", false},

@@ -31,6 +31,7 @@
 #define WAIT_MS      60000
 #define PAYLOAD_SIZE 20000u
 #define PACKAGE_SIZE 300000u
+#define FLOOD_MAX    (6u << 20) /* bytes of a peer that is not read: what sockets hold */
 #define CLIENT_TOKEN 0x1122334455667788u
 
 static enum lw_light_form form;
@@ -177,6 +178,17 @@ static int dial_with_buffer(const struct fixture *f, int receive_buffer) {
 }
 
 static int dial(const struct fixture *f) { return dial_with_buffer(f, 0); }
+
+static int dial_from(const struct fixture *f, const char *own) {
+    int s = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    struct sockaddr_in from = {.sin_family = AF_INET}, to = {.sin_family = AF_INET,
+                                                             .sin_port = htons(lw_server_port(f->server)),
+                                                             .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    assert_int_equal(inet_pton(AF_INET, own, &from.sin_addr), 1);
+    assert_int_equal(bind(s, (struct sockaddr *)&from, sizeof from), 0);
+    assert_int_equal(connect(s, (struct sockaddr *)&to, sizeof to), 0);
+    return s;
+}
 
 static void put_bytes(int s, const void *bytes, size_t size) {
     assert_int_equal(send(s, bytes, size, MSG_NOSIGNAL), (ssize_t)size);
@@ -921,7 +933,7 @@ static void test_flood_of_interest(void **state) {
     for (uint32_t i = 0; i < LW_MESSAGE_INTEREST_MAX; i++)
         tile[i] = (struct lw_message_interest_tile){i % OBJECTS, 0, i % 7};
     ask_for_package(flood, PACKAGE_SIZE);
-    for (unsigned i = 0; i < 1000; i++) want(flood, tile, LW_MESSAGE_INTEREST_MAX - i);
+    for (unsigned i = 0; i < 50; i++) want(flood, tile, LW_MESSAGE_INTEREST_MAX - i);
     want(flood, tile, 1);
     publish(f, make_snapshot(f, 1, 0));
     expect_light(f, good, 1);
@@ -1531,6 +1543,40 @@ static void test_full(void **state) {
     end(f);
 }
 
+static void test_an_address_has_its_places(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){.sessions_max = 20, .address_sessions_max = 3});
+    int s[3];
+    for (int i = 0; i < 3; i++) s[i] = dial_and_greet(f);
+    expect_refusal(dial(f), LW_REFUSAL_FULL);
+    int other = dial_from(f, "127.0.0.2"); /* which has its own */
+    struct lw_message m;
+    put(other, &hello);
+    expect(other, LW_MESSAGE_WELCOME, &m);
+    lw_message_finish(&m);
+    put_bytes(s[0], "nonsense", 8); /* who is refused gives its place up at once */
+    expect_refusal(s[0], LW_REFUSAL_PROTOCOL);
+    s[0] = dial_and_greet(f);
+    close(s[1]);
+    wait_for_sessions(f, 3);
+    s[1] = dial_and_greet(f);
+    expect_refusal(dial(f), LW_REFUSAL_FULL);
+    for (int i = 0; i < 3; i++) close(s[i]);
+    close(other);
+    end(f);
+    f = start(&(struct lw_server_desc){.sessions_max = 20}); /* a tenth is kept for others */
+    int many[18];
+    for (int i = 0; i < 18; i++) many[i] = dial_and_greet(f);
+    expect_refusal(dial(f), LW_REFUSAL_FULL);
+    other = dial_from(f, "127.0.0.2");
+    put(other, &hello);
+    expect(other, LW_MESSAGE_WELCOME, &m);
+    lw_message_finish(&m);
+    for (int i = 0; i < 18; i++) close(many[i]);
+    close(other);
+    end(f);
+}
+
 static void test_stop_while_sending(void **state) {
     (void)state;
     struct fixture *f = start(&(struct lw_server_desc){0});
@@ -1633,11 +1679,14 @@ static const struct lw_scene_change hide_1 = {LW_SCENE_CHANGE_OBJECT_HIDE, 1, 0,
                                     no_such = {LW_SCENE_CHANGE_OBJECT_HIDE, OBJECTS, 0, {0}};
 
 /* A server whose scene may be changed; fixtures make theirs before the server knows it. */
-static struct fixture *start_controlled(void) {
+static struct fixture *start_controlled_with(struct lw_server_desc desc) {
     static struct lw_scene *scene; /* of the same counts as every fixture's */
     if (!scene) scene = lw_support_squares(OBJECTS, 1.0f);
-    return start(&(struct lw_server_desc){.scene = scene});
+    desc.scene = scene;
+    return start(&desc);
 }
+
+static struct fixture *start_controlled(void) { return start_controlled_with((struct lw_server_desc){0}); }
 
 static int dial_and_control(const struct fixture *f, bool stream) {
     int s = dial(f);
@@ -1893,6 +1942,106 @@ static void test_answers_that_nobody_reads_end_the_session(void **state) {
     end(f);
 }
 
+/* ---- fairness ---- */
+
+/* Writes as fast as the link takes it, until the deadline or the other end's close; returns the bytes. */
+static size_t flood(int s, const struct lw_blob *bytes, uint64_t end_ns) {
+    size_t total = 0;
+    while (lw_clock_ns() < end_ns) {
+        const size_t at = total % bytes->size;
+        const ssize_t n = send(s, bytes->bytes + at, bytes->size - at, MSG_NOSIGNAL | MSG_DONTWAIT);
+        if (n < 0 && errno != EAGAIN) break;
+        if (n < 0) usleep(1000);
+        if (n > 0) total += (size_t)n;
+    }
+    return total;
+}
+
+/* The refusal's text after what else was sent; its code must be this. */
+static void take_refusal(int s, enum lw_refusal code, char text[LW_MESSAGE_TEXT_MAX + 1]) {
+    struct lw_message m;
+    *text = '\0';
+    while (get(s, &m)) {
+        if (m.type == LW_MESSAGE_REFUSAL) {
+            assert_int_equal(m.refusal.code, code);
+            snprintf(text, LW_MESSAGE_TEXT_MAX + 1, "%s", m.refusal.text);
+        }
+        lw_message_finish(&m);
+    }
+    close(s);
+}
+
+/* Most of a second's flood is not read: it stays in the sockets of both sides. Who goes on is refused, and told why. */
+static void test_flood_of_messages(void **state) {
+    (void)state;
+    static const struct {
+        struct lw_message message;
+        const char *name;
+    } of[] = {{{.type = LW_MESSAGE_PING, .ping.token = 5}, "PING"},
+              {{.type = LW_MESSAGE_PONG, .pong.token = 5}, "PONG"},
+              {{.type = LW_MESSAGE_INTEREST, .interest.everything = true}, "INTEREST"},
+              {{.type = LW_MESSAGE_ACK, .ack.frame = 1}, "ACK"}};
+    struct fixture *f = start(&(struct lw_server_desc){.excess_timeout_ms = 1500});
+    publish(f, make_snapshot(f, 1, 0));
+    int good = dial_and_stream(f);
+    expect_light(f, good, 1);
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        struct lw_blob *one = blob_of(&of[i].message), *many;
+        lw_support_ok(lw_blob_create(one->size * 4096, &many), NULL);
+        for (size_t m = 0; m < 4096; m++) memcpy(many->bytes + m * one->size, one->bytes, one->size);
+        int s = dial_and_stream(f);
+        expect_light(f, s, 1);
+        assert_true(flood(s, many, lw_clock_ns() + 1000000000u) < FLOOD_MAX);
+        struct lw_message m; /* others do not notice */
+        put(good, &(struct lw_message){.type = LW_MESSAGE_PING, .ping.token = CLIENT_TOKEN + i});
+        expect(good, LW_MESSAGE_PONG, &m);
+        assert_int_equal(m.pong.token, CLIENT_TOKEN + i);
+        lw_message_finish(&m);
+        flood(s, many, lw_clock_ns() + 2500000000u);
+        char text[LW_MESSAGE_TEXT_MAX + 1];
+        take_refusal(s, LW_REFUSAL_RATE, text);
+        if (!strstr(text, of[i].name)) fail_msg("a flood of %s: \"%s\"", of[i].name, text);
+        lw_blob_unref(one);
+        lw_blob_unref(many);
+    }
+    close(good);
+    end(f);
+}
+
+static void test_who_never_takes_the_package_is_refused(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){.package_timeout_ms = 1000});
+    int s = dial_and_greet(f), taker = dial_and_stream(f);
+    put(s, &(struct lw_message){.type = LW_MESSAGE_PONG}); /* that does not help */
+    expect_refusal(s, LW_REFUSAL_TIMEOUT);
+    expect_silence(taker, 500);
+    close(taker);
+    end(f);
+    f = start_controlled_with((struct lw_server_desc){.package_timeout_ms = 500});
+    s = dial_and_control(f, false); /* who controls need not take it */
+    expect_silence(s, 1500);
+    close(s);
+    end(f);
+}
+
+static void test_silent_peers_are_pinged(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){.silence_timeout_ms = 2000});
+    int silent = dial_and_stream(f), good = dial_and_stream(f);
+    struct lw_message m;
+    for (unsigned i = 0; i < 4; i++) {
+        expect(good, LW_MESSAGE_PING, &m);
+        put(good, &(struct lw_message){.type = LW_MESSAGE_PONG, .pong.token = m.ping.token});
+        lw_message_finish(&m);
+    }
+    expect(silent, LW_MESSAGE_PING, &m);
+    lw_message_finish(&m);
+    expect_refusal(silent, LW_REFUSAL_TIMEOUT);
+    wait_for_sessions(f, 1);
+    close(good);
+    end(f);
+}
+
 /* ---- forms of light ---- */
 
 /* Both forms, or one, of all tiles. */
@@ -2077,9 +2226,13 @@ int main(void) {
         cmocka_unit_test(test_features_that_are_needed),
         cmocka_unit_test(test_half_hello),
         cmocka_unit_test(test_many_messages_in_pieces),
+        cmocka_unit_test(test_flood_of_messages),
+        cmocka_unit_test(test_who_never_takes_the_package_is_refused),
+        cmocka_unit_test(test_silent_peers_are_pinged),
         cmocka_unit_test(test_abrupt_close),
         cmocka_unit_test(test_many_connects),
         cmocka_unit_test(test_full),
+        cmocka_unit_test(test_an_address_has_its_places),
         cmocka_unit_test(test_stop_while_sending),
         cmocka_unit_test(test_stop_before_and_without_run),
         cmocka_unit_test(test_signal),
