@@ -110,7 +110,10 @@ static void on_early_signal(int number) {
 static bool should_stop(const struct daemon *d) { return d->stopping || signalled_to_threads; }
 
 static enum lw_status parse_http(struct settings *s, struct lw_error *err) {
+    struct stat st;
     if (strcmp(s->http, "none") == 0) return LW_OK;
+    if (s->web_root && (stat(s->web_root, &st) != 0 || !S_ISDIR(st.st_mode)))
+        return lw_status_fail(err, LW_NO_INPUT, "--web-root: %s is no folder", s->web_root);
     const enum lw_status status =
         lw_options_address_or(s->http, HTTP_PORT, s->http_host, sizeof s->http_host, &s->http_port, err);
     if (status != LW_OK) lw_status_context(err, "--http");

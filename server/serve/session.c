@@ -13,7 +13,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define BATCH_BLOBS      64u
 #define BATCH_BYTES      (LW_SERVER_QUEUE_MAX / 2) /* one more chunk or tile keeps within LW_SERVER_QUEUE_MAX */
 #define TURN_BATCHES     4u                        /* written at once before others get their turn */
 #define LINGER_NS        1000000000u               /* from a refusal to the close */
@@ -440,13 +439,13 @@ static void take_up_interest(struct lw_session *s) {
 struct batch {
     uint32_t blob_count, tile_count;
     size_t bytes;
-    struct lw_blob *blob[BATCH_BLOBS];
+    struct lw_blob *blob[LW_SESSION_TRANSPORT_BLOBS];
 };
 
 static void take_batch(struct lw_session *s, struct batch *batch) {
     batch->blob_count = batch->tile_count = 0;
     batch->bytes = 0;
-    while (batch->blob_count < BATCH_BLOBS && batch->bytes < BATCH_BYTES) {
+    while (batch->blob_count < LW_SESSION_TRANSPORT_BLOBS && batch->bytes < BATCH_BYTES) {
         bool tile;
         struct lw_blob *blob = next_blob(s, &tile);
         if (!blob) break;

@@ -11,9 +11,11 @@
 #include "server/publish/snapshot.h"
 #include "server/serve/address_places.h"
 
+#define LW_SESSION_TRANSPORT_BLOBS 64u /* in one write */
+
 struct lw_session_transport {
     const struct lw_session_transport_ops {
-        /** Sends blobs one after another, and takes over the references. The next call has to wait for
+        /** Sends blobs one after another, LW_SESSION_TRANSPORT_BLOBS at most, and takes over the references. The next call has to wait for
          * lw_session_written() unless this one took all.
          * Returns how many bytes the link took at once, or libuv's error: then none of it is sent. */
         int (*write)(struct lw_session_transport *link, struct lw_blob *const *blob, uint32_t blob_count);

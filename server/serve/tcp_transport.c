@@ -11,9 +11,8 @@
 #include <string.h>
 #include <sys/ioctl.h>
 
-#define WRITE_BLOBS_MAX 64u /* in one call */
-#define KEEPALIVE_S     30
-#define NOTSENT_LOWAT   (128 << 10) /* bytes; what the kernel holds cannot be replaced by a newer version */
+#define KEEPALIVE_S   30
+#define NOTSENT_LOWAT (128 << 10) /* bytes; what the kernel holds cannot be replaced by a newer version */
 
 /* A write that libuv has not finished: it holds the blobs meanwhile. */
 struct pending_write {
@@ -79,9 +78,9 @@ static int queue_rest(struct link *link, struct lw_blob *const *blob, uv_buf_t *
 
 static int write_blobs(struct lw_session_transport *transport, struct lw_blob *const *blob, uint32_t count) {
     struct link *link = link_of(transport);
-    uv_buf_t buffer[WRITE_BLOBS_MAX] = {{0}};
+    uv_buf_t buffer[LW_SESSION_TRANSPORT_BLOBS] = {{0}};
     size_t bytes = 0;
-    assert(count <= WRITE_BLOBS_MAX && !link->pending);
+    assert(count <= LW_SESSION_TRANSPORT_BLOBS && !link->pending);
     if (!count) return 0;
     for (uint32_t i = 0; i < count; i++) {
         buffer[i] = uv_buf_init((char *)blob[i]->bytes, (unsigned)blob[i]->size);

@@ -6,7 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define BLOBS_MAX  64u  /* that wait at once */
 #define REASON_MAX 123u /* bytes of text in a Close: RFC 6455, 5.5 */
 
 struct lw_ws_transport {
@@ -14,7 +13,8 @@ struct lw_ws_transport {
     struct lws *wsi;
     struct lw_ws_transport_shared *shared;
     struct lw_session *session;
-    struct lw_blob *blob[BLOBS_MAX]; /* from first on not written yet; of that one, `written` bytes are */
+    struct lw_blob *blob
+        [LW_SESSION_TRANSPORT_BLOBS]; /* from first on not written yet; of that one, `written` bytes are */
     uint32_t first, blob_count;
     size_t written, waiting;
     bool was_full;
@@ -31,7 +31,7 @@ static struct lw_ws_transport *link_of(struct lw_session_transport *transport) {
 
 static int write_blobs(struct lw_session_transport *transport, struct lw_blob *const *blob, uint32_t count) {
     struct lw_ws_transport *link = link_of(transport);
-    assert(link->first == link->blob_count && count <= BLOBS_MAX);
+    assert(link->first == link->blob_count && count <= LW_SESSION_TRANSPORT_BLOBS);
     memcpy(link->blob, blob, count * sizeof(struct lw_blob *));
     link->first = 0;
     link->blob_count = count;

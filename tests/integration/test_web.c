@@ -226,13 +226,23 @@ static void test_hosts(void **state) {
 static void test_no_client(void **state) {
     (void)state;
     char *answer, line[600];
-    snprintf(line, sizeof line, "--web-root %s", lw_support_temporary("no-such-folder"));
+    const char *empty = lw_support_temporary("empty");
+    assert_int_equal(mkdir(empty, 0700), 0);
+    snprintf(line, sizeof line, "--web-root %s", empty);
     serve(line);
     assert_int_equal(ask("GET", "/", "", &answer, NULL), 200);
     assert_non_null(strstr(body_of(answer), "--web-root"));
     free(answer);
     assert_int_equal(ask("GET", "/index.html", "", NULL, NULL), 404);
     stop();
+    struct lw_process other; /* one that was named must be there */
+    snprintf(line, sizeof line, "builtin:cornell --listen 127.0.0.1:0 --http 127.0.0.1:0 --web-root %s/none",
+             empty);
+    lw_process_start(&other, "lightwelld", line);
+    assert_int_equal(lw_process_finish(&other, LIMIT_S), 66);
+    char *said = lw_process_err(&other);
+    assert_non_null(strstr(said, "--web-root: "));
+    free(said);
 }
 
 static void test_port_in_use(void **state) {
