@@ -113,7 +113,8 @@ static enum lw_status spawn(struct lw_daemon_child *c, const struct lw_daemon_ch
                                  text[3],
                                  "--error",
                                  text[4]};
-    size_t count = 22;
+    size_t count = 0;
+    while (arguments[count]) count++;
     if (!desc->real_clock)
         arguments[count++] = "--json"; /* reports wait to be read: for those who step alone */
     if (desc->threads) arguments[count++] = "--threads", arguments[count++] = text[5];
