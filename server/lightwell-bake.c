@@ -16,7 +16,7 @@
 #include "server/bake/glb_scene.h"
 #include "server/bake/manifest.h"
 #include "server/bake/map_names.h"
-#include "server/solve/cell_solver.h"
+#include "server/solve/solvers.h"
 
 #include <errno.h>
 #include <libgen.h>
@@ -36,7 +36,8 @@
 
 struct settings {
     struct lw_scene_open scene;
-    const char *output, *gltf_out, *client_lights;
+    const char *output, *gltf_out, *client_lights, *solver;
+    const struct lw_solvers_entry *entry; /* of that name */
     int64_t samples, bounces, seed;
     double error, time_s, limit_s, interval_s, tracing_range, cell_size, probe_spacing;
     bool samples_given, error_given, as_float, gltf_lights, gltf_split_sides, denoise, restart, indirect_only;
@@ -106,7 +107,9 @@ static enum lw_status check(const struct settings *s, struct lw_error *err) {
 
 static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out_done, struct lw_error *err) {
     const char *scene[1] = {NULL};
-    char about[2048];
+    char about[2048], names[128], solvers[192];
+    lw_solvers_list(names, sizeof names);
+    snprintf(solvers, sizeof solvers, "what computes the light: %s", names);
     int length =
         snprintf(about, sizeof about,
                  "Lights a scene and writes one OpenEXR lightmap per object, with an index.json that says "
@@ -130,6 +133,7 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          LW_OPTION_INT, &s->samples, 1, 1e6, &s->samples_given},
         {"error", "E", "relative standard error that every tile of 64 x 64 texels gets under (default 0.02)",
          LW_OPTION_REAL, &s->error, 1e-5, 1, &s->error_given},
+        {"solver", "NAME", solvers, LW_OPTION_STRING, &s->solver, 0, 0, NULL},
         {"bounces", "N", "indirect bounces (default 4)", LW_OPTION_INT, &s->bounces, 0, LW_SOLVER_BOUNCES_MAX,
          NULL},
         {"denoise", NULL, "filter the noise out of the maps; keeps each object's mean (default: off)",
@@ -187,6 +191,10 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
     enum lw_status status = lw_options_parse(&options, argc, argv, NULL, out_done, err);
     if (status != LW_OK || *out_done) return status;
     s->scene.path = scene[0];
+    if ((status = lw_solvers_find(s->solver, &s->entry, err)) != LW_OK) {
+        lw_status_context(err, "--solver");
+        return status;
+    }
     return check(s, err);
 }
 
@@ -268,9 +276,10 @@ static enum lw_status make_key(struct baker *b, struct lw_error *err) {
         length += snprintf(text + length, sizeof text - (size_t)length, "%02x", hash.bytes[i]);
     length +=
         snprintf(text + length, sizeof text - (size_t)length,
-                 " " LW_VERSION " bounces %lld seed %lld range %a cell %a probes %d %a time %a denoise %d",
-                 (long long)s->bounces, (long long)s->seed, s->tracing_range, s->cell_size, s->probe_form,
-                 s->probe_spacing, s->time_s, s->denoise);
+                 " " LW_VERSION " solver %s bounces %lld seed %lld range %a cell %a probes %d %a time %a "
+                 "denoise %d",
+                 s->entry->name, (long long)s->bounces, (long long)s->seed, s->tracing_range, s->cell_size,
+                 s->probe_form, s->probe_spacing, s->time_s, s->denoise);
     if (b->left_out_names) { /* which ones: no text is long enough for all names */
         lw_package_hash((const uint8_t *)b->left_out_names, strlen(b->left_out_names), &hash);
         length += snprintf(text + length, sizeof text - (size_t)length, " left out ");
@@ -348,22 +357,22 @@ static enum lw_status read_scene(struct baker *b, struct lw_error *err) {
 static enum lw_status set_up_solver(struct baker *b, struct lw_error *err) {
     const struct settings *s = &b->settings;
     enum lw_status status =
-        lw_cell_solver_create(&(struct lw_solver_desc){.scene = b->scene,
-                                                       .atlas_map = &b->atlas_map,
-                                                       .client_lights = &b->left_out,
-                                                       .bounces = (uint32_t)s->bounces,
-                                                       .tracing_range_m = (float)s->tracing_range,
-                                                       .cell_size_m = (float)s->cell_size,
-                                                       .probe_spacing_m = (float)s->probe_spacing,
-                                                       .probe_form = (enum lw_probe_form_kind)s->probe_form,
-                                                       .direct_samples = 1,
-                                                       .indirect_samples = 1,
-                                                       .target_error = s->samples ? -1 : (float)s->error,
-                                                       .frames_max = (uint32_t)s->samples,
-                                                       .threads = (unsigned)s->scene.threads,
-                                                       .finishing = &signalled_to_threads,
-                                                       .seed = (uint32_t)s->seed},
-                              &b->pose, &b->solver, err);
+        s->entry->create(&(struct lw_solver_desc){.scene = b->scene,
+                                                  .atlas_map = &b->atlas_map,
+                                                  .client_lights = &b->left_out,
+                                                  .bounces = (uint32_t)s->bounces,
+                                                  .tracing_range_m = (float)s->tracing_range,
+                                                  .cell_size_m = (float)s->cell_size,
+                                                  .probe_spacing_m = (float)s->probe_spacing,
+                                                  .probe_form = (enum lw_probe_form_kind)s->probe_form,
+                                                  .direct_samples = 1,
+                                                  .indirect_samples = 1,
+                                                  .target_error = s->samples ? -1 : (float)s->error,
+                                                  .frames_max = (uint32_t)s->samples,
+                                                  .threads = (unsigned)s->scene.threads,
+                                                  .finishing = &signalled_to_threads,
+                                                  .seed = (uint32_t)s->seed},
+                         &b->pose, &b->solver, err);
     if (status != LW_OK) return status;
     b->solver->ops->show(b->solver, lw_light_form_bit(b->form));
     b->bake.solver = b->solver;

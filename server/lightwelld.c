@@ -21,7 +21,7 @@
 #include "server/publish/publisher.h"
 #include "server/serve/server.h"
 #include "server/solve/filter/denoise.h"
-#include "server/solve/light_layers.h"
+#include "server/solve/solvers.h"
 
 #include <errno.h>
 #include <poll.h>
@@ -52,8 +52,9 @@ enum codec_kind { CODEC_HALF, CODEC_DCT };
 struct settings {
     struct lw_scene_open scene;
     const char *listen, *port_file, *http, *http_port_file, *http_hosts, *http_origins, *web_root;
-    const char *keep, *spares, *light_groups, *client_lights;
-    int64_t address_sessions; /* 0: the server's default */
+    const char *keep, *spares, *light_groups, *client_lights, *solver;
+    const struct lw_solvers_entry *entry; /* of that name */
+    int64_t address_sessions;             /* 0: the server's default */
     int64_t bounces, direct_samples, indirect_samples, seed, frames;
     int probe_form, denoise;
     double tracing_range, cell_size, probe_spacing, frame_rate, frame_budget_ms, freeze_s, error, link_rate,
@@ -75,7 +76,7 @@ struct daemon {
     size_t package_size;
     struct lw_atlas_map atlas_map;
     struct lw_pose pose;
-    struct lw_light_groups light_groups; /* until the solver has them */
+    struct lw_light_groups light_groups;
     struct lw_client_lights client_lights;
     uint8_t *light_bits, *material_bits; /* the same for the WELCOME */
     struct lw_solver *solver;
@@ -122,7 +123,9 @@ static enum lw_status parse_http(struct settings *s, struct lw_error *err) {
 
 static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out_done, struct lw_error *err) {
     const char *scene[1] = {NULL};
-    char about[1024];
+    char about[1024], names[128], solvers[192];
+    lw_solvers_list(names, sizeof names);
+    snprintf(solvers, sizeof solvers, "what computes the light: %s", names);
     int length = snprintf(
         about, sizeof about,
         "Lights a scene once per frame for all who look at it, and streams the light to them.\n"
@@ -152,6 +155,7 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          LW_OPTION_STRING, &s->http_origins, 0, 0, NULL},
         {"web-root", "FOLDER", "the browser client's files (default: share/lightwell/web beside bin)",
          LW_OPTION_STRING, &s->web_root, 0, 0, NULL},
+        {"solver", "NAME", solvers, LW_OPTION_STRING, &s->solver, 0, 0, NULL},
         {"bounces", "N", "indirect bounces (default 2)", LW_OPTION_INT, &s->bounces, 0, LW_SOLVER_BOUNCES_MAX,
          NULL},
         {"tracing-range", "METRES",
@@ -247,6 +251,10 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
     enum lw_status status = lw_options_parse(&options, argc, argv, NULL, out_done, err);
     if (status != LW_OK || *out_done) return status;
     s->scene.path = scene[0];
+    if ((status = lw_solvers_find(s->solver, &s->entry, err)) != LW_OK) {
+        lw_status_context(err, "--solver");
+        return status;
+    }
     if (s->animate && s->freeze)
         return lw_status_fail(err, LW_USAGE, "--animate and --freeze exclude each other");
     status = lw_options_address(s->listen, s->host, sizeof s->host, &s->port, err);
@@ -327,11 +335,12 @@ static float noise_shown(const struct settings *s) { return s->denoise == 1 ? LW
 
 static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
-    enum lw_status status = lw_light_layers_create(
+    enum lw_status status = s->entry->create(
         &(struct lw_solver_desc){
             .scene = &d->state.scene,
             .atlas_map = &d->atlas_map,
             .client_lights = &d->client_lights,
+            .light_groups = &d->light_groups,
             .bounces = (uint32_t)s->bounces,
             .tracing_range_m = (float)s->tracing_range,
             .cell_size_m = (float)s->cell_size,
@@ -347,7 +356,7 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
                 s->clock == CLOCK_REAL && isfinite(s->frame_budget_ms) ? s->frame_budget_ms * 1e-3 : 0,
             .cancel = &d->cancel,
             .awaited = s->clock == CLOCK_REAL ? lw_server_updates_wait(d->server) : NULL},
-        &d->light_groups, &d->pose, &d->solver, err);
+        &d->pose, &d->solver, err);
     if (status != LW_OK) return status;
     if (s->light == LIGHT_SEEN) { /* by nobody, to begin with */
         uint8_t *nothing = calloc((size_t)d->atlas_map.tile_count + 1, 1);
@@ -683,13 +692,13 @@ static void make_key(const struct daemon *d, uint8_t out_key[LW_KEPT_KEY_SIZE]) 
     length += print_hash(text + length, groups, strlen(groups));
     length += print_hash(text + length, d->light_bits, lw_client_lights_bytes(d->scene->light_count));
     length += print_hash(text + length, d->material_bits, lw_client_lights_bytes(d->scene->material_count));
-    length +=
-        snprintf(text + length, sizeof text - (size_t)length,
-                 " " LW_VERSION " bounces %lld samples %lld %lld seed %lld range %a cell %a probes %d %a "
-                 "denoise %d codec %d freeze %d %a",
-                 (long long)s->bounces, (long long)s->direct_samples, (long long)s->indirect_samples,
-                 (long long)s->seed, s->tracing_range, s->cell_size, s->probe_form, s->probe_spacing,
-                 s->denoise, s->codec, s->freeze, s->freeze_s);
+    length += snprintf(text + length, sizeof text - (size_t)length,
+                       " " LW_VERSION
+                       " solver %s bounces %lld samples %lld %lld seed %lld range %a cell %a probes %d %a "
+                       "denoise %d codec %d freeze %d %a",
+                       s->entry->name, (long long)s->bounces, (long long)s->direct_samples,
+                       (long long)s->indirect_samples, (long long)s->seed, s->tracing_range, s->cell_size,
+                       s->probe_form, s->probe_spacing, s->denoise, s->codec, s->freeze, s->freeze_s);
     lw_package_hash((const uint8_t *)text, (size_t)length, &hash);
     memcpy(out_key, hash.bytes, LW_KEPT_KEY_SIZE);
 }

@@ -127,6 +127,8 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
          1, 600, NULL},
         {"seconds", "S", "scene time over which cost is measured (default 0.4)", LW_OPTION_REAL, &o.seconds,
          0.1, 1, NULL},
+        {"solver", "NAME", "the server's solver, by a name that lightwelld --help lists (default: its own)",
+         LW_OPTION_STRING, &o.solver, 0, 0, NULL},
         {"bounces", "N", "indirect bounces on both sides (default 2)", LW_OPTION_INT, &bounces, 0, 16, NULL},
         {"truth-samples", "N", "paths per pixel of the references (default 128)", LW_OPTION_INT, &truth, 8,
          1 << 19, NULL},

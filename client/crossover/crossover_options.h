@@ -28,6 +28,7 @@ struct lw_crossover_options {
     double seconds;     /* of the frames that are counted as cost, the judged ones included */
     double minutes_max; /* no unit begins later; INFINITY: no limit */
     bool report_only;
+    const char *solver; /* the server's, by name; NULL: its default */
 };
 
 /** Reads the command line; argv[0] is "crossover". --help and --version print and set *out_done.

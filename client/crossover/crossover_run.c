@@ -146,6 +146,8 @@ static enum lw_status bind(struct lw_crossover_run *run, struct lw_error *err) {
     if (status == LW_OK) status = bind_row(run, err, "motion", "%s", lw_scene_motion_name(o->motion));
     if (status == LW_OK) status = bind_row(run, err, "size", "%ux%u", o->width, o->height);
     if (status == LW_OK) status = bind_row(run, err, "bounces", "%u", o->bounces);
+    if (status == LW_OK && (o->solver || lw_crossover_store_get(&run->store, "solver")))
+        status = bind_row(run, err, "solver", "%s", o->solver ? o->solver : "the default");
     if (status == LW_OK) status = bind_row(run, err, "seed", "%u", o->seed);
     if (status == LW_OK) status = bind_row(run, err, "truth samples", "%u", o->truth_samples);
     if (status == LW_OK) status = bind_row(run, err, "warm", "%g", o->warm_s);

@@ -56,6 +56,7 @@ static enum lw_status start(struct lw_contender *contender, const struct lw_sett
                                                              .rest_error = setting->rest_error,
                                                              .threads = c->desc.threads,
                                                              .denoise = c->desc.denoise,
+                                                             .solver = c->desc.solver,
                                                              .seen = !setting->whole},
                               &c->daemon, err);
     if (status == LW_OK)

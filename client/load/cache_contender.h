@@ -14,6 +14,7 @@ struct lw_cache_contender_desc {
     uint32_t width, height, stride, bounces;
     unsigned threads; /* 0: all */
     bool denoise;
+    const char *solver; /* by name; NULL: the default */
     /* The path of a scene package whose lightmap is so many times as dense as the default; good until destroy.
      * Errors: its own. */
     enum lw_status (*package)(void *context, double density, const char **out_path, struct lw_error *err);

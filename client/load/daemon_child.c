@@ -117,6 +117,7 @@ static enum lw_status spawn(struct lw_daemon_child *c, const struct lw_daemon_ch
     while (arguments[count]) count++;
     if (!desc->real_clock)
         arguments[count++] = "--json"; /* reports wait to be read: for those who step alone */
+    if (desc->solver) arguments[count++] = "--solver", arguments[count++] = desc->solver;
     if (desc->threads) arguments[count++] = "--threads", arguments[count++] = text[5];
     int in[2], out[2];
     if (pipe2(in, O_CLOEXEC) < 0)

@@ -10,6 +10,7 @@
 
 struct lw_daemon_child_desc {
     const char *package; /* .lwscene */
+    const char *solver;  /* by name; NULL: the default */
     uint32_t bounces, direct_samples, indirect_samples, seed;
     double rest_error;
     unsigned threads; /* 0: all */

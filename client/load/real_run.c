@@ -129,6 +129,7 @@ enum lw_status lw_real_run(const struct lw_real_run_desc *desc, struct lw_real_r
                                        .rest_error = desc->setting.rest_error,
                                        .threads = desc->threads,
                                        .denoise = desc->denoise,
+                                       .solver = desc->solver,
                                        .seen = !desc->setting.whole,
                                        .real_clock = true},
         &r.daemon, err);

@@ -153,6 +153,8 @@ enum lw_status lw_scaling_options_parse(int argc, char **argv, struct lw_scaling
          "pixels",
          LW_OPTION_CHOICE, &opponent, 0, 0, NULL},
         {"denoise", "off|on", "filter the lightmaps (default on)", LW_OPTION_CHOICE, &denoise, 0, 0, NULL},
+        {"solver", "NAME", "the server's solver, by a name that lightwelld --help lists (default: its own)",
+         LW_OPTION_STRING, &o.solver, 0, 0, NULL},
         {"seconds", "S", "of scene time that are measured, after one that is not (default 2)", LW_OPTION_REAL,
          &o.seconds, 0.2, 600, NULL},
         {"repeats", "N", "measurements of cost, each with other random numbers (default 3)", LW_OPTION_INT,

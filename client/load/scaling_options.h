@@ -30,10 +30,11 @@ struct lw_scaling_options {
     double fixed_rest;    /* error at which tiles rest */
     bool one_error;       /* no curve: that error alone */
     enum lw_path_renderer_kind opponent;
-    bool denoise;    /* the lightmaps are filtered */
-    bool self_test;  /* a path tracer on both sides */
-    bool whole;      /* the cache lights all of the scene */
-    bool look_whole; /* it lights what is looked at; one look at the whole beside it */
+    bool denoise;       /* the lightmaps are filtered */
+    const char *solver; /* the server's, by name; NULL: its default */
+    bool self_test;     /* a path tracer on both sides */
+    bool whole;         /* the cache lights all of the scene */
+    bool look_whole;    /* it lights what is looked at; one look at the whole beside it */
 };
 
 /** Reads the command line; argv[0] is "scaling". --help and --version print and set *out_done.

@@ -4,7 +4,7 @@
 #include "common/log.h"
 #include "common/progress.h"
 #include "server/solve/adapt/converged.h"
-#include "server/solve/cell_solver.h"
+#include "server/solve/solver.h"
 
 #include <unistd.h>
 

@@ -1,4 +1,4 @@
-#include "server/solve/cell_solver.h"
+#include "server/solve/cell_layer.h"
 
 #include "common/clock.h"
 #include "common/light/client_lights.h"
@@ -44,10 +44,8 @@ struct cell_solver {
     struct lw_follow follow;
     uint32_t frames;
     double texel_ns; /* wall time that one takes, in the mean of late */
-    double budget_s; /* of this frame; 0: none */
-    bool hasty;      /* what has just begun comes before all else */
-    bool yields;     /* this frame solves nothing, and only asks what has changed */
-    bool forgetful;  /* the tiles' estimates are not those of their last solve: a checkpoint keeps none */
+    struct lw_cell_layer_turn turn;
+    bool forgetful; /* the tiles' estimates are not those of their last solve: a checkpoint keeps none */
     unsigned
         pose_due;  /* what of the pose has changed since rays, lights and tiles were last placed: LW_POSE_* */
     bool view_due; /* likewise: which objects are hidden */
@@ -130,7 +128,7 @@ static bool has_work(const struct cell_solver *s, const struct lw_solve_tile *ti
 /* The frames for which probes may remember, that many frames after a movement. */
 static uint32_t probe_history_max(const struct cell_solver *s) {
     const struct lw_follow *follow = &s->follow;
-    return follow->moves ? LW_CELL_SOLVER_HISTORY_PROBES - 1 + follow->frames_since_move / 2 : UINT32_MAX;
+    return follow->moves ? LW_CELL_LAYER_HISTORY_PROBES - 1 + follow->frames_since_move / 2 : UINT32_MAX;
 }
 
 static void count_rays(struct lw_solver_stats *stats, const struct lw_ray_count *count) {
@@ -261,7 +259,7 @@ static void settle(struct cell_solver *s, struct lw_solver_stats *stats) {
 
 /* While what is remembered of the time before a movement may still show. */
 static bool is_fading(const struct cell_solver *s) {
-    return s->follow.moves && s->follow.frames_since_move < LW_CELL_SOLVER_FADE_FRAMES;
+    return s->follow.moves && s->follow.frames_since_move < LW_CELL_LAYER_FADE_FRAMES;
 }
 
 static void count_tiles(const struct cell_solver *s, struct lw_solver_stats *stats) {
@@ -272,13 +270,14 @@ static void count_tiles(const struct cell_solver *s, struct lw_solver_stats *sta
 /* How many texels a frame may solve, of what has woken and in all. The first frame lights everything. Before all have been asked, what
  * has woken is solved alone. */
 static struct lw_schedule_room room_in_time(const struct cell_solver *s, uint64_t asking_ns) {
-    if (!(s->budget_s > 0) || s->frames == 0) return (struct lw_schedule_room){UINT64_MAX, UINT64_MAX};
-    const double left_ns = fmax(s->budget_s * 1e9 - (double)asking_ns, SOLVING_SHARE * s->budget_s * 1e9);
+    if (!(s->turn.budget_s > 0) || s->frames == 0) return (struct lw_schedule_room){UINT64_MAX, UINT64_MAX};
+    const double left_ns =
+        fmax(s->turn.budget_s * 1e9 - (double)asking_ns, SOLVING_SHARE * s->turn.budget_s * 1e9);
     const uint64_t texels = 1 + (uint64_t)(left_ns / fmax(s->texel_ns, 1));
-    bool waits = s->yields;
-    for (uint32_t i = 0; i < s->tiles.count && s->hasty && !waits; i++)
+    bool waits = s->turn.yields;
+    for (uint32_t i = 0; i < s->tiles.count && s->turn.hasty && !waits; i++)
         waits = s->follow.moves && s->tiles.tile[i].serves && s->tiles.tile[i].unasked;
-    return (struct lw_schedule_room){s->yields ? 0 : texels, waits ? 0 : texels};
+    return (struct lw_schedule_room){s->turn.yields ? 0 : texels, waits ? 0 : texels};
 }
 
 /* What a texel takes now, in wall time: a running mean over some ten frames' worth. */
@@ -369,8 +368,8 @@ static struct lw_follow_frame following_of(const struct cell_solver *s, const st
     return (struct lw_follow_frame){.passes = passes,
                                     .schedule = &s->schedule,
                                     .rest = rest_of(s),
-                                    .budget_s = s->budget_s,
-                                    .hasty = s->hasty,
+                                    .budget_s = s->turn.budget_s,
+                                    .hasty = s->turn.hasty,
                                     .filtered = s->desc.denoise,
                                     .threads = s->threads};
 }
@@ -475,25 +474,22 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     return LW_OK;
 }
 
-struct lw_tiles *lw_cell_solver_tiles(struct lw_solver *solver) {
+struct lw_tiles *lw_cell_layer_tiles(struct lw_solver *solver) {
     return &((struct cell_solver *)solver)->tiles;
 }
 
-void lw_cell_solver_give(struct lw_solver *solver, double budget_s, bool yields, bool hasty) {
-    struct cell_solver *s = (struct cell_solver *)solver;
-    s->budget_s = budget_s;
-    s->yields = yields;
-    s->hasty = hasty;
+void lw_cell_layer_set_turn(struct lw_solver *solver, const struct lw_cell_layer_turn *turn) {
+    ((struct cell_solver *)solver)->turn = *turn;
 }
 
-unsigned lw_cell_solver_hurry(const struct lw_solver *solver) {
+unsigned lw_cell_layer_backlog(const struct lw_solver *solver) {
     const struct cell_solver *s = (const struct cell_solver *)solver;
-    const bool hasty = s->budget_s > 0 && s->hasty;
-    return hasty && lw_follow_is_behind(&s->follow, &s->tiles, &s->schedule) ? LW_CELL_SOLVER_HURRY_MOST
+    const bool hasty = s->turn.budget_s > 0 && s->turn.hasty;
+    return hasty && lw_follow_is_behind(&s->follow, &s->tiles, &s->schedule) ? LW_CELL_LAYER_BACKLOG_MAX
                                                                              : s->schedule.hurry;
 }
 
-void lw_cell_solver_review(struct lw_solver *solver) {
+void lw_cell_layer_review(struct lw_solver *solver) {
     struct cell_solver *s = (struct cell_solver *)solver;
     const struct lw_transport passes = passes_of(s);
     const struct lw_converged rest = rest_of(s);
@@ -522,7 +518,7 @@ static void show_forms(struct lw_solver *solver, unsigned forms) {
     if (!parts_drawn(s)) forms = LW_LIGHT_FORMS_FULL;
     s->shows_all |= (forms & ~s->forms) != 0;
     s->forms = forms;
-    if (lw_tiles_judge_forms(&s->tiles, forms, s->threads)) lw_cell_solver_review(solver);
+    if (lw_tiles_judge_forms(&s->tiles, forms, s->threads)) lw_cell_layer_review(solver);
 }
 
 static enum lw_status set_up_denoise(struct cell_solver *s, struct lw_error *err) {
@@ -729,16 +725,15 @@ static enum lw_status build(struct cell_solver *s, const struct lw_pose *pose, s
     return LW_OK;
 }
 
-enum lw_status lw_cell_solver_create_over(struct lw_geometry *geometry, const struct lw_solver_desc *desc,
-                                          const struct lw_pose *pose, struct lw_solver **out_solver,
-                                          struct lw_error *err) {
+enum lw_status lw_cell_layer_create(struct lw_geometry *geometry, const struct lw_solver_desc *desc,
+                                    const struct lw_pose *pose, struct lw_solver **out_solver,
+                                    struct lw_error *err) {
     struct cell_solver *s = calloc(1, sizeof *s);
     if (!s) return lw_status_fail(err, LW_NO_MEMORY, "solver");
     s->base.ops = &ops;
     s->geometry = geometry;
     s->desc = *desc;
-    s->budget_s = desc->frame_budget_s;
-    s->hasty = true;
+    s->turn = (struct lw_cell_layer_turn){.budget_s = desc->frame_budget_s, .hasty = true};
     s->forms = LW_LIGHT_FORMS_FULL;
     s->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
     if (!(s->desc.tracing_range_m > 0)) s->desc.tracing_range_m = INFINITY;
@@ -749,9 +744,4 @@ enum lw_status lw_cell_solver_create_over(struct lw_geometry *geometry, const st
     }
     *out_solver = &s->base;
     return LW_OK;
-}
-
-enum lw_status lw_cell_solver_create(const struct lw_solver_desc *desc, const struct lw_pose *pose,
-                                     struct lw_solver **out_solver, struct lw_error *err) {
-    return lw_cell_solver_create_over(NULL, desc, pose, out_solver, err);
 }

@@ -123,6 +123,21 @@ enum lw_status lw_light_groups_init(struct lw_light_groups *groups, const struct
     return LW_OK;
 }
 
+enum lw_status lw_light_groups_copy(struct lw_light_groups *copy, const struct lw_light_groups *groups,
+                                    const struct lw_scene *scene) {
+    *copy = (struct lw_light_groups){.count = groups->count,
+                                     .light = malloc(scene->light_count + 1ul),
+                                     .material = malloc(scene->material_count + 1ul),
+                                     .sky = groups->sky};
+    if (!copy->light || !copy->material) {
+        lw_light_groups_finish(copy);
+        return LW_NO_MEMORY;
+    }
+    memcpy(copy->light, groups->light, scene->light_count);
+    memcpy(copy->material, groups->material, scene->material_count);
+    return LW_OK;
+}
+
 void lw_light_groups_finish(struct lw_light_groups *groups) {
     free(groups->light);
     free(groups->material);

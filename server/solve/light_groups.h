@@ -25,6 +25,10 @@ struct lw_light_groups {
 LW_MUST_CHECK enum lw_status lw_light_groups_init(struct lw_light_groups *groups,
                                                   const struct lw_scene *scene, const struct lw_pose *pose,
                                                   const char *names, struct lw_error *err);
+/** Copies groups of a scene. Errors: LW_NO_MEMORY; the copy is then empty. */
+LW_MUST_CHECK enum lw_status lw_light_groups_copy(struct lw_light_groups *copy,
+                                                  const struct lw_light_groups *groups,
+                                                  const struct lw_scene *scene);
 /** Zeroed ones are fine. */
 void lw_light_groups_finish(struct lw_light_groups *groups);
 

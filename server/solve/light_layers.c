@@ -5,7 +5,7 @@
 #include "common/log.h"
 #include "common/random.h"
 #include "server/solve/adapt/follow.h"
-#include "server/solve/cell_solver.h"
+#include "server/solve/cell_layer.h"
 
 #include <limits.h>
 #include <math.h>
@@ -174,7 +174,7 @@ static void list_lights(struct layers *s, uint32_t k) {
 /* ---- sums ---- */
 
 static const struct lw_tiles *tiles_of(const struct layer *layer) {
-    return lw_cell_solver_tiles(layer->solver);
+    return lw_cell_layer_tiles(layer->solver);
 }
 
 static const struct lw_solve_tile *tile_of(const struct layer *layer, lw_tile_id id) {
@@ -286,8 +286,8 @@ static float error_of(const struct layers *s, lw_tile_id id) {
 
 /* Tells a layer's blocks what light the others give, in the measure in which this one is solved. */
 static void set_beside(const struct layers *s, const struct layer *layer) {
-    struct lw_tiles *tiles = lw_cell_solver_tiles(layer->solver);
-    const float share = s->still_frames < LW_CELL_SOLVER_FADE_FRAMES ? 1 : STILL_SHARE;
+    struct lw_tiles *tiles = lw_cell_layer_tiles(layer->solver);
+    const float share = s->still_frames < LW_CELL_LAYER_FADE_FRAMES ? 1 : STILL_SHARE;
     for (uint32_t b = 0; b < tiles->block_count; b++) tiles->block[b].beside = 0;
     for (const struct layer *other = s->layer; other < s->layer + s->count; other++) {
         if (other == layer || !runs(s, other)) continue;
@@ -302,10 +302,10 @@ static void set_beside(const struct layers *s, const struct layer *layer) {
 /* Measures a layer's errors against what counts now. */
 static void measure(const struct layers *s, struct layer *layer) {
     set_beside(s, layer);
-    if (s->still_frames < LW_CELL_SOLVER_FADE_FRAMES) {
+    if (s->still_frames < LW_CELL_LAYER_FADE_FRAMES) {
         layer->lenient = true;
     } else if (layer->lenient) {
-        lw_cell_solver_review(layer->solver);
+        lw_cell_layer_review(layer->solver);
         layer->lenient = false;
     }
 }
@@ -398,7 +398,7 @@ static void give_time(struct layers *s, bool moved) {
     unsigned most = 0;
     if (!(s->desc.frame_budget_s > 0)) return;
     for (struct layer *layer = s->layer; layer < s->layer + s->count; layer++) {
-        const unsigned hurry = layer->ran ? lw_cell_solver_hurry(layer->solver) : 0;
+        const unsigned hurry = layer->ran ? lw_cell_layer_backlog(layer->solver) : 0;
         running += layer->ran;
         most = hurry > most ? hurry : most;
     }
@@ -407,9 +407,9 @@ static void give_time(struct layers *s, bool moved) {
                      : s->hasty && (most || s->still_frames <= LW_FOLLOW_STILL_FRAMES);
     if (moved || !s->hasty || s->yields >= YIELDS_MAX) most = 0;
     for (const struct layer *layer = s->layer; layer < s->layer + s->count; layer++)
-        first += layer->ran && lw_cell_solver_hurry(layer->solver) >= most;
+        first += layer->ran && lw_cell_layer_backlog(layer->solver) >= most;
     s->yields = first < running ? s->yields + 1 : 0;
-    const double left = most == LW_CELL_SOLVER_HURRY_MOST ? YIELDS_SHARE_LEAST : YIELDS_SHARE,
+    const double left = most == LW_CELL_LAYER_BACKLOG_MAX ? YIELDS_SHARE_LEAST : YIELDS_SHARE,
                  shares = first + left * (running - first),
                  budgets = most                                                ? HURRY_SHARE
                            : moved && s->still_frames > LW_FOLLOW_STILL_FRAMES ? BEGIN_SHARE
@@ -417,8 +417,11 @@ static void give_time(struct layers *s, bool moved) {
                  budget_s = budgets * s->desc.frame_budget_s;
     for (struct layer *layer = s->layer; layer < s->layer + s->count; layer++) {
         if (!layer->ran) continue;
-        const bool yields = lw_cell_solver_hurry(layer->solver) < most;
-        lw_cell_solver_give(layer->solver, (yields ? left : 1) / shares * budget_s, yields, s->hasty);
+        const bool yields = lw_cell_layer_backlog(layer->solver) < most;
+        lw_cell_layer_set_turn(
+            layer->solver, &(struct lw_cell_layer_turn){.budget_s = (yields ? left : 1) / shares * budget_s,
+                                                        .yields = yields,
+                                                        .hasty = s->hasty});
     }
 }
 
@@ -614,7 +617,7 @@ static enum lw_status build_layer(struct layers *s, uint32_t k, struct lw_error 
     desc.scene = &layer->scene;
     desc.threads = (unsigned)s->threads;
     if (k > 0) desc.seed = lw_random_hash2(desc.seed, k); /* noise of one layer does not repeat another's */
-    return lw_cell_solver_create_over(&s->geometry, &desc, &layer->pose, &layer->solver, err);
+    return lw_cell_layer_create(&s->geometry, &desc, &layer->pose, &layer->solver, err);
 }
 
 static enum lw_status build(struct layers *s, const struct lw_pose *pose, struct lw_error *err) {
@@ -632,22 +635,17 @@ static enum lw_status build(struct layers *s, const struct lw_pose *pose, struct
     return plain ? LW_OK : begin_sums(s, err);
 }
 
-enum lw_status lw_light_layers_create(const struct lw_solver_desc *desc, struct lw_light_groups *groups,
-                                      const struct lw_pose *pose, struct lw_solver **out_solver,
-                                      struct lw_error *err) {
+enum lw_status lw_light_layers_create(const struct lw_solver_desc *desc, const struct lw_pose *pose,
+                                      struct lw_solver **out_solver, struct lw_error *err) {
     struct layers *s = calloc(1, sizeof *s);
-    if (!s) {
-        lw_light_groups_finish(groups);
-        return lw_status_fail(err, LW_NO_MEMORY, "solver");
-    }
+    if (!s) return lw_status_fail(err, LW_NO_MEMORY, "solver");
     s->base.ops = &ops;
     s->desc = *desc;
-    s->groups = *groups;
-    *groups = (struct lw_light_groups){0};
     s->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
-    s->still_frames = LW_CELL_SOLVER_FADE_FRAMES;
+    s->still_frames = LW_CELL_LAYER_FADE_FRAMES;
     s->forms = LW_LIGHT_FORMS_FULL;
-    enum lw_status status = build(s, pose, err);
+    enum lw_status status = lw_light_groups_copy(&s->groups, desc->light_groups, desc->scene);
+    status = status == LW_OK ? build(s, pose, err) : lw_status_fail(err, status, "groups of lights");
     if (status != LW_OK) {
         destroy(&s->base);
         return status;

@@ -1,5 +1,5 @@
-/* layers.h: the light of a scene as a sum of layers, one for each group of lights.
- * Implements server/solve/solver.h. Flow: pose -> [layers: each layer's own pose -> cell_solver] -> weighted sum -> publish
+/* light_layers.h: the light of a scene as a sum of layers, one for each group of lights.
+ * Implements server/solve/solver.h. Flow: pose -> [light_layers: each layer's own pose -> cell_layer] -> weighted sum -> publish
  *
  * Light is linear: what a lamp gives is in proportion to its intensity, channel by channel. Each group of lights has a cell solver
  * of its own, over one geometry, in which it shines as it once did, and the layers are summed with the weights that make that what
@@ -13,13 +13,11 @@
 #ifndef LW_SOLVE_LIGHT_LAYERS_H
 #define LW_SOLVE_LIGHT_LAYERS_H
 
-#include "server/solve/light_groups.h"
 #include "server/solve/solver.h"
 
-/** Takes groups over, whatever happens. desc->scene may change its materials and sky between two frames, and has then those of the
- * pose. Errors: as lw_cell_solver_create(). */
+/** Builds a solver whose layers are desc->light_groups. desc->scene may change its materials and sky between two frames,
+ * and has then those of the pose. Errors: as lw_solvers_entry.create(). */
 LW_MUST_CHECK enum lw_status lw_light_layers_create(const struct lw_solver_desc *desc,
-                                                    struct lw_light_groups *groups,
                                                     const struct lw_pose *pose, struct lw_solver **out_solver,
                                                     struct lw_error *err);
 

@@ -7,6 +7,7 @@
 #include "common/light/light_form.h"
 #include "common/scene/pose.h"
 #include "common/tile/atlas.h"
+#include "server/solve/light_groups.h"
 #include "server/solve/transport/probe_form.h"
 
 #include <stdatomic.h>
@@ -33,6 +34,9 @@ struct lw_solver_desc {
     uint32_t seed;
     /* Whose direct light can be left out of what is shown (client_lights.h); outlives the solver. NULL: nobody's. */
     const struct lw_client_lights *client_lights;
+    /* Groups of lights whose light is kept in layers, so that another intensity takes no ray (light_groups.h); copied.
+     * NULL: one layer of all light as it is. */
+    const struct lw_light_groups *light_groups;
     bool
         denoise; /* filters what is shown, in every frame (denoise.h); direct and indirect stay as they are */
     double

@@ -9,7 +9,7 @@
  * light the movement changed by over a tenth. relMSE as in docs/results/crossover.md, over texels, but none counts for more
  * than 1. */
 #include "common/clock.h"
-#include "server/solve/cell_solver.h"
+#include "server/solve/solvers.h"
 #include "tests/bench/bench_light.h"
 #include "tests/bench/bench_setup.h"
 
@@ -144,7 +144,7 @@ static enum lw_status solve_anew(const struct job *job, double error, uint32_t s
                                  struct solution *out, struct lw_error *err) {
     *out = (struct solution){0};
     const struct lw_solver_desc desc = bench_light_desc(job->scene, &job->map, error, seed);
-    enum lw_status status = lw_cell_solver_create(&desc, &job->pose, &out->solver, err);
+    enum lw_status status = lw_solvers_create(NULL, &desc, &job->pose, &out->solver, err);
     return status == LW_OK ? go_on(job, out, frames, err) : status;
 }
 

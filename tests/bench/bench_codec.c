@@ -20,8 +20,8 @@
 #include "common/tile/tile_dct.h"
 #include "server/publish/levels.h"
 #include "server/publish/publisher.h"
-#include "server/solve/cell_solver.h"
 #include "server/solve/filter/denoise.h"
+#include "server/solve/solvers.h"
 #include "tests/bench/bench_setup.h"
 #ifdef LW_HAVE_JXL
 #include "tests/bench/bench_jxl.h"
@@ -544,16 +544,17 @@ static enum lw_status run(void *context, const char *path, struct lw_error *err)
     enum lw_status status =
         bench_open(&s->open, path, BENCH_MOTION_OWN, s->at_s, &job.scene, &job.pose, &job.map, err);
     if (status == LW_OK)
-        status = lw_cell_solver_create(&(struct lw_solver_desc){.scene = job.scene,
-                                                                .atlas_map = &job.map,
-                                                                .bounces = 2,
-                                                                .tracing_range_m = INFINITY,
-                                                                .direct_samples = 1,
-                                                                .indirect_samples = 2,
-                                                                .target_error = -1,
-                                                                .denoise = true,
-                                                                .seed = 1},
-                                       &job.pose, &job.solver, err);
+        status = lw_solvers_create(NULL,
+                                   &(struct lw_solver_desc){.scene = job.scene,
+                                                            .atlas_map = &job.map,
+                                                            .bounces = 2,
+                                                            .tracing_range_m = INFINITY,
+                                                            .direct_samples = 1,
+                                                            .indirect_samples = 2,
+                                                            .target_error = -1,
+                                                            .denoise = true,
+                                                            .seed = 1},
+                                   &job.pose, &job.solver, err);
     if (status == LW_OK) status = solve(&job, (uint32_t)s->frames, s->at_s, err);
     if (status == LW_OK) status = find_y0(&job, job.set[2]);
     if (status == LW_OK && s->file) status = dump(&job, s->file);

@@ -21,7 +21,7 @@
 #include "common/colour.h"
 #include "common/light/direction.h"
 #include "common/sampling.h"
-#include "server/solve/cell_solver.h"
+#include "server/solve/solvers.h"
 #include "server/solve/transport/bounces.h"
 #include "server/solve/transport/ray_hit.h"
 #include "tests/bench/bench_setup.h"
@@ -288,14 +288,15 @@ static enum lw_status light(const struct settings *s, const struct lw_scene *sce
                             struct lw_error *err) {
     struct lw_solver *solver;
     struct lw_solver_stats stats;
-    enum lw_status status = lw_cell_solver_create(&(struct lw_solver_desc){.scene = scene,
-                                                                           .atlas_map = map,
-                                                                           .bounces = 2,
-                                                                           .direct_samples = 1,
-                                                                           .indirect_samples = 2,
-                                                                           .target_error = -1,
-                                                                           .threads = 1},
-                                                  pose, &solver, err);
+    enum lw_status status = lw_solvers_create(NULL,
+                                              &(struct lw_solver_desc){.scene = scene,
+                                                                       .atlas_map = map,
+                                                                       .bounces = 2,
+                                                                       .direct_samples = 1,
+                                                                       .indirect_samples = 2,
+                                                                       .target_error = -1,
+                                                                       .threads = 1},
+                                              pose, &solver, err);
     if (status != LW_OK) return status;
     for (int64_t f = 1; status == LW_OK && f <= s->frames; f++) {
         lab.armed = f == s->frames;

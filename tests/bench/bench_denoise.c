@@ -11,7 +11,7 @@
 #include "common/clock.h"
 #include "common/colour.h"
 #include "common/light/client_lights.h"
-#include "server/solve/cell_solver.h"
+#include "server/solve/solvers.h"
 #include "tests/bench/bench_setup.h"
 
 #include <math.h>
@@ -53,17 +53,18 @@ static double cpu_s(void) { return 1e-9 * (double)lw_clock_process_cpu_ns(); }
 
 static enum lw_status create(const struct job *job, uint32_t seed, bool denoise,
                              struct lw_solver **out_solver, struct lw_error *err) {
-    enum lw_status status = lw_cell_solver_create(&(struct lw_solver_desc){.scene = job->scene,
-                                                                           .atlas_map = &job->map,
-                                                                           .client_lights = &job->client,
-                                                                           .bounces = 2,
-                                                                           .direct_samples = 1,
-                                                                           .indirect_samples = 1,
-                                                                           .target_error = -1,
-                                                                           .threads = 1,
-                                                                           .seed = seed,
-                                                                           .denoise = denoise},
-                                                  &job->pose, out_solver, err);
+    enum lw_status status = lw_solvers_create(NULL,
+                                              &(struct lw_solver_desc){.scene = job->scene,
+                                                                       .atlas_map = &job->map,
+                                                                       .client_lights = &job->client,
+                                                                       .bounces = 2,
+                                                                       .direct_samples = 1,
+                                                                       .indirect_samples = 1,
+                                                                       .target_error = -1,
+                                                                       .threads = 1,
+                                                                       .seed = seed,
+                                                                       .denoise = denoise},
+                                              &job->pose, out_solver, err);
     if (status == LW_OK) (*out_solver)->ops->show(*out_solver, (1u << LW_LIGHT_FORM_COUNT) - 1);
     return status;
 }

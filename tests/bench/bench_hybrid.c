@@ -8,7 +8,7 @@
  * the error that one in a hundred blocks of 8 x 8 texels exceeds; noise is in it: the row "inf" says how much. */
 #include "common/clock.h"
 #include "common/colour.h"
-#include "server/solve/cell_solver.h"
+#include "server/solve/solvers.h"
 #include "tests/bench/bench_setup.h"
 
 #include <math.h>
@@ -91,20 +91,21 @@ static double cpu_ms(void) { return 1e-6 * (double)lw_clock_process_cpu_ns(); }
 
 static enum lw_status create(const struct job *job, const struct setting *setting, uint32_t seed,
                              struct lw_solver **out_solver, struct lw_error *err) {
-    return lw_cell_solver_create(
-        &(struct lw_solver_desc){.scene = job->scene,
-                                 .atlas_map = &job->map,
-                                 .bounces = 2,
-                                 .direct_samples = 1,
-                                 .indirect_samples = 2,
-                                 .threads = 1,
-                                 .seed = seed,
-                                 .tracing_range_m =
-                                     setting->range > 0 ? setting->range * job->longest_m : INFINITY,
-                                 .probe_spacing_m = setting->spacing * job->longest_m,
-                                 .probe_form = setting->form,
-                                 .probe_projection = setting->projection},
-        &job->pose, out_solver, err);
+    return lw_solvers_create(NULL,
+                             &(struct lw_solver_desc){.scene = job->scene,
+                                                      .atlas_map = &job->map,
+                                                      .bounces = 2,
+                                                      .direct_samples = 1,
+                                                      .indirect_samples = 2,
+                                                      .threads = 1,
+                                                      .seed = seed,
+                                                      .tracing_range_m = setting->range > 0
+                                                                             ? setting->range * job->longest_m
+                                                                             : INFINITY,
+                                                      .probe_spacing_m = setting->spacing * job->longest_m,
+                                                      .probe_form = setting->form,
+                                                      .probe_projection = setting->projection},
+                             &job->pose, out_solver, err);
 }
 
 static enum lw_status solve(const struct job *job, const struct setting *setting, uint32_t seed,

@@ -7,7 +7,7 @@
  * half; relMSE over all texels of the last frame, unfiltered, against a solve of that moment that never rests; memory. */
 #include "common/clock.h"
 #include "common/scene/scene_motion.h"
-#include "server/solve/light_layers.h"
+#include "server/solve/solvers.h"
 #include "tests/bench/bench_light.h"
 #include "tests/bench/bench_setup.h"
 
@@ -41,8 +41,11 @@ static enum lw_status create(const struct job *job, const char *group_names, dou
     struct lw_light_groups groups;
     enum lw_status status = lw_light_groups_init(&groups, job->scene, &job->pose, group_names, err);
     if (status != LW_OK) return status;
-    const struct lw_solver_desc desc = bench_light_desc(job->scene, &job->map, error, seed);
-    return lw_light_layers_create(&desc, &groups, &job->pose, out_solver, err);
+    struct lw_solver_desc desc = bench_light_desc(job->scene, &job->map, error, seed);
+    desc.light_groups = &groups;
+    status = lw_solvers_create(NULL, &desc, &job->pose, out_solver, err);
+    lw_light_groups_finish(&groups);
+    return status;
 }
 
 /* One frame, whose rays and texels count for the row. */

@@ -15,7 +15,7 @@
 #include "common/colour.h"
 #include "common/lightmap/lightmap.h"
 #include "common/random.h"
-#include "server/solve/cell_solver.h"
+#include "server/solve/solvers.h"
 #include "server/solve/transport/direct_light.h"
 #include "tests/bench/bench_setup.h"
 
@@ -210,14 +210,15 @@ static enum lw_status solve(struct run *r, uint32_t seed, int64_t frames, float 
                             struct lw_error *err) {
     struct lw_solver *solver;
     struct lw_solver_stats stats;
-    enum lw_status status = lw_cell_solver_create(&(struct lw_solver_desc){.scene = r->scene,
-                                                                           .atlas_map = &r->map,
-                                                                           .direct_samples = 1,
-                                                                           .indirect_samples = 1,
-                                                                           .target_error = -1,
-                                                                           .seed = seed,
-                                                                           .threads = 1},
-                                                  &r->pose, &solver, err);
+    enum lw_status status = lw_solvers_create(NULL,
+                                              &(struct lw_solver_desc){.scene = r->scene,
+                                                                       .atlas_map = &r->map,
+                                                                       .direct_samples = 1,
+                                                                       .indirect_samples = 1,
+                                                                       .target_error = -1,
+                                                                       .seed = seed,
+                                                                       .threads = 1},
+                                              &r->pose, &solver, err);
     if (status != LW_OK) return status;
     meter.cpu_ns = meter.rays = 0;
     for (int64_t f = 1; status == LW_OK && f <= frames; f++) {

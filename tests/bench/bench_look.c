@@ -17,7 +17,7 @@
 #include "common/image/image.h"
 #include "server/publish/levels.h"
 #include "server/publish/publisher.h"
-#include "server/solve/cell_solver.h"
+#include "server/solve/solvers.h"
 #include "tests/bench/bench_setup.h"
 
 #include <omp.h>
@@ -111,17 +111,17 @@ static enum lw_status keep_picture(struct scene *s, uint64_t frame, double noise
 static enum lw_status solve(struct scene *s, struct lw_error *err) {
     const struct settings *settings = s->settings;
     struct lw_solver *solver;
-    enum lw_status status =
-        lw_cell_solver_create(&(struct lw_solver_desc){.scene = s->scene,
-                                                       .atlas_map = &s->map,
-                                                       .bounces = (uint32_t)settings->bounces,
-                                                       .tracing_range_m = INFINITY,
-                                                       .direct_samples = 1,
-                                                       .indirect_samples = 2,
-                                                       .target_error = 1e-9f,
-                                                       .denoise = true,
-                                                       .seed = 1},
-                              &s->pose, &solver, err);
+    enum lw_status status = lw_solvers_create(NULL,
+                                              &(struct lw_solver_desc){.scene = s->scene,
+                                                                       .atlas_map = &s->map,
+                                                                       .bounces = (uint32_t)settings->bounces,
+                                                                       .tracing_range_m = INFINITY,
+                                                                       .direct_samples = 1,
+                                                                       .indirect_samples = 2,
+                                                                       .target_error = 1e-9f,
+                                                                       .denoise = true,
+                                                                       .seed = 1},
+                                              &s->pose, &solver, err);
     if (status != LW_OK) return status;
     double solve_s = 0;
     for (uint64_t frame = 1; status == LW_OK && frame <= (uint64_t)settings->frames; frame++) {

@@ -1,12 +1,12 @@
 #include "tests/bench/bench_runner.h"
 
 #include "common/tile/tile_codec.h"
-#include "server/solve/cell_solver.h"
 #include "server/solve/filter/denoise.h"
+#include "server/solve/solvers.h"
 
 enum lw_status bench_runner_init(struct bench_runner *runner, const struct lw_solver_desc *desc,
                                  const struct lw_pose *pose, struct lw_error *err) {
-    enum lw_status status = lw_cell_solver_create(desc, pose, &runner->solver, err);
+    enum lw_status status = lw_solvers_create(NULL, desc, pose, &runner->solver, err);
     if (status != LW_OK) return status;
     status = lw_publisher_create(&(struct lw_publisher_desc){.scene = desc->scene,
                                                              .atlas_map = desc->atlas_map,

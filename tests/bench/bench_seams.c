@@ -8,8 +8,8 @@
  * leaves it. On stderr: how far welding moves the mean light of an object. */
 #include "common/tile/tile_codec.h"
 #include "server/publish/publisher.h"
-#include "server/solve/cell_solver.h"
 #include "server/solve/filter/denoise.h"
+#include "server/solve/solvers.h"
 #include "tests/bench/bench_setup.h"
 #include "tests/support/seam_walk.h"
 
@@ -161,16 +161,17 @@ static enum lw_status run(void *context, const char *path, struct lw_error *err)
         bench_open(&s->open, path, BENCH_MOTION_OWN, 0, &job.scene, &job.pose, &job.map, err);
     if (status == LW_OK) status = lw_seam_edges_find(job.scene, &job.pose, &job.edges);
     if (status == LW_OK)
-        status = lw_cell_solver_create(&(struct lw_solver_desc){.scene = job.scene,
-                                                                .atlas_map = &job.map,
-                                                                .bounces = 2,
-                                                                .tracing_range_m = INFINITY,
-                                                                .direct_samples = 1,
-                                                                .indirect_samples = 2,
-                                                                .target_error = 1e-9f,
-                                                                .denoise = s->denoise,
-                                                                .seed = 1},
-                                       &job.pose, &job.solver, err);
+        status = lw_solvers_create(NULL,
+                                   &(struct lw_solver_desc){.scene = job.scene,
+                                                            .atlas_map = &job.map,
+                                                            .bounces = 2,
+                                                            .tracing_range_m = INFINITY,
+                                                            .direct_samples = 1,
+                                                            .indirect_samples = 2,
+                                                            .target_error = 1e-9f,
+                                                            .denoise = s->denoise,
+                                                            .seed = 1},
+                                   &job.pose, &job.solver, err);
     if (status == LW_OK && s->codec) status = coded_create(job.solver, s->denoise, &job.coded);
     printf("\n### %s%s\n\n"
            "| after | level | points | %s mean / median | welded mean / median | within 1 %% | within 5 %% | "

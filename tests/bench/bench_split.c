@@ -11,7 +11,7 @@
 #include "common/tile/tile_codec.h"
 #include "server/publish/levels.h"
 #include "server/publish/publisher.h"
-#include "server/solve/cell_solver.h"
+#include "server/solve/solvers.h"
 #include "tests/bench/bench_setup.h"
 
 #include <math.h>
@@ -122,17 +122,18 @@ struct settings {
 static enum lw_status solve(struct job *job, int64_t frames, struct lw_error *err) {
     enum lw_status status = lw_client_lights_init(&job->client_lights, job->scene, &job->pose, "auto", err);
     if (status == LW_OK)
-        status = lw_cell_solver_create(&(struct lw_solver_desc){.scene = job->scene,
-                                                                .atlas_map = &job->map,
-                                                                .client_lights = &job->client_lights,
-                                                                .bounces = 2,
-                                                                .tracing_range_m = INFINITY,
-                                                                .direct_samples = 1,
-                                                                .indirect_samples = 2,
-                                                                .target_error = -1,
-                                                                .denoise = true,
-                                                                .seed = 1},
-                                       &job->pose, &job->solver, err);
+        status = lw_solvers_create(NULL,
+                                   &(struct lw_solver_desc){.scene = job->scene,
+                                                            .atlas_map = &job->map,
+                                                            .client_lights = &job->client_lights,
+                                                            .bounces = 2,
+                                                            .tracing_range_m = INFINITY,
+                                                            .direct_samples = 1,
+                                                            .indirect_samples = 2,
+                                                            .target_error = -1,
+                                                            .denoise = true,
+                                                            .seed = 1},
+                                   &job->pose, &job->solver, err);
     if (status != LW_OK) return status;
     if (!lw_client_lights_any(&job->client_lights))
         return lw_status_fail(err, LW_USAGE, "clients draw no light of it");

@@ -30,8 +30,8 @@
 #include "server/publish/levels.h"
 #include "server/publish/publisher.h"
 #include "server/serve/server.h"
-#include "server/solve/cell_solver.h"
 #include "server/solve/filter/denoise.h"
+#include "server/solve/solvers.h"
 #include "tests/bench/bench_setup.h"
 
 #include <limits.h>
@@ -214,17 +214,18 @@ static enum lw_status open_light(struct job *job, struct light *light, struct lw
                                                              .threads = (unsigned)s->open.threads},
                                    &light->compose, err);
     if (status == LW_OK)
-        status = lw_cell_solver_create(&(struct lw_solver_desc){.scene = job->scene,
-                                                                .atlas_map = &job->map,
-                                                                .bounces = 2,
-                                                                .tracing_range_m = INFINITY,
-                                                                .direct_samples = 1,
-                                                                .indirect_samples = 2,
-                                                                .target_error = TARGET_ERROR,
-                                                                .threads = (unsigned)s->open.threads,
-                                                                .seed = 1,
-                                                                .denoise = true},
-                                       &job->pose, &light->solver, err);
+        status = lw_solvers_create(NULL,
+                                   &(struct lw_solver_desc){.scene = job->scene,
+                                                            .atlas_map = &job->map,
+                                                            .bounces = 2,
+                                                            .tracing_range_m = INFINITY,
+                                                            .direct_samples = 1,
+                                                            .indirect_samples = 2,
+                                                            .target_error = TARGET_ERROR,
+                                                            .threads = (unsigned)s->open.threads,
+                                                            .seed = 1,
+                                                            .denoise = true},
+                                   &job->pose, &light->solver, err);
     if (status == LW_OK)
         status = lw_publisher_create(&(struct lw_publisher_desc){.scene = job->scene,
                                                                  .atlas_map = &job->map,

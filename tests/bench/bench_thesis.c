@@ -12,7 +12,7 @@
  * and of its parts; `over_first`: the median of the ratio to the first setting's frame of the same turn. */
 #include "common/clock.h"
 #include "common/random.h"
-#include "server/solve/cell_solver.h"
+#include "server/solve/solvers.h"
 #include "server/solve/state/tiles.h"
 #include "tests/bench/bench_setup.h"
 
@@ -122,7 +122,8 @@ static enum lw_status make(const struct lw_scene *scene, const struct lw_pose *p
     const struct lw_vec3 size = lw_vec3_sub(hi, lo);
     const float longest_m = fmaxf(size.x, fmaxf(size.y, size.z));
     wanted_order = s->order;
-    return lw_cell_solver_create(
+    return lw_solvers_create(
+        NULL,
         &(struct lw_solver_desc){.scene = scene,
                                  .atlas_map = map,
                                  .bounces = 2,

@@ -17,7 +17,7 @@
 #include "common/image/image.h"
 #include "server/publish/levels.h"
 #include "server/publish/publisher.h"
-#include "server/solve/cell_solver.h"
+#include "server/solve/solvers.h"
 #include "tests/bench/bench_setup.h"
 
 #include <stdio.h>
@@ -94,17 +94,18 @@ static void read_levels(struct scene *s, const struct lw_solver *solver) {
 static enum lw_status solve(struct scene *s, uint32_t seed, float *out_rgb, struct lw_error *err) {
     const struct settings *settings = s->settings;
     struct lw_solver *solver;
-    enum lw_status status = lw_cell_solver_create(
-        &(struct lw_solver_desc){.scene = s->scene,
-                                 .atlas_map = &s->map,
-                                 .bounces = (uint32_t)settings->bounces,
-                                 .tracing_range_m = (float)settings->range,
-                                 .direct_samples = (uint32_t)settings->direct_samples,
-                                 .indirect_samples = (uint32_t)settings->indirect_samples,
-                                 .target_error = 1e-9f,
-                                 .denoise = settings->denoise,
-                                 .seed = seed},
-        &s->pose, &solver, err);
+    enum lw_status status =
+        lw_solvers_create(NULL,
+                          &(struct lw_solver_desc){.scene = s->scene,
+                                                   .atlas_map = &s->map,
+                                                   .bounces = (uint32_t)settings->bounces,
+                                                   .tracing_range_m = (float)settings->range,
+                                                   .direct_samples = (uint32_t)settings->direct_samples,
+                                                   .indirect_samples = (uint32_t)settings->indirect_samples,
+                                                   .target_error = 1e-9f,
+                                                   .denoise = settings->denoise,
+                                                   .seed = seed},
+                          &s->pose, &solver, err);
     if (status != LW_OK) return status;
     const uint64_t began = lw_clock_ns();
     for (uint64_t frame = 1; status == LW_OK && frame <= (uint64_t)settings->frames; frame++) {

@@ -30,8 +30,8 @@ for scene in "${scenes[@]}"; do
     light "$new" "$scene" "$folder/new"
     for part in bake keep; do
         files=$(find "$folder/new/$part" -type f ! -name '*.json' -printf '%P\n')
-        # what is kept names its run: a number, a time and their checksums
-        allowed=$([ $part = keep ] && echo 32 || echo 0)
+        # what is kept names its run: a number, a time, the key of its options and their checksums
+        allowed=$([ $part = keep ] && echo 48 || echo 0)
         differ=0
         for file in $files; do
             [ "$(count_differences $part "$file" || true)" -le "$allowed" ] || differ=$((differ + 1))

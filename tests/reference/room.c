@@ -173,7 +173,7 @@ void room_solve_at(struct room_solution *solution, struct lw_scene *scene, float
                    struct lw_solver_desc desc, double time_s, unsigned frames) {
     struct lw_error err = {0};
     prepare(solution, scene, texels_per_metre, &desc, time_s);
-    lw_support_ok(lw_cell_solver_create(&desc, &solution->pose, &solution->solver, &err), &err);
+    lw_support_ok(lw_solvers_create(NULL, &desc, &solution->pose, &solution->solver, &err), &err);
     solve(solution, frames);
 }
 
@@ -183,7 +183,9 @@ void room_solve_layers(struct room_solution *solution, struct lw_scene *scene, f
     struct lw_light_groups groups;
     prepare(solution, scene, texels_per_metre, &desc, 0);
     lw_support_ok(lw_light_groups_init(&groups, scene, &solution->pose, light_groups, &err), &err);
-    lw_support_ok(lw_light_layers_create(&desc, &groups, &solution->pose, &solution->solver, &err), &err);
+    desc.light_groups = &groups;
+    lw_support_ok(lw_solvers_create(NULL, &desc, &solution->pose, &solution->solver, &err), &err);
+    lw_light_groups_finish(&groups);
     solve(solution, frames);
 }
 

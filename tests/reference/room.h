@@ -2,8 +2,7 @@
 #ifndef LW_TESTS_ROOM_H
 #define LW_TESTS_ROOM_H
 
-#include "server/solve/cell_solver.h"
-#include "server/solve/light_layers.h"
+#include "server/solve/solvers.h"
 #include "tests/support/support.h"
 
 #include <math.h>

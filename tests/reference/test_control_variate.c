@@ -1,6 +1,6 @@
 /* Light that has changed is corrected by how much it has: as much as was found, no more, and no texel below none. */
 #include "server/solve/adapt/control_variate.h"
-#include "server/solve/cell_solver.h"
+#include "server/solve/cell_layer.h"
 #include "tests/reference/room.h"
 
 #include <string.h>
@@ -29,7 +29,7 @@ static void light_room(struct lit *lit) {
         &lit->s, &room,
         (struct lw_solver_desc){.bounces = 3, .direct_samples = 1, .indirect_samples = 4, .target_error = -1},
         30);
-    lit->tiles = lw_cell_solver_tiles(lit->s.solver);
+    lit->tiles = lw_cell_layer_tiles(lit->s.solver);
     lit->tile = &lit->tiles->tile[lit->tiles->slot_of_id[lit->s.map.first_tile[0]]];
     lit->block = NULL;
     LW_TILES_EACH_BLOCK (lit->tile, block)

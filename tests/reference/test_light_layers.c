@@ -1,4 +1,5 @@
 /* Light in layers: the same light as in one, switched and coloured without a ray. */
+#include "server/solve/cell_layer.h"
 #include "tests/reference/room.h"
 
 #include <stdlib.h>
@@ -214,7 +215,7 @@ static void test_what_is_hidden_rests(void **state) {
     s.pose.object_hidden[ROOM_PLATE] = true;
     room_solve_until_rest(&s, &frame);
     s.pose.light[1].position_ws.x -= 0.2f;
-    for (unsigned i = 0; i < LW_CELL_SOLVER_FADE_FRAMES + 8; i++) step(&s, &frame);
+    for (unsigned i = 0; i < LW_CELL_LAYER_FADE_FRAMES + 8; i++) step(&s, &frame);
     s.solver->ops->read_tile(s.solver, (lw_tile_id){s.map.first_tile[ROOM_PLATE]}, &tile);
     assert_int_equal(tile.frames, 0);
     room_finish(&s);
