@@ -1,0 +1,536 @@
+#include "server/solve/cell_frame.h"
+
+#include "common/clock.h"
+#include "server/solve/adapt/estimates.h"
+#include "server/solve/adapt/verify.h"
+#include "server/solve/transport/bounces.h"
+#include "server/solve/transport/direct_light.h"
+
+#include <math.h>
+#include <stddef.h>
+#include <string.h>
+
+/* Of a frame's budget, what is left for solving at least, however long it takes to ask what has changed. */
+#define SOLVING_SHARE 0.5
+
+/* A frame under way. */
+struct frame {
+    struct lw_cell_solver *s;
+    const struct lw_pose *pose;
+    uint64_t number;
+    struct lw_transport transport;
+    struct lw_follow_frame following;
+    struct lw_solver_stats stats;
+    /* Of the stage under way: time that belongs to probes. */
+    uint64_t probe_ns;
+    /* Something is due. */
+    bool solves;
+    /* Light that others read may be changing. */
+    bool changing;
+};
+
+/* Seams that hold an object which has begun to move may do so a little longer where frames have a time to keep. */
+enum lw_status lw_cell_frame_find_seams(struct lw_cell_solver *s) {
+    enum lw_status status = lw_geometry_find_seams(s->geometry, &s->tiles, s->desc.frame_budget_s > 0);
+    if (status != LW_OK || s->seams_found == s->geometry->seams_found) return status;
+    s->seams_found = s->geometry->seams_found;
+    for (int f = 0; f < LW_LIGHT_FORM_COUNT && status == LW_OK; f++) {
+        lw_seams_light_finish(&s->welds[f]);
+        if (f == LW_LIGHT_FORM_FULL || lw_cell_frame_parts_drawn(s))
+            status = lw_seams_light_init(&s->welds[f], &s->geometry->seams, f);
+    }
+    return status;
+}
+
+/* What all tiles send out, from their sums. */
+void lw_cell_frame_radiate_all(struct lw_cell_solver *s) {
+    const struct lw_transport passes = {.tiles = &s->tiles};
+    for (uint32_t bounce = 0; bounce < s->desc.bounces; bounce++) {
+#pragma omp parallel for schedule(static) num_threads(s->threads)
+        for (uint32_t i = 0; i < s->tiles.count; i++) lw_bounces_radiate(&passes, &s->tiles.tile[i], bounce);
+    }
+}
+
+struct lw_transport lw_cell_frame_transport(struct lw_cell_solver *s) {
+    return (struct lw_transport){.scene = s->desc.scene,
+                                 .pose = &s->pose,
+                                 .trace = s->geometry->trace,
+                                 .lights = &s->lights,
+                                 .drawn = lw_cell_frame_parts_drawn(s) ? &s->drawn : NULL,
+                                 .texels = &s->geometry->texels,
+                                 .cells = &s->cells,
+                                 .probes = s->has_probes ? &s->probes : NULL,
+                                 .tiles = &s->tiles,
+                                 .end = s->end,
+                                 .direct_samples = s->desc.direct_samples,
+                                 .indirect_samples = s->desc.indirect_samples,
+                                 .seed = s->desc.seed,
+                                 .tracing_range_m = s->desc.tracing_range_m,
+                                 .target_error = s->desc.target_error};
+}
+
+static struct lw_follow_frame following_of(const struct lw_cell_solver *s,
+                                           const struct lw_transport *passes) {
+    return (struct lw_follow_frame){.passes = passes,
+                                    .schedule = &s->schedule,
+                                    .rest = lw_cell_frame_converged(s),
+                                    .budget_s = s->turn.budget_s,
+                                    .hasty = s->turn.hasty,
+                                    .filtered = s->desc.denoise,
+                                    .threads = s->threads};
+}
+
+static bool cancelled(const struct lw_cell_solver *s) { return s->desc.cancel && *s->desc.cancel; }
+
+static bool has_work(const struct lw_cell_solver *s, const struct lw_solve_tile *tile) {
+    return tile->due && !cancelled(s);
+}
+
+/* The frames for which probes may remember, that many frames after a movement. */
+static uint32_t probe_history_max(const struct lw_cell_solver *s) {
+    const struct lw_follow *follow = &s->follow;
+    return follow->moves ? LW_CELL_LAYER_HISTORY_PROBES - 1 + follow->frames_since_move / 2 : UINT32_MAX;
+}
+
+static void count_rays(struct lw_solver_stats *stats, const struct lw_ray_count *count) {
+    stats->rays_shadow += count->shadow;
+    stats->rays_bounce += count->bounce;
+}
+
+/* ---- stages: what has changed ---- */
+
+/* Takes over s->pose. */
+static enum lw_status place(struct frame *f, struct lw_error *err) {
+    struct lw_cell_solver *s = f->s;
+    enum lw_status status = lw_geometry_set_pose(s->geometry, &s->pose, s->desc.frame_budget_s > 0, err);
+    if (status != LW_OK) return status;
+    if (s->pose_due & LW_POSE_DYNAMIC) lw_tiles_recount(&s->tiles, s->threads);
+    if (s->pose_due & (LW_POSE_MATERIALS | LW_POSE_SKY))
+        status = lw_lights_set_materials(&s->lights, &s->pose);
+    if (status == LW_OK && s->pose_due & (LW_POSE_MATERIALS | LW_POSE_SKY) && lw_cell_frame_parts_drawn(s))
+        status = lw_lights_set_materials(&s->drawn, &s->pose);
+    if (status != LW_OK) return lw_status_fail(err, status, "taking over what has changed");
+    if (s->pose_due & LW_POSE_MATERIALS) lw_cell_frame_radiate_all(s);
+    lw_lights_set_pose(&s->lights, &s->pose);
+    if (lw_cell_frame_parts_drawn(s)) lw_lights_set_pose(&s->drawn, &s->pose);
+    lw_tiles_set_pose(&s->tiles, &s->cells, &s->pose);
+    if (s->has_probes) {
+        uint64_t t = lw_clock_ns();
+        f->stats.rays_probe += lw_probes_place(&s->probes, &s->pose, s->geometry->trace, s->threads);
+        f->probe_ns += lw_clock_ns() - t;
+    }
+    s->pose_due = 0;
+    s->view_due = false;
+    return LW_OK;
+}
+
+/* Estimates of the last solves, before anything moves from where it was then. */
+static void recall(struct lw_cell_solver *s, const struct lw_transport *passes,
+                   struct lw_solver_stats *stats) {
+    uint64_t shadow = 0, bounce = 0;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shadow, bounce)
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        struct lw_ray_count count = {0};
+        lw_verify_recall(passes, &s->tiles.tile[i], &count);
+        shadow += count.shadow;
+        bounce += count.bounce;
+    }
+    count_rays(stats, &(struct lw_ray_count){shadow, bounce});
+    s->forgetful = false;
+}
+
+static enum lw_status take_pose(struct frame *f, struct lw_error *err) {
+    struct lw_cell_solver *s = f->s;
+    const unsigned moved = lw_pose_difference(f->pose, &s->pose, s->desc.scene);
+    (void)err;
+    f->stats.moved = moved != 0;
+    s->follow.frames_since_move++;
+    if (!moved) return LW_OK;
+    if (s->forgetful) recall(s, &f->transport, &f->stats);
+    s->view_due |= memcmp(s->pose.object_hidden, f->pose->object_hidden,
+                          s->desc.scene->object_count * sizeof *f->pose->object_hidden) != 0;
+    lw_follow_move(&s->follow, &s->tiles, s->desc.scene, &s->pose, f->pose,
+                   lw_lights_differ(&s->lights, &s->pose, f->pose) ||
+                       (lw_cell_frame_parts_drawn(s) && lw_lights_differ(&s->drawn, &s->pose, f->pose)));
+    lw_pose_copy(&s->pose, f->pose, s->desc.scene);
+    s->pose_due |= moved;
+    return LW_OK;
+}
+
+/* What appears is lit at once, whatever the interest: there is nothing without light (schedule.h). That what went was
+ * gone must be known by then. */
+static enum lw_status place_if_seen(struct frame *f, struct lw_error *err) {
+    struct lw_cell_solver *s = f->s;
+    const bool looked_at = lw_schedule_is_looked_at(&s->schedule);
+    enum lw_status status = lw_trace_settle(s->geometry->trace, false, err);
+    if (status == LW_OK && s->pose_due && (looked_at || s->view_due)) status = place(f, err);
+    return status;
+}
+
+static enum lw_status verify(struct frame *f, struct lw_error *err) {
+    struct lw_cell_solver *s = f->s;
+    struct lw_ray_count rays = {0};
+    (void)err;
+    lw_schedule_serve(&s->schedule, &s->tiles, s->has_probes);
+    lw_follow_ask(&s->follow, &f->following, &rays);
+    count_rays(&f->stats, &rays);
+    return LW_OK;
+}
+
+/* ---- stages: what the frame solves ---- */
+
+/* How many texels a frame may solve, of what has woken and in all. The first frame lights everything. Before all have been asked, what
+ * has woken is solved alone. */
+static struct lw_schedule_room room_in_time(const struct lw_cell_solver *s, uint64_t asking_ns) {
+    if (!(s->turn.budget_s > 0) || s->frames == 0) return (struct lw_schedule_room){UINT64_MAX, UINT64_MAX};
+    const double left_ns =
+        fmax(s->turn.budget_s * 1e9 - (double)asking_ns, SOLVING_SHARE * s->turn.budget_s * 1e9);
+    const uint64_t texels = 1 + (uint64_t)(left_ns / fmax(s->texel_ns, 1));
+    bool waits = s->turn.yields;
+    for (uint32_t i = 0; i < s->tiles.count && s->turn.hasty && !waits; i++)
+        waits = s->follow.moves && s->tiles.tile[i].serves && s->tiles.tile[i].unasked;
+    return (struct lw_schedule_room){s->turn.yields ? 0 : texels, waits ? 0 : texels};
+}
+
+/* Of the tiles that are due, the blocks; of an urgent one those alone that have woken. */
+static void choose_blocks(struct lw_cell_solver *s) {
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        struct lw_solve_tile *tile = &s->tiles.tile[i];
+        LW_TILES_EACH_BLOCK (tile, block)
+            block->due = tile->due && !block->resting &&
+                         (!tile->urgent || lw_gradient_is_urgent(&block->change) || !block->frames);
+        if (tile->due) tile->solved_tick = s->schedule.tick;
+    }
+}
+
+/* Where nothing is due the pose waits, and with it the probes' rays. */
+static enum lw_status choose(struct frame *f, struct lw_error *err) {
+    struct lw_cell_solver *s = f->s;
+    struct lw_schedule_count count;
+    enum lw_status status = LW_OK;
+    lw_schedule_choose(&s->schedule, &s->tiles, room_in_time(s, f->stats.change_ns), &count);
+    f->stats.tiles_wanted = count.wanted;
+    f->stats.tiles_feeding = count.feeding;
+    f->solves = count.due > 0;
+    f->changing = lw_follow_is_changing(&s->follow);
+    lw_follow_note_work(&s->follow, f->solves, s->schedule.ended);
+    if (f->solves && s->pose_due) status = place(f, err);
+    choose_blocks(s);
+    return status;
+}
+
+/* After place(): what that makes of new materials has been asked about already. */
+static enum lw_status weigh_direct(struct frame *f, struct lw_error *err) {
+    struct lw_cell_solver *s = f->s;
+    struct lw_ray_count rays = {0};
+    (void)err;
+    for (uint32_t bounce = 0; bounce < s->desc.bounces; bounce++)
+        memset(s->tiles.radiance_change[bounce], 0, s->tiles.block_count * sizeof(struct lw_vec3));
+    lw_follow_weigh(&s->follow, &f->following, &rays);
+    count_rays(&f->stats, &rays);
+    return LW_OK;
+}
+
+static enum lw_status pass_on(struct frame *f, struct lw_error *err) {
+    (void)err;
+    lw_follow_pass_on(&f->s->follow, &f->following);
+    return LW_OK;
+}
+
+/* ---- stages: light ---- */
+
+/* A step is a tile in a pass over all that are due. Shown of the first frame, which may be long, and while
+ * somebody waits for the end of one. */
+static void begin_progress(struct lw_cell_solver *s) {
+    static const _Atomic bool never = false;
+    const uint32_t passes = 1 + (s->desc.bounces ? 1 + s->desc.bounces : 0);
+    uint64_t due = 0;
+    for (uint32_t i = 0; i < s->tiles.count; i++) due += s->tiles.tile[i].due;
+    lw_progress_init(&s->progress, s->frames ? "finishing the samples under way" : "lighting the first frame",
+                     due * passes);
+    if (s->frames) s->progress.wanted = s->desc.finishing ? s->desc.finishing : &never;
+}
+
+/* While what is remembered of the time before a movement may still show. */
+static bool is_fading(const struct lw_cell_solver *s) {
+    return s->follow.moves && s->follow.frames_since_move < LW_CELL_LAYER_FADE_FRAMES;
+}
+
+static void run_direct(struct lw_cell_solver *s, const struct lw_transport *passes,
+                       struct lw_solver_stats *stats) {
+    uint64_t shadow = 0;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shadow)
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        struct lw_solve_tile *tile = &s->tiles.tile[i];
+        if (!has_work(s, tile)) continue;
+        struct lw_ray_count count = {0};
+        lw_direct_light_solve(passes, tile, &count);
+        shadow += count.shadow;
+        lw_progress_step(&s->progress, 1);
+    }
+    stats->rays_shadow += shadow;
+}
+
+static void run_trace_ends(struct lw_cell_solver *s, const struct lw_transport *passes,
+                           struct lw_solver_stats *stats) {
+    uint64_t bounce = 0;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : bounce)
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        if (!has_work(s, &s->tiles.tile[i])) continue;
+        struct lw_ray_count count = {0};
+        lw_bounces_trace(passes, &s->tiles.tile[i], &count);
+        lw_schedule_note_hits(&s->schedule, &s->tiles, &s->tiles.tile[i], s->end);
+        bounce += count.bounce;
+        lw_progress_step(&s->progress, 1);
+    }
+    stats->rays_bounce += bounce;
+}
+
+static void run_radiate(struct lw_cell_solver *s, const struct lw_transport *passes, uint32_t bounce) {
+#pragma omp parallel for schedule(static) num_threads(s->threads)
+    for (uint32_t i = 0; i < s->tiles.count; i++)
+        if (has_work(s, &s->tiles.tile[i])) lw_bounces_radiate(passes, &s->tiles.tile[i], bounce);
+}
+
+/* Light of earlier frames follows what direct light is now; along rays that new ones are about to take the place of. */
+static void run_reread(struct lw_cell_solver *s, const struct lw_transport *passes) {
+#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
+    for (uint32_t i = 0; i < s->tiles.count; i++)
+        if (has_work(s, &s->tiles.tile[i])) lw_verify_reread(passes, &s->tiles.tile[i]);
+}
+
+/* With which weight this frame's estimates of bounces enter their means. */
+static void weigh_indirect(struct lw_cell_solver *s) {
+    const float most = s->has_probes ? (float)probe_history_max(s) : INFINITY;
+#pragma omp parallel for schedule(static) num_threads(s->threads)
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        if (!has_work(s, &s->tiles.tile[i])) continue;
+        LW_TILES_EACH_BLOCK (&s->tiles.tile[i], block)
+            if (block->due) lw_gradient_weigh_indirect(block, most, s->desc.denoise);
+    }
+}
+
+/* Bounces from the second on change only now. */
+static void run_arrive(struct lw_cell_solver *s, const struct lw_transport *passes) {
+#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
+    for (uint32_t i = 0; i < s->tiles.count; i++)
+        if (has_work(s, &s->tiles.tile[i])) lw_verify_arrive(passes, &s->tiles.tile[i]);
+}
+
+static void run_gather(struct lw_cell_solver *s, const struct lw_transport *passes, uint32_t bounce) {
+#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        if (!has_work(s, &s->tiles.tile[i])) continue;
+        lw_bounces_gather(passes, &s->tiles.tile[i], bounce);
+        lw_progress_step(&s->progress, 1);
+    }
+}
+
+static enum lw_status direct(struct frame *f, struct lw_error *err) {
+    struct lw_cell_solver *s = f->s;
+    (void)err;
+    begin_progress(s);
+    run_direct(s, &f->transport, &f->stats);
+    if (s->desc.bounces) run_radiate(s, &f->transport, 0);
+    return LW_OK;
+}
+
+static enum lw_status trace_bounces(struct frame *f, struct lw_error *err) {
+    struct lw_cell_solver *s = f->s;
+    (void)err;
+    if (s->desc.bounces && f->changing) run_reread(s, &f->transport);
+    if (s->desc.bounces) run_trace_ends(s, &f->transport, &f->stats);
+    weigh_indirect(s);
+    return LW_OK;
+}
+
+static enum lw_status gather_probes(struct frame *f, struct lw_error *err) {
+    struct lw_cell_solver *s = f->s;
+    (void)err;
+    if (s->has_probes)
+        f->stats.rays_probe += lw_probes_gather(&s->probes, s->geometry->trace, &s->geometry->texels,
+                                                s->frames, is_fading(s), s->threads);
+    return LW_OK;
+}
+
+static void project_probes(struct frame *f, uint32_t bounce) {
+    struct lw_cell_solver *s = f->s;
+    const uint64_t t = lw_clock_ns();
+    lw_probes_project(&s->probes, bounce, s->tiles.radiance[bounce], probe_history_max(s), s->threads);
+    f->probe_ns += lw_clock_ns() - t;
+}
+
+static enum lw_status scatter(struct frame *f, struct lw_error *err) {
+    struct lw_cell_solver *s = f->s;
+    (void)err;
+    for (uint32_t bounce = 1; bounce <= s->desc.bounces; bounce++) {
+        if (s->has_probes) project_probes(f, bounce - 1);
+        run_gather(s, &f->transport, bounce);
+        if (bounce < s->desc.bounces) run_radiate(s, &f->transport, bounce);
+    }
+    return LW_OK;
+}
+
+static enum lw_status arrive(struct frame *f, struct lw_error *err) {
+    (void)err;
+    if (f->s->desc.bounces > 1 && f->changing) run_arrive(f->s, &f->transport);
+    return LW_OK;
+}
+
+static enum lw_status stop_if_cancelled(struct frame *f, struct lw_error *err) {
+    (void)err;
+    if (!cancelled(f->s)) return LW_OK;
+    lw_progress_stop(&f->s->progress);
+    return LW_CLOSED;
+}
+
+/* ---- stages: what is shown ---- */
+
+/* Of what was solved in this frame, or before and not shown. */
+static enum lw_status accumulate(struct frame *f, struct lw_error *err) {
+    struct lw_cell_solver *s = f->s;
+    const uint64_t frame = f->number;
+    (void)err;
+    lw_follow_show(&s->follow, &f->following);
+    uint32_t shown = 0;
+    if (s->desc.awaited && *s->desc.awaited && s->frames > 0) lw_schedule_put_off(&s->schedule, &s->tiles);
+#pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shown)
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        struct lw_solve_tile *tile = &s->tiles.tile[i];
+        if (tile->due) lw_estimates_finish_tile(&f->transport, tile);
+        LW_TILES_EACH_BLOCK (tile, block) {
+            block->unseen |= tile->due && block->due && block->covered_count;
+            if (!(block->unseen && tile->shows) && !(s->shows_all && block->covered_count && block->frames))
+                continue;
+            block->unseen = tile->begins = false;
+            block->shown_frame = tile->solved_frame = frame;
+        }
+        shown += tile->solved_frame == frame;
+    }
+    f->stats.tiles_shown = shown;
+    s->shows_all = false;
+    return LW_OK;
+}
+
+/* The two sides of seams and the gutters, around what a frame shows. */
+enum lw_status lw_cell_frame_weld(struct lw_cell_solver *s, uint64_t number, struct lw_error *err) {
+    const struct lw_seams *seams = &s->geometry->seams;
+    enum lw_status status = lw_cell_frame_find_seams(s);
+    if (status != LW_OK) return lw_status_fail(err, status, "seams");
+    lw_seams_weld(seams, s->welds, s->forms, &s->tiles, number, s->threads);
+    lw_seam_gutters_fill(&seams->gutters, &s->tiles, number, s->forms, s->threads);
+    return LW_OK;
+}
+
+static enum lw_status filter(struct frame *f, struct lw_error *err) {
+    struct lw_cell_solver *s = f->s;
+    (void)err;
+    if (!f->stats.tiles_shown) return LW_OK;
+    if (s->desc.denoise)
+        lw_denoise_run(&s->denoise, f->number, s->forms, s->threads);
+    else
+        lw_tiles_show(&s->tiles, f->number, s->forms, s->threads);
+    return LW_OK;
+}
+
+static enum lw_status weld(struct frame *f, struct lw_error *err) {
+    return f->stats.tiles_shown ? lw_cell_frame_weld(f->s, f->number, err) : LW_OK;
+}
+
+/* Blocks whose error is low enough rest until their light changes. */
+static void settle_tile(const struct lw_cell_solver *s, struct lw_solve_tile *tile) {
+    const struct lw_converged rest = lw_cell_frame_converged(s);
+    LW_TILES_EACH_BLOCK (tile, block) {
+        if (!block->due || !block->covered_count) continue;
+        block->resting = lw_converged_is(&rest, block);
+        block->stale = !block->resting && lw_gradient_is_stale(block, s->desc.target_error);
+        block->change.woken &= !block->resting;
+    }
+    lw_follow_sum_woken(tile);
+    lw_tiles_sum_up(tile);
+}
+
+static enum lw_status settle(struct frame *f, struct lw_error *err) {
+    struct lw_cell_solver *s = f->s;
+    struct lw_solver_stats *stats = &f->stats;
+    (void)err;
+    stats->tiles = s->tiles.count;
+    for (uint32_t i = 0; i < s->tiles.count; i++) {
+        struct lw_solve_tile *tile = &s->tiles.tile[i];
+        stats->tiles_solved += tile->due;
+        LW_TILES_EACH_BLOCK (tile, block) stats->texels_solved += block->due ? block->covered_count : 0;
+        if (tile->due) settle_tile(s, tile);
+        stats->tiles_converged += tile->resting;
+    }
+    return LW_OK;
+}
+
+/* What a texel takes now, in wall time: a running mean over some ten frames' worth. */
+static void note_texel_cost(struct lw_cell_solver *s, const struct lw_solver_stats *stats) {
+    if (!stats->texels_solved) return;
+    const double ns = (double)(stats->direct_ns + stats->scatter_ns) / (double)stats->texels_solved;
+    s->texel_ns = s->texel_ns > 0 ? s->texel_ns + (ns - s->texel_ns) * 0.1 : ns;
+}
+
+static enum lw_status finish(struct frame *f, struct lw_error *err) {
+    (void)err;
+    lw_progress_finish(&f->s->progress);
+    note_texel_cost(f->s, &f->stats);
+    f->s->frames++;
+    return LW_OK;
+}
+
+/* ---- the frame ---- */
+
+struct stage {
+    enum lw_status (*run)(struct frame *f, struct lw_error *err);
+    /* Left out where nothing is due. */
+    bool solves;
+    /* Offset into struct lw_solver_stats: where its time counts; or NOT_COUNTED. */
+    size_t spent;
+};
+#define SPENT(field) offsetof(struct lw_solver_stats, field)
+#define NOT_COUNTED  SIZE_MAX
+#define ALWAYS       false
+#define IF_DUE       true
+
+static const struct stage stages[] = {
+    {take_pose, ALWAYS, SPENT(pose_ns)},
+    {place_if_seen, ALWAYS, SPENT(pose_ns)},
+    {verify, ALWAYS, SPENT(change_ns)},
+    {choose, ALWAYS, SPENT(pose_ns)},
+    {weigh_direct, IF_DUE, SPENT(change_ns)},
+    {pass_on, ALWAYS, SPENT(change_ns)},
+    {direct, IF_DUE, SPENT(direct_ns)},
+    {trace_bounces, IF_DUE, SPENT(scatter_ns)},
+    {gather_probes, IF_DUE, SPENT(probe_ns)},
+    {scatter, IF_DUE, SPENT(scatter_ns)},
+    {arrive, IF_DUE, NOT_COUNTED},
+    {stop_if_cancelled, IF_DUE, NOT_COUNTED},
+    {accumulate, ALWAYS, NOT_COUNTED},
+    {filter, ALWAYS, SPENT(denoise_ns)},
+    {weld, ALWAYS, SPENT(weld_ns)},
+    {settle, ALWAYS, NOT_COUNTED},
+    {finish, IF_DUE, NOT_COUNTED},
+};
+
+static void note_time(struct frame *f, size_t spent, uint64_t ns) {
+    if (spent != NOT_COUNTED) *(uint64_t *)((char *)&f->stats + spent) += ns - f->probe_ns;
+    f->stats.probe_ns += f->probe_ns;
+    f->probe_ns = 0;
+}
+
+enum lw_status lw_cell_frame_run(struct lw_cell_solver *s, const struct lw_pose *pose, uint64_t number,
+                                 struct lw_solver_stats *out_stats, struct lw_error *err) {
+    struct frame f = {.s = s, .pose = pose, .number = number, .transport = lw_cell_frame_transport(s)};
+    f.following = following_of(s, &f.transport);
+    for (size_t i = 0; i < sizeof stages / sizeof *stages; i++) {
+        if (stages[i].solves && !f.solves) continue;
+        const uint64_t began_ns = lw_clock_ns();
+        enum lw_status status = stages[i].run(&f, err);
+        if (status != LW_OK) return status;
+        note_time(&f, stages[i].spent, lw_clock_ns() - began_ns);
+    }
+    *out_stats = f.stats;
+    return LW_OK;
+}
