@@ -1,7 +1,9 @@
 /* atomic_file.h: output files that appear whole or not at all.
- * Bytes go to a temporary name in the same folder; commit renames it over the old file. A device or a pipe (/dev/stdout,
- * /dev/null) is written directly: it must not be replaced. Guards against our own failures, not against power loss.
- * Threads: one lw_atomic_file belongs to one thread; different ones are independent, even for the same path. */
+ * Bytes go to a temporary name in the same folder; commit renames it over the old file. A device or a pipe
+ * (/dev/stdout, /dev/null) is written directly: it must not be replaced. Guards against our own failures, not
+ * against power loss.
+ * Threads: one lw_atomic_file belongs to one thread; different ones are independent, even for the same
+ * path. */
 #ifndef LW_COMMON_ATOMIC_FILE_H
 #define LW_COMMON_ATOMIC_FILE_H
 

@@ -1,8 +1,10 @@
-/* checked_file.h: files of our own that are whole or refused: written under a temporary name, ended by a checksum.
+/* checked_file.h: files of our own that are whole or refused: written under a temporary name, ended by a
+ * checksum.
  * Flow:    bytes -> [checked_file] -> file -> [checked_file] -> the same bytes
  * Threads: one writer or reader belongs to one thread.
  *
- * A file begins with its kind and ends with XXH3-64 of all before it; integers lie as in memory: it belongs to one machine. */
+ * A file begins with its kind and ends with XXH3-64 of all before it; integers lie as in memory: it belongs
+ * to one machine. */
 #ifndef LW_COMMON_CHECKED_FILE_H
 #define LW_COMMON_CHECKED_FILE_H
 
@@ -23,13 +25,14 @@ struct lw_checked_file_writer {
     enum lw_status status; /* the first failure; a caller may set its own */
 };
 
-/** Errors: LW_CANNOT_CREATE naming the path; LW_NO_MEMORY. err, which may be NULL, takes the writer's errors until its end. */
+/** Errors: LW_CANNOT_CREATE naming the path; LW_NO_MEMORY. err, which may be NULL, takes the writer's errors
+ * until its end. */
 LW_MUST_CHECK enum lw_status lw_checked_file_write_begin(struct lw_checked_file_writer *writer,
                                                          const char *path, struct lw_error *err);
 /** Appends; after a failure it does nothing. */
 void lw_checked_file_put(struct lw_checked_file_writer *writer, const void *bytes, size_t size);
-/** Adds the checksum and makes the file appear. Errors: the first one since the begin, LW_IO and LW_CANNOT_CREATE naming the path;
- * then nothing appears. */
+/** Adds the checksum and makes the file appear. Errors: the first one since the begin, LW_IO and
+ * LW_CANNOT_CREATE naming the path; then nothing appears. */
 LW_MUST_CHECK enum lw_status lw_checked_file_write_end(struct lw_checked_file_writer *writer);
 
 struct lw_checked_file_reader {
@@ -42,8 +45,8 @@ struct lw_checked_file_reader {
 /** Opens a file, reads it once to check it, and goes back to its first byte, which is the kind's.
  * path, err  outlive the reader; err may be NULL
  * what       the file should hold: "checkpoint"
- * Errors     LW_NO_INPUT: cannot be opened; LW_BAD_DATA: of another kind or version, damaged, cut short; LW_IO, LW_NO_MEMORY.
- *            All name the path. */
+ * Errors     LW_NO_INPUT: cannot be opened; LW_BAD_DATA: of another kind or version, damaged, cut short;
+ *            LW_IO, LW_NO_MEMORY. All name the path. */
 LW_MUST_CHECK enum lw_status lw_checked_file_read_begin(struct lw_checked_file_reader *reader,
                                                         const char *path,
                                                         const struct lw_checked_file_kind *kind,

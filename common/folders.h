@@ -16,8 +16,9 @@ LW_MUST_CHECK enum lw_status lw_folders_make_temporary(char *out_path, size_t ca
 /** Removes it and the files in it, as far as that can be done; folders in it stay. path "": none was made. */
 void lw_folders_remove_temporary(const char *path);
 
-/** The folder of what can be had again: $XDG_CACHE_HOME/lightwell, or ~/.cache/lightwell where that is not set or not absolute (XDG
- * Base Directory Specification). It need not exist. false, and "": there is no home either, or the path is too long. */
+/** The folder of what can be had again: $XDG_CACHE_HOME/lightwell, or ~/.cache/lightwell where that is not
+ * set or not absolute (XDG Base Directory Specification). It need not exist. false, and "": there is no home
+ * either, or the path is too long. */
 bool lw_folders_cache(char *out_path, size_t capacity);
 
 #endif

@@ -8,8 +8,8 @@
 _Static_assert(1u << PARTS_BITS == LW_HISTOGRAM_PARTS, "the parts of a power of two are a power of two");
 _Static_assert(LW_HISTOGRAM_BUCKETS == LW_HISTOGRAM_PARTS * (64 - PARTS_BITS + 1), "64 bits have a bucket");
 
-/* With s the shift that leaves 6 bits below the leading one: parts [64 s + 64, 64 s + 128) belong to it. Values below 128
- * are their own bucket. */
+/* With s the shift that leaves 6 bits below the leading one: parts [64 s + 64, 64 s + 128) belong to it.
+ * Values below 128 are their own bucket. */
 static uint32_t bucket_of(uint64_t value) {
     if (value < 2 * LW_HISTOGRAM_PARTS) return (uint32_t)value;
     uint32_t shift = 63u - PARTS_BITS - (uint32_t)__builtin_clzll(value);

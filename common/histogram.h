@@ -1,6 +1,7 @@
 /* histogram.h: how values are spread, in a fixed few kilobytes: buckets whose width grows with the value.
  * Threads: one thread at a time.
- * After:   HdrHistogram (Tene): a power of two is cut into equal parts, so that the relative error is bounded. */
+ * After:   HdrHistogram (Tene): a power of two is cut into equal parts, so that the relative error is
+ *          bounded. */
 #ifndef LW_COMMON_HISTOGRAM_H
 #define LW_COMMON_HISTOGRAM_H
 
@@ -18,8 +19,8 @@ struct lw_histogram {
 
 void lw_histogram_add(struct lw_histogram *histogram, uint64_t value);
 
-/** The value that a fraction q of all values does not exceed, within 1/128 of it, and between min and max; 0 if there is no
- * value. q is clamped to [0, 1]; 0 gives the least value, 1 the largest. */
+/** The value that a fraction q of all values does not exceed, within 1/128 of it, and between min and max; 0
+ * if there is no value. q is clamped to [0, 1]; 0 gives the least value, 1 the largest. */
 uint64_t lw_histogram_quantile(const struct lw_histogram *histogram, double q);
 
 /** 0 if there is no value. */

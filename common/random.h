@@ -1,7 +1,8 @@
-/* random.h: numbers that look random and depend on nothing but their arguments.
- * A sample is a function of (seed, object, direction set, bounce, index, dimension): never of frame, thread or time.
+/* random.h: numbers that look random and depend on nothing but their arguments. A sample is a function of
+ * (seed, object, direction set, bounce, index, dimension): never of frame, thread or time.
  * Threads: pure functions, [any].
- * After:   the pcg output mix (O'Neill 2014; Jarzynski and Olano 2020); Owen-scrambled Sobol by hashing (Burley 2020). */
+ * After:   the pcg output mix (O'Neill 2014; Jarzynski and Olano 2020); Owen-scrambled Sobol by hashing
+ *          (Burley 2020). */
 #ifndef LW_COMMON_RANDOM_H
 #define LW_COMMON_RANDOM_H
 
@@ -33,7 +34,8 @@ static inline uint32_t lw_random_reverse_bits(uint32_t x) {
     return __builtin_bswap32(x);
 }
 
-/* Each bit by those below it, and by the seed: in the order of a radical inverse's digits, a nested uniform permutation. */
+/* Each bit by those below it, and by the seed: in the order of a radical inverse's digits, a nested uniform
+ * permutation. */
 static inline uint32_t lw_random_mix_up(uint32_t x, uint32_t seed) {
     x ^= x * 0x3d20adeau;
     x += seed;
@@ -48,8 +50,8 @@ static inline uint32_t lw_random_owen(uint32_t x, uint32_t seed) {
     return lw_random_reverse_bits(lw_random_mix_up(lw_random_reverse_bits(x), seed));
 }
 
-/* Sobol's second dimension, of which the highest digit is the lowest bit: digit k is the sum, mod 2, of the index's bits j with C(j, k)
- * odd, that is (Lucas) of those whose number has every bit that k has. */
+/* Sobol's second dimension, of which the highest digit is the lowest bit: digit k is the sum, mod 2, of the
+ * index's bits j with C(j, k) odd, that is (Lucas) of those whose number has every bit that k has. */
 static inline uint32_t lw_random_pascal(uint32_t index) {
     index ^= index >> 1 & 0x55555555u;
     index ^= index >> 2 & 0x33333333u;

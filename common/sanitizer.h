@@ -1,5 +1,5 @@
-/* sanitizer.h: whether this build runs under a sanitizer that brings shadow memory and handlers of its own: limits of memory and
- * traps for crashes then stay away.
+/* sanitizer.h: whether this build runs under a sanitizer that brings shadow memory and handlers of its own:
+ * limits of memory and traps for crashes then stay away.
  * Threads: constants. */
 #ifndef LW_COMMON_SANITIZER_H
 #define LW_COMMON_SANITIZER_H

@@ -85,8 +85,8 @@ static inline float lw_affine_determinant(const struct lw_affine *t) {
                    z = lw_vec3(t->m[0][2], t->m[1][2], t->m[2][2]);
     return lw_vec3_dot(lw_vec3_cross(x, y), z);
 }
-/** Transforms a normal (inverse transpose, by cofactors), keeping it outward under mirroring. Its length is that of n
- * times the growth of area of a surface that n stands on. */
+/** Transforms a normal (inverse transpose, by cofactors), keeping it outward under mirroring. Its length is
+ * that of n times the growth of area of a surface that n stands on. */
 static inline struct lw_vec3 lw_affine_cofactor_normal(const struct lw_affine *t, struct lw_vec3 n) {
     struct lw_vec3 x = lw_vec3(t->m[0][0], t->m[1][0], t->m[2][0]),
                    y = lw_vec3(t->m[0][1], t->m[1][1], t->m[2][1]),

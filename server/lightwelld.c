@@ -1,6 +1,6 @@
 /* lightwelld.c: the daemon. Reads a scene, lights it frame by frame in one thread, serves it from another.
- * Threads: main is the loop [loop]; one solver thread [solver] simulates, solves and publishes. They share the server's
- *          hand-over and two flags, nothing else. */
+ * Threads: main is the loop [loop]; one solver thread [solver] simulates, solves and publishes. They share
+ *          the server's hand-over and two flags, nothing else. */
 #include "common/atomic_file.h"
 #include "common/builtin/builtin.h"
 #include "common/clock.h"
@@ -97,8 +97,8 @@ struct daemon {
     uint64_t taken_ns[LW_LIGHT_FORM_COUNT]; /* when somebody last took it */
 };
 
-/* Signals before the loop watches for them: a handler can reach nothing but globals. The first is for the importer's
- * wait, in this thread; the second for the solver's. */
+/* Signals before the loop watches for them: a handler can reach nothing but globals. The first is for the
+ * importer's wait, in this thread; the second for the solver's. */
 static volatile sig_atomic_t signalled;
 static _Atomic bool signalled_to_threads;
 
@@ -107,7 +107,8 @@ static void on_early_signal(int number) {
     signalled_to_threads = true;
 }
 
-/* The solver asks as well: that closes the gap between the last look at the flag and the loop's own watchers. */
+/* The solver asks as well: that closes the gap between the last look at the flag and the loop's own
+ * watchers. */
 static bool should_stop(const struct daemon *d) { return d->stopping || signalled_to_threads; }
 
 static enum lw_status parse_http(struct settings *s, struct lw_error *err) {
@@ -439,7 +440,8 @@ static double wall_time(const struct daemon *d, uint64_t frame) {
     return (double)(lw_clock_ns() - d->started_ns) * 1e-9;
 }
 
-/* Makes the changes that have come for this frame and poses the scene. Returns how many updates there were. */
+/* Makes the changes that have come for this frame and poses the scene. Returns how many updates there
+ * were. */
 static size_t simulate(struct daemon *d, uint64_t frame, size_t *out_change_count) {
     const double wall_s = wall_time(d, frame);
     struct lw_scene_change *change;
@@ -490,8 +492,8 @@ static enum lw_status show_forms(struct daemon *d, uint32_t forms, struct lw_err
     return LW_OK;
 }
 
-/* Where things are is news for whoever is there, even if nothing of what they look at was solved; and whoever has sent an
- * update waits for its frame. */
+/* Where things are is news for whoever is there, even if nothing of what they look at was solved; and whoever
+ * has sent an update waits for its frame. */
 static bool has_news(struct daemon *d, const struct lw_solver_stats *solve, size_t updates) {
     struct lw_server_stats serve;
     lw_server_get_stats(d->server, &serve);
@@ -514,8 +516,8 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
     uint64_t cpu_solved = work_cpu_ns(d);
     cost.solve_cpu_ns = cpu_solved - cpu_began;
     d->rays_total += solve.rays_shadow + solve.rays_bounce + solve.rays_probe;
-    /* A frame in which nothing was solved and nothing moved changes nothing: no snapshot, no bytes. But whoever takes a form
-     * that nobody took waits for one. */
+    /* A frame in which nothing was solved and nothing moved changes nothing: no snapshot, no bytes. But
+     * whoever takes a form that nobody took waits for one. */
     const bool news = has_news(d, &solve, updates) || !d->lit || (d->forms & ~forms_before);
     *out_rested = !news && !solve.tiles_solved;
     if (news) {
@@ -566,15 +568,17 @@ static void solve_frames(struct daemon *d) {
         uint64_t began = lw_clock_ns();
         enum lw_status status = run_frame(d, frame, &rested, &d->solver_error);
         if (status != LW_OK) return; /* LW_CLOSED, without an error: stopped in the middle of a frame */
-        /* Under the step clock frames follow each other at once while there is work; at rest they keep the pace. */
+        /* Under the step clock frames follow each other at once while there is work; at rest they keep the
+         * pace. */
         if (s->clock == CLOCK_REAL || (s->clock == CLOCK_STEP && rested && !s->frames))
             wait_until(d, began + interval_ns);
     }
     if (s->keep) lw_keeper_save(&d->keeper, d->solver, true);
 }
 
-/* The loop's thread wakes for moments, and a newcomer waits while it waits for a core: it goes before the solver's threads,
- * which inherit this. Linux has a priority for each thread; where there is one for the process, it stays. */
+/* The loop's thread wakes for moments, and a newcomer waits while it waits for a core: it goes before the
+ * solver's threads, which inherit this. Linux has a priority for each thread; where there is one for the
+ * process, it stays. */
 static void give_way(void) {
 #if defined(__linux__)
     errno = 0;
@@ -681,8 +685,8 @@ static int print_hash(char *dst, const void *bytes, size_t size) {
     return length;
 }
 
-/* What decides the light that is shown: the scene, as it is before updates, and the options that are not part of it. When to
- * rest, whom to serve and how fast are not among them. */
+/* What decides the light that is shown: the scene, as it is before updates, and the options that are not part
+ * of it. When to rest, whom to serve and how fast are not among them. */
 static void make_key(const struct daemon *d, uint8_t out_key[LW_KEPT_KEY_SIZE]) {
     const struct settings *s = &d->settings;
     struct lw_package_hash hash;

@@ -6,9 +6,9 @@
 
 #define LOOP_S 20.0f
 
-/* A clear afternoon, scaled to W/m^2 per channel so that sunlit stone is some ten times as bright as shaded stone.
- * The sun stands behind the main camera's right shoulder: it reaches the left colonnade, the far end and half of the
- * floor, and leaves the right gallery to the light that they throw back. */
+/* A clear afternoon, scaled to W/m^2 per channel so that sunlit stone is some ten times as bright as shaded
+ * stone. The sun stands behind the main camera's right shoulder: it reaches the left colonnade, the far end
+ * and half of the floor, and leaves the right gallery to the light that they throw back. */
 static const struct lw_vec3 sun_direction = {0.50f, -1.15f, -0.48f};
 static const struct lw_vec3 sun_irradiance = {104.0f, 90.0f, 69.0f};
 #define SUN_ANGULAR_DIAMETER 0.0093f
@@ -262,10 +262,11 @@ static uint32_t build_lamp(struct lw_builtin_stage *stage, struct lw_builtin_mes
     return finish_at(stage, mesh, name, position);
 }
 
-/* --- what moves ------------------------------------------------------------------------------------------------- */
+/* --- what moves
+ * ------------------------------------------------------------------------------------------------- */
 
-/** A closed smooth path, centre + amplitude * sin(turns * 2 pi t / LOOP_S + phase) per axis, as cubic keys: Hermite
- * tangents are the derivative, so the loop closes with its speed. */
+/** A closed smooth path, centre + amplitude * sin(turns * 2 pi t / LOOP_S + phase) per axis, as cubic keys:
+ * Hermite tangents are the derivative, so the loop closes with its speed. */
 struct path {
     float centre[3], amplitude[3], turns[3], phase[3];
 };

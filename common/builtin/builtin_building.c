@@ -18,10 +18,11 @@ static void stand(struct lw_builtin_mesh *mesh, const struct lw_affine *there, f
 
 static const float quarter = 0.5f * LW_PI;
 
-/* --- roofs ------------------------------------------------------------------------------------------------------- */
+/* --- roofs
+ * ------------------------------------------------------------------------------------------------------- */
 
-/** A tiled slope that faces +Z and up: from x = -low_half..low_half at (y, z) = (0, 0) up to -high_half..high_half at
- * (rise, -run), hipped where it narrows. Rows of pantiles run up it. */
+/** A tiled slope that faces +Z and up: from x = -low_half..low_half at (y, z) = (0, 0) up to
+ * -high_half..high_half at (rise, -run), hipped where it narrows. Rows of pantiles run up it. */
 static void slope(struct lw_builtin_mesh *mesh, float low_half, float high_half, float rise, float run) {
     enum { WAVE_STEPS = 4, COLUMNS_MAX = 800 };
     struct lw_vec3 points[2 * COLUMNS_MAX];
@@ -68,8 +69,8 @@ static void chimney(struct lw_builtin_mesh *mesh, const struct lw_affine *there,
     }
 }
 
-/** A window in the roof; the foot of its front is at the placement's origin, which lies on the slope; it reaches `deep`
- * metres back. */
+/** A window in the roof; the foot of its front is at the placement's origin, which lies on the slope; it
+ * reaches `deep` metres back. */
 static void dormer(struct lw_builtin_mesh *mesh, const struct lw_affine *there,
                    const struct lw_builtin_facade *facade, float x, float y, float z, float deep, bool lit) {
     const struct lw_builtin_facade_paints *paints = facade->paints;
@@ -102,7 +103,8 @@ static void dormer(struct lw_builtin_mesh *mesh, const struct lw_affine *there,
     }
 }
 
-/* --- houses ------------------------------------------------------------------------------------------------------ */
+/* --- houses
+ * ------------------------------------------------------------------------------------------------------ */
 
 static struct lw_builtin_facade street_front(const struct lw_builtin_house_style *style, float width,
                                              uint32_t bays) {
@@ -250,7 +252,8 @@ void lw_builtin_building_corner_house(struct lw_builtin_mesh *mesh,
     mesh->placement = there;
 }
 
-/* --- palace ------------------------------------------------------------------------------------------------------ */
+/* --- palace
+ * ------------------------------------------------------------------------------------------------------ */
 
 #define PALACE_GROUND_M 5.2f
 #define PALACE_STOREY_M 4.3f
@@ -387,7 +390,8 @@ void lw_builtin_building_palace_wing(struct lw_builtin_mesh *mesh,
     mesh->placement = there;
 }
 
-/* --- tower ------------------------------------------------------------------------------------------------------- */
+/* --- tower
+ * ------------------------------------------------------------------------------------------------------- */
 
 /** Four like fronts around a square. */
 static void four_fronts(struct lw_builtin_mesh *mesh, const struct lw_affine *there,
@@ -460,7 +464,8 @@ void lw_builtin_building_tower(struct lw_builtin_mesh *mesh, const struct lw_bui
     mesh->placement = there;
 }
 
-/* --- church ------------------------------------------------------------------------------------------------------ */
+/* --- church
+ * ------------------------------------------------------------------------------------------------------ */
 
 #define NAVE_HALF  8.0f
 #define NAVE_BACK  -19.0f

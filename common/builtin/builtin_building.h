@@ -28,8 +28,8 @@ void lw_builtin_building_row_house(struct lw_builtin_mesh *mesh, const struct lw
 void lw_builtin_building_corner_house(struct lw_builtin_mesh *mesh,
                                       const struct lw_builtin_house_style *style);
 
-/** A quarter of a palace around a court: the wing on the +Z side of a block whose middle is the origin. Four of them, turned
- * by right angles, close. Arcades run along street and court. */
+/** A quarter of a palace around a court: the wing on the +Z side of a block whose middle is the origin. Four
+ * of them, turned by right angles, close. Arcades run along street and court. */
 void lw_builtin_building_palace_wing(struct lw_builtin_mesh *mesh,
                                      const struct lw_builtin_facade_paints *paints, uint32_t seed);
 

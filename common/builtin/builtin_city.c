@@ -11,8 +11,8 @@
 
 #define LOOP_S 120.0f
 
-/* A low sun in the evening, scaled as the atrium's: streets are in the shade of their houses, lit by the sky, by what
- * sunlit fronts throw back, and by lamps that already burn. */
+/* A low sun in the evening, scaled as the atrium's: streets are in the shade of their houses, lit by the sky,
+ * by what sunlit fronts throw back, and by lamps that already burn. */
 static const struct lw_vec3 sun_direction = {0.62f, -0.66f, -0.42f};
 static const struct lw_vec3 sun_irradiance = {96.0f, 78.0f, 54.0f};
 #define SUN_ANGULAR_DIAMETER 0.0093f
@@ -42,7 +42,8 @@ static const char plan[PLAN_SIDE][PLAN_SIDE + 1] = {
     "bphtbshp", "hbhchbkh", "tshbhpbh", "bhkbshhb", "hpbhthcb", "bhcshbhs", "hbhpbhtb",
 };
 
-/* --- paints ------------------------------------------------------------------------------------------------------ */
+/* --- paints
+ * ------------------------------------------------------------------------------------------------------ */
 
 enum { HOUSE_COLOURS = 5 };
 
@@ -160,7 +161,8 @@ static void mix_palette(struct lw_builtin_stage *stage, struct palette *p) {
     p->brass = paint(stage, "brass", 0.58f, 0.40f, 0.16f, none, 1.0f).material;
 }
 
-/* --- meshes ------------------------------------------------------------------------------------------------------ */
+/* --- meshes
+ * ------------------------------------------------------------------------------------------------------ */
 
 enum { ROWS = 4, CORNERS = 4, TREES = 3 };
 
@@ -231,7 +233,8 @@ static struct kit build_kit(struct lw_builtin_stage *stage, struct lw_builtin_me
     return kit;
 }
 
-/* --- blocks ------------------------------------------------------------------------------------------------------ */
+/* --- blocks
+ * ------------------------------------------------------------------------------------------------------ */
 
 /** An instance of a mesh, by the mesh's name. */
 static void put(struct lw_builtin_stage *stage, uint32_t mesh, uint32_t parent, float x, float z,
@@ -343,7 +346,8 @@ static void put_rim(struct lw_builtin_stage *stage, const struct kit *kit, uint3
     }
 }
 
-/* --- what moves --------------------------------------------------------------------------------------------------- */
+/* --- what moves
+ * --------------------------------------------------------------------------------------------------- */
 
 /** A square with round corners about a block, clockwise seen from above. */
 struct round {
@@ -444,7 +448,8 @@ static void put_traffic(struct lw_builtin_stage *stage, struct lw_builtin_mesh *
     drive(stage, lantern, &on_foot, 0);
 }
 
-/** Turns what the next parts stand on... the walk goes around the block beside the middle, at the height of eyes. */
+/** Turns what the next parts stand on... the walk goes around the block beside the middle, at the height of
+ * eyes. */
 static void put_cameras(struct lw_builtin_stage *stage, uint32_t blocks) {
     const uint32_t middle = blocks / 2;
     const float street = block_at(middle, blocks) - 0.5f * LW_STREET_PITCH,

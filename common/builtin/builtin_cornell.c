@@ -1,9 +1,9 @@
 #include "common/builtin/builtin_scenes.h"
 #include "common/builtin/builtin_stage.h"
 
-/* The box of Goral et al. 1984 in the proportions that Cornell measured (width 0.556, height 0.5488, depth 0.5592 m;
- * https://www.graphics.cornell.edu/online/box/data.html), 3.6 times as large: about two metres. Its open front is at
- * +Z, its middle over the origin. */
+/* The box of Goral et al. 1984 in the proportions that Cornell measured (width 0.556, height 0.5488, depth
+ * 0.5592 m; https://www.graphics.cornell.edu/online/box/data.html), 3.6 times as large: about two metres. Its
+ * open front is at +Z, its middle over the origin. */
 #define SCALE  3.6f
 #define WIDTH  (0.556f * SCALE)
 #define HEIGHT (0.5488f * SCALE)

@@ -41,7 +41,8 @@ static void pierced(struct lw_builtin_mesh *mesh, const float *x, uint32_t colum
     lw_builtin_mesh_patch(mesh, points, rows, columns, LW_BUILTIN_HOLES);
 }
 
-/** A profile of (inset, z) around a rectangle, mitred at its corners: from the outside in where it faces +Z. */
+/** A profile of (inset, z) around a rectangle, mitred at its corners: from the outside in where it faces
+ * +Z. */
 static void surround(struct lw_builtin_mesh *mesh, float x0, float y0, float x1, float y1,
                      const struct lw_vec2 *profile, uint32_t count) {
     struct lw_vec3 points[8 * 5];
@@ -55,7 +56,8 @@ static void surround(struct lw_builtin_mesh *mesh, float x0, float y0, float x1,
     lw_builtin_mesh_patch(mesh, points, count, 5, LW_BUILTIN_CLOSED_COLUMNS);
 }
 
-/* --- windows ---------------------------------------------------------------------------------------------------- */
+/* --- windows
+ * ---------------------------------------------------------------------------------------------------- */
 
 /** Jambs, frame, bars and glass of a rectangular opening. */
 static void glazing(struct lw_builtin_mesh *mesh, const struct lw_builtin_facade_paints *paints, float x,
@@ -127,7 +129,8 @@ void lw_builtin_facade_window(struct lw_builtin_mesh *mesh, const struct lw_buil
     }
 }
 
-/* --- railings --------------------------------------------------------------------------------------------------- */
+/* --- railings
+ * --------------------------------------------------------------------------------------------------- */
 
 void lw_builtin_facade_railing(struct lw_builtin_mesh *mesh, struct lw_builtin_paint paint, float x0,
                                float x1, float y, float z) {
@@ -180,7 +183,8 @@ static void balcony(struct lw_builtin_mesh *mesh, const struct lw_builtin_facade
     }
 }
 
-/* --- ground floor ------------------------------------------------------------------------------------------------ */
+/* --- ground floor
+ * ------------------------------------------------------------------------------------------------ */
 
 static void door(struct lw_builtin_mesh *mesh, const struct lw_builtin_facade_paints *paints, float x,
                  float w, float h) {
@@ -255,7 +259,8 @@ static void ground_floor(struct lw_builtin_mesh *mesh, const struct lw_builtin_f
     box(mesh, 0, top + 0.02f, 0, facade->width, top + 0.14f, 0.08f, NO_BACK);
 }
 
-/* --- the whole --------------------------------------------------------------------------------------------------- */
+/* --- the whole
+ * --------------------------------------------------------------------------------------------------- */
 
 float lw_builtin_facade_height(const struct lw_builtin_facade *facade) {
     return facade->ground_m + facade->storey_m * (float)facade->storeys;
@@ -329,12 +334,13 @@ void lw_builtin_facade_build(struct lw_builtin_mesh *mesh, const struct lw_built
         lw_builtin_facade_cornice(mesh, facade->paints->trim, facade->width, top);
 }
 
-/* --- arches ------------------------------------------------------------------------------------------------------ */
+/* --- arches
+ * ------------------------------------------------------------------------------------------------------ */
 
 enum { ARC_SIDE = 4, ARC_TOP = 6, ARC_POINTS = 2 * ARC_SIDE + ARC_TOP + 1, CONTOUR = ARC_POINTS + 2 };
 
-/** The opening's contour from bottom left to bottom right, and where its points go on the rectangle around it. The
- * rectangle's corners are among these, so that the wall fills it. */
+/** The opening's contour from bottom left to bottom right, and where its points go on the rectangle around
+ * it. The rectangle's corners are among these, so that the wall fills it. */
 static void arch_contour(const struct lw_builtin_arch *a, struct lw_vec2 inner[CONTOUR],
                          struct lw_vec2 outer[CONTOUR]) {
     const float middle = 0.5f * (a->x0 + a->x1), r = 0.5f * a->width;

@@ -1,6 +1,6 @@
-/* builtin_facade.h: fronts of the city's buildings: walls with openings, and what fills, frames and crowns these.
- * A front stands in the plane z = 0 of the mesh's placement, from x = 0 to its width, y up from the pavement, and faces
- * +Z. Backs are not built: nobody enters.
+/* builtin_facade.h: fronts of the city's buildings: walls with openings, and what fills, frames and crowns
+ * these. A front stands in the plane z = 0 of the mesh's placement, from x = 0 to its width, y up from the
+ * pavement, and faces +Z. Backs are not built: nobody enters.
  * Threads: one mesh, one thread. */
 #ifndef LW_COMMON_BUILTIN_FACADE_H
 #define LW_COMMON_BUILTIN_FACADE_H
@@ -54,8 +54,9 @@ float lw_builtin_facade_height(const struct lw_builtin_facade *facade);
 void lw_builtin_facade_blank(struct lw_builtin_mesh *mesh, struct lw_builtin_paint paint, float width,
                              float bottom, float top);
 
-/** A rectangle [x0, x1] x [y0, y1] of wall with a round-headed opening in its middle that reaches down to y0: `width`
- * wide, the arch springing at y = spring. depth: of its jambs and soffit; back: whether the wall is seen from behind too. */
+/** A rectangle [x0, x1] x [y0, y1] of wall with a round-headed opening in its middle that reaches down to y0:
+ * `width` wide, the arch springing at y = spring. depth: of its jambs and soffit; back: whether the wall is
+ * seen from behind too. */
 struct lw_builtin_arch {
     float x0, y0, x1, y1, width, spring, depth;
     bool back;
@@ -66,7 +67,8 @@ void lw_builtin_facade_arch(struct lw_builtin_mesh *mesh, const struct lw_builti
 void lw_builtin_facade_arch_glass(struct lw_builtin_mesh *mesh, const struct lw_builtin_facade_paints *paints,
                                   const struct lw_builtin_arch *arch, bool lit);
 
-/** A window with reveal, frame, bars, sill and what `features` says; its opening's lower left corner is (x, y). */
+/** A window with reveal, frame, bars, sill and what `features` says; its opening's lower left corner is (x,
+ * y). */
 void lw_builtin_facade_window(struct lw_builtin_mesh *mesh, const struct lw_builtin_facade *facade, float x,
                               float y, float width, float height, bool lit);
 

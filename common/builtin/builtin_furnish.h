@@ -1,5 +1,5 @@
-/* builtin_furnish.h: what stands and hangs in the atrium. Every function adds one thing to a mesh, at the mesh's
- * placement, with its material and texture state, which it leaves as it found them.
+/* builtin_furnish.h: what stands and hangs in the atrium. Every function adds one thing to a mesh, at the
+ * mesh's placement, with its material and texture state, which it leaves as it found them.
  * Threads: one mesh, one thread. */
 #ifndef LW_COMMON_BUILTIN_FURNISH_H
 #define LW_COMMON_BUILTIN_FURNISH_H
@@ -20,9 +20,9 @@ void lw_builtin_furnish_vase(struct lw_builtin_mesh *mesh, enum lw_builtin_vase 
 /** Soil that fills a pot of that height. */
 void lw_builtin_furnish_soil(struct lw_builtin_mesh *mesh, float height);
 
-/** A cloth over a rail: the rail runs along local X through the origin, `width` metres of it are covered; the cloth
- * falls `behind` metres on the -Z side and `front` on the +Z side, where it stays `clear` metres away from the rail's
- * axis from `clear_below` metres below the rail on. One sheet. */
+/** A cloth over a rail: the rail runs along local X through the origin, `width` metres of it are covered; the
+ * cloth falls `behind` metres on the -Z side and `front` on the +Z side, where it stays `clear` metres away
+ * from the rail's axis from `clear_below` metres below the rail on. One sheet. */
 struct lw_builtin_cloth {
     float width, behind, front, clear, clear_below;
     float phase; /* of its folds */
@@ -37,7 +37,8 @@ void lw_builtin_furnish_bush(struct lw_builtin_mesh *mesh, float height, uint32_
 void lw_builtin_furnish_basin(struct lw_builtin_mesh *mesh);
 void lw_builtin_furnish_water(struct lw_builtin_mesh *mesh);
 
-/** A lamp's metalwork: cap, cage, and a chain of this length up from the cap; and its globe. Centred on the globe. */
+/** A lamp's metalwork: cap, cage, and a chain of this length up from the cap; and its globe. Centred on the
+ * globe. */
 void lw_builtin_furnish_lamp(struct lw_builtin_mesh *mesh, float radius, float chain);
 void lw_builtin_furnish_globe(struct lw_builtin_mesh *mesh, float radius, uint32_t segments);
 

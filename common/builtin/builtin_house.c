@@ -18,9 +18,11 @@ static void stand_at(struct lw_builtin_mesh *mesh, float x, float y, float z, fl
     lw_builtin_mesh_place(mesh, lw_vec3(x, y, z), angle, unscaled);
 }
 
-/* --- columns ---------------------------------------------------------------------------------------------------- */
+/* --- columns
+ * ---------------------------------------------------------------------------------------------------- */
 
-/** Appends a quarter or half round between two points of a profile that bulges by `bulge` times their distance. */
+/** Appends a quarter or half round between two points of a profile that bulges by `bulge` times their
+ * distance. */
 static uint32_t round_to(struct lw_vec2 *profile, uint32_t count, struct lw_vec2 to, float bulge,
                          uint32_t steps) {
     struct lw_vec2 from = profile[count - 1];
@@ -83,7 +85,8 @@ void lw_builtin_house_columns(struct lw_builtin_mesh *mesh, float base_y, float 
     mesh->placement = LW_AFFINE_IDENTITY;
 }
 
-/* --- bays ------------------------------------------------------------------------------------------------------- */
+/* --- bays
+ * ------------------------------------------------------------------------------------------------------- */
 
 /** One arch: local X along the arcade, +Z to the court, the origin on its axis. */
 struct bay {
@@ -116,8 +119,8 @@ static void each_bay(struct lw_builtin_mesh *mesh, bool upper,
 
 static float arch_angle(uint32_t step) { return LW_PI * (1.0f - (float)step / (float)ARCH_STEPS); }
 
-/** Flat wall between an arch and a rectangle (left, right, height above the springing); the steps nearest to the
- * rectangle's corners move there. */
+/** Flat wall between an arch and a rectangle (left, right, height above the springing); the steps nearest to
+ * the rectangle's corners move there. */
 static void spandrel(struct lw_builtin_mesh *mesh, float spring, float z, float inner, float left,
                      float right, float height, bool back) {
     struct lw_vec3 points[2 * (ARCH_STEPS + 1)];
@@ -234,10 +237,11 @@ void lw_builtin_house_cornices(struct lw_builtin_mesh *mesh) {
     lw_builtin_mesh_frame(mesh, p, n, half_x, half_z, LW_HOUSE_UPPER_TOP, true, PIECE_M);
 }
 
-/* --- ceilings --------------------------------------------------------------------------------------------------- */
+/* --- ceilings
+ * --------------------------------------------------------------------------------------------------- */
 
-/** A quarter of a groin vault: the barrel along local Z whose springing lines are at x = -half_x and half_x, cut by the
- * diagonals to z >= |x| half_z / half_x. */
+/** A quarter of a groin vault: the barrel along local Z whose springing lines are at x = -half_x and half_x,
+ * cut by the diagonals to z >= |x| half_z / half_x. */
 static void vault_quarter(struct lw_builtin_mesh *mesh, float half_x, float half_z) {
     enum { ROWS = 5, COLUMNS = VAULT_STEPS + 1 };
     struct lw_vec3 points[ROWS * COLUMNS];
@@ -277,8 +281,8 @@ void lw_builtin_house_vaults(struct lw_builtin_mesh *mesh) {
     mesh->placement = LW_AFFINE_IDENTITY;
 }
 
-/** A band across the gallery, from the arcade (local z = 0) to the wall (local z = -span), under the joint of two
- * vaults; its middle is at local x = shift. */
+/** A band across the gallery, from the arcade (local z = 0) to the wall (local z = -span), under the joint of
+ * two vaults; its middle is at local x = shift. */
 static void rib(struct lw_builtin_mesh *mesh, float shift, float half_width) {
     float span = LW_HOUSE_GALLERY - LW_HOUSE_THICKNESS, drop = 0.06f;
     const struct lw_vec2 profile[] = {
@@ -334,7 +338,8 @@ void lw_builtin_house_timber(struct lw_builtin_mesh *mesh) {
     mesh->placement = LW_AFFINE_IDENTITY;
 }
 
-/* --- walls and floors ------------------------------------------------------------------------------------------- */
+/* --- walls and floors
+ * ------------------------------------------------------------------------------------------- */
 
 void lw_builtin_house_walls(struct lw_builtin_mesh *mesh) {
     float x = LW_HOUSE_HALF_X + LW_HOUSE_GALLERY, z = LW_HOUSE_HALF_Z + LW_HOUSE_GALLERY;
@@ -421,7 +426,8 @@ void lw_builtin_house_roof(struct lw_builtin_mesh *mesh) {
     lw_builtin_mesh_frame(mesh, profile, COUNT(profile), inner_x, inner_z, LW_HOUSE_EAVE, false, PIECE_M);
 }
 
-/* --- balustrade ------------------------------------------------------------------------------------------------- */
+/* --- balustrade
+ * ------------------------------------------------------------------------------------------------- */
 
 static void baluster(struct lw_builtin_mesh *mesh, float height) {
     static const struct lw_vec2 shape[] = {{0.075f, 0},     {0.075f, 0.06f}, {0.045f, 0.10f}, {0.050f, 0.14f},

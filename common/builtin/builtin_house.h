@@ -1,6 +1,6 @@
-/* builtin_house.h: the architecture of the atrium: a court of 24 x 12 m between two storeys of round arches on columns,
- * with a gallery behind them. The ground floor is at 0; the middle of the court is the origin; long sides run along X.
- * Every function adds one part to a mesh, with the mesh's material and texture state.
+/* builtin_house.h: the architecture of the atrium: a court of 24 x 12 m between two storeys of round arches
+ * on columns, with a gallery behind them. The ground floor is at 0; the middle of the court is the origin;
+ * long sides run along X. Every function adds one part to a mesh, with the mesh's material and texture state.
  * Threads: one mesh, one thread. */
 #ifndef LW_COMMON_BUILTIN_HOUSE_H
 #define LW_COMMON_BUILTIN_HOUSE_H
@@ -30,8 +30,8 @@ void lw_builtin_house_column(struct lw_builtin_mesh *mesh, float height, float r
 /** A column of that height at every axis, from base_y up. */
 void lw_builtin_house_columns(struct lw_builtin_mesh *mesh, float base_y, float height, float radius);
 
-/** Arcade wall above the columns: fronts, backs, soffits. The upper storey's backs end at the ceiling, the lower's at
- * the vaults. */
+/** Arcade wall above the columns: fronts, backs, soffits. The upper storey's backs end at the ceiling, the
+ * lower's at the vaults. */
 void lw_builtin_house_arcade(struct lw_builtin_mesh *mesh, bool upper);
 
 /** Mouldings around the arches of one storey. */
@@ -47,7 +47,7 @@ void lw_builtin_house_ribs(struct lw_builtin_mesh *mesh);
 /** Timber ceiling of the upper gallery: boards and beams. */
 void lw_builtin_house_timber(struct lw_builtin_mesh *mesh);
 
-/** Walls of the galleries from the dado up; the dado; the pilasters. There is no outside: backs stop light. */
+/** Walls of the galleries from the dado up; the dado; the pilasters. No outside: backs stop light. */
 void lw_builtin_house_walls(struct lw_builtin_mesh *mesh);
 void lw_builtin_house_dado(struct lw_builtin_mesh *mesh, float floor_y);
 void lw_builtin_house_pilasters(struct lw_builtin_mesh *mesh);

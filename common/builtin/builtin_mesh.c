@@ -81,7 +81,8 @@ void lw_builtin_mesh_triangle(struct lw_builtin_mesh *mesh, uint32_t a, uint32_t
     mesh->triangle_material[mesh->triangle_count++] = mesh->material;
 }
 
-/* --- patches ---------------------------------------------------------------------------------------------------- */
+/* --- patches
+ * ---------------------------------------------------------------------------------------------------- */
 
 /** A patch while it is being turned into vertices. Quads are (rows - 1) x (columns - 1). */
 struct patch {
@@ -177,8 +178,8 @@ static struct lw_vec2 texture_point(const struct lw_builtin_mesh *mesh, const st
                             (m.y + mesh->uv_offset.y) * mesh->uv_repeat};
 }
 
-/* A vertex is shared by the quads around it that lie on the same side of every crease: each quad takes its corner from
- * the quad below or to the left if no crease is between them. */
+/* A vertex is shared by the quads around it that lie on the same side of every crease: each quad takes its
+ * corner from the quad below or to the left if no crease is between them. */
 static void index_quad(struct lw_builtin_mesh *mesh, struct patch *p, uint32_t r, uint32_t c) {
     uint32_t quads = p->columns - 1;
     uint32_t *own = &p->index[4 * (r * quads + c)]; /* corners: (r,c) (r,c+1) (r+1,c) (r+1,c+1) */
@@ -241,7 +242,8 @@ void lw_builtin_mesh_patch(struct lw_builtin_mesh *mesh, const struct lw_vec3 *p
     free(p.face);
 }
 
-/* --- shapes ----------------------------------------------------------------------------------------------------- */
+/* --- shapes
+ * ----------------------------------------------------------------------------------------------------- */
 
 void lw_builtin_mesh_quad(struct lw_builtin_mesh *mesh, struct lw_vec3 corner, struct lw_vec3 right,
                           struct lw_vec3 up, float cell_m) {

@@ -1,7 +1,8 @@
-/* builtin_mesh.h: a growing triangle mesh, for scenes that are computed instead of loaded.
- * Everything is a patch: a grid of points that becomes smooth quads, split where it bends sharply. Columns are patches
- * closed in one direction, mouldings are patches swept along frames.
- * Failure: the first allocation that fails sets `failed`; from then on every call does nothing. Ask once, at the end.
+/* builtin_mesh.h: a growing triangle mesh, for scenes that are computed instead of loaded. Everything is a
+ * patch: a grid of points that becomes smooth quads, split where it bends sharply. Columns are patches closed
+ * in one direction, mouldings are patches swept along frames.
+ * Failure: the first allocation that fails sets `failed`; from then on every call does nothing. Ask once, at
+ * the end.
  * Threads: one builder, one thread. */
 #ifndef LW_COMMON_BUILTIN_MESH_H
 #define LW_COMMON_BUILTIN_MESH_H
@@ -35,11 +36,13 @@ struct lw_builtin_mesh {
 void lw_builtin_mesh_init(struct lw_builtin_mesh *mesh);
 void lw_builtin_mesh_finish(struct lw_builtin_mesh *mesh);
 
-/** What the next parts are made of; metres: of one repeat of the texture, or of a fitted one's share of a patch. */
+/** What the next parts are made of; metres: of one repeat of the texture, or of a fitted one's share of a
+ * patch. */
 void lw_builtin_mesh_use(struct lw_builtin_mesh *mesh, uint32_t material, enum lw_builtin_uv mode,
                          float metres);
 
-/** Places the next parts: scaled and turned by angle (radians) about +Y, then moved. Negative scale.x mirrors. */
+/** Places the next parts: scaled and turned by angle (radians) about +Y, then moved. Negative scale.x
+ * mirrors. */
 void lw_builtin_mesh_place(struct lw_builtin_mesh *mesh, struct lw_vec3 position, float angle,
                            struct lw_vec3 scale);
 
@@ -54,8 +57,9 @@ enum {
     LW_BUILTIN_HOLES = 4           /* quads of odd row and odd column are left out */
 };
 
-/** Adds a grid of rows x columns points, points[row * columns + column]. Its front is where rows run up and columns
- * run to the right. Quads that collapse to a line are left out; those that collapse to a triangle stay one. */
+/** Adds a grid of rows x columns points, points[row * columns + column]. Its front is where rows run up and
+ * columns run to the right. Quads that collapse to a line are left out; those that collapse to a triangle
+ * stay one. */
 void lw_builtin_mesh_patch(struct lw_builtin_mesh *mesh, const struct lw_vec3 *points, uint32_t rows,
                            uint32_t columns, unsigned flags);
 
@@ -78,7 +82,8 @@ enum {
 void lw_builtin_mesh_box(struct lw_builtin_mesh *mesh, struct lw_vec3 low, struct lw_vec3 high,
                          unsigned faces);
 
-/** Turns a profile about the Y axis. profile: (radius, height) in metres, from the bottom up for an outer surface. */
+/** Turns a profile about the Y axis. profile: (radius, height) in metres, from the bottom up for an outer
+ * surface. */
 void lw_builtin_mesh_revolve(struct lw_builtin_mesh *mesh, const struct lw_vec2 *profile, uint32_t count,
                              uint32_t segments);
 
@@ -87,14 +92,14 @@ struct lw_builtin_frame {
     struct lw_vec3 origin, out, up;
 };
 
-/** Sweeps a profile along frames; its front is outward where the profile runs up and the frames run to the right,
- * seen from `out`. */
+/** Sweeps a profile along frames; its front is outward where the profile runs up and the frames run to the
+ * right, seen from `out`. */
 void lw_builtin_mesh_sweep(struct lw_builtin_mesh *mesh, const struct lw_vec2 *profile, uint32_t count,
                            const struct lw_builtin_frame *frames, uint32_t frame_count, unsigned flags);
 
-/** Sweeps a profile around a rectangle in the ground plane, |x| <= half_x and |z| <= half_z, at height y. The profile's
- * x grows away from the rectangle's middle, or towards it if `inward`. Sides are cut into pieces of about piece_m, since
- * a chart is made of whole triangles; 0 leaves them whole. */
+/** Sweeps a profile around a rectangle in the ground plane, |x| <= half_x and |z| <= half_z, at height y. The
+ * profile's x grows away from the rectangle's middle, or towards it if `inward`. Sides are cut into pieces
+ * of about piece_m, since a chart is made of whole triangles; 0 leaves them whole. */
 void lw_builtin_mesh_frame(struct lw_builtin_mesh *mesh, const struct lw_vec2 *profile, uint32_t count,
                            float half_x, float half_z, float y, bool inward, float piece_m);
 

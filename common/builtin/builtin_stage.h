@@ -1,5 +1,7 @@
-/* builtin_stage.h: puts a computed scene together: textures, materials, nodes, objects, lights, cameras, animation.
- * Failure: as in builtin_mesh.h: the first one is kept, later calls do nothing, lw_builtin_stage_finish() tells.
+/* builtin_stage.h: puts a computed scene together: textures, materials, nodes, objects, lights, cameras,
+ * animation.
+ * Failure: as in builtin_mesh.h: the first one is kept, later calls do nothing, lw_builtin_stage_finish()
+ * tells.
  * Threads: one stage, one thread. */
 #ifndef LW_COMMON_BUILTIN_STAGE_H
 #define LW_COMMON_BUILTIN_STAGE_H
@@ -18,11 +20,13 @@ LW_MUST_CHECK enum lw_status lw_builtin_stage_init(struct lw_builtin_stage *stag
 LW_MUST_CHECK enum lw_status lw_builtin_stage_finish(struct lw_builtin_stage *stage,
                                                      struct lw_scene **out_scene, struct lw_error *err);
 
-/** Room for width x height RGBA texels that the caller fills; NULL when out of memory. Repeats in both directions. */
+/** Room for width x height RGBA texels that the caller fills; NULL when out of memory. Repeats in both
+ * directions. */
 uint8_t *lw_builtin_stage_texture(struct lw_builtin_stage *stage, const char *name, uint32_t width,
                                   uint32_t height, uint32_t *out_index);
 
-/** An opaque, single-sided, dark material of this albedo; returned index for meshes. texture: or LW_SCENE_NONE. */
+/** An opaque, single-sided, dark material of this albedo; returned index for meshes. texture: or
+ * LW_SCENE_NONE. */
 uint32_t lw_builtin_stage_material(struct lw_builtin_stage *stage, const char *name, struct lw_vec3 albedo,
                                    uint32_t texture);
 
@@ -49,8 +53,8 @@ void lw_builtin_stage_object(struct lw_builtin_stage *stage, const char *name, s
 void lw_builtin_stage_sun(struct lw_builtin_stage *stage, const char *name, struct lw_vec3 direction,
                           struct lw_vec3 irradiance, float angular_diameter);
 
-/** Point and spot lights, at a point of their parent's space; intensity: W/sr, of the spot on its axis; cones: half
- * angles, radians. */
+/** Point and spot lights, at a point of their parent's space; intensity: W/sr, of the spot on its axis;
+ * cones: half angles, radians. */
 void lw_builtin_stage_point(struct lw_builtin_stage *stage, const char *name, uint32_t parent,
                             struct lw_vec3 position, struct lw_vec3 intensity);
 void lw_builtin_stage_spot(struct lw_builtin_stage *stage, const char *name, uint32_t parent,
@@ -61,8 +65,8 @@ void lw_builtin_stage_spot(struct lw_builtin_stage *stage, const char *name, uin
 uint32_t lw_builtin_stage_camera(struct lw_builtin_stage *stage, const char *name, struct lw_vec3 eye,
                                  struct lw_vec3 target, float fov_y_deg);
 
-/** Room for a channel's values, 3 or 4 floats a key (CUBIC: three times that); the caller fills it. Keys are spread
- * evenly over duration_s, the first at 0. NULL when out of memory. */
+/** Room for a channel's values, 3 or 4 floats a key (CUBIC: three times that); the caller fills it. Keys are
+ * spread evenly over duration_s, the first at 0. NULL when out of memory. */
 float *lw_builtin_stage_channel(struct lw_builtin_stage *stage, uint32_t node, enum lw_channel_path path,
                                 enum lw_interpolation interpolation, uint32_t key_count, float duration_s);
 

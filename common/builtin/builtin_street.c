@@ -26,11 +26,13 @@ static void ground(struct lw_builtin_mesh *mesh, float x0, float z0, float x1, f
     lw_builtin_mesh_quad(mesh, lw_vec3(x0, y, z1), lw_vec3(x1 - x0, 0, 0), lw_vec3(0, 0, z0 - z1), cell_m);
 }
 
-/* --- paving ------------------------------------------------------------------------------------------------------ */
+/* --- paving
+ * ------------------------------------------------------------------------------------------------------ */
 
 enum { KERB_ARC = 6, KERB_SIDE = 10, KERB_POINTS = 4 * (KERB_ARC + KERB_SIDE) + 1 };
 
-/** The kerb's plan, a square with round corners, counter-clockwise seen from above; and the unit normals outward. */
+/** The kerb's plan, a square with round corners, counter-clockwise seen from above; and the unit normals
+ * outward. */
 static void kerb_line(struct lw_vec3 point[KERB_POINTS], struct lw_vec3 out[KERB_POINTS]) {
     const float radius = LW_STREET_KERB - LW_STREET_FRONT, flat = LW_STREET_FRONT;
     uint32_t n = 0;
@@ -109,7 +111,8 @@ void lw_builtin_street_tile(struct lw_builtin_mesh *mesh, const struct lw_builti
     mesh->placement = there;
 }
 
-/* --- furniture ---------------------------------------------------------------------------------------------------- */
+/* --- furniture
+ * ---------------------------------------------------------------------------------------------------- */
 
 void lw_builtin_street_lamp(struct lw_builtin_mesh *mesh, const struct lw_builtin_street_paints *paints) {
     static const struct lw_vec2 post[] = {{0.20f, 0},     {0.20f, 0.12f}, {0.15f, 0.18f}, {0.13f, 0.75f},
@@ -189,7 +192,8 @@ void lw_builtin_street_furniture(struct lw_builtin_mesh *mesh,
     mesh->placement = there;
 }
 
-/* --- trees -------------------------------------------------------------------------------------------------------- */
+/* --- trees
+ * -------------------------------------------------------------------------------------------------------- */
 
 /** A bough of leaves: a ball with bumps of leaves' clumps. */
 static void crown(struct lw_builtin_mesh *mesh, float radius, uint32_t seed) {
@@ -254,7 +258,8 @@ void lw_builtin_street_tree(struct lw_builtin_mesh *mesh, const struct lw_builti
     mesh->crease_cos = crease_cos;
 }
 
-/* --- grounds ------------------------------------------------------------------------------------------------------ */
+/* --- grounds
+ * ------------------------------------------------------------------------------------------------------ */
 
 /** A bed of low bushes in a stone rim. */
 static void flower_bed(struct lw_builtin_mesh *mesh, const struct lw_builtin_street_paints *paints,
@@ -524,7 +529,8 @@ void lw_builtin_street_court(struct lw_builtin_mesh *mesh, const struct lw_built
     mesh->placement = there;
 }
 
-/* --- vehicles ------------------------------------------------------------------------------------------------------ */
+/* --- vehicles
+ * ------------------------------------------------------------------------------------------------------ */
 
 /** Wheels of an axle at z. */
 static void axle(struct lw_builtin_mesh *mesh, const struct lw_affine *there, float half_track, float radius,
@@ -614,7 +620,8 @@ void lw_builtin_street_tram(struct lw_builtin_mesh *mesh, const struct lw_builti
     box(mesh, -0.15f, 0.85f, -half_z - 0.06f, 0.15f, 1.1f, -half_z + 0.02f);
 }
 
-/* --- the rim ------------------------------------------------------------------------------------------------------- */
+/* --- the rim
+ * ------------------------------------------------------------------------------------------------------- */
 
 #define WALL_Z     9.0f
 #define WALL_TOP   7.0f

@@ -1,7 +1,8 @@
-/* builtin_street.h: what is between the buildings of the city: paving, street lamps, trees, furniture of streets and squares,
- * carriages, the wall around it all.
- * A block's tile is LW_STREET_PITCH square, its middle at the origin: pavement (y = 0) around the block, and half of the
- * carriageways beyond it. Every function adds one thing to a mesh and leaves its placement as it found it.
+/* builtin_street.h: what is between the buildings of the city: paving, street lamps, trees, furniture of
+ * streets and squares, carriages, the wall around it all.
+ * A block's tile is LW_STREET_PITCH square, its middle at the origin: pavement (y = 0) around the block, and
+ * half of the carriageways beyond it. Every function adds one thing to a mesh and leaves its placement as it
+ * found it.
  * Threads: one mesh, one thread. */
 #ifndef LW_COMMON_BUILTIN_STREET_H
 #define LW_COMMON_BUILTIN_STREET_H
@@ -35,8 +36,8 @@ void lw_builtin_street_lamp(struct lw_builtin_mesh *mesh, const struct lw_builti
 void lw_builtin_street_tree(struct lw_builtin_mesh *mesh, const struct lw_builtin_street_paints *paints,
                             float height, uint32_t seed);
 
-/** Grounds inside a block, 50 m square: a garden court 26 m square, a paved square with its fountain, column and stalls, a
- * churchyard, a park with a pond. Trees are not among them. */
+/** Grounds inside a block, 50 m square: a garden court 26 m square, a paved square with its fountain, column
+ * and stalls, a churchyard, a park with a pond. Trees are not among them. */
 void lw_builtin_street_garden(struct lw_builtin_mesh *mesh, const struct lw_builtin_street_paints *paints);
 void lw_builtin_street_square(struct lw_builtin_mesh *mesh, const struct lw_builtin_street_paints *paints);
 void lw_builtin_street_churchyard(struct lw_builtin_mesh *mesh,
@@ -48,8 +49,8 @@ void lw_builtin_street_court(struct lw_builtin_mesh *mesh, const struct lw_built
 void lw_builtin_street_car(struct lw_builtin_mesh *mesh, const struct lw_builtin_street_paints *paints);
 void lw_builtin_street_tram(struct lw_builtin_mesh *mesh, const struct lw_builtin_street_paints *paints);
 
-/** One tile's length of the town's rim towards +Z from z = 0: the other half of the carriageway, pavement, town wall and
- * its tower; and what closes a corner of the rim, towards +X and +Z. */
+/** One tile's length of the town's rim towards +Z from z = 0: the other half of the carriageway, pavement,
+ * town wall and its tower; and what closes a corner of the rim, towards +X and +Z. */
 void lw_builtin_street_rim(struct lw_builtin_mesh *mesh, const struct lw_builtin_street_paints *paints);
 void lw_builtin_street_rim_corner(struct lw_builtin_mesh *mesh,
                                   const struct lw_builtin_street_paints *paints);

@@ -62,7 +62,8 @@ static enum lw_status check(struct stream *stream, exr_result_t result, enum lw_
                               stream->message[0] ? stream->message : exr_get_default_error_message(result));
 }
 
-/* ---- writing -------------------------------------------------------------------------------------------------- */
+/* ---- writing
+ * -------------------------------------------------------------------------------------------------- */
 
 static exr_result_t write_header(exr_context_t context, int part, const struct lw_image_exr *image) {
     exr_result_t result = exr_initialize_required_attr_simple(context, part, (int32_t)image->width,
@@ -158,7 +159,8 @@ enum lw_status lw_image_write_exr_with(const char *path, const struct lw_image_e
     return lw_atomic_file_commit(&file, err);
 }
 
-/* ---- reading -------------------------------------------------------------------------------------------------- */
+/* ---- reading
+ * -------------------------------------------------------------------------------------------------- */
 
 struct reader {
     struct stream *stream;
@@ -167,8 +169,8 @@ struct reader {
     uint32_t width, height;
     unsigned channels; /* 3: R, G, B; 4: A too, where the file has it */
     float *pixel;
-    float *
-        alpha; /* A apart: OpenEXR 3.1.5 mixes up the channels of four halves that it turns into one run of floats */
+    /* A apart: OpenEXR 3.1.5 mixes up the channels of four halves that it turns into one run of floats */
+    float *alpha;
     exr_decode_pipeline_t pipeline;
     bool started; /* the pipeline holds something to destroy */
 };

@@ -7,13 +7,14 @@
 
 #include <stdint.h>
 
-/* Longest side of an image that we write or read: far above any lightmap or screen, so more is a mistake or damage. */
+/* Longest side of an image that we write or read: far above any lightmap or screen, so more is a mistake or
+ * damage. */
 #define LW_IMAGE_SIDE_MAX 65536u
 
 /** Writes width x height linear RGB floats, row 0 on top, as 32-bit float channels R, G, B (ZIP-compressed
  * scanlines). `units` becomes the string attribute "units", e.g. "W/(m^2 sr)".
- * Errors: LW_CANNOT_CREATE or LW_IO naming the path; LW_NO_MEMORY; LW_USAGE: a side of 0 or beyond the maximum.
- * The file appears whole or not at all. units may be NULL. */
+ * Errors: LW_CANNOT_CREATE or LW_IO naming the path; LW_NO_MEMORY; LW_USAGE: a side of 0 or beyond the
+ * maximum. The file appears whole or not at all. units may be NULL. */
 LW_MUST_CHECK enum lw_status lw_image_write_exr(const char *path, const float *rgb, uint32_t width,
                                                 uint32_t height, const char *units, struct lw_error *err);
 
@@ -40,8 +41,9 @@ LW_MUST_CHECK enum lw_status lw_image_write_exr_with(const char *path, const str
 LW_MUST_CHECK enum lw_status lw_image_write_png(const char *path, const uint8_t *srgb, uint32_t width,
                                                 uint32_t height, struct lw_error *err);
 
-/** Encodes 8-bit pixels of 3 (R, G, B) or 4 channels (and A) as a PNG in memory, without a word on colour: what the
- * numbers mean is said elsewhere, as glTF asks. *out_png is malloc'ed. Errors: LW_NO_MEMORY, LW_USAGE, LW_INTERNAL. */
+/** Encodes 8-bit pixels of 3 (R, G, B) or 4 channels (and A) as a PNG in memory, without a word on colour:
+ * what the numbers mean is said elsewhere, as glTF asks. *out_png is malloc'ed. Errors: LW_NO_MEMORY,
+ * LW_USAGE, LW_INTERNAL. */
 LW_MUST_CHECK enum lw_status lw_image_encode_png(const uint8_t *pixel, uint32_t width, uint32_t height,
                                                  unsigned channels, uint8_t **out_png, size_t *out_size,
                                                  struct lw_error *err);

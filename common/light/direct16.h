@@ -21,8 +21,8 @@
 struct lw_direct16 {
     const struct lw_lights *lights;
     const struct lw_trace *trace;
-    const struct lw_points16
-        *points; /* world space, lifted off their surfaces; those not active repeat one that is */
+    /* world space, lifted off their surfaces; those not active repeat one that is */
+    const struct lw_points16 *points;
     uint16_t active;
     bool coherent;                     /* rays from neighbours to one light run (nearly) parallel */
     uint32_t seed, object, block, set; /* of the random numbers; set: 0 to 15 */

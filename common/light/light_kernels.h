@@ -1,5 +1,6 @@
-/* light_kernels.h: what choosing and sampling a light computes for one point. Plain arithmetic without branches, of which compilers make
- * vectors: lights.c and light_tree.c call it for a point, lights16.c in loops over sixteen.
+/* light_kernels.h: what choosing and sampling a light computes for one point. Plain arithmetic without
+ * branches, of which compilers make vectors: lights.c and light_tree.c call it for a point, lights16.c in
+ * loops over sixteen.
  * Threads: pure functions, [any]. */
 #ifndef LW_COMMON_LIGHT_KERNELS_H
 #define LW_COMMON_LIGHT_KERNELS_H
@@ -56,10 +57,12 @@ LW_WIDE_INLINE float lw_light_cos_of_rest(float cos_a, float cos_b, float sin_b,
     return sin_bc < 0 ? 1 : less; /* b + c is more than any angle */
 }
 
-/* What a group may give: power x cos x cos' / d^2, with the angles that favour it most. 0 only where it gives nothing. */
+/* What a group may give: power x cos x cos' / d^2, with the angles that favour it most. 0 only where it gives
+ * nothing. */
 LW_WIDE_INLINE float lw_light_importance(const struct lw_light_node *node, struct lw_light_place place) {
     const struct lw_vec3 to = lw_vec3_sub(node->centre, place.centre);
-    /* the vectors from points of one ball to those of another are those from a point to a ball of both radii */
+    /* the vectors from points of one ball to those of another are those from a point to a ball of both
+     * radii */
     const float radius = node->radius + place.radius, radius2 = lw_light_larger(radius * radius, 1e-12f);
     const float distance2 = lw_vec3_dot(to, to);
     /* the angle that the group's ball fills, seen from the point, is taken off both */
@@ -77,8 +80,8 @@ LW_WIDE_INLINE float lw_light_importance(const struct lw_light_node *node, struc
     return distance2 <= radius2 * 1.0001f ? node->power / radius2 : lit; /* within: all directions */
 }
 
-/* From an inner node, number `index` of its tree, to one of its children, which promise left and right; UINT32_MAX: neither can give
- * anything. What is left of the pick is even in [0, 1) again. */
+/* From an inner node, number `index` of its tree, to one of its children, which promise left and right;
+ * UINT32_MAX: neither can give anything. What is left of the pick is even in [0, 1) again. */
 static inline uint32_t lw_light_go_down(const struct lw_light_node *node, uint32_t index, float left,
                                         float right, float *pick, float *probability) {
     if (!(left + right > 0)) return UINT32_MAX;
@@ -110,8 +113,9 @@ LW_WIDE_INLINE bool lw_light_is_near(const struct lw_emitter *e, struct lw_vec3 
     return lw_vec3_dot(middle, middle) <= e->near_m2;
 }
 
-/* Density per solid angle of a direction to an emitter at a distance. inverse_sr: of the solid angle over which it was chosen evenly; 0: it
- * was evenly over the emitter's area: d^2 / (A cos'). 0 where the emitter shows a side that does not shine. */
+/* Density per solid angle of a direction to an emitter at a distance. inverse_sr: of the solid angle over
+ * which it was chosen evenly; 0: it was evenly over the emitter's area: d^2 / (A cos'). 0 where the emitter
+ * shows a side that does not shine. */
 LW_WIDE_INLINE float lw_light_emitter_pdf(const struct lw_emitter *e, float inverse_sr,
                                           struct lw_vec3 direction, float distance_m) {
     const float facing = -lw_vec3_dot(direction, e->normal), back = e->both_sides ? -1.0f : 1.0f;

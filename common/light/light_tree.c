@@ -177,7 +177,8 @@ static void put(struct split *s, uint32_t at, uint32_t node, float promise) {
     s->promise[at] = s->tree->node[node].light == UINT32_MAX ? promise : 0;
 }
 
-/* Puts the children of a group in its place, those that can give anything; false where there is no room for both. */
+/* Puts the children of a group in its place, those that can give anything; false where there is no room for
+ * both. */
 static bool tell_apart(struct split *s, uint32_t at, uint32_t most) {
     const struct lw_light_node *parent = &s->tree->node[s->group[at]];
     const uint32_t left = s->group[at] + 1, right = parent->right;

@@ -1,5 +1,6 @@
 /* light_tree.h: chooses among many lights by what they may give to a point, in the logarithm of their number.
- * Flow:    lights, as boxes with a power and a cone they shine into -> [tree] -> a light for a point, and its probability
+ * Flow:    lights, as boxes with a power and a cone they shine into -> [tree] -> a light for a point, and its
+ *          probability
  * Threads: create and refit by one thread; choosing [any] in between.
  * After:   Conty Estevez and Kulla, Importance Sampling of Many Lights with Adaptive Tree Splitting, 2018. */
 #ifndef LW_COMMON_LIGHT_TREE_H
@@ -28,7 +29,8 @@ struct lw_light_tree {
 };
 
 /** Builds over count > 0 lights; they stay together when they move.
- * first_count  so many at the beginning are a group by themselves: 1, where there are others too; else 0, as all are
+ * first_count  so many at the beginning are a group by themselves: 1, where there are others too; else 0, as
+ *              all are
  * Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_light_tree_init(struct lw_light_tree *tree,
                                                 const struct lw_light_bounds *light, uint32_t count,
@@ -43,9 +45,10 @@ struct lw_light_region {
     float radius_m, cos_spread;          /* of the cone: 1 where all normals are the axis */
 };
 
-/** Splits a group (0: all) into at most `most` smaller ones for a region: what promises most is told apart first, so that
- * far and weak lights stay together, and near and strong ones are groups of their own. What none of them holds lights no
- * point of the region. Greedy by an upper bound, as the cuts of Walter et al., Lightcuts, 2005.
+/** Splits a group (0: all) into at most `most` smaller ones for a region: what promises most is told apart
+ * first, so that far and weak lights stay together, and near and strong ones are groups of their own. What
+ * none of them holds lights no point of the region. Greedy by an upper bound, as the cuts of Walter et al.,
+ * Lightcuts, 2005.
  * out_group  `most` of them, 1 to LW_LIGHT_TREE_GROUPS_MAX
  * Returns    how many there are */
 uint32_t lw_light_tree_split(const struct lw_light_tree *tree, uint32_t group,
@@ -55,12 +58,12 @@ uint32_t lw_light_tree_split(const struct lw_light_tree *tree, uint32_t group,
 float lw_light_tree_promise(const struct lw_light_tree *tree, struct lw_vec3 point_ws,
                             struct lw_vec3 normal_ws);
 
-/** A light of a group (0: of all) for the points of a region, by pick in [0, 1); and its probability within the group.
- * UINT32_MAX: none. */
+/** A light of a group (0: of all) for the points of a region, by pick in [0, 1); and its probability within
+ * the group. UINT32_MAX: none. */
 uint32_t lw_light_tree_choose(const struct lw_light_tree *tree, uint32_t group,
                               const struct lw_light_region *region, float pick, float *out_probability);
-/** Whether a group lies so far off, a region's radius at least, that one choice for the region is as good as one for each of
- * its points. */
+/** Whether a group lies so far off, a region's radius at least, that one choice for the region is as good as
+ * one for each of its points. */
 bool lw_light_tree_is_far(const struct lw_light_tree *tree, uint32_t group,
                           const struct lw_light_region *region);
 /** The probability with which a light is chosen. */

@@ -10,15 +10,16 @@
 #include <string.h>
 
 #define HIDDEN_SHARE 0.02f /* of a textured emitter's full emission, in its choice */
-/* An emitter is sampled by solid angle within so many times its longest edge, squared, of its middle: farther away its points
- * are much the same to the eye (1/d^2 differs by a factor of 5 at most, and mostly much less), and area costs a fifth of the time. */
+/* An emitter is sampled by solid angle within so many times its longest edge, squared, of its middle: farther
+ * away its points are much the same to the eye (1/d^2 differs by a factor of 5 at most, and mostly much
+ * less), and area costs a fifth of the time. */
 #define NEAR_EDGES2 3.0f
-/* And only between these, sr. Below, it is a sliver or edge on, and its corners as floats say too little; above, the point lies
- * all but on it. */
+/* And only between these, sr. Below, it is a sliver or edge on, and its corners as floats say too little;
+ * above, the point lies all but on it. */
 #define SOLID_ANGLE_MIN 3e-4f
 #define SOLID_ANGLE_MAX 6.28f
-/* Bounds of bright_share where there is something bright at all. At most half: what is bright may be hidden from a surface,
- * which then lives by the other half. */
+/* Bounds of bright_share where there is something bright at all. At most half: what is bright may be hidden
+ * from a surface, which then lives by the other half. */
 #define BRIGHT_SHARE_MIN 0.1f
 #define BRIGHT_SHARE_MAX 0.5f
 
@@ -48,8 +49,9 @@ static struct lw_vec3 mean_radiance(const struct lw_scene *scene, const struct l
     return lw_vec3_scale(sum, 1.0f / (float)count);
 }
 
-/* The luminance by which a triangle is chosen. Its texture may shine where no point of the mean has looked, so that it
- * keeps a share of its full emission: a weight of 0 would be a bias, a wrong weight is only noise. */
+/* The luminance by which a triangle is chosen. Its texture may shine where no point of the mean has looked,
+ * so that it keeps a share of its full emission: a weight of 0 would be a bias, a wrong weight is only
+ * noise. */
 static float choice_luminance(const struct lw_material *m, struct lw_vec3 mean) {
     float luminance = lw_colour_luminance(mean);
     if (is_uniform(m)) return luminance;
@@ -164,7 +166,8 @@ void lw_lights_finish(struct lw_lights *lights) {
     *lights = (struct lw_lights){0};
 }
 
-/* Which triangles shine is another question than how much, and decides how large everything is: all of it anew. */
+/* Which triangles shine is another question than how much, and decides how large everything is: all of it
+ * anew. */
 enum lw_status lw_lights_set_materials(struct lw_lights *lights, const struct lw_pose *pose) {
     const struct lw_scene *scene = lights->scene;
     const struct lw_lights_part part = lights->part;
@@ -274,8 +277,8 @@ uint32_t lw_lights_split(const struct lw_lights *lights, const struct lw_light_r
     return lw_light_tree_split(&lights->tree, lights->near_count ? 1 : 0, region, most, out_group);
 }
 
-/* An emitter as a point sees it, and how a direction towards it is chosen: even over its solid angle, so that E / p is at
- * most L times that, however near it is. Where it is far, even over its area. */
+/* An emitter as a point sees it, and how a direction towards it is chosen: even over its solid angle, so that
+ * E / p is at most L times that, however near it is. Where it is far, even over its area. */
 struct view {
     float inverse_sr;                      /* 0: by area */
     struct lw_vec3 corner;                 /* from the point */
@@ -321,7 +324,8 @@ static struct lw_light_sample sample_emitter(const struct lw_lights *lights, uin
                                    point_ws);
 }
 
-/* Uniformly over the disc as a plane that faces it sees it: there E is what the light says, however wide the disc. */
+/* Uniformly over the disc as a plane that faces it sees it: there E is what the light says, however wide the
+ * disc. */
 static struct lw_light_sample sample_directional(const struct lw_light *light,
                                                  const struct lw_light_state *state, float u, float v) {
     struct lw_vec3 axis = lw_vec3_scale(state->direction_ws, -1.0f), t, b;
@@ -351,8 +355,9 @@ struct lw_light_sample lw_lights_sample_punctual(const struct lw_lights *lights,
 
 /* ---- one sample of all lights ---- */
 
-/* Near lights (emitters, points, spots), suns and the sky: what each kind may give to a point. Whatever the estimates say,
- * a kind that can give anything keeps a share, since they know nothing of what is in the way. */
+/* Near lights (emitters, points, spots), suns and the sky: what each kind may give to a point. Whatever the
+ * estimates say, a kind that can give anything keeps a share, since they know nothing of what is in the
+ * way. */
 enum kind { NEAR, SUNS, SKY, KINDS };
 #define KIND_SHARE 0.15f
 
@@ -362,8 +367,8 @@ struct choice {
     float cdf[LW_LIGHTS_EXACT_MAX];
 };
 
-/* What an emitter may give to a point of a surface: power / distance^2, less where it faces away, but for a floor of a tenth:
- * its middle says little about its rim. 0 where one turns its back on the other. */
+/* What an emitter may give to a point of a surface: power / distance^2, less where it faces away, but for a
+ * floor of a tenth: its middle says little about its rim. 0 where one turns its back on the other. */
 static float emitter_weight(const struct lw_emitter *e, struct lw_vec3 point, struct lw_vec3 normal) {
     struct lw_vec3 a = lw_vec3_sub(e->corner, point);
     float height = -lw_vec3_dot(a, e->normal), above = lw_vec3_dot(a, normal);

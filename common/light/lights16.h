@@ -1,5 +1,6 @@
 /* lights16.h: samples of lights for sixteen points at once, the same numbers as lights.h gives for one.
- * Flow:    sixteen points of surfaces -> [lights16] -> what arrives there if nothing is in the way, ready for shadow rays
+ * Flow:    sixteen points of surfaces -> [lights16] -> what arrives there if nothing is in the way, ready for
+ *          shadow rays
  * Threads: [any], as lights.h. */
 #ifndef LW_COMMON_LIGHTS16_H
 #define LW_COMMON_LIGHTS16_H
@@ -26,7 +27,8 @@ void lw_light_tree_choose16(const struct lw_light_tree *tree, uint32_t group,
                             const struct lw_points16 *points, float pick, uint16_t active,
                             uint32_t out_light[16], float out_probability[16]);
 
-/** lw_light_tree_choose() for one region in several groups, by a pick for each. light: UINT32_MAX where there is none. */
+/** lw_light_tree_choose() for one region in several groups, by a pick for each. light: UINT32_MAX where there
+ * is none. */
 struct lw_light_choice {
     uint32_t group;
     float pick;

@@ -37,7 +37,8 @@ struct lw_vec3 lw_spherical_triangle_sample(const struct lw_spherical_triangle *
     float q = under != 0 ? fminf(fmaxf(over / under, -1), 1) : 1; /* cosine of the arc from a to c' */
     struct lw_vec3 c_part = on_arc(a, c, q, (1 - q) * (1 + q));
 
-    /* Along the arc from b to c', even in area: z = 1 - v (1 - c' . b), and 1 - c' . b is half their distance squared. */
+    /* Along the arc from b to c', even in area: z = 1 - v (1 - c' . b), and 1 - c' . b is half their distance
+     * squared. */
     struct lw_vec3 chord = lw_vec3_sub(c_part, b);
     float below = 0.5f * v * lw_vec3_dot(chord, chord);
     return unit(on_arc(b, c_part, 1 - below, below * (2 - below)));

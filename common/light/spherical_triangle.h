@@ -1,7 +1,7 @@
 /* spherical_triangle.h: the solid angle of a triangle, and directions that are even over it.
  * Threads: pure functions, [any].
- * After:   Van Oosterom and Strackee, The Solid Angle of a Plane Triangle, 1983; Arvo, Stratified Sampling of Spherical
- *          Triangles, 1995. */
+ * After:   Van Oosterom and Strackee, The Solid Angle of a Plane Triangle, 1983; Arvo, Stratified Sampling of
+ *          Spherical Triangles, 1995. */
 #ifndef LW_COMMON_SPHERICAL_TRIANGLE_H
 #define LW_COMMON_SPHERICAL_TRIANGLE_H
 
@@ -15,8 +15,8 @@ struct lw_spherical_triangle {
 
 struct lw_spherical_triangle lw_spherical_triangle(struct lw_vec3 a, struct lw_vec3 b, struct lw_vec3 c);
 
-/** A direction, unit, towards a triangle with sr > 0: even over its solid angle, as (u, v) are over [0, 1)^2. Floats do for
- * triangles of 3e-4 sr and more; smaller ones are met, but not evenly. */
+/** A direction, unit, towards a triangle with sr > 0: even over its solid angle, as (u, v) are over [0, 1)^2.
+ * Floats do for triangles of 3e-4 sr and more; smaller ones are met, but not evenly. */
 struct lw_vec3 lw_spherical_triangle_sample(const struct lw_spherical_triangle *triangle, float u, float v);
 
 #endif

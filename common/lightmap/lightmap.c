@@ -23,10 +23,11 @@
 /* Steps of bisection for a mesh that does not fit: its density is within a percent of the best. */
 #define FIT_STEPS 7
 
-/* Where the number of texels bounds the density: the most of them that one object takes before the others have the
- * density that is wanted. */
+/* Where the number of texels bounds the density: the most of them that one object takes before the others
+ * have the density that is wanted. */
 #define SHARE_MAX 0.5
-/* Halvings of the density before a mesh is given up: by then every chart has the smallest rectangle there is. */
+/* Halvings of the density before a mesh is given up: by then every chart has the smallest rectangle there
+ * is. */
 #define HALVINGS_MAX 64
 
 /* One mesh on its way to a lightmap. */
@@ -333,8 +334,9 @@ static double total_texels(const struct drive *drive) {
     return sum;
 }
 
-/* Without a number asked for. Every chart takes a few texels whatever the density: a scene of millions of triangles that
- * is squeezed into the same texels as a room has spent them all on slivers, at metres a texel. */
+/* Without a number asked for. Every chart takes a few texels whatever the density: a scene of millions of
+ * triangles that is squeezed into the same texels as a room has spent them all on slivers, at metres a
+ * texel. */
 static double default_most(const struct drive *drive) {
     double triangles = 0;
     for (uint32_t i = 0; i < drive->job_count; i++)
@@ -359,7 +361,8 @@ static void choose_density(struct drive *drive, const struct lw_lightmap_desc *d
     drive->density_max = clamp_density(density);
 }
 
-/* Before anything is laid out: charts cover about as many texels as surfaces have, and more at their borders. */
+/* Before anything is laid out: charts cover about as many texels as surfaces have, and more at their
+ * borders. */
 static bool is_too_much(const struct drive *drive) {
     return total_surface(drive) * drive->density_max * drive->density_max > drive->texels_max;
 }
@@ -372,9 +375,9 @@ static double estimate(const struct drive *drive, double density, double most) {
     return sum;
 }
 
-/* Densities relative to `even`, which would give every metre the same: where one object (the ground to the horizon) would
- * take more than SHARE_MAX of the texels, it gets that share, and the others what it leaves, up to the density that is
- * wanted; what they cannot use goes back to it. */
+/* Densities relative to `even`, which would give every metre the same: where one object (the ground to the
+ * horizon) would take more than SHARE_MAX of the texels, it gets that share, and the others what it leaves,
+ * up to the density that is wanted; what they cannot use goes back to it. */
 static void share_texels(struct drive *drive, double even) {
     double density = drive->density_max, target = drive->texels_max, most = SHARE_MAX * target;
     const bool useful = estimate(drive, density, most) >= target;

@@ -2,13 +2,14 @@
  * Flow:    scene (imported or built in) -> [lightmap] -> package
  * Threads: one call per scene; meshes are worked on in parallel inside.
  *
- * A chart is a connected piece of surface, unfolded with bounded stretch. Charts own blocks: no block of 4x4 texels is
- * touched by two charts, and a chart stays LW_LIGHTMAP_GUTTER texels away from every block that is not its own, so that
- * levels 0, 1 and 2 of the mip pyramid never mix two charts, bilinear lookups included. Exception: neighbouring slivers,
- * charts no wider than 8 texels and small hollow ones (rings, arcs), share a rectangle of blocks: at level 0 no texel is
- * read by two of them, levels 1 and 2 mix them (lw_lightmap_coarsest). Parts of one chart that are far apart in space keep
- * away from each other likewise. No chart runs across a hard edge, where light may change from one texel to the next. A
- * file's own UV set is free of overlaps, but gives no such promise about blocks or lookups.
+ * A chart is a connected piece of surface, unfolded with bounded stretch. Charts own blocks: no block of 4x4
+ * texels is touched by two charts, and a chart stays LW_LIGHTMAP_GUTTER texels away from every block that is
+ * not its own, so that levels 0, 1 and 2 of the mip pyramid never mix two charts, bilinear lookups included.
+ * Exception: neighbouring slivers, charts no wider than 8 texels and small hollow ones (rings, arcs), share a
+ * rectangle of blocks: at level 0 no texel is read by two of them, levels 1 and 2 mix them
+ * (lw_lightmap_coarsest). Parts of one chart that are far apart in space keep away from each other likewise.
+ * No chart runs across a hard edge, where light may change from one texel to the next. A file's own UV set is
+ * free of overlaps, but gives no such promise about blocks or lookups.
  */
 #ifndef LW_COMMON_LIGHTMAP_H
 #define LW_COMMON_LIGHTMAP_H
@@ -19,7 +20,8 @@
 #define LW_LIGHTMAP_GUTTER    2u /* texels */
 #define LW_LIGHTMAP_LEVEL_MAX 2u /* whose texels are as large as a block */
 
-/* What may be asked for on a command line; scenes of any unit, from micrometres to kilometres, need the whole range. */
+/* What may be asked for on a command line; scenes of any unit, from micrometres to kilometres, need the whole
+ * range. */
 #define LW_LIGHTMAP_DENSITY_MIN 1e-6 /* texels per metre */
 #define LW_LIGHTMAP_DENSITY_MAX 1e6
 #define LW_LIGHTMAP_SIDE_MIN    16u /* of atlas_side_max, texels */
@@ -39,10 +41,11 @@
 
 struct lw_lightmap_desc {
     float texels_per_metre; /* 0: LW_LIGHTMAP_DENSITY_DEFAULT, or what gives LW_LIGHTMAP_TEXELS_MIN */
-    uint32_t texels_max; /* covered texels of all objects, about; what would have more gets a lower density,
-                              * which is that of all objects unless one of them, such as a ground that reaches to
-                              * the horizon, would take over half of these. 0: with texels_per_metre none, else
-                              * LW_LIGHTMAP_TEXELS_MAX, or half the triangles of all objects if that is more */
+    /* covered texels of all objects, about; what would have more gets a lower density, which is that of all
+     * objects unless one of them, such as a ground that reaches to the horizon, would take over half of
+     * these. 0: with texels_per_metre none, else LW_LIGHTMAP_TEXELS_MAX, or half the triangles of all objects
+     * if that is more */
+    uint32_t texels_max;
     uint32_t atlas_side_max; /* texels; 0: 4096. A mesh that needs more gets a lower density. */
     unsigned threads;        /* 0: all */
 };
@@ -70,16 +73,16 @@ struct lw_lightmap_report {
 LW_MUST_CHECK enum lw_status lw_lightmap_build(struct lw_scene *scene, const struct lw_lightmap_desc *desc,
                                                struct lw_lightmap_report *out_report, struct lw_error *err);
 
-/** The coarsest level, up to LW_LIGHTMAP_LEVEL_MAX, on which bilinear look-ups of a triangle read light of its own chart
- * alone: slivers share texels of levels 1 and 2, so that those show light of elsewhere. Every triangle has level 0.
- * out_level: per triangle of a mesh with lightmap UVs. Errors: LW_NO_MEMORY. */
+/** The coarsest level, up to LW_LIGHTMAP_LEVEL_MAX, on which bilinear look-ups of a triangle read light of
+ * its own chart alone: slivers share texels of levels 1 and 2, so that those show light of elsewhere. Every
+ * triangle has level 0. out_level: per triangle of a mesh with lightmap UVs. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_lightmap_coarsest(const struct lw_mesh *mesh, uint8_t *out_level);
 
 /** Counts texels that two different chart pieces both cover by area (0 for a correct layout). For tests. */
 uint64_t lw_lightmap_overlaps(const struct lw_mesh *mesh);
 
-/** Counts texels that bilinear lookups of two places read which lie more than four texels apart in space (0, or nearly,
- * for a correct layout): light of one place would show at the other. For tests. */
+/** Counts texels that bilinear lookups of two places read which lie more than four texels apart in space (0,
+ * or nearly, for a correct layout): light of one place would show at the other. For tests. */
 uint64_t lw_lightmap_mixed(const struct lw_mesh *mesh);
 
 #endif

@@ -2,11 +2,13 @@
 
 #include <stdlib.h>
 
-/* Two points share a texel if they are less than two texels apart on both axes. Charts are turned before they are
- * packed, hence the diagonal; they may shrink by a few percent, and points are taken from a line at steps. */
+/* Two points share a texel if they are less than two texels apart on both axes. Charts are turned before they
+ * are packed, hence the diagonal; they may shrink by a few percent, and points are taken from a line at
+ * steps. */
 #define REACH 3.1f
 
-/* Places nearer than this may share a texel: that is what a texel is, and a surface shrinks to 0.7 at most. */
+/* Places nearer than this may share a texel: that is what a texel is, and a surface shrinks to 0.7 at
+ * most. */
 #define FAR    3.5f
 #define SHRINK 1.5f
 
@@ -18,7 +20,8 @@
 
 #define CAPACITY_FIRST 1024u
 
-/* One texel of the chart's plane; what came first stands for all that is in it, for all that is in it is near. */
+/* One texel of the chart's plane; what came first stands for all that is in it, for all that is in it is
+ * near. */
 struct cell {
     int32_t x, y;
     uint32_t round; /* taken if it is the current one */

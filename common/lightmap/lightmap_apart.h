@@ -2,8 +2,8 @@
  * Flow:    [apart] serves charts while they grow and merge
  * Threads: one belongs to one thread.
  *
- * A bilinear lookup reads texels up to one texel away. Where an arm of a chart comes near another without touching it,
- * the two would read the same texels, and light of one place would show at the other. */
+ * A bilinear lookup reads texels up to one texel away. Where an arm of a chart comes near another without
+ * touching it, the two would read the same texels, and light of one place would show at the other. */
 #ifndef LW_COMMON_LIGHTMAP_APART_H
 #define LW_COMMON_LIGHTMAP_APART_H
 
@@ -26,7 +26,8 @@ void lw_lightmap_apart_clear(struct lw_lightmap_apart *apart);
 LW_MUST_CHECK enum lw_status lw_lightmap_apart_add(struct lw_lightmap_apart *apart,
                                                    const struct lw_vec2 corner[3],
                                                    const struct lw_vec3 place[3]);
-/** Whether a triangle would come within reach of another that is far from it in space. The two must not overlap. */
+/** Whether a triangle would come within reach of another that is far from it in space. The two must not
+ * overlap. */
 bool lw_lightmap_apart_mixes(const struct lw_lightmap_apart *apart, const struct lw_vec2 corner[3],
                              const struct lw_vec3 place[3]);
 

@@ -13,12 +13,14 @@
 #define STRETCH_MIN 0.70f
 #define STRETCH_MAX 1.45f
 
-/* A triangle lower than a texel shows no stretch, but cut off it is all border: for it the bounds are this many times as
- * wide. Rings of mouldings then share charts: 17,600 seam edges in builtin:atrium instead of 35,100; twice as wide, 22,100. */
+/* A triangle lower than a texel shows no stretch, but cut off it is all border: for it the bounds are this
+ * many times as wide. Rings of mouldings then share charts: 17,600 seam edges in builtin:atrium instead of
+ * 35,100; twice as wide, 22,100. */
 #define FINE_STRETCH 4.0f
 
-/* A corner that is in the chart already, but this many edge lengths away from where it is wanted, has been reached
- * around a column: the chart is cut open there. Nearer, the surface is curved both ways, and a cut would fray it. */
+/* A corner that is in the chart already, but this many edge lengths away from where it is wanted, has been
+ * reached around a column: the chart is cut open there. Nearer, the surface is curved both ways, and a cut
+ * would fray it. */
 #define CUT_DISTANCE 3.0f
 
 struct grower {
@@ -197,8 +199,8 @@ static enum lw_status grow(const struct lw_lightmap_topology *topology, struct l
     return ready ? g.status : LW_NO_MEMORY;
 }
 
-/* Triangles without area still need a place: all three corners go to one point, that of a neighbour where there is
- * one, so that they cover nothing. */
+/* Triangles without area still need a place: all three corners go to one point, that of a neighbour where
+ * there is one, so that they cover nothing. */
 static enum lw_status collapse(const struct lw_lightmap_topology *topology,
                                struct lw_lightmap_charts *charts) {
     if (!charts->point_count) {

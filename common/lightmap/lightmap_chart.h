@@ -2,11 +2,11 @@
  * Flow:    mesh -> topology -> [charts: grow, merge] -> pack
  * Threads: one mesh at a time per thread; nothing is shared.
  *
- * A chart grows from a seed triangle by unfolding its neighbours over their shared edges, as one unfolds a paper
- * model: exact for whatever can be unrolled (walls, columns, arches, mouldings), and bounded in stretch for what
- * cannot, because a triangle that would be stretched too far, flip, or land on another stays outside and waits for a
- * chart of its own; triangles lower than a texel may be stretched more. Hard edges are borders, but for pieces of a few
- * texels, which would drown in their gutters. */
+ * A chart grows from a seed triangle by unfolding its neighbours over their shared edges, as one unfolds a
+ * paper model: exact for whatever can be unrolled (walls, columns, arches, mouldings), and bounded in stretch
+ * for what cannot, because a triangle that would be stretched too far, flip, or land on another stays outside
+ * and waits for a chart of its own; triangles lower than a texel may be stretched more. Hard edges are
+ * borders, but for pieces of a few texels, which would drown in their gutters. */
 #ifndef LW_COMMON_LIGHTMAP_CHART_H
 #define LW_COMMON_LIGHTMAP_CHART_H
 
@@ -15,8 +15,8 @@
 struct lw_lightmap_charts {
     uint32_t triangle_count, point_count, chart_count;
     uint32_t (*corner)[3]; /* per triangle: its points */
-    struct lw_vec2
-        *point;      /* texels; every chart has a frame of its own, y is left of x seen from the front */
+    /* texels; every chart has a frame of its own, y is left of x seen from the front */
+    struct lw_vec2 *point;
     uint32_t *chart; /* per triangle; LW_SCENE_NONE if no triangle of the mesh has area */
 };
 

@@ -10,15 +10,16 @@
 /* A share of a texel that rounding alone can give. */
 #define AREA_NOISE 1e-3f
 
-/* Two pieces are one where they meet in space and lie this close in the atlas: a cut that was closed again. */
+/* Two pieces are one where they meet in space and lie this close in the atlas: a cut that was closed
+ * again. */
 #define SEAM_TEXELS 0.25f
 
-/* So many distinct places of one position are looked at: a mesh whose triangles all meet in a point must not cost
- * their square. Pieces that go unjoined by it count as overlapping, which errs on the safe side. */
+/* So many distinct places of one position are looked at: a mesh whose triangles all meet in a point must not
+ * cost their square. Pieces that go unjoined by it count as overlapping, which errs on the safe side. */
 #define SHEETS_MAX 64
 
-/* Places this far apart do not see the same light. Two points that read one texel are two texels apart on both axes at
- * most, and the surface between them is shrunk to 0.7 at most. */
+/* Places this far apart do not see the same light. Two points that read one texel are two texels apart on
+ * both axes at most, and the surface between them is shrunk to 0.7 at most. */
 #define FAR_TEXELS 4.0f
 
 /* Nearer than a texel, but for rounding: from there on a bilinear weight is zero. */
@@ -176,8 +177,8 @@ static void claim(void *context, uint32_t triangle, size_t texel, float area) {
     if (o->sum[texel] > 1 + 10 * AREA_NOISE) o->twice[texel] = 1;
 }
 
-/* Pieces: triangles that share corners in the atlas, or meet in space and nearly in the atlas. Works on the corners,
- * three per triangle. */
+/* Pieces: triangles that share corners in the atlas, or meet in space and nearly in the atlas. Works on the
+ * corners, three per triangle. */
 static enum lw_status find_pieces(const struct lw_lightmap_map *map, uint32_t *out_piece) {
     const struct lw_mesh *mesh = map->mesh;
     size_t corners = (size_t)mesh->triangle_count * 3;
@@ -237,8 +238,9 @@ enum lw_status lw_lightmap_check_overlaps(const struct lw_lightmap_map *map, uin
     return status;
 }
 
-/* Places that read one texel: how far they reach along some directions. Width along any of them is at most the
- * distance of the farthest two, so nothing is counted that should not be; along the best it is 0.9 of it at least. */
+/* Places that read one texel: how far they reach along some directions. Width along any of them is at most
+ * the distance of the farthest two, so nothing is counted that should not be; along the best it is 0.9 of it
+ * at least. */
 #define DIRECTIONS 7
 static const float DIRECTION[DIRECTIONS][3] = {
     {1, 0, 0},
@@ -282,7 +284,8 @@ static struct lw_vec2 nearest_point(const struct polygon *polygon, struct lw_vec
     return left || right ? p : best;
 }
 
-/* The part of a polygon, which lies between low and high on an axis, that is within READ_REACH of a texel's centre. */
+/* The part of a polygon, which lies between low and high on an axis, that is within READ_REACH of a texel's
+ * centre. */
 static struct polygon part_within(const struct polygon *whole, bool along_y, float centre, float low,
                                   float high) {
     if (low >= centre - READ_REACH && high <= centre + READ_REACH) return *whole;
@@ -294,8 +297,8 @@ static struct polygon part_within(const struct polygon *whole, bool along_y, flo
 
 typedef void visit_read(void *context, uint32_t triangle, size_t texel, const struct polygon *part);
 
-/* Visits every texel whose centre a triangle comes nearer to than a texel, both axes alike, with the part of it that does:
- * those are the texels that bilinear lookups of its points read. */
+/* Visits every texel whose centre a triangle comes nearer to than a texel, both axes alike, with the part of
+ * it that does: those are the texels that bilinear lookups of its points read. */
 static void visit_reads(const struct lw_lightmap_map *map, uint32_t t, visit_read *each, void *context) {
     struct polygon whole = {.count = 3};
     struct lw_vec2 low = {INFINITY, INFINITY}, high = {-INFINITY, -INFINITY};

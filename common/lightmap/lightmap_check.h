@@ -19,7 +19,8 @@ struct lw_lightmap_map {
 LW_MUST_CHECK enum lw_status lw_lightmap_check_coverage(const struct lw_lightmap_map *map,
                                                         const uint8_t *back, uint64_t *out_covered);
 
-/** Texture stretch of Sander et al. 2001, scaled so that 1 is an isometry: L2 over the mesh, and the largest. */
+/** Texture stretch of Sander et al. 2001, scaled so that 1 is an isometry: L2 over the mesh, and the
+ * largest. */
 void lw_lightmap_check_stretch(const struct lw_lightmap_map *map, float *out_rms, float *out_max);
 
 /** See lw_lightmap_overlaps(). Errors: LW_NO_MEMORY. */

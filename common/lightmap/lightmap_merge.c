@@ -54,8 +54,8 @@ static void corners_of(const struct merger *m, uint32_t t, struct lw_vec2 out[3]
 static void push_border(struct merger *m, uint32_t t) {
     for (uint32_t e = 3 * t; e < 3 * t + 3; e++) {
         uint32_t over = m->topology->neighbour[e];
-        /* Light changes at a hard edge, and a bilinear lookup next to it sees a texel of the other side: the bars of a
-         * lantern are a texel wide and a thousand times brighter inside than outside. */
+        /* Light changes at a hard edge, and a bilinear lookup next to it sees a texel of the other side: the
+         * bars of a lantern are a texel wide and a thousand times brighter inside than outside. */
         if (over == LW_SCENE_NONE || m->topology->hard[e]) continue;
         if (m->charts->chart[over / 3] == m->charts->chart[t]) continue;
         lw_lightmap_heap_push(&m->heap, -m->topology->side[t][e % 3], e);

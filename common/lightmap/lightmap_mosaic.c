@@ -2,8 +2,9 @@
 
 #include <stdlib.h>
 
-/* Small shapes come in great numbers and few sizes: the search for the next of a size starts where the last ended,
- * for what was full then is full now. Of larger shapes only full rectangles are alike enough for that. */
+/* Small shapes come in great numbers and few sizes: the search for the next of a size starts where the last
+ * ended, for what was full then is full now. Of larger shapes only full rectangles are alike enough for
+ * that. */
 #define SIZES 17
 /* Up to this size holes are not worth a search, which would cost the square of a hundred thousand leaves. */
 #define TINY 5
@@ -153,13 +154,14 @@ enum lw_status lw_lightmap_mosaic_pack(struct lw_lightmap_stone *const *stone, u
 #define SQUARE 4u
 #define TILE   4u
 
-/* Room for shapes that are to lie near where they want to, as a multiple of their area: at first; what more, if it is too
- * little; and when to give up. */
+/* Room for shapes that are to lie near where they want to, as a multiple of their area: at first; what more,
+ * if it is too little; and when to give up. */
 #define NEAR_ROOM     1.08
 #define NEAR_MORE     1.06
 #define NEAR_ROOM_MAX 4.0
 
-/* The squares of an atlas in the order of the curve; full[i] bit by bit: has no room for the sizes up to 8 x 8. */
+/* The squares of an atlas in the order of the curve; full[i] bit by bit: has no room for the sizes up to 8 x
+ * 8. */
 struct curve {
     uint32_t count;
     struct place *square; /* in squares */

@@ -31,9 +31,9 @@ LW_MUST_CHECK enum lw_status lw_lightmap_mosaic_pack(struct lw_lightmap_stone *c
                                                      uint32_t width, uint32_t height_max, uint32_t *out_width,
                                                      uint32_t *out_height, bool *out_fits);
 
-/** Places shapes, the largest first, each as near as there is room to the place it wants along the atlas: tile by tile, there
- * and back in rows of tiles of 16 x 16 cells, and inside a tile along a Hilbert curve of squares of 4 x 4 cells. The atlas is the
- * smallest of about a square's form that has room for that.
+/** Places shapes, the largest first, each as near as there is room to the place it wants along the atlas:
+ * tile by tile, there and back in rows of tiles of 16 x 16 cells, and inside a tile along a Hilbert curve of
+ * squares of 4 x 4 cells. The atlas is the smallest of about a square's form that has room for that.
  * stone       sorted by the call
  * out_fits    false: it would be wider than width_max or higher than height_max
  * Errors: LW_NO_MEMORY. */

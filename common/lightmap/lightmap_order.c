@@ -3,8 +3,8 @@
 #include <math.h>
 #include <stdlib.h>
 
-/* The two sides of a wall, whose normals are 2 apart, count as far from one another as two spots at this distance; then
- * most tiles show one side only. */
+/* The two sides of a wall, whose normals are 2 apart, count as far from one another as two spots at this
+ * distance; then most tiles show one side only. */
 #define OPPOSITE 64.0f /* texels */
 
 #define AXES 6

@@ -16,8 +16,8 @@ struct lw_lightmap_spot {
     uint32_t id;           /* the caller's */
 };
 
-/** Sorts by halving, again and again, along the axis on which they differ most: one of space, or one of the normal. The
- * same order whatever the order before, if ids differ. */
+/** Sorts by halving, again and again, along the axis on which they differ most: one of space, or one of the
+ * normal. The same order whatever the order before, if ids differ. */
 void lw_lightmap_order(struct lw_lightmap_spot *spot, uint32_t count);
 
 #endif

@@ -15,13 +15,15 @@
 #include <stb_rect_pack.h>
 #pragma GCC diagnostic pop
 
-/* A chart's content is a whole number of blocks: what a chart lacks to the next block would be an empty margin, so it
- * is widened by up to this factor, or narrowed by up to this share if it barely touches a block. */
+/* A chart's content is a whole number of blocks: what a chart lacks to the next block would be an empty
+ * margin, so it is widened by up to this factor, or narrowed by up to this share if it barely touches a
+ * block. */
 #define WIDEN       1.12f
 #define NARROW      0.05f
 #define NARROW_FROM 16.0f /* texels; smaller charts are never narrowed */
 
-/* Past this many rectangles the skyline's quadratic search takes too long; rows of like height do as well then. */
+/* Past this many rectangles the skyline's quadratic search takes too long; rows of like height do as well
+ * then. */
 #define SKYLINE_MAX 12000
 
 /* Positions that the mosaic may look at, charts times blocks; beyond, the skyline's result has to do. */
@@ -31,8 +33,8 @@ static const float SKYLINE_WIDTHS[] = {0.62f, 0.75f, 0.87f, 1.0f,
                                        1.15f, 1.33f, 1.6f}; /* of the square's side */
 static const float MOSAIC_WIDTHS[] = {0.7f, 0.85f, 1.0f, 1.1f, 1.2f, 1.35f};
 
-/* Blocks of a tile of the atlas. Charts that fill more than one together, and are small beside it in the mean, are packed by
- * where they are in space; others into the smallest atlas. */
+/* Blocks of a tile of the atlas. Charts that fill more than one together, and are small beside it in the
+ * mean, are packed by where they are in space; others into the smallest atlas. */
 #define TILE_BLOCKS 256u
 
 /* What is packed: a chart, or a rectangle of slivers. */

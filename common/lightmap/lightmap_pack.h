@@ -1,4 +1,5 @@
-/* lightmap_pack.h: gives every chart its place in the atlas, near those that are near it in space (lightmap_order.h).
+/* lightmap_pack.h: gives every chart its place in the atlas, near those that are near it in space
+ * (lightmap_order.h).
  * Flow:    charts -> [pack] -> lightmap UVs
  * Threads: one mesh at a time per thread; nothing is shared. */
 #ifndef LW_COMMON_LIGHTMAP_PACK_H

@@ -2,7 +2,8 @@
 
 #include <stdlib.h>
 
-/* Deeper than the rounding of single precision on an atlas of 16384 texels, shallower than anything one can see. */
+/* Deeper than the rounding of single precision on an atlas of 16384 texels, shallower than anything one can
+ * see. */
 #define TOLERANCE 0.002f
 
 /* A triangle sits in the grid whose cells are just larger than itself, so it is in four cells at most. */

@@ -47,8 +47,8 @@ struct lw_lightmap_box lw_lightmap_shape_turned(const struct lw_lightmap_box *bo
         {-box->axis.y, box->axis.x}, {box->low.y, -(box->low.x + box->size.x)}, {box->size.y, box->size.x}};
 }
 
-/* The smallest rectangle has a side along an edge of the hull (Freeman and Shapira 1975); with a margin that is only
- * nearly so, and near enough. Hulls have few corners, so every edge is tried against every corner. */
+/* The smallest rectangle has a side along an edge of the hull (Freeman and Shapira 1975); with a margin that
+ * is only nearly so, and near enough. Hulls have few corners, so every edge is tried against every corner. */
 struct lw_lightmap_box lw_lightmap_shape_box(const struct lw_vec2 *hull, uint32_t count, float margin) {
     struct lw_lightmap_box best = box_along(hull, count, (struct lw_vec2){1, 0});
     float least = (best.size.x + margin) * (best.size.y + margin);

@@ -17,7 +17,8 @@ struct lw_lightmap_box {
     struct lw_vec2 low, size;
 };
 
-/** Convex hull, counter-clockwise. Sorts point; out_hull has room for count + 1. Returns the number of corners. */
+/** Convex hull, counter-clockwise. Sorts point; out_hull has room for count + 1. Returns the number of
+ * corners. */
 uint32_t lw_lightmap_shape_hull(struct lw_vec2 *point, uint32_t count, struct lw_vec2 *out_hull);
 
 /** The box around a hull that costs least in an atlas where every rectangle has a margin (texels, both sides

@@ -38,8 +38,8 @@ uint32_t lw_lightmap_sliver_group(const struct lw_lightmap_slot *slot, const uin
     return n;
 }
 
-/* The texels that bilinear lookups of a sliver read: those whose centre it comes nearer to than a texel. Slivers whose
- * shapes are disjoint share none. */
+/* The texels that bilinear lookups of a sliver read: those whose centre it comes nearer to than a texel.
+ * Slivers whose shapes are disjoint share none. */
 static void shape(const struct lw_lightmap_layout *layout, const struct lw_lightmap_slot *slot,
                   uint32_t chart, struct lw_lightmap_stone *stone) {
     const struct lw_lightmap_charts *charts = layout->charts;
@@ -51,7 +51,8 @@ static void shape(const struct lw_lightmap_layout *layout, const struct lw_light
     }
 }
 
-/* Where the content starts, that it may be read in the fewest texels (one more than it has), and touch the fewest. */
+/* Where the content starts, that it may be read in the fewest texels (one more than it has), and touch the
+ * fewest. */
 static float start_of(float content, uint32_t texels) {
     float rest = content - floorf(content);
     return rest > 1e-3f && rest < 0.5f ? 1 + (0.5f - rest) / 2 : ((float)texels - content) / 2;

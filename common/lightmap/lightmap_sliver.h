@@ -2,9 +2,9 @@
  * Flow:    pack: charts -> [slivers] -> rectangles -> atlas
  * Threads: pure functions, [any].
  *
- * A leaf of two texels would need a rectangle of 64. Slivers that lie near each other in space and face the same way
- * share one instead: at level 0 no texel is read by bilinear lookups of two of them; at levels 1 and 2 they mix, among
- * neighbours of a few texels. */
+ * A leaf of two texels would need a rectangle of 64. Slivers that lie near each other in space and face the
+ * same way share one instead: at level 0 no texel is read by bilinear lookups of two of them; at levels 1 and
+ * 2 they mix, among neighbours of a few texels. */
 #ifndef LW_COMMON_LIGHTMAP_SLIVER_H
 #define LW_COMMON_LIGHTMAP_SLIVER_H
 
@@ -17,8 +17,8 @@ bool lw_lightmap_sliver_is(const struct lw_lightmap_slot *slot, float scale);
 uint32_t lw_lightmap_sliver_group(const struct lw_lightmap_slot *slot, const uint32_t *member, uint32_t count,
                                   float scale);
 
-/** Fits slivers into one rectangle: sets x, y, width, height, origin and scale of their slots, relative to the content
- * of the rectangle. slot: all slots; member: numbers of the slivers.
+/** Fits slivers into one rectangle: sets x, y, width, height, origin and scale of their slots, relative to
+ * the content of the rectangle. slot: all slots; member: numbers of the slivers.
  * Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_lightmap_sliver_fit(const struct lw_lightmap_layout *layout,
                                                     struct lw_lightmap_slot *slot, const uint32_t *member,

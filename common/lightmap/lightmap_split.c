@@ -5,12 +5,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Charts that fill more of their rectangle than this, or have no side this long, are left alone: a cut is a seam. */
+/* Charts that fill more of their rectangle than this, or have no side this long, are left alone: a cut is a
+ * seam. */
 #define FILL_ENOUGH 0.5f
 #define SIDE_LEAST  24.0f /* texels */
 
-/* A row of arches gains nothing from one cut, and much from several: a chart as hollow as this is cut in any case.
- * Where that was of no use, merging puts the pieces together again. */
+/* A row of arches gains nothing from one cut, and much from several: a chart as hollow as this is cut in any
+ * case. Where that was of no use, merging puts the pieces together again. */
 #define FILL_POOR 0.4f
 
 /* The pieces together must cost less than this share of the whole. */

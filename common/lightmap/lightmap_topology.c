@@ -6,8 +6,8 @@
 /* A triangle lower than this times its longest side has no usable plane in single precision. */
 #define THINNEST 1e-6
 
-/* Where shading normals part by more than 35 degrees, light does too: such an edge must not be interpolated across.
- * Facets of a flat-shaded cylinder of a dozen sides still pass. */
+/* Where shading normals part by more than 35 degrees, light does too: such an edge must not be interpolated
+ * across. Facets of a flat-shaded cylinder of a dozen sides still pass. */
 #define HARD_NORMAL_COS 0.82f
 /* A smooth-shaded edge bent more sharply than this is a corner all the same. */
 #define HARD_BEND (75.0f * LW_PI / 180.0f)

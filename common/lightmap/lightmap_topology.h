@@ -1,7 +1,8 @@
 /* lightmap_topology.h: which triangles of a mesh touch, and how sharply.
  * Flow:    mesh -> [topology] -> charts
  * Threads: pure functions of a mesh; [any].
- * Positions are welded by their bits, because files split vertices at seams of texture coordinates and normals. */
+ * Positions are welded by their bits, because files split vertices at seams of texture coordinates and
+ * normals. */
 #ifndef LW_COMMON_LIGHTMAP_TOPOLOGY_H
 #define LW_COMMON_LIGHTMAP_TOPOLOGY_H
 
@@ -13,10 +14,10 @@ struct lw_lightmap_topology {
     double scale; /* texels per unit */
     uint32_t triangle_count, weld_count;
     uint32_t *weld; /* per vertex: number of its position */
-    uint32_t *
-        neighbour; /* per edge: the edge on the other side; LW_SCENE_NONE at borders and non-manifold edges */
-    float *bend;   /* per edge: angle between the two planes, radians */
-    uint8_t *hard; /* per edge: the shading breaks here */
+    /* per edge: the edge on the other side; LW_SCENE_NONE at borders and non-manifold edges */
+    uint32_t *neighbour;
+    float *bend;      /* per edge: angle between the two planes, radians */
+    uint8_t *hard;    /* per edge: the shading breaks here */
     float (*side)[3]; /* per triangle: lengths of its edges, in texels */
     float *area;      /* per triangle, texels; 0 if it is too thin to have a plane */
 };

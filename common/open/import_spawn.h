@@ -1,5 +1,5 @@
-/* import_spawn.h: gets a scene without letting outside files into this process: lightwell-import reads them in a
- * process of its own, and what it wrote is read back through the strict package reader.
+/* import_spawn.h: gets a scene without letting outside files into this process: lightwell-import reads them
+ * in a process of its own, and what it wrote is read back through the strict package reader.
  * Flow:    SCENE -> [lightwell-import] -> temporary .lwscene -> scene
  * Threads: one call at a time per process is meant, any thread; it waits for the importer. */
 #ifndef LW_IMPORT_SPAWN_H
@@ -22,14 +22,15 @@ struct lw_import_spawn_desc {
     bool lightmap_unused;    /* nothing is said about how coarse it is */
     uint64_t memory_max; /* bytes; 0: LW_IMPORT_SPAWN_MEMORY_MAX. Not imposed where a sanitizer needs more. */
     const char *program; /* NULL: lightwell-import beside this program, else in PATH */
-    const volatile sig_atomic_t
-        *cancel; /* may be NULL; becomes non-zero, e.g. in a signal handler: stop everything */
+    /* may be NULL; becomes non-zero, e.g. in a signal handler: stop everything */
+    const volatile sig_atomic_t *cancel;
 };
 
-/** Loads a scene package directly, if it is to have no other environment, or has lightwell-import make one in a temporary folder that is gone afterwards.
- * The importer's warnings and progress go to our stderr; its failure is returned, not shown, so that it is told once.
- * Errors: the importer's own (LW_BAD_DATA, LW_NO_INPUT, LW_NO_MEMORY, ...); LW_CLOSED if it was cancelled, or stopped
- * by SIGINT or SIGTERM; LW_OS if it cannot be started; LW_INTERNAL if it crashed. */
+/** Loads a scene package directly, if it is to have no other environment, or has lightwell-import make one in
+ * a temporary folder that is gone afterwards. The importer's warnings and progress go to our stderr; its
+ * failure is returned, not shown, so that it is told once.
+ * Errors: the importer's own (LW_BAD_DATA, LW_NO_INPUT, LW_NO_MEMORY, ...); LW_CLOSED if it was cancelled,
+ * or stopped by SIGINT or SIGTERM; LW_OS if it cannot be started; LW_INTERNAL if it crashed. */
 LW_MUST_CHECK enum lw_status lw_import_spawn(const struct lw_import_spawn_desc *desc,
                                              struct lw_scene **out_scene, struct lw_error *err);
 

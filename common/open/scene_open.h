@@ -8,7 +8,7 @@
 #include "common/open/import_spawn.h"
 #include "common/options.h"
 
-#define LW_SCENE_OPEN_SUN_DIAMETER_DEG                                                                       \
+#define LW_SCENE_OPEN_SUN_DIAMETER_DEG                                                                      \
     0.53 /* of directional lights, where nobody says otherwise: the sun's */
 
 /** What the shared options say. {0} with sun_angle_deg set to the constant above is all defaults. */
@@ -26,21 +26,23 @@ struct lw_scene_open {
     const volatile sig_atomic_t *cancel; /* may be NULL */
 };
 
-/** The rows of an option table (common/options.h) that fill these settings; `open` is a struct lw_scene_open *. */
+/** The rows of an option table (common/options.h) that fill these settings. open: a pointer to a
+ * struct lw_scene_open. */
 /* clang-format off */
-#define LW_SCENE_OPEN_OPTIONS(open)                                                                            \
-    {"texels-per-metre", "D", LW_LIGHTMAP_DENSITY_HELP, LW_OPTION_REAL, &(open)->texels_per_metre,             \
-     LW_LIGHTMAP_DENSITY_MIN, LW_LIGHTMAP_DENSITY_MAX, NULL},                                                  \
-    {"max-texels", "N", LW_LIGHTMAP_TEXELS_HELP, LW_OPTION_INT, &(open)->texels_max, 1, LW_SCENE_TEXELS_MAX,   \
-     NULL},                                                                                                    \
-    {"atlas-max", "N", "longest side of an atlas, texels (default 4096)", LW_OPTION_INT,                       \
-     &(open)->atlas_side_max, LW_LIGHTMAP_SIDE_MIN, LW_SCENE_ATLAS_SIDE_MAX, NULL},                            \
-    {"threads", "N", "worker threads (default: all processors)", LW_OPTION_INT, &(open)->threads, 1, 1024, NULL},\
-    {"sky", "R,G,B", "radiance of the sky, W/(m^2 sr), instead of the scene's", LW_OPTION_RGB,                 \
-     (open)->sky, 0, 1e9, &(open)->sky_given},                                                                 \
-    {"environment", "FILE.exr", "equirectangular radiance around the scene, W/(m^2 sr), on top of the sky",    \
-     LW_OPTION_STRING, &(open)->environment, 0, 0, NULL},                                                      \
-    {"sun-angle", "DEG", "angular diameter of directional lights (default: the file's, else 0.53)",            \
+#define LW_SCENE_OPEN_OPTIONS(open)                                                                         \
+    {"texels-per-metre", "D", LW_LIGHTMAP_DENSITY_HELP, LW_OPTION_REAL, &(open)->texels_per_metre,          \
+     LW_LIGHTMAP_DENSITY_MIN, LW_LIGHTMAP_DENSITY_MAX, NULL},                                               \
+    {"max-texels", "N", LW_LIGHTMAP_TEXELS_HELP, LW_OPTION_INT, &(open)->texels_max, 1, LW_SCENE_TEXELS_MAX,\
+     NULL},                                                                                                 \
+    {"atlas-max", "N", "longest side of an atlas, texels (default 4096)", LW_OPTION_INT,                    \
+     &(open)->atlas_side_max, LW_LIGHTMAP_SIDE_MIN, LW_SCENE_ATLAS_SIDE_MAX, NULL},                         \
+    {"threads", "N", "worker threads (default: all processors)", LW_OPTION_INT, &(open)->threads, 1, 1024,  \
+     NULL},                                                                                                 \
+    {"sky", "R,G,B", "radiance of the sky, W/(m^2 sr), instead of the scene's", LW_OPTION_RGB,              \
+     (open)->sky, 0, 1e9, &(open)->sky_given},                                                              \
+    {"environment", "FILE.exr", "equirectangular radiance around the scene, W/(m^2 sr), on top of the sky", \
+     LW_OPTION_STRING, &(open)->environment, 0, 0, NULL},                                                   \
+    {"sun-angle", "DEG", "angular diameter of directional lights (default: the file's, else 0.53)",         \
      LW_OPTION_REAL, &(open)->sun_angle_deg, 0, 90, &(open)->sun_angle_given}
 /* clang-format on */
 

@@ -10,7 +10,8 @@
 /* The density grows as 1 / sin towards the poles; this close to them, on 3e-10 sr, it stays finite. */
 #define SINE_MIN 1e-5f
 
-/* Where a direction lies in the picture, both within [0, 1]. Near the poles acos(y) would lose half the digits. */
+/* Where a direction lies in the picture, both within [0, 1]. Near the poles acos(y) would lose half the
+ * digits. */
 static struct lw_vec2 place_of(struct lw_vec3 d) {
     float u = 0.5f + atan2f(d.z, d.x) * (0.5f / LW_PI);
     float v = atan2f(sqrtf(d.x * d.x + d.z * d.z), d.y) * (1 / LW_PI);
@@ -26,7 +27,8 @@ static struct lw_vec3 mix(struct lw_vec3 a, struct lw_vec3 b, float t) {
     return lw_vec3_add(lw_vec3_scale(a, 1 - t), lw_vec3_scale(b, t));
 }
 
-/* The four texels about a place, and how far it is towards the second ones: around the sides, not over the poles. */
+/* The four texels about a place, and how far it is towards the second ones: around the sides, not over the
+ * poles. */
 struct footprint {
     uint32_t x0, y0, x1, y1;
     float fx, fy;
@@ -70,8 +72,8 @@ static double band(uint32_t height, uint32_t y) {
     return 0.5 * (cos(step * y) - cos(step * (y + 1)));
 }
 
-/* Weights to a cumulative distribution, in place. Its steps are multiples of 2^-24, as the numbers are that will be looked
- * up in it: so the probability of an entry is just the difference to the one before. */
+/* Weights to a cumulative distribution, in place. Its steps are multiples of 2^-24, as the numbers are that
+ * will be looked up in it: so the probability of an entry is just the difference to the one before. */
 static void accumulate(float *weight, uint32_t count, double sum) {
     double running = 0;
     uint32_t last = 0;
@@ -162,8 +164,8 @@ struct lw_vec3 lw_environment_importance_draw(const struct lw_environment_import
     const float *column = importance->column + (size_t)y * importance->width;
     uint32_t x = lw_cdf_choose(column, importance->width, u);
     float in_row = rest_of(importance->row, y, v), in_column = rest_of(column, x, u);
-    /* A tent about each texel, chosen by its probability, makes the bilinear density. What of the first row's reaches over
-     * the pole is folded back, and makes the level part above its centres. */
+    /* A tent about each texel, chosen by its probability, makes the bilinear density. What of the first row's
+     * reaches over the pole is folded back, and makes the level part above its centres. */
     float across = (float)x + 0.5f + tent(in_column), down = fabsf((float)y + 0.5f + tent(in_row));
     if (down > height) down = 2 * height - down;
     float theta = LW_PI * down / height, angle = 2 * LW_PI * (across / width - 0.5f), sine = sinf(theta);

@@ -13,7 +13,8 @@
 #include <unistd.h>
 #include <xxhash.h>
 
-/* docs/scene_package.md is the format; this file follows it. Arrays are used where they lie in the reader's copy. */
+/* docs/scene_package.md is the format; this file follows it. Arrays are used where they lie in the reader's
+ * copy. */
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__,
                "packages are little-endian, and so are their readers");
 
@@ -53,9 +54,10 @@ _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__,
     X(LIGHT_DRAWERS, "light drawers", 4, LW_SCENE_LIGHTS_MAX)                                                \
     X(MATERIAL_DRAWERS, "material drawers", 4, LW_SCENE_MATERIALS_MAX)
 
-/* Version 1 ends with the pixels, version 2 has an environment, in version 3 pixels are filtered, version 4 says who draws
- * lights. Each scene is written in one of them, so that there is one way to say it: where the file says who draws a light
- * in version 4, else with textures in version 3. Those of before are read as well. */
+/* Version 1 ends with the pixels, version 2 has an environment, in version 3 pixels are filtered, version 4
+ * says who draws lights. Each scene is written in one of them, so that there is one way to say it: where the
+ * file says who draws a light in version 4, else with textures in version 3. Those of before are read as
+ * well. */
 #define SECTION_COUNT_V1 20u
 #define SECTION_COUNT_V2 22u
 #define VERSION_FILTERED 3u
@@ -472,8 +474,9 @@ static enum lw_status check_header(const uint8_t *bytes, size_t size, struct lw_
     return LW_OK;
 }
 
-/* One entry of the table. Sections follow one another in order with nothing between them but zeros up to the next
- * multiple of 16, so there is one right offset for each: that rules out overlaps, gaps, duplicates and omissions. */
+/* One entry of the table. Sections follow one another in order with nothing between them but zeros up to the
+ * next multiple of 16, so there is one right offset for each: that rules out overlaps, gaps, duplicates and
+ * omissions. */
 static enum lw_status read_entry(struct codec *c, uint32_t i, uint8_t *bytes, size_t size, uint64_t *end) {
     const uint8_t *entry = bytes + HEADER_SIZE + i * ENTRY_SIZE;
     const char *name = kinds[i].name;
@@ -524,7 +527,8 @@ static enum lw_status read_table(struct codec *c, uint8_t *bytes, size_t size) {
     return LW_OK;
 }
 
-/* The records' counts are backed by bytes of the file by now, so what is allocated is at most a few times its size. */
+/* The records' counts are backed by bytes of the file by now, so what is allocated is at most a few times its
+ * size. */
 static bool allocate_records(struct lw_scene *scene, const struct codec *c) {
 #define ALLOCATE(id, elements, element_count)                                                                \
     do {                                                                                                     \

@@ -1,5 +1,5 @@
-/* package.h: the scene package (.lwscene): one flat, versioned binary that the importer writes, the daemon lights and
- * clients download. One writer, one strict reader.
+/* package.h: the scene package (.lwscene): one flat, versioned binary that the importer writes, the daemon
+ * lights and clients download. One writer, one strict reader.
  * Flow:    importer -> scene -> [package bytes] -> file or wire -> [package reader] -> scene
  * Threads: pure functions, [any]. Format: docs/scene_package.md. */
 #ifndef LW_COMMON_PACKAGE_H
@@ -7,9 +7,9 @@
 
 #include "common/scene/scene.h"
 
-#define LW_PACKAGE_VERSION                                                                                   \
-    4u /* the newest; scenes that do not say who draws a light are written as version 1, 2 with an environment,    \
-        * or 3 with textures */
+/* The newest version. A scene is written in the oldest version that can hold it: 1; 2 with an environment; 3
+ * with textures; 4 where it says who draws a light. */
+#define LW_PACKAGE_VERSION  4u
 #define LW_PACKAGE_SIZE_MAX (4ull << 30) /* bytes */
 
 /** Content address of a package: XXH3-128 of its bytes, big-endian. */
@@ -18,13 +18,14 @@ struct lw_package_hash {
 };
 
 /** Writes a validated scene. *out_bytes is malloc'ed; the caller frees it.
- * Same scene, same bytes. Errors: LW_NO_MEMORY; LW_BAD_DATA if the scene breaks lw_scene_validate() or a limit. */
+ * Same scene, same bytes. Errors: LW_NO_MEMORY; LW_BAD_DATA if the scene breaks lw_scene_validate() or a
+ * limit. */
 LW_MUST_CHECK enum lw_status lw_package_write(const struct lw_scene *scene, uint8_t **out_bytes,
                                               size_t *out_size, struct lw_error *err);
 
-/** Reads a package from outside: every offset, count, index and number is checked before use; never reads out of
- * bounds, never allocates by a length that the bytes do not back. The scene copies or keeps what it needs: `bytes` may
- * be freed afterwards. Errors: LW_BAD_DATA naming the section and field; LW_NO_MEMORY. */
+/** Reads a package from outside: every offset, count, index and number is checked before use; never reads out
+ * of bounds, never allocates by a length that the bytes do not back. The scene copies or keeps what it
+ * needs: `bytes` may be freed afterwards. Errors: LW_BAD_DATA naming the section and field; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_package_read(const uint8_t *bytes, size_t size, struct lw_scene **out_scene,
                                              struct lw_error *err);
 
@@ -33,9 +34,9 @@ bool lw_package_is(const char *path);
 
 void lw_package_hash(const uint8_t *bytes, size_t size, struct lw_package_hash *out_hash);
 
-/** Where to cut a package so that what scenes share lies apart: in front of each texture's pixels and behind the last one's. Bytes that
- * are no package are one part. *out_end: where each part ends, the last one at size; malloc'ed, the caller's.
- * size > 0. Errors: LW_NO_MEMORY. */
+/** Where to cut a package so that what scenes share lies apart: in front of each texture's pixels and behind
+ * the last one's. Bytes that are no package are one part. *out_end: where each part ends, the last one at
+ * size; malloc'ed, the caller's. size > 0. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_package_cut(const uint8_t *bytes, size_t size, uint64_t **out_end,
                                             size_t *out_count);
 

@@ -6,7 +6,8 @@ static inline uint8_t expect(uint8_t a, uint8_t b, uint8_t c) {
     return c >= high ? low : c <= low ? high : (uint8_t)(a + b - c);
 }
 
-/* The pixel before in the first row, the one above in the first column; for the very first 0. plane: `step` bytes apart. */
+/* The pixel before in the first row, the one above in the first column; for the very first 0. plane: `step`
+ * bytes apart. */
 static inline uint8_t expect_at(const uint8_t *at, uint32_t x, uint32_t y, size_t row, size_t step) {
     if (x && y) return expect(at[-(ptrdiff_t)step], at[-(ptrdiff_t)row], at[-(ptrdiff_t)(row + step)]);
     return x ? at[-(ptrdiff_t)step] : y ? at[-(ptrdiff_t)row] : 0;

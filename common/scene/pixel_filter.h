@@ -1,5 +1,5 @@
-/* pixel_filter.h: a texture's pixels as differences from what their neighbours let one expect, and back: the same number of bytes,
- * of which zstd makes two thirds. Format: docs/scene_package.md, "Pixels".
+/* pixel_filter.h: a texture's pixels as differences from what their neighbours let one expect, and back: the
+ * same number of bytes, of which zstd makes two thirds. Format: docs/scene_package.md, "Pixels".
  * Threads: pure functions, [any].
  * After:   the median edge detector of LOCO-I (Weinberger, Seroussi and Sapiro 2000). */
 #ifndef LW_COMMON_PIXEL_FILTER_H

@@ -94,7 +94,8 @@ static void slerp(const float a[4], const float b[4], float t, float out[4]) {
     for (int i = 0; i < 4; i++) out[i] = weight_a * a[i] + sign * weight_b * b[i];
 }
 
-/* glTF 2.0, appendix C.5: Hermite spline with tangents per second. Keys hold in-tangent, value, out-tangent. */
+/* glTF 2.0, appendix C.5: Hermite spline with tangents per second. Keys hold in-tangent, value,
+ * out-tangent. */
 static void hermite(const float *key, const float *next, unsigned width, float t, float interval_s,
                     float *out) {
     float t2 = t * t, t3 = t2 * t;

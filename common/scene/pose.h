@@ -39,8 +39,8 @@ struct lw_pose {
 LW_MUST_CHECK enum lw_status lw_pose_init(struct lw_pose *pose, const struct lw_scene *scene);
 void lw_pose_finish(struct lw_pose *pose);
 
-/** Moves the pose to a time (s, wrapped into the animation's duration): what the scene itself says, nothing hidden but
- * its spares. */
+/** Moves the pose to a time (s, wrapped into the animation's duration): what the scene itself says, nothing
+ * hidden but its spares. */
 void lw_pose_evaluate(struct lw_pose *pose, const struct lw_scene *scene, double time_s);
 
 /** Makes dst the same moment as src; both of the same scene. */
@@ -55,7 +55,7 @@ enum lw_pose_change {
     LW_POSE_DYNAMIC = 16 /* which objects are, of those that have no channel */
 };
 
-/** What differs between two moments of a scene, bit for bit: LW_POSE_* or 0. Time and cameras do not count. */
+/** What differs between two moments of a scene, bit for bit: LW_POSE_* or 0. Not time, not cameras. */
 unsigned lw_pose_difference(const struct lw_pose *a, const struct lw_pose *b, const struct lw_scene *scene);
 
 /** Whether an object is elsewhere, or has come or gone. */
@@ -64,7 +64,8 @@ bool lw_pose_object_differs(const struct lw_pose *a, const struct lw_pose *b, ui
 /** Whether the scene looks the same at both moments: lw_pose_difference() is 0. */
 bool lw_pose_equal(const struct lw_pose *a, const struct lw_pose *b, const struct lw_scene *scene);
 
-/** Whether an object may move: its node or an ancestor of it has a channel, or it is dynamic, as spares are. */
+/** Whether an object may move: its node or an ancestor of it has a channel, or it is dynamic, as spares
+ * are. */
 bool lw_pose_object_moves(const struct lw_pose *pose, const struct lw_scene *scene, uint32_t object);
 
 /** Widens world-space bounds by those of an object. */

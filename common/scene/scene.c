@@ -3,11 +3,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* A scene's arrays live as long as the scene, so they come from chunks that are freed together. Arrays larger than
- * half a chunk get a chunk of their own: calloc takes those from the system already zeroed, without touching them. */
+/* A scene's arrays live as long as the scene, so they come from chunks that are freed together. Arrays larger
+ * than half a chunk get a chunk of their own: calloc takes those from the system already zeroed, without
+ * touching them. */
 #define CHUNK_SIZE 65536u
 #define ALIGNMENT  16u
-/* Vector loads of the last element of an array (Embree reads 16 bytes of a 12-byte vertex) stay inside the chunk. */
+/* Vector loads of the last element of an array (Embree reads 16 bytes of a 12-byte vertex) stay inside the
+ * chunk. */
 #define READABLE_PAST_END 16u
 
 struct chunk {

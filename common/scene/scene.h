@@ -1,7 +1,9 @@
 /* scene.h: what is lit: meshes, materials, textures, nodes, objects, lights, cameras, animation.
  * Flow:    file -> importer -> [scene] -> lightmap UVs -> package -> daemon and clients
- * Threads: immutable once built or read; then [any] may read. scene_state.h makes one whose materials and sky change.
- * Space:   right-handed, +Y up, metres. Colours are linear sRGB. Winding is counter-clockwise seen from the front. */
+ * Threads: immutable once built or read; then [any] may read. scene_state.h makes one whose materials and sky
+ *          change.
+ * Space:   right-handed, +Y up, metres. Colours are linear sRGB. Winding is counter-clockwise seen from the
+ * front. */
 #ifndef LW_COMMON_SCENE_H
 #define LW_COMMON_SCENE_H
 
@@ -13,21 +15,22 @@
 #define LW_SCENE_NONE UINT32_MAX /* "no texture", "no parent" */
 
 /* Limits of a scene; package reader and importer refuse what is past them, by name. */
-#define LW_SCENE_MESHES_MAX           (1u << 20)
-#define LW_SCENE_OBJECTS_MAX          (1u << 20)
-#define LW_SCENE_NODES_MAX            (1u << 21)
-#define LW_SCENE_MATERIALS_MAX        (1u << 16)
-#define LW_SCENE_TEXTURES_MAX         (1u << 14)
-#define LW_SCENE_TEXTURE_SIDE_MAX     16384u
-#define LW_SCENE_LIGHTS_MAX           (1u << 20)
-#define LW_SCENE_CAMERAS_MAX          (1u << 16)
-#define LW_SCENE_CHANNELS_MAX         (1u << 20)
-#define LW_SCENE_TRIANGLES_MAX        (1u << 28) /* of all meshes together; of all objects together */
-#define LW_SCENE_VERTICES_MAX         (1u << 28) /* likewise */
-#define LW_SCENE_TEXELS_MAX           (1u << 28) /* of the atlases of all objects together */
-#define LW_SCENE_ATLAS_SIDE_MAX       16384u     /* texels */
-#define LW_SCENE_COORDINATE_MAX       1e9f       /* m; positions, transforms and key values, either sign */
-#define LW_SCENE_RADIANCE_MAX         1e12f /* emission, intensity and sky, in their units; other factors too */
+#define LW_SCENE_MESHES_MAX       (1u << 20)
+#define LW_SCENE_OBJECTS_MAX      (1u << 20)
+#define LW_SCENE_NODES_MAX        (1u << 21)
+#define LW_SCENE_MATERIALS_MAX    (1u << 16)
+#define LW_SCENE_TEXTURES_MAX     (1u << 14)
+#define LW_SCENE_TEXTURE_SIDE_MAX 16384u
+#define LW_SCENE_LIGHTS_MAX       (1u << 20)
+#define LW_SCENE_CAMERAS_MAX      (1u << 16)
+#define LW_SCENE_CHANNELS_MAX     (1u << 20)
+#define LW_SCENE_TRIANGLES_MAX    (1u << 28) /* of all meshes together; of all objects together */
+#define LW_SCENE_VERTICES_MAX     (1u << 28) /* likewise */
+#define LW_SCENE_TEXELS_MAX       (1u << 28) /* of the atlases of all objects together */
+#define LW_SCENE_ATLAS_SIDE_MAX   16384u     /* texels */
+#define LW_SCENE_COORDINATE_MAX   1e9f       /* m; positions, transforms and key values, either sign */
+/* emission, intensity and sky, in their units; other factors too */
+#define LW_SCENE_RADIANCE_MAX         1e12f
 #define LW_SCENE_DURATION_MAX         1e9f  /* s */
 #define LW_SCENE_ENVIRONMENT_SIDE_MAX 4096u /* texels, either way */
 
@@ -56,7 +59,8 @@ enum lw_alpha_mode {
 /** What a file says about a light's direct light: common/light/client_lights.h. */
 enum lw_drawn_by { LW_DRAWN_BY_RULE /* nothing */, LW_DRAWN_BY_CLIENTS, LW_DRAWN_BY_SERVER };
 
-/** Diffuse reflection base_colour/pi, plus emission. A single-sided surface reflects and emits from its front. */
+/** Diffuse reflection base_colour/pi, plus emission. A single-sided surface reflects and emits from its
+ * front. */
 struct lw_material {
     const char *name;
     float base_colour[4]; /* albedo and alpha; times texture and vertex colour */
@@ -81,8 +85,8 @@ struct lw_mesh {
     const uint32_t *material;       /* per triangle */
 
     /* Lightmap (common/lightmap/lightmap.h). Atlas coordinates are in texels: texel (i, j) has its centre at
-     * (i + 0.5, j + 0.5). A mesh with double-sided triangles keeps the light of their backs in a second copy of the
-     * chart layout, back_offset rows further down; back_offset = 0 if the mesh has no back. */
+     * (i + 0.5, j + 0.5). A mesh with double-sided triangles keeps the light of their backs in a second copy
+     * of the chart layout, back_offset rows further down; back_offset = 0 if the mesh has no back. */
     const struct lw_vec2 *lightmap_uv;  /* per vertex; NULL before lw_lightmap_build() */
     uint32_t atlas_width, atlas_height; /* texels, multiples of 4, backs included */
     uint32_t back_offset;               /* rows, a multiple of 4 */
@@ -100,7 +104,8 @@ struct lw_node {
     uint8_t has_matrix;
 };
 
-/** One instance of a mesh, with an atlas of its own. Without a node it is a spare: it stands nowhere until it is added. */
+/** One instance of a mesh, with an atlas of its own. Without a node it is a spare: it stands nowhere until it
+ * is added. */
 struct lw_object {
     const char *name;
     uint32_t mesh;
@@ -136,7 +141,8 @@ struct lw_camera {
 enum lw_channel_path { LW_CHANNEL_TRANSLATION, LW_CHANNEL_ROTATION, LW_CHANNEL_SCALE };
 enum lw_interpolation { LW_INTERPOLATION_STEP, LW_INTERPOLATION_LINEAR, LW_INTERPOLATION_CUBIC };
 
-/** One animated property of a node. Values: 3 or 4 floats a key; CUBIC has in-tangent, value, out-tangent per key. */
+/** One animated property of a node. Values: 3 or 4 floats a key; CUBIC has in-tangent, value, out-tangent per
+ * key. */
 struct lw_channel {
     uint32_t node;
     uint8_t path, interpolation;
@@ -145,9 +151,9 @@ struct lw_channel {
     const float *value;
 };
 
-/** What lies outside, by direction: an equirectangular picture. Row 0 is up (+Y), the middle of the picture is +X:
- * u = 0.5 + atan2(d.z, d.x) / 2 pi, v = acos(d.y) / pi, texel (i, j) has its centre at ((i + 0.5) / width,
- * (j + 0.5) / height). common/scene/environment.h reads it. */
+/** What lies outside, by direction: an equirectangular picture. Row 0 is up (+Y), the middle of the picture
+ * is +X: u = 0.5 + atan2(d.z, d.x) / 2 pi, v = acos(d.y) / pi, texel (i, j) has its centre at ((i + 0.5) /
+ * width, (j + 0.5) / height). common/scene/environment.h reads it. */
 struct lw_environment {
     uint32_t width, height; /* texels; 0: there is none */
     const float *rgb;       /* width * height * 3, row 0 first: W/(m^2 sr), linear */
@@ -179,26 +185,28 @@ extern "C" {
 LW_MUST_CHECK enum lw_status lw_scene_create(struct lw_scene **out_scene);
 void lw_scene_destroy(struct lw_scene *scene);
 
-/** A scene that is the original, which outlives it, but for materials of its own, and its sky: those may be changed.
+/** A scene that is the original, which outlives it, but for materials of its own, and its sky: those may be
+ * changed.
  * Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_scene_init_variant(struct lw_scene *variant, const struct lw_scene *original);
 /** A zeroed one is fine. */
 void lw_scene_finish_variant(struct lw_scene *variant);
 
-/** Zeroed memory that lives as long as the scene, 16-byte aligned and readable for 16 bytes past its end (vector loads
- * of the last vertex); NULL when out of memory, never for count 0. For builders only. */
+/** Zeroed memory that lives as long as the scene, 16-byte aligned and readable for 16 bytes past its end
+ * (vector loads of the last vertex); NULL when out of memory, never for count 0. For builders only. */
 void *lw_scene_alloc(struct lw_scene *scene, size_t count, size_t size);
 /** Copy of a string, owned by the scene; NULL becomes "". Returns NULL when out of memory. */
 const char *lw_scene_string(struct lw_scene *scene, const char *text);
 
-/** Adds an object to an array with room for it, in the name of its node or else of its mesh. For builders only.
+/** Adds an object to an array with room for it, in the name of its node or else of its mesh. For builders
+ * only.
  * Errors: LW_BAD_DATA past LW_SCENE_OBJECTS_MAX. */
 LW_MUST_CHECK enum lw_status lw_scene_add_object(struct lw_scene *scene, uint32_t mesh, uint32_t node,
                                                  struct lw_error *err);
 
-/** Checks everything that code behind this door relies on: counts, indices, order of nodes, finite numbers, unit
- * quaternions and normals (within 1 %), increasing key times, atlas sizes, names (UTF-8, never NULL), no empty mesh.
- * The package reader calls it; importers call it before they write.
+/** Checks everything that code behind this door relies on: counts, indices, order of nodes, finite numbers,
+ * unit quaternions and normals (within 1 %), increasing key times, atlas sizes, names (UTF-8, never NULL),
+ * no empty mesh. The package reader calls it; importers call it before they write.
  * Errors: LW_BAD_DATA naming the element and field; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_scene_validate(const struct lw_scene *scene, struct lw_error *err);
 
@@ -219,7 +227,8 @@ bool lw_scene_has_light(const struct lw_scene *scene);
 struct lw_vec4 lw_scene_sample(const struct lw_scene *scene, const struct lw_texture_use *use,
                                struct lw_vec2 uv);
 
-/** Radiance that arrives from outside the scene: sky and environment, W/(m^2 sr). direction_ws: unit, where one looks. */
+/** Radiance that arrives from outside the scene: sky and environment, W/(m^2 sr). direction_ws: unit, where
+ * one looks. */
 struct lw_vec3 lw_scene_sky(const struct lw_scene *scene, struct lw_vec3 direction_ws);
 
 /** A point on a mesh: barycentrics u, v weigh the triangle's 2nd and 3rd vertex. */
@@ -234,7 +243,8 @@ struct lw_surface {
 };
 void lw_scene_surface(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle, float u,
                       float v, struct lw_surface *out);
-/** A triangle of a mesh, with what all points on it share: for those who look at many points of few triangles. */
+/** A triangle of a mesh, with what all points on it share: for those who look at many points of few
+ * triangles. */
 struct lw_facet {
     const struct lw_mesh *mesh;
     const struct lw_material *material;
@@ -263,11 +273,12 @@ struct lw_texture_quad {
     float x, y;           /* how far from the first to the second; from the first row to the second */
 };
 
-/** Where a point of a facet reads its base colour. What this finds is on its way into the cache: find the texels of some
- * points, then ask for their colours. */
+/** Where a point of a facet reads its base colour. What this finds is on its way into the cache: find the
+ * texels of some points, then ask for their colours. */
 void lw_scene_facet_texels(const struct lw_scene *scene, const struct lw_facet *facet, const float weight[3],
                            struct lw_texture_quad *out);
-/** Albedo, alpha and emission at a point of a facet that varies, as in struct lw_surface; the rest of *out stays. */
+/** Albedo, alpha and emission at a point of a facet that varies, as in struct lw_surface; the rest of *out
+ * stays. */
 void lw_scene_facet_colour(const struct lw_scene *scene, const struct lw_facet *facet, const float weight[3],
                            const struct lw_texture_quad *texels, struct lw_surface *out);
 
@@ -275,21 +286,22 @@ void lw_scene_facet_colour(const struct lw_scene *scene, const struct lw_facet *
 struct lw_vec3 lw_scene_normal(const struct lw_mesh *mesh, uint32_t triangle, float u, float v,
                                struct lw_vec3 *out_geometric);
 
-/** The normal that light is gathered about: the shading normal, but for one that points into the surface, which would gather
- * from inside. Both unit, object space. */
+/** The normal that light is gathered about: the shading normal, but for one that points into the surface,
+ * which would gather from inside. Both unit, object space. */
 static inline struct lw_vec3 lw_scene_light_normal(struct lw_vec3 shading, struct lw_vec3 geometric) {
     return lw_vec3_dot(shading, geometric) <= 0.01f ? geometric : shading;
 }
 
-/** Where light rays start on a smooth-shaded triangle, object space: above its flat face, on what the corners' normals say
- * the surface is, so that a coarse mesh does not shade itself along its edges (Hanika, Hacking the Shadow Terminator, in
- * Ray Tracing Gems II, 2021):
+/** Where light rays start on a smooth-shaded triangle, object space: above its flat face, on what the
+ * corners' normals say the surface is, so that a coarse mesh does not shade itself along its edges (Hanika,
+ * Hacking the Shadow Terminator, in Ray Tracing Gems II, 2021):
  *     p + sum over corners of w_i k_i max(0, (v_i - p) . n_i) n_i
- * w_i: barycentric weight; v_i, n_i: the corner and its normal, turned over for the back; k_i falls from 1 to 0 between 41
- * and 60 degrees off the face: normals that lean so far smooth over a sharp edge, where lifted rays would start beyond
- * what stands next to it. It is the point itself on flat and on hollow triangles. Not yet lifted by a rounding error.
- * A direction above the shading normal's plane but below the face then runs over the neighbouring faces of a bulge; in a
- * hollow it meets the own face from in front, as it would soon meet the true surface: trace it, and read what it meets. */
+ * w_i: barycentric weight; v_i, n_i: the corner and its normal, turned over for the back; k_i falls from 1
+ * to 0 between 41 and 60 degrees off the face: normals that lean so far smooth over a sharp edge, where
+ * lifted rays would start beyond what stands next to it. It is the point itself on flat and on hollow
+ * triangles. Not yet lifted by a rounding error. A direction above the shading normal's plane but below the
+ * face then runs over the neighbouring faces of a bulge; in a hollow it meets the own face from in front, as
+ * it would soon meet the true surface: trace it, and read what it meets. */
 struct lw_vec3 lw_scene_shadow_origin(const struct lw_mesh *mesh, uint32_t triangle, float u, float v,
                                       bool back);
 

@@ -90,9 +90,10 @@ const char *lw_scene_change_text(uint32_t code);
 /** How many things of a kind a scene has that a change may be about; 1 for the scene itself. */
 uint32_t lw_scene_change_targets(const struct lw_scene *scene, enum lw_scene_change_of of);
 
-/** Whether a change may be made to a scene, as far as that depends on the scene alone. Which objects there are depends on
- * earlier changes: scene_roster.h knows.
- * Returns LW_SCENE_CHANGE_OK, or why not, with LW_BAD_DATA and one line of under 200 bytes of ASCII in *err. */
+/** Whether a change may be made to a scene, as far as that depends on the scene alone. Which objects there
+ * are depends on earlier changes: scene_roster.h knows.
+ * Returns LW_SCENE_CHANGE_OK, or why not, with LW_BAD_DATA and one line of under 200 bytes of ASCII in
+ * *err. */
 enum lw_scene_change_code lw_scene_change_check(const struct lw_scene *scene,
                                                 const struct lw_scene_change *change, struct lw_error *err);
 

@@ -7,10 +7,12 @@
 
 #define LOOP_S 4.0f
 #define KEYS   32u /* per turn: the chords of a circle are within 0.5 % of it */
-/* Of the scene's longest side: a light's circle, and the smallest to which it shrinks to keep away from surfaces. */
+/* Of the scene's longest side: a light's circle, and the smallest to which it shrinks to keep away from
+ * surfaces. */
 #define CIRCLE_SHARE       0.05f
 #define CIRCLE_SHARE_LEAST 0.005f
-/* So many times nearer than its radius a circle may come to a surface: there the light of a point has no bound. */
+/* So many times nearer than its radius a circle may come to a surface: there the light of a point has no
+ * bound. */
 #define CIRCLE_NEAREST 10.0f
 #define SWING          (5.0f * LW_PI / 180)
 #define OBJECT_SHARE   0.5f
@@ -130,8 +132,8 @@ static uint32_t keys_of_last(const struct lw_scene *scene) {
 
 static float phase_of(uint32_t key) { return 2 * LW_PI * (float)(key % KEYS) / (float)KEYS; }
 
-/* A vector of world space in the space below a node. Directions only: the linear part, transposed cofactors over the
- * determinant. */
+/* A vector of world space in the space below a node. Directions only: the linear part, transposed cofactors
+ * over the determinant. */
 static struct lw_vec3 into_node(const struct lw_affine *to_world, struct lw_vec3 v) {
     float determinant = lw_affine_determinant(to_world);
     if (fabsf(determinant) < 1e-30f) return lw_vec3(0, 0, 0);
@@ -158,7 +160,8 @@ static enum lw_status circle(struct lw_scene *scene, const struct lw_pose *pose,
     return LW_OK;
 }
 
-/* Turns about the world's vertical through `pivot`, a point of the space below `parent`; by a full turn, or to and fro. */
+/* Turns about the world's vertical through `pivot`, a point of the space below `parent`; by a full turn, or
+ * to and fro. */
 static enum lw_status turn(struct lw_scene *scene, const struct lw_pose *pose, uint32_t parent,
                            struct lw_vec3 pivot, bool fully, uint32_t *out_node) {
     uint32_t mover;

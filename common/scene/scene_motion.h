@@ -46,12 +46,14 @@ struct lw_scene_motion_report {
     struct lw_vec3 from_ws, to_ws; /* m: between which lamp or object move */
 };
 
-/** Drops the animation that does not belong to a motion; cameras keep theirs, and so does the animation's length. Where
- * the scene has none that belongs to it, one mover is made, in a loop of some 4 s:
- *  - a light: the strongest point or spot light, or else an emissive object, goes round a circle of 5 % of the scene's
- *    longest side, less (down to 0.5 %) where a point or spot would come nearer to a surface than a tenth of its radius; where there is neither, the strongest directional light swings by 5 degrees to either side;
- *  - an object: of those that measure at most half the scene's longest side the one with the largest surface turns
- *    about its vertical axis.
+/** Drops the animation that does not belong to a motion; cameras keep theirs, and so does the animation's
+ * length. Where the scene has none that belongs to it, one mover is made, in a loop of some 4 s:
+ *  - a light: the strongest point or spot light, or else an emissive object, goes round a circle of 5 % of
+ *    the scene's longest side, less (down to 0.5 %) where a point or spot would come nearer to a surface
+ *    than a tenth of its radius; where there is neither, the strongest directional light swings by 5 degrees
+ *    to either side;
+ *  - an object: of those that measure at most half the scene's longest side the one with the largest surface
+ *    turns about its vertical axis.
  * The last four motions drop all animation but cameras'. Its length becomes 16 s where no camera moves or it
  * is below 12 s. Their mover:
  *  - lamp-walk: the lamp of lw_scene_motion_find_way(), along that way;
@@ -59,8 +61,8 @@ struct lw_scene_motion_report {
  *    degrees to either side of where it is;
  *  - lamp-switch: the same lamp, in the middle of that way. Intensities cannot be animated: an emissive
  *    object shrinks to a thousandth of its size about its middle, so to a millionth of its light; a point or
- *    spot light is put a thousand times the scene's longest side away. Both from one moment to the next. So a
- *    renderer is told of a mover, not of a lamp that is dimmed;
+ *    spot light is put a thousand times the scene's longest side away. Both from one moment to the next. So
+ *    a renderer is told of a mover, not of a lamp that is dimmed;
  *  - carry: the object of lw_scene_motion_find_way(), along that way.
  * Errors: LW_BAD_DATA where nothing of the scene can; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_scene_motion_set(struct lw_scene *scene, enum lw_scene_motion motion,

@@ -2,8 +2,9 @@
  * Flow:    changes, in order -> [roster] -> the object that each one is about, or why it may not be made
  * Threads: one thread at a time.
  *
- * Two rosters of a scene that take the same changes in the same order choose the same objects: so a server can answer an
- * update when it comes, and make its changes at the next frame, when nothing can go wrong any more. */
+ * Two rosters of a scene that take the same changes in the same order choose the same objects: so a server
+ * can answer an update when it comes, and make its changes at the next frame, when nothing can go wrong any
+ * more. */
 #ifndef LW_COMMON_SCENE_ROSTER_H
 #define LW_COMMON_SCENE_ROSTER_H
 
@@ -24,9 +25,10 @@ LW_MUST_CHECK enum lw_status lw_scene_roster_init(struct lw_scene_roster *roster
 /** A zeroed roster is fine. */
 void lw_scene_roster_finish(struct lw_scene_roster *roster);
 
-/** Takes over a change that lw_scene_change_check() has passed. *out_object: of an OBJECT_ADD the spare that now stands there, the
- * first of its mesh; of others about an object that object; else it is left alone.
- * Returns LW_SCENE_CHANGE_OK; NO_SPARE or ABSENT, with LW_BAD_DATA and one line in *err: then nothing has changed. */
+/** Takes over a change that lw_scene_change_check() has passed. *out_object: of an OBJECT_ADD the spare that
+ * now stands there, the first of its mesh; of others about an object that object; else it is left alone.
+ * Returns LW_SCENE_CHANGE_OK; NO_SPARE or ABSENT, with LW_BAD_DATA and one line in *err: then nothing has
+ * changed. */
 enum lw_scene_change_code lw_scene_roster_take(struct lw_scene_roster *roster,
                                                const struct lw_scene_change *change, uint32_t *out_object,
                                                struct lw_error *err);

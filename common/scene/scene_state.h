@@ -1,5 +1,7 @@
-/* scene_state.h: what changes have made of a scene: objects, lights, materials, sky and clock that differ from its file.
- * Flow:    changes, in order -> [scene state] -> at a frame's beginning: the scene of now and its pose -> solve, publish
+/* scene_state.h: what changes have made of a scene: objects, lights, materials, sky and clock that differ
+ * from its file.
+ * Flow:    changes, in order -> [scene state] -> at a frame's beginning: the scene of now and its pose ->
+ *          solve, publish
  * Threads: one thread at a time; who reads `scene` does so between two changes. */
 #ifndef LW_COMMON_SCENE_STATE_H
 #define LW_COMMON_SCENE_STATE_H
@@ -23,7 +25,8 @@ struct lw_scene_state {
     bool start_paused;    /* paused or not */
 };
 
-/** Begins with the scene as it is, its animation at start_scene_s when the wall is at 0. original outlives the state.
+/** Begins with the scene as it is, its animation at start_scene_s when the wall is at 0. original outlives
+ * the state.
  * Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_scene_state_init(struct lw_scene_state *state,
                                                  const struct lw_scene *original, double start_scene_s,
@@ -31,14 +34,15 @@ LW_MUST_CHECK enum lw_status lw_scene_state_init(struct lw_scene_state *state,
 /** A zeroed state is fine. */
 void lw_scene_state_finish(struct lw_scene_state *state);
 
-/** Makes one change, which lw_scene_change_check() and a roster that has taken all those before have passed. wall_s: the frame's, from which the clock goes on. */
+/** Makes one change, which lw_scene_change_check() and a roster that has taken all those before have passed.
+ * wall_s: the frame's, from which the clock goes on. */
 void lw_scene_state_change(struct lw_scene_state *state, const struct lw_scene_change *change, double wall_s);
 
 /** The animation's time when the wall is at wall_s; not wrapped. */
 double lw_scene_state_time(const struct lw_scene_state *state, double wall_s);
 
-/** Evaluates a pose of state->scene at that moment, with all that was changed. An object that was ever moved or hidden
- * counts as one that moves from then on. */
+/** Evaluates a pose of state->scene at that moment, with all that was changed. An object that was ever moved
+ * or hidden counts as one that moves from then on. */
 void lw_scene_state_pose(const struct lw_scene_state *state, double wall_s, struct lw_pose *pose);
 
 #endif

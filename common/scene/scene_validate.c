@@ -40,8 +40,8 @@ static enum lw_status LW_PRINTF(2, 3) refuse(const struct element *e, const char
     return lw_status_fail(e->err, LW_BAD_DATA, "%s %u \"%s\": %s", e->kind, e->index, name, text);
 }
 
-/* Length of the UTF-8 sequence at p (RFC 3629: shortest form, no surrogates, up to U+10FFFF); 0 if it is none.
- * A terminating NUL is no continuation byte, so nothing past it is read. */
+/* Length of the UTF-8 sequence at p (RFC 3629: shortest form, no surrogates, up to U+10FFFF); 0 if it is
+ * none. A terminating NUL is no continuation byte, so nothing past it is read. */
 static size_t utf8_length(const unsigned char *p) {
     if (p[0] < 0x80) return 1;
     size_t length = p[0] >= 0xC2 && p[0] <= 0xDF   ? 2
@@ -68,7 +68,8 @@ static enum lw_status check_name(struct element *e, const char *name) {
     return LW_OK;
 }
 
-/* Index of the first float that is not finite, or count. Blocks are tested as a whole first, which vectorises. */
+/* Index of the first float that is not finite, or count. Blocks are tested as a whole first, which
+ * vectorises. */
 static size_t find_not_finite(const float *x, size_t count) {
     enum { BLOCK = 1024 };
     for (size_t start = 0; start < count; start += BLOCK) {

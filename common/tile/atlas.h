@@ -2,7 +2,8 @@
  * Threads: pure functions, [any].
  *
  * Level 0 is the atlas itself; each further level halves both sides, rounding up, until both are at most
- * LW_ATLAS_COARSEST. A tile is LW_TILE_SIDE texels square, cut off at the right and lower edge of its level. */
+ * LW_ATLAS_COARSEST. A tile is LW_TILE_SIDE texels square, cut off at the right and lower edge of its
+ * level. */
 #ifndef LW_COMMON_ATLAS_H
 #define LW_COMMON_ATLAS_H
 
@@ -14,14 +15,16 @@
 #define LW_ATLAS_COARSEST   16u /* texels */
 #define LW_ATLAS_LEVELS_MAX 12u
 
-/* Coarser levels stand in only until finer ones arrive: up to here charts lie apart (common/lightmap/lightmap.h). */
+/* Coarser levels stand in only until finer ones arrive: up to here charts lie apart
+ * (common/lightmap/lightmap.h). */
 #define LW_ATLAS_READ_MAX 2u
-/* Views read tiles that show more relative noise than these at level 2 (16 times the samples), or at level 1; so the server
- * tells them when a tile crosses one. */
+/* Views read tiles that show more relative noise than these at level 2 (16 times the samples), or at level 1;
+ * so the server tells them when a tile crosses one. */
 #define LW_ATLAS_COARSE_NOISE 0.25f
 #define LW_ATLAS_MIDDLE_NOISE 0.1f
 
-/** The finest level at which views bear a tile of a relative error of which the share `noise_shown` is left in its texels. */
+/** The finest level at which views bear a tile of a relative error of which the share `noise_shown` is left
+ * in its texels. */
 static inline unsigned lw_atlas_calm_level(float error, float noise_shown) {
     const float noise = error * noise_shown;
     return noise <= LW_ATLAS_MIDDLE_NOISE ? 0 : noise > LW_ATLAS_COARSE_NOISE ? 2 : 1;

@@ -49,8 +49,8 @@ uint16_t lw_texel_format_half(float number) {
     return (uint16_t)((bits >> 13) - ((127u - EXPONENT_BIAS) << 10));
 }
 
-/* OpenGL 3.3, appendix C.2 (EXT_texture_shared_exponent): the smallest exponent at which the largest channel, rounded, has 9
- * bits. */
+/* OpenGL 3.3, appendix C.2 (EXT_texture_shared_exponent): the smallest exponent at which the largest channel,
+ * rounded, has 9 bits. */
 static uint32_t rgb9e5(const float rgb[3], float scale) {
     float c[3], largest = 0;
     for (int i = 0; i < 3; i++) {

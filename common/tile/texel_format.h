@@ -20,8 +20,8 @@ enum lw_texel_format {
 /** Bytes of a texel; 0 for what is no format. */
 size_t lw_texel_format_size(enum lw_texel_format format);
 
-/** Writes `count` texels of 3 floats, each times `scale`, to the nearest value of the format; what is more than the format
- * holds becomes its largest, what is negative or no number 0.
+/** Writes `count` texels of 3 floats, each times `scale`, to the nearest value of the format; what is more
+ * than the format holds becomes its largest, what is negative or no number 0.
  * format  one of the above
  * dst     count * lw_texel_format_size() bytes, at any address */
 void lw_texel_format_write(enum lw_texel_format format, float scale, const float *rgb, size_t count,

@@ -1,4 +1,5 @@
-/* tile_bits.h: a sequence of bits, the low ones of each byte first, and the codes of whole numbers that tile_dct.h uses.
+/* tile_bits.h: a sequence of bits, the low ones of each byte first, and the codes of whole numbers that
+ * tile_dct.h uses.
  * Threads: a sequence belongs to one thread. */
 #ifndef LW_COMMON_TILE_BITS_H
 #define LW_COMMON_TILE_BITS_H
@@ -38,8 +39,8 @@ static inline void lw_tile_bits_put(struct lw_tile_bits_writer *w, uint64_t bits
 
 static inline uint8_t *lw_tile_bits_end(struct lw_tile_bits_writer *w) { return w->at + (w->count > 0); }
 
-/** v < 2^20: v >> k in ones, a zero, k low bits; or 12 ones and 20 bits. Then the lowest bit of `more`, if it has one:
- * more_count is 0 or 1. */
+/** v < 2^20: v >> k in ones, a zero, k low bits; or 12 ones and 20 bits. Then the lowest bit of `more`, if it
+ * has one: more_count is 0 or 1. */
 static inline void lw_tile_bits_put_rice(struct lw_tile_bits_writer *w, uint32_t v, unsigned k, uint64_t more,
                                          unsigned more_count) {
     uint32_t ones = v >> k;

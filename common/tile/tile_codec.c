@@ -11,8 +11,8 @@
 #define PLANES_MAX   (LW_TILE_TEXELS_MAX * 3u)
 #define HALF_MAX     65504.0f
 #define HALF_LARGEST 0x7bffu
-/* Values are scaled so that the largest lies in (2^14, 2^15]: inside half's range with a bit to spare, and with its
- * normal numbers reaching 29 powers of two below. */
+/* Values are scaled so that the largest lies in (2^14, 2^15]: inside half's range with a bit to spare, and
+ * with its normal numbers reaching 29 powers of two below. */
 #define SCALED_EXPONENT 15
 
 struct lw_tile_codec {
@@ -56,7 +56,8 @@ bool lw_tile_codec_is_known(uint32_t number) {
     return number == LW_TILE_CODEC_HALF_ZSTD || number == LW_TILE_CODEC_DCT;
 }
 
-/* Nearest half of a float in [0, HALF_MAX], ties to even: adding 2^(13 + exponent) drops the mantissa's low bits. */
+/* Nearest half of a float in [0, HALF_MAX], ties to even: adding 2^(13 + exponent) drops the mantissa's low
+ * bits. */
 static uint16_t half_from_float(float f) {
     uint32_t bits;
     if (f < 0x1p-14f) return (uint16_t)lrintf(f * 0x1p24f); /* subnormal: multiples of 2^-24 */
@@ -139,8 +140,8 @@ enum lw_status lw_tile_codec_encode_between(struct lw_tile_codec *codec, const u
     return LW_OK;
 }
 
-/* One frame that says its size and needs no dictionary, and nothing after it: zstd itself would also take frames in a row
- * and frames of any size. */
+/* One frame that says its size and needs no dictionary, and nothing after it: zstd itself would also take
+ * frames in a row and frames of any size. */
 static bool is_one_frame(const uint8_t *src, size_t src_size, size_t content_size) {
     return ZSTD_getFrameContentSize(src, src_size) == content_size &&
            ZSTD_findFrameCompressedSize(src, src_size) == src_size;

@@ -18,17 +18,19 @@ void lw_tile_codec_destroy(struct lw_tile_codec *codec);
 /** Largest payload of any tile in any codec, bytes. */
 size_t lw_tile_codec_bound(void);
 
-/** Encodes width x height texels of 3 floats (RGB interleaved, row by row, W/m^2, >= 0), as near as halves are.
+/** Encodes width x height texels of 3 floats (RGB interleaved, row by row, W/m^2, >= 0), as near as halves
+ * are.
  * out_scale       the power of two that values were divided by
- * out_saturated   channels that were not finite or negative (stored as 0) or, never by choice of scale, too large
+ * out_saturated   channels that were not finite or negative (stored as 0) or, never by choice of scale, too
+ *                 large
  * Errors: LW_NO_MEMORY, LW_INTERNAL if dst_capacity is under the bound. */
 LW_MUST_CHECK enum lw_status lw_tile_codec_encode_half(struct lw_tile_codec *codec, const float *rgb,
                                                        uint32_t width, uint32_t height, uint8_t *dst,
                                                        size_t dst_capacity, size_t *out_size,
                                                        float *out_scale, uint32_t *out_saturated);
 
-/** Encodes texels as near as their source says: lw_tile_dct_encode(), where all of it is explained. delta_dst: of the same
- * capacity; needed with a history only.
+/** Encodes texels as near as their source says: lw_tile_dct_encode(), where all of it is explained.
+ * delta_dst: of the same capacity; needed with a history only.
  * Errors: LW_INTERNAL if dst_capacity is under the bound. */
 LW_MUST_CHECK enum lw_status lw_tile_codec_encode_dct(struct lw_tile_codec *codec,
                                                       const struct lw_tile_dct_source *source,
@@ -36,9 +38,9 @@ LW_MUST_CHECK enum lw_status lw_tile_codec_encode_dct(struct lw_tile_codec *code
                                                       uint8_t *delta_dst, size_t dst_capacity,
                                                       struct lw_tile_dct_coded *out_coded);
 
-/** Encodes how a payload of codec 4 differs from an earlier one of the same tile, neither of them a delta, for who has the levels
- * of `from`; decoded, it is what `to` is, bit by bit. Bytes may come from anyone: LW_BAD_DATA for what is damaged, or has levels on which
- * nothing builds. */
+/** Encodes how a payload of codec 4 differs from an earlier one of the same tile, neither of them a delta,
+ * for who has the levels of `from`; decoded, it is what `to` is, bit by bit. Bytes may come from anyone:
+ * LW_BAD_DATA for what is damaged, or has levels on which nothing builds. */
 LW_MUST_CHECK enum lw_status lw_tile_codec_encode_between(struct lw_tile_codec *codec, const uint8_t *from,
                                                           size_t from_size, const uint8_t *to, size_t to_size,
                                                           uint32_t width, uint32_t height, uint8_t *dst,
@@ -47,17 +49,18 @@ LW_MUST_CHECK enum lw_status lw_tile_codec_encode_between(struct lw_tile_codec *
 /** Whether lw_tile_codec_decode() reads a codec of this number. */
 bool lw_tile_codec_is_known(uint32_t number);
 
-/** Decodes a payload of the codec of that number into width*height*3 floats. Bytes may come from anyone: a payload that is
- * truncated, oversized, of the wrong tile or of an unknown codec gives LW_BAD_DATA and leaves `rgb` unspecified but within
- * bounds; so does a scale that is not a positive finite number. What decodes is always finite and >= 0.
+/** Decodes a payload of the codec of that number into width*height*3 floats. Bytes may come from anyone: a
+ * payload that is truncated, oversized, of the wrong tile or of an unknown codec gives LW_BAD_DATA and
+ * leaves `rgb` unspecified but within bounds; so does a scale that is not a positive finite number. What
+ * decodes is always finite and >= 0.
  * levels  NULL, or what a delta of the tile's next version will need; codec 1 leaves them alone */
 LW_MUST_CHECK enum lw_status lw_tile_codec_decode(struct lw_tile_codec *codec, uint32_t number,
                                                   const uint8_t *src, size_t src_size, float scale,
                                                   uint32_t width, uint32_t height,
                                                   struct lw_tile_dct_levels *levels, float *rgb);
 
-/** The same for a payload that builds on a version of the tile: of codec 4, with the levels of that version, which become
- * those of this one. */
+/** The same for a payload that builds on a version of the tile: of codec 4, with the levels of that version,
+ * which become those of this one. */
 LW_MUST_CHECK enum lw_status lw_tile_codec_decode_delta(struct lw_tile_codec *codec, uint32_t number,
                                                         const uint8_t *src, size_t src_size, float scale,
                                                         uint32_t width, uint32_t height,

@@ -27,11 +27,13 @@
 #define NEAR_SCALE     2.0f /* a history serves as long as its scale */
 #define NEAR_Q         6u   /* and step are so near what the tile wants by itself */
 
-/* The mean of a tile lies about so many scales up: what is darker than a scale is coded absolutely, not relatively. */
+/* The mean of a tile lies about so many scales up: what is darker than a scale is coded absolutely, not
+ * relatively. */
 #define MEAN_IN_SCALES 32.0f
 
-/* Levels are rounded down from a bit over the half: zeros are cheap, and what is dropped is mostly noise. More than this
- * costs in contrast: with 0.38 errors at borders of charts grew by half for 8 % of the bits. */
+/* Levels are rounded down from a bit over the half: zeros are cheap, and what is dropped is mostly noise.
+ * More than this costs in contrast: with 0.38 errors at borders of charts grew by half for 8 % of the
+ * bits. */
 #define ROUND_AC   0.44f
 #define ROUND_MEAN 0.5f
 
@@ -98,8 +100,9 @@ LW_WIDE_INLINE row16 log2_of(row16 x) {
     return __builtin_convertvector((bits >> 23) - 127, row16) + 2.88539008f * z * series;
 }
 
-/* Of the nearest number within 0 and VALUE_MAX, to 4e-6 of the value: the exponential series around the nearest whole number.
- * Floats >= 0 are in the order of their bits; compilers take comparisons of vectors wider than registers apart. */
+/* Of the nearest number within 0 and VALUE_MAX, to 4e-6 of the value: the exponential series around the
+ * nearest whole number. Floats >= 0 are in the order of their bits; compilers take comparisons of vectors
+ * wider than registers apart. */
 LW_WIDE_INLINE row16 exp2_of(row16 x) {
     whole16 below = (whole16)x;
     below = (below & ~(below >> 31)) - VALUE_MAX_BITS;
@@ -110,8 +113,8 @@ LW_WIDE_INLINE row16 exp2_of(row16 x) {
     return power * (row16)((whole + 127) << 23);
 }
 
-/* In place, from E as planes: three logarithms as one of brightness and two of colour. What is off by some amount in a plane
- * is off by about the same in the logarithms. */
+/* In place, from E as planes: three logarithms as one of brightness and two of colour. What is off by some
+ * amount in a plane is off by about the same in the logarithms. */
 LW_WIDE static void take_logarithms(struct lw_tile_dct *dct, uint32_t height, float inverse_scale) {
     for (uint32_t i = 0; i < height * STRIDE; i += 2 * SIDE) {
         const row16 r = log2_of(1 + load16(dct->light[0] + i) * inverse_scale);
@@ -230,9 +233,9 @@ LW_WIDE_INLINE row8 scaled(const int16_t *levels, float step) {
 #define C7 0.097545161f
 #define R8 0.353553391f /* 1/sqrt(8) */
 
-/* A whole block from its levels, of which only those of the first `count` rows and columns are not 0: 4 or 8, known when this is
- * compiled. The second transform takes even and odd frequencies apart: the lower half mirrors the upper one, odd ones with
- * the opposite sign. */
+/* A whole block from its levels, of which only those of the first `count` rows and columns are not 0: 4 or 8,
+ * known when this is compiled. The second transform takes even and odd frequencies apart: the lower half
+ * mirrors the upper one, odd ones with the opposite sign. */
 LW_WIDE_INLINE void inverse8(const struct lw_tile_dct *dct, const int16_t *level, float mean, float step,
                              uint32_t count, float *block) {
     row8 c[SIDE] = {0};
@@ -309,8 +312,8 @@ LW_WIDE_INLINE unsigned rice_k(uint32_t a, uint32_t b) {
     return k < RICE_K_MAX ? k : RICE_K_MAX;
 }
 
-/* `level` by rows: how many up to the last that is not 0, then those, the last one first; after two zeros, how many more
- * there are. */
+/* `level` by rows: how many up to the last that is not 0, then those, the last one first; after two zeros,
+ * how many more there are. */
 LW_WIDE_INLINE void put_means(struct lw_tile_bits_writer *w, const int32_t *level, const uint8_t *scan,
                               uint32_t count, unsigned run_k) {
     while (count && !level[scan[count - 1]]) count--;
@@ -420,8 +423,8 @@ LW_WIDE_INLINE int16_t kept_of(int32_t level) {
     return (int16_t)(level > KEPT_MAX ? KEPT_MAX : level < -KEPT_MAX ? -KEPT_MAX : level);
 }
 
-/* The levels of a payload. The first of each block is that of its mean as far as it fits; grid has them all, by rows of SIDE.
- * length: see lw_tile_rans_get() */
+/* The levels of a payload. The first of each block is that of its mean as far as it fits; grid has them all,
+ * by rows of SIDE. length: see lw_tile_rans_get() */
 static bool get_levels(struct lw_tile_dct *dct, uint32_t kind, const uint8_t *src, size_t src_size,
                        uint32_t width, uint32_t height, int16_t *level, int32_t grid[3][BLOCK_TEXELS],
                        uint8_t *length) {
@@ -444,7 +447,8 @@ static bool get_levels(struct lw_tile_dct *dct, uint32_t kind, const uint8_t *sr
     return lw_tile_bits_is_at_end(&r, rest_size > rest_free ? 7 : 8 * rest_free);
 }
 
-/* What is kept of a tile and dct->change, and their sum back; its means into grid. False if a sum does not fit. */
+/* What is kept of a tile and dct->change, and their sum back; its means into grid. False if a sum does not
+ * fit. */
 LW_WIDE static bool add_change(const struct lw_tile_dct *dct, const uint8_t *length, uint32_t width,
                                uint32_t height, int16_t *kept, int32_t grid[3][BLOCK_TEXELS]) {
     short8 outside = {0};
@@ -509,8 +513,8 @@ static float choose_scale(double mean, float dark) {
 
 LW_WIDE_INLINE int32_t sum8(whole8 x) { return x[0] + x[1] + x[2] + x[3] + x[4] + x[5] + x[6] + x[7]; }
 
-/* Into planes, with what is no number as 0; counts that, and the covered texels. Rows are filled up: no rests of another
- * tile. */
+/* Into planes, with what is no number as 0; counts that, and the covered texels. Rows are filled up: no rests
+ * of another tile. */
 LW_WIDE static uint32_t take_light(struct lw_tile_dct *dct, const float *rgb, const uint8_t *covered,
                                    uint32_t width, uint32_t height, uint32_t *out_saturated) {
     whole8 saturated = {0}, count = {0};
@@ -560,8 +564,8 @@ LW_WIDE static double sum_of(const struct lw_tile_dct *dct, const float *plane, 
     return sum;
 }
 
-/* Nobody asks for what is not covered, so it takes whatever costs least: the mean of its block's covered texels, or
- * of the last block before it that has any. */
+/* Nobody asks for what is not covered, so it takes whatever costs least: the mean of its block's covered
+ * texels, or of the last block before it that has any. */
 LW_WIDE static void fill_uncovered(const struct lw_tile_dct *dct, float *plane, uint32_t width,
                                    uint32_t height) {
     float mean = 0;
@@ -639,7 +643,8 @@ LW_WIDE static void quantise_plane(struct lw_tile_dct *dct, float *plane, uint32
     }
 }
 
-/* Into dct->change, and grids; false if a level is as large as what stands for all larger ones, or a difference is larger. */
+/* Into dct->change, and grids; false if a level is as large as what stands for all larger ones, or a
+ * difference is larger. */
 LW_WIDE static bool find_change(struct lw_tile_dct *dct, const int16_t *from, const int16_t *to,
                                 uint32_t width, uint32_t height, int32_t grid[3][BLOCK_TEXELS]) {
     short8 outside = {0};
@@ -663,8 +668,8 @@ LW_WIDE static bool find_change(struct lw_tile_dct *dct, const int16_t *from, co
     return !any;
 }
 
-/* A mean of logarithms is under the logarithm of the mean, so what was noise has become darker. One factor per channel
- * makes up for it. False if no gain does, and the mean is off by more than black. */
+/* A mean of logarithms is under the logarithm of the mean, so what was noise has become darker. One factor
+ * per channel makes up for it. False if no gain does, and the mean is off by more than black. */
 static bool choose_gain(double was, double is, double black, uint8_t *out_gain) {
     *out_gain = 0;
     const double gain = was > 0 && is > 0 ? LW_TILE_DCT_GAIN_UNIT * log2(was / is) : (double)INFINITY;
@@ -688,7 +693,8 @@ static size_t put_payload(struct lw_tile_dct *dct, uint32_t kind, uint32_t q, co
                                           (size_t)(lw_tile_bits_end(&w) - means), dst + HEADER_SIZE);
 }
 
-/* With one step; false if it is so coarse that the mean is lost. delta_dst: NULL: what history holds is of no use. */
+/* With one step; false if it is so coarse that the mean is lost. delta_dst: NULL: what history holds is of no
+ * use. */
 static bool encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source *source, uint32_t covered_count,
                    uint32_t q, const double sum[3], struct lw_tile_dct_history *history, uint8_t *dst,
                    uint8_t *delta_dst, struct lw_tile_dct_coded *coded) {
@@ -746,7 +752,8 @@ void lw_tile_dct_encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source
         q = history->q;
     }
     if (!continues) delta_dst = NULL;
-    /* A few texels that shine hundreds of times as bright as the rest make up the mean: these need a finer step. */
+    /* A few texels that shine hundreds of times as bright as the rest make up the mean: these need a finer
+     * step. */
     while (!encode(dct, source, count, q, sum, history, dst, delta_dst, out_coded) &&
            q < LW_TILE_DCT_STEP_Q_MAX) {
         q = q + FINER_Q < LW_TILE_DCT_STEP_Q_MAX ? q + FINER_Q : LW_TILE_DCT_STEP_Q_MAX;

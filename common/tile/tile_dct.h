@@ -1,5 +1,6 @@
-/* tile_dct.h: the lossy tile codec: 8 x 8 cosine transforms of the logarithm of irradiance, quantised by a step that the
- * caller takes from the tile's own noise. Pure functions; format: proto/wire_format.md, codec 4. Used through tile_codec.h.
+/* tile_dct.h: the lossy tile codec: 8 x 8 cosine transforms of the logarithm of irradiance, quantised by a
+ * step that the caller takes from the tile's own noise. Pure functions; format: proto/wire_format.md, codec
+ * 4. Used through tile_codec.h.
  * Threads: [any]; one struct lw_tile_dct per thread.
  * After:   orthonormal DCT-II; tile_rans.h for levels, adaptive Golomb codes (Rice 1979) for means. */
 #ifndef LW_COMMON_TILE_DCT_H
@@ -19,7 +20,8 @@
 /* Gains are 2^(g/512). */
 #define LW_TILE_DCT_GAIN_UNIT 512
 
-/* Levels of a plane: block by block, of each its rows. The first of each block is one of the means', in rows of blocks. */
+/* Levels of a plane: block by block, of each its rows. The first of each block is one of the means', in rows
+ * of blocks. */
 #define LW_TILE_DCT_PLANE_LEVELS LW_TILE_TEXELS_MAX
 
 /* LW_TILE_RANS_BOUND, and for each mean 12 + 20 + 1 bits. */
@@ -42,9 +44,9 @@ struct lw_tile_dct {
 /** Fills in the tables. */
 void lw_tile_dct_init(struct lw_tile_dct *dct);
 
-/** The levels of a tile, kept so that a later payload can say by how much they differ: three planes in the order of
- * lw_tile_dct.level, each as many rows of blocks as the tile has. Levels beyond 16 bits are kept as the nearest; nothing may
- * build on such a tile. */
+/** The levels of a tile, kept so that a later payload can say by how much they differ: three planes in the
+ * order of lw_tile_dct.level, each as many rows of blocks as the tile has. Levels beyond 16 bits are kept as
+ * the nearest; nothing may build on such a tile. */
 struct lw_tile_dct_levels {
     _Alignas(64) int16_t level[3 * LW_TILE_DCT_PLANE_LEVELS];
 };
@@ -56,20 +58,22 @@ struct lw_tile_dct_history {
     struct lw_tile_dct_levels levels;
 };
 
-/** Bytes at the beginning of either that a tile of this height needs: 24 KB for 64 texels. No others are touched, so that one
- * may have as little memory (aligned_alloc(), a multiple of 64). */
+/** Bytes at the beginning of either that a tile of this height needs: 24 KB for 64 texels. No others are
+ * touched, so that one may have as little memory (aligned_alloc(), a multiple of 64). */
 size_t lw_tile_dct_levels_size(uint32_t height);
 size_t lw_tile_dct_history_size(uint32_t height);
 
 /** Texels to be encoded, and how.
  * rgb        width * height, at most LW_TILE_SIDE each, of 3 floats
  * covered    per texel, 0: whoever decodes may find anything there; NULL: every texel counts
- * step       of every coefficient, in log2(1 + E/scale); none is off by more than 0.56 of it (LW_TILE_DCT_HOLD if it builds on
- *            a history), so neither is any plane in the root mean square; all three together make R, G and B differ by 0.3
- *            to 0.5 of it, root mean square. Taken down to a power of 2^(1/8) within the range above, further where the mean
- *            asks for it; with a history, up or down to its step where that is near
- * dark       W/m^2: light this dark looks black beside the scene's white. The scale is no smaller, so what is darker is coded
- *            by its difference and not by its ratio; 0: the tile's own mean alone says what is dark */
+ * step       of every coefficient, in log2(1 + E/scale); none is off by more than 0.56 of it
+ *            (LW_TILE_DCT_HOLD if it builds on a history), so neither is any plane in the root mean square;
+ *            all three together make R, G and B differ by 0.3 to 0.5 of it, root mean square. Taken down to
+ *            a power of 2^(1/8) within the range above, further where the mean asks for it; with a history,
+ *            up or down to its step where that is near
+ * dark       W/m^2: light this dark looks black beside the scene's white. The scale is no smaller, so what
+ *            is darker is coded by its difference and not by its ratio; 0: the tile's own mean alone says
+ *            what is dark */
 struct lw_tile_dct_source {
     const float *rgb;
     const uint8_t *covered;
@@ -87,25 +91,28 @@ struct lw_tile_dct_coded {
 };
 
 /** Encodes a tile that builds on nothing into at most LW_TILE_DCT_BOUND bytes.
- * history    NULL: none is kept. Otherwise it becomes that of this payload; where it holds one that serves, the same tile is
- *            also encoded as what changed since, into delta_dst of the same size: decoded, both are the same bit by bit
+ * history    NULL: none is kept. Otherwise it becomes that of this payload; where it holds one that serves,
+ *            the same tile is also encoded as what changed since, into delta_dst of the same size: decoded,
+ *            both are the same bit by bit
  * The mean of each channel over the covered texels is kept to 0.1 %, or to 1/4096 of the scale. */
 void lw_tile_dct_encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source *source,
                         struct lw_tile_dct_history *history, uint8_t *dst, uint8_t *delta_dst,
                         struct lw_tile_dct_coded *out_coded);
 
-/** Decodes into width * height * 3 floats, finite and >= 0. False for what no encoder writes: another length, kind or
- * step; rgb and levels are then unspecified. Bytes may come from anyone. scale: 0 < scale <= 2^60.
+/** Decodes into width * height * 3 floats, finite and >= 0. False for what no encoder writes: another length,
+ * kind or step; rgb and levels are then unspecified. Bytes may come from anyone. scale: 0 < scale <= 2^60.
  * kind       what the payload must be: LW_TILE_DCT_INTRA or LW_TILE_DCT_DELTA
  * levels     of the tile as it was, for a delta, then as it is; NULL, with INTRA alone: they are not kept */
 bool lw_tile_dct_decode(struct lw_tile_dct *dct, uint32_t kind, const uint8_t *src, size_t src_size,
                         float scale, uint32_t width, uint32_t height, struct lw_tile_dct_levels *levels,
                         float *rgb);
 
-/** Encodes how a payload differs from an earlier one of the same tile, both of kind INTRA: a delta over any number of versions, for
- * who has the levels of `from`, which decodes to what `to` does bit by bit. Bytes may come from anyone.
+/** Encodes how a payload differs from an earlier one of the same tile, both of kind INTRA: a delta over any
+ * number of versions, for who has the levels of `from`, which decodes to what `to` does bit by bit. Bytes
+ * may come from anyone.
  * dst        LW_TILE_DCT_BOUND bytes
- * Returns the size; 0: one of them is damaged, or has levels that may be beyond 16 bits, on which nothing builds. */
+ * Returns the size; 0: one of them is damaged, or has levels that may be beyond 16 bits, on which nothing
+ * builds. */
 size_t lw_tile_dct_encode_between(struct lw_tile_dct *dct, const uint8_t *from, size_t from_size,
                                   const uint8_t *to, size_t to_size, uint32_t width, uint32_t height,
                                   struct lw_tile_dct_levels scratch[2], uint8_t *dst);

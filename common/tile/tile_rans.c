@@ -37,8 +37,8 @@ static const uint8_t length_raw[] = {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0
 
 #define LEVEL_TABLES 16u
 
-/* Slots of each token, by table: counted over tiles of the atrium, Sponza and the Cornell box at steps of 0.1 to 0.5, as
- * tests/bench/bench_rans_tables.c counts them. */
+/* Slots of each token, by table: counted over tiles of the atrium, Sponza and the Cornell box at steps of 0.1
+ * to 0.5, as tests/bench/bench_rans_tables.c counts them. */
 static const uint16_t share_of[LW_TILE_RANS_TABLES][LW_TILE_RANS_TOKENS] = {
     {909, 89, 5, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1},
     {853, 135, 13, 3, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1},
@@ -66,7 +66,8 @@ static const uint16_t share_of[LW_TILE_RANS_TABLES][LW_TILE_RANS_TOKENS] = {
     {42, 2, 4, 1, 3, 3, 1, 3, 3, 3, 1, 2, 2, 3, 2, 2, 14, 24, 95, 814},
 };
 
-/* By diagonal of the level's place: up to 1, 3, 6, and beyond; and by class_of() the sum of its neighbours. */
+/* By diagonal of the level's place: up to 1, 3, 6, and beyond; and by class_of() the sum of its
+ * neighbours. */
 static const uint8_t near_tables[4][CLASSES] = {
     {4, 7, 7, 7, 9, 10, 11, 12, 12, 13, 14, 14, 14, 14, 14},
     {1, 3, 5, 6, 8, 9, 10, 11, 12, 13, 13, 14, 14, 14, 14},
@@ -241,7 +242,8 @@ LW_WIDE_INLINE uint32_t get_token(struct reader *r, uint32_t lane, const uint32_
     return slot >> 24;
 }
 
-/* The sizes that are too large for tokens, after the lanes' tokens of a step. Adds to `outside` what no level is. */
+/* The sizes that are too large for tokens, after the lanes' tokens of a step. Adds to `outside` what no level
+ * is. */
 static const uint8_t *get_far(const uint8_t *at, uint32_t lanes, int16_t *row, uint32_t *outside) {
     for (; lanes; lanes &= lanes - 1, at += 2) {
         int16_t *level = &row[__builtin_ctz(lanes)];
@@ -583,8 +585,8 @@ LW_WIDE_INLINE uint8_t *put_state(uint8_t *end, uint32_t state) {
     return put_word(put_word(end, state >> 16), state & 0xffff);
 }
 
-/* What get_token() undoes; words go before those that are there. symbol: the slot and, above its bits, the raw ones; from bit
- * 16 on the share, from bit 26 on how many raw bits there are. */
+/* What get_token() undoes; words go before those that are there. symbol: the slot and, above its bits, the
+ * raw ones; from bit 16 on the share, from bit 26 on how many raw bits there are. */
 LW_WIDE_INLINE uint32_t put_symbol(const struct lw_tile_rans *rans, uint32_t x, uint32_t symbol,
                                    uint8_t **end) {
     const uint32_t share = symbol >> 16 & 1023, raw_bits = symbol >> 26;

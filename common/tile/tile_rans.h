@@ -1,8 +1,9 @@
-/* tile_rans.h: the levels of tile_dct.h as bytes: up to sixteen interleaved range coders that share one stream of words. Each
- * level's probability follows from its neighbours of higher frequency, by fixed tables, so that no lane waits for another, nor
- * for its own last level. Format: proto/wire_format.md, codec 4.
+/* tile_rans.h: the levels of tile_dct.h as bytes: up to sixteen interleaved range coders that share one
+ * stream of words. Each level's probability follows from its neighbours of higher frequency, by fixed tables,
+ * so that no lane waits for another, nor for its own last level. Format: proto/wire_format.md, codec 4.
  * Threads: [any]; one struct lw_tile_rans per thread.
- * After:   asymmetric numeral systems, Duda 2013; lanes in one stream, Giesen 2014 ("Interleaved entropy coders"). */
+ * After:   asymmetric numeral systems, Duda 2013; lanes in one stream, Giesen 2014 ("Interleaved entropy
+ *          coders"). */
 #ifndef LW_COMMON_TILE_RANS_H
 #define LW_COMMON_TILE_RANS_H
 
@@ -46,7 +47,8 @@ struct lw_tile_rans {
         diagonal[LW_TILE_RANS_PLACES]; /* of place in the list */
     uint8_t length_table[2 * LW_TILE_RANS_PLACES];
     uint8_t neighbour[LW_TILE_RANS_PLACES][5]; /* places in the list; LW_TILE_RANS_PLACES - 1: none */
-    /* Per place in the list and lane: sizes as far as they count next to others, and levels. The last row of sizes stays 0. */
+    /* Per place in the list and lane: sizes as far as they count next to others, and levels. The last row of
+     * sizes stays 0. */
     _Alignas(64) uint8_t size[LW_TILE_RANS_PLACES][LW_TILE_RANS_LANES];
     _Alignas(64) int16_t row[LW_TILE_RANS_PLACES][LW_TILE_RANS_LANES];
     uint8_t spread[256][8]; /* of eight lanes, some of which take a word: the number of each one's word */
@@ -61,9 +63,10 @@ struct lw_tile_rans {
 /** isa becomes the best that the processor has. */
 void lw_tile_rans_init(struct lw_tile_rans *rans);
 
-/** Writes the levels of a tile of width x height texels, and after them other bytes, some of which cost nothing.
- * level      three planes, of each the blocks in rows of LW_TILE_SIDE / 8, of each its rows; the first of each block is not
- *            written, nor what lies outside the tile
+/** Writes the levels of a tile of width x height texels, and after them other bytes, some of which cost
+ * nothing.
+ * level      three planes, of each the blocks in rows of LW_TILE_SIDE / 8, of each its rows; the first of
+ *            each block is not written, nor what lies outside the tile
  * rest       rest_size bytes, of which zeros at the end may be left out
  * dst        of LW_TILE_RANS_BOUND + rest_size bytes at least
  * Returns how many it wrote. */
@@ -72,8 +75,10 @@ size_t lw_tile_rans_put(struct lw_tile_rans *rans, const int16_t *level, uint32_
 
 /** Reads them. Bytes may come from anyone; false if they are not what an encoder writes.
  * level      all of it is written, as far as the tile has rows of blocks
- * length     of each block of each plane, LW_TILE_TEXELS_MAX / 64 a plane: how many levels beyond the first were in its list
- * out_rest   the other bytes, in `rans` until the next call; the first *out_rest_free of them are always there, if as zeros */
+ * length     of each block of each plane, LW_TILE_TEXELS_MAX / 64 a plane: how many levels beyond the first
+ *            were in its list
+ * out_rest   the other bytes, in `rans` until the next call; the first *out_rest_free of them are always
+ *            there, if as zeros */
 bool lw_tile_rans_get(struct lw_tile_rans *rans, const uint8_t *src, size_t src_size, uint32_t width,
                       uint32_t height, int16_t *level, uint8_t *length, const uint8_t **out_rest,
                       size_t *out_rest_size, size_t *out_rest_free);

@@ -33,8 +33,8 @@ struct mover {
     struct box box_ws; /* with room for rounding */
 };
 
-/* What moves is mostly small: rays that pass by all of it are kept from the moving scene by boxes, each around so many
- * neighbouring movers. More boxes cost every ray more than they save. */
+/* What moves is mostly small: rays that pass by all of it are kept from the moving scene by boxes, each
+ * around so many neighbouring movers. More boxes cost every ray more than they save. */
 #define BOXES_MAX 8u
 
 /* What stays, built anew without what has left it. */
@@ -73,7 +73,8 @@ static const struct lw_material *material_of(const struct geometry *g, uint32_t 
     return &g->scene->material[g->mesh->material[triangle]];
 }
 
-/* Embree's packets of runtime width are rows of `n` floats or words each; its own accessors are for C++ only. */
+/* Embree's packets of runtime width are rows of `n` floats or words each; its own accessors are for C++
+ * only. */
 enum { RAY_ORG_X, RAY_ORG_Y, RAY_ORG_Z, RAY_DIR_X = 4, RAY_DIR_Y, RAY_DIR_Z, RAY_SALT = 10 };
 enum { HIT_NG_X, HIT_NG_Y, HIT_NG_Z, HIT_U, HIT_V, HIT_TRIANGLE };
 
@@ -107,8 +108,9 @@ static bool passes_alpha(const struct geometry *g, unsigned flags,
     return blend_choice(g, args->ray, triangle, args->N, i) >= alpha;
 }
 
-/* Called for hits on geometry with alpha (all rays) and, as the context's filter, for every hit of view rays that may meet backs.
- * Ray and normal are both in the geometry's own space here, so their signs need no transform. */
+/* Called for hits on geometry with alpha (all rays) and, as the context's filter, for every hit of view rays
+ * that may meet backs. Ray and normal are both in the geometry's own space here, so their signs need no
+ * transform. */
 static void filter(const struct RTCFilterFunctionNArguments *args) {
     const struct geometry *g = args->geometryUserPtr;
     const struct lw_trace_context *context = (const struct lw_trace_context *)args->context;
@@ -215,7 +217,8 @@ static struct box box_of_mesh(const struct lw_mesh *mesh) {
     return box;
 }
 
-/* Room on all sides: far more than Embree rounds by on the way into the instance's space and back, far less than a mover. */
+/* Room on all sides: far more than Embree rounds by on the way into the instance's space and back, far less
+ * than a mover. */
 static struct box box_with_room(struct box box) {
     struct lw_vec3 most =
         largest(largest(box.high, lw_vec3_scale(box.low, -1)), lw_vec3_sub(box.high, box.low));
@@ -617,8 +620,8 @@ void lw_trace_closest16(const struct lw_trace *trace, unsigned flags, uint16_t a
     memset(rh.hit.geomID, 0xff, sizeof rh.hit.geomID);
     memset(rh.hit.instID, 0xff, sizeof rh.hit.instID);
     memset(out_hits->back, 0, sizeof out_hits->back);
-    /* A view mostly looks at fronts: a filter that asks of each hit costs a fifth more than to ask of the last one, and to
-     * trace again where that is a back. */
+    /* A view mostly looks at fronts: a filter that asks of each hit costs a fifth more than to ask of the
+     * last one, and to trace again where that is a back. */
     intersect(trace, flags, false, valid, &rh, out_hits->back);
     if ((flags & LW_TRACE_VIEW) && meet_backs(trace, rays, valid, &rh, out_hits->back))
         intersect(trace, flags, true, valid, &rh, out_hits->back);
@@ -652,8 +655,9 @@ uint16_t lw_trace_occluded16(const struct lw_trace *trace, unsigned flags, uint1
     uint16_t occluded = occluded_lanes(valid, ray.tfar);
     load_valid(valid, active & (uint16_t)~occluded);
     if (trace->moving && reach_movers(trace, &ray, valid)) {
-        /* Without the coherent flag: in a scene with instances Embree 3.13.5's rtcOccluded16 with it does not return for
-         * some packets (its loop over the octants of directions finds no ray in one and stays there). */
+        /* Without the coherent flag: in a scene with instances Embree 3.13.5's rtcOccluded16 with it does not
+         * return for some packets (its loop over the octants of directions finds no ray in one and stays
+         * there). */
         init_context(&context, NULL, flags & ~(unsigned)LW_TRACE_COHERENT, every_hit);
         empty_rest(valid, ray.tfar);
         rtcOccluded16(valid, trace->moving, &context.rtc, &ray);

@@ -7,7 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Packets between two looks at the clock, 190 kB: they stay in the second-level cache, with room for the scene. */
+/* Packets between two looks at the clock, 190 kB: they stay in the second-level cache, with room for the
+ * scene. */
 #define CHUNK 128u
 
 struct packet {

@@ -1,4 +1,5 @@
-/* bake.h: the solve of a bake: frames until every texel has enough, with progress, a time limit, and a state on disk.
+/* bake.h: the solve of a bake: frames until every texel has enough, with progress, a time limit, and a state
+ * on disk.
  * Flow:    scene, pose, solver -> [bake: frames] -> solver with the light -> maps
  * Threads: main() only; the solver runs its own workers. */
 #ifndef LW_BAKE_BAKE_H
@@ -33,9 +34,9 @@ struct lw_bake_result {
 LW_MUST_CHECK enum lw_status lw_bake_resume(const struct lw_bake_desc *desc, uint64_t *out_frames,
                                             struct lw_error *err);
 
-/** Solves frames until all tiles rest, the time is up or somebody says stop; then saves the state once more, so that
- * nothing is lost where the maps cannot be written. A state that cannot be saved is a warning: the bake goes on.
- * frames: what lw_bake_resume() said. Errors: the solver's. */
+/** Solves frames until all tiles rest, the time is up or somebody says stop; then saves the state once more,
+ * so that nothing is lost where the maps cannot be written. A state that cannot be saved is a warning: the
+ * bake goes on. frames: what lw_bake_resume() said. Errors: the solver's. */
 LW_MUST_CHECK enum lw_status lw_bake_run(const struct lw_bake_desc *desc, uint64_t frames,
                                          struct lw_bake_result *out_result, struct lw_error *err);
 

@@ -3,7 +3,8 @@
  * Threads: one lw_glb belongs to one thread.
  * After:   the glTF 2.0 specification, 3.6 (buffers, views, accessors) and 4.4 (GLB layout).
  *
- * Failures are kept: after the first, every call is harmless and returns LW_GLB_NONE; lw_glb_write() tells it. */
+ * Failures are kept: after the first, every call is harmless and returns LW_GLB_NONE; lw_glb_write() tells
+ * it. */
 #ifndef LW_BAKE_GLB_H
 #define LW_BAKE_GLB_H
 
@@ -31,8 +32,8 @@ void lw_glb_finish(struct lw_glb *glb);
 /** Keeps a failure, if it is the first. */
 void lw_glb_fail(struct lw_glb *glb, enum lw_status status, const char *what);
 
-/** Appends to one of the root's arrays ("materials"), made at its first use. Takes `item`; NULL is out of memory.
- * Returns its index. */
+/** Appends to one of the root's arrays ("materials"), made at its first use. Takes `item`; NULL is out of
+ * memory. Returns its index. */
 uint32_t lw_glb_add(struct lw_glb *glb, const char *array, json_t *item);
 
 /** Lists an extension in extensionsUsed, once. */

@@ -1,9 +1,10 @@
-/* glb_scene.h: a lit scene as a .glb that engines load: geometry with lightmap coordinates, materials that name their
- * maps.
+/* glb_scene.h: a lit scene as a .glb that engines load: geometry with lightmap coordinates, materials that
+ * name their maps.
  * Flow:    scene, each object's map -> [glb_scene] -> .glb
  * Threads: main() only. What is in the file and how to use it: docs/baking.md.
  *
- * Each object gets materials of its own, since each has a map of its own; vertices are shared by the objects of a mesh. */
+ * Each object gets materials of its own, since each has a map of its own; vertices are shared by the objects
+ * of a mesh. */
 #ifndef LW_BAKE_GLB_SCENE_H
 #define LW_BAKE_GLB_SCENE_H
 
@@ -16,8 +17,8 @@ struct lw_glb_scene_desc {
     const char *map_folder;                 /* of the EXRs, relative to the .glb: "" or "maps/" */
     bool split_sides; /* double-sided triangles twice, single-sided, so that each side shows its own light */
     bool with_lights; /* keeps the punctual lights, whose light the maps hold already */
-    const uint8_t
-        *drawn; /* per light, 1: kept in any case, because the maps lack its direct light; NULL: none */
+    /* per light, 1: kept in any case, because the maps lack its direct light; NULL: none */
+    const uint8_t *drawn;
 };
 
 /* A mesh of the scene in the file: what the objects that use it share. */

@@ -40,7 +40,8 @@ LW_MUST_CHECK enum lw_status lw_manifest_add(struct lw_manifest *manifest, const
 LW_MUST_CHECK enum lw_status lw_manifest_write(const struct lw_manifest *manifest, const char *path,
                                                struct lw_error *err);
 
-/** A JSON string of text that may not be UTF-8 (paths): then what is not ASCII becomes '?'. NULL when out of memory. */
+/** A JSON string of text that may not be UTF-8 (paths): then what is not ASCII becomes '?'. NULL when out of
+ * memory. */
 json_t *lw_manifest_text(const char *text);
 
 #endif

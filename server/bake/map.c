@@ -27,7 +27,8 @@ double lw_map_half_loss(const float *value, size_t count) {
     return sum > 0 ? lost / sum : 0;
 }
 
-/* ---- from the solver's tiles ---------------------------------------------------------------------------------- */
+/* ---- from the solver's tiles
+ * ---------------------------------------------------------------------------------- */
 
 /* A tile's light by the convention, in `plane`, in place of its irradiance. */
 static void convert_tile(struct lw_solver_tile *tile, const struct lw_convention *convention,
@@ -70,8 +71,8 @@ static void load_tiles(struct lw_map *map, struct lw_levels *levels, const struc
         map->samples = 0;
 }
 
-/* Level 0 with its gutters; further out the nearest coarser texel, so that an engine's own mip levels and compression
- * blocks find no black beside a chart. */
+/* Level 0 with its gutters; further out the nearest coarser texel, so that an engine's own mip levels and
+ * compression blocks find no black beside a chart. */
 static void fill_map(struct lw_map *map, const struct lw_levels *levels) {
     for (uint32_t y = 0; y < map->height; y++)
         for (uint32_t x = 0; x < map->width; x++) {
@@ -146,9 +147,11 @@ void lw_map_finish(struct lw_map *map) {
     *map = (struct lw_map){0};
 }
 
-/* ---- in 8 bits ------------------------------------------------------------------------------------------------ */
+/* ---- in 8 bits
+ * ------------------------------------------------------------------------------------------------ */
 
-/* The value that all but CLIPPED_MAX of the surface stay under, to one part in HISTOGRAM_STEPS of the largest. */
+/* The value that all but CLIPPED_MAX of the surface stay under, to one part in HISTOGRAM_STEPS of the
+ * largest. */
 static float choose_scale(const struct lw_map *map) {
     uint32_t histogram[HISTOGRAM_STEPS + 1] = {0}, total = 0;
     if (!(map->largest > 0)) return 1;

@@ -33,13 +33,13 @@ LW_MUST_CHECK enum lw_status lw_map_build(struct lw_map *map, const struct lw_sc
                                           struct lw_error *err);
 void lw_map_finish(struct lw_map *map);
 
-/** A map in 8 bits a channel: texel / 255 * scale is the light, linear. Largest values are cut off: 0.1 % of the surface
- * at most is brighter than `scale`. Rounding is dithered, so that dark gradients do not turn into steps.
- * *out_rgb is malloc'ed, width * height * 3. Errors: LW_NO_MEMORY. */
+/** A map in 8 bits a channel: texel / 255 * scale is the light, linear. Largest values are cut off: 0.1 % of
+ * the surface at most is brighter than `scale`. Rounding is dithered, so that dark gradients do not turn
+ * into steps. *out_rgb is malloc'ed, width * height * 3. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_map_to_8_bit(const struct lw_map *map, uint8_t **out_rgb, float *out_scale);
 
-/** The largest relative change of the light by rounding to 16-bit floats, in the mean over `count` values; INFINITY where
- * one does not fit. */
+/** The largest relative change of the light by rounding to 16-bit floats, in the mean over `count` values;
+ * INFINITY where one does not fit. */
 double lw_map_half_loss(const float *value, size_t count);
 
 #endif

@@ -23,7 +23,8 @@ static bool is_folder(const char *path) {
     return stat(path, &info) == 0 && S_ISDIR(info.st_mode);
 }
 
-/* Replaces the name at the end of `path` (from `name` on) by one of the folder's that differs in case only. */
+/* Replaces the name at the end of `path` (from `name` on) by one of the folder's that differs in case
+ * only. */
 static bool mend_case(char *path, char *name, bool folder_wanted) {
     char saved = name[-1];
     name[-1] = 0;

@@ -1,15 +1,15 @@
-/* beside.h: finds the file that a scene means when it names one: a texture, a material library. Scenes travel; their
- * paths are often those of another machine.
+/* beside.h: finds the file that a scene means when it names one: a texture, a material library. Scenes
+ * travel; their paths are often those of another machine.
  * Threads: [any]. */
 #ifndef LW_IMPORT_BESIDE_H
 #define LW_IMPORT_BESIDE_H
 
 #include "common/status.h"
 
-/** Looks for `wanted` in the folder of the scene and below, never elsewhere: the path as it is if that stays inside,
- * then its last parts, then its base name alone in the folder, in textures, texture, tex, maps, images, materials and
- * in SCENE.fbm. Backslashes count as slashes, file:// and %-escapes are read as such if nothing has that very name;
- * upper and lower case count only if both exist.
+/** Looks for `wanted` in the folder of the scene and below, never elsewhere: the path as it is if that stays
+ * inside, then its last parts, then its base name alone in the folder, in textures, texture, tex, maps,
+ * images, materials and in SCENE.fbm. Backslashes count as slashes, file:// and %-escapes are read as such
+ * if nothing has that very name; upper and lower case count only if both exist.
  * folder     of the scene
  * scene      base name of the scene, for SCENE.fbm
  * out_path   malloc'ed; a regular file

@@ -12,7 +12,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* What a file may cost, by its size: text of a few bytes becomes a vertex of many, and Assimp holds it several times. */
+/* What a file may cost, by its size: text of a few bytes becomes a vertex of many, and Assimp holds it
+ * several times. */
 #define MEMORY_BASE     (2ull << 30) /* bytes */
 #define MEMORY_PER_BYTE 100ull
 #define SECONDS_BASE    20.0
@@ -23,7 +24,8 @@
 
 /* ---- Assimp ---- */
 
-/* Whether an OBJ has smoothing groups and no normals. Assimp reads the groups of no format but ignores OBJ's. */
+/* Whether an OBJ has smoothing groups and no normals. Assimp reads the groups of no format but ignores
+ * OBJ's. */
 static bool asks_for_smooth(const struct lw_foreign_files *files) {
     const char *at = (const char *)files->bytes, *end = at + files->size;
     bool smooth = false;
@@ -39,7 +41,8 @@ static bool asks_for_smooth(const struct lw_foreign_files *files) {
     return smooth;
 }
 
-/* What Assimp says is English for its developers, in several lines at worst: it comes behind our own words. */
+/* What Assimp says is English for its developers, in several lines at worst: it comes behind our own
+ * words. */
 static enum lw_status fail_by_assimp(const struct lw_foreign_import *import, struct lw_error *err) {
     char text[300];
     const char *said = aiGetErrorString();
@@ -134,8 +137,8 @@ static bool axis(const struct aiMetadata *data, const char *name, float unit, fl
     return true;
 }
 
-/* FBX says how many centimetres its unit is, and which of its axes point right, up and towards the viewer. Assimp hands
- * that on; with Collada it has applied it. */
+/* FBX says how many centimetres its unit is, and which of its axes point right, up and towards the viewer.
+ * Assimp hands that on; with Collada it has applied it. */
 static enum lw_status apply_fbx_axes(struct lw_foreign_import *import, struct lw_error *err) {
     const struct aiMetadata *data = import->ai->mMetaData;
     float centimetres = 1;

@@ -1,5 +1,5 @@
-/* foreign.h: reads OBJ, PLY, FBX, Collada and STL through Assimp into a scene. What is kept of each format, and by which
- * conventions: docs/importing.md.
+/* foreign.h: reads OBJ, PLY, FBX, Collada and STL through Assimp into a scene. What is kept of each format,
+ * and by which conventions: docs/importing.md.
  * Flow:    file -> [Assimp, guarded] -> [foreign_*] -> scene -> lightmap UVs -> package
  * Threads: one import at a time: Assimp's last error and our guard are the process's.
  * Runs in lightwell-import only, like every reader of outside files. Assimp opens no file itself. */
@@ -24,8 +24,8 @@ struct lw_foreign_desc {
     int failure_fd;      /* where the guard says why it ended the process; 0: stderr */
 };
 
-/** Errors: LW_NO_INPUT if the file cannot be opened; LW_BAD_DATA naming file and element; LW_NO_MEMORY. Where Assimp
- * crashes or exceeds its limits, the process ends with one line (guard.h). */
+/** Errors: LW_NO_INPUT if the file cannot be opened; LW_BAD_DATA naming file and element; LW_NO_MEMORY. Where
+ * Assimp crashes or exceeds its limits, the process ends with one line (guard.h). */
 LW_MUST_CHECK enum lw_status lw_foreign_load(const struct lw_foreign_desc *desc, struct lw_scene **out_scene,
                                              struct lw_error *err);
 

@@ -1,5 +1,5 @@
-/* foreign_animation.h: Assimp's keyed nodes become the channels of a scene. All animations of a file play together, as
- * those of a glTF file do. */
+/* foreign_animation.h: Assimp's keyed nodes become the channels of a scene. All animations of a file play
+ * together, as those of a glTF file do. */
 #ifndef LW_IMPORT_FOREIGN_ANIMATION_H
 #define LW_IMPORT_FOREIGN_ANIMATION_H
 

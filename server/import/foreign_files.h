@@ -1,5 +1,5 @@
-/* foreign_files.h: the only files that Assimp gets to see, from memory: the scene itself, and for an OBJ its material
- * libraries, found as beside.h says. It can open, list or overwrite nothing else.
+/* foreign_files.h: the only files that Assimp gets to see, from memory: the scene itself, and for an OBJ its
+ * material libraries, found as beside.h says. It can open, list or overwrite nothing else.
  * Threads: one set belongs to one import. */
 #ifndef LW_IMPORT_FOREIGN_FILES_H
 #define LW_IMPORT_FOREIGN_FILES_H

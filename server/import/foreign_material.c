@@ -13,15 +13,17 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* A diffuse colour this dark beside a specular one this bright is that of a mirror or of glass. Below: black rubber, with
- * the highlight that exporters put on everything (0.2 in FBX, 0.4 in Collada, 0.5 in MTL files of some). */
+/* A diffuse colour this dark beside a specular one this bright is that of a mirror or of glass. Below: black
+ * rubber, with the highlight that exporters put on everything (0.2 in FBX, 0.4 in Collada, 0.5 in MTL files
+ * of some). */
 #define BLACK  0.02f
 #define BRIGHT 0.55f
 /* What Assimp puts where a file names no diffuse colour. */
 #define ASSIMP_GREY         0.6f
 #define ASSIMP_DEFAULT_NAME "DefaultMaterial"
 
-/* An opacity map with less than this share of texels between nearly 0 and nearly 1 cuts out; else it blends. */
+/* An opacity map with less than this share of texels between nearly 0 and nearly 1 cuts out; else it
+ * blends. */
 #define BLEND_SHARE   0.25
 #define NEARLY_OPAQUE 229 /* of 255 */
 #define NEARLY_CLEAR  26
@@ -207,8 +209,8 @@ static enum lw_status get_picture(struct lw_foreign_materials *materials, const 
     return LW_OK;
 }
 
-/* The colour of one picture (white if there is none) with the opacity of another, at the larger of their sizes. An
- * opacity map without an alpha channel has it in its brightness. */
+/* The colour of one picture (white if there is none) with the opacity of another, at the larger of their
+ * sizes. An opacity map without an alpha channel has it in its brightness. */
 static enum lw_status combine(struct lw_foreign_materials *materials, uint32_t colour, uint32_t opacity,
                               uint32_t *out_index, struct lw_error *err) {
     bool coloured = colour != LW_SCENE_NONE;
@@ -270,8 +272,8 @@ static uint8_t wrap_of(enum aiTextureMapMode mode) {
                                            : LW_WRAP_CLAMP;
 }
 
-/* Assimp: coordinates are scaled, turned about (0.5, 0.5) and moved, with v up. Ours have v down: v' = 1 - v on both
- * sides of the transform. */
+/* Assimp: coordinates are scaled, turned about (0.5, 0.5) and moved, with v up. Ours have v down: v' = 1 - v
+ * on both sides of the transform. */
 static void convert_transform(const struct aiUVTransform *from, float out[6]) {
     float c = cosf(from->mRotation), s = sinf(from->mRotation);
     float a[6] = {
@@ -356,8 +358,8 @@ static enum lw_status read_colour(const struct aiMaterial *ai, const char *key, 
 static float brightest(const float c[3]) { return fmaxf(c[0], fmaxf(c[1], c[2])); }
 static bool is_white(const float c[3]) { return c[0] == 1 && c[1] == 1 && c[2] == 1; }
 
-/* Next to a texture FBX and Collada mean the texture alone; an MTL file means the product, but a colour that it leaves
- * out, or gives as black, was never meant to hide the texture. */
+/* Next to a texture FBX and Collada mean the texture alone; an MTL file means the product, but a colour that
+ * it leaves out, or gives as black, was never meant to hide the texture. */
 static void colour_beside_texture(enum lw_scene_format format, float colour[3]) {
     bool missing = colour[0] == ASSIMP_GREY && colour[1] == ASSIMP_GREY && colour[2] == ASSIMP_GREY;
     if (format == LW_SCENE_FORMAT_OBJ && !missing && brightest(colour) > 0) return;
@@ -389,8 +391,8 @@ static enum lw_status read_albedo(struct lw_foreign_materials *materials, const 
     return LW_OK;
 }
 
-/* The diffuse texture and the opacity map become one texture. Without an opacity map the alpha of a diffuse texture
- * means nothing, as the formats have it. */
+/* The diffuse texture and the opacity map become one texture. Without an opacity map the alpha of a diffuse
+ * texture means nothing, as the formats have it. */
 static enum lw_status read_base(struct lw_foreign_materials *materials, const struct aiMaterial *ai,
                                 struct lw_material *out, struct lw_error *err) {
     struct reference colour, opacity;

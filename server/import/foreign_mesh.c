@@ -135,7 +135,8 @@ static enum lw_status grow_table(struct lw_foreign_meshes *meshes, size_t size, 
     return LW_OK;
 }
 
-/* The vertex, or the equal one that is there. All of its members are floats, so equal bytes are equal vertices. */
+/* The vertex, or the equal one that is there. All of its members are floats, so equal bytes are equal
+ * vertices. */
 static enum lw_status share_vertex(struct lw_foreign_meshes *meshes,
                                    const struct lw_mesh_builder_vertex *vertex, uint32_t *out,
                                    struct lw_error *err) {

@@ -10,8 +10,8 @@ struct conversion {
     struct lw_foreign_import *import;
     struct lw_foreign_meshes *meshes;
     struct lw_foreign_nodes *nodes;
-    uint32_t *
-        built; /* per mesh of the file: the node of the scene whose list begins with it and was built first */
+    /* per mesh of the file: the node of the scene whose list begins with it and was built first */
+    uint32_t *built;
     uint32_t *mesh_of_node; /* per node of the scene: its mesh; LW_SCENE_NONE: none */
 };
 
@@ -140,8 +140,8 @@ static enum lw_status add_object(struct conversion *conversion, uint32_t node, s
 
 /* ---- lights and cameras ---- */
 
-/* A node of its own below `parent` that looks along `direction`, since ours look along -Z. up: where +Y goes, as far as
- * it can. */
+/* A node of its own below `parent` that looks along `direction`, since ours look along -Z. up: where +Y goes,
+ * as far as it can. */
 static enum lw_status add_mount(struct conversion *conversion, uint32_t parent, const char *name,
                                 struct lw_vec3 position, struct lw_vec3 direction, struct lw_vec3 up,
                                 uint32_t *out_node, struct lw_error *err) {
@@ -185,7 +185,8 @@ static void read_cones(enum lw_scene_format format, const struct aiLight *from, 
     out->inner_cone = fminf(inner, LW_LIGHT_CONE_EDGE * outer);
 }
 
-/* Collada: intensity / (c + l d + q d^2) at distance d in units of the file; far away that is intensity / (q d^2). */
+/* Collada: intensity / (c + l d + q d^2) at distance d in units of the file; far away that is intensity / (q
+ * d^2). */
 static float strength_of(const struct conversion *conversion, const struct aiLight *from) {
     float q = from->mAttenuationQuadratic;
     if (conversion->import->desc->format != LW_SCENE_FORMAT_COLLADA || !(q > 0) ||

@@ -1,5 +1,5 @@
-/* gltf.h: reads glTF 2.0 (.gltf with its files, .glb) into a scene. Strict: what the format forbids is refused, what we
- * do not use is ignored with one warning. What that means in detail: docs/importing.md.
+/* gltf.h: reads glTF 2.0 (.gltf with its files, .glb) into a scene. Strict: what the format forbids is
+ * refused, what we do not use is ignored with one warning. What that means in detail: docs/importing.md.
  * Flow:    file -> [glTF reader] -> scene -> lightmap UVs -> package
  * Threads: one document per call, [any].
  * Runs in lightwell-import only: outside files and their image decoders stay out of the daemon's process. */
@@ -9,11 +9,13 @@
 #include "common/scene/scene.h"
 
 /** Reads a file and the buffers and images it names, which must lie in its folder or below.
- * Errors: LW_NO_INPUT if the file itself cannot be opened; LW_BAD_DATA naming file, element and field; LW_NO_MEMORY. */
+ * Errors: LW_NO_INPUT if the file itself cannot be opened; LW_BAD_DATA naming file, element and field;
+ * LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_gltf_load(const char *path, struct lw_scene **out_scene,
                                           struct lw_error *err);
 
-/** The same from memory, for tests and fuzzers: a .glb or .gltf that names no file. `name` opens its errors. */
+/** The same from memory, for tests and fuzzers: a .glb or .gltf that names no file. `name` opens its
+ * errors. */
 LW_MUST_CHECK enum lw_status lw_gltf_load_memory(const uint8_t *bytes, size_t size, const char *name,
                                                  struct lw_scene **out_scene, struct lw_error *err);
 

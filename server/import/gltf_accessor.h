@@ -1,5 +1,5 @@
-/* gltf_accessor.h: typed elements of a buffer, bounds-checked once, then read one by one (sparse ones included).
- * Nothing is copied: an accessor costs no memory by its declared count. min and max are not used.
+/* gltf_accessor.h: typed elements of a buffer, bounds-checked once, then read one by one (sparse ones
+ * included). Nothing is copied: an accessor costs no memory by its declared count. min and max are not used.
  * Threads: pure reads once open. After: glTF 2.0, 3.6.2. */
 #ifndef LW_IMPORT_GLTF_ACCESSOR_H
 #define LW_IMPORT_GLTF_ACCESSOR_H

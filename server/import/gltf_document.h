@@ -1,6 +1,7 @@
 /* gltf_document.h: a glTF document with its buffers: container, JSON, URIs, buffer views, warnings.
  * Threads: a document belongs to one thread.
- * err is never NULL here. Errors start with the element ("bufferViews[3]: ..."); the caller adds the file's name. */
+ * err is never NULL here. Errors start with the element ("bufferViews[3]: ..."); the caller adds the file's
+ * name. */
 #ifndef LW_IMPORT_GLTF_DOCUMENT_H
 #define LW_IMPORT_GLTF_DOCUMENT_H
 
@@ -103,8 +104,8 @@ LW_MUST_CHECK enum lw_status lw_gltf_document_index(const struct lw_gltf_documen
 /** The bytes behind a URI: data: or a file in the document's folder. *out_storage is malloc'ed.
  * size_min: a file that is shorter is an error; size_max: no more is read (files) or allowed (data).
  * whole: a file longer than size_max is an error too.
- * Errors: LW_BAD_DATA if the URI is wrong or leaves the folder, or too few bytes are there; LW_NO_INPUT if what it names
- * cannot be read; LW_NO_MEMORY. */
+ * Errors: LW_BAD_DATA if the URI is wrong or leaves the folder, or too few bytes are there; LW_NO_INPUT if
+ * what it names cannot be read; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_gltf_document_fetch(const struct lw_gltf_document *document, const char *uri,
                                                     uint64_t size_min, uint64_t size_max, bool whole,
                                                     uint8_t **out_storage, size_t *out_size,

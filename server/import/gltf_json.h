@@ -1,6 +1,7 @@
-/* gltf_json.h: typed fields of a JSON object. Each function leaves *out alone if the field is absent, so that *out holds
- * the default; a field of the wrong type or range is an error that starts with its name.
- * Threads: [any]. err is never NULL inside the glTF reader, so that calls chain: if (f() || g()) return err->status; */
+/* gltf_json.h: typed fields of a JSON object. Each function leaves *out alone if the field is absent, so that
+ * *out holds the default; a field of the wrong type or range is an error that starts with its name.
+ * Threads: [any]. err is never NULL inside the glTF reader, so that calls chain: if (f() || g()) return
+ *          err->status; */
 #ifndef LW_IMPORT_GLTF_JSON_H
 #define LW_IMPORT_GLTF_JSON_H
 

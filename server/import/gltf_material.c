@@ -61,8 +61,8 @@ static enum lw_status decode_image(struct lw_gltf_materials *materials, struct l
     return LW_OK;
 }
 
-/* A picture that is not there or is none spoils one material, not the scene: it is told and something stands in.
- * Wrong JSON and URIs that lead elsewhere are errors of the document. */
+/* A picture that is not there or is none spoils one material, not the scene: it is told and something stands
+ * in. Wrong JSON and URIs that lead elsewhere are errors of the document. */
 static enum lw_status give_up_image(struct lw_gltf_materials *materials, uint32_t index,
                                     struct lw_error *err) {
     if (err->status != LW_BAD_DATA && err->status != LW_NO_INPUT) return err->status;
@@ -172,8 +172,8 @@ static enum lw_status convert_texture(struct lw_gltf_materials *materials, uint3
     return LW_OK;
 }
 
-/* KHR_texture_transform: scale, then a rotation of the coordinates counter-clockwise as seen (v points down), then
- * the offset: u' = c su + s sv + ou, v' = -s su + c sv + ov. */
+/* KHR_texture_transform: scale, then a rotation of the coordinates counter-clockwise as seen (v points down),
+ * then the offset: u' = c su + s sv + ou, v' = -s su + c sv + ov. */
 static enum lw_status read_transform(const json_t *info, float transform[6], uint64_t *uv_set,
                                      struct lw_error *err) {
     const json_t *extension = NULL;

@@ -16,9 +16,9 @@ struct lw_gltf_image_slot {
 struct lw_gltf_materials {
     struct lw_gltf_document *document;
     struct lw_scene *scene;
-    uint32_t *
-        material_of; /* glTF material -> scene material, LW_SCENE_NONE before its first use; one more entry for
-                              the default material */
+    /* glTF material -> scene material, LW_SCENE_NONE before its first use; one more entry for the default
+     * material */
+    uint32_t *material_of;
     uint32_t *texture_of; /* glTF texture -> scene texture */
     struct lw_gltf_image_slot *image;
     uint64_t texel_count;

@@ -10,8 +10,8 @@ struct conversion {
     uint32_t *parent;  /* per glTF node: its parent, or LW_SCENE_NONE */
     uint32_t *queue;   /* glTF nodes in the order of the scene's nodes */
     uint32_t *node_of; /* the inverse of queue */
-    uint32_t
-        *mesh_of; /* glTF mesh -> scene mesh; LW_SCENE_NONE: not converted yet, MESH_EMPTY: no triangles */
+    /* glTF mesh -> scene mesh; LW_SCENE_NONE: not converted yet, MESH_EMPTY: no triangles */
+    uint32_t *mesh_of;
 };
 #define MESH_EMPTY (UINT32_MAX - 1)
 
@@ -59,8 +59,8 @@ static enum lw_status find_parents(struct conversion *conversion, struct lw_erro
     return LW_OK;
 }
 
-/* With one parent each, nodes form trees and cycles. Walk up from each node, marking with the walk's number where it has
- * been: a walk that meets its own mark went in a circle. Each node is walked over once. */
+/* With one parent each, nodes form trees and cycles. Walk up from each node, marking with the walk's number
+ * where it has been: a walk that meets its own mark went in a circle. Each node is walked over once. */
 static enum lw_status refuse_cycles(const struct conversion *conversion, uint32_t *mark,
                                     struct lw_error *err) {
     uint32_t count = conversion->document->count[LW_GLTF_NODES];

@@ -14,8 +14,8 @@ enum { CRASHED, ABORTED, OVERDUE, LINE_COUNT };
 static const int watched[] = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGXCPU};
 #define WATCHED_COUNT (sizeof watched / sizeof *watched)
 
-/* A signal handler has no argument of ours: the one place where the program keeps a global. Its lines are ready before
- * anything can go wrong, because a handler may neither format nor allocate. */
+/* A signal handler has no argument of ours: the one place where the program keeps a global. Its lines are
+ * ready before anything can go wrong, because a handler may neither format nor allocate. */
 static struct {
     char line[LINE_COUNT][LW_ERROR_TEXT_SIZE];
     size_t length[LINE_COUNT];

@@ -1,6 +1,6 @@
-/* guard.h: keeps a library that reads outside files, and was not written against malice, from taking the program with
- * it: while guarded, a crash, too much processor time and too much memory each end the process with one line that says
- * what happened. Nothing of the library's state is used after that.
+/* guard.h: keeps a library that reads outside files, and was not written against malice, from taking the
+ * program with it: while guarded, a crash, too much processor time and too much memory each end the process
+ * with one line that says what happened. Nothing of the library's state is used after that.
  * Threads: entered and left by the thread that calls the library; one guard at a time. */
 #ifndef LW_IMPORT_GUARD_H
 #define LW_IMPORT_GUARD_H
@@ -14,15 +14,16 @@ struct lw_guard_desc {
     const char *reader; /* e.g. "the FBX reader" */
     int failure_fd;     /* where the line goes; 0: stderr, behind the program's name */
     double processor_s; /* processor time of this process from now on; 0: no limit */
-    uint64_t
-        memory_bytes; /* address space on top of what is in use; 0: no limit. A smaller limit of the process stays. */
+    /* address space on top of what is in use; 0: no limit. A smaller limit of the process stays. */
+    uint64_t memory_bytes;
 };
 
 /** From here on: the exit code of LW_BAD_DATA and a line, where otherwise a signal would end the process.
  * The limit on memory makes allocations fail, which the library reports in its own way.
  * Builds with a sanitizer keep their own signal handlers and have no limit on memory. */
 void lw_guard_enter(const struct lw_guard_desc *desc);
-/** Lifts the limits on time and memory. Crashes are still caught: what the library left behind may be broken. */
+/** Lifts the limits on time and memory. Crashes are still caught: what the library left behind may be
+ * broken. */
 void lw_guard_lift(void);
 /** Restores what enter() found. */
 void lw_guard_leave(void);

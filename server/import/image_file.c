@@ -12,7 +12,8 @@
 /* A progressive JPEG of a few kilobytes may ask for thousands of passes over a large picture. */
 #define JPEG_SCANS_MAX 200
 
-/* One image on its way through a library that reports failure by a jump. What must survive the jump lives here. */
+/* One image on its way through a library that reports failure by a jump. What must survive the jump lives
+ * here. */
 struct decoder {
     jmp_buf failed;
     char reason[JMSG_LENGTH_MAX];
@@ -50,7 +51,8 @@ static bool allocate(struct decoder *decoder) {
     return true;
 }
 
-/* glTF 2.0, 3.8.4.1: gamma and colour space chunks are ignored, which is what libpng does unless told otherwise. */
+/* glTF 2.0, 3.8.4.1: gamma and colour space chunks are ignored, which is what libpng does unless told
+ * otherwise. */
 static void read_png(struct decoder *decoder, png_structp png, png_infop info) {
     png_set_read_fn(png, decoder, png_reads);
     png_set_user_limits(png, LW_SCENE_TEXTURE_SIDE_MAX, LW_SCENE_TEXTURE_SIDE_MAX);
@@ -92,7 +94,8 @@ static void jpeg_fails(j_common_ptr jpeg) {
     longjmp(decoder->failed, 1);
 }
 
-/* libjpeg goes on after corrupt data, in grey. Its other warnings (junk between segments, an odd version) do no harm. */
+/* libjpeg goes on after corrupt data, in grey. Its other warnings (junk between segments, an odd version) do
+ * no harm. */
 static void jpeg_warns(j_common_ptr jpeg, int level) {
     int code = jpeg->err->msg_code;
     bool corrupt = code == JWRN_JPEG_EOF || code == JWRN_HIT_MARKER || code == JWRN_HUFF_BAD_CODE ||

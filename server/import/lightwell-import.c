@@ -164,7 +164,8 @@ static enum lw_status parse(int argc, char **argv, struct arguments *arguments, 
          .help = "Write the report to stdout as JSON.",
          .kind = LW_OPTION_FLAG,
          .value = &arguments->json},
-        /* For programs that start this one: they do not look at the lightmaps, and want no warning about them. */
+        /* For programs that start this one: they do not look at the lightmaps, and want no warning about
+         * them. */
         {.name = "lightmap-unused", .kind = LW_OPTION_FLAG, .value = &arguments->lightmap_unused},
         /* For programs that start this one: the reason of a failure goes to this descriptor, not to stderr,
          * and it ends when they end. */
@@ -403,7 +404,8 @@ static enum lw_status report_on(const struct arguments *arguments, const struct 
 
 /* ---- the program ---- */
 
-/* Rays start off their surface by what rounding asks for (LW_TRACE_LIFT): far from the origin by more than a texel. */
+/* Rays start off their surface by what rounding asks for (LW_TRACE_LIFT): far from the origin by more than a
+ * texel. */
 static enum lw_status warn_of_rounding(const struct arguments *arguments, const struct lw_scene *scene,
                                        const struct lw_lightmap_report *report, struct lw_error *err) {
     struct lw_pose pose;
@@ -484,7 +486,8 @@ static int hand_over(const struct lw_error *err, int failure_fd) {
     return lw_status_exit_code(err->status);
 }
 
-/* Ties our life to that of the program that started us. It may have ended before: then nobody reads what we would hand over. */
+/* Ties our life to that of the program that started us. It may have ended before: then nobody reads what we
+ * would hand over. */
 static enum lw_status follow_starter(int failure_fd, struct lw_error *err) {
     signal(SIGPIPE, SIG_IGN);
     prctl(PR_SET_PDEATHSIG, SIGTERM);

@@ -8,8 +8,8 @@
 
 struct lw_mesh_builder_vertex {
     struct lw_vec3 position; /* m, finite */
-    struct lw_vec3
-        normal; /* unit, or (0, 0, 0): then it gets the normal of the first triangle that uses it */
+    /* unit, or (0, 0, 0): then it gets the normal of the first triangle that uses it */
+    struct lw_vec3 normal;
     struct lw_vec2 uv[2];
     struct lw_vec4 colour;
 };
@@ -33,8 +33,8 @@ void lw_mesh_builder_begin(struct lw_mesh_builder *builder);
 /** Makes room for `count` elements of `size` bytes, keeping what is there; false when out of memory. */
 LW_MUST_CHECK bool lw_mesh_builder_reserve(void **array, size_t *capacity, size_t count, size_t size);
 
-/** Unit normal of a triangle by its winding. False if it has no area: its height is below 1e-7 of its longest edge,
- * which is the rounding of its corners. */
+/** Unit normal of a triangle by its winding. False if it has no area: its height is below 1e-7 of its longest
+ * edge, which is the rounding of its corners. */
 LW_MUST_CHECK bool lw_mesh_builder_normal(const struct lw_vec3 corner[3], struct lw_vec3 *out);
 
 /** Errors of both: LW_NO_MEMORY. */

@@ -5,8 +5,8 @@
 
 #include "server/import/mesh_builder.h"
 
-/** A connected piece of surface is closed if every edge is passed as often in one direction as in the other. Vertices at
- * the same place are one.
+/** A connected piece of surface is closed if every edge is passed as often in one direction as in the other.
+ * Vertices at the same place are one.
  * out_closed  one byte per triangle of the builder: 0 or 1
  * Errors: LW_NO_MEMORY. Cost: sorts the edges. */
 LW_MUST_CHECK enum lw_status lw_mesh_sides_find(const struct lw_mesh_builder *builder, uint8_t *out_closed,

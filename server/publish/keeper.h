@@ -1,11 +1,12 @@
 /* keeper.h: light kept over a restart, in a folder: what was shown last, and the sums that it came from.
- * Flow:    snapshots, solver -> [keeper] -> FOLDER/shown, FOLDER/sums -> [keeper] -> first snapshot, solver of the next run
+ * Flow:    snapshots, solver -> [keeper] -> FOLDER/shown, FOLDER/sums -> [keeper] -> first snapshot, solver
+ *          of the next run
  * Threads: lw_keeper_recall() before the solver's thread starts; everything else is that thread's.
  *
- * What was shown last is there at once, long before there are texels and rays, whatever has happened to the scene; where that
- * has changed or moved, it stands in for light and says so (kept.h). Sums are kept of a scene that never changed alone: changes
- * end with the server, so that this is what the next run begins with, and sums of another moment would rest on light that is
- * not there any more. */
+ * What was shown last is there at once, long before there are texels and rays, whatever has happened to the
+ * scene; where that has changed or moved, it stands in for light and says so (kept.h). Sums are kept of a
+ * scene that never changed alone: changes end with the server, so that this is what the next run begins with,
+ * and sums of another moment would rest on light that is not there any more. */
 #ifndef LW_PUBLISH_KEEPER_H
 #define LW_PUBLISH_KEEPER_H
 
@@ -35,16 +36,17 @@ void lw_keeper_finish(struct lw_keeper *keeper);
 struct lw_snapshot *lw_keeper_recall(struct lw_keeper *keeper, const struct lw_atlas_map *atlas_map,
                                      float target_error);
 
-/** Gives a new solver the sums of the last run, if there are any that fit; else it stays as it is. Returns the number of the
- * last frame that anything kept is of, or 0: frames go on after it. */
+/** Gives a new solver the sums of the last run, if there are any that fit; else it stays as it is. Returns
+ * the number of the last frame that anything kept is of, or 0: frames go on after it. */
 uint64_t lw_keeper_resume(struct lw_keeper *keeper, const struct lw_atlas_map *atlas_map,
                           struct lw_solver *solver);
 
-/** After each frame. snapshot: what it published, or NULL; solved: there are new sums; changed: the scene has. */
+/** After each frame. snapshot: what it published, or NULL; solved: there are new sums; changed: the scene
+ * has. */
 void lw_keeper_note(struct lw_keeper *keeper, struct lw_snapshot *snapshot, bool solved, bool changed);
 
-/** Saves what is not saved yet, between two frames; unless `now`, LW_KEEPER_INTERVAL_S after the last time at the earliest.
- * A failure is logged: light that is not kept is no reason to stop. */
+/** Saves what is not saved yet, between two frames; unless `now`, LW_KEEPER_INTERVAL_S after the last time at
+ * the earliest. A failure is logged: light that is not kept is no reason to stop. */
 void lw_keeper_save(struct lw_keeper *keeper, const struct lw_solver *solver, bool now);
 
 #endif

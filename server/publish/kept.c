@@ -16,7 +16,8 @@ struct header {
     uint8_t key[LW_KEPT_KEY_SIZE];
 };
 
-/* ---- writing -------------------------------------------------------------------------------------------------- */
+/* ---- writing
+ * -------------------------------------------------------------------------------------------------- */
 
 enum lw_status lw_kept_save(const char *path, const uint8_t key[LW_KEPT_KEY_SIZE],
                             const struct lw_snapshot *snapshot, bool steady, struct lw_error *err) {
@@ -37,7 +38,8 @@ enum lw_status lw_kept_save(const char *path, const uint8_t key[LW_KEPT_KEY_SIZE
     return lw_checked_file_write_end(&writer);
 }
 
-/* ---- reading -------------------------------------------------------------------------------------------------- */
+/* ---- reading
+ * -------------------------------------------------------------------------------------------------- */
 
 struct reader {
     const struct lw_atlas_map *map;

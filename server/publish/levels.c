@@ -5,14 +5,16 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define RIM_ROUNDS        2u /* texels beyond a chart that lookups on levels 1 and 2 may touch, with one to spare */
+/* texels beyond a chart that lookups on levels 1 and 2 may touch, with one to spare */
+#define RIM_ROUNDS        2u
 #define PLACEHOLDER_LEVEL 3u   /* from here on charts mix, and every texel is filled */
 #define ROUNDS_MAX        250u /* covered[] counts rounds in a byte */
 /* Filled by the solver: in a round after those of level 0, so that none goes on from it. */
 #define GIVEN (RIM_ROUNDS + 2)
 
-/* A tile of level 0 and what it covers of the levels up to PLACEHOLDER_LEVEL is a cell. A change reaches as far as a rim, which is
- * 2 texels of level 0, 3 of level 1, 4 of level 2: into the cells beside it and no farther. */
+/* A tile of level 0 and what it covers of the levels up to PLACEHOLDER_LEVEL is a cell. A change reaches as
+ * far as a rim, which is 2 texels of level 0, 3 of level 1, 4 of level 2: into the cells beside it and no
+ * farther. */
 enum { OLD, LOADED, BESIDE, BUILT };
 _Static_assert((LW_TILE_SIDE >> (PLACEHOLDER_LEVEL - 1)) >= 2 * (RIM_ROUNDS + 2),
                "a cell is wider than two rims");

@@ -1,14 +1,16 @@
 /* levels.h: the mip pyramid of one object's atlas: filtered by coverage, gutters filled by extrapolation.
  * Threads: one lw_levels belongs to one worker at a time.
  *
- * A texel of level k + 1 is the mean of those among its four of level k that hold light, gutters too: on a chart's rim that
- * makes it the light at its middle, not that of the part of it which has surface. Bilinear lookups on the rim must read a
- * continuation of the chart. On level 0 the solver has filled two texels around it, chart by chart. On levels 1 and 2 what
- * is left next to covered texels is filled with the mean of their covered neighbours: charts lie in blocks of 4 x 4 texels
- * with a gutter (common/lightmap/lightmap.h), so all of this is of the same chart, but for slivers. Coarser levels are
- * placeholders and are filled completely.
+ * A texel of level k + 1 is the mean of those among its four of level k that hold light, gutters too: on a
+ * chart's rim that makes it the light at its middle, not that of the part of it which has surface. Bilinear
+ * lookups on the rim must read a continuation of the chart. On level 0 the solver has filled two texels
+ * around it, chart by chart. On levels 1 and 2 what is left next to covered texels is filled with the mean of
+ * their covered neighbours: charts lie in blocks of 4 x 4 texels with a gutter (common/lightmap/lightmap.h),
+ * so all of this is of the same chart, but for slivers. Coarser levels are placeholders and are filled
+ * completely.
  *
- * Down to level 2 only what hangs on the tiles loaded since the last time is built; what is coarser, a 48th of all texels, as a whole. */
+ * Down to level 2 only what hangs on the tiles loaded since the last time is built; what is coarser, a 48th
+ * of all texels, as a whole. */
 #ifndef LW_PUBLISH_LEVELS_H
 #define LW_PUBLISH_LEVELS_H
 
@@ -37,7 +39,8 @@ void lw_levels_load_tile(struct lw_levels *levels, const struct lw_tile_place *p
 void lw_levels_build(struct lw_levels *levels);
 /** Whether the last build may have changed a tile, of any level. */
 bool lw_levels_has_changed(const struct lw_levels *levels, const struct lw_tile_place *place);
-/** Copies one tile's texels: width * height * 3 floats, and width * height bytes, 0 where no look-up reads. */
+/** Copies one tile's texels: width * height * 3 floats, and width * height bytes. A byte is 0 where no
+ * look-up reads the texel. */
 void lw_levels_store_tile(const struct lw_levels *levels, const struct lw_tile_place *place, float *out_rgb,
                           uint8_t *out_covered);
 

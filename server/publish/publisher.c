@@ -220,7 +220,8 @@ static bool is_lit(const struct lw_publisher *p, uint32_t object, uint64_t since
     return true;
 }
 
-/* An object that was a spare is sent once all of it has light, and then in any case: clients wait for that. */
+/* An object that was a spare is sent once all of it has light, and then in any case: clients wait for
+ * that. */
 static void note_unlit(struct lw_publisher *p, const struct lw_pose *pose, uint32_t object, uint64_t frame) {
     uint64_t *unlit = &p->unlit[object];
     p->news[object] = AS_SOLVED;
@@ -276,8 +277,8 @@ float lw_publisher_error(const struct lw_atlas_map *map, const struct lw_solver 
     return error;
 }
 
-/* Root mean square of the relative difference, with a floor of a hundredth of the tile's mean under the divisor. *out_mean: of
- * what there is now. */
+/* Root mean square of the relative difference, with a floor of a hundredth of the tile's mean under the
+ * divisor. *out_mean: of what there is now. */
 static float find_change(const float *now, const float *then, size_t count, float *out_mean) {
     double mean = 0, sum = 0;
     for (size_t i = 0; i < count; i++) mean += (double)now[i];
@@ -374,7 +375,8 @@ static enum lw_status send_tile(const struct lw_publisher *p, struct worker *wor
     return LW_OK;
 }
 
-/* That a tile has reached the target is news too: clients wait for it. So is that views read it at another level. */
+/* That a tile has reached the target is news too: clients wait for it. So is that views read it at another
+ * level. */
 static bool is_of_another_class(const struct lw_publisher *p, float error, float sent_error) {
     return (error <= p->desc.target_error && sent_error > p->desc.target_error) ||
            lw_atlas_calm_level(error, p->desc.noise_shown) !=
@@ -476,7 +478,8 @@ static void list_change(const struct lw_publisher *p, const struct lw_pose *pose
 
 static size_t smaller(size_t a, size_t b) { return a < b ? a : b; }
 
-/* The part of a change that message number `part` carries; a frame with more than one message holds several. */
+/* The part of a change that message number `part` carries; a frame with more than one message holds
+ * several. */
 static struct lw_message frame_part(const struct lw_message_frame *frame, const struct pose_change *change,
                                     size_t part) {
     struct lw_message message = {.type = LW_MESSAGE_FRAME, .frame = *frame};

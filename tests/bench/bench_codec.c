@@ -2,19 +2,22 @@
  *
  *     bench_codec [--frames N] [--at SECONDS] [--dump FILE] SCENE...
  *
- * Each scene is solved as lightwelld does by default, at one moment; its tiles of all levels are taken after 1, 16 and N
- * frames, after eight further frames in which what moves has moved, and after one more. One table in Markdown per scene.
+ * Each scene is solved as lightwelld does by default, at one moment; its tiles of all levels are taken after
+ * 1, 16 and N frames, after eight further frames in which what moves has moved, and after one more. One table
+ * in Markdown per scene.
  *   bits      per texel that a look-up may read (the others cost what they cost, but nobody wants them)
- *   log-PSNR  of log2(1 + E/y0)/log2(101) over those texels, y0 = 1 % of white; white: the E that 99 % of values are under
- *   noise     the same between the tiles as they are, uncoded, and those of N frames: what the light itself is off
+ *   log-PSNR  of log2(1 + E/y0)/log2(101) over those texels, y0 = 1 % of white; white: the E that 99 % of
+ *             values are under
+ *   noise     the same between the tiles as they are, uncoded, and those of N frames: what the light itself
+ *             is off
  *   largest   |dE| / (E + y0)
  *   mean      root mean square, and worst, over the tiles: relative change of the mean of E
  *   Mtexel/s  of CPU time of one thread, of all texels of the tiles
- * "step for 45 dB": of the tiles of N frames, the widest of the codec's steps, one for all tiles, with that log-PSNR.
- * "what changed": for a client that has the tile as it was a frame before, coded in the same way; encoding makes both forms.
- * JPEG XL, where libjxl is installed: log2(1 + E/y0)/10 as an sRGB picture of its own for each tile.
- * --dump writes the tiles: u32 set, width, height; f32 error, dark (as the publisher has it); f32 rgb[width*height*3];
- * u8 covered[width*height]. */
+ * "step for 45 dB": of the tiles of N frames, the widest of the codec's steps, one for all tiles, with that
+ * log-PSNR. "what changed": for a client that has the tile as it was a frame before, coded in the same way;
+ * encoding makes both forms. JPEG XL, where libjxl is installed: log2(1 + E/y0)/10 as an sRGB picture of its
+ * own for each tile. --dump writes the tiles: u32 set, width, height; f32 error, dark (as the publisher has
+ * it); f32 rgb[width*height*3]; u8 covered[width*height]. */
 #include "common/clock.h"
 #include "common/tile/tile_codec.h"
 #include "common/tile/tile_dct.h"
@@ -269,7 +272,8 @@ static enum lw_status dct_decode(struct coder *coder, const struct coded *coded,
                                 tile->width, tile->height, NULL, rgb);
 }
 
-/* Nine bits each over a shared exponent, as graphics processors read it, over a power of two; four byte planes, zstd. */
+/* Nine bits each over a shared exponent, as graphics processors read it, over a power of two; four byte
+ * planes, zstd. */
 static enum lw_status rgb9e5_encode(struct coder *coder, const struct tile *tile, struct coded *out) {
     const size_t texels = (size_t)tile->width * tile->height;
     float all = 0x1p-60f;

@@ -2,14 +2,15 @@
  *
  *     bench_compose [OPTIONS] SCENE[@PX,PY,PZ:TX,TY,TZ:FOV]...
  *
- * Every scene twice: at rest, as one flat structure of triangles, and with what moves in it set apart (where nothing does,
- * a lamp and an object are set moving). Its light is noise, so that a look-up of the wrong texel shows. One table in
- * Markdown, CPU milliseconds per picture, medians over the rounds:
- *   raw      the view's rays in the flat structure, with nothing asked of what they meet: Embree and little else
+ * Every scene twice: at rest, as one flat structure of triangles, and with what moves in it set apart (where
+ * nothing does, a lamp and an object are set moving). Its light is noise, so that a look-up of the wrong
+ * texel shows. One table in Markdown, CPU milliseconds per picture, medians over the rounds:
+ *   raw      the view's rays in the flat structure, with nothing asked of what they meet: Embree and little
+ *            else
  *   rays     the same in the structure of this row, as the view traces them
  *   compose  the whole picture; its rate over that of raw: compose_over_raw
- *   drawn    the whole picture with the direct light of client lights (common/light/client_lights.h); its time over that
- *            of compose: drawn_over_compose
+ *   drawn    the whole picture with the direct light of client lights (common/light/client_lights.h); its
+ *            time over that of compose: drawn_over_compose
  *   path     the path tracer, one path per pixel
  * With -o DIR the pictures as EXR, for bench_compare; with --dark no light is in their texels, so that the
  * ones with client lights are what "lightwell-view --path-trace --show direct" shows. */

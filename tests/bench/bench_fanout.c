@@ -2,13 +2,15 @@
  *
  *     bench_fanout [--clients N] [--payload BYTES] [--tiles N] [--seconds S] [--never N]
  *
- * The server that ships, on loopback, with snapshots made by hand in which every tile is new; the next comes when all have the
- * last. One thread plays all clients: it says hello for them and drops what arrives. The rows: the server; and, as what the
- * system itself costs, the same bytes to as many connections by nothing but epoll_wait() and writev() of 128 KiB. Compare
- * CPU time within a run: all three threads share the machine.
- * With --never N something else is asked: what N more clients that never read cost those who do. Rounds with and without them
- * take turns, on one server; of each, how long it takes from the moment at which a snapshot is handed over until a client has the last byte
- * of it, by client and snapshot. What else runs on the machine only adds to that: on a busy one trust the quietest rounds. */
+ * The server that ships, on loopback, with snapshots made by hand in which every tile is new; the next comes
+ * when all have the last. One thread plays all clients: it says hello for them and drops what arrives. The
+ * rows: the server; and, as what the system itself costs, the same bytes to as many connections by nothing
+ * but epoll_wait() and writev() of 128 KiB. Compare CPU time within a run: all three threads share the
+ * machine.
+ * With --never N something else is asked: what N more clients that never read cost those who do. Rounds with
+ * and without them take turns, on one server; of each, how long it takes from the moment at which a snapshot
+ * is handed over until a client has the last byte of it, by client and snapshot. What else runs on the
+ * machine only adds to that: on a busy one trust the quietest rounds. */
 #include "tests/support/support.h"
 
 #include "common/clock.h"

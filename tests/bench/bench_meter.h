@@ -1,8 +1,8 @@
 /* bench_meter.h: where the time of a frame goes, kernel by kernel, in the code that ships.
  * Threads: begin and end by the one that calls the solver.
  *
- * The linker puts it around the calls of the kernels and around OpenMP's parallel regions (ld --wrap; for GCC's OpenMP).
- * A region counts for the kernel that runs in it; time in no region is serial. */
+ * The linker puts it around the calls of the kernels and around OpenMP's parallel regions (ld --wrap; for
+ * GCC's OpenMP). A region counts for the kernel that runs in it; time in no region is serial. */
 #ifndef LW_TESTS_BENCH_METER_H
 #define LW_TESTS_BENCH_METER_H
 

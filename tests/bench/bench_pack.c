@@ -2,10 +2,11 @@
  *
  *     bench_pack [--side N] [--texels-per-metre D] SCENE...
  *
- * Squares of texels are solved, sent and forgotten together. One row in Markdown per scene: how many squares of N x N texels
- * show any surface; how much of these, and of all atlases, is surface; the root mean square distance of their texels from
- * their middle, in metres: the median texel's square and that of the ninth in ten; the length of a square's mean normal, in
- * the mean over texels; and how many of the triangles are read up to level 0, 1 and 2, as coarser ones mix other light in. */
+ * Squares of texels are solved, sent and forgotten together. One row in Markdown per scene: how many squares
+ * of N x N texels show any surface; how much of these, and of all atlases, is surface; the root mean square
+ * distance of their texels from their middle, in metres: the median texel's square and that of the ninth in
+ * ten; the length of a square's mean normal, in the mean over texels; and how many of the triangles are read
+ * up to level 0, 1 and 2, as coarser ones mix other light in. */
 #include "common/lightmap/lightmap.h"
 #include "server/solve/surface/texels.h"
 #include "tests/bench/bench_setup.h"

@@ -1,19 +1,20 @@
-/* bench_rans_tables: the tables of codec 4's entropy coder, counted on tiles, and what they cost on tiles they were not
- * counted on.
+/* bench_rans_tables: the tables of codec 4's entropy coder, counted on tiles, and what they cost on tiles
+ * they were not counted on.
  *
  *     bench_codec --dump FILE SCENE          for each scene
  *     bench_rans_tables [--unseen FILE] FILE FILE...
  *
- * Tiles are coded whole with steps of 0.1, 0.2 and 0.5, those of "a frame on" as what changed, with 0.1. A level's context is
- * its diagonal and the class of its neighbours' sum, or that it is the last of its list; a length's is the class of
- * the lengths beside it (proto/wire_format.md). Contexts that cost least to count together are put together until as many
- * tables are left as the format has. Each scene counts as much as any other.
+ * Tiles are coded whole with steps of 0.1, 0.2 and 0.5, those of "a frame on" as what changed, with 0.1. A
+ * level's context is its diagonal and the class of its neighbours' sum, or that it is the last of its list; a
+ * length's is the class of the lengths beside it (proto/wire_format.md). Contexts that cost least to count
+ * together are put together until as many tables are left as the format has. Each scene counts as much as any
+ * other.
  *   own        bits per texel that a look-up may read, by tables counted on this scene alone
  *   others     by tables counted on the other FILEs
  *   shipped    by those of common/tile/tile_rans.c
  *   as coded   by lw_tile_rans_put(): shipped, and the lanes' states
- * Bits are of levels and lengths, not of means. Last come the tables counted on all FILEs, as tile_rans.c has them.
- * --unseen is measured alone. */
+ * Bits are of levels and lengths, not of means. Last come the tables counted on all FILEs, as tile_rans.c has
+ * them. --unseen is measured alone. */
 #include "common/log.h"
 #include "common/options.h"
 #include "common/tile/tile_dct.h"
@@ -275,8 +276,8 @@ static void share_slots(const double *count, uint32_t first, uint32_t tokens, ui
     }
 }
 
-/* `contexts` of them, of which rows of CLASSES are neighbours, by `tables` tables from number `first` on: those that cost
- * least to count together are put together. Tables are in the order of what they expect. */
+/* `contexts` of them, of which rows of CLASSES are neighbours, by `tables` tables from number `first` on:
+ * those that cost least to count together are put together. Tables are in the order of what they expect. */
 static void merge(double (*count)[TOKENS], uint32_t contexts, uint32_t tables, uint32_t first,
                   const struct token *token, uint32_t tokens, struct tables *out, uint32_t *table_of) {
     double group[NEAR_CONTEXTS][TOKENS] = {{0}}, mean[NEAR_CONTEXTS];

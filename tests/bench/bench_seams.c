@@ -1,11 +1,13 @@
-/* bench_seams: how far the two sides of lightmap seams differ where the viewer reads them, after more and more frames.
+/* bench_seams: how far the two sides of lightmap seams differ where the viewer reads them, after more and
+ * more frames.
  *
  *     bench_seams [--frames N] [--denoise] [--objects] [--codec] [--texels-per-metre D] SCENE...
  *
- * One table in Markdown per scene: after 16, 64, 256 ... frames, up to N, and for levels 0 to 2: mean and median of the
- * relative differences along all seams (tests/support/seam_walk.h), the shares of points within 1 and 5 % and of those so dark that
- * their differences are relative to a floor; with --objects also of each object. Unwelded: the sums before the weld; with --codec in their place the welded light as the lossy tile codec
- * leaves it. On stderr: how far welding moves the mean light of an object. */
+ * One table in Markdown per scene: after 16, 64, 256 ... frames, up to N, and for levels 0 to 2: mean and
+ * median of the relative differences along all seams (tests/support/seam_walk.h), the shares of points within
+ * 1 and 5 % and of those so dark that their differences are relative to a floor; with --objects also of each
+ * object. Unwelded: the sums before the weld; with --codec in their place the welded light as the lossy tile
+ * codec leaves it. On stderr: how far welding moves the mean light of an object. */
 #include "common/tile/tile_codec.h"
 #include "server/publish/publisher.h"
 #include "server/solve/filter/denoise.h"

@@ -23,7 +23,8 @@ struct bench_program {
 /** main() of it: parses, begins, runs scene by scene until one fails. */
 int bench_main(const struct bench_program *program, int argc, char **argv);
 
-/** The last part of a scene's path, up to '@', behind which some programs take a camera. buffer: of at least 64 bytes. */
+/** The last part of a scene's path, up to '@', behind which some programs take a camera. buffer: of at least
+ * 64 bytes. */
 const char *bench_label(const char *scene, char *buffer, size_t size);
 
 /** Opens what stands before a '@' in `name`.

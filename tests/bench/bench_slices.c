@@ -1,11 +1,13 @@
-/* bench_slices: what the end of a frame costs against how much the frame has solved. One table in Markdown per scene.
+/* bench_slices: what the end of a frame costs against how much the frame has solved. One table in Markdown
+ * per scene.
  *
  *     bench_slices [--rounds N] [--texels-per-metre D] SCENE...
  *
- * The whole scene is lit as lightwelld does by default, denoised and published, with direct light alone; then frames solve every
- * 4th, 16th and 64th tile, spread over all objects, or as many in a row, as the parts of a round do that has a budget. CPU
- * milliseconds with one worker, medians over the rounds: of the solve (direct light and its sums), of each step of a frame's end, of them together,
- * and how much that is of a whole frame's. */
+ * The whole scene is lit as lightwelld does by default, denoised and published, with direct light alone; then
+ * frames solve every 4th, 16th and 64th tile, spread over all objects, or as many in a row, as the parts of a
+ * round do that has a budget. CPU milliseconds with one worker, medians over the rounds: of the solve (direct
+ * light and its sums), of each step of a frame's end, of them together, and how much that is of a whole
+ * frame's. */
 #include "tests/bench/bench_runner.h"
 #include "tests/bench/bench_setup.h"
 

@@ -1,15 +1,17 @@
-/* bench_solve: what the kernels of a frame cost, and how far the ray passes are from the bare tracer. Two tables in Markdown.
+/* bench_solve: what the kernels of a frame cost, and how far the ray passes are from the bare tracer. Two
+ * tables in Markdown.
  *
  *     bench_solve [--rounds N] [--texels-per-metre D] SCENE...
  *
- * Two solvers light the same frames as lightwelld does by default, denoised and published: one with one worker, one with all
- * (--threads). They draw the same rays. A round is two frames:
- *   first   all workers note their packets (common/trace/trace_replay.h), untimed; one worker solves the frame, timed; the
- *           packets go through bare rtcIntersect16 and rtcOccluded16, with the same filters, timed
+ * Two solvers light the same frames as lightwelld does by default, denoised and published: one with one
+ * worker, one with all (--threads). They draw the same rays. A round is two frames:
+ *   first   all workers note their packets (common/trace/trace_replay.h), untimed; one worker solves the
+ *           frame, timed; the packets go through bare rtcIntersect16 and rtcOccluded16, with the same
+ *           filters, timed
  *   second  both solve a frame, timed: the speed-up
- * Where packets are too many, those of every n-th tile stand for all; their time is then that of the same tiles.
- * Rates and shares are CPU time with one worker; speed-ups are wall time and want an idle machine. Medians over the rounds,
- * ratios within a round. What the columns mean: CONTRIBUTING.md, "Measuring". */
+ * Where packets are too many, those of every n-th tile stand for all; their time is then that of the same
+ * tiles. Rates and shares are CPU time with one worker; speed-ups are wall time and want an idle machine.
+ * Medians over the rounds, ratios within a round. What the columns mean: CONTRIBUTING.md, "Measuring". */
 #include "tests/bench/bench_runner.h"
 #include "tests/bench/bench_setup.h"
 

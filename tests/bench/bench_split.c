@@ -5,8 +5,8 @@
  * Each scene is solved as lightwelld does by default, at one moment; its tiles of levels 0 to 2 are taken
  * in both forms.
  *   bits      per texel that a look-up may read
- *   log-PSNR  of log2(1 + E/y0)/log2(101) over those texels, y0 = 1 % of white. E is all light in either form: what a
- *             client draws is added to both sides, without an error of its own */
+ *   log-PSNR  of log2(1 + E/y0)/log2(101) over those texels, y0 = 1 % of white. E is all light in either
+ *             form: what a client draws is added to both sides, without an error of its own */
 #include "common/light/client_lights.h"
 #include "common/tile/tile_codec.h"
 #include "server/publish/levels.h"

@@ -1,5 +1,6 @@
-/* A scene package from any server: first how many parts it says there are, then two bytes for each: its size, and its compressed size with a
- * high bit for one that is held; the rest as chunks, each after a byte that says how long it is. */
+/* A scene package from any server: first how many parts it says there are, then two bytes for each: its size,
+ * and its compressed size with a high bit for one that is held; the rest as chunks, each after a byte that
+ * says how long it is. */
 #include "client/lib/download.h"
 
 #include <stdlib.h>

@@ -1,4 +1,5 @@
-/* The glTF reader on any bytes: a scene that validates, or an error with a text; never a crash. No file is opened. */
+/* The glTF reader on any bytes: a scene that validates, or an error with a text; never a crash. No file is
+ * opened. */
 #include "common/log.h"
 #include "server/import/gltf.h"
 

@@ -1,5 +1,5 @@
-/* A stream of framed messages from anyone. First byte: even, from a client; odd, from a server (their limits differ).
- * What decodes must be valid, and must survive being encoded and decoded again. */
+/* A stream of framed messages from anyone. First byte: even, from a client; odd, from a server (their limits
+ * differ). What decodes must be valid, and must survive being encoded and decoded again. */
 #include "proto/message.h"
 
 #include <stdlib.h>

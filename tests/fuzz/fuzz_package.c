@@ -1,5 +1,6 @@
-/* Whatever reads as a scene package must be written again as the very same bytes: the format has one way to say each
- * thing, but that textures were once written in versions 1 and 2: those come again in version 3. And nothing that is refused may crash, leak, or be refused without a reason. */
+/* Whatever reads as a scene package must be written again as the very same bytes: the format has one way to
+ * say each thing, but that textures were once written in versions 1 and 2: those come again in version 3. And
+ * nothing that is refused may crash, leak, or be refused without a reason. */
 #include "common/scene/package.h"
 #include "common/scene/pose.h"
 

@@ -1,4 +1,5 @@
-/* A tile's payload from any server: codec, and 128 if it builds on levels (of all sizes), width and height, then the bytes. */
+/* A tile's payload from any server: codec, and 128 if it builds on levels (of all sizes), width and height,
+ * then the bytes. */
 #include "common/tile/tile_codec.h"
 
 #include <math.h>

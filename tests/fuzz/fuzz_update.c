@@ -1,6 +1,6 @@
-/* Updates of a scene, from anyone: what a server has taken can be made, and makes what the server has answered.
- * A change is three bytes, kind, target and how many values it has, with two flags: 64, they are those of the identity instead
- * of what follows; 128, its update ends. */
+/* Updates of a scene, from anyone: what a server has taken can be made, and makes what the server has
+ * answered. A change is three bytes, kind, target and how many values it has, with two flags: 64, they are
+ * those of the identity instead of what follows; 128, its update ends. */
 #include "common/builtin/builtin.h"
 #include "common/scene/scene_spares.h"
 #include "common/scene/scene_state.h"

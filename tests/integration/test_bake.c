@@ -1,5 +1,5 @@
-/* lightwell-bake as users run it: its maps against a closed form, through the coordinates in its .glb; stopping and going
- * on; what it refuses. */
+/* lightwell-bake as users run it: its maps against a closed form, through the coordinates in its .glb;
+ * stopping and going on; what it refuses. */
 #include "tests/support/process.h"
 
 #include "common/image/image.h"
@@ -63,14 +63,15 @@ static json_t *read_index(const char *folder) {
     return index;
 }
 
-/* ---- a closed form, through EXR and .glb ---------------------------------------------------------------------- */
+/* ---- a closed form, through EXR and .glb
+ * ---------------------------------------------------------------------- */
 
 #define LAMP_X -0.4f
 #define LAMP_Y 1.5f
 #define LAMP_Z 0.7f
 
-/* Two squares of albedo 0.5 under a point light of 10 W/sr that stands over neither's middle, so that a map that is
- * turned or mirrored shows. */
+/* Two squares of albedo 0.5 under a point light of 10 W/sr that stands over neither's middle, so that a map
+ * that is turned or mirrored shows. */
 static const char *save_squares(void) {
     static char path[256];
     struct lw_scene *scene = lw_support_squares(2, 1);
@@ -136,8 +137,9 @@ static void check_object(const struct lw_scene *scene, const struct lw_pose *pos
                 p = lw_affine_point(&pose->object_to_world[o], p);
                 const double want = (lamps * irradiance_at(p) + M_PI * sky) * factor,
                              got = sample(&picture, u, v);
-                /* half a thousandth by 16 bits, the rest by bilinear interpolation over 2 cm; a texel is the mean over its
-                 * area, which eight places of it stand for, so the samples are a multiple of eight */
+                /* half a thousandth by 16 bits, the rest by bilinear interpolation over 2 cm; a texel is the
+                 * mean over its area, which eight places of it stand for, so the samples are a multiple of
+                 * eight */
                 if (!(fabs(got / want - 1) < 0.003))
                     fail_msg("%s at (%g, %g): %g instead of %g", exr, (double)p.x, (double)p.z, got, want);
             }
@@ -224,7 +226,8 @@ static void indirect_only_leaves_the_lamp_to_the_engine(void **state) {
     free(said);
 }
 
-/* ---- stopping and going on ------------------------------------------------------------------------------------ */
+/* ---- stopping and going on
+ * ------------------------------------------------------------------------------------ */
 
 #define CORNELL "builtin:cornell --texels-per-metre 30 --threads 2 --bounces 2"
 static const char *const cornell_maps[] = {"floor.exr",      "ceiling.exr",    "back_wall.exr",
@@ -296,7 +299,8 @@ static void resumed_is_uninterrupted(void **state) {
     assert_int_not_equal(access(in(parts, ".lightwell-bake-state"), F_OK), 0);
 }
 
-/* Of the covered texels of a map, green channel: mean; mean square of the difference to another bake of it. */
+/* Of the covered texels of a map, green channel: mean; mean square of the difference to another bake of
+ * it. */
 static void compare_maps(const char *file, const char *folder, const char *other, double *out_mean,
                          double *out_square) {
     float *a, *b;
@@ -397,7 +401,8 @@ static void limits_end_a_bake_with_what_is_there(void **state) {
     json_decref(index);
 }
 
-/* ---- refusals ------------------------------------------------------------------------------------------------- */
+/* ---- refusals
+ * ------------------------------------------------------------------------------------------------- */
 
 static void wrong_use_is_refused(void **state) {
     (void)state;
@@ -439,7 +444,8 @@ static void a_scene_without_light_is_refused(void **state) {
     assert_int_equal(bake("%s --samples 1 --sky 1,1,1", arguments), 0);
 }
 
-/* The state that cannot be saved is a warning; a map that cannot be written ends the bake, which keeps its state. */
+/* The state that cannot be saved is a warning; a map that cannot be written ends the bake, which keeps its
+ * state. */
 static void a_full_disk_is_told(void **state) {
     (void)state;
     char out[256], arguments[512];

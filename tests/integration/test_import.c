@@ -1,4 +1,5 @@
-/* The importer as a whole: real scenes, files and folders, the program lightwell-import, and the code that spawns it. */
+/* The importer as a whole: real scenes, files and folders, the program lightwell-import, and the code that
+ * spawns it. */
 #include "tests/support/process.h"
 
 #include "common/clock.h"
@@ -127,8 +128,8 @@ static void lights_keep_their_units(void **state) {
     assert_float_equal(light_named(scene, "sun")->intensity[2], 2.7, 1e-5);
     assert_float_equal(light_named(scene, "default_everything")->intensity[1], 1, 0);
 
-    /* the spot hangs on a parent that is scaled by 2 and turned by -90 degrees about x: (0, 0, 1) goes to (0, 2, 0)
-     * above the parent's (0, 2, 0), and -z to -y */
+    /* the spot hangs on a parent that is scaled by 2 and turned by -90 degrees about x: (0, 0, 1) goes to (0,
+     * 2, 0) above the parent's (0, 2, 0), and -z to -y */
     struct lw_pose pose;
     lw_support_ok(lw_pose_init(&pose, scene), NULL);
     const struct lw_light_state *spot = &pose.light[light_named(scene, "spot") - scene->light];
@@ -195,8 +196,8 @@ static void alpha_modes_arrive(void **state) {
     lw_scene_destroy(scene);
 }
 
-/* The test has markers where the tip of the arrow must be seen, and where it is seen by a reader that ignores the
- * rotation. Both must then fall on the same place of the texture. */
+/* The test has markers where the tip of the arrow must be seen, and where it is seen by a reader that ignores
+ * the rotation. Both must then fall on the same place of the texture. */
 static void rotated_textures_turn_the_right_way(void **state) {
     (void)state;
     struct lw_scene *scene = load_scene("conformance/khronos/TextureTransformTest/TextureTransformTest.gltf");

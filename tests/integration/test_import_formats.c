@@ -1,5 +1,5 @@
-/* lightwell-import and those who spawn it on other formats than glTF: real scenes, the same scene through every format,
- * and files at which the reader crashes, loops or eats memory. */
+/* lightwell-import and those who spawn it on other formats than glTF: real scenes, the same scene through
+ * every format, and files at which the reader crashes, loops or eats memory. */
 #include "tests/support/process.h"
 #include "tests/support/support.h"
 
@@ -106,8 +106,8 @@ static bool export_scene(const char *from, const char *to, const char *format) {
     return WIFEXITED(status) && WEXITSTATUS(status) == 0 && access(to, R_OK) == 0;
 }
 
-/* Albedo of the material of the first triangle of every object, summed with the object's index as weight: tells whether
- * objects have their own materials. */
+/* Albedo of the material of the first triangle of every object, summed with the object's index as weight:
+ * tells whether objects have their own materials. */
 static struct lw_vec3 paint_of(const struct lw_scene *scene) {
     struct lw_vec3 sum = {0};
     for (uint32_t i = 0; i < scene->object_count; i++) {
@@ -241,7 +241,8 @@ static void what_hurts_the_reader_is_one_line(void **state) {
     expect_program("unknown.blend", "", 65, "is in no format that is read: .gltf, .glb, .obj");
 }
 
-/* Files that were broken at random, and those that were found to hurt: each is a scene or one line, never a signal. */
+/* Files that were broken at random, and those that were found to hurt: each is a scene or one line, never a
+ * signal. */
 static void the_corpus_ends_in_a_scene_or_one_line(void **state) {
     (void)state;
     if (LW_SANITIZER) skip();
@@ -290,7 +291,8 @@ static void the_spawner_survives(void **state) {
     assert_null(strchr(err.text, '\n'));
 }
 
-/* Who spawned it may have ended before its death could be followed: the other end of the pipe is closed then. */
+/* Who spawned it may have ended before its death could be followed: the other end of the pipe is closed
+ * then. */
 static void an_orphan_ends(void **state) {
     (void)state;
     int ends[2];

@@ -13,7 +13,9 @@
 #define LIMIT_S   60   /* for what takes a few seconds on a quiet machine */
 #define WINDOW_MS 1000 /* of a run that is cut short */
 
-#define NEVER_RESTS       "builtin:cornell --texels-per-metre 8 --error 1e-6 --frame-rate 60 --threads 1 --json "
+#define NEVER_RESTS                                                                                          \
+    "builtin:cornell --texels-per-metre 8 --error 1e-6 --frame-rate 60 --threads 1 "                         \
+    "--json "
 #define ALL_OF_EACH_FRAME NEVER_RESTS "--codec half" /* what fills a link soon on a slow machine too */
 
 static struct lw_process shared; /* a daemon of NEVER_RESTS, for all tests that leave it as it is */

@@ -1,4 +1,5 @@
-/* Opening scenes with an environment: the EXR is read by the importer's process, for scene files and for packages. */
+/* Opening scenes with an environment: the EXR is read by the importer's process, for scene files and for
+ * packages. */
 #include "common/image/image.h"
 #include "common/open/scene_open.h"
 #include "common/scene/package.h"

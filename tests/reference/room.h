@@ -17,8 +17,8 @@ static inline void expect_near(double got, double want, double tolerance) {
 #define ROOM_QUADS_MAX  16
 #define ROOM_LIGHTS_MAX 128
 
-/** A scene under construction: each quad is an object of its own with a material of its own, front by the right hand
- * from edge_u to edge_v. */
+/** A scene under construction: each quad is an object of its own with a material of its own, front by the
+ * right hand from edge_u to edge_v. */
 struct room {
     struct room_quad {
         struct lw_vec3 corner, edge_u, edge_v;
@@ -26,12 +26,12 @@ struct room {
         bool double_sided;
         uint8_t alpha_mode; /* enum lw_alpha_mode */
         float alpha;        /* for BLEND and MASK (cut off under 0.5) */
-        unsigned
-            segments; /* 0: a quad; else a disc of so many triangles, the edges its radii, corner its centre */
+        /* 0: a quad; else a disc of so many triangles, the edges its radii, corner its centre */
+        unsigned segments;
     } quad[ROOM_QUADS_MAX];
     struct lw_light light[ROOM_LIGHTS_MAX]; /* without a name: "light" */
-    struct lw_vec3
-        light_position[ROOM_LIGHTS_MAX]; /* punctual lights shine along -Y where they have a direction */
+    /* punctual lights shine along -Y where they have a direction */
+    struct lw_vec3 light_position[ROOM_LIGHTS_MAX];
     uint32_t quad_count, light_count;
     float sky;
     struct lw_environment environment; /* its texels must outlive the solution */
@@ -46,7 +46,8 @@ void room_disc(struct room *room, struct lw_vec3 centre, struct lw_vec3 radius_u
 /** The six inner faces of a box from (0,0,0) to size. */
 void room_box(struct room *room, struct lw_vec3 size, float albedo, float emission);
 /** 4 x 2 x 2 m at 12 texels a metre: point lights "left" and "right", a double-sided plate (ROOM_PLATE)
- * over the floor, and a panel that glows (ROOM_PANEL) under the ceiling; after the six faces of room_box(). */
+ * over the floor, and a panel that glows (ROOM_PANEL) under the ceiling; after the six faces of
+ * room_box(). */
 struct room room_with_two_lamps(void);
 enum { ROOM_FACES = 6, ROOM_PLATE = ROOM_FACES, ROOM_PANEL };
 
@@ -63,8 +64,8 @@ struct room_solution {
 /** Builds and solves `frames` frames; scene, map and pose of the desc are filled in. */
 void room_solve(struct room_solution *solution, const struct room *room, struct lw_solver_desc desc,
                 unsigned frames);
-/** The scene alone, for changes that a room cannot say: quad i is mesh, material, object and node i; its UV set 0 runs
- * from (0, 0) at the corner to (1, 1). Light j hangs on node quad_count + j. */
+/** The scene alone, for changes that a room cannot say: quad i is mesh, material, object and node i; its UV
+ * set 0 runs from (0, 0) at the corner to (1, 1). Light j hangs on node quad_count + j. */
 struct lw_scene *room_scene(const struct room *room);
 /** Solves a ready scene, which it takes, at a moment of its animation. */
 void room_solve_at(struct room_solution *solution, struct lw_scene *scene, float texels_per_metre,
@@ -77,10 +78,12 @@ void room_solve_layers(struct room_solution *solution, struct lw_scene *scene, f
                        struct lw_solver_desc desc, const char *light_groups, unsigned frames);
 void room_finish(struct room_solution *solution);
 
-/** Solves on, the pose as it is now, until nothing more is solved; fails if that takes too long. *frame: the last one's number. */
+/** Solves on, the pose as it is now, until nothing more is solved; fails if that takes too long. *frame: the
+ * last one's number. */
 void room_solve_until_rest(struct room_solution *solution, uint64_t *frame);
 
-/** Ends the test unless the light of two solutions of one scene is the same, bit for bit. Returns how many tiles that is. */
+/** Ends the test unless the light of two solutions of one scene is the same, bit for bit. Returns how many
+ * tiles that is. */
 uint32_t room_expect_same(const struct room_solution *a, const struct room_solution *b);
 
 /** Mean E over the surface of an object: red channel, direct and indirect. */
@@ -90,7 +93,8 @@ struct room_mean {
 };
 struct room_mean room_object_mean(const struct room_solution *solution, uint32_t object);
 
-/** Calls back for every covered texel of an object. position: world space; area: how much of the texel is surface. */
+/** Calls back for every covered texel of an object. position: world space; area: how much of the texel is
+ * surface. */
 typedef void room_texel_fn(void *user, struct lw_vec3 position_ws, double area, double direct,
                            double indirect);
 void room_each_texel(const struct room_solution *solution, uint32_t object, room_texel_fn *fn, void *user);

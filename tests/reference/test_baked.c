@@ -1,5 +1,5 @@
-/* What a baked EXR says against a known configuration factor, in every convention: E = pi L F under a square lamp that
- * faces the floor. */
+/* What a baked EXR says against a known configuration factor, in every convention: E = pi L F under a square
+ * lamp that faces the floor. */
 #include "tests/reference/room.h"
 
 #include "server/bake/map.h"
@@ -9,10 +9,12 @@
 #define HEIGHT   0.8
 #define RADIANCE 3.0f
 #define ALBEDO   0.4
-/* One point per texel: those four texels apart share their directions, so a coarser grid would average nothing away. */
+/* One point per texel: those four texels apart share their directions, so a coarser grid would average
+ * nothing away. */
 #define GRID 36
 
-/* From a point to a parallel rectangle a x b at distance c, one corner above the point (Howell's catalogue, B-3). */
+/* From a point to a parallel rectangle a x b at distance c, one corner above the point (Howell's catalogue,
+ * B-3). */
 static double corner_factor(double a, double b, double c) {
     const double x = a / c, y = b / c, rx = sqrt(1 + x * x), ry = sqrt(1 + y * y);
     return (x / rx * atan(y / rx) + y / ry * atan(x / ry)) / (2 * M_PI);

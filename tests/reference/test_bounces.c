@@ -22,8 +22,9 @@ static void expect_furnace(float rho, uint32_t bounces, double tolerance) {
     room_finish(&solution);
 }
 
-/* The direct term chooses among twelve triangles by what they may give to a tile as a whole, so the mean over 6 x 16^2 texels
- * of 256 samples, which share directions within blocks, scatters by 0.3 % (one sigma, over six seeds). */
+/* The direct term chooses among twelve triangles by what they may give to a tile as a whole, so the mean over
+ * 6 x 16^2 texels of 256 samples, which share directions within blocks, scatters by 0.3 % (one sigma, over
+ * six seeds). */
 static void test_furnace(void **state) {
     (void)state;
     expect_furnace(0.5f, 0, 0.009);

@@ -75,7 +75,8 @@ static void expect_squares(const struct squares *got, const struct squares *want
             fail_msg("square %d: %g, expected %g within 4.5 %%", i, got->light[i], want->light[i]);
 }
 
-/* Moved and moved on: neither shadow stays, and the light is that of a room where the plate has always been there. */
+/* Moved and moved on: neither shadow stays, and the light is that of a room where the plate has always been
+ * there. */
 static void test_no_ghost_stays(void **state) {
     (void)state;
     const struct room here = make_room(8, 1.4f), there = make_room(8, 2.4f);
@@ -116,7 +117,8 @@ static void test_there_and_back(void **state) {
     room_finish(&s);
 }
 
-/* Frames that have time for next to nothing: each asks one tile and solves one; in the end nothing has been overlooked. */
+/* Frames that have time for next to nothing: each asks one tile and solves one; in the end nothing has been
+ * overlooked. */
 static void test_asked_in_many_frames(void **state) {
     (void)state;
     const struct room here = make_room(8, 1.4f), there = make_room(8, 2.4f);
@@ -407,8 +409,8 @@ static void expect_about_as_anew(const struct squares *truth, bool lit, unsigned
                  lit ? "lit" : "put out", before);
 }
 
-/* What is remembered of other light should be worth something, or at least do no harm: a solve that has just begun and must forget is a
- * frame behind. */
+/* What is remembered of other light should be worth something, or at least do no harm: a solve that has just
+ * begun and must forget is a frame behind. */
 static void test_memory_does_no_harm(void **state) {
     (void)state;
     const struct squares dark = light_of_two_lamps(false), lit = light_of_two_lamps(true);
@@ -418,7 +420,8 @@ static void test_memory_does_no_harm(void **state) {
     expect_about_as_anew(&lit, true, 30, lit_anew, 1.1);
 }
 
-/* A block at rest whose texels' indirect light comes out otherwise, by `each` up or down, in the mean over a region by 1/8. */
+/* A block at rest whose texels' indirect light comes out otherwise, by `each` up or down, in the mean over a
+ * region by 1/8. */
 static bool wakes(float each) {
     struct lw_packet packet[LW_PACKETS_MAX];
     struct lw_solve_block block = {

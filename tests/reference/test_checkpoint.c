@@ -1,5 +1,5 @@
-/* A solve that is saved and taken up by another solver goes on as if nothing had been; a file that is damaged, cut or of
- * something else is refused, and nothing of it taken. */
+/* A solve that is saved and taken up by another solver goes on as if nothing had been; a file that is
+ * damaged, cut or of something else is refused, and nothing of it taken. */
 #include "tests/reference/room.h"
 
 #include "server/solve/state/checkpoint.h"
@@ -79,7 +79,8 @@ static void resumed_is_uninterrupted_with_probes(void **state) {
     resumes(0.8f, 0);
 }
 
-/* Loads bytes as a file into a fresh solver, expecting to be refused; the solver must then work as a new one does. */
+/* Loads bytes as a file into a fresh solver, expecting to be refused; the solver must then work as a new one
+ * does. */
 static void refused(const uint8_t *bytes, size_t size, enum lw_status status, const char *text) {
     const char *path = lw_support_temporary("bad");
     lw_support_write_file(path, bytes, size);
@@ -148,7 +149,8 @@ static void other_bakes_are_refused(void **state) {
     room_finish(&other);
 }
 
-/* Stops are not part of the state: a resumed solve may aim elsewhere, and an aim that is reached needs no frame. */
+/* Stops are not part of the state: a resumed solve may aim elsewhere, and an aim that is reached needs no
+ * frame. */
 static void limits_may_change(void **state) {
     (void)state;
     const char *path = lw_support_temporary("limits");

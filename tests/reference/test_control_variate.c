@@ -1,4 +1,5 @@
-/* Light that has changed is corrected by how much it has: as much as was found, no more, and no texel below none. */
+/* Light that has changed is corrected by how much it has: as much as was found, no more, and no texel below
+ * none. */
 #include "server/solve/adapt/control_variate.h"
 #include "server/solve/cell_layer.h"
 #include "tests/reference/room.h"
@@ -68,8 +69,8 @@ static struct sums add_up(const struct lit *lit) {
     return sums;
 }
 
-/* As if all packets of the block had found that every texel's indirect light is off by `first` and `later`, and by `noise` up or down
- * besides. */
+/* As if all packets of the block had found that every texel's indirect light is off by `first` and `later`,
+ * and by `noise` up or down besides. */
 static void find(struct lit *lit, float first, float later, float noise) {
     struct lw_change_block *change = &lit->block->change;
     change->told = change->asked = lw_change_all_packets(lit->block);
@@ -262,7 +263,8 @@ static void test_light_from_next_to_none(void **state) {
 
 static float lamp_intensity(uint32_t lamp, bool on) { return lamp % 2 ? 0.01f : on ? 0.2f : 0; }
 
-/* Many lamps, half of which may be on: a sample of direct light is of one of them, and tells nothing of the others. */
+/* Many lamps, half of which may be on: a sample of direct light is of one of them, and tells nothing of the
+ * others. */
 static struct room make_room_of_lamps(bool on) {
     struct room room = {.texels_per_metre = 3};
     room_box(&room, lw_vec3(2, 2, 2), 0.3f, 0);
@@ -325,8 +327,8 @@ static struct room make_corridor(float lamp_x) {
     return room;
 }
 
-/* What a lamp that keeps moving has left behind is dark: light is no older than two sweeps, of which each takes as many frames as there are
- * tiles. */
+/* What a lamp that keeps moving has left behind is dark: light is no older than two sweeps, of which each
+ * takes as many frames as there are tiles. */
 static void test_a_lamp_that_walks(void **state) {
     (void)state;
     struct lw_error err = {0};

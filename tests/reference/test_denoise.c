@@ -19,8 +19,8 @@ static void solve(struct room_solution *solution, const struct room *room, uint3
                frames);
 }
 
-/* Over all covered texels of an object, or of all (LW_SCENE_NONE): sums of what is shown and of what was solved, and the
- * squared differences of the two. */
+/* Over all covered texels of an object, or of all (LW_SCENE_NONE): sums of what is shown and of what was
+ * solved, and the squared differences of the two. */
 struct sums {
     double shown, solved, change2, solved2;
 };
@@ -79,7 +79,8 @@ static void test_filter_fades_out(void **state) {
     assert_true(before < 0.03);
 }
 
-/* Light without noise has nothing but edges: they stay to the bit. A lamp without extent gives the same sample each frame. */
+/* Light without noise has nothing but edges: they stay to the bit. A lamp without extent gives the same
+ * sample each frame. */
 static void test_edges_without_noise_stay(void **state) {
     (void)state;
     struct room room = {.texels_per_metre = 20};
@@ -135,8 +136,8 @@ static void test_error_falls(void **state) {
     expect_error_falls(&room, (const unsigned[]){1, 4, 16}, (const double[]){0.5, 0.5, 0.6});
 }
 
-/* Shadows of a lamp without extent, and the noise of indirect light: edges are told from noise as soon as there are two
- * frames. */
+/* Shadows of a lamp without extent, and the noise of indirect light: edges are told from noise as soon as
+ * there are two frames. */
 static void test_shadows_stay_among_noise(void **state) {
     (void)state;
     struct room room = {.texels_per_metre = 12};
@@ -187,8 +188,8 @@ static void solve_in_parts(struct room_solution *s, const struct room *room, uin
     free(wanted);
 }
 
-/* What is shown depends on what was solved, not on the frames in which that came about; and blocks that rest keep up with
- * those beside them that do not. */
+/* What is shown depends on what was solved, not on the frames in which that came about; and blocks that rest
+ * keep up with those beside them that do not. */
 static void test_parts_of_a_frame_show_the_same(void **state) {
     (void)state;
     struct room room = wide_floor();

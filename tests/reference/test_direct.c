@@ -89,7 +89,8 @@ static double floor_mean(double (*value)(struct lw_vec3)) {
     return sum / (256.0 * 256.0);
 }
 
-/* Groups of them stand for all (light_tree.h): as right as a ray each, but for the noise of the choice within a group. */
+/* Groups of them stand for all (light_tree.h): as right as a ray each, but for the noise of the choice within
+ * a group. */
 static void test_many_points(void **state) {
     (void)state;
     struct room room = floor_room();
@@ -101,7 +102,8 @@ static void test_many_points(void **state) {
     }
     room.light_count = 100;
     room_solve(&solution, &room, (struct lw_solver_desc){0}, 16);
-    /* under a third of a ray in the light is of a choice: 1024 texels x 16 frames x 32 groups, sigma of the mean 0.05 % */
+    /* under a third of a ray in the light is of a choice: 1024 texels x 16 frames x 32 groups, sigma of the
+     * mean 0.05 % */
     expect_near(room_object_mean(&solution, 0).direct, floor_mean(lamps_value), 0.002);
     /* a ray for each of a hundred would be 1024 x 16 x 100 */
     assert_true(solution.rays <= 1024ul * 16 * LW_LIGHTS_EXACT_MAX);
@@ -258,15 +260,17 @@ static double spot_environment_value(struct lw_vec3 p) {
     return value = 1e6 * sum * 2 * pi / ENVIRONMENT_WIDTH + 0.01 * pi;
 }
 
-/* A sun of 0.01 sr in the picture, a hundred million times brighter than the rest: half of the samples go there, and find
- * E / p of about 2 E; so 64 of them have sigma 1 / 8. Cosine-weighted ones alone would find it in 2 of 1000, sigma 290 %. */
+/* A sun of 0.01 sr in the picture, a hundred million times brighter than the rest: half of the samples go
+ * there, and find E / p of about 2 E; so 64 of them have sigma 1 / 8. Cosine-weighted ones alone would find
+ * it in 2 of 1000, sigma 290 %. */
 static void test_bright_spot(void **state) {
     (void)state;
     struct room room = environment_room(spot_radiance);
     expect_environment(&room, 1, 64, spot_environment_value, 1.0 / 8);
 }
 
-/* Mean E on `object` from the emissive quad 0, with its tolerance k sigma / sqrt(n) from the spread of frames. */
+/* Mean E on `object` from the emissive quad 0, with its tolerance k sigma / sqrt(n) from the spread of
+ * frames. */
 static double mean_from_emitter(const struct room *room) {
     struct room_solution solution;
     room_solve(&solution, room, (struct lw_solver_desc){.direct_samples = 4}, 64);
@@ -306,8 +310,8 @@ static void test_emitter_shines_forward_only(void **state) {
     assert_true(mean_from_emitter(&room) > 1);
 }
 
-/* Panes of alpha 0.5 between a lamp and the floor, each an object of its own. Off centre: a ray through the edge that
- * two triangles share may meet both. */
+/* Panes of alpha 0.5 between a lamp and the floor, each an object of its own. Off centre: a ray through the
+ * edge that two triangles share may meet both. */
 static void expect_through_panes(unsigned panes, double passes) {
     struct room room = floor_room();
     for (unsigned i = 0; i < panes; i++) {
@@ -350,7 +354,8 @@ static void test_a_lamp_that_is_cut_out_is_dark(void **state) {
     expect_near(mean_from_emitter(&room), 0.25 * whole, 0.001);
 }
 
-/* A roof that is modelled from outside only shows its back to the floor; the lamp below it still lights the floor. */
+/* A roof that is modelled from outside only shows its back to the floor; the lamp below it still lights the
+ * floor. */
 static void test_a_floor_under_a_one_sided_roof_is_lit(void **state) {
     (void)state;
     struct room room = floor_room();
@@ -393,8 +398,8 @@ static uint32_t left_out_under_a_box(float half_m) {
     return open - covered_floor_texels(&room);
 }
 
-/* What stands on a floor leaves no dark rim: the texels under it are not solved, of something large those that a look-up from
- * beside it may read. */
+/* What stands on a floor leaves no dark rim: the texels under it are not solved, of something large those
+ * that a look-up from beside it may read. */
 static void test_texels_under_a_box_are_left_out(void **state) {
     (void)state;
     const uint32_t under_small = left_out_under_a_box(0.05f); /* 6.4 texels wide */

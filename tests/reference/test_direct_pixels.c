@@ -1,4 +1,5 @@
-/* Direct light at pixels against the path tracer's: nothing is in the texels, all comes from client lights. */
+/* Direct light at pixels against the path tracer's: nothing is in the texels, all comes from client
+ * lights. */
 #include "tests/support/support.h"
 
 #include "client/view/compose.h"

@@ -1,4 +1,5 @@
-/* Scenes at the edge of what there can be: hardly any texels, hardly any extent, no light, a million lights. */
+/* Scenes at the edge of what there can be: hardly any texels, hardly any extent, no light, a million
+ * lights. */
 #include "common/lightmap/lightmap.h"
 #include "tests/reference/room.h"
 

@@ -1,5 +1,5 @@
-/* What a scene may be made of, each against a closed form: textures, vertex colours, masks, sides, mirrored and sheared
- * nodes, instances, lamps that an animation carries. */
+/* What a scene may be made of, each against a closed form: textures, vertex colours, masks, sides, mirrored
+ * and sheared nodes, instances, lamps that an animation carries. */
 #include "tests/reference/room.h"
 
 #include <math.h>
@@ -57,7 +57,8 @@ static void test_textured_albedo(void **state) {
     expect_near(first_bounce(scene), PI * 0.5, 0.015);
 }
 
-/* A transform that shows the dark half alone, then the bright half alone (KHR_texture_transform: scale, then shift). */
+/* A transform that shows the dark half alone, then the bright half alone (KHR_texture_transform: scale, then
+ * shift). */
 static void test_texture_transform(void **state) {
     (void)state;
     for (int bright = 0; bright < 2; bright++) {
@@ -98,7 +99,8 @@ struct halves {
     unsigned bright_count, dark_count, soft_count;
 };
 
-/* A stencil at height 0.5 lets the sun through where x < 0.5; its disc of 0.02 blurs the edge by 0.005 to either side. */
+/* A stencil at height 0.5 lets the sun through where x < 0.5; its disc of 0.02 blurs the edge by 0.005 to
+ * either side. */
 static void sort_by_side(void *user, struct lw_vec3 p, double area, double direct, double indirect) {
     (void)area, (void)indirect;
     struct halves *h = user;
@@ -135,8 +137,8 @@ static void test_mask_casts_its_shape(void **state) {
     room_finish(&solution);
 }
 
-/* The edge of a sun's shadow: E falls from 1 to 0 over 2 h tan(alpha/2), as the part of its disc that a straight edge
- * leaves: (acos(s) - s sqrt(1 - s^2)) / pi at s radii beyond the edge. */
+/* The edge of a sun's shadow: E falls from 1 to 0 over 2 h tan(alpha/2), as the part of its disc that a
+ * straight edge leaves: (acos(s) - s sqrt(1 - s^2)) / pi at s radii beyond the edge. */
 #define SUN_EDGE_H     0.8
 #define SUN_EDGE_ANGLE 0.4
 
@@ -177,7 +179,8 @@ static void test_penumbra_of_the_sun(void **state) {
     room_solve(&solution, &room, (struct lw_solver_desc){0}, 256);
     room_each_texel(&solution, 0, compare_penumbra, &penumbra);
     assert_true(penumbra.count > 1000 && penumbra.inside > 200);
-    /* the cosine of rays off the sun's axis: at most 2 %; 256 samples: 3 % of what is left; a texel is 1/10 of the penumbra */
+    /* the cosine of rays off the sun's axis: at most 2 %; 256 samples: 3 % of what is left; a texel is 1/10
+     * of the penumbra */
     double off = sqrt(penumbra.off_square / penumbra.count);
     if (off > 2) fail_msg("root mean square off by %g of 100", off);
     room_finish(&solution);
@@ -218,7 +221,8 @@ static void test_sides_of_a_plate(void **state) {
 
 /* ---- transforms ---- */
 
-/* However a closed room is turned, mirrored, stretched or sheared: from inside it is still the same furnace. */
+/* However a closed room is turned, mirrored, stretched or sheared: from inside it is still the same
+ * furnace. */
 static void expect_furnace_in(const struct lw_affine *matrix, float texels_per_metre) {
     struct room room = shining_box(0.5f);
     struct lw_scene *scene = room_scene(&room);
@@ -303,8 +307,8 @@ static void add_channel(struct lw_scene *scene, uint32_t node, enum lw_channel_p
     scene->duration_s = 2;
 }
 
-/* A lamp that its node's animation lifts from 1 m to 3 m: after 1 of 2 s it hangs at 2 m, for the solver that was made at
- * that time as for the one that saw it come. */
+/* A lamp that its node's animation lifts from 1 m to 3 m: after 1 of 2 s it hangs at 2 m, for the solver that
+ * was made at that time as for the one that saw it come. */
 static void test_a_lamp_that_moves(void **state) {
     (void)state;
     for (int late = 0; late < 2; late++) {
@@ -325,7 +329,8 @@ static void test_a_lamp_that_moves(void **state) {
                     solution.solver->ops->frame(solution.solver, &solution.pose, f, &solution.stats, &err),
                     &err);
         }
-        /* mean over the square of I h / d^3 is I times the solid angle that it fills: 4 asin(1/(1 + 4 h^2)) */
+        /* mean over the square of I h / d^3 is I times the solid angle that it fills: 4 asin(1/(1 + 4
+         * h^2)) */
         expect_near(room_object_mean(&solution, 0).direct, 10 * 4 * asin(1.0 / (1 + 4 * 2 * 2)), 0.002);
         room_finish(&solution);
     }
@@ -394,7 +399,8 @@ static void test_textured_lamp(void **state) {
         e[textured] = room_object_mean(&solution, 1).direct;
         room_finish(&solution);
     }
-    /* bilinear look-ups blur the edge and, by wrapping, the two ends: 1/64 of the width in all, half of it lost */
+    /* bilinear look-ups blur the edge and, by wrapping, the two ends: 1/64 of the width in all, half of it
+     * lost */
     expect_near(e[1], e[0], 0.01);
 }
 

@@ -1,4 +1,5 @@
-/* The hybrid: bounce rays of finite range, which ask probes. Against closed forms and against rays without an end. */
+/* The hybrid: bounce rays of finite range, which ask probes. Against closed forms and against rays without an
+ * end. */
 #include "tests/reference/room.h"
 
 #include "common/builtin/builtin.h"
@@ -11,8 +12,9 @@ static const enum lw_probe_form_kind forms[] = {LW_PROBE_FORM_OCTAHEDRAL, LW_PRO
 static const enum lw_probe_projection projections[] = {LW_PROBE_PROJECTION_DEPTH, LW_PROBE_PROJECTION_BOX,
                                                        LW_PROBE_PROJECTION_STEP};
 
-/* In a closed room whose walls all emit Le and reflect rho, bounce k adds pi Le rho^k. Radiance is the same from
- * everywhere, which both forms describe exactly, so probes change nothing, whoever is asked about whatever. */
+/* In a closed room whose walls all emit Le and reflect rho, bounce k adds pi Le rho^k. Radiance is the same
+ * from everywhere, which both forms describe exactly, so probes change nothing, whoever is asked about
+ * whatever. */
 static void expect_furnace(enum lw_probe_form_kind form, enum lw_probe_projection projection, float range_m) {
     struct room room = {.texels_per_metre = 8};
     room_box(&room, lw_vec3(2, 2, 2), 0.5f, 1.5f);
@@ -39,8 +41,8 @@ static void test_furnace(void **state) {
             expect_furnace(forms[form], projections[projection], projection ? 0.7f : 1e-4f);
 }
 
-/* Two rooms of 2 x 2 x 2 m beside each other, apart by a wall of `thick` metres with faces of its own. One has a lamp.
- * The other is dark: all light there has come through the wall. */
+/* Two rooms of 2 x 2 x 2 m beside each other, apart by a wall of `thick` metres with faces of its own. One
+ * has a lamp. The other is dark: all light there has come through the wall. */
 static void solve_two_rooms(struct room_solution *solution, float thick, struct lw_solver_desc desc) {
     const struct lw_vec3 x = lw_vec3(2, 0, 0), y = lw_vec3(0, 2, 0), z = lw_vec3(0, 0, 2);
     struct room room = {.texels_per_metre = 6};

@@ -177,7 +177,8 @@ static void test_a_group_has_one_weight(void **state) {
     room_finish(&s);
 }
 
-/* While a lamp of another layer moves, light that stands rests; and when the lamp has come to rest the sum is right. */
+/* While a lamp of another layer moves, light that stands rests; and when the lamp has come to rest the sum is
+ * right. */
 static void test_light_that_stands_rests(void **state) {
     (void)state;
     struct room_solution s, joint;

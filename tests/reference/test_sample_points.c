@@ -1,4 +1,5 @@
-/* Texels as areas: shadow edges through them, smooth normals on coarse meshes, rooms apart by thin walls at any scale. */
+/* Texels as areas: shadow edges through them, smooth normals on coarse meshes, rooms apart by thin walls at
+ * any scale. */
 #include "tests/reference/room.h"
 
 #include "server/solve/surface/texels.h"
@@ -8,7 +9,8 @@
 
 #define DENSITY 4 /* texels per metre: coarse, so that edges fall inside texels */
 
-/* A floor of 8 m x 8 m under a sun at the zenith and a half plane whose edge runs through (at, 0) at `angle` to Z. */
+/* A floor of 8 m x 8 m under a sun at the zenith and a half plane whose edge runs through (at, 0) at `angle`
+ * to Z. */
 struct edge {
     double at, sine, cosine;
     double worst, sum, want, area; /* of the texels: largest error of one; means */
@@ -51,7 +53,8 @@ static void expect_shadow_edge(double at, double angle) {
     room_solve(&solution, &room, (struct lw_solver_desc){.direct_samples = 1}, 16);
     room_each_texel(&solution, 0, compare_with_lit_share, &edge);
     assert_true(edge.area >= 31 * 31);
-    /* A straight edge splits the eight places as it splits the square: to 1/16 along an axis, to little over 1/8 aslant. */
+    /* A straight edge splits the eight places as it splits the square: to 1/16 along an axis, to little over
+     * 1/8 aslant. */
     if (edge.worst > (angle == 0 ? 0.07 : 0.16))
         fail_msg("edge at %g, %g rad: a texel is off by %.3f", at, angle, edge.worst);
     expect_near(edge.sum / edge.area, edge.want / edge.area, 0.005);
@@ -140,8 +143,8 @@ static struct lw_scene *coarse_sphere(void) {
     return scene;
 }
 
-/* Every texel of the sphere gets the cosine of its shading normals with the sun: nothing is in the sun's way but the
- * face itself, whose edges a smooth normal denies. */
+/* Every texel of the sphere gets the cosine of its shading normals with the sun: nothing is in the sun's way
+ * but the face itself, whose edges a smooth normal denies. */
 static void test_a_coarse_sphere_shades_smoothly(void **state) {
     (void)state;
     struct room_solution solution;
@@ -163,7 +166,8 @@ static void test_a_coarse_sphere_shades_smoothly(void **state) {
             if (!tile.covered[i]) continue;
             const double cosine =
                 (double)(mesh->normal[2][start + i] * cosf(TURN) + mesh->normal[0][start + i] * sinf(TURN));
-            /* a texel spans 0.06 rad and its normals the more; the mean of the clamped cosine lies off the middle's */
+            /* a texel spans 0.06 rad and its normals the more; the mean of the clamped cosine lies off the
+             * middle's */
             if (fabs((double)tile.direct[0][i] - fmax(0, cosine)) > 0.05)
                 fail_msg("cosine %.3f, E %.3f", cosine, (double)tile.direct[0][i]);
             sum += (double)tile.direct[0][i];
@@ -229,8 +233,8 @@ static void count_mixed(void *user, struct lw_vec3 p, double area, double direct
     count[direct < 1 ? 0 : direct > 99 ? 1 : 2]++;
 }
 
-/* A wall through the middle of texels, with a roof on one side of it: the sun outside does not light the floor inside, nor
- * the other way round; each texel belongs to the side that has more of it. */
+/* A wall through the middle of texels, with a roof on one side of it: the sun outside does not light the
+ * floor inside, nor the other way round; each texel belongs to the side that has more of it. */
 static void test_a_wall_parts_the_texels_under_it(void **state) {
     (void)state;
     for (int i = 0; i < 2; i++) {
@@ -307,9 +311,9 @@ static void find_darkest(void *user, struct lw_vec3 p, double area, double direc
     darkest[1]++;
 }
 
-/* A bar ends inside a post with double-sided faces, both black under an even sky. A face of the bar has E = pi where it is
- * free and, since the post hides at most half of the sky from it, pi/2 beside it. What is inside is not light of
- * any texel, wherever these begin. */
+/* A bar ends inside a post with double-sided faces, both black under an even sky. A face of the bar has E =
+ * pi where it is free and, since the post hides at most half of the sky from it, pi/2 beside it. What is
+ * inside is not light of any texel, wherever these begin. */
 static void test_the_end_of_a_bar_inside_another_is_not_its_light(void **state) {
     (void)state;
     for (int i = 0; i < 4; i++) {
@@ -329,8 +333,8 @@ static void test_the_end_of_a_bar_inside_another_is_not_its_light(void **state) 
     }
 }
 
-/* A double-sided sheet half a texel above a floor shades it, though only its back is to be seen from there: in its middle no sky is
- * left within 84 degrees of the zenith, cos^2(84) = 0.011 of pi. */
+/* A double-sided sheet half a texel above a floor shades it, though only its back is to be seen from there:
+ * in its middle no sky is left within 84 degrees of the zenith, cos^2(84) = 0.011 of pi. */
 static void test_a_sheet_close_to_a_floor_shades_it(void **state) {
     (void)state;
     struct room room = {.texels_per_metre = 10, .sky = 1};

@@ -1,4 +1,5 @@
-/* Tiles that nobody looks at: what is looked at is lit as if all were solved, what lights it follows, the rest rests. */
+/* Tiles that nobody looks at: what is looked at is lit as if all were solved, what lights it follows, the
+ * rest rests. */
 #include "server/solve/adapt/schedule.h"
 #include "tests/reference/room.h"
 
@@ -7,7 +8,8 @@
 
 enum { FLOOR, CEILING }; /* of room_box() */
 
-/* Two closed rooms, each with a point light, far apart. Objects 0..5 are the first room's faces, 6..11 the second's. */
+/* Two closed rooms, each with a point light, far apart. Objects 0..5 are the first room's faces, 6..11 the
+ * second's. */
 static struct room two_rooms(void) {
     struct room room = {.texels_per_metre = 12};
     room_box(&room, lw_vec3(2, 2, 3), 0.6f, 0);
@@ -74,7 +76,8 @@ static void test_wanted_tiles_are_lit_as_in_a_whole_solve(void **state) {
     const struct room_mean a = room_object_mean(&whole, FLOOR), b = room_object_mean(&seen, FLOOR);
     assert_true(a.indirect > 0.2 * a.direct);
     expect_near(b.direct, a.direct, 1e-6); /* the same samples */
-    /* The floor's own 4 x 256 rays of each texel are the same; what they read has had an eighth of the samples and more. */
+    /* The floor's own 4 x 256 rays of each texel are the same; what they read has had an eighth of the
+     * samples and more. */
     expect_near(b.indirect, a.indirect, 0.004);
     assert_int_equal(seen.stats.tiles_wanted, 1);
     assert_int_equal(seen.stats.tiles_feeding, 6); /* the other faces, the lamp */
@@ -259,7 +262,8 @@ static void test_wakes_to_the_light_of_today(void **state) {
     room_finish(&s);
 }
 
-/* What lights the ceiling changes where nobody looks: it hears of it as in a whole solve, a few frames later. */
+/* What lights the ceiling changes where nobody looks: it hears of it as in a whole solve, a few frames
+ * later. */
 static void test_changes_reach_what_is_looked_at(void **state) {
     (void)state;
     for (unsigned moving = 0; moving < 2; moving++) {
@@ -289,8 +293,8 @@ static void test_changes_reach_what_is_looked_at(void **state) {
     }
 }
 
-/* Frames that have time for next to nothing: each solves one tile, the round is shown at its end, and no tile waits for longer;
- * but where the light begins to change, that comes first, and is shown at once. */
+/* Frames that have time for next to nothing: each solves one tile, the round is shown at its end, and no tile
+ * waits for longer; but where the light begins to change, that comes first, and is shown at once. */
 static void test_a_round_in_many_frames(void **state) {
     (void)state;
     struct room room = two_rooms();
@@ -320,8 +324,8 @@ static void test_a_round_in_many_frames(void **state) {
     room_finish(&s);
 }
 
-/* Frames with room for one tile: of those whose light has changed, the one of which most has is solved and shown, the next in the next
- * frame, and only then, in its round, what has hardly changed. */
+/* Frames with room for one tile: of those whose light has changed, the one of which most has is solved and
+ * shown, the next in the next frame, and only then, in its round, what has hardly changed. */
 static void test_what_has_changed_most_comes_first(void **state) {
     (void)state;
     static const float urgency[] = {0, 0.02f, 0.5f, 0};
@@ -354,7 +358,8 @@ static void test_what_has_changed_most_comes_first(void **state) {
     lw_schedule_finish(&schedule);
 }
 
-/* At the end of a round somebody waits for the frame to end: the round is shown in the next frame, whoever waits then. */
+/* At the end of a round somebody waits for the frame to end: the round is shown in the next frame, whoever
+ * waits then. */
 static void test_a_round_is_put_off_once(void **state) {
     (void)state;
     struct room room = two_rooms();

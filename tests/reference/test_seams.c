@@ -88,7 +88,8 @@ static void make_ball(struct lw_scene *scene, uint32_t q, struct lw_vec3 centre,
                                       .material = material};
 }
 
-/* Where light varies over texels but has no edge between two of them, every point of every seam agrees within 1 %. */
+/* Where light varies over texels but has no edge between two of them, every point of every seam agrees within
+ * 1 %. */
 static void test_ball(void **state) {
     (void)state;
     struct room room = {.sky = 0.3f};
@@ -321,7 +322,8 @@ static void test_t_junction(void **state) {
     }
 }
 
-/* Seams of two quads with edges of 2 m along x = 1, one moved along that line and turned about it, or lying on the other. */
+/* Seams of two quads with edges of 2 m along x = 1, one moved along that line and turned about it, or lying
+ * on the other. */
 static size_t count_seams(float by, float apart_m, float angle, bool folded) {
     struct room room = {0};
     room_quad(&room, lw_vec3(0, 0, 0), lw_vec3(0, 0, 2), lw_vec3(1, 0, 0), 0.5f, 0);

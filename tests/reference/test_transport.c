@@ -1,5 +1,5 @@
-/* Light transport as a whole: form factors off the axis, reciprocity, energy, partial sums, and what a result must not
- * hang on: the order of tiles, the packet that a ray travels in. */
+/* Light transport as a whole: form factors off the axis, reciprocity, energy, partial sums, and what a result
+ * must not hang on: the order of tiles, the packet that a ray travels in. */
 #include "tests/reference/room.h"
 
 #include "common/random.h"
@@ -47,8 +47,9 @@ static void test_disc(void **state) {
     room_solve(&solution, &room, (struct lw_solver_desc){.direct_samples = 8}, 128);
     room_each_texel(&solution, 1, compare_with_disc, &worst);
     assert_true(worst.texels >= 32 * 32);
-    /* 96 chords hold 0.9993 of the circle's area. A sample's relative deviation is up to 0.65 (the cosines change by that
-     * much over the disc), so one of 1024 samples is 0.02: five of these for the worst of 1024 texels. */
+    /* 96 chords hold 0.9993 of the circle's area. A sample's relative deviation is up to 0.65 (the cosines
+     * change by that much over the disc), so one of 1024 samples is 0.02: five of these for the worst of 1024
+     * texels. */
     expect_near(worst.sum_got, worst.sum_want, 0.002);
     if (worst.off > 0.1) fail_msg("a texel is off by %.2g %%", 100 * worst.off);
     room_finish(&solution);
@@ -69,8 +70,8 @@ static struct room two_plates(int lit) {
     return room;
 }
 
-/* What plate 1 gets from plate 0 is what plate 0 gets from plate 1 when that shines as bright: by area, and after any
- * number of bounces. */
+/* What plate 1 gets from plate 0 is what plate 0 gets from plate 1 when that shines as bright: by area, and
+ * after any number of bounces. */
 static void test_reciprocity(void **state) {
     (void)state;
     double watts[2];
@@ -95,8 +96,8 @@ static double absorbed(const struct room_solution *solution, const struct room *
     return watts;
 }
 
-/* What a lamp sends into a closed room is swallowed by its walls; with N bounces all but what would have been bounced
- * on, which is at most rho^(N+1) of it. Never more than was sent. */
+/* What a lamp sends into a closed room is swallowed by its walls; with N bounces all but what would have been
+ * bounced on, which is at most rho^(N+1) of it. Never more than was sent. */
 static void test_energy_is_neither_made_nor_lost(void **state) {
     (void)state;
     struct room room = {.texels_per_metre = 12};
@@ -170,8 +171,8 @@ static void random_ray(struct lw_ray16 *rays, uint32_t lane, uint32_t seed) {
                      lw_vec3(radius * cosf(angle), radius * sinf(angle), z), INFINITY);
 }
 
-/* Sixteen rays at once meet what each meets alone, with and without the coherent flag: distances to a few ulp (the
- * kernels order their arithmetic differently), and the same surface unless two are that near. */
+/* Sixteen rays at once meet what each meets alone, with and without the coherent flag: distances to a few ulp
+ * (the kernels order their arithmetic differently), and the same surface unless two are that near. */
 static void test_packets_against_single_rays(void **state) {
     (void)state;
     struct room room = lamp_room();

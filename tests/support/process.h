@@ -1,5 +1,5 @@
-/* process.h: our programs as a test runs them: beside the test's own program, with a time limit, stopped by pid.
- * Whatever a test leaves running is killed when its process ends, however that comes about. */
+/* process.h: our programs as a test runs them: beside the test's own program, with a time limit, stopped by
+ * pid. Whatever a test leaves running is killed when its process ends, however that comes about. */
 #ifndef LW_TESTS_PROCESS_H
 #define LW_TESTS_PROCESS_H
 
@@ -17,24 +17,26 @@ struct lw_process {
 };
 
 /** Starts a program of the build; `arguments` are words separated by blanks. It finds no display; $TMPDIR is
- * lw_support_temporary("tmp"), made if it is not there, $XDG_CACHE_HOME lw_support_temporary("caches"). Ends the test where it
- * cannot be started. */
+ * lw_support_temporary("tmp"), made if it is not there, $XDG_CACHE_HOME lw_support_temporary("caches"). Ends
+ * the test where it cannot be started. */
 void lw_process_start(struct lw_process *process, const char *program, const char *arguments);
 
-/** Starts lightwelld on a free port of 127.0.0.1, or on a --listen among the arguments, and waits until it serves. Ends the
- * test where that takes more than a minute, or where the daemon ends instead. */
+/** Starts lightwelld on a free port of 127.0.0.1, or on a --listen among the arguments, and waits until it
+ * serves. Ends the test where that takes more than a minute, or where the daemon ends instead. */
 void lw_process_serve(struct lw_process *process, const char *arguments);
 
 /** Whether it has not ended yet. */
 bool lw_process_runs(struct lw_process *process);
 
-/** Waits for its end and returns its exit code, or minus the number of the signal that ended it. Ends the test after limit_s. */
+/** Waits for its end and returns its exit code, or minus the number of the signal that ended it. Ends the
+ * test after limit_s. */
 int lw_process_finish(struct lw_process *process, unsigned limit_s);
 
 /** Sends a signal and finishes. */
 int lw_process_stop(struct lw_process *process, int signal_number, unsigned limit_s);
 
-/** Kills and forgets all that still run, and what they left in $TMPDIR: for a teardown after a test that failed. */
+/** Kills and forgets all that still run, and what they left in $TMPDIR: for a teardown after a test that
+ * failed. */
 void lw_process_kill_all(void);
 
 /** What it has said so far on stdout, on stderr; the caller frees. */
@@ -44,8 +46,8 @@ char *lw_process_err(const struct lw_process *process);
 /** The number under a key of a line of JSON, or ends the test: there is none. */
 double lw_process_number(const char *line, const char *key);
 
-/** The same of the newest whole line on stdout, as lightwelld --json prints one a frame. Ends the test where none comes within a
- * minute. */
+/** The same of the newest whole line on stdout, as lightwelld --json prints one a frame. Ends the test where
+ * none comes within a minute. */
 double lw_process_newest(const struct lw_process *process, const char *key);
 
 /** Ends the test unless nothing is left in the programs' $TMPDIR. */

@@ -21,7 +21,8 @@ LW_MUST_CHECK enum lw_status seam_walk_init(struct seam_walk *walk, const struct
                                             bool unwelded);
 void seam_walk_finish(struct seam_walk *walk);
 
-/** What the viewer reads of an object at a place of its atlas (texels of level 0), red channel; false over a hole. */
+/** What the viewer reads of an object at a place of its atlas (texels of level 0), red channel; false over a
+ * hole. */
 bool seam_walk_read(const struct seam_walk *walk, uint32_t object, unsigned level, double u, double v,
                     double *out);
 
@@ -33,14 +34,16 @@ struct seam_spread {
     double dark;           /* share of points whose sides' mean is under the floor */
 };
 
-/** Eight points per texel of the level; on coarser levels without the seams of what is read at level 0 alone. object: whose seams,
- * or LW_SCENE_NONE: all. Where a side has nothing but holes to read (inside something), there is no seam.
+/** Eight points per texel of the level; on coarser levels without the seams of what is read at level 0 alone.
+ * object: whose seams, or LW_SCENE_NONE: all. Where a side has nothing but holes to read (inside something),
+ * there is no seam.
  * Errors: LW_NO_MEMORY; LW_INTERNAL: light that is negative or not finite. */
 LW_MUST_CHECK enum lw_status seam_walk_measure(const struct seam_walk *walk,
                                                const struct lw_seam_edges *edges, unsigned level,
                                                uint32_t object, struct seam_spread *out);
 
-/** Relative change of the mean light by welding: of the scene, and the worst of an object of 1,000 texels and more. */
+/** Relative change of the mean light by welding: of the scene, and the worst of an object of 1,000 texels and
+ * more. */
 void seam_walk_mean_change(const struct lw_atlas_map *map, const struct lw_solver *solver, double *out_scene,
                            double *out_object);
 

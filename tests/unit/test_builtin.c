@@ -156,8 +156,8 @@ static void test_atrium_moves_lantern_and_rings_alone(void **state) {
     lw_pose_finish(&later);
 }
 
-/* Neither a key nor the end of the loop may be felt: at 240 steps a second no step is longer than 4 m/s allow, and no
- * speed changes faster than 8 m/s^2. */
+/* Neither a key nor the end of the loop may be felt: at 240 steps a second no step is longer than 4 m/s
+ * allow, and no speed changes faster than 8 m/s^2. */
 static void test_atrium_loop_is_smooth(void **state) {
     const struct lw_scene *scene = *state;
     struct lw_pose pose;
@@ -180,7 +180,7 @@ static void test_atrium_loop_is_smooth(void **state) {
     lw_pose_finish(&pose);
 }
 
-/* --- city --------------------------------------------------------------------------------------------------------- */
+/* ---- city ---- */
 
 static void test_city(void **state) {
     (void)state;
@@ -237,8 +237,8 @@ static float clearance(const struct lw_trace *trace, struct lw_vec3 from, struct
     return hits.object[0] == LW_TRACE_MISS ? 1e4f : hits.t[0];
 }
 
-/* Every quarter of a second the walker has pavement under the feet, nothing within a foot of the head, and nothing in the
- * way to the next place; its speed is that of a person, and it ends where it began. */
+/* Every quarter of a second the walker has pavement under the feet, nothing within a foot of the head, and
+ * nothing in the way to the next place; its speed is that of a person, and it ends where it began. */
 static void test_city_walk_is_free(void **state) {
     (void)state;
     struct lw_scene *scene = build("builtin:city:2");
@@ -279,7 +279,8 @@ static void test_city_walk_is_free(void **state) {
     lw_scene_destroy(scene);
 }
 
-/* Car, tram and lantern go round their blocks without a jump and clear of all else, and nothing else moves. */
+/* Car, tram and lantern go round their blocks without a jump and clear of all else, and nothing else
+ * moves. */
 static void test_city_traffic(void **state) {
     (void)state;
     struct lw_scene *scene = build("builtin:city:2");
@@ -392,7 +393,8 @@ void *__wrap_malloc(size_t size) { return allowed() ? __real_malloc(size) : NULL
 void *__wrap_calloc(size_t count, size_t size) { return allowed() ? __real_calloc(count, size) : NULL; }
 void *__wrap_realloc(void *old, size_t size) { return allowed() ? __real_realloc(old, size) : NULL; }
 
-/** Builds with one failing allocation, after `before` good ones. Returns false if the build needs no more than those. */
+/** Builds with one failing allocation, after `before` good ones. Returns false if the build needs no more
+ * than those. */
 static bool fails_after(const char *name, unsigned before) {
     struct lw_scene *scene = NULL;
     struct lw_error err = {0};

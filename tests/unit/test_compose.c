@@ -36,7 +36,8 @@ static struct lw_client_tile world_tile(const void *context, lw_tile_id tile) {
     return ((const struct world *)context)->tile[tile.v];
 }
 
-/* Squares of SIDE_M with an atlas of texels x texels, u along X and v along Z. Twice as many rows with backs. */
+/* Squares of SIDE_M with an atlas of texels x texels, u along X and v along Z. Twice as many rows with
+ * backs. */
 static struct lw_scene *squares(unsigned count, uint32_t texels, bool double_sided) {
     struct lw_scene *scene = lw_support_squares(count, SIDE_M);
     struct lw_mesh *mesh = &scene->mesh[0];
@@ -195,7 +196,8 @@ static struct lw_vec3 colour_expected(const struct world *w, const struct lw_hit
     return lw_vec3_add(lw_vec3_scale(surface.albedo, e / LW_PI), surface.emission);
 }
 
-/* Every triangle is some pixels wide: packets meet up to sixteen, and a thread far more than it keeps at hand. */
+/* Every triangle is some pixels wide: packets meet up to sixteen, and a thread far more than it keeps at
+ * hand. */
 static void test_many_small_triangles(void **state) {
     (void)state;
     const uint32_t count = 3000;
@@ -282,8 +284,8 @@ static void test_environment(void **state) {
     world_finish(&w);
 }
 
-/* E = u, v and their sum in texels of level 0, written into the texel centres of every level: bilinear interpolation
- * gives it back exactly, at whatever level it is read. */
+/* E = u, v and their sum in texels of level 0, written into the texel centres of every level: bilinear
+ * interpolation gives it back exactly, at whatever level it is read. */
 static void fill_ramps(struct world *w) {
     for (uint32_t k = 0; k < w->map.atlas[0].level_count; k++) {
         const struct lw_atlas_level *l = &w->map.atlas[0].level[k];
@@ -340,7 +342,8 @@ static void test_level_follows_the_footprint(void **state) {
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         struct lw_compose_view view = look(0, cases[i].footprint / (pixel * texels_per_m), 0, 0, 0, 0, 40);
         render(&w, &view, rgb);
-        /* the middle pixel; its footprint is larger than the axis' by the cosine, far less than the margins here */
+        /* the middle pixel; its footprint is larger than the axis' by the cosine, far less than the margins
+         * here */
         assert_near(rgb[3 * (HEIGHT / 2 * WIDTH + WIDTH / 2)], 0.5f * cases[i].value / LW_PI, 1e-6f);
     }
     world_finish(&w);
@@ -409,7 +412,8 @@ static uint32_t tile_at(const struct world *w, uint32_t level, uint32_t x, uint3
     return lw_atlas_map_find(&w->map, 0, level, x, y).v;
 }
 
-/* What lies beside the picture is surveyed at the level that it would need in it; the picture's own needs stay. */
+/* What lies beside the picture is surveyed at the level that it would need in it; the picture's own needs
+ * stay. */
 static void test_survey(void **state) {
     (void)state;
     struct world w;

@@ -16,7 +16,8 @@ static struct lw_vec3 at(const struct lw_environment *e, float x, float y, float
     return lw_environment_radiance(e, lw_vec3_normalize(lw_vec3(x, y, z)));
 }
 
-/* Eight columns of one row, red their number, green its square: read at the centres, between them, around the sides. */
+/* Eight columns of one row, red their number, green its square: read at the centres, between them, around the
+ * sides. */
 static void columns_go_around(void **state) {
     (void)state;
     float rgb[8 * 3] = {0};
@@ -108,7 +109,8 @@ static void densities_are_what_is_drawn(void **state) {
     lw_support_ok(lw_environment_importance_init(&importance, &e), NULL);
     assert_true(importance.excess > 0 && importance.excess < importance.mean);
 
-    /* the density that comes with a draw is the one that is told of its direction; they cover what they should */
+    /* the density that comes with a draw is the one that is told of its direction; they cover what they
+     * should */
     enum { N = 1 << 17 };
     double inverse = 0, steps = 0;
     for (uint32_t i = 0; i < N; i++) {
@@ -166,7 +168,8 @@ static void mixture_is_unbiased(void **state) {
         pdf = 0.5f * lw_environment_importance_pdf(&importance, d) + 0.5f / (4 * LW_PI);
         mixed += (double)(lw_environment_radiance(&e, d).x / pdf) / N;
     }
-    /* the even directions alone see the sun with a spread of 4 pi 5000 sqrt(its 0.008 of the sphere / N) = 11 */
+    /* the even directions alone see the sun with a spread of 4 pi 5000 sqrt(its 0.008 of the sphere / N) =
+     * 11 */
     assert_true(fabs(mixed / even - 1) < 0.05);
     assert_true(fabs(mixed / (4 * (double)LW_PI * (double)importance.mean) - 1) <
                 0.1); /* luminance, not red */

@@ -110,7 +110,8 @@ static void assert_vec3(struct lw_vec3 v, float x, float y, float z) {
                  (double)y, (double)z);
 }
 
-/* Albedo where the x-y plane of object space is at (x, y), which has texture coordinates (x, y) in these files. */
+/* Albedo where the x-y plane of object space is at (x, y), which has texture coordinates (x, y) in these
+ * files. */
 static struct lw_vec3 albedo_at(const struct lw_scene *scene, const struct lw_mesh *mesh, float x, float y) {
     for (uint32_t t = 0; t < mesh->triangle_count; t++) {
         struct lw_vec3 a = mesh->position[mesh->triangle[t][0]], b = mesh->position[mesh->triangle[t][1]],
@@ -426,7 +427,8 @@ static void stl_has_triangles_alone(void **state) {
 
 /* ---- Collada ---- */
 
-/* In centimetres, +Z up: a textured square that rises, one twice as large of half opacity, a lamp of each kind. */
+/* In centimetres, +Z up: a textured square that rises, one twice as large of half opacity, a lamp of each
+ * kind. */
 static const char dae[] =
     "<?xml version=\"1.0\" encoding=\"utf-8\"?>\n"
     "<COLLADA xmlns=\"http://www.collada.org/2005/11/COLLADASchema\" version=\"1.4.1\">\n"
@@ -577,8 +579,8 @@ static void collada_arrives_in_metres_and_upright(void **state) {
 
 /* ---- FBX ---- */
 
-/* In metres, +Z up, +X right, -Y towards the viewer: a square with a texture inside the file that moves along x, a spot,
- * a camera. */
+/* In metres, +Z up, +X right, -Y towards the viewer: a square with a texture inside the file that moves along
+ * x, a spot, a camera. */
 static const char fbx[] = "; FBX 7.4.0 project file\n"
                           "FBXHeaderExtension:  {\n"
                           " FBXHeaderVersion: 1003\n"
@@ -795,7 +797,8 @@ static char *replaced(const char *text, const char *old, const char *new) {
     return out;
 }
 
-/* One of two keys at the same time counts, here the one that Assimp leaves; with none beside it things stand there. */
+/* One of two keys at the same time counts, here the one that Assimp leaves; with none beside it things stand
+ * there. */
 static void equal_key_times_are_one_key(void **state) {
     (void)state;
     make_folder("some dir");
@@ -870,7 +873,8 @@ static void claims_do_not_cost_memory(void **state) {
                 "needs more memory than a file of");
 }
 
-/* What a file is counts more than its name; degenerate and doubled triangles, and names that are no UTF-8, do no harm. */
+/* What a file is counts more than its name; degenerate and doubled triangles, and names that are no UTF-8, do
+ * no harm. */
 static void odd_files_are_read(void **state) {
     (void)state;
     struct lw_scene *scene =

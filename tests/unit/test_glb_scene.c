@@ -1,5 +1,5 @@
-/* A scene written as .glb and read back by the strict importer is the same scene; what the importer does not look at
- * (second texture coordinates, extensions, extras) is looked up in the JSON. */
+/* A scene written as .glb and read back by the strict importer is the same scene; what the importer does not
+ * look at (second texture coordinates, extensions, extras) is looked up in the JSON. */
 #include "tests/support/support.h"
 
 #include "common/lightmap/lightmap.h"
@@ -67,7 +67,8 @@ static void finish(struct written *w) {
     lw_scene_destroy(w->scene);
 }
 
-/* ---- the same triangles --------------------------------------------------------------------------------------- */
+/* ---- the same triangles
+ * --------------------------------------------------------------------------------------- */
 
 /* A corner in world space with all that the reader keeps of it. */
 struct corner {
@@ -152,7 +153,8 @@ static void the_same_scene_comes_back(void **state) {
     finish(&w);
 }
 
-/* ---- materials ------------------------------------------------------------------------------------------------ */
+/* ---- materials
+ * ------------------------------------------------------------------------------------------------ */
 
 static json_t *at(json_t *json, const char *array, size_t index) {
     json_t *item = json_array_get(json_object_get(json, array), index);
@@ -301,7 +303,8 @@ static void a_texture_without_coordinates_becomes_a_factor(void **state) {
     finish(&w);
 }
 
-/* ---- split sides ---------------------------------------------------------------------------------------------- */
+/* ---- split sides
+ * ---------------------------------------------------------------------------------------------- */
 
 static void sides_are_split(void **state) {
     (void)state;
@@ -340,7 +343,8 @@ static void sides_are_split(void **state) {
     finish(&w);
 }
 
-/* ---- what cannot be written ----------------------------------------------------------------------------------- */
+/* ---- what cannot be written
+ * ----------------------------------------------------------------------------------- */
 
 static void failures_name_the_file(void **state) {
     (void)state;

@@ -1,5 +1,5 @@
-/* The glTF reader against files made here: a base scene that holds one of everything, and what becomes of it when one
- * place in it is changed. */
+/* The glTF reader against files made here: a base scene that holds one of everything, and what becomes of it
+ * when one place in it is changed. */
 #include "tests/support/support.h"
 
 #include "common/log.h"

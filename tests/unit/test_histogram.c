@@ -33,7 +33,8 @@ static void test_small_values_are_exact(void **state) {
     free(h);
 }
 
-/* One value at every scale, and at both ends of what a power of two holds: the bucket's middle is within 1/128 of it. */
+/* One value at every scale, and at both ends of what a power of two holds: the bucket's middle is within
+ * 1/128 of it. */
 static void test_every_scale(void **state) {
     (void)state;
     for (unsigned bit = 0; bit < 64; bit++)

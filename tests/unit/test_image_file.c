@@ -24,7 +24,8 @@ static void append(png_structp png, png_bytep data, size_t size) {
 
 static void flush(png_structp png) { (void)png; }
 
-/* rows: `row_size` bytes each. A palette of two colours, the second half transparent, if type asks for one. */
+/* rows: `row_size` bytes each. A palette of two colours, the second half transparent, if type asks for
+ * one. */
 static void write_png(struct bytes *out, uint32_t width, uint32_t height, int depth, int type, int interlace,
                       const uint8_t *rows, size_t row_size) {
     static const png_color palette[2] = {{10, 20, 30}, {200, 100, 50}};

@@ -1,5 +1,5 @@
-/* The light tree: probabilities sum up to 1, are what is drawn, and are above 0 for all that gives light; groups of
- * a region hold each light once. */
+/* The light tree: probabilities sum up to 1, are what is drawn, and are above 0 for all that gives light;
+ * groups of a region hold each light once. */
 #include "common/light/light_tree.h"
 #include "common/random.h"
 #include "tests/support/support.h"
@@ -92,7 +92,8 @@ static struct lw_light_region point_within(const struct lw_light_region *r, uint
     return (struct lw_light_region){at, normal, 0, 1};
 }
 
-/* What the groups of a region give to a point of it: by choices of their own, every light that shines on it counts once. */
+/* What the groups of a region give to a point of it: by choices of their own, every light that shines on it
+ * counts once. */
 static double count_by_groups(const struct lw_light_tree *tree, const struct lw_light_bounds *light,
                               const struct lw_light_region *region, const struct lw_light_region *at,
                               uint32_t most) {

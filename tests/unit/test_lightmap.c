@@ -155,8 +155,8 @@ static uint32_t root(uint32_t *parent, uint32_t i) {
     return i;
 }
 
-/* Every block of 4x4 texels, with the gutter around what lies in it, belongs to one connected piece. Holds where no
- * piece is a sliver and no chart was merged from several. */
+/* Every block of 4x4 texels, with the gutter around what lies in it, belongs to one connected piece. Holds
+ * where no piece is a sliver and no chart was merged from several. */
 static void check_blocks(const struct lw_mesh *m) {
     uint32_t *parent = malloc(m->vertex_count * sizeof *parent);
     uint32_t width = m->atlas_width / 4, height = m->atlas_height / 4;
@@ -378,7 +378,8 @@ static void a_thin_bar_has_a_chart_for_each_side(void **state) {
     lw_scene_destroy(scene);
 }
 
-/* Whether a bilinear look-up of a level at `at` reads a texel into which a look-up of level 0 of another quad goes. */
+/* Whether a bilinear look-up of a level at `at` reads a texel into which a look-up of level 0 of another quad
+ * goes. */
 static bool reads_another(const struct lw_mesh *mesh, const uint32_t *quad_of, struct lw_vec2 at,
                           uint32_t own, unsigned level) {
     const float side = (float)(1u << level);
@@ -401,7 +402,8 @@ static struct lw_vec2 point_on(const struct lw_mesh *mesh, uint32_t triangle, in
                             c[0].y + u * (c[1].y - c[0].y) + v * (c[2].y - c[0].y)};
 }
 
-/* Quads of all sizes up to wider than slivers, far from each other: what level is named must hold, and no less than that. */
+/* Quads of all sizes up to wider than slivers, far from each other: what level is named must hold, and no
+ * less than that. */
 static void no_level_that_is_named_reads_other_charts(void **state) {
     enum { QUADS = 60, STEPS = 40 };
     struct shape *s = fresh(state);
@@ -619,8 +621,8 @@ static void texels_bound_the_density(void **state) {
     }
 }
 
-/* A grid of 3,200 triangles, 3,000 times, on cylinders large enough to be bounded: what suffices for fewer would be under
- * half a texel for each. */
+/* A grid of 3,200 triangles, 3,000 times, on cylinders large enough to be bounded: what suffices for fewer
+ * would be under half a texel for each. */
 static void many_triangles_get_texels(void **state) {
     struct shape *s = fresh(state);
     grid(s, cylinder, 40, 40);

@@ -93,7 +93,8 @@ static void end(struct stage *s) {
 
 static const struct lw_vec3 origin = {0, 0, 0}, up = {0, 1, 0};
 
-/* Two lamps overhead, one of them shining both ways, one that turns its back, a point, a spot, two suns, a sky. */
+/* Two lamps overhead, one of them shining both ways, one that turns its back, a point, a spot, two suns, a
+ * sky. */
 static void everything(struct stage *s, unsigned lamps) {
     begin(s);
     for (unsigned i = 0; i < lamps; i++) {
@@ -120,7 +121,8 @@ static void everything(struct stage *s, unsigned lamps) {
     ready(s);
 }
 
-/* E at the origin, facing up, of a polygon above the horizon: Lambert's formula (L/2) sum of angle x (edge normal . n). */
+/* E at the origin, facing up, of a polygon above the horizon: Lambert's formula (L/2) sum of angle x (edge
+ * normal . n). */
 static double polygon_irradiance(double radiance, const struct lw_vec3 *p, unsigned count) {
     double sum = 0;
     for (unsigned i = 0; i < count; i++) {
@@ -283,7 +285,8 @@ static void test_what_does_not_shine_has_no_density(void **state) {
     end(&s);
 }
 
-/* What is hidden gives nothing; materials and sky are taken over, with triangles that did not shine before. */
+/* What is hidden gives nothing; materials and sky are taken over, with triangles that did not shine
+ * before. */
 static void test_changes(void **state) {
     (void)state;
     struct stage s;

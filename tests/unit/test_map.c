@@ -7,7 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* A solver whose light is what the test says: E = (x, y, 1) * gain in texels of the atlas, on a disc of the atlas. */
+/* A solver whose light is what the test says: E = (x, y, 1) * gain in texels of the atlas, on a disc of the
+ * atlas. */
 struct fake {
     struct lw_solver base;
     const struct lw_atlas_map *map;
@@ -182,7 +183,8 @@ static void eight_bits_keep_the_light_in_the_mean(void **state) {
     assert_true(scale <= map.largest && scale > 0.9f * map.largest);
     assert_true(clipped <= map.covered / 1000 * 2 + 2);
     assert_true(fabs(got / want - 1) < 0.002);
-    /* blue lies between two steps everywhere: dithering must give its mean. 3 sigma of a coin of variance under 1/4. */
+    /* blue lies between two steps everywhere: dithering must give its mean. 3 sigma of a coin of variance
+     * under 1/4. */
     assert_true(fabs(steps / map.covered - 255 / (double)scale) < 3 * 0.5 / sqrt(map.covered));
     free(rgb);
     lw_map_finish(&map);

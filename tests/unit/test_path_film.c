@@ -68,8 +68,8 @@ static void test_error_is_the_error(void **state) {
             film.half[half][i] = 8 * (10 + noise);
         }
     film.samples = 16;
-    /* Each half is 10 with deviation 1, their mean's deviation is sqrt(1/2); relative to sqrt(10^2 + 0.01 * 10^2). The
-     * estimate over 30,000 values is good to 1 %. */
+    /* Each half is 10 with deviation 1, their mean's deviation is sqrt(1/2); relative to sqrt(10^2 + 0.01 *
+     * 10^2). The estimate over 30,000 values is good to 1 %. */
     assert_true(fabs(lw_path_film_error(&film) - sqrt(0.5 / 101)) < 0.02 * sqrt(0.5 / 101));
     lw_path_film_finish(&film);
 }

@@ -180,7 +180,8 @@ static void linear_rotations_turn_evenly_the_shorter_way(void **state) {
     }
 }
 
-/* A Hermite spline through samples of a cubic with the cubic's own tangents is that cubic, whatever the intervals. */
+/* A Hermite spline through samples of a cubic with the cubic's own tangents is that cubic, whatever the
+ * intervals. */
 static float cubic(float t) { return t * t * t - 2 * t * t + 3 * t - 4; }
 static float cubic_slope(float t) { return 3 * t * t - 4 * t + 3; }
 
@@ -223,7 +224,8 @@ static void cubic_rotations_are_unit_and_scales_scale(void **state) {
         {0, LW_CHANNEL_SCALE, LW_INTERPOLATION_LINEAR, 2, times, grow},
     };
     struct lw_scene *scene = build(&still, 1, channels, 2, 2);
-    /* half way between identity and a half turn about z: (0, 0, 1/2, 1/2) before it is made unit, a quarter turn */
+    /* half way between identity and a half turn about z: (0, 0, 1/2, 1/2) before it is made unit, a quarter
+     * turn */
     assert_point(place(scene, 0.5, lw_vec3(1, 0, 0)), 0, 2, 0);
     assert_point(place(scene, 0.5, lw_vec3(0, 1, 0)), -3, 0, 0);
     lw_scene_destroy(scene);

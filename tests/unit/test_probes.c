@@ -89,8 +89,8 @@ static void test_forms_return_smooth_light(void **state) {
     expect_smooth(LW_PROBE_FORM_OCTAHEDRAL, 0.15);
 }
 
-/* A small lamp in the dark: nothing may go below zero, and no form may gain light. Its mean over the sphere is
- * 100 (1 - 0.9) / 2 = 5. */
+/* A small lamp in the dark: nothing may go below zero, and no form may gain light. Its mean over the sphere
+ * is 100 (1 - 0.9) / 2 = 5. */
 static void expect_lamp(enum lw_probe_form_kind kind, double most_gain) {
     const struct lw_probe_form_ops *form = lw_probe_form(kind);
     float map[LW_PROBE_FORM_FLOATS_MAX];
@@ -270,8 +270,8 @@ static void test_visibility_ends_at_walls(void **state) {
     hall_finish(&hall);
 }
 
-/* Who answers sees what the ray hits: not the floor beyond a low wall that stands in the ray's way, which lies in the
- * same direction. */
+/* Who answers sees what the ray hits: not the floor beyond a low wall that stands in the ray's way, which
+ * lies in the same direction. */
 static void test_who_answers_sees_the_end(void **state) {
     (void)state;
     struct hall hall; /* a wall across the hall, up to half its height */

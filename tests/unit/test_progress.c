@@ -1,4 +1,5 @@
-/* Time is ours: clock_gettime is replaced, so hours pass in no time and the test never depends on the machine. */
+/* Time is ours: clock_gettime is replaced, so hours pass in no time and the test never depends on the
+ * machine. */
 #include "tests/support/support.h"
 
 #include "common/log.h"

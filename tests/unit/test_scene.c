@@ -89,7 +89,8 @@ static void an_emissive_material_that_no_triangle_uses_is_no_light(void **state)
 static void set(const float *p, float value) { *(float *)(uintptr_t)p = value; }
 static void set_index(const uint32_t *p, uint32_t value) { *(uint32_t *)(uintptr_t)p = value; }
 
-/* Every rule of lw_scene_validate: how to break it in lw_support_everything(), and what the message must say. */
+/* Every rule of lw_scene_validate: how to break it in lw_support_everything(), and what the message must
+ * say. */
 #define RULE_MAP(X)                                                                                          \
     X("scene: name is NULL", s->name = NULL)                                                                 \
     X("scene: name is not UTF-8", s->name = "\xC0\x80")                                                      \

@@ -43,8 +43,8 @@ static bool within(const struct lw_vec3 t[3], struct lw_vec3 d, float slack) {
 /* The sliver, 1 : 2000 as seen, is off by 0.006: floats. */
 #define UNEVEN_MAX 0.009
 
-/* Of each part of a triangle that is cut in two from a corner, the samples find its share of the solid angle; and the means
- * of 1/pdf of samples that are even over the area agree on the whole. */
+/* Of each part of a triangle that is cut in two from a corner, the samples find its share of the solid angle;
+ * and the means of 1/pdf of samples that are even over the area agree on the whole. */
 static void samples_are_even(void **state) {
     (void)state;
     for (size_t k = 0; k < sizeof triangles / sizeof *triangles; k++) {

@@ -122,8 +122,8 @@ static void a_surface_is_its_corners_weighed(void **state) {
     assert_near(surface.lightmap_uv.x, 0.25f * 2 + 0.5f * 2 + 0.25f * 10);
     assert_near(surface.lightmap_uv.y, 0.25f * 2 + 0.5f * 10 + 0.25f * 2);
     assert_ptr_equal(surface.material, &scene->material[1]);
-    /* UV set 1 there is (0.125, 0.25), transformed (0.75, 0.75): the centre of the white texel, alpha 0; the vertex
-     * colour is 0.25 (1,1,1,1) + 0.5 (1,1,.5,.5) + 0.25 (1,.5,1,1) */
+    /* UV set 1 there is (0.125, 0.25), transformed (0.75, 0.75): the centre of the white texel, alpha 0; the
+     * vertex colour is 0.25 (1,1,1,1) + 0.5 (1,1,.5,.5) + 0.25 (1,.5,1,1) */
     assert_near(surface.albedo.x, 1);
     assert_near(surface.albedo.y, 0.875f);
     assert_near(surface.albedo.z, 0.75f);
@@ -218,7 +218,8 @@ static void normals_that_cancel_give_way_to_the_face(void **state) {
     lw_scene_destroy(scene);
 }
 
-/* One triangle of a cylinder of radius 1 about Z, 0.4 rad wide, facing up: its outside, or for hollow = -1 its inside. */
+/* One triangle of a cylinder of radius 1 about Z, 0.4 rad wide, facing up: its outside, or for hollow = -1
+ * its inside. */
 static void bend(struct lw_mesh *mesh, struct lw_vec3 position[3], struct lw_vec3 normal[3], float hollow) {
     static const uint32_t triangle[1][3] = {{0, 1, 2}};
     for (int i = 0; i < 3; i++) {

@@ -191,7 +191,8 @@ static void test_noise_falls_and_the_mean_stays(void **state) {
     place_wall(&s, 0);
     fill_noise(&s, 1);
     filter(&s);
-    /* 4.5 standard errors of the mean of 2^14 pixels; a tenth of the noise is far more than five levels leave */
+    /* 4.5 standard errors of the mean of 2^14 pixels; a tenth of the noise is far more than five levels
+     * leave */
     struct spread first = spread_of(&s);
     expect_within(first.mean, 1, 4.5 * sqrt(1 / 3.0) / 128 + 0.005);
     assert_true(first.deviation < 0.1 * sqrt(1 / 3.0));
@@ -336,7 +337,8 @@ static void test_history_gives_way_to_light_that_changes(void **state) {
             set_light(&s, i, (frame <= 32 || i % 64 < 32 ? 1.0f : 4.0f) * 2 * noise(frame, i));
         filter(&s);
     }
-    /* Eight frames after 32: means of all would be 0.75 short of the right half's 4, of the last 32 as much. */
+    /* Eight frames after 32: means of all would be 0.75 short of the right half's 4, of the last 32 as
+     * much. */
     double left = 0, right = 0;
     for (size_t i = 0; i < pixels_of(&s); i++) {
         if (i % 64 < 24) left += (double)seen(&s, i) / (24 * 64);

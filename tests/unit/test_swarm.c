@@ -1,4 +1,5 @@
-/* Against servers that are none: each says its piece to one user after another and then waits for their end. */
+/* Against servers that are none: each says its piece to one user after another and then waits for their
+ * end. */
 #include "tests/support/support.h"
 
 #include "client/load/swarm.h"

@@ -138,7 +138,8 @@ static void test_deltas(void **state) {
     finish_world(&w);
 }
 
-/* Two who are followed hold the same light, whether it came whole or as deltas; of who comes by another way it is told. */
+/* Two who are followed hold the same light, whether it came whole or as deltas; of who comes by another way
+ * it is told. */
 static void test_light_of_those_who_are_followed(void **state) {
     (void)state;
     struct world w;

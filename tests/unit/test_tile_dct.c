@@ -63,8 +63,9 @@ static const struct {
     uint32_t width, height;
 } sizes[] = {{64, 64}, {36, 20}, {1, 1}, {1, 64}, {64, 7}, {9, 8}, {8, 9}};
 
-/* No coefficient is off by more than 0.56 steps, so no plane by more in the root mean square; the three channels see the sum
- * of three planes. With many coefficients that are not 0, 0.29 takes the place of 0.56. */
+/* No coefficient is off by more than 0.56 steps, so no plane by more in the root mean square; the three
+ * channels see the sum of three planes. With many coefficients that are not 0, 0.29 takes the place of
+ * 0.56. */
 static void test_error_follows_the_step(void **state) {
     (void)state;
     const double planes = sqrt(8.0 / 3);
@@ -197,7 +198,8 @@ static void test_hostile_payloads_are_refused(void **state) {
     }
 }
 
-/* Light that goes on changing a little: each version is the same bit by bit from its delta and from itself. */
+/* Light that goes on changing a little: each version is the same bit by bit from its delta and from
+ * itself. */
 static void test_deltas(void **state) {
     (void)state;
     static struct lw_tile_dct_history history;

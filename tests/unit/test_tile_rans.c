@@ -25,7 +25,8 @@ static const struct {
     uint32_t width, height;
 } sizes[] = {{64, 64}, {36, 20}, {1, 1}, {1, 64}, {64, 7}, {9, 8}, {8, 9}, {64, 63}};
 
-/* How far each level of a tile goes on, of those that are written: 0 outside and for the first of each block. */
+/* How far each level of a tile goes on, of those that are written: 0 outside and for the first of each
+ * block. */
 static void make_levels(uint32_t width, uint32_t height, uint32_t share, uint32_t seed) {
     const uint32_t across = (width + 7) / 8, down = (height + 7) / 8;
     memset(level, 0, sizeof level);

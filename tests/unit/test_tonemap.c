@@ -106,7 +106,8 @@ static void test_auto_exposure(void **state) {
         fill(rgb, 0, PIXELS, light);
         assert_float_equal(lw_tonemap_auto_stops(rgb, PIXELS), log2f(0.18f / light), 1.0f / 16 + 1e-3f);
     }
-    /* half of it four times as bright: two stops apart in the logarithm, so trimming leaves between 0 and 2 */
+    /* half of it four times as bright: two stops apart in the logarithm, so trimming leaves between 0 and
+     * 2 */
     fill(rgb, 0, PIXELS / 2, 1);
     fill(rgb, PIXELS / 2, PIXELS, 4);
     float stops = lw_tonemap_auto_stops(rgb, PIXELS);

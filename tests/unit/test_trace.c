@@ -111,7 +111,8 @@ static void test_moving_objects_follow_the_pose(void **state) {
     stop(&f);
 }
 
-/* Whether what stays is built anew before the next ray, in a thread that has ended by then, or in one that may not have. */
+/* Whether what stays is built anew before the next ray, in a thread that has ended by then, or in one that
+ * may not have. */
 enum when { AT_ONCE, SOON, LATER };
 
 static void take_pose(struct fixture *f, enum when when) {
@@ -209,7 +210,8 @@ static void random_packet(uint32_t *state, bool coherent, struct lw_ray16 *rays)
     rays->salt = 0;
 }
 
-/* What moves is found wherever it goes: as in a structure in which nothing moves, built anew for each pose. */
+/* What moves is found wherever it goes: as in a structure in which nothing moves, built anew for each
+ * pose. */
 static void test_movers_are_met_as_in_a_flat_scene(void **state) {
     (void)state;
     const uint32_t objects[] = {1, 2, 9, 40};
@@ -263,7 +265,8 @@ static void test_movers_are_met_as_in_a_flat_scene(void **state) {
     }
 }
 
-/* Packets in which some rays meet a back first: the view sees what is behind it, and the other rays are left alone. */
+/* Packets in which some rays meet a back first: the view sees what is behind it, and the other rays are left
+ * alone. */
 static void test_views_look_through_backs(void **state) {
     (void)state;
     for (int moving = 0; moving < 4; moving++) { /* bit o: square o */

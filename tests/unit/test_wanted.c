@@ -4,7 +4,8 @@
 
 #include <string.h>
 
-/* Object 0: levels 200x100, 100x50, 50x25, 25x13, 13x7, which are 4 x 2, 2 x 1, 1, 1 and 1 tiles. Object 1 the same. */
+/* Object 0: levels 200x100, 100x50, 50x25, 25x13, 13x7, which are 4 x 2, 2 x 1, 1, 1 and 1 tiles. Object 1
+ * the same. */
 struct fixture {
     struct lw_scene *scene;
     struct lw_atlas_map map;
