@@ -86,8 +86,7 @@ static const struct lw_interrupt_phase lighting = {
     .answer = "stopping: finishing the samples under way, then writing the maps" AGAIN};
 static const struct lw_interrupt_phase writing = {.answer = "the maps are lit, and being written" AGAIN};
 
-/* ---- options
- * -------------------------------------------------------------------------------------------------- */
+/* ---- options ---- */
 
 static enum lw_status check(const struct settings *s, struct lw_error *err) {
     if (!s->output) return lw_status_fail(err, LW_USAGE, "-o DIR is missing: say where the maps shall go");
@@ -199,8 +198,7 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
     return check(s, err);
 }
 
-/* ---- places
- * --------------------------------------------------------------------------------------------------- */
+/* ---- places ---- */
 
 static char *join(const char *folder, const char *name) {
     char *path = NULL;
@@ -260,8 +258,7 @@ static char *maps_from_glb(const struct settings *s) {
     return path;
 }
 
-/* ---- scene and solver
- * ----------------------------------------------------------------------------------------- */
+/* ---- scene and solver ---- */
 
 /* What decides a sample's value. What only says when to stop is left out: a bake that was stopped may aim
  * higher. */
@@ -407,8 +404,7 @@ static enum lw_status solve(struct baker *b, struct lw_error *err) {
     return status;
 }
 
-/* ---- writing
- * -------------------------------------------------------------------------------------------------- */
+/* ---- writing ---- */
 
 static void note_noise(struct baker *b, const struct lw_map *map) {
     struct noisy noisy = {b->scene->object[map->object].name, map->error_worst};
@@ -561,8 +557,7 @@ static void report(const struct baker *b) {
                (double)b->noisiest[i].error);
 }
 
-/* ---- the program
- * ---------------------------------------------------------------------------------------------- */
+/* ---- the program ---- */
 
 static enum lw_status run(struct baker *b, struct lw_error *err) {
     b->convention = lw_convention_get((enum lw_convention_kind)b->settings.convention);

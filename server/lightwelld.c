@@ -17,7 +17,7 @@
 #include "common/tile/tile_codec.h"
 #include "common/trace/trace.h"
 #include "common/wait_policy.h"
-#include "server/publish/keeper.h"
+#include "server/publish/light_store.h"
 #include "server/publish/publisher.h"
 #include "server/serve/server.h"
 #include "server/solve/filter/denoise.h"
@@ -83,7 +83,7 @@ struct daemon {
     struct lw_publisher *publisher;
     struct lw_server *server;
     pthread_t solver_thread;
-    struct lw_keeper keeper; /* if --keep says so */
+    struct lw_light_store light_store; /* if --keep says so */
     _Atomic bool stopping;
     _Atomic bool cancel;          /* ends a frame under way */
     _Atomic bool lit;             /* the solver has had a frame */
@@ -531,8 +531,8 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
         cost.publish_cpu_ns = work_cpu_ns(d) - cpu_solved;
     }
     if (d->settings.keep) {
-        lw_keeper_note(&d->keeper, snapshot, solve.tiles_solved > 0, solve.moved);
-        lw_keeper_save(&d->keeper, d->solver, false);
+        lw_light_store_note(&d->light_store, snapshot, solve.tiles_solved > 0, solve.moved);
+        lw_light_store_save(&d->light_store, d->solver, false);
     }
     lw_snapshot_unref(snapshot);
     cost.wall_ns = lw_clock_ns() - began;
@@ -573,7 +573,7 @@ static void solve_frames(struct daemon *d) {
         if (s->clock == CLOCK_REAL || (s->clock == CLOCK_STEP && rested && !s->frames))
             wait_until(d, began + interval_ns);
     }
-    if (s->keep) lw_keeper_save(&d->keeper, d->solver, true);
+    if (s->keep) lw_light_store_save(&d->light_store, d->solver, true);
 }
 
 /* The loop's thread wakes for moments, and a newcomer waits while it waits for a core: it goes before the
@@ -598,7 +598,7 @@ static void *solve_in_thread(void *argument) {
                    1e-6,
                (double)d->package_size * 1e-6);
         d->first = 1;
-        if (d->settings.keep) d->first += lw_keeper_resume(&d->keeper, &d->atlas_map, d->solver);
+        if (d->settings.keep) d->first += lw_light_store_resume(&d->light_store, &d->atlas_map, d->solver);
         if (!d->forms_kept || show_forms(d, d->forms_kept, &d->solver_error) == LW_OK) solve_frames(d);
     }
     lw_server_stop(d->server);
@@ -687,7 +687,7 @@ static int print_hash(char *dst, const void *bytes, size_t size) {
 
 /* What decides the light that is shown: the scene, as it is before updates, and the options that are not part
  * of it. When to rest, whom to serve and how fast are not among them. */
-static void make_key(const struct daemon *d, uint8_t out_key[LW_KEPT_KEY_SIZE]) {
+static void make_key(const struct daemon *d, uint8_t out_key[LW_SAVED_LIGHT_KEY_SIZE]) {
     const struct settings *s = &d->settings;
     struct lw_package_hash hash;
     char text[512];
@@ -704,19 +704,20 @@ static void make_key(const struct daemon *d, uint8_t out_key[LW_KEPT_KEY_SIZE]) 
                        (long long)s->indirect_samples, (long long)s->seed, s->tracing_range, s->cell_size,
                        s->probe_form, s->probe_spacing, s->denoise, s->codec, s->freeze, s->freeze_s);
     lw_package_hash((const uint8_t *)text, (size_t)length, &hash);
-    memcpy(out_key, hash.bytes, LW_KEPT_KEY_SIZE);
+    memcpy(out_key, hash.bytes, LW_SAVED_LIGHT_KEY_SIZE);
 }
 
 /* Clients get it as soon as the server runs, seconds before the solver has texels to light. */
 static enum lw_status recall_light(struct daemon *d, struct lw_error *err) {
-    uint8_t key[LW_KEPT_KEY_SIZE];
+    uint8_t key[LW_SAVED_LIGHT_KEY_SIZE];
     make_key(d, key);
-    enum lw_status status = lw_keeper_init(&d->keeper, d->settings.keep, key, err);
+    enum lw_status status = lw_light_store_init(&d->light_store, d->settings.keep, key, err);
     if (status != LW_OK) {
         lw_status_context(err, "--keep");
         return status;
     }
-    struct lw_snapshot *snapshot = lw_keeper_recall(&d->keeper, &d->atlas_map, (float)d->settings.error);
+    struct lw_snapshot *snapshot =
+        lw_light_store_recall(&d->light_store, &d->atlas_map, (float)d->settings.error);
     if (!snapshot) return LW_OK;
     lw_server_publish(d->server, snapshot);
     d->published = snapshot->frame;
@@ -777,7 +778,7 @@ static enum lw_status run(struct daemon *d, struct lw_error *err) {
 
 static void finish(struct daemon *d) {
     lw_server_destroy(d->server);
-    lw_keeper_finish(&d->keeper);
+    lw_light_store_finish(&d->light_store);
     lw_publisher_destroy(d->publisher);
     if (d->solver) d->solver->ops->destroy(d->solver);
     lw_light_groups_finish(&d->light_groups);

@@ -16,13 +16,14 @@ struct lw_replica {
     struct lw_tile_codec *codec;
     enum lw_light_form form; /* of the tiles */
     bool has_map, has_pose;
-    float *texels;                      /* all levels of all objects, one after another */
-    size_t *first_texel;                /* per object and level */
-    bool *unlit;                        /* by object: since it was a spare, its coarsest level has not come */
-    struct lw_client_tile *tile;        /* by tile id */
-    struct lw_tile_dct_levels **levels; /* by tile id: what deltas build on; NULL before there was anything */
-    bool *has_levels;                   /* by tile id: they are those of the newest version */
-    lw_replica_watch *watch;            /* NULL: nobody */
+    float *texels;               /* all levels of all objects, one after another */
+    size_t *first_texel;         /* per object and level */
+    bool *unlit;                 /* by object: since it was a spare, its coarsest level has not come */
+    struct lw_client_tile *tile; /* by tile id */
+    struct lw_tile_dct_coefficients *
+        *levels;             /* by tile id: what deltas build on; NULL before there was anything */
+    bool *has_levels;        /* by tile id: they are those of the newest version */
+    lw_replica_watch *watch; /* NULL: nobody */
     void *watch_context;
     uint64_t version_base, version_max; /* what is added to versions of this run; the largest so far */
     uint32_t coarsest_missing;          /* tiles of coarsest levels that have not arrived */
@@ -221,14 +222,14 @@ void lw_replica_set_form(struct lw_replica *r, enum lw_light_form form) {
 /* Only a tile whose newest version came in codec 4 has levels. */
 static enum lw_status decode(struct lw_replica *r, const struct lw_message_tile *t, lw_tile_id id,
                              const struct lw_tile_place *place) {
-    struct lw_tile_dct_levels **levels = &r->levels[id.v];
+    struct lw_tile_dct_coefficients **levels = &r->levels[id.v];
     if (t->base)
         return lw_tile_codec_decode_delta(r->codec, t->codec, t->payload, t->payload_size, t->scale,
                                           place->width, place->height, *levels, r->decoded);
     r->has_levels[id.v] = t->codec == LW_TILE_CODEC_DCT;
     if (r->has_levels[id.v] && !*levels &&
-        !(*levels =
-              aligned_alloc(_Alignof(struct lw_tile_dct_levels), lw_tile_dct_levels_size(place->height)))) {
+        !(*levels = aligned_alloc(_Alignof(struct lw_tile_dct_coefficients),
+                                  lw_tile_dct_coefficients_size(place->height)))) {
         r->has_levels[id.v] = false;
         return LW_NO_MEMORY;
     }

@@ -24,7 +24,7 @@ struct lw_tile_check {
     struct seen (*seen)[LW_TILE_CHECK_VERSIONS]; /* per tile */
     struct seen (
         *light)[LW_TILE_CHECK_VERSIONS]; /* likewise: versions and texels of the sessions that are followed */
-    struct lw_tile_dct_levels levels;
+    struct lw_tile_dct_coefficients levels;
     float decoded[LW_TILE_TEXELS_MAX * CHANNELS];
 };
 
@@ -55,7 +55,7 @@ void lw_tile_check_destroy(struct lw_tile_check *check) {
 
 struct lw_tile_held {
     uint32_t tile_count;
-    struct lw_tile_dct_levels *levels[]; /* per tile; NULL: none that deltas could build on */
+    struct lw_tile_dct_coefficients *levels[]; /* per tile; NULL: none that deltas could build on */
 };
 
 enum lw_status lw_tile_held_create(const struct lw_atlas_map *map, struct lw_tile_held **out_held) {
@@ -72,7 +72,7 @@ void lw_tile_held_destroy(struct lw_tile_held *held) {
 }
 
 size_t lw_tile_held_bytes_max(const struct lw_atlas_map *map) {
-    return map->tile_count * (sizeof(struct lw_tile_dct_levels) + sizeof(void *));
+    return map->tile_count * (sizeof(struct lw_tile_dct_coefficients) + sizeof(void *));
 }
 
 static bool same(const struct seen *a, const struct seen *b) {
@@ -114,11 +114,12 @@ static struct seen *find_slot(struct seen slot[LW_TILE_CHECK_VERSIONS], uint64_t
 static enum lw_status follow(struct lw_tile_check *check, const struct lw_message_tile *t, lw_tile_id id,
                              struct lw_tile_held *held, bool *out_decodes, bool *out_agrees) {
     const struct lw_tile_place *p = &check->map->place[id.v];
-    struct lw_tile_dct_levels **levels = &held->levels[id.v];
+    struct lw_tile_dct_coefficients **levels = &held->levels[id.v];
     enum lw_status status = LW_BAD_DATA;
     check->decoded_count++;
     if (!t->base && t->codec == LW_TILE_CODEC_DCT && !*levels &&
-        !(*levels = aligned_alloc(_Alignof(struct lw_tile_dct_levels), lw_tile_dct_levels_size(p->height))))
+        !(*levels = aligned_alloc(_Alignof(struct lw_tile_dct_coefficients),
+                                  lw_tile_dct_coefficients_size(p->height))))
         return LW_NO_MEMORY;
     if (!t->base)
         status = lw_tile_codec_decode(check->codec, t->codec, t->payload, t->payload_size, t->scale, p->width,

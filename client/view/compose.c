@@ -256,7 +256,7 @@ static void begin(struct lw_compose *compose, const struct lw_compose_source *so
         struct lw_client_tile tile = source->tile(source->context, (lw_tile_id){t});
         compose->here[t] = tile.version != 0;
         compose->calm[t] =
-            compose->unfiltered ? 0 : (uint8_t)lw_atlas_calm_level(tile.error, source->noise_shown);
+            compose->unfiltered ? 0 : (uint8_t)lw_atlas_noise_level_min(tile.error, source->noise_shown);
     }
     struct level *level = compose->level;
     for (uint32_t o = 0; o < map->object_count; o++) {
@@ -872,7 +872,7 @@ void lw_compose_note(struct lw_compose *compose, const uint8_t *needed, const ui
  * of finer ones where views read it coarser. */
 static double shown_error(const struct lw_compose *compose, const struct lw_compose_source *source,
                           uint32_t t, float error) {
-    const unsigned calm = compose->unfiltered ? 0 : lw_atlas_calm_level(error, source->noise_shown),
+    const unsigned calm = compose->unfiltered ? 0 : lw_atlas_noise_level_min(error, source->noise_shown),
                    level = compose->map->place[t].level;
     const double shown = ldexp((double)(error * source->noise_shown), -(int)(calm > level ? calm : level));
     return shown < 1 ? shown : 1;

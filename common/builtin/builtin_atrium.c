@@ -262,8 +262,7 @@ static uint32_t build_lamp(struct lw_builtin_stage *stage, struct lw_builtin_mes
     return finish_at(stage, mesh, name, position);
 }
 
-/* --- what moves
- * ------------------------------------------------------------------------------------------------- */
+/* ---- what moves ---- */
 
 /** A closed smooth path, centre + amplitude * sin(turns * 2 pi t / LOOP_S + phase) per axis, as cubic keys:
  * Hermite tangents are the derivative, so the loop closes with its speed. */

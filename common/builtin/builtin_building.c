@@ -18,8 +18,7 @@ static void stand(struct lw_builtin_mesh *mesh, const struct lw_affine *there, f
 
 static const float quarter = 0.5f * LW_PI;
 
-/* --- roofs
- * ------------------------------------------------------------------------------------------------------- */
+/* ---- roofs ---- */
 
 /** A tiled slope that faces +Z and up: from x = -low_half..low_half at (y, z) = (0, 0) up to
  * -high_half..high_half at (rise, -run), hipped where it narrows. Rows of pantiles run up it. */
@@ -103,8 +102,7 @@ static void dormer(struct lw_builtin_mesh *mesh, const struct lw_affine *there,
     }
 }
 
-/* --- houses
- * ------------------------------------------------------------------------------------------------------ */
+/* ---- houses ---- */
 
 static struct lw_builtin_facade street_front(const struct lw_builtin_house_style *style, float width,
                                              uint32_t bays) {
@@ -252,8 +250,7 @@ void lw_builtin_building_corner_house(struct lw_builtin_mesh *mesh,
     mesh->placement = there;
 }
 
-/* --- palace
- * ------------------------------------------------------------------------------------------------------ */
+/* ---- palace ---- */
 
 #define PALACE_GROUND_M 5.2f
 #define PALACE_STOREY_M 4.3f
@@ -390,8 +387,7 @@ void lw_builtin_building_palace_wing(struct lw_builtin_mesh *mesh,
     mesh->placement = there;
 }
 
-/* --- tower
- * ------------------------------------------------------------------------------------------------------- */
+/* ---- tower ---- */
 
 /** Four like fronts around a square. */
 static void four_fronts(struct lw_builtin_mesh *mesh, const struct lw_affine *there,
@@ -464,8 +460,7 @@ void lw_builtin_building_tower(struct lw_builtin_mesh *mesh, const struct lw_bui
     mesh->placement = there;
 }
 
-/* --- church
- * ------------------------------------------------------------------------------------------------------ */
+/* ---- church ---- */
 
 #define NAVE_HALF  8.0f
 #define NAVE_BACK  -19.0f

@@ -42,8 +42,7 @@ static const char plan[PLAN_SIDE][PLAN_SIDE + 1] = {
     "bphtbshp", "hbhchbkh", "tshbhpbh", "bhkbshhb", "hpbhthcb", "bhcshbhs", "hbhpbhtb",
 };
 
-/* --- paints
- * ------------------------------------------------------------------------------------------------------ */
+/* ---- paints ---- */
 
 enum { HOUSE_COLOURS = 5 };
 
@@ -161,8 +160,7 @@ static void mix_palette(struct lw_builtin_stage *stage, struct palette *p) {
     p->brass = paint(stage, "brass", 0.58f, 0.40f, 0.16f, none, 1.0f).material;
 }
 
-/* --- meshes
- * ------------------------------------------------------------------------------------------------------ */
+/* ---- meshes ---- */
 
 enum { ROWS = 4, CORNERS = 4, TREES = 3 };
 
@@ -233,8 +231,7 @@ static struct kit build_kit(struct lw_builtin_stage *stage, struct lw_builtin_me
     return kit;
 }
 
-/* --- blocks
- * ------------------------------------------------------------------------------------------------------ */
+/* ---- blocks ---- */
 
 /** An instance of a mesh, by the mesh's name. */
 static void put(struct lw_builtin_stage *stage, uint32_t mesh, uint32_t parent, float x, float z,
@@ -346,8 +343,7 @@ static void put_rim(struct lw_builtin_stage *stage, const struct kit *kit, uint3
     }
 }
 
-/* --- what moves
- * --------------------------------------------------------------------------------------------------- */
+/* ---- what moves ---- */
 
 /** A square with round corners about a block, clockwise seen from above. */
 struct round {

@@ -56,8 +56,7 @@ static void surround(struct lw_builtin_mesh *mesh, float x0, float y0, float x1,
     lw_builtin_mesh_patch(mesh, points, count, 5, LW_BUILTIN_CLOSED_COLUMNS);
 }
 
-/* --- windows
- * ---------------------------------------------------------------------------------------------------- */
+/* ---- windows ---- */
 
 /** Jambs, frame, bars and glass of a rectangular opening. */
 static void glazing(struct lw_builtin_mesh *mesh, const struct lw_builtin_facade_paints *paints, float x,
@@ -129,8 +128,7 @@ void lw_builtin_facade_window(struct lw_builtin_mesh *mesh, const struct lw_buil
     }
 }
 
-/* --- railings
- * --------------------------------------------------------------------------------------------------- */
+/* ---- railings ---- */
 
 void lw_builtin_facade_railing(struct lw_builtin_mesh *mesh, struct lw_builtin_paint paint, float x0,
                                float x1, float y, float z) {
@@ -183,8 +181,7 @@ static void balcony(struct lw_builtin_mesh *mesh, const struct lw_builtin_facade
     }
 }
 
-/* --- ground floor
- * ------------------------------------------------------------------------------------------------ */
+/* ---- ground floor ---- */
 
 static void door(struct lw_builtin_mesh *mesh, const struct lw_builtin_facade_paints *paints, float x,
                  float w, float h) {
@@ -259,8 +256,7 @@ static void ground_floor(struct lw_builtin_mesh *mesh, const struct lw_builtin_f
     box(mesh, 0, top + 0.02f, 0, facade->width, top + 0.14f, 0.08f, NO_BACK);
 }
 
-/* --- the whole
- * --------------------------------------------------------------------------------------------------- */
+/* ---- the whole ---- */
 
 float lw_builtin_facade_height(const struct lw_builtin_facade *facade) {
     return facade->ground_m + facade->storey_m * (float)facade->storeys;
@@ -334,8 +330,7 @@ void lw_builtin_facade_build(struct lw_builtin_mesh *mesh, const struct lw_built
         lw_builtin_facade_cornice(mesh, facade->paints->trim, facade->width, top);
 }
 
-/* --- arches
- * ------------------------------------------------------------------------------------------------------ */
+/* ---- arches ---- */
 
 enum { ARC_SIDE = 4, ARC_TOP = 6, ARC_POINTS = 2 * ARC_SIDE + ARC_TOP + 1, CONTOUR = ARC_POINTS + 2 };
 

@@ -25,8 +25,7 @@ static uint32_t smooth_profile(const struct lw_vec2 *points, uint32_t count, uin
     return n;
 }
 
-/* --- vases
- * ------------------------------------------------------------------------------------------------------ */
+/* ---- vases ---- */
 
 /* (radius, height) in units of the height, up the outside, over the lip, down the inside */
 static const struct lw_vec2 amphora[] = {{0.10f, 0},      {0.115f, 0.02f}, {0.08f, 0.05f},   {0.14f, 0.18f},
@@ -67,8 +66,7 @@ void lw_builtin_furnish_soil(struct lw_builtin_mesh *mesh, float height) {
     disc(mesh, 0.86f * height, 0.49f * height, 24);
 }
 
-/* --- cloth
- * ------------------------------------------------------------------------------------------------------ */
+/* ---- cloth ---- */
 
 /** Where the middle of a cloth is after `t` metres over the rail, from its hem behind: (z, y). */
 static struct lw_vec2 drape(const struct lw_builtin_cloth *cloth, float t) {
@@ -114,8 +112,7 @@ void lw_builtin_furnish_cloth(struct lw_builtin_mesh *mesh, const struct lw_buil
     free(points);
 }
 
-/* --- plants
- * ----------------------------------------------------------------------------------------------------- */
+/* ---- plants ---- */
 
 /** A sheet that grows from `root` along `heading` and bends down: one leaf, with its picture fitted to it. */
 struct blade {
@@ -189,8 +186,7 @@ void lw_builtin_furnish_bush(struct lw_builtin_mesh *mesh, float height, uint32_
     }
 }
 
-/* --- water
- * ------------------------------------------------------------------------------------------------------ */
+/* ---- water ---- */
 
 void lw_builtin_furnish_basin(struct lw_builtin_mesh *mesh) {
     static const struct lw_vec2 rim[] = {{1.78f, 0},     {1.78f, 0.10f}, {1.70f, 0.14f}, {1.62f, 0.20f},
@@ -210,8 +206,7 @@ void lw_builtin_furnish_water(struct lw_builtin_mesh *mesh) {
     disc(mesh, 1.345f, 0.56f, 40);
 }
 
-/* --- lamps and rings
- * -------------------------------------------------------------------------------------------- */
+/* ---- lamps and rings ---- */
 
 /** A ring of round wire about local Z after the placement; flat > 1 makes it a band. */
 static void ring(struct lw_builtin_mesh *mesh, float radius, float thick, float flat, uint32_t segments,

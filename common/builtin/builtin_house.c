@@ -18,8 +18,7 @@ static void stand_at(struct lw_builtin_mesh *mesh, float x, float y, float z, fl
     lw_builtin_mesh_place(mesh, lw_vec3(x, y, z), angle, unscaled);
 }
 
-/* --- columns
- * ---------------------------------------------------------------------------------------------------- */
+/* ---- columns ---- */
 
 /** Appends a quarter or half round between two points of a profile that bulges by `bulge` times their
  * distance. */
@@ -85,8 +84,7 @@ void lw_builtin_house_columns(struct lw_builtin_mesh *mesh, float base_y, float 
     mesh->placement = LW_AFFINE_IDENTITY;
 }
 
-/* --- bays
- * ------------------------------------------------------------------------------------------------------- */
+/* ---- bays ---- */
 
 /** One arch: local X along the arcade, +Z to the court, the origin on its axis. */
 struct bay {
@@ -237,8 +235,7 @@ void lw_builtin_house_cornices(struct lw_builtin_mesh *mesh) {
     lw_builtin_mesh_frame(mesh, p, n, half_x, half_z, LW_HOUSE_UPPER_TOP, true, PIECE_M);
 }
 
-/* --- ceilings
- * --------------------------------------------------------------------------------------------------- */
+/* ---- ceilings ---- */
 
 /** A quarter of a groin vault: the barrel along local Z whose springing lines are at x = -half_x and half_x,
  * cut by the diagonals to z >= |x| half_z / half_x. */
@@ -338,8 +335,7 @@ void lw_builtin_house_timber(struct lw_builtin_mesh *mesh) {
     mesh->placement = LW_AFFINE_IDENTITY;
 }
 
-/* --- walls and floors
- * ------------------------------------------------------------------------------------------- */
+/* ---- walls and floors ---- */
 
 void lw_builtin_house_walls(struct lw_builtin_mesh *mesh) {
     float x = LW_HOUSE_HALF_X + LW_HOUSE_GALLERY, z = LW_HOUSE_HALF_Z + LW_HOUSE_GALLERY;
@@ -426,8 +422,7 @@ void lw_builtin_house_roof(struct lw_builtin_mesh *mesh) {
     lw_builtin_mesh_frame(mesh, profile, COUNT(profile), inner_x, inner_z, LW_HOUSE_EAVE, false, PIECE_M);
 }
 
-/* --- balustrade
- * ------------------------------------------------------------------------------------------------- */
+/* ---- balustrade ---- */
 
 static void baluster(struct lw_builtin_mesh *mesh, float height) {
     static const struct lw_vec2 shape[] = {{0.075f, 0},     {0.075f, 0.06f}, {0.045f, 0.10f}, {0.050f, 0.14f},

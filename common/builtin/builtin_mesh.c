@@ -81,8 +81,7 @@ void lw_builtin_mesh_triangle(struct lw_builtin_mesh *mesh, uint32_t a, uint32_t
     mesh->triangle_material[mesh->triangle_count++] = mesh->material;
 }
 
-/* --- patches
- * ---------------------------------------------------------------------------------------------------- */
+/* ---- patches ---- */
 
 /** A patch while it is being turned into vertices. Quads are (rows - 1) x (columns - 1). */
 struct patch {
@@ -242,8 +241,7 @@ void lw_builtin_mesh_patch(struct lw_builtin_mesh *mesh, const struct lw_vec3 *p
     free(p.face);
 }
 
-/* --- shapes
- * ----------------------------------------------------------------------------------------------------- */
+/* ---- shapes ---- */
 
 void lw_builtin_mesh_quad(struct lw_builtin_mesh *mesh, struct lw_vec3 corner, struct lw_vec3 right,
                           struct lw_vec3 up, float cell_m) {

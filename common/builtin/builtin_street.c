@@ -26,8 +26,7 @@ static void ground(struct lw_builtin_mesh *mesh, float x0, float z0, float x1, f
     lw_builtin_mesh_quad(mesh, lw_vec3(x0, y, z1), lw_vec3(x1 - x0, 0, 0), lw_vec3(0, 0, z0 - z1), cell_m);
 }
 
-/* --- paving
- * ------------------------------------------------------------------------------------------------------ */
+/* ---- paving ---- */
 
 enum { KERB_ARC = 6, KERB_SIDE = 10, KERB_POINTS = 4 * (KERB_ARC + KERB_SIDE) + 1 };
 
@@ -111,8 +110,7 @@ void lw_builtin_street_tile(struct lw_builtin_mesh *mesh, const struct lw_builti
     mesh->placement = there;
 }
 
-/* --- furniture
- * ---------------------------------------------------------------------------------------------------- */
+/* ---- furniture ---- */
 
 void lw_builtin_street_lamp(struct lw_builtin_mesh *mesh, const struct lw_builtin_street_paints *paints) {
     static const struct lw_vec2 post[] = {{0.20f, 0},     {0.20f, 0.12f}, {0.15f, 0.18f}, {0.13f, 0.75f},
@@ -192,8 +190,7 @@ void lw_builtin_street_furniture(struct lw_builtin_mesh *mesh,
     mesh->placement = there;
 }
 
-/* --- trees
- * -------------------------------------------------------------------------------------------------------- */
+/* ---- trees ---- */
 
 /** A bough of leaves: a ball with bumps of leaves' clumps. */
 static void crown(struct lw_builtin_mesh *mesh, float radius, uint32_t seed) {
@@ -258,8 +255,7 @@ void lw_builtin_street_tree(struct lw_builtin_mesh *mesh, const struct lw_builti
     mesh->crease_cos = crease_cos;
 }
 
-/* --- grounds
- * ------------------------------------------------------------------------------------------------------ */
+/* ---- grounds ---- */
 
 /** A bed of low bushes in a stone rim. */
 static void flower_bed(struct lw_builtin_mesh *mesh, const struct lw_builtin_street_paints *paints,
@@ -529,8 +525,7 @@ void lw_builtin_street_court(struct lw_builtin_mesh *mesh, const struct lw_built
     mesh->placement = there;
 }
 
-/* --- vehicles
- * ------------------------------------------------------------------------------------------------------ */
+/* ---- vehicles ---- */
 
 /** Wheels of an axle at z. */
 static void axle(struct lw_builtin_mesh *mesh, const struct lw_affine *there, float half_track, float radius,
@@ -620,8 +615,7 @@ void lw_builtin_street_tram(struct lw_builtin_mesh *mesh, const struct lw_builti
     box(mesh, -0.15f, 0.85f, -half_z - 0.06f, 0.15f, 1.1f, -half_z + 0.02f);
 }
 
-/* --- the rim
- * ------------------------------------------------------------------------------------------------------- */
+/* ---- the rim ---- */
 
 #define WALL_Z     9.0f
 #define WALL_TOP   7.0f

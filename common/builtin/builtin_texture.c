@@ -2,8 +2,7 @@
 
 #include "common/random.h"
 
-/* --- noise and shapes
- * ------------------------------------------------------------------------------------------- */
+/* ---- noise and shapes ---- */
 
 static float mix(float a, float b, float t) { return a + (b - a) * t; }
 static float clamp01(float x) { return fminf(fmaxf(x, 0.0f), 1.0f); }
@@ -59,8 +58,7 @@ static struct cell brick(float u, float v, int columns, int rows, float stagger)
                          fminf(fminf(fx, 1 - fx) / (float)columns, fminf(fy, 1 - fy) / (float)rows)};
 }
 
-/* --- textures
- * --------------------------------------------------------------------------------------------------- */
+/* ---- textures ---- */
 
 static struct lw_vec4 plaster(float u, float v) {
     float clouds = fractal(u, v, 4, 5, 11), grain = fractal(u, v, 64, 2, 17);
@@ -253,8 +251,7 @@ static struct lw_vec4 pottery(float u, float v) {
     return opaque(lw_vec3_scale(c, 0.84f + 0.22f * fractal(u, v, 4, 4, 95)));
 }
 
-/* --- the city's
- * --------------------------------------------------------------------------------------------------- */
+/* ---- the city's ---- */
 
 static struct lw_vec4 setts(float u, float v) {
     struct cell stone = brick(u, v, 12, 16, 0.5f);
@@ -309,8 +306,7 @@ static struct lw_vec4 stripes(float u, float v) {
         blend(lw_vec3(0.88f, 0.85f, 0.78f), lw_vec3(0.70f, 0.22f, 0.18f), smooth(0.48f, 0.52f, edge)));
 }
 
-/* --- storing
- * ---------------------------------------------------------------------------------------------------- */
+/* ---- storing ---- */
 
 static uint8_t quantise(float x) { return (uint8_t)(clamp01(x) * 255.0f + 0.5f); }
 

@@ -62,8 +62,7 @@ static enum lw_status check(struct stream *stream, exr_result_t result, enum lw_
                               stream->message[0] ? stream->message : exr_get_default_error_message(result));
 }
 
-/* ---- writing
- * -------------------------------------------------------------------------------------------------- */
+/* ---- writing ---- */
 
 static exr_result_t write_header(exr_context_t context, int part, const struct lw_image_exr *image) {
     exr_result_t result = exr_initialize_required_attr_simple(context, part, (int32_t)image->width,
@@ -159,8 +158,7 @@ enum lw_status lw_image_write_exr_with(const char *path, const struct lw_image_e
     return lw_atomic_file_commit(&file, err);
 }
 
-/* ---- reading
- * -------------------------------------------------------------------------------------------------- */
+/* ---- reading ---- */
 
 struct reader {
     struct stream *stream;

@@ -8,7 +8,7 @@
 #include "common/open/import_spawn.h"
 #include "common/options.h"
 
-#define LW_SCENE_OPEN_SUN_DIAMETER_DEG                                                                      \
+#define LW_SCENE_OPEN_SUN_DIAMETER_DEG                                                                       \
     0.53 /* of directional lights, where nobody says otherwise: the sun's */
 
 /** What the shared options say. {0} with sun_angle_deg set to the constant above is all defaults. */

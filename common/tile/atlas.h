@@ -25,7 +25,7 @@
 
 /** The finest level at which views bear a tile of a relative error of which the share `noise_shown` is left
  * in its texels. */
-static inline unsigned lw_atlas_calm_level(float error, float noise_shown) {
+static inline unsigned lw_atlas_noise_level_min(float error, float noise_shown) {
     const float noise = error * noise_shown;
     return noise <= LW_ATLAS_MIDDLE_NOISE ? 0 : noise > LW_ATLAS_COARSE_NOISE ? 2 : 1;
 }

@@ -21,7 +21,7 @@ struct lw_tile_codec {
     uint16_t half[PLANES_MAX];
     uint8_t planes[PLANES_MAX * 2];
     struct lw_tile_dct dct;
-    struct lw_tile_dct_levels *between; /* two; made when they are needed first */
+    struct lw_tile_dct_coefficients *between; /* two; made when they are needed first */
 };
 
 enum lw_status lw_tile_codec_create(struct lw_tile_codec **out_codec) {
@@ -130,8 +130,8 @@ enum lw_status lw_tile_codec_encode_between(struct lw_tile_codec *codec, const u
                                             uint32_t width, uint32_t height, uint8_t *dst,
                                             size_t dst_capacity, size_t *out_size) {
     if (dst_capacity < lw_tile_codec_bound()) return LW_INTERNAL;
-    if (!codec->between &&
-        !(codec->between = aligned_alloc(_Alignof(struct lw_tile_dct_levels), 2 * sizeof *codec->between)))
+    if (!codec->between && !(codec->between = aligned_alloc(_Alignof(struct lw_tile_dct_coefficients),
+                                                            2 * sizeof *codec->between)))
         return LW_NO_MEMORY;
     const size_t size = lw_tile_dct_encode_between(&codec->dct, from, from_size, to, to_size, width, height,
                                                    codec->between, dst);
@@ -166,14 +166,14 @@ static enum lw_status decode_half(struct lw_tile_codec *codec, const uint8_t *sr
 
 enum lw_status lw_tile_codec_decode(struct lw_tile_codec *codec, uint32_t number, const uint8_t *src,
                                     size_t src_size, float scale, uint32_t width, uint32_t height,
-                                    struct lw_tile_dct_levels *levels, float *rgb) {
+                                    struct lw_tile_dct_coefficients *coefficients, float *rgb) {
     if (width - 1 >= LW_TILE_SIDE || height - 1 >= LW_TILE_SIDE || !(scale > 0)) return LW_BAD_DATA;
     switch (number) {
     case LW_TILE_CODEC_HALF_ZSTD:
         return decode_half(codec, src, src_size, scale, (size_t)width * height, rgb);
     case LW_TILE_CODEC_DCT:
-        return lw_tile_dct_decode(&codec->dct, LW_TILE_DCT_INTRA, src, src_size, scale, width, height, levels,
-                                  rgb)
+        return lw_tile_dct_decode(&codec->dct, LW_TILE_DCT_INTRA, src, src_size, scale, width, height,
+                                  coefficients, rgb)
                    ? LW_OK
                    : LW_BAD_DATA;
     default:
@@ -183,9 +183,9 @@ enum lw_status lw_tile_codec_decode(struct lw_tile_codec *codec, uint32_t number
 
 enum lw_status lw_tile_codec_decode_delta(struct lw_tile_codec *codec, uint32_t number, const uint8_t *src,
                                           size_t src_size, float scale, uint32_t width, uint32_t height,
-                                          struct lw_tile_dct_levels *levels, float *rgb) {
+                                          struct lw_tile_dct_coefficients *coefficients, float *rgb) {
     return number == LW_TILE_CODEC_DCT && lw_tile_dct_decode(&codec->dct, LW_TILE_DCT_DELTA, src, src_size,
-                                                             scale, width, height, levels, rgb)
+                                                             scale, width, height, coefficients, rgb)
                ? LW_OK
                : LW_BAD_DATA;
 }

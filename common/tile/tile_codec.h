@@ -39,8 +39,8 @@ LW_MUST_CHECK enum lw_status lw_tile_codec_encode_dct(struct lw_tile_codec *code
                                                       struct lw_tile_dct_coded *out_coded);
 
 /** Encodes how a payload of codec 4 differs from an earlier one of the same tile, neither of them a delta,
- * for who has the levels of `from`; decoded, it is what `to` is, bit by bit. Bytes may come from anyone:
- * LW_BAD_DATA for what is damaged, or has levels on which nothing builds. */
+ * for who has the coefficients of `from`; decoded, it is what `to` is, bit by bit. Bytes may come from
+ * anyone: LW_BAD_DATA for what is damaged, or has coefficients on which nothing builds. */
 LW_MUST_CHECK enum lw_status lw_tile_codec_encode_between(struct lw_tile_codec *codec, const uint8_t *from,
                                                           size_t from_size, const uint8_t *to, size_t to_size,
                                                           uint32_t width, uint32_t height, uint8_t *dst,
@@ -53,17 +53,18 @@ bool lw_tile_codec_is_known(uint32_t number);
  * payload that is truncated, oversized, of the wrong tile or of an unknown codec gives LW_BAD_DATA and
  * leaves `rgb` unspecified but within bounds; so does a scale that is not a positive finite number. What
  * decodes is always finite and >= 0.
- * levels  NULL, or what a delta of the tile's next version will need; codec 1 leaves them alone */
+ * coefficients  NULL, or what a delta of the tile's next version will need; codec 1 leaves them alone */
 LW_MUST_CHECK enum lw_status lw_tile_codec_decode(struct lw_tile_codec *codec, uint32_t number,
                                                   const uint8_t *src, size_t src_size, float scale,
                                                   uint32_t width, uint32_t height,
-                                                  struct lw_tile_dct_levels *levels, float *rgb);
+                                                  struct lw_tile_dct_coefficients *coefficients, float *rgb);
 
-/** The same for a payload that builds on a version of the tile: of codec 4, with the levels of that version,
- * which become those of this one. */
+/** The same for a payload that builds on a version of the tile: of codec 4, with the coefficients of that
+ * version, which become those of this one. */
 LW_MUST_CHECK enum lw_status lw_tile_codec_decode_delta(struct lw_tile_codec *codec, uint32_t number,
                                                         const uint8_t *src, size_t src_size, float scale,
                                                         uint32_t width, uint32_t height,
-                                                        struct lw_tile_dct_levels *levels, float *rgb);
+                                                        struct lw_tile_dct_coefficients *coefficients,
+                                                        float *rgb);
 
 #endif

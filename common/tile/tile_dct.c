@@ -7,32 +7,32 @@
 #include <stddef.h>
 #include <string.h>
 
-#define SIDE           LW_TILE_DCT_SIDE
-#define BLOCK_TEXELS   (SIDE * SIDE)
-#define STRIDE         LW_TILE_SIDE
-#define GRID           (LW_TILE_SIDE / SIDE) /* blocks beside each other, at most */
-#define HEADER_SIZE    5u
-#define VALUE_MAX_BITS 0x427c0000 /* 63.0f: of log2(1 + E/scale) */
-#define SCALE_MAX      0x1p60f    /* so that scale * 2^63 is a float */
-#define SCALE_MIN      0x1p-60f
-#define LIGHT_MAX      0x1p100f
-#define RICE_K_MAX     16u
-#define GRID_LENGTH_K  4u      /* of the length of a list of means, which nothing predicts */
-#define MEAN_OFF_MAX   0x1p-12 /* of a scale */
-#define GAIN_MAX       127.0   /* 2^(127/512): a factor of 1.19 */
-#define FINER_Q        8u      /* half the step */
-#define MEAN_LEVEL_MAX ((1 << LW_TILE_BITS_RAW) - 1)
-#define KEPT_MAX       LW_TILE_RANS_LEVEL_MAX
-#define MEANS_BOUND    (3 * BLOCK_TEXELS * 33 / 8 + 3 * 4 + 8)
-#define NEAR_SCALE     2.0f /* a history serves as long as its scale */
-#define NEAR_Q         6u   /* and step are so near what the tile wants by itself */
+#define SIDE                 LW_TILE_DCT_SIDE
+#define BLOCK_TEXELS         (SIDE * SIDE)
+#define STRIDE               LW_TILE_SIDE
+#define GRID                 (LW_TILE_SIDE / SIDE) /* blocks beside each other, at most */
+#define HEADER_SIZE          5u
+#define VALUE_MAX_BITS       0x427c0000 /* 63.0f: of log2(1 + E/scale) */
+#define SCALE_MAX            0x1p60f    /* so that scale * 2^63 is a float */
+#define SCALE_MIN            0x1p-60f
+#define LIGHT_MAX            0x1p100f
+#define RICE_K_MAX           16u
+#define GRID_LENGTH_K        4u      /* of the length of a list of means, which nothing predicts */
+#define MEAN_OFF_MAX         0x1p-12 /* of a scale */
+#define GAIN_MAX             127.0   /* 2^(127/512): a factor of 1.19 */
+#define FINER_Q              8u      /* half the step */
+#define MEAN_COEFFICIENT_MAX ((1 << LW_TILE_BITS_RAW) - 1)
+#define KEPT_MAX             LW_TILE_RANS_COEFFICIENT_MAX
+#define MEANS_BOUND          (3 * BLOCK_TEXELS * 33 / 8 + 3 * 4 + 8)
+#define NEAR_SCALE           2.0f /* a history serves as long as its scale */
+#define NEAR_Q               6u   /* and step are so near what the tile wants by itself */
 
 /* The mean of a tile lies about so many scales up: what is darker than a scale is coded absolutely, not
  * relatively. */
 #define MEAN_IN_SCALES 32.0f
 
-/* Levels are rounded down from a bit over the half: zeros are cheap, and what is dropped is mostly noise.
- * More than this costs in contrast: with 0.38 errors at borders of charts grew by half for 8 % of the
+/* Coefficients are rounded down from a bit over the half: zeros are cheap, and what is dropped is mostly
+ * noise. More than this costs in contrast: with 0.38 errors at borders of charts grew by half for 8 % of the
  * bits. */
 #define ROUND_AC   0.44f
 #define ROUND_MEAN 0.5f
@@ -218,9 +218,9 @@ LW_WIDE_INLINE void inverse(const struct lw_tile_dct *dct, float *block, uint32_
     }
 }
 
-LW_WIDE_INLINE row8 scaled(const int16_t *levels, float step) {
+LW_WIDE_INLINE row8 scaled(const int16_t *coefficients, float step) {
     short8 row;
-    memcpy(&row, levels, sizeof row);
+    memcpy(&row, coefficients, sizeof row);
     return __builtin_convertvector(__builtin_convertvector(row, whole8), row8) * step;
 }
 
@@ -233,15 +233,15 @@ LW_WIDE_INLINE row8 scaled(const int16_t *levels, float step) {
 #define C7 0.097545161f
 #define R8 0.353553391f /* 1/sqrt(8) */
 
-/* A whole block from its levels, of which only those of the first `count` rows and columns are not 0: 4 or 8,
- * known when this is compiled. The second transform takes even and odd frequencies apart: the lower half
- * mirrors the upper one, odd ones with the opposite sign. */
-LW_WIDE_INLINE void inverse8(const struct lw_tile_dct *dct, const int16_t *level, float mean, float step,
-                             uint32_t count, float *block) {
+/* A whole block from its coefficients, of which only those of the first `count` rows and columns are not 0: 4
+ * or 8, known when this is compiled. The second transform takes even and odd frequencies apart: the lower
+ * half mirrors the upper one, odd ones with the opposite sign. */
+LW_WIDE_INLINE void inverse8(const struct lw_tile_dct *dct, const int16_t *coefficient, float mean,
+                             float step, uint32_t count, float *block) {
     row8 c[SIDE] = {0};
     for (uint32_t v = 0; v < count; v++) {
         float u[SIDE];
-        store(u, scaled(level + v * SIDE, step));
+        store(u, scaled(coefficient + v * SIDE, step));
         if (!v) u[0] = mean;
         c[v] = u[0] * load(dct->basis[SIDE][0]);
         for (uint32_t k = 1; k < count; k++) c[v] += u[k] * load(dct->basis[SIDE][k]);
@@ -294,17 +294,19 @@ LW_WIDE_INLINE struct span span_of(uint32_t bx, uint32_t by, uint32_t width, uin
 
 LW_WIDE_INLINE uint32_t blocks(uint32_t texels) { return (texels + SIDE - 1) / SIDE; }
 
-/* ---- levels that are kept ---- */
+/* ---- coefficients that are kept ---- */
 
-LW_WIDE_INLINE uint32_t plane_levels(uint32_t height) { return blocks(height) * GRID * BLOCK_TEXELS; }
+LW_WIDE_INLINE uint32_t plane_coefficients(uint32_t height) { return blocks(height) * GRID * BLOCK_TEXELS; }
 
-size_t lw_tile_dct_levels_size(uint32_t height) { return 3 * plane_levels(height) * sizeof(int16_t); }
-
-size_t lw_tile_dct_history_size(uint32_t height) {
-    return offsetof(struct lw_tile_dct_history, levels) + lw_tile_dct_levels_size(height);
+size_t lw_tile_dct_coefficients_size(uint32_t height) {
+    return 3 * plane_coefficients(height) * sizeof(int16_t);
 }
 
-/* ---- the means' levels as bits ---- */
+size_t lw_tile_dct_history_size(uint32_t height) {
+    return offsetof(struct lw_tile_dct_history, coefficients) + lw_tile_dct_coefficients_size(height);
+}
+
+/* ---- the means' coefficients as bits ---- */
 
 /* Of a number that is likely as large as the two before it: bits of a third of them. */
 LW_WIDE_INLINE unsigned rice_k(uint32_t a, uint32_t b) {
@@ -312,24 +314,24 @@ LW_WIDE_INLINE unsigned rice_k(uint32_t a, uint32_t b) {
     return k < RICE_K_MAX ? k : RICE_K_MAX;
 }
 
-/* `level` by rows: how many up to the last that is not 0, then those, the last one first; after two zeros,
- * how many more there are. */
-LW_WIDE_INLINE void put_means(struct lw_tile_bits_writer *w, const int32_t *level, const uint8_t *scan,
+/* `coefficient` by rows: how many up to the last that is not 0, then those, the last one first; after two
+ * zeros, how many more there are. */
+LW_WIDE_INLINE void put_means(struct lw_tile_bits_writer *w, const int32_t *coefficient, const uint8_t *scan,
                               uint32_t count, unsigned run_k) {
-    while (count && !level[scan[count - 1]]) count--;
+    while (count && !coefficient[scan[count - 1]]) count--;
     lw_tile_bits_put_rice(w, count, GRID_LENGTH_K, 0, 0);
     uint32_t a = 0, b = 0;
     bool known = true; /* not to be 0 */
     for (uint32_t i = count; i-- > 0;) {
         if (!known && !(a | b)) {
             uint32_t run = 0;
-            while (run <= i && !level[scan[i - run]]) run++;
+            while (run <= i && !coefficient[scan[i - run]]) run++;
             lw_tile_bits_put_rice(w, run, run_k, 0, 0);
             if (run > i) break;
             i -= run;
             known = true;
         }
-        const int32_t v = level[scan[i]];
+        const int32_t v = coefficient[scan[i]];
         const uint32_t size = (uint32_t)(v < 0 ? -v : v);
         lw_tile_bits_put_rice(w, size - known, rice_k(a, b), v < 0, size != 0);
         b = a;
@@ -338,9 +340,9 @@ LW_WIDE_INLINE void put_means(struct lw_tile_bits_writer *w, const int32_t *leve
     }
 }
 
-/* Into `level`, by rows, which is 0. False for what there is no room for. */
+/* Into `coefficient`, by rows, which is 0. False for what there is no room for. */
 LW_WIDE_INLINE bool get_means(struct lw_tile_bits_reader *r, const uint8_t *scan, uint32_t count,
-                              unsigned run_k, int32_t *level) {
+                              unsigned run_k, int32_t *coefficient) {
     lw_tile_bits_refill(r);
     const uint32_t length = lw_tile_bits_get_rice(r, GRID_LENGTH_K);
     if (length > count) return false;
@@ -351,7 +353,7 @@ LW_WIDE_INLINE bool get_means(struct lw_tile_bits_reader *r, const uint8_t *scan
         const uint32_t size = lw_tile_bits_get_rice(r, rice_k(a, b)) + known;
         const bool is_negative = size && r->held & 1;
         lw_tile_bits_drop(r, size > 0);
-        level[scan[--i]] = is_negative ? -(int32_t)size : (int32_t)size;
+        coefficient[scan[--i]] = is_negative ? -(int32_t)size : (int32_t)size;
         b = a;
         a = size;
         known = false;
@@ -366,15 +368,15 @@ LW_WIDE_INLINE bool get_means(struct lw_tile_bits_reader *r, const uint8_t *scan
     return true;
 }
 
-/* ---- from levels to texels ---- */
+/* ---- from coefficients to texels ---- */
 
-/* How many diagonals of a block's levels are not all 0, one at least. */
-LW_WIDE_INLINE uint32_t diagonals_of(const int16_t *level, uint32_t height) {
+/* How many diagonals of a block's coefficients are not all 0, one at least. */
+LW_WIDE_INLINE uint32_t diagonals_of(const int16_t *coefficient, uint32_t height) {
     const short8 place = {1, 2, 3, 4, 5, 6, 7, 8};
     short8 last = {1};
     for (uint32_t y = 0; y < height; y++) {
         short8 row;
-        memcpy(&row, level + y * SIDE, sizeof row);
+        memcpy(&row, coefficient + y * SIDE, sizeof row);
         const short8 diagonal = (row != 0) & (place + (int16_t)y);
         last = (diagonal & (diagonal > last)) | (last & ~(diagonal > last));
     }
@@ -383,26 +385,27 @@ LW_WIDE_INLINE uint32_t diagonals_of(const int16_t *level, uint32_t height) {
     return (uint32_t)most;
 }
 
-/* The texels of a block; of its levels the first counts for nothing. */
-LW_WIDE_INLINE void restore_block(const struct lw_tile_dct *dct, const int16_t *level, float mean, float step,
-                                  uint32_t diagonals, struct span s, float *plane) {
+/* The texels of a block; of its coefficients the first counts for nothing. */
+LW_WIDE_INLINE void restore_block(const struct lw_tile_dct *dct, const int16_t *coefficient, float mean,
+                                  float step, uint32_t diagonals, struct span s, float *plane) {
     float *block = plane + s.at;
     if (s.width < SIDE || s.height < SIDE) {
-        for (uint32_t y = 0; y < s.height; y++) store(block + y * STRIDE, scaled(level + y * SIDE, step));
+        for (uint32_t y = 0; y < s.height; y++)
+            store(block + y * STRIDE, scaled(coefficient + y * SIDE, step));
         block[0] = mean;
         inverse(dct, block, STRIDE, s.width, s.height, diagonals);
     } else if (diagonals == 1)
         for (uint32_t y = 0; y < SIDE; y++) store(block + y * STRIDE, every(mean * (1.0f / SIDE)));
     else if (diagonals <= SIDE / 2)
-        inverse8(dct, level, mean, step, SIDE / 2, block);
+        inverse8(dct, coefficient, mean, step, SIDE / 2, block);
     else
-        inverse8(dct, level, mean, step, SIDE, block);
+        inverse8(dct, coefficient, mean, step, SIDE, block);
 }
 
-/* A plane from its levels and its means' levels.
- * length: of the blocks' lists, if nothing but what they held is in the levels; else NULL */
+/* A plane from its coefficients and its means' coefficients.
+ * length: of the blocks' lists, if nothing but what they held is in the coefficients; else NULL */
 LW_WIDE static void restore_plane(struct lw_tile_dct *dct, float *plane, uint32_t width, uint32_t height,
-                                  float step, const int16_t *levels, const int32_t *grid,
+                                  float step, const int16_t *coefficients, const int32_t *grid,
                                   const uint8_t *length) {
     const uint32_t across = blocks(width), down = blocks(height);
     for (uint32_t i = 0; i < BLOCK_TEXELS; i++) dct->mean[i] = (float)grid[i] * step;
@@ -410,30 +413,31 @@ LW_WIDE static void restore_plane(struct lw_tile_dct *dct, float *plane, uint32_
     for (uint32_t by = 0; by < down; by++)
         for (uint32_t bx = 0; bx < across; bx++) {
             const struct span s = span_of(bx, by, width, height);
-            const int16_t *level = levels + (by * GRID + bx) * BLOCK_TEXELS;
+            const int16_t *coefficient = coefficients + (by * GRID + bx) * BLOCK_TEXELS;
             const uint8_t last = length ? dct->rans.scan[s.width][s.height][length[by * GRID + bx]] : 0;
-            restore_block(dct, level, dct->mean[by * SIDE + bx], step,
-                          length ? 1u + last / SIDE + last % SIDE : diagonals_of(level, s.height), s, plane);
+            restore_block(dct, coefficient, dct->mean[by * SIDE + bx], step,
+                          length ? 1u + last / SIDE + last % SIDE : diagonals_of(coefficient, s.height), s,
+                          plane);
         }
 }
 
 /* ---- decoding ---- */
 
-LW_WIDE_INLINE int16_t kept_of(int32_t level) {
-    return (int16_t)(level > KEPT_MAX ? KEPT_MAX : level < -KEPT_MAX ? -KEPT_MAX : level);
+LW_WIDE_INLINE int16_t kept_of(int32_t coefficient) {
+    return (int16_t)(coefficient > KEPT_MAX ? KEPT_MAX : coefficient < -KEPT_MAX ? -KEPT_MAX : coefficient);
 }
 
-/* The levels of a payload. The first of each block is that of its mean as far as it fits; grid has them all,
- * by rows of SIDE. length: see lw_tile_rans_get() */
-static bool get_levels(struct lw_tile_dct *dct, uint32_t kind, const uint8_t *src, size_t src_size,
-                       uint32_t width, uint32_t height, int16_t *level, int32_t grid[3][BLOCK_TEXELS],
-                       uint8_t *length) {
+/* The coefficients of a payload. The first of each block is that of its mean as far as it fits; grid has them
+ * all, by rows of SIDE. length: see lw_tile_rans_get() */
+static bool get_coefficients(struct lw_tile_dct *dct, uint32_t kind, const uint8_t *src, size_t src_size,
+                             uint32_t width, uint32_t height, int16_t *coefficient,
+                             int32_t grid[3][BLOCK_TEXELS], uint8_t *length) {
     const uint32_t across = blocks(width), down = blocks(height);
     const uint8_t *rest;
     size_t rest_size, rest_free;
     if (src_size < HEADER_SIZE || src[0] != kind || src[1] > LW_TILE_DCT_STEP_Q_MAX ||
-        !lw_tile_rans_get(&dct->rans, src + HEADER_SIZE, src_size - HEADER_SIZE, width, height, level, length,
-                          &rest, &rest_size, &rest_free))
+        !lw_tile_rans_get(&dct->rans, src + HEADER_SIZE, src_size - HEADER_SIZE, width, height, coefficient,
+                          length, &rest, &rest_size, &rest_free))
         return false;
     memset(grid, 0, 3 * sizeof *grid);
     struct lw_tile_bits_reader r = {.at = rest, .end = rest + rest_size};
@@ -441,7 +445,7 @@ static bool get_levels(struct lw_tile_dct *dct, uint32_t kind, const uint8_t *sr
         if (!get_means(&r, dct->rans.scan[across][down], across * down, kind, grid[p])) return false;
         for (uint32_t by = 0; by < down; by++)
             for (uint32_t bx = 0; bx < across; bx++)
-                level[p * plane_levels(height) + (by * GRID + bx) * BLOCK_TEXELS] =
+                coefficient[p * plane_coefficients(height) + (by * GRID + bx) * BLOCK_TEXELS] =
                     kept_of(grid[p][by * SIDE + bx]);
     }
     return lw_tile_bits_is_at_end(&r, rest_size > rest_free ? 7 : 8 * rest_free);
@@ -456,7 +460,7 @@ LW_WIDE static bool add_change(const struct lw_tile_dct *dct, const uint8_t *len
         for (uint32_t by = 0; by < blocks(height); by++)
             for (uint32_t bx = 0; bx < blocks(width); bx++) {
                 const uint32_t n = length[(p * GRID + by) * GRID + bx],
-                               b = p * plane_levels(height) + (by * GRID + bx) * BLOCK_TEXELS;
+                               b = p * plane_coefficients(height) + (by * GRID + bx) * BLOCK_TEXELS;
                 grid[p][by * SIDE + bx] += kept[b];
                 outside[0] |= grid[p][by * SIDE + bx] != kept_of(grid[p][by * SIDE + bx]);
                 for (uint32_t i = b; i < b + (n ? BLOCK_TEXELS : SIDE); i += SIDE) {
@@ -480,20 +484,22 @@ static void scales_of(float scale, const int8_t gain[3], float out[3]) {
 static float step_of(uint32_t q) { return exp2f(1 - (float)q / 8); }
 
 bool lw_tile_dct_decode(struct lw_tile_dct *dct, uint32_t kind, const uint8_t *src, size_t src_size,
-                        float scale, uint32_t width, uint32_t height, struct lw_tile_dct_levels *levels,
-                        float *rgb) {
+                        float scale, uint32_t width, uint32_t height,
+                        struct lw_tile_dct_coefficients *coefficients, float *rgb) {
     if (width - 1 >= LW_TILE_SIDE || height - 1 >= LW_TILE_SIDE || !(scale > 0) || !(scale <= SCALE_MAX))
         return false;
     const bool is_delta = kind == LW_TILE_DCT_DELTA;
-    int16_t *level = levels ? levels->level : dct->level;
+    int16_t *coefficient = coefficients ? coefficients->coefficient : dct->coefficient;
     int32_t grid[3][BLOCK_TEXELS];
     uint8_t length[LW_TILE_RANS_BLOCKS];
-    if (!get_levels(dct, kind, src, src_size, width, height, is_delta ? dct->change : level, grid, length) ||
-        (is_delta && !add_change(dct, length, width, height, level, grid)))
+    if (!get_coefficients(dct, kind, src, src_size, width, height, is_delta ? dct->change : coefficient, grid,
+                          length) ||
+        (is_delta && !add_change(dct, length, width, height, coefficient, grid)))
         return false;
     for (uint32_t p = 0; p < 3; p++)
-        restore_plane(dct, dct->plane[p], width, height, step_of(src[1]), level + p * plane_levels(height),
-                      grid[p], is_delta ? NULL : length + p * GRID * GRID);
+        restore_plane(dct, dct->plane[p], width, height, step_of(src[1]),
+                      coefficient + p * plane_coefficients(height), grid[p],
+                      is_delta ? NULL : length + p * GRID * GRID);
     const int8_t gain[3] = {(int8_t)src[2], (int8_t)src[3], (int8_t)src[4]};
     float scales[3];
     scales_of(scale, gain, scales);
@@ -587,32 +593,32 @@ LW_WIDE static void fill_uncovered(const struct lw_tile_dct *dct, float *plane, 
         }
 }
 
-LW_WIDE_INLINE whole8 levels_of(row8 steps, float round, float most) {
+LW_WIDE_INLINE whole8 coefficients_of(row8 steps, float round, float most) {
     const row8 size = clamp8((row8)((whole8)steps & 0x7fffffff) + round, 0, most);
     const whole8 negative = steps < 0;
     return (__builtin_convertvector(size, whole8) ^ negative) - negative;
 }
 
-/* A row of coefficients to levels. kept: what they were; NULL: they build on nothing. */
+/* A row of coefficients, quantised. kept: what they were; NULL: they build on nothing. */
 LW_WIDE_INLINE whole8 quantise(const float *row, uint32_t width, float inverse_step, float round, float most,
                                const int16_t *kept) {
     const whole8 place = {0, 1, 2, 3, 4, 5, 6, 7}, inside = place < (int32_t)width;
     const row8 steps = load(row) * inverse_step;
-    whole8 levels = levels_of(steps, round, most);
+    whole8 coefficients = coefficients_of(steps, round, most);
     if (kept) {
         short8 short_row;
         memcpy(&short_row, kept, sizeof short_row);
         const whole8 was = __builtin_convertvector(short_row, whole8);
         const row8 off = steps - __builtin_convertvector(was, row8);
         const whole8 near = (off < LW_TILE_DCT_HOLD) & (off > -LW_TILE_DCT_HOLD);
-        levels = (was & near) | (levels & ~near);
+        coefficients = (was & near) | (coefficients & ~near);
     }
-    return levels & inside;
+    return coefficients & inside;
 }
 
-/* A plane's levels into `level`, those of the means into `grid`, by rows of SIDE. */
+/* A plane's coefficients into `coefficient`, those of the means into `grid`, by rows of SIDE. */
 LW_WIDE static void quantise_plane(struct lw_tile_dct *dct, float *plane, uint32_t width, uint32_t height,
-                                   float step, const int16_t *kept, int16_t *level, int32_t *grid) {
+                                   float step, const int16_t *kept, int16_t *coefficient, int32_t *grid) {
     const uint32_t across = blocks(width), down = blocks(height);
     int16_t kept_grid[BLOCK_TEXELS] = {0};
     memset(dct->mean, 0, sizeof dct->mean);
@@ -629,26 +635,27 @@ LW_WIDE static void quantise_plane(struct lw_tile_dct *dct, float *plane, uint32
                                                            ROUND_AC, KEPT_MAX,
                                                            kept ? kept + first + y * SIDE : NULL),
                                                   short8);
-                memcpy(level + first + y * SIDE, &row, sizeof row);
+                memcpy(coefficient + first + y * SIDE, &row, sizeof row);
             }
             if (kept) kept_grid[by * SIDE + bx] = kept[first];
         }
     forward(dct, dct->mean, SIDE, across, down);
     memset(grid, 0, BLOCK_TEXELS * sizeof *grid);
     for (uint32_t by = 0; by < down; by++) {
-        const whole8 row = quantise(dct->mean + by * SIDE, across, 1 / step, ROUND_MEAN, MEAN_LEVEL_MAX,
+        const whole8 row = quantise(dct->mean + by * SIDE, across, 1 / step, ROUND_MEAN, MEAN_COEFFICIENT_MAX,
                                     kept ? kept_grid + by * SIDE : NULL);
         memcpy(grid + by * SIDE, &row, sizeof row);
-        for (uint32_t bx = 0; bx < across; bx++) level[(by * GRID + bx) * BLOCK_TEXELS] = kept_of(row[bx]);
+        for (uint32_t bx = 0; bx < across; bx++)
+            coefficient[(by * GRID + bx) * BLOCK_TEXELS] = kept_of(row[bx]);
     }
 }
 
-/* Into dct->change, and grids; false if a level is as large as what stands for all larger ones, or a
+/* Into dct->change, and grids; false if a coefficient is as large as what stands for all larger ones, or a
  * difference is larger. */
 LW_WIDE static bool find_change(struct lw_tile_dct *dct, const int16_t *from, const int16_t *to,
                                 uint32_t width, uint32_t height, int32_t grid[3][BLOCK_TEXELS]) {
     short8 outside = {0};
-    for (uint32_t i = 0; i < 3 * plane_levels(height); i += SIDE) {
+    for (uint32_t i = 0; i < 3 * plane_coefficients(height); i += SIDE) {
         short8 was, is;
         memcpy(&was, from + i, sizeof was);
         memcpy(&is, to + i, sizeof is);
@@ -662,7 +669,7 @@ LW_WIDE static bool find_change(struct lw_tile_dct *dct, const int16_t *from, co
         for (uint32_t by = 0; by < blocks(height); by++)
             for (uint32_t bx = 0; bx < blocks(width); bx++)
                 grid[p][by * SIDE + bx] =
-                    dct->change[p * plane_levels(height) + (by * GRID + bx) * BLOCK_TEXELS];
+                    dct->change[p * plane_coefficients(height) + (by * GRID + bx) * BLOCK_TEXELS];
     int16_t any = 0;
     for (uint32_t i = 0; i < SIDE; i++) any |= outside[i];
     return !any;
@@ -679,7 +686,7 @@ static bool choose_gain(double was, double is, double black, uint8_t *out_gain) 
 }
 
 static size_t put_payload(struct lw_tile_dct *dct, uint32_t kind, uint32_t q, const uint8_t gain[3],
-                          const int16_t *level, int32_t grid[3][BLOCK_TEXELS], uint32_t width,
+                          const int16_t *coefficient, int32_t grid[3][BLOCK_TEXELS], uint32_t width,
                           uint32_t height, uint8_t *dst) {
     uint8_t means[MEANS_BOUND];
     struct lw_tile_bits_writer w = {.at = means};
@@ -689,7 +696,7 @@ static size_t put_payload(struct lw_tile_dct *dct, uint32_t kind, uint32_t q, co
     dst[0] = (uint8_t)kind;
     dst[1] = (uint8_t)q;
     memcpy(dst + 2, gain, 3);
-    return HEADER_SIZE + lw_tile_rans_put(&dct->rans, level, width, height, means,
+    return HEADER_SIZE + lw_tile_rans_put(&dct->rans, coefficient, width, height, means,
                                           (size_t)(lw_tile_bits_end(&w) - means), dst + HEADER_SIZE);
 }
 
@@ -698,17 +705,18 @@ static size_t put_payload(struct lw_tile_dct *dct, uint32_t kind, uint32_t q, co
 static bool encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source *source, uint32_t covered_count,
                    uint32_t q, const double sum[3], struct lw_tile_dct_history *history, uint8_t *dst,
                    uint8_t *delta_dst, struct lw_tile_dct_coded *coded) {
-    const uint32_t width = source->width, height = source->height, stride = plane_levels(height);
+    const uint32_t width = source->width, height = source->height, stride = plane_coefficients(height);
     const float scale = coded->scale;
     int32_t grid[3][BLOCK_TEXELS], change[3][BLOCK_TEXELS];
     take_logarithms(dct, height, 1 / scale);
-    memset(dct->level, 0, lw_tile_dct_levels_size(height));
+    memset(dct->coefficient, 0, lw_tile_dct_coefficients_size(height));
     for (uint32_t p = 0; p < 3; p++) {
         if (covered_count < width * height) fill_uncovered(dct, dct->plane[p], width, height);
         quantise_plane(dct, dct->plane[p], width, height, step_of(q),
-                       delta_dst ? history->levels.level + p * stride : NULL, dct->level + p * stride,
-                       grid[p]);
-        restore_plane(dct, dct->plane[p], width, height, step_of(q), dct->level + p * stride, grid[p], NULL);
+                       delta_dst ? history->coefficients.coefficient + p * stride : NULL,
+                       dct->coefficient + p * stride, grid[p]);
+        restore_plane(dct, dct->plane[p], width, height, step_of(q), dct->coefficient + p * stride, grid[p],
+                      NULL);
     }
     double restored[3];
     sum_light(dct, height, scale, restored);
@@ -716,15 +724,16 @@ static bool encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source *sou
     bool kept_mean = true;
     const double black = MEAN_OFF_MAX * (double)scale * covered_count;
     for (int c = 0; c < 3; c++) kept_mean &= choose_gain(sum[c], restored[c], black, gain + c);
-    coded->size = put_payload(dct, LW_TILE_DCT_INTRA, q, gain, dct->level, grid, width, height, dst);
+    coded->size = put_payload(dct, LW_TILE_DCT_INTRA, q, gain, dct->coefficient, grid, width, height, dst);
     coded->delta_size = 0;
-    if (delta_dst && find_change(dct, history->levels.level, dct->level, width, height, change))
+    if (delta_dst &&
+        find_change(dct, history->coefficients.coefficient, dct->coefficient, width, height, change))
         coded->delta_size =
             put_payload(dct, LW_TILE_DCT_DELTA, q, gain, dct->change, change, width, height, delta_dst);
     if (history) {
         history->q = q;
         history->scale = scale;
-        memcpy(history->levels.level, dct->level, lw_tile_dct_levels_size(height));
+        memcpy(history->coefficients.coefficient, dct->coefficient, lw_tile_dct_coefficients_size(height));
     }
     return kept_mean;
 }
@@ -765,13 +774,15 @@ void lw_tile_dct_encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source
 
 size_t lw_tile_dct_encode_between(struct lw_tile_dct *dct, const uint8_t *from, size_t from_size,
                                   const uint8_t *to, size_t to_size, uint32_t width, uint32_t height,
-                                  struct lw_tile_dct_levels scratch[2], uint8_t *dst) {
+                                  struct lw_tile_dct_coefficients scratch[2], uint8_t *dst) {
     int32_t grid[3][BLOCK_TEXELS];
     uint8_t length[LW_TILE_RANS_BLOCKS];
     if (width - 1 >= LW_TILE_SIDE || height - 1 >= LW_TILE_SIDE ||
-        !get_levels(dct, LW_TILE_DCT_INTRA, from, from_size, width, height, scratch[0].level, grid, length) ||
-        !get_levels(dct, LW_TILE_DCT_INTRA, to, to_size, width, height, scratch[1].level, grid, length) ||
-        !find_change(dct, scratch[0].level, scratch[1].level, width, height, grid))
+        !get_coefficients(dct, LW_TILE_DCT_INTRA, from, from_size, width, height, scratch[0].coefficient,
+                          grid, length) ||
+        !get_coefficients(dct, LW_TILE_DCT_INTRA, to, to_size, width, height, scratch[1].coefficient, grid,
+                          length) ||
+        !find_change(dct, scratch[0].coefficient, scratch[1].coefficient, width, height, grid))
         return 0;
     return put_payload(dct, LW_TILE_DCT_DELTA, to[1], to + 2, dct->change, grid, width, height, dst);
 }

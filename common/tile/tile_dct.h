@@ -2,7 +2,7 @@
  * step that the caller takes from the tile's own noise. Pure functions; format: proto/wire_format.md, codec
  * 4. Used through tile_codec.h.
  * Threads: [any]; one struct lw_tile_dct per thread.
- * After:   orthonormal DCT-II; tile_rans.h for levels, adaptive Golomb codes (Rice 1979) for means. */
+ * After:   orthonormal DCT-II; tile_rans.h for coefficients, adaptive Golomb codes (Rice 1979) for means. */
 #ifndef LW_COMMON_TILE_DCT_H
 #define LW_COMMON_TILE_DCT_H
 
@@ -12,7 +12,7 @@
 #define LW_TILE_DCT_SIDE 8u
 /* First byte of a payload, and the Rice parameter of its means' runs of zeros: a delta has longer ones. */
 #define LW_TILE_DCT_INTRA 1u /* builds on no other */
-#define LW_TILE_DCT_DELTA 2u /* adds to the levels of the tile as it was */
+#define LW_TILE_DCT_DELTA 2u /* adds to the coefficients of the tile as it was */
 
 /* Steps are 2^(1 - q/8), in units of log2: from 2 (a factor of four) to 1/256. */
 #define LW_TILE_DCT_STEP_Q_MAX 72u
@@ -20,9 +20,9 @@
 /* Gains are 2^(g/512). */
 #define LW_TILE_DCT_GAIN_UNIT 512
 
-/* Levels of a plane: block by block, of each its rows. The first of each block is one of the means', in rows
- * of blocks. */
-#define LW_TILE_DCT_PLANE_LEVELS LW_TILE_TEXELS_MAX
+/* Coefficients of a plane: block by block, of each its rows. The first of each block is one of the means', in
+ * rows of blocks. */
+#define LW_TILE_DCT_PLANE_COEFFICIENTS LW_TILE_TEXELS_MAX
 
 /* LW_TILE_RANS_BOUND, and for each mean 12 + 20 + 1 bits. */
 #define LW_TILE_DCT_BOUND 56000u
@@ -33,9 +33,10 @@ struct lw_tile_dct {
     /* By number of points: [frequency][place], and the same transposed; 0 where there is none. */
     _Alignas(64) float basis[LW_TILE_DCT_SIDE + 1][LW_TILE_DCT_SIDE][LW_TILE_DCT_SIDE];
     _Alignas(64) float transposed[LW_TILE_DCT_SIDE + 1][LW_TILE_DCT_SIDE][LW_TILE_DCT_SIDE];
-    /* The encoder's, and the decoder's of a tile whose levels are not kept: as lw_tile_dct_levels. */
-    _Alignas(64) int16_t level[3 * LW_TILE_DCT_PLANE_LEVELS];
-    _Alignas(64) int16_t change[3 * LW_TILE_DCT_PLANE_LEVELS]; /* the encoder's */
+    /* The encoder's, and the decoder's of a tile whose coefficients are not kept: as
+     * lw_tile_dct_coefficients. */
+    _Alignas(64) int16_t coefficient[3 * LW_TILE_DCT_PLANE_COEFFICIENTS];
+    _Alignas(64) int16_t change[3 * LW_TILE_DCT_PLANE_COEFFICIENTS]; /* the encoder's */
     struct lw_tile_rans rans;
     _Alignas(64) float mean[LW_TILE_DCT_SIDE * LW_TILE_DCT_SIDE];
     _Alignas(64) float light[3][LW_TILE_TEXELS_MAX], weight[LW_TILE_TEXELS_MAX]; /* the encoder's */
@@ -44,23 +45,23 @@ struct lw_tile_dct {
 /** Fills in the tables. */
 void lw_tile_dct_init(struct lw_tile_dct *dct);
 
-/** The levels of a tile, kept so that a later payload can say by how much they differ: three planes in the
- * order of lw_tile_dct.level, each as many rows of blocks as the tile has. Levels beyond 16 bits are kept as
- * the nearest; nothing may build on such a tile. */
-struct lw_tile_dct_levels {
-    _Alignas(64) int16_t level[3 * LW_TILE_DCT_PLANE_LEVELS];
+/** The coefficients of a tile, kept so that a later payload can say by how much they differ: three planes in
+ * the order of lw_tile_dct.coefficient, each as many rows of blocks as the tile has. Coefficients beyond 16
+ * bits are kept as the nearest; nothing may build on such a tile. */
+struct lw_tile_dct_coefficients {
+    _Alignas(64) int16_t coefficient[3 * LW_TILE_DCT_PLANE_COEFFICIENTS];
 };
 
 /** What an encoder keeps of a tile from one payload to the next; zero: nothing yet. */
 struct lw_tile_dct_history {
     float scale; /* 0: there is nothing to build on */
     uint32_t q;  /* of the step */
-    struct lw_tile_dct_levels levels;
+    struct lw_tile_dct_coefficients coefficients;
 };
 
 /** Bytes at the beginning of either that a tile of this height needs: 24 KB for 64 texels. No others are
  * touched, so that one may have as little memory (aligned_alloc(), a multiple of 64). */
-size_t lw_tile_dct_levels_size(uint32_t height);
+size_t lw_tile_dct_coefficients_size(uint32_t height);
 size_t lw_tile_dct_history_size(uint32_t height);
 
 /** Texels to be encoded, and how.
@@ -81,7 +82,7 @@ struct lw_tile_dct_source {
     float step, dark;
 };
 
-/* With a history a level stays what it was while that is within so many steps of the truth. */
+/* With a history a coefficient stays what it was while that is within so many steps of the truth. */
 #define LW_TILE_DCT_HOLD 0.8f
 
 struct lw_tile_dct_coded {
@@ -100,21 +101,23 @@ void lw_tile_dct_encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source
                         struct lw_tile_dct_coded *out_coded);
 
 /** Decodes into width * height * 3 floats, finite and >= 0. False for what no encoder writes: another length,
- * kind or step; rgb and levels are then unspecified. Bytes may come from anyone. scale: 0 < scale <= 2^60.
+ * kind or step; rgb and coefficients are then unspecified. Bytes may come from anyone. scale: 0 < scale <=
+ * 2^60.
  * kind       what the payload must be: LW_TILE_DCT_INTRA or LW_TILE_DCT_DELTA
- * levels     of the tile as it was, for a delta, then as it is; NULL, with INTRA alone: they are not kept */
+ * coefficients     of the tile as it was, for a delta, then as it is; NULL, with INTRA alone: they are not
+ *                  kept */
 bool lw_tile_dct_decode(struct lw_tile_dct *dct, uint32_t kind, const uint8_t *src, size_t src_size,
-                        float scale, uint32_t width, uint32_t height, struct lw_tile_dct_levels *levels,
-                        float *rgb);
+                        float scale, uint32_t width, uint32_t height,
+                        struct lw_tile_dct_coefficients *coefficients, float *rgb);
 
 /** Encodes how a payload differs from an earlier one of the same tile, both of kind INTRA: a delta over any
- * number of versions, for who has the levels of `from`, which decodes to what `to` does bit by bit. Bytes
- * may come from anyone.
+ * number of versions, for who has the coefficients of `from`, which decodes to what `to` does bit by bit.
+ * Bytes may come from anyone.
  * dst        LW_TILE_DCT_BOUND bytes
- * Returns the size; 0: one of them is damaged, or has levels that may be beyond 16 bits, on which nothing
- * builds. */
+ * Returns the size; 0: one of them is damaged, or has coefficients that may be beyond 16 bits, on which
+ * nothing builds. */
 size_t lw_tile_dct_encode_between(struct lw_tile_dct *dct, const uint8_t *from, size_t from_size,
                                   const uint8_t *to, size_t to_size, uint32_t width, uint32_t height,
-                                  struct lw_tile_dct_levels scratch[2], uint8_t *dst);
+                                  struct lw_tile_dct_coefficients scratch[2], uint8_t *dst);
 
 #endif

@@ -9,33 +9,34 @@
 #include <immintrin.h>
 #endif
 
-#define SIDE        LW_TILE_RANS_SIDE
-#define PLACES      LW_TILE_RANS_PLACES
-#define LANES       LW_TILE_RANS_LANES
-#define GRID        (LW_TILE_SIDE / SIDE)
-#define SLOT_BITS   10u
-#define STATE_LOW   0x10000u     /* a state below takes a word */
-#define NONE        (PLACES - 1) /* no list is that long */
-#define FAR         LW_TILE_RANS_FAR
-#define NEAR_MAX    LW_TILE_RANS_NEAR_MAX
-#define LANE_LEVELS 64u /* a lane is worth so many levels */
-#define CLASSES     15u
-/* More than a group of lists takes that runs past the end: of each level two words. */
+#define SIDE              LW_TILE_RANS_SIDE
+#define PLACES            LW_TILE_RANS_PLACES
+#define LANES             LW_TILE_RANS_LANES
+#define GRID              (LW_TILE_SIDE / SIDE)
+#define SLOT_BITS         10u
+#define STATE_LOW         0x10000u     /* a state below takes a word */
+#define NONE              (PLACES - 1) /* no list is that long */
+#define FAR               LW_TILE_RANS_FAR
+#define NEAR_MAX          LW_TILE_RANS_NEAR_MAX
+#define LANE_COEFFICIENTS 64u /* a lane is worth so many coefficients */
+#define CLASSES           15u
+/* More than a group of lists takes that runs past the end: of each coefficient two words. */
 #define SLACK      (PLACES * LANES * 4)
-#define TABLE_LAST 15u /* of a list's last level, which is not 0 */
+#define TABLE_LAST 15u /* of a list's last coefficient, which is not 0 */
 
 _Static_assert(1u << SLOT_BITS == LW_TILE_RANS_SLOTS, "slots are the low bits of a state");
 
 /* ---- the tables of the format ---- */
 
-/* Tokens: sizes 0 to 15, then ranges; their raw bits, for levels one of them the sign. */
-static const uint8_t level_base[] = {0,  1,  2,  3,  4,  5,  6,  7,  8,  9,  10, 11,
-                                     12, 13, 14, 15, 16, 20, 24, 32, 40, 56, 72, FAR};
-static const uint8_t level_raw[] = {0, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 3, 3, 4, 4, 5, 5, 6, 1};
+/* Tokens: sizes 0 to 15, then ranges; their raw bits, for coefficients one of them the sign. */
+static const uint8_t coefficient_base[] = {0,  1,  2,  3,  4,  5,  6,  7,  8,  9,  10, 11,
+                                           12, 13, 14, 15, 16, 20, 24, 32, 40, 56, 72, FAR};
+static const uint8_t coefficient_raw[] = {0, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1,
+                                          1, 1, 1, 1, 3, 3, 4, 4, 5, 5, 6, 1};
 static const uint8_t length_base[] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 24, 32, 48};
 static const uint8_t length_raw[] = {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 3, 3, 4, 4};
 
-#define LEVEL_TABLES 16u
+#define COEFFICIENT_TABLES 16u
 
 /* Slots of each token, by table: counted over tiles of the atrium, Sponza and the Cornell box at steps of 0.1
  * to 0.5, as tests/bench/bench_rans_tables.c counts them. */
@@ -66,7 +67,7 @@ static const uint16_t share_of[LW_TILE_RANS_TABLES][LW_TILE_RANS_TOKENS] = {
     {42, 2, 4, 1, 3, 3, 1, 3, 3, 3, 1, 2, 2, 3, 2, 2, 14, 24, 95, 814},
 };
 
-/* By diagonal of the level's place: up to 1, 3, 6, and beyond; and by class_of() the sum of its
+/* By diagonal of the coefficient's place: up to 1, 3, 6, and beyond; and by class_of() the sum of its
  * neighbours. */
 static const uint8_t near_tables[4][CLASSES] = {
     {4, 7, 7, 7, 9, 10, 11, 12, 12, 13, 14, 14, 14, 14, 14},
@@ -93,15 +94,15 @@ static enum lw_tile_rans_isa best_isa(void) {
     return LW_TILE_RANS_SCALAR;
 }
 
-/* Of a token with the raw bits of a level or length: put_symbol() tells. */
+/* Of a token with the raw bits of a coefficient or length: put_symbol() tells. */
 static uint32_t symbol_of(uint32_t first, uint32_t share, uint32_t raw, uint32_t raw_bits) {
     return first | raw << SLOT_BITS | share << 16 | raw_bits << 26;
 }
 
 static void fill_table(struct lw_tile_rans *rans, uint32_t t) {
-    const bool of_levels = t < LEVEL_TABLES;
-    const uint8_t *base = of_levels ? level_base : length_base,
-                  *raw_bits = of_levels ? level_raw : length_raw;
+    const bool of_coefficients = t < COEFFICIENT_TABLES;
+    const uint8_t *base = of_coefficients ? coefficient_base : length_base,
+                  *raw_bits = of_coefficients ? coefficient_raw : length_raw;
     for (uint32_t token = 0, first = 0; token < LW_TILE_RANS_TOKENS; first += share_of[t][token++]) {
         const uint32_t share = share_of[t][token];
         if (!share) continue;
@@ -109,10 +110,11 @@ static void fill_table(struct lw_tile_rans *rans, uint32_t t) {
             rans->slot[t][first + i] =
                 share | i << 10 | (uint32_t)raw_bits[token] << 20 | (uint32_t)base[token] << 24;
         for (uint32_t raw = 0; raw < 1u << raw_bits[token]; raw++)
-            if (!of_levels)
+            if (!of_coefficients)
                 rans->length_symbol[t][base[token] + raw] = symbol_of(first, share, raw, raw_bits[token]);
             else if (!(raw & 1)) /* the sign is the encoder's to add */
-                rans->level_symbol[t][base[token] + raw / 2] = symbol_of(first, share, raw, raw_bits[token]);
+                rans->coefficient_symbol[t][base[token] + raw / 2] =
+                    symbol_of(first, share, raw, raw_bits[token]);
     }
 }
 
@@ -159,12 +161,12 @@ void lw_tile_rans_init(struct lw_tile_rans *rans) {
 /* ---- blocks, in the order of the format ---- */
 
 struct block {
-    int16_t *level;      /* rows of SIDE */
-    const uint8_t *scan; /* without the first place */
+    int16_t *coefficient; /* rows of SIDE */
+    const uint8_t *scan;  /* without the first place */
     uint32_t length;
 };
 
-/* Of a tile: its blocks that have a list of levels, the longest first. */
+/* Of a tile: its blocks that have a list of coefficients, the longest first. */
 struct lists {
     struct block *list[LW_TILE_RANS_BLOCKS];
     uint32_t count, lanes;
@@ -182,13 +184,14 @@ LW_WIDE_INLINE uint32_t lengths_near(const uint8_t *length, uint32_t bx, uint32_
 }
 
 LW_WIDE_INLINE void sort_lists(struct block *block, uint32_t count, struct lists *out) {
-    uint32_t first[PLACES] = {0}, levels = 0, at = 0;
+    uint32_t first[PLACES] = {0}, coefficients = 0, at = 0;
     for (uint32_t i = 0; i < count; i++) {
         first[block[i].length]++;
-        levels += block[i].length;
+        coefficients += block[i].length;
     }
     out->count = count - first[0];
-    for (out->lanes = 1; out->lanes < LANES && levels >= 2 * out->lanes * LANE_LEVELS;) out->lanes *= 2;
+    for (out->lanes = 1; out->lanes < LANES && coefficients >= 2 * out->lanes * LANE_COEFFICIENTS;)
+        out->lanes *= 2;
     for (uint32_t n = PLACES; n-- > 1;) {
         const uint32_t of_n = first[n];
         first[n] = at;
@@ -242,14 +245,14 @@ LW_WIDE_INLINE uint32_t get_token(struct reader *r, uint32_t lane, const uint32_
     return slot >> 24;
 }
 
-/* The sizes that are too large for tokens, after the lanes' tokens of a step. Adds to `outside` what no level
- * is. */
+/* The sizes that are too large for tokens, after the lanes' tokens of a step. Adds to `outside` what no
+ * coefficient is. */
 static const uint8_t *get_far(const uint8_t *at, uint32_t lanes, int16_t *row, uint32_t *outside) {
     for (; lanes; lanes &= lanes - 1, at += 2) {
-        int16_t *level = &row[__builtin_ctz(lanes)];
+        int16_t *coefficient = &row[__builtin_ctz(lanes)];
         const uint32_t size = FAR + word_at(at);
-        *outside |= size > LW_TILE_RANS_LEVEL_MAX;
-        *level = (int16_t)(*level < 0 ? -(int32_t)size : (int32_t)size);
+        *outside |= size > LW_TILE_RANS_COEFFICIENT_MAX;
+        *coefficient = (int16_t)(*coefficient < 0 ? -(int32_t)size : (int32_t)size);
     }
     return at;
 }
@@ -340,11 +343,11 @@ AVX512 static uint32_t get_group_avx512(struct lw_tile_rans *rans, struct reader
         const __m512i base = _mm512_srli_epi32(slot, 24);
         const __m512i size = _mm512_add_epi32(base, _mm512_srli_epi32(raw, 1));
         const __m512i sign = _mm512_sub_epi32(_mm512_setzero_si512(), _mm512_and_si512(raw, one));
-        const __m512i level = _mm512_sub_epi32(_mm512_xor_si512(size, sign), sign);
+        const __m512i coefficient = _mm512_sub_epi32(_mm512_xor_si512(size, sign), sign);
         _mm_store_si128(
             (__m128i *)rans->size[i],
             _mm512_maskz_cvtepi32_epi8(lanes, _mm512_min_epi32(size, _mm512_set1_epi32(NEAR_MAX))));
-        _mm256_store_si256((__m256i *)rans->row[i], _mm512_cvtepi32_epi16(level));
+        _mm256_store_si256((__m256i *)rans->row[i], _mm512_cvtepi32_epi16(coefficient));
         const __mmask16 far = _mm512_mask_cmpeq_epi32_mask(lanes, base, _mm512_set1_epi32(FAR));
         if (__builtin_expect(far, 0)) at = get_far(at, far, rans->row[i], &outside);
     }
@@ -452,17 +455,18 @@ static uint32_t get_any_group(struct lw_tile_rans *rans, struct reader *reader, 
 LW_WIDE_INLINE void take_rows(struct lw_tile_rans *rans, struct block **list, uint32_t count) {
     for (uint32_t lane = 0; lane < count; lane++) {
         const struct block b = *list[lane];
-        for (uint32_t i = 0; i < b.length; i++) b.level[b.scan[i]] = rans->row[i][lane];
+        for (uint32_t i = 0; i < b.length; i++) b.coefficient[b.scan[i]] = rans->row[i][lane];
     }
 }
 
 LW_WIDE static bool get_lists(struct lw_tile_rans *rans, const uint8_t *end, uint32_t width, uint32_t height,
-                              int16_t *level, uint8_t *length, struct reader *reader, uint32_t *out_lanes) {
+                              int16_t *coefficient, uint8_t *length, struct reader *reader,
+                              uint32_t *out_lanes) {
     struct block block[LW_TILE_RANS_BLOCKS];
     struct lists lists;
     uint32_t count = 0, outside = 0;
     struct reader r = *reader;
-    memset(level, 0, 3 * (size_t)blocks(height) * GRID * PLACES * sizeof *level);
+    memset(coefficient, 0, 3 * (size_t)blocks(height) * GRID * PLACES * sizeof *coefficient);
     for (uint32_t p = 0; p < 3; p++)
         for (uint32_t by = 0; by < blocks(height); by++)
             for (uint32_t bx = 0; bx < blocks(width); bx++) {
@@ -474,8 +478,8 @@ LW_WIDE static bool get_lists(struct lw_tile_rans *rans, const uint8_t *end, uin
                 const uint32_t n = base + raw;
                 if (n >= w * h) return false;
                 lengths[by * GRID + bx] = (uint8_t)n;
-                block[count++] = (struct block){level + ((p * blocks(height) + by) * GRID + bx) * PLACES,
-                                                rans->scan[w][h] + 1, n};
+                block[count++] = (struct block){
+                    coefficient + ((p * blocks(height) + by) * GRID + bx) * PLACES, rans->scan[w][h] + 1, n};
             }
     sort_lists(block, count, &lists);
     for (uint32_t lane = 1; lane < lists.lanes; lane++, r.at += 4) {
@@ -494,14 +498,14 @@ LW_WIDE static bool get_lists(struct lw_tile_rans *rans, const uint8_t *end, uin
 }
 
 bool lw_tile_rans_get(struct lw_tile_rans *rans, const uint8_t *src, size_t src_size, uint32_t width,
-                      uint32_t height, int16_t *level, uint8_t *length, const uint8_t **out_rest,
+                      uint32_t height, int16_t *coefficient, uint8_t *length, const uint8_t **out_rest,
                       size_t *out_rest_size, size_t *out_rest_free) {
     if (src_size < 4 || src_size > sizeof rans->bytes - SLACK) return false;
     memcpy(rans->bytes, src, src_size);
     struct reader r = {.at = rans->bytes + 4, .state = {state_at(rans->bytes)}};
     uint8_t *const end = rans->bytes + src_size;
     uint32_t lanes;
-    if (r.state[0] < STATE_LOW || !get_lists(rans, end, width, height, level, length, &r, &lanes))
+    if (r.state[0] < STATE_LOW || !get_lists(rans, end, width, height, coefficient, length, &r, &lanes))
         return false;
     uint8_t *rest = rans->bytes + (r.at - rans->bytes) - 2 * lanes; /* what is before it has been read */
     for (uint32_t lane = 0; lane < lanes; lane++) {
@@ -538,14 +542,14 @@ LW_WIDE_INLINE void list_group(struct lw_tile_rans *rans, struct block **list, u
     memset(rans->row, 0, sizeof rans->row);
     for (uint32_t lane = 0; lane < count; lane++) {
         const struct block b = *list[lane];
-        for (uint32_t i = 0; i < b.length; i++) rans->row[i][lane] = b.level[b.scan[i]];
+        for (uint32_t i = 0; i < b.length; i++) rans->row[i][lane] = b.coefficient[b.scan[i]];
     }
     for (uint32_t i = list[0]->length; i-- > 0;) {
         const byte16 sums = sum_near(rans, i);
         const uint32_t *const table = rans->near_table[rans->diagonal[i]];
-        short16 level;
-        memcpy(&level, rans->row[i], sizeof level);
-        const short16 minus = level < 0, sizes = (level ^ minus) - minus;
+        short16 coefficient;
+        memcpy(&coefficient, rans->row[i], sizeof coefficient);
+        const short16 minus = coefficient < 0, sizes = (coefficient ^ minus) - minus;
         const short16 is_far = sizes >= (int16_t)FAR, is_near = sizes < (int16_t)NEAR_MAX;
         const byte16 capped = __builtin_convertvector((sizes & ~is_far) | ((int16_t)FAR & is_far), byte16),
                      counts =
@@ -558,10 +562,10 @@ LW_WIDE_INLINE void list_group(struct lw_tile_rans *rans, struct block **list, u
         memcpy(sign, &signs, sizeof sign);
         uint32_t lane = 0;
         for (; lane < active; lane++)
-            w.symbol[lane] = rans->level_symbol[table[rans->class_of_sum[sum[lane]]]][size[lane]] |
+            w.symbol[lane] = rans->coefficient_symbol[table[rans->class_of_sum[sum[lane]]]][size[lane]] |
                              (uint32_t)sign[lane] << 8;
         for (active = count_active(list, count, active, i); lane < active; lane++)
-            w.symbol[lane] = rans->level_symbol[TABLE_LAST][size[lane]] | (uint32_t)sign[lane] << 8;
+            w.symbol[lane] = rans->coefficient_symbol[TABLE_LAST][size[lane]] | (uint32_t)sign[lane] << 8;
         uint8_t far_count = 0;
         if (__builtin_expect(is_any(is_far), 0))
             for (lane = 0; lane < active; lane++)
@@ -599,17 +603,17 @@ LW_WIDE_INLINE uint32_t put_symbol(const struct lw_tile_rans *rans, uint32_t x, 
     return (whole << (SLOT_BITS + raw_bits)) + (symbol & 0xffff) + (x - whole * share);
 }
 
-/* How many of the levels there are up to the last one that is not 0. */
-LW_WIDE_INLINE uint32_t length_of(const struct lw_tile_rans *rans, const int16_t *level, const uint8_t *scan,
-                                  uint32_t n) {
+/* How many of the coefficients there are up to the last one that is not 0. */
+LW_WIDE_INLINE uint32_t length_of(const struct lw_tile_rans *rans, const int16_t *coefficient,
+                                  const uint8_t *scan, uint32_t n) {
     if (n < PLACES - 1) {
-        while (n && !level[scan[n - 1]]) n--;
+        while (n && !coefficient[scan[n - 1]]) n--;
         return n;
     }
     short8 most = {0};
     for (uint32_t y = 0; y < SIDE; y++) {
         short8 row, rank;
-        memcpy(&row, level + y * SIDE, sizeof row);
+        memcpy(&row, coefficient + y * SIDE, sizeof row);
         memcpy(&rank, rans->rank + y * SIDE, sizeof rank);
         rank &= row != 0;
         most = (rank & (rank > most)) | (most & ~(rank > most));
@@ -619,35 +623,35 @@ LW_WIDE_INLINE uint32_t length_of(const struct lw_tile_rans *rans, const int16_t
     return (uint32_t)length;
 }
 
-LW_WIDE static uint8_t *put_lists(struct lw_tile_rans *rans, const int16_t *level, uint32_t width,
+LW_WIDE static uint8_t *put_lists(struct lw_tile_rans *rans, const int16_t *coefficient, uint32_t width,
                                   uint32_t height, const uint8_t *rest, size_t rest_size, uint8_t *end,
                                   uint32_t *out_lanes) {
     struct block block[LW_TILE_RANS_BLOCKS];
     struct lists lists;
     uint8_t length[LW_TILE_RANS_BLOCKS];
     uint32_t count = 0, state[LANES], at = 0;
-    uint32_t *const first_level = rans->symbol + LW_TILE_RANS_BLOCKS;
+    uint32_t *const first_coefficient = rans->symbol + LW_TILE_RANS_BLOCKS;
     for (uint32_t p = 0; p < 3; p++)
         for (uint32_t by = 0; by < blocks(height); by++)
             for (uint32_t bx = 0; bx < blocks(width); bx++) {
                 uint8_t *lengths = length + p * GRID * GRID;
                 const uint32_t w = at_most(width - bx * SIDE, SIDE), h = at_most(height - by * SIDE, SIDE);
-                const int16_t *levels = level + ((p * blocks(height) + by) * GRID + bx) * PLACES;
+                const int16_t *coefficients = coefficient + ((p * blocks(height) + by) * GRID + bx) * PLACES;
                 const uint8_t *scan = rans->scan[w][h] + 1;
-                const uint32_t n = length_of(rans, levels, scan, w * h - 1);
+                const uint32_t n = length_of(rans, coefficients, scan, w * h - 1);
                 lengths[by * GRID + bx] = (uint8_t)n;
-                block[count] = (struct block){(int16_t *)levels, scan, n};
+                block[count] = (struct block){(int16_t *)coefficients, scan, n};
                 rans->symbol[count++] =
                     rans->length_symbol[rans->length_table[lengths_near(lengths, bx, by)]][n];
             }
     sort_lists(block, count, &lists);
-    struct writer w = {first_level, rans->far, rans->active, rans->far_count};
+    struct writer w = {first_coefficient, rans->far, rans->active, rans->far_count};
     for (uint32_t i = 0; i < lists.count; i += lists.lanes)
         list_group(rans, lists.list + i, at_most(lists.count - i, lists.lanes), &w);
     for (uint32_t lane = 0; lane < lists.lanes; lane++, at += 2)
         state[lane] = STATE_LOW | (at < rest_size ? rest[at] : 0u) |
                       (at + 1 < rest_size ? (uint32_t)rest[at + 1] << 8 : 0u);
-    while (w.symbol > first_level) {
+    while (w.symbol > first_coefficient) {
         const uint32_t active = *--w.active;
         for (uint32_t n = *--w.far_count; n-- > 0;) end = put_word(end, *--w.far);
         for (uint32_t lane = active; lane-- > 0;)
@@ -659,11 +663,11 @@ LW_WIDE static uint8_t *put_lists(struct lw_tile_rans *rans, const int16_t *leve
     return put_state(end, state[0]);
 }
 
-size_t lw_tile_rans_put(struct lw_tile_rans *rans, const int16_t *level, uint32_t width, uint32_t height,
-                        const uint8_t *rest, size_t rest_size, uint8_t *dst) {
+size_t lw_tile_rans_put(struct lw_tile_rans *rans, const int16_t *coefficient, uint32_t width,
+                        uint32_t height, const uint8_t *rest, size_t rest_size, uint8_t *dst) {
     uint8_t *const end = rans->bytes + sizeof rans->bytes;
     uint32_t lanes;
-    const uint8_t *begin = put_lists(rans, level, width, height, rest, rest_size, end, &lanes);
+    const uint8_t *begin = put_lists(rans, coefficient, width, height, rest, rest_size, end, &lanes);
     const size_t size = (size_t)(end - begin), free_size = at_most(2 * lanes, (uint32_t)rest_size);
     memcpy(dst, begin, size);
     memcpy(dst + size, rest + free_size, rest_size - free_size);

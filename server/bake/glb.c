@@ -29,8 +29,7 @@ static uint32_t out_of_memory(struct lw_glb *glb) {
     return LW_GLB_NONE;
 }
 
-/* ---- JSON
- * ----------------------------------------------------------------------------------------------------- */
+/* ---- JSON ---- */
 
 static json_t *array_of(struct lw_glb *glb, const char *name) {
     json_t *array = json_object_get(glb->root, name);
@@ -66,8 +65,7 @@ json_t *lw_glb_numbers(const float *values, unsigned count) {
     return array;
 }
 
-/* ---- the buffer
- * ----------------------------------------------------------------------------------------------- */
+/* ---- the buffer ---- */
 
 static size_t round_up(size_t size) { return (size + 3) & ~(size_t)3; }
 
@@ -129,8 +127,7 @@ uint32_t lw_glb_accessor(struct lw_glb *glb, const void *values, uint32_t count,
     return lw_glb_add(glb, "accessors", accessor);
 }
 
-/* ---- the file
- * ------------------------------------------------------------------------------------------------- */
+/* ---- the file ---- */
 
 static void put_u32(uint8_t *out, size_t value) {
     for (int i = 0; i < 4; i++) out[i] = (uint8_t)(value >> (8 * i));

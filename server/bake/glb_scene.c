@@ -32,8 +32,7 @@ static void set(json_t *object, const char *key, json_t *value) {
 
 static void out_of_memory(struct lw_glb_scene *g) { lw_glb_fail(&g->glb, LW_NO_MEMORY, "out of memory"); }
 
-/* ---- making and releasing
- * ------------------------------------------------------------------------------------- */
+/* ---- making and releasing ---- */
 
 static uint32_t *filled(size_t count) {
     uint32_t *array = malloc((count + 1) * sizeof *array);
@@ -78,8 +77,7 @@ void lw_glb_scene_finish(struct lw_glb_scene *g) {
     *g = (struct lw_glb_scene){0};
 }
 
-/* ---- textures
- * ------------------------------------------------------------------------------------------------- */
+/* ---- textures ---- */
 
 static uint32_t add_picture(struct lw_glb_scene *g, const uint8_t *pixel, uint32_t width, uint32_t height,
                             unsigned channels, const char *name) {
@@ -150,8 +148,7 @@ static uint32_t add_lightmap_texture(struct lw_glb_scene *g, const struct lw_map
         json_pack("{s:I, s:I}", "source", (json_int_t)image, "sampler", (json_int_t)g->lightmap_sampler));
 }
 
-/* ---- meshes
- * --------------------------------------------------------------------------------------------------- */
+/* ---- meshes ---- */
 
 static bool uses_uv_set_1(const struct lw_scene *scene, const struct lw_mesh *mesh) {
     for (uint32_t t = 0; mesh->uv[1] && t < mesh->triangle_count; t++) {
@@ -280,8 +277,7 @@ static const struct lw_glb_mesh *get_mesh(struct lw_glb_scene *g, uint32_t index
     return out;
 }
 
-/* ---- materials
- * ------------------------------------------------------------------------------------------------ */
+/* ---- materials ---- */
 
 /* KHR_texture_transform out of a 2 x 3 matrix: scale, then a rotation, then an offset. */
 static json_t *make_transform(const float m[6]) {
@@ -376,8 +372,7 @@ static uint32_t add_material(struct lw_glb_scene *g, const struct lw_material *m
     return lw_glb_add(&g->glb, "materials", out);
 }
 
-/* ---- objects
- * -------------------------------------------------------------------------------------------------- */
+/* ---- objects ---- */
 
 /* What an engine's script needs to load the EXR in place of the picture. */
 static json_t *make_extras(const struct lw_glb_scene *g, const struct lw_map *map, const char *file) {
@@ -427,8 +422,7 @@ void lw_glb_scene_add(struct lw_glb_scene *g, const struct lw_map *map, const ch
                    json_pack("{s:o, s:o}", "name", lw_manifest_text(mesh->name), "primitives", primitives));
 }
 
-/* ---- nodes and what hangs on them
- * ----------------------------------------------------------------------------- */
+/* ---- nodes and what hangs on them ---- */
 
 static json_t *make_node(const struct lw_node *node) {
     json_t *out = json_pack("{s:o}", "name", lw_manifest_text(node->name));
@@ -558,8 +552,7 @@ static void add_nodes(struct lw_glb_scene *g) {
     set(g->glb.root, "scene", json_integer(0));
 }
 
-/* ---- animation
- * ------------------------------------------------------------------------------------------------ */
+/* ---- animation ---- */
 
 static void add_animation(struct lw_glb_scene *g) {
     static const char *const path[] = {"translation", "rotation", "scale"}, *const interpolation[] = {

@@ -27,8 +27,7 @@ double lw_map_half_loss(const float *value, size_t count) {
     return sum > 0 ? lost / sum : 0;
 }
 
-/* ---- from the solver's tiles
- * ---------------------------------------------------------------------------------- */
+/* ---- from the solver's tiles ---- */
 
 /* A tile's light by the convention, in `plane`, in place of its irradiance. */
 static void convert_tile(struct lw_solver_tile *tile, const struct lw_convention *convention,
@@ -147,8 +146,7 @@ void lw_map_finish(struct lw_map *map) {
     *map = (struct lw_map){0};
 }
 
-/* ---- in 8 bits
- * ------------------------------------------------------------------------------------------------ */
+/* ---- in 8 bits ---- */
 
 /* The value that all but CLIPPED_MAX of the surface stay under, to one part in HISTOGRAM_STEPS of the
  * largest. */

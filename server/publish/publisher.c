@@ -379,8 +379,8 @@ static enum lw_status send_tile(const struct lw_publisher *p, struct worker *wor
  * level. */
 static bool is_of_another_class(const struct lw_publisher *p, float error, float sent_error) {
     return (error <= p->desc.target_error && sent_error > p->desc.target_error) ||
-           lw_atlas_calm_level(error, p->desc.noise_shown) !=
-               lw_atlas_calm_level(sent_error, p->desc.noise_shown);
+           lw_atlas_noise_level_min(error, p->desc.noise_shown) !=
+               lw_atlas_noise_level_min(sent_error, p->desc.noise_shown);
 }
 
 static void consider_tile(const struct lw_publisher *p, struct worker *worker, const struct form *form,

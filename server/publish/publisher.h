@@ -31,7 +31,7 @@
 #define LW_PUBLISHER_SPLIT_WIDER 1.25f
 
 static inline float lw_publisher_step(float error, float noise_shown, uint32_t level, float widest) {
-    if (level == 0 && lw_atlas_calm_level(error, noise_shown) > 0) return 2 * widest;
+    if (level == 0 && lw_atlas_noise_level_min(error, noise_shown) > 0) return 2 * widest;
     const float step = level == 0 ? error : 2 * ldexpf(error, -(int)level);
     return fminf(fmaxf(step, LW_PUBLISHER_STEP_MIN), widest);
 }

@@ -168,7 +168,7 @@ struct coded {
 struct coder {
     struct lw_tile_codec *tile;
     struct lw_tile_dct_history history;
-    struct lw_tile_dct_levels levels;
+    struct lw_tile_dct_coefficients coefficients;
     uint8_t delta[LW_TILE_DCT_BOUND];
     ZSTD_CCtx *compress;
     ZSTD_DCtx *decompress;
@@ -232,10 +232,10 @@ static enum lw_status change_encode(struct coder *coder, const struct tile *tile
 
 static enum lw_status change_decode(struct coder *coder, const struct coded *coded, const struct tile *tile,
                                     float *rgb) {
-    coder->levels = tile->before->levels;
+    coder->coefficients = tile->before->coefficients;
     return (coded->is_delta ? lw_tile_codec_decode_delta : lw_tile_codec_decode)(
         coder->tile, LW_TILE_CODEC_DCT, coded->bytes, coded->size, coded->scale, tile->width, tile->height,
-        &coder->levels, rgb);
+        &coder->coefficients, rgb);
 }
 
 /* What a client that was sent the set before has of it. */

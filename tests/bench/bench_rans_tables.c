@@ -5,16 +5,16 @@
  *     bench_rans_tables [--unseen FILE] FILE FILE...
  *
  * Tiles are coded whole with steps of 0.1, 0.2 and 0.5, those of "a frame on" as what changed, with 0.1. A
- * level's context is its diagonal and the class of its neighbours' sum, or that it is the last of its list; a
- * length's is the class of the lengths beside it (proto/wire_format.md). Contexts that cost least to count
- * together are put together until as many tables are left as the format has. Each scene counts as much as any
- * other.
+ * coefficient's context is its diagonal and the class of its neighbours' sum, or that it is the last of its
+ * list; a length's is the class of the lengths beside it (proto/wire_format.md). Contexts that cost least to
+ * count together are put together until as many tables are left as the format has. Each scene counts as much
+ * as any other.
  *   own        bits per texel that a look-up may read, by tables counted on this scene alone
  *   others     by tables counted on the other FILEs
  *   shipped    by those of common/tile/tile_rans.c
  *   as coded   by lw_tile_rans_put(): shipped, and the lanes' states
- * Bits are of levels and lengths, not of means. Last come the tables counted on all FILEs, as tile_rans.c has
- * them. --unseen is measured alone. */
+ * Bits are of coefficients and lengths, not of means. Last come the tables counted on all FILEs, as
+ * tile_rans.c has them. --unseen is measured alone. */
 #include "common/log.h"
 #include "common/options.h"
 #include "common/tile/tile_dct.h"
@@ -24,18 +24,18 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define FILES_MAX     16u
-#define CLASSES       15u
-#define DIAGONALS     4u
-#define TOKENS        LW_TILE_RANS_TOKENS
-#define NEAR_CONTEXTS (DIAGONALS * CLASSES)
-#define LEVEL_TABLES  16u /* the last one is of a list's last level */
-#define TABLES        LW_TILE_RANS_TABLES
-#define LENGTH_TABLES (TABLES - LEVEL_TABLES)
-#define BLOCKS        (LW_TILE_SIDE / LW_TILE_RANS_SIDE)
-#define SET_BEFORE    3u /* of bench_codec: "moving" and, after it, "a frame on" */
-#define SET_CHANGED   4u
-#define KINDS         4u
+#define FILES_MAX          16u
+#define CLASSES            15u
+#define DIAGONALS          4u
+#define TOKENS             LW_TILE_RANS_TOKENS
+#define NEAR_CONTEXTS      (DIAGONALS * CLASSES)
+#define COEFFICIENT_TABLES 16u /* the last one is of a list's last coefficient */
+#define TABLES             LW_TILE_RANS_TABLES
+#define LENGTH_TABLES      (TABLES - COEFFICIENT_TABLES)
+#define BLOCKS             (LW_TILE_SIDE / LW_TILE_RANS_SIDE)
+#define SET_BEFORE         3u /* of bench_codec: "moving" and, after it, "a frame on" */
+#define SET_CHANGED        4u
+#define KINDS              4u
 
 static const struct {
     const char *name;
@@ -69,7 +69,7 @@ struct bench {
     uint32_t length_tokens;
     struct lw_tile_dct_history history, **before; /* the latter by tile of SET_BEFORE */
     size_t before_count;
-    int16_t change[3 * LW_TILE_DCT_PLANE_LEVELS];
+    int16_t change[3 * LW_TILE_DCT_PLANE_COEFFICIENTS];
     uint8_t payload[LW_TILE_DCT_BOUND], delta[LW_TILE_DCT_BOUND];
     float rgb[3 * LW_TILE_TEXELS_MAX];
     uint8_t covered[LW_TILE_TEXELS_MAX];
@@ -95,11 +95,11 @@ static void shipped_tables(const struct lw_tile_rans *rans, struct tables *out) 
     for (uint32_t t = 0; t < TABLES; t++) {
         uint32_t share[TOKENS];
         const uint32_t count = tokens_of(rans, t, token, share);
-        /* that of last levels begins with a token of no slots */
-        memcpy(out->share[t] + (t == LEVEL_TABLES - 1), share, count * sizeof *share);
+        /* that of last coefficients begins with a token of no slots */
+        memcpy(out->share[t] + (t == COEFFICIENT_TABLES - 1), share, count * sizeof *share);
     }
     for (uint32_t i = 0; i < NEAR_CONTEXTS; i++) out->near[i] = rans->near_table[i / CLASSES][i % CLASSES];
-    out->last[0] = LEVEL_TABLES - 1;
+    out->last[0] = COEFFICIENT_TABLES - 1;
     for (uint32_t sum = 0; sum < sizeof rans->length_table; sum++)
         out->length[rans->class_of_sum[sum]] = rans->length_table[sum];
 }
@@ -115,11 +115,11 @@ static uint32_t count_token(const struct token *token, uint32_t tokens, uint32_t
     return t;
 }
 
-static void count_block(const struct bench *b, const int16_t *level, const uint8_t *scan, uint32_t length,
-                        struct counts *counts, double *raw_bits) {
+static void count_block(const struct bench *b, const int16_t *coefficient, const uint8_t *scan,
+                        uint32_t length, struct counts *counts, double *raw_bits) {
     uint8_t near[LW_TILE_RANS_PLACES] = {0};
     for (uint32_t i = length; i-- > 0;) {
-        const uint32_t size = (uint32_t)abs(level[scan[i]]);
+        const uint32_t size = (uint32_t)abs(coefficient[scan[i]]);
         uint32_t sum = 0;
         for (uint32_t n = 0; n < 5; n++) sum += near[b->dct.rans.neighbour[i][n]];
         double *count = i + 1 == length
@@ -130,15 +130,15 @@ static void count_block(const struct bench *b, const int16_t *level, const uint8
     }
 }
 
-static void count_levels(struct bench *b, const int16_t *level, uint32_t width, uint32_t height,
-                         struct counts *counts, double *raw_bits) {
+static void count_coefficients(struct bench *b, const int16_t *coefficient, uint32_t width, uint32_t height,
+                               struct counts *counts, double *raw_bits) {
     const uint32_t across = (width + 7) / 8, down = (height + 7) / 8;
     for (uint32_t p = 0; p < 3; p++) {
         uint32_t length[BLOCKS][BLOCKS];
         for (uint32_t y = 0; y < down; y++)
             for (uint32_t x = 0; x < across; x++) {
                 const uint32_t w = x + 1 < across ? 8 : width - x * 8, h = y + 1 < down ? 8 : height - y * 8;
-                const int16_t *block = level + ((p * down + y) * BLOCKS + x) * LW_TILE_RANS_PLACES;
+                const int16_t *block = coefficient + ((p * down + y) * BLOCKS + x) * LW_TILE_RANS_PLACES;
                 const uint8_t *scan = b->dct.rans.scan[w][h] + 1;
                 uint32_t n = w * h - 1;
                 while (n && !block[scan[n - 1]]) n--;
@@ -154,25 +154,26 @@ static void count_levels(struct bench *b, const int16_t *level, uint32_t width, 
     }
 }
 
-static void count_kind(struct bench *b, const int16_t *level, uint32_t width, uint32_t height, unsigned kind,
-                       struct scene *scene) {
-    count_levels(b, level, width, height, &scene->counts[kind], &scene->raw_bits[kind]);
+static void count_kind(struct bench *b, const int16_t *coefficient, uint32_t width, uint32_t height,
+                       unsigned kind, struct scene *scene) {
+    count_coefficients(b, coefficient, width, height, &scene->counts[kind], &scene->raw_bits[kind]);
     scene->coded_bits[kind] +=
-        8.0 * (double)lw_tile_rans_put(&b->dct.rans, level, width, height, b->covered, 0, b->payload);
+        8.0 * (double)lw_tile_rans_put(&b->dct.rans, coefficient, width, height, b->covered, 0, b->payload);
     for (uint32_t t = 0; t < width * height; t++) scene->covered[kind] += b->covered[t] != 0;
 }
 
-/* The tile in b->rgb, after b->history: its levels, or how they differ from those if that is shorter. */
+/* The tile in b->rgb, after b->history: its coefficients, or how they differ from those if that is
+ * shorter. */
 static void count_tile(struct bench *b, uint32_t width, uint32_t height, float dark, unsigned kind,
                        struct scene *scene) {
     struct lw_tile_dct_coded coded;
-    memcpy(b->change, b->history.levels.level, sizeof b->change);
+    memcpy(b->change, b->history.coefficients.coefficient, sizeof b->change);
     lw_tile_dct_encode(
         &b->dct, &(struct lw_tile_dct_source){b->rgb, b->covered, width, height, kinds[kind].step, dark},
         &b->history, b->payload, b->delta, &coded);
     const bool is_delta = coded.delta_size && coded.delta_size < coded.size;
-    for (uint32_t i = 0; i < 3 * LW_TILE_DCT_PLANE_LEVELS; i++)
-        b->change[i] = (int16_t)(b->history.levels.level[i] - (is_delta ? b->change[i] : 0));
+    for (uint32_t i = 0; i < 3 * LW_TILE_DCT_PLANE_COEFFICIENTS; i++)
+        b->change[i] = (int16_t)(b->history.coefficients.coefficient[i] - (is_delta ? b->change[i] : 0));
     count_kind(b, b->change, width, height, kind, scene);
 }
 
@@ -320,11 +321,11 @@ static void merge(double (*count)[TOKENS], uint32_t contexts, uint32_t tables, u
 
 static void make_tables(const struct bench *b, struct counts *counts, struct tables *out) {
     memset(out, 0, sizeof *out);
-    merge(counts->near, NEAR_CONTEXTS, LEVEL_TABLES - 1, 0, b->level_token, TOKENS, out, out->near);
-    merge(counts->length, CLASSES, LENGTH_TABLES, LEVEL_TABLES, b->length_token, b->length_tokens, out,
+    merge(counts->near, NEAR_CONTEXTS, COEFFICIENT_TABLES - 1, 0, b->level_token, TOKENS, out, out->near);
+    merge(counts->length, CLASSES, LENGTH_TABLES, COEFFICIENT_TABLES, b->length_token, b->length_tokens, out,
           out->length);
-    out->last[0] = LEVEL_TABLES - 1;
-    share_slots(counts->last[0], 1, TOKENS, out->share[LEVEL_TABLES - 1]);
+    out->last[0] = COEFFICIENT_TABLES - 1;
+    share_slots(counts->last[0], 1, TOKENS, out->share[COEFFICIENT_TABLES - 1]);
 }
 
 /* Adds a scene's tokens, of all kinds, as shares of them. */
@@ -395,7 +396,8 @@ static void print_tables(const struct bench *b, const struct scene *scene, size_
     for (size_t s = 0; s < counted; s++) add_scene(&scene[s], &counts);
     make_tables(b, &counts, &t);
     puts("\nshare_of");
-    for (uint32_t i = 0; i < TABLES; i++) print_row(t.share[i], i < LEVEL_TABLES ? TOKENS : b->length_tokens);
+    for (uint32_t i = 0; i < TABLES; i++)
+        print_row(t.share[i], i < COEFFICIENT_TABLES ? TOKENS : b->length_tokens);
     puts("near_tables");
     for (uint32_t d = 0; d < DIAGONALS; d++) print_row(t.near + d * CLASSES, CLASSES);
     puts("length_tables");
@@ -428,7 +430,7 @@ int main(int argc, char **argv) {
     lw_tile_dct_init(&b.dct);
     uint32_t share[TOKENS];
     tokens_of(&b.dct.rans, 0, b.level_token, share);
-    b.length_tokens = tokens_of(&b.dct.rans, LEVEL_TABLES, b.length_token, share);
+    b.length_tokens = tokens_of(&b.dct.rans, COEFFICIENT_TABLES, b.length_token, share);
     for (size_t s = 0; status == LW_OK && s < scenes; s++) status = count_scene(&b, path[s], &scene[s], &err);
     if (status == LW_OK) {
         report(&b, scene, scenes, counted);

@@ -1,5 +1,5 @@
-/* A tile's payload from any server: codec, and 128 if it builds on levels (of all sizes), width and height,
- * then the bytes. */
+/* A tile's payload from any server: codec, and 128 if it builds on coefficients (of all sizes), width and
+ * height, then the bytes. */
 #include "common/tile/tile_codec.h"
 
 #include <math.h>
@@ -13,7 +13,7 @@ static void require(bool condition) {
 /* What it differs by from itself, and from what it is with a byte changed, decodes. */
 static void expect_between(struct lw_tile_codec *codec, const uint8_t *bytes, size_t size, uint32_t width,
                            uint32_t height) {
-    static struct lw_tile_dct_levels levels;
+    static struct lw_tile_dct_coefficients coefficients;
     static float rgb[LW_TILE_TEXELS_MAX * 3];
     const size_t capacity = lw_tile_codec_bound();
     uint8_t *delta = malloc(capacity), *other = malloc(size + 1);
@@ -30,10 +30,10 @@ static void expect_between(struct lw_tile_codec *codec, const uint8_t *bytes, si
     if (lw_tile_codec_encode_between(codec, bytes, size, other, size, width, height, delta, capacity,
                                      &delta_size) == LW_OK) {
         require(delta_size <= capacity);
-        require(lw_tile_codec_decode(codec, LW_TILE_CODEC_DCT, bytes, size, 1, width, height, &levels, rgb) ==
-                LW_OK);
+        require(lw_tile_codec_decode(codec, LW_TILE_CODEC_DCT, bytes, size, 1, width, height, &coefficients,
+                                     rgb) == LW_OK);
         require(lw_tile_codec_decode_delta(codec, LW_TILE_CODEC_DCT, delta, delta_size, 1, width, height,
-                                           &levels, rgb) == LW_OK);
+                                           &coefficients, rgb) == LW_OK);
     }
     free(other);
     free(delta);
@@ -49,10 +49,11 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
     const size_t values = (size_t)width * height * 3;
     float *rgb = malloc(values * sizeof *rgb + 1); /* of this size, so that ASan sees a write past the tile */
     require(rgb != NULL);
-    static struct lw_tile_dct_levels levels;
-    for (uint32_t i = 0; i < 3 * LW_TILE_DCT_PLANE_LEVELS; i++) levels.level[i] = (int16_t)(i * 7919);
+    static struct lw_tile_dct_coefficients coefficients;
+    for (uint32_t i = 0; i < 3 * LW_TILE_DCT_PLANE_COEFFICIENTS; i++)
+        coefficients.coefficient[i] = (int16_t)(i * 7919);
     enum lw_status status = (bytes[0] & 128 ? lw_tile_codec_decode_delta : lw_tile_codec_decode)(
-        codec, number, bytes + 3, size - 3, 0x1p60f, width, height, &levels, rgb);
+        codec, number, bytes + 3, size - 3, 0x1p60f, width, height, &coefficients, rgb);
     require(status == LW_OK || status == LW_BAD_DATA);
     require(status != LW_OK || (values > 0 && width <= LW_TILE_SIDE && height <= LW_TILE_SIDE));
     for (size_t i = 0; status == LW_OK && i < values; i++) require(isfinite(rgb[i]) && rgb[i] >= 0);

@@ -410,9 +410,9 @@ static void test_tile_payload(void **state) {
                                        1, 1, NULL, rgb),
                   NULL);
     assert_true(rgb[0] == 4 && rgb[1] == 2 && rgb[2] == 1);
-    static struct lw_tile_dct_levels levels; /* black */
+    static struct lw_tile_dct_coefficients coefficients; /* black */
     lw_support_ok(lw_tile_codec_decode_delta(codec, LW_TILE_CODEC_DCT, delta_payload, sizeof delta_payload,
-                                             0.125f, 1, 1, &levels, rgb),
+                                             0.125f, 1, 1, &coefficients, rgb),
                   NULL);
     for (int c = 0; c < 3; c++) assert_true(fabsf(rgb[c] - 0.125f) < 1e-6f);
     lw_tile_codec_destroy(codec);

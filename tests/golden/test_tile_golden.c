@@ -143,13 +143,14 @@ struct head {
 };
 
 /* Decodes a file; false if it is refused. */
-static bool decode(const char *name, bool is_next, struct lw_tile_dct_levels *levels, struct head *out_head) {
+static bool decode(const char *name, bool is_next, struct lw_tile_dct_coefficients *coefficients,
+                   struct head *out_head) {
     size_t size;
     uint8_t *bytes = lw_support_read_file(path_of(name, is_next ? ".next" : ".tile"), &size);
     memcpy(out_head, bytes, sizeof *out_head);
     enum lw_status status = (is_next ? lw_tile_codec_decode_delta : lw_tile_codec_decode)(
         codec, LW_TILE_CODEC_DCT, bytes + HEAD_SIZE, size - HEAD_SIZE, out_head->scale, out_head->width,
-        out_head->height, levels, rgb);
+        out_head->height, coefficients, rgb);
     free(bytes);
     assert_true(status == LW_OK || status == LW_BAD_DATA);
     return status == LW_OK;
@@ -178,10 +179,10 @@ static void test_next(void **state) {
     (void)state;
     if (getenv("LW_GOLDEN_WRITE")) write_next();
     for (size_t i = 0; i < sizeof next / sizeof *next; i++) {
-        static struct lw_tile_dct_levels levels;
+        static struct lw_tile_dct_coefficients coefficients;
         struct head head;
-        assert_true(decode(next[i], false, &levels, &head));
-        assert_true(decode(next[i], true, &levels, &head));
+        assert_true(decode(next[i], false, &coefficients, &head));
+        assert_true(decode(next[i], true, &coefficients, &head));
         expect_texels(next[i], ".next.rgb", &head);
     }
 }

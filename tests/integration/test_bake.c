@@ -63,8 +63,7 @@ static json_t *read_index(const char *folder) {
     return index;
 }
 
-/* ---- a closed form, through EXR and .glb
- * ---------------------------------------------------------------------- */
+/* ---- a closed form, through EXR and .glb ---- */
 
 #define LAMP_X -0.4f
 #define LAMP_Y 1.5f
@@ -226,8 +225,7 @@ static void indirect_only_leaves_the_lamp_to_the_engine(void **state) {
     free(said);
 }
 
-/* ---- stopping and going on
- * ------------------------------------------------------------------------------------ */
+/* ---- stopping and going on ---- */
 
 #define CORNELL "builtin:cornell --texels-per-metre 30 --threads 2 --bounces 2"
 static const char *const cornell_maps[] = {"floor.exr",      "ceiling.exr",    "back_wall.exr",
@@ -401,8 +399,7 @@ static void limits_end_a_bake_with_what_is_there(void **state) {
     json_decref(index);
 }
 
-/* ---- refusals
- * ------------------------------------------------------------------------------------------------- */
+/* ---- refusals ---- */
 
 static void wrong_use_is_refused(void **state) {
     (void)state;

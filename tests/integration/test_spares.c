@@ -301,7 +301,7 @@ static void kept_light_knows_spares(void **state) {
     snprintf(arguments, sizeof arguments,
              "builtin:cornell --texels-per-metre 8 --threads 1 --spares 1 --keep %s",
              lw_support_temporary("kept"));
-    serve(arguments); /* another scene to the keeper */
+    serve(arguments); /* another scene to the light store */
     client = join(true);
     assert_true(said("lighting afresh") && !said("showing frame"));
     lw_client_destroy(client);

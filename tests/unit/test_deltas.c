@@ -171,7 +171,7 @@ static void wait_until_made(struct fixture *f) {
 
 /* What a client has after a blob. */
 static void decode(struct fixture *f, const struct lw_blob *blob, uint64_t base, uint64_t version,
-                   struct lw_tile_dct_levels *levels, float *rgb) {
+                   struct lw_tile_dct_coefficients *levels, float *rgb) {
     struct lw_frame_header header;
     struct lw_message m;
     lw_support_ok(lw_frame_read_header(blob->bytes, LW_FRAME_BODY_MAX, &header, NULL), NULL);
@@ -188,7 +188,7 @@ static void decode(struct fixture *f, const struct lw_blob *blob, uint64_t base,
 
 static void test_a_jump_over_several_versions(void **state) {
     (void)state;
-    static struct lw_tile_dct_levels levels;
+    static struct lw_tile_dct_coefficients levels;
     static float by_jump[SIDE * SIDE * 3], whole[SIDE * SIDE * 3];
     struct fixture f;
     struct lw_delta delta;
@@ -253,7 +253,7 @@ static enum lw_deltas_way wait_for_coarse(struct fixture *f, uint64_t from, stru
 /* In wider steps: fewer bytes, less exact, with deltas of their own. */
 static void test_coarse_forms(void **state) {
     (void)state;
-    static struct lw_tile_dct_levels levels;
+    static struct lw_tile_dct_coefficients levels;
     static float fine[SIDE * SIDE * 3], whole[SIDE * SIDE * 3], followed[SIDE * SIDE * 3];
     struct fixture f;
     struct lw_delta first, next, other;

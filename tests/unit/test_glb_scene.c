@@ -67,8 +67,7 @@ static void finish(struct written *w) {
     lw_scene_destroy(w->scene);
 }
 
-/* ---- the same triangles
- * --------------------------------------------------------------------------------------- */
+/* ---- the same triangles ---- */
 
 /* A corner in world space with all that the reader keeps of it. */
 struct corner {
@@ -153,8 +152,7 @@ static void the_same_scene_comes_back(void **state) {
     finish(&w);
 }
 
-/* ---- materials
- * ------------------------------------------------------------------------------------------------ */
+/* ---- materials ---- */
 
 static json_t *at(json_t *json, const char *array, size_t index) {
     json_t *item = json_array_get(json_object_get(json, array), index);
@@ -303,8 +301,7 @@ static void a_texture_without_coordinates_becomes_a_factor(void **state) {
     finish(&w);
 }
 
-/* ---- split sides
- * ---------------------------------------------------------------------------------------------- */
+/* ---- split sides ---- */
 
 static void sides_are_split(void **state) {
     (void)state;
@@ -343,8 +340,7 @@ static void sides_are_split(void **state) {
     finish(&w);
 }
 
-/* ---- what cannot be written
- * ----------------------------------------------------------------------------------- */
+/* ---- what cannot be written ---- */
 
 static void failures_name_the_file(void **state) {
     (void)state;

@@ -160,8 +160,7 @@ static void exr_maps_have_coverage_attributes_and_halves(void **state) {
     free(read);
 }
 
-/* ---- files of others: half floats, more channels, tiles, an origin elsewhere
- * ---------------------------------- */
+/* ---- files of others: half floats, more channels, tiles, an origin elsewhere ---- */
 
 struct foreign {
     bool tiled;
@@ -320,8 +319,7 @@ static void exr_survives_every_truncation_and_many_flips(void **state) {
     free(bytes);
 }
 
-/* ---- PNG
- * ------------------------------------------------------------------------------------------------------ */
+/* ---- PNG ---- */
 
 static void png_keeps_every_byte_and_says_srgb(void **state) {
     (void)state;
@@ -366,8 +364,7 @@ static void png_in_memory_keeps_every_byte(void **state) {
     }
 }
 
-/* ---- where it cannot be written
- * ------------------------------------------------------------------------------- */
+/* ---- where it cannot be written ---- */
 
 static enum lw_status write_either(bool exr, const char *to, uint32_t width, uint32_t height,
                                    struct lw_error *err) {

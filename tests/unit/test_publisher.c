@@ -92,7 +92,7 @@ static struct lw_snapshot *publish(struct world *w, uint64_t frame) { return pub
 
 /* What a client makes of a blob; returns the payload's size. */
 static size_t decode(const struct world *w, const struct lw_blob *blob, uint64_t version, uint64_t base,
-                     struct lw_tile_dct_levels *levels, float *rgb, float *out_scale) {
+                     struct lw_tile_dct_coefficients *levels, float *rgb, float *out_scale) {
     struct lw_frame_header header;
     struct lw_message m;
     lw_support_ok(lw_frame_read_header(blob->bytes, LW_FRAME_BODY_MAX, &header, NULL), NULL);
@@ -113,7 +113,7 @@ static size_t decode(const struct world *w, const struct lw_blob *blob, uint64_t
 /* Who follows every frame and who joins see the same; following costs less. */
 static void test_deltas(void **state) {
     (void)state;
-    static struct lw_tile_dct_levels levels;
+    static struct lw_tile_dct_coefficients levels;
     static float followed[SIDE * SIDE * 3], joined[SIDE * SIDE * 3];
     struct world w;
     init_world(&w, LW_TILE_CODEC_DCT);

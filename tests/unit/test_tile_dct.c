@@ -203,7 +203,7 @@ static void test_hostile_payloads_are_refused(void **state) {
 static void test_deltas(void **state) {
     (void)state;
     static struct lw_tile_dct_history history;
-    static struct lw_tile_dct_levels levels;
+    static struct lw_tile_dct_coefficients coefficients;
     static float whole[LW_TILE_TEXELS_MAX * 3];
     static uint8_t delta[LW_TILE_DCT_BOUND];
     for (size_t s = 0; s < sizeof sizes / sizeof *sizes; s++) {
@@ -221,14 +221,14 @@ static void test_deltas(void **state) {
             all += coded.size;
             deltas += has_delta ? coded.delta_size : coded.size;
             assert_true(lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, payload, coded.size, coded.scale, width,
-                                           height, has_delta ? NULL : &levels, whole));
+                                           height, has_delta ? NULL : &coefficients, whole));
             assert_false(has_delta && lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, delta, coded.delta_size,
                                                          coded.scale, width, height, NULL, back));
             assert_false(lw_tile_dct_decode(&dct, LW_TILE_DCT_DELTA, payload, coded.size, coded.scale, width,
-                                            height, &levels, back));
+                                            height, &coefficients, back));
             if (!has_delta) continue;
             assert_true(lw_tile_dct_decode(&dct, LW_TILE_DCT_DELTA, delta, coded.delta_size, coded.scale,
-                                           width, height, &levels, back));
+                                           width, height, &coefficients, back));
             assert_memory_equal(back, whole, (size_t)width * height * 3 * sizeof *back);
             for (uint32_t i = 0; i < width * height * 3; i++)
                 assert_true(fabsf(log2f((1 + back[i] / coded.scale) / (1 + rgb[i] / coded.scale))) < 1);
@@ -244,7 +244,7 @@ static void test_deltas(void **state) {
 static void test_one_delta_over_several_versions(void **state) {
     (void)state;
     static struct lw_tile_dct_history history;
-    static struct lw_tile_dct_levels levels, scratch[2];
+    static struct lw_tile_dct_coefficients coefficients, scratch[2];
     static float whole[LW_TILE_TEXELS_MAX * 3];
     static uint8_t delta[LW_TILE_DCT_BOUND], first[LW_TILE_DCT_BOUND], jump[LW_TILE_DCT_BOUND];
     for (size_t s = 0; s < sizeof sizes / sizeof *sizes; s++) {
@@ -260,7 +260,7 @@ static void test_one_delta_over_several_versions(void **state) {
             if (version) continue;
             memcpy(first, payload, first_size = coded.size);
             assert_true(lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, first, first_size, coded.scale, width,
-                                           height, &levels, back));
+                                           height, &coefficients, back));
         }
         assert_true(lw_tile_dct_decode(&dct, LW_TILE_DCT_INTRA, payload, coded.size, coded.scale, width,
                                        height, NULL, whole));
@@ -268,7 +268,7 @@ static void test_one_delta_over_several_versions(void **state) {
                                                        height, scratch, jump);
         assert_true(size > 0 && (width * height < 100 || size < chain / 2));
         assert_true(lw_tile_dct_decode(&dct, LW_TILE_DCT_DELTA, jump, size, coded.scale, width, height,
-                                       &levels, back));
+                                       &coefficients, back));
         assert_memory_equal(back, whole, (size_t)width * height * 3 * sizeof *back);
         assert_int_equal(lw_tile_dct_encode_between(&dct, first, first_size - 1, payload, coded.size, width,
                                                     height, scratch, jump),
@@ -279,12 +279,13 @@ static void test_one_delta_over_several_versions(void **state) {
     }
 }
 
-/* A level that is kept as the largest may be a larger one. */
-static void test_nothing_is_coded_between_levels_beyond_16_bits(void **state) {
+/* A coefficient that is kept as the largest may be a larger one. */
+static void test_nothing_is_coded_between_coefficients_beyond_16_bits(void **state) {
     (void)state;
-    static struct lw_tile_dct_levels scratch[2];
+    static struct lw_tile_dct_coefficients scratch[2];
     static uint8_t jump[LW_TILE_DCT_BOUND];
-    for (uint32_t i = 0; i < LW_TILE_TEXELS_MAX * 3; i++) rgb[i] = 1; /* one level, of the mean of means */
+    /* one coefficient, of the mean of means */
+    for (uint32_t i = 0; i < LW_TILE_TEXELS_MAX * 3; i++) rgb[i] = 1;
     for (int fine = 0; fine < 2; fine++) {
         struct lw_tile_dct_coded coded;
         const float step = fine ? 0x1p-8f : 0.1f;
@@ -296,18 +297,18 @@ static void test_nothing_is_coded_between_levels_beyond_16_bits(void **state) {
     }
 }
 
-/* Level after level up to the most that is kept, and one past it. */
+/* Coefficient after coefficient up to the most that is kept, and one past it. */
 static void test_sums_have_a_limit(void **state) {
     (void)state;
-    static struct lw_tile_dct_levels levels;
+    static struct lw_tile_dct_coefficients coefficients;
     /* One texel, of which the mean of plane Y grows by one: the example of wire_format.md. */
     const uint8_t delta[] = {LW_TILE_DCT_DELTA, 8, 0, 0, 0, 0x66, 0x48, 1, 0, 0};
     for (int at = 32765; at <= 32767; at++) {
-        levels.level[0] = (int16_t)at;
+        coefficients.coefficient[0] = (int16_t)at;
         const bool fits =
-            lw_tile_dct_decode(&dct, LW_TILE_DCT_DELTA, delta, sizeof delta, 1, 1, 1, &levels, back);
+            lw_tile_dct_decode(&dct, LW_TILE_DCT_DELTA, delta, sizeof delta, 1, 1, 1, &coefficients, back);
         assert_int_equal(fits, at < 32767);
-        if (fits) assert_int_equal(levels.level[0], at + 1);
+        if (fits) assert_int_equal(coefficients.coefficient[0], at + 1);
     }
 }
 
@@ -330,7 +331,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_deltas),
         cmocka_unit_test(test_one_delta_over_several_versions),
-        cmocka_unit_test(test_nothing_is_coded_between_levels_beyond_16_bits),
+        cmocka_unit_test(test_nothing_is_coded_between_coefficients_beyond_16_bits),
         cmocka_unit_test(test_sums_have_a_limit),
         cmocka_unit_test(test_dark_is_coded_by_difference),
         cmocka_unit_test(test_error_follows_the_step),

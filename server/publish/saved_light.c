@@ -1,4 +1,4 @@
-#include "server/publish/kept.h"
+#include "server/publish/saved_light.h"
 
 #include "common/checked_file.h"
 
@@ -6,21 +6,21 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const struct lw_checked_file_kind kind = {{'l', 'w', 'k', 'e', 'p', 't', '\r', '\n'}, LW_KEPT_VERSION};
+static const struct lw_checked_file_kind kind = {{'l', 'w', 'k', 'e', 'p', 't', '\r', '\n'},
+                                                 LW_SAVED_LIGHT_VERSION};
 
 struct header {
     struct lw_checked_file_kind kind;
     uint32_t steady;
     uint32_t forms; /* bit per enum lw_light_form, one at least */
     uint64_t frame;
-    uint8_t key[LW_KEPT_KEY_SIZE];
+    uint8_t key[LW_SAVED_LIGHT_KEY_SIZE];
 };
 
-/* ---- writing
- * -------------------------------------------------------------------------------------------------- */
+/* ---- writing ---- */
 
-enum lw_status lw_kept_save(const char *path, const uint8_t key[LW_KEPT_KEY_SIZE],
-                            const struct lw_snapshot *snapshot, bool steady, struct lw_error *err) {
+enum lw_status lw_saved_light_save(const char *path, const uint8_t key[LW_SAVED_LIGHT_KEY_SIZE],
+                                   const struct lw_snapshot *snapshot, bool steady, struct lw_error *err) {
     struct lw_checked_file_writer writer;
     enum lw_status status = lw_checked_file_write_begin(&writer, path, err);
     if (status != LW_OK) return status;
@@ -38,8 +38,7 @@ enum lw_status lw_kept_save(const char *path, const uint8_t key[LW_KEPT_KEY_SIZE
     return lw_checked_file_write_end(&writer);
 }
 
-/* ---- reading
- * -------------------------------------------------------------------------------------------------- */
+/* ---- reading ---- */
 
 struct reader {
     const struct lw_atlas_map *map;
@@ -47,9 +46,9 @@ struct reader {
     struct lw_snapshot *snapshot;
 };
 
-static enum lw_status check_header(const struct header *header, const uint8_t key[LW_KEPT_KEY_SIZE],
+static enum lw_status check_header(const struct header *header, const uint8_t key[LW_SAVED_LIGHT_KEY_SIZE],
                                    struct lw_error *err) {
-    if (memcmp(header->key, key, LW_KEPT_KEY_SIZE) != 0)
+    if (memcmp(header->key, key, LW_SAVED_LIGHT_KEY_SIZE) != 0)
         return lw_status_fail(err, LW_BAD_DATA,
                               "is of another scene, of other options or of another release");
     if (header->steady > 1 || !header->frame || !header->forms || header->forms >> LW_LIGHT_FORM_COUNT)
@@ -126,7 +125,7 @@ static enum lw_status take_messages(struct reader *reader, const uint8_t *at, si
 }
 
 static enum lw_status read_bytes(struct reader *reader, const uint8_t *bytes, size_t size,
-                                 const uint8_t key[LW_KEPT_KEY_SIZE], struct lw_error *err) {
+                                 const uint8_t key[LW_SAVED_LIGHT_KEY_SIZE], struct lw_error *err) {
     struct header header;
     if (size < sizeof header) return lw_status_fail(err, LW_BAD_DATA, "has a header that is cut short");
     memcpy(&header, bytes, sizeof header);
@@ -153,9 +152,9 @@ static enum lw_status load_bytes(const char *path, uint8_t **out_bytes, size_t *
     uint8_t *bytes = NULL;
     enum lw_status status = lw_checked_file_read_begin(&file, path, &kind, "kept light", err);
     const uint64_t size = file.left;
-    if (status == LW_OK && size > LW_KEPT_SIZE_MAX)
+    if (status == LW_OK && size > LW_SAVED_LIGHT_SIZE_MAX)
         status = lw_status_fail(err, LW_BAD_DATA, "%s: has %llu bytes; the limit is %llu", path,
-                                (unsigned long long)size, LW_KEPT_SIZE_MAX);
+                                (unsigned long long)size, LW_SAVED_LIGHT_SIZE_MAX);
     if (status == LW_OK && !(bytes = malloc((size_t)size)))
         status = lw_status_fail(err, LW_NO_MEMORY, "%s: out of memory", path);
     if (status == LW_OK) status = lw_checked_file_take(&file, bytes, (size_t)size);
@@ -168,9 +167,9 @@ static enum lw_status load_bytes(const char *path, uint8_t **out_bytes, size_t *
     return status;
 }
 
-enum lw_status lw_kept_load(const char *path, const uint8_t key[LW_KEPT_KEY_SIZE],
-                            const struct lw_atlas_map *atlas_map, float target_error,
-                            struct lw_snapshot **out_snapshot, struct lw_error *err) {
+enum lw_status lw_saved_light_load(const char *path, const uint8_t key[LW_SAVED_LIGHT_KEY_SIZE],
+                                   const struct lw_atlas_map *atlas_map, float target_error,
+                                   struct lw_snapshot **out_snapshot, struct lw_error *err) {
     uint8_t *bytes;
     size_t size;
     struct reader reader = {.map = atlas_map, .error_min = 2 * target_error};

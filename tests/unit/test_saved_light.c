@@ -1,7 +1,7 @@
 #include "tests/support/support.h"
 
 #include "common/tile/tile_codec.h"
-#include "server/publish/kept.h"
+#include "server/publish/saved_light.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -12,7 +12,8 @@
 #define TARGET_ERROR 0.02f
 #define BOTH         (1u << LW_LIGHT_FORM_FULL | 1u << LW_LIGHT_FORM_SPLIT)
 
-static const uint8_t key[LW_KEPT_KEY_SIZE] = "sixteen bytes..", other_key[LW_KEPT_KEY_SIZE] = "and others";
+static const uint8_t key[LW_SAVED_LIGHT_KEY_SIZE] = "sixteen bytes..",
+                     other_key[LW_SAVED_LIGHT_KEY_SIZE] = "and others";
 
 struct world {
     struct lw_scene *scene;
@@ -85,8 +86,8 @@ static void decode(const struct lw_blob *blob, struct lw_message *out_message, s
 static struct lw_snapshot *keep_and_load(const struct world *w, bool steady) {
     struct lw_error err = {0};
     struct lw_snapshot *again;
-    lw_support_ok(lw_kept_save(w->path, key, w->snapshot, steady, &err), &err);
-    lw_support_ok(lw_kept_load(w->path, key, &w->map, TARGET_ERROR, &again, &err), &err);
+    lw_support_ok(lw_saved_light_save(w->path, key, w->snapshot, steady, &err), &err);
+    lw_support_ok(lw_saved_light_load(w->path, key, &w->map, TARGET_ERROR, &again, &err), &err);
     return again;
 }
 
@@ -135,11 +136,12 @@ static void other_light_does_not_count_as_converged(void **state) {
     lw_snapshot_unref(again);
 }
 
-static void refused(const struct world *w, const uint8_t wanted_key[LW_KEPT_KEY_SIZE], const char *text) {
+static void refused(const struct world *w, const uint8_t wanted_key[LW_SAVED_LIGHT_KEY_SIZE],
+                    const char *text) {
     struct lw_error err = {0};
     struct lw_snapshot *again = NULL;
-    lw_support_fails(lw_kept_load(w->path, wanted_key, &w->map, TARGET_ERROR, &again, &err), LW_BAD_DATA,
-                     &err, text);
+    lw_support_fails(lw_saved_light_load(w->path, wanted_key, &w->map, TARGET_ERROR, &again, &err),
+                     LW_BAD_DATA, &err, text);
     assert_non_null(strstr(err.text, w->path));
     assert_null(again);
 }
@@ -148,9 +150,9 @@ static void what_does_not_fit_is_refused(void **state) {
     const struct world *w = *state;
     struct lw_error err = {0};
     struct lw_snapshot *again;
-    assert_int_equal(lw_kept_load("/nonexistent/shown", key, &w->map, TARGET_ERROR, &again, &err),
+    assert_int_equal(lw_saved_light_load("/nonexistent/shown", key, &w->map, TARGET_ERROR, &again, &err),
                      LW_NO_INPUT);
-    lw_support_ok(lw_kept_save(w->path, key, w->snapshot, true, NULL), NULL);
+    lw_support_ok(lw_saved_light_save(w->path, key, w->snapshot, true, NULL), NULL);
     refused(w, other_key, "is of another scene, of other options or of another release");
     size_t size;
     uint8_t *bytes = lw_support_read_file(w->path, &size);
@@ -170,7 +172,7 @@ static void what_does_not_fit_is_refused(void **state) {
 /* Behind a checksum that is right. */
 static void what_is_written_wrongly_is_refused(void **state) {
     const struct world *w = *state;
-    lw_support_ok(lw_kept_save(w->path, key, w->snapshot, true, NULL), NULL);
+    lw_support_ok(lw_saved_light_save(w->path, key, w->snapshot, true, NULL), NULL);
     size_t size;
     uint8_t *bytes = lw_support_read_file(w->path, &size);
     unsigned accepted = 0;
@@ -181,7 +183,7 @@ static void what_is_written_wrongly_is_refused(void **state) {
             const uint64_t checksum = XXH3_64bits(bytes, size - sizeof checksum);
             memcpy(bytes + size - sizeof checksum, &checksum, sizeof checksum);
             lw_support_write_file(w->path, bytes, size);
-            if (lw_kept_load(w->path, key, &w->map, TARGET_ERROR, &again, NULL) == LW_OK) {
+            if (lw_saved_light_load(w->path, key, &w->map, TARGET_ERROR, &again, NULL) == LW_OK) {
                 accepted++; /* other light, legal all the same */
                 assert_non_null(again->frame_full);
                 lw_snapshot_unref(again);
@@ -195,16 +197,16 @@ static void what_is_written_wrongly_is_refused(void **state) {
     lw_blob_unref(w->snapshot->tile[LW_LIGHT_FORM_FULL][second].blob);
     w->snapshot->tile[LW_LIGHT_FORM_FULL][second].blob =
         lw_blob_ref(w->snapshot->tile[LW_LIGHT_FORM_FULL][first].blob);
-    lw_support_ok(lw_kept_save(w->path, key, w->snapshot, true, NULL), NULL);
+    lw_support_ok(lw_saved_light_save(w->path, key, w->snapshot, true, NULL), NULL);
     refused(w, key, "it came twice");
     w->snapshot->forms = 1u << LW_LIGHT_FORM_FULL;
     struct lw_snapshot_tile *tile = &w->snapshot->tile[LW_LIGHT_FORM_FULL][second];
     lw_blob_unref(tile->blob);
     tile->blob = tile_blob(1, LW_LIGHT_FORM_SPLIT, 0);
-    lw_support_ok(lw_kept_save(w->path, key, w->snapshot, true, NULL), NULL);
+    lw_support_ok(lw_saved_light_save(w->path, key, w->snapshot, true, NULL), NULL);
     refused(w, key, "holds a tile of layer 1, which it does not have");
     w->snapshot->forms = 0;
-    lw_support_ok(lw_kept_save(w->path, key, w->snapshot, true, NULL), NULL);
+    lw_support_ok(lw_saved_light_save(w->path, key, w->snapshot, true, NULL), NULL);
     refused(w, key, "has a header that makes no sense");
 }
 

@@ -1,0 +1,102 @@
+#include "server/publish/light_store.h"
+
+#include "common/clock.h"
+#include "common/log.h"
+
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+static char *join(const char *folder, const char *name) {
+    const size_t size = strlen(folder) + strlen(name) + 2;
+    char *path = malloc(size);
+    if (path) snprintf(path, size, "%s/%s", folder, name);
+    return path;
+}
+
+enum lw_status lw_light_store_init(struct lw_light_store *store, const char *folder,
+                                   const uint8_t key[LW_SAVED_LIGHT_KEY_SIZE], struct lw_error *err) {
+    struct stat st;
+    if (mkdir(folder, 0777) != 0 && (errno != EEXIST || stat(folder, &st) != 0 || !S_ISDIR(st.st_mode)))
+        return lw_status_fail(err, LW_CANNOT_CREATE, "%s: cannot make this folder: %s", folder,
+                              strerror(errno));
+    *store = (struct lw_light_store){
+        .shown_path = join(folder, "shown"), .sums_path = join(folder, "sums"), .saved_ns = lw_clock_ns()};
+    memcpy(store->key, key, sizeof store->key);
+    if (store->shown_path && store->sums_path) return LW_OK;
+    lw_light_store_finish(store);
+    return lw_status_fail(err, LW_NO_MEMORY, "%s: out of memory", folder);
+}
+
+void lw_light_store_finish(struct lw_light_store *store) {
+    lw_snapshot_unref(store->newest);
+    free(store->sums_path);
+    free(store->shown_path);
+    *store = (struct lw_light_store){0};
+}
+
+/* Once; and that there is nothing yet is how everything begins. */
+static void tell(struct lw_light_store *store, enum lw_status status, const struct lw_error *err) {
+    if (status == LW_NO_INPUT || store->told) return;
+    store->told = true;
+    lw_log(LW_LOG_WARNING, "%s; lighting afresh", err->text);
+}
+
+struct lw_snapshot *lw_light_store_recall(struct lw_light_store *store, const struct lw_atlas_map *atlas_map,
+                                          float target_error) {
+    struct lw_error err = {0};
+    struct lw_snapshot *snapshot;
+    enum lw_status status =
+        lw_saved_light_load(store->shown_path, store->key, atlas_map, target_error, &snapshot, &err);
+    if (status != LW_OK) {
+        tell(store, status, &err);
+        return NULL;
+    }
+    lw_log(LW_LOG_INFO, "showing frame %llu of the last run until there is light",
+           (unsigned long long)snapshot->frame);
+    store->newest = lw_snapshot_ref(snapshot);
+    return snapshot;
+}
+
+uint64_t lw_light_store_resume(struct lw_light_store *store, const struct lw_atlas_map *atlas_map,
+                               struct lw_solver *solver) {
+    struct lw_error err = {0};
+    uint64_t frames, last = store->newest ? store->newest->frame : 0;
+    enum lw_status status = solver->ops->load(solver, store->sums_path, store->key, &frames, &err);
+    if (status != LW_OK) {
+        tell(store, status, &err);
+        return last;
+    }
+    lw_log(LW_LOG_INFO, "going on after %llu frames of the last run", (unsigned long long)frames);
+    for (uint32_t id = 0; id < atlas_map->tile_count; id++) {
+        struct lw_solver_tile tile;
+        if (atlas_map->place[id].level) continue;
+        solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
+        if (tile.solved_frame > last) last = tile.solved_frame;
+    }
+    return last;
+}
+
+void lw_light_store_note(struct lw_light_store *store, struct lw_snapshot *snapshot, bool solved,
+                         bool changed) {
+    store->changed |= changed;
+    store->due |= solved || changed || snapshot;
+    if (!snapshot) return;
+    lw_snapshot_unref(store->newest);
+    store->newest = lw_snapshot_ref(snapshot);
+}
+
+void lw_light_store_save(struct lw_light_store *store, const struct lw_solver *solver, bool now) {
+    if (!store->due || !store->newest) return;
+    if (!now && (double)(lw_clock_ns() - store->saved_ns) * 1e-9 < LW_LIGHT_STORE_INTERVAL_S) return;
+    struct lw_error err = {0};
+    enum lw_status status =
+        lw_saved_light_save(store->shown_path, store->key, store->newest, !store->changed, &err);
+    if (status == LW_OK && !store->changed)
+        status = solver->ops->save(solver, store->sums_path, store->key, &err);
+    if (status != LW_OK) lw_log(LW_LOG_WARNING, "the light is not kept: %s", err.text);
+    store->saved_ns = lw_clock_ns();
+    store->due = false;
+}
