@@ -277,7 +277,7 @@ static enum lw_status place(struct job *job) {
             uint32_t chart = job->charts.chart[t], p = job->charts.corner[t][k];
             job->uv[p] = chart == LW_SCENE_NONE
                              ? (struct lw_vec2){middle, middle}
-                             : lw_lightmap_pack_place(&job->layout.slot[chart], job->charts.point[p]);
+                             : lw_lightmap_slot_place(&job->layout.slot[chart], job->charts.point[p]);
         }
     return LW_OK;
 }

@@ -90,16 +90,6 @@ static void fit(struct lw_lightmap_slot *slot, float scale) {
     slot->gutter = LW_LIGHTMAP_GUTTER;
 }
 
-static float clamp(float x, float low, float high) { return fminf(fmaxf(x, low), high); }
-
-struct lw_vec2 lw_lightmap_pack_place(const struct lw_lightmap_slot *slot, struct lw_vec2 point) {
-    struct lw_vec2 local = lw_lightmap_shape_local(&slot->box, point);
-    return (struct lw_vec2){clamp(slot->origin.x + slot->scale.x * local.x, (float)(slot->x + slot->gutter),
-                                  (float)(slot->x + slot->width - slot->gutter)),
-                            clamp(slot->origin.y + slot->scale.y * local.y, (float)(slot->y + slot->gutter),
-                                  (float)(slot->y + slot->height - slot->gutter))};
-}
-
 /* The blocks of an item: those its chart touches, or all of a rectangle of slivers. */
 static enum lw_status shape(struct packer *p, struct item *item) {
     struct lw_lightmap_stone *stone = &item->stone;
@@ -112,7 +102,7 @@ static enum lw_status shape(struct packer *p, struct item *item) {
         for (uint32_t i = p->layout->start[chart]; i < p->layout->start[chart + 1]; i++) {
             struct lw_vec2 c[3];
             for (int k = 0; k < 3; k++)
-                c[k] = lw_lightmap_pack_place(&p->slot[chart],
+                c[k] = lw_lightmap_slot_place(&p->slot[chart],
                                               charts->point[charts->corner[p->layout->order[i]][k]]);
             lw_lightmap_mosaic_mark(stone, c, (float)LW_LIGHTMAP_BLOCK, (float)LW_LIGHTMAP_GUTTER);
         }

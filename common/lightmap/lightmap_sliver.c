@@ -46,7 +46,7 @@ static void shape(const struct lw_lightmap_layout *layout, const struct lw_light
     for (uint32_t i = layout->start[chart]; i < layout->start[chart + 1]; i++) {
         struct lw_vec2 c[3];
         for (int k = 0; k < 3; k++)
-            c[k] = lw_lightmap_pack_place(slot, charts->point[charts->corner[layout->order[i]][k]]);
+            c[k] = lw_lightmap_slot_place(slot, charts->point[charts->corner[layout->order[i]][k]]);
         lw_lightmap_mosaic_mark(stone, c, 1, 0.5f);
     }
 }

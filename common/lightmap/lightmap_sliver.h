@@ -8,7 +8,7 @@
 #ifndef LW_COMMON_LIGHTMAP_SLIVER_H
 #define LW_COMMON_LIGHTMAP_SLIVER_H
 
-#include "common/lightmap/lightmap_pack.h"
+#include "common/lightmap/lightmap_slot.h"
 
 /** Whether a chart would waste most of a rectangle of its own. */
 bool lw_lightmap_sliver_is(const struct lw_lightmap_slot *slot, float scale);
