@@ -22,6 +22,14 @@ forbid common/scene 'common/(lightmap|builtin|open)/' 'the scene knows neither l
 forbid proto '(server|client)/' 'proto knows common alone'
 forbid server '(client|lightwell)/' 'the server does not know the client'
 forbid client 'server/' 'the client does not know the server'
+# Rooms of the client: lib <- view <- measure <- {scaling, crossover}; lib <- load, lib <- control.
+forbid client/lib 'client/(view|measure|scaling|crossover|load|control)/' 'the client library draws and measures nothing'
+forbid client/view 'client/(measure|scaling|crossover|load|control)/' 'the viewer measures nothing'
+forbid client/measure 'client/(scaling|crossover|load|control)/' 'measure does not know what is measured with it'
+forbid client/scaling 'client/(crossover|load|control)/' 'scaling knows no other measurement'
+forbid client/crossover 'client/(scaling|load|control)/' 'crossover knows no other measurement'
+forbid client/load 'client/(view|measure|scaling|crossover|control)/' 'the load test draws nothing'
+forbid client/control 'client/(view|measure|scaling|crossover|load)/' 'control draws and measures nothing'
 forbid server/solve 'server/(publish|serve)/|proto/|uv' 'solve knows no network'
 # Rooms of the solver: surface <- state <- transport <- adapt <- frame, state <- filter <- frame.
 own='server/solve/[a-z_]+\.h'

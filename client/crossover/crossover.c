@@ -2,7 +2,7 @@
 
 #include "client/crossover/crossover_report.h"
 #include "client/crossover/crossover_run.h"
-#include "client/load/command_line.h"
+#include "client/measure/command_line.h"
 #include "common/interrupt.h"
 #include "common/log.h"
 #include "common/wait_policy.h"

@@ -1,6 +1,6 @@
 #include "client/crossover/crossover_analysis.h"
 
-#include "client/load/views.h"
+#include "client/measure/views.h"
 #include "common/log.h"
 
 #include <math.h>

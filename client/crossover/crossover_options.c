@@ -99,7 +99,7 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
     const char *scene[1] = {NULL}, *size = "640x360", *opponents = "svgf,svgf-quarter", *paths = "1",
                *densities = "0.25,0.5,1,2";
     int motion = LW_SCENE_MOTION_LAMP_WALK, direct = 0;
-    int64_t bounces = 2, seed = 1, repeats = 2, truth = 128, alone = 3;
+    int64_t bounces = 2, seed = 1, repeats = 2, reference = 128, alone = 3;
     const struct lw_option table[] = {
         {"motion", LW_SCENE_MOTION_CHOICES, "what moves (default lamp-walk)", LW_OPTION_CHOICE, &motion, 0, 0,
          NULL},
@@ -130,8 +130,9 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
         {"solver", "NAME", "the server's solver, by a name that lightwelld --help lists (default: its own)",
          LW_OPTION_STRING, &o.solver, 0, 0, NULL},
         {"bounces", "N", "indirect bounces on both sides (default 2)", LW_OPTION_INT, &bounces, 0, 16, NULL},
-        {"truth-samples", "N", "paths per pixel of the references (default 128)", LW_OPTION_INT, &truth, 8,
-         1 << 19, NULL},
+        {"reference-samples", "N", "paths per pixel of the references (default 128)", LW_OPTION_INT,
+         &reference, 8, 1 << 19, NULL},
+        {"truth-samples", "N", NULL, LW_OPTION_INT, &reference, 8, 1 << 19, NULL}, /* its former name */
         {"seed", "N", "of all random numbers (default 1)", LW_OPTION_INT, &seed, 0, UINT32_MAX, NULL},
         {"minutes", "M", "begin nothing more after so long; what is missing is measured the next time",
          LW_OPTION_REAL, &o.minutes_max, 0.01, 1e6, NULL},
@@ -163,7 +164,7 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
     o.seed = (uint32_t)seed;
     o.repeats = (uint32_t)repeats;
     o.alone = (uint32_t)alone;
-    o.truth_samples = ((uint32_t)truth + 7) / 8 * 8; /* two halves, of a quarter as well */
+    o.reference_samples = ((uint32_t)reference + 7) / 8 * 8; /* two halves, of a quarter as well */
     if (!o.folder) return lw_status_fail(err, LW_USAGE, "-o DIR is missing: where tables and report go");
     if (!o.scene.path && !o.report_only) return lw_status_fail(err, LW_USAGE, "SCENE is missing");
     status = parse_opponents(opponents, &o, err);

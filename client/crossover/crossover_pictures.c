@@ -1,6 +1,6 @@
 #include "client/crossover/crossover_pictures.h"
 
-#include "client/crossover/crossover_truth.h"
+#include "client/crossover/crossover_references.h"
 #include "client/crossover/crossover_unit.h"
 #include "client/view/font.h"
 #include "common/image/image.h"

@@ -3,8 +3,8 @@
 #include "client/crossover/crossover_analysis.h"
 #include "client/crossover/crossover_pictures.h"
 #include "client/crossover/crossover_run.h"
-#include "client/load/gnuplot.h"
-#include "client/load/views.h"
+#include "client/measure/gnuplot.h"
+#include "client/measure/views.h"
 #include "common/atomic_file.h"
 #include "common/log.h"
 
@@ -559,7 +559,7 @@ static void print_head(const struct report *r) {
         "%s triangles, %s texels per metre at density ×1, %s bounces, %s pixels, references of %s paths a "
         "pixel, exposure 2^%s.",
         get(r, "triangles", "?"), get(r, "density", "?"), get(r, "bounces", "?"), get(r, "size", "?"),
-        get(r, "truth samples", "?"), get(r, "stops", "?"));
+        get(r, "reference samples", "?"), get(r, "stops", "?"));
     if (*get(r, "mover", "")) fprintf(r->f, " Moving: %s.", get(r, "mover", ""));
     fprintf(r->f,
             " Twelve fixed views %s; both sides are judged at the same frames, under the manual clock.\n\n",

@@ -1,7 +1,7 @@
 #include "client/crossover/crossover_run.h"
 
 #include "client/crossover/crossover_unit.h"
-#include "client/load/views.h"
+#include "client/measure/views.h"
 #include "common/clock.h"
 #include "common/file_read.h"
 #include "common/log.h"
@@ -149,7 +149,7 @@ static enum lw_status bind(struct lw_crossover_run *run, struct lw_error *err) {
     if (status == LW_OK && (o->solver || lw_crossover_store_get(&run->store, "solver")))
         status = bind_row(run, err, "solver", "%s", o->solver ? o->solver : "the default");
     if (status == LW_OK) status = bind_row(run, err, "seed", "%u", o->seed);
-    if (status == LW_OK) status = bind_row(run, err, "truth samples", "%u", o->truth_samples);
+    if (status == LW_OK) status = bind_row(run, err, "reference samples", "%u", o->reference_samples);
     if (status == LW_OK) status = bind_row(run, err, "warm", "%g", o->warm_s);
     if (status == LW_OK) status = bind_row(run, err, "seconds", "%g", o->seconds);
     if (status == LW_OK)
@@ -229,8 +229,8 @@ static enum lw_status note_motion(struct lw_crossover_run *run, struct lw_error 
     return note(run, err, "mover", "%s", text);
 }
 
-static enum lw_status note_truth(struct lw_crossover_run *run, struct lw_error *err) {
-    const struct lw_crossover_truth *t = &run->truth;
+static enum lw_status note_references(struct lw_crossover_run *run, struct lw_error *err) {
+    const struct lw_crossover_references *t = &run->references;
     struct lw_crossover_late late[LW_CROSSOVER_LATES * LW_CROSSOVER_VIEWS];
     char text[100] = "";
     size_t count = 0, at = 0;
@@ -241,7 +241,7 @@ static enum lw_status note_truth(struct lw_crossover_run *run, struct lw_error *
                     (struct lw_crossover_late){.view = v,
                                                .frame = t->judged[0],
                                                .late = LW_CROSSOVER_LATE_FRAMES * (LW_CROSSOVER_LATES - l),
-                                               .relmse = lw_crossover_truth_late_error(t, l, v)};
+                                               .relmse = lw_crossover_references_late_error(t, l, v)};
     enum lw_status status = lw_crossover_store_set_late(&run->store, late, count, err);
     for (uint32_t v = 0; v < LW_CROSSOVER_VIEWS; v++)
         if (t->dark[v]) at += (size_t)snprintf(text + at, sizeof text - at, "%s%u", at ? " " : "", v);
@@ -314,18 +314,19 @@ static enum lw_status prepare(struct lw_crossover_run *run, const char *command,
     lw_log(LW_LOG_INFO, "%s, %s: %llu triangles, twelve views %s", o->scene.path,
            lw_scene_motion_name(o->motion), (unsigned long long)run->densities.triangles,
            run->views.from_table ? "of the table" : "by the rule");
-    status = lw_crossover_truth_init(
-        &run->truth,
-        &(struct lw_crossover_truth_desc){.options = o,
-                                          .scene = run->densities.scene,
-                                          .content = run->content,
-                                          .cameras = {.context = &run->views, .at = lw_crossover_run_camera},
-                                          .folder = o->folder,
-                                          .judged = run->judged,
-                                          .judged_count = run->judged_count,
-                                          .cancel = run->cancel},
-        err);
-    return status == LW_OK ? note_truth(run, err) : status;
+    status =
+        lw_crossover_references_init(&run->references,
+                                     &(struct lw_crossover_references_desc){
+                                         .options = o,
+                                         .scene = run->densities.scene,
+                                         .content = run->content,
+                                         .cameras = {.context = &run->views, .at = lw_crossover_run_camera},
+                                         .folder = o->folder,
+                                         .judged = run->judged,
+                                         .judged_count = run->judged_count,
+                                         .cancel = run->cancel},
+                                     err);
+    return status == LW_OK ? note_references(run, err) : status;
 }
 
 /* ---- units ---- */
@@ -497,7 +498,7 @@ enum lw_status lw_crossover_run(struct lw_crossover_run *run, const struct lw_cr
 }
 
 void lw_crossover_run_finish(struct lw_crossover_run *run) {
-    lw_crossover_truth_finish(&run->truth);
+    lw_crossover_references_finish(&run->references);
     lw_scene_densities_finish(&run->densities);
     lw_crossover_store_finish(&run->store);
 }

@@ -11,9 +11,9 @@
 #ifndef LW_CLIENT_CROSSOVER_CROSSOVER_RUN_H
 #define LW_CLIENT_CROSSOVER_CROSSOVER_RUN_H
 
-#include "client/crossover/crossover_truth.h"
-#include "client/load/fixed_views.h"
-#include "client/load/scene_densities.h"
+#include "client/crossover/crossover_references.h"
+#include "client/measure/fixed_views.h"
+#include "client/measure/scene_densities.h"
 
 #include <signal.h>
 
@@ -25,7 +25,7 @@ struct lw_crossover_run {
     char content[33]; /* the hash of its first package, in hexadecimal digits */
     double build_cpu_s[LW_CROSSOVER_DENSITIES_MAX + 1]; /* of packages as they were made, in their order */
     struct lw_fixed_views views;
-    struct lw_crossover_truth truth;
+    struct lw_crossover_references references;
     uint32_t judged[LW_CROSSOVER_JUDGED_MAX], judged_count;
     uint32_t window; /* the first frame whose cost counts */
     uint64_t end_ns; /* of lw_clock_ns(): no unit begins later; UINT64_MAX: no limit */

@@ -14,7 +14,7 @@
 #ifndef LW_CLIENT_CROSSOVER_CROSSOVER_STORE_H
 #define LW_CLIENT_CROSSOVER_CROSSOVER_STORE_H
 
-#include "client/load/contender.h"
+#include "client/measure/renderer.h"
 
 #define LW_CROSSOVER_VIEWS       12u
 #define LW_CROSSOVER_REPEATS_MAX 20u

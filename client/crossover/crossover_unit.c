@@ -1,8 +1,8 @@
 #include "client/crossover/crossover_unit.h"
 
-#include "client/load/cache_contender.h"
-#include "client/load/path_contender.h"
-#include "client/load/views.h"
+#include "client/measure/cache_renderer.h"
+#include "client/measure/per_user_renderer.h"
+#include "client/measure/views.h"
 #include "common/atomic_file.h"
 #include "common/clock.h"
 #include "common/image/apng.h"
@@ -27,7 +27,7 @@
 struct lw_crossover_job {
     struct lw_crossover_run *run;
     const struct lw_crossover_plan *plan;
-    struct lw_contender *contender;
+    struct lw_renderer *renderer;
     float *rgb;                       /* a whole picture */
     float *crops[LW_CROSSOVER_VIEWS]; /* of the last judged frame */
     float *first;                     /* of all views in the first judged frame; repeat 0 alone */
@@ -58,7 +58,7 @@ static int judged_index(const struct lw_crossover_job *j, uint32_t frame) {
     return -1;
 }
 
-static size_t crop_values(const struct lw_crossover_truth *t) {
+static size_t crop_values(const struct lw_crossover_references *t) {
     return 3 * (size_t)LW_CROSSOVER_CROPS * t->side * t->side;
 }
 
@@ -77,7 +77,7 @@ static enum lw_status check_cancel(const struct lw_crossover_job *j, struct lw_e
 
 /* ---- errors ---- */
 
-static struct lw_view_error_desc error_desc(const struct lw_crossover_truth *t) {
+static struct lw_view_error_desc error_desc(const struct lw_crossover_references *t) {
     return (struct lw_view_error_desc){.epsilon = FLOOR_SHARE * t->mean_square,
                                        .curve = LW_TONEMAP_ACES,
                                        .stops = t->stops,
@@ -85,12 +85,12 @@ static struct lw_view_error_desc error_desc(const struct lw_crossover_truth *t) 
 }
 
 static void add_lag(struct lw_crossover_job *j, uint32_t view) {
-    const struct lw_crossover_truth *t = &j->run->truth;
-    struct lw_view_error_truth moment[LW_CROSSOVER_LATES + 1];
+    const struct lw_crossover_references *t = &j->run->references;
+    struct lw_view_error_reference moment[LW_CROSSOVER_LATES + 1];
     for (uint32_t c = 0; c < LW_CROSSOVER_CROPS; c++) {
         for (uint32_t l = 0; l < LW_CROSSOVER_LATES; l++)
-            moment[l] = lw_crossover_truth_of(t, &t->late[l][view], c);
-        moment[LW_CROSSOVER_LATES] = lw_crossover_truth_of(t, &t->now[0][view], c);
+            moment[l] = lw_crossover_references_of(t, &t->late[l][view], c);
+        moment[LW_CROSSOVER_LATES] = lw_crossover_references_of(t, &t->now[0][view], c);
         lw_view_error_add_lag(&j->lag, moment, LW_CROSSOVER_LATES + 1,
                               j->crops[view] + c * crop_values(t) / LW_CROSSOVER_CROPS);
     }
@@ -98,22 +98,24 @@ static void add_lag(struct lw_crossover_job *j, uint32_t view) {
 
 /* Compares a whole picture with its reference. */
 static enum lw_status judge(struct lw_crossover_job *j, uint32_t index, uint32_t view, struct lw_error *err) {
-    const struct lw_crossover_truth *t = &j->run->truth;
+    const struct lw_crossover_references *t = &j->run->references;
     const struct lw_view_error_desc desc = error_desc(t);
     struct lw_view_error_sum sum;
     if (t->dark[view]) return LW_OK;
     const size_t values = crop_values(t), one = values / LW_CROSSOVER_CROPS;
     float *crops = malloc(values * sizeof *crops);
     if (!crops) return lw_status_fail(err, LW_NO_MEMORY, "no memory for a picture");
-    lw_crossover_truth_cut(t, view, j->rgb, options_of(j)->width, crops);
+    lw_crossover_references_cut(t, view, j->rgb, options_of(j)->width, crops);
     lw_view_error_init(&sum, &desc);
     enum lw_status status = LW_OK;
     for (uint32_t c = 0; status == LW_OK && c < LW_CROSSOVER_CROPS; c++) {
-        const struct lw_view_error_truth truth = lw_crossover_truth_of(t, &t->now[index][view], c);
-        status = lw_view_error_add(&sum, &truth, crops + c * one, err);
+        const struct lw_view_error_reference reference =
+            lw_crossover_references_of(t, &t->now[index][view], c);
+        status = lw_view_error_add(&sum, &reference, crops + c * one, err);
         if (status != LW_OK || !index || t->judged[index - 1] + 1 != t->judged[index]) continue;
-        const struct lw_view_error_truth before = lw_crossover_truth_of(t, &t->now[index - 1][view], c);
-        lw_view_error_add_step(&sum, &before, j->crops[view] + c * one, &truth, crops + c * one);
+        const struct lw_view_error_reference before =
+            lw_crossover_references_of(t, &t->now[index - 1][view], c);
+        lw_view_error_add_step(&sum, &before, j->crops[view] + c * one, &reference, crops + c * one);
     }
     const struct lw_view_error error = lw_view_error_of(&sum);
     lw_view_error_finish(&sum);
@@ -158,7 +160,7 @@ static enum lw_status add_to_clip(struct lw_crossover_job *j, struct lw_error *e
                 small[3 * ((size_t)y * width + x) + c] =
                     0.25f * (from[0] + from[3] + from[below] + from[below + 3]);
             }
-    lw_tonemap_init(&tonemap, LW_TONEMAP_ACES, j->run->truth.stops);
+    lw_tonemap_init(&tonemap, LW_TONEMAP_ACES, j->run->references.stops);
     lw_tonemap_encode(&tonemap, small, pixels, 3, shown);
     free(small);
     j->clip[j->clip_count++] = shown;
@@ -168,7 +170,7 @@ static enum lw_status add_to_clip(struct lw_crossover_job *j, struct lw_error *e
 static enum lw_status save_pictures(struct lw_crossover_job *j, struct lw_error *err) {
     char path[4096];
     const struct lw_crossover_run *run = j->run;
-    const size_t size = crop_values(&run->truth) * LW_CROSSOVER_VIEWS * sizeof(float);
+    const size_t size = crop_values(&run->references) * LW_CROSSOVER_VIEWS * sizeof(float);
     if (!keeps_pictures(j)) return LW_OK;
     lw_crossover_run_picture_path(run->store.folder, "crops", &j->plan->unit, "raw", path, sizeof path);
     enum lw_status status = lw_atomic_file_save(path, j->first, size, err);
@@ -193,7 +195,7 @@ static enum lw_status step(struct lw_crossover_job *j, uint32_t frame, const uin
     enum lw_status status = check_cancel(j, err);
     struct lw_cost cost = {0};
     const uint64_t began_ns = lw_clock_ns();
-    if (status == LW_OK) status = j->contender->ops->step(j->contender, frame, shown, count, &cost, err);
+    if (status == LW_OK) status = j->renderer->ops->step(j->renderer, frame, shown, count, &cost, err);
     if (status != LW_OK || !spent) return status;
     lw_cost_add(&spent->cost, &cost, 1);
     spent->wall_s += 1e-9 * (double)(lw_clock_ns() - began_ns);
@@ -230,27 +232,27 @@ static void conclude(struct lw_crossover_job *j, struct lw_crossover_expense *al
 /* All frames of one user. */
 static enum lw_status follow_view(struct lw_crossover_job *j, uint32_t view, struct spent *sum,
                                   struct lw_progress *progress, struct lw_error *err) {
-    const uint32_t judged = j->run->judged[0], history = j->contender->history;
+    const uint32_t judged = j->run->judged[0], history = j->renderer->history;
     const uint32_t first = history < judged ? judged - history : 1, last = last_frame(j);
     const bool clips = keeps_pictures(j) && view == CLIP_VIEW;
-    const struct lw_contender_ops *ops = j->contender->ops;
+    const struct lw_renderer_ops *ops = j->renderer->ops;
     struct spent spent = {0};
-    enum lw_status status = ops->start(j->contender, &j->plan->setting, false,
+    enum lw_status status = ops->start(j->renderer, &j->plan->setting, false,
                                        options_of(j)->seed + 1 + j->plan->unit.repeat, err);
-    if (status == LW_OK) status = ops->set_users(j->contender, 1, err);
+    if (status == LW_OK) status = ops->set_users(j->renderer, 1, err);
     for (uint32_t frame = first; status == LW_OK && frame <= last + (clips ? CLIP_FRAMES : 0); frame++) {
         const int index = judged_index(j, frame);
         const bool counts = frame >= j->run->window && frame <= last;
         status = step(j, frame, &view, 1, counts ? &spent : NULL, err);
         lw_progress_step(progress, 1);
-        if (status == LW_OK && (index >= 0 || frame > last)) ops->picture(j->contender, 0, j->rgb);
+        if (status == LW_OK && (index >= 0 || frame > last)) ops->picture(j->renderer, 0, j->rgb);
         if (status == LW_OK && index >= 0) status = judge(j, (uint32_t)index, view, err);
         if (status == LW_OK && frame > last) status = add_to_clip(j, err);
     }
     if (status != LW_OK) return status;
     struct lw_crossover_expense *e = enter(j, &spent, 1, view, false);
     e->extra[LW_CROSSOVER_EXTRA_USER_MEMORY] = resident_bytes() - j->memory_bytes;
-    ops->stop(j->contender);
+    ops->stop(j->renderer);
     lw_cost_add(&sum->cost, &spent.cost, 1);
     sum->wall_s += spent.wall_s;
     sum->frames += spent.frames;
@@ -260,12 +262,12 @@ static enum lw_status follow_view(struct lw_crossover_job *j, uint32_t view, str
 static enum lw_status follow_all(struct lw_crossover_job *j, struct spent *sum, struct lw_error *err) {
     struct lw_progress progress;
     const uint32_t history =
-        j->contender->history < j->run->judged[0] ? j->contender->history : j->run->judged[0];
+        j->renderer->history < j->run->judged[0] ? j->renderer->history : j->run->judged[0];
     lw_progress_init(&progress, j->plan->unit.renderer,
                      (uint64_t)LW_CROSSOVER_VIEWS * (last_frame(j) - j->run->judged[0] + 1 + history));
     enum lw_status status = LW_OK;
     for (uint32_t v = 0; status == LW_OK && v < LW_CROSSOVER_VIEWS; v++)
-        if (!j->run->truth.dark[v]) status = follow_view(j, v, sum, &progress, err);
+        if (!j->run->references.dark[v]) status = follow_view(j, v, sum, &progress, err);
     if (status == LW_OK)
         lw_progress_finish(&progress);
     else
@@ -278,16 +280,17 @@ static enum lw_status measure_paths(struct lw_crossover_job *j, struct lw_error 
     const struct lw_crossover_run *run = j->run;
     struct spent sum = {0};
     const uint64_t cpu_ns = lw_clock_process_cpu_ns(), wall_ns = lw_clock_ns();
-    enum lw_status status = lw_path_contender_create(
-        &(struct lw_path_contender_desc){.scene = run->densities.scene,
-                                         .cameras = {.context = &run->views, .at = lw_crossover_run_camera},
-                                         .width = o->width,
-                                         .height = o->height,
-                                         .stride = 1,
-                                         .bounces = o->bounces,
-                                         .threads = (unsigned)o->scene.threads,
-                                         .kind = j->plan->kind},
-        &j->contender, err);
+    enum lw_status status = lw_per_user_renderer_create(
+        &(struct lw_per_user_renderer_desc){
+            .scene = run->densities.scene,
+            .cameras = {.context = &run->views, .at = lw_crossover_run_camera},
+            .width = o->width,
+            .height = o->height,
+            .stride = 1,
+            .bounces = o->bounces,
+            .threads = (unsigned)o->scene.threads,
+            .kind = j->plan->kind},
+        &j->renderer, err);
     if (status != LW_OK) return status;
     const double start_cpu_s = 1e-9 * (double)(lw_clock_process_cpu_ns() - cpu_ns),
                  start_wall_s = 1e-9 * (double)(lw_clock_ns() - wall_ns);
@@ -311,7 +314,7 @@ static enum lw_status find_package(void *context, double density, const char **o
 
 static double server_cpu_s(const struct lw_crossover_job *j) {
     double cpu_s, bytes;
-    j->contender->ops->elsewhere(j->contender, &cpu_s, &bytes);
+    j->renderer->ops->elsewhere(j->renderer, &cpu_s, &bytes);
     return cpu_s;
 }
 
@@ -333,7 +336,7 @@ static enum lw_status serve_all(struct lw_crossover_job *j, struct spent *spent,
             shown[v] = v, count = LW_CROSSOVER_VIEWS;
         status = step(j, frame, shown, count, frame >= j->run->window ? spent : NULL, err);
         for (uint32_t v = 0; status == LW_OK && index >= 0 && v < LW_CROSSOVER_VIEWS; v++) {
-            j->contender->ops->picture(j->contender, v, j->rgb);
+            j->renderer->ops->picture(j->renderer, v, j->rgb);
             status = judge(j, (uint32_t)index, v, err);
         }
         lw_progress_step(&progress, 1);
@@ -351,7 +354,7 @@ static enum lw_status film_clip(struct lw_crossover_job *j, uint32_t *frame, str
     for (uint32_t i = 0; status == LW_OK && i < CLIP_FRAMES; i++) {
         status = step(j, ++*frame, &view, 1, NULL, err);
         if (status != LW_OK) break;
-        j->contender->ops->picture(j->contender, 0, j->rgb);
+        j->renderer->ops->picture(j->renderer, 0, j->rgb);
         status = add_to_clip(j, err);
     }
     return status;
@@ -364,8 +367,8 @@ static enum lw_status serve_alone(struct lw_crossover_job *j, uint32_t *frame, s
     for (uint32_t k = 0; status == LW_OK && k < alone; k++) {
         const uint32_t view = (turn + k) * ALONE_STRIDE % LW_CROSSOVER_VIEWS;
         struct spent spent = {0};
-        if (j->run->truth.dark[view]) continue;
-        status = j->contender->ops->set_users(j->contender, 1, err);
+        if (j->run->references.dark[view]) continue;
+        status = j->renderer->ops->set_users(j->renderer, 1, err);
         for (uint32_t i = 0; status == LW_OK && i < SETTLE_FRAMES + ALONE_FRAMES; i++)
             status = step(j, ++*frame, &view, 1, i < SETTLE_FRAMES ? NULL : &spent, err);
         if (status == LW_OK) enter(j, &spent, 1, view, true);
@@ -374,17 +377,17 @@ static enum lw_status serve_alone(struct lw_crossover_job *j, uint32_t *frame, s
 }
 
 static enum lw_status serve(struct lw_crossover_job *j, struct lw_error *err) {
-    const struct lw_contender_ops *ops = j->contender->ops;
+    const struct lw_renderer_ops *ops = j->renderer->ops;
     const uint64_t began_ns = lw_clock_ns();
     struct spent spent = {0};
     double warm_cpu_s = 0, bytes;
-    enum lw_status status = ops->start(j->contender, &j->plan->setting, false,
+    enum lw_status status = ops->start(j->renderer, &j->plan->setting, false,
                                        options_of(j)->seed + 1 + j->plan->unit.repeat, err);
     if (status != LW_OK) return status;
     const uint64_t cpu_ns = lw_clock_process_cpu_ns();
-    status = ops->set_users(j->contender, 1, err);
+    status = ops->set_users(j->renderer, 1, err);
     const double join_cpu_s = 1e-9 * (double)(lw_clock_process_cpu_ns() - cpu_ns);
-    if (status == LW_OK) status = ops->set_users(j->contender, LW_CROSSOVER_VIEWS, err);
+    if (status == LW_OK) status = ops->set_users(j->renderer, LW_CROSSOVER_VIEWS, err);
     if (status != LW_OK) return status;
     const double start_cpu_s = server_cpu_s(j), start_wall_s = 1e-9 * (double)(lw_clock_ns() - began_ns);
     status = serve_all(j, &spent, &warm_cpu_s, err);
@@ -399,10 +402,10 @@ static enum lw_status serve(struct lw_crossover_job *j, struct lw_error *err) {
     all.extra[LW_CROSSOVER_EXTRA_WARM_CPU] = warm_cpu_s;
     all.extra[LW_CROSSOVER_EXTRA_WARM_FRAMES] = j->run->window - 1;
     uint32_t frame = last_frame(j);
-    if (keeps_pictures(j) && !j->run->truth.dark[CLIP_VIEW]) status = film_clip(j, &frame, err);
+    if (keeps_pictures(j) && !j->run->references.dark[CLIP_VIEW]) status = film_clip(j, &frame, err);
     if (status == LW_OK) status = serve_alone(j, &frame, err);
     if (status != LW_OK) return status;
-    ops->elsewhere(j->contender, &(double){0}, &bytes);
+    ops->elsewhere(j->renderer, &(double){0}, &bytes);
     all.extra[LW_CROSSOVER_EXTRA_SERVER_MEMORY] = bytes;
     conclude(j, &all);
     j->expense[j->expense_count++] = all;
@@ -411,19 +414,18 @@ static enum lw_status serve(struct lw_crossover_job *j, struct lw_error *err) {
 
 static enum lw_status measure_cache(struct lw_crossover_job *j, struct lw_error *err) {
     const struct lw_crossover_options *o = options_of(j);
-    enum lw_status status = lw_cache_contender_create(
-        &(struct lw_cache_contender_desc){
-            .cameras = {.context = &j->run->views, .at = lw_crossover_run_camera},
-            .width = o->width,
-            .height = o->height,
-            .stride = 1,
-            .bounces = o->bounces,
-            .threads = (unsigned)o->scene.threads,
-            .denoise = true,
-            .solver = o->solver,
-            .package = find_package,
-            .context = j->run},
-        &j->contender, err);
+    enum lw_status status =
+        lw_cache_renderer_create(&(struct lw_cache_renderer_desc){.cameras = {.context = &j->run->views,
+                                                                              .at = lw_crossover_run_camera},
+                                                                  .width = o->width,
+                                                                  .height = o->height,
+                                                                  .stride = 1,
+                                                                  .bounces = o->bounces,
+                                                                  .threads = (unsigned)o->scene.threads,
+                                                                  .denoise = true,
+                                                                  .package = find_package,
+                                                                  .context = j->run},
+                                 &j->renderer, err);
     return status == LW_OK ? serve(j, err) : status;
 }
 
@@ -431,12 +433,12 @@ static enum lw_status measure_cache(struct lw_crossover_job *j, struct lw_error 
 
 static enum lw_status prepare(struct lw_crossover_job *j, struct lw_error *err) {
     const struct lw_crossover_options *o = options_of(j);
-    const struct lw_view_error_desc desc = error_desc(&j->run->truth);
+    const struct lw_view_error_desc desc = error_desc(&j->run->references);
     lw_view_error_init(&j->lag, &desc);
     j->rgb = malloc(3 * (size_t)o->width * o->height * sizeof *j->rgb);
     j->sample = calloc((size_t)j->run->judged_count * LW_CROSSOVER_VIEWS, sizeof *j->sample);
     if (keeps_pictures(j))
-        j->first = calloc(crop_values(&j->run->truth) * LW_CROSSOVER_VIEWS, sizeof *j->first);
+        j->first = calloc(crop_values(&j->run->references) * LW_CROSSOVER_VIEWS, sizeof *j->first);
     if (!j->rgb || !j->sample || (keeps_pictures(j) && !j->first))
         return lw_status_fail(err, LW_NO_MEMORY, "no memory for pictures");
     malloc_trim(0); /* what earlier units have given back is not to serve this one unseen */
@@ -445,7 +447,7 @@ static enum lw_status prepare(struct lw_crossover_job *j, struct lw_error *err) 
 }
 
 static void finish(struct lw_crossover_job *j) {
-    if (j->contender) j->contender->ops->destroy(j->contender);
+    if (j->renderer) j->renderer->ops->destroy(j->renderer);
     for (uint32_t v = 0; v < LW_CROSSOVER_VIEWS; v++) free(j->crops[v]);
     for (uint32_t i = 0; i < j->clip_count; i++) free(j->clip[i]);
     lw_view_error_finish(&j->lag);

@@ -348,7 +348,7 @@ static uint32_t list_waiting(struct lw_gl_light *light, const struct lw_compose_
     for (uint32_t t = 0; t < light->map->tile_count; t++) {
         const struct lw_client_tile tile = source->tile(source->context, (lw_tile_id){t});
         const uint8_t calm =
-            light->unfiltered ? 0 : (uint8_t)lw_atlas_calm_level(tile.error, source->noise_shown);
+            light->unfiltered ? 0 : (uint8_t)lw_atlas_noise_level_min(tile.error, source->noise_shown);
         *out_calmed |= calm != light->calm[t];
         light->calm[t] = calm;
         if (tile.version != light->version[t] && tile.version != 0) light->queue[count++] = t;

@@ -1,4 +1,4 @@
-/* interest.h: which tiles a user needs for what they see, and where users are: a model of an audience, without rendering.
+/* interest.h: which tiles a user needs for what they see, and where users are: a model of an viewers, without rendering.
  * Flow:    scene, tiles -> boxes in the world -> [interest: eye -> tiles] -> INTEREST
  * Threads: immutable once created; then [any].
  *

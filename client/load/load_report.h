@@ -1,5 +1,5 @@
 /* load_report.h: what a load test found: as text, as JSON, and against what was to hold.
- * Flow:    swarm -> [load_report] -> stdout, exit code
+ * Flow:    load_test -> [load_report] -> stdout, exit code
  * Threads: main() only. */
 #ifndef LW_CLIENT_LOAD_LOAD_REPORT_H
 #define LW_CLIENT_LOAD_LOAD_REPORT_H

@@ -1,5 +1,5 @@
 /* drawn_lights.h: what a client is to draw by itself, as a viewer's composer takes it.
- * Flow:    client -> [drawn_lights] -> stage, audience -> compose
+ * Flow:    client -> [drawn_lights] -> stage, viewers -> compose
  * Threads: those of the client. */
 #ifndef LW_CLIENT_VIEW_DRAWN_LIGHTS_H
 #define LW_CLIENT_VIEW_DRAWN_LIGHTS_H

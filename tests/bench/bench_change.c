@@ -1,11 +1,11 @@
 /* bench_change: what it costs to follow an object that moves once, against lighting everything anew.
  *
- *     bench_change [--object NAME] [--shift WIDTHS] [--error E] [--frames N] [--truth N] [--texels-per-metre D] SCENE...
+ *     bench_change [--object NAME] [--shift WIDTHS] [--error E] [--frames N] [--reference N] [--texels-per-metre D] SCENE...
  *
  * The scene is solved until all of it rests, without its own animation; an object moves by a part of its width; it is solved
  * until all of it rests again. Another solver begins with the object where it then stands. One row in Markdown per scene: rays of
  * both until they rest, their quotient, rays of the first frame after the movement and texels that it solves, frames of
- * both. With --truth also the errors, against a solve of N frames that never rests: over all texels, and over those alone whose
+ * both. With --reference also the errors, against a solve of N frames that never rests: over all texels, and over those alone whose
  * light the movement changed by over a tenth. relMSE as in docs/results/crossover.md, over texels, but none counts for more
  * than 1. */
 #include "common/clock.h"
@@ -25,7 +25,7 @@ struct settings {
     struct lw_scene_open open;
     const char *object;
     double shift, error;
-    int64_t frames, truth_frames;
+    int64_t frames, reference_frames;
 };
 
 struct job {
@@ -118,15 +118,15 @@ struct errors {
     size_t texels; /* that changed */
 };
 
-/* before: the light before the movement, as exact as the truth. */
-static struct errors compare(const float *x, const float *truth, const float *before, size_t count) {
+/* before: the light before the movement, as exact as the reference. */
+static struct errors compare(const float *x, const float *reference, const float *before, size_t count) {
     struct errors e = {0};
-    const double epsilon = bench_light_epsilon(truth, count);
+    const double epsilon = bench_light_epsilon(reference, count);
     for (size_t i = 0; i < count; i += 3) {
         float most = 0;
-        const double error = bench_light_error(x + i, truth + i, epsilon);
+        const double error = bench_light_error(x + i, reference + i, epsilon);
         for (size_t c = i; c < i + 3; c++)
-            most = fmaxf(most, fabsf(truth[c] - before[c]) / (truth[c] + 1e-6f));
+            most = fmaxf(most, fabsf(reference[c] - before[c]) / (reference[c] + 1e-6f));
         e.all += error;
         if (most < CHANGED) continue;
         e.changed += error;
@@ -153,11 +153,11 @@ static void destroy(struct solution *s) {
 }
 
 /* The light of the scene as it is now, as exact as what it is compared with. */
-static enum lw_status find_truth(const struct job *job, uint32_t seed, float **out_light,
-                                 struct lw_error *err) {
+static enum lw_status find_reference(const struct job *job, uint32_t seed, float **out_light,
+                                     struct lw_error *err) {
     struct solution s;
     size_t count;
-    enum lw_status status = solve_anew(job, -1, seed, job->settings->truth_frames, &s, err);
+    enum lw_status status = solve_anew(job, -1, seed, job->settings->reference_frames, &s, err);
     if (status == LW_OK && !(*out_light = bench_read_light(s.solver, &job->map, &count)))
         status = lw_status_fail(err, LW_NO_MEMORY, "texels");
     destroy(&s);
@@ -166,19 +166,19 @@ static enum lw_status find_truth(const struct job *job, uint32_t seed, float **o
 
 static enum lw_status print_errors(const struct job *job, const struct solution *s,
                                    const struct solution *anew, const float *before, struct lw_error *err) {
-    float *truth = NULL;
+    float *reference = NULL;
     size_t count = 0;
     float *light = bench_read_light(s->solver, &job->map, &count),
           *light_anew = bench_read_light(anew->solver, &job->map, &count);
-    enum lw_status status =
-        light && light_anew ? find_truth(job, 8, &truth, err) : lw_status_fail(err, LW_NO_MEMORY, "texels");
+    enum lw_status status = light && light_anew ? find_reference(job, 8, &reference, err)
+                                                : lw_status_fail(err, LW_NO_MEMORY, "texels");
     if (status == LW_OK) {
-        const struct errors e = compare(light, truth, before, count),
-                            e_anew = compare(light_anew, truth, before, count);
+        const struct errors e = compare(light, reference, before, count),
+                            e_anew = compare(light_anew, reference, before, count);
         printf(" %.5f, %.5f | %.5f, %.5f | %.1f %% |", e.all, e_anew.all, e.changed, e_anew.changed,
                100 * (double)e.texels / ((double)count / 3));
     }
-    free(truth);
+    free(reference);
     free(light_anew);
     free(light);
     return status;
@@ -192,7 +192,7 @@ static enum lw_status measure(struct job *job, struct lw_error *err) {
     enum lw_status status = solve_anew(job, set->error, 1, set->frames, &s, err);
     if (status == LW_OK && s.count == set->frames)
         fprintf(stderr, "bench_change: not all rests after %lld frames\n", (long long)s.count);
-    if (status == LW_OK && set->truth_frames) status = find_truth(job, 7, &before, err);
+    if (status == LW_OK && set->reference_frames) status = find_reference(job, 7, &before, err);
     lw_pose_evaluate(&job->pose, job->scene, 1);
     if (status == LW_OK) status = go_on(job, &s, set->frames, err);
     if (status == LW_OK) status = solve_anew(job, set->error, 2, set->frames, &anew, err);
@@ -201,7 +201,7 @@ static enum lw_status measure(struct job *job, struct lw_error *err) {
                1e-6 * (double)s.rays, 1e-6 * (double)anew.rays, (double)anew.rays / (double)s.rays, s.cpu_s,
                anew.cpu_s, anew.cpu_s / s.cpu_s, 1e-6 * (double)s.first_rays,
                (unsigned long long)s.first_texels, (long long)s.count, (long long)anew.count);
-    if (status == LW_OK && set->truth_frames) status = print_errors(job, &s, &anew, before, err);
+    if (status == LW_OK && set->reference_frames) status = print_errors(job, &s, &anew, before, err);
     printf("\n");
     destroy(&anew);
     destroy(&s);
@@ -236,8 +236,8 @@ int main(int argc, char **argv) {
         {"error", "E", "relative error at which a tile rests (default 0.1)", LW_OPTION_REAL, &s.error, 1e-4,
          1, NULL},
         {"frames", "N", "at most, of each solve (default 4096)", LW_OPTION_INT, &s.frames, 8, 1000000, NULL},
-        {"truth", "N", "frames of the truth that errors are measured against (default 0: no errors)",
-         LW_OPTION_INT, &s.truth_frames, 0, 1000000, NULL}};
+        {"reference", "N", "frames of the reference that errors are measured against (default 0: no errors)",
+         LW_OPTION_INT, &s.reference_frames, 0, 1000000, NULL}};
     return bench_main(
         &(struct bench_program){
             .name = "bench_change",

@@ -15,7 +15,7 @@
  *   4x4-dealt     as 4x4, but the 16 deal out one sequence among themselves
  * Columns: rays per texel so far; CPU microseconds per texel of drawing, tracing and reading them, by one worker; millions
  * of rays per CPU second; relMSE of texels, and of means over 4 x 4 and 16 x 16 texels, which is what shared directions
- * leave for the eye and for a filter. relMSE = mean((x - a)(x - b) / (t^2 + eps)): a, b two independent truths of 256 rays
+ * leave for the eye and for a filter. relMSE = mean((x - a)(x - b) / (t^2 + eps)): a, b two independent references of 256 rays
  * a texel, t their mean, eps 1 % of the mean of t^2: their own noise drops out. */
 #include "common/clock.h"
 #include "common/colour.h"
@@ -31,11 +31,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define BLOCK         LW_TILE_BLOCK
-#define LANES         LW_TRACE_WIDTH
-#define TRUTH_SAMPLES 256u
-#define MOMENTS_MAX   12u /* powers of two */
-#define SCALES        3u
+#define BLOCK             LW_TILE_BLOCK
+#define LANES             LW_TRACE_WIDTH
+#define REFERENCE_SAMPLES 256u
+#define MOMENTS_MAX       12u /* powers of two */
+#define SCALES            3u
 
 struct way {
     const char *name;
@@ -81,7 +81,7 @@ struct bundle {
     const struct lw_solve_tile *tile;
     const struct way *way;
     struct lw_sample_points_frame frame;
-    uint32_t use; /* of random numbers: tells ways and truths apart */
+    uint32_t use; /* of random numbers: tells ways and references apart */
 };
 
 static float radiance_of(const struct lw_transport *p, uint32_t texel) {
@@ -212,14 +212,15 @@ static uint32_t mean_over(const struct bundle *b, uint32_t x, uint32_t y, uint32
     return count;
 }
 
-static void add_errors(const struct bundle *b, const float *sum, uint32_t samples, plane truth[2],
+static void add_errors(const struct bundle *b, const float *sum, uint32_t samples, plane reference[2],
                        struct tally *tally) {
     for (uint32_t k = 0; k < SCALES; k++)
         for (uint32_t y = 0; y < b->tile->height; y += scale_side[k])
             for (uint32_t x = 0; x < b->tile->width; x += scale_side[k]) {
                 double value, t[2];
                 if (!mean_over(b, x, y, scale_side[k], sum, samples, &value)) continue;
-                for (int j = 0; j < 2; j++) mean_over(b, x, y, scale_side[k], truth[j], TRUTH_SAMPLES, &t[j]);
+                for (int j = 0; j < 2; j++)
+                    mean_over(b, x, y, scale_side[k], reference[j], REFERENCE_SAMPLES, &t[j]);
                 const double middle = (t[0] + t[1]) / 2;
                 tally->error[k] += (value - t[0]) * (value - t[1]) / (middle * middle + lab.eps);
             }
@@ -234,20 +235,20 @@ static void count_means(const struct bundle *b) {
                 lab.means[k] += mean_over(b, x, y, scale_side[k], none, 1, &ignored) > 0;
 }
 
-static void trace_truth(struct bundle *b, plane truth[2]) {
+static void trace_reference(struct bundle *b, plane reference[2]) {
     for (uint32_t j = 0; j < 2; j++) {
-        memset(truth[j], 0, sizeof truth[j]);
+        memset(reference[j], 0, sizeof reference[j]);
         b->way = &ways[2]; /* stratified over the samples as any, and fast */
         b->use = 1000 + j;
-        for (uint32_t s = 0; s < TRUTH_SAMPLES; s++) trace_tile(b, s, truth[j]);
+        for (uint32_t s = 0; s < REFERENCE_SAMPLES; s++) trace_tile(b, s, reference[j]);
     }
 }
 
 static void experiment(const struct lw_transport *p, const struct lw_solve_tile *tile) {
     struct bundle b = {.passes = p, .tile = tile};
-    static plane truth[2], sum[WAYS];
+    static plane reference[2], sum[WAYS];
     lw_sample_points_frame_init(&b.frame, &p->pose->object_to_world[tile->object]);
-    trace_truth(&b, truth);
+    trace_reference(&b, reference);
     count_means(&b);
     memset(sum, 0, sizeof sum);
     uint64_t cpu_ns[WAYS] = {0};
@@ -261,7 +262,7 @@ static void experiment(const struct lw_transport *p, const struct lw_solve_tile 
                 cpu_ns[w] += lw_clock_thread_cpu_ns() - began_ns;
                 if (done + 1 != 1u << m) continue;
                 lab.tally[w][m].cpu_ns += cpu_ns[w];
-                add_errors(&b, sum[w], done + 1, truth, &lab.tally[w][m]);
+                add_errors(&b, sum[w], done + 1, reference, &lab.tally[w][m]);
             }
 }
 

@@ -1,10 +1,10 @@
 /* bench_compare: one picture against another, region by region.
  *
- *     bench_compare PICTURE.exr TRUTH.exr
+ *     bench_compare PICTURE.exr REFERENCE.exr
  *
  * Prints the ratio of the means (all channels), relMSE = mean((x - t)^2 / (t^2 + eps)), eps = 1 % of the
- * mean of t^2, FLIP (67 pixels per degree, Reinhard's curve at the truth's own exposure), how many of 8 x 4
- * blocks are within 5 % of the truth and the farthest, and the ratio in each. For pictures of other
+ * mean of t^2, FLIP (67 pixels per degree, Reinhard's curve at the reference's own exposure), how many of 8 x 4
+ * blocks are within 5 % of the reference and the farthest, and the ratio in each. For pictures of other
  * renderers (cycles.py) and of other options. */
 #include "client/view/tonemap.h"
 #include "common/image/flip.h"
@@ -98,7 +98,7 @@ int main(int argc, char **argv) {
     struct picture picture[2] = {0};
     enum lw_status status = LW_OK;
     lw_log_init("bench_compare", LW_LOG_WARNING);
-    if (argc != 3) status = lw_status_fail(&err, LW_USAGE, "bench_compare PICTURE.exr TRUTH.exr");
+    if (argc != 3) status = lw_status_fail(&err, LW_USAGE, "bench_compare PICTURE.exr REFERENCE.exr");
     for (int i = 0; status == LW_OK && i < 2; i++)
         status = lw_image_read_exr(argv[1 + i], &picture[i].rgb, &picture[i].width, &picture[i].height, &err);
     if (status == LW_OK && (picture[0].width != picture[1].width || picture[0].height != picture[1].height))

@@ -1,6 +1,6 @@
 /* bench_denoise: the error of what is shown after equal times, with and without the filter. One table in Markdown per scene.
  *
- *     bench_denoise [--truth N] [--texels-per-metre D] SCENE...
+ *     bench_denoise [--reference N] [--texels-per-metre D] SCENE...
  *
  * relMSE = mean((x-t)^2 / (t^2 + eps)) of luminance over all covered texels, eps = 1 % of the mean of t^2, t from a solve
  * of N frames with another seed and no filter. Times are of the processor, with one worker, filter included: what others do
@@ -27,7 +27,7 @@ _Static_assert(sizeof moments_frames / sizeof *moments_frames == MOMENTS, "eithe
 
 struct settings {
     struct lw_scene_open open;
-    int64_t truth;
+    int64_t reference;
     int form;
     bool by_frames;
 };
@@ -39,7 +39,8 @@ struct job {
     struct lw_client_lights client;
     enum lw_light_form form;
     bool by_frames;
-    float *truth, *whole; /* luminance of the covered texels, in the order of tile ids; whole: of all light */
+    float *reference,
+        *whole; /* luminance of the covered texels, in the order of tile ids; whole: of all light */
     size_t texels;
     double eps, whole_eps;
 };
@@ -111,13 +112,13 @@ static double mean_change(const struct job *job, const struct lw_solver *solver)
     return worst;
 }
 
-static double eps_of(const float *truth, size_t texels) {
+static double eps_of(const float *reference, size_t texels) {
     double square = 0;
-    for (size_t i = 0; i < texels; i++) square += (double)truth[i] * (double)truth[i];
+    for (size_t i = 0; i < texels; i++) square += (double)reference[i] * (double)reference[i];
     return 0.01 * square / (double)texels;
 }
 
-static enum lw_status solve_truth(struct job *job, uint32_t frames, struct lw_error *err) {
+static enum lw_status solve_reference(struct job *job, uint32_t frames, struct lw_error *err) {
     struct lw_solver *solver;
     struct lw_solver_stats stats;
     enum lw_status status = create(job, 7, false, &solver, err);
@@ -125,13 +126,14 @@ static enum lw_status solve_truth(struct job *job, uint32_t frames, struct lw_er
     job->texels = read_light(job, solver, job->form, NULL);
     for (uint32_t f = 1; status == LW_OK && f <= frames; f++)
         status = solver->ops->frame(solver, &job->pose, f, &stats, err);
-    job->truth = malloc((job->texels + 1) * sizeof *job->truth);
+    job->reference = malloc((job->texels + 1) * sizeof *job->reference);
     job->whole = malloc((job->texels + 1) * sizeof *job->whole);
-    if (status == LW_OK && !(job->truth && job->whole)) status = lw_status_fail(err, LW_NO_MEMORY, "truth");
+    if (status == LW_OK && !(job->reference && job->whole))
+        status = lw_status_fail(err, LW_NO_MEMORY, "reference");
     if (status == LW_OK) {
-        read_light(job, solver, job->form, job->truth);
+        read_light(job, solver, job->form, job->reference);
         read_light(job, solver, LW_LIGHT_FORM_FULL, job->whole);
-        job->eps = eps_of(job->truth, job->texels);
+        job->eps = eps_of(job->reference, job->texels);
         job->whole_eps = eps_of(job->whole, job->texels);
     }
     solver->ops->destroy(solver);
@@ -161,7 +163,8 @@ static enum lw_status measure(const struct job *job, bool denoise, struct moment
         double error = 0, whole_error = 0;
         read_light(job, solver, job->form, light);
         for (size_t i = 0; i < job->texels; i++) {
-            const double t = (double)job->truth[i], whole = (double)job->whole[i], off = (double)light[i] - t;
+            const double t = (double)job->reference[i], whole = (double)job->whole[i],
+                         off = (double)light[i] - t;
             error += off * off / (t * t + job->eps);
             whole_error += off * off / (whole * whole + job->whole_eps);
         }
@@ -177,15 +180,15 @@ static enum lw_status measure(const struct job *job, bool denoise, struct moment
     return status;
 }
 
-static void print_table(const struct job *job, const char *path, uint32_t truth, const struct moment *plain,
-                        const struct moment *filtered) {
+static void print_table(const struct job *job, const char *path, uint32_t reference,
+                        const struct moment *plain, const struct moment *filtered) {
     char label[64];
     printf(
-        "\n### %s\n\n%zu texels; truth: %u frames.\n\n"
+        "\n### %s\n\n%zu texels; reference: %u frames.\n\n"
         "| seconds | frames | relMSE | against all light | frames, filtered | relMSE, filtered | against all "
         "light | ratio | filter ms (wall) | frame ms | mean, filtered | mean, welded alone |\n"
         "|---|---|---|---|---|---|---|---|---|---|---|---|\n",
-        bench_label(path, label, sizeof label), job->texels, truth);
+        bench_label(path, label, sizeof label), job->texels, reference);
     for (size_t m = 0; m < MOMENTS; m++) {
         printf("| %.2f | %u | %.4f | %.4f | %u | %.4f | %.4f | %.2f | %.1f | %.1f |", plain[m].seconds,
                plain[m].frames, plain[m].error, plain[m].whole_error, filtered[m].frames, filtered[m].error,
@@ -207,22 +210,22 @@ static enum lw_status run(void *context, const char *path, struct lw_error *err)
         bench_open(&s->open, path, BENCH_MOTION_OWN, 0, &job.scene, &job.pose, &job.map, err);
     if (status == LW_OK)
         status = lw_client_lights_init(&job.client, job.scene, &job.pose, job.form ? "auto" : "none", err);
-    if (status == LW_OK) status = solve_truth(&job, (uint32_t)s->truth, err);
+    if (status == LW_OK) status = solve_reference(&job, (uint32_t)s->reference, err);
     if (status == LW_OK) status = measure(&job, false, plain, err);
     if (status == LW_OK) status = measure(&job, true, filtered, err);
-    if (status == LW_OK) print_table(&job, path, (uint32_t)s->truth, plain, filtered);
+    if (status == LW_OK) print_table(&job, path, (uint32_t)s->reference, plain, filtered);
     lw_client_lights_finish(&job.client);
-    free(job.truth);
+    free(job.reference);
     free(job.whole);
     bench_close(job.scene, &job.pose, &job.map);
     return status;
 }
 
 int main(int argc, char **argv) {
-    struct settings s = {.truth = 256};
-    const struct lw_option table[] = {{"truth", "N",
+    struct settings s = {.reference = 256};
+    const struct lw_option table[] = {{"reference", "N",
                                        "frames of the solve that errors are measured against (default 256)",
-                                       LW_OPTION_INT, &s.truth, 2, 100000, NULL},
+                                       LW_OPTION_INT, &s.reference, 2, 100000, NULL},
                                       {"form", "full|split", "light that is measured (default full)",
                                        LW_OPTION_CHOICE, &s.form, 0, 0, NULL},
                                       {"by-frames", NULL, "after 1, 4 and 16 frames, not after equal times",

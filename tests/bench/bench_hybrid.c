@@ -1,9 +1,9 @@
-/* bench_hybrid: what a finite tracing range costs in truth and saves in time. One table in Markdown per scene.
+/* bench_hybrid: what a finite tracing range costs in accuracy and saves in time. One table in Markdown per scene.
  *
  *     bench_hybrid [--frames N] [--texels-per-metre D] [--quick] SCENE...
  *
  * Everything is compared with the same solver at range = inf, over the indirect light of every covered texel. Each
- * setting is solved twice with seeds of its own, a and b, and so is the truth, t and u: then mean((a-t)(b-u) / (m^2+eps)),
+ * setting is solved twice with seeds of its own, a and b, and so is the reference, t and u: then mean((a-t)(b-u) / (m^2+eps)),
  * m = (t+u)/2, eps = 1 % of the mean of m^2, is relMSE without the noise, which is what probes add for good. "99 %" is
  * the error that one in a hundred blocks of 8 x 8 texels exceeds; noise is in it: the row "inf" says how much. */
 #include "common/clock.h"
@@ -149,8 +149,8 @@ static void print_row(const struct job *job, const struct setting *setting, cons
     double *off = malloc(job->blocks * sizeof *off), high = (double)NAN;
     size_t count = 0;
     for (size_t i = 0; off && i < job->blocks; i++) {
-        double truth = (double)t->block[i] + (double)u->block[i];
-        if (truth > 0) off[count++] = fabs(((double)a->block[i] + (double)b->block[i]) / truth - 1);
+        double reference = (double)t->block[i] + (double)u->block[i];
+        if (reference > 0) off[count++] = fabs(((double)a->block[i] + (double)b->block[i]) / reference - 1);
     }
     if (count) {
         bench_median(off, count); /* sorts */

@@ -1,7 +1,7 @@
 /* bench_latency: how long a change of the scene takes to reach a client, and to become the light that it leads to; or, by --walk, how far
  * light trails behind what moves all the time.
  *
- *     bench_latency [--updates N] [--settle S] [--frames N] [--fresh N] [--daemon "OPTIONS"] [--truth FOLDER] [--json]
+ *     bench_latency [--updates N] [--settle S] [--frames N] [--fresh N] [--daemon "OPTIONS"] [--reference FOLDER] [--json]
  *                   [SCENE ["CAMERA COMMAND"...]]
  *     bench_latency --walk [--times T,...] [the same options] [SCENE CAMERA]
  *
@@ -25,7 +25,7 @@
  * late is 1 - p seconds late. error: sum d(E - E1) d(E - E1') relative to sum d(E1 - E0) d(E1' - E0'): trail and noise of E together, 1 for light a second old;
  * "without noise" takes the two factors from different passes.
  *
- * --truth keeps those servers' light in files, for runs of the same thing.
+ * --reference keeps those servers' light in files, for runs of the same thing.
  *
  * The machine's load shows in CPU times: of the server's process, from the sending of the update on. */
 #include "tests/bench/bench_setup.h"
@@ -436,10 +436,10 @@ int main(int argc, char **argv) {
          LW_OPTION_STRING, &times, 0, 0, NULL},
         {"daemon", "OPTIONS", "for lightwelld, separated by blanks (default: none)", LW_OPTION_STRING,
          &b.light.daemon_options, 0, 0, NULL},
-        {"truth", "FOLDER",
+        {"reference", "FOLDER",
          "keep the light to compare with there, and take it from there where a run of the same SCENE, "
          "CAMERA, COMMAND or time, --fresh and --daemon has kept it (default: solve it in every run)",
-         LW_OPTION_STRING, &b.light.truth, 0, 0, NULL},
+         LW_OPTION_STRING, &b.light.reference, 0, 0, NULL},
         {"json", NULL, "print one JSON object", LW_OPTION_FLAG, &b.json, 0, 0, NULL},
     };
     const struct lw_options options = {

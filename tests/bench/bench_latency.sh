@@ -19,17 +19,17 @@ update() {
 
 # refused FILE WHY: the next update takes no light from it
 refused() {
-    if update --truth "$work/truth"; then fail "took light from a file that $2"; fi
+    if update --reference "$work/reference"; then fail "took light from a file that $2"; fi
     grep -q "$1.*$2" "$work/err" || fail "said of a file that $2: $(cat "$work/err")"
 }
 
-update --truth "$work/truth"
+update --reference "$work/reference"
 grep -q 'undone | [1-9]' "$work/out" || fail "no tile after an update: $(cat "$work/out")"
-files=("$work"/truth/*.fresh)
+files=("$work"/reference/*.fresh)
 [ ${#files[@]} = 4 ] || fail "${#files[@]} files of two states by two seeds"
 kept=$(stat -c '%n %i %y' "${files[@]}")
-update --truth "$work/truth"
-[ "$(stat -c '%n %i %y' "$work"/truth/*)" = "$kept" ] || fail "kept light was not read but written anew"
+update --reference "$work/reference"
+[ "$(stat -c '%n %i %y' "$work"/reference/*)" = "$kept" ] || fail "kept light was not read but written anew"
 grep -q 'agreement 1.00' "$work/out" || fail "light was kept as something else: $(cat "$work/out")"
 
 cp "${files[0]}" "$work/whole"

@@ -1,6 +1,6 @@
 /* bench_layers: what layers of light save while the scene's animation moves lights.
  *
- *     bench_layers [--frames N] [--truth N] [--texels-per-metre D] SCENE...
+ *     bench_layers [--frames N] [--reference N] [--texels-per-metre D] SCENE...
  *
  * The scene is solved for N frames of its animation, 1/30 s each, in one layer and in layers for what moves (light_groups.h), with
  * tiles that rest at errors of 0.02 and of 0.2. One row in Markdown each: texels solved and rays of a frame, in the mean of the second
@@ -20,7 +20,7 @@
 
 struct settings {
     struct lw_scene_open open;
-    int64_t frames, truth_frames;
+    int64_t frames, reference_frames;
 };
 
 struct job {
@@ -59,25 +59,25 @@ static enum lw_status step(const struct job *job, struct lw_solver *solver, uint
     return LW_OK;
 }
 
-/* The animation up to the last frame. truth: of that moment; NULL: the solve is the truth, and stands still. */
-static enum lw_status solve(struct job *job, const char *group_names, double error, const float *truth,
+/* The animation up to the last frame. reference: of that moment; NULL: the solve is the reference, and stands still. */
+static enum lw_status solve(struct job *job, const char *group_names, double error, const float *reference,
                             struct row *row, float **out_light, struct lw_error *err) {
-    const int64_t frames = truth ? job->settings->frames : job->settings->truth_frames;
+    const int64_t frames = reference ? job->settings->frames : job->settings->reference_frames;
     struct lw_solver *solver = NULL;
     *row = (struct row){0};
-    lw_pose_evaluate(&job->pose, job->scene, truth ? 0 : (double)(job->settings->frames - 1) * FRAME_S);
-    enum lw_status status = create(job, group_names, error, truth ? 1 : 2, &solver, err);
+    lw_pose_evaluate(&job->pose, job->scene, reference ? 0 : (double)(job->settings->frames - 1) * FRAME_S);
+    enum lw_status status = create(job, group_names, error, reference ? 1 : 2, &solver, err);
     for (int64_t f = 0; f < frames && status == LW_OK; f++) {
-        if (truth) lw_pose_evaluate(&job->pose, job->scene, (double)f * FRAME_S);
+        if (reference) lw_pose_evaluate(&job->pose, job->scene, (double)f * FRAME_S);
         if (f == frames / 2) *row = (struct row){0};
         status = step(job, solver, (uint64_t)f + 1, row, err);
     }
     size_t count;
     if (status == LW_OK && !(*out_light = bench_read_light(solver, &job->map, &count)))
         status = lw_status_fail(err, LW_NO_MEMORY, "texels");
-    if (status == LW_OK && truth) {
+    if (status == LW_OK && reference) {
         const uint64_t half = (uint64_t)(frames - frames / 2);
-        row->relmse = bench_light_relmse(*out_light, truth, count);
+        row->relmse = bench_light_relmse(*out_light, reference, count);
         row->texels /= half;
         row->rays /= half;
         row->mb = (double)solver->ops->memory_bytes(solver) * 1e-6;
@@ -88,12 +88,12 @@ static enum lw_status solve(struct job *job, const char *group_names, double err
 
 static enum lw_status measure(struct job *job, struct lw_error *err) {
     static const double errors[] = {0.02, 0.2};
-    float *truth = NULL;
+    float *reference = NULL;
     struct row row;
-    enum lw_status status = solve(job, "none", -1, NULL, &row, &truth, err);
+    enum lw_status status = solve(job, "none", -1, NULL, &row, &reference, err);
     for (int i = 0; i < 4 && status == LW_OK; i++) {
         float *light = NULL;
-        status = solve(job, i % 2 ? NULL : "none", errors[i / 2], truth, &row, &light, err);
+        status = solve(job, i % 2 ? NULL : "none", errors[i / 2], reference, &row, &light, err);
         free(light);
         if (status != LW_OK) break;
         printf("| %s | %s | %g | %llu k | %llu k | %.5f | %.0f MB |\n", job->label,
@@ -101,7 +101,7 @@ static enum lw_status measure(struct job *job, struct lw_error *err) {
                (unsigned long long)row.rays / 1000, row.relmse, row.mb);
         fflush(stdout);
     }
-    free(truth);
+    free(reference);
     return status;
 }
 
@@ -117,11 +117,11 @@ static enum lw_status run(void *context, const char *path, struct lw_error *err)
 }
 
 int main(int argc, char **argv) {
-    struct settings s = {.frames = 120, .truth_frames = 400};
+    struct settings s = {.frames = 120, .reference_frames = 400};
     const struct lw_option table[] = {
         {"frames", "N", "of the animation (default 120)", LW_OPTION_INT, &s.frames, 4, 100000, NULL},
-        {"truth", "N", "frames of the solve that errors are measured against (default 400)", LW_OPTION_INT,
-         &s.truth_frames, 4, 1000000, NULL}};
+        {"reference", "N", "frames of the solve that errors are measured against (default 400)",
+         LW_OPTION_INT, &s.reference_frames, 4, 1000000, NULL}};
     return bench_main(
         &(struct bench_program){
             .name = "bench_layers",

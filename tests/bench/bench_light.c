@@ -37,24 +37,24 @@ float *bench_read_light(const struct lw_solver *solver, const struct lw_atlas_ma
     return light;
 }
 
-double bench_light_epsilon(const float *truth, size_t count) {
+double bench_light_epsilon(const float *reference, size_t count) {
     double square = 0;
-    for (size_t i = 0; i < count; i++) square += (double)truth[i] * (double)truth[i];
+    for (size_t i = 0; i < count; i++) square += (double)reference[i] * (double)reference[i];
     return 0.01 * square / (double)count;
 }
 
-double bench_light_error(const float x[3], const float truth[3], double epsilon) {
+double bench_light_error(const float x[3], const float reference[3], double epsilon) {
     double error = 0;
     for (int c = 0; c < 3; c++) {
-        const double t = (double)truth[c], off = (double)x[c] - t;
+        const double t = (double)reference[c], off = (double)x[c] - t;
         error += off * off / (t * t + epsilon) / 3;
     }
     return fmin(error, 1);
 }
 
-double bench_light_relmse(const float *x, const float *truth, size_t count) {
-    const double epsilon = bench_light_epsilon(truth, count);
+double bench_light_relmse(const float *x, const float *reference, size_t count) {
+    const double epsilon = bench_light_epsilon(reference, count);
     double sum = 0;
-    for (size_t i = 0; i < count; i += 3) sum += bench_light_error(x + i, truth + i, epsilon);
+    for (size_t i = 0; i < count; i += 3) sum += bench_light_error(x + i, reference + i, epsilon);
     return sum / ((double)count / 3);
 }

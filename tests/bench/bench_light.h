@@ -11,13 +11,13 @@ struct lw_solver_desc bench_light_desc(const struct lw_scene *scene, const struc
 /** The light of all covered texels, unfiltered, three values each; the caller frees. *out_count: values. NULL: no memory. */
 float *bench_read_light(const struct lw_solver *solver, const struct lw_atlas_map *map, size_t *out_count);
 
-/** The epsilon of relMSE: 1 % of the mean of the truth's squares. */
-double bench_light_epsilon(const float *truth, size_t count);
+/** The epsilon of relMSE: 1 % of the mean of the reference's squares. */
+double bench_light_epsilon(const float *reference, size_t count);
 
-/** relMSE of one texel's three values, but at most 1: beside a lamp a single texel may be off by thousands, in the truth as well. */
-double bench_light_error(const float x[3], const float truth[3], double epsilon);
+/** relMSE of one texel's three values, but at most 1: beside a lamp a single texel may be off by thousands, in the reference as well. */
+double bench_light_error(const float x[3], const float reference[3], double epsilon);
 
 /** Mean of the above over all texels. */
-double bench_light_relmse(const float *x, const float *truth, size_t count);
+double bench_light_relmse(const float *x, const float *reference, size_t count);
 
 #endif

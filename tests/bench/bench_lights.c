@@ -1,14 +1,14 @@
 /* bench_lights: what direct light costs, and how far it is off, as the lamps become more. CSV on stdout.
  *
- *     bench_lights [--frames N] [--truth N] [--texels-per-metre D] point:N|spot:N|area:N|SCENE...
+ *     bench_lights [--frames N] [--reference N] [--texels-per-metre D] point:N|spot:N|area:N|SCENE...
  *
  * point:N: a hall of 24 m x 24 m x 6 m with 36 pillars, and N lamps in the air by chance (of area: squares of 5 cm, two
  * triangles each). The strongest are 100 times as strong as the weakest; all together are always as strong. The solver's direct
  * pass lights the hall, or any other scene, frame by frame, with one worker; a row says what there is after 1, 2, 4, ... frames:
  *   us_per_texel    CPU microseconds of the direct pass per texel so far; those of the hall's lamps are not lit
  *   rays_per_texel  shadow rays so far
- *   relmse          of the texels' E: mean((x - a)(x - b) / (t^2 + eps)): a, b two truths with seeds of their own after
- *                   --truth frames, t their mean, eps 1 % of the mean of t^2: their own noise drops out.
+ *   relmse          of the texels' E: mean((x - a)(x - b) / (t^2 + eps)): a, b two references with seeds of their own after
+ *                   --reference frames, t their mean, eps 1 % of the mean of t^2: their own noise drops out.
  *   bias            mean of x over that of t, less 1 */
 #include "common/builtin/builtin_stage.h"
 #include "common/clock.h"
@@ -32,7 +32,7 @@
 #define SQUARE_M     0.05f
 #define POWER        3000.0f /* W/sr, of all lamps together */
 #define LAMPS_MAX    100000
-#define TRUTHS       2u
+#define REFERENCES   2u
 #define LAMPS_OBJECT 2u /* behind walls and pillars */
 
 static const struct {
@@ -42,7 +42,7 @@ static const struct {
 
 struct settings {
     struct lw_scene_open open;
-    int64_t frames, truth;
+    int64_t frames, reference;
 };
 
 /* What the hook below reads and fills. */
@@ -170,7 +170,7 @@ struct run {
     struct lw_scene *scene;
     struct lw_pose pose;
     struct lw_atlas_map map;
-    float *truth[TRUTHS], *value; /* luminance of E by covered texel of the hall; count */
+    float *reference[REFERENCES], *value; /* luminance of E by covered texel of the hall; count */
     size_t count, capacity;
     double eps;
 };
@@ -191,17 +191,17 @@ static enum lw_status read_light(struct run *r, const struct lw_solver *solver, 
 
 static void print_row(const struct run *r, const char *name, uint32_t frame) {
     char label[64];
-    double error = 0, sum = 0, truth = 0;
+    double error = 0, sum = 0, reference = 0;
     for (size_t i = 0; i < r->count; i++) {
-        const double x = (double)r->value[i], a = (double)r->truth[0][i], b = (double)r->truth[1][i];
+        const double x = (double)r->value[i], a = (double)r->reference[0][i], b = (double)r->reference[1][i];
         error += (x - a) * (x - b) / ((a + b) * (a + b) / 4 + r->eps);
         sum += x;
-        truth += (a + b) / 2;
+        reference += (a + b) / 2;
     }
     const double texels = (double)r->count;
     printf("%s,%zu,%u,%.4f,%.3f,%.6g,%.5f\n", bench_label(name, label, sizeof label), r->count, frame,
            1e-3 * (double)meter.cpu_ns / texels, (double)meter.rays / texels, error / texels,
-           sum / truth - 1);
+           sum / reference - 1);
     fflush(stdout);
 }
 
@@ -236,14 +236,14 @@ static enum lw_status measure(struct run *r, const char *name, struct lw_error *
     for (uint32_t id = 0; id < r->map.tile_count; id++)
         if (!r->map.place[id].level) r->capacity += (size_t)r->map.place[id].width * r->map.place[id].height;
     r->value = calloc(r->capacity, sizeof *r->value);
-    for (uint32_t j = 0; j < TRUTHS; j++) r->truth[j] = calloc(r->capacity, sizeof *r->truth[j]);
-    if (!r->value || !r->truth[0] || !r->truth[1])
+    for (uint32_t j = 0; j < REFERENCES; j++) r->reference[j] = calloc(r->capacity, sizeof *r->reference[j]);
+    if (!r->value || !r->reference[0] || !r->reference[1])
         return lw_status_fail(err, LW_NO_MEMORY, "the light of the hall");
-    for (uint32_t j = 0; status == LW_OK && j < TRUTHS; j++)
-        status = solve(r, 1000 + j, r->settings->truth, r->truth[j], NULL, err);
+    for (uint32_t j = 0; status == LW_OK && j < REFERENCES; j++)
+        status = solve(r, 1000 + j, r->settings->reference, r->reference[j], NULL, err);
     if (status != LW_OK) return status;
     for (size_t i = 0; i < r->count; i++) {
-        const double t = ((double)r->truth[0][i] + (double)r->truth[1][i]) / 2;
+        const double t = ((double)r->reference[0][i] + (double)r->reference[1][i]) / 2;
         r->eps += 0.01 * t * t / (double)r->count;
     }
     return solve(r, 1, r->settings->frames, r->value, name, err);
@@ -272,16 +272,17 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
     enum lw_status status = open_one(context, name, &r, err);
     if (status == LW_OK) status = measure(&r, name, err);
     free(r.value);
-    for (uint32_t j = 0; j < TRUTHS; j++) free(r.truth[j]);
+    for (uint32_t j = 0; j < REFERENCES; j++) free(r.reference[j]);
     bench_close(r.scene, &r.pose, &r.map);
     return status;
 }
 
 int main(int argc, char **argv) {
-    struct settings s = {.frames = 64, .truth = 256};
+    struct settings s = {.frames = 64, .reference = 256};
     const struct lw_option table[] = {
         {"frames", "N", "of light at most (default 64)", LW_OPTION_INT, &s.frames, 1, 100000, NULL},
-        {"truth", "N", "frames of either truth (default 256)", LW_OPTION_INT, &s.truth, 1, 100000, NULL}};
+        {"reference", "N", "frames of either reference (default 256)", LW_OPTION_INT, &s.reference, 1, 100000,
+         NULL}};
     return bench_main(
         &(struct bench_program){.name = "bench_lights",
                                 .about = "Direct light of few or many lamps: error and cost, as CSV.",

@@ -8,7 +8,7 @@
  * error are lw_compose_report's; relMSE = mean((x - t)^2 / (t^2 + eps)), eps = 1 % of the mean of t^2; FLIP
  * at 67 pixels per degree, by the viewer's tone curve and the last picture's exposure. The second composes
  * the last light with more samples, of every pixel and at edges: CPU time over that of one sample, and
- * relMSE against as many samples of every pixel as --truth says, medians of --rounds. With -o DIR the
+ * relMSE against as many samples of every pixel as --reference says, medians of --rounds. With -o DIR the
  * pictures as PNG. */
 #include "client/view/antialias.h"
 #include "client/view/tonemap.h"
@@ -32,7 +32,7 @@
 
 struct settings {
     struct lw_scene_open open;
-    int64_t bounces, frames, width, height, truth, rounds;
+    int64_t bounces, frames, width, height, reference, rounds;
     double time_s;
     const char *noise_shown;  /* numbers, apart by commas */
     double share[SHARES_MAX]; /* which they are */
@@ -140,13 +140,13 @@ static enum lw_status solve(struct scene *s, struct lw_error *err) {
 
 /* ---- the pictures ---- */
 
-static double rel_mse(const struct scene *s, const float *truth, const float *rgb) {
+static double rel_mse(const struct scene *s, const float *reference, const float *rgb) {
     const size_t count = 3 * pixel_count(s);
     double square = 0, sum = 0;
-    for (size_t i = 0; i < count; i++) square += (double)truth[i] * (double)truth[i];
+    for (size_t i = 0; i < count; i++) square += (double)reference[i] * (double)reference[i];
     square /= (double)count;
     for (size_t i = 0; i < count; i++) {
-        const double t = (double)truth[i], off = (double)rgb[i] - t;
+        const double t = (double)reference[i], off = (double)rgb[i] - t;
         sum += off * off / (t * t + 0.01 * square);
     }
     return sum / (double)count;
@@ -175,10 +175,10 @@ static enum lw_status write_picture(const struct scene *s, const char *name, con
 }
 
 static enum lw_status tell_pictures(struct scene *s, struct lw_error *err) {
-    const float *truth = s->picture[s->picture_count - 1].rgb;
+    const float *reference = s->picture[s->picture_count - 1].rgb;
     enum lw_status status = LW_OK;
-    lw_tonemap_init(&s->tonemap, LW_TONEMAP_REINHARD, lw_tonemap_auto_stops(truth, pixel_count(s)));
-    show(s, truth, s->shown[0]);
+    lw_tonemap_init(&s->tonemap, LW_TONEMAP_REINHARD, lw_tonemap_auto_stops(reference, pixel_count(s)));
+    show(s, reference, s->shown[0]);
     printf("| frames | solve s | noise shown | shown error | good | max error | relMSE | FLIP |\n"
            "|---|---|---|---|---|---|---|---|\n");
     for (uint32_t i = 0; status == LW_OK && i < s->picture_count; i++) {
@@ -190,7 +190,7 @@ static enum lw_status tell_pictures(struct scene *s, struct lw_error *err) {
         if (status != LW_OK) return status;
         printf("| %llu | %.1f | %g | %.4f | %s | %.3f | %.4f | %.3f |\n", (unsigned long long)p->frames,
                p->solve_s, p->noise_shown, (double)p->report.shown_error, p->report.good ? "yes" : "no",
-               (double)p->report.max_error, rel_mse(s, truth, p->rgb),
+               (double)p->report.max_error, rel_mse(s, reference, p->rgb),
                lw_flip_mean(s->map_of_flip, NULL, pixel_count(s)));
         fflush(stdout);
         snprintf(name, sizeof name, "%llu-%g", (unsigned long long)p->frames, p->noise_shown);
@@ -219,10 +219,10 @@ static enum lw_status tell_samples(struct scene *s, struct lw_error *err) {
     enum { WAYS = sizeof way / sizeof way[0] };
     const uint32_t rounds = (uint32_t)s->settings->rounds;
     double ms[WAYS][ROUNDS_MAX], error[WAYS] = {0}, share[WAYS] = {0};
-    float *truth = s->shown[0], *rgb = s->shown[1];
+    float *reference = s->shown[0], *rgb = s->shown[1];
     enum lw_status status = lw_antialias_reserve(&s->antialias, pixel_count(s), err);
     if (status != LW_OK) return status;
-    take(s, false, (uint32_t)s->settings->truth, truth);
+    take(s, false, (uint32_t)s->settings->reference, reference);
     for (uint32_t round = 0; round < rounds; round++) /* alternately: all meet the same machine */
         for (int w = 0; w < WAYS; w++) {
             const uint64_t began_ns = lw_clock_process_cpu_ns();
@@ -230,7 +230,7 @@ static enum lw_status tell_samples(struct scene *s, struct lw_error *err) {
             ms[w][round] = 1e-6 * (double)(lw_clock_process_cpu_ns() - began_ns);
             if (round > 0) continue;
             char name[32];
-            error[w] = rel_mse(s, truth, rgb);
+            error[w] = rel_mse(s, reference, rgb);
             share[w] = way[w].edges ? (double)s->antialias.edge_count / (double)pixel_count(s) : 1;
             snprintf(name, sizeof name, "%s-%u", way[w].edges ? "edges" : "all", way[w].samples);
             status = write_picture(s, name, rgb, err);
@@ -345,7 +345,7 @@ int main(int argc, char **argv) {
                          .frames = 256,
                          .width = 640,
                          .height = 360,
-                         .truth = 64,
+                         .reference = 64,
                          .rounds = 5,
                          .noise_shown = "0.2"};
     const struct lw_option table[] = {
@@ -355,11 +355,12 @@ int main(int argc, char **argv) {
         {"width", "N", "pixels (default 640)", LW_OPTION_INT, &s.width, 8, 16384, NULL},
         {"height", "N", "pixels (default 360)", LW_OPTION_INT, &s.height, 6, 16384, NULL},
         {"time", "SECONDS", "of the scene's animation (default 0)", LW_OPTION_REAL, &s.time_s, 0, 1e9, NULL},
-        {"truth", "N", "samples per pixel of the true square (default 64)", LW_OPTION_INT, &s.truth, 1,
-         LW_ANTIALIAS_SAMPLES_MAX, NULL},
+        {"reference", "N", "samples per pixel of the true square (default 64)", LW_OPTION_INT, &s.reference,
+         1, LW_ANTIALIAS_SAMPLES_MAX, NULL},
         {"rounds", "N", "of the second table (default 5)", LW_OPTION_INT, &s.rounds, 1, ROUNDS_MAX, NULL},
         {"noise-shown", "SHARE,...",
-         "of tiles' errors that views see; the last picture with the first share is the truth (default 0.2)",
+         "of tiles' errors that views see; the last picture with the first share is the reference (default "
+         "0.2)",
          LW_OPTION_STRING, &s.noise_shown, 0, 0, NULL},
         {"o", "DIR", "write the pictures there", LW_OPTION_STRING, &s.folder, 0, 0, NULL}};
     return bench_main(&(struct bench_program){.name = "bench_look",

@@ -1,13 +1,13 @@
-/* bench_renderers: how near each path renderer (path_renderer.h) comes to the truth with few samples, and
+/* bench_renderers: how near each path renderer (path_renderer.h) comes to the reference with few samples, and
  * what that costs.
  *
  *     bench_renderers [OPTIONS] SCENE[@PX,PY,PZ:TX,TY,TZ:FOV]...
  *
  * A camera moves and turns through each scene for --frames pictures while its animation runs; the last
- * one is compared with a path trace of --truth samples. One table in Markdown per scene: relMSE =
- * mean((x-t)^2 / (t^2 + eps)), eps = 1 % of the mean of t^2, less what the truth's own noise adds; CPU
+ * one is compared with a path trace of --reference samples. One table in Markdown per scene: relMSE =
+ * mean((x-t)^2 / (t^2 + eps)), eps = 1 % of the mean of t^2, less what the reference's own noise adds; CPU
  * seconds per picture: of first hits and paths, and of the filter. With -o DIR also the pictures: of
- * each renderer, and the truth. */
+ * each renderer, and the reference. */
 #include "client/view/path_renderer.h"
 #include "client/view/tonemap.h"
 #include "common/image/image.h"
@@ -22,7 +22,7 @@
 
 struct settings {
     struct lw_scene_open open;
-    int64_t bounces, truth, frames, width, height, spp_min, spp_max;
+    int64_t bounces, reference, frames, width, height, spp_min, spp_max;
     double move_m, turn_deg, step_s, start_s;
     int motion; /* enum lw_scene_motion */
     const char *folder;
@@ -36,8 +36,8 @@ struct scene {
     struct lw_lights lights;
     struct lw_path_trace *tracer;
     struct lw_camera_view camera; /* of the first frame */
-    float *truth;
-    double truth_error; /* relMSE */
+    float *reference;
+    double reference_error; /* relMSE */
     double eps;
 };
 
@@ -71,7 +71,7 @@ static struct lw_path_view view_at(const struct scene *s, int64_t frame) {
                                  .pixel = LW_PATH_PIXEL_CENTRE};
 }
 
-static enum lw_status trace_truth(struct scene *s, struct lw_error *err) {
+static enum lw_status trace_reference(struct scene *s, struct lw_error *err) {
     const int64_t last = s->settings->frames - 1;
     struct lw_path_film film;
     enum lw_status status = go_to(s, last, err);
@@ -80,12 +80,12 @@ static enum lw_status trace_truth(struct scene *s, struct lw_error *err) {
     if (status != LW_OK) return status;
     struct lw_path_view view = view_at(s, last);
     view.seed = 77;
-    lw_path_trace_render(s->tracer, &view, (uint32_t)s->settings->truth, &film, NULL);
-    lw_path_film_resolve(&film, s->truth);
-    s->truth_error = lw_path_film_error(&film) * lw_path_film_error(&film);
+    lw_path_trace_render(s->tracer, &view, (uint32_t)s->settings->reference, &film, NULL);
+    lw_path_film_resolve(&film, s->reference);
+    s->reference_error = lw_path_film_error(&film) * lw_path_film_error(&film);
     lw_path_film_finish(&film);
     double square = 0;
-    for (size_t i = 0; i < value_count(s); i++) square += (double)s->truth[i] * (double)s->truth[i];
+    for (size_t i = 0; i < value_count(s); i++) square += (double)s->reference[i] * (double)s->reference[i];
     s->eps = 0.01 * square / (double)value_count(s);
     return LW_OK;
 }
@@ -93,10 +93,10 @@ static enum lw_status trace_truth(struct scene *s, struct lw_error *err) {
 static double error_of(const struct scene *s, const float *rgb) {
     double sum = 0;
     for (size_t i = 0; i < value_count(s); i++) {
-        const double t = (double)s->truth[i], off = (double)rgb[i] - t;
+        const double t = (double)s->reference[i], off = (double)rgb[i] - t;
         sum += off * off / (t * t + s->eps);
     }
-    return sum / (double)value_count(s) - s->truth_error;
+    return sum / (double)value_count(s) - s->reference_error;
 }
 
 static enum lw_status write_picture(const struct scene *s, const char *name, const char *what, int64_t spp,
@@ -111,7 +111,7 @@ static enum lw_status write_picture(const struct scene *s, const char *name, con
     if (rgb8 == NULL) return lw_status_fail(err, LW_NO_MEMORY, "%s", path);
     const size_t pixels = value_count(s) / 3;
     struct lw_tonemap tonemap;
-    lw_tonemap_init(&tonemap, LW_TONEMAP_REINHARD, lw_tonemap_auto_stops(s->truth, pixels));
+    lw_tonemap_init(&tonemap, LW_TONEMAP_REINHARD, lw_tonemap_auto_stops(s->reference, pixels));
     lw_tonemap_encode(&tonemap, rgb, pixels, 3, rgb8);
     enum lw_status status = lw_image_write_png(path, rgb8, (uint32_t)o->width, (uint32_t)o->height, err);
     free(rgb8);
@@ -177,13 +177,13 @@ static enum lw_status set_up(struct scene *s, const char *name, struct lw_error 
         s->camera = lw_camera_of_scene(s->scene, &s->pose, 0);
     else
         s->camera = lw_camera_default(s->scene, &s->pose, s->trace, aspect);
-    s->truth = malloc(value_count(s) * sizeof *s->truth);
-    if (!s->truth) return lw_status_fail(err, LW_NO_MEMORY, "no memory for pictures");
+    s->reference = malloc(value_count(s) * sizeof *s->reference);
+    if (!s->reference) return lw_status_fail(err, LW_NO_MEMORY, "no memory for pictures");
     return status;
 }
 
 static void tear_down(struct scene *s) {
-    free(s->truth);
+    free(s->reference);
     lw_path_trace_destroy(s->tracer);
     lw_lights_finish(&s->lights);
     lw_trace_destroy(s->trace);
@@ -194,13 +194,13 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
     const struct settings *settings = context;
     struct scene s = {.settings = settings};
     enum lw_status status = set_up(&s, name, err);
-    if (status == LW_OK) status = trace_truth(&s, err);
+    if (status == LW_OK) status = trace_reference(&s, err);
     if (status == LW_OK) {
-        printf("\n%s, %dx%d, %d frames; relMSE of the truth %.2g\n\n", name, (int)settings->width,
-               (int)settings->height, (int)settings->frames, s.truth_error);
+        printf("\n%s, %dx%d, %d frames; relMSE of the reference %.2g\n\n", name, (int)settings->width,
+               (int)settings->height, (int)settings->frames, s.reference_error);
         printf("| renderer | spp | relMSE | paths, CPU s | filter, CPU s | frame, CPU s |\n");
         printf("|---|---|---|---|---|---|\n");
-        status = write_picture(&s, name, "truth", settings->truth, s.truth, err);
+        status = write_picture(&s, name, "reference", settings->reference, s.reference, err);
     }
     for (int64_t spp = settings->spp_min; status == LW_OK && spp <= settings->spp_max; spp *= 2)
         for (int kind = 0; status == LW_OK && kind < LW_PATH_RENDERER_COUNT; kind++)
@@ -218,7 +218,7 @@ static enum lw_status begin(void *context, struct lw_error *err) {
 
 int main(int argc, char **argv) {
     struct settings s = {.bounces = 2,
-                         .truth = 512,
+                         .reference = 512,
                          .frames = 16,
                          .width = 320,
                          .height = 180,
@@ -231,7 +231,8 @@ int main(int argc, char **argv) {
     const struct lw_option table[] = {
         {"bounces", "N", "indirect bounces (default 2)", LW_OPTION_INT, &s.bounces, 0,
          LW_PATH_TRACE_BOUNCES_MAX, NULL},
-        {"truth", "N", "samples of the truth (default 512)", LW_OPTION_INT, &s.truth, 2, 1 << 20, NULL},
+        {"reference", "N", "samples of the reference (default 512)", LW_OPTION_INT, &s.reference, 2, 1 << 20,
+         NULL},
         {"frames", "N", "pictures on the way (default 16)", LW_OPTION_INT, &s.frames, 1, 1 << 20, NULL},
         {"width", "N", "pixels (default 320)", LW_OPTION_INT, &s.width, 1, 16384, NULL},
         {"height", "N", "pixels (default 180)", LW_OPTION_INT, &s.height, 1, 16384, NULL},

@@ -4,7 +4,7 @@
  *                  [--step-widest STEP] [--csv FILE] SCENE...
  *
  * The scene is solved as lightwelld does by default, --hz frames for a second of the scene. Of each frame three things are kept: the
- * snapshot that the publisher makes; the view of somebody who walks through the scene (client/load/views.h), composed from
+ * snapshot that the publisher makes; the view of somebody who walks through the scene (client/measure/views.h), composed from
  * the light as it is before it is encoded; where the camera was. Then the snapshots are handed, at their times, to the server that ships,
  * and a client on loopback says what its view needs, as viewers do, and composes what it has when the next frame is
  * due: once for each of --links, the server's limit in Mbit/s (0: none). Time runs --slow times slower there, and the limit is that
@@ -18,7 +18,7 @@
  *   coding   of the same light, decoded
  *   link     of what the client has, for each of --links: tiles that have not arrived, or that it did not ask for */
 #include "client/lib/replica.h"
-#include "client/load/views.h"
+#include "client/measure/views.h"
 #include "client/view/attention.h"
 #include "client/view/compose.h"
 #include "common/clock.h"
@@ -168,14 +168,14 @@ static enum lw_status take_sent(struct job *job, const struct lw_snapshot *snaps
     return LW_OK;
 }
 
-/* How far two views of a moment are apart, by the measure of `truth`. */
-static double root_rel_mse(const float *x, const float *y, const float *truth, size_t count) {
+/* How far two views of a moment are apart, by the measure of `reference`. */
+static double root_rel_mse(const float *x, const float *y, const float *reference, size_t count) {
     double square = 0, sum = 0;
-    for (size_t i = 0; i < count; i++) square += (double)truth[i] * (double)truth[i];
+    for (size_t i = 0; i < count; i++) square += (double)reference[i] * (double)reference[i];
     const double floor = 0.01 * square / (double)count + 1e-30;
     for (size_t i = 0; i < count; i++) {
         const double d = (double)x[i] - (double)y[i];
-        sum += d * d / ((double)truth[i] * (double)truth[i] + floor);
+        sum += d * d / ((double)reference[i] * (double)reference[i] + floor);
     }
     return sqrt(sum / (double)count);
 }

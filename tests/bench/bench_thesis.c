@@ -74,7 +74,7 @@ struct settings {
     const char *only;
 };
 
-struct contender {
+struct renderer {
     const struct setting *setting;
     struct lw_solver *solver;
     uint64_t rays;
@@ -115,7 +115,7 @@ void __wrap_lw_tiles_set_pose(struct lw_tiles *tiles, const struct lw_cells *cel
 }
 
 static enum lw_status make(const struct lw_scene *scene, const struct lw_pose *pose,
-                           const struct lw_atlas_map *map, struct contender *c, struct lw_error *err) {
+                           const struct lw_atlas_map *map, struct renderer *c, struct lw_error *err) {
     const struct setting *s = c->setting;
     struct lw_vec3 lo, hi;
     lw_pose_bounds(pose, scene, &lo, &hi);
@@ -138,7 +138,7 @@ static enum lw_status make(const struct lw_scene *scene, const struct lw_pose *p
 }
 
 /* The first frame is lit and allocated; it is solved, but not counted. */
-static enum lw_status solve(struct contender *c, const struct lw_pose *pose, uint32_t turn,
+static enum lw_status solve(struct renderer *c, const struct lw_pose *pose, uint32_t turn,
                             struct lw_error *err) {
     struct lw_solver_stats stats;
     const uint64_t cpu_ns = lw_clock_thread_cpu_ns(), wall_ns = lw_clock_ns();
@@ -156,7 +156,7 @@ static enum lw_status solve(struct contender *c, const struct lw_pose *pose, uin
     return LW_OK;
 }
 
-static void print(const char *label, const char *question, struct contender *c, double *over_first,
+static void print(const char *label, const char *question, struct renderer *c, double *over_first,
                   size_t frames) {
     printf("%s,%s,%s,%u,%.3f,%.2f,%.2f,%.2f,%.2f,%.3f\n", label, question, c->setting->name, c->texels,
            1e-6 * (double)c->rays, bench_median(c->frame, frames), bench_median(c->direct, frames),
@@ -175,30 +175,30 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
     const char *from = names;
     for (int i = 0; i < s->question; i++) from = strchr(from, '|') + 1;
     snprintf(question, sizeof question, "%.*s", (int)strcspn(from, "|"), from);
-    struct contender *contender = calloc(SETTINGS_MAX, sizeof *contender);
-    if (!contender) return lw_status_fail(err, LW_NO_MEMORY, "settings");
+    struct renderer *renderer = calloc(SETTINGS_MAX, sizeof *renderer);
+    if (!renderer) return lw_status_fail(err, LW_NO_MEMORY, "settings");
     uint32_t count = 0;
     enum lw_status status = bench_open(&s->open, name, BENCH_MOTION_OWN, 0, &scene, &pose, &map, err);
     for (uint32_t i = 0; status == LW_OK && i < questions[s->question].count; i++) {
         const struct setting *setting = &questions[s->question].setting[i];
         if (s->only && strcmp(s->only, setting->name) != 0) continue;
-        contender[count].setting = setting;
-        status = make(scene, &pose, &map, &contender[count++], err);
+        renderer[count].setting = setting;
+        status = make(scene, &pose, &map, &renderer[count++], err);
     }
     for (uint32_t turn = 0; status == LW_OK && turn <= s->frames; turn++)
         for (uint32_t i = 0; status == LW_OK && i < count; i++)
-            status = solve(&contender[i], &pose, turn, err);
+            status = solve(&renderer[i], &pose, turn, err);
     double over_first[SETTINGS_MAX][FRAMES_MAX];
     for (uint32_t i = 0; i < count; i++)
         for (int64_t f = 0; f < s->frames; f++)
-            over_first[i][f] = contender[i].frame[f] / contender[0].frame[f];
+            over_first[i][f] = renderer[i].frame[f] / renderer[0].frame[f];
     for (uint32_t i = 0; status == LW_OK && i < count; i++)
-        print(bench_label(name, label, sizeof label), question, &contender[i], over_first[i],
+        print(bench_label(name, label, sizeof label), question, &renderer[i], over_first[i],
               (size_t)s->frames);
     fflush(stdout);
     for (uint32_t i = 0; i < count; i++)
-        if (contender[i].solver) contender[i].solver->ops->destroy(contender[i].solver);
-    free(contender);
+        if (renderer[i].solver) renderer[i].solver->ops->destroy(renderer[i].solver);
+    free(renderer);
     bench_close(scene, &pose, &map);
     return status;
 }

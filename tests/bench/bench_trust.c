@@ -45,7 +45,7 @@ struct settings {
 struct parts {
     uint32_t count;
     uint32_t *of_pixel;
-    double *truth[BATCHES], *image[SEEDS];
+    double *reference[BATCHES], *image[SEEDS];
 };
 
 struct scene {
@@ -60,7 +60,7 @@ struct scene {
     struct lw_levels *levels; /* per object */
     float *tile_error;
     struct lw_compose_view view;
-    float *image[SEEDS], *truth; /* width * height * 3 */
+    float *image[SEEDS], *reference; /* width * height * 3 */
     double solve_s, trace_s, texels;
     struct parts regions, objects; /* objects: what is seen first, and one more for the sky */
 };
@@ -136,14 +136,15 @@ static enum lw_status solve(struct scene *s, uint32_t seed, float *out_rgb, stru
 static bool parts_init(struct parts *parts, uint32_t count, const struct lw_compose_view *view) {
     *parts = (struct parts){.count = count};
     bool ok = (parts->of_pixel = calloc((size_t)view->width * view->height, sizeof *parts->of_pixel)) != NULL;
-    for (uint32_t i = 0; i < BATCHES; i++) ok &= (parts->truth[i] = calloc(count, sizeof(double))) != NULL;
+    for (uint32_t i = 0; i < BATCHES; i++)
+        ok &= (parts->reference[i] = calloc(count, sizeof(double))) != NULL;
     for (uint32_t i = 0; i < SEEDS; i++) ok &= (parts->image[i] = calloc(count, sizeof(double))) != NULL;
     return ok;
 }
 
 static void parts_finish(struct parts *parts) {
     free(parts->of_pixel);
-    for (uint32_t i = 0; i < BATCHES; i++) free(parts->truth[i]);
+    for (uint32_t i = 0; i < BATCHES; i++) free(parts->reference[i]);
     for (uint32_t i = 0; i < SEEDS; i++) free(parts->image[i]);
 }
 
@@ -192,9 +193,9 @@ static enum lw_status trace_paths(struct scene *s, struct lw_error *err) {
         lw_path_film_clear(&film);
         lw_path_trace_render(tracer, &view, (uint32_t)(s->settings->spp / BATCHES), &film, NULL);
         lw_path_film_resolve(&film, batch);
-        sum_up(&s->regions, floats / 3, batch, s->regions.truth[b]);
-        sum_up(&s->objects, floats / 3, batch, s->objects.truth[b]);
-        for (size_t i = 0; i < floats; i++) s->truth[i] += batch[i] / (float)BATCHES;
+        sum_up(&s->regions, floats / 3, batch, s->regions.reference[b]);
+        sum_up(&s->objects, floats / 3, batch, s->objects.reference[b]);
+        for (size_t i = 0; i < floats; i++) s->reference[i] += batch[i] / (float)BATCHES;
     }
     s->trace_s = (double)(lw_clock_ns() - began) * 1e-9;
     free(batch);
@@ -222,36 +223,36 @@ static double solve_variance_of(const struct parts *parts) {
 
 struct part {
     uint32_t index;
-    double image, truth, ratio, error; /* means; the ratio's standard error */
+    double image, reference, ratio, error; /* means; the ratio's standard error */
     bool within;
 };
 
 /* False: there is nothing to see. */
 static bool judge_part(const struct parts *parts, uint32_t index, double solve_variance, struct part *out) {
-    double truth = 0, square = 0;
-    for (uint32_t b = 0; b < BATCHES; b++) truth += parts->truth[b][index] / BATCHES;
-    for (uint32_t b = 0; b < BATCHES; b++) square += pow(parts->truth[b][index] - truth, 2);
-    if (!(truth > 0)) return false;
+    double reference = 0, square = 0;
+    for (uint32_t b = 0; b < BATCHES; b++) reference += parts->reference[b][index] / BATCHES;
+    for (uint32_t b = 0; b < BATCHES; b++) square += pow(parts->reference[b][index] - reference, 2);
+    if (!(reference > 0)) return false;
     const double image = (parts->image[0][index] + parts->image[1][index]) / 2;
-    const double error = sqrt(square / (BATCHES - 1) / BATCHES / (truth * truth) + solve_variance);
+    const double error = sqrt(square / (BATCHES - 1) / BATCHES / (reference * reference) + solve_variance);
     *out = (struct part){.index = index,
                          .image = image,
-                         .truth = truth,
-                         .ratio = image / truth,
+                         .reference = reference,
+                         .ratio = image / reference,
                          .error = error,
-                         .within = fabs(image / truth - 1) <= fmax(3 * error, BOUND)};
+                         .within = fabs(image / reference - 1) <= fmax(3 * error, BOUND)};
     return true;
 }
 
 static struct verdict judge(const struct scene *s) {
     struct verdict v = {.worst = 1};
     const double solve_variance = solve_variance_of(&s->regions);
-    double image_sum = 0, truth_sum = 0;
+    double image_sum = 0, reference_sum = 0;
     for (uint32_t r = 0; r < s->regions.count; r++) {
         struct part part;
         if (!judge_part(&s->regions, r, solve_variance, &part)) continue;
         image_sum += part.image;
-        truth_sum += part.truth;
+        reference_sum += part.reference;
         v.regions++;
         v.within += part.within;
         if (fabs(part.ratio - 1) <= fabs(v.worst - 1)) continue;
@@ -259,15 +260,15 @@ static struct verdict judge(const struct scene *s) {
         v.worst_error = part.error;
         v.worst_region = r;
     }
-    v.ratio = image_sum / truth_sum;
+    v.ratio = image_sum / reference_sum;
     const size_t floats = (size_t)s->view.width * s->view.height * 3;
     double mean = 0, mean_square = 0;
     for (size_t i = 0; i < floats; i++) {
-        mean += (double)s->truth[i] / (double)floats;
-        mean_square += (double)s->truth[i] * (double)s->truth[i] / (double)floats;
+        mean += (double)s->reference[i] / (double)floats;
+        mean_square += (double)s->reference[i] * (double)s->reference[i] / (double)floats;
     }
     for (size_t i = 0; i < floats; i++) {
-        const double x[SEEDS] = {(double)s->image[0][i], (double)s->image[1][i]}, t = (double)s->truth[i];
+        const double x[SEEDS] = {(double)s->image[0][i], (double)s->image[1][i]}, t = (double)s->reference[i];
         const double both = (x[0] + x[1]) / 2;
         v.relative_mse += (both - t) * (both - t) / (t * t + 0.01 * mean_square) / (double)floats;
         for (uint32_t seed = 0; seed < SEEDS; seed++)
@@ -279,7 +280,7 @@ static struct verdict judge(const struct scene *s) {
 
 static int by_weight(const void *a, const void *b) {
     const struct part *x = a, *y = b;
-    const double wx = fabs(x->image - x->truth), wy = fabs(y->image - y->truth);
+    const double wx = fabs(x->image - x->reference), wy = fabs(y->image - y->reference);
     return wx > wy ? -1 : wx < wy;
 }
 
@@ -292,7 +293,7 @@ static void list_parts(const struct scene *s, const struct parts *parts, bool re
     for (uint32_t i = 0; part && i < parts->count; i++) {
         struct part p;
         if (!judge_part(parts, i, solve_variance, &p)) continue;
-        total += p.truth;
+        total += p.reference;
         if (!p.within) part[count++] = p;
     }
     if (count) qsort(part, count, sizeof *part, by_weight);
@@ -304,7 +305,7 @@ static void list_parts(const struct scene *s, const struct parts *parts, bool re
             printf("    object %u %s", p->index,
                    p->index < s->scene->object_count ? s->scene->object[p->index].name : "(sky)");
         printf(": %.4f +- %.4f, %+.3f %% of the picture's mean, which it is %.1f %% of\n", p->ratio, p->error,
-               100 * (p->image - p->truth) / total, 100 * p->truth / total);
+               100 * (p->image - p->reference) / total, 100 * p->reference / total);
     }
     free(part);
 }
@@ -314,8 +315,8 @@ static enum lw_status write_pair(const struct scene *s, const char *stem, struct
     const uint32_t w = s->view.width, h = s->view.height;
     char path[4096];
     enum lw_status status = LW_OK;
-    const char *const suffix[2] = {"solve", "truth"};
-    float *const half[2] = {s->image[0], s->truth};
+    const char *const suffix[2] = {"solve", "reference"};
+    float *const half[2] = {s->image[0], s->reference};
     for (int i = 0; status == LW_OK && i < 2; i++) {
         snprintf(path, sizeof path, "%s/%s-%s.exr", s->settings->folder, stem, suffix[i]);
         status = lw_image_write_exr(path, half[i], w, h, "W/(m^2 sr)", err);
@@ -324,7 +325,7 @@ static enum lw_status write_pair(const struct scene *s, const char *stem, struct
     struct lw_tonemap tonemap;
     uint8_t *srgb = malloc((size_t)w * h * 6);
     if (!srgb) return lw_status_fail(err, LW_NO_MEMORY, "pictures");
-    lw_tonemap_init(&tonemap, LW_TONEMAP_REINHARD, lw_tonemap_auto_stops(s->truth, (size_t)w * h));
+    lw_tonemap_init(&tonemap, LW_TONEMAP_REINHARD, lw_tonemap_auto_stops(s->reference, (size_t)w * h));
     for (uint32_t y = 0; y < h; y++)
         for (uint32_t i = 0; i < 2; i++)
             lw_tonemap_encode(&tonemap, half[i] + (size_t)y * w * 3, w, 3,
@@ -373,10 +374,10 @@ static enum lw_status prepare(struct scene *s, const char *name, struct lw_error
         &(struct lw_compose_desc){.scene = s->scene, .map = &s->map, .trace = s->trace}, &s->compose, err);
     const size_t floats = (size_t)s->view.width * s->view.height * 3;
     for (uint32_t i = 0; i < SEEDS; i++) s->image[i] = calloc(floats, sizeof(float));
-    s->truth = calloc(floats, sizeof(float));
+    s->reference = calloc(floats, sizeof(float));
     s->levels = calloc(s->map.object_count + 1u, sizeof *s->levels);
     s->tile_error = calloc(s->map.tile_count + 1u, sizeof *s->tile_error);
-    if (status == LW_OK && (!s->image[0] || !s->image[1] || !s->truth || !s->levels || !s->tile_error))
+    if (status == LW_OK && (!s->image[0] || !s->image[1] || !s->reference || !s->levels || !s->tile_error))
         status = lw_status_fail(err, LW_NO_MEMORY, "pictures");
     for (uint32_t o = 0; status == LW_OK && o < s->map.object_count; o++)
         status = lw_levels_init(&s->levels[o], &s->map.atlas[o]);
@@ -395,7 +396,7 @@ static void finish(struct scene *s) {
     free(s->levels);
     free(s->tile_error);
     for (uint32_t i = 0; i < SEEDS; i++) free(s->image[i]);
-    free(s->truth);
+    free(s->reference);
     parts_finish(&s->regions);
     parts_finish(&s->objects);
     lw_compose_destroy(s->compose);

@@ -8,8 +8,8 @@
  * old light from new. Pixels count that show the same object both times and do not shine; eps is 1 % of the
  * mean square of those, of the view or of all views. With few samples noise in the divisor makes it too
  * large: take off what --motion static has. With -o DIR a picture of each view. */
-#include "client/load/fixed_views.h"
-#include "client/load/truth.h"
+#include "client/measure/fixed_views.h"
+#include "client/measure/reference.h"
 #include "client/view/tonemap.h"
 #include "common/image/image.h"
 #include "common/scene/scene_motion.h"
@@ -44,38 +44,39 @@ struct scene {
 
 /* Now and late. */
 struct pair {
-    struct lw_truth light[2];
+    struct lw_reference light[2];
     uint32_t *object; /* LW_TRACE_MISS: shines, or shows another object then */
 };
 
-static enum lw_status write_picture(const struct scene *s, uint32_t view, const struct lw_truth *truth,
-                                    struct lw_error *err) {
+static enum lw_status write_picture(const struct scene *s, uint32_t view,
+                                    const struct lw_reference *reference, struct lw_error *err) {
     char path[512], label[64];
-    const size_t pixels = (size_t)truth->width * truth->height;
+    const size_t pixels = (size_t)reference->width * reference->height;
     float *rgb = malloc(3 * pixels * sizeof *rgb);
     uint8_t *rgb8 = malloc(3 * pixels);
     enum lw_status status =
         rgb && rgb8 ? LW_OK : lw_status_fail(err, LW_NO_MEMORY, "no memory for a picture");
     if (status == LW_OK) {
-        for (size_t i = 0; i < 3 * pixels; i++) rgb[i] = 0.5f * (truth->half[0][i] + truth->half[1][i]);
+        for (size_t i = 0; i < 3 * pixels; i++)
+            rgb[i] = 0.5f * (reference->half[0][i] + reference->half[1][i]);
         snprintf(path, sizeof path, "%s/%s-%02u.png", s->settings->folder,
                  bench_label(s->name, label, sizeof label), view);
         struct lw_tonemap tonemap;
         lw_tonemap_init(&tonemap, LW_TONEMAP_REINHARD, lw_tonemap_auto_stops(rgb, pixels));
         lw_tonemap_encode(&tonemap, rgb, pixels, 3, rgb8);
-        status = lw_image_write_png(path, rgb8, truth->width, truth->height, err);
+        status = lw_image_write_png(path, rgb8, reference->width, reference->height, err);
     }
     free(rgb8);
     free(rgb);
     return status;
 }
 
-static double luminance_of(const struct lw_truth *truth) {
+static double luminance_of(const struct lw_reference *reference) {
     static const double weight[3] = {0.2126, 0.7152, 0.0722};
-    const size_t values = (size_t)truth->width * truth->height * 3;
+    const size_t values = (size_t)reference->width * reference->height * 3;
     double sum = 0;
     for (size_t i = 0; i < values; i++)
-        sum += weight[i % 3] * 0.5 * ((double)truth->half[0][i] + (double)truth->half[1][i]);
+        sum += weight[i % 3] * 0.5 * ((double)reference->half[0][i] + (double)reference->half[1][i]);
     return 3 * sum / (double)values;
 }
 
@@ -93,10 +94,10 @@ static enum lw_status trace_pair(struct scene *s, uint32_t view, uint32_t moment
     for (int late = 0; status == LW_OK && late < 2; late++) {
         status = lw_path_world_set_time(&s->world, time_s - late * LATE_S, err);
         if (status == LW_OK)
-            status = lw_truth_init(&pair->light[late], &s->world, &camera, width, height, samples,
-                                   1 + 2 * (moment * LW_FIXED_VIEWS_COUNT + view) + (uint32_t)late, err);
+            status = lw_reference_init(&pair->light[late], &s->world, &camera, width, height, samples,
+                                       1 + 2 * (moment * LW_FIXED_VIEWS_COUNT + view) + (uint32_t)late, err);
         if (status == LW_OK)
-            status = lw_truth_look(&s->world, &camera, width, height, late ? then : pair->object, err);
+            status = lw_reference_look(&s->world, &camera, width, height, late ? then : pair->object, err);
     }
     for (size_t i = 0; status == LW_OK && i < pixels; i++)
         if (then[i] != pair->object[i]) pair->object[i] = LW_TRACE_MISS;
@@ -104,7 +105,7 @@ static enum lw_status trace_pair(struct scene *s, uint32_t view, uint32_t moment
     return status;
 }
 
-static double value_of(const struct lw_truth *t, size_t i) {
+static double value_of(const struct lw_reference *t, size_t i) {
     return 0.5 * ((double)t->half[0][i] + (double)t->half[1][i]);
 }
 
@@ -123,7 +124,7 @@ static double mean_square_of(const struct pair *pair) {
 
 /* relMSE with a given eps, by independent halves: noise adds nothing in the mean. */
 static double error_of(const struct pair *pair, double eps) {
-    const struct lw_truth *now = &pair->light[0], *late = &pair->light[1];
+    const struct lw_reference *now = &pair->light[0], *late = &pair->light[1];
     const size_t values = (size_t)now->width * now->height * 3;
     double sum = 0;
     size_t count = 0;
@@ -139,8 +140,8 @@ static double error_of(const struct pair *pair, double eps) {
 
 static void free_pairs(struct pair *pair, size_t count) {
     for (size_t i = 0; pair && i < count; i++) {
-        lw_truth_finish(&pair[i].light[0]);
-        lw_truth_finish(&pair[i].light[1]);
+        lw_reference_finish(&pair[i].light[0]);
+        lw_reference_finish(&pair[i].light[1]);
         free(pair[i].object);
     }
     free(pair);
@@ -191,15 +192,15 @@ static void print_view(const struct lw_fixed_view *v, uint32_t i, double luminan
 static enum lw_status look_at_view(struct scene *s, uint32_t i, struct lw_error *err) {
     const struct settings *o = s->settings;
     const struct lw_camera_view camera = lw_fixed_views_at(&s->views, i, o->at_s);
-    struct lw_truth truth = {0};
+    struct lw_reference reference = {0};
     enum lw_status status = lw_path_world_set_time(&s->world, o->at_s, err);
     if (status == LW_OK)
-        status = lw_truth_init(&truth, &s->world, &camera, (uint32_t)o->width, (uint32_t)o->height,
-                               (uint32_t)o->samples, 1, err);
+        status = lw_reference_init(&reference, &s->world, &camera, (uint32_t)o->width, (uint32_t)o->height,
+                                   (uint32_t)o->samples, 1, err);
     if (status != LW_OK) return status;
-    print_view(&s->views.view[i], i, luminance_of(&truth));
-    if (o->folder) status = write_picture(s, i, &truth, err);
-    lw_truth_finish(&truth);
+    print_view(&s->views.view[i], i, luminance_of(&reference));
+    if (o->folder) status = write_picture(s, i, &reference, err);
+    lw_reference_finish(&reference);
     puts("");
     fflush(stdout);
     return status;

@@ -270,7 +270,7 @@ void latency_light_watch(const struct latency_light *l, const char *options, str
 
 static enum lw_status make_folder(const char *path, struct lw_error *err) {
     if ((mkdir(path, 0777) != 0 && errno != EEXIST) || access(path, W_OK | X_OK) != 0)
-        return lw_status_fail(err, LW_CANNOT_CREATE, "--truth %s: %m", path);
+        return lw_status_fail(err, LW_CANNOT_CREATE, "--reference %s: %m", path);
     return LW_OK;
 }
 
@@ -278,11 +278,11 @@ void latency_light_introduce(struct latency_light *l) {
     struct lw_process server;
     struct lw_client_stats stats;
     struct lw_error err = {0};
-    if (!l->truth) {
-        snprintf(l->folder, sizeof l->folder, "%s", lw_support_temporary("truth"));
-        l->truth = l->folder;
+    if (!l->reference) {
+        snprintf(l->folder, sizeof l->folder, "%s", lw_support_temporary("reference"));
+        l->reference = l->folder;
     }
-    latency_must(make_folder(l->truth, &err), &err);
+    latency_must(make_folder(l->reference, &err), &err);
     latency_light_serve(l, "--freeze 0", &server);
     l->introduced = join(server.port, true);
     while (!latency_light_scene(l)) latency_light_poll(l->introduced, LATENCY_POLL_MS, &stats);
@@ -408,8 +408,8 @@ static void get_fresh(const struct latency_light *l, const struct latency_state 
     char path[512];
     struct lw_error err = {0};
     const uint64_t key = key_of(l, state, seed);
-    if ((size_t)snprintf(path, sizeof path, "%s/%016" PRIx64 ".fresh", l->truth, key) >= sizeof path)
-        latency_give_up("--truth is too long");
+    if ((size_t)snprintf(path, sizeof path, "%s/%016" PRIx64 ".fresh", l->reference, key) >= sizeof path)
+        latency_give_up("--reference is too long");
     if (access(path, F_OK) == 0) {
         latency_must(read_fresh(l, path, key, out, &err), &err);
     } else {

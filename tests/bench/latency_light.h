@@ -23,7 +23,7 @@
 struct latency_light {
     /* what is asked for */
     const char *scene, *daemon_options;
-    const char *truth; /* a folder for fresh light; NULL: one for this run */
+    const char *reference; /* a folder for fresh light; NULL: one for this run */
     int64_t fresh_frames;
     /* of the scene */
     struct lw_client *introduced; /* by a server that has ended: has the scene */

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Direct light of 1 to 10,000 lamps: CPU time to equal error; for docs/results/lights.md.
 
-    tests/bench/lights.py [--bin DIR] [--frames N] [--truth N] [--plot]
+    tests/bench/lights.py [--bin DIR] [--frames N] [--reference N] [--plot]
 
 Runs bench_lights for points, spots and squares; writes docs/results/lights/lights.csv and .png, and prints the table. --plot:
 only draws and prints again what is there.
@@ -59,12 +59,12 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--bin", default=os.path.join(ROOT, "build/release/bin"))
     parser.add_argument("--frames", default="64")
-    parser.add_argument("--truth", default="96")
+    parser.add_argument("--reference", default="96")
     parser.add_argument("--plot", action="store_true")
     options = parser.parse_args()
     if not options.plot:
         scenes = ["%s:%d" % (kind, lamps) for kind in KINDS for lamps in LAMPS]
-        text = subprocess.run([options.bin + "/bench_lights", "--frames", options.frames, "--truth", options.truth, *scenes],
+        text = subprocess.run([options.bin + "/bench_lights", "--frames", options.frames, "--reference", options.reference, *scenes],
                               check=True, stdout=subprocess.PIPE, text=True).stdout
         write_csv(PATH + ".csv", list(csv.DictReader(io.StringIO(text))))
     show()

@@ -1,17 +1,17 @@
 #!/bin/bash
-# mixed.sh [--seconds S] [--spp N] [--truth DIR] [SCENE...]: how near pictures are to the path tracer's, with the direct
+# mixed.sh [--seconds S] [--spp N] [--reference DIR] [SCENE...]: how near pictures are to the path tracer's, with the direct
 # light of suns and lamps drawn at pixels and with all light in tiles. Prints one table in Markdown.
 # Each scene's default view at 640 x 360, default settings, held still: S seconds (60) after the client has joined, then
-# 5 s after another has joined the lit server. The truth: N paths a pixel (200), kept in DIR if one is given.
+# 5 s after another has joined the lit server. The reference: N paths a pixel (200), kept in DIR if one is given.
 # relMSE, FLIP and blocks as bench_compare has them. Default scenes: builtin:cornell builtin:atrium.
 set -euo pipefail
 bin=${LW_BIN:-$(cd "$(dirname "$0")/../.." && pwd)/build/release/bin}
-seconds=60 spp=200 truths=
+seconds=60 spp=200 references=
 while [ $# -gt 1 ]; do
     case $1 in
     --seconds) seconds=$2 ;;
     --spp) spp=$2 ;;
-    --truth) truths=$2 ;;
+    --reference) references=$2 ;;
     *) break ;;
     esac
     shift 2
@@ -20,14 +20,14 @@ work=$(mktemp -d)
 daemon=
 trap '[ -z "$daemon" ] || kill "$daemon" 2>/dev/null || true; rm -rf "$work"' EXIT
 [ $# -gt 0 ] || set -- builtin:cornell builtin:atrium
-truths=${truths:-$work}
-mkdir -p "$truths"
+references=${references:-$work}
+mkdir -p "$references"
 
 # look WHO SECONDS: a picture of a client that has just joined, and its row
 look() {
     "$bin/lightwell-view" --headless "127.0.0.1:$(cat "$work/port")" --direct "$1" --wait "seconds:$2" --timeout 600 \
         --size 640x360 --samples-per-pixel 8 --out "$work/view.exr" >"$work/log" 2>&1 || { cat "$work/log" >&2; exit 1; }
-    "$bin/bench_compare" "$work/view.exr" "$truth" | head -n 1 | sed -E \
+    "$bin/bench_compare" "$work/view.exr" "$reference" | head -n 1 | sed -E \
         "s/ratio of means ([^,]*), relMSE ([^,]*), FLIP ([^,]*), ([0-9]+) of ([0-9]+) blocks.*from ([^ ]*) to (.*)/| $name | $1 | $2 s | \1 | \2 | \3 | \4 of \5 | \6 to \7 |/"
 }
 
@@ -35,8 +35,8 @@ echo "| scene | direct light | after | ratio of means | relMSE | FLIP | blocks w
 echo "|---|---|---|---|---|---|---|---|"
 for scene in "$@"; do
     name=$(basename "$scene")
-    truth=$truths/$name.exr
-    [ -e "$truth" ] || "$bin/lightwell-view" --path-trace "$scene" --spp "$spp" --size 640x360 --out "$truth" \
+    reference=$references/$name.exr
+    [ -e "$reference" ] || "$bin/lightwell-view" --path-trace "$scene" --spp "$spp" --size 640x360 --out "$reference" \
         >"$work/log" 2>&1 || { cat "$work/log" >&2; exit 1; }
     rm -f "$work/port"
     "$bin/lightwelld" "$scene" --freeze 0 --listen 127.0.0.1:0 --port-file "$work/port" >/dev/null 2>"$work/served" &

@@ -70,7 +70,7 @@ class Stage:
         os.makedirs(os.path.join(folder, name))
         self.daemon = Daemon(tools, SCENE, "seen", ["--freeze", "0"] + options, os.path.join(folder, name))
         self.daemon.frame()
-        self.audience = subprocess.Popen(view(tools, self.daemon.address, CAMERA, "--wait", "seconds:100000", "--out",
+        self.viewers = subprocess.Popen(view(tools, self.daemon.address, CAMERA, "--wait", "seconds:100000", "--out",
                                               os.path.join(folder, name, "none.exr")), stderr=subprocess.DEVNULL)
         while not self.daemon.frame()["tiles_wanted"]:
             time.sleep(0.5)
@@ -88,8 +88,8 @@ class Stage:
         return path
 
     def stop(self):
-        self.audience.kill()
-        self.audience.wait()
+        self.viewers.kill()
+        self.viewers.wait()
         self.daemon.stop()
 
 

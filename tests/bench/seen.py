@@ -60,7 +60,7 @@ def light(tools, scene, mode, camera, frames, options, folder):
     """The picture after the last frame, and the JSON of the second half of the frames."""
     daemon = Daemon(tools, scene, mode, options, folder)
     daemon.frame()
-    audience = subprocess.Popen(
+    viewers = subprocess.Popen(
         view(tools, daemon.address, camera, "--wait", "seconds:100000", "--out", os.path.join(folder, "none.exr")),
         stderr=subprocess.DEVNULL)
     said = {}
@@ -74,8 +74,8 @@ def light(tools, scene, mode, camera, frames, options, folder):
         lines.append(daemon.frame())
     path = os.path.join(folder, mode + ".exr")
     run(view(tools, daemon.address, camera, "--wait", "complete", "--out", path))
-    audience.kill()
-    audience.wait()
+    viewers.kill()
+    viewers.wait()
     daemon.stop()
     return path, lines[len(lines) // 2:]
 
@@ -88,8 +88,8 @@ def rays(lines):
     return sum(mean(lines, key) for key in ("rays_shadow", "rays_bounce", "rays_probe"))
 
 
-def rel_mse(tools, picture, truth):
-    return float(re.search(r"relMSE ([0-9.]+)", run([tools + "/bench_compare", picture, truth]).stdout).group(1))
+def rel_mse(tools, picture, reference):
+    return float(re.search(r"relMSE ([0-9.]+)", run([tools + "/bench_compare", picture, reference]).stdout).group(1))
 
 
 def main():
@@ -101,19 +101,19 @@ def main():
     tools, scene, frames, cameras = arguments[0], arguments[1], int(arguments[2]), arguments[3:]
     scene_options = [o for i, o in enumerate(options) if o == "--sky" or (i and options[i - 1] == "--sky")]
     still = "--freeze" in options
-    print("| camera | light | wanted | feeding | of | M rays/frame | texels/frame | solve ms | publish ms | relMSE to truth "
+    print("| camera | light | wanted | feeding | of | M rays/frame | texels/frame | solve ms | publish ms | relMSE to reference "
           "| to whole | rays to whole | at equal error |")
     print("|---|---|---|---|---|---|---|---|---|---|---|---|---|")
     for camera in cameras:
         with tempfile.TemporaryDirectory() as folder:
             moment = float(options[options.index("--freeze") + 1]) if still else (frames - 1) / 30
-            truth = os.path.join(folder, "truth.exr")
+            reference = os.path.join(folder, "reference.exr")
             run([tools + "/lightwell-view", "--path-trace", scene, "--time", str(moment), "--spp", SPP, "--bounces", "2",
-                 "--pixel", "centre", *camera_option(camera), "--size", SIZE, "--samples-per-pixel", "1", "--out", truth] + scene_options)
+                 "--pixel", "centre", *camera_option(camera), "--size", SIZE, "--samples-per-pixel", "1", "--out", reference] + scene_options)
             whole = None
             for mode in "whole", "seen":
                 picture, lines = light(tools, scene, mode, camera, frames, options, folder)
-                error = rel_mse(tools, picture, truth)
+                error = rel_mse(tools, picture, reference)
                 compared = " | | "
                 if whole:
                     share = rays(lines) / whole["rays"]

@@ -214,25 +214,25 @@ static struct image live_picture(void) {
 }
 
 static struct image path_traced(const char *scene, double time_s) {
-    char truth[256];
+    char reference[256];
     struct image image;
-    snprintf(truth, sizeof truth, "--path-trace %s --time %g --spp 128 --bounces 2 --pixel centre", scene,
-             time_s);
-    image.rgb = picture(truth, "truth.exr", &image.width, &image.height);
+    snprintf(reference, sizeof reference, "--path-trace %s --time %g --spp 128 --bounces 2 --pixel centre",
+             scene, time_s);
+    image.rgb = picture(reference, "reference.exr", &image.width, &image.height);
     return image;
 }
 
-/* How far the daemon's picture is from the truth, over blocks, relative to the truth's mean: root mean
+/* How far the daemon's picture is from the reference, over blocks, relative to the reference's mean: root mean
  * square. */
-static double difference(const struct image *truth) {
+static double difference(const struct image *reference) {
     struct image live = live_picture();
-    assert_true(live.width == truth->width && live.height == truth->height);
+    assert_true(live.width == reference->width && live.height == reference->height);
     double square = 0, mean = 0, count = 0;
     for (uint32_t y = 0; y < live.height; y += BLOCK)
         for (uint32_t x = 0; x < live.width; x += BLOCK)
             for (uint32_t c = 0; c < 3; c++) {
                 const double p = block_mean(live.rgb, live.width, x, y, c),
-                             q = block_mean(truth->rgb, live.width, x, y, c);
+                             q = block_mean(reference->rgb, live.width, x, y, c);
                 square += (p - q) * (p - q);
                 mean += q;
                 count++;
@@ -253,9 +253,9 @@ static double brightness(void) {
 
 /* Looks until the picture is that near, and returns how near it is then. What only this picture shows is lit
  * from when it is asked for. */
-static double wait_until_near(const struct image *truth, double near) {
+static double wait_until_near(const struct image *reference, double near) {
     for (const uint64_t limit_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;;) {
-        const double now = difference(truth);
+        const double now = difference(reference);
         if (now < near) return now;
         if (lw_clock_ns() > limit_ns) fail_msg("%.4f off after %d s, not %.4f", now, LIMIT_S, near);
     }
@@ -273,13 +273,13 @@ static void wait_until_dark(double lit) {
 
 /* The change has arrived if the picture is near that of the new scene and was far from it before. */
 static void expect_change(const char *commands, const char *scene, double time_s) {
-    struct image truth = path_traced(scene, time_s);
-    const double before = difference(&truth);
+    struct image reference = path_traced(scene, time_s);
+    const double before = difference(&reference);
     change(commands);
-    const double after = wait_until_near(&truth, 0.035 + 0.01 * before); /* noise, and the light before */
+    const double after = wait_until_near(&reference, 0.035 + 0.01 * before); /* noise, and the light before */
     print_message("%s: %.4f before, %.4f after\n", commands, before, after);
     assert_true(before > 2 * after);
-    free(truth.rgb);
+    free(reference.rgb);
 }
 
 static int start_all(void **state) {
@@ -317,10 +317,10 @@ static void ctl_fails(const char *commands, int code, const char *text) {
 
 static void test_objects(void **state) {
     (void)state;
-    struct image truth = path_traced(scene_file(BASE), 0);
+    struct image reference = path_traced(scene_file(BASE), 0);
     change("reset");
-    wait_until_near(&truth, 0.03);
-    free(truth.rgb);
+    wait_until_near(&reference, 0.03);
+    free(reference.rgb);
     struct lw_scene *scene = build_scene();
     const uint32_t block = object_named(scene, "tall-block");
     scene->node[scene->object[block].node].translation[0] += 0.5f;

@@ -10,7 +10,8 @@
 
 #define LIMIT_S 120
 #define SMALL                                                                                                \
-    "crossover builtin:cornell --texels-per-metre 40 --size 64x36 --truth-samples 8 --repeats 1 --warm 1 "   \
+    "crossover builtin:cornell --texels-per-metre 40 --size 64x36 --reference-samples 8 --repeats 1 --warm " \
+    "1 "                                                                                                     \
     "--densities 1 --alone 1 "
 
 static int run(const char *arguments, struct lw_process *process) {

@@ -12,7 +12,7 @@
 
 #define LIMIT_S 120
 #define SMALL                                                                                                \
-    "builtin:cornell --texels-per-metre 12 --size 80x45 --seconds 0.2 --truth-samples 16 --users 1,2,4 "     \
+    "builtin:cornell --texels-per-metre 12 --size 80x45 --seconds 0.2 --reference-samples 16 --users 1,2,4 " \
     "--repeats 2 "
 
 static int run(const char *arguments, struct lw_process *process) {
@@ -82,11 +82,11 @@ static void equals_are_equal(void **state) {
     (void)state;
     struct lw_process process;
     char arguments[500];
-    snprintf(
-        arguments, sizeof arguments,
-        "builtin:cornell --texels-per-metre 12 --size 320x180 --seconds 0.2 --truth-samples 16 --users 1,2,4 "
-        "--repeats 4 --self-test -o %s",
-        lw_support_temporary("self"));
+    snprintf(arguments, sizeof arguments,
+             "builtin:cornell --texels-per-metre 12 --size 320x180 --seconds 0.2 --reference-samples 16 "
+             "--users 1,2,4 "
+             "--repeats 4 --self-test -o %s",
+             lw_support_temporary("self"));
     assert_int_equal(run(arguments, &process), 0);
     char *result = lw_process_out(&process);
     const double ratio = number_after(result, "r(1) = "), half = number_after(result, "+- ");
@@ -170,10 +170,10 @@ static void an_interruption_keeps_what_is_there(void **state) {
     struct lw_process process;
     char arguments[600];
     const char *folder = lw_support_temporary("interrupted");
-    snprintf(
-        arguments, sizeof arguments,
-        "scaling builtin:cornell --texels-per-metre 12 --size 80x45 --seconds 60 --truth-samples 16 -o %s",
-        folder);
+    snprintf(arguments, sizeof arguments,
+             "scaling builtin:cornell --texels-per-metre 12 --size 80x45 --seconds 60 --reference-samples 16 "
+             "-o %s",
+             folder);
     lw_process_start(&process, "lightwell-load", arguments);
     for (int i = 0;; i++) {
         char *said = lw_process_err(&process);

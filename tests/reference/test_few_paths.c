@@ -1,5 +1,5 @@
 /* The denoiser against converged paths: a camera moves and turns through a scene whose objects move, one path per pixel. */
-#include "client/load/path_world.h"
+#include "client/measure/path_world.h"
 #include "client/view/svgf.h"
 #include "common/builtin/builtin.h"
 #include "tests/support/support.h"

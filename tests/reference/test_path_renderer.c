@@ -1,6 +1,6 @@
 /* The path renderers against converged paths: a camera moves and turns through a scene, one path per pixel
  * and frame. */
-#include "client/load/path_world.h"
+#include "client/measure/path_world.h"
 #include "client/view/path_renderer.h"
 #include "client/view/svgf.h"
 #include "common/builtin/builtin.h"

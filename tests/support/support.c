@@ -156,12 +156,12 @@ struct lw_scene *lw_support_squares(unsigned count, float side_m) {
     return scene;
 }
 
-double lw_support_relmse(const float *rgb, const float *truth, size_t values) {
+double lw_support_relmse(const float *rgb, const float *reference, size_t values) {
     double square = 0, sum = 0;
-    for (size_t i = 0; i < values; i++) square += (double)truth[i] * (double)truth[i];
+    for (size_t i = 0; i < values; i++) square += (double)reference[i] * (double)reference[i];
     const double eps = 0.01 * square / (double)values;
     for (size_t i = 0; i < values; i++) {
-        const double t = (double)truth[i], off = (double)rgb[i] - t;
+        const double t = (double)reference[i], off = (double)rgb[i] - t;
         sum += off * off / (t * t + eps);
     }
     return sum / (double)values;

@@ -47,8 +47,8 @@ uint8_t *lw_support_read_file(const char *path, size_t *out_size);
 /** Writes a whole file, or ends the test. */
 void lw_support_write_file(const char *path, const void *bytes, size_t size);
 
-/** relMSE of a picture: mean((x - t)^2 / (t^2 + 0.01 mean(t^2))) over its values. The truth's own noise is
+/** relMSE of a picture: mean((x - t)^2 / (t^2 + 0.01 mean(t^2))) over its values. The reference's own noise is
  * in it. */
-double lw_support_relmse(const float *rgb, const float *truth, size_t values);
+double lw_support_relmse(const float *rgb, const float *reference, size_t values);
 
 #endif

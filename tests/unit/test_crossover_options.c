@@ -1,7 +1,7 @@
 #include "tests/support/support.h"
 
 #include "client/crossover/crossover_options.h"
-#include "client/crossover/crossover_truth.h"
+#include "client/crossover/crossover_references.h"
 
 #include <math.h>
 
@@ -46,7 +46,7 @@ static void values(void **state) {
     lw_support_ok(parse("--motion", "carry", &o, &err), &err);
     assert_int_equal(o.motion, LW_SCENE_MOTION_CARRY);
     lw_support_ok(parse("--truth-samples", "9", &o, &err), &err);
-    assert_int_equal(o.truth_samples, 16);
+    assert_int_equal(o.reference_samples, 16);
 }
 
 static void bad_values_are_named(void **state) {
@@ -107,11 +107,11 @@ static void crops_fit_into_pictures_of_all_sizes(void **state) {
         struct lw_crossover_options o;
         struct lw_error err = {0};
         lw_support_ok(parse("--size", sizes[i], &o, &err), &err);
-        const uint32_t side = lw_crossover_truth_side(o.width, o.height);
+        const uint32_t side = lw_crossover_references_side(o.width, o.height);
         assert_true(side >= 16 && side <= 96 && side % 16 == 0);
         for (uint32_t view = 0; view < LW_CROSSOVER_VIEWS; view++) {
-            const struct lw_crossover_crop left = lw_crossover_truth_crop(o.width, o.height, view, 0),
-                                           right = lw_crossover_truth_crop(o.width, o.height, view, 1);
+            const struct lw_crossover_crop left = lw_crossover_references_crop(o.width, o.height, view, 0),
+                                           right = lw_crossover_references_crop(o.width, o.height, view, 1);
             assert_true(left.x % 16 == 0 && left.y % 16 == 0 && right.x % 16 == 0 && right.y % 16 == 0);
             assert_true(left.x < o.width && left.x + side <= right.x);
             assert_true(right.x < o.width && right.x + side <= o.width);
@@ -119,7 +119,7 @@ static void crops_fit_into_pictures_of_all_sizes(void **state) {
             assert_true(right.y < o.height && right.y + side <= o.height);
         }
     }
-    assert_int_equal(lw_crossover_truth_side(640, 360), 96);
+    assert_int_equal(lw_crossover_references_side(640, 360), 96);
 }
 
 int main(void) {

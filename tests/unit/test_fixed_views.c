@@ -1,8 +1,8 @@
 #include "tests/support/support.h"
 
-#include "client/load/fixed_views.h"
-#include "client/load/path_world.h"
-#include "client/load/views.h"
+#include "client/measure/fixed_views.h"
+#include "client/measure/path_world.h"
+#include "client/measure/views.h"
 #include "common/builtin/builtin.h"
 #include "common/open/scene_open.h"
 

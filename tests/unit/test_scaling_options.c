@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "client/load/scaling_options.h"
+#include "client/scaling/scaling_options.h"
 
 static enum lw_status parse(const char *option, const char *value, struct lw_scaling_options *o,
                             struct lw_error *err) {
@@ -47,7 +47,7 @@ static void values(void **state) {
     lw_support_ok(parse("--users", "3", &o, &err), &err);
     assert_true(o.user_counts == 1 && o.users[0] == 3);
     lw_support_ok(parse("--truth-samples", "7", &o, &err), &err);
-    assert_int_equal(o.truth_samples, 8);
+    assert_int_equal(o.reference_samples, 8);
 }
 
 static void bad_values_are_named(void **state) {

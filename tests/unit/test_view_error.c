@@ -1,7 +1,7 @@
 #include "tests/support/support.h"
 
-#include "client/load/truth.h"
-#include "client/load/view_error.h"
+#include "client/measure/reference.h"
+#include "client/measure/view_error.h"
 #include "common/image/flip.h"
 #include "common/random.h"
 
@@ -32,8 +32,8 @@ static float noise(uint32_t seed, size_t i) {
 
 static float signal_at(size_t i) { return 0.2f + 0.3f * (float)(i % 5); }
 
-static struct lw_view_error_truth truth_of(const float *a, const float *b) {
-    return (struct lw_view_error_truth){.width = WIDTH, .height = HEIGHT, .half = {a, b}};
+static struct lw_view_error_reference reference_of(const float *a, const float *b) {
+    return (struct lw_view_error_reference){.width = WIDTH, .height = HEIGHT, .half = {a, b}};
 }
 
 static struct lw_view_error_sum start(double epsilon) {
@@ -42,10 +42,10 @@ static struct lw_view_error_sum start(double epsilon) {
     return sum;
 }
 
-static void add(struct lw_view_error_sum *sum, const struct lw_view_error_truth *truth,
+static void add(struct lw_view_error_sum *sum, const struct lw_view_error_reference *reference,
                 const float *picture) {
     struct lw_error err = {0};
-    lw_support_ok(lw_view_error_add(sum, truth, picture, &err), &err);
+    lw_support_ok(lw_view_error_add(sum, reference, picture, &err), &err);
 }
 
 static void expect_near(double got, double want, double tolerance) {
@@ -54,27 +54,27 @@ static void expect_near(double got, double want, double tolerance) {
 
 /* ---- one picture ---- */
 
-static void relmse_is_the_truths(void **state) {
+static void relmse_is_the_references(void **state) {
     (void)state;
     static float half[2][VALUES], picture[VALUES];
     for (size_t i = 0; i < VALUES; i++) {
         for (uint32_t h = 0; h < 2; h++) half[h][i] = signal_at(i) + 0.05f * noise(h, i);
         picture[i] = 1.1f * signal_at(i) + 0.02f * noise(2, i);
     }
-    const struct lw_view_error_truth truth = truth_of(half[0], half[1]);
-    struct lw_truth same = {.width = WIDTH, .height = HEIGHT, .half = {half[0], half[1]}};
+    const struct lw_view_error_reference reference = reference_of(half[0], half[1]);
+    struct lw_reference same = {.width = WIDTH, .height = HEIGHT, .half = {half[0], half[1]}};
     double square = 0;
     uint64_t count = 0;
-    lw_view_error_mean_square(&truth, &square, &count);
+    lw_view_error_mean_square(&reference, &square, &count);
     assert_int_equal(count, VALUES);
     same.mean_square = square / VALUES;
     struct lw_view_error_sum sum = start(0.01 * same.mean_square);
-    add(&sum, &truth, picture);
+    add(&sum, &reference, picture);
     const struct lw_view_error error = lw_view_error_of(&sum);
-    expect_near(error.relmse, lw_truth_error(&same, picture), 1e-12);
+    expect_near(error.relmse, lw_reference_error(&same, picture), 1e-12);
     assert_int_equal(error.pixel_count, PIXELS);
     same.mean_square = 100 * LW_VIEW_ERROR_FIXED_EPSILON;
-    expect_near(error.relmse_fixed, lw_truth_error(&same, picture), 1e-12);
+    expect_near(error.relmse_fixed, lw_reference_error(&same, picture), 1e-12);
     lw_view_error_finish(&sum);
 }
 
@@ -103,9 +103,9 @@ static void the_worst_pixels_of_all_views_are_left_out(void **state) {
             picture[v][3 * p + p % 3] = 1 + (float)sqrt(2 * square); /* t^2 + epsilon is 2 */
         }
     struct lw_view_error_sum sum = start(1), alone = start(1);
-    const struct lw_view_error_truth truth = truth_of(half, half);
-    add(&sum, &truth, picture[0]);
-    add(&alone, &truth, picture[1]);
+    const struct lw_view_error_reference reference = reference_of(half, half);
+    add(&sum, &reference, picture[0]);
+    add(&alone, &reference, picture[1]);
     struct lw_error err = {0};
     lw_support_ok(lw_view_error_append(&sum, &alone, &err), &err);
     for (int again = 0; again < 2; again++) {
@@ -139,7 +139,7 @@ static void trimming_sorts(void **state) {
             const uint32_t kept = count - count / 1000;
             for (uint32_t p = 0; p < kept; p++) expected += (double)error[p] / kept;
             struct lw_view_error_sum sum = start(1);
-            add(&sum, &(struct lw_view_error_truth){.width = count, .height = 1, .half = {half, half}},
+            add(&sum, &(struct lw_view_error_reference){.width = count, .height = 1, .half = {half, half}},
                 picture);
             expect_near(lw_view_error_of(&sum).relmse_trimmed, expected, 1e-6 * expected);
             lw_view_error_finish(&sum);
@@ -157,8 +157,8 @@ static void flip_is_of_shown_pictures(void **state) {
         .epsilon = 1, .curve = LW_TONEMAP_ACES, .stops = 1, .pixels_per_degree = 40};
     struct lw_view_error_sum sum;
     lw_view_error_init(&sum, &desc);
-    const struct lw_view_error_truth truth = truth_of(half[0], half[1]);
-    add(&sum, &truth, picture);
+    const struct lw_view_error_reference reference = reference_of(half[0], half[1]);
+    add(&sum, &reference, picture);
     for (size_t p = 0; p < PIXELS; p++)
         for (int side = 0; side < 2; side++) {
             float light[3];
@@ -173,7 +173,7 @@ static void flip_is_of_shown_pictures(void **state) {
     expect_near(lw_view_error_of(&sum).flip, expected, 1e-5);
     /* a view of one pixel weighs a pixel: white where black should be */
     const float zero[3] = {0}, bright[3] = {1e6f, 1e6f, 1e6f};
-    const struct lw_view_error_truth one = {.width = 1, .height = 1, .half = {zero, zero}};
+    const struct lw_view_error_reference one = {.width = 1, .height = 1, .half = {zero, zero}};
     add(&sum, &one, bright);
     expect_near(lw_view_error_of(&sum).flip, (expected * PIXELS + 0.96738) / (PIXELS + 1), 1e-5);
     lw_view_error_finish(&sum);
@@ -202,14 +202,14 @@ static void what_is_left_out_has_no_influence(void **state) {
     for (int kind = 0; kind < KINDS; kind++) {
         for (size_t p = 0; kind == NO_NUMBER && p < PIXELS; p++)
             if (left_out[p]) half[2][p % 2][3 * p + p % 3] = p % 5 ? NAN : INFINITY;
-        struct lw_view_error_truth truth[3];
-        for (uint32_t m = 0; m < 3; m++) truth[m] = truth_of(half[m][0], half[m][1]);
-        if (kind == CLEAN || kind == MASKED) truth[2].left_out = left_out;
+        struct lw_view_error_reference reference[3];
+        for (uint32_t m = 0; m < 3; m++) reference[m] = reference_of(half[m][0], half[m][1]);
+        if (kind == CLEAN || kind == MASKED) reference[2].left_out = left_out;
         const float(*seen)[VALUES] = picture[kind != CLEAN];
         struct lw_view_error_sum sum = start(0.01);
-        add(&sum, &truth[2], seen[1]);
-        lw_view_error_add_step(&sum, &truth[1], seen[0], &truth[2], seen[1]);
-        lw_view_error_add_lag(&sum, truth, 3, seen[1]);
+        add(&sum, &reference[2], seen[1]);
+        lw_view_error_add_step(&sum, &reference[1], seen[0], &reference[2], seen[1]);
+        lw_view_error_add_lag(&sum, reference, 3, seen[1]);
         error[kind] = lw_view_error_of(&sum);
         lw_view_error_finish(&sum);
     }
@@ -227,14 +227,15 @@ static void several_moments_take_all_their_masks(void **state) {
     (void)state;
     const float before[6] = {1, 1, 1, 1, 1, 1}, now[6] = {1, 1, 1, 5, 5, 5};
     const uint8_t left_out[2] = {0, 1};
-    struct lw_view_error_truth truth[2];
+    struct lw_view_error_reference reference[2];
     for (int with = 0; with < 2; with++) {
         for (int k = 0; k < 2; k++)
-            truth[k] = (struct lw_view_error_truth){.width = 2, .height = 1, .half = {before, before}};
-        if (with) truth[0].left_out = left_out;
+            reference[k] =
+                (struct lw_view_error_reference){.width = 2, .height = 1, .half = {before, before}};
+        if (with) reference[0].left_out = left_out;
         struct lw_view_error_sum sum = start(1);
-        lw_view_error_add_step(&sum, &truth[0], before, &truth[1], now);
-        lw_view_error_add_lag(&sum, truth, 2, now);
+        lw_view_error_add_step(&sum, &reference[0], before, &reference[1], now);
+        lw_view_error_add_lag(&sum, reference, 2, now);
         const struct lw_view_error error = lw_view_error_of(&sum);
         const double expected = with ? 0 : 4; /* 16 / (1 + 1) in one of 2 pixels */
         expect_near(error.flicker, expected, 1e-12);
@@ -245,8 +246,8 @@ static void several_moments_take_all_their_masks(void **state) {
 
 static void what_is_no_number_counts_as_black(void **state) {
     (void)state;
-    const float truth[3] = {1, 2, 3}, picture[3] = {NAN, 2, INFINITY}, black[3] = {0, 2, 0};
-    const struct lw_view_error_truth t = {.width = 1, .height = 1, .half = {truth, truth}};
+    const float reference[3] = {1, 2, 3}, picture[3] = {NAN, 2, INFINITY}, black[3] = {0, 2, 0};
+    const struct lw_view_error_reference t = {.width = 1, .height = 1, .half = {reference, reference}};
     struct lw_view_error error[2];
     for (int k = 0; k < 2; k++) {
         struct lw_view_error_sum sum = start(1);
@@ -261,7 +262,7 @@ static void what_is_no_number_counts_as_black(void **state) {
 
 /* ---- flicker ---- */
 
-static void flicker_is_change_that_the_truth_has_not(void **state) {
+static void flicker_is_change_that_the_reference_has_not(void **state) {
     (void)state;
     static float half[2][2][VALUES], picture[2][VALUES];
     double expected = 0;
@@ -273,14 +274,14 @@ static void flicker_is_change_that_the_truth_has_not(void **state) {
             picture[k][i] = t + 0.4f; /* off, and steadily so */
             if (k) expected += 2.0 * (double)(sigma * sigma) / ((double)(t * t) + 0.05) / VALUES;
         }
-    struct lw_view_error_truth truth[2];
-    for (int k = 0; k < 2; k++) truth[k] = truth_of(half[k][0], half[k][1]);
+    struct lw_view_error_reference reference[2];
+    for (int k = 0; k < 2; k++) reference[k] = reference_of(half[k][0], half[k][1]);
     struct lw_view_error_sum steady = start(0.05);
-    add(&steady, &truth[1], picture[1]);
-    lw_view_error_add_step(&steady, &truth[0], picture[0], &truth[1], picture[1]);
+    add(&steady, &reference[1], picture[1]);
+    lw_view_error_add_step(&steady, &reference[0], picture[0], &reference[1], picture[1]);
     const struct lw_view_error still = lw_view_error_of(&steady);
     assert_true(still.relmse > 0.2);
-    expect_near(still.flicker / still.relmse, 0, 0.02); /* noise of the truths, taken out */
+    expect_near(still.flicker / still.relmse, 0, 0.02); /* noise of the references, taken out */
     lw_view_error_finish(&steady);
 
     for (size_t i = 0; i < VALUES; i++)
@@ -289,7 +290,7 @@ static void flicker_is_change_that_the_truth_has_not(void **state) {
             for (int h = 0; h < 2; h++) half[k][h][i] = signal_at(i) * (k ? 1.25f : 1);
         }
     struct lw_view_error_sum noisy = start(0.05);
-    lw_view_error_add_step(&noisy, &truth[0], picture[0], &truth[1], picture[1]);
+    lw_view_error_add_step(&noisy, &reference[0], picture[0], &reference[1], picture[1]);
     expect_near(lw_view_error_of(&noisy).flicker / expected, 1, 0.06);
     lw_view_error_finish(&noisy);
 }
@@ -305,22 +306,22 @@ static float walking(size_t i, double t_s) {
     return (float)(0.1 + 2 * exp(-(x * x + y * y) / 300));
 }
 
-/* Fits a picture of `age` seconds, with noise, to truths with noise. */
+/* Fits a picture of `age` seconds, with noise, to references with noise. */
 static struct lw_view_error lag_of(float (*light)(size_t i, double t_s), double age_s, float sigma,
                                    uint32_t views) {
     static float half[MOMENTS][2][VALUES], picture[VALUES];
-    struct lw_view_error_truth truth[MOMENTS];
+    struct lw_view_error_reference reference[MOMENTS];
     struct lw_view_error_sum sum = start(0.01);
     for (uint32_t v = 0; v < views; v++) {
         for (uint32_t m = 0; m < MOMENTS; m++) {
-            truth[m] = truth_of(half[m][0], half[m][1]);
+            reference[m] = reference_of(half[m][0], half[m][1]);
             for (uint32_t h = 0; h < 2; h++)
                 for (size_t i = 0; i < VALUES; i++)
                     half[m][h][i] = light(i, 0.25 * m) + sigma * noise(100 * v + 2 * m + h, i);
         }
         for (size_t i = 0; i < VALUES; i++)
             picture[i] = light(i, 0.25 * (MOMENTS - 1) - age_s) + sigma * noise(100 * v + 99, i);
-        lw_view_error_add_lag(&sum, truth, MOMENTS, picture);
+        lw_view_error_add_lag(&sum, reference, MOMENTS, picture);
     }
     const struct lw_view_error error = lw_view_error_of(&sum);
     lw_view_error_finish(&sum);
@@ -344,7 +345,7 @@ static void the_age_of_light_is_found(void **state) {
         error = lag_of(walking, ages[a], 0, 1);
         expect_near(error.lag_s, ages[a], 0.02);
         if (ages[a] > 0) assert_true(error.lag_relmse < 0.2 * error.lag_relmse_now);
-        /* noise of picture and truths moves it little, and not towards a middle */
+        /* noise of picture and references moves it little, and not towards a middle */
         error = lag_of(walking, ages[a], 0.05f, 2);
         expect_near(error.lag_s, ages[a], 0.05);
     }
@@ -356,14 +357,14 @@ static void the_age_of_light_is_found(void **state) {
 static void a_mix_of_ages_is_between_them(void **state) {
     (void)state;
     static float half[3][VALUES], picture[VALUES];
-    struct lw_view_error_truth truth[3];
+    struct lw_view_error_reference reference[3];
     for (uint32_t m = 0; m < 3; m++) {
-        truth[m] = truth_of(half[m], half[m]);
+        reference[m] = reference_of(half[m], half[m]);
         for (size_t i = 0; i < VALUES; i++) half[m][i] = walking(i, 0.25 * m);
     }
     for (size_t i = 0; i < VALUES; i++) picture[i] = 0.75f * half[1][i] + 0.25f * half[0][i];
     struct lw_view_error_sum sum = start(0.01);
-    lw_view_error_add_lag(&sum, truth, 3, picture);
+    lw_view_error_add_lag(&sum, reference, 3, picture);
     const struct lw_view_error error = lw_view_error_of(&sum);
     expect_near(error.lag_s, 0.25 + 0.25 * 0.25, 1e-5);
     expect_near(error.lag_relmse, 0, 1e-9);
@@ -386,9 +387,9 @@ static void still_light_has_no_age(void **state) {
 static void sums_add_up(void **state) {
     (void)state;
     static float half[2][2][VALUES], picture[2][VALUES];
-    struct lw_view_error_truth truth[2];
+    struct lw_view_error_reference reference[2];
     for (uint32_t k = 0; k < 2; k++) {
-        truth[k] = truth_of(half[k][0], half[k][1]);
+        reference[k] = reference_of(half[k][0], half[k][1]);
         for (size_t i = 0; i < VALUES; i++) {
             for (uint32_t h = 0; h < 2; h++) half[k][h][i] = growing(i, k) + 0.01f * noise(2 * k + h, i);
             picture[k][i] = growing(i, k) + 0.05f * noise(10 + k, i);
@@ -397,13 +398,13 @@ static void sums_add_up(void **state) {
     struct lw_view_error_sum all = start(0.01), part[2] = {start(0.01), start(0.01)}, sum = start(0.01);
     struct lw_error err = {0};
     for (int k = 0; k < 2; k++) {
-        add(&all, &truth[k], picture[k]);
-        add(&part[k], &truth[k], picture[k]);
+        add(&all, &reference[k], picture[k]);
+        add(&part[k], &reference[k], picture[k]);
     }
-    lw_view_error_add_step(&all, &truth[0], picture[0], &truth[1], picture[1]);
-    lw_view_error_add_step(&part[0], &truth[0], picture[0], &truth[1], picture[1]);
-    lw_view_error_add_lag(&all, truth, 2, picture[1]);
-    lw_view_error_add_lag(&part[1], truth, 2, picture[1]);
+    lw_view_error_add_step(&all, &reference[0], picture[0], &reference[1], picture[1]);
+    lw_view_error_add_step(&part[0], &reference[0], picture[0], &reference[1], picture[1]);
+    lw_view_error_add_lag(&all, reference, 2, picture[1]);
+    lw_view_error_add_lag(&part[1], reference, 2, picture[1]);
     for (int k = 0; k < 2; k++) lw_support_ok(lw_view_error_append(&sum, &part[k], &err), &err);
     const struct lw_view_error a = lw_view_error_of(&all), b = lw_view_error_of(&sum);
     expect_near(a.relmse, b.relmse, 1e-12);
@@ -422,17 +423,17 @@ static void a_failure_adds_nothing(void **state) {
     (void)state;
     static float half[VALUES], picture[VALUES];
     for (size_t i = 0; i < VALUES; i++) half[i] = signal_at(i), picture[i] = 0;
-    const struct lw_view_error_truth truth = truth_of(half, half);
+    const struct lw_view_error_reference reference = reference_of(half, half);
     struct lw_view_error_sum sum = start(1), other = start(1);
     struct lw_error err = {0};
-    add(&other, &truth, picture);
+    add(&other, &reference, picture);
     int failures = 0;
     for (enum lw_status status = LW_NO_MEMORY; status != LW_OK;) {
         lw_view_error_finish(&sum);
         sum = start(1);
         err = (struct lw_error){0};
         allocations_left = failures;
-        status = lw_view_error_add(&sum, &truth, picture, &err);
+        status = lw_view_error_add(&sum, &reference, picture, &err);
         allocations_left = -1;
         if (status == LW_OK) break;
         lw_support_fails(status, LW_NO_MEMORY, &err, "no memory");
@@ -448,7 +449,7 @@ static void a_failure_adds_nothing(void **state) {
     allocations_left = -1;
     lw_support_fails(status, LW_NO_MEMORY, &err, "no memory");
     assert_int_equal(lw_view_error_of(&sum).pixel_count, PIXELS);
-    const struct lw_view_error_truth none = {.width = 0, .height = 4, .half = {half, half}};
+    const struct lw_view_error_reference none = {.width = 0, .height = 4, .half = {half, half}};
     err = (struct lw_error){0};
     lw_support_fails(lw_view_error_add(&sum, &none, picture, &err), LW_USAGE, &err, "0 x 4");
     lw_view_error_finish(&other);
@@ -457,7 +458,7 @@ static void a_failure_adds_nothing(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(relmse_is_the_truths),
+        cmocka_unit_test(relmse_is_the_references),
         cmocka_unit_test(nothing_is_no_number),
         cmocka_unit_test(the_worst_pixels_of_all_views_are_left_out),
         cmocka_unit_test(trimming_sorts),
@@ -465,7 +466,7 @@ int main(void) {
         cmocka_unit_test(what_is_left_out_has_no_influence),
         cmocka_unit_test(several_moments_take_all_their_masks),
         cmocka_unit_test(what_is_no_number_counts_as_black),
-        cmocka_unit_test(flicker_is_change_that_the_truth_has_not),
+        cmocka_unit_test(flicker_is_change_that_the_reference_has_not),
         cmocka_unit_test(the_age_of_light_is_found),
         cmocka_unit_test(a_mix_of_ages_is_between_them),
         cmocka_unit_test(still_light_has_no_age),

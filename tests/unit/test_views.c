@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "client/load/views.h"
+#include "client/measure/views.h"
 #include "common/builtin/builtin.h"
 
 struct place {

@@ -1,0 +1,57 @@
+/* fixed_views.h: twelve views of a scene from which it is judged, the same for each motion and renderer.
+ * Flow:    scene, its box -> [fixed_views: table, or the rule] -> camera of a view at a time
+ * Threads: found by one; lookups [any].
+ *
+ * The rule, lw_fixed_views_pick(): candidates stand at eye height over a floor, at a free place. Points of
+ * interest are those of the lamp's way (LW_SCENE_MOTION_LAMP_WALK) and where the scene's own animation has
+ * objects from 2 to 6 s; five of six candidates stand within 4 m of one, out of the way of what moves, and
+ * look towards one that they see, 25 degrees aside at most. The others stand and look anywhere. The middle of
+ * a view is free for 1.5 m, at most a tenth of it is nearer than 0.7 m and a third of it sky.
+ *
+ * A path tracer renders 96 candidates, 96 x 54 pixels, 16 paths each. Sorted by mean luminance they fall into
+ * twelve bins; of each the one is taken that stands the farthest from those taken before. The seed is fixed.
+ *
+ * The tables of builtin:atrium, builtin:city and Sponza began as views of runs of that rule, as it was tuned.
+ * They were looked at: those that showed little, or nothing of what moves, gave way to others by hand. So
+ * `bench_views --pick` prints views of the same kind, not the same numbers. They go roughly from dark to
+ * bright.
+ *
+ * Every second view (of odd number) drifts sideways by drift_m * sin(2 pi t / 4 s), so that reprojection and
+ * codecs have something to do; the others stand. */
+#ifndef LW_CLIENT_MEASURE_FIXED_VIEWS_H
+#define LW_CLIENT_MEASURE_FIXED_VIEWS_H
+
+#include "client/view/camera.h"
+
+#define LW_FIXED_VIEWS_COUNT 12u
+
+struct lw_fixed_view {
+    struct lw_vec3 position, target; /* m, world space */
+    float fov_deg;                   /* vertical */
+    const char *shows;               /* "" of a view that the rule has found */
+};
+
+struct lw_fixed_views {
+    struct lw_fixed_view view[LW_FIXED_VIEWS_COUNT];
+    float drift_m;   /* amplitude of views that drift: 0.3 m, less in a box below 15 m */
+    bool from_table; /* else by the rule */
+};
+
+/** The views of a scene: from the table, by the scene's name and its box, or else by the rule. Give it the
+ * scene before lw_scene_motion_set(): what moves does not change the views then.
+ * threads  0: all
+ * Errors   LW_BAD_DATA where no place is free or nothing is lit; LW_NO_MEMORY, LW_INTERNAL */
+LW_MUST_CHECK enum lw_status lw_fixed_views_init(struct lw_fixed_views *views, const struct lw_scene *scene,
+                                                 unsigned threads, struct lw_error *err);
+
+/** By the rule alone. Threads and errors as above. 30 CPU s in the atrium. */
+LW_MUST_CHECK enum lw_status lw_fixed_views_pick(struct lw_fixed_views *views, const struct lw_scene *scene,
+                                                 unsigned threads, struct lw_error *err);
+
+/** Where a view's camera is. time_s: of the animation. view: below LW_FIXED_VIEWS_COUNT. */
+struct lw_camera_view lw_fixed_views_at(const struct lw_fixed_views *views, uint32_t view, double time_s);
+
+/** Whether a view drifts. */
+bool lw_fixed_views_drifts(uint32_t view);
+
+#endif

@@ -1,0 +1,33 @@
+/* path_world.h: a scene that paths are traced in, from frame to frame: pose, rays' structure, lights, tracer.
+ * Flow:    scene, time -> [path_world] -> film
+ * Threads: one thread at a time; works on several inside. */
+#ifndef LW_CLIENT_MEASURE_PATH_WORLD_H
+#define LW_CLIENT_MEASURE_PATH_WORLD_H
+
+#include "client/view/path_trace.h"
+
+struct lw_path_world {
+    const struct lw_scene *scene;
+    struct lw_pose pose;
+    struct lw_trace *trace;
+    struct lw_lights lights;
+    struct lw_path_trace *tracer;
+    uint32_t bounces;
+    unsigned threads; /* 0: all */
+};
+
+/** At time 0. The scene must outlive it. Zeroed on failure. Errors: LW_NO_MEMORY, LW_INTERNAL. */
+LW_MUST_CHECK enum lw_status lw_path_world_init(struct lw_path_world *world, const struct lw_scene *scene,
+                                                uint32_t bounces, unsigned threads, struct lw_error *err);
+/** A zeroed world is fine. */
+void lw_path_world_finish(struct lw_path_world *world);
+
+/** Goes to another moment. Errors: LW_NO_MEMORY, LW_INTERNAL. */
+LW_MUST_CHECK enum lw_status lw_path_world_set_time(struct lw_path_world *world, double time_s,
+                                                    struct lw_error *err);
+
+/** Adds samples. Bounces are the world's, rays go through the pixels' centres, whatever the view says. */
+void lw_path_world_render(const struct lw_path_world *world, const struct lw_path_view *view,
+                          uint32_t samples, struct lw_path_film *film);
+
+#endif

@@ -1,0 +1,156 @@
+#include "client/scaling/real_run.h"
+
+#include "client/measure/daemon_child.h"
+#include "client/measure/reference.h"
+#include "client/measure/viewers.h"
+#include "common/clock.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#define FIRST_LIGHT_S 300u
+
+struct real_run {
+    const struct lw_real_run_desc *desc;
+    struct lw_daemon_child *daemon;
+    struct lw_viewers viewers;
+    float *rgb; /* one whole picture */
+    uint64_t views;
+    double age_sum_s;
+};
+
+/* All clients take in what is there, without waiting. */
+static enum lw_status poll_all(struct real_run *r, struct lw_error *err) {
+    if (r->desc->cancel && *r->desc->cancel) return lw_status_fail(err, LW_CLOSED, "interrupted");
+    for (uint32_t user = 0; user < r->viewers.count; user++) {
+        enum lw_status status = lw_client_poll(r->viewers.user[user].client, 0, err);
+        if (status != LW_OK) return status;
+    }
+    return LW_OK;
+}
+
+static enum lw_status await_first_light(struct real_run *r, struct lw_error *err) {
+    const uint64_t end_ns = lw_clock_ns() + FIRST_LIGHT_S * 1000000000ull;
+    for (uint32_t user = 0; user < r->viewers.count;) {
+        enum lw_status status = poll_all(r, err);
+        if (status == LW_OK) status = lw_client_poll(r->viewers.user[user].client, 10, err);
+        if (status != LW_OK) return status;
+        if (lw_viewers_stats(&r->viewers, user).settled_frame) user++;
+        if (lw_clock_ns() > end_ns)
+            return lw_status_fail(err, LW_TIMED_OUT, "no light within %u s", FIRST_LIGHT_S);
+    }
+    return LW_OK;
+}
+
+/* Scene time at this moment, as the newest frame tells it. */
+static double now_s(const struct real_run *r, uint32_t user) {
+    const struct lw_client_stats stats = lw_viewers_stats(&r->viewers, user);
+    return stats.time_s + 1e-9 * (double)stats.light_age_ns;
+}
+
+/* Composes a view with the camera of the moment at which that begins. */
+static enum lw_status see(struct real_run *r, uint32_t user, struct lw_real_picture *out_picture,
+                          struct lw_error *err) {
+    enum lw_status status = poll_all(r, err);
+    if (status == LW_OK) status = lw_viewers_follow(&r->viewers, err);
+    if (status != LW_OK) return status;
+    const uint64_t frame = 1 + (uint64_t)fmax(0, floor(now_s(r, user) * LW_VIEWS_HZ));
+    const struct lw_camera_view camera = lw_views_at(r->desc->views, user, frame);
+    lw_viewers_show(&r->viewers, user, &camera, r->rgb);
+    status = lw_viewers_look(&r->viewers, user, &camera, lw_clock_ns(), err);
+    if (status != LW_OK) return status;
+    r->views++;
+    const double age_s = 1e-9 * (double)lw_viewers_stats(&r->viewers, user).light_age_ns;
+    r->age_sum_s += age_s;
+    *out_picture = (struct lw_real_picture){
+        .time_s = now_s(r, user), .view_frame = frame, .user = user, .light_age_s = age_s};
+    return LW_OK;
+}
+
+static enum lw_status keep(struct real_run *r, struct lw_real_picture *picture, struct lw_error *err) {
+    const struct lw_real_run_desc *d = r->desc;
+    picture->lattice =
+        malloc((size_t)(d->width / d->stride) * (d->height / d->stride) * 3 * sizeof *picture->lattice);
+    if (!picture->lattice) return lw_status_fail(err, LW_NO_MEMORY, "no memory for a picture");
+    lw_reference_pick(r->rgb, d->width, d->height, d->stride, picture->lattice);
+    return LW_OK;
+}
+
+/* Users look in turn, as often as the machine lets them; some of what they see is kept. */
+static enum lw_status look(struct real_run *r, struct lw_real_run *run, struct lw_error *err) {
+    const struct lw_real_run_desc *d = r->desc;
+    const uint64_t began_ns = lw_clock_ns();
+    const uint64_t frames = lw_viewers_stats(&r->viewers, 0).frames;
+    const double cpu_s = lw_daemon_child_cpu_s(r->daemon);
+    enum lw_status status = LW_OK;
+    double passed_s = 0;
+    while (status == LW_OK && passed_s < d->seconds) {
+        struct lw_real_picture picture;
+        status = see(r, (uint32_t)(r->views % r->viewers.count), &picture, err);
+        passed_s = 1e-9 * (double)(lw_clock_ns() - began_ns);
+        const double due_s = d->seconds * (2 * run->picture_count + 1) / (2 * LW_REAL_RUN_PICTURES);
+        if (status != LW_OK || run->picture_count == LW_REAL_RUN_PICTURES || passed_s < due_s) continue;
+        status = keep(r, &picture, err);
+        if (status == LW_OK) run->picture[run->picture_count++] = picture;
+    }
+    if (status != LW_OK) return status;
+    run->frames_hz = (double)(lw_viewers_stats(&r->viewers, 0).frames - frames) / passed_s;
+    run->views_hz = (double)r->views / passed_s;
+    run->server_cpu_s = (lw_daemon_child_cpu_s(r->daemon) - cpu_s) / passed_s;
+    run->light_age_s = r->age_sum_s / (double)r->views;
+    return LW_OK;
+}
+
+static enum lw_status warm(struct real_run *r, struct lw_error *err) {
+    enum lw_status status = await_first_light(r, err);
+    const double cpu_s = lw_daemon_child_cpu_s(r->daemon) + r->desc->warm_cpu_s;
+    for (uint64_t end_ns = lw_clock_ns() + (uint64_t)(1e9 * r->desc->warm_s);
+         status == LW_OK && lw_clock_ns() < end_ns && lw_daemon_child_cpu_s(r->daemon) < cpu_s;) {
+        struct lw_real_picture ignored; /* looking is part of it: what is wanted follows from what is seen */
+        status = see(r, (uint32_t)(r->views % r->viewers.count), &ignored, err);
+    }
+    r->views = 0;
+    r->age_sum_s = 0;
+    return status;
+}
+
+enum lw_status lw_real_run(const struct lw_real_run_desc *desc, struct lw_real_run *out_run,
+                           struct lw_error *err) {
+    struct real_run r = {.desc = desc};
+    struct lw_real_run run = {.picture_count = 0};
+    r.rgb = malloc((size_t)desc->width * desc->height * 3 * sizeof *r.rgb);
+    if (!r.rgb) return lw_status_fail(err, LW_NO_MEMORY, "no memory for a picture");
+    enum lw_status status = lw_daemon_child_start(
+        &(struct lw_daemon_child_desc){.package = desc->package,
+                                       .bounces = desc->bounces,
+                                       .direct_samples = desc->setting.direct_samples,
+                                       .indirect_samples = desc->setting.indirect_samples,
+                                       .seed = desc->seed,
+                                       .rest_error = desc->setting.rest_error,
+                                       .threads = desc->threads,
+                                       .denoise = desc->denoise,
+                                       .solver = desc->solver,
+                                       .seen = !desc->setting.whole,
+                                       .real_clock = true},
+        &r.daemon, err);
+    if (status == LW_OK) {
+        lw_viewers_init(&r.viewers, lw_daemon_child_port(r.daemon), desc->width, desc->height, desc->threads,
+                        desc->setting.whole, !desc->denoise);
+        status = lw_viewers_set_count(&r.viewers, desc->users, err);
+    }
+    if (status == LW_OK) status = warm(&r, err);
+    if (status == LW_OK) status = look(&r, &run, err);
+    lw_viewers_finish(&r.viewers);
+    lw_daemon_child_stop(r.daemon);
+    free(r.rgb);
+    if (status == LW_OK)
+        *out_run = run;
+    else
+        lw_real_run_finish(&run);
+    return status;
+}
+
+void lw_real_run_finish(struct lw_real_run *run) {
+    for (uint32_t i = 0; i < run->picture_count; i++) free(run->picture[i].lattice);
+    *run = (struct lw_real_run){0};
+}

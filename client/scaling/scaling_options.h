@@ -1,0 +1,46 @@
+/* scaling_options.h: the command line of lightwell-load scaling.
+ * Threads: main() only. */
+#ifndef LW_CLIENT_SCALING_SCALING_OPTIONS_H
+#define LW_CLIENT_SCALING_SCALING_OPTIONS_H
+
+#include "client/measure/views.h"
+#include "client/view/path_renderer.h"
+#include "common/open/scene_open.h"
+#include "common/scene/scene_motion.h"
+
+#define LW_SCALING_USERS_MAX   4096u
+#define LW_SCALING_COUNTS_MAX  32u /* user counts in one run */
+#define LW_SCALING_REPEATS_MAX 20u
+
+struct lw_scaling_options {
+    struct lw_scene_open scene;
+    const char *folder;                                 /* -o */
+    uint32_t users[LW_SCALING_COUNTS_MAX], user_counts; /* increasing */
+    enum lw_scene_motion motion;
+    enum lw_views_kind views;
+    double spread;
+    uint32_t width, height, bounces, seed, repeats, reference_samples;
+    double seconds;
+    /* What both sides must reach: a relMSE, or what the path tracer reaches with so many paths per pixel. */
+    double error; /* > 0; 0: match_samples */
+    uint32_t match_samples;
+    /* Instead of a search: these settings, whatever their error. 0 samples: search. */
+    uint32_t fixed_samples, fixed_direct, fixed_indirect;
+    double fixed_density; /* times the scene's default */
+    double fixed_rest;    /* error at which tiles rest */
+    bool one_error;       /* no curve: that error alone */
+    enum lw_path_renderer_kind opponent;
+    bool denoise;       /* the lightmaps are filtered */
+    const char *solver; /* the server's, by name; NULL: its default */
+    bool self_test;     /* a path tracer on both sides */
+    bool whole;         /* the cache lights all of the scene */
+    bool look_whole;    /* it lights what is looked at; one look at the whole beside it */
+};
+
+/** Reads the command line; argv[0] is "scaling". --help and --version print and set *out_done.
+ * Errors: LW_USAGE naming the option and what it accepts. */
+LW_MUST_CHECK enum lw_status lw_scaling_options_parse(int argc, char **argv,
+                                                      struct lw_scaling_options *out_options, bool *out_done,
+                                                      struct lw_error *err);
+
+#endif

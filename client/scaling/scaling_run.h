@@ -1,0 +1,52 @@
+/* scaling_run.h: a measurement under way: one sequence of frames of a side, its cost and its error.
+ * Threads: main() only. For scaling_*.c alone. */
+#ifndef LW_CLIENT_SCALING_SCALING_RUN_H
+#define LW_CLIENT_SCALING_SCALING_RUN_H
+
+#include "client/scaling/scaling_measure.h"
+#include "common/progress.h"
+
+struct lw_scaling_run {
+    struct lw_scaling *x;
+    const volatile sig_atomic_t *cancel;
+    bool still; /* neither scene nor views move */
+};
+
+/** Whether a signal asked to stop. Loops then end early, with LW_OK; what they were to find is not there. */
+bool lw_scaling_run_stopped(const struct lw_scaling_run *run);
+
+/** Ends the progress of a part: it is done, or was stopped or failed. */
+void lw_scaling_run_end(const struct lw_scaling_run *run, enum lw_status status,
+                        struct lw_progress *progress);
+
+/** Index of the picture that is compared with the reference in this frame; -1: none is. */
+int lw_scaling_run_picture(const struct lw_scaling *x, uint64_t frame);
+
+/** Judges what `shown` saw in a picture's frame; those who are no eyes have no reference and are left out,
+ * as are dark views.
+ * *errors: written to where they are judged. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_scaling_run_judge(const struct lw_scaling *x,
+                                                  const struct lw_renderer *renderer, uint32_t picture,
+                                                  const uint32_t *shown, uint32_t shown_count,
+                                                  struct lw_scaling_errors *errors, struct lw_error *err);
+
+/** What one of `users` users pays alone. */
+struct lw_cost lw_scaling_run_of_one(const struct lw_cost *cost, double users);
+
+/** Goes through the frames once with all eyes.
+ * out_cost  per frame, for one user. NULL: pictures alone, as cheaply as the side can
+ * Errors    the side's */
+LW_MUST_CHECK enum lw_status lw_scaling_run_sequence(struct lw_scaling_run *run, struct lw_renderer *renderer,
+                                                     const struct lw_setting *setting, uint32_t seed,
+                                                     struct lw_cost *out_cost,
+                                                     struct lw_scaling_errors *out_errors,
+                                                     struct lw_error *err);
+
+/** What each eye's path tracer spends on a frame, CPU seconds. frame_of: which picture's frame is traced;
+ * those that build on each other are all traced. Errors: the side's. */
+LW_MUST_CHECK enum lw_status lw_scaling_run_trace(struct lw_scaling_run *run, struct lw_renderer *renderer,
+                                                  const struct lw_setting *setting, uint32_t picture,
+                                                  uint32_t seed, double out_per_eye_s[LW_SCALING_EYES],
+                                                  struct lw_error *err);
+
+#endif
