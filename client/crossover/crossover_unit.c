@@ -423,6 +423,7 @@ static enum lw_status measure_cache(struct lw_crossover_job *j, struct lw_error 
                                                                   .bounces = o->bounces,
                                                                   .threads = (unsigned)o->scene.threads,
                                                                   .denoise = true,
+                                                                  .solver = o->solver,
                                                                   .package = find_package,
                                                                   .context = j->run},
                                  &j->renderer, err);

@@ -161,6 +161,7 @@ static enum lw_status set_sides(struct lw_scaling_run *run, struct lw_error *err
                                                  .bounces = o->bounces,
                                                  .threads = (unsigned)o->scene.threads,
                                                  .denoise = o->denoise,
+                                                 .solver = o->solver,
                                                  .package = find_package,
                                                  .context = &x->densities};
     enum lw_status status = LW_OK;
@@ -239,6 +240,7 @@ static enum lw_status run_by_the_clock(struct lw_scaling_run *run, struct lw_err
                                                         .seed = o->seed,
                                                         .threads = (unsigned)o->scene.threads,
                                                         .denoise = o->denoise,
+                                                        .solver = o->solver,
                                                         .warm_s = REAL_WARM_S,
                                                         .warm_cpu_s = x->warm_cpu_s,
                                                         .seconds = o->seconds + REAL_MORE_S,

@@ -43,8 +43,8 @@ void *EXPORT(lw_web_tiles_alloc)(size_t size) { return malloc(size); }
 void EXPORT(lw_web_tiles_free)(void *bytes) { free(bytes); }
 
 /** Memory for what deltas of a tile of this height build on; NULL: there is none. lw_web_tiles_free() frees it. */
-struct lw_tile_dct_levels *EXPORT(lw_web_tiles_levels)(uint32_t height) {
-    return aligned_alloc(_Alignof(struct lw_tile_dct_levels), lw_tile_dct_levels_size(height));
+struct lw_tile_dct_coefficients *EXPORT(lw_web_tiles_levels)(uint32_t height) {
+    return aligned_alloc(_Alignof(struct lw_tile_dct_coefficients), lw_tile_dct_coefficients_size(height));
 }
 
 static bool is_tile(uint32_t width, uint32_t height) {
@@ -53,9 +53,10 @@ static bool is_tile(uint32_t width, uint32_t height) {
 
 /** Decodes a payload of codec 4 as lw_tile_codec_decode() and lw_tile_codec_decode_delta() do. Bytes may come from anyone. */
 bool EXPORT(lw_web_tiles_decode)(uint32_t kind, const uint8_t *src, size_t src_size, float scale,
-                                 uint32_t width, uint32_t height, struct lw_tile_dct_levels *levels) {
+                                 uint32_t width, uint32_t height,
+                                 struct lw_tile_dct_coefficients *coefficients) {
     return is_tile(width, height) && scale > 0 && (kind == LW_TILE_DCT_INTRA || levels) &&
-           lw_tile_dct_decode(&dct, kind, src, src_size, scale, width, height, levels, rgb);
+           lw_tile_dct_decode(&dct, kind, src, src_size, scale, width, height, coefficients, rgb);
 }
 
 static float float_from_half(uint32_t half) {
