@@ -29,16 +29,17 @@ static enum lw_status report_only(const char *folder, struct lw_error *err) {
 
 static enum lw_status measure(const struct lw_crossover_options *options, const char *command,
                               struct lw_error *err) {
-    static struct lw_crossover_run run; /* some 100 kB: no place on the stack */
+    static struct lw_crossover_row row; /* some 100 kB: no place on the stack */
     lw_interrupt_watch(on_signal, &measuring);
-    enum lw_status status = lw_crossover_run(&run, options, command, &signalled, err);
-    if (run.store.expense_count) {
+    enum lw_status status = lw_crossover_row_open(&row, options, command, &signalled, err);
+    if (status == LW_OK) status = lw_crossover_run(&row, err);
+    if (row.store.expense_count) {
         struct lw_error report_err = {0};
-        const enum lw_status written = lw_crossover_report_write(&run.store, &report_err);
+        const enum lw_status written = lw_crossover_report_write(&row.store, &report_err);
         if (status == LW_OK && written != LW_OK) *err = report_err;
         if (status == LW_OK) status = written;
     }
-    lw_crossover_run_finish(&run);
+    lw_crossover_row_finish(&row);
     return status;
 }
 

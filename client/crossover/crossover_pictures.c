@@ -1,7 +1,6 @@
 #include "client/crossover/crossover_pictures.h"
 
 #include "client/crossover/crossover_references.h"
-#include "client/crossover/crossover_unit.h"
 #include "client/view/font.h"
 #include "common/image/image.h"
 
@@ -53,7 +52,7 @@ static bool read_reference(const struct lw_crossover_store *s, uint32_t view, ui
 static bool read_crops(const struct lw_crossover_store *s, const struct lw_crossover_unit *unit,
                        uint32_t view, size_t values, float *out) {
     char path[4096];
-    lw_crossover_run_picture_path(s->folder, "crops", unit, "raw", path, sizeof path);
+    lw_crossover_store_picture_path(s->folder, "crops", unit, "raw", path, sizeof path);
     FILE *f = fopen(path, "re");
     const bool good = f && fseek(f, (long)(view * values * sizeof *out), SEEK_SET) == 0 &&
                       fread(out, sizeof *out, values, f) == values;

@@ -2,7 +2,7 @@
 
 #include "client/crossover/crossover_analysis.h"
 #include "client/crossover/crossover_pictures.h"
-#include "client/crossover/crossover_run.h"
+#include "client/crossover/crossover_references.h"
 #include "client/measure/gnuplot.h"
 #include "client/measure/views.h"
 #include "common/atomic_file.h"
@@ -470,7 +470,7 @@ static void print_pictures(const struct report *r) {
         struct lw_crossover_unit unit = {.repeat = 0};
         snprintf(unit.renderer, sizeof unit.renderer, "%s", r->a.point[i].renderer);
         snprintf(unit.setting, sizeof unit.setting, "%s", r->a.point[i].setting);
-        lw_crossover_run_picture_path(r->store->folder, "clip", &unit, "png", path, sizeof path);
+        lw_crossover_store_picture_path(r->store->folder, "clip", &unit, "png", path, sizeof path);
         if (access(path, R_OK) == 0)
             fprintf(r->f, "* [clip: %s, %s](%s)\n", unit.renderer, unit.setting,
                     path + strlen(r->store->folder) + 1);

@@ -621,3 +621,13 @@ enum lw_status lw_crossover_store_fail(struct lw_crossover_store *s, const struc
     }
     return save(s, FAILURES, &text, err);
 }
+
+void lw_crossover_store_picture_path(const char *folder, const char *kind,
+                                     const struct lw_crossover_unit *unit, const char *ending, char *out,
+                                     size_t size) {
+    char name[2 * LW_CROSSOVER_NAME_SIZE + 2];
+    snprintf(name, sizeof name, "%s-%s", unit->renderer, unit->setting);
+    for (char *c = name; *c; c++)
+        if (*c == ' ' || *c == '/') *c = '_';
+    snprintf(out, size, "%s/pictures/%s-%s.%s", folder, kind, name, ending);
+}

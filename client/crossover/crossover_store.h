@@ -150,4 +150,9 @@ LW_MUST_CHECK enum lw_status lw_crossover_store_fail(struct lw_crossover_store *
                                                      const struct lw_crossover_unit *unit, const char *text,
                                                      struct lw_error *err);
 
+/** Path of a picture of a unit in a row's folder: pictures/KIND-RENDERER-SETTING.ENDING. */
+void lw_crossover_store_picture_path(const char *folder, const char *kind,
+                                     const struct lw_crossover_unit *unit, const char *ending, char *out,
+                                     size_t size);
+
 #endif

@@ -25,7 +25,7 @@
 #define FLOOR_SHARE   0.01
 
 struct lw_crossover_job {
-    struct lw_crossover_run *run;
+    struct lw_crossover_row *row;
     const struct lw_crossover_plan *plan;
     struct lw_renderer *renderer;
     float *rgb;                       /* a whole picture */
@@ -42,19 +42,19 @@ struct lw_crossover_job {
 };
 
 static const struct lw_crossover_options *options_of(const struct lw_crossover_job *j) {
-    return j->run->options;
+    return j->row->options;
 }
 
 static bool keeps_pictures(const struct lw_crossover_job *j) { return j->plan->unit.repeat == 0; }
 
 static uint32_t last_frame(const struct lw_crossover_job *j) {
-    return j->run->judged[j->run->judged_count - 1];
+    return j->row->judged[j->row->judged_count - 1];
 }
 
 /* Index of the judged frame; -1: it is none. */
 static int judged_index(const struct lw_crossover_job *j, uint32_t frame) {
-    for (uint32_t i = 0; i < j->run->judged_count; i++)
-        if (j->run->judged[i] == frame) return (int)i;
+    for (uint32_t i = 0; i < j->row->judged_count; i++)
+        if (j->row->judged[i] == frame) return (int)i;
     return -1;
 }
 
@@ -72,7 +72,7 @@ static double resident_bytes(void) {
 }
 
 static enum lw_status check_cancel(const struct lw_crossover_job *j, struct lw_error *err) {
-    return *j->run->cancel ? lw_status_fail(err, LW_CLOSED, "interrupted") : LW_OK;
+    return *j->row->cancel ? lw_status_fail(err, LW_CLOSED, "interrupted") : LW_OK;
 }
 
 /* ---- errors ---- */
@@ -85,7 +85,7 @@ static struct lw_view_error_desc error_desc(const struct lw_crossover_references
 }
 
 static void add_lag(struct lw_crossover_job *j, uint32_t view) {
-    const struct lw_crossover_references *t = &j->run->references;
+    const struct lw_crossover_references *t = &j->row->references;
     struct lw_view_error_reference moment[LW_CROSSOVER_LATES + 1];
     for (uint32_t c = 0; c < LW_CROSSOVER_CROPS; c++) {
         for (uint32_t l = 0; l < LW_CROSSOVER_LATES; l++)
@@ -98,7 +98,7 @@ static void add_lag(struct lw_crossover_job *j, uint32_t view) {
 
 /* Compares a whole picture with its reference. */
 static enum lw_status judge(struct lw_crossover_job *j, uint32_t index, uint32_t view, struct lw_error *err) {
-    const struct lw_crossover_references *t = &j->run->references;
+    const struct lw_crossover_references *t = &j->row->references;
     const struct lw_view_error_desc desc = error_desc(t);
     struct lw_view_error_sum sum;
     if (t->dark[view]) return LW_OK;
@@ -160,7 +160,7 @@ static enum lw_status add_to_clip(struct lw_crossover_job *j, struct lw_error *e
                 small[3 * ((size_t)y * width + x) + c] =
                     0.25f * (from[0] + from[3] + from[below] + from[below + 3]);
             }
-    lw_tonemap_init(&tonemap, LW_TONEMAP_ACES, j->run->references.stops);
+    lw_tonemap_init(&tonemap, LW_TONEMAP_ACES, j->row->references.stops);
     lw_tonemap_encode(&tonemap, small, pixels, 3, shown);
     free(small);
     j->clip[j->clip_count++] = shown;
@@ -169,13 +169,13 @@ static enum lw_status add_to_clip(struct lw_crossover_job *j, struct lw_error *e
 
 static enum lw_status save_pictures(struct lw_crossover_job *j, struct lw_error *err) {
     char path[4096];
-    const struct lw_crossover_run *run = j->run;
-    const size_t size = crop_values(&run->references) * LW_CROSSOVER_VIEWS * sizeof(float);
+    const struct lw_crossover_row *row = j->row;
+    const size_t size = crop_values(&row->references) * LW_CROSSOVER_VIEWS * sizeof(float);
     if (!keeps_pictures(j)) return LW_OK;
-    lw_crossover_run_picture_path(run->store.folder, "crops", &j->plan->unit, "raw", path, sizeof path);
+    lw_crossover_store_picture_path(row->store.folder, "crops", &j->plan->unit, "raw", path, sizeof path);
     enum lw_status status = lw_atomic_file_save(path, j->first, size, err);
     if (status != LW_OK || !j->clip_count) return status;
-    lw_crossover_run_picture_path(run->store.folder, "clip", &j->plan->unit, "png", path, sizeof path);
+    lw_crossover_store_picture_path(row->store.folder, "clip", &j->plan->unit, "png", path, sizeof path);
     return lw_apng_write(path, (const uint8_t *const *)j->clip, j->clip_count,
                          options_of(j)->width / CLIP_HALVED, options_of(j)->height / CLIP_HALVED,
                          1000 / LW_VIEWS_HZ, err);
@@ -232,7 +232,7 @@ static void conclude(struct lw_crossover_job *j, struct lw_crossover_expense *al
 /* All frames of one user. */
 static enum lw_status follow_view(struct lw_crossover_job *j, uint32_t view, struct spent *sum,
                                   struct lw_progress *progress, struct lw_error *err) {
-    const uint32_t judged = j->run->judged[0], history = j->renderer->history;
+    const uint32_t judged = j->row->judged[0], history = j->renderer->history;
     const uint32_t first = history < judged ? judged - history : 1, last = last_frame(j);
     const bool clips = keeps_pictures(j) && view == CLIP_VIEW;
     const struct lw_renderer_ops *ops = j->renderer->ops;
@@ -242,7 +242,7 @@ static enum lw_status follow_view(struct lw_crossover_job *j, uint32_t view, str
     if (status == LW_OK) status = ops->set_users(j->renderer, 1, err);
     for (uint32_t frame = first; status == LW_OK && frame <= last + (clips ? CLIP_FRAMES : 0); frame++) {
         const int index = judged_index(j, frame);
-        const bool counts = frame >= j->run->window && frame <= last;
+        const bool counts = frame >= j->row->window && frame <= last;
         status = step(j, frame, &view, 1, counts ? &spent : NULL, err);
         lw_progress_step(progress, 1);
         if (status == LW_OK && (index >= 0 || frame > last)) ops->picture(j->renderer, 0, j->rgb);
@@ -262,12 +262,12 @@ static enum lw_status follow_view(struct lw_crossover_job *j, uint32_t view, str
 static enum lw_status follow_all(struct lw_crossover_job *j, struct spent *sum, struct lw_error *err) {
     struct lw_progress progress;
     const uint32_t history =
-        j->renderer->history < j->run->judged[0] ? j->renderer->history : j->run->judged[0];
+        j->renderer->history < j->row->judged[0] ? j->renderer->history : j->row->judged[0];
     lw_progress_init(&progress, j->plan->unit.renderer,
-                     (uint64_t)LW_CROSSOVER_VIEWS * (last_frame(j) - j->run->judged[0] + 1 + history));
+                     (uint64_t)LW_CROSSOVER_VIEWS * (last_frame(j) - j->row->judged[0] + 1 + history));
     enum lw_status status = LW_OK;
     for (uint32_t v = 0; status == LW_OK && v < LW_CROSSOVER_VIEWS; v++)
-        if (!j->run->references.dark[v]) status = follow_view(j, v, sum, &progress, err);
+        if (!j->row->references.dark[v]) status = follow_view(j, v, sum, &progress, err);
     if (status == LW_OK)
         lw_progress_finish(&progress);
     else
@@ -277,13 +277,13 @@ static enum lw_status follow_all(struct lw_crossover_job *j, struct spent *sum, 
 
 static enum lw_status measure_paths(struct lw_crossover_job *j, struct lw_error *err) {
     const struct lw_crossover_options *o = options_of(j);
-    const struct lw_crossover_run *run = j->run;
+    const struct lw_crossover_row *row = j->row;
     struct spent sum = {0};
     const uint64_t cpu_ns = lw_clock_process_cpu_ns(), wall_ns = lw_clock_ns();
     enum lw_status status = lw_per_user_renderer_create(
         &(struct lw_per_user_renderer_desc){
-            .scene = run->densities.scene,
-            .cameras = {.context = &run->views, .at = lw_crossover_run_camera},
+            .scene = row->densities.scene,
+            .cameras = {.context = &row->views, .at = lw_crossover_row_camera},
             .width = o->width,
             .height = o->height,
             .stride = 1,
@@ -309,7 +309,7 @@ static enum lw_status measure_paths(struct lw_crossover_job *j, struct lw_error 
 
 static enum lw_status find_package(void *context, double density, const char **out_path,
                                    struct lw_error *err) {
-    return lw_crossover_run_package(context, density, out_path, err);
+    return lw_crossover_row_package(context, density, out_path, err);
 }
 
 static double server_cpu_s(const struct lw_crossover_job *j) {
@@ -329,12 +329,12 @@ static enum lw_status serve_all(struct lw_crossover_job *j, struct spent *spent,
     for (uint32_t frame = 1; status == LW_OK && frame <= last; frame++) {
         uint32_t shown[LW_CROSSOVER_VIEWS], count = 1;
         const int index = judged_index(j, frame);
-        if (frame == j->run->window) *out_warm_cpu_s = server_cpu_s(j) - began_cpu_s;
+        if (frame == j->row->window) *out_warm_cpu_s = server_cpu_s(j) - began_cpu_s;
         shown[0] =
             frame % LW_CROSSOVER_VIEWS; /* also where nothing is judged: who is shown says what he sees */
         for (uint32_t v = 0; index >= 0 && v < LW_CROSSOVER_VIEWS; v++)
             shown[v] = v, count = LW_CROSSOVER_VIEWS;
-        status = step(j, frame, shown, count, frame >= j->run->window ? spent : NULL, err);
+        status = step(j, frame, shown, count, frame >= j->row->window ? spent : NULL, err);
         for (uint32_t v = 0; status == LW_OK && index >= 0 && v < LW_CROSSOVER_VIEWS; v++) {
             j->renderer->ops->picture(j->renderer, v, j->rgb);
             status = judge(j, (uint32_t)index, v, err);
@@ -367,7 +367,7 @@ static enum lw_status serve_alone(struct lw_crossover_job *j, uint32_t *frame, s
     for (uint32_t k = 0; status == LW_OK && k < alone; k++) {
         const uint32_t view = (turn + k) * ALONE_STRIDE % LW_CROSSOVER_VIEWS;
         struct spent spent = {0};
-        if (j->run->references.dark[view]) continue;
+        if (j->row->references.dark[view]) continue;
         status = j->renderer->ops->set_users(j->renderer, 1, err);
         for (uint32_t i = 0; status == LW_OK && i < SETTLE_FRAMES + ALONE_FRAMES; i++)
             status = step(j, ++*frame, &view, 1, i < SETTLE_FRAMES ? NULL : &spent, err);
@@ -395,14 +395,14 @@ static enum lw_status serve(struct lw_crossover_job *j, struct lw_error *err) {
     struct lw_crossover_expense all = *enter(j, &spent, LW_CROSSOVER_VIEWS, LW_CROSSOVER_ALL, true);
     j->expense_count--; /* comes last */
     all.extra[LW_CROSSOVER_EXTRA_USER_MEMORY] = resident_bytes() - j->memory_bytes;
-    all.extra[LW_CROSSOVER_EXTRA_BUILD_CPU] = lw_crossover_run_build_cpu_s(j->run, j->plan->setting.density);
+    all.extra[LW_CROSSOVER_EXTRA_BUILD_CPU] = lw_crossover_row_build_cpu_s(j->row, j->plan->setting.density);
     all.extra[LW_CROSSOVER_EXTRA_START_CPU] = start_cpu_s;
     all.extra[LW_CROSSOVER_EXTRA_JOIN_CPU] = join_cpu_s;
     all.extra[LW_CROSSOVER_EXTRA_START_WALL] = start_wall_s;
     all.extra[LW_CROSSOVER_EXTRA_WARM_CPU] = warm_cpu_s;
-    all.extra[LW_CROSSOVER_EXTRA_WARM_FRAMES] = j->run->window - 1;
+    all.extra[LW_CROSSOVER_EXTRA_WARM_FRAMES] = j->row->window - 1;
     uint32_t frame = last_frame(j);
-    if (keeps_pictures(j) && !j->run->references.dark[CLIP_VIEW]) status = film_clip(j, &frame, err);
+    if (keeps_pictures(j) && !j->row->references.dark[CLIP_VIEW]) status = film_clip(j, &frame, err);
     if (status == LW_OK) status = serve_alone(j, &frame, err);
     if (status != LW_OK) return status;
     ops->elsewhere(j->renderer, &(double){0}, &bytes);
@@ -415,8 +415,8 @@ static enum lw_status serve(struct lw_crossover_job *j, struct lw_error *err) {
 static enum lw_status measure_cache(struct lw_crossover_job *j, struct lw_error *err) {
     const struct lw_crossover_options *o = options_of(j);
     enum lw_status status =
-        lw_cache_renderer_create(&(struct lw_cache_renderer_desc){.cameras = {.context = &j->run->views,
-                                                                              .at = lw_crossover_run_camera},
+        lw_cache_renderer_create(&(struct lw_cache_renderer_desc){.cameras = {.context = &j->row->views,
+                                                                              .at = lw_crossover_row_camera},
                                                                   .width = o->width,
                                                                   .height = o->height,
                                                                   .stride = 1,
@@ -425,7 +425,7 @@ static enum lw_status measure_cache(struct lw_crossover_job *j, struct lw_error 
                                                                   .denoise = true,
                                                                   .solver = o->solver,
                                                                   .package = find_package,
-                                                                  .context = j->run},
+                                                                  .context = j->row},
                                  &j->renderer, err);
     return status == LW_OK ? serve(j, err) : status;
 }
@@ -434,12 +434,12 @@ static enum lw_status measure_cache(struct lw_crossover_job *j, struct lw_error 
 
 static enum lw_status prepare(struct lw_crossover_job *j, struct lw_error *err) {
     const struct lw_crossover_options *o = options_of(j);
-    const struct lw_view_error_desc desc = error_desc(&j->run->references);
+    const struct lw_view_error_desc desc = error_desc(&j->row->references);
     lw_view_error_init(&j->lag, &desc);
     j->rgb = malloc(3 * (size_t)o->width * o->height * sizeof *j->rgb);
-    j->sample = calloc((size_t)j->run->judged_count * LW_CROSSOVER_VIEWS, sizeof *j->sample);
+    j->sample = calloc((size_t)j->row->judged_count * LW_CROSSOVER_VIEWS, sizeof *j->sample);
     if (keeps_pictures(j))
-        j->first = calloc(crop_values(&j->run->references) * LW_CROSSOVER_VIEWS, sizeof *j->first);
+        j->first = calloc(crop_values(&j->row->references) * LW_CROSSOVER_VIEWS, sizeof *j->first);
     if (!j->rgb || !j->sample || (keeps_pictures(j) && !j->first))
         return lw_status_fail(err, LW_NO_MEMORY, "no memory for pictures");
     malloc_trim(0); /* what earlier units have given back is not to serve this one unseen */
@@ -457,14 +457,14 @@ static void finish(struct lw_crossover_job *j) {
     free(j->rgb);
 }
 
-enum lw_status lw_crossover_unit_measure(struct lw_crossover_run *run, const struct lw_crossover_plan *plan,
+enum lw_status lw_crossover_unit_measure(struct lw_crossover_row *row, const struct lw_crossover_plan *plan,
                                          struct lw_error *err) {
-    struct lw_crossover_job job = {.run = run, .plan = plan};
+    struct lw_crossover_job job = {.row = row, .plan = plan};
     enum lw_status status = prepare(&job, err);
     if (status == LW_OK) status = plan->is_cache ? measure_cache(&job, err) : measure_paths(&job, err);
     if (status == LW_OK) status = save_pictures(&job, err);
     if (status == LW_OK)
-        status = lw_crossover_store_append(&run->store, job.sample, job.sample_count, job.expense,
+        status = lw_crossover_store_append(&row->store, job.sample, job.sample_count, job.expense,
                                            job.expense_count, err);
     if (status == LW_OK) {
         double error = 0;

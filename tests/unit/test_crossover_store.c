@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "client/crossover/crossover_run.h"
+#include "client/crossover/crossover_row.h"
 
 #include <math.h>
 #include <signal.h>
@@ -209,13 +209,13 @@ static void a_list_has_whole_entries(void **state) {
 
 /* Goes as far as opening the scene, which is not there: options are compared before. */
 static void run_row(const char *folder, const struct lw_crossover_options *options, const char *refused) {
-    struct lw_crossover_run run;
+    struct lw_crossover_row row;
     struct lw_crossover_options o = *options;
     struct lw_error err = {0};
     volatile sig_atomic_t cancel = 0;
     o.folder = folder;
-    const enum lw_status status = lw_crossover_run(&run, &o, "command", &cancel, &err);
-    lw_crossover_run_finish(&run);
+    const enum lw_status status = lw_crossover_row_open(&row, &o, "command", &cancel, &err);
+    lw_crossover_row_finish(&row);
     if (refused)
         lw_support_fails(status, LW_USAGE, &err, refused);
     else
