@@ -1,17 +1,16 @@
 #include "client/crossover/crossover_options.h"
 
+#include "client/measure/measure_options.h"
+
 #include <errno.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#define SIDE_MAX    8192u
-#define WIDTH_MIN   64u /* two crops side by side */
-#define HEIGHT_MIN  32u
-#define DENSITY_MIN 0.01
-#define DENSITY_MAX 100.0
-#define PATHS_MAX   256u
+#define WIDTH_MIN  64u /* two crops side by side */
+#define HEIGHT_MIN 32u
+#define PATHS_MAX  256u
 
 /* Copies the next word of a list apart by commas and moves *text behind it; false: none is left. A word that
  * does not fit is cut, which makes it none that is known. */
@@ -66,27 +65,16 @@ static enum lw_status parse_densities(const char *text, struct lw_crossover_opti
     for (o->density_count = 0; next_word(&at, word, sizeof word);) {
         char *end;
         const double density = strtod(word, &end);
-        if (end == word || *end || !(density >= DENSITY_MIN && density <= DENSITY_MAX) ||
+        if (end == word || *end ||
+            !(density >= LW_MEASURE_OPTIONS_DENSITY_MIN && density <= LW_MEASURE_OPTIONS_DENSITY_MAX) ||
             o->density_count == LW_CROSSOVER_DENSITIES_MAX)
-            return lw_status_fail(err, LW_USAGE,
-                                  "--densities: \"%s\" is no list of up to %u numbers from %g to %g", text,
-                                  LW_CROSSOVER_DENSITIES_MAX, DENSITY_MIN, DENSITY_MAX);
+            return lw_status_fail(
+                err, LW_USAGE, "--densities: \"%s\" is no list of up to %u numbers from %g to %g", text,
+                LW_CROSSOVER_DENSITIES_MAX, LW_MEASURE_OPTIONS_DENSITY_MIN, LW_MEASURE_OPTIONS_DENSITY_MAX);
         if (o->density_count && density <= o->density[o->density_count - 1])
             return lw_status_fail(err, LW_USAGE, "--densities: they must grow");
         o->density[o->density_count++] = density;
     }
-    return LW_OK;
-}
-
-static enum lw_status parse_size(const char *text, struct lw_crossover_options *o, struct lw_error *err) {
-    unsigned width = 0, height = 0;
-    int end = 0;
-    if (sscanf(text, "%5ux%5u%n", &width, &height, &end) != 2 || text[end] || width < WIDTH_MIN ||
-        height < HEIGHT_MIN || width > SIDE_MAX || height > SIDE_MAX)
-        return lw_status_fail(err, LW_USAGE, "--size: \"%s\" is no WxH with %ux%u to %ux%u pixels", text,
-                              WIDTH_MIN, HEIGHT_MIN, SIDE_MAX, SIDE_MAX);
-    o->width = width;
-    o->height = height;
     return LW_OK;
 }
 
@@ -170,7 +158,8 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
     status = parse_opponents(opponents, &o, err);
     if (status == LW_OK) status = parse_paths(paths, &o, err);
     if (status == LW_OK) status = parse_densities(densities, &o, err);
-    if (status == LW_OK) status = parse_size(size, &o, err);
+    if (status == LW_OK)
+        status = lw_measure_options_size(size, WIDTH_MIN, HEIGHT_MIN, &o.width, &o.height, err);
     if (status == LW_OK) *out_options = o;
     return status;
 }

@@ -4,8 +4,8 @@
 #include "client/crossover/crossover_pictures.h"
 #include "client/crossover/crossover_references.h"
 #include "client/measure/gnuplot.h"
+#include "client/measure/report_text.h"
 #include "client/measure/views.h"
-#include "common/atomic_file.h"
 #include "common/log.h"
 
 #include <math.h>
@@ -480,18 +480,11 @@ static void print_pictures(const struct report *r) {
 
 /* ---- files ---- */
 
-static enum lw_status save(const struct report *r, const char *name, const char *bytes, size_t size,
-                           struct lw_error *err) {
-    char path[4096];
-    snprintf(path, sizeof path, "%s/%s", r->store->folder, name);
-    return lw_atomic_file_save(path, bytes, size, err);
-}
-
 static enum lw_status write_curves(struct report *r, struct lw_error *err) {
-    char *bytes;
-    size_t size;
-    FILE *f = open_memstream(&bytes, &size);
-    if (!f) return lw_status_fail(err, LW_NO_MEMORY, "no memory for curves.csv");
+    struct lw_report_text text;
+    enum lw_status status = lw_report_text_begin(&text, "curves.csv", err);
+    if (status != LW_OK) return status;
+    FILE *f = text.stream;
     fprintf(f, "renderer,setting,cpu_s,relmse,relmse_low,relmse_high,flip,flip_low,flip_high\n");
     for (uint32_t i = 0; i < r->a.point_count; i++) {
         const struct lw_crossover_point *p = &r->a.point[i];
@@ -500,9 +493,7 @@ static enum lw_status write_curves(struct report *r, struct lw_error *err) {
         fprintf(f, "%s,%s,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", p->renderer, p->setting, p->cost_s.value,
                 e->value, e->low, e->high, flip->value, flip->low, flip->high);
     }
-    if (fclose(f) != 0) return lw_status_fail(err, LW_NO_MEMORY, "no memory for curves.csv");
-    enum lw_status status = save(r, "curves.csv", bytes, size, err);
-    free(bytes);
+    status = lw_report_text_save(&text, r->store->folder, err);
     return status;
 }
 
@@ -529,17 +520,15 @@ static void print_plot(FILE *f, const struct report *r, const char *name, const 
 }
 
 static enum lw_status write_plots(struct report *r, struct lw_error *err) {
-    char *bytes;
-    size_t size;
-    FILE *f = open_memstream(&bytes, &size);
-    if (!f) return lw_status_fail(err, LW_NO_MEMORY, "no memory for crossover.gp");
+    struct lw_report_text text;
+    enum lw_status status = lw_report_text_begin(&text, "crossover.gp", err);
+    if (status != LW_OK) return status;
+    FILE *f = text.stream;
     fprintf(f, "set datafile separator ','\nset logscale xy\nset grid\nset key top right\n"
                "set xlabel 'CPU s per frame, one user'\n");
     print_plot(f, r, "relmse", "relMSE", 4);
     print_plot(f, r, "flip", "FLIP", 7);
-    if (fclose(f) != 0) return lw_status_fail(err, LW_NO_MEMORY, "no memory for crossover.gp");
-    enum lw_status status = save(r, "crossover.gp", bytes, size, err);
-    free(bytes);
+    status = lw_report_text_save(&text, r->store->folder, err);
     if (status == LW_OK) lw_gnuplot_run(r->store->folder, "crossover.gp");
     return status;
 }
@@ -569,14 +558,13 @@ static void print_head(const struct report *r) {
 
 enum lw_status lw_crossover_report_write(const struct lw_crossover_store *store, struct lw_error *err) {
     struct report r = {.store = store};
-    char *bytes;
-    size_t size;
+    struct lw_report_text text;
     enum lw_status status = lw_crossover_analysis_init(&r.a, store, err);
     if (status != LW_OK) return status;
     status = write_curves(&r, err);
-    r.f = status == LW_OK ? open_memstream(&bytes, &size) : NULL;
-    if (status == LW_OK && !r.f) status = lw_status_fail(err, LW_NO_MEMORY, "no memory for report.md");
+    if (status == LW_OK) status = lw_report_text_begin(&text, "report.md", err);
     if (status == LW_OK) {
+        r.f = text.stream;
         print_head(&r);
         print_against(&r);
         print_fixed(&r);
@@ -586,12 +574,7 @@ enum lw_status lw_crossover_report_write(const struct lw_crossover_store *store,
         print_sessions(&r);
         print_by_frame(&r);
         print_by_view(&r);
-        if (fclose(r.f) != 0) {
-            status = lw_status_fail(err, LW_NO_MEMORY, "no memory for report.md");
-        } else {
-            status = save(&r, "report.md", bytes, size, err);
-            free(bytes);
-        }
+        status = lw_report_text_save(&text, store->folder, err);
     }
     if (status == LW_OK) status = write_plots(&r, err);
     if (status == LW_OK) {

@@ -1,6 +1,6 @@
 #include "client/crossover/crossover_store.h"
 
-#include "common/atomic_file.h"
+#include "client/measure/report_text.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -59,38 +59,8 @@ double lw_crossover_store_total(const struct lw_crossover_expense *e) {
 
 /* ---- text ---- */
 
-struct text {
-    char *bytes;
-    size_t size;
-    FILE *stream;
-};
-
-static bool begin(struct text *text) {
-    *text = (struct text){0};
-    text->stream = open_memstream(&text->bytes, &text->size);
-    return text->stream != NULL;
-}
-
-/* On success text->bytes is to be freed. */
-static enum lw_status end(struct text *text, const char *name, struct lw_error *err) {
-    if (fclose(text->stream) == 0) return LW_OK;
-    free(text->bytes);
-    return lw_status_fail(err, LW_NO_MEMORY, "no memory for %s", name);
-}
-
 static void path_of(const struct lw_crossover_store *s, const char *name, char out[PATH_SIZE]) {
     snprintf(out, PATH_SIZE, "%s/%s", s->folder, name);
-}
-
-static enum lw_status save(const struct lw_crossover_store *s, const char *name, struct text *text,
-                           struct lw_error *err) {
-    char path[PATH_SIZE];
-    path_of(s, name, path);
-    enum lw_status status = end(text, name, err);
-    if (status != LW_OK) return status;
-    status = lw_atomic_file_save(path, text->bytes, text->size, err);
-    free(text->bytes);
-    return status;
 }
 
 static void print_number(FILE *f, double x) {
@@ -215,12 +185,13 @@ static enum lw_status bad_line(const struct table *t, const char *why, struct lw
 }
 
 static enum lw_status skip_head(struct table *t, void (*print)(FILE *), struct lw_error *err) {
-    struct text text;
+    struct lw_report_text text;
     char *line;
     if (!next_line(t, &line)) return LW_OK;
-    if (!begin(&text)) return lw_status_fail(err, LW_NO_MEMORY, "no memory for %s", t->name);
+    enum lw_status status = lw_report_text_begin(&text, t->name, err);
+    if (status != LW_OK) return status;
     print(text.stream);
-    enum lw_status status = end(&text, t->name, err);
+    status = lw_report_text_end(&text, err);
     if (status != LW_OK) return status;
     text.bytes[text.size - 1] = 0;
     const bool same = strcmp(text.bytes, line) == 0;
@@ -422,16 +393,17 @@ static bool drop_incomplete(struct lw_crossover_store *s) {
 }
 
 static enum lw_status write_all(const struct lw_crossover_store *s, struct lw_error *err) {
-    struct text text;
-    if (!begin(&text)) return lw_status_fail(err, LW_NO_MEMORY, "no memory for " SAMPLES);
+    struct lw_report_text text;
+    enum lw_status status = lw_report_text_begin(&text, SAMPLES, err);
+    if (status != LW_OK) return status;
     print_samples_head(text.stream);
     for (size_t i = 0; i < s->sample_count; i++) print_sample(text.stream, &s->sample[i]);
-    enum lw_status status = save(s, SAMPLES, &text, err);
+    status = lw_report_text_save(&text, s->folder, err);
+    if (status == LW_OK) status = lw_report_text_begin(&text, COSTS, err);
     if (status != LW_OK) return status;
-    if (!begin(&text)) return lw_status_fail(err, LW_NO_MEMORY, "no memory for " COSTS);
     print_costs_head(text.stream);
     for (size_t i = 0; i < s->expense_count; i++) print_expense(text.stream, &s->expense[i]);
-    return save(s, COSTS, &text, err);
+    return lw_report_text_save(&text, s->folder, err);
 }
 
 static enum lw_status open_to_append(const struct lw_crossover_store *s, const char *name, int *out_file,
@@ -492,7 +464,7 @@ void lw_crossover_store_finish(struct lw_crossover_store *s) {
 /* ---- appending ---- */
 
 static enum lw_status write_text(const struct lw_crossover_store *s, int file, const char *name,
-                                 const struct text *text, struct lw_error *err) {
+                                 const struct lw_report_text *text, struct lw_error *err) {
     for (size_t done = 0; done < text->size;) {
         const ssize_t wrote = write(file, text->bytes + done, text->size - done);
         if (wrote < 0 && errno == EINTR) continue;
@@ -506,8 +478,8 @@ static enum lw_status write_text(const struct lw_crossover_store *s, int file, c
     return LW_OK;
 }
 
-static enum lw_status append(const struct lw_crossover_store *s, const struct text *samples,
-                             const struct text *costs, struct lw_error *err) {
+static enum lw_status append(const struct lw_crossover_store *s, const struct lw_report_text *samples,
+                             const struct lw_report_text *costs, struct lw_error *err) {
     struct stat before_samples, before_costs;
     if (fstat(s->samples_file, &before_samples) < 0 || fstat(s->costs_file, &before_costs) < 0)
         return lw_status_fail(err, LW_IO, "%s: %s", s->folder, strerror(errno));
@@ -524,20 +496,19 @@ enum lw_status lw_crossover_store_append(struct lw_crossover_store *s,
                                          const struct lw_crossover_sample *sample, size_t sample_count,
                                          const struct lw_crossover_expense *expense, size_t expense_count,
                                          struct lw_error *err) {
-    struct text samples, costs;
-    if (!begin(&samples)) return lw_status_fail(err, LW_NO_MEMORY, "no memory for " SAMPLES);
-    for (size_t i = 0; i < sample_count; i++) print_sample(samples.stream, &sample[i]);
-    enum lw_status status = end(&samples, SAMPLES, err);
+    struct lw_report_text samples, costs;
+    enum lw_status status = lw_report_text_begin(&samples, SAMPLES, err);
     if (status != LW_OK) return status;
-    if (begin(&costs)) {
+    for (size_t i = 0; i < sample_count; i++) print_sample(samples.stream, &sample[i]);
+    if ((status = lw_report_text_end(&samples, err)) != LW_OK) return status;
+    status = lw_report_text_begin(&costs, COSTS, err);
+    if (status == LW_OK) {
         for (size_t i = 0; i < expense_count; i++) print_expense(costs.stream, &expense[i]);
-        status = end(&costs, COSTS, err);
-        if (status == LW_OK) {
-            status = append(s, &samples, &costs, err);
-            free(costs.bytes);
-        }
-    } else {
-        status = lw_status_fail(err, LW_NO_MEMORY, "no memory for " COSTS);
+        status = lw_report_text_end(&costs, err);
+    }
+    if (status == LW_OK) {
+        status = append(s, &samples, &costs, err);
+        free(costs.bytes);
     }
     free(samples.bytes);
     bool room = true;
@@ -550,12 +521,13 @@ enum lw_status lw_crossover_store_append(struct lw_crossover_store *s,
 
 enum lw_status lw_crossover_store_set_late(struct lw_crossover_store *s, const struct lw_crossover_late *late,
                                            size_t count, struct lw_error *err) {
-    struct text text;
-    if (!begin(&text)) return lw_status_fail(err, LW_NO_MEMORY, "no memory for " LATE);
+    struct lw_report_text text;
+    enum lw_status status = lw_report_text_begin(&text, LATE, err);
+    if (status != LW_OK) return status;
     print_late_head(text.stream);
     for (size_t i = 0; i < count; i++)
         fprintf(text.stream, "%u,%u,%u,%.9g\n", late[i].view, late[i].frame, late[i].late, late[i].relmse);
-    enum lw_status status = save(s, LATE, &text, err);
+    status = lw_report_text_save(&text, s->folder, err);
     s->late_count = 0;
     for (size_t i = 0; status == LW_OK && i < count; i++)
         if (!PUSH(s->late, s->late_count, late[i]))
@@ -582,7 +554,7 @@ bool lw_crossover_store_lists(const char *list, const char *entry) {
 enum lw_status lw_crossover_store_set(struct lw_crossover_store *s, const char *key, const char *value,
                                       struct lw_error *err) {
     struct lw_crossover_note note = {.key = ""};
-    struct text text;
+    struct lw_report_text text;
     size_t at = 0;
     while (at < s->note_count && strcmp(s->note[at].key, key) != 0) at++;
     snprintf(note.key, sizeof note.key, "%s", key);
@@ -594,10 +566,11 @@ enum lw_status lw_crossover_store_set(struct lw_crossover_store *s, const char *
     } else if (!PUSH(s->note, s->note_count, note)) {
         return lw_status_fail(err, LW_NO_MEMORY, "no memory for " ROW);
     }
-    if (!begin(&text)) return lw_status_fail(err, LW_NO_MEMORY, "no memory for " ROW);
+    enum lw_status status = lw_report_text_begin(&text, ROW, err);
+    if (status != LW_OK) return status;
     for (size_t i = 0; i < s->note_count; i++)
         fprintf(text.stream, "%s,%s\n", s->note[i].key, s->note[i].value);
-    return save(s, ROW, &text, err);
+    return lw_report_text_save(&text, s->folder, err);
 }
 
 enum lw_status lw_crossover_store_fail(struct lw_crossover_store *s, const struct lw_crossover_unit *unit,
@@ -609,17 +582,18 @@ enum lw_status lw_crossover_store_fail(struct lw_crossover_store *s, const struc
     s->failure_count = kept;
     if (!why && kept == before) return LW_OK;
     struct lw_crossover_failure failure = {.unit = *unit};
-    struct text text;
+    struct lw_report_text text;
     snprintf(failure.text, sizeof failure.text, "%s", why ? why : "");
     lw_status_one_line(failure.text);
     if (why && !PUSH(s->failure, s->failure_count, failure))
         return lw_status_fail(err, LW_NO_MEMORY, "no memory for " FAILURES);
-    if (!begin(&text)) return lw_status_fail(err, LW_NO_MEMORY, "no memory for " FAILURES);
+    enum lw_status status = lw_report_text_begin(&text, FAILURES, err);
+    if (status != LW_OK) return status;
     for (size_t i = 0; i < s->failure_count; i++) {
         print_unit(text.stream, &s->failure[i].unit);
         fprintf(text.stream, ",%s\n", s->failure[i].text);
     }
-    return save(s, FAILURES, &text, err);
+    return lw_report_text_save(&text, s->folder, err);
 }
 
 void lw_crossover_store_picture_path(const char *folder, const char *kind,

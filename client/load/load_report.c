@@ -4,8 +4,10 @@
 
 #include <errno.h>
 #include <inttypes.h>
+#include <jansson.h>
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 static const char *const fault_key[] = {
@@ -163,61 +165,102 @@ static void print_text(const struct lw_load_options *o, const struct lw_load_rep
 
 /* ---- JSON ---- */
 
-static void print_json_times(const char *name, const struct lw_histogram *h) {
-    printf(" \"%s\": {\"count\": %" PRIu64
-           ", \"mean\": %.6g, \"p50\": %.6g, \"p95\": %.6g, \"p99\": %.6g, \"max\": %.6g},\n",
-           name, h->count, 1e-6 * lw_histogram_mean(h), quantile_ms(h, 0.5), quantile_ms(h, 0.95),
-           quantile_ms(h, 0.99), ms(h->max));
+/* A number that JSON can hold. */
+static json_t *real(double x) { return isfinite(x) ? json_real(x) : json_null(); }
+
+static json_t *count(uint64_t n) { return json_integer((json_int_t)n); }
+
+static json_t *times(const struct lw_histogram *h) {
+    return json_pack("{s:o, s:o, s:o, s:o, s:o, s:o}", "count", count(h->count), "mean",
+                     real(1e-6 * lw_histogram_mean(h)), "p50", real(quantile_ms(h, 0.5)), "p95",
+                     real(quantile_ms(h, 0.95)), "p99", real(quantile_ms(h, 0.99)), "max", real(ms(h->max)));
 }
 
-static void print_json(const struct lw_load_options *o, const struct lw_load_report *r) {
+static void add_users(json_t *root, const struct lw_load_options *o, const struct lw_load_report *r) {
     const struct lw_load_figures *f = &r->figures;
-    printf("{\"users\": %u, \"path\": \"%s\", \"reader\": \"%s\", \"odd_readers\": %u, \"end\": \"%s\", "
-           "\"run_s\": %.6g, "
-           "\"measured_s\": %.6g,\n",
-           o->users, path_text[o->path], reader_text[o->reader], o->odd_readers, end_key[r->end], r->run_s,
-           r->measured_s);
-    printf(" \"asked\": %" PRIu64 ", \"welcomed\": %" PRIu64 ", \"refused\": %" PRIu64 ", \"lost\": %" PRIu64
-           ", \"followed\": %" PRIu64 ", \"left\": %" PRIu64 ", \"broken\": %" PRIu64
-           ", \"returned\": %" PRIu64 ", \"stopped\": %" PRIu64 ", \"dropped\": %" PRIu64
-           ", \"users_at_end\": %u,\n",
-           f->asked, f->welcomed, f->refused, f->lost, f->followed, f->left, f->broken, f->returned,
-           f->stopped, f->dropped, r->users_at_end);
-    print_json_times("connect_ms", &f->connect);
-    print_json_times("download_ms", &f->download);
-    print_json_times("first_view_ms", &f->first_view);
-    print_json_times("served_ms", &f->served);
-    print_json_times("next_view_ms", &f->next_view);
-    print_json_times("frame_ms", &f->frame);
-    print_json_times("update_ms", &f->update);
-    print_json_times("whole_frame_ms", &f->whole);
-    print_json_times("light_age_ms", &f->age);
-    print_json_times("ping_ms", &f->ping);
-    print_json_times("drop_ms", &f->drop);
-    print_json_times("lag_ms", &r->lag);
-    printf(" \"user_s\": %.6g, \"bytes\": %" PRIu64 ", \"tiles\": %" PRIu64 ", \"frames\": %" PRIu64
-           ", \"whole_frames\": %" PRIu64 ", \"frames_published\": %" PRIu64
-           ", \"frames_per_s_p1\": %.6g, \"kbit_in_a_second_p99\": %.6g,\n",
-           r->user_s, r->bytes, r->tiles, r->frames, r->settled, r->frames_heard, frames_hz_of_most(r),
-           kbit(&f->second_bytes, 0.99));
-    printf(" \"server_cpu_s\": %.6g, \"server_wall_s\": %.6g, \"own_cpu_s\": %.6g, \"own_wait_s\": %.6g, "
-           "\"own_memory_bytes\": %" PRIu64 ", \"tiles_decoded\": %" PRIu64 ", \"saturated\": %s,\n",
-           r->server_cpu_s, r->server_wall_s, r->own_cpu_s, r->own_wait_s, r->own_memory_bytes,
-           r->tiles_decoded, lw_load_report_is_saturated(r) ? "true" : "false");
-    printf(" \"scene_tiles\": %u, \"package_bytes\": %" PRIu64 ", \"package_compressed_bytes\": %" PRIu64
-           ", \"package_ms\": %.6g,\n \"errors\": {",
-           r->tile_count, r->package_bytes, r->package_compressed_bytes, ms(r->download_ns));
+    const struct {
+        const char *key;
+        uint64_t count;
+    } counts[] = {{"asked", f->asked},     {"welcomed", f->welcomed},        {"refused", f->refused},
+                  {"lost", f->lost},       {"followed", f->followed},        {"left", f->left},
+                  {"broken", f->broken},   {"returned", f->returned},        {"stopped", f->stopped},
+                  {"dropped", f->dropped}, {"users_at_end", r->users_at_end}};
+    json_object_set_new(root, "users", count(o->users));
+    json_object_set_new(root, "path", json_string(path_text[o->path]));
+    json_object_set_new(root, "reader", json_string(reader_text[o->reader]));
+    json_object_set_new(root, "odd_readers", count(o->odd_readers));
+    json_object_set_new(root, "end", json_string(end_key[r->end]));
+    json_object_set_new(root, "run_s", real(r->run_s));
+    json_object_set_new(root, "measured_s", real(r->measured_s));
+    for (size_t i = 0; i < sizeof counts / sizeof *counts; i++)
+        json_object_set_new(root, counts[i].key, count(counts[i].count));
+}
+
+static void add_times(json_t *root, const struct lw_load_report *r) {
+    const struct lw_load_figures *f = &r->figures;
+    const struct {
+        const char *key;
+        const struct lw_histogram *times;
+    } all[] = {
+        {"connect_ms", &f->connect}, {"download_ms", &f->download},   {"first_view_ms", &f->first_view},
+        {"served_ms", &f->served},   {"next_view_ms", &f->next_view}, {"frame_ms", &f->frame},
+        {"update_ms", &f->update},   {"whole_frame_ms", &f->whole},   {"light_age_ms", &f->age},
+        {"ping_ms", &f->ping},       {"drop_ms", &f->drop},           {"lag_ms", &r->lag}};
+    for (size_t i = 0; i < sizeof all / sizeof *all; i++)
+        json_object_set_new(root, all[i].key, times(all[i].times));
+}
+
+static void add_rates(json_t *root, const struct lw_load_report *r) {
+    json_object_set_new(root, "user_s", real(r->user_s));
+    json_object_set_new(root, "bytes", count(r->bytes));
+    json_object_set_new(root, "tiles", count(r->tiles));
+    json_object_set_new(root, "frames", count(r->frames));
+    json_object_set_new(root, "whole_frames", count(r->settled));
+    json_object_set_new(root, "frames_published", count(r->frames_heard));
+    json_object_set_new(root, "frames_per_s_p1", real(frames_hz_of_most(r)));
+    json_object_set_new(root, "kbit_in_a_second_p99", real(kbit(&r->figures.second_bytes, 0.99)));
+}
+
+static void add_sides(json_t *root, const struct lw_load_report *r) {
+    json_object_set_new(root, "server_cpu_s", real(r->server_cpu_s));
+    json_object_set_new(root, "server_wall_s", real(r->server_wall_s));
+    json_object_set_new(root, "own_cpu_s", real(r->own_cpu_s));
+    json_object_set_new(root, "own_wait_s", real(r->own_wait_s));
+    json_object_set_new(root, "own_memory_bytes", count(r->own_memory_bytes));
+    json_object_set_new(root, "tiles_decoded", count(r->tiles_decoded));
+    json_object_set_new(root, "saturated", json_boolean(lw_load_report_is_saturated(r)));
+    json_object_set_new(root, "scene_tiles", count(r->tile_count));
+    json_object_set_new(root, "package_bytes", count(r->package_bytes));
+    json_object_set_new(root, "package_compressed_bytes", count(r->package_compressed_bytes));
+    json_object_set_new(root, "package_ms", real(ms(r->download_ns)));
+}
+
+static enum lw_status print_json(const struct lw_load_options *o, const struct lw_load_report *r,
+                                 struct lw_error *err) {
+    json_t *root = json_object(), *errors = json_object();
+    add_users(root, o, r);
+    add_times(root, r);
+    add_rates(root, r);
+    add_sides(root, r);
     for (int i = 0; i < LW_LOAD_FAULT_COUNT; i++)
-        printf("%s\"%s\": %" PRIu64, i ? ", " : "", fault_key[i], f->fault[i]);
-    printf("}}\n");
+        json_object_set_new(errors, fault_key[i], count(r->figures.fault[i]));
+    json_object_set_new(root, "errors", errors);
+    char *text = json_dumps(root, JSON_INDENT(1) | JSON_PRESERVE_ORDER | JSON_REAL_PRECISION(6));
+    json_decref(root);
+    if (!text) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the report");
+    puts(text);
+    free(text);
+    return LW_OK;
 }
 
 enum lw_status lw_load_report_print(const struct lw_load_options *options,
                                     const struct lw_load_report *report, struct lw_error *err) {
+    enum lw_status status = LW_OK;
     if (options->json)
-        print_json(options, report);
+        status = print_json(options, report, err);
     else
         print_text(options, report);
+    if (status != LW_OK) return status;
     if (fflush(stdout) || ferror(stdout))
         return lw_status_fail(err, LW_IO, "cannot write to standard output: %s", strerror(errno));
     return LW_OK;

@@ -44,7 +44,7 @@ struct lw_load_report {
 /** Whether our own side was too busy, or got too little of the machine, for its times to be the server's. */
 bool lw_load_report_is_saturated(const struct lw_load_report *report);
 
-/** Errors: LW_IO. */
+/** Prints to stdout. Errors: LW_IO, LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_load_report_print(const struct lw_load_options *options,
                                                   const struct lw_load_report *report, struct lw_error *err);
 

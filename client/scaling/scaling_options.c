@@ -1,14 +1,14 @@
 #include "client/scaling/scaling_options.h"
 
+#include "client/measure/measure_options.h"
+
 #include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#define SIDE_MAX      8192u
+#define SIDE_MIN      16u
 #define SAMPLES_MAX   65536u
-#define DENSITY_MIN   0.01
-#define DENSITY_MAX   100.0
 #define REST_MIN      1e-4
 #define REST_MAX      10.0
 #define DEFAULT_USERS "1,2,4,8,16,32,64,128,256"
@@ -61,19 +61,6 @@ static enum lw_status parse_error(const char *text, struct lw_scaling_options *o
     return lw_status_fail(err, LW_USAGE, "--error: \"%s\" is not %s", text, expected);
 }
 
-static enum lw_status parse_size(const char *text, struct lw_scaling_options *o, struct lw_error *err) {
-    const char *at = text;
-    uint64_t width, height;
-    bool good =
-        read_count(&at, SIDE_MAX, &width) && *at++ == 'x' && read_count(&at, SIDE_MAX, &height) && !*at;
-    if (!good || width < 16 || height < 16)
-        return lw_status_fail(err, LW_USAGE, "--size: \"%s\" is no WxH with 16..%u pixels a side", text,
-                              SIDE_MAX);
-    o->width = (uint32_t)width;
-    o->height = (uint32_t)height;
-    return LW_OK;
-}
-
 /* Skips the character before a number, reads that and moves *text behind it. */
 static bool read_real(const char **text, double min, double max, double *out) {
     char *end;
@@ -91,7 +78,9 @@ static enum lw_status parse_fixed(const char *text, struct lw_scaling_options *o
                 *at++ == '+' && read_count(&at, 1024, &indirect) && samples && direct && indirect;
     o->fixed_density = 1;
     o->fixed_rest = 0.02;
-    if (good && *at == '@') good = read_real(&at, DENSITY_MIN, DENSITY_MAX, &o->fixed_density);
+    if (good && *at == '@')
+        good =
+            read_real(&at, LW_MEASURE_OPTIONS_DENSITY_MIN, LW_MEASURE_OPTIONS_DENSITY_MAX, &o->fixed_density);
     if (good && *at == ',') good = read_real(&at, REST_MIN, REST_MAX, &o->fixed_rest);
     if (!good || *at)
         return lw_status_fail(
@@ -196,7 +185,7 @@ enum lw_status lw_scaling_options_parse(int argc, char **argv, struct lw_scaling
     if (!o.folder) return lw_status_fail(err, LW_USAGE, "-o DIR is missing: where the report goes");
     status = parse_users(users, &o, err);
     if (status == LW_OK) status = parse_error(error, &o, err);
-    if (status == LW_OK) status = parse_size(size, &o, err);
+    if (status == LW_OK) status = lw_measure_options_size(size, SIDE_MIN, SIDE_MIN, &o.width, &o.height, err);
     if (status == LW_OK && fixed) status = parse_fixed(fixed, &o, err);
     if (status == LW_OK) *out_options = o;
     return status;

@@ -1,7 +1,7 @@
 #include "client/scaling/scaling_report.h"
 
 #include "client/measure/gnuplot.h"
-#include "common/atomic_file.h"
+#include "client/measure/report_text.h"
 #include "common/log.h"
 
 #include <errno.h>
@@ -20,41 +20,13 @@
 
 /* ---- files ---- */
 
-static enum lw_status save(const char *folder, const char *name, const char *text, size_t size,
-                           struct lw_error *err) {
-    char path[4096];
-    snprintf(path, sizeof path, "%s/%s", folder, name);
-    return lw_atomic_file_save(path, text, size, err);
-}
-
 enum lw_status lw_scaling_report_prepare(const char *folder, struct lw_error *err) {
     static const char note[] = "Being measured.\n";
     if (mkdir(folder, 0777) < 0 && errno != EEXIST)
         return lw_status_fail(err, LW_CANNOT_CREATE, "%s: cannot make the folder: %s", folder,
                               strerror(errno));
     /* a file tells what permissions do not: of a folder such as /proc one learns it in the end otherwise */
-    return save(folder, "report.md", note, strlen(note), err);
-}
-
-/* Text that grows; written at once. */
-struct text {
-    char *bytes;
-    size_t size;
-    FILE *stream;
-};
-
-static bool begin(struct text *text) {
-    *text = (struct text){0};
-    text->stream = open_memstream(&text->bytes, &text->size);
-    return text->stream != NULL;
-}
-
-static enum lw_status end(struct text *text, const char *folder, const char *name, struct lw_error *err) {
-    bool good = fclose(text->stream) == 0;
-    enum lw_status status = good ? save(folder, name, text->bytes, text->size, err)
-                                 : lw_status_fail(err, LW_NO_MEMORY, "no memory for %s", name);
-    free(text->bytes);
-    return status;
+    return lw_report_text_write(folder, "report.md", note, strlen(note), err);
 }
 
 /* ---- words ---- */
@@ -118,8 +90,9 @@ static double paths_error_at(const struct lw_scaling_side *paths, double cost_s)
 /* ---- tables ---- */
 
 static enum lw_status write_users_csv(const struct lw_scaling *x, struct lw_error *err) {
-    struct text text;
-    if (!begin(&text)) return lw_status_fail(err, LW_NO_MEMORY, "no memory for scaling.csv");
+    struct lw_report_text text;
+    enum lw_status status = lw_report_text_begin(&text, "scaling.csv", err);
+    if (status != LW_OK) return status;
     fprintf(text.stream, "users,repeat,paths_cpu_s_per_frame,shared_cpu_s_per_frame,ratio");
     for (int s = 0; s < LW_STAGE_COUNT; s++)
         fprintf(text.stream, ",mean %s cpu_s", lw_stage_name((enum lw_stage)s));
@@ -132,12 +105,13 @@ static enum lw_status write_users_csv(const struct lw_scaling *x, struct lw_erro
             for (int s = 0; s < LW_STAGE_COUNT; s++) fprintf(text.stream, ",%.6g", count->cost.cpu_s[s]);
             fprintf(text.stream, ",%.6g\n", count->cost.bytes);
         }
-    return end(&text, x->options.folder, "scaling.csv", err);
+    return lw_report_text_save(&text, x->options.folder, err);
 }
 
 static enum lw_status write_points_csv(const struct lw_scaling *x, struct lw_error *err) {
-    struct text text;
-    if (!begin(&text)) return lw_status_fail(err, LW_NO_MEMORY, "no memory for settings.csv");
+    struct lw_report_text text;
+    enum lw_status status = lw_report_text_begin(&text, "settings.csv", err);
+    if (status != LW_OK) return status;
     fprintf(text.stream,
             "side,samples,density,direct_samples,indirect_samples,rest_error,relmse,cpu_s_per_frame\n");
     for (int s = 0; s < LW_SCALING_SIDES; s++)
@@ -147,7 +121,7 @@ static enum lw_status write_points_csv(const struct lw_scaling *x, struct lw_err
                     p->setting.samples, p->setting.density, p->setting.direct_samples,
                     p->setting.indirect_samples, p->setting.rest_error, p->error, lw_cost_total(&p->cost));
         }
-    return end(&text, x->options.folder, "settings.csv", err);
+    return lw_report_text_save(&text, x->options.folder, err);
 }
 
 static json_t *json_figure(const struct lw_scaling_figure *f) {
@@ -212,8 +186,9 @@ static enum lw_status write_json(const struct lw_scaling *x, const char *command
         json_figure(&x->crossover));
     char *text =
         root ? json_dumps(root, JSON_INDENT(1) | JSON_PRESERVE_ORDER | JSON_REAL_PRECISION(8)) : NULL;
-    enum lw_status status = text ? save(x->options.folder, "scaling.json", text, strlen(text), err)
-                                 : lw_status_fail(err, LW_NO_MEMORY, "no memory for scaling.json");
+    enum lw_status status =
+        text ? lw_report_text_write(x->options.folder, "scaling.json", text, strlen(text), err)
+             : lw_status_fail(err, LW_NO_MEMORY, "no memory for scaling.json");
     free(text);
     json_decref(root);
     return status;
@@ -467,8 +442,9 @@ static void print_notes(const struct lw_scaling *x, FILE *f) {
 }
 
 static enum lw_status write_markdown(const struct lw_scaling *x, const char *command, struct lw_error *err) {
-    struct text text;
-    if (!begin(&text)) return lw_status_fail(err, LW_NO_MEMORY, "no memory for report.md");
+    struct lw_report_text text;
+    enum lw_status status = lw_report_text_begin(&text, "report.md", err);
+    if (status != LW_OK) return status;
     if (x->eyes) {
         print_head(x, text.stream, command);
         print_result(x, text.stream);
@@ -477,7 +453,7 @@ static enum lw_status write_markdown(const struct lw_scaling *x, const char *com
         print_targets(x, text.stream);
         print_notes(x, text.stream);
     }
-    return end(&text, x->options.folder, "report.md", err);
+    return lw_report_text_save(&text, x->options.folder, err);
 }
 
 /* ---- plots ---- */
@@ -490,8 +466,9 @@ static void plot_both(FILE *f, const char *name, const char *commands) {
 }
 
 static enum lw_status write_plots(const struct lw_scaling *x, struct lw_error *err) {
-    struct text text;
-    if (!begin(&text)) return lw_status_fail(err, LW_NO_MEMORY, "no memory for scaling.gp");
+    struct lw_report_text text;
+    enum lw_status status = lw_report_text_begin(&text, "scaling.gp", err);
+    if (status != LW_OK) return status;
     fprintf(text.stream, "set datafile separator ','\nset logscale xy\nset grid\nset key top left\n");
     if (x->repeats_done)
         plot_both(text.stream, "cost",
@@ -504,7 +481,7 @@ static enum lw_status write_plots(const struct lw_scaling *x, struct lw_error *e
         "plot 'settings.csv' skip 1 using (strcol(1) eq 'paths' ? $8 : NaN):7 with points pt 7 title 'path "
         "tracer', "
         "'settings.csv' skip 1 using (strcol(1) eq 'shared' ? $8 : NaN):7 with points pt 5 title 'shared'\n");
-    return end(&text, x->options.folder, "scaling.gp", err);
+    return lw_report_text_save(&text, x->options.folder, err);
 }
 
 enum lw_status lw_scaling_report_write(const struct lw_scaling *x, const char *command,

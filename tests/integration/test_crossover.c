@@ -19,30 +19,11 @@ static int run(const char *arguments, struct lw_process *process) {
     return lw_process_finish(process, LIMIT_S);
 }
 
-static char *read_text(const char *folder, const char *name) {
-    char path[300];
-    size_t size;
-    snprintf(path, sizeof path, "%s/%s", folder, name);
-    return (char *)lw_support_read_file(path, &size);
-}
-
 static unsigned count_lines(const char *text, const char *start) {
     unsigned count = 0;
     for (const char *line = text; *line; line = strchr(line, '\n') ? strchr(line, '\n') + 1 : "")
         count += strncmp(line, start, strlen(start)) == 0;
     return count;
-}
-
-static int end_all(void **state) {
-    (void)state;
-    lw_process_kill_all();
-    return 0;
-}
-
-static void expect(int code, int expected, const struct lw_process *process) {
-    if (code == expected) return;
-    char *said = lw_process_err(process);
-    fail_msg("exit code %d: %s", code, said);
 }
 
 static void measures_reports_and_goes_on(void **state) {
@@ -51,13 +32,14 @@ static void measures_reports_and_goes_on(void **state) {
     char arguments[500];
     const char *folder = lw_support_temporary("row");
     snprintf(arguments, sizeof arguments, SMALL "-o %s", folder);
-    expect(run(arguments, &process), 0, &process);
+    lw_process_expect(&process, run(arguments, &process), 0);
     char *result = lw_process_out(&process);
     assert_non_null(strstr(result, "at the error of svgf, relMSE"));
     free(result);
 
-    char *report = read_text(folder, "report.md"), *costs = read_text(folder, "costs.csv"),
-         *samples = read_text(folder, "samples.csv");
+    char *report = lw_support_read_text(folder, "report.md"),
+         *costs = lw_support_read_text(folder, "costs.csv"),
+         *samples = lw_support_read_text(folder, "samples.csv");
     assert_non_null(strstr(report, "* at the error of svgf-quarter, FLIP"));
     assert_non_null(strstr(report, "Light that is a second late has relMSE"));
     assert_non_null(strstr(report, "![Strips](strips.png)"));
@@ -74,8 +56,8 @@ static void measures_reports_and_goes_on(void **state) {
     char path[300];
     snprintf(path, sizeof path, "%s/costs.csv", folder);
     lw_support_write_file(path, costs, strlen(costs) - 5);
-    expect(run(arguments, &process), 0, &process);
-    char *said = lw_process_err(&process), *again = read_text(folder, "costs.csv");
+    lw_process_expect(&process, run(arguments, &process), 0);
+    char *said = lw_process_err(&process), *again = lw_support_read_text(folder, "costs.csv");
     assert_non_null(strstr(said, "repeat 1, cache, x1 1+2 rest 0.02:"));
     assert_null(strstr(said, "repeat 1, svgf"));
     assert_null(strstr(said, "repeat 1, cache, x1 1+1"));
@@ -87,9 +69,9 @@ static void measures_reports_and_goes_on(void **state) {
     snprintf(path, sizeof path, "%s/report.md", folder);
     assert_int_equal(unlink(path), 0);
     snprintf(arguments, sizeof arguments, "crossover --report-only -o %s", folder);
-    expect(run(arguments, &process), 0, &process);
+    lw_process_expect(&process, run(arguments, &process), 0);
     free(report);
-    report = read_text(folder, "report.md");
+    report = lw_support_read_text(folder, "report.md");
     assert_non_null(strstr(report, "lamp-walk"));
     free(report);
     free(again);
@@ -97,7 +79,7 @@ static void measures_reports_and_goes_on(void **state) {
 
     /* another row does not mix with it */
     snprintf(arguments, sizeof arguments, SMALL "--motion static -o %s", folder);
-    expect(run(arguments, &process), 64, &process);
+    lw_process_expect(&process, run(arguments, &process), 64);
     said = lw_process_err(&process);
     assert_non_null(strstr(said, "holds a row whose motion is lamp-walk, not static"));
     free(said);
@@ -124,7 +106,7 @@ static void an_interruption_keeps_what_is_there(void **state) {
     lw_process_start(&process, "lightwell-load", arguments);
     await_text(&process, "repeat 1, svgf, 1 path:");
     assert_int_equal(lw_process_stop(&process, SIGINT, LIMIT_S), 75);
-    char *costs = read_text(folder, "costs.csv");
+    char *costs = lw_support_read_text(folder, "costs.csv");
     assert_int_equal(count_lines(costs, "svgf,1 path,0,"), 13);
     free(costs);
     lw_process_left_nothing();
@@ -162,22 +144,21 @@ static void a_server_that_dies_is_told_and_the_rest_measured(void **state) {
     }
     kill(server, SIGKILL); /* the first setting's */
     assert_int_equal(lw_process_finish(&process, LIMIT_S) == 0, 0);
-    char *said = lw_process_err(&process), *report = read_text(folder, "report.md");
+    char *said = lw_process_err(&process), *report = lw_support_read_text(folder, "report.md");
     assert_non_null(strstr(said, "cache, x1 1+1 rest 0.2: not measured: "));
     assert_non_null(strstr(said, "repeat 1, cache, x1 1+2 rest 0.02:"));
     assert_non_null(strstr(report, "## What failed"));
     assert_non_null(strstr(report, "| cache, x1 1+1 rest 0.2 | 1 | "));
     free(report);
     free(said);
-    expect(run(arguments, &process), 0, &process); /* and the next time it does not */
-    report = read_text(folder, "report.md");
+    lw_process_expect(&process, run(arguments, &process), 0); /* and the next time it does not */
+    report = lw_support_read_text(folder, "report.md");
     assert_null(strstr(report, "## What failed"));
     free(report);
 }
 
 static void fails_with_one_line(void **state) {
     (void)state;
-    struct lw_process process;
     char arguments[500];
     static const struct {
         const char *scene, *folder, *text; /* folder: NULL is a good one */
@@ -191,23 +172,19 @@ static void fails_with_one_line(void **state) {
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
         snprintf(arguments, sizeof arguments, "crossover %s -o %s", bad[i].scene,
                  bad[i].folder ? bad[i].folder : lw_support_temporary("bad"));
-        assert_int_equal(run(arguments, &process), bad[i].code);
-        char *said = lw_process_err(&process);
-        assert_non_null(strstr(said, bad[i].text));
-        assert_null(strchr(strchr(said, '\n') + 1, '\n'));
-        free(said);
+        lw_process_refuses("lightwell-load", arguments, bad[i].code, bad[i].text, LIMIT_S);
     }
 }
 
 /* Each whole run takes seconds by the clock. With an argument: the long tests alone. */
 int main(int argc, char **argv) {
     const struct CMUnitTest long_tests[] = {
-        cmocka_unit_test_teardown(a_server_that_dies_is_told_and_the_rest_measured, end_all),
+        cmocka_unit_test_teardown(a_server_that_dies_is_told_and_the_rest_measured, lw_process_teardown),
     };
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test_teardown(measures_reports_and_goes_on, end_all),
-        cmocka_unit_test_teardown(an_interruption_keeps_what_is_there, end_all),
-        cmocka_unit_test_teardown(fails_with_one_line, end_all),
+        cmocka_unit_test_teardown(measures_reports_and_goes_on, lw_process_teardown),
+        cmocka_unit_test_teardown(an_interruption_keeps_what_is_there, lw_process_teardown),
+        cmocka_unit_test_teardown(fails_with_one_line, lw_process_teardown),
     };
     (void)argv;
     if (argc > 1) return cmocka_run_group_tests(long_tests, NULL, NULL);

@@ -22,23 +22,10 @@ static int run(const char *arguments, struct lw_process *process) {
     return lw_process_finish(process, LIMIT_S);
 }
 
-static char *read_text(const char *folder, const char *name) {
-    char path[300];
-    size_t size;
-    snprintf(path, sizeof path, "%s/%s", folder, name);
-    return (char *)lw_support_read_file(path, &size);
-}
-
 static double number_after(const char *text, const char *key) {
     const char *at = strstr(text, key);
     if (!at) fail_msg("no %s in %.200s", key, text);
     return atof(at + strlen(key));
-}
-
-static int end_all(void **state) {
-    (void)state;
-    lw_process_kill_all();
-    return 0;
 }
 
 static void measures_and_reports(void **state) {
@@ -55,7 +42,7 @@ static void measures_and_reports(void **state) {
     free(result);
     free(said);
 
-    char *report = read_text(folder, "report.md");
+    char *report = lw_support_read_text(folder, "report.md");
     assert_non_null(strstr(report, "one shared solve over path tracers, 1 user"));
     assert_non_null(strstr(report, "Light that is a second late has relMSE"));
     assert_non_null(strstr(report, "| solve |"));
@@ -64,12 +51,12 @@ static void measures_and_reports(void **state) {
     assert_non_null(strstr(report, "with all of the scene lit"));
     assert_non_null(strstr(report, "| compose |"));
     free(report);
-    char *csv = read_text(folder, "scaling.csv");
+    char *csv = lw_support_read_text(folder, "scaling.csv");
     unsigned lines = 0;
     for (const char *c = csv; *c; c++) lines += *c == '\n';
     assert_int_equal(lines, 1 + 3 * 2);
     free(csv);
-    char *json = read_text(folder, "scaling.json");
+    char *json = lw_support_read_text(folder, "scaling.json");
     assert_non_null(strstr(json, "\"crossover_users\""));
     free(json);
     lw_process_left_nothing();
@@ -112,7 +99,7 @@ static void settings_may_be_given_and_plots_missing(void **state) {
     if (code != 0) fail_msg("%s", said);
     assert_non_null(strstr(said, "no plots: cannot run gnuplot"));
     free(said);
-    char *report = read_text(folder, "report.md");
+    char *report = lw_support_read_text(folder, "report.md");
     assert_non_null(strstr(report, "At given settings: 2 paths per pixel"));
     free(report);
 }
@@ -126,12 +113,12 @@ static void given_settings_of_the_whole_take_one_sequence(void **state) {
     const char *folder = lw_support_temporary("whole");
     snprintf(arguments, sizeof arguments,
              SMALL "--opponent raw --settings 2:1+1@0.5,0.1 --light whole --views centre -o %s", folder);
-    int code = run(arguments, &process);
+    lw_process_expect(&process, run(arguments, &process), 0);
     char *said = lw_process_err(&process);
-    if (code != 0) fail_msg("%s", said);
     assert_null(strstr(said, "shared cache, density")); /* the line of a setting that is tried */
     free(said);
-    char *report = read_text(folder, "report.md"), *csv = read_text(folder, "settings.csv");
+    char *report = lw_support_read_text(folder, "report.md"),
+         *csv = lw_support_read_text(folder, "settings.csv");
     const char *shared = strstr(csv, "\nshared,");
     assert_non_null(strstr(report, "density ×0.5, 1 + 1 samples, rest at 0.1"));
     assert_non_null(strstr(report, "over the same 12 views"));
@@ -151,12 +138,11 @@ static void both_sides_may_be_filtered(void **state) {
     const char *folder = lw_support_temporary("filtered");
     snprintf(arguments, sizeof arguments, SMALL "--opponent svgf --settings 1:1+1 --views centre -o %s",
              folder);
-    int code = run(arguments, &process);
+    lw_process_expect(&process, run(arguments, &process), 0);
     char *said = lw_process_err(&process);
-    if (code != 0) fail_msg("%s", said);
     free(said);
     /* one path per pixel is off by 0.1 and more here; filtered, by a tenth of that at most */
-    char *csv = read_text(folder, "settings.csv");
+    char *csv = lw_support_read_text(folder, "settings.csv");
     const char *paths = strstr(csv, "\npaths,1,");
     assert_non_null(paths);
     double error = -1;
@@ -185,7 +171,8 @@ static void an_interruption_keeps_what_is_there(void **state) {
     }
     kill(process.pid, SIGINT); /* timeout(1) sends two at once, which are one */
     assert_int_equal(lw_process_stop(&process, SIGINT, LIMIT_S), 0);
-    char *report = read_text(folder, "report.md"), *csv = read_text(folder, "settings.csv");
+    char *report = lw_support_read_text(folder, "report.md"),
+         *csv = lw_support_read_text(folder, "settings.csv");
     assert_non_null(strstr(report, "interrupted"));
     assert_non_null(strstr(csv, "paths,1,"));
     free(csv);
@@ -195,7 +182,6 @@ static void an_interruption_keeps_what_is_there(void **state) {
 
 static void fails_with_one_line(void **state) {
     (void)state;
-    struct lw_process process;
     char arguments[500];
     static const struct {
         const char *scene, *folder, *text; /* folder: NULL is a good one */
@@ -208,28 +194,24 @@ static void fails_with_one_line(void **state) {
         {"builtin:cornell --users 0", NULL, "--users", 64},
     };
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
-        snprintf(arguments, sizeof arguments, "%s -o %s", bad[i].scene,
+        snprintf(arguments, sizeof arguments, "scaling %s -o %s", bad[i].scene,
                  bad[i].folder ? bad[i].folder : lw_support_temporary("bad"));
-        assert_int_equal(run(arguments, &process), bad[i].code);
-        char *said = lw_process_err(&process);
-        assert_non_null(strstr(said, bad[i].text));
-        assert_null(strchr(strchr(said, '\n') + 1, '\n'));
-        free(said);
+        lw_process_refuses("lightwell-load", arguments, bad[i].code, bad[i].text, LIMIT_S);
     }
 }
 
 /* Each whole run takes seconds by the clock. With an argument: the long tests alone. */
 int main(int argc, char **argv) {
     const struct CMUnitTest long_tests[] = {
-        cmocka_unit_test_teardown(given_settings_of_the_whole_take_one_sequence, end_all),
-        cmocka_unit_test_teardown(both_sides_may_be_filtered, end_all),
+        cmocka_unit_test_teardown(given_settings_of_the_whole_take_one_sequence, lw_process_teardown),
+        cmocka_unit_test_teardown(both_sides_may_be_filtered, lw_process_teardown),
     };
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test_teardown(measures_and_reports, end_all),
-        cmocka_unit_test_teardown(equals_are_equal, end_all),
-        cmocka_unit_test_teardown(settings_may_be_given_and_plots_missing, end_all),
-        cmocka_unit_test_teardown(an_interruption_keeps_what_is_there, end_all),
-        cmocka_unit_test_teardown(fails_with_one_line, end_all),
+        cmocka_unit_test_teardown(measures_and_reports, lw_process_teardown),
+        cmocka_unit_test_teardown(equals_are_equal, lw_process_teardown),
+        cmocka_unit_test_teardown(settings_may_be_given_and_plots_missing, lw_process_teardown),
+        cmocka_unit_test_teardown(an_interruption_keeps_what_is_there, lw_process_teardown),
+        cmocka_unit_test_teardown(fails_with_one_line, lw_process_teardown),
     };
     (void)argv;
     if (argc > 1) return cmocka_run_group_tests(long_tests, NULL, NULL);

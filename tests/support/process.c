@@ -159,6 +159,26 @@ char *lw_process_out(const struct lw_process *process) { return text_of(process-
 
 char *lw_process_err(const struct lw_process *process) { return text_of(process->err); }
 
+int lw_process_teardown(void **state) {
+    (void)state;
+    lw_process_kill_all();
+    return 0;
+}
+
+void lw_process_expect(const struct lw_process *process, int code, int expected) {
+    if (code != expected) fail_msg("exit code %d, not %d: %s", code, expected, lw_process_err(process));
+}
+
+void lw_process_refuses(const char *program, const char *arguments, int expected, const char *text,
+                        unsigned limit_s) {
+    struct lw_process process;
+    lw_process_start(&process, program, arguments);
+    lw_process_expect(&process, lw_process_finish(&process, limit_s), expected);
+    char *said = lw_process_err(&process), *end = strchr(said, '\n');
+    if (!strstr(said, text) || !end || end[1]) fail_msg("not one line with \"%s\": %s", text, said);
+    free(said);
+}
+
 void lw_process_left_nothing(void) {
     DIR *folder = opendir(lw_support_temporary("tmp"));
     assert_non_null(folder);

@@ -39,6 +39,17 @@ int lw_process_stop(struct lw_process *process, int signal_number, unsigned limi
  * failed. */
 void lw_process_kill_all(void);
 
+/** A cmocka teardown that does the same. */
+int lw_process_teardown(void **state);
+
+/** Ends the test with what the program said on stderr unless it ended with the expected exit code. */
+void lw_process_expect(const struct lw_process *process, int code, int expected);
+
+/** Runs a program to its end. Ends the test unless its exit code is as expected and it said one line on stderr
+ * that contains `text`. */
+void lw_process_refuses(const char *program, const char *arguments, int expected, const char *text,
+                        unsigned limit_s);
+
 /** What it has said so far on stdout, on stderr; the caller frees. */
 char *lw_process_out(const struct lw_process *process);
 char *lw_process_err(const struct lw_process *process);

@@ -90,6 +90,21 @@ uint8_t *lw_support_read_file(const char *path, size_t *out_size) {
     return bytes;
 }
 
+char *lw_support_read_text(const char *folder, const char *name) {
+    char path[300];
+    size_t size;
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    return (char *)lw_support_read_file(path, &size);
+}
+
+int lw_support_command_line(char *argv[LW_SUPPORT_WORDS_MAX], const char *command, const char *option,
+                            const char *value) {
+    const char *const words[LW_SUPPORT_WORDS_MAX] = {command, "builtin:cornell", "-o", "out", option, value,
+                                                     NULL};
+    for (int i = 0; i < LW_SUPPORT_WORDS_MAX; i++) argv[i] = (char *)words[i];
+    return option ? 6 : 4;
+}
+
 void lw_support_write_file(const char *path, const void *bytes, size_t size) {
     FILE *file = fopen(path, "wb");
     if (!file || fwrite(bytes, 1, size, file) != size || fclose(file)) fail_msg("cannot write %s", path);

@@ -44,6 +44,15 @@ const char *lw_support_scene(const char *relative);
 /** Reads a whole file, or ends the test; the caller frees. A NUL follows the last byte. */
 uint8_t *lw_support_read_file(const char *path, size_t *out_size);
 
+/** Reads a file of a folder as text, or ends the test; the caller frees. */
+char *lw_support_read_text(const char *folder, const char *name);
+
+/** Fills a command line: COMMAND builtin:cornell -o out [OPTION VALUE], NULL behind it. Returns the number of
+ * words. option: NULL for none. */
+#define LW_SUPPORT_WORDS_MAX 7
+int lw_support_command_line(char *argv[LW_SUPPORT_WORDS_MAX], const char *command, const char *option,
+                            const char *value);
+
 /** Writes a whole file, or ends the test. */
 void lw_support_write_file(const char *path, const void *bytes, size_t size);
 

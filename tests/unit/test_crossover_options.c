@@ -7,15 +7,10 @@
 
 static enum lw_status parse(const char *option, const char *value, struct lw_crossover_options *o,
                             struct lw_error *err) {
-    char *argv[] = {(char *)"crossover",
-                    (char *)"builtin:cornell",
-                    (char *)"-o",
-                    (char *)"out",
-                    (char *)option,
-                    (char *)value,
-                    NULL};
+    char *argv[LW_SUPPORT_WORDS_MAX];
+    const int argc = lw_support_command_line(argv, "crossover", option, value);
     bool done;
-    return lw_crossover_options_parse(option ? 6 : 4, argv, o, &done, err);
+    return lw_crossover_options_parse(argc, argv, o, &done, err);
 }
 
 static void defaults_are_the_quick_form(void **state) {

@@ -4,15 +4,10 @@
 
 static enum lw_status parse(const char *option, const char *value, struct lw_scaling_options *o,
                             struct lw_error *err) {
-    char *argv[] = {(char *)"scaling",
-                    (char *)"builtin:cornell",
-                    (char *)"-o",
-                    (char *)"out",
-                    (char *)option,
-                    (char *)value,
-                    NULL};
+    char *argv[LW_SUPPORT_WORDS_MAX];
+    const int argc = lw_support_command_line(argv, "scaling", option, value);
     bool done;
-    return lw_scaling_options_parse(option ? 6 : 4, argv, o, &done, err);
+    return lw_scaling_options_parse(argc, argv, o, &done, err);
 }
 
 static void defaults(void **state) {
