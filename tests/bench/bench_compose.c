@@ -21,6 +21,7 @@
 #include "common/random.h"
 #include "common/scene/scene_motion.h"
 #include "tests/bench/bench_setup.h"
+#include "tests/bench/bench_view.h"
 
 #include <omp.h>
 #include <stdio.h>
@@ -219,13 +220,8 @@ static enum lw_status set_up(struct scene *s, const char *name, struct lw_error 
     status = open_flat(s, err);
     if (status != LW_OK) return status;
     s->view = (struct lw_compose_view){.width = (uint32_t)o->width, .height = (uint32_t)o->height};
-    const char *at = strchr(name, '@');
-    if (at != NULL)
-        status = lw_camera_parse(at + 1, &s->view.camera, err);
-    else if (s->scene->camera_count > 0)
-        s->view.camera = lw_camera_of_scene(s->scene, &s->pose, 0);
-    else
-        s->view.camera = lw_camera_default(s->scene, &s->pose, s->flat, (float)o->width / (float)o->height);
+    status = bench_view_camera(name, s->scene, &s->pose, s->flat, (float)o->width / (float)o->height,
+                               &s->view.camera, err);
     if (status == LW_OK) status = lw_client_lights_init(&s->drawn, s->scene, &s->pose, o->lights, err);
     return status == LW_OK ? make_light(s) : status;
 }

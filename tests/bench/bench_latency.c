@@ -278,28 +278,21 @@ static double median_of(const struct outcome *o, size_t count, double (*value)(c
 static double first_ms(const struct outcome *o) { return o->first.ms < 0 ? (double)INFINITY : o->first.ms; }
 static double share_ms(const struct outcome *o) { return o->share.ms < 0 ? (double)INFINITY : o->share.ms; }
 
-static void print_json_number(double v) {
-    if (isfinite(v))
-        printf("%.4f", v);
-    else
-        printf("null");
-}
-
-static void print_json_outcome(const struct bench *b, const struct outcome *o, bool first) {
-    printf("%s\n    {\"undone\": %s, \"rested\": %s, \"rest_ms\": %.1f, \"first_ms\": ", first ? "" : ",",
-           o->undone ? "true" : "false", o->rested ? "true" : "false", o->rest_ms);
-    print_json_number(first_ms(o));
-    printf(", \"first_frames\": %.0f, \"first_server_cpu_ms\": %.1f, \"share_ms\": ", o->first_frames,
-           o->first.server_cpu_ms);
-    print_json_number(share_ms(o));
-    printf(", \"share_frames\": %.0f, \"share_server_cpu_ms\": %.1f, \"share_client_cpu_ms\": %.1f, "
-           "\"lowest_after\": %.4f, \"start\": %.4f, \"end\": %.4f,\n     \"progress\": [",
-           o->share_frames, o->share.server_cpu_ms, o->share.client_cpu_ms,
-           isfinite(o->lowest) ? o->lowest : 0.0, o->start, o->end);
+static json_t *json_outcome(const struct bench *b, const struct outcome *o) {
+    json_t *progress = json_array();
     for (size_t i = 0; i < b->moment_count; i++)
-        printf("%s[%.1f, %.4f, %llu]", i ? ", " : "", b->moment[i].ms, b->moment[i].along,
-               (unsigned long long)b->moment[i].rays);
-    printf("]}");
+        json_array_append_new(progress,
+                              json_pack("[o, o, I]", latency_real(b->moment[i].ms),
+                                        latency_real(b->moment[i].along), (json_int_t)b->moment[i].rays));
+    return json_pack("{s:b, s:b, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o}", "undone",
+                     o->undone, "rested", o->rested, "rest_ms", latency_real(o->rest_ms), "first_ms",
+                     latency_real(first_ms(o)), "first_frames", latency_real(o->first_frames),
+                     "first_server_cpu_ms", latency_real(o->first.server_cpu_ms), "share_ms",
+                     latency_real(share_ms(o)), "share_frames", latency_real(o->share_frames),
+                     "share_server_cpu_ms", latency_real(o->share.server_cpu_ms), "share_client_cpu_ms",
+                     latency_real(o->share.client_cpu_ms), "lowest_after",
+                     latency_real(isfinite(o->lowest) ? o->lowest : 0), "start", latency_real(o->start),
+                     "end", latency_real(o->end), "progress", progress);
 }
 
 static void print_cell(double ms, double frames, double cpu_ms) {
@@ -318,48 +311,25 @@ static void print_outcome(const char *update, const struct outcome *o) {
     fflush(stdout);
 }
 
-static void print_head(const struct bench *b) {
-    if (b->json)
-        printf("{\"scene\": \"%s\", \"first_target_ms\": %.0f, \"share_target_ms\": %.0f, \"updates\": [",
-               b->light.scene, FIRST_MS, SHARE_MS);
-    else
-        printf("%s\n\n", b->light.scene);
+static void print_update(void) {
+    printf("| update | first tile, ms | frames | server CPU ms | 95 %%, ms | frames | server CPU ms | "
+           "lowest after | p at first | p at last | rest, s |\n"
+           "|---|---|---|---|---|---|---|---|---|---|---|\n");
     fflush(stdout);
 }
 
-static void print_update(const struct bench *b, const char *update, bool first) {
-    if (b->json)
-        printf("%s\n  {\"update\": \"%s\", \"agreement\": %.4f, \"outcomes\": [", first ? "" : ",", update,
-               b->light.agreement);
-    else
-        printf("| update | first tile, ms | frames | server CPU ms | 95 %%, ms | frames | server CPU ms | "
-               "lowest "
-               "after | p at first | p at last | rest, s |\n|---|---|---|---|---|---|---|---|---|---|---|\n");
-    fflush(stdout);
-}
-
-static void print_medians(const struct bench *b, const char *update, const struct outcome *o) {
-    const size_t count = (size_t)b->updates;
-    const double first = median_of(o, count, first_ms), share = median_of(o, count, share_ms);
-    if (b->json) {
-        printf("],\n   \"first_ms\": ");
-        print_json_number(first);
-        printf(", \"share_ms\": ");
-        print_json_number(share);
-        printf("}");
-    } else {
-        printf("\n%s: agreement %.2f; medians: first tile after %.0f ms, target %.0f: %s; 95 %% after %.0f "
-               "ms, target "
-               "%.0f: %s\n\n",
-               update, b->light.agreement, first, FIRST_MS, first <= FIRST_MS ? "met" : "missed", share,
-               SHARE_MS, share <= SHARE_MS ? "met" : "missed");
-    }
+static void print_medians(const struct bench *b, const char *update, double first, double share) {
+    printf("\n%s: agreement %.2f; medians: first tile after %.0f ms, target %.0f: %s; 95 %% after %.0f "
+           "ms, target %.0f: %s\n\n",
+           update, b->light.agreement, first, FIRST_MS, first <= FIRST_MS ? "met" : "missed", share, SHARE_MS,
+           share <= SHARE_MS ? "met" : "missed");
     fflush(stdout);
 }
 
 /* ---- the whole ---- */
 
-static void measure(struct bench *b, const char *text, bool first) {
+/* Returns the update as JSON, NULL where a table is printed instead. */
+static json_t *measure(struct bench *b, const char *text) {
     struct latency_light *l = &b->light;
     struct latency_pair pair;
     struct lw_scene_change change;
@@ -373,7 +343,8 @@ static void measure(struct bench *b, const char *text, bool first) {
     latency_light_watch(l, "--freeze 0", &b->server, &b->client);
     if (clock_getcpuclockid(b->server.pid, &b->server_clock) != 0) latency_give_up("the server has no clock");
     (void)follow(b, &reset);
-    print_update(b, text, first);
+    json_t *outcomes = b->json ? json_array() : NULL;
+    if (!b->json) print_update();
     for (int64_t i = 0; i < b->updates; i++) {
         const bool back = i % 2;
         lw_client_get_stats(b->client, &stats);
@@ -384,24 +355,37 @@ static void measure(struct bench *b, const char *text, bool first) {
         outcome[i].start = back ? 1 - p : p;
         find_share(b, &outcome[i], stats.frame);
         if (b->json)
-            print_json_outcome(b, &outcome[i], i == 0);
+            json_array_append_new(outcomes, json_outcome(b, &outcome[i]));
         else
             print_outcome(text, &outcome[i]);
     }
-    print_medians(b, text, outcome);
+    const double first = median_of(outcome, (size_t)b->updates, first_ms),
+                 share = median_of(outcome, (size_t)b->updates, share_ms);
+    if (!b->json) print_medians(b, text, first, share);
     lw_client_destroy(b->client);
     (void)lw_process_stop(&b->server, SIGTERM, 30);
     memset(l->wanted, 0, l->map.tile_count);
     latency_pair_finish(&pair);
+    return b->json ? json_pack("{s:s, s:o, s:o, s:o, s:o}", "update", text, "agreement",
+                               latency_real(l->agreement), "outcomes", outcomes, "first_ms",
+                               latency_real(first), "share_ms", latency_real(share))
+                   : NULL;
 }
 
 static void measure_updates(struct bench *b, const char *const *update, size_t count) {
     b->touched = latency_room(b->light.map.tile_count, sizeof *b->touched);
     b->version = latency_room(b->light.map.tile_count, sizeof *b->version);
     b->now = latency_room(LATENCY_CHANNELS * b->light.texel_count, sizeof *b->now);
-    print_head(b);
-    for (size_t i = 0; i < count; i++) measure(b, update[i], i == 0);
-    if (b->json) printf("]}\n");
+    json_t *updates = json_array();
+    if (!b->json) printf("%s\n\n", b->light.scene);
+    for (size_t i = 0; i < count; i++) {
+        json_t *one = measure(b, update[i]);
+        if (one) json_array_append_new(updates, one);
+    }
+    if (b->json)
+        latency_print(json_pack("{s:s, s:f, s:f, s:O}", "scene", b->light.scene, "first_target_ms", FIRST_MS,
+                                "share_target_ms", SHARE_MS, "updates", updates));
+    json_decref(updates);
     free(b->touched);
     free(b->version);
     free(b->now);

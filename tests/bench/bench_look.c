@@ -15,16 +15,15 @@
 #include "common/clock.h"
 #include "common/image/flip.h"
 #include "common/image/image.h"
-#include "server/publish/levels.h"
-#include "server/publish/publisher.h"
 #include "server/solve/solvers.h"
 #include "tests/bench/bench_setup.h"
+#include "tests/bench/bench_view.h"
+#include "tests/support/support.h"
 
 #include <omp.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 
 #define SHARES_MAX 8u
 #define PICTURES   (21u * SHARES_MAX) /* after 1 frame, 2, 4, ... 2^20 */
@@ -48,9 +47,7 @@ struct scene {
     struct lw_pose pose;
     struct lw_trace *trace;
     struct lw_compose *compose;
-    struct lw_levels *levels; /* per object */
-    float *tile_error;
-    uint32_t *tile_bounces;
+    struct bench_view_light light;
     struct lw_compose_view view;
     struct lw_compose_source source;
     uint32_t picture_count;
@@ -69,32 +66,6 @@ struct scene {
 static size_t pixel_count(const struct scene *s) { return (size_t)s->view.width * s->view.height; }
 
 /* ---- the light ---- */
-
-static struct lw_client_level level(const void *context, uint32_t object, uint32_t k) {
-    const struct lw_levels_image *image = &((const struct scene *)context)->levels[object].level[k];
-    return (struct lw_client_level){.width = image->width, .height = image->height, .rgb = image->rgb};
-}
-
-static struct lw_client_tile tile(const void *context, lw_tile_id id) {
-    const struct scene *s = context;
-    return (struct lw_client_tile){
-        .version = 1, .error = s->tile_error[id.v], .bounces = s->tile_bounces[id.v]};
-}
-
-static void read_levels(struct scene *s, const struct lw_solver *solver) {
-    for (uint32_t o = 0; o < s->map.object_count; o++) {
-        if (!s->map.atlas[o].level_count) continue;
-        const uint32_t tiles = s->map.atlas[o].level[0].tiles_x * s->map.atlas[o].level[0].tiles_y;
-        for (uint32_t id = s->map.first_tile[o]; id < s->map.first_tile[o] + tiles; id++) {
-            struct lw_solver_tile solved;
-            solver->ops->read_tile(solver, (lw_tile_id){id}, &solved);
-            lw_levels_load_tile(&s->levels[o], &s->map.place[id], &solved);
-        }
-        lw_levels_build(&s->levels[o]);
-    }
-    for (uint32_t id = 0; id < s->map.tile_count; id++)
-        s->tile_error[id] = lw_publisher_error(&s->map, solver, (lw_tile_id){id}, &s->tile_bounces[id]);
-}
 
 static enum lw_status keep_picture(struct scene *s, uint64_t frame, double noise_shown, double solve_s,
                                    struct lw_error *err) {
@@ -130,7 +101,7 @@ static enum lw_status solve(struct scene *s, struct lw_error *err) {
         status = solver->ops->frame(solver, &s->pose, frame, &stats, err);
         solve_s += 1e-9 * (double)(lw_clock_process_cpu_ns() - began_ns);
         if (status != LW_OK || ((frame & (frame - 1)) && frame != (uint64_t)settings->frames)) continue;
-        read_levels(s, solver);
+        bench_view_light_read(&s->light, solver);
         for (uint32_t i = s->settings->share_count; status == LW_OK && i-- > 0;)
             status = keep_picture(s, frame, s->settings->share[i], solve_s, err);
     }
@@ -139,18 +110,6 @@ static enum lw_status solve(struct scene *s, struct lw_error *err) {
 }
 
 /* ---- the pictures ---- */
-
-static double rel_mse(const struct scene *s, const float *reference, const float *rgb) {
-    const size_t count = 3 * pixel_count(s);
-    double square = 0, sum = 0;
-    for (size_t i = 0; i < count; i++) square += (double)reference[i] * (double)reference[i];
-    square /= (double)count;
-    for (size_t i = 0; i < count; i++) {
-        const double t = (double)reference[i], off = (double)rgb[i] - t;
-        sum += off * off / (t * t + 0.01 * square);
-    }
-    return sum / (double)count;
-}
 
 static void show(const struct scene *s, const float *rgb, float *out) {
     for (size_t i = 0; i < pixel_count(s); i++) {
@@ -190,7 +149,7 @@ static enum lw_status tell_pictures(struct scene *s, struct lw_error *err) {
         if (status != LW_OK) return status;
         printf("| %llu | %.1f | %g | %.4f | %s | %.3f | %.4f | %.3f |\n", (unsigned long long)p->frames,
                p->solve_s, p->noise_shown, (double)p->report.shown_error, p->report.good ? "yes" : "no",
-               (double)p->report.max_error, rel_mse(s, reference, p->rgb),
+               (double)p->report.max_error, lw_support_relmse(p->rgb, reference, 3 * pixel_count(s)),
                lw_flip_mean(s->map_of_flip, NULL, pixel_count(s)));
         fflush(stdout);
         snprintf(name, sizeof name, "%llu-%g", (unsigned long long)p->frames, p->noise_shown);
@@ -230,7 +189,7 @@ static enum lw_status tell_samples(struct scene *s, struct lw_error *err) {
             ms[w][round] = 1e-6 * (double)(lw_clock_process_cpu_ns() - began_ns);
             if (round > 0) continue;
             char name[32];
-            error[w] = rel_mse(s, reference, rgb);
+            error[w] = lw_support_relmse(rgb, reference, 3 * pixel_count(s));
             share[w] = way[w].edges ? (double)s->antialias.edge_count / (double)pixel_count(s) : 1;
             snprintf(name, sizeof name, "%s-%u", way[w].edges ? "edges" : "all", way[w].samples);
             status = write_picture(s, name, rgb, err);
@@ -248,22 +207,7 @@ static enum lw_status tell_samples(struct scene *s, struct lw_error *err) {
 
 /* ---- the whole ---- */
 
-static enum lw_status choose_camera(struct scene *s, const char *text, struct lw_error *err) {
-    uint32_t camera = 0;
-    if (text != NULL && strchr(text, ':')) return lw_camera_parse(text, &s->view.camera, err);
-    if (text != NULL) {
-        enum lw_status status = lw_camera_find(s->scene, text, &camera, err);
-        if (status != LW_OK) return status;
-    }
-    s->view.camera =
-        camera < s->scene->camera_count
-            ? lw_camera_of_scene(s->scene, &s->pose, camera)
-            : lw_camera_default(s->scene, &s->pose, s->trace, (float)s->view.width / (float)s->view.height);
-    return LW_OK;
-}
-
 static enum lw_status prepare(struct scene *s, const char *name, struct lw_error *err) {
-    const char *at = strchr(name, '@');
     enum lw_status status = bench_open(&s->settings->open, name, BENCH_MOTION_OWN, s->settings->time_s,
                                        &s->scene, &s->pose, &s->map, err);
     if (status != LW_OK) return status;
@@ -273,33 +217,23 @@ static enum lw_status prepare(struct scene *s, const char *name, struct lw_error
             lw_compose_create(&(struct lw_compose_desc){.scene = s->scene, .map = &s->map, .trace = s->trace},
                               &s->compose, err);
     if (status != LW_OK) return status;
-    s->levels = calloc((size_t)s->map.object_count + 1, sizeof *s->levels);
-    s->tile_error = calloc((size_t)s->map.tile_count + 1, sizeof *s->tile_error);
-    s->tile_bounces = calloc((size_t)s->map.tile_count + 1, sizeof *s->tile_bounces);
     for (int i = 0; i < 2; i++) s->shown[i] = malloc(pixel_count(s) * 3 * sizeof *s->shown[i]);
     s->map_of_flip = malloc(pixel_count(s) * sizeof *s->map_of_flip);
-    if (!s->levels || !s->tile_error || !s->tile_bounces || !s->shown[0] || !s->shown[1] || !s->map_of_flip)
+    if (!s->shown[0] || !s->shown[1] || !s->map_of_flip)
         status = lw_status_fail(err, LW_NO_MEMORY, "pictures");
-    for (uint32_t o = 0; status == LW_OK && o < s->map.object_count; o++)
-        status = lw_levels_init(&s->levels[o], &s->map.atlas[o]);
-    s->source =
-        (struct lw_compose_source){.context = s,
-                                   .level = level,
-                                   .tile = tile,
-                                   .sky = lw_vec3(s->scene->sky[0], s->scene->sky[1], s->scene->sky[2]),
-                                   .bounces = (uint32_t)s->settings->bounces,
-                                   .target_error = 0.02f};
-    return status == LW_OK ? choose_camera(s, at ? at + 1 : NULL, err) : status;
+    if (status == LW_OK) status = bench_view_light_init(&s->light, &s->map, err);
+    s->source = bench_view_light_source(&s->light, s->scene, (uint32_t)s->settings->bounces);
+    s->source.target_error = 0.02f;
+    if (status != LW_OK) return status;
+    return bench_view_camera(name, s->scene, &s->pose, s->trace, (float)s->view.width / (float)s->view.height,
+                             &s->view.camera, err);
 }
 
 static void finish(struct scene *s) {
-    for (uint32_t o = 0; s->levels && o < s->map.object_count; o++) lw_levels_finish(&s->levels[o]);
     for (uint32_t i = 0; i < s->picture_count; i++) free(s->picture[i].rgb);
     for (int i = 0; i < 2; i++) free(s->shown[i]);
     free(s->map_of_flip);
-    free(s->levels);
-    free(s->tile_error);
-    free(s->tile_bounces);
+    bench_view_light_finish(&s->light);
     lw_antialias_finish(&s->antialias);
     lw_compose_destroy(s->compose);
     lw_trace_destroy(s->trace);
@@ -336,7 +270,6 @@ static enum lw_status begin(void *context, struct lw_error *err) {
         at = end;
         if (*end == '\0') break;
     }
-    if (s->folder) mkdir(s->folder, 0777); /* a failure shows when the first picture is written */
     return LW_OK;
 }
 
@@ -371,6 +304,7 @@ int main(int argc, char **argv) {
                                               .count = sizeof table / sizeof table[0],
                                               .open = &s.open,
                                               .context = &s,
+                                              .folder = &s.folder,
                                               .begin = begin,
                                               .run = run},
                       argc, argv);

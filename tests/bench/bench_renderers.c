@@ -13,11 +13,12 @@
 #include "common/image/image.h"
 #include "common/scene/scene_motion.h"
 #include "tests/bench/bench_setup.h"
+#include "tests/bench/bench_view.h"
+#include "tests/support/support.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 #include <time.h>
 
 struct settings {
@@ -38,7 +39,6 @@ struct scene {
     struct lw_camera_view camera; /* of the first frame */
     float *reference;
     double reference_error; /* relMSE */
-    double eps;
 };
 
 static size_t value_count(const struct scene *s) {
@@ -84,19 +84,12 @@ static enum lw_status trace_reference(struct scene *s, struct lw_error *err) {
     lw_path_film_resolve(&film, s->reference);
     s->reference_error = lw_path_film_error(&film) * lw_path_film_error(&film);
     lw_path_film_finish(&film);
-    double square = 0;
-    for (size_t i = 0; i < value_count(s); i++) square += (double)s->reference[i] * (double)s->reference[i];
-    s->eps = 0.01 * square / (double)value_count(s);
     return LW_OK;
 }
 
+/* Without the noise of the reference. */
 static double error_of(const struct scene *s, const float *rgb) {
-    double sum = 0;
-    for (size_t i = 0; i < value_count(s); i++) {
-        const double t = (double)s->reference[i], off = (double)rgb[i] - t;
-        sum += off * off / (t * t + s->eps);
-    }
-    return sum / (double)value_count(s) - s->reference_error;
+    return lw_support_relmse(rgb, s->reference, value_count(s)) - s->reference_error;
 }
 
 static enum lw_status write_picture(const struct scene *s, const char *name, const char *what, int64_t spp,
@@ -154,7 +147,6 @@ static enum lw_status measure(struct scene *s, const char *name, enum lw_path_re
 }
 
 static enum lw_status set_up(struct scene *s, const char *name, struct lw_error *err) {
-    const char *at = strchr(name, '@');
     enum lw_status status =
         bench_open(&s->settings->open, name, s->settings->motion, 0, &s->scene, &s->pose, NULL, err);
     if (status != LW_OK) return status;
@@ -171,12 +163,8 @@ static enum lw_status set_up(struct scene *s, const char *name, struct lw_error 
                              &s->tracer, err);
     if (status != LW_OK) return status;
     const float aspect = (float)s->settings->width / (float)s->settings->height;
-    if (at)
-        status = lw_camera_parse(at + 1, &s->camera, err);
-    else if (s->scene->camera_count > 0)
-        s->camera = lw_camera_of_scene(s->scene, &s->pose, 0);
-    else
-        s->camera = lw_camera_default(s->scene, &s->pose, s->trace, aspect);
+    status = bench_view_camera(name, s->scene, &s->pose, s->trace, aspect, &s->camera, err);
+    if (status != LW_OK) return status;
     s->reference = malloc(value_count(s) * sizeof *s->reference);
     if (!s->reference) return lw_status_fail(err, LW_NO_MEMORY, "no memory for pictures");
     return status;
@@ -207,13 +195,6 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
             status = measure(&s, name, (enum lw_path_renderer_kind)kind, (uint32_t)spp, err);
     tear_down(&s);
     return status;
-}
-
-static enum lw_status begin(void *context, struct lw_error *err) {
-    const struct settings *s = context;
-    (void)err;
-    if (s->folder) mkdir(s->folder, 0777); /* a failure shows when the first picture is written */
-    return LW_OK;
 }
 
 int main(int argc, char **argv) {
@@ -257,7 +238,7 @@ int main(int argc, char **argv) {
                                 .count = sizeof table / sizeof table[0],
                                 .open = &s.open,
                                 .context = &s,
-                                .begin = begin,
+                                .folder = &s.folder,
                                 .run = run},
         argc, argv);
 }

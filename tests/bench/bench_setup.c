@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #define OPTIONS_MAX 32u
 #define SCENES_MAX  64u
@@ -36,6 +37,7 @@ int bench_main(const struct bench_program *program, int argc, char **argv) {
     if (!program->open->sun_angle_given) program->open->sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG;
     enum lw_status status = lw_options_parse(&options, argc, argv, &count, &done, &err);
     if (status == LW_OK && done) return 0;
+    if (status == LW_OK && program->folder && *program->folder) mkdir(*program->folder, 0777);
     if (status == LW_OK && program->begin) status = program->begin(program->context, &err);
     if (status == LW_OK && program->heading) puts(program->heading);
     for (size_t i = 0; status == LW_OK && i < count; i++)

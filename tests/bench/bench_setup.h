@@ -15,6 +15,9 @@ struct bench_program {
     size_t count;
     struct lw_scene_open *open; /* its options follow those of the table */
     const char *heading;        /* lines printed before the first scene; may be NULL */
+    /* where the value of -o is; the folder is made before the first scene, and where that fails the first
+     * picture says so. NULL: no such option */
+    const char *const *folder;
     void *context;
     enum lw_status (*begin)(void *context, struct lw_error *err); /* before the first scene; may be NULL */
     enum lw_status (*run)(void *context, const char *scene, struct lw_error *err);

@@ -10,20 +10,17 @@
  * standard errors hold the noise of both sides: batches of the path tracer, two seeds of the solve. Light is as the solver
  * shows it, not coded. --list adds every region and every object that does not obey, those first that move the picture's mean most. With
  * -o DIR also the pictures: the solve on the left, the path tracer on the right. */
-#include "client/view/compose.h"
 #include "client/view/path_trace.h"
 #include "client/view/tonemap.h"
 #include "common/clock.h"
 #include "common/image/image.h"
-#include "server/publish/levels.h"
-#include "server/publish/publisher.h"
 #include "server/solve/solvers.h"
 #include "tests/bench/bench_setup.h"
+#include "tests/bench/bench_view.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 
 #define COLUMNS 8u
 #define ROWS    6u
@@ -50,15 +47,14 @@ struct parts {
 
 struct scene {
     const struct settings *settings;
-    const char *camera_text; /* NULL: the scene's first, or the default */
+    const char *camera_text; /* for the table */
     struct lw_scene *scene;
     struct lw_atlas_map map;
     struct lw_pose pose;
     struct lw_trace *trace;
     struct lw_lights lights;
     struct lw_compose *compose;
-    struct lw_levels *levels; /* per object */
-    float *tile_error;
+    struct bench_view_light light;
     struct lw_compose_view view;
     float *image[SEEDS], *reference; /* width * height * 3 */
     double solve_s, trace_s, texels;
@@ -66,30 +62,6 @@ struct scene {
 };
 
 /* ---- the solve ---- */
-
-static struct lw_client_level level(const void *context, uint32_t object, uint32_t k) {
-    const struct lw_levels_image *image = &((const struct scene *)context)->levels[object].level[k];
-    return (struct lw_client_level){.width = image->width, .height = image->height, .rgb = image->rgb};
-}
-
-static struct lw_client_tile tile(const void *context, lw_tile_id id) {
-    return (struct lw_client_tile){.version = 1, .error = ((const struct scene *)context)->tile_error[id.v]};
-}
-
-static void read_levels(struct scene *s, const struct lw_solver *solver) {
-    for (uint32_t o = 0; o < s->map.object_count; o++) {
-        if (!s->map.atlas[o].level_count) continue;
-        const uint32_t tiles = s->map.atlas[o].level[0].tiles_x * s->map.atlas[o].level[0].tiles_y;
-        for (uint32_t id = s->map.first_tile[o]; id < s->map.first_tile[o] + tiles; id++) {
-            struct lw_solver_tile solved;
-            solver->ops->read_tile(solver, (lw_tile_id){id}, &solved);
-            lw_levels_load_tile(&s->levels[o], &s->map.place[id], &solved);
-        }
-        lw_levels_build(&s->levels[o]);
-    }
-    for (uint32_t id = 0; id < s->map.tile_count; id++)
-        s->tile_error[id] = lw_publisher_error(&s->map, solver, (lw_tile_id){id}, NULL);
-}
 
 static enum lw_status solve(struct scene *s, uint32_t seed, float *out_rgb, struct lw_error *err) {
     const struct settings *settings = s->settings;
@@ -116,15 +88,11 @@ static enum lw_status solve(struct scene *s, uint32_t seed, float *out_rgb, stru
     s->solve_s += (double)(lw_clock_ns() - began) * 1e-9;
     if (status == LW_OK) {
         struct lw_compose_report report;
-        const struct lw_compose_source source = {
-            .context = s,
-            .level = level,
-            .tile = tile,
-            .sky = lw_vec3(s->scene->sky[0], s->scene->sky[1], s->scene->sky[2]),
-            .bounces = (uint32_t)settings->bounces,
-            .target_error = 1,
-            .noise_shown = (float)settings->noise_shown};
-        read_levels(s, solver);
+        struct lw_compose_source source =
+            bench_view_light_source(&s->light, s->scene, (uint32_t)settings->bounces);
+        source.target_error = 1;
+        source.noise_shown = (float)settings->noise_shown;
+        bench_view_light_read(&s->light, solver);
         lw_compose_render(s->compose, &source, &s->pose, &s->view, out_rgb, &report);
     }
     solver->ops->destroy(solver);
@@ -349,21 +317,6 @@ static void print_row(const struct scene *s, const char *name, const struct verd
 
 /* ---- one scene ---- */
 
-static enum lw_status choose_camera(struct scene *s, struct lw_error *err) {
-    uint32_t camera = 0;
-    if (s->camera_text && strchr(s->camera_text, ':'))
-        return lw_camera_parse(s->camera_text, &s->view.camera, err);
-    if (s->camera_text) {
-        enum lw_status status = lw_camera_find(s->scene, s->camera_text, &camera, err);
-        if (status != LW_OK) return status;
-    }
-    s->view.camera =
-        camera < s->scene->camera_count
-            ? lw_camera_of_scene(s->scene, &s->pose, camera)
-            : lw_camera_default(s->scene, &s->pose, s->trace, (float)s->view.width / (float)s->view.height);
-    return LW_OK;
-}
-
 static enum lw_status prepare(struct scene *s, const char *name, struct lw_error *err) {
     enum lw_status status = bench_open(&s->settings->open, name, BENCH_MOTION_OWN, s->settings->time_s,
                                        &s->scene, &s->pose, &s->map, err);
@@ -375,13 +328,12 @@ static enum lw_status prepare(struct scene *s, const char *name, struct lw_error
     const size_t floats = (size_t)s->view.width * s->view.height * 3;
     for (uint32_t i = 0; i < SEEDS; i++) s->image[i] = calloc(floats, sizeof(float));
     s->reference = calloc(floats, sizeof(float));
-    s->levels = calloc(s->map.object_count + 1u, sizeof *s->levels);
-    s->tile_error = calloc(s->map.tile_count + 1u, sizeof *s->tile_error);
-    if (status == LW_OK && (!s->image[0] || !s->image[1] || !s->reference || !s->levels || !s->tile_error))
+    if (status == LW_OK && (!s->image[0] || !s->image[1] || !s->reference))
         status = lw_status_fail(err, LW_NO_MEMORY, "pictures");
-    for (uint32_t o = 0; status == LW_OK && o < s->map.object_count; o++)
-        status = lw_levels_init(&s->levels[o], &s->map.atlas[o]);
-    if (status == LW_OK) status = choose_camera(s, err);
+    if (status == LW_OK) status = bench_view_light_init(&s->light, &s->map, err);
+    if (status == LW_OK)
+        status = bench_view_camera(name, s->scene, &s->pose, s->trace,
+                                   (float)s->view.width / (float)s->view.height, &s->view.camera, err);
     if (status == LW_OK && (!parts_init(&s->regions, REGIONS, &s->view) ||
                             !parts_init(&s->objects, s->scene->object_count + 1, &s->view)))
         status = lw_status_fail(err, LW_NO_MEMORY, "parts of the picture");
@@ -392,9 +344,7 @@ static enum lw_status prepare(struct scene *s, const char *name, struct lw_error
 }
 
 static void finish(struct scene *s) {
-    for (uint32_t o = 0; s->levels && o < s->map.object_count; o++) lw_levels_finish(&s->levels[o]);
-    free(s->levels);
-    free(s->tile_error);
+    bench_view_light_finish(&s->light);
     for (uint32_t i = 0; i < SEEDS; i++) free(s->image[i]);
     free(s->reference);
     parts_finish(&s->regions);
@@ -431,13 +381,6 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
     }
     finish(&s);
     return status;
-}
-
-static enum lw_status begin(void *context, struct lw_error *err) {
-    const struct settings *s = context;
-    (void)err;
-    if (s->folder) mkdir(s->folder, 0777); /* a failure shows when the first picture is written */
-    return LW_OK;
 }
 
 int main(int argc, char **argv) {
@@ -479,7 +422,7 @@ int main(int argc, char **argv) {
             .count = sizeof table / sizeof table[0],
             .open = &s.open,
             .context = &s,
-            .begin = begin,
+            .folder = &s.folder,
             .heading = "| scene | camera | texels/m | texels | ratio of means | worst region | regions "
                        "within | relMSE | view error | solve s | paths s |\n"
                        "|---|---|---|---|---|---|---|---|---|---|---|",

@@ -19,7 +19,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 
 #define FIRST_S 2.0
 #define LAST_S  6.0
@@ -237,13 +236,6 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
     return status;
 }
 
-static enum lw_status begin(void *context, struct lw_error *err) {
-    (void)err;
-    const struct settings *o = context;
-    if (o->folder) mkdir(o->folder, 0777); /* where that fails, the first picture says so */
-    return LW_OK;
-}
-
 int main(int argc, char **argv) {
     struct settings s = {
         .width = 192, .height = 108, .samples = 32, .moments = 3, .bounces = 2, .at_s = 3.0, .motion = 0};
@@ -266,7 +258,7 @@ int main(int argc, char **argv) {
                                               .count = sizeof table / sizeof table[0],
                                               .open = &s.open,
                                               .context = &s,
-                                              .begin = begin,
+                                              .folder = &s.folder,
                                               .run = run},
                       argc, argv);
 }

@@ -47,6 +47,17 @@ _Noreturn void latency_give_up(const char *what) {
     exit(1);
 }
 
+json_t *latency_real(double x) { return isfinite(x) ? json_real(x) : json_null(); }
+
+void latency_print(json_t *object) {
+    char *text =
+        object ? json_dumps(object, JSON_INDENT(1) | JSON_PRESERVE_ORDER | JSON_REAL_PRECISION(6)) : NULL;
+    if (!text) latency_give_up("no memory for what is printed");
+    puts(text);
+    free(text);
+    json_decref(object);
+}
+
 void *latency_room(size_t count, size_t size) {
     void *p = calloc(count + 1, size);
     if (!p) latency_give_up("no memory");

@@ -14,6 +14,8 @@
 #include "client/lib/client.h"
 #include "client/view/camera.h"
 
+#include <jansson.h>
+
 #define LATENCY_CHANNELS    3u
 #define LATENCY_POLL_MS     100u
 #define LATENCY_LIMIT_NS    240000000000ull /* for the light to settle */
@@ -58,6 +60,10 @@ struct latency_pair {
 
 void latency_must(enum lw_status status, struct lw_error *err);
 _Noreturn void latency_give_up(const char *what);
+/** A number of JSON; null where it is not finite. */
+json_t *latency_real(double x);
+/** Prints an object on stdout and gives it back. NULL ends the program: there was no memory for it. */
+void latency_print(json_t *object);
 /** calloc() that never fails. */
 void *latency_room(size_t count, size_t size);
 

@@ -223,21 +223,27 @@ static void print_table(const struct walk *w) {
 }
 
 static void print_json(const struct walk *w) {
-    printf("{\"scene\": \"%s\", \"camera\": \"%s\", \"duration_s\": %g, \"times\": [", w->light->scene,
-           w->desc->camera, w->duration_s);
+    json_t *times = json_array();
     for (size_t i = 0; i < w->stop_count; i++) {
         const struct stop *stop = &w->stop[i];
-        printf("%s\n  {\"time_s\": %g, \"agreement\": %.4f, \"p\": %.4f, \"error\": %.4f, \"without_noise\": "
-               "%.4f, \"passes\": [",
-               i ? "," : "", stop->time_s, stop->agreement, median_of(stop->sight, stop->seen, share_of),
-               median_of(stop->sight, stop->seen, error_of), stop->lasting);
-        for (size_t k = 0; k < stop->seen; k++)
-            printf("%s\n    {\"late_ms\": %.1f, \"age_ms\": %.1f, \"p\": %.4f, \"error\": %.4f}",
-                   k ? "," : "", stop->sight[k].late_ms, stop->sight[k].age_ms, stop->sight[k].share,
-                   stop->sight[k].error);
-        printf("]}");
+        json_t *passes = json_array();
+        for (size_t k = 0; k < stop->seen; k++) {
+            const struct sight *sight = &stop->sight[k];
+            json_array_append_new(passes,
+                                  json_pack("{s:o, s:o, s:o, s:o}", "late_ms", latency_real(sight->late_ms),
+                                            "age_ms", latency_real(sight->age_ms), "p",
+                                            latency_real(sight->share), "error", latency_real(sight->error)));
+        }
+        const double share = median_of(stop->sight, stop->seen, share_of),
+                     error = median_of(stop->sight, stop->seen, error_of);
+        json_array_append_new(times,
+                              json_pack("{s:f, s:o, s:o, s:o, s:o, s:o}", "time_s", stop->time_s, "agreement",
+                                        latency_real(stop->agreement), "p", latency_real(share), "error",
+                                        latency_real(error), "without_noise", latency_real(stop->lasting),
+                                        "passes", passes));
     }
-    printf("]}\n");
+    latency_print(json_pack("{s:s, s:s, s:f, s:o}", "scene", w->light->scene, "camera", w->desc->camera,
+                            "duration_s", w->duration_s, "times", times));
 }
 
 void latency_walk(struct latency_light *light, const struct latency_walk_desc *desc) {
