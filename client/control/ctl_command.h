@@ -40,14 +40,15 @@ enum lw_status lw_ctl_command_fail_unknown(const char *word, struct lw_error *er
 /** What --help says of the commands: a line each. */
 const char *lw_ctl_command_help(void);
 
-/** Reads a command. Errors: LW_USAGE, in one line that names what is wrong and what would be right. What only the server
- * can judge, such as ranges, is left to it. */
+/** Reads a command. Errors: LW_USAGE, in one line that names what is wrong and what would be right. What only
+ * the server can judge, such as ranges, is left to it. */
 LW_MUST_CHECK enum lw_status lw_ctl_command_parse(struct lw_ctl_command_state *state, const char *const *word,
                                                   size_t count, struct lw_scene_change *out_change,
                                                   struct lw_error *err);
 
-/** Cuts a line into words, in place: at blanks, but not between double quotes. A line that is empty, or that begins with #
- * and a blank or nothing, has none. Errors: LW_USAGE for over LW_CTL_COMMAND_WORDS_MAX or a quote that does not end. */
+/** Cuts a line into words, in place: at blanks, but not between double quotes. A line that is empty, or that
+ * begins with # and a blank or nothing, has none. Errors: LW_USAGE for over LW_CTL_COMMAND_WORDS_MAX or a
+ * quote that does not end. */
 LW_MUST_CHECK enum lw_status lw_ctl_command_split(char *line, const char *out_word[LW_CTL_COMMAND_WORDS_MAX],
                                                   size_t *out_count, struct lw_error *err);
 

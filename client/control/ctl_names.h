@@ -10,8 +10,8 @@ uint32_t lw_ctl_names_count(const struct lw_scene *scene, enum lw_scene_change_o
 const char *lw_ctl_names_of(const struct lw_scene *scene, enum lw_scene_change_of of, uint32_t i);
 
 /** Finds one by its name, or by #number.
- * Errors: LW_USAGE, in one line: a name that nothing has, with those that are near; one that several have, with their
- * numbers; a number that is too large. */
+ * Errors: LW_USAGE, in one line: a name that nothing has, with those that are near; one that several have,
+ * with their numbers; a number that is too large. */
 LW_MUST_CHECK enum lw_status lw_ctl_names_find(const struct lw_scene *scene, enum lw_scene_change_of of,
                                                const char *text, uint32_t *out_index, struct lw_error *err);
 

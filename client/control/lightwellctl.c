@@ -38,8 +38,8 @@ static bool is_address(const char *text) {
     return strchr(text, ':') || strspn(text, "0123456789") == strlen(text);
 }
 
-/* Options may stand anywhere, negative numbers and "--" belong to the commands: these are taken out before the table sees
- * the rest, which is options and the address. */
+/* Options may stand anywhere, negative numbers and "--" belong to the commands: these are taken out before
+ * the table sees the rest, which is options and the address. */
 static enum lw_status parse(struct ctl *c, int argc, char **argv, bool *out_done, struct lw_error *err) {
     const char *address[1] = {LW_OPTIONS_ADDRESS};
     char **rest = calloc((size_t)argc + 1, sizeof *rest);

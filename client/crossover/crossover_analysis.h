@@ -4,7 +4,7 @@
  *          -> report
  * Threads: pure functions of the store, [any].
  *
- *     r(1)  what a user costs who has the cache alone, over an opponent's frame, in the same views and repeats
+ *     r(1)  the cost of a user who has the cache alone, over an opponent's frame, same views and repeats
  *     m     what one more of twelve users costs, over an opponent's frame: ((C12 - C1) / 11) / A */
 #ifndef LW_CLIENT_CROSSOVER_CROSSOVER_ANALYSIS_H
 #define LW_CLIENT_CROSSOVER_CROSSOVER_ANALYSIS_H
@@ -13,9 +13,9 @@
 #include "client/crossover/crossover_store.h"
 
 #define LW_CROSSOVER_POINTS_MAX 64u
-#define LW_CROSSOVER_GATE_TIMES                                                                              \
-    3.0 /* the error asked for: at least so much must light be off that is a second late */
-#define LW_CROSSOVER_GATE_LATE 30u /* frames */
+/* the error asked for: at least so much must light be off that is a second late */
+#define LW_CROSSOVER_GATE_TIMES 3.0
+#define LW_CROSSOVER_GATE_LATE  30u /* frames */
 
 /** A renderer at a setting. Cells are [view * repeats + repeat]. */
 struct lw_crossover_point {

@@ -274,7 +274,8 @@ static double mean_square_of(const struct lw_crossover_references *t,
 }
 
 /* Of some views, in the judged frames or a second before them, whichever is brighter: where a lamp goes off
- * there may be next to nothing to see in the frames that are judged, and errors are those of what was seen. */
+ * there may be next to nothing to see in the frames that are judged, and errors are those of what was
+ * seen. */
 static double brightness_of(const struct lw_crossover_references *t, uint32_t first_view, uint32_t views,
                             bool *out_before) {
     const struct lw_crossover_reference *now[LW_CROSSOVER_JUDGED_MAX * LW_CROSSOVER_VIEWS],

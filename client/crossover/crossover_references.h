@@ -38,8 +38,8 @@ struct lw_crossover_references {
     struct lw_crossover_crop crop[LW_CROSSOVER_VIEWS][LW_CROSSOVER_CROPS];
     uint32_t judged[LW_CROSSOVER_JUDGED_MAX], judged_count; /* frames, growing */
     struct lw_crossover_reference now[LW_CROSSOVER_JUDGED_MAX][LW_CROSSOVER_VIEWS];
-    struct lw_crossover_reference late[LW_CROSSOVER_LATES]
-                                      [LW_CROSSOVER_VIEWS]; /* of judged[0]; oldest first */
+    /* of judged[0]; oldest first */
+    struct lw_crossover_reference late[LW_CROSSOVER_LATES][LW_CROSSOVER_VIEWS];
     bool dark[LW_CROSSOVER_VIEWS];
     uint32_t dark_count;
     double mean_square; /* of all judged references, or of those a second before if that is more */

@@ -7,7 +7,7 @@
  * measured: opening takes its lines out, and a line without its end. Cells that are not known are empty.
  *
  *     samples.csv   renderer,setting,repeat,view,frame, a column per coin
- *     costs.csv     renderer,setting,repeat,users,view, CPU seconds per frame of all these users by stage, ...
+ *     costs.csv     renderer,setting,repeat,users,view, CPU seconds per frame of all these users by stage ...
  *     late.csv      view,frame,late,relmse: how far the reference itself is off one of N frames earlier
  *     row.csv       key,value: what was measured, and of what the report has to tell
  *     failures.csv  renderer,setting,repeat,text */

@@ -1,4 +1,5 @@
-/* frame_clock.h: when anyone first heard of a frame: the zero of latencies, as near to its publication as a client comes.
+/* frame_clock.h: when anyone first heard of a frame: the zero of latencies, as near to its publication as a
+ * client comes.
  * Flow:    FRAME of any session -> [frame_clock] -> age of a tile or frame when a session gets it
  * Threads: one thread at a time. */
 #ifndef LW_CLIENT_LOAD_FRAME_CLOCK_H
@@ -35,9 +36,10 @@ const struct lw_frame_clock_entry *lw_frame_clock_at(const struct lw_frame_clock
 /** The newest frame heard of; 0: none. */
 uint64_t lw_frame_clock_newest(const struct lw_frame_clock *clock);
 
-/** The first frame heard of whose number is at least `frame`: a server may skip numbers on the wire, and what it published
- * under a skipped one comes with the next. For a number that was forgotten, the oldest one known, so that ages are never
- * overstated. NULL if no such frame was heard of. Valid until the next call of lw_frame_clock_hear(). */
+/** The first frame heard of whose number is at least `frame`: a server may skip numbers on the wire, and what
+ * it published under a skipped one comes with the next. For a number that was forgotten, the oldest one
+ * known, so that ages are never overstated. NULL if no such frame was heard of. Valid until the next call of
+ * lw_frame_clock_hear(). */
 const struct lw_frame_clock_entry *lw_frame_clock_find(const struct lw_frame_clock *clock, uint64_t frame);
 
 #endif

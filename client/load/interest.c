@@ -53,8 +53,9 @@ static float cross2(struct lw_vec2 a, struct lw_vec2 b, struct lw_vec2 c) {
     return (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
 }
 
-/* The part of a triangle that lies in a rectangle of the atlas: the rectangle's corners on the triangle's plane, cut by the
- * triangle's own box. A floor of two triangles is many tiles, and each is to be where it is. */
+/* The part of a triangle that lies in a rectangle of the atlas: the rectangle's corners on the triangle's
+ * plane, cut by the triangle's own box. A floor of two triangles is many tiles, and each is to be where it
+ * is. */
 static struct box part_in(const struct corner c[3], const struct box *whole, struct lw_vec2 min,
                           struct lw_vec2 max) {
     float area = cross2(c[0].uv, c[1].uv, c[2].uv);
@@ -178,8 +179,8 @@ static bool is_seen(const struct box *box, const struct lw_interest_eye *eye) {
     if (!(box->min.x <= box->max.x)) return false; /* no surface */
     struct lw_vec3 centre = lw_vec3_scale(lw_vec3_add(box->min, box->max), 0.5f);
     float radius = 0.5f * lw_vec3_length(lw_vec3_sub(box->max, box->min));
-    /* the box's ball against the cone: the distance of its centre from the cone's side, as if that went on behind the tip,
-     * where the ball around the tip decides */
+    /* the box's ball against the cone: the distance of its centre from the cone's side, as if that went on
+     * behind the tip, where the ball around the tip decides */
     struct lw_vec3 to = lw_vec3_sub(centre, eye->position);
     float along = lw_vec3_dot(to, eye->forward);
     float across = sqrtf(fmaxf(lw_vec3_dot(to, to) - along * along, 0));
@@ -205,8 +206,8 @@ static void choose(struct choice *c, lw_tile_id id) {
     c->count++;
 }
 
-/* From a coarse tile down to the level whose texels are as small as pixels; the finer tiles of a tile are no nearer than
- * it is, so that nothing is left out on the way. */
+/* From a coarse tile down to the level whose texels are as small as pixels; the finer tiles of a tile are no
+ * nearer than it is, so that nothing is left out on the way. */
 static void descend(struct choice *c, uint32_t object, uint32_t level, uint32_t x, uint32_t y) {
     lw_tile_id id = lw_atlas_map_find(c->in->map, object, level, x, y);
     if (id.v == UINT32_MAX || !is_seen(&c->in->tile[id.v], c->eye)) return;

@@ -1,11 +1,12 @@
-/* interest.h: which tiles a user needs for what they see, and where users are: a model of an viewers, without rendering.
+/* interest.h: which tiles a user needs for what they see, and where users are: a model of an viewers, without
+ * rendering.
  * Flow:    scene, tiles -> boxes in the world -> [interest: eye -> tiles] -> INTEREST
  * Threads: immutable once created; then [any].
  *
- * A user sees a tile if the ball around its box meets the cone around a 60 degree picture; what stands in front of it is not considered, so
- * a real renderer needs less. The level is the coarsest one whose texels are no larger than a pixel of a picture
- * 720 pixels high. What stands in for these tiles is not among them: INTEREST asks for it by its flag.
- * Objects are where they are at time 0. */
+ * A user sees a tile if the ball around its box meets the cone around a 60 degree picture; what stands in
+ * front of it is not considered, so a real renderer needs less. The level is the coarsest one whose texels
+ * are no larger than a pixel of a picture 720 pixels high. What stands in for these tiles is not among them:
+ * INTEREST asks for it by its flag. Objects are where they are at time 0. */
 #ifndef LW_CLIENT_LOAD_INTEREST_H
 #define LW_CLIENT_LOAD_INTEREST_H
 
@@ -30,8 +31,8 @@ void lw_interest_destroy(struct lw_interest *interest);
 uint32_t lw_interest_choose(const struct lw_interest *interest, const struct lw_interest_eye *eye,
                             lw_tile_id *ids, uint32_t capacity);
 
-/** A place at standing height within the bounds of the scene, walls or not, and a direction, by chance: the same for the
- * same three numbers. */
+/** A place at standing height within the bounds of the scene, walls or not, and a direction, by chance: the
+ * same for the same three numbers. */
 struct lw_interest_eye lw_interest_place(const struct lw_interest *interest, uint32_t seed, uint32_t user,
                                          uint32_t stay);
 

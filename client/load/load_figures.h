@@ -31,8 +31,8 @@ enum lw_load_fault {
         LW_LOAD_FAULT_COUNT
 };
 
-/** Counts go on for the whole run; histograms of what happens in the steady state take only what falls into the measured
- * time (`measuring`). Times are nanoseconds. */
+/** Counts go on for the whole run; histograms of what happens in the steady state take only what falls into
+ * the measured time (`measuring`). Times are nanoseconds. */
 struct lw_load_figures {
     bool measuring;
     uint64_t asked;         /* sessions that began to connect */
@@ -53,11 +53,11 @@ struct lw_load_figures {
     struct lw_histogram download;   /* from connect to the whole package, if every session downloads */
     struct lw_histogram first_view; /* from connect to every tile that was asked for */
     struct lw_histogram next_view;  /* from another INTEREST to the same */
-    struct lw_histogram
-        served; /* who came back: every tile asked for, after the first WELCOME of the server's run to anyone */
+    /* who came back: every tile asked for, after the first WELCOME of the server's run to anyone */
+    struct lw_histogram served;
     struct lw_histogram drop; /* from the last read of a never-reader until it found itself dropped */
-    struct lw_histogram
-        update;                /* measured: a tile's arrival after the first FRAME of its version to anyone */
+    /* measured: a tile's arrival after the first FRAME of its version to anyone */
+    struct lw_histogram update;
     struct lw_histogram frame; /* measured: a FRAME's arrival, likewise */
     struct lw_histogram whole; /* measured: a SETTLED's arrival, likewise */
     struct lw_histogram age; /* measured: of a tile's light at arrival: its frame's solve_ns and the update */

@@ -61,8 +61,8 @@ struct lw_load_session {
     uint64_t *wanted;                 /* bit per tile; NULL: everything */
     uint64_t second_ns, second_bytes; /* began then; received since */
     bool second_counts;               /* it had its view then */
-    uint64_t
-        *fresh; /* bit per tile that is wanted since it last arrived; NULL: none but what never arrived */
+    /* bit per tile that is wanted since it last arrived; NULL: none but what never arrived */
+    uint64_t *fresh;
     uint32_t missing; /* wanted tiles that it has no version of */
     bool has_view;    /* it had every wanted tile at some time */
     uint64_t view_since_ns, looked_ns;
@@ -293,7 +293,8 @@ static void complete_view(struct lw_load_session *s, uint64_t now_ns) {
     s->has_view = true;
 }
 
-/* Replaces what is wanted; the time until it is there counts from the request, or from one before it that was not met. */
+/* Replaces what is wanted; the time until it is there counts from the request, or from one before it that was
+ * not met. */
 static void want(struct lw_load_session *s, uint32_t count, uint64_t now_ns) {
     const uint32_t words = s->shared->scene->map.tile_count / 64 + 1;
     bool had_all = s->has_view && s->missing == 0;
@@ -464,9 +465,10 @@ static void handle_frame(struct lw_load_session *s, const struct lw_message_fram
         begin_frame(s, frame, now_ns);
 }
 
-/* What a user asked for is one thing and updates of what they have another: the first version after the asking may be of
- * any age, those after it were published while somebody waited for them. Our server numbers a tile's versions by its
- * frames, two a frame; with one that does not, updates count from when the frame of that number was heard of, or not at all. */
+/* What a user asked for is one thing and updates of what they have another: the first version after the
+ * asking may be of any age, those after it were published while somebody waited for them. Our server numbers
+ * a tile's versions by its frames, two a frame; with one that does not, updates count from when the frame of
+ * that number was heard of, or not at all. */
 static void note_update(struct lw_load_session *s, uint64_t version, uint64_t now_ns) {
     struct lw_load_figures *f = s->shared->figures;
     if (!f->measuring || !s->counts) return;

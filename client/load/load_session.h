@@ -1,4 +1,5 @@
-/* load_session.h: one user of a load test: a whole protocol client that checks what it gets and keeps none of it.
+/* load_session.h: one user of a load test: a whole protocol client that checks what it gets and keeps none of
+ * it.
  * Flow:    link -> messages -> [load_session] -> figures
  * Threads: everything here is [loop]. */
 #ifndef LW_CLIENT_LOAD_LOAD_SESSION_H
@@ -67,8 +68,8 @@ void lw_load_session_return_due(struct lw_load_shared *shared, uint64_t now_ns);
 /** Forgets those who would have come back. */
 void lw_load_session_forget_returning(struct lw_load_shared *shared);
 
-/** Time limits, pings, a slow reader's next bytes, a walker's next step. Call some 20 times a second. The session may come
- * to its end; its memory goes later, when libuv has let go of the handle. */
+/** Time limits, pings, a slow reader's next bytes, a walker's next step. Call some 20 times a second. The
+ * session may come to its end; its memory goes later, when libuv has let go of the handle. */
 void lw_load_session_tick(struct lw_load_session *session, uint64_t now_ns);
 
 /** Leaves: says goodbye and waits for the server's end, or resets the connection. */

@@ -17,8 +17,8 @@
 #define TICK_MS 50u
 #define LAG_MS  10u
 #define SHOW_MS 1000u
-#define DESCRIPTORS                                                                                          \
-    64u /* that we need besides one per user: the loop's own, files, sessions that are about to close */
+/* that we need besides one per user: the loop's own, files, sessions that are about to close */
+#define DESCRIPTORS 64u
 
 /* Totals at a moment; the measured time lies between two of them. */
 struct totals {
@@ -78,8 +78,8 @@ static void begin_measuring(struct load_test *s, uint64_t now_ns) {
     s->report->figures.measuring = true;
 }
 
-/* The server's CPU time comes with frames only: from the last one before the measured time, if there was one, to the last one
- * in it. */
+/* The server's CPU time comes with frames only: from the last one before the measured time, if there was one,
+ * to the last one in it. */
 static void report_server(struct load_test *s) {
     const struct lw_frame_clock *clock = &s->shared.clock;
     if (clock->count < 2 || s->shared.heard_before) return; /* a clock of one run of the server */

@@ -6,10 +6,10 @@
 
 #include "client/load/load_report.h"
 
-/** Runs until the time is over, the server is gone or SIGINT or SIGTERM comes (a second one ends the program). What was
- * measured by then is in the report, which the caller frees with free().
- * Errors: LW_NO_HOST, LW_UNAVAILABLE, LW_TIMED_OUT, LW_PROTOCOL where there is no server to load; LW_OS, naming the limit
- * on open files where that is too low; LW_NO_MEMORY. */
+/** Runs until the time is over, the server is gone or SIGINT or SIGTERM comes (a second one ends the
+ * program). What was measured by then is in the report, which the caller frees with free().
+ * Errors: LW_NO_HOST, LW_UNAVAILABLE, LW_TIMED_OUT, LW_PROTOCOL where there is no server to load; LW_OS,
+ * naming the limit on open files where that is too low; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_load_test_run(const struct lw_load_options *options,
                                               struct lw_load_report **out_report, struct lw_error *err);
 

@@ -1,11 +1,13 @@
-/* tile_check.h: whether a tile is what a client may rely on: a place that exists, a version that grows, bytes that decode.
+/* tile_check.h: whether a tile is what a client may rely on: a place that exists, a version that grows, bytes
+ * that decode.
  * Flow:    TILE of any session -> [tile_check] -> verdict
  * Threads: one thread at a time.
  *
- * The server encodes a tile once for all, so the checker decodes it once: of each tile it remembers the last few versions
- * by the hash of what it decoded. Bytes that differ under the same version are a fault, whichever session gets them. A few
- * sessions are followed as clients would be: their deltas are added to what they hold, and light that differs under the same
- * version is a fault too, whether it came whole or as a delta. */
+ * The server encodes a tile once for all, so the checker decodes it once: of each tile it remembers the last
+ * few versions by the hash of what it decoded. Bytes that differ under the same version are a fault,
+ * whichever session gets them. A few sessions are followed as clients would be: their deltas are added to
+ * what they hold, and light that differs under the same version is a fault too, whether it came whole or as a
+ * delta. */
 #ifndef LW_CLIENT_LOAD_TILE_CHECK_H
 #define LW_CLIENT_LOAD_TILE_CHECK_H
 
@@ -19,7 +21,8 @@ enum lw_tile_verdict {
     LW_TILE_IGNORED,   /* of a layer that clients ignore */
     LW_TILE_NOWHERE,   /* there is no such place in the scene */
     LW_TILE_BACKWARDS, /* its version is not above the one that the session had: a client ignores it */
-    LW_TILE_DAMAGED, /* codec unknown, builds on what the session does not have, or its payload does not decode */
+    /* codec unknown, builds on what the session does not have, or its payload does not decode */
+    LW_TILE_DAMAGED,
     LW_TILE_DIFFERENT /* of a version that came with other bytes, or other light, before */
 };
 
@@ -47,8 +50,8 @@ LW_MUST_CHECK enum lw_status lw_tile_check_create(const struct lw_atlas_map *map
                                                   struct lw_tile_check **out_check);
 void lw_tile_check_destroy(struct lw_tile_check *check);
 
-/** Judges a tile. known: the session's version of each tile of the map, 0 for none; updated if the verdict is GOOD.
- * held: of the same tiles, if it is followed; NULL otherwise.
+/** Judges a tile. known: the session's version of each tile of the map, 0 for none; updated if the verdict is
+ * GOOD. held: of the same tiles, if it is followed; NULL otherwise.
  * Errors: LW_NO_MEMORY; then there is no verdict. */
 LW_MUST_CHECK enum lw_status lw_tile_check_take(struct lw_tile_check *check,
                                                 const struct lw_message_tile *tile, uint64_t *known,

@@ -75,8 +75,8 @@ static enum lw_status set_users(struct lw_renderer *renderer, uint32_t users, st
     return status;
 }
 
-/* All clients take in what was published, each in its turn; what one thread spends on it is what they spend.
- * */
+/* All clients take in what was published, each in its turn; what one thread spends on it is what they
+ * spend. */
 static enum lw_status receive(struct cache_renderer *c, struct lw_cost *cost, struct lw_error *err) {
     for (uint32_t user = 0; user < c->viewers.count; user++) {
         const struct lw_client_stats before = lw_viewers_stats(&c->viewers, user);

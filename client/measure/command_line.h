@@ -5,7 +5,8 @@
 
 #include <stddef.h>
 
-/** "lightwell-load" and the arguments from its subcommand on; those with blanks in quotes. Cut off at size. */
+/** "lightwell-load" and the arguments from its subcommand on; those with blanks in quotes. Cut off at
+ * size. */
 void lw_command_line_write(int argc, char **argv, char *out, size_t size);
 
 #endif

@@ -46,7 +46,8 @@ static enum lw_status make_port_file(struct lw_daemon_child *c, struct lw_error 
     return LW_OK;
 }
 
-/* In the child; what fails goes to `failure`. Only what signal handlers may call: other threads may hold any lock. */
+/* In the child; what fails goes to `failure`. Only what signal handlers may call: other threads may hold any
+ * lock. */
 static _Noreturn void become(const char *program, char *const *arguments, int in, int out, int failure,
                              pid_t parent) {
     setpgid(0, 0); /* Ctrl-C is for our parent, who ends us when what is measured has been kept */
@@ -62,8 +63,8 @@ static _Noreturn void become(const char *program, char *const *arguments, int in
     _exit(1);
 }
 
-/* posix_spawn() cannot bind the child's life to ours. Returns errno, 0: it runs. The signal comes when the thread that calls
- * this ends. */
+/* posix_spawn() cannot bind the child's life to ours. Returns errno, 0: it runs. The signal comes when the
+ * thread that calls this ends. */
 static int fork_and_exec(struct lw_daemon_child *c, const char *program, const char *const *arguments, int in,
                          int out) {
     int failure[2], error = 0;

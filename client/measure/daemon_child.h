@@ -40,8 +40,8 @@ LW_MUST_CHECK enum lw_status lw_daemon_child_start(const struct lw_daemon_child_
                                                    struct lw_daemon_child **out_child, struct lw_error *err);
 uint16_t lw_daemon_child_port(const struct lw_daemon_child *child);
 
-/** Has it solve the next frame and waits for that. Errors: LW_CLOSED if it ended; LW_TIMED_OUT; LW_PROTOCOL.
- * */
+/** Has it solve the next frame and waits for that. Errors: LW_CLOSED if it ended; LW_TIMED_OUT;
+ * LW_PROTOCOL. */
 LW_MUST_CHECK enum lw_status lw_daemon_child_step(struct lw_daemon_child *child,
                                                   struct lw_daemon_report *out_report, struct lw_error *err);
 

@@ -1,14 +1,16 @@
-/* reference.h: converged pictures of some frames and users, at some of their pixels, and how far others are off them.
+/* reference.h: converged pictures of some frames and users, at some of their pixels, and how far others are
+ * off them.
  * Flow:    scene, views -> [reference: paths] -> relMSE of a renderer's pictures
  * Threads: one thread at a time.
  *
- * The pixels are a lattice: every stride-th in either direction, in the middle of their stride x stride square. A picture
- * of width / stride x height / stride pixels with the same field of view has its pixel centres there, if the stride is
- * odd and divides both sides.
+ * The pixels are a lattice: every stride-th in either direction, in the middle of their stride x stride
+ * square. A picture of width / stride x height / stride pixels with the same field of view has its pixel
+ * centres there, if the stride is odd and divides both sides.
  *
  * A reference has two independent halves a and b, each a mean of as many paths. With t their mean,
  *     relMSE = mean((x - a)(x - b) / (t^2 + 0.01 mean(t^2))) over pixels and channels
- * has the expectation of mean((x - reference)^2 / ...): what noise is left in the reference adds none of its own. */
+ * has the expectation of mean((x - reference)^2 / ...): what noise is left in the reference adds none of its
+ * own. */
 #ifndef LW_CLIENT_MEASURE_REFERENCE_H
 #define LW_CLIENT_MEASURE_REFERENCE_H
 
@@ -37,8 +39,8 @@ void lw_reference_finish(struct lw_reference *reference);
 /** relMSE of a lattice picture; may be a little below 0 for one that is as good as the reference. */
 double lw_reference_error(const struct lw_reference *reference, const float *rgb);
 
-/** Whether it shows next to nothing, of the mean square that views of the scene have: any light at all would be an error
- * beyond measure there. */
+/** Whether it shows next to nothing, of the mean square that views of the scene have: any light at all would
+ * be an error beyond measure there. */
 bool lw_reference_is_dark(const struct lw_reference *reference, double mean_square);
 
 /** Which object each pixel of a lattice shows at the world's present moment; LW_TRACE_MISS where it shines or

@@ -8,8 +8,8 @@
 #include <string.h>
 
 /* Standard errors by which light must change from other moments to the last one, for a lag to be told. 4 x 4
- * pixels of a reference share random numbers (path_trace.h), so that a standard error over pixels is not what it
- * seems: light that stands still came to 0.9 and 3.8 of them (Cornell box, 64 and 16 paths a pixel). */
+ * pixels of a reference share random numbers (path_trace.h), so that a standard error over pixels is not what
+ * it seems: light that stands still came to 0.9 and 3.8 of them (Cornell box, 64 and 16 paths a pixel). */
 #define CHANGE_SIGMA 6.0
 
 void lw_view_error_init(struct lw_view_error_sum *sum, const struct lw_view_error_desc *desc) {

@@ -3,18 +3,18 @@
  * Threads: one thread at a time per sum.
  * After:   Andersson et al. 2020 (FLIP; common/image/flip.h).
  *
- * A reference has two independent halves a and b, each a mean of as many paths (reference.h). With t their mean,
+ * A reference has two independent halves a and b, each a mean of as many paths (reference.h). t is their mean:
  *     relMSE  = mean((x - a)(x - b) / (t^2 + epsilon))
  *     flicker = mean(((x - x') - (a - a'))((x - x') - (b - b')) / (t^2 + epsilon)), ' one frame before
- * over pixels and channels. The reference's own noise adds nothing in the mean, so both may be a little below 0
- * for a picture that is as good as the reference. FLIP has no such form: it compares with t, noise included. The
- * FLIP of one half as the picture, against a reference whose halves are both the other half, bounds what that
- * adds.
+ * over pixels and channels. The reference's own noise adds nothing in the mean, so both may be a little below
+ * 0 for a picture that is as good as the reference. FLIP has no such form: it compares with t, noise
+ * included. The FLIP of one half as the picture, against a reference whose halves are both the other half,
+ * bounds what that adds.
  *
- * The lag is the age of the light whose reference fits a picture best: references of the same camera at several
- * moments, mixed linearly between two neighbours, by the least relMSE. It is found exactly, not on a grid:
- * what limits it is how straight light changes between two moments, and noise. While light stands still all
- * ages fit alike: it should change all the time. A picture that mixes ages gets one between them.
+ * The lag is the age of the light whose reference fits a picture best: references of the same camera at
+ * several moments, mixed linearly between two neighbours, by the least relMSE. It is found exactly, not on a
+ * grid: what limits it is how straight light changes between two moments, and noise. While light stands still
+ * all ages fit alike: it should change all the time. A picture that mixes ages gets one between them.
  *
  * All figures are means over all pixels that have been added, whatever view they are of. */
 #ifndef LW_CLIENT_MEASURE_VIEW_ERROR_H
@@ -44,8 +44,8 @@ struct lw_view_error_desc {
 struct lw_view_error_reference {
     uint32_t width, height;
     const float *half[2]; /* means; width * height * 3, W/(m^2 sr) */
-    /* width * height; not 0: the pixel does not count (it shines, say). NULL: all do. Pixels whose reference is
-     * not finite never do. */
+    /* width * height; not 0: the pixel does not count (it shines, say). NULL: all do. Pixels whose reference
+     * is not finite never do. */
     const uint8_t *left_out;
 };
 
@@ -101,8 +101,8 @@ void lw_view_error_add_step(struct lw_view_error_sum *sum, const struct lw_view_
 
 /** Adds a picture's fit to the light of several moments: lag.
  *
- * moment        references of the picture's camera, the oldest first, moment_distance_s apart, the last one of
- *               the picture's own moment; all of one size; pixels that any leaves out do not count
+ * moment        references of the picture's camera, the oldest first, moment_distance_s apart, the last one
+ *               of the picture's own moment; all of one size; pixels that any leaves out do not count
  * moment_count  2 to LW_VIEW_ERROR_MOMENTS_MAX; the same in all calls of a sum */
 void lw_view_error_add_lag(struct lw_view_error_sum *sum, const struct lw_view_error_reference *moment,
                            uint32_t moment_count, const float *picture);

@@ -16,8 +16,8 @@ struct lw_viewers {
     uint32_t width, height;
     unsigned threads;
     bool wants_everything; /* nobody says what he looks at */
-    bool
-        draws_direct; /* users draw the direct light of client lights; set before the first joins. Default: tiles hold it */
+    /* users draw the direct light of client lights; set before the first joins. Default: tiles hold it */
+    bool draws_direct;
     bool unfiltered; /* noisy tiles are read at full resolution (compose.h) */
     struct lw_viewers_user {
         struct lw_client *client;

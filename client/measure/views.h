@@ -25,8 +25,8 @@ struct lw_views_desc {
     const struct lw_trace *trace; /* of the scene at time 0 */
     enum lw_views_kind kind;
     uint32_t users; /* > 0 */
-    /* How far apart users are: 0: together (walkers within two seconds of each other); 1: all over the path, or the box. At any
-     * number the first users are spread as evenly as all of them. */
+    /* How far apart users are: 0: together (walkers within two seconds of each other); 1: all over the path,
+     * or the box. At any number the first users are spread as evenly as all of them. */
     float spread;
     uint32_t seed;
     float aspect;

@@ -1,5 +1,7 @@
-/* real_run.h: our side by the wall clock: frames as fast as the machine gives them, light as late as it then is.
- * Flow:    scene package, views -> [lightwelld, clients, compose, all at once] -> pictures, with the moments they were seen
+/* real_run.h: our side by the wall clock: frames as fast as the machine gives them, light as late as it then
+ * is.
+ * Flow:    scene package, views -> [lightwelld, clients, compose, all at once] -> pictures, with the moments
+ *          they were seen
  * Threads: one thread at a time. */
 #ifndef LW_CLIENT_SCALING_REAL_RUN_H
 #define LW_CLIENT_SCALING_REAL_RUN_H
@@ -19,10 +21,10 @@ struct lw_real_run_desc {
     unsigned threads; /* 0: all */
     bool denoise;
     const char *solver; /* by name; NULL: the default */
-    double seconds;     /* measured */
-    /* Before that it warms up until the server has spent so much, or so long at most. Wall time alone does not tell how much light
-     * there is: with 3 s of it many texels had one sample, and those that were fireflies made 60 to 80 % of the error (an
-     * object turning in the atrium). */
+    double seconds; /* measured */
+    /* Before that it warms up until the server has spent so much, or so long at most. Wall time alone does
+     * not tell how much light there is: with 3 s of it many texels had one sample, and those that were
+     * fireflies made 60 to 80 % of the error (an object turning in the atrium). */
     double warm_cpu_s, warm_s;
     const volatile sig_atomic_t *cancel;
 };

@@ -18,9 +18,10 @@
 
 #define LW_SCALING_POINTS_MAX  64u /* settings tried per side */
 #define LW_SCALING_TARGETS_MAX 4u
-#define LW_SCALING_SHOWN_MAX                                                                                 \
-    4u /* pictures per frame and side while users are added; more are scaled from those */
-#define LW_SCALING_REST 0.02 /* error at which tiles rest, where nothing else is tried: lightwelld's own */
+/* pictures per frame and side while users are added; more are scaled from those */
+#define LW_SCALING_SHOWN_MAX 4u
+/* error at which tiles rest, where nothing else is tried: lightwelld's own */
+#define LW_SCALING_REST 0.02
 
 enum lw_scaling_side_id { LW_SCALING_PATHS, LW_SCALING_SHARED, LW_SCALING_SIDES };
 
@@ -65,8 +66,9 @@ struct lw_scaling_real {
     double frames_hz, views_hz; /* solved; composed, of all users */
     double server_cpu_s;        /* per second */
     double light_age_s;
-    /* relMSE against the reference of the moment at which a picture was ready; and of the path tracer's, unfiltered, for the same
-     * views and moments. They are other views than the rest of the measurement has. */
+    /* relMSE against the reference of the moment at which a picture was ready; and of the path tracer's,
+     * unfiltered, for the same views and moments. They are other views than the rest of the measurement
+     * has. */
     double error, paths_error;
 };
 

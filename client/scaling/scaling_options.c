@@ -70,7 +70,8 @@ static bool read_real(const char **text, double min, double max, double *out) {
     return end != number && *out >= min && *out <= max;
 }
 
-/* "5:8+10@2,0.2": paths per pixel, direct and indirect samples per texel, density, error at which tiles rest. */
+/* "5:8+10@2,0.2": paths per pixel, direct and indirect samples per texel, density, error at which tiles
+ * rest. */
 static enum lw_status parse_fixed(const char *text, struct lw_scaling_options *o, struct lw_error *err) {
     const char *at = text;
     uint64_t samples, direct, indirect;

@@ -70,8 +70,8 @@ static double mean_noise(const struct lw_scaling *x) {
     return sum / (LW_SCALING_PICTURES * x->eyes);
 }
 
-/* The error that a path tracer has for the cost of a point of the shared side: along its own points, by logarithms.
- * INFINITY: that does not pay for its cheapest picture; NAN: not known. */
+/* The error that a path tracer has for the cost of a point of the shared side: along its own points, by
+ * logarithms. INFINITY: that does not pay for its cheapest picture; NAN: not known. */
 static double paths_error_at(const struct lw_scaling_side *paths, double cost_s) {
     const struct lw_scaling_point *below = NULL, *above = NULL;
     for (uint32_t i = 0; i < paths->point_count; i++) {

@@ -62,7 +62,8 @@ static enum lw_status measure_line(struct lw_scaling_run *run, struct lw_scaling
     return LW_OK;
 }
 
-/* The point of so many samples; it may be there already. *out_point: NULL if there is no more room, or at a stop. */
+/* The point of so many samples; it may be there already. *out_point: NULL if there is no more room, or at a
+ * stop. */
 static enum lw_status try_samples(struct lw_scaling_run *run, struct lw_scaling_side *side, uint32_t samples,
                                   struct lw_scaling_point **out_point, struct lw_error *err) {
     *out_point = NULL;
@@ -95,8 +96,8 @@ static uint32_t interpolate(const struct lw_scaling_point *low, const struct lw_
     return at <= from + 1 ? from + 1 : at >= to - 1 ? to - 1 : (uint32_t)ceil(at);
 }
 
-/* Doubled until they reach it, then between the last two; the error of so few pictures is not known better than to an
- * eighth. */
+/* Doubled until they reach it, then between the last two; the error of so few pictures is not known better
+ * than to an eighth. */
 static enum lw_status search_samples(struct lw_scaling_run *run, struct lw_scaling_side *side, double error,
                                      struct lw_error *err) {
     struct lw_scaling_point *low = NULL, *point; /* low does not reach it */
@@ -218,8 +219,8 @@ static void add_target(struct lw_scaling *x, double error) {
     x->target[x->target_count++] = (struct lw_scaling_target){.error = error, .best = {-1, -1}};
 }
 
-/* The settings that were asked for are each side's only point, and the only target. Where all of the scene is lit, every eye
- * is judged while users are added, and no sequence of its own is spent on it. */
+/* The settings that were asked for are each side's only point, and the only target. Where all of the scene is
+ * lit, every eye is judged while users are added, and no sequence of its own is spent on it. */
 static enum lw_status take_given(struct lw_scaling_run *run, struct lw_error *err) {
     struct lw_scaling *x = run->x;
     const struct lw_scaling_options *o = &x->options;

@@ -18,7 +18,8 @@ static struct lw_scaling_point *chosen_point(struct lw_scaling *x, enum lw_scali
     return &x->side[s].point[x->target[0].best[s]];
 }
 
-/* What a frame with so many users takes here, CPU seconds, by what the search has found; 1 where that is not known. */
+/* What a frame with so many users takes here, CPU seconds, by what the search has found; 1 where that is not
+ * known. */
 static double foresee_frame(struct lw_scaling *x, uint32_t users) {
     const struct lw_scaling_point *point = chosen_point(x, LW_SCALING_SHARED);
     const uint32_t shown = users < LW_SCALING_SHOWN_MAX ? users : LW_SCALING_SHOWN_MAX;
@@ -65,7 +66,8 @@ struct user_steps {
 
 _Static_assert(LW_SCALING_EYES <= LW_SCALING_SHOWN_MAX, "all eyes can be shown at once");
 
-/* Who is shown in a frame: as many as can be, in turn. Where nobody's light depends on who is there, all eyes judge. */
+/* Who is shown in a frame: as many as can be, in turn. Where nobody's light depends on who is there, all eyes
+ * judge. */
 static uint32_t choose_shown(const struct lw_scaling *x, const struct user_steps *steps,
                              uint32_t *out_shown) {
     if (steps->whole && lw_scaling_run_picture(x, steps->frame) >= 0) {
@@ -103,7 +105,8 @@ static enum lw_status measure_frames(struct lw_scaling_run *run, struct lw_rende
     return status;
 }
 
-/* In a still scene, what was spent at once is spread over all frames of the first count; later counts bear as much. */
+/* In a still scene, what was spent at once is spread over all frames of the first count; later counts bear as
+ * much. */
 static void spread_start(const struct lw_scaling *x, bool first, struct lw_cost *start,
                          struct lw_cost *cost) {
     if (first) {

@@ -1,22 +1,25 @@
-/* bench_coherence: how bundles of bounce rays may share directions, and what it costs and gains. CSV on stdout.
+/* bench_coherence: how bundles of bounce rays may share directions, and what it costs and gains. CSV on
+ * stdout.
  *
  *     bench_coherence [--samples N] [--texels N] [--frames N] SCENE...
  *
- * The solver lights the scene for a few frames; what texels then send out stays as it is. Its bounce rays then estimate
- * the light that arrives, one order, on every n-th tile at the density and with the structure of the real scene: each
- * way of bundling draws N rays per texel, tile by tile, in the order in which passes.c would. Ways:
+ * The solver lights the scene for a few frames; what texels then send out stays as it is. Its bounce rays
+ * then estimate the light that arrives, one order, on every n-th tile at the density and with the structure
+ * of the real scene: each way of bundling draws N rays per texel, tile by tile, in the order in which
+ * passes.c would. Ways:
  *   independent   each texel a sequence of its own; packets of 4 x 4 neighbours
  *   block         one direction for a block of 16 x 16 texels; packets of 4 x 4 neighbours
- *   4x4           16 directions interleaved over 4 x 4 texels, a packet is 16 texels of one, with the sequence of sampling.h
- *   2x2           4 directions interleaved over 2 x 2 texels, a packet is 16 texels of one, from 8 x 8
- *   jitter-4      as 4x4-dealt, but each texel a point of its own in the shared one's cell of 4 x 4 over the square
- *   jitter-16     the same with cells of 16 x 16
+ *   4x4           16 directions interleaved over 4 x 4 texels, a packet is 16 texels of one, with the
+ *   sequence of sampling.h 2x2           4 directions interleaved over 2 x 2 texels, a packet is 16 texels of
+ *   one, from 8 x 8 jitter-4      as 4x4-dealt, but each texel a point of its own in the shared one's cell of
+ *   4 x 4 over the square jitter-16     the same with cells of 16 x 16
  *   filled        the packets of packets.h, with the sequence of sampling.h: what passes.c does
  *   4x4-dealt     as 4x4, but the 16 deal out one sequence among themselves
- * Columns: rays per texel so far; CPU microseconds per texel of drawing, tracing and reading them, by one worker; millions
- * of rays per CPU second; relMSE of texels, and of means over 4 x 4 and 16 x 16 texels, which is what shared directions
- * leave for the eye and for a filter. relMSE = mean((x - a)(x - b) / (t^2 + eps)): a, b two independent references of 256 rays
- * a texel, t their mean, eps 1 % of the mean of t^2: their own noise drops out. */
+ * Columns: rays per texel so far; CPU microseconds per texel of drawing, tracing and reading them, by one
+ * worker; millions of rays per CPU second; relMSE of texels, and of means over 4 x 4 and 16 x 16 texels,
+ * which is what shared directions leave for the eye and for a filter. relMSE = mean((x - a)(x - b) / (t^2 +
+ * eps)): a, b two independent references of 256 rays a texel, t their mean, eps 1 % of the mean of t^2: their
+ * own noise drops out. */
 #include "common/clock.h"
 #include "common/colour.h"
 #include "common/light/direction.h"

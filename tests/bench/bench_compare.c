@@ -3,8 +3,8 @@
  *     bench_compare PICTURE.exr REFERENCE.exr
  *
  * Prints the ratio of the means (all channels), relMSE = mean((x - t)^2 / (t^2 + eps)), eps = 1 % of the
- * mean of t^2, FLIP (67 pixels per degree, Reinhard's curve at the reference's own exposure), how many of 8 x 4
- * blocks are within 5 % of the reference and the farthest, and the ratio in each. For pictures of other
+ * mean of t^2, FLIP (67 pixels per degree, Reinhard's curve at the reference's own exposure), how many of 8 x
+ * 4 blocks are within 5 % of the reference and the farthest, and the ratio in each. For pictures of other
  * renderers (cycles.py) and of other options. */
 #include "client/view/tonemap.h"
 #include "common/image/flip.h"

@@ -1,10 +1,12 @@
-/* bench_denoise: the error of what is shown after equal times, with and without the filter. One table in Markdown per scene.
+/* bench_denoise: the error of what is shown after equal times, with and without the filter. One table in
+ * Markdown per scene.
  *
  *     bench_denoise [--reference N] [--texels-per-metre D] SCENE...
  *
- * relMSE = mean((x-t)^2 / (t^2 + eps)) of luminance over all covered texels, eps = 1 % of the mean of t^2, t from a solve
- * of N frames with another seed and no filter. Times are of the processor, with one worker, filter included: what others do
- * on the machine does not count. "mean" is the largest change of an object's mean light by the filter.
+ * relMSE = mean((x-t)^2 / (t^2 + eps)) of luminance over all covered texels, eps = 1 % of the mean of t^2, t
+ * from a solve of N frames with another seed and no filter. Times are of the processor, with one worker,
+ * filter included: what others do on the machine does not count. "mean" is the largest change of an object's
+ * mean light by the filter.
  * --form split: of light without the direct light of client lights ("auto"); besides, the same error
  * against all light of the place, which is what a picture shows: mean((x-t)^2 / (T^2 + eps)), T and eps of
  * all light. */

@@ -1,11 +1,13 @@
-/* bench_hybrid: what a finite tracing range costs in accuracy and saves in time. One table in Markdown per scene.
+/* bench_hybrid: what a finite tracing range costs in accuracy and saves in time. One table in Markdown per
+ * scene.
  *
  *     bench_hybrid [--frames N] [--texels-per-metre D] [--quick] SCENE...
  *
- * Everything is compared with the same solver at range = inf, over the indirect light of every covered texel. Each
- * setting is solved twice with seeds of its own, a and b, and so is the reference, t and u: then mean((a-t)(b-u) / (m^2+eps)),
- * m = (t+u)/2, eps = 1 % of the mean of m^2, is relMSE without the noise, which is what probes add for good. "99 %" is
- * the error that one in a hundred blocks of 8 x 8 texels exceeds; noise is in it: the row "inf" says how much. */
+ * Everything is compared with the same solver at range = inf, over the indirect light of every covered texel.
+ * Each setting is solved twice with seeds of its own, a and b, and so is the reference, t and u: then
+ * mean((a-t)(b-u) / (m^2+eps)), m = (t+u)/2, eps = 1 % of the mean of m^2, is relMSE without the noise, which
+ * is what probes add for good. "99 %" is the error that one in a hundred blocks of 8 x 8 texels exceeds;
+ * noise is in it: the row "inf" says how much. */
 #include "common/clock.h"
 #include "common/colour.h"
 #include "server/solve/solvers.h"

@@ -1,29 +1,34 @@
-/* bench_latency: how long a change of the scene takes to reach a client, and to become the light that it leads to; or, by --walk, how far
- * light trails behind what moves all the time.
+/* bench_latency: how long a change of the scene takes to reach a client, and to become the light that it
+ * leads to; or, by --walk, how far light trails behind what moves all the time.
  *
- *     bench_latency [--updates N] [--settle S] [--frames N] [--fresh N] [--daemon "OPTIONS"] [--reference FOLDER] [--json]
+ *     bench_latency [--updates N] [--settle S] [--frames N] [--fresh N] [--daemon "OPTIONS"] [--reference
+ *     FOLDER] [--json]
  *                   [SCENE ["CAMERA COMMAND"...]]
  *     bench_latency --walk [--times T,...] [the same options] [SCENE CAMERA]
  *
- * A lightwelld of its own with its default settings, its animation held, and one client on loopback that wants what a picture of
- * 1280 x 720 from that camera takes. Once the light rests, the client sends the change (a command of lightwellctl; the camera
- * is a name or as --camera of lightwell-view has it), waits until it rests again, undoes it by a reset, and so on. Both ways count.
+ * A lightwelld of its own with its default settings, its animation held, and one client on loopback that
+ * wants what a picture of 1280 x 720 from that camera takes. Once the light rests, the client sends the
+ * change (a command of lightwellctl; the camera is a name or as --camera of lightwell-view has it), waits
+ * until it rests again, undoes it by a reset, and so on. Both ways count.
  *
- * first tile: until the client has decoded a tile of the frame that shows the change, or of a later one, which the change touches.
- * 95 %: until p(E) = sum d(E - E0) d(E1' - E0') / sum d(E1 - E0) d(E1' - E0') reaches 0.95 over squares of 4 x 4 texels of level 2,
- * all channels; d: sum over a square's texels that the picture shows, before or after, of what is in brackets times w. E0, E0', E1, E1' are the light of four more servers that never knew anything else than the state
- * before (0) and the state after (1), by two seeds: with one, the noise of E0 and E1 would count as change, and where a vase
- * moves most of what is seen does not change. w is one over the texel's mean light (plus the median's of all): else the
- * cages of lamps, some hundred texels a thousand times as bright as the rest and as noisy, would alone decide. What is over twice that
- * light is clipped: single texels of a first frame. So p is 0 for light that is settled before, 1 for light that is settled
- * after, whatever the server remembers. Agreement is the cosine of E1 - E0 and E1' - E0': where it is small, p is noise; more --fresh
- * frames help.
+ * first tile: until the client has decoded a tile of the frame that shows the change, or of a later one,
+ * which the change touches. 95 %: until p(E) = sum d(E - E0) d(E1' - E0') / sum d(E1 - E0) d(E1' - E0')
+ * reaches 0.95 over squares of 4 x 4 texels of level 2, all channels; d: sum over a square's texels that the
+ * picture shows, before or after, of what is in brackets times w. E0, E0', E1, E1' are the light of four more
+ * servers that never knew anything else than the state before (0) and the state after (1), by two seeds: with
+ * one, the noise of E0 and E1 would count as change, and where a vase moves most of what is seen does not
+ * change. w is one over the texel's mean light (plus the median's of all): else the cages of lamps, some
+ * hundred texels a thousand times as bright as the rest and as noisy, would alone decide. What is over twice
+ * that light is clipped: single texels of a first frame. So p is 0 for light that is settled before, 1 for
+ * light that is settled after, whatever the server remembers. Agreement is the cosine of E1 - E0 and E1' -
+ * E0': where it is small, p is noise; more --fresh frames help.
  *
- * --walk: the animation runs, by the real clock. For each time of the list and each pass of the animation's loop (--updates), E is what the client has
- * when the first frame at or after that time is all there; E1 is right at that time, E0 a second of scene time before, both by servers whose
- * animation is held there. So p is the share of the last second's movement that is shown, and light of which all is equally
- * late is 1 - p seconds late. error: sum d(E - E1) d(E - E1') relative to sum d(E1 - E0) d(E1' - E0'): trail and noise of E together, 1 for light a second old;
- * "without noise" takes the two factors from different passes.
+ * --walk: the animation runs, by the real clock. For each time of the list and each pass of the animation's
+ * loop (--updates), E is what the client has when the first frame at or after that time is all there; E1 is
+ * right at that time, E0 a second of scene time before, both by servers whose animation is held there. So p
+ * is the share of the last second's movement that is shown, and light of which all is equally late is 1 - p
+ * seconds late. error: sum d(E - E1) d(E - E1') relative to sum d(E1 - E0) d(E1' - E0'): trail and noise of E
+ * together, 1 for light a second old; "without noise" takes the two factors from different passes.
  *
  * --reference keeps those servers' light in files, for runs of the same thing.
  *
@@ -52,7 +57,8 @@
 #define WALK_CAMERA "lamp"  /* along the gallery where the atrium's lantern walks, ... */
 #define WALK_TIMES  "5,6,7" /* ... towards it */
 
-/* What is done where there is nothing said: in the atrium a lamp moves, a vase moves by its width, the sun loses half. */
+/* What is done where there is nothing said: in the atrium a lamp moves, a vase moves by its width, the sun
+ * loses half. */
 static const char *const atrium[] = {"lamp shift lantern -1.5 0 0", "vase shift amphora 0.6 0 0",
                                      "main light sun intensity 52 45 34.5"};
 
@@ -92,8 +98,8 @@ struct outcome {
 
 /* ---- the change ---- */
 
-/* Tiles that the change moves by more than a little, as far as they are shown: those of the level that is read, and the finer ones
- * below. */
+/* Tiles that the change moves by more than a little, as far as they are shown: those of the level that is
+ * read, and the finer ones below. */
 static void find_touched(struct bench *b) {
     const struct latency_light *l = &b->light;
     for (uint32_t t = 0; t < l->map.tile_count; t++) {
@@ -193,7 +199,8 @@ static bool shows_change(const struct bench *b, uint64_t frame) {
     return false;
 }
 
-/* Whether the light counts as settled without having come to rest. Each frame forgets only so much of the light before. */
+/* Whether the light counts as settled without having come to rest. Each frame forgets only so much of the
+ * light before. */
 static bool is_over(const struct bench *b, uint64_t frames, uint64_t ns) {
     return (frames >= (uint64_t)b->frames && ns >= (uint64_t)(1e9 * b->settle_s)) || ns > LATENCY_LIMIT_NS;
 }

@@ -2,9 +2,10 @@
  *
  *     bench_layers [--frames N] [--reference N] [--texels-per-metre D] SCENE...
  *
- * The scene is solved for N frames of its animation, 1/30 s each, in one layer and in layers for what moves (light_groups.h), with
- * tiles that rest at errors of 0.02 and of 0.2. One row in Markdown each: texels solved and rays of a frame, in the mean of the second
- * half; relMSE over all texels of the last frame, unfiltered, against a solve of that moment that never rests; memory. */
+ * The scene is solved for N frames of its animation, 1/30 s each, in one layer and in layers for what moves
+ * (light_groups.h), with tiles that rest at errors of 0.02 and of 0.2. One row in Markdown each: texels
+ * solved and rays of a frame, in the mean of the second half; relMSE over all texels of the last frame,
+ * unfiltered, against a solve of that moment that never rests; memory. */
 #include "common/clock.h"
 #include "common/scene/scene_motion.h"
 #include "server/solve/solvers.h"
@@ -59,7 +60,8 @@ static enum lw_status step(const struct job *job, struct lw_solver *solver, uint
     return LW_OK;
 }
 
-/* The animation up to the last frame. reference: of that moment; NULL: the solve is the reference, and stands still. */
+/* The animation up to the last frame. reference: of that moment; NULL: the solve is the reference, and stands
+ * still. */
 static enum lw_status solve(struct job *job, const char *group_names, double error, const float *reference,
                             struct row *row, float **out_light, struct lw_error *err) {
     const int64_t frames = reference ? job->settings->frames : job->settings->reference_frames;

@@ -2,12 +2,15 @@
  *
  *     bench_lights [--frames N] [--reference N] [--texels-per-metre D] point:N|spot:N|area:N|SCENE...
  *
- * point:N: a hall of 24 m x 24 m x 6 m with 36 pillars, and N lamps in the air by chance (of area: squares of 5 cm, two
- * triangles each). The strongest are 100 times as strong as the weakest; all together are always as strong. The solver's direct
- * pass lights the hall, or any other scene, frame by frame, with one worker; a row says what there is after 1, 2, 4, ... frames:
- *   us_per_texel    CPU microseconds of the direct pass per texel so far; those of the hall's lamps are not lit
+ * point:N: a hall of 24 m x 24 m x 6 m with 36 pillars, and N lamps in the air by chance (of area: squares of
+ * 5 cm, two triangles each). The strongest are 100 times as strong as the weakest; all together are always as
+ * strong. The solver's direct pass lights the hall, or any other scene, frame by frame, with one worker; a
+ * row says what there is after 1, 2, 4, ... frames:
+ *   us_per_texel    CPU microseconds of the direct pass per texel so far; those of the hall's lamps are not
+ *   lit
  *   rays_per_texel  shadow rays so far
- *   relmse          of the texels' E: mean((x - a)(x - b) / (t^2 + eps)): a, b two references with seeds of their own after
+ *   relmse          of the texels' E: mean((x - a)(x - b) / (t^2 + eps)): a, b two references with seeds of
+ *   their own after
  *                   --reference frames, t their mean, eps 1 % of the mean of t^2: their own noise drops out.
  *   bias            mean of x over that of t, less 1 */
 #include "common/builtin/builtin_stage.h"

@@ -1,22 +1,29 @@
 /* bench_stream: what the view of a walking client costs and how far it is off, second by second.
  *
- *     bench_stream [--frames N] [--hz HZ] [--motion light] [--width W] [--height H] [--links MBIT,...] [--slow S]
+ *     bench_stream [--frames N] [--hz HZ] [--motion light] [--width W] [--height H] [--links MBIT,...]
+ *     [--slow S]
  *                  [--step-widest STEP] [--csv FILE] SCENE...
  *
- * The scene is solved as lightwelld does by default, --hz frames for a second of the scene. Of each frame three things are kept: the
- * snapshot that the publisher makes; the view of somebody who walks through the scene (client/measure/views.h), composed from
- * the light as it is before it is encoded; where the camera was. Then the snapshots are handed, at their times, to the server that ships,
- * and a client on loopback says what its view needs, as viewers do, and composes what it has when the next frame is
- * due: once for each of --links, the server's limit in Mbit/s (0: none). Time runs --slow times slower there, and the limit is that
+ * The scene is solved as lightwelld does by default, --hz frames for a second of the scene. Of each frame
+ * three things are kept: the snapshot that the publisher makes; the view of somebody who walks through the
+ * scene (client/measure/views.h), composed from the light as it is before it is encoded; where the camera
+ * was. Then the snapshots are handed, at their times, to the server that ships, and a client on loopback says
+ * what its view needs, as viewers do, and composes what it has when the next frame is due: once for each of
+ * --links, the server's limit in Mbit/s (0: none). Time runs --slow times slower there, and the limit is that
  * much lower, so that composing keeps pace.
- *   Mbit/s   of all that the client gets after the first second, by the scene's clock; peak: the largest whole second
- *   error    root of relMSE = mean((x - t)^2 / (t^2 + 0.01 mean(t^2))) over every third pixel, each way; after the first second
+ *   Mbit/s   of all that the client gets after the first second, by the scene's clock; peak: the largest
+ *   whole second
+ *   error    root of relMSE = mean((x - t)^2 / (t^2 + 0.01 mean(t^2))) over every third pixel, each way;
+ *   after the first second
  *   joined   seconds until the error is for the first time under 0.05
- * What the error is made of is told first, step by step from the newest light to what the client shows, each in the same measure:
- *   level    of the newest light, but every tile is read at the level that its error asks for when it was last sent
+ * What the error is made of is told first, step by step from the newest light to what the client shows, each
+ * in the same measure:
+ *   level    of the newest light, but every tile is read at the level that its error asks for when it was
+ *   last sent
  *   waiting  of light as it was when it was last sent, uncoded: what has changed too little to be sent again
  *   coding   of the same light, decoded
- *   link     of what the client has, for each of --links: tiles that have not arrived, or that it did not ask for */
+ *   link     of what the client has, for each of --links: tiles that have not arrived, or that it did not ask
+ *   for */
 #include "client/lib/replica.h"
 #include "client/measure/views.h"
 #include "client/view/attention.h"

@@ -2,13 +2,15 @@
  *
  *     bench_trust [OPTIONS] SCENE[@PX,PY,PZ:TX,TY,TZ:FOV | @CAMERA]...
  *
- * Solves each scene, composes the view from the lightmaps, traces the same view with paths, both through the centres of
- * the pixels, and prints a table in Markdown: ratio of the means, the worst of 8 x 6 regions with its standard error, how
- * many regions obey |ratio - 1| <= max(3 standard errors, 0.005), and relMSE = mean((x - t)^2 / (t^2 + eps)), eps = 1 %
- * of the mean of t^2; x is the mean of two seeds of the solve. View error is that of one seed, as a client has it: the mean of
- * min(1, (x - t)^2/(t^2 + eps^2)), eps = 1 % of the mean of t, so that a few bright pixels do not make it up. The
- * standard errors hold the noise of both sides: batches of the path tracer, two seeds of the solve. Light is as the solver
- * shows it, not coded. --list adds every region and every object that does not obey, those first that move the picture's mean most. With
+ * Solves each scene, composes the view from the lightmaps, traces the same view with paths, both through the
+ * centres of the pixels, and prints a table in Markdown: ratio of the means, the worst of 8 x 6 regions with
+ * its standard error, how many regions obey |ratio - 1| <= max(3 standard errors, 0.005), and relMSE =
+ * mean((x - t)^2 / (t^2 + eps)), eps = 1 % of the mean of t^2; x is the mean of two seeds of the solve. View
+ * error is that of one seed, as a client has it: the mean of min(1, (x - t)^2/(t^2 + eps^2)), eps = 1 % of
+ * the mean of t, so that a few bright pixels do not make it up. The standard errors hold the noise of both
+ * sides: batches of the path tracer, two seeds of the solve. Light is as the solver shows it, not coded.
+ * --list adds every region and every object that does not obey, those first that move the picture's mean
+ * most. With
  * -o DIR also the pictures: the solve on the left, the path tracer on the right. */
 #include "client/view/path_trace.h"
 #include "client/view/tonemap.h"

@@ -167,8 +167,8 @@ static void look(const struct latency_light *l, struct lw_client *client, struct
 
 /* ---- the change ---- */
 
-/* How far light is from other light, square by square, relative to what is there. What is too bright by far to be light of before or
- * after is not taken for more than it can be. */
+/* How far light is from other light, square by square, relative to what is there. What is too bright by far
+ * to be light of before or after is not taken for more than it can be. */
 static void compare(const struct latency_light *l, const float *light, const float *other, double *out) {
     memset(out, 0, LATENCY_CHANNELS * l->square_count * sizeof *out);
     for (size_t i = 0; i < LATENCY_CHANNELS * l->texel_count; i++)
@@ -332,8 +332,9 @@ bool latency_light_look_from(struct latency_light *l, const struct lw_pose *pose
 
 /* ---- fresh light ---- */
 
-/* The light of a server to which the change is made before its first frame, and undone in the same moment if it is `undone`: what
- * was moved once is another object for rays, wherever it is. Frames begin with lines on our stdin, which is its. */
+/* The light of a server to which the change is made before its first frame, and undone in the same moment if
+ * it is `undone`: what was moved once is another object for rays, wherever it is. Frames begin with lines on
+ * our stdin, which is its. */
 static void solve_fresh(const struct latency_light *l, const struct latency_state *state, unsigned seed,
                         struct fresh *out) {
     struct lw_process server;

@@ -1,10 +1,13 @@
-/* latency_light.h: what bench_latency judges light by: fresh light of the states before and after a change, and how far other light has come.
- * Flow:    scene, camera -> introduce, look from -> [states -> fresh servers or kept files -> pair] -> judge -> p, error of a client's light
+/* latency_light.h: what bench_latency judges light by: fresh light of the states before and after a change,
+ * and how far other light has come.
+ * Flow:    scene, camera -> introduce, look from -> [states -> fresh servers or kept files -> pair] -> judge
+ *          -> p, error of a client's light
  * Threads: main() only. What fails ends the program, and says why.
  *
- * Light is read at level LW_ATLAS_READ_MAX, or at the coarsest level of objects that have fewer: LATENCY_CHANNELS values per texel,
- * object by object. It is judged in squares of 4 x 4 texels: d is the sum over those of a square's texels that the picture shows of what is in
- * brackets, each value times w: one over the texel's mean light before and after (plus the median's of all, in the square), what is over twice that
+ * Light is read at level LW_ATLAS_READ_MAX, or at the coarsest level of objects that have fewer:
+ * LATENCY_CHANNELS values per texel, object by object. It is judged in squares of 4 x 4 texels: d is the sum
+ * over those of a square's texels that the picture shows of what is in brackets, each value times w: one over
+ * the texel's mean light before and after (plus the median's of all, in the square), what is over twice that
  * light being clipped. */
 #ifndef LW_TESTS_BENCH_LATENCY_LIGHT_H
 #define LW_TESTS_BENCH_LATENCY_LIGHT_H
@@ -73,13 +76,14 @@ void latency_light_finish(struct latency_light *l);
 const struct lw_scene *latency_light_scene(const struct latency_light *l);
 /** The level that an object's light is read at. */
 uint32_t latency_light_level(const struct latency_light *l, uint32_t object);
-/** Looks from a camera of the scene, where the pose has it, or from a place as --camera of lightwell-view has it. Returns whether
- * the animation moves that camera. */
+/** Looks from a camera of the scene, where the pose has it, or from a place as --camera of lightwell-view has
+ * it. Returns whether the animation moves that camera. */
 bool latency_light_look_from(struct latency_light *l, const struct lw_pose *pose, const char *camera);
 
 /** Starts a server of the scene with --daemon's options behind these. */
 void latency_light_serve(const struct latency_light *l, const char *options, struct lw_process *out_server);
-/** Starts one, and a client of it that has its first light, and from then on wants what the pictures of all states so far take. */
+/** Starts one, and a client of it that has its first light, and from then on wants what the pictures of all
+ * states so far take. */
 void latency_light_watch(const struct latency_light *l, const char *options, struct lw_process *out_server,
                          struct lw_client **out_client);
 void latency_light_poll(struct lw_client *client, unsigned ms, struct lw_client_stats *out_stats);
@@ -92,12 +96,14 @@ void latency_pair_finish(struct latency_pair *pair);
 
 /** Judges by a pair, which must stay, from now on. */
 void latency_light_judge(struct latency_light *l, const struct latency_pair *pair);
-/** p(E) = sum d(E - E0) d(E1' - E0') / sum d(E1 - E0) d(E1' - E0'): 0 for light as before, 1 for light as after. */
+/** p(E) = sum d(E - E0) d(E1' - E0') / sum d(E1 - E0) d(E1' - E0'): 0 for light as before, 1 for light as
+ * after. */
 double latency_light_share(struct latency_light *l, const float *light);
 /** d(E - E1), or by the other seed d(E - E1'): LATENCY_CHANNELS values per square. */
 void latency_light_rest(const struct latency_light *l, const float *light, unsigned seed, double *out);
-/** The sum of the products of two rests, relative to sum d(E1 - E0) d(E1' - E0'). Of one light by both seeds: its mean squared error, 1 for light as
- * before, 0 for light as after, and the seeds' noise is not in it. Of two lights whose noise differs: theirs is not in it either. */
+/** The sum of the products of two rests, relative to sum d(E1 - E0) d(E1' - E0'). Of one light by both seeds:
+ * its mean squared error, 1 for light as before, 0 for light as after, and the seeds' noise is not in it. Of
+ * two lights whose noise differs: theirs is not in it either. */
 double latency_light_error(const struct latency_light *l, const double *rest, const double *other);
 
 #endif

@@ -1,5 +1,5 @@
-/* lightwellctl against a real lightwelld: the light after a change is that of a scene which was built so, as the path tracer
- * has it. */
+/* lightwellctl against a real lightwelld: the light after a change is that of a scene which was built so, as
+ * the path tracer has it. */
 #include "tests/support/process.h"
 
 #include "client/lib/client.h"
@@ -39,7 +39,8 @@ static struct lw_client *viewer; /* a session that looks at everything, all the 
 
 /* ---- scenes ---- */
 
-/* The Cornell box with a point light of its own, which an animation carries from left to right within two seconds. */
+/* The Cornell box with a point light of its own, which an animation carries from left to right within two
+ * seconds. */
 static struct lw_scene *build_scene(void) {
     static const float times[] = {0, 2}, values[] = {-0.6f, 1.2f, 0.6f, 0.6f, 1.2f, 0.6f};
     struct lw_scene *scene;
@@ -222,8 +223,8 @@ static struct image path_traced(const char *scene, double time_s) {
     return image;
 }
 
-/* How far the daemon's picture is from the reference, over blocks, relative to the reference's mean: root mean
- * square. */
+/* How far the daemon's picture is from the reference, over blocks, relative to the reference's mean: root
+ * mean square. */
 static double difference(const struct image *reference) {
     struct image live = live_picture();
     assert_true(live.width == reference->width && live.height == reference->height);
@@ -524,7 +525,8 @@ static void take_answers(struct sender *s) {
     }
 }
 
-/* Two at once, each of them against the other and half of it nonsense: nothing is lost, and who only looks sees frames. */
+/* Two at once, each of them against the other and half of it nonsense: nothing is lost, and who only looks
+ * sees frames. */
 static void test_bad_updates_among_good_ones(void **state) {
     (void)state;
     change("reset");

@@ -45,8 +45,8 @@ int lw_process_teardown(void **state);
 /** Ends the test with what the program said on stderr unless it ended with the expected exit code. */
 void lw_process_expect(const struct lw_process *process, int code, int expected);
 
-/** Runs a program to its end. Ends the test unless its exit code is as expected and it said one line on stderr
- * that contains `text`. */
+/** Runs a program to its end. Ends the test unless its exit code is as expected and it said one line on
+ * stderr that contains `text`. */
 void lw_process_refuses(const char *program, const char *arguments, int expected, const char *text,
                         unsigned limit_s);
 

@@ -19,13 +19,13 @@ void lw_support_ok(enum lw_status status, const struct lw_error *err);
 void lw_support_fails(enum lw_status status, enum lw_status expected, const struct lw_error *err,
                       const char *text);
 
-/** A scene of `count` objects, each a square of side_m metres facing +Y at height 0, 2*side_m apart along X, albedo
- * 0.5, with a point light of 10 W/sr at (0, 2, 0). No lightmap UVs. */
+/** A scene of `count` objects, each a square of side_m metres facing +Y at height 0, 2*side_m apart along X,
+ * albedo 0.5, with a point light of 10 W/sr at (0, 2, 0). No lightmap UVs. */
 struct lw_scene *lw_support_squares(unsigned count, float side_m);
 
-/** A small valid scene that has everything a scene can have: two meshes (one with every array, double-sided triangles
- * and an atlas with backs), three textures, every alpha mode, wrap mode, kind of light, path and interpolation, a
- * hierarchy with a mirroring matrix, names in several scripts. The same on every call. */
+/** A small valid scene that has everything a scene can have: two meshes (one with every array, double-sided
+ * triangles and an atlas with backs), three textures, every alpha mode, wrap mode, kind of light, path and
+ * interpolation, a hierarchy with a mirroring matrix, names in several scripts. The same on every call. */
 struct lw_scene *lw_support_everything(void);
 
 /** Path of a file in a folder that the test program removes when it ends; valid until sixteen calls later. */
@@ -37,8 +37,8 @@ const char *lw_support_source(const char *relative);
 /** Files in a folder of the repository, hidden ones left out. */
 size_t lw_support_count_files(const char *relative);
 
-/** Path of a real test scene, e.g. "sponza/Sponza_lit.gltf", under $LW_TEST_SCENES or beside the repository; valid until
- * the next call. Skips the calling test, saying so, where it is missing. */
+/** Path of a real test scene, e.g. "sponza/Sponza_lit.gltf", under $LW_TEST_SCENES or beside the repository;
+ * valid until the next call. Skips the calling test, saying so, where it is missing. */
 const char *lw_support_scene(const char *relative);
 
 /** Reads a whole file, or ends the test; the caller frees. A NUL follows the last byte. */
@@ -56,8 +56,8 @@ int lw_support_command_line(char *argv[LW_SUPPORT_WORDS_MAX], const char *comman
 /** Writes a whole file, or ends the test. */
 void lw_support_write_file(const char *path, const void *bytes, size_t size);
 
-/** relMSE of a picture: mean((x - t)^2 / (t^2 + 0.01 mean(t^2))) over its values. The reference's own noise is
- * in it. */
+/** relMSE of a picture: mean((x - t)^2 / (t^2 + 0.01 mean(t^2))) over its values. The reference's own noise
+ * is in it. */
 double lw_support_relmse(const float *rgb, const float *reference, size_t values);
 
 #endif

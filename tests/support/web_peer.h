@@ -1,4 +1,5 @@
-/* web_peer.h: the other end of HTTP and of a WebSocket, byte by byte, so that a test may misbehave as it likes. */
+/* web_peer.h: the other end of HTTP and of a WebSocket, byte by byte, so that a test may misbehave as it
+ * likes. */
 #ifndef LW_TESTS_WEB_PEER_H
 #define LW_TESTS_WEB_PEER_H
 
@@ -25,12 +26,12 @@ int lw_web_peer_dial_from(const char *own, uint16_t port);
 /** Sends all of a text; false: the peer has closed. */
 bool lw_web_peer_put(int socket, const char *text);
 
-/** Sends a text and reads until the other end closes, or an answer is whole by its Content-Length. The caller frees. head: an
- * answer has no body. *out_size may be NULL. */
+/** Sends a text and reads until the other end closes, or an answer is whole by its Content-Length. The caller
+ * frees. head: an answer has no body. *out_size may be NULL. */
 char *lw_web_peer_ask(int socket, const char *request, bool head, size_t *out_size);
 
-/** Sends the request for a WebSocket at a path with these further header lines ("" or "Name: value\r\n..."), and returns the
- * answer's status. Host and protocol are among the lines. */
+/** Sends the request for a WebSocket at a path with these further header lines ("" or "Name: value\r\n..."),
+ * and returns the answer's status. Host and protocol are among the lines. */
 unsigned lw_web_peer_upgrade(int socket, const char *path, const char *lines);
 
 /** A session's usual one: at /ws, without Origin. Returns the socket. */

@@ -36,8 +36,8 @@ static const struct lw_bootstrap_cells *all_cells(void) {
 
 /* Views that differ by a normal distribution, repeats by one of a tenth: the mean's deviation is known, and
  * of the
- * intervals 95 % hold the reference (a few less: views are few, and a bootstrap takes their spread for smaller
- * by 11/12). */
+ * intervals 95 % hold the reference (a few less: views are few, and a bootstrap takes their spread for
+ * smaller by 11/12). */
 static void intervals_hold_the_mean_of_a_known_distribution(void **state) {
     (void)state;
     const double centre = 3, of_views = 1, of_repeats = 0.1;

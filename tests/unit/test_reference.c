@@ -35,7 +35,8 @@ static float noise(uint32_t seed, uint32_t i) {
 
 static float signal_at(int i) { return 1 + (float)(i % 5); }
 
-/* A picture with noise of its own, judged by a reference that is as noisy: the error is the picture's alone. */
+/* A picture with noise of its own, judged by a reference that is as noisy: the error is the picture's
+ * alone. */
 static void the_references_noise_is_taken_out(void **state) {
     (void)state;
     static float half[2][VALUES], picture[VALUES];
