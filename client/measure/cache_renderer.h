@@ -1,10 +1,10 @@
-/* cache_renderer.h: our side: a lightwelld, and a client of liblightwell with a view of his own per user, on
- * loopback.
+/* cache_renderer.h: the shared cache: one lightwelld, and for each user a client with a view of its own,
+ * on loopback.
  * Flow:    scene package, views -> [lightwelld, clients, compose] -> pictures, CPU time by stage
  * Threads: as renderer.h.
  *
- * All clients are real: they receive and decode. They share one copy of the scene and one structure for rays,
- * since they live in one process; what each would spend on moving that is counted for each. */
+ * All clients are real: they receive and decode. They share one copy of the scene and one structure for
+ * rays, since they are in one process. The cost of moving these is counted for each client. */
 #ifndef LW_CLIENT_MEASURE_CACHE_RENDERER_H
 #define LW_CLIENT_MEASURE_CACHE_RENDERER_H
 
@@ -16,9 +16,8 @@ struct lw_cache_renderer_desc {
     unsigned threads; /* 0: all */
     bool denoise;
     const char *solver; /* by name; NULL: the default */
-    /* The path of a scene package whose lightmap is so many times as dense as the default; good until
-     * destroy.
-     * Errors: its own. */
+    /* Gives the path of a scene package with a lightmap `density` times as dense as the default. The path
+     * is good until destroy. Errors: its own. */
     enum lw_status (*package)(void *context, double density, const char **out_path, struct lw_error *err);
     void *context;
 };

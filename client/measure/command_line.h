@@ -1,4 +1,4 @@
-/* command_line.h: the command that a report says it was made by.
+/* command_line.h: the command line, for reports.
  * Threads: [any]. */
 #ifndef LW_CLIENT_MEASURE_COMMAND_LINE_H
 #define LW_CLIENT_MEASURE_COMMAND_LINE_H

@@ -15,11 +15,11 @@ struct lw_daemon_child_desc {
     double rest_error;
     unsigned threads; /* 0: all */
     bool denoise;
-    bool seen;       /* light what is looked at, instead of the whole scene */
+    bool seen;       /* light the interest set and its contributors, not the whole scene */
     bool real_clock; /* frames follow the wall clock instead of lw_daemon_child_step() */
 };
 
-/** What one frame was. */
+/** Figures of one frame. */
 struct lw_daemon_report {
     uint64_t frame, published; /* published: the newest frame that sessions get */
     double solve_cpu_s, publish_cpu_s;
@@ -31,16 +31,15 @@ struct lw_daemon_report {
 
 struct lw_daemon_child;
 
-/** Starts a server on a free port of 127.0.0.1 and waits until it listens. It ends when the calling thread
- * does, however that
- * comes about.
+/** Starts a server on a free port of 127.0.0.1 and waits until it listens. The server ends when the
+ * calling thread ends, in any way.
  * Errors: LW_OS if lightwelld, beside this program or in PATH, does not start; its own failure;
- * LW_TIMED_OUT. */
+ *         LW_TIMED_OUT. */
 LW_MUST_CHECK enum lw_status lw_daemon_child_start(const struct lw_daemon_child_desc *desc,
                                                    struct lw_daemon_child **out_child, struct lw_error *err);
 uint16_t lw_daemon_child_port(const struct lw_daemon_child *child);
 
-/** Has it solve the next frame and waits for that. Errors: LW_CLOSED if it ended; LW_TIMED_OUT;
+/** Lets it solve the next frame and waits for its end. Errors: LW_CLOSED if it ended; LW_TIMED_OUT;
  * LW_PROTOCOL. */
 LW_MUST_CHECK enum lw_status lw_daemon_child_step(struct lw_daemon_child *child,
                                                   struct lw_daemon_report *out_report, struct lw_error *err);

@@ -1,23 +1,24 @@
-/* fixed_views.h: twelve views of a scene from which it is judged, the same for each motion and renderer.
+/* fixed_views.h: twelve views of a scene, the same for each motion and renderer.
  * Flow:    scene, its box -> [fixed_views: table, or the rule] -> camera of a view at a time
  * Threads: found by one; lookups [any].
  *
- * The rule, lw_fixed_views_pick(): candidates stand at eye height over a floor, at a free place. Points of
- * interest are those of the lamp's way (LW_SCENE_MOTION_LAMP_WALK) and where the scene's own animation has
- * objects from 2 to 6 s; five of six candidates stand within 4 m of one, out of the way of what moves, and
- * look towards one that they see, 25 degrees aside at most. The others stand and look anywhere. The middle of
- * a view is free for 1.5 m, at most a tenth of it is nearer than 0.7 m and a third of it sky.
+ * The rule, lw_fixed_views_pick(): a candidate stands at eye height over a floor, at a free place. Points
+ * of interest lie on the lamp's way (LW_SCENE_MOTION_LAMP_WALK) and where the scene's own animation has
+ * objects from 2 to 6 s. Five of six candidates stand within 4 m of such a point, out of the way of moving
+ * objects, and look towards a visible one, at most 25 degrees aside. The others stand and look anywhere.
+ * The middle of a view is free for 1.5 m. At most a tenth of the view is nearer than 0.7 m; at most a
+ * third is sky.
  *
- * A path tracer renders 96 candidates, 96 x 54 pixels, 16 paths each. Sorted by mean luminance they fall into
- * twelve bins; of each the one is taken that stands the farthest from those taken before. The seed is fixed.
+ * A path tracer renders 96 candidates, 96 x 54 pixels, 16 paths each. They are sorted by mean luminance
+ * into twelve bins. Of each bin the rule takes the candidate that is the farthest from those taken before.
+ * The seed is fixed.
  *
- * The tables of builtin:atrium, builtin:city and Sponza began as views of runs of that rule, as it was tuned.
- * They were looked at: those that showed little, or nothing of what moves, gave way to others by hand. So
- * `bench_views --pick` prints views of the same kind, not the same numbers. They go roughly from dark to
- * bright.
+ * The tables of builtin:atrium, builtin:city and Sponza began as views of that rule. Views that showed
+ * little, or nothing that moves, were replaced by hand. So `bench_views --pick` prints views of the same
+ * kind, not the same numbers. They go roughly from dark to bright.
  *
- * Every second view (of odd number) drifts sideways by drift_m * sin(2 pi t / 4 s), so that reprojection and
- * codecs have something to do; the others stand. */
+ * Views of odd number drift sideways by drift_m * sin(2 pi t / 4 s), so that reprojection and codecs have
+ * work; the others stand. */
 #ifndef LW_CLIENT_MEASURE_FIXED_VIEWS_H
 #define LW_CLIENT_MEASURE_FIXED_VIEWS_H
 
@@ -37,8 +38,8 @@ struct lw_fixed_views {
     bool from_table; /* else by the rule */
 };
 
-/** The views of a scene: from the table, by the scene's name and its box, or else by the rule. Give it the
- * scene before lw_scene_motion_set(): what moves does not change the views then.
+/** Takes the views from the table, by the scene's name and box, or else by the rule. Call it before
+ * lw_scene_motion_set(), so that the motion does not change the views.
  * threads  0: all
  * Errors   LW_BAD_DATA where no place is free or nothing is lit; LW_NO_MEMORY, LW_INTERNAL */
 LW_MUST_CHECK enum lw_status lw_fixed_views_init(struct lw_fixed_views *views, const struct lw_scene *scene,

@@ -1,6 +1,6 @@
-/* path_world.h: a scene that paths are traced in, from frame to frame: pose, rays' structure, lights, tracer.
+/* path_world.h: a scene for tracing paths, from frame to frame: pose, structure for rays, lights, tracer.
  * Flow:    scene, time -> [path_world] -> film
- * Threads: one thread at a time; works on several inside. */
+ * Threads: one thread at a time; uses several inside. */
 #ifndef LW_CLIENT_MEASURE_PATH_WORLD_H
 #define LW_CLIENT_MEASURE_PATH_WORLD_H
 

@@ -1,4 +1,4 @@
-/* per_user_renderer.h: the opponents: every user renders paths on a machine of his own (path_renderer.h).
+/* per_user_renderer.h: the opponents: each user renders paths on a machine of its own (path_renderer.h).
  * Flow:    scene, views -> [per_user_renderer] -> pictures, CPU time
  * Threads: as renderer.h. */
 #ifndef LW_CLIENT_MEASURE_PER_USER_RENDERER_H
@@ -13,8 +13,8 @@ struct lw_per_user_renderer_desc {
     uint32_t width, height, stride, bounces;
     unsigned threads; /* 0: all */
     enum lw_path_renderer_kind kind;
-    /* Nothing moves, neither scene nor views: samples of renderers that do not remember add up from frame to
-     * frame until there are `samples` of them. */
+    /* Neither scene nor views move. Renderers without a history then add up samples from frame to frame,
+     * up to `samples`. */
     bool rests;
 };
 

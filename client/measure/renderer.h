@@ -1,6 +1,6 @@
-/* renderer.h: the interface of both sides of the comparison: a path tracer per user, and the shared cache.
+/* renderer.h: the interface of both sides of a comparison: a path tracer per user, and the shared cache.
  * Flow:    setting -> [renderer: frame by frame, for all users] -> CPU time by stage, pictures
- * Threads: one thread calls; a renderer works on several inside. */
+ * Threads: one thread calls; a renderer uses several inside. */
 #ifndef LW_CLIENT_MEASURE_RENDERER_H
 #define LW_CLIENT_MEASURE_RENDERER_H
 
@@ -9,7 +9,7 @@
 
 #include <stdint.h>
 
-/* Where CPU time goes. name, whether every user pays it anew */
+/* CPU time by stage: tag, name, whether each user pays it */
 #define LW_STAGE_MAP(X)                                                                                      \
     X(SOLVE, "solve", false)                                                                                 \
     X(ENCODE, "encode", false)                                                                               \
@@ -39,45 +39,42 @@ struct lw_cost {
 void lw_cost_add(struct lw_cost *sum, const struct lw_cost *cost, double times);
 double lw_cost_total(const struct lw_cost *cost);
 
-/** Where a user's eye is in a frame. Frames count from 1; scene time is (frame - 1) / 30 s. */
+/** A user's camera in a frame. Frames count from 1; scene time is (frame - 1) / 30 s. */
 struct lw_renderer_cameras {
     const void *context;
     struct lw_camera_view (*at)(const void *context, uint32_t user, uint64_t frame);
 };
 
-/** How much a side spends on its pictures. A side reads what is its own. */
+/** What a side spends on its pictures. Each side reads its own fields. */
 struct lw_setting {
-    uint32_t samples; /* path tracer: paths per pixel and frame */
-    double density;   /* cache: lightmap texels per length, times the scene's default */
+    uint32_t samples;                          /* path tracer: paths per pixel and frame */
+    double density;                            /* cache: texels per metre over the scene's default */
     uint32_t direct_samples, indirect_samples; /* cache: per texel and frame */
-    double rest_error;                         /* cache: at which a tile rests */
+    double rest_error;                         /* cache: a tile rests at this error */
     bool draws; /* cache: users draw the direct light of client lights (client_lights.h) */
-    bool whole; /* cache: all of the scene is lit, not what is looked at and what lights it */
+    bool whole; /* cache: light the whole scene, not only the interest set and its contributors */
 };
 
 struct lw_renderer;
 
 struct lw_renderer_ops {
     const char *name;
-    /** Begins a sequence at frame 0, with nothing cached and nobody there.
-     * lattice: only every stride-th pixel is worked out, where a side can leave out the rest; costs then
-     * mean nothing. */
+    /** Starts a sequence at frame 0, with no users and nothing cached.
+     * lattice: only every stride-th pixel counts. A side may leave out the rest; costs then mean nothing. */
     enum lw_status (*start)(struct lw_renderer *renderer, const struct lw_setting *setting, bool lattice,
                             uint32_t seed, struct lw_error *err);
-    /** Lets users join or leave until there are `users`. If no more than before, those who stay forget
-     * what they have
-     * looked at: they may be another one's eye from now on. */
+    /** Lets users join or leave until there are `users`. If the number does not grow, the users that stay
+     * clear their interest, since each may have another eye from here on. */
     enum lw_status (*set_users)(struct lw_renderer *renderer, uint32_t users, struct lw_error *err);
-    /** Advances to a frame, the next one unless the side forgets all from frame to frame, and shows it to
-     * some of the
-     * users; what every user costs is scaled from those to all of them. Adds to *cost. */
+    /** Advances to a frame and shows it to some of the users. It is the next frame, unless the side keeps
+     * nothing between frames. The cost per user is scaled from the users shown to all users. Adds to
+     * *cost. */
     enum lw_status (*step)(struct lw_renderer *renderer, uint64_t frame, const uint32_t *shown,
                            uint32_t shown_count, struct lw_cost *cost, struct lw_error *err);
-    /** The lattice of the picture that shown[index] saw in the last step. */
+    /** The lattice of the picture that user shown[index] saw in the last step. */
     void (*picture)(const struct lw_renderer *renderer, uint32_t index, float *out_lattice);
-    /** CPU seconds that its other processes have spent since start(), and the most memory that they held,
-     * bytes; 0 of one
-     * that is gone. NULL: it has none. */
+    /** CPU seconds of the side's other processes since start(), and their peak memory in bytes; 0 of a
+     * process that has ended. NULL: it has no other process. */
     void (*elsewhere)(const struct lw_renderer *renderer, double *out_cpu_s, double *out_bytes);
     void (*stop)(struct lw_renderer *renderer);
     void (*destroy)(struct lw_renderer *renderer);
@@ -85,10 +82,10 @@ struct lw_renderer_ops {
 
 struct lw_renderer {
     const struct lw_renderer_ops *ops;
-    /* Frames before a picture that must have been stepped through for it to be what a user sees; UINT32_MAX:
-     * all. */
+    /* The number of frames to step through before a picture is what a user would see; UINT32_MAX: all
+     * frames. */
     uint32_t history;
-    bool keeps; /* pictures build on those before: the same users must be shown in every frame */
+    bool keeps; /* a picture uses earlier ones: the same users must be shown in every frame */
 };
 
 #endif

@@ -35,7 +35,8 @@ LW_MUST_CHECK enum lw_status lw_scene_densities_init(struct lw_scene_densities *
 /** Removes the packages. A zeroed one is fine. */
 void lw_scene_densities_finish(struct lw_scene_densities *densities);
 
-/** The package at so many times the density; made when it is first asked for. *out_path: good until finish.
+/** Gives the package at a density, times the default; the first call makes it. *out_path: good until
+ * finish.
  * Errors: as init. */
 LW_MUST_CHECK enum lw_status lw_scene_densities_find(struct lw_scene_densities *densities, double density,
                                                      const char **out_path, struct lw_error *err);

@@ -1,22 +1,24 @@
-/* view_error.h: how far pictures are off the reference, in several measures from the same frames.
+/* view_error.h: errors of pictures against references, in several measures from the same frames.
  * Flow:    parts of views: references and pictures -> [view_error] -> relMSE, FLIP, flicker, lag
  * Threads: one thread at a time per sum.
  * After:   Andersson et al. 2020 (FLIP; common/image/flip.h).
  *
- * A reference has two independent halves a and b, each a mean of as many paths (reference.h). t is their mean:
+ * A reference has two independent halves a and b, each a mean of the same number of paths (reference.h). t
+ * is their mean:
  *     relMSE  = mean((x - a)(x - b) / (t^2 + epsilon))
  *     flicker = mean(((x - x') - (a - a'))((x - x') - (b - b')) / (t^2 + epsilon)), ' one frame before
- * over pixels and channels. The reference's own noise adds nothing in the mean, so both may be a little below
- * 0 for a picture that is as good as the reference. FLIP has no such form: it compares with t, noise
- * included. The FLIP of one half as the picture, against a reference whose halves are both the other half,
- * bounds what that adds.
+ * over pixels and channels. The noise of the reference adds nothing in the mean, so both may be a little
+ * below 0 for a picture as good as the reference. FLIP has no such form: it compares with t, noise
+ * included. An upper bound for that noise is the FLIP of one half, as the picture, against a reference of
+ * the other half alone.
  *
- * The lag is the age of the light whose reference fits a picture best: references of the same camera at
- * several moments, mixed linearly between two neighbours, by the least relMSE. It is found exactly, not on a
- * grid: what limits it is how straight light changes between two moments, and noise. While light stands still
- * all ages fit alike: it should change all the time. A picture that mixes ages gets one between them.
+ * The lag is the age of the light whose reference fits a picture best. References of the same camera at
+ * several times are mixed linearly between two neighbours; the least relMSE is found exactly, not on a
+ * grid. Two things limit it: light that does not change linearly between two times, and noise. While light
+ * stands still all ages fit alike, so it should change all the time. A picture that mixes ages gets one
+ * between them.
  *
- * All figures are means over all pixels that have been added, whatever view they are of. */
+ * All figures are means over all pixels added, of any view. */
 #ifndef LW_CLIENT_MEASURE_VIEW_ERROR_H
 #define LW_CLIENT_MEASURE_VIEW_ERROR_H
 
@@ -31,8 +33,8 @@
 #define LW_VIEW_ERROR_WORST_SHARE   1e-3 /* of all pixels, which the trimmed relMSE leaves out */
 
 struct lw_view_error_desc {
-    /* (W/(m^2 sr))^2, of relMSE, flicker and lag; as a rule 1 % of the mean square of all references
-     * (lw_view_error_mean_square()). A value whose reference is black counts as right if it is 0. */
+    /* (W/(m^2 sr))^2, of relMSE, flicker and lag; usually 1 % of the mean square of all references
+     * (lw_view_error_mean_square()). Where the reference is black only 0 is right. */
     double epsilon;
     enum lw_tonemap_curve curve; /* how FLIP's display shows pictures */
     float stops;
@@ -40,12 +42,12 @@ struct lw_view_error_desc {
     double moment_distance_s; /* between the moments of references, for the lag */
 };
 
-/** A view's reference, or that of a part of it, at one moment. */
+/** The reference of a view, or of a part of it, at one time. */
 struct lw_view_error_reference {
     uint32_t width, height;
     const float *half[2]; /* means; width * height * 3, W/(m^2 sr) */
-    /* width * height; not 0: the pixel does not count (it shines, say). NULL: all do. Pixels whose reference
-     * is not finite never do. */
+    /* width * height; not 0: the pixel does not count (it emits light, say). NULL: all count. Pixels whose
+     * reference is not finite never count. */
     const uint8_t *left_out;
 };
 
@@ -66,15 +68,15 @@ struct lw_view_error_sum {
     uint64_t lag_count;
 };
 
-/** What sums say; NAN where nothing has been added. */
+/** The figures of a sum; NAN where nothing was added. */
 struct lw_view_error {
     double relmse;         /* with the desc's epsilon */
     double relmse_fixed;   /* with LW_VIEW_ERROR_FIXED_EPSILON */
     double relmse_trimmed; /* relmse without the worst LW_VIEW_ERROR_WORST_SHARE of all pixels */
     double flip;
     double flicker;
-    double lag_s;      /* NAN as well where light hardly changes, so that no age fits better than another */
-    double lag_relmse; /* of the best fit */
+    double lag_s;          /* NAN also where light hardly changes: no age fits better than another */
+    double lag_relmse;     /* of the best fit */
     double lag_relmse_now; /* of the last moment */
     uint64_t pixel_count;  /* that relmse and flip are of */
     uint64_t not_finite;   /* values of pictures that are no numbers; they count as black */

@@ -79,7 +79,7 @@ static enum lw_status join(struct lw_viewers *a, struct lw_error *err) {
     }
     status =
         lw_attention_init(&a->user[a->count - 1].attention, lw_client_atlas_map(user.client)->tile_count);
-    if (status != LW_OK) return lw_status_fail(err, status, "no memory for what a user looks at");
+    if (status != LW_OK) return lw_status_fail(err, status, "no memory for a user's interest");
     return a->count == 1 ? set_stage(a, err) : LW_OK;
 }
 
@@ -118,7 +118,7 @@ enum lw_status lw_viewers_forget(struct lw_viewers *a, uint32_t user, struct lw_
     lw_attention_finish(&u->attention);
     u->looked_ns = 0;
     if (lw_attention_init(&u->attention, tiles) == LW_OK) return LW_OK;
-    return lw_status_fail(err, LW_NO_MEMORY, "no memory for what a user looks at");
+    return lw_status_fail(err, LW_NO_MEMORY, "no memory for a user's interest");
 }
 
 void lw_viewers_show(struct lw_viewers *a, uint32_t user, const struct lw_camera_view *camera,
@@ -140,5 +140,5 @@ enum lw_status lw_viewers_look(struct lw_viewers *a, uint32_t user, const struct
     lw_attention_list(&u->attention, lw_compose_around(a->compose), lw_compose_around(a->compose), now_ns);
     u->looked_ns = now_ns;
     enum lw_status status = lw_client_want(u->client, u->attention.list, u->attention.list_count);
-    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "no memory for what a user looks at");
+    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "no memory for a user's interest");
 }

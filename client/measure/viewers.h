@@ -1,7 +1,7 @@
-/* viewers.h: the users of one server in one process: a client each, and one scene, rays and composer for
- * all.
+/* viewers.h: the users of one server in one process. Each has a client; they share scene, rays and
+ * composer.
  * Flow:    server -> clients -> [viewers] -> pictures
- * Threads: one thread at a time; pictures are composed by several inside. */
+ * Threads: one thread at a time; a picture is composed by several threads. */
 #ifndef LW_CLIENT_MEASURE_VIEWERS_H
 #define LW_CLIENT_MEASURE_VIEWERS_H
 
@@ -9,14 +9,14 @@
 #include "client/view/compose.h"
 #include "client/view/drawn_lights.h"
 
-#define LW_VIEWERS_LOOK_NS 100000000u /* between two times that a client hears what is looked at */
+#define LW_VIEWERS_LOOK_NS 100000000u /* between two updates of a client's interest */
 
 struct lw_viewers {
     uint16_t port; /* of 127.0.0.1 */
     uint32_t width, height;
     unsigned threads;
-    bool wants_everything; /* nobody says what he looks at */
-    /* users draw the direct light of client lights; set before the first joins. Default: tiles hold it */
+    bool wants_everything; /* clients send no interest */
+    /* users draw the direct light of client lights. Set before the first joins. Default: tiles hold it */
     bool draws_direct;
     bool unfiltered; /* noisy tiles are read at full resolution (compose.h) */
     struct lw_viewers_user {
@@ -34,34 +34,35 @@ struct lw_viewers {
     struct lw_client_lights drawn;
 };
 
-/** Nobody is there yet. Finish it in any case. */
+/** Starts without users. Finish it in any case. */
 void lw_viewers_init(struct lw_viewers *viewers, uint16_t port, uint32_t width, uint32_t height,
                      unsigned threads, bool wants_everything, bool unfiltered);
 /** A zeroed one is fine. */
 void lw_viewers_finish(struct lw_viewers *viewers);
 
-/** Lets clients join or leave until there are so many, and waits for the scene. Errors: lw_client_create()'s,
- * lw_client_poll()'s; LW_TIMED_OUT; LW_NO_MEMORY. */
+/** Lets clients join or leave until there are `count`, and waits for the scene.
+ * Errors: those of lw_client_create() and lw_client_poll(); LW_TIMED_OUT; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_viewers_set_count(struct lw_viewers *viewers, uint32_t count,
                                                   struct lw_error *err);
 
 struct lw_client_stats lw_viewers_stats(const struct lw_viewers *viewers, uint32_t user);
 
-/** Moves objects and drawn lights to where the server says they are, by the first client.
+/** Moves objects and drawn lights to the server's newest pose, read from the first client.
  * Errors: LW_NO_MEMORY, LW_INTERNAL. */
 LW_MUST_CHECK enum lw_status lw_viewers_follow(struct lw_viewers *viewers, struct lw_error *err);
 
-/** A user forgets what he has looked at, and says what he looks at next as soon as he looks. Errors:
- * LW_NO_MEMORY. */
+/** Clears a user's interest. The user's next lw_viewers_look() is due at once.
+ * Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_viewers_forget(struct lw_viewers *viewers, uint32_t user,
                                                struct lw_error *err);
 
-/** Composes what a user sees of the light that he has. out_rgb: width * height * 3 floats. */
+/** Composes a user's view from the light that the user's client has. out_rgb: width * height * 3 floats. */
 void lw_viewers_show(struct lw_viewers *viewers, uint32_t user, const struct lw_camera_view *camera,
                      float *out_rgb);
-/** Tells a user's client what that view needs, if it is due; his next lw_client_poll() tells the server.
- * now_ns: of
- * whatever clock frames go by, > 0. Errors: LW_NO_MEMORY. */
+/** Sets the interest of a user's client from a view, if an update is due. The next lw_client_poll() sends
+ * it.
+ * now_ns: > 0, of the clock that frames follow.
+ * Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_viewers_look(struct lw_viewers *viewers, uint32_t user,
                                              const struct lw_camera_view *camera, uint64_t now_ns,
                                              struct lw_error *err);

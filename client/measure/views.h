@@ -1,4 +1,4 @@
-/* views.h: where the users of a measurement stand and where they look, frame by frame.
+/* views.h: cameras of the users of a measurement, frame by frame.
  * Flow:    scene, its bounds and cameras -> [views] -> camera of a user in a frame
  * Threads: created by one; lookups [any].
  *
@@ -11,9 +11,8 @@
 #define LW_VIEWS_HZ 30
 
 enum lw_views_kind {
-    /* Along the first animated camera of the scene. A scene without one is walked from where
-     * lw_camera_default() stands to where it looks, half of the way and back at 1.4 m/s, looking left and
-     * right. */
+    /* Along the first animated camera of the scene. Without one, from the place of lw_camera_default()
+     * half of the way to its target and back, at 1.4 m/s, looking left and right. */
     LW_VIEWS_WALK,
     /* Standing at places spread evenly over the scene's box, outside of geometry, looking at its centre
      * (Vandersanden 2023, ch. 5). */
@@ -25,8 +24,9 @@ struct lw_views_desc {
     const struct lw_trace *trace; /* of the scene at time 0 */
     enum lw_views_kind kind;
     uint32_t users; /* > 0 */
-    /* How far apart users are: 0: together (walkers within two seconds of each other); 1: all over the path,
-     * or the box. At any number the first users are spread as evenly as all of them. */
+    /* Distance of users: 0: together (walkers within two seconds of each other); 1: over the whole path or
+     * box.
+     * The first users are spread as evenly as all of them. */
     float spread;
     uint32_t seed;
     float aspect;
@@ -44,14 +44,15 @@ struct lw_camera_view lw_views_at(const struct lw_views *views, uint32_t user, u
 /** The same as lw_views_at(); views must outlive it. */
 struct lw_renderer_cameras lw_views_cameras(const struct lw_views *views);
 
-/** Whether no camera ever moves. */
+/** Whether all cameras stand still. */
 bool lw_views_rest(const struct lw_views *views);
 
-/** Whether a place is outside of geometry and nothing is nearer than clearance_m, by 32 rays all around.
- * seed: turns them. */
+/** Whether a place is outside geometry and nothing is nearer than clearance_m, by 32 rays in all
+ * directions.
+ * seed: turns the rays. */
 bool lw_views_is_free(const struct lw_trace *trace, struct lw_vec3 at, float clearance_m, uint32_t seed);
 
-/** What they are, for people: "a walk along camera \"walk\"". Lives with views. */
+/** A description for people: "a walk along camera \"walk\"". Lives as long as views. */
 const char *lw_views_about(const struct lw_views *views);
 
 #endif

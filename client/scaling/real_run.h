@@ -21,7 +21,7 @@ struct lw_real_run_desc {
     unsigned threads; /* 0: all */
     bool denoise;
     const char *solver; /* by name; NULL: the default */
-    double seconds; /* measured */
+    double seconds;     /* measured */
     /* Before that it warms up until the server has spent so much, or so long at most. Wall time alone does
      * not tell how much light there is: with 3 s of it many texels had one sample, and those that were
      * fireflies made 60 to 80 % of the error (an object turning in the atrium). */
