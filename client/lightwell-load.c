@@ -1,6 +1,5 @@
-/* lightwell-load.c: how much a server carries (a swarm of sessions), what it costs beside what users would
- * run instead
- * (crossover), and from how many users on it pays (scaling). */
+/* lightwell-load.c: a load test of a server; what its light costs beside opponents (crossover); and from
+ * how many users on sharing is cheaper (scaling). */
 #include "client/crossover/crossover.h"
 #include "client/load/load_options.h"
 #include "client/load/load_test.h"

@@ -1,5 +1,5 @@
-/* frame_clock.h: when anyone first heard of a frame: the zero of latencies, as near to its publication as a
- * client comes.
+/* frame_clock.h: when any session first received a frame. Latencies count from then, since a client knows
+ * no earlier moment of its publication.
  * Flow:    FRAME of any session -> [frame_clock] -> age of a tile or frame when a session gets it
  * Threads: one thread at a time. */
 #ifndef LW_CLIENT_LOAD_FRAME_CLOCK_H
@@ -27,19 +27,20 @@ struct lw_frame_clock {
 LW_MUST_CHECK enum lw_status lw_frame_clock_init(struct lw_frame_clock *clock);
 void lw_frame_clock_finish(struct lw_frame_clock *clock);
 
-/** Somebody has got a FRAME. Returns whether it is newer than all before; only then it counts. */
+/** Notes a FRAME that a session received. Returns whether it is newer than all before; only then it
+ * counts. */
 bool lw_frame_clock_hear(struct lw_frame_clock *clock, struct lw_frame_clock_entry heard);
 
-/** The i-th frame heard of, from 0; NULL if it was forgotten or is not there yet. */
+/** The i-th frame noted, from 0; NULL if it was dropped or is not there yet. */
 const struct lw_frame_clock_entry *lw_frame_clock_at(const struct lw_frame_clock *clock, uint64_t i);
 
-/** The newest frame heard of; 0: none. */
+/** The newest frame noted; 0: none. */
 uint64_t lw_frame_clock_newest(const struct lw_frame_clock *clock);
 
-/** The first frame heard of whose number is at least `frame`: a server may skip numbers on the wire, and what
- * it published under a skipped one comes with the next. For a number that was forgotten, the oldest one
- * known, so that ages are never overstated. NULL if no such frame was heard of. Valid until the next call of
- * lw_frame_clock_hear(). */
+/** The first frame noted with a number of at least `frame`. A server may skip numbers on the wire; what it
+ * published under a skipped number comes with the next frame.
+ * For a number that was dropped it returns the oldest frame known, so that ages are never too large.
+ * NULL: no such frame was noted. Valid until the next call of lw_frame_clock_hear(). */
 const struct lw_frame_clock_entry *lw_frame_clock_find(const struct lw_frame_clock *clock, uint64_t frame);
 
 #endif

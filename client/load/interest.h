@@ -1,12 +1,12 @@
-/* interest.h: which tiles a user needs for what they see, and where users are: a model of an viewers, without
- * rendering.
+/* interest.h: a model of viewers without rendering: where users are, and which tiles they need.
  * Flow:    scene, tiles -> boxes in the world -> [interest: eye -> tiles] -> INTEREST
  * Threads: immutable once created; then [any].
  *
- * A user sees a tile if the ball around its box meets the cone around a 60 degree picture; what stands in
- * front of it is not considered, so a real renderer needs less. The level is the coarsest one whose texels
- * are no larger than a pixel of a picture 720 pixels high. What stands in for these tiles is not among them:
- * INTEREST asks for it by its flag. Objects are where they are at time 0. */
+ * A user sees a tile if the ball around the tile's box meets the cone around a 60 degree picture.
+ * Occlusion is ignored, so a real renderer needs less. The mip level is the coarsest one with texels no
+ * larger than a pixel of a picture 720 pixels high. Stand-ins for these tiles are not listed: INTEREST
+ * asks for them by its flag.
+ * Objects are where they are at time 0. */
 #ifndef LW_CLIENT_LOAD_INTEREST_H
 #define LW_CLIENT_LOAD_INTEREST_H
 
@@ -14,7 +14,7 @@
 
 struct lw_interest;
 
-/** Where somebody is and looks. */
+/** A user's place and direction. */
 struct lw_interest_eye {
     struct lw_vec3 position, forward; /* m; unit */
 };
@@ -26,17 +26,17 @@ LW_MUST_CHECK enum lw_status lw_interest_create(const struct lw_scene *scene, co
                                                 struct lw_interest **out_interest);
 void lw_interest_destroy(struct lw_interest *interest);
 
-/** Chooses tiles, each once; where there are more than fit, pixels are taken to be larger until they do.
- * ids     room for `capacity`; returns how many there are */
+/** Chooses tiles, each once. Where more are needed than fit, pixels are taken to be larger until they fit.
+ * ids     room for `capacity`; returns how many are set */
 uint32_t lw_interest_choose(const struct lw_interest *interest, const struct lw_interest_eye *eye,
                             lw_tile_id *ids, uint32_t capacity);
 
-/** A place at standing height within the bounds of the scene, walls or not, and a direction, by chance: the
- * same for the same three numbers. */
+/** A random place at standing height within the bounds of the scene, walls ignored, and a direction.
+ * The same three numbers give the same place. */
 struct lw_interest_eye lw_interest_place(const struct lw_interest *interest, uint32_t seed, uint32_t user,
                                          uint32_t stay);
 
-/** The eye after so many seconds of a walk, in straight lines from place to place, looking ahead. */
+/** The eye `seconds` into a walk. It goes in straight lines from place to place and looks ahead. */
 struct lw_interest_eye lw_interest_walk(const struct lw_interest *interest, uint32_t seed, uint32_t user,
                                         double seconds);
 

@@ -1,4 +1,4 @@
-/* load_figures.h: what the sessions of a load test count and time while it runs.
+/* load_figures.h: counts and times of the sessions of a load test.
  * Flow:    sessions -> [load_figures] -> load_report
  * Threads: the loop's. */
 #ifndef LW_CLIENT_LOAD_LOAD_FIGURES_H
@@ -31,16 +31,16 @@ enum lw_load_fault {
         LW_LOAD_FAULT_COUNT
 };
 
-/** Counts go on for the whole run; histograms of what happens in the steady state take only what falls into
- * the measured time (`measuring`). Times are nanoseconds. */
+/** Counts cover the whole run. Histograms marked `measured` take only what falls into the measured time
+ * (`measuring`). Times are nanoseconds. */
 struct lw_load_figures {
     bool measuring;
     uint64_t asked;         /* sessions that began to connect */
     uint64_t welcomed;      /* of them */
-    uint64_t refused, lost; /* that ended, though nobody here wanted it, before or after their welcome */
-    uint64_t followed;      /* of those welcomed: whose light was put together, deltas and all */
+    uint64_t refused, lost; /* that ended before or after their welcome, not by our wish */
+    uint64_t followed;      /* that decoded and added up their light, deltas included */
     uint64_t left;          /* by churn */
-    uint64_t broken;        /* sessions whose users came back for, or tried to */
+    uint64_t broken;        /* sessions whose users reconnected, or tried to */
     uint64_t returned;      /* welcomed once more */
     uint64_t stopped;       /* never-readers that stopped reading */
     uint64_t dropped;       /* of them: those that the server closed */
@@ -53,7 +53,7 @@ struct lw_load_figures {
     struct lw_histogram download;   /* from connect to the whole package, if every session downloads */
     struct lw_histogram first_view; /* from connect to every tile that was asked for */
     struct lw_histogram next_view;  /* from another INTEREST to the same */
-    /* who came back: every tile asked for, after the first WELCOME of the server's run to anyone */
+    /* of users that reconnected: every tile asked for, after the first WELCOME of this run of the server */
     struct lw_histogram served;
     struct lw_histogram drop; /* from the last read of a never-reader until it found itself dropped */
     /* measured: a tile's arrival after the first FRAME of its version to anyone */

@@ -33,12 +33,12 @@ struct lw_load_options {
     double slow_bytes_hz; /* of LW_LOAD_SLOW: bytes per second */
     uint32_t odd_readers; /* users with that reader; the others read fast */
     double churn_hz;      /* users that leave, and are replaced, per second */
-    bool reconnect;       /* who loses the connection comes back */
+    bool reconnect;       /* users reconnect when they lose the connection */
     bool download;        /* every session downloads the scene package */
     bool decode_all;      /* every session decodes every tile */
     bool json;
     int64_t seed;
-    /* What must hold; infinite or 0 where nobody asked. */
+    /* Limits; infinite or 0 where the option is not given. */
     double latency_max_ms, first_view_max_ms, frames_min_hz;
     int64_t errors_max;
 };

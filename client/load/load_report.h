@@ -1,4 +1,4 @@
-/* load_report.h: what a load test found: as text, as JSON, and against what was to hold.
+/* load_report.h: the results of a load test: as text, as JSON, and checked against the options' limits.
  * Flow:    load_test -> [load_report] -> stdout, exit code
  * Threads: main() only. */
 #ifndef LW_CLIENT_LOAD_LOAD_REPORT_H
@@ -26,11 +26,11 @@ enum lw_load_end {
 struct lw_load_report {
     enum lw_load_end end;
     double run_s, measured_s; /* the whole run; of it, what was measured */
-    double user_s;            /* integral of the users that get frames over the measured time */
+    double user_s;            /* integral over the measured time of the number of users that get frames */
     uint32_t users_at_end;    /* that got frames */
     uint32_t tile_count;      /* of the scene */
     uint64_t package_bytes, package_compressed_bytes,
-        download_ns;                        /* the first download, by which all others are checked */
+        download_ns;                        /* the first download; all others are compared with it */
     uint64_t bytes, tiles, frames, settled; /* measured, received */
     uint64_t frames_heard;                  /* measured, different ones */
     double server_cpu_s, server_wall_s;     /* from a frame to a later one; wall 0: not known */
@@ -41,14 +41,14 @@ struct lw_load_report {
     struct lw_load_figures figures;
 };
 
-/** Whether our own side was too busy, or got too little of the machine, for its times to be the server's. */
+/** Whether this process was too busy, or got too little of the machine, for its times to be the server's. */
 bool lw_load_report_is_saturated(const struct lw_load_report *report);
 
 /** Prints to stdout. Errors: LW_IO, LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_load_report_print(const struct lw_load_options *options,
                                                   const struct lw_load_report *report, struct lw_error *err);
 
-/** Logs each thing that was to hold and did not; returns whether all held. */
+/** Logs each limit that does not hold. Returns whether all hold. */
 bool lw_load_report_check(const struct lw_load_options *options, const struct lw_load_report *report);
 
 #endif

@@ -1,5 +1,4 @@
-/* load_scene.h: what all users of a load test share: the server's address, its scene package, the scene's
- * tiles.
+/* load_scene.h: what all users of a load test share: the server's address, the scene package, its tiles.
  * Flow:    HOST:PORT -> one session that downloads the package -> [load_scene] -> all other sessions
  * Threads: fetched by one thread; then immutable. */
 #ifndef LW_CLIENT_LOAD_LOAD_SCENE_H
@@ -23,11 +22,11 @@ struct lw_load_scene {
 
 /** Connects, downloads the package, reads it, leaves.
  * keep_compressed   keep the package's bytes, to compare what others get
- * with_interest     work out where tiles are
+ * with_interest     find out where tiles are
  * out_scene         must not be moved afterwards; all zero on failure
- * Errors: LW_NO_HOST; LW_UNAVAILABLE naming the address ("is lightwelld running?"); LW_TIMED_OUT; LW_PROTOCOL
- * for a peer that is no lightwelld or sends what is none of its business; LW_CLOSED; LW_BAD_DATA;
- * LW_NO_MEMORY. */
+ * Errors: LW_NO_HOST; LW_UNAVAILABLE naming the address ("is lightwelld running?"); LW_TIMED_OUT;
+ *         LW_PROTOCOL for a peer that is no lightwelld or breaks the protocol; LW_CLOSED; LW_BAD_DATA;
+ *         LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_load_scene_fetch(const char *host, uint16_t port, bool keep_compressed,
                                                  bool with_interest, struct lw_load_scene *out_scene,
                                                  struct lw_error *err);

@@ -1,5 +1,5 @@
-/* load_session.h: one user of a load test: a whole protocol client that checks what it gets and keeps none of
- * it.
+/* load_session.h: one user of a load test. It is a whole protocol client that checks what it receives and
+ * keeps no light.
  * Flow:    link -> messages -> [load_session] -> figures
  * Threads: everything here is [loop]. */
 #ifndef LW_CLIENT_LOAD_LOAD_SESSION_H
@@ -15,14 +15,14 @@
 
 #define LW_LOAD_CONNECT_TIMEOUT_S 10u /* until the WELCOME */
 #define LW_LOAD_SILENCE_S         15u
-#define LW_LOAD_PING_S            1u           /* oftener than a client must: this measures the link */
+#define LW_LOAD_PING_S            1u           /* more often than the protocol asks: this measures the link */
 #define LW_LOAD_FOLLOWED_ONE_IN   100u         /* users */
-#define LW_LOAD_FOLLOWED_BYTES    (256u << 20) /* no more of them than fit, but for the first */
+#define LW_LOAD_FOLLOWED_BYTES    (256u << 20) /* a bound for the light of all of them but the first */
 #define LW_LOAD_SLOW_RECEIVE      (64 << 10) /* bytes of receive buffer of a slow or never-reader's socket */
 
 struct lw_load_session;
 
-/** A user whose connection broke and who will come back. */
+/** A user whose connection broke and who will reconnect. */
 struct lw_load_return {
     struct lw_load_return *next;
     uint32_t number;
@@ -42,12 +42,12 @@ struct lw_load_shared {
     struct lw_tile_check *check;
     struct lw_frame_clock clock;
     uint64_t heard_before;      /* frames of earlier runs of the server, which the clock has forgotten */
-    uint64_t run, run_began_ns; /* of the server: which, and when somebody was first welcomed by it */
+    uint64_t run, run_began_ns; /* its id, and when it first welcomed a session */
     uint32_t run_count;
     struct lw_load_return *returning; /* in no order */
-    size_t held_bytes;                /* that sessions which are followed may take */
+    size_t held_bytes;                /* that followed sessions may take */
     struct lw_load_figures *figures;
-    struct lw_load_session *first;   /* all whose end has not come, those included that have said goodbye */
+    struct lw_load_session *first;   /* all that have not ended, also those that have said goodbye */
     uint32_t live_count;             /* of them: those that have not said goodbye */
     uint32_t session_count;          /* whose handles are not closed yet */
     uint64_t measured_from_ns;       /* while figures->measuring */
@@ -57,19 +57,19 @@ struct lw_load_shared {
 };
 
 /** Begins to connect.
- * number   of the session: with the options' seed, what it does by chance
+ * number   of the session: with the options' seed it fixes all its random choices
  * Errors: LW_NO_MEMORY, LW_OS; counted as a fault, and there is no session. */
 LW_MUST_CHECK enum lw_status lw_load_session_start(struct lw_load_shared *shared, uint32_t number,
                                                    enum lw_load_reader reader);
 
-/** Lets those try to come back whose time has come. */
+/** Reconnects the users that are due. */
 void lw_load_session_return_due(struct lw_load_shared *shared, uint64_t now_ns);
 
-/** Forgets those who would have come back. */
+/** Drops the users that would have reconnected. */
 void lw_load_session_forget_returning(struct lw_load_shared *shared);
 
-/** Time limits, pings, a slow reader's next bytes, a walker's next step. Call some 20 times a second. The
- * session may come to its end; its memory goes later, when libuv has let go of the handle. */
+/** Handles time limits, pings, a slow reader's next bytes and a walker's next step. Call it some 20 times
+ * a second. The session may end in it; its memory is freed later, when libuv has closed the handle. */
 void lw_load_session_tick(struct lw_load_session *session, uint64_t now_ns);
 
 /** Leaves: says goodbye and waits for the server's end, or resets the connection. */

@@ -1,20 +1,18 @@
-/* tile_check.h: whether a tile is what a client may rely on: a place that exists, a version that grows, bytes
- * that decode.
+/* tile_check.h: checks tiles as a client must: the place exists, the version grows, the bytes decode.
  * Flow:    TILE of any session -> [tile_check] -> verdict
  * Threads: one thread at a time.
  *
- * The server encodes a tile once for all, so the checker decodes it once: of each tile it remembers the last
- * few versions by the hash of what it decoded. Bytes that differ under the same version are a fault,
- * whichever session gets them. A few sessions are followed as clients would be: their deltas are added to
- * what they hold, and light that differs under the same version is a fault too, whether it came whole or as a
- * delta. */
+ * The server encodes a tile once for all sessions, so the checker decodes it once. Of each tile it
+ * remembers the last few versions by a hash of the decoded bytes. Other bytes under the same version are a
+ * fault, in any session. A few sessions are followed as clients: their deltas are added to the light that
+ * they hold. Other light under the same version is a fault too, whether it came whole or as a delta. */
 #ifndef LW_CLIENT_LOAD_TILE_CHECK_H
 #define LW_CLIENT_LOAD_TILE_CHECK_H
 
 #include "common/tile/atlas.h"
 #include "proto/message.h"
 
-#define LW_TILE_CHECK_VERSIONS 8u /* and bases, remembered per tile: sessions are seldom further apart */
+#define LW_TILE_CHECK_VERSIONS 8u /* and bases, remembered per tile; sessions are seldom further apart */
 
 enum lw_tile_verdict {
     LW_TILE_GOOD,
@@ -34,7 +32,7 @@ struct lw_tile_finding {
 
 struct lw_tile_check;
 
-/** What a session that is followed holds. */
+/** The light that a followed session holds. */
 struct lw_tile_held;
 /** Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_tile_held_create(const struct lw_atlas_map *map,
@@ -50,15 +48,16 @@ LW_MUST_CHECK enum lw_status lw_tile_check_create(const struct lw_atlas_map *map
                                                   struct lw_tile_check **out_check);
 void lw_tile_check_destroy(struct lw_tile_check *check);
 
-/** Judges a tile. known: the session's version of each tile of the map, 0 for none; updated if the verdict is
- * GOOD. held: of the same tiles, if it is followed; NULL otherwise.
+/** Judges a tile.
+ * known  the session's version of each tile of the map, 0 for none; updated if the verdict is GOOD
+ * held   the session's light, if it is followed; else NULL
  * Errors: LW_NO_MEMORY; then there is no verdict. */
 LW_MUST_CHECK enum lw_status lw_tile_check_take(struct lw_tile_check *check,
                                                 const struct lw_message_tile *tile, uint64_t *known,
                                                 struct lw_tile_held *held,
                                                 struct lw_tile_finding *out_finding);
 
-/** The server began anew, and so do its versions. */
+/** The server was started again. Drops all versions. */
 void lw_tile_check_forget(struct lw_tile_check *check);
 
 /** Tiles decoded so far. */

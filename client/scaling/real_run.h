@@ -1,7 +1,7 @@
-/* real_run.h: our side by the wall clock: frames as fast as the machine gives them, light as late as it then
- * is.
- * Flow:    scene package, views -> [lightwelld, clients, compose, all at once] -> pictures, with the moments
- *          they were seen
+/* real_run.h: the shared cache by the wall clock. Frames come as fast as the machine allows, and light is
+ * as late as it then is.
+ * Flow:    scene package, views -> [lightwelld, clients, compose, all at once] -> pictures and when they
+ *          were shown
  * Threads: one thread at a time. */
 #ifndef LW_CLIENT_SCALING_REAL_RUN_H
 #define LW_CLIENT_SCALING_REAL_RUN_H
@@ -22,9 +22,9 @@ struct lw_real_run_desc {
     bool denoise;
     const char *solver; /* by name; NULL: the default */
     double seconds;     /* measured */
-    /* Before that it warms up until the server has spent so much, or so long at most. Wall time alone does
-     * not tell how much light there is: with 3 s of it many texels had one sample, and those that were
-     * fireflies made 60 to 80 % of the error (an object turning in the atrium). */
+    /* It warms up until the server has spent this CPU time, or for this wall time at most. Wall time alone
+     * does not tell how much light there is. With 3 s of it many texels had one sample, and fireflies
+     * among them made 60 to 80 % of the error (an object turning in the atrium). */
     double warm_cpu_s, warm_s;
     const volatile sig_atomic_t *cancel;
 };

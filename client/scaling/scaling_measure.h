@@ -1,12 +1,13 @@
 /* scaling_measure.h: the measurement behind lightwell-load scaling.
- * Flow:    options -> scene, views, references -> [both sides: settings tried, the cheapest chosen, users
- *          added] -> figures
+ * Flow:    options -> scene, views, references -> [both sides: try settings, choose the cheapest, add
+ *          users] -> figures
  * Threads: main() only.
  *
- * Time goes in frames of 1/30 s on both sides, whatever the machine manages; cost is CPU seconds per such
- * frame. In a moving scene the first second is not measured: caches are warm and histories long, as in a
- * world that runs on. In a still one everything is, from the first frame on: that is what the cache pays
- * once and a path tracer for ever. */
+ * A frame lasts 1/30 s of scene time on both sides, however fast the machine is. Cost is CPU seconds per
+ * frame.
+ * In a moving scene the first second is not measured: then caches are warm and histories long, as in a
+ * running world. In a still scene everything is measured from the first frame on: the cache pays that
+ * once, a path tracer in every frame. */
 #ifndef LW_CLIENT_SCALING_SCALING_MEASURE_H
 #define LW_CLIENT_SCALING_SCALING_MEASURE_H
 
@@ -31,7 +32,7 @@ struct lw_scaling_point {
     double error;                    /* relMSE, mean over pictures and users */
     struct lw_scaling_errors errors; /* of each */
     struct lw_cost cost;             /* per frame, for one user */
-    bool later;                      /* error and cost are those of the repeats, and not known before */
+    bool later;                      /* error and cost come from the repeats, and are not known before */
 };
 
 struct lw_scaling_side {
@@ -50,7 +51,7 @@ struct lw_scaling_target {
     int best[LW_SCALING_SIDES]; /* index into point */
 };
 
-/** So many users, at the settings of the primary target. */
+/** A number of users, at the settings of the primary target. */
 struct lw_scaling_count {
     uint32_t users;
     double cost_s[LW_SCALING_SIDES][LW_SCALING_REPEATS_MAX];
@@ -66,9 +67,8 @@ struct lw_scaling_real {
     double frames_hz, views_hz; /* solved; composed, of all users */
     double server_cpu_s;        /* per second */
     double light_age_s;
-    /* relMSE against the reference of the moment at which a picture was ready; and of the path tracer's,
-     * unfiltered, for the same views and moments. They are other views than the rest of the measurement
-     * has. */
+    /* relMSE against the reference of the time at which a picture was ready; the same of the path tracer,
+     * unfiltered, for the same views and times. These views are not those of the rest of the measurement. */
     double error, paths_error;
 };
 
@@ -83,7 +83,7 @@ struct lw_scaling {
     struct lw_reference reference[LW_SCALING_PICTURES][LW_SCALING_EYES];
     double mean_square; /* of all references */
     double lag_error;   /* relMSE of light a second late, in judged views; NAN: nothing moves, or not known */
-    bool dark[LW_SCALING_PICTURES][LW_SCALING_EYES]; /* next to nothing is seen: not judged */
+    bool dark[LW_SCALING_PICTURES][LW_SCALING_EYES]; /* nearly black: not judged */
     uint32_t dark_count;
     struct lw_scaling_side side[LW_SCALING_SIDES];
     struct lw_scaling_target target[LW_SCALING_TARGETS_MAX]; /* the first is the primary */
@@ -100,13 +100,14 @@ struct lw_scaling {
     bool whole_done;
     double whole_ratio, whole_error, whole_paths_error; /* of the first count, with all of the scene lit */
     struct lw_scaling_figure marginal;                  /* m: one more user over one more path tracer */
-    struct lw_scaling_figure crossover; /* users from which on sharing is cheaper; INFINITY: none */
+    struct lw_scaling_figure crossover; /* number of users above which sharing is cheaper; INFINITY: none */
     struct lw_scaling_real real;
     const char *shortfall; /* why there are no figures for counts of users; NULL: there are */
 };
 
-/** Measures; what was measured stays readable after an interruption or an error.
- * cancel: becomes non-zero when a signal asks to stop. Progress goes to stderr.
+/** Measures. After an interruption or an error, what was measured before stays readable. Progress goes to
+ * stderr.
+ * cancel: becomes non-zero when a signal asks to stop.
  * Errors: the scene's; LW_BAD_DATA for a motion that it cannot make; a side's. Interruption is no error. */
 LW_MUST_CHECK enum lw_status lw_scaling_measure(const struct lw_scaling_options *options,
                                                 const volatile sig_atomic_t *cancel,

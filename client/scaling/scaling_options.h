@@ -21,20 +21,21 @@ struct lw_scaling_options {
     double spread;
     uint32_t width, height, bounces, seed, repeats, reference_samples;
     double seconds;
-    /* What both sides must reach: a relMSE, or what the path tracer reaches with so many paths per pixel. */
+    /* The error that both sides must reach: a relMSE, or that of the path tracer with this number of paths
+     * a pixel. */
     double error; /* > 0; 0: match_samples */
     uint32_t match_samples;
-    /* Instead of a search: these settings, whatever their error. 0 samples: search. */
+    /* Settings in place of a search, at any error. 0 samples: search. */
     uint32_t fixed_samples, fixed_direct, fixed_indirect;
     double fixed_density; /* times the scene's default */
     double fixed_rest;    /* error at which tiles rest */
-    bool one_error;       /* no curve: that error alone */
+    bool one_error;       /* search for that error alone, not for the curve */
     enum lw_path_renderer_kind opponent;
-    bool denoise;       /* the lightmaps are filtered */
     const char *solver; /* the server's, by name; NULL: its default */
+    bool denoise;       /* the lightmaps are filtered */
     bool self_test;     /* a path tracer on both sides */
     bool whole;         /* the cache lights all of the scene */
-    bool look_whole;    /* it lights what is looked at; one look at the whole beside it */
+    bool look_whole;    /* it lights the interest set and its contributors; once also the whole scene */
 };
 
 /** Reads the command line; argv[0] is "scaling". --help and --version print and set *out_done.

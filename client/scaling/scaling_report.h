@@ -1,18 +1,18 @@
-/* scaling_report.h: a measurement as files: report.md, scaling.csv, settings.csv, scaling.json, and plots
- * by gnuplot.
+/* scaling_report.h: the files of a scaling run: report.md, scaling.csv, settings.csv, scaling.json, plots.
  * Threads: main() only. */
 #ifndef LW_CLIENT_SCALING_SCALING_REPORT_H
 #define LW_CLIENT_SCALING_SCALING_REPORT_H
 
 #include "client/scaling/scaling_measure.h"
 
-/** Makes the folder if it is not there, and looks whether files can be written in it: to be known before
- * the measurement.
+/** Makes the folder if it is not there and checks that files can be written in it, before anything is
+ * measured.
  * Errors: LW_CANNOT_CREATE naming it. */
 LW_MUST_CHECK enum lw_status lw_scaling_report_prepare(const char *folder, struct lw_error *err);
 
-/** Writes the files. Without gnuplot there are no plots, which is logged, and no error.
- * command: as typed, for the report. Errors: LW_CANNOT_CREATE, LW_IO naming the file; LW_NO_MEMORY. */
+/** Writes the files. Without gnuplot there are no plots; that is logged and no error.
+ * command: as typed, for the report.
+ * Errors: LW_CANNOT_CREATE, LW_IO naming the file; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_scaling_report_write(const struct lw_scaling *scaling, const char *command,
                                                      struct lw_error *err);
 
