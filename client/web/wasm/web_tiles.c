@@ -55,7 +55,7 @@ static bool is_tile(uint32_t width, uint32_t height) {
 bool EXPORT(lw_web_tiles_decode)(uint32_t kind, const uint8_t *src, size_t src_size, float scale,
                                  uint32_t width, uint32_t height,
                                  struct lw_tile_dct_coefficients *coefficients) {
-    return is_tile(width, height) && scale > 0 && (kind == LW_TILE_DCT_INTRA || levels) &&
+    return is_tile(width, height) && scale > 0 && (kind == LW_TILE_DCT_INTRA || coefficients) &&
            lw_tile_dct_decode(&dct, kind, src, src_size, scale, width, height, coefficients, rgb);
 }
 
