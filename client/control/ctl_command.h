@@ -8,12 +8,12 @@
 
 #define LW_CTL_COMMAND_WORDS_MAX 16u
 
-/** What a material shines by, W/(m^2 sr) per channel: now, and as the scene has it. */
+/** A material's emission, W/(m^2 sr) per channel: now, and as in the scene file. */
 struct lw_ctl_emission {
     struct lw_vec3 now, own;
 };
 
-/** The scene as the commands so far leave it: a second command goes on from where the first one ends. */
+/** The scene after the commands so far: the next command continues from there. */
 struct lw_ctl_command_state {
     const struct lw_scene *scene;
     struct lw_affine *object_to_world; /* per object */
@@ -31,28 +31,28 @@ void lw_ctl_command_state_finish(struct lw_ctl_command_state *state);
 /** Whether a word names a command. */
 bool lw_ctl_command_is(const char *word);
 
-/** The command that begins like a word, or is a slip or two away from it; NULL: none. */
+/** The command that begins like a word, or is one or two edits away from it; NULL: none. */
 const char *lw_ctl_command_near(const char *word);
 
-/** Says that there is no such command, and which is near. Returns LW_USAGE. */
+/** Fails with LW_USAGE: there is no such command, and a similar one is named. */
 enum lw_status lw_ctl_command_fail_unknown(const char *word, struct lw_error *err);
 
-/** What --help says of the commands: a line each. */
+/** The text of --help for the commands: a line each. */
 const char *lw_ctl_command_help(void);
 
-/** Reads a command. Errors: LW_USAGE, in one line that names what is wrong and what would be right. What only
- * the server can judge, such as ranges, is left to it. */
+/** Reads a command. Only the server checks ranges and the like.
+ * Errors: LW_USAGE, in one line that names what is wrong and what is right. */
 LW_MUST_CHECK enum lw_status lw_ctl_command_parse(struct lw_ctl_command_state *state, const char *const *word,
                                                   size_t count, struct lw_scene_change *out_change,
                                                   struct lw_error *err);
 
-/** Cuts a line into words, in place: at blanks, but not between double quotes. A line that is empty, or that
- * begins with # and a blank or nothing, has none. Errors: LW_USAGE for over LW_CTL_COMMAND_WORDS_MAX or a
- * quote that does not end. */
+/** Splits a line into words, in place, at blanks outside of double quotes. An empty line has none, nor has
+ * a line that begins with # and a blank or nothing.
+ * Errors: LW_USAGE for over LW_CTL_COMMAND_WORDS_MAX words or an open quote. */
 LW_MUST_CHECK enum lw_status lw_ctl_command_split(char *line, const char *out_word[LW_CTL_COMMAND_WORDS_MAX],
                                                   size_t *out_count, struct lw_error *err);
 
-/** The middle of an object's box, in world space, if it stands there. */
+/** The centre of an object's box in world space, with the object at this place. */
 struct lw_vec3 lw_ctl_command_middle(const struct lw_scene *scene, uint32_t object,
                                      const struct lw_affine *object_to_world);
 

@@ -1,11 +1,12 @@
 /* bootstrap.h: intervals of figures that are measured over views and repeats.
- * Flow:    cells (view, repeat), a statistic -> [bootstrap: draws with replacement] -> value, 95 % interval
+ * Flow:    cells (view, repeat), a statistic -> [bootstrap: draws with replacement] -> value, 95 %
+ *          interval
  * Threads: pure functions, [any].
- * After:   Efron and Tibshirani 1993, ch. 13 (percentile intervals); Davison and Hinkley 1997, 3.8 (clusters:
- *          views are drawn whole, then repeats within each).
+ * After:   Efron and Tibshirani 1993, ch. 13 (percentile intervals); Davison and Hinkley 1997, 3.8
+ *          (clusters: views are drawn whole, then repeats within each).
  *
- * It is paired: a draw takes the same cells of all renderers, so that what a view does to all of them
- * cancels. */
+ * The draws are paired: each takes the same cells of all renderers, so that the effect of a view on all of
+ * them cancels. */
 #ifndef LW_CLIENT_CROSSOVER_BOOTSTRAP_H
 #define LW_CLIENT_CROSSOVER_BOOTSTRAP_H
 
@@ -18,8 +19,9 @@ struct lw_bootstrap_cells {
     const uint8_t *there; /* views * repeats: whether the cell was measured */
 };
 
-/** A figure of cells with weights (views * repeats; how often each was drawn, 0 where it is not there).
- * NAN: these cells do not tell; the draw is left out. */
+/** A figure of weighted cells. weight: views * repeats; how often each cell was drawn, 0 where it is not
+ * there.
+ * NAN: the figure is not known from these cells; the draw is left out. */
 typedef double lw_bootstrap_statistic(const void *context, const double *weight);
 
 struct lw_bootstrap_interval {

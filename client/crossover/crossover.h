@@ -1,5 +1,4 @@
-/* crossover.h: lightwell-load crossover SCENE: one shared solve against what users would run instead, at
- * equal error.
+/* crossover.h: lightwell-load crossover SCENE: the shared cache against opponents, at equal error.
  * Threads: main() only. */
 #ifndef LW_CLIENT_CROSSOVER_CROSSOVER_H
 #define LW_CLIENT_CROSSOVER_CROSSOVER_H

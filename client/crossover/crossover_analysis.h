@@ -1,11 +1,10 @@
-/* crossover_analysis.h: what a row's samples and costs say: errors, ratios of costs at equal error,
- * intervals.
+/* crossover_analysis.h: errors of a row, ratios of costs at equal error, and their intervals.
  * Flow:    crossover_store -> [crossover_analysis: by renderer and setting, paired over views and repeats]
  *          -> report
  * Threads: pure functions of the store, [any].
  *
- *     r(1)  the cost of a user who has the cache alone, over an opponent's frame, same views and repeats
- *     m     what one more of twelve users costs, over an opponent's frame: ((C12 - C1) / 11) / A */
+ *     r(1)  the cost of a user who has the cache alone, over an opponent's frame
+ *     m     the cost of one more of twelve users, over an opponent's frame: ((C12 - C1) / 11) / A */
 #ifndef LW_CLIENT_CROSSOVER_CROSSOVER_ANALYSIS_H
 #define LW_CLIENT_CROSSOVER_CROSSOVER_ANALYSIS_H
 
@@ -13,7 +12,7 @@
 #include "client/crossover/crossover_store.h"
 
 #define LW_CROSSOVER_POINTS_MAX 64u
-/* the error asked for: at least so much must light be off that is a second late */
+/* light a second late must be off by at least this multiple of the error asked for */
 #define LW_CROSSOVER_GATE_TIMES 3.0
 #define LW_CROSSOVER_GATE_LATE  30u /* frames */
 
@@ -50,8 +49,8 @@ void lw_crossover_analysis_finish(struct lw_crossover_analysis *analysis);
 const struct lw_crossover_point *lw_crossover_analysis_find(const struct lw_crossover_analysis *analysis,
                                                             const char *renderer, const char *setting);
 
-/** The cache's cheapest setting whose error is at most that, of those whose cost is known; NULL: none
- * reaches it. */
+/** The cache's cheapest setting with at most this error, of those with a known cost; NULL: none reaches
+ * it. */
 const struct lw_crossover_point *lw_crossover_analysis_cheapest(const struct lw_crossover_analysis *analysis,
                                                                 enum lw_crossover_coin coin, double error);
 /** The cache's setting with the least error; NULL: there is none. */
@@ -69,13 +68,14 @@ struct lw_crossover_ratio lw_crossover_analysis_compare(const struct lw_crossove
                                                         const struct lw_crossover_point *opponent,
                                                         enum lw_crossover_coin coin);
 
-/** What a user's frame costs when all start-up is spread over a session of that length, of 30 frames a
- * second, CPU s; `users` share the server's part. NAN: not known. */
+/** CPU s of a user's frame when all start-up is spread over a session of this length, of 30 frames a
+ * second.
+ * `users` share the server's part. NAN: not known. */
 double lw_crossover_analysis_session(const struct lw_crossover_point *point, double session_s,
                                      uint32_t users);
 
-/** CPU s a frame of one user at which the cache's settings, by increasing cost, first reach an error; between
- * two of them along a line in logarithms. NAN: they do not. */
+/** CPU s a frame of one user at which the cache's settings, by increasing cost, first reach an error.
+ * Between two settings it follows a line in logarithms. NAN: they do not reach it. */
 double lw_crossover_analysis_crossing(const struct lw_crossover_analysis *analysis,
                                       enum lw_crossover_coin coin, double error);
 

@@ -23,7 +23,7 @@ struct lw_crossover_options {
     bool pixels,
         tiles; /* the cache's forms: users draw the direct light of client lights; tiles hold all light */
     uint32_t width, height, bounces, seed, repeats, reference_samples;
-    uint32_t alone;     /* views of a repeat that a user looks at alone */
+    uint32_t alone;     /* views of a repeat that one user sees alone */
     double warm_s;      /* scene time before the first judged frame */
     double seconds;     /* of the frames that are counted as cost, the judged ones included */
     double minutes_max; /* no unit begins later; INFINITY: no limit */

@@ -1,4 +1,4 @@
-/* crossover_pictures.h: what renderers showed, side by side.
+/* crossover_pictures.h: pictures of the renderers, side by side.
  * Flow:    a row's pictures and references -> [crossover_pictures] -> strips.png
  * Threads: one thread at a time. */
 #ifndef LW_CLIENT_CROSSOVER_CROSSOVER_PICTURES_H
@@ -14,9 +14,9 @@ struct lw_crossover_strip {
     const char *title; /* drawn on top; ASCII */
 };
 
-/** Writes strips.png into the row's folder: a line for each view that is judged and each of its crops, the
- * reference
- * first, then the columns; all at one exposure, each pixel 2 x 2 large. What lacks its file stays grey.
+/** Writes strips.png into the row's folder. Each judged view has a line per crop: the reference first,
+ * then the columns, all at one exposure, each pixel 2 x 2 large. A picture whose file is missing stays
+ * grey.
  * Errors: LW_NO_INPUT where the references are not there; LW_NO_MEMORY, LW_IO, LW_CANNOT_CREATE. */
 LW_MUST_CHECK enum lw_status lw_crossover_pictures_write(const struct lw_crossover_store *store,
                                                          const struct lw_crossover_strip *strip,

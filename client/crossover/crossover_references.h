@@ -1,13 +1,13 @@
-/* crossover_references.h: the references of a row: parts of its views, converged, at the judged moments and
+/* crossover_references.h: the references of a row: converged crops of its views, at the judged frames and
  * before.
- * Flow:    scene, views -> [crossover_references: paths, or the files of an earlier run] -> two halves, what
- *          shines
+ * Flow:    scene, views -> [crossover_references: paths, or the files of an earlier run] -> two halves,
+ *          emitters
  * Threads: one thread at a time; traces on several inside.
  *
- * Pixels are means over their squares (LW_PATH_PIXEL_BOX). Each view has LW_CROSSOVER_CROPS crops, at places
- * that
- * its number fixes: one in the left half, one in the right. References of earlier light have a quarter of the
- * paths; both halves of a reference are independent, so that no noise adds to errors (view_error.h). */
+ * Pixels are means over their squares (LW_PATH_PIXEL_BOX). Each view has LW_CROSSOVER_CROPS crops, one in
+ * the left half and one in the right, at places that its number fixes. References of earlier light have a
+ * quarter of the paths. Both halves of a reference are independent, so that no noise adds to errors
+ * (view_error.h). */
 #ifndef LW_CLIENT_CROSSOVER_CROSSOVER_REFERENCES_H
 #define LW_CLIENT_CROSSOVER_CROSSOVER_REFERENCES_H
 
@@ -30,7 +30,7 @@ struct lw_crossover_crop {
 struct lw_crossover_reference {
     float *half[2];    /* means; crops * side * side * 3 */
     uint32_t *object;  /* crops * side * side: as lw_reference_look(); LW_TRACE_MISS where it shines */
-    uint8_t *left_out; /* late ones: 1 where either moment shines, or another object is seen; else NULL */
+    uint8_t *left_out; /* late ones: 1 where a light is seen at either time, or another object; else NULL */
 };
 
 struct lw_crossover_references {
@@ -57,14 +57,15 @@ struct lw_crossover_references_desc {
     const volatile sig_atomic_t *cancel;
 };
 
-/** Where the crops of a view are in pictures of that size, 64x32 or more: they fit into their halves. */
+/** The side of a crop, and the crops of a view, in pictures of this size, 64x32 or more. They fit into
+ * their halves. */
 uint32_t lw_crossover_references_side(uint32_t width, uint32_t height);
 struct lw_crossover_crop lw_crossover_references_crop(uint32_t width, uint32_t height, uint32_t view,
                                                       uint32_t index);
 
-/** Reads or traces them all. Finish it in any case.
+/** Reads or traces all references. Finish it in any case.
  * Errors: LW_CLOSED if cancelled; LW_BAD_DATA where all views are black; LW_IO, LW_CANNOT_CREATE,
- * LW_NO_MEMORY. */
+ *         LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_crossover_references_init(struct lw_crossover_references *references,
                                                           const struct lw_crossover_references_desc *desc,
                                                           struct lw_error *err);
@@ -75,12 +76,12 @@ struct lw_view_error_reference lw_crossover_references_of(const struct lw_crosso
                                                           const struct lw_crossover_reference *reference,
                                                           uint32_t crop);
 
-/** relMSE of a view's light of an earlier moment, nothing that shines: the mean of (l - t)^2 / (t^2 +
+/** relMSE of a view's light of an earlier time, emitters left out: the mean of (l - t)^2 / (t^2 +
  * epsilon), by halves of both. NAN: no pixel counts. */
 double lw_crossover_references_late_error(const struct lw_crossover_references *references, uint32_t late,
                                           uint32_t view);
 
-/** Takes a view's crops out of a whole picture. out: crops * side * side * 3 floats. */
+/** Copies a view's crops out of a whole picture. out: crops * side * side * 3 floats. */
 void lw_crossover_references_cut(const struct lw_crossover_references *references, uint32_t view,
                                  const float *rgb, uint32_t width, float *out);
 

@@ -1,4 +1,4 @@
-/* crossover_report.h: what a row's tables say, for people: report.md, plots, strips of pictures.
+/* crossover_report.h: the report of a row's tables: report.md, plots, strips of pictures.
  * Flow:    crossover_store -> crossover_analysis -> [crossover_report] -> report.md, curves.csv, *.png
  * Threads: main() only. */
 #ifndef LW_CLIENT_CROSSOVER_CROSSOVER_REPORT_H
@@ -6,8 +6,8 @@
 
 #include "client/crossover/crossover_store.h"
 
-/** Writes the report of all whole units, from the tables alone; pictures where their files are there. Prints
- * its first figures on stdout.
+/** Writes the report of all complete units from the tables alone; pictures where their files are there.
+ * Prints its first figures on stdout.
  * Errors: LW_BAD_DATA where nothing is measured; LW_IO, LW_CANNOT_CREATE, LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_crossover_report_write(const struct lw_crossover_store *store,
                                                        struct lw_error *err);

@@ -1,15 +1,17 @@
-/* crossover_store.h: what a row has measured, on disk: append-only tables from which the report is made.
+/* crossover_store.h: the measurements of a row on disk: append-only tables, from which the report is made.
  * Flow:    a unit's samples and costs -> [crossover_store] -> samples.csv, costs.csv; and back
  * Threads: one thread at a time.
  *
  * A unit is one renderer at one setting in one repeat. Its lines are written at once, samples first, and
- * flushed to the disk; the line of its costs that says `all` ends it. A unit that lacks a line counts as not
- * measured: opening takes its lines out, and a line without its end. Cells that are not known are empty.
+ * flushed to the disk. The line of its costs that says `all` ends it. A unit that lacks a line is not
+ * measured:
+ * opening the store removes its lines, and a line without its end. Unknown cells are empty.
  *
- *     samples.csv   renderer,setting,repeat,view,frame, a column per coin
- *     costs.csv     renderer,setting,repeat,users,view, CPU seconds per frame of all these users by stage ...
- *     late.csv      view,frame,late,relmse: how far the reference itself is off one of N frames earlier
- *     row.csv       key,value: what was measured, and of what the report has to tell
+ *     samples.csv   renderer,setting,repeat,view,frame, a column per error measure
+ *     costs.csv     renderer,setting,repeat,users,view, CPU seconds per frame of all these users by stage
+ *     ...
+ *     late.csv      view,frame,late,relmse: the error of the reference of N frames earlier
+ *     row.csv       key,value: what was measured, and notes for the report
  *     failures.csv  renderer,setting,repeat,text */
 #ifndef LW_CLIENT_CROSSOVER_CROSSOVER_STORE_H
 #define LW_CLIENT_CROSSOVER_CROSSOVER_STORE_H
@@ -83,7 +85,7 @@ struct lw_crossover_expense {
     double extra[LW_CROSSOVER_EXTRA_COUNT]; /* NAN: not known */
 };
 
-/** An expense of a unit with nothing in it but NAN and 0. */
+/** An empty expense of a unit: NAN and 0. */
 struct lw_crossover_expense lw_crossover_store_expense(const struct lw_crossover_unit *unit, uint32_t users,
                                                        uint32_t view);
 double lw_crossover_store_total(const struct lw_crossover_expense *expense);
@@ -113,10 +115,10 @@ struct lw_crossover_store {
     size_t sample_count, expense_count, late_count, failure_count, note_count;
 };
 
-/** Makes the folder if it is not there, reads what is there and gets ready to append. read_only: neither is
- * made nor changed. Finish it in any case.
+/** Makes the folder if it is not there, reads its tables and gets ready to append. read_only: makes and
+ * changes nothing. Finish it in any case.
  * Errors: LW_CANNOT_CREATE, LW_IO, LW_NO_INPUT (read_only and no such folder), LW_BAD_DATA naming file and
- * line, LW_NO_MEMORY. */
+ *         line, LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_crossover_store_open(struct lw_crossover_store *store, const char *folder,
                                                      bool read_only, struct lw_error *err);
 void lw_crossover_store_finish(struct lw_crossover_store *store);
@@ -136,16 +138,16 @@ LW_MUST_CHECK enum lw_status lw_crossover_store_set_late(struct lw_crossover_sto
                                                          const struct lw_crossover_late *late, size_t count,
                                                          struct lw_error *err);
 
-/** Sets a value of row.csv, which is written at once. Commas stay; ends of lines and other control characters
- * become "?". Errors: as above. */
+/** Sets a value and writes row.csv. Commas stay; line ends and other control characters become "?".
+ * Errors: as above. */
 LW_MUST_CHECK enum lw_status lw_crossover_store_set(struct lw_crossover_store *store, const char *key,
                                                     const char *value, struct lw_error *err);
 /** NULL: not set. */
 const char *lw_crossover_store_get(const struct lw_crossover_store *store, const char *key);
-/** Whether one entry of a list apart by "; " is this, as a whole. */
+/** Whether a list, with "; " between entries, has this entry. */
 bool lw_crossover_store_lists(const char *list, const char *entry);
 
-/** Says that a unit failed; text NULL: it did not, after all. Errors: as above. */
+/** Notes that a unit failed; text NULL: removes that note. Errors: as above. */
 LW_MUST_CHECK enum lw_status lw_crossover_store_fail(struct lw_crossover_store *store,
                                                      const struct lw_crossover_unit *unit, const char *text,
                                                      struct lw_error *err);

@@ -360,7 +360,7 @@ static enum lw_status film_clip(struct lw_crossover_job *j, uint32_t *frame, str
     return status;
 }
 
-/* One user looks at some views of this repeat by himself, one after the other. */
+/* One user sees some views of this repeat alone, one after the other. */
 static enum lw_status serve_alone(struct lw_crossover_job *j, uint32_t *frame, struct lw_error *err) {
     const uint32_t alone = options_of(j)->alone, turn = j->plan->unit.repeat * alone;
     enum lw_status status = LW_OK;

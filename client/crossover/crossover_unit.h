@@ -10,9 +10,9 @@
 
 #include "client/crossover/crossover_plan.h"
 
-/** Measures and appends it. Pictures are kept of repeat 0.
- * Errors: LW_CLOSED with *row->cancel set: cancelled; LW_IO, LW_CANNOT_CREATE: what was measured before is
- * there; else the renderer's own. */
+/** Measures a plan and appends it to the store. Pictures of repeat 0 are kept.
+ * Errors: LW_CLOSED with *row->cancel set: cancelled; LW_IO, LW_CANNOT_CREATE: earlier units are still
+ *         there; else the renderer's own. */
 LW_MUST_CHECK enum lw_status lw_crossover_unit_measure(struct lw_crossover_row *row,
                                                        const struct lw_crossover_plan *plan,
                                                        struct lw_error *err);

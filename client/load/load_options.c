@@ -103,7 +103,8 @@ enum lw_status lw_load_options_parse(int argc, char **argv, struct lw_load_optio
          .value = &raw.path},
         {.name = "reader",
          .argument = "fast|slow:KBPS|never",
-         .help = "How a user reads: at once (default); so many kilobytes per second; or not at all after its "
+         .help = "How a user reads: at once (default); at a rate of kilobytes per second; or not at all "
+                 "after its "
                  "first frame.",
          .kind = LW_OPTION_STRING,
          .value = &raw.reader},

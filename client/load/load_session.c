@@ -20,7 +20,7 @@
 #define LOOK_NS        (SECOND_NS / 2) /* from one look around to the next */
 #define STAY_S         2.0             /* of a teleporting user in a place */
 #define ALLOWANCE_S    0.2             /* of a slow reader's rate: the most that it reads at once */
-#define RATE_MIN_SHARE 0.5 /* of the measured time, or a second: whoever was there for less has no rate */
+#define RATE_MIN_SHARE 0.5             /* of the measured time, or a second: a shorter stay has no rate */
 
 enum state {
     CONNECTING,

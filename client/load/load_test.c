@@ -225,7 +225,7 @@ static void on_show(uv_timer_t *timer) {
 static void on_signal(uv_signal_t *handle, int number) {
     struct load_test *s = handle->data;
     (void)number;
-    /* without a watcher the next signal has its default effect: whoever cannot wait asks twice */
+    /* without a watcher the next signal has its default effect: a second Ctrl-C ends the program at once */
     uv_signal_stop(&s->interrupt);
     uv_signal_stop(&s->terminate);
     finish(s, LW_LOAD_END_INTERRUPTED);

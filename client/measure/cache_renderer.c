@@ -122,9 +122,8 @@ static uint32_t eye_of(const struct cache_renderer *c, uint32_t user, const uint
     return user;
 }
 
-/* A client tells what it wants at most every 100 ms by the wall clock (client/lib/want.h), and has just said
- * that it wants
- * nothing: frames that took less would all go by unlit. */
+/* A client sends its interest at most every 100 ms by the wall clock (client/lib/want.h). It has just sent
+ * an empty one: without this wait, shorter frames would all pass unlit. */
 static enum lw_status await_told(struct cache_renderer *c, struct lw_error *err) {
     enum lw_status status = LW_OK;
     for (uint64_t end_ns = lw_clock_ns() + TELL_NS; status == LW_OK && lw_clock_ns() < end_ns;) {
@@ -135,7 +134,7 @@ static enum lw_status await_told(struct cache_renderer *c, struct lw_error *err)
     return status;
 }
 
-/* Those who came say what they look at. */
+/* New clients set their interest. */
 static enum lw_status greet(struct cache_renderer *c, uint64_t frame, const uint32_t *shown,
                             uint32_t shown_count, struct lw_error *err) {
     enum lw_status status = LW_OK;

@@ -379,7 +379,7 @@ enum lw_status lw_fixed_views_pick(struct lw_fixed_views *views, const struct lw
     if (status != LW_OK) return status;
     struct lw_fixed_views found = {.from_table = false};
     if (!lw_pose_bounds(&s.world.pose, scene, &s.low, &s.high)) {
-        status = lw_status_fail(err, LW_BAD_DATA, "%s: there is nothing to look at", scene->name);
+        status = lw_status_fail(err, LW_BAD_DATA, "%s: there is nothing to see", scene->name);
     } else {
         s.eye_m = fminf(EYE_M, EYE_SHARE * (s.high.y - s.low.y));
         s.unit = s.eye_m / EYE_M;

@@ -128,7 +128,7 @@ static enum lw_status stand(struct lw_views *v, const struct lw_pose *pose, stru
     v->place = calloc(v->desc.users, sizeof *v->place);
     if (!v->place) return LW_NO_MEMORY;
     if (!lw_pose_bounds(pose, v->desc.scene, &low, &high))
-        return lw_status_fail(err, LW_BAD_DATA, "%s: there is nothing to look at", v->desc.scene->name);
+        return lw_status_fail(err, LW_BAD_DATA, "%s: there is nothing to see", v->desc.scene->name);
     struct lw_vec3 size = lw_vec3_sub(high, low), centre = lw_vec3_mad(low, size, 0.5f), group = centre;
     float clearance_m = CLEARANCE * lw_vec3_length(size), share = 1;
     for (uint32_t user = 0, try = 0; user < v->desc.users;) {

@@ -132,8 +132,8 @@ enum lw_status lw_scaling_options_parse(int argc, char **argv, struct lw_scaling
          "X times the scene's default density (1) that rest at an error of R (0.02), whatever their error",
          LW_OPTION_STRING, &fixed, 0, 0, NULL},
         {"light", "seen|whole|only-seen",
-         "seen: the server lights what users look at, and what lights it (default; with one look at the "
-         "whole beside it, which only-seen leaves out). whole: all of the scene",
+         "seen: the server lights the interest set and its contributors (default; with one run of the "
+         "whole scene as well, which only-seen leaves out). whole: all of the scene",
          LW_OPTION_CHOICE, &light, 0, 0, NULL},
         {"opponent", "raw|lights|reprojected|svgf|svgf-quarter",
          "what each user would run instead: raw paths; with all lights at first hits and a clamp; and "

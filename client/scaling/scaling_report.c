@@ -315,10 +315,11 @@ static void print_result(const struct lw_scaling *x, FILE *f) {
         }
     }
     if (x->whole_done)
-        fprintf(f,
-                "* with all of the scene lit instead of what is looked at and what lights it, once: r = %.3g "
-                "(relMSE %.3g; the path tracer %.3g)\n",
-                x->whole_ratio, x->whole_error, x->whole_paths_error);
+        fprintf(
+            f,
+            "* with all of the scene lit instead of the interest set and its contributors, once: r = %.3g "
+            "(relMSE %.3g; the path tracer %.3g)\n",
+            x->whole_ratio, x->whole_error, x->whole_paths_error);
     fprintf(f, "\nIntervals are of 95 %%, over %u repeats with random numbers of their own.",
             x->repeats_done);
     if (x->repeats_done < x->options.repeats)

@@ -53,7 +53,7 @@ static uint32_t choose_shown(const struct lw_scaling *x, const struct lw_rendere
     for (uint32_t i = 0; i < x->eyes; i++) out_shown[i] = i;
     if (renderer->keeps || lw_scaling_run_picture(x, frame) >= 0) return x->eyes;
     out_shown[0] = (uint32_t)(frame % x->eyes);
-    return 1; /* also where nothing is measured: who is shown says what he looks at */
+    return 1; /* also where nothing is measured: a user who is shown sets its interest */
 }
 
 static bool is_needed(const struct lw_scaling *x, const struct lw_renderer *renderer, uint64_t frame) {

@@ -62,8 +62,8 @@ static enum lw_status measure_line(struct lw_scaling_run *run, struct lw_scaling
     return LW_OK;
 }
 
-/* The point of so many samples; it may be there already. *out_point: NULL if there is no more room, or at a
- * stop. */
+/* The point with this number of samples; it may exist already. *out_point: NULL if there is no room, or at
+ * a stop. */
 static enum lw_status try_samples(struct lw_scaling_run *run, struct lw_scaling_side *side, uint32_t samples,
                                   struct lw_scaling_point **out_point, struct lw_error *err) {
     *out_point = NULL;

@@ -18,8 +18,7 @@ static struct lw_scaling_point *chosen_point(struct lw_scaling *x, enum lw_scali
     return &x->side[s].point[x->target[0].best[s]];
 }
 
-/* What a frame with so many users takes here, CPU seconds, by what the search has found; 1 where that is not
- * known. */
+/* CPU seconds of a frame with this number of users, as the search has found; 1 where that is not known. */
 static double foresee_frame(struct lw_scaling *x, uint32_t users) {
     const struct lw_scaling_point *point = chosen_point(x, LW_SCALING_SHARED);
     const uint32_t shown = users < LW_SCALING_SHOWN_MAX ? users : LW_SCALING_SHOWN_MAX;
@@ -66,8 +65,8 @@ struct user_steps {
 
 _Static_assert(LW_SCALING_EYES <= LW_SCALING_SHOWN_MAX, "all eyes can be shown at once");
 
-/* Who is shown in a frame: as many as can be, in turn. Where nobody's light depends on who is there, all eyes
- * judge. */
+/* The users shown in a frame: as many as possible, in turn. Where light does not depend on the users, all
+ * eyes judge. */
 static uint32_t choose_shown(const struct lw_scaling *x, const struct user_steps *steps,
                              uint32_t *out_shown) {
     if (steps->whole && lw_scaling_run_picture(x, steps->frame) >= 0) {
@@ -83,7 +82,7 @@ static uint32_t choose_shown(const struct lw_scaling *x, const struct user_steps
     return count;
 }
 
-/* So many frames with the users that are there. *out_cost: per frame. */
+/* Steps `frames` frames with the users that are there. *out_cost: per frame. */
 static enum lw_status measure_frames(struct lw_scaling_run *run, struct lw_renderer *renderer,
                                      struct user_steps *steps, uint64_t frames, struct lw_cost *out_cost,
                                      struct lw_error *err) {
@@ -105,8 +104,8 @@ static enum lw_status measure_frames(struct lw_scaling_run *run, struct lw_rende
     return status;
 }
 
-/* In a still scene, what was spent at once is spread over all frames of the first count; later counts bear as
- * much. */
+/* In a still scene the cost of the start is spread over all frames of the first count. Later counts take
+ * the same. */
 static void spread_start(const struct lw_scaling *x, bool first, struct lw_cost *start,
                          struct lw_cost *cost) {
     if (first) {
@@ -249,7 +248,7 @@ static void conclude(struct lw_scaling *x) {
     x->crossover = lw_scaling_figures_mean(cross, repeats);
 }
 
-/* One repeat; after the first, the look at the whole beside it. */
+/* One repeat. After the first one the whole scene is lit once as well. */
 static enum lw_status measure_repeat(struct lw_scaling_run *run, struct lw_progress *progress, uint32_t i,
                                      struct lw_error *err) {
     struct lw_scaling *x = run->x;
@@ -259,7 +258,7 @@ static enum lw_status measure_repeat(struct lw_scaling_run *run, struct lw_progr
         status = x->side[s].traces ? measure_paths(run, progress, (enum lw_scaling_side_id)s, i, seed, err)
                                    : measure_shared(run, progress, i, seed, false, err);
     if (status != LW_OK || lw_scaling_run_stopped(run)) return status;
-    x->repeats_done = i + 1; /* whatever becomes of the look at the whole */
+    x->repeats_done = i + 1; /* also if the run with the whole scene fails */
     const bool looks = x->options.look_whole && !x->side[LW_SCALING_SHARED].traces;
     return looks && i == 0 ? measure_shared(run, progress, i, seed, true, err) : LW_OK;
 }

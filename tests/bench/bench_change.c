@@ -1,4 +1,4 @@
-/* bench_change: what it costs to follow an object that moves once, against lighting everything anew.
+/* bench_change: what it costs to follow an object that moves once, against a new solve of everything.
  *
  *     bench_change [--object NAME] [--shift WIDTHS] [--error E] [--frames N] [--reference N]
  *     [--texels-per-metre D] SCENE...
@@ -93,7 +93,7 @@ static enum lw_status set_moving(struct lw_scene *scene, const char *name, float
 
 /* ---- solving ---- */
 
-/* Solves so many frames more, or fewer if all rests before; what is counted is counted from here on. */
+/* Solves `frames` more frames, or fewer if all rests before; what is counted is counted from here on. */
 static enum lw_status go_on(const struct job *job, struct solution *s, int64_t frames, struct lw_error *err) {
     s->rays = 0;
     s->count = 0;
@@ -142,8 +142,8 @@ static struct errors compare(const float *x, const float *reference, const float
 /* ---- a scene ---- */
 
 /* Solves the scene as it is now. The caller destroys out->solver. */
-static enum lw_status solve_anew(const struct job *job, double error, uint32_t seed, int64_t frames,
-                                 struct solution *out, struct lw_error *err) {
+static enum lw_status solve_again(const struct job *job, double error, uint32_t seed, int64_t frames,
+                                  struct solution *out, struct lw_error *err) {
     *out = (struct solution){0};
     const struct lw_solver_desc desc = bench_light_desc(job->scene, &job->map, error, seed);
     enum lw_status status = lw_solvers_create(NULL, &desc, &job->pose, &out->solver, err);
@@ -159,7 +159,7 @@ static enum lw_status find_reference(const struct job *job, uint32_t seed, float
                                      struct lw_error *err) {
     struct solution s;
     size_t count;
-    enum lw_status status = solve_anew(job, -1, seed, job->settings->reference_frames, &s, err);
+    enum lw_status status = solve_again(job, -1, seed, job->settings->reference_frames, &s, err);
     if (status == LW_OK && !(*out_light = bench_read_light(s.solver, &job->map, &count)))
         status = lw_status_fail(err, LW_NO_MEMORY, "texels");
     destroy(&s);
@@ -167,45 +167,45 @@ static enum lw_status find_reference(const struct job *job, uint32_t seed, float
 }
 
 static enum lw_status print_errors(const struct job *job, const struct solution *s,
-                                   const struct solution *anew, const float *before, struct lw_error *err) {
+                                   const struct solution *again, const float *before, struct lw_error *err) {
     float *reference = NULL;
     size_t count = 0;
     float *light = bench_read_light(s->solver, &job->map, &count),
-          *light_anew = bench_read_light(anew->solver, &job->map, &count);
-    enum lw_status status = light && light_anew ? find_reference(job, 8, &reference, err)
-                                                : lw_status_fail(err, LW_NO_MEMORY, "texels");
+          *light_again = bench_read_light(again->solver, &job->map, &count);
+    enum lw_status status = light && light_again ? find_reference(job, 8, &reference, err)
+                                                 : lw_status_fail(err, LW_NO_MEMORY, "texels");
     if (status == LW_OK) {
         const struct errors e = compare(light, reference, before, count),
-                            e_anew = compare(light_anew, reference, before, count);
-        printf(" %.5f, %.5f | %.5f, %.5f | %.1f %% |", e.all, e_anew.all, e.changed, e_anew.changed,
+                            e_again = compare(light_again, reference, before, count);
+        printf(" %.5f, %.5f | %.5f, %.5f | %.1f %% |", e.all, e_again.all, e.changed, e_again.changed,
                100 * (double)e.texels / ((double)count / 3));
     }
     free(reference);
-    free(light_anew);
+    free(light_again);
     free(light);
     return status;
 }
 
 static enum lw_status measure(struct job *job, struct lw_error *err) {
     const struct settings *set = job->settings;
-    struct solution s, anew = {0};
+    struct solution s, again = {0};
     float *before = NULL;
     lw_pose_evaluate(&job->pose, job->scene, 0);
-    enum lw_status status = solve_anew(job, set->error, 1, set->frames, &s, err);
+    enum lw_status status = solve_again(job, set->error, 1, set->frames, &s, err);
     if (status == LW_OK && s.count == set->frames)
         fprintf(stderr, "bench_change: not all rests after %lld frames\n", (long long)s.count);
     if (status == LW_OK && set->reference_frames) status = find_reference(job, 7, &before, err);
     lw_pose_evaluate(&job->pose, job->scene, 1);
     if (status == LW_OK) status = go_on(job, &s, set->frames, err);
-    if (status == LW_OK) status = solve_anew(job, set->error, 2, set->frames, &anew, err);
+    if (status == LW_OK) status = solve_again(job, set->error, 2, set->frames, &again, err);
     if (status == LW_OK)
         printf("%.3f M | %.2f M | %.1f | %.2f | %.2f | %.1f | %.3f M | %llu | %lld, %lld |",
-               1e-6 * (double)s.rays, 1e-6 * (double)anew.rays, (double)anew.rays / (double)s.rays, s.cpu_s,
-               anew.cpu_s, anew.cpu_s / s.cpu_s, 1e-6 * (double)s.first_rays,
-               (unsigned long long)s.first_texels, (long long)s.count, (long long)anew.count);
-    if (status == LW_OK && set->reference_frames) status = print_errors(job, &s, &anew, before, err);
+               1e-6 * (double)s.rays, 1e-6 * (double)again.rays, (double)again.rays / (double)s.rays, s.cpu_s,
+               again.cpu_s, again.cpu_s / s.cpu_s, 1e-6 * (double)s.first_rays,
+               (unsigned long long)s.first_texels, (long long)s.count, (long long)again.count);
+    if (status == LW_OK && set->reference_frames) status = print_errors(job, &s, &again, before, err);
     printf("\n");
-    destroy(&anew);
+    destroy(&again);
     destroy(&s);
     free(before);
     return status;

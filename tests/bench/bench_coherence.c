@@ -54,7 +54,7 @@ static const struct way ways[] = {{"independent", 1, 0, true, false}, {"block", 
                                   {"4x4-dealt", 4, 0, false, false},  {"filled", 0, 0, false, true}};
 #define WAYS (sizeof ways / sizeof *ways)
 
-/* Of one way after so many samples, over all tiles. */
+/* Of one way after a number of samples, over all tiles. */
 struct tally {
     double error[SCALES];
     uint64_t cpu_ns;
@@ -257,7 +257,7 @@ static void experiment(const struct lw_transport *p, const struct lw_solve_tile 
     uint64_t cpu_ns[WAYS] = {0};
     for (uint32_t m = 0, done = 0; m < lab.moments; m++)
         for (; done < 1u << m; done++)
-            for (uint32_t w = 0; w < WAYS; w++) { /* by turns: all meet the same machine */
+            for (uint32_t w = 0; w < WAYS; w++) { /* alternately: all meet the same machine */
                 b.way = &ways[w];
                 b.use = 1 + w;
                 const uint64_t began_ns = lw_clock_thread_cpu_ns();

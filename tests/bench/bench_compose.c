@@ -144,7 +144,7 @@ static enum lw_status measure(struct scene *s, const char *name, bool moving, st
     const struct lw_compose_source source = {
         .context = s, .level = level, .tile = tile, .sky = lw_vec3(sky[0], sky[1], sky[2]), .noise_shown = 1};
     const struct lw_path_view paths = {.camera = s->view.camera, .bounces = (uint32_t)o->bounces};
-    for (int64_t i = 0; status == LW_OK && i < o->rounds; i++) { /* by turns: all meet the same machine */
+    for (int64_t i = 0; status == LW_OK && i < o->rounds; i++) { /* alternately: all meet the same machine */
         struct lw_compose_report report;
         uint64_t at_ns[5] = {lw_clock_process_cpu_ns()};
         trace_all(s, s->flat, LW_TRACE_LIGHT | LW_TRACE_COHERENT);

@@ -29,7 +29,7 @@ files=("$work"/reference/*.fresh)
 [ ${#files[@]} = 4 ] || fail "${#files[@]} files of two states by two seeds"
 kept=$(stat -c '%n %i %y' "${files[@]}")
 update --reference "$work/reference"
-[ "$(stat -c '%n %i %y' "$work"/reference/*)" = "$kept" ] || fail "kept light was not read but written anew"
+[ "$(stat -c '%n %i %y' "$work"/reference/*)" = "$kept" ] || fail "kept light was not read but written again"
 grep -q 'agreement 1.00' "$work/out" || fail "light was kept as something else: $(cat "$work/out")"
 
 cp "${files[0]}" "$work/whole"

@@ -49,7 +49,7 @@
 #include <string.h>
 
 #define TARGET_ERROR 0.02f
-#define LATTICE      3u /* every so many pixels, each way */
+#define LATTICE      3u /* distance in pixels, each way */
 #define LINKS_MAX    16u
 #define JOINED_ERROR 0.05
 #define PACKAGE_S    60u

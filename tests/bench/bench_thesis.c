@@ -9,9 +9,9 @@
  *   order       what follows what: tiles of a cell, tiles of an object, or tiles in no order at all
  *   samples     direct + indirect rays per texel and frame
  *   none        the default, for sweeps from outside (thesis.py)
- * A solver for each setting, one worker each; they solve their frames by turns. Medians over the frames: CPU
- * ms of the frame and of its parts; `over_first`: the median of the ratio to the first setting's frame of the
- * same turn. */
+ * A solver for each setting, one worker each; they solve their frames alternately. Medians over the frames:
+ * CPU ms of the frame and of its parts; `over_first`: the median of the ratio to the first setting's frame of
+ * the same turn. */
 #include "common/clock.h"
 #include "common/random.h"
 #include "server/solve/solvers.h"

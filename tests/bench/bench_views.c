@@ -79,7 +79,7 @@ static double luminance_of(const struct lw_reference *reference) {
     return 3 * sum / (double)values;
 }
 
-/* The light of now and of a second ago, in the picture of now. */
+/* The current light and that of a second ago, in the current picture. */
 static enum lw_status trace_pair(struct scene *s, uint32_t view, uint32_t moment, double time_s,
                                  struct pair *pair, struct lw_error *err) {
     const struct settings *o = s->settings;

@@ -1,6 +1,6 @@
 #!/bin/bash
 # hybrid_bias.sh [SCENE...]: what finite tracing ranges cost in accuracy and save in time, as tables in Markdown. Writes
-# docs/results/hybrid_bias.md (LW_OUT names another file) anew, but for what is written there by hand, from the line
+# docs/results/hybrid_bias.md (LW_OUT names another file) again, but for what is written there by hand, from the line
 # "## Reading it" on: that is kept, and wants to be read again.
 # Needs the release build. Default scenes: builtin:cornell builtin:atrium, and Sponza where LW_TEST_SCENES (default
 # ../shared/scenes) has it.

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """A recorded run: a lamp is carried past a vase, then the vase is moved, then nothing is; pictures and counters; and the same
-place lit anew.
+place solved again.
 
     tests/bench/record.py BIN OUT [DAEMON OPTIONS]
 
@@ -22,7 +22,7 @@ SCENE = "builtin:atrium"
 CAMERA = "-7.6,1.5,7.7:-4.0,0.8,6.0:58"
 LAMP_FROM, LAMP_TO, VASE_FROM, VASE_TO = -2.5, -5.0, (-5.05, 5.72), (-4.45, 6.12)
 SETTLE, LAMP, VASE, REST = 32, 16, 8, 40  # frames of each part
-FRESH = 48  # frames of what is lit anew
+FRESH = 48  # frames of the new solve
 PICTURES = 8
 EXPOSURE = "-2"
 COUNTERS = ["frame", "changes", "rays_shadow", "rays_bounce", "texels_solved", "tiles_solved", "tiles_wanted", "tiles_feeding",
@@ -63,7 +63,7 @@ def frames_of(tools, daemon, command):
 
 
 class Stage:
-    """A daemon that somebody looks at."""
+    """A daemon with a viewer."""
 
     def __init__(self, tools, options, folder, name):
         self.tools, self.folder, self.name = tools, folder, name
@@ -93,7 +93,7 @@ class Stage:
         self.daemon.stop()
 
 
-def lit_anew(tools, options, folder, name, picture=None):
+def solved_again(tools, options, folder, name, picture=None):
     stage = Stage(tools, options, folder, name)
     stage.step(lamp_at(1))
     stage.step(vase_at(1))
@@ -119,12 +119,12 @@ def main():
                 stage.show(pictures[-1])
         moved = stage.last_picture()
         stage.stop()
-        anew_png = os.path.join(folder, "anew.png")
-        anew = lit_anew(tools, options + ["--seed", "2"], folder, "anew", anew_png)
-        again = lit_anew(tools, options + ["--seed", "3"], folder, "again")
-        print("relMSE of what moved against what was lit anew: %.5f; of that with another seed: %.5f" %
-              (rel_mse(tools, moved, anew), rel_mse(tools, again, anew)))
-        sheet(os.path.join(out, "fresh.png"), [pictures[-1], anew_png], 2)
+        second_png = os.path.join(folder, "second.png")
+        second = solved_again(tools, options + ["--seed", "2"], folder, "second", second_png)
+        again = solved_again(tools, options + ["--seed", "3"], folder, "again")
+        print("relMSE of what moved against a new solve: %.5f; of that with another seed: %.5f" %
+              (rel_mse(tools, moved, second), rel_mse(tools, again, second)))
+        sheet(os.path.join(out, "fresh.png"), [pictures[-1], second_png], 2)
     sheet(os.path.join(out, "pictures.png"), pictures, 4)
     write_csv(os.path.join(out, "counters.csv"), rows)
 

@@ -3,7 +3,7 @@
 
     tests/bench/seen.py BIN SCENE FRAMES CAMERA... [-- DAEMON OPTIONS]
 
-Per camera one row per mode: level-0 tiles that are looked at, that light those, in all; rays, texels solved and CPU ms (solve,
+Per camera one row per mode: level-0 tiles of the interest set, of its contributors, in all; rays, texels solved and CPU ms (solve,
 publish) per frame, means over the second half of FRAMES; relMSE of the view after the last frame against the path tracer
 (--spp 64) at the same moment, and of seen against whole. Then rays of seen over those of whole, as they are and at equal error,
 which takes the whole of relMSE for noise that falls with the rays. BIN: build/release/bin. The daemon's clock is manual: both

@@ -35,7 +35,7 @@ static const char *scene_file(unsigned which) {
 
 static struct lw_process server;
 static char address[64];
-static struct lw_client *viewer; /* a session that looks at everything, all the time */
+static struct lw_client *viewer; /* a session with everything in its interest, all the time */
 
 /* ---- scenes ---- */
 
@@ -494,7 +494,7 @@ static const struct {
 };
 #define SORTED_OUT (sizeof sorted_out / sizeof *sorted_out)
 
-/* A controller that sends right and wrong updates by turns; request i + 1 is the i-th. */
+/* A controller that sends right and wrong updates alternately; request i + 1 is the i-th. */
 struct sender {
     struct lw_client *client;
     uint64_t sent, refused, done; /* the last ones answered so */
