@@ -1,10 +1,10 @@
-/* checked_file.h: files of our own that are whole or refused: written under a temporary name, ended by a
- * checksum.
+/* checked_file.h: our own files, written under a temporary name and ended by a checksum: a damaged file is
+ * refused.
  * Flow:    bytes -> [checked_file] -> file -> [checked_file] -> the same bytes
  * Threads: one writer or reader belongs to one thread.
  *
- * A file begins with its kind and ends with XXH3-64 of all before it; integers lie as in memory: it belongs
- * to one machine. */
+ * A file begins with its kind and ends with XXH3-64 of all before it; integers have the machine's byte order,
+ * so the file is for this machine only. */
 #ifndef LW_COMMON_CHECKED_FILE_H
 #define LW_COMMON_CHECKED_FILE_H
 

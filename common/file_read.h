@@ -1,4 +1,4 @@
-/* file_read.h: reads whole files that a stranger names: regular ones only, within a bound.
+/* file_read.h: reads a whole file whose name comes from outside: only a regular file, up to a size.
  * Threads: [any]. */
 #ifndef LW_COMMON_FILE_READ_H
 #define LW_COMMON_FILE_READ_H

@@ -1,4 +1,4 @@
-/* histogram.h: how values are spread, in a fixed few kilobytes: buckets whose width grows with the value.
+/* histogram.h: a histogram of fixed size (30 KB), whose buckets are wider for larger values.
  * Threads: one thread at a time.
  * After:   HdrHistogram (Tene): a power of two is cut into equal parts, so that the relative error is
  *          bounded. */

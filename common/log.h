@@ -1,4 +1,4 @@
-/* log.h: talk to the person at the terminal, on stderr. Data goes to stdout and is not our business here.
+/* log.h: log lines for people, on stderr. Data goes to stdout, elsewhere.
  * Threads: [any]; lines never interleave. */
 #ifndef LW_COMMON_LOG_H
 #define LW_COMMON_LOG_H
@@ -7,8 +7,8 @@
 
 enum lw_log_level { LW_LOG_ERROR, LW_LOG_WARNING, LW_LOG_INFO, LW_LOG_DEBUG };
 
-/** Sets the program's name, which opens every line, and the most talkative level shown (default INFO).
- * Call once, before other threads start. */
+/** Sets the program's name, which opens every line, and the most verbose level shown (default INFO). Call
+ * once, before other threads start. */
 void lw_log_init(const char *program, enum lw_log_level level);
 
 /** Whether lines of this level are shown. */

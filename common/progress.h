@@ -1,6 +1,6 @@
-/* progress.h: what a stage of long work is doing, for whoever waits.
- * On a terminal a bar that is redrawn; elsewhere plain lines, at most one in two seconds. A stage that ends
- * within one second prints nothing, so that fast work stays quiet.
+/* progress.h: shows the progress of long work on stderr. On a terminal a bar that is redrawn; elsewhere plain
+ * lines, at most one in two seconds. A stage that ends within one second prints nothing, so that fast work
+ * stays quiet.
  * Threads: one lw_progress belongs to one thread; lw_progress_step() may be called from [any]. */
 #ifndef LW_COMMON_PROGRESS_H
 #define LW_COMMON_PROGRESS_H

@@ -1,8 +1,7 @@
 /* union_find.h: disjoint sets of the numbers 0..n-1, as a forest of parents.
  * Threads: one at a time.
  *
- * parent[i] = i makes i a set of its own. The smallest number of a set is its root, whatever the order of
- * joins. */
+ * parent[i] = i makes i a set of its own. The root of a set is its smallest number, in any order of joins. */
 #ifndef LW_COMMON_UNION_FIND_H
 #define LW_COMMON_UNION_FIND_H
 

@@ -3,8 +3,9 @@
  *          composer
  * Threads: built by one; then [any].
  *
- * Shadows of small sources have edges that belong to the pixel, and cost a shadow ray or a shadow map there.
- * What client lights give by bounces stays the server's, and so does all light of the others. */
+ * The shadow edges of small sources are sharper than a texel. A client draws them at the pixel, by a shadow
+ * ray or a shadow map. The server solves the bounced light of client lights, and all light of the other
+ * lights. */
 #ifndef LW_COMMON_CLIENT_LIGHTS_H
 #define LW_COMMON_CLIENT_LIGHTS_H
 
@@ -13,8 +14,8 @@
 
 #include <stddef.h>
 
-/* An emissive material is a client light by itself ("auto") if all its connected pieces are no larger than
- * this: a lamp's shade, a street lamp, a ceiling panel; no window, no screen that fills a wall. */
+/* Under "auto" an emissive material is a client light if no connected piece of it is larger than this. A lamp
+ * shade, a street lamp and a ceiling panel are small enough; a window and a wall-sized screen are not. */
 #define LW_CLIENT_LIGHTS_EXTENT_MAX_M 3.0f /* diagonal of a piece's box */
 #define LW_CLIENT_LIGHTS_AREA_MAX_M2  2.0f
 
@@ -24,10 +25,10 @@ struct lw_client_lights {
     uint32_t drawn_lights, drawn_materials;
 };
 
-/** names    "auto": suns, points, spots, and emissive materials in small pieces, but where the scene says who
- *           draws a light or what shines (drawn_by); "lamps": suns, points and
- *           spots alone; "none"; or names of lights and emissive materials, apart by commas. NULL: as
- *           "auto". What does not shine now by a material stays the server's
+/** names    "auto": suns, points, spots, and emissive materials in small pieces, unless the scene itself
+ *          decides (drawn_by); "lamps": only suns, points and spots; "none"; or names of lights and emissive
+ *          materials, separated by commas. NULL: as "auto". A material that does not emit now stays with the
+ *          server
  *  pose     where the pieces are measured
  *  Errors   LW_USAGE for a name that the scene does not have, or of a material that does not shine, or of no
  *           letters; LW_NO_MEMORY. *client is zeroed then */

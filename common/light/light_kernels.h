@@ -1,6 +1,6 @@
-/* light_kernels.h: what choosing and sampling a light computes for one point. Plain arithmetic without
- * branches, of which compilers make vectors: lights.c and light_tree.c call it for a point, lights16.c in
- * loops over sixteen.
+/* light_kernels.h: the arithmetic of choosing and sampling a light, for one point. It has no branches, so
+ * that compilers vectorise it: lights.c and light_tree.c call it for one point, lights16.c in loops over
+ * sixteen.
  * Threads: pure functions, [any]. */
 #ifndef LW_COMMON_LIGHT_KERNELS_H
 #define LW_COMMON_LIGHT_KERNELS_H

@@ -56,7 +56,7 @@ struct build {
     struct lw_light_tree *tree;
     const struct lw_light_bounds *light;
     uint32_t *order, next;
-    uint32_t first_count; /* the root's left child has so many, if there are others beside them */
+    uint32_t first_count; /* lights below the root's left child, if there are other lights */
 };
 
 struct key {
@@ -169,7 +169,7 @@ struct split {
     const struct lw_light_tree *tree;
     struct lw_light_place place;
     uint32_t count, *group;
-    float promise[LW_LIGHT_TREE_GROUPS_MAX]; /* of those that can be told apart further; else 0 */
+    float promise[LW_LIGHT_TREE_GROUPS_MAX]; /* of groups that can be split; 0 of others */
 };
 
 static void put(struct split *s, uint32_t at, uint32_t node, float promise) {

@@ -1,4 +1,5 @@
-/* light_tree.h: chooses among many lights by what they may give to a point, in the logarithm of their number.
+/* light_tree.h: chooses one of many lights by a bound on its contribution to a point. Cost: the logarithm of
+ * the number of lights.
  * Flow:    lights, as boxes with a power and a cone they shine into -> [tree] -> a light for a point, and its
  *          probability
  * Threads: create and refit by one thread; choosing [any] in between.
@@ -13,12 +14,12 @@
 
 #define LW_LIGHT_TREE_GROUPS_MAX 64u /* that lw_light_tree_split() can tell apart */
 
-/** What a light, or a group of them, is to points around it. */
+/** Bounds of a light, or of a group of lights. */
 struct lw_light_bounds {
     struct lw_vec3 low, high; /* m */
     struct lw_vec3 axis;      /* unit: middle of the directions that its surfaces face */
-    float spread, reach;      /* rad: how far those are off the axis; how far off them it shines */
-    float power;              /* W/sr; 0: it does not shine, and the rest says nothing */
+    float spread, reach;      /* rad: largest angle of a normal with the axis; of a ray with a normal */
+    float power;              /* W/sr; 0: it emits nothing, and the other fields are undefined */
 };
 
 struct lw_light_tree {
@@ -28,9 +29,9 @@ struct lw_light_tree {
     uint32_t count;
 };
 
-/** Builds over count > 0 lights; they stay together when they move.
- * first_count  so many at the beginning are a group by themselves: 1, where there are others too; else 0, as
- *              all are
+/** Builds the tree over count > 0 lights. Its groups stay the same when lights move.
+ * first_count  the first first_count lights are a group of their own: node 1 if there are other lights, else
+ *              node 0
  * Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_light_tree_init(struct lw_light_tree *tree,
                                                 const struct lw_light_bounds *light, uint32_t count,
@@ -45,9 +46,9 @@ struct lw_light_region {
     float radius_m, cos_spread;          /* of the cone: 1 where all normals are the axis */
 };
 
-/** Splits a group (0: all) into at most `most` smaller ones for a region: what promises most is told apart
- * first, so that far and weak lights stay together, and near and strong ones are groups of their own. What
- * none of them holds lights no point of the region. Greedy by an upper bound, as the cuts of Walter et al.,
+/** Splits a group (0: all) into at most `most` smaller ones for a region. The group with the largest bound is
+ * split first: far and weak lights stay together, near and strong ones get groups of their own. A light in
+ * none of them lights no point of the region. Greedy by an upper bound, as the cuts of Walter et al.,
  * Lightcuts, 2005.
  * out_group  `most` of them, 1 to LW_LIGHT_TREE_GROUPS_MAX
  * Returns    how many there are */
@@ -62,8 +63,8 @@ float lw_light_tree_promise(const struct lw_light_tree *tree, struct lw_vec3 poi
  * the group. UINT32_MAX: none. */
 uint32_t lw_light_tree_choose(const struct lw_light_tree *tree, uint32_t group,
                               const struct lw_light_region *region, float pick, float *out_probability);
-/** Whether a group lies so far off, a region's radius at least, that one choice for the region is as good as
- * one for each of its points. */
+/** Whether a group is at least a region's radius away. Then one choice for the region is as good as a choice
+ * for each point. */
 bool lw_light_tree_is_far(const struct lw_light_tree *tree, uint32_t group,
                           const struct lw_light_region *region);
 /** The probability with which a light is chosen. */

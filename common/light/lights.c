@@ -10,16 +10,16 @@
 #include <string.h>
 
 #define HIDDEN_SHARE 0.02f /* of a textured emitter's full emission, in its choice */
-/* An emitter is sampled by solid angle within so many times its longest edge, squared, of its middle: farther
- * away its points are much the same to the eye (1/d^2 differs by a factor of 5 at most, and mostly much
- * less), and area costs a fifth of the time. */
+/* An emitter is sampled by solid angle where distance^2 to its middle is under NEAR_EDGES2 times its longest
+ * edge squared. Farther away it is sampled by area: there 1/d^2 differs over it by a factor of 5 at most, and
+ * sampling by area costs a fifth of the time. */
 #define NEAR_EDGES2 3.0f
-/* And only between these, sr. Below, it is a sliver or edge on, and its corners as floats say too little;
- * above, the point lies all but on it. */
+/* And only between these, sr. Below, the emitter is a sliver or seen edge on, and floats are not exact enough
+ * for its corners. Above, the point almost touches it. */
 #define SOLID_ANGLE_MIN 3e-4f
 #define SOLID_ANGLE_MAX 6.28f
-/* Bounds of bright_share where there is something bright at all. At most half: what is bright may be hidden
- * from a surface, which then lives by the other half. */
+/* Bounds of bright_share where anything is bright. At most half: bright directions may be hidden from a
+ * surface, which then only gets the other half. */
 #define BRIGHT_SHARE_MIN 0.1f
 #define BRIGHT_SHARE_MAX 0.5f
 
@@ -49,9 +49,8 @@ static struct lw_vec3 mean_radiance(const struct lw_scene *scene, const struct l
     return lw_vec3_scale(sum, 1.0f / (float)count);
 }
 
-/* The luminance by which a triangle is chosen. Its texture may shine where no point of the mean has looked,
- * so that it keeps a share of its full emission: a weight of 0 would be a bias, a wrong weight is only
- * noise. */
+/* The luminance by which a triangle is chosen. Its texture may emit between the points of the mean, so it
+ * keeps a share of its full emission: a weight of 0 would be a bias, a wrong weight is only noise. */
 static float choice_luminance(const struct lw_material *m, struct lw_vec3 mean) {
     float luminance = lw_colour_luminance(mean);
     if (is_uniform(m)) return luminance;
@@ -166,8 +165,7 @@ void lw_lights_finish(struct lw_lights *lights) {
     *lights = (struct lw_lights){0};
 }
 
-/* Which triangles shine is another question than how much, and decides how large everything is: all of it
- * anew. */
+/* The set of emissive triangles may differ, and with it the size of every array: builds everything again. */
 enum lw_status lw_lights_set_materials(struct lw_lights *lights, const struct lw_pose *pose) {
     const struct lw_scene *scene = lights->scene;
     const struct lw_lights_part part = lights->part;
@@ -263,7 +261,7 @@ bool lw_lights_differ(const struct lw_lights *lights, const struct lw_pose *was,
     return false;
 }
 
-/* A group for so many emitters, up to so many groups: there a frame's cost ends to grow with their number. */
+/* Emitters per group, and most groups: past it a frame's cost no longer grows with their number. */
 #define EMITTERS_PER_GROUP 8u
 #define EMITTER_GROUPS_MAX 4u
 
@@ -355,9 +353,9 @@ struct lw_light_sample lw_lights_sample_punctual(const struct lw_lights *lights,
 
 /* ---- one sample of all lights ---- */
 
-/* Near lights (emitters, points, spots), suns and the sky: what each kind may give to a point. Whatever the
- * estimates say, a kind that can give anything keeps a share, since they know nothing of what is in the
- * way. */
+/* Kinds of light: near lights (emitters, points, spots), suns, the sky. A kind is chosen by an estimate of
+ * its contribution. The estimate does not know visibility, so each kind that can contribute keeps at least
+ * KIND_SHARE. */
 enum kind { NEAR, SUNS, SKY, KINDS };
 #define KIND_SHARE 0.15f
 
@@ -367,8 +365,8 @@ struct choice {
     float cdf[LW_LIGHTS_EXACT_MAX];
 };
 
-/* What an emitter may give to a point of a surface: power / distance^2, less where it faces away, but for a
- * floor of a tenth: its middle says little about its rim. 0 where one turns its back on the other. */
+/* What an emitter may give to a point of a surface: power / distance^2, less where it faces away, a tenth at
+ * least: its middle says little about its rim. 0 where either faces away from the other. */
 static float emitter_weight(const struct lw_emitter *e, struct lw_vec3 point, struct lw_vec3 normal) {
     struct lw_vec3 a = lw_vec3_sub(e->corner, point);
     float height = -lw_vec3_dot(a, e->normal), above = lw_vec3_dot(a, normal);

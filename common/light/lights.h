@@ -1,4 +1,5 @@
-/* lights.h: what shines, as the solve and the path tracer sample it: emissive triangles and punctual lights.
+/* lights.h: the light sources that the solve and the path tracer sample: emissive triangles, punctual lights,
+ * sky.
  * Flow:    scene, pose -> [lights] -> samples towards a point
  * Threads: create and set_pose by one thread; sampling [any] in between.
  * After:   triangles by solid angle, Arvo 1995; multiple importance sampling, Veach and Guibas 1995; units in
@@ -65,10 +66,10 @@ static inline bool lw_lights_includes(const struct lw_lights *lights, uint32_t l
     return !lights->part.light || lights->part.light[light] == lights->part.value;
 }
 void lw_lights_finish(struct lw_lights *lights);
-/** Takes over the scene's materials and sky after they have changed, and the pose. Errors: LW_NO_MEMORY; then
- * there are no lights, and only lw_lights_finish() or another lw_lights_init() makes sense. */
+/** Reads the scene's changed materials and sky, and the pose. Errors: LW_NO_MEMORY; then there are no lights,
+ * and only lw_lights_finish() or lw_lights_init() may follow. */
 LW_MUST_CHECK enum lw_status lw_lights_set_materials(struct lw_lights *lights, const struct lw_pose *pose);
-/** Moves what moves; what is hidden gives no light. The pose must outlive the next call. */
+/** Moves the lights to a pose; hidden ones emit nothing. The pose must live until the next call. */
 void lw_lights_set_pose(struct lw_lights *lights, const struct lw_pose *pose);
 
 /** Whether the light itself is another from one pose to the other, or comes from elsewhere. */
@@ -80,13 +81,13 @@ struct lw_light_sample {
     float distance_m;         /* INFINITY for directional lights */
     /* estimate of E on a surface that faces it: E = irradiance_normal x cos, W/m^2 */
     struct lw_vec3 irradiance_normal;
-    /* Density of `direction`, 1/sr, the choice of the light included. 0 for what no ray can meet by chance,
-     * that is points, spots and suns, and where irradiance_normal is 0. */
+    /* Density of `direction`, 1/sr, the choice of the light included. 0 for points, spots and suns, which no
+     * ray hits by chance, and where irradiance_normal is 0. */
     float pdf;
 };
 
-/** Splits emitters into groups (light_tree.h) of which a sample each is to stand for all of them, for the
- * points of a region; and with them points and spots, where those are more than LW_LIGHTS_EXACT_MAX.
+/** Splits emitters into groups (light_tree.h) for the points of a region; one sample stands for each group.
+ * Points and spots join the groups where there are more than LW_LIGHTS_EXACT_MAX of them.
  * out_group  LW_LIGHTS_EXACT_MAX of them
  * Returns    how many there are */
 uint32_t lw_lights_split(const struct lw_lights *lights, const struct lw_light_region *region,
@@ -103,17 +104,17 @@ struct lw_light_sample lw_lights_sample_near(const struct lw_lights *lights, uin
 struct lw_vec3 lw_lights_radiance(const struct lw_lights *lights, uint32_t emitter, struct lw_vec2 b);
 
 /** ONE sample of all lights together, for a surface at point_ws with unit normal normal_ws: `pick` chooses
- * the light, by what it may give there, (u, v) the point on it; all in [0, 1). irradiance_normal x cos is an
- * unbiased estimate of the whole direct E (before visibility), the probability of the choice is in it. Light
- * from behind the normal's plane is left out. Where nothing can light the point, irradiance_normal is 0. */
+ * the light by its possible contribution, (u, v) the point on it; all in [0, 1). irradiance_normal x cos is
+ * an unbiased estimate of the whole direct E before visibility; it includes the probability of the choice.
+ * Light from behind the normal's plane is left out. Where nothing can light the point, irradiance_normal is
+ * 0. */
 struct lw_light_sample lw_lights_sample(const struct lw_lights *lights, struct lw_vec3 point_ws,
                                         struct lw_vec3 normal_ws, float pick, float u, float v);
 
 /** The density, 1/sr, with which lw_lights_sample() would have drawn `direction` by choosing the triangle
  * that a ray from the point met: to weigh such a ray against it. (u, v) are the hit's barycentrics,
- * distance_m that to the hit. 0 where the triangle does not shine, or not to this side.
- * What the ray then sees is the surface's emission, not times alpha: it has met a BLEND emitter with
- * probability alpha. */
+ * distance_m that to the hit. 0 where the triangle does not shine, or not to this side. The ray then gets
+ * the surface's emission, not times alpha: it hits a BLEND emitter with probability alpha. */
 float lw_lights_pdf_emitter(const struct lw_lights *lights, struct lw_vec3 point_ws, struct lw_vec3 normal_ws,
                             uint32_t object, uint32_t triangle, float u, float v, struct lw_vec3 direction,
                             float distance_m);
@@ -121,9 +122,9 @@ float lw_lights_pdf_emitter(const struct lw_lights *lights, struct lw_vec3 point
 float lw_lights_pdf_sky(const struct lw_lights *lights, struct lw_vec3 point_ws, struct lw_vec3 normal_ws,
                         struct lw_vec3 direction);
 
-/** A sample of sky and environment that serves any number of surface points. Either it goes where the
- * environment stands out, and has one direction for all, or it is cosine-weighted about each normal: the
- * balance heuristic's mixture of both. */
+/** A sample of sky and environment that serves any number of surface points. It either goes to a bright part
+ * of the environment, one direction for all points, or is cosine-weighted about each normal. The mixture is
+ * weighed by the balance heuristic. */
 struct lw_sky_draw {
     bool bright;
     struct lw_vec3 direction; /* bright: in world space; else about +z */
@@ -131,7 +132,7 @@ struct lw_sky_draw {
     float pdf;                /* bright: density among the bright ones */
 };
 struct lw_sky_draw lw_lights_draw_sky(const struct lw_lights *lights, float u, float v);
-/** What the draw means for a surface. out_cosine: of its direction with the normal; not above 0: below the
+/** The sample of a draw for one surface. out_cosine: of its direction with the normal; 0 or less is below the
  * surface, and irradiance_normal is 0. Only where lights->sky_luminance > 0. */
 struct lw_light_sample lw_lights_place_sky(const struct lw_lights *lights, const struct lw_sky_draw *draw,
                                            struct lw_vec3 normal_ws, float *out_cosine);

@@ -13,7 +13,7 @@ struct lw_light_sample16 {
     _Alignas(64) float dir_x[16]; /* unit, from the point to the light */
     float dir_y[16], dir_z[16];
     float distance_m[16]; /* INFINITY for suns and the sky */
-    /* estimate of E on the point's surface, W/m^2; 0: nothing arrives, the rest means nothing */
+    /* estimate of E on the point's surface, W/m^2; 0: nothing arrives, the other fields are undefined */
     float e[3][16];
 };
 

@@ -16,7 +16,7 @@ struct lw_spherical_triangle {
 struct lw_spherical_triangle lw_spherical_triangle(struct lw_vec3 a, struct lw_vec3 b, struct lw_vec3 c);
 
 /** A direction, unit, towards a triangle with sr > 0: even over its solid angle, as (u, v) are over [0, 1)^2.
- * Floats do for triangles of 3e-4 sr and more; smaller ones are met, but not evenly. */
+ * Floats are exact enough from 3e-4 sr on; directions to smaller triangles hit them, but not evenly. */
 struct lw_vec3 lw_spherical_triangle_sample(const struct lw_spherical_triangle *triangle, float u, float v);
 
 #endif

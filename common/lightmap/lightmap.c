@@ -334,9 +334,8 @@ static double total_texels(const struct drive *drive) {
     return sum;
 }
 
-/* Without a number asked for. Every chart takes a few texels whatever the density: a scene of millions of
- * triangles that is squeezed into the same texels as a room has spent them all on slivers, at metres a
- * texel. */
+/* The default bound of texels. Every chart takes a few texels at any density: with a room's bound, a scene of
+ * millions of triangles would spend all texels on slivers, at metres a texel. */
 static double default_most(const struct drive *drive) {
     double triangles = 0;
     for (uint32_t i = 0; i < drive->job_count; i++)

@@ -1,4 +1,4 @@
-/* lightmap_apart.h: keeps parts of a chart apart in the plane that are apart in space.
+/* lightmap_apart.h: keeps parts of a chart that are apart in space apart in the plane.
  * Flow:    [apart] serves charts while they grow and merge
  * Threads: one belongs to one thread.
  *

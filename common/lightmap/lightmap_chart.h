@@ -2,11 +2,11 @@
  * Flow:    mesh -> topology -> [charts: grow, merge] -> pack
  * Threads: one mesh at a time per thread; nothing is shared.
  *
- * A chart grows from a seed triangle by unfolding its neighbours over their shared edges, as one unfolds a
- * paper model: exact for whatever can be unrolled (walls, columns, arches, mouldings), and bounded in stretch
- * for what cannot, because a triangle that would be stretched too far, flip, or land on another stays outside
- * and waits for a chart of its own; triangles lower than a texel may be stretched more. Hard edges are
- * borders, but for pieces of a few texels, which would drown in their gutters. */
+ * A chart grows from a seed triangle by unfolding its neighbours over their shared edges, like a paper model.
+ * Developable surfaces (walls, columns, arches, mouldings) are exact. Elsewhere stretch is bounded: a
+ * triangle that would be stretched too far, flip, or overlap another goes to another chart. Triangles lower
+ * than a texel may be stretched more. Hard edges are chart borders, except of pieces of a few texels, whose
+ * gutters would take most of the atlas. */
 #ifndef LW_COMMON_LIGHTMAP_CHART_H
 #define LW_COMMON_LIGHTMAP_CHART_H
 

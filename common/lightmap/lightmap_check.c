@@ -14,15 +14,16 @@
  * again. */
 #define SEAM_TEXELS 0.25f
 
-/* So many distinct places of one position are looked at: a mesh whose triangles all meet in a point must not
- * cost their square. Pieces that go unjoined by it count as overlapping, which errs on the safe side. */
+/* At most this many distinct places of one position are compared: a mesh whose triangles all meet in one
+ * point must not cost their square. Pieces that stay unjoined count as overlapping, which is the safe
+ * side. */
 #define SHEETS_MAX 64
 
 /* Places this far apart do not see the same light. Two points that read one texel are two texels apart on
  * both axes at most, and the surface between them is shrunk to 0.7 at most. */
 #define FAR_TEXELS 4.0f
 
-/* Nearer than a texel, but for rounding: from there on a bilinear weight is zero. */
+/* One texel, less a margin for rounding: from one texel on a bilinear weight is zero. */
 #define READ_REACH 0.998f
 
 #define CORNERS_MAX 8 /* a triangle clipped by four lines has at most seven */

@@ -1,4 +1,4 @@
-/* lightmap_heap.h: edges in order of cost; equal costs in order of number, so that no result hangs on chance.
+/* lightmap_heap.h: edges in order of cost; equal costs in order of number, so that results are deterministic.
  * Threads: pure functions on the caller's memory. */
 #ifndef LW_COMMON_LIGHTMAP_HEAP_H
 #define LW_COMMON_LIGHTMAP_HEAP_H

@@ -31,7 +31,7 @@ struct merger {
     float length_most;             /* of a merged chart */
     float *cost, *length, *area;   /* per chart */
     uint32_t *first, *last, *next; /* triangles of a chart, as a list: per chart, per chart, per triangle */
-    uint32_t *tried_by;            /* per chart: who tried it last */
+    uint32_t *tried_by;            /* per chart: the chart that tried it last */
     uint8_t *tries, *done;
     uint32_t *moved;                   /* per point: the chart that moved it here, lest it move twice */
     struct lw_vec2 *outline, *scratch; /* hull of the taker; room to work */

@@ -8,9 +8,8 @@
 #include "common/lightmap/lightmap_chart.h"
 #include "common/lightmap/lightmap_plane.h"
 
-/** Lays charts beside neighbours they share an edge with, wherever the rectangle of both costs less than
- * their two. Charts that are gone are numbered away. plane: room for all triangles of the mesh. Errors:
- * LW_NO_MEMORY. */
+/** Joins two charts that share an edge where one rectangle around both costs less than two. The remaining
+ * charts are numbered without gaps. plane: room for all triangles of the mesh. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_lightmap_merge(struct lw_lightmap_charts *charts,
                                                const struct lw_lightmap_topology *topology,
                                                struct lw_lightmap_plane *plane,

@@ -12,8 +12,8 @@
 struct lw_lightmap_stone {
     uint32_t width, height; /* blocks */
     uint32_t x, y;          /* result */
-    float wanted;  /* 0..1: how far along the atlas it would like to lie (lw_lightmap_mosaic_pack_near) */
-    uint64_t *row; /* height rows of (width + 63) / 64 words; bit x % 64 of word x / 64 */
+    float wanted;           /* 0..1: wanted position along the atlas (lw_lightmap_mosaic_pack_near) */
+    uint64_t *row;          /* height rows of (width + 63) / 64 words; bit x % 64 of word x / 64 */
 };
 
 static inline uint32_t lw_lightmap_mosaic_words(uint32_t width) { return (width + 63) / 64; }
@@ -31,9 +31,10 @@ LW_MUST_CHECK enum lw_status lw_lightmap_mosaic_pack(struct lw_lightmap_stone *c
                                                      uint32_t width, uint32_t height_max, uint32_t *out_width,
                                                      uint32_t *out_height, bool *out_fits);
 
-/** Places shapes, the largest first, each as near as there is room to the place it wants along the atlas:
- * tile by tile, there and back in rows of tiles of 16 x 16 cells, and inside a tile along a Hilbert curve of
- * squares of 4 x 4 cells. The atlas is the smallest of about a square's form that has room for that.
+/** Places shapes, the largest first, each in the free place nearest to its wanted position along the atlas.
+ * Positions run through tiles of 16 x 16 cells, row by row in alternating direction, and inside a tile along
+ * a Hilbert curve of squares of 4 x 4 cells. The atlas is the smallest nearly square one that holds all
+ * shapes.
  * stone       sorted by the call
  * out_fits    false: it would be wider than width_max or higher than height_max
  * Errors: LW_NO_MEMORY. */

@@ -1,5 +1,5 @@
-/* lightmap_order.h: an order of charts in which neighbours lie near one another and look the same way.
- * What lies together in an atlas is solved, sent and forgotten together, and traces its rays together.
+/* lightmap_order.h: sorts charts so that neighbours in the order are near each other and face the same way.
+ * Charts that lie together in an atlas are solved, sent and evicted together, and their rays are coherent.
  * Threads: pure function on the caller's memory. */
 #ifndef LW_COMMON_LIGHTMAP_ORDER_H
 #define LW_COMMON_LIGHTMAP_ORDER_H
@@ -12,12 +12,12 @@
 struct lw_lightmap_spot {
     struct lw_vec3 centre; /* texels */
     struct lw_vec3 normal; /* unit, or shorter where it curves */
-    float area;            /* halves are halves of it */
+    float area;            /* a half holds half of the area */
     uint32_t id;           /* the caller's */
 };
 
-/** Sorts by halving, again and again, along the axis on which they differ most: one of space, or one of the
- * normal. The same order whatever the order before, if ids differ. */
+/** Sorts by repeated halving along the axis of largest spread: an axis of space or of the normal. If ids
+ * differ, the result does not depend on the order before. */
 void lw_lightmap_order(struct lw_lightmap_spot *spot, uint32_t count);
 
 #endif

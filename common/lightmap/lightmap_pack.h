@@ -1,4 +1,4 @@
-/* lightmap_pack.h: gives every chart its place in the atlas, near those that are near it in space
+/* lightmap_pack.h: places every chart in the atlas, near the charts that are near it in space
  * (lightmap_order.h).
  * Flow:    charts -> [pack] -> lightmap UVs
  * Threads: one mesh at a time per thread; nothing is shared. */
@@ -7,7 +7,8 @@
 
 #include "common/lightmap/lightmap_slot.h"
 
-/** Boxes of all charts; to be packed at any scale, as often as wanted. charts must outlive the layout.
+/** Computes the boxes of all charts. They may then be packed at any scale, any number of times. charts must
+ * outlive the layout.
  * Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_lightmap_pack_init(struct lw_lightmap_layout *layout,
                                                    const struct lw_lightmap_charts *charts,

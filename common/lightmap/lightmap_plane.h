@@ -1,4 +1,4 @@
-/* lightmap_plane.h: triangles laid out in the plane of one chart; finds overlaps before they happen.
+/* lightmap_plane.h: the triangles of one chart in its plane; tests whether a new triangle would overlap them.
  * Flow:    [plane] serves charts while they grow and merge
  * Threads: a plane belongs to one thread. */
 #ifndef LW_COMMON_LIGHTMAP_PLANE_H

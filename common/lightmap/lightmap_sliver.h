@@ -2,9 +2,9 @@
  * Flow:    pack: charts -> [slivers] -> rectangles -> atlas
  * Threads: pure functions, [any].
  *
- * A leaf of two texels would need a rectangle of 64. Slivers that lie near each other in space and face the
- * same way share one instead: at level 0 no texel is read by bilinear lookups of two of them; at levels 1 and
- * 2 they mix, among neighbours of a few texels. */
+ * A chart of two texels would need a rectangle of 64. So slivers that are near each other in space and face
+ * the same way share a rectangle. At level 0, bilinear lookups of two slivers read no common texel. At levels
+ * 1 and 2 they mix with neighbouring slivers. */
 #ifndef LW_COMMON_LIGHTMAP_SLIVER_H
 #define LW_COMMON_LIGHTMAP_SLIVER_H
 

@@ -139,7 +139,7 @@ static enum lw_status start(struct importer *importer, struct lw_error *err) {
 
 /* ---- waiting ---- */
 
-/* Reads what there is of the failure's text. False at its end. */
+/* Reads the bytes of the failure's text that have arrived. False at its end. */
 static bool read_failure(struct importer *importer) {
     char rest[256];
     size_t room = sizeof importer->failure - 1 - importer->failure_size;

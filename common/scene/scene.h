@@ -185,8 +185,8 @@ extern "C" {
 LW_MUST_CHECK enum lw_status lw_scene_create(struct lw_scene **out_scene);
 void lw_scene_destroy(struct lw_scene *scene);
 
-/** A scene that is the original, which outlives it, but for materials of its own, and its sky: those may be
- * changed.
+/** A copy of a scene that owns its materials and its sky, so that they may be changed. It shares everything
+ * else with the original, which outlives it.
  * Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_scene_init_variant(struct lw_scene *variant, const struct lw_scene *original);
 /** A zeroed one is fine. */
@@ -243,7 +243,7 @@ struct lw_surface {
 };
 void lw_scene_surface(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle, float u,
                       float v, struct lw_surface *out);
-/** A triangle of a mesh, with what all points on it share: for those who look at many points of few
+/** A triangle of a mesh, with the values that all its points share. Saves time for many points on few
  * triangles. */
 struct lw_facet {
     const struct lw_mesh *mesh;
@@ -286,8 +286,8 @@ void lw_scene_facet_colour(const struct lw_scene *scene, const struct lw_facet *
 struct lw_vec3 lw_scene_normal(const struct lw_mesh *mesh, uint32_t triangle, float u, float v,
                                struct lw_vec3 *out_geometric);
 
-/** The normal that light is gathered about: the shading normal, but for one that points into the surface,
- * which would gather from inside. Both unit, object space. */
+/** The normal that light is gathered about: the shading normal, or the geometric one where the shading normal
+ * points into the surface. Both unit, object space. */
 static inline struct lw_vec3 lw_scene_light_normal(struct lw_vec3 shading, struct lw_vec3 geometric) {
     return lw_vec3_dot(shading, geometric) <= 0.01f ? geometric : shading;
 }

@@ -27,7 +27,7 @@
 
 enum { CARRIES_LIGHT = 1, CARRIES_OBJECT = 2, CARRIES_CAMERA = 4 };
 
-/* ---- what there is ---- */
+/* ---- objects and lights ---- */
 
 static float emission_of(const struct lw_scene *scene, uint32_t object) {
     const struct lw_mesh *mesh = &scene->mesh[scene->object[object].mesh];

@@ -49,7 +49,7 @@ double lw_scene_state_time(const struct lw_scene_state *state, double wall_s) {
                          : state->anchor_scene_s + (wall_s - state->anchor_s) * state->rate;
 }
 
-/* The clock goes on from here, whatever is changed of it next. */
+/* The clock goes on from here after the change that follows. */
 static void anchor(struct lw_scene_state *state, double wall_s) {
     state->anchor_scene_s = lw_scene_state_time(state, wall_s);
     state->anchor_s = wall_s;

@@ -1,8 +1,8 @@
-/* scene_state.h: what changes have made of a scene: objects, lights, materials, sky and clock that differ
- * from its file.
- * Flow:    changes, in order -> [scene state] -> at a frame's beginning: the scene of now and its pose ->
+/* scene_state.h: the current scene after updates: objects, lights, materials, sky and clock that differ from
+ * the file.
+ * Flow:    changes, in order -> [scene state] -> at a frame's beginning: the current scene and its pose ->
  *          solve, publish
- * Threads: one thread at a time; who reads `scene` does so between two changes. */
+ * Threads: one thread at a time; `scene` may be read between two changes. */
 #ifndef LW_COMMON_SCENE_STATE_H
 #define LW_COMMON_SCENE_STATE_H
 
@@ -14,14 +14,14 @@ struct lw_scene_state_light;
 
 struct lw_scene_state {
     const struct lw_scene *original;
-    struct lw_scene scene;         /* the original, but for materials of its own and sky: those of now */
+    struct lw_scene scene;         /* the original with the current materials and sky */
     struct lw_scene_roster roster; /* which objects there are */
     struct lw_scene_state_object *object;
     struct lw_scene_state_light *light;
-    /* The animation is at anchor_scene_s when the wall, or what stands for it, is at anchor_s. */
+    /* The animation is at anchor_scene_s when the clock (of the wall or of steps) is at anchor_s. */
     double anchor_s, anchor_scene_s, rate;
     bool paused;
-    double start_scene_s; /* what a reset goes back to, */
+    double start_scene_s; /* a reset goes back to this time, */
     bool start_paused;    /* paused or not */
 };
 

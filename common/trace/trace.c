@@ -33,11 +33,11 @@ struct mover {
     struct box box_ws; /* with room for rounding */
 };
 
-/* What moves is mostly small: rays that pass by all of it are kept from the moving scene by boxes, each
- * around so many neighbouring movers. More boxes cost every ray more than they save. */
+/* At most this many boxes enclose the moving objects; a ray that misses them all is not traced through the
+ * second scene. More boxes cost every ray more than they save. */
 #define BOXES_MAX 8u
 
-/* What stays, built anew without what has left it. */
+/* The first scene, built again without the objects that left it. */
 struct rebuild {
     pthread_t thread;
     RTCDevice device;

@@ -2,11 +2,10 @@
  * Flow:    scene, pose -> [trace] -> hits for the solve, the view and the path tracer
  * Threads: lw_trace_create/set_pose by one thread while nobody traces; closest and occluded [any] in between.
  *
- * Objects that never move are one flattened set of geometry; each object that moves is an instance of its own
- * in a second scene, so that a new pose costs an update of that alone. Rays go through the first, then
- * through the second those that come by a box around movers: the many triangles that stay cost no change of
- * space. An object that the pose calls dynamic for the first time leaves the one for the other, once: that
- * builds what stays anew, at once or in a thread. */
+ * Static objects are one flattened scene. Each moving object is an instance in a second scene, so a new pose
+ * updates that scene only. Every ray is traced through the first scene. Only rays that pass a box around
+ * moving objects are traced through the second. An object that the pose calls dynamic for the first time
+ * moves from the first scene to the second. Then the first scene is built again, at once or in a thread. */
 #ifndef LW_COMMON_TRACE_H
 #define LW_COMMON_TRACE_H
 
@@ -20,7 +19,7 @@ enum lw_trace_flags {
     /* Light: backs of single-sided surfaces stop the ray (and are black); BLEND surfaces stop it with
      * probability alpha, decided by a hash of ray, surface and the packet's salt. */
     LW_TRACE_LIGHT = 0,
-    /* View: backs of single-sided surfaces are not there; every BLEND surface is a hit, for the caller to
+    /* View: rays pass backs of single-sided surfaces; every BLEND surface is a hit, for the caller to
      * blend. */
     LW_TRACE_VIEW = 1,
     LW_TRACE_COHERENT = 2 /* the rays of this packet run (nearly) parallel */
@@ -32,7 +31,7 @@ struct lw_ray16 {
     float org_y[16], org_z[16];
     float dir_x[16], dir_y[16], dir_z[16];
     float t_near[16], t_far[16];
-    /* number of the sample: the same ray with another salt meets another decision of BLEND surfaces */
+    /* number of the sample: it enters the hash that decides whether a BLEND surface stops the ray */
     uint32_t salt;
 };
 
@@ -49,16 +48,15 @@ static inline void lw_trace_set_ray(struct lw_ray16 *rays, uint32_t lane, struct
     rays->t_far[lane] = t_far;
 }
 
-/* How far from its surface a light ray starts, in units of the last place of the largest coordinate at hand.
- * Points that are interpolated from a triangle and rays that start there miss that triangle, at any angle,
- * from 3 on: measured for still and moving triangles of 1 mm to 1 km, up to 1 km off the origin; 2 lets 1 ray
- * in 10^5 through, 1 one in 300. */
+/* How far from its surface a light ray starts, in units of the last place of the largest coordinate. From 3
+ * on no ray hits the triangle it starts on, at any angle: measured for static and moving triangles of 1 mm to
+ * 1 km, up to 1 km from the origin. With 2, one ray in 10^5 does; with 1, one in 300. */
 #define LW_TRACE_LIFT (6.0f * 0x1p-23f)
 
 /** Lifts a point off its surface by more than rounding can move a hit.
  * geometric   unit normal of the face, world space, on the side that is lit
  * largest_m   the largest coordinate, either sign, of the point and of its triangle's corners, in world
- *             space and, times the scale, in object space: what rounding errors grow with. Too large a value
+ *             space and, times the scale, in object space: rounding errors grow with it. Too large a value
  *             only lifts more. */
 static inline struct lw_vec3 lw_trace_lift(struct lw_vec3 point_ws, struct lw_vec3 geometric,
                                            float largest_m) {
@@ -78,31 +76,29 @@ struct lw_trace;
 /** Checks LW_TRACE_ISA as lw_trace_create() does, before the work that leads there. [any] */
 LW_MUST_CHECK enum lw_status lw_trace_check_isa(struct lw_error *err);
 
-/** Builds the acceleration structure. scene must outlive it.
- * Same scene and pose: same structure, whatever the machine's thread count.
- * LW_TRACE_ISA in the environment (sse4.2, avx2, avx512) chooses the kernels' instruction set; without it
- * they use the best that the processor has.
+/** Builds the acceleration structure. scene must outlive it. The structure depends on scene and pose only,
+ * not on the thread count. LW_TRACE_ISA in the environment (sse4.2, avx2, avx512) chooses the kernels'
+ * instruction set; without it they use the best that the processor has.
  * Errors: LW_NO_MEMORY; LW_INTERNAL with Embree's message; of LW_TRACE_ISA: LW_USAGE for another name,
- * LW_UNAVAILABLE for a
- *         set that the processor lacks. */
+ * LW_UNAVAILABLE for a set that the processor lacks. */
 LW_MUST_CHECK enum lw_status lw_trace_create(const struct lw_scene *scene, const struct lw_pose *pose,
                                              struct lw_trace **out_trace, struct lw_error *err);
 void lw_trace_destroy(struct lw_trace *trace);
 
-/** Moves the objects that move, hides and shows. Objects that have become dynamic since the pose before are
- * made movers, at the price of building what stays anew. Where an object is neither dynamic nor animated its
- * transform and whether it is hidden are not looked at.
- * Errors: LW_NO_MEMORY; LW_INTERNAL with Embree's message; then only lw_trace_destroy() makes sense. */
+/** Applies transforms and visibility of a pose. An object that has become dynamic moves to the second scene,
+ * and the first scene is built again. Of an object that is neither dynamic nor animated, transform and
+ * visibility are ignored.
+ * Errors: LW_NO_MEMORY; LW_INTERNAL with Embree's message; then only lw_trace_destroy() may follow. */
 LW_MUST_CHECK enum lw_status lw_trace_set_pose(struct lw_trace *trace, const struct lw_pose *pose,
                                                struct lw_error *err);
 
-/** The same, but what stays is built anew in a thread, so that an object's first movement takes no longer
- * than others. Until lw_trace_settle() takes what has been built, rays pass what has left, and cost more;
- * what they meet is the same. */
+/** The same, but a thread builds the first scene again, so that an object's first movement takes no longer
+ * than later ones. Until lw_trace_settle() takes the new scene, a filter makes rays ignore the objects that
+ * left the old one. Hits are the same; rays cost more. */
 LW_MUST_CHECK enum lw_status lw_trace_set_pose_soon(struct lw_trace *trace, const struct lw_pose *pose,
                                                     struct lw_error *err);
 
-/** Takes what a thread has built, if it has ended. wait: waits for it. Threads and errors as for
+/** Takes the scene that the thread has built, if it has ended. wait: waits for it. Threads and errors as for
  * lw_trace_set_pose(). */
 LW_MUST_CHECK enum lw_status lw_trace_settle(struct lw_trace *trace, bool wait, struct lw_error *err);
 

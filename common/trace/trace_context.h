@@ -1,5 +1,4 @@
-/* trace_context.h: what goes to Embree beside the rays; filters find it there.
- * For this folder alone. */
+/* trace_context.h: the context that a packet carries through Embree to the filters. For this folder alone. */
 #ifndef LW_COMMON_TRACE_CONTEXT_H
 #define LW_COMMON_TRACE_CONTEXT_H
 

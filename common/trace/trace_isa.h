@@ -9,10 +9,9 @@
 
 /** Opens Embree's device with the instruction set that LW_TRACE_ISA in the environment names (sse4.2, avx2 or
  * avx512), or with the best that the processor has, and checks that Embree took the one that was asked for.
- * One build thread: a structure that does not depend on timing gives bytes that do not either.
+ * One build thread: the structure must not depend on timing, or results would.
  * Errors: LW_USAGE for a name that is none of the three; LW_UNAVAILABLE for a set that the processor lacks;
- * LW_NO_MEMORY;
- *         LW_INTERNAL where Embree takes another set. All name LW_TRACE_ISA where it is set. */
+ * LW_NO_MEMORY; LW_INTERNAL where Embree takes another set. All name LW_TRACE_ISA where it is set. */
 LW_MUST_CHECK enum lw_status lw_trace_isa_open(RTCDevice *out_device, struct lw_error *err);
 
 /** The set that a device uses: "sse2", "sse4.2", "avx", "avx2", "avx512"; on other processors than x86-64
