@@ -1,4 +1,4 @@
-/* program_path.h: where our other programs are.
+/* program_path.h: paths of the project's other programs.
  * Threads: [any]. */
 #ifndef LW_COMMON_PROGRAM_PATH_H
 #define LW_COMMON_PROGRAM_PATH_H

@@ -1,5 +1,5 @@
-/* random.h: numbers that look random and depend on nothing but their arguments. A sample is a function of
- * (seed, object, direction set, bounce, index, dimension): never of frame, thread or time.
+/* random.h: random numbers as pure functions of their arguments. A sample is a function of (seed, object,
+ * direction set, bounce, index, dimension): never of frame, thread or time.
  * Threads: pure functions, [any].
  * After:   the pcg output mix (O'Neill 2014; Jarzynski and Olano 2020); Owen-scrambled Sobol by hashing
  *          (Burley 2020). */

@@ -1,17 +1,17 @@
-/* sampling.h: which point of which sequence a ray takes: of the solve's packets, and of the path tracer's
- * first hits, whose direction sets are the bundles of 16 x 16 pixels. A packet (packets.h) is a direction
- * set: its texels take the same direction, about normals of their own. The sets of a block of 16 x 16 texels,
- * 16 at most, walk one scrambled (0,2)-sequence, each shifted by an amount of its own: what a texel sees is
- * stratified over the samples, and what the sets see of one sample is stratified over the block, for a filter
- * or the eye. (One sequence that the sets deal out among themselves is stratified as a whole only: a texel's
- * share of it is as good as random.) The sequence goes on from frame to frame.
+/* sampling.h: the sample points of rays, for the solve's packets and for the path tracer's first hits. A
+ * direction set is a packet of texels (packets.h), or of pixels within 16 x 16: its texels take the same
+ * direction, each about its own normal. A block of 16 x 16 texels has at most 16 sets. All sets walk the same
+ * scrambled (0,2)-sequence, each with its own shift. So the samples of one texel are stratified over time,
+ * and one sample of all sets is stratified over the block, which helps the filter. (Dealing one sequence out
+ * among the sets was tried: then each texel's samples are as good as random.) The sequence goes on from frame
+ * to frame.
  * Threads: pure functions, [any]. */
 #ifndef LW_COMMON_SAMPLING_H
 #define LW_COMMON_SAMPLING_H
 
 #include "common/random.h"
 
-/* What a number is for; a dimension pair each. */
+/* Uses of random numbers; a pair of dimensions each. */
 enum lw_sampling_use {
     LW_SAMPLING_BOUNCE = 1,
     LW_SAMPLING_SKY,

@@ -1,4 +1,4 @@
-/* status.h: what went wrong, in one word for code and one line for people.
+/* status.h: results of functions: a code for programs, and one line of text for people.
  * Threads: values only; an lw_error belongs to the caller that made it. */
 #ifndef LW_COMMON_STATUS_H
 #define LW_COMMON_STATUS_H

@@ -1,4 +1,4 @@
-/* apng.h: moving pictures that browsers show: PNG with frames (APNG 1.0).
+/* apng.h: animated pictures for browsers: PNG with frames (APNG 1.0).
  * Flow:    8-bit pixels of frames -> [apng] -> file
  * Threads: [any]. */
 #ifndef LW_COMMON_APNG_H
@@ -8,8 +8,7 @@
 
 #include <stdint.h>
 
-/** Writes frames of width x height 8-bit sRGB pixels, 3 bytes each, that repeat for ever; a viewer that does
- * not know
+/** Writes frames of width x height 8-bit sRGB pixels, 3 bytes each, that repeat for ever; a viewer without
  * APNG shows the first.
  *
  * frame        frame_count pointers

@@ -1,4 +1,4 @@
-/* flip.h: how different two pictures look to an eye that alternates between them, per pixel (LDR-FLIP).
+/* flip.h: the perceived difference of two alternating pictures, per pixel (LDR-FLIP).
  * Flow:    two display-referred pictures -> [flip] -> map of differences in [0, 1] -> mean
  * Threads: pure functions, [any].
  * After:   Andersson et al. 2020, "FLIP: A Difference Evaluator for Alternating Images" (with its erratum:

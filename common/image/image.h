@@ -41,9 +41,8 @@ LW_MUST_CHECK enum lw_status lw_image_write_exr_with(const char *path, const str
 LW_MUST_CHECK enum lw_status lw_image_write_png(const char *path, const uint8_t *srgb, uint32_t width,
                                                 uint32_t height, struct lw_error *err);
 
-/** Encodes 8-bit pixels of 3 (R, G, B) or 4 channels (and A) as a PNG in memory, without a word on colour:
- * what the numbers mean is said elsewhere, as glTF asks. *out_png is malloc'ed. Errors: LW_NO_MEMORY,
- * LW_USAGE, LW_INTERNAL. */
+/** Encodes 8-bit pixels of 3 (R, G, B) or 4 channels (and A) as a PNG in memory, without colour chunks, as
+ * glTF asks. *out_png is malloc'ed. Errors: LW_NO_MEMORY, LW_USAGE, LW_INTERNAL. */
 LW_MUST_CHECK enum lw_status lw_image_encode_png(const uint8_t *pixel, uint32_t width, uint32_t height,
                                                  unsigned channels, uint8_t **out_png, size_t *out_size,
                                                  struct lw_error *err);

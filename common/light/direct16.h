@@ -1,13 +1,12 @@
 /* direct16.h: the direct light of sixteen points, with a sample and a shadow ray for each light or group of
  * lights.
  * Flow:    points, lights -> [direct16] -> E of each point: texels of the solve, first hits of the path
- * tracer
+ *          tracer
  * Threads: a lw_direct16 belongs to one worker; what it reads, [any].
  *
- * Estimators, V: visibility (0 or 1), cos: of the light's direction with the normal, p: probability or
- * density:
- *     points, spots, suns   E += V E_normal cos     each; points and spots that are more than
- * LW_LIGHTS_EXACT_MAX go to groups
+ * Estimators. V: visibility, 0 or 1; cos: of the light's direction with the normal; p: probability or density.
+ *     points, spots, suns   E += V E_normal cos     each; more than LW_LIGHTS_EXACT_MAX points and spots are
+ *                                                   in groups instead
  *     groups of emitters    E += V L cos / p        one emitter of each group, and a point on it (lights.h)
  *     sky, environment      E += V L cos / p        one direction
  * Random numbers are those of sampling.h: of (seed, object, block, use) and (sample, set). */

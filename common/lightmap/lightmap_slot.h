@@ -27,7 +27,7 @@ struct lw_lightmap_layout {
     uint32_t *start, *order;             /* triangles by chart: order[start[c] .. start[c + 1]] */
 };
 
-/** Atlas coordinates of a point of the chart. They lie inside the rectangle's gutter, whatever the rounding. */
+/** Atlas coordinates of a point of the chart: inside the rectangle's gutter, with any rounding. */
 static inline struct lw_vec2 lw_lightmap_slot_place(const struct lw_lightmap_slot *slot,
                                                     struct lw_vec2 point) {
     const struct lw_vec2 local = lw_lightmap_shape_local(&slot->box, point);

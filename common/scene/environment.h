@@ -1,7 +1,9 @@
-/* environment.h: the light of a scene's environment by direction, and directions by their light.
- * Flow:    scene -> radiance along a ray that leaves; scene -> [importance] -> directions worth a ray
+/* environment.h: radiance of a scene's environment by direction, and importance sampling of bright
+ * directions.
+ * Flow:    scene -> radiance along a ray that leaves; scene -> [importance] -> bright directions
  * Threads: importance is built by one thread; everything else [any].
- * After: Karlik et al., MIS Compensation, 2019: what another technique samples well enough is left to it. */
+ * After: Karlik et al., MIS Compensation, 2019: the density leaves out what the other technique samples
+ * well. */
 #ifndef LW_COMMON_ENVIRONMENT_H
 #define LW_COMMON_ENVIRONMENT_H
 
@@ -11,15 +13,14 @@
  * picture's sides, level above the first and below the last row of centres. 0 if there is no environment. */
 struct lw_vec3 lw_environment_radiance(const struct lw_environment *environment, struct lw_vec3 direction_ws);
 
-/** How much of an environment stands out of its average, by direction: a density to draw directions from that
- * is to be combined with a cosine-weighted one, which finds the average well. A texel weighs as much as its
- * luminance exceeds the mean of the whole sphere, times its solid angle; the density in the picture is
- * bilinear between texels as the look-up is, so that a sun of a few texels is met in proportion to what is
- * read of it. An even environment has none. */
+/** A density of directions, to be combined with a cosine-weighted one, which samples the average well. The
+ * weight of a texel is its luminance above the mean of the whole sphere, times its solid angle. The density
+ * is bilinear between texels, like the look-up, so that it is proportional to a sun of a few texels. A
+ * uniform environment has excess 0. */
 struct lw_environment_importance {
     uint32_t width, height;
     float *row, *column; /* cumulative: height; width for each row */
-    float mean, excess;  /* luminance over the sphere; how much of that is above the mean */
+    float mean, excess;  /* mean luminance over the sphere; the part of it above the mean */
 };
 
 /** Errors: LW_NO_MEMORY. With no environment nothing is allocated and excess is 0. */

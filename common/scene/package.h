@@ -29,14 +29,14 @@ LW_MUST_CHECK enum lw_status lw_package_write(const struct lw_scene *scene, uint
 LW_MUST_CHECK enum lw_status lw_package_read(const uint8_t *bytes, size_t size, struct lw_scene **out_scene,
                                              struct lw_error *err);
 
-/** Whether a path means a package: by its name, .lwscene, or by the file's first bytes. */
+/** Whether a path names a package: by its ending, .lwscene, or by the file's first bytes. */
 bool lw_package_is(const char *path);
 
 void lw_package_hash(const uint8_t *bytes, size_t size, struct lw_package_hash *out_hash);
 
-/** Where to cut a package so that what scenes share lies apart: in front of each texture's pixels and behind
- * the last one's. Bytes that are no package are one part. *out_end: where each part ends, the last one at
- * size; malloc'ed, the caller's. size > 0. Errors: LW_NO_MEMORY. */
+/** Cuts a package into parts, so that scenes can share textures: before each texture's pixels, and after the
+ * last one's. Bytes that are no package are one part. *out_end: where each part ends, the last one at size;
+ * malloc'ed, the caller's. size > 0. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_package_cut(const uint8_t *bytes, size_t size, uint64_t **out_end,
                                             size_t *out_count);
 

@@ -1,5 +1,6 @@
-/* pixel_filter.h: a texture's pixels as differences from what their neighbours let one expect, and back: the
- * same number of bytes, of which zstd makes two thirds. Format: docs/scene_package.md, "Pixels".
+/* pixel_filter.h: filters a texture's pixels to differences from a prediction by their neighbours, and back.
+ * The number of bytes stays; zstd then compresses them to two thirds. Format: docs/scene_package.md,
+ * "Pixels".
  * Threads: pure functions, [any].
  * After:   the median edge detector of LOCO-I (Weinberger, Seroussi and Sapiro 2000). */
 #ifndef LW_COMMON_PIXEL_FILTER_H
@@ -8,7 +9,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/** rgba, out_bytes: 4 * width * height bytes each, apart from one another. */
+/** rgba, out_bytes: 4 * width * height bytes each; they must not overlap. */
 void lw_pixel_filter_apply(const uint8_t *rgba, uint32_t width, uint32_t height, uint8_t *out_bytes);
 /** The way back, for any bytes. */
 void lw_pixel_filter_undo(const uint8_t *bytes, uint32_t width, uint32_t height, uint8_t *out_rgba);

@@ -1,4 +1,5 @@
-/* pose.h: the scene at one moment: where objects, lights and cameras are, and what else of it may change.
+/* pose.h: the scene at one moment: transforms of objects, lights and cameras, and all other values that may
+ * change.
  * Flow:    scene, time -> [pose] -> trace, solve, frame messages
  * Threads: a pose belongs to one thread at a time. */
 #ifndef LW_COMMON_POSE_H
@@ -22,12 +23,12 @@ struct lw_material_state {
 struct lw_pose_local;
 
 struct lw_pose {
-    double time_s;                     /* wrapped */
-    struct lw_affine *object_to_world; /* one per object */
-    bool *object_hidden;               /* one per object: no ray meets it */
-    bool *object_spare;                /* one per object: it stands nowhere, so that it is hidden as well */
-    bool *object_dynamic;         /* one per object: counts as one that moves though no channel moves it */
-    struct lw_light_state *light; /* one per light */
+    double time_s;                      /* wrapped */
+    struct lw_affine *object_to_world;  /* one per object */
+    bool *object_hidden;                /* one per object: no ray meets it */
+    bool *object_spare;                 /* one per object: it is not in the scene; then it is hidden too */
+    bool *object_dynamic;               /* one per object: it may move, though no channel moves it */
+    struct lw_light_state *light;       /* one per light */
     struct lw_material_state *material; /* one per material */
     float sky[3];                       /* W/(m^2 sr) */
     struct lw_affine *node_to_world;    /* one per node */
@@ -39,11 +40,10 @@ struct lw_pose {
 LW_MUST_CHECK enum lw_status lw_pose_init(struct lw_pose *pose, const struct lw_scene *scene);
 void lw_pose_finish(struct lw_pose *pose);
 
-/** Moves the pose to a time (s, wrapped into the animation's duration): what the scene itself says, nothing
- * hidden but its spares. */
+/** Evaluates the scene's own animation at a time (s, wrapped into its duration). Only spares are hidden. */
 void lw_pose_evaluate(struct lw_pose *pose, const struct lw_scene *scene, double time_s);
 
-/** Makes dst the same moment as src; both of the same scene. */
+/** Copies src to dst; both are of the same scene. */
 void lw_pose_copy(struct lw_pose *dst, const struct lw_pose *src, const struct lw_scene *scene);
 
 /* What may differ between two moments. */
@@ -58,7 +58,7 @@ enum lw_pose_change {
 /** What differs between two moments of a scene, bit for bit: LW_POSE_* or 0. Not time, not cameras. */
 unsigned lw_pose_difference(const struct lw_pose *a, const struct lw_pose *b, const struct lw_scene *scene);
 
-/** Whether an object is elsewhere, or has come or gone. */
+/** Whether an object's transform or visibility differs. */
 bool lw_pose_object_differs(const struct lw_pose *a, const struct lw_pose *b, uint32_t object);
 
 /** Whether the scene looks the same at both moments: lw_pose_difference() is 0. */
@@ -72,7 +72,7 @@ bool lw_pose_object_moves(const struct lw_pose *pose, const struct lw_scene *sce
 void lw_pose_object_bounds(const struct lw_pose *pose, const struct lw_scene *scene, uint32_t object,
                            struct lw_vec3 *min, struct lw_vec3 *max);
 
-/** World-space bounds of all objects but dynamic ones, which may be anywhere; false if there is no vertex. */
+/** World-space bounds of all objects except dynamic ones, which may be anywhere; false without a vertex. */
 bool lw_pose_bounds(const struct lw_pose *pose, const struct lw_scene *scene, struct lw_vec3 *out_min,
                     struct lw_vec3 *out_max);
 

@@ -1,9 +1,9 @@
-/* scene.h: what is lit: meshes, materials, textures, nodes, objects, lights, cameras, animation.
+/* scene.h: the scene: meshes, materials, textures, nodes, objects, lights, cameras, animation.
  * Flow:    file -> importer -> [scene] -> lightmap UVs -> package -> daemon and clients
  * Threads: immutable once built or read; then [any] may read. scene_state.h makes one whose materials and sky
  *          change.
  * Space:   right-handed, +Y up, metres. Colours are linear sRGB. Winding is counter-clockwise seen from the
- * front. */
+ *          front. */
 #ifndef LW_COMMON_SCENE_H
 #define LW_COMMON_SCENE_H
 
@@ -14,7 +14,7 @@
 
 #define LW_SCENE_NONE UINT32_MAX /* "no texture", "no parent" */
 
-/* Limits of a scene; package reader and importer refuse what is past them, by name. */
+/* Limits of a scene. Package reader and importer refuse a scene past them; the error names the limit. */
 #define LW_SCENE_MESHES_MAX       (1u << 20)
 #define LW_SCENE_OBJECTS_MAX      (1u << 20)
 #define LW_SCENE_NODES_MAX        (1u << 21)
@@ -104,8 +104,8 @@ struct lw_node {
     uint8_t has_matrix;
 };
 
-/** One instance of a mesh, with an atlas of its own. Without a node it is a spare: it stands nowhere until it
- * is added. */
+/** One instance of a mesh, with an atlas of its own. An object without a node is a spare: it is not in the
+ * scene until it is added. */
 struct lw_object {
     const char *name;
     uint32_t mesh;
@@ -151,8 +151,8 @@ struct lw_channel {
     const float *value;
 };
 
-/** What lies outside, by direction: an equirectangular picture. Row 0 is up (+Y), the middle of the picture
- * is +X: u = 0.5 + atan2(d.z, d.x) / 2 pi, v = acos(d.y) / pi, texel (i, j) has its centre at ((i + 0.5) /
+/** The environment by direction: an equirectangular picture. Row 0 is up (+Y), the middle of the picture is
+ * +X: u = 0.5 + atan2(d.z, d.x) / 2 pi, v = acos(d.y) / pi, texel (i, j) has its centre at ((i + 0.5) /
  * width, (j + 0.5) / height). common/scene/environment.h reads it. */
 struct lw_environment {
     uint32_t width, height; /* texels; 0: there is none */
@@ -204,18 +204,18 @@ const char *lw_scene_string(struct lw_scene *scene, const char *text);
 LW_MUST_CHECK enum lw_status lw_scene_add_object(struct lw_scene *scene, uint32_t mesh, uint32_t node,
                                                  struct lw_error *err);
 
-/** Checks everything that code behind this door relies on: counts, indices, order of nodes, finite numbers,
- * unit quaternions and normals (within 1 %), increasing key times, atlas sizes, names (UTF-8, never NULL),
- * no empty mesh. The package reader calls it; importers call it before they write.
+/** Checks everything that other code relies on: counts, indices, order of nodes, finite numbers, unit
+ * quaternions and normals (within 1 %), increasing key times, atlas sizes, names (UTF-8, never NULL), no
+ * empty mesh. The package reader calls it; importers call it before they write.
  * Errors: LW_BAD_DATA naming the element and field; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_scene_validate(const struct lw_scene *scene, struct lw_error *err);
 
-/** Whether its surfaces shine. */
+/** Whether surfaces of the material emit light. */
 static inline bool lw_material_shines(const struct lw_material *m) {
     return m->emission[0] > 0 || m->emission[1] > 0 || m->emission[2] > 0;
 }
 
-/** Whether an object is a spare, to begin with. */
+/** Whether an object starts as a spare. */
 static inline bool lw_scene_is_spare(const struct lw_scene *scene, uint32_t object) {
     return scene->object[object].node == LW_SCENE_NONE;
 }
@@ -249,7 +249,7 @@ struct lw_facet {
     const struct lw_mesh *mesh;
     const struct lw_material *material;
     uint32_t vertex[3];
-    bool varies; /* false: the next three are those of every point */
+    bool varies; /* false: the next three fields hold for every point */
     struct lw_vec3 albedo;
     float alpha;
     struct lw_vec3 emission;
@@ -259,7 +259,7 @@ struct lw_facet {
 void lw_scene_facet(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle,
                     struct lw_facet *out);
 
-/** What corners weigh at a point: 1 - u - v, u, v of barycentrics u, v. */
+/** Weights of the corners at a point: 1 - u - v, u, v for barycentrics u, v. */
 static inline struct lw_vec2 lw_scene_facet_mean(const struct lw_vec2 corner[3], const float weight[3]) {
     const float *w = weight;
     const struct lw_vec2 mean = {w[0] * corner[0].x + w[1] * corner[1].x + w[2] * corner[2].x,
@@ -273,8 +273,8 @@ struct lw_texture_quad {
     float x, y;           /* how far from the first to the second; from the first row to the second */
 };
 
-/** Where a point of a facet reads its base colour. What this finds is on its way into the cache: find the
- * texels of some points, then ask for their colours. */
+/** The texels that a point of a facet reads its base colour from. Prefetches them: find the texels of some
+ * points first, then read their colours. */
 void lw_scene_facet_texels(const struct lw_scene *scene, const struct lw_facet *facet, const float weight[3],
                            struct lw_texture_quad *out);
 /** Albedo, alpha and emission at a point of a facet that varies, as in struct lw_surface; the rest of *out

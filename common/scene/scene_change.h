@@ -1,4 +1,4 @@
-/* scene_change.h: one change of a scene that is being lit, and whether it may be made.
+/* scene_change.h: one change of a running scene, and the check whether it is valid.
  * Flow:    UPDATE message or caller -> [check] -> scene_state -> scene and pose of the next frame
  * Threads: pure functions, [any]. */
 #ifndef LW_COMMON_SCENE_CHANGE_H
@@ -14,7 +14,7 @@
     1e-6f /* determinant of a transform whose axes are made unit, either sign */
 #define LW_SCENE_CHANGE_RATE_MAX 1000.0f /* of the clock, either sign */
 
-/* What a change is about. */
+/* The kind of target of a change. */
 enum lw_scene_change_of {
     LW_SCENE_CHANGE_OF_SCENE, /* target is 0 */
     LW_SCENE_CHANGE_OF_OBJECT,
@@ -25,7 +25,7 @@ enum lw_scene_change_of {
 
 /* kind, its number on the wire (for ever), what its target is, how many values it has */
 #define LW_SCENE_CHANGE_MAP(X)                                                                               \
-    X(OBJECT_TRANSFORM, 1, OBJECT, 12) /* object to world, row-major 3x4; the animation lets go of it */     \
+    X(OBJECT_TRANSFORM, 1, OBJECT, 12) /* object to world, row-major 3x4; its animation stops */             \
     X(OBJECT_RESTORE, 2, OBJECT, 0)    /* back to where the scene has it, or it was added, and shown */      \
     X(OBJECT_HIDE, 3, OBJECT, 0)       /* no ray meets it: neither seen, nor shadow, nor light */            \
     X(OBJECT_SHOW, 4, OBJECT, 0)                                                                             \
@@ -84,16 +84,15 @@ enum lw_scene_change_code {
 extern "C" {
 #endif
 
-/** What a code means; of one that is unknown, that it is. Never NULL. */
+/** Text of a code, or a text that says it is unknown. Never NULL. */
 const char *lw_scene_change_text(uint32_t code);
 
-/** How many things of a kind a scene has that a change may be about; 1 for the scene itself. */
+/** Number of targets of a kind in a scene; 1 for the scene itself. */
 uint32_t lw_scene_change_targets(const struct lw_scene *scene, enum lw_scene_change_of of);
 
-/** Whether a change may be made to a scene, as far as that depends on the scene alone. Which objects there
- * are depends on earlier changes: scene_roster.h knows.
- * Returns LW_SCENE_CHANGE_OK, or why not, with LW_BAD_DATA and one line of under 200 bytes of ASCII in
- * *err. */
+/** Whether a change of a scene is valid, without regard to earlier changes. Which objects are in the scene
+ * depends on those: scene_roster.h checks it. Returns LW_SCENE_CHANGE_OK, or why not, with LW_BAD_DATA and
+ * one line of under 200 bytes of ASCII in *err. */
 enum lw_scene_change_code lw_scene_change_check(const struct lw_scene *scene,
                                                 const struct lw_scene_change *change, struct lw_error *err);
 

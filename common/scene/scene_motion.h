@@ -1,5 +1,5 @@
-/* scene_motion.h: which of a scene's movers move, and how: to measure what a still scene, a moving light or a
- *                 moving object costs.
+/* scene_motion.h: replaces a scene's animation by a static scene, a moving light or a moving object, to
+ * measure their cost.
  * Flow:    scene -> [scene_motion: channels kept, dropped, made] -> scene
  * Threads: while the scene is being built. */
 #ifndef LW_COMMON_SCENE_MOTION_H

@@ -1,10 +1,9 @@
-/* scene_roster.h: which objects of a scene are there, and which are spares of their mesh that may be added.
- * Flow:    changes, in order -> [roster] -> the object that each one is about, or why it may not be made
+/* scene_roster.h: the set of objects in a scene, and the set of spares that may be added to it.
+ * Flow:    changes, in order -> [roster] -> the object of each change, or why it is invalid
  * Threads: one thread at a time.
  *
- * Two rosters of a scene that take the same changes in the same order choose the same objects: so a server
- * can answer an update when it comes, and make its changes at the next frame, when nothing can go wrong any
- * more. */
+ * Two rosters of a scene that take the same changes in the same order choose the same objects. So a server
+ * can answer an update at once, and make its changes at the next frame, where they cannot fail. */
 #ifndef LW_COMMON_SCENE_ROSTER_H
 #define LW_COMMON_SCENE_ROSTER_H
 
@@ -33,7 +32,7 @@ enum lw_scene_change_code lw_scene_roster_take(struct lw_scene_roster *roster,
                                                const struct lw_scene_change *change, uint32_t *out_object,
                                                struct lw_error *err);
 
-/** Remembers what is there; the next call of lw_scene_roster_go_back() returns to it. */
+/** Saves the state; the next call of lw_scene_roster_go_back() returns to it. */
 void lw_scene_roster_save(struct lw_scene_roster *roster);
 void lw_scene_roster_go_back(struct lw_scene_roster *roster);
 

@@ -34,8 +34,8 @@ LW_MUST_CHECK enum lw_status lw_scene_state_init(struct lw_scene_state *state,
 /** A zeroed state is fine. */
 void lw_scene_state_finish(struct lw_scene_state *state);
 
-/** Makes one change, which lw_scene_change_check() and a roster that has taken all those before have passed.
- * wall_s: the frame's, from which the clock goes on. */
+/** Makes one change, which lw_scene_change_check() and a roster with all earlier changes have accepted.
+ * wall_s: the frame's clock, where the animation goes on. */
 void lw_scene_state_change(struct lw_scene_state *state, const struct lw_scene_change *change, double wall_s);
 
 /** The animation's time when the wall is at wall_s; not wrapped. */

@@ -1,4 +1,4 @@
-/* atlas.h: how the texels of one object are cut into mip levels and tiles, and how tiles are named.
+/* atlas.h: the mip levels and tiles of an object's atlas, and the ids of tiles.
  * Threads: pure functions, [any].
  *
  * Level 0 is the atlas itself; each further level halves both sides, rounding up, until both are at most
@@ -15,16 +15,16 @@
 #define LW_ATLAS_COARSEST   16u /* texels */
 #define LW_ATLAS_LEVELS_MAX 12u
 
-/* Coarser levels stand in only until finer ones arrive: up to here charts lie apart
+/* The coarsest level that is free of mixed charts; coarser levels are placeholders until finer ones arrive
  * (common/lightmap/lightmap.h). */
 #define LW_ATLAS_READ_MAX 2u
-/* Views read tiles that show more relative noise than these at level 2 (16 times the samples), or at level 1;
- * so the server tells them when a tile crosses one. */
+/* Views read a tile with more relative noise than this at level 2 (16 times the samples), or at level 1. The
+ * server sends a tile that crosses one of these limits. */
 #define LW_ATLAS_COARSE_NOISE 0.25f
 #define LW_ATLAS_MIDDLE_NOISE 0.1f
 
-/** The finest level at which views bear a tile of a relative error of which the share `noise_shown` is left
- * in its texels. */
+/** The finest level at which views read a tile. error: its relative error; noise_shown: the share of it that
+ * is left in the texels after the filter. */
 static inline unsigned lw_atlas_noise_level_min(float error, float noise_shown) {
     const float noise = error * noise_shown;
     return noise <= LW_ATLAS_MIDDLE_NOISE ? 0 : noise > LW_ATLAS_COARSE_NOISE ? 2 : 1;

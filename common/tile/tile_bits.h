@@ -8,8 +8,8 @@
 #include <stdint.h>
 #include <string.h>
 
-#define LW_TILE_BITS_ONES_MAX 12u /* so many ones announce a number as it is, */
-#define LW_TILE_BITS_RAW      20u /* in so many bits */
+#define LW_TILE_BITS_ONES_MAX 12u /* this many ones are followed by the number itself, */
+#define LW_TILE_BITS_RAW      20u /* in this many bits */
 
 /* Writes eight bytes at a time: up to seven past the end are overwritten. */
 struct lw_tile_bits_writer {
@@ -101,7 +101,7 @@ static inline uint32_t lw_tile_bits_get_rice(struct lw_tile_bits_reader *r, unsi
     return v;
 }
 
-/** Whether what was read is all there was, but for at most so many bits, all 0. */
+/** Whether everything was read, except for at most `most` bits, which are all 0. */
 static inline int lw_tile_bits_is_at_end(const struct lw_tile_bits_reader *r, size_t most) {
     if (r->count < r->missing * 8) return 0;
     const size_t held = r->count - r->missing * 8;

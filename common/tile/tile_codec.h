@@ -29,8 +29,8 @@ LW_MUST_CHECK enum lw_status lw_tile_codec_encode_half(struct lw_tile_codec *cod
                                                        size_t dst_capacity, size_t *out_size,
                                                        float *out_scale, uint32_t *out_saturated);
 
-/** Encodes texels as near as their source says: lw_tile_dct_encode(), where all of it is explained.
- * delta_dst: of the same capacity; needed with a history only.
+/** Encodes texels with the source's step; see lw_tile_dct_encode(). delta_dst: of the same capacity; needed
+ * with a history only.
  * Errors: LW_INTERNAL if dst_capacity is under the bound. */
 LW_MUST_CHECK enum lw_status lw_tile_codec_encode_dct(struct lw_tile_codec *codec,
                                                       const struct lw_tile_dct_source *source,
@@ -39,8 +39,8 @@ LW_MUST_CHECK enum lw_status lw_tile_codec_encode_dct(struct lw_tile_codec *code
                                                       struct lw_tile_dct_coded *out_coded);
 
 /** Encodes how a payload of codec 4 differs from an earlier one of the same tile, neither of them a delta,
- * for who has the coefficients of `from`; decoded, it is what `to` is, bit by bit. Bytes may come from
- * anyone: LW_BAD_DATA for what is damaged, or has coefficients on which nothing builds. */
+ * for a decoder that has the coefficients of `from`. It decodes to the same bits as `to`. Bytes may come
+ * from anyone: LW_BAD_DATA for damaged ones, and for coefficients that no delta may build on. */
 LW_MUST_CHECK enum lw_status lw_tile_codec_encode_between(struct lw_tile_codec *codec, const uint8_t *from,
                                                           size_t from_size, const uint8_t *to, size_t to_size,
                                                           uint32_t width, uint32_t height, uint8_t *dst,
@@ -59,8 +59,8 @@ LW_MUST_CHECK enum lw_status lw_tile_codec_decode(struct lw_tile_codec *codec, u
                                                   uint32_t width, uint32_t height,
                                                   struct lw_tile_dct_coefficients *coefficients, float *rgb);
 
-/** The same for a payload that builds on a version of the tile: of codec 4, with the coefficients of that
- * version, which become those of this one. */
+/** The same for a delta of codec 4. coefficients: of the version that it builds on; they become those of this
+ * version. */
 LW_MUST_CHECK enum lw_status lw_tile_codec_decode_delta(struct lw_tile_codec *codec, uint32_t number,
                                                         const uint8_t *src, size_t src_size, float scale,
                                                         uint32_t width, uint32_t height,

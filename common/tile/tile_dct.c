@@ -27,8 +27,8 @@
 #define NEAR_SCALE           2.0f /* a history serves as long as its scale */
 #define NEAR_Q               6u   /* and step are so near what the tile wants by itself */
 
-/* The mean of a tile lies about so many scales up: what is darker than a scale is coded absolutely, not
- * relatively. */
+/* The mean of a tile in units of its scale, about. Values below one scale are coded by their difference, not
+ * by their ratio. */
 #define MEAN_IN_SCALES 32.0f
 
 /* Coefficients are rounded down from a bit over the half: zeros are cheap, and what is dropped is mostly
@@ -570,8 +570,8 @@ LW_WIDE static double sum_of(const struct lw_tile_dct *dct, const float *plane, 
     return sum;
 }
 
-/* Nobody asks for what is not covered, so it takes whatever costs least: the mean of its block's covered
- * texels, or of the last block before it that has any. */
+/* No client reads uncovered texels, so they take the value of least cost: the mean of the block's covered
+ * texels, or of the last earlier block that has any. */
 LW_WIDE static void fill_uncovered(const struct lw_tile_dct *dct, float *plane, uint32_t width,
                                    uint32_t height) {
     float mean = 0;

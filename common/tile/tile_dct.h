@@ -59,14 +59,14 @@ struct lw_tile_dct_history {
     struct lw_tile_dct_coefficients coefficients;
 };
 
-/** Bytes at the beginning of either that a tile of this height needs: 24 KB for 64 texels. No others are
- * touched, so that one may have as little memory (aligned_alloc(), a multiple of 64). */
+/** Bytes of either struct that a tile of this height uses: 24 KB for 64 texels. No others are touched, so
+ * that it may be allocated with this size (aligned_alloc(), a multiple of 64). */
 size_t lw_tile_dct_coefficients_size(uint32_t height);
 size_t lw_tile_dct_history_size(uint32_t height);
 
 /** Texels to be encoded, and how.
  * rgb        width * height, at most LW_TILE_SIDE each, of 3 floats
- * covered    per texel, 0: whoever decodes may find anything there; NULL: every texel counts
+ * covered    per texel, 0: the decoded value may be anything; NULL: every texel counts
  * step       of every coefficient, in log2(1 + E/scale); none is off by more than 0.56 of it
  *            (LW_TILE_DCT_HOLD if it builds on a history), so neither is any plane in the root mean square;
  *            all three together make R, G and B differ by 0.3 to 0.5 of it, root mean square. Taken down to
@@ -82,7 +82,7 @@ struct lw_tile_dct_source {
     float step, dark;
 };
 
-/* With a history a coefficient stays what it was while that is within so many steps of the truth. */
+/* With a history a coefficient keeps its value while that is within this many steps of the new one. */
 #define LW_TILE_DCT_HOLD 0.8f
 
 struct lw_tile_dct_coded {
@@ -104,15 +104,15 @@ void lw_tile_dct_encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source
  * kind or step; rgb and coefficients are then unspecified. Bytes may come from anyone. scale: 0 < scale <=
  * 2^60.
  * kind       what the payload must be: LW_TILE_DCT_INTRA or LW_TILE_DCT_DELTA
- * coefficients     of the tile as it was, for a delta, then as it is; NULL, with INTRA alone: they are not
- *                  kept */
+ * coefficients  for a delta: of the version before; they become those of this one. NULL, with INTRA only:
+ *            they are not kept */
 bool lw_tile_dct_decode(struct lw_tile_dct *dct, uint32_t kind, const uint8_t *src, size_t src_size,
                         float scale, uint32_t width, uint32_t height,
                         struct lw_tile_dct_coefficients *coefficients, float *rgb);
 
 /** Encodes how a payload differs from an earlier one of the same tile, both of kind INTRA: a delta over any
- * number of versions, for who has the coefficients of `from`, which decodes to what `to` does bit by bit.
- * Bytes may come from anyone.
+ * number of versions, for a decoder that has the coefficients of `from`. It decodes to the same bits as
+ * `to`. Bytes may come from anyone.
  * dst        LW_TILE_DCT_BOUND bytes
  * Returns the size; 0: one of them is damaged, or has coefficients that may be beyond 16 bits, on which
  * nothing builds. */

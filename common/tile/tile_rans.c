@@ -18,7 +18,7 @@
 #define NONE              (PLACES - 1) /* no list is that long */
 #define FAR               LW_TILE_RANS_FAR
 #define NEAR_MAX          LW_TILE_RANS_NEAR_MAX
-#define LANE_COEFFICIENTS 64u /* a lane is worth so many coefficients */
+#define LANE_COEFFICIENTS 64u /* coefficients that make another lane worth its state */
 #define CLASSES           15u
 /* More than a group of lists takes that runs past the end: of each coefficient two words. */
 #define SLACK      (PLACES * LANES * 4)

@@ -28,9 +28,9 @@
 /* Of the coefficients alone: 32 bits each, at most; lengths; states. */
 #define LW_TILE_RANS_BOUND (3 * LW_TILE_TEXELS_MAX * 4 + LW_TILE_RANS_BLOCKS * 2 + LW_TILE_RANS_LANES * 4)
 
-#define LW_TILE_RANS_NEAR_MAX 30u /* of a neighbour's size, so much counts */
+#define LW_TILE_RANS_NEAR_MAX 30u /* larger sizes of a neighbour count as this */
 
-/** What instructions coefficients are read with; the same coefficients from all. */
+/** Instruction set of the decoder. All give the same coefficients. */
 enum lw_tile_rans_isa { LW_TILE_RANS_SCALAR, LW_TILE_RANS_AVX2, LW_TILE_RANS_AVX512 };
 
 /** Tables and scratch; some 280 KB. */
@@ -67,8 +67,8 @@ void lw_tile_rans_init(struct lw_tile_rans *rans);
 
 /** Writes the coefficients of a tile of width x height texels, and after them other bytes, some of which cost
  * nothing.
- * coefficient      three planes, of each the blocks in rows of LW_TILE_SIDE / 8, of each its rows; the first
- *            of each block is not written, nor what lies outside the tile
+ * coefficient  three planes, of each the blocks in rows of LW_TILE_SIDE / 8, of each its rows; the first
+ *              of each block is not written, nor what lies outside the tile
  * rest       rest_size bytes, of which zeros at the end may be left out
  * dst        of LW_TILE_RANS_BOUND + rest_size bytes at least
  * Returns how many it wrote. */
@@ -76,7 +76,7 @@ size_t lw_tile_rans_put(struct lw_tile_rans *rans, const int16_t *coefficient, u
                         uint32_t height, const uint8_t *rest, size_t rest_size, uint8_t *dst);
 
 /** Reads them. Bytes may come from anyone; false if they are not what an encoder writes.
- * coefficient      all of it is written, as far as the tile has rows of blocks
+ * coefficient  all of it is written, as far as the tile has rows of blocks
  * length     of each block of each plane, LW_TILE_TEXELS_MAX / 64 a plane: how many coefficients beyond the
  *            first were in its list
  * out_rest   the other bytes, in `rans` until the next call; the first *out_rest_free of them are always

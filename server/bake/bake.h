@@ -1,5 +1,5 @@
-/* bake.h: the solve of a bake: frames until every texel has enough, with progress, a time limit, and a state
- * on disk.
+/* bake.h: the solve of a bake: frames until every texel reaches the target, with progress, a time limit and a
+ * checkpoint.
  * Flow:    scene, pose, solver -> [bake: frames] -> solver with the light -> maps
  * Threads: main() only; the solver runs its own workers. */
 #ifndef LW_BAKE_BAKE_H
@@ -10,37 +10,37 @@
 #include <signal.h>
 
 struct lw_bake_desc {
-    struct lw_solver *solver; /* with one sample of each kind per frame, and the aim in its desc */
+    struct lw_solver *solver; /* with one sample of each kind per frame, and the target in its desc */
     const struct lw_atlas_map *atlas_map;
     const struct lw_pose *pose;
-    uint32_t samples;        /* the aim, as in the solver's desc: its frames_max; 0: the error decides */
-    float error;             /* its target_error */
-    double limit_s;          /* stop after this time; 0: no limit */
-    const char *state_path;  /* of the checkpoint; NULL: none */
-    double state_interval_s; /* 0: at the end only */
-    uint8_t key[16];         /* of the checkpoint */
+    uint32_t samples;                  /* the target, as the solver's frames_max; 0: the error decides */
+    float error;                       /* its target_error */
+    double limit_s;                    /* stop after this time; 0: no limit */
+    const char *state_path;            /* of the checkpoint; NULL: none */
+    double state_interval_s;           /* 0: at the end only */
+    uint8_t key[16];                   /* of the checkpoint */
     const volatile sig_atomic_t *stop; /* may be NULL; once true, the frame under way is the last */
 };
 
 struct lw_bake_result {
     uint64_t frames, rays; /* frames: those of earlier runs included */
     double seconds;
-    uint32_t tiles, tiles_open; /* in all; short of the aim */
+    uint32_t tiles, tiles_open; /* total; short of the target */
     bool stopped, limited;      /* by the signal; by the time limit */
 };
 
-/** Takes up a checkpoint that an earlier run has left. *out_frames is 0 where there is none.
+/** Loads the checkpoint of an earlier run. *out_frames is 0 without one.
  * Errors: as the solver's load(). */
 LW_MUST_CHECK enum lw_status lw_bake_resume(const struct lw_bake_desc *desc, uint64_t *out_frames,
                                             struct lw_error *err);
 
-/** Solves frames until all tiles rest, the time is up or somebody says stop; then saves the state once more,
- * so that nothing is lost where the maps cannot be written. A state that cannot be saved is a warning: the
- * bake goes on. frames: what lw_bake_resume() said. Errors: the solver's. */
+/** Solves frames until all tiles have converged, the time limit is reached or *stop is set. Then saves a
+ * checkpoint, so that no work is lost if the maps cannot be written. A checkpoint that cannot be saved is a
+ * warning: the bake goes on. frames: from lw_bake_resume(). Errors: the solver's. */
 LW_MUST_CHECK enum lw_status lw_bake_run(const struct lw_bake_desc *desc, uint64_t frames,
                                          struct lw_bake_result *out_result, struct lw_error *err);
 
-/** Removes the state from disk, once it is of no use. */
+/** Removes the checkpoint when it is no longer needed. */
 void lw_bake_forget(const struct lw_bake_desc *desc);
 
 #endif

@@ -1,4 +1,4 @@
-/* convention.h: what a lightmap's numbers mean to the engine that loads it.
+/* convention.h: the quantity and units of a lightmap's values, by engine.
  * Flow:    irradiance and albedo of a texel -> [convention] -> the texel of the map
  * Threads: pure functions, [any].
  * After:   the engines' own shaders; docs/baking.md names the lines. */

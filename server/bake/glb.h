@@ -1,10 +1,9 @@
-/* glb.h: a glTF 2.0 file in the making: the JSON's arrays and the binary buffer behind them.
+/* glb.h: builds a glTF 2.0 file: the JSON's arrays and the binary buffer.
  * Flow:    vertices, indices, pictures -> [glb] -> one .glb file
  * Threads: one lw_glb belongs to one thread.
  * After:   the glTF 2.0 specification, 3.6 (buffers, views, accessors) and 4.4 (GLB layout).
  *
- * Failures are kept: after the first, every call is harmless and returns LW_GLB_NONE; lw_glb_write() tells
- * it. */
+ * The first failure is kept: later calls do nothing and return LW_GLB_NONE; lw_glb_write() returns it. */
 #ifndef LW_BAKE_GLB_H
 #define LW_BAKE_GLB_H
 

@@ -21,10 +21,10 @@ struct lw_glb_scene_desc {
     const uint8_t *drawn;
 };
 
-/* A mesh of the scene in the file: what the objects that use it share. */
+/* A mesh in the file: the data that its objects share. */
 struct lw_glb_mesh {
     uint32_t *attribute;                         /* accessors; NULL: not written yet */
-    uint32_t back_normal, back_uv;               /* of split sides, what differs; or LW_GLB_NONE */
+    uint32_t back_normal, back_uv;               /* accessors of the back of split sides; or LW_GLB_NONE */
     uint32_t *material, *indices, *back_indices; /* per primitive: the scene's material; accessors */
     uint32_t primitive_count;
 };

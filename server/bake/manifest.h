@@ -1,4 +1,4 @@
-/* manifest.h: DIR/index.json: which map belongs to which object, and what its numbers mean.
+/* manifest.h: DIR/index.json: the map of each object, and the quantity and units of its values.
  * Threads: main() only. Format: docs/baking.md. */
 #ifndef LW_BAKE_MANIFEST_H
 #define LW_BAKE_MANIFEST_H
@@ -10,7 +10,7 @@
 
 #define LW_MANIFEST_FORMAT 1
 
-/** What holds for the whole bake. */
+/** Properties of the whole bake. */
 struct lw_manifest_desc {
     const struct lw_scene *scene;
     const char *scene_path; /* as the user gave it */
@@ -20,7 +20,7 @@ struct lw_manifest_desc {
     uint32_t samples, bounces, seed; /* samples 0: `error` was the aim */
     float error;
     bool denoised;
-    const struct lw_client_lights *left_out; /* whose direct light the maps lack; NULL: they hold all light */
+    const struct lw_client_lights *left_out; /* lights whose direct light the maps lack; NULL: none */
 };
 
 struct lw_manifest {

@@ -17,7 +17,7 @@ struct lw_map {
     uint32_t back_offset; /* rows from a texel to the one of its surface's back; 0: no backs */
     float *rgba;          /* width * height * 4, row 0 on top (v = 0); A: 1 surface, 0 continued beyond it */
     uint32_t covered;     /* texels with A = 1 */
-    uint32_t samples;     /* of each kind that every covered texel has got at least */
+    uint32_t samples;     /* least number of samples of each kind, over covered texels */
     float error;          /* relative standard error: root mean square over the tiles, by covered texels */
     float error_worst;    /* that of the noisiest tile */
     float largest;        /* of all channels */

@@ -11,7 +11,7 @@
 /* Where exporters and people put textures. "": beside the scene. */
 static const char *const subfolders[] = {"", "textures", "texture", "tex", "maps", "images", "materials"};
 
-#define ENTRIES_MAX 100000 /* of a folder, looked at for a name in other letters */
+#define ENTRIES_MAX 100000 /* of a folder, compared without regard to case */
 
 static bool is_file(const char *path) {
     struct stat info;
@@ -58,7 +58,7 @@ static bool try_path(const char *folder, const char *relative, char out[PATH_MAX
     return false;
 }
 
-/* Drops empty parts, "." and what ".." takes back; what would leave the folder begins anew there. */
+/* Resolves empty parts, "." and "..". A path that leaves the folder starts at it again. */
 static void normalise(const char *path, char *out) {
     char *end = out;
     while (*path) {

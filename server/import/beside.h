@@ -1,13 +1,13 @@
-/* beside.h: finds the file that a scene means when it names one: a texture, a material library. Scenes
- * travel; their paths are often those of another machine.
+/* beside.h: finds the files that a scene names: textures, material libraries. Their paths are often those of
+ * another machine.
  * Threads: [any]. */
 #ifndef LW_IMPORT_BESIDE_H
 #define LW_IMPORT_BESIDE_H
 
 #include "common/status.h"
 
-/** Looks for `wanted` in the folder of the scene and below, never elsewhere: the path as it is if that stays
- * inside, then its last parts, then its base name alone in the folder, in textures, texture, tex, maps,
+/** Looks for `wanted` in the folder of the scene and below, never elsewhere. Tries the path itself if it
+ * stays inside, then its last parts, then its base name in the folder, in textures, texture, tex, maps,
  * images, materials and in SCENE.fbm. Backslashes count as slashes, file:// and %-escapes are read as such
  * if nothing has that very name; upper and lower case count only if both exist.
  * folder     of the scene

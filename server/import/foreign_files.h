@@ -1,5 +1,5 @@
-/* foreign_files.h: the only files that Assimp gets to see, from memory: the scene itself, and for an OBJ its
- * material libraries, found as beside.h says. It can open, list or overwrite nothing else.
+/* foreign_files.h: the files that Assimp may read, served from memory: the scene, and the material libraries
+ * of an OBJ (beside.h). It cannot open, list or overwrite any other.
  * Threads: one set belongs to one import. */
 #ifndef LW_IMPORT_FOREIGN_FILES_H
 #define LW_IMPORT_FOREIGN_FILES_H

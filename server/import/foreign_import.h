@@ -1,4 +1,4 @@
-/* foreign_import.h: what the parts of one import through Assimp share.
+/* foreign_import.h: the state that the parts of one import through Assimp share.
  * Threads: an import belongs to one thread. err is never NULL here; errors do not name the file yet. */
 #ifndef LW_IMPORT_FOREIGN_IMPORT_H
 #define LW_IMPORT_FOREIGN_IMPORT_H
@@ -11,7 +11,7 @@
 
 #define LW_FOREIGN_KEYS_MAX (1u << 26) /* of all channels together */
 
-/* What is left out, said once per file. */
+/* Ignored features; one warning each per file. */
 #define LW_FOREIGN_WARNING_MAP(X)                                                                            \
     X(NORMAL_MAP, "normal and bump maps are ignored")                                                        \
     X(SKIN, "skins are ignored: skinned meshes keep the pose of the file")                                   \

@@ -5,7 +5,7 @@
 
 #include "server/import/foreign_import.h"
 
-/** What a surface asks of its material beyond the file. */
+/** Properties of a surface that its material depends on. */
 struct lw_foreign_surface {
     bool closed;   /* it has an inside: its back is never seen */
     bool coloured; /* it has vertex colours */
@@ -37,7 +37,7 @@ LW_MUST_CHECK enum lw_status lw_foreign_materials_get(struct lw_foreign_material
                                                       struct lw_foreign_surface surface, uint32_t *out,
                                                       struct lw_error *err);
 
-/** Says what was remarkable, after all is converted. */
+/** Logs warnings, after everything is converted. */
 void lw_foreign_materials_report(const struct lw_foreign_materials *materials);
 
 #endif

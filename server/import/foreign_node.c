@@ -277,7 +277,7 @@ static enum lw_status allocate(struct conversion *conversion, size_t count, stru
         return lw_status_fail(err, LW_BAD_DATA,
                               "has more than %u nodes: join what stands together into one mesh",
                               LW_SCENE_NODES_MAX);
-    /* a mesh is built anew for each list of a node that begins with it but is another */
+    /* a mesh is built once for each different list of a node that begins with it */
     size_t built = count < LW_SCENE_MESHES_MAX ? count : LW_SCENE_MESHES_MAX;
     conversion->nodes->queue = malloc(count * sizeof *conversion->nodes->queue);
     conversion->nodes->by_name = malloc(count * sizeof *conversion->nodes->by_name);

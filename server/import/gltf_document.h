@@ -9,7 +9,7 @@
 
 #include <stdint.h>
 
-/* Bounds on what a file may ask of us. */
+/* Limits on a file. */
 #define LW_GLTF_FILE_SIZE_MAX    (4ull << 30)   /* bytes of a .glb or .gltf, and of one buffer */
 #define LW_GLTF_JSON_SIZE_MAX    (128ull << 20) /* bytes; nesting is bounded by jansson (2048) */
 #define LW_GLTF_BUFFERS_SIZE_MAX (8ull << 30)   /* bytes of all buffers together */
@@ -38,7 +38,7 @@ enum lw_gltf_list {
         LW_GLTF_LIST_COUNT
 };
 
-/* What is left out, said once per file. */
+/* Ignored features; one warning each per file. */
 #define LW_GLTF_WARNING_MAP(X)                                                                               \
     X(NORMAL_MAP, "normal maps are ignored")                                                                 \
     X(SKIN, "skins are ignored: skinned meshes keep their rest pose")                                        \

@@ -1,5 +1,5 @@
-/* gltf_node.h: the hierarchy of the scene that is shown, parents first, with what hangs on it: objects,
- * lights, cameras.
+/* gltf_node.h: the hierarchy of the file's default scene, parents first, with its objects, lights and
+ * cameras.
  * Threads: one conversion per document. No recursion: depth costs nothing. */
 #ifndef LW_IMPORT_GLTF_NODE_H
 #define LW_IMPORT_GLTF_NODE_H

@@ -1,6 +1,5 @@
-/* guard.h: keeps a library that reads outside files, and was not written against malice, from taking the
- * program with it: while guarded, a crash, too much processor time and too much memory each end the process
- * with one line that says what happened. Nothing of the library's state is used after that.
+/* guard.h: guards the process while a library reads an outside file. A crash, too much processor time or too
+ * much memory end the process with one line that says why. The library's state is not used after that.
  * Threads: entered and left by the thread that calls the library; one guard at a time. */
 #ifndef LW_IMPORT_GUARD_H
 #define LW_IMPORT_GUARD_H

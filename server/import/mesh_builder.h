@@ -1,4 +1,4 @@
-/* mesh_builder.h: collects the vertices and triangles of one mesh, whatever file they come from.
+/* mesh_builder.h: collects the vertices and triangles of one mesh, for all formats.
  * Flow:    reader of a format -> [mesh_builder] -> struct lw_mesh of a scene
  * Threads: a builder belongs to one thread; it keeps its memory from mesh to mesh. */
 #ifndef LW_IMPORT_MESH_BUILDER_H

@@ -1,5 +1,4 @@
-/* scene_format.h: which format a scene file is in, told by its first bytes; by its name where bytes say
- * nothing.
+/* scene_format.h: recognises the format of a scene file by its first bytes, or else by its name.
  * Threads: [any]. */
 #ifndef LW_IMPORT_SCENE_FORMAT_H
 #define LW_IMPORT_SCENE_FORMAT_H
@@ -30,7 +29,7 @@ const char *lw_scene_format_name(enum lw_scene_format format);
 /** ".obj" etc. */
 const char *lw_scene_format_ending(enum lw_scene_format format);
 
-/** Looks at a file. What its first bytes say counts more than its name.
+/** Recognises a file. Its first bytes count more than its name.
  * Errors: LW_NO_INPUT if it cannot be opened; LW_BAD_DATA if it is empty, no regular file, or in none of the
  * formats. Their text starts with the path. */
 LW_MUST_CHECK enum lw_status lw_scene_format_of(const char *path, enum lw_scene_format *out,

@@ -1,4 +1,4 @@
-/* tally.h: says once what happened often: the first name and how many more there were. */
+/* tally.h: one warning for many cases: the first name, and the count of the others. */
 #ifndef LW_IMPORT_TALLY_H
 #define LW_IMPORT_TALLY_H
 
