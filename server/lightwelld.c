@@ -24,6 +24,8 @@
 #include "server/solve/solvers.h"
 
 #include <errno.h>
+#include <jansson.h>
+#include <math.h>
 #include <poll.h>
 #include <pthread.h>
 #include <signal.h>
@@ -39,10 +41,10 @@
 #define HTTP_PORT    7781
 #define HTTP_ADDRESS LW_OPTIONS_HOST ":7781"
 #define TARGET_ERROR 0.02f
-#define SOLVER_NICE  5  /* behind the loop */
+#define SOLVER_NICE  5  /* lower priority than the loop */
 #define STEP_HZ      30 /* scene time advances by 1/30 s a frame under --clock step */
-/* A form of light that nobody takes any more is kept up for so long, as clients come back after a broken
- * link. */
+/* A form of light that no client takes any more is published for this long, since clients come back after a
+ * broken link. */
 #define FORM_LINGERS_NS 10000000000u
 
 enum clock_kind { CLOCK_REAL, CLOCK_STEP, CLOCK_MANUAL };
@@ -89,11 +91,11 @@ struct daemon {
     _Atomic bool lit;             /* the solver has had a frame */
     struct lw_error solver_error; /* read after the thread is joined */
     uint64_t started_ns, rays_total;
-    uint64_t first;      /* number of the first frame: 1, unless frames of an earlier run were kept */
+    uint64_t first;      /* number of the first frame: 1, or after the frames of the saved light */
     uint64_t published;  /* the last frame that was */
-    bool moved;          /* something has, since then */
+    bool moved;          /* something has moved since then */
     uint32_t forms;      /* of light that are shown and published: bit per enum lw_light_form */
-    uint32_t forms_kept; /* those of the last run's light */
+    uint32_t forms_kept; /* forms of the saved light */
     uint64_t taken_ns[LW_LIGHT_FORM_COUNT]; /* when somebody last took it */
 };
 
@@ -331,7 +333,7 @@ static enum lw_status read_scene(struct daemon *d, struct lw_error *err) {
     return choose_client_lights(d, err);
 }
 
-/* What the solver's filter leaves of a tile's noise. */
+/* Share of a tile's noise that the solver's filter leaves. */
 static float noise_shown(const struct settings *s) { return s->denoise == 1 ? LW_DENOISE_NOISE_SHOWN : 1; }
 
 static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
@@ -382,59 +384,78 @@ static enum lw_status set_up_solver(struct daemon *d, struct lw_error *err) {
 
 struct frame_cost {
     uint64_t wall_ns, solve_cpu_ns, publish_cpu_ns;
-    size_t changes; /* of the scene, by updates */
+    size_t changes; /* of the scene, made by updates */
 };
 
-/* CPU time of everything but the loop: the solver's thread and its workers. */
+/* CPU time of the solver's thread and its workers: of the process, less the loop. */
 static uint64_t work_cpu_ns(const struct daemon *d) {
     struct lw_server_stats serve;
     lw_server_get_stats(d->server, &serve);
     return lw_clock_process_cpu_ns() - serve.loop_cpu_ns;
 }
 
+static void put_count(json_t *line, const char *key, uint64_t count) {
+    json_object_set_new(line, key, json_integer((json_int_t)count));
+}
+
+static void put_ms(json_t *line, const char *key, uint64_t ns) {
+    json_object_set_new(line, key, json_real(round((double)ns * 1e-3) * 1e-3));
+}
+
 static void print_frame(const struct daemon *d, uint64_t frame, const struct frame_cost *cost,
                         const struct lw_solver_stats *solve, const struct lw_publisher_stats *publish) {
     struct lw_server_stats serve;
     lw_server_get_stats(d->server, &serve);
-    printf(
-        "{\"frame\":%llu,\"published\":%llu,\"time_s\":%.6f,\"frame_ms\":%.3f,\"pose_ms\":%.3f,\"change_ms\":"
-        "%.3f,\"direct_ms\":"
-        "%.3f,\"probe_ms\":%"
-        ".3f,"
-        "\"scatter_ms\":%.3f,\"denoise_ms\":%.3f,\"weld_ms\":%.3f,\"levels_ms\":%.3f,\"encode_ms\":%.3f,"
-        "\"rays_shadow\":%llu,"
-        "\"rays_bounce\":%llu,"
-        "\"rays_probe\":%llu,\"rays_total\":%llu,\"texels_solved\":%llu,\"tiles_solved\":%u,\"tiles_"
-        "converged\":%u,"
-        "\"tiles\":%u,\"tiles_wanted\":%u,\"tiles_feeding\":%u,\"tiles_encoded\":%llu,\"bytes_encoded\":%llu,"
-        "\"split_tiles_encoded\":%llu,\"split_bytes_encoded\":%llu,"
-        "\"saturated\":%llu,\"changes\":%zu,\"sessions\":%llu,\"sessions_drawing\":%llu,"
-        "\"tiles_sent\":%llu,\"bytes_sent\":%llu,\"solve_cpu_ms\":%.3f,\"publish_cpu_ms\":%.3f,\"loop_cpu_"
-        "ms\":%.3f,"
-        "\"cpu_ms\":%.3f,\"loop_lag_p99_ms\":%.3f,\"loop_lag_max_ms\":%.3f,\"ack_p99_ms\":%.3f,"
-        "\"waiting_bytes\":%llu,\"waiting_bytes_max\":%llu,\"socket_bytes\":%llu}\n",
-        (unsigned long long)frame, (unsigned long long)d->published, d->pose.time_s,
-        (double)cost->wall_ns * 1e-6, (double)solve->pose_ns * 1e-6, (double)solve->change_ns * 1e-6,
-        (double)solve->direct_ns * 1e-6, (double)solve->probe_ns * 1e-6, (double)solve->scatter_ns * 1e-6,
-        (double)solve->denoise_ns * 1e-6, (double)solve->weld_ns * 1e-6, (double)publish->levels_ns * 1e-6,
-        (double)publish->encode_ns * 1e-6, (unsigned long long)solve->rays_shadow,
-        (unsigned long long)solve->rays_bounce, (unsigned long long)solve->rays_probe,
-        (unsigned long long)d->rays_total, (unsigned long long)solve->texels_solved, solve->tiles_solved,
-        solve->tiles_converged, solve->tiles, solve->tiles_wanted, solve->tiles_feeding,
-        (unsigned long long)publish->tiles_encoded, (unsigned long long)publish->bytes_encoded,
-        (unsigned long long)publish->split_tiles_encoded, (unsigned long long)publish->split_bytes_encoded,
-        (unsigned long long)publish->saturated, cost->changes, (unsigned long long)serve.sessions_now,
-        (unsigned long long)serve.sessions_drawing, (unsigned long long)serve.tiles_sent,
-        (unsigned long long)serve.bytes_sent, (double)cost->solve_cpu_ns * 1e-6,
-        (double)cost->publish_cpu_ns * 1e-6, (double)serve.loop_cpu_ns * 1e-6,
-        (double)lw_clock_process_cpu_ns() * 1e-6, (double)serve.loop_lag_p99_ns * 1e-6,
-        (double)serve.loop_lag_max_ns * 1e-6, (double)serve.ack_p99_ns * 1e-6,
-        (unsigned long long)serve.waiting_bytes, (unsigned long long)serve.waiting_bytes_max,
-        (unsigned long long)serve.socket_bytes);
+    json_t *line = json_object();
+    put_count(line, "frame", frame);
+    put_count(line, "published", d->published);
+    json_object_set_new(line, "time_s", json_real(round(d->pose.time_s * 1e6) * 1e-6));
+    put_ms(line, "frame_ms", cost->wall_ns);
+    put_ms(line, "pose_ms", solve->pose_ns);
+    put_ms(line, "change_ms", solve->change_ns);
+    put_ms(line, "direct_ms", solve->direct_ns);
+    put_ms(line, "probe_ms", solve->probe_ns);
+    put_ms(line, "scatter_ms", solve->scatter_ns);
+    put_ms(line, "denoise_ms", solve->denoise_ns);
+    put_ms(line, "weld_ms", solve->weld_ns);
+    put_ms(line, "levels_ms", publish->levels_ns);
+    put_ms(line, "encode_ms", publish->encode_ns);
+    put_count(line, "rays_shadow", solve->rays_shadow);
+    put_count(line, "rays_bounce", solve->rays_bounce);
+    put_count(line, "rays_probe", solve->rays_probe);
+    put_count(line, "rays_total", d->rays_total);
+    put_count(line, "texels_solved", solve->texels_solved);
+    put_count(line, "tiles_solved", solve->tiles_solved);
+    put_count(line, "tiles_converged", solve->tiles_converged);
+    put_count(line, "tiles", solve->tiles);
+    put_count(line, "tiles_wanted", solve->tiles_wanted);
+    put_count(line, "tiles_feeding", solve->tiles_feeding);
+    put_count(line, "tiles_encoded", publish->tiles_encoded);
+    put_count(line, "bytes_encoded", publish->bytes_encoded);
+    put_count(line, "split_tiles_encoded", publish->split_tiles_encoded);
+    put_count(line, "split_bytes_encoded", publish->split_bytes_encoded);
+    put_count(line, "saturated", publish->saturated);
+    put_count(line, "changes", cost->changes);
+    put_count(line, "sessions", serve.sessions_now);
+    put_count(line, "sessions_drawing", serve.sessions_drawing);
+    put_count(line, "tiles_sent", serve.tiles_sent);
+    put_count(line, "bytes_sent", serve.bytes_sent);
+    put_ms(line, "solve_cpu_ms", cost->solve_cpu_ns);
+    put_ms(line, "publish_cpu_ms", cost->publish_cpu_ns);
+    put_ms(line, "loop_cpu_ms", serve.loop_cpu_ns);
+    put_ms(line, "cpu_ms", lw_clock_process_cpu_ns());
+    put_ms(line, "loop_lag_p99_ms", serve.loop_lag_p99_ns);
+    put_ms(line, "loop_lag_max_ms", serve.loop_lag_max_ns);
+    put_ms(line, "ack_p99_ms", serve.ack_p99_ns);
+    put_count(line, "waiting_bytes", serve.waiting_bytes);
+    put_count(line, "waiting_bytes_max", serve.waiting_bytes_max);
+    put_count(line, "socket_bytes", serve.socket_bytes);
+    if (json_dumpf(line, stdout, JSON_COMPACT | JSON_REAL_PRECISION(15)) == 0) putchar('\n');
+    json_decref(line);
     fflush(stdout);
 }
 
-/* What the animation's clock goes by: the wall, or the count of frames. */
+/* The time of the animation's clock, s: of the wall, or counted in frames. */
 static double wall_time(const struct daemon *d, uint64_t frame) {
     if (d->settings.clock != CLOCK_REAL) return (double)(frame - d->first) / STEP_HZ;
     return (double)(lw_clock_ns() - d->started_ns) * 1e-9;
@@ -469,8 +490,9 @@ static enum lw_status follow_clients(struct daemon *d, struct lw_error *err) {
     return status;
 }
 
-/* The forms that clients take, and those that they took a moment ago; while nobody is there, those of
- * before. A moment of the clock that the scene goes by: which forms are shown decides what is solved. */
+/* The forms that clients take, and those that they took within FORM_LINGERS_NS. Without clients, the forms
+ * stay. Time is that of the scene's clock, since the forms decide what is solved, and runs must be
+ * repeatable. */
 static uint32_t choose_forms(struct daemon *d, uint64_t frame) {
     const uint32_t taken = lw_server_forms_taken(d->server);
     const uint64_t now_ns =
@@ -492,8 +514,8 @@ static enum lw_status show_forms(struct daemon *d, uint32_t forms, struct lw_err
     return LW_OK;
 }
 
-/* Where things are is news for whoever is there, even if nothing of what they look at was solved; and whoever
- * has sent an update waits for its frame. */
+/* Sessions need new transforms even if no tile in their interest set was solved, and a session that sent an
+ * update waits for its frame. */
 static bool has_news(struct daemon *d, const struct lw_solver_stats *solve, size_t updates) {
     struct lw_server_stats serve;
     lw_server_get_stats(d->server, &serve);
@@ -516,8 +538,8 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
     uint64_t cpu_solved = work_cpu_ns(d);
     cost.solve_cpu_ns = cpu_solved - cpu_began;
     d->rays_total += solve.rays_shadow + solve.rays_bounce + solve.rays_probe;
-    /* A frame in which nothing was solved and nothing moved changes nothing: no snapshot, no bytes. But
-     * whoever takes a form that nobody took waits for one. */
+    /* A frame in which nothing was solved and nothing moved gives no snapshot and no bytes, unless a session
+     * has asked for a form of light that was not published. */
     const bool news = has_news(d, &solve, updates) || !d->lit || (d->forms & ~forms_before);
     *out_rested = !news && !solve.tiles_solved;
     if (news) {
@@ -576,9 +598,9 @@ static void solve_frames(struct daemon *d) {
     if (s->keep) lw_light_store_save(&d->light_store, d->solver, true);
 }
 
-/* The loop's thread wakes for moments, and a newcomer waits while it waits for a core: it goes before the
- * solver's threads, which inherit this. Linux has a priority for each thread; where there is one for the
- * process, it stays. */
+/* Lowers the priority of the solver's thread; its workers inherit that. The loop's thread needs a core for
+ * short moments only, but a new client waits for it. Linux has a priority for each thread; on systems with
+ * one for the process, it stays. */
 static void give_way(void) {
 #if defined(__linux__)
     errno = 0;
@@ -614,7 +636,7 @@ static enum lw_status write_port(const char *path, const char *option, unsigned 
     return status;
 }
 
-/* A pipe or a device was written to, but is not ours to remove. */
+/* Removes a regular file only: a pipe or a device was written to, but is not ours. */
 static void remove_port(const char *path) {
     struct stat st;
     if (path && lstat(path, &st) == 0 && S_ISREG(st.st_mode)) unlink(path);
@@ -666,7 +688,7 @@ static enum lw_status serve(struct daemon *d, struct lw_error *err) {
     }
     status = lw_server_run(d->server, err);
     d->stopping = true;
-    d->cancel = !s->keep || !d->lit; /* what is to be kept is that of a whole frame */
+    d->cancel = !s->keep || !d->lit; /* saved light must be of a whole frame */
     pthread_join(d->solver_thread, NULL);
     if (status == LW_OK && d->solver_error.status != LW_OK) {
         *err = d->solver_error;
@@ -685,8 +707,8 @@ static int print_hash(char *dst, const void *bytes, size_t size) {
     return length;
 }
 
-/* What decides the light that is shown: the scene, as it is before updates, and the options that are not part
- * of it. When to rest, whom to serve and how fast are not among them. */
+/* A hash of all that the shown light depends on: the scene before updates, and options. Options of
+ * convergence, network and speed are not part of it. */
 static void make_key(const struct daemon *d, uint8_t out_key[LW_SAVED_LIGHT_KEY_SIZE]) {
     const struct settings *s = &d->settings;
     struct lw_package_hash hash;
@@ -769,7 +791,7 @@ static enum lw_status run(struct daemon *d, struct lw_error *err) {
     d->started_ns = lw_clock_ns();
     enum lw_status status = read_scene(d, err);
     if (status != LW_OK) return status;
-    /* The port before the long work: an address in use should be known at once. */
+    /* Binds the port before the long work, so that an address in use fails at once. */
     if ((status = create_server(d, err)) != LW_OK) return status;
     if (s->keep && (status = recall_light(d, err)) != LW_OK) return status;
     if (signalled) return lw_status_fail(err, LW_CLOSED, "%s: stopped before it was lit", s->scene.path);
