@@ -11,8 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define ATLAS_SIDE_DEFAULT 4096u
-#define ATLAS_SIDE_MIN     (2 * LW_LIGHTMAP_BLOCK)
+#define ATLAS_SIDE_MIN (2 * LW_LIGHTMAP_BLOCK)
 
 /* Density is sought twice more after the first guess: covered texels are nearly, not quite, its square. */
 #define DENSITY_ROUNDS 3
@@ -551,7 +550,7 @@ static enum lw_status commit(struct drive *drive, struct lw_lightmap_report *out
 
 enum lw_status lw_lightmap_build(struct lw_scene *scene, const struct lw_lightmap_desc *desc,
                                  struct lw_lightmap_report *out_report, struct lw_error *err) {
-    uint32_t side = desc->atlas_side_max ? desc->atlas_side_max : ATLAS_SIDE_DEFAULT;
+    uint32_t side = desc->atlas_side_max ? desc->atlas_side_max : LW_LIGHTMAP_SIDE_DEFAULT;
     if (side > LW_SCENE_ATLAS_SIDE_MAX) side = LW_SCENE_ATLAS_SIDE_MAX;
     struct drive drive = {.scene = scene,
                           .side_max = side / LW_LIGHTMAP_BLOCK * LW_LIGHTMAP_BLOCK,

@@ -26,18 +26,24 @@
 #define LW_LIGHTMAP_DENSITY_MAX 1e6
 #define LW_LIGHTMAP_SIDE_MIN    16u /* of atlas_side_max, texels */
 
-/* Without a density asked for. docs/results/density.md says why these. */
-#define LW_LIGHTMAP_DENSITY_DEFAULT 5.0      /* texels per metre */
-#define LW_LIGHTMAP_TEXELS_MIN      20000u   /* a scene of a few square metres has a higher density */
-#define LW_LIGHTMAP_TEXELS_MAX      1000000u /* or half the triangles of all objects, if that is more */
+/* Defaults; plain numbers, so that help texts print them. Reasons: docs/results/density.md. */
+#define LW_LIGHTMAP_DENSITY_DEFAULT 5       /* texels per metre */
+#define LW_LIGHTMAP_TEXELS_MIN      20000   /* a scene of a few square metres has a higher density */
+#define LW_LIGHTMAP_TEXELS_MAX      1000000 /* or half the triangles of all objects, if that is more */
+#define LW_LIGHTMAP_SIDE_DEFAULT    4096    /* texels */
 
 /* For --help of every program that has the options. */
-#define LW_LIGHTMAP_DENSITY_HELP                                                                             \
-    "texels per metre of the lightmaps (default: 5, or more where a scene would have under 20,000 texels)"
-#define LW_LIGHTMAP_TEXELS_HELP                                                                              \
-    "texels of all lightmaps at most, about; a scene that needs more gets fewer per metre (default: none "   \
-    "with "                                                                                                  \
-    "--texels-per-metre, else 1,000,000 or half the triangles, whichever is more)"
+/* clang-format off */
+#define LW_LIGHTMAP_NUMBER_(value) #value
+#define LW_LIGHTMAP_NUMBER(value)  LW_LIGHTMAP_NUMBER_(value)
+#define LW_LIGHTMAP_DENSITY_HELP                                                                            \
+    "texels per metre of the lightmaps (default: " LW_LIGHTMAP_NUMBER(LW_LIGHTMAP_DENSITY_DEFAULT)          \
+    ", or more where a scene would have under " LW_LIGHTMAP_NUMBER(LW_LIGHTMAP_TEXELS_MIN) " texels)"
+#define LW_LIGHTMAP_TEXELS_HELP                                                                             \
+    "texels of all lightmaps at most, about; a scene that needs more gets fewer per metre (default: none "  \
+    "with --texels-per-metre, else " LW_LIGHTMAP_NUMBER(LW_LIGHTMAP_TEXELS_MAX)                             \
+    " or half the triangles, whichever is more)"
+/* clang-format on */
 
 struct lw_lightmap_desc {
     float texels_per_metre; /* 0: LW_LIGHTMAP_DENSITY_DEFAULT, or what gives LW_LIGHTMAP_TEXELS_MIN */
@@ -46,8 +52,9 @@ struct lw_lightmap_desc {
      * these. 0: with texels_per_metre none, else LW_LIGHTMAP_TEXELS_MAX, or half the triangles of all objects
      * if that is more */
     uint32_t texels_max;
-    uint32_t atlas_side_max; /* texels; 0: 4096. A mesh that needs more gets a lower density. */
-    unsigned threads;        /* 0: all */
+    /* texels; 0: LW_LIGHTMAP_SIDE_DEFAULT. A mesh that needs more gets a lower density. */
+    uint32_t atlas_side_max;
+    unsigned threads; /* 0: all */
 };
 
 /** What became of one mesh. */

@@ -8,8 +8,8 @@
 #include "common/open/import_spawn.h"
 #include "common/options.h"
 
-#define LW_SCENE_OPEN_SUN_DIAMETER_DEG                                                                       \
-    0.53 /* of directional lights, where nobody says otherwise: the sun's */
+/* The default angular diameter of directional lights: the sun's. */
+#define LW_SCENE_OPEN_SUN_DIAMETER_DEG 0.53
 
 /** What the shared options say. {0} with sun_angle_deg set to the constant above is all defaults. */
 struct lw_scene_open {
@@ -34,7 +34,8 @@ struct lw_scene_open {
      LW_LIGHTMAP_DENSITY_MIN, LW_LIGHTMAP_DENSITY_MAX, NULL},                                               \
     {"max-texels", "N", LW_LIGHTMAP_TEXELS_HELP, LW_OPTION_INT, &(open)->texels_max, 1, LW_SCENE_TEXELS_MAX,\
      NULL},                                                                                                 \
-    {"atlas-max", "N", "longest side of an atlas, texels (default 4096)", LW_OPTION_INT,                    \
+    {"atlas-max", "N", "longest side of an atlas, texels (default "                                         \
+     LW_LIGHTMAP_NUMBER(LW_LIGHTMAP_SIDE_DEFAULT) ")", LW_OPTION_INT,                                       \
      &(open)->atlas_side_max, LW_LIGHTMAP_SIDE_MIN, LW_SCENE_ATLAS_SIDE_MAX, NULL},                         \
     {"threads", "N", "worker threads (default: all processors)", LW_OPTION_INT, &(open)->threads, 1, 1024,  \
      NULL},                                                                                                 \
@@ -42,7 +43,8 @@ struct lw_scene_open {
      (open)->sky, 0, 1e9, &(open)->sky_given},                                                              \
     {"environment", "FILE.exr", "equirectangular radiance around the scene, W/(m^2 sr), on top of the sky", \
      LW_OPTION_STRING, &(open)->environment, 0, 0, NULL},                                                   \
-    {"sun-angle", "DEG", "angular diameter of directional lights (default: the file's, else 0.53)",         \
+    {"sun-angle", "DEG", "angular diameter of directional lights (default: the file's, else "               \
+     LW_LIGHTMAP_NUMBER(LW_SCENE_OPEN_SUN_DIAMETER_DEG) ")",                                                \
      LW_OPTION_REAL, &(open)->sun_angle_deg, 0, 90, &(open)->sun_angle_given}
 /* clang-format on */
 

@@ -115,7 +115,7 @@ static enum lw_status parse(int argc, char **argv, struct arguments *arguments, 
         {.name = "atlas-max",
          .argument = "N",
          .help = "Largest side of a lightmap in texels; an object that needs more gets fewer per metre. "
-                 "Default: 4096.",
+                 "Default: " LW_LIGHTMAP_NUMBER(LW_LIGHTMAP_SIDE_DEFAULT) ".",
          .kind = LW_OPTION_INT,
          .value = &arguments->atlas_side_max,
          .min = LW_LIGHTMAP_SIDE_MIN,
