@@ -4,7 +4,7 @@
  *          tracer
  * Threads: a lw_direct16 belongs to one worker; what it reads, [any].
  *
- * Estimators. V: visibility, 0 or 1; cos: of the light's direction with the normal; p: probability or density.
+ * Estimators; V: visibility, 0 or 1; cos: of the direction with the normal; p: probability or density.
  *     points, spots, suns   E += V E_normal cos     each; more than LW_LIGHTS_EXACT_MAX points and spots are
  *                                                   in groups instead
  *     groups of emitters    E += V L cos / p        one emitter of each group, and a point on it (lights.h)

@@ -7,14 +7,14 @@
 
 /* texels beyond a chart that lookups on levels 1 and 2 may touch, with one to spare */
 #define RIM_ROUNDS        2u
-#define PLACEHOLDER_LEVEL 3u   /* from here on charts mix, and every texel is filled */
+#define PLACEHOLDER_LEVEL 3u   /* from this level on charts mix, and every texel is filled */
 #define ROUNDS_MAX        250u /* covered[] counts rounds in a byte */
-/* Filled by the solver: in a round after those of level 0, so that none goes on from it. */
+/* Filled by the solver: a round after all others of level 0, so that no fill starts from it. */
 #define GIVEN (RIM_ROUNDS + 2)
 
-/* A tile of level 0 and what it covers of the levels up to PLACEHOLDER_LEVEL is a cell. A change reaches as
- * far as a rim, which is 2 texels of level 0, 3 of level 1, 4 of level 2: into the cells beside it and no
- * farther. */
+/* A cell is a tile of level 0 with the texels that it covers on the levels below PLACEHOLDER_LEVEL. A change
+ * reaches as far as a rim: 2 texels on level 0, 3 on level 1, 4 on level 2. So it reaches the neighbouring
+ * cells, and no farther. */
 enum { OLD, LOADED, BESIDE, BUILT };
 _Static_assert((LW_TILE_SIDE >> (PLACEHOLDER_LEVEL - 1)) >= 2 * (RIM_ROUNDS + 2),
                "a cell is wider than two rims");
@@ -134,7 +134,7 @@ static bool fill_area(struct lw_levels_image *image, struct area area, uint8_t r
     return filled;
 }
 
-/* Forgets what was filled here before. */
+/* Clears the texels that were filled before. */
 static void clear_area(struct lw_levels_image *image, struct area area) {
     for (uint32_t y = area.y0; y < area.y1; y++)
         for (uint32_t x = area.x0; x < area.x1; x++) {

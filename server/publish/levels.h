@@ -1,16 +1,15 @@
 /* levels.h: the mip pyramid of one object's atlas: filtered by coverage, gutters filled by extrapolation.
  * Threads: one lw_levels belongs to one worker at a time.
  *
- * A texel of level k + 1 is the mean of those among its four of level k that hold light, gutters too: on a
- * chart's rim that makes it the light at its middle, not that of the part of it which has surface. Bilinear
- * lookups on the rim must read a continuation of the chart. On level 0 the solver has filled two texels
- * around it, chart by chart. On levels 1 and 2 what is left next to covered texels is filled with the mean of
- * their covered neighbours: charts lie in blocks of 4 x 4 texels with a gutter (common/lightmap/lightmap.h),
- * so all of this is of the same chart, but for slivers. Coarser levels are placeholders and are filled
- * completely.
+ * A texel of level k + 1 is the mean of those of its four texels of level k that hold light, gutter texels
+ * too. So a texel on a chart's rim has the light at its own middle. Bilinear lookups on the rim read past it,
+ * so the chart must be continued there. On level 0 the solver fills two texels around each chart. On levels 1
+ * and 2, empty texels next to covered ones get the mean of their covered neighbours. These belong to the same
+ * chart, except near slivers, since charts lie in blocks of 4 x 4 texels with a gutter
+ * (common/lightmap/lightmap.h). Coarser levels are placeholders; all their texels are filled.
  *
- * Down to level 2 only what hangs on the tiles loaded since the last time is built; what is coarser, a 48th
- * of all texels, as a whole. */
+ * On levels 1 and 2, only texels that depend on newly loaded tiles are built. Coarser levels, a 48th of all
+ * texels, are built as a whole. */
 #ifndef LW_PUBLISH_LEVELS_H
 #define LW_PUBLISH_LEVELS_H
 
@@ -20,7 +19,7 @@
 struct lw_levels {
     uint32_t count;
     uint32_t columns, rows; /* tiles of level 0 */
-    uint8_t *part;          /* per tile of level 0: what it does in the build that comes or was the last */
+    uint8_t *part;          /* per tile of level 0: its state in the next or the last build */
     struct lw_levels_image {
         uint32_t width, height;
         float *rgb;       /* 3 floats per texel, W/m^2 */
@@ -32,10 +31,11 @@ struct lw_levels {
 LW_MUST_CHECK enum lw_status lw_levels_init(struct lw_levels *levels, const struct lw_atlas *atlas);
 void lw_levels_finish(struct lw_levels *levels);
 
-/** Takes the light of one level-0 tile into level 0. The first build wants all of them. */
+/** Copies the light of one level-0 tile into level 0. Load all of them before the first build. */
 void lw_levels_load_tile(struct lw_levels *levels, const struct lw_tile_place *place,
                          const struct lw_solver_tile *tile);
-/** After the tiles that have changed: fills gutters and builds what of the coarser levels hangs on them. */
+/** Call after the changed tiles are loaded: fills gutters and builds the coarser texels that depend on
+ * them. */
 void lw_levels_build(struct lw_levels *levels);
 /** Whether the last build may have changed a tile, of any level. */
 bool lw_levels_has_changed(const struct lw_levels *levels, const struct lw_tile_place *place);
@@ -44,14 +44,14 @@ bool lw_levels_has_changed(const struct lw_levels *levels, const struct lw_tile_
 void lw_levels_store_tile(const struct lw_levels *levels, const struct lw_tile_place *place, float *out_rgb,
                           uint8_t *out_covered);
 
-/* Ranges of E: by the first bits of a float, four to a doubling. */
+/* Bins of E: by the first bits of a float, four bins per doubling. */
 #define LW_LEVELS_BINS 1024u
 
-/** Adds a value, `weight` times, to how many lie in each range. */
+/** Adds a value to its bin, `weight` times. */
 void lw_levels_count_value(uint64_t bin[LW_LEVELS_BINS], float value, uint64_t weight);
-/** Adds the values of a coarse level's texels with surface. */
+/** Adds the values of all texels with surface of a coarse level. */
 void lw_levels_count_values(const struct lw_levels *levels, uint64_t bin[LW_LEVELS_BINS]);
-/** Where the range begins under which this share of what was counted lies; 0: nothing was. */
+/** Lower end of the bin below which this share of the counted values lies; 0: none were counted. */
 float lw_levels_quantile(const uint64_t bin[LW_LEVELS_BINS], double share);
 
 #endif

@@ -37,7 +37,7 @@ void lw_light_store_finish(struct lw_light_store *store) {
     *store = (struct lw_light_store){0};
 }
 
-/* Once; and that there is nothing yet is how everything begins. */
+/* Logs the first failure only; a first run without files is none. */
 static void tell(struct lw_light_store *store, enum lw_status status, const struct lw_error *err) {
     if (status == LW_NO_INPUT || store->told) return;
     store->told = true;

@@ -1,12 +1,12 @@
-/* light_store.h: light kept over a restart, in a folder: what was shown last, and the sums that it came from.
+/* light_store.h: saves light in a folder for the next run: the last snapshot, and the solver's sums.
  * Flow:    snapshots, solver -> [light store] -> FOLDER/shown, FOLDER/sums -> [light store] -> first
  *          snapshot, solver of the next run
  * Threads: lw_light_store_recall() before the solver's thread starts; everything else is that thread's.
  *
- * What was shown last is there at once, long before there are texels and rays, whatever has happened to the
- * scene; where that has changed or moved, it stands in for light and says so (saved_light.h). Sums are kept
- * of a scene that never changed alone: changes end with the server, so that this is what the next run begins
- * with, and sums of another moment would rest on light that is not there any more. */
+ * The last snapshot can be sent at once, long before the solver has texels and rays. If the scene has changed
+ * or moved in the last run, it is a placeholder: its tiles do not count as converged (saved_light.h). Sums
+ * are saved only if the scene never changed. Updates end with the server, so the next run begins with the
+ * file's scene, and sums of a changed scene would hold light that the new scene does not have. */
 #ifndef LW_PUBLISH_LIGHT_STORE_H
 #define LW_PUBLISH_LIGHT_STORE_H
 
@@ -19,13 +19,14 @@ struct lw_light_store {
     char *shown_path, *sums_path;
     uint8_t key[LW_SAVED_LIGHT_KEY_SIZE];
     struct lw_snapshot *newest; /* NULL: none yet */
-    bool changed;               /* the scene has, since this run began */
+    bool changed;               /* the scene has changed in this run */
     bool due;                   /* something is not saved yet */
-    bool told;                  /* that what is kept does not fit */
+    bool told;                  /* the log says that the saved light does not fit */
     uint64_t saved_ns;
 };
 
-/** Makes the folder if it is not there. key: what decides the light of this run: the scene and the options.
+/** Makes the folder if it does not exist. key: a hash of the scene and of all options that the light depends
+ * on.
  * Errors: LW_CANNOT_CREATE naming the folder; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_light_store_init(struct lw_light_store *store, const char *folder,
                                                  const uint8_t key[LW_SAVED_LIGHT_KEY_SIZE],
@@ -33,12 +34,12 @@ LW_MUST_CHECK enum lw_status lw_light_store_init(struct lw_light_store *store, c
 /** A zeroed store is fine. */
 void lw_light_store_finish(struct lw_light_store *store);
 
-/** What the last run showed, a new reference, or NULL: there is none that fits, which the log tells. */
+/** The last snapshot of the last run, a new reference; or NULL if none fits, which is logged. */
 struct lw_snapshot *lw_light_store_recall(struct lw_light_store *store, const struct lw_atlas_map *atlas_map,
                                           float target_error);
 
-/** Gives a new solver the sums of the last run, if there are any that fit; else it stays as it is. Returns
- * the number of the last frame that anything kept is of, or 0: frames go on after it. */
+/** Loads the sums of the last run into a new solver, if they fit; else the solver stays unchanged. Returns
+ * the last frame number of the saved light, or 0; the frames of this run follow it. */
 uint64_t lw_light_store_resume(struct lw_light_store *store, const struct lw_atlas_map *atlas_map,
                                struct lw_solver *solver);
 
@@ -47,8 +48,8 @@ uint64_t lw_light_store_resume(struct lw_light_store *store, const struct lw_atl
 void lw_light_store_note(struct lw_light_store *store, struct lw_snapshot *snapshot, bool solved,
                          bool changed);
 
-/** Saves what is not saved yet, between two frames; unless `now`, LW_LIGHT_STORE_INTERVAL_S after the last
- * time at the earliest. A failure is logged: light that is not kept is no reason to stop. */
+/** Saves new light, between two frames. Without `now`, at least LW_LIGHT_STORE_INTERVAL_S pass between two
+ * saves. A failure is logged, and the server goes on. */
 void lw_light_store_save(struct lw_light_store *store, const struct lw_solver *solver, bool now);
 
 #endif

@@ -15,12 +15,13 @@ struct sent_tile {
     float change; /* that it brought */
     float *rgb;   /* width * height * 3; allocated with the tile's first version */
     struct lw_blob *blob;
-    struct lw_blob *delta; /* the same for who has version `base`; NULL: there is no such form */
+    struct lw_blob *delta; /* the same as a delta on version `base`; NULL: none */
     uint64_t base;
     struct lw_tile_dct_history *history; /* what deltas build on */
 };
 
-#define BLOCK_SIDE (1u << 3) /* texels: what a texel of the level that white is found on covers */
+/* texels of level 0 per texel of the level that white is measured on, each way */
+#define BLOCK_SIDE (1u << 3)
 
 /* Means of all light over squares of a tile; covered: texels with surface there. */
 struct blocks {
@@ -46,12 +47,12 @@ struct form {
     bool is_published;        /* a snapshot has had it */
     struct lw_levels *levels; /* per object */
     struct sent_tile *sent;   /* per tile id */
-    bool *changed;            /* per object: this frame has news of it */
+    bool *changed;            /* per object: changed in this frame */
     struct blocks *all_light; /* per tile id of level 0, split form alone */
     float dark;               /* W/m^2: looks black in this frame */
 };
 
-/* What an object's tiles do in this frame. */
+/* How an object's tiles are sent in this frame. */
 enum news { AS_SOLVED, HELD_BACK, ANEW /* the first light since it was a spare */ };
 
 struct lw_publisher {
@@ -220,8 +221,8 @@ static bool is_lit(const struct lw_publisher *p, uint32_t object, uint64_t since
     return true;
 }
 
-/* An object that was a spare is sent once all of it has light, and then in any case: clients wait for
- * that. */
+/* An object that was a spare is sent when all of it has light. Then it is always sent: clients wait for
+ * it. */
 static void note_unlit(struct lw_publisher *p, const struct lw_pose *pose, uint32_t object, uint64_t frame) {
     uint64_t *unlit = &p->unlit[object];
     p->news[object] = AS_SOLVED;
@@ -246,7 +247,7 @@ static void count_blocks(const struct lw_atlas_map *map, const struct form *form
     }
 }
 
-/* What is hidden has no light, or that of another time. */
+/* Hidden objects have no light, or stale light. */
 static float find_dark(const struct lw_atlas_map *map, const struct form *form, const struct lw_pose *pose) {
     uint64_t bin[LW_LEVELS_BINS] = {0};
     for (uint32_t o = 0; o < map->object_count; o++) {
@@ -277,8 +278,8 @@ float lw_publisher_error(const struct lw_atlas_map *map, const struct lw_solver 
     return error;
 }
 
-/* Root mean square of the relative difference, with a floor of a hundredth of the tile's mean under the
- * divisor. *out_mean: of what there is now. */
+/* Root mean square of the relative difference. A hundredth of the tile's mean is added to the divisor.
+ * *out_mean: of `now`. */
 static float find_change(const float *now, const float *then, size_t count, float *out_mean) {
     double mean = 0, sum = 0;
     for (size_t i = 0; i < count; i++) mean += (double)now[i];
@@ -375,8 +376,8 @@ static enum lw_status send_tile(const struct lw_publisher *p, struct worker *wor
     return LW_OK;
 }
 
-/* That a tile has reached the target is news too: clients wait for it. So is that views read it at another
- * level. */
+/* A tile is also sent when it reaches the target error, since clients wait for that, and when views change
+ * the level that they read. */
 static bool is_of_another_class(const struct lw_publisher *p, float error, float sent_error) {
     return (error <= p->desc.target_error && sent_error > p->desc.target_error) ||
            lw_atlas_noise_level_min(error, p->desc.noise_shown) !=
@@ -400,7 +401,8 @@ static void consider_tile(const struct lw_publisher *p, struct worker *worker, c
         if (!is_of_another_class(p, error, sent->error) && p->news[place->object] != ANEW &&
             change <= threshold)
             return;
-        change *= mean / (mean + form->dark + 1e-30f); /* what is dark may move much and be seen little */
+        /* large relative changes of dark light are hardly visible */
+        change *= mean / (mean + form->dark + 1e-30f);
     }
     worker->status = send_tile(p, worker, form, id, frame, error, bounces, change);
 }
@@ -422,7 +424,7 @@ static void refresh_form(struct lw_publisher *p, struct form *form, const struct
     if (has_light) form->dark = find_dark(p->desc.atlas_map, form, pose);
 }
 
-/* What a frame says of the pose: all of it, or what moved since the one before. */
+/* The pose in a frame message: all of it, or the changes since the previous frame. */
 struct pose_change {
     struct lw_message_transform *transform;
     struct lw_message_light *light;

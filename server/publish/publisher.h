@@ -1,4 +1,4 @@
-/* publisher.h: turns what a frame changed into encoded tiles and an immutable snapshot.
+/* publisher.h: encodes the changed tiles of a frame and builds an immutable snapshot.
  * Flow:    solver tiles -> [per form of light: levels, changed tiles, encoded once] -> snapshot -> sessions
  * Threads: one thread calls (the solver's); workers inside. */
 #ifndef LW_PUBLISH_PUBLISHER_H
@@ -9,25 +9,26 @@
 
 #include <math.h>
 
-/* A tile is sent again when it has moved by this much (root mean square, relative) from what was last sent:
- * under one step of an 8-bit display at middle grey. */
+/* A tile is sent again when it differs from the last sent version by this much (root mean square, relative):
+ * less than one step of an 8-bit display at middle grey. */
 #define LW_PUBLISHER_VISIBLE_CHANGE 0.004f
-/* But what moves by less than this share of the tile's own error tells nothing. Small, since holding levels
- * (LW_TILE_DCT_HOLD) makes a version of little news cheap: with a quarter, what waited was off by 5 % of a
- * view, for 3 % of the bits. */
+/* But not if it differs by less than this share of its own error, which is noise. The share is small, since
+ * held coefficients (LW_TILE_DCT_HOLD) make a version with few changes cheap: a share of a quarter saved 3 %
+ * of the bits, and unsent changes were 5 % of a view. */
 #define LW_PUBLISHER_NOISE_SHARE 0.05f
 
-/* The lossy codec's step, in units of log2, of a tile with error e. Of light at rest it follows the noise: a
- * texel of level l is the mean of 4^l, and level 0, where seams are welded, has half as wide a step, which
- * keeps the two sides of a seam together. What views read has no wider steps than `widest`, the same
- * everywhere, which costs least for an error of the whole. The default keeps a view within 2 % of the uncoded
- * light (docs/results/streaming.md). Of level 0 that is noisier than views bear they read slivers alone
- * (client/view/compose.c): that has steps twice as wide. */
-#define LW_PUBLISHER_STEP_MIN    0x1p-5f /* 1 % or so: under what is seen, and under the error at rest */
+/* The lossy codec's step, in units of log2, for a tile of relative error e:
+ *     level 0             e: half of the other levels' step, so that the sides of a welded seam stay close
+ *     level l             2 e / 2^l: a texel is the mean of 4^l texels of level 0
+ *     noisy level 0       2 widest: views read only slivers of it (client/view/compose.c)
+ * From LW_PUBLISHER_STEP_MIN to `widest`. One widest step for all tiles costs the fewest bits for an error of
+ * the whole view. Its default keeps a view within 2 % of the uncoded light (docs/results/streaming.md). */
+/* about 1 % error: invisible, and below the error of converged tiles */
+#define LW_PUBLISHER_STEP_MIN    0x1p-5f
 #define LW_PUBLISHER_STEP_WIDEST 0.1f
-/* Of LW_LIGHT_FORM_SPLIT they are so many times as wide: what clients draw has no error of its own, so that
- * the picture is as far off as with tiles of all light, or less (tests/bench/bench_split.c). Steps that
- * follow each block's share of what is drawn were tried: 1.5 % fewer bits, for 1 dB. */
+/* Steps of LW_LIGHT_FORM_SPLIT are wider by this factor. The light that clients draw has no coding error, so
+ * the picture's error is no larger than with tiles of all light (tests/bench/bench_split.c). Steps by each
+ * block's share of drawn light were tried: 1.5 % fewer bits, for 1 dB. */
 #define LW_PUBLISHER_SPLIT_WIDER 1.25f
 
 static inline float lw_publisher_step(float error, float noise_shown, uint32_t level, float widest) {
@@ -36,10 +37,10 @@ static inline float lw_publisher_step(float error, float noise_shown, uint32_t l
     return fminf(fmaxf(step, LW_PUBLISHER_STEP_MIN), widest);
 }
 
-/* White is the E that 99 % of the values of coarse texels are under; what has under this share of it looks
- * black beside it, and the lossy codec keeps its difference, not its ratio. It is a fifth of the hundredth
- * that losses are measured against. White is that of all light in either form: what is drawn over a tile is
- * as bright as what is in it. */
+/* White is the E that 99 % of the values of coarse texels are below. Light below LW_PUBLISHER_DARK_SHARE of
+ * white looks black beside it: the lossy codec keeps its difference, not its ratio. The share is a fifth of
+ * the hundredth that coding losses are measured against. White is of all light in both forms, since clients
+ * add drawn light to a tile's light. */
 #define LW_PUBLISHER_WHITE_QUANTILE 0.99
 #define LW_PUBLISHER_DARK_SHARE     (1 / 512.0f)
 
@@ -48,7 +49,7 @@ struct lw_publisher_desc {
     const struct lw_atlas_map *atlas_map;
     struct lw_solver *solver;
     float target_error;
-    /* share of a tile's error that the solver's filter leaves in what is shown; 0: it has none, as 1 */
+    /* share of a tile's error that the solver's filter leaves in the shown light; 0: no filter, as 1 */
     float noise_shown;
     uint32_t codec;    /* LW_TILE_CODEC_HALF_ZSTD or LW_TILE_CODEC_DCT */
     float step_widest; /* the latter's; 0: LW_PUBLISHER_STEP_WIDEST */
@@ -57,8 +58,8 @@ struct lw_publisher_desc {
 
 struct lw_publisher_stats {
     uint64_t tiles_encoded;
-    uint64_t bytes_encoded; /* of this frame, for a client that has the tiles of the one before */
-    uint64_t split_tiles_encoded, split_bytes_encoded; /* of these: those of LW_LIGHT_FORM_SPLIT */
+    uint64_t bytes_encoded; /* of this frame, for a client that has the previous tiles */
+    uint64_t split_tiles_encoded, split_bytes_encoded; /* the part of LW_LIGHT_FORM_SPLIT */
     uint64_t levels_ns, encode_ns;
     uint64_t saturated; /* channels that did not fit the tile codec's range, so far */
 };
@@ -70,14 +71,14 @@ LW_MUST_CHECK enum lw_status lw_publisher_create(const struct lw_publisher_desc 
                                                  struct lw_publisher **out_publisher);
 void lw_publisher_destroy(struct lw_publisher *publisher);
 
-/** Which forms are published from the next frame on: bit per enum lw_light_form, LW_LIGHT_FORM_FULL alone
- * at first. The solver must show them (solver.h). Of a form that was not published before the next snapshot
- * has every tile in a new version; what is known of one that no longer is, is freed. Errors: LW_NO_MEMORY;
- * then nothing has changed. */
+/** Which forms are published from the next frame on: bit per enum lw_light_form, LW_LIGHT_FORM_FULL alone at
+ * first. The solver must show them (solver.h). The next snapshot has a new version of every tile of a newly
+ * published form. The state of a form that is no longer published is freed. Errors: LW_NO_MEMORY; then
+ * nothing has changed. */
 LW_MUST_CHECK enum lw_status lw_publisher_set_forms(struct lw_publisher *publisher, uint32_t forms);
 
-/** Error of a tile of any level, as it is sent: of the level-0 tiles below it the worst. out_bounces:
- * likewise, the least; may be NULL. [any] while no frame is solved. */
+/** Error of a tile of any level, as it is sent: the largest of the level-0 tiles below it. out_bounces: the
+ * least number of bounces of those; may be NULL. [any] while no frame is solved. */
 float lw_publisher_error(const struct lw_atlas_map *map, const struct lw_solver *solver, lw_tile_id id,
                          uint32_t *out_bounces);
 

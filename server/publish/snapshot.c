@@ -25,8 +25,8 @@ enum lw_status lw_blob_from_message(const struct lw_message *message, struct lw_
     return status;
 }
 
-/* Taking a reference needs no order: who takes one holds one already. Dropping one releases what this thread
- * did with the object; who drops the last acquires what all others did before it frees. */
+/* Taking a reference needs no memory order: the caller holds one already. Dropping one is a release of this
+ * thread's writes; dropping the last one acquires the writes of all threads before it frees. */
 static void take(_Atomic uint32_t *references) {
     uint32_t before = atomic_fetch_add_explicit(references, 1, memory_order_relaxed);
     assert(before > 0 && before < UINT32_MAX);

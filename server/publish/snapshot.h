@@ -1,4 +1,4 @@
-/* snapshot.h: the immutable outcome of one frame: what sessions send.
+/* snapshot.h: the immutable result of one frame, which sessions send.
  * Flow:    solver tiles -> publisher -> [snapshot] -> sessions
  * Threads: built by the solver's thread; after that immutable and reference-counted, [any]. */
 #ifndef LW_PUBLISH_SNAPSHOT_H
@@ -9,7 +9,7 @@
 
 #include <stdatomic.h>
 
-/** Bytes of whole framed messages, one or several in a row, encoded once and shared by all who send them. */
+/** Bytes of one or more whole framed messages, encoded once and shared by all sessions. */
 struct lw_blob {
     _Atomic uint32_t references;
     size_t size;
@@ -24,8 +24,8 @@ LW_MUST_CHECK enum lw_status lw_blob_from_message(const struct lw_message *messa
 struct lw_blob *lw_blob_ref(struct lw_blob *blob); /* returns blob */
 void lw_blob_unref(struct lw_blob *blob);          /* NULL is fine */
 
-/** Versions of tiles go by frames, two a frame: the second has the light as it was encoded; the first, which
- * is made only for links that take too little (server/serve/recoder.h), has it in wider steps. [any] */
+/** Each frame has two version numbers of a tile. The second is the light as it was encoded. The first has
+ * wider steps; it is made only for slow links (server/serve/recoder.h). [any] */
 static inline uint64_t lw_snapshot_version(uint64_t frame) { return 2 * frame; }
 static inline uint64_t lw_snapshot_frame_of(uint64_t version) { return (version + 1) / 2; }
 static inline uint64_t lw_snapshot_coarse_version(uint64_t version) { return version - 1; }
@@ -45,7 +45,7 @@ struct lw_snapshot {
     double time_s;
     /* LW_MESSAGE_FRAME with what moved since previous_frame; NULL: send frame_full */
     struct lw_blob *frame_delta;
-    /* LW_MESSAGE_FRAME with every transform and light, for who joins or skipped frames */
+    /* LW_MESSAGE_FRAME with every transform and light, for a session that joins or has skipped frames */
     struct lw_blob *frame_full;
     struct lw_blob *settled; /* LW_MESSAGE_SETTLED; NULL: sessions are not told */
     uint64_t previous_frame; /* the frame that frame_delta builds on */
@@ -54,8 +54,8 @@ struct lw_snapshot {
     struct lw_snapshot_tile *tile[LW_LIGHT_FORM_COUNT]; /* by form, by lw_tile_id; NULL: not of this form */
 };
 
-/** An empty snapshot with one reference: frame 0, no frame messages, tiles of version 0. Who builds it fills
- * it in before others see it; the references of the blobs put into it become its own. forms: bit per enum
+/** An empty snapshot with one reference: frame 0, no frame messages, tiles of version 0. The caller fills it
+ * in before it shares it; the snapshot takes over the references of its blobs. forms: bit per enum
  * lw_light_form.
  * Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_snapshot_create(uint32_t tile_count, uint32_t forms,
