@@ -46,7 +46,7 @@ void lw_builtin_mesh_use(struct lw_builtin_mesh *mesh, uint32_t material, enum l
 void lw_builtin_mesh_place(struct lw_builtin_mesh *mesh, struct lw_vec3 position, float angle,
                            struct lw_vec3 scale);
 
-/** Adds one vertex, or one triangle counter-clockwise from its front, as given but for the placement. */
+/** Adds one vertex, or one triangle counter-clockwise from its front. Only the placement is applied. */
 uint32_t lw_builtin_mesh_vertex(struct lw_builtin_mesh *mesh, struct lw_vec3 position, struct lw_vec3 normal,
                                 struct lw_vec2 uv);
 void lw_builtin_mesh_triangle(struct lw_builtin_mesh *mesh, uint32_t a, uint32_t b, uint32_t c);

@@ -51,8 +51,8 @@ static void shape(const struct lw_lightmap_layout *layout, const struct lw_light
     }
 }
 
-/* Where the content starts, that it may be read in the fewest texels (one more than it has), and touch the
- * fewest. */
+/* Start of the content in its rectangle, chosen so that lookups read the fewest texels (one more than the
+ * content has), and the content touches the fewest. */
 static float start_of(float content, uint32_t texels) {
     float rest = content - floorf(content);
     return rest > 1e-3f && rest < 0.5f ? 1 + (0.5f - rest) / 2 : ((float)texels - content) / 2;

@@ -634,7 +634,7 @@ enum lw_status lw_package_cut(const uint8_t *bytes, size_t size, uint64_t **out_
     if (check_header(bytes, size, NULL) == LW_OK) {
         const uint32_t version = read_u32(bytes + 8);
         struct codec c = {.mode = READ, .version = version, .section_count = sections_of(version)};
-        uint8_t *unchanged = (uint8_t *)bytes; /* a table is only looked at */
+        uint8_t *unchanged = (uint8_t *)bytes; /* tables are only read */
         if (read_table(&c, unchanged, size) == LW_OK) *out_count = find_cuts(&c, bytes, size, end);
     }
     *out_end = end;

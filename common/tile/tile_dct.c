@@ -340,7 +340,7 @@ LW_WIDE_INLINE void put_means(struct lw_tile_bits_writer *w, const int32_t *coef
     }
 }
 
-/* Into `coefficient`, by rows, which is 0. False for what there is no room for. */
+/* Reads into `coefficient`, by rows, which is all 0. False for a list longer than the block. */
 LW_WIDE_INLINE bool get_means(struct lw_tile_bits_reader *r, const uint8_t *scan, uint32_t count,
                               unsigned run_k, int32_t *coefficient) {
     lw_tile_bits_refill(r);

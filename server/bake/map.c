@@ -148,7 +148,7 @@ void lw_map_finish(struct lw_map *map) {
 
 /* ---- in 8 bits ---- */
 
-/* The value that all but CLIPPED_MAX of the surface stay under, to one part in HISTOGRAM_STEPS of the
+/* The value that at most CLIPPED_MAX of the surface exceeds, to one part in HISTOGRAM_STEPS of the
  * largest. */
 static float choose_scale(const struct lw_map *map) {
     uint32_t histogram[HISTOGRAM_STEPS + 1] = {0}, total = 0;

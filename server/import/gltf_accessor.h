@@ -8,7 +8,7 @@
 
 #define LW_GLTF_ELEMENTS_MAX (1u << 31) /* of one accessor */
 #define LW_GLTF_UNBACKED_MAX                                                                                 \
-    (1u << 20) /* elements of an accessor without a bufferView (all zero but for sparse ones) */
+    (1u << 20) /* elements of an accessor without a bufferView (all zero except sparse ones) */
 
 enum lw_gltf_component {
     LW_GLTF_INT8 = 5120,

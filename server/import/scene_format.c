@@ -8,7 +8,7 @@
 #include <strings.h>
 #include <sys/stat.h>
 
-#define START_SIZE 4096 /* bytes looked at */
+#define START_SIZE 4096 /* bytes read to recognise a format */
 
 static const struct {
     const char *name, *ending, *other;

@@ -39,7 +39,7 @@
 #define MOVED_FRAMES 8u
 #define MOVED_STEP_S (1.0 / 30)
 #define SETS         5u
-#define ROUND_NS     200000000u /* at least so long is measured */
+#define ROUND_NS     200000000u /* least time measured */
 #define SOUGHT_DB    45.0
 
 static const char *const set_name[SETS] = {"1 frame", "16 frames", "at rest", "moving", "a frame on"};

@@ -29,7 +29,7 @@
 #include <string.h>
 
 #define ROUNDS_MAX 99
-#define PATH_EVERY 4    /* rounds: paths take so much longer */
+#define PATH_EVERY 4    /* rounds: paths take much longer */
 #define BLOCK      4u   /* pixels; the side of a packet */
 #define LIGHT      9.0f /* W/m^2, mean: what shaded stone has in the atrium; the sun is ten times as much */
 #define TILE       32u  /* pixels; the side of what a thread takes */
@@ -144,7 +144,8 @@ static enum lw_status measure(struct scene *s, const char *name, bool moving, st
     const struct lw_compose_source source = {
         .context = s, .level = level, .tile = tile, .sky = lw_vec3(sky[0], sky[1], sky[2]), .noise_shown = 1};
     const struct lw_path_view paths = {.camera = s->view.camera, .bounces = (uint32_t)o->bounces};
-    for (int64_t i = 0; status == LW_OK && i < o->rounds; i++) { /* alternately: all meet the same machine */
+    /* alternately, so that all share the same machine load */
+    for (int64_t i = 0; status == LW_OK && i < o->rounds; i++) {
         struct lw_compose_report report;
         uint64_t at_ns[5] = {lw_clock_process_cpu_ns()};
         trace_all(s, s->flat, LW_TRACE_LIGHT | LW_TRACE_COHERENT);

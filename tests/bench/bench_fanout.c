@@ -158,7 +158,7 @@ static void greet(int s, uint64_t package_compressed_size) {
                                 .package_request.offset = package_compressed_size});
 }
 
-/* A client that has the package needs only its compressed size, which the WELCOME tells. */
+/* A client that has the package needs only its compressed size, from the WELCOME. */
 static uint64_t ask_size(uint16_t port) {
     uint8_t bytes[1024];
     struct lw_frame_header header;

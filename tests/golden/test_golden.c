@@ -9,7 +9,7 @@
 #include <string.h>
 
 /* Bytes of protocol version 1 that must stay readable for ever, and bytes that must stay refused. Each file
- * is one framed message; LW_GOLDEN_WRITE=1 writes the valid ones anew (then look at the difference: there
+ * is one framed message; LW_GOLDEN_WRITE=1 writes the valid ones again (then look at the difference: there
  * should be none). */
 
 #define FOLDER "tests/golden/v1/"

@@ -11,7 +11,7 @@
 /* Payloads of codec 4 that must stay readable for ever, and payloads that must stay refused; tile_decoder.mjs
  * reads the same files. NAME.tile: u32 width, u32 height, f32 scale, payload, little-endian; NAME.rgb: the
  * texels; none: to be refused. NAME.next, of the same form, builds on NAME.tile, and NAME.next.rgb has its
- * texels; none: to be refused. LW_GOLDEN_WRITE=1 writes them anew (then look at the difference: there should
+ * texels; none: to be refused. LW_GOLDEN_WRITE=1 writes them again (then look at the difference: there should
  * be none). */
 
 #define FOLDER    "tests/golden/tiles/"

@@ -26,7 +26,7 @@ struct room {
         bool double_sided;
         uint8_t alpha_mode; /* enum lw_alpha_mode */
         float alpha;        /* for BLEND and MASK (cut off under 0.5) */
-        /* 0: a quad; else a disc of so many triangles, the edges its radii, corner its centre */
+        /* 0: a quad; else the number of triangles of a disc; the edges are its radii, corner its centre */
         unsigned segments;
     } quad[ROOM_QUADS_MAX];
     struct lw_light light[ROOM_LIGHTS_MAX]; /* without a name: "light" */

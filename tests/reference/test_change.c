@@ -171,7 +171,7 @@ static void test_both_sides_of_a_plate(void **state) {
     room.quad[PLATE].edge_u.z = room.quad[PLATE].edge_v.x = 0.6f; /* some three packets a side */
     struct lw_solver_desc d = desc;
     d.target_error = 1e-3f;                     /* nothing rests */
-    for (unsigned when = 0; when < 7; when++) { /* whoever's turn it is to be asked */
+    for (unsigned when = 0; when < 7; when++) { /* at any point of the rotation of asked packets */
         struct room_solution s;
         uint64_t frame = 0;
         room_solve(&s, &room, d, 0);

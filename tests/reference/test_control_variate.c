@@ -238,7 +238,7 @@ static void test_what_may_be_missed(void **state) {
     room_finish(&lit.s);
 }
 
-/* Light that has all but gone is no measure for how what comes is shared out. */
+/* Light that is almost gone is no measure for the distribution of new light. */
 static void test_light_from_next_to_none(void **state) {
     (void)state;
     struct lit lit;

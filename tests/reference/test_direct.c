@@ -89,8 +89,8 @@ static double floor_mean(double (*value)(struct lw_vec3)) {
     return sum / (256.0 * 256.0);
 }
 
-/* Groups of them stand for all (light_tree.h): as right as a ray each, but for the noise of the choice within
- * a group. */
+/* Groups stand for all points (light_tree.h): the result equals a ray for each, within the noise of the
+ * choice in a group. */
 static void test_many_points(void **state) {
     (void)state;
     struct room room = floor_room();

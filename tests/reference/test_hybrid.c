@@ -12,9 +12,8 @@ static const enum lw_probe_form_kind forms[] = {LW_PROBE_FORM_OCTAHEDRAL, LW_PRO
 static const enum lw_probe_projection projections[] = {LW_PROBE_PROJECTION_DEPTH, LW_PROBE_PROJECTION_BOX,
                                                        LW_PROBE_PROJECTION_STEP};
 
-/* In a closed room whose walls all emit Le and reflect rho, bounce k adds pi Le rho^k. Radiance is the same
- * from everywhere, which both forms describe exactly, so probes change nothing, whoever is asked about
- * whatever. */
+/* In a closed room whose walls all emit Le and reflect rho, bounce k adds pi Le rho^k. Radiance is uniform,
+ * which both forms of probe represent exactly, so probes must not change the result. */
 static void expect_furnace(enum lw_probe_form_kind form, enum lw_probe_projection projection, float range_m) {
     struct room room = {.texels_per_metre = 8};
     room_box(&room, lw_vec3(2, 2, 2), 0.5f, 1.5f);

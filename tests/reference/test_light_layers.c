@@ -59,7 +59,7 @@ static void expect_same_light(const struct room_solution *a, const struct room_s
         expect_near(room_object_mean(a, o).total, room_object_mean(b, o).total, tolerance);
 }
 
-/* The light is that of a room solved anew, in one layer. */
+/* The light is that of a room solved from the start, in one layer. */
 static void expect_light_of(const struct room_solution *s, const struct room *room, double tolerance) {
     struct room_solution anew;
     uint64_t frame = 0;
@@ -128,7 +128,7 @@ static void test_another_weight_takes_no_ray(void **state) {
     room_finish(&s);
 }
 
-/* Two lamps of a group dim together for nothing; one of them alone is solved anew, and comes out right. */
+/* Two lamps of a group dim together without a ray. One of them alone is solved again, correctly. */
 /* All light in one layer, switched off at once: everything that was lit is shown dark in that frame, and
  * light comes back. */
 static void test_the_last_light_goes_out(void **state) {
@@ -206,7 +206,7 @@ static void test_light_that_stands_rests(void **state) {
     room_finish(&s);
 }
 
-/* What is hidden is not solved, also not when a movement ends and errors are measured anew. */
+/* Hidden objects are not solved, also not when a movement ends and errors are measured again. */
 static void test_what_is_hidden_rests(void **state) {
     (void)state;
     struct room_solution s;

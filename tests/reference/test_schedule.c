@@ -1,5 +1,5 @@
-/* Tiles that nobody looks at: what is looked at is lit as if all were solved, what lights it follows, the
- * rest rests. */
+/* Interest: tiles in the interest set get the light of a full solve, their contributors follow, other tiles
+ * are not solved. */
 #include "server/solve/adapt/schedule.h"
 #include "tests/reference/room.h"
 
@@ -129,7 +129,7 @@ static float *copy_light(const struct room_solution *s, size_t *out_size) {
     return copy;
 }
 
-/* What is looked at and what moves change on the way. */
+/* The interest set and the moving objects change on the way. */
 static float *wander(unsigned threads, uint64_t *out_rays, size_t *out_size) {
     struct room room = two_rooms();
     struct room_solution s;

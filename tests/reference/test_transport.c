@@ -96,8 +96,8 @@ static double absorbed(const struct room_solution *solution, const struct room *
     return watts;
 }
 
-/* What a lamp sends into a closed room is swallowed by its walls; with N bounces all but what would have been
- * bounced on, which is at most rho^(N+1) of it. Never more than was sent. */
+/* The walls of a closed room absorb the flux of a lamp. With N bounces at most rho^(N+1) of it is missing,
+ * and never more is absorbed than was sent. */
 static void test_energy_is_neither_made_nor_lost(void **state) {
     (void)state;
     struct room room = {.texels_per_metre = 12};

@@ -16,7 +16,7 @@ static enum lw_status begin(struct lw_checked_file_reader *reader, const char *p
     return lw_checked_file_read_begin(reader, path, of, "letters", err);
 }
 
-/* A kind and so many bytes that depend on their place. */
+/* A kind and `size` bytes that depend on their position. */
 static void save(const char *path, size_t size) {
     struct lw_checked_file_writer writer;
     struct lw_error err = {0};

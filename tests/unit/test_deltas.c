@@ -17,7 +17,7 @@ static const uint8_t nothing[256];
 
 /* ---- by hand: payloads only have to have a size ---- */
 
-/* A version of tile 1 with a delta of so many bytes; 0: without one. */
+/* A version of tile 1 with a delta of `bytes` bytes; 0: without one. */
 static void add(struct lw_deltas *deltas, uint64_t base, uint64_t version, size_t bytes) {
     struct lw_snapshot_tile tile = {.version = version, .base = base};
     lw_support_ok(lw_blob_create(WHOLE, &tile.blob), NULL);
@@ -54,7 +54,7 @@ static void test_one_after_another(void **state) {
     assert_int_equal(next(&deltas, 3), 0); /* 130 */
     assert_int_equal(next(&deltas, 5), 0); /* 100: no fewer than whole */
     assert_int_equal(next(&deltas, 9), 10);
-    add(&deltas, 11, 12, 200); /* alone it is taken all the same: whoever made it knew why */
+    add(&deltas, 11, 12, 200); /* alone it is taken even so: its encoder chose it */
     assert_int_equal(next(&deltas, 11), 12);
     assert_int_equal(next(&deltas, 10), 0);
     lw_deltas_finish(&deltas);
@@ -271,7 +271,7 @@ static void test_coarse_forms(void **state) {
     assert_int_equal(next.version, 3);
     assert_true(next.blob->size < f.deltas.coarse[0].whole->size);
     decode(&f, next.blob, 1, 3, &levels, followed);
-    assert_int_equal(wait_for_coarse(&f, 0, &other), LW_DELTAS_WHOLE); /* for who has nothing */
+    assert_int_equal(wait_for_coarse(&f, 0, &other), LW_DELTAS_WHOLE); /* a session without a version */
     decode(&f, other.blob, 0, 3, NULL, whole);
     assert_memory_equal(whole, followed, sizeof whole);
     /* from it to the newest there is no way but the whole */

@@ -329,7 +329,7 @@ static void textures_are_found_by_name(void **state) {
         if (scene->texture_count != 1) fail_msg("%s: not found: %s", paths[i], talk);
         lw_scene_destroy(scene);
     }
-    /* nothing outside of the folder is ever looked at */
+    /* no file outside the folder is ever read */
     write_picture("outside.png");
     make_folder("inside");
     write_text("inside/one.mtl", "newmtl paint\nKd 1 1 1\nmap_Kd ../outside.png\n");

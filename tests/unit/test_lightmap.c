@@ -291,7 +291,7 @@ static void hooks_interlock(void **state) {
         quad(s, lw_vec3(0, 0, z), lw_vec3(arm, 0, 0), lw_vec3(0, 0.6f, 0));
         quad(s, lw_vec3(0, 0.6f, z), lw_vec3(0.6f, 0, 0), lw_vec3(0, arm, 0));
         quad(s, lw_vec3(0.6f, 0, z), lw_vec3(arm - 0.6f, 0, 0), lw_vec3(0, 0.6f, 0));
-        s->triangle_count -= 6; /* three quads' vertices, joined anew without T-junctions */
+        s->triangle_count -= 6; /* three quads' vertices, joined again without T-junctions */
         uint32_t v = s->vertex_count - 12;
         triangle(s, v, v + 8, v + 11), triangle(s, v, v + 11, v + 3);
         triangle(s, v + 8, v + 9, v + 10), triangle(s, v + 8, v + 10, v + 11);

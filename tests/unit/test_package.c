@@ -661,7 +661,7 @@ static void parts_are_textures(void **state) {
     assert_true(scene->texture_count > 1);
     for (uint32_t t = 0; t < scene->texture_count; t++)
         texels += (size_t)scene->texture[t].width * scene->texture[t].height;
-    assert_int_equal(count, scene->texture_count + 1); /* pixels are the last of what there is */
+    assert_int_equal(count, scene->texture_count + 1); /* pixels are the last section */
     assert_int_equal(end[0], size - 4 * texels);
     for (uint32_t t = 0; t < scene->texture_count; t++)
         assert_int_equal(end[t + 1] - end[t], 4 * (size_t)scene->texture[t].width * scene->texture[t].height);

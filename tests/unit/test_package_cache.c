@@ -23,7 +23,7 @@ static const char *in_folder(const char *name) {
     return path;
 }
 
-/* A hole of so many bytes, last used so long ago. */
+/* A sparse file of `size` bytes, last used `age_s` ago. */
 static void put(const char *name, uint64_t size, time_t age_s) {
     lw_support_write_file(in_folder(name), "", 0);
     assert_int_equal(truncate(in_folder(name), (off_t)size), 0);

@@ -315,7 +315,7 @@ static void test_probes_follow_what_moves(void **state) {
     probes_init(&probes, &hall, 1);
     const uint32_t left = probe_at(&probes, 0.5f, 0.5f, 0.5f), entered = probe_at(&probes, -0.5f, 0.5f, 0.5f);
     hall.pose.object_to_world[1].m[0][3] = -1;
-    /* A static scene is one structure: build it anew where the block is now. */
+    /* A static scene is one structure: build it again where the block is now. */
     lw_trace_destroy(hall.trace);
     lw_support_ok(lw_trace_create(hall.scene, &hall.pose, &hall.trace, &err), &err);
     uint64_t rays = lw_probes_place(&probes, &hall.pose, hall.trace, 2);

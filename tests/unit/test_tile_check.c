@@ -87,7 +87,7 @@ static void test_good_tiles_are_decoded_once(void **state) {
     }
 }
 
-/* A slow session gets what all others have left behind: it is decoded again, and takes nobody's place. */
+/* A slow session gets what all others have left behind: it is decoded again, and evicts no other tile. */
 static void test_versions_that_were_forgotten(void **state) {
     (void)state;
     struct world w;

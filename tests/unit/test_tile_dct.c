@@ -234,13 +234,13 @@ static void test_deltas(void **state) {
                 assert_true(fabsf(log2f((1 + back[i] / coded.scale) / (1 + rgb[i] / coded.scale))) < 1);
         }
         assert_true(width * height < 100 || deltas < all / 2);
-        for (uint32_t i = 0; i < width * height * 3; i++) rgb[i] *= 1000; /* another scale: begins anew */
+        for (uint32_t i = 0; i < width * height * 3; i++) rgb[i] *= 1000; /* another scale: no delta */
         lw_tile_dct_encode(&dct, &source, &history, payload, delta, &coded);
         assert_int_equal(coded.delta_size, 0);
     }
 }
 
-/* Who has version 0 comes to version 4 in one step, for fewer bytes than by the four between. */
+/* A decoder with version 0 gets to version 4 in one step, for fewer bytes than by the versions between. */
 static void test_one_delta_over_several_versions(void **state) {
     (void)state;
     static struct lw_tile_dct_history history;

@@ -116,7 +116,7 @@ static void test_what_ends_early_is_refused(void **state) {
     assert_false(get(best, sizeof rans.bytes, 36, 20, back, &rest_back, &rest_size));
 }
 
-/* Whatever comes: the same verdict and the same coefficients, whoever reads. */
+/* Any bytes: all decoders give the same verdict and the same coefficients. */
 static void test_hostile_bytes_are_the_same_to_all(void **state) {
     (void)state;
     const uint8_t *rest_back;

@@ -22,7 +22,7 @@ static void test_none_is_plain_srgb(void **state) {
         uint8_t code[3];
         lw_tonemap_encode(&tonemap, (float[3]){light, light, light}, 1, 3, code);
         float exact = 255.0f * lw_colour_to_srgb(light);
-        /* the nearest code, but for values within rounding of the middle between two */
+        /* the nearest code, except of values within rounding of the middle between two */
         assert_true(fabsf(exact - (float)code[0]) <= 0.5f + 1e-3f);
     }
     for (int i = 0; i < 256; i++) { /* every code comes back from its own light */

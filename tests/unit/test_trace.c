@@ -111,8 +111,8 @@ static void test_moving_objects_follow_the_pose(void **state) {
     stop(&f);
 }
 
-/* Whether what stays is built anew before the next ray, in a thread that has ended by then, or in one that
- * may not have. */
+/* How the scene of static objects is built again: before the next ray, in a thread that has ended by then, or
+ * in one that may still run. */
 enum when { AT_ONCE, SOON, LATER };
 
 static void take_pose(struct fixture *f, enum when when) {
@@ -210,8 +210,7 @@ static void random_packet(uint32_t *state, bool coherent, struct lw_ray16 *rays)
     rays->salt = 0;
 }
 
-/* What moves is found wherever it goes: as in a structure in which nothing moves, built anew for each
- * pose. */
+/* Rays hit moving objects as in a static structure that is built for each pose. */
 static void test_movers_are_met_as_in_a_flat_scene(void **state) {
     (void)state;
     const uint32_t objects[] = {1, 2, 9, 40};
