@@ -1,6 +1,7 @@
 #include "client/gl/gl_renderer.h"
 
 #include "client/gl/gl_light.h"
+#include "client/gl/gl_lights.h"
 #include "client/gl/gl_program.h"
 #include "client/gl/gl_scene.h"
 #include "client/gl/gl_shaders.h"
@@ -15,6 +16,7 @@
 #define SURVEY_SHARE 4u    /* a survey has one pixel for so many, each way */
 #define NEAR_SHARE   1e-6f /* of the scene's diagonal: what is nearer to the eye is not seen */
 #define NEAR_COARSE  1e-4f /* the same, where depth is not stored upside down */
+#define FAINT        2e-3f /* share of the mean light from which on a lamp is drawn on an object */
 #define HALF_MAX     65504.0f
 #define OBJECT_WORDS 16u /* of an object on the GPU: three rows of a transform, its atlas */
 
@@ -31,16 +33,30 @@ enum variant {
     VARIANT_FEEDBACK = 256,
     VARIANT_SETTLED = 512,
     VARIANT_MSAA = 1024,
-    VARIANTS = 2048
+    VARIANT_LIT = 2048,
+    VARIANT_SHADOW = 4096,
+    VARIANTS = 8192
 };
 
 /* Texture units. */
-enum { UNIT_BASE, UNIT_GLOW, UNIT_PAGES, UNIT_LEVELS, UNIT_TILES, UNIT_OBJECTS, UNIT_INSTANCES };
+enum {
+    UNIT_BASE,
+    UNIT_GLOW,
+    UNIT_PAGES,
+    UNIT_LEVELS,
+    UNIT_TILES,
+    UNIT_OBJECTS,
+    UNIT_INSTANCES,
+    UNIT_LIGHTS,
+    UNIT_SHAPES,
+    UNIT_SUN_MAPS,
+    UNIT_LAMP_MAPS
+};
 
 struct program {
     GLuint name;
     GLint first, eye, clip, base_uv, glow_uv, base_colour, emission, cutoff, stand_in, unscale, finer,
-        coarsest;
+        coarsest, reach, light, light_count, noise;
 };
 
 struct object {
@@ -53,13 +69,17 @@ struct object {
 struct draw {
     uint32_t mesh, first, count;
     bool mirrored, settled;
-    float distance; /* of the nearest part of any, from the eye */
+    struct lw_gl_lights_box box; /* of all of them */
+    float distance;              /* of the nearest part of any, from the eye */
 };
 
 struct lw_gl_renderer {
     struct lw_gl_renderer_desc desc;
     struct lw_gl_scene scene;
     struct lw_gl_light light;
+    struct lw_gl_lights lights;     /* zeroed: there are none to draw */
+    struct lw_gl_lights_box bounds; /* of all that has ever been shown */
+    struct lw_gl_lights_box *moved; /* scratch */
     struct lw_gl_target picture, survey, metered;
     struct program program[VARIANTS];
     GLuint sky, show, empty_array;
@@ -76,6 +96,7 @@ struct lw_gl_renderer {
     struct draw *blended; /* likewise: an instance each */
     uint32_t draw_count, blended_count, instance_count;
     bool *blends; /* per mesh: a batch of it is BLEND */
+    const struct lw_pose *pose;
     struct lw_vec3 sky_radiance;
     uint32_t *tiles; /* of a survey, as read */
     size_t tiles_room;
@@ -110,8 +131,9 @@ static void brightest(const struct lw_gl_renderer *r, char out[64]) {
 /* The program of a variant, made when it is first drawn with. */
 static enum lw_status find_program(struct lw_gl_renderer *r, unsigned variant, const struct program **out,
                                    struct lw_error *err) {
-    static const char *const names[] = {"BASE",  "GLOW",     "BASE_UV1", "GLOW_UV1", "COLOUR", "MASK",
-                                        "BLEND", "LIGHTMAP", "FEEDBACK", "SETTLED",  "MSAA"};
+    static const char *const names[] = {"BASE", "GLOW",  "BASE_UV1", "GLOW_UV1", "COLOUR",
+                                        "MASK", "BLEND", "LIGHTMAP", "FEEDBACK", "SETTLED",
+                                        "MSAA", "LIT",   "SHADOW"};
     struct program *p = &r->program[variant];
     *out = p;
     if (p->name) return LW_OK;
@@ -137,6 +159,10 @@ static enum lw_status find_program(struct lw_gl_renderer *r, unsigned variant, c
     p->unscale = glGetUniformLocation(p->name, "u_unscale");
     p->finer = glGetUniformLocation(p->name, "u_finer");
     p->coarsest = glGetUniformLocation(p->name, "u_coarsest");
+    p->reach = glGetUniformLocation(p->name, "u_reach");
+    p->light = glGetUniformLocation(p->name, "u_light");
+    p->light_count = glGetUniformLocation(p->name, "u_light_count");
+    p->noise = glGetUniformLocation(p->name, "u_noise");
     glUseProgram(p->name);
     glUniform1i(glGetUniformLocation(p->name, "u_base"), UNIT_BASE);
     glUniform1i(glGetUniformLocation(p->name, "u_glow"), UNIT_GLOW);
@@ -145,6 +171,11 @@ static enum lw_status find_program(struct lw_gl_renderer *r, unsigned variant, c
     glUniform1i(glGetUniformLocation(p->name, "u_tiles"), UNIT_TILES);
     glUniform1i(glGetUniformLocation(p->name, "u_objects"), UNIT_OBJECTS);
     glUniform1i(glGetUniformLocation(p->name, "u_instances"), UNIT_INSTANCES);
+    glUniform1i(glGetUniformLocation(p->name, "u_lights"), UNIT_LIGHTS);
+    glUniform1i(glGetUniformLocation(p->name, "u_shapes"), UNIT_SHAPES);
+    glUniform1i(glGetUniformLocation(p->name, "u_sun_maps"), UNIT_SUN_MAPS);
+    glUniform1i(glGetUniformLocation(p->name, "u_lamp_maps"), UNIT_LAMP_MAPS);
+    glUniform2f(glGetUniformLocation(p->name, "u_depth"), r->upside_down ? 0 : 1, r->upside_down ? 1 : -1);
     glUniform1f(glGetUniformLocation(p->name, "u_page_texel"), 1.0f / (float)r->light.side);
     return LW_OK;
 }
@@ -167,7 +198,9 @@ static bool allocate(struct lw_gl_renderer *r) {
     r->draw = calloc(2 * meshes, sizeof *r->draw); /* of each mesh, mirrored and not */
     r->blended = calloc(objects, sizeof *r->blended);
     r->blends = calloc(meshes, sizeof *r->blends);
-    return r->object && r->by_mesh && r->first_of && r->instance && r->draw && r->blended && r->blends;
+    r->moved = calloc(2 * objects, sizeof *r->moved);
+    return r->object && r->by_mesh && r->first_of && r->instance && r->draw && r->blended && r->blends &&
+           r->moved;
 }
 
 static void sort_by_mesh(struct lw_gl_renderer *r) {
@@ -205,6 +238,10 @@ enum lw_status lw_gl_renderer_create(const struct lw_gl_renderer_desc *desc,
                                 desc->scene->object_count, table_max / 4);
     if (status == LW_OK) status = lw_gl_scene_init(&r->scene, desc->scene, desc->exact, err);
     if (status == LW_OK) status = lw_gl_light_init(&r->light, desc->map, desc->unfiltered, err);
+    if (r) r->upside_down = epoxy_gl_version() >= 45 || epoxy_has_gl_extension("GL_ARB_clip_control");
+    if (status == LW_OK && lw_client_lights_any(desc->drawn))
+        status = lw_gl_lights_init(&r->lights, desc->scene, desc->trace, desc->drawn, desc->pose,
+                                   r->upside_down, err);
     char top[64];
     if (status == LW_OK) brightest(r, top);
     if (status == LW_OK) status = make_sky_and_show(r, top, err);
@@ -220,7 +257,7 @@ enum lw_status lw_gl_renderer_create(const struct lw_gl_renderer_desc *desc,
     r->picture.format = desc->exact ? GL_RGBA32F : GL_RGBA16F;
     r->survey.format = GL_RG32UI;
     r->metered.format = GL_RGBA16F;
-    r->upside_down = epoxy_gl_version() >= 45 || epoxy_has_gl_extension("GL_ARB_clip_control");
+    r->bounds = (struct lw_gl_lights_box){{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
     *out_renderer = r;
     return LW_OK;
 }
@@ -239,9 +276,11 @@ void lw_gl_renderer_destroy(struct lw_gl_renderer *r) {
     lw_gl_target_finish(&r->metered);
     lw_gl_target_finish(&r->survey);
     lw_gl_target_finish(&r->picture);
+    lw_gl_lights_finish(&r->lights);
     lw_gl_light_finish(&r->light);
     lw_gl_scene_finish(&r->scene);
     free(r->tiles);
+    free(r->moved);
     free(r->blends);
     free(r->blended);
     free(r->draw);
@@ -279,29 +318,43 @@ static void place_object(struct lw_gl_renderer *r, uint32_t o, const struct lw_a
     glBufferSubData(GL_TEXTURE_BUFFER, (GLintptr)(o * sizeof words), sizeof words, words);
 }
 
-static void take_objects(struct lw_gl_renderer *r, const struct lw_pose *pose) {
-    struct lw_vec3 low = {INFINITY, INFINITY, INFINITY}, high = {-INFINITY, -INFINITY, -INFINITY};
+static void widen(struct lw_gl_lights_box *box, struct lw_vec3 low, struct lw_vec3 high) {
+    box->low = lw_vec3(fminf(box->low.x, low.x), fminf(box->low.y, low.y), fminf(box->low.z, low.z));
+    box->high = lw_vec3(fmaxf(box->high.x, high.x), fmaxf(box->high.y, high.y), fmaxf(box->high.z, high.z));
+}
+
+/* Returns how many boxes r->moved has then: where things that have moved were, and where they are. */
+static uint32_t take_objects(struct lw_gl_renderer *r, const struct lw_pose *pose) {
+    uint32_t moved = 0;
     glBindBuffer(GL_TEXTURE_BUFFER, r->object_buffer);
     for (uint32_t o = 0; o < r->desc.scene->object_count; o++) {
         struct object *object = &r->object[o];
         const struct lw_affine *now = &pose->object_to_world[o];
-        if (memcmp(now, &object->place, sizeof *now) != 0) place_object(r, o, now);
+        const bool placed = memcmp(now, &object->place, sizeof *now) != 0;
+        const bool was_hidden = object->hidden, differs = placed || was_hidden != pose->object_hidden[o];
+        if (differs && !was_hidden) r->moved[moved++] = (struct lw_gl_lights_box){object->low, object->high};
+        if (placed) place_object(r, o, now);
         object->hidden = pose->object_hidden[o];
         if (object->hidden) continue;
-        low = lw_vec3(fminf(low.x, object->low.x), fminf(low.y, object->low.y), fminf(low.z, object->low.z));
-        high = lw_vec3(fmaxf(high.x, object->high.x), fmaxf(high.y, object->high.y),
-                       fmaxf(high.z, object->high.z));
+        if (differs) r->moved[moved++] = (struct lw_gl_lights_box){object->low, object->high};
+        widen(&r->bounds, object->low, object->high);
     }
-    const float diagonal = lw_vec3_length(lw_vec3_sub(high, low));
+    const float diagonal = lw_vec3_length(lw_vec3_sub(r->bounds.high, r->bounds.low));
     const float share = r->upside_down ? NEAR_SHARE : NEAR_COARSE;
     r->near_m = diagonal > 0 && diagonal < INFINITY ? share * diagonal : share;
+    return moved;
 }
 
 enum lw_status lw_gl_renderer_take(struct lw_gl_renderer *r, const struct lw_compose_source *source,
                                    const struct lw_pose *pose, uint32_t tiles_max, uint32_t *out_waiting,
                                    struct lw_error *err) {
     lw_gl_light_take(&r->light, source, tiles_max);
-    take_objects(r, pose);
+    const uint32_t moved = take_objects(r, pose);
+    r->pose = pose;
+    if (r->lights.scene) {
+        enum lw_status status = lw_gl_lights_follow(&r->lights, pose, r->moved, moved, err);
+        if (status != LW_OK) return status;
+    }
     r->sky_radiance = source->sky;
     r->figures.tiles_uploaded = r->light.uploaded;
     if (out_waiting) *out_waiting = r->light.waiting;
@@ -315,8 +368,10 @@ struct view {
     float half_width, half_height; /* of the picture at depth 1 */
     float shift_x, shift_y;        /* of the picture, in its own units: -1 to 1 from side to side */
     struct lw_vec3 side[4];        /* normals of the sides of what is seen, inward */
+    float beyond[4];               /* how far they are from the eye, outward */
     float clip[16];                /* columns */
     float finer;
+    float reach, noise; /* of a shadow map; of a picture */
     unsigned variant;
 };
 
@@ -356,7 +411,7 @@ static bool is_seen(const struct view *v, const struct object *object, float *ou
         const struct lw_vec3 n = v->side[k];
         const struct lw_vec3 most =
             lw_vec3(n.x > 0 ? high.x : low.x, n.y > 0 ? high.y : low.y, n.z > 0 ? high.z : low.z);
-        if (lw_vec3_dot(n, most) < 0) return false;
+        if (lw_vec3_dot(n, most) + v->beyond[k] < 0) return false;
     }
     const struct lw_vec3 nearest = lw_vec3(fmaxf(fmaxf(low.x, -high.x), 0), fmaxf(fmaxf(low.y, -high.y), 0),
                                            fmaxf(fmaxf(low.z, -high.z), 0));
@@ -383,6 +438,7 @@ static void list_mesh(struct lw_gl_renderer *r, const struct view *v, uint32_t m
                             .first = r->instance_count,
                             .mirrored = mirrored,
                             .settled = true,
+                            .box = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}},
                             .distance = INFINITY};
         for (uint32_t i = r->first_of[m]; i < r->first_of[m + 1]; i++) {
             const uint32_t o = r->by_mesh[i];
@@ -395,9 +451,11 @@ static void list_mesh(struct lw_gl_renderer *r, const struct view *v, uint32_t m
                                                                .count = 1,
                                                                .mirrored = mirrored,
                                                                .settled = r->light.settled[o],
+                                                               .box = {object->low, object->high},
                                                                .distance = middle_distance(v, object)};
             r->instance[r->instance_count++] = o;
             draw.distance = fminf(draw.distance, distance);
+            widen(&draw.box, object->low, object->high);
             draw.settled &= r->light.settled[o];
         }
         draw.count = r->instance_count - draw.first;
@@ -454,13 +512,22 @@ static void set_material(const struct lw_gl_renderer *r, const struct program *p
     }
 }
 
+/* Depth wants little: where a surface is, and where it has holes. */
+static unsigned shadow_variant(unsigned variant) {
+    const unsigned holes = VARIANT_MASK | VARIANT_BLEND,
+                   looks = VARIANT_BASE | VARIANT_BASE_UV1 | VARIANT_COLOUR;
+    return VARIANT_SHADOW | (variant & holes ? variant & (holes | looks) : 0);
+}
+
 static enum lw_status draw_batch(struct lw_gl_renderer *r, const struct view *v, const struct draw *d,
                                  const struct lw_gl_batch *batch, struct lw_error *err) {
     const struct lw_gl_mesh *mesh = &r->scene.mesh[d->mesh];
     const struct lw_material *m = &r->desc.scene->material[batch->material];
     const struct program *p;
     unsigned variant = v->variant | variant_of(mesh, &r->desc.scene->mesh[d->mesh], m);
-    if (mesh->lit && d->settled && !(variant & VARIANT_FEEDBACK)) variant |= VARIANT_SETTLED;
+    if (v->variant & VARIANT_SHADOW) variant = shadow_variant(variant);
+    if (mesh->lit && d->settled && !(variant & (VARIANT_FEEDBACK | VARIANT_SHADOW)))
+        variant |= VARIANT_SETTLED;
     enum lw_status status = find_program(r, variant, &p, err);
     if (status != LW_OK) return status;
     glUseProgram(p->name);
@@ -472,7 +539,15 @@ static enum lw_status draw_batch(struct lw_gl_renderer *r, const struct view *v,
     glUniform1ui(p->coarsest, batch->coarsest);
     glUniform1i(p->first, (GLint)d->first);
     set_material(r, p, m);
-    if (m->double_sided)
+    if (variant & VARIANT_LIT) {
+        GLint light[LW_GL_LIGHTS_MAX];
+        const uint32_t count = lw_gl_lights_near(&r->lights, &d->box, FAINT * r->light.mean, light);
+        if (count > 0) glUniform1iv(p->light, (GLsizei)count, light);
+        glUniform1i(p->light_count, (GLint)count);
+        glUniform2f(p->noise, 5.588238f * v->noise, 3.217711f * v->noise);
+    }
+    if (variant & VARIANT_SHADOW) glUniform1f(p->reach, v->reach);
+    if (m->double_sided || (variant & VARIANT_SHADOW)) /* a back is a black wall for light */
         glDisable(GL_CULL_FACE);
     else
         glEnable(GL_CULL_FACE);
@@ -531,6 +606,12 @@ static void begin(struct lw_gl_renderer *r) {
     bind(UNIT_TILES, GL_TEXTURE_BUFFER, r->light.tiles);
     bind(UNIT_OBJECTS, GL_TEXTURE_BUFFER, r->objects);
     bind(UNIT_INSTANCES, GL_TEXTURE_BUFFER, r->instances);
+    if (r->lights.scene) {
+        bind(UNIT_LIGHTS, GL_TEXTURE_BUFFER, r->lights.table);
+        bind(UNIT_SHAPES, GL_TEXTURE_BUFFER, r->lights.shapes);
+        bind(UNIT_SUN_MAPS, GL_TEXTURE_2D_ARRAY, r->lights.sun_maps);
+        bind(UNIT_LAMP_MAPS, GL_TEXTURE_2D_ARRAY, r->lights.lamp_maps);
+    }
     r->figures.draw_calls = 0;
 }
 
@@ -549,7 +630,7 @@ static void end(struct lw_gl_renderer *r) {
 
 static enum lw_status draw_scene(struct lw_gl_renderer *r, const struct view *v, struct lw_error *err) {
     enum lw_status status = LW_OK;
-    const bool light = !(v->variant & VARIANT_FEEDBACK);
+    const bool light = !(v->variant & (VARIANT_FEEDBACK | VARIANT_SHADOW));
     list_draws(r, v);
     for (uint32_t i = 0; i < r->draw_count && status == LW_OK; i++)
         status = draw_mesh(r, v, &r->draw[i], false, err);
@@ -564,12 +645,58 @@ static enum lw_status draw_scene(struct lw_gl_renderer *r, const struct view *v,
     return status;
 }
 
+/* ---- shadow maps ---- */
+
+static enum lw_status draw_map(struct lw_gl_renderer *r, const struct lw_gl_shadow_map *map,
+                               struct lw_error *err) {
+    const uint32_t side = map->sun ? LW_GL_LIGHTS_SUN_SIDE : LW_GL_LIGHTS_LAMP_SIDE;
+    struct view v = {.eye = map->eye, .finer = 1, .reach = map->reach_m, .variant = VARIANT_SHADOW};
+    memcpy(v.side, map->side, sizeof v.side);
+    memcpy(v.beyond, map->beyond, sizeof v.beyond);
+    memcpy(v.clip, map->clip, sizeof v.clip);
+    glFramebufferTextureLayer(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT,
+                              map->sun ? r->lights.sun_maps : r->lights.lamp_maps, 0, (GLint)map->layer);
+    glViewport(0, 0, (GLsizei)side, (GLsizei)side);
+    glClear(GL_DEPTH_BUFFER_BIT);
+    r->lights.maps_drawn++;
+    return draw_scene(r, &v, err);
+}
+
+/* Chooses the lights of a view and brings their maps up to date. */
+static enum lw_status draw_maps(struct lw_gl_renderer *r, const struct lw_compose_view *view,
+                                struct lw_error *err) {
+    struct lw_gl_lights *lights = &r->lights;
+    const size_t count = sizeof lights->map / sizeof lights->map[0];
+    enum lw_status status = LW_OK;
+    lw_gl_lights_choose(lights, r->pose, view->camera.position, view->camera.forward, &r->bounds);
+    begin(r);
+    glBindFramebuffer(GL_FRAMEBUFFER, lights->frame);
+    glDrawBuffer(GL_NONE);
+    glReadBuffer(GL_NONE);
+    for (size_t i = 0; i < count && status == LW_OK; i++) {
+        if (!lights->map[i].dirty) continue;
+        status = draw_map(r, &lights->map[i], err);
+        lights->map[i].dirty = false;
+    }
+    end(r);
+    r->figures.maps_drawn = lights->maps_drawn;
+    return status == LW_OK ? lw_gl_program_check("drawing shadow maps", err) : status;
+}
+
+/* ---- pictures ---- */
+
 enum lw_status lw_gl_renderer_draw(struct lw_gl_renderer *r, const struct lw_compose_view *view,
                                    unsigned samples, struct lw_error *err) {
     enum lw_status status = lw_gl_target_resize(&r->picture, view->width, view->height, samples, err);
     if (status != LW_OK) return status;
     struct view v = make_view(r, view);
     if (r->picture.samples > 1) v.variant = VARIANT_MSAA;
+    if (r->lights.scene) {
+        status = draw_maps(r, view, err);
+        if (status != LW_OK) return status;
+        v.variant |= VARIANT_LIT;
+        v.noise = (float)view->sample;
+    }
     begin(r);
     lw_gl_target_bind(&r->picture);
     glClearColor(r->sky_radiance.x, r->sky_radiance.y, r->sky_radiance.z, 1);
@@ -649,6 +776,11 @@ enum lw_status lw_gl_renderer_survey(struct lw_gl_renderer *r, const struct lw_c
     }
     struct view v = make_view(r, &small);
     v.variant = VARIANT_FEEDBACK;
+    if (r->lights.scene) {
+        status = draw_maps(r, view, err);
+        if (status != LW_OK) return status;
+        v.variant |= VARIANT_LIT;
+    }
     v.finer =
         (float)count / ((float)view->width * (float)view->height); /* levels are those of the large one */
     static const GLuint none[4] = {0};

@@ -3,7 +3,8 @@
  * Threads: that of the context, which must be current in each call.
  *
  * What it draws is the composer's picture (client/view/compose.h), whose rays are the reference, but that BLEND
- * surfaces are blended in the order of their objects. */
+ * surfaces are blended in the order of their objects, and that shadows are those of maps. Of many lights that it is to
+ * draw it takes LW_GL_LIGHTS_MAX, those that give most where the eye is. */
 #ifndef LW_CLIENT_GL_RENDERER_H
 #define LW_CLIENT_GL_RENDERER_H
 
@@ -19,6 +20,11 @@ struct lw_gl_renderer_desc {
     /* For files: pictures of 32-bit floats, textures read as the composer does, who averages many samples. Else 16 bits,
      * and textures are filtered. */
     bool exact;
+    /* As of lw_compose_desc. What lies in the way of the drawn lights is found by shadow maps; trace, at the pose of each
+     * picture, alone knows what stands close to an emitter. NULL: none; then trace and pose are not read. */
+    const struct lw_client_lights *drawn;
+    const struct lw_trace *trace;
+    const struct lw_pose *pose;
 };
 
 /** What desc points to must outlive it. A context of OpenGL 3.3 core or later must be current.
@@ -77,6 +83,7 @@ const char *lw_gl_renderer_name(const struct lw_gl_renderer *renderer);
 struct lw_gl_renderer_figures {
     uint32_t draw_calls, objects; /* of the last picture */
     uint64_t tiles_uploaded;      /* so far */
+    uint64_t maps_drawn;          /* so far: shadow maps */
 };
 struct lw_gl_renderer_figures lw_gl_renderer_figures(const struct lw_gl_renderer *renderer);
 

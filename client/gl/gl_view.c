@@ -14,9 +14,13 @@ enum lw_status lw_gl_view_init(struct lw_gl_view *view, const struct lw_stage *s
     enum lw_status status = LW_OK;
     if (!view->needed || !view->shown) status = lw_status_fail(err, LW_NO_MEMORY, "no memory for the view");
     if (status == LW_OK)
-        status = lw_gl_renderer_create(
-            &(struct lw_gl_renderer_desc){.scene = stage->scene, .map = map, .exact = exact}, &view->renderer,
-            err);
+        status = lw_gl_renderer_create(&(struct lw_gl_renderer_desc){.scene = stage->scene,
+                                                                     .map = map,
+                                                                     .exact = exact,
+                                                                     .drawn = &stage->drawn,
+                                                                     .trace = stage->trace,
+                                                                     .pose = &stage->pose},
+                                       &view->renderer, err);
     if (status != LW_OK) lw_gl_view_finish(view);
     return status;
 }

@@ -65,16 +65,15 @@ static size_t pixel_count(const struct headless *h) { return (size_t)h->view.wid
 static enum lw_status connect_to_server(struct headless *h, struct lw_error *err) {
     unsigned limit_ms = CONNECT_TIMEOUT_MS;
     if (h->options->timeout_s * 1e3 < limit_ms) limit_ms = (unsigned)(h->options->timeout_s * 1e3);
-    enum lw_status status = lw_client_create(
-        &(struct lw_client_desc){.host = h->options->host,
-                                 .port = h->options->port,
-                                 .name = "lightwell-view --headless",
-                                 .timeout_ms = limit_ms,
-                                 .cache_folder = h->options->cache_folder,
-                                 .wants_nothing = true,
-                                 .draws_direct =
-                                     h->options->draws_direct && h->options->renderer != LW_VIEW_RENDERER_GL},
-        &h->client, err);
+    enum lw_status status =
+        lw_client_create(&(struct lw_client_desc){.host = h->options->host,
+                                                  .port = h->options->port,
+                                                  .name = "lightwell-view --headless",
+                                                  .timeout_ms = limit_ms,
+                                                  .cache_folder = h->options->cache_folder,
+                                                  .wants_nothing = true,
+                                                  .draws_direct = h->options->draws_direct},
+                         &h->client, err);
     h->welcomed_ns = lw_clock_ns();
     return status;
 }

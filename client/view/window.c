@@ -519,16 +519,11 @@ static enum lw_status open_window(struct window *w, struct lw_error *err) {
     return resize(w, err);
 }
 
-/* OpenGL draws what tiles hold. */
-static bool draws_direct(const struct lw_view_options *o) {
-    return o->draws_direct && o->renderer == LW_VIEW_RENDERER_CPU;
-}
-
 static enum lw_status connect_first(struct window *w, struct lw_error *err) {
     const struct lw_view_options *o = w->options;
     snprintf(w->address, sizeof w->address, strchr(o->host, ':') ? "[%s]:%u" : "%s:%u", o->host, o->port);
     enum lw_status status =
-        lw_seeker_create(o->host, o->port, CLIENT_NAME, o->cache_folder, draws_direct(o), &w->seeker, err);
+        lw_seeker_create(o->host, o->port, CLIENT_NAME, o->cache_folder, o->draws_direct, &w->seeker, err);
     if (status != LW_OK) return status;
     return lw_client_create(&(struct lw_client_desc){.host = o->host,
                                                      .port = o->port,
@@ -536,7 +531,7 @@ static enum lw_status connect_first(struct window *w, struct lw_error *err) {
                                                      .timeout_ms = CONNECT_MS,
                                                      .cache_folder = o->cache_folder,
                                                      .wants_nothing = true,
-                                                     .draws_direct = draws_direct(o)},
+                                                     .draws_direct = o->draws_direct},
                             &w->incoming, err);
 }
 

@@ -7,6 +7,8 @@
  *   compose  the composer's picture, all light in tiles
  *   gl       the same by OpenGL, one sample a pixel; its time over compose's: gl_over_compose
  *   msaa     the same with 4 samples at edges
+ *   drawn    the composer's picture with the direct light of client lights
+ *   lit      the same by OpenGL, one sample a pixel, shadow maps as they are; its time over drawn's: lit_over_drawn
  *   survey   finding the tiles that the view needs
  *   tiles    to take in 16 tiles of light that have changed */
 #include "client/gl/gl_offscreen.h"
@@ -23,7 +25,7 @@
 #define LIGHT      9.0f /* W/m^2 */
 #define CHANGED    16u  /* tiles that change from picture to picture */
 
-enum kind { COMPOSE, GL, MSAA, SURVEY, TILES, KINDS };
+enum kind { COMPOSE, GL, MSAA, DRAWN, LIT, SURVEY, TILES, KINDS };
 
 struct settings {
     struct lw_scene_open open;
@@ -37,8 +39,9 @@ struct scene {
     struct lw_pose pose;
     struct lw_atlas_map map;
     struct lw_trace *trace;
-    struct lw_compose *compose;
-    struct lw_gl_renderer *renderer;
+    struct lw_client_lights lights;
+    struct lw_compose *compose, *drawing;
+    struct lw_gl_renderer *renderer, *lit;
     struct lw_compose_view view;
     float *light; /* enough for the largest level; every level reads it */
     uint32_t *version;
@@ -88,6 +91,20 @@ static enum lw_status set_up(struct scene *s, const char *name, struct lw_error 
     if (status == LW_OK)
         status = lw_gl_renderer_create(&(struct lw_gl_renderer_desc){.scene = s->scene, .map = &s->map},
                                        &s->renderer, err);
+    if (status == LW_OK) status = lw_client_lights_init(&s->lights, s->scene, &s->pose, "auto", err);
+    if (status == LW_OK)
+        status = lw_compose_create(&(struct lw_compose_desc){.scene = s->scene,
+                                                             .map = &s->map,
+                                                             .trace = s->trace,
+                                                             .threads = (unsigned)o->open.threads,
+                                                             .drawn = &s->lights,
+                                                             .pose = &s->pose},
+                                   &s->drawing, err);
+    if (status == LW_OK)
+        status = lw_gl_renderer_create(
+            &(struct lw_gl_renderer_desc){
+                .scene = s->scene, .map = &s->map, .drawn = &s->lights, .trace = s->trace, .pose = &s->pose},
+            &s->lit, err);
     if (status != LW_OK) return status;
     if (camera) return lw_camera_parse(camera + 1, &s->view.camera, err);
     s->view.camera = s->scene->camera_count ? lw_camera_of_scene(s->scene, &s->pose, 0)
@@ -111,6 +128,12 @@ static enum lw_status do_one(struct scene *s, enum kind kind, int64_t round, str
     case MSAA:
         status = lw_gl_renderer_draw(s->renderer, &s->view, kind == MSAA ? 4 : 1, err);
         break;
+    case DRAWN:
+        lw_compose_render(s->drawing, &source, &s->pose, &s->view, s->picture, &report);
+        return LW_OK;
+    case LIT:
+        status = lw_gl_renderer_draw(s->lit, &s->view, 1, err);
+        break;
     case SURVEY:
         return lw_gl_renderer_survey(s->renderer, &s->view, s->needed, s->shown, &pixel_count, err);
     case TILES:
@@ -126,9 +149,13 @@ static enum lw_status do_one(struct scene *s, enum kind kind, int64_t round, str
 }
 
 static enum lw_status measure(struct scene *s, const char *name, struct lw_error *err) {
-    double time_ms[KINDS][ROUNDS_MAX], ratio[ROUNDS_MAX];
+    double time_ms[KINDS][ROUNDS_MAX], ratio[ROUNDS_MAX], lit[ROUNDS_MAX];
     const int64_t rounds = s->settings->rounds;
+    const float *sky = s->scene->sky;
+    const struct lw_compose_source source = {
+        .context = s, .level = level, .tile = tile, .sky = lw_vec3(sky[0], sky[1], sky[2]), .noise_shown = 1};
     enum lw_status status = do_one(s, TILES, 0, err);
+    if (status == LW_OK) status = lw_gl_renderer_take(s->lit, &source, &s->pose, 0, NULL, err);
     for (int64_t i = -1; i < rounds && status == LW_OK; i++) /* once for nothing: shaders are compiled */
         for (int kind = 0; kind < KINDS && status == LW_OK; kind++) {
             const uint64_t start_ns = lw_clock_process_cpu_ns();
@@ -136,12 +163,16 @@ static enum lw_status measure(struct scene *s, const char *name, struct lw_error
             if (i >= 0) time_ms[kind][i] = 1e-6 * (double)(lw_clock_process_cpu_ns() - start_ns);
         }
     if (status != LW_OK) return status;
-    for (int64_t i = 0; i < rounds; i++) ratio[i] = time_ms[GL][i] / time_ms[COMPOSE][i];
+    for (int64_t i = 0; i < rounds; i++) {
+        ratio[i] = time_ms[GL][i] / time_ms[COMPOSE][i];
+        lit[i] = time_ms[LIT][i] / time_ms[DRAWN][i];
+    }
     double median[KINDS];
     for (int kind = 0; kind < KINDS; kind++) median[kind] = bench_median(time_ms[kind], (size_t)rounds);
     const struct lw_gl_renderer_figures f = lw_gl_renderer_figures(s->renderer);
-    printf("| %s | %.1f | %.1f | %.2f | %.1f | %.1f | %.2f | %u | %u |\n", name, median[COMPOSE], median[GL],
-           bench_median(ratio, (size_t)rounds), median[MSAA], median[SURVEY], median[TILES], f.objects,
+    printf("| %s | %.1f | %.1f | %.2f | %.1f | %.1f | %.1f | %.2f | %.1f | %.2f | %u | %u |\n", name,
+           median[COMPOSE], median[GL], bench_median(ratio, (size_t)rounds), median[MSAA], median[DRAWN],
+           median[LIT], bench_median(lit, (size_t)rounds), median[SURVEY], median[TILES], f.objects,
            f.draw_calls);
     return LW_OK;
 }
@@ -152,9 +183,12 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
     enum lw_status status = lw_gl_offscreen_create(&offscreen, err);
     if (status == LW_OK) status = set_up(&s, name, err);
     if (status == LW_OK) status = measure(&s, name, err);
+    lw_gl_renderer_destroy(s.lit);
     lw_gl_renderer_destroy(s.renderer);
     lw_gl_offscreen_destroy(offscreen);
+    lw_compose_destroy(s.drawing);
     lw_compose_destroy(s.compose);
+    lw_client_lights_finish(&s.lights);
     lw_trace_destroy(s.trace);
     free(s.shown);
     free(s.needed);
@@ -181,9 +215,9 @@ int main(int argc, char **argv) {
                                 .count = sizeof table / sizeof table[0],
                                 .open = &s.open,
                                 .context = &s,
-                                .heading =
-                                    "| scene | compose | gl | gl_over_compose | msaa | survey | tiles | "
-                                    "objects | draw calls |\n|---|---|---|---|---|---|---|---|---|",
+                                .heading = "| scene | compose | gl | gl_over_compose | msaa | drawn | lit | "
+                                           "lit_over_drawn | survey | tiles | objects | draw calls |\n"
+                                           "|---|---|---|---|---|---|---|---|---|---|---|---|",
                                 .run = run},
         argc, argv);
 }
