@@ -16,6 +16,7 @@
 #define SURVEY_SHARE 4u    /* a survey has one pixel for so many, each way */
 #define NEAR_SHARE   1e-6f /* of the scene's diagonal: what is nearer to the eye is not seen */
 #define NEAR_COARSE  1e-4f /* the same, where depth is not stored upside down */
+#define TAPS         16    /* as of the shaders */
 #define FAINT        2e-3f /* share of the mean light from which on a lamp is drawn on an object */
 #define HALF_MAX     65504.0f
 #define OBJECT_WORDS 16u /* of an object on the GPU: three rows of a transform, its atlas */
@@ -56,7 +57,7 @@ enum {
 struct program {
     GLuint name;
     GLint first, eye, clip, base_uv, glow_uv, base_colour, emission, cutoff, stand_in, unscale, finer,
-        coarsest, reach, light, light_count, noise;
+        coarsest, reach, light, light_count, noise, faint;
 };
 
 struct object {
@@ -128,6 +129,16 @@ static void brightest(const struct lw_gl_renderer *r, char out[64]) {
     snprintf(out, 64, "#define BRIGHTEST %.9g\n", (double)(r->desc.exact ? FLT_MAX : HALF_MAX));
 }
 
+/* Places on the unit disc: Vogel's spiral, every second of them one as well. */
+static void set_taps(const struct program *p) {
+    float tap[TAPS][2];
+    for (int i = 0; i < TAPS; i++) {
+        const float radius = sqrtf(((float)i + 0.5f) / TAPS), angle = 2.39996323f * (float)i;
+        tap[i][0] = radius * cosf(angle), tap[i][1] = radius * sinf(angle);
+    }
+    glUniform2fv(glGetUniformLocation(p->name, "u_tap"), TAPS, tap[0]);
+}
+
 /* The program of a variant, made when it is first drawn with. */
 static enum lw_status find_program(struct lw_gl_renderer *r, unsigned variant, const struct program **out,
                                    struct lw_error *err) {
@@ -163,6 +174,7 @@ static enum lw_status find_program(struct lw_gl_renderer *r, unsigned variant, c
     p->light = glGetUniformLocation(p->name, "u_light");
     p->light_count = glGetUniformLocation(p->name, "u_light_count");
     p->noise = glGetUniformLocation(p->name, "u_noise");
+    p->faint = glGetUniformLocation(p->name, "u_faint");
     glUseProgram(p->name);
     glUniform1i(glGetUniformLocation(p->name, "u_base"), UNIT_BASE);
     glUniform1i(glGetUniformLocation(p->name, "u_glow"), UNIT_GLOW);
@@ -175,6 +187,7 @@ static enum lw_status find_program(struct lw_gl_renderer *r, unsigned variant, c
     glUniform1i(glGetUniformLocation(p->name, "u_shapes"), UNIT_SHAPES);
     glUniform1i(glGetUniformLocation(p->name, "u_sun_maps"), UNIT_SUN_MAPS);
     glUniform1i(glGetUniformLocation(p->name, "u_lamp_maps"), UNIT_LAMP_MAPS);
+    if (variant & VARIANT_LIT) set_taps(p);
     glUniform2f(glGetUniformLocation(p->name, "u_depth"), r->upside_down ? 0 : 1, r->upside_down ? 1 : -1);
     glUniform1f(glGetUniformLocation(p->name, "u_page_texel"), 1.0f / (float)r->light.side);
     return LW_OK;
@@ -544,6 +557,7 @@ static enum lw_status draw_batch(struct lw_gl_renderer *r, const struct view *v,
         const uint32_t count = lw_gl_lights_near(&r->lights, &d->box, FAINT * r->light.mean, light);
         if (count > 0) glUniform1iv(p->light, (GLsizei)count, light);
         glUniform1i(p->light_count, (GLint)count);
+        glUniform1f(p->faint, FAINT * r->light.mean);
         glUniform2f(p->noise, 5.588238f * v->noise, 3.217711f * v->noise);
     }
     if (variant & VARIANT_SHADOW) glUniform1f(p->reach, v->reach);
@@ -801,6 +815,12 @@ enum lw_status lw_gl_renderer_survey(struct lw_gl_renderer *r, const struct lw_c
     }
     *out_pixels = count;
     return status;
+}
+
+bool lw_gl_renderer_is_software(void) {
+    const char *name = (const char *)glGetString(GL_RENDERER);
+    return name == NULL || strstr(name, "llvmpipe") != NULL || strstr(name, "softpipe") != NULL ||
+           strstr(name, "swrast") != NULL || strstr(name, "SwiftShader") != NULL;
 }
 
 const char *lw_gl_renderer_name(const struct lw_gl_renderer *r) {

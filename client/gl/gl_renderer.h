@@ -76,6 +76,9 @@ LW_MUST_CHECK enum lw_status lw_gl_renderer_survey(struct lw_gl_renderer *render
                                                    uint64_t *out_shown, uint64_t *out_pixels,
                                                    struct lw_error *err);
 
+/** Whether what draws in the current context is a program on the CPU. */
+bool lw_gl_renderer_is_software(void);
+
 /** Name of what draws, as the driver gives it. */
 const char *lw_gl_renderer_name(const struct lw_gl_renderer *renderer);
 

@@ -233,7 +233,7 @@ enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_optio
         {.name = "renderer",
          .argument = LW_VIEW_RENDERER_CHOICES,
          .help = "What draws: OpenGL 3.3 (gl), or rays on the CPU (cpu), which are the reference; auto "
-                 "(default): gl in a window where that works, cpu else.",
+                 "(default): gl in a window where there is a GPU, cpu else.",
          .kind = LW_OPTION_CHOICE,
          .value = &raw.renderer},
         {.name = "out",
