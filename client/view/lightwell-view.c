@@ -1,4 +1,6 @@
+#include "client/view/export.h"
 #include "client/view/headless.h"
+#include "client/view/own_server.h"
 #include "client/view/path_command.h"
 #include "client/view/view_options.h"
 #include "client/view/window.h"
@@ -13,10 +15,15 @@ int main(int argc, char **argv) {
     struct lw_error err = {0};
     bool done = false, stopped = false;
     enum lw_status status = lw_view_options_parse(argc, argv, &options, &done, &err);
+    struct lw_own_server *server = NULL;
+    if (status == LW_OK && !done && options.scene) status = lw_export_check(&options, &err);
+    if (status == LW_OK && !done && options.scene)
+        status = lw_own_server_start(options.scene, &server, &options.port, &err);
     if (status == LW_OK && !done)
         status = options.path.open.path ? lw_path_command_run(&options, &stopped, &err)
                  : options.headless     ? lw_headless_run(&options, &stopped, &err)
                                         : lw_window_run(&options, &err);
+    lw_own_server_stop(server);
     if (status != LW_OK) return lw_log_failure(&err);
     return stopped ? LW_INTERRUPT_EXIT_CODE : 0;
 }

@@ -7,6 +7,7 @@
 #include <string.h>
 #include <strings.h>
 
+#define OWN_ADDRESS "127.0.0.1:0"
 #define SECONDS_MAX 1e6 /* eleven days */
 
 /* What the table fills and nobody else sees. */
@@ -129,12 +130,10 @@ static enum lw_status check_together(const struct lw_view_options *o, const stru
 
 static enum lw_status interpret(const struct raw *raw, struct lw_view_options *out, struct lw_error *err) {
     const char *address = raw->address ? raw->address : LW_OPTIONS_ADDRESS;
-    if (raw->address && lw_scene_open_is_scene(address))
-        return lw_status_fail(err, LW_USAGE,
-                              "\"%.100s\" is a scene, not a server: \"lightwelld %.100s\" lights it, then "
-                              "lightwell-view shows it; or, without a server: lightwell-view --path-trace "
-                              "%.100s --out view.png",
-                              address, address, address);
+    if (raw->address && lw_scene_open_is_scene(address)) {
+        out->scene = raw->address;
+        address = OWN_ADDRESS;
+    }
     enum lw_status status = lw_options_address(address, out->host, sizeof out->host, &out->port, err);
     if (status == LW_OK && raw->camera != NULL) {
         status = lw_camera_parse(raw->camera, &out->camera, err);
@@ -314,10 +313,11 @@ enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_optio
         if (table[i].given == NULL) table[i].given = &given[i];
     const struct lw_options options = {
         .program = "lightwell-view",
-        .synopsis = "[HOST:PORT | HOST | PORT | --path-trace SCENE] [OPTIONS]",
+        .synopsis = "[HOST:PORT | HOST | PORT | SCENE | --path-trace SCENE] [OPTIONS]",
         .about =
             "Shows the scene that a lightwelld lights (default " LW_OPTIONS_ADDRESS
-            "; HOST alone: its port 7780, PORT alone: this machine), in a window: click, then fly "
+            "; HOST alone: its port 7780, PORT alone: this machine; SCENE: a file or builtin:NAME, lit by a "
+            "lightwelld of its own), in a window: click, then fly "
             "with mouse, W A S D, Q and E; C for the next camera; F1 for the figures; Esc to leave. With "
             "--headless it renders one view: lightwell-view --headless --camera-name main --out view.png\n"
             "With --path-trace it works the light out by itself, slowly and exactly: "

@@ -49,8 +49,10 @@ struct lw_view_path {
 };
 
 struct lw_view_options {
+    const char
+        *scene; /* to light by a server of our own; NULL: there is one, at host and port. Points into argv */
     char host[256];
-    uint16_t port;
+    uint16_t port; /* 0 with a scene, until its server listens */
     bool headless, json;
     bool camera_given;
     struct lw_camera_view camera; /* if camera_given */

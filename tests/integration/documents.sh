@@ -156,7 +156,7 @@ make_programs() {
             case $program in
             lightwelld) echo 'words+=(--listen 127.0.0.1:0 --port-file port)' ;;
             lightwellctl) echo 'words=("$ADDRESS" "${words[@]}")' ;;
-            lightwell-view) echo '[[ "$*" = *--path-trace* ]] || words=("$ADDRESS" "${words[@]}")' ;;
+            lightwell-view) echo '[[ "$*" = *--path-trace* || "$1" = scene.glb ]] || words=("$ADDRESS" "${words[@]}")' ;;
             esac
             echo "exec '$bin/$program' \"\${words[@]}\""
         } >"$work/build/release/bin/$program"

@@ -188,9 +188,28 @@ static void test_failures(void **state) {
              lw_support_temporary("folder.png"));
     assert_int_equal(mkdir(lw_support_temporary("folder.png"), 0700), 0);
     view_fails(arguments, 73, "is a folder");
-    view_fails("room.glb", 64, "\"lightwelld room.glb\" lights it");
+    view_fails("room.glb", 66, "cannot open \"room.glb\"");
+    view_fails("builtin:cornell --headless --out /nowhere/view.png", 73, "there is no folder /nowhere");
     view_fails("127.0.0.1:1 --headless --json", 69, "127.0.0.1:1");
     view_fails(address, 69, "no display: use --headless");
+}
+
+/* A scene in place of an address: a server of the viewer's own, which ends with it. */
+static void test_own_server(void **state) {
+    (void)state;
+    char arguments[512];
+    snprintf(arguments, sizeof arguments,
+             "builtin:cornell --headless --wait first --size 64x36 --json --out %s",
+             lw_support_temporary("own.png"));
+    const int code = run_view(arguments);
+    char *err = lw_process_err(&view), *json = lw_process_out(&view);
+    if (code != 0) fail_msg("ended with %d: %s", code, err);
+    assert_non_null(strstr(err, "lightwelld: serving builtin:cornell"));
+    assert_non_null(strstr(err, "lightwelld: stopped"));
+    assert_true(number_of(json, "tiles_used") > 0);
+    assert_int_equal(json[0], '{'); /* the server says nothing there */
+    free(json);
+    free(err);
 }
 
 /* ---- signals ---- */
@@ -405,6 +424,7 @@ int main(void) {
         cmocka_unit_test(test_png),
         cmocka_unit_test(test_late),
         cmocka_unit_test(test_failures),
+        cmocka_unit_test(test_own_server),
         cmocka_unit_test(test_a_wait_that_is_stopped_writes_what_there_is),
         cmocka_unit_test(test_a_wait_in_the_dark_that_is_stopped_writes_nothing),
         cmocka_unit_test(test_path_trace),
