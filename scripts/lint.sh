@@ -41,6 +41,7 @@ forbid server/solve/filter "server/solve/(transport|adapt)/|$own" 'filters know 
 forbid server/publish 'server/serve/' 'publish knows no sessions'
 forbid server/serve '(embree|common/trace/)' 'serve traces no rays'
 for folder in common proto client tests server/solve server/publish server/serve; do forbid "$folder" 'assimp/' 'only server/import uses Assimp'; done
+forbid client/gl '(SDL|client/view/(window|screen|headless))' 'the GL renderer knows no window'
 for folder in common/image common/light common/scene common/tile proto server client tests; do forbid "$folder" 'embree' 'only common/trace uses Embree'; done
 
 twins=$(find common proto server client -name '*.c' -printf '%f\n' | sort | uniq -d)
