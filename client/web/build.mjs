@@ -1,5 +1,5 @@
 // build.mjs OUT: bundles the browser client into a folder: index.html, lightwell.css, lightwell.js,
-// worker.js, zstd.wasm.
+// worker.js, zstd.wasm; and the npm package lightwell-three into a folder beside it.
 import { build } from 'esbuild';
 import { copyFileSync, existsSync, mkdirSync, readFileSync, writeFileSync } from 'node:fs';
 
@@ -40,3 +40,20 @@ await build({
   logLevel: 'warning',
 });
 for (const name of ['index.html', 'lightwell.css']) copyFileSync(here(`src/${name}`), `${out}/${name}`);
+
+// for pages with three.js, beside it
+const three = `${out}/../lightwell-three`;
+mkdirSync(three, { recursive: true });
+await build({
+  entryPoints: [here('three/lightwell.ts')],
+  outdir: three,
+  bundle: true,
+  minify: true,
+  format: 'esm',
+  target: ['es2022'],
+  external: ['three'],
+  logLevel: 'warning',
+});
+for (const name of ['package.json', 'README.md', 'lightwell.d.ts', 'example.html'])
+  copyFileSync(here(`three/${name}`), `${three}/${name}`);
+for (const name of ['worker.js', 'zstd.wasm']) copyFileSync(`${out}/${name}`, `${three}/${name}`);

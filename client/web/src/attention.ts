@@ -8,11 +8,11 @@ const KEEP_MS = 2000;
 export class Attention {
   private readonly seenMs = new Map<number, number>();
 
-  /** Takes in a survey. Surveys look at other places of the pixels each time: what one of the last found
-   * counts. */
-  list(survey: Survey, nowMs: number): Uint32Array {
+  /** Takes in a survey. Each looks at other places of the pixels: what one of the last found counts, and what
+   * any found since the view moved. */
+  list(survey: Survey, nowMs: number, movedMs: number): Uint32Array {
     for (const id of survey.inPicture) this.seenMs.set(id, nowMs);
-    for (const [id, ms] of this.seenMs) if (nowMs - ms > KEEP_MS) this.seenMs.delete(id);
+    for (const [id, ms] of this.seenMs) if (nowMs - ms > KEEP_MS && ms < movedMs) this.seenMs.delete(id);
     const all = new Set(this.seenMs.keys());
     for (const id of survey.around) all.add(id);
     // where that is too much, what was seen a moment ago is left out first, then what lies around

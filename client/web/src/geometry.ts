@@ -15,8 +15,12 @@ export interface Group {
 }
 
 export interface MeshShape {
+  firstVertex: number;
+  vertexCount: number;
   groups: Group[];
-  centre: [number, number, number]; // of a sphere around it, object space
+  low: [number, number, number]; // of a box around it, object space
+  high: [number, number, number];
+  centre: [number, number, number]; // of a sphere around it
   radius: number;
   atlasWidth: number;
   atlasHeight: number;
@@ -46,6 +50,8 @@ export interface SceneData {
   index: Uint32Array<ArrayBuffer>;
   meshes: MeshShape[];
   objectMesh: Uint32Array;
+  objectName: string[];
+  materialName: string[];
   materials: Float32Array<ArrayBuffer>;
   textures: TextureData[];
   lights: Light[];
@@ -145,12 +151,13 @@ function groupsOf(
   });
 }
 
-function sphereOf(position: Float32Array): { centre: [number, number, number]; radius: number } {
-  const low = [Infinity, Infinity, Infinity];
-  const high = [-Infinity, -Infinity, -Infinity];
+function boundsOf(position: Float32Array): Pick<MeshShape, 'low' | 'high' | 'centre' | 'radius'> {
+  const low: [number, number, number] = [Infinity, Infinity, Infinity];
+  const high: [number, number, number] = [-Infinity, -Infinity, -Infinity];
   for (let i = 0; i < position.length; i++) {
-    low[i % 3] = Math.min(low[i % 3]!, position[i]!);
-    high[i % 3] = Math.max(high[i % 3]!, position[i]!);
+    const axis = (i % 3) as 0;
+    low[axis] = Math.min(low[axis], position[i]!);
+    high[axis] = Math.max(high[axis], position[i]!);
   }
   const centre = low.map((x, i) => (x + high[i]!) / 2) as [number, number, number];
   let squared = 0;
@@ -161,7 +168,7 @@ function sphereOf(position: Float32Array): { centre: [number, number, number]; r
         (position[i + 1]! - centre[1]) ** 2 +
         (position[i + 2]! - centre[2]) ** 2,
     );
-  return { centre, radius: Math.sqrt(squared) };
+  return { low, high, centre, radius: Math.sqrt(squared) };
 }
 
 function packMaterials(scene: Scene): Float32Array<ArrayBuffer> {
@@ -210,6 +217,8 @@ export function buildGeometry(scene: Scene, tiles: Tiles): SceneData {
     index: new Uint32Array(indices),
     meshes: [],
     objectMesh: scene.objectMesh,
+    objectName: scene.objectName,
+    materialName: scene.materials.map((material) => material.name),
     materials: packMaterials(scene),
     textures: scene.textures,
     lights: scene.lights,
@@ -239,8 +248,10 @@ export function buildGeometry(scene: Scene, tiles: Tiles): SceneData {
     }
     data.tag.set(tag, firstVertex);
     data.meshes.push({
+      firstVertex,
+      vertexCount: tag.length,
       groups: groupsOf(scene, mesh, index, data.index, firstIndex, firstVertex),
-      ...sphereOf(mesh.position),
+      ...boundsOf(mesh.position),
       atlasWidth: mesh.atlasWidth,
       atlasHeight: mesh.atlasHeight,
       backOffset: mesh.backOffset,

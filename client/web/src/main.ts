@@ -60,9 +60,14 @@ class App {
     settled: 0,
     first: false,
     uploadMsMax: 0,
+    surveys: 0,
     wanted: 0,
     missing: 0,
     pictures: 0,
+    // ms since the page was opened: scene there, first light drawn, all of the view's light drawn
+    sceneMs: 0,
+    firstMs: 0,
+    allMs: 0,
   };
 
   constructor() {
@@ -184,6 +189,7 @@ class App {
     if (curve === 'aces' || curve === 'none') this.renderer.curve = curve;
     this.attention = new Attention();
     this.framed = false;
+    this.stats.sceneMs ||= performance.now();
     document.title = `${message.data.name || 'scene'} – lightwell`;
     this.showMessage();
   }
@@ -284,6 +290,9 @@ class App {
     this.dirty = false;
     this.drawn++;
     this.stats.pictures++;
+    const { stats } = this;
+    if (stats.tiles && !stats.firstMs) stats.firstMs = performance.now();
+    if (stats.tiles && stats.wanted && !stats.missing && !stats.allMs) stats.allMs = performance.now();
   }
 
   private takeTiles(): void {
@@ -328,7 +337,8 @@ class App {
     if (!renderer || !this.framed) return;
     const found = renderer.takeSurvey();
     if (found) {
-      const ids = this.attention.list(found, now);
+      const ids = this.attention.list(found, now, this.movedMs);
+      this.stats.surveys++;
       this.stats.wanted = ids.length;
       this.stats.missing = ids.reduce((count, id) => count + (renderer.hasTile(id) ? 0 : 1), 0);
       this.tell({ kind: 'want', ids: ids as Uint32Array<ArrayBuffer> });

@@ -29,6 +29,7 @@ export interface TextureUse {
 export const AlphaMode = { OPAQUE: 0, MASK: 1, BLEND: 2 } as const;
 
 export interface Material {
+  name: string;
   baseColour: Float32Array; // 4
   emission: Float32Array; // 3
   alphaCutoff: number;
@@ -57,6 +58,7 @@ export interface Node {
 export const LightKind = { POINT: 0, SPOT: 1, DIRECTIONAL: 2 } as const;
 
 export interface Light {
+  name: string;
   node: number;
   kind: number;
   innerCone: number;
@@ -86,6 +88,7 @@ export interface Scene {
   materials: Material[];
   textures: Texture[];
   nodes: Node[];
+  objectName: string[];
   objectMesh: Uint32Array;
   objectNode: Uint32Array; // NONE: a spare
   lights: Light[];
@@ -263,6 +266,7 @@ function readUse(r: PackageReader, at: number, place: string): TextureUse {
 
 function readMaterial(r: PackageReader, at: number, place: string): Material {
   return {
+    name: r.string(at, place),
     baseColour: r.f32s(at + 8, 4, place),
     emission: r.f32s(at + 24, 3, place),
     alphaCutoff: r.f32(at + 36, place),
@@ -326,19 +330,22 @@ export function readPackage(bytes: Uint8Array, tiles: Tiles): Scene {
   const meshes = r.records(2, 'mesh', (at, place) => readMesh(r, at, place));
   const nodeCount = r.count(5);
   let node = 0;
-  const objects = r.records(6, 'object', (at, place) => [
-    r.index(at + 8, meshes.length, `${place}: mesh`, false),
-    r.index(at + 12, nodeCount, `${place}: node`, true),
-  ]);
+  const objects = r.records(6, 'object', (at, place) => ({
+    name: r.string(at, place),
+    mesh: r.index(at + 8, meshes.length, `${place}: mesh`, false),
+    node: r.index(at + 12, nodeCount, `${place}: node`, true),
+  }));
   const scene: Scene = {
     ...head,
     meshes,
     materials: r.records(3, 'material', (at, place) => readMaterial(r, at, place)),
     textures: r.records(4, 'texture', (at, place) => readTexture(r, tiles, at, place)),
     nodes: r.records(5, 'node', (at, place) => readNode(r, at, place, node++)),
-    objectMesh: Uint32Array.from(objects, (object) => object[0]!),
-    objectNode: Uint32Array.from(objects, (object) => object[1]!),
+    objectName: objects.map((object) => object.name),
+    objectMesh: Uint32Array.from(objects, (object) => object.mesh),
+    objectNode: Uint32Array.from(objects, (object) => object.node),
     lights: r.records(7, 'light', (at, place) => ({
+      name: r.string(at, place),
       node: r.index(at + 8, nodeCount, place, false),
       kind: r.upTo(at + 12, 2, `${place}: kind`),
       innerCone: r.f32(at + 28, place),

@@ -38,6 +38,11 @@ export interface Survey {
   around: Uint32Array;
 }
 
+interface Box {
+  low: [number, number, number];
+  high: [number, number, number];
+}
+
 interface Draw {
   mesh: number;
   group: Group;
@@ -84,6 +89,7 @@ export class Renderer {
   private meterTarget: Target | null = null;
   private sky: ArrayLike<number> = [0, 0, 0];
   private mean: [number, number, number] = [Math.PI, Math.PI, Math.PI];
+  private box: Box | null | undefined; // undefined: to be found
   private surveyNumber = 0;
   private meteredExposure = 1;
   stops = 0;
@@ -193,6 +199,11 @@ export class Renderer {
     nearest(gl, gl.TEXTURE_2D_ARRAY);
     for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER])
       gl.texParameteri(gl.TEXTURE_2D_ARRAY, name, gl.LINEAR);
+    // the first texel makes the browser clear all of it: now, and not while pictures are drawn
+    const target = gl.TEXTURE_2D_ARRAY;
+    const type = gl.UNSIGNED_INT_5_9_9_9_REV;
+    for (let layer = 0; layer < pages.layers; layer++)
+      gl.texSubImage3D(target, 0, 0, 0, layer, 1, 1, 1, gl.RGB, type, new Uint32Array(1));
     return texture;
   }
 
@@ -319,6 +330,7 @@ export class Renderer {
       this.objects.touch(at);
       this.objects.touch(at + OBJECT_TEXELS - 1);
       this.placeSphere(object);
+      this.box = undefined;
     });
     frame.material.forEach((material, i) => {
       const at = MATERIAL_TEXELS * material;
@@ -333,6 +345,7 @@ export class Renderer {
 
   setVisible(visible: Uint8Array): void {
     this.visible.set(visible);
+    this.box = undefined;
   }
 
   setMean(mean: [number, number, number]): void {
@@ -376,17 +389,26 @@ export class Renderer {
   }
 
   /** A box around what is to be seen; null: nothing. */
-  bounds(): { low: [number, number, number]; high: [number, number, number] } | null {
+  bounds(): Box | null {
+    if (this.box === undefined) this.box = this.findBounds();
+    return this.box;
+  }
+
+  private findBounds(): Box | null {
     const low: [number, number, number] = [Infinity, Infinity, Infinity];
     const high: [number, number, number] = [-Infinity, -Infinity, -Infinity];
     this.visible.forEach((shown, object) => {
       if (!shown) return;
-      const at = SPHERE * object;
-      const radius = this.sphere[at + 3]! / Math.sqrt(3); // the spheres are wide
-      for (let i = 0; i < 3; i++) {
-        low[i] = Math.min(low[i]!, this.sphere[at + i]! - radius);
-        high[i] = Math.max(high[i]!, this.sphere[at + i]! + radius);
-      }
+      const m = this.objects.values.subarray(4 * OBJECT_TEXELS * object);
+      const shape = this.data.meshes[this.data.objectMesh[object]!]!;
+      for (let corner = 0; corner < 8; corner++)
+        for (let i = 0; i < 3; i++) {
+          let x = m[4 * i + 3]!;
+          for (let k = 0; k < 3; k++)
+            x += m[4 * i + k]! * (corner & (1 << k) ? shape.high : shape.low)[k as 0];
+          low[i as 0] = Math.min(low[i as 0], x);
+          high[i as 0] = Math.max(high[i as 0], x);
+        }
     });
     return low[0] <= high[0] ? { low, high } : null;
   }

@@ -21,6 +21,9 @@ const UNTAKEN_MAX = 512;
 /** A server ended the session, or refused it; later it may not. */
 export class ClosedError extends Error {}
 
+/** The server's client lights are more than the client draws: it is to ask again without offering to. */
+export class DrawsTooMuch extends Error {}
+
 export interface FrameNews {
   frame: wire.Frame;
   visible: Uint8Array<ArrayBuffer> | null;
@@ -266,6 +269,9 @@ export class Session {
     const offered = this.features | wire.Feature.RESUME | wire.Feature.PARTS | wire.Feature.DCT;
     if (welcome.features & ~offered)
       throw new ProtocolError('message WELCOME: features that were not offered');
+    const { clientMaterials } = welcome;
+    if (welcome.features & wire.Feature.DRAWS && clientMaterials.some((bits) => bits !== 0))
+      throw new DrawsTooMuch();
     this.welcome = welcome;
     const { kept } = this;
     const layer = welcome.features & wire.Feature.DRAWS ? 1 : 0;

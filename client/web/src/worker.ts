@@ -1,5 +1,5 @@
 // worker.ts: the link to the server, beside the page: socket, session, decoding, reconnecting.
-import { ClosedError, nothingKept, Session, type SessionHost } from './session.ts';
+import { ClosedError, DrawsTooMuch, nothingKept, Session, type SessionHost } from './session.ts';
 import { LimitError, ProtocolError } from './failure.ts';
 import { buffersOf, buildGeometry } from './geometry.ts';
 import { nodeToWorld } from './pose.ts';
@@ -30,7 +30,7 @@ class Link {
 
   constructor(
     private readonly url: string,
-    private readonly draws: boolean,
+    private draws: boolean,
     private readonly tiles: Tiles,
     private readonly store: Store,
   ) {
@@ -155,7 +155,11 @@ class Link {
 
   private fail(error: unknown): void {
     const text = `${this.url}: ${(error as Error).message}`;
-    if (error instanceof ClosedError) this.reconnect(text);
+    if (error instanceof DrawsTooMuch) {
+      this.draws = false;
+      this.drop();
+      this.connect();
+    } else if (error instanceof ClosedError) this.reconnect(text);
     else if (error instanceof ProtocolError || error instanceof LimitError) this.end(text);
     else
       this.end(

@@ -14,7 +14,8 @@ export function hasDaemon() {
 
 /** Starts one; resolves once it listens. frames(n) lights frames under the manual clock. stop() ends it. */
 export function startDaemon(...options) {
-  const addresses = ['--listen', '127.0.0.1:0', '--http', '127.0.0.1:0'];
+  const addresses = ['--listen', '127.0.0.1:0'];
+  if (!options.includes('--http')) addresses.push('--http', '127.0.0.1:0');
   const child = spawn(join(bin, 'lightwelld'), [...addresses, ...options], {
     env: { ...process.env, OMP_WAIT_POLICY: 'passive' },
   });

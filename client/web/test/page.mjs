@@ -28,9 +28,8 @@ export async function until(page, what, expression, limitMs = 240000) {
   });
 }
 
-/** The picture of now as 3 bytes a pixel, row 0 on top, or that of a PNG file. */
-export async function pixels(page, png) {
-  const url = png ? `data:image/png;base64,${readFileSync(png).toString('base64')}` : null;
+/** A picture as 3 bytes a pixel, row 0 on top. url: data of a PNG; none: what the page shows now. */
+export async function pixelsOf(page, url) {
   const base64 = await page.evaluate(async (source) => {
     if (!source) lightwell.draw();
     const from = source ?? document.querySelector('canvas').toDataURL();
@@ -47,6 +46,10 @@ export async function pixels(page, png) {
   return Buffer.from(base64, 'base64');
 }
 
+export function pixels(page) {
+  return pixelsOf(page, null);
+}
+
 /** The CPU's picture of the same light. */
 export async function reference(page, daemon, size, options) {
   const folder = mkdtempSync(join(tmpdir(), 'lightwell-web-'));
@@ -56,7 +59,7 @@ export async function reference(page, daemon, size, options) {
     execFileSync(join(bin, 'lightwell-view'), [...args, ...options], { stdio: 'pipe', timeout: 240000 });
     if (process.env.LW_WEB_PICTURES)
       writeFileSync(`${process.env.LW_WEB_PICTURES}-cpu.png`, readFileSync(png));
-    return await pixels(page, png);
+    return await pixelsOf(page, `data:image/png;base64,${readFileSync(png).toString('base64')}`);
   } finally {
     rmSync(folder, { recursive: true });
   }

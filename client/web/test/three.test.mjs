@@ -1,0 +1,133 @@
+// lightwell-three: a three.js page's picture of a glTF against lightwell-view's, of the same light.
+import assert from 'node:assert/strict';
+import { createReadStream, existsSync, mkdtempSync, rmSync, writeFileSync } from 'node:fs';
+import { createServer } from 'node:http';
+import { tmpdir } from 'node:os';
+import { extname, join } from 'node:path';
+import test from 'node:test';
+
+import { bin, hasDaemon, startDaemon } from './daemon.mjs';
+import { web } from './load.mjs';
+import { compare, hasBrowser, openBrowser, pixelsOf, reference } from './page.mjs';
+import { room } from './room.mjs';
+
+const WIDTH = 480;
+const HEIGHT = 270;
+const FRAMES = 64;
+const missing =
+  !hasDaemon() || !existsSync(join(bin, 'lightwell-view'))
+    ? 'there is no lightwelld in build/release/bin'
+    : !hasBrowser() && 'there is no chromium';
+
+const types = { '.html': 'text/html', '.js': 'text/javascript', '.wasm': 'application/wasm' };
+const packageFolder = join(web, '../lightwell-three');
+const modules = new URL('../node_modules/', import.meta.url).pathname;
+
+/** The example's folder: page, scene, and both packages. */
+function serve(scene) {
+  const server = createServer((request, response) => {
+    const path = decodeURIComponent(new URL(request.url, 'http://x').pathname);
+    const file = path.startsWith('/node_modules/lightwell-three/')
+      ? join(packageFolder, path.slice(30))
+      : path.startsWith('/node_modules/')
+        ? join(modules, path.slice(14))
+        : path === '/scene.gltf'
+          ? scene
+          : join(packageFolder, path);
+    if (!existsSync(file)) return response.writeHead(404).end();
+    response.writeHead(200, { 'content-type': types[extname(file)] ?? 'application/json' });
+    createReadStream(file).pipe(response);
+  });
+  return new Promise((resolve) => {
+    server.listen(0, '127.0.0.1', () =>
+      resolve({ origin: `http://127.0.0.1:${server.address().port}`, server }),
+    );
+  });
+}
+
+async function show(lights, options, limits) {
+  const folder = mkdtempSync(join(tmpdir(), 'lightwell-three-'));
+  const scene = join(folder, 'scene.gltf');
+  writeFileSync(scene, room());
+  const { origin, server } = await serve(scene);
+  const daemon = await startDaemon(
+    scene,
+    '--clock',
+    'manual',
+    '--light',
+    'whole',
+    '--codec',
+    'half',
+    '--http-origin',
+    origin,
+    ...options.daemon,
+  );
+  const browser = await openBrowser();
+  try {
+    const page = await browser.newPage({ viewport: { width: WIDTH, height: HEIGHT } });
+    const thrown = [];
+    page.on('pageerror', (error) => thrown.push(error.stack));
+    const address = `ws://${new URL(daemon.url).host}/ws`;
+    const view = 'from=1.5,1.7,2.2&to=-0.2,1,-1&fov=60&exposure=1';
+    daemon.frames(FRAMES);
+    await page.goto(`${origin}/example.html?scene=scene.gltf&server=${address}&${view}&lights=${lights}`);
+    const done = (frames) => globalThis.example?.light.frame >= frames;
+    await page.waitForFunction(done, FRAMES, { timeout: 240000, polling: 100 });
+    await page.waitForTimeout(4000); // its last tiles
+    const state = await page.evaluate(() => {
+      const { light, scene, camera, renderer } = example;
+      const lamps = [];
+      scene.traverse(
+        (node) => node.isLight && node.visible && lamps.push([node.type, ...node.position.toArray()]),
+      );
+      light.update(camera, renderer.domElement.height);
+      renderer.render(scene, camera);
+      return { lamps, missing: light.missing, picture: renderer.domElement.toDataURL() };
+    });
+    assert.deepEqual(thrown, []);
+    assert.deepEqual(state.missing, []);
+    const three = await pixelsOf(page, state.picture);
+    const cpuOptions = [
+      '--camera',
+      '1.5,1.7,2.2:-0.2,1,-1:60',
+      '--exposure',
+      '1',
+      '--tonemap',
+      'none',
+      ...options.view,
+    ];
+    const cpu = await reference(page, daemon, `${WIDTH}x${HEIGHT}`, cpuOptions);
+    if (process.env.LW_WEB_PICTURES) {
+      const png = Buffer.from(state.picture.slice(state.picture.indexOf(',') + 1), 'base64');
+      writeFileSync(`${process.env.LW_WEB_PICTURES}-three.png`, png);
+    }
+    const { difference, flip } = compare(WIDTH, HEIGHT, cpu, three);
+    console.log(`lights=${lights}: mean difference ${difference}/255, FLIP ${flip}`);
+    assert.ok(difference <= limits.difference, `mean difference ${difference}/255`);
+    assert.ok(flip <= limits.flip, `FLIP ${flip}`);
+    return state;
+  } finally {
+    await browser.close();
+    await daemon.stop();
+    server.close();
+    server.closeAllConnections();
+    rmSync(folder, { recursive: true });
+  }
+}
+
+test('three: all light in lightmaps', { skip: missing || false }, async () => {
+  const { lamps } = await show(
+    'tiles',
+    { daemon: [], view: ['--direct', 'tiles'] },
+    { difference: 2, flip: 0.03 },
+  );
+  assert.deepEqual(lamps, []);
+});
+
+test("three: the lamp is three's own, with shadows", { skip: missing || false }, async () => {
+  const limits = { difference: 4, flip: 0.06 };
+  const { lamps } = await show('own', { daemon: ['--client-lights', 'lamps'], view: [] }, limits);
+  assert.equal(lamps.length, 1);
+  assert.equal(lamps[0][0], 'PointLight');
+  lamps[0].slice(1).forEach((x, i) => assert.ok(Math.abs(x - [0.6, 2.4, 0.4][i]) < 1e-5));
+});
