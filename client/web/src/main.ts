@@ -5,13 +5,14 @@ import { Attention } from './attention.ts';
 import { Flight, formatView, frameBox, parseView, viewOf } from './camera.ts';
 import { LimitError } from './failure.ts';
 import type { CameraPlace, FromWorker, ToWorker } from './protocol.ts';
-import { type Curve, Renderer } from './renderer.ts';
+import { type Curve, Renderer, SAMPLES_STILL } from './renderer.ts';
 import type { TileBatch } from './replica.ts';
 
 const UPLOAD_MS = 3; // of each picture's time, for tiles
 const SURVEY_MS = 100;
 const SURVEY_STILL_MS = 1000; // while nothing moves
 const STILL_MS = 3000;
+const REFINE_MS = 200; // after the view has moved, its pictures get better
 const LEGEND_MS = 500;
 const PIXEL_RATIO_MAX = 2;
 const ADAPTATION_MS = 400; // of the exposure
@@ -35,6 +36,7 @@ class App {
   private attention = new Attention();
   private framed = false; // the view has been chosen
   private dirty = true;
+  private samples = 0; // that the picture is the mean of
   private movedMs = 0;
   private surveyedMs = 0;
   private meteredMs = 0;
@@ -247,7 +249,7 @@ class App {
   }
 
   private savePicture(): void {
-    this.draw();
+    this.finish();
     this.canvas.toBlob((blob) => {
       if (!blob) return;
       const link = document.createElement('a');
@@ -272,27 +274,35 @@ class App {
     }
     this.takeTiles();
     this.adapt(now, seconds);
-    if (this.dirty && this.framed) this.draw();
+    const still = now - this.movedMs > REFINE_MS && this.samples <= SAMPLES_STILL;
+    if ((this.dirty || still) && this.framed) this.draw();
     this.look(now);
     if (now - this.legendMs >= LEGEND_MS) this.showLegend(now);
   }
 
-  /** The picture of now. */
-  draw(): void {
+  private draw(): void {
     const ratio = Math.min(devicePixelRatio, PIXEL_RATIO_MAX);
     const width = Math.max(1, Math.round(this.canvas.clientWidth * ratio));
     const height = Math.max(1, Math.round(this.canvas.clientHeight * ratio));
     if (this.canvas.width !== width || this.canvas.height !== height) {
       this.canvas.width = width;
       this.canvas.height = height;
+      this.dirty = true;
     }
-    this.renderer?.draw(this.flight.view, width, height);
+    if (this.dirty) this.samples = 0;
+    this.renderer?.draw(this.flight.view, width, height, this.samples++);
     this.dirty = false;
+    if (this.samples > 1) return;
     this.drawn++;
     this.stats.pictures++;
     const { stats } = this;
     if (stats.tiles && !stats.firstMs) stats.firstMs = performance.now();
-    if (stats.tiles && stats.wanted && !stats.missing && !stats.allMs) stats.allMs = performance.now();
+  }
+
+  /** Makes the canvas show the picture of now, as good as it gets. */
+  finish(): void {
+    do this.draw();
+    while (this.samples <= SAMPLES_STILL);
   }
 
   private takeTiles(): void {
@@ -341,6 +351,7 @@ class App {
       this.stats.surveys++;
       this.stats.wanted = ids.length;
       this.stats.missing = ids.reduce((count, id) => count + (renderer.hasTile(id) ? 0 : 1), 0);
+      if (!this.stats.missing && this.stats.tiles && !this.dirty) this.stats.allMs ||= now;
       this.tell({ kind: 'want', ids: ids as Uint32Array<ArrayBuffer> });
     }
     const still = now - this.movedMs > STILL_MS;

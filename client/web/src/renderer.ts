@@ -11,6 +11,7 @@ import { layOut, type Pages } from './pages.ts';
 import type { TileBatch } from './replica.ts';
 import {
   Attribute,
+  COPY_FRAGMENT,
   METER_FRAGMENT,
   OBJECT_TEXELS,
   SCREEN_VERTEX,
@@ -28,6 +29,10 @@ const SPHERE = 5; // numbers for each object
 const METER_WIDTH = 128;
 const METER_HEIGHT = 72;
 const SAMPLES = 4;
+/** Where nothing moves so many more make a better picture, each with one sample, elsewhere in the pixels. */
+export const SAMPLES_STILL = 16;
+/** They take textures so much sharper, in levels. */
+const SHARPER = -3;
 
 export type Curve = 'reinhard' | 'aces' | 'none';
 const CURVES: Curve[] = ['reinhard', 'aces', 'none'];
@@ -36,6 +41,15 @@ const CURVES: Curve[] = ['reinhard', 'aces', 'none'];
 export interface Survey {
   inPicture: Uint32Array;
   around: Uint32Array;
+}
+
+/** Where sample 1 to SAMPLES_STILL lies in the pixel, from its centre: as lw_antialias_offset() of
+ * client/view/antialias.h. Sample 0 is the centre. */
+function placeOf(sample: number): [number, number] {
+  if (!sample) return [0, 0];
+  const index = sample - 1;
+  const reversed = [0, 1, 2, 3].reduce((sum, bit) => sum + (((index >> bit) & 1) << (3 - bit)), 0);
+  return [(index + 0.5) / SAMPLES_STILL - 0.5, (reversed + 0.5) / SAMPLES_STILL - 0.5];
 }
 
 interface Box {
@@ -85,6 +99,9 @@ export class Renderer {
   private readonly reversed: boolean;
   private readonly samples: number;
   private target: Target | null = null;
+  private single: Target | null = null; // without samples beside each other
+  private average: Target | null = null; // of those
+  private shown: Target | null = null;
   private surveyTarget: Target | null = null;
   private meterTarget: Target | null = null;
   private sky: ArrayLike<number> = [0, 0, 0];
@@ -178,7 +195,7 @@ export class Renderer {
   /** Gives back what the GPU holds; nothing may be called any more. */
   destroy(): void {
     const { gl } = this;
-    for (const target of [this.target, this.surveyTarget, this.meterTarget])
+    for (const target of [this.target, this.single, this.average, this.surveyTarget, this.meterTarget])
       for (const release of target?.owned ?? []) release();
     const tables = [this.objects, this.materials, this.levels, this.tileState].map((table) => table.texture);
     for (const texture of [...tables, ...this.textures, this.pageTexture, this.white, this.environment])
@@ -672,17 +689,26 @@ export class Renderer {
     gl.bindVertexArray(null);
   }
 
-  /** Draws onto the canvas. */
-  draw(view: View, width: number, height: number): void {
+  /** Draws onto the canvas. sample: 0, or the number of one more, up to SAMPLES_STILL, of the same view, light and
+   * exposure. */
+  draw(view: View, width: number, height: number, sample: number): void {
     const { gl } = this;
     this.upload();
     this.target = this.fitted(this.target, width, height, gl.RGBA16F, this.samples);
+    if (sample) {
+      this.single = this.fitted(this.single, width, height, gl.RGBA16F, 1);
+      this.average = this.fitted(this.average, width, height, gl.RGBA16F, 1);
+    }
+    const target = sample ? this.single! : this.target;
     const scaleY = 1 / Math.tan(view.fovY / 2);
     const scale: [number, number] = [(scaleY * height) / width, scaleY];
     const exposure = 2 ** this.stops;
-    this.clear(this.target.framebuffer, width, height);
+    const [x, y] = placeOf(sample);
+    const offset: [number, number] = [(2 * x) / width, (-2 * y) / height];
+    this.clear(target.framebuffer, width, height);
     this.drawScreen(SKY_FRAGMENT, (program) => {
       this.setView(program, view, scale, 0);
+      gl.uniform2f(program.at('offset'), ...offset);
       gl.uniform3fv(program.at('sky'), this.sky as Float32Array);
       gl.uniform1f(program.at('exposure'), exposure);
       gl.uniform1f(program.at('lightUnit'), this.data.lightUnit);
@@ -690,27 +716,47 @@ export class Renderer {
       this.bind(program, 0, 'environment', gl.TEXTURE_2D, this.environment ?? this.white);
     });
     this.drawSurfaces(view, scale, [], (program) => {
+      gl.uniform2f(program.at('offset'), ...offset);
       gl.uniform1f(program.at('exposure'), exposure);
       gl.uniform1f(program.at('pixelArea'), 1);
+      gl.uniform1f(program.at('sharper'), sample ? SHARPER : 0);
     });
-    if (this.target.framebuffer !== this.target.resolved) {
-      gl.bindFramebuffer(gl.READ_FRAMEBUFFER, this.target.framebuffer);
-      gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, this.target.resolved);
+    if (target.framebuffer !== target.resolved) {
+      gl.bindFramebuffer(gl.READ_FRAMEBUFFER, target.framebuffer);
+      gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, target.resolved);
       gl.blitFramebuffer(0, 0, width, height, 0, 0, width, height, gl.COLOR_BUFFER_BIT, gl.NEAREST);
     }
+    if (sample) this.addSample(sample - 1);
+    if (sample && sample < SAMPLES_STILL) return;
+    this.shown = sample ? this.average! : target;
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, width, height);
     this.drawScreen(TONEMAP_FRAGMENT, (program) => {
-      this.bind(program, 0, 'picture', gl.TEXTURE_2D, this.target!.picture);
+      this.bind(program, 0, 'picture', gl.TEXTURE_2D, this.shown!.picture);
       gl.uniform1i(program.at('curve'), CURVES.indexOf(this.curve));
     });
+  }
+
+  /** The mean of what was drawn and of so many samples before. */
+  private addSample(before: number): void {
+    const { gl } = this;
+    const { width, height, resolved } = this.average!;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, resolved);
+    gl.viewport(0, 0, width, height);
+    if (before) gl.enable(gl.BLEND);
+    gl.blendColor(0, 0, 0, 1 / (before + 1));
+    gl.blendFunc(gl.CONSTANT_ALPHA, gl.ONE_MINUS_CONSTANT_ALPHA);
+    this.drawScreen(COPY_FRAGMENT, (program) =>
+      this.bind(program, 0, 'picture', gl.TEXTURE_2D, this.single!.picture),
+    );
+    gl.disable(gl.BLEND);
   }
 
   /** The exposure that suits the last picture, in stops: asked for in one frame, there in a later one. null:
    * not yet, or black. */
   meter(): number | null {
     const { gl } = this;
-    if (!this.target) return null;
+    if (!this.shown) return null;
     if (this.meterPixels.busy()) {
       const pixels = this.meterPixels.take();
       const stops = pixels && autoStops(new Float32Array(pixels));
@@ -719,7 +765,7 @@ export class Renderer {
     this.meterTarget ??= this.createTarget(METER_WIDTH, METER_HEIGHT, gl.RGBA16F, 1);
     this.clear(this.meterTarget.framebuffer, METER_WIDTH, METER_HEIGHT);
     this.drawScreen(METER_FRAGMENT, (program) =>
-      this.bind(program, 0, 'picture', gl.TEXTURE_2D, this.target!.picture),
+      this.bind(program, 0, 'picture', gl.TEXTURE_2D, this.shown!.picture),
     );
     this.meteredExposure = 2 ** this.stops;
     this.meterPixels.start(METER_WIDTH, METER_HEIGHT, gl.RGBA, gl.FLOAT, 16);
@@ -754,6 +800,8 @@ export class Renderer {
     gl.clearBufferuiv(gl.COLOR, 0, [0, 0, 0, 0]);
     const pixel = (SURVEY_MARGIN * height) / h;
     this.drawSurfaces(jittered, scale, ['SURVEY'], (program) => {
+      gl.uniform2f(program.at('offset'), 0, 0);
+      gl.uniform1f(program.at('sharper'), 0);
       gl.uniform1f(program.at('pixelArea'), 1 / (pixel * pixel));
       gl.uniform1ui(program.at('surveyNumber'), this.surveyNumber);
     });

@@ -38,7 +38,7 @@ layout(location = ${Attribute.TAG}) in uint tag;
 layout(location = ${Attribute.OBJECT}) in uint object;
 uniform sampler2D objects;
 uniform vec3 eye, right, up, forward;
-uniform vec2 scale;
+uniform vec2 scale, offset;
 uniform float near;
 out vec3 vAt; // from the eye
 out vec4 vUv;
@@ -65,6 +65,7 @@ void main() {
 #else
   gl_Position = vec4(dot(vAt, right) * scale.x, dot(vAt, up) * scale.y, depth - 2.0 * near, depth);
 #endif
+  gl_Position.xy -= offset * depth;
 }`;
 
 export const SURFACE_FRAGMENT = `${HEAD}
@@ -80,7 +81,7 @@ uniform usampler2D levels, tileState;
 uniform sampler2DArray pages;
 uniform vec2 pageSize;
 uniform vec3 forward, standIn;
-uniform float exposure, lightUnit, pixelArea;
+uniform float exposure, lightUnit, pixelArea, sharper;
 uniform bool unfiltered;
 #ifdef SURVEY
 uniform uint surveyNumber;
@@ -151,7 +152,7 @@ uint levelFor(uint coarsest) {
 vec3 sampleTexture(sampler2D image, uint row, out float alpha) {
   vec4 row0 = texelFetch(materials, at(row), 0), row1 = texelFetch(materials, at(row + 1u), 0);
   vec2 uv = row0.w > 0.5 ? vUv.zw : vUv.xy;
-  vec4 value = texture(image, vec2(dot(row0.xyz, vec3(uv, 1)), dot(row1.xyz, vec3(uv, 1))));
+  vec4 value = texture(image, vec2(dot(row0.xyz, vec3(uv, 1)), dot(row1.xyz, vec3(uv, 1))), sharper);
   alpha = value.a;
   return value.rgb;
 }
@@ -222,17 +223,18 @@ void main() {
 export const SKY_FRAGMENT = `${HEAD}
 in vec2 vScreen;
 uniform vec3 right, up, forward, sky;
-uniform vec2 scale;
+uniform vec2 scale, offset;
 uniform float exposure, lightUnit;
 uniform bool hasEnvironment;
 uniform sampler2D environment;
 out vec4 radiance;
 void main() {
-  vec3 d = normalize(forward + right * vScreen.x / scale.x + up * vScreen.y / scale.y);
+  vec2 place = (vScreen + offset) / scale;
+  vec3 d = normalize(forward + right * place.x + up * place.y);
   vec3 outside = sky;
   if (hasEnvironment) {
     vec2 size = vec2(textureSize(environment, 0));
-    vec2 place = vec2(0.5 + atan(d.z, d.x) * ${0.5 / Math.PI}, atan(length(d.xz), d.y) * ${1 / Math.PI});
+    place = vec2(0.5 + atan(d.z, d.x) * ${0.5 / Math.PI}, atan(length(d.xz), d.y) * ${1 / Math.PI});
     place.y = clamp(place.y * size.y, 0.5, size.y - 0.5) / size.y;
     outside += lightUnit * textureLod(environment, place, 0.0).rgb;
   }
@@ -252,6 +254,12 @@ void main() {
   c = clamp(c, 0.0, 1.0);
   srgb = vec4(mix(12.92 * c, 1.055 * pow(c, vec3(1.0 / 2.4)) - 0.055, step(0.0031308, c)), 1);
 }`;
+
+export const COPY_FRAGMENT = `${HEAD}
+in vec2 vScreen;
+uniform sampler2D picture;
+out vec4 value;
+void main() { value = texelFetch(picture, ivec2(gl_FragCoord.xy), 0); }`;
 
 /** A few pixels of a picture, evenly spread, for the exposure. */
 export const METER_FRAGMENT = `${HEAD}

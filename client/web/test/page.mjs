@@ -31,7 +31,7 @@ export async function until(page, what, expression, limitMs = 240000) {
 /** A picture as 3 bytes a pixel, row 0 on top. url: data of a PNG; none: what the page shows now. */
 export async function pixelsOf(page, url) {
   const base64 = await page.evaluate(async (source) => {
-    if (!source) lightwell.draw();
+    if (!source) lightwell.finish();
     const from = source ?? document.querySelector('canvas').toDataURL();
     const bytes = Uint8Array.from(atob(from.slice(from.indexOf(',') + 1)), (char) => char.charCodeAt(0));
     const image = await createImageBitmap(new Blob([bytes]));

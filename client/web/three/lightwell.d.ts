@@ -1,8 +1,8 @@
 import type { Camera, Object3D } from 'three';
 
 export interface AttachOptions {
-  /** Draw the server's suns, points and spots as three's own lights with shadows, where it lets clients do so,
-   * and emissive surfaces are not among them. Default true. */
+  /** Draw the server's suns, points and spots as three's own lights with shadows, where it lets clients do
+   * so, and emissive surfaces are not among them. Default true. */
   keyLights?: boolean;
   /** Side of their shadow maps, texels. Default 2048. */
   shadowMapSize?: number;

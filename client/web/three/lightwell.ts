@@ -22,8 +22,8 @@ const WANT_MS = 200;
 const NEVER = 255; // a level that no texel has
 
 export interface AttachOptions {
-  /** Draw the server's suns, points and spots as three's own lights with shadows, where it lets clients do so,
-   * and emissive surfaces are not among them. Default true. */
+  /** Draw the server's suns, points and spots as three's own lights with shadows, where it lets clients do
+   * so, and emissive surfaces are not among them. Default true. */
   keyLights?: boolean;
   /** Side of their shadow maps, texels. Default 2048. */
   shadowMapSize?: number;
