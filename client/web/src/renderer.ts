@@ -689,8 +689,8 @@ export class Renderer {
     gl.bindVertexArray(null);
   }
 
-  /** Draws onto the canvas. sample: 0, or the number of one more, up to SAMPLES_STILL, of the same view, light and
-   * exposure. */
+  /** Draws onto the canvas. sample: 0, or the number of one more, up to SAMPLES_STILL, of the same view, light
+   * and exposure. */
   draw(view: View, width: number, height: number, sample: number): void {
     const { gl } = this;
     this.upload();

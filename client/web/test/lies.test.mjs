@@ -4,7 +4,7 @@ import test from 'node:test';
 
 import { load, wasm } from './load.mjs';
 
-const { Session, nothingKept, Tiles, ProtocolError, LimitError, ClosedError } = await load(
+const { Session, nothingKept, Tiles, ProtocolError, LimitError, ClosedError, DrawsTooMuch } = await load(
   'session',
   'tiles',
   'failure',
@@ -38,7 +38,7 @@ function stored(bytes) {
   return Uint8Array.from([...head, block & 255, (block >> 8) & 255, block >> 16, ...bytes]);
 }
 
-async function hear(...parts) {
+async function hearWith(features, ...parts) {
   const host = {
     send() {},
     find: () => Promise.resolve(null),
@@ -49,10 +49,12 @@ async function hear(...parts) {
     tiles() {},
     settled() {},
   };
-  const session = new Session(nothingKept(), tiles, host, 0n, 0);
+  const session = new Session(nothingKept(), tiles, host, features, 0);
   for (const part of parts) session.push(new Uint8Array(part), 0);
   await session.pump(() => 0, 1);
 }
+
+const hear = (...parts) => hearWith(0n, ...parts);
 
 const hash = Buffer.alloc(16, 1);
 const garbage = new Uint8Array(600).fill(7);
@@ -127,4 +129,12 @@ test('a server that ends is asked again, one that refuses our version is not', a
 
 test('unknown messages are skipped', async () => {
   await hear(welcome(600, hash, 610), message(77, [1, 2, 3]), message(11, uint(1, 5)));
+});
+
+test('lights that it cannot draw', async () => {
+  const drawn = (...lights) =>
+    message(2, uint(1, 1), uint(2, 52 + 64), blob(5, hash), uint(6, 600), uint(7, 610), ...lights);
+  await hearWith(64n, drawn(blob(15, [1]), blob(16, [0])));
+  await assert.rejects(hearWith(64n, drawn(blob(16, [0, 2]))), DrawsTooMuch);
+  await assert.rejects(hear(drawn()), /not offered/);
 });

@@ -85,6 +85,17 @@ test('a session gets scene and light, and comes back with what it has', { skip }
     assert.ok(first.tileCount > coarse);
     const mean = replica.meanIrradiance();
     assert.ok(mean[0] > mean[2] && mean[2] > 0, `the lamp is warm: ${mean}`);
+
+    // a long backlog: no tile is wanted until it is short again
+    const interests = () => first.sent.filter((bytes) => bytes[4] === Type.INTEREST);
+    await first.until('all that has come', () => first.session.waiting() === 0);
+    const unknown = new Uint8Array(1 << 20);
+    new DataView(unknown.buffer).setUint32(0, unknown.length - 8, true);
+    unknown[4] = 77;
+    for (let i = 0; i < 5; i++) first.session.push(unknown, performance.now());
+    assert.equal(interests().at(-1).length, 8, 'an empty INTEREST');
+    await first.until('interest again', () => interests().at(-1).length > 8);
+    assert.equal(first.session.waiting() < 1 << 20, true);
     first.end();
 
     const second = new Connection(daemon.port, kept, tiles, parts);
