@@ -6,11 +6,26 @@ export type GL = WebGL2RenderingContext;
 
 export class Program {
   private readonly places = new Map<string, WebGLUniformLocation | null>();
+  private linked = false;
 
   constructor(
     private readonly gl: GL,
     readonly program: WebGLProgram,
   ) {}
+
+  /** Waits for the compiler the first time. */
+  use(): void {
+    const { gl, program } = this;
+    if (!this.linked && !gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) {
+      const shaders = gl.getAttachedShaders(program) ?? [];
+      const logs = shaders.map((shader) => gl.getShaderInfoLog(shader)).join('\n');
+      throw new LimitError(
+        `the graphics here does not take our shaders: ${gl.getProgramInfoLog(program)} ${logs}`,
+      );
+    }
+    this.linked = true;
+    gl.useProgram(program);
+  }
 
   at(name: string): WebGLUniformLocation | null {
     let place = this.places.get(name);
@@ -22,6 +37,7 @@ export class Program {
   }
 }
 
+/** The compiler works beside us until the program is used. */
 export function createProgram(gl: GL, vertex: string, fragment: string, defines: string[] = []): Program {
   const program = gl.createProgram()!;
   for (const [kind, source] of [
@@ -39,17 +55,10 @@ export function createProgram(gl: GL, vertex: string, fragment: string, defines:
     gl.deleteShader(shader);
   }
   gl.linkProgram(program);
-  if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) {
-    const shaders = gl.getAttachedShaders(program) ?? [];
-    const logs = shaders.map((shader) => gl.getShaderInfoLog(shader)).join('\n');
-    throw new LimitError(
-      `the graphics here does not take our shaders: ${gl.getProgramInfoLog(program)} ${logs}`,
-    );
-  }
   return new Program(gl, program);
 }
 
-/** A texture that is read by index, not by place, with a copy in memory; what has changed goes up row by row.
+/** A texture that is read by index, not by place, with a copy in memory. What has changed goes up row by row.
  * */
 export class Table<T extends Float32Array | Uint32Array | Uint8Array> {
   readonly texture: WebGLTexture;

@@ -267,6 +267,17 @@ class App {
     const seconds = Math.min(0.1, (now - this.drawnMs) / 1000);
     this.drawnMs = now;
     if (!this.renderer || !this.gl || this.gl.isContextLost()) return;
+    try {
+      this.show(now, seconds);
+    } catch (error) {
+      if (!(error instanceof LimitError)) throw error;
+      this.renderer = null;
+      this.fail(error.message);
+    }
+    if (now - this.legendMs >= LEGEND_MS) this.showLegend(now);
+  }
+
+  private show(now: number, seconds: number): void {
     if (!this.framed && this.stats.frames) this.frameView();
     if (this.flight.step(seconds)) {
       this.dirty = true;
@@ -277,7 +288,6 @@ class App {
     const still = now - this.movedMs > REFINE_MS && this.samples <= SAMPLES_STILL;
     if ((this.dirty || still) && this.framed) this.draw();
     this.look(now);
-    if (now - this.legendMs >= LEGEND_MS) this.showLegend(now);
   }
 
   private draw(): void {

@@ -184,6 +184,11 @@ export class Renderer {
     });
     const most = gl.getInternalformatParameter(gl.RENDERBUFFER, gl.RGBA16F, gl.SAMPLES) as Int32Array;
     this.samples = Math.min(SAMPLES, most[0] ?? 1);
+    for (const fragment of [SKY_FRAGMENT, TONEMAP_FRAGMENT, METER_FRAGMENT])
+      this.programOf(SCREEN_VERTEX, fragment, []);
+    for (const { defines } of this.draws)
+      for (const extra of [[], ['SURVEY']])
+        this.programOf(SURFACE_VERTEX, SURFACE_FRAGMENT, [...defines, ...extra]);
     this.surveyPixels = new LaterPixels(gl);
     this.meterPixels = new LaterPixels(gl);
     if (gl.getError() === gl.OUT_OF_MEMORY)
@@ -580,7 +585,7 @@ export class Renderer {
         draw.programs.set(extras, program);
       }
       if (program !== current) {
-        gl.useProgram(program.program);
+        program.use();
         current = program;
         group = null;
         this.setView(program, view, scale, near);
@@ -683,14 +688,14 @@ export class Renderer {
     gl.disable(gl.DEPTH_TEST);
     gl.bindVertexArray(this.nothing);
     const program = this.programOf(SCREEN_VERTEX, fragment, []);
-    gl.useProgram(program.program);
+    program.use();
     set(program);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     gl.bindVertexArray(null);
   }
 
-  /** Draws onto the canvas. sample: 0, or the number of one more, up to SAMPLES_STILL, of the same view, light
-   * and exposure. */
+  /** Draws onto the canvas. sample: 0, or the number of one more of the same view, light and exposure, up to
+   * SAMPLES_STILL. */
   draw(view: View, width: number, height: number, sample: number): void {
     const { gl } = this;
     this.upload();
