@@ -19,7 +19,7 @@ struct frame {
     const struct lw_pose *pose;
     uint64_t number;
     struct lw_transport transport;
-    struct lw_follow_frame following;
+    struct lw_scheduler_frame following;
     struct lw_solver_stats stats;
     /* Of the stage under way: time that belongs to probes. */
     uint64_t probe_ns;
@@ -69,15 +69,15 @@ struct lw_transport lw_cell_frame_transport(struct lw_cell_solver *s) {
                                  .target_error = s->desc.target_error};
 }
 
-static struct lw_follow_frame following_of(const struct lw_cell_solver *s,
-                                           const struct lw_transport *passes) {
-    return (struct lw_follow_frame){.passes = passes,
-                                    .schedule = &s->schedule,
-                                    .rest = lw_cell_frame_converged(s),
-                                    .budget_s = s->turn.budget_s,
-                                    .hasty = s->turn.hasty,
-                                    .filtered = s->desc.denoise,
-                                    .threads = s->threads};
+static struct lw_scheduler_frame following_of(const struct lw_cell_solver *s,
+                                              const struct lw_transport *passes) {
+    return (struct lw_scheduler_frame){.passes = passes,
+
+                                       .rest = lw_cell_frame_converged(s),
+                                       .budget_s = s->turn.budget_s,
+                                       .mode = s->turn.mode,
+                                       .filtered = s->desc.denoise,
+                                       .threads = s->threads};
 }
 
 static bool cancelled(const struct lw_cell_solver *s) { return s->desc.cancel && *s->desc.cancel; }
@@ -88,7 +88,7 @@ static bool has_work(const struct lw_cell_solver *s, const struct lw_solve_tile 
 
 /* The frames for which probes may remember, that many frames after a movement. */
 static uint32_t probe_history_max(const struct lw_cell_solver *s) {
-    const struct lw_follow *follow = &s->follow;
+    const struct lw_scheduler *follow = &s->scheduler;
     return follow->moves ? LW_CELL_LAYER_HISTORY_PROBES - 1 + follow->frames_since_move / 2 : UINT32_MAX;
 }
 
@@ -144,24 +144,24 @@ static enum lw_status take_pose(struct frame *f, struct lw_error *err) {
     const unsigned moved = lw_pose_difference(f->pose, &s->pose, s->desc.scene);
     (void)err;
     f->stats.moved = moved != 0;
-    s->follow.frames_since_move++;
+    s->scheduler.frames_since_move++;
     if (!moved) return LW_OK;
     if (s->forgetful) recall(s, &f->transport, &f->stats);
     s->view_due |= memcmp(s->pose.object_hidden, f->pose->object_hidden,
                           s->desc.scene->object_count * sizeof *f->pose->object_hidden) != 0;
-    lw_follow_move(&s->follow, &s->tiles, s->desc.scene, &s->pose, f->pose,
-                   lw_lights_differ(&s->lights, &s->pose, f->pose) ||
-                       (lw_cell_frame_parts_drawn(s) && lw_lights_differ(&s->drawn, &s->pose, f->pose)));
+    lw_scheduler_move(&s->scheduler, &s->tiles, s->desc.scene, &s->pose, f->pose,
+                      lw_lights_differ(&s->lights, &s->pose, f->pose) ||
+                          (lw_cell_frame_parts_drawn(s) && lw_lights_differ(&s->drawn, &s->pose, f->pose)));
     lw_pose_copy(&s->pose, f->pose, s->desc.scene);
     s->pose_due |= moved;
     return LW_OK;
 }
 
-/* What appears is lit at once, whatever the interest: there is nothing without light (schedule.h). That what went was
+/* What appears is lit at once, whatever the interest: there is nothing without light (scheduler.h). That what went was
  * gone must be known by then. */
 static enum lw_status place_if_seen(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
-    const bool looked_at = lw_schedule_is_looked_at(&s->schedule);
+    const bool looked_at = lw_scheduler_has_interest(&s->scheduler);
     enum lw_status status = lw_trace_settle(s->geometry->trace, false, err);
     if (status == LW_OK && s->pose_due && (looked_at || s->view_due)) status = place(f, err);
     return status;
@@ -171,8 +171,8 @@ static enum lw_status verify(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
     struct lw_ray_count rays = {0};
     (void)err;
-    lw_schedule_serve(&s->schedule, &s->tiles, s->has_probes);
-    lw_follow_ask(&s->follow, &f->following, &rays);
+    lw_scheduler_find_contributors(&s->scheduler, &s->tiles, s->has_probes);
+    lw_scheduler_verify(&s->scheduler, &f->following, &rays);
     count_rays(&f->stats, &rays);
     return LW_OK;
 }
@@ -181,15 +181,17 @@ static enum lw_status verify(struct frame *f, struct lw_error *err) {
 
 /* How many texels a frame may solve, of what has woken and in all. The first frame lights everything. Before all have been asked, what
  * has woken is solved alone. */
-static struct lw_schedule_room room_in_time(const struct lw_cell_solver *s, uint64_t asking_ns) {
-    if (!(s->turn.budget_s > 0) || s->frames == 0) return (struct lw_schedule_room){UINT64_MAX, UINT64_MAX};
+static struct lw_scheduler_room room_in_time(const struct lw_cell_solver *s, uint64_t asking_ns) {
+    if (s->turn.mode == LW_SCHEDULER_UNLIMITED || s->frames == 0)
+        return (struct lw_scheduler_room){UINT64_MAX, UINT64_MAX};
     const double left_ns =
         fmax(s->turn.budget_s * 1e9 - (double)asking_ns, SOLVING_SHARE * s->turn.budget_s * 1e9);
     const uint64_t texels = 1 + (uint64_t)(left_ns / fmax(s->texel_ns, 1));
-    bool waits = s->turn.yields;
-    for (uint32_t i = 0; i < s->tiles.count && s->turn.hasty && !waits; i++)
-        waits = s->follow.moves && s->tiles.tile[i].serves && s->tiles.tile[i].unasked;
-    return (struct lw_schedule_room){s->turn.yields ? 0 : texels, waits ? 0 : texels};
+    const bool yields = s->turn.mode == LW_SCHEDULER_YIELD;
+    bool waits = yields;
+    for (uint32_t i = 0; i < s->tiles.count && s->turn.mode == LW_SCHEDULER_ONSET && !waits; i++)
+        waits = s->scheduler.moves && s->tiles.tile[i].serves && s->tiles.tile[i].unasked;
+    return (struct lw_scheduler_room){yields ? 0 : texels, waits ? 0 : texels};
 }
 
 /* Of the tiles that are due, the blocks; of an urgent one those alone that have woken. */
@@ -199,21 +201,21 @@ static void choose_blocks(struct lw_cell_solver *s) {
         LW_TILES_EACH_BLOCK (tile, block)
             block->due = tile->due && !block->resting &&
                          (!tile->urgent || lw_gradient_is_urgent(&block->change) || !block->frames);
-        if (tile->due) tile->solved_tick = s->schedule.tick;
+        if (tile->due) tile->solved_tick = s->scheduler.round;
     }
 }
 
 /* Where nothing is due the pose waits, and with it the probes' rays. */
 static enum lw_status choose(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
-    struct lw_schedule_count count;
+    struct lw_scheduler_count count;
     enum lw_status status = LW_OK;
-    lw_schedule_choose(&s->schedule, &s->tiles, room_in_time(s, f->stats.change_ns), &count);
+    lw_scheduler_choose(&s->scheduler, &s->tiles, room_in_time(s, f->stats.change_ns), &count);
     f->stats.tiles_wanted = count.wanted;
     f->stats.tiles_feeding = count.feeding;
     f->solves = count.due > 0;
-    f->changing = lw_follow_is_changing(&s->follow);
-    lw_follow_note_work(&s->follow, f->solves, s->schedule.ended);
+    f->changing = lw_scheduler_is_changing(&s->scheduler);
+    lw_scheduler_note_work(&s->scheduler, f->solves);
     if (f->solves && s->pose_due) status = place(f, err);
     choose_blocks(s);
     return status;
@@ -226,14 +228,14 @@ static enum lw_status weigh_direct(struct frame *f, struct lw_error *err) {
     (void)err;
     for (uint32_t bounce = 0; bounce < s->desc.bounces; bounce++)
         memset(s->tiles.radiance_change[bounce], 0, s->tiles.block_count * sizeof(struct lw_vec3));
-    lw_follow_weigh(&s->follow, &f->following, &rays);
+    lw_scheduler_weigh(&s->scheduler, &f->following, &rays);
     count_rays(&f->stats, &rays);
     return LW_OK;
 }
 
 static enum lw_status pass_on(struct frame *f, struct lw_error *err) {
     (void)err;
-    lw_follow_pass_on(&f->s->follow, &f->following);
+    lw_scheduler_pass_on(&f->s->scheduler, &f->following);
     return LW_OK;
 }
 
@@ -253,7 +255,7 @@ static void begin_progress(struct lw_cell_solver *s) {
 
 /* While what is remembered of the time before a movement may still show. */
 static bool is_fading(const struct lw_cell_solver *s) {
-    return s->follow.moves && s->follow.frames_since_move < LW_CELL_LAYER_FADE_FRAMES;
+    return s->scheduler.moves && s->scheduler.frames_since_move < LW_CELL_LAYER_FADE_FRAMES;
 }
 
 static void run_direct(struct lw_cell_solver *s, const struct lw_transport *passes,
@@ -279,7 +281,7 @@ static void run_trace_ends(struct lw_cell_solver *s, const struct lw_transport *
         if (!has_work(s, &s->tiles.tile[i])) continue;
         struct lw_ray_count count = {0};
         lw_bounces_trace(passes, &s->tiles.tile[i], &count);
-        lw_schedule_note_hits(&s->schedule, &s->tiles, &s->tiles.tile[i], s->end);
+        lw_scheduler_note_hits(&s->scheduler, &s->tiles, &s->tiles.tile[i], s->end);
         bounce += count.bounce;
         lw_progress_step(&s->progress, 1);
     }
@@ -391,9 +393,9 @@ static enum lw_status accumulate(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
     const uint64_t frame = f->number;
     (void)err;
-    lw_follow_show(&s->follow, &f->following);
+    lw_scheduler_show(&s->scheduler, &f->following);
     uint32_t shown = 0;
-    if (s->desc.awaited && *s->desc.awaited && s->frames > 0) lw_schedule_put_off(&s->schedule, &s->tiles);
+    if (s->desc.awaited && *s->desc.awaited && s->frames > 0) lw_scheduler_put_off(&s->scheduler, &s->tiles);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shown)
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
@@ -446,7 +448,7 @@ static void settle_tile(const struct lw_cell_solver *s, struct lw_solve_tile *ti
         block->stale = !block->resting && lw_gradient_is_stale(block, s->desc.target_error);
         block->change.woken &= !block->resting;
     }
-    lw_follow_sum_woken(tile);
+    lw_scheduler_sum_invalidated(tile);
     lw_tiles_sum_up(tile);
 }
 

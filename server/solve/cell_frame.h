@@ -8,7 +8,7 @@
 
 #include "common/light/client_lights.h"
 #include "common/progress.h"
-#include "server/solve/adapt/follow.h"
+#include "server/solve/adapt/scheduler.h"
 #include "server/solve/cell_layer.h"
 #include "server/solve/filter/denoise.h"
 
@@ -40,8 +40,7 @@ struct lw_cell_solver {
     /* The last one given. */
     struct lw_pose pose;
     struct lw_progress progress;
-    struct lw_schedule schedule;
-    struct lw_follow follow;
+    struct lw_scheduler scheduler;
     /* That solved something. */
     uint32_t frames;
     /* Wall time that a texel takes, a running mean. */

@@ -8,6 +8,7 @@
 #ifndef LW_SOLVE_CELL_LAYER_H
 #define LW_SOLVE_CELL_LAYER_H
 
+#include "server/solve/adapt/scheduler.h"
 #include "server/solve/geometry.h"
 #include "server/solve/solver.h"
 #include "server/solve/state/tiles.h"
@@ -31,12 +32,9 @@ struct lw_tiles *lw_cell_layer_tiles(struct lw_solver *solver);
 
 /** What a layer gets of a frame. */
 struct lw_cell_layer_turn {
-    /* Wall time for solving, about; 0: as long as it takes. */
+    enum lw_scheduler_mode mode;
+    /* Wall time for solving, about, if the mode has a budget. */
     double budget_s;
-    /* It solves nothing, and only asks what has changed. */
-    bool yields;
-    /* Something has begun to move, after a while in which nothing did: what follows from that comes before all else. */
-    bool hasty;
 };
 
 /** Sets the turn of the frames to come. */

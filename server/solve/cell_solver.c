@@ -32,9 +32,9 @@ void lw_cell_layer_set_turn(struct lw_solver *solver, const struct lw_cell_layer
 
 unsigned lw_cell_layer_backlog(const struct lw_solver *solver) {
     const struct lw_cell_solver *s = (const struct lw_cell_solver *)solver;
-    const bool hasty = s->turn.budget_s > 0 && s->turn.hasty;
-    return hasty && lw_follow_is_behind(&s->follow, &s->tiles, &s->schedule) ? LW_CELL_LAYER_BACKLOG_MAX
-                                                                             : s->schedule.hurry;
+    const bool onset = s->turn.mode == LW_SCHEDULER_ONSET || s->turn.mode == LW_SCHEDULER_YIELD;
+    return onset && lw_scheduler_is_behind(&s->scheduler, &s->tiles) ? LW_CELL_LAYER_BACKLOG_MAX
+                                                                     : s->scheduler.backlog;
 }
 
 void lw_cell_layer_review(struct lw_solver *solver) {
@@ -51,12 +51,12 @@ void lw_cell_layer_review(struct lw_solver *solver) {
         }
         lw_tiles_sum_up(tile);
     }
-    s->follow.still_rounds = 0;
+    s->scheduler.still_rounds = 0;
 }
 
 static enum lw_status want(struct lw_solver *solver, const uint8_t *wanted, struct lw_error *err) {
     struct lw_cell_solver *s = (struct lw_cell_solver *)solver;
-    enum lw_status status = lw_schedule_want(&s->schedule, wanted);
+    enum lw_status status = lw_scheduler_set_interest(&s->scheduler, wanted);
     return status == LW_OK ? LW_OK
                            : lw_status_fail(err, status, "schedule of %u texels", s->geometry->texels.count);
 }
@@ -134,7 +134,8 @@ static uint32_t list_parts(const struct lw_cell_solver *s, struct remembered *re
 static enum lw_status save(const struct lw_solver *solver, const char *path, const uint8_t key[16],
                            struct lw_error *err) {
     const struct lw_cell_solver *s = (const struct lw_cell_solver *)solver;
-    struct remembered remembered = {s->frames, s->follow.frames_since_move, s->follow.moves, judges_split(s)};
+    struct remembered remembered = {s->frames, s->scheduler.frames_since_move, s->scheduler.moves,
+                                    judges_split(s)};
     struct lw_checkpoint_part part[PARTS_MAX];
     const uint32_t parts = list_parts(s, &remembered, part);
     return lw_checkpoint_save(path, key, &s->tiles, part, parts, err);
@@ -150,7 +151,7 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
     enum lw_status status = lw_checkpoint_load(path, key, &s->tiles, part, parts, err);
     if (status != LW_OK) return status;
     s->frames = remembered.frames;
-    lw_follow_resume(&s->follow, remembered.moves, remembered.frames_since_move);
+    lw_scheduler_resume(&s->scheduler, remembered.moves, remembered.frames_since_move);
     s->forgetful = true;
     for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) s->welds[f].fresh = true;
     if (remembered.judges_split != judges_split(s)) {
@@ -162,7 +163,7 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         LW_TILES_EACH_BLOCK (tile, block) {
             block->resting = lw_converged_may(&rest, tile, block);
-            block->change.moves = s->follow.moves;
+            block->change.moves = s->scheduler.moves;
         }
         lw_tiles_sum_up(tile);
     }
@@ -177,7 +178,7 @@ static size_t memory_bytes(const struct lw_solver *solver) {
     const size_t per_texel = lw_tiles_texel_bytes(&s->tiles) + sizeof(uint32_t) * s->desc.indirect_samples;
     return per_texel * s->tiles.texel_count + lw_seams_light_memory_bytes(&s->welds[LW_LIGHT_FORM_FULL]) +
            lw_seams_light_memory_bytes(&s->welds[LW_LIGHT_FORM_SPLIT]) +
-           lw_denoise_memory_bytes(&s->denoise) + lw_schedule_memory_bytes(&s->schedule) +
+           lw_denoise_memory_bytes(&s->denoise) + lw_scheduler_memory_bytes(&s->scheduler) +
            s->tiles.block_count * sizeof *s->tiles.block +
            (s->has_probes ? lw_probes_memory_bytes(&s->probes) : 0) +
            (s->geometry == &s->own_geometry ? lw_geometry_memory_bytes(s->geometry) : 0);
@@ -192,11 +193,10 @@ static void destroy(struct lw_solver *solver) {
     lw_lights_finish(&s->lights);
     lw_lights_finish(&s->drawn);
     for (int f = 0; f < LW_LIGHT_FORM_COUNT; f++) lw_seams_light_finish(&s->welds[f]);
-    lw_schedule_finish(&s->schedule);
     lw_tiles_finish(&s->tiles);
     lw_geometry_finish(&s->own_geometry);
     lw_pose_finish(&s->pose);
-    lw_follow_finish(&s->follow);
+    lw_scheduler_finish(&s->scheduler);
     free(s->end);
     free(s);
 }
@@ -261,14 +261,14 @@ static enum lw_status build(struct lw_cell_solver *s, const struct lw_pose *pose
         return lw_status_fail(err, status, "seams of %u texels", texels->count);
     if ((status = init_lights(s)) != LW_OK) return lw_status_fail(err, status, "lights");
     lw_tiles_set_pose(&s->tiles, &s->cells, &s->pose);
-    lw_schedule_init(&s->schedule, s->desc.atlas_map->tile_count, s->desc.indirect_samples);
 
     s->has_probes = isfinite(s->desc.tracing_range_m) && s->desc.bounces > 0;
     if (s->has_probes && (status = place_probes(s, lo, hi)) != LW_OK)
         return lw_status_fail(err, status, "probes");
     if (s->desc.denoise && (status = set_up_denoise(s, err)) != LW_OK) return status;
     s->end = calloc((size_t)texels->count * s->desc.indirect_samples + 1, sizeof *s->end);
-    if (!s->end || lw_follow_init(&s->follow, s->tiles.count) != LW_OK)
+    if (!s->end || lw_scheduler_init(&s->scheduler, s->desc.atlas_map->tile_count, s->tiles.count,
+                                     s->desc.indirect_samples) != LW_OK)
         return lw_status_fail(err, LW_NO_MEMORY, "%u texels", texels->count);
     return LW_OK;
 }
@@ -281,7 +281,9 @@ enum lw_status lw_cell_layer_create(struct lw_geometry *geometry, const struct l
     s->base.ops = &ops;
     s->geometry = geometry;
     s->desc = *desc;
-    s->turn = (struct lw_cell_layer_turn){.budget_s = desc->frame_budget_s, .hasty = true};
+    s->turn = (struct lw_cell_layer_turn){.budget_s = desc->frame_budget_s,
+                                          .mode = desc->frame_budget_s > 0 ? LW_SCHEDULER_ONSET
+                                                                           : LW_SCHEDULER_UNLIMITED};
     s->forms = LW_LIGHT_FORMS_FULL;
     s->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
     if (!(s->desc.tracing_range_m > 0)) s->desc.tracing_range_m = INFINITY;

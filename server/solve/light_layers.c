@@ -4,7 +4,6 @@
 #include "common/light/client_lights.h"
 #include "common/log.h"
 #include "common/random.h"
-#include "server/solve/adapt/follow.h"
 #include "server/solve/cell_layer.h"
 
 #include <limits.h>
@@ -403,25 +402,26 @@ static void give_time(struct layers *s, bool moved) {
         most = hurry > most ? hurry : most;
     }
     /* Under steady movement all that is looked at has its turn. */
-    s->hasty = moved ? s->still_frames > LW_FOLLOW_STILL_FRAMES
-                     : s->hasty && (most || s->still_frames <= LW_FOLLOW_STILL_FRAMES);
+    s->hasty = moved ? s->still_frames > LW_SCHEDULER_STILL_FRAMES
+                     : s->hasty && (most || s->still_frames <= LW_SCHEDULER_STILL_FRAMES);
     if (moved || !s->hasty || s->yields >= YIELDS_MAX) most = 0;
     for (const struct layer *layer = s->layer; layer < s->layer + s->count; layer++)
         first += layer->ran && lw_cell_layer_backlog(layer->solver) >= most;
     s->yields = first < running ? s->yields + 1 : 0;
     const double left = most == LW_CELL_LAYER_BACKLOG_MAX ? YIELDS_SHARE_LEAST : YIELDS_SHARE,
                  shares = first + left * (running - first),
-                 budgets = most                                                ? HURRY_SHARE
-                           : moved && s->still_frames > LW_FOLLOW_STILL_FRAMES ? BEGIN_SHARE
-                                                                               : 1,
+                 budgets = most                                                   ? HURRY_SHARE
+                           : moved && s->still_frames > LW_SCHEDULER_STILL_FRAMES ? BEGIN_SHARE
+                                                                                  : 1,
                  budget_s = budgets * s->desc.frame_budget_s;
     for (struct layer *layer = s->layer; layer < s->layer + s->count; layer++) {
         if (!layer->ran) continue;
         const bool yields = lw_cell_layer_backlog(layer->solver) < most;
         lw_cell_layer_set_turn(
-            layer->solver, &(struct lw_cell_layer_turn){.budget_s = (yields ? left : 1) / shares * budget_s,
-                                                        .yields = yields,
-                                                        .hasty = s->hasty});
+            layer->solver, &(struct lw_cell_layer_turn){.mode = yields     ? LW_SCHEDULER_YIELD
+                                                                : s->hasty ? LW_SCHEDULER_ONSET
+                                                                           : LW_SCHEDULER_STEADY,
+                                                        .budget_s = (yields ? left : 1) / shares * budget_s});
     }
 }
 

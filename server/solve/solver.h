@@ -86,7 +86,7 @@ struct lw_solver_ops {
      * Same desc, sequence of poses and of what is wanted: same bytes, at any thread count. Errors: LW_CLOSED if cancelled; LW_NO_MEMORY, LW_INTERNAL. */
     enum lw_status (*frame)(struct lw_solver *solver, const struct lw_pose *pose, uint64_t frame,
                             struct lw_solver_stats *out_stats, struct lw_error *err);
-    /** Says what is looked at; from the next frame on that alone is solved, with what lights it (schedule.h).
+    /** Says what is looked at; from the next frame on that alone is solved, with what lights it (scheduler.h).
      * wanted: per lw_tile_id, 0 or 1 + the finest level that is looked at; entries of level 0 are read, before it returns;
      * NULL: everything, as in a new solver. What nobody looks at keeps its sums; when somebody does again they count as
      * far as they are right: in full if nothing has moved since. Errors: LW_NO_MEMORY; nothing is changed then. */

@@ -1,6 +1,6 @@
 /* Interest: tiles in the interest set get the light of a full solve, their contributors follow, other tiles
  * are not solved. */
-#include "server/solve/adapt/schedule.h"
+#include "server/solve/adapt/scheduler.h"
 #include "tests/reference/room.h"
 
 #include <stdlib.h>
@@ -331,10 +331,10 @@ static void test_what_has_changed_most_comes_first(void **state) {
     static const float urgency[] = {0, 0.02f, 0.5f, 0};
     struct lw_solve_tile tile[4];
     struct lw_tiles tiles = {.count = 4, .tile = tile};
-    struct lw_schedule schedule;
-    struct lw_schedule_count count;
-    const struct lw_schedule_room room = {60, 60};
-    lw_schedule_init(&schedule, 4, 1);
+    struct lw_scheduler schedule;
+    struct lw_scheduler_count count;
+    const struct lw_scheduler_room room = {60, 60};
+    lw_support_ok(lw_scheduler_init(&schedule, 4, 4, 1), NULL);
     for (uint32_t i = 0; i < 4; i++)
         tile[i] = (struct lw_solve_tile){.id = {i},
                                          .covered_count = 100,
@@ -345,17 +345,17 @@ static void test_what_has_changed_most_comes_first(void **state) {
                                          .urgency = urgency[i]};
     static const uint32_t order[] = {2, 1};
     for (uint32_t k = 0; k < 2; k++) {
-        lw_schedule_choose(&schedule, &tiles, room, &count);
+        lw_scheduler_choose(&schedule, &tiles, room, &count);
         assert_int_equal(count.due, 1);
         assert_true(tile[order[k]].due && tile[order[k]].urgent && tile[order[k]].shows);
-        assert_int_equal(schedule.hurry > 0, k == 0);
+        assert_int_equal(schedule.backlog > 0, k == 0);
     }
-    lw_schedule_choose(&schedule, &tiles, room, &count);
+    lw_scheduler_choose(&schedule, &tiles, room, &count);
     assert_true(count.due == 1 && !tile[0].due && !tile[3].urgent);
-    lw_schedule_choose(&schedule, &tiles, (struct lw_schedule_room){60, 0}, &count);
+    lw_scheduler_choose(&schedule, &tiles, (struct lw_scheduler_room){60, 0}, &count);
     assert_int_equal(count.due, 0); /* what others in a hurry leave no time for */
     assert_false(schedule.ended);
-    lw_schedule_finish(&schedule);
+    lw_scheduler_finish(&schedule);
 }
 
 /* At the end of a round somebody waits for the frame to end: the round is shown in the next frame, whoever

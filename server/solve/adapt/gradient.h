@@ -31,7 +31,7 @@
 struct lw_gradient_round {
     uint32_t moves, began,
         light_moves; /* of the scene, so far; when it last began to move; when its lights last did */
-    uint32_t tick;   /* counts the rounds (schedule.h) */
+    uint32_t tick;   /* counts the rounds (scheduler.h) */
     bool turn;       /* a round begins */
     bool active;     /* light elsewhere may be changing */
     bool spreads; /* it has changed in the last frames: what follows from that is not to wait for its turn */

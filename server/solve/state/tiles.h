@@ -72,7 +72,7 @@ struct lw_solve_tile {
     uint32_t frames; /* the fewest of its blocks */
     float error;     /* relative standard error of luminance, over all its blocks */
     bool resting;    /* all its blocks do */
-    bool serves;     /* it is looked at, or lights what is (schedule.h) */
+    bool serves;     /* it is looked at, or lights what is (scheduler.h) */
     bool stale;      /* one of its blocks is */
     bool woken;      /* one of its blocks has found that its light has changed, and was not solved since */
     float
@@ -82,8 +82,8 @@ struct lw_solve_tile {
     bool corrected;        /* its light, in this frame, by what packets have found (correction.h) */
     bool moved;            /* its object has, when something moved last */
     bool unasked;          /* since then */
-    bool waiting;          /* the round under way has yet to solve it (schedule.h) */
-    bool due;              /* the frame under way solves it (schedule.h): its blocks that do not rest */
+    bool waiting;          /* the round under way has yet to solve it (scheduler.h) */
+    bool due;              /* the frame under way solves it (scheduler.h): its blocks that do not rest */
     bool shows;            /* what was solved is to be seen in this frame, not merely read by other tiles */
     uint32_t solved_tick;  /* of the schedule, when it was last solved */
     uint64_t solved_frame; /* last frame that showed one of its blocks */

@@ -1,0 +1,378 @@
+#include "server/solve/adapt/scheduler.h"
+
+#include "common/clock.h"
+#include "server/solve/adapt/control_variate.h"
+#include "server/solve/adapt/estimates.h"
+#include "server/solve/adapt/gradient.h"
+#include "server/solve/adapt/verify.h"
+#include "server/solve/transport/bounces.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Of a frame's budget, what goes into asking what has changed once some has been found, and at most before. */
+#define ASKING_SHARE 0.5
+#define SEARCH_SHARE 1.0
+/* While lights keep moving: what goes into correcting what they light. */
+#define SWEEP_SHARE 0.5
+/* So many rounds after the last light that was known to be out of date, what it lights has followed. */
+#define CHANGING_ROUNDS 2u
+/* A block at rest whose light has been corrected rests on with so many times its target error: less of the light, and it is noisier. */
+#define RESTS_ON 1.5f
+
+enum lw_status lw_scheduler_init(struct lw_scheduler *scheduler, uint32_t ids, uint32_t tile_count,
+                                 uint32_t indirect_samples) {
+    *scheduler = (struct lw_scheduler){.scope = LW_SCHEDULER_EVERYTHING,
+                                       .ended = true,
+                                       .ids = ids,
+                                       .samples = indirect_samples,
+                                       .turn = calloc(tile_count + 1ul, sizeof *scheduler->turn)};
+    return scheduler->turn ? LW_OK : LW_NO_MEMORY;
+}
+
+void lw_scheduler_finish(struct lw_scheduler *scheduler) {
+    lw_scheduler_forget_interest(scheduler);
+    free(scheduler->turn);
+    scheduler->turn = NULL;
+}
+
+/* ---- order: interest before its contributors, near to what has moved before far from it ---- */
+
+static void add_places(struct lw_scheduler *scheduler, struct lw_vec3 was, struct lw_vec3 is) {
+    if (scheduler->place_count + 2 > LW_SCHEDULER_PLACES_MAX) return;
+    scheduler->place_ws[scheduler->place_count++] = was;
+    scheduler->place_ws[scheduler->place_count++] = is;
+}
+
+static void note_places(struct lw_scheduler *scheduler, struct lw_tiles *tiles, const struct lw_scene *scene,
+                        const struct lw_pose *was, const struct lw_pose *is) {
+    uint32_t last = UINT32_MAX;
+    scheduler->place_count = 0;
+    for (uint32_t i = 0; i < scene->light_count; i++)
+        if (scene->light[i].kind != LW_LIGHT_DIRECTIONAL &&
+            memcmp(&was->light[i], &is->light[i], sizeof *is->light) != 0)
+            add_places(scheduler, was->light[i].position_ws, is->light[i].position_ws);
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        struct lw_solve_tile *tile = &tiles->tile[i];
+        const uint32_t object = tile->object;
+        tile->unasked = true;
+        tile->moved = lw_pose_object_differs(was, is, object);
+        if (object == last || !tile->moved) continue;
+        last = object;
+        add_places(scheduler, lw_affine_point(&was->object_to_world[object], tile->centre_os),
+                   lw_affine_point(&is->object_to_world[object], tile->centre_os));
+    }
+}
+
+/* The least is asked first. */
+static float rank_of(const struct lw_scheduler *scheduler, const struct lw_solve_tile *tile) {
+    float distance = scheduler->place_count ? INFINITY : 0;
+    for (uint32_t k = 0; k < scheduler->place_count; k++)
+        distance = fminf(distance, lw_vec3_length(lw_vec3_sub(tile->centre_ws, scheduler->place_ws[k])) -
+                                       tile->radius_m);
+    const bool looked_at = lw_scheduler_is_of_interest(scheduler, tile);
+    return (tile->moved ? -1 : fmaxf(distance, 0)) + (looked_at ? 0 : FLT_MAX / 2);
+}
+
+static int compare_turns(const void *a, const void *b) {
+    const struct lw_scheduler_turn *x = a, *y = b;
+    return x->rank != y->rank ? (x->rank > y->rank) - (x->rank < y->rank)
+                              : (x->tile > y->tile) - (x->tile < y->tile);
+}
+
+/* By rank if not all may be verified in this frame and some tile is yet to be; else as the tiles stand. */
+static void sort_tiles(struct lw_scheduler *scheduler, const struct lw_tiles *tiles, bool limited) {
+    bool any = false;
+    for (uint32_t i = 0; limited && i < tiles->count; i++)
+        any |= tiles->tile[i].serves && tiles->tile[i].unasked;
+    for (uint32_t i = 0; i < tiles->count; i++)
+        scheduler->turn[i] = (struct lw_scheduler_turn){any ? rank_of(scheduler, &tiles->tile[i]) : 0, i};
+    if (any) qsort(scheduler->turn, tiles->count, sizeof *scheduler->turn, compare_turns);
+}
+
+/* ---- movement ---- */
+
+void lw_scheduler_move(struct lw_scheduler *scheduler, struct lw_tiles *tiles, const struct lw_scene *scene,
+                       const struct lw_pose *was, const struct lw_pose *is, bool shines) {
+    note_places(scheduler, tiles, scene, was, is);
+    scheduler->moves++;
+    if (shines) scheduler->light_moves = scheduler->moves;
+    if (scheduler->moves == 1 || scheduler->frames_since_move > LW_SCHEDULER_STILL_FRAMES) {
+        scheduler->began = scheduler->moves;
+        scheduler->shone = shines;
+    }
+    scheduler->frames_since_move = 0;
+}
+
+void lw_scheduler_resume(struct lw_scheduler *scheduler, uint32_t moves, uint32_t frames_since_move) {
+    scheduler->moves = moves;
+    scheduler->frames_since_move = frames_since_move;
+    scheduler->unchanged_rounds = CHANGING_ROUNDS + 1;
+}
+
+static bool is_hurried(const struct lw_scheduler_frame *frame) {
+    return frame->mode != LW_SCHEDULER_UNLIMITED;
+}
+
+/* What follows from a movement need not wait for its turn. */
+static bool is_at_once(const struct lw_scheduler_frame *frame) { return frame->mode != LW_SCHEDULER_STEADY; }
+
+/* Something has just begun to move, and not all that follows fits into a frame. */
+static bool is_onset(const struct lw_scheduler_frame *frame) {
+    return is_hurried(frame) && is_at_once(frame);
+}
+
+/* ---- what is found ---- */
+
+void lw_scheduler_sum_invalidated(struct lw_solve_tile *tile) {
+    double square = 0;
+    tile->woken_count = 0;
+    tile->woken = false;
+    LW_TILES_EACH_BLOCK (tile, block) {
+        const double share = fmin(1, (double)block->change.strength);
+        tile->woken |= block->change.woken;
+        if (!lw_gradient_is_urgent(&block->change)) continue;
+        square += share * share * block->covered_count;
+        tile->woken_count += block->covered_count;
+    }
+    tile->urgency = tile->woken_count ? (float)(square / tile->woken_count) : 0;
+}
+
+/* After their answers: indirect light of a tile is corrected, and what has been is judged anew. */
+static void take_over(const struct lw_scheduler_frame *frame, struct lw_solve_tile *tile) {
+    const struct lw_transport *passes = frame->passes;
+    tile->corrected |= lw_control_variate_indirect(passes->tiles, tile, frame->rest.target_error, true);
+    if (tile->corrected) lw_estimates_judge(passes, tile);
+}
+
+/* ---- where something begins to move, and in turn ---- */
+
+/* Direct light has changed everywhere: all packets are asked about it, so that it need not be solved. */
+static bool asks_all(const struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame) {
+    return is_onset(frame) && scheduler->shone;
+}
+
+/* Whether something that is looked at is yet to be asked about the last movement. */
+static bool is_unasked(const struct lw_scheduler *scheduler, const struct lw_tiles *tiles) {
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        const struct lw_solve_tile *tile = &tiles->tile[i];
+        if (tile->unasked && tile->serves && lw_scheduler_is_of_interest(scheduler, tile)) return true;
+    }
+    return false;
+}
+
+bool lw_scheduler_is_behind(const struct lw_scheduler *scheduler, const struct lw_tiles *tiles) {
+    return scheduler->shone && is_unasked(scheduler, tiles);
+}
+
+/* A frame's round of questions. */
+struct search {
+    const struct lw_scheduler_frame *frame;
+    uint64_t began_ns;
+    struct lw_gradient_round round;
+    bool begun, found; /* by any worker: a question that there was no time for, a change */
+};
+
+/* Whether there is no time for another tile that is yet to be asked; but one is asked in any case. There should be time to solve what is
+ * found. */
+static bool is_time_over(const struct lw_scheduler *scheduler, struct search *search) {
+    const struct lw_scheduler_frame *frame = search->frame;
+    const bool found = __atomic_load_n(&search->found, __ATOMIC_RELAXED);
+    const double budgets = found && !asks_all(scheduler, frame) ? ASKING_SHARE : SEARCH_SHARE;
+    return is_hurried(frame) &&
+           (double)(lw_clock_ns() - search->began_ns) > budgets * frame->budget_s * 1e9 &&
+           __atomic_exchange_n(&search->begun, true, __ATOMIC_RELAXED);
+}
+
+/* Asks one tile; adds its rays to count. Returns whether its direct light has been corrected. */
+static bool ask_tile(struct search *search, struct lw_solve_tile *tile, struct lw_ray_count *count) {
+    const struct lw_scheduler_frame *frame = search->frame;
+    const float target_error = frame->rest.target_error;
+    const bool hurried = is_hurried(frame);
+    bool asked = false, more = false;
+    tile->unasked = false;
+    LW_TILES_EACH_BLOCK (tile, block) asked |= lw_gradient_choose(block, &search->round);
+    if (!asked) return false;
+    const bool direct = tile->corrected = lw_verify_compare(frame->passes, tile, count);
+    LW_TILES_EACH_BLOCK (tile, block) more |= lw_gradient_choose_more(block, target_error, hurried);
+    if (more) tile->corrected |= lw_verify_compare(frame->passes, tile, count);
+    take_over(frame, tile);
+    LW_TILES_EACH_BLOCK (tile, block) {
+        if (!block->covered_count) continue;
+        lw_gradient_wake(block, target_error, hurried);
+        if (tile->corrected && block->error > RESTS_ON * target_error)
+            block->resting = block->resting && lw_converged_may(&frame->rest, tile, block);
+    }
+    lw_scheduler_sum_invalidated(tile);
+    lw_tiles_sum_up(tile);
+    if (tile->woken) __atomic_store_n(&search->found, true, __ATOMIC_RELAXED);
+    return direct;
+}
+
+/* Wakes blocks at rest whose light is no longer what it was; where something begins to move, asks those that are awake too. */
+static void ask(struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
+                struct lw_ray_count *count) {
+    struct lw_tiles *tiles = frame->passes->tiles;
+    struct search search = {
+        .frame = frame,
+        .began_ns = lw_clock_ns(),
+        .round = {.moves = scheduler->moves,
+                  .began = scheduler->began,
+                  .light_moves = scheduler->light_moves,
+                  .tick = scheduler->round,
+                  .turn = scheduler->ended,
+                  .active = scheduler->still_rounds <= LW_PACKETS_MAX, /* not all were asked */
+                  .spreads = is_at_once(frame) && scheduler->passes > 0 && !is_unasked(scheduler, tiles),
+                  .hurried = is_hurried(frame)}};
+    uint64_t shadow = 0, bounce = 0;
+    bool direct = false;
+    sort_tiles(scheduler, tiles, is_hurried(frame));
+#pragma omp parallel for schedule(dynamic, 1) num_threads(frame->threads) reduction(+ : shadow, bounce) reduction(|| : direct)
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        struct lw_solve_tile *tile = &tiles->tile[scheduler->turn[i].tile];
+        struct lw_ray_count of_tile = {0};
+        if (!tile->serves || (tile->unasked && is_time_over(scheduler, &search))) continue;
+        direct |= ask_tile(&search, tile, &of_tile);
+        shadow += of_tile.shadow;
+        bounce += of_tile.bounce;
+    }
+    count->shadow += shadow;
+    count->bounce += bounce;
+    /* As many as there are bounces, once direct light has changed, and again once nothing urgent is left to solve. */
+    scheduler->solved_urgent |= scheduler->urgent > 0;
+    if (direct || (scheduler->solved_urgent && !scheduler->passes && !scheduler->backlog)) {
+        scheduler->passes = tiles->bounces;
+        scheduler->solved_urgent = false;
+    } else if (search.round.spreads) {
+        scheduler->passes--;
+    }
+}
+
+/* ---- while lights keep moving ---- */
+
+/* Corrects all light of a tile: direct light by new shadow rays, indirect light along the rays that there are. */
+static void correct_tile(const struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
+                         struct lw_solve_tile *tile, struct lw_ray_count *count) {
+    bool asked = false;
+    LW_TILES_EACH_BLOCK (tile, block) asked |= lw_gradient_choose_all(block, scheduler->moves);
+    if (!asked) return;
+    tile->corrected |= lw_verify_compare(frame->passes, tile, count);
+    take_over(frame, tile);
+    LW_TILES_EACH_BLOCK (tile, block) {
+        if (block->resting && block->covered_count) lw_gradient_wake(block, frame->rest.target_error, true);
+        block->change.compare = block->change.direct = 0;
+    }
+    lw_scheduler_sum_invalidated(tile);
+    lw_tiles_sum_up(tile);
+}
+
+/* A round is too long to wait for: a share of each frame goes on with what is looked at, until all has been corrected since the last
+ * movement. */
+static void sweep(struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
+                  struct lw_ray_count *count) {
+    const struct lw_tiles *tiles = frame->passes->tiles;
+    const uint64_t until_ns = lw_clock_ns() + (uint64_t)(SWEEP_SHARE * frame->budget_s * 1e9);
+    uint64_t shadow = 0, bounce = 0;
+    scheduler->sweep.ended = false;
+    if (is_at_once(frame))
+        scheduler->sweep.moves = scheduler->light_moves; /* all are asked at once, or solved */
+    if (scheduler->sweep.next == 0 && scheduler->sweep.moves == scheduler->light_moves) return;
+    if (scheduler->sweep.next == 0) scheduler->sweep.moves = scheduler->light_moves;
+    uint32_t next = scheduler->sweep.next;
+#pragma omp parallel num_threads(frame->threads) reduction(+ : shadow, bounce)
+    for (;;) {
+        const uint32_t i = __atomic_fetch_add(&next, 1, __ATOMIC_RELAXED);
+        struct lw_ray_count of_tile = {0};
+        if (i >= tiles->count) break;
+        struct lw_solve_tile *tile = &tiles->tile[i];
+        if (!tile->serves || !lw_scheduler_is_of_interest(scheduler, tile)) continue;
+        correct_tile(scheduler, frame, tile, &of_tile);
+        shadow += of_tile.shadow;
+        bounce += of_tile.bounce;
+        if (lw_clock_ns() > until_ns) break;
+    }
+    scheduler->sweep.ended = next >= tiles->count;
+    scheduler->sweep.next = scheduler->sweep.ended ? 0 : next;
+    count->shadow += shadow;
+    count->bounce += bounce;
+}
+
+/* ---- a frame ---- */
+
+static bool is_any_stale(const struct lw_tiles *tiles) {
+    for (uint32_t i = 0; i < tiles->count; i++)
+        if (tiles->tile[i].serves && tiles->tile[i].stale) return true;
+    return false;
+}
+
+void lw_scheduler_verify(struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
+                         struct lw_ray_count *count) {
+    if (scheduler->moves && lw_scheduler_has_interest(scheduler)) {
+        ask(scheduler, frame, count);
+        sweep(scheduler, frame, count);
+    }
+    if (is_any_stale(frame->passes->tiles) || scheduler->corrected)
+        scheduler->unchanged_rounds = 0;
+    else
+        scheduler->unchanged_rounds += scheduler->ended;
+}
+
+bool lw_scheduler_is_changing(const struct lw_scheduler *scheduler) {
+    return scheduler->moves && scheduler->unchanged_rounds <= CHANGING_ROUNDS;
+}
+
+void lw_scheduler_note_work(struct lw_scheduler *scheduler, bool solves) {
+    scheduler->still_rounds = solves || scheduler->corrected ? 0 : scheduler->still_rounds + scheduler->ended;
+}
+
+void lw_scheduler_weigh(const struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame,
+                        struct lw_ray_count *count) {
+    struct lw_tiles *tiles = frame->passes->tiles;
+    uint64_t shadow = 0, bounce = 0;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(frame->threads) reduction(+ : shadow, bounce)
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        struct lw_solve_tile *tile = &tiles->tile[i];
+        struct lw_ray_count of_tile = {0};
+        bool asked = false;
+        LW_TILES_EACH_BLOCK (tile, block)
+            if (block->due && scheduler->moves) asked |= lw_gradient_choose_due(block, scheduler->moves);
+        if (asked) {
+            (void)lw_verify_compare(frame->passes, tile, &of_tile);
+            (void)lw_control_variate_indirect(tiles, tile, frame->rest.target_error, true);
+        }
+        LW_TILES_EACH_BLOCK (tile, block)
+            if (block->due)
+                lw_gradient_weigh_direct(block, scheduler->moves, frame->filtered, is_onset(frame));
+        shadow += of_tile.shadow;
+        bounce += of_tile.bounce;
+    }
+    count->shadow += shadow;
+    count->bounce += bounce;
+}
+
+void lw_scheduler_pass_on(struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame) {
+    const struct lw_tiles *tiles = frame->passes->tiles;
+    uint32_t corrected = 0;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(frame->threads) reduction(+ : corrected)
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        const struct lw_solve_tile *tile = &tiles->tile[i];
+        corrected += tile->corrected;
+        for (uint32_t bounce = 0; tile->corrected && bounce < tiles->bounces; bounce++)
+            lw_bounces_radiate(frame->passes, tile, bounce);
+    }
+    scheduler->corrected = corrected;
+}
+
+void lw_scheduler_show(const struct lw_scheduler *scheduler, const struct lw_scheduler_frame *frame) {
+    struct lw_tiles *tiles = frame->passes->tiles;
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        struct lw_solve_tile *tile = &tiles->tile[i];
+        const bool is_to_be_seen = scheduler->sweep.ended || (tile->corrected && is_at_once(frame));
+        bool unseen = false;
+        LW_TILES_EACH_BLOCK (tile, block) unseen |= is_to_be_seen && block->unseen;
+        tile->shows |= unseen && lw_scheduler_is_of_interest(scheduler, tile);
+        tile->corrected = false;
+    }
+}
