@@ -83,7 +83,7 @@ static struct lw_scheduler_frame following_of(const struct lw_cell_solver *s,
 static bool cancelled(const struct lw_cell_solver *s) { return s->desc.cancel && *s->desc.cancel; }
 
 static bool has_work(const struct lw_cell_solver *s, const struct lw_solve_tile *tile) {
-    return tile->due && !cancelled(s);
+    return tile->work && !cancelled(s);
 }
 
 /* The frames for which probes may remember, that many frames after a movement. */
@@ -199,9 +199,10 @@ static void choose_blocks(struct lw_cell_solver *s) {
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         LW_TILES_EACH_BLOCK (tile, block)
-            block->due = tile->due && !block->resting &&
-                         (!tile->urgent || lw_gradient_is_urgent(&block->change) || !block->frames);
-        if (tile->due) tile->solved_tick = s->scheduler.round;
+            block->due =
+                tile->work && block->state != LW_BLOCK_CONVERGED &&
+                (tile->work == LW_TILE_WORK_ALL || lw_gradient_is_urgent(&block->change) || !block->frames);
+        if (tile->work) tile->solved_tick = s->scheduler.round;
     }
 }
 
@@ -247,7 +248,7 @@ static void begin_progress(struct lw_cell_solver *s) {
     static const _Atomic bool never = false;
     const uint32_t passes = 1 + (s->desc.bounces ? 1 + s->desc.bounces : 0);
     uint64_t due = 0;
-    for (uint32_t i = 0; i < s->tiles.count; i++) due += s->tiles.tile[i].due;
+    for (uint32_t i = 0; i < s->tiles.count; i++) due += s->tiles.tile[i].work != LW_TILE_WORK_NONE;
     lw_progress_init(&s->progress, s->frames ? "finishing the samples under way" : "lighting the first frame",
                      due * passes);
     if (s->frames) s->progress.wanted = s->desc.finishing ? s->desc.finishing : &never;
@@ -399,9 +400,9 @@ static enum lw_status accumulate(struct frame *f, struct lw_error *err) {
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads) reduction(+ : shown)
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
-        if (tile->due) lw_estimates_finish_tile(&f->transport, tile);
+        if (tile->work) lw_estimates_finish_tile(&f->transport, tile);
         LW_TILES_EACH_BLOCK (tile, block) {
-            block->unseen |= tile->due && block->due && block->covered_count;
+            block->unseen |= tile->work && block->due && block->covered_count;
             if (!(block->unseen && tile->shows) && !(s->shows_all && block->covered_count && block->frames))
                 continue;
             block->unseen = tile->begins = false;
@@ -444,9 +445,10 @@ static void settle_tile(const struct lw_cell_solver *s, struct lw_solve_tile *ti
     const struct lw_converged rest = lw_cell_frame_converged(s);
     LW_TILES_EACH_BLOCK (tile, block) {
         if (!block->due || !block->covered_count) continue;
-        block->resting = lw_converged_is(&rest, block);
-        block->stale = !block->resting && lw_gradient_is_stale(block, s->desc.target_error);
-        block->change.woken &= !block->resting;
+        block->state = lw_converged_is(&rest, block)                       ? LW_BLOCK_CONVERGED
+                       : lw_gradient_is_stale(block, s->desc.target_error) ? LW_BLOCK_STALE
+                                                                           : LW_BLOCK_SAMPLED;
+        if (block->state == LW_BLOCK_CONVERGED) block->change.strength = 0;
     }
     lw_scheduler_sum_invalidated(tile);
     lw_tiles_sum_up(tile);
@@ -459,10 +461,10 @@ static enum lw_status settle(struct frame *f, struct lw_error *err) {
     stats->tiles = s->tiles.count;
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
-        stats->tiles_solved += tile->due;
+        stats->tiles_solved += tile->work != LW_TILE_WORK_NONE;
         LW_TILES_EACH_BLOCK (tile, block) stats->texels_solved += block->due ? block->covered_count : 0;
-        if (tile->due) settle_tile(s, tile);
-        stats->tiles_converged += tile->resting;
+        if (tile->work) settle_tile(s, tile);
+        stats->tiles_converged += tile->state == LW_BLOCK_CONVERGED;
     }
     return LW_OK;
 }

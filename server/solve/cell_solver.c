@@ -45,8 +45,8 @@ void lw_cell_layer_review(struct lw_solver *solver) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         lw_estimates_judge(&passes, tile);
         LW_TILES_EACH_BLOCK (tile, block) {
-            if (!block->resting || !block->covered_count) continue;
-            block->resting = lw_converged_may(&rest, tile, block);
+            if (block->state != LW_BLOCK_CONVERGED || !block->covered_count) continue;
+            if (!lw_converged_may(&rest, tile, block)) block->state = LW_BLOCK_SAMPLED;
             lw_gradient_review(block, s->desc.target_error);
         }
         lw_tiles_sum_up(tile);
@@ -162,7 +162,7 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         LW_TILES_EACH_BLOCK (tile, block) {
-            block->resting = lw_converged_may(&rest, tile, block);
+            block->state = lw_converged_may(&rest, tile, block) ? LW_BLOCK_CONVERGED : LW_BLOCK_SAMPLED;
             block->change.moves = s->scheduler.moves;
         }
         lw_tiles_sum_up(tile);

@@ -335,8 +335,8 @@ static void count_tiles(const struct layers *s, struct lw_solver_stats *stats) {
         for (uint32_t k = 0; k < s->count; k++) {
             if (!s->layer[k].ran) continue;
             const struct lw_solve_tile *tile = tile_of(&s->layer[k], first->tile[i].id);
-            solved |= tile->due;
-            rests &= tile->resting;
+            solved |= tile->work != LW_TILE_WORK_NONE;
+            rests &= tile->state == LW_BLOCK_CONVERGED;
         }
         stats->tiles_solved += solved;
         stats->tiles_converged += rests;

@@ -424,8 +424,11 @@ static void test_memory_does_no_harm(void **state) {
  * region by 1/8. */
 static bool wakes(float each) {
     struct lw_packet packet[LW_PACKETS_MAX];
-    struct lw_solve_block block = {
-        .covered_count = 256, .packet = packet, .packet_count = LW_PACKETS_MAX, .resting = true, .light = 1};
+    struct lw_solve_block block = {.covered_count = 256,
+                                   .packet = packet,
+                                   .packet_count = LW_PACKETS_MAX,
+                                   .state = LW_BLOCK_CONVERGED,
+                                   .light = 1};
     for (uint32_t set = 0; set < LW_PACKETS_MAX; set++) {
         packet[set].count = LW_TRACE_WIDTH;
         for (uint32_t k = 0; k < LW_TRACE_WIDTH; k++) /* every fourth texel in both directions */
@@ -436,7 +439,7 @@ static bool wakes(float each) {
         }
     }
     lw_gradient_wake(&block, 0.02f, false);
-    return !block.resting;
+    return block.state != LW_BLOCK_CONVERGED;
 }
 
 /* What each texel finds for itself is noise of others' light; what they find together has changed. */

@@ -339,7 +339,7 @@ static void test_what_has_changed_most_comes_first(void **state) {
         tile[i] = (struct lw_solve_tile){.id = {i},
                                          .covered_count = 100,
                                          .frames = 1,
-                                         .stale = i > 0,
+                                         .state = i ? LW_BLOCK_STALE : LW_BLOCK_SAMPLED,
                                          .woken = i > 0,
                                          .woken_count = 50,
                                          .urgency = urgency[i]};
@@ -347,11 +347,11 @@ static void test_what_has_changed_most_comes_first(void **state) {
     for (uint32_t k = 0; k < 2; k++) {
         lw_scheduler_choose(&schedule, &tiles, room, &count);
         assert_int_equal(count.due, 1);
-        assert_true(tile[order[k]].due && tile[order[k]].urgent && tile[order[k]].shows);
+        assert_true(tile[order[k]].work == LW_TILE_WORK_INVALIDATED && tile[order[k]].shows);
         assert_int_equal(schedule.backlog > 0, k == 0);
     }
     lw_scheduler_choose(&schedule, &tiles, room, &count);
-    assert_true(count.due == 1 && !tile[0].due && !tile[3].urgent);
+    assert_true(count.due == 1 && !tile[0].work && tile[3].work == LW_TILE_WORK_ALL);
     lw_scheduler_choose(&schedule, &tiles, (struct lw_scheduler_room){60, 0}, &count);
     assert_int_equal(count.due, 0); /* what others in a hurry leave no time for */
     assert_false(schedule.ended);

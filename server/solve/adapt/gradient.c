@@ -67,7 +67,6 @@ static void ask_again(struct lw_solve_block *block) {
     change->compare = lw_change_all_packets(block);
     change->told |= change->compare;
     change->asked |= change->compare;
-    change->reread = true;
 }
 
 bool lw_gradient_choose(struct lw_solve_block *block, const struct lw_gradient_round *round) {
@@ -76,31 +75,38 @@ bool lw_gradient_choose(struct lw_solve_block *block, const struct lw_gradient_r
                first = change->moves < round->began,
                lit = (missed || first) && change->moves < round->light_moves;
     change->compare = change->retrace = change->direct = 0;
-    change->fresh = change->reread = false;
+    change->verified = LW_CHANGE_VERIFIED_NONE;
     change->tick = round->tick;
     if (!block->packet_count || !block->frames) return false;
-    change->begins = moved && (missed || first || (block->resting ? !change->unchecked : !change->moving));
-    if (!change->begins && round->spreads && !change->woken && !(round->turn && block->resting)) {
+    const bool begins =
+        moved &&
+        (missed || first || (block->state == LW_BLOCK_CONVERGED ? !change->unchecked : !change->moving));
+    if (!begins && round->spreads && !lw_gradient_is_invalidated(change) &&
+        !(round->turn && block->state == LW_BLOCK_CONVERGED)) {
         ask_again(block);
+        change->verified = LW_CHANGE_VERIFIED_RAYS;
         return true;
     }
-    if (!block->resting && !change->begins) return false;
+    if (block->state != LW_BLOCK_CONVERGED && !begins) return false;
     if (moved) change->unchecked = lw_change_all_packets(block);
     change->moves = round->moves;
     change->moving = true;
-    if (change->begins) change->asked = 0;
+    if (begins) change->asked = 0;
     if (!change->unchecked && !round->active) return false;
     /* Each packet once in LW_PACKETS_MAX rounds, however few a block has. */
-    if (!change->begins && (!round->turn || (round->tick + lw_random_hash(block->tile_id)) % LW_PACKETS_MAX >=
-                                                block->packet_count))
+    if (!begins && (!round->turn ||
+                    (round->tick + lw_random_hash(block->tile_id)) % LW_PACKETS_MAX >= block->packet_count))
         return false;
+    change->verified = begins ? LW_CHANGE_VERIFIED_ONSET : LW_CHANGE_VERIFIED_TURN;
     if (lit) {
-        if (!round->hurried) ask_again(block);
+        if (!round->hurried) {
+            ask_again(block);
+            change->verified = LW_CHANGE_VERIFIED_ALL;
+        }
         change->direct = change->asked = lw_change_all_packets(block);
     } else {
         ask(change, take_turn(block, first ? witnesses_of(block) : 1));
     }
-    change->fresh = true;
     return true;
 }
 
@@ -108,9 +114,10 @@ bool lw_gradient_choose_all(struct lw_solve_block *block, uint32_t moves) {
     struct lw_change_block *change = &block->change;
     change->compare = change->retrace = change->direct = 0;
     if (!block->packet_count || !block->frames) return false;
-    change->begins = false;
     change->moves = moves;
     ask_again(block);
+    change->verified =
+        change->verified > LW_CHANGE_VERIFIED_RAYS ? LW_CHANGE_VERIFIED_ALL : LW_CHANGE_VERIFIED_RAYS;
     change->direct = change->compare;
     return true;
 }
@@ -196,9 +203,18 @@ static bool has_changed(const struct lw_solve_block *block, uint16_t packets, fl
     return is_too_much(block, &off, target_error);
 }
 
+static bool rereads(const struct lw_change_block *change) {
+    return change->verified == LW_CHANGE_VERIFIED_RAYS || change->verified == LW_CHANGE_VERIFIED_ALL;
+}
+
+/* What this frame has found is not added to what was found before. */
+static bool stands_alone(const struct lw_change_block *change) {
+    return change->verified == LW_CHANGE_VERIFIED_ONSET || rereads(change);
+}
+
 /* Packets whose mean stands for the block: what begins to move is not told by what was found before. */
 static uint16_t witnesses(const struct lw_solve_block *block) {
-    return block->change.begins || block->change.reread ? block->change.asked : lw_change_all_packets(block);
+    return stands_alone(&block->change) ? block->change.asked : lw_change_all_packets(block);
 }
 
 void lw_gradient_note_rest(struct lw_solve_block *block) {
@@ -213,8 +229,9 @@ bool lw_gradient_choose_more(struct lw_solve_block *block, float target_error, b
     struct lw_change_block *change = &block->change;
     const uint16_t asked = change->compare, found = witnesses(block);
     change->compare = change->direct = 0;
-    if (!asked || change->reread || !has_changed(block, found, target_error)) return false;
-    if (change->begins && (hurried || has_changed(block, found, STRONG))) return false;
+    if (!asked || rereads(change) || !has_changed(block, found, target_error)) return false;
+    if (change->verified == LW_CHANGE_VERIFIED_ONSET && (hurried || has_changed(block, found, STRONG)))
+        return false;
     ask(change, lw_change_all_packets(block) & (uint16_t)~asked);
     return change->compare != 0;
 }
@@ -223,17 +240,17 @@ void lw_gradient_wake(struct lw_solve_block *block, float target_error, bool hur
     struct lw_change_block *change = &block->change;
     change->compare = change->direct = 0;
     const struct off off = add_up(block, witnesses(block));
-    if (hurried && (change->begins || change->reread)) target_error = fmaxf(target_error, HASTY);
-    if (!(block->resting || change->begins || change->reread) || !is_too_much(block, &off, target_error))
+    if (hurried && stands_alone(change)) target_error = fmaxf(target_error, HASTY);
+    if (!(block->state == LW_BLOCK_CONVERGED || stands_alone(change)) ||
+        !is_too_much(block, &off, target_error))
         return;
     change->strength = fminf(1, share_of(block, &off));
     change->judged = witnesses(block);
-    block->resting = false;
-    block->stale = change->woken = true;
+    block->state = LW_BLOCK_STALE;
 }
 
 void lw_gradient_review(struct lw_solve_block *block, float target_error) {
-    block->change.begins = false;
+    if (block->change.verified == LW_CHANGE_VERIFIED_ONSET) block->change.verified = LW_CHANGE_VERIFIED_TURN;
     lw_gradient_wake(block, target_error, false);
 }
 
@@ -241,12 +258,13 @@ bool lw_gradient_choose_due(struct lw_solve_block *block, uint32_t moves) {
     struct lw_change_block *change = &block->change;
     const bool moved = moves != change->moves;
     if (!block->packet_count || !block->frames) return false;
-    if (change->woken && change->strength < SURE && change->judged != lw_change_all_packets(block)) {
+    if (lw_gradient_is_invalidated(change) && change->strength < SURE &&
+        change->judged != lw_change_all_packets(block)) {
         ask(change, lw_change_all_packets(block) & (uint16_t)~change->judged);
         change->judged = lw_change_all_packets(block);
         return true;
     }
-    if (change->fresh || change->woken) return false;
+    if (change->verified > LW_CHANGE_VERIFIED_RAYS || lw_gradient_is_invalidated(change)) return false;
     if (moved) change->unchecked = lw_change_all_packets(block);
     if (moved) ask(change, change->asked ? change->asked : take_turn(block, 1));
     return moved;
@@ -286,7 +304,7 @@ static void add_drift(struct lw_change_block *change, struct off *off) {
 
 void lw_gradient_weigh_direct(struct lw_solve_block *block, uint32_t moves, bool filtered, bool hurried) {
     struct lw_change_block *change = &block->change;
-    struct off off = add_up(block, change->woken ? change->judged : change->asked);
+    struct off off = add_up(block, lw_gradient_is_invalidated(change) ? change->judged : change->asked);
     change->still_solves = moves != change->solved_moves ? 0 : change->still_solves + 1;
     if (moves && change->still_solves < DRIFT_SOLVES) add_drift(change, &off);
     const float weight =
@@ -297,8 +315,8 @@ void lw_gradient_weigh_direct(struct lw_solve_block *block, uint32_t moves, bool
     change->moving = moves != change->solved_moves;
     change->moves = change->solved_moves = moves;
     change->compare = change->retrace = change->direct = change->asked = change->told = change->unchecked = 0;
-    change->strength = hurried && change->woken ? AGAIN * change->strength : 0;
-    change->woken = change->strength >= LW_GRADIENT_URGENT;
+    change->strength *= hurried ? AGAIN : 0;
+    if (!lw_gradient_is_urgent(change)) change->strength = 0;
 }
 
 void lw_gradient_weigh_indirect(struct lw_solve_block *block, float most_frames, bool filtered) {

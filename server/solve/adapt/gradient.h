@@ -51,10 +51,15 @@ bool lw_gradient_choose_all(struct lw_solve_block *block, uint32_t moves);
  * enough to wake. Returns whether there are any. */
 bool lw_gradient_choose_more(struct lw_solve_block *block, float target_error, bool hurried);
 
+/* Its light has changed by more than its target error allows, and it was not solved since. */
+static inline bool lw_gradient_is_invalidated(const struct lw_change_block *change) {
+    return change->strength > 0;
+}
+
 /* A block of whose light so much has changed is solved before all else. */
 #define LW_GRADIENT_URGENT 0.03f
 static inline bool lw_gradient_is_urgent(const struct lw_change_block *change) {
-    return change->woken && change->strength >= LW_GRADIENT_URGENT;
+    return change->strength >= LW_GRADIENT_URGENT;
 }
 
 /** Notes what the estimates of a solve are off their means, in the mean over the texels of a region. */

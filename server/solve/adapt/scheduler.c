@@ -132,7 +132,7 @@ void lw_scheduler_sum_invalidated(struct lw_solve_tile *tile) {
     tile->woken = false;
     LW_TILES_EACH_BLOCK (tile, block) {
         const double share = fmin(1, (double)block->change.strength);
-        tile->woken |= block->change.woken;
+        tile->woken |= lw_gradient_is_invalidated(&block->change);
         if (!lw_gradient_is_urgent(&block->change)) continue;
         square += share * share * block->covered_count;
         tile->woken_count += block->covered_count;
@@ -202,8 +202,9 @@ static bool ask_tile(struct search *search, struct lw_solve_tile *tile, struct l
     LW_TILES_EACH_BLOCK (tile, block) {
         if (!block->covered_count) continue;
         lw_gradient_wake(block, target_error, hurried);
-        if (tile->corrected && block->error > RESTS_ON * target_error)
-            block->resting = block->resting && lw_converged_may(&frame->rest, tile, block);
+        if (tile->corrected && block->error > RESTS_ON * target_error && block->state == LW_BLOCK_CONVERGED &&
+            !lw_converged_may(&frame->rest, tile, block))
+            block->state = LW_BLOCK_SAMPLED;
     }
     lw_scheduler_sum_invalidated(tile);
     lw_tiles_sum_up(tile);
@@ -261,7 +262,8 @@ static void correct_tile(const struct lw_scheduler *scheduler, const struct lw_s
     tile->corrected |= lw_verify_compare(frame->passes, tile, count);
     take_over(frame, tile);
     LW_TILES_EACH_BLOCK (tile, block) {
-        if (block->resting && block->covered_count) lw_gradient_wake(block, frame->rest.target_error, true);
+        if (block->state == LW_BLOCK_CONVERGED && block->covered_count)
+            lw_gradient_wake(block, frame->rest.target_error, true);
         block->change.compare = block->change.direct = 0;
     }
     lw_scheduler_sum_invalidated(tile);
@@ -303,7 +305,7 @@ static void sweep(struct lw_scheduler *scheduler, const struct lw_scheduler_fram
 
 static bool is_any_stale(const struct lw_tiles *tiles) {
     for (uint32_t i = 0; i < tiles->count; i++)
-        if (tiles->tile[i].serves && tiles->tile[i].stale) return true;
+        if (tiles->tile[i].serves && tiles->tile[i].state == LW_BLOCK_STALE) return true;
     return false;
 }
 

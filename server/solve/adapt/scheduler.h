@@ -187,7 +187,7 @@ void lw_scheduler_note_hits(struct lw_scheduler *scheduler, const struct lw_tile
 
 /* ---- what a frame solves and shows (scheduler_rounds.c) ---- */
 
-/** Sets `due`, `urgent` and `shows` of every tile, for the frame that begins. At least one tile is due, if any waits for which
+/** Sets `work` and `shows` of every tile, for the frame that begins. At least one tile is due, if any waits for which
  * there is room at all. */
 void lw_scheduler_choose(struct lw_scheduler *scheduler, struct lw_tiles *tiles,
                          struct lw_scheduler_room room, struct lw_scheduler_count *out_count);

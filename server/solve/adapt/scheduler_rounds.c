@@ -94,7 +94,9 @@ static void take_readings(struct lw_scheduler *scheduler, const struct lw_tiles 
 static bool is_watched(const struct lw_scheduler *scheduler, const struct lw_tiles *tiles) {
     for (uint32_t i = 0; i < tiles->count; i++) {
         const struct lw_solve_tile *tile = &tiles->tile[i];
-        if (!tile->resting && (scheduler->wanted[tile->id.v] || (tile->stale && tile->serves))) return true;
+        if (tile->state != LW_BLOCK_CONVERGED &&
+            (scheduler->wanted[tile->id.v] || (tile->state == LW_BLOCK_STALE && tile->serves)))
+            return true;
     }
     return false;
 }
@@ -121,7 +123,9 @@ static uint32_t period_of(const struct lw_scheduler *scheduler, const struct lw_
 /* Rounds that take many frames are no reason to show what is out of date so many times later. */
 static uint32_t rounds_of(const struct lw_scheduler *scheduler, const struct lw_solve_tile *tile,
                           uint32_t period) {
-    while (tile->stale && period > 1 && period * scheduler->frames > LW_SCHEDULER_PERIOD_MAX) period /= 2;
+    while (tile->state == LW_BLOCK_STALE && period > 1 &&
+           period * scheduler->frames > LW_SCHEDULER_PERIOD_MAX)
+        period /= 2;
     return period;
 }
 
@@ -143,7 +147,7 @@ static void begin_round(struct lw_scheduler *scheduler, struct lw_tiles *tiles) 
         scheduler->count.wanted += looked_at;
         scheduler->count.feeding += !looked_at && period;
         tile->waiting =
-            !tile->resting &&
+            tile->state != LW_BLOCK_CONVERGED &&
             (tile->frames == 0 || (period && is_turn(scheduler, tile, rounds_of(scheduler, tile, period))));
     }
     scheduler->frames = 0;
@@ -156,7 +160,7 @@ enum rank { WOKEN_MOST, WOKEN_MORE, WOKEN_LESS, WOKEN_UNSEEN, STALE, OTHER };
 #define MORE 0.0625f
 
 static enum rank rank_of(const struct lw_scheduler *scheduler, const struct lw_solve_tile *tile) {
-    if (!tile->woken) return tile->stale ? STALE : OTHER;
+    if (!tile->woken) return tile->state == LW_BLOCK_STALE ? STALE : OTHER;
     if (!(tile->urgency > 0)) return STALE;
     if (!lw_scheduler_is_of_interest(scheduler, tile)) return WOKEN_UNSEEN;
     return tile->urgency >= MOST ? WOKEN_MOST : tile->urgency >= MORE ? WOKEN_MORE : WOKEN_LESS;
@@ -169,12 +173,12 @@ static void take(const struct lw_scheduler *scheduler, struct lw_tiles *tiles, e
     const bool urgent = rank < STALE && texels != UINT64_MAX;
     for (uint32_t i = 0; i < tiles->count; i++) {
         struct lw_solve_tile *tile = &tiles->tile[i];
-        if (!(tile->waiting || tile->woken) || tile->due || tile->resting || rank_of(scheduler, tile) != rank)
+        if (!(tile->waiting || tile->woken) || tile->work || tile->state == LW_BLOCK_CONVERGED ||
+            rank_of(scheduler, tile) != rank)
             continue;
         const uint32_t count = urgent ? tile->woken_count : tile->covered_count;
         if (!texels || (*taken && *taken + count > texels)) continue;
-        tile->due = true;
-        tile->urgent = urgent;
+        tile->work = urgent ? LW_TILE_WORK_INVALIDATED : LW_TILE_WORK_ALL;
         *taken += count;
     }
 }
@@ -183,7 +187,7 @@ static void take(const struct lw_scheduler *scheduler, struct lw_tiles *tiles, e
 static void take_all(const struct lw_scheduler *scheduler, struct lw_tiles *tiles,
                      struct lw_scheduler_room room) {
     uint64_t taken = 0;
-    for (uint32_t i = 0; i < tiles->count; i++) tiles->tile[i].due = tiles->tile[i].urgent = false;
+    for (uint32_t i = 0; i < tiles->count; i++) tiles->tile[i].work = LW_TILE_WORK_NONE;
     for (enum rank rank = WOKEN_MOST; rank <= WOKEN_UNSEEN; rank++)
         take(scheduler, tiles, rank, room.woken, &taken);
     take(scheduler, tiles, STALE, room.all, &taken);
@@ -200,13 +204,13 @@ void lw_scheduler_choose(struct lw_scheduler *scheduler, struct lw_tiles *tiles,
     scheduler->backlog = scheduler->urgent = 0;
     for (uint32_t i = 0; i < tiles->count; i++) {
         struct lw_solve_tile *tile = &tiles->tile[i];
-        tile->woken &= !tile->due && !tile->resting;
-        tile->waiting &= !tile->due || tile->urgent;
+        tile->woken &= !tile->work && tile->state != LW_BLOCK_CONVERGED;
+        tile->waiting &= tile->work != LW_TILE_WORK_ALL;
         scheduler->ended &= !tile->waiting && !tile->woken;
         if (tile->woken && STALE - rank_of(scheduler, tile) > scheduler->backlog)
             scheduler->backlog = STALE - rank_of(scheduler, tile);
-        count.due += tile->due;
-        scheduler->urgent += tile->urgent;
+        count.due += tile->work != LW_TILE_WORK_NONE;
+        scheduler->urgent += tile->work == LW_TILE_WORK_INVALIDATED;
     }
     const bool held = scheduler->held == LW_SCHEDULER_HELD,
                whole = scheduler->ended || (held && !scheduler->urgent);
@@ -217,7 +221,8 @@ void lw_scheduler_choose(struct lw_scheduler *scheduler, struct lw_tiles *tiles,
         const bool in_turn = lw_scheduler_is_of_interest(scheduler, tile) || tile->frames == 0 ||
                              tile->begins || shows_unwanted(scheduler, tile->object);
         /* At rest all may be seen. */
-        tile->shows = (count.due == 0 && scheduler->ended) || (in_turn && (whole || tile->urgent));
+        tile->shows = (count.due == 0 && scheduler->ended) ||
+                      (in_turn && (whole || tile->work == LW_TILE_WORK_INVALIDATED));
     }
     *out_count = count;
 }
@@ -226,8 +231,8 @@ void lw_scheduler_put_off(struct lw_scheduler *scheduler, struct lw_tiles *tiles
     if (scheduler->held != LW_SCHEDULER_NOTHING_HELD) return;
     for (uint32_t i = 0; i < tiles->count; i++) {
         struct lw_solve_tile *tile = &tiles->tile[i];
-        if (tile->shows && !tile->urgent) scheduler->held = LW_SCHEDULER_HELD;
-        tile->shows &= tile->urgent;
+        if (tile->shows && tile->work != LW_TILE_WORK_INVALIDATED) scheduler->held = LW_SCHEDULER_HELD;
+        tile->shows &= tile->work == LW_TILE_WORK_INVALIDATED;
     }
 }
 

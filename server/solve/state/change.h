@@ -36,25 +36,36 @@ struct lw_change_drift {
 /* Of light: the parts that have a memory each (LW_TILES_PARTS). */
 #define LW_CHANGE_PARTS 2
 
+/* What a frame verifies of a block before it is chosen what it solves. */
+enum lw_change_verified {
+    LW_CHANGE_VERIFIED_NONE,
+    /* All packets along the rays that there are. */
+    LW_CHANGE_VERIFIED_RAYS,
+    /* One packet in turn. */
+    LW_CHANGE_VERIFIED_TURN,
+    /* An onset: one packet, or one for each of a few surfaces; or all about direct light. */
+    LW_CHANGE_VERIFIED_ONSET,
+    /* An onset: all packets, about direct light and along the rays that there are. */
+    LW_CHANGE_VERIFIED_ALL
+};
+
 struct lw_change_block {
     struct lw_change_packet
-        packet[LW_PACKETS_MAX]; /* the last comparison since the block was solved; else 0 */
-    uint16_t compare, retrace;  /* packets, a bit each: asked now; of these, with new rays */
-    uint16_t direct;            /* asked now about direct light */
-    uint16_t asked;             /* since the block was solved, or something began to move */
-    uint16_t told;              /* since what was found was last taken over */
-    uint16_t judged;            /* those whose mean stands for the block, if they have woken it */
-    uint16_t unchecked;         /* whose rays were not traced again since something moved */
-    bool fresh;                 /* asked in this frame */
-    bool reread;                /* in this frame, along the rays that there are */
-    bool woken;                 /* since it was last solved */
-    float strength;             /* if so: how much of its light has changed, about */
-    bool begins;                /* in this frame, something moves after a while in which nothing did */
-    bool moving;                /* something had moved when it was last solved */
-    uint32_t next;              /* packet, in turn */
-    uint32_t tick;              /* round in which it last served somebody */
-    uint32_t moves;             /* of the scene, when it was last asked */
-    uint32_t solved_moves;      /* and solved */
+        packet[LW_PACKETS_MAX];       /* the last comparison since the block was solved; else 0 */
+    uint16_t compare, retrace;        /* packets, a bit each: asked now; of these, with new rays */
+    uint16_t direct;                  /* asked now about direct light */
+    uint16_t asked;                   /* since the block was solved, or something began to move */
+    uint16_t told;                    /* since what was found was last taken over */
+    uint16_t judged;                  /* those whose mean stands for the block, if they have woken it */
+    uint16_t unchecked;               /* whose rays were not traced again since something moved */
+    enum lw_change_verified verified; /* in this frame */
+    /* How much of its light has changed, about, if that is too much and it was not solved since; else 0. */
+    float strength;
+    bool moving;           /* something had moved when it was last solved */
+    uint32_t next;         /* packet, in turn */
+    uint32_t tick;         /* round in which it last served somebody */
+    uint32_t moves;        /* of the scene, when it was last asked */
+    uint32_t solved_moves; /* and solved */
     /* By how much the means are out of date (memory.h). */
     float stale_direct;                               /* root mean square over the texels */
     struct lw_vec3 stale_indirect[LW_CHANGE_REGIONS]; /* mean over the texels of a region */

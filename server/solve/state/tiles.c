@@ -184,9 +184,9 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
             block->packet = tiles->packet + (size_t)(block - tiles->block) * LW_PACKETS_MAX;
             block->error = 1;
             block->noise[LW_TILES_DIRECT] = block->noise[LW_TILES_INDIRECT] = -1;
-            block->resting = block->covered_count == 0;
+            block->state = block->covered_count ? LW_BLOCK_SAMPLED : LW_BLOCK_CONVERGED;
         }
-        tile->resting = tile->covered_count == 0;
+        tile->state = tile->covered_count ? LW_BLOCK_SAMPLED : LW_BLOCK_CONVERGED;
     }
 #pragma omp parallel for schedule(dynamic) num_threads(threads)
     for (uint32_t i = 0; i < tiles->count; i++) deal_packets(&tiles->tile[i], tiles->covered);
@@ -207,7 +207,10 @@ static void recount_tile(struct lw_solve_tile *tile, const uint8_t *covered) {
     LW_TILES_EACH_BLOCK (tile, block) {
         if (block->covered_count == before[block - tile->block]) continue;
         block->direct.frames = block->indirect.frames = 0;
-        block->resting = block->covered_count == 0 || tile->hidden;
+        if (block->covered_count == 0 || tile->hidden)
+            block->state = LW_BLOCK_CONVERGED;
+        else if (block->state == LW_BLOCK_CONVERGED)
+            block->state = LW_BLOCK_SAMPLED;
     }
     lw_tiles_sum_up(tile);
     deal_packets(tile, covered);
@@ -247,13 +250,11 @@ void lw_tiles_finish(struct lw_tiles *tiles) {
 }
 
 void lw_tiles_sum_up(struct lw_solve_tile *tile) {
-    tile->resting = true;
-    tile->stale = false;
+    tile->state = LW_BLOCK_CONVERGED;
     tile->frames = tile->covered_count ? UINT32_MAX : 0;
     LW_TILES_EACH_BLOCK (tile, block) {
         if (!block->covered_count) continue;
-        tile->resting &= block->resting;
-        tile->stale |= block->stale;
+        if (block->state < tile->state) tile->state = block->state;
         if (block->frames < tile->frames) tile->frames = block->frames;
     }
 }
@@ -286,8 +287,7 @@ static void begin_block(struct lw_solve_block *block) {
     block->variance = block->luminance = 0;
     block->noise[LW_TILES_DIRECT] = block->noise[LW_TILES_INDIRECT] = -1;
     block->error = 1;
-    block->resting = block->covered_count == 0;
-    block->stale = false;
+    block->state = block->covered_count ? LW_BLOCK_SAMPLED : LW_BLOCK_CONVERGED;
 }
 
 static void set_hidden(struct lw_solve_tile *tile, bool hidden) {
@@ -301,7 +301,7 @@ static void set_hidden(struct lw_solve_tile *tile, bool hidden) {
         if (!hidden)
             begin_block(block);
         else
-            block->resting = true;
+            block->state = LW_BLOCK_CONVERGED;
     }
     lw_tiles_sum_up(tile);
 }

@@ -24,14 +24,33 @@ enum {
 /* Of bounce orders that tiles can hold. */
 #define LW_TILES_BOUNCES_MAX 16u
 
+/* Of a block; of a tile: that of its least settled block (scheduler.h has the diagram). */
+enum lw_block_state {
+    /* Its light has changed: it is solved, whatever its noise. */
+    LW_BLOCK_STALE,
+    /* It is solved until its noise is on target. */
+    LW_BLOCK_SAMPLED,
+    /* It needs no frame until its light changes: it is on target, hidden, or has no texels. */
+    LW_BLOCK_CONVERGED
+};
+
+/* What a frame solves of a tile. */
+enum lw_tile_work {
+    LW_TILE_WORK_NONE,
+    /* Invalidated blocks alone, which are shown at once. */
+    LW_TILE_WORK_INVALIDATED,
+    /* All blocks that have not converged. */
+    LW_TILE_WORK_ALL
+};
+
 /* Sixteen by sixteen texels of a tile: what is solved, forgets and rests as one. */
 struct lw_solve_block {
     uint32_t tile_id;         /* lw_tile_id */
     uint32_t covered_count;   /* texels; 0: the rest means nothing */
     struct lw_packet *packet; /* of its covered texels */
     uint32_t packet_count;
-    bool resting, due;    /* due: the frame under way solves it */
-    bool stale;           /* it does not rest because its light has changed, whatever its noise */
+    enum lw_block_state state;
+    bool due;             /* the frame under way solves it */
     bool unseen;          /* it was solved since it was last shown */
     uint64_t shown_frame; /* last frame that changed what is shown of it */
     uint32_t frames;      /* solved since the sequence began: where the random numbers go on */
@@ -71,22 +90,20 @@ struct lw_solve_tile {
     uint32_t covered_count;
     uint32_t frames; /* the fewest of its blocks */
     float error;     /* relative standard error of luminance, over all its blocks */
-    bool resting;    /* all its blocks do */
-    bool serves;     /* it is looked at, or lights what is (scheduler.h) */
-    bool stale;      /* one of its blocks is */
-    bool woken;      /* one of its blocks has found that its light has changed, and was not solved since */
+    enum lw_block_state state;
+    bool serves; /* it is looked at, or lights what is (scheduler.h) */
+    bool woken;  /* one of its blocks has found that its light has changed, and was not solved since */
     float
         urgency; /* if so: mean square over those blocks of the share of light that has changed, at most 1 */
-    uint32_t woken_count;  /* texels of those blocks */
-    bool urgent;           /* the frame under way solves those blocks alone, and shows them at once */
-    bool corrected;        /* its light, in this frame, by what packets have found (correction.h) */
-    bool moved;            /* its object has, when something moved last */
-    bool unasked;          /* since then */
-    bool waiting;          /* the round under way has yet to solve it (scheduler.h) */
-    bool due;              /* the frame under way solves it (scheduler.h): its blocks that do not rest */
-    bool shows;            /* what was solved is to be seen in this frame, not merely read by other tiles */
-    uint32_t solved_tick;  /* of the schedule, when it was last solved */
-    uint64_t solved_frame; /* last frame that showed one of its blocks */
+    uint32_t woken_count;   /* texels of those blocks */
+    bool corrected;         /* its light, in this frame, by what packets have found (correction.h) */
+    bool moved;             /* its object has, when something moved last */
+    bool unasked;           /* since then */
+    bool waiting;           /* the round under way has yet to solve it (scheduler.h) */
+    enum lw_tile_work work; /* in the frame under way (scheduler.h) */
+    bool shows;             /* what was solved is to be seen in this frame, not merely read by other tiles */
+    uint32_t solved_tick;   /* of the schedule, when it was last solved */
+    uint64_t solved_frame;  /* last frame that showed one of its blocks */
 };
 
 struct lw_tiles {
