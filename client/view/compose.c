@@ -30,7 +30,7 @@ _Static_assert(LISTED == LW_DIRECT_PIXELS_BLOCKS * LW_TRACE_WIDTH, "or for as ma
 
 /* A pixel of light, in the sums of what tiles show: whole numbers, so that no order of threads changes
  * them. */
-#define PIXEL_LIGHT 256.0f
+#define PIXEL_LIGHT 256
 
 /* One level of one object, with the pointers of this render. */
 struct level {
@@ -575,7 +575,7 @@ static void note_shown(struct lw_compose *compose, const struct packet *p, uint1
     for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
         if (!(active >> i & 1u) || !(p->reflected[i] > 0)) continue;
         const float all = lw_colour_luminance(p->radiance[i]);
-        const uint64_t light = (uint64_t)(PIXEL_LIGHT * fminf(1, p->reflected[i] / all) + 0.5f);
+        const uint64_t light = (uint64_t)((float)PIXEL_LIGHT * fminf(1, p->reflected[i] / all) + 0.5f);
         if (p->tile[i] != tile && sum > 0) {
             __atomic_fetch_add(&compose->shown[tile], sum, __ATOMIC_RELAXED);
             sum = 0;
@@ -862,7 +862,6 @@ void lw_compose_survey(struct lw_compose *compose, const struct lw_compose_sourc
 
 void lw_compose_note(struct lw_compose *compose, const uint8_t *needed, const uint64_t *shown,
                      uint64_t pixel_count) {
-    _Static_assert(PIXEL_LIGHT == 256.0f, "as the header says");
     memcpy(compose->needed, needed, compose->map->tile_count * sizeof *needed);
     memcpy(compose->shown, shown, compose->map->tile_count * sizeof *shown);
     compose->pixel_count = pixel_count;
