@@ -97,7 +97,7 @@ export interface Scene {
   environment: { width: number; height: number; rgb: Float32Array } | null;
 }
 
-const WIDTHS = [24, 64, 112, 28, 104, 16, 40, 16, 24, 1, 12, 12, 8, 16, 12, 4, 8, 4, 4, 4, 12, 12];
+const WIDTHS = [24, 64, 112, 28, 104, 16, 40, 16, 24, 1, 12, 12, 8, 16, 12, 4, 8, 4, 4, 4, 12, 12, 4, 4];
 const COUNTS = [1, 20, 16, 14, 21, 20, 20, 16, 20].map((bits) => (bits === 1 ? 1 : 2 ** bits));
 const ATLAS_SIDE_MAX = 16384;
 const TEXELS_MAX = 2 ** 28;
@@ -119,8 +119,8 @@ class PackageReader {
       this.fail('it is none');
     if (bytes.byteOffset % 16) throw new Error('a package lies at a multiple of 16');
     this.version = this.u32(8);
-    const sections = this.version === 1 ? 20 : 22;
-    if (this.version < 1 || this.version > 3) this.fail(`version ${this.version}`);
+    const sections = [0, 20, 22, 22, 24][this.version] ?? 0;
+    if (!sections) this.fail(`version ${this.version}`);
     if (this.u32(12) !== sections || 32 + 24 * sections > bytes.length) this.fail(`${this.u32(12)} sections`);
     for (let i = 0; i < sections; i++) {
       const entry = 32 + 24 * i;
@@ -283,7 +283,7 @@ function readTexture(r: PackageReader, tiles: Tiles, at: number, place: string):
   if (!width || !height) r.fail(`${place} is empty`);
   const bytes = r.raw(20, r.u32(at + 16), width * height, place);
   const rgba =
-    r.version === 3 ? tiles.unfilter(bytes, width, height) : (bytes.slice() as Uint8Array<ArrayBuffer>);
+    r.version >= 3 ? tiles.unfilter(bytes, width, height) : (bytes.slice() as Uint8Array<ArrayBuffer>);
   return {
     width,
     height,

@@ -3,7 +3,7 @@
 import { AtlasMap, calmLevel } from './atlas.ts';
 import { ProtocolError } from './failure.ts';
 import { NONE, type Scene } from './package.ts';
-import type { Levels, Tiles } from './tiles.ts';
+import type { Coefficients, Tiles } from './tiles.ts';
 import type { Frame, Tile, TileList } from './wire.ts';
 
 /** Tiles on their way to the renderer. */
@@ -57,7 +57,7 @@ export class Replica {
   }
 
   destroy(): void {
-    for (const levels of this.levels) if (levels) this.tiles.freeLevels(levels);
+    for (const levels of this.levels) if (levels) this.tiles.freeCoefficients(levels);
   }
 
   /** The server has begun again, or nothing of before is left: versions that come now are newer than all that
@@ -125,12 +125,12 @@ export class Replica {
 
   private decode(t: Tile, id: number, width: number, height: number): boolean {
     if (t.codec === 1) {
-      if (this.levels[id]) this.tiles.freeLevels(this.levels[id]!);
+      if (this.levels[id]) this.tiles.freeCoefficients(this.levels[id]!);
       this.levels[id] = 0;
       return this.tiles.decodeHalf(t.payload, t.scale, width, height);
     }
-    if (!this.levels[id]) this.levels[id] = this.tiles.createLevels(height);
-    return this.tiles.decode(t.base > 0n, t.payload, t.scale, width, height, this.levels[id] as Levels);
+    if (!this.levels[id]) this.levels[id] = this.tiles.createCoefficients(height);
+    return this.tiles.decode(t.base > 0n, t.payload, t.scale, width, height, this.levels[id] as Coefficients);
   }
 
   private takeCoarsest(object: number, id: number, sum: Float64Array, texels: number): void {

@@ -10,7 +10,7 @@ interface Exports {
   lw_web_tiles_packed(): number;
   lw_web_tiles_alloc(size: number): number;
   lw_web_tiles_free(at: number): void;
-  lw_web_tiles_levels(height: number): number;
+  lw_web_tiles_coefficients(height: number): number;
   lw_web_tiles_decode(
     kind: number,
     src: number,
@@ -43,7 +43,7 @@ const PAYLOAD_MAX = 1 << 18;
 const TEXELS_MAX = 64 * 64;
 
 /** What deltas of a tile build on: a place in the module's memory. */
-export type Levels = number;
+export type Coefficients = number;
 
 export class Tiles {
   private readonly wasm: Exports;
@@ -83,13 +83,13 @@ export class Tiles {
     return at;
   }
 
-  createLevels(height: number): Levels {
-    const levels = this.wasm.lw_web_tiles_levels(height);
+  createCoefficients(height: number): Coefficients {
+    const levels = this.wasm.lw_web_tiles_coefficients(height);
     if (!levels) throw new LimitError('this page has no memory left for tiles');
     return levels;
   }
 
-  freeLevels(levels: Levels): void {
+  freeCoefficients(levels: Coefficients): void {
     this.wasm.lw_web_tiles_free(levels);
   }
 
@@ -101,7 +101,7 @@ export class Tiles {
     scale: number,
     width: number,
     height: number,
-    levels: Levels,
+    levels: Coefficients,
   ): boolean {
     new Uint8Array(this.wasm.memory.buffer, this.payload).set(payload);
     return (

@@ -46,7 +46,17 @@ export function room() {
     asset: { version: '2.0' },
     extensionsUsed: ['KHR_lights_punctual'],
     extensions: {
-      KHR_lights_punctual: { lights: [{ type: 'point', name: 'lamp', color: [1, 0.8, 0.6], intensity: 6 }] },
+      KHR_lights_punctual: {
+        lights: [
+          {
+            type: 'point',
+            name: 'lamp',
+            color: [1, 0.8, 0.6],
+            intensity: 6,
+            extras: { lightwell: { clientLight: true } },
+          },
+        ],
+      },
     },
     scene: 0,
     scenes: [{ nodes: [0, 1, 2, 3] }],

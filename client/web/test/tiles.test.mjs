@@ -21,9 +21,9 @@ function read(name) {
   };
 }
 
-function decode(name, delta, levels) {
+function decode(name, delta, coefficients) {
   const { width, height, scale, payload } = read(name);
-  if (!tiles.decode(delta, payload, scale, width, height, levels)) return null;
+  if (!tiles.decode(delta, payload, scale, width, height, coefficients)) return null;
   return Buffer.from(tiles.rgb(width * height).slice().buffer);
 }
 
@@ -32,17 +32,17 @@ const names = readdirSync(golden).filter((name) => name.endsWith('.tile'));
 for (const name of names) {
   const stem = join(golden, name.slice(0, -5));
   test(`tile ${name}`, () => {
-    const levels = tiles.createLevels(64);
-    const texels = decode(name, false, levels);
+    const coefficients = tiles.createCoefficients(64);
+    const texels = decode(name, false, coefficients);
     if (!existsSync(`${stem}.rgb`)) return assert.equal(texels, null);
     assert.deepEqual(texels, readFileSync(`${stem}.rgb`));
     if (existsSync(`${stem}.next`)) {
       assert.deepEqual(
-        decode(name.replace('.tile', '.next'), true, levels),
+        decode(name.replace('.tile', '.next'), true, coefficients),
         readFileSync(`${stem}.next.rgb`),
       );
     }
-    tiles.freeLevels(levels);
+    tiles.freeCoefficients(coefficients);
   });
 }
 

@@ -43,7 +43,7 @@ void *EXPORT(lw_web_tiles_alloc)(size_t size) { return malloc(size); }
 void EXPORT(lw_web_tiles_free)(void *bytes) { free(bytes); }
 
 /** Memory for what deltas of a tile of this height build on; NULL: there is none. lw_web_tiles_free() frees it. */
-struct lw_tile_dct_coefficients *EXPORT(lw_web_tiles_levels)(uint32_t height) {
+struct lw_tile_dct_coefficients *EXPORT(lw_web_tiles_coefficients)(uint32_t height) {
     return aligned_alloc(_Alignof(struct lw_tile_dct_coefficients), lw_tile_dct_coefficients_size(height));
 }
 
