@@ -47,11 +47,59 @@ for folder in common/image common/light common/scene common/tile proto server cl
 twins=$(find common proto server client -name '*.c' -printf '%f\n' | sort | uniq -d)
 if [ -n "$twins" ]; then complain "a stem is the prefix of its functions, so it is unique; twice there is: $twins"; fi
 
+# Lines of code have at most 110 columns. Bytes that continue a character of UTF-8 are no columns. Files that still have
+# wider lines are to become fewer: lower the number with them; at 0, take it out.
+wide_files_allowed=403
+wide=$(git ls-files '*.c' '*.h' | LC_ALL=C xargs awk '
+    { line = $0; gsub(/[\200-\277]/, "", line) }
+    length(line) > 110 { print FILENAME ":" FNR ": " length(line) " columns" }')
+wide_files=$(cut -d: -f1 <<<"$wide" | sort -u | grep -c . || true)
+if [ "$wide_files" -gt $wide_files_allowed ]; then
+    complain "lines over 110 columns in $wide_files files, where $wide_files_allowed may have some:"$'\n'"$(sed 30q <<<"$wide")"
+fi
+
+# Documents: lines of at most 110 columns, paragraphs of at most 120 words, nouns in place of some phrases. Tables, links and
+# commands may be wider, and reports that a program has written.
+check_prose() {
+    LC_ALL=C awk '
+        function paragraph() {
+            if (words > 120) print FILENAME ":" first ": a paragraph of " words " words, over 120"
+            gsub(/`[^`]*`/, "", text)
+            if (match(text, /[^a-z](anew|whoever|so many|what is looked at|by turns|of now)[^a-z]/))
+                print FILENAME ":" first ": \"" substr(text, RSTART + 1, RLENGTH - 2) "\": see CONTRIBUTING.md, Words"
+            words = 0
+            text = " "
+        }
+        BEGIN { text = " " }
+        /^```/ { fence = !fence; paragraph(); next }
+        fence || /^$/ || (/^(    |\t)/ && !words) { paragraph(); next }
+        /^ *([*+-]|[0-9]+\.) / || /^#/ { paragraph() }
+        text == " " { first = FNR }
+        { text = text tolower($0) " " }
+        /^ *\|/ { paragraph(); next }
+        {
+            words += NF
+            gsub(/[\200-\277]/, "")
+            if (length($0) > 110 && NF > 2) print FILENAME ":" FNR ": " length($0) " columns, over 110"
+        }
+        END { paragraph() }' "$1"
+}
+prose=$(git ls-files '*.md' | grep -v '^docs/results/crossover/' | while read -r document; do check_prose "$document"; done)
+if [ -n "$prose" ]; then complain "documents:"$'\n'"$prose"; fi
+
 # Documents: links lead somewhere, `folder/file` is there (its ending may be left out), options exist.
+# headings FILE: as links name them
+headings() { sed -n 's/^##* //p' "$1" | tr 'A-Z ' 'a-z-' | tr -cd 'a-z0-9_\n-'; }
 while read -r document; do
     while read -r link; do
         [ -e "$(dirname "$document")/$link" ] || complain "$document: a link to $link, which is not there"
     done < <(grep -oP '\]\(\K[^)#: ]+(?=[)#])' "$document")
+    while IFS='#' read -r link heading; do
+        file=$document
+        [ -z "$link" ] || file=$(dirname "$document")/$link
+        [ ! -f "$file" ] || grep -qx -- "$heading" < <(headings "$file") ||
+            complain "$document: a link to $link#$heading, a heading that is not there"
+    done < <(grep -oP '\]\(\K[^): ]*\.?[^): ]*#[^): ]+(?=\))' "$document")
     while read -r path; do
         compgen -G "$path" >/dev/null || compgen -G "$path.*" >/dev/null ||
             complain "$document: names $path, which is not there"
