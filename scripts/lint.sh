@@ -114,7 +114,7 @@ if [ -z "$missing" ]; then
         for program in $programs 'lightwell-load scaling' 'lightwell-load crossover'; do $bin/$program --help; done
         sed -n '/^#/p' scripts/crossover.sh
     } | grep -oP -- '--[a-z][a-z-]*' | sort -u)
-    for document in README.md docs/operations.md docs/baking.md docs/importing.md docs/planning.md; do
+    for document in README.md docs/{architecture,solve,change,serving,composing,limitations,operations,baking,importing,planning}.md; do
         unknown=$(grep -oP -- '(?<![\w-])--[a-z][a-z-]*' $document | sort -u | comm -23 - <(echo "$options") || true)
         if [ -n "$unknown" ]; then complain "$document: no program has ${unknown//$'\n'/, }"; fi
     done
