@@ -58,6 +58,7 @@ class App {
   /** For tests and the curious. */
   readonly stats = {
     frames: 0,
+    frame: 0, // the last one's number
     tiles: 0,
     settled: 0,
     first: false,
@@ -163,6 +164,7 @@ class App {
       this.solveMs = message.frame.solveNs / 1e6;
       this.timeS = message.frame.timeS;
       this.stats.frames++;
+      this.stats.frame = Number(message.frame.frame);
       this.dirty = true;
     } else if (message.kind === 'tiles') {
       if (message.visible) this.renderer?.setVisible(message.visible);

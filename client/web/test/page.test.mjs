@@ -45,7 +45,7 @@ for (const given of scenes) {
         () =>
           lightwell.stats.surveys > 11 &&
           lightwell.stats.missing === 0 &&
-          lightwell.stats.frames > 7 &&
+          lightwell.stats.frame >= 8 &&
           lightwell.stats.settled === lightwell.stats.frames,
       );
       const web = await pixels(page);
