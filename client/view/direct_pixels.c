@@ -1021,8 +1021,8 @@ LW_WIDE static uint32_t part_blocks(const struct outlook *restrict outlook, cons
     for (uint32_t b = 0; b < BLOCKS; b++) {
         const float most = outlook->most[b], all = found[b] + most;
         const bool even = outlook->near[b] > EVEN_RADII, weak = even & (most < SHARE_FAINT * all);
-        out->weak[b] = weak & (most > 0) ? most / all : 0;
-        out->full[b] = weak | (even & !(most > 0)) ? 0 : 1;
+        out->weak[b] = (weak & (most > 0)) ? most / all : 0;
+        out->full[b] = (weak | (even & !(most > 0))) ? 0 : 1;
         any |= (out->weak[b] > 0 ? 1u : 0u) | out->full[b] << 1;
     }
     return any;

@@ -324,7 +324,7 @@ static void test_the_end_of_a_bar_inside_another_is_not_its_light(void **state) 
         struct room_solution solution;
         room_solve(&solution, &room, (struct lw_solver_desc){.direct_samples = 8}, 64);
         for (uint32_t face = 0; face < 4; face++) {
-            double darkest[2] = {INFINITY, 0};
+            double darkest[2] = {(double)INFINITY, 0};
             room_each_texel(&solution, face, find_darkest, darkest);
             assert_true(darkest[1] >= 10);
             if (darkest[0] < 0.97 * acos(-1.0) / 2) fail_msg("face %u: a texel reads %.3f", face, darkest[0]);
@@ -343,7 +343,7 @@ static void test_a_sheet_close_to_a_floor_shades_it(void **state) {
     room.quad[1].double_sided = true;
     struct room_solution solution;
     room_solve(&solution, &room, (struct lw_solver_desc){.direct_samples = 8}, 64);
-    double darkest[2] = {INFINITY, 0};
+    double darkest[2] = {(double)INFINITY, 0};
     room_each_texel(&solution, 0, find_darkest, darkest);
     assert_true(darkest[0] < 0.02 * acos(-1.0));
     assert_true(darkest[1] >= 400);
