@@ -1,9 +1,11 @@
 #!/bin/bash
-# What compilers do not check: the arrows between folders, unique stems, what documents name, and (--format) the layout
+# What compilers do not check: the arrows between folders, circles, unique stems, what documents name, and (--format) the layout
 # of the code.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 failed=0
+rooms=$(mktemp)
+trap 'rm -f "$rooms"' EXIT
 
 complain() {
     echo "lint: $1" >&2
@@ -46,6 +48,38 @@ for folder in common/image common/light common/scene common/tile proto server cl
 
 twins=$(find common proto server client -name '*.c' -printf '%f\n' | sort | uniq -d)
 if [ -n "$twins" ]; then complain "a stem is the prefix of its functions, so it is unique; twice there is: $twins"; fi
+
+# No circles. Headers: A includes B includes A. Rooms: what their files include, and what their libraries are linked with. A
+# room is the library or program whose SOURCES in CMakeLists.txt name the file; a header without a .c belongs to the first one.
+circle() { tsort 2>&1 >/dev/null | sed -n 's/^tsort: \([^-]\)/    \1/p'; } # of pairs "from to"; nothing where there is none
+inclusions() { git ls-files {common,proto,server,client}/"$1" | xargs grep -oP '^ *# *include +"\K[^"]+' | tr ':' ' '; }
+found=$(inclusions '*.h' | circle || true)
+if [ -n "$found" ]; then complain "headers include each other:"$'\n'"$found"; fi
+git ls-files {common,proto,server,client}/'*CMakeLists.txt' | xargs awk '
+    FNR == 1 { folder = FILENAME; sub("/[^/]*$", "", folder) }
+    { sub(/#.*/, ""); gsub(/[()]/, " & ") }
+    {
+        for (i = 1; i <= NF; i++)
+            if ($i ~ /^lw_(library|program)$/) { name = ""; reading = 1 }
+            else if ($i == ")") reading = 0
+            else if (!reading || $i == "(") continue
+            else if (name == "") { name = $i; kind = ""; if (!(folder in first)) first[folder] = name; print "first", folder, name }
+            else if ($i ~ /^(SOURCES|PUBLIC|PRIVATE|LIBS|COMMANDS)$/) kind = $i
+            else if (kind == "SOURCES") { stem = $i; sub(/\.c$/, "", stem); print "file", folder "/" stem, name }
+            else if (kind != "COMMANDS") print "link", name, $i
+    }' >"$rooms"
+found=$(inclusions '*.[ch]' | awk '
+    function room_of(path) {
+        sub(/\.[ch]$/, "", path)
+        if (path in room) return room[path]
+        sub("/[^/]*$", "", path)
+        return path in first ? first[path] : path
+    }
+    $1 == "first" { if (!($2 in first)) first[$2] = $3; next }
+    $1 == "file" { room[$2] = $3; next }
+    $1 == "link" { print $2, $3; next }
+    { from = room_of($1); to = room_of($2); if (from != to) print from, to }' "$rooms" - | circle || true)
+if [ -n "$found" ]; then complain "rooms need each other:"$'\n'"$found"; fi
 
 # Lines of code have at most 110 columns. Bytes that continue a character of UTF-8 are no columns. Files that still have
 # wider lines (406 when this was written) are to become fewer: lower the number with them; at 0, take it out.
