@@ -2,10 +2,10 @@
 
 #include "client/lib/download.h"
 #include "client/lib/draws.h"
+#include "client/lib/interest.h"
 #include "client/lib/link.h"
 #include "client/lib/package_cache.h"
 #include "client/lib/replica.h"
-#include "client/lib/want.h"
 #include "common/clock.h"
 #include "common/random.h"
 
@@ -17,8 +17,8 @@
 #define POLL_BYTES_MAX     (8u << 20)
 #define BUDGET_DEFAULT_NS  20000000u
 
-#define WANTED_SCRATCH_SIZE                                                                                  \
-    (3 * LW_CLIENT_WANT_MAX * sizeof(uint32_t)) /* an object, a level, a number for each tile */
+#define INTEREST_SCRATCH_SIZE                                                                                \
+    (3 * LW_CLIENT_INTEREST_MAX * sizeof(uint32_t)) /* an object, a level, a number for each tile */
 
 struct lw_client {
     char *host, *name, *cache_folder; /* as given */
@@ -29,9 +29,10 @@ struct lw_client {
     struct lw_client_watch watch;
     bool watch_has_scene;
     struct lw_link link;
-    struct lw_message_memory memory;         /* of the message that is being taken */
-    struct lw_message_interest_tile *wanted; /* LW_CLIENT_WANT_MAX: of the INTEREST that is being sent */
-    uint32_t *wanted_scratch;                /* and what writing it takes */
+    struct lw_message_memory memory; /* of the message that is being taken */
+    /* Of the INTEREST that is being sent: LW_CLIENT_INTEREST_MAX tiles, and what encoding them takes. */
+    struct lw_message_interest_tile *interest_tile;
+    uint32_t *interest_scratch;
     bool welcomed;
     struct lw_download download; /* until the replica is there */
     struct lw_replica *replica;  /* NULL before the package is complete */
@@ -41,7 +42,7 @@ struct lw_client {
     uint64_t run;  /* of the server */
     bool may_hold; /* we may say what we have */
     struct lw_draws draws;
-    struct lw_want want;
+    struct lw_interest interest;
     bool may_update;
     uint64_t updates_sent;
     struct lw_client_answer *answer; /* LW_CLIENT_UPDATES_MAX of them, or NULL: a ring */
@@ -339,32 +340,32 @@ static enum lw_status take_all(struct lw_client *c, uint64_t end_ns, struct lw_e
 
 /* ---- what we say ---- */
 
-_Static_assert(LW_CLIENT_WANT_MAX == LW_MESSAGE_INTEREST_MAX, "a list fits into a message");
+_Static_assert(LW_CLIENT_INTEREST_MAX == LW_MESSAGE_INTEREST_MAX, "a list fits into a message");
 _Static_assert(LW_LINK_OUTBOX_SIZE > 12 * LW_MESSAGE_INTEREST_MAX + 64, "and the message into the outbox");
 
-/* Tells the server what is wanted, if that is news. While the link is busy it waits: the next one may say more. */
-static enum lw_status tell_want(struct lw_client *c, struct lw_error *err) {
-    const struct lw_want_list *now = &c->want.now;
+/* Sends the interest set if it has changed. While the link is busy it waits: a later set may replace this one. */
+static enum lw_status tell_interest(struct lw_client *c, struct lw_error *err) {
+    const struct lw_interest_list *now = &c->interest.now;
     const uint64_t now_ns = lw_clock_ns();
-    if (c->link.outbox_size || !lw_want_is_due(&c->want, now_ns)) return LW_OK;
-    if (!c->wanted) c->wanted = malloc(LW_CLIENT_WANT_MAX * sizeof *c->wanted);
-    if (!c->wanted_scratch) c->wanted_scratch = malloc(WANTED_SCRATCH_SIZE);
-    if (!c->wanted || !c->wanted_scratch) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    if (c->link.outbox_size || !lw_interest_is_due(&c->interest, now_ns)) return LW_OK;
+    if (!c->interest_tile) c->interest_tile = malloc(LW_CLIENT_INTEREST_MAX * sizeof *c->interest_tile);
+    if (!c->interest_scratch) c->interest_scratch = malloc(INTEREST_SCRATCH_SIZE);
+    if (!c->interest_tile || !c->interest_scratch) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
     for (uint32_t i = 0; i < now->count; i++) {
         const struct lw_atlas_map *map = lw_replica_atlas_map(c->replica);
         const struct lw_tile_place *place = &map->place[now->tile[i].v];
-        c->wanted[i] = (struct lw_message_interest_tile){place->object, place->level,
-                                                         lw_atlas_map_number(map, now->tile[i])};
+        c->interest_tile[i] = (struct lw_message_interest_tile){place->object, place->level,
+                                                                lw_atlas_map_number(map, now->tile[i])};
     }
     struct lw_message message = {.type = LW_MESSAGE_INTEREST,
                                  .interest = {.everything = now->everything,
                                               .stand_ins = true,
-                                              .tile = c->wanted,
+                                              .tile = c->interest_tile,
                                               .tile_count = now->count},
-                                 .scratch = c->wanted_scratch,
-                                 .scratch_size = WANTED_SCRATCH_SIZE};
+                                 .scratch = c->interest_scratch,
+                                 .scratch_size = INTEREST_SCRATCH_SIZE};
     enum lw_status status = lw_link_send(&c->link, &message, err);
-    if (status == LW_OK && lw_want_tell(&c->want, now_ns) != LW_OK)
+    if (status == LW_OK && lw_interest_tell(&c->interest, now_ns) != LW_OK)
         return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
     return status;
 }
@@ -373,10 +374,10 @@ enum lw_status lw_client_want(struct lw_client *c, const lw_tile_id *tile, size_
     const uint32_t tiles = c->replica ? lw_replica_atlas_map(c->replica)->tile_count : 0;
     for (size_t i = 0; i < count; i++)
         if (tile[i].v >= tiles) return LW_USAGE;
-    return lw_want_set(&c->want, tile, count, LW_CLIENT_WANT_MAX);
+    return lw_interest_set(&c->interest, tile, count, LW_CLIENT_INTEREST_MAX);
 }
 
-void lw_client_want_everything(struct lw_client *c) { lw_want_set_everything(&c->want); }
+void lw_client_want_everything(struct lw_client *c) { lw_interest_set_everything(&c->interest); }
 
 _Static_assert(LW_CLIENT_CHANGES_MAX == LW_MESSAGE_CHANGES_MAX, "an update fits into a message");
 _Static_assert(LW_LINK_OUTBOX_SIZE > LW_CLIENT_CHANGES_MAX * 60 + 64, "and the message into the outbox");
@@ -500,7 +501,7 @@ static enum lw_status shake_hands(struct lw_client *c, struct lw_error *err) {
         status = wait_for_server(c, deadline_ns, &cause);
         if (status == LW_OK) status = take_all(c, deadline_ns, &cause);
     }
-    if (status == LW_OK) status = tell_want(c, &cause); /* before tiles can come */
+    if (status == LW_OK) status = tell_interest(c, &cause); /* before tiles can come */
     if (status == LW_OK) status = tell_held(c, &cause);
     if (status == LW_OK) return ask_for_package(c, err);
     /* whoever hangs up before a welcome is no more a lightwelld than one who sends garbage */
@@ -529,7 +530,7 @@ enum lw_status lw_client_reconnect(struct lw_client *c, struct lw_error *err) {
     c->welcomed = c->may_update = false;
     c->unanswered = 0;
     c->frame_acked = c->stats.frame; /* the next one that comes is news to the server */
-    lw_want_forget(&c->want);
+    lw_interest_forget(&c->interest);
     return connect_and_greet(c, err);
 }
 
@@ -555,8 +556,8 @@ enum lw_status lw_client_create(const struct lw_client_desc *desc, struct lw_cli
     c->rate_limit_bytes_hz = desc->rate_limit_bytes_hz;
     c->budget_ns = desc->budget_ns ? desc->budget_ns : BUDGET_DEFAULT_NS;
     c->watch = desc->watch;
-    lw_want_init(&c->want);
-    c->want.now.everything = !desc->wants_nothing;
+    lw_interest_init(&c->interest);
+    c->interest.now.everything = !desc->wants_nothing;
     c->host = strdup(desc->host);
     c->name = strdup(desc->name ? desc->name : "liblightwell");
     c->cache_folder = desc->cache_folder ? strdup(desc->cache_folder) : NULL;
@@ -576,13 +577,13 @@ void lw_client_destroy(struct lw_client *c) {
     lw_download_finish(&c->download);
     lw_draws_finish(&c->draws);
     lw_link_finish(&c->link);
-    lw_want_finish(&c->want);
+    lw_interest_finish(&c->interest);
     for (uint32_t i = 0; i < c->answer_count; i++)
         free((uint32_t *)c->answer[(c->answer_first + i) % LW_CLIENT_UPDATES_MAX].added);
     free(c->added);
     free(c->answer);
-    free(c->wanted);
-    free(c->wanted_scratch);
+    free(c->interest_tile);
+    free(c->interest_scratch);
     lw_message_memory_finish(&c->memory);
     free(c->host);
     free(c->name);
@@ -594,7 +595,7 @@ static enum lw_status wait_and_take(struct lw_client *c, unsigned timeout_ms, st
     const uint64_t began_ns = lw_clock_ns();
     bool any; /* what came along with the welcome, or there was no time for */
     enum lw_status status = take_buffered(c, began_ns + c->budget_ns, &any, err);
-    if (status == LW_OK) status = tell_want(c, err);
+    if (status == LW_OK) status = tell_interest(c, err);
     if (status == LW_OK) status = wait_for_server(c, any ? 0 : lw_clock_ns() + timeout_ms * 1000000ull, err);
     const uint64_t now_ns = lw_clock_ns(), end_ns = (any ? began_ns : now_ns) + c->budget_ns;
     if (status == LW_OK && now_ns < end_ns) status = take_all(c, end_ns, err);

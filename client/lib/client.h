@@ -146,7 +146,7 @@ struct lw_client_level {
 /** Errors: none; an object or level that is not there gives width 0. */
 struct lw_client_level lw_client_get_level(const struct lw_client *client, uint32_t object, uint32_t level);
 
-#define LW_CLIENT_WANT_MAX 4096u /* tiles in a list */
+#define LW_CLIENT_INTEREST_MAX 4096u /* tiles in a list */
 
 /** Wants these tiles alone from now on. The server lights and sends what its clients want (and lights whatever that takes);
  * with each tile come the coarser ones that cover the same, and of every object the coarsest level, as they change. What
@@ -156,7 +156,7 @@ struct lw_client_level lw_client_get_level(const struct lw_client *client, uint3
  * old at first, then sharpens. Call it as often as you like: lw_client_poll() tells the server at most ten times a
  * second, at once of new tiles, within two seconds of a few that are wanted no more.
  *
- * tile    in any order; copied. count 0: no tiles. Over LW_CLIENT_WANT_MAX different ones: everything, which serves all
+ * tile    in any order; copied. count 0: no tiles. Over LW_CLIENT_INTEREST_MAX different ones: everything, which serves all
  *         but costs the server a whole solve: coarser levels of what is far keep the list short.
  * Errors  LW_USAGE before the scene is there (but for count 0), or for a tile that it does not have; LW_NO_MEMORY */
 LW_MUST_CHECK enum lw_status lw_client_want(struct lw_client *client, const lw_tile_id *tile, size_t count);

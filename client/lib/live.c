@@ -432,11 +432,12 @@ enum lw_live_status lw_live_want_rects(struct lw_live *live, const struct lw_liv
     for (size_t i = 0; result == LW_LIVE_OK && i < count; i++) {
         result = lw_live_tiles_check(&live->tiles, &rect[i], err);
         if (result == LW_LIVE_OK)
-            tiles = list_tiles(live->tiles.map, &rect[i], live->interest.list, tiles, LW_CLIENT_WANT_MAX + 1);
+            tiles =
+                list_tiles(live->tiles.map, &rect[i], live->interest.list, tiles, LW_CLIENT_INTEREST_MAX + 1);
     }
     if (result == LW_LIVE_OK) {
         live->interest.is_active = false;
-        if (tiles > LW_CLIENT_WANT_MAX)
+        if (tiles > LW_CLIENT_INTEREST_MAX)
             lw_client_want_everything(live->client);
         else
             status = lw_client_want(live->client, tiles ? live->interest.list : NULL, tiles);

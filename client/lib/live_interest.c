@@ -149,7 +149,7 @@ enum lw_status lw_live_interest_init(struct lw_live_interest *interest, const st
     interest->level = calloc(tiles + 1, sizeof *interest->level);
     interest->mark = calloc(tiles + 1, sizeof *interest->mark);
     interest->seen_ns = calloc(tiles + 1, sizeof *interest->seen_ns);
-    interest->list = calloc(LW_CLIENT_WANT_MAX + 1, sizeof *interest->list);
+    interest->list = calloc(LW_CLIENT_INTEREST_MAX + 1, sizeof *interest->list);
     if (!interest->mesh || !interest->level || !interest->mark || !interest->seen_ns || !interest->list)
         return LW_NO_MEMORY;
     return measure(interest, scene);
@@ -254,7 +254,7 @@ static void look_at_object(struct lw_live_interest *interest, const struct lw_cl
 
 /* Lists a tile that is not in this round's list; counts up to one too many. */
 static void list(struct lw_live_interest *interest, lw_tile_id tile, uint32_t *count) {
-    if (interest->mark[tile.v] == interest->round || *count > LW_CLIENT_WANT_MAX) return;
+    if (interest->mark[tile.v] == interest->round || *count > LW_CLIENT_INTEREST_MAX) return;
     interest->mark[tile.v] = interest->round;
     interest->list[(*count)++] = tile;
 }
@@ -274,7 +274,7 @@ static uint32_t list_picture(struct lw_live_interest *interest, uint32_t coarser
             if (level >= atlas->level_count) level = atlas->level_count - 1;
             const struct lw_tile_place *p = &map->place[first + t];
             list(interest, lw_atlas_map_find(map, o, level, p->x >> level, p->y >> level), &count);
-            if (count > LW_CLIENT_WANT_MAX) return count;
+            if (count > LW_CLIENT_INTEREST_MAX) return count;
         }
     }
     return count;
@@ -289,15 +289,15 @@ uint32_t lw_live_interest_list(struct lw_live_interest *interest, const struct l
     uint32_t count = 0;
     for (uint32_t coarser = 0; coarser < LW_ATLAS_LEVELS_MAX; coarser++) {
         count = list_picture(interest, coarser);
-        if (count <= LW_CLIENT_WANT_MAX) break;
+        if (count <= LW_CLIENT_INTEREST_MAX) break;
     }
-    if (count > LW_CLIENT_WANT_MAX) return count;
+    if (count > LW_CLIENT_INTEREST_MAX) return count;
     for (uint32_t i = 0; i < count; i++) interest->seen_ns[interest->list[i].v] = now_ns;
     uint32_t with_seen = count;
     for (uint32_t t = 0; t < map->tile_count; t++)
         if (interest->seen_ns[t] && now_ns - interest->seen_ns[t] <= LW_LIVE_INTEREST_KEEP_NS)
             list(interest, (lw_tile_id){t}, &with_seen);
-    return with_seen <= LW_CLIENT_WANT_MAX ? with_seen : count;
+    return with_seen <= LW_CLIENT_INTEREST_MAX ? with_seen : count;
 }
 
 enum lw_status lw_live_interest_update(struct lw_live_interest *interest, struct lw_client *client,
@@ -309,7 +309,7 @@ enum lw_status lw_live_interest_update(struct lw_live_interest *interest, struct
     interest->looked_ns = now_ns;
     interest->has_changed = false;
     const uint32_t count = lw_live_interest_list(interest, client, now_ns);
-    if (count <= LW_CLIENT_WANT_MAX) return lw_client_want(client, interest->list, count);
+    if (count <= LW_CLIENT_INTEREST_MAX) return lw_client_want(client, interest->list, count);
     lw_client_want_everything(client);
     return LW_OK;
 }

@@ -31,7 +31,7 @@ struct lw_live_interest {
         level; /* per tile of level 0, by tile id: the level that is read in the picture; UINT8_MAX: not in it */
     uint32_t *mark;    /* per tile: the round in which it was listed last */
     uint64_t *seen_ns; /* per tile: when it was in the picture last; 0: never */
-    lw_tile_id *list;  /* LW_CLIENT_WANT_MAX + 1 */
+    lw_tile_id *list;  /* LW_CLIENT_INTEREST_MAX + 1 */
     uint32_t round;
 
     struct lw_live_view view[LW_LIVE_VIEWS_MAX];
@@ -48,7 +48,7 @@ void lw_live_interest_finish(struct lw_live_interest *interest);
 
 /** Lists what lies in the views, where objects are now.
  * now_ns  growing, > 0
- * Returns how many tiles `list` has; over LW_CLIENT_WANT_MAX: too many at any level. */
+ * Returns how many tiles `list` has; over LW_CLIENT_INTEREST_MAX: too many at any level. */
 uint32_t lw_live_interest_list(struct lw_live_interest *interest, const struct lw_client *client,
                                uint64_t now_ns);
 

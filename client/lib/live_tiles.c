@@ -285,7 +285,7 @@ _Static_assert((int)LW_LIVE_RGB9E5 == LW_TEXEL_FORMAT_RGB9E5 &&
                    (int)LW_LIVE_RGBA16F == LW_TEXEL_FORMAT_RGBA16F &&
                    (int)LW_LIVE_RGB32F == LW_TEXEL_FORMAT_RGB32F &&
                    (int)LW_LIVE_RGBA32F == LW_TEXEL_FORMAT_RGBA32F && LW_LIVE_TILE_SIDE == LW_TILE_SIDE &&
-                   LW_LIVE_WANT_MAX == LW_CLIENT_WANT_MAX,
+                   LW_LIVE_WANT_MAX == LW_CLIENT_INTEREST_MAX,
                "ours and the public ones are the same numbers");
 
 static enum lw_live_status check_target(const struct lw_live_rect *rect, const struct lw_live_texels *t,

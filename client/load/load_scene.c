@@ -102,22 +102,22 @@ static enum lw_status download(struct scout *s, struct lw_error *err) {
     return status;
 }
 
-static enum lw_status read_package(struct scout *s, bool with_interest, struct lw_error *err) {
+static enum lw_status read_package(struct scout *s, bool with_model, struct lw_error *err) {
     struct lw_scene *scene;
     enum lw_status status = lw_package_read(s->download.bytes, s->download.size, &scene, err);
     if (status != LW_OK) return status;
     s->scene->object_count = scene->object_count;
     s->scene->light_count = scene->light_count;
     status = lw_atlas_map_init(&s->scene->map, scene);
-    if (status == LW_OK && with_interest)
-        status = lw_interest_create(scene, &s->scene->map, &s->scene->interest);
+    if (status == LW_OK && with_model)
+        status = lw_viewer_model_create(scene, &s->scene->map, &s->scene->viewer_model);
     lw_scene_destroy(scene);
     return status;
 }
 
-enum lw_status lw_load_scene_fetch(const char *host, uint16_t port, bool keep_compressed, bool with_interest,
+enum lw_status lw_load_scene_fetch(const char *host, uint16_t port, bool keep_compressed, bool with_model,
                                    struct lw_load_scene *out_scene, struct lw_error *err) {
-    struct lw_load_scene *scene = out_scene; /* in its place: the interest points to the map in it */
+    struct lw_load_scene *scene = out_scene; /* in its place: the model points to the map in it */
     struct scout scout = {.scene = scene, .keep = keep_compressed};
     *scene = (struct lw_load_scene){0};
     uint64_t began_ns = lw_clock_ns();
@@ -129,7 +129,7 @@ enum lw_status lw_load_scene_fetch(const char *host, uint16_t port, bool keep_co
         status = lw_status_fail(&cause, LW_CLOSED, "it closed the connection at once");
     if (status == LW_OK) status = download(&scout, &cause);
     scene->download_ns = lw_clock_ns() - began_ns;
-    if (status == LW_OK) status = read_package(&scout, with_interest, &cause);
+    if (status == LW_OK) status = read_package(&scout, with_model, &cause);
     lw_download_finish(&scout.download);
     if (status != LW_OK) {
         lw_load_scene_finish(scene);
@@ -142,7 +142,7 @@ enum lw_status lw_load_scene_fetch(const char *host, uint16_t port, bool keep_co
 }
 
 void lw_load_scene_finish(struct lw_load_scene *scene) {
-    lw_interest_destroy(scene->interest);
+    lw_viewer_model_destroy(scene->viewer_model);
     lw_atlas_map_finish(&scene->map);
     free(scene->compressed);
     *scene = (struct lw_load_scene){0};

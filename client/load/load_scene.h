@@ -4,7 +4,7 @@
 #ifndef LW_CLIENT_LOAD_LOAD_SCENE_H
 #define LW_CLIENT_LOAD_LOAD_SCENE_H
 
-#include "client/load/interest.h"
+#include "client/load/viewer_model.h"
 #include "proto/message.h"
 
 #include <sys/socket.h>
@@ -16,19 +16,19 @@ struct lw_load_scene {
     uint8_t *compressed; /* the package as it came; NULL if it was not to be kept */
     uint32_t object_count, light_count;
     struct lw_atlas_map map;
-    struct lw_interest *interest; /* NULL if it was not asked for */
-    uint64_t download_ns;         /* from connect to the whole package */
+    struct lw_viewer_model *viewer_model; /* NULL if it was not asked for */
+    uint64_t download_ns;                 /* from connect to the whole package */
 };
 
 /** Connects, downloads the package, reads it, leaves.
  * keep_compressed   keep the package's bytes, to compare what others get
- * with_interest     find out where tiles are
+ * with_model        find out where tiles are
  * out_scene         must not be moved afterwards; all zero on failure
  * Errors: LW_NO_HOST; LW_UNAVAILABLE naming the address ("is lightwelld running?"); LW_TIMED_OUT;
  *         LW_PROTOCOL for a peer that is no lightwelld or breaks the protocol; LW_CLOSED; LW_BAD_DATA;
  *         LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_load_scene_fetch(const char *host, uint16_t port, bool keep_compressed,
-                                                 bool with_interest, struct lw_load_scene *out_scene,
+                                                 bool with_model, struct lw_load_scene *out_scene,
                                                  struct lw_error *err);
 void lw_load_scene_finish(struct lw_load_scene *scene);
 

@@ -273,14 +273,14 @@ static void ping(struct lw_load_session *s, uint64_t now_ns) {
 
 /* ---- what it wants to see ---- */
 
-static struct lw_interest_eye eye_of(const struct lw_load_session *s, uint64_t now_ns) {
+static struct lw_viewer_model_eye eye_of(const struct lw_load_session *s, uint64_t now_ns) {
     const struct lw_load_options *o = s->shared->options;
-    const struct lw_interest *interest = s->shared->scene->interest;
+    const struct lw_viewer_model *model = s->shared->scene->viewer_model;
     double since_s = 1e-9 * (double)(now_ns - s->began_ns);
     uint32_t seed = (uint32_t)o->seed;
-    if (o->path == LW_LOAD_WALK) return lw_interest_walk(interest, seed, s->number, since_s);
+    if (o->path == LW_LOAD_WALK) return lw_viewer_model_walk(model, seed, s->number, since_s);
     uint32_t stay = o->path == LW_LOAD_TELEPORT ? (uint32_t)(since_s / STAY_S) : 0;
-    return lw_interest_place(interest, seed, s->number, stay);
+    return lw_viewer_model_place(model, seed, s->number, stay);
 }
 
 static void complete_view(struct lw_load_session *s, uint64_t now_ns) {
@@ -314,11 +314,11 @@ static void want(struct lw_load_session *s, uint32_t count, uint64_t now_ns) {
 static void look(struct lw_load_session *s, uint64_t now_ns) {
     struct lw_load_shared *shared = s->shared;
     const struct lw_atlas_map *map = &shared->scene->map;
-    struct lw_interest_eye eye = eye_of(s, now_ns);
+    struct lw_viewer_model_eye eye = eye_of(s, now_ns);
     struct lw_package_hash hash;
     s->looked_ns = now_ns;
     uint32_t count =
-        lw_interest_choose(shared->scene->interest, &eye, shared->chosen, LW_MESSAGE_INTEREST_MAX);
+        lw_viewer_model_choose(shared->scene->viewer_model, &eye, shared->chosen, LW_MESSAGE_INTEREST_MAX);
     lw_package_hash((const uint8_t *)shared->chosen, count * sizeof *shared->chosen, &hash);
     if (memcmp(hash.bytes, s->chosen.bytes, sizeof hash.bytes) == 0) return;
     s->chosen = hash;

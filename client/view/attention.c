@@ -35,6 +35,6 @@ void lw_attention_list(struct lw_attention *a, const uint8_t *needed, const uint
         for (uint32_t t = 0; t < a->tile_count; t++)
             if (is_within(a, t, around, now_ns, (enum circle)circle))
                 a->list[a->list_count++] = (lw_tile_id){t};
-        if (a->list_count <= LW_CLIENT_WANT_MAX) return;
+        if (a->list_count <= LW_CLIENT_INTEREST_MAX) return;
     }
 }

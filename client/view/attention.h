@@ -19,7 +19,7 @@ LW_MUST_CHECK enum lw_status lw_attention_init(struct lw_attention *attention, u
 /** A zeroed one is fine. */
 void lw_attention_finish(struct lw_attention *attention);
 
-/** Lists what is wanted now. Where that is more than LW_CLIENT_WANT_MAX tiles, those seen a moment ago are left out first,
+/** Lists what is wanted now. Where that is more than LW_CLIENT_INTEREST_MAX tiles, those seen a moment ago are left out first,
  * then those around the picture; where the picture alone has more, the list is too long, which wants everything.
  *
  * needed, around  per lw_tile_id: in the picture, around it

@@ -40,7 +40,7 @@ static void test_keeps_what_was_seen(void **state) {
 static void test_leaves_out_what_matters_least(void **state) {
     (void)state;
     struct lw_attention a;
-    const uint32_t most = LW_CLIENT_WANT_MAX, tiles = 2 * LW_CLIENT_WANT_MAX;
+    const uint32_t most = LW_CLIENT_INTEREST_MAX, tiles = 2 * LW_CLIENT_INTEREST_MAX;
     uint8_t *needed = calloc(tiles, 1), *around = calloc(tiles, 1);
     assert_true(needed && around);
     lw_support_ok(lw_attention_init(&a, tiles), NULL);

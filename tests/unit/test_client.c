@@ -1530,10 +1530,10 @@ static void test_want(void **state) {
 
 static void test_longest_want_fits_the_outbox(void **state) {
     (void)state;
-    static const struct lw_message_interest_tile tile[LW_CLIENT_WANT_MAX];
+    static const struct lw_message_interest_tile tile[LW_CLIENT_INTEREST_MAX];
     const struct lw_message message = {
         .type = LW_MESSAGE_INTEREST,
-        .interest = {.stand_ins = true, .tile = tile, .tile_count = LW_CLIENT_WANT_MAX}};
+        .interest = {.stand_ins = true, .tile = tile, .tile_count = LW_CLIENT_INTEREST_MAX}};
     assert_true(lw_message_size(&message) <= LW_LINK_OUTBOX_SIZE);
 }
 

@@ -64,7 +64,7 @@ class App {
     first: false,
     uploadMsMax: 0,
     surveys: 0,
-    wanted: 0,
+    interest: 0,
     missing: 0,
     pictures: 0,
     // ms since the page was opened: scene there, first light drawn, all of the view's light drawn
@@ -361,10 +361,10 @@ class App {
     if (found) {
       const ids = this.attention.list(found, now, this.movedMs);
       this.stats.surveys++;
-      this.stats.wanted = ids.length;
+      this.stats.interest = ids.length;
       this.stats.missing = ids.reduce((count, id) => count + (renderer.hasTile(id) ? 0 : 1), 0);
       if (!this.stats.missing && this.stats.tiles && !this.dirty) this.stats.allMs ||= now;
-      this.tell({ kind: 'want', ids: ids as Uint32Array<ArrayBuffer> });
+      this.tell({ kind: 'interest', ids: ids as Uint32Array<ArrayBuffer> });
     }
     const still = now - this.movedMs > STILL_MS;
     if (now - this.surveyedMs < (still ? SURVEY_STILL_MS : SURVEY_MS) || document.hidden) return;

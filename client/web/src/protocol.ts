@@ -11,7 +11,7 @@ export interface CameraPlace {
 
 export type ToWorker =
   | { kind: 'connect'; url: string; draws: boolean }
-  | { kind: 'want'; ids: Uint32Array<ArrayBuffer> }
+  | { kind: 'interest'; ids: Uint32Array<ArrayBuffer> }
   | { kind: 'taken'; count: number }
   | { kind: 'rest'; resting: boolean }
   | { kind: 'lost' } // what the page had of scene and light is gone

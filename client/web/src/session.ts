@@ -4,7 +4,7 @@ import { ProtocolError } from './failure.ts';
 import { readPackage, type Scene } from './package.ts';
 import { Replica, type TileBatch } from './replica.ts';
 import type { Tiles } from './tiles.ts';
-import { Want } from './want.ts';
+import { Interest } from './interest.ts';
 import * as wire from './wire.ts';
 
 const PING_MS = 5000;
@@ -56,7 +56,7 @@ export class Session {
   private welcome: wire.Welcome | null = null;
   private asked = false; // for the package
   private lastFrame = 0n;
-  private readonly want = new Want();
+  private readonly interest = new Interest();
   private held = false; // no tile is wanted until the backlog is shorter
   private resting = false; // nobody looks
   private untaken = 0;
@@ -182,7 +182,7 @@ export class Session {
     if (held === this.held || !this.asked || !this.kept.replica) return;
     this.held = held;
     if (held) this.host.send(wire.writeInterest(false, this.kept.replica.listOf([]), false));
-    this.want.forget();
+    this.interest.forget();
   }
 
   /** Nobody looks, or somebody does again. */
@@ -192,8 +192,8 @@ export class Session {
   }
 
   /** The tiles that the view wants; more than a message takes is everything. */
-  setWant(ids: Uint32Array): void {
-    this.want.set(ids);
+  setInterest(ids: Uint32Array): void {
+    this.interest.set(ids);
   }
 
   /** To be called now and then: interest, pings, silence. */
@@ -209,11 +209,11 @@ export class Session {
 
   private tellWant(nowMs: number): void {
     const { replica } = this.kept;
-    if (!replica || !this.asked || this.held || !this.want.isDue(nowMs)) return;
-    const ids = this.want.list();
+    if (!replica || !this.asked || this.held || !this.interest.isDue(nowMs)) return;
+    const ids = this.interest.list();
     const everything = ids.length > wire.INTEREST_MAX;
     this.host.send(wire.writeInterest(everything, replica.listOf(everything ? [] : ids), true));
-    this.want.tell(nowMs);
+    this.interest.tell(nowMs);
   }
 
   private async handle(type: number, body: Uint8Array): Promise<void> {

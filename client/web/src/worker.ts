@@ -192,7 +192,7 @@ class Link {
 
   take(message: Exclude<ToWorker, { kind: 'connect' }>): void {
     this.guard(() => {
-      if (message.kind === 'want') this.session?.setWant(message.ids);
+      if (message.kind === 'interest') this.session?.setInterest(message.ids);
       else if (message.kind === 'taken') {
         this.session?.taken(message.count);
         void this.pump();

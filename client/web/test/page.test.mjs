@@ -82,7 +82,7 @@ test('a page lives on', { skip: missing || false }, async () => {
     const thrown = [];
     page.on('pageerror', (error) => thrown.push(error.stack));
     await page.goto(daemon.url);
-    const lit = () => lightwell.stats.wanted > 0 && lightwell.stats.missing === 0;
+    const lit = () => lightwell.stats.interest > 0 && lightwell.stats.missing === 0;
     await until(page, 'light', lit);
     const { sceneMs, firstMs, allMs, uploadMsMax } = await page.evaluate(() => lightwell.stats);
     const after = [firstMs, allMs].map((ms) => Math.round(ms - sceneMs));

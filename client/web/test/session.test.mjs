@@ -80,7 +80,7 @@ test('a session gets scene and light, and comes back with what it has', { skip }
     assert.ok(replica.hasFirst());
     assert.equal(parts.size, 1);
     const coarse = first.tileCount;
-    first.session.setWant(Uint32Array.from({ length: replica.map.tileCount }, (_, id) => id));
+    first.session.setInterest(Uint32Array.from({ length: replica.map.tileCount }, (_, id) => id));
     await first.until('all tiles', () => replica.held().ids.length === replica.map.tileCount);
     assert.ok(first.tileCount > coarse);
     const mean = replica.meanIrradiance();

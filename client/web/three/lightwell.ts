@@ -18,7 +18,7 @@ import { INTEREST_MAX, type Frame } from '../src/wire.ts';
 /** UV channel of the lightmap: 'uv2', since a glTF uses up to two. */
 const CHANNEL = 2;
 const UPLOAD_MS = 3;
-const WANT_MS = 200;
+const INTEREST_MS = 200;
 const NEVER = 255; // a level that no texel has
 
 export interface AttachOptions {
@@ -55,7 +55,7 @@ export class Lightwell {
   private readonly lights: (THREE.Light | null)[] = []; // by light
   private map: AtlasMap | null = null;
   private queue: { batch: TileBatch; at: number; texel: number }[] = [];
-  private wantedMs = 0;
+  private interestMs = 0;
   private solveMs = 0;
   private frameMs = 0;
   private ready: (() => void) | null = null;
@@ -252,9 +252,9 @@ export class Lightwell {
   update(camera: THREE.Camera, height: number): void {
     const untilMs = performance.now() + UPLOAD_MS;
     while (this.queue.length && performance.now() < untilMs) this.takeTiles(untilMs);
-    if (performance.now() - this.wantedMs < WANT_MS || !this.map) return;
-    this.wantedMs = performance.now();
-    this.tell({ kind: 'want', ids: this.listWanted(camera, height) });
+    if (performance.now() - this.interestMs < INTEREST_MS || !this.map) return;
+    this.interestMs = performance.now();
+    this.tell({ kind: 'interest', ids: this.listInterest(camera, height) });
   }
 
   private takeTiles(untilMs: number): void {
@@ -274,7 +274,7 @@ export class Lightwell {
   }
 
   /** All tiles of objects in view, of the level whose texels are as large as pixels. */
-  private listWanted(camera: THREE.Camera, height: number): Uint32Array<ArrayBuffer> {
+  private listInterest(camera: THREE.Camera, height: number): Uint32Array<ArrayBuffer> {
     camera.updateWorldMatrix(true, false);
     const projection = new THREE.Matrix4().multiplyMatrices(
       camera.projectionMatrix,

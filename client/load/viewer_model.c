@@ -1,4 +1,4 @@
-#include "client/load/interest.h"
+#include "client/load/viewer_model.h"
 
 #include "common/random.h"
 #include "common/scene/pose.h"
@@ -20,7 +20,7 @@ struct box {
     struct lw_vec3 min, max; /* m, world space; min.x > max.x: empty */
 };
 
-struct lw_interest {
+struct lw_viewer_model {
     const struct lw_atlas_map *map;
     struct box *tile;   /* per tile id */
     struct box *object; /* per object */
@@ -112,7 +112,7 @@ static void add_coarser(struct box *tile, const struct lw_atlas *atlas) {
     }
 }
 
-static void add_object(struct lw_interest *in, const struct lw_scene *scene, uint32_t object,
+static void add_object(struct lw_viewer_model *in, const struct lw_scene *scene, uint32_t object,
                        const struct lw_affine *to_world) {
     const struct lw_mesh *mesh = &scene->mesh[scene->object[object].mesh];
     const struct lw_atlas *atlas = &in->map->atlas[object];
@@ -140,9 +140,9 @@ static void add_object(struct lw_interest *in, const struct lw_scene *scene, uin
     extend(&in->bounds, &in->object[object]);
 }
 
-enum lw_status lw_interest_create(const struct lw_scene *scene, const struct lw_atlas_map *map,
-                                  struct lw_interest **out_interest) {
-    struct lw_interest *in = calloc(1, sizeof *in);
+enum lw_status lw_viewer_model_create(const struct lw_scene *scene, const struct lw_atlas_map *map,
+                                      struct lw_viewer_model **out_interest) {
+    struct lw_viewer_model *in = calloc(1, sizeof *in);
     struct lw_pose pose;
     if (!in) return LW_NO_MEMORY;
     in->map = map;
@@ -151,7 +151,7 @@ enum lw_status lw_interest_create(const struct lw_scene *scene, const struct lw_
     in->object = malloc(((size_t)map->object_count + 1) * sizeof *in->object);
     in->texel_m = malloc(((size_t)map->object_count + 1) * sizeof *in->texel_m);
     if (!in->tile || !in->object || !in->texel_m || lw_pose_init(&pose, scene) != LW_OK) {
-        lw_interest_destroy(in);
+        lw_viewer_model_destroy(in);
         return LW_NO_MEMORY;
     }
     for (uint32_t i = 0; i < map->tile_count; i++) in->tile[i] = EMPTY;
@@ -165,7 +165,7 @@ enum lw_status lw_interest_create(const struct lw_scene *scene, const struct lw_
     return LW_OK;
 }
 
-void lw_interest_destroy(struct lw_interest *in) {
+void lw_viewer_model_destroy(struct lw_viewer_model *in) {
     if (!in) return;
     free(in->tile);
     free(in->object);
@@ -175,7 +175,7 @@ void lw_interest_destroy(struct lw_interest *in) {
 
 /* ---- what is seen ---- */
 
-static bool is_seen(const struct box *box, const struct lw_interest_eye *eye) {
+static bool is_seen(const struct box *box, const struct lw_viewer_model_eye *eye) {
     if (!(box->min.x <= box->max.x)) return false; /* no surface */
     struct lw_vec3 centre = lw_vec3_scale(lw_vec3_add(box->min, box->max), 0.5f);
     float radius = 0.5f * lw_vec3_length(lw_vec3_sub(box->max, box->min));
@@ -194,8 +194,8 @@ static float distance_to(const struct box *box, struct lw_vec3 p) {
 }
 
 struct choice {
-    const struct lw_interest *in;
-    const struct lw_interest_eye *eye;
+    const struct lw_viewer_model *in;
+    const struct lw_viewer_model_eye *eye;
     float pixel; /* radians */
     lw_tile_id *ids;
     uint32_t count, capacity; /* count goes on past capacity */
@@ -232,8 +232,8 @@ static void choose_all(struct choice *c) {
     }
 }
 
-uint32_t lw_interest_choose(const struct lw_interest *in, const struct lw_interest_eye *eye, lw_tile_id *ids,
-                            uint32_t capacity) {
+uint32_t lw_viewer_model_choose(const struct lw_viewer_model *in, const struct lw_viewer_model_eye *eye,
+                                lw_tile_id *ids, uint32_t capacity) {
     struct choice c = {.in = in, .eye = eye, .pixel = (float)PIXEL, .ids = ids, .capacity = capacity};
     choose_all(&c);
     while (c.count > capacity && c.pixel < PIXEL_MAX * (float)PIXEL) {
@@ -249,7 +249,8 @@ static float within(float min, float max, float fraction) {
     return min + (max - min) * (MARGIN + (1 - 2 * MARGIN) * fraction);
 }
 
-static struct lw_vec3 place_of(const struct lw_interest *in, uint32_t seed, uint32_t user, uint32_t stay) {
+static struct lw_vec3 place_of(const struct lw_viewer_model *in, uint32_t seed, uint32_t user,
+                               uint32_t stay) {
     const struct box *b = &in->bounds;
     float height = b->max.y - b->min.y;
     return lw_vec3(within(b->min.x, b->max.x, lw_random_unit(lw_random_hash4(seed, user, stay, 0))),
@@ -257,14 +258,14 @@ static struct lw_vec3 place_of(const struct lw_interest *in, uint32_t seed, uint
                    within(b->min.z, b->max.z, lw_random_unit(lw_random_hash4(seed, user, stay, 1))));
 }
 
-struct lw_interest_eye lw_interest_place(const struct lw_interest *in, uint32_t seed, uint32_t user,
-                                         uint32_t stay) {
+struct lw_viewer_model_eye lw_viewer_model_place(const struct lw_viewer_model *in, uint32_t seed,
+                                                 uint32_t user, uint32_t stay) {
     float angle = 2 * LW_PI * lw_random_unit(lw_random_hash4(seed, user, stay, 2));
-    return (struct lw_interest_eye){place_of(in, seed, user, stay), lw_vec3(cosf(angle), 0, sinf(angle))};
+    return (struct lw_viewer_model_eye){place_of(in, seed, user, stay), lw_vec3(cosf(angle), 0, sinf(angle))};
 }
 
-struct lw_interest_eye lw_interest_walk(const struct lw_interest *in, uint32_t seed, uint32_t user,
-                                        double seconds) {
+struct lw_viewer_model_eye lw_viewer_model_walk(const struct lw_viewer_model *in, uint32_t seed,
+                                                uint32_t user, double seconds) {
     struct lw_vec3 size = lw_vec3_sub(in->bounds.max, in->bounds.min);
     float speed = fminf(WALK_M_S, WALK_SHARE_S * fmaxf(size.x, size.z));
     struct lw_vec3 from = place_of(in, seed, user, 0);
@@ -272,8 +273,8 @@ struct lw_interest_eye lw_interest_walk(const struct lw_interest *in, uint32_t s
         struct lw_vec3 to = place_of(in, seed, user, leg), way = lw_vec3_sub(to, from);
         double leg_s = fmax(speed > 0 ? (double)(lw_vec3_length(way) / speed) : 0, LEG_MIN_S);
         if (seconds < leg_s)
-            return (struct lw_interest_eye){lw_vec3_mad(from, way, (float)(seconds / leg_s)),
-                                            lw_vec3_normalize(way)};
+            return (struct lw_viewer_model_eye){lw_vec3_mad(from, way, (float)(seconds / leg_s)),
+                                                lw_vec3_normalize(way)};
         seconds -= leg_s;
         from = to;
     }

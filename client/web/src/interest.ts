@@ -1,11 +1,11 @@
-// want.ts: which tiles the client wants, what the server was told of it, and when to tell it again; as
-// client/lib/want.h.
+// interest.ts: the client's interest set, what the server was told of it, and when to tell it again; as
+// client/lib/interest.h.
 
 const TELL_MS = 100; // the server is told no more often
-const SHED_MS = 2000; // what is wanted no more is told by then, if it is few:
-const SHED_ONE = 8; // under one tile in so many
+const SHED_MS = 2000; // the server is told of a few tiles that left the set by then
+const SHED_ONE = 8; // a few: under one tile in SHED_ONE
 
-export class Want {
+export class Interest {
   private now = new Uint32Array(0); // sorted, each once
   private told: Uint32Array | null = null; // null: nothing yet
   private toldMs = -Infinity;
@@ -32,7 +32,7 @@ export class Want {
     let at = 0;
     for (const id of this.now) {
       while (at < before.length && before[at]! < id) at++;
-      if (before[at] !== id) return true; // newly wanted
+      if (before[at] !== id) return true; // it entered the set
     }
     const shed = before.length - this.now.length;
     return shed > 0 && (shed >= Math.ceil(before.length / SHED_ONE) || since >= SHED_MS);

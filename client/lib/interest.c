@@ -1,28 +1,28 @@
-#include "client/lib/want.h"
+#include "client/lib/interest.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-void lw_want_init(struct lw_want *want) {
-    *want = (struct lw_want){.now.everything = true, .told.everything = true};
+void lw_interest_init(struct lw_interest *interest) {
+    *interest = (struct lw_interest){.now.everything = true, .told.everything = true};
 }
 
-void lw_want_finish(struct lw_want *want) {
-    free(want->now.tile);
-    free(want->told.tile);
-    *want = (struct lw_want){0};
+void lw_interest_finish(struct lw_interest *interest) {
+    free(interest->now.tile);
+    free(interest->told.tile);
+    *interest = (struct lw_interest){0};
 }
 
-void lw_want_forget(struct lw_want *want) {
-    want->told.everything = true;
-    want->told.count = 0;
-    want->told_ns = 0;
+void lw_interest_forget(struct lw_interest *interest) {
+    interest->told.everything = true;
+    interest->told.count = 0;
+    interest->told_ns = 0;
 }
 
 #define ROOM_MIN                                                                                             \
     4096u /* tiles: as many as a list that is told has at most, so that it never grows while a view moves */
 
-static bool make_room(struct lw_want_list *list, size_t count) {
+static bool make_room(struct lw_interest_list *list, size_t count) {
     if (count <= list->capacity) return true;
     if (count < ROOM_MIN) count = ROOM_MIN;
     lw_tile_id *grown = realloc(list->tile, count * sizeof *grown);
@@ -45,8 +45,9 @@ static void sort(lw_tile_id *tile, size_t count) {
         }
 }
 
-enum lw_status lw_want_set(struct lw_want *want, const lw_tile_id *tile, size_t count, uint32_t most) {
-    struct lw_want_list *now = &want->now;
+enum lw_status lw_interest_set(struct lw_interest *interest, const lw_tile_id *tile, size_t count,
+                               uint32_t most) {
+    struct lw_interest_list *now = &interest->now;
     if (!make_room(now, count)) return LW_NO_MEMORY;
     uint32_t different = 0;
     if (count) {
@@ -61,13 +62,13 @@ enum lw_status lw_want_set(struct lw_want *want, const lw_tile_id *tile, size_t 
     return LW_OK;
 }
 
-void lw_want_set_everything(struct lw_want *want) {
-    want->now.everything = true;
-    want->now.count = 0;
+void lw_interest_set_everything(struct lw_interest *interest) {
+    interest->now.everything = true;
+    interest->now.count = 0;
 }
 
 /* How many of a's tiles b lacks. */
-static uint32_t count_lacking(const struct lw_want_list *a, const struct lw_want_list *b) {
+static uint32_t count_lacking(const struct lw_interest_list *a, const struct lw_interest_list *b) {
     uint32_t lacking = 0;
     for (uint32_t i = 0, j = 0; i < a->count; i++) {
         while (j < b->count && b->tile[j].v < a->tile[i].v) j++;
@@ -76,23 +77,23 @@ static uint32_t count_lacking(const struct lw_want_list *a, const struct lw_want
     return lacking;
 }
 
-bool lw_want_is_due(const struct lw_want *want, uint64_t now_ns) {
-    const struct lw_want_list *now = &want->now, *told = &want->told;
-    const uint64_t since_ns = now_ns - want->told_ns;
-    if (since_ns < LW_WANT_TELL_NS) return false;
+bool lw_interest_is_due(const struct lw_interest *interest, uint64_t now_ns) {
+    const struct lw_interest_list *now = &interest->now, *told = &interest->told;
+    const uint64_t since_ns = now_ns - interest->told_ns;
+    if (since_ns < LW_INTEREST_TELL_NS) return false;
     if (now->everything || told->everything) return now->everything != told->everything;
     if (count_lacking(now, told)) return true;
     const uint32_t shed = told->count - now->count; /* now has nothing that told lacks */
-    return shed &&
-           (shed >= (told->count + LW_WANT_SHED_ONE - 1) / LW_WANT_SHED_ONE || since_ns >= LW_WANT_SHED_NS);
+    return shed && (shed >= (told->count + LW_INTEREST_SHED_ONE - 1) / LW_INTEREST_SHED_ONE ||
+                    since_ns >= LW_INTEREST_SHED_NS);
 }
 
-enum lw_status lw_want_tell(struct lw_want *want, uint64_t now_ns) {
-    struct lw_want_list *now = &want->now, *told = &want->told;
+enum lw_status lw_interest_tell(struct lw_interest *interest, uint64_t now_ns) {
+    struct lw_interest_list *now = &interest->now, *told = &interest->told;
     if (!make_room(told, now->count)) return LW_NO_MEMORY;
     if (now->count) memcpy(told->tile, now->tile, now->count * sizeof *now->tile);
     told->everything = now->everything;
     told->count = now->count;
-    want->told_ns = now_ns;
+    interest->told_ns = now_ns;
     return LW_OK;
 }
