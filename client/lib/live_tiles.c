@@ -38,8 +38,8 @@ uint32_t lw_live_tiles_source(const struct lw_live_tiles *tiles, lw_tile_id tile
     if (known.version) {
         struct lw_client_stats stats;
         lw_client_get_stats(tiles->client, &stats);
-        const unsigned calm = lw_atlas_noise_level_min(known.error, stats.noise_shown);
-        if (calm > level) level = calm;
+        const unsigned noise_level = lw_atlas_noise_level_min(known.error, stats.noise_shown);
+        if (noise_level > level) level = noise_level;
     }
     for (const uint32_t end = tiles->map->atlas[p->object].level_count; level < end; level++)
         if (lw_client_get_tile(tiles->client, cover(tiles, p, level)).version) return level;

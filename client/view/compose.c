@@ -81,13 +81,13 @@ struct lw_compose {
 
     struct level *level; /* of all objects */
     struct object *object;
-    uint8_t **coarsest; /* per mesh, per triangle: the level at which it reads its own light alone */
-    uint8_t *here;      /* per tile */
-    uint8_t *calm;      /* per tile: the finest level at which its noise is bearable */
-    uint8_t *needed;    /* per tile; written by all threads, only ever with 1 */
-    uint8_t *around;    /* the same, by the last survey */
-    uint64_t *shown;    /* per tile: how much of the last render's light is its; PIXEL_LIGHT a pixel */
-    float *survey;      /* its pixels, which nobody sees */
+    uint8_t **coarsest;   /* per mesh, per triangle: the level at which it reads its own light alone */
+    uint8_t *here;        /* per tile */
+    uint8_t *noise_level; /* per tile: the finest level at which its noise is bearable */
+    uint8_t *needed;      /* per tile; written by all threads, only ever with 1 */
+    uint8_t *around;      /* the same, by the last survey */
+    uint64_t *shown;      /* per tile: how much of the last render's light is its; PIXEL_LIGHT a pixel */
+    float *survey;        /* its pixels, which nobody sees */
 
     uint64_t pixel_count; /* of the last render */
     bool surveys;         /* a survey shows nothing */
@@ -183,13 +183,13 @@ enum lw_status lw_compose_create(const struct lw_compose_desc *desc, struct lw_c
     compose->object = calloc((size_t)map->object_count + 1, sizeof *compose->object);
     compose->coarsest = calloc((size_t)desc->scene->mesh_count + 1, sizeof *compose->coarsest);
     compose->here = calloc((size_t)map->tile_count + 1, 1);
-    compose->calm = calloc((size_t)map->tile_count + 1, 1);
+    compose->noise_level = calloc((size_t)map->tile_count + 1, 1);
     compose->needed = calloc((size_t)map->tile_count + 1, 1);
     compose->around = calloc((size_t)map->tile_count + 1, 1);
     compose->shown = calloc((size_t)map->tile_count + 1, sizeof *compose->shown);
     compose->survey = calloc((size_t)SURVEY_SIDE * SURVEY_SIDE * 3, sizeof *compose->survey);
-    if (!compose->level || !compose->object || !compose->coarsest || !compose->here || !compose->calm ||
-        !compose->needed || !compose->around || !compose->shown || !compose->survey)
+    if (!compose->level || !compose->object || !compose->coarsest || !compose->here ||
+        !compose->noise_level || !compose->needed || !compose->around || !compose->shown || !compose->survey)
         goto fail;
     if (!find_coarsest(compose)) goto fail;
     if (lw_client_lights_any(desc->drawn) && !init_direct(compose, desc)) goto fail;
@@ -210,7 +210,7 @@ void lw_compose_destroy(struct lw_compose *compose) {
     free(compose->place);
     free(compose->shown);
     free(compose->needed);
-    free(compose->calm);
+    free(compose->noise_level);
     free(compose->here);
     for (uint32_t m = 0; compose->coarsest != NULL && m < compose->scene->mesh_count; m++)
         free(compose->coarsest[m]);
@@ -255,7 +255,7 @@ static void begin(struct lw_compose *compose, const struct lw_compose_source *so
     for (uint32_t t = 0; t < map->tile_count; t++) {
         struct lw_client_tile tile = source->tile(source->context, (lw_tile_id){t});
         compose->here[t] = tile.version != 0;
-        compose->calm[t] =
+        compose->noise_level[t] =
             compose->unfiltered ? 0 : (uint8_t)lw_atlas_noise_level_min(tile.error, source->noise_shown);
     }
     struct level *level = compose->level;
@@ -494,8 +494,9 @@ static struct lw_vec3 irradiance(struct lw_compose *compose, const struct look *
     if (object->level_count == 0) return compose->stand_in;
     mark_needed(compose, &look->footprint);
     /* Fresh light is noise, but a texel of level 2 is the mean of 4 x 4: until the error has fallen, less is more. */
-    const unsigned last = object->level_count - 1, calm = compose->calm[look->footprint.tile[0]];
-    unsigned level = calm < look->patch->coarsest ? calm : look->patch->coarsest;
+    const unsigned last = object->level_count - 1,
+                   noise_level = compose->noise_level[look->footprint.tile[0]];
+    unsigned level = noise_level < look->patch->coarsest ? noise_level : look->patch->coarsest;
     if (level > last) level = last;
     struct lw_vec3 e;
     if (level <= look->level && read_level(compose, &object->level[look->level], &look->footprint, &e))
@@ -871,9 +872,11 @@ void lw_compose_note(struct lw_compose *compose, const uint8_t *needed, const ui
  * of finer ones where views read it coarser. */
 static double shown_error(const struct lw_compose *compose, const struct lw_compose_source *source,
                           uint32_t t, float error) {
-    const unsigned calm = compose->unfiltered ? 0 : lw_atlas_noise_level_min(error, source->noise_shown),
+    const unsigned noise_level =
+                       compose->unfiltered ? 0 : lw_atlas_noise_level_min(error, source->noise_shown),
                    level = compose->map->place[t].level;
-    const double shown = ldexp((double)(error * source->noise_shown), -(int)(calm > level ? calm : level));
+    const double shown =
+        ldexp((double)(error * source->noise_shown), -(int)(noise_level > level ? noise_level : level));
     return shown < 1 ? shown : 1;
 }
 

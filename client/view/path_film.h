@@ -1,5 +1,5 @@
 /* path_film.h: the sums of a path tracer, in two halves that know nothing of each other.
- * Flow:    path_trace -> [path_film] -> linear radiance, and how far it still is from the truth
+ * Flow:    path_trace -> [path_film] -> linear radiance, and its estimated error
  * Threads: one thread at a time; path_trace writes disjoint pixels from several.
  *
  * Even samples go to one half, odd ones to the other, each from a sequence of its own. So the difference of the halves

@@ -1,4 +1,4 @@
-/* path_trace.h: the truth: light by tracing paths from the eye, with nothing cached between them.
+/* path_trace.h: the reference: light by tracing paths from the eye, with nothing cached between them.
  * Flow:    scene, trace, lights, pose, camera -> [path_trace] -> path_film
  * Threads: one thread at a time per lw_path_trace; works on several inside. Same seed, same bytes, at any number of them
  *          and however the samples are spread over calls.

@@ -321,7 +321,7 @@ enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_optio
             "with mouse, W A S D, Q and E; C for the next camera; F1 for the figures; Esc to leave. With "
             "--headless it renders one view: lightwell-view --headless --camera-name main --out view.png\n"
             "With --path-trace it works the light out by itself, slowly and exactly: "
-            "lightwell-view --path-trace SCENE --error 0.02 --out truth.exr\n"
+            "lightwell-view --path-trace SCENE --error 0.02 --out reference.exr\n"
             "Ctrl-C writes what there is of either, and ends it with exit code 75. Exit codes are those of "
             "sysexits.h.",
         .table = table,

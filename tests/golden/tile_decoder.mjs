@@ -266,8 +266,8 @@ function compare(rgb, path, scale) {
 function check(folder, name, names) {
   const path = `${folder}/${name}`, isNext = name.endsWith('.next');
   const base = isNext ? decodeFile(path.replace('.next', '.tile')).levels : undefined;
-  const truth = isNext ? `${name}.rgb` : name.replace('.tile', '.rgb');
-  const known = names.includes(truth);
+  const expected = isNext ? `${name}.rgb` : name.replace('.tile', '.rgb');
+  const known = names.includes(expected);
   let decoded;
   try {
     decoded = decodeFile(path, base);
@@ -275,7 +275,7 @@ function check(folder, name, names) {
     return known ? error.message : '';
   }
   if (!known) return 'it should have been refused';
-  return compare(decoded.rgb, `${folder}/${truth}`, readFileSync(path).readFloatLE(8));
+  return compare(decoded.rgb, `${folder}/${expected}`, readFileSync(path).readFloatLE(8));
 }
 
 const folder = process.argv[2];

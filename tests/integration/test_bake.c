@@ -322,19 +322,19 @@ static void compare_maps(const char *file, const char *folder, const char *other
 
 static void denoise_takes_noise_and_leaves_light(void **state) {
     (void)state;
-    char truth[256], noisy[256], filtered[256];
-    snprintf(truth, sizeof truth, "%s", lw_support_temporary("truth"));
+    char reference[256], noisy[256], filtered[256];
+    snprintf(reference, sizeof reference, "%s", lw_support_temporary("reference"));
     snprintf(noisy, sizeof noisy, "%s", lw_support_temporary("noisy"));
     snprintf(filtered, sizeof filtered, "%s", lw_support_temporary("filtered"));
-    assert_int_equal(bake(CORNELL " -o %s --samples 400 --seed 2", truth), 0);
+    assert_int_equal(bake(CORNELL " -o %s --samples 400 --seed 2", reference), 0);
     assert_int_equal(bake(CORNELL " -o %s --samples 8", noisy), 0);
     assert_int_equal(bake(CORNELL " -o %s --samples 8 --denoise", filtered), 0);
     double before = 0, after = 0;
     for (size_t i = 0; i < sizeof cornell_maps / sizeof *cornell_maps; i++) {
         double mean_noisy, mean_filtered, square;
-        compare_maps(cornell_maps[i], noisy, truth, &mean_noisy, &square);
+        compare_maps(cornell_maps[i], noisy, reference, &mean_noisy, &square);
         before += square;
-        compare_maps(cornell_maps[i], filtered, truth, &mean_filtered, &square);
+        compare_maps(cornell_maps[i], filtered, reference, &mean_filtered, &square);
         after += square;
         if (!(fabs(mean_filtered - mean_noisy) <= 0.005 * mean_noisy))
             fail_msg("%s: mean %g, filtered %g", cornell_maps[i], mean_noisy, mean_filtered);

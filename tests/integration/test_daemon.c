@@ -22,8 +22,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define AUDIENCE_MAX 40
-#define LIMIT_S      60 /* for what takes a second on a quiet machine; those that must be quick say so */
+#define VIEWERS_MAX 40
+#define LIMIT_S     60 /* for what takes a second on a quiet machine; those that must be quick say so */
 #define STOP_LIMIT_S                                                                                         \
     10 /* what a stop may take, however busy the machine is; under LW_SERVER_STALL_TIMEOUT_S */
 #define SETTLED_LINES 10
@@ -81,22 +81,22 @@ static double last_of(const struct report *report, const char *key) {
 
 /* The clients of a test, of one daemon or of several in turn. What they have received outlives their daemon. */
 static struct {
-    struct lw_client *client[AUDIENCE_MAX];
-    bool closed[AUDIENCE_MAX];
+    struct lw_client *client[VIEWERS_MAX];
+    bool closed[VIEWERS_MAX];
     unsigned count;
-} audience;
+} viewers;
 
 static struct lw_client *join_at(const char *host, const struct lw_process *daemon) {
     struct lw_error err = {0};
-    assert_true(audience.count < AUDIENCE_MAX);
+    assert_true(viewers.count < VIEWERS_MAX);
     lw_support_ok(lw_client_create(&(struct lw_client_desc){.host = host,
                                                             .port = daemon->port,
                                                             .name = "test_daemon",
                                                             .timeout_ms = LIMIT_S * 1000},
-                                   &audience.client[audience.count], &err),
+                                   &viewers.client[viewers.count], &err),
                   &err);
-    audience.closed[audience.count] = false;
-    return audience.client[audience.count++];
+    viewers.closed[viewers.count] = false;
+    return viewers.client[viewers.count++];
 }
 
 static struct lw_client *join(const struct lw_process *daemon) { return join_at("127.0.0.1", daemon); }
@@ -109,19 +109,19 @@ static struct lw_client_stats stats_of(const struct lw_client *client) {
 
 /* Takes in what has arrived for anyone, waiting a little for it. Returns how many clients still have their link. */
 static unsigned poll_all(void) {
-    struct pollfd ready[AUDIENCE_MAX];
+    struct pollfd ready[VIEWERS_MAX];
     unsigned open = 0;
-    for (unsigned i = 0; i < audience.count; i++) {
-        int descriptor = audience.closed[i] ? -1 : lw_client_descriptor(audience.client[i]);
+    for (unsigned i = 0; i < viewers.count; i++) {
+        int descriptor = viewers.closed[i] ? -1 : lw_client_descriptor(viewers.client[i]);
         ready[i] = (struct pollfd){.fd = descriptor, .events = POLLIN};
     }
-    poll(ready, audience.count, 10);
-    for (unsigned i = 0; i < audience.count; i++) {
+    poll(ready, viewers.count, 10);
+    for (unsigned i = 0; i < viewers.count; i++) {
         struct lw_error err = {0};
-        if (audience.closed[i]) continue;
-        enum lw_status status = lw_client_poll(audience.client[i], 0, &err);
+        if (viewers.closed[i]) continue;
+        enum lw_status status = lw_client_poll(viewers.client[i], 0, &err);
         if (status != LW_OK && status != LW_CLOSED) fail_msg("client %u: %s", i, err.text);
-        audience.closed[i] = status == LW_CLOSED;
+        viewers.closed[i] = status == LW_CLOSED;
         open += status == LW_OK;
     }
     return open;
@@ -163,9 +163,9 @@ static bool is_settled(const struct lw_process *daemon, uint64_t tiles) {
 static void settle(const struct lw_process *daemon, unsigned first) {
     for (uint64_t deadline_ns = limit_ns();;) {
         uint64_t tiles = 0;
-        for (unsigned i = first; i < audience.count; i++) {
-            assert_false(audience.closed[i]);
-            tiles += stats_of(audience.client[i]).tiles;
+        for (unsigned i = first; i < viewers.count; i++) {
+            assert_false(viewers.closed[i]);
+            tiles += stats_of(viewers.client[i]).tiles;
         }
         if (tiles && is_settled(daemon, tiles)) return;
         if (lw_clock_ns() > deadline_ns) fail_msg("not at rest within %d s", LIMIT_S);
@@ -208,7 +208,7 @@ static double total_light(const struct lw_client *client) {
 
 static int end_all(void **state) {
     (void)state;
-    while (audience.count) lw_client_destroy(audience.client[--audience.count]);
+    while (viewers.count) lw_client_destroy(viewers.client[--viewers.count]);
     lw_process_kill_all();
     return 0;
 }
@@ -230,7 +230,7 @@ struct total {
 
 static struct total run_forty_frames(unsigned clients) {
     struct lw_process daemon;
-    unsigned first = audience.count;
+    unsigned first = viewers.count;
     /* samples that make it last a second: all clients are there from the first frames on */
     lw_process_serve(&daemon, LW_SANITIZER
                                   ? NEVER_RESTS "--frames 40 --direct-samples 8 --indirect-samples 32"
@@ -241,7 +241,7 @@ static struct total run_forty_frames(unsigned clients) {
     struct report report = read_report(&daemon);
     assert_int_equal(report.lines, 40);
     assert_int_equal(last_of(&report, "sessions"), clients);
-    for (unsigned i = first; i < audience.count; i++) assert_true(is_complete(audience.client[i]));
+    for (unsigned i = first; i < viewers.count; i++) assert_true(is_complete(viewers.client[i]));
     struct total total = {last_of(&report, "rays_total"), sum_of(&report, "tiles_encoded")};
     free_report(&report);
     return total;
@@ -258,7 +258,7 @@ static void one_solve_serves_all(void **state) {
 /* Runs until the scene rests and `clients` clients have it all; returns all rays traced. */
 static double run_to_rest(const char *arguments, unsigned clients) {
     struct lw_process daemon;
-    unsigned first = audience.count;
+    unsigned first = viewers.count;
     lw_process_serve(&daemon, arguments);
     for (unsigned i = 0; i < clients; i++) join(&daemon);
     settle(&daemon, first);
@@ -273,10 +273,10 @@ static void all_see_the_same(void **state) {
     (void)state;
     double alone = run_to_rest(RESTS, 1), together = run_to_rest(RESTS, 32);
     assert_true(alone > 0 && alone == together);
-    for (unsigned i = 0; i < audience.count; i++) {
-        assert_true(is_complete(audience.client[i]));
-        assert_true(same_tiles(audience.client[0], audience.client[i]));
-        assert_true(same_light(audience.client[0], audience.client[i]));
+    for (unsigned i = 0; i < viewers.count; i++) {
+        assert_true(is_complete(viewers.client[i]));
+        assert_true(same_tiles(viewers.client[0], viewers.client[i]));
+        assert_true(same_light(viewers.client[0], viewers.client[i]));
     }
 }
 
@@ -288,10 +288,10 @@ static void threads_change_nothing_and_seeds_do(void **state) {
     snprintf(two, sizeof two, "%s 2", common);
     double rays_one = run_to_rest(one, 1), rays_two = run_to_rest(two, 1);
     assert_true(rays_one == rays_two);
-    assert_true(same_tiles(audience.client[0], audience.client[1]));
-    assert_true(same_light(audience.client[0], audience.client[1]));
+    assert_true(same_tiles(viewers.client[0], viewers.client[1]));
+    assert_true(same_light(viewers.client[0], viewers.client[1]));
     run_to_rest(RESTS "--tracing-range 1 --texels-per-metre 16 --seed 8", 1);
-    assert_false(same_light(audience.client[0], audience.client[2]));
+    assert_false(same_light(viewers.client[0], viewers.client[2]));
 }
 
 /* ---- at rest ---- */
@@ -829,7 +829,7 @@ static unsigned watch_frames(const struct lw_client *client, unsigned count, dou
     unsigned seen = 0, moved = 0;
     uint64_t frame = 0;
     for (uint64_t deadline_ns = limit_ns(); seen < count;) {
-        assert_int_equal(poll_all(), audience.count);
+        assert_int_equal(poll_all(), viewers.count);
         if (lw_clock_ns() > deadline_ns) fail_msg("%u frames within %d s", seen, LIMIT_S);
         struct lw_client_stats stats = stats_of(client);
         if (stats.frame == frame) continue;
@@ -897,7 +897,7 @@ static double light_with(const char *options, unsigned bounces) {
     snprintf(arguments, sizeof arguments, CORNELL "--error 0.1 %s", options);
     lw_process_serve(&daemon, arguments);
     struct lw_client *client = join(&daemon);
-    settle(&daemon, audience.count - 1);
+    settle(&daemon, viewers.count - 1);
     assert_true(is_complete(client));
     assert_int_equal(stats_of(client).bounces, bounces);
     stop(&daemon);

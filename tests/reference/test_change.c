@@ -349,20 +349,20 @@ static void light_up(struct room_solution *s, bool lit) {
 
 /* Mean square by which texels of the floor are off, each relative to its square's light. */
 struct errors {
-    const struct squares *truth;
+    const struct squares *reference;
     double square, area;
 };
 
 static void add_error(void *user, struct lw_vec3 p, double area, double direct, double indirect) {
     struct errors *errors = user;
-    const double light = errors->truth->light[(int)(p.x * 2) * 4 + (int)(p.z * 2)],
+    const double light = errors->reference->light[(int)(p.x * 2) * 4 + (int)(p.z * 2)],
                  off = light > 0 ? (direct + indirect) / light - 1 : 0;
     errors->square += area * off * off;
     errors->area += area;
 }
 
 /* After six frames with the lamp on or off; before, for `before` frames, it was the other way round. */
-static double error_after(const struct squares *truth, bool lit, unsigned before, uint32_t seed) {
+static double error_after(const struct squares *reference, bool lit, unsigned before, uint32_t seed) {
     struct lw_solver_desc seeded = desc;
     struct room_solution s;
     uint64_t frame = 0;
@@ -373,7 +373,7 @@ static double error_after(const struct squares *truth, bool lit, unsigned before
     solve_on(&s, &frame, before);
     light_up(&s, lit);
     solve_on(&s, &frame, 6);
-    struct errors errors = {.truth = truth};
+    struct errors errors = {.reference = reference};
     room_each_texel(&s, 0, add_error, &errors);
     room_finish(&s);
     return errors.square / errors.area;
@@ -395,15 +395,15 @@ static struct squares light_of_two_lamps(bool lit) {
     return light;
 }
 
-static double mean_error_after(const struct squares *truth, bool lit, unsigned before) {
+static double mean_error_after(const struct squares *reference, bool lit, unsigned before) {
     double sum = 0;
-    for (uint32_t seed = 1; seed <= SEEDS; seed++) sum += error_after(truth, lit, before, seed);
+    for (uint32_t seed = 1; seed <= SEEDS; seed++) sum += error_after(reference, lit, before, seed);
     return sum / SEEDS;
 }
 
-static void expect_about_as_anew(const struct squares *truth, bool lit, unsigned before, double anew,
+static void expect_about_as_anew(const struct squares *reference, bool lit, unsigned before, double anew,
                                  double times) {
-    const double was = mean_error_after(truth, lit, before);
+    const double was = mean_error_after(reference, lit, before);
     if (!(was <= times * anew))
         fail_msg("%g times the error of a solve that begins: the lamp was %s after %u frames", was / anew,
                  lit ? "lit" : "put out", before);

@@ -96,13 +96,13 @@ static void test_edges_without_noise_stay(void **state) {
     room_finish(&s);
 }
 
-static double error_of(const struct room_solution *s, const struct room_solution *truth, bool shown) {
+static double error_of(const struct room_solution *s, const struct room_solution *reference, bool shown) {
     double error = 0, square = 0;
     for (uint32_t id = 0; id < s->map.tile_count; id++) {
         if (s->map.place[id].level) continue;
         struct lw_solver_tile a, t;
         s->solver->ops->read_tile(s->solver, (lw_tile_id){id}, &a);
-        truth->solver->ops->read_tile(truth->solver, (lw_tile_id){id}, &t);
+        reference->solver->ops->read_tile(reference->solver, (lw_tile_id){id}, &t);
         for (uint32_t i = 0; i < a.width * a.height; i++) {
             if (!a.covered[i]) continue; /* what is shown has gutters too */
             const double want = (double)t.direct[1][i] + (double)t.indirect[1][i],
@@ -117,17 +117,17 @@ static double error_of(const struct room_solution *s, const struct room_solution
 
 /* limit: what the filter leaves of the error, at most. */
 static void expect_error_falls(const struct room *room, const unsigned frames[3], const double limit[3]) {
-    struct room_solution truth, s;
-    solve(&truth, room, 2, 200, 2);
+    struct room_solution reference, s;
+    solve(&reference, room, 2, 200, 2);
     for (int f = 0; f < 3; f++) {
         solve(&s, room, 1, frames[f], 2);
-        const double before = error_of(&s, &truth, false), after = error_of(&s, &truth, true);
+        const double before = error_of(&s, &reference, false), after = error_of(&s, &reference, true);
         print_message("%u frames: relative squared error %.5f, filtered %.5f\n", frames[f], before, after);
         if (!(after < limit[f] * before))
             fail_msg("%u frames: relative squared error %.5f before, %.5f after", frames[f], before, after);
         room_finish(&s);
     }
-    room_finish(&truth);
+    room_finish(&reference);
 }
 
 static void test_error_falls(void **state) {

@@ -110,7 +110,7 @@ static float *draw(const struct world *w, uint32_t pictures, unsigned threads) {
 }
 
 /* What client lights give directly, by the path tracer, without what is seen to shine by itself. */
-static float *trace_truth(const struct world *w, uint32_t samples) {
+static float *trace_reference(const struct world *w, uint32_t samples) {
     struct lw_error err = {0};
     const struct lw_lights_part part = lw_client_lights_part(&w->drawn, true);
     struct lw_lights lights;
@@ -171,17 +171,17 @@ static double mean_of(const float *rgb) {
 /* tolerance: of blocks that have a tenth of the mean light, and of a fifth of that mean in others */
 static void assert_alike(const struct world *w, uint32_t pictures, uint32_t samples, double tolerance,
                          double relmse) {
-    float *drawn = draw(w, pictures, 0), *truth = trace_truth(w, samples);
-    const double mean = mean_of(truth);
+    float *drawn = draw(w, pictures, 0), *reference = trace_reference(w, samples);
+    const double mean = mean_of(reference);
     assert_true(mean > 0);
     for (uint32_t b = 0; b < COLUMNS * ROWS; b++) {
-        const double is = mean_of_block(drawn, b), should = mean_of_block(truth, b);
+        const double is = mean_of_block(drawn, b), should = mean_of_block(reference, b);
         if (!(fabs(is - should) <= tolerance * fmax(should, 0.2 * mean)))
             fail_msg("block %u is %g, not %g (the picture's mean: %g)", b, is, should, mean);
     }
-    const double error = lw_support_relmse(drawn, truth, VALUES);
+    const double error = lw_support_relmse(drawn, reference, VALUES);
     if (!(error <= relmse)) fail_msg("relMSE is %g, not under %g", error, relmse);
-    free(truth);
+    free(reference);
     free(drawn);
 }
 
@@ -213,9 +213,9 @@ static void test_a_panel(void **state) {
     tear_down(&w);
 }
 
-static double noise_of(const struct world *w, uint32_t pictures, const float *truth) {
+static double noise_of(const struct world *w, uint32_t pictures, const float *reference) {
     float *drawn = draw(w, pictures, 0);
-    const double error = lw_support_relmse(drawn, truth, VALUES);
+    const double error = lw_support_relmse(drawn, reference, VALUES);
     free(drawn);
     return error;
 }
@@ -225,10 +225,10 @@ static void test_pictures_converge(void **state) {
     (void)state;
     struct world w;
     set_up(&w, "builtin:cornell", "auto");
-    float *truth = trace_truth(&w, 512);
-    const double one = noise_of(&w, 1, truth), many = noise_of(&w, 16, truth);
+    float *reference = trace_reference(&w, 512);
+    const double one = noise_of(&w, 1, reference), many = noise_of(&w, 16, reference);
     if (!(many < 0.7 * one)) fail_msg("relMSE of 16 pictures is %g, of one %g", many, one);
-    free(truth);
+    free(reference);
     tear_down(&w);
 }
 

@@ -56,15 +56,15 @@ static void trace(struct set *set, int frame, uint32_t seed, uint32_t samples, f
 }
 
 /* How much less the error of the last picture of the way is than without the filter. What the noise of the
- * truth's samples adds to the error is known and taken off: the more is left of it, the more samples. */
-static double gain(const char *name, uint32_t truth_samples) {
+ * reference's samples adds to the error is known and taken off: the more is left of it, the more samples. */
+static double gain(const char *name, uint32_t reference_samples) {
     struct set set;
     struct lw_error err = {0};
     struct lw_gbuffer gbuffer;
     struct lw_svgf *svgf;
     float *raw = malloc(VALUES * sizeof *raw), *out = malloc(VALUES * sizeof *out),
-          *truth = malloc(VALUES * sizeof *truth);
-    assert_true(raw && out && truth);
+          *reference = malloc(VALUES * sizeof *reference);
+    assert_true(raw && out && reference);
     set_up(&set, name);
     lw_support_ok(
         lw_gbuffer_init(&gbuffer,
@@ -80,15 +80,15 @@ static double gain(const char *name, uint32_t truth_samples) {
         lw_gbuffer_render(&gbuffer, &set.world.pose, &camera);
         lw_svgf_filter(svgf, &gbuffer, raw, out);
     }
-    trace(&set, FRAMES - 1, 2, truth_samples, truth);
-    const double truth_error = lw_path_film_error(&set.film);
-    const double before = lw_support_relmse(raw, truth, VALUES) - truth_error * truth_error,
-                 after = lw_support_relmse(out, truth, VALUES) - truth_error * truth_error;
+    trace(&set, FRAMES - 1, 2, reference_samples, reference);
+    const double reference_error = lw_path_film_error(&set.film);
+    const double before = lw_support_relmse(raw, reference, VALUES) - reference_error * reference_error,
+                 after = lw_support_relmse(out, reference, VALUES) - reference_error * reference_error;
     print_message("%s: relMSE %.4g -> %.4g\n", name, before, after);
     lw_svgf_destroy(svgf);
     lw_gbuffer_finish(&gbuffer);
     tear_down(&set);
-    free(truth), free(out), free(raw);
+    free(reference), free(out), free(raw);
     return before / fmax(after, 1e-9);
 }
 

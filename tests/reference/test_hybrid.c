@@ -94,19 +94,19 @@ static void test_no_light_through_a_wall(void **state) {
 /* Light in the lit room itself neither grows nor shrinks: per wall, against rays without an end. */
 static void test_energy_is_that_of_rays_without_end(void **state) {
     (void)state;
-    struct room_solution truth, hybrid;
-    solve_two_rooms(&truth, 0.2f, (struct lw_solver_desc){.bounces = 2, .indirect_samples = 16});
+    struct room_solution reference, hybrid;
+    solve_two_rooms(&reference, 0.2f, (struct lw_solver_desc){.bounces = 2, .indirect_samples = 16});
     for (int form = 0; form < 2; form++) {
         solve_two_rooms(
             &hybrid, 0.2f,
             (struct lw_solver_desc){
                 .bounces = 2, .indirect_samples = 16, .probe_form = forms[form], .tracing_range_m = 0.4f});
-        expect_near(mean_of(&hybrid, 0, 5), mean_of(&truth, 0, 5), form ? 0.03 : 0.015);
+        expect_near(mean_of(&hybrid, 0, 5), mean_of(&reference, 0, 5), form ? 0.03 : 0.015);
         for (uint32_t o = 0; o < 6; o++)
-            expect_near(mean_of(&hybrid, o, o), mean_of(&truth, o, o), form ? 0.15 : 0.04);
+            expect_near(mean_of(&hybrid, o, o), mean_of(&reference, o, o), form ? 0.15 : 0.04);
         room_finish(&hybrid);
     }
-    room_finish(&truth);
+    room_finish(&reference);
 }
 
 static void solve_cornell(struct room_solution *solution, enum lw_probe_form_kind form, unsigned threads) {

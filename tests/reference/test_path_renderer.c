@@ -10,12 +10,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define WIDTH   163u /* no multiple of two: the last column of a quarter has no pixel to its right */
-#define HEIGHT  90u
-#define VALUES  (3 * WIDTH * HEIGHT)
-#define FRAMES  10
-#define BOUNCES 2
-#define TRUTH   128u /* samples; what their noise adds to the error is known and taken off */
+#define WIDTH             163u /* no multiple of two: the last column of a quarter has no pixel to its right */
+#define HEIGHT            90u
+#define VALUES            (3 * WIDTH * HEIGHT)
+#define FRAMES            10
+#define BOUNCES           2
+#define REFERENCE_SAMPLES 128u /* samples; what their noise adds to the error is known and taken off */
 
 struct set {
     struct lw_scene *scene;
@@ -80,16 +80,16 @@ static void test_each_is_nearer_to_the_truth(void **state) {
     struct lw_error err = {0};
     struct lw_path_film film;
     double error[LW_PATH_RENDERER_COUNT];
-    float truth[VALUES];
+    float reference[VALUES];
     set_up(&set, 0);
     lw_support_ok(lw_path_film_init(&film, WIDTH, HEIGHT, &err), &err);
     lw_path_world_render(&set.world, &(struct lw_path_view){.camera = camera_at(&set, FRAMES - 1), .seed = 2},
-                         TRUTH, &film);
-    lw_path_film_resolve(&film, truth);
-    const double of_truth = lw_path_film_error(&film) * lw_path_film_error(&film);
+                         REFERENCE_SAMPLES, &film);
+    lw_path_film_resolve(&film, reference);
+    const double of_reference = lw_path_film_error(&film) * lw_path_film_error(&film);
     for (int kind = 0; kind < LW_PATH_RENDERER_COUNT; kind++) {
         float *rgb = render(&set, (enum lw_path_renderer_kind)kind, 0);
-        error[kind] = lw_support_relmse(rgb, truth, VALUES) - of_truth;
+        error[kind] = lw_support_relmse(rgb, reference, VALUES) - of_reference;
         print_message("%s: relMSE %.4g\n", lw_path_renderer_name((enum lw_path_renderer_kind)kind),
                       error[kind]);
         free(rgb);

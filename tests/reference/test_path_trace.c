@@ -767,17 +767,17 @@ static void test_a_part_is_like_the_whole(void **state) {
     tear_down(&set);
 }
 
-/* Root of relMSE against a picture that is as good as the truth. */
-static double true_error(const struct lw_path_film *film, const struct lw_path_film *truth) {
+/* Root of relMSE against a picture that is as good as the reference. */
+static double true_error(const struct lw_path_film *film, const struct lw_path_film *reference) {
     const size_t count = (size_t)film->width * film->height * 3;
     double square = 0, sum = 0;
     for (size_t i = 0; i < count; i++) {
-        double t = ((double)truth->half[0][i] + (double)truth->half[1][i]) / truth->samples;
+        double t = ((double)reference->half[0][i] + (double)reference->half[1][i]) / reference->samples;
         square += t * t;
     }
     square /= (double)count;
     for (size_t i = 0; i < count; i++) {
-        double t = ((double)truth->half[0][i] + (double)truth->half[1][i]) / truth->samples;
+        double t = ((double)reference->half[0][i] + (double)reference->half[1][i]) / reference->samples;
         double x = ((double)film->half[0][i] + (double)film->half[1][i]) / film->samples;
         sum += (x - t) * (x - t) / (t * t + 0.01 * square);
     }
@@ -793,12 +793,12 @@ static void test_convergence(void **state) {
     set_up(&set, scene, 2);
     struct lw_path_view view = {
         .camera = lw_camera_of_scene(scene, &set.world.pose, 0), .bounces = 2, .seed = 9};
-    struct lw_path_film truth = render(&set, &view, 48, 48, 1024);
+    struct lw_path_film reference = render(&set, &view, 48, 48, 1024);
     view.seed = 1;
     double last = 0;
     for (uint32_t n = 4; n <= 32; n *= 8) {
         struct lw_path_film film = render(&set, &view, 48, 48, n);
-        double error = true_error(&film, &truth), estimate = lw_path_film_error(&film);
+        double error = true_error(&film, &reference), estimate = lw_path_film_error(&film);
         /* 48 x 48 pixels: the estimate of a variance is good to some 10 % */
         expect_near(estimate, error, 0.25);
         /* at least as the root of 8; low discrepancy makes it better, not past 8^0.75 */
@@ -807,7 +807,7 @@ static void test_convergence(void **state) {
         last = error;
         lw_path_film_finish(&film);
     }
-    lw_path_film_finish(&truth);
+    lw_path_film_finish(&reference);
     tear_down(&set);
 }
 

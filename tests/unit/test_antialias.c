@@ -133,16 +133,16 @@ static void test_one_sample_is_the_centre(void **state) {
 static void test_more_samples_are_nearer_to_the_square(void **state) {
     (void)state;
     struct world w;
-    static float truth[3 * PIXELS], centre[3 * PIXELS], all[3 * PIXELS], edges[3 * PIXELS];
+    static float reference[3 * PIXELS], centre[3 * PIXELS], all[3 * PIXELS], edges[3 * PIXELS];
     world_init(&w, 1);
-    render(&w, 1024, truth);
+    render(&w, 1024, reference);
     render(&w, 1, centre);
     render(&w, 16, all);
     render_edges(&w, 4, 1, edges);
-    const double of_centre = square_error(centre, truth);
+    const double of_centre = square_error(centre, reference);
     assert_true(of_centre > 1);
-    assert_true(square_error(all, truth) < 0.02 * of_centre);
-    assert_true(square_error(edges, truth) < 0.3 * of_centre);
+    assert_true(square_error(all, reference) < 0.02 * of_centre);
+    assert_true(square_error(edges, reference) < 0.3 * of_centre);
 
     /* what is no edge is left as it is, and what was found is a line */
     assert_true(w.antialias.edge_count > WIDTH && w.antialias.edge_count < PIXELS / 4);

@@ -238,9 +238,9 @@ static void test_what_is_made_too_late_is_dropped(void **state) {
     tear_down(&f);
 }
 
-static double relative_error(const float *x, const float *truth, size_t count) {
+static double relative_error(const float *x, const float *reference, size_t count) {
     double sum = 0;
-    for (size_t i = 0; i < count; i++) sum += pow((double)(x[i] - truth[i]) / (double)truth[i], 2);
+    for (size_t i = 0; i < count; i++) sum += pow((double)(x[i] - reference[i]) / (double)reference[i], 2);
     return sqrt(sum / (double)count);
 }
 

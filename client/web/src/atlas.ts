@@ -102,7 +102,7 @@ const COARSE_NOISE = 0.25;
 const MIDDLE_NOISE = 0.1;
 
 /** The finest level at which views bear a tile of a relative error of which so much is left in its texels. */
-export function calmLevel(error: number, noiseShown: number): number {
+export function noiseLevelMin(error: number, noiseShown: number): number {
   const noise = error * noiseShown;
   return noise <= MIDDLE_NOISE ? 0 : noise > COARSE_NOISE ? 2 : 1;
 }

@@ -404,7 +404,7 @@ export class Renderer {
         texel,
       );
       texel += width * height;
-      this.tileState.values[id] = 1 + batch.calm[at]!;
+      this.tileState.values[id] = 1 + batch.noiseLevel[at]!;
       this.tileState.touch(id);
     }
     return [at, texel];

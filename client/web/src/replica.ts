@@ -1,6 +1,6 @@
 // replica.ts: what the client has of the lit scene: where things are, and which version of each tile; as
 // client/lib/replica.h. Outlives connections. Texels are not kept: they go on to the renderer.
-import { AtlasMap, calmLevel } from './atlas.ts';
+import { AtlasMap, noiseLevelMin } from './atlas.ts';
 import { ProtocolError } from './failure.ts';
 import { NONE, type Scene } from './package.ts';
 import type { Coefficients, Tiles } from './tiles.ts';
@@ -9,7 +9,7 @@ import type { Frame, Tile, TileList } from './wire.ts';
 /** Tiles on their way to the renderer. */
 export interface TileBatch {
   id: Uint32Array<ArrayBuffer>;
-  calm: Uint8Array<ArrayBuffer>; // the finest level at which each one's noise is bearable
+  noiseLevel: Uint8Array<ArrayBuffer>; // the finest level at which each one's noise is bearable
   texels: Uint32Array<ArrayBuffer>; // RGB9E5, one tile behind the other
 }
 
@@ -29,7 +29,7 @@ export class Replica {
   private sumTexels = 0;
   private coarsestMissing = 0;
   private visibleChanged = true;
-  private batch: { id: number[]; calm: number[]; texels: Uint32Array[]; size: number } = this.emptyBatch();
+  private batch: { id: number[]; noiseLevel: number[]; texels: Uint32Array[]; size: number } = this.emptyBatch();
 
   constructor(
     readonly scene: Scene,
@@ -52,8 +52,8 @@ export class Replica {
     }
   }
 
-  private emptyBatch(): { id: number[]; calm: number[]; texels: Uint32Array[]; size: number } {
-    return { id: [], calm: [], texels: [], size: 0 };
+  private emptyBatch(): { id: number[]; noiseLevel: number[]; texels: Uint32Array[]; size: number } {
+    return { id: [], noiseLevel: [], texels: [], size: 0 };
   }
 
   destroy(): void {
@@ -118,7 +118,7 @@ export class Replica {
     if (t.level === this.map.of(t.object).levels.length - 1)
       this.takeCoarsest(t.object, id, sum, texels.length);
     this.batch.id.push(id);
-    this.batch.calm.push(calmLevel(t.error, noiseShown));
+    this.batch.noiseLevel.push(noiseLevelMin(t.error, noiseShown));
     this.batch.texels.push(texels);
     this.batch.size += texels.length;
   }
@@ -171,7 +171,7 @@ export class Replica {
       texels.set(tile, at);
       at += tile.length;
     }
-    const batch = { id: Uint32Array.from(this.batch.id), calm: Uint8Array.from(this.batch.calm), texels };
+    const batch = { id: Uint32Array.from(this.batch.id), noiseLevel: Uint8Array.from(this.batch.noiseLevel), texels };
     this.batch = this.emptyBatch();
     return batch;
   }

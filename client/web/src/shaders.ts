@@ -196,9 +196,9 @@ void main() {
     Footprint f = footprintOf(first, level, uv);
     // fresh light is noise, but a texel of level 2 is the mean of 4 x 4: until the error has fallen, less is
     // more
-    uint calm = unfiltered ? 0u : max(stateOf(f.tile), 1u) - 1u;
-    calm = min(calm, min(coarsest, count - 1u));
-    e = calm <= level && isThere(f) ? irradianceAt(f) : standInFor(first, count, max(calm, level), uv);
+    uint noiseLevel = unfiltered ? 0u : max(stateOf(f.tile), 1u) - 1u;
+    noiseLevel = min(noiseLevel, min(coarsest, count - 1u));
+    e = noiseLevel <= level && isThere(f) ? irradianceAt(f) : standInFor(first, count, max(noiseLevel, level), uv);
   }
 #ifdef DIRECT
   e += directLight();
