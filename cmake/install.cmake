@@ -22,6 +22,10 @@ string(REGEX REPLACE "/$" "" lw_to_prefix ${lw_to_prefix})
 configure_file(cmake/lightwell.pc.in ${PROJECT_BINARY_DIR}/lightwell.pc @ONLY)
 install(FILES ${PROJECT_BINARY_DIR}/lightwell.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig COMPONENT client)
 
+# The service: where systemd looks below /usr/local and /usr.
+install(FILES packaging/systemd/lightwelld.service DESTINATION lib/systemd/system)
+install(FILES packaging/systemd/lightwelld.env DESTINATION ${CMAKE_INSTALL_DOCDIR}/systemd)
+
 # Documents name each other by their place in this tree, so they keep it, too.
 install(FILES LICENSE README.md CHANGELOG.md CONTRIBUTING.md DESTINATION ${CMAKE_INSTALL_DOCDIR})
 install(FILES proto/lightwell.proto proto/wire_format.md DESTINATION ${CMAKE_INSTALL_DOCDIR}/proto)

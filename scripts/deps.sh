@@ -23,6 +23,7 @@ if ! command -v node >/dev/null || ! command -v npm >/dev/null; then packages+=(
 long_packages=(
     clang libomp-14-dev libclang-rt-14-dev clang-format
     gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user
+    systemd prometheus # systemd-analyze and promtool: what the service's unit and metrics are checked with
 )
 if [ "${1:-}" = --all ]; then packages+=("${long_packages[@]}"); fi
 

@@ -20,6 +20,7 @@
 #include "server/publish/light_store.h"
 #include "server/publish/publisher.h"
 #include "server/serve/server.h"
+#include "server/service_notify.h"
 #include "server/solve/filter/denoise.h"
 #include "server/solve/solvers.h"
 
@@ -41,7 +42,10 @@
 #define HTTP_PORT    7781
 #define HTTP_ADDRESS LW_OPTIONS_HOST ":7781"
 #define TARGET_ERROR 0.02f
-#define SOLVER_NICE  5  /* lower priority than the loop */
+#define SOLVER_NICE  5 /* lower priority than the loop */
+#define STALL_S      600.0
+#define STALL_FIRST  6.0 /* times that, until first light: texels are placed, and rays' structure is built */
+#define STATUS_MS    10000u
 #define STEP_HZ      30 /* scene time advances by 1/30 s a frame under --clock step */
 /* A form of light that no client takes any more is published for this long, since clients come back after a
  * broken link. */
@@ -60,7 +64,7 @@ struct settings {
     int64_t bounces, direct_samples, indirect_samples, seed, frames;
     int probe_form, denoise;
     double tracing_range, cell_size, probe_spacing, frame_rate, frame_budget_ms, freeze_s, error, link_rate,
-        tile_step;
+        tile_step, stall_s;
     bool animate, freeze, json;
     int clock, light, codec;
     char host[256], http_host[256]; /* http_host "": none */
@@ -87,9 +91,12 @@ struct daemon {
     pthread_t solver_thread;
     struct lw_light_store light_store; /* if --keep says so */
     _Atomic bool stopping;
-    _Atomic bool cancel;          /* ends a frame under way */
-    _Atomic bool lit;             /* the solver has had a frame */
-    struct lw_error solver_error; /* read after the thread is joined */
+    _Atomic bool cancel;            /* ends a frame under way */
+    _Atomic bool lit;               /* the solver has had a frame */
+    _Atomic uint64_t solver_due_ns; /* when the solver must have made progress; UINT64_MAX: it rests */
+    _Atomic uint64_t frame_count;   /* that were solved */
+    struct lw_error solver_error;   /* read after the thread is joined */
+    bool told_stall;                /* [loop] */
     uint64_t started_ns, rays_total;
     uint64_t first;      /* number of the first frame: 1, or after the frames of the saved light */
     uint64_t published;  /* the last frame that was */
@@ -231,6 +238,10 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          1, NULL},
         {"frames", "N", "stop after this many frames (default: never)", LW_OPTION_INT, &s->frames, 1, 1e15,
          NULL},
+        {"stall-limit", "SECONDS",
+         "a frame that takes longer counts as a hang, which a service manager ends (default 600; six times "
+         "that until first light)",
+         LW_OPTION_REAL, &s->stall_s, 0.001, 1e9, NULL},
         {"keep", "FOLDER",
          "keep the light there over a restart: what was shown, and of a scene that never changed the sums as "
          "well",
@@ -558,13 +569,66 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
     }
     lw_snapshot_unref(snapshot);
     cost.wall_ns = lw_clock_ns() - began;
-    if (!d->lit)
+    if (!d->lit) {
         lw_log(LW_LOG_INFO, "first light after %.1f s: %u texels in %u tiles, %.1f M rays, frame %.0f ms",
                (double)(lw_clock_ns() - d->started_ns) * 1e-9, (unsigned)solve.texels_solved, solve.tiles,
                (double)d->rays_total * 1e-6, (double)cost.wall_ns * 1e-6);
+        lw_service_notify("STATUS=first light after %.1f s", (double)(lw_clock_ns() - d->started_ns) * 1e-9);
+    }
     d->lit = true;
+    d->frame_count++;
     if (d->settings.json) print_frame(d, frame, &cost, &solve, &publish);
     return LW_OK;
+}
+
+/* ---- whether the solver makes progress ---- */
+
+/* What begins now is done within the limit, or the solver hangs. */
+static void expect_progress(struct daemon *d) {
+    const double limit_s = d->settings.stall_s * (d->lit ? 1 : STALL_FIRST);
+    d->solver_due_ns = lw_clock_ns() + (uint64_t)(limit_s * 1e9);
+}
+
+static void rest(struct daemon *d) { d->solver_due_ns = UINT64_MAX; }
+
+/* [loop] */
+static bool is_stalled(const struct daemon *d) { return lw_clock_ns() > d->solver_due_ns; }
+
+/* [loop] A service manager starts a server again that does not say WATCHDOG=1. */
+static void on_beat(void *context) {
+    struct daemon *d = context;
+    struct lw_server_stats serve;
+    lw_server_get_stats(d->server, &serve);
+    if (is_stalled(d)) {
+        if (!d->told_stall) lw_log(LW_LOG_ERROR, "the solver has made no progress within --stall-limit");
+        d->told_stall = true;
+        lw_service_notify("STATUS=the solver has made no progress within --stall-limit");
+        return;
+    }
+    d->told_stall = false;
+    const unsigned long long frames = d->frame_count;
+    if (frames)
+        lw_service_notify("WATCHDOG=1\nSTATUS=%llu frames, %llu sessions", frames,
+                          (unsigned long long)serve.sessions_now);
+    else
+        lw_service_notify("WATCHDOG=1\nSTATUS=no light yet, %llu sessions",
+                          (unsigned long long)serve.sessions_now);
+}
+
+/* [loop] */
+static void on_stopping(void *context) {
+    (void)context;
+    lw_service_notify("STOPPING=1\nWATCHDOG=1\nSTATUS=stopping");
+}
+
+static struct lw_server_hooks hooks_of(struct daemon *d) {
+    const unsigned watchdog_ms = lw_service_notify_watchdog_ms();
+    if (!lw_service_notify_wanted()) return (struct lw_server_hooks){0};
+    return (struct lw_server_hooks){.context = d,
+                                    .beat = on_beat,
+                                    .beat_ms =
+                                        watchdog_ms && watchdog_ms < STATUS_MS ? watchdog_ms : STATUS_MS,
+                                    .stopping = on_stopping};
 }
 
 /* Under the manual clock: whether another line came. Waits in short pieces, as wait_until(). */
@@ -586,15 +650,20 @@ static void solve_frames(struct daemon *d) {
     bool rested = false;
     for (uint64_t frame = d->first; !should_stop(d) && (!s->frames || frame - d->first < (uint64_t)s->frames);
          frame++) {
+        rest(d);
         if (s->clock == CLOCK_MANUAL && !await_line(d)) break;
+        expect_progress(d);
         uint64_t began = lw_clock_ns();
         enum lw_status status = run_frame(d, frame, &rested, &d->solver_error);
         if (status != LW_OK) return; /* LW_CLOSED, without an error: stopped in the middle of a frame */
         /* Under the step clock frames follow each other at once while there is work; at rest they keep the
          * pace. */
-        if (s->clock == CLOCK_REAL || (s->clock == CLOCK_STEP && rested && !s->frames))
+        if (s->clock == CLOCK_REAL || (s->clock == CLOCK_STEP && rested && !s->frames)) {
+            rest(d);
             wait_until(d, began + interval_ns);
+        }
     }
+    expect_progress(d);
     if (s->keep) lw_light_store_save(&d->light_store, d->solver, true);
 }
 
@@ -623,6 +692,7 @@ static void *solve_in_thread(void *argument) {
         if (d->settings.keep) d->first += lw_light_store_resume(&d->light_store, &d->atlas_map, d->solver);
         if (!d->forms_kept || show_forms(d, d->forms_kept, &d->solver_error) == LW_OK) solve_frames(d);
     }
+    rest(d);
     lw_server_stop(d->server);
     return NULL;
 }
@@ -682,10 +752,12 @@ static enum lw_status serve(struct daemon *d, struct lw_error *err) {
     lw_log(LW_LOG_INFO, "look at it: %.*slightwell-view %s     stop it: Ctrl-C",
            name ? (int)(name + 1 - d->program) : 0, d->program, address);
     tell_http(d);
+    expect_progress(d);
     if (pthread_create(&d->solver_thread, NULL, solve_in_thread, d) != 0) {
         remove_port_files(d);
         return lw_status_fail(err, LW_OS, "cannot start the solver's thread");
     }
+    lw_service_notify("READY=1\nSTATUS=serving at %s, no light yet", address);
     status = lw_server_run(d->server, err);
     d->stopping = true;
     d->cancel = !s->keep || !d->lit; /* saved light must be of a whole frame */
@@ -780,6 +852,7 @@ static enum lw_status create_server(struct daemon *d, struct lw_error *err) {
                                   .client_materials = d->material_bits,
                                   .client_materials_size = lw_client_lights_bytes(d->scene->material_count),
                                   .scene = d->scene,
+                                  .hooks = hooks_of(d),
                                   .address_sessions_max = (uint32_t)s->address_sessions,
                                   .rate_limit_bytes_hz = (uint64_t)(s->link_rate * 1e6 / 8),
                                   .features = s->codec == CODEC_DCT ? LW_FEATURE_DCT : 0};
@@ -830,6 +903,7 @@ int main(int argc, char **argv) {
                      .frame_rate = 30,
                      .frame_budget_ms = 33,
                      .seed = 1,
+                     .stall_s = STALL_S,
                      .error = (double)TARGET_ERROR,
                      .scene = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG, .cancel = &signalled}}};
     struct lw_error err = {0};

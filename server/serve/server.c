@@ -34,8 +34,10 @@ struct lw_server {
     uv_check_t check;     /* after it has waited */
     uv_idle_t busy;       /* runs while sessions are due: then it does not wait */
     uv_timer_t tick, lag; /* run while there are connections: an idle server sleeps */
-    uint64_t lagged_ns;   /* when lag last came */
-    uint64_t window_ns;   /* when the window began that loop_lag and shared.ack belong to */
+    uv_timer_t beat;      /* runs if hooks want it */
+    struct lw_server_hooks hooks;
+    uint64_t lagged_ns; /* when lag last came */
+    uint64_t window_ns; /* when the window began that loop_lag and shared.ack belong to */
     struct lw_histogram loop_lag;
     uv_signal_t interrupt, terminate;
     bool stopping;
@@ -320,6 +322,7 @@ static void begin_stop(struct lw_server *server, bool signalled) {
     }
     if (server->stopping) return;
     server->stopping = true;
+    if (server->hooks.stopping) server->hooks.stopping(server->hooks.context);
     close_handle((uv_handle_t *)&server->listener);
     close_handle((uv_handle_t *)&server->http_listener);
     for (struct lw_session *s = server->shared.first, *next; s; s = next) {
@@ -393,6 +396,11 @@ static void on_lag(uv_timer_t *handle) {
     server->lagged_ns = now_ns;
     lw_session_serve_paced(&server->shared);
     if (now_ns - server->window_ns >= LW_SERVER_WINDOW_S * 1000000000ull) end_window(server, now_ns);
+}
+
+static void on_beat(uv_timer_t *handle) {
+    const struct lw_server *server = handle->data;
+    server->hooks.beat(server->hooks.context);
 }
 
 static void on_session_opened(void *context) {
@@ -495,6 +503,7 @@ static enum lw_status init_handles(struct lw_server *server, struct lw_error *er
         (result = uv_async_init(&server->loop, &server->wake, on_wake)) < 0 ||
         (result = uv_timer_init(&server->loop, &server->tick)) < 0 ||
         (result = uv_timer_init(&server->loop, &server->lag)) < 0 ||
+        (result = uv_timer_init(&server->loop, &server->beat)) < 0 ||
         (result = uv_prepare_init(&server->loop, &server->prepare)) < 0 ||
         (result = uv_check_init(&server->loop, &server->check)) < 0 ||
         (result = uv_idle_init(&server->loop, &server->busy)) < 0 ||
@@ -502,7 +511,7 @@ static enum lw_status init_handles(struct lw_server *server, struct lw_error *er
         (result = uv_signal_init(&server->loop, &server->terminate)) < 0)
         return lw_status_fail(err, LW_OS, "cannot start an event loop: %s", uv_strerror(result));
     server->listener.data = server->http_listener.data = server->wake.data = server->tick.data =
-        server->lag.data = server;
+        server->lag.data = server->beat.data = server;
     server->prepare.data = server->check.data = server->busy.data = server;
     server->interrupt.data = server->terminate.data = server;
     return LW_OK;
@@ -627,6 +636,7 @@ enum lw_status lw_server_create(const struct lw_server_desc *desc, struct lw_ser
     if (getrandom(&server->shared.places.seed, sizeof server->shared.places.seed, 0) < 0)
         server->shared.places.seed = 1;
     server->shared.log.seed = server->shared.places.seed;
+    server->hooks = desc->hooks;
     set_descriptor_limit();
     enum lw_status status = init_handles(server, err);
     if (status == LW_OK)
@@ -655,6 +665,7 @@ enum lw_status lw_server_run(struct lw_server *server, struct lw_error *err) {
     if (result < 0) return lw_status_fail(err, LW_OS, "cannot watch signals: %s", uv_strerror(result));
     uv_prepare_start(&server->prepare, on_prepare);
     uv_check_start(&server->check, on_check);
+    if (server->hooks.beat) uv_timer_start(&server->beat, on_beat, 0, server->hooks.beat_ms);
     uv_mutex_lock(&server->mutex);
     server->runs = pthread_getcpuclockid(pthread_self(), &server->cpu_clock) == 0;
     uv_mutex_unlock(&server->mutex);
@@ -695,11 +706,12 @@ void lw_server_get_stats(const struct lw_server *server, struct lw_server_stats 
 
 /* Ours alone: libwebsockets closes its own. */
 static void close_handles(struct lw_server *server) {
-    uv_handle_t *const handles[] = {(uv_handle_t *)&server->listener,  (uv_handle_t *)&server->http_listener,
-                                    (uv_handle_t *)&server->wake,      (uv_handle_t *)&server->prepare,
-                                    (uv_handle_t *)&server->check,     (uv_handle_t *)&server->busy,
-                                    (uv_handle_t *)&server->tick,      (uv_handle_t *)&server->lag,
-                                    (uv_handle_t *)&server->interrupt, (uv_handle_t *)&server->terminate};
+    uv_handle_t *const handles[] = {(uv_handle_t *)&server->listener, (uv_handle_t *)&server->http_listener,
+                                    (uv_handle_t *)&server->wake,     (uv_handle_t *)&server->prepare,
+                                    (uv_handle_t *)&server->check,    (uv_handle_t *)&server->busy,
+                                    (uv_handle_t *)&server->tick,     (uv_handle_t *)&server->lag,
+                                    (uv_handle_t *)&server->beat,     (uv_handle_t *)&server->interrupt,
+                                    (uv_handle_t *)&server->terminate};
     for (size_t i = 0; i < sizeof handles / sizeof *handles; i++) close_handle(handles[i]);
 }
 

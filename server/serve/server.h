@@ -28,6 +28,14 @@
 #define LW_SERVER_WINDOW_S    5u    /* over which delays are told */
 #define LW_SERVER_LOOKS_HZ    4u    /* looks at time limits and at what waits */
 
+/** What the loop asks of whoever runs the server, and tells him; all of it [loop]. Zero: nothing. */
+struct lw_server_hooks {
+    void *context;
+    void (*beat)(void *context); /* every beat_ms while the loop turns, from the start of lw_server_run() */
+    unsigned beat_ms;
+    void (*stopping)(void *context); /* the server has begun to end; once */
+};
+
 struct lw_server_desc {
     const char *host; /* numeric or a name */
     uint16_t port;    /* 0: the system picks one */
@@ -51,11 +59,12 @@ struct lw_server_desc {
     uint32_t
         address_sessions_max; /* 0: a tenth of them for each address, for the own machine all but a tenth */
     uint64_t rate_limit_bytes_hz; /* to each session; 0: whatever its link takes */
-    unsigned hello_timeout_ms;    /* 0: LW_SERVER_HELLO_TIMEOUT_S */
-    unsigned stall_timeout_ms;    /* 0: LW_SERVER_STALL_TIMEOUT_S */
-    unsigned excess_timeout_ms;   /* 0: LW_SERVER_EXCESS_TIMEOUT_S */
-    unsigned package_timeout_ms;  /* 0: LW_SERVER_PACKAGE_TIMEOUT_S */
-    unsigned silence_timeout_ms;  /* 0: LW_SERVER_SILENCE_S */
+    struct lw_server_hooks hooks;
+    unsigned hello_timeout_ms;   /* 0: LW_SERVER_HELLO_TIMEOUT_S */
+    unsigned stall_timeout_ms;   /* 0: LW_SERVER_STALL_TIMEOUT_S */
+    unsigned excess_timeout_ms;  /* 0: LW_SERVER_EXCESS_TIMEOUT_S */
+    unsigned package_timeout_ms; /* 0: LW_SERVER_PACKAGE_TIMEOUT_S */
+    unsigned silence_timeout_ms; /* 0: LW_SERVER_SILENCE_S */
 };
 
 /** Sessions are peers that were welcomed; refused counts the refusals sent. */
