@@ -17,6 +17,7 @@
 #include "common/tile/tile_codec.h"
 #include "common/trace/trace.h"
 #include "common/wait_policy.h"
+#include "server/daemon_metrics.h"
 #include "server/publish/light_store.h"
 #include "server/publish/publisher.h"
 #include "server/serve/server.h"
@@ -41,6 +42,7 @@
 
 #define HTTP_PORT    7781
 #define HTTP_ADDRESS LW_OPTIONS_HOST ":7781"
+#define METRICS_PORT 7782
 #define TARGET_ERROR 0.02f
 #define SOLVER_NICE  5 /* lower priority than the loop */
 #define STALL_S      600.0
@@ -58,6 +60,7 @@ enum codec_kind { CODEC_HALF, CODEC_DCT };
 struct settings {
     struct lw_scene_open scene;
     const char *listen, *port_file, *http, *http_port_file, *http_hosts, *http_origins, *web_root;
+    const char *metrics, *metrics_port_file;
     const char *keep, *spares, *light_groups, *client_lights, *solver;
     const struct lw_solvers_entry *entry; /* of that name */
     int64_t address_sessions;             /* 0: the server's default */
@@ -68,7 +71,8 @@ struct settings {
     bool animate, freeze, json;
     int clock, light, codec;
     char host[256], http_host[256]; /* http_host "": none */
-    uint16_t port, http_port;
+    char metrics_host[256];         /* "": none */
+    uint16_t port, http_port, metrics_port;
     bool http_given;
     char found_root[1024]; /* where the browser client lies, unless web_root says so */
 };
@@ -96,7 +100,9 @@ struct daemon {
     _Atomic uint64_t solver_due_ns; /* when the solver must have made progress; UINT64_MAX: it rests */
     _Atomic uint64_t frame_count;   /* that were solved */
     struct lw_error solver_error;   /* read after the thread is joined */
-    bool told_stall;                /* [loop] */
+    bool told_stall, stops;         /* [loop] */
+    struct lw_daemon_metrics metrics;
+    const char *isa; /* of the rays' kernels */
     uint64_t started_ns, rays_total;
     uint64_t first;      /* number of the first frame: 1, or after the frames of the saved light */
     uint64_t published;  /* the last frame that was */
@@ -128,6 +134,14 @@ static enum lw_status parse_http(struct settings *s, struct lw_error *err) {
     const enum lw_status status =
         lw_options_address_or(s->http, HTTP_PORT, s->http_host, sizeof s->http_host, &s->http_port, err);
     if (status != LW_OK) lw_status_context(err, "--http");
+    return status;
+}
+
+static enum lw_status parse_metrics(struct settings *s, struct lw_error *err) {
+    if (!s->metrics || strcmp(s->metrics, "none") == 0) return LW_OK;
+    const enum lw_status status = lw_options_address_or(s->metrics, METRICS_PORT, s->metrics_host,
+                                                        sizeof s->metrics_host, &s->metrics_port, err);
+    if (status != LW_OK) lw_status_context(err, "--metrics");
     return status;
 }
 
@@ -165,6 +179,13 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          LW_OPTION_STRING, &s->http_origins, 0, 0, NULL},
         {"web-root", "FOLDER", "the browser client's files (default: share/lightwell/web beside bin)",
          LW_OPTION_STRING, &s->web_root, 0, 0, NULL},
+        {"metrics", "HOST:PORT|none",
+         "where to serve monitoring: /metrics, /healthz, /readyz (default none; a host alone: port 7782; "
+         "port 0 "
+         "picks one)",
+         LW_OPTION_STRING, &s->metrics, 0, 0, NULL},
+        {"metrics-port-file", "FILE", "write that port there once it serves", LW_OPTION_STRING,
+         &s->metrics_port_file, 0, 0, NULL},
         {"solver", "NAME", solvers, LW_OPTION_STRING, &s->solver, 0, 0, NULL},
         {"bounces", "N", "indirect bounces (default 2)", LW_OPTION_INT, &s->bounces, 0, LW_SOLVER_BOUNCES_MAX,
          NULL},
@@ -276,7 +297,8 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
         lw_status_context(err, "--listen");
         return status;
     }
-    return parse_http(s, err);
+    status = parse_http(s, err);
+    return status == LW_OK ? parse_metrics(s, err) : status;
 }
 
 static enum lw_status choose_client_lights(struct daemon *d, struct lw_error *err) {
@@ -573,9 +595,19 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
         lw_log(LW_LOG_INFO, "first light after %.1f s: %u texels in %u tiles, %.1f M rays, frame %.0f ms",
                (double)(lw_clock_ns() - d->started_ns) * 1e-9, (unsigned)solve.texels_solved, solve.tiles,
                (double)d->rays_total * 1e-6, (double)cost.wall_ns * 1e-6);
-        lw_service_notify("STATUS=first light after %.1f s", (double)(lw_clock_ns() - d->started_ns) * 1e-9);
+        const double after_s = (double)(lw_clock_ns() - d->started_ns) * 1e-9;
+        lw_service_notify("STATUS=first light after %.1f s", after_s);
+        lw_daemon_metrics_first_light(&d->metrics, after_s);
     }
     d->lit = true;
+    lw_daemon_metrics_frame(&d->metrics,
+                            &(struct lw_daemon_metrics_frame){.number = frame,
+                                                              .wall_ns = cost.wall_ns,
+                                                              .solve_cpu_ns = cost.solve_cpu_ns,
+                                                              .publish_cpu_ns = cost.publish_cpu_ns,
+                                                              .changes = cost.changes,
+                                                              .solve = &solve,
+                                                              .publish = &publish});
     d->frame_count++;
     if (d->settings.json) print_frame(d, frame, &cost, &solve, &publish);
     return LW_OK;
@@ -617,18 +649,29 @@ static void on_beat(void *context) {
 
 /* [loop] */
 static void on_stopping(void *context) {
-    (void)context;
+    struct daemon *d = context;
+    d->stops = true;
     lw_service_notify("STOPPING=1\nWATCHDOG=1\nSTATUS=stopping");
 }
 
+/* [loop] Light of the last run is light, too. */
+static bool on_page(void *context, const char *path, struct lw_server_page *out_page) {
+    struct daemon *d = context;
+    struct lw_server_stats serve;
+    lw_server_get_stats(d->server, &serve);
+    const struct lw_daemon_metrics_state state = {
+        .is_lit = d->lit || d->forms_kept, .is_stalled = is_stalled(d), .is_stopping = d->stops};
+    return lw_daemon_metrics_page(&d->metrics, path, &state, &serve, out_page);
+}
+
 static struct lw_server_hooks hooks_of(struct daemon *d) {
-    const unsigned watchdog_ms = lw_service_notify_watchdog_ms();
-    if (!lw_service_notify_wanted()) return (struct lw_server_hooks){0};
-    return (struct lw_server_hooks){.context = d,
-                                    .beat = on_beat,
-                                    .beat_ms =
-                                        watchdog_ms && watchdog_ms < STATUS_MS ? watchdog_ms : STATUS_MS,
-                                    .stopping = on_stopping};
+    struct lw_server_hooks hooks = {.context = d, .stopping = on_stopping, .page = on_page};
+    if (lw_service_notify_wanted()) {
+        const unsigned watchdog_ms = lw_service_notify_watchdog_ms();
+        hooks.beat = on_beat;
+        hooks.beat_ms = watchdog_ms && watchdog_ms < STATUS_MS ? watchdog_ms : STATUS_MS;
+    }
+    return hooks;
 }
 
 /* Under the manual clock: whether another line came. Waits in short pieces, as wait_until(). */
@@ -683,11 +726,12 @@ static void *solve_in_thread(void *argument) {
     struct daemon *d = argument;
     give_way();
     if (set_up_solver(d, &d->solver_error) == LW_OK) {
+        const uint64_t memory_bytes =
+            d->solver->ops->memory_bytes(d->solver) + lw_publisher_memory_bytes(d->publisher);
+        lw_daemon_metrics_memory(&d->metrics, memory_bytes);
         lw_log(LW_LOG_INFO, "%s: %u objects, %u tiles; %.0f MB for the solve, package %.1f MB",
                d->settings.scene.path, d->scene->object_count, d->atlas_map.tile_count,
-               (double)(d->solver->ops->memory_bytes(d->solver) + lw_publisher_memory_bytes(d->publisher)) *
-                   1e-6,
-               (double)d->package_size * 1e-6);
+               (double)memory_bytes * 1e-6, (double)d->package_size * 1e-6);
         d->first = 1;
         if (d->settings.keep) d->first += lw_light_store_resume(&d->light_store, &d->atlas_map, d->solver);
         if (!d->forms_kept || show_forms(d, d->forms_kept, &d->solver_error) == LW_OK) solve_frames(d);
@@ -715,6 +759,7 @@ static void remove_port(const char *path) {
 static void remove_port_files(const struct daemon *d) {
     remove_port(d->settings.port_file);
     remove_port(d->settings.http_port_file);
+    remove_port(d->settings.metrics_port_file);
 }
 
 static enum lw_status write_port_files(const struct daemon *d, struct lw_error *err) {
@@ -723,6 +768,9 @@ static enum lw_status write_port_files(const struct daemon *d, struct lw_error *
     enum lw_status status = write_port(s->port_file, "--port-file", lw_server_port(d->server), err);
     if (status == LW_OK && http_port)
         status = write_port(s->http_port_file, "--http-port-file", http_port, err);
+    const unsigned metrics_port = lw_server_metrics_port(d->server);
+    if (status == LW_OK && metrics_port)
+        status = write_port(s->metrics_port_file, "--metrics-port-file", metrics_port, err);
     if (status != LW_OK) remove_port_files(d);
     return status;
 }
@@ -740,6 +788,14 @@ static void tell_http(const struct daemon *d) {
     lw_log(LW_LOG_INFO, "in a browser: http://%s/", address);
 }
 
+static void tell_metrics(const struct daemon *d) {
+    const struct settings *s = &d->settings;
+    char address[sizeof s->metrics_host + 16];
+    if (!lw_server_metrics_port(d->server)) return;
+    format_address(address, sizeof address, s->metrics_host, lw_server_metrics_port(d->server));
+    lw_log(LW_LOG_INFO, "monitoring: http://%s/metrics", address);
+}
+
 static enum lw_status serve(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
     enum lw_status status = write_port_files(d, err);
@@ -752,6 +808,7 @@ static enum lw_status serve(struct daemon *d, struct lw_error *err) {
     lw_log(LW_LOG_INFO, "look at it: %.*slightwell-view %s     stop it: Ctrl-C",
            name ? (int)(name + 1 - d->program) : 0, d->program, address);
     tell_http(d);
+    tell_metrics(d);
     expect_progress(d);
     if (pthread_create(&d->solver_thread, NULL, solve_in_thread, d) != 0) {
         remove_port_files(d);
@@ -841,6 +898,8 @@ static enum lw_status create_server(struct daemon *d, struct lw_error *err) {
                                   .http_origins = s->http_origins,
                                   .http_root = s->web_root ? s->web_root : s->found_root,
                                   .http_may_fail = !s->http_given,
+                                  .metrics_host = *s->metrics_host ? s->metrics_host : NULL,
+                                  .metrics_port = s->metrics_port,
                                   .atlas_map = &d->atlas_map,
                                   .package = d->package,
                                   .package_size = d->package_size,
@@ -873,6 +932,7 @@ static enum lw_status run(struct daemon *d, struct lw_error *err) {
 
 static void finish(struct daemon *d) {
     lw_server_destroy(d->server);
+    lw_daemon_metrics_finish(&d->metrics);
     lw_light_store_finish(&d->light_store);
     lw_publisher_destroy(d->publisher);
     if (d->solver) d->solver->ops->destroy(d->solver);
@@ -912,9 +972,10 @@ int main(int argc, char **argv) {
     lw_wait_passively(argv);
     d.program = argv[0];
     enum lw_status status = parse(&d.settings, argc, argv, &done, &err);
-    if (status == LW_OK && !done) status = lw_trace_check_isa(&err); /* before anybody is served */
+    if (status == LW_OK && !done) status = lw_trace_check_isa(&d.isa, &err); /* before anybody is served */
     if (status == LW_OK && !done) {
         lw_interrupt_watch(on_early_signal, NULL);
+        lw_daemon_metrics_init(&d.metrics, d.isa, d.settings.entry->name);
         status = run(&d, &err);
         finish(&d);
         if (status == LW_CLOSED) status = LW_OK; /* stopped by a signal before it served */

@@ -394,11 +394,13 @@ static enum lw_status free_objects(struct lw_trace *trace, const struct lw_pose 
     return LW_OK;
 }
 
-enum lw_status lw_trace_check_isa(struct lw_error *err) {
+enum lw_status lw_trace_check_isa(const char **out_isa, struct lw_error *err) {
     RTCDevice device;
     enum lw_status status = lw_trace_isa_open(&device, err);
-    if (status == LW_OK) rtcReleaseDevice(device);
-    return status;
+    if (status != LW_OK) return status;
+    *out_isa = lw_trace_isa_of(device);
+    rtcReleaseDevice(device);
+    return LW_OK;
 }
 
 enum lw_status lw_trace_create(const struct lw_scene *scene, const struct lw_pose *pose,

@@ -28,7 +28,7 @@
 
 struct lw_server {
     uv_loop_t loop;
-    uv_tcp_t listener, http_listener;
+    uv_tcp_t listener, http_listener, metrics_listener;
     uv_async_t wake;
     uv_prepare_t prepare; /* before the loop waits */
     uv_check_t check;     /* after it has waited */
@@ -37,15 +37,18 @@ struct lw_server {
     uv_timer_t beat;      /* runs if hooks want it */
     struct lw_server_hooks hooks;
     uint64_t lagged_ns; /* when lag last came */
+    uint64_t ticked_ns; /* when tick last came */
     uint64_t window_ns; /* when the window began that loop_lag and shared.ack belong to */
     struct lw_histogram loop_lag;
+    struct lw_durations lag_all; /* the same since the start */
     uv_signal_t interrupt, terminate;
     bool stopping;
-    uint16_t port, http_port;
+    uint16_t port, http_port, metrics_port;
     uint32_t *order;
     struct lw_session_shared shared;
     struct lw_tcp_transport_shared tcp;
-    struct lw_web_server *web; /* NULL: there is no HTTP */
+    struct lw_web_server *web;         /* NULL: there is no HTTP */
+    struct lw_web_server *metrics_web; /* NULL: there is no monitoring */
 
     uv_mutex_t mutex;               /* guards what follows; held for an assignment only */
     struct lw_snapshot *latest;     /* handed over, not yet seen by the loop */
@@ -304,9 +307,21 @@ static void stop_when_empty(struct lw_server *server) {
     if (server->stopping && !server->shared.first) uv_stop(&server->loop);
 }
 
+/* What adds up since the start, for lw_server_get_stats(). */
+static void tell_sums(struct lw_server *server, uint64_t now_ns) {
+    struct lw_session_shared *shared = &server->shared;
+    uv_mutex_lock(&shared->stats_mutex);
+    shared->stats.session_ns += shared->stats.sessions_now * (now_ns - server->ticked_ns);
+    shared->stats.loop_lag = server->lag_all;
+    shared->stats.ack = shared->ack_all;
+    uv_mutex_unlock(&shared->stats_mutex);
+    server->ticked_ns = now_ns;
+}
+
 static void on_session_closed(void *context) {
     struct lw_server *server = context;
     if (!server->shared.first) {
+        tell_sums(server, lw_clock_ns());
         uv_timer_stop(&server->tick);
         uv_timer_stop(&server->lag);
     }
@@ -357,6 +372,7 @@ static void on_tick(uv_timer_t *handle) {
     uint64_t now_ns = lw_clock_ns();
     shared->epoch++;
     lw_peer_log_tell(&shared->log, now_ns);
+    tell_sums(server, now_ns);
     for (struct lw_session *s = shared->first, *next; s; s = next) {
         next = lw_session_next(s);
         lw_session_tick(s, now_ns, &waiting);
@@ -383,6 +399,11 @@ static void end_window(struct lw_server *server, uint64_t now_ns) {
     server->window_ns = now_ns;
 }
 
+static void add_lag(struct lw_server *server, uint64_t late_ns) {
+    lw_histogram_add(&server->loop_lag, late_ns);
+    lw_durations_add(&server->lag_all, late_ns);
+}
+
 /* What came at any moment while the loop was away had to wait for its return: a long absence counts as often as it would
  * have been looked for. */
 static void on_lag(uv_timer_t *handle) {
@@ -390,9 +411,8 @@ static void on_lag(uv_timer_t *handle) {
     const uint64_t now_ns = lw_clock_ns(), interval_ns = LAG_MS * 1000000u,
                    due_ns = server->lagged_ns + interval_ns;
     uint64_t late_ns = now_ns > due_ns ? now_ns - due_ns : 0;
-    lw_histogram_add(&server->loop_lag, late_ns);
-    for (; late_ns > interval_ns; late_ns -= interval_ns)
-        lw_histogram_add(&server->loop_lag, late_ns - interval_ns);
+    add_lag(server, late_ns);
+    for (; late_ns > interval_ns; late_ns -= interval_ns) add_lag(server, late_ns - interval_ns);
     server->lagged_ns = now_ns;
     lw_session_serve_paced(&server->shared);
     if (now_ns - server->window_ns >= LW_SERVER_WINDOW_S * 1000000000ull) end_window(server, now_ns);
@@ -406,7 +426,7 @@ static void on_beat(uv_timer_t *handle) {
 static void on_session_opened(void *context) {
     struct lw_server *server = context;
     if (uv_is_active((uv_handle_t *)&server->tick)) return;
-    server->lagged_ns = server->window_ns = lw_clock_ns();
+    server->lagged_ns = server->window_ns = server->ticked_ns = lw_clock_ns();
     uv_timer_start(&server->tick, on_tick, TICK_MS, TICK_MS);
     uv_timer_start(&server->lag, on_lag, LAG_MS, LAG_MS);
 }
@@ -417,6 +437,8 @@ static void on_connection(uv_stream_t *listener, int result) {
         lw_log(LW_LOG_WARNING, "cannot accept a connection: %s", uv_strerror(result));
     else if (listener == (uv_stream_t *)&server->http_listener)
         lw_web_server_accept(server->web, listener);
+    else if (listener == (uv_stream_t *)&server->metrics_listener)
+        lw_web_server_accept(server->metrics_web, listener);
     else if (lw_tcp_transport_accept(&server->tcp, listener) != LW_OK)
         lw_log(LW_LOG_WARNING, "cannot accept a connection: too many of them");
 }
@@ -494,12 +516,28 @@ static enum lw_status start_http(struct lw_server *server, const struct lw_serve
     return LW_OK;
 }
 
+static enum lw_status start_metrics(struct lw_server *server, const struct lw_server_desc *desc,
+                                    struct lw_error *err) {
+    if (!desc->metrics_host) return LW_OK;
+    assert(desc->hooks.page);
+    const struct lw_web_server_desc web = {.loop = &server->loop,
+                                           .sessions = &server->shared,
+                                           .host = desc->metrics_host,
+                                           .hosts = desc->http_hosts,
+                                           .page = desc->hooks.page,
+                                           .page_context = desc->hooks.context};
+    enum lw_status status = start_listening(&server->metrics_listener, desc->metrics_host, desc->metrics_port,
+                                            "--metrics", &server->metrics_port, err);
+    return status == LW_OK ? lw_web_server_create(&web, &server->metrics_web, err) : status;
+}
+
 static enum lw_status init_handles(struct lw_server *server, struct lw_error *err) {
     int result = uv_loop_init(&server->loop);
     if (result < 0) return lw_status_fail(err, LW_OS, "cannot start an event loop: %s", uv_strerror(result));
     server->loop.data = server; /* says that there is a loop to close */
     if ((result = uv_tcp_init(&server->loop, &server->listener)) < 0 ||
         (result = uv_tcp_init(&server->loop, &server->http_listener)) < 0 ||
+        (result = uv_tcp_init(&server->loop, &server->metrics_listener)) < 0 ||
         (result = uv_async_init(&server->loop, &server->wake, on_wake)) < 0 ||
         (result = uv_timer_init(&server->loop, &server->tick)) < 0 ||
         (result = uv_timer_init(&server->loop, &server->lag)) < 0 ||
@@ -510,8 +548,8 @@ static enum lw_status init_handles(struct lw_server *server, struct lw_error *er
         (result = uv_signal_init(&server->loop, &server->interrupt)) < 0 ||
         (result = uv_signal_init(&server->loop, &server->terminate)) < 0)
         return lw_status_fail(err, LW_OS, "cannot start an event loop: %s", uv_strerror(result));
-    server->listener.data = server->http_listener.data = server->wake.data = server->tick.data =
-        server->lag.data = server->beat.data = server;
+    server->listener.data = server->http_listener.data = server->metrics_listener.data = server;
+    server->wake.data = server->tick.data = server->lag.data = server->beat.data = server;
     server->prepare.data = server->check.data = server->busy.data = server;
     server->interrupt.data = server->terminate.data = server;
     return LW_OK;
@@ -643,6 +681,7 @@ enum lw_status lw_server_create(const struct lw_server_desc *desc, struct lw_ser
         status = start_listening(&server->listener, desc->host ? desc->host : "127.0.0.1", desc->port,
                                  "--listen", &server->port, err);
     if (status == LW_OK) status = start_http(server, desc, err);
+    if (status == LW_OK) status = start_metrics(server, desc, err);
     if (status == LW_OK && (status = init_shared(server, desc)) != LW_OK)
         lw_status_fail(err, status, "cannot prepare the scene package for clients: %s",
                        lw_status_text(status));
@@ -657,6 +696,7 @@ no_memory:
 
 uint16_t lw_server_port(const struct lw_server *server) { return server->port; }
 uint16_t lw_server_http_port(const struct lw_server *server) { return server->http_port; }
+uint16_t lw_server_metrics_port(const struct lw_server *server) { return server->metrics_port; }
 
 enum lw_status lw_server_run(struct lw_server *server, struct lw_error *err) {
     signal(SIGPIPE, SIG_IGN); /* libuv writes to closed sockets without asking for silence */
@@ -706,11 +746,17 @@ void lw_server_get_stats(const struct lw_server *server, struct lw_server_stats 
 
 /* Ours alone: libwebsockets closes its own. */
 static void close_handles(struct lw_server *server) {
-    uv_handle_t *const handles[] = {(uv_handle_t *)&server->listener, (uv_handle_t *)&server->http_listener,
-                                    (uv_handle_t *)&server->wake,     (uv_handle_t *)&server->prepare,
-                                    (uv_handle_t *)&server->check,    (uv_handle_t *)&server->busy,
-                                    (uv_handle_t *)&server->tick,     (uv_handle_t *)&server->lag,
-                                    (uv_handle_t *)&server->beat,     (uv_handle_t *)&server->interrupt,
+    uv_handle_t *const handles[] = {(uv_handle_t *)&server->listener,
+                                    (uv_handle_t *)&server->http_listener,
+                                    (uv_handle_t *)&server->metrics_listener,
+                                    (uv_handle_t *)&server->wake,
+                                    (uv_handle_t *)&server->prepare,
+                                    (uv_handle_t *)&server->check,
+                                    (uv_handle_t *)&server->busy,
+                                    (uv_handle_t *)&server->tick,
+                                    (uv_handle_t *)&server->lag,
+                                    (uv_handle_t *)&server->beat,
+                                    (uv_handle_t *)&server->interrupt,
                                     (uv_handle_t *)&server->terminate};
     for (size_t i = 0; i < sizeof handles / sizeof *handles; i++) close_handle(handles[i]);
 }
@@ -725,10 +771,12 @@ void lw_server_destroy(struct lw_server *server) {
     if (server->loop.data) {
         while (shared->first) lw_session_close(shared->first, "the server ends");
         lw_web_server_close(server->web);
+        lw_web_server_close(server->metrics_web);
         close_handles(server);
         while (uv_run(&server->loop, UV_RUN_DEFAULT) != 0) {
         }
         lw_web_server_destroy(server->web);
+        lw_web_server_destroy(server->metrics_web);
         uv_loop_close(&server->loop);
     }
     lw_snapshot_unref(server->latest);

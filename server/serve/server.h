@@ -10,6 +10,7 @@
 
 #include "common/scene/scene_change.h"
 #include "server/publish/snapshot.h"
+#include "server/serve/durations.h"
 
 #define LW_SERVER_SESSIONS_MAX    10000u
 #define LW_SERVER_HELLO_TIMEOUT_S 10u /* a peer that has not said hello by then is refused */
@@ -28,12 +29,22 @@
 #define LW_SERVER_WINDOW_S    5u    /* over which delays are told */
 #define LW_SERVER_LOOKS_HZ    4u    /* looks at time limits and at what waits */
 
+/** A page of the monitoring port. */
+struct lw_server_page {
+    unsigned status;  /* of HTTP */
+    const char *type; /* Content-Type; outlives the server */
+    char *text;       /* the server free()s it */
+    size_t size;      /* bytes */
+};
+
 /** What the loop asks of whoever runs the server, and tells him; all of it [loop]. Zero: nothing. */
 struct lw_server_hooks {
     void *context;
     void (*beat)(void *context); /* every beat_ms while the loop turns, from the start of lw_server_run() */
     unsigned beat_ms;
     void (*stopping)(void *context); /* the server has begun to end; once */
+    /* Makes a page of the monitoring port; false: there is none of that path. */
+    bool (*page)(void *context, const char *path, struct lw_server_page *out_page);
 };
 
 struct lw_server_desc {
@@ -43,6 +54,8 @@ struct lw_server_desc {
     const char *http_host, *http_root, *http_hosts, *http_origins;
     uint16_t http_port;                   /* 0: the system picks one */
     bool http_may_fail;                   /* then there is a warning, and no HTTP */
+    const char *metrics_host;             /* monitoring, by hooks.page; NULL: none */
+    uint16_t metrics_port;                /* 0: the system picks one */
     const struct lw_atlas_map *atlas_map; /* outlives the server */
     const uint8_t *package;               /* outlives the server */
     size_t package_size;
@@ -78,6 +91,9 @@ struct lw_server_stats {
     /* As of the last look, LW_SERVER_LOOKS_HZ times a second. */
     uint64_t waiting_bytes, waiting_bytes_max; /* that links have not taken: in all, and of one session */
     uint64_t socket_bytes;                     /* that they have, and the peers' systems have not: in all */
+    /* Since the start, as of the same look. */
+    uint64_t session_ns;               /* that sessions lasted, added up */
+    struct lw_durations loop_lag, ack; /* of the windows above, all of them together */
 };
 
 struct lw_server;
@@ -90,6 +106,8 @@ LW_MUST_CHECK enum lw_status lw_server_create(const struct lw_server_desc *desc,
 uint16_t lw_server_port(const struct lw_server *server);
 /** The same for HTTP; 0: it does not serve that. */
 uint16_t lw_server_http_port(const struct lw_server *server);
+/** The same for monitoring. */
+uint16_t lw_server_metrics_port(const struct lw_server *server);
 /** Serves until lw_server_stop(), SIGINT or SIGTERM; a second signal has its default effect. SIGPIPE is ignored from here
  * on, in the whole process. Call from one thread, once; that thread is the loop. Errors: LW_OS. */
 LW_MUST_CHECK enum lw_status lw_server_run(struct lw_server *server, struct lw_error *err);

@@ -934,7 +934,11 @@ static void handle_ack(struct lw_session *s, uint64_t frame) {
         const struct lw_session_recent *recent =
             &shared->recent[(shared->generation - back) % LW_SESSION_RECENT];
         if (recent->frame > frame) continue;
-        if (recent->frame == frame) lw_histogram_add(&s->shared->ack, lw_clock_ns() - recent->at_ns);
+        if (recent->frame == frame) {
+            const uint64_t ack_ns = lw_clock_ns() - recent->at_ns;
+            lw_histogram_add(&s->shared->ack, ack_ns);
+            lw_durations_add(&s->shared->ack_all, ack_ns);
+        }
         return;
     }
 }

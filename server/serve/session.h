@@ -56,6 +56,7 @@ struct lw_session_shared {
         uint64_t frame, at_ns;
     } recent[LW_SESSION_RECENT]; /* by generation: when the loop got each of the last snapshots */
     struct lw_histogram ack;     /* ns from then to a session's ACK; the server empties it */
+    struct lw_durations ack_all; /* the same since the start */
     uint64_t hello_timeout_ns, stall_timeout_ns, excess_timeout_ns, package_timeout_ns, silence_timeout_ns;
     uint64_t rate_limit_bytes_hz; /* to each session; 0: none */
 

@@ -27,6 +27,8 @@ struct lw_web_server {
     struct lws_protocols protocols[3];
     struct lw_web_files files;
     char *host, *hosts, *origins;
+    bool (*page)(void *context, const char *path, struct lw_server_page *out_page);
+    void *page_context;
     struct lw_ws_transport_shared sockets;
     uint32_t connection_count;       /* that are no sessions */
     struct lw_address_places places; /* of these */
@@ -40,6 +42,7 @@ struct connection {
     struct lw_ws_transport *socket; /* it is a WebSocket */
     const uint8_t *body;            /* of the answer: what is left of it */
     size_t body_size;
+    char *made; /* a page that was made for this one */
     char host[LW_HTTP_ORIGIN_MAX];
 };
 
@@ -184,6 +187,20 @@ static bool check_origin(struct lws *wsi, const struct connection *c) {
            (lw_http_origin_is_same(origin, c->host) || lw_http_origin_is_listed(c->server->origins, origin));
 }
 
+static int answer_nothing(struct lws *wsi, struct connection *c, bool head) {
+    static const char text[] = "There is no such page.\n";
+    return answer(wsi, c, 404, "text/plain; charset=utf-8", (const uint8_t *)text, sizeof text - 1, NULL,
+                  head);
+}
+
+static int answer_page(struct lws *wsi, struct connection *c, const char *path, bool head) {
+    struct lw_server_page made = {0};
+    if (!c->server->page(c->server->page_context, path, &made)) return answer_nothing(wsi, c, head);
+    free(c->made);
+    c->made = made.text;
+    return answer(wsi, c, made.status, made.type, (const uint8_t *)made.text, made.size, NULL, head);
+}
+
 static int handle_request(struct lws *wsi, struct connection *c, const char *path) {
     struct lw_web_server *server = c->server;
     char *uri, tag[64];
@@ -193,16 +210,13 @@ static int handle_request(struct lws *wsi, struct connection *c, const char *pat
     if (method != GET && method != HEAD) return refuse(wsi, c, 405, "There is GET and HEAD.\n");
     if (has_header(wsi, WSI_TOKEN_HTTP_CONTENT_LENGTH) || has_header(wsi, WSI_TOKEN_HTTP_TRANSFER_ENCODING))
         return refuse(wsi, c, 400, "A request has no body here.\n");
+    if (server->page) return answer_page(wsi, c, path, method == HEAD);
     if (strcmp(path, ENDPOINT) == 0) return refuse(wsi, c, 426, "This is for WebSockets.\n");
     const struct lw_web_file *file = lw_web_files_find(&server->files, path);
     if (!file && !server->files.count && strcmp(path, "/") == 0)
         return answer(wsi, c, 200, "text/html; charset=utf-8", (const uint8_t *)page, sizeof page - 1, NULL,
                       method == HEAD);
-    if (!file) {
-        static const char text[] = "There is no such page.\n";
-        return answer(wsi, c, 404, "text/plain; charset=utf-8", (const uint8_t *)text, sizeof text - 1, NULL,
-                      method == HEAD);
-    }
+    if (!file) return answer_nothing(wsi, c, method == HEAD);
     if (get_header(wsi, WSI_TOKEN_HTTP_IF_NONE_MATCH, tag, sizeof tag) && strstr(tag, file->tag))
         return answer(wsi, c, 304, NULL, NULL, 0, file->tag, true);
     return answer(wsi, c, 200, file->type, file->bytes, file->size, file->tag, method == HEAD);
@@ -212,8 +226,8 @@ static int handle_request(struct lws *wsi, struct connection *c, const char *pat
 static int handle_upgrade(struct lws *wsi, struct connection *c, const char *what) {
     char path[sizeof ENDPOINT + 1];
     if (!check_host(wsi, c)) return refuse_host(wsi, c);
-    if (strcasecmp(what, "websocket") != 0 || !get_header(wsi, WSI_TOKEN_GET_URI, path, sizeof path) ||
-        strcmp(path, ENDPOINT) != 0)
+    if (c->server->page || strcasecmp(what, "websocket") != 0 ||
+        !get_header(wsi, WSI_TOKEN_GET_URI, path, sizeof path) || strcmp(path, ENDPOINT) != 0)
         return refuse(wsi, c, 404, "WebSockets are at " ENDPOINT ".\n");
     if (!check_origin(wsi, c))
         return refuse(wsi, c, 403,
@@ -246,6 +260,7 @@ static void forget(struct lws *wsi, struct connection *c) {
     lws_set_opaque_user_data(wsi, NULL);
     if (!c->socket) give_place(c->server, &c->at);
     lw_ws_transport_destroy(c->socket);
+    free(c->made);
     free(c);
 }
 
@@ -400,6 +415,8 @@ enum lw_status lw_web_server_create(const struct lw_web_server_desc *desc, struc
     server->host = copy(desc->host);
     server->hosts = copy(desc->hosts);
     server->origins = copy(desc->origins);
+    server->page = desc->page;
+    server->page_context = desc->page_context;
     enum lw_status status = server->host && server->hosts && server->origins
                                 ? read_files(server, desc->root, err)
                                 : lw_status_fail(err, LW_NO_MEMORY, "out of memory");

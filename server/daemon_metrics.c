@@ -1,0 +1,236 @@
+#include "server/daemon_metrics.h"
+
+#include "common/clock.h"
+#include "server/serve/exposition.h"
+
+#include <dirent.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <time.h>
+#include <unistd.h>
+
+void lw_daemon_metrics_init(struct lw_daemon_metrics *metrics, const char *isa, const char *solver) {
+    *metrics = (struct lw_daemon_metrics){
+        .isa = isa, .solver = solver, .started_s = (double)lw_clock_read_ns(CLOCK_REALTIME) * 1e-9};
+    pthread_mutex_init(&metrics->mutex, NULL);
+}
+
+void lw_daemon_metrics_finish(struct lw_daemon_metrics *metrics) { pthread_mutex_destroy(&metrics->mutex); }
+
+void lw_daemon_metrics_memory(struct lw_daemon_metrics *metrics, uint64_t bytes) {
+    pthread_mutex_lock(&metrics->mutex);
+    metrics->sums.memory_bytes = bytes;
+    pthread_mutex_unlock(&metrics->mutex);
+}
+
+void lw_daemon_metrics_first_light(struct lw_daemon_metrics *metrics, double after_s) {
+    pthread_mutex_lock(&metrics->mutex);
+    metrics->sums.lit_after_s = after_s;
+    pthread_mutex_unlock(&metrics->mutex);
+}
+
+/* A pass that did not run took no time, and counts as none. */
+static void add_pass(struct lw_daemon_metrics_sums *sums, enum lw_daemon_metrics_pass pass, uint64_t ns) {
+    if (ns) lw_durations_add(&sums->pass[pass], ns);
+}
+
+void lw_daemon_metrics_frame(struct lw_daemon_metrics *metrics, const struct lw_daemon_metrics_frame *frame) {
+    const struct lw_solver_stats *solve = frame->solve;
+    const struct lw_publisher_stats *publish = frame->publish;
+    struct lw_daemon_metrics_sums *sums = &metrics->sums;
+    pthread_mutex_lock(&metrics->mutex);
+    lw_durations_add(&sums->frame, frame->wall_ns);
+    add_pass(sums, LW_DAEMON_METRICS_pose, solve->pose_ns);
+    add_pass(sums, LW_DAEMON_METRICS_change, solve->change_ns);
+    add_pass(sums, LW_DAEMON_METRICS_direct, solve->direct_ns);
+    add_pass(sums, LW_DAEMON_METRICS_probe, solve->probe_ns);
+    add_pass(sums, LW_DAEMON_METRICS_scatter, solve->scatter_ns);
+    add_pass(sums, LW_DAEMON_METRICS_denoise, solve->denoise_ns);
+    add_pass(sums, LW_DAEMON_METRICS_weld, solve->weld_ns);
+    add_pass(sums, LW_DAEMON_METRICS_levels, publish->levels_ns);
+    add_pass(sums, LW_DAEMON_METRICS_encode, publish->encode_ns);
+    sums->rays_shadow += solve->rays_shadow;
+    sums->rays_bounce += solve->rays_bounce;
+    sums->rays_probe += solve->rays_probe;
+    sums->texels_solved += solve->texels_solved;
+    sums->tiles_encoded += publish->tiles_encoded;
+    sums->bytes_encoded += publish->bytes_encoded;
+    if (publish->saturated) sums->saturated = publish->saturated; /* a frame without snapshot has none */
+    sums->changes += frame->changes;
+    sums->solve_cpu_ns += frame->solve_cpu_ns;
+    sums->publish_cpu_ns += frame->publish_cpu_ns;
+    sums->newest_frame = frame->number;
+    sums->tiles = solve->tiles;
+    sums->tiles_converged = solve->tiles_converged;
+    sums->tiles_wanted = solve->tiles_wanted;
+    pthread_mutex_unlock(&metrics->mutex);
+}
+
+/* ---- the process ---- */
+
+static double resident_bytes(void) {
+    unsigned long long pages = 0;
+    FILE *file = fopen("/proc/self/statm", "re");
+    if (!file) return 0;
+    if (fscanf(file, "%*u %llu", &pages) != 1) pages = 0;
+    fclose(file);
+    return (double)pages * (double)sysconf(_SC_PAGESIZE);
+}
+
+static double open_descriptors(void) {
+    DIR *folder = opendir("/proc/self/fd");
+    double count = -1; /* the folder's own */
+    if (!folder) return 0;
+    for (const struct dirent *entry; (entry = readdir(folder));) count += entry->d_name[0] != '.';
+    closedir(folder);
+    return count;
+}
+
+static void write_process(struct lw_exposition *e, const struct lw_daemon_metrics *metrics) {
+    struct rlimit limit;
+    lw_exposition_counter(e, "process_cpu_seconds_total", (double)lw_clock_process_cpu_ns() * 1e-9,
+                          "CPU time of the process, over all its threads.");
+    lw_exposition_gauge(e, "process_start_time_seconds", metrics->started_s,
+                        "When the process started, since the Unix epoch.");
+    lw_exposition_gauge(e, "process_resident_memory_bytes", resident_bytes(), "Resident memory.");
+    lw_exposition_gauge(e, "process_open_fds", open_descriptors(), "Open file descriptors.");
+    if (getrlimit(RLIMIT_NOFILE, &limit) == 0)
+        lw_exposition_gauge(e, "process_max_fds", (double)limit.rlim_cur,
+                            "File descriptors that may be open at once.");
+}
+
+/* ---- our own ---- */
+
+static void write_build(struct lw_exposition *e, const struct lw_daemon_metrics *metrics) {
+    char isa[64], solver[64], labels[256];
+    lw_exposition_escape(isa, sizeof isa, metrics->isa);
+    lw_exposition_escape(solver, sizeof solver, metrics->solver);
+    snprintf(labels, sizeof labels, "version=\"" LW_VERSION "\",isa=\"%s\",solver=\"%s\"", isa, solver);
+    lw_exposition_metric(e, "lightwell_build_info", "gauge",
+                         "Always 1: the version, the instruction set that rays are traced with, the solver.");
+    lw_exposition_sample(e, "lightwell_build_info", labels, 1);
+}
+
+static void write_solve(struct lw_exposition *e, const struct lw_daemon_metrics_sums *sums) {
+    static const char *const passes[] = {
+#define LW_DAEMON_METRICS_LABEL(name) "pass=\"" #name "\"",
+        LW_DAEMON_METRICS_PASSES(LW_DAEMON_METRICS_LABEL)
+#undef LW_DAEMON_METRICS_LABEL
+    };
+    lw_exposition_metric(e, "lightwell_frame_duration_seconds", "histogram",
+                         "Wall time of a frame: simulated, solved and published.");
+    lw_exposition_durations(e, "lightwell_frame_duration_seconds", NULL, &sums->frame);
+    lw_exposition_metric(e, "lightwell_pass_duration_seconds", "histogram",
+                         "Wall time of a frame's passes; a pass that did not run is not counted.");
+    for (unsigned p = 0; p < LW_DAEMON_METRICS_PASS_COUNT; p++)
+        lw_exposition_durations(e, "lightwell_pass_duration_seconds", passes[p], &sums->pass[p]);
+    lw_exposition_gauge(e, "lightwell_frame", (double)sums->newest_frame, "Number of the newest frame.");
+    lw_exposition_metric(e, "lightwell_rays_total", "counter", "Rays traced, by what they are for.");
+    lw_exposition_sample(e, "lightwell_rays_total", "kind=\"shadow\"", (double)sums->rays_shadow);
+    lw_exposition_sample(e, "lightwell_rays_total", "kind=\"bounce\"", (double)sums->rays_bounce);
+    lw_exposition_sample(e, "lightwell_rays_total", "kind=\"probe\"", (double)sums->rays_probe);
+    lw_exposition_counter(e, "lightwell_solved_texels_total", (double)sums->texels_solved,
+                          "Texels solved; one counts in each frame that solves it.");
+    lw_exposition_gauge(e, "lightwell_tiles", sums->tiles, "Level-0 tiles of the scene.");
+    lw_exposition_gauge(e, "lightwell_converged_tiles", sums->tiles_converged,
+                        "Level-0 tiles that are converged: they cost no ray.");
+    lw_exposition_gauge(e, "lightwell_wanted_tiles", sums->tiles_wanted,
+                        "Level-0 tiles in the interest set of all clients together.");
+    lw_exposition_counter(e, "lightwell_scene_changes_total", (double)sums->changes,
+                          "Changes of the scene that clients made.");
+    lw_exposition_counter(e, "lightwell_saturated_channels_total", (double)sums->saturated,
+                          "Channels of light that did not fit the tile codec's range.");
+    lw_exposition_gauge(e, "lightwell_solve_memory_bytes", (double)sums->memory_bytes,
+                        "Memory of solver and publisher, rays' structure included.");
+    lw_exposition_gauge(e, "lightwell_first_light_seconds", sums->lit_after_s,
+                        "First light after the start; 0: none yet.");
+}
+
+static void write_serve(struct lw_exposition *e, const struct lw_daemon_metrics_sums *sums,
+                        const struct lw_server_stats *serve) {
+    lw_exposition_counter(e, "lightwell_encoded_tiles_total", (double)sums->tiles_encoded,
+                          "Tiles encoded, once for all clients.");
+    lw_exposition_counter(e, "lightwell_encoded_bytes_total", (double)sums->bytes_encoded,
+                          "Bytes of these, for a client that has the tiles of the frame before.");
+    lw_exposition_gauge(e, "lightwell_sessions", (double)serve->sessions_now, "Clients that are connected.");
+    lw_exposition_gauge(e, "lightwell_drawing_sessions", (double)serve->sessions_drawing,
+                        "Clients of these that draw direct light.");
+    lw_exposition_counter(e, "lightwell_opened_sessions_total", (double)serve->sessions_total,
+                          "Clients that were welcomed.");
+    lw_exposition_counter(e, "lightwell_refusals_total", (double)serve->refused, "Refusals sent.");
+    lw_exposition_counter(e, "lightwell_session_seconds_total", (double)serve->session_ns * 1e-9,
+                          "Time that clients were connected, added up over them.");
+    lw_exposition_counter(e, "lightwell_sent_tiles_total", (double)serve->tiles_sent,
+                          "Tiles sent, over all clients.");
+    lw_exposition_counter(e, "lightwell_sent_bytes_total", (double)serve->bytes_sent,
+                          "Bytes sent, over all clients.");
+    lw_exposition_gauge(e, "lightwell_waiting_bytes", (double)serve->waiting_bytes,
+                        "Bytes that clients' links have not taken.");
+    lw_exposition_gauge(e, "lightwell_largest_waiting_bytes", (double)serve->waiting_bytes_max,
+                        "Those of the client that has most of them.");
+    lw_exposition_gauge(e, "lightwell_socket_bytes", (double)serve->socket_bytes,
+                        "Bytes that links have taken and clients' systems have not.");
+    lw_exposition_metric(e, "lightwell_loop_lag_seconds", "histogram",
+                         "How late the network's thread came to what was due, while there are clients.");
+    lw_exposition_durations(e, "lightwell_loop_lag_seconds", NULL, &serve->loop_lag);
+    lw_exposition_metric(e, "lightwell_acknowledgement_duration_seconds", "histogram",
+                         "From a frame's reaching the network's thread to a client's saying that it has it.");
+    lw_exposition_durations(e, "lightwell_acknowledgement_duration_seconds", NULL, &serve->ack);
+}
+
+static void write_cpu(struct lw_exposition *e, const struct lw_daemon_metrics_sums *sums,
+                      const struct lw_server_stats *serve) {
+    lw_exposition_metric(e, "lightwell_cpu_seconds_total", "counter",
+                         "CPU time by stage, over the threads of each.");
+    lw_exposition_sample(e, "lightwell_cpu_seconds_total", "stage=\"solve\"",
+                         (double)sums->solve_cpu_ns * 1e-9);
+    lw_exposition_sample(e, "lightwell_cpu_seconds_total", "stage=\"publish\"",
+                         (double)sums->publish_cpu_ns * 1e-9);
+    lw_exposition_sample(e, "lightwell_cpu_seconds_total", "stage=\"serve\"",
+                         (double)serve->loop_cpu_ns * 1e-9);
+}
+
+enum lw_status lw_daemon_metrics_text(struct lw_daemon_metrics *metrics,
+                                      const struct lw_daemon_metrics_state *state,
+                                      const struct lw_server_stats *serve, char **out_text,
+                                      size_t *out_size) {
+    struct lw_exposition e;
+    pthread_mutex_lock(&metrics->mutex);
+    const struct lw_daemon_metrics_sums sums = metrics->sums;
+    pthread_mutex_unlock(&metrics->mutex);
+    enum lw_status status = lw_exposition_begin(&e);
+    if (status != LW_OK) return status;
+    write_build(&e, metrics);
+    lw_exposition_gauge(&e, "lightwell_ready", state->is_lit && !state->is_stalled && !state->is_stopping,
+                        "1: clients get light; what /readyz says.");
+    lw_exposition_gauge(&e, "lightwell_solver_stalled", state->is_stalled,
+                        "1: the solver has made no progress within --stall-limit.");
+    write_solve(&e, &sums);
+    write_serve(&e, &sums, serve);
+    write_cpu(&e, &sums, serve);
+    write_process(&e, metrics);
+    return lw_exposition_end(&e, out_text, out_size);
+}
+
+static bool plain_page(struct lw_server_page *out_page, unsigned status, const char *text) {
+    *out_page = (struct lw_server_page){
+        .status = status, .type = "text/plain; charset=utf-8", .text = strdup(text), .size = strlen(text)};
+    return out_page->text;
+}
+
+bool lw_daemon_metrics_page(struct lw_daemon_metrics *metrics, const char *path,
+                            const struct lw_daemon_metrics_state *state, const struct lw_server_stats *serve,
+                            struct lw_server_page *out_page) {
+    if (strcmp(path, "/healthz") == 0)
+        return state->is_stalled ? plain_page(out_page, 503, "the solver makes no progress\n")
+                                 : plain_page(out_page, 200, "ok\n");
+    if (strcmp(path, "/readyz") == 0)
+        return state->is_stopping  ? plain_page(out_page, 503, "stopping\n")
+               : state->is_stalled ? plain_page(out_page, 503, "the solver makes no progress\n")
+               : !state->is_lit    ? plain_page(out_page, 503, "no light yet\n")
+                                   : plain_page(out_page, 200, "ok\n");
+    if (strcmp(path, "/metrics") != 0) return false;
+    *out_page = (struct lw_server_page){.status = 200, .type = LW_EXPOSITION_TYPE};
+    return lw_daemon_metrics_text(metrics, state, serve, &out_page->text, &out_page->size) == LW_OK;
+}
