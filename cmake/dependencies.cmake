@@ -13,6 +13,7 @@ pkg_check_modules(xxhash REQUIRED IMPORTED_TARGET libxxhash)
 pkg_check_modules(openexr REQUIRED IMPORTED_TARGET OpenEXR)
 pkg_check_modules(png REQUIRED IMPORTED_TARGET libpng)
 find_package(JPEG REQUIRED) # libjpeg-turbo: JPEG::JPEG
+find_package(meshoptimizer 0.18 REQUIRED) # meshoptimizer::meshoptimizer
 pkg_check_modules(assimp REQUIRED IMPORTED_TARGET assimp>=5.2)
 pkg_check_modules(jansson REQUIRED IMPORTED_TARGET jansson)
 pkg_check_modules(sdl2 REQUIRED IMPORTED_TARGET sdl2)

@@ -2,6 +2,7 @@
 
 #include "common/file_read.h"
 #include "common/log.h"
+#include "server/import/gltf_meshopt.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -23,6 +24,7 @@ static const char *const warning_text[LW_GLTF_WARNING_COUNT] = {
 };
 
 static const char *const supported_extensions[] = {
+    "EXT_meshopt_compression",
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
     "KHR_mesh_quantization",
@@ -317,12 +319,20 @@ static enum lw_status open_list(struct lw_gltf_document *document, enum lw_gltf_
 static enum lw_status open_buffer(struct lw_gltf_document *document, uint32_t index, uint64_t *total,
                                   struct lw_error *err) {
     const json_t *object = lw_gltf_document_item(document, LW_GLTF_BUFFERS, index);
+    const json_t *meshopt = NULL;
     const char *uri = NULL;
     uint64_t size = 0;
-    if (lw_gltf_json_require(object, "byteLength", err) ||
+    bool fallback = false;
+    if (lw_gltf_json_extension(object, "EXT_meshopt_compression", &meshopt, err) ||
+        (meshopt && lw_gltf_json_flag(meshopt, "fallback", &fallback, err)) ||
+        lw_gltf_json_require(object, "byteLength", err) ||
         lw_gltf_json_integer(object, "byteLength", 1, LW_GLTF_FILE_SIZE_MAX, &size, err) ||
         lw_gltf_json_string(object, "uri", &uri, err))
         return err->status;
+    if (fallback) {
+        document->buffer[index] = (struct lw_gltf_bytes){NULL, size};
+        return LW_OK;
+    }
     *total += size;
     if (*total > LW_GLTF_BUFFERS_SIZE_MAX)
         return lw_status_fail(err, LW_BAD_DATA, "the buffers together have more than %llu bytes",
@@ -348,8 +358,25 @@ static enum lw_status open_buffer(struct lw_gltf_document *document, uint32_t in
     return LW_OK;
 }
 
-static enum lw_status open_view(struct lw_gltf_document *document, uint32_t index, struct lw_error *err) {
-    const json_t *object = lw_gltf_document_item(document, LW_GLTF_BUFFER_VIEWS, index);
+static enum lw_status open_compressed_view(struct lw_gltf_document *document, uint32_t index,
+                                           const json_t *extension, uint64_t size, uint64_t *total,
+                                           struct lw_error *err) {
+    size_t stride = 0;
+    *total += size;
+    if (*total > LW_GLTF_BUFFERS_SIZE_MAX)
+        return lw_status_fail(err, LW_BAD_DATA, "the buffers together, decompressed, have more than %llu bytes",
+                              (unsigned long long)LW_GLTF_BUFFERS_SIZE_MAX);
+    if (lw_gltf_meshopt_decode(document, extension, size, &document->view_storage[index], &stride, err)) {
+        lw_status_context(err, "EXT_meshopt_compression");
+        return err->status;
+    }
+    document->view[index] = (struct lw_gltf_buffer_view){{document->view_storage[index], size}, stride};
+    return LW_OK;
+}
+
+static enum lw_status open_view(struct lw_gltf_document *document, uint32_t index, uint64_t *total,
+                                struct lw_error *err) {
+    const json_t *object = lw_gltf_document_item(document, LW_GLTF_BUFFER_VIEWS, index), *compressed = NULL;
     uint32_t buffer = 0;
     uint64_t offset = 0, size = 0, stride = 0;
     if (lw_gltf_json_require(object, "buffer", err) ||
@@ -357,8 +384,12 @@ static enum lw_status open_view(struct lw_gltf_document *document, uint32_t inde
         lw_gltf_json_integer(object, "byteOffset", 0, LW_GLTF_FILE_SIZE_MAX, &offset, err) ||
         lw_gltf_json_require(object, "byteLength", err) ||
         lw_gltf_json_integer(object, "byteLength", 1, LW_GLTF_FILE_SIZE_MAX, &size, err) ||
-        lw_gltf_json_integer(object, "byteStride", 4, 252, &stride, err))
+        lw_gltf_json_integer(object, "byteStride", 4, 252, &stride, err) ||
+        lw_gltf_json_extension(object, "EXT_meshopt_compression", &compressed, err))
         return err->status;
+    if (compressed) return open_compressed_view(document, index, compressed, size, total, err);
+    if (!document->buffer[buffer].data)
+        return lw_status_fail(err, LW_BAD_DATA, "buffer: buffers[%u] is a fallback and has no bytes", buffer);
     if (offset > document->buffer[buffer].size || size > document->buffer[buffer].size - offset)
         return lw_status_fail(err, LW_BAD_DATA, "reaches past the end of buffers[%u]", buffer);
     if (stride % 4) return lw_status_fail(err, LW_BAD_DATA, "byteStride: must be a multiple of 4");
@@ -374,7 +405,8 @@ static enum lw_status open_buffers(struct lw_gltf_document *document, struct lw_
     document->buffer = calloc(buffer_count + 1ul, sizeof *document->buffer);
     document->buffer_storage = calloc(buffer_count + 1ul, sizeof *document->buffer_storage);
     document->view = calloc(view_count + 1ul, sizeof *document->view);
-    if (!document->buffer || !document->buffer_storage || !document->view)
+    document->view_storage = calloc(view_count + 1ul, sizeof *document->view_storage);
+    if (!document->buffer || !document->buffer_storage || !document->view || !document->view_storage)
         return lw_status_fail(err, LW_NO_MEMORY, "out of memory for its buffers");
     for (uint32_t i = 0; i < buffer_count; i++)
         if (open_buffer(document, i, &total, err)) {
@@ -382,7 +414,7 @@ static enum lw_status open_buffers(struct lw_gltf_document *document, struct lw_
             return err->status;
         }
     for (uint32_t i = 0; i < view_count; i++)
-        if (open_view(document, i, err)) {
+        if (open_view(document, i, &total, err)) {
             lw_status_context(err, "bufferViews[%u]", i);
             return err->status;
         }
@@ -406,6 +438,9 @@ enum lw_status lw_gltf_document_init(struct lw_gltf_document *document, const ch
 void lw_gltf_document_finish(struct lw_gltf_document *document) {
     for (uint32_t i = 0; document->buffer_storage && i < document->count[LW_GLTF_BUFFERS]; i++)
         free(document->buffer_storage[i]);
+    for (uint32_t i = 0; document->view_storage && i < document->count[LW_GLTF_BUFFER_VIEWS]; i++)
+        free(document->view_storage[i]);
+    free(document->view_storage);
     free(document->view);
     free(document->buffer_storage);
     free(document->buffer);

@@ -78,11 +78,12 @@ struct lw_gltf_document {
     const json_t *list[LW_GLTF_LIST_COUNT]; /* arrays of objects, or NULL */
     uint32_t count[LW_GLTF_LIST_COUNT];
     struct lw_gltf_bytes binary;  /* BIN chunk of a .glb */
-    struct lw_gltf_bytes *buffer; /* one per buffer */
+    struct lw_gltf_bytes *buffer; /* one per buffer; data is NULL if views of it are compressed elsewhere */
     uint8_t **buffer_storage;     /* what of them we allocated */
     struct lw_gltf_buffer_view *view;
-    bool quantized;  /* KHR_mesh_quantization is in use */
-    uint32_t warned; /* bit per enum lw_gltf_warning */
+    uint8_t **view_storage; /* of views that were compressed */
+    bool quantized;         /* KHR_mesh_quantization is in use */
+    uint32_t warned;        /* bit per enum lw_gltf_warning */
 };
 
 /** Opens a document in memory; `bytes` must outlive it. finish() also after failure. */

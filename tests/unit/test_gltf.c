@@ -1,5 +1,6 @@
 /* The glTF reader against files made here: a base scene that holds one of everything, and what becomes of it
  * when one place in it is changed. */
+#include "tests/support/glb.h"
 #include "tests/support/support.h"
 
 #include "common/log.h"
@@ -80,32 +81,10 @@ static char *replace(char *text, const struct change *change) {
     return out;
 }
 
-static void put_word(uint8_t *at, size_t value) {
-    for (int i = 0; i < 4; i++) at[i] = (uint8_t)(value >> 8 * i);
-}
-
-/* A .glb of JSON and a binary chunk; the caller frees it. */
-static uint8_t *pack(const char *json, const void *data, size_t data_size, size_t *out_size) {
-    size_t json_size = (strlen(json) + 3) / 4 * 4, binary_size = (data_size + 3) / 4 * 4;
-    *out_size = 12 + 8 + json_size + 8 + binary_size;
-    uint8_t *bytes = calloc(*out_size, 1);
-    memcpy(bytes, "glTF", 4);
-    put_word(bytes + 4, 2);
-    put_word(bytes + 8, *out_size);
-    put_word(bytes + 12, json_size);
-    memcpy(bytes + 16, "JSON", 4);
-    memset(bytes + 20, ' ', json_size);
-    for (size_t i = 0; json[i]; i++) bytes[20 + i] = (uint8_t)(json[i] == '\'' ? '"' : json[i]);
-    put_word(bytes + 20 + json_size, binary_size);
-    memcpy(bytes + 24 + json_size, "BIN", 4);
-    memcpy(bytes + 28 + json_size, data, data_size);
-    return bytes;
-}
-
 static enum lw_status load_json(const char *json, const void *data, size_t size, struct lw_scene **out,
                                 struct lw_error *err) {
     size_t packed_size;
-    uint8_t *packed = pack(json, data, size, &packed_size);
+    uint8_t *packed = lw_glb_pack(json, data, size, &packed_size);
     enum lw_status status = lw_gltf_load_memory(packed, packed_size, "base.glb", out, err);
     free(packed);
     return status;
@@ -932,32 +911,32 @@ static void expect_bytes_refused(const uint8_t *bytes, size_t size, const char *
 static void broken_containers_are_refused(void **state) {
     (void)state;
     size_t size;
-    uint8_t *glb = pack("{'asset':{'version':'2.0'}}", "12345678", 8, &size);
+    uint8_t *glb = lw_glb_pack("{'asset':{'version':'2.0'}}", "12345678", 8, &size);
     size_t binary = 20 + 28; /* where the BIN chunk's header starts */
     for (size_t cut = 4; cut < size; cut++) expect_bytes_refused(glb, cut, "truncated");
     for (size_t cut = 0; cut < 4; cut++) expect_bytes_refused(glb, cut, "x.glb: ");
 
     expect_bytes_refused(glb, size, "no triangles"); /* nothing wrong with the container itself */
-    put_word(glb + 4, 1);
+    lw_glb_put_word(glb + 4, 1);
     expect_bytes_refused(glb, size, "is binary glTF 1");
-    put_word(glb + 4, 2);
-    put_word(glb + 8, size - 4);
+    lw_glb_put_word(glb + 4, 2);
+    lw_glb_put_word(glb + 8, size - 4);
     expect_bytes_refused(glb, size, "something follows its end");
-    put_word(glb + 8, size);
-    put_word(glb + binary, 12);
+    lw_glb_put_word(glb + 8, size);
+    lw_glb_put_word(glb + binary, 12);
     expect_bytes_refused(glb, size, "chunk 1: its 12 bytes reach past the end");
-    put_word(glb + binary, 0xfffffffc);
+    lw_glb_put_word(glb + binary, 0xfffffffc);
     expect_bytes_refused(glb, size, "chunk 1: its 4294967292 bytes reach past the end");
-    put_word(glb + binary, 7);
+    lw_glb_put_word(glb + binary, 7);
     expect_bytes_refused(glb, size, "not a multiple of 4");
-    put_word(glb + binary, 4);
+    lw_glb_put_word(glb + binary, 4);
     expect_bytes_refused(glb, size, "chunk 2: its header is truncated");
-    put_word(glb + binary, 8);
-    put_word(glb + 12, 28 + 16); /* the JSON chunk swallows the other one */
+    lw_glb_put_word(glb + binary, 8);
+    lw_glb_put_word(glb + 12, 28 + 16); /* the JSON chunk swallows the other one */
     expect_bytes_refused(glb, size, "line 1");
-    put_word(glb + 12, 28 + 4); /* and here it ends inside the other's header */
+    lw_glb_put_word(glb + 12, 28 + 4); /* and here it ends inside the other's header */
     expect_bytes_refused(glb, size, "reach past the end");
-    put_word(glb + 12, 28);
+    lw_glb_put_word(glb + 12, 28);
     memcpy(glb + binary + 4, "JSON", 4);
     expect_bytes_refused(glb, size, "the first chunk, and no other, must be JSON");
     memcpy(glb + 16, "BIN", 4);
@@ -969,7 +948,7 @@ static void broken_containers_are_refused(void **state) {
 static void damaged_files_are_read_or_refused(void **state) {
     (void)state;
     size_t size;
-    uint8_t *glb = pack(base_json, &base_data, sizeof base_data, &size);
+    uint8_t *glb = lw_glb_pack(base_json, &base_data, sizeof base_data, &size);
     for (size_t i = 0; i < size; i++) {
         struct lw_scene *scene = NULL;
         uint8_t good = glb[i];

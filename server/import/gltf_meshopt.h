@@ -1,0 +1,21 @@
+/* gltf_meshopt.h: EXT_meshopt_compression: the bytes of one buffer view from a compressed stream.
+ * Flow:    buffer -> [gltf_meshopt] -> bytes of a buffer view -> accessors
+ * Threads: [any].
+ * libmeshoptimizer 0.18 is safe for untrusted streams: at worst its numbers are wrong, and accessors check
+ * those. It asserts what it is called with, which is checked here. */
+#ifndef LW_IMPORT_GLTF_MESHOPT_H
+#define LW_IMPORT_GLTF_MESHOPT_H
+
+#include "server/import/gltf_document.h"
+
+/** Decodes the stream that an extension object of a buffer view describes.
+ * size         bytes of the view: what comes out
+ * out_storage  malloc'ed, size bytes
+ * out_stride   of its elements, or 0 for indices, which are tightly packed
+ * Errors: LW_BAD_DATA that starts with the field; LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_gltf_meshopt_decode(const struct lw_gltf_document *document,
+                                                    const json_t *extension, uint64_t size,
+                                                    uint8_t **out_storage, size_t *out_stride,
+                                                    struct lw_error *err);
+
+#endif
