@@ -14,6 +14,7 @@ pkg_check_modules(openexr REQUIRED IMPORTED_TARGET OpenEXR)
 pkg_check_modules(png REQUIRED IMPORTED_TARGET libpng)
 find_package(JPEG REQUIRED) # libjpeg-turbo: JPEG::JPEG
 find_package(meshoptimizer 0.18 REQUIRED) # meshoptimizer::meshoptimizer
+pkg_check_modules(draco REQUIRED IMPORTED_TARGET draco>=1.5)
 pkg_check_modules(assimp REQUIRED IMPORTED_TARGET assimp>=5.2)
 pkg_check_modules(jansson REQUIRED IMPORTED_TARGET jansson)
 pkg_check_modules(sdl2 REQUIRED IMPORTED_TARGET sdl2)
@@ -40,6 +41,7 @@ add_library(websockets::websockets ALIAS PkgConfig::websockets)
 add_library(protobuf_c::protobuf_c ALIAS PkgConfig::protobuf_c)
 add_library(zstd::zstd ALIAS PkgConfig::zstd)
 add_library(xxhash::xxhash ALIAS PkgConfig::xxhash)
+add_library(draco::cpp ALIAS PkgConfig::draco)
 add_library(PNG::png ALIAS PkgConfig::png)
 add_library(assimp::c ALIAS PkgConfig::assimp) # its C interface; Debian's own CMake target names a config we lack
 add_library(jansson::jansson ALIAS PkgConfig::jansson)

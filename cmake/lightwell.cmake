@@ -11,7 +11,7 @@ endif()
 
 add_library(lw_flags INTERFACE)
 target_compile_options(lw_flags INTERFACE
-  -Wall -Wextra -Wshadow -Wpointer-arith -Wstrict-prototypes -Wmissing-prototypes
+  -Wall -Wextra -Wshadow -Wpointer-arith $<$<COMPILE_LANGUAGE:C>:-Wstrict-prototypes -Wmissing-prototypes>
   -Wvla -Wundef -Wwrite-strings -Wdouble-promotion -Wformat=2
   $<$<C_COMPILER_ID:GNU>:-Wno-format-truncation> # snprintf cuts on purpose: texts for people have a bound
   # nobody reads errno or traps, which would keep loops from becoming vectors; the numbers stay the same

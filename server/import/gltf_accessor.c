@@ -167,7 +167,7 @@ static enum lw_status open_accessor(const struct lw_gltf_document *document, con
         if (locate(document, object, "", count, component_size(out->type) * out->components, true, &out->data,
                    &out->stride, err))
             return err->status;
-    } else if (count > LW_GLTF_UNBACKED_MAX) {
+    } else if (count > LW_GLTF_UNBACKED_MAX && !(accept & LW_GLTF_ACCEPT_UNBACKED)) {
         return lw_status_fail(err, LW_BAD_DATA,
                               "count: an accessor without bufferView has at most %u elements",
                               LW_GLTF_UNBACKED_MAX);

@@ -27,7 +27,9 @@ enum {
     LW_GLTF_ACCEPT_UNSIGNED = 1 << 3, /* 8 and 16 bits */
     LW_GLTF_ACCEPT_SIGNED = 1 << 4,
     LW_GLTF_ACCEPT_INDEX = 1 << 5, /* unsigned integers, 32 bits too */
-    LW_GLTF_ACCEPT_ANY = LW_GLTF_ACCEPT_INDEX - 1
+    LW_GLTF_ACCEPT_ANY = LW_GLTF_ACCEPT_INDEX - 1,
+    LW_GLTF_ACCEPT_UNBACKED =
+        1 << 6, /* no type: any count without a bufferView, as its bytes come otherwise */
 };
 
 struct lw_gltf_accessor {

@@ -24,11 +24,8 @@ static const char *const warning_text[LW_GLTF_WARNING_COUNT] = {
 };
 
 static const char *const supported_extensions[] = {
-    "EXT_meshopt_compression",
-    "KHR_lights_punctual",
-    "KHR_materials_emissive_strength",
-    "KHR_mesh_quantization",
-    "KHR_texture_transform",
+    "EXT_meshopt_compression",         "KHR_draco_mesh_compression", "KHR_lights_punctual",
+    "KHR_materials_emissive_strength", "KHR_mesh_quantization",      "KHR_texture_transform",
 };
 
 void lw_gltf_document_warn(struct lw_gltf_document *document, enum lw_gltf_warning warning) {
@@ -364,7 +361,8 @@ static enum lw_status open_compressed_view(struct lw_gltf_document *document, ui
     size_t stride = 0;
     *total += size;
     if (*total > LW_GLTF_BUFFERS_SIZE_MAX)
-        return lw_status_fail(err, LW_BAD_DATA, "the buffers together, decompressed, have more than %llu bytes",
+        return lw_status_fail(err, LW_BAD_DATA,
+                              "the buffers together, decompressed, have more than %llu bytes",
                               (unsigned long long)LW_GLTF_BUFFERS_SIZE_MAX);
     if (lw_gltf_meshopt_decode(document, extension, size, &document->view_storage[index], &stride, err)) {
         lw_status_context(err, "EXT_meshopt_compression");

@@ -1,6 +1,7 @@
 #include "server/import/gltf_mesh.h"
 
 #include "server/import/gltf_accessor.h"
+#include "server/import/gltf_draco.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -18,6 +19,8 @@ struct primitive {
     uint32_t material; /* of the scene */
     uint64_t mode;
     uint32_t corner_count; /* indices, or vertices if there are none */
+    const json_t *draco;   /* KHR_draco_mesh_compression, or NULL */
+    struct lw_draco_mesh *draco_mesh;
 };
 
 void lw_gltf_meshes_init(struct lw_gltf_meshes *meshes, struct lw_gltf_materials *materials) {
@@ -48,18 +51,17 @@ static enum lw_status open_attribute(struct lw_gltf_meshes *meshes, const json_t
 static enum lw_status open_attributes(struct lw_gltf_meshes *meshes, const json_t *attributes,
                                       struct primitive *p, struct lw_error *err) {
     bool quantized = meshes->materials->document->quantized;
-    unsigned normalized = LW_GLTF_ACCEPT_FLOAT | LW_GLTF_ACCEPT_NORMALIZED_UNSIGNED;
+    const unsigned more = p->draco ? LW_GLTF_ACCEPT_UNBACKED : 0;
+    const unsigned real = LW_GLTF_ACCEPT_FLOAT | more, any = LW_GLTF_ACCEPT_ANY | more;
+    const unsigned normalized = real | LW_GLTF_ACCEPT_NORMALIZED_UNSIGNED;
     if (lw_gltf_json_require(attributes, "POSITION", err) ||
-        open_attribute(meshes, attributes, "POSITION", 3, 3,
-                       quantized ? LW_GLTF_ACCEPT_ANY : LW_GLTF_ACCEPT_FLOAT, &p->position, err) ||
+        open_attribute(meshes, attributes, "POSITION", 3, 3, quantized ? any : real, &p->position, err) ||
         open_attribute(meshes, attributes, "NORMAL", 3, 3,
-                       quantized ? LW_GLTF_ACCEPT_FLOAT | LW_GLTF_ACCEPT_NORMALIZED_SIGNED
-                                 : LW_GLTF_ACCEPT_FLOAT,
-                       &p->normal, err) ||
-        open_attribute(meshes, attributes, "TEXCOORD_0", 2, 2, quantized ? LW_GLTF_ACCEPT_ANY : normalized,
-                       &p->uv[0], err) ||
-        open_attribute(meshes, attributes, "TEXCOORD_1", 2, 2, quantized ? LW_GLTF_ACCEPT_ANY : normalized,
-                       &p->uv[1], err) ||
+                       quantized ? real | LW_GLTF_ACCEPT_NORMALIZED_SIGNED : real, &p->normal, err) ||
+        open_attribute(meshes, attributes, "TEXCOORD_0", 2, 2, quantized ? any : normalized, &p->uv[0],
+                       err) ||
+        open_attribute(meshes, attributes, "TEXCOORD_1", 2, 2, quantized ? any : normalized, &p->uv[1],
+                       err) ||
         open_attribute(meshes, attributes, "COLOR_0", 3, 4, normalized, &p->colour, err))
         return err->status;
     const struct lw_gltf_accessor *rest[] = {&p->normal, &p->uv[0], &p->uv[1], &p->colour};
@@ -77,12 +79,31 @@ static enum lw_status open_indices(const struct lw_gltf_document *document, cons
         return err->status;
     p->corner_count = p->position.count;
     if (index == LW_SCENE_NONE) return LW_OK;
-    if (lw_gltf_accessor_open(document, index, 1, 1, LW_GLTF_ACCEPT_INDEX, &p->indices, err)) {
+    if (lw_gltf_accessor_open(document, index, 1, 1,
+                              LW_GLTF_ACCEPT_INDEX | (p->draco ? LW_GLTF_ACCEPT_UNBACKED : 0), &p->indices,
+                              err)) {
         lw_status_context(err, "indices");
         return err->status;
     }
     p->corner_count = p->indices.count;
     return LW_OK;
+}
+
+/* Takes the bytes of accessors from the primitive's Draco stream. */
+static enum lw_status read_draco(const struct lw_gltf_document *document, struct primitive *p,
+                                 struct lw_error *err) {
+    if (!p->draco) return LW_OK;
+    if (!p->indices.count || p->mode != MODE_TRIANGLES)
+        lw_status_fail(err, LW_BAD_DATA, "asks for indices and mode 4");
+    else if (!lw_gltf_draco_open(document, p->draco, &p->position, &p->indices, &p->draco_mesh, err) &&
+             !lw_gltf_draco_attribute(p->draco, p->draco_mesh, "POSITION", &p->position, err) &&
+             !lw_gltf_draco_attribute(p->draco, p->draco_mesh, "NORMAL", &p->normal, err) &&
+             !lw_gltf_draco_attribute(p->draco, p->draco_mesh, "TEXCOORD_0", &p->uv[0], err) &&
+             !lw_gltf_draco_attribute(p->draco, p->draco_mesh, "TEXCOORD_1", &p->uv[1], err) &&
+             !lw_gltf_draco_attribute(p->draco, p->draco_mesh, "COLOR_0", &p->colour, err))
+        p->corner_count = p->indices.count;
+    if (err->status) lw_status_context(err, "KHR_draco_mesh_compression");
+    return err->status;
 }
 
 static void warn_about(struct lw_gltf_meshes *meshes, const json_t *object, const struct primitive *p) {
@@ -102,13 +123,14 @@ static enum lw_status open_primitive(struct lw_gltf_meshes *meshes, const json_t
     uint32_t material = LW_SCENE_NONE;
     if (lw_gltf_json_require(object, "attributes", err) ||
         lw_gltf_json_object(object, "attributes", &attributes, err) ||
+        lw_gltf_json_extension(object, "KHR_draco_mesh_compression", &p->draco, err) ||
         lw_gltf_document_index(document, object, "material", LW_GLTF_MATERIALS, &material, err))
         return err->status;
     if (open_attributes(meshes, attributes, p, err)) {
         lw_status_context(err, "attributes");
         return err->status;
     }
-    if (open_indices(document, object, p, err) ||
+    if (open_indices(document, object, p, err) || read_draco(document, p, err) ||
         lw_gltf_materials_get(meshes->materials, material, &p->material, err))
         return err->status;
     warn_about(meshes, object, p);
@@ -238,6 +260,23 @@ static enum lw_status reserve_primitive(struct lw_gltf_meshes *meshes, const str
     return LW_OK;
 }
 
+static enum lw_status add_triangles(struct lw_gltf_meshes *meshes, const struct primitive *p,
+                                    struct lw_error *err) {
+    if (p->corner_count < 3 || (p->mode == MODE_TRIANGLES && p->corner_count % 3))
+        return lw_status_fail(err, LW_BAD_DATA, "%u indices do not make whole triangles", p->corner_count);
+    uint32_t triangles = p->mode == MODE_TRIANGLES ? p->corner_count / 3 : p->corner_count - 2;
+    meshes->triangle_total += triangles;
+    if (meshes->triangle_total > LW_SCENE_TRIANGLES_MAX)
+        return lw_status_fail(err, LW_BAD_DATA, "the meshes together have more than %u triangles",
+                              LW_SCENE_TRIANGLES_MAX);
+    if (reserve_primitive(meshes, p, err)) return err->status;
+    for (uint32_t t = 0; t < triangles; t++)
+        if (add_triangle(meshes, p, t, err)) return err->status;
+    for (int set = 0; set < 2; set++) meshes->builder.has_uv[set] |= p->uv[set].count > 0;
+    meshes->builder.has_colour |= p->colour.count > 0;
+    return LW_OK;
+}
+
 static enum lw_status add_primitive(struct lw_gltf_meshes *meshes, const json_t *object,
                                     struct lw_error *err) {
     struct primitive p = {.mode = MODE_TRIANGLES};
@@ -246,20 +285,10 @@ static enum lw_status add_primitive(struct lw_gltf_meshes *meshes, const json_t 
         lw_gltf_document_warn(meshes->materials->document, LW_GLTF_WARN_POINTS);
         return LW_OK;
     }
-    if (open_primitive(meshes, object, &p, err)) return err->status;
-    if (p.corner_count < 3 || (p.mode == MODE_TRIANGLES && p.corner_count % 3))
-        return lw_status_fail(err, LW_BAD_DATA, "%u indices do not make whole triangles", p.corner_count);
-    uint32_t triangles = p.mode == MODE_TRIANGLES ? p.corner_count / 3 : p.corner_count - 2;
-    meshes->triangle_total += triangles;
-    if (meshes->triangle_total > LW_SCENE_TRIANGLES_MAX)
-        return lw_status_fail(err, LW_BAD_DATA, "the meshes together have more than %u triangles",
-                              LW_SCENE_TRIANGLES_MAX);
-    if (reserve_primitive(meshes, &p, err)) return err->status;
-    for (uint32_t t = 0; t < triangles; t++)
-        if (add_triangle(meshes, &p, t, err)) return err->status;
-    for (int set = 0; set < 2; set++) meshes->builder.has_uv[set] |= p.uv[set].count > 0;
-    meshes->builder.has_colour |= p.colour.count > 0;
-    return LW_OK;
+    enum lw_status status = open_primitive(meshes, object, &p, err);
+    if (status == LW_OK) status = add_triangles(meshes, &p, err);
+    lw_draco_mesh_destroy(p.draco_mesh);
+    return status;
 }
 
 /* ---- the mesh ---- */

@@ -12,6 +12,7 @@
 #include "server/import/environment_file.h"
 #include "server/import/foreign.h"
 #include "server/import/gltf.h"
+#include "server/import/guard.h"
 #include "server/import/new_root.h"
 #include "server/import/scene_format.h"
 
@@ -199,6 +200,18 @@ static enum lw_status parse(int argc, char **argv, struct arguments *arguments, 
 
 /* ---- stages ---- */
 
+/* Libraries decode its streams and pictures: should one crash, the process still ends with a line. */
+static enum lw_status read_gltf(const struct arguments *arguments, struct lw_scene **out_scene,
+                                struct lw_error *err) {
+    const struct lw_guard_desc guard = {.scene = arguments->scene,
+                                        .reader = "a decoder of its meshes or pictures",
+                                        .failure_fd = (int)arguments->failure_fd};
+    lw_guard_enter(&guard);
+    enum lw_status status = lw_gltf_load(arguments->scene, out_scene, err);
+    lw_guard_leave();
+    return status;
+}
+
 static enum lw_status read_file(const struct arguments *arguments, struct lw_scene **out_scene,
                                 struct lw_error *err) {
     struct lw_foreign_desc foreign = {.path = arguments->scene,
@@ -207,7 +220,7 @@ static enum lw_status read_file(const struct arguments *arguments, struct lw_sce
                                       .failure_fd = (int)arguments->failure_fd};
     enum lw_status status = lw_scene_format_of(arguments->scene, &foreign.format, err);
     if (status) return status;
-    return foreign.format == LW_SCENE_FORMAT_GLTF ? lw_gltf_load(arguments->scene, out_scene, err)
+    return foreign.format == LW_SCENE_FORMAT_GLTF ? read_gltf(arguments, out_scene, err)
                                                   : lw_foreign_load(&foreign, out_scene, err);
 }
 

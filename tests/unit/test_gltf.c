@@ -193,7 +193,7 @@ static const struct {
     {"'version':'2.0'", "'version':2.0", "asset: version: must be a string"},
     {"'asset':{'version':'2.0'}", "'asset':[]", "asset: must be an object"},
     {"'asset'", "'Asset'", "asset: is required"},
-    {"'scene':0", "'extensionsRequired':['KHR_draco_mesh_compression']", "KHR_draco_mesh_compression"},
+    {"'scene':0", "'extensionsRequired':['KHR_texture_basisu']", "KHR_texture_basisu"},
     {"'scene':0", "'scene':1", "scene: must be an index into scenes"},
     {"'scene':0", "'scene':0.0", "scene: must be an index"},
     {"'scene':0", "'scene':-1", "scene: must be an index"},
