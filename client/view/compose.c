@@ -5,6 +5,7 @@
 #include "common/colour.h"
 #include "common/lightmap/lightmap.h"
 #include "common/scene/environment.h"
+#include "common/tile/bilinear.h"
 
 #include <omp.h>
 #include <stdlib.h>
@@ -275,30 +276,18 @@ static void begin(struct lw_compose *compose, const struct lw_compose_source *so
 
 /* The texels that a bilinear lookup reads, how it weighs them, and the tiles that hold them. */
 struct footprint {
-    uint32_t x0, y0, x1, y1;
-    float fx, fy;
+    struct lw_bilinear x, y;
     uint32_t tile[4];
     unsigned tile_count; /* 1 where all are in one tile, else 4: the same id more than once in most cases */
 };
 
-static void split(float texel, uint32_t size, uint32_t *out_0, uint32_t *out_1, float *out_fraction) {
-    const float last = (float)(size - 1);
-    float at = texel - 0.5f;
-    at = at > 0 ? at : 0; /* NaN, too */
-    at = at < last ? at : last;
-    const int32_t low = (int32_t)at;
-    *out_0 = (uint32_t)low;
-    *out_1 = (uint32_t)low + 1 < size ? (uint32_t)low + 1 : (uint32_t)low;
-    *out_fraction = at - (float)low;
-}
-
 static inline void footprint_at(const struct level *level, unsigned k, struct lw_vec2 uv,
                                 struct footprint *f) {
     const float scale = 1.0f / (float)(1u << k);
-    split(uv.x * scale, level->width, &f->x0, &f->x1, &f->fx);
-    split(uv.y * scale, level->height, &f->y0, &f->y1, &f->fy);
-    const uint32_t left = f->x0 / LW_TILE_SIDE, right = f->x1 / LW_TILE_SIDE;
-    const uint32_t top = f->y0 / LW_TILE_SIDE, bottom = f->y1 / LW_TILE_SIDE;
+    f->x = lw_bilinear_at(uv.x * scale, level->width);
+    f->y = lw_bilinear_at(uv.y * scale, level->height);
+    const uint32_t left = f->x.low / LW_TILE_SIDE, right = f->x.high / LW_TILE_SIDE;
+    const uint32_t top = f->y.low / LW_TILE_SIDE, bottom = f->y.high / LW_TILE_SIDE;
     f->tile[0] = level->first_tile + top * level->tiles_x + left;
     f->tile_count = 1;
     if (left == right && top == bottom) return;
@@ -327,9 +316,11 @@ static bool read_level(const struct lw_compose *compose, const struct level *lev
     if (level->rgb == NULL) return false;
     for (unsigned i = 0; i < f->tile_count; i++)
         if (!compose->here[f->tile[i]]) return false;
-    struct lw_vec3 upper = mix(texel(level, f->x0, f->y0), texel(level, f->x1, f->y0), f->fx);
-    struct lw_vec3 lower = mix(texel(level, f->x0, f->y1), texel(level, f->x1, f->y1), f->fx);
-    struct lw_vec3 e = mix(upper, lower, f->fy);
+    struct lw_vec3 upper =
+        mix(texel(level, f->x.low, f->y.low), texel(level, f->x.high, f->y.low), f->x.share);
+    struct lw_vec3 lower =
+        mix(texel(level, f->x.low, f->y.high), texel(level, f->x.high, f->y.high), f->x.share);
+    struct lw_vec3 e = mix(upper, lower, f->y.share);
     if (!is_light(e)) return false;
     *out = e;
     return true;
@@ -485,8 +476,8 @@ static void look_at(const struct lw_compose *compose, struct patches *patches, c
     const struct level *finest = &object->level[out->level];
     footprint_at(finest, out->level, out->uv, &out->footprint);
     if (finest->rgb == NULL) return;
-    __builtin_prefetch(texel_at(finest, out->footprint.x0, out->footprint.y0));
-    __builtin_prefetch(texel_at(finest, out->footprint.x0, out->footprint.y1));
+    __builtin_prefetch(texel_at(finest, out->footprint.x.low, out->footprint.y.low));
+    __builtin_prefetch(texel_at(finest, out->footprint.x.low, out->footprint.y.high));
 }
 
 static struct lw_vec3 irradiance(struct lw_compose *compose, const struct look *look) {

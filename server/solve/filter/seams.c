@@ -1,5 +1,6 @@
 #include "server/solve/filter/seams.h"
 
+#include "common/tile/bilinear.h"
 #include "common/union_find.h"
 
 #include <stdlib.h>
@@ -105,59 +106,37 @@ struct source {
     float weight;
 };
 
-/* Covered texels up to two away, the nearer the more: of a chart, or of any for LW_TEXEL_NONE. */
-static uint32_t find_sources_of(const struct builder *b, uint32_t object, uint32_t chart, uint32_t x,
-                                uint32_t y, struct source out[GUESSES]) {
-    const struct lw_mesh_texels *mesh = mesh_of(b, object);
-    uint32_t count = 0;
+/* Of the covered texels that stand for a gutter, those that touch it, or else the farther ones; the nearer the more. */
+static uint32_t find_sources(const struct builder *b, uint32_t object, uint32_t x, uint32_t y,
+                             struct source out[GUESSES]) {
+    struct lw_texels_neighbour near[LW_TEXELS_NEIGHBOURS_MAX];
+    const uint32_t found =
+        lw_texels_neighbours(mesh_of(b, object), b->texels->covered + b->texels->first[object], x, y, near);
+    uint32_t count = 0, nearest = 2;
     float sum = 0;
-    for (int reach = 1; reach <= 2 && !count; reach++)
-        for (int dy = -reach; dy <= reach; dy++)
-            for (int dx = -reach; dx <= reach; dx++) {
-                if (abs(dx) < reach && abs(dy) < reach) continue;
-                if (count == GUESSES || !is_covered(b, object, (int64_t)x + dx, (int64_t)y + dy)) continue;
-                const struct source at = {x + (uint32_t)dx, y + (uint32_t)dy, 1 / (float)(dx * dx + dy * dy)};
-                if (chart != LW_TEXEL_NONE && mesh->chart[lw_texels_index(mesh, at.x, at.y)] != chart)
-                    continue;
-                out[count++] = at;
-                sum += at.weight;
-            }
+    for (uint32_t i = 0; i < found; i++) nearest = near[i].reach < nearest ? near[i].reach : nearest;
+    for (uint32_t i = 0; i < found && count < GUESSES; i++) {
+        if (near[i].reach != nearest) continue;
+        out[count] = (struct source){near[i].x, near[i].y, 1 / (float)near[i].distance2};
+        sum += out[count++].weight;
+    }
     for (uint32_t i = 0; i < count; i++) out[i].weight /= sum;
     return count;
 }
 
-/* Of its own chart, where that has any; as lw_texels_link() does it. */
-static uint32_t find_sources(const struct builder *b, uint32_t object, uint32_t x, uint32_t y,
-                             struct source out[GUESSES]) {
-    const struct lw_mesh_texels *mesh = mesh_of(b, object);
-    const uint32_t count = find_sources_of(b, object, mesh->chart[lw_texels_index(mesh, x, y)], x, y, out);
-    return count ? count : find_sources_of(b, object, LW_TEXEL_NONE, x, y, out);
-}
-
-/* The texels that a bilinear look-up reads, as client/view/compose does it. */
+/* The texels that a bilinear look-up reads. */
 struct look_up {
     uint32_t x[4], y[4];
     float weight[4];
 };
 
-static void split(float at, uint32_t size, uint32_t out_index[2], float out_weight[2]) {
-    at = fminf(fmaxf(at - 0.5f, 0), (float)(size - 1));
-    out_index[0] = (uint32_t)at;
-    out_index[1] = out_index[0] + 1 < size ? out_index[0] + 1 : out_index[0];
-    out_weight[1] = at - (float)out_index[0];
-    out_weight[0] = 1 - out_weight[1];
-}
-
 /* False if a texel that matters has no light and none to guess it from: inside something, or no texel at all. */
 static bool look_up_at(const struct builder *b, uint32_t object, struct lw_vec2 at, struct look_up *out) {
     const struct lw_mesh_texels *mesh = mesh_of(b, object);
-    uint32_t x[2], y[2];
-    float wx[2], wy[2];
-    split(at.x, mesh->width, x, wx);
-    split(at.y, mesh->height, y, wy);
+    const struct lw_bilinear x = lw_bilinear_at(at.x, mesh->width), y = lw_bilinear_at(at.y, mesh->height);
     for (int i = 0; i < 4; i++) {
-        out->x[i] = x[i & 1], out->y[i] = y[i >> 1];
-        out->weight[i] = wx[i & 1] * wy[i >> 1];
+        out->x[i] = i & 1 ? x.high : x.low, out->y[i] = i >> 1 ? y.high : y.low;
+        out->weight[i] = (i & 1 ? x.share : 1 - x.share) * (i >> 1 ? y.share : 1 - y.share);
         struct source source[GUESSES];
         if (out->weight[i] > 0 && !is_covered(b, object, out->x[i], out->y[i]) &&
             !find_sources(b, object, out->x[i], out->y[i], source))

@@ -296,29 +296,41 @@ static void place_footprint(struct lw_mesh_texels *texels, const struct lw_mesh 
                           count);
 }
 
-/* The nearest covered texel within two texels: of a chart, or of any for LW_TEXEL_NONE. */
-static uint32_t nearest_covered(const struct lw_mesh_texels *mesh, const uint8_t *covered, uint32_t chart,
-                                uint32_t x, uint32_t y) {
-    uint32_t best = LW_TEXEL_NONE;
-    int best_distance2 = 9;
+/* Covered texels within two texels: of a chart, or of any for LW_TEXEL_NONE. */
+static uint32_t list_covered(const struct lw_mesh_texels *mesh, const uint8_t *covered, uint32_t chart,
+                             uint32_t x, uint32_t y,
+                             struct lw_texels_neighbour out[LW_TEXELS_NEIGHBOURS_MAX]) {
+    uint32_t count = 0;
     for (int dy = -2; dy <= 2; dy++)
         for (int dx = -2; dx <= 2; dx++) {
-            int64_t nx = (int64_t)x + dx, ny = (int64_t)y + dy;
-            if (nx < 0 || ny < 0 || nx >= mesh->width || ny >= mesh->height) continue;
-            uint32_t neighbour = lw_texels_index(mesh, (uint32_t)nx, (uint32_t)ny);
-            if (!covered[neighbour] || dx * dx + dy * dy >= best_distance2) continue;
-            if (chart != LW_TEXEL_NONE && mesh->chart[neighbour] != chart) continue;
-            best = neighbour;
-            best_distance2 = dx * dx + dy * dy;
+            const int64_t nx = (int64_t)x + dx, ny = (int64_t)y + dy;
+            if ((!dx && !dy) || nx < 0 || ny < 0 || nx >= mesh->width || ny >= mesh->height) continue;
+            const uint32_t neighbour = lw_texels_index(mesh, (uint32_t)nx, (uint32_t)ny);
+            if (!covered[neighbour] || (chart != LW_TEXEL_NONE && mesh->chart[neighbour] != chart)) continue;
+            out[count++] =
+                (struct lw_texels_neighbour){.x = (uint32_t)nx,
+                                             .y = (uint32_t)ny,
+                                             .reach = (uint32_t)(abs(dx) > abs(dy) ? abs(dx) : abs(dy)),
+                                             .distance2 = (uint32_t)(dx * dx + dy * dy)};
         }
-    return best;
+    return count;
 }
 
-/* What a look-up that touches a texel without surface reads there: its own chart, where that has anything near. */
-static uint32_t source_of(const struct lw_mesh_texels *mesh, const uint8_t *covered, uint32_t x, uint32_t y) {
+uint32_t lw_texels_neighbours(const struct lw_mesh_texels *mesh, const uint8_t *covered, uint32_t x,
+                              uint32_t y, struct lw_texels_neighbour out[LW_TEXELS_NEIGHBOURS_MAX]) {
     const uint32_t chart = mesh->chart[lw_texels_index(mesh, x, y)],
-                   own = nearest_covered(mesh, covered, chart, x, y);
-    return own != LW_TEXEL_NONE ? own : nearest_covered(mesh, covered, LW_TEXEL_NONE, x, y);
+                   own = list_covered(mesh, covered, chart, x, y, out);
+    return own ? own : list_covered(mesh, covered, LW_TEXEL_NONE, x, y, out);
+}
+
+/* What a look-up that touches a texel without surface reads there: the nearest one, of several the first. */
+static uint32_t source_of(const struct lw_mesh_texels *mesh, const uint8_t *covered, uint32_t x, uint32_t y) {
+    struct lw_texels_neighbour near[LW_TEXELS_NEIGHBOURS_MAX];
+    const uint32_t count = lw_texels_neighbours(mesh, covered, x, y, near);
+    const struct lw_texels_neighbour *best = near;
+    for (uint32_t i = 1; i < count; i++)
+        if (near[i].distance2 < best->distance2) best = &near[i];
+    return count ? lw_texels_index(mesh, best->x, best->y) : LW_TEXEL_NONE;
 }
 
 static bool evaluate(struct lw_mesh_texels *texels, const struct lw_scene *scene, const struct lw_mesh *mesh,

@@ -64,6 +64,21 @@ void lw_texels_link(struct lw_texels *texels, int threads);
 /** Likewise, for one object. */
 void lw_texels_link_object(struct lw_texels *texels, uint32_t object);
 
+/** A covered texel near a gutter. */
+struct lw_texels_neighbour {
+    uint32_t x, y;
+    /* The larger of the columns and rows between them: 1 or 2. */
+    uint32_t reach;
+    /* Square of the distance, texels. */
+    uint32_t distance2;
+};
+#define LW_TEXELS_NEIGHBOURS_MAX 24u
+
+/** The covered texels that a gutter at (x, y) takes its light from: at most two columns and rows away, of its own chart,
+ * or of any where that has none there. Row by row. covered: that of one object. Returns how many. */
+uint32_t lw_texels_neighbours(const struct lw_mesh_texels *mesh, const uint8_t *covered, uint32_t x,
+                              uint32_t y, struct lw_texels_neighbour out[LW_TEXELS_NEIGHBOURS_MAX]);
+
 /** One texel's entry of a planar array of vectors. */
 static inline struct lw_vec3 lw_texels_vector(float *const plane[3], uint32_t i) {
     return lw_vec3(plane[0][i], plane[1][i], plane[2][i]);
