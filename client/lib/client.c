@@ -81,7 +81,8 @@ static uint8_t *find_part(const void *folder, const struct lw_package_hash *hash
     return lw_package_cache_read(folder, LW_PACKAGE_CACHE_PART, hash, size, &bytes) ? bytes : NULL;
 }
 
-/* Where it cannot be kept it is downloaded again: no harm. A package of several parts is kept as these, and nothing of it twice. */
+/* Where it cannot be kept it is downloaded again: no harm. A package of several parts is kept as these, and
+ * nothing of it twice. */
 static void keep_package(const struct lw_client *c) {
     const struct lw_download *d = &c->download;
     const enum lw_package_cache_kind kind =
@@ -286,7 +287,8 @@ static enum lw_status handle_message(struct lw_client *c, const struct lw_messag
     }
 }
 
-/* Handles the next whole message, if there is one. Types that we do not know are from a newer server: skipped. */
+/* Handles the next whole message, if there is one. Types that we do not know are from a newer server:
+ * skipped. */
 static enum lw_status take_one(struct lw_client *c, bool *out_taken, struct lw_error *err) {
     struct lw_frame_header header;
     struct lw_message message;
@@ -301,8 +303,8 @@ static enum lw_status take_one(struct lw_client *c, bool *out_taken, struct lw_e
     return status;
 }
 
-/* Handles what has been read until a time (lw_clock_ns), but one message at least. Before the welcome it stops there: what
- * follows belongs to lw_client_poll(). */
+/* Handles what has been read until a time (lw_clock_ns), but one message at least. Before the welcome it
+ * stops there: what follows belongs to lw_client_poll(). */
 static enum lw_status take_buffered(struct lw_client *c, uint64_t end_ns, bool *out_any,
                                     struct lw_error *err) {
     const bool was_welcomed = c->welcomed;
@@ -343,7 +345,8 @@ static enum lw_status take_all(struct lw_client *c, uint64_t end_ns, struct lw_e
 _Static_assert(LW_CLIENT_INTEREST_MAX == LW_MESSAGE_INTEREST_MAX, "a list fits into a message");
 _Static_assert(LW_LINK_OUTBOX_SIZE > 12 * LW_MESSAGE_INTEREST_MAX + 64, "and the message into the outbox");
 
-/* Sends the interest set if it has changed. While the link is busy it waits: a later set may replace this one. */
+/* Sends the interest set if it has changed. While the link is busy it waits: a later set may replace this
+ * one. */
 static enum lw_status tell_interest(struct lw_client *c, struct lw_error *err) {
     const struct lw_interest_list *now = &c->interest.now;
     const uint64_t now_ns = lw_clock_ns();
@@ -448,7 +451,8 @@ static enum lw_status ask_for_package(struct lw_client *c, struct lw_error *err)
 
 #define HOLDS_AT_ONCE 1024u /* leaves room in the outbox for what must not be dropped */
 
-/* Tells the server which tiles it need not send. What it is not told, as the link is busy, comes again: no harm. */
+/* Tells the server which tiles it need not send. Where the link is busy some are not told: they come
+ * again. */
 static enum lw_status tell_held(struct lw_client *c, struct lw_error *err) {
     if (!c->replica || !c->may_hold) return LW_OK;
     const struct lw_atlas_map *map = lw_replica_atlas_map(c->replica);
@@ -504,7 +508,7 @@ static enum lw_status shake_hands(struct lw_client *c, struct lw_error *err) {
     if (status == LW_OK) status = tell_interest(c, &cause); /* before tiles can come */
     if (status == LW_OK) status = tell_held(c, &cause);
     if (status == LW_OK) return ask_for_package(c, err);
-    /* whoever hangs up before a welcome is no more a lightwelld than one who sends garbage */
+    /* a peer that hangs up before its welcome is no lightwelld, like one that sends garbage */
     if (status == LW_PROTOCOL || status == LW_CLOSED)
         return lw_status_fail(err, LW_PROTOCOL, "no welcome from a lightwelld of this version: %s",
                               cause.text);

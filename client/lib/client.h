@@ -1,4 +1,5 @@
-/* client.h: a live copy of the light of a lightwelld, for our own programs; liblightwell (lightwell/lightwell.h) is made of it.
+/* client.h: a live copy of the light of a lightwelld, for our own programs. liblightwell
+ * (lightwell/lightwell.h) is built on it.
  *
  *     struct lw_client_desc desc = {0};
  *     desc.host = "127.0.0.1";
@@ -7,7 +8,8 @@
  *     struct lw_error err = {LW_OK, ""};
  *     if (lw_client_create(&desc, &client, &err) != LW_OK) ...
  *     while (lw_client_scene(client) == NULL) lw_client_poll(client, 100, &err);
- *     every frame: lw_client_poll(client, 0, &err), then read atlases and transforms, draw albedo/pi * E + emission.
+ *     every frame: lw_client_poll(client, 0, &err), then read atlases and transforms,
+ *                  draw albedo/pi * E + emission.
  *
  * Threads: one thread at a time per client; no threads of its own. */
 #ifndef LIGHTWELL_CLIENT_H
@@ -19,17 +21,17 @@
 
 struct lw_client;
 
-/** Who follows a client from within lw_client_create(), lw_client_reconnect() and lw_client_poll(); each may be NULL. */
+/** Callbacks from within lw_client_create(), lw_client_reconnect() and lw_client_poll(); each may be NULL. */
 struct lw_client_watch {
     void *context;
     /** The scene has arrived: once, before any tile of it. */
     enum lw_status (*scene)(void *context, const struct lw_client *client, struct lw_error *err);
     /** The texels of a tile have changed. */
     void (*tile)(void *context, lw_tile_id tile);
-    /** Waits instead of the client until a descriptor can be read (or written), or the deadline (lw_clock_ns) has passed;
-     * false: the session is to end. */
+    /** Waits in place of the client until a descriptor can be read (or written), or until the deadline
+     * (lw_clock_ns). false: the session is to end. */
     bool (*wait)(void *context, int descriptor, bool for_writing, uint64_t deadline_ns);
-    /** What lies between needs nothing of the client, and may take long: connecting. */
+    /** Called around connecting, which may take long and uses nothing of the client. */
     void (*leave)(void *context);
     void (*enter)(void *context);
 };
@@ -39,55 +41,58 @@ struct lw_client_desc {
     uint16_t port;
     const char *name;    /* for the operator's log; NULL: "liblightwell" */
     unsigned timeout_ms; /* for connect and for the server's answer; 0: 5000 */
-    /* For a process with many sessions of one server: a client that has its scene and outlives this one. Its scene is
-     * shared instead of downloaded, if the server has the same; NULL: none. */
+    /* For a process with many sessions of one server: a client that has its scene and outlives this one. If
+     * the server has the same scene, that one is shared and not downloaded. NULL: none. */
     const struct lw_client *scene_of;
-    /* A folder for scene packages: one that is there, by its hash, is not downloaded, and one that was downloaded is kept
-     * there, if that is possible; what was not used for longest goes when there is over 1 GiB. NULL: none. */
+    /* A folder for scene packages, by their hashes. A package that is in it is not downloaded; a downloaded
+     * one is written to it if possible. Over 1 GiB the least recently used files are removed. NULL: none. */
     const char *cache_folder;
-    bool wants_nothing; /* until lw_client_want() says otherwise; else it wants everything */
+    bool wants_nothing; /* its interest set is empty until lw_client_want(); else it begins with everything */
     bool control;       /* it may call lw_client_update() */
     bool draws_direct;  /* it draws the direct light that lw_client_draws() lists: levels come without it */
-    uint64_t rate_limit_bytes_hz; /* that the server is to send at most; 0: whatever the link takes */
+    uint64_t rate_limit_bytes_hz; /* the most that the server sends; 0: all that the link takes */
     uint64_t budget_ns;           /* lw_client_poll() takes no further message in after this; 0: 20 ms */
     struct lw_client_watch watch;
 };
 
 /** Connects and says hello; returns once the server has welcomed us.
- * Errors: LW_NO_HOST; LW_UNAVAILABLE naming the address ("is lightwelld running?"); LW_TIMED_OUT; LW_PROTOCOL for a
- * peer that is no lightwelld or of another version. */
+ * Errors: LW_NO_HOST; LW_UNAVAILABLE naming the address ("is lightwelld running?"); LW_TIMED_OUT; LW_PROTOCOL
+ * for a peer that is no lightwelld or of another version. */
 LW_MUST_CHECK enum lw_status lw_client_create(const struct lw_client_desc *desc,
                                               struct lw_client **out_client, struct lw_error *err);
 void lw_client_destroy(struct lw_client *client);
 
-/** Connects again after lw_client_poll() has failed, and keeps what has arrived: scene, light, what is wanted. A server that
- * still runs sends what has changed since; one that was started again sends its light again, and what is
- * here stays until that comes. Where the server now leaves other lights to clients than before
- * (lw_client_draws()), tiles are dropped and come again. A scene package that was cut short goes on from
- * where it was, if the server is the same. Versions of tiles go on growing; numbers of frames
- * (lw_client_stats) start again with the server. Updates that were not answered never will be, and may have
- * been made or not.
+/** Connects again after lw_client_poll() has failed. The client keeps its scene, its light and its interest
+ * set.
+ *   same run of the server   sends what has changed since; a package that was cut short goes on from there
+ *   a new run                sends all its light again; the old light stays until that comes
+ *   other client lights      (lw_client_draws()): tiles are dropped and come again
+ * Versions of tiles go on growing; numbers of frames (lw_client_stats) start again with the server. Updates
+ * without an answer get none, and may have been made or not.
  *
  * Wait lw_client_backoff_ms() before each attempt; may be called until it succeeds.
- * Errors: as lw_client_create(); LW_BAD_DATA if there is another scene now: for that one, create another client. */
+ * Errors: as lw_client_create(); LW_BAD_DATA if there is another scene now: for that one, create another
+ * client. */
 LW_MUST_CHECK enum lw_status lw_client_reconnect(struct lw_client *client, struct lw_error *err);
 
-/** How long to wait before an attempt to connect again, in ms: by chance out of a range that doubles with the attempt (0, 1,
- * ...) until it is 500 to 1000, so that a server that comes back is not met by all its clients at once.
+/** How long to wait before an attempt to connect again, in ms. The time is random, so that not all clients of
+ * a restarted server come at once. Its range doubles with each attempt (0, 1, ...) up to 500 to 1000.
  * seed  something that differs from client to client */
 unsigned lw_client_backoff_ms(unsigned attempt, uint32_t seed);
 
-/** Waits up to timeout_ms for something to arrive (0: just looks), then takes in all that is there (bounded per call).
- * Errors: LW_CLOSED when the server ended the session (text says why), LW_PROTOCOL, LW_NO_MEMORY; after an error only
- * lw_client_destroy() makes sense, but what was received stays readable. */
+/** Waits up to timeout_ms for something to arrive (0: does not wait), then takes in all that is there
+ * (bounded per call).
+ * Errors: LW_CLOSED when the server ended the session (text says why), LW_PROTOCOL, LW_NO_MEMORY. After an
+ * error only lw_client_reconnect() and lw_client_destroy() may follow; what was received stays readable. */
 LW_MUST_CHECK enum lw_status lw_client_poll(struct lw_client *client, unsigned timeout_ms,
                                             struct lw_error *err);
 
-/** For use with an event loop of your own: poll() it for reading, then call lw_client_poll(client, 0, ...). */
+/** For use with an event loop of your own: poll() it for reading, then call lw_client_poll(client, 0,
+ * ...). */
 int lw_client_descriptor(const struct lw_client *client);
 
-/** The scene, once its package has arrived; NULL before. Geometry, materials, lightmap UVs. Lives with the client.
- * lw_client_poll() keeps materials' base_colour and emission and the sky as the newest frame has them
+/** The scene, once its package has arrived; NULL before. Geometry, materials, lightmap UVs. Lives with the
+ * client. lw_client_poll() keeps materials' base_colour and emission and the sky as the newest frame has them
  * (lw_client_stats.changed_frame); nothing else of it changes. */
 const struct lw_scene *lw_client_scene(const struct lw_client *client);
 /** Fraction of the scene package that has arrived, 0..1. */
@@ -107,8 +112,8 @@ enum lw_client_object_state {
 /** Errors: none; an object that is not there is a spare, as one is before the scene has arrived. */
 enum lw_client_object_state lw_client_object_state(const struct lw_client *client, uint32_t object);
 
-/** Whether an object is not to be drawn now: it is hidden, a spare, or has been added and no light of it has arrived yet
- * (it comes to clients that want nothing, too). */
+/** Whether an object is not to be drawn now: it is hidden, or a spare, or it was added and none of its light
+ * has arrived yet. That light comes to clients with an empty interest set, too. */
 bool lw_client_object_hidden(const struct lw_client *client, uint32_t object);
 
 /** A light as it is now. */
@@ -119,7 +124,7 @@ struct lw_client_light {
 /** Errors: none; a light that is not there is all zero. */
 struct lw_client_light lw_client_get_light(const struct lw_client *client, uint32_t light);
 
-/** What a material shone by when the server began, W/(m^2 sr); lw_client_scene() has its current emission.
+/** A material's emission when the server began, W/(m^2 sr); lw_client_scene() has the current one.
  * Errors: none; a material that is not there gives zeros. */
 struct lw_vec3 lw_client_own_emission(const struct lw_client *client, uint32_t material);
 
@@ -148,60 +153,65 @@ struct lw_client_level lw_client_get_level(const struct lw_client *client, uint3
 
 #define LW_CLIENT_INTEREST_MAX 4096u /* tiles in a list */
 
-/** Wants these tiles alone from now on. The server lights and sends what its clients want (and lights whatever that takes);
- * with each tile come the coarser ones that cover the same, and of every object the coarsest level, as they change. What
- * has arrived of other tiles stays readable and grows old.
+/** Sets the client's interest set. The server lights the interest sets of its clients and their contributors,
+ * and sends each client its own set. With a tile come the coarser tiles that cover it; the coarsest level of
+ * every object comes as well. Other tiles that have arrived stay readable and grow old.
  *
- * Say what you draw, at the level that you read, and some more around it: a tile that is newly wanted has its light of
- * old at first, then sharpens. Call it as often as you like: lw_client_poll() tells the server at most ten times a
- * second, at once of new tiles, within two seconds of a few that are wanted no more.
+ * List what you draw, at the level that you read, and some more around it: a tile that enters the set shows
+ * old light at first, then sharpens. Call it as often as you like. lw_client_poll() tells the server at most
+ * ten times a second: of new tiles at once, of a few that left the set within two seconds.
  *
- * tile    in any order; copied. count 0: no tiles. Over LW_CLIENT_INTEREST_MAX different ones: everything, which serves all
- *         but costs the server a whole solve: coarser levels of what is far keep the list short.
- * Errors  LW_USAGE before the scene is there (but for count 0), or for a tile that it does not have; LW_NO_MEMORY */
+ * tile    in any order; copied. count 0: no tiles. More than LW_CLIENT_INTEREST_MAX different tiles:
+ *         everything, which costs the server a whole solve. Coarser levels of what is far keep the list
+ *         short.
+ * Errors  LW_USAGE before the scene is there (but for count 0), or for a tile that it does not have;
+ *         LW_NO_MEMORY */
 LW_MUST_CHECK enum lw_status lw_client_want(struct lw_client *client, const lw_tile_id *tile, size_t count);
-/** Wants every tile, as a new client does. */
+/** The interest set is every tile, as in a new client. */
 void lw_client_want_everything(struct lw_client *client);
 
 #define LW_CLIENT_CHANGES_MAX 1024u /* of one update */
-#define LW_CLIENT_UPDATES_MAX 1024u /* without an answer that was taken */
+#define LW_CLIENT_UPDATES_MAX 1024u /* sent, with an answer that was not taken yet */
 
 /** Whether the server takes updates from this client: desc.control was set, and both are on one machine. */
 bool lw_client_may_update(const struct lw_client *client);
 
-/** Changes the scene, for everybody: all of these changes in one frame, or none. They are made in the order given, after all
- * updates that the server got before; of two changes to the same thing the later one counts. scene_change.h says what there
- * is to change and within which limits; every number is checked by the server, whose answer lw_client_next_answer() gives.
- * The changes last until the server ends.
+/** Changes the scene, for everybody: all of these changes in one frame, or none. They are made in the order
+ * given, after all updates that the server got before. Of two changes to the same thing the later one counts.
+ * The changes last until the server ends. scene_change.h says what may change and within which limits. The
+ * server checks every number; lw_client_next_answer() gives its answer.
  *
  * change       copied; count up to LW_CLIENT_CHANGES_MAX, and 0 is fine: it asks for the next frame's number
  * out_request  may be NULL: the number that the answer will carry, from 1 on
- * Errors  LW_UNAVAILABLE where lw_client_may_update() is false. LW_TIMED_OUT while LW_CLIENT_UPDATES_MAX have no answer
- *         that was taken, or the link is busy: nothing was sent; poll, then try again. LW_USAGE for too many changes.
- *         LW_CLOSED, LW_NO_MEMORY as lw_client_poll() */
+ * Errors  LW_UNAVAILABLE where lw_client_may_update() is false. LW_TIMED_OUT while LW_CLIENT_UPDATES_MAX
+ *         answers are not taken yet, or the link is busy: nothing was sent; poll, then try again. LW_USAGE
+ *         for too many changes. LW_CLOSED, LW_NO_MEMORY as lw_client_poll() */
 LW_MUST_CHECK enum lw_status lw_client_update(struct lw_client *client, const struct lw_scene_change *change,
                                               size_t count, uint64_t *out_request, struct lw_error *err);
 
 /** What became of an update. */
 struct lw_client_answer {
     uint64_t request;
-    uint32_t
-        code; /* enum lw_scene_change_code, or one of a newer server: other than 0 is a refusal of the whole */
+    /* enum lw_scene_change_code, or one of a newer server; other than 0: all of the update is refused */
+    uint32_t code;
     uint32_t change; /* the first one that is wrong, counted from 0 */
-    uint64_t
-        frame; /* the first one that shows it; a client that gets frames has got it, or a later one. 0: refused */
+    /* The first frame that shows the update; 0: refused. A client that gets frames has it by now, or a later
+     * one. */
+    uint64_t frame;
     char text[257]; /* one line for people; empty if it was done */
-    const uint32_t
-        *added; /* the object of each LW_SCENE_CHANGE_OBJECT_ADD, in their order; readable until the next */
-    size_t added_count; /* call of lw_client_next_answer() */
+    /* The object of each LW_SCENE_CHANGE_OBJECT_ADD, in their order; readable until the next call of
+     * lw_client_next_answer(). */
+    const uint32_t *added;
+    size_t added_count;
 };
 /** Takes the next answer that has arrived; false: there is none. Each update gets one. */
 bool lw_client_next_answer(struct lw_client *client, struct lw_client_answer *out_answer);
 
 /** What is known of one tile. */
 struct lw_client_tile {
-    uint64_t
-        version; /* 0: not here yet. Grows; compare with the last one you uploaded to see whether it changed. */
+    /* 0: not here yet. Grows; compare it with the last one you uploaded to see whether the tile has
+     * changed. */
+    uint64_t version;
     uint32_t bounces; /* indirect bounces in it */
     float error;      /* relative standard error */
 };
@@ -216,17 +226,17 @@ struct lw_client_stats {
     uint64_t rays_total;           /* the server's, as of that frame */
     uint64_t server_cpu_ns;        /* likewise: CPU time of its process since it started; 0: not told */
     uint64_t decode_ns;            /* spent on decoding tiles */
-    uint64_t connected_ns, package_ns,
-        first_ns; /* lw_clock_ns() at: connect called, package complete, every object's
-                                                    coarsest level there; 0: not yet */
-    /* How old the newest frame's light is now: its solve time plus the time since it arrived; the network's own delay is
-     * not in it. It grows until the next frame, and a server whose light is at rest sends none: where nothing moves and
-     * every tile's error is at most target_error, the light is current at any age. */
+    /* lw_clock_ns() when connect was called; when the package was complete; when every object's coarsest
+     * level was there. 0: not yet. */
+    uint64_t connected_ns, package_ns, first_ns;
+    /* How old the newest frame's light is now: its solve time plus the time since it arrived. The network's
+     * delay is not in it. It grows until the next frame. A server whose light has converged sends no frames:
+     * where nothing moves and every tile's error is at most target_error, the light is current at any age. */
     uint64_t light_age_ns;
     uint32_t bounces;   /* that a complete tile has */
     float target_error; /* below which a tile counts as converged */
-    float
-        noise_shown; /* about what share of a tile's error is left in its texels, once the server has filtered them */
+    /* about what share of a tile's error is left in its texels after the server's filter */
+    float noise_shown;
     float sky[3];
     uint64_t changed_frame; /* the last one that said something of materials or of what is hidden; 0: none */
 };

@@ -1,5 +1,5 @@
-/* download.h: the scene package as it comes in chunks: decompressed as it arrives, checked at the end. Parts that are held
- * already, by their hashes, go where they belong.
+/* download.h: the scene package as it comes in chunks: decompressed as it arrives, checked at the end. Parts
+ * that the client already has, by their hashes, are put in their places.
  * Threads: one thread at a time. */
 #ifndef LIGHTWELL_DOWNLOAD_H
 #define LIGHTWELL_DOWNLOAD_H
@@ -9,7 +9,7 @@
 struct lw_download {
     void *zstd;
     uint8_t *bytes;        /* of the package, so far */
-    size_t size, capacity; /* capacity follows what is there, not what was promised */
+    size_t size, capacity; /* capacity grows with bytes that came, not with a size that was announced */
     uint64_t received;     /* compressed bytes, of parts that are held too */
     uint64_t package_size, compressed_size;
     struct lw_package_hash hash;
@@ -31,14 +31,14 @@ LW_MUST_CHECK enum lw_status lw_download_init(struct lw_download *download,
                                               lw_download_find *find, const void *where);
 void lw_download_finish(struct lw_download *download);
 
-/** What to ask for, from where it stands now on. *out_held: what .held of the request points to, malloc'ed, the caller's; NULL:
- * no part is held. Errors: LW_NO_MEMORY. */
+/** The request for the rest of the package. *out_held: .held of the request points to it; malloc'ed, the
+ * caller's. NULL: no part is held. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_download_request(const struct lw_download *download,
                                                  struct lw_message_package_request *out_request,
                                                  uint8_t **out_held);
 
-/** Takes the next chunk. Errors: LW_PROTOCOL for data that is out of order, more than promised, no zstd, or, with the last
- * chunk, not what the welcome named; LW_NO_MEMORY. */
+/** Takes the next chunk. Errors: LW_PROTOCOL for data that is out of order, longer than announced or no zstd,
+ * and after the last chunk for a package whose hash is not the welcome's; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_download_add(struct lw_download *download,
                                              const struct lw_message_package_chunk *chunk,
                                              struct lw_error *err);

@@ -1,4 +1,5 @@
-/* draws.h: whose direct light the client draws: what the WELCOME says, of the scene once that is there.
+/* draws.h: whose direct light the client draws: the WELCOME's bits, as indices of the scene once that is
+ * there.
  * Flow:    WELCOME -> [draws] -> renderer
  * Threads: one thread at a time. */
 #ifndef LIGHTWELL_DRAWS_H

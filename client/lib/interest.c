@@ -32,7 +32,8 @@ static bool make_room(struct lw_interest_list *list, size_t count) {
     return true;
 }
 
-/* Shell's sort, by Ciura's gaps: qsort() may allocate. A list that is sorted already costs one look at each tile and gap. */
+/* Shell's sort, by Ciura's gaps: qsort() may allocate. A list that is sorted already costs one look at each
+ * tile and gap. */
 static void sort(lw_tile_id *tile, size_t count) {
     static const uint16_t gaps[] = {1750, 701, 301, 132, 57, 23, 10, 4, 1};
     for (size_t g = 0; g < sizeof gaps / sizeof *gaps; g++)

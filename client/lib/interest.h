@@ -30,7 +30,8 @@ void lw_interest_finish(struct lw_interest *interest);
 /** Another session begins. Its server was told nothing yet, so it takes the set for everything. */
 void lw_interest_forget(struct lw_interest *interest);
 
-/** Sets the interest set. Any order; a tile may be listed twice. More than `most` different tiles: everything.
+/** Sets the interest set. Any order; a tile may be listed twice. More than `most` different tiles:
+ * everything.
  * Errors: LW_NO_MEMORY; then nothing has changed. */
 LW_MUST_CHECK enum lw_status lw_interest_set(struct lw_interest *interest, const lw_tile_id *tile,
                                              size_t count, uint32_t most);

@@ -148,7 +148,7 @@ enum lw_status lw_link_send(struct lw_link *link, const struct lw_message *messa
 
 /* Pings when due; gives up on a server that says nothing although somebody listens. */
 static enum lw_status mind_silence(struct lw_link *link, uint64_t now_ns, struct lw_error *err) {
-    /* whoever did not look for a while cannot tell silence: the count begins anew */
+    /* silence counts only while we look: after a pause of our own the count begins again */
     if (now_ns - link->looked_ns > LW_LINK_PING_S * SECOND_NS) link->heard_ns = now_ns;
     link->looked_ns = now_ns;
     if (now_ns - link->heard_ns > LW_LINK_SILENCE_S * SECOND_NS)

@@ -8,10 +8,10 @@
 #include "proto/message_reader.h"
 
 #define LW_LINK_ADDRESS_SIZE 300u
-#define LW_LINK_OUTBOX_SIZE                                                                                  \
-    (64u << 10) /* bytes that the socket would not take; more than that is dropped. The longest UPDATE fits */
-#define LW_LINK_PING_S    5u
-#define LW_LINK_SILENCE_S 15u
+/* Bytes that the socket has not taken yet. Messages beyond that are dropped. The longest UPDATE fits. */
+#define LW_LINK_OUTBOX_SIZE (64u << 10)
+#define LW_LINK_PING_S      5u
+#define LW_LINK_SILENCE_S   15u
 
 struct lw_link {
     int socket;
@@ -24,16 +24,16 @@ struct lw_link {
     uint64_t heard_ns, pinged_ns, looked_ns;
 };
 
-/** Connects within a time limit. Errors: LW_NO_HOST, LW_UNAVAILABLE, LW_TIMED_OUT, LW_OS, LW_NO_MEMORY, each naming the
- * address. lw_link_finish() is needed after success only. */
+/** Connects within a time limit. Errors: LW_NO_HOST, LW_UNAVAILABLE, LW_TIMED_OUT, LW_OS, LW_NO_MEMORY, each
+ * naming the address. lw_link_finish() is needed after success only. */
 LW_MUST_CHECK enum lw_status lw_link_connect(struct lw_link *link, const char *host, uint16_t port,
                                              unsigned timeout_ms, struct lw_error *err);
 void lw_link_finish(struct lw_link *link);
 /** Ends the connection for both sides; the descriptor stays until lw_link_finish(). */
 void lw_link_hang_up(struct lw_link *link);
 
-/** Sends, or keeps until there is room; when the outbox is full the message is dropped whole, so this is for messages
- * that a later one makes up for. Errors: LW_CLOSED, LW_NO_MEMORY. */
+/** Sends, or keeps until there is room. If the outbox is full the message is dropped whole: use it for
+ * messages that a later one makes good, or ask lw_link_fits() first. Errors: LW_CLOSED, LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_link_send(struct lw_link *link, const struct lw_message *message,
                                           struct lw_error *err);
 
@@ -45,10 +45,12 @@ LW_MUST_CHECK enum lw_status lw_link_fits(struct lw_link *link, const struct lw_
  * Errors: LW_TIMED_OUT if the server has been silent for LW_LINK_SILENCE_S; LW_CLOSED, LW_OS. */
 LW_MUST_CHECK enum lw_status lw_link_wait(struct lw_link *link, uint64_t deadline_ns, struct lw_error *err);
 
-/** Reads once. *out_size is 0 if nothing was there. Errors: LW_CLOSED; what came before can still be taken. */
+/** Reads once. *out_size is 0 if nothing was there. Errors: LW_CLOSED; what came before can still be
+ * taken. */
 LW_MUST_CHECK enum lw_status lw_link_receive(struct lw_link *link, size_t *out_size, struct lw_error *err);
 
-/** Takes the next whole message; *out_body is NULL if there is none, and valid until the next call on the link.
+/** Takes the next whole message; *out_body is NULL if there is none, and valid until the next call on the
+ * link.
  * Errors: LW_PROTOCOL, LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_link_take(struct lw_link *link, struct lw_frame_header *out_header,
                                           const uint8_t **out_body, struct lw_error *err);

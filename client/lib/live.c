@@ -14,7 +14,7 @@
 #define PORT_DEFAULT      7780u
 #define BUDGET_DEFAULT_US 2000u
 #define HOLD_NS           500000u /* the thread takes messages in for this long before others have a turn */
-#define WAIT_MS           100u    /* the thread looks at the views that often, whatever arrives */
+#define WAIT_MS           100u    /* the thread reads the views at least that often */
 
 /* ---- statuses ---- */
 

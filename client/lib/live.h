@@ -1,6 +1,9 @@
-/* live.h: what the parts of liblightwell share: struct lw_live, its lock, structs that are told apart by their size.
- * Flow:    client -> [live: session, live_scene, live_tiles, live_interest] -> lightwell/lightwell.h -> engine
- * Threads: functions here run with the lock, or before and after there are two threads; lw_live_lock() is for [any]. */
+/* live.h: what the parts of liblightwell share: struct lw_live, its lock, and structs of several versions,
+ * which are told apart by their size.
+ * Flow:    client -> [live: session, live_scene, live_tiles, live_interest] -> lightwell/lightwell.h ->
+ *          engine
+ * Threads: functions here run with the lock, or before and after there are two threads; lw_live_lock() is for
+ * [any]. */
 #ifndef LIGHTWELL_LIVE_H
 #define LIGHTWELL_LIVE_H
 
@@ -21,7 +24,8 @@ struct lw_live {
     bool is_connected;
     uint64_t sessions;
 
-    /* with LW_LIVE_THREAD: whoever wants `data` queues at `turn`, so that none comes twice while another waits */
+    /* With LW_LIVE_THREAD: a thread locks `turn`, then `data`, then unlocks `turn`. So no thread gets `data`
+     * twice while another waits. */
     pthread_mutex_t turn, data;
     pthread_cond_t news; /* with data */
     pthread_t thread;
@@ -56,7 +60,8 @@ enum lw_live_status lw_live_pass(struct lw_live_error *err, enum lw_status statu
 
 /** Takes over a struct from outside: what its version lacks is zero. false: no version has its size. */
 bool lw_live_read_struct(void *dst, size_t dst_size, const void *src);
-/** Hands out what the caller's version has of a struct, whose struct_size is not looked at. false: likewise. */
+/** Hands out what the caller's version has of a struct; src's own struct_size is not read. false:
+ * likewise. */
 bool lw_live_write_struct(void *dst, void *src, size_t src_size);
 
 /** Prepares what only the scene says. Errors: LW_NO_MEMORY. */

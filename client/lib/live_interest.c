@@ -221,7 +221,8 @@ static bool is_within(const struct frustum *f, const struct lw_live_box *box, fl
     return depth + around > 0;
 }
 
-/* The level whose texels are as large as pixels, rather finer. Above LW_ATLAS_READ_MAX charts run into each other. */
+/* The level whose texels are as large as pixels, rather finer. Above LW_ATLAS_READ_MAX charts run into each
+ * other. */
 static uint8_t level_at(const struct frustum *f, float depth, uint32_t level_count) {
     const float texels = depth * f->texel_pixels;
     uint8_t level = 0;

@@ -7,9 +7,9 @@
 #include "client/include/lightwell/lightwell.h"
 #include "client/lib/client.h"
 
-#define LW_LIVE_INTEREST_NS      100000000u  /* a view that changes is looked at so often */
-#define LW_LIVE_INTEREST_IDLE_NS 1000000000u /* one that stays: objects may move, what was seen is over */
-#define LW_LIVE_INTEREST_KEEP_NS 2000000000u /* what was in the picture is wanted for so long after */
+#define LW_LIVE_INTEREST_NS      100000000u  /* at most this often for a view that changes */
+#define LW_LIVE_INTEREST_IDLE_NS 1000000000u /* and for one that does not: objects may move */
+#define LW_LIVE_INTEREST_KEEP_NS 2000000000u /* tiles stay in the set after they left the picture */
 #define LW_LIVE_INTEREST_AROUND  0.15f       /* of the picture's half width and height, beyond each edge */
 
 /* What a tile of level 0 holds, object space. */
@@ -27,8 +27,8 @@ struct lw_live_interest {
     const struct lw_atlas_map *map;
     struct lw_live_mesh_boxes *mesh; /* per mesh */
     struct lw_live_box *box;
-    uint8_t *
-        level; /* per tile of level 0, by tile id: the level that is read in the picture; UINT8_MAX: not in it */
+    /* per tile of level 0, by tile id: the level that is read in the picture; UINT8_MAX: not in it */
+    uint8_t *level;
     uint32_t *mark;    /* per tile: the round in which it was listed last */
     uint64_t *seen_ns; /* per tile: when it was in the picture last; 0: never */
     lw_tile_id *list;  /* LW_CLIENT_INTEREST_MAX + 1 */
@@ -36,7 +36,7 @@ struct lw_live_interest {
 
     struct lw_live_view view[LW_LIVE_VIEWS_MAX];
     uint32_t view_count;
-    bool is_active, has_changed; /* views say what is wanted; they have changed since they were looked at */
+    bool is_active, has_changed; /* views set the interest set; they have changed since the last list */
     uint64_t looked_ns;
 };
 
@@ -52,7 +52,7 @@ void lw_live_interest_finish(struct lw_live_interest *interest);
 uint32_t lw_live_interest_list(struct lw_live_interest *interest, const struct lw_client *client,
                                uint64_t now_ns);
 
-/** Tells the client what the views want, if it is time. Errors: LW_NO_MEMORY. */
+/** Sets the client's interest set by the views, if it is time. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_live_interest_update(struct lw_live_interest *interest,
                                                      struct lw_client *client, uint64_t now_ns);
 

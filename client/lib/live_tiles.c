@@ -65,7 +65,8 @@ static void mark_finer(struct lw_live_tiles *tiles, const struct lw_tile_place *
         if (finer.v == UINT32_MAX) continue;
         if (lw_live_tiles_source(tiles, finer) == changed) mark_one(tiles, finer);
         const struct lw_tile_place *place = &tiles->map->place[finer.v];
-        /* whatever lies below one that is there, and as coarse as noise ever asks for, is read from it or finer ones */
+        /* a tile that is there, and as coarse as noise ever asks for, is the coarsest source of all finer
+         * ones */
         if (place->level < LW_ATLAS_READ_MAX || !lw_client_get_tile(tiles->client, finer).version)
             mark_finer(tiles, place, changed);
     }
@@ -90,7 +91,8 @@ static bool is_dirty_row(const struct lw_live_tiles *tiles, const struct lw_tile
     return true;
 }
 
-/* The largest rectangle of dirty tiles that begins with this one, first to the right, then down, within a number of texels. */
+/* The largest rectangle of dirty tiles that begins with this one, first to the right, then down, within a
+ * number of texels. */
 static struct lw_live_rect grow(struct lw_live_tiles *tiles, const struct lw_tile_place *p,
                                 uint64_t texels_max) {
     const struct lw_atlas_level *level = &tiles->map->atlas[p->object].level[p->level];

@@ -1,5 +1,7 @@
-/* package_cache.h: scene packages, or the parts of them, in a folder, each under its hash, so that none is downloaded twice.
- * Flow:    WELCOME's hashes -> [package_cache] -> package, or parts of it; a complete download -> [package_cache]
+/* package_cache.h: scene packages, or parts of them, in a folder, each under its hash: none is downloaded
+ * twice.
+ * Flow:    WELCOME's hashes -> [package_cache] -> package, or parts of it; a complete download ->
+ *          [package_cache]
  * Threads: pure functions, [any]; processes may share a folder: files appear whole. */
 #ifndef LIGHTWELL_PACKAGE_CACHE_H
 #define LIGHTWELL_PACKAGE_CACHE_H
@@ -10,14 +12,14 @@
 
 enum lw_package_cache_kind { LW_PACKAGE_CACHE_PACKAGE, LW_PACKAGE_CACHE_PART };
 
-/** Reads what has this hash and size; *out_bytes: the caller's to free(). false: there is none, it cannot be read or is
- * damaged, or there is no memory for it. */
+/** Reads the file of this hash and size; *out_bytes: the caller's to free(). false: there is none, it cannot
+ * be read, it is damaged, or there is no memory for it. */
 LW_MUST_CHECK bool lw_package_cache_read(const char *folder, enum lw_package_cache_kind kind,
                                          const struct lw_package_hash *hash, uint64_t size,
                                          uint8_t **out_bytes);
 
-/** Keeps bytes, under the hash that they have. Makes the folder, and those above it. Removes the files that have not been read
- * or written for longest until the rest keep to LW_PACKAGE_CACHE_BYTES_MAX; files with other names are left alone and do not count.
+/** Writes bytes under their hash. Makes the folder, and those above it. Removes the least recently used files
+ * until the rest keep to LW_PACKAGE_CACHE_BYTES_MAX. Files with other names stay and do not count.
  * Errors: LW_CANNOT_CREATE, LW_IO naming the path; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_package_cache_write(const char *folder, enum lw_package_cache_kind kind,
                                                     const struct lw_package_hash *hash, const uint8_t *bytes,

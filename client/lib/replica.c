@@ -21,8 +21,8 @@ struct lw_replica {
     bool *unlit;                 /* by object: since it was a spare, its coarsest level has not come */
     struct lw_client_tile *tile; /* by tile id */
     struct lw_tile_dct_coefficients *
-        *levels;             /* by tile id: what deltas build on; NULL before there was anything */
-    bool *has_levels;        /* by tile id: they are those of the newest version */
+        *coefficients;       /* by tile id: what deltas build on; NULL before there was anything */
+    bool *has_coefficients;  /* by tile id: they are those of the newest version */
     lw_replica_watch *watch; /* NULL: nobody */
     void *watch_context;
     uint64_t version_base, version_max; /* what is added to versions of this run; the largest so far */
@@ -61,9 +61,10 @@ static enum lw_status make_room(struct lw_replica *r, struct lw_error *err) {
     r->first_texel = calloc((size_t)r->map.object_count * LW_ATLAS_LEVELS_MAX + 1, sizeof *r->first_texel);
     r->unlit = calloc((size_t)r->map.object_count + 1, sizeof *r->unlit);
     r->tile = calloc((size_t)r->map.tile_count + 1, sizeof *r->tile);
-    r->levels = calloc((size_t)r->map.tile_count + 1, sizeof *r->levels);
-    r->has_levels = calloc((size_t)r->map.tile_count + 1, sizeof *r->has_levels);
-    if (!r->first_texel || !r->unlit || !r->tile || !r->levels || !r->has_levels) return LW_NO_MEMORY;
+    r->coefficients = calloc((size_t)r->map.tile_count + 1, sizeof *r->coefficients);
+    r->has_coefficients = calloc((size_t)r->map.tile_count + 1, sizeof *r->has_coefficients);
+    if (!r->first_texel || !r->unlit || !r->tile || !r->coefficients || !r->has_coefficients)
+        return LW_NO_MEMORY;
     for (uint32_t o = 0; o < r->map.object_count; o++)
         r->unlit[o] = lw_scene_is_spare(r->scene, o) && r->map.atlas[o].level_count > 0;
     const uint64_t texels = place_levels(r);
@@ -119,9 +120,9 @@ enum lw_status lw_replica_create_beside(const struct lw_replica *other, struct l
 
 void lw_replica_destroy(struct lw_replica *r) {
     if (!r) return;
-    for (uint32_t i = 0; r->levels && i < r->map.tile_count; i++) free(r->levels[i]);
-    free(r->levels);
-    free(r->has_levels);
+    for (uint32_t i = 0; r->coefficients && i < r->map.tile_count; i++) free(r->coefficients[i]);
+    free(r->coefficients);
+    free(r->has_coefficients);
     free(r->texels);
     free(r->tile);
     free(r->unlit);
@@ -219,22 +220,22 @@ void lw_replica_set_form(struct lw_replica *r, enum lw_light_form form) {
     lw_replica_begin_run(r); /* versions go on growing for who compares them */
 }
 
-/* Only a tile whose newest version came in codec 4 has levels. */
+/* Only a tile whose newest version came in codec 4 has coefficients. */
 static enum lw_status decode(struct lw_replica *r, const struct lw_message_tile *t, lw_tile_id id,
                              const struct lw_tile_place *place) {
-    struct lw_tile_dct_coefficients **levels = &r->levels[id.v];
+    struct lw_tile_dct_coefficients **coefficients = &r->coefficients[id.v];
     if (t->base)
         return lw_tile_codec_decode_delta(r->codec, t->codec, t->payload, t->payload_size, t->scale,
-                                          place->width, place->height, *levels, r->decoded);
-    r->has_levels[id.v] = t->codec == LW_TILE_CODEC_DCT;
-    if (r->has_levels[id.v] && !*levels &&
-        !(*levels = aligned_alloc(_Alignof(struct lw_tile_dct_coefficients),
-                                  lw_tile_dct_coefficients_size(place->height)))) {
-        r->has_levels[id.v] = false;
+                                          place->width, place->height, *coefficients, r->decoded);
+    r->has_coefficients[id.v] = t->codec == LW_TILE_CODEC_DCT;
+    if (r->has_coefficients[id.v] && !*coefficients &&
+        !(*coefficients = aligned_alloc(_Alignof(struct lw_tile_dct_coefficients),
+                                        lw_tile_dct_coefficients_size(place->height)))) {
+        r->has_coefficients[id.v] = false;
         return LW_NO_MEMORY;
     }
     return lw_tile_codec_decode(r->codec, t->codec, t->payload, t->payload_size, t->scale, place->width,
-                                place->height, *levels, r->decoded);
+                                place->height, *coefficients, r->decoded);
 }
 
 enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_message_tile *t,
@@ -255,7 +256,7 @@ enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_messag
     if (version <= known->version) return LW_OK;
     if (!lw_tile_codec_is_known(t->codec))
         return lw_status_fail(err, LW_PROTOCOL, "message TILE: codec %u is unknown", t->codec);
-    if (t->base && (r->version_base + t->base != known->version || !r->has_levels[id.v]))
+    if (t->base && (r->version_base + t->base != known->version || !r->has_coefficients[id.v]))
         return lw_status_fail(
             err, LW_PROTOCOL,
             "message TILE: object %u, level %u, tile %u: it builds on a version that is not here", t->object,
@@ -263,8 +264,9 @@ enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_messag
     const struct lw_tile_place *place = &r->map.place[id.v];
     const bool is_coarsest = t->level == r->map.atlas[t->object].level_count - 1;
     enum lw_status status = decode(r, t, id, place);
-    if (status !=
-        LW_OK) { /* levels are half those of the new version: nothing may build on them, in a later session either */
+    if (status != LW_OK) {
+        /* half of the coefficients are the new version's: no delta may build on them, in a later session
+         * either */
         if (known->version && is_coarsest) r->coarsest_missing++;
         *known = (struct lw_client_tile){0};
     }

@@ -16,31 +16,32 @@ struct lw_replica;
  * Errors: LW_BAD_DATA, LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_replica_create(const uint8_t *package, size_t size,
                                                struct lw_replica **out_replica, struct lw_error *err);
-/** A replica of the same scene, which `other` owns and must outlive it; no light in it yet. Errors: LW_NO_MEMORY. */
+/** A replica of the same scene, which `other` owns and must outlive it; no light in it yet. Errors:
+ * LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_replica_create_beside(const struct lw_replica *other,
                                                       struct lw_replica **out_replica, struct lw_error *err);
 void lw_replica_destroy(struct lw_replica *replica);
 
-/** Told of each tile whose texels have changed; it has the replica's thread, and calls nothing that changes the replica. */
+/** Called for each tile whose texels have changed, in the replica's thread. It may only read the replica. */
 typedef void lw_replica_watch(void *context, lw_tile_id tile);
 /** watch: NULL for nobody */
 void lw_replica_set_watch(struct lw_replica *replica, lw_replica_watch *watch, void *context);
 
-/** The server has begun anew: versions that come from now on are newer than all that are there, however small. */
+/** The server has started again. Versions that come from now on count as newer than all that are there. */
 void lw_replica_begin_run(struct lw_replica *replica);
 /** The version of a tile as the present run of the server counts; 0: it is not of this run. */
 uint64_t lw_replica_version_of_run(const struct lw_replica *replica, lw_tile_id tile);
 
-/** Tiles are of this form from now on; what is there of another is forgotten, as light would be missing or
+/** Tiles are of this form from now on. Tiles of another form are dropped: their light would be missing, or
  * there twice. A new replica takes LW_LIGHT_FORM_FULL. */
 void lw_replica_set_form(struct lw_replica *replica, enum lw_light_form form);
 
-/** Takes over transforms, lights, what is hidden, materials and sky. Errors: LW_PROTOCOL for an object, light or material
- * that the scene does not have. */
+/** Takes over transforms, lights, visibility, materials and sky. Errors: LW_PROTOCOL for an object, light or
+ * material that the scene does not have. */
 LW_MUST_CHECK enum lw_status
 lw_replica_take_frame(struct lw_replica *replica, const struct lw_message_frame *frame, struct lw_error *err);
 
-/** Decodes a tile into its level, unless it is not newer than what is there or of a layer that we do not know.
+/** Decodes a tile into its level. Ignores a tile that is no newer than the one there, or of an unknown layer.
  * Errors: LW_PROTOCOL for a place, codec or payload that makes no sense, or a tile of another form. */
 LW_MUST_CHECK enum lw_status lw_replica_take_tile(struct lw_replica *replica,
                                                   const struct lw_message_tile *tile, struct lw_error *err);

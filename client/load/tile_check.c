@@ -24,7 +24,7 @@ struct lw_tile_check {
     struct seen (*seen)[LW_TILE_CHECK_VERSIONS]; /* per tile */
     struct seen (
         *light)[LW_TILE_CHECK_VERSIONS]; /* likewise: versions and texels of the sessions that are followed */
-    struct lw_tile_dct_coefficients levels;
+    struct lw_tile_dct_coefficients coefficients;
     float decoded[LW_TILE_TEXELS_MAX * CHANNELS];
 };
 
@@ -55,11 +55,11 @@ void lw_tile_check_destroy(struct lw_tile_check *check) {
 
 struct lw_tile_held {
     uint32_t tile_count;
-    struct lw_tile_dct_coefficients *levels[]; /* per tile; NULL: none that deltas could build on */
+    struct lw_tile_dct_coefficients *coefficients[]; /* per tile; NULL: none that deltas could build on */
 };
 
 enum lw_status lw_tile_held_create(const struct lw_atlas_map *map, struct lw_tile_held **out_held) {
-    struct lw_tile_held *held = calloc(1, sizeof *held + map->tile_count * sizeof held->levels[0]);
+    struct lw_tile_held *held = calloc(1, sizeof *held + map->tile_count * sizeof held->coefficients[0]);
     if (!held) return LW_NO_MEMORY;
     held->tile_count = map->tile_count;
     *out_held = held;
@@ -67,7 +67,7 @@ enum lw_status lw_tile_held_create(const struct lw_atlas_map *map, struct lw_til
 }
 
 void lw_tile_held_destroy(struct lw_tile_held *held) {
-    for (uint32_t t = 0; held && t < held->tile_count; t++) free(held->levels[t]);
+    for (uint32_t t = 0; held && t < held->tile_count; t++) free(held->coefficients[t]);
     free(held);
 }
 
@@ -85,9 +85,9 @@ static enum lw_status decode(struct lw_tile_check *check, const struct lw_messag
     const struct lw_tile_place *place = &check->map->place[id.v];
     enum lw_status status;
     if (tile->base) { /* whether its bytes make sense; on black: what the session has is not kept here */
-        memset(&check->levels, 0, sizeof check->levels);
+        memset(&check->coefficients, 0, sizeof check->coefficients);
         status = lw_tile_codec_decode_delta(check->codec, tile->codec, tile->payload, tile->payload_size,
-                                            tile->scale, place->width, place->height, &check->levels,
+                                            tile->scale, place->width, place->height, &check->coefficients,
                                             check->decoded);
     } else {
         status = lw_tile_codec_decode(check->codec, tile->codec, tile->payload, tile->payload_size,
@@ -114,19 +114,19 @@ static struct seen *find_slot(struct seen slot[LW_TILE_CHECK_VERSIONS], uint64_t
 static enum lw_status follow(struct lw_tile_check *check, const struct lw_message_tile *t, lw_tile_id id,
                              struct lw_tile_held *held, bool *out_decodes, bool *out_agrees) {
     const struct lw_tile_place *p = &check->map->place[id.v];
-    struct lw_tile_dct_coefficients **levels = &held->levels[id.v];
+    struct lw_tile_dct_coefficients **coefficients = &held->coefficients[id.v];
     enum lw_status status = LW_BAD_DATA;
     check->decoded_count++;
-    if (!t->base && t->codec == LW_TILE_CODEC_DCT && !*levels &&
-        !(*levels = aligned_alloc(_Alignof(struct lw_tile_dct_coefficients),
-                                  lw_tile_dct_coefficients_size(p->height))))
+    if (!t->base && t->codec == LW_TILE_CODEC_DCT && !*coefficients &&
+        !(*coefficients = aligned_alloc(_Alignof(struct lw_tile_dct_coefficients),
+                                        lw_tile_dct_coefficients_size(p->height))))
         return LW_NO_MEMORY;
     if (!t->base)
         status = lw_tile_codec_decode(check->codec, t->codec, t->payload, t->payload_size, t->scale, p->width,
-                                      p->height, *levels, check->decoded);
-    else if (*levels)
+                                      p->height, *coefficients, check->decoded);
+    else if (*coefficients)
         status = lw_tile_codec_decode_delta(check->codec, t->codec, t->payload, t->payload_size, t->scale,
-                                            p->width, p->height, *levels, check->decoded);
+                                            p->width, p->height, *coefficients, check->decoded);
     if (status == LW_NO_MEMORY) return status;
     *out_decodes = status == LW_OK;
     if (!*out_decodes) return LW_OK;

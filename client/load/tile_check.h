@@ -42,7 +42,7 @@ void lw_tile_held_destroy(struct lw_tile_held *held);
 size_t lw_tile_held_bytes_max(const struct lw_atlas_map *map);
 
 /** map     outlives the checker
- * always  decode for every session, whatever is remembered
+ * always  decode every tile of every session, even one that was checked before
  * Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_tile_check_create(const struct lw_atlas_map *map, bool always,
                                                   struct lw_tile_check **out_check);

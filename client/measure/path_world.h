@@ -26,7 +26,8 @@ void lw_path_world_finish(struct lw_path_world *world);
 LW_MUST_CHECK enum lw_status lw_path_world_set_time(struct lw_path_world *world, double time_s,
                                                     struct lw_error *err);
 
-/** Adds samples. Bounces are the world's, rays go through the pixels' centres, whatever the view says. */
+/** Adds samples. The view's bounces and pixel are ignored: bounces are the world's, rays go through the
+ * centres of pixels. */
 void lw_path_world_render(const struct lw_path_world *world, const struct lw_path_view *view,
                           uint32_t samples, struct lw_path_film *film);
 

@@ -1,4 +1,4 @@
-/* attention.h: which tiles a viewer wants: those of its picture, those around it, and those that it saw a moment ago.
+/* attention.h: a viewer's interest set: the tiles of its picture, those around it, and those of a moment ago.
  * Flow:    compose (needed, around) -> [attention] -> lw_client_want() -> server
  * Threads: one thread at a time. */
 #ifndef LW_CLIENT_VIEW_ATTENTION_H
@@ -6,7 +6,7 @@
 
 #include "client/lib/client.h"
 
-#define LW_ATTENTION_KEEP_NS 2000000000u /* a tile that was in the picture is wanted for so long after */
+#define LW_ATTENTION_KEEP_NS 2000000000u /* a tile stays in the set for so long after it left the picture */
 
 struct lw_attention {
     uint32_t tile_count, list_count;
@@ -19,8 +19,9 @@ LW_MUST_CHECK enum lw_status lw_attention_init(struct lw_attention *attention, u
 /** A zeroed one is fine. */
 void lw_attention_finish(struct lw_attention *attention);
 
-/** Lists what is wanted now. Where that is more than LW_CLIENT_INTEREST_MAX tiles, those seen a moment ago are left out first,
- * then those around the picture; where the picture alone has more, the list is too long, which wants everything.
+/** Lists the interest set. Where it has more than LW_CLIENT_INTEREST_MAX tiles, those seen a moment ago are
+ * left out first, then those around the picture. If the picture alone has more, the list is too long, which
+ * means everything (lw_client_want()).
  *
  * needed, around  per lw_tile_id: in the picture, around it
  * now_ns          growing, > 0 */

@@ -31,11 +31,13 @@ struct lw_camera_view lw_camera_of_scene(const struct lw_scene *scene, const str
 LW_MUST_CHECK enum lw_status lw_camera_find(const struct lw_scene *scene, const char *name,
                                             uint32_t *out_camera, struct lw_error *err);
 
-/** A view for a scene that brings no camera: the best of some hundred, by how many parts of the scene a small
- * picture shows, how large, and how well they are lit; backs of single-sided surfaces show nothing. Some
- * frame the scene's box from outside, all around it; others frame the box of nearly all triangles, so that a
- * wide ground does not make an object small; others look from eye height inside that box, and count the less
- * the more the place is open to the sides. Same scene, pose and aspect: same view.
+/** A view for a scene without a camera: the best of some hundred. A small picture of each is rated by how
+ * many parts of the scene it shows, how large, and how well lit. Backs of single-sided surfaces show nothing.
+ * Candidates:
+ *   outside  all around, framing the scene's box, or the box of nearly all triangles, since a wide ground
+ *            would make an object small
+ *   inside   from eye height in that second box; they count the less the more open the place is to the sides
+ * Same scene, pose and aspect: same view.
  *
  * pose     whose bounds are framed: without dynamic objects, which may be anywhere
  * trace    of the same scene and pose

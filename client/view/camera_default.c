@@ -2,9 +2,9 @@
  * pictures.
  *
  * What a picture is worth follows viewpoint entropy (Vazquez et al. 2001): a part of the scene that takes the
- * share p of the picture adds p (1 - ln p). So many parts are better than few, and large ones better than
- * small ones. A part is what of an object faces about the same way: how finely it is divided into triangles
- * does not count. Its share is the less, the less light it has and the nearer it is to the eye. */
+ * share p of the picture adds p (1 - ln p). Many parts are better than few, and large ones better than
+ * small ones. A part is the surface of an object that faces about one way: how finely it is divided into
+ * triangles does not count. Its share is the less, the less light it has and the nearer it is to the eye. */
 #include "client/view/camera.h"
 #include "client/view/path_trace.h"
 

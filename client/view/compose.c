@@ -25,9 +25,8 @@ _Static_assert(LISTED == LW_DIRECT_PIXELS_BLOCKS * LW_TRACE_WIDTH, "or for as ma
 /* Seen at a grazing angle a pixel covers a long strip; past this its level would only blur. */
 #define COSINE_MIN 0.05f
 
-/* A survey sees so much more than the view, in each direction, and is so many pixels wide or high. */
-#define SURVEY_MARGIN 1.4f
-#define SURVEY_SIDE   128u
+#define SURVEY_MARGIN 1.4f /* a survey's picture is wider and higher than the view by this factor */
+#define SURVEY_SIDE   128u /* pixels of its longer side */
 
 /* A pixel of light, in the sums of what tiles show: whole numbers, so that no order of threads changes
  * them. */
@@ -54,7 +53,8 @@ struct packet {
     float base[LW_TRACE_WIDTH];   /* E there, luminance */
     float transmittance[LW_TRACE_WIDTH];
     float pixel_size; /* at depth 1 */
-    /* of the layer that reflects most of the tiles' light to the eye: its luminance there, the tile it is from */
+    /* of the layer that reflects most of the tiles' light to the eye: its luminance there, the tile it is
+     * from */
     float reflected[LW_TRACE_WIDTH];
     uint32_t tile[LW_TRACE_WIDTH];
 };
@@ -228,8 +228,8 @@ static bool is_light(struct lw_vec3 c) {
     return c.x >= 0 && c.y >= 0 && c.z >= 0 && c.x < INFINITY && c.y < INFINITY && c.z < INFINITY;
 }
 
-/* The average of what has arrived of the objects' coarsest levels; before anything has, light that shows a surface
- * as its albedo. */
+/* The average of what has arrived of the objects' coarsest levels; before anything has, light that shows a
+ * surface as its albedo. */
 static struct lw_vec3 average_irradiance(const struct lw_compose *compose, bool *out_known) {
     double sum[3] = {0}, count = 0;
     for (uint32_t o = 0; o < compose->map->object_count; o++) {
@@ -408,8 +408,8 @@ static void find_patch(const struct lw_compose *compose, uint32_t o, uint32_t tr
 }
 
 /* The level of which a texel is as large as the pixel where its ray meets the surface, or smaller.
- * pixel_m^2 texels / (area cosine) texels of level 0 are under a pixel, a quarter of it of level 1; no division is needed to
- * tell which is one or less. */
+ * pixel_m^2 texels / (area cosine) texels of level 0 are under a pixel, a quarter of it of level 1; no
+ * division is needed to tell which is one or less. */
 static unsigned level_for(const struct patch *patch, struct lw_vec3 dir, float pixel_m) {
     const float length = lw_vec3_length(dir), slanted = fabsf(lw_vec3_dot(patch->normal, dir));
     const float least = patch->grazing * length, area = slanted > least ? slanted : least;
@@ -484,7 +484,8 @@ static struct lw_vec3 irradiance(struct lw_compose *compose, const struct look *
     const struct object *object = look->object;
     if (object->level_count == 0) return compose->stand_in;
     mark_needed(compose, &look->footprint);
-    /* Fresh light is noise, but a texel of level 2 is the mean of 4 x 4: until the error has fallen, less is more. */
+    /* Fresh light is noise, but a texel of level 2 is the mean of 4 x 4: until the error has fallen, less is
+     * more. */
     const unsigned last = object->level_count - 1,
                    noise_level = compose->noise_level[look->footprint.tile[0]];
     unsigned level = noise_level < look->patch->coarsest ? noise_level : look->patch->coarsest;
@@ -525,7 +526,7 @@ static bool shade(struct lw_compose *compose, struct packet *p, const struct loo
         p->transmittance[i] *= 1.0f - alpha;
     }
     if (!(p->transmittance[i] > TRANSMITTANCE_MIN)) return false;
-    /* Past the hit by more than its rounding, whatever packet it is traced in. */
+    /* Past the hit by more than its rounding in any packet. */
     p->rays.t_near[i] = hits->t[i] * (1.0f + 4e-6f) + 1e-7f;
     return true;
 }
@@ -833,7 +834,8 @@ static void swap_needed(struct lw_compose *compose) {
     compose->around = needed;
 }
 
-/* A small picture of a wide view, whose pixels are taken to be as small as the view's own: they need the same levels. */
+/* A small picture of a wide view, whose pixels are taken to be as small as the view's own: they need the same
+ * levels. */
 void lw_compose_survey(struct lw_compose *compose, const struct lw_compose_source *source,
                        const struct lw_pose *pose, const struct lw_compose_view *view) {
     struct lw_compose_view wide = *view;

@@ -1,8 +1,8 @@
 /* compose.h: the picture: one primary ray per pixel, albedo/pi * irradiance + emission at what it meets.
- * Flow:    replica (levels, tiles), trace, pose, camera -> [compose] -> linear radiance; which tiles the view needs
- *          direct_pixels adds the direct light of the lights that the client draws
- * Threads: one thread at a time per lw_compose; renders on several threads inside. Same inputs, same bytes, at any
- *          number of them. */
+ * Flow:    replica (levels, tiles), trace, pose, camera -> [compose] -> linear radiance; tiles that the view
+ *          needs direct_pixels adds the direct light of the lights that the client draws
+ * Threads: one thread at a time per lw_compose; renders on several threads inside. Same inputs, same bytes,
+ *          at any number of threads. */
 #ifndef LW_CLIENT_VIEW_COMPOSE_H
 #define LW_CLIENT_VIEW_COMPOSE_H
 
@@ -19,12 +19,11 @@ struct lw_compose_source {
     const void *context;
     struct lw_client_level (*level)(const void *context, uint32_t object, uint32_t level);
     struct lw_client_tile (*tile)(const void *context, lw_tile_id tile);
-    struct lw_vec3
-        sky; /* W/(m^2 sr): what a ray that meets nothing sees, with the scene's environment on top */
+    struct lw_vec3 sky; /* W/(m^2 sr): seen by a ray that meets nothing; the scene's environment is added */
     uint32_t bounces;   /* of a complete tile */
     float target_error; /* of a converged one */
-    float
-        noise_shown; /* share of a tile's error that is left in its texels: above some noise, coarser levels are read */
+    /* Share of a tile's error that is left in its texels. Noisy tiles are read at a coarser level. */
+    float noise_shown;
 };
 
 /** The light that a client has received so far; good until its next poll. */
@@ -35,9 +34,10 @@ struct lw_compose_desc {
     const struct lw_atlas_map *map;
     const struct lw_trace *trace; /* of the same scene; at the pose of each render */
     unsigned threads;             /* 0: all */
-    bool unfiltered; /* noisy tiles are read at the level that a pixel needs, too, instead of a coarser one */
-    /* Lights whose direct light is worked out at the pixels, as what is received lacks it (direct_pixels.h). NULL: none. Its
-     * arrays must outlive the composer, not itself. pose: of the scene, for the creation alone; only with drawn lights. */
+    bool unfiltered;              /* reads noisy tiles, too, at the level that a pixel needs */
+    /* Lights whose direct light is computed at the pixels, since tiles lack it (direct_pixels.h). NULL: none.
+     * Its arrays must outlive the composer, the struct need not. pose: the scene's, read at creation; only
+     * with drawn lights. */
     const struct lw_client_lights *drawn;
     const struct lw_pose *pose;
 };
@@ -53,7 +53,7 @@ struct lw_compose_view {
     struct lw_camera_view camera;
     uint32_t width, height;   /* pixels */
     float offset_x, offset_y; /* where in the pixel its ray goes, from the centre; pixels */
-    uint32_t sample; /* number of the picture among those that are averaged: of the shadow rays' places */
+    uint32_t sample;          /* index among the pictures that are averaged; shadow rays differ by it */
 };
 
 /* A picture that shows less error is good to look at (docs/results/look.md). */
@@ -66,26 +66,26 @@ struct lw_compose_report {
     uint32_t tiles_unfinished; /* there, with fewer bounces than a complete tile has */
     uint32_t tiles_noisy;      /* there, with more error than the target */
     float max_error;           /* of the needed tiles that are there */
-    float
-        shown_error; /* relative; the mean over the pixels: of their tiles' errors, what the filter leaves, by
-                        * how much of the pixel is the tile's light; 1 where it is not there */
-    bool complete;   /* nothing missing or unfinished */
-    bool good;       /* and what is shown of the error is at most LW_COMPOSE_GOOD_ERROR; or converged */
-    bool converged;  /* and nothing noisy */
+    /* Relative; the mean over the pixels of what the filter leaves of their tiles' errors, weighted by the
+     * tile's share of the pixel's light; 1 where the tile is missing. */
+    float shown_error;
+    bool complete;        /* nothing missing or unfinished */
+    bool good;            /* complete, and shown_error is at most LW_COMPOSE_GOOD_ERROR; or converged */
+    bool converged;       /* complete, and nothing noisy */
     uint64_t shadow_rays; /* towards drawn lights; of a render alone */
 };
 
 /** Renders a view.
  *
- * pose      object_to_world alone is read; with drawn lights, they and what is hidden as well
+ * pose      object_to_world is read; with drawn lights, also the lights and what is hidden
  * out_rgb   width * height * 3 floats, row 0 on top: W/(m^2 sr) per linear-sRGB channel, finite
  * Errors    none: where light has not arrived, coarser light stands in, then the scene's average */
 void lw_compose_render(struct lw_compose *compose, const struct lw_compose_source *source,
                        const struct lw_pose *pose, const struct lw_compose_view *view, float *out_rgb,
                        struct lw_compose_report *out_report);
 
-/** Renders listed pixels once more, as the last lw_compose_render() saw pose and light, whose pointers must
- * still be good. What they need is needed, too.
+/** Renders listed pixels once more, with the pose and the light of the last lw_compose_render(), whose
+ * pointers must still be good. The tiles that they need are added to lw_compose_needed().
  *
  * view      of that render, perhaps with another offset
  * pixel     row * width + column; neighbours next to each other are the quickest
@@ -93,11 +93,11 @@ void lw_compose_render(struct lw_compose *compose, const struct lw_compose_sourc
 void lw_compose_render_more(struct lw_compose *compose, const struct lw_compose_view *view,
                             const uint32_t *pixel, size_t pixel_count, float *out_rgb);
 
-/** Finds the tiles that a view and what lies around it would need, with few rays; lw_compose_needed() stays as it is. */
+/** Finds the tiles that a view and its surroundings would need, with few rays; lw_compose_needed() stays. */
 void lw_compose_survey(struct lw_compose *compose, const struct lw_compose_source *source,
                        const struct lw_pose *pose, const struct lw_compose_view *view);
 
-/** Takes over what a picture of another renderer needed, as if it were the last render.
+/** Takes over the tiles that a picture of another renderer needed, as if it were the last render.
  *
  * needed        as of lw_compose_needed()
  * shown         for each tile: its share of a pixel's light, 256 a pixel, summed over them
@@ -105,11 +105,11 @@ void lw_compose_survey(struct lw_compose *compose, const struct lw_compose_sourc
 void lw_compose_note(struct lw_compose *compose, const uint8_t *needed, const uint64_t *shown,
                      uint64_t pixel_count);
 
-/** Looks again at the tiles that the last render needed, without a ray. */
+/** Reports on the tiles that the last render needed, as they are now, without a ray. */
 void lw_compose_check(const struct lw_compose *compose, const struct lw_compose_source *source,
                       struct lw_compose_report *out_report);
 
-/** One byte per tile id: whether the last render needed it, at the level that it needs. */
+/** One byte per tile id: whether the last render read that tile, at that level. */
 const uint8_t *lw_compose_needed(const struct lw_compose *compose);
 /** The same for the last survey. */
 const uint8_t *lw_compose_around(const struct lw_compose *compose);

@@ -25,7 +25,7 @@
 #define SHARE_FAINT 0.005f /* from which on 2 x 2 pixels have one */
 #define SHARE_SEEN  0.02f
 #define SHARE_NOISY 0.06f
-/* A block is one point for lights at more than so many times its radius. */
+/* A block counts as one point for lights that are farther than this many of its radii. */
 #define EVEN_RADII 8.0f
 /* Sequences of random numbers that blocks choose from. */
 #define VARIANTS 8u
@@ -734,7 +734,7 @@ static void shoot_pixels(struct job *job) {
     }
 }
 
-/* Whether a neighbourhood lies within a penumbra: so many of its pixels have found both light and shadow.
+/* Whether a neighbourhood lies within a penumbra: enough of its pixels have found both light and shadow.
  * The wider the window, the more of them, as the mean over a bend is no pixel's own. r: half the window's
  * side */
 static bool is_wide(uint32_t partial, uint32_t all, uint32_t r) {
@@ -1007,8 +1007,8 @@ LW_WIDE static float mean_found(const struct lw_direct_block *restrict block) {
     return count > 0 ? sum / count : 0;
 }
 
-/* How blocks take a light. Weak: it is so far and such a small part of what arrives that one place will do for
- * all of a block, but for normals. */
+/* How blocks take a light. Weak: it is so far and such a small part of what arrives that one place will do
+ * for all of a block, but for normals. */
 struct parts {
     float weak[BLOCKS]; /* the most that it may add, over all; 0: not weak */
     uint32_t full[BLOCKS];

@@ -1,18 +1,24 @@
-/* direct_pixels.h: the direct light of chosen lights at the points that pixels see, with as few shadow rays
- * as show no noise.
+/* direct_pixels.h: the direct light of the drawn lights at the points that pixels see, with the fewest shadow
+ * rays that show no noise.
  * Flow:    points of a screen tile, lights at the pose -> [direct_pixels] -> E of each point -> compose
  * Threads: create, set_pose and begin by one thread; light [any], with a tile for each worker. Same inputs,
  * same bytes.
  *
- * Of each light that counts at the tile its E without shadows is computed (lights16.h, emitter_clusters.h),
- * and times the share of it that shadow rays see. One ray stands for 4 x 4 pixels on one flat piece of
- * surface; where it and those around it disagree, for 2 x 2; within three pixels of where these disagree,
- * each pixel has one; and where those of neighbours disagree and the light has an extent, up to eight,
- * stratified over the light for a pixel and for 4 x 4 of them. Where a penumbra is several pixels wide, a
- * pixel is the mean of its neighbours in it. Nothing is kept from picture to picture. Light that is weak
- * beside what else arrives at a pixel has fewer rays: its noise is not seen. Where it is less than a half per
- * cent of that it is computed for 4 x 4 pixels, with one ray for 8 x 8, or for some of these by chance: so
- * hundreds of lamps cost little more than the few that count. */
+ * E = E without shadows, computed (lights16.h, emitter_clusters.h), x the share that shadow rays see. Shadow
+ * rays of one light at a tile:
+ *
+ *   4 x 4 pixels on one flat piece of surface    one ray
+ *   it and the rays around it disagree           one ray for 2 x 2 pixels
+ *   within three pixels of where these disagree  one ray a pixel
+ *   neighbours disagree, the light has a size    up to eight a pixel, stratified over the light for the pixel
+ *                                                and for 4 x 4 pixels
+ *   a penumbra of several pixels                 a pixel is the mean of its neighbours in it
+ *   weak beside the pixel's other light          fewer rays, since the noise is not seen
+ *   under half a per cent of it                  E for 4 x 4 pixels, one ray for 8 x 8 pixels or for a random
+ *                                                part of these: hundreds of lamps cost little more than the
+ *                                                few that count
+ *
+ * Nothing is kept from picture to picture. */
 #ifndef LW_CLIENT_VIEW_DIRECT_PIXELS_H
 #define LW_CLIENT_VIEW_DIRECT_PIXELS_H
 
@@ -22,7 +28,7 @@
 
 #define LW_DIRECT_PIXELS_SIDE   8u /* blocks of 4 x 4 pixels along a screen tile's side */
 #define LW_DIRECT_PIXELS_BLOCKS (LW_DIRECT_PIXELS_SIDE * LW_DIRECT_PIXELS_SIDE)
-/* Lights of a tile that are looked at one by one; of what is beyond them each block takes one by chance. */
+/* Lights of a tile that are treated one by one; of the lights beyond, each block takes a random one. */
 #define LW_DIRECT_PIXELS_LIGHTS_MAX 128u
 
 struct lw_direct_pixels;
@@ -31,7 +37,7 @@ struct lw_direct_pixels_desc {
     const struct lw_scene *scene;
     const struct lw_trace *trace; /* of the same scene, at the pose of each picture */
     const struct lw_client_lights *drawn;
-    int threads; /* for what is worked out for a picture as a whole */
+    int threads; /* for work on the picture as a whole */
 };
 
 /** Scene, trace and the arrays of `drawn` must outlive it. Errors: LW_NO_MEMORY. */
@@ -43,18 +49,18 @@ void lw_direct_pixels_destroy(struct lw_direct_pixels *direct);
 
 /** Gets ready for a picture: takes over lights, objects and emissive materials as they are now.
  * pose    must stay until the picture is done
- * white   mean irradiance of what is seen, luminance, W/m^2: what is less than a thousandth of that may be
+ * white   mean irradiance of what is seen, luminance, W/m^2: light of less than a thousandth of that may be
  *         left out
- * sample  number of the picture among those that are averaged; each has random numbers of its own
- * Without memory for materials that have changed it draws no emitters. */
+ * sample  index among the pictures that are averaged; each has random numbers of its own
+ * If memory lacks after materials have changed, it draws no emitters. */
 void lw_direct_pixels_begin(struct lw_direct_pixels *direct, const struct lw_pose *pose, float white,
                             uint32_t sample);
 
 /** Sixteen pixels, 4 x 4, row by row. */
 struct lw_direct_block {
     struct lw_points16 points; /* world space, lifted off their surfaces; any finite ones where not active */
-    float base
-        [LW_TRACE_WIDTH]; /* E of other light there, luminance, W/m^2: beside it, weak light may be noisy */
+    /* E of other light there, luminance, W/m^2: beside it, weak light may be noisy */
+    float base[LW_TRACE_WIDTH];
     float e[3][LW_TRACE_WIDTH]; /* W/m^2; written where active, else 0 */
     uint16_t active;
 };
@@ -63,7 +69,7 @@ struct lw_direct_block {
 struct lw_direct_tile {
     struct lw_direct_block block[LW_DIRECT_PIXELS_BLOCKS];
     uint32_t x, y; /* of its first pixel: of the random numbers */
-    bool listed;   /* its blocks are pixels from anywhere, in no order: each is by itself */
+    bool listed;   /* its pixels are from anywhere: none has neighbours */
     uint64_t rays; /* shadow rays: added to */
     struct lw_direct_work *work;
 };

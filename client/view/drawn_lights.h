@@ -1,4 +1,4 @@
-/* drawn_lights.h: what a client is to draw by itself, as a viewer's composer takes it.
+/* drawn_lights.h: the lights whose direct light a client draws, as a composer takes them.
  * Flow:    client -> [drawn_lights] -> stage, viewers -> compose
  * Threads: those of the client. */
 #ifndef LW_CLIENT_VIEW_DRAWN_LIGHTS_H

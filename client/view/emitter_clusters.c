@@ -18,7 +18,7 @@
 /* From FAR radii on a cluster is a point; nearer it is its facets, and from NEAR on fades over to a point. */
 #define NEAR_RADII 3.0f
 #define FAR_RADII  5.0f
-/* What stands within so many radii of its centre is part of it, from afar. */
+/* From afar, what stands within this many radii of a cluster's centre is part of it. */
 #define REACH_RADII 1.5f
 
 #define POINTS     LW_EMITTER_CLUSTERS_POINTS

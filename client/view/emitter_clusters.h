@@ -1,15 +1,15 @@
-/* emitter_clusters.h: small emissive meshes as lamps: what each gives to a point if nothing is in the way,
- * and places on it for shadow rays.
+/* emitter_clusters.h: small emissive meshes as lamps: the unshadowed light of each at a point, and targets on
+ * it for shadow rays.
  * Flow:    lights -> [emitter_clusters] -> direct_pixels
  * Threads: init and set_pose by one thread; the rest [any] in between.
  *
- * A cluster is made of connected triangles of one object and one material, and of such pieces that lie
- * close together. Without shadows its light is computed, not sampled, so that it has no noise; a shadow ray
- * to one place on it says how much of that arrives (Heitz, Hill, McGuire: Combining Analytic Direct
- * Illumination and Stochastic Shadows, 2018). From afar it is a point whose intensity depends on the
- * direction (a map of the octahedron), and what stands close to it, a lamp's own shade or cage, is part of
- * it: shadow rays end before that. From nearby it is a few facets, each as bright as a disc of its area,
- * and shadow rays go all the way. */
+ * A cluster is made of connected triangles of one object and one material, and of such pieces that lie close
+ * together. Its light without shadows is computed, not sampled, so it has no noise. A shadow ray to one place
+ * on it says how much of that arrives (Heitz, Hill, McGuire: Combining Analytic Direct Illumination and
+ * Stochastic Shadows, 2018).
+ *   from afar    a point whose intensity depends on the direction (a map of the octahedron). What stands
+ *                close to it, such as a lamp's shade or cage, is part of it: shadow rays end before that
+ *   from nearby  a few facets, each as bright as a disc of its area; shadow rays go all the way */
 #ifndef LW_CLIENT_VIEW_EMITTER_CLUSTERS_H
 #define LW_CLIENT_VIEW_EMITTER_CLUSTERS_H
 
@@ -43,8 +43,8 @@ struct lw_emitter_cluster {
     float reach_m;                          /* from its centre: what stands within it is part of the map */
     /* intensity by direction, luminance, W/sr; values at the steps, edges included */
     float map[(LW_EMITTER_CLUSTERS_MAP + 1) * (LW_EMITTER_CLUSTERS_MAP + 1)];
-    float open[(LW_EMITTER_CLUSTERS_MAP + 1) *
-               (LW_EMITTER_CLUSTERS_MAP + 1)]; /* the same without what stands close */
+    /* the same without what stands close */
+    float open[(LW_EMITTER_CLUSTERS_MAP + 1) * (LW_EMITTER_CLUSTERS_MAP + 1)];
 };
 
 /** One shining side of an emitter. */
@@ -79,15 +79,15 @@ void lw_emitter_clusters_place(struct lw_emitter_clusters *clusters, uint32_t cl
 void lw_emitter_clusters_light16(const struct lw_emitter_cluster *cluster, const struct lw_points16 *points,
                                  float out[16]);
 
-/** What share of a cluster's points up to each one adds to what is seen of it from afar in a direction:
- * those that face it count by their cosine.
+/** Cumulative shares of a cluster's points in its light from afar in a direction: points that face it count
+ * by their cosine.
  * from        a point in that direction, world space
  * out_share   LW_EMITTER_CLUSTERS_POINTS ascending sums, the last 1; all 0: none of them faces it */
 void lw_emitter_clusters_share(const struct lw_emitter_cluster *cluster, struct lw_vec3 from,
                                float out_share[LW_EMITTER_CLUSTERS_POINTS]);
 
-/** A shadow ray from a point to a place on the cluster, chosen by what its parts give there; (u, v) in [0,
- * 1).
+/** A shadow ray from a point to a place on the cluster. Its parts are chosen by their light at the point; (u,
+ * v) in [0, 1).
  * share    for the point's direction, or one close by
  * out_way  from the point to that place, world space, m
  * out_end  where the ray ends, as a share of that

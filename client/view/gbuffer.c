@@ -126,8 +126,9 @@ static const struct lw_mesh *mesh_of(const struct lw_gbuffer *g, uint32_t object
 
 /* Makes a surface the one that a pixel is about.
  *
- * A plane n . x = d (x from the eye) is seen along the ray `middle + right i - up j` at depth d / (n . ray): the inverse
- * of depth is linear in the pixel. A point off by D in that inverse is d D z off the plane; a pixel there is z `pixel` wide. */
+ * A plane n . x = d (x from the eye) is seen along the ray `middle + right i - up j` at depth d / (n . ray):
+ * the inverse of depth is linear in the pixel. A point off by D in that inverse is d D z off the plane; a
+ * pixel there is z `pixel` wide. */
 static void take(const struct lw_gbuffer *g, const struct lw_camera_plane *plane, const struct lw_hit16 *hits,
                  unsigned i, struct lw_vec3 direction, const struct lw_surface *surface,
                  struct pixel *pixel) {
@@ -194,7 +195,7 @@ static void render_square(const struct lw_gbuffer *g, const struct lw_camera_pla
         for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
             if (!(going >> i & 1u) || !meet(g, plane, &rays, &hits, i, layer == LAYERS_MAX, &pixel[i]))
                 continue;
-            /* Past the hit by more than its rounding, whatever packet it is traced in. */
+            /* Past the hit by more than its rounding in any packet. */
             rays.t_near[i] = hits.t[i] * (1.0f + 4e-6f) + 1e-7f;
             go_on |= (uint16_t)(1u << i);
         }

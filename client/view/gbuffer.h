@@ -1,12 +1,13 @@
-/* gbuffer.h: what the eye meets first, pixel by pixel: surfaces without their light.
+/* gbuffer.h: first hits, pixel by pixel: surfaces without their light.
  * Flow:    scene, trace, pose, camera -> [gbuffer] -> svgf
- * Threads: one thread at a time per lw_gbuffer; renders on several inside. Same inputs, same bytes, at any number.
+ * Threads: one thread at a time per lw_gbuffer; renders on several inside. Same inputs, same bytes, at any
+ * number.
  *
  * Rays go through the centres of pixels, as in compose.h and path_trace.h (LW_PATH_PIXEL_CENTRE), so that
  *     radiance = albedo x E/pi + emission
- * holds for the mean of the path tracer's samples. BLEND surfaces are blended front to back: albedo and emission are sums
- * over all layers and the sky behind them, the rest belongs to the layer that weighs most. Where there is one
- * layer, paths may start from here instead of the eye (path_trace.h, first_hits). */
+ * holds for the mean of the path tracer's samples. BLEND surfaces are blended front to back: albedo and
+ * emission are sums over all layers and the sky behind them, the rest belongs to the layer that weighs most.
+ * Where there is one layer, paths may start from here instead of the eye (path_trace.h, first_hits). */
 #ifndef LW_CLIENT_VIEW_GBUFFER_H
 #define LW_CLIENT_VIEW_GBUFFER_H
 
@@ -15,18 +16,18 @@
 
 /** Planes of width * height values each, row 0 on top. */
 struct lw_gbuffer_planes {
-    uint32_t *
-        object; /* LW_TRACE_MISS: nothing is met, or nothing that reflects; then only albedo and emission count */
+    /* LW_TRACE_MISS: no surface, or none that reflects; then only albedo and emission count */
+    uint32_t *object;
     float *depth; /* inverse, 1/m, along the camera's forward; 0 where nothing is met */
-    float *slope
-        [2]; /* of that inverse on the tangent plane, per pixel to the right and down: exact for flat surfaces */
-    float *
-        apart; /* how many pixels' breadth off the tangent plane a point is, per 1/m off its inverse depth; m */
+    /* of that inverse on the tangent plane, per pixel to the right and down: exact for flat surfaces */
+    float *slope[2];
+    /* how many pixels' breadth off the tangent plane a point is, per 1/m off its inverse depth; m */
+    float *apart;
     float *normal[3]; /* unit shading normal, world space, on the side that is seen */
     float *albedo[3];
     float *emission[3]; /* W/(m^2 sr) */
     float *before[3];   /* where the point was in the render before this one, world space, m */
-    float *origin[3];   /* where rays of light start: the point, lifted off its surface, m */
+    float *origin[3];   /* where shadow and bounce rays start: the point, lifted off its surface, m */
 };
 
 /** A pixel's value of three planes. */

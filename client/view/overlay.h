@@ -20,7 +20,7 @@ struct lw_overlay_state {
 };
 
 /** How far the picture is, in one line. An error is told once it says something: the estimate from the first
- * few samples of a tile is near 100 % whatever the tile looks like. */
+ * few samples of any tile is near 100 %. */
 void lw_overlay_state(const struct lw_overlay_state *state, char out[LW_OVERLAY_LINE_SIZE]);
 
 #endif

@@ -5,8 +5,8 @@
 
 #include <stdint.h>
 
-#define LW_PACE_FRAME_MS                                                                                     \
-    40.0 /* of rendering, while something moves: leaves room for the rest of 20 frames/s */
+/* of rendering, while something moves: leaves time for the rest of a frame at 20 frames/s */
+#define LW_PACE_FRAME_MS 40.0
 #define LW_PACE_SIDE_MIN 64u /* pixels */
 
 struct lw_pace {
@@ -16,7 +16,7 @@ struct lw_pace {
 /** Takes in what a render cost. */
 void lw_pace_note(struct lw_pace *pace, uint64_t pixels, uint64_t ns);
 
-/** How much of a frame's time is left after so many pixels; 0 while nothing is measured. */
+/** How much of a frame's time is left after that number of pixels; 0 while nothing is measured. */
 uint64_t lw_pace_spare_ns(const struct lw_pace *pace, uint64_t pixels);
 
 /** The largest size of the window's shape that renders in time; never more than the window's. */

@@ -15,7 +15,7 @@
 
 /* Samples per pixel between two looks at the error; even, so that both halves get as many. */
 #define STEP 4u
-/* Before so many the estimate of the error is itself mostly noise. */
+/* With fewer samples the estimated error is mostly noise itself. */
 #define SAMPLES_MIN 16u
 
 static volatile sig_atomic_t stop;
@@ -68,7 +68,8 @@ static enum lw_status set_up(struct command *c, struct lw_error *err) {
     status = lw_pose_init(&c->pose, c->scene);
     if (status != LW_OK) return lw_status_fail(err, status, "no memory for the scene's pose");
     lw_pose_evaluate(&c->pose, c->scene, o->path.time_s);
-    /* One moment only: nothing moves any more. Rays then meet one flat structure, where coherent packets are safe. */
+    /* One moment only: nothing moves any more. Rays then meet one flat structure, where coherent packets are
+     * safe. */
     memset(c->pose.node_moves, 0, c->scene->node_count * sizeof *c->pose.node_moves);
     status = lw_trace_create(c->scene, &c->pose, &c->trace, err);
     if (status != LW_OK) return status;

@@ -1,18 +1,19 @@
-/* path_renderer.h: moving pictures by paths from the eye, in the ways in which people render them: raw, over
+/* path_renderer.h: moving pictures by paths from the eye, as other renderers make them: raw, accumulated over
  * time, filtered.
  * Flow:    scene, pose, camera -> [path_renderer: path_trace, gbuffer, svgf] -> radiance of a frame
  * Threads: one thread at a time per renderer; works on several inside. Same inputs, same bytes, at any
  * number.
  *
- * They are what the shared cache is measured against (docs/results/crossover.md), each as strong as we can
- * make it. Rays go through the centres of pixels. */
+ * The shared cache is measured against them (docs/results/crossover.md), so each is as strong as we can make
+ * it. Rays go through the centres of pixels. */
 #ifndef LW_CLIENT_VIEW_PATH_RENDERER_H
 #define LW_CLIENT_VIEW_PATH_RENDERER_H
 
 #include "client/view/path_trace.h"
 
-/* tag, short name, what it does. Each from LIGHTS on takes a shadow ray for each light or group of lights at
- * first hits and limits what a path brings from beyond them to ten times the picture's mean. */
+/* tag, short name, what it does. From LIGHTS on, each traces a shadow ray to each light or group of lights at
+ * first hits. Light that a path brings from beyond its first hit is clamped to ten times the picture's
+ * mean. */
 #define LW_PATH_RENDERER_MAP(X)                                                                              \
     X(RAW, "raw", "paths as they are: one sample of all lights at each vertex")                              \
     X(LIGHTS, "lights", "all lights at first hits, a clamp")                                                 \
@@ -29,7 +30,7 @@ enum lw_path_renderer_kind {
 
 const char *lw_path_renderer_name(enum lw_path_renderer_kind kind);
 const char *lw_path_renderer_about(enum lw_path_renderer_kind kind);
-/** Whether a frame's picture builds on those before. */
+/** Whether the renderer has a history: a frame's picture builds on those before. */
 bool lw_path_renderer_remembers(enum lw_path_renderer_kind kind);
 
 struct lw_path_renderer_desc {
@@ -53,11 +54,10 @@ void lw_path_renderer_destroy(struct lw_path_renderer *renderer);
 struct lw_path_frame {
     const struct lw_pose *pose;
     struct lw_camera_view camera;
-    uint32_t
-        samples;   /* paths per pixel that this frame adds; bounces of a quarter, for as many of its pixels */
-    uint32_t seed; /* of those that remember: the same in all frames */
-    uint32_t number; /* of the frame, from 0 */
-    bool resting; /* nothing has moved since the last frame: samples of those that do not remember add up */
+    uint32_t samples; /* paths per pixel that this frame adds; SVGF_QUARTER: for a quarter of the pixels */
+    uint32_t seed;    /* for renderers with a history: the same in all frames */
+    uint32_t number;  /* of the frame, from 0 */
+    bool still;       /* nothing has moved since the last frame: renderers without a history add up samples */
 };
 
 /** CPU seconds of a frame, all threads. */
@@ -71,8 +71,7 @@ struct lw_path_frame_cost {
 const float *lw_path_renderer_frame(struct lw_path_renderer *renderer, const struct lw_path_frame *frame,
                                     struct lw_path_frame_cost *out_cost);
 
-/** Samples of a pixel that the last picture is made of, where nothing moves and the renderer does not
- * remember. */
+/** Samples per pixel in the last picture, where nothing moves and the renderer has no history. */
 uint32_t lw_path_renderer_samples(const struct lw_path_renderer *renderer);
 
 #endif

@@ -38,12 +38,12 @@ struct job {
     } part; /* of the whole picture: what the film holds. Paths know their pixels by the whole picture */
 };
 
-/* The paths of a square of 4 x 4 pixels. They share all random numbers: from equal normals they bounce in parallel, and all
- * look for the same lamp, so that packets of them run through the same boxes. That correlates the noise of these pixels, and
- * does not change the error of any one.
+/* The paths of a square of 4 x 4 pixels. They share all random numbers: from equal normals they bounce in
+ * parallel, and all look for the same lamp, so that packets of them run through the same boxes. That
+ * correlates the noise of these pixels, and does not change the error of any one.
  *
- * Paths per CPU second, as multiples of the first line (one thread, 640 x 360, direct light and 2 bounces; Cornell 320 x 320,
- * 3 bounces; the coherent flag where it helps):                Cornell  atrium  Sponza
+ * Paths per CPU second, as multiples of the first line (one thread, 640 x 360, direct light and 2 bounces;
+ * Cornell 320 x 320, 3 bounces; the coherent flag where it helps):                Cornell  atrium  Sponza
  *   every path its own numbers, packets of 4 x 4 pixels           1       1       1
  *   the same, 1,024 paths sorted by normal and place              0.96    1.05    0.98
  *   shared by every 4th pixel of 64 x 64, as sets in the solve    1.85    1.40    1.28
@@ -107,7 +107,8 @@ static const struct lw_mesh *mesh_of(const struct job *job, uint32_t object) {
     return &scene->mesh[scene->object[object].mesh];
 }
 
-/* Puts path number `which` onto the surface that lane `i` has met, from where it goes on unless all light is swallowed. */
+/* Puts path number `which` onto the surface that lane `i` has met, from where it goes on unless all light is
+ * swallowed. */
 static void arrive(const struct job *job, struct bundle *b, uint16_t which, const struct lw_hit16 *hits,
                    unsigned i, const struct lw_surface *surface) {
     struct path *path = &b->path[which];
@@ -127,8 +128,8 @@ static void surface_at(const struct job *job, const struct lw_hit16 *hits, unsig
                      hits->v[i], out);
 }
 
-/* Rays from the eye. Of the BLEND surfaces along one of them the path chooses one, or what is behind them all, by how
- * much each gives to what compose.h blends front to back. */
+/* Rays from the eye. Of the BLEND surfaces along one of them the path chooses one, or what is behind them
+ * all, by how much each gives to what compose.h blends front to back. */
 static void look16(const struct job *job, struct bundle *b, uint16_t first, unsigned lanes,
                    struct lw_path_count *count) {
     const struct lw_path_view *view = job->view;
@@ -166,7 +167,7 @@ static void look16(const struct job *job, struct bundle *b, uint16_t first, unsi
             transmittance[i] *= 1 - surface.alpha;
             if (surface.material->alpha_mode == LW_ALPHA_BLEND && layer < LW_PATH_TRACE_LAYERS_MAX &&
                 choice[0] < transmittance[i]) {
-                /* Past the hit by more than its rounding, whatever packet it is traced in. */
+                /* Past the hit by more than its rounding in any packet. */
                 rays.t_near[i] = hits.t[i] * (1.0f + 4e-6f) + 1e-7f;
                 go_on |= (uint16_t)(1u << i);
                 continue;
@@ -197,8 +198,8 @@ static bool take_first_hits(const struct job *job, struct bundle *b, unsigned pa
     return true;
 }
 
-/* Power heuristic (Veach 1997, 9.2.4): the weight of a sample that was drawn with density `own` where `other` could have
- * drawn it too. */
+/* Power heuristic (Veach 1997, 9.2.4): the weight of a sample that was drawn with density `own` where `other`
+ * could have drawn it too. */
 static float weight_of(float own, float other) {
     float ratio = other / own;
     return 1 / (1 + ratio * ratio);
@@ -366,7 +367,8 @@ static void trace_bundle(const struct job *job, struct bundle *b, unsigned paths
     if (arrived && view->clamp > 0) clamp_far(b, paths, view->clamp);
 }
 
-/* The pixels of a bundle: first + step * (0..3), both ways. `members` bundles of one seed walk one sequence together. */
+/* The pixels of a bundle: first + step * (0..3), both ways. `members` bundles of one seed walk one sequence
+ * together. */
 struct layout {
     uint32_t first_x, first_y, step;
     uint32_t seed_x, seed_y;
@@ -380,7 +382,8 @@ static struct layout lay_out(enum lw_path_pattern pattern, uint32_t left, uint32
         return (struct layout){x, y, 1, x, y, 0, 1};
     }
     const uint32_t block = n / BUNDLE, x = left + block % 2 * BUNDLE, y = top + block / 2 * BUNDLE;
-    /* Along a Z-curve: aligned runs of 4 points of the sequence, which are stratified, are 2 x 2 neighbours. */
+    /* Along a Z-curve: aligned runs of 4 points of the sequence, which are stratified, are 2 x 2
+     * neighbours. */
     const uint32_t z = n % BUNDLE, i = (z & 1u) | (z >> 1 & 2u), j = (z >> 1 & 1u) | (z >> 2 & 2u);
     return (struct layout){x + i, y + j, SQUARE, x, y, z, BUNDLE};
 }

@@ -1,11 +1,12 @@
 /* path_trace.h: the reference: light by tracing paths from the eye, with nothing cached between them.
  * Flow:    scene, trace, lights, pose, camera -> [path_trace] -> path_film
- * Threads: one thread at a time per lw_path_trace; works on several inside. Same seed, same bytes, at any number of them
- *          and however the samples are spread over calls.
- * After:   Veach 1997 (multiple importance sampling, power heuristic); Burley 2020 (Owen-scrambled Sobol by hashing).
+ * Threads: one thread at a time per lw_path_trace; works on several inside. Same seed, same bytes, at any
+ *          number of threads and for any split of the samples over calls.
+ * After:   Veach 1997 (multiple importance sampling, power heuristic); Burley 2020 (Owen-scrambled Sobol by
+ *          hashing).
  *
- * It shares scene, rays and lights with the solve and counts its light as the solve does: emission that is seen, direct
- * light, and so many orders of indirect light. Everything is diffuse. */
+ * It shares scene, rays and lights with the solve, and counts light as the solve does: visible emission,
+ * direct light, and `bounces` orders of indirect light. Everything is diffuse. */
 #ifndef LW_CLIENT_VIEW_PATH_TRACE_H
 #define LW_CLIENT_VIEW_PATH_TRACE_H
 
@@ -17,8 +18,8 @@
 #include <stdatomic.h>
 
 #define LW_PATH_TRACE_BOUNCES_MAX 64u
-#define LW_PATH_TRACE_LAYERS_MAX                                                                             \
-    16u /* BLEND surfaces along one ray from the eye; the last one counts as opaque */
+/* BLEND surfaces along one ray from the eye; the last one counts as opaque */
+#define LW_PATH_TRACE_LAYERS_MAX 16u
 
 enum lw_path_pixel {
     LW_PATH_PIXEL_BOX,   /* a pixel is the mean over its square */
@@ -29,21 +30,21 @@ enum lw_path_pixel {
 enum lw_path_method {
     LW_PATH_METHOD_BOTH,  /* by lamps and by bounce rays, weighed by the power heuristic */
     LW_PATH_METHOD_LAMPS, /* by rays towards lamps alone */
-    LW_PATH_METHOD_BOUNCE /* by bounce rays that happen to meet them; point, spot and directional lights by lamps */
+    LW_PATH_METHOD_BOUNCE /* by bounce rays that meet them; point, spot and directional lights as in LAMPS */
 };
 
 /** Which light counts; direct and indirect add up to all. */
 enum lw_path_part {
     LW_PATH_PART_ALL,
-    LW_PATH_PART_DIRECT,  /* what is seen to shine, and what lights shine on that the eye sees */
-    LW_PATH_PART_INDIRECT /* what arrives there by bounces */
+    LW_PATH_PART_DIRECT,  /* visible emission, and light of lamps and sky on visible surfaces */
+    LW_PATH_PART_INDIRECT /* light that reaches visible surfaces by bounces */
 };
 
 /** Which 16 pixels share random numbers, so that their rays run parallel. */
 enum lw_path_pattern {
     LW_PATH_PATTERN_SQUARE, /* 4 x 4 neighbours: the fastest, for pictures of many samples */
-    /* Every 4th pixel of 16 x 16, in both directions. Neighbours differ, and 4 x 4 of them are stratified as a whole: what
-     * a filter averages over a few pixels is a better sample of their light (Keller and Heidrich 2001). */
+    /* Every 4th pixel of 16 x 16, in both directions. Neighbours differ, and 4 x 4 of them are stratified as
+     * a whole, so that a filter over a few pixels averages better samples (Keller and Heidrich 2001). */
     LW_PATH_PATTERN_INTERLEAVED
 };
 
@@ -66,9 +67,9 @@ void lw_path_trace_destroy(struct lw_path_trace *tracer);
 void lw_path_trace_set_pose(struct lw_path_trace *tracer, const struct lw_pose *pose);
 
 /** The part of a picture that a film holds: from pixel (x, y) on, as wide and high as the film, of
- * width x height pixels. Its samples are those of the same pixels of the whole picture: byte for byte where x
- * and y are multiples of 16 and the part ends at such, too, or with the picture; elsewhere rays travel in
- * other packets, and a hit may round differently. All zero: the film is the whole picture. */
+ * width x height pixels. Its samples are those of the same pixels of the whole picture: byte for byte where
+ * the part begins at multiples of 16 and ends at such or with the picture. Elsewhere rays travel in other
+ * packets, and a hit may round differently. All zero: the film is the whole picture. */
 struct lw_path_crop {
     uint32_t x, y, width, height;
 };
@@ -78,21 +79,19 @@ struct lw_path_view {
     struct lw_path_crop crop;
     uint32_t bounces; /* of indirect light; up to LW_PATH_TRACE_BOUNCES_MAX */
     uint32_t seed;
-    uint32_t
-        first_sample; /* of the sequences: where an earlier picture of the same seed ended, samples go on */
+    uint32_t first_sample; /* of the sequences: to go on where an earlier picture of the same seed ended */
     enum lw_path_pixel pixel;
     enum lw_path_method method;
     enum lw_path_pattern pattern;
     enum lw_path_part part;
     /* At first hits a sample and a shadow ray for each light or group of lights (direct16.h), in place of one
-     * sample of all of them; what bounce rays from there meet does not count as light then. */
+     * sample of all lights. Emission that bounce rays from there meet then does not count. */
     bool all_lights;
-    /* The most luminance, W/(m^2 sr), that one path may bring from beyond its first hit: brighter ones are
-     * scaled down to it. Loses light, and the noise of few bright paths. 0: no limit. */
+    /* The most luminance, W/(m^2 sr), that one path may bring from beyond its first hit. Brighter paths are
+     * scaled down to it: less noise by a few bright paths, and some light is lost. 0: no limit. */
     float clamp;
-    /* First hits that another has traced already, by the same pose and camera, of as many pixels as the whole
-     * picture. Rays from the eye are left out, but where pixels show several surfaces. Then a pixel is its
-     * centre. NULL: none. */
+    /* First hits of the whole picture, already traced with the same pose and camera. Rays from the eye are
+     * traced only for pixels that show several surfaces. A pixel is then its centre. NULL: none. */
     const struct lw_gbuffer *first_hits;
     const _Atomic bool *cancel; /* may be NULL; once true, a render ends within some milliseconds */
 };
@@ -102,8 +101,8 @@ struct lw_path_count {
 };
 
 /** Adds `samples` paths to every pixel of a film, which lies within the whole picture. False: it was
- * cancelled; some pixels of the film have got theirs and others have not, and neither film->samples nor
- * count has changed.
+ * cancelled; some pixels of the film have their samples and others not, and film->samples and count have not
+ * changed.
  *
  * count   may be NULL; added to
  * Errors  none; a sample that is not finite counts as black

@@ -1,4 +1,5 @@
-/* picture.h: the pixels of the window: rendered small while things move, sharpened while they rest, exposed smoothly.
+/* picture.h: the pixels of the window: rendered small while something moves, sharpened while nothing does,
+ * exposed smoothly.
  * Flow:    stage, camera -> compose -> [picture] -> RGBA for the screen
  * Threads: one thread at a time; works on several inside. */
 #ifndef LW_CLIENT_VIEW_PICTURE_H
@@ -8,7 +9,7 @@
 #include "client/view/stage.h"
 #include "client/view/tonemap.h"
 
-#define LW_PICTURE_SAMPLES_MAX 16u /* rays per pixel of a picture at rest */
+#define LW_PICTURE_SAMPLES_MAX 16u /* rays per pixel of a still picture */
 
 struct lw_picture {
     uint32_t width_max, height_max;
@@ -32,14 +33,14 @@ void lw_picture_init(struct lw_picture *picture, enum lw_tonemap_curve curve, bo
                      unsigned threads);
 void lw_picture_finish(struct lw_picture *picture);
 
-/** Makes room for a window's pixels; what was in the picture is gone. Errors: LW_NO_MEMORY; the picture then stays. */
+/** Makes room for a window's pixels; what was in the picture is gone. Errors: LW_NO_MEMORY; the picture then
+ * stays. */
 LW_MUST_CHECK enum lw_status lw_picture_resize(struct lw_picture *picture, uint32_t width, uint32_t height,
                                                struct lw_error *err);
 
 /** Renders one more sample of each pixel, or the first if the view, the light or the size is another.
  * fresh         something changed: start again
- * edge_time_ns  what more samples of the first one's edges may take, about; they come by two or more, or
- *               not at all */
+ * edge_time_ns  about how long more samples at the first one's edges may take; two at least, or none */
 void lw_picture_render(struct lw_picture *picture, struct lw_stage *stage,
                        const struct lw_camera_view *camera, uint32_t width, uint32_t height, bool fresh,
                        uint64_t edge_time_ns);

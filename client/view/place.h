@@ -1,5 +1,4 @@
-/* place.h: where an object is, ready for surface points that rays have met, and where rays of light start
- * there.
+/* place.h: an object's transform, ready for the points that rays have hit and for the rays that start there.
  * Flow:    pose -> [place] -> path_trace, gbuffer
  * Threads: values, [any]. */
 #ifndef LW_CLIENT_VIEW_PLACE_H
@@ -23,8 +22,8 @@ struct lw_place_point {
     struct lw_vec3 face;   /* geometric normal, likewise */
 };
 
-/** The point that lane `i` of a packet has met.
- * mesh, surface  of what it has met */
+/** The point that lane `i` of a packet has hit.
+ * mesh, surface  of that hit */
 struct lw_place_point lw_place_point(const struct lw_place *place, const struct lw_mesh *mesh,
                                      const struct lw_hit16 *hits, unsigned i,
                                      const struct lw_surface *surface);

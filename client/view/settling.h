@@ -6,13 +6,13 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#define LW_SETTLING_FALL   0.9f /* an error is less where it is under this share of the least so far */
-#define LW_SETTLING_MIN_NS 5000000000ull /* how long it must not have been */
+#define LW_SETTLING_FALL   0.9f /* an error has fallen if it is under this share of the least so far */
+#define LW_SETTLING_MIN_NS 5000000000ull /* for at least so long it must not have fallen */
 
-/* How often what is shown must have been renewed meanwhile: a server that is busy elsewhere is waited for, */
+/* So often the picture's tiles must have been renewed meanwhile, since a server may be busy elsewhere; after
+ * LW_SETTLING_MAX_NS that no longer counts. */
 #define LW_SETTLING_RENEWALS 16.0
-/* but no longer than this. */
-#define LW_SETTLING_MAX_NS 30000000000u
+#define LW_SETTLING_MAX_NS   30000000000u
 
 /** A zeroed one has heard nothing. */
 struct lw_settling {
@@ -22,10 +22,10 @@ struct lw_settling {
     bool started;
 };
 
-/** Takes in an error, and how often what has it was renewed so far. Returns whether the error has not
- * fallen for LW_SETTLING_MIN_NS, for LW_SETTLING_RENEWALS (or LW_SETTLING_MAX_NS), and for as long again as
- * it has taken to fall there: the error of a mean falls to 0.71 in that time, so what has not fallen to 0.9
- * is held up by what moves. */
+/** Takes in an error, and how often its tiles were renewed so far. Returns whether the error has settled: it
+ * has not fallen for LW_SETTLING_MIN_NS, nor for LW_SETTLING_RENEWALS (or LW_SETTLING_MAX_NS), nor for as
+ * long as it took to fall to here. In that last time the error of a mean falls to 0.71; where it has not even
+ * fallen to 0.9, movement keeps it up. */
 bool lw_settling_note(struct lw_settling *settling, float error, double renewed, uint64_t now_ns);
 
 #endif

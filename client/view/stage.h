@@ -1,5 +1,6 @@
-/* stage.h: what a viewer needs around one client: the pose of what it received, the rays and the composer for it.
- * Flow:    client -> [stage] -> headless and window; what they look at -> [stage] -> client
+/* stage.h: what a viewer needs around one client: the pose of what it received, the rays and the composer for
+ * it.
+ * Flow:    client -> [stage] -> headless and window; interest set -> [stage] -> client
  * Threads: one thread at a time. */
 #ifndef LW_CLIENT_VIEW_STAGE_H
 #define LW_CLIENT_VIEW_STAGE_H
@@ -18,7 +19,7 @@ struct lw_stage {
     struct lw_client_lights drawn; /* whose direct light the composer draws, if the client asked for that */
     uint64_t changed_frame;        /* of the materials that the last picture had */
     struct lw_attention attention;
-    uint64_t looked_ns; /* when the client last heard what is looked at */
+    uint64_t looked_ns; /* when the interest set was last listed */
 };
 
 /** Builds a stage for a client whose scene is there. The client must outlive it. Zeroed on failure.
@@ -33,8 +34,8 @@ void lw_stage_finish(struct lw_stage *stage);
  * Errors: LW_NO_MEMORY; LW_INTERNAL. */
 LW_MUST_CHECK enum lw_status lw_stage_follow(struct lw_stage *stage, bool *out_moved, struct lw_error *err);
 
-/** Tells the client what the picture rendered last needs, and what lies around it. Cheap enough for every picture: most
- * calls do nothing. Errors: LW_NO_MEMORY. */
+/** Sets the client's interest set: the tiles of the last picture, and those around it. Call it for every
+ * picture: most calls do nothing. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_stage_look(struct lw_stage *stage, const struct lw_camera_view *camera,
                                            uint32_t width, uint32_t height, struct lw_error *err);
 

@@ -1,12 +1,14 @@
 /* svgf.h: takes the noise out of a path tracer's pictures as they come: over time, then over the picture.
  * Flow:    gbuffer, radiance of a few samples per pixel -> [svgf] -> radiance
  * Threads: one thread at a time per lw_svgf; works on several inside. Same inputs, same bytes, at any number.
- * After:   Schied et al. 2017 (spatiotemporal variance-guided filtering); Dammertz et al. 2010 (edge-avoiding a-trous).
+ * After:   Schied et al. 2017 (spatiotemporal variance-guided filtering); Dammertz et al. 2010 (edge-avoiding
+ *          a-trous).
  *
- * It lets light pass unchanged where it has no noise; it takes noise for light where the history is short, so that fresh
- * shadow edges are soft for some frames. While camera, objects and lights are still, the picture converges to the mean of
- * the samples; else a history counts as 32 frames at most. Samples should be of LW_PATH_PIXEL_CENTRE,
- * LW_PATH_PATTERN_INTERLEAVED, one seed, and first_sample = frame * samples. Each frame:
+ * Light without noise passes unchanged. Where the history is short, light counts as noise, so that fresh
+ * shadow edges are soft for some frames. While camera, objects and lights are still, the picture converges to
+ * the mean of the samples; else a history counts as 32 frames at most. Samples should be of
+ * LW_PATH_PIXEL_CENTRE, LW_PATH_PATTERN_INTERLEAVED, one seed, and first_sample = frame * samples. Each
+ * frame:
  *
  *     lw_path_trace_render(tracer, &view, samples, &film, NULL);  and lw_path_film_resolve()
  *     lw_gbuffer_render(&gbuffer, pose, &view.camera);
@@ -36,7 +38,8 @@ void lw_svgf_reset(struct lw_svgf *svgf);
 /** Filters one frame. What the frame before left is found by gbuffer->plane.before and that frame's camera.
  *
  * gbuffer   of this frame, of the same size
- * radiance  width * height * 3 floats, W/(m^2 sr), of paths through the centres of pixels; what is not finite counts as black
+ * radiance  width * height * 3 floats, W/(m^2 sr), of paths through the centres of pixels; what is not finite
+ *           counts as black
  * out_rgb   as much; finite, not negative; may be `radiance`
  * Cost      no allocation */
 void lw_svgf_filter(struct lw_svgf *svgf, const struct lw_gbuffer *gbuffer, const float *radiance,

@@ -18,7 +18,7 @@ interface Exports {
     scale: number,
     w: number,
     h: number,
-    levels: number,
+    coefficients: number,
   ): number;
   lw_web_tiles_decode_half(planes: number, scale: number, w: number, h: number): number;
   lw_web_tiles_pack(texels: number, sum: number): void;
@@ -84,16 +84,16 @@ export class Tiles {
   }
 
   createCoefficients(height: number): Coefficients {
-    const levels = this.wasm.lw_web_tiles_coefficients(height);
-    if (!levels) throw new LimitError('this page has no memory left for tiles');
-    return levels;
+    const coefficients = this.wasm.lw_web_tiles_coefficients(height);
+    if (!coefficients) throw new LimitError('this page has no memory left for tiles');
+    return coefficients;
   }
 
-  freeCoefficients(levels: Coefficients): void {
-    this.wasm.lw_web_tiles_free(levels);
+  freeCoefficients(coefficients: Coefficients): void {
+    this.wasm.lw_web_tiles_free(coefficients);
   }
 
-  /** Decodes a payload of codec 4. delta: it builds on `levels`, which become those of this version. False:
+  /** Decodes a payload of codec 4. delta: it builds on `coefficients`, which become those of this version. False:
    * it is damaged. */
   decode(
     delta: boolean,
@@ -101,7 +101,7 @@ export class Tiles {
     scale: number,
     width: number,
     height: number,
-    levels: Coefficients,
+    coefficients: Coefficients,
   ): boolean {
     new Uint8Array(this.wasm.memory.buffer, this.payload).set(payload);
     return (
@@ -112,7 +112,7 @@ export class Tiles {
         scale,
         width,
         height,
-        levels,
+        coefficients,
       ) !== 0
     );
   }
@@ -198,9 +198,9 @@ export class Tiles {
       height,
       at[3],
     );
-    const levels = new Uint8Array(this.wasm.memory.buffer, at[3], triangles).slice();
+    const coefficients = new Uint8Array(this.wasm.memory.buffer, at[3], triangles).slice();
     for (const place of at) this.wasm.lw_web_tiles_free(place);
     if (!ok) throw new LimitError('this page has no memory left for the scene');
-    return levels;
+    return coefficients;
   }
 }
