@@ -8,10 +8,10 @@
 
 #define TEXELS_MAX 8e6 /* of the lightmaps that are tried: the server takes some 600 bytes for each */
 
-/* Samples per texel and frame, and the error at which tiles rest. */
+/* Samples per texel and frame, and the error at which blocks converge. */
 static const struct {
     uint32_t direct, indirect;
-    double rest;
+    double target_error;
 } rungs[] = {{1, 1, 0.2}, {1, 2, 0.02}};
 #define RUNGS (sizeof rungs / sizeof *rungs)
 
@@ -43,9 +43,9 @@ static void plan_rungs(struct lw_crossover_plan *plan, uint32_t *count, uint32_t
                                                        .draws = draws,
                                                        .direct_samples = rungs[r].direct,
                                                        .indirect_samples = rungs[r].indirect,
-                                                       .rest_error = rungs[r].rest}};
+                                                       .target_error = rungs[r].target_error}};
         snprintf(next->unit.setting, sizeof next->unit.setting, "x%g %u+%u rest %g%s", density,
-                 rungs[r].direct, rungs[r].indirect, rungs[r].rest, draws ? "" : " tiles");
+                 rungs[r].direct, rungs[r].indirect, rungs[r].target_error, draws ? "" : " tiles");
     }
 }
 

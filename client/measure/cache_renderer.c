@@ -53,7 +53,7 @@ static enum lw_status start(struct lw_renderer *renderer, const struct lw_settin
                                                              .direct_samples = setting->direct_samples,
                                                              .indirect_samples = setting->indirect_samples,
                                                              .seed = seed,
-                                                             .rest_error = setting->rest_error,
+                                                             .target_error = setting->target_error,
                                                              .threads = c->desc.threads,
                                                              .denoise = c->desc.denoise,
                                                              .solver = c->desc.solver,

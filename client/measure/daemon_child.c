@@ -88,7 +88,7 @@ static enum lw_status spawn(struct lw_daemon_child *c, const struct lw_daemon_ch
     snprintf(text[1], sizeof text[1], "%u", desc->direct_samples);
     snprintf(text[2], sizeof text[2], "%u", desc->indirect_samples);
     snprintf(text[3], sizeof text[3], "%u", desc->seed);
-    snprintf(text[4], sizeof text[4], "%.9g", desc->rest_error);
+    snprintf(text[4], sizeof text[4], "%.9g", desc->target_error);
     snprintf(text[5], sizeof text[5], "%u", desc->threads);
     const char *arguments[32] = {program,
                                  desc->package,

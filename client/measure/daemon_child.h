@@ -12,7 +12,7 @@ struct lw_daemon_child_desc {
     const char *package; /* .lwscene */
     const char *solver;  /* by name; NULL: the default */
     uint32_t bounces, direct_samples, indirect_samples, seed;
-    double rest_error;
+    double target_error;
     unsigned threads; /* 0: all */
     bool denoise;
     bool seen;       /* light the interest set and its contributors, not the whole scene */

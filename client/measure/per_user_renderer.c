@@ -82,10 +82,10 @@ static enum lw_status set_users(struct lw_renderer *renderer, uint32_t users, st
     return LW_OK;
 }
 
-/* How many paths a frame adds: those of the setting; where a picture rests, a sixteenth, up to those in
+/* How many paths a frame adds: those of the setting; in a still picture, a sixteenth, up to those in
  * all. */
 static uint32_t samples_now(const struct per_user_renderer *c, const struct screen *screen) {
-    if (!c->desc.rests || lw_path_renderer_remembers(c->desc.kind)) return c->setting.samples;
+    if (!c->desc.still || lw_path_renderer_remembers(c->desc.kind)) return c->setting.samples;
     uint32_t left = c->setting.samples - lw_path_renderer_samples(screen->renderer),
              step = (c->setting.samples + 15) / 16;
     return left < step ? left : step;
@@ -103,7 +103,7 @@ static void render(struct per_user_renderer *c, struct screen *screen, uint64_t 
                                 .samples = samples,
                                 .seed = lw_random_hash2(c->seed, user),
                                 .number = (uint32_t)(frame - 1),
-                                .resting = c->desc.rests},
+                                .still = c->desc.still},
         cost);
 }
 
@@ -113,7 +113,7 @@ static enum lw_status step(struct lw_renderer *renderer, uint64_t frame, const u
     enum lw_status status = need_screens(c, shown_count, err);
     uint64_t began = lw_clock_process_cpu_ns();
     /* every user has a machine of his own, which moves the scene for him alone */
-    if (status == LW_OK && !c->desc.rests)
+    if (status == LW_OK && !c->desc.still)
         status = lw_path_world_set_time(&c->world, (double)(frame - 1) / LW_VIEWS_HZ, err);
     if (status != LW_OK) return status;
     uint64_t moved = lw_clock_process_cpu_ns();
@@ -153,11 +153,11 @@ enum lw_status lw_per_user_renderer_create(const struct lw_per_user_renderer_des
     struct per_user_renderer *c = calloc(1, sizeof *c);
     if (!c) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the path tracer");
     const bool remembers = lw_path_renderer_remembers(desc->kind);
-    const uint32_t history = desc->rests                                  ? UINT32_MAX
+    const uint32_t history = desc->still                                  ? UINT32_MAX
                              : !remembers                                 ? 0
                              : desc->kind == LW_PATH_RENDERER_REPROJECTED ? HISTORY
                                                                           : HISTORY_FILTERED;
-    c->base = (struct lw_renderer){.ops = &ops, .history = history, .keeps = desc->rests || remembers};
+    c->base = (struct lw_renderer){.ops = &ops, .history = history, .keeps = desc->still || remembers};
     c->desc = *desc;
     enum lw_status status = lw_path_world_init(&c->world, desc->scene, desc->bounces, desc->threads, err);
     if (status != LW_OK) {

@@ -15,7 +15,7 @@ struct lw_per_user_renderer_desc {
     enum lw_path_renderer_kind kind;
     /* Neither scene nor views move. Renderers without a history then add up samples from frame to frame,
      * up to `samples`. */
-    bool rests;
+    bool still;
 };
 
 /** Errors: LW_NO_MEMORY, LW_INTERNAL. */

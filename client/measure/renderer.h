@@ -50,7 +50,7 @@ struct lw_setting {
     uint32_t samples;                          /* path tracer: paths per pixel and frame */
     double density;                            /* cache: texels per metre over the scene's default */
     uint32_t direct_samples, indirect_samples; /* cache: per texel and frame */
-    double rest_error;                         /* cache: a tile rests at this error */
+    double target_error;                       /* cache: blocks converge at this error */
     bool draws; /* cache: users draw the direct light of client lights (client_lights.h) */
     bool whole; /* cache: light the whole scene, not only the interest set and its contributors */
 };

@@ -126,7 +126,7 @@ enum lw_status lw_real_run(const struct lw_real_run_desc *desc, struct lw_real_r
                                        .direct_samples = desc->setting.direct_samples,
                                        .indirect_samples = desc->setting.indirect_samples,
                                        .seed = desc->seed,
-                                       .rest_error = desc->setting.rest_error,
+                                       .target_error = desc->setting.target_error,
                                        .threads = desc->threads,
                                        .denoise = desc->denoise,
                                        .solver = desc->solver,

@@ -153,7 +153,7 @@ static enum lw_status set_sides(struct lw_scaling_run *run, struct lw_error *err
                                                     .bounces = o->bounces,
                                                     .threads = (unsigned)o->scene.threads,
                                                     .kind = o->opponent,
-                                                    .rests = run->still};
+                                                    .still = run->still};
     const struct lw_cache_renderer_desc cache = {.cameras = lw_views_cameras(x->views),
                                                  .width = o->width,
                                                  .height = o->height,

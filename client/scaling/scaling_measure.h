@@ -21,7 +21,7 @@
 #define LW_SCALING_TARGETS_MAX 4u
 /* pictures per frame and side while users are added; more are scaled from those */
 #define LW_SCALING_SHOWN_MAX 4u
-/* error at which tiles rest, where nothing else is tried: lightwelld's own */
+/* error at which blocks converge, where nothing else is tried: lightwelld's own */
 #define LW_SCALING_REST 0.02
 
 enum lw_scaling_side_id { LW_SCALING_PATHS, LW_SCALING_SHARED, LW_SCALING_SIDES };

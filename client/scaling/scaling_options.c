@@ -70,19 +70,18 @@ static bool read_real(const char **text, double min, double max, double *out) {
     return end != number && *out >= min && *out <= max;
 }
 
-/* "5:8+10@2,0.2": paths per pixel, direct and indirect samples per texel, density, error at which tiles
- * rest. */
+/* "5:8+10@2,0.2": paths per pixel, direct and indirect samples per texel, density, target error. */
 static enum lw_status parse_fixed(const char *text, struct lw_scaling_options *o, struct lw_error *err) {
     const char *at = text;
     uint64_t samples, direct, indirect;
     bool good = read_count(&at, 1024, &samples) && *at++ == ':' && read_count(&at, 1024, &direct) &&
                 *at++ == '+' && read_count(&at, 1024, &indirect) && samples && direct && indirect;
     o->fixed_density = 1;
-    o->fixed_rest = 0.02;
+    o->fixed_target_error = 0.02;
     if (good && *at == '@')
         good =
             read_real(&at, LW_MEASURE_OPTIONS_DENSITY_MIN, LW_MEASURE_OPTIONS_DENSITY_MAX, &o->fixed_density);
-    if (good && *at == ',') good = read_real(&at, REST_MIN, REST_MAX, &o->fixed_rest);
+    if (good && *at == ',') good = read_real(&at, REST_MIN, REST_MAX, &o->fixed_target_error);
     if (!good || *at)
         return lw_status_fail(
             err, LW_USAGE,
@@ -129,7 +128,8 @@ enum lw_status lw_scaling_options_parse(int argc, char **argv, struct lw_scaling
          LW_OPTION_FLAG, &o.one_error, 0, 0, NULL},
         {"settings", "SPP:D+I[@X][,R]",
          "no search: SPP paths per pixel against D direct and I indirect samples per texel, in lightmaps of "
-         "X times the scene's default density (1) that rest at an error of R (0.02), whatever their error",
+         "X times the scene's default density (1) that converge at an error of R (0.02), whatever their "
+         "error",
          LW_OPTION_STRING, &fixed, 0, 0, NULL},
         {"light", "seen|whole|only-seen",
          "seen: the server lights the interest set and its contributors (default; with one run of the "

@@ -27,9 +27,9 @@ struct lw_scaling_options {
     uint32_t match_samples;
     /* Settings in place of a search, at any error. 0 samples: search. */
     uint32_t fixed_samples, fixed_direct, fixed_indirect;
-    double fixed_density; /* times the scene's default */
-    double fixed_rest;    /* error at which tiles rest */
-    bool one_error;       /* search for that error alone, not for the curve */
+    double fixed_density;      /* times the scene's default */
+    double fixed_target_error; /* error at which blocks converge */
+    bool one_error;            /* search for that error alone, not for the curve */
     enum lw_path_renderer_kind opponent;
     const char *solver; /* the server's, by name; NULL: its default */
     bool denoise;       /* the lightmaps are filtered */

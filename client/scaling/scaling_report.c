@@ -36,8 +36,8 @@ static void describe_setting(const struct lw_scaling_side *side, const struct lw
     if (side->traces)
         snprintf(out, size, "%u path%s per pixel", s->samples, s->samples > 1 ? "s" : "");
     else
-        snprintf(out, size, "density ×%g, %u + %u samples, rest at %g", s->density, s->direct_samples,
-                 s->indirect_samples, s->rest_error);
+        snprintf(out, size, "density ×%g, %u + %u samples, target error %g", s->density, s->direct_samples,
+                 s->indirect_samples, s->target_error);
 }
 
 static void print_figure(FILE *f, const struct lw_scaling_figure *figure) {
@@ -113,13 +113,13 @@ static enum lw_status write_points_csv(const struct lw_scaling *x, struct lw_err
     enum lw_status status = lw_report_text_begin(&text, "settings.csv", err);
     if (status != LW_OK) return status;
     fprintf(text.stream,
-            "side,samples,density,direct_samples,indirect_samples,rest_error,relmse,cpu_s_per_frame\n");
+            "side,samples,density,direct_samples,indirect_samples,target_error,relmse,cpu_s_per_frame\n");
     for (int s = 0; s < LW_SCALING_SIDES; s++)
         for (uint32_t i = 0; i < x->side[s].point_count; i++) {
             const struct lw_scaling_point *p = &x->side[s].point[i];
             fprintf(text.stream, "%s,%u,%g,%u,%u,%g,%.6g,%.6g\n", s == LW_SCALING_PATHS ? "paths" : "shared",
                     p->setting.samples, p->setting.density, p->setting.direct_samples,
-                    p->setting.indirect_samples, p->setting.rest_error, p->error, lw_cost_total(&p->cost));
+                    p->setting.indirect_samples, p->setting.target_error, p->error, lw_cost_total(&p->cost));
         }
     return lw_report_text_save(&text, x->options.folder, err);
 }
@@ -139,7 +139,7 @@ static json_t *json_cost(const struct lw_cost *cost) {
 static json_t *json_setting(const struct lw_scaling_side *side, const struct lw_setting *s) {
     if (side->traces) return json_pack("{s:i}", "samples", (int)s->samples);
     return json_pack("{s:f, s:i, s:i, s:f}", "density", s->density, "direct_samples", (int)s->direct_samples,
-                     "indirect_samples", (int)s->indirect_samples, "rest_error", s->rest_error);
+                     "indirect_samples", (int)s->indirect_samples, "target_error", s->target_error);
 }
 
 static json_t *json_side(const struct lw_scaling_side *side) {

@@ -12,10 +12,10 @@
 
 static const double curve[] = {0.5, 0.1, 0.02};
 static const double densities[] = {0.25, 0.5, 1, 2, 4}; /* a trial costs four times the one before */
-/* Of samples; and below the first, of as few in lightmaps that rest early. */
+/* Of samples; below the first, of as few samples in lightmaps that converge at a higher error. */
 static const struct {
     uint32_t direct, indirect;
-    double rest;
+    double target_error;
 } rungs[] = {{1, 1, 0.2},
              {1, 1, LW_SCALING_REST},
              {1, 2, LW_SCALING_REST},
@@ -23,7 +23,7 @@ static const struct {
              {4, 8, LW_SCALING_REST},
              {8, 16, LW_SCALING_REST},
              {16, 32, LW_SCALING_REST}};
-static const double rests[] = {0.5, 0.25, 0.12, 0.06, 0.03, 0.015};
+static const double target_errors[] = {0.5, 0.25, 0.12, 0.06, 0.03, 0.015};
 #define COUNT(array) (sizeof(array) / sizeof *(array))
 
 /* The place for the next point; NULL: there are enough. */
@@ -130,9 +130,9 @@ static enum lw_status try_setting(struct lw_scaling_run *run, struct lw_scaling_
     if (status != LW_OK || lw_scaling_run_stopped(run)) return status;
     point->error = lw_scaling_figures_error(&point->errors, &point->errors);
     lw_log(LW_LOG_INFO,
-           "%s, density x%g, %u+%u samples, rest at %g: relMSE %.4g, %.3g CPU s per frame and user",
+           "%s, density x%g, %u+%u samples, target error %g: relMSE %.4g, %.3g CPU s per frame and user",
            side->name, setting->density, setting->direct_samples, setting->indirect_samples,
-           setting->rest_error, point->error, lw_cost_total(&point->cost));
+           setting->target_error, point->error, lw_cost_total(&point->cost));
     side->point_count++;
     *out_point = point;
     return LW_OK;
@@ -142,11 +142,11 @@ static struct lw_setting setting_at(const struct lw_scaling *x, double density, 
     struct lw_setting setting = {
         .density = density, .direct_samples = 1, .indirect_samples = 2, .whole = x->options.whole};
     if (x->options.motion == LW_SCENE_MOTION_STATIC) {
-        setting.rest_error = rests[rung];
+        setting.target_error = target_errors[rung];
     } else {
         setting.direct_samples = rungs[rung].direct;
         setting.indirect_samples = rungs[rung].indirect;
-        setting.rest_error = rungs[rung].rest;
+        setting.target_error = rungs[rung].target_error;
     }
     return setting;
 }
@@ -191,7 +191,7 @@ static enum lw_status search_densities(struct lw_scaling_run *run, struct lw_sca
     const bool still = run->x->options.motion == LW_SCENE_MOTION_STATIC;
     enum lw_status status = LW_OK;
     /* rungs that gained nothing at one density are not tried at the next, which costs four times as much */
-    uint32_t rung_count = still ? COUNT(rests) : COUNT(rungs);
+    uint32_t rung_count = still ? COUNT(target_errors) : COUNT(rungs);
     for (uint32_t d = 0; d < COUNT(densities) && status == LW_OK && !lw_scaling_run_stopped(run); d++) {
         const double texels = run->x->densities.texels * densities[d] * densities[d];
         const double before = least_error(side);
@@ -231,7 +231,7 @@ static enum lw_status take_given(struct lw_scaling_run *run, struct lw_error *er
         const struct lw_setting setting = {.density = o->fixed_density,
                                            .direct_samples = o->fixed_direct,
                                            .indirect_samples = o->fixed_indirect,
-                                           .rest_error = o->fixed_rest,
+                                           .target_error = o->fixed_target_error,
                                            .whole = o->whole};
         if (side->traces) {
             status = try_samples(run, side, o->fixed_samples, &point, err);

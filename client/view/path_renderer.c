@@ -159,15 +159,15 @@ static struct lw_path_view view_of(struct lw_path_renderer *r, const struct lw_p
         view.first_sample = frame->number * frame->samples;
         view.pattern = LW_PATH_PATTERN_INTERLEAVED;
     } else {
-        /* one sequence goes on while the picture rests; every other frame has its own */
-        view.seed = lw_random_hash2(frame->seed, frame->resting ? 0 : frame->number);
+        /* one sequence goes on while nothing moves; every other frame has its own */
+        view.seed = lw_random_hash2(frame->seed, frame->still ? 0 : frame->number);
     }
     if (view.all_lights) view.clamp = CLAMP_MEANS * (r->mean > 0 ? r->mean : glance(r, &view));
     return view;
 }
 
 /* Traces what bounces bring to the quarter. Its pixels take turns within their squares while anything moves;
- * at rest a history of many frames wants them in one place. */
+ * in a still picture a history of many frames wants them in one place. */
 static void trace_quarter(struct lw_path_renderer *r, const struct lw_path_view *like, uint32_t number,
                           uint32_t samples) {
     static const uint8_t x[] = {0, 1, 1, 0}, y[] = {0, 1, 0, 1}; /* neighbours in time far apart */
@@ -198,7 +198,7 @@ const float *lw_path_renderer_frame(struct lw_path_renderer *r, const struct lw_
         view.part = LW_PATH_PART_DIRECT;
     }
     if (remembers) view.first_hits = &r->gbuffer;
-    if (remembers || !frame->resting) lw_path_film_clear(&r->film);
+    if (remembers || !frame->still) lw_path_film_clear(&r->film);
     lw_path_trace_render(r->desc.tracer, &view, frame->samples, &r->film, NULL);
     lw_path_film_resolve(&r->film, r->rgb);
     const uint64_t traced_ns = lw_clock_process_cpu_ns();

@@ -3,11 +3,11 @@
  *     bench_change [--object NAME] [--shift WIDTHS] [--error E] [--frames N] [--reference N]
  *     [--texels-per-metre D] SCENE...
  *
- * The scene is solved until all of it rests, without its own animation; an object moves by a part of its
- * width; it is solved until all of it rests again. Another solver begins with the object where it then
- * stands. One row in Markdown per scene: rays of both until they rest, their quotient, rays of the first
+ * The scene is solved until all of it has converged, without its own animation; an object moves by a part of its
+ * width; it is solved until it has converged again. Another solver begins with the object where it then
+ * stands. One row in Markdown per scene: rays of both until they converge, their quotient, rays of the first
  * frame after the movement and texels that it solves, frames of both. With --reference also the errors,
- * against a solve of N frames that never rests: over all texels, and over those alone whose light the
+ * against a solve of N frames that never converges: over all texels, and over those alone whose light the
  * movement changed by over a tenth. relMSE as in docs/results/crossover.md, over texels, but none counts for
  * more than 1. */
 #include "common/clock.h"
@@ -93,7 +93,7 @@ static enum lw_status set_moving(struct lw_scene *scene, const char *name, float
 
 /* ---- solving ---- */
 
-/* Solves `frames` more frames, or fewer if all rests before; what is counted is counted from here on. */
+/* Solves `frames` more frames, or fewer if all converges before; what is counted is counted from here on. */
 static enum lw_status go_on(const struct job *job, struct solution *s, int64_t frames, struct lw_error *err) {
     s->rays = 0;
     s->count = 0;
@@ -193,7 +193,7 @@ static enum lw_status measure(struct job *job, struct lw_error *err) {
     lw_pose_evaluate(&job->pose, job->scene, 0);
     enum lw_status status = solve_again(job, set->error, 1, set->frames, &s, err);
     if (status == LW_OK && s.count == set->frames)
-        fprintf(stderr, "bench_change: not all rests after %lld frames\n", (long long)s.count);
+        fprintf(stderr, "bench_change: not all has converged after %lld frames\n", (long long)s.count);
     if (status == LW_OK && set->reference_frames) status = find_reference(job, 7, &before, err);
     lw_pose_evaluate(&job->pose, job->scene, 1);
     if (status == LW_OK) status = go_on(job, &s, set->frames, err);
@@ -235,8 +235,8 @@ int main(int argc, char **argv) {
         {"object", "NAME", "what moves (default amphora)", LW_OPTION_STRING, &s.object, 0, 0, NULL},
         {"shift", "WIDTHS", "by so much along its own x (default 1)", LW_OPTION_REAL, &s.shift, -1000, 1000,
          NULL},
-        {"error", "E", "relative error at which a tile rests (default 0.1)", LW_OPTION_REAL, &s.error, 1e-4,
-         1, NULL},
+        {"error", "E", "relative error at which a tile converges (default 0.1)", LW_OPTION_REAL, &s.error,
+         1e-4, 1, NULL},
         {"frames", "N", "at most, of each solve (default 4096)", LW_OPTION_INT, &s.frames, 8, 1000000, NULL},
         {"reference", "N", "frames of the reference that errors are measured against (default 0: no errors)",
          LW_OPTION_INT, &s.reference_frames, 0, 1000000, NULL}};

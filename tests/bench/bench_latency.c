@@ -7,9 +7,9 @@
  *     bench_latency --walk [--times T,...] [the same options] [SCENE CAMERA]
  *
  * A lightwelld of its own with its default settings, its animation held, and one client on loopback that
- * wants what a picture of 1280 x 720 from that camera takes. Once the light rests, the client sends the
+ * wants what a picture of 1280 x 720 from that camera takes. Once the light has converged, the client sends the
  * change (a command of lightwellctl; the camera is a name or as --camera of lightwell-view has it), waits
- * until it rests again, undoes it by a reset, and so on. Both ways count.
+ * until it has converged again, undoes it by a reset, and so on. Both ways count.
  *
  * first tile: until the client has decoded a tile of the frame that shows the change, or of a later one,
  * which the change touches. 95 %: until p(E) = sum d(E - E0) d(E1' - E0') / sum d(E1 - E0) d(E1' - E0')
@@ -52,7 +52,7 @@
 #define SHARE_MS    500.0
 #define SHARE       0.95
 #define TOUCHED     0.01 /* relative root mean square by which the change moves what it touches */
-#define REST_NS     1000000000u
+#define QUIET_NS    1000000000u
 #define UPDATES_MAX 64u
 #define WALK_CAMERA "lamp"  /* along the gallery where the atrium's lantern walks, ... */
 #define WALK_TIMES  "5,6,7" /* ... towards it */
@@ -87,13 +87,13 @@ struct bench {
 
 /* What one update came to. */
 struct outcome {
-    bool undone; /* this was the way back */
-    bool rested; /* the light did, before time was up */
+    bool undone;    /* this was the way back */
+    bool converged; /* the light did, before time was up */
     double first_frames, share_frames;
     struct moment first, share; /* share.ms < 0: never */
     double lowest;              /* of p after that */
     double start, end;          /* p before the update and when the light had settled */
-    double rest_ms;
+    double converged_ms;
 };
 
 /* ---- the change ---- */
@@ -199,7 +199,7 @@ static bool shows_change(const struct bench *b, uint64_t frame) {
     return false;
 }
 
-/* Whether the light counts as settled without having come to rest. Each frame forgets only so much of the
+/* Whether the light counts as settled without having converged. Each frame forgets only so much of the
  * light before. */
 static bool is_over(const struct bench *b, uint64_t frames, uint64_t ns) {
     return (frames >= (uint64_t)b->frames && ns >= (uint64_t)(1e9 * b->settle_s)) || ns > LATENCY_LIMIT_NS;
@@ -216,7 +216,7 @@ static bool is_converged(const struct bench *b, const struct lw_client_stats *st
     return true;
 }
 
-/* Sends an update and follows the light until it rests, or its frames are over. Fills b->moment. */
+/* Sends an update and follows the light until it converges, or its frames are over. Fills b->moment. */
 static struct outcome follow(struct bench *b, const struct lw_scene_change *change) {
     const uint32_t tiles = b->light.map.tile_count;
     struct lw_client_stats stats;
@@ -232,7 +232,7 @@ static struct outcome follow(struct bench *b, const struct lw_scene_change *chan
     const struct clocks from = clocks_now(b);
     uint64_t frame = stats.frame, tiles_then = stats.tiles, heard_ns = from.ns, now_ns = from.ns;
     latency_must(lw_client_update(b->client, change, 1, NULL, &err), &err);
-    while (!answered || (!outcome.rested && !is_over(b, frame - old.frame, now_ns - from.ns))) {
+    while (!answered || (!outcome.converged && !is_over(b, frame - old.frame, now_ns - from.ns))) {
         latency_light_poll(b->client, LATENCY_POLL_MS, &stats);
         const struct clocks now = clocks_now(b);
         struct moment moment = moment_at(&from, &now, &stats);
@@ -253,9 +253,9 @@ static struct outcome follow(struct bench *b, const struct lw_scene_change *chan
             note(b, &moment);
         }
         tiles_then = stats.tiles;
-        outcome.rested = answered && now_ns - heard_ns > REST_NS && is_converged(b, &stats);
+        outcome.converged = answered && now_ns - heard_ns > QUIET_NS && is_converged(b, &stats);
     }
-    outcome.rest_ms = ms_since(from.ns, heard_ns);
+    outcome.converged_ms = ms_since(from.ns, heard_ns);
     return outcome;
 }
 
@@ -292,8 +292,8 @@ static json_t *json_outcome(const struct bench *b, const struct outcome *o) {
                               json_pack("[o, o, I]", latency_real(b->moment[i].ms),
                                         latency_real(b->moment[i].along), (json_int_t)b->moment[i].rays));
     return json_pack("{s:b, s:b, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o}", "undone",
-                     o->undone, "rested", o->rested, "rest_ms", latency_real(o->rest_ms), "first_ms",
-                     latency_real(first_ms(o)), "first_frames", latency_real(o->first_frames),
+                     o->undone, "converged", o->converged, "converged_ms", latency_real(o->converged_ms),
+                     "first_ms", latency_real(first_ms(o)), "first_frames", latency_real(o->first_frames),
                      "first_server_cpu_ms", latency_real(o->first.server_cpu_ms), "share_ms",
                      latency_real(share_ms(o)), "share_frames", latency_real(o->share_frames),
                      "share_server_cpu_ms", latency_real(o->share.server_cpu_ms), "share_client_cpu_ms",
@@ -314,13 +314,14 @@ static void print_outcome(const char *update, const struct outcome *o) {
     print_cell(first_ms(o), o->first_frames, o->first.server_cpu_ms);
     print_cell(share_ms(o), o->share_frames, o->share.server_cpu_ms);
     if (isfinite(o->lowest)) printf(" %.2f", o->lowest);
-    printf(" | %.2f | %.2f | %.1f%s |\n", o->start, o->end, 1e-3 * o->rest_ms, o->rested ? "" : " and on");
+    printf(" | %.2f | %.2f | %.1f%s |\n", o->start, o->end, 1e-3 * o->converged_ms,
+           o->converged ? "" : " and on");
     fflush(stdout);
 }
 
 static void print_update(void) {
     printf("| update | first tile, ms | frames | server CPU ms | 95 %%, ms | frames | server CPU ms | "
-           "lowest after | p at first | p at last | rest, s |\n"
+           "lowest after | p at first | p at last | converged, s |\n"
            "|---|---|---|---|---|---|---|---|---|---|---|\n");
     fflush(stdout);
 }
@@ -414,7 +415,7 @@ int main(int argc, char **argv) {
          LW_OPTION_INT, &b.updates, 1, UPDATES_MAX, NULL},
         {"settle", "S", "seconds, and ...", LW_OPTION_REAL, &b.settle_s, 0.01, 240, NULL},
         {"frames", "N",
-         "frames after which the light counts as settled, if it has not come to rest before; with --walk: "
+         "frames after which the light counts as settled, if it has not converged before; with --walk: "
          "after which passes "
          "begin (default: 20 and 96)",
          LW_OPTION_INT, &b.frames, 1, 1e9, NULL},

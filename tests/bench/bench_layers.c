@@ -3,9 +3,9 @@
  *     bench_layers [--frames N] [--reference N] [--texels-per-metre D] SCENE...
  *
  * The scene is solved for N frames of its animation, 1/30 s each, in one layer and in layers for what moves
- * (light_groups.h), with tiles that rest at errors of 0.02 and of 0.2. One row in Markdown each: texels
+ * (light_groups.h), with blocks that converge at errors of 0.02 and of 0.2. One row in Markdown each: texels
  * solved and rays of a frame, in the mean of the second half; relMSE over all texels of the last frame,
- * unfiltered, against a solve of that moment that never rests; memory. */
+ * unfiltered, against a solve of that moment that never converges; memory. */
 #include "common/clock.h"
 #include "common/scene/scene_motion.h"
 #include "server/solve/solvers.h"
@@ -131,7 +131,7 @@ int main(int argc, char **argv) {
             .table = table,
             .count = sizeof table / sizeof table[0],
             .open = &s.open,
-            .heading = "| scene | layers | rest at | texels a frame | rays a frame | relMSE | memory |\n"
+            .heading = "| scene | layers | target error | texels a frame | rays a frame | relMSE | memory |\n"
                        "|---|---|---|---|---|---|---|",
             .context = &s,
             .run = run},

@@ -6,7 +6,7 @@
 #include "server/solve/solver.h"
 
 /** A solve as lightwelld's by default, but for its filter, until tiles have that relative error; < 0: it
- * never rests. */
+ * never converges. */
 struct lw_solver_desc bench_light_desc(const struct lw_scene *scene, const struct lw_atlas_map *map,
                                        double error, uint32_t seed);
 

@@ -187,12 +187,12 @@ double latency_light_share(struct latency_light *l, const float *light) {
     return dot(l, l->change[1], l->progress) / dot(l, l->change[1], l->change[0]);
 }
 
-void latency_light_rest(const struct latency_light *l, const float *light, unsigned seed, double *out) {
+void latency_light_residual(const struct latency_light *l, const float *light, unsigned seed, double *out) {
     compare(l, light, l->pair->after[seed], out);
 }
 
-double latency_light_error(const struct latency_light *l, const double *rest, const double *other) {
-    return dot(l, rest, other) / dot(l, l->change[0], l->change[1]);
+double latency_light_error(const struct latency_light *l, const double *residual, const double *other) {
+    return dot(l, residual, other) / dot(l, l->change[0], l->change[1]);
 }
 
 static int compare_floats(const void *a, const void *b) {

@@ -17,7 +17,7 @@ struct sight {
     double late_ms; /* the frame's scene time after the one that was asked for */
     double age_ms;  /* of its light, when the client has decoded it */
     double share, error;
-    double *rest[2]; /* by both seeds */
+    double *residual[2]; /* by both seeds */
 };
 
 struct stop {
@@ -133,10 +133,11 @@ static void see(struct walk *w, struct stop *stop, const struct lw_client *clien
     struct sight sight = {
         .late_ms = 1e3 * stop->late_s, .age_ms = age_ms, .share = latency_light_share(w->light, w->now)};
     for (unsigned k = 0; k < 2; k++) {
-        sight.rest[k] = latency_room(LATENCY_CHANNELS * w->light->square_count, sizeof *sight.rest[k]);
-        latency_light_rest(w->light, w->now, k, sight.rest[k]);
+        sight.residual[k] =
+            latency_room(LATENCY_CHANNELS * w->light->square_count, sizeof *sight.residual[k]);
+        latency_light_residual(w->light, w->now, k, sight.residual[k]);
     }
-    sight.error = latency_light_error(w->light, sight.rest[0], sight.rest[1]);
+    sight.error = latency_light_error(w->light, sight.residual[0], sight.residual[1]);
     stop->sight[stop->seen++] = sight;
     stop->due_s += w->duration_s;
     stop->frame = 0;
@@ -187,7 +188,8 @@ static void find_lasting(struct walk *w, struct stop *stop) {
     latency_light_judge(w->light, &stop->pair);
     for (size_t i = 0; i < stop->seen; i++)
         for (size_t k = 0; k < stop->seen; k++)
-            if (i != k) sum += latency_light_error(w->light, stop->sight[i].rest[0], stop->sight[k].rest[1]);
+            if (i != k)
+                sum += latency_light_error(w->light, stop->sight[i].residual[0], stop->sight[k].residual[1]);
     stop->lasting = sum / (double)(stop->seen * (stop->seen - 1));
 }
 
@@ -259,7 +261,7 @@ void latency_walk(struct latency_light *light, const struct latency_walk_desc *d
     (desc->json ? print_json : print_table)(&w);
     for (size_t i = 0; i < w.stop_count; i++) {
         for (size_t k = 0; k < w.stop[i].seen; k++)
-            for (int seed = 0; seed < 2; seed++) free(w.stop[i].sight[k].rest[seed]);
+            for (int seed = 0; seed < 2; seed++) free(w.stop[i].sight[k].residual[seed]);
         latency_pair_finish(&w.stop[i].pair);
     }
     free(w.stop);

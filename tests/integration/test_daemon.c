@@ -34,7 +34,7 @@
 
 /* All of the scene, whoever looks: what --light seen does is test_seen's. */
 #define CORNELL     "builtin:cornell --texels-per-metre 8 --clock step --json --light whole "
-#define RESTS       CORNELL "--error 0.3 "  /* comes to rest after a few dozen frames */
+#define CONVERGES   CORNELL "--error 0.3 "  /* converges after a few dozen frames */
 #define NEVER_RESTS CORNELL "--error 1e-6 " /* hundreds of frames a second, for ever */
 #define ATRIUM      "builtin:atrium --texels-per-metre 0.5 --clock step --json --light whole "
 #define CITY        "builtin:city:1 --texels-per-metre 0.3 --clock step --json "
@@ -159,7 +159,7 @@ static bool is_settled(const struct lw_process *daemon, uint64_t tiles) {
     return settled;
 }
 
-/* Until the daemon rests and the clients from number `first` on, all that it has, have all that it sent. */
+/* Until the daemon's light has converged and the clients from number `first` on, all that it has, have all that it sent. */
 static void settle(const struct lw_process *daemon, unsigned first) {
     for (uint64_t deadline_ns = limit_ns();;) {
         uint64_t tiles = 0;
@@ -168,7 +168,7 @@ static void settle(const struct lw_process *daemon, unsigned first) {
             tiles += stats_of(viewers.client[i]).tiles;
         }
         if (tiles && is_settled(daemon, tiles)) return;
-        if (lw_clock_ns() > deadline_ns) fail_msg("not at rest within %d s", LIMIT_S);
+        if (lw_clock_ns() > deadline_ns) fail_msg("not converged within %d s", LIMIT_S);
         poll_all();
     }
 }
@@ -255,7 +255,7 @@ static void one_solve_serves_all(void **state) {
     assert_true(alone.tiles_encoded == together.tiles_encoded);
 }
 
-/* Runs until the scene rests and `clients` clients have it all; returns all rays traced. */
+/* Runs until the scene has converged and `clients` clients have it all; returns all rays traced. */
 static double run_to_rest(const char *arguments, unsigned clients) {
     struct lw_process daemon;
     unsigned first = viewers.count;
@@ -271,7 +271,7 @@ static double run_to_rest(const char *arguments, unsigned clients) {
 
 static void all_see_the_same(void **state) {
     (void)state;
-    double alone = run_to_rest(RESTS, 1), together = run_to_rest(RESTS, 32);
+    double alone = run_to_rest(CONVERGES, 1), together = run_to_rest(CONVERGES, 32);
     assert_true(alone > 0 && alone == together);
     for (unsigned i = 0; i < viewers.count; i++) {
         assert_true(is_complete(viewers.client[i]));
@@ -282,7 +282,7 @@ static void all_see_the_same(void **state) {
 
 static void threads_change_nothing_and_seeds_do(void **state) {
     (void)state;
-    const char *common = RESTS "--tracing-range 1 --texels-per-metre 16 --seed 7 --threads ";
+    const char *common = CONVERGES "--tracing-range 1 --texels-per-metre 16 --seed 7 --threads ";
     char one[512], two[512];
     snprintf(one, sizeof one, "%s 1", common);
     snprintf(two, sizeof two, "%s 2", common);
@@ -290,16 +290,16 @@ static void threads_change_nothing_and_seeds_do(void **state) {
     assert_true(rays_one == rays_two);
     assert_true(same_tiles(viewers.client[0], viewers.client[1]));
     assert_true(same_light(viewers.client[0], viewers.client[1]));
-    run_to_rest(RESTS "--tracing-range 1 --texels-per-metre 16 --seed 8", 1);
+    run_to_rest(CONVERGES "--tracing-range 1 --texels-per-metre 16 --seed 8", 1);
     assert_false(same_light(viewers.client[0], viewers.client[2]));
 }
 
-/* ---- at rest ---- */
+/* ---- converged ---- */
 
-static void rest_costs_nothing(void **state) {
+static void converged_light_costs_nothing(void **state) {
     (void)state;
     struct lw_process daemon;
-    lw_process_serve(&daemon, RESTS "--frame-rate 60");
+    lw_process_serve(&daemon, CONVERGES "--frame-rate 60");
     struct lw_client *early = join(&daemon);
     settle(&daemon, 0);
     struct lw_client_stats before = stats_of(early);
@@ -584,7 +584,7 @@ static void a_signal_at_any_moment_leaves_nothing(void **state) {
     for (unsigned ms = 0; ms < 60; ms += 3) {
         struct lw_process daemon;
         char arguments[256], *port_file = strdup(lw_support_temporary("any"));
-        snprintf(arguments, sizeof arguments, RESTS "--listen 127.0.0.1:0 --port-file %s", port_file);
+        snprintf(arguments, sizeof arguments, CONVERGES "--listen 127.0.0.1:0 --port-file %s", port_file);
         lw_process_start(&daemon, "lightwelld", arguments);
         lw_process_sleep_ms(ms);
         int code = lw_process_stop(&daemon, SIGTERM, STOP_LIMIT_S);
@@ -604,10 +604,10 @@ static void restarts_on_its_port(void **state) {
     (void)state;
     struct lw_process daemon;
     char arguments[256];
-    lw_process_serve(&daemon, RESTS);
+    lw_process_serve(&daemon, CONVERGES);
     wait_complete(join(&daemon));
     uint16_t port = daemon.port;
-    snprintf(arguments, sizeof arguments, RESTS "--listen 127.0.0.1:%u", port);
+    snprintf(arguments, sizeof arguments, CONVERGES "--listen 127.0.0.1:%u", port);
     for (int i = 0; i < 3; i++) {
         stop(&daemon);
         lw_process_serve(&daemon, arguments);
@@ -629,7 +629,7 @@ static void serves_version_six_addresses(void **state) {
     }
     struct lw_process daemon;
     char command[64];
-    lw_process_serve(&daemon, RESTS "--listen [::1]:0");
+    lw_process_serve(&daemon, CONVERGES "--listen [::1]:0");
     wait_complete(join_at("::1", &daemon));
     stop(&daemon);
     snprintf(command, sizeof command, "lightwell-view [::1]:%u ", daemon.port);
@@ -660,9 +660,9 @@ static void a_port_in_use_is_named(void **state) {
     (void)state;
     struct lw_process daemon;
     char arguments[256], address[32];
-    lw_process_serve(&daemon, RESTS);
+    lw_process_serve(&daemon, CONVERGES);
     snprintf(address, sizeof address, "127.0.0.1:%u", daemon.port);
-    snprintf(arguments, sizeof arguments, RESTS "--listen %s", address);
+    snprintf(arguments, sizeof arguments, CONVERGES "--listen %s", address);
     fails(arguments, 69, address, "--listen");
     wait_complete(join(&daemon)); /* the first one does not mind */
     stop(&daemon);
@@ -676,7 +676,7 @@ static void a_port_file_may_be_a_pipe(void **state) {
     assert_int_equal(mkfifo(path, 0600), 0);
     int reader = open(path, O_RDWR | O_CLOEXEC);
     assert_true(reader >= 0);
-    snprintf(arguments, sizeof arguments, RESTS "--listen 127.0.0.1:0 --port-file %s", path);
+    snprintf(arguments, sizeof arguments, CONVERGES "--listen 127.0.0.1:0 --port-file %s", path);
     lw_process_start(&daemon, "lightwelld", arguments);
     struct pollfd said = {.fd = reader, .events = POLLIN};
     assert_int_equal(poll(&said, 1, LIMIT_S * 1000), 1);
@@ -739,9 +739,9 @@ static void bad_scenes_and_files_are_named(void **state) {
     FILE *file = fopen(path, "w");
     assert_true(file && fputs("{\"asset\":{\"version\":\"2.0\"},", file) > 0 && fclose(file) == 0);
     fails(path, 65, path, "");
-    fails(RESTS "--listen 127.0.0.1:0 --port-file /nowhere/port", 73, "--port-file", "/nowhere/port");
-    fails(RESTS "--listen no-such-host.invalid:7780", 68, "no-such-host.invalid", "");
-    snprintf(arguments, sizeof arguments, RESTS "--listen 127.0.0.1:0 --port-file %s",
+    fails(CONVERGES "--listen 127.0.0.1:0 --port-file /nowhere/port", 73, "--port-file", "/nowhere/port");
+    fails(CONVERGES "--listen no-such-host.invalid:7780", 68, "no-such-host.invalid", "");
+    snprintf(arguments, sizeof arguments, CONVERGES "--listen 127.0.0.1:0 --port-file %s",
              lw_support_temporary("tmp"));
     fails(arguments, 73, "--port-file", "is a folder");
 }
@@ -937,7 +937,7 @@ static void expect_waiting(const char *policy, const char *expected) {
     char variable[64];
     snprintf(variable, sizeof variable, "OMP_WAIT_POLICY=%s", expected);
     assert_int_equal(policy ? setenv("OMP_WAIT_POLICY", policy, 1) : unsetenv("OMP_WAIT_POLICY"), 0);
-    lw_process_serve(&daemon, RESTS);
+    lw_process_serve(&daemon, CONVERGES);
     assert_true(proc_holds(&daemon, "environ", variable));
     assert_true(proc_holds(&daemon, "comm", "lightwelld\n"));
     stop(&daemon);
@@ -959,7 +959,7 @@ int main(void) {
         cmocka_unit_test_teardown(one_solve_serves_all, end_all),
         cmocka_unit_test_teardown(all_see_the_same, end_all),
         cmocka_unit_test_teardown(threads_change_nothing_and_seeds_do, end_all),
-        cmocka_unit_test_teardown(rest_costs_nothing, end_all),
+        cmocka_unit_test_teardown(converged_light_costs_nothing, end_all),
         cmocka_unit_test_teardown(old_clients_get_halves, end_all),
         cmocka_unit_test_teardown(misbehaving_peers_hurt_nobody, end_all),
         cmocka_unit_test_teardown(signals_stop_it_cleanly, end_all),

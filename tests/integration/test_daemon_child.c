@@ -41,7 +41,7 @@ static struct lw_daemon_child_desc desc_of(bool real_clock) {
                                          .bounces = 1,
                                          .direct_samples = 1,
                                          .indirect_samples = 1,
-                                         .rest_error = 1e-6,
+                                         .target_error = 1e-6,
                                          .threads = 1,
                                          .real_clock = real_clock};
 }

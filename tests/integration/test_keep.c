@@ -90,7 +90,7 @@ static void wait_for_rest(struct run *run) {
     wait_for_all(run);
     while (worst_error(run->client) > TARGET) {
         poll_once(run);
-        if (lw_clock_ns() > deadline_ns) fail_msg("not at rest within %d s", LIMIT_S);
+        if (lw_clock_ns() > deadline_ns) fail_msg("not converged within %d s", LIMIT_S);
     }
 }
 
@@ -124,7 +124,7 @@ static int end_all(void **state) {
     return 0;
 }
 
-static void a_scene_at_rest_costs_no_ray_again(void **state) {
+static void a_converged_scene_costs_no_ray_again(void **state) {
     (void)state;
     struct run run;
     begin(&run, CORNELL);
@@ -230,7 +230,7 @@ static void a_folder_that_cannot_be_is_named(void **state) {
 int main(void) {
     lw_log_init("test_keep", LW_LOG_WARNING);
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test_setup_teardown(a_scene_at_rest_costs_no_ray_again, choose_folder, end_all),
+        cmocka_unit_test_setup_teardown(a_converged_scene_costs_no_ray_again, choose_folder, end_all),
         cmocka_unit_test_setup_teardown(changed_light_is_no_light_of_the_scene, choose_folder, end_all),
         cmocka_unit_test_setup_teardown(moving_light_is_shown_until_there_is_more, choose_folder, end_all),
         cmocka_unit_test_setup_teardown(other_options_light_afresh, choose_folder, end_all),

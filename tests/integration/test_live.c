@@ -13,7 +13,7 @@
 
 #define LIMIT_NS 60000000000ull
 
-/* Some hundred tiles that never rest, so that every frame brings light. */
+/* Some hundred tiles that never converge, so that every frame brings light. */
 #define NEVER_RESTS "builtin:atrium --texels-per-metre 3 --bounces 0 --denoise off --error 1e-6 --light seen "
 #define RESTS       "builtin:cornell --texels-per-metre 20 --clock step --error 0.5 --light whole "
 

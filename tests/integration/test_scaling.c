@@ -120,7 +120,7 @@ static void given_settings_of_the_whole_take_one_sequence(void **state) {
     char *report = lw_support_read_text(folder, "report.md"),
          *csv = lw_support_read_text(folder, "settings.csv");
     const char *shared = strstr(csv, "\nshared,");
-    assert_non_null(strstr(report, "density ×0.5, 1 + 1 samples, rest at 0.1"));
+    assert_non_null(strstr(report, "density ×0.5, 1 + 1 samples, target error 0.1"));
     assert_non_null(strstr(report, "over the same 12 views"));
     assert_non_null(shared);
     double error = 0, cost_s = 0;

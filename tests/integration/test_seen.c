@@ -13,7 +13,7 @@
 
 #define LIMIT_S 60
 
-/* Some fifty tiles that never rest, so that every frame tells what is solved. */
+/* Some fifty tiles that never converge, so that every frame tells what is solved. */
 #define SEEN "builtin:atrium --texels-per-metre 2 --clock step --error 1e-6 --json --light seen "
 
 #define CLIENTS_MAX 3

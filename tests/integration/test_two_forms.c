@@ -54,7 +54,7 @@ static void poll_all(void) {
         if (client[i]) lw_support_ok(lw_client_poll(client[i], 5, &err), &err);
 }
 
-/* The client has every tile, at rest, and the server has nothing left to send. */
+/* The client has every tile, converged, and the server has nothing left to send. */
 static bool is_at_rest(int i) {
     const struct lw_atlas_map *map = lw_client_atlas_map(client[i]);
     struct lw_client_stats stats;
@@ -71,7 +71,7 @@ static void wait_for_rest(int i) {
     const uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
     while (!is_at_rest(i)) {
         poll_all();
-        if (lw_clock_ns() > end_ns) fail_msg("not at rest within %d s", LIMIT_S);
+        if (lw_clock_ns() > end_ns) fail_msg("not converged within %d s", LIMIT_S);
     }
 }
 

@@ -1,4 +1,4 @@
-/* Indirect light against closed forms and against itself: the closed furnace, threads, linearity, rest. */
+/* Indirect light against closed forms and against itself: the closed furnace, threads, linearity, convergence. */
 #include "tests/reference/room.h"
 
 #include "common/builtin/builtin.h"
@@ -107,7 +107,7 @@ static void test_light_is_linear(void **state) {
     expect_near(sum[0] + sum[1], sum[2], 0.004);
 }
 
-static void test_converged_scene_rests(void **state) {
+static void test_converged_scene_costs_nothing(void **state) {
     (void)state;
     struct room room = lit_box();
     struct room_solution solution;
@@ -149,7 +149,7 @@ int main(void) {
         cmocka_unit_test(test_furnace),
         cmocka_unit_test(test_same_bytes_at_any_thread_count),
         cmocka_unit_test(test_light_is_linear),
-        cmocka_unit_test(test_converged_scene_rests),
+        cmocka_unit_test(test_converged_scene_costs_nothing),
         cmocka_unit_test(test_energy_of_a_point_light_arrives),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -170,7 +170,7 @@ static void test_both_sides_of_a_plate(void **state) {
     room.light_count = 2;
     room.quad[PLATE].edge_u.z = room.quad[PLATE].edge_v.x = 0.6f; /* some three packets a side */
     struct lw_solver_desc d = desc;
-    d.target_error = 1e-3f;                     /* nothing rests */
+    d.target_error = 1e-3f;                     /* nothing converges */
     for (unsigned when = 0; when < 7; when++) { /* at any point of the rotation of asked packets */
         struct room_solution s;
         uint64_t frame = 0;
@@ -212,7 +212,7 @@ static void test_little_is_solved_for_a_small_change(void **state) {
     d.target_error = 0.1f;
     room_solve(&s, &room, d, 800);
     const uint64_t first_rays = s.rays;
-    assert_int_equal(s.stats.tiles_solved, 0); /* at rest */
+    assert_int_equal(s.stats.tiles_solved, 0); /* converged */
     s.rays = 0;
     shift(&s, PLATE, 0.2f);
     assert_true(solve_on(&s, &frame, 16) > 0);
@@ -420,7 +420,7 @@ static void test_memory_does_no_harm(void **state) {
     expect_about_as_anew(&lit, true, 30, lit_anew, 1.1);
 }
 
-/* A block at rest whose texels' indirect light comes out otherwise, by `each` up or down, in the mean over a
+/* A converged block whose texels' indirect light comes out otherwise, by `each` up or down, in the mean over a
  * region by 1/8. */
 static bool wakes(float each) {
     struct lw_packet packet[LW_PACKETS_MAX];

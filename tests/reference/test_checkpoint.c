@@ -71,7 +71,7 @@ static void resumes(float range_m, float target_error) {
 static void resumed_is_uninterrupted(void **state) {
     (void)state;
     resumes(INFINITY, 0);
-    resumes(INFINITY, 0.03f); /* some tiles rest */
+    resumes(INFINITY, 0.03f); /* some tiles converge */
 }
 
 static void resumed_is_uninterrupted_with_probes(void **state) {

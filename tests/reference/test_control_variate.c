@@ -137,7 +137,7 @@ static void test_light_that_goes(void **state) {
     room_finish(&lit.s);
 }
 
-/* What chance explains is not taken for light; nor is what may be off at rest. */
+/* What chance explains is not taken for light; nor is the error that a converged block may have. */
 static void test_noise_is_left(void **state) {
     (void)state;
     struct lit lit;

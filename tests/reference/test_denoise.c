@@ -171,7 +171,7 @@ static struct room wide_floor(void) {
     return room;
 }
 
-/* Solves until all rests; each frame of the whole as `parts` frames of every parts-th tile. */
+/* Solves until all has converged; each frame of the whole as `parts` frames of every parts-th tile. */
 static void solve_in_parts(struct room_solution *s, const struct room *room, uint32_t parts) {
     room_solve(s, room, (struct lw_solver_desc){.seed = 1, .denoise = true, .target_error = 0.1f}, 1);
     uint8_t *wanted = malloc(s->map.tile_count);
@@ -188,7 +188,7 @@ static void solve_in_parts(struct room_solution *s, const struct room *room, uin
     free(wanted);
 }
 
-/* What is shown depends on what was solved, not on the frames in which that came about; and blocks that rest
+/* What is shown depends on what was solved, not on the frames in which that came about; and blocks that have converged
  * keep up with those beside them that do not. */
 static void test_parts_of_a_frame_show_the_same(void **state) {
     (void)state;

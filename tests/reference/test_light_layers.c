@@ -7,7 +7,7 @@
 
 static const struct lw_solver_desc desc = {
     .bounces = 2, .direct_samples = 1, .indirect_samples = 4, .target_error = 0.05f};
-/* Of an object's light after a change: blocks rest with up to target_error of it out of date. */
+/* Of an object's light after a change: blocks converge with up to target_error of it out of date. */
 #define AFTER_CHANGE 0.05
 
 static void begin(struct room_solution *s, const char *groups, unsigned frames) {
@@ -177,9 +177,9 @@ static void test_a_group_has_one_weight(void **state) {
     room_finish(&s);
 }
 
-/* While a lamp of another layer moves, light that stands rests; and when the lamp has come to rest the sum is
+/* While a lamp of another layer moves, light that stands stays converged. When both have converged the sum is
  * right. */
-static void test_light_that_stands_rests(void **state) {
+static void test_light_that_stands_stays_converged(void **state) {
     (void)state;
     struct room_solution s, joint;
     uint64_t frame = 0, rays = 0, joint_rays = 0;
@@ -207,7 +207,7 @@ static void test_light_that_stands_rests(void **state) {
 }
 
 /* Hidden objects are not solved, also not when a movement ends and errors are measured again. */
-static void test_what_is_hidden_rests(void **state) {
+static void test_what_is_hidden_costs_nothing(void **state) {
     (void)state;
     struct room_solution s;
     struct lw_solver_tile tile;
@@ -353,8 +353,8 @@ int main(void) {
         cmocka_unit_test(test_another_weight_takes_no_ray),
         cmocka_unit_test(test_the_last_light_goes_out),
         cmocka_unit_test(test_a_group_has_one_weight),
-        cmocka_unit_test(test_light_that_stands_rests),
-        cmocka_unit_test(test_what_is_hidden_rests),
+        cmocka_unit_test(test_light_that_stands_stays_converged),
+        cmocka_unit_test(test_what_is_hidden_costs_nothing),
         cmocka_unit_test(test_switched_off_in_between),
         cmocka_unit_test(test_out_of_the_dark),
         cmocka_unit_test(test_comes_back),

@@ -158,7 +158,7 @@ static void test_same_bytes_at_any_thread_count(void **state) {
     free(one);
 }
 
-/* ---- rest ---- */
+/* ---- converged ---- */
 
 static void test_nobody_looks_nothing_is_traced(void **state) {
     (void)state;
@@ -255,7 +255,7 @@ static void test_wakes_to_the_light_of_today(void **state) {
     solve_on(&s, &frame, 1);
     expect_near(room_object_mean(&s, 6 + FLOOR).direct, 3 * before.direct, 0.01);
     solve_on(&s, &frame, 60);
-    assert_true(s.stats.tiles_solved > 0); /* does not rest while the first frames still show */
+    assert_true(s.stats.tiles_solved > 0); /* does not converge while the first frames still show */
     const struct room_mean after = room_object_mean(&s, 6 + FLOOR);
     expect_near(after.direct, 3 * before.direct, 0.005);
     expect_near(after.indirect, 3 * before.indirect, 0.02);

@@ -34,11 +34,11 @@ static void values(void **state) {
                 o.fixed_density == 1);
     lw_support_ok(parse("--settings", "1:1+2@0.5", &o, &err), &err);
     assert_true(o.fixed_samples == 1 && o.fixed_indirect == 2 && o.fixed_density == 0.5 &&
-                o.fixed_rest == 0.02);
+                o.fixed_target_error == 0.02);
     lw_support_ok(parse("--settings", "10:1+1@0.25,0.2", &o, &err), &err);
-    assert_true(o.fixed_density == 0.25 && o.fixed_rest == 0.2);
+    assert_true(o.fixed_density == 0.25 && o.fixed_target_error == 0.2);
     lw_support_ok(parse("--settings", "10:1+1,0.5", &o, &err), &err);
-    assert_true(o.fixed_density == 1 && o.fixed_rest == 0.5);
+    assert_true(o.fixed_density == 1 && o.fixed_target_error == 0.5);
     lw_support_ok(parse("--users", "3", &o, &err), &err);
     assert_true(o.user_counts == 1 && o.users[0] == 3);
     lw_support_ok(parse("--truth-samples", "7", &o, &err), &err);

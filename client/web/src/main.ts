@@ -91,7 +91,7 @@ class App {
       this.tell({ kind: 'lost' });
     });
     document.addEventListener('visibilitychange', () =>
-      this.tell({ kind: 'rest', resting: document.hidden }),
+      this.tell({ kind: 'pause', paused: document.hidden }),
     );
     window.addEventListener('resize', () => (this.dirty = true));
     if (!this.openGraphics()) return;

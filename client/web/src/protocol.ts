@@ -13,7 +13,7 @@ export type ToWorker =
   | { kind: 'connect'; url: string; draws: boolean }
   | { kind: 'interest'; ids: Uint32Array<ArrayBuffer> }
   | { kind: 'taken'; count: number }
-  | { kind: 'rest'; resting: boolean }
+  | { kind: 'pause'; paused: boolean }
   | { kind: 'lost' } // what the page had of scene and light is gone
   | { kind: 'camera'; index: number; timeS: number }; // go to one of the scene
 

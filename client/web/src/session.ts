@@ -58,7 +58,7 @@ export class Session {
   private lastFrame = 0n;
   private readonly interest = new Interest();
   private held = false; // no tile is wanted until the backlog is shorter
-  private resting = false; // nobody looks
+  private paused = false; // nobody looks
   private untaken = 0;
   private closed = false;
   private heardMs: number;
@@ -178,7 +178,7 @@ export class Session {
   }
 
   private mindBacklog(): void {
-    const held = this.resting || this.backlog > (this.held ? BACKLOG_LOW : BACKLOG_HIGH);
+    const held = this.paused || this.backlog > (this.held ? BACKLOG_LOW : BACKLOG_HIGH);
     if (held === this.held || !this.asked || !this.kept.replica) return;
     this.held = held;
     if (held) this.host.send(wire.writeInterest(false, this.kept.replica.listOf([]), false));
@@ -186,8 +186,8 @@ export class Session {
   }
 
   /** Nobody looks, or somebody does again. */
-  rest(resting: boolean): void {
-    this.resting = resting;
+  pause(paused: boolean): void {
+    this.paused = paused;
     this.mindBacklog();
   }
 

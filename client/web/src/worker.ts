@@ -24,7 +24,7 @@ class Link {
   private retryMs = RETRY_FIRST_MS;
   private retry: ReturnType<typeof setTimeout> | undefined;
   private pumping = false;
-  private resting = false;
+  private paused = false;
   private over = false;
   private received = 0;
 
@@ -58,7 +58,7 @@ class Link {
         this.draws ? Feature.DRAWS : 0n,
         performance.now(),
       );
-      this.session.rest(this.resting);
+      this.session.pause(this.paused);
     };
     socket.onmessage = (event: MessageEvent) => {
       if (socket !== this.socket || !this.session) return;
@@ -196,9 +196,9 @@ class Link {
       else if (message.kind === 'taken') {
         this.session?.taken(message.count);
         void this.pump();
-      } else if (message.kind === 'rest') {
-        this.resting = message.resting;
-        this.session?.rest(message.resting);
+      } else if (message.kind === 'pause') {
+        this.paused = message.paused;
+        this.session?.pause(message.paused);
       } else if (message.kind === 'camera') this.postCamera(message.index, message.timeS);
       else this.begin();
     });
