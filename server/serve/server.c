@@ -15,6 +15,7 @@
 #include <string.h>
 #include <sys/random.h>
 #include <sys/resource.h>
+#include <unistd.h>
 #include <zstd.h>
 
 #define BACKLOG           1024
@@ -41,7 +42,10 @@ struct lw_server {
     uint64_t window_ns; /* when the window began that loop_lag and shared.ack belong to */
     struct lw_histogram loop_lag;
     struct lw_durations lag_all; /* the same since the start */
-    uv_signal_t interrupt, terminate;
+    uv_signal_t interrupt, terminate, hangup;
+    bool has_terminal; /* its log goes to one */
+    void (*reload)(void *context);
+    void *reload_context;
     bool stopping;
     uint16_t port, http_port, metrics_port;
     uint32_t *order;
@@ -353,6 +357,17 @@ static void on_signal(uv_signal_t *handle, int number) {
     begin_stop(server, true);
 }
 
+/* A terminal that closes sends the same signal; its server would be left without anybody to stop it. */
+static void on_hangup(uv_signal_t *handle, int number) {
+    struct lw_server *server = handle->data;
+    if (server->has_terminal && !isatty(STDERR_FILENO)) {
+        on_signal(handle, number);
+        return;
+    }
+    lw_log(LW_LOG_INFO, "SIGHUP: reading files again");
+    server->reload(server->reload_context);
+}
+
 static void on_wake(uv_async_t *handle) {
     struct lw_server *server = handle->data;
     uv_mutex_lock(&server->mutex);
@@ -546,12 +561,13 @@ static enum lw_status init_handles(struct lw_server *server, struct lw_error *er
         (result = uv_check_init(&server->loop, &server->check)) < 0 ||
         (result = uv_idle_init(&server->loop, &server->busy)) < 0 ||
         (result = uv_signal_init(&server->loop, &server->interrupt)) < 0 ||
-        (result = uv_signal_init(&server->loop, &server->terminate)) < 0)
+        (result = uv_signal_init(&server->loop, &server->terminate)) < 0 ||
+        (result = uv_signal_init(&server->loop, &server->hangup)) < 0)
         return lw_status_fail(err, LW_OS, "cannot start an event loop: %s", uv_strerror(result));
     server->listener.data = server->http_listener.data = server->metrics_listener.data = server;
     server->wake.data = server->tick.data = server->lag.data = server->beat.data = server;
     server->prepare.data = server->check.data = server->busy.data = server;
-    server->interrupt.data = server->terminate.data = server;
+    server->interrupt.data = server->terminate.data = server->hangup.data = server;
     return LW_OK;
 }
 
@@ -675,6 +691,9 @@ enum lw_status lw_server_create(const struct lw_server_desc *desc, struct lw_ser
         server->shared.places.seed = 1;
     server->shared.log.seed = server->shared.places.seed;
     server->hooks = desc->hooks;
+    server->reload = desc->reload;
+    server->reload_context = desc->reload_context;
+    server->has_terminal = isatty(STDERR_FILENO);
     set_descriptor_limit();
     enum lw_status status = init_handles(server, err);
     if (status == LW_OK)
@@ -702,6 +721,7 @@ enum lw_status lw_server_run(struct lw_server *server, struct lw_error *err) {
     signal(SIGPIPE, SIG_IGN); /* libuv writes to closed sockets without asking for silence */
     int result = uv_signal_start(&server->interrupt, on_signal, SIGINT);
     if (result == 0) result = uv_signal_start(&server->terminate, on_signal, SIGTERM);
+    if (result == 0 && server->reload) result = uv_signal_start(&server->hangup, on_hangup, SIGHUP);
     if (result < 0) return lw_status_fail(err, LW_OS, "cannot watch signals: %s", uv_strerror(result));
     uv_prepare_start(&server->prepare, on_prepare);
     uv_check_start(&server->check, on_check);
@@ -757,7 +777,8 @@ static void close_handles(struct lw_server *server) {
                                     (uv_handle_t *)&server->lag,
                                     (uv_handle_t *)&server->beat,
                                     (uv_handle_t *)&server->interrupt,
-                                    (uv_handle_t *)&server->terminate};
+                                    (uv_handle_t *)&server->terminate,
+                                    (uv_handle_t *)&server->hangup};
     for (size_t i = 0; i < sizeof handles / sizeof *handles; i++) close_handle(handles[i]);
 }
 

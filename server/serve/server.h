@@ -78,6 +78,10 @@ struct lw_server_desc {
     unsigned excess_timeout_ms;  /* 0: LW_SERVER_EXCESS_TIMEOUT_S */
     unsigned package_timeout_ms; /* 0: LW_SERVER_PACKAGE_TIMEOUT_S */
     unsigned silence_timeout_ms; /* 0: LW_SERVER_SILENCE_S */
+    /* Called at each SIGHUP while the server runs: files are to be read again. [loop]; NULL: the signal has its
+     * default effect. */
+    void (*reload)(void *context);
+    void *reload_context;
 };
 
 /** Sessions are peers that were welcomed; refused counts the refusals sent. */
@@ -108,8 +112,9 @@ uint16_t lw_server_port(const struct lw_server *server);
 uint16_t lw_server_http_port(const struct lw_server *server);
 /** The same for monitoring. */
 uint16_t lw_server_metrics_port(const struct lw_server *server);
-/** Serves until lw_server_stop(), SIGINT or SIGTERM; a second signal has its default effect. SIGPIPE is ignored from here
- * on, in the whole process. Call from one thread, once; that thread is the loop. Errors: LW_OS. */
+/** Serves until lw_server_stop(), SIGINT or SIGTERM; a second signal has its default effect. With desc.reload SIGHUP
+ * calls it, but stops a server whose terminal has gone. SIGPIPE is ignored from here on, in the whole process.
+ * Call from one thread, once; that thread is the loop. Errors: LW_OS. */
 LW_MUST_CHECK enum lw_status lw_server_run(struct lw_server *server, struct lw_error *err);
 /** Hands over a snapshot: takes a reference of its own. Newer snapshots replace older ones not yet seen. [any] */
 void lw_server_publish(struct lw_server *server, struct lw_snapshot *snapshot);

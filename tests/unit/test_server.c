@@ -1611,6 +1611,24 @@ static void test_stop_before_and_without_run(void **state) {
     discard(f);
 }
 
+static void note_reload(void *context) { *(_Atomic int *)context += 1; }
+
+static void test_hangup_reloads(void **state) {
+    (void)state;
+    _Atomic int reloads = 0;
+    struct fixture *f =
+        start(&(struct lw_server_desc){.reload = note_reload, .reload_context = (void *)&reloads});
+    close(dial_and_greet(f)); /* it runs, and watches */
+    for (int i = 1; i <= 2; i++) {
+        kill(getpid(), SIGHUP);
+        for (uint64_t end_ns = lw_clock_ns() + WAIT_MS * 1000000ull; reloads < i; usleep(1000))
+            assert_true(lw_clock_ns() < end_ns);
+    }
+    close(dial_and_greet(f));
+    end(f);
+    assert_int_equal(reloads, 2);
+}
+
 static void test_signal(void **state) {
     (void)state;
     const int signals[] = {SIGINT, SIGTERM};
@@ -2235,6 +2253,7 @@ int main(void) {
         cmocka_unit_test(test_an_address_has_its_places),
         cmocka_unit_test(test_stop_while_sending),
         cmocka_unit_test(test_stop_before_and_without_run),
+        cmocka_unit_test(test_hangup_reloads),
         cmocka_unit_test(test_signal),
         cmocka_unit_test(test_address_errors),
         cmocka_unit_test(test_idle_takes_no_time),
