@@ -16,6 +16,7 @@ find_package(JPEG REQUIRED) # libjpeg-turbo: JPEG::JPEG
 find_package(meshoptimizer 0.18 REQUIRED) # meshoptimizer::meshoptimizer
 pkg_check_modules(draco REQUIRED IMPORTED_TARGET draco>=1.5)
 pkg_check_modules(assimp REQUIRED IMPORTED_TARGET assimp>=5.2)
+pkg_check_modules(inih REQUIRED IMPORTED_TARGET inih)
 pkg_check_modules(jansson REQUIRED IMPORTED_TARGET jansson)
 pkg_check_modules(sdl2 REQUIRED IMPORTED_TARGET sdl2)
 pkg_check_modules(epoxy REQUIRED IMPORTED_TARGET epoxy) # finds the functions of OpenGL and EGL when they are called
@@ -44,6 +45,7 @@ add_library(xxhash::xxhash ALIAS PkgConfig::xxhash)
 add_library(draco::cpp ALIAS PkgConfig::draco)
 add_library(PNG::png ALIAS PkgConfig::png)
 add_library(assimp::c ALIAS PkgConfig::assimp) # its C interface; Debian's own CMake target names a config we lack
+add_library(inih::inih ALIAS PkgConfig::inih)
 add_library(jansson::jansson ALIAS PkgConfig::jansson)
 add_library(SDL2::sdl2 ALIAS PkgConfig::sdl2)
 add_library(epoxy::epoxy ALIAS PkgConfig::epoxy)

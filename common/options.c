@@ -207,10 +207,11 @@ static unsigned edit_distance(const char *a, const char *b) {
     return row[a_length % 3][b_length];
 }
 
-static const char *nearest_name(const struct lw_options *options, const char *word) {
+/* own: --help and --version are names, too. */
+static const char *nearest_name(const struct lw_options *options, const char *word, bool own) {
     unsigned limit = 1 + (unsigned)strlen(word) / 3, best_distance = limit + 1;
     const char *best = NULL;
-    for (size_t i = 0; i < options->count + 2; i++) {
+    for (size_t i = 0; i < options->count + (own ? 2 : 0); i++) {
         if (i < options->count && !options->table[i].help) continue;
         const char *name = i < options->count    ? options->table[i].name
                            : i == options->count ? "help"
@@ -229,7 +230,7 @@ static enum lw_status fail_unknown(const struct lw_options *options, const char 
     char word[NAME_LENGTH_MAX + 2];
     size_t skip = strspn(argument, "-");
     snprintf(word, sizeof word, "%.*s", (int)(name_length > skip ? name_length - skip : 0), argument + skip);
-    const char *near = nearest_name(options, word);
+    const char *near = nearest_name(options, word, true);
     if (near)
         return lw_status_fail(err, LW_USAGE, "unknown option %.*s; did you mean --%s?", (int)name_length,
                               argument, near);
@@ -334,6 +335,34 @@ static const struct lw_option *find_option(const struct lw_options *options, con
         if (strlen(options->table[i].name) == length && !memcmp(options->table[i].name, name, length))
             return &options->table[i];
     return NULL;
+}
+
+static bool parse_bool(const char *text, bool *out) {
+    static const char *const words[] = {"true", "false", "yes", "no", "on", "off", "1", "0"};
+    for (size_t i = 0; i < sizeof words / sizeof *words; i++)
+        if (strcmp(text, words[i]) == 0) {
+            *out = i % 2 == 0;
+            return true;
+        }
+    return false;
+}
+
+enum lw_status lw_options_set(const struct lw_options *options, const char *name, const char *text,
+                              struct lw_error *err) {
+    const struct lw_option *o = find_option(options, name, strlen(name));
+    if (!o) {
+        const char *near = nearest_name(options, name, false);
+        if (near)
+            return lw_status_fail(err, LW_USAGE, "unknown key \"%.100s\"; did you mean \"%s\"?", name, near);
+        return lw_status_fail(err, LW_USAGE, "unknown key \"%.100s\"; --help lists the options", name);
+    }
+    if (o->kind != LW_OPTION_FLAG) return set_value(o, text, err);
+    bool value;
+    if (!parse_bool(text, &value))
+        return lw_status_fail(err, LW_USAGE, "--%s: \"%.100s\" is neither true nor false", o->name, text);
+    *(bool *)o->value = value;
+    if (o->given) *o->given = value;
+    return LW_OK;
 }
 
 /* Is this argument, as it stands, one of our options? Then it is no value that somebody meant. */

@@ -47,6 +47,12 @@ LW_MUST_CHECK enum lw_status lw_options_parse(const struct lw_options *options, 
                                               size_t *out_positional_count, bool *out_done,
                                               struct lw_error *err);
 
+/** Sets the option of this name to a text, as on a command line; a flag to true or false (also yes, no, on, off, 1,
+ * 0). A string points into `text`.
+ * Errors: LW_USAGE: there is none of this name, with the nearest one; or the value is not what it accepts. */
+LW_MUST_CHECK enum lw_status lw_options_set(const struct lw_options *options, const char *name,
+                                            const char *text, struct lw_error *err);
+
 /** What a number may be: "from 1 to 16". */
 void lw_options_range(const struct lw_option *option, char *out, size_t out_size);
 

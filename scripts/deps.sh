@@ -9,7 +9,7 @@ packages=(
     gcc g++ libc6-dev cmake ninja-build pkg-config make git
     libembree-dev libtbb-dev libuv1-dev libwebsockets-dev libwebsockets-evlib-uv
     libprotobuf-c-dev protobuf-c-compiler protobuf-compiler
-    libzstd-dev libxxhash-dev libjansson-dev
+    libzstd-dev libxxhash-dev libjansson-dev libinih-dev
     libopenexr-dev libpng-dev libjpeg62-turbo-dev libassimp-dev libstb-dev libsdl2-dev
     libmeshoptimizer-dev libdraco-dev # compressed glTF
     libepoxy-dev libegl-dev libegl1 libgl1-mesa-dri

@@ -9,7 +9,7 @@
 #include "common/lightmap/lightmap.h"
 #include "common/log.h"
 #include "common/open/scene_open.h"
-#include "common/options.h"
+#include "common/options_config.h"
 #include "common/program_path.h"
 #include "common/scene/package.h"
 #include "common/scene/scene_spares.h"
@@ -57,8 +57,14 @@ enum clock_kind { CLOCK_REAL, CLOCK_STEP, CLOCK_MANUAL };
 enum light_kind { LIGHT_WHOLE, LIGHT_SEEN };
 enum codec_kind { CODEC_HALF, CODEC_DCT };
 
+/* What makes no sense in a file or in the environment; variables that clients read. */
+static const char *const command_only[] = {"config", "check-config", "print-config", NULL};
+static const char *const client_variables[] = {"token", NULL};
+
 struct settings {
     struct lw_scene_open scene;
+    struct lw_options_config config;
+    bool check_config, print_config;
     const char *listen, *port_file, *http, *http_port_file, *http_hosts, *http_origins, *web_root;
     const char *metrics, *metrics_port_file;
     const char *keep, *spares, *light_groups, *client_lights, *solver;
@@ -145,6 +151,33 @@ static enum lw_status parse_metrics(struct settings *s, struct lw_error *err) {
     return status;
 }
 
+/* What one option alone does not tell. */
+static enum lw_status check(struct settings *s, struct lw_error *err) {
+    enum lw_status status;
+    if ((status = lw_solvers_find(s->solver, &s->entry, err)) != LW_OK) {
+        lw_status_context(err, "--solver");
+        return status;
+    }
+    if (s->animate && s->freeze)
+        return lw_status_fail(err, LW_USAGE, "--animate and --freeze exclude each other");
+    status = lw_options_address(s->listen, s->host, sizeof s->host, &s->port, err);
+    if (status != LW_OK) {
+        lw_status_context(err, "--listen");
+        return status;
+    }
+    status = parse_http(s, err);
+    return status == LW_OK ? parse_metrics(s, err) : status;
+}
+
+static enum lw_status print_config(const struct settings *s, const struct lw_options *options,
+                                   struct lw_error *err) {
+    char *text = lw_options_config_print(&s->config, options);
+    if (!text) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    const bool written = fputs(text, stdout) >= 0 && fflush(stdout) == 0;
+    free(text);
+    return written ? LW_OK : lw_status_fail(err, LW_IO, "standard output: %s", strerror(errno));
+}
+
 static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out_done, struct lw_error *err) {
     const char *scene[1] = {NULL};
     char about[1024], names[128], solvers[192];
@@ -179,6 +212,13 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          LW_OPTION_STRING, &s->http_origins, 0, 0, NULL},
         {"web-root", "FOLDER", "the browser client's files (default: share/lightwell/web beside bin)",
          LW_OPTION_STRING, &s->web_root, 0, 0, NULL},
+        {"config", "FILE",
+         "read options from there, one KEY = VALUE a line: options here go before, then LIGHTWELL_KEY of the "
+         "environment, then the file",
+         LW_OPTION_STRING, (void *)&s->config.path, 0, 0, NULL},
+        {"check-config", NULL, "check all options, and end", LW_OPTION_FLAG, &s->check_config, 0, 0, NULL},
+        {"print-config", NULL, "print what all options are, as a file for --config, and end", LW_OPTION_FLAG,
+         &s->print_config, 0, 0, NULL},
         {"metrics", "HOST:PORT|none",
          "where to serve monitoring: /metrics, /healthz, /readyz (default none; a host alone: port 7782; "
          "port 0 "
@@ -283,22 +323,15 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
                                        .positional = scene,
                                        .positional_min = 1,
                                        .positional_max = 1};
-    enum lw_status status = lw_options_parse(&options, argc, argv, NULL, out_done, err);
+    s->config = (struct lw_options_config){
+        .prefix = "LIGHTWELL", .positional = "scene", .command = command_only, .foreign = client_variables};
+    enum lw_status status = lw_options_config_parse(&s->config, &options, argc, argv, out_done, err);
     if (status != LW_OK || *out_done) return status;
     s->scene.path = scene[0];
-    if ((status = lw_solvers_find(s->solver, &s->entry, err)) != LW_OK) {
-        lw_status_context(err, "--solver");
-        return status;
-    }
-    if (s->animate && s->freeze)
-        return lw_status_fail(err, LW_USAGE, "--animate and --freeze exclude each other");
-    status = lw_options_address(s->listen, s->host, sizeof s->host, &s->port, err);
-    if (status != LW_OK) {
-        lw_status_context(err, "--listen");
-        return status;
-    }
-    status = parse_http(s, err);
-    return status == LW_OK ? parse_metrics(s, err) : status;
+    if ((status = check(s, err)) != LW_OK) return status;
+    *out_done = s->check_config || s->print_config;
+    if (s->check_config) lw_log(LW_LOG_INFO, "the options are good");
+    return s->print_config ? print_config(s, &options, err) : LW_OK;
 }
 
 static enum lw_status choose_client_lights(struct daemon *d, struct lw_error *err) {
@@ -945,6 +978,7 @@ static void finish(struct daemon *d) {
     lw_atlas_map_finish(&d->atlas_map);
     free(d->package);
     lw_scene_destroy(d->scene);
+    lw_options_config_finish(&d->settings.config);
 }
 
 int main(int argc, char **argv) {
@@ -977,9 +1011,9 @@ int main(int argc, char **argv) {
         lw_interrupt_watch(on_early_signal, NULL);
         lw_daemon_metrics_init(&d.metrics, d.isa, d.settings.entry->name);
         status = run(&d, &err);
-        finish(&d);
         if (status == LW_CLOSED) status = LW_OK; /* stopped by a signal before it served */
         if (status == LW_OK) lw_log(LW_LOG_INFO, "stopped");
     }
+    finish(&d);
     return status == LW_OK ? 0 : lw_log_failure(&err);
 }
