@@ -1,5 +1,6 @@
 #include "common/atomic_file.h"
 
+#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <stdatomic.h>
@@ -21,6 +22,32 @@ static void release(struct lw_atomic_file *file) {
     free(file->temporary_path);
     free(file->path);
     *file = (struct lw_atomic_file){.fd = -1};
+}
+
+/* As open_temporary() names them: ".PID-N.tmp" after the name. */
+static bool is_temporary_suffix(const char *suffix) {
+    static const char digits[] = "0123456789";
+    if (*suffix++ != '.') return false;
+    const size_t pid = strspn(suffix, digits);
+    if (!pid || suffix[pid] != '-') return false;
+    suffix += pid + 1;
+    const size_t number = strspn(suffix, digits);
+    return number && strcmp(suffix + number, ".tmp") == 0;
+}
+
+unsigned lw_atomic_file_sweep(const char *path) {
+    const char *slash = strrchr(path, '/'), *name = slash ? slash + 1 : path;
+    char *folder_path = slash ? strndup(path, (size_t)(slash - path) + 1) : strdup(".");
+    DIR *folder = folder_path ? opendir(folder_path) : NULL;
+    unsigned count = 0;
+    for (const struct dirent *entry; folder && (entry = readdir(folder));)
+        if (strncmp(entry->d_name, name, strlen(name)) == 0 &&
+            is_temporary_suffix(entry->d_name + strlen(name)) &&
+            unlinkat(dirfd(folder), entry->d_name, 0) == 0)
+            count++;
+    if (folder) closedir(folder);
+    free(folder_path);
+    return count;
 }
 
 static int open_temporary(struct lw_atomic_file *file) {

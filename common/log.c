@@ -69,7 +69,8 @@ void lw_log_in_handler(const char *text) {
 }
 
 int lw_log_failure(const struct lw_error *err) {
-    if (err->status != LW_OK)
-        lw_log(LW_LOG_ERROR, "%s", err->text[0] ? err->text : lw_status_text(err->status));
+    const char *text = err->text[0] ? err->text : lw_status_text(err->status);
+    const bool names_memory = err->status != LW_NO_MEMORY || strstr(text, lw_status_text(LW_NO_MEMORY));
+    if (err->status != LW_OK) lw_log(LW_LOG_ERROR, "%s%s", names_memory ? "" : "out of memory: ", text);
     return lw_status_exit_code(err->status);
 }

@@ -24,6 +24,12 @@ void lw_daemon_metrics_memory(struct lw_daemon_metrics *metrics, uint64_t bytes)
     pthread_mutex_unlock(&metrics->mutex);
 }
 
+void lw_daemon_metrics_save_failed(struct lw_daemon_metrics *metrics) {
+    pthread_mutex_lock(&metrics->mutex);
+    metrics->sums.saves_failed++;
+    pthread_mutex_unlock(&metrics->mutex);
+}
+
 void lw_daemon_metrics_first_light(struct lw_daemon_metrics *metrics, double after_s) {
     pthread_mutex_lock(&metrics->mutex);
     metrics->sums.lit_after_s = after_s;
@@ -141,6 +147,8 @@ static void write_solve(struct lw_exposition *e, const struct lw_daemon_metrics_
                           "Changes of the scene that clients made.");
     lw_exposition_counter(e, "lightwell_saturated_channels_total", (double)sums->saturated,
                           "Channels of light that did not fit the tile codec's range.");
+    lw_exposition_counter(e, "lightwell_failed_saves_total", (double)sums->saves_failed,
+                          "Times that --keep could not save the light.");
     lw_exposition_gauge(e, "lightwell_solve_memory_bytes", (double)sums->memory_bytes,
                         "Memory of solver and publisher, rays' structure included.");
     lw_exposition_gauge(e, "lightwell_first_light_seconds", sums->lit_after_s,

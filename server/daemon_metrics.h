@@ -24,7 +24,7 @@ enum lw_daemon_metrics_pass {
 struct lw_daemon_metrics_sums {
     struct lw_durations frame, pass[LW_DAEMON_METRICS_PASS_COUNT];
     uint64_t rays_shadow, rays_bounce, rays_probe, texels_solved, tiles_encoded, bytes_encoded, saturated,
-        changes, solve_cpu_ns, publish_cpu_ns, newest_frame;
+        changes, solve_cpu_ns, publish_cpu_ns, newest_frame, saves_failed;
     uint32_t tiles, tiles_converged, tiles_wanted; /* of the last frame */
     uint64_t memory_bytes;                         /* of solver and publisher */
     double lit_after_s;                            /* first light after the start; 0: none yet */
@@ -56,6 +56,7 @@ void lw_daemon_metrics_init(struct lw_daemon_metrics *metrics, const char *isa, 
 void lw_daemon_metrics_finish(struct lw_daemon_metrics *metrics);
 
 void lw_daemon_metrics_memory(struct lw_daemon_metrics *metrics, uint64_t bytes);
+void lw_daemon_metrics_save_failed(struct lw_daemon_metrics *metrics);
 void lw_daemon_metrics_first_light(struct lw_daemon_metrics *metrics, double after_s);
 void lw_daemon_metrics_frame(struct lw_daemon_metrics *metrics, const struct lw_daemon_metrics_frame *frame);
 

@@ -620,7 +620,8 @@ static enum lw_status run_frame(struct daemon *d, uint64_t frame, bool *out_rest
     }
     if (d->settings.keep) {
         lw_light_store_note(&d->light_store, snapshot, solve.tiles_solved > 0, solve.moved);
-        lw_light_store_save(&d->light_store, d->solver, false);
+        if (!lw_light_store_save_sometimes(&d->light_store, d->solver))
+            lw_daemon_metrics_save_failed(&d->metrics);
     }
     lw_snapshot_unref(snapshot);
     cost.wall_ns = lw_clock_ns() - began;
@@ -740,7 +741,8 @@ static void solve_frames(struct daemon *d) {
         }
     }
     expect_progress(d);
-    if (s->keep) lw_light_store_save(&d->light_store, d->solver, true);
+    if (s->keep && lw_light_store_save(&d->light_store, d->solver, &d->solver_error) != LW_OK)
+        lw_daemon_metrics_save_failed(&d->metrics);
 }
 
 /* Lowers the priority of the solver's thread; its workers inherit that. The loop's thread needs a core for
@@ -829,6 +831,25 @@ static void tell_metrics(const struct daemon *d) {
     lw_log(LW_LOG_INFO, "monitoring: http://%s/metrics", address);
 }
 
+/* What to set, if that was too little memory. */
+static void explain_memory(const struct daemon *d, struct lw_error *err) {
+    uint64_t texels = 0, triangles = 0;
+    struct rusage usage;
+    if (err->status != LW_NO_MEMORY || getrusage(RUSAGE_SELF, &usage) != 0) return;
+    for (uint32_t i = 0; i < d->atlas_map.tile_count; i++)
+        if (d->atlas_map.place[i].level == 0)
+            texels += (uint64_t)d->atlas_map.place[i].width * d->atlas_map.place[i].height;
+    for (uint32_t o = 0; o < d->scene->object_count; o++)
+        triangles += d->scene->mesh[d->scene->object[o].mesh].triangle_count;
+    const struct lw_error cause = *err;
+    *err = (struct lw_error){0};
+    lw_status_fail(err, LW_NO_MEMORY,
+                   "out of memory at %.0f MB (%s), with %llu texels and %llu triangles: fewer texels with "
+                   "--max-texels %llu or --texels-per-metre, less for each with --light-groups none",
+                   (double)usage.ru_maxrss * 1024e-6, cause.text, (unsigned long long)texels,
+                   (unsigned long long)triangles, (unsigned long long)texels / 2);
+}
+
 static enum lw_status serve(struct daemon *d, struct lw_error *err) {
     const struct settings *s = &d->settings;
     enum lw_status status = write_port_files(d, err);
@@ -855,6 +876,7 @@ static enum lw_status serve(struct daemon *d, struct lw_error *err) {
     if (status == LW_OK && d->solver_error.status != LW_OK) {
         *err = d->solver_error;
         status = err->status;
+        explain_memory(d, err);
     }
     remove_port_files(d);
     return status;

@@ -1,19 +1,44 @@
 #include "server/publish/light_store.h"
 
+#include "common/atomic_file.h"
 #include "common/clock.h"
 #include "common/log.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/file.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 static char *join(const char *folder, const char *name) {
     const size_t size = strlen(folder) + strlen(name) + 2;
     char *path = malloc(size);
     if (path) snprintf(path, size, "%s/%s", folder, name);
     return path;
+}
+
+/* The folder itself is locked: no file has to be made, and the system takes the lock back however the process ends. File
+ * systems without locks are used without. */
+static enum lw_status lock(const char *folder, int *out_descriptor, struct lw_error *err) {
+    const int descriptor = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (descriptor < 0)
+        return lw_status_fail(err, LW_CANNOT_CREATE, "%s: cannot open this folder: %s", folder,
+                              strerror(errno));
+    if (flock(descriptor, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
+        close(descriptor);
+        return lw_status_fail(err, LW_UNAVAILABLE,
+                              "%s: another lightwelld keeps its light in this folder; name another", folder);
+    }
+    *out_descriptor = descriptor;
+    return LW_OK;
+}
+
+static void sweep(const struct lw_light_store *store) {
+    const unsigned count = lw_atomic_file_sweep(store->shown_path) + lw_atomic_file_sweep(store->sums_path);
+    if (count) lw_log(LW_LOG_INFO, "removed %u unfinished files of an earlier run that was killed", count);
 }
 
 enum lw_status lw_light_store_init(struct lw_light_store *store, const char *folder,
@@ -25,13 +50,19 @@ enum lw_status lw_light_store_init(struct lw_light_store *store, const char *fol
     *store = (struct lw_light_store){
         .shown_path = join(folder, "shown"), .sums_path = join(folder, "sums"), .saved_ns = lw_clock_ns()};
     memcpy(store->key, key, sizeof store->key);
-    if (store->shown_path && store->sums_path) return LW_OK;
-    lw_light_store_finish(store);
-    return lw_status_fail(err, LW_NO_MEMORY, "%s: out of memory", folder);
+    enum lw_status status = store->shown_path && store->sums_path
+                                ? lock(folder, &store->lock, err)
+                                : lw_status_fail(err, LW_NO_MEMORY, "%s: out of memory", folder);
+    if (status == LW_OK)
+        sweep(store);
+    else
+        lw_light_store_finish(store);
+    return status;
 }
 
 void lw_light_store_finish(struct lw_light_store *store) {
     lw_snapshot_unref(store->newest);
+    if (store->lock > 0) close(store->lock);
     free(store->sums_path);
     free(store->shown_path);
     *store = (struct lw_light_store){0};
@@ -88,15 +119,30 @@ void lw_light_store_note(struct lw_light_store *store, struct lw_snapshot *snaps
     store->newest = lw_snapshot_ref(snapshot);
 }
 
-void lw_light_store_save(struct lw_light_store *store, const struct lw_solver *solver, bool now) {
-    if (!store->due || !store->newest) return;
-    if (!now && (double)(lw_clock_ns() - store->saved_ns) * 1e-9 < LW_LIGHT_STORE_INTERVAL_S) return;
-    struct lw_error err = {0};
+static enum lw_status save(struct lw_light_store *store, const struct lw_solver *solver,
+                           struct lw_error *err) {
     enum lw_status status =
-        lw_saved_light_save(store->shown_path, store->key, store->newest, !store->changed, &err);
+        lw_saved_light_save(store->shown_path, store->key, store->newest, !store->changed, err);
     if (status == LW_OK && !store->changed)
-        status = solver->ops->save(solver, store->sums_path, store->key, &err);
-    if (status != LW_OK) lw_log(LW_LOG_WARNING, "the light is not kept: %s", err.text);
+        status = solver->ops->save(solver, store->sums_path, store->key, err);
     store->saved_ns = lw_clock_ns();
     store->due = false;
+    return status;
+}
+
+bool lw_light_store_save_sometimes(struct lw_light_store *store, const struct lw_solver *solver) {
+    struct lw_error err = {0};
+    if (!store->due || !store->newest ||
+        (double)(lw_clock_ns() - store->saved_ns) * 1e-9 < LW_LIGHT_STORE_INTERVAL_S)
+        return true;
+    if (save(store, solver, &err) == LW_OK) return true;
+    lw_log(LW_LOG_WARNING, "the light is not kept: %s", err.text);
+    return false;
+}
+
+enum lw_status lw_light_store_save(struct lw_light_store *store, const struct lw_solver *solver,
+                                   struct lw_error *err) {
+    struct lw_error cause = {0};
+    if (!store->due || !store->newest || save(store, solver, &cause) == LW_OK) return LW_OK;
+    return lw_status_fail(err, LW_IO, "the light is not kept: %s", cause.text);
 }

@@ -23,15 +23,16 @@ struct lw_light_store {
     bool due;                   /* something is not saved yet */
     bool told;                  /* the log says that the saved light does not fit */
     uint64_t saved_ns;
+    int lock; /* descriptor of the folder, which is locked */
 };
 
-/** Makes the folder if it does not exist. key: a hash of the scene and of all options that the light depends
- * on.
- * Errors: LW_CANNOT_CREATE naming the folder; LW_NO_MEMORY. */
+/** Makes the folder if it does not exist, locks it until the end of the process or lw_light_store_finish(), and
+ * removes what saves left that were killed. key: a hash of the scene and of all options that the light depends on.
+ * Errors: LW_CANNOT_CREATE naming the folder; LW_UNAVAILABLE: another process has it; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_light_store_init(struct lw_light_store *store, const char *folder,
                                                  const uint8_t key[LW_SAVED_LIGHT_KEY_SIZE],
                                                  struct lw_error *err);
-/** A zeroed store is fine. */
+/** A zeroed store is fine, and has no lock. */
 void lw_light_store_finish(struct lw_light_store *store);
 
 /** The last snapshot of the last run, a new reference; or NULL if none fits, which is logged. */
@@ -48,8 +49,11 @@ uint64_t lw_light_store_resume(struct lw_light_store *store, const struct lw_atl
 void lw_light_store_note(struct lw_light_store *store, struct lw_snapshot *snapshot, bool solved,
                          bool changed);
 
-/** Saves new light, between two frames. Without `now`, at least LW_LIGHT_STORE_INTERVAL_S pass between two
- * saves. A failure is logged, and the server goes on. */
-void lw_light_store_save(struct lw_light_store *store, const struct lw_solver *solver, bool now);
+/** Saves new light, between two frames, if LW_LIGHT_STORE_INTERVAL_S have passed since the last time. A failure is
+ * logged, and the server goes on. Returns false on failure. */
+bool lw_light_store_save_sometimes(struct lw_light_store *store, const struct lw_solver *solver);
+/** Saves new light at the end. Errors: LW_IO naming the file. */
+LW_MUST_CHECK enum lw_status lw_light_store_save(struct lw_light_store *store, const struct lw_solver *solver,
+                                                 struct lw_error *err);
 
 #endif

@@ -227,6 +227,54 @@ static void a_folder_that_cannot_be_is_named(void **state) {
     free(err);
 }
 
+static void two_servers_share_no_folder(void **state) {
+    (void)state;
+    struct run run;
+    char arguments[400], text[300];
+    begin(&run, CORNELL);
+    snprintf(arguments, sizeof arguments, "builtin:cornell --listen 127.0.0.1:0 --http none --keep %s",
+             folder);
+    snprintf(text, sizeof text, "--keep: %s: another lightwelld keeps its light in this folder", folder);
+    lw_process_refuses("lightwelld", arguments, 69, text, LIMIT_S);
+    wait_for_all(&run); /* the first one does not mind */
+    lw_client_destroy(run.client);
+    assert_int_equal(lw_process_stop(&run.daemon, SIGKILL, LIMIT_S), -SIGKILL);
+    begin(&run, CORNELL); /* a lock ends with its process, however that ends */
+    end(&run);
+}
+
+static void light_that_cannot_be_kept_is_a_failure(void **state) {
+    (void)state;
+    struct run run;
+    begin(&run, CORNELL);
+    wait_for_all(&run);
+    assert_int_equal(rmdir(folder), 0);
+    assert_int_equal(lw_process_stop(&run.daemon, SIGTERM, LIMIT_S), 74);
+    lw_client_destroy(run.client);
+    assert_true(said(&run, "error: the light is not kept: ") && said(&run, folder));
+}
+
+static void unfinished_saves_are_removed(void **state) {
+    (void)state;
+    static const char *const names[] = {"shown.1-0.tmp", "sums.4194304-12.tmp", "notes.1-0.tmp"};
+    struct run run;
+    char path[512];
+    begin(&run, CORNELL);
+    wait_for_all(&run);
+    end(&run);
+    for (int i = 0; i < 3; i++) {
+        snprintf(path, sizeof path, "%s/%s", folder, names[i]);
+        lw_support_write_file(path, "half", 4);
+    }
+    begin(&run, CORNELL);
+    assert_true(said(&run, "removed 2 unfinished files"));
+    for (int i = 0; i < 3; i++) {
+        snprintf(path, sizeof path, "%s/%s", folder, names[i]);
+        assert_int_equal(access(path, F_OK), i == 2 ? 0 : -1); /* what is not ours stays */
+    }
+    end(&run);
+}
+
 int main(void) {
     lw_log_init("test_keep", LW_LOG_WARNING);
     const struct CMUnitTest tests[] = {
@@ -235,6 +283,9 @@ int main(void) {
         cmocka_unit_test_setup_teardown(moving_light_is_shown_until_there_is_more, choose_folder, end_all),
         cmocka_unit_test_setup_teardown(other_options_light_afresh, choose_folder, end_all),
         cmocka_unit_test_setup_teardown(a_folder_that_cannot_be_is_named, choose_folder, end_all),
+        cmocka_unit_test_setup_teardown(two_servers_share_no_folder, choose_folder, end_all),
+        cmocka_unit_test_setup_teardown(light_that_cannot_be_kept_is_a_failure, choose_folder, end_all),
+        cmocka_unit_test_setup_teardown(unfinished_saves_are_removed, choose_folder, end_all),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

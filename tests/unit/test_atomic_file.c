@@ -115,6 +115,33 @@ static void a_place_that_goes_away_is_told(void **state) {
     assert_int_equal(file.fd, -1);
 }
 
+static void touch(const char *name) {
+    char full[sizeof folder + 64];
+    snprintf(full, sizeof full, "%s/%s", folder, name);
+    lw_support_write_file(full, "x", 1);
+}
+
+static void what_killed_writers_left_is_swept(void **state) {
+    (void)state;
+    static const char *const others[] = {"file.tmp",       "file.1.tmp",    "file.1-.tmp", "file.1-2.tmpx",
+                                         "filex.1-2.tmp",  "afile.1-2.tmp", "file.-2.tmp", "file.1-2",
+                                         "file.1-2.3.tmp", "file.a1-2.tmp"};
+    write_whole("old");
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++) touch(others[i]);
+    touch("file.1-0.tmp");
+    touch("file.4194304-123.tmp");
+    assert_int_equal(lw_atomic_file_sweep(path), 2);
+    assert_int_equal(files_in_folder(), 1 + sizeof others / sizeof *others);
+    assert_int_equal(lw_atomic_file_sweep(path), 0);
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++) {
+        char full[sizeof folder + 64];
+        snprintf(full, sizeof full, "%s/%s", folder, others[i]);
+        assert_int_equal(unlink(full), 0);
+    }
+    assert_holds("old");
+    assert_int_equal(lw_atomic_file_sweep("/nowhere/file"), 0);
+}
+
 static void a_check_leaves_nothing(void **state) {
     (void)state;
     struct lw_error err = {0};
@@ -149,9 +176,13 @@ static void a_check_leaves_pipes_alone(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_file_appears_with_commit), cmocka_unit_test(an_abandoned_file_leaves_the_old_one),
-        cmocka_unit_test(two_writers_do_not_mix),     cmocka_unit_test(a_place_that_goes_away_is_told),
-        cmocka_unit_test(a_check_leaves_nothing),     cmocka_unit_test(a_check_leaves_pipes_alone),
+        cmocka_unit_test(a_file_appears_with_commit),
+        cmocka_unit_test(an_abandoned_file_leaves_the_old_one),
+        cmocka_unit_test(two_writers_do_not_mix),
+        cmocka_unit_test(a_place_that_goes_away_is_told),
+        cmocka_unit_test(what_killed_writers_left_is_swept),
+        cmocka_unit_test(a_check_leaves_nothing),
+        cmocka_unit_test(a_check_leaves_pipes_alone),
     };
     return cmocka_run_group_tests(tests, make_folder, remove_folder);
 }

@@ -70,12 +70,17 @@ static void a_failure_gives_its_exit_code(void **state) {
     (void)state;
     lw_log_init("tester", LW_LOG_INFO);
     struct lw_error none = {0}, err = {.status = LW_BAD_DATA, .text = "x.glb: bad"},
-                    bare = {.status = LW_NO_MEMORY};
-    int codes[] = {lw_log_failure(&none), lw_log_failure(&err), lw_log_failure(&bare)};
-    assert_string_equal(end_capture(), "tester: error: x.glb: bad\ntester: error: out of memory\n");
+                    bare = {.status = LW_NO_MEMORY}, what = {.status = LW_NO_MEMORY, .text = "9 texels"},
+                    told = {.status = LW_NO_MEMORY, .text = "x.glb: out of memory"};
+    int codes[] = {lw_log_failure(&none), lw_log_failure(&err), lw_log_failure(&bare), lw_log_failure(&what),
+                   lw_log_failure(&told)};
+    assert_string_equal(end_capture(), "tester: error: x.glb: bad\ntester: error: out of memory\n"
+                                       "tester: error: out of memory: 9 texels\n"
+                                       "tester: error: x.glb: out of memory\n");
     assert_int_equal(codes[0], 0);
     assert_int_equal(codes[1], 65);
     assert_int_equal(codes[2], 71);
+    assert_int_equal(codes[3], 71);
 }
 
 enum { THREADS = 4, LINES = 500 };
