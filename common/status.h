@@ -21,7 +21,8 @@
     X(IO, "input/output error", 74)                                                                          \
     X(TIMED_OUT, "timed out", 75)                                                                            \
     X(PROTOCOL, "protocol error", 76)                                                                        \
-    X(CLOSED, "connection closed", 69)
+    X(CLOSED, "connection closed", 69)                                                                       \
+    X(NOT_ALLOWED, "not allowed", 77)
 
 enum lw_status {
 #define X(name, text, exit_code) LW_##name,

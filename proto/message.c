@@ -303,6 +303,8 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
         wire->hello.features = m->hello.features;
         wire->hello.name = text_of(m->hello.name);
         wire->hello.rate_limit = m->hello.rate_limit_bytes_hz;
+        wire->hello.token.data = (uint8_t *)m->hello.token;
+        wire->hello.token.len = m->hello.token ? LW_TOKEN_SIZE : 0;
         break;
     case LW_MESSAGE_WELCOME:
         wire->welcome.version = m->welcome.version;
@@ -879,8 +881,13 @@ static enum lw_status read_wire(const union wire *w, struct lw_message *m, struc
                                 struct lw_error *err) {
     switch (m->type) {
     case LW_MESSAGE_HELLO:
-        m->hello = (struct lw_message_hello){w->hello.version, w->hello.features, w->hello.name,
-                                             w->hello.rate_limit};
+        if (w->hello.token.len && w->hello.token.len != LW_TOKEN_SIZE)
+            return invalid(err, "token", "is not 32 bytes");
+        m->hello = (struct lw_message_hello){.version = w->hello.version,
+                                             .features = w->hello.features,
+                                             .name = w->hello.name,
+                                             .rate_limit_bytes_hz = w->hello.rate_limit,
+                                             .token = w->hello.token.len ? w->hello.token.data : NULL};
         return LW_OK;
     case LW_MESSAGE_WELCOME:
         return read_welcome(&w->welcome, m, err);

@@ -11,6 +11,7 @@
 #include "common/light/light_form.h"
 #include "common/scene/package.h"
 #include "common/scene/scene_change.h"
+#include "common/token.h"
 #include "common/vec.h"
 #include "proto/frame.h"
 
@@ -49,6 +50,7 @@ struct lw_message_hello {
     uint64_t features;            /* LW_FEATURE_* */
     const char *name;             /* of the client program, for the operator's log */
     uint64_t rate_limit_bytes_hz; /* that it wants at most; 0: no limit */
+    const uint8_t *token;         /* LW_TOKEN_SIZE bytes; NULL: none */
 };
 
 struct lw_message_welcome {
@@ -78,9 +80,10 @@ enum lw_refusal {
     LW_REFUSAL_PROTOCOL = 3, /* the peer's bytes make no sense */
     LW_REFUSAL_SHUTDOWN = 4,
     LW_REFUSAL_TIMEOUT = 5,
-    LW_REFUSAL_FEATURES = 6,   /* the peer lacks one that is needed */
-    LW_REFUSAL_RATE = 7,       /* it says too much */
-    LW_REFUSAL_NOT_ALLOWED = 8 /* it may not do what it asked for */
+    LW_REFUSAL_FEATURES = 6,    /* the peer lacks one that is needed */
+    LW_REFUSAL_RATE = 7,        /* it says too much */
+    LW_REFUSAL_NOT_ALLOWED = 8, /* it may not do what it asked for */
+    LW_REFUSAL_TOKEN = 9        /* it has no token, or one that the server does not know */
 };
 
 struct lw_message_refusal {

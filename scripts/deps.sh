@@ -7,7 +7,7 @@ set -euo pipefail
 
 packages=(
     gcc g++ libc6-dev cmake ninja-build pkg-config make git
-    libembree-dev libtbb-dev libuv1-dev libwebsockets-dev libwebsockets-evlib-uv
+    libembree-dev libtbb-dev libuv1-dev libssl-dev libwebsockets-dev libwebsockets-evlib-uv
     libprotobuf-c-dev protobuf-c-compiler protobuf-compiler
     libzstd-dev libxxhash-dev libjansson-dev libinih-dev
     libopenexr-dev libpng-dev libjpeg62-turbo-dev libassimp-dev libstb-dev libsdl2-dev

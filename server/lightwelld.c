@@ -67,6 +67,7 @@ struct settings {
     bool check_config, print_config;
     const char *listen, *port_file, *http, *http_port_file, *http_hosts, *http_origins, *web_root;
     const char *metrics, *metrics_port_file;
+    const char *tokens;
     const char *keep, *spares, *light_groups, *client_lights, *solver;
     const struct lw_solvers_entry *entry; /* of that name */
     int64_t address_sessions;             /* 0: the server's default */
@@ -226,6 +227,10 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          LW_OPTION_STRING, &s->metrics, 0, 0, NULL},
         {"metrics-port-file", "FILE", "write that port there once it serves", LW_OPTION_STRING,
          &s->metrics_port_file, 0, 0, NULL},
+        {"tokens", "FILE",
+         "tokens that clients must have, a line each: view TOKEN or control TOKEN (lightwellctl token makes "
+         "one); read again at SIGHUP. credential:NAME is a credential of systemd (default: none is needed)",
+         LW_OPTION_STRING, &s->tokens, 0, 0, NULL},
         {"solver", "NAME", solvers, LW_OPTION_STRING, &s->solver, 0, 0, NULL},
         {"bounces", "N", "indirect bounces (default 2)", LW_OPTION_INT, &s->bounces, 0, LW_SOLVER_BOUNCES_MAX,
          NULL},
@@ -698,8 +703,15 @@ static bool on_page(void *context, const char *path, struct lw_server_page *out_
     return lw_daemon_metrics_page(&d->metrics, path, &state, &serve, out_page);
 }
 
+/* At SIGHUP, in the loop's thread. */
+static void on_reload(void *context) {
+    const struct daemon *d = context;
+    lw_server_reload(d->server);
+}
+
 static struct lw_server_hooks hooks_of(struct daemon *d) {
-    struct lw_server_hooks hooks = {.context = d, .stopping = on_stopping, .page = on_page};
+    struct lw_server_hooks hooks = {
+        .context = d, .stopping = on_stopping, .reload = on_reload, .page = on_page};
     if (lw_service_notify_wanted()) {
         const unsigned watchdog_ms = lw_service_notify_watchdog_ms();
         hooks.beat = on_beat;
@@ -947,6 +959,7 @@ static enum lw_status create_server(struct daemon *d, struct lw_error *err) {
     find_web_root(s->found_root, sizeof s->found_root);
     struct lw_server_desc desc = {.host = s->host,
                                   .port = s->port,
+                                  .tokens = s->tokens,
                                   .http_host = *s->http_host ? s->http_host : NULL,
                                   .http_port = s->http_port,
                                   .http_hosts = s->http_hosts,

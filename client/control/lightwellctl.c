@@ -17,6 +17,8 @@
 
 struct ctl {
     const char *address, *cache_folder; /* "": none */
+    struct lw_access_options access_options;
+    struct lw_access access;
     char host[256];
     uint16_t port;
     bool json, batch;
@@ -36,6 +38,11 @@ struct ctl {
 /* Whether it can be no command: HOST:PORT, or a PORT alone. */
 static bool is_address(const char *text) {
     return strchr(text, ':') || strspn(text, "0123456789") == strlen(text);
+}
+
+static bool takes_value(const char *option) {
+    return strcmp(option, "--timeout") == 0 || strcmp(option, "--cache") == 0 ||
+           strcmp(option, "--token-file") == 0;
 }
 
 /* Options may stand anywhere, negative numbers and "--" belong to the commands: these are taken out before
@@ -59,8 +66,7 @@ static enum lw_status parse(struct ctl *c, int argc, char **argv, bool *out_done
             rest[rest_count++] = argv[i];
             addressed |= i > 0 && !option;
         }
-        if (option && (strcmp(argv[i], "--timeout") == 0 || strcmp(argv[i], "--cache") == 0) && i + 1 < argc)
-            rest[rest_count++] = argv[++i];
+        if (option && takes_value(argv[i]) && i + 1 < argc) rest[rest_count++] = argv[++i];
     }
     char about[4096];
     snprintf(
@@ -77,6 +83,7 @@ static enum lw_status parse(struct ctl *c, int argc, char **argv, bool *out_done
          "$XDG_CACHE_HOME/lightwell or ~/.cache/lightwell)",
          LW_OPTION_STRING, &c->cache_folder, 0, 0, NULL},
         {"json", NULL, "print one JSON object", LW_OPTION_FLAG, &c->json, 0, 0, NULL},
+        LW_ACCESS_OPTIONS(&c->access_options),
         {"timeout", "SECONDS", "give up after that time (default 30)", LW_OPTION_REAL, &c->timeout_s, 0.001,
          1e6, NULL},
     };
@@ -103,7 +110,7 @@ static enum lw_status parse(struct ctl *c, int argc, char **argv, bool *out_done
     status = lw_options_address(c->address, c->host, sizeof c->host, &c->port, err);
     if (status == LW_OK && !c->batch && !c->word_count)
         return lw_status_fail(err, LW_USAGE, "a command is missing: lightwellctl --help lists them");
-    return status;
+    return status == LW_OK ? lw_access_read(&c->access_options, &c->access, err) : status;
 }
 
 /* ---- the server ---- */
@@ -121,6 +128,7 @@ static enum lw_status connect_to_server(struct ctl *c, struct lw_error *err) {
     return lw_client_create(
         &(struct lw_client_desc){.host = c->host,
                                  .port = c->port,
+                                 .access = &c->access,
                                  .name = "lightwellctl",
                                  .timeout_ms = (unsigned)(connect_s * 1e3) + 1,
                                  .cache_folder = *c->cache_folder ? c->cache_folder : NULL,
@@ -338,6 +346,20 @@ static bool asks(const struct ctl *c, const char *question) {
     return !c->batch && c->word_count == 1 && strcmp(c->word[0], question) == 0;
 }
 
+/* A line for lightwelld's --tokens. */
+static enum lw_status print_token(const struct ctl *c, struct lw_error *err) {
+    const char *role = c->word_count == 2 ? c->word[1] : "";
+    if (strcmp(role, "view") != 0 && strcmp(role, "control") != 0)
+        return lw_status_fail(err, LW_USAGE, "token: say of which role: token view, or token control");
+    struct lw_token token;
+    char text[LW_TOKEN_TEXT_SIZE];
+    const enum lw_status status = lw_token_make(&token, err);
+    if (status != LW_OK) return status;
+    lw_token_format(&token, text);
+    printf("%s %s\n", role, text);
+    return fflush(stdout) ? lw_status_fail(err, LW_IO, "cannot write to stdout") : LW_OK;
+}
+
 static enum lw_status print_status(const struct ctl *c, struct lw_error *err) {
     if (c->json) return print_json(json_pack("{s:s, s:b}", "address", c->address, "serving", true), err);
     printf("%s: serving\n", c->address);
@@ -369,7 +391,8 @@ int main(int argc, char **argv) {
     (void)lw_folders_cache(c.default_cache_folder, sizeof c.default_cache_folder);
     c.cache_folder = c.default_cache_folder;
     enum lw_status status = parse(&c, argc, argv, &done, &err);
-    if (status == LW_OK && !done) status = run(&c, &err);
+    const bool makes_token = c.word_count && strcmp(c.word[0], "token") == 0;
+    if (status == LW_OK && !done) status = makes_token ? print_token(&c, &err) : run(&c, &err);
     lw_ctl_command_state_finish(&c.state);
     lw_client_destroy(c.client);
     free(c.change);

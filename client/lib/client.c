@@ -23,6 +23,7 @@
 struct lw_client {
     char *host, *name, *cache_folder; /* as given */
     uint16_t port;
+    struct lw_access access;
     unsigned timeout_ms;
     bool control, draws_direct;
     uint64_t rate_limit_bytes_hz, budget_ns;
@@ -180,6 +181,9 @@ static enum lw_status handle_welcome(struct lw_client *c, const struct lw_messag
 static enum lw_status handle_refusal(const struct lw_client *c, const struct lw_message_refusal *refusal,
                                      struct lw_error *err) {
     const char *text = refusal->text && *refusal->text ? refusal->text : "it did not say why";
+    if (refusal->code == LW_REFUSAL_TOKEN)
+        return lw_status_fail(err, LW_NOT_ALLOWED, "it refused us: %s%s", text,
+                              c->access.has_token ? "" : " (--token-file, LIGHTWELL_TOKEN)");
     if (c->welcomed) return lw_status_fail(err, LW_CLOSED, "it ended the session: %s", text);
     enum lw_status status = refusal->code == LW_REFUSAL_VERSION || refusal->code == LW_REFUSAL_PROTOCOL ||
                                     refusal->code == LW_REFUSAL_FEATURES
@@ -390,8 +394,10 @@ bool lw_client_may_update(const struct lw_client *c) { return c->may_update; }
 enum lw_status lw_client_update(struct lw_client *c, const struct lw_scene_change *change, size_t count,
                                 uint64_t *out_request, struct lw_error *err) {
     if (!c->may_update)
-        return lw_status_fail(err, LW_UNAVAILABLE, "%s takes no updates from here: only from its own machine",
-                              c->link.address);
+        return lw_status_fail(
+            err, LW_UNAVAILABLE,
+            "%s takes no updates from here: that takes its own machine, or a token for control",
+            c->link.address);
     if (count > LW_CLIENT_CHANGES_MAX)
         return lw_status_fail(err, LW_USAGE, "an update has at most %u changes", LW_CLIENT_CHANGES_MAX);
     for (size_t i = 0; i < count; i++)
@@ -491,7 +497,8 @@ static enum lw_status shake_hands(struct lw_client *c, struct lw_error *err) {
                                                      (c->control ? LW_FEATURE_CONTROL : 0) |
                                                      (c->draws_direct ? LW_FEATURE_DRAWS : 0),
                                          .name = c->name,
-                                         .rate_limit_bytes_hz = c->rate_limit_bytes_hz}};
+                                         .rate_limit_bytes_hz = c->rate_limit_bytes_hz,
+                                         .token = c->access.has_token ? c->access.token.bytes : NULL}};
     if (lw_message_validate(&hello, NULL) != LW_OK)
         return lw_status_fail(err, LW_USAGE,
                               "a client's name is at most %u bytes of UTF-8, without control characters",
@@ -554,6 +561,7 @@ enum lw_status lw_client_create(const struct lw_client_desc *desc, struct lw_cli
     c->stats.connected_ns = lw_clock_ns();
     c->scene_of = desc->scene_of;
     c->port = desc->port;
+    if (desc->access) c->access = *desc->access;
     c->timeout_ms = desc->timeout_ms ? desc->timeout_ms : TIMEOUT_DEFAULT_MS;
     c->control = desc->control;
     c->draws_direct = desc->draws_direct;

@@ -15,6 +15,7 @@
 #ifndef LIGHTWELL_CLIENT_H
 #define LIGHTWELL_CLIENT_H
 
+#include "client/lib/access.h"
 #include "common/scene/scene.h"
 #include "common/scene/scene_change.h"
 #include "common/tile/atlas.h"
@@ -39,8 +40,9 @@ struct lw_client_watch {
 struct lw_client_desc {
     const char *host;
     uint16_t port;
-    const char *name;    /* for the operator's log; NULL: "liblightwell" */
-    unsigned timeout_ms; /* for connect and for the server's answer; 0: 5000 */
+    const struct lw_access *access; /* copied; NULL: without a token */
+    const char *name;               /* for the operator's log; NULL: "liblightwell" */
+    unsigned timeout_ms;            /* for connect and for the server's answer; 0: 5000 */
     /* For a process with many sessions of one server: a client that has its scene and outlives this one. If
      * the server has the same scene, that one is shared and not downloaded. NULL: none. */
     const struct lw_client *scene_of;
@@ -57,7 +59,8 @@ struct lw_client_desc {
 
 /** Connects and says hello; returns once the server has welcomed us.
  * Errors: LW_NO_HOST; LW_UNAVAILABLE naming the address ("is lightwelld running?"); LW_TIMED_OUT; LW_PROTOCOL
- * for a peer that is no lightwelld or of another version. */
+ * for a peer that is no lightwelld or of another version; LW_NOT_ALLOWED: it
+ * takes no such token, or none. */
 LW_MUST_CHECK enum lw_status lw_client_create(const struct lw_client_desc *desc,
                                               struct lw_client **out_client, struct lw_error *err);
 void lw_client_destroy(struct lw_client *client);
@@ -173,7 +176,8 @@ void lw_client_want_everything(struct lw_client *client);
 #define LW_CLIENT_CHANGES_MAX 1024u /* of one update */
 #define LW_CLIENT_UPDATES_MAX 1024u /* sent, with an answer that was not taken yet */
 
-/** Whether the server takes updates from this client: desc.control was set, and both are on one machine. */
+/** Whether the server takes updates from this client: desc.control was set, and its token, or where the client is,
+ * allows it. */
 bool lw_client_may_update(const struct lw_client *client);
 
 /** Changes the scene, for everybody: all of these changes in one frame, or none. They are made in the order

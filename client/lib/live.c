@@ -23,6 +23,7 @@ static const char *const status_text[] = {
     "host name unknown", "service unavailable", "internal error",
     "out of memory",     "system error",        "timed out",
     "protocol error",    "connection closed",   "the scene has not arrived yet",
+    "not allowed",
 };
 
 const char *lw_live_status_text(enum lw_live_status status) {
@@ -54,6 +55,8 @@ static enum lw_live_status public_status(enum lw_status status) {
         return LW_LIVE_PROTOCOL;
     case LW_CLOSED:
         return LW_LIVE_CLOSED;
+    case LW_NOT_ALLOWED:
+        return LW_LIVE_NOT_ALLOWED;
     default:
         return LW_LIVE_INTERNAL;
     }
@@ -244,9 +247,13 @@ static enum lw_status start_thread(struct lw_live *live, struct lw_error *err) {
 static enum lw_status open_client(struct lw_live *live, const struct lw_live_desc *desc,
                                   struct lw_error *err) {
     const bool has_thread = desc->flags & LW_LIVE_THREAD;
+    struct lw_access access = {.has_token = desc->token != NULL};
+    if (desc->token && !lw_token_parse(desc->token, strlen(desc->token), &access.token))
+        return lw_status_fail(err, LW_USAGE, "lw_live_desc: token is not 64 hexadecimal digits");
     struct lw_client_desc client = {
         .host = desc->host ? desc->host : "127.0.0.1",
         .port = desc->port ? desc->port : PORT_DEFAULT,
+        .access = &access,
         .name = desc->name,
         .timeout_ms = desc->timeout_ms,
         .cache_folder = desc->cache_folder,
@@ -268,13 +275,19 @@ static enum lw_status open_client(struct lw_live *live, const struct lw_live_des
     return has_thread ? start_thread(live, err) : LW_OK;
 }
 
+/* As it was before it had a token. */
+static bool read_first_desc(struct lw_live_desc *dst, const struct lw_live_desc *src) {
+    const size_t size = offsetof(struct lw_live_desc, token);
+    return size_in(src) == size && lw_live_read_struct(dst, size, src);
+}
+
 enum lw_live_status lw_live_open(const struct lw_live_desc *desc, struct lw_live **out_live,
                                  struct lw_live_error *err) {
-    struct lw_live_desc d;
+    struct lw_live_desc d = {0};
     const uint32_t flags =
         LW_LIVE_THREAD | LW_LIVE_WANTS_NOTHING | LW_LIVE_DRAWS_DIRECT | LW_LIVE_CONTROL | LW_LIVE_AS_IT_IS;
     if (!out_live) return lw_live_fail(err, LW_LIVE_USAGE, "out_live is NULL");
-    if (!lw_live_read_struct(&d, sizeof d, desc))
+    if (!lw_live_read_struct(&d, sizeof d, desc) && !read_first_desc(&d, desc))
         return lw_live_fail(err, LW_LIVE_USAGE, "lw_live_desc: struct_size is not sizeof desc");
     if (d.flags & ~flags)
         return lw_live_fail(err, LW_LIVE_USAGE, "lw_live_desc: flags has 0x%x, which is unknown",

@@ -14,6 +14,7 @@
 
 /* What the table fills and nobody else sees. */
 struct raw {
+    struct lw_access_options access;
     const char *address, *reader;
     int64_t users, odd_readers;
     int path;
@@ -49,6 +50,7 @@ static enum lw_status interpret(const struct raw *raw, struct lw_load_options *o
                               "then lightwell-load finds that",
                               address, address);
     enum lw_status status = lw_options_address(address, out->host, sizeof out->host, &out->port, err);
+    if (status == LW_OK) status = lw_access_read(&raw->access, &out->access, err);
     if (status == LW_OK) status = parse_reader(raw->reader, out, err);
     if (status != LW_OK) return status;
     if (raw->odd_readers_given && out->reader == LW_LOAD_FAST)
@@ -173,6 +175,7 @@ enum lw_status lw_load_options_parse(int argc, char **argv, struct lw_load_optio
          .value = &o.errors_max,
          .min = 0,
          .max = 1e15},
+        LW_ACCESS_OPTIONS(&raw.access),
         {.name = "json", .help = "Report as one JSON object.", .kind = LW_OPTION_FLAG, .value = &o.json},
     };
     const struct lw_options options = {

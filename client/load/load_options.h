@@ -3,7 +3,7 @@
 #ifndef LW_CLIENT_LOAD_LOAD_OPTIONS_H
 #define LW_CLIENT_LOAD_LOAD_OPTIONS_H
 
-#include "common/status.h"
+#include "client/lib/access.h"
 
 #include <stdint.h>
 
@@ -25,6 +25,7 @@ enum lw_load_reader {
 struct lw_load_options {
     char host[256];
     uint16_t port;
+    struct lw_access access;
     uint32_t users;
     double seconds; /* measured, from the last user's connect on */
     double ramp_hz; /* users that connect per second */

@@ -11,6 +11,7 @@
 
 /* The session that downloads for all. */
 struct scout {
+    const struct lw_access *access;
     struct lw_link link;
     struct lw_download download;
     bool welcomed;
@@ -51,7 +52,8 @@ static enum lw_status handle_welcome(struct scout *s, const struct lw_message_we
 
 static enum lw_status handle(struct scout *s, const struct lw_message *m, struct lw_error *err) {
     if (m->type == LW_MESSAGE_REFUSAL)
-        return lw_status_fail(err, LW_UNAVAILABLE, "it refused us: %s",
+        return lw_status_fail(err, m->refusal.code == LW_REFUSAL_TOKEN ? LW_NOT_ALLOWED : LW_UNAVAILABLE,
+                              "it refused us: %s",
                               m->refusal.text && *m->refusal.text ? m->refusal.text : "it did not say why");
     if (m->type == LW_MESSAGE_WELCOME) return handle_welcome(s, &m->welcome, err);
     if (m->type == LW_MESSAGE_PONG) return LW_OK; /* the link pings where the download takes long */
@@ -80,9 +82,11 @@ static enum lw_status take_one(struct scout *s, bool *out_taken, struct lw_error
 }
 
 static enum lw_status download(struct scout *s, struct lw_error *err) {
-    struct lw_message hello = {
-        .type = LW_MESSAGE_HELLO,
-        .hello = {.version = LW_WIRE_VERSION, .features = LW_FEATURES_READ, .name = "lightwell-load"}};
+    struct lw_message hello = {.type = LW_MESSAGE_HELLO,
+                               .hello = {.version = LW_WIRE_VERSION,
+                                         .features = LW_FEATURES_READ,
+                                         .name = "lightwell-load",
+                                         .token = s->access->has_token ? s->access->token.bytes : NULL}};
     uint64_t deadline_ns = lw_clock_ns() + TIMEOUT_MS * 1000000ull;
     enum lw_status status = lw_link_send(&s->link, &hello, err);
     while (status == LW_OK) {
@@ -115,10 +119,11 @@ static enum lw_status read_package(struct scout *s, bool with_model, struct lw_e
     return status;
 }
 
-enum lw_status lw_load_scene_fetch(const char *host, uint16_t port, bool keep_compressed, bool with_model,
-                                   struct lw_load_scene *out_scene, struct lw_error *err) {
+enum lw_status lw_load_scene_fetch(const char *host, uint16_t port, const struct lw_access *access,
+                                   bool keep_compressed, bool with_model, struct lw_load_scene *out_scene,
+                                   struct lw_error *err) {
     struct lw_load_scene *scene = out_scene; /* in its place: the model points to the map in it */
-    struct scout scout = {.scene = scene, .keep = keep_compressed};
+    struct scout scout = {.scene = scene, .access = access, .keep = keep_compressed};
     *scene = (struct lw_load_scene){0};
     uint64_t began_ns = lw_clock_ns();
     enum lw_status status = lw_link_connect(&scout.link, host, port, TIMEOUT_MS, err);

@@ -4,6 +4,7 @@
 #ifndef LW_CLIENT_LOAD_LOAD_SCENE_H
 #define LW_CLIENT_LOAD_LOAD_SCENE_H
 
+#include "client/lib/access.h"
 #include "client/load/viewer_model.h"
 #include "proto/message.h"
 
@@ -21,13 +22,15 @@ struct lw_load_scene {
 };
 
 /** Connects, downloads the package, reads it, leaves.
+ * access            with which token
  * keep_compressed   keep the package's bytes, to compare what others get
  * with_model        find out where tiles are
  * out_scene         must not be moved afterwards; all zero on failure
  * Errors: LW_NO_HOST; LW_UNAVAILABLE naming the address ("is lightwelld running?"); LW_TIMED_OUT;
  *         LW_PROTOCOL for a peer that is no lightwelld or breaks the protocol; LW_CLOSED; LW_BAD_DATA;
- *         LW_NO_MEMORY. */
-LW_MUST_CHECK enum lw_status lw_load_scene_fetch(const char *host, uint16_t port, bool keep_compressed,
+ *         LW_NO_MEMORY; LW_NOT_ALLOWED: it takes no such token. */
+LW_MUST_CHECK enum lw_status lw_load_scene_fetch(const char *host, uint16_t port,
+                                                 const struct lw_access *access, bool keep_compressed,
                                                  bool with_model, struct lw_load_scene *out_scene,
                                                  struct lw_error *err);
 void lw_load_scene_finish(struct lw_load_scene *scene);

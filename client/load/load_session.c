@@ -660,10 +660,12 @@ static void on_connected(uv_connect_t *request, int result) {
     (void)uv_tcp_nodelay(&s->tcp, 1);
     s->state = GREETING;
     s->heard_ns = lw_clock_ns();
+    const struct lw_access *access = &s->shared->options->access;
     send_message(s, &(struct lw_message){.type = LW_MESSAGE_HELLO,
                                          .hello = {.version = LW_WIRE_VERSION,
                                                    .features = LW_FEATURES_READ,
-                                                   .name = "lightwell-load"}});
+                                                   .name = "lightwell-load",
+                                                   .token = access->has_token ? access->token.bytes : NULL}});
 }
 
 /* The kernel's buffers would read a few megabytes for someone who reads slowly. */

@@ -290,8 +290,8 @@ static enum lw_status prepare(struct load_test *s, struct lw_error *err) {
     const struct lw_load_options *o = s->options;
     enum lw_status status = raise_descriptor_limit(o->users, err);
     if (status == LW_OK)
-        status =
-            lw_load_scene_fetch(o->host, o->port, o->download, o->path != LW_LOAD_EVERYTHING, &s->scene, err);
+        status = lw_load_scene_fetch(o->host, o->port, &o->access, o->download, o->path != LW_LOAD_EVERYTHING,
+                                     &s->scene, err);
     if (status != LW_OK) return status;
     s->shared.scene = &s->scene;
     s->shared.options = o;

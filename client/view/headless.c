@@ -68,6 +68,7 @@ static enum lw_status connect_to_server(struct headless *h, struct lw_error *err
     enum lw_status status =
         lw_client_create(&(struct lw_client_desc){.host = h->options->host,
                                                   .port = h->options->port,
+                                                  .access = &h->options->access,
                                                   .name = "lightwell-view --headless",
                                                   .timeout_ms = limit_ms,
                                                   .cache_folder = h->options->cache_folder,

@@ -14,6 +14,7 @@ struct lw_seeker {
     char host[256];
     const char *name, *cache_folder;
     uint16_t port;
+    struct lw_access access;
     bool draws_direct;
     bool seeking, under_way;
     unsigned attempt; /* since the link last held */
@@ -29,6 +30,7 @@ static void *attempt(void *argument) {
     struct lw_client *client = NULL;
     if (lw_client_create(&(struct lw_client_desc){.host = seeker->host,
                                                   .port = seeker->port,
+                                                  .access = &seeker->access,
                                                   .name = seeker->name,
                                                   .timeout_ms = CONNECT_TIMEOUT_MS,
                                                   .cache_folder = seeker->cache_folder,
@@ -40,12 +42,14 @@ static void *attempt(void *argument) {
     return NULL;
 }
 
-enum lw_status lw_seeker_create(const char *host, uint16_t port, const char *name, const char *cache_folder,
-                                bool draws_direct, struct lw_seeker **out_seeker, struct lw_error *err) {
+enum lw_status lw_seeker_create(const char *host, uint16_t port, const struct lw_access *access,
+                                const char *name, const char *cache_folder, bool draws_direct,
+                                struct lw_seeker **out_seeker, struct lw_error *err) {
     struct lw_seeker *seeker = calloc(1, sizeof *seeker);
     if (seeker == NULL) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the connection");
     snprintf(seeker->host, sizeof seeker->host, "%s", host);
     seeker->port = port;
+    seeker->access = *access;
     seeker->name = name;
     seeker->cache_folder = cache_folder;
     seeker->draws_direct = draws_direct;

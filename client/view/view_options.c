@@ -12,6 +12,7 @@
 
 /* What the table fills and nobody else sees. */
 struct raw {
+    struct lw_access_options access;
     const char *address, *camera, *size, *wait, *exposure;
     int64_t samples, bounces, seed, samples_per_pixel;
     int curve, pixel, part, direct, renderer;
@@ -23,8 +24,9 @@ struct raw {
 static const char *const of_every_way[] = {"camera",   "camera-name", "size",    "tonemap",
                                            "exposure", "threads",     "version", NULL};
 static const char *const of_a_server[] = {"headless", "wait", "timeout", "cache", "samples-per-pixel", NULL};
-static const char *const of_viewers[] = {"direct", "renderer", NULL}; /* --headless and the window */
-static const char *const of_files[] = {"out", "json", NULL};          /* --headless and --path-trace */
+static const char *const of_viewers[] = {"direct", "renderer", "token-file",
+                                         NULL};              /* --headless and the window */
+static const char *const of_files[] = {"out", "json", NULL}; /* --headless and --path-trace */
 
 static bool is_among(const char *name, const char *const *list) {
     for (; *list; list++)
@@ -135,6 +137,7 @@ static enum lw_status interpret(const struct raw *raw, struct lw_view_options *o
         address = OWN_ADDRESS;
     }
     enum lw_status status = lw_options_address(address, out->host, sizeof out->host, &out->port, err);
+    if (status == LW_OK && !out->scene) status = lw_access_read(&raw->access, &out->access, err);
     if (status == LW_OK && raw->camera != NULL) {
         status = lw_camera_parse(raw->camera, &out->camera, err);
         if (status != LW_OK) lw_status_context(err, "--camera");
@@ -222,6 +225,7 @@ enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_optio
          .help = "Keep scene packages there, so that none is downloaded twice (default: nowhere).",
          .kind = LW_OPTION_STRING,
          .value = &o.cache_folder},
+        LW_ACCESS_OPTIONS(&raw.access),
         {.name = "direct",
          .argument = LW_VIEW_DIRECT_CHOICES,
          .help = "Direct light of suns and lamps: drawn here, with sharp shadows, where the server leaves it "

@@ -3,6 +3,7 @@
 #ifndef LW_CLIENT_VIEW_VIEW_OPTIONS_H
 #define LW_CLIENT_VIEW_VIEW_OPTIONS_H
 
+#include "client/lib/access.h"
 #include "client/view/camera.h"
 #include "client/view/path_trace.h"
 #include "client/view/tonemap.h"
@@ -52,6 +53,7 @@ struct lw_view_options {
     const char
         *scene; /* to light by a server of our own; NULL: there is one, at host and port. Points into argv */
     char host[256];
+    struct lw_access access;
     uint16_t port; /* 0 with a scene, until its server listens */
     bool headless, json;
     bool camera_given;

@@ -526,11 +526,12 @@ static enum lw_status open_window(struct window *w, struct lw_error *err) {
 static enum lw_status connect_first(struct window *w, struct lw_error *err) {
     const struct lw_view_options *o = w->options;
     snprintf(w->address, sizeof w->address, strchr(o->host, ':') ? "[%s]:%u" : "%s:%u", o->host, o->port);
-    enum lw_status status =
-        lw_seeker_create(o->host, o->port, CLIENT_NAME, o->cache_folder, o->draws_direct, &w->seeker, err);
+    enum lw_status status = lw_seeker_create(o->host, o->port, &o->access, CLIENT_NAME, o->cache_folder,
+                                             o->draws_direct, &w->seeker, err);
     if (status != LW_OK) return status;
     return lw_client_create(&(struct lw_client_desc){.host = o->host,
                                                      .port = o->port,
+                                                     .access = &o->access,
                                                      .name = CLIENT_NAME,
                                                      .timeout_ms = CONNECT_MS,
                                                      .cache_folder = o->cache_folder,

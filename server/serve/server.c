@@ -44,8 +44,7 @@ struct lw_server {
     struct lw_durations lag_all; /* the same since the start */
     uv_signal_t interrupt, terminate, hangup;
     bool has_terminal; /* its log goes to one */
-    void (*reload)(void *context);
-    void *reload_context;
+    char *tokens_path;
     bool stopping;
     uint16_t port, http_port, metrics_port;
     uint32_t *order;
@@ -365,7 +364,7 @@ static void on_hangup(uv_signal_t *handle, int number) {
         return;
     }
     lw_log(LW_LOG_INFO, "SIGHUP: reading files again");
-    server->reload(server->reload_context);
+    server->hooks.reload(server->hooks.context);
 }
 
 static void on_wake(uv_async_t *handle) {
@@ -456,6 +455,36 @@ static void on_connection(uv_stream_t *listener, int result) {
         lw_web_server_accept(server->metrics_web, listener);
     else if (lw_tcp_transport_accept(&server->tcp, listener) != LW_OK)
         lw_log(LW_LOG_WARNING, "cannot accept a connection: too many of them");
+}
+
+/* ---- files that are read again ---- */
+
+void lw_server_reload(struct lw_server *server) {
+    struct lw_session_shared *shared = &server->shared;
+    struct lw_error err = {0};
+    struct lw_tokens *tokens;
+    if (!server->tokens_path) return;
+    if (lw_tokens_read(server->tokens_path, &tokens, &err) != LW_OK) {
+        lw_log(LW_LOG_ERROR, "the tokens stay as they were: %s", err.text);
+        return;
+    }
+    lw_tokens_destroy(shared->tokens);
+    shared->tokens = tokens;
+    lw_log(LW_LOG_INFO, "%u tokens from %s", tokens->count, server->tokens_path);
+    for (struct lw_session *s = shared->first, *next; s; s = next) {
+        next = lw_session_next(s);
+        lw_session_check_token(s);
+    }
+}
+
+static enum lw_status read_tokens(struct lw_server *server, const struct lw_server_desc *desc,
+                                  struct lw_error *err) {
+    if (!desc->tokens) return LW_OK;
+    server->tokens_path = strdup(desc->tokens);
+    if (!server->tokens_path) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+    const enum lw_status status = lw_tokens_read(desc->tokens, &server->shared.tokens, err);
+    if (status != LW_OK) lw_status_context(err, "--tokens");
+    return status;
 }
 
 /* ---- create, run, destroy ---- */
@@ -691,11 +720,10 @@ enum lw_status lw_server_create(const struct lw_server_desc *desc, struct lw_ser
         server->shared.places.seed = 1;
     server->shared.log.seed = server->shared.places.seed;
     server->hooks = desc->hooks;
-    server->reload = desc->reload;
-    server->reload_context = desc->reload_context;
     server->has_terminal = isatty(STDERR_FILENO);
     set_descriptor_limit();
     enum lw_status status = init_handles(server, err);
+    if (status == LW_OK) status = read_tokens(server, desc, err);
     if (status == LW_OK)
         status = start_listening(&server->listener, desc->host ? desc->host : "127.0.0.1", desc->port,
                                  "--listen", &server->port, err);
@@ -721,7 +749,7 @@ enum lw_status lw_server_run(struct lw_server *server, struct lw_error *err) {
     signal(SIGPIPE, SIG_IGN); /* libuv writes to closed sockets without asking for silence */
     int result = uv_signal_start(&server->interrupt, on_signal, SIGINT);
     if (result == 0) result = uv_signal_start(&server->terminate, on_signal, SIGTERM);
-    if (result == 0 && server->reload) result = uv_signal_start(&server->hangup, on_hangup, SIGHUP);
+    if (result == 0 && server->hooks.reload) result = uv_signal_start(&server->hangup, on_hangup, SIGHUP);
     if (result < 0) return lw_status_fail(err, LW_OS, "cannot watch signals: %s", uv_strerror(result));
     uv_prepare_start(&server->prepare, on_prepare);
     uv_check_start(&server->check, on_check);
@@ -814,6 +842,8 @@ void lw_server_destroy(struct lw_server *server) {
     lw_updates_finish(&shared->updates);
     lw_address_places_finish(&shared->places);
     lw_scene_roster_finish(&shared->roster);
+    lw_tokens_destroy(shared->tokens);
+    free(server->tokens_path);
     uv_mutex_destroy(&shared->stats_mutex);
     uv_mutex_destroy(&server->mutex);
     free(server);

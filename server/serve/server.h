@@ -43,13 +43,15 @@ struct lw_server_hooks {
     void (*beat)(void *context); /* every beat_ms while the loop turns, from the start of lw_server_run() */
     unsigned beat_ms;
     void (*stopping)(void *context); /* the server has begun to end; once */
+    void (*reload)(void *context);   /* SIGHUP: files are to be read again; NULL: it has its default effect */
     /* Makes a page of the monitoring port; false: there is none of that path. */
     bool (*page)(void *context, const char *path, struct lw_server_page *out_page);
 };
 
 struct lw_server_desc {
-    const char *host; /* numeric or a name */
-    uint16_t port;    /* 0: the system picks one */
+    const char *host;   /* numeric or a name */
+    const char *tokens; /* file of tokens.h: each session needs one of them; NULL: none does */
+    uint16_t port;      /* 0: the system picks one */
     /* HTTP and WebSocket, if http_host is not NULL: web_server.h says what the strings mean. */
     const char *http_host, *http_root, *http_hosts, *http_origins;
     uint16_t http_port;                   /* 0: the system picks one */
@@ -106,15 +108,18 @@ struct lw_server;
  * Errors: LW_UNAVAILABLE naming the address in use and what to do; LW_NO_HOST; LW_OS; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_server_create(const struct lw_server_desc *desc,
                                               struct lw_server **out_server, struct lw_error *err);
+/** Reads its files again: tokens. Sessions whose token has gone, or changed its role, are refused. Where a file
+ * cannot be used what was read before holds. Logs what became of it. [loop], as hooks.reload */
+void lw_server_reload(struct lw_server *server);
 /** The port that it listens on. */
 uint16_t lw_server_port(const struct lw_server *server);
 /** The same for HTTP; 0: it does not serve that. */
 uint16_t lw_server_http_port(const struct lw_server *server);
 /** The same for monitoring. */
 uint16_t lw_server_metrics_port(const struct lw_server *server);
-/** Serves until lw_server_stop(), SIGINT or SIGTERM; a second signal has its default effect. With desc.reload SIGHUP
- * calls it, but stops a server whose terminal has gone. SIGPIPE is ignored from here on, in the whole process.
- * Call from one thread, once; that thread is the loop. Errors: LW_OS. */
+/** Serves until lw_server_stop(), SIGINT or SIGTERM; a second signal has its default effect. With hooks.reload
+ * SIGHUP calls it, but stops a server whose terminal has gone. SIGPIPE is ignored from here on, in the whole
+ * process. Call from one thread, once; that thread is the loop. Errors: LW_OS. */
 LW_MUST_CHECK enum lw_status lw_server_run(struct lw_server *server, struct lw_error *err);
 /** Hands over a snapshot: takes a reference of its own. Newer snapshots replace older ones not yet seen. [any] */
 void lw_server_publish(struct lw_server *server, struct lw_snapshot *snapshot);

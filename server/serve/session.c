@@ -53,9 +53,11 @@ struct lw_session {
     struct lw_session *previous_due, *next_due;
     enum state state;
     bool ended, welcomed;
-    bool has_place; /* of its address */
-    bool controls;  /* may send updates */
-    bool resumes;   /* may say what it has */
+    bool has_place;           /* of its address */
+    bool controls;            /* may send updates */
+    enum lw_tokens_role role; /* by its token; NONE: it did not need one */
+    struct lw_token token;    /* then, of that role */
+    bool resumes;             /* may say what it has */
     uint64_t number;
     struct lw_session_peer peer;
     char name[2 * LW_MESSAGE_NAME_MAX + 4]; /* in quotes; "": no HELLO yet */
@@ -704,6 +706,27 @@ static void choose_form(struct lw_session *s, const struct lw_message_hello *hel
     welcome->client_lights_size = welcome->client_materials_size = 0;
 }
 
+/* Notes what the peer may do; false: it is refused. */
+static bool admit(struct lw_session *s, const struct lw_message_hello *hello) {
+    if (!s->shared->tokens) return true;
+    s->role = lw_tokens_role(s->shared->tokens, hello->token);
+    if (s->role == LW_TOKENS_NONE) {
+        lw_session_refuse(s, LW_REFUSAL_TOKEN, "%s",
+                          hello->token ? "the token is not one of this server's"
+                                       : "this server wants a token");
+        return false;
+    }
+    memcpy(s->token.bytes, hello->token, sizeof s->token.bytes);
+    s->peer.may_control = s->role == LW_TOKENS_CONTROL;
+    return true;
+}
+
+void lw_session_check_token(struct lw_session *s) {
+    if (s->role == LW_TOKENS_NONE || !s->shared->tokens) return;
+    if (lw_tokens_role(s->shared->tokens, s->token.bytes) != s->role)
+        lw_session_refuse(s, LW_REFUSAL_TOKEN, "the token is no longer one of this server's");
+}
+
 static void handle_hello(struct lw_session *s, const struct lw_message_hello *hello) {
     lw_peer_log_quote(s->name, sizeof s->name, hello->name && *hello->name ? hello->name : "nameless");
     if (hello->version != LW_WIRE_VERSION) {
@@ -711,6 +734,7 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
                           LW_WIRE_VERSION, hello->version);
         return;
     }
+    if (!admit(s, hello)) return;
     const uint64_t lacking = s->shared->welcome.features & ~hello->features;
     if (lacking & LW_FEATURE_DCT) { /* tiles are encoded once: there are no others */
         lw_session_refuse(s, LW_REFUSAL_FEATURES,

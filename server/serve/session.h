@@ -10,6 +10,7 @@
 #include "server/serve/peer_log.h"
 #include "server/serve/server.h"
 #include "server/serve/session_transport.h"
+#include "server/serve/tokens.h"
 #include "server/serve/updates.h"
 #include "server/serve/urgency.h"
 #include "server/serve/wanted.h"
@@ -77,6 +78,7 @@ struct lw_session_shared {
     uint32_t sessions_max;
     uint32_t address_sessions_max;   /* of one address; 0: lw_address_places_share() */
     struct lw_address_places places; /* of sessions that were not refused */
+    struct lw_tokens *tokens;        /* NULL: nobody needs one */
     struct lw_peer_log log;
     void (*on_open)(void *server);  /* there is a connection */
     void (*on_close)(void *server); /* one is gone */
@@ -131,6 +133,9 @@ void lw_session_tick(struct lw_session *session, uint64_t now_ns, struct lw_sess
 /** Says goodbye as well as it can, then closes. */
 void lw_session_refuse(struct lw_session *session, enum lw_refusal code, const char *format, ...)
     LW_PRINTF(3, 4);
+
+/** Refuses one whose token is none of the server's any more, or allows something else now. */
+void lw_session_check_token(struct lw_session *session);
 
 /** Closes at once; memory goes with lw_session_closed(). */
 void lw_session_close(struct lw_session *session, const char *reason);

@@ -108,6 +108,12 @@ static void test_refuses(void **state) {
     (void)state;
     struct lw_live_desc desc = {.port = 1};
     fails(lw_live_open(&desc, &live, &err), LW_LIVE_USAGE, "struct_size");
+    desc.struct_size = sizeof desc;
+    desc.token = "0123";
+    fails(lw_live_open(&desc, &live, &err), LW_LIVE_USAGE, "token is not 64 hexadecimal digits");
+    desc.struct_size = offsetof(struct lw_live_desc, token); /* of before: then nobody looks at it */
+    fails(lw_live_open(&desc, &live, &err), LW_LIVE_UNAVAILABLE, "127.0.0.1:1");
+    desc.token = NULL;
     desc.struct_size = sizeof desc - 1;
     fails(lw_live_open(&desc, &live, &err), LW_LIVE_USAGE, "struct_size");
     fails(lw_live_open(NULL, &live, &err), LW_LIVE_USAGE, "struct_size");
@@ -119,7 +125,7 @@ static void test_refuses(void **state) {
     assert_null(live);
     assert_int_equal(lw_live_open(&desc, &live, NULL), LW_LIVE_USAGE);
     fails(lw_live_poll(NULL, 0, &err), LW_LIVE_USAGE, "NULL");
-    for (int s = LW_LIVE_OK; s <= LW_LIVE_NOT_READY; s++)
+    for (int s = LW_LIVE_OK; s <= LW_LIVE_NOT_ALLOWED; s++)
         assert_string_not_equal(lw_live_status_text((enum lw_live_status)s), "unknown status");
     assert_string_equal(lw_live_status_text((enum lw_live_status)99), "unknown status");
     assert_string_equal(lw_live_version(), LW_VERSION);

@@ -501,6 +501,39 @@ static void test_a_web_session_changes_nothing(void **state) {
     stop();
 }
 
+static void test_unless_it_has_a_token_for_control(void **state) {
+    (void)state;
+    static const uint8_t token[LW_TOKEN_SIZE] = {0x12, 0xab};
+    char text[LW_TOKEN_TEXT_SIZE], line[100], option[300];
+    lw_token_format(&(const struct lw_token){{0x12, 0xab}}, text);
+    snprintf(line, sizeof line, "control %s\n", text);
+    const char *path = lw_support_temporary("tokens");
+    lw_support_write_file(path, line, strlen(line));
+    assert_int_equal(chmod(path, 0600), 0);
+    snprintf(option, sizeof option, "--tokens %s", path);
+    serve(option);
+    struct peer web = dial(true);
+    put(&web, &hello);
+    expect_refusal(&web, LW_REFUSAL_TOKEN);
+    struct lw_message with_token = hello, m;
+    with_token.hello.token = token;
+    web = dial(true);
+    put(&web, &with_token);
+    struct lw_frame_header header;
+    const uint8_t *body;
+    assert_true(get(&web, &header, &body));
+    lw_support_ok(lw_message_decode(header, body, &m, NULL), NULL);
+    assert_int_equal(m.type, LW_MESSAGE_WELCOME);
+    assert_true(m.welcome.features & LW_FEATURE_CONTROL);
+    lw_message_finish(&m);
+    static const struct lw_scene_change hide = {.kind = LW_SCENE_CHANGE_OBJECT_HIDE, .target = 1};
+    put(&web, &(struct lw_message){.type = LW_MESSAGE_UPDATE, .update = {1, &hide, 1}});
+    assert_true(get(&web, &header, &body));
+    assert_int_equal(header.type, LW_MESSAGE_UPDATED);
+    hang_up(&web);
+    stop();
+}
+
 /* Ours is 4,000 and more, libwebsockets' less. */
 static unsigned close_code_after(int s) {
     struct lw_web_peer_frame frame;
@@ -684,6 +717,7 @@ int main(void) {
         cmocka_unit_test_teardown(test_who_may_open, end_all),
         cmocka_unit_test_teardown(test_same_as_tcp, end_all),
         cmocka_unit_test_teardown(test_a_web_session_changes_nothing, end_all),
+        cmocka_unit_test_teardown(test_unless_it_has_a_token_for_control, end_all),
         cmocka_unit_test_teardown(test_misbehaviour, end_all),
         cmocka_unit_test_teardown(test_slow_peers, end_all),
         cmocka_unit_test_teardown(test_log, end_all),

@@ -44,9 +44,11 @@ static const struct lw_scene_change changes[] = {
     {LW_SCENE_CHANGE_OBJECT_TRANSFORM, 5, 12, {1, 0, 0, INFINITY, 0, 1, 0, -INFINITY, 0, 0, 1, FLT_MAX}},
     {LW_SCENE_CHANGE_CLOCK_PAUSE, 0, 0, {0}},
     {UINT32_MAX, UINT32_MAX, 2, {-1, FLT_MIN}}};
+static const uint8_t some_token[LW_TOKEN_SIZE] = {0, 1, 2, 253, 254, 255};
 static const struct lw_message samples[] = {
-    {.type = LW_MESSAGE_HELLO, .hello = {1, 3, "Gerät 9 – ünïcode", FAR}},
-    {.type = LW_MESSAGE_HELLO, .hello = {0, 0, "", 0}},
+    {.type = LW_MESSAGE_HELLO, .hello = {1, 3, "Gerät 9 – ünïcode", FAR, NULL}},
+    {.type = LW_MESSAGE_HELLO, .hello = {0, 0, "", 0, NULL}},
+    {.type = LW_MESSAGE_HELLO, .hello = {.version = 1, .token = some_token}},
     {.type = LW_MESSAGE_WELCOME,
      .welcome = {.version = 1,
                  .session = FAR,
@@ -118,6 +120,8 @@ static void expect_equal(const struct lw_message *a, const struct lw_message *b)
         assert_int_equal(a->hello.features, b->hello.features);
         expect_text(a->hello.name, b->hello.name);
         assert_int_equal(a->hello.rate_limit_bytes_hz, b->hello.rate_limit_bytes_hz);
+        assert_int_equal(a->hello.token != NULL, b->hello.token != NULL);
+        if (a->hello.token) assert_memory_equal(a->hello.token, b->hello.token, LW_TOKEN_SIZE);
         break;
     case LW_MESSAGE_WELCOME:
         assert_int_equal(a->welcome.version, b->welcome.version);

@@ -20,6 +20,7 @@
 #include <sys/ioctl.h>
 #include <sys/resource.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
 #include <unistd.h>
 #include <uv.h>
 #include <zstd.h>
@@ -1617,7 +1618,7 @@ static void test_hangup_reloads(void **state) {
     (void)state;
     _Atomic int reloads = 0;
     struct fixture *f =
-        start(&(struct lw_server_desc){.reload = note_reload, .reload_context = (void *)&reloads});
+        start(&(struct lw_server_desc){.hooks = {.reload = note_reload, .context = (void *)&reloads}});
     close(dial_and_greet(f)); /* it runs, and watches */
     for (int i = 1; i <= 2; i++) {
         kill(getpid(), SIGHUP);
@@ -1919,6 +1920,118 @@ static void test_who_leaves_gets_no_answer_but_its_changes_are_made(void **state
     end(f);
 }
 
+/* ---- tokens ---- */
+
+static const uint8_t view_token[LW_TOKEN_SIZE] = {1, 2, 3}, control_token[LW_TOKEN_SIZE] = {4, 5, 6},
+                     no_token[LW_TOKEN_SIZE] = {1, 2, 3, 4};
+
+/* Bytes in hex follow the role; either token may be NULL. */
+static const char *write_tokens(const uint8_t *view, const uint8_t *control) {
+    const char *path = lw_support_temporary("tokens");
+    char text[400] = "# of a test\n", digits[LW_TOKEN_TEXT_SIZE];
+    struct lw_token token;
+    for (int i = 0; i < 2; i++) {
+        const uint8_t *bytes = i ? control : view;
+        if (!bytes) continue;
+        memcpy(token.bytes, bytes, sizeof token.bytes);
+        lw_token_format(&token, digits);
+        const size_t length = strlen(text);
+        snprintf(text + length, sizeof text - length, "%s %s\n", i ? "control" : "view", digits);
+    }
+    lw_support_write_file(path, text, strlen(text));
+    assert_int_equal(chmod(path, 0600), 0);
+    return path;
+}
+
+static void put_hello(int s, const uint8_t *token) {
+    put(s, &(struct lw_message){
+               .type = LW_MESSAGE_HELLO,
+               .hello = {.version = LW_WIRE_VERSION, .features = LW_FEATURE_CONTROL, .token = token}});
+}
+
+static int dial_with_token(const struct fixture *f, const uint8_t *token, uint64_t features) {
+    int s = dial(f);
+    struct lw_message m;
+    put_hello(s, token);
+    expect(s, LW_MESSAGE_WELCOME, &m);
+    assert_int_equal(m.welcome.features, features);
+    lw_message_finish(&m);
+    return s;
+}
+
+static void test_tokens(void **state) {
+    (void)state;
+    struct fixture *f =
+        start_controlled_with((struct lw_server_desc){.tokens = write_tokens(view_token, control_token)});
+    int s = dial(f);
+    put_hello(s, NULL);
+    expect_refusal(s, LW_REFUSAL_TOKEN);
+    s = dial(f);
+    put_hello(s, no_token);
+    expect_refusal(s, LW_REFUSAL_TOKEN);
+    s = dial_with_token(f, view_token, 0);
+    update(s, 1, &hide_1, 1);
+    expect_refusal(s, LW_REFUSAL_NOT_ALLOWED);
+    s = dial_with_token(f, control_token, LW_FEATURE_CONTROL);
+    update(s, 1, &hide_1, 1);
+    free(take(f, 1, 1, 1));
+    close(s);
+    end(f);
+}
+
+static void reload_files(void *context) {
+    struct fixture **f = context;
+    lw_server_reload((*f)->server);
+}
+
+static void expect_still_there(int s) {
+    struct lw_message m;
+    put(s, &(struct lw_message){.type = LW_MESSAGE_PING, .ping.token = 1});
+    expect(s, LW_MESSAGE_PONG, &m);
+    lw_message_finish(&m);
+}
+
+static void test_tokens_are_read_again(void **state) {
+    (void)state;
+    struct fixture *f = NULL;
+    f = start_controlled_with((struct lw_server_desc){.tokens = write_tokens(view_token, control_token),
+                                                      .hooks = {.reload = reload_files, .context = &f}});
+    int viewer = dial_with_token(f, view_token, 0),
+        controller = dial_with_token(f, control_token, LW_FEATURE_CONTROL), s;
+    write_tokens(no_token, control_token);
+    kill(getpid(), SIGHUP);
+    expect_refusal(viewer, LW_REFUSAL_TOKEN); /* it has gone */
+    expect_still_there(controller);
+    s = dial(f);
+    put_hello(s, view_token);
+    expect_refusal(s, LW_REFUSAL_TOKEN);
+    close(dial_with_token(f, no_token, 0));
+    write_tokens(NULL, NULL); /* a file that cannot be used changes nothing */
+    kill(getpid(), SIGHUP);
+    usleep(50000);
+    expect_still_there(controller);
+    s = dial_with_token(f, no_token, 0);
+    write_tokens(control_token, no_token); /* roles have changed */
+    kill(getpid(), SIGHUP);
+    expect_refusal(controller, LW_REFUSAL_TOKEN);
+    expect_refusal(s, LW_REFUSAL_TOKEN);
+    close(dial_with_token(f, no_token, LW_FEATURE_CONTROL));
+    end(f);
+}
+
+static void test_token_files_that_cannot_be_used(void **state) {
+    (void)state;
+    struct fixture *f = start(&(struct lw_server_desc){0});
+    struct lw_server_desc desc = {.atlas_map = &f->map, .package = f->package, .package_size = PACKAGE_SIZE};
+    struct lw_server *server;
+    struct lw_error err = {0};
+    desc.tokens = write_tokens(view_token, NULL);
+    assert_int_equal(chmod(desc.tokens, 0644), 0);
+    lw_support_fails(lw_server_create(&desc, &server, &err), LW_BAD_DATA, &err, "--tokens: ");
+    assert_non_null(strstr(err.text, "others can read"));
+    end(f);
+}
+
 static void test_updates_want_the_role(void **state) {
     (void)state;
     struct fixture *f = start_controlled();
@@ -2214,6 +2327,9 @@ int main(void) {
         cmocka_unit_test(test_who_leaves_gets_no_answer_but_its_changes_are_made),
         cmocka_unit_test(test_updates_want_the_role),
         cmocka_unit_test(test_answers_that_nobody_reads_end_the_session),
+        cmocka_unit_test(test_tokens),
+        cmocka_unit_test(test_tokens_are_read_again),
+        cmocka_unit_test(test_token_files_that_cannot_be_used),
         cmocka_unit_test(test_join),
         cmocka_unit_test(test_package_from_offset),
         cmocka_unit_test(test_parts_of_the_package),

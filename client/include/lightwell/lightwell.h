@@ -63,7 +63,8 @@ enum lw_live_status {
     LW_LIVE_TIMED_OUT = 8,   /**< The server is silent. */
     LW_LIVE_PROTOCOL = 9,    /**< What is there is no lightwelld, or of another version, or sends nonsense. */
     LW_LIVE_CLOSED = 10,     /**< The session is over. */
-    LW_LIVE_NOT_READY = 11   /**< The scene has not arrived yet. */
+    LW_LIVE_NOT_READY = 11,  /**< The scene has not arrived yet. */
+    LW_LIVE_NOT_ALLOWED = 12 /**< The server takes no such token, or wants one. */
 };
 
 /** A failure with its detail. A call that succeeds leaves it alone. */
@@ -99,10 +100,13 @@ struct lw_live_desc {
     uint32_t budget_us;       /**< lw_live_poll() takes nothing more in after this; 0: 2000. */
     const char *cache_folder; /**< Keeps scene packages, so that none is downloaded twice; NULL: none. */
     uint64_t rate_limit_bytes_per_s; /**< That the server may send; 0: what the link takes. */
+    /* so far in 0.1.0 */
+    const char *token; /**< 64 hexadecimal digits; NULL: none. Copied. */
 };
 
 /** Connects, and returns once the server has welcomed us; the scene and its light come with lw_live_poll().
- * Errors: LW_LIVE_NO_HOST, LW_LIVE_UNAVAILABLE, LW_LIVE_TIMED_OUT, LW_LIVE_PROTOCOL, each naming the address. */
+ * Errors: LW_LIVE_NO_HOST, LW_LIVE_UNAVAILABLE, LW_LIVE_TIMED_OUT, LW_LIVE_PROTOCOL,
+ * LW_LIVE_NOT_ALLOWED, each naming the address. */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status
 lw_live_open(const struct lw_live_desc *desc, struct lw_live **out_live, struct lw_live_error *err);
 

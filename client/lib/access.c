@@ -1,0 +1,24 @@
+#include "client/lib/access.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+enum lw_status lw_access_read(const struct lw_access_options *options, struct lw_access *out_access,
+                              struct lw_error *err) {
+    struct lw_access access = {0};
+    const char *text = getenv("LIGHTWELL_TOKEN");
+    if (options->token_file) {
+        enum lw_status status = lw_token_read(options->token_file, &access.token, err);
+        if (status != LW_OK) {
+            lw_status_context(err, "--token-file");
+            return status;
+        }
+        access.has_token = true;
+    } else if (text && *text) {
+        if (!lw_token_parse(text, strlen(text), &access.token))
+            return lw_status_fail(err, LW_USAGE, "LIGHTWELL_TOKEN is not 64 hexadecimal digits");
+        access.has_token = true;
+    }
+    *out_access = access;
+    return LW_OK;
+}
